@@ -1,8 +1,9 @@
-//! An output in the making.
+//! An output that is being written.
 //!
-//! Contract: files are written into a folder of their own, hashed on the way, and synced when they are finished. Several
-//! threads may write files of one draft. [`Draft::commit`] makes them the output, all at once; a draft that is dropped
-//! without it leaves nothing behind. After a failed write the draft cannot be committed.
+//! Contract: files are written into a folder of their own, hashed while they are written, and
+//! synced when they are finished. Several threads may write files of one draft. [`Draft::commit`]
+//! makes them the output in one atomic step; a draft that is dropped without it leaves nothing
+//! behind. After a failed write the draft cannot be committed.
 
 use std::collections::{BTreeMap, BTreeSet};
 use std::io::{self, Read, Write};
@@ -16,7 +17,7 @@ use crate::manifest::{FileEntry, Output, Record};
 use crate::scene::Scene;
 use crate::storage::{self, StoredFile};
 
-/// An output in the making.
+/// An output that is being written.
 pub struct Draft {
     inner: Arc<Inner>,
 }
@@ -32,11 +33,12 @@ struct Inner {
 #[derive(Default)]
 struct Content {
     folders: BTreeSet<String>,
-    /// By path: nothing while the file is being written, then what it is and whether the manifest names it.
+    /// By path: `None` while the file is being written, then its entry and whether the manifest
+    /// names it.
     files: BTreeMap<String, Option<(FileEntry, HashLocation)>>,
 }
 
-/// Where a file's hash is written down.
+/// Where a file's hash is recorded.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 enum HashLocation {
     Manifest,
@@ -51,13 +53,13 @@ pub struct DraftFile {
     file: Box<dyn StoredFile>,
     waiting: Vec<u8>,
     bytes: u64,
-    /// Of what was written; nothing once the start was written over.
+    /// Hash of the bytes written; `None` once the start was overwritten.
     hasher: Option<blake3::Hasher>,
     /// A write failed: what the file holds is unknown.
     failed: bool,
 }
 
-/// Small writes are put together up to this size, bytes.
+/// Size of the write buffer, bytes.
 const BUFFER: usize = 1 << 17;
 
 impl Draft {
@@ -80,7 +82,7 @@ impl Draft {
             ));
         }
         let folder = layout::draft(name);
-        // From here on dropping it gives the name free and removes the folder.
+        // From here on dropping it releases the name and removes the folder.
         let draft = Self {
             inner: Arc::new(Inner {
                 shared: shared.clone(),
@@ -99,7 +101,7 @@ impl Draft {
         &self.inner.name
     }
 
-    /// A file's place while it is made, for messages.
+    /// Path of a file while it is written, for messages.
     pub(crate) fn place(&self, path: &str) -> PathBuf {
         self.inner.full(&format!("{}/{path}", self.inner.folder))
     }
@@ -217,7 +219,7 @@ impl Draft {
         let mut manifest = inner.shared.manifest();
         let old = manifest.outputs.get(&inner.name);
         let old = old.map(|old| layout::folder(&inner.name, &old.hash));
-        // The same content again. It stays where it is, unless it was damaged since.
+        // The same content again. Its folder is not moved, unless it was damaged since.
         let stays = old.as_ref() == Some(&folder)
             && Scene::of(inner.shared.storage.clone(), manifest.clone()).is_whole(&inner.name);
         if !stays {
@@ -329,11 +331,11 @@ impl Drop for Inner {
 }
 
 impl DraftFile {
-    /// Writes over bytes at the beginning of the file, which must have been written before: for headers that say how
-    /// much follows.
+    /// Writes over bytes at the beginning of the file, which must have been written before: for
+    /// headers that state the length of what follows.
     ///
     /// # Errors
-    /// The disk says no, or not as many bytes were written yet.
+    /// Any I/O error, or fewer bytes were written so far.
     pub fn overwrite_start(&mut self, bytes: &[u8]) -> io::Result<()> {
         self.flush()?;
         if self.bytes < bytes.len() as u64 {
@@ -382,7 +384,7 @@ impl DraftFile {
         self.finish()
     }
 
-    /// The file's place, for messages.
+    /// The file's path, for messages.
     pub(crate) fn place(&self) -> PathBuf {
         self.inner
             .full(&format!("{}/{}", self.inner.folder, self.path))

@@ -1,4 +1,4 @@
-//! What can go wrong with a bundle.
+//! Errors of reading and writing a bundle.
 
 use std::io;
 use std::path::{Path, PathBuf};
@@ -6,14 +6,15 @@ use std::path::{Path, PathBuf};
 /// Why a bundle could not be read or written.
 #[derive(Debug, thiserror::Error)]
 pub enum BundleError {
-    /// The disk says no: check the path, its permissions, and the room.
+    /// Any I/O error of the underlying file system: check the path, its permissions and the free
+    /// space.
     #[error("{doing}: {}", path.display())]
     Io {
         /// What was being done.
         doing: &'static str,
         /// The file or folder.
         path: PathBuf,
-        /// What the system said.
+        /// Error of the operating system.
         #[source]
         error: io::Error,
     },
@@ -22,9 +23,9 @@ pub enum BundleError {
     NotABundle {
         /// The folder or its manifest.
         path: PathBuf,
-        /// What is there.
+        /// What was found.
         found: String,
-        /// What belongs there.
+        /// What was expected.
         expected: String,
     },
     /// Another program is writing to it: wait for that one.
@@ -58,7 +59,7 @@ pub enum BundleError {
     NoOutput {
         /// The bundle.
         path: PathBuf,
-        /// What was asked for.
+        /// The output that was requested.
         name: String,
         /// The outputs that are there.
         found: String,
@@ -68,7 +69,7 @@ pub enum BundleError {
     Changed {
         /// The file.
         path: PathBuf,
-        /// What is there.
+        /// What was found.
         found: String,
         /// What was written.
         expected: String,
@@ -80,9 +81,9 @@ pub enum BundleError {
         path: PathBuf,
         /// Where in it.
         place: String,
-        /// What is there.
+        /// What was found.
         found: String,
-        /// What belongs there.
+        /// What was expected.
         expected: String,
     },
 }

@@ -7,16 +7,16 @@ pub(crate) const EXAMPLES: Table = &[
     (
         "show",
         &[
-            (
-                "paws-scene show scene",
-                "what it was made of, and what it holds",
-            ),
+            ("paws-scene show scene", "its provenance and content"),
             ("paws-scene show scene --json", "for programs"),
         ],
     ),
     (
         "verify",
-        &[("paws-scene verify scene", "every byte against its hash")],
+        &[(
+            "paws-scene verify scene",
+            "checks every byte against its hash",
+        )],
     ),
     (
         "export",

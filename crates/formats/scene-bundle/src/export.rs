@@ -1,8 +1,9 @@
-//! A bundle in the formats of others.
+//! Export of a bundle to other formats.
 //!
-//! Contract: nothing that exists is overwritten. A file appears whole or not at all; a folder is made under its name with
-//! `.partial` behind it and renamed when it is whole. What cannot be in the format is told ([`Summary::notes`]), and what
-//! should have been and could not be is counted ([`Summary::lost`]). The same bundle gives the same bytes.
+//! Contract: nothing that exists is overwritten. A file appears whole or not at all; a folder is
+//! made under its name with `.partial` behind it and renamed when it is whole. What the format
+//! cannot hold is reported ([`Summary::notes`]); content that should have been written and could
+//! not be is counted ([`Summary::lost`]). The same bundle gives the same bytes.
 
 use std::fs;
 use std::io;
@@ -105,10 +106,10 @@ impl Format {
 pub struct Options {
     /// The causal trajectory in place of the offline one. Of no effect on keyframes, which have poses of their own.
     pub causal: bool,
-    /// Where the pictures lie, as `paws-reconstruct frames` writes them: `CAMERA/left/NNNNNN.png`, named by the number of
-    /// the frame. With it, keyframes without a picture are left out.
+    /// Folder of the images, as `paws-reconstruct frames` writes them: `CAMERA/left/NNNNNN.png`,
+    /// named by the number of the frame. With it, keyframes without an image are left out.
     pub images: Option<PathBuf>,
-    /// Right pictures too.
+    /// Whether right images are included.
     pub right: bool,
     /// Only these cameras; all where it is empty.
     pub cameras: Vec<String>,
@@ -117,9 +118,9 @@ pub struct Options {
 /// What was written.
 #[derive(Clone, Debug, Default, PartialEq, Eq)]
 pub struct Summary {
-    /// What it is, in words.
+    /// Description of what was written.
     pub description: String,
-    /// What the format has no place for, and what was changed to fit it.
+    /// Content that the format cannot represent, and what was changed to fit it.
     pub notes: Vec<String>,
     /// What should have been written and was not.
     pub lost: Vec<String>,
@@ -131,16 +132,16 @@ pub enum ExportError {
     /// The bundle cannot be read.
     #[error(transparent)]
     Bundle(#[from] BundleError),
-    /// There is something at this path, or the disk says no.
+    /// The path exists already, or writing fails.
     #[error(transparent)]
     File(#[from] WriteError),
-    /// There is something at this path: give another.
+    /// The path exists already: give another.
     #[error("writing an export: it exists already and is not overwritten: {}", .0.display())]
     Exists(PathBuf),
     /// Delete it: it is what an earlier run had written before it was stopped.
     #[error("writing an export: an earlier run was stopped and left a folder behind; delete it: {}", .0.display())]
     LeftOver(PathBuf),
-    /// The disk says no.
+    /// Any I/O error of the underlying file system.
     #[error("writing an export: {}", path.display())]
     Write {
         /// What was being written.
@@ -171,7 +172,7 @@ pub fn export(
     options: &Options,
     out: &Path,
 ) -> Result<Summary, ExportError> {
-    // Known before the work.
+    // Checked before the work.
     if out.symlink_metadata().is_ok() {
         return Err(ExportError::Exists(out.to_owned()));
     }
@@ -194,7 +195,7 @@ pub fn export(
     for name in format.outputs(options.causal) {
         if let Some(input) = outdated.get(name) {
             summary.lost.push(format!(
-                "{name} is out of date: {input} was made anew since, and the rest does not belong to it"
+                "{name} is out of date: {input} was recomputed since, and the rest does not belong to it"
             ));
         }
     }
@@ -235,7 +236,7 @@ fn trajectory(
     })
 }
 
-/// What the text formats do not say.
+/// Content that the text formats cannot represent.
 fn omitted_fields(trajectory: &Trajectory, format: Format) -> Vec<String> {
     let has = |what: &str, there: bool| there.then(|| what.to_owned());
     let poses = trajectory.poses();
@@ -258,7 +259,7 @@ fn omitted_fields(trajectory: &Trajectory, format: Format) -> Vec<String> {
     let mut notes = Vec::new();
     if !left_out.is_empty() {
         notes.push(format!(
-            "{} has no place for {}",
+            "{} cannot represent {}",
             format.name(),
             left_out.join(", ")
         ));
@@ -274,7 +275,7 @@ fn writing(path: &Path) -> impl FnOnce(io::Error) -> ExportError + use<> {
     move |error| ExportError::Write { path, error }
 }
 
-/// The folder of the pictures as a program sees it that reads a file in `out`: a relative path where the two have one.
+/// Path of the image folder for a program that reads a file in `out`: relative where possible.
 fn relative_path(out: &Path, images: &Path) -> Result<PathBuf, ExportError> {
     let parent = match out.parent() {
         Some(parent) if !parent.as_os_str().is_empty() => parent,

@@ -1,8 +1,9 @@
-//! Contract 3: what was reconstructed, and out of what.
+//! Contract 3: reconstruction results with their provenance.
 //!
-//! A bundle is a folder: a manifest, and one folder for each output of a stage. `FORMAT.md` beside this crate is the
-//! contract; the crate is its writer ([`Bundle`]), reader ([`Scene`]) and verifier, and knows the formats of others that
-//! it can be exported to. It knows nothing of how anything was reconstructed, nor of sessions or the catalogue.
+//! A bundle is a folder: a manifest, and one folder for each output of a stage. `FORMAT.md` beside
+//! this crate is the contract; the crate is its writer ([`Bundle`]), reader ([`Scene`]) and
+//! verifier, and exports to other formats. It knows nothing of how anything was reconstructed, nor
+//! of sessions or the catalogue.
 
 pub mod bundle;
 pub mod draft;

@@ -1,7 +1,7 @@
 //! The command line of `paws-scene`, which `paws scene` starts.
 //!
-//! Results go to standard output, the last line being a summary; progress, notes and what was lost go to standard error.
-//! Exit codes: 0 fine, 1 failed, 2 bad arguments, 3 finished with loss.
+//! Results go to standard output, the last line being a summary; progress, notes and losses go to
+//! standard error. Exit codes: 0 fine, 1 failed, 2 bad arguments, 3 finished with loss.
 
 use std::path::{Path, PathBuf};
 use std::process::ExitCode;
@@ -23,7 +23,7 @@ mod show;
 /// Exit code of a run that finished and left something out.
 const LOSS: u8 = 3;
 
-/// Looks into a scene bundle, checks it, and writes it in the formats of others.
+/// Shows a scene bundle, verifies it, and exports it to other formats.
 #[derive(Parser)]
 #[command(name = "paws-scene", version, after_help = AFTER)]
 struct Arguments {
@@ -39,7 +39,7 @@ Exit codes: 0 fine, 1 failed, 2 bad arguments, 3 finished with loss.";
 
 #[derive(Subcommand)]
 enum Command {
-    /// Say what a bundle was made of and what it holds.
+    /// Show the provenance and the content of a bundle.
     Show {
         /// The bundle's folder, or the scene.json in it.
         bundle: PathBuf,
@@ -56,8 +56,8 @@ enum Command {
     Export {
         /// The bundle's folder, or the scene.json in it.
         bundle: PathBuf,
-        /// tum, kitti, euroc: the trajectory; nerfstudio, colmap-text, colmap-binary: pictures with poses, and points;
-        /// ply, las, laz: points.
+        /// tum, kitti, euroc: the trajectory; nerfstudio, colmap-text, colmap-binary: images with
+        /// poses, and points; ply, las, laz: points.
         #[arg(long, value_parser = format_parser())]
         format: Format,
         /// File to write; a folder for kitti, nerfstudio and colmap. Must not exist.
@@ -66,11 +66,12 @@ enum Command {
         /// Which trajectory; for tum, kitti and euroc.
         #[arg(long, value_enum, default_value_t = TrajectoryKind::Offline)]
         trajectory: TrajectoryKind,
-        /// Folder that `paws-reconstruct frames` wrote, for nerfstudio and colmap. Keyframes whose picture is not there
-        /// are left out. Without it pictures are named as in that folder, below `images` for nerfstudio.
+        /// Folder that `paws-reconstruct frames` wrote, for nerfstudio and colmap. Keyframes
+        /// without an image are left out. Without this option images are named as in that folder,
+        /// below `images` for nerfstudio.
         #[arg(long, value_name = "DIR")]
         images: Option<PathBuf>,
-        /// Pictures of the right eyes too.
+        /// Include the images of the right side.
         #[arg(long)]
         right: bool,
         /// Only this camera; can be given several times.
@@ -83,9 +84,9 @@ enum Command {
 
 #[derive(Clone, Copy, ValueEnum)]
 enum TrajectoryKind {
-    /// Computed with knowledge of the whole recording.
+    /// Each pose computed from the whole recording
     Offline,
-    /// Computed from what was before each pose alone.
+    /// Each pose computed from the data before it only
     Causal,
 }
 

@@ -1,4 +1,4 @@
-//! `scene.json`: what the bundle was made of, and its outputs with their hashes.
+//! `scene.json`: provenance of the bundle, and its outputs with their hashes.
 //!
 //! Contract: a manifest that was read is of this version and leads to no file outside the bundle. Unknown fields are an
 //! error, so that writing a manifest again never loses anything of it.
@@ -14,7 +14,7 @@ use crate::layout;
 
 /// Value of [`Manifest::format`].
 pub const FORMAT: &str = "paws-scene";
-/// The version that this crate writes. It reads version 1 too, which says nothing of the session's verdict.
+/// The version that this crate writes. It reads version 1 too, which has no verdict on the session.
 pub const VERSION: u32 = 2;
 
 /// The manifest of a bundle.
@@ -25,13 +25,13 @@ pub struct Manifest {
     pub format: String,
     /// [`VERSION`], or 1 as long as it was not written to again.
     pub version: u32,
-    /// What it was made of, and by what.
+    /// Source of the bundle, and the program that wrote it.
     pub provenance: Provenance,
     /// Outputs by name.
     pub outputs: BTreeMap<String, Output>,
 }
 
-/// What a bundle was made of, and by what.
+/// Source of a bundle, and the program that wrote it.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct Provenance {
@@ -39,7 +39,8 @@ pub struct Provenance {
     pub session_id: String,
     /// BLAKE3 that stands for all of the session's files, hex: the seal of its hand-off.
     pub handoff_blake3: String,
-    /// The verdict that the session was handed over with; none in version 1, or where whoever wrote did not know.
+    /// Verdict that the session was handed over with; absent in version 1, or where it is not
+    /// known.
     #[serde(default)]
     pub judgement: Option<Judgement>,
     /// The rig that recorded it.
@@ -50,7 +51,7 @@ pub struct Provenance {
     pub program_version: String,
     /// When that program began, ns of UTC since 1970, as well as the host knew.
     pub started_civil_ns: i64,
-    /// When it was done; nothing while it runs, and after it was stopped.
+    /// When it ended; absent while it runs, and after it was stopped.
     pub ended_civil_ns: Option<i64>,
 }
 
@@ -119,7 +120,7 @@ impl Output {
         }
     }
 
-    /// Whether it was made just so, and making it again would give the same.
+    /// Whether it was made with this record, so that running the stage again would give the same.
     pub fn is_made_by(&self, record: &Record) -> bool {
         self.stage == record.stage
             && self.stage_version == record.stage_version
@@ -150,10 +151,12 @@ impl Manifest {
         }
     }
 
-    /// Outputs that were made of something that has been made anew since, and of what: they do not belong to the others.
+    /// Outputs made from an input that was recomputed since, with the name of that input: they do
+    /// not belong to the others.
     pub fn outdated(&self) -> BTreeMap<&str, &str> {
         let mut outdated = BTreeMap::new();
-        // What is made of an outdated output is itself outdated: each round finds at least one more, or it is over.
+        // An output made from an outdated one is itself outdated: each round finds at least one
+        // more, or ends.
         for _ in 0..self.outputs.len() {
             for (name, output) in &self.outputs {
                 let other = output.inputs.iter().find(|(input, hash)| {
@@ -169,7 +172,7 @@ impl Manifest {
         outdated
     }
 
-    /// Of the bytes of a file. `path` is for messages.
+    /// Parses the bytes of a file. `path` is for messages.
     pub(crate) fn parse(bytes: &[u8], path: &Path) -> Result<Self, BundleError> {
         #[derive(Deserialize)]
         struct Header {
@@ -257,7 +260,7 @@ mod tests {
     }
 
     #[test]
-    fn what_is_made_of_what_is_made_anew_is_outdated() {
+    fn outputs_of_recomputed_inputs_are_outdated() {
         let mut manifest = Manifest::new(provenance());
         let make = |manifest: &mut Manifest, name: &str, of: &[&str], content: &[u8]| {
             let hash = |input: &&str| {
@@ -295,7 +298,7 @@ mod tests {
     }
 
     #[test]
-    fn what_is_written_reads_back() {
+    fn a_written_manifest_reads_back() {
         let manifest = manifest();
         let path = Path::new("scene.json");
         assert_eq!(
@@ -305,7 +308,7 @@ mod tests {
     }
 
     #[test]
-    fn what_is_wrong_is_refused_and_named() {
+    fn a_malformed_manifest_is_refused_with_its_cause() {
         let good = String::from_utf8(manifest().to_json()).unwrap();
         let check = |from: &str, to: &str, expected: &str| {
             assert!(good.contains(from), "{from}");

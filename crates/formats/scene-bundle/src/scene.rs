@@ -1,7 +1,8 @@
 //! Reading a bundle.
 //!
-//! Contract: nothing wrong is returned. Every file is checked against its hash when it is read. Reading takes no lock: an
-//! output that a writer replaces meanwhile can no longer be read through a [`Scene`] opened before, and says so.
+//! Contract: corrupt data is never returned. Every file is checked against its hash when it is
+//! read. Reading takes no lock: an output that a writer replaces meanwhile can no longer be read
+//! through a [`Scene`] opened before; this is an error.
 
 use std::collections::BTreeMap;
 use std::io::{self, Read};
@@ -13,7 +14,7 @@ use crate::layout;
 use crate::manifest::{FileEntry, Manifest, Output};
 use crate::storage::{self, Disk, Storage};
 
-/// Most that is read of one file of an output, bytes.
+/// Maximum size of one file of an output, bytes.
 const FILE_LIMIT: u64 = 16 << 30;
 
 /// A bundle open for reading.
@@ -128,7 +129,7 @@ impl Scene {
             .all(|path| output.check(path, &mut |_| {}).is_ok())
     }
 
-    /// Names in the folder, or in one below it; for finding what nothing names.
+    /// Names in the folder, or in one below it; for finding files that nothing names.
     pub(crate) fn list(&self, dir: &str) -> Result<Vec<(String, bool)>, BundleError> {
         let path = self.storage.root().join(dir);
         self.storage
@@ -179,7 +180,7 @@ impl OutputReader {
         &self.folder
     }
 
-    /// A file's place, for messages and for programs that read it themselves, unchecked.
+    /// Path of a file, for messages and for programs that read it themselves, unchecked.
     pub fn place(&self, path: &str) -> PathBuf {
         self.storage.root().join(&self.folder).join(path)
     }
@@ -197,7 +198,7 @@ impl OutputReader {
             bytes.unwrap_or(FILE_LIMIT).min(FILE_LIMIT),
         ) {
             Err(e) => match (too_long(&e), bytes) {
-                // Longer than it was written: it is not read at all.
+                // Longer than written: it is not read at all.
                 (Some(found), Some(bytes)) => {
                     let found = format!("{found} bytes");
                     return Err(self.changed(path, &found, &bytes.to_string()));

@@ -1,4 +1,4 @@
-//! What a bundle holds, for people and as JSON.
+//! Content of a bundle, as text and as JSON.
 
 use std::collections::BTreeMap;
 use std::fmt::Write;
@@ -8,12 +8,12 @@ use scene_bundle::outputs::{self, cloud, depth, keyframes, rig, trajectory};
 use scene_bundle::{BundleError, Scene, Status, Trajectory};
 use serde_json::{Value, json};
 
-/// What a bundle holds.
+/// Content of a bundle.
 pub(crate) struct BundleSummary<'a> {
     scene: &'a Scene,
-    /// Of each output what is worth telling, as JSON; nothing of outputs that only later versions know.
+    /// Key figures of each output, as JSON; none for outputs that only later versions know.
     facts: BTreeMap<&'a str, Value>,
-    /// What could not be read.
+    /// Errors of outputs that could not be read.
     pub(crate) problems: Vec<String>,
 }
 
@@ -93,7 +93,7 @@ impl<'a> BundleSummary<'a> {
                 ),
             );
             if let Some(input) = outdated.get(name.as_str()) {
-                line("", format!("out of date: {input} was made anew since"));
+                line("", format!("out of date: {input} was recomputed since"));
             }
             match self.facts.get(name.as_str()) {
                 Some(Value::Object(facts)) => {
@@ -104,7 +104,7 @@ impl<'a> BundleSummary<'a> {
                         line("", format!("{}: {value}", key.replace('_', " ")));
                     }
                 }
-                _ => line("", "nothing more is known of it here".to_owned()),
+                _ => line("", "no further details of this output are known".to_owned()),
             }
         }
         let _ = writeln!(
@@ -117,7 +117,7 @@ impl<'a> BundleSummary<'a> {
     }
 }
 
-/// How many files an output has, those in its listing too, and their bytes as they lie there.
+/// Number of files of an output, listed ones included, and their size on disk, bytes.
 fn size(scene: &Scene, name: &str) -> (usize, u64) {
     let Ok(reader) = scene.output(name) else {
         return (0, 0);

@@ -7,26 +7,26 @@ use crate::error_chain;
 use crate::layout;
 use crate::scene::{OutputReader, Scene};
 
-/// What was found.
+/// Result of a verification.
 #[derive(Clone, Debug, Default, PartialEq, Eq)]
 pub struct VerifyReport {
     /// Every output, by name.
     pub outputs: Vec<OutputReport>,
-    /// Files and folders that nothing names: drafts and old versions that a writer left, or somebody's own. No harm is
-    /// done by them.
+    /// Files and folders that nothing names: drafts and old versions left by a writer, or foreign
+    /// files. They are harmless.
     pub unnamed: Vec<String>,
 }
 
-/// What was found of one output.
+/// Result of the verification of one output.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct OutputReport {
     /// Its name.
     pub name: String,
-    /// Files that are as they were written.
+    /// Number of intact files.
     pub files: u64,
     /// Their bytes.
     pub bytes: u64,
-    /// What is wrong with the others, a sentence each.
+    /// Problems of the others, a sentence each.
     pub problems: Vec<String>,
 }
 
@@ -62,14 +62,14 @@ pub fn verify(scene: &Scene, mut progress: impl FnMut(u64)) -> Result<VerifyRepo
             Ok(reader) => {
                 check(&reader, &mut found, &mut progress);
                 named.extend(reader.paths().map(|path| format!("{folder}/{path}")));
-                // An output may be of no files.
+                // An output may have no files.
                 if reader.paths().next().is_none() {
                     named.insert(folder);
                 }
             }
             Err(error) => {
                 found.problems.push(error_chain(&error));
-                // Its files cannot be told from others.
+                // Its files cannot be distinguished from others.
                 named.insert(folder);
             }
         }
@@ -91,7 +91,7 @@ fn check(reader: &OutputReader, found: &mut OutputReport, progress: &mut dyn FnM
     }
 }
 
-/// Of a folder that holds nothing that is named, the folder alone is given.
+/// If a folder holds no named file, only the folder is listed.
 fn find_unnamed(
     scene: &Scene,
     dir: &str,

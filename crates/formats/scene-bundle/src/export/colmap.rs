@@ -1,9 +1,9 @@
 //! A COLMAP model of the keyframes: cameras, images, points, as text or binary (COLMAP `src/colmap/scene/reconstruction_io.cc`
 //! and its page on output formats).
 //!
-//! Contract: pixel coordinates gain half a pixel, poses are `camera_from_world`, quaternions `w x y z`. Images have no 2D
-//! points and points no tracks: there were never any. The error of a point is -1, which is COLMAP's "not computed". Both
-//! forms hold the same numbers.
+//! Contract: pixel coordinates gain half a pixel, poses are `camera_from_world`, quaternions `w x y
+//! z`. Images have no 2D points and points no tracks: the bundle has none. The error of a point is
+//! -1, which is COLMAP's "not computed". Both forms hold the same numbers.
 
 use std::path::{Path, PathBuf};
 
@@ -78,13 +78,14 @@ pub(super) fn export(
     ] {
         if scene.has(output) {
             (summary.notes).push(format!(
-                "{what} has no place in COLMAP's model and is left out"
+                "{what} cannot be represented in COLMAP's model and is left out"
             ));
         }
     }
 
     let folder = NewFolder::begin(out)?;
-    // Numbered from 1 in their order, with half a pixel more. Of the rig there is no need: every image has its pose.
+    // Numbered from 1 in their order, with half a pixel more. The rig file is not needed: every
+    // image has its pose.
     for (file, bytes) in files
         .iter()
         .filter(|(file, _)| file.starts_with("cameras."))

@@ -1,8 +1,9 @@
 //! `transforms.json` of nerfstudio, with points, masks and depth beside it.
 //!
-//! Contract: `transform_matrix` takes points in the camera to the world of the bundle (z up, metres), in OpenGL's axes: x
-//! right, y up, z backward. Every frame has its own intrinsics, in COLMAP's pixel coordinates (half a pixel more than
-//! ours). nerfstudio has one kind of lens for all frames, and wants depth for all frames or for none.
+//! Contract: `transform_matrix` takes points in the camera to the world of the bundle (z up,
+//! metres), in OpenGL's axes: x right, y up, z backward. Every frame has its own intrinsics, in
+//! COLMAP's pixel coordinates (half a pixel more than ours). nerfstudio has one kind of lens for
+//! all frames, and requires depth for all frames or for none.
 
 use std::collections::BTreeMap;
 use std::path::Path;
@@ -22,9 +23,9 @@ use crate::outputs::{self, cloud};
 use crate::scene::{OutputReader, Scene};
 
 const NAME: &str = "nerfstudio";
-/// What COLMAP's and so nerfstudio's pixel coordinates have more than ours.
+/// Offset of COLMAP's, and so of nerfstudio's, pixel coordinates against ours.
 const PIXEL_OFFSET: f64 = 0.5;
-/// Where pictures are looked for when nothing was said.
+/// Image folder if none is given.
 const DEFAULT_IMAGE_FOLDER: &str = "images";
 const POINTS: &str = "points.ply";
 
@@ -86,7 +87,7 @@ pub(super) fn export(scene: &Scene, options: &Options, out: &Path) -> Result<Sum
     folder.write("transforms.json", text.as_bytes())?;
     folder.finish()?;
     summary.description = format!(
-        "{} pictures of {} cameras",
+        "{} images of {} cameras",
         posed_images.images.len(),
         posed_images.cameras.len()
     );
@@ -141,13 +142,13 @@ fn intrinsics(model: &CameraModel) -> Map<String, Value> {
 fn opengl(image: &PosedImage) -> Value {
     let r = image.world_from_camera.rotation_rows();
     let t = image.world_from_camera.translation_m();
-    // y and z point the other way in OpenGL.
+    // y and z have the opposite direction in OpenGL.
     let row = |i: usize| json!([r[3 * i], -r[3 * i + 1], -r[3 * i + 2], t[i]]);
     json!([row(0), row(1), row(2), [0.0, 0.0, 0.0, 1.0]])
 }
 
-/// Path of the mask of each picture, where the bundle has masks: that of its camera, which is white where there is none, and of what
-/// moves in the picture, if anything does.
+/// Path of the mask of each image, where the bundle has masks: the camera's mask (white if there is
+/// none) combined with the dynamic mask of the image, if there is one.
 fn write_masks(
     scene: &Scene,
     posed_images: &PosedImages,
@@ -208,7 +209,7 @@ fn check_mask_size(
     Err(ExportError::Refused {
         format: NAME,
         found: format!("a mask of {camera} of {}x{}", mask.width, mask.height),
-        expected: format!("{width}x{height}, as its pictures have"),
+        expected: format!("{width}x{height}, as its images have"),
     })
 }
 
@@ -216,7 +217,7 @@ fn depth_path(image: &PosedImage) -> String {
     format!("depth/{}", image.path)
 }
 
-/// Whether all frames have depth; then it is written, for the pictures as they were recorded.
+/// Whether all frames have depth; then it is written, warped to the images as they were recorded.
 fn write_depth(
     scene: &Scene,
     posed_images: &PosedImages,
@@ -236,7 +237,7 @@ fn write_depth(
     let without = found.iter().filter(|key| key.is_none()).count();
     if without > 0 {
         summary.notes.push(format!(
-            "{without} of {} pictures have no depth, and nerfstudio takes it for all or none: depth is left out",
+            "{without} of {} images have no depth, and nerfstudio takes it for all or none: depth is left out",
             found.len()
         ));
         return Ok(false);

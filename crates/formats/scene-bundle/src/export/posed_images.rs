@@ -1,4 +1,4 @@
-//! Keyframes as pictures of single cameras with poses, which is what reconstruction programs take.
+//! Keyframes as images of single cameras with poses, the input of reconstruction programs.
 
 use cad_transforms::RigidTransform;
 use calib::{CameraModel, Eye};
@@ -9,20 +9,20 @@ use crate::outputs::rig::RigModel;
 use crate::outputs::{self, rig};
 use crate::scene::Scene;
 
-/// One eye of a camera.
+/// One side of a stereo camera.
 pub(super) struct Camera {
-    /// Its stereo camera: the place in the rig.
+    /// Its stereo camera: index in the rig.
     pub(super) rig_index: usize,
     pub(super) eye: Eye,
-    /// As its pictures were recorded.
+    /// Camera model of the images as recorded.
     pub(super) model: CameraModel,
     /// `CAMERA/left` or `CAMERA/right`.
     pub(super) name: String,
 }
 
-/// One picture.
+/// One image with its pose.
 pub(super) struct PosedImage {
-    /// The place in [`PosedImages::cameras`].
+    /// Index in [`PosedImages::cameras`].
     pub(super) camera: usize,
     pub(super) keyframe: Keyframe,
     /// Takes points in the optical frame of this eye to the world.
@@ -31,14 +31,14 @@ pub(super) struct PosedImage {
     pub(super) path: String,
 }
 
-/// All pictures that are wanted and there.
+/// All selected images that exist.
 pub(super) struct PosedImages {
     pub(super) rig: RigModel,
-    /// Those that have pictures, in the rig's order, left before right.
+    /// Cameras that have images, in the rig's order, left before right.
     pub(super) cameras: Vec<Camera>,
     /// Sorted by camera and time.
     pub(super) images: Vec<PosedImage>,
-    /// Keyframes without a picture.
+    /// Keyframes without an image.
     pub(super) lost: Vec<String>,
 }
 
@@ -105,7 +105,7 @@ pub(super) fn collect(
                     && !folder.join(&path).is_file()
                 {
                     lost.push(format!(
-                        "no picture of keyframe {} of {name}: {path}",
+                        "no image of keyframe {} of {name}: {path}",
                         keyframe.frame
                     ));
                     continue;
@@ -133,10 +133,7 @@ pub(super) fn collect(
         } else {
             lost.swap_remove(0)
         };
-        return Err(refused(
-            found,
-            "at least one picture with a pose".to_owned(),
-        ));
+        return Err(refused(found, "at least one image with a pose".to_owned()));
     }
     Ok(PosedImages {
         rig,

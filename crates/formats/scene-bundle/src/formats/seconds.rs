@@ -28,7 +28,7 @@ pub fn parse_seconds(text: &str) -> Option<i64> {
     if all().next().is_none() || !all().all(|b| b.is_ascii_digit()) {
         return None;
     }
-    // How many of the digits make whole nanoseconds.
+    // Number of digits that make whole nanoseconds.
     let kept = whole.len() as i64 + i64::from(exponent) + DIGITS;
     let mut size: i128 = 0;
     let mut place = 0_i64;
@@ -83,7 +83,7 @@ mod tests {
     }
 
     #[test]
-    fn other_ways_to_write_a_number_are_understood() {
+    fn other_notations_of_a_number_are_parsed() {
         let cases = [
             ("1305031098.6659", 1_305_031_098_665_900_000),
             // As NumPy prints the float nearest to 1305031102.175304, which is a hair off it.
@@ -111,7 +111,7 @@ mod tests {
     }
 
     #[test]
-    fn what_is_no_time_is_refused() {
+    fn text_that_is_not_a_time_is_refused() {
         let not = [
             "",
             "-",

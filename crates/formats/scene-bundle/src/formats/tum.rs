@@ -75,7 +75,7 @@ mod tests {
     use crate::formats::tests::{bare, walk};
 
     #[test]
-    fn what_is_written_reads_back_to_the_same_bits() {
+    fn written_poses_read_back_to_the_same_bits() {
         let trajectory = walk();
         let back = parse(&to_text(&trajectory), Path::new("t.txt")).unwrap();
         assert_eq!(back, bare(&trajectory));
@@ -84,7 +84,7 @@ mod tests {
     #[test]
     fn the_real_part_is_last() {
         let path = Path::new("t.txt");
-        // A quarter turn to the left about z takes x to y.
+        // A rotation by 90 degrees to the left about z takes x to y.
         let h = std::f64::consts::FRAC_1_SQRT_2;
         let trajectory = parse(&format!("1.5 1 2 3 0 0 {h} {h}\n"), path).unwrap();
         let pose = &trajectory.poses()[0];
@@ -94,7 +94,7 @@ mod tests {
     }
 
     #[test]
-    fn what_is_wrong_is_named() {
+    fn malformed_lines_are_named_in_the_error() {
         let check = |text: &str, message: &str| {
             let error = parse(text, Path::new("t.txt")).unwrap_err().to_string();
             assert_eq!(error, format!("reading a TUM trajectory: {message}: t.txt"));

@@ -19,7 +19,7 @@ const PROPERTIES: &str = "property float x\nproperty float y\nproperty float z\n
 /// A point of the world.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct CloudPoint {
-    /// Where, in the world, metres.
+    /// Position in the world, metres.
     pub x_in_world: [f32; 3],
     /// Red, green, blue.
     pub color: [u8; 3],
@@ -36,7 +36,7 @@ fn start(count: usize) -> String {
 /// Writes points in their order.
 ///
 /// # Errors
-/// [`BundleError::Refused`] for a place that is not finite, [`BundleError::Io`].
+/// [`BundleError::Refused`] for a position that is not finite, [`BundleError::Io`].
 pub fn write(draft: &Draft, points: &[CloudPoint]) -> Result<(), BundleError> {
     let off = |p: &CloudPoint| p.x_in_world.iter().any(|v| !v.is_finite());
     if let Some(number) = points.iter().position(off) {
@@ -109,7 +109,7 @@ pub fn read(reader: &OutputReader) -> Result<Vec<CloudPoint>, BundleError> {
     Ok(points.collect())
 }
 
-/// The file as it is, checked: it can be used by any program that reads PLY.
+/// The file as stored, checked against its hash: any program that reads PLY can use it.
 ///
 /// # Errors
 /// As [`OutputReader::read`].

@@ -1,9 +1,11 @@
-//! Output `masks`: `CAMERA/left.png` and `CAMERA/right.png`, 8-bit grey of the size of the recorded picture, 255 where a
-//! pixel can be used and 0 where it may show the wearer; `CAMERA/left/000123.png`, the same of one keyframe, 0 where
-//! something moves in it, the wearer or others.
+//! Output `masks`: `CAMERA/left.png` and `CAMERA/right.png`, 8-bit gray of the size of the recorded
+//! image, 255 where a pixel may be used and 0 where it may show the wearer;
+//! `CAMERA/left/000123.png`, the dynamic mask of one keyframe, 0 where the scene is dynamic (the
+//! wearer or others).
 //!
-//! Contract: a camera or eye without a file has no mask; all its pixels can be used. Nothing was seen to move in a keyframe
-//! without a file. There are too many of those for the manifest; the listing has their hashes.
+//! Contract: a camera side without a file has no mask; all its pixels may be used. A keyframe
+//! without a file has no dynamic pixels. There are too many of those files for the manifest; the
+//! listing has their hashes.
 
 use calib::Eye;
 
@@ -13,7 +15,7 @@ use crate::draft::Draft;
 use crate::error::BundleError;
 use crate::scene::OutputReader;
 
-/// Which pixels can be used.
+/// Mask: pixels that may be used.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Mask {
     /// Width, pixels.
@@ -32,12 +34,12 @@ pub fn path(camera: &str, eye: Eye) -> String {
     }
 }
 
-/// Path of the mask of a keyframe's left picture in the output's folder.
+/// Path of the dynamic mask of a keyframe's left image in the output's folder.
 pub fn dynamic_path(camera: &str, frame: u64) -> String {
     format!("{camera}/left/{frame:06}.png")
 }
 
-/// Writes the mask of one eye of a camera.
+/// Writes the wearer mask of one side of a camera.
 ///
 /// # Errors
 /// [`BundleError::Refused`] for values other than 0 and 255 or a wrong number of pixels, [`BundleError::Io`].
@@ -47,7 +49,7 @@ pub fn write(draft: &Draft, camera: &str, eye: Eye, mask: &Mask) -> Result<(), B
     draft.write(&path, &file)
 }
 
-/// Writes what moves in the left picture of a keyframe.
+/// Writes the dynamic mask of the left image of a keyframe.
 ///
 /// # Errors
 /// As [`write()`].
@@ -80,7 +82,7 @@ fn file(draft: &Draft, path: &str, mask: &Mask) -> Result<Vec<u8>, BundleError> 
     Ok(encode8(mask.width, mask.height, &mask.pixels))
 }
 
-/// Reads the mask of one eye of a camera, where there is one.
+/// Reads the wearer mask of one side of a camera, if there is one.
 ///
 /// # Errors
 /// As [`OutputReader::read`]; [`BundleError::Malformed`].
@@ -88,7 +90,7 @@ pub fn read(reader: &OutputReader, camera: &str, eye: Eye) -> Result<Option<Mask
     read_at(reader, &path(camera, eye))
 }
 
-/// Reads what moves in the left picture of a keyframe; none where nothing was seen to.
+/// Reads the dynamic mask of the left image of a keyframe; `None` if it has no dynamic pixels.
 ///
 /// # Errors
 /// As [`read`].
@@ -113,7 +115,7 @@ fn read_at(reader: &OutputReader, path: &str) -> Result<Option<Mask>, BundleErro
         })),
         _ => Err(BundleError::Malformed {
             path: place,
-            place: "picture".to_owned(),
+            place: "image".to_owned(),
             found: "16 bits".to_owned(),
             expected: "8".to_owned(),
         }),

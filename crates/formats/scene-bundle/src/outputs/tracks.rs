@@ -1,10 +1,12 @@
-//! Output `tracks`: what odometry keeps of its keyframes for the adjustment of the whole.
+//! Output `tracks`: keyframes of the odometry with their observations, the input of the bundle
+//! adjustment.
 //!
-//! Three tables: `keyframes.npy`, a row per keyframe in order of time with the state of the body; `observations.npy`, corners that were
-//! followed through it; `keypoints.npy`, corners to find the place again by. Rows of the latter two are in the order of the
-//! keyframes, whose table says how many each has.
+//! Three tables: `keyframes.npy`, a row per keyframe in order of time with the state of the body;
+//! `observations.npy`, feature tracks; `keypoints.npy`, keypoints with descriptors for loop
+//! closure. Rows of the latter two are in the order of the keyframes, whose table has the number of
+//! rows of each.
 //!
-//! Contract: written keyframe by keyframe in any amount of memory; read whole.
+//! Contract: written keyframe by keyframe in constant memory; read as a whole.
 
 use cad_transforms::RigidTransform;
 
@@ -13,7 +15,7 @@ use crate::error::BundleError;
 use crate::npy::{Column, Kind, TableWriter, rows};
 use crate::scene::OutputReader;
 
-/// Most cameras of a rig.
+/// Maximum number of cameras of a rig.
 pub const MAX_CAMERAS: usize = 8;
 
 const KEYFRAMES: &str = "keyframes.npy";
@@ -54,49 +56,50 @@ pub struct TrackedKeyframe {
     pub set: u64,
     /// Time of the set, ns.
     pub time_ns: i64,
-    /// World from body.
+    /// Pose of the body.
     pub world_from_body: RigidTransform,
-    /// In the world, m/s.
+    /// Velocity of the body in the world, m/s.
     pub velocity: [f64; 3],
     /// rad/s.
     pub gyro_bias: [f64; 3],
     /// m/s².
     pub accel_bias: [f64; 3],
-    /// Rate about the body's own axes as the gyroscope read it, rad/s.
+    /// Angular rate in the body's axes as measured by the gyroscope (bias included), rad/s.
     pub gyro_rate: [f64; 3],
-    /// Whether what the IMU felt since the keyframe before was believed.
+    /// Whether the preintegrated IMU samples since the previous keyframe were accepted.
     pub imu_valid: bool,
-    /// How much later than the set each camera's middle row was exposed, s; at most [`MAX_CAMERAS`].
+    /// Exposure offset of each camera's middle row against the time of the set, s; at most
+    /// [`MAX_CAMERAS`] values.
     pub exposure_offset_s: Vec<f64>,
-    /// Corners that were followed through it.
+    /// Observations of tracked features.
     pub observations: Vec<StereoObservation>,
-    /// Corners to find the place again by.
+    /// Keypoints for loop closure.
     pub keypoints: Vec<Keypoint>,
 }
 
-/// A corner that was followed.
+/// Observation of a tracked feature in a stereo frame.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct StereoObservation {
-    /// The same in every keyframe.
+    /// Track id, the same in every keyframe.
     pub track: u64,
-    /// Place of the camera in the output `rig`.
+    /// Index of the camera in the output `rig`.
     pub camera: u8,
-    /// In the left picture, px.
+    /// Pixel in the left image.
     pub left_px: [f32; 2],
-    /// In the right one; not a number in the file where it was not found.
+    /// Pixel in the right image; NaN in the file if there is no match.
     pub right_px: Option<[f32; 2]>,
 }
 
-/// A corner to find again.
+/// A keypoint with its descriptor.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Keypoint {
-    /// Place of the camera in the output `rig`.
+    /// Index of the camera in the output `rig`.
     pub camera: u8,
-    /// In the left picture, px.
+    /// Pixel in the left image.
     pub left_px: [f32; 2],
-    /// From the left eye, 1/m; 0 where it is not known.
+    /// Inverse distance from the left optical center, 1/m; 0 if not known.
     pub inverse_range: f32,
-    /// How it looks: 256 bits.
+    /// Binary descriptor, 256 bits.
     pub descriptor: [u64; 4],
 }
 
@@ -120,7 +123,7 @@ impl TracksWriter {
         })
     }
 
-    /// Writes one.
+    /// Writes a keyframe.
     ///
     /// # Errors
     /// [`BundleError::Io`].
@@ -175,7 +178,7 @@ impl TracksWriter {
     }
 }
 
-/// Reads all keyframes of a rig with so many cameras.
+/// Reads all keyframes of a rig with `cameras` cameras.
 ///
 /// # Errors
 /// As [`OutputReader::read`]; [`BundleError::Malformed`].
@@ -242,13 +245,16 @@ pub fn read(reader: &OutputReader, cameras: usize) -> Result<Vec<TrackedKeyframe
         if keyframe.observations.len() != observation_count
             || keyframe.keypoints.len() != keypoint_count
         {
-            let found = format!("{observation_count} corners and {keypoint_count} marks");
-            return Err(malformed(found, "as many as the other tables still have"));
+            let found = format!("{observation_count} observations and {keypoint_count} keypoints");
+            return Err(malformed(
+                found,
+                "no more than the remaining rows of the other tables",
+            ));
         }
         let of_observations = keyframe.observations.iter().map(|s| s.camera);
         let mut all = of_observations.chain(keyframe.keypoints.iter().map(|m| m.camera));
         if let Some(camera) = all.find(|camera| usize::from(*camera) >= cameras) {
-            let found = format!("a corner of camera {camera}");
+            let found = format!("an observation of camera {camera}");
             return Err(malformed(found, &format!("one of {cameras}, from 0 on")));
         }
         keyframes.push(keyframe);
@@ -261,7 +267,7 @@ pub fn read(reader: &OutputReader, cameras: usize) -> Result<Vec<TrackedKeyframe
             return Err(BundleError::Malformed {
                 path: place.clone(),
                 place: "end".to_owned(),
-                found: format!("{rest} corners that no keyframe has"),
+                found: format!("{rest} rows that belong to no keyframe"),
                 expected: "none".to_owned(),
             });
         }

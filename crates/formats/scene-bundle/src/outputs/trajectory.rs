@@ -56,8 +56,8 @@ impl<'a> TrajectoryWriter<'a> {
     /// Writes the next pose.
     ///
     /// # Errors
-    /// [`BundleError::Refused`] when its time is not later than the last one's or its velocity is not finite,
-    /// [`BundleError::Io`].
+    /// [`BundleError::Refused`] if its time is not later than the last one's or its velocity is not
+    /// finite, [`BundleError::Io`].
     pub fn push(&mut self, pose: &Pose) -> Result<(), BundleError> {
         let before_ns = self.spans.last().map(|span| span.to_ns);
         check(self.count, pose, before_ns).map_err(|e| BundleError::Refused {

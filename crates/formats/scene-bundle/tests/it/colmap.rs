@@ -1,4 +1,4 @@
-//! COLMAP models, text and binary, read back by small readers that stand here.
+//! COLMAP models, text and binary, read back by small readers defined here.
 
 use std::path::Path;
 
@@ -120,7 +120,7 @@ fn colmap_text_and_binary_hold_the_same() {
     let (from_binary, _) = calib::colmap::read(&binary.join("cameras.bin")).unwrap();
     assert_eq!(from_text.cameras, from_binary.cameras);
 
-    // And it is what the bundle holds.
+    // And it matches the bundle.
     let rig = sample::rig_model();
     let lenses: Vec<_> = from_text.cameras.iter().map(|c| c.model).collect();
     let eyes = rig.cameras.iter().flat_map(|c| [c.left, c.right]);

@@ -87,7 +87,7 @@ fn other_readers_see_the_same() {
         assert_eq!(row[0], pose.time_ns);
         assert_eq!(row[1], json!(pose.world_from_rig.translation_m()));
         assert_eq!(row[2], json!(pose.world_from_rig.rotation_wxyz()));
-        // Not a number comes through JSON as nothing.
+        // NaN becomes null in JSON.
         let velocity = pose
             .velocity_in_world
             .map_or(json!([null, null, null]), |v| json!(v));
@@ -171,7 +171,8 @@ fn other_readers_see_the_same() {
                 .iter()
                 .find(|k| (usize::from(k.camera), k.frame) == (place, frame))
                 .unwrap();
-            // A point two metres in front of the camera: pycolmap takes it from the world into the picture.
+            // A point two metres in front of the camera: pycolmap projects it from the world into
+            // the image.
             let x_in_left = [0.2, -0.1, 2.0];
             let x_in_world = keyframe.world_from_left.apply(x_in_left);
             let expected = calib::Lens::new(&model.left).project(x_in_left).unwrap();
@@ -183,7 +184,7 @@ fn other_readers_see_the_same() {
             for (found, expected) in x_in_camera.into_iter().zip(x_in_left) {
                 assert!((found - expected).abs() < 1e-12, "{name}");
             }
-            // The picture of [0.1, -0.05, 1] in COLMAP's coordinates, half a pixel from ours.
+            // Projection of [0.1, -0.05, 1] in COLMAP's coordinates, half a pixel from ours.
             for (i, expected) in expected.into_iter().enumerate() {
                 let found = image["projected"][i].as_f64().unwrap();
                 assert!(

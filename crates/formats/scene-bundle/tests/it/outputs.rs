@@ -13,7 +13,7 @@ use scene_bundle::{Bundle, BundleError, Draft};
 use crate::sample::{self, Sample};
 
 #[test]
-fn all_outputs_read_back_as_they_were() {
+fn all_outputs_read_back_unchanged() {
     let sample = Sample::new();
     let scene = sample.scene();
     let of = |name: &str| scene.output(name).unwrap();
@@ -55,7 +55,7 @@ fn all_outputs_read_back_as_they_were() {
             sample::depth_image(key.frame)
         );
     }
-    // The manifest does not grow with the number of pictures, and all of them are verified.
+    // The manifest does not grow with the number of images, and all of them are verified.
     assert_eq!(reader.output().files.len(), 2);
     let checked = verify(&scene, |_| {}).unwrap();
     assert!(
@@ -77,7 +77,7 @@ fn the_same_outputs_are_the_same_bytes() {
 }
 
 #[test]
-fn a_picture_of_depth_that_changed_is_not_read() {
+fn a_changed_depth_map_is_not_read() {
     let sample = Sample::new();
     let reader = sample.scene().output(outputs::DEPTH).unwrap();
     let index = depth::read_index(&reader).unwrap();
@@ -97,7 +97,7 @@ fn a_picture_of_depth_that_changed_is_not_read() {
 }
 
 #[test]
-fn units_of_depth_are_kept_to_half_a_unit() {
+fn depth_is_rounded_to_half_a_unit() {
     for (metres, units) in [
         (1.0, 1000),
         (0.0004, 0),
@@ -134,7 +134,7 @@ fn units_of_depth_are_kept_to_half_a_unit() {
 }
 
 #[test]
-fn what_the_format_does_not_allow_is_refused() {
+fn values_outside_the_format_are_refused() {
     let folder = tempfile::tempdir().unwrap();
     let bundle = Bundle::create_or_open(&folder.path().join("a"), sample::provenance()).unwrap();
     let check = |what: &dyn Fn(&Draft) -> Result<(), BundleError>, expected: &str| {
@@ -212,13 +212,13 @@ fn what_the_format_does_not_allow_is_refused() {
     };
     check(
         &|d| new(d, vec![shifted.clone()]),
-        "0.5 m from its left picture's centre",
+        "0.5 m from its left image's center",
     );
     let small = DepthImage::from_metres(1, 1, &[1.0], &[1.0]);
     let key = sample::depth_keys()[0];
     check(
         &|d| DepthWriter::new(d, vec![view()])?.write(key, &small),
-        "found a picture of 1x1, expected 60x40",
+        "found an image of 1x1, expected 60x40",
     );
     check(
         &|d| {

@@ -1,4 +1,4 @@
-//! A small bundle with every output, of numbers that leave no room for mixing things up.
+//! A small bundle with every output, with numbers chosen so that no two can be confused.
 
 use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
@@ -72,7 +72,7 @@ impl Sample {
         self.folder.path().join(name)
     }
 
-    /// Empty files where `paws-reconstruct frames` would have written pictures, but for one.
+    /// Empty files where `paws-reconstruct frames` would have written images, except for one.
     pub(crate) fn images(&self, without: &str) -> PathBuf {
         let folder = self.out("frames");
         for keyframe in keyframe_table(&rig_model()) {
@@ -210,7 +210,7 @@ pub(crate) fn walk(off: f64) -> Trajectory {
         Pose {
             time_ns: START_NS + i64::from(i) * 33_333_333,
             world_from_rig,
-            // Moved, so that it is not a diagonal.
+            // Moved, so that the covariance is not diagonal.
             covariance: (i % 3 != 0).then(|| covariance.moved(&world_from_rig)),
             velocity_in_world: (i != 5).then_some([1.4, -0.1 * s, 1e-9]),
             status: Status::from_code((i / 10) as u8).unwrap(),
@@ -247,7 +247,7 @@ pub(crate) fn mask() -> Mask {
     }
 }
 
-/// Something moves on the left.
+/// Dynamic pixels on the left.
 pub(crate) fn moving() -> Mask {
     Mask {
         pixels: (0..64 * 48)

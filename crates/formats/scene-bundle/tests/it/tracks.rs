@@ -1,4 +1,4 @@
-//! What was followed, written and read.
+//! Output `tracks`, written and read.
 
 use cad_transforms::RigidTransform;
 use scene_bundle::outputs::tracks::{
@@ -40,7 +40,7 @@ fn keyframe(k: u64, corners: u64) -> TrackedKeyframe {
     }
 }
 
-/// Writes them, and reads them as those of a rig with so many cameras.
+/// Writes keyframes, and reads them as those of a rig with `cameras` cameras.
 fn through(
     keyframes: &[TrackedKeyframe],
     cameras: usize,
@@ -63,20 +63,20 @@ fn through(
 }
 
 #[test]
-fn what_was_followed_reads_back_as_it_was() {
-    // One that saw nothing is among them.
+fn tracks_read_back_unchanged() {
+    // One of them has no observations.
     let keyframes = [keyframe(0, 9), keyframe(1, 0), keyframe(2, 4)];
     assert_eq!(through(&keyframes, 3).expect("read"), keyframes);
     assert_eq!(through(&[], 3).expect("read"), []);
 }
 
 #[test]
-fn corners_of_cameras_that_are_not_there_are_refused() {
+fn observations_of_unknown_cameras_are_refused() {
     let error = through(&[keyframe(0, 9)], 2)
         .expect_err("two cameras")
         .to_string();
     assert!(
-        error.contains("a corner of camera 2") && error.contains("one of 2"),
+        error.contains("an observation of camera 2") && error.contains("one of 2"),
         "{error}"
     );
 }

@@ -161,7 +161,7 @@ fn write(path: &Path) {
 }
 
 #[test]
-fn it_is_still_read() {
+fn version_1_is_still_read() {
     let scene = Scene::open(&fixture()).unwrap();
     let checked = verify(&scene, |_| {}).unwrap();
     assert!(
@@ -192,9 +192,9 @@ fn it_is_still_read() {
     assert_eq!(scene.manifest().provenance.ended_civil_ns, Some(1));
 }
 
-/// Version 1 says nothing of how the session was judged, which is not the same as a session without fault.
+/// Version 1 has no verdict on the session, which is not the same as a session without fault.
 #[test]
-fn that_the_verdict_is_not_known_is_shown() {
+fn an_unknown_verdict_is_shown() {
     let shown = Command::new(env!("CARGO_BIN_EXE_paws-scene"))
         .arg("show")
         .arg(fixture())
