@@ -1,8 +1,8 @@
-//! Decoded pictures, one per eye.
+//! Decoded images, one per side.
 //!
 //! Rows are packed, top row first, 8 bits per sample, full range; colour is RGB by the full-range
-//! BT.601 formulas of JFIF 1.02. The stereo frame is cut in its middle: its left half is the left
-//! eye's picture, untouched.
+//! BT.601 formulas of JFIF 1.02. The stereo frame is split in its middle: its left half is the left
+//! image, unchanged.
 
 use std::borrow::Cow;
 use std::fmt;
@@ -11,7 +11,7 @@ use bytes::Bytes;
 use video::PictureError;
 use video::picture::i420_to_rgb;
 
-/// What a pixel is.
+/// Pixel format.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Color {
     /// One byte: luma as the camera delivered it.
@@ -30,14 +30,14 @@ impl Color {
     }
 }
 
-/// The picture of one eye. Cloning is cheap: the bytes are shared.
+/// Image of one side. Cloning is cheap: the bytes are shared.
 #[derive(Clone, PartialEq, Eq)]
 pub struct Image {
     /// Columns.
     pub width: u32,
     /// Rows.
     pub height: u32,
-    /// What a pixel is.
+    /// Pixel format.
     pub color: Color,
     /// `width * height * channels` bytes, row by row.
     pub data: Bytes,
@@ -46,12 +46,12 @@ pub struct Image {
 impl fmt::Debug for Image {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         let Self { width, height, .. } = self;
-        write!(f, "Picture({width}x{height} {:?})", self.color)
+        write!(f, "Image({width}x{height} {:?})", self.color)
     }
 }
 
 impl Image {
-    /// Left and right picture of a stereo frame (I420, left and right side by side).
+    /// Left and right image of a stereo frame (I420, side by side).
     pub(crate) fn halves(
         both: &video::Picture,
         color: Color,

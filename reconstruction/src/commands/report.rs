@@ -15,7 +15,8 @@ use scene_bundle::{Scene, layout};
 pub(crate) struct Arguments {
     /// The scene bundle.
     scene: PathBuf,
-    /// The true trajectory: TUM, KITTI or EuRoC, or the truth of a simulated session (truth.CAMERA.csv).
+    /// Ground-truth trajectory: TUM, KITTI or EuRoC, or the truth of a simulated session
+    /// (truth.CAMERA.csv).
     #[arg(long, value_name = "FILE")]
     truth: Option<PathBuf>,
     /// The page to write. Default: report.html in the bundle.
@@ -28,7 +29,7 @@ pub(crate) fn run(arguments: &Arguments) -> Result<ExitCode> {
     let truth = match &arguments.truth {
         Some(path) => {
             let truth = files::load(path, None)?;
-            // A bundle has times; a truth without any cannot be compared with it.
+            // A bundle has timestamps; a ground truth without any cannot be compared with it.
             if scene.has(TRAJECTORY) || scene.has(TRAJECTORY_CAUSAL) {
                 let estimate = LoadedTrajectory {
                     trajectory: scene_bundle::Trajectory::default(),

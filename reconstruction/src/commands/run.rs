@@ -29,32 +29,33 @@ pub(crate) struct Arguments {
     /// Folder of the bundle; new, empty, or a bundle of the same hand-off.
     #[arg(long, value_name = "BUNDLE")]
     out: PathBuf,
-    /// How much work to do.
+    /// Trade-off of accuracy against time.
     #[arg(long, value_enum, default_value_t = PresetName::Balanced)]
     preset: PresetName,
-    /// First stage; what those before made is taken as it is.
+    /// First stage; outputs of earlier stages are used as they are.
     #[arg(long, value_name = "STAGE", value_parser = PossibleValuesParser::new(stages::NAMES))]
     from: Option<String>,
     /// Last stage.
     #[arg(long, value_name = "STAGE", value_parser = PossibleValuesParser::new(stages::NAMES))]
     to: Option<String>,
-    /// Make stages again whose outputs are there and up to date.
+    /// Re-run stages even if their outputs are up to date.
     #[arg(long)]
     force: bool,
     /// A rig file instead of the session's, for example of `paws calib cameras`.
     #[arg(long, value_name = "FILE")]
     rig: Option<PathBuf>,
-    /// Calibration instead of the recorded one: the folder that `paws calib cameras` wrote, or a camera's file; again
-    /// for more.
+    /// Calibration instead of the recorded one: the folder that `paws calib cameras` wrote, or a
+    /// camera's file; may be repeated.
     #[arg(long, value_name = "DIR|CAMERA=FILE", value_parser = calibration)]
     calibration: Vec<Calibration>,
-    /// Time from row to row of a rolling shutter, microseconds; may be given for each camera.
+    /// Readout line time of a rolling shutter, microseconds; may be given for each camera.
     #[arg(long, value_name = "CAMERA=US", value_parser = named)]
     line_us: Vec<(String, String)>,
-    /// A stereo network in place of our matcher (docs/learned.md); ORT_DYLIB_PATH names ONNX Runtime.
+    /// A stereo network instead of the built-in matcher (docs/learned.md); ORT_DYLIB_PATH names
+    /// ONNX Runtime.
     #[arg(long, value_name = "MODEL.onnx")]
     depth_network: Option<PathBuf>,
-    /// A segmentation network; what can move has no depth (docs/learned.md).
+    /// A segmentation network; movable objects get no depth (docs/learned.md).
     #[arg(long, value_name = "MODEL.onnx")]
     segmentation_network: Option<PathBuf>,
     /// Print a JSON object per stage, one in a line, and no progress.
@@ -64,18 +65,18 @@ pub(crate) struct Arguments {
 
 #[derive(Clone, Copy, Debug, ValueEnum)]
 enum PresetName {
-    /// Least work
+    /// Least time
     Fast,
-    /// The usual one
+    /// The default
     Balanced,
-    /// Most work
+    /// Least error
     Accurate,
 }
 
-/// What is told by `--calibration`.
+/// Value of `--calibration`.
 #[derive(Clone, Debug)]
 enum Calibration {
-    /// What `paws calib` wrote: rig file and lenses.
+    /// Folder written by `paws calib`: rig file and intrinsics.
     Folder(PathBuf),
     /// A camera and its file.
     Camera(String, PathBuf),
@@ -108,7 +109,7 @@ pub(crate) fn run(arguments: &Arguments) -> Result<ExitCode> {
         let kind = clap::error::ErrorKind::ValueValidation;
         crate::Arguments::command().error(kind, message).exit();
     }
-    // The rig is that of the bundle where its stage does not run.
+    // The bundle's rig is used where the stage `rig` does not run.
     let rig_is_fixed = place(&arguments.from).is_some_and(|from| from > 0);
     let has_overrides = arguments.rig.is_some()
         || !arguments.calibration.is_empty()
@@ -172,10 +173,10 @@ pub(crate) fn run(arguments: &Arguments) -> Result<ExitCode> {
         outcomes.with_context(|| format!("reconstructing into {}", arguments.out.display()))?;
     let is_new = outcomes.iter().any(|o| o.state == State::Ran);
     if is_new || !bundle.path().join(camera_images::FILE).exists() {
-        // They are no part of the bundle, which is as good without.
+        // They are not part of the bundle, which is valid without them.
         if let Err(error) = camera_images::write(&bundle.path(), &input) {
             log::warn!(
-                "writing images of what the cameras saw: {error}: {}",
+                "writing images of the cameras: {error}: {}",
                 arguments.out.display()
             );
         }
@@ -187,7 +188,7 @@ pub(crate) fn run(arguments: &Arguments) -> Result<ExitCode> {
         let made = outcomes.iter().filter(|o| o.state == State::Ran).count();
         let loss = loss(losses, &input);
         print(format_args!(
-            "{made} stages made, {} kept, {loss}: {}",
+            "{made} stages run, {} up to date, {loss}: {}",
             outcomes.len() - made,
             arguments.out.display()
         ))?;
@@ -195,8 +196,8 @@ pub(crate) fn run(arguments: &Arguments) -> Result<ExitCode> {
     Ok(code(losses, &input))
 }
 
-/// The seal that stands for the recording in this bundle: an earlier one where the bundle was made of that, so that what
-/// is there stays.
+/// The seal that identifies the recording in this bundle: an earlier one if the bundle was made
+/// from that, so that its outputs remain valid.
 fn seal(input: &Input, there: Option<&Provenance>) -> String {
     let handoff = input.handoff();
     let made_of = there.map(|made| &made.handoff_blake3);
@@ -220,7 +221,7 @@ fn overrides(arguments: &Arguments, input: &Input) -> Result<rig::RigOverrides> 
     if let Some(path) = &arguments.rig {
         overrides::rig(&mut rig_overrides, path)?;
     }
-    // What is named by itself goes before what a folder has.
+    // Files given individually take precedence over a folder.
     for given in &arguments.calibration {
         if let Calibration::Folder(folder) = given {
             overrides::folder(&mut rig_overrides, folder, input)?;
@@ -233,7 +234,7 @@ fn overrides(arguments: &Arguments, input: &Input) -> Result<rig::RigOverrides> 
             .filter(|us: &f64| *us >= 0.0 && us.is_finite());
         let line_us = line_us.with_context(|| {
             format!(
-                "taking the time from row to row of {camera}: found {us:?}, expected microseconds"
+                "setting the readout line time of {camera}: found {us:?}, expected microseconds"
             )
         })?;
         rig_overrides
@@ -243,11 +244,11 @@ fn overrides(arguments: &Arguments, input: &Input) -> Result<rig::RigOverrides> 
     Ok(rig_overrides)
 }
 
-/// Progress for people, or a line of JSON per stage.
+/// Reports progress: a progress bar, or a line of JSON per stage.
 struct ProgressReporter {
     bar: ProgressBar,
     is_json: bool,
-    /// The bundle's.
+    /// Folder of the bundle.
     folder: PathBuf,
 }
 
@@ -265,16 +266,16 @@ impl Observer for ProgressReporter {
     }
 
     fn end(&self, outcome: &Outcome) {
-        // At once: a later stage may fail.
+        // Immediately, since a later stage may fail.
         if let Err(error) = stage_timings::write(&self.folder, std::slice::from_ref(outcome)) {
             log::warn!(
-                "writing what {} took to {}: {error}",
+                "writing the timing of {} to {}: {error}",
                 outcome.stage,
                 self.folder.display()
             );
         }
         if self.is_json {
-            // The work goes on although nobody listens any more.
+            // The work continues even if nobody reads the output.
             let _ = print(serde_json::to_string(outcome).unwrap_or_default());
             return;
         }
@@ -287,8 +288,8 @@ impl Observer for ProgressReporter {
             print_losses(&outcome.report.losses);
             let Outcome { stage, seconds, .. } = outcome;
             let _ = match outcome.state {
-                State::Ran => print(format_args!("{stage}: made in {seconds:.1} s")),
-                State::UpToDate => print(format_args!("{stage}: there already")),
+                State::Ran => print(format_args!("{stage}: ran in {seconds:.1} s")),
+                State::UpToDate => print(format_args!("{stage}: up to date")),
             };
         });
     }

@@ -1,8 +1,9 @@
-//! Trajectories by the content of their files.
+//! Trajectory files, recognized by their content.
 //!
-//! Contract: TUM, KITTI, EuRoC and the truth of a simulated session (`truth.CAMERA.csv`) are told apart by their first
-//! line of numbers, a scene bundle by being a folder or a `scene.json`. KITTI poses take their times from a `times.txt`
-//! beside them; without one they are numbered, at 10 Hz, and compared with numbered ones only.
+//! Contract: TUM, KITTI, EuRoC and the truth of a simulated session (`truth.CAMERA.csv`) are
+//! distinguished by their first line of numbers, a scene bundle by being a folder or a
+//! `scene.json`. KITTI poses take their times from a `times.txt` in the same folder; without one
+//! they are numbered, at 10 Hz, and compared with numbered ones only.
 
 use std::path::{Path, PathBuf};
 
@@ -10,7 +11,7 @@ use scene_bundle::formats::{euroc, kitti, tum};
 use scene_bundle::outputs::{self, TRAJECTORY, TRAJECTORY_CAUSAL};
 use scene_bundle::{BundleError, FormatError, Pose, Scene, Trajectory};
 
-/// Times between numbered poses, ns: KITTI's cameras take 10 pictures a second.
+/// Period of numbered poses, ns: KITTI's cameras take 10 frames per second.
 const NUMBERED_PERIOD_NS: i64 = 100_000_000;
 /// Times of the poses of a KITTI sequence, in the folder of the poses.
 const TIMES: &str = "times.txt";
@@ -22,7 +23,8 @@ pub struct LoadedTrajectory {
     pub trajectory: Trajectory,
     /// The file has no times: poses are numbered.
     pub is_numbered: bool,
-    /// It has a row for every frame set, also where the rig was lost, as a scene bundle's has: outside of it nothing was recorded.
+    /// Whether it has a row for every frame set, lost ones included, as in a scene bundle: nothing
+    /// was recorded outside of its time range.
     pub has_row_per_set: bool,
 }
 
@@ -34,7 +36,7 @@ pub enum FileError {
     Read {
         /// The file.
         path: PathBuf,
-        /// What the system said.
+        /// Error of the operating system.
         source: std::io::Error,
     },
     /// Neither of the formats.
@@ -68,7 +70,7 @@ pub enum FileError {
         /// The file without.
         path: PathBuf,
     },
-    /// As [`FileError::Numbered`], the other way round.
+    /// As [`FileError::Numbered`], reversed.
     #[error("comparing trajectories: found poses with times, expected none, as the truth has: {}", path.display())]
     Timed {
         /// The file with times.
@@ -106,7 +108,8 @@ pub fn load(path: &Path, output: Option<&str>) -> Result<LoadedTrajectory, FileE
         return match fields {
             8 | 11 | 17 => Ok(timed(euroc::parse(&text, path)?.trajectory)),
             9 => {
-                // The first field is the device's own clock. Lines stay, so that errors name the right one.
+                // The first field is the device clock. Line numbers are preserved, so that errors
+                // name the right line.
                 let rest = text.lines().map(|line| match line.split_once(',') {
                     Some((_, rest)) if !line.starts_with('#') => rest,
                     _ => "#",

@@ -1,4 +1,4 @@
-//! `calibration.json`: what the session says about the rig, in plain JSON.
+//! `calibration.json`: calibration and transforms of the session, in plain JSON.
 //!
 //! Conventions: integer pixel coordinates are pixel centres; `K` and `R` are 3x3 and `P` is 3x4,
 //! row by row; a transform `parent_from_child` takes coordinates in the child frame to the parent

@@ -1,4 +1,4 @@
-//! The pictures of one camera, on a thread of its own.
+//! Images of one camera, on a thread of its own.
 
 use std::fs::{self, File};
 use std::io::{self, BufWriter};
@@ -10,7 +10,7 @@ use super::{ExportError, Selection, writing};
 use crate::image::{Color, Image};
 use crate::input::{Input, View};
 
-/// What one camera's thread does.
+/// Work of one camera's thread.
 pub(super) struct CameraExport<'a> {
     pub(super) input: &'a Input,
     pub(super) name: &'a str,
@@ -28,7 +28,7 @@ impl CameraExport<'_> {
     ) -> Result<(u64, Vec<String>), ExportError> {
         let result = self.write_frames(selection, progress);
         if result.is_err() {
-            // The others need not go on: nothing of this will be kept.
+            // The other threads stop: the partial folder will be removed.
             self.stop.store(true, Ordering::Relaxed);
         }
         result
@@ -70,7 +70,9 @@ impl CameraExport<'_> {
                     } = view;
                     let (time, unreliable) = (time.ns(), u8::from(time_unreliable));
                     let set = set.map_or(String::new(), |set| set.to_string());
-                    times.line(format_args!("{number},{time},{sigma_ns},{unreliable},{set}"))?;
+                    times.line(format_args!(
+                        "{number},{time},{sigma_ns},{unreliable},{set}"
+                    ))?;
                     written += 1;
                 }
                 Err(error) => lost.push(scene_bundle::error_chain(&error)),
@@ -105,7 +107,7 @@ fn write_png(path: &Path, picture: &Image) -> io::Result<()> {
         Color::Rgb => png::ColorType::Rgb,
     });
     encoder.set_depth(png::BitDepth::Eight);
-    // Half the time of the default, and a tenth more bytes.
+    // Half the time of the default, with ten percent more bytes.
     encoder.set_compression(png::Compression::Fast);
     let mut writer = encoder.write_header()?;
     writer.write_image_data(&picture.data)?;

@@ -1,4 +1,4 @@
-//! What is not pictures: frame sets, IMU samples, calibration.
+//! Tables: frame sets, IMU samples, calibration.
 
 use std::fs;
 use std::path::Path;
@@ -9,7 +9,7 @@ use super::text::Text;
 use super::{ExportError, Selection, Summary, calibration, writing};
 use crate::input::Input;
 
-/// Writes everything but pictures; of the summary it fills what is not of cameras.
+/// Writes everything except images; fills the summary except for cameras.
 pub(super) fn write(
     input: &Input,
     folder: &Path,

@@ -1,7 +1,8 @@
-//! Frames of one camera: from access units, a group of pictures at a time, to left and right.
+//! Frames of one camera: decoded from access units, one GOP at a time, and split into left and
+//! right.
 //!
-//! A [`GopReader`] holds the group that it decoded last, and nothing else that grows. The old one
-//! is released before a new one is decoded, so memory is one decoded group and its access units.
+//! A [`GopReader`] holds the GOP that it decoded last, and nothing else that grows. The old one is
+//! released before a new one is decoded, so memory is one decoded GOP and its access units.
 
 use std::ops::Range;
 use std::sync::Arc;
@@ -25,15 +26,15 @@ pub struct View {
     pub time: HostTime,
     /// One standard deviation of it, ns.
     pub sigma_ns: u64,
-    /// Whether the time is not to be trusted within its sigma.
+    /// Whether the time is unreliable: its sigma may not hold.
     pub time_unreliable: bool,
-    /// What the left eye saw.
+    /// Left image.
     pub left: Image,
-    /// What the right eye saw.
+    /// Right image.
     pub right: Image,
 }
 
-/// What is known of a camera's pictures before one is decoded.
+/// Image format of a camera.
 #[derive(Debug)]
 pub(super) struct Camera {
     pub(super) name: Arc<str>,
@@ -72,7 +73,7 @@ impl Camera {
     }
 }
 
-/// Decodes frames of one camera in any order; fast where they come in the order of their numbers.
+/// Decodes frames of one camera in any order; fast in the order of their numbers.
 #[derive(Debug)]
 pub(super) struct GopReader {
     shared: Arc<Shared>,
@@ -82,7 +83,7 @@ pub(super) struct GopReader {
     gop: Option<Gop>,
 }
 
-/// A group of pictures, decoded.
+/// A decoded GOP.
 #[derive(Debug)]
 struct Gop {
     /// Positions in the camera's index.
@@ -104,7 +105,7 @@ impl GopReader {
         }
     }
 
-    /// The same with pictures of luma alone, whatever the camera delivers.
+    /// The same with luma images, whatever the camera delivers.
     pub(super) fn luma(mut self) -> Self {
         self.color = Color::Grey;
         self
@@ -156,7 +157,7 @@ impl GopReader {
         picture
     }
 
-    /// Decodes the group of pictures that `position` is in.
+    /// Decodes the GOP that contains `position`.
     fn decode(&mut self, position: usize) -> Gop {
         let index = &self.shared.index.cameras[self.camera];
         let positions = index.gop(position);
@@ -170,7 +171,7 @@ impl GopReader {
                     key: place == 0,
                 }),
                 Err(error) => {
-                    // Whatever follows builds on this one.
+                    // Later frames depend on this one.
                     unread = Some(FrameFault::Bytes(Arc::new(error)));
                     break;
                 }
@@ -196,8 +197,8 @@ impl GopReader {
     }
 }
 
-/// The decoder is given places in the group instead of times: they tell the pictures apart just as
-/// well, and rise even where mapped times do not.
+/// The decoder gets positions in the GOP instead of times: they identify the images as well, and
+/// increase even where mapped times do not.
 fn place_to_pts(place: usize) -> i64 {
     place as i64 * 1_000_000
 }

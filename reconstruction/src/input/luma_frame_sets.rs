@@ -1,9 +1,9 @@
-//! Frame sets for estimating motion.
+//! Frame sets for motion estimation.
 //!
-//! Contract: as of [`Sets`](super::Sets), but that pictures are luma alone, that a picture or batch of samples that
-//! cannot be read is named once beside what can ([`LumaFrameSet::losses`]), and that samples of an IMU come up to the first one
-//! that is not older than the set and its pictures, each once, in the order of their times. Samples behind the last set
-//! do not come.
+//! Contract: as [`Sets`](super::Sets), except that images are luma only, that an image or IMU batch
+//! that cannot be read is reported once along with the set ([`LumaFrameSet::losses`]), and that
+//! samples of an IMU are returned up to the first one that is not older than the set and its
+//! images, each once, in the order of their times. Samples after the last set are not returned.
 
 use std::collections::BTreeMap;
 use std::iter::FusedIterator;
@@ -18,7 +18,7 @@ use super::error::ReadError;
 use super::imu::{self, ImuSample};
 use super::sequence::Frames;
 
-/// How far behind a set its last sample is looked for, ns.
+/// Maximum time after a set in which its last sample is searched, ns.
 const MAX_SAMPLE_DELAY_NS: i64 = 100_000_000;
 
 /// See the module.
@@ -33,7 +33,7 @@ pub struct LumaFrameSet {
     pub views: Vec<Option<View>>,
     /// One list for each IMU, in the order of the manifest.
     pub imu: Vec<Vec<ImuSample>>,
-    /// What could not be read on the way to this set.
+    /// Items up to this set that could not be read.
     pub losses: Vec<ReadError>,
 }
 
@@ -49,12 +49,12 @@ pub struct LumaFrameSets {
     imus: Vec<Samples>,
 }
 
-/// How far an IMU's samples were given.
+/// State of an IMU's samples.
 #[derive(Debug, Default)]
 struct Samples {
-    /// Time of the newest one that was given, ns.
+    /// Time of the newest sample returned, ns.
     given_ns: Option<i64>,
-    /// Batches that may be wanted again, by position; empty where one cannot be read.
+    /// Batches that may be needed again, by position; empty if one cannot be read.
     batches: BTreeMap<usize, Vec<ImuSample>>,
 }
 
@@ -123,7 +123,7 @@ impl ExactSizeIterator for LumaFrameSets {}
 impl FusedIterator for LumaFrameSets {}
 
 impl Samples {
-    /// What was not given yet, up to the first sample that is not older than a time.
+    /// Samples not returned yet, up to the first one that is not older than a time.
     fn up_to(
         &mut self,
         latest_ns: i64,
@@ -149,7 +149,7 @@ impl Samples {
             });
             found.extend(batch.iter().filter(|s| (from..=to).contains(&s.time.0)));
         }
-        // Of two with one time the one that was measured first.
+        // Of two samples with the same time the one measured first.
         found.sort_by_key(|s: &ImuSample| (s.time.0, s.number));
         found.dedup_by_key(|s| s.time.0);
         let older = found.partition_point(|s| s.time.0 < latest_ns);

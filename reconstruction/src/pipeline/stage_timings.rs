@@ -1,7 +1,8 @@
-//! What the stages of a bundle took, beside the bundle's outputs.
+//! Time and memory of the stages of a bundle, stored beside its outputs.
 //!
-//! Contract: `made.jsonl` in the bundle's folder has a line for each stage that was made, the last time that it was. It says
-//! how a machine did and not what is in the bundle: nothing depends on it, no hash covers it, and a bundle without it is as good.
+//! Contract: `stage_timings.jsonl` in the bundle's folder has a line for each stage, from the last
+//! time that it ran. It describes the machine and not the bundle: nothing depends on it, no hash
+//! covers it, and a bundle is valid without it.
 
 use std::collections::BTreeMap;
 use std::io;
@@ -15,18 +16,18 @@ use super::{Outcome, State};
 /// The file.
 pub const FILE: &str = scene_bundle::layout::STAGE_TIMINGS;
 
-/// What a stage took.
+/// Time and memory of a stage.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct StageTiming {
     /// Its name.
     pub stage: String,
     /// s.
     pub seconds: f64,
-    /// Most memory meanwhile, bytes, where it is known.
+    /// Peak memory, bytes, if known.
     pub peak_bytes: Option<u64>,
 }
 
-/// Takes the stages that were made into the file of the bundle in `folder`.
+/// Adds the stages that ran to the file of the bundle in `folder`.
 ///
 /// # Errors
 /// The file cannot be read or written.
@@ -44,7 +45,7 @@ pub fn write(folder: &Path, outcomes: &[Outcome]) -> io::Result<()> {
     std::fs::write(folder.join(FILE), text)
 }
 
-/// What the stages took, as far as it is known.
+/// Time and memory of the stages, as far as they are known.
 ///
 /// # Errors
 /// The file cannot be read.
@@ -52,7 +53,7 @@ pub fn read(folder: &Path) -> io::Result<Vec<StageTiming>> {
     Ok(lines(folder)?.into_iter().map(|(made, _)| made).collect())
 }
 
-/// Lines that are none are passed over: a run may have been killed while it wrote.
+/// Malformed lines are skipped: a run may have been killed while it wrote.
 fn lines(folder: &Path) -> io::Result<Vec<(StageTiming, String)>> {
     let text = match plain_file::read_to_string(&folder.join(FILE), plain_file::DOCUMENT_LIMIT) {
         Ok(text) => text,
@@ -83,7 +84,7 @@ mod tests {
     }
 
     #[test]
-    fn the_last_time_counts_and_kept_stages_stay() {
+    fn the_last_run_counts_and_stages_that_did_not_run_keep_their_line() {
         let folder = tempfile::tempdir().expect("folder");
         assert_eq!(read(folder.path()).expect("no file"), []);
         let both = [

@@ -7,7 +7,7 @@ use serde_json::json;
 
 use super::*;
 
-/// What a toy does besides writing its outputs.
+/// Failure of a toy stage.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 enum Failure {
     #[default]
@@ -176,11 +176,11 @@ impl Bench {
 
     fn run(&self) -> [usize; 3] {
         let (found, runs) = self.run_only(None, None);
-        found.expect("a run without trouble");
+        found.expect("a run without failure");
         runs
     }
 
-    /// What every output holds.
+    /// Content of every output.
     fn content(&self) -> BTreeMap<String, String> {
         let scene = self.bundle().scene();
         let outputs = scene.manifest().outputs.keys().cloned();
@@ -194,7 +194,7 @@ impl Bench {
         outputs.map(text).collect()
     }
 
-    /// What a bundle holds that was made at once, without any trouble.
+    /// Content of a bundle written in one run without failure.
     fn expected(&self) -> BTreeMap<String, String> {
         let mut fresh = Self::new();
         fresh.settings.clone_from(&self.settings);
@@ -206,7 +206,7 @@ impl Bench {
 }
 
 fn blake3_of(text: &str) -> String {
-    // Stands for a hash: 64 digits that differ with the text.
+    // Placeholder for a hash: 64 digits that depend on the text.
     let sum = text.bytes().fold(7_u64, |sum, b| {
         sum.wrapping_mul(31).wrapping_add(u64::from(b))
     });
@@ -214,7 +214,7 @@ fn blake3_of(text: &str) -> String {
 }
 
 #[test]
-fn what_is_done_is_not_done_again() {
+fn stages_that_are_up_to_date_do_not_run() {
     let bench = Bench::new();
     let (first, runs) = bench.run_only(None, None);
     let first = first.expect("a run");
@@ -238,7 +238,7 @@ fn what_is_done_is_not_done_again() {
 }
 
 #[test]
-fn a_changed_setting_or_version_makes_a_stage_and_what_depends_on_it_again() {
+fn a_changed_setting_or_version_runs_the_stage_and_its_dependents() {
     let mut bench = Bench::new();
     bench.run();
     bench.settings[2] = "d".to_owned();
@@ -256,7 +256,7 @@ fn a_changed_setting_or_version_makes_a_stage_and_what_depends_on_it_again() {
 }
 
 #[test]
-fn a_changed_input_makes_what_reads_it_again() {
+fn a_changed_input_runs_the_stages_that_read_it() {
     let mut bench = Bench::new();
     bench.run();
     bench.source = "another walk".to_owned();
@@ -265,7 +265,7 @@ fn a_changed_input_makes_what_reads_it_again() {
 }
 
 #[test]
-fn an_output_whose_files_are_gone_or_cut_is_made_again() {
+fn an_output_with_missing_or_truncated_files_is_recomputed() {
     let bench = Bench::new();
     bench.run();
     let content = bench.content();
@@ -281,7 +281,7 @@ fn an_output_whose_files_are_gone_or_cut_is_made_again() {
 }
 
 #[test]
-fn a_failure_costs_the_stage_in_progress_alone() {
+fn a_failure_affects_only_the_stage_in_progress() {
     for failure in [Failure::Immediate, Failure::HalfWay, Failure::Unfinished] {
         for (k, (name, _, outputs)) in STAGES.iter().enumerate() {
             let mut bench = Bench::new();
@@ -299,7 +299,7 @@ fn a_failure_costs_the_stage_in_progress_alone() {
             ));
             assert_eq!(runs, std::array::from_fn(|i| usize::from(i <= k)));
             assert_eq!(no_drafts(&bench.path()), 0, "{failure:?} in stage {k}");
-            // Its first output is the one that is not there.
+            // Its first output is the missing one.
             let content = bench.content();
             assert!(!content.contains_key(outputs[0]), "{failure:?} {content:?}");
 
@@ -310,7 +310,7 @@ fn a_failure_costs_the_stage_in_progress_alone() {
     }
 }
 
-/// Folders of drafts that are left.
+/// Number of remaining draft folders.
 fn no_drafts(path: &Path) -> usize {
     let entries = std::fs::read_dir(path).expect("a bundle");
     let names = entries.map(|e| e.expect("an entry").file_name());
@@ -320,7 +320,7 @@ fn no_drafts(path: &Path) -> usize {
 }
 
 #[test]
-fn a_failure_leaves_what_was_there_before() {
+fn a_failure_keeps_the_previous_outputs() {
     let mut bench = Bench::new();
     bench.run();
     let content = bench.content();
@@ -351,10 +351,10 @@ fn stages_are_chosen_by_name() {
     );
     assert_eq!(
         error(Some("depth"), None),
-        "beginning with stage depth: output keyframes is not there, expected it of stage odometry"
+        "beginning with stage depth: output keyframes is missing, expected it of stage odometry"
     );
     assert_eq!(bench.run_only(None, Some("odometry")).1, [1, 1, 0]);
-    // What is before the first is taken as it is, changed settings or not.
+    // Stages before the first are used as they are, changed settings or not.
     bench.settings[0] = "changed".to_owned();
     assert_eq!(bench.run_only(Some("depth"), Some("depth")).1, [0, 0, 1]);
     assert_eq!(bench.run_only(Some("odometry"), None).1, [0, 0, 0]);
@@ -362,7 +362,7 @@ fn stages_are_chosen_by_name() {
 }
 
 #[test]
-fn losses_are_told_whether_or_not_a_stage_runs() {
+fn losses_are_reported_whether_or_not_a_stage_runs() {
     let mut bench = Bench::new();
     bench.settings[1] = "lossy".to_owned();
     for state in [State::Ran, State::UpToDate] {
@@ -398,30 +398,30 @@ fn a_table_that_contradicts_itself_is_refused() {
     };
     check(
         vec![toy("a", &["b"], &["a"])],
-        "a reads b, which nothing before it makes",
+        "a reads b, which no earlier stage writes",
     );
-    check(vec![toy("a", &[], &[])], "a makes nothing");
+    check(vec![toy("a", &[], &[])], "a writes nothing");
     check(
         vec![toy("a", &[], &["A"])],
-        "a makes \"A\", which is no name of an output",
+        "a writes \"A\", which is not a valid name of an output",
     );
     check(
         vec![toy("a", &[], &["a"]), toy("a", &[], &["b"])],
-        "a is there twice",
+        "a is listed twice",
     );
     check(
         vec![toy("a", &[], &["a"]), toy("b", &["a"], &["handoff"])],
-        "b makes handoff, which is there already",
+        "b writes handoff, which exists already",
     );
 }
 
 #[test]
-fn progress_is_told_in_order() {
+fn progress_is_reported_in_order() {
     #[derive(Default)]
     struct Recorder(std::sync::Mutex<RefCell<Vec<String>>>);
     impl Recorder {
         fn record(&self, what: String) {
-            self.0.lock().expect("told").borrow_mut().push(what);
+            self.0.lock().expect("recorder").borrow_mut().push(what);
         }
     }
     impl Observer for Recorder {
@@ -454,15 +454,15 @@ fn progress_is_told_in_order() {
         source: "walk",
         hashes: BTreeMap::from([("handoff".to_owned(), blake3_of("walk"))]),
     };
-    let told = Recorder::default();
+    let recorder = Recorder::default();
     let selection = Selection::default();
     let meter = Meter::STILL;
     pipeline
-        .run(&sources, &bench.bundle(), &selection, &told, &meter)
+        .run(&sources, &bench.bundle(), &selection, &recorder, &meter)
         .expect("a run");
-    let told = told.0.into_inner().expect("told").into_inner();
+    let recorder = recorder.0.into_inner().expect("recorder").into_inner();
     assert_eq!(
-        told,
+        recorder,
         [
             "1/2 rig",
             "UpToDate 1",

@@ -1,4 +1,4 @@
-//! What a running stage has in its hands.
+//! Context of a running stage.
 
 use std::sync::{Mutex, PoisonError};
 
@@ -6,8 +6,8 @@ use scene_bundle::{Bundle, BundleError, Draft, OutputReader, Scene};
 
 use super::{Observer, Report, Stage};
 
-/// What a running stage has in its hands: its source, outputs of earlier stages, and drafts of its own. May be used from
-/// several threads.
+/// Context of a running stage: its source, outputs of earlier stages, and drafts of its own. May be
+/// used from several threads.
 pub struct Work<'a, S: ?Sized> {
     source: &'a S,
     scene: Scene,
@@ -37,7 +37,7 @@ impl<'a, S: ?Sized> Work<'a, S> {
         })
     }
 
-    /// What all stages read.
+    /// Source that all stages read.
     pub fn source(&self) -> &'a S {
         self.source
     }
@@ -48,7 +48,7 @@ impl<'a, S: ?Sized> Work<'a, S> {
     /// As [`Scene::output`].
     ///
     /// # Panics
-    /// If the table does not name it as an input of this stage: what it depends on would not be known.
+    /// If the table does not name it as an input of this stage: the dependency would be unknown.
     pub fn read(&self, output: &str) -> Result<OutputReader, BundleError> {
         assert!(
             self.inputs.contains(&output),
@@ -66,22 +66,22 @@ impl<'a, S: ?Sized> Work<'a, S> {
         &self.drafts[position.expect("an output of this stage")]
     }
 
-    /// Something worth knowing that was assumed or found. Sentences are kept in their order: say them from one thread.
+    /// Adds a note on an assumption or finding. Notes are kept in order: add them from one thread.
     pub fn note(&self, sentence: impl Into<String>) {
         self.report(|report| report.notes.push(sentence.into()));
     }
 
-    /// Something of the input that could not be used. The program ends with 3 then.
+    /// Adds a loss: a part of the input that could not be used. The program then exits with 3.
     pub fn record_loss(&self, sentence: impl Into<String>) {
         self.report(|report| report.losses.push(sentence.into()));
     }
 
-    /// A part of the input that could not be read, with the causes.
+    /// Adds a loss from an error, with its causes.
     pub fn record_loss_from(&self, error: &dyn std::error::Error) {
         self.record_loss(scene_bundle::error_chain(error));
     }
 
-    /// So much is done, of so much.
+    /// Reports progress: `done` of `total`.
     pub fn progress(&self, done: u64, total: u64) {
         self.observer.progress(done, total);
     }

@@ -1,45 +1,45 @@
-//! Pictures of a cloud of points: each point a square of the size that it has there, the nearest in front.
+//! Rasterizer of point clouds: each point is a square of its projected size, the nearest in front.
 //!
-//! Contract: the same points give the same picture. It is drawn at twice its size and made smaller, and darkened beside what is
-//! nearer, so that edges and steps can be seen (after Boucheny's eye-dome lighting, 2009). Where nothing is seen the image is
-//! transparent, so that it stands on light and on dark pages.
+//! Contract: the same points give the same image. It is rendered at twice its size and downsampled,
+//! and darkened beside nearer points, so that edges and steps are visible (after Boucheny's
+//! eye-dome lighting, 2009). Empty pixels are transparent, so that it suits light and dark pages.
 
 use scene_bundle::outputs::cloud::CloudPoint;
 
-/// Pixels drawn for each that is shown, along each side.
+/// Supersampling factor along each side.
 const SUPERSAMPLING: usize = 2;
-/// Largest square, px drawn: points just before the camera would hide the rest.
+/// Maximum side of a square, rendered px: points just before the camera would hide the rest.
 const MAX_SQUARE_PX: i64 = 40;
-/// How far away neighbours are looked at for shade, px drawn.
+/// Radius of the neighbourhood for shading, rendered px.
 const SHADE_RADIUS_PX: usize = 3;
-/// A pixel in which nothing is seen.
+/// Empty pixel.
 pub(super) const TRANSPARENT: [u8; 4] = [255, 255, 255, 0];
-/// Radius of the dots of a way, px drawn.
+/// Radius of the dots of the path, rendered px.
 const DOT_RADIUS_PX: i64 = 4;
 
-/// From where to look.
+/// Viewpoint of an image.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(super) struct Viewpoint {
-    /// Columns and rows of the picture.
+    /// Columns and rows of the image.
     pub(super) size: [usize; 2],
-    /// Where the eye is, m.
+    /// Camera position, m.
     pub(super) eye: [f64; 3],
-    /// To the right, down, forward, in the world; of length 1.
+    /// Camera axes right, down, forward in the world; of length 1.
     pub(super) axes: [[f64; 3]; 3],
-    /// How large things are.
+    /// Projection scale.
     pub(super) scale: Scale,
 }
 
-/// How large things are.
+/// Projection scale.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(super) enum Scale {
-    /// Smaller the farther away they are; the focal length is in px.
+    /// Perspective with this focal length in px.
     Perspective(f64),
-    /// Everywhere the same, px per m.
+    /// Orthographic, px per m.
     Map(f64),
 }
 
-/// A place in the picture: column and row drawn, depth, px drawn per m.
+/// Projection of a point: rendered column and row, depth, rendered px per m.
 struct Projection {
     at: [f64; 2],
     depth: f64,
@@ -68,7 +68,7 @@ pub(super) fn dot(a: [f64; 3], b: [f64; 3]) -> f64 {
     a[0] * b[0] + a[1] * b[1] + a[2] * b[2]
 }
 
-/// What is being drawn.
+/// Image that is being rendered.
 struct Canvas {
     width: usize,
     height: usize,
@@ -76,7 +76,7 @@ struct Canvas {
     depths: Vec<f32>,
 }
 
-/// Rows of RGB. `edge_m` is how large a point is; dots of `rig_path` are put on top.
+/// Renders rows of RGBA. `edge_m` is the size of a point; dots of `rig_path` are on top.
 pub(super) fn draw(
     points: &[CloudPoint],
     edge_m: f64,
@@ -135,7 +135,8 @@ impl Canvas {
         }
     }
 
-    /// Darkens what has something nearer beside it. On a map nearer is higher, by metres; else by a share of the depth.
+    /// Darkens pixels beside nearer ones. On a map nearer means higher, by metres; else by a ratio
+    /// of the depth.
     fn shade(&mut self, is_map: bool) {
         let near = |a: f32, b: f32| match is_map {
             true => (a - b).clamp(0.0, 0.6),
@@ -161,7 +162,7 @@ impl Canvas {
         }
     }
 
-    /// The mean of each block of pixels drawn, as red, green, blue and opacity.
+    /// Mean of each block of rendered pixels, as RGBA.
     fn downsample(&self) -> Vec<u8> {
         let (columns, rows) = (self.width / SUPERSAMPLING, self.height / SUPERSAMPLING);
         let mut out = Vec::with_capacity(4 * columns * rows);
@@ -206,7 +207,7 @@ mod tests {
         }
     }
 
-    /// Looks along x, with z up.
+    /// View along x, with z up.
     fn ahead() -> Viewpoint {
         Viewpoint {
             size: [40, 30],
@@ -222,7 +223,7 @@ mod tests {
     }
 
     #[test]
-    fn the_nearest_is_in_front_whatever_the_order() {
+    fn the_nearest_point_is_in_front_whatever_the_order() {
         let near = point([2.0, 0.0, 0.0], [200, 0, 0]);
         let far = point([4.0, 0.0, 0.0], [0, 200, 0]);
         for points in [[near, far], [far, near]] {
@@ -233,11 +234,11 @@ mod tests {
     }
 
     #[test]
-    fn places_are_where_they_are_seen() {
-        // To the left and up.
+    fn points_are_projected_to_the_right_pixels() {
+        // Left and up.
         let picture = draw(&[point([4.0, 1.0, 0.5], [0, 0, 200])], 0.3, &[], &ahead());
         assert_eq!(pixel(&picture, 10, 10), [0, 0, 200, 255]);
-        // Behind the eye.
+        // Behind the camera.
         let picture = draw(&[point([-4.0, 0.0, 0.0], [0; 3])], 0.3, &[], &ahead());
         assert!(picture.chunks(4).all(|c| c == TRANSPARENT));
         let map = Viewpoint {

@@ -1,37 +1,37 @@
-//! A path from above, coloured by a value, as SVG with a scale of colours and a bar of metres.
+//! A path from above, colored by a value, as SVG with a color scale and a scale bar.
 //!
-//! Contract: metres are as long along as across. Steps shorter than a pixel or so are drawn together, so that a long walk is no long text. The
-//! line is broken where nothing is known of where the rig was.
+//! Contract: the scale is the same along both axes. Steps shorter than about a pixel are merged, so
+//! that the size of the text is bounded. The line is broken where the rig was lost.
 
 use std::fmt::Write as _;
 
 use super::colors::{UNKNOWN, dark_ramp, hex, ramp};
 
-/// Where the rig was at one time.
+/// Position of the rig at one time.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(super) struct Step {
     /// s since the beginning.
     pub(super) time_s: f64,
-    /// In the world that is drawn, m: that of the truth where there is one.
+    /// Position in the drawn world, m: that of the ground truth if there is one.
     pub(super) x_in_world: [f64; 3],
-    /// What it is coloured by, m; none where it is not known.
+    /// Value that it is colored by, m; `None` if not known.
     pub(super) value_m: Option<f64>,
-    /// Whether the line goes on from the step before.
+    /// Whether the line continues from the previous step.
     pub(super) follows: bool,
 }
 
 const MAX_HEIGHT_PX: f64 = 700.0;
 const MIN_HEIGHT_PX: f64 = 150.0;
 const MARGIN_PX: f64 = 24.0;
-/// Below the map: the bar of metres and the scale of colours.
+/// Height of the footer below the map: scale bar and color scale.
 const FOOTER_PX: f64 = 58.0;
-/// Below this the scale takes the whole width, px.
+/// Width below which the color scale takes the whole width, px.
 const NARROW_WIDTH_PX: f64 = 500.0;
-/// The truth.
+/// Color of the ground truth.
 const GROUND_TRUTH_COLOR: &str = "#c8c8c8";
-/// Colours that are told apart.
+/// Number of distinct colors.
 const LEVELS: usize = 24;
-/// Steps shorter than this are drawn together, px.
+/// Minimum length of a drawn step, px.
 const MIN_STEP_PX: f64 = 1.5;
 
 /// From metres to pixels of the map.
@@ -50,7 +50,7 @@ impl MapFrame {
         };
         let low = [0, 1].map(|k| end(k, f64::INFINITY, f64::min));
         let high = [0, 1].map(|k| end(k, f64::NEG_INFINITY, f64::max));
-        // Who stands still walks about in a metre.
+        // A rig at rest is shown within a metre.
         let size = [0, 1].map(|k| (high[k] - low[k]).max(1.0));
         let room = [width - 2.0 * MARGIN_PX, MAX_HEIGHT_PX - 2.0 * MARGIN_PX];
         let px_per_m = (room[0] / size[0]).min(room[1] / size[1]);
@@ -65,7 +65,7 @@ impl MapFrame {
         }
     }
 
-    /// Whether the scale of colours stands below the bar of metres, for want of room beside it.
+    /// Whether the color scale is below the scale bar, if there is not enough width beside it.
     fn is_narrow(&self) -> bool {
         self.width < NARROW_WIDTH_PX
     }
@@ -85,20 +85,20 @@ impl MapFrame {
     }
 }
 
-/// What a map shows.
+/// Content of a map.
 #[derive(Clone, Copy)]
 pub(super) struct Map<'a> {
-    /// Where the rig was.
+    /// Positions of the rig.
     pub(super) steps: &'a [Step],
-    /// The truth, drawn below it in grey.
+    /// The ground truth, drawn below it in gray.
     pub(super) truth: &'a [[f64; 3]],
-    /// What has the last colour, m.
+    /// Value of the last color, m.
     pub(super) largest_m: f64,
     /// Names the values.
     pub(super) caption: &'a str,
 }
 
-/// The colours that a map has on white, each with the one in its place on a dark screen.
+/// Colors of a map on white, each with its counterpart on a dark screen.
 pub(super) fn dark() -> Vec<(String, String)> {
     let middle = |level: usize| (level as f64 + 0.5) / LEVELS as f64;
     let levels = (0..LEVELS).map(|l| (hex(ramp(middle(l))), hex(dark_ramp(middle(l)))));
@@ -107,7 +107,7 @@ pub(super) fn dark() -> Vec<(String, String)> {
         .collect()
 }
 
-/// The SVG, so many pixels wide.
+/// The SVG, `width` pixels wide.
 pub(super) fn svg(map: &Map<'_>, width: u32) -> String {
     let Map {
         steps,
@@ -153,7 +153,7 @@ pub(super) fn svg(map: &Map<'_>, width: u32) -> String {
     out
 }
 
-/// One line; each place says whether the line goes on to it.
+/// One line; each position has a flag whether the line continues to it.
 fn line(
     out: &mut String,
     map_frame: &MapFrame,
@@ -180,7 +180,7 @@ fn line(
     );
 }
 
-/// Stretches of one colour, each as one line.
+/// Segments of one color, each as one line.
 fn draw_colored_segments(out: &mut String, map_frame: &MapFrame, steps: &[Step], largest_m: f64) {
     let level = |step: &Step| {
         let share = step.value_m? / largest_m.max(f64::MIN_POSITIVE);
@@ -190,7 +190,7 @@ fn draw_colored_segments(out: &mut String, map_frame: &MapFrame, steps: &[Step],
     while from < steps.len() {
         let of = level(&steps[from]);
         let same = steps[from..].iter().take_while(|s| level(s) == of).count();
-        // The last stretch's end is where this one begins.
+        // This segment begins at the end of the last one.
         let begin = if steps[from].follows {
             from.saturating_sub(1)
         } else {
@@ -277,7 +277,7 @@ mod tests {
     }
 
     #[test]
-    fn every_colour_has_one_for_the_dark() {
+    fn every_color_has_a_dark_counterpart() {
         let steps: Vec<Step> = (0..100)
             .map(|k| step(f64::from(k), 0.0, 1e-3 * f64::from(k)))
             .collect();
@@ -310,7 +310,7 @@ mod tests {
     }
 
     #[test]
-    fn a_long_walk_is_no_long_text() {
+    fn the_text_of_a_long_walk_is_bounded() {
         let long: Vec<Step> = (0..50_000)
             .map(|k| {
                 let s = f64::from(k) * 1e-3;
@@ -333,7 +333,7 @@ mod tests {
             .find(|l| l.contains("stroke-width=\"3\""))
             .expect("a line");
         assert_eq!(path.matches('M').count(), 2, "{path}");
-        // Nothing at all is no panic.
+        // Empty input does not panic.
         assert!(drawn(&[], 0.0).ends_with("</svg>"));
     }
 }

@@ -1,12 +1,13 @@
 //! The view of cloud and path in three dimensions: WebGL2, with everything it needs in the page.
 //!
-//! Contract: the page opens it from a file, without a network; where WebGL2 is missing a sentence stands in its place.
-//! What is embedded takes at most [`MAX_BYTES`]: the path first, of the cloud every so many points, evenly in their order, so that the same
-//! cloud gives the same bytes; how many are shown is said. Places of points are 16-bit steps within the box that holds
-//! everything, a step being a 65535th of its edge: 1.5 mm in a scene of 100 m.
+//! Contract: the page opens it from a file, without a network; if WebGL2 is missing, a message is
+//! shown instead. Embedded data take at most [`MAX_BYTES`]: the path first, then every n-th point
+//! of the cloud in order, so that the same cloud gives the same bytes; the number of shown points
+//! is stated. Positions are 16-bit steps within the bounding box, a step being a 65535th of its
+//! edge: 1.5 mm in a scene of 100 m.
 //!
-//! A layer is a name, a kind and a blob of numbers, little-endian, in base64; `viewer.js` has a function for each kind and
-//! says how its numbers lie. Splats will be one more.
+//! A layer is a name, a kind and a blob of numbers, little-endian, in base64; `viewer.js` has a
+//! function for each kind that documents its layout. Splats will be one more.
 
 use charts::base64;
 use scene_bundle::outputs::cloud::CloudPoint;
@@ -17,26 +18,26 @@ use super::colors;
 use super::trajectory_map::Step;
 use super::views;
 
-/// The frame of the view: style, canvas, controls.
+/// HTML of the view: style, canvas, controls.
 const HTML: &str = include_str!("viewer.html");
 /// The program.
 const SCRIPT: &str = include_str!("viewer.js");
-/// Most text for layers: with charts and images a report stays well below 25 MB.
+/// Maximum text for layers: with charts and images a report is well below 25 MB.
 pub(super) const MAX_BYTES: usize = 14_000_000;
-/// Numbers of a point, bytes.
+/// Bytes per point.
 const POINT_BYTES: usize = 9;
-/// Places of a line, at most; an hour's walk at every 7 cm.
+/// Maximum number of points of a line; an hour's walk at every 7 cm.
 const MAX_LINE_POINTS: usize = 60_000;
-/// Pieces of a line, at most; each has its two ends beside those places.
+/// Maximum number of pieces of a line; each has its two ends in addition to those points.
 const MAX_LINE_PIECES: usize = 10_000;
-/// Places nearer to the one before are left out, m.
+/// Minimum distance of consecutive points of a line, m.
 const MIN_STEP_M: f64 = 0.02;
-/// What a line is coloured by where that is not known.
+/// Color level where the value is not known.
 const UNKNOWN_LEVEL: u8 = 255;
-/// Largest coordinate that is shown, m.
+/// Maximum coordinate that is shown, m.
 const MAX_COORDINATE_M: f32 = 1e6;
 
-/// What is to be seen.
+/// Content of the view.
 pub(super) struct Content<'a> {
     /// The cloud.
     pub(super) points: &'a [CloudPoint],
@@ -44,23 +45,23 @@ pub(super) struct Content<'a> {
     pub(super) steps: &'a [Step],
     /// The true path in the same world; empty where it is not known.
     pub(super) truth: &'a [[f64; 3]],
-    /// What has the last colour, m.
+    /// Value of the last color, m.
     pub(super) largest_m: f64,
-    /// What the path is coloured by.
+    /// Name of the value that the path is colored by.
     pub(super) what: &'a str,
-    /// Where the eye is at first, and what it looks at, m.
+    /// Initial camera position and target, m.
     pub(super) view: [[f64; 3]; 2],
-    /// What is higher is hidden at first, m.
+    /// Initial maximum height of shown points, m.
     pub(super) top_m: f64,
 }
 
-/// The view as HTML, and how many points are in it.
+/// The view as HTML, and the number of points in it.
 pub(super) struct Viewer {
     pub(super) html: String,
     pub(super) points: usize,
 }
 
-/// Makes the view.
+/// Renders the view.
 pub(super) fn viewer(content: &Content<'_>) -> Viewer {
     let Content { steps, truth, .. } = content;
     let is_near = |p: &&CloudPoint| p.x_in_world.iter().all(|c| c.abs() <= MAX_COORDINATE_M);
@@ -146,12 +147,12 @@ fn embedded(header: &Value, layers: &[(Value, Vec<u8>)]) -> String {
         .replace("<!--DATA-->", data.trim_end())
 }
 
-/// Length of so many bytes in base64.
+/// Length of `bytes` bytes in base64.
 fn text_bytes(bytes: usize) -> usize {
     bytes.div_ceil(3) * 4
 }
 
-/// The box that holds all places, at least a metre along each edge.
+/// Bounding box of all positions, at least a metre along each edge.
 fn around(positions: impl Iterator<Item = [f64; 3]>) -> [[f64; 3]; 2] {
     let nowhere = [(f64::INFINITY, f64::NEG_INFINITY); 3];
     let ends = positions
@@ -170,7 +171,7 @@ fn around(positions: impl Iterator<Item = [f64; 3]>) -> [[f64; 3]; 2] {
     [ends.map(|end| end.0), ends.map(|end| end.1)]
 }
 
-/// The box that holds nearly all points.
+/// Bounding box of nearly all points.
 fn core(points: &[&CloudPoint], low: [f64; 3], high: [f64; 3]) -> [[f64; 3]; 2] {
     let all = [0, 1, 2].map(|k| {
         let values = points.iter().map(|p| f64::from(p.x_in_world[k]));
@@ -179,7 +180,7 @@ fn core(points: &[&CloudPoint], low: [f64; 3], high: [f64; 3]) -> [[f64; 3]; 2] 
     [all.map(|(low, _)| low), all.map(|(_, high)| high)]
 }
 
-/// At most so many, evenly.
+/// At most `most` points, evenly sampled.
 fn thin<'a>(points: &[&'a CloudPoint], most: usize) -> Vec<&'a CloudPoint> {
     let all = points.len();
     let count = all.min(most);
@@ -199,21 +200,22 @@ fn cloud(points: &[&CloudPoint], low: [f64; 3], high: [f64; 3]) -> Vec<u8> {
     bytes
 }
 
-/// A place of a line.
+/// A point of a line.
 struct LinePoint {
     x: [f64; 3],
     level: u8,
     follows: bool,
 }
 
-/// The numbers of a line.
+/// Encoded line.
 struct Line {
     count: usize,
     bytes: Vec<u8>,
 }
 
-/// Places too near to the one before are left out, and of too many every so many; ends and breaks stay. Of too many pieces
-/// between breaks every so many stay. A place that is no number breaks the line.
+/// Points too near to the previous one are left out, and too many are thinned to every n-th; ends
+/// and breaks are kept. Too many pieces between breaks are thinned to every n-th. A point that is
+/// not finite breaks the line.
 fn line(positions: impl Iterator<Item = LinePoint>, low: [f64; 3]) -> Line {
     let mut kept: Vec<LinePoint> = Vec::new();
     let mut skipped: Option<LinePoint> = None;
@@ -317,7 +319,7 @@ mod tests {
         for marker in ["<!--", "error < 1"] {
             assert!(!viewer.html.contains(marker), "{marker}");
         }
-        // Without WebGL2 or scripts a sentence is there.
+        // Without WebGL2 or scripts there is a message.
         assert!(
             viewer.html.contains("data-none=\"\"")
                 && viewer.html.contains("needs JavaScript and WebGL2")
@@ -326,7 +328,7 @@ mod tests {
     }
 
     #[test]
-    fn points_are_where_they_were_to_a_step() {
+    fn points_are_quantized_to_a_step() {
         let points = [
             point([-10.0, 0.0, 2.0]),
             point([30.0, 5.0, 2.5]),
@@ -334,7 +336,7 @@ mod tests {
         ];
         let near: Vec<&CloudPoint> = points[..2].iter().collect();
         let [low, high] = around(near.iter().map(|p| p.x_in_world.map(f64::from)));
-        // An edge is a metre at least.
+        // An edge is at least a metre.
         assert_eq!((low, high), ([-10.0, 0.0, 1.75], [30.0, 5.0, 2.75]));
         let bytes = cloud(&near, low, high);
         assert_eq!(bytes.len(), 18);
@@ -352,7 +354,7 @@ mod tests {
     }
 
     #[test]
-    fn many_points_stay_within_the_room_and_are_the_same_twice() {
+    fn many_points_fit_the_size_limit_deterministically() {
         let points: Vec<CloudPoint> = (0..1_500_000_u32)
             .map(|k| point([k as f32 * 1e-3, (k % 977) as f32, (k % 31) as f32]))
             .collect();
@@ -371,7 +373,7 @@ mod tests {
         );
         assert!(first.points > 500_000 && first.points < points.len());
         assert!(first.html == viewer(&of).html);
-        // Evenly: the first and nearly the last are there.
+        // Evenly: the first and nearly the last are included.
         let all: Vec<&CloudPoint> = points.iter().collect();
         let thinned = thin(&all, 1000);
         assert_eq!(thinned.len(), 1000);
@@ -401,13 +403,13 @@ mod tests {
         };
         assert_eq!((x(broken - 1), x(broken)), (0.499, 0.5));
         assert_eq!((x(0), x(made.count - 1)), (0.0, 0.999));
-        // Nothing at all is no panic.
+        // Empty input does not panic.
         assert_eq!(line(std::iter::empty(), [0.0; 3]).count, 0);
         assert_eq!(viewer(&content(&[], &[], &[])).points, 0);
     }
 
     #[test]
-    fn what_is_no_number_breaks_a_line() {
+    fn a_point_that_is_not_finite_breaks_a_line() {
         let positions = [0.0, 1.0, f64::NAN, 2.0, 3.0].map(|x| LinePoint {
             x: [x, 0.0, 0.0],
             level: 7,

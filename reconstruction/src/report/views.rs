@@ -1,36 +1,37 @@
-//! From where to look at a cloud, found from the cloud and the way through it.
+//! Viewpoints of a cloud, computed from the cloud and the path through it.
 //!
-//! Contract: both views leave out what is higher than [`MAX_HEIGHT_M`] above the rig, so that one looks into rooms and under trees. From above,
-//! y is up, and all of the way is in the picture. The other view looks at the middle of the way, or at so much around it as is
-//! still seen well, from behind and from the side on which less stands before it.
+//! Contract: both views leave out points higher than [`MAX_HEIGHT_M`] above the rig, so that rooms
+//! and the ground under trees are visible. In the view from above, y is up, and the image contains
+//! the whole path. The oblique view shows the middle of the path with its surroundings, from behind
+//! and from the side with less occlusion.
 
 use scene_bundle::outputs::cloud::CloudPoint;
 
 use super::point_raster::{Scale, Viewpoint, dot};
 
-/// What is higher above the highest place of the rig is left out, m.
+/// Maximum height of shown points above the highest position of the rig, m.
 pub(super) const MAX_HEIGHT_M: f64 = 1.0;
-/// What is not lower than this below the rig may hide the way, m.
+/// Points above this depth below the rig may occlude the path, m.
 const OCCLUDER_MIN_HEIGHT_M: f64 = 0.5;
-/// How far from the middle of the way one still looks, m.
+/// Radius around the middle of the path that is shown, m.
 pub(super) const VIEW_RADIUS_M: f64 = 12.0;
-/// Columns of both pictures.
+/// Columns of both images.
 const WIDTH: usize = 1000;
-/// Rows of the view aslant.
+/// Rows of the oblique view.
 const HEIGHT: usize = 600;
 /// Rows of the map.
 const MAP_HEIGHTS: [f64; 2] = [300.0, 1000.0];
-/// px of the view aslant.
+/// Focal length of the oblique view, px.
 const FOCAL_PX: f64 = 900.0;
-/// How steeply it looks down, and how far to the side of the way, degrees.
+/// Pitch of the oblique view, and yaw against the path, degrees.
 const PITCH_DOWN_DEG: f64 = 35.0;
 const YAW_DEG: f64 = 35.0;
-/// Points beyond this share at either end do not count for what is to be in the picture.
+/// Ratio of points at either end that are ignored when the image is framed.
 const OUTLIER_RATIO: f64 = 0.01;
-/// Around what is to be in the picture, as a share of it.
+/// Margin factor of the framing.
 const MARGIN_FACTOR: f64 = 1.04;
 
-/// The points that are shown.
+/// Points that are shown.
 pub(super) fn shown(points: &[CloudPoint], rig_path: &[[f64; 3]]) -> Vec<CloudPoint> {
     let top = rig_path
         .iter()
@@ -41,7 +42,7 @@ pub(super) fn shown(points: &[CloudPoint], rig_path: &[[f64; 3]]) -> Vec<CloudPo
     points.iter().filter(is_low).copied().collect()
 }
 
-/// From above.
+/// View from above.
 pub(super) fn above(points: &[CloudPoint], rig_path: &[[f64; 3]]) -> Option<Viewpoint> {
     let range = |k: usize| {
         let (low, high) = range(points.iter().map(|p| f64::from(p.x_in_world[k])))?;
@@ -63,7 +64,8 @@ pub(super) fn above(points: &[CloudPoint], rig_path: &[[f64; 3]]) -> Option<View
     })
 }
 
-/// Where the eye of the first view of the scene is, and what it looks at: as [`oblique`] does, or from the corner of nothing.
+/// Initial camera position and target of the interactive view: as [`oblique`], or a default without
+/// points.
 pub(super) fn first(points: &[CloudPoint], rig_path: &[[f64; 3]]) -> [[f64; 3]; 2] {
     let Some(viewpoint) = oblique(points, rig_path) else {
         let target = rig_path.first().copied().unwrap_or([0.0; 3]);
@@ -76,7 +78,7 @@ pub(super) fn first(points: &[CloudPoint], rig_path: &[[f64; 3]]) -> [[f64; 3]; 
     [viewpoint.eye, target]
 }
 
-/// Aslant.
+/// Oblique view.
 pub(super) fn oblique(points: &[CloudPoint], rig_path: &[[f64; 3]]) -> Option<Viewpoint> {
     let middle = *rig_path.get(rig_path.len() / 2)?;
     let beside = |x: &[f64; 3]| (x[0] - middle[0]).hypot(x[1] - middle[1]) <= VIEW_RADIUS_M;
@@ -97,7 +99,7 @@ pub(super) fn oblique(points: &[CloudPoint], rig_path: &[[f64; 3]]) -> Option<Vi
     let ranges = [u?, v?, w?];
     let centre = ranges.map(|(low, high)| 0.5 * (low + high));
     let half = ranges.map(|(low, high)| 0.5 * MARGIN_FACTOR * (high - low));
-    // Far enough away for its sides, measured in the middle, and not within it.
+    // Far enough away to contain the sides, measured in the middle, and outside of them.
     let for_side = |k: usize, px: usize| half[k] * FOCAL_PX / (0.5 * px as f64);
     let back = for_side(0, WIDTH)
         .max(for_side(1, HEIGHT))
@@ -114,7 +116,8 @@ pub(super) fn oblique(points: &[CloudPoint], rig_path: &[[f64; 3]]) -> Option<Vi
     })
 }
 
-/// 1 to look from the right of the way, -1 from its left: from where less stands that is nearly as high as the rig.
+/// 1 to view from the right of the path, -1 from its left: the side with fewer points nearly as
+/// high as the rig.
 fn side(points: &[[f64; 3]], middle: [f64; 3], along: f64) -> f64 {
     let (sin, cos) = along.sin_cos();
     let is_tall = |x: &&[f64; 3]| x[2] > middle[2] - OCCLUDER_MIN_HEIGHT_M;
@@ -124,7 +127,7 @@ fn side(points: &[[f64; 3]], middle: [f64; 3], along: f64) -> f64 {
     if tall.len() - left <= left { 1.0 } else { -1.0 }
 }
 
-/// From where to where nearly all values are; none of no values.
+/// Range of nearly all values; `None` without values.
 pub(super) fn range(values: impl Iterator<Item = f64>) -> Option<(f64, f64)> {
     let mut values: Vec<f64> = values.collect();
     let last = values.len().checked_sub(1)?;
@@ -136,7 +139,8 @@ pub(super) fn range(values: impl Iterator<Item = f64>) -> Option<(f64, f64)> {
     Some((low, high))
 }
 
-/// Where a way leads, as an angle from x: from its first place to its last one, or where it ends where it began, to the farthest.
+/// Direction of a path, as an angle from x: from its first position to its last one, or, for a
+/// closed path, to the farthest.
 fn direction(rig_path: &[[f64; 3]]) -> f64 {
     let Some(first) = rig_path.first() else {
         return 0.0;
@@ -151,7 +155,7 @@ mod tests {
     use super::*;
     use crate::report::point_raster::{TRANSPARENT, draw};
 
-    /// Ground along a way of 10 m, and a ceiling.
+    /// Ground along a path of 10 m, and a ceiling.
     fn room() -> (Vec<CloudPoint>, Vec<[f64; 3]>) {
         let point = |x: i32, y: i32, z: f32| CloudPoint {
             x_in_world: [0.1 * x as f32, 0.1 * y as f32, z],
@@ -165,17 +169,17 @@ mod tests {
     }
 
     #[test]
-    fn the_ground_fills_both_pictures() {
+    fn the_ground_fills_both_images() {
         let (points, rig_path) = room();
         let shown = shown(&points, &rig_path);
         assert_eq!(shown.len(), points.len() / 2);
         for viewpoint in [above(&shown, &rig_path), oblique(&shown, &rig_path)] {
-            let viewpoint = viewpoint.expect("a sight");
+            let viewpoint = viewpoint.expect("a viewpoint");
             let picture = draw(&shown, 0.12, &[], &viewpoint);
             let empty = picture.chunks(4).filter(|c| *c == TRANSPARENT).count();
             let share = empty as f64 / (picture.len() / 4) as f64;
             assert!(share < 0.75, "{share} is empty: {viewpoint:?}");
-            // And its middle is there.
+            // The middle of the image is covered.
             let middle = viewpoint.size[1] / 2 * viewpoint.size[0] + viewpoint.size[0] / 2;
             assert_ne!(
                 picture[4 * middle..4 * middle + 4],
@@ -186,7 +190,7 @@ mod tests {
     }
 
     #[test]
-    fn one_looks_over_the_way_from_where_no_wall_is() {
+    fn the_oblique_view_is_from_the_side_without_a_wall() {
         let (mut points, rig_path) = room();
         let wall = |y: f32| {
             let places = (0..100).flat_map(|x| (0..20).map(move |z| (x, z)));
@@ -199,15 +203,15 @@ mod tests {
         for (y, is_behind) in [(-2.0, 1.0), (2.0, -1.0)] {
             let ground = points.len();
             points.extend(wall(y));
-            let viewpoint = oblique(&points, &rig_path).expect("a sight");
-            // The eye is on the other side of the way.
+            let viewpoint = oblique(&points, &rig_path).expect("a viewpoint");
+            // The camera is on the other side of the path.
             assert!(viewpoint.eye[1] * is_behind > 0.0, "{y}: {viewpoint:?}");
             points.truncate(ground);
         }
     }
 
     #[test]
-    fn nothing_is_no_panic() {
+    fn empty_input_does_not_panic() {
         assert_eq!(above(&[], &[]), None);
         assert_eq!(oblique(&[], &[]), None);
         assert_eq!(oblique(&[], &[[0.0; 3]]), None);

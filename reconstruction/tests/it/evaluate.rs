@@ -1,4 +1,4 @@
-//! Trajectories against the truth, by the program, and by evo where it is installed.
+//! Trajectories against ground truth, by the program, and by evo where it is installed.
 
 use std::collections::BTreeMap;
 use std::fs;
@@ -33,7 +33,7 @@ fn uniform(state: &mut u64) -> f64 {
     (*state >> 11) as f64 / (1_u64 << 53) as f64
 }
 
-/// Some 40 m of a way with turns, at 20 Hz.
+/// Some 40 m of a path with rotations, at 20 Hz.
 fn truth() -> Trajectory {
     let poses = (0..600).map(|i| {
         let s = f64::from(i) * 0.05;
@@ -49,7 +49,7 @@ fn truth() -> Trajectory {
     Trajectory::new(poses.collect()).expect("rising")
 }
 
-/// The way as something estimated it: elsewhere, drifting, shaking, at other times, with poses left out.
+/// An estimate of the path: in another world, with drift, jitter, other times and missing poses.
 fn estimated(seed: u64) -> Trajectory {
     let mut state = seed;
     let away = RigidTransform::from_rotation_vector([0.4, -0.2, 1.9], [3.0, -8.0, 0.5]);
@@ -80,7 +80,7 @@ fn estimated(seed: u64) -> Trajectory {
 }
 
 #[test]
-fn a_table_says_what_was_found_and_which_run_is_the_worst() {
+fn the_table_has_the_errors_and_names_the_worst_run() {
     let folder = tempfile::tempdir().expect("folder");
     let write = |name: &str, text: &str| {
         let path = folder.path().join(name);
@@ -164,7 +164,8 @@ fn a_table_says_what_was_found_and_which_run_is_the_worst() {
     }
 }
 
-/// A simulated walk goes on after its recording has stopped; a recording without poses is still a gap.
+/// A simulated walk continues after its recording has stopped; a recording without poses is still a
+/// gap.
 #[test]
 fn a_bundle_is_complete_where_it_was_recorded() {
     let folder = tempfile::tempdir().expect("folder");
@@ -215,7 +216,7 @@ fn a_bundle_is_complete_where_it_was_recorded() {
     assert_eq!(code, Some(0));
     assert!((share - (1.0 - 21.0 / 299.0)).abs() < 1e-9, "{share}");
 
-    // A file does not say when the recording stopped.
+    // A file does not contain the end of the recording.
     let file = folder.path().join("walk.tum");
     fs::write(&file, tum::to_text(&recorded)).expect("a file");
     let (code, share) = completion(&[file.to_str().expect("UTF-8")]);
@@ -223,8 +224,9 @@ fn a_bundle_is_complete_where_it_was_recorded() {
     assert!(share < 0.5, "{share}");
 }
 
-/// What evo says of two TUM files: for each alignment RMSE, mean, median and maximum of the absolute errors of places
-/// and turns, and number, RMSE and maximum of the relative ones, of places and turns, over 2 m and over 7 poses.
+/// Script with evo's results for two TUM files: for each alignment RMSE, mean, median and maximum
+/// of the absolute errors of positions and rotations, and number, RMSE and maximum of the relative
+/// ones, of positions and rotations, over 2 m and over 7 poses.
 const EVO: &str = "
 import copy, json, sys
 import numpy as np

@@ -1,4 +1,4 @@
-//! Frame sets for odometry: the same pictures and samples, in another way.
+//! Frame sets for odometry: the same images and samples, through another interface.
 
 use std::collections::BTreeMap;
 
@@ -10,10 +10,10 @@ use session_archive::time::HostTime;
 
 use crate::session::{hand_over, hand_over_with};
 
-/// A rig file in which both cameras and the IMU have places.
+/// A rig file with the extrinsics of both cameras and the IMU.
 pub(crate) const RIG: &str = include_str!("../../../cad-transforms/rigs/example.toml");
 
-/// The session has no lenses of this camera.
+/// The session has no intrinsics of this camera.
 pub(crate) fn rig_overrides(folder: &std::path::Path) -> RigOverrides {
     let file = folder.join("K.txt");
     std::fs::write(&file, "60 0 36.5 0 60 24.5 0 0 1\n0.063\n").expect("a file");
@@ -26,7 +26,7 @@ pub(crate) fn rig_overrides(folder: &std::path::Path) -> RigOverrides {
 }
 
 #[test]
-fn grey_sets_are_luma_with_samples_up_to_the_last_picture() {
+fn luma_frame_sets_have_samples_up_to_the_last_image() {
     let folder = tempfile::tempdir().expect("folder");
     let recorded = hand_over(folder.path());
     let input = Input::open(folder.path()).expect("open");
@@ -78,7 +78,7 @@ fn grey_sets_are_luma_with_samples_up_to_the_last_picture() {
     assert_eq!(given[..], all[..given.len()]);
     assert!(given.len() > 480);
 
-    // From the middle on, samples begin behind the set before.
+    // From the middle on, samples begin after the previous set.
     let from = HostTime(recorded.sets[20].time);
     let mut part = input.luma_frame_sets(from..).expect("sets");
     let first = part.next().expect("a set");
@@ -88,7 +88,7 @@ fn grey_sets_are_luma_with_samples_up_to_the_last_picture() {
 }
 
 #[test]
-fn a_frame_that_cannot_be_read_is_a_loss_and_the_rest_of_its_set_is_there() {
+fn an_unreadable_frame_is_a_loss_and_the_rest_of_its_set_is_returned() {
     let folder = tempfile::tempdir().expect("folder");
     let recorded = hand_over_with(folder.path(), |camera, number, mut unit| {
         if camera == "feet" && number == 110 {
@@ -116,7 +116,7 @@ fn a_frame_that_cannot_be_read_is_a_loss_and_the_rest_of_its_set_is_there() {
 }
 
 #[test]
-fn odometry_is_fed_with_what_the_rig_has_in_its_order() {
+fn frame_sets_follow_the_cameras_of_the_rig_in_its_order() {
     let folder = tempfile::tempdir().expect("folder");
     let recorded = hand_over(folder.path());
     let input = Input::open(folder.path()).expect("open");

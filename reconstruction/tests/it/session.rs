@@ -28,7 +28,7 @@ use video::{AccessUnit, Encoder, EncoderEvent, EncoderSettings, Picture, PixelFo
 
 pub(crate) const START: HostTime = HostTime(86_400_000_000_007);
 const MS: i64 = 1_000_000;
-/// The time and the sigma of samples are odd numbers: they must not be rounded on the way.
+/// The time and the sigma of samples are odd numbers: they must not be rounded in transit.
 const CHUNK_NS: i64 = 500 * MS;
 
 /// A frame as it went in.
@@ -134,7 +134,7 @@ fn spec() -> SessionSpec {
         rate_hz,
         tick: TickLength::NANOSECOND,
         trigger: None,
-        source: "made up".to_owned(),
+        source: "generated".to_owned(),
         encoder: "test".to_owned(),
     };
     SessionSpec {
@@ -152,7 +152,7 @@ fn spec() -> SessionSpec {
             name: "feet/imu".to_owned(),
             rate_hz: 200.0,
             tick: TickLength::ZED_MINI,
-            source: "made up".to_owned(),
+            source: "generated".to_owned(),
         }],
         rig: vec![("rig.toml".to_owned(), b"revision = 1\n".to_vec())],
     }
@@ -184,7 +184,7 @@ fn picture(width: u32, height: u32, number: u64, color: bool) -> Picture {
             data.extend((0..width / 2).map(chroma));
         }
     }
-    Picture::new(width, height, PixelFormat::I420, data).expect("whole picture")
+    Picture::new(width, height, PixelFormat::I420, data).expect("complete image")
 }
 
 fn sources(camera: &Camera, count: u64, first_ns: i64, skip: &[u64]) -> Vec<Source> {

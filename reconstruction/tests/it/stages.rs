@@ -1,4 +1,4 @@
-//! Stages by the program: what they write and print, skip and refuse; and what is left when it is killed.
+//! Stages by the program: their outputs, messages, skips and refusals; and the state after a kill.
 
 use std::collections::BTreeMap;
 use std::fs;
@@ -30,7 +30,7 @@ fn errors(output: &Output) -> String {
 }
 
 #[test]
-fn a_rig_that_nobody_knows_is_an_error_that_says_what_is_missing() {
+fn an_unknown_rig_is_an_error_that_names_what_is_missing() {
     let folder = tempfile::tempdir().expect("folder");
     hand_over(folder.path());
     let out = folder.path().join("bundle");
@@ -45,11 +45,11 @@ fn a_rig_that_nobody_knows_is_an_error_that_says_what_is_missing() {
     assert_eq!(output.status.code(), Some(1));
     let errors = errors(&output);
     assert!(
-        errors.contains("camera feet: its lenses are not known"),
+        errors.contains("camera feet: its intrinsics are not known"),
         "{errors}"
     );
     assert!(
-        errors.contains("camera left_shoulder: it is not known where"),
+        errors.contains("camera left_shoulder: its pose on the rig is not known"),
         "{errors}"
     );
     for mends in [
@@ -69,13 +69,13 @@ fn a_rig_that_nobody_knows_is_an_error_that_says_what_is_missing() {
 }
 
 #[test]
-fn the_rig_is_made_of_what_is_told_and_recorded_and_is_not_made_twice() {
+fn the_rig_combines_overrides_and_recorded_values_and_runs_once() {
     let folder = tempfile::tempdir().expect("folder");
     hand_over(folder.path());
     let rig_overrides = rig_overrides(folder.path());
     let place = |name: &str| folder.path().join(name).to_str().expect("UTF-8").to_owned();
-    fs::write(place("told.toml"), RIG).expect("a file");
-    let (session, out, rig_file) = (place("."), place("bundle"), place("told.toml"));
+    fs::write(place("given.toml"), RIG).expect("a file");
+    let (session, out, rig_file) = (place("."), place("bundle"), place("given.toml"));
     let calibration = format!("feet={}", place("K.txt"));
     let arguments = [
         &*session,
@@ -116,7 +116,7 @@ fn the_rig_is_made_of_what_is_told_and_recorded_and_is_not_made_twice() {
         .collect();
     assert!(
         notes.contains(
-            &"IMU feet/imu: its noise is taken to be that of data sheets of parts in ZED cameras"
+            &"IMU feet/imu: its noise is assumed to be that of data sheets of parts in ZED cameras"
         ),
         "{notes:?}"
     );
@@ -135,7 +135,7 @@ fn the_rig_is_made_of_what_is_told_and_recorded_and_is_not_made_twice() {
         let left = example.transform(&Frame::rig(), &part).expect("a place");
         assert_eq!(camera.rig_from_left, left);
     }
-    // Recorded lenses of the one, told ones of the other, with the baseline that was told.
+    // Recorded intrinsics of one camera, given ones of the other, with the given baseline.
     assert_eq!(model.cameras[0].left.fx, lens("left_shoulder/left").k[0]);
     assert_eq!(
         model.cameras[1].left,
@@ -158,7 +158,7 @@ fn the_rig_is_made_of_what_is_told_and_recorded_and_is_not_made_twice() {
     assert_eq!(second["notes"], first["notes"]);
     let mut more = arguments.to_vec();
     more.push("--force");
-    // Images of what was seen are no part of the bundle: it is made although they cannot be written.
+    // Camera images are not part of the bundle: it is written although they cannot be.
     let seen = Path::new(&out).join("seen.jsonl");
     fs::remove_file(&seen).expect("it was written");
     fs::create_dir(&seen).expect("a folder");
@@ -199,7 +199,7 @@ fn the_rig_is_made_of_what_is_told_and_recorded_and_is_not_made_twice() {
 }
 
 #[test]
-fn the_folder_of_a_calibration_gives_a_session_lenses_and_places() {
+fn the_folder_of_a_calibration_gives_a_session_intrinsics_and_extrinsics() {
     let folder = tempfile::tempdir().expect("folder");
     hand_over(folder.path());
     let before = fs::read(folder.path().join("handoff.json")).expect("a hand-off");
@@ -227,7 +227,7 @@ fn the_folder_of_a_calibration_gives_a_session_lenses_and_places() {
         &given,
     ];
 
-    // Nothing of a calibration is in it yet.
+    // It has no calibration yet.
     let output = run(&mended);
     assert_eq!(output.status.code(), Some(1));
     let said = errors(&output);
@@ -243,7 +243,7 @@ fn the_folder_of_a_calibration_gives_a_session_lenses_and_places() {
     assert_eq!(output.status.code(), Some(0), "{}", errors(&output));
     let said = errors(&output);
     let hash = blake3::hash(feet).to_hex();
-    let note = format!("taken before what it holds: feet.yaml, blake3 {hash}");
+    let note = format!("with precedence over its content: feet.yaml, blake3 {hash}");
     assert!(said.contains(&note), "{said}");
     let scene = Scene::open(out.as_ref()).expect("a bundle");
     let settings = &scene.manifest().outputs["rig"].settings;
@@ -254,7 +254,7 @@ fn the_folder_of_a_calibration_gives_a_session_lenses_and_places() {
     let feet = model.cameras.iter().find(|c| c.name == "feet");
     let fx = feet.expect("feet").left.fx;
     assert!((fx - rig_overrides.calibrations["feet"].left.fx).abs() < 1e-9);
-    // The session is what it was.
+    // The session is unchanged.
     let after = fs::read(folder.path().join("handoff.json")).expect("a hand-off");
     assert_eq!(after, before);
 
@@ -274,16 +274,16 @@ fn the_folder_of_a_calibration_gives_a_session_lenses_and_places() {
     assert_eq!(output.status.code(), Some(1));
     let said = errors(&output);
     assert!(
-        said.contains("feet in different places") && said.contains("`paws calib camera-imu "),
+        said.contains("different poses of feet") && said.contains("`paws calib camera-imu "),
         "{said}"
     );
 }
 
-/// Where a toy stage dies.
+/// Where a toy stage aborts.
 const DIES: &str = "PAWS_TEST_DIES";
 const FOLDER: &str = "PAWS_TEST_FOLDER";
 
-/// Writes many files, and dies before the one that it is told of.
+/// Writes many files, and aborts before the given one.
 struct Toy {
     name: &'static str,
     inputs: &'static [&'static str],
@@ -379,7 +379,7 @@ fn run_toys(folder: &Path) -> Vec<State> {
     outcomes.expect("toys").iter().map(|o| o.state).collect()
 }
 
-/// Not a test by itself: the process that dies, started by the one below.
+/// Not a test: the process that aborts, started by the test below.
 #[test]
 fn dying() {
     if let Some(folder) = std::env::var_os(FOLDER) {
@@ -388,7 +388,7 @@ fn dying() {
 }
 
 #[test]
-fn what_a_disk_has_changed_is_made_again() {
+fn damaged_outputs_are_recomputed() {
     let folder = tempfile::tempdir().expect("folder");
     assert_eq!(run_toys(folder.path()), [State::Ran; 3]);
     let scene = Scene::open(folder.path()).expect("a bundle");
@@ -396,7 +396,7 @@ fn what_a_disk_has_changed_is_made_again() {
     let mut bytes = fs::read(&file).expect("a file");
     bytes[3] ^= 1;
     fs::write(&file, bytes).expect("damaged");
-    // What comes after it was made of the same bytes.
+    // Later stages were computed from the same bytes.
     assert_eq!(
         run_toys(folder.path()),
         [State::UpToDate, State::Ran, State::UpToDate]
@@ -407,7 +407,7 @@ fn what_a_disk_has_changed_is_made_again() {
 }
 
 #[test]
-fn killed_at_any_step_the_next_run_goes_on_with_the_stage_in_progress() {
+fn after_a_kill_at_any_step_the_next_run_resumes_the_stage_in_progress() {
     let whole = tempfile::tempdir().expect("folder");
     assert_eq!(run_toys(whole.path()), [State::Ran; 3]);
     let hashes = |folder: &Path| -> BTreeMap<String, String> {
@@ -430,7 +430,7 @@ fn killed_at_any_step_the_next_run_goes_on_with_the_stage_in_progress() {
                 .expect("start")
                 .status;
             assert!(!status.success(), "{name}{step} did not die");
-            // What was committed is whole.
+            // Committed outputs are intact.
             let scene = Scene::open(folder.path()).expect("a bundle");
             let checked = scene_bundle::verify::verify(&scene, |_| {}).expect("a bundle");
             assert!(checked.is_whole());

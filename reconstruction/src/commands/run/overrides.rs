@@ -1,7 +1,8 @@
-//! Calibrations that are given to `paws-reconstruct run` beside the session.
+//! Calibrations given to `paws-reconstruct run` in addition to the session.
 //!
-//! Contract: the session is not touched. Every file that is read is listed in [`RigOverrides::files`] with its hash, which goes
-//! into the bundle. What was taken already stays: a folder does not replace a file that is named by itself.
+//! Contract: the session is not touched. Every file that is read is listed in
+//! [`RigOverrides::files`] with its hash, which goes into the bundle. Values set before are kept: a
+//! folder does not replace a file that is given individually.
 
 use std::path::Path;
 
@@ -11,16 +12,19 @@ use cad_transforms::{Frame, FramePart};
 use reconstruction::Input;
 use reconstruction::pipeline::stages::rig::{OverrideFile, RigOverrides};
 
-/// The rig file of `paws calib cameras`, and that of `paws calib camera-imu`, which has the IMUs besides.
+/// The rig file of `paws calib cameras`, and that of `paws calib camera-imu`, which includes the
+/// IMUs.
 const RIG_FILES: [&str; 2] = ["rig.toml", "rig-imu.toml"];
-/// Two places are the same within this, m and rad: rig files hold all digits.
+/// Tolerance for equal poses, m and rad: rig files hold all digits.
 const POSE_TOLERANCE: f64 = 1e-9;
 
-/// Takes what `paws calib` wrote into a folder: the rig file, that with IMUs where there is one, and the lenses of each
-/// camera of the session that has a file there, each only where none was taken yet.
+/// Reads a folder written by `paws calib`: the rig file, that with IMUs if there is one, and the
+/// intrinsics of each camera of the session that has a file there; only values that are not set
+/// yet.
 ///
 /// # Errors
-/// There is nothing of that in the folder, a file cannot be read, or the two rig files are of different calibrations.
+/// The folder has none of these files, a file cannot be read, or the two rig files are of different
+/// calibrations.
 pub(super) fn folder(rig_overrides: &mut RigOverrides, folder: &Path, input: &Input) -> Result<()> {
     let [cameras, imus] = RIG_FILES.map(|name| folder.join(name));
     if cameras.exists() && imus.exists() {
@@ -56,7 +60,7 @@ pub(super) fn folder(rig_overrides: &mut RigOverrides, folder: &Path, input: &In
     Ok(())
 }
 
-/// A rig file with IMUs that was made of other cameras than those beside it is older than they are.
+/// A rig file with IMUs whose cameras differ from those of the other rig file is outdated.
 fn same_cameras(cameras: &Path, imus: &Path) -> Result<()> {
     let (of_cameras, of_imus) = (Rig::read(cameras)?, Rig::read(imus)?);
     for camera in of_cameras.cameras() {
@@ -68,8 +72,8 @@ fn same_cameras(cameras: &Path, imus: &Path) -> Result<()> {
         });
         ensure!(
             same,
-            "taking a calibration: {} and {} have {camera} in different places, expected the same; \
-             `{}` --force makes the latter again: {}",
+            "taking a calibration: {} and {} have different poses of {camera}, expected the same; \
+             `{}` --force recomputes the latter: {}",
             RIG_FILES[0],
             RIG_FILES[1],
             calib::mend::PLACE_IMUS,
@@ -79,7 +83,7 @@ fn same_cameras(cameras: &Path, imus: &Path) -> Result<()> {
     Ok(())
 }
 
-/// Takes a rig file.
+/// Reads a rig file.
 ///
 /// # Errors
 /// It cannot be read.
@@ -91,7 +95,7 @@ pub(super) fn rig(rig_overrides: &mut RigOverrides, path: &Path) -> Result<()> {
     Ok(())
 }
 
-/// Takes the lenses of a camera.
+/// Reads the intrinsics of a camera.
 ///
 /// # Errors
 /// The session has no such camera, or the file cannot be read.

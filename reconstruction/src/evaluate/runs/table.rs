@@ -1,4 +1,4 @@
-//! Runs as a table of text.
+//! Text table of runs.
 
 use super::super::{Delta, Statistics};
 use super::{Run, Runs};
@@ -31,7 +31,7 @@ pub(super) fn text(runs: &Runs) -> String {
 }
 
 fn heads(deltas: &[Delta]) -> Vec<String> {
-    let mut heads: Vec<String> = ["run", "ATE m", "max m", "turn deg"]
+    let mut heads: Vec<String> = ["run", "ATE m", "max m", "rotation deg"]
         .map(str::to_owned)
         .into();
     for delta in deltas {
@@ -107,7 +107,7 @@ fn summary(runs: &Runs) -> String {
         Some(mean) => {
             let turn = mean.rotation_rmse_rad.map(f64::to_degrees);
             format!(
-                "mean of {count}: ATE {:.4} m, turn {} deg, complete {:.1} %",
+                "mean of {count}: ATE {:.4} m, rotation {} deg, complete {:.1} %",
                 mean.translation_rmse_m,
                 formatted(turn, 3),
                 100.0 * mean.completion

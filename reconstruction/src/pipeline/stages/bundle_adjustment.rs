@@ -1,10 +1,11 @@
-//! Stage `mapping`: poses with everything known.
+//! Stage `bundle-adjustment`: poses from the whole recording.
 //!
-//! Contract: one pose for each pose of the causal trajectory, at the same time. Its status stays that of odometry, but what was
-//! tracked after a loss is *relocalised* where a place that was seen before the loss was seen again: that alone ties it to
-//! the rest. What nothing ties keeps the covariance of its causal pose. Cameras are put where they are found to sit; one that is
-//! far from where it was told to be was moved, which is said. If the adjustment does not converge, which is said too, all poses keep
-//! their causal covariance and cameras stay where they were told to be. Pictures are not read again.
+//! Contract: one pose for each pose of the causal trajectory, at the same time. Its status is that
+//! of odometry, except that poses tracked after a loss are *relocalised* if a loop closure with a
+//! place from before the loss connects them to the rest. Unconnected poses keep the covariance of
+//! their causal pose. Camera extrinsics are refined; a camera far from its nominal pose was moved,
+//! which is reported. If the adjustment does not converge, which is reported too, all poses keep
+//! their causal covariance and cameras their nominal extrinsics. Images are not read again.
 
 use ::odometry::mapping::{Progress, Tie, between};
 use ::odometry::{Adjusted, ImuSample, Mapping};
@@ -63,12 +64,12 @@ impl Stage<Input> for BundleAdjustmentStage {
                 }
             }
         }
-        // As odometry had them: batches may overlap where a clock map was replaced.
+        // As in the odometry: batches may overlap where a clock map was replaced.
         samples.sort_by_key(|s| s.time_ns);
         samples.dedup_by_key(|s| s.time_ns);
         let mut given = 0;
         for keyframe in keyframes {
-            // Up to one sample later, so that motion is known to the keyframe.
+            // Up to one sample later, so that the motion is known up to the keyframe.
             let to = samples.partition_point(|s| s.time_ns < keyframe.time_ns) + 1;
             for sample in &samples[given.min(samples.len())..to.min(samples.len())] {
                 mapping.add_imu(0, sample);
@@ -81,7 +82,7 @@ impl Stage<Input> for BundleAdjustmentStage {
             Progress::Looked { done, all } => work.progress(done as u64, all as u64),
         });
         work.note(format!(
-            "{} keyframes, {} landmarks, {} places seen again",
+            "{} keyframes, {} landmarks, {} loop closures",
             adjusted.poses.len(),
             adjusted.landmarks,
             adjusted.loops.len()
@@ -90,7 +91,7 @@ impl Stage<Input> for BundleAdjustmentStage {
             refined_rig(model, &adjusted, work)
         } else {
             work.record_loss(format!(
-                "after {} rounds poses still changed: they keep the covariance of causal ones, and cameras are left where their calibration puts them",
+                "after {} iterations poses still changed: they keep the covariance of causal ones, and cameras keep their calibrated extrinsics",
                 adjusted.rounds
             ));
             model
@@ -105,21 +106,21 @@ impl Stage<Input> for BundleAdjustmentStage {
     }
 }
 
-/// The rig with its cameras where they were found.
+/// The rig with refined camera extrinsics.
 fn refined_rig(mut rig: RigModel, adjusted: &Adjusted, work: &Work<'_, Input>) -> RigModel {
     for (camera, mount) in rig.cameras.iter_mut().zip(&adjusted.mounts) {
         let place = format!(
-            "{:.1} mm and {:.2} degrees from where its calibration puts it",
+            "{:.1} mm and {:.2} degrees from its calibrated pose",
             1e3 * mount.off[0],
             mount.off[1].to_degrees()
         );
         if mount.is_moved {
             work.record_loss(format!(
-                "camera {} sits {place}: it was moved since, or the calibration is another rig's; poses and depth go by where it was found",
+                "camera {} is {place}: it was moved since, or the calibration is another rig's; poses and depth use the refined extrinsics",
                 camera.name
             ));
         } else {
-            work.note(format!("camera {} was found {place}", camera.name));
+            work.note(format!("camera {} is estimated {place}", camera.name));
         }
         camera.rig_from_left = mount.rig_from_left;
         camera.rig_from_left_covariance = before::covariance(&mount.covariance);
@@ -127,7 +128,7 @@ fn refined_rig(mut rig: RigModel, adjusted: &Adjusted, work: &Work<'_, Input>) -
     rig
 }
 
-/// Every pose of the causal trajectory where the adjustment puts it.
+/// Every pose of the causal trajectory, as refined by the bundle adjustment.
 fn refined_poses(causal: &Trajectory, adjusted: &Adjusted) -> Vec<Pose> {
     let times: Vec<(i64, RigidTransform)> = (causal.poses().iter())
         .map(|p| (p.time_ns, p.world_from_rig))
@@ -143,7 +144,7 @@ fn refined_poses(causal: &Trajectory, adjusted: &Adjusted) -> Vec<Pose> {
     let poses = causal.poses().iter().zip(moved).zip(ties);
     poses
         .map(|((pose, world_from_rig), tie)| {
-            // The keyframe at or before it: certainty changes slowly.
+            // The keyframe at or before it: the covariance changes slowly.
             let next = adjusted
                 .poses
                 .partition_point(|p| p.time_ns <= pose.time_ns);

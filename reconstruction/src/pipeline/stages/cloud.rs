@@ -1,10 +1,13 @@
-//! Stage `cloud`: coloured points of what stood still, and masks of what did not.
+//! Stage `cloud`: colored points of the static scene, and masks of the dynamic parts.
 //!
-//! Contract: a point is where the depth of a keyframe says that something is, if it says so closely enough, keyframes of other
-//! instants say the same, and hardly any sees what is behind it ([`view`]): what moved is not there, nor what one view alone makes
-//! up, nor what a network of the user's says can move. All that is in a voxel becomes one point ([`voxels`]). What others see through moves; it is masked ([`dynamic`]). Colour is that of the left picture; grey pictures give grey.
-//! A picture that cannot be read is a loss. Memory is that of the depth of some keyframes and of a line per voxel of the scene,
-//! however long somebody walked about in it. Any number of threads gives the same.
+//! Contract: a point is where the depth of a keyframe says that something is, if it says so closely
+//! enough, keyframes of other instants say the same, and hardly any sees what is behind it
+//! ([`view`]): what moved is not there, nor what one view alone makes up, nor what a network of the
+//! user's says can move. All that is in a voxel becomes one point ([`voxels`]). Surfaces that
+//! others see through are dynamic; they are masked ([`dynamic_mask`]). The color is that of the
+//! left image; gray images give gray. An image that cannot be read is a loss. Memory is that of the
+//! depth of some keyframes and of a line per voxel of the scene, however long somebody walked about
+//! in it. Any number of threads gives the same.
 
 use std::collections::{BTreeMap, VecDeque};
 
@@ -36,12 +39,12 @@ pub(super) struct CloudStage {
     pub(super) networks: Networks,
 }
 
-/// So many instants before and behind that of a keyframe are asked whether they see the same: as far as people see ahead on a
-/// walk, and as much as is held in memory.
+/// Number of instants before and after that of a keyframe whose depth maps vote on its surfaces: as
+/// far as people see ahead on a walk, and as much as fits in memory.
 const NEIGHBOR_INSTANTS: usize = 4;
-/// A depth that is more uncertain makes no point, m. Half a metre would fill streets with fog.
+/// Maximum sigma of a depth that becomes a point, m. Half a metre would fill streets with fog.
 const MAX_POINT_SIGMA_M: f64 = 0.15;
-/// Nor is anything known of whether it moves from here on, m.
+/// Maximum sigma of a depth that is classified as static or dynamic, m.
 const MAX_MOTION_SIGMA_M: f64 = 0.5;
 
 impl Stage<Input> for CloudStage {
@@ -95,7 +98,7 @@ impl Stage<Input> for CloudStage {
         }
         let all: usize = instants.iter().map(Vec::len).sum();
         let (mut done, mut voxels) = (0, Voxels::default());
-        // The instants that are in memory, and how many were there before them.
+        // The instants in memory, and the number of instants before them.
         let (mut near, mut first_near): (VecDeque<Vec<PosedDepthMap>>, usize) =
             (VecDeque::new(), 0);
         for (now, frame_set) in instants.iter().enumerate() {
@@ -141,7 +144,7 @@ impl Stage<Input> for CloudStage {
                     }
                     Some(Err(loss)) => work.record_loss_from(&loss),
                     None => work.record_loss(format!(
-                        "there is no picture of frame {}",
+                        "there is no image of frame {}",
                         depth_frame.key.frame
                     )),
                 }
@@ -161,7 +164,7 @@ impl Stage<Input> for CloudStage {
     }
 }
 
-/// What was seen at each instant, in order.
+/// Depth frames of each instant, in order.
 fn instants(
     rig: &RigModel,
     index: &DepthIndex,
@@ -194,7 +197,7 @@ fn instants(
     Ok(instants.into_values().collect())
 }
 
-/// The pictures of all keyframes of a camera that have depth, in their order.
+/// Images of all keyframes of a camera that have depth, in order.
 fn frames(input: &Input, index: &DepthIndex, camera: &str) -> Result<Frames, ReadError> {
     let entries = input.index().camera(camera);
     let entries = entries.ok_or_else(|| ReadError::NoSuch(camera.to_owned()))?;
@@ -206,8 +209,8 @@ fn frames(input: &Input, index: &DepthIndex, camera: &str) -> Result<Frames, Rea
     input.frames_where(camera, |p| positions.binary_search(&p).is_ok())
 }
 
-/// What one look adds, and what moves in it, pixel by pixel: `near` are the instants around it, `at` says which of them and which
-/// of its looks.
+/// Points and motion of each pixel of one view: `near` are the instants around it, `at` is the
+/// index of its instant and of the view in it.
 fn points(
     near: &VecDeque<Vec<PosedDepthMap>>,
     at: (usize, usize),
@@ -245,16 +248,17 @@ fn points(
     (points.into_iter().flatten().collect(), pixels)
 }
 
-/// A left picture as it was recorded.
+/// A left image as recorded.
 struct LeftImage<'a> {
     lens: &'a Lens,
     image: &'a Image,
-    /// Pixels that a network says can move, if there is one.
+    /// Movable pixels according to the network, if there is one.
     movable: Option<&'a [bool]>,
 }
 
 impl LeftImage<'_> {
-    /// Of the pixel that is nearest to where a ray is seen, if that stands still for all the network knows.
+    /// Color of the pixel nearest to the projection of a ray, unless the network classifies it as
+    /// movable.
     fn color(&self, ray: [f64; 3]) -> Option<[u8; 3]> {
         let [x, y] = self.lens.project(ray)?;
         let image = self.image;

@@ -1,9 +1,10 @@
 //! Stage `depth`: depth of keyframes.
 //!
-//! Contract: keyframes are frames of each stereo camera that are apart by motion ([`choose`]), each with its pose at its own
-//! time. Each that can be read has depth with a sigma ([`pair`]); what is too far to tell has none. A
-//! frame that cannot be read, and a camera whose pair cannot be rectified, are losses and have no keyframe. Pictures are decoded
-//! a few at a time, one camera after the other; memory does not grow with the session but by a line per keyframe.
+//! Contract: keyframes are frames of each stereo camera, spaced by motion ([`keyframe_selection`]),
+//! each with its pose at its own time. Each readable one has depth with a sigma ([`stereo_pair`]);
+//! too distant surfaces have none. A frame that cannot be read, and a camera whose pair cannot be
+//! rectified, are losses and have no keyframe. Images are decoded a few at a time, one camera after
+//! the other; memory grows with the session only by one entry per keyframe.
 
 use std::collections::BTreeMap;
 
@@ -27,7 +28,7 @@ pub(super) struct DepthStage {
     pub(super) networks: Networks,
 }
 
-/// How far keyframes are apart: by half of a person's step at most, by a step, by two.
+/// Keyframe spacing: at most half a person's step, one step, two steps.
 fn keyframe_spacing(preset: Preset) -> KeyframeSpacing {
     let (moved_m, turned_deg) = match preset {
         Preset::Fast => (1.0, 30.0),
@@ -71,7 +72,7 @@ impl Stage<Input> for DepthStage {
             turned_deg,
         } = keyframe_spacing(self.preset);
         json!({
-            // All of them, so that depth is made anew when what a preset means has changed.
+            // All of them, so that depth is recomputed when the meaning of a preset has changed.
             "matching": format!("{:?}", ::depth::Settings::preset(matching(self.preset))),
             "moved_m": moved_m,
             "turned_deg": turned_deg,
@@ -144,7 +145,7 @@ impl Stage<Input> for DepthStage {
         writer.finish()?;
         outputs::keyframes::write(work.draft(KEYFRAMES), &keyframes)?;
         work.note(format!(
-            "{} keyframes, of whose pixels {:.0} % have depth",
+            "{} keyframes, {:.0} % of their pixels have depth",
             keyframes.len(),
             100.0 * share / keyframes.len().max(1) as f64
         ));

@@ -1,7 +1,8 @@
-//! Frame sets of a hand-off as odometry takes them.
+//! Frame sets of a hand-off, as input of the odometry.
 //!
-//! Contract: cameras and IMUs are those of the rig, in its order; what the rig does not have is left out. Pictures are
-//! decoded a few at a time, whatever the length of the session. What cannot be read is told with the set.
+//! Contract: cameras and IMUs are those of the rig, in its order; others are left out. Images are
+//! decoded a few at a time, whatever the length of the session. Items that cannot be read are
+//! reported with the set.
 
 use calib::verify::Grey;
 use odometry::input::{FrameSet, ImuSample, View};
@@ -10,7 +11,7 @@ use scene_bundle::outputs::rig::RigModel;
 use crate::image::Image;
 use crate::input::{self, Input, LumaFrameSets, ReadError};
 
-/// A frame set with its pictures. See the module.
+/// A frame set of the rig with its images. See the module.
 #[derive(Clone, Debug)]
 pub struct RigFrameSet {
     /// Number of the set in the session.
@@ -19,14 +20,15 @@ pub struct RigFrameSet {
     pub time_ns: i64,
     /// One for each camera of the rig.
     pub views: Vec<Option<input::View>>,
-    /// Of each IMU of the rig, samples that were not given yet, up to the first one that is not older than the pictures.
+    /// Samples of each IMU of the rig since the previous set, up to the first one that is not older
+    /// than the images.
     pub imu: Vec<Vec<ImuSample>>,
-    /// What could not be read.
+    /// Items that could not be read.
     pub losses: Vec<ReadError>,
 }
 
 impl RigFrameSet {
-    /// As odometry takes it.
+    /// Borrowed view, as input of the odometry.
     pub fn borrowed(&self) -> FrameSet<'_> {
         FrameSet {
             time_ns: self.time_ns,
@@ -48,7 +50,7 @@ fn borrowed(view: &input::View) -> View<'_> {
 
 fn luma_view(picture: &Image) -> Grey<'_> {
     let (width, height) = (picture.width as usize, picture.height as usize);
-    Grey::new(width, height, width, &picture.data).expect("a decoded picture of luma is whole")
+    Grey::new(width, height, width, &picture.data).expect("a decoded luma image is complete")
 }
 
 /// All frame sets of a hand-off, in order of time.
@@ -61,7 +63,8 @@ pub struct FrameSetReader {
 }
 
 impl FrameSetReader {
-    /// Begins. Every camera and IMU of the rig must be one of the session, as those of the stage `rig` are.
+    /// Starts reading. Every camera and IMU of the rig must be one of the session, as those of the
+    /// stage `rig` are.
     ///
     /// # Errors
     /// [`ReadError::NoSuch`], [`ReadError::Thread`].

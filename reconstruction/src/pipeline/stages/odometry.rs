@@ -1,8 +1,8 @@
-//! Stage `odometry`: poses from what came before alone, and what the adjustment of the whole needs.
+//! Stage `odometry`: causal poses, and the input of the bundle adjustment.
 //!
-//! Contract: a pose for every frame set of the session, in order of time, each a function of what came before it; sets that
-//! cannot be read are losses and are carried by the IMU. Memory does not grow with the
-//! session.
+//! Contract: a pose for every frame set of the session, in order of time, each computed from the
+//! data before it only; sets that cannot be read are losses and are bridged by the IMU. Memory does
+//! not grow with the session.
 
 use ::odometry::{Odometry, Settings, Status};
 use cad_transforms::{Covariance, RigidTransform};
@@ -22,7 +22,7 @@ pub(super) struct OdometryStage {
     pub(super) preset: Preset,
 }
 
-/// Settings of odometry for a preset of the pipeline.
+/// Settings of the odometry for a preset of the pipeline.
 pub(super) fn settings(preset: Preset) -> Settings {
     Settings::preset(match preset {
         Preset::Fast => ::odometry::Preset::Fast,
@@ -31,7 +31,7 @@ pub(super) fn settings(preset: Preset) -> Settings {
     })
 }
 
-/// The same as numbers, for the manifest.
+/// The same as JSON, for the manifest.
 pub(super) fn settings_json(settings: &Settings) -> Value {
     json!({
         "corners": settings.corners,
@@ -114,11 +114,11 @@ impl Stage<Input> for OdometryStage {
             work.note(format!("{reckoned} of {all} poses are dead reckoned"));
         }
         if lost > 0 {
-            work.record_loss(format!("{lost} of {all} poses are not known"));
+            work.record_loss(format!("{lost} of {all} poses are lost"));
         }
         for shift in odometry.shifts() {
             work.record_loss(format!(
-                "camera {} seems to have been turned by {:.1} degrees on its plate at {} ns",
+                "camera {} seems to have rotated by {:.1} degrees on its plate at {} ns",
                 model.cameras[shift.camera].name,
                 shift.turned.to_degrees(),
                 shift.time_ns
@@ -143,7 +143,7 @@ fn pose(estimate: &::odometry::Estimate) -> Pose {
     }
 }
 
-/// As files have it; none if it is none, by rounding.
+/// As stored in files; `None` if rounding makes it invalid.
 pub(super) fn covariance(matrix: &nalgebra::Matrix6<f64>) -> Option<Covariance> {
     let rows = std::array::from_fn(|i| std::array::from_fn(|j| matrix[(i, j)]));
     Covariance::from_rows(rows).ok()
@@ -183,7 +183,7 @@ fn to_tracked(keyframe: &::odometry::Keyframe) -> TrackedKeyframe {
     }
 }
 
-/// As odometry had it.
+/// As the odometry had it.
 pub(super) fn from_tracked(keyframe: TrackedKeyframe) -> ::odometry::Keyframe {
     ::odometry::Keyframe {
         number: keyframe.set,

@@ -1,10 +1,12 @@
-//! Stage `rig`: the rig as later stages take it.
+//! Stage `rig`: the rig as used by later stages.
 //!
-//! Contract: lenses are those of the recorded calibrations, places those of the session's rig file, and of what that does
-//! not name or where there is none that can be read, of the recorded transforms, which have the makers' calibrations; what
-//! is told on the command line goes before both. IMUs that were heard all along come before those that were not. A
-//! camera whose lens or place nobody knows is a loss, an IMU without a place too; a rig without any camera is an error. What
-//! sessions do not hold (noise and range of IMUs, rolling shutters) is told, or that of known devices, with a note.
+//! Contract: intrinsics are those of the recorded calibrations; extrinsics those of the session's
+//! rig file, or, for parts that it does not name or if it cannot be read, of the recorded
+//! transforms, which have the makers' calibrations. Command-line overrides take precedence over
+//! both. IMUs with complete data come before those without. A camera without intrinsics or
+//! extrinsics is a loss, and so is an IMU without extrinsics; a rig without any camera is an error.
+//! Values that sessions do not hold (noise and range of IMUs, rolling shutters) are overrides, or
+//! those of known devices, with a note.
 
 use std::collections::BTreeMap;
 
@@ -27,23 +29,23 @@ mod part_poses;
 
 use self::part_poses::PartPoses;
 
-/// Share of the best-heard IMU's time that the one to go by must have been heard.
+/// Minimum coverage of the primary IMU, as a ratio of the best-covered IMU's time.
 const MIN_IMU_COVERAGE: f64 = 0.9;
 
-/// What is told of the rig instead of what the session says.
+/// Calibration that overrides that of the session.
 #[derive(Clone, Debug, Default)]
 pub struct RigOverrides {
     /// A rig file: its text.
     pub rig: Option<String>,
     /// Calibrations of cameras, by name.
     pub calibrations: BTreeMap<String, StereoCalibration>,
-    /// Times from row to row of cameras, s, by name.
+    /// Readout line times of cameras, s, by name.
     pub line_times_s: BTreeMap<String, f64>,
-    /// The files that all this was read from.
+    /// The files that these values were read from.
     pub files: Vec<OverrideFile>,
 }
 
-/// A file that was given beside the session.
+/// A file given in addition to the session.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize)]
 pub struct OverrideFile {
     /// Its name, without the folder.
@@ -81,7 +83,7 @@ impl Stage<Input> for RigStage {
             line_times_s,
             files,
         } = &self.rig_overrides;
-        // In which folder a calibration was is of no consequence.
+        // The folder of a calibration does not matter.
         let lenses: BTreeMap<&String, Value> = (calibrations.iter())
             .map(|(name, c)| {
                 let place = json!({
@@ -98,7 +100,7 @@ impl Stage<Input> for RigStage {
             "calibrations": lenses,
             "lines_s": line_times_s,
         });
-        // Not there where nothing is given, as before there was this key.
+        // Absent if nothing is given, as before this key was introduced.
         if !files.is_empty() {
             settings["given"] = json!(files);
         }
@@ -120,37 +122,39 @@ impl Stage<Input> for RigStage {
 /// Why there is no rig.
 #[derive(Debug, thiserror::Error)]
 pub enum RigStageError {
-    /// The file told of is no rig: correct it.
-    #[error("reading the rig file that was told")]
+    /// The given file is not a rig file: correct it.
+    #[error("reading the given rig file")]
     RigFile(#[source] cad_transforms::rig::RigError),
-    /// A camera is told of that the session does not have: correct the name.
-    #[error("taking what was told: the session has no camera {found:?}, expected one of {known}")]
+    /// An override names a camera that the session does not have: correct the name.
+    #[error(
+        "applying calibration overrides: the session has no camera {found:?}, expected one of {known}"
+    )]
     Unknown {
         /// The name.
         found: String,
         /// All names.
         known: String,
     },
-    /// A lens is for pictures of another size: calibrate at this one.
-    #[error("the lens of {eye} is for {found}, expected {expected}, as the pictures are")]
+    /// The intrinsics are for images of another size: calibrate at this one.
+    #[error("the lens of {eye} is for {found}, expected {expected}, the size of the images")]
     Size {
-        /// Which eye.
+        /// Camera side.
         eye: String,
-        /// Size of the lens.
+        /// Size that the intrinsics are for.
         found: String,
-        /// Size of the pictures.
+        /// Size of the images.
         expected: String,
     },
-    /// Of no camera both lenses and places are known: give calibrations, or record with them.
+    /// No camera has both intrinsics and extrinsics: give calibrations, or record with them.
     #[error(
-        "no camera of the session has lenses and a place on the rig: {}; to mend it: {}",
+        "no camera of the session has intrinsics and a pose on the rig: {}; to fix it: {}",
         .0,
         calib::mend::after()
     )]
     NoCamera(String),
 }
 
-/// The name and revision of the session's rig, or of the rig that is told.
+/// Name and revision of the session's rig, or of the given rig file.
 pub fn revision(input: &Input, rig_overrides: &RigOverrides) -> scene_bundle::RigRevision {
     let parsed = rig_overrides
         .rig
@@ -164,7 +168,7 @@ pub fn revision(input: &Input, rig_overrides: &RigOverrides) -> scene_bundle::Ri
     }
 }
 
-/// The rig of a session, and what is to be said of it.
+/// The rig of a session, with notes and losses.
 ///
 /// # Errors
 /// [`RigStageError`].
@@ -176,7 +180,7 @@ pub fn model(
     let mut report = Report::default();
     for OverrideFile { file, blake3 } in &rig_overrides.files {
         let note = format!(
-            "given beside the session, and taken before what it holds: {file}, blake3 {blake3}"
+            "given in addition to the session, with precedence over its content: {file}, blake3 {blake3}"
         );
         report.notes.push(note);
     }
@@ -208,13 +212,13 @@ pub fn model(
         let (Some(left), Some(right)) = (left, right) else {
             report
                 .losses
-                .push(format!("camera {name}: its lenses are not known"));
+                .push(format!("camera {name}: its intrinsics are not known"));
             continue;
         };
         let (Some(right_from_left), Some((rig_from_left, covariance))) =
             (right_from_left, rig_from_left)
         else {
-            let loss = format!("camera {name}: it is not known where its eyes sit on the rig");
+            let loss = format!("camera {name}: its pose on the rig is not known");
             report.losses.push(loss);
             continue;
         };
@@ -240,7 +244,7 @@ pub fn model(
     }
     if cameras.len() < input.manifest().cameras.len() {
         let note = format!(
-            "cameras without lenses or a place are left out; to have them: {}",
+            "cameras without intrinsics or a pose are left out; to use them: {}",
             calib::mend::after()
         );
         report.notes.push(note);
@@ -257,7 +261,7 @@ pub fn model(
             None => part_poses.on_rig(camera, FramePart::Imu),
         };
         let Some((rig_from_imu, covariance)) = placed else {
-            let loss = format!("IMU {name}: it is not known where it sits on the rig");
+            let loss = format!("IMU {name}: its pose on the rig is not known");
             report.losses.push(loss);
             continue;
         };
@@ -274,7 +278,7 @@ pub fn model(
     }
     if imus.len() < input.manifest().imus.len() {
         let note = format!(
-            "IMUs without a place are left out; to have them: `{}`, then `{}`",
+            "IMUs without a pose are left out; to use them: `{}`, then `{}`",
             calib::mend::PLACE_IMUS,
             calib::mend::RECONSTRUCT
         );
@@ -294,14 +298,14 @@ pub fn model(
     Ok((model, report))
 }
 
-/// For how long an IMU was heard, s.
+/// Total time covered by an IMU's samples, s.
 fn imu_coverage_s(imu: &ImuIndex) -> f64 {
     let batches = imu.batches.iter();
     batches.map(|b| (b.end_ns - b.start_ns) as f64 * 1e-9).sum()
 }
 
-/// Odometry goes by the first IMU: one that was heard for less of the session than another comes after it. Else the order of
-/// the rig stays.
+/// The odometry uses the first IMU: one with less coverage of the session than another comes after
+/// it. Otherwise the order of the rig is kept.
 fn order_by_coverage(
     imus: &mut [RigImu],
     imu_coverage_s: &BTreeMap<&str, f64>,
@@ -320,7 +324,7 @@ fn order_by_coverage(
     imus.sort_by_key(|imu| of(imu) < MIN_IMU_COVERAGE * most);
     if imus[0].name != first {
         report.notes.push(format!(
-            "IMU {} was heard for {:.1} s and {first} for {:.1} s: motion is felt with the former",
+            "IMU {} has samples for {:.1} s and {first} for {:.1} s: the former is used for odometry",
             imus[0].name,
             of(&imus[0]),
             imu_coverage_s.get(first.as_str()).copied().unwrap_or(0.0)
@@ -328,7 +332,7 @@ fn order_by_coverage(
     }
 }
 
-/// As odometry takes it.
+/// The rig as input of the odometry.
 pub fn odometry_rig(model: &RigModel) -> odometry::Rig {
     let camera = |camera: &RigCamera| odometry::rig::StereoCamera {
         name: camera.name.clone(),
@@ -352,7 +356,7 @@ pub fn odometry_rig(model: &RigModel) -> odometry::Rig {
     }
 }
 
-/// A stereo camera of it by itself.
+/// Stereo calibration of one camera of it.
 pub fn calibration(camera: &RigCamera) -> StereoCalibration {
     StereoCalibration {
         left: camera.left,
@@ -367,7 +371,7 @@ pub fn calibration(camera: &RigCamera) -> StereoCalibration {
     }
 }
 
-/// A place on the rig and how far it may be off.
+/// A pose on the rig with its covariance.
 type PoseWithCovariance = (RigidTransform, Option<Covariance>);
 
 /// The maker's name of a camera's model, as the rig file has it.
@@ -381,7 +385,8 @@ fn device<'a>(rig: Option<&'a Rig>, camera: &str) -> Option<&'a str> {
 fn rig_file(input: &Input, report: &mut Report) -> Option<Rig> {
     for file in &input.manifest().rig {
         let name = &file.name;
-        // What is true of a simulated rig is not what is told of it, and boards are no rigs.
+        // Files with the ground truth of a simulated rig are not its nominal calibration, and board
+        // files are not rigs.
         let is_other = name.starts_with("truth.") || name.starts_with("target.");
         if !name.ends_with(".toml") || is_other {
             continue;
@@ -436,7 +441,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn an_imu_that_was_hardly_heard_is_not_the_first() {
+    fn an_imu_with_little_coverage_is_not_the_first() {
         let imu = |name: &str| RigImu {
             name: name.to_owned(),
             rig_from_imu: RigidTransform::identity(),

@@ -1,59 +1,64 @@
-//! Where pictures show what does not belong to the scene: who walks by, and the wearer.
+//! Masks of what does not belong to the static scene: dynamic objects, and the wearer.
 //!
-//! Contract: a pixel of a keyframe *moves* when at least two keyframes of other instants see through what it shows, and more than
-//! confirm it ([`super::look`]), and most of what is around it does, too: matchers make edges a little too wide, and those are
-//! seen through as well. What has no depth says nothing; beside what moves it is taken to move, too: matchers find nothing where one eye
-//! alone sees. The wearer is where near things move again and again at the same place of the picture. Masks are of the recorded
-//! left picture.
+//! Contract: a pixel of a keyframe is *dynamic* if at least two keyframes of other instants see
+//! through its surface, more than support it ([`super::posed_depth_map`]), and most pixels around
+//! it are dynamic, too: matchers make edges slightly too wide, and those are seen through as well.
+//! Pixels without depth have no vote; beside dynamic pixels they are taken as dynamic, too, since
+//! matchers find nothing where only one image shows a surface. The wearer is where near objects are
+//! dynamic repeatedly in the same area of the image. Masks are of the recorded left image.
 
 use calib::{CameraModel, Lens};
 use scene_bundle::outputs::depth::DepthView;
 use scene_bundle::outputs::masks::Mask;
 
-/// Nearer than this a person sees himself: from the chest to the tips of shoes that step forward, m.
+/// Maximum distance of the wearer's own body, from the chest to the tips of shoes that step
+/// forward, m.
 const MAX_WEARER_DISTANCE_M: f64 = 1.8;
-/// Share of looks in which a part of the picture shows the wearer from which on it is his, and the looks that tell.
+/// Ratio of views in which a cell shows the wearer above which it belongs to the wearer mask, and
+/// minimum number of views for that decision.
 pub(super) const WEARER_MIN_RATIO: f64 = 0.04;
 pub(super) const MIN_WEARER_VIEWS: u32 = 20;
-/// Side of a part of the picture, px of the view.
+/// Side of a cell, px of the view.
 const CELL_PX: usize = 8;
-/// Share of a part that must move nearby in a look.
+/// Ratio of near dynamic pixels of a cell that shows the wearer in a view.
 const CELL_MIN_RATIO: f64 = 0.3;
-/// Around a pixel: half the side of the square of which most must move, and by how much what moves is taken to be larger, px.
+/// Radius of the square around a pixel of which most must be dynamic, and dilation of dynamic
+/// areas, px.
 const SMOOTHING_RADIUS_PX: usize = 2;
 const DILATION_PX: usize = 2;
-/// By how much where nothing is known, px.
+/// Dilation into pixels without depth, px.
 const DILATION_UNKNOWN_PX: usize = 10;
-/// So far beyond the view a picture is taken to go on as at its border, px.
+/// Width around the view in which the image takes the value of its border, px.
 const BORDER_EXTENSION_PX: f64 = 16.0;
 
-/// What was found of one camera.
+/// Masks of one camera.
 pub(super) struct DynamicMasker {
     width: usize,
     height: usize,
     columns: usize,
     views: u32,
-    /// Looks in which each cell showed the wearer.
+    /// Number of views in which each cell showed the wearer.
     counts: Vec<u32>,
-    /// For each pixel of the recorded left picture its pixel of the view, or the nearest one; none far outside.
+    /// For each pixel of the recorded left image its pixel of the view, or the nearest one; `None`
+    /// far outside.
     view_pixels: Vec<Option<usize>>,
     recorded: [u32; 2],
 }
 
-/// What a look says of one of its pixels.
+/// Motion of a pixel of a view.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(super) enum PixelMotion {
-    /// Nobody knows what is there.
+    /// No depth, or not classified.
     Unknown,
-    /// Nothing moves there, as far as anybody knows.
+    /// Static, or not known to be dynamic.
     Static,
-    /// Something moves, far away or nearby.
+    /// Dynamic, far away or nearby.
     DynamicFar,
     DynamicNear,
 }
 
 impl PixelMotion {
-    /// Something at a depth, m, which moves or does not.
+    /// A surface at a depth, m, dynamic or not.
     pub(super) fn of(is_dynamic: bool, depth_m: f64) -> Self {
         match is_dynamic {
             false => Self::Static,
@@ -64,7 +69,7 @@ impl PixelMotion {
 }
 
 impl DynamicMasker {
-    /// For a camera whose left pictures were recorded through a lens.
+    /// For a camera with the intrinsics of its recorded left images.
     pub(super) fn new(view: &DepthView, recorded: &CameraModel) -> Self {
         let (width, height) = (view.model.width as usize, view.model.height as usize);
         let columns = width.div_ceil(CELL_PX);
@@ -92,8 +97,9 @@ impl DynamicMasker {
         }
     }
 
-    /// Takes what a look says of its pixels, rows first, and what a network says can move in the recorded left picture, if there is
-    /// one; gives the mask of that look, none if nothing moves.
+    /// Adds a view: motion of its pixels, rows first, and movable pixels of the recorded left image
+    /// according to a network, if there is one. Returns the dynamic mask of the view, `None`
+    /// without dynamic pixels.
     pub(super) fn add(&mut self, pixels: &[PixelMotion], movable: Option<&[bool]>) -> Option<Mask> {
         self.views += 1;
         let (width, height) = (self.width, self.height);
@@ -133,7 +139,7 @@ impl DynamicMasker {
         Some(mask)
     }
 
-    /// Where the wearer is; none if nowhere.
+    /// The wearer mask; `None` if the wearer is nowhere.
     pub(super) fn wearer_mask(&self) -> Option<Mask> {
         if self.views < MIN_WEARER_VIEWS {
             return None;
@@ -145,7 +151,7 @@ impl DynamicMasker {
             .map(|c| f64::from(*c) >= min_count)
             .collect();
         let rows = self.height.div_ceil(CELL_PX);
-        // Cells beside his are at least in part.
+        // Neighbouring cells show the wearer at least in part.
         let dilated = around(&shows_wearer, [self.columns, rows], 1, |count| count > 0);
         let pixel =
             |i: usize| dilated[i / self.width / CELL_PX * self.columns + i % self.width / CELL_PX];
@@ -153,7 +159,7 @@ impl DynamicMasker {
         shows_wearer.contains(&true).then(|| self.mask(&view))
     }
 
-    /// From the view to the recorded picture; what the view is far from showing can be used.
+    /// From the view to the recorded image; pixels far outside the view may be used.
     fn mask(&self, is_dynamic: &[bool]) -> Mask {
         let value = |pixel: &Option<usize>| match pixel.is_some_and(|pixel| is_dynamic[pixel]) {
             true => 0,
@@ -167,7 +173,8 @@ impl DynamicMasker {
     }
 }
 
-/// For each place whether the number of those around it that are true, up to `reach` away both ways, is as it should be.
+/// For each cell whether the number of true cells around it, up to `reach` away in both directions,
+/// satisfies `fits`.
 fn around(
     of: &[bool],
     [width, height]: [usize; 2],
@@ -224,7 +231,7 @@ mod tests {
         DynamicMasker::new(&view, &model)
     }
 
-    /// Something that moves in a rectangle of columns and rows.
+    /// Dynamic pixels in a rectangle of columns and rows.
     fn pixels(
         columns: std::ops::Range<usize>,
         rows: std::ops::Range<usize>,
@@ -240,12 +247,12 @@ mod tests {
     }
 
     #[test]
-    fn what_moves_is_masked_and_thin_edges_are_not() {
+    fn dynamic_areas_are_masked_and_thin_edges_are_not() {
         let mut moving = moving();
         let mask = moving
             .add(&pixels(20..32, 10..30, 4.0), None)
             .expect("a mask");
-        // A little larger on all sides, with round corners.
+        // Dilated on all sides, with round corners.
         assert!(
             (12 * 20..16 * 24 + 1).contains(&masked(&mask)),
             "{}",
@@ -253,7 +260,7 @@ mod tests {
         );
         assert_eq!(mask.pixels[20 * WIDTH as usize + 25], 0);
         assert_eq!(mask.pixels[20 * WIDTH as usize + 40], 255);
-        // Beside it what is not known is masked, elsewhere not.
+        // Pixels without depth are masked beside it, elsewhere not.
         let mut partly = pixels(20..32, 10..30, 4.0);
         let at = |x: usize, y: usize| y * WIDTH as usize + x;
         partly[at(38, 20)] = PixelMotion::Unknown;
@@ -268,7 +275,7 @@ mod tests {
     }
 
     #[test]
-    fn what_a_network_says_can_move_is_masked_as_well() {
+    fn movable_pixels_of_a_network_are_masked_as_well() {
         let mut moving = moving();
         let mut movable = vec![false; (WIDTH * HEIGHT) as usize];
         let nothing = pixels(0..0, 0..0, 4.0);
@@ -279,10 +286,11 @@ mod tests {
     }
 
     #[test]
-    fn the_wearer_is_who_comes_back_to_the_same_place() {
+    fn the_wearer_is_dynamic_repeatedly_in_the_same_area() {
         let mut moving = moving();
         for k in 0..100 {
-            // A shoe in one look of five; somebody near who crosses once; somebody far who stays.
+            // A shoe in one view of five; a near person who crosses once; a far person in all
+            // views.
             let pixels = match k % 5 {
                 0 => pixels(16..32, 32..48, 1.2),
                 1 if k < 50 => pixels(k..k + 9, 0..9, 1.5),

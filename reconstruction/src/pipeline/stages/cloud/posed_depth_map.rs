@@ -1,4 +1,5 @@
-//! What a keyframe says of the surfaces before it, and what others say of those.
+//! Depth maps of keyframes in the world, and their votes on the surfaces of others: support and
+//! free-space violation.
 
 use cad_transforms::RigidTransform;
 use scene_bundle::outputs::depth::{DepthImage, DepthIndex, DepthKey, DepthView, read};
@@ -6,28 +7,30 @@ use scene_bundle::{BundleError, OutputReader};
 
 use super::rolling_shutter::RowMotion;
 
-/// Two depths agree when they are apart by at most so many sigma of both together.
+/// Maximum difference of two depths that support each other, in combined sigmas.
 pub(super) const SUPPORT_SIGMA: f64 = 2.0;
-/// A view sees through a place when all that it sees there is farther by more than so many sigma of both together.
+/// A view sees through a surface (free-space violation) if all its depths there are farther by more
+/// than this many combined sigmas.
 pub(super) const FREE_SPACE_SIGMA: f64 = 3.0;
-/// So many views of other instants must confirm a surface. With one, feet that stand for a moment and people who walk along the line
-/// of sight stay.
+/// Minimum number of views of other instants that support a static surface. With one, feet that
+/// rest for a moment and people who walk along the viewing direction would remain.
 pub(super) const MIN_SUPPORT_VIEWS: u32 = 2;
-/// So many views must confirm a surface for each that sees through it: matchers err, and two in four err less often alike.
+/// Number of supporting views required for each free-space violation: matchers err, and two in four
+/// rarely err alike.
 pub(super) const SUPPORT_PER_VIOLATION: u32 = 3;
-/// So many views of other instants must see through what moves.
+/// Minimum number of views of other instants that see through a dynamic surface.
 const MIN_VIOLATION_VIEWS: u32 = 2;
 
-/// A picture of depth, and from where it was taken.
+/// A depth map with its pose.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct DepthFrame {
     pub(super) key: DepthKey,
-    /// When its middle row was exposed.
+    /// Pose at the exposure of its middle row.
     pub(super) world_from_view: RigidTransform,
     pub(super) row_motion: RowMotion,
 }
 
-/// Depth of a keyframe in the world.
+/// Depth map of a keyframe, posed in the world.
 pub(super) struct PosedDepthMap {
     depth_map: DepthImage,
     /// Focal lengths and principal point, px.
@@ -39,14 +42,14 @@ pub(super) struct PosedDepthMap {
     row_motion: RowMotion,
 }
 
-/// A rigid transform as it is quick to apply.
+/// A rigid transform in a form that is fast to apply.
 #[derive(Clone, Copy)]
 struct FastTransform {
     rows: [f64; 9],
     translation: [f64; 3],
 }
 
-/// Something that a look saw.
+/// A surface point of a view.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(super) struct Surface {
     /// m.
@@ -59,25 +62,25 @@ pub(super) struct Surface {
     axis_in_world: [f64; 3],
 }
 
-/// What all others together say of a surface.
+/// Motion of a surface, from the votes of all other views.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(super) enum PointMotion {
-    /// It is there and stands still.
+    /// Static: supported by others.
     Static,
-    /// It was there, and was not at other times.
+    /// Dynamic: free at other times.
     Dynamic,
-    /// Too few say anything, or they do not agree.
+    /// Too few votes, or contradicting ones.
     Unknown,
 }
 
-/// What a look says of a surface that another one saw.
+/// Vote of a view on a surface of another one.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 enum Evidence {
-    /// It is outside, behind something, or where nothing is known.
+    /// Outside of the view, occluded, or without depth.
     Unknown,
-    /// It is there.
+    /// The surface is supported.
     Supports,
-    /// It is not there: what is behind it can be seen.
+    /// Free-space violation: the view sees through it.
     ViolatesFreeSpace,
 }
 
@@ -134,7 +137,7 @@ impl PosedDepthMap {
         }
     }
 
-    /// Makes all of it as uncertain as this.
+    /// Sets all sigmas to this.
     #[cfg(test)]
     pub(super) fn blur(&mut self, sigma_m: f64) {
         let sigma = scene_bundle::outputs::depth::stored_sigma(sigma_m as f32);
@@ -149,7 +152,7 @@ impl PosedDepthMap {
         self.depth_map.height
     }
 
-    /// Whether the other one may see something of what this one sees: their axes are less than a right angle apart, or nearly so.
+    /// Whether the views may overlap: the angle between their axes is less than about 90 degrees.
     pub(super) fn may_share(&self, other: &Self) -> bool {
         let axis = |look: &Self| look.world_from_view.rotate([0.0, 0.0, 1.0]);
         let (a, b) = (axis(self), axis(other));
@@ -167,7 +170,7 @@ impl PosedDepthMap {
         self.left_from_view.rotate(self.ray(column, row))
     }
 
-    /// What a pixel shows, where that is known to `largest_sigma_m`.
+    /// Surface of a pixel, if its sigma is at most `largest_sigma_m`.
     pub(super) fn surface(&self, column: u32, row: u32, largest_sigma_m: f64) -> Option<Surface> {
         let depth = self.depth_map.depth_m(column, row)?;
         let sigma_m = self.depth_map.sigma_m(column, row)?;
@@ -186,7 +189,7 @@ impl PosedDepthMap {
         if in_view[2] <= 0.0 {
             return Evidence::Unknown;
         }
-        // In which row it is seen hardly depends on when that was.
+        // The row of the projection hardly depends on the motion within the frame.
         let row = self.focal[1] * in_view[1] / in_view[2] + self.center[1];
         let [x, y, z] = self.row_motion.at_row(row, in_view);
         let at = [
@@ -198,11 +201,11 @@ impl PosedDepthMap {
             return Evidence::Unknown;
         }
         let (column, row) = (at[0] as u32, at[1] as u32);
-        // Across its axis a surface is known much better than along it.
+        // Across the viewing axis a surface is known much better than along it.
         let along = self.view_from_world.rotate(surface.axis_in_world)[2];
         let of_surface = along * surface.sigma_m;
         let (mut known, mut beyond) = (0, 0);
-        // What lies between pixels may be on the surface of any of the four.
+        // A point between pixels may be on the surface of any of the four.
         for (right, down) in [(0, 0), (1, 0), (0, 1), (1, 1)] {
             let (column, row) = (column + right, row + down);
             let seen = self.depth_map.depth_m(column, row);
@@ -224,8 +227,8 @@ impl PosedDepthMap {
 }
 
 impl Surface {
-    /// What others say of it; of each is known whether it looked at another instant: what moves is confirmed by those who look
-    /// at the same one.
+    /// Classifies the surface by the votes of others, each with a flag whether it is of another
+    /// instant: dynamic objects are supported by views of the same instant.
     pub(super) fn classify(&self, others: &[(bool, &PosedDepthMap)]) -> PointMotion {
         let (mut supports, mut violations, mut violating_views) = (0, 0, 0);
         for (is_later, other) in others {

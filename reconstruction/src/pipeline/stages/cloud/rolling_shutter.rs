@@ -1,7 +1,8 @@
-//! How a view moved while its rows were exposed one after another.
+//! Rolling-shutter compensation: motion of a view while its rows are exposed one after another.
 //!
-//! A rolling shutter exposes the lowest row some milliseconds after the topmost one, and who walks sways by parts of a degree meanwhile. What
-//! a row shows is taken to where the view was when its middle row was exposed, whose pose is known: to first order in time.
+//! A rolling shutter exposes the lowest row some milliseconds after the topmost one, and a walker
+//! rotates by a fraction of a degree meanwhile. Points of a row are transformed to the pose at the
+//! exposure of the middle row, which is known: to first order in time.
 
 use cad_transforms::RigidTransform;
 use scene_bundle::Trajectory;
@@ -10,23 +11,23 @@ use scene_bundle::outputs::rig::RigCamera;
 
 use crate::pipeline::stages::pose_interpolation::pose_at;
 
-/// Time over which motion is taken, ns.
+/// Time over which the motion is measured, ns.
 const STEP_NS: i64 = 10_000_000;
 
-/// See the module. The default is a global shutter, or a view that stands still.
+/// See the module. The default is a global shutter, or a view at rest.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub(super) struct RowMotion {
-    /// When the topmost row of the view was exposed after the middle one of the recorded picture, and each row after the one
-    /// above, s.
+    /// Exposure offset of the topmost row of the view against the middle row of the recorded image,
+    /// and of each row against the one above, s.
     first_s: f64,
     row_s: f64,
-    /// Of the view in its own axes, m/s and rad/s.
+    /// Velocity and angular rate of the view in its own axes, m/s and rad/s.
     speed: [f64; 3],
     rate: [f64; 3],
 }
 
 impl RowMotion {
-    /// Of a frame that was taken at a time.
+    /// Motion of a frame at a time.
     pub(super) fn new(
         camera: &RigCamera,
         view: &DepthView,
@@ -46,7 +47,7 @@ impl RowMotion {
         Self::of(camera, view, &motion, STEP_NS as f64 * 1e-9)
     }
 
-    /// Of a motion in so many seconds. Rectifying turns rows by little.
+    /// From a motion in `seconds`. Rectification rotates rows only slightly.
     fn of(camera: &RigCamera, view: &DepthView, motion: &RigidTransform, seconds: f64) -> Self {
         let row_s = camera.line_s * camera.left.fy / view.model.fy;
         let middle = 0.5 * f64::from(camera.left.height - 1);
@@ -58,12 +59,12 @@ impl RowMotion {
         }
     }
 
-    /// Where the view of the middle row has what a row shows.
+    /// Point of a row, in the view at the exposure of the middle row.
     pub(super) fn at_middle(&self, row: f64, x: [f64; 3]) -> [f64; 3] {
         self.compensate(row, x, 1.0)
     }
 
-    /// Where the view of a row has what that of the middle one shows.
+    /// Point of the view at the exposure of the middle row, in the view of a row.
     pub(super) fn at_row(&self, row: f64, x: [f64; 3]) -> [f64; 3] {
         self.compensate(row, x, -1.0)
     }
@@ -87,7 +88,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn rows_are_taken_to_where_the_middle_one_was() {
+    fn rows_are_transformed_to_the_middle_row() {
         let model = CameraModel {
             width: 60,
             height: 41,

@@ -29,7 +29,7 @@ fn view() -> DepthView {
     }
 }
 
-/// A look along z, from so far to the right, at a wall, with something else in a few pixels.
+/// A view along z, translated to the right, of a wall, with another depth in a few pixels.
 fn depth_map(right_m: f64, else_m: impl Fn(u32, u32) -> Option<f32>) -> PosedDepthMap {
     let pixels = (0..HEIGHT).flat_map(|y| (0..WIDTH).map(move |x| (x, y)));
     let depth: Vec<f32> = pixels
@@ -73,20 +73,20 @@ fn cloud(depth_maps: Vec<PosedDepthMap>) -> Vec<CloudPoint> {
 }
 
 #[test]
-fn a_wall_that_several_looks_see_is_a_wall() {
+fn a_wall_seen_by_several_views_becomes_points() {
     let points = cloud(
         [0.0, 0.15, 0.3]
             .map(|right_m| depth_map(right_m, nothing_else))
             .into(),
     );
-    // Pixels are 6 cm apart on the wall: about one voxel for each that all see.
+    // Pixels are 6 cm apart on the wall: about one voxel per pixel visible in all views.
     assert!(points.len() > 1500, "{}", points.len());
     for point in &points {
         assert!((point.x_in_world[2] - WALL_M).abs() < 1e-3, "{point:?}");
         assert_eq!(point.color, [9, 80, 200]);
         assert!(point.sigma_m <= SIGMA_M + 1e-6);
     }
-    // What not all looks see is not there: the last one begins 0.3 m farther to the right.
+    // Parts that not all views show are missing: the last view is 0.3 m farther to the right.
     let leftmost = points
         .iter()
         .map(|p| p.x_in_world[0])
@@ -95,7 +95,7 @@ fn a_wall_that_several_looks_see_is_a_wall() {
 }
 
 #[test]
-fn too_few_looks_make_no_point() {
+fn too_few_views_make_no_point() {
     assert!(cloud(vec![depth_map(0.0, nothing_else)]).is_empty());
     assert!(
         cloud(vec![
@@ -104,7 +104,7 @@ fn too_few_looks_make_no_point() {
         ])
         .is_empty()
     );
-    // Two cameras at the same instant do not tell what stands from what moves.
+    // Two cameras at the same instant do not distinguish static from dynamic.
     let near = VecDeque::from([vec![
         depth_map(0.0, nothing_else),
         depth_map(0.1, nothing_else),
@@ -125,8 +125,8 @@ fn too_few_looks_make_no_point() {
 }
 
 #[test]
-fn who_walks_by_leaves_nothing() {
-    // Somebody at 2 m who is elsewhere each time.
+fn a_person_who_walks_by_leaves_no_points() {
+    // A person at 2 m at another position each time.
     let somebody = |from: u32| move |x: u32, _| (from..from + 6).contains(&x).then_some(2.0);
     let depth_maps = [10, 22, 34, 46].map(|from| depth_map(0.0, somebody(from)));
     let points = cloud(depth_maps.into());
@@ -134,13 +134,13 @@ fn who_walks_by_leaves_nothing() {
     for point in &points {
         assert!((point.x_in_world[2] - WALL_M).abs() < 1e-3, "{point:?}");
     }
-    // Who stands still stays.
+    // A person at rest remains.
     let points = cloud([0; 3].map(|_| depth_map(0.0, somebody(20))).into());
     assert!(points.iter().any(|p| (p.x_in_world[2] - 2.0).abs() < 1e-3));
 }
 
 #[test]
-fn what_is_uncertain_makes_no_point() {
+fn uncertain_depth_makes_no_point() {
     let vague = |right_m: f64| {
         let mut depth_map = depth_map(right_m, nothing_else);
         depth_map.blur(MAX_POINT_SIGMA_M + 0.01);
@@ -150,14 +150,14 @@ fn what_is_uncertain_makes_no_point() {
 }
 
 #[test]
-fn grey_pictures_give_grey_and_what_can_move_gives_nothing() {
+fn gray_images_give_gray_and_movable_pixels_give_nothing() {
     let image = Image {
         width: 3,
         height: 2,
         color: Color::Grey,
         data: vec![1, 2, 3, 4, 5, 6].into(),
     };
-    // Pixel (x, y) is where the ray (x, y, 1) is seen.
+    // Pixel (x, y) is the projection of the ray (x, y, 1).
     let lens = Lens::new(&CameraModel {
         width: 3,
         height: 2,

@@ -1,18 +1,19 @@
-//! One point for all that is in a voxel.
+//! Voxel grid: one point for all points in a voxel.
 //!
-//! A point is the mean of what was seen in its voxel, each weighted by the inverse square of its sigma. Pixels of one look are not
-//! independent, so that however many they are, together they weigh as much as one of them; looks count as independent. The
-//! sigma of a point is therefore that of depth alone: what all looks have in common, such as an error of calibration or of where the
-//! rig was, is not in it.
+//! A point is the mean of the observations in its voxel, each weighted by the inverse square of its
+//! sigma. Pixels of one view are not independent, so together they weigh as much as one of them;
+//! views count as independent. The sigma of a point is therefore that of depth only: errors common
+//! to all views, such as those of calibration or pose, are not included.
 
 use std::collections::HashMap;
 
 use scene_bundle::outputs::cloud::CloudPoint;
 
-/// Edge of a voxel, m: less than what feet and wheels care for, and about what stereo can tell at the distance of a few steps.
+/// Edge of a voxel, m: less than feet and wheels are sensitive to, and about the resolution of
+/// stereo at a few steps.
 pub(super) const VOXEL_M: f64 = 0.05;
 
-/// A point as one look has it.
+/// A point of one view.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(super) struct Point {
     /// m.
@@ -23,7 +24,8 @@ pub(super) struct Point {
     pub(super) color: [u8; 3],
 }
 
-/// Weighted sums. Places are from the middle of the voxel, so that single precision is enough.
+/// Weighted sums. Positions are relative to the center of the voxel, so that single precision is
+/// enough.
 #[derive(Clone, Copy, Debug, Default)]
 struct Sums {
     weight: f32,
@@ -31,7 +33,7 @@ struct Sums {
     color: [f32; 3],
 }
 
-/// All voxels in which something was seen.
+/// All voxels with observations.
 #[derive(Debug, Default)]
 pub(super) struct Voxels {
     cells: HashMap<[i32; 3], Sums>,
@@ -46,7 +48,7 @@ impl Sums {
         }
     }
 
-    /// Mean place and colour.
+    /// Mean position and color.
     fn means(&self) -> ([f32; 3], [f32; 3]) {
         let mean = |sum: f32| sum / self.weight;
         (self.offset.map(mean), self.color.map(mean))
@@ -58,7 +60,7 @@ fn middle(cell: [i32; 3]) -> [f64; 3] {
 }
 
 impl Voxels {
-    /// Adds the points of one look.
+    /// Adds the points of one view.
     pub(super) fn add(&mut self, points: &[Point]) {
         let mut of_look: HashMap<[i32; 3], (u32, Sums)> = HashMap::new();
         for point in points {
@@ -80,7 +82,7 @@ impl Voxels {
         }
     }
 
-    /// One point for each voxel, in the order of their places.
+    /// One point for each voxel, in the order of their positions.
     pub(super) fn into_points(self) -> Vec<CloudPoint> {
         let mut cells: Vec<([i32; 3], Sums)> = self.cells.into_iter().collect();
         cells.sort_unstable_by_key(|(cell, _)| *cell);
@@ -110,7 +112,7 @@ mod tests {
     }
 
     #[test]
-    fn a_voxel_has_the_weighted_mean_and_looks_count_once() {
+    fn a_voxel_has_the_weighted_mean_and_each_view_counts_once() {
         let mut voxels = Voxels::default();
         voxels.add(&[point(0.010, 0.02, 100); 7]);
         voxels.add(&[point(0.020, 0.04, 200)]);
@@ -119,7 +121,7 @@ mod tests {
         assert_eq!(points.len(), 2);
         let near = |a: f32, b: f64| (f64::from(a) - b).abs() < 1e-6;
         assert!(near(points[0].x_in_world[0], -0.010));
-        // Weights of 4 and 1, however many pixels there were.
+        // Weights of 4 and 1, whatever the number of pixels.
         assert!(near(points[1].x_in_world[0], 0.012), "{:?}", points[1]);
         assert_eq!(points[1].color, [120; 3]);
         let together = 1.0 / (1.0 / 0.02_f64.powi(2) + 1.0 / 0.04_f64.powi(2)).sqrt();
@@ -127,7 +129,7 @@ mod tests {
     }
 
     #[test]
-    fn far_away_is_as_exact() {
+    fn far_points_are_as_accurate() {
         let mut voxels = Voxels::default();
         voxels.add(&[point(812.345, 0.02, 1)]);
         let x = voxels.into_points()[0].x_in_world[0];

@@ -1,8 +1,8 @@
-//! Which frames stand for the others, and where they were taken.
+//! Keyframe selection by motion, and poses of keyframes.
 //!
-//! Contract: a frame of a set is chosen when the rig has moved or turned by enough since the frame that was chosen before of the same
-//! camera, at a time at which cameras followed the rig: what is dead reckoned is too uncertain to make a map of. Its pose
-//! is that of its own time.
+//! Contract: a frame of a set is a keyframe if the rig has translated or rotated enough since the
+//! previous keyframe of the same camera, and the rig is tracked at that time: dead reckoned poses
+//! are too uncertain for a map. Its pose is that of its own time.
 
 use std::collections::BTreeMap;
 
@@ -14,7 +14,7 @@ use session_archive::index::Index;
 
 use crate::pipeline::stages::pose_interpolation::pose_at;
 
-/// How far keyframes are apart: as soon as one of the two is reached.
+/// Keyframe spacing: a keyframe is due as soon as one of the two is reached.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(super) struct KeyframeSpacing {
     /// m.
@@ -30,7 +30,8 @@ impl KeyframeSpacing {
     }
 }
 
-/// Keyframes of a camera by their positions in its index. `number` is its place in the index, `place` that in the rig.
+/// Keyframes of a camera by their positions in its index. `number` is the camera's number in the
+/// index, `place` that in the rig.
 pub(super) fn keyframes(
     index: &Index,
     number: usize,

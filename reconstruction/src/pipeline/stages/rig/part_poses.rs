@@ -1,7 +1,8 @@
-//! Where the parts of a rig sit.
+//! Extrinsics of the parts of a rig.
 //!
-//! Contract: a rig file is asked first, then the recorded transforms. A session of one camera that nothing ties to a rig
-//! gets one: the rig looks forward with the left eye and sits in it.
+//! Contract: the rig file has precedence over the recorded transforms. A session of one camera
+//! without extrinsics gets a rig of its own, whose origin is the left camera and whose x axis is
+//! its optical axis.
 
 use cad_transforms::frame::{Frame, FramePart};
 use cad_transforms::{Rig, RigidTransform};
@@ -32,7 +33,7 @@ impl<'a> PartPoses<'a> {
                 .recorded
                 .push((Frame::rig().to_string(), left, forward));
             let note = format!(
-                "no rig: it is taken to sit in the left eye of {}",
+                "no rig: the left camera of {} is taken as its origin",
                 camera.name
             );
             report.notes.push(note);
@@ -40,7 +41,7 @@ impl<'a> PartPoses<'a> {
         part_poses
     }
 
-    /// A part of a camera on the rig.
+    /// Pose of a part of a camera on the rig.
     pub(super) fn on_rig(&self, camera: &str, part: FramePart) -> Option<PoseWithCovariance> {
         let part = Frame::of_camera(camera, part).ok()?;
         if let Some(rig) = self.rig
@@ -66,8 +67,8 @@ impl<'a> PartPoses<'a> {
         of_file.or_else(|| self.recorded(b.as_str(), a.as_str()))
     }
 
-    /// `b_from_a` by recorded transforms. There are few, so the search is the simplest one: on from frames that are
-    /// known until nothing new comes.
+    /// `b_from_a` by recorded transforms. There are few, so the search is simple: from known frames
+    /// until no new one is found.
     fn recorded(&self, b: &str, a: &str) -> Option<RigidTransform> {
         let mut known = vec![(a, RigidTransform::identity())];
         let mut next = 0;
@@ -93,7 +94,7 @@ impl<'a> PartPoses<'a> {
     }
 }
 
-/// None for what is no rigid transform.
+/// `None` if it is not a rigid transform.
 fn read(t: &FrameTransform) -> Option<(String, String, RigidTransform)> {
     let q = t.rotation.as_ref()?;
     let p = t.translation.as_ref()?;
