@@ -134,7 +134,7 @@ fn spec() -> SessionSpec {
         rate_hz,
         tick: TickLength::NANOSECOND,
         trigger: None,
-        source: "generated".to_owned(),
+        source: "made up".to_owned(),
         encoder: "test".to_owned(),
     };
     SessionSpec {
@@ -152,7 +152,7 @@ fn spec() -> SessionSpec {
             name: "feet/imu".to_owned(),
             rate_hz: 200.0,
             tick: TickLength::ZED_MINI,
-            source: "generated".to_owned(),
+            source: "made up".to_owned(),
         }],
         rig: vec![("rig.toml".to_owned(), b"revision = 1\n".to_vec())],
     }

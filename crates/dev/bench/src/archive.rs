@@ -1,4 +1,4 @@
-//! `archive`: how fast sessions are written and read, what a power cut takes, how long stopping takes.
+//! `archive`: speed of writing and reading sessions, loss by a power cut, time to stop.
 //!
 //! 1. Writing: three cameras' access units of 60 to 100 kB through `SessionWriter`, into the page
 //!    cache (syncs are counted and left out), onto the disk (with syncs), and into nothing (what
@@ -61,7 +61,7 @@ const QUICK: Plan = Plan {
 /// folder unless `--disk` names another.
 ///
 /// # Errors
-/// Bad arguments, a folder that is in memory, or a disk that says no. A target that is missed is a result and no error.
+/// Bad arguments, a folder that is in memory, or an I/O error. A target that is missed is a result and no error.
 pub(crate) fn run(args: &[String]) -> Result<()> {
     let mut plan = FULL;
     let mut out = PathBuf::from("docs/benchmarks");

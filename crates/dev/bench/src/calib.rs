@@ -1,17 +1,18 @@
-//! `calib`: how good calibrations from targets are, and whether they say so when they are not.
+//! `calib`: accuracy of calibrations from targets, and whether bad ones are flagged.
 //!
-//! The rig is never quite what its files say: cameras sit a millimetre and a third of a degree off, lenses are
-//! a few pixels off the factory's. Corners are where the simulated cameras see them, with noise; a few
-//! sessions are rendered and go through detection too.
+//! The rig deviates from its files: cameras by a millimetre and a third of a degree, lenses by a
+//! few pixels from the factory calibration. Corners are where the simulated cameras see them, with
+//! noise; a few sessions are rendered and go through detection too.
 //!
 //! 1. Error against number of views against time, for one stereo camera, ours beside OpenCV's on the same
 //!    corners in the same run.
 //! 2. Which lens model is chosen against how much distortion there is and how many views.
-//! 3. Error against the strength of everything that spoils a recording. A point is *ok* when cameras are within
-//!    1 mm and 0.05 degrees of each other's true place, or within three of the sigmas that are stated; *flagged* when
-//!    they are not and a finding warns; *silently wrong* otherwise. The third kind must not exist.
+//! 3. Error against the strength of each impairment of a recording. A point is *ok* when cameras
+//!    are within 1 mm and 0.05 degrees of their true relative pose, or within three of the sigmas
+//!    that are stated; *flagged* when they are not and a finding warns; *silently wrong* otherwise.
+//!    The third kind must not exist.
 //! 4. How many errors of good sessions are within two of the stated sigmas.
-//! 5. Rendered sessions from pictures to the rig and the places and clocks of its IMUs.
+//! 5. Rendered sessions from images to the rig with the extrinsics and time offsets of its IMUs.
 
 use std::fs;
 
@@ -31,12 +32,12 @@ use crate::meter::timed;
 use crate::{python, stamp};
 use scenario::{Impairments, Recording};
 
-/// Two cameras may be off each other's true place by this: m and degrees.
+/// Maximum error of the relative pose of two cameras: m and degrees.
 const MAX_ERROR: (f64, f64) = (1e-3, 0.05);
-/// Beyond this many of its own sigmas an error was not announced.
+/// An error beyond this many stated sigmas is not covered by them.
 const FLAG_SIGMAS: f64 = 3.0;
 
-/// How a point ended.
+/// Outcome of a point.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 enum Verdict {
     Ok,
@@ -54,19 +55,19 @@ impl Verdict {
     }
 }
 
-/// One spoilt recording.
+/// One impaired recording.
 struct Point {
     pub(crate) kind: &'static str,
     pub(crate) strength: f64,
     pub(crate) seed: u64,
-    /// Worst error between cameras: m, degrees; none where there was no result.
+    /// Worst error between cameras: m, degrees; `None` without a result.
     pub(crate) error: Option<(f64, f64)>,
     pub(crate) verdict: Verdict,
     pub(crate) finding: String,
     pub(crate) rms_px: f64,
 }
 
-/// Kinds of trouble, their unit, and strengths from little to much.
+/// Kinds of impairments, their units, and rising strengths.
 type Kind = (
     &'static str,
     &'static str,
@@ -106,7 +107,7 @@ const KINDS: &[Kind] = &[
             ..Impairments::default()
         },
     ),
-    ("bent boards", "mm", &[0.3, 1.0, 3.0, 10.0, 30.0], |s| {
+    ("bowed boards", "mm", &[0.3, 1.0, 3.0, 10.0, 30.0], |s| {
         Impairments {
             plan: Plan {
                 bend_m: 1e-3 * s,
@@ -116,7 +117,7 @@ const KINDS: &[Kind] = &[
         }
     }),
     (
-        "boards larger than told",
+        "boards larger than nominal",
         "%",
         &[0.1, 0.3, 1.0, 3.0, 10.0],
         |s| Impairments {
@@ -141,7 +142,7 @@ const KINDS: &[Kind] = &[
 /// Runs the benchmark: `[--quick] [--out DIR]`.
 ///
 /// # Errors
-/// Bad arguments, no interpreter in `PAWS_PYTHON`, or a disk that says no. Wrong results are results.
+/// Bad arguments, no interpreter in `PAWS_PYTHON`, or an I/O error. Wrong results are results.
 pub(crate) fn run(args: &[String]) -> Result<()> {
     let Arguments { quick, out } = Arguments::parse(args)?;
     fs::create_dir_all(&out).with_context(|| format!("making {}", out.display()))?;
@@ -231,7 +232,7 @@ fn impaired(
     ))
 }
 
-/// How a result ended.
+/// Outcome of a result.
 fn judge(
     kind: &'static str,
     strength: f64,
@@ -328,7 +329,7 @@ fn against_distortion(quick: bool) -> Result<Value> {
             };
             let recording = Recording::new(7, &impairments)?;
             let mut input = recording.one_camera(impairments.sigma_px, count);
-            // What the factory says would be an answer.
+            // The factory calibration would reveal the result.
             input.eyes.iter_mut().for_each(|eye| eye.factory = None);
             let Ok(found) = calibrate(input, &Settings::default(), &mut |_, _| {}) else {
                 rows.push(json!({ "distortion": strength, "views": count, "chosen": null }));

@@ -1,12 +1,14 @@
-//! `frames_kept`: how much of a recording is there when the machine has other things to do.
+//! `frames_kept`: completeness of a recording under load.
 //!
-//! Three cameras of 1344x376 at 15 Hz are recorded in real time beside 0 to 6 busy loops. Their frames are rendered
-//! once, before, and replayed from memory: what is measured is the recorder, not a renderer. Each run is a process of
-//! its own: this program, started again with [`RECORD`], which calls what `pawsd record` calls, or another build of
-//! `pawsd` (`--pawsd PATH`), to compare with an earlier state.
+//! Three cameras of 1344x376 at 15 Hz are recorded in real time beside 0 to 6 busy loops. Their
+//! frames are rendered once, before, and replayed from memory: this measures the recorder, not a
+//! renderer. Each run is a process of its own: this program, started again with [`RECORD`], which
+//! calls what `pawsd record` calls, or another build of `pawsd` (`--pawsd PATH`), to compare with
+//! an earlier state.
 //!
-//! The same cameras then wait armed, without a pre-roll, beside nothing: what a second of waiting costs, against a second
-//! of recording. Of both a short and a long run are taken, so that starting, stopping and reading the frames do not count.
+//! The same cameras then wait armed, without a pre-roll, beside nothing: the cost of a second of
+//! waiting, against a second of recording. Both use a short and a long run, so that starting,
+//! stopping and reading the frames do not count.
 
 use std::collections::BTreeMap;
 use std::fs::{self, File};
@@ -43,16 +45,17 @@ const ARMED: &str = "--armed";
 const CAMERAS: [&str; 3] = ["left_shoulder", "right_shoulder", "feet"];
 const SIZE: (u32, u32) = (1344, 376);
 const RATE_HZ: f64 = 15.0;
-/// Frames that are replayed over and over: two seconds.
+/// Number of frames that are replayed repeatedly: two seconds.
 const FRAMES: usize = 30;
-/// Up to this many busy loops no frame may be lost.
+/// Number of busy loops up to which no frame may be lost.
 const TARGET_LOOPS: usize = 4;
-/// While the cameras wait one frame in a second is shown; after so many seconds each of them has been read from its file.
+/// Time after which all frames have been read from their files, s: armed cameras show one frame per
+/// second.
 const ALL_SHOWN_S: u32 = 45;
-/// What waiting may cost, of what recording costs.
+/// Maximum ratio of the cost of waiting to that of recording.
 const MAX_ARMED_RATIO: f64 = 0.1;
 
-/// What came of a recording beside so many busy loops.
+/// Result of a recording beside `loops` busy loops.
 struct RecordingResult {
     loops: usize,
     stored: u64,
@@ -66,12 +69,12 @@ impl RecordingResult {
         self.stored + self.missing.values().sum::<u64>()
     }
 
-    /// Frames that are there, of all, 0 to 1.
+    /// Ratio of stored frames, 0 to 1.
     fn share(&self) -> f64 {
         self.stored as f64 / self.all().max(1) as f64
     }
 
-    /// Frames that are missing and were not left out on purpose.
+    /// Missing frames that were not left out on purpose.
     fn lost(&self) -> u64 {
         let spared = |cause: &&String| cause.contains("SPARED");
         let causes = self.missing.iter().filter(|(cause, _)| !spared(cause));
@@ -143,7 +146,7 @@ pub(crate) fn run(args: &[String]) -> Result<()> {
     };
     if let Some(armed) = &armed {
         println!(
-            "a second costs {:.1} ms of processor time armed, {:.1} ms recording: {:.3} of it (limit {MAX_ARMED_RATIO})",
+            "a second costs {:.1} ms of processor time armed, {:.1} ms recording: ratio {:.3} (limit {MAX_ARMED_RATIO})",
             1e3 * armed.armed,
             1e3 * armed.recording,
             armed.share()
@@ -318,7 +321,7 @@ impl Drop for BusyLoops {
     }
 }
 
-/// One recording beside so many busy loops.
+/// One recording beside `loops` busy loops.
 fn recording(
     config: &Path,
     sessions: &Path,

@@ -1,5 +1,5 @@
-//! A made-up recording: three stereo cameras at 30 Hz (two triggered together, one free) with an IMU
-//! each, in virtual time; and the storages that it is written to.
+//! A generated recording: three stereo cameras at 30 Hz (two triggered together, one free) with an
+//! IMU each, in virtual time; and the storages that it is written to.
 
 use std::io;
 use std::sync::Arc;
@@ -12,7 +12,7 @@ use session_archive::time::{CivilTime, HostTime, NS_PER_S, TickLength};
 use session_archive::writer::{SessionSpec, SessionWriter, WriteError};
 
 pub(crate) const CAMERAS: [&str; 3] = ["left_shoulder", "right_shoulder", "feet"];
-/// Between frames, and by how much the free camera is late, ns.
+/// Frame period, and phases of the cameras, ns.
 const PERIOD: i64 = 33_333_333;
 const PHASES: [i64; 3] = [0, 0, 11_000_000];
 /// IMU samples per batch of a tenth of a second.
@@ -74,7 +74,7 @@ impl Arrival {
     }
 }
 
-/// Everything that arrives in so many seconds, in order; key frames at the chunks' boundaries.
+/// Everything that arrives within `seconds`, in order; key frames at chunk boundaries.
 pub(crate) fn arrivals(seconds: f64, chunk_ns: i64) -> impl Iterator<Item = Arrival> {
     let end = (seconds * 1e9) as i64;
     let mut epochs = [i64::MIN; 3];
@@ -103,7 +103,7 @@ pub(crate) fn arrivals(seconds: f64, chunk_ns: i64) -> impl Iterator<Item = Arri
         .flatten()
 }
 
-/// Access units to choose from: bytes that no checksum finds easy.
+/// Access units to choose from: incompressible bytes.
 pub(crate) fn units(from: usize, to: usize) -> Vec<Vec<u8>> {
     let mut noise = Noise::new();
     (0..61)
@@ -201,7 +201,7 @@ pub(crate) fn stop(at: HostTime) -> Stop {
     }
 }
 
-/// What the storage does with what it is given.
+/// Destination of written bytes.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(crate) enum Destination {
     /// Written and synced.

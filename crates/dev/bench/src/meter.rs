@@ -1,8 +1,8 @@
-//! Wall time and processor time of a piece of work, statistics of several, and where to write.
+//! Wall time and processor time of a task, statistics, and the output folder.
 
 #![expect(
     clippy::disallowed_methods,
-    reason = "the time that this machine takes is the question"
+    reason = "the time that this machine takes is measured"
 )]
 
 use std::fs;
@@ -12,7 +12,7 @@ use std::time::Instant;
 use anyhow::{Context, Result, ensure};
 use rustix::time::{ClockId, clock_gettime};
 
-/// What one run took.
+/// Wall and processor time of one run.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct Timing {
     pub(crate) wall_s: f64,

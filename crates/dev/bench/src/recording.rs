@@ -8,7 +8,7 @@ use capture_daemon::run::{self, RecordOptions, StopFlag};
 /// First argument of the process, behind the benchmark's name: then follow configuration, folder and seconds.
 pub(crate) const RECORD: &str = "--record";
 
-/// What the process does.
+/// Work of the process.
 ///
 /// # Errors
 /// Bad arguments, or the recording fails.

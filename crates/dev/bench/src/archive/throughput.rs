@@ -21,7 +21,7 @@ use super::Plan;
 use crate::load::{self, Arrival, CAMERAS, CountingStorage, Destination};
 use crate::meter::{Timing, median, timed};
 
-/// One way of writing or reading.
+/// One method of writing or reading.
 pub(super) struct Rate {
     pub(super) name: &'static str,
     /// Bytes of access units, which is what counts.
@@ -98,7 +98,8 @@ pub(super) fn measure(plan: &Plan, disk: &Path) -> Result<Rates> {
         Rate::new("verify"),
         Rate::new("mcap crate"),
     ];
-    // Holds a segment for the crate, which takes its input as one slice: filled anew, never grown anew.
+    // Holds a segment for the crate, which takes its input as one slice: refilled, never
+    // reallocated.
     let mut segment = Vec::new();
     for _ in 0..plan.repetitions {
         let modes = [

@@ -1,5 +1,6 @@
-//! The whole way: sessions that are rendered with the usual blur and noise, looked through for boards, and made into a rig with the
-//! places and clocks of its IMUs. Pictures are stamped a few milliseconds late, which has to be found.
+//! End to end: sessions are rendered with the usual blur and noise, boards are detected, and a rig
+//! with the extrinsics and time offsets of its IMUs is estimated. Images are stamped a few
+//! milliseconds late, which must be estimated.
 
 use anyhow::{Context, Result};
 use cad_transforms::frame::{Frame, FramePart};
@@ -21,7 +22,7 @@ use super::rendered::detect;
 use super::scenario::{Impairments, Recording};
 use crate::meter::timed;
 
-/// How late pictures of each camera are stamped, ms.
+/// Time offset of each camera's timestamps, ms.
 const TIME_OFFSET_MS: [f64; 3] = [1.7, -2.6, 4.2];
 
 /// Errors of one kind: the worst one, and how many of all are within two of the stated sigmas.
@@ -46,7 +47,7 @@ impl Errors {
     }
 }
 
-/// Some sessions: how far off everything is.
+/// Errors of some sessions.
 pub(super) fn sessions(count: u64) -> Result<Value> {
     let (mut rms_px, mut failed, mut seconds) = (0.0_f64, 0, 0.0);
     let (mut places_mm, mut places_deg) = (Errors::default(), 0.0_f64);
@@ -104,7 +105,7 @@ pub(super) fn sessions(count: u64) -> Result<Value> {
     }))
 }
 
-/// The IMU of a camera, and where it is.
+/// Estimate of a camera's IMU, and its true extrinsics.
 fn imu_calibration(
     simulation: &Simulation,
     rig: &Rig,
@@ -146,7 +147,7 @@ fn imu_calibration(
     Ok((result, truth.transform(&imu, &left)?))
 }
 
-/// What both eyes of a camera saw of the board that they saw most of.
+/// Detections in both images of a camera of the board with most detections.
 fn pictures(found: &Calibration, camera: usize) -> Vec<Picture> {
     let input = &found.input;
     let own = || {

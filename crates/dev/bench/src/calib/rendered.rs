@@ -1,4 +1,5 @@
-//! Sessions that are rendered, so that blur and noise are those of pictures and detection takes part.
+//! Sessions that are rendered, so that blur and noise are those of images and detection is
+//! included.
 
 use std::sync::{Arc, Mutex, PoisonError};
 use std::thread;
@@ -42,13 +43,13 @@ pub(super) fn points(quick: bool) -> Result<Vec<Point>> {
                 noise,
                 ..Imaging::USUAL
             };
-            one("noise of pictures, rendered", noise, imaging)?;
+            one("image noise, rendered", noise, imaging)?;
         }
     }
     Ok(points)
 }
 
-/// What detection sees in every `every`-th frame.
+/// Target detections in every `every`-th frame.
 pub(super) fn detect(recording: &Recording, every: usize) -> Input {
     let mut input = recording.input(0.1);
     input.sightings.clear();

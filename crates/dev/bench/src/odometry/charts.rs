@@ -1,4 +1,4 @@
-//! The pictures of `odometry`.
+//! Charts of `odometry`.
 
 use charts::{Axis, Chart, Series};
 
@@ -15,10 +15,10 @@ use super::table::{
 const WIDTH: u32 = 760;
 const HEIGHT: u32 = 400;
 
-/// Where walks that were lost are drawn.
+/// ATE at which lost walks are drawn, percent.
 const LOST_PERCENT: f64 = 100.0;
 
-/// Causal poses, or those that were adjusted.
+/// Causal poses, or refined ones.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 enum Poses {
     Causal,
@@ -49,7 +49,7 @@ impl Poses {
         }
     }
 
-    /// Of a stereo pair, ms; processor time, which bears a busy machine.
+    /// Processor time of a stereo pair, ms, which depends less on the load.
     fn cpu_ms(self, row: &Row) -> f64 {
         let adjusting = row.adjusted.as_ref().map_or(0.0, |a| a.cpu_s);
         match self {
@@ -59,7 +59,7 @@ impl Poses {
     }
 }
 
-/// Names and texts of all pictures that there are results for.
+/// Names and texts of all charts that there are results for.
 pub(crate) fn draw(results: &Results, stamp: &str) -> Vec<(String, String)> {
     let mut files = Vec::new();
     let mut add = |name: String, chart: Option<Chart>| {
@@ -90,7 +90,7 @@ fn walks(results: &Results, poses: Poses) -> Option<Chart> {
         .iter()
         .filter_map(|r| poses.figures(r))
         .filter(|f| f.is_lost());
-    let mut chart = Chart::new(&format!("Error over the way, {} poses", poses.name()))
+    let mut chart = Chart::new(&format!("ATE per path length, {} poses", poses.name()))
         .subtitle(&format!(
             "{} simulated walks of {:.0} to {:.0} m, three stereo cameras, best fit without scale; {} lost",
             rows.len(),
@@ -99,7 +99,7 @@ fn walks(results: &Results, poses: Poses) -> Option<Chart> {
             lost.count()
         ))
         .x_axis(Axis::categories("", names.clone()))
-        .y_axis(Axis::linear("ATE", "% of the way").include(0.0))
+        .y_axis(Axis::linear("ATE", "% of path length").include(0.0))
         .hline(poses.target(), "target");
     for preset in PRESETS {
         let rows = rows_of_test_walks(results, preset);
@@ -157,7 +157,7 @@ fn sigmas(results: &Results) -> Option<Chart> {
     (!names.is_empty()).then_some(chart)
 }
 
-/// Mean error and time of some rows; none where one is lost or there is none.
+/// Mean error and time of some rows; `None` if one is lost or there is none.
 fn mean(rows: &[&Row], poses: Poses) -> Option<(f64, f64)> {
     let count = rows.len() as f64;
     let errors = rows.iter().map(|row| {
@@ -217,12 +217,12 @@ fn settings(results: &Results, poses: Poses) -> Option<Chart> {
         SETTINGS_ON.join(", ")
     ))
     .x_axis(Axis::log("processor time of a stereo pair", "ms"))
-    .y_axis(Axis::linear("ATE", "% of the way").include(0.0));
+    .y_axis(Axis::linear("ATE", "% of path length").include(0.0));
     let chart = series.into_iter().fold(chart, Chart::series);
     (walks > 0).then_some(chart)
 }
 
-/// Error against how far off a camera was told.
+/// Error against the calibration error of a camera.
 fn mounts(results: &Results) -> Option<Chart> {
     let rows: Vec<&Row> = (results.rows.iter())
         .filter(|r| r.job.sets == Some(MOUNTS_SETS) && r.job.settings == "balanced")
@@ -236,12 +236,12 @@ fn mounts(results: &Results) -> Option<Chart> {
     let least = told
         .map(|r| r.job.rotation_error_deg)
         .fold(f64::INFINITY, f64::min);
-    let mut chart = Chart::new("Error over how far off a camera's turn was told")
+    let mut chart = Chart::new("Error against the calibration error of a camera's rotation")
         .subtitle(&format!(
-            "the first 40 s, balanced, camera feet; told as moved from {least} degrees on"
+            "the first 40 s, balanced, camera feet; reported as rotated from {least} degrees on"
         ))
-        .x_axis(Axis::linear("told off by", "degrees"))
-        .y_axis(Axis::log("ATE", "% of the way"));
+        .x_axis(Axis::linear("calibration error", "degrees"))
+        .y_axis(Axis::log("ATE", "% of path length"));
     for (k, walk) in walks.iter().enumerate() {
         for poses in Poses::ALL {
             let points = rows.iter().filter(|r| r.job.walk == *walk).map(|row| {
@@ -295,7 +295,7 @@ fn cameras(results: &Results, poses: Poses) -> Option<Chart> {
         walks.join(", ")
     ))
     .x_axis(Axis::categories("", names))
-    .y_axis(Axis::log("ATE", "% of the way"))
+    .y_axis(Axis::log("ATE", "% of path length"))
     .series(Series::scatter("with IMU", all.swap_remove(0)))
     .series(Series::scatter("without IMU", all.swap_remove(0)))
     .hline(LOST_PERCENT, "lost");

@@ -1,13 +1,15 @@
-//! `odometry_encoding`: what the recording's compression costs in poses and in depth.
+//! `odometry_encoding`: effect of the recording's compression on poses and depth.
 //!
-//! Two simulated walks are rendered in colour at the quality of exams, encoded as the daemon encodes them (left and right side
-//! by side, one thread, a key frame each half second), decoded, and tracked. Beside the daemon's encoder at several quality
-//! targets stand the same element at slower speed presets, which the daemon does not offer, through `gst-launch-1.0` with
-//! the daemon's other properties, and the other software encoders that the daemon knows. Errors are against the truth;
-//! pictures that were never encoded stand beside. Errors of single walks jump about from one quality to the next, since any change
-//! of pictures changes which corners are followed; so the sights that agree are told too, which do not.
+//! Two simulated walks are rendered in color at the quality for tests, encoded as the daemon
+//! encodes them (left and right side by side, one thread, a key frame each half second), decoded,
+//! and tracked. Beside the daemon's encoder at several quality targets stand the same element at
+//! slower speed presets, which the daemon does not offer, through `gst-launch-1.0` with the
+//! daemon's other properties, and the other software encoders that the daemon knows. Errors are
+//! against the truth; uncompressed images are included for comparison. Errors of single walks vary
+//! irregularly from one quality to the next, since any change of images changes which corners are
+//! tracked; so the number of inliers is given too, which varies smoothly.
 //!
-//! Pictures lie in the folder of rendered walks (2 GB).
+//! Images are in the folder of rendered walks (2 GB).
 
 use std::sync::Arc;
 
@@ -43,14 +45,14 @@ const OTHERS_DB: [f64; 4] = [33.0, 36.0, 39.0, 45.0];
 #[derive(Clone, Debug, Serialize)]
 struct Point {
     walk: &'static str,
-    /// As it is called in charts; `not encoded` for the pictures themselves.
+    /// Its name in charts; `not encoded` for the images themselves.
     encoding: String,
-    /// Quality asked for, dB.
+    /// Quality target, dB.
     target_db: Option<f64>,
-    /// What encoding gave and took.
+    /// Result and cost of encoding.
     #[serde(rename = "made")]
     result: Option<EncodingResult>,
-    /// Sights that agree, mean of all sets.
+    /// Number of inliers, mean of all sets.
     inliers: f64,
     depth: Depth,
     causal: Figures,
@@ -60,7 +62,7 @@ struct Point {
 /// Runs the benchmark: `[--quick] [--only PART,...] [--walks DIR] [--out DIR]`; parts are `daemon`, `presets`, `encoders`.
 ///
 /// # Errors
-/// Bad arguments, an encoder that fails, or a disk that says no.
+/// Bad arguments, an encoder that fails, or an I/O error.
 pub(crate) fn run(args: &[String]) -> Result<()> {
     let options = Options::parse(args, &["daemon", "presets", "encoders"])?;
     let stamp = stamp::stamp("odometry_encoding", args)?;
@@ -97,7 +99,7 @@ pub(crate) fn run(args: &[String]) -> Result<()> {
     results::write(&options.out, files)
 }
 
-/// What is tried on each walk.
+/// Encodings of each walk.
 fn encodings(options: &Options) -> Vec<Encoding> {
     let mut encodings = Vec::new();
     let of = |target_db: &f64, element: &'static str, preset: Option<&'static str>| Encoding {
@@ -129,7 +131,7 @@ fn encodings(options: &Options) -> Vec<Encoding> {
     encodings
 }
 
-/// A walk and what is true of it.
+/// A walk and its ground truth.
 struct WalkData {
     name: &'static str,
     sequence: Sequence,
@@ -168,7 +170,7 @@ fn point(
             .map_or("lost".to_owned(), |p| format!("{p:.3} %"))
     };
     println!(
-        "{:24} {:18} {:>5} dB: {} causal {}, adjusted {}, {:.0} sights, depth of {:.3} with bad-2 {:.4}",
+        "{:24} {:18} {:>5} dB: {} causal {}, adjusted {}, {:.0} inliers, depth density {:.3} with bad-2 {:.4}",
         point.walk,
         point.encoding,
         point.target_db.map_or(String::new(), |db| db.to_string()),

@@ -30,17 +30,18 @@ pub(crate) struct Job {
     pub(crate) cameras: Vec<String>,
     /// Whether their IMUs are.
     pub(crate) with_imu: bool,
-    /// Whether the pictures are those of a short trial, rendered with less trouble.
+    /// Whether the images are those of a quick run, rendered at lower quality.
     pub(crate) is_trial: bool,
     /// Frame sets; none for all.
     pub(crate) sets: Option<usize>,
     /// As [`settings::parse`] has it.
     pub(crate) settings: String,
-    /// How far off the truth the turn of one camera is told, degrees: about x, y and z of its left eye alike.
+    /// Rotation error of one camera's calibration, degrees, in equal parts about x, y and z of its
+    /// left frame.
     pub(crate) rotation_error_deg: f64,
 }
 
-/// The camera of which that is told. Its IMU is not in use.
+/// The camera with this error. Its IMU is not in use.
 const MISCALIBRATED_CAMERA: &str = "feet";
 
 impl Job {
@@ -57,7 +58,7 @@ impl Job {
         }
     }
 
-    /// The walk, with its pictures in a folder; they are rendered where they are not there.
+    /// The walk, with its images in a folder; they are rendered if missing.
     ///
     /// # Errors
     /// There is no such walk, or the folder cannot be written.
@@ -87,7 +88,7 @@ impl Job {
     }
 }
 
-/// What the process is told.
+/// Request to the process.
 #[derive(Serialize, Deserialize)]
 struct RunRequest {
     job: Job,
@@ -95,7 +96,7 @@ struct RunRequest {
     with_mapping: bool,
 }
 
-/// What came out of one process.
+/// Result of one process.
 #[derive(Clone, Debug, Serialize, Deserialize)]
 struct Answer {
     ran: TrackingRun,
@@ -104,7 +105,7 @@ struct Answer {
     adjusted: Option<AdjustedRun>,
 }
 
-/// What a run gave and took.
+/// Result and cost of a run.
 #[derive(Clone, Debug, Serialize, Deserialize)]
 pub(crate) struct TrackingRun {
     /// Stereo cameras; named apart from the job's, beside which it is written.
@@ -113,7 +114,7 @@ pub(crate) struct TrackingRun {
     pub(crate) pairs: usize,
     /// From the first set to the last, s.
     pub(crate) seconds: f64,
-    /// Length of the way, m.
+    /// Path length, m.
     pub(crate) path_m: f64,
     /// Keyframes.
     pub(crate) keyframes: usize,
@@ -121,47 +122,47 @@ pub(crate) struct TrackingRun {
     pub(crate) wall_ms: f64,
     /// Processor time of a stereo pair, all threads, mean, ms.
     pub(crate) cpu_ms: f64,
-    /// The longest that a set took, ms.
+    /// Maximum time of a set, ms.
     pub(crate) longest_set_ms: f64,
-    /// Most memory beyond what was there before, bytes.
+    /// Peak memory beyond the initial one, bytes.
     pub(crate) peak_bytes: u64,
-    /// Cameras that were told to have been moved as it went.
+    /// Number of cameras reported as moved during the run.
     pub(crate) shifts: usize,
-    /// How far off the causal poses are.
+    /// Errors of the causal poses.
     pub(crate) figures: Figures,
 }
 
-/// What adjusting everything gave and took.
+/// Result and cost of the bundle adjustment.
 #[derive(Clone, Debug, Serialize, Deserialize)]
 pub(crate) struct AdjustedRun {
     /// Of the adjustment, s.
     pub(crate) wall_s: f64,
     /// Processor time of it, s.
     pub(crate) cpu_s: f64,
-    /// Most memory of tracking and adjustment beyond what was there before, bytes.
+    /// Peak memory of tracking and adjustment beyond the initial one, bytes.
     pub(crate) peak_bytes: u64,
     /// Keyframes.
     pub(crate) keyframes: usize,
-    /// Places seen again.
+    /// Loop closures.
     pub(crate) loops: usize,
-    /// Linearisations.
+    /// Linearizations.
     pub(crate) rounds: usize,
     /// Landmarks.
     pub(crate) landmarks: usize,
-    /// How far from where they were told to sit cameras were found, m and rad.
+    /// Deviation of refined camera poses from their nominal ones, m and rad.
     pub(crate) mounts_off: Vec<[f64; 2]>,
-    /// Cameras that were found to have been moved.
+    /// Cameras found to have moved.
     pub(crate) moved: Vec<String>,
-    /// How far off the adjusted poses are.
+    /// Errors of the refined poses.
     pub(crate) figures: Figures,
 }
 
-/// How often a job is run.
+/// Number of passes of a job.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(crate) enum Passes {
-    /// Once, with everything kept and adjusted at the end: causal memory is with what is kept.
+    /// Once, with all keyframes stored and adjusted at the end: causal memory includes them.
     One,
-    /// Once without keeping anything and once more with.
+    /// Once without storing keyframes and once with.
     Two,
 }
 
@@ -219,7 +220,7 @@ fn start(order: &RunRequest) -> Result<Answer> {
     serde_json::from_slice(&output.stdout).context("reading what a run gave")
 }
 
-/// Does what another process asked for; none where none did.
+/// Serves the request of another process; `None` without one.
 pub(crate) fn answer(args: &[String]) -> Option<Result<()>> {
     let [first, order] = args else { return None };
     (first == RUN).then(|| {
@@ -292,11 +293,11 @@ fn work(order: &RunRequest) -> Result<Answer> {
     })
 }
 
-/// Gives free memory back to the system, sets the peak of the resident memory to what is resident now, and says how much
-/// that is, bytes: what was made and thrown away before is not there to be used again without being counted.
+/// Gives free memory back to the system, sets the peak of the resident memory to what is resident
+/// now, and returns it, bytes: memory freed before cannot be reused without being counted.
 ///
 /// # Errors
-/// The system does not tell.
+/// The system does not report it.
 pub(crate) fn forget_peak() -> Result<u64> {
     #[cfg(target_env = "gnu")]
     {
@@ -311,7 +312,7 @@ pub(crate) fn forget_peak() -> Result<u64> {
     Ok(tests::soak::memory()?.resident)
 }
 
-/// Of all numbers of all poses.
+/// Checksum of all numbers of all poses.
 pub(crate) fn checksum(trajectory: &Trajectory) -> u32 {
     let mut hasher = crc32fast::Hasher::new();
     for pose in trajectory.poses() {

@@ -1,4 +1,4 @@
-//! Settings of odometry by name: a preset, and what differs from it, as in `balanced corners=40`.
+//! Settings of odometry by name: a preset, and differences from it, as in `balanced corners=40`.
 
 use ::odometry::{Preset, Settings};
 use anyhow::{Context, Result, bail};

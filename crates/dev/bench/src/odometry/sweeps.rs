@@ -7,7 +7,8 @@ use super::results::Results;
 use super::run::{Job, Passes};
 use super::test_walks::{self, add};
 
-/// Walks on which settings are compared: streets by day, stairs, a square at night, lamps that flicker.
+/// Walks on which settings are compared: streets by day, stairs, a square at night, flickering
+/// lamps.
 pub(crate) const SETTINGS_ON: [&str; 4] = [
     "pavement-day-21-110",
     "stairs-day-21-140",
@@ -45,7 +46,7 @@ pub(crate) const CAMERAS: [(&str, &[&str]); 5] = [
     ("all three", &[]),
 ];
 
-/// How far off one camera's turn is told, degrees, and on which walks.
+/// Rotation errors of one camera's calibration, degrees, and the walks.
 pub(crate) const ROTATION_ERRORS_DEG: [f64; 8] = [0.0, 0.05, 0.1, 0.2, 0.5, 1.0, 2.0, 4.0];
 pub(crate) const MOUNTS_ON: [&str; 2] = ["pavement-day-21-110", "corridor-day-21-110"];
 /// Their first sets: 40 s.
@@ -76,7 +77,7 @@ pub(crate) fn settings(options: &Options, results: &mut Results) -> Result<()> {
     Ok(())
 }
 
-/// A camera whose calibration is off.
+/// A camera with a calibration error.
 ///
 /// # Errors
 /// Of a run.

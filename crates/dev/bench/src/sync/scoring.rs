@@ -1,4 +1,4 @@
-//! One method in one world: errors and honesty.
+//! One method in one world: errors and consistency.
 //!
 //! Errors are against the instant at which the sample was taken, which a tick says only to its own
 //! length: that is part of the error, and of the sigma that a method has to claim.
