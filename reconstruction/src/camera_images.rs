@@ -70,7 +70,7 @@ pub fn write(folder: &Path, input: &Input) -> io::Result<()> {
 /// The images of a bundle; none if it has no such file. Malformed lines are skipped.
 ///
 /// # Errors
-/// The file cannot be read, is no regular file, or is longer than images of cameras are.
+/// The file cannot be read, is not a regular file, or exceeds the maximum size.
 pub fn read(folder: &Path) -> io::Result<Vec<CameraImage>> {
     let bytes = plain_file::read_below(folder, Path::new(FILE), LIMIT);
     let text = match bytes.and_then(plain_file::text) {

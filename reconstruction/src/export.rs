@@ -1,7 +1,7 @@
 //! Export of a hand-off to plain files: images as PNG, everything else as CSV and JSON.
 //!
 //! Contract. The requested folder appears complete or not at all: everything is written to a folder
-//! of the same name with `.partial` behind it, which is renamed at the end. A folder that is not
+//! of the same name with `.partial` appended, which is renamed at the end. A folder that is not
 //! empty is refused and left alone, and so is one that cannot be replaced (a mount point, a link).
 //! A run that fails removes what it wrote; one that is killed leaves the `.partial` folder, which
 //! the next run refuses to touch. *At a gap* there is no row and no image. *On failure to read* a
@@ -10,12 +10,12 @@
 //!
 //! ```text
 //! DIR/CAMERA/left/NNNNNN.png    named by the frame's number, at least six digits
-//! DIR/CAMERA/right/NNNNNN.png   8 bits, grey or RGB
+//! DIR/CAMERA/right/NNNNNN.png   8 bits, gray or RGB
 //! DIR/CAMERA/times.csv          number,time_ns,sigma_ns,time_unreliable,set; set is empty for a frame
 //!                               in none, time_unreliable 1 where sigma_ns is not reliable
-//! DIR/sets.csv                  set,time_ns,CAMERA,...; frame numbers, empty where there is none
+//! DIR/sets.csv                  set,time_ns,CAMERA,...; frame numbers, empty if there is none
 //! DIR/imu/NAME.csv              number,ticks,time_ns,gyro_x_rad_s,...,accel_x_m_s2,...,time_unreliable
-//! DIR/calibration.json          lens of every eye, transforms of the rig
+//! DIR/calibration.json          intrinsics of every image, transforms of the rig
 //! ```
 //!
 //! Images are named by number and not by time, because gap records and sets refer to numbers, which
@@ -102,7 +102,7 @@ pub fn export(
             .map_err(writing(out))
     });
     if result.is_err() {
-        // It is this run's own. Should removing it fail too, its name says what it is.
+        // It belongs to this run. If removing it fails too, its name shows its origin.
         let _ = fs::remove_dir_all(&partial);
     }
     result

@@ -1,6 +1,6 @@
 //! Decoded images, one per side.
 //!
-//! Rows are packed, top row first, 8 bits per sample, full range; colour is RGB by the full-range
+//! Rows are packed, top row first, 8 bits per sample, full range; color is RGB by the full-range
 //! BT.601 formulas of JFIF 1.02. The stereo frame is split in its middle: its left half is the left
 //! image, unchanged.
 

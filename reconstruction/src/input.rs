@@ -1,8 +1,8 @@
 //! A hand-off, opened for reading.
 //!
-//! Contract. *Opening* checks the seal, the verdict and every byte that was sealed, and refuses
-//! what is missing, failed its validation without being accepted, was edited or changed
-//! ([`InputError`]); [`Input::notes`] says what was accepted. *Early to late*: frame sets come in
+//! Contract. *Opening* checks the seal, the verdict and every byte that was sealed, and refuses a
+//! session that is missing, failed its validation without being accepted, was edited or changed
+//! ([`InputError`]); [`Input::notes`] lists what was accepted. *Early to late*: frame sets come in
 //! order of time, frames in order of their numbers, each decoded once, cameras side by side on
 //! threads; memory is about one GOP per camera. Random access by number or time decodes from the
 //! preceding key frame. Both give the same frames. *At a gap*: a camera that has no frame in a set

@@ -7,7 +7,7 @@
 //! - [`pipeline`]: a hand-off to a scene bundle, stage by stage.
 //! - [`evaluate`]: errors of an estimated trajectory against ground truth.
 //! - [`camera_images`]: a few small images of each camera.
-//! - [`report`]: a scene bundle as a page of HTML.
+//! - [`report`]: HTML report of a scene bundle.
 //! - [`export`]: writes images as PNG with their times, for programs in other languages.
 //!
 //! ```no_run

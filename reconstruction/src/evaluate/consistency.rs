@@ -39,9 +39,9 @@ pub struct Consistency {
     pub nees: f64,
     /// Ratio of poses whose position is within 3 sigmas; 0.9973 is right.
     pub within_translation: f64,
-    /// Of turn.
+    /// Ratio of poses whose rotation is within 3 sigmas.
     pub within_rotation: f64,
-    /// Of both.
+    /// Ratio of poses with both within 3 sigmas.
     pub within: f64,
     /// Poses beyond 3 sigmas in position or rotation although they are not lost.
     pub silently_wrong: usize,

@@ -28,7 +28,7 @@ pub struct LoadedTrajectory {
     pub has_row_per_set: bool,
 }
 
-/// Why there is no trajectory.
+/// Error of reading a trajectory.
 #[derive(Debug, thiserror::Error)]
 pub enum FileError {
     /// The file could not be read: check the path and its permissions.

@@ -9,7 +9,7 @@ use session_archive::record::{CameraCalibration, FrameTransform, Quaternion, Vec
 
 use crate::input::Input;
 
-/// The content of the file. An eye without a calibration is `null`.
+/// The content of the file. A side without a calibration is `null`.
 pub(super) fn json(input: &Input) -> Value {
     let manifest = input.manifest();
     let cameras: Map<String, Value> = manifest
@@ -46,7 +46,8 @@ fn lens(calibration: &CameraCalibration) -> Value {
 }
 
 fn transform(transform: &FrameTransform) -> Value {
-    // Absent in protobuf means zero; a quaternion of zeros is no rotation and is shown as it is.
+    // Absent in protobuf means zero; a quaternion of zeros is not a rotation and is written
+    // unchanged.
     let Vector3 { x, y, z } = transform.translation.unwrap_or_default();
     let q: Quaternion = transform.rotation.unwrap_or_default();
     json!({

@@ -20,7 +20,7 @@ pub(super) struct CameraExport<'a> {
 }
 
 impl CameraExport<'_> {
-    /// Stereo frames written, and what was lost.
+    /// Number of stereo frames written, and losses.
     pub(super) fn write(
         &self,
         selection: &Selection,

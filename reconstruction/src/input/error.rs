@@ -26,7 +26,7 @@ pub enum InputError {
     HandOff {
         /// The session's folder.
         path: PathBuf,
-        /// What is wrong with it.
+        /// The error.
         #[source]
         error: HandOffError,
     },
@@ -38,7 +38,7 @@ pub enum InputError {
         /// The session's folder.
         path: PathBuf,
     },
-    /// The manifest belongs to another session, or is none: hand over again.
+    /// The manifest belongs to another session, or is invalid: hand over again.
     #[error("the hand-off is of session {sealed}, the manifest of {found}: {}", .path.display())]
     OtherSession {
         /// The session that was handed over.
@@ -62,7 +62,7 @@ pub enum InputError {
     Index {
         /// The session's folder.
         path: PathBuf,
-        /// What is wrong with it.
+        /// The error.
         #[source]
         error: IndexError,
     },

@@ -18,7 +18,7 @@ use session_archive::scan::{Item, VerifiedChunk};
 /// The state of a session, by the name of what it belongs to.
 #[derive(Debug, Default)]
 pub(super) struct State {
-    /// By eye, as in `feet/left`.
+    /// By camera side, as in `feet/left`.
     pub(super) calibrations: BTreeMap<String, CameraCalibration>,
     pub(super) transforms: Vec<FrameTransform>,
     /// By clock, then by version.

@@ -8,7 +8,7 @@ use super::Report;
 
 /// Receives the progress of a pipeline; from several threads.
 pub trait Observer: Sync {
-    /// A stage begins: its name, its number from 1, and how many there are.
+    /// A stage begins: its name, its number from 1, and the number of stages.
     fn begin(&self, stage: &str, number: usize, of: usize);
     /// Progress of the stage: `done` of `total`.
     fn progress(&self, done: u64, total: u64);

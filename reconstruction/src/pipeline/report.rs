@@ -29,7 +29,7 @@ pub(super) fn read(scene: &Scene, output: &str) -> Result<Report, BundleError> {
         return Ok(Report::default());
     }
     serde_json::from_slice(&output.read(FILE)?).map_err(|e| BundleError::Malformed {
-        path: output.place(FILE),
+        path: output.file_path(FILE),
         place: format!("line {}", e.line()),
         found: format!("JSON where {e}"),
         expected: "notes and losses of a stage".to_owned(),

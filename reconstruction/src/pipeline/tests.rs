@@ -271,7 +271,7 @@ fn an_output_with_missing_or_truncated_files_is_recomputed() {
     let content = bench.content();
     let file_path = |output: &str, file: &str| {
         let scene = bench.bundle().scene();
-        scene.output(output).expect("an output").place(file)
+        scene.output(output).expect("an output").file_path(file)
     };
     std::fs::remove_file(file_path("keyframes", "text")).expect("a file");
     assert_eq!(bench.run(), [0, 1, 0]);

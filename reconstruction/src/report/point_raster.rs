@@ -2,7 +2,8 @@
 //!
 //! Contract: the same points give the same image. It is rendered at twice its size and downsampled,
 //! and darkened beside nearer points, so that edges and steps are visible (after Boucheny's
-//! eye-dome lighting, 2009). Empty pixels are transparent, so that it suits light and dark pages.
+//! eye-dome lighting, 2009). Empty pixels are transparent, so that images suit light and dark
+//! pages.
 
 use scene_bundle::outputs::cloud::CloudPoint;
 

@@ -2,8 +2,8 @@
 //!
 //! Contract: both views leave out points higher than [`MAX_HEIGHT_M`] above the rig, so that rooms
 //! and the ground under trees are visible. In the view from above, y is up, and the image contains
-//! the whole path. The oblique view shows the middle of the path with its surroundings, from behind
-//! and from the side with less occlusion.
+//! the whole path. The oblique view shows the middle of the path with its surroundings, from the
+//! rear and from the side with less occlusion.
 
 use scene_bundle::outputs::cloud::CloudPoint;
 

@@ -392,7 +392,7 @@ fn damaged_outputs_are_recomputed() {
     let folder = tempfile::tempdir().expect("folder");
     assert_eq!(run_toys(folder.path()), [State::Ran; 3]);
     let scene = Scene::open(folder.path()).expect("a bundle");
-    let file = scene.output("c").expect("an output").place("1");
+    let file = scene.output("c").expect("an output").file_path("1");
     let mut bytes = fs::read(&file).expect("a file");
     bytes[3] ^= 1;
     fs::write(&file, bytes).expect("damaged");

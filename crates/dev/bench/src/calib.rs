@@ -6,12 +6,12 @@
 //!
 //! 1. Error against number of views against time, for one stereo camera, ours beside OpenCV's on the same
 //!    corners in the same run.
-//! 2. Which lens model is chosen against how much distortion there is and how many views.
+//! 2. Selected lens model against the amount of distortion and the number of views.
 //! 3. Error against the strength of each impairment of a recording. A point is *ok* when cameras
 //!    are within 1 mm and 0.05 degrees of their true relative pose, or within three of the sigmas
 //!    that are stated; *flagged* when they are not and a finding warns; *silently wrong* otherwise.
 //!    The third kind must not exist.
-//! 4. How many errors of good sessions are within two of the stated sigmas.
+//! 4. Ratio of errors of good sessions within two of the stated sigmas.
 //! 5. Rendered sessions from images to the rig with the extrinsics and time offsets of its IMUs.
 
 use std::fs;
@@ -350,7 +350,7 @@ fn against_distortion(quick: bool) -> Result<Value> {
     Ok(Value::Array(rows))
 }
 
-/// Good sessions: how many errors are within two sigma, and the worst ones.
+/// Good sessions: number of errors within two sigma, and the worst ones.
 fn good(sessions: u64) -> Result<Value> {
     let (mut inside, mut all, mut metres, mut degrees) = (0, 0, 0.0f64, 0.0f64);
     let mut flagged = 0;

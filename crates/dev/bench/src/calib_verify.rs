@@ -59,7 +59,7 @@ struct Point {
     outcome: Outcome,
 }
 
-/// One walk as it is.
+/// One unmodified walk.
 #[derive(Clone, Debug, Serialize)]
 struct Clean {
     scene: &'static str,

@@ -5,7 +5,7 @@
 //!    and on synthetic ones: luma PSNR of the decoded images, Mbit/s at the nominal rate, CPU time
 //!    per frame, and whether the target was met. As in a recording: one thread per encoder, a key
 //!    frame each half second. Times are those of a clip twice over less those of the clip once, so
-//!    that starting and draining the encoder is no part of them.
+//!    that starting and draining the encoder are excluded.
 //! 2. The processor time of a whole recording (three cameras, real time) against the same encoder
 //!    with the same settings on the same images in a bare `gst-launch-1.0` pipeline. The daemon
 //!    writes its sessions to a disk and syncs them; the peer throws its video away. Both run
@@ -30,7 +30,7 @@ use crate::{recording, stamp};
 use curve::Point;
 use material::Clip;
 
-/// How much is measured.
+/// Amount of work.
 struct Plan {
     targets_db: &'static [f64],
     /// Maximum number of frames of each clip.

@@ -5,7 +5,7 @@
 //! `zed`, and the method of zed-open-capture. Errors are those of a sample's time against the
 //! camera's stamps, less the stamps' constant latency, from [`SCORED_FROM_S`] on. Varied are what
 //! delays the reader of the IMU (jitter, bursts, load), what delays the camera's stamps, and for
-//! how long the device has been on; then the decrease of the error with the observed time.
+//! the uptime of the device; then the decrease of the error with the observed time.
 //!
 //! The estimator is *silently wrong* where the error of a time is more than five of its sigmas; the
 //! peer states none.

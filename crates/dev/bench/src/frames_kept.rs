@@ -272,7 +272,7 @@ fn prepare(folder: &Path) -> Result<PathBuf> {
     Ok(config)
 }
 
-/// Writes the luma of both eyes as PNG files.
+/// Writes the luma of both images as PNG files.
 fn write_eyes(folder: &Path, number: usize, picture: &Picture) -> Result<()> {
     let (width, height) = (picture.width as usize, picture.height as usize);
     for (eye, first) in [("left", 0), ("right", width / 2)] {

@@ -6,8 +6,8 @@
 //! * *Validate* without decoding, from the disk and from memory. Target: at least 1 GB/s from memory.
 //! * *Validate* with decoding of every frame, on a session with real images.
 //!
-//! Only root may drop the page cache. For others everything is read from memory: the results say so,
-//! and there are none from the disk.
+//! Only root may drop the page cache. For others everything is read from memory: the results state
+//! that, and have none from the disk.
 //!
 //! The session is generated: three cameras of 30 Hz with access units of the sizes that 8 Mbit/s
 //! give, and an IMU of 400 Hz each.

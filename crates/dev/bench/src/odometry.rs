@@ -9,7 +9,8 @@
 //! 4. `presets`: the same walks in `fast` and `accurate`.
 //! 5. `settings`: presets, and corners, frames and rounds one at a time, on the first 40 s of four
 //!    of the walks.
-//! 6. `cameras`: one, two and three stereo cameras, with and without IMU, on the first 60 s of six, one in each place.
+//! 6. `cameras`: one, two and three stereo cameras, with and without IMU, on the first 60 s of six,
+//!    one in each scene.
 //! 7. `mounts`: a camera with a calibration error of up to 4 degrees, on the first 40 s of two.
 //!
 //! Each run is a process of its own with two threads, so that its peak memory is its own; memory in

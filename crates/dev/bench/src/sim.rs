@@ -1,9 +1,9 @@
 //! `sim`: speed of the simulated cameras, and quality of their images.
 //!
-//! 1. Frame sets per second of all three cameras, two eyes each, 672x376 per eye, on two threads,
-//!    in each scene by day, for several qualities: from one sample per pixel to the many of the
-//!    test quality. As in a source in real time: each camera's frames in order, developed, side by
-//!    side, with noise.
+//! 1. Frame sets per second of all three stereo cameras, 672x376 per eye, on two threads, in each
+//!    scene by day, for several qualities: from one sample per pixel to the many of the test
+//!    quality. As in a source in real time: each camera's frames in order, developed, side by side,
+//!    with noise.
 //! 2. Their error: the difference of the same images without noise from ones averaged over many
 //!    more samples. Motion blur is part of it, and the position of edges within a pixel.
 //! 3. Where the time of a stereo frame goes, at the quality for real time: poses, visibility, shading,
@@ -55,7 +55,7 @@ const fn looks(samples: u32, most_samples: u32) -> Quality {
     }
 }
 
-/// How much is measured.
+/// Amount of work.
 struct Plan {
     kinds: &'static [Kind],
     width: u32,
@@ -91,7 +91,7 @@ struct Point {
     sets_per_s: f64,
     /// Per stereo frame.
     cpu_ms: f64,
-    /// Of luma, grey levels.
+    /// RMS error of luma, gray levels.
     rms: f64,
 }
 
@@ -193,7 +193,7 @@ fn place(plan: &Plan, kind: Kind, rig: &Rig) -> Result<Place> {
     })
 }
 
-/// Luma of both eyes of all cameras at a few instants of the walk.
+/// Luma of both images of all cameras at a few instants of the walk.
 fn pictures(simulation: Simulation, quality: Quality, plan: &Plan) -> (Simulation, Vec<Vec<u8>>) {
     let simulation = Arc::new(simulation.with_quality(quality));
     let mut found = Vec::new();

@@ -3,8 +3,8 @@
 //! A walk through each scene by day is rendered with its ground truth, at the quality for tests. A
 //! Python program (`sim_pictures.py` beside this file, whose head documents the measures) computes
 //! the same statistics of these images and of the real ones of the data folder: gradients,
-//! spectrum, noise, how well OpenCV matches left and right, how long features can be tracked. The
-//! table marks which of the simulated ones are within the range of the real ones.
+//! spectrum, noise, stereo matching by OpenCV, length of feature tracks. The table marks which of
+//! the simulated ones are within the range of the real ones.
 
 use std::fs;
 use std::path::Path;

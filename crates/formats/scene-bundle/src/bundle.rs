@@ -1,8 +1,8 @@
 //! Writing a bundle.
 //!
 //! Contract: a [`Bundle`] is the only writer of its folder; a second one is refused. Outputs are
-//! made in drafts and appear whole or not at all. A process killed or a power cut at any instant
-//! leaves a bundle that opens and whose outputs are what was committed: the output that was being
+//! written in drafts and appear complete or not at all. A process killed or a power cut at any
+//! instant leaves a bundle that opens with its committed outputs: the output that was being
 //! replaced is the old one or the new one. Remains of a killed writer are removed by the next one.
 
 use std::collections::BTreeSet;
@@ -27,7 +27,7 @@ pub struct Bundle {
 pub(crate) struct Shared {
     pub(crate) storage: Arc<dyn Storage>,
     pub(crate) manifest: Mutex<Manifest>,
-    /// Names of outputs that are being made.
+    /// Names of outputs that are being written.
     pub(crate) drafts: Mutex<BTreeSet<String>>,
     /// Held as long as the bundle or one of its drafts lives.
     _lock: Option<File>,
@@ -110,8 +110,8 @@ impl Bundle {
     /// then.
     ///
     /// # Errors
-    /// [`BundleError::Refused`] for a name that the format does not allow, or an output that is already being made;
-    /// [`BundleError::Io`].
+    /// [`BundleError::Refused`] for a name that the format does not allow, or an output that is
+    /// already being written; [`BundleError::Io`].
     pub fn begin(&self, output: &str) -> Result<Draft, BundleError> {
         Draft::begin(&self.shared, output)
     }
@@ -121,8 +121,8 @@ impl Bundle {
         self.shared.manifest().clone()
     }
 
-    /// The bundle for reading, as it is now. Outputs committed later are not in it, and one that is replaced can no
-    /// longer be read through it.
+    /// The bundle for reading, in its current state. Outputs committed later are not in it, and one
+    /// that is replaced can no longer be read through it.
     pub fn scene(&self) -> Scene {
         Scene::of(self.shared.storage.clone(), self.manifest())
     }

@@ -102,7 +102,7 @@ impl Draft {
     }
 
     /// Path of a file while it is written, for messages.
-    pub(crate) fn place(&self, path: &str) -> PathBuf {
+    pub(crate) fn file_path(&self, path: &str) -> PathBuf {
         self.inner.full(&format!("{}/{path}", self.inner.folder))
     }
 
@@ -185,7 +185,7 @@ impl Draft {
         })
     }
 
-    /// Makes the files the output, in place of an older one. When this returns, it is durable.
+    /// Publishes the files as the output, replacing an older one. It is durable when this returns.
     ///
     /// The order: folders synced, draft renamed, bundle's folder synced, manifest replaced, older version removed. Should
     /// the removal fail, the next writer does it.
@@ -385,7 +385,7 @@ impl DraftFile {
     }
 
     /// The file's path, for messages.
-    pub(crate) fn place(&self) -> PathBuf {
+    pub(crate) fn file_path(&self) -> PathBuf {
         self.inner
             .full(&format!("{}/{}", self.inner.folder, self.path))
     }

@@ -10,7 +10,7 @@ pub enum BundleError {
     /// space.
     #[error("{doing}: {}", path.display())]
     Io {
-        /// What was being done.
+        /// Operation that failed.
         doing: &'static str,
         /// The file or folder.
         path: PathBuf,
@@ -18,7 +18,7 @@ pub enum BundleError {
         #[source]
         error: io::Error,
     },
-    /// There is no bundle, or not one that this version reads.
+    /// No bundle, or one that this version does not read.
     #[error("opening a scene bundle: found {found}, expected {expected}: {}", path.display())]
     NotABundle {
         /// The folder or its manifest.
@@ -34,14 +34,14 @@ pub enum BundleError {
         /// The bundle.
         path: PathBuf,
     },
-    /// The bundle was made out of something else: write to another folder.
+    /// The bundle is of another source: write to another folder.
     #[error("opening a scene bundle for writing: it is of {found}, expected {expected}; name another folder: {}", path.display())]
     OtherSource {
         /// The bundle.
         path: PathBuf,
-        /// What it was made of.
+        /// Source of the bundle.
         found: String,
-        /// What is to be written to it.
+        /// Source to be written.
         expected: String,
     },
     /// A defect of the caller: a name, a hash or a number that the format does not allow.
@@ -49,7 +49,7 @@ pub enum BundleError {
     Refused {
         /// The bundle or the file in it.
         path: PathBuf,
-        /// What was given.
+        /// Value that was given.
         found: String,
         /// What the format allows.
         expected: String,
@@ -64,7 +64,7 @@ pub enum BundleError {
         /// The outputs that are there.
         found: String,
     },
-    /// A file is not what was written: make the output again.
+    /// A file differs from what was written: run the stage again.
     #[error("reading a scene bundle: found {found}, expected {expected}: {}", path.display())]
     Changed {
         /// The file.
@@ -88,7 +88,7 @@ pub enum BundleError {
     },
 }
 
-/// Adds what was being done, to what.
+/// Adds the operation and its path to an I/O error.
 pub(crate) fn doing(
     doing: &'static str,
     path: impl AsRef<Path>,

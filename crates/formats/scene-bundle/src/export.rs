@@ -1,7 +1,7 @@
 //! Export of a bundle to other formats.
 //!
 //! Contract: nothing that exists is overwritten. A file appears whole or not at all; a folder is
-//! made under its name with `.partial` behind it and renamed when it is whole. What the format
+//! written under its name with `.partial` appended and renamed when it is complete. What the format
 //! cannot hold is reported ([`Summary::notes`]); content that should have been written and could
 //! not be is counted ([`Summary::lost`]). The same bundle gives the same bytes.
 
@@ -79,7 +79,7 @@ impl Format {
         }
     }
 
-    /// Outputs of a bundle that it is made of.
+    /// Outputs of a bundle that it needs.
     fn outputs(self, is_causal: bool) -> &'static [&'static str] {
         match self {
             Self::Tum | Self::Kitti | Self::Euroc if is_causal => &[outputs::TRAJECTORY_CAUSAL],
@@ -104,7 +104,8 @@ impl Format {
 /// How to write it.
 #[derive(Clone, Debug, Default, PartialEq, Eq)]
 pub struct Options {
-    /// The causal trajectory in place of the offline one. Of no effect on keyframes, which have poses of their own.
+    /// Whether the causal trajectory is exported instead of the offline one. No effect on
+    /// keyframes, which have their own poses.
     pub causal: bool,
     /// Folder of the images, as `paws-reconstruct frames` writes them: `CAMERA/left/NNNNNN.png`,
     /// named by the number of the frame. With it, keyframes without an image are left out.
@@ -115,7 +116,7 @@ pub struct Options {
     pub cameras: Vec<String>,
 }
 
-/// What was written.
+/// Summary of an export.
 #[derive(Clone, Debug, Default, PartialEq, Eq)]
 pub struct Summary {
     /// Description of what was written.
@@ -144,7 +145,7 @@ pub enum ExportError {
     /// Any I/O error of the underlying file system.
     #[error("writing an export: {}", path.display())]
     Write {
-        /// What was being written.
+        /// Path that was being written.
         path: PathBuf,
         /// What failed.
         #[source]

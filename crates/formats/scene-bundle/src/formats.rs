@@ -5,7 +5,7 @@
 //! away from zero. Numbers are written with the digits that read back to the same bits. What cannot
 //! be read is an error that names the line, what was found and what was expected.
 //! [`Lost`](crate::Status::Lost) poses are not written, since none of these formats can mark a pose
-//! as invalid. Status and covariance are not kept; what is read is
+//! as invalid. Status and covariance are lost; poses that are read are
 //! [`Tracked`](crate::Status::Tracked).
 
 pub mod euroc;

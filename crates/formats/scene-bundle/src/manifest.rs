@@ -37,7 +37,7 @@ pub struct Manifest {
 pub struct Provenance {
     /// The session.
     pub session_id: String,
-    /// BLAKE3 that stands for all of the session's files, hex: the seal of its hand-off.
+    /// BLAKE3 of all of the session's files, hex: the seal of its hand-off.
     pub handoff_blake3: String,
     /// Verdict that the session was handed over with; absent in version 1, or where it is not
     /// known.
@@ -65,10 +65,10 @@ pub struct RigRevision {
     pub revision: String,
 }
 
-/// How an output was made.
+/// Provenance of an output.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Record {
-    /// The stage that made it.
+    /// The stage that wrote it.
     pub stage: String,
     /// The stage's version. A stage counts it up when the same input gives another output.
     pub stage_version: u32,
@@ -78,7 +78,7 @@ pub struct Record {
     pub inputs: BTreeMap<String, String>,
 }
 
-/// An output: how it was made and what it holds.
+/// An output: its provenance and its files.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct Output {
@@ -129,7 +129,7 @@ impl Output {
     }
 }
 
-/// The hash that stands for the content of an output: BLAKE3, hex, of a line `HASH BYTES PATH\n` for each file, in the
+/// Content hash of an output: BLAKE3, hex, of a line `HASH BYTES PATH\n` for each file, in the
 /// order of the bytes of their paths.
 pub fn content_hash(files: &[FileEntry]) -> String {
     let mut files: Vec<&FileEntry> = files.iter().collect();

@@ -101,7 +101,7 @@ impl TableWriter {
         columns: &'static [Column],
     ) -> Result<Self, BundleError> {
         let mut file = draft.create(path)?;
-        let place = file.place();
+        let place = file.file_path();
         file.write_all(&header(columns, 0))
             .map_err(doing("writing a table", place))?;
         Ok(Self {
@@ -124,12 +124,12 @@ impl TableWriter {
         self.rows += 1;
         self.file
             .write_all(&self.row)
-            .map_err(|e: io::Error| doing("writing a table", self.file.place())(e))
+            .map_err(|e: io::Error| doing("writing a table", self.file.file_path())(e))
     }
 
     pub(crate) fn finish(mut self) -> Result<(), BundleError> {
         let header = header(self.columns, self.rows);
-        let place = self.file.place();
+        let place = self.file.file_path();
         self.file
             .overwrite_start(&header)
             .map_err(doing("writing a table", place))?;

@@ -55,7 +55,7 @@ pub(crate) fn read_json<T: DeserializeOwned>(
     path: &str,
 ) -> Result<T, BundleError> {
     serde_json::from_slice(&reader.read(path)?).map_err(|e| BundleError::Malformed {
-        path: reader.place(path),
+        path: reader.file_path(path),
         place: format!("line {}", e.line()),
         found: format!("JSON where {e}"),
         expected: format!("what the format has in {path}"),
@@ -65,7 +65,7 @@ pub(crate) fn read_json<T: DeserializeOwned>(
 /// A value that the caller gave and the format does not allow.
 pub(crate) fn refused(draft: &Draft, file: &str, found: String, expected: &str) -> BundleError {
     BundleError::Refused {
-        path: draft.place(file),
+        path: draft.file_path(file),
         found,
         expected: expected.to_owned(),
     }

@@ -114,12 +114,12 @@ impl Scene {
         };
         if output.files.iter().any(|f| f.path == layout::LISTING) {
             let text = reader.read(layout::LISTING)?;
-            reader.listed = parse_listing(&text, &reader.place(layout::LISTING))?;
+            reader.listed = parse_listing(&text, &reader.file_path(layout::LISTING))?;
         }
         Ok(reader)
     }
 
-    /// Whether every file of an output is what was written.
+    /// Whether every file of an output is intact.
     pub fn is_whole(&self, name: &str) -> bool {
         let Ok(output) = self.output(name) else {
             return false;
@@ -164,7 +164,7 @@ impl OutputReader {
         &self.name
     }
 
-    /// How it was made, and its files.
+    /// Its provenance and files.
     pub fn output(&self) -> &Output {
         &self.output
     }
@@ -181,7 +181,7 @@ impl OutputReader {
     }
 
     /// Path of a file, for messages and for programs that read it themselves, unchecked.
-    pub fn place(&self, path: &str) -> PathBuf {
+    pub fn file_path(&self, path: &str) -> PathBuf {
         self.storage.root().join(&self.folder).join(path)
     }
 
@@ -283,7 +283,7 @@ impl OutputReader {
 
     fn changed(&self, path: &str, found: &str, expected: &str) -> BundleError {
         BundleError::Changed {
-            path: self.place(path),
+            path: self.file_path(path),
             found: found.to_owned(),
             expected: expected.to_owned(),
         }
@@ -293,7 +293,7 @@ impl OutputReader {
         if error.kind() == io::ErrorKind::NotFound {
             return self.changed(path, "no file", "the one that was written");
         }
-        doing("reading a file of a scene bundle", self.place(path))(error)
+        doing("reading a file of a scene bundle", self.file_path(path))(error)
     }
 }
 

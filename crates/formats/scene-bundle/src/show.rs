@@ -122,7 +122,7 @@ fn size(scene: &Scene, name: &str) -> (usize, u64) {
     let Ok(reader) = scene.output(name) else {
         return (0, 0);
     };
-    let bytes = |path| std::fs::metadata(reader.place(path)).map_or(0, |m| m.len());
+    let bytes = |path| std::fs::metadata(reader.file_path(path)).map_or(0, |m| m.len());
     (reader.paths().count(), reader.paths().map(bytes).sum())
 }
 

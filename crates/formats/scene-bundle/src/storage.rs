@@ -1,5 +1,5 @@
 //! Storage of a bundle behind a small trait, so that a test can cut it off at every step: [`Disk`]
-//! is a folder, and the tests have one in memory that forgets what was not synced.
+//! is a folder, and the tests have one in memory that loses unsynced data.
 //!
 //! What the trait promises is what POSIX promises and no more: bytes are durable after [`StoredFile::sync`], names after
 //! [`Storage::sync_dir`] of the folder they are in; until then a power cut may keep any part of either.
@@ -80,7 +80,7 @@ pub(crate) fn replace(storage: &dyn Storage, path: &str, bytes: &[u8]) -> io::Re
     storage.sync_dir("")
 }
 
-/// Removes a folder and what is in it; fine if it is not there.
+/// Removes a folder and its content; succeeds if it does not exist.
 pub(crate) fn remove_all(storage: &dyn Storage, dir: &str) -> io::Result<()> {
     let entries = match storage.list(dir) {
         Err(e) if e.kind() == io::ErrorKind::NotFound => return Ok(()),

@@ -40,7 +40,8 @@ impl VerifyReport {
 /// Checks every file of every output, those in listings too. `progress` is called with the bytes read.
 ///
 /// # Errors
-/// [`BundleError::Io`] when the bundle's folder cannot be listed. What is wrong with files is in the result.
+/// [`BundleError::Io`] when the bundle's folder cannot be listed. Problems of files are in the
+/// result.
 pub fn verify(scene: &Scene, mut progress: impl FnMut(u64)) -> Result<VerifyReport, BundleError> {
     let mut checked = VerifyReport::default();
     let known = [

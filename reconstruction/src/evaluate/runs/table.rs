@@ -3,7 +3,7 @@
 use super::super::{Delta, Statistics};
 use super::{Run, Runs};
 
-/// Shown where there is no number.
+/// Cell without a number.
 const ABSENT: &str = "-";
 
 pub(super) fn text(runs: &Runs) -> String {

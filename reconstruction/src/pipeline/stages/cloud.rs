@@ -1,13 +1,13 @@
 //! Stage `cloud`: colored points of the static scene, and masks of the dynamic parts.
 //!
-//! Contract: a point is where the depth of a keyframe says that something is, if it says so closely
-//! enough, keyframes of other instants say the same, and hardly any sees what is behind it
-//! ([`view`]): what moved is not there, nor what one view alone makes up, nor what a network of the
-//! user's says can move. All that is in a voxel becomes one point ([`voxels`]). Surfaces that
-//! others see through are dynamic; they are masked ([`dynamic_mask`]). The color is that of the
-//! left image; gray images give gray. An image that cannot be read is a loss. Memory is that of the
-//! depth of some keyframes and of a line per voxel of the scene, however long somebody walked about
-//! in it. Any number of threads gives the same.
+//! Contract: a point is a depth of a keyframe with a small sigma that keyframes of other instants
+//! support and hardly any violates as free space ([`posed_depth_map`]): dynamic objects, errors of
+//! a single view and objects that the user's network classifies as movable are excluded. All points
+//! in a voxel become one ([`voxels`]). Surfaces that others see through are dynamic; they are
+//! masked ([`dynamic_mask`]). The color is that of the left image; gray images give gray. An image
+//! that cannot be read is a loss. Memory is that of the depth of some keyframes and of one entry
+//! per voxel of the scene, however long the recording. The result does not depend on the number of
+//! threads.
 
 use std::collections::{BTreeMap, VecDeque};
 

@@ -119,7 +119,7 @@ impl Stage<Input> for RigStage {
     }
 }
 
-/// Why there is no rig.
+/// Error of the stage `rig`.
 #[derive(Debug, thiserror::Error)]
 pub enum RigStageError {
     /// The given file is not a rig file: correct it.

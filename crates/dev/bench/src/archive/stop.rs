@@ -1,5 +1,5 @@
-//! How long closing a session's files takes: the last chunk, a summary and the manifest, all synced,
-//! after sessions of different lengths. Time is virtual, the disk is real.
+//! Time to close a session's files: the last chunk, a summary and the manifest, all synced, after
+//! sessions of different lengths. Time is virtual, the disk is real.
 
 use std::path::Path;
 

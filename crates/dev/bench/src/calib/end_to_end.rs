@@ -25,7 +25,7 @@ use crate::meter::timed;
 /// Time offset of each camera's timestamps, ms.
 const TIME_OFFSET_MS: [f64; 3] = [1.7, -2.6, 4.2];
 
-/// Errors of one kind: the worst one, and how many of all are within two of the stated sigmas.
+/// Errors of one kind: the worst one, and the number within two of the stated sigmas.
 #[derive(Default)]
 struct Errors {
     worst: f64,

@@ -69,7 +69,7 @@ fn ours() -> Vec<(String, Settings)> {
                     clear,
                     ..preset
                 };
-                // The presets are there already.
+                // The presets are included already.
                 if all.iter().all(|(_, other)| *other != settings) {
                     all.push((format!("{windows}, {count} paths{what}"), settings));
                 }

@@ -58,7 +58,7 @@ pub(super) fn draw(
     charts
 }
 
-/// A line for each encoder, the same colour in every chart.
+/// A line for each encoder, the same color in every chart.
 fn by_encoder(
     chart: Chart,
     points: &[Point],

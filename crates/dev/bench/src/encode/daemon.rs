@@ -40,14 +40,14 @@ const MAX_CPU_RATIO: f64 = 1.10;
 /// Accepted ratio of video bytes of daemon and peer; outside of it their settings differ.
 const BYTES_RATIO_RANGE: RangeInclusive<f64> = 0.98..=1.02;
 
-/// How long the runs are and how often they are repeated.
+/// Length and number of the runs.
 pub(super) struct Plan {
     pub(super) short_s: u32,
     pub(super) long_s: u32,
     pub(super) repetitions: usize,
 }
 
-/// What was found.
+/// Result.
 pub(super) struct Share {
     /// Processor time per stereo frame, ms: the daemon's and the bare pipeline's, run side by side.
     pairs_ms: Vec<(f64, f64)>,

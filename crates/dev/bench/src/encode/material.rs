@@ -1,4 +1,4 @@
-//! What is encoded: real stereo recordings where available, and a synthetic one.
+//! Material to encode: real stereo recordings where available, and a synthetic one.
 
 use std::path::{Path, PathBuf};
 
@@ -33,7 +33,7 @@ impl Clip {
     }
 }
 
-/// A folder of the real recordings, or a line that says why something is skipped.
+/// A folder of the real recordings, or a printed reason why it is skipped.
 fn shared(folder: &str) -> Option<PathBuf> {
     match tests::data::sets([folder]) {
         Ok([path]) => Some(path),

@@ -2,8 +2,8 @@
 //!
 //! Two simulated walks are rendered in color at the quality for tests, encoded as the daemon
 //! encodes them (left and right side by side, one thread, a key frame each half second), decoded,
-//! and tracked. Beside the daemon's encoder at several quality targets stand the same element at
-//! slower speed presets, which the daemon does not offer, through `gst-launch-1.0` with the
+//! and tracked. The daemon's encoder at several quality targets is compared with the same element
+//! at slower speed presets, which the daemon does not offer, through `gst-launch-1.0` with the
 //! daemon's other properties, and the other software encoders that the daemon knows. Errors are
 //! against the truth; uncompressed images are included for comparison. Errors of single walks vary
 //! irregularly from one quality to the next, since any change of images changes which corners are

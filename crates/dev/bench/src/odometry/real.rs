@@ -79,7 +79,7 @@ impl From<drive::Drift> for EndDrift {
 /// Standing still, EuRoC.
 #[derive(Clone, Debug, Serialize, Deserialize)]
 pub(crate) struct StandStill {
-    /// Stereo pairs, and for how long, s.
+    /// Number of stereo pairs, and duration, s.
     pub(crate) pairs: usize,
     pub(crate) seconds: f64,
     /// Angle between the two gravity directions of the ground truth, degrees.

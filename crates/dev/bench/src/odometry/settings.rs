@@ -6,7 +6,7 @@ use anyhow::{Context, Result, bail};
 /// The settings that a name stands for.
 ///
 /// # Errors
-/// It is no such name.
+/// Unknown name.
 pub(crate) fn parse(name: &str) -> Result<Settings> {
     let mut words = name.split_whitespace();
     let preset = match words.next() {

@@ -17,7 +17,7 @@ pub(crate) const SETTINGS_ON: [&str; 4] = [
 ];
 /// Their first sets: 40 s.
 pub(crate) const SETTINGS_SETS: usize = 600;
-/// Walks on which cameras are compared: one in each place.
+/// Walks on which cameras are compared: one in each scene.
 pub(crate) const CAMERAS_ON: [&str; 6] = [
     "pavement-day-21-110",
     "room-day-21-140",

@@ -13,7 +13,7 @@ pub(crate) const TICK_NS: f64 = 39_062.5;
 pub(crate) const LATENCY_NS: i64 = 2_000_000;
 /// Host time at which a device begins to send.
 const START: f64 = 60.0 * S;
-/// How long before that its counter began.
+/// Time before that at which its counter started.
 const UPTIME: f64 = 1000.0 * S;
 
 /// SplitMix64 (Steele, Lea and Flood 2014).

@@ -25,7 +25,7 @@ pub(super) struct PosedImage {
     /// Index in [`PosedImages::cameras`].
     pub(super) camera: usize,
     pub(super) keyframe: Keyframe,
-    /// Takes points in the optical frame of this eye to the world.
+    /// Takes points in the optical frame of this image to the world.
     pub(super) world_from_camera: RigidTransform,
     /// `CAMERA/left/NNNNNN.png`.
     pub(super) path: String,

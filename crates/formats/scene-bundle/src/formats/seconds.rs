@@ -1,6 +1,6 @@
 //! Seconds as decimal text and nanoseconds as integers, exactly, both ways.
 
-/// Digits behind the point.
+/// Number of decimals.
 const DIGITS: i64 = 9;
 
 /// Nanoseconds as seconds with nine decimals: `-1` is `-0.000000001`.

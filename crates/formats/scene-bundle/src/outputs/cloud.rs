@@ -45,7 +45,7 @@ pub fn write(draft: &Draft, points: &[CloudPoint]) -> Result<(), BundleError> {
     }
     let mut file = draft.create(FILE)?;
     let mut put = |bytes: &[u8]| {
-        let place = draft.place(FILE);
+        let place = draft.file_path(FILE);
         file.write_all(bytes)
             .map_err(doing("writing a cloud of points", place))
     };
@@ -73,7 +73,7 @@ fn vertex(point: &CloudPoint) -> [u8; BYTES] {
 pub fn read(reader: &OutputReader) -> Result<Vec<CloudPoint>, BundleError> {
     let bytes = reader.read(FILE)?;
     let wrong = |place: &str, found: String, expected: String| BundleError::Malformed {
-        path: reader.place(FILE),
+        path: reader.file_path(FILE),
         place: place.to_owned(),
         found,
         expected,

@@ -2,7 +2,7 @@
 //! 16-bit gray, and `depth.json`, the index of views and maps.
 //!
 //! Contract. Depth is along the view's z axis, not along the ray, in units of 1 mm: 1 to 65535 are
-//! 1 mm to 65.535 m, 0 is no depth (nothing seen, or farther). Sigma is of the depth, one standard
+//! 1 mm to 65.535 m, 0 is no depth (not measured, or farther). Sigma is of the depth, one standard
 //! deviation, in units of 0.1 mm: 65535 is 6.5535 m or more, or not known; 0 goes with no depth.
 //! The view of a camera is its rectified left image: the optical center of the left image, rotated
 //! so that rows match those of the right image, with a pinhole model of its own. There are too many
@@ -69,7 +69,7 @@ pub struct DepthIndex {
     pub images: Vec<DepthKey>,
 }
 
-/// Depth of one keyframe as it is stored. Row by row from the top.
+/// Depth of one keyframe as stored, row by row from the top.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct DepthImage {
     /// Width, pixels.
@@ -98,7 +98,7 @@ pub fn stored_depth(depth_m: f32) -> u16 {
     }
 }
 
-/// Sigma in metres as it is stored with a depth.
+/// Stored sigma of a sigma in metres.
 pub fn stored_sigma(sigma_m: f32) -> u16 {
     let units = (f64::from(sigma_m) / SIGMA_UNIT_M).round();
     if units.is_nan() || units < 0.0 {
@@ -131,7 +131,7 @@ impl DepthImage {
 
     /// Depth of a pixel in metres.
     pub fn depth_m(&self, column: u32, row: u32) -> Option<f64> {
-        match self.depth[self.place(column, row)] {
+        match self.depth[self.pixel_index(column, row)] {
             0 => None,
             units => Some(f64::from(units) * DEPTH_UNIT_M),
         }
@@ -139,13 +139,13 @@ impl DepthImage {
 
     /// One standard deviation of the depth of a pixel in metres.
     pub fn sigma_m(&self, column: u32, row: u32) -> Option<f64> {
-        match self.sigma[self.place(column, row)] {
+        match self.sigma[self.pixel_index(column, row)] {
             0 => None,
             units => Some(f64::from(units) * SIGMA_UNIT_M),
         }
     }
 
-    fn place(&self, column: u32, row: u32) -> usize {
+    fn pixel_index(&self, column: u32, row: u32) -> usize {
         row as usize * self.width as usize + column as usize
     }
 }
@@ -272,7 +272,7 @@ fn validate(views: &[DepthView]) -> Option<String> {
 pub fn read_index(reader: &OutputReader) -> Result<DepthIndex, BundleError> {
     let index: DepthIndex = read_json(reader, INDEX)?;
     let wrong = |found: String, expected: &str| BundleError::Malformed {
-        path: reader.place(INDEX),
+        path: reader.file_path(INDEX),
         place: "content".to_owned(),
         found,
         expected: expected.to_owned(),
@@ -314,7 +314,7 @@ pub fn read(
     let view = &index.views[key.view];
     let size = (view.model.width, view.model.height);
     let samples = |path: &str| {
-        let place = reader.place(path);
+        let place = reader.file_path(path);
         match decode(&reader.read(path)?, &place)? {
             (width, height, GraySamples::Bits16(samples)) if (width, height) == size => Ok(samples),
             (width, height, samples) => Err(BundleError::Malformed {

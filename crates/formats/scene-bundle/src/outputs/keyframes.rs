@@ -69,7 +69,7 @@ pub fn write(draft: &Draft, keyframes: &[Keyframe]) -> Result<(), BundleError> {
 /// As [`OutputReader::read`]; [`BundleError::Malformed`].
 pub fn read(reader: &OutputReader) -> Result<Vec<Keyframe>, BundleError> {
     let bytes = reader.read(TABLE)?;
-    let place = reader.place(TABLE);
+    let place = reader.file_path(TABLE);
     let rows = rows(&bytes, &COLUMNS, &place)?.enumerate();
     rows.map(|(row, mut fields)| {
         let (set, frame, time_ns, camera) = (fields.u64(), fields.u64(), fields.i64(), fields.u8());

@@ -106,7 +106,7 @@ fn read_at(reader: &OutputReader, path: &str) -> Result<Option<Mask>, BundleErro
     if !reader.paths().any(|p| p == path) {
         return Ok(None);
     }
-    let place = reader.place(path);
+    let place = reader.file_path(path);
     match decode(&reader.read(path)?, &place)? {
         (width, height, GraySamples::Bits8(pixels)) => Ok(Some(Mask {
             width,

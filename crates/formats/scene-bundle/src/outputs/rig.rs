@@ -106,7 +106,7 @@ impl RigModel {
 /// Writes the rig.
 ///
 /// # Errors
-/// [`BundleError::Refused`] for names that are no folder names or come twice, [`BundleError::Io`].
+/// [`BundleError::Refused`] for names that are invalid or duplicate, [`BundleError::Io`].
 pub fn write(draft: &Draft, rig: &RigModel) -> Result<(), BundleError> {
     if let Some(found) = rig.validate() {
         let expected = "up to 256 different names of ASCII letters, digits, _, - and ., and times of 0 or more";
@@ -124,7 +124,7 @@ pub fn read(reader: &OutputReader) -> Result<RigModel, BundleError> {
     match rig.validate() {
         None => Ok(rig),
         Some(found) => Err(BundleError::Malformed {
-            path: reader.place(FILE),
+            path: reader.file_path(FILE),
             place: "names and times".to_owned(),
             found,
             expected: "different names of ASCII letters, digits, _, - and ., times of 0 or more"

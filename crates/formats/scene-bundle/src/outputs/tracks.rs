@@ -188,7 +188,7 @@ pub fn read(reader: &OutputReader, cameras: usize) -> Result<Vec<TrackedKeyframe
         reader.read(OBSERVATIONS)?,
         reader.read(KEYPOINTS)?,
     ];
-    let paths = [KEYFRAMES, OBSERVATIONS, KEYPOINTS].map(|path| reader.place(path));
+    let paths = [KEYFRAMES, OBSERVATIONS, KEYPOINTS].map(|path| reader.file_path(path));
     let mut observations =
         rows(&observation_bytes, &OBSERVATION_COLUMNS, &paths[1])?.map(|mut fields| {
             let (track, camera) = (fields.u64(), fields.u8());

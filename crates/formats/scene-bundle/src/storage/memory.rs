@@ -33,7 +33,7 @@ enum Node {
     Folder {
         names: BTreeMap<String, u64>,
         durable: BTreeMap<String, u64>,
-        /// What the last change made of names: another file or none.
+        /// Last change of names: to another file or none.
         last: Vec<(String, Option<u64>)>,
     },
 }

@@ -11,7 +11,7 @@ use crate::sample::{self, Sample};
 
 /// An image of a COLMAP model: pose, number of its camera, name.
 type Image = ([f64; 7], u32, String);
-/// A point: place, colour, error.
+/// A point: position, color, error.
 type Point = ([f64; 3], [u8; 3], f64);
 
 struct Bytes<'a>(&'a [u8]);

@@ -168,7 +168,7 @@ fn verify_ends_with_1_when_a_byte_changed() {
         .scene()
         .output("trajectory")
         .unwrap()
-        .place("trajectory.npy");
+        .file_path("trajectory.npy");
     let mut bytes = std::fs::read(&place).unwrap();
     *bytes.last_mut().unwrap() ^= 1;
     std::fs::write(&place, bytes).unwrap();

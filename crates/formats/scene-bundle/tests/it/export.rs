@@ -82,7 +82,7 @@ fn nothing_is_overwritten_and_no_partial_output_is_left() {
         std::fs::remove_dir(&out).unwrap();
     }
     // A damaged bundle is not exported.
-    let cloud = scene.output("cloud").unwrap().place("cloud.ply");
+    let cloud = scene.output("cloud").unwrap().file_path("cloud.ply");
     std::fs::write(cloud, "ply").unwrap();
     for format in [
         Format::Ply,
@@ -312,7 +312,8 @@ fn an_unsupported_lens_model_is_fitted_and_reported_for_nerfstudio() {
     .unwrap();
     let reported: Vec<&String> = summary.notes.iter().chain(&summary.lost).collect();
     assert!(
-        reported.iter()
+        reported
+            .iter()
             .any(|t| t.contains("the lens rational8 of left_shoulder/left is written as rad_tan5")),
         "{reported:?}"
     );

@@ -26,7 +26,7 @@ fn chain(error: &BundleError) -> String {
 fn a_file(scene: &Scene) -> PathBuf {
     let output = scene.output(CLOUD).unwrap();
     let path = output.output().files[0].path.clone();
-    output.place(&path)
+    output.file_path(&path)
 }
 
 fn fifo(path: &Path) {

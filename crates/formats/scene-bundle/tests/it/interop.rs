@@ -47,7 +47,7 @@ fn other_readers_see_the_same() {
         (format.name(), out)
     })
     .collect();
-    let place = |output: &str, file: &str| scene.output(output).unwrap().place(file);
+    let place = |output: &str, file: &str| scene.output(output).unwrap().file_path(file);
     let mut arguments = json!({
         "trajectory": place("trajectory", "trajectory.npy"),
         "keyframes": place("keyframes", "keyframes.npy"),

@@ -83,7 +83,7 @@ fn a_changed_depth_map_is_not_read() {
     let index = depth::read_index(&reader).unwrap();
     let key = &index.images[1];
     let [_, path] = depth::paths("feet", key.frame);
-    let place = reader.place(&path);
+    let place = reader.file_path(&path);
     let mut bytes = std::fs::read(&place).unwrap();
     let middle = bytes.len() / 2;
     bytes[middle] ^= 1;
