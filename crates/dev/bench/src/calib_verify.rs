@@ -1,16 +1,18 @@
-//! `calib_verify`: what the verification of a calibration finds in ordinary walks, and what it does not.
+//! `calib_verify`: detection of calibration errors in ordinary walks.
 //!
-//! Walks of one minute through all scenes in all lights, with the noise of cameras and IMUs. The first 24 were looked at when tolerances
-//! were set, the others were not. Each is judged as it is (what is off then is a false alarm) and with told numbers made wrong one at a time: each
-//! camera turned on the plate, right eyes turned, pictures stamped late, clocks off. Every such point is one of:
+//! Walks of one minute through all scenes in all lights, with the noise of cameras and IMUs. The
+//! first 24 were used to set the tolerances, the others were not. Each is evaluated as it is (an
+//! inconsistency is then a false alarm) and with one nominal value falsified at a time: each camera
+//! rotated on the plate, right cameras rotated, images stamped late, clocks shifted. Every such
+//! point is one of:
 //!
-//! - *named*: off, and the right camera;
-//! - *flagged*: off, but another camera, or one of several;
-//! - *undetermined*: verification says that this walk does not tell;
-//! - *within*: fine, and smaller than what it says would be noticed;
-//! - *silent*: fine, though larger than that. There should be none.
+//! - *named*: inconsistent, with the right camera;
+//! - *flagged*: inconsistent, but another camera, or one of several;
+//! - *undetermined*: the walk does not constrain the parameter;
+//! - *within*: consistent, and smaller than the stated minimum detectable error;
+//! - *silent*: consistent, although larger than that. There should be none.
 //!
-//! Walks take most of the time. With `--cache DIR` what was seen of them is kept there.
+//! Walks take most of the time. With `--cache DIR` their observations are stored there.
 
 use std::fs;
 use std::path::{Path, PathBuf};
@@ -27,16 +29,16 @@ mod charts;
 use crate::meter::timed;
 use crate::stamp;
 
-/// Walks of the exam, and the seed of the first.
+/// Number of walks, and the seed of the first.
 const WALKS: usize = 100;
-const QUICK: usize = 6;
+const QUICK_WALKS: usize = 6;
 const FIRST_SEED: u64 = 5000;
-/// Turns of cameras, of right eyes (degrees), delays (ms).
-const TURNS: [f64; 9] = [0.1, 0.2, 0.3, 0.4, 0.5, 0.7, 1.0, 1.5, 2.0];
-const EYES: [f64; 5] = [0.05, 0.1, 0.2, 0.5, 1.0];
-const DELAYS: [f64; 6] = [0.5, 1.0, 2.0, 3.0, 5.0, 10.0];
+/// Rotations of cameras and of right cameras (degrees), time offsets (ms).
+const ROTATIONS_DEG: [f64; 9] = [0.1, 0.2, 0.3, 0.4, 0.5, 0.7, 1.0, 1.5, 2.0];
+const STEREO_ROTATIONS_DEG: [f64; 5] = [0.05, 0.1, 0.2, 0.5, 1.0];
+const TIME_OFFSETS_MS: [f64; 6] = [0.5, 1.0, 2.0, 3.0, 5.0, 10.0];
 
-/// What became of a point.
+/// Outcome of a point.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 enum Outcome {
     Named,
@@ -46,7 +48,7 @@ enum Outcome {
     Silent,
 }
 
-/// One number made wrong in one walk.
+/// One falsified value in one walk.
 #[derive(Clone, Debug)]
 struct Point {
     walk: usize,
@@ -57,20 +59,20 @@ struct Point {
     outcome: Outcome,
 }
 
-/// One walk as it is.
+/// One unmodified walk.
 #[derive(Clone, Debug, Serialize)]
 struct Clean {
     scene: &'static str,
     light: &'static str,
     seed: u64,
-    /// Findings that are off: false alarms.
+    /// Inconsistent findings: false alarms.
     alarms: Vec<String>,
-    /// Per camera: whether its turn is determined, and whether the times of its pictures are.
+    /// Per camera: whether its rotation is determined, and whether its image times are.
     determined: Vec<[bool; 2]>,
-    /// Errors over their sigmas: of eyes and of IMUs (three axes each), of delays.
+    /// Errors over their sigmas: of stereo and of IMU rotations (three axes each), of time offsets.
     scores: [Vec<f64>; 3],
-    /// Sigma of a camera's turn against its IMU (worst axis, degrees), of its delay (ms) and its error, per camera, with all, half
-    /// and a quarter of the bursts.
+    /// Sigma of a camera's rotation against its IMU (worst axis, degrees), of its time offset (ms)
+    /// and its error, per camera, with all, half and a quarter of the bursts.
     by_bursts: Vec<Vec<[f64; 3]>>,
     seconds: f64,
 }
@@ -78,7 +80,7 @@ struct Clean {
 /// Runs the benchmark: `[--quick] [--walks N] [--cache DIR] [--out DIR]`.
 ///
 /// # Errors
-/// Bad arguments, or a disk that says no. What is found is a result and no error.
+/// Bad arguments, or an I/O error. Findings are a result and not an error.
 pub(crate) fn run(args: &[String]) -> Result<()> {
     let mut walks = WALKS;
     let mut out = PathBuf::from("docs/benchmarks");
@@ -86,7 +88,7 @@ pub(crate) fn run(args: &[String]) -> Result<()> {
     let mut rest = args.iter();
     while let Some(argument) = rest.next() {
         match argument.as_str() {
-            "--quick" => walks = QUICK,
+            "--quick" => walks = QUICK_WALKS,
             "--walks" => walks = rest.next().context("--walks needs a number")?.parse()?,
             "--cache" => {
                 cache = Some(PathBuf::from(
@@ -103,7 +105,7 @@ pub(crate) fn run(args: &[String]) -> Result<()> {
     let mut clean = Vec::new();
     let mut points = Vec::new();
     for number in 0..walks {
-        let (kind, light) = place(number);
+        let (kind, light) = scene_and_light(number);
         let seed = FIRST_SEED + number as u64;
         let walk = walk(kind, light, seed, cache.as_deref())?;
         let (found, took) = timed(|| walk.compare());
@@ -135,8 +137,8 @@ pub(crate) fn run(args: &[String]) -> Result<()> {
     Ok(())
 }
 
-/// Scenes and lights in turn, so that each meets each.
-fn place(number: usize) -> (Kind, Time) {
+/// Scenes and lights cycled, so that all combinations occur.
+fn scene_and_light(number: usize) -> (Kind, Time) {
     let kinds = Kind::ALL.len();
     let light = (number + number / kinds) % Time::ALL.len();
     (Kind::ALL[number % kinds], Time::ALL[light])
@@ -215,7 +217,8 @@ fn clean_walk(walk: &Walk, found: &[CameraFound]) -> Clean {
     }
 }
 
-/// Everything that is made wrong in one walk. The axis of a turn changes from walk to walk and camera to camera.
+/// All falsified values of one walk. The axis of a rotation changes from walk to walk and camera to
+/// camera.
 fn wrong_points(walk: &Walk, found: &[CameraFound], number: usize) -> Vec<Point> {
     let mut points = Vec::new();
     for (k, name) in walk.names().into_iter().enumerate() {
@@ -226,11 +229,11 @@ fn wrong_points(walk: &Walk, found: &[CameraFound], number: usize) -> Vec<Point>
             rad[axis] = sign * deg.to_radians();
             rad
         };
-        let turns = TURNS.map(|deg| (What::Camera, deg, Wrong::Turned(k, about(deg))));
-        let eyes = EYES.map(|deg| (What::Eyes, deg, Wrong::Eyes(k, about(deg))));
+        let turns = ROTATIONS_DEG.map(|deg| (What::Camera, deg, Wrong::Turned(k, about(deg))));
+        let eyes = STEREO_ROTATIONS_DEG.map(|deg| (What::Eyes, deg, Wrong::Eyes(k, about(deg))));
         let late = |ms: f64| sign * ms * 1e-3;
-        let pictures = DELAYS.map(|ms| (What::Pictures, ms, Wrong::Pictures(k, late(ms))));
-        let clocks = DELAYS.map(|ms| (What::Clock, ms, Wrong::Clock(k, late(ms))));
+        let pictures = TIME_OFFSETS_MS.map(|ms| (What::Pictures, ms, Wrong::Pictures(k, late(ms))));
+        let clocks = TIME_OFFSETS_MS.map(|ms| (What::Clock, ms, Wrong::Clock(k, late(ms))));
         let all = turns.into_iter().chain(eyes).chain(pictures).chain(clocks);
         points.extend(all.map(|(what, size, wrong)| Point {
             walk: number,
@@ -260,7 +263,7 @@ fn outcome(verification: &Verification, what: What, camera: &str, size: f64) -> 
     }
 }
 
-/// How many points became what, of one size.
+/// Number of points by outcome, of one size.
 #[derive(Serialize)]
 struct Row {
     what: What,
@@ -291,14 +294,14 @@ impl Row {
     }
 }
 
-/// Outcomes by what is wrong and by how much.
+/// Outcomes by falsified parameter and size.
 fn table(points: &[Point]) -> Vec<Row> {
     let mut rows = Vec::new();
     for (what, sizes) in [
-        (What::Camera, &TURNS[..]),
-        (What::Eyes, &EYES),
-        (What::Pictures, &DELAYS),
-        (What::Clock, &DELAYS),
+        (What::Camera, &ROTATIONS_DEG[..]),
+        (What::Eyes, &STEREO_ROTATIONS_DEG),
+        (What::Pictures, &TIME_OFFSETS_MS),
+        (What::Clock, &TIME_OFFSETS_MS),
     ] {
         for size in sizes {
             let [named, flagged, undetermined, within, silent] = counts(points, what, *size);
@@ -324,7 +327,7 @@ fn table(points: &[Point]) -> Vec<Row> {
     rows
 }
 
-/// How many points became what, in the order of [`Outcome`].
+/// Number of points by outcome, in the order of [`Outcome`].
 fn counts(points: &[Point], what: What, size: f64) -> [usize; 5] {
     let all = [
         Outcome::Named,

@@ -1,8 +1,9 @@
-//! `camera_imu`: where the IMU sits behind the camera, by integration between pictures and by a spline.
+//! `camera_imu`: camera–IMU extrinsics and time offset, by preintegration between images and by a
+//! spline.
 //!
-//! Corners and samples are simulated (20 s, 20 pictures a second, six recordings for each rate of samples); both
-//! formulations begin at the same place with the same noise told. Then a minute with 144 corners in each eye, for the
-//! time that it takes. Figures of docs/decisions/0006-camera-imu.md.
+//! Corners and samples are simulated (20 s, 20 frames per second, six recordings for each sample
+//! rate); both formulations start from the same values with the same nominal noise. Then a minute
+//! with 144 corners in each image, for the run time. Figures of docs/decisions/0006-camera-imu.md.
 
 use std::fmt::Write as _;
 use std::fs;
@@ -20,7 +21,7 @@ use crate::stamp;
 /// Knots of splines, s.
 const KNOTS_S: &[f64] = &[0.01, 0.02, 0.05, 0.1, 0.2];
 
-/// What one formulation made of some recordings: sums of squares.
+/// Result of one formulation on some recordings: sums of squares.
 #[derive(Clone, Copy, Default)]
 struct Sums {
     runs: f64,
@@ -35,7 +36,7 @@ struct Sums {
 /// Runs the benchmark: `[--quick] [--out DIR]`.
 ///
 /// # Errors
-/// Bad arguments, or a disk that says no. A target that is missed is a result and no error.
+/// Bad arguments, or an I/O error. A target that is missed is a result and no error.
 pub(crate) fn run(args: &[String]) -> Result<()> {
     let Arguments { quick, out } = Arguments::parse(args)?;
     fs::create_dir_all(&out).with_context(|| format!("making {}", out.display()))?;
@@ -142,7 +143,7 @@ fn table(rows: &[(String, Sums)]) -> String {
     text
 }
 
-/// A recording with 144 corners in each eye, as `paws` has it to do.
+/// A recording with 144 corners in each image, as in practice.
 fn minute(seconds: f64) -> Result<Value> {
     let scene = Scene {
         board: ([12, 12], 0.05),

@@ -1,4 +1,5 @@
-//! Sessions that are rendered, so that blur and noise are those of pictures and detection takes part.
+//! Sessions that are rendered, so that blur and noise are those of images and detection is
+//! included.
 
 use std::sync::{Arc, Mutex, PoisonError};
 use std::thread;
@@ -8,7 +9,7 @@ use calib::cameras::{Input, Sighting, calibrate};
 use calib::target::{self, GreyView, Target};
 use rig_sim::simulation::{Imaging, Simulation};
 
-use super::scenario::{Recording, Trouble};
+use super::scenario::{Impairments, Recording};
 use super::{Point, judge, quiet};
 
 /// Exposures, ms, and multiples of the usual noise.
@@ -20,9 +21,9 @@ pub(super) fn points(quick: bool) -> Result<Vec<Point>> {
     let mut points = Vec::new();
     let mut one = |kind: &'static str, strength: f64, imaging: Imaging| -> Result<()> {
         eprintln!("{kind}: {strength} ...");
-        let mut recording = Recording::new(11, &Trouble::default())?;
+        let mut recording = Recording::new(11, &Impairments::default())?;
         recording.simulation = recording.simulation.clone().with_imaging(imaging)?;
-        let input = look(&recording, if quick { 2 } else { 1 });
+        let input = detect(&recording, if quick { 2 } else { 1 });
         let result = calibrate(input, &quiet(), &mut |_, _| {});
         points.push(judge(kind, strength, 11, &recording, result));
         Ok(())
@@ -42,14 +43,14 @@ pub(super) fn points(quick: bool) -> Result<Vec<Point>> {
                 noise,
                 ..Imaging::USUAL
             };
-            one("noise of pictures, rendered", noise, imaging)?;
+            one("image noise, rendered", noise, imaging)?;
         }
     }
     Ok(points)
 }
 
-/// What detection sees in every `every`-th frame.
-pub(super) fn look(recording: &Recording, every: usize) -> Input {
+/// Target detections in every `every`-th frame.
+pub(super) fn detect(recording: &Recording, every: usize) -> Input {
     let mut input = recording.input(0.1);
     input.sightings.clear();
     let simulation = Arc::new(recording.simulation.clone());

@@ -1,4 +1,4 @@
-//! What it spares to look for no more disparities than a scene needs, and what is lost by it.
+//! Time saved by restricting the disparity range to the needs of a scene, and the loss of answers.
 
 use anyhow::Result;
 use depth::band::plan::Plane;
@@ -7,9 +7,9 @@ use rig_sim::camera::Quality;
 use rig_sim::scene::{Kind, Time};
 use serde_json::{Value, json};
 
-use super::exam::{SECONDS, SIZE};
 use super::frames::{Frame, Walk};
 use super::race::BAD_2;
+use super::test_set::{SECONDS, SIZE};
 use crate::meter::timed;
 
 /// Frames of each walk, one after the other.
@@ -18,12 +18,12 @@ const FRAMES: std::ops::Range<u64> = 120..140;
 /// Counts over the frames of one camera.
 #[derive(Default)]
 struct Sums {
-    /// Pixels that both eyes see.
+    /// Pixels visible in both images.
     pixels: u64,
-    /// Right answers when all disparities are looked for, and those of them that a band does not have.
+    /// Correct answers with the full disparity range, and those of them that a band loses.
     right: u64,
     lost: u64,
-    /// Right answers that only a band has.
+    /// Correct answers that only a band has.
     gained: u64,
     full_s: f64,
     band_s: f64,
@@ -107,7 +107,8 @@ fn compare(frames: &[Frame], preset: Preset) -> Result<Sums> {
     Ok(sums)
 }
 
-/// The height where the walk begins, as the left eye sees it. Stairs lead away from it, which costs nothing but time.
+/// Ground plane at the start of the walk, in the left frame. Stairs deviate from it, which only
+/// costs time.
 fn ground(frame: &Frame) -> Plane {
     let up = frame.world_from_left.inverse().rotate([0.0, 0.0, 1.0]);
     Plane {

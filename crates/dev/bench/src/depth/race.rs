@@ -1,4 +1,4 @@
-//! Errors over time: ours and OpenCV's on the same pictures.
+//! Errors over time: ours and OpenCV's on the same images.
 
 use anyhow::{Result, ensure};
 use depth::evaluate::{BAD_PX, Scores};
@@ -15,10 +15,10 @@ use crate::meter::{median, timed};
 pub(super) const THREADS: usize = 2;
 /// Where "bad-2" is among [`BAD_PX`].
 pub(crate) const BAD_2: usize = 2;
-/// Targets on the real pair: at this density, and at most this share of its answers bad.
-const DENSITY: f64 = 0.90;
-const BAD: f64 = 0.035;
-/// Targets of `fast`: pairs per second, of this size and with so many disparities.
+/// Targets on the real pair: this density, with at most this ratio of bad answers.
+const TARGET_DENSITY: f64 = 0.90;
+const MAX_BAD_RATIO: f64 = 0.035;
+/// Targets of `fast`: pairs per second, at this size and number of disparities.
 const RATE_HZ: f64 = 16.0;
 const RATE_SIZE: [u32; 2] = [640, 480];
 const RATE_RANGE: usize = 128;
@@ -45,7 +45,7 @@ pub(super) struct Race {
     frames: usize,
 }
 
-/// Our presets, and what lies beside and between them.
+/// Our presets, and settings between them.
 fn ours() -> Vec<(String, Settings)> {
     let mut all: Vec<(String, Settings)> = (Preset::ALL.iter())
         .map(|preset| (preset.name().to_owned(), Settings::preset(*preset)))
@@ -69,7 +69,7 @@ fn ours() -> Vec<(String, Settings)> {
                     clear,
                     ..preset
                 };
-                // The presets are there already.
+                // The presets are included already.
                 if all.iter().all(|(_, other)| *other != settings) {
                     all.push((format!("{windows}, {count} paths{what}"), settings));
                 }
@@ -185,7 +185,7 @@ impl Race {
             .collect()
     }
 
-    /// For people who wait.
+    /// Progress line.
     pub(super) fn print(&self, part: &str) {
         println!("{part}: {} frames", self.frames);
         let unbeaten = self.unbeaten();
@@ -201,8 +201,8 @@ impl Race {
                 point.ms,
                 point.scores.density(),
                 100.0 * point.scores.bad(BAD_2),
-                match point.at(DENSITY) {
-                    Some(bad) => format!(", {:.2} % at density {DENSITY}", 100.0 * bad),
+                match point.at(TARGET_DENSITY) {
+                    Some(bad) => format!(", {:.2} % at density {TARGET_DENSITY}", 100.0 * bad),
                     None => String::new(),
                 },
                 if here { " NOT BEATEN" } else { "" }
@@ -235,7 +235,7 @@ impl Race {
                 "bad_3": scores.bad(3),
                 "bad_2_or_absent": scores.bad_of_all(BAD_2),
                 "mean_error_px": scores.mean_error_px(),
-                "bad_2_at_density": point.at(DENSITY),
+                "bad_2_at_density": point.at(TARGET_DENSITY),
                 "curve": point.curve,
                 "beaten_by": beaten_by,
             })
@@ -244,7 +244,7 @@ impl Race {
             "frames": self.frames,
             "threads": THREADS,
             "opencv": self.opencv,
-            "target": { "density": DENSITY, "bad_2": BAD, "ms": hh_ms.map(|ms| ms / 2.0) },
+            "target": { "density": TARGET_DENSITY, "bad_2": MAX_BAD_RATIO, "ms": hh_ms.map(|ms| ms / 2.0) },
             "not_beaten": self.unbeaten().iter().map(|p| &p.name).collect::<Vec<_>>(),
             "points": points.collect::<Vec<_>>(),
         })
@@ -252,7 +252,7 @@ impl Race {
 }
 
 impl Point {
-    /// Share of bad answers when at least this share of pixels has one; none where fewer have.
+    /// Ratio of bad answers at this density; `None` if the density is lower.
     fn at(&self, density: f64) -> Option<f64> {
         let enough = self.curve.iter().filter(|[of, _]| *of >= density);
         enough.map(|[_, bad]| *bad).reduce(f64::min)
@@ -294,7 +294,7 @@ pub(super) fn rate(quick: bool) -> Result<Value> {
         for frame in &frames {
             ensure!(
                 frame.width == RATE_SIZE[0] as usize,
-                "a picture of another size"
+                "an image of another size"
             );
             let [left, right] = frame.pictures();
             let band = Band::full(0, RATE_RANGE, frame.height)?;

@@ -1,4 +1,4 @@
-//! Settings of odometry by name: a preset, and what differs from it, as in `balanced corners=40`.
+//! Settings of odometry by name: a preset, and differences from it, as in `balanced corners=40`.
 
 use ::odometry::{Preset, Settings};
 use anyhow::{Context, Result, bail};
@@ -6,7 +6,7 @@ use anyhow::{Context, Result, bail};
 /// The settings that a name stands for.
 ///
 /// # Errors
-/// It is no such name.
+/// Unknown name.
 pub(crate) fn parse(name: &str) -> Result<Settings> {
     let mut words = name.split_whitespace();
     let preset = match words.next() {

@@ -1,4 +1,4 @@
-//! Where the time of a stereo frame goes.
+//! Time of a stereo frame by stage.
 
 use rig_sim::camera::optics::Conditions;
 use rig_sim::camera::sensor::{Exposure, SensorModel};
@@ -41,8 +41,8 @@ impl std::fmt::Display for Stages {
     }
 }
 
-/// Takes pictures all along the walk, at the quality for real time, one after the other. The wearer is
-/// not in them.
+/// Renders images along the walk, at the real-time quality, one after the other, without the
+/// wearer.
 pub(super) fn measure(simulation: &Simulation, instants: u64) -> Stages {
     let settings = simulation.settings();
     let exposure = Exposure {

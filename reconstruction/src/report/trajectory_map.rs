@@ -1,60 +1,60 @@
-//! A path from above, coloured by a value, as SVG with a scale of colours and a bar of metres.
+//! A path from above, colored by a value, as SVG with a color scale and a scale bar.
 //!
-//! Contract: metres are as long along as across. Steps shorter than a pixel or so are drawn together, so that a long walk is no long text. The
-//! line is broken where nothing is known of where the rig was.
+//! Contract: the scale is the same along both axes. Steps shorter than about a pixel are merged, so
+//! that the size of the text is bounded. The line is broken where the rig was lost.
 
 use std::fmt::Write as _;
 
-use super::colours::{UNKNOWN, dark_ramp, hex, ramp};
+use super::colors::{UNKNOWN, dark_ramp, hex, ramp};
 
-/// Where the rig was at one time.
+/// Position of the rig at one time.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(super) struct Step {
     /// s since the beginning.
     pub(super) time_s: f64,
-    /// In the world that is drawn, m: that of the truth where there is one.
+    /// Position in the drawn world, m: that of the ground truth if there is one.
     pub(super) x_in_world: [f64; 3],
-    /// What it is coloured by, m; none where it is not known.
+    /// Value that it is colored by, m; `None` if not known.
     pub(super) value_m: Option<f64>,
-    /// Whether the line goes on from the step before.
+    /// Whether the line continues from the previous step.
     pub(super) follows: bool,
 }
 
-const LARGEST_HEIGHT: f64 = 700.0;
-const LEAST_HEIGHT: f64 = 150.0;
-const MARGIN: f64 = 24.0;
-/// Below the map: the bar of metres and the scale of colours.
-const FOOT: f64 = 58.0;
-/// Below this the scale takes the whole width, px.
-const NARROW: f64 = 500.0;
-/// The truth.
-const TRUTH: &str = "#c8c8c8";
-/// Colours that are told apart.
+const MAX_HEIGHT_PX: f64 = 700.0;
+const MIN_HEIGHT_PX: f64 = 150.0;
+const MARGIN_PX: f64 = 24.0;
+/// Height of the footer below the map: scale bar and color scale.
+const FOOTER_PX: f64 = 58.0;
+/// Width below which the color scale takes the whole width, px.
+const NARROW_WIDTH_PX: f64 = 500.0;
+/// Color of the ground truth.
+const GROUND_TRUTH_COLOR: &str = "#c8c8c8";
+/// Number of distinct colors.
 const LEVELS: usize = 24;
-/// Steps shorter than this are drawn together, px.
-const SHORTEST_PX: f64 = 1.5;
+/// Minimum length of a drawn step, px.
+const MIN_STEP_PX: f64 = 1.5;
 
 /// From metres to pixels of the map.
-struct Sheet {
+struct MapFrame {
     low: [f64; 2],
     px_per_m: f64,
     width: f64,
     height: f64,
 }
 
-impl Sheet {
-    fn of(places: impl Iterator<Item = [f64; 3]> + Clone, width: f64) -> Self {
+impl MapFrame {
+    fn of(positions: impl Iterator<Item = [f64; 3]> + Clone, width: f64) -> Self {
         let end = |k: usize, start: f64, pick: fn(f64, f64) -> f64| {
-            let end = places.clone().map(|x| x[k]).fold(start, pick);
+            let end = positions.clone().map(|x| x[k]).fold(start, pick);
             if end.is_finite() { end } else { 0.0 }
         };
         let low = [0, 1].map(|k| end(k, f64::INFINITY, f64::min));
         let high = [0, 1].map(|k| end(k, f64::NEG_INFINITY, f64::max));
-        // Who stands still walks about in a metre.
+        // A rig at rest is shown within a metre.
         let size = [0, 1].map(|k| (high[k] - low[k]).max(1.0));
-        let room = [width - 2.0 * MARGIN, LARGEST_HEIGHT - 2.0 * MARGIN];
+        let room = [width - 2.0 * MARGIN_PX, MAX_HEIGHT_PX - 2.0 * MARGIN_PX];
         let px_per_m = (room[0] / size[0]).min(room[1] / size[1]);
-        let height = (size[1] * px_per_m + 2.0 * MARGIN).max(LEAST_HEIGHT);
+        let height = (size[1] * px_per_m + 2.0 * MARGIN_PX).max(MIN_HEIGHT_PX);
         // In the middle of the sheet.
         let spare = [width, height].map(|length| length / px_per_m);
         Self {
@@ -65,15 +65,15 @@ impl Sheet {
         }
     }
 
-    /// Whether the scale of colours stands below the bar of metres, for want of room beside it.
+    /// Whether the color scale is below the scale bar, if there is not enough width beside it.
     fn is_narrow(&self) -> bool {
-        self.width < NARROW
+        self.width < NARROW_WIDTH_PX
     }
 
-    fn foot(&self) -> f64 {
+    fn footer_px(&self) -> f64 {
         match self.is_narrow() {
-            true => 2.0 * FOOT - 6.0,
-            false => FOOT,
+            true => 2.0 * FOOTER_PX - 6.0,
+            false => FOOTER_PX,
         }
     }
 
@@ -85,29 +85,29 @@ impl Sheet {
     }
 }
 
-/// What a map shows.
+/// Content of a map.
 #[derive(Clone, Copy)]
 pub(super) struct Map<'a> {
-    /// Where the rig was.
+    /// Positions of the rig.
     pub(super) steps: &'a [Step],
-    /// The truth, drawn below it in grey.
+    /// The ground truth, drawn below it in gray.
     pub(super) truth: &'a [[f64; 3]],
-    /// What has the last colour, m.
+    /// Value of the last color, m.
     pub(super) largest_m: f64,
     /// Names the values.
     pub(super) caption: &'a str,
 }
 
-/// The colours that a map has on white, each with the one in its place on a dark screen.
+/// Colors of a map on white, each with its counterpart on a dark screen.
 pub(super) fn dark() -> Vec<(String, String)> {
     let middle = |level: usize| (level as f64 + 0.5) / LEVELS as f64;
     let levels = (0..LEVELS).map(|l| (hex(ramp(middle(l))), hex(dark_ramp(middle(l)))));
     levels
-        .chain([(TRUTH.to_owned(), "#4a5159".to_owned())])
+        .chain([(GROUND_TRUTH_COLOR.to_owned(), "#4a5159".to_owned())])
         .collect()
 }
 
-/// The SVG, so many pixels wide.
+/// The SVG, `width` pixels wide.
 pub(super) fn svg(map: &Map<'_>, width: u32) -> String {
     let Map {
         steps,
@@ -117,8 +117,8 @@ pub(super) fn svg(map: &Map<'_>, width: u32) -> String {
     } = *map;
     let width = f64::from(width);
     let drawn = steps.iter().map(|s| s.x_in_world);
-    let sheet = Sheet::of(drawn.chain(truth.iter().copied()), width);
-    let height = sheet.height + sheet.foot();
+    let map_frame = MapFrame::of(drawn.chain(truth.iter().copied()), width);
+    let height = map_frame.height + map_frame.footer_px();
     let mut out = format!(
         "<svg xmlns=\"http://www.w3.org/2000/svg\" width=\"{width}\" height=\"{height:.0}\" \
          viewBox=\"0 0 {width} {height:.0}\" role=\"img\" aria-label=\"The path from above\" font-family=\"DejaVu Sans, sans-serif\" font-size=\"12\" fill=\"#222\">\n\
@@ -126,15 +126,15 @@ pub(super) fn svg(map: &Map<'_>, width: u32) -> String {
     );
     line(
         &mut out,
-        &sheet,
+        &map_frame,
         truth.iter().map(|x| (*x, true)),
-        TRUTH,
+        GROUND_TRUTH_COLOR,
         7.0,
     );
-    coloured(&mut out, &sheet, steps, largest_m);
+    draw_colored_segments(&mut out, &map_frame, steps, largest_m);
     for (step, text) in [(steps.first(), "start"), (steps.last(), "end")] {
         let Some(step) = step else { continue };
-        let [x, y] = sheet.px(step.x_in_world);
+        let [x, y] = map_frame.px(step.x_in_world);
         let fill = if text == "start" { "#fff" } else { "#222" };
         let (anchor, beside) = match x > 0.85 * width {
             true => ("end", x - 9.0),
@@ -147,25 +147,25 @@ pub(super) fn svg(map: &Map<'_>, width: u32) -> String {
             y + if text == "start" { 16.0 } else { -8.0 }
         );
     }
-    metres(&mut out, &sheet);
-    scale(&mut out, &sheet, largest_m, caption);
+    metres(&mut out, &map_frame);
+    scale(&mut out, &map_frame, largest_m, caption);
     out.push_str("</svg>");
     out
 }
 
-/// One line; each place says whether the line goes on to it.
+/// One line; each position has a flag whether the line continues to it.
 fn line(
     out: &mut String,
-    sheet: &Sheet,
-    places: impl Iterator<Item = ([f64; 3], bool)>,
-    colour: &str,
+    map_frame: &MapFrame,
+    positions: impl Iterator<Item = ([f64; 3], bool)>,
+    color: &str,
     width: f64,
 ) {
     let mut path = String::new();
     let mut last: Option<[f64; 2]> = None;
-    for (place, follows) in places {
-        let [x, y] = sheet.px(place);
-        let is_short = last.is_some_and(|[a, b]| (x - a).hypot(y - b) < SHORTEST_PX);
+    for (place, follows) in positions {
+        let [x, y] = map_frame.px(place);
+        let is_short = last.is_some_and(|[a, b]| (x - a).hypot(y - b) < MIN_STEP_PX);
         if follows && is_short {
             continue;
         }
@@ -175,13 +175,13 @@ fn line(
     }
     let _ = writeln!(
         out,
-        "<path d=\"{path}\" fill=\"none\" stroke=\"{colour}\" stroke-width=\"{width}\" \
+        "<path d=\"{path}\" fill=\"none\" stroke=\"{color}\" stroke-width=\"{width}\" \
          stroke-linecap=\"round\" stroke-linejoin=\"round\"/>"
     );
 }
 
-/// Stretches of one colour, each as one line.
-fn coloured(out: &mut String, sheet: &Sheet, steps: &[Step], largest_m: f64) {
+/// Segments of one color, each as one line.
+fn draw_colored_segments(out: &mut String, map_frame: &MapFrame, steps: &[Step], largest_m: f64) {
     let level = |step: &Step| {
         let share = step.value_m? / largest_m.max(f64::MIN_POSITIVE);
         Some(((share * LEVELS as f64) as usize).min(LEVELS - 1))
@@ -190,16 +190,16 @@ fn coloured(out: &mut String, sheet: &Sheet, steps: &[Step], largest_m: f64) {
     while from < steps.len() {
         let of = level(&steps[from]);
         let same = steps[from..].iter().take_while(|s| level(s) == of).count();
-        // The last stretch's end is where this one begins.
+        // This segment begins at the end of the last one.
         let begin = if steps[from].follows {
             from.saturating_sub(1)
         } else {
             from
         };
         let stretch = steps[begin..from + same].iter().enumerate();
-        let places = stretch.map(|(k, step)| (step.x_in_world, k > 0 && step.follows));
-        let colour = of.map_or(UNKNOWN, |of| ramp((of as f64 + 0.5) / LEVELS as f64));
-        line(out, sheet, places, &hex(colour), 3.0);
+        let positions = stretch.map(|(k, step)| (step.x_in_world, k > 0 && step.follows));
+        let color = of.map_or(UNKNOWN, |of| ramp((of as f64 + 0.5) / LEVELS as f64));
+        line(out, map_frame, positions, &hex(color), 3.0);
         from += same;
     }
 }
@@ -211,10 +211,10 @@ fn round_length(room_m: f64) -> f64 {
     fits.unwrap_or(1.0) * power
 }
 
-fn metres(out: &mut String, sheet: &Sheet) {
-    let length = round_length(0.25 * sheet.width / sheet.px_per_m);
-    let (left, y) = (MARGIN, sheet.height + 22.0);
-    let right = left + length * sheet.px_per_m;
+fn metres(out: &mut String, map_frame: &MapFrame) {
+    let length = round_length(0.25 * map_frame.width / map_frame.px_per_m);
+    let (left, y) = (MARGIN_PX, map_frame.height + 22.0);
+    let right = left + length * map_frame.px_per_m;
     let _ = writeln!(
         out,
         "<path d=\"M{left} {:.1}V{y:.1}H{right:.1}V{:.1}\" fill=\"none\" stroke=\"#222\" stroke-width=\"1.5\"/>\
@@ -225,21 +225,21 @@ fn metres(out: &mut String, sheet: &Sheet) {
     );
 }
 
-fn scale(out: &mut String, sheet: &Sheet, largest_m: f64, caption: &str) {
-    let (left, y) = match sheet.is_narrow() {
-        true => (MARGIN, sheet.height + FOOT),
-        false => (0.5 * sheet.width, sheet.height + 10.0),
+fn scale(out: &mut String, map_frame: &MapFrame, largest_m: f64, caption: &str) {
+    let (left, y) = match map_frame.is_narrow() {
+        true => (MARGIN_PX, map_frame.height + FOOTER_PX),
+        false => (0.5 * map_frame.width, map_frame.height + 10.0),
     };
-    let width = sheet.width - MARGIN - left;
+    let width = map_frame.width - MARGIN_PX - left;
     let step = width / LEVELS as f64;
     for level in 0..LEVELS {
-        let colour = hex(ramp((level as f64 + 0.5) / LEVELS as f64));
+        let color = hex(ramp((level as f64 + 0.5) / LEVELS as f64));
         let x = left + level as f64 * step;
         // A little wider, so that no line shows between two.
         let wide = step + 0.5;
         let _ = write!(
             out,
-            "<rect x=\"{x:.1}\" y=\"{y:.1}\" width=\"{wide:.1}\" height=\"12\" fill=\"{colour}\"/>"
+            "<rect x=\"{x:.1}\" y=\"{y:.1}\" width=\"{wide:.1}\" height=\"12\" fill=\"{color}\"/>"
         );
     }
     let (right, below) = (left + width, y + 29.0);
@@ -277,7 +277,7 @@ mod tests {
     }
 
     #[test]
-    fn every_colour_has_one_for_the_dark() {
+    fn every_color_has_a_dark_counterpart() {
         let steps: Vec<Step> = (0..100)
             .map(|k| step(f64::from(k), 0.0, 1e-3 * f64::from(k)))
             .collect();
@@ -290,10 +290,10 @@ mod tests {
         let text = svg(&map, 336);
         let dark = dark();
         for part in text.split("=\"#").skip(1) {
-            let colour = format!("#{}", part.split('"').next().expect("a colour"));
-            let is_known = ["#fff", "#222"].contains(&&*colour)
-                || dark.iter().any(|(light, _)| *light == colour);
-            assert!(is_known, "{colour}");
+            let color = format!("#{}", part.split('"').next().expect("a colour"));
+            let is_known = ["#fff", "#222"].contains(&&*color)
+                || dark.iter().any(|(light, _)| *light == color);
+            assert!(is_known, "{color}");
         }
     }
 
@@ -302,15 +302,15 @@ mod tests {
         for (room, length) in [(1.0, 1.0), (4.9, 2.0), (23.0, 20.0), (0.07, 0.05)] {
             assert!((round_length(room) - length).abs() < 1e-9, "{room}");
         }
-        let sheet = Sheet::of([[0.0, 0.0, 0.0], [30.0, 4.0, 0.0]].into_iter(), 760.0);
-        let [a, b] = [[0.0; 3], [10.0, 0.0, 0.0]].map(|x| sheet.px(x));
-        assert!((b[0] - a[0] - 10.0 * sheet.px_per_m).abs() < 1e-9);
+        let map_frame = MapFrame::of([[0.0, 0.0, 0.0], [30.0, 4.0, 0.0]].into_iter(), 760.0);
+        let [a, b] = [[0.0; 3], [10.0, 0.0, 0.0]].map(|x| map_frame.px(x));
+        assert!((b[0] - a[0] - 10.0 * map_frame.px_per_m).abs() < 1e-9);
         // North is up.
-        assert!(sheet.px([0.0, 1.0, 0.0])[1] < sheet.px([0.0; 3])[1]);
+        assert!(map_frame.px([0.0, 1.0, 0.0])[1] < map_frame.px([0.0; 3])[1]);
     }
 
     #[test]
-    fn a_long_walk_is_no_long_text() {
+    fn the_text_of_a_long_walk_is_bounded() {
         let long: Vec<Step> = (0..50_000)
             .map(|k| {
                 let s = f64::from(k) * 1e-3;
@@ -333,7 +333,7 @@ mod tests {
             .find(|l| l.contains("stroke-width=\"3\""))
             .expect("a line");
         assert_eq!(path.matches('M').count(), 2, "{path}");
-        // Nothing at all is no panic.
+        // Empty input does not panic.
         assert!(drawn(&[], 0.0).ends_with("</svg>"));
     }
 }

@@ -1,4 +1,4 @@
-//! Keyframes as pictures of single cameras with poses, which is what reconstruction programs take.
+//! Keyframes as images of single cameras with poses, the input of reconstruction programs.
 
 use cad_transforms::RigidTransform;
 use calib::{CameraModel, Eye};
@@ -9,36 +9,36 @@ use crate::outputs::rig::RigModel;
 use crate::outputs::{self, rig};
 use crate::scene::Scene;
 
-/// One eye of a camera.
+/// One side of a stereo camera.
 pub(super) struct Camera {
-    /// Its stereo camera: the place in the rig.
-    pub(super) of_rig: usize,
+    /// Its stereo camera: index in the rig.
+    pub(super) rig_index: usize,
     pub(super) eye: Eye,
-    /// As its pictures were recorded.
+    /// Camera model of the images as recorded.
     pub(super) model: CameraModel,
     /// `CAMERA/left` or `CAMERA/right`.
     pub(super) name: String,
 }
 
-/// One picture.
-pub(super) struct Shot {
-    /// The place in [`Shots::cameras`].
+/// One image with its pose.
+pub(super) struct PosedImage {
+    /// Index in [`PosedImages::cameras`].
     pub(super) camera: usize,
     pub(super) keyframe: Keyframe,
-    /// Takes points in the optical frame of this eye to the world.
+    /// Takes points in the optical frame of this image to the world.
     pub(super) world_from_camera: RigidTransform,
     /// `CAMERA/left/NNNNNN.png`.
-    pub(super) picture: String,
+    pub(super) path: String,
 }
 
-/// All pictures that are wanted and there.
-pub(super) struct Shots {
+/// All selected images that exist.
+pub(super) struct PosedImages {
     pub(super) rig: RigModel,
-    /// Those that have pictures, in the rig's order, left before right.
+    /// Cameras that have images, in the rig's order, left before right.
     pub(super) cameras: Vec<Camera>,
     /// Sorted by camera and time.
-    pub(super) shots: Vec<Shot>,
-    /// Keyframes without a picture.
+    pub(super) images: Vec<PosedImage>,
+    /// Keyframes without an image.
     pub(super) lost: Vec<String>,
 }
 
@@ -47,7 +47,7 @@ pub(super) fn collect(
     scene: &Scene,
     options: &Options,
     format: &'static str,
-) -> Result<Shots, ExportError> {
+) -> Result<PosedImages, ExportError> {
     let rig = rig::read(&scene.output(outputs::RIG)?)?;
     let keyframes = keyframes::read(&scene.output(outputs::KEYFRAMES)?)?;
     let names = || {
@@ -84,8 +84,8 @@ pub(super) fn collect(
     } else {
         &[Eye::Left]
     };
-    let (mut cameras, mut shots, mut lost) = (Vec::new(), Vec::new(), Vec::new());
-    for (of_rig, stereo) in rig.cameras.iter().enumerate() {
+    let (mut cameras, mut images, mut lost) = (Vec::new(), Vec::new(), Vec::new());
+    for (rig_index, stereo) in rig.cameras.iter().enumerate() {
         if !options.cameras.is_empty() && !options.cameras.contains(&stereo.name) {
             continue;
         }
@@ -95,28 +95,31 @@ pub(super) fn collect(
                 Eye::Right => ("right", stereo.right, stereo.right_from_left.inverse()),
             };
             let name = format!("{}/{side}", stereo.name);
-            let before = shots.len();
-            for keyframe in keyframes.iter().filter(|k| usize::from(k.camera) == of_rig) {
-                let picture = format!("{name}/{:06}.png", keyframe.frame);
-                if let Some(folder) = &options.pictures
-                    && !folder.join(&picture).is_file()
+            let before = images.len();
+            for keyframe in keyframes
+                .iter()
+                .filter(|k| usize::from(k.camera) == rig_index)
+            {
+                let path = format!("{name}/{:06}.png", keyframe.frame);
+                if let Some(folder) = &options.images
+                    && !folder.join(&path).is_file()
                 {
                     lost.push(format!(
-                        "no picture of keyframe {} of {name}: {picture}",
+                        "no image of keyframe {} of {name}: {path}",
                         keyframe.frame
                     ));
                     continue;
                 }
-                shots.push(Shot {
+                images.push(PosedImage {
                     camera: cameras.len(),
                     keyframe: *keyframe,
                     world_from_camera: keyframe.world_from_left * left_from_camera,
-                    picture,
+                    path,
                 });
             }
-            if shots.len() > before {
+            if images.len() > before {
                 cameras.push(Camera {
-                    of_rig,
+                    rig_index,
                     eye,
                     model,
                     name,
@@ -124,21 +127,18 @@ pub(super) fn collect(
             }
         }
     }
-    if shots.is_empty() {
+    if images.is_empty() {
         let found = if lost.is_empty() {
             "no keyframes".to_owned()
         } else {
             lost.swap_remove(0)
         };
-        return Err(refused(
-            found,
-            "at least one picture with a pose".to_owned(),
-        ));
+        return Err(refused(found, "at least one image with a pose".to_owned()));
     }
-    Ok(Shots {
+    Ok(PosedImages {
         rig,
         cameras,
-        shots,
+        images,
         lost,
     })
 }

@@ -1,7 +1,7 @@
-//! Values as colours: blue for the least, over green and yellow to dark red. Told apart on white, in print, and by who sees
-//! no difference between red and green.
+//! Color map: blue for the least value, over green and yellow to dark red. Distinguishable on
+//! white, in print, and with red–green color blindness.
 
-/// The colours that others are mixed of, at even steps.
+/// Anchor colors at equal steps.
 pub(super) const ANCHORS: [[u8; 3]; 5] = [
     [27, 79, 138],
     [42, 157, 143],
@@ -9,7 +9,7 @@ pub(super) const ANCHORS: [[u8; 3]; 5] = [
     [209, 73, 60],
     [110, 12, 30],
 ];
-/// The same on a dark screen: dark blue and dark red would not show there.
+/// The same on a dark screen, where dark blue and dark red would not be visible.
 pub(super) const DARK: [[u8; 3]; 5] = [
     [92, 156, 232],
     [62, 196, 178],
@@ -17,10 +17,10 @@ pub(super) const DARK: [[u8; 3]; 5] = [
     [244, 124, 92],
     [255, 78, 132],
 ];
-/// Of what has no value.
+/// Color of a missing value.
 pub(super) const UNKNOWN: [u8; 3] = [140, 140, 140];
 
-/// The colour of a share from 0 to 1; shares beyond count as the nearest.
+/// Color of a value from 0 to 1; values outside are clamped.
 pub(super) fn ramp(share: f64) -> [u8; 3] {
     between(&ANCHORS, share)
 }
@@ -40,7 +40,7 @@ fn between(anchors: &[[u8; 3]; 5], share: f64) -> [u8; 3] {
     })
 }
 
-/// As SVG writes it.
+/// As in SVG.
 pub(super) fn hex([red, green, blue]: [u8; 3]) -> String {
     format!("#{red:02x}{green:02x}{blue:02x}")
 }

@@ -1,8 +1,8 @@
-//! Which frames stand for the others, and where they were taken.
+//! Keyframe selection by motion, and poses of keyframes.
 //!
-//! Contract: a frame of a set is chosen when the rig has moved or turned by enough since the frame that was chosen before of the same
-//! camera, at a time at which cameras followed the rig: what is dead reckoned is too uncertain to make a map of. Its pose
-//! is that of its own time.
+//! Contract: a frame of a set is a keyframe if the rig has translated or rotated enough since the
+//! previous keyframe of the same camera, and the rig is tracked at that time: dead reckoned poses
+//! are too uncertain for a map. Its pose is that of its own time.
 
 use std::collections::BTreeMap;
 
@@ -12,31 +12,32 @@ use scene_bundle::outputs::keyframes::Keyframe;
 use scene_bundle::outputs::rig::RigCamera;
 use session_archive::index::Index;
 
-use crate::pipeline::stages::place::pose_at;
+use crate::pipeline::stages::pose_interpolation::pose_at;
 
-/// How far keyframes are apart: as soon as one of the two is reached.
+/// Keyframe spacing: a keyframe is due as soon as one of the two is reached.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub(super) struct Apart {
+pub(super) struct KeyframeSpacing {
     /// m.
     pub(super) moved_m: f64,
     /// Degrees.
     pub(super) turned_deg: f64,
 }
 
-impl Apart {
+impl KeyframeSpacing {
     fn is_reached(&self, last: &RigidTransform, now: &RigidTransform) -> bool {
         let motion = last.inverse() * *now;
         motion.distance_m() >= self.moved_m || motion.angle_rad().to_degrees() >= self.turned_deg
     }
 }
 
-/// Keyframes of a camera by their positions in its index. `number` is its place in the index, `place` that in the rig.
+/// Keyframes of a camera by their positions in its index. `number` is the camera's number in the
+/// index, `place` that in the rig.
 pub(super) fn keyframes(
     index: &Index,
     number: usize,
     (place, camera): (usize, &RigCamera),
     trajectory: &Trajectory,
-    apart: Apart,
+    spacing: KeyframeSpacing,
 ) -> BTreeMap<usize, Keyframe> {
     let mut chosen = BTreeMap::new();
     let mut last: Option<RigidTransform> = None;
@@ -48,7 +49,7 @@ pub(super) fn keyframes(
         let Some(world_from_rig) = pose_at(trajectory, frame.time_ns) else {
             continue;
         };
-        if last.is_some_and(|last| !apart.is_reached(&last, &world_from_rig)) {
+        if last.is_some_and(|last| !spacing.is_reached(&last, &world_from_rig)) {
             continue;
         }
         last = Some(world_from_rig);
@@ -70,7 +71,7 @@ mod tests {
 
     #[test]
     fn either_motion_is_enough() {
-        let apart = Apart {
+        let spacing = KeyframeSpacing {
             moved_m: 0.5,
             turned_deg: 10.0,
         };
@@ -78,8 +79,8 @@ mod tests {
         let motion = |w: f64, x: f64| {
             RigidTransform::from_rotation_vector([0.0, w, 0.0], [x, 0.0, 0.0]).expect("finite")
         };
-        assert!(!apart.is_reached(&origin, &motion(0.1, 0.4)));
-        assert!(apart.is_reached(&origin, &motion(0.2, 0.0)));
-        assert!(apart.is_reached(&origin, &motion(0.0, 0.6)));
+        assert!(!spacing.is_reached(&origin, &motion(0.1, 0.4)));
+        assert!(spacing.is_reached(&origin, &motion(0.2, 0.0)));
+        assert!(spacing.is_reached(&origin, &motion(0.0, 0.6)));
     }
 }

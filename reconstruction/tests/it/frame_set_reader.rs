@@ -1,41 +1,41 @@
-//! Frame sets for odometry: the same pictures and samples, in another way.
+//! Frame sets for odometry: the same images and samples, through another interface.
 
 use std::collections::BTreeMap;
 
+use reconstruction::image::Color;
 use reconstruction::input::Input;
-use reconstruction::picture::Colour;
-use reconstruction::pipeline::stages::feed::Feed;
-use reconstruction::pipeline::stages::rig::{self, Told};
+use reconstruction::pipeline::stages::frame_set_reader::FrameSetReader;
+use reconstruction::pipeline::stages::rig::{self, RigOverrides};
 use session_archive::time::HostTime;
 
 use crate::session::{hand_over, hand_over_with};
 
-/// A rig file in which both cameras and the IMU have places.
+/// A rig file with the extrinsics of both cameras and the IMU.
 pub(crate) const RIG: &str = include_str!("../../../cad-transforms/rigs/example.toml");
 
-/// The session has no lenses of this camera.
-pub(crate) fn told(folder: &std::path::Path) -> Told {
+/// The session has no intrinsics of this camera.
+pub(crate) fn rig_overrides(folder: &std::path::Path) -> RigOverrides {
     let file = folder.join("K.txt");
     std::fs::write(&file, "60 0 36.5 0 60 24.5 0 0 1\n0.063\n").expect("a file");
     let (calibration, _) = calib::read_stereo(&file, 74, 50).expect("a calibration");
-    Told {
+    RigOverrides {
         rig: Some(RIG.to_owned()),
         calibrations: BTreeMap::from([("feet".to_owned(), calibration)]),
-        ..Told::default()
+        ..RigOverrides::default()
     }
 }
 
 #[test]
-fn grey_sets_are_luma_with_samples_up_to_the_last_picture() {
+fn luma_frame_sets_have_samples_up_to_the_last_image() {
     let folder = tempfile::tempdir().expect("folder");
     let recorded = hand_over(folder.path());
     let input = Input::open(folder.path()).expect("open");
     let all = input.imu("feet/imu", ..).expect("imu");
     let mut given = Vec::new();
     let sets = input.sets().expect("sets");
-    let greys = input.grey_sets(..).expect("sets");
-    assert_eq!(greys.len(), recorded.sets.len());
-    for (set, grey) in sets.zip(greys) {
+    let luma_frame_sets = input.luma_frame_sets(..).expect("sets");
+    assert_eq!(luma_frame_sets.len(), recorded.sets.len());
+    for (set, grey) in sets.zip(luma_frame_sets) {
         let set = set.expect("a set");
         assert_eq!((set.number, set.time), (grey.number, grey.time));
         assert!(grey.losses.is_empty());
@@ -45,14 +45,14 @@ fn grey_sets_are_luma_with_samples_up_to_the_last_picture() {
                 continue;
             };
             assert_eq!((view.number, view.time), (grey.number, grey.time));
-            assert_eq!(grey.left.colour, Colour::Grey);
+            assert_eq!(grey.left.color, Color::Grey);
             assert_eq!(
                 grey.right.data.len(),
                 (grey.right.width * grey.right.height) as usize
             );
-            match view.left.colour {
-                Colour::Grey => assert_eq!((&view.left, &view.right), (&grey.left, &grey.right)),
-                Colour::Rgb => {
+            match view.left.color {
+                Color::Grey => assert_eq!((&view.left, &view.right), (&grey.left, &grey.right)),
+                Color::Rgb => {
                     // Luma of full-range BT.601 out of rounded RGB is within a level or so.
                     let luma = |p: &[u8]| {
                         0.299 * f64::from(p[0]) + 0.587 * f64::from(p[1]) + 0.114 * f64::from(p[2])
@@ -78,9 +78,9 @@ fn grey_sets_are_luma_with_samples_up_to_the_last_picture() {
     assert_eq!(given[..], all[..given.len()]);
     assert!(given.len() > 480);
 
-    // From the middle on, samples begin behind the set before.
+    // From the middle on, samples begin after the previous set.
     let from = HostTime(recorded.sets[20].time);
-    let mut part = input.grey_sets(from..).expect("sets");
+    let mut part = input.luma_frame_sets(from..).expect("sets");
     let first = part.next().expect("a set");
     assert_eq!(first.number, 20);
     assert!(first.imu[0][0].time.0 > recorded.sets[19].time);
@@ -88,7 +88,7 @@ fn grey_sets_are_luma_with_samples_up_to_the_last_picture() {
 }
 
 #[test]
-fn a_frame_that_cannot_be_read_is_a_loss_and_the_rest_of_its_set_is_there() {
+fn an_unreadable_frame_is_a_loss_and_the_rest_of_its_set_is_returned() {
     let folder = tempfile::tempdir().expect("folder");
     let recorded = hand_over_with(folder.path(), |camera, number, mut unit| {
         if camera == "feet" && number == 110 {
@@ -97,9 +97,9 @@ fn a_frame_that_cannot_be_read_is_a_loss_and_the_rest_of_its_set_is_there() {
         unit
     });
     let input = Input::open(folder.path()).expect("open");
-    let greys: Vec<_> = input.grey_sets(..).expect("sets").collect();
-    assert_eq!(greys.len(), recorded.sets.len());
-    let losses: Vec<String> = greys
+    let luma_frame_sets: Vec<_> = input.luma_frame_sets(..).expect("sets").collect();
+    assert_eq!(luma_frame_sets.len(), recorded.sets.len());
+    let losses: Vec<String> = luma_frame_sets
         .iter()
         .flat_map(|set| &set.losses)
         .map(|e| e.to_string())
@@ -108,7 +108,7 @@ fn a_frame_that_cannot_be_read_is_a_loss_and_the_rest_of_its_set_is_there() {
         losses.contains(&"reading frame 110 of feet".to_owned()),
         "{losses:?}"
     );
-    let lossy = greys
+    let lossy = luma_frame_sets
         .iter()
         .find(|set| !set.losses.is_empty())
         .expect("a loss");
@@ -116,15 +116,15 @@ fn a_frame_that_cannot_be_read_is_a_loss_and_the_rest_of_its_set_is_there() {
 }
 
 #[test]
-fn odometry_is_fed_with_what_the_rig_has_in_its_order() {
+fn frame_sets_follow_the_cameras_of_the_rig_in_its_order() {
     let folder = tempfile::tempdir().expect("folder");
     let recorded = hand_over(folder.path());
     let input = Input::open(folder.path()).expect("open");
-    let (mut model, _) = rig::model(&input, &told(folder.path())).expect("a rig");
+    let (mut model, _) = rig::model(&input, &rig_overrides(folder.path())).expect("a rig");
     model.cameras.reverse();
-    let feed = Feed::new(&input, &model).expect("a feed");
-    assert_eq!(feed.len(), recorded.sets.len());
-    for (set, expected) in feed.zip(&recorded.sets) {
+    let frame_set_reader = FrameSetReader::new(&input, &model).expect("a feed");
+    assert_eq!(frame_set_reader.len(), recorded.sets.len());
+    for (set, expected) in frame_set_reader.zip(&recorded.sets) {
         assert_eq!(set.time_ns, expected.time);
         let borrowed = set.borrowed();
         assert!(borrowed.views[1].is_some());
@@ -136,11 +136,11 @@ fn odometry_is_fed_with_what_the_rig_has_in_its_order() {
     }
     model.cameras.truncate(1);
     model.imus.clear();
-    let set = Feed::new(&input, &model)
+    let set = FrameSetReader::new(&input, &model)
         .expect("a feed")
         .next()
         .expect("a set");
     assert_eq!((set.views.len(), set.imu.len()), (1, 0));
     model.cameras[0].name = "head".to_owned();
-    assert!(Feed::new(&input, &model).is_err());
+    assert!(FrameSetReader::new(&input, &model).is_err());
 }

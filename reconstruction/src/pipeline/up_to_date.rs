@@ -1,4 +1,4 @@
-//! Whether what a stage would make is there already.
+//! Whether the outputs of a stage are up to date.
 
 use std::collections::BTreeMap;
 
@@ -6,7 +6,8 @@ use scene_bundle::{Manifest, Record, Scene};
 
 use super::Stage;
 
-/// How the stage's outputs would be made now. An input that is not there has no hash, so that nothing is like it.
+/// Record that the stage's outputs would have now. A missing input has no hash, so that no record
+/// equals it.
 pub(super) fn record<S: ?Sized>(
     stage: &dyn Stage<S>,
     manifest: &Manifest,
@@ -25,12 +26,16 @@ pub(super) fn record<S: ?Sized>(
     }
 }
 
-/// Whether all outputs of a stage were made so and all their files are as they were written: what a disk or a hand has changed
-/// is made again.
-pub(super) fn is_done<S: ?Sized>(stage: &dyn Stage<S>, scene: &Scene, record: &Record) -> bool {
+/// Whether all outputs of a stage have this record and all their files are intact: damaged or
+/// edited outputs are recomputed.
+pub(super) fn is_up_to_date<S: ?Sized>(
+    stage: &dyn Stage<S>,
+    scene: &Scene,
+    record: &Record,
+) -> bool {
     stage.outputs().iter().all(|name| {
         let made = scene.manifest().outputs.get(*name);
-        made.is_some_and(|output| output.was_made_by(record)) && scene.is_whole(name)
+        made.is_some_and(|output| output.is_made_by(record)) && scene.is_whole(name)
     })
 }
 

@@ -1,5 +1,6 @@
-//! The whole way: sessions that are rendered with the usual blur and noise, looked through for boards, and made into a rig with the
-//! places and clocks of its IMUs. Pictures are stamped a few milliseconds late, which has to be found.
+//! End to end: sessions are rendered with the usual blur and noise, boards are detected, and a rig
+//! with the extrinsics and time offsets of its IMUs is estimated. Images are stamped a few
+//! milliseconds late, which must be estimated.
 
 use anyhow::{Context, Result};
 use cad_transforms::frame::{Frame, FramePart};
@@ -7,7 +8,8 @@ use cad_transforms::{Rig, RigidTransform};
 use calib::Eye;
 use calib::camera_imu::simulate::ZED_NOISE;
 use calib::camera_imu::{
-    CameraImu, Cameras, Corner, ImuSample, Picture, Recording as Moved, Told, Verdict, estimate,
+    CameraImu, Cameras, Corner, ImuSample, Picture, Recording as MotionRecording, Told, Verdict,
+    estimate,
 };
 use calib::cameras::{Calibration, Severity, calibrate};
 use nalgebra::Vector3;
@@ -16,14 +18,14 @@ use rig_sim::simulation::Simulation;
 use serde_json::{Value, json};
 
 use super::quiet;
-use super::rendered::look;
-use super::scenario::{Recording, Trouble};
+use super::rendered::detect;
+use super::scenario::{Impairments, Recording};
 use crate::meter::timed;
 
-/// How late pictures of each camera are stamped, ms.
-const LATE_MS: [f64; 3] = [1.7, -2.6, 4.2];
+/// Time offset of each camera's timestamps, ms.
+const TIME_OFFSET_MS: [f64; 3] = [1.7, -2.6, 4.2];
 
-/// Errors of one kind: the worst one, and how many of all are within two of the stated sigmas.
+/// Errors of one kind: the worst one, and the number within two of the stated sigmas.
 #[derive(Default)]
 struct Errors {
     worst: f64,
@@ -45,19 +47,19 @@ impl Errors {
     }
 }
 
-/// Some sessions: how far off everything is.
+/// Errors of some sessions.
 pub(super) fn sessions(count: u64) -> Result<Value> {
     let (mut rms_px, mut failed, mut seconds) = (0.0_f64, 0, 0.0);
     let (mut places_mm, mut places_deg) = (Errors::default(), 0.0_f64);
     let [mut turn_deg, mut shift_mm, mut late_ms] = [(); 3].map(|()| Errors::default());
     for seed in 0..count {
         eprintln!("rendered session {seed} ...");
-        let trouble = Trouble {
-            late_ms: LATE_MS,
-            ..Trouble::default()
+        let impairments = Impairments {
+            late_ms: TIME_OFFSET_MS,
+            ..Impairments::default()
         };
-        let recording = Recording::new(2000 + seed, &trouble)?;
-        let input = look(&recording, 1);
+        let recording = Recording::new(2000 + seed, &impairments)?;
+        let input = detect(&recording, 1);
         let (found, took) = timed(|| calibrate(input, &quiet(), &mut |_, _| {}));
         let found = found.context("calibrating cameras")?;
         seconds += took.cpu_s;
@@ -71,8 +73,9 @@ pub(super) fn sessions(count: u64) -> Result<Value> {
         }
         let simulation = &recording.simulation;
         let truth = Rig::parse(&simulation.true_rig_text(&recording.rig))?;
-        for (camera, late_ms_told) in LATE_MS.iter().enumerate() {
-            let (result, told) = behind(simulation, &recording.rig, &truth, camera, &found)?;
+        for (camera, late_ms_told) in TIME_OFFSET_MS.iter().enumerate() {
+            let (result, told) =
+                imu_calibration(simulation, &recording.rig, &truth, camera, &found)?;
             failed += usize::from(result.verdict() == Verdict::Fail);
             let turn = (told.rotation().inverse() * result.imu_from_left.rotation()).scaled_axis();
             let shift: Vector3<f64> = result.imu_from_left.translation() - told.translation();
@@ -102,8 +105,8 @@ pub(super) fn sessions(count: u64) -> Result<Value> {
     }))
 }
 
-/// The IMU of a camera, and where it is.
-fn behind(
+/// Estimate of a camera's IMU, and its true extrinsics.
+fn imu_calibration(
     simulation: &Simulation,
     rig: &Rig,
     truth: &Rig,
@@ -129,7 +132,7 @@ fn behind(
             gyro: sample.gyro.into(),
             accel: sample.accel.into(),
         });
-    let recording = Moved {
+    let recording = MotionRecording {
         cameras,
         pictures: pictures(found, camera),
         imu: samples.collect(),
@@ -144,7 +147,7 @@ fn behind(
     Ok((result, truth.transform(&imu, &left)?))
 }
 
-/// What both eyes of a camera saw of the board that they saw most of.
+/// Detections in both images of a camera of the board with most detections.
 fn pictures(found: &Calibration, camera: usize) -> Vec<Picture> {
     let input = &found.input;
     let own = || {

@@ -1,32 +1,33 @@
-//! How a view moved while its rows were exposed one after another.
+//! Rolling-shutter compensation: motion of a view while its rows are exposed one after another.
 //!
-//! A rolling shutter exposes the lowest row some milliseconds after the topmost one, and who walks sways by parts of a degree meanwhile. What
-//! a row shows is taken to where the view was when its middle row was exposed, whose pose is known: to first order in time.
+//! A rolling shutter exposes the lowest row some milliseconds after the topmost one, and a walker
+//! rotates by a fraction of a degree meanwhile. Points of a row are transformed to the pose at the
+//! exposure of the middle row, which is known: to first order in time.
 
 use cad_transforms::RigidTransform;
 use scene_bundle::Trajectory;
 use scene_bundle::outputs::depth::DepthView;
 use scene_bundle::outputs::rig::RigCamera;
 
-use crate::pipeline::stages::place::pose_at;
+use crate::pipeline::stages::pose_interpolation::pose_at;
 
-/// Time over which motion is taken, ns.
+/// Time over which the motion is measured, ns.
 const STEP_NS: i64 = 10_000_000;
 
-/// See the module. The default is a global shutter, or a view that stands still.
+/// See the module. The default is a global shutter, or a view at rest.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
-pub(super) struct Sway {
-    /// When the topmost row of the view was exposed after the middle one of the recorded picture, and each row after the one
-    /// above, s.
+pub(super) struct RowMotion {
+    /// Exposure offset of the topmost row of the view against the middle row of the recorded image,
+    /// and of each row against the one above, s.
     first_s: f64,
     row_s: f64,
-    /// Of the view in its own axes, m/s and rad/s.
+    /// Velocity and angular rate of the view in its own axes, m/s and rad/s.
     speed: [f64; 3],
     rate: [f64; 3],
 }
 
-impl Sway {
-    /// Of a frame that was taken at a time.
+impl RowMotion {
+    /// Motion of a frame at a time.
     pub(super) fn new(
         camera: &RigCamera,
         view: &DepthView,
@@ -46,7 +47,7 @@ impl Sway {
         Self::of(camera, view, &motion, STEP_NS as f64 * 1e-9)
     }
 
-    /// Of a motion in so many seconds. Rectifying turns rows by little.
+    /// From a motion in `seconds`. Rectification rotates rows only slightly.
     fn of(camera: &RigCamera, view: &DepthView, motion: &RigidTransform, seconds: f64) -> Self {
         let row_s = camera.line_s * camera.left.fy / view.model.fy;
         let middle = 0.5 * f64::from(camera.left.height - 1);
@@ -58,17 +59,17 @@ impl Sway {
         }
     }
 
-    /// Where the view of the middle row has what a row shows.
+    /// Point of a row, in the view at the exposure of the middle row.
     pub(super) fn at_middle(&self, row: f64, x: [f64; 3]) -> [f64; 3] {
-        self.moved(row, x, 1.0)
+        self.compensate(row, x, 1.0)
     }
 
-    /// Where the view of a row has what that of the middle one shows.
+    /// Point of the view at the exposure of the middle row, in the view of a row.
     pub(super) fn at_row(&self, row: f64, x: [f64; 3]) -> [f64; 3] {
-        self.moved(row, x, -1.0)
+        self.compensate(row, x, -1.0)
     }
 
-    fn moved(&self, row: f64, x: [f64; 3], sign: f64) -> [f64; 3] {
+    fn compensate(&self, row: f64, x: [f64; 3], sign: f64) -> [f64; 3] {
         let time = sign * (self.first_s + self.row_s * row);
         let (v, w) = (&self.speed, &self.rate);
         let turned = [
@@ -87,7 +88,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn rows_are_taken_to_where_the_middle_one_was() {
+    fn rows_are_transformed_to_the_middle_row() {
         let model = CameraModel {
             width: 60,
             height: 41,
@@ -119,14 +120,14 @@ mod tests {
         };
         // 0.02 s from the middle to the lowest row, which is row 80 of the view.
         let motion = RigidTransform::from_rotation_vector([0.0, 0.01, 0.0], [0.0, 0.0, 0.1]);
-        let sway = Sway::of(&camera, &view, &motion.expect("finite"), 0.1);
+        let row_motion = RowMotion::of(&camera, &view, &motion.expect("finite"), 0.1);
         let x = [0.5, 0.2, 4.0];
-        assert_eq!(sway.at_middle(40.0, x), x);
-        let seen = sway.at_middle(80.0, x);
+        assert_eq!(row_motion.at_middle(40.0, x), x);
+        let seen = row_motion.at_middle(80.0, x);
         for (found, expected) in seen.iter().zip([0.508, 0.2, 4.019]) {
             assert!((found - expected).abs() < 1e-9, "{seen:?}");
         }
-        let back = sway.at_row(80.0, seen);
+        let back = row_motion.at_row(80.0, seen);
         assert!(
             back.iter().zip(x).all(|(a, b)| (a - b).abs() < 1e-4),
             "{back:?}"

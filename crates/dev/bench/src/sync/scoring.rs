@@ -1,6 +1,6 @@
-//! One method in one world: errors and honesty.
+//! One method in one world: errors and consistency.
 //!
-//! Errors are against the instant at which the sample was taken, which a tick says only to its own
+//! Errors are against the instant at which the sample was taken, which a tick gives only to its own
 //! length: that is part of the error, and of the sigma that a method has to claim.
 
 use super::methods::Method;
@@ -143,7 +143,7 @@ mod tests {
     use crate::sync::methods::Stamp;
     use crate::sync::world::World;
 
-    /// Knows when the sample was taken, and says another time.
+    /// Knows the true time, and states another one.
     struct Off {
         by: f64,
         sigma: f64,

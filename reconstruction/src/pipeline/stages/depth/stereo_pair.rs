@@ -1,9 +1,10 @@
-//! From the two pictures of a stereo frame to depth.
+//! Depth from the two images of a stereo frame.
 //!
-//! Contract: depth is that of the rectified left picture, the largest part in which both are filled. Pixels whose
-//! sigma is more than [`MOST_RELATIVE_SIGMA`] of their depth have none. Disparities are looked for up
-//! to that of [`NEAREST_M`], as far as the matcher can. [`Pair::disparity`] is the one place where disparity is made, by a network of the
-//! user's where there is one.
+//! Contract: depth is that of the rectified left image, cropped to the largest part in which both
+//! are valid. Pixels whose sigma is more than [`MAX_RELATIVE_SIGMA`] of their depth have none.
+//! Disparities are searched up to that of [`MIN_DISTANCE_M`], as far as the matcher can.
+//! [`StereoPair::disparity`] is the only function that computes disparity, by the user's network if
+//! there is one.
 
 use std::borrow::Cow;
 
@@ -11,37 +12,37 @@ use cad_transforms::RigidTransform;
 use calib::rectify::{Rectification, Remap, View};
 use calib::{CameraModel, Eye};
 use depth::{Band, Banded, DisparityMap, Geometry, Preset, Settings};
-use scene_bundle::outputs::depth::DepthPicture;
+use scene_bundle::outputs::depth::DepthImage;
 use scene_bundle::outputs::rig::RigCamera;
 
 use crate::pipeline::StageError;
 use crate::pipeline::stages::networks::Networks;
 use crate::pipeline::stages::rig;
 
-/// What is nearer than this is not looked for, m: the wearer's hands and knees.
-pub(super) const NEAREST_M: f64 = 0.25;
-/// What is more uncertain than this, as a share of its depth, has none: to first order nothing can be said of it.
-pub(super) const MOST_RELATIVE_SIGMA: f64 = 0.2;
-/// Disparities that the matcher can look for at once.
-const MOST_DISPARITIES: usize = 256;
+/// Minimum distance of the disparity search, m: excludes the wearer's hands and knees.
+pub(super) const MIN_DISTANCE_M: f64 = 0.25;
+/// Maximum sigma as a ratio of the depth: beyond it the first-order error model does not hold.
+pub(super) const MAX_RELATIVE_SIGMA: f64 = 0.2;
+/// Maximum number of disparities that the matcher can search.
+const MAX_DISPARITIES: usize = 256;
 
-/// A stereo camera, ready for its pictures.
-pub(super) struct Pair {
+/// A stereo camera, prepared for its images.
+pub(super) struct StereoPair {
     rectification: Rectification,
     remaps: [Remap; 2],
     matcher: Banded,
     rectified: [Vec<u8>; 2],
 }
 
-impl Pair {
+impl StereoPair {
     pub(super) fn new(camera: &RigCamera, preset: Preset) -> Result<Self, StageError> {
         let rectification = Rectification::new(&rig::calibration(camera), View::Filled)?;
         let remaps = [(Eye::Left, camera.left), (Eye::Right, camera.right)]
             .map(|(eye, old)| Remap::new(&rectification.map(eye), old.width, old.height));
         let model = rectification.camera;
         let (width, height) = (model.width as usize, model.height as usize);
-        let nearest = (model.fx * rectification.baseline_m / NEAREST_M).ceil() as usize + 1;
-        let band = Band::full(0, nearest.min(MOST_DISPARITIES), height)?;
+        let nearest = (model.fx * rectification.baseline_m / MIN_DISTANCE_M).ceil() as usize + 1;
+        let band = Band::full(0, nearest.min(MAX_DISPARITIES), height)?;
         Ok(Self {
             rectified: [(); 2].map(|()| vec![0; width * height]),
             matcher: Banded::new(Settings::preset(preset), width, band)?,
@@ -50,23 +51,23 @@ impl Pair {
         })
     }
 
-    /// Lens of the pictures of depth.
+    /// Camera model of the depth maps.
     pub(super) fn model(&self) -> CameraModel {
         self.rectification.camera
     }
 
-    /// Turns points in the recorded left optical frame into that of the pictures of depth.
+    /// Rotates points of the recorded left optical frame to that of the depth maps.
     pub(super) fn view_from_left(&self) -> RigidTransform {
         self.rectification.rectified_from_left
     }
 
-    /// Depth of the next frame; pictures are luma as recorded.
+    /// Depth of the next frame; images are luma as recorded.
     pub(super) fn depth(
         &mut self,
         left: &[u8],
         right: &[u8],
         networks: &Networks,
-    ) -> Result<DepthPicture, StageError> {
+    ) -> Result<DepthImage, StageError> {
         let [to_left, to_right] = &mut self.rectified;
         rayon::join(
             || self.remaps[0].apply_to(left, 0, to_left),
@@ -80,8 +81,8 @@ impl Pair {
             offset_px: 0.0,
         };
         let disparity = self.disparity(networks)?;
-        let depth = geometry.depth(&disparity, MOST_RELATIVE_SIGMA)?;
-        Ok(DepthPicture::from_metres(
+        let depth = geometry.depth(&disparity, MAX_RELATIVE_SIGMA)?;
+        Ok(DepthImage::from_metres(
             model.width,
             model.height,
             &depth.depth_m,
@@ -89,7 +90,7 @@ impl Pair {
         ))
     }
 
-    /// Disparity of the rectified pictures.
+    /// Disparity of the rectified images.
     fn disparity(&mut self, networks: &Networks) -> Result<Cow<'_, DisparityMap>, StageError> {
         let model = self.rectification.camera;
         let picture =
@@ -138,7 +139,7 @@ mod tests {
         }
     }
 
-    /// A rough wall at so many pixels of disparity.
+    /// A textured wall at a disparity of `shift` pixels.
     fn wall(shift: usize) -> Vec<u8> {
         let pixel = |i: usize| {
             let (x, y) = ((i % WIDTH + shift) as u64, (i / WIDTH) as u64);
@@ -151,7 +152,7 @@ mod tests {
     #[test]
     fn a_wall_has_its_depth() {
         let shift = 10;
-        let mut pair = Pair::new(&camera(), Preset::Fast).expect("a pair");
+        let mut pair = StereoPair::new(&camera(), Preset::Fast).expect("a pair");
         let scale = pair.model().fx / FOCAL;
         let found = pair
             .depth(&wall(0), &wall(shift), &Networks::default())
@@ -166,12 +167,12 @@ mod tests {
     }
 
     #[test]
-    fn pictures_without_texture_have_no_depth() {
-        let mut pair = Pair::new(&camera(), Preset::Balanced).expect("a pair");
+    fn images_without_texture_have_no_depth() {
+        let mut pair = StereoPair::new(&camera(), Preset::Balanced).expect("a pair");
         let flat = vec![120; WIDTH * HEIGHT];
         let found = pair
             .depth(&flat, &flat, &Networks::default())
-            .expect("a picture");
+            .expect("an image");
         assert!(found.depth.iter().all(|d| *d == 0));
     }
 }

@@ -1,7 +1,8 @@
-//! A few small images of what each camera saw, beside the outputs of a bundle, for its report.
+//! A few small images of each camera, stored beside the outputs of a bundle, for its report.
 //!
-//! Contract: `seen.jsonl` in the bundle's folder has a line for each image. It is no part of the bundle: nothing depends on
-//! it, no hash covers it, and a bundle without it is as good. The same session gives the same bytes.
+//! Contract: `seen.jsonl` in the bundle's folder has a line for each image. It is not part of the
+//! bundle: nothing depends on it, no hash covers it, and a bundle is valid without it. The same
+//! session gives the same bytes.
 
 use std::fs;
 use std::io::{self, Write};
@@ -16,16 +17,16 @@ use video::still::{Candidate, Settings, Still, stills};
 use crate::input::Input;
 
 /// The file.
-pub const FILE: &str = scene_bundle::layout::SEEN;
-/// Most that is read of it. An image has some ten kB, and a camera a handful of them.
+pub const FILE: &str = scene_bundle::layout::CAMERA_IMAGES;
+/// Maximum size of the file, bytes. An image has some ten kB, and a camera a handful of them.
 const LIMIT: u64 = 16 << 20;
 
 /// A small image of one camera.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
-pub struct Seen {
+pub struct CameraImage {
     /// The camera.
     pub camera: String,
-    /// What the image stands for, as in `start` or `middle, least sharp`.
+    /// Role of the image, as in `start` or `middle, least sharp`.
     pub role: String,
     /// Number of its frame.
     pub frame: u64,
@@ -33,21 +34,21 @@ pub struct Seen {
     pub after_s: f64,
     /// `left`, `right` or `both`.
     pub eye: String,
-    /// As [`video::still::Look`] has it.
+    /// As defined in [`video::still::Look`].
     pub sharpness: f64,
-    /// As [`video::still::Look`] has it.
+    /// As defined in [`video::still::Look`].
     pub brightness: f64,
-    /// As [`video::still::Look`] has it.
+    /// As defined in [`video::still::Look`].
     pub clipped: f64,
     /// A JPEG file in base64.
     pub jpeg: String,
 }
 
-/// Looks at a session and writes the file into the bundle in `folder`, whole or not at all. What cannot be decoded is left
-/// out.
+/// Selects images of a session and writes the file into the bundle in `folder`, whole or not at
+/// all. Frames that cannot be decoded are left out.
 ///
 /// # Errors
-/// The file cannot be written; the one that was there still is.
+/// The file cannot be written; the previous one is kept.
 pub fn write(folder: &Path, input: &Input) -> io::Result<()> {
     let mut text = String::new();
     for seen in look(input) {
@@ -55,7 +56,7 @@ pub fn write(folder: &Path, input: &Input) -> io::Result<()> {
         text.push('\n');
     }
     let beside = folder.join(format!("{FILE}.new"));
-    // Left by a run that was stopped.
+    // Remains of a stopped run.
     let _ = fs::remove_file(&beside);
     let written = fs::File::create_new(&beside)
         .and_then(|mut file| file.write_all(text.as_bytes()))
@@ -66,11 +67,11 @@ pub fn write(folder: &Path, input: &Input) -> io::Result<()> {
     written
 }
 
-/// The images of a bundle; none if it has no such file. Lines that are none are passed over.
+/// The images of a bundle; none if it has no such file. Malformed lines are skipped.
 ///
 /// # Errors
-/// The file cannot be read, is no regular file, or is longer than images of cameras are.
-pub fn read(folder: &Path) -> io::Result<Vec<Seen>> {
+/// The file cannot be read, is not a regular file, or exceeds the maximum size.
+pub fn read(folder: &Path) -> io::Result<Vec<CameraImage>> {
     let bytes = plain_file::read_below(folder, Path::new(FILE), LIMIT);
     let text = match bytes.and_then(plain_file::text) {
         Ok(text) => text,
@@ -81,7 +82,7 @@ pub fn read(folder: &Path) -> io::Result<Vec<Seen>> {
     Ok(lines.filter_map(|l| serde_json::from_str(l).ok()).collect())
 }
 
-fn look(input: &Input) -> Vec<Seen> {
+fn look(input: &Input) -> Vec<CameraImage> {
     let index = input.index();
     let first = index.cameras.iter().flat_map(|c| c.frames.first());
     let start_ns = first.map(|f| f.time_ns).min().unwrap_or(0);
@@ -89,7 +90,7 @@ fn look(input: &Input) -> Vec<Seen> {
     for camera in &input.manifest().cameras {
         for still in of_camera(input, camera) {
             let roles: Vec<&str> = still.roles.iter().map(|role| role.name()).collect();
-            seen.push(Seen {
+            seen.push(CameraImage {
                 camera: camera.name.clone(),
                 role: roles.join(", "),
                 frame: still.number,
@@ -128,7 +129,7 @@ fn of_camera(input: &Input, camera: &manifest::Camera) -> Vec<Still> {
         Ok(found) => found.stills,
         Err(error) => {
             log::warn!(
-                "looking at frames of {} for the report: {error}",
+                "selecting frames of {} for the report: {error}",
                 camera.name
             );
             Vec::new()
@@ -141,7 +142,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn what_is_no_file_of_images_is_not_read() {
+    fn a_file_that_is_not_a_list_of_images_is_not_read() {
         let folder = tempfile::tempdir().expect("folder");
         let path = folder.path().join(FILE);
         assert!(read(folder.path()).expect("no file").is_empty());

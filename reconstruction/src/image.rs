@@ -1,8 +1,8 @@
-//! Decoded pictures, one per eye.
+//! Decoded images, one per side.
 //!
-//! Rows are packed, top row first, 8 bits per sample, full range; colour is RGB by the full-range
-//! BT.601 formulas of JFIF 1.02. The stereo frame is cut in its middle: its left half is the left
-//! eye's picture, untouched.
+//! Rows are packed, top row first, 8 bits per sample, full range; color is RGB by the full-range
+//! BT.601 formulas of JFIF 1.02. The stereo frame is split in its middle: its left half is the left
+//! image, unchanged.
 
 use std::borrow::Cow;
 use std::fmt;
@@ -11,16 +11,16 @@ use bytes::Bytes;
 use video::PictureError;
 use video::picture::i420_to_rgb;
 
-/// What a pixel is.
+/// Pixel format.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum Colour {
+pub enum Color {
     /// One byte: luma as the camera delivered it.
     Grey,
     /// Three bytes: red, green, blue.
     Rgb,
 }
 
-impl Colour {
+impl Color {
     /// Bytes per pixel.
     pub fn channels(self) -> usize {
         match self {
@@ -30,41 +30,41 @@ impl Colour {
     }
 }
 
-/// The picture of one eye. Cloning is cheap: the bytes are shared.
+/// Image of one side. Cloning is cheap: the bytes are shared.
 #[derive(Clone, PartialEq, Eq)]
-pub struct Picture {
+pub struct Image {
     /// Columns.
     pub width: u32,
     /// Rows.
     pub height: u32,
-    /// What a pixel is.
-    pub colour: Colour,
+    /// Pixel format.
+    pub color: Color,
     /// `width * height * channels` bytes, row by row.
     pub data: Bytes,
 }
 
-impl fmt::Debug for Picture {
+impl fmt::Debug for Image {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         let Self { width, height, .. } = self;
-        write!(f, "Picture({width}x{height} {:?})", self.colour)
+        write!(f, "Image({width}x{height} {:?})", self.color)
     }
 }
 
-impl Picture {
-    /// Left and right picture of a stereo frame (I420, left and right side by side).
+impl Image {
+    /// Left and right image of a stereo frame (I420, side by side).
     pub(crate) fn halves(
         both: &video::Picture,
-        colour: Colour,
+        color: Color,
     ) -> Result<(Self, Self), PictureError> {
         if !both.width.is_multiple_of(2) {
             let (width, height) = (both.width, both.height);
             return Err(PictureError::OddSize { width, height });
         }
-        let pixels = match colour {
-            Colour::Grey => Cow::Borrowed(both.luma()?),
-            Colour::Rgb => Cow::Owned(i420_to_rgb(both)?),
+        let pixels = match color {
+            Color::Grey => Cow::Borrowed(both.luma()?),
+            Color::Rgb => Cow::Owned(i420_to_rgb(both)?),
         };
-        let half_row = both.width as usize / 2 * colour.channels();
+        let half_row = both.width as usize / 2 * color.channels();
         let (mut left, mut right) = (Vec::new(), Vec::new());
         left.reserve_exact(pixels.len() / 2);
         right.reserve_exact(pixels.len() / 2);
@@ -76,7 +76,7 @@ impl Picture {
         let picture = |data: Vec<u8>| Self {
             width: both.width / 2,
             height: both.height,
-            colour,
+            color,
             data: data.into(),
         };
         Ok((picture(left), picture(right)))
@@ -101,7 +101,7 @@ mod tests {
 
     #[test]
     fn grey_is_the_luma_of_each_half() {
-        let (left, right) = Picture::halves(&both(), Colour::Grey).expect("halves");
+        let (left, right) = Image::halves(&both(), Color::Grey).expect("halves");
         assert_eq!((left.width, left.height), (2, 2));
         assert_eq!(left.data[..], [10, 20, 50, 60]);
         assert_eq!(right.data[..], [30, 40, 70, 80]);
@@ -111,7 +111,7 @@ mod tests {
     fn colour_is_rgb_row_by_row() {
         let both = both();
         let rgb = i420_to_rgb(&both).expect("rgb");
-        let (left, right) = Picture::halves(&both, Colour::Rgb).expect("halves");
+        let (left, right) = Image::halves(&both, Color::Rgb).expect("halves");
         assert_eq!(left.data[..], [&rgb[0..6], &rgb[12..18]].concat());
         assert_eq!(right.data[..], [&rgb[6..12], &rgb[18..24]].concat());
         assert!(left.data[2] > left.data[0], "blue {:?}", left.data);

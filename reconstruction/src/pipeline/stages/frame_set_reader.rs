@@ -1,32 +1,34 @@
-//! Frame sets of a hand-off as odometry takes them.
+//! Frame sets of a hand-off, as input of the odometry.
 //!
-//! Contract: cameras and IMUs are those of the rig, in its order; what the rig does not have is left out. Pictures are
-//! decoded a few at a time, whatever the length of the session. What cannot be read is told with the set.
+//! Contract: cameras and IMUs are those of the rig, in its order; others are left out. Images are
+//! decoded a few at a time, whatever the length of the session. Items that cannot be read are
+//! reported with the set.
 
-use calib::verify::ImageView;
+use calib::verify::Grey;
 use odometry::input::{FrameSet, ImuSample, View};
 use scene_bundle::outputs::rig::RigModel;
 
-use crate::input::{self, GreySets, Input, ReadError};
-use crate::picture::Picture;
+use crate::image::Image;
+use crate::input::{self, Input, LumaFrameSets, ReadError};
 
-/// A frame set with its pictures. See the module.
+/// A frame set of the rig with its images. See the module.
 #[derive(Clone, Debug)]
-pub struct FedSet {
+pub struct RigFrameSet {
     /// Number of the set in the session.
     pub number: u64,
     /// Its time, ns.
     pub time_ns: i64,
     /// One for each camera of the rig.
     pub views: Vec<Option<input::View>>,
-    /// Of each IMU of the rig, samples that were not given yet, up to the first one that is not older than the pictures.
+    /// Samples of each IMU of the rig since the previous set, up to the first one that is not older
+    /// than the images.
     pub imu: Vec<Vec<ImuSample>>,
-    /// What could not be read.
+    /// Items that could not be read.
     pub losses: Vec<ReadError>,
 }
 
-impl FedSet {
-    /// As odometry takes it.
+impl RigFrameSet {
+    /// Borrowed view, as input of the odometry.
     pub fn borrowed(&self) -> FrameSet<'_> {
         FrameSet {
             time_ns: self.time_ns,
@@ -40,28 +42,29 @@ impl FedSet {
 fn borrowed(view: &input::View) -> View<'_> {
     View {
         time_ns: view.time.ns(),
-        left: grey(&view.left),
-        right: grey(&view.right),
-        mask: None,
+        left: luma_view(&view.left),
+        right: luma_view(&view.right),
+        usable: None,
     }
 }
 
-fn grey(picture: &Picture) -> ImageView<'_> {
+fn luma_view(picture: &Image) -> Grey<'_> {
     let (width, height) = (picture.width as usize, picture.height as usize);
-    ImageView::new(width, height, width, &picture.data).expect("a decoded picture of luma is whole")
+    Grey::new(width, height, width, &picture.data).expect("a decoded luma image is complete")
 }
 
 /// All frame sets of a hand-off, in order of time.
 #[derive(Debug)]
-pub struct Feed {
-    sets: GreySets,
+pub struct FrameSetReader {
+    sets: LumaFrameSets,
     /// Positions in the manifest of the rig's cameras and IMUs.
     cameras: Vec<usize>,
     imus: Vec<usize>,
 }
 
-impl Feed {
-    /// Begins. Every camera and IMU of the rig must be one of the session, as those of the stage `rig` are.
+impl FrameSetReader {
+    /// Starts reading. Every camera and IMU of the rig must be one of the session, as those of the
+    /// stage `rig` are.
     ///
     /// # Errors
     /// [`ReadError::NoSuch`], [`ReadError::Thread`].
@@ -81,15 +84,15 @@ impl Feed {
         Ok(Self {
             cameras: cameras.collect::<Result<_, _>>()?,
             imus: imus.collect::<Result<_, _>>()?,
-            sets: input.grey_sets(..)?,
+            sets: input.luma_frame_sets(..)?,
         })
     }
 }
 
-impl Iterator for Feed {
-    type Item = FedSet;
+impl Iterator for FrameSetReader {
+    type Item = RigFrameSet;
 
-    fn next(&mut self) -> Option<FedSet> {
+    fn next(&mut self) -> Option<RigFrameSet> {
         let mut set = self.sets.next()?;
         let sample = |s: &input::ImuSample| ImuSample {
             time_ns: s.time.ns(),
@@ -100,7 +103,7 @@ impl Iterator for Feed {
             .imus
             .iter()
             .map(|k| set.imu[*k].iter().map(sample).collect());
-        Some(FedSet {
+        Some(RigFrameSet {
             number: set.number,
             time_ns: set.time.ns(),
             imu: imus.collect(),
@@ -114,4 +117,4 @@ impl Iterator for Feed {
     }
 }
 
-impl ExactSizeIterator for Feed {}
+impl ExactSizeIterator for FrameSetReader {}

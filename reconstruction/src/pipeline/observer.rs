@@ -1,4 +1,4 @@
-//! How a pipeline is going.
+//! Progress of a pipeline.
 
 use std::collections::BTreeMap;
 
@@ -6,21 +6,21 @@ use serde::Serialize;
 
 use super::Report;
 
-/// Is told how a pipeline is going; from several threads.
-pub trait Watch: Sync {
-    /// A stage begins: its name, its number from 1, and how many there are.
+/// Receives the progress of a pipeline; from several threads.
+pub trait Observer: Sync {
+    /// A stage begins: its name, its number from 1, and the number of stages.
     fn begin(&self, stage: &str, number: usize, of: usize);
-    /// So much of the stage is done, of so much.
+    /// Progress of the stage: `done` of `total`.
     fn progress(&self, done: u64, total: u64);
     /// A stage is done.
     fn end(&self, outcome: &Outcome);
 }
 
-/// Watches nothing.
+/// Ignores all progress.
 #[derive(Clone, Copy, Debug)]
-pub struct Unwatched;
+pub struct NoObserver;
 
-impl Watch for Unwatched {
+impl Observer for NoObserver {
     fn begin(&self, _stage: &str, _number: usize, _of: usize) {}
     fn progress(&self, _done: u64, _total: u64) {}
     fn end(&self, _outcome: &Outcome) {}
@@ -30,13 +30,13 @@ impl Watch for Unwatched {
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize)]
 #[serde(rename_all = "snake_case")]
 pub enum State {
-    /// It did.
-    Made,
-    /// What it would have made was there.
-    Kept,
+    /// The stage ran.
+    Ran,
+    /// Its outputs were up to date.
+    UpToDate,
 }
 
-/// How a stage went.
+/// Outcome of a stage.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct Outcome {
     /// Its name.
@@ -45,11 +45,11 @@ pub struct Outcome {
     pub state: State,
     /// Hashes of its outputs, by name.
     pub outputs: BTreeMap<&'static str, String>,
-    /// What it has to say.
+    /// Its notes and losses.
     #[serde(flatten)]
     pub report: Report,
-    /// How long it took, s.
+    /// Time, s.
     pub seconds: f64,
-    /// Most memory meanwhile, bytes, where it is known.
+    /// Peak memory, bytes, if known.
     pub peak_bytes: Option<u64>,
 }

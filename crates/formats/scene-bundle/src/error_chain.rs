@@ -1,7 +1,7 @@
 //! An error and its causes in one line.
 
-/// Texts of errors leave out their causes; this is for where a person reads them.
-pub fn chain(error: &dyn std::error::Error) -> String {
+/// Error texts do not contain their causes; this joins them for a human reader.
+pub fn error_chain(error: &dyn std::error::Error) -> String {
     let mut text = error.to_string();
     let mut next = error.source();
     while let Some(cause) = next {

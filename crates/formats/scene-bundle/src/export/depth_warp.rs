@@ -1,22 +1,23 @@
-//! Depth of one view drawn anew for the picture as it was recorded.
+//! Depth of a rectified view, warped to the image as it was recorded.
 //!
-//! Contract: each pixel of the target takes the depth of the nearest pixel of the view, no mixture: between foreground and
-//! background there is nothing. Depth is along the target's own z axis.
+//! Contract: each pixel of the target takes the depth of the nearest pixel of the view, no
+//! interpolation: there is no surface between foreground and background. Depth is along the
+//! target's own z axis.
 
 use cad_transforms::RigidTransform;
 use calib::{CameraModel, Lens};
 
-use crate::outputs::depth::{DepthPicture, DepthView};
+use crate::outputs::depth::{DepthImage, DepthView};
 
-/// For each pixel of the target, where to look and what to multiply by.
-pub(super) struct Redraw {
+/// For each pixel of the target: index of the source pixel, and factor on its depth.
+pub(super) struct DepthWarp {
     width: u32,
     height: u32,
     from: Vec<Option<(usize, f32)>>,
 }
 
-impl Redraw {
-    /// From a view to a picture with the same centre.
+impl DepthWarp {
+    /// From a view to an image with the same optical center.
     pub(super) fn new(view: &DepthView, target: &CameraModel) -> Self {
         let same = view.model == *target && view.view_from_left == RigidTransform::identity();
         let lens = Lens::new(target);
@@ -51,10 +52,10 @@ impl Redraw {
     }
 
     /// Depth for each pixel in the units it is stored in; 0 is none.
-    pub(super) fn depth(&self, picture: &DepthPicture) -> Vec<u16> {
+    pub(super) fn depth(&self, image: &DepthImage) -> Vec<u16> {
         let taken = self.from.iter().map(|from| match from {
             Some((at, factor)) => {
-                let units = (f32::from(picture.depth[*at]) * factor).round();
+                let units = (f32::from(image.depth[*at]) * factor).round();
                 if (1.0..=65535.0).contains(&units) {
                     units as u16
                 } else {
@@ -77,10 +78,10 @@ mod tests {
 
     use super::*;
 
-    /// A slanted plane seen from the view, drawn for a distorted picture that is turned against it: the depth must be what
-    /// the plane has there.
+    /// An oblique plane in the view, warped to a distorted image that is rotated against it: the
+    /// depth must be that of the plane.
     #[test]
-    fn a_plane_stays_where_it_is() {
+    fn the_depth_of_a_plane_is_that_of_the_target_image() {
         let view = DepthView {
             camera: "feet".to_owned(),
             model: CameraModel::new((320, 240), [200.0, 200.0, 159.5, 119.5], Distortion::None),
@@ -104,10 +105,10 @@ mod tests {
                 (2.0 / dot(normal, ray)) as f32
             })
             .collect();
-        let picture = DepthPicture::from_metres(320, 240, &depth_m, &vec![0.01; depth_m.len()]);
-        let redraw = Redraw::new(&view, &target);
-        let drawn = redraw.depth(&picture);
-        assert_eq!(redraw.size(), (300, 200));
+        let image = DepthImage::from_metres(320, 240, &depth_m, &vec![0.01; depth_m.len()]);
+        let depth_warp = DepthWarp::new(&view, &target);
+        let drawn = depth_warp.depth(&image);
+        assert_eq!(depth_warp.size(), (300, 200));
         let lens = Lens::new(&target);
         let mut compared = 0;
         for row in 0..200_u32 {
@@ -118,8 +119,8 @@ mod tests {
                 }
                 let ray = lens.unproject([f64::from(column), f64::from(row)]).unwrap();
                 let true_m = 2.0 / dot(normal, view.view_from_left.rotate(ray)) * ray[2];
-                // Half a pixel of the view to the side the plane has another depth by up to 0.5 / 200 * 0.6 of it; a
-                // millimetre is lost in rounding twice.
+                // Half a pixel of the view changes the depth of the plane by up to 0.5 / 200 * 0.6
+                // of it; rounding twice loses a millimetre.
                 let off = (f64::from(found) * 1e-3 - true_m).abs();
                 assert!(
                     off < 0.003 * true_m + 0.001,
@@ -132,17 +133,17 @@ mod tests {
     }
 
     #[test]
-    fn the_same_view_is_not_touched() {
+    fn depth_of_an_identical_view_is_unchanged() {
         let model = CameraModel::new((3, 2), [2.0, 2.0, 1.0, 0.5], Distortion::None);
         let view = DepthView {
             camera: "feet".to_owned(),
             model,
             view_from_left: RigidTransform::identity(),
         };
-        let picture =
-            DepthPicture::from_metres(3, 2, &[1.0, 2.0, 0.0, 65.535, 66.0, f32::NAN], &[0.1; 6]);
+        let image =
+            DepthImage::from_metres(3, 2, &[1.0, 2.0, 0.0, 65.535, 66.0, f32::NAN], &[0.1; 6]);
         assert_eq!(
-            Redraw::new(&view, &model).depth(&picture),
+            DepthWarp::new(&view, &model).depth(&image),
             [1000, 2000, 0, 65535, 0, 0]
         );
     }

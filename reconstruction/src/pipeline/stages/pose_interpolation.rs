@@ -1,15 +1,16 @@
-//! Where the rig was at any time: between the two poses of the trajectory that are nearest, straight and at an even turn.
+//! Pose of the rig at any time: interpolated between the two nearest poses of the trajectory, with
+//! constant velocity and angular rate.
 
 use cad_transforms::RigidTransform;
 use scene_bundle::{Pose, Status, Trajectory};
 
-/// How far beyond the first and the last pose a frame may be, as a share of the step between the two that are next to it: cameras
-/// of a set are not exposed at the same instant.
-const BEYOND: f64 = 1.0;
-/// Poses that are farther apart than this are no neighbours, ns.
-const LONGEST_STEP_NS: i64 = 250_000_000;
+/// Maximum extrapolation beyond the first and the last pose, as a ratio of the step between the two
+/// nearest: cameras of a set are not exposed at the same instant.
+const MAX_EXTRAPOLATION_STEPS: f64 = 1.0;
+/// Maximum time between poses that are interpolated, ns.
+const MAX_STEP_NS: i64 = 250_000_000;
 
-/// Where the rig was at a time, if cameras followed it then.
+/// Pose of the rig at a time, if it was tracked then.
 pub(super) fn pose_at(trajectory: &Trajectory, time_ns: i64) -> Option<RigidTransform> {
     let poses = trajectory.poses();
     let is_good = |p: &Pose| matches!(p.status, Status::Tracked | Status::Relocalised);
@@ -21,7 +22,8 @@ pub(super) fn pose_at(trajectory: &Trajectory, time_ns: i64) -> Option<RigidTran
     let (a, b) = (poses.get(behind - 1)?, poses.get(behind)?);
     let step = b.time_ns - a.time_ns;
     let share = (time_ns - a.time_ns) as f64 / step as f64;
-    let is_near = step <= LONGEST_STEP_NS && (-BEYOND..=1.0 + BEYOND).contains(&share);
+    let is_near = step <= MAX_STEP_NS
+        && (-MAX_EXTRAPOLATION_STEPS..=1.0 + MAX_EXTRAPOLATION_STEPS).contains(&share);
     if !(is_near && is_good(a) && is_good(b)) {
         return None;
     }
@@ -36,7 +38,7 @@ pub(super) fn pose_at(trajectory: &Trajectory, time_ns: i64) -> Option<RigidTran
 mod tests {
     use super::*;
 
-    /// A walk along x, 1 m/s, 10 Hz, turning by 0.1 rad/s.
+    /// A walk along x, 1 m/s, 10 Hz, rotating by 0.1 rad/s.
     fn walk(status: impl Fn(i64) -> Status) -> Trajectory {
         let pose = |k: i64| {
             let s = k as f64 / 10.0;
@@ -50,7 +52,7 @@ mod tests {
     }
 
     #[test]
-    fn poses_are_those_of_the_time_that_was_asked_for() {
+    fn poses_are_interpolated_to_the_requested_time() {
         let walk = walk(|k| match k {
             50..60 => Status::DeadReckoned,
             _ => Status::Tracked,

@@ -1,4 +1,4 @@
-//! The ten walks, and a run of a job that tells how it went.
+//! The ten test walks, and a run of a job with progress output.
 
 use anyhow::{Result, ensure};
 use tests::sequences::named::ODOMETRY_EXAM;
@@ -7,9 +7,9 @@ use super::options::Options;
 use super::results::{Results, Row, load};
 use super::run::{Job, Passes, run};
 
-/// Walks of a quick run: 20 s, rendered with less trouble.
+/// Walks of a quick run: 20 s, rendered at lower quality.
 const QUICK: [&str; 2] = ["pavement-day-21-20", "corridor-flicker-22-20"];
-/// Length of a walk of the exam, m.
+/// Path length of a test walk, m.
 const PATH_M: std::ops::RangeInclusive<f64> = 100.0..=300.0;
 
 /// The walks of this run.
@@ -23,10 +23,10 @@ pub(crate) fn chosen(options: &Options) -> Vec<&'static str> {
     all.filter(|name| options.takes(name)).collect()
 }
 
-/// All walks with some presets, as they come and adjusted.
+/// All walks with some presets, causal and refined.
 ///
 /// # Errors
-/// Of a run, or a walk that is not as long as it should be.
+/// Of a run, or a walk of unexpected length.
 pub(crate) fn walks(options: &Options, presets: &[&str], results: &mut Results) -> Result<()> {
     for walk in chosen(options) {
         for preset in presets {
@@ -41,10 +41,10 @@ pub(crate) fn walks(options: &Options, presets: &[&str], results: &mut Results) 
     Ok(())
 }
 
-/// Runs a job and keeps its row; the length of the way, m.
+/// Runs a job and stores its row; returns the path length, m.
 ///
 /// # Errors
-/// Of the run, or a disk that says no.
+/// Of the run, or an I/O error.
 pub(crate) fn add(
     job: &Job,
     options: &Options,
@@ -70,7 +70,7 @@ pub(crate) fn add(
 }
 
 impl Row {
-    /// For people who wait.
+    /// Progress line.
     fn line(&self) -> String {
         let (job, ran) = (&self.job, &self.ran);
         let error =

@@ -1,4 +1,4 @@
-//! Which simulated walks are looked at: some to fit the model of sigma, others to examine it.
+//! Simulated walks: some to fit the sigma model, held-out ones to test it.
 
 use std::sync::Mutex;
 use std::sync::atomic::{AtomicUsize, Ordering};
@@ -10,7 +10,7 @@ use rig_sim::scene::{Kind, Time};
 
 use super::frames::{Frame, Walk};
 
-/// A walk and its frames that are looked at, of every camera.
+/// A walk and the frames used of every camera.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Place {
     pub(super) kind: Kind,
@@ -22,19 +22,19 @@ pub(super) struct Place {
 
 /// Length of a walk, s; frames come at 15 Hz.
 pub(super) const SECONDS: f64 = 20.0;
-/// The size of most frames.
+/// Size of most frames.
 pub(super) const SIZE: [u32; 2] = [672, 376];
 /// A larger one.
 const LARGE: [u32; 2] = [1280, 720];
 
-/// What the model of sigma was fitted on.
+/// Walks that the sigma model was fitted on.
 pub(super) fn to_fit() -> Vec<Place> {
     let kinds = [Kind::Pavement, Kind::Corridor, Kind::Trail];
     let lights = [Time::Day, Time::Night, Time::LowSun];
     of(&kinds, &lights, 3, SIZE, &[60, 150, 240])
 }
 
-/// What nothing was fitted on: other scenes, other seeds, and some larger pictures.
+/// Held-out walks: other scenes, other seeds, and some larger images.
 pub(super) fn held_out(quick: bool) -> Vec<Place> {
     if quick {
         return of(&[Kind::Stairs], &[Time::Day, Time::Night], 8, SIZE, &[90]);
@@ -91,10 +91,10 @@ impl Place {
     }
 }
 
-/// A frame and the number of its place.
+/// A frame and the number of its walk.
 pub(super) type Found = (usize, Frame);
 
-/// Renders all frames of all places, in order, on as many threads as there are processors.
+/// Renders all frames of all walks, in order, with one thread per processor.
 ///
 /// # Errors
 /// There is no such walk.

@@ -1,7 +1,8 @@
-//! What the stages of a bundle took, beside the bundle's outputs.
+//! Time and memory of the stages of a bundle, stored beside its outputs.
 //!
-//! Contract: `made.jsonl` in the bundle's folder has a line for each stage that was made, the last time that it was. It says
-//! how a machine did and not what is in the bundle: nothing depends on it, no hash covers it, and a bundle without it is as good.
+//! Contract: `stage_timings.jsonl` in the bundle's folder has a line for each stage, from the last
+//! time that it ran. It describes the machine and not the bundle: nothing depends on it, no hash
+//! covers it, and a bundle is valid without it.
 
 use std::collections::BTreeMap;
 use std::io;
@@ -13,20 +14,20 @@ use serde_json::Value;
 use super::{Outcome, State};
 
 /// The file.
-pub const FILE: &str = scene_bundle::layout::MADE;
+pub const FILE: &str = scene_bundle::layout::STAGE_TIMINGS;
 
-/// What a stage took.
+/// Time and memory of a stage.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
-pub struct Made {
+pub struct StageTiming {
     /// Its name.
     pub stage: String,
     /// s.
     pub seconds: f64,
-    /// Most memory meanwhile, bytes, where it is known.
+    /// Peak memory, bytes, if known.
     pub peak_bytes: Option<u64>,
 }
 
-/// Takes the stages that were made into the file of the bundle in `folder`.
+/// Adds the stages that ran to the file of the bundle in `folder`.
 ///
 /// # Errors
 /// The file cannot be read or written.
@@ -35,7 +36,7 @@ pub fn write(folder: &Path, outcomes: &[Outcome]) -> io::Result<()> {
         .into_iter()
         .map(|(made, line)| (made.stage, line))
         .collect();
-    let made = outcomes.iter().filter(|o| o.state == State::Made);
+    let made = outcomes.iter().filter(|o| o.state == State::Ran);
     for outcome in made {
         let line = serde_json::to_string(outcome)?;
         lines.insert(outcome.stage.to_owned(), line);
@@ -44,16 +45,16 @@ pub fn write(folder: &Path, outcomes: &[Outcome]) -> io::Result<()> {
     std::fs::write(folder.join(FILE), text)
 }
 
-/// What the stages took, as far as it is known.
+/// Time and memory of the stages, as far as they are known.
 ///
 /// # Errors
 /// The file cannot be read.
-pub fn read(folder: &Path) -> io::Result<Vec<Made>> {
+pub fn read(folder: &Path) -> io::Result<Vec<StageTiming>> {
     Ok(lines(folder)?.into_iter().map(|(made, _)| made).collect())
 }
 
-/// Lines that are none are passed over: a run may have been killed while it wrote.
-fn lines(folder: &Path) -> io::Result<Vec<(Made, String)>> {
+/// Malformed lines are skipped: a run may have been killed while it wrote.
+fn lines(folder: &Path) -> io::Result<Vec<(StageTiming, String)>> {
     let text = match plain_file::read_to_string(&folder.join(FILE), plain_file::DOCUMENT_LIMIT) {
         Ok(text) => text,
         Err(error) if error.kind() == io::ErrorKind::NotFound => String::new(),
@@ -83,20 +84,20 @@ mod tests {
     }
 
     #[test]
-    fn the_last_time_counts_and_kept_stages_stay() {
+    fn the_last_run_counts_and_stages_that_did_not_run_keep_their_line() {
         let folder = tempfile::tempdir().expect("folder");
         assert_eq!(read(folder.path()).expect("no file"), []);
         let both = [
-            outcome("rig", State::Made, 1.0),
-            outcome("depth", State::Made, 2.0),
+            outcome("rig", State::Ran, 1.0),
+            outcome("depth", State::Ran, 2.0),
         ];
         write(folder.path(), &both).expect("written");
         let path = folder.path().join(FILE);
         let torn = std::fs::read_to_string(&path).expect("a file") + "{\"stage\":";
         std::fs::write(&path, torn).expect("a file");
         let later = [
-            outcome("rig", State::Kept, 0.0),
-            outcome("depth", State::Made, 3.0),
+            outcome("rig", State::UpToDate, 0.0),
+            outcome("depth", State::Ran, 3.0),
         ];
         write(folder.path(), &later).expect("written");
         let mut made: Vec<(String, f64)> = read(folder.path())

@@ -1,17 +1,18 @@
-//! Stage `mapping`: poses with everything known.
+//! Stage `bundle-adjustment`: poses from the whole recording.
 //!
-//! Contract: one pose for each pose of the causal trajectory, at the same time. Its status stays that of odometry, but what was
-//! tracked after a loss is *relocalised* where a place that was seen before the loss was seen again: that alone ties it to
-//! the rest. What nothing ties keeps the covariance of its causal pose. Cameras are put where they are found to sit; one that is
-//! far from where it was told to be was moved, which is said. If the adjustment does not converge, which is said too, all poses keep
-//! their causal covariance and cameras stay where they were told to be. Pictures are not read again.
+//! Contract: one pose for each pose of the causal trajectory, at the same time. Its status is that
+//! of odometry, except that poses tracked after a loss are *relocalised* if a loop closure with a
+//! place from before the loss connects them to the rest. Unconnected poses keep the covariance of
+//! their causal pose. Camera extrinsics are refined; a camera far from its nominal pose was moved,
+//! which is reported. If the adjustment does not converge, which is reported too, all poses keep
+//! their causal covariance and cameras their nominal extrinsics. Images are not read again.
 
 use ::odometry::mapping::{Progress, Connectivity, interpolate_poses};
 use ::odometry::{Adjusted, ImuSample, Mapping};
 use cad_transforms::RigidTransform;
 use scene_bundle::outputs::rig::RigModel;
 use scene_bundle::outputs::trajectory::TrajectoryWriter;
-use scene_bundle::outputs::{self, RIG, RIG_ADJUSTED, TRACKS, TRAJECTORY, TRAJECTORY_CAUSAL};
+use scene_bundle::outputs::{self, RIG, RIG_REFINED, TRACKS, TRAJECTORY, TRAJECTORY_CAUSAL};
 use scene_bundle::{Pose, Status, Trajectory};
 use serde_json::Value;
 
@@ -20,13 +21,13 @@ use crate::input::Input;
 use crate::pipeline::{Stage, StageError, Work};
 
 /// See the module.
-pub(super) struct MappingStage {
+pub(super) struct BundleAdjustmentStage {
     pub(super) preset: Preset,
 }
 
-impl Stage<Input> for MappingStage {
+impl Stage<Input> for BundleAdjustmentStage {
     fn name(&self) -> &'static str {
-        "mapping"
+        "bundle-adjustment"
     }
 
     fn version(&self) -> u32 {
@@ -38,18 +39,18 @@ impl Stage<Input> for MappingStage {
     }
 
     fn outputs(&self) -> &'static [&'static str] {
-        &[TRAJECTORY, RIG_ADJUSTED]
+        &[TRAJECTORY, RIG_REFINED]
     }
 
     fn settings(&self) -> Value {
-        before::told(&before::settings(self.preset))
+        before::settings_json(&before::settings(self.preset))
     }
 
     fn run(&self, work: &Work<'_, Input>) -> Result<(), StageError> {
         let model = outputs::rig::read(&work.read(RIG)?)?;
         let causal = outputs::trajectory::read(&work.read(TRAJECTORY_CAUSAL)?)?;
         let keyframes = outputs::tracks::read(&work.read(TRACKS)?, model.cameras.len())?;
-        let mut mapping = Mapping::new(&rig::of_odometry(&model), &before::settings(self.preset));
+        let mut mapping = Mapping::new(&rig::odometry_rig(&model), &before::settings(self.preset));
         let mut samples = Vec::new();
         if let Some(imu) = model.imus.first() {
             for batch in work.source().imu_batches(&imu.name)? {
@@ -59,45 +60,45 @@ impl Stage<Input> for MappingStage {
                         gyro: s.gyro,
                         accel: s.accel,
                     })),
-                    Err(loss) => work.lose_for(&loss),
+                    Err(loss) => work.record_loss_from(&loss),
                 }
             }
         }
-        // As odometry had them: batches may overlap where a clock map was replaced.
+        // As in the odometry: batches may overlap where a clock map was replaced.
         samples.sort_by_key(|s| s.time_ns);
         samples.dedup_by_key(|s| s.time_ns);
         let mut given = 0;
         for keyframe in keyframes {
-            // Up to one sample later, so that motion is known to the keyframe.
+            // Up to one sample later, so that the motion is known up to the keyframe.
             let to = samples.partition_point(|s| s.time_ns < keyframe.time_ns) + 1;
             for sample in &samples[given.min(samples.len())..to.min(samples.len())] {
                 mapping.add_imu(0, sample);
             }
             given = given.max(to);
-            mapping.add_keyframe(before::read(keyframe));
+            mapping.add_keyframe(before::from_tracked(keyframe));
         }
         let adjusted = mapping.solve(|progress| match progress {
             Progress::Linearized { iterations, max_iterations } => work.progress(rounds as u64, max_iterations as u64),
             Progress::SearchingLoops { done, all } => work.progress(done as u64, all as u64),
         });
         work.note(format!(
-            "{} keyframes, {} landmarks, {} places seen again",
+            "{} keyframes, {} landmarks, {} loop closures",
             adjusted.poses.len(),
             adjusted.landmarks,
             adjusted.loops.len()
         ));
         let rig = if adjusted.is_converged {
-            found_rig(model, &adjusted, work)
+            refined_rig(model, &adjusted, work)
         } else {
-            work.lose(format!(
-                "after {} rounds poses still changed: they keep the covariance of causal ones, and cameras are left where their calibration puts them",
+            work.record_loss(format!(
+                "after {} iterations poses still changed: they keep the covariance of causal ones, and cameras keep their calibrated extrinsics",
                 adjusted.rounds
             ));
             model
         };
-        outputs::rig::write(work.draft(RIG_ADJUSTED), &rig)?;
+        outputs::rig::write(work.draft(RIG_REFINED), &rig)?;
         let mut writer = TrajectoryWriter::new(work.draft(TRAJECTORY))?;
-        for pose in &finished(&causal, &adjusted) {
+        for pose in &refined_poses(&causal, &adjusted) {
             writer.push(pose)?;
         }
         writer.finish()?;
@@ -105,21 +106,21 @@ impl Stage<Input> for MappingStage {
     }
 }
 
-/// The rig with its cameras where they were found.
-fn found_rig(mut rig: RigModel, adjusted: &Adjusted, work: &Work<'_, Input>) -> RigModel {
+/// The rig with refined camera extrinsics.
+fn refined_rig(mut rig: RigModel, adjusted: &Adjusted, work: &Work<'_, Input>) -> RigModel {
     for (camera, mount) in rig.cameras.iter_mut().zip(&adjusted.mounts) {
         let place = format!(
-            "{:.1} mm and {:.2} degrees from where its calibration puts it",
+            "{:.1} mm and {:.2} degrees from its calibrated pose",
             1e3 * mount.off[0],
             mount.off[1].to_degrees()
         );
         if mount.is_moved {
-            work.lose(format!(
-                "camera {} sits {place}: it was moved since, or the calibration is another rig's; poses and depth go by where it was found",
+            work.record_loss(format!(
+                "camera {} is {place}: it was moved since, or the calibration is another rig's; poses and depth use the refined extrinsics",
                 camera.name
             ));
         } else {
-            work.note(format!("camera {} was found {place}", camera.name));
+            work.note(format!("camera {} is estimated {place}", camera.name));
         }
         camera.rig_from_left = mount.rig_from_left;
         camera.rig_from_left_covariance = before::covariance(&mount.covariance);
@@ -127,8 +128,8 @@ fn found_rig(mut rig: RigModel, adjusted: &Adjusted, work: &Work<'_, Input>) -> 
     rig
 }
 
-/// Every pose of the causal trajectory where the adjustment puts it.
-fn finished(causal: &Trajectory, adjusted: &Adjusted) -> Vec<Pose> {
+/// Every pose of the causal trajectory, as refined by the bundle adjustment.
+fn refined_poses(causal: &Trajectory, adjusted: &Adjusted) -> Vec<Pose> {
     let times: Vec<(i64, RigidTransform)> = (causal.poses().iter())
         .map(|p| (p.time_ns, p.world_from_rig))
         .collect();
@@ -143,7 +144,7 @@ fn finished(causal: &Trajectory, adjusted: &Adjusted) -> Vec<Pose> {
     let poses = causal.poses().iter().zip(moved).zip(ties);
     poses
         .map(|((pose, world_from_rig), tie)| {
-            // The keyframe at or before it: certainty changes slowly.
+            // The keyframe at or before it: the covariance changes slowly.
             let next = adjusted
                 .poses
                 .partition_point(|p| p.time_ns <= pose.time_ns);

@@ -1,5 +1,6 @@
-//! Keyframes on disk, as odometry handed them over: in the process they would be memory that looks like odometry's. Not as `tracks` of a
-//! scene bundle: those are read whole, which would count among what adjusting the first minutes takes.
+//! Keyframes on disk, as output by the odometry: in the process their memory would be attributed to
+//! the odometry. Not as `tracks` of a scene bundle: those are read as a whole, which would count as
+//! memory of adjusting the first minutes.
 
 use std::fs::File;
 use std::io::{BufReader, BufWriter, Read, Seek as _, Write};
@@ -10,16 +11,16 @@ use anyhow::{Context, Result};
 use nalgebra::{Quaternion, UnitQuaternion, Vector3};
 
 /// All keyframes so far.
-pub(super) struct Kept {
+pub(super) struct KeyframeStore {
     file: BufWriter<File>,
     count: usize,
 }
 
-impl Kept {
-    /// Of none, in a file that nobody else sees.
+impl KeyframeStore {
+    /// Empty, in an unnamed temporary file.
     ///
     /// # Errors
-    /// The disk says no.
+    /// Any I/O error.
     pub(super) fn new() -> Result<Self> {
         let file = tempfile::tempfile().context("making a file for keyframes")?;
         Ok(Self {
@@ -33,16 +34,16 @@ impl Kept {
     }
 
     /// # Errors
-    /// The disk says no.
+    /// Any I/O error.
     pub(super) fn push(&mut self, keyframe: &Keyframe) -> Result<()> {
         self.count += 1;
         write(&mut self.file, keyframe).context("writing a keyframe")
     }
 
-    /// From the first on; nothing can be added any more.
+    /// Iterates from the first keyframe; nothing can be added afterwards.
     ///
     /// # Errors
-    /// The disk says no.
+    /// Any I/O error.
     pub(super) fn iter(&mut self) -> Result<impl Iterator<Item = Result<Keyframe>>> {
         self.file.flush()?;
         let mut file = self.file.get_ref().try_clone()?;

@@ -1,47 +1,48 @@
-//! Where the parts of a rig sit.
+//! Extrinsics of the parts of a rig.
 //!
-//! Contract: a rig file is asked first, then the recorded transforms. A session of one camera that nothing ties to a rig
-//! gets one: the rig looks forward with the left eye and sits in it.
+//! Contract: the rig file has precedence over the recorded transforms. A session of one camera
+//! without extrinsics gets a rig of its own, whose origin is the left camera and whose x axis is
+//! its optical axis.
 
 use cad_transforms::frame::{Frame, FramePart};
 use cad_transforms::{Rig, RigidTransform};
 use session_archive::record::FrameTransform;
 
-use super::Placed;
+use super::PoseWithCovariance;
 use crate::input::Input;
 use crate::pipeline::Report;
 
-pub(super) struct Places<'a> {
+pub(super) struct PartPoses<'a> {
     rig: Option<&'a Rig>,
     /// Parent, child, `parent_from_child`.
     recorded: Vec<(String, String, RigidTransform)>,
 }
 
-impl<'a> Places<'a> {
+impl<'a> PartPoses<'a> {
     pub(super) fn new(rig: Option<&'a Rig>, input: &Input, report: &mut Report) -> Self {
-        let mut places = Self {
+        let mut part_poses = Self {
             rig,
             recorded: input.transforms().iter().filter_map(read).collect(),
         };
         if let [camera] = &input.manifest().cameras[..]
-            && places.on_rig(&camera.name, FramePart::Left).is_none()
+            && part_poses.on_rig(&camera.name, FramePart::Left).is_none()
         {
             let left = format!("{}/left", camera.name);
             let forward = RigidTransform::body_from_optical();
-            places
+            part_poses
                 .recorded
                 .push((Frame::rig().to_string(), left, forward));
             let note = format!(
-                "no rig: it is taken to sit in the left eye of {}",
+                "no rig: the left camera of {} is taken as its origin",
                 camera.name
             );
             report.notes.push(note);
         }
-        places
+        part_poses
     }
 
-    /// A part of a camera on the rig.
-    pub(super) fn on_rig(&self, camera: &str, part: FramePart) -> Option<Placed> {
+    /// Pose of a part of a camera on the rig.
+    pub(super) fn on_rig(&self, camera: &str, part: FramePart) -> Option<PoseWithCovariance> {
         let part = Frame::of_camera(camera, part).ok()?;
         if let Some(rig) = self.rig
             && let Ok(place) = rig.transform(&Frame::rig(), &part)
@@ -66,8 +67,8 @@ impl<'a> Places<'a> {
         of_file.or_else(|| self.recorded(b.as_str(), a.as_str()))
     }
 
-    /// `b_from_a` by recorded transforms. There are few, so the search is the simplest one: on from frames that are
-    /// known until nothing new comes.
+    /// `b_from_a` by recorded transforms. There are few, so the search is simple: from known frames
+    /// until no new one is found.
     fn recorded(&self, b: &str, a: &str) -> Option<RigidTransform> {
         let mut known = vec![(a, RigidTransform::identity())];
         let mut next = 0;
@@ -93,7 +94,7 @@ impl<'a> Places<'a> {
     }
 }
 
-/// None for what is no rigid transform.
+/// `None` if it is not a rigid transform.
 fn read(t: &FrameTransform) -> Option<(String, String, RigidTransform)> {
     let q = t.rotation.as_ref()?;
     let p = t.translation.as_ref()?;

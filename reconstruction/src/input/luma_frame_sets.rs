@@ -1,9 +1,9 @@
-//! Frame sets for estimating motion.
+//! Frame sets for motion estimation.
 //!
-//! Contract: as of [`Sets`](super::Sets), but that pictures are luma alone, that a picture or batch of samples that
-//! cannot be read is named once beside what can ([`GreySet::losses`]), and that samples of an IMU come up to the first one
-//! that is not older than the set and its pictures, each once, in the order of their times. Samples behind the last set
-//! do not come.
+//! Contract: as [`Sets`](super::Sets), except that images are luma only, that an image or IMU batch
+//! that cannot be read is reported once along with the set ([`LumaFrameSet::losses`]), and that
+//! samples of an IMU are returned up to the first one that is not older than the set and its
+//! images, each once, in the order of their times. Samples after the last set are not returned.
 
 use std::collections::BTreeMap;
 use std::iter::FusedIterator;
@@ -18,12 +18,12 @@ use super::error::ReadError;
 use super::imu::{self, ImuSample};
 use super::sequence::Frames;
 
-/// How far behind a set its last sample is looked for, ns.
-const BEHIND_NS: i64 = 100_000_000;
+/// Maximum time after a set in which its last sample is searched, ns.
+const MAX_SAMPLE_DELAY_NS: i64 = 100_000_000;
 
 /// See the module.
 #[derive(Clone, Debug)]
-pub struct GreySet {
+pub struct LumaFrameSet {
     /// Number of the set.
     pub number: u64,
     /// Its time, host clock.
@@ -33,13 +33,13 @@ pub struct GreySet {
     pub views: Vec<Option<View>>,
     /// One list for each IMU, in the order of the manifest.
     pub imu: Vec<Vec<ImuSample>>,
-    /// What could not be read on the way to this set.
+    /// Items up to this set that could not be read.
     pub losses: Vec<ReadError>,
 }
 
 /// Frame sets in order of time. See the module.
 #[derive(Debug)]
-pub struct GreySets {
+pub struct LumaFrameSets {
     shared: Arc<Shared>,
     /// Positions of the sets still to come.
     sets: Range<usize>,
@@ -49,23 +49,23 @@ pub struct GreySets {
     imus: Vec<Samples>,
 }
 
-/// How far an IMU's samples were given.
+/// State of an IMU's samples.
 #[derive(Debug, Default)]
 struct Samples {
-    /// Time of the newest one that was given, ns.
+    /// Time of the newest sample returned, ns.
     given_ns: Option<i64>,
-    /// Batches that may be wanted again, by position; empty where one cannot be read.
+    /// Batches that may be needed again, by position; empty if one cannot be read.
     batches: BTreeMap<usize, Vec<ImuSample>>,
 }
 
-impl GreySets {
+impl LumaFrameSets {
     /// The sets at these positions of the index, all of which must exist.
     pub(super) fn start(shared: Arc<Shared>, sets: Range<usize>) -> Result<Self, ReadError> {
         let cameras = (0..shared.cameras.len()).map(|camera| {
             let members = shared.index.sets[sets.clone()].iter();
             let positions = members.filter_map(|set| set.frames[camera]);
             let positions = positions.map(|position| position as usize).collect();
-            Frames::start_grey(shared.clone(), camera, positions)
+            Frames::start_luma(shared.clone(), camera, positions)
         });
         let before_first = sets.start.checked_sub(1);
         let given_ns = before_first.map(|before| shared.index.sets[before].time_ns);
@@ -82,10 +82,10 @@ impl GreySets {
     }
 }
 
-impl Iterator for GreySets {
-    type Item = GreySet;
+impl Iterator for LumaFrameSets {
+    type Item = LumaFrameSet;
 
-    fn next(&mut self) -> Option<GreySet> {
+    fn next(&mut self) -> Option<LumaFrameSet> {
         let position = self.sets.next()?;
         let shared = &self.shared;
         let set = &shared.index.sets[position];
@@ -105,7 +105,7 @@ impl Iterator for GreySets {
         let latest_ns = times.fold(set.time_ns, i64::max);
         let imus = self.imus.iter_mut().enumerate();
         let imu = imus.map(|(imu, samples)| samples.up_to(latest_ns, shared, imu, &mut losses));
-        Some(GreySet {
+        Some(LumaFrameSet {
             number: set.number,
             time: HostTime(set.time_ns),
             imu: imu.collect(),
@@ -119,11 +119,11 @@ impl Iterator for GreySets {
     }
 }
 
-impl ExactSizeIterator for GreySets {}
-impl FusedIterator for GreySets {}
+impl ExactSizeIterator for LumaFrameSets {}
+impl FusedIterator for LumaFrameSets {}
 
 impl Samples {
-    /// What was not given yet, up to the first sample that is not older than a time.
+    /// Samples not returned yet, up to the first one that is not older than a time.
     fn up_to(
         &mut self,
         latest_ns: i64,
@@ -134,7 +134,7 @@ impl Samples {
         let from = self
             .given_ns
             .map_or(i64::MIN, |given| given.saturating_add(1));
-        let to = latest_ns.saturating_add(BEHIND_NS);
+        let to = latest_ns.saturating_add(MAX_SAMPLE_DELAY_NS);
         let candidates = shared.batch_times[imu].candidates(&(HostTime(from)..=HostTime(to)));
         self.batches = self.batches.split_off(&candidates.start);
         let entry = &shared.index.imus[imu];
@@ -149,7 +149,7 @@ impl Samples {
             });
             found.extend(batch.iter().filter(|s| (from..=to).contains(&s.time.0)));
         }
-        // Of two with one time the one that was measured first.
+        // Of two samples with the same time the one measured first.
         found.sort_by_key(|s: &ImuSample| (s.time.0, s.number));
         found.dedup_by_key(|s| s.time.0);
         let older = found.partition_point(|s| s.time.0 < latest_ns);
