@@ -21,7 +21,7 @@ pub use self::placed::{Motion, Placed, placed};
 use self::raster::{View, Visibility};
 use self::rows::Rows;
 use self::sensor::{AutoExposure, Exposure, Sensor, SensorModel};
-use self::shade::{Radiance, Seen};
+use self::shade::{Radiance, VisibleBody};
 use crate::lens::Lens;
 use crate::random;
 use crate::scene::Scene;
@@ -56,7 +56,7 @@ pub struct Quality {
     /// pixel, so edges are smooth from some 4 on.
     pub samples: u32,
     /// Most pictures averaged over an exposure in which things move.
-    pub most_samples: u32,
+    pub max_samples: u32,
     /// Whether sensors have noise.
     pub noise: bool,
 }
@@ -65,20 +65,20 @@ impl Quality {
     /// For recordings in real time.
     pub const FAST: Self = Self {
         samples: 1,
-        most_samples: 1,
+        max_samples: 1,
         noise: true,
     };
     /// For exams.
     pub const ACCURATE: Self = Self {
         samples: 4,
-        most_samples: 12,
+        max_samples: 12,
         noise: true,
     };
 }
 
 /// One of a camera's two eyes.
 #[derive(Debug)]
-pub struct Eye {
+pub struct MonoCamera {
     lens: Lens,
     shutter: Shutter,
     /// For the pixel's centre and as many places within it as there are samples.
@@ -140,7 +140,7 @@ fn shift(k: u32) -> (f32, f32) {
     (part(0.754_877_666_246_693), part(0.569_840_290_998_053))
 }
 
-impl Eye {
+impl MonoCamera {
     /// An eye with this lens and shutter.
     pub fn new(
         model: &CameraModel,
@@ -154,7 +154,7 @@ impl Eye {
             let rays = lens.rays((f64::from(shift.0), f64::from(shift.1)));
             Grid { shift, rays }
         };
-        let shifted = match quality.samples.max(quality.most_samples) {
+        let shifted = match quality.samples.max(quality.max_samples) {
             0 | 1 => 0,
             most => most,
         };
@@ -195,7 +195,7 @@ impl Eye {
         self.expose_in_stages(scene, placed, eye_pose, shot, &mut |_| {})
     }
 
-    /// As [`Eye::expose`]; `done` is called after each stage of each picture that is averaged.
+    /// As [`MonoCamera::expose`]; `done` is called after each stage of each picture that is averaged.
     pub fn expose_in_stages(
         &mut self,
         scene: &Scene,
@@ -224,10 +224,10 @@ impl Eye {
                     .draw(body.body, body.first, &self.lens, *shift, views);
             }
             done(Stage::Visibility);
-            let seen: Vec<Seen<'_>> = placed
+            let seen: Vec<VisibleBody<'_>> = placed
                 .iter()
                 .zip(&views)
-                .map(|(p, views)| Seen {
+                .map(|(p, views)| VisibleBody {
                     first: p.first,
                     surfaces: &p.body.surfaces,
                     views,
@@ -265,9 +265,9 @@ impl Eye {
         &self.radiance
     }
 
-    /// What the lens makes of the light that [`Eye::expose`] gathered last, in a shot from `eye_pose`;
+    /// What the lens makes of the light that [`MonoCamera::expose`] gathered last, in a shot from `eye_pose`;
     /// `which` is 0 for a left eye, 1 for a right one.
-    pub fn spoil(
+    pub fn degrade(
         &mut self,
         scene: &Scene,
         eye_pose: &(Vector3<f64>, UnitQuaternion<f64>),
@@ -279,10 +279,10 @@ impl Eye {
             self.radiance.flare(&sun, &self.grids[0].rays, at);
         }
         self.radiance.soften();
-        self.radiance.spoil(conditions, which);
+        self.radiance.degrade(conditions, which);
     }
 
-    /// Numbers of the light that [`Eye::expose`] gathered last; see [`Sensor::develop`].
+    /// Numbers of the light that [`MonoCamera::expose`] gathered last; see [`Sensor::develop`].
     pub fn develop(
         &self,
         exposure: &Exposure,
@@ -305,11 +305,11 @@ impl Eye {
         let half = 0.5 * shot.exposure.seconds;
         let quality = &shot.quality;
         let (a, b) = (eye_pose(shot.time_s - half), eye_pose(shot.time_s + half));
-        let turned = so3::log(&(a.1.inverse() * b.1)).norm();
+        let rotation = so3::log(&(a.1.inverse() * b.1)).norm();
         let moved = (a.0 - b.0).norm() / 1.5;
-        let px = self.lens.model().fx * (turned + moved);
+        let px = self.lens.model().fx * (rotation + moved);
         let wanted = (px / 0.7).ceil() as u32;
-        let most = quality.most_samples.max(quality.samples).max(1);
+        let most = quality.max_samples.max(quality.samples).max(1);
         match wanted.clamp(quality.samples.max(1), most) {
             1 => 1,
             // Of pairs: see `shift`.
@@ -354,7 +354,7 @@ impl Eye {
             }
             if row % 2 == 0 {
                 let half = width / 2;
-                for c in &mut self.radiance.colour[row / 2 * half..(row / 2 + 1) * half] {
+                for c in &mut self.radiance.color[row / 2 * half..(row / 2 + 1) * half] {
                     *c = c.map(|v| v * factor);
                 }
             }
@@ -363,8 +363,8 @@ impl Eye {
 }
 
 /// Exposure control of a camera; both eyes share it.
-pub fn auto_exposure(longest_s: f64) -> AutoExposure {
-    AutoExposure::new(longest_s)
+pub fn auto_exposure(max_s: f64) -> AutoExposure {
+    AutoExposure::new(max_s)
 }
 
 #[cfg(test)]
@@ -372,7 +372,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn samples_lie_evenly_about_the_pixel_s_centre() {
+    fn samples_lie_evenly_about_the_pixel_s_center() {
         assert_eq!(shift(0), (0.0, 0.0));
         for count in [2, 4, 8, 12] {
             let all: Vec<(f32, f32)> = (1..=count).map(shift).collect();

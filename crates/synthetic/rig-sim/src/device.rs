@@ -12,26 +12,26 @@ use std::sync::Arc;
 
 use crate::camera::optics::Conditions;
 use crate::faults::{CameraFaults, Kind};
-use crate::imu::{ImuSample, ImuTrouble};
+use crate::imu::{ImuFaults, ImuSample};
 use crate::random;
 use crate::rig::PixelFormat;
-use crate::simulation::{Painter, Simulation, StereoFrame, seconds};
+use crate::simulation::{FrameSource, Simulation, StereoFrame, seconds};
 
 pub mod clock;
-mod gone;
+mod disconnects;
 pub mod pixels;
 pub mod report;
 mod truth;
 
 use self::clock::DeviceClock;
-use self::gone::Absences;
+use self::disconnects::Disconnects;
 
 /// Mean and longest time from exposure or measurement to arrival, beyond what is constant, ns.
-const DELAY_NS: (f64, f64) = (200_000.0, 2_000_000.0);
+const MEAN_MAX_DELAY_NS: (f64, f64) = (200_000.0, 2_000_000.0);
 /// One frame in so many is late, where frames are.
-const LATE_SHARE: f64 = 0.1;
+const LATE_RATIO: f64 = 0.1;
 /// How far oscillators are off, ppm.
-const OFF_PPM: f64 = 25.0;
+const CLOCK_ERROR_SIGMA_PPM: f64 = 25.0;
 /// Temperature of an IMU when it is switched on, how much warmer it gets, degC, and in what time by half, s.
 const WARMING_C: (f64, f64, f64) = (24.0, 14.0, 120.0);
 
@@ -43,7 +43,7 @@ pub enum Delivery {
     /// An IMU sample.
     Imu(DeviceImu),
     /// The device has gone; the link noticed it at this time, ns.
-    Gone(i64),
+    Disconnected(i64),
 }
 
 /// A stereo frame from a device.
@@ -62,7 +62,7 @@ pub struct DeviceFrame {
     /// How the device lays out its pixels.
     pub format: PixelFormat,
     /// What it shows.
-    pub picture: StereoFrame,
+    pub image: StereoFrame,
 }
 
 /// An IMU sample from a device.
@@ -117,9 +117,9 @@ pub struct Device {
     simulation: Arc<Simulation>,
     camera: usize,
     faults: CameraFaults,
-    painter: Box<dyn Painter>,
+    source: Box<dyn FrameSource>,
     seed: u64,
-    absences: Absences,
+    disconnects: Disconnects,
     clocks: [DeviceClock; 2],
     frames: Queue,
     samples: Queue,
@@ -153,26 +153,26 @@ struct Slot {
 }
 
 impl Device {
-    /// A camera of the simulation, by its position, with pictures by `painter`.
+    /// A camera of the simulation, by its position, with pictures by `source`.
     pub fn new(
         simulation: &Arc<Simulation>,
         camera: usize,
         faults: CameraFaults,
-        painter: Box<dyn Painter>,
+        source: Box<dyn FrameSource>,
     ) -> Self {
         let seed = random::bits(simulation.settings().seed, random::DEVICE, camera as u64);
         let clock = |k: u64, tick| {
-            let off = OFF_PPM * random::bell(seed, random::DEVICE, k);
+            let off = CLOCK_ERROR_SIGMA_PPM * random::bell(seed, random::DEVICE, k);
             let hours = 2.0 + 20.0 * random::uniform(seed, random::DEVICE + 1, k);
             DeviceClock::new(tick, (hours * 3.6e12) as i64, off, &faults)
         };
         Self {
             clocks: [clock(0, clock::CAMERA_TICK), clock(1, clock::IMU_TICK)],
-            absences: Absences::of(&faults),
+            disconnects: Disconnects::of(&faults),
             simulation: simulation.clone(),
             camera,
             faults,
-            painter,
+            source,
             seed,
             frames: Queue::default(),
             samples: Queue::default(),
@@ -185,8 +185,8 @@ impl Device {
 
     /// The same with pictures of the scene.
     pub fn rendered(simulation: &Arc<Simulation>, camera: usize, faults: CameraFaults) -> Self {
-        let pictures = simulation.pictures(camera).with_faults(faults.clone());
-        Self::new(simulation, camera, faults, Box::new(pictures))
+        let frame_renderer = simulation.frames(camera).with_faults(faults.clone());
+        Self::new(simulation, camera, faults, Box::new(frame_renderer))
     }
 
     /// The clock that stamps frames and the one that stamps IMU samples.
@@ -195,8 +195,8 @@ impl Device {
     }
 
     /// When the device is gone: begin and end, ns since the beginning of the walk, in order.
-    pub fn absences(&self) -> &[(i64, i64)] {
-        self.absences.spans()
+    pub fn disconnects(&self) -> &[(i64, i64)] {
+        self.disconnects.spans()
     }
 
     /// What was lost so far.
@@ -225,8 +225,8 @@ impl Device {
         let sample = self.next_sample();
         let first = [frame, sample].into_iter().flatten();
         let first = first.map(|s| s.arrival_ns).min();
-        if let Some(gone_ns) = self.absences.next_before(first) {
-            return Some(Delivery::Gone(gone_ns));
+        if let Some(disconnected_ns) = self.disconnects.next_before(first) {
+            return Some(Delivery::Disconnected(disconnected_ns));
         }
         match (frame, sample) {
             (frame, Some(sample)) if frame.is_none_or(|f| sample.arrival_ns <= f.arrival_ns) => {
@@ -251,14 +251,14 @@ impl Device {
             let taken_ns = settings.frame_ns(index);
             let time_s = seconds(taken_ns);
             let late_s = self.faults.strength(Kind::Late, time_s);
-            let is_late = random::uniform(self.seed, random::DEVICE + 2, index) < LATE_SHARE;
+            let is_late = random::uniform(self.seed, random::DEVICE + 2, index) < LATE_RATIO;
             let late_ns = if is_late { late_s * 1e9 } else { 0.0 };
             let lost = self.faults.hits(Kind::Dropped, index, time_s);
             let lost = lost.then_some(Kind::Dropped);
             self.enqueue(Stream::Frames, taken_ns, late_ns as i64, lost);
             if lost.is_some() {
                 // It was taken, and the exposure learned from it.
-                self.before = Some(self.painter.paint(index, taken_ns));
+                self.before = Some(self.source.render_frame(index, taken_ns));
             }
         }
         self.frames.next
@@ -280,7 +280,7 @@ impl Device {
 
     /// Takes the next of a stream and finds out when, and whether, it arrives.
     fn enqueue(&mut self, stream: Stream, taken_ns: i64, late_ns: i64, lost: Option<Kind>) {
-        let epoch = self.absences.epoch(taken_ns);
+        let epoch = self.disconnects.epoch(taken_ns);
         let (queue, of_delay) = match stream {
             Stream::Frames => (&mut self.frames, random::DEVICE + 3),
             Stream::Imu => (&mut self.samples, random::DEVICE + 4),
@@ -299,14 +299,14 @@ impl Device {
             self.lose(stream, index, taken_ns, cause);
             return;
         }
-        let (mean, most) = DELAY_NS;
+        let (mean, most) = MEAN_MAX_DELAY_NS;
         let delay = (mean * random::exponential(self.seed, of_delay, index)).min(most);
         let burst_s = self.faults.strength(Kind::LatencyBurst, seconds(taken_ns));
         let burst = burst_s * 1e9 * random::exponential(self.seed, of_delay + 2, index);
         let arrival_ns = taken_ns + delay as i64 + burst as i64 + late_ns;
         queue.arrival_ns = queue.arrival_ns.max(arrival_ns);
         let arrival_ns = queue.arrival_ns;
-        if self.absences.epoch(arrival_ns) != Some(epoch) {
+        if self.disconnects.epoch(arrival_ns) != Some(epoch) {
             self.lose(stream, index, taken_ns, Kind::Disconnect);
             return;
         }
@@ -333,17 +333,17 @@ impl Device {
             arrival_ns,
         } = slot;
         let time_s = seconds(taken_ns);
-        let mut picture = self.painter.paint(index, taken_ns);
+        let mut image = self.source.render_frame(index, taken_ns);
         if let Some(before) = &self.before {
             if self.faults.hits(Kind::Frozen, index, time_s) {
-                picture.i420.clone_from(&before.i420);
+                image.i420.clone_from(&before.i420);
             }
             if self.faults.hits(Kind::Torn, index, time_s) {
                 let at = random::uniform(self.seed, random::DEVICE + 7, index);
-                picture.tear(before, at);
+                image.tear(before, at);
             }
         }
-        self.before = Some(picture.clone());
+        self.before = Some(image.clone());
         let frame = DeviceFrame {
             number: index - self.frames.first,
             ticks: self.ticks(Stream::Frames, self.frames.epoch, taken_ns),
@@ -351,7 +351,7 @@ impl Device {
             taken_ns,
             index,
             format: self.simulation.cameras()[self.camera].format,
-            picture,
+            image,
         };
         if self.faults.hits(Kind::Duplicated, index, time_s) {
             self.again = Some(frame.clone());
@@ -369,17 +369,17 @@ impl Device {
         let settings = self.simulation.settings();
         // Frames are taken in the middle of their periods.
         let taken_by = |ns: i64| (seconds(ns) * settings.rate_hz + 0.5).floor().max(0.0) as u64;
-        let begin = self.absences.began(self.samples.epoch);
+        let begin = self.disconnects.began(self.samples.epoch);
         let synced = (taken_by(taken_ns) - taken_by(begin).min(taken_by(taken_ns))) as u32;
         let frame_sync = std::mem::replace(&mut self.synced, synced) != synced;
-        let turned = Conditions::of(&self.faults, time_s).turned;
-        let trouble = ImuTrouble {
+        let rotation = Conditions::of(&self.faults, time_s).rotation;
+        let faults = ImuFaults {
             range_share: 1.0 - self.faults.strength(Kind::ImuClipping, time_s),
-            slip: self.simulation.cameras()[self.camera].slip(&turned),
+            slip: self.simulation.cameras()[self.camera].slip(&rotation),
         };
         let imu = &self.simulation.imus()[self.camera].imu;
         let walker = self.simulation.walker();
-        let measured = imu.sample(walker, index as usize, time_s, &trouble);
+        let measured = imu.sample(walker, index as usize, time_s, &faults);
         let [gyro, accel] = imu.counts(&measured);
         let (cold, warmer, half_s) = WARMING_C;
         let warmth = cold + warmer * (1.0 - libm::exp2(-time_s / half_s));
@@ -402,7 +402,7 @@ impl Device {
         let clock = &self.clocks[stream as usize];
         match epoch {
             0 => clock.ticks(taken_ns),
-            _ => clock.ticks_since(self.absences.began(epoch), taken_ns),
+            _ => clock.ticks_since(self.disconnects.began(epoch), taken_ns),
         }
     }
 }

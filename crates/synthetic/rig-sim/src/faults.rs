@@ -13,7 +13,7 @@ mod kind;
 mod schedules;
 
 pub use self::file::FaultError;
-pub use self::kind::{Kind, Lasts};
+pub use self::kind::{FaultDuration, Kind};
 
 /// Something that goes wrong.
 #[derive(Clone, Debug, PartialEq)]

@@ -16,7 +16,7 @@ pub(crate) const ELEMENT: &str = "x264enc";
 /// Luma PSNR of real pictures, dB.
 pub(crate) const QUALITY_DB: f64 = 42.0;
 /// How long an encoder may think about a picture.
-const PATIENCE: Duration = Duration::from_secs(60);
+const ENCODE_TIMEOUT: Duration = Duration::from_secs(60);
 
 /// Why there is no video.
 #[derive(Debug, thiserror::Error)]
@@ -74,11 +74,11 @@ impl Film {
     pub(crate) fn encode(
         &mut self,
         time_ns: i64,
-        picture: &Picture,
+        image: &Picture,
         key: bool,
     ) -> Result<AccessUnit, FilmError> {
-        self.encoder.push(time_ns, picture, key)?;
-        match self.events.recv_timeout(PATIENCE) {
+        self.encoder.push(time_ns, image, key)?;
+        match self.events.recv_timeout(ENCODE_TIMEOUT) {
             Ok(EncoderEvent::AccessUnit(unit)) => Ok(unit),
             Ok(EncoderEvent::Failed(reason)) => Err(FilmError::Encoder(reason)),
             Err(RecvTimeoutError::Timeout | RecvTimeoutError::Disconnected) => {

@@ -78,14 +78,14 @@ pub struct ImuSample {
 
 /// What is wrong with a sensor at a time.
 #[derive(Clone, Debug, PartialEq)]
-pub struct ImuTrouble {
+pub struct ImuFaults {
     /// Values are cut off beyond this share of the range.
     pub range_share: f64,
     /// How its camera has slipped: [`crate::rig::SimCamera::slip`].
     pub slip: Option<RigidTransform>,
 }
 
-impl ImuTrouble {
+impl ImuFaults {
     /// Nothing.
     pub const NONE: Self = Self {
         range_share: 1.0,
@@ -169,14 +169,8 @@ impl Imu {
     ///
     /// # Panics
     /// Beyond the seconds that it was made for.
-    pub fn sample(
-        &self,
-        walker: &Walker,
-        n: usize,
-        time_s: f64,
-        trouble: &ImuTrouble,
-    ) -> ImuSample {
-        let imu_from_rig = match &trouble.slip {
+    pub fn sample(&self, walker: &Walker, n: usize, time_s: f64, faults: &ImuFaults) -> ImuSample {
+        let imu_from_rig = match &faults.slip {
             None => self.imu_from_rig,
             Some(slip) => self.imu_from_rig * slip.inverse(),
         };
@@ -197,7 +191,7 @@ impl Imu {
                     n as u64,
                 );
                 value[axis] += draw * self.model.noise_density[s] * per_root;
-                let range = self.model.range[s] * trouble.range_share;
+                let range = self.model.range[s] * faults.range_share;
                 value[axis] = value[axis].clamp(-range, range);
                 if self.model.count[s] > 0.0 {
                     value[axis] = (value[axis] / self.model.count[s]).round() * self.model.count[s];

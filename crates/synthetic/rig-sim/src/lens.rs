@@ -8,35 +8,35 @@
 use calib::{CameraModel, Distortion, Rational};
 
 /// How far beyond the picture's farthest corner the distortion is used, as a ratio of radii.
-const MARGIN: f64 = 1.05;
+const MAX_RADIUS_RATIO: f64 = 1.05;
 
 /// Least growth of the distorted radius with the radius where the distortion is used beyond the corner.
-const STIFF: f64 = 0.2;
+const MIN_RADIAL_SLOPE: f64 = 0.2;
 
 /// A camera model, ready for projection.
 #[derive(Clone, Debug)]
 pub struct Lens {
     model: CameraModel,
-    bend: Bend,
+    bend: DistortionModel,
     /// Radius on the plane z = 1 up to which the distortion is used.
     limit: f64,
-    quick: Quick,
+    quick: FastProjection,
     bounds: [f64; 4],
 }
 
 /// The models that can be drawn.
 #[derive(Clone, Copy, Debug)]
-enum Bend {
+enum DistortionModel {
     Rational(Rational),
     Fisheye([f64; 4]),
 }
 
 /// A lens in f32: all distortions but the fisheye's are a ratio of polynomials.
 #[derive(Clone, Copy, Debug)]
-struct Quick {
+struct FastProjection {
     limit: f32,
     focal: [f32; 2],
-    centre: [f32; 2],
+    center: [f32; 2],
     over: [f32; 3],
     under: [f32; 3],
     tangential: [f32; 2],
@@ -46,7 +46,7 @@ struct Quick {
 impl Lens {
     /// Whether a lens with this distortion can be drawn.
     pub fn can_draw(distortion: &Distortion) -> bool {
-        Bend::of(distortion).is_some()
+        DistortionModel::of(distortion).is_some()
     }
 
     /// For a model.
@@ -54,12 +54,12 @@ impl Lens {
     /// # Panics
     /// For a distortion that [`Self::can_draw`] does not know.
     pub fn new(model: &CameraModel) -> Self {
-        let bend = Bend::of(&model.distortion).expect("a distortion that can be drawn");
+        let bend = DistortionModel::of(&model.distortion).expect("a distortion that can be drawn");
         let mut lens = Self {
             model: *model,
             bend,
             limit: f64::INFINITY,
-            quick: Quick::of(model, &bend, f64::INFINITY),
+            quick: FastProjection::of(model, &bend, f64::INFINITY),
             bounds: [0.0; 4],
         };
         let (w, h) = (f64::from(model.width), f64::from(model.height));
@@ -80,12 +80,12 @@ impl Lens {
             (x * x + y * y).sqrt()
         };
         let steps = 20;
-        let step = (MARGIN - 1.0) * reach / f64::from(steps);
+        let step = (MAX_RADIUS_RATIO - 1.0) * reach / f64::from(steps);
         let grows = (0..steps)
             .map(|k| reach + step * f64::from(k))
-            .take_while(|&r| bent(r + step) - bent(r) > STIFF * step);
+            .take_while(|&r| bent(r + step) - bent(r) > MIN_RADIAL_SLOPE * step);
         lens.limit = grows.last().map_or(reach, |r| r + step);
-        lens.quick = Quick::of(model, &bend, lens.limit);
+        lens.quick = FastProjection::of(model, &bend, lens.limit);
         lens.bounds = lens.border();
         lens
     }
@@ -180,7 +180,7 @@ impl Lens {
     }
 }
 
-impl Bend {
+impl DistortionModel {
     fn of(distortion: &Distortion) -> Option<Self> {
         match *distortion {
             Distortion::KannalaBrandt4 { k1, k2, k3, k4 } => Some(Self::Fisheye([k1, k2, k3, k4])),
@@ -189,16 +189,16 @@ impl Bend {
     }
 }
 
-impl Quick {
-    fn of(model: &CameraModel, bend: &Bend, limit: f64) -> Self {
+impl FastProjection {
+    fn of(model: &CameraModel, bend: &DistortionModel, limit: f64) -> Self {
         let (rational, fisheye) = match *bend {
-            Bend::Rational(rational) => (rational, None),
-            Bend::Fisheye(k) => (Rational::default(), Some(k.map(|k| k as f32))),
+            DistortionModel::Rational(rational) => (rational, None),
+            DistortionModel::Fisheye(k) => (Rational::default(), Some(k.map(|k| k as f32))),
         };
         Self {
             limit: limit as f32,
             focal: [model.fx as f32, model.fy as f32],
-            centre: [model.cx as f32, model.cy as f32],
+            center: [model.cx as f32, model.cy as f32],
             over: rational.over.map(|k| k as f32),
             under: rational.under.map(|k| k as f32),
             tangential: rational.tangential.map(|p| p as f32),
@@ -223,8 +223,8 @@ impl Quick {
             }
         };
         (
-            self.focal[0] * (x * beyond) + self.centre[0],
-            self.focal[1] * (y * beyond) + self.centre[1],
+            self.focal[0] * (x * beyond) + self.center[0],
+            self.focal[1] * (y * beyond) + self.center[1],
         )
     }
 
@@ -254,10 +254,10 @@ fn radial_f32(k: &[f32; 4], r2: f32) -> f32 {
 
 /// OpenCV's models (documentation of `calib3d` and `fisheye`).
 #[inline]
-fn distort(bend: &Bend, x: f64, y: f64) -> (f64, f64) {
+fn distort(bend: &DistortionModel, x: f64, y: f64) -> (f64, f64) {
     let r2 = x * x + y * y;
     match bend {
-        Bend::Rational(rational) => {
+        DistortionModel::Rational(rational) => {
             let poly = |[a, b, c]: [f64; 3]| 1.0 + r2 * (a + r2 * (b + r2 * c));
             let radial = poly(rational.over) / poly(rational.under);
             let [p1, p2] = rational.tangential;
@@ -266,7 +266,7 @@ fn distort(bend: &Bend, x: f64, y: f64) -> (f64, f64) {
                 y * radial + (p1 * (r2 + 2.0 * y * y) + 2.0 * p2 * x * y),
             )
         }
-        Bend::Fisheye([k1, k2, k3, k4]) => {
+        DistortionModel::Fisheye([k1, k2, k3, k4]) => {
             let r = r2.sqrt();
             if r < 1e-9 {
                 return (x, y);

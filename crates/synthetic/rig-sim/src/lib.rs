@@ -8,8 +8,8 @@
 //! and [`preview`] write what comes out. All of it is a function of names and a
 //! seed: nothing is loaded, no clock is read, and the same seed gives the same bytes on any machine.
 
+pub mod calibration_error;
 pub mod camera;
-pub mod deviation;
 pub mod device;
 pub mod faults;
 pub mod film;

@@ -18,13 +18,13 @@ use command_line::output::{self, is_quiet, print};
 use command_line::{Papers, Verbosity, complain};
 use indicatif::{ProgressBar, ProgressStyle};
 use log::LevelFilter;
+use rig_sim::calibration_error::CalibrationError;
 use rig_sim::camera::Quality;
 use rig_sim::camera::sensor::Tone;
-use rig_sim::deviation::Deviation;
 use rig_sim::faults::Faults;
 use rig_sim::preview;
 use rig_sim::render::{Job, render, render_session};
-use rig_sim::scene::{Kind, Time};
+use rig_sim::scene::{Kind, Lighting};
 use rig_sim::simulation::{Imaging, Settings, Simulation, SimulationError};
 use rig_sim::targets::{Motion, Plan, april_grid};
 
@@ -109,8 +109,8 @@ struct Walk {
     #[arg(long, value_name = "SCENE", value_parser = scene())]
     scene: Kind,
     /// Light.
-    #[arg(long, default_value = Time::Day.name(), value_parser = light())]
-    light: Time,
+    #[arg(long, default_value = Lighting::Day.name(), value_parser = lighting())]
+    light: Lighting,
     /// All randomness follows from it.
     #[arg(long, value_name = "N", default_value = "1")]
     seed: u64,
@@ -135,10 +135,10 @@ struct Walk {
     #[arg(long, value_name = "FILE")]
     rig: Option<PathBuf>,
     /// Lenses of a camera, from a calibration file or folder; may be given for each camera [default: nominal ones]
-    #[arg(long, value_name = "CAMERA=FILE", value_parser = of_camera)]
+    #[arg(long, value_name = "CAMERA=FILE", value_parser = camera_file)]
     calibration: Vec<(String, PathBuf)>,
     #[command(flatten)]
-    differs: Differs,
+    ground_truth: GroundTruthArguments,
     #[command(flatten)]
     boards: Boards,
     #[command(flatten)]
@@ -148,15 +148,15 @@ struct Walk {
 /// What is true and not told.
 #[derive(Debug, Args)]
 #[command(next_help_heading = "What is true and not told")]
-struct Differs {
+struct GroundTruthArguments {
     /// Rig file of the rig as it is; what is recorded says --rig.
     #[arg(long, value_name = "FILE", conflicts_with = "deviation")]
     true_rig: Option<PathBuf>,
     /// Lenses of a camera as they are; what is recorded says --calibration, or the nominal ones.
-    #[arg(long, value_name = "CAMERA=FILE", value_parser = of_camera)]
+    #[arg(long, value_name = "CAMERA=FILE", value_parser = camera_file)]
     true_calibration: Vec<(String, PathBuf)>,
     /// A camera's pictures were taken so many milliseconds earlier than they say.
-    #[arg(long, value_name = "CAMERA=MS", value_parser = late)]
+    #[arg(long, value_name = "CAMERA=MS", value_parser = time_offset)]
     time_offset: Vec<(String, f64)>,
     /// TOML file of what has turned, moved and is late: see docs/rig-sim.md.
     #[arg(long, value_name = "FILE")]
@@ -231,8 +231,12 @@ fn motion() -> impl TypedValueParser<Value = Motion> {
     one_of(Motion::ALL.map(|motion| (motion.name(), motion)).to_vec())
 }
 
-fn light() -> impl TypedValueParser<Value = Time> {
-    one_of(Time::ALL.map(|time| (time.name(), time)).to_vec())
+fn lighting() -> impl TypedValueParser<Value = Lighting> {
+    one_of(
+        Lighting::ALL
+            .map(|lighting| (lighting.name(), lighting))
+            .to_vec(),
+    )
 }
 
 fn quality() -> impl TypedValueParser<Value = Quality> {
@@ -291,7 +295,7 @@ fn simulate(walk: &Walk, rate_hz: f64) -> Result<(Arc<Simulation>, Rig, String)>
     };
     let settings = Settings {
         kind: walk.scene,
-        time: walk.light,
+        lighting: walk.light,
         seed: walk.seed,
         seconds: walk.seconds,
         rate_hz,
@@ -300,7 +304,7 @@ fn simulate(walk: &Walk, rate_hz: f64) -> Result<(Arc<Simulation>, Rig, String)>
         quality: walk.quality,
     };
     let mut simulation = match walk.scene {
-        Kind::Targets => before_boards(&settings, &rig, &walk.boards)?,
+        Kind::Targets => target_session(&settings, &rig, &walk.boards)?,
         _ => Simulation::new(&settings, &rig)?,
     };
     let stereo = |camera: &str, path: &Path| {
@@ -314,31 +318,31 @@ fn simulate(walk: &Walk, rate_hz: f64) -> Result<(Arc<Simulation>, Rig, String)>
     for (camera, path) in &walk.calibration {
         simulation = simulation.with_lenses(camera, &stereo(camera, path)?)?;
     }
-    let differs = &walk.differs;
-    for (camera, path) in &differs.true_calibration {
+    let ground_truth = &walk.ground_truth;
+    for (camera, path) in &ground_truth.true_calibration {
         simulation = simulation.with_true_lenses(camera, &stereo(camera, path)?)?;
     }
-    if let Some(path) = &differs.true_rig {
+    if let Some(path) = &ground_truth.true_rig {
         simulation = simulation.with_true_rig(&Rig::read(path)?)?;
     }
-    let mut deviation = match &differs.deviation {
-        None => Deviation::default(),
+    let mut calibration_error = match &ground_truth.deviation {
+        None => CalibrationError::default(),
         Some(path) => {
             let text = text_of(path, "how the rig deviates:")?;
-            Deviation::parse(&text, &rig.cameras())
+            CalibrationError::parse(&text, &rig.cameras())
                 .with_context(|| format!("in {}", path.display()))?
         }
     };
-    for (camera, ms) in &differs.time_offset {
+    for (camera, ms) in &ground_truth.time_offset {
         if !rig.cameras().contains(&camera.as_str()) {
             anyhow::bail!(
                 "giving a camera a time offset: found {camera:?}, expected one of {}",
                 rig.cameras().join(", ")
             );
         }
-        deviation.of_mut(camera).late_ns = (ms * 1e6).round() as i64;
+        calibration_error.of_mut(camera).time_offset_ns = (ms * 1e6).round() as i64;
     }
-    simulation = simulation.with_deviation(&rig, &deviation)?;
+    simulation = simulation.with_calibration_error(&rig, &calibration_error)?;
     let sensors = &walk.sensors;
     simulation = simulation.with_imaging(Imaging {
         exposure_s: sensors.exposure.map(|ms| 1e-3 * ms),
@@ -353,12 +357,12 @@ fn simulate(walk: &Walk, rate_hz: f64) -> Result<(Arc<Simulation>, Rig, String)>
     Ok((Arc::new(simulation), rig, text))
 }
 
-fn before_boards(settings: &Settings, rig: &Rig, boards: &Boards) -> Result<Simulation> {
+fn target_session(settings: &Settings, rig: &Rig, boards: &Boards) -> Result<Simulation> {
     let plan = Plan {
         motion: boards.motion,
         views: boards.views,
-        bend_m: 1e-3 * boards.bend,
-        larger: 1e-2 * boards.larger,
+        bow_m: 1e-3 * boards.bend,
+        scale_error: 1e-2 * boards.larger,
     };
     let read = |path: &PathBuf| {
         let target = Target::read(path)?;
@@ -376,7 +380,7 @@ fn before_boards(settings: &Settings, rig: &Rig, boards: &Boards) -> Result<Simu
 }
 
 /// `CAMERA=MS`
-fn late(text: &str) -> Result<(String, f64), String> {
+fn time_offset(text: &str) -> Result<(String, f64), String> {
     let parts = text
         .split_once('=')
         .filter(|(camera, _)| !camera.is_empty());
@@ -386,7 +390,7 @@ fn late(text: &str) -> Result<(String, f64), String> {
 }
 
 /// `CAMERA=FILE`
-fn of_camera(text: &str) -> Result<(String, PathBuf), String> {
+fn camera_file(text: &str) -> Result<(String, PathBuf), String> {
     match text.split_once('=') {
         Some((camera, file)) if !camera.is_empty() && !file.is_empty() => {
             Ok((camera.to_owned(), file.into()))
@@ -399,7 +403,7 @@ fn render_to(arguments: &Render) -> Result<()> {
     let walk = &arguments.walk;
     let (mut simulation, rig, rig_text) = simulate(walk, arguments.rate)?;
     if arguments.untold {
-        simulation = Arc::new(Arc::unwrap_or_clone(simulation).untold());
+        simulation = Arc::new(Arc::unwrap_or_clone(simulation).without_calibration());
     }
     let faults = match &arguments.faults {
         None => Faults::default(),

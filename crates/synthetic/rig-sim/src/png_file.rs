@@ -7,12 +7,12 @@ use std::path::Path;
 use png::{BitDepth, ColorType, Compression};
 
 /// Writes grey of eight bits, rows first.
-pub(crate) fn grey8(path: &Path, size: [usize; 2], pixels: &[u8]) -> io::Result<()> {
+pub(crate) fn gray8(path: &Path, size: [usize; 2], pixels: &[u8]) -> io::Result<()> {
     write(path, size, ColorType::Grayscale, BitDepth::Eight, pixels)
 }
 
 /// Writes grey of sixteen bits, rows first.
-pub(crate) fn grey16(
+pub(crate) fn gray16(
     path: &Path,
     size: [usize; 2],
     pixels: impl Iterator<Item = u16>,

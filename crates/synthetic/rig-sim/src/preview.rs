@@ -16,13 +16,13 @@ pub mod canvas;
 pub mod film;
 mod map;
 
-use self::canvas::{Canvas, Colour};
+use self::canvas::{Canvas, Color};
 
 /// Between pictures, px.
 const GAP: usize = 4;
-const PAPER: Colour = [255, 255, 255];
-const LABEL: Colour = [255, 230, 0];
-const SHADE: Colour = [0, 0, 0];
+const PAPER: Color = [255, 255, 255];
+const LABEL: Color = [255, 230, 0];
+const SHADE: Color = [0, 0, 0];
 
 /// `count` instants, ns, spread evenly over the walk.
 pub fn instants(simulation: &Simulation, count: usize) -> Vec<i64> {
@@ -53,8 +53,8 @@ pub fn sheet(simulation: &Arc<Simulation>, instants: &[i64], done: &(dyn Fn() + 
     let (map, _) = map::draw(simulation, sheet_width, instants);
     let mut sheet = Canvas::new(sheet_width, rows_height + map.height, PAPER);
     for (i, column) in columns.iter().enumerate() {
-        for (j, picture) in column.iter().enumerate() {
-            sheet.paste([i * (width + GAP), j * (height + GAP)], width, picture);
+        for (j, image) in column.iter().enumerate() {
+            sheet.paste([i * (width + GAP), j * (height + GAP)], width, image);
         }
     }
     for (j, &time_ns) in instants.iter().enumerate() {
@@ -83,11 +83,11 @@ fn column(
     camera: usize,
     instants: &[i64],
     done: &(dyn Fn() + Sync),
-) -> Vec<Vec<Colour>> {
-    let mut pictures = simulation.pictures(camera);
+) -> Vec<Vec<Color>> {
+    let mut images = simulation.frames(camera);
     let mut take = |(number, &time_ns)| {
-        pictures.settle(time_ns);
-        let frame = pictures.expose(number, time_ns);
+        images.settle(time_ns);
+        let frame = images.expose(number, time_ns);
         done();
         frame.rgb(0)
     };

@@ -24,11 +24,11 @@ pub struct SimCamera {
     /// When rows are exposed.
     pub shutter: Shutter,
     /// Longest exposure, s.
-    pub longest_exposure_s: f64,
+    pub max_exposure_s: f64,
     /// How it lays out the pixels that it delivers.
     pub format: PixelFormat,
     /// How much later than the middle of the exposure it says that a picture was taken, ns.
-    pub late_ns: i64,
+    pub time_offset_ns: i64,
 }
 
 /// How a device lays out pixels, left and right eye side by side.
@@ -43,7 +43,7 @@ pub enum PixelFormat {
 impl SimCamera {
     /// When a picture is really taken that is said to be from a time, ns since the beginning: s.
     pub fn taken_s(&self, said_ns: i64) -> f64 {
-        (said_ns - self.late_ns) as f64 * 1e-9
+        (said_ns - self.time_offset_ns) as f64 * 1e-9
     }
 
     /// Pose of an eye's optical frame in the world, where the rig is so and the camera has slipped so.
@@ -64,13 +64,13 @@ impl SimCamera {
     }
 
     /// Where on the rig the parts of a camera are that has turned on its plate about its left eye: takes a point
-    /// from where the rig file has it to where it is. `turned` takes the left optical frame as it is to where it
+    /// from where the rig file has it to where it is. `rotation` takes the left optical frame as it is to where it
     /// should be; none is no turn at all.
-    pub fn slip(&self, turned: &UnitQuaternion<f64>) -> Option<RigidTransform> {
-        if *turned == UnitQuaternion::identity() {
+    pub fn slip(&self, rotation: &UnitQuaternion<f64>) -> Option<RigidTransform> {
+        if *rotation == UnitQuaternion::identity() {
             return None;
         }
-        let q = turned.quaternion();
+        let q = rotation.quaternion();
         let turn = RigidTransform::from_wxyz([q.w, q.i, q.j, q.k], [0.0; 3])
             .expect("a rotation is a rigid transform");
         let left = self.rig_from_eye[0];
@@ -188,12 +188,12 @@ pub fn cameras(rig: &Rig, width: u32, height: u32) -> Result<Vec<SimCamera>, Rig
                 },
                 false => Shutter::Global,
             },
-            longest_exposure_s: 0.012,
+            max_exposure_s: 0.012,
             format: match is_mini {
                 true => PixelFormat::Yuyv,
                 false => PixelFormat::Nv12,
             },
-            late_ns: 0,
+            time_offset_ns: 0,
         });
     }
     Ok(cameras)

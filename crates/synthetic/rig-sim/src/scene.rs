@@ -38,7 +38,7 @@ mod targets;
 mod trail;
 
 use self::body::Body;
-use self::build::{Builder, Made};
+use self::build::{Builder, SceneParts};
 use self::bvh::Bvh;
 use self::light::Light;
 use self::mesh::Mesh;
@@ -81,7 +81,7 @@ impl Kind {
     ];
 
     /// Makes it.
-    fn build(self, builder: &mut Builder) -> Made {
+    fn build(self, builder: &mut Builder) -> SceneParts {
         match self {
             Self::Pavement => pavement::build(builder),
             Self::Stairs => stairs::build(builder),
@@ -109,7 +109,7 @@ impl Kind {
 
 /// Which light.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
-pub enum Time {
+pub enum Lighting {
     /// Sun and sky, or all lamps on.
     Day,
     /// A few lamps.
@@ -120,7 +120,7 @@ pub enum Time {
     Flicker,
 }
 
-impl Time {
+impl Lighting {
     /// All of them.
     pub const ALL: [Self; 4] = [Self::Day, Self::Night, Self::LowSun, Self::Flicker];
 
@@ -141,7 +141,7 @@ pub struct Scene {
     /// Which.
     pub kind: Kind,
     /// Which light.
-    pub time: Time,
+    pub lighting: Lighting,
     /// What things are made of.
     pub materials: Vec<Material>,
     /// What they look like close up.
@@ -180,32 +180,32 @@ pub struct Ground {
 
 impl Scene {
     /// Makes a place, for a wearer without tags on his shoes.
-    pub fn new(kind: Kind, time: Time, seed: u64) -> Self {
-        Self::with_tags(kind, time, seed, &[])
+    pub fn new(kind: Kind, lighting: Lighting, seed: u64) -> Self {
+        Self::with_tags(kind, lighting, seed, &[])
     }
 
     /// Makes a place, for a wearer with these tags on his shoes.
     ///
     /// # Panics
     /// For a tag whose `id` is not below [`tag::COUNT`].
-    pub fn with_tags(kind: Kind, time: Time, seed: u64, tags: &[ShoeTag]) -> Self {
-        Self::make(kind, time, seed, tags, &[])
+    pub fn with_tags(kind: Kind, lighting: Lighting, seed: u64, tags: &[ShoeTag]) -> Self {
+        Self::make(kind, lighting, seed, tags, &[])
     }
 
     /// The room for calibration with these boards; nobody is seen in it.
-    pub fn with_boards(time: Time, seed: u64, boards: &[Board]) -> Self {
-        let mut scene = Self::make(Kind::Targets, time, seed, &[], boards);
+    pub fn with_boards(lighting: Lighting, seed: u64, boards: &[Board]) -> Self {
+        let mut scene = Self::make(Kind::Targets, lighting, seed, &[], boards);
         scene.wearer.parts.clear();
         scene
     }
 
-    fn make(kind: Kind, time: Time, seed: u64, tags: &[ShoeTag], boards: &[Board]) -> Self {
+    fn make(kind: Kind, lighting: Lighting, seed: u64, tags: &[ShoeTag], boards: &[Board]) -> Self {
         let mut builder = Builder::new(seed);
         let made = kind.build(&mut builder);
         targets::stand(&mut builder, boards);
         let wearer = Wearer::make(&mut builder, tags);
         let clouds = builder.texture(&palette::CLOUDS);
-        let light = made.lights.at(time);
+        let light = made.lights.at(lighting);
         // What moves has no shadows; in a room the sun rarely reaches it.
         let mut around = light.clone();
         around.sun = around.sun.filter(|_| !made.lights.indoors);
@@ -217,7 +217,7 @@ impl Scene {
             parts,
             ..
         } = builder;
-        let lit = made.lights.lamps_on(time);
+        let lit = made.lights.lamps_on(lighting);
         materials.iter_mut().for_each(|m| m.glow *= lit as f32);
         // Two works of like length that know nothing of each other.
         let (textures, fixed, glass) = thread::scope(|scope| {
@@ -243,7 +243,7 @@ impl Scene {
         );
         Self {
             kind,
-            time,
+            lighting,
             materials,
             textures,
             solid: Bvh::new(
@@ -255,7 +255,7 @@ impl Scene {
             fixed,
             glass,
             moving: parts.into_iter().map(|part| part.lit(&around)).collect(),
-            sky: Sky::new(time, &light, clouds),
+            sky: Sky::new(lighting, &light, clouds),
             wearer: wearer.lit(&around),
             light,
             route: made.route,
@@ -293,13 +293,13 @@ impl Scene {
 pub(crate) fn by_day(kind: Kind, seed: u64) -> std::sync::Arc<Scene> {
     use std::collections::BTreeMap;
     use std::sync::{Arc, Mutex, OnceLock, PoisonError};
-    type Made = Arc<OnceLock<Arc<Scene>>>;
-    static MADE: Mutex<BTreeMap<(&str, u64), Made>> = Mutex::new(BTreeMap::new());
-    let mut made = MADE.lock().unwrap_or_else(PoisonError::into_inner);
+    type CachedScene = Arc<OnceLock<Arc<Scene>>>;
+    static CACHE: Mutex<BTreeMap<(&str, u64), CachedScene>> = Mutex::new(BTreeMap::new());
+    let mut made = CACHE.lock().unwrap_or_else(PoisonError::into_inner);
     let slot = made.entry((kind.name(), seed)).or_default().clone();
     // Others may be made meanwhile.
     drop(made);
-    let new = || Arc::new(Scene::new(kind, Time::Day, seed));
+    let new = || Arc::new(Scene::new(kind, Lighting::Day, seed));
     slot.get_or_init(new).clone()
 }
 

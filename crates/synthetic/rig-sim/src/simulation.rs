@@ -15,39 +15,39 @@ use calib::target::Target;
 use calib::{CameraModel, ImuCalibration, ImuNoise, Provenance, StereoCalibration};
 use nalgebra::{UnitQuaternion, Vector3};
 
+use crate::calibration_error::{CalibrationError, true_rig_toml};
 use crate::camera::placed::{Motion, Placed, placed};
 use crate::camera::sensor::{SensorModel, Tone};
 use crate::camera::{Quality, Shutter};
-use crate::deviation::{Deviation, true_rig_text};
-use crate::imu::{Imu, ImuModel, ImuSample, ImuTrouble};
+use crate::imu::{Imu, ImuFaults, ImuModel, ImuSample};
 use crate::lens::Lens;
 use crate::random;
 use crate::rig::{SimCamera, cameras, shoe_tags};
 use crate::scene::body::Body;
 use crate::scene::tag;
 use crate::scene::wearer::{Part, Wearer};
-use crate::scene::{Kind, Scene, Time};
+use crate::scene::{Kind, Lighting, Scene};
 use crate::targets::board::{Board, Sheet};
-use crate::targets::sight::Sights;
+use crate::targets::observations::TargetObservations;
 use crate::targets::{self, Plan};
 use crate::walker::Walker;
 
-mod pictures;
-mod truths;
+mod frame_renderer;
+mod ground_truth;
 
-pub use self::pictures::{Painter, Pictures, StereoFrame};
-pub use self::truths::{SeenTag, Truths};
+pub use self::frame_renderer::{FrameRenderer, FrameSource, StereoFrame};
+pub use self::ground_truth::{GroundTruth, TagObservation};
 
 /// Seeds of IMUs, apart from the streams that they use themselves.
 const IMU_SEEDS: u64 = random::IMU + 0x80;
 /// Longest walk, s: the truth of a whole walk is kept in memory.
-const LONGEST_S: f64 = 3600.0;
+const MAX_LENGTH_S: f64 = 3600.0;
 /// Fastest cameras, Hz: the rolling shutter reads a picture in less than this period.
-const FASTEST_HZ: f64 = 100.0;
+const MAX_RATE_HZ: f64 = 100.0;
 /// Sizes that the renderer can do, pixels per side of one eye.
-const SIZES: std::ops::RangeInclusive<u32> = 16..=4096;
+const SIDE_RANGE_PX: std::ops::RangeInclusive<u32> = 16..=4096;
 /// How much of a period light may be gathered: the rest is the device's.
-const SHUTTER_SHARE: f64 = 0.9;
+const MAX_EXPOSURE_RATIO: f64 = 0.9;
 
 /// What to simulate.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -55,7 +55,7 @@ pub struct Settings {
     /// Which place.
     pub kind: Kind,
     /// Which light.
-    pub time: Time,
+    pub lighting: Lighting,
     /// All randomness comes from it.
     pub seed: u64,
     /// Length of the walk, s.
@@ -122,15 +122,15 @@ pub struct Simulation {
     /// Of each camera.
     imus: Vec<RigImu>,
     /// What files say of each camera.
-    told: Vec<Told>,
+    nominal: Vec<NominalCamera>,
     /// Whether a session is given files and records of lenses and places at all.
-    tells: bool,
+    has_calibration: bool,
     imaging: Imaging,
 }
 
 /// What files say of a camera.
 #[derive(Clone, Debug, PartialEq)]
-struct Told {
+struct NominalCamera {
     models: [CameraModel; 2],
     rig_from_eye: [RigidTransform; 2],
     imu_from_rig: RigidTransform,
@@ -177,23 +177,23 @@ impl Settings {
             })
         };
         // Not a number is in no range.
-        if !(self.seconds > 0.0 && self.seconds <= LONGEST_S) {
-            let expected = format!("above 0 and at most {LONGEST_S} s");
+        if !(self.seconds > 0.0 && self.seconds <= MAX_LENGTH_S) {
+            let expected = format!("above 0 and at most {MAX_LENGTH_S} s");
             return wrong("the length of the walk", &self.seconds, expected);
         }
-        if !(self.rate_hz > 0.0 && self.rate_hz <= FASTEST_HZ) {
-            let expected = format!("above 0 and at most {FASTEST_HZ} Hz");
+        if !(self.rate_hz > 0.0 && self.rate_hz <= MAX_RATE_HZ) {
+            let expected = format!("above 0 and at most {MAX_RATE_HZ} Hz");
             return wrong("the rate of the cameras", &self.rate_hz, expected);
         }
         for (what, size) in [
             ("the width of an eye", self.width),
             ("the height", self.height),
         ] {
-            if !SIZES.contains(&size) || size % 2 == 1 {
+            if !SIDE_RANGE_PX.contains(&size) || size % 2 == 1 {
                 let expected = format!(
                     "an even number of pixels from {} to {}",
-                    SIZES.start(),
-                    SIZES.end()
+                    SIDE_RANGE_PX.start(),
+                    SIDE_RANGE_PX.end()
                 );
                 return wrong(what, &size, expected);
             }
@@ -225,8 +225,8 @@ pub fn seconds(time_ns: i64) -> f64 {
 impl Plan {
     fn check(&self) -> Result<(), SimulationError> {
         let ranges = [
-            ("the bend of the boards, m,", self.bend_m, 0.1),
-            ("how much larger the boards are", self.larger, 0.2),
+            ("the bend of the boards, m,", self.bow_m, 0.1),
+            ("how much larger the boards are", self.scale_error, 0.2),
         ];
         // Not a number is in no range.
         let is_wrong = |(_, found, most): &&(_, f64, f64)| !(-*most..=*most).contains(found);
@@ -256,9 +256,9 @@ impl Simulation {
             id,
             last: tag::COUNT - 1,
         })?;
-        let scene = Scene::with_tags(settings.kind, settings.time, settings.seed, &tags);
+        let scene = Scene::with_tags(settings.kind, settings.lighting, settings.seed, &tags);
         let walker = Walker::new(&scene, settings.seed, settings.seconds);
-        let told = told(&cameras, &imus);
+        let nominal = nominal_cameras(&cameras, &imus);
         Ok(Self {
             settings: *settings,
             scene: OnceLock::from(scene),
@@ -267,8 +267,8 @@ impl Simulation {
             plan: None,
             cameras,
             imus,
-            told,
-            tells: true,
+            nominal,
+            has_calibration: true,
             imaging: Imaging::USUAL,
         })
     }
@@ -308,7 +308,7 @@ impl Simulation {
         }
         let (seed, seconds) = (settings.seed, settings.seconds);
         let spline = targets::motion::spline(&cameras, &boards, &facing, plan, seconds, seed);
-        let told = told(&cameras, &imus);
+        let nominal = nominal_cameras(&cameras, &imus);
         Ok(Self {
             settings: *settings,
             scene: OnceLock::new(),
@@ -317,8 +317,8 @@ impl Simulation {
             plan: Some(*plan),
             cameras,
             imus,
-            told,
-            tells: true,
+            nominal,
+            has_calibration: true,
             imaging: Imaging::USUAL,
         })
     }
@@ -334,7 +334,7 @@ impl Simulation {
     ) -> Result<Self, SimulationError> {
         let (at, models) = self.lenses(camera, calibration)?;
         self.cameras[at].models = models;
-        self.told[at].models = models;
+        self.nominal[at].models = models;
         Ok(self)
     }
 
@@ -378,39 +378,40 @@ impl Simulation {
     ///
     /// # Errors
     /// [`SimulationError::Rig`].
-    pub fn with_deviation(
+    pub fn with_calibration_error(
         mut self,
         rig: &Rig,
-        deviation: &Deviation,
+        calibration_error: &CalibrationError,
     ) -> Result<Self, SimulationError> {
-        let moved: Vec<_> = deviation
+        let moved: Vec<_> = calibration_error
             .cameras
             .iter()
-            .filter(|c| !c.is_placed_as_told())
+            .filter(|c| !c.has_nominal_extrinsics())
             .collect();
         if !moved.is_empty() {
-            let text = true_rig_text(rig, &|frame, placed, left| {
+            let text = true_rig_toml(rig, &|frame, placed, left| {
                 let (camera, part) = frame.camera()?;
-                Some(deviation.of(camera).placed(part, left, placed))
+                Some(calibration_error.of(camera).true_pose(part, left, placed))
             });
             self = self.with_true_rig(&Rig::parse(&text)?)?;
         }
         for camera in &mut self.cameras {
-            let own = deviation.of(&camera.name);
-            camera.late_ns = own.late_ns;
-            camera.models = camera.models.map(|model| own.lens(&model));
+            let own = calibration_error.of(&camera.name);
+            camera.time_offset_ns = own.time_offset_ns;
+            camera.models = camera.models.map(|model| own.true_lens(&model));
         }
         Ok(self)
     }
 
     /// Whether anything is not as files say.
-    pub fn deviates(&self) -> bool {
-        self.told != told(&self.cameras, &self.imus) || self.cameras.iter().any(|c| c.late_ns != 0)
+    pub fn differs_from_calibration(&self) -> bool {
+        self.nominal != nominal_cameras(&self.cameras, &self.imus)
+            || self.cameras.iter().any(|c| c.time_offset_ns != 0)
     }
 
-    /// The text of a rig file of the rig as it is; `told` is the one that the recording knows.
-    pub fn true_rig_text(&self, told: &Rig) -> String {
-        true_rig_text(told, &|frame, _, _| {
+    /// The text of a rig file of the rig as it is; `nominal` is the one that the recording knows.
+    pub fn true_rig_toml(&self, nominal: &Rig) -> String {
+        true_rig_toml(nominal, &|frame, _, _| {
             let (name, part) = frame.camera()?;
             let at = self.cameras.iter().position(|c| c.name == name)?;
             Some(match part {
@@ -426,7 +427,7 @@ impl Simulation {
     /// # Errors
     /// [`SimulationError::Setting`] for an exposure that is no time or longer than a period, or for noise below 0.
     pub fn with_imaging(mut self, imaging: Imaging) -> Result<Self, SimulationError> {
-        let most = SHUTTER_SHARE / self.settings.rate_hz;
+        let most = MAX_EXPOSURE_RATIO / self.settings.rate_hz;
         let is_time = |s: f64| s > 0.0 && s <= most;
         if let Some(found) = imaging.exposure_s.filter(|s| !is_time(*s)) {
             return Err(SimulationError::Setting {
@@ -489,22 +490,22 @@ impl Simulation {
     /// [`SimulationError::Rig`].
     pub fn with_imus(mut self, model: ImuModel, rig: &Rig) -> Result<Self, SimulationError> {
         self.imus = imus(model, &self.cameras, &self.settings, rig)?;
-        for (told, imu) in self.told.iter_mut().zip(&self.imus) {
-            told.imu_from_rig = imu.imu_from_rig;
+        for (nominal, imu) in self.nominal.iter_mut().zip(&self.imus) {
+            nominal.imu_from_rig = imu.imu_from_rig;
         }
         Ok(self)
     }
 
     /// The same recording of a rig that was never calibrated: its session has neither a rig file nor lenses.
     #[must_use]
-    pub fn untold(mut self) -> Self {
-        self.tells = false;
+    pub fn without_calibration(mut self) -> Self {
+        self.has_calibration = false;
         self
     }
 
     /// Whether a session of it has a rig file and lenses.
-    pub fn tells(&self) -> bool {
-        self.tells
+    pub fn has_calibration(&self) -> bool {
+        self.has_calibration
     }
 
     /// The same walk in pictures of another quality.
@@ -521,8 +522,8 @@ impl Simulation {
 
     /// The place.
     pub fn scene(&self) -> &Scene {
-        let Settings { time, seed, .. } = self.settings;
-        let new = || Scene::with_boards(time, seed, &self.boards);
+        let Settings { lighting, seed, .. } = self.settings;
+        let new = || Scene::with_boards(lighting, seed, &self.boards);
         self.scene.get_or_init(new)
     }
 
@@ -542,8 +543,8 @@ impl Simulation {
     }
 
     /// Where corners of boards are in a camera's pictures, without a picture.
-    pub fn sights(&self, camera: usize) -> Sights<'_> {
-        Sights::new(self, camera)
+    pub fn target_observations(&self, camera: usize) -> TargetObservations<'_> {
+        TargetObservations::new(self, camera)
     }
 
     /// The walk.
@@ -563,32 +564,32 @@ impl Simulation {
 
     /// What files say of a camera: the truth, unless the rig deviates from it.
     pub fn calibration(&self, camera: usize) -> StereoCalibration {
-        calibration_of(&self.told[camera], self.imus[camera].imu.model())
+        calibration_of(&self.nominal[camera], self.imus[camera].imu.model())
     }
 
     /// What a calibration of a camera that finds everything exactly says of it.
     pub fn true_calibration(&self, camera: usize) -> StereoCalibration {
-        let is = told(&self.cameras, &self.imus).swap_remove(camera);
+        let is = nominal_cameras(&self.cameras, &self.imus).swap_remove(camera);
         calibration_of(&is, self.imus[camera].imu.model())
     }
 
     /// What files say of an eye: its lens, and what takes its optical frame to the IMU's.
-    pub(crate) fn told_eye(&self, camera: usize, eye: usize) -> (&CameraModel, RigidTransform) {
-        let told = &self.told[camera];
+    pub(crate) fn nominal_eye(&self, camera: usize, eye: usize) -> (&CameraModel, RigidTransform) {
+        let nominal = &self.nominal[camera];
         (
-            &told.models[eye],
-            told.imu_from_rig * told.rig_from_eye[eye],
+            &nominal.models[eye],
+            nominal.imu_from_rig * nominal.rig_from_eye[eye],
         )
     }
 
     /// All frames of a camera, in order.
-    pub fn pictures(self: &Arc<Self>, camera: usize) -> Pictures {
-        Pictures::new(self, camera)
+    pub fn frames(self: &Arc<Self>, camera: usize) -> FrameRenderer {
+        FrameRenderer::new(self, camera)
     }
 
     /// What a camera's eyes really see.
-    pub fn truths(&self, camera: usize) -> Truths<'_> {
-        Truths::new(self, camera)
+    pub fn ground_truth(&self, camera: usize) -> GroundTruth<'_> {
+        GroundTruth::new(self, camera)
     }
 
     /// All samples of an IMU in order, each with its number and its time in ns.
@@ -604,7 +605,7 @@ impl Simulation {
                 n,
                 time_ns,
                 imu.imu
-                    .sample(&self.walker, n, seconds(time_ns), &ImuTrouble::NONE),
+                    .sample(&self.walker, n, seconds(time_ns), &ImuFaults::NONE),
             )
         })
     }
@@ -651,15 +652,15 @@ fn sensors(
     let mut cameras = cameras(rig, settings.width, settings.height)?;
     for camera in &mut cameras {
         let period_s = 1.0 / settings.rate_hz;
-        camera.longest_exposure_s = camera.longest_exposure_s.min(SHUTTER_SHARE * period_s);
+        camera.max_exposure_s = camera.max_exposure_s.min(MAX_EXPOSURE_RATIO * period_s);
     }
     let imus = imus(ImuModel::ZED_MINI, &cameras, settings, rig)?;
     Ok((cameras, imus))
 }
 
 /// What files say that say the truth.
-fn told(cameras: &[SimCamera], imus: &[RigImu]) -> Vec<Told> {
-    let of = |(camera, imu): (&SimCamera, &RigImu)| Told {
+fn nominal_cameras(cameras: &[SimCamera], imus: &[RigImu]) -> Vec<NominalCamera> {
+    let of = |(camera, imu): (&SimCamera, &RigImu)| NominalCamera {
         models: camera.models,
         rig_from_eye: camera.rig_from_eye,
         imu_from_rig: imu.imu_from_rig,
@@ -667,14 +668,14 @@ fn told(cameras: &[SimCamera], imus: &[RigImu]) -> Vec<Told> {
     cameras.iter().zip(imus).map(of).collect()
 }
 
-fn calibration_of(told: &Told, model: &ImuModel) -> StereoCalibration {
-    let [left, right] = told.rig_from_eye;
+fn calibration_of(nominal: &NominalCamera, model: &ImuModel) -> StereoCalibration {
+    let [left, right] = nominal.rig_from_eye;
     StereoCalibration {
-        left: told.models[0],
-        right: told.models[1],
+        left: nominal.models[0],
+        right: nominal.models[1],
         right_from_left: right.inverse() * left,
         imu: Some(ImuCalibration {
-            imu_from_left: told.imu_from_rig * left,
+            imu_from_left: nominal.imu_from_rig * left,
             rate_hz: model.rate_hz,
             noise: Some(ImuNoise {
                 gyro_noise_density: model.noise_density[0],

@@ -4,7 +4,7 @@
 //! Contract: everything follows from the rig, [`Plan`], length and seed. Each camera of the rig has a board
 //! that faces it where the plate starts; cameras that look nearly the same way share one, and so do those for which there is none left. The plate's motion is
 //! a spline as a walk's is, bounded by what arms do ([`motion`]). Where corners are in pictures is exact
-//! ([`sight`]) and needs no picture: thousands of views with their truth take no longer than the projection.
+//! ([`observations`]) and needs no picture: thousands of views with their truth take no longer than the projection.
 //! The carrier is never seen.
 
 use calib::target::Target;
@@ -12,7 +12,7 @@ use nalgebra::{UnitQuaternion, Vector3};
 
 pub mod board;
 pub mod motion;
-pub mod sight;
+pub mod observations;
 
 use self::board::{Board, Sheet};
 use crate::random;
@@ -24,13 +24,13 @@ pub const HOME: [f64; 3] = [0.0, 0.0, 1.3];
 /// From a camera to the board that faces it, m.
 const DISTANCE_M: f64 = 1.1;
 /// And no nearer than this where the floor is in the way.
-const NEAREST_M: f64 = 0.6;
+const MIN_DISTANCE_M: f64 = 0.6;
 /// Least height of a board's lower edge, m.
-const CLEAR_M: f64 = 0.06;
+const MIN_CLEARANCE_M: f64 = 0.06;
 /// Cameras whose axes are nearer than this share a board, rad.
-const SHARED: f64 = 0.6;
+const MAX_SHARED_ANGLE_RAD: f64 = 0.6;
 /// How far boards are turned from facing their camera, standard deviation, rad.
-const CARELESS: f64 = 0.08;
+const FACING_SIGMA_RAD: f64 = 0.08;
 
 /// How the session is done, and what is wrong with it.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -40,9 +40,9 @@ pub struct Plan {
     /// The plate rests for good after so many views; none for going on to the end.
     pub views: Option<usize>,
     /// How far the middle of every board is behind the line between its left and right edge, m.
-    pub bend_m: f64,
+    pub bow_m: f64,
     /// How much larger boards are than their files say, relative: 0.01 is one percent.
-    pub larger: f64,
+    pub scale_error: f64,
 }
 
 /// How the plate is moved.
@@ -75,8 +75,8 @@ impl Plan {
     pub const GOOD: Self = Self {
         motion: Motion::Varied,
         views: None,
-        bend_m: 0.0,
-        larger: 0.0,
+        bow_m: 0.0,
+        scale_error: 0.0,
     };
 }
 
@@ -108,7 +108,7 @@ pub(crate) fn boards(
         let axis = left.rotation() * Vector3::z();
         let angle = |other: &Vector3<f64>| other.angle(&axis);
         let near = (0..axes.len()).min_by(|a, b| angle(&axes[*a]).total_cmp(&angle(&axes[*b])));
-        let shared = near.filter(|near| angle(&axes[*near]) < SHARED);
+        let shared = near.filter(|near| angle(&axes[*near]) < MAX_SHARED_ANGLE_RAD);
         let sheet = match shared {
             Some(_) => None,
             None => sheet(boards.len()),
@@ -123,7 +123,7 @@ pub(crate) fn boards(
         let eye = Vector3::from(HOME) + 0.5 * (left.translation() + right.translation());
         let draw = |k: u64| {
             let index = 3 * number as u64 + k;
-            CARELESS * random::bell(seed, random::SCENE + 0x40, index)
+            FACING_SIGMA_RAD * random::bell(seed, random::SCENE + 0x40, index)
         };
         let careless = match plan.motion {
             Motion::Parallel => UnitQuaternion::identity(),
@@ -132,12 +132,12 @@ pub(crate) fn boards(
         let rotation = left.rotation() * careless;
         let at = |distance: f64| {
             let pose = (eye + axis * distance, rotation);
-            Board::new(sheet.clone(), pose, plan.bend_m, plan.larger)
+            Board::new(sheet.clone(), pose, plan.bow_m, plan.scale_error)
         };
-        let steps = ((DISTANCE_M - NEAREST_M) / 0.02) as u32;
+        let steps = ((DISTANCE_M - MIN_DISTANCE_M) / 0.02) as u32;
         let nearer = (0..=steps).map(|k| at(DISTANCE_M - 0.02 * f64::from(k)));
-        let clear = nearer.into_iter().find(|b| b.lowest_m() >= CLEAR_M);
-        boards.push(clear.unwrap_or_else(|| at(NEAREST_M)));
+        let clear = nearer.into_iter().find(|b| b.lowest_m() >= MIN_CLEARANCE_M);
+        boards.push(clear.unwrap_or_else(|| at(MIN_DISTANCE_M)));
     }
     (boards, facing)
 }

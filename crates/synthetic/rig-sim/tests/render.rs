@@ -9,7 +9,7 @@ use calib::{Distortion, read_stereo};
 use rig_sim::camera::Quality;
 use rig_sim::faults::Faults;
 use rig_sim::render::{Job, RenderError, render};
-use rig_sim::scene::{Kind, Time};
+use rig_sim::scene::{Kind, Lighting};
 use rig_sim::simulation::{Settings, Simulation};
 
 const RIG: &str = include_str!("../../../../cad-transforms/rigs/example.toml");
@@ -21,7 +21,7 @@ const HASH: &str = "f78a9a24168429603fc147ba0829853dd0b1a6109dba0e77d2e7a828214c
 fn simulation() -> Arc<Simulation> {
     let settings = Settings {
         kind: Kind::Pavement,
-        time: Time::Day,
+        lighting: Lighting::Day,
         seed: 1,
         seconds: 1.0,
         rate_hz: 10.0,
@@ -152,8 +152,8 @@ fn the_same_bytes_on_any_number_of_threads_and_readable_by_others() {
                 .collect();
             assert_eq!(names.len(), 10);
             assert_eq!(names[0], "50000000.png");
-            for picture in names {
-                let path = root.join("mav0").join(name).join("data").join(picture);
+            for image in names {
+                let path = root.join("mav0").join(name).join("data").join(image);
                 let file = std::io::BufReader::new(fs::File::open(path).unwrap());
                 let mut reader = png::Decoder::new(file).read_info().unwrap();
                 let mut pixels = vec![0; reader.output_buffer_size().unwrap()];
@@ -161,7 +161,7 @@ fn the_same_bytes_on_any_number_of_threads_and_readable_by_others() {
                 assert_eq!(reader.info().size(), (64, 36));
                 assert!(
                     pixels.iter().any(|&v| v != pixels[0]),
-                    "{name}: {picture} is blank"
+                    "{name}: {image} is blank"
                 );
             }
         }

@@ -4,12 +4,12 @@ use std::sync::Arc;
 
 use cad_transforms::rig::Rig;
 use calib::target::Target;
+use rig_sim::calibration_error::CalibrationError;
 use rig_sim::camera::Quality;
-use rig_sim::deviation::Deviation;
 use rig_sim::faults::{Fault, Faults, Kind as FaultKind};
 use rig_sim::preview::film::film;
 use rig_sim::render::session::{BEGIN, SessionError, write};
-use rig_sim::scene::{Kind, Time};
+use rig_sim::scene::{Kind, Lighting};
 use rig_sim::simulation::{Settings, Simulation};
 use session_archive::reader::{Entry, SessionReader};
 use session_archive::record::{
@@ -28,7 +28,7 @@ fn rig() -> Rig {
 fn walk() -> Arc<Simulation> {
     let settings = Settings {
         kind: Kind::Corridor,
-        time: Time::Day,
+        lighting: Lighting::Day,
         seed: 1,
         seconds: SECONDS,
         rate_hz: 10.0,
@@ -176,11 +176,16 @@ fn a_target_session_holds_boards_and_truth_beside_what_was_told() {
         kind: Kind::Targets,
         ..*walk().settings()
     };
-    let mut deviation = Deviation::default();
-    deviation.of_mut("feet").late_ns = 3_000_000;
-    deviation.of_mut("left_shoulder").turned.y = 0.01;
-    let told = Simulation::new(&settings, &rig()).unwrap();
-    let simulation = Arc::new(told.clone().with_deviation(&rig(), &deviation).unwrap());
+    let mut calibration_error = CalibrationError::default();
+    calibration_error.of_mut("feet").time_offset_ns = 3_000_000;
+    calibration_error.of_mut("left_shoulder").rotation.y = 0.01;
+    let nominal = Simulation::new(&settings, &rig()).unwrap();
+    let simulation = Arc::new(
+        nominal
+            .clone()
+            .with_calibration_error(&rig(), &calibration_error)
+            .unwrap(),
+    );
     let faults = Faults::default();
     write(&simulation, &rig(), RIG, &faults, folder.path(), &|| {}).unwrap();
     let reader = SessionReader::open(Arc::new(DiskStorage::new(folder.path()))).unwrap();
@@ -215,7 +220,15 @@ fn a_target_session_holds_boards_and_truth_beside_what_was_told() {
     }
     // What files say of lenses and places is what they said of the rig as told.
     let other = tempfile::tempdir().unwrap();
-    write(&Arc::new(told), &rig(), RIG, &faults, other.path(), &|| {}).unwrap();
+    write(
+        &Arc::new(nominal),
+        &rig(),
+        RIG,
+        &faults,
+        other.path(),
+        &|| {},
+    )
+    .unwrap();
     let other = SessionReader::open(Arc::new(DiskStorage::new(other.path()))).unwrap();
     let statics = |r: &SessionReader| {
         let lenses: Vec<CameraCalibration> = records(r);

@@ -17,11 +17,11 @@ use crate::so3;
 /// surface; over all angles some 2 percent of the light.
 const SCATTER: f32 = 0.003;
 /// Share of a pixel's light that each of its four neighbours gets: a spread of half a pixel's width.
-const SPREAD: f32 = 0.12;
+const NEIGHBOR_WEIGHT: f32 = 0.12;
 /// Within this angle the sun's own picture is brighter than its veil, rad.
 const SUN_ANGLE: f32 = 0.01;
 /// Beyond this angle from the optical axis the sun does not reach the glass, cosine.
-const SHADED: f64 = 0.2;
+const MIN_SUN_COSINE: f64 = 0.2;
 /// Ghosts: place on the line from the picture's centre to the sun (1 is the sun), radius as a share of the
 /// width, brightness under a sun of irradiance 1.
 const GHOSTS: [(f32, f32, f32); 4] = [
@@ -47,19 +47,19 @@ pub struct Conditions {
     /// Radius of a point's picture, as a share of the picture's width.
     pub blur: f32,
     /// How the camera has turned on its plate: takes its frame as it is to its frame as it should be.
-    pub turned: UnitQuaternion<f64>,
+    pub rotation: UnitQuaternion<f64>,
     /// Chooses from where the lens is covered and where it is dirty.
     pub seed: u64,
 }
 
 impl Conditions {
     /// Everything as it should be.
-    pub const FINE: Self = Self {
+    pub const NOMINAL: Self = Self {
         light: 1.0,
         covered: 0.0,
         dirty: 0.0,
         blur: 0.0,
-        turned: UnitQuaternion::new_unchecked(nalgebra::Quaternion::new(1.0, 0.0, 0.0, 0.0)),
+        rotation: UnitQuaternion::new_unchecked(nalgebra::Quaternion::new(1.0, 0.0, 0.0, 0.0)),
         seed: 0,
     };
 
@@ -79,7 +79,7 @@ impl Conditions {
             covered: strength(Kind::CoveredLens) as f32,
             dirty: strength(Kind::DirtyLens) as f32,
             blur: strength(Kind::Blur) as f32,
-            turned: match angle == 0.0 {
+            rotation: match angle == 0.0 {
                 true => UnitQuaternion::identity(),
                 false => so3::exp(axis.normalize() * angle),
             },
@@ -101,7 +101,7 @@ pub(super) struct Sun {
 pub(super) fn sun(scene: &Scene, eye: &(Vector3<f64>, UnitQuaternion<f64>)) -> Option<Sun> {
     let (direction, strength) = scene.light.sun?;
     let seen = eye.1.inverse() * direction;
-    if seen.z < SHADED {
+    if seen.z < MIN_SUN_COSINE {
         return None;
     }
     // A few rays within the disc and around it, so that it does not go out all at once.
@@ -151,7 +151,7 @@ impl Radiance {
             row[0] = pixels[0];
             row[width + 1] = pixels[width - 1];
             for (to, near) in pixels.iter_mut().zip(row.windows(3)) {
-                *to = near[1] + SPREAD * (near[0] - 2.0 * near[1] + near[2]);
+                *to = near[1] + NEIGHBOR_WEIGHT * (near[0] - 2.0 * near[1] + near[2]);
             }
         }
         before.copy_from_slice(&self.luminance[..width]);
@@ -165,7 +165,7 @@ impl Radiance {
                 &lower[..width]
             };
             for (((to, now), above), below) in pixels.iter_mut().zip(&row).zip(&before).zip(below) {
-                *to = now + SPREAD * (above - 2.0 * now + below);
+                *to = now + NEIGHBOR_WEIGHT * (above - 2.0 * now + below);
             }
             before.copy_from_slice(&row[..width]);
         }
@@ -189,22 +189,22 @@ impl Radiance {
         for y in 0..height / 2 {
             for x in 0..width / 2 {
                 let added = veil(rays[2 * y * width + 2 * x]);
-                let to = &mut self.colour[y * (width / 2) + x];
+                let to = &mut self.color[y * (width / 2) + x];
                 *to = to.map(|v| v + added);
             }
         }
         let middle = (0.5 * (width - 1) as f32, 0.5 * (height - 1) as f32);
         for (place, radius, bright) in GHOSTS {
-            let centre = (middle.0 + place * at.0, middle.1 + place * at.1);
-            self.disc(centre, radius * width as f32, bright * sun.irradiance);
+            let center = (middle.0 + place * at.0, middle.1 + place * at.1);
+            self.disc(center, radius * width as f32, bright * sun.irradiance);
         }
     }
 
     /// Adds an evenly bright disc with an edge of a few pixels.
-    fn disc(&mut self, centre: (f32, f32), radius: f32, bright: f32) {
+    fn disc(&mut self, center: (f32, f32), radius: f32, bright: f32) {
         let (width, height) = (self.width, self.height);
         let share = |x: usize, y: usize| {
-            let (dx, dy) = (x as f32 - centre.0, y as f32 - centre.1);
+            let (dx, dy) = (x as f32 - center.0, y as f32 - center.1);
             let inside = (radius - (dx * dx + dy * dy).sqrt()) / (0.15 * radius);
             bright * inside.clamp(0.0, 1.0)
         };
@@ -212,12 +212,12 @@ impl Radiance {
             let end = ((c + radius).ceil().max(0.0) as usize + 1).min(limit);
             ((c - radius).floor().max(0.0) as usize).min(end)..end
         };
-        for y in range(centre.1, height) {
-            for x in range(centre.0, width) {
+        for y in range(center.1, height) {
+            for x in range(center.0, width) {
                 let added = share(x, y);
                 self.luminance[y * width + x] += added;
                 if y % 2 == 0 && x % 2 == 0 && y / 2 < height / 2 && x / 2 < width / 2 {
-                    let to = &mut self.colour[y / 2 * (width / 2) + x / 2];
+                    let to = &mut self.color[y / 2 * (width / 2) + x / 2];
                     *to = to.map(|v| v + added);
                 }
             }
@@ -225,7 +225,7 @@ impl Radiance {
     }
 
     /// Applies everything but the turn. `eye` is 0 or 1: their lenses are dirty in different places.
-    pub(super) fn spoil(&mut self, conditions: &Conditions, eye: u64) {
+    pub(super) fn degrade(&mut self, conditions: &Conditions, eye: u64) {
         if conditions.light != 1.0 {
             self.scale(|_, _| conditions.light);
         }
@@ -237,9 +237,9 @@ impl Radiance {
             let (width, height) = (self.width, self.height);
             self.luminance = blurred(&self.luminance, width, height, radius);
             for k in 0..3 {
-                let plane: Vec<f32> = self.colour.iter().map(|c| c[k]).collect();
+                let plane: Vec<f32> = self.color.iter().map(|c| c[k]).collect();
                 let plane = blurred(&plane, width / 2, height / 2, 0.5 * radius);
-                for (to, from) in self.colour.iter_mut().zip(plane) {
+                for (to, from) in self.color.iter_mut().zip(plane) {
                     to[k] = from;
                 }
             }
@@ -255,7 +255,7 @@ impl Radiance {
         for (i, v) in self.luminance.iter_mut().enumerate() {
             *v *= factor((i % width) as f32, (i / width) as f32);
         }
-        for (i, c) in self.colour.iter_mut().enumerate() {
+        for (i, c) in self.color.iter_mut().enumerate() {
             let f = factor((2 * (i % half)) as f32 + 0.5, (2 * (i / half)) as f32 + 0.5);
             *c = c.map(|v| v * f);
         }
@@ -320,7 +320,7 @@ impl Radiance {
             }
         }
         let half = self.width / 2;
-        for (i, c) in self.colour.iter_mut().enumerate() {
+        for (i, c) in self.color.iter_mut().enumerate() {
             let k = kept[2 * (i / half) * self.width + 2 * (i % half)];
             *c = c.map(|v| v * k + mean * (1.0 - k));
         }
@@ -383,12 +383,12 @@ mod tests {
     use super::*;
     use crate::faults::{Fault, Faults};
 
-    fn picture() -> Radiance {
+    fn image() -> Radiance {
         let mut light = Radiance::new(64, 32);
         for (i, v) in light.luminance.iter_mut().enumerate() {
             *v = random::uniform(1, 2, i as u64) as f32;
         }
-        for (i, c) in light.colour.iter_mut().enumerate() {
+        for (i, c) in light.color.iter_mut().enumerate() {
             *c = [random::uniform(1, 3, i as u64) as f32; 3];
         }
         light
@@ -397,11 +397,11 @@ mod tests {
     fn spoilt(change: impl Fn(&mut Conditions)) -> Radiance {
         let mut conditions = Conditions {
             seed: 5,
-            ..Conditions::FINE
+            ..Conditions::NOMINAL
         };
         change(&mut conditions);
-        let mut light = picture();
-        light.spoil(&conditions, 0);
+        let mut light = image();
+        light.degrade(&conditions, 0);
         light
     }
 
@@ -410,15 +410,18 @@ mod tests {
     }
 
     #[test]
-    fn a_lens_spreads_light_over_neighbours_and_keeps_it() {
+    fn a_lens_spreads_light_over_neighbors_and_keeps_it() {
         let mut light = Radiance::new(8, 6);
         light.luminance[2 * 8 + 3] = 1.0;
         light.soften();
         let at = |x: usize, y: usize| light.luminance[y * 8 + x];
         assert!((light.luminance.iter().sum::<f32>() - 1.0).abs() < 1e-6);
-        assert_eq!(at(3, 2), (1.0 - 2.0 * SPREAD) * (1.0 - 2.0 * SPREAD));
+        assert_eq!(
+            at(3, 2),
+            (1.0 - 2.0 * NEIGHBOR_WEIGHT) * (1.0 - 2.0 * NEIGHBOR_WEIGHT)
+        );
         for (x, y) in [(2, 2), (4, 2), (3, 1), (3, 3)] {
-            assert!((at(x, y) - SPREAD * (1.0 - 2.0 * SPREAD)).abs() < 1e-7);
+            assert!((at(x, y) - NEIGHBOR_WEIGHT * (1.0 - 2.0 * NEIGHBOR_WEIGHT)).abs() < 1e-7);
         }
         let mut even = Radiance::new(8, 6);
         even.luminance.fill(0.7);
@@ -429,13 +432,13 @@ mod tests {
     #[test]
     fn without_faults_no_bit_changes() {
         let light = spoilt(|_| {});
-        assert_eq!(light.luminance, picture().luminance);
-        assert_eq!(light.colour, picture().colour);
+        assert_eq!(light.luminance, image().luminance);
+        assert_eq!(light.color, image().color);
         assert_eq!(
             Conditions::of(&CameraFaults::default(), 1.0),
             Conditions {
                 seed: 0,
-                ..Conditions::FINE
+                ..Conditions::NOMINAL
             }
         );
         let none = |kind| Fault {
@@ -451,12 +454,12 @@ mod tests {
         };
         let mut conditions = Conditions::of(&faults.of("feet"), 1.0);
         conditions.seed = 0;
-        assert_eq!(conditions, Conditions::FINE);
+        assert_eq!(conditions, Conditions::NOMINAL);
     }
 
     #[test]
     fn a_cover_takes_its_share() {
-        let whole = mean(&picture().luminance);
+        let whole = mean(&image().luminance);
         let mut before = whole;
         for share in [0.25, 0.5, 0.75, 1.0] {
             let light = spoilt(|c| c.covered = share);
@@ -474,7 +477,7 @@ mod tests {
     #[test]
     fn blur_keeps_light_and_takes_detail() {
         let detail = |plane: &[f32]| -> f32 { plane.windows(2).map(|w| (w[1] - w[0]).abs()).sum() };
-        let sharp = picture();
+        let sharp = image();
         let soft = spoilt(|c| c.blur = 0.05);
         assert!((mean(&soft.luminance) / mean(&sharp.luminance) - 1.0).abs() < 0.03);
         assert!(detail(&soft.luminance) < 0.3 * detail(&sharp.luminance));
@@ -490,7 +493,7 @@ mod tests {
             let m = mean(plane);
             mean(&plane.iter().map(|v| (v - m) * (v - m)).collect::<Vec<_>>())
         };
-        let clean = picture();
+        let clean = image();
         let little = spoilt(|c| c.dirty = 0.2);
         let much = spoilt(|c| c.dirty = 1.0);
         assert!(spread(&little.luminance) < spread(&clean.luminance));
@@ -501,7 +504,7 @@ mod tests {
     #[test]
     fn darkness_and_flash_scale_the_light() {
         let bright = spoilt(|c| c.light = 4.0);
-        for (a, b) in bright.luminance.iter().zip(&picture().luminance) {
+        for (a, b) in bright.luminance.iter().zip(&image().luminance) {
             assert_eq!(*a, 4.0 * b);
         }
     }

@@ -2,7 +2,7 @@
 //!
 //! Contract: triangles that share corners leave no crack and claim no pixel twice; the result does not
 //! depend on the order of triangles except where two lie in the same place. Corners are projected
-//! through the full lens model. An edge that the lens bends by more than `BEND_PX` is cut in two, so
+//! through the full lens model. An edge that the lens bends by more than `MAX_CHORD_ERROR_PX` is cut in two, so
 //! outlines are true to that; what a pixel shows inside an outline is computed from its exact ray
 //! ([`super::shade`]), so that the approximation ends here.
 
@@ -13,11 +13,11 @@ use crate::scene::body::Body;
 pub const NOTHING: u32 = u32::MAX;
 
 /// Nothing nearer than this is drawn, m.
-const NEAR_M: f32 = 0.03;
+const MIN_DEPTH_M: f32 = 0.03;
 /// Edges shorter than this are taken as straight, px.
-const STRAIGHT_PX: f32 = 24.0;
+const MIN_SPLIT_EDGE_PX: f32 = 24.0;
 /// How far an edge may bend away from its chord, px.
-const BEND_PX: f32 = 0.1;
+const MAX_CHORD_ERROR_PX: f32 = 0.1;
 /// How far outside the picture a triangle may lie and still be looked at: as far as edges bend, px.
 const MARGIN_PX: f32 = 16.0;
 
@@ -88,7 +88,7 @@ impl Projector<'_> {
             // A rolling shutter sees each row at its own time.
             for _ in 0..2 {
                 let last = self.views.len() - 1;
-                let row = match found.at[2] > NEAR_M {
+                let row = match found.at[2] > MIN_DEPTH_M {
                     true => found.y.clamp(0.0, last as f32) as usize,
                     false => self.views.len() / 2,
                 };
@@ -100,7 +100,7 @@ impl Projector<'_> {
 
     /// Point in the optical frame.
     fn flat(&self, at: [f32; 3]) -> Projected {
-        if at[2] < NEAR_M {
+        if at[2] < MIN_DEPTH_M {
             return Projected {
                 at,
                 ..Projected::default()
@@ -135,7 +135,7 @@ impl Visibility {
     /// Whether any of a body may be seen.
     pub fn may_see(&self, body: &Body, views: &[View]) -> bool {
         let mut chunks = body.chunks.iter();
-        chunks.any(|chunk| self.frustum.may_see(views, chunk.centre, chunk.radius))
+        chunks.any(|chunk| self.frustum.may_see(views, chunk.center, chunk.radius))
     }
 
     /// Forgets everything.
@@ -157,7 +157,7 @@ impl Visibility {
         let projector = Projector { lens, shift, views };
         let mut projected = std::mem::take(&mut self.projected);
         for chunk in &body.chunks {
-            if !self.frustum.may_see(views, chunk.centre, chunk.radius) {
+            if !self.frustum.may_see(views, chunk.center, chunk.radius) {
                 continue;
             }
             projected.clear();
@@ -184,7 +184,7 @@ impl Visibility {
         c: Projected,
         number: u32,
     ) {
-        let behind = [a, b, c].map(|p| p.at[2] < NEAR_M);
+        let behind = [a, b, c].map(|p| p.at[2] < MIN_DEPTH_M);
         match behind {
             [false, false, false] => self.bent(projector, a, b, c, number, 0),
             [true, true, true] => {}
@@ -193,15 +193,15 @@ impl Visibility {
                 let mut kept = [Projected::default(); 4];
                 let mut count = 0;
                 for (p, q) in [(a, b), (b, c), (c, a)] {
-                    let (inside, next) = (p.at[2] >= NEAR_M, q.at[2] >= NEAR_M);
+                    let (inside, next) = (p.at[2] >= MIN_DEPTH_M, q.at[2] >= MIN_DEPTH_M);
                     if inside {
                         kept[count] = p;
                         count += 1;
                     }
                     if inside != next {
-                        let t = (NEAR_M - p.at[2]) / (q.at[2] - p.at[2]);
+                        let t = (MIN_DEPTH_M - p.at[2]) / (q.at[2] - p.at[2]);
                         let mut at = [0, 1, 2].map(|i| p.at[i] + (q.at[i] - p.at[i]) * t);
-                        at[2] = NEAR_M;
+                        at[2] = MIN_DEPTH_M;
                         kept[count] = projector.flat(at);
                         count += 1;
                     }
@@ -240,12 +240,12 @@ impl Visibility {
         let middle = |p: &Projected, q: &Projected| -> Option<Projected> {
             let (dx, dy) = (q.x - p.x, q.y - p.y);
             let square = dx * dx + dy * dy;
-            if square < STRAIGHT_PX * STRAIGHT_PX || depth >= 8 {
+            if square < MIN_SPLIT_EDGE_PX * MIN_SPLIT_EDGE_PX || depth >= 8 {
                 return None;
             }
             let m = projector.flat([0, 1, 2].map(|i| 0.5 * (p.at[i] + q.at[i])));
             let off = (m.x - p.x) * dy - (m.y - p.y) * dx;
-            (off * off > BEND_PX * BEND_PX * square).then_some(m)
+            (off * off > MAX_CHORD_ERROR_PX * MAX_CHORD_ERROR_PX * square).then_some(m)
         };
         let mids = [middle(&a, &b), middle(&b, &c), middle(&c, &a)];
         let mut next = |a, b, c| self.bent(projector, a, b, c, number, depth + 1);
@@ -375,15 +375,15 @@ impl Frustum {
     }
 
     /// Whether a ball may be seen in the first, the middle or the last of some views.
-    pub fn may_see(&self, views: &[View], centre: [f32; 3], radius: f32) -> bool {
+    pub fn may_see(&self, views: &[View], center: [f32; 3], radius: f32) -> bool {
         let last = views.len() - 1;
-        let near = |row: usize| self.may_see_in(views[row].apply(centre), radius);
+        let near = |row: usize| self.may_see_in(views[row].apply(center), radius);
         near(last / 2) || last > 0 && (near(0) || near(last))
     }
 
-    /// `centre` in the optical frame.
+    /// `center` in the optical frame.
     fn may_see_in(&self, [x, y, z]: [f32; 3], radius: f32) -> bool {
-        let ahead = z > NEAR_M - radius;
+        let ahead = z > MIN_DEPTH_M - radius;
         let inside = |n: &[f32; 3]| n[0] * x + n[1] * y + n[2] * z > -radius;
         ahead && self.sides.iter().all(inside)
     }

@@ -1,7 +1,7 @@
 //! Where an eye is while the rows of a picture are exposed.
 //!
 //! Contract: with a global shutter once, with a rolling one for each row. Poses are computed every
-//! [`STEP_S`] and are linear in between: a head that is accelerated by 200 rad/s² turns less than 1e-6 rad
+//! [`MAX_STEP_S`] and are linear in between: a head that is accelerated by 200 rad/s² turns less than 1e-6 rad
 //! away from that, which is below a thousandth of a pixel.
 
 use nalgebra::{UnitQuaternion, Vector3};
@@ -11,7 +11,7 @@ use super::placed::Motion;
 use super::raster::View;
 
 /// Longest time between two poses, s.
-const STEP_S: f64 = 2e-4;
+const MAX_STEP_S: f64 = 2e-4;
 
 type Pose = (Vector3<f64>, UnitQuaternion<f64>);
 
@@ -41,7 +41,7 @@ impl Rows {
                 count: 1,
             },
             Shutter::Rolling { line_s } => {
-                let step = ((STEP_S / line_s) as usize).clamp(1, height);
+                let step = ((MAX_STEP_S / line_s) as usize).clamp(1, height);
                 let middle = 0.5 * (height - 1) as f64;
                 let at = |row: usize| knot(time_s + line_s * (row as f64 - middle));
                 // The last one is at or after the last row.

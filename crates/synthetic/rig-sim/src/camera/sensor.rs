@@ -159,13 +159,13 @@ impl Sensor {
         let [cb, cr] = chroma;
         for row in 0..light.height / 2 {
             for x in 0..half {
-                let colour = light.colour[row * half + x];
+                let color = light.color[row * half + x];
                 let factor = self.falloff[2 * row * width + 2 * x] * electrons * to_tone;
                 let tone = |v: f32| {
                     let i = (v * factor).clamp(0.0, (TONES - 1) as f32);
                     f32::from(self.tones[i as usize])
                 };
-                let [r, g, b] = colour.map(tone);
+                let [r, g, b] = color.map(tone);
                 let y = 0.299 * r + 0.587 * g + 0.114 * b;
                 let to = row * (stride / 2) + x;
                 cb[to] = (128.5 + 0.564 * (b - y)).clamp(0.0, 255.0) as u8;
@@ -182,24 +182,24 @@ pub struct AutoExposure {
     /// Light gathered times gain, s.
     product: f64,
     /// Longest exposure, s.
-    longest_s: f64,
+    max_s: f64,
     /// The only exposure, where it is fixed, s.
     fixed_s: Option<f64>,
 }
 
 /// Mean of the exposed light that is aimed at, 1 being full.
-const AIM: f64 = 0.18;
+const TARGET_MEAN: f64 = 0.18;
 /// How much of the distance is gone per frame.
-const SPEED: f64 = 0.25;
-const SHORTEST_S: f64 = 2e-5;
-const MOST_GAIN: f64 = 16.0;
+const ADAPTATION_RATE: f64 = 0.25;
+const MIN_EXPOSURE_S: f64 = 2e-5;
+const MAX_GAIN: f64 = 16.0;
 
 impl AutoExposure {
     /// Begins as for daylight.
-    pub fn new(longest_s: f64) -> Self {
+    pub fn new(max_s: f64) -> Self {
         Self {
             product: 4e-4,
-            longest_s,
+            max_s,
             fixed_s: None,
         }
     }
@@ -217,20 +217,21 @@ impl AutoExposure {
     /// For the next frame: as long as allowed before amplifying.
     pub fn exposure(&self) -> Exposure {
         if let Some(seconds) = self.fixed_s {
-            let gain = (self.product / seconds).min(MOST_GAIN);
+            let gain = (self.product / seconds).min(MAX_GAIN);
             return Exposure { seconds, gain };
         }
-        let seconds = self.product.clamp(SHORTEST_S, self.longest_s);
+        let seconds = self.product.clamp(MIN_EXPOSURE_S, self.max_s);
         Exposure {
             seconds,
-            gain: (self.product / seconds).clamp(1.0, MOST_GAIN),
+            gain: (self.product / seconds).clamp(1.0, MAX_GAIN),
         }
     }
 
     /// Learns from a picture's mean.
     pub fn learn(&mut self, mean: f64) {
-        let wish = (AIM / mean.max(1e-3)).clamp(0.2, 5.0);
-        let most = self.fixed_s.unwrap_or(self.longest_s) * MOST_GAIN;
-        self.product = (self.product * libm::pow(wish, SPEED)).clamp(SHORTEST_S, most);
+        let wish = (TARGET_MEAN / mean.max(1e-3)).clamp(0.2, 5.0);
+        let most = self.fixed_s.unwrap_or(self.max_s) * MAX_GAIN;
+        self.product =
+            (self.product * libm::pow(wish, ADAPTATION_RATE)).clamp(MIN_EXPOSURE_S, most);
     }
 }

@@ -25,7 +25,7 @@ pub struct Radiance {
     /// Luminance of every pixel, rows first.
     pub luminance: Vec<f32>,
     /// Red, green, blue of every second pixel of every second row.
-    pub colour: Vec<[f32; 3]>,
+    pub color: Vec<[f32; 3]>,
 }
 
 impl Radiance {
@@ -35,7 +35,7 @@ impl Radiance {
             width,
             height,
             luminance: vec![0.0; width * height],
-            colour: vec![[0.0; 3]; (width / 2) * (height / 2)],
+            color: vec![[0.0; 3]; (width / 2) * (height / 2)],
         }
     }
 
@@ -44,7 +44,7 @@ impl Radiance {
         for (to, from) in self.luminance.iter_mut().zip(&other.luminance) {
             *to += from;
         }
-        for (to, from) in self.colour.iter_mut().zip(&other.colour) {
+        for (to, from) in self.color.iter_mut().zip(&other.color) {
             *to = [0, 1, 2].map(|k| to[k] + from[k]);
         }
     }
@@ -52,7 +52,7 @@ impl Radiance {
     /// Darkness again.
     pub fn clear(&mut self) {
         self.luminance.fill(0.0);
-        self.colour.fill([0.0; 3]);
+        self.color.fill([0.0; 3]);
     }
 }
 
@@ -62,7 +62,7 @@ pub fn luminance([r, g, b]: [f32; 3]) -> f32 {
 }
 
 /// A body as one row of pixels sees it.
-pub struct Seen<'a> {
+pub struct VisibleBody<'a> {
     /// Number of its first triangle.
     pub first: u32,
     /// Its surfaces.
@@ -101,7 +101,7 @@ impl Facing {
 }
 
 /// Which body a triangle belongs to.
-pub fn body_of(bodies: &[Seen<'_>], triangle: u32) -> usize {
+pub fn body_of(bodies: &[VisibleBody<'_>], triangle: u32) -> usize {
     bodies.partition_point(|b| b.first <= triangle) - 1
 }
 
@@ -111,7 +111,7 @@ pub fn add(
     radiance: &mut Radiance,
     scene: &Scene,
     visibility: &Visibility,
-    bodies: &[Seen<'_>],
+    bodies: &[VisibleBody<'_>],
     rays: &[[f32; 2]],
     weight: f32,
     noise: u64,
@@ -137,7 +137,7 @@ pub fn add(
 struct Shading<'a> {
     scene: &'a Scene,
     visibility: &'a Visibility,
-    bodies: &'a [Seen<'a>],
+    bodies: &'a [VisibleBody<'a>],
     rays: &'a [[f32; 2]],
     weight: f32,
     noise: u64,
@@ -175,8 +175,8 @@ impl Shading<'_> {
             let ids = &self.visibility.triangle[here.clone()];
             let rays = &self.rays[here.clone()];
             let luma = &mut radiance.luminance[here];
-            let colour = match row % 2 {
-                0 => &mut radiance.colour[row / 2 * half..(row / 2 + 1) * half],
+            let color = match row % 2 {
+                0 => &mut radiance.color[row / 2 * half..(row / 2 + 1) * half],
                 _ => &mut [],
             };
             line.aim(rays);
@@ -202,10 +202,10 @@ impl Shading<'_> {
                 }
                 from = to;
             }
-            line.look(random::uniform(self.noise, 0, row as u64) as f32);
+            line.select_texels(random::uniform(self.noise, 0, row as u64) as f32);
             line.fetch(&self.scene.textures);
             line.reflect(luma, self.weight);
-            for (i, to) in colour.iter_mut().enumerate() {
+            for (i, to) in color.iter_mut().enumerate() {
                 let (light, mix) = (line.light[2 * i], line.mix[2 * i]);
                 let [own, other] = &paints[line.material[2 * i] as usize];
                 for k in 0..3 {
@@ -213,7 +213,7 @@ impl Shading<'_> {
                 }
             }
             for columns in skies.drain(..) {
-                self.sky(row, columns, rays, luma, colour);
+                self.sky(row, columns, rays, luma, color);
             }
         }
     }
@@ -226,7 +226,7 @@ impl Shading<'_> {
         columns: Range<usize>,
         rays: &[[f32; 2]],
         luma: &mut [f32],
-        colour: &mut [[f32; 3]],
+        color: &mut [[f32; 3]],
     ) {
         let views = self.bodies[0].views;
         let view = &views[row.min(views.len() - 1)];
@@ -236,7 +236,7 @@ impl Shading<'_> {
             let light = self.weight * light;
             luma[x] += light * sky_luma;
             if x % 2 == 0
-                && let Some(to) = colour.get_mut(x / 2)
+                && let Some(to) = color.get_mut(x / 2)
             {
                 for k in 0..3 {
                     to[k] += light * tint[k];

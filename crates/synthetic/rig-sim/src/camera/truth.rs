@@ -1,8 +1,8 @@
 //! What an eye really sees, and where that goes.
 //!
 //! Contract: there is no blur, no noise and no exposure; each row is taken at its own instant, the middle
-//! of its exposure. [`TrueEye::see`] says what the ray of each pixel's centre meets first. Panes count as
-//! what is seen. [`TrueEye::flow`] follows that to the picture of another time, through lens, shutter and
+//! of its exposure. [`TruthCamera::render`] says what the ray of each pixel's centre meets first. Panes count as
+//! what is seen. [`TruthCamera::flow`] follows that to the picture of another time, through lens, shutter and
 //! everything that moves. Which surface a pixel sees is the rasteriser's answer, true to its 0.1 px at
 //! edges; all that is computed on that surface is f64.
 
@@ -18,9 +18,9 @@ use crate::scene::body::Surface;
 use crate::scene::surface::Class;
 
 /// What is nearer to the eye than this is behind it, m.
-const NEAR_M: f64 = 0.03;
+const MIN_DEPTH_M: f64 = 0.03;
 /// A point is hidden by what is nearer by this share and this length: more than facets and f32 need.
-const HIDES: (f64, f64) = (1e-3, 1e-3);
+const OCCLUSION_TOLERANCE: (f64, f64) = (1e-3, 1e-3);
 
 /// Position and rotation that take a frame to the world.
 pub type Pose = (Vector3<f64>, UnitQuaternion<f64>);
@@ -37,7 +37,7 @@ pub struct Truth {
     /// Triangle among those of all bodies, panes last; [`NOTHING`] for the sky.
     triangle: Vec<u32>,
     /// Of each body, panes last: for all rows, or for each.
-    looks: Vec<Vec<Look>>,
+    row_poses: Vec<Vec<RowPose>>,
 }
 
 /// Where what each pixel sees is in the picture of another time; rows first.
@@ -45,14 +45,14 @@ pub struct Truth {
 pub struct Flow {
     /// To the right and down, px. Not a number where the point is behind the lens then, or farther
     /// outside the picture than the lens is known. The sky is infinitely far away.
-    pub moved: Vec<[f32; 2]>,
+    pub flow_px: Vec<[f32; 2]>,
     /// Whether the other picture shows the point: it is inside and nothing is before it.
     pub shown: Vec<bool>,
 }
 
 /// A point in a picture.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Spot {
+pub struct ProjectedPoint {
     /// px.
     pub u: f64,
     /// px.
@@ -63,7 +63,7 @@ pub struct Spot {
 
 /// Where the eye is in a body's frame.
 #[derive(Clone, Copy, Debug)]
-struct Look {
+struct RowPose {
     /// Optical centre, m.
     origin: Vector3<f64>,
     /// Takes vectors in the optical frame to the body's.
@@ -72,14 +72,14 @@ struct Look {
 
 /// Something that does not change in a body's frame.
 #[derive(Clone, Copy)]
-enum Thing {
+enum Element {
     Point(Vector3<f64>),
     /// Infinitely far away.
     Direction(Vector3<f64>),
 }
 
 /// Where a thing is seen.
-struct Found {
+struct Projection {
     u: f64,
     v: f64,
     /// In the optical frame.
@@ -90,14 +90,14 @@ struct Found {
 
 /// An eye without a sensor.
 #[derive(Debug)]
-pub struct TrueEye {
+pub struct TruthCamera {
     lens: Lens,
     shutter: Shutter,
     rays: Vec<[f32; 2]>,
     visibility: Visibility,
 }
 
-impl TrueEye {
+impl TruthCamera {
     /// An eye with this lens and shutter.
     pub fn new(model: &CameraModel, shutter: Shutter) -> Self {
         let lens = Lens::new(model);
@@ -111,7 +111,7 @@ impl TrueEye {
 
     /// What the pixels see at a time, s. `eye_pose` is that of the optical frame in the world; the
     /// first body is [`Scene::fixed`], at the world's origin.
-    pub fn see(
+    pub fn render(
         &mut self,
         scene: &Scene,
         placed: &[Placed<'_>],
@@ -119,10 +119,10 @@ impl TrueEye {
         time_s: f64,
     ) -> Truth {
         let bodies = with_panes(scene, placed);
-        let looks = self.looks(&bodies, eye_pose, time_s);
+        let row_poses = self.row_poses(&bodies, eye_pose, time_s);
         self.visibility.clear();
-        for (body, looks) in bodies.iter().zip(&looks) {
-            let views: Vec<View> = looks.iter().map(Look::view).collect();
+        for (body, row_poses) in bodies.iter().zip(&row_poses) {
+            let views: Vec<View> = row_poses.iter().map(RowPose::view).collect();
             self.visibility
                 .draw(body.body, body.first, &self.lens, (0.0, 0.0), &views);
         }
@@ -132,14 +132,14 @@ impl TrueEye {
             class: vec![Class::Sky; count],
             instance: vec![0; count],
             triangle: self.visibility.triangle.clone(),
-            looks,
+            row_poses,
         };
         for (i, &id) in self.visibility.triangle.iter().enumerate() {
             if id == NOTHING {
                 continue;
             }
             let (body, surface) = surface(&bodies, id);
-            let look = row_of(&truth.looks[body], i / self.visibility.width);
+            let look = row_of(&truth.row_poses[body], i / self.visibility.width);
             truth.depth[i] = look.depth(surface, &self.ray(i)) as f32;
             truth.class[i] = shade::class(scene, surface);
             truth.instance[i] = surface.instance;
@@ -155,44 +155,44 @@ impl TrueEye {
         let pixels = (0..self.rays.len()).map(|i| {
             let id = from.triangle[i];
             let (row, ray) = (i / width, self.ray(i));
-            let (body, thing) = if id == NOTHING {
-                let look = row_of(&from.looks[0], row);
-                (0, Thing::Direction(look.turn * ray))
+            let (body, element) = if id == NOTHING {
+                let look = row_of(&from.row_poses[0], row);
+                (0, Element::Direction(look.turn * ray))
             } else {
                 let (body, surface) = surface(&bodies, id);
-                let look = row_of(&from.looks[body], row);
+                let look = row_of(&from.row_poses[body], row);
                 let reach = look.depth(surface, &ray);
-                (body, Thing::Point(look.origin + look.turn * ray * reach))
+                (body, Element::Point(look.origin + look.turn * ray * reach))
             };
-            match self.find(&to.looks[body], thing, row) {
+            match self.find(&to.row_poses[body], element, row) {
                 None => ([f32::NAN; 2], false),
                 Some(found) => {
-                    let moved = [
+                    let flow_px = [
                         (found.u - (i % width) as f64) as f32,
                         (found.v - row as f64) as f32,
                     ];
-                    (moved, self.shows(&bodies, to, thing, &found))
+                    (flow_px, self.shows(&bodies, to, element, &found))
                 }
             }
         });
-        let (moved, shown) = pixels.unzip();
-        Flow { moved, shown }
+        let (flow_px, shown) = pixels.unzip();
+        Flow { flow_px, shown }
     }
 
     /// Where a picture has a point of body number `body`, or `None` where it is behind the lens or
     /// farther outside the picture than the lens is known.
-    pub fn spot(
+    pub fn project(
         &self,
         scene: &Scene,
         placed: &[Placed<'_>],
         truth: &Truth,
         body: usize,
         point: Vector3<f64>,
-    ) -> Option<Spot> {
-        let thing = Thing::Point(point);
-        let found = self.find(&truth.looks[body], thing, self.visibility.height / 2)?;
-        let shown = self.shows(&with_panes(scene, placed), truth, thing, &found);
-        Some(Spot {
+    ) -> Option<ProjectedPoint> {
+        let element = Element::Point(point);
+        let found = self.find(&truth.row_poses[body], element, self.visibility.height / 2)?;
+        let shown = self.shows(&with_panes(scene, placed), truth, element, &found);
+        Some(ProjectedPoint {
             u: found.u,
             v: found.v,
             shown,
@@ -206,12 +206,12 @@ impl TrueEye {
     }
 
     /// Where the eye is in the frames of bodies: once, or for each row.
-    fn looks(
+    fn row_poses(
         &self,
         bodies: &[Placed<'_>],
         eye_pose: &dyn Fn(f64) -> Pose,
         time_s: f64,
-    ) -> Vec<Vec<Look>> {
+    ) -> Vec<Vec<RowPose>> {
         let height = self.visibility.height;
         let rows = match self.shutter {
             Shutter::Global => 1,
@@ -220,7 +220,7 @@ impl TrueEye {
         let times = (0..rows).map(|row| time_s + self.shutter.row_s(row, height));
         let eyes: Vec<(f64, Pose)> = times.map(|t| (t, eye_pose(t))).collect();
         let of = |body: &Placed<'_>| {
-            let look = |(t, eye): &(f64, Pose)| Look::new(eye, &body.pose.at(*t));
+            let look = |(t, eye): &(f64, Pose)| RowPose::new(eye, &body.pose.at(*t));
             eyes.iter().map(look).collect()
         };
         bodies.iter().map(of).collect()
@@ -229,26 +229,26 @@ impl TrueEye {
     /// Looks for a thing, first in the row `start`. A rolling shutter takes each row at its own
     /// instant, so the row has to be found that sees the thing at the time it is exposed; between two
     /// rows motion is even.
-    fn find(&self, looks: &[Look], thing: Thing, start: usize) -> Option<Found> {
+    fn find(&self, row_poses: &[RowPose], element: Element, start: usize) -> Option<Projection> {
         let seen = |row: usize| {
-            let look = &looks[row.min(looks.len() - 1)];
-            let at = look.locate(thing);
+            let look = &row_poses[row.min(row_poses.len() - 1)];
+            let at = look.locate(element);
             let (x, y) = (at.x / at.z, at.y / at.z);
-            (at.z > NEAR_M && self.lens.is_known(x, y)).then(|| {
+            (at.z > MIN_DEPTH_M && self.lens.is_known(x, y)).then(|| {
                 let (u, v) = self.lens.project(x, y);
-                Found { u, v, at, row }
+                Projection { u, v, at, row }
             })
         };
-        if looks.len() < 2 {
+        if row_poses.len() < 2 {
             return seen(0);
         }
-        let mut row = start.min(looks.len() - 2);
+        let mut row = start.min(row_poses.len() - 2);
         for _ in 0..4 {
-            row = seen(row)?.v.clamp(0.0, (looks.len() - 2) as f64) as usize;
+            row = seen(row)?.v.clamp(0.0, (row_poses.len() - 2) as f64) as usize;
         }
         let (a, b) = (seen(row)?, seen(row + 1)?);
         let part = (a.v - row as f64) / (1.0 - (b.v - a.v));
-        Some(Found {
+        Some(Projection {
             u: a.u + (b.u - a.u) * part,
             v: a.v + (b.v - a.v) * part,
             at: a.at + (b.at - a.at) * part,
@@ -258,7 +258,13 @@ impl TrueEye {
 
     /// Whether a picture shows a thing that is found there: the surface that the nearest pixel sees,
     /// continued to the spot, is not before it.
-    fn shows(&self, bodies: &[Placed<'_>], truth: &Truth, thing: Thing, found: &Found) -> bool {
+    fn shows(
+        &self,
+        bodies: &[Placed<'_>],
+        truth: &Truth,
+        element: Element,
+        found: &Projection,
+    ) -> bool {
         let (width, height) = (self.visibility.width, self.visibility.height);
         let (column, row) = ((found.u + 0.5).floor(), (found.v + 0.5).floor());
         let inside = |v: f64, size: usize| v >= 0.0 && v < size as f64;
@@ -269,13 +275,13 @@ impl TrueEye {
         if id == NOTHING {
             return true;
         }
-        let Thing::Point(_) = thing else {
+        let Element::Point(_) = element else {
             return false;
         };
         let (body, surface) = surface(bodies, id);
-        let look = row_of(&truth.looks[body], found.row);
+        let look = row_of(&truth.row_poses[body], found.row);
         let there = look.depth(surface, &(found.at / found.at.z));
-        !(there > 0.0 && there < found.at.z * (1.0 - HIDES.0) - HIDES.1)
+        !(there > 0.0 && there < found.at.z * (1.0 - OCCLUSION_TOLERANCE.0) - OCCLUSION_TOLERANCE.1)
     }
 }
 
@@ -298,11 +304,11 @@ fn surface<'a>(bodies: &[Placed<'a>], id: u32) -> (usize, &'a Surface) {
 }
 
 /// The look of a row where there is one for each, or the one for all.
-fn row_of(looks: &[Look], row: usize) -> &Look {
-    &looks[row.min(looks.len() - 1)]
+fn row_of(row_poses: &[RowPose], row: usize) -> &RowPose {
+    &row_poses[row.min(row_poses.len() - 1)]
 }
 
-impl Look {
+impl RowPose {
     fn new(eye: &Pose, body: &Pose) -> Self {
         let back = body.1.inverse();
         Self {
@@ -320,10 +326,10 @@ impl Look {
     }
 
     /// In the optical frame.
-    fn locate(&self, thing: Thing) -> Vector3<f64> {
-        match thing {
-            Thing::Point(point) => self.turn.tr_mul(&(point - self.origin)),
-            Thing::Direction(direction) => self.turn.tr_mul(&direction),
+    fn locate(&self, element: Element) -> Vector3<f64> {
+        match element {
+            Element::Point(point) => self.turn.tr_mul(&(point - self.origin)),
+            Element::Direction(direction) => self.turn.tr_mul(&direction),
         }
     }
 

@@ -21,7 +21,7 @@ const BOOT_NS: f64 = 1e9;
 pub struct DeviceClock {
     tick: TickLength,
     start_ns: i64,
-    off_ppm: f64,
+    rate_error_ppm: f64,
     steps: Vec<Fault>,
     drifts: Vec<Fault>,
     /// Added to ticks, which are then cut to [`WRAP_BITS`].
@@ -29,13 +29,18 @@ pub struct DeviceClock {
 }
 
 impl DeviceClock {
-    /// A clock that shows `start_ns` at the beginning of the walk and runs `off_ppm` too fast.
-    pub fn new(tick: TickLength, start_ns: i64, off_ppm: f64, faults: &CameraFaults) -> Self {
+    /// A clock that shows `start_ns` at the beginning of the walk and runs `rate_error_ppm` too fast.
+    pub fn new(
+        tick: TickLength,
+        start_ns: i64,
+        rate_error_ppm: f64,
+        faults: &CameraFaults,
+    ) -> Self {
         let of = |kind| faults.of_kind(kind).cloned().collect::<Vec<_>>();
         let mut clock = Self {
             tick,
             start_ns,
-            off_ppm,
+            rate_error_ppm,
             steps: of(Kind::ClockStep),
             drifts: of(Kind::ClockDrift),
             wrap: None,
@@ -58,7 +63,7 @@ impl DeviceClock {
 
     /// How much faster than it real time runs while nothing disturbs it, parts in 1e9.
     pub fn host_rate_ppb(&self) -> f64 {
-        (1.0 / (1.0 + self.off_ppm * 1e-6) - 1.0) * 1e9
+        (1.0 / (1.0 + self.rate_error_ppm * 1e-6) - 1.0) * 1e9
     }
 
     /// What it shows at a time, ns since the beginning of the walk.
@@ -73,7 +78,7 @@ impl DeviceClock {
 
     /// When sample `n` is taken at `rate_hz` of its own seconds, ns since the beginning of the walk.
     pub fn taken_ns(&self, n: u64, rate_hz: f64) -> i64 {
-        (n as f64 / rate_hz / (1.0 + self.off_ppm * 1e-6) * 1e9).round() as i64
+        (n as f64 / rate_hz / (1.0 + self.rate_error_ppm * 1e-6) * 1e9).round() as i64
     }
 
     /// How far it has run since the beginning of the walk, ns.
@@ -90,7 +95,7 @@ impl DeviceClock {
             .filter(|f| f.from_s <= time_s)
             .map(|f| 1e9 * f.strength)
             .sum();
-        time_ns as f64 * (1.0 + self.off_ppm * 1e-6) + drifted + stepped
+        time_ns as f64 * (1.0 + self.rate_error_ppm * 1e-6) + drifted + stepped
     }
 
     fn counted(&self, shown_ns: f64) -> i64 {

@@ -9,7 +9,7 @@ use super::*;
 use crate::camera::Quality;
 use crate::camera::sensor::Exposure;
 use crate::faults::{Fault, Faults};
-use crate::scene::{Kind as Place, Time};
+use crate::scene::{Kind as Place, Lighting};
 use crate::simulation::Settings;
 
 const FEET: &str = "feet";
@@ -20,7 +20,7 @@ const FRAMES: u64 = 80;
 static WALK: LazyLock<Arc<Simulation>> = LazyLock::new(|| {
     let settings = Settings {
         kind: Place::Pavement,
-        time: Time::Day,
+        lighting: Lighting::Day,
         seed: 3,
         seconds: FRAMES as f64 / RATE_HZ,
         rate_hz: RATE_HZ,
@@ -38,8 +38,8 @@ static WALK: LazyLock<Arc<Simulation>> = LazyLock::new(|| {
 /// Pictures that cost nothing and differ in every pixel from those before.
 struct Counter;
 
-impl Painter for Counter {
-    fn paint(&mut self, number: u64, time_ns: i64) -> StereoFrame {
+impl FrameSource for Counter {
+    fn render_frame(&mut self, number: u64, time_ns: i64) -> StereoFrame {
         StereoFrame {
             number,
             time_ns,
@@ -106,7 +106,7 @@ fn arrivals(delivered: &[Delivery]) -> Vec<i64> {
     let arrival = |d: &Delivery| match d {
         Delivery::Frame(f) => f.arrival_ns,
         Delivery::Imu(s) => s.arrival_ns,
-        Delivery::Gone(at) => *at,
+        Delivery::Disconnected(at) => *at,
     };
     delivered.iter().map(arrival).collect()
 }
@@ -133,8 +133,8 @@ fn without_faults_everything_arrives_in_order() {
     }
     let (first, last) = (samples[0], samples[1600 - 1]);
     let shown = (last.ticks - first.ticks) as f64 * TICK_NS;
-    let off_ppm = (shown / (last.taken_ns - first.taken_ns) as f64 - 1.0) * 1e6;
-    assert!(off_ppm.abs() < 100.0, "{off_ppm}");
+    let rate_error_ppm = (shown / (last.taken_ns - first.taken_ns) as f64 - 1.0) * 1e6;
+    assert!(rate_error_ppm.abs() < 100.0, "{rate_error_ppm}");
     // Every frame is told of once, by the first sample after it.
     assert_eq!(last.frame_sync_count, FRAMES as u32);
     let told = samples.iter().filter(|s| s.frame_sync);
@@ -207,7 +207,7 @@ fn frozen_frames_show_the_picture_before() {
             20..40 => 19,
             n => n as u8,
         };
-        assert_eq!(frame.picture.i420, vec![shown; 48], "{}", frame.index);
+        assert_eq!(frame.image.i420, vec![shown; 48], "{}", frame.index);
         assert_eq!(frame.number, frame.index);
     }
 }
@@ -218,7 +218,7 @@ fn torn_frames_end_with_the_picture_before() {
     let mut torn = 0;
     let frames = frames(&delivered);
     for pair in frames.windows(2) {
-        let (before, now) = (&pair[0].picture.i420, &pair[1].picture.i420);
+        let (before, now) = (&pair[0].image.i420, &pair[1].image.i420);
         let new = pair[1].index as u8;
         let old = now[..32].iter().filter(|v| **v != new).count();
         torn += usize::from(old > 0);
@@ -319,9 +319,9 @@ fn a_device_that_was_gone_counts_anew() {
     assert!(arrivals(&delivered).is_sorted());
     let gone: Vec<&Delivery> = delivered
         .iter()
-        .filter(|d| matches!(d, Delivery::Gone(_)))
+        .filter(|d| matches!(d, Delivery::Disconnected(_)))
         .collect();
-    assert_eq!(gone, [&Delivery::Gone(1_000_000_000)]);
+    assert_eq!(gone, [&Delivery::Disconnected(1_000_000_000)]);
     assert!(losses.iter().all(|l| l.cause == Kind::Disconnect));
     let of = |stream| losses.iter().filter(|l| l.stream == stream).count();
     // 0.9 s of 20 and of 400 Hz.
@@ -389,8 +389,8 @@ fn the_imu_clips() {
 /// Mean luma of the left eye of each frame.
 fn means(delivered: &[Delivery]) -> Vec<f64> {
     let mean = |f: &DeviceFrame| {
-        let grey = f.picture.grey(0);
-        grey.iter().map(|v| f64::from(*v)).sum::<f64>() / grey.len() as f64
+        let gray = f.image.gray(0);
+        gray.iter().map(|v| f64::from(*v)).sum::<f64>() / gray.len() as f64
     };
     frames(delivered).into_iter().map(mean).collect()
 }
@@ -402,7 +402,7 @@ fn seen(kind: Kind, strength: f64) -> [Vec<Delivery>; 2] {
     // Before it begins nothing differs.
     let (fine, with) = (frames(&both[0]), frames(&both[1]));
     assert_eq!(fine[..20], with[..20]);
-    assert_ne!(fine[20].picture, with[20].picture);
+    assert_ne!(fine[20].image, with[20].image);
     both
 }
 
@@ -413,7 +413,7 @@ fn it_gets_dark_and_the_exposure_follows() {
     assert!(less[20] < 0.4 * light[20], "{} {}", less[20], light[20]);
     assert!(less[39] > 1.5 * less[20], "{} {}", less[39], less[20]);
     let product = |d: &[Delivery], n: usize| {
-        let exposure = frames(d)[n].picture.exposure;
+        let exposure = frames(d)[n].image.exposure;
         exposure.seconds * exposure.gain
     };
     assert!(product(&dark, 39) > 4.0 * product(&fine, 39));
@@ -431,8 +431,8 @@ fn a_flash_is_bright() {
 fn a_covered_lens_sees_part_of_the_scene() {
     let [fine, covered] = seen(Kind::CoveredLens, 0.5);
     let (fine, covered) = (
-        frames(&fine)[20].picture.grey(0),
-        frames(&covered)[20].picture.grey(0),
+        frames(&fine)[20].image.gray(0),
+        frames(&covered)[20].image.gray(0),
     );
     let black = covered.iter().filter(|v| **v < 8).count();
     let (least, most) = (covered.len() / 4, 3 * covered.len() / 4);
@@ -444,13 +444,13 @@ fn a_covered_lens_sees_part_of_the_scene() {
         .count();
     assert!(same > covered.len() / 5, "{same}");
     let [_, closed] = seen(Kind::CoveredLens, 1.0);
-    assert!(frames(&closed)[20].picture.grey(1).iter().all(|v| *v < 16));
+    assert!(frames(&closed)[20].image.gray(1).iter().all(|v| *v < 16));
 }
 
 /// Differences between neighbours in a row, summed.
 fn detail(delivered: &[Delivery], n: usize) -> f64 {
-    let grey = frames(delivered)[n].picture.grey(0);
-    grey.windows(2)
+    let gray = frames(delivered)[n].image.gray(0);
+    gray.windows(2)
         .map(|w| f64::from(w[0].abs_diff(w[1])))
         .sum()
 }
@@ -493,7 +493,7 @@ fn a_shifted_camera_has_turned_with_its_imu() {
     }
     .of(LEFT);
     let of = &WALK.cameras()[camera(LEFT)];
-    let slip = of.slip(&Conditions::of(&faults, 1.0).turned).unwrap();
+    let slip = of.slip(&Conditions::of(&faults, 1.0).rotation).unwrap();
     assert!((slip.angle_rad().to_degrees() - 5.0).abs() < 1e-9);
     let left = of.rig_from_eye[0].translation_m();
     let moved = slip.apply(left);
@@ -517,12 +517,12 @@ fn frames_that_are_not_fetched_are_lost() {
 
 #[test]
 fn pixels_come_as_the_device_lays_them_out() {
-    let mut picture = Counter.paint(0, 0);
-    picture.i420 = (0..48).collect();
-    let nv12 = picture.pixels(PixelFormat::Nv12);
-    assert_eq!(nv12[..32], picture.i420[..32]);
+    let mut image = Counter.render_frame(0, 0);
+    image.i420 = (0..48).collect();
+    let nv12 = image.pixels(PixelFormat::Nv12);
+    assert_eq!(nv12[..32], image.i420[..32]);
     assert_eq!(nv12[32..36], [32, 40, 33, 41]);
-    let yuyv = picture.pixels(PixelFormat::Yuyv);
+    let yuyv = image.pixels(PixelFormat::Yuyv);
     assert_eq!(yuyv.len(), 64);
     assert_eq!(yuyv[..8], [0, 32, 1, 40, 2, 33, 3, 41]);
     // The second row has the chroma of the first, the third its own.

@@ -22,11 +22,11 @@ impl Device {
                 .to_owned();
         for index in 0..settings.frame_count() {
             let taken_ns = settings.frame_ns(index);
-            let epoch = self.absences.epoch(taken_ns);
+            let epoch = self.disconnects.epoch(taken_ns);
             let ticks = epoch.map(|epoch| self.ticks(Stream::Frames, epoch, taken_ns));
             let ticks = ticks.map_or(String::new(), |ticks| ticks.to_string());
             // What the device says of the time may be off.
-            let taken_ns = taken_ns - simulation.cameras()[self.camera].late_ns;
+            let taken_ns = taken_ns - simulation.cameras()[self.camera].time_offset_ns;
             let rig = simulation.walker().rig(seconds(taken_ns));
             let (p, q) = (rig.position, rig.rotation);
             // Writing to a string does not fail.

@@ -13,7 +13,7 @@ use std::fmt::Write as _;
 
 use serde::Deserialize;
 
-use super::{Fault, Faults, Kind, Lasts};
+use super::{Fault, FaultDuration, Faults, Kind};
 
 /// Why there is no plan: correct the file.
 #[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
@@ -120,17 +120,17 @@ impl Entry {
             let found = self.from;
             problems.push(format!("from is {found} s, expected 0 or a later time"));
         }
-        match (kind.lasts(), self.to) {
+        match (kind.duration(), self.to) {
             (_, None) => {}
-            (Lasts::UntilEnd, Some(to)) if to > self.from => {}
-            (Lasts::UntilEnd, Some(to)) => {
+            (FaultDuration::UntilEnd, Some(to)) if to > self.from => {}
+            (FaultDuration::UntilEnd, Some(to)) => {
                 let from = self.from;
                 problems.push(format!("to is {to} s, expected a time after {from} s"));
             }
-            (Lasts::Instant, Some(_)) => {
+            (FaultDuration::Instant, Some(_)) => {
                 problems.push(format!("to is given, but {name} has no end"));
             }
-            (Lasts::ByStrength, Some(_)) => problems.push(format!(
+            (FaultDuration::ByStrength, Some(_)) => problems.push(format!(
                 "to is given, but {name} lasts for as many seconds as its strength"
             )),
         }

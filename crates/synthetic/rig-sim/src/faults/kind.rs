@@ -45,7 +45,7 @@ pub enum Kind {
 
 /// How a fault lies in time.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum Lasts {
+pub enum FaultDuration {
     /// From its beginning to its end.
     UntilEnd,
     /// It happens at its beginning; there is no end to give.
@@ -93,12 +93,19 @@ impl Kind {
     }
 
     /// How it lies in time.
-    pub fn lasts(self) -> Lasts {
+    pub fn duration(self) -> FaultDuration {
         self.facts().3
     }
 
-    fn facts(self) -> (&'static str, &'static str, RangeInclusive<f64>, Lasts) {
-        use Lasts::{ByStrength, Instant, UntilEnd};
+    fn facts(
+        self,
+    ) -> (
+        &'static str,
+        &'static str,
+        RangeInclusive<f64>,
+        FaultDuration,
+    ) {
+        use FaultDuration::{ByStrength, Instant, UntilEnd};
         match self {
             Self::Dropped => ("dropped", "share of frames", 0.0..=1.0, UntilEnd),
             Self::Late => ("late", "s, one frame in ten", 0.0..=10.0, UntilEnd),

@@ -1,10 +1,10 @@
 //! Schedules of faults by chance, for tests that want many.
 
-use super::{Fault, Faults, Kind, Lasts};
+use super::{Fault, FaultDuration, Faults, Kind};
 use crate::random;
 
 /// Most faults of one schedule.
-const MOST: usize = 8;
+const MAX_FAULTS: usize = 8;
 
 impl Faults {
     /// A schedule that follows from the seed: up to eight faults of these kinds at random times of a walk
@@ -23,15 +23,15 @@ impl Faults {
                 Kind::Late => 2.0 * size,
                 // Those behind wait, so that many delays in a row come to eight times the mean.
                 Kind::LatencyBurst => 0.3 * size,
-                _ if kind.lasts() == Lasts::ByStrength => 30.0 * size,
+                _ if kind.duration() == FaultDuration::ByStrength => 30.0 * size,
                 _ if least < 0.0 && draw(i, 3) < 0.5 => least * size,
                 _ => most * size,
             };
             let from_s = seconds * draw(i, 4);
-            let to_s = match kind.lasts() {
+            let to_s = match kind.duration() {
                 // Nobody can tell a latency that has grown for good from a clock that has stepped.
                 _ if kind == Kind::LatencyBurst => from_s + 0.05 + 3.0 * draw(i, 6),
-                Lasts::UntilEnd if draw(i, 5) < 0.8 => from_s + 0.05 + 10.0 * draw(i, 6),
+                FaultDuration::UntilEnd if draw(i, 5) < 0.8 => from_s + 0.05 + 10.0 * draw(i, 6),
                 _ => f64::INFINITY,
             };
             let camera = match pick(i, 7, cameras.len() + 1) {
@@ -46,7 +46,7 @@ impl Faults {
                 camera,
             }
         };
-        let count = 1 + pick(0, 0, MOST) as u64;
+        let count = 1 + pick(0, 0, MAX_FAULTS) as u64;
         Self {
             list: (0..count).map(fault).collect(),
             seed,

@@ -23,7 +23,7 @@ pub(super) fn ply(scene: &Scene) -> Vec<u8> {
          element face {faces}\nproperty list uchar uint vertex_indices\n\
          property uchar class\nproperty uchar walkable\nend_header\n",
         scene.kind.name(),
-        scene.time.name(),
+        scene.lighting.name(),
     )
     .into_bytes();
     for (_, chunk) in chunks() {

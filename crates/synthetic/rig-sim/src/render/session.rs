@@ -43,7 +43,7 @@ const CIVIL: CivilTime = CivilTime(1_767_225_600 * NS_PER_S);
 /// An IMU batch spans at most this much.
 const BATCH_NS: i64 = 100_000_000;
 /// Deliveries of a camera that may wait: bounds what is in memory.
-const WAITING: usize = 64;
+const MAX_QUEUED_DELIVERIES: usize = 64;
 
 /// Why there is no session.
 #[derive(Debug, thiserror::Error)]
@@ -66,9 +66,9 @@ enum Item {
     Frame(Box<DeviceFrame>, AccessUnit),
     Imu(DeviceImu),
     /// The device has gone, at this time.
-    Gone(i64),
+    Disconnected(i64),
     /// What was lost before what arrives next, at this time.
-    Lost(Vec<Loss>, i64),
+    Losses(Vec<Loss>, i64),
     Failed(FilmError),
 }
 
@@ -77,7 +77,7 @@ impl Item {
         match self {
             Self::Frame(frame, _) => frame.arrival_ns,
             Self::Imu(sample) => sample.arrival_ns,
-            Self::Gone(at_ns) | Self::Lost(_, at_ns) => *at_ns,
+            Self::Disconnected(at_ns) | Self::Losses(_, at_ns) => *at_ns,
             Self::Failed(_) => 0,
         }
     }
@@ -107,7 +107,7 @@ pub fn write(
     thread::scope(|scope| {
         let mut streams = Vec::new();
         for device in devices {
-            let (sender, receiver) = sync_channel(WAITING);
+            let (sender, receiver) = sync_channel(MAX_QUEUED_DELIVERIES);
             scope.spawn(move || deliver(device, simulation, &sender, done));
             streams.push(receiver);
         }
@@ -128,23 +128,23 @@ fn deliver(
     let keys = (2.0 * seconds(DEFAULT_CHUNK_NS) * settings.rate_hz).ceil() as u32;
     let mut chunk = None;
     let mut film = None;
-    let (mut newest, mut told) = (None, 0);
+    let (mut newest, mut reported) = (None, 0);
     loop {
         let delivery = device.deliver();
-        let lost = &device.losses()[told..];
+        let lost = &device.losses()[reported..];
         if !lost.is_empty() {
-            told += lost.len();
+            reported += lost.len();
             let at_ns = match &delivery {
                 Some(Delivery::Frame(frame)) => frame.arrival_ns,
                 Some(Delivery::Imu(sample)) => sample.arrival_ns,
-                Some(Delivery::Gone(at_ns)) => *at_ns,
+                Some(Delivery::Disconnected(at_ns)) => *at_ns,
                 None => (settings.seconds * 1e9) as i64,
             };
-            let _ = to.send(Item::Lost(lost.to_vec(), at_ns));
+            let _ = to.send(Item::Losses(lost.to_vec(), at_ns));
         }
         let item = match delivery {
             None => return,
-            Some(Delivery::Gone(at_ns)) => Item::Gone(at_ns),
+            Some(Delivery::Disconnected(at_ns)) => Item::Disconnected(at_ns),
             Some(Delivery::Imu(sample)) => Item::Imu(sample),
             // It came twice.
             Some(Delivery::Frame(frame)) if newest == Some(frame.index) => continue,
@@ -177,10 +177,10 @@ fn encode(
     frame: &DeviceFrame,
     key: bool,
 ) -> Result<AccessUnit, FilmError> {
-    let shown = &frame.picture;
+    let shown = &frame.image;
     let (width, height) = (shown.width as u32, shown.height as u32);
-    let picture = Picture::new(width, height, PixelFormat::I420, shown.i420.clone())?;
-    film.encode(time, &picture, key)
+    let image = Picture::new(width, height, PixelFormat::I420, shown.i420.clone())?;
+    film.encode(time, &image, key)
 }
 
 /// The session in the making.
@@ -193,7 +193,7 @@ struct Archive<'a> {
     versions: Vec<u32>,
     batches: Vec<ImuBatch>,
     /// When each device is gone, ns since the beginning of the walk.
-    absences: Vec<Vec<(i64, i64)>>,
+    disconnects: Vec<Vec<(i64, i64)>>,
     /// Which cameras have a frame of an index, and which have lost it.
     sets: BTreeMap<u64, (Vec<usize>, Vec<usize>)>,
     /// Sets written.
@@ -210,7 +210,7 @@ impl<'a> Archive<'a> {
     ) -> Result<Self, SessionError> {
         let settings = simulation.settings();
         let mut files = Vec::new();
-        if simulation.tells() {
+        if simulation.has_calibration() {
             files.push(("rig.toml".to_owned(), rig_text.as_bytes().to_vec()));
         }
         let of_kind = special::files(simulation, rig).into_iter();
@@ -223,8 +223,11 @@ impl<'a> Archive<'a> {
             }
         }
         let source = |name: &str| {
-            let (kind, time) = (settings.kind.name(), settings.time.name());
-            format!("simulated {name}, {kind}, {time}, seed {}", settings.seed)
+            let (kind, lighting) = (settings.kind.name(), settings.lighting.name());
+            format!(
+                "simulated {name}, {kind}, {lighting}, seed {}",
+                settings.seed
+            )
         };
         let cameras = simulation.cameras().iter().zip(devices);
         let cameras = cameras.map(|(camera, device)| manifest::Camera {
@@ -260,7 +263,7 @@ impl<'a> Archive<'a> {
             name: format!(
                 "{} {} {}",
                 settings.kind.name(),
-                settings.time.name(),
+                settings.lighting.name(),
                 settings.seed
             ),
             software: concat!("paws-rig-sim ", env!("CARGO_PKG_VERSION")).to_owned(),
@@ -279,12 +282,12 @@ impl<'a> Archive<'a> {
             clocks: devices.iter().map(|d| d.clocks().clone()).collect(),
             versions: vec![0; count],
             batches: vec![ImuBatch::default(); count],
-            absences: devices.iter().map(|d| d.absences().to_vec()).collect(),
+            disconnects: devices.iter().map(|d| d.disconnects().to_vec()).collect(),
             sets: BTreeMap::new(),
             set: 0,
         };
         archive.event(EventKind::Start, BEGIN)?;
-        if simulation.tells() {
+        if simulation.has_calibration() {
             archive.statics(rig)?;
         }
         for camera in 0..count {
@@ -395,8 +398,8 @@ impl<'a> Archive<'a> {
             match std::mem::replace(&mut heads[camera], following) {
                 Some(Item::Frame(frame, unit)) => self.frame(camera, &frame, &unit)?,
                 Some(Item::Imu(sample)) => self.sample(camera, &sample)?,
-                Some(Item::Lost(losses, _)) => self.lost(camera, &losses)?,
-                Some(Item::Gone(_) | Item::Failed(_)) | None => {}
+                Some(Item::Losses(losses, _)) => self.lost(camera, &losses)?,
+                Some(Item::Disconnected(_) | Item::Failed(_)) | None => {}
             }
         }
     }
@@ -423,14 +426,14 @@ impl<'a> Archive<'a> {
         frame: &DeviceFrame,
         unit: &AccessUnit,
     ) -> Result<(), WriteError> {
-        self.note_return(camera, frame.taken_ns)?;
+        self.record_reconnect(camera, frame.taken_ns)?;
         let time = BEGIN + frame.taken_ns;
         let record = Frame {
             number: frame.index,
             device_ticks: frame.ticks,
             host_time: (BEGIN + frame.arrival_ns).ns(),
             time: time.ns(),
-            exposure_ns: Some((frame.picture.exposure.seconds * 1e9) as u32),
+            exposure_ns: Some((frame.image.exposure.seconds * 1e9) as u32),
             clock_map: self.versions[camera],
             ..Frame::default()
         };
@@ -442,7 +445,7 @@ impl<'a> Archive<'a> {
     }
 
     fn sample(&mut self, camera: usize, sample: &DeviceImu) -> Result<(), WriteError> {
-        self.note_return(camera, sample.taken_ns)?;
+        self.record_reconnect(camera, sample.taken_ns)?;
         let batch = &self.batches[camera];
         let time = (BEGIN + sample.taken_ns).ns();
         let full = match batch.times.first() {
@@ -489,8 +492,8 @@ impl<'a> Archive<'a> {
     }
 
     /// The first sample of a device that ticks anew needs a new clock map.
-    fn note_return(&mut self, camera: usize, taken_ns: i64) -> Result<(), WriteError> {
-        let spans = self.absences[camera].iter();
+    fn record_reconnect(&mut self, camera: usize, taken_ns: i64) -> Result<(), WriteError> {
+        let spans = self.disconnects[camera].iter();
         let over: Vec<i64> = spans
             .map(|(_, to)| *to)
             .filter(|to| *to <= taken_ns)

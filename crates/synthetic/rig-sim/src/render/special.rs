@@ -17,7 +17,7 @@ use crate::simulation::Simulation;
 ///   for each of its corners (where it really is in the world);
 /// * `truth.rig.toml`: the rig as it is;
 /// * `truth.cameras.toml`: lenses, shutters and time offsets as they are.
-pub(super) fn files(simulation: &Simulation, told: &Rig) -> Vec<(String, String)> {
+pub(super) fn files(simulation: &Simulation, nominal: &Rig) -> Vec<(String, String)> {
     let boards = simulation.boards();
     let mut files = Vec::new();
     for (number, board) in boards.iter().enumerate() {
@@ -27,8 +27,8 @@ pub(super) fn files(simulation: &Simulation, told: &Rig) -> Vec<(String, String)
     if !boards.is_empty() {
         files.push(("truth.targets.csv".to_owned(), places(simulation)));
     }
-    if !boards.is_empty() || simulation.deviates() {
-        let rig = simulation.true_rig_text(told);
+    if !boards.is_empty() || simulation.differs_from_calibration() {
+        let rig = simulation.true_rig_toml(nominal);
         files.push(("truth.rig.toml".to_owned(), rig));
         files.push(("truth.cameras.toml".to_owned(), cameras(simulation)));
     }
@@ -65,7 +65,7 @@ fn cameras(simulation: &Simulation) -> String {
             text,
             "\n[[camera]]\nname = {:?}\nlate_ns = {} # pictures were taken so much earlier than they say\n\
              line_s = {line_s:?} # from row to row; 0 for a global shutter\n",
-            camera.name, camera.late_ns
+            camera.name, camera.time_offset_ns
         );
         let truth = simulation.true_calibration(number);
         for (eye, which) in [("left", Eye::Left), ("right", Eye::Right)] {
@@ -90,12 +90,14 @@ fn cameras(simulation: &Simulation) -> String {
 
 /// Every corner in every picture of a camera, both eyes.
 pub(super) fn corners(simulation: &Simulation, camera: usize, faults: &CameraFaults) -> String {
-    let sights = simulation.sights(camera).with_faults(faults.clone());
+    let target_observations = simulation
+        .target_observations(camera)
+        .with_faults(faults.clone());
     let mut text = "#frame,timestamp [ns],eye,board,corner,u [px],v [px]\n".to_owned();
     for frame in 0..simulation.settings().frame_count() {
         let time_ns = simulation.settings().frame_ns(frame);
         for eye in 0..2 {
-            for seen in sights.corners(eye, time_ns) {
+            for seen in target_observations.corners(eye, time_ns) {
                 let ([u, v], board, id) = (seen.pixel, seen.board, seen.id);
                 let _ = writeln!(text, "{frame},{time_ns},{eye},{board},{id},{u:.4},{v:.4}");
             }

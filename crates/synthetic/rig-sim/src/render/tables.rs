@@ -19,22 +19,22 @@ pub(super) fn settings(simulation: &Simulation) -> String {
          [quality]\nsamples = {}\nmost_samples = {}\nnoise = {}\n",
         env!("CARGO_PKG_VERSION"),
         settings.kind.name(),
-        settings.time.name(),
+        settings.lighting.name(),
         settings.seed,
         settings.seconds,
         settings.rate_hz,
         settings.width,
         settings.height,
         quality.samples,
-        quality.most_samples,
+        quality.max_samples,
         quality.noise,
     );
     if let Some(plan) = simulation.plan() {
-        let (motion, bend, larger) = (plan.motion.name(), plan.bend_m, plan.larger);
+        let (motion, bend, scale_error) = (plan.motion.name(), plan.bow_m, plan.scale_error);
         line(
             &mut text,
             format_args!(
-                "\n[targets]\nmotion = {motion:?}\nbend_m = {bend:?}\nlarger = {larger:?}"
+                "\n[targets]\nmotion = {motion:?}\nbend_m = {bend:?}\nlarger = {scale_error:?}"
             ),
         );
         if let Some(views) = plan.views {

@@ -19,7 +19,7 @@ use crate::camera::truth::{Flow, Truth};
 use crate::faults::CameraFaults;
 use crate::png_file;
 use crate::scene::surface::Class;
-use crate::simulation::{Simulation, Truths};
+use crate::simulation::{GroundTruth, Simulation};
 
 /// Layers of each eye; the eye's number follows the name.
 const LAYERS: [&str; 4] = ["depth", "class", "instance", "flow"];
@@ -29,7 +29,7 @@ const TAGS: &str = "#frame,timestamp [ns],eye,id,visible,u0 [px],v0 [px],u1 [px]
 /// Writes what is true of a camera's frames, one after the other.
 pub(super) struct TruthFiles<'a> {
     simulation: &'a Simulation,
-    truths: Truths<'a>,
+    ground_truth: GroundTruth<'a>,
     root: PathBuf,
     size: [usize; 2],
     /// What the eyes see in the frame that comes next.
@@ -57,7 +57,7 @@ impl<'a> TruthFiles<'a> {
         }
         Ok(Self {
             simulation,
-            truths: simulation.truths(number).with_faults(faults.clone()),
+            ground_truth: simulation.ground_truth(number).with_faults(faults.clone()),
             root: root.to_owned(),
             size: [camera.models[0].width, camera.models[0].height].map(|v| v as usize),
             ahead: None,
@@ -71,13 +71,13 @@ impl<'a> TruthFiles<'a> {
         let (now_ns, next_ns) = (settings.frame_ns(number), settings.frame_ns(number + 1));
         let now = match self.ahead.take() {
             Some(now) => now,
-            None => [0, 1].map(|eye| self.truths.see(eye, now_ns)),
+            None => [0, 1].map(|eye| self.ground_truth.render(eye, now_ns)),
         };
-        let next = [0, 1].map(|eye| self.truths.see(eye, next_ns));
+        let next = [0, 1].map(|eye| self.ground_truth.render(eye, next_ns));
         for eye in 0..2 {
-            let flow = self.truths.flow(eye, &now[eye], &next[eye]);
+            let flow = self.ground_truth.flow(eye, &now[eye], &next[eye]);
             self.layers(eye, &now[eye], &flow, name)?;
-            for tag in self.truths.tags(eye, &now[eye]) {
+            for tag in self.ground_truth.tags(eye, &now[eye]) {
                 let corners = tag.corners.map(|[u, v]| format!("{u:.4},{v:.4}")).join(",");
                 // Writing to a string does not fail.
                 let _ = writeln!(
@@ -102,16 +102,16 @@ impl<'a> TruthFiles<'a> {
         let path = |layer: &str| self.root.join(format!("{layer}{eye}/data")).join(name);
         let file = path("depth");
         let depth = truth.depth.iter().copied().map(millimetres);
-        png_file::grey16(&file, self.size, depth).map_err(at(&file))?;
+        png_file::gray16(&file, self.size, depth).map_err(at(&file))?;
         let file = path("class");
         let class: Vec<u8> = truth.class.iter().map(|&class| class as u8).collect();
-        png_file::grey8(&file, self.size, &class).map_err(at(&file))?;
+        png_file::gray8(&file, self.size, &class).map_err(at(&file))?;
         let file = path("instance");
         let instance = truth.instance.iter().copied();
-        png_file::grey16(&file, self.size, instance).map_err(at(&file))?;
+        png_file::gray16(&file, self.size, instance).map_err(at(&file))?;
         let file = path("flow");
-        let flow = flow.moved.iter().zip(&flow.shown);
-        let flow = flow.map(|(moved, shown)| kitti(*moved, *shown));
+        let flow = flow.flow_px.iter().zip(&flow.shown);
+        let flow = flow.map(|(flow_px, shown)| kitti(*flow_px, *shown));
         png_file::rgb16(&file, self.size, flow).map_err(at(&file))
     }
 
@@ -150,8 +150,8 @@ fn millimetres(depth_m: f32) -> u16 {
 }
 
 /// Movement as KITTI writes it; nothing where the format cannot say it.
-fn kitti(moved: [f32; 2], shown: bool) -> [u16; 3] {
-    let [u, v] = moved.map(|px| (f64::from(px) * 64.0).round() + 32_768.0);
+fn kitti(flow_px: [f32; 2], shown: bool) -> [u16; 3] {
+    let [u, v] = flow_px.map(|px| (f64::from(px) * 64.0).round() + 32_768.0);
     let range = 0.0..=65_535.0;
     match range.contains(&u) && range.contains(&v) {
         true => [u as u16, v as u16, if shown { 1 } else { 2 }],
@@ -188,8 +188,8 @@ mod tests {
             ([512.1, 0.0], true, [0; 3]),
             ([f32::NAN, f32::NAN], false, [0; 3]),
         ];
-        for (moved, shown, expected) in cases {
-            assert_eq!(kitti(moved, shown), expected, "{moved:?}");
+        for (flow_px, shown, expected) in cases {
+            assert_eq!(kitti(flow_px, shown), expected, "{flow_px:?}");
         }
     }
 }

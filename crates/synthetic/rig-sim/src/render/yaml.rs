@@ -15,7 +15,7 @@ pub(super) fn camera(
     eye: usize,
 ) -> Result<String, RenderError> {
     let camera = &simulation.cameras()[number];
-    let (model, imu_from_eye) = simulation.told_eye(number, eye);
+    let (model, imu_from_eye) = simulation.nominal_eye(number, eye);
     let (name, coefficients) = match model.distortion {
         Distortion::None => ("none", Vec::new()),
         Distortion::Radial2 { k1, k2 } => ("radial-tangential", vec![k1, k2, 0.0, 0.0]),

@@ -13,7 +13,7 @@ const CELL_M: f64 = 2.0;
 #[derive(Clone, Debug)]
 pub struct Chunk {
     /// Middle of the corners, m.
-    pub centre: [f32; 3],
+    pub center: [f32; 3],
     /// Distance of the farthest corner from it, m.
     pub radius: f32,
     /// m.
@@ -95,13 +95,13 @@ fn chunk<'a>(members: impl Iterator<Item = &'a Triangle>, first: u32) -> Chunk {
     let sum = corners.iter().fold([0.0; 3], |sum: [f32; 3], c| {
         [0, 1, 2].map(|i| sum[i] + c[i])
     });
-    let centre = sum.map(|s| s / corners.len() as f32);
+    let center = sum.map(|s| s / corners.len() as f32);
     let distance = |c: &[f32; 3]| {
-        let d = [0, 1, 2].map(|i| c[i] - centre[i]);
+        let d = [0, 1, 2].map(|i| c[i] - center[i]);
         (d[0] * d[0] + d[1] * d[1] + d[2] * d[2]).sqrt()
     };
     Chunk {
-        centre,
+        center,
         radius: 1e-4 + corners.iter().map(distance).fold(0.0, f32::max),
         corners,
         triangles,

@@ -43,7 +43,7 @@ pub(super) fn textures(recipes: &[(Recipe, Layout)], seed: u64) -> Vec<Texture> 
 
 /// What a maker of a scene hands over besides the builder.
 #[derive(Clone, Debug)]
-pub struct Made {
+pub struct SceneParts {
     /// Where light comes from.
     pub lights: Lights,
     /// Where one walks.
@@ -141,9 +141,9 @@ impl Builder {
         cell_m: f64,
         stuff: Stuff,
     ) {
-        let centre = base + Vector3::z() * (0.5 * size.z);
+        let center = base + Vector3::z() * (0.5 * size.z);
         self.mesh
-            .cuboid(centre, size, so3::exp(Vector3::z() * yaw), cell_m, stuff);
+            .cuboid(center, size, so3::exp(Vector3::z() * yaw), cell_m, stuff);
     }
 
     /// A pane, to be looked through from both sides.
@@ -155,7 +155,7 @@ impl Builder {
     /// A lump of about this radius, as a stone or a tuft: a sphere of `rings` rings with bumps.
     pub fn lump(
         &mut self,
-        centre: Vector3<f64>,
+        center: Vector3<f64>,
         radius: Vector3<f64>,
         rings: usize,
         rough: f64,
@@ -175,7 +175,7 @@ impl Builder {
                     libm::sin(polar) * libm::sin(angle),
                     libm::cos(polar),
                 );
-                points.push(centre + out.component_mul(&radius) * bump);
+                points.push(center + out.component_mul(&radius) * bump);
             }
         }
         let at = |i: usize, k: usize| points[i * sides + k % sides];

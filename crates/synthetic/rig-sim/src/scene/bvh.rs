@@ -225,24 +225,24 @@ impl Bounds {
 /// size of the first: the least cost over planes between evenly spaced bins (Wald 2007).
 fn cut(part: &mut [([Vector3<f64>; 3], u32)]) -> usize {
     const BINS: usize = 12;
-    let centre = |t: &([Vector3<f64>; 3], u32)| (t.0[0] + t.0[1] + t.0[2]) / 3.0;
-    let mut centres = Bounds::nothing();
+    let center = |t: &([Vector3<f64>; 3], u32)| (t.0[0] + t.0[1] + t.0[2]) / 3.0;
+    let mut centers = Bounds::nothing();
     for t in part.iter() {
-        let at = centre(t);
-        centres = centres.with(&Bounds {
+        let at = center(t);
+        centers = centers.with(&Bounds {
             low: at,
             high: at,
             count: 1,
         });
     }
-    let axis = (centres.high - centres.low).imax();
-    let from = centres.low[axis];
-    let step = (centres.high[axis] - from) / BINS as f64;
+    let axis = (centers.high - centers.low).imax();
+    let from = centers.low[axis];
+    let step = (centers.high[axis] - from) / BINS as f64;
     if step <= 0.0 {
         return part.len() / 2;
     }
     let bin =
-        |t: &([Vector3<f64>; 3], u32)| (((centre(t)[axis] - from) / step) as usize).min(BINS - 1);
+        |t: &([Vector3<f64>; 3], u32)| (((center(t)[axis] - from) / step) as usize).min(BINS - 1);
     let mut bins = [Bounds::nothing(); BINS];
     for t in part.iter() {
         let [a, b, c] = &t.0;

@@ -5,7 +5,7 @@
 
 use nalgebra::Vector3;
 
-use super::build::{Builder, Made};
+use super::build::{Builder, SceneParts};
 use super::interior::{DoorStuff, Opening, Slab, THICK, Wall, ceiling_lamp};
 use super::light::{Lamp, Lights};
 use super::plants::{self, Greens};
@@ -39,7 +39,7 @@ struct Palette {
     grass: u16,
 }
 
-pub(super) fn build(b: &mut Builder) -> Made {
+pub(super) fn build(b: &mut Builder) -> SceneParts {
     let palette = palette(b);
     let lamps = corridor(b, &palette);
     lobby(b, &palette);
@@ -81,7 +81,7 @@ pub(super) fn build(b: &mut Builder) -> Made {
         ],
     );
     let walk = |part: usize, speed: f64| Leg::walk(cuts[part], speed);
-    Made {
+    SceneParts {
         lights: Lights {
             sun: Vector3::new(0.3, -0.5, 0.8),
             low_sun: Vector3::new(0.97, 0.03, 0.16),
@@ -109,13 +109,13 @@ fn palette(b: &mut Builder) -> Palette {
     use super::palette::{
         CEILING, DOOR, GRASS, LAMP, LINO, PAINT, PAPERS, PLASTER, SLABS, VARNISH, WOOD,
     };
-    let grey = VARNISH.dyed([0.2, 0.21, 0.23], [0.24, 0.24, 0.25]);
+    let gray = VARNISH.dyed([0.2, 0.21, 0.23], [0.24, 0.24, 0.25]);
     let red = VARNISH.dyed([0.45, 0.04, 0.03], [0.5, 0.08, 0.06]);
     Palette {
         floor: LINO.of(Class::Pavement, b),
         paint: PAINT.of(Class::Wall, b),
         ceiling: CEILING.of(Class::Wall, b),
-        skirting: grey.of(Class::Wall, b),
+        skirting: gray.of(Class::Wall, b),
         lamp: LAMP.glowing(1.2).of(Class::Obstacle, b),
         sign: VARNISH
             .dyed([0.05, 0.5, 0.2], [0.3, 0.8, 0.5])
@@ -125,7 +125,7 @@ fn palette(b: &mut Builder) -> Palette {
             leaf: DOOR
                 .dyed([0.36, 0.25, 0.15], [0.28, 0.19, 0.11])
                 .of(Class::Obstacle, b),
-            frame: grey.of(Class::Wall, b),
+            frame: gray.of(Class::Wall, b),
             handle: VARNISH.dyed([0.45; 3], [0.35; 3]).of(Class::Obstacle, b),
         },
         board: PAPERS.of(Class::Obstacle, b),

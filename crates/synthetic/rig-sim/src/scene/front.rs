@@ -21,7 +21,7 @@ pub(super) struct Row {
 
 /// What fronts are made of.
 #[derive(Clone, Debug)]
-pub(super) struct Looks {
+pub(super) struct FrontMaterials {
     walls: Vec<u16>,
     pub(super) trim: u16,
     /// Dark ones and lit ones.
@@ -52,7 +52,7 @@ const FLOOR: f64 = 2.9;
 /// Share of windows behind which there is light at night.
 const AT_HOME: f64 = 0.25;
 
-impl Looks {
+impl FrontMaterials {
     pub(super) fn new(b: &mut Builder) -> Self {
         use palette::{BRICK, DOOR, METAL, PLASTER, TRIM, VARNISH};
         let plasters = [
@@ -152,7 +152,7 @@ impl Row {
     pub(super) fn window(
         &self,
         b: &mut Builder,
-        looks: &Looks,
+        looks: &FrontMaterials,
         [middle, up]: [f64; 2],
         window: Window,
         wall: Stuff,
@@ -177,7 +177,13 @@ impl Row {
     }
 
     /// Fills so many metres of the row with houses.
-    pub(super) fn houses(&self, b: &mut Builder, looks: &Looks, style: Style, length: f64) {
+    pub(super) fn houses(
+        &self,
+        b: &mut Builder,
+        looks: &FrontMaterials,
+        style: Style,
+        length: f64,
+    ) {
         let mut along = 0.0;
         while along < length - 0.5 {
             let left = length - along;
@@ -189,7 +195,13 @@ impl Row {
         }
     }
 
-    fn house(&self, b: &mut Builder, looks: &Looks, style: Style, [along, width]: [f64; 2]) {
+    fn house(
+        &self,
+        b: &mut Builder,
+        looks: &FrontMaterials,
+        style: Style,
+        [along, width]: [f64; 2],
+    ) {
         let kind = b.draw(0.0, looks.walls.len() as f64) as usize;
         let wall = b.of_thing(looks.walls[kind]);
         let of = |material: u16| Stuff { material, ..wall };

@@ -9,7 +9,7 @@ use std::collections::HashMap;
 
 use nalgebra::Vector3;
 
-use super::Time;
+use super::Lighting;
 use super::bvh::Bvh;
 use super::mesh::{Mesh, Triangle};
 
@@ -21,7 +21,7 @@ const SKY_REACH_M: f64 = 6.0;
 const ROUND: f64 = 0.8;
 
 /// Rays start so far from a surface, m.
-pub(super) const OFF_M: f64 = 0.02;
+pub(super) const RAY_OFFSET_M: f64 = 0.02;
 
 /// Light at a corner of a triangle.
 #[derive(Clone, Copy, Debug)]
@@ -73,26 +73,26 @@ pub struct Lights {
 
 impl Lights {
     /// How bright lamps are at a time, as a multiple of their strength.
-    pub fn lamps_on(&self, time: Time) -> f64 {
-        match (time, self.indoors) {
-            (Time::Day | Time::LowSun, false) => 0.0,
-            (Time::Day, true) => 1.0,
-            (Time::LowSun, true) => 0.2,
-            (Time::Night, false) => 1.0,
-            (Time::Night, true) => 0.02,
-            (Time::Flicker, false) => 4.0,
-            (Time::Flicker, true) => 1.0,
+    pub fn lamps_on(&self, lighting: Lighting) -> f64 {
+        match (lighting, self.indoors) {
+            (Lighting::Day | Lighting::LowSun, false) => 0.0,
+            (Lighting::Day, true) => 1.0,
+            (Lighting::LowSun, true) => 0.2,
+            (Lighting::Night, false) => 1.0,
+            (Lighting::Night, true) => 0.02,
+            (Lighting::Flicker, false) => 4.0,
+            (Lighting::Flicker, true) => 1.0,
         }
     }
 
     /// The light at a time.
-    pub fn at(&self, time: Time) -> Light {
+    pub fn at(&self, lighting: Lighting) -> Light {
         const WHITE: [f32; 3] = [1.0, 1.0, 1.0];
         const WARM: [f32; 3] = [1.26, 0.97, 0.53];
         const MAINS: Option<(f64, f64)> = Some((100.0, 0.8));
         let sun = |direction: Vector3<f64>, strength| Some((direction.normalize(), strength));
         let lamps = || {
-            let factor = self.lamps_on(time);
+            let factor = self.lamps_on(lighting);
             let lit = |lamp: &Lamp| Lamp {
                 strength: lamp.strength * factor,
                 ..*lamp
@@ -106,16 +106,18 @@ impl Lights {
             tint,
             flicker,
         };
-        match (time, self.indoors) {
-            (Time::Day, false) => light(sun(self.sun, 0.75), 0.3, Vec::new(), WHITE, None),
-            (Time::Day, true) => light(None, 0.03, lamps(), WHITE, None),
-            (Time::LowSun, false) => light(sun(self.low_sun, 0.6), 0.15, Vec::new(), WARM, None),
-            (Time::LowSun, true) => light(sun(self.low_sun, 0.4), 0.03, lamps(), WARM, None),
-            (Time::Night, false) => light(None, 0.000_3, lamps(), WARM, None),
-            (Time::Night, true) => light(None, 0.000_5, lamps(), WARM, None),
+        match (lighting, self.indoors) {
+            (Lighting::Day, false) => light(sun(self.sun, 0.75), 0.3, Vec::new(), WHITE, None),
+            (Lighting::Day, true) => light(None, 0.03, lamps(), WHITE, None),
+            (Lighting::LowSun, false) => {
+                light(sun(self.low_sun, 0.6), 0.15, Vec::new(), WARM, None)
+            }
+            (Lighting::LowSun, true) => light(sun(self.low_sun, 0.4), 0.03, lamps(), WARM, None),
+            (Lighting::Night, false) => light(None, 0.000_3, lamps(), WARM, None),
+            (Lighting::Night, true) => light(None, 0.000_5, lamps(), WARM, None),
             // Outdoors: a dull evening under street lamps. Indoors: tubes.
-            (Time::Flicker, false) => light(None, 0.001, lamps(), WHITE, MAINS),
-            (Time::Flicker, true) => light(None, 0.01, lamps(), WHITE, MAINS),
+            (Lighting::Flicker, false) => light(None, 0.001, lamps(), WHITE, MAINS),
+            (Lighting::Flicker, true) => light(None, 0.01, lamps(), WHITE, MAINS),
         }
     }
 }
@@ -216,7 +218,7 @@ impl Light {
             *known
                 .entry((key(p), [cell.x, cell.y, cell.z]))
                 .or_insert_with(|| {
-                    let start = p + flat[i] * OFF_M;
+                    let start = p + flat[i] * RAY_OFFSET_M;
                     let blocked = |d: &Vector3<f64>, reach: f64| solid.is_hidden(&start, d, reach);
                     Lit {
                         normal,

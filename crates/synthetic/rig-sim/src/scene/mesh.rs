@@ -159,17 +159,17 @@ impl Mesh {
         }
     }
 
-    /// A box of size `size` about `centre`, turned; faces cut into cells of at most `cell_m`.
+    /// A box of size `size` about `center`, turned; faces cut into cells of at most `cell_m`.
     pub fn cuboid(
         &mut self,
-        centre: Vector3<f64>,
+        center: Vector3<f64>,
         size: Vector3<f64>,
         turn: UnitQuaternion<f64>,
         cell_m: f64,
         stuff: Stuff,
     ) {
         let at = |x: f64, y: f64, z: f64| {
-            centre + turn * Vector3::new(x * size.x, y * size.y, z * size.z) * 0.5
+            center + turn * Vector3::new(x * size.x, y * size.y, z * size.z) * 0.5
         };
         let faces = [
             [(-1, -1, 1), (1, -1, 1), (1, 1, 1), (-1, 1, 1)],
@@ -273,7 +273,7 @@ impl Mesh {
     }
 
     /// Moves everything.
-    pub fn moved(&self, turn: &UnitQuaternion<f64>, shift: &Vector3<f64>) -> Self {
+    pub fn transformed(&self, turn: &UnitQuaternion<f64>, shift: &Vector3<f64>) -> Self {
         let mut moved = self.clone();
         for triangle in &mut moved.triangles {
             for corner in &mut triangle.corners {

@@ -5,7 +5,7 @@
 
 use nalgebra::Vector3;
 
-use super::build::{Builder, Made};
+use super::build::{Builder, SceneParts};
 use super::front::{self, Row, Style};
 use super::light::{Lamp, Lights};
 use super::palette;
@@ -43,11 +43,11 @@ struct Palette {
     grass: u16,
     earth: u16,
     greens: Greens,
-    street: street::Looks,
-    fronts: front::Looks,
+    street: street::StreetMaterials,
+    fronts: front::FrontMaterials,
 }
 
-pub(super) fn build(b: &mut Builder) -> Made {
+pub(super) fn build(b: &mut Builder) -> SceneParts {
     let p = Palette {
         slabs: palette::SLABS.of(Class::Pavement, b),
         kerb: palette::KERB.of(Class::Pavement, b),
@@ -59,8 +59,8 @@ pub(super) fn build(b: &mut Builder) -> Made {
         grass: palette::GRASS.of(Class::Grass, b),
         earth: palette::EARTH.of(Class::Grass, b),
         greens: Greens::new(b),
-        street: street::Looks::new(b),
-        fronts: front::Looks::new(b),
+        street: street::StreetMaterials::new(b),
+        fronts: front::FrontMaterials::new(b),
     };
     ground(b, &p);
     houses(b, &p);
@@ -69,7 +69,7 @@ pub(super) fn build(b: &mut Builder) -> Made {
     litter(b, &p);
     let (near, far) = (1.7, FAR_HOUSE - 1.7);
     let (left, right) = (-1.5, 15.5);
-    Made {
+    SceneParts {
         lights: Lights {
             sun: Vector3::new(0.4, 0.5, 0.9),
             low_sun: Vector3::new(0.95, 0.12, 0.17),

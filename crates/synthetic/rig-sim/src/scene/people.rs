@@ -48,7 +48,7 @@ const NECK: f64 = 0.54;
 const UPPER_ARM: f64 = 0.31;
 
 /// Places along the path at which the light is taken.
-const LIGHT_PLACES: u32 = 6;
+const LIGHT_SAMPLES: u32 = 6;
 
 /// Where and how someone walks.
 #[derive(Clone, Debug, PartialEq)]
@@ -176,12 +176,12 @@ impl Part {
         let nothing = Bvh::new(std::iter::empty());
         let round_s = self.walk.path.length_m() / self.walk.speed;
         let mut mean = vec![[0.0; 3]; self.mesh.triangles.len()];
-        for k in 0..LIGHT_PLACES {
-            let time_s = round_s * f64::from(k) / f64::from(LIGHT_PLACES);
+        for k in 0..LIGHT_SAMPLES {
+            let time_s = round_s * f64::from(k) / f64::from(LIGHT_SAMPLES);
             let (position, rotation) = self.walk.pose(self.limb, time_s);
-            let there = light.baked(&self.mesh.moved(&rotation, &position), &nothing);
+            let there = light.baked(&self.mesh.transformed(&rotation, &position), &nothing);
             for (mean, there) in mean.iter_mut().flatten().zip(there.iter().flatten()) {
-                *mean += there / LIGHT_PLACES as f32;
+                *mean += there / LIGHT_SAMPLES as f32;
             }
         }
         Moving {
@@ -199,23 +199,23 @@ fn pitch(angle: f64) -> UnitQuaternion<f64> {
 
 impl Walk {
     fn pose(&self, limb: Limb, time_s: f64) -> (Vector3<f64>, UnitQuaternion<f64>) {
-        let gone = self.start_m + self.speed * time_s;
+        let walked_m = self.start_m + self.speed * time_s;
         let scale = self.gait.scale;
-        let ([x, y], [dx, dy]) = self.path.at(gone);
-        let hips = Vector3::new(x, y, self.gait.hips(gone));
+        let ([x, y], [dx, dy]) = self.path.at(walked_m);
+        let hips = Vector3::new(x, y, self.gait.hips(walked_m));
         let heading = so3::exp(Vector3::z() * libm::atan2(dy, dx));
         // Shoulders turn against the hips.
-        let turn = -0.07 * self.gait.swing(Side::Left, gone);
+        let turn = -0.07 * self.gait.swing(Side::Left, walked_m);
         let torso = heading * so3::exp(Vector3::z() * turn) * pitch(0.04);
         let leg = |side: Side| {
             let joint = hips + heading * Vector3::y() * (sign(side) * HALF_HIPS * scale);
-            let foot = self.gait.foot(&self.path, side, gone);
+            let foot = self.gait.foot(&self.path, side, walked_m);
             let [thigh, shin] = gait::leg(&joint, &foot.ankle, &heading, scale);
             (joint, thigh, shin, foot)
         };
         let arm = |side: Side| {
             let shoulder = Vector3::new(0.0, sign(side) * HALF_SHOULDERS, SHOULDERS);
-            let swing = 0.38 * self.gait.swing(side, gone);
+            let swing = 0.38 * self.gait.swing(side, walked_m);
             let away = so3::exp(Vector3::x() * (0.07 * sign(side)));
             let upper = torso * pitch(0.9 * swing - 0.05) * away;
             (hips + torso * shoulder * scale, upper, swing)

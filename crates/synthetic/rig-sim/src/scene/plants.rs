@@ -15,7 +15,7 @@ use super::sweep::{Ring, sweep};
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Clump {
     /// m.
-    pub(super) centre: Vector3<f64>,
+    pub(super) center: Vector3<f64>,
     /// m.
     pub(super) radii: Vector3<f64>,
     /// How many sprays.
@@ -26,11 +26,11 @@ pub(super) struct Clump {
 
 impl Clump {
     /// So many sprays that they hide about half of what is behind.
-    pub(super) fn new(centre: Vector3<f64>, radii: Vector3<f64>, spray_m: f64) -> Self {
+    pub(super) fn new(center: Vector3<f64>, radii: Vector3<f64>, spray_m: f64) -> Self {
         let [x, y, z] = [radii.x, radii.y, radii.z];
         let surface = 4.0 * std::f64::consts::PI * (x * y + y * z + z * x) / 3.0;
         Self {
-            centre,
+            center,
             radii,
             sprays: (1.1 * surface / (spray_m * spray_m)) as u32,
             spray_m,
@@ -39,7 +39,7 @@ impl Clump {
 
     /// Grows it.
     pub(super) fn grow(&self, b: &mut Builder, leaves: Stuff) {
-        b.lump(self.centre, self.radii * 0.8, 4, 0.2, leaves);
+        b.lump(self.center, self.radii * 0.8, 4, 0.2, leaves);
         for _ in 0..self.sprays {
             // Even over the sphere, and thinner outwards.
             let up = b.draw(-1.0, 1.0);
@@ -47,7 +47,7 @@ impl Clump {
             let level = (1.0 - up * up).sqrt();
             let out = Vector3::new(level * libm::cos(angle), level * libm::sin(angle), up);
             let reach = 0.78 + 0.38 * b.draw(0.0, 1.0) * b.draw(0.0, 1.0);
-            let at = self.centre + out.component_mul(&self.radii) * reach;
+            let at = self.center + out.component_mul(&self.radii) * reach;
             let tilt = [0, 1, 2].map(|_| b.draw(-0.6, 0.6));
             let facing = (out + Vector3::from(tilt)).normalize();
             let helper = if facing.z.abs() > 0.8 {
@@ -108,11 +108,11 @@ pub(super) fn street_tree(b: &mut Builder, greens: Greens, foot: Vector3<f64>, t
     for k in 0..5 {
         let angle = 1.3 * f64::from(k) + b.draw(-0.3, 0.3);
         let out = Vector3::new(libm::cos(angle), libm::sin(angle), 0.0);
-        let centre = at(trunk_m + b.draw(0.3, 1.5)) + out * b.draw(0.4, 0.9);
+        let center = at(trunk_m + b.draw(0.3, 1.5)) + out * b.draw(0.4, 0.9);
         // A limb that carries it.
         let limb = [
             Ring::round(at(trunk_m - 0.3), 0.06),
-            Ring::round(centre, 0.03),
+            Ring::round(center, 0.03),
         ];
         sweep(
             &mut b.mesh,
@@ -122,7 +122,7 @@ pub(super) fn street_tree(b: &mut Builder, greens: Greens, foot: Vector3<f64>, t
             trunk,
         );
         let radii = Vector3::new(0.8, 0.8, 0.65) * b.draw(0.8, 1.15);
-        Clump::new(centre, radii, 0.55).grow(b, leaves);
+        Clump::new(center, radii, 0.55).grow(b, leaves);
     }
 }
 
@@ -141,9 +141,9 @@ pub(super) fn hedge(b: &mut Builder, material: u16, ends: [Vector3<f64>; 2], wid
     let along = ends[1] - ends[0];
     let count = (along.norm() / (0.7 * width)).ceil() as u32;
     for k in 0..=count {
-        let centre = ends[0] + along * (f64::from(k) / f64::from(count));
+        let center = ends[0] + along * (f64::from(k) / f64::from(count));
         let off = Vector3::new(b.draw(-0.1, 0.1), b.draw(-0.1, 0.1), b.draw(0.38, 0.5)) * width;
         let radii = Vector3::new(0.55, 0.55, 0.5) * (width * b.draw(0.9, 1.1));
-        Clump::new(centre + off, radii, 0.5 * width).grow(b, leaves);
+        Clump::new(center + off, radii, 0.5 * width).grow(b, leaves);
     }
 }

@@ -6,7 +6,7 @@
 
 use nalgebra::Vector3;
 
-use super::build::{Builder, Made};
+use super::build::{Builder, SceneParts};
 use super::front::{self, Row, Style};
 use super::light::Lights;
 use super::palette;
@@ -37,11 +37,11 @@ struct Palette {
     water: u16,
     flowers: u16,
     greens: Greens,
-    street: street::Looks,
-    fronts: front::Looks,
+    street: street::StreetMaterials,
+    fronts: front::FrontMaterials,
 }
 
-pub(super) fn build(b: &mut Builder) -> Made {
+pub(super) fn build(b: &mut Builder) -> SceneParts {
     let light = palette::SLABS.dyed([0.4, 0.37, 0.33], [0.16, 0.15, 0.13]);
     let p = Palette {
         slabs: [palette::SLABS, light].map(|look| look.of(Class::Pavement, b)),
@@ -56,8 +56,8 @@ pub(super) fn build(b: &mut Builder) -> Made {
             .dyed([0.11, 0.18, 0.06], [0.42, 0.16, 0.2])
             .of(Class::Obstacle, b),
         greens: Greens::new(b),
-        street: street::Looks::new(b),
-        fronts: front::Looks::new(b),
+        street: street::StreetMaterials::new(b),
+        fronts: front::FrontMaterials::new(b),
     };
     ground(b, &p);
     houses(b, &p);
@@ -66,7 +66,7 @@ pub(super) fn build(b: &mut Builder) -> Made {
     furniture::seats_and_planters(b, &p);
     furniture::trees(b, &p);
     crowd(b);
-    Made {
+    SceneParts {
         lights: Lights {
             sun: Vector3::new(-0.35, 0.45, 0.8),
             low_sun: Vector3::new(-0.9, -0.25, 0.42),

@@ -5,7 +5,7 @@
 
 use nalgebra::Vector3;
 
-use super::build::{Builder, Made};
+use super::build::{Builder, SceneParts};
 use super::interior::{DoorStuff, Opening, Slab, Wall, ceiling_lamp};
 use super::light::{Lamp, Lights};
 use super::mesh::Stuff;
@@ -35,7 +35,7 @@ struct Palette {
     grass: u16,
 }
 
-pub(super) fn build(b: &mut Builder) -> Made {
+pub(super) fn build(b: &mut Builder) -> SceneParts {
     let palette = palette(b);
     let lamps = shell(b, &palette);
     middle(b, &palette);
@@ -61,7 +61,7 @@ pub(super) fn build(b: &mut Builder) -> Made {
     ];
     let cuts = parts(&points, &[[6.0, 1.3], [8.7, 3.5], [4.6, 5.7]]);
     let walk = |part: usize, speed: f64| Leg::walk(cuts[part], speed);
-    Made {
+    SceneParts {
         lights: Lights {
             sun: Vector3::new(0.6, -0.3, 0.7),
             // Through the garden door.
@@ -88,7 +88,7 @@ fn palette(b: &mut Builder) -> Palette {
     use super::palette::{
         CEILING, CLOTH, GRASS, LAMP, PARQUET, RUG, STEEL, VARNISH, WALLPAPER, WHITE, WOOD,
     };
-    let book = |colour: [f32; 3]| VARNISH.dyed(colour, colour.map(|c| 0.6 * c + 0.1));
+    let book = |color: [f32; 3]| VARNISH.dyed(color, color.map(|c| 0.6 * c + 0.1));
     Palette {
         parquet: PARQUET.of(Class::Pavement, b),
         rug: RUG.of(Class::Pavement, b),
@@ -395,8 +395,8 @@ fn along_the_walls(b: &mut Builder, p: &Palette) {
         while at < right - 0.2 {
             let (thick, high) = (b.draw(0.018, 0.05), b.draw(0.19, 0.3));
             let deep = b.draw(0.15, 0.22);
-            let colour = b.draw(0.0, 4.0) as usize;
-            let book = b.of_thing(p.books[colour]);
+            let color = b.draw(0.0, 4.0) as usize;
+            let book = b.of_thing(p.books[color]);
             let foot = up + 0.025;
             south.block(
                 b,

@@ -8,26 +8,26 @@ use std::collections::{HashMap, HashSet};
 use nalgebra::Vector3;
 
 use super::bvh::Bvh;
-use super::light::{Light, Lit, OFF_M};
+use super::light::{Light, Lit, RAY_OFFSET_M};
 use super::mesh::{Corner, Mesh, Triangle};
 use super::route::Route;
 use super::surface::{Class, Material};
 use crate::walker::path::Path;
 
 /// Edges are not cut to less than this near the way, m; farther away in proportion to the distance.
-const FINEST_M: f64 = 0.06;
-const NEAR_M: f64 = 1.6;
+const MIN_EDGE_M: f64 = 0.06;
+const FULL_DETAIL_M: f64 = 1.6;
 /// Beyond this nothing is cut, m.
-const FAR_M: f64 = 10.0;
+const MAX_DISTANCE_M: f64 = 10.0;
 /// An edge is looked at in places so far apart, m.
-const LOOK_M: f64 = 0.07;
-const MOST_LOOKS: usize = 8;
+const SAMPLE_SPACING_M: f64 = 0.07;
+const MAX_SAMPLES: usize = 8;
 /// Part of the light by which it may differ from linear.
 const TOLERANCE: f32 = 0.12;
 /// How often an edge is halved at the most.
-const ROUNDS: usize = 5;
+const MAX_ROUNDS: usize = 5;
 /// No more triangles than this.
-const MOST: usize = 150_000;
+const MAX_TRIANGLES: usize = 150_000;
 
 /// A triangle on its way through the rounds.
 #[derive(Clone, Copy)]
@@ -84,11 +84,11 @@ pub(super) fn baked(
         })
         .collect();
     let sunlight = |p: &Vector3<f64>, normal: &Vector3<f64>, flat: &Vector3<f64>| {
-        let start = p + flat * OFF_M;
+        let start = p + flat * RAY_OFFSET_M;
         light.sunlight(normal, |d, reach| solid.is_hidden(&start, d, reach)) as f32
     };
     // Without a sun there is nothing to cut.
-    let rounds = if light.sun.is_some() { ROUNDS } else { 0 };
+    let rounds = if light.sun.is_some() { MAX_ROUNDS } else { 0 };
     for _ in 0..rounds {
         let mut wanted: Vec<(u64, Edge)> = Vec::new();
         // Two triangles share an edge: one look is enough.
@@ -96,10 +96,10 @@ pub(super) fn baked(
         for piece in pieces.iter_mut().filter(|p| p.is_open) {
             let corners = &piece.triangle.corners;
             let distance = away(&corners[0].position);
-            let finest = FINEST_M * (distance / NEAR_M).max(1.0);
+            let finest = MIN_EDGE_M * (distance / FULL_DETAIL_M).max(1.0);
             // What has no edge to be cut now has none later.
             piece.is_open = false;
-            if distance > FAR_M {
+            if distance > MAX_DISTANCE_M {
                 continue;
             }
             let flat = piece.triangle.normal();
@@ -111,14 +111,14 @@ pub(super) fn baked(
                     continue;
                 }
                 let name = edge(a, b);
-                if let Some(&differs) = judged.get(&name) {
-                    piece.is_open |= differs;
+                if let Some(&ground_truth) = judged.get(&name) {
+                    piece.is_open |= ground_truth;
                     continue;
                 }
                 let (la, lb) = (&piece.lit[i], &piece.lit[j]);
-                let looks = ((length / LOOK_M) as usize).clamp(1, MOST_LOOKS);
-                let differs = (1..=looks).any(|n| {
-                    let t = n as f64 / (looks + 1) as f64;
+                let samples = ((length / SAMPLE_SPACING_M) as usize).clamp(1, MAX_SAMPLES);
+                let ground_truth = (1..=samples).any(|n| {
+                    let t = n as f64 / (samples + 1) as f64;
                     let p = a.position + (b.position - a.position) * t;
                     let normal = (la.normal * (1.0 - t) + lb.normal * t).normalize();
                     let found = sunlight(&p, &normal, &flat);
@@ -126,16 +126,16 @@ pub(super) fn baked(
                     let level = found.max(expected) + la.soft;
                     (found - expected).abs() > TOLERANCE * level
                 });
-                judged.insert(name, differs);
-                piece.is_open |= differs;
-                if differs {
+                judged.insert(name, ground_truth);
+                piece.is_open |= ground_truth;
+                if ground_truth {
                     wanted.push((distance.to_bits(), name));
                 }
             }
         }
         // The nearest ones, if there are too many: each makes two triangles more at the most.
         wanted.sort_unstable();
-        wanted.truncate(MOST.saturating_sub(pieces.len()) / 2);
+        wanted.truncate(MAX_TRIANGLES.saturating_sub(pieces.len()) / 2);
         if wanted.is_empty() {
             break;
         }

@@ -1,6 +1,6 @@
 //! What is seen where nothing is in the way: sky, clouds, the sun.
 
-use super::Time;
+use super::Lighting;
 use super::light::Light;
 use crate::camera::raster::View;
 use crate::camera::shade::luminance;
@@ -34,14 +34,14 @@ pub struct Sky {
 }
 
 /// The same colour with this luminance.
-fn bright(colour: [f32; 3], luminance_is: f32) -> [f32; 3] {
-    let factor = luminance_is / luminance(colour);
-    colour.map(|c| c * factor)
+fn bright(color: [f32; 3], luminance_is: f32) -> [f32; 3] {
+    let factor = luminance_is / luminance(color);
+    color.map(|c| c * factor)
 }
 
 impl Sky {
     /// At a time, with clouds of a texture.
-    pub(super) fn new(time: Time, light: &Light, texture: u16) -> Self {
+    pub(super) fn new(lighting: Lighting, light: &Light, texture: u16) -> Self {
         const BLUE: [f32; 3] = [0.55, 0.86, 1.5];
         const HAZE: [f32; 3] = [0.92, 1.0, 1.12];
         const PEACH: [f32; 3] = [1.5, 0.95, 0.55];
@@ -50,18 +50,18 @@ impl Sky {
         const TOWN: [f32; 3] = [1.25, 0.95, 0.7];
         // A sky that gives an irradiance of 1, were it even, is as bright as a white surface. The light
         // that surfaces get at night comes from lamps by way of other surfaces rather than from there.
-        let (colours, share, rise, clouds, glow) = match time {
-            Time::Day => ([BLUE, HAZE, HAZE], 0.7, 1.2, 0.7, 3.0),
-            Time::LowSun => ([BLUE, PEACH, PEACH], 0.6, 1.6, 0.7, 12.0),
-            Time::Night => ([TOWN, TOWN, TOWN], 0.04, 2.0, 0.6, 0.0),
-            Time::Flicker => ([DUSK, HAZE, HAZE], 0.3, 1.0, 0.6, 0.0),
+        let (colors, share, rise, clouds, glow) = match lighting {
+            Lighting::Day => ([BLUE, HAZE, HAZE], 0.7, 1.2, 0.7, 3.0),
+            Lighting::LowSun => ([BLUE, PEACH, PEACH], 0.6, 1.6, 0.7, 12.0),
+            Lighting::Night => ([TOWN, TOWN, TOWN], 0.04, 2.0, 0.6, 0.0),
+            Lighting::Flicker => ([DUSK, HAZE, HAZE], 0.3, 1.0, 0.6, 0.0),
         };
         let overhead = (share * light.sky) as f32;
         let sun = light.sun.map(|(direction, strength)| {
             let radiance = (strength * std::f64::consts::PI / SUN_SR) as f32;
             (direction.map(|v| v as f32).into(), radiance / overhead)
         });
-        let [zenith, horizon, warm] = colours.map(|c| bright(c, overhead));
+        let [zenith, horizon, warm] = colors.map(|c| bright(c, overhead));
         Self {
             zenith,
             horizon,
@@ -111,8 +111,8 @@ impl Sky {
             }
         }
         let blue = (1.0 - white - warm).max(0.0);
-        let colour = [0, 1, 2]
+        let color = [0, 1, 2]
             .map(|k| blue * self.zenith[k] + white * self.horizon[k] + warm * self.warm[k]);
-        (light.max(0.05), colour)
+        (light.max(0.05), color)
     }
 }

@@ -6,7 +6,7 @@
 
 use nalgebra::Vector3;
 
-use super::build::{Builder, Made};
+use super::build::{Builder, SceneParts};
 use super::front::{self, Row, Window};
 use super::light::{Lamp, Lights};
 use super::mesh::Stuff;
@@ -41,8 +41,8 @@ struct Palette {
     wood: u16,
     grass: u16,
     greens: Greens,
-    street: street::Looks,
-    fronts: front::Looks,
+    street: street::StreetMaterials,
+    fronts: front::FrontMaterials,
 }
 
 /// A flight that rises from the middle of its foot in a direction.
@@ -53,7 +53,7 @@ struct Flight {
     open: f64,
 }
 
-pub(super) fn build(b: &mut Builder) -> Made {
+pub(super) fn build(b: &mut Builder) -> SceneParts {
     use super::palette::{BRICK, CONCRETE, GRANITE, GRASS, PLASTER, SLABS, STEEL, WOOD};
     let palette = Palette {
         slabs: SLABS.of(Class::Pavement, b),
@@ -71,8 +71,8 @@ pub(super) fn build(b: &mut Builder) -> Made {
         wood: WOOD.of(Class::Obstacle, b),
         grass: GRASS.of(Class::Grass, b),
         greens: Greens::new(b),
-        street: street::Looks::new(b),
-        fronts: front::Looks::new(b),
+        street: street::StreetMaterials::new(b),
+        fronts: front::FrontMaterials::new(b),
     };
     let flights = [
         Flight {
@@ -129,7 +129,7 @@ pub(super) fn build(b: &mut Builder) -> Made {
         ],
     );
     let walk = |part: usize, speed: f64| Leg::walk(cuts[part], speed);
-    Made {
+    SceneParts {
         lights: Lights {
             sun: Vector3::new(-0.35, 0.55, 0.8),
             low_sun: Vector3::new(-0.95, 0.12, 0.17),

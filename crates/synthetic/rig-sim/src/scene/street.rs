@@ -11,7 +11,7 @@ use super::sweep::{Ring, sweep};
 
 /// What it is made of.
 #[derive(Clone, Debug)]
-pub(super) struct Looks {
+pub(super) struct StreetMaterials {
     pub(super) metal: u16,
     glow: u16,
     pub(super) wood: u16,
@@ -25,7 +25,7 @@ pub(super) struct Looks {
     leaf: [u16; 2],
 }
 
-impl Looks {
+impl StreetMaterials {
     pub(super) fn new(b: &mut Builder) -> Self {
         use palette::{CONCRETE, LAMP, METAL, PANE, STEEL, VARNISH, WHITE, WOOD};
         let dyed = |own: [f32; 3]| VARNISH.dyed(own, own.map(|c| 0.8 * c + 0.02));

@@ -2,7 +2,7 @@ use super::*;
 use crate::walker::path::Path;
 
 /// A place before it is lit.
-fn made(kind: Kind, seed: u64) -> (Builder, Made) {
+fn made(kind: Kind, seed: u64) -> (Builder, SceneParts) {
     let mut builder = Builder::new(seed);
     let made = kind.build(&mut builder);
     (builder, made)

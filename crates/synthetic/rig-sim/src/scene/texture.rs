@@ -31,7 +31,7 @@ fn start(size: i32) -> i32 {
 
 /// Where a look at a texture falls: between four texels.
 #[derive(Clone, Copy, Debug)]
-pub struct Place {
+pub struct TexelQuad {
     /// Numbers of the two upper ones' left and of the two lower ones' left, among all levels'.
     pub top: u32,
     /// See `top`.
@@ -100,7 +100,7 @@ impl Texture {
     /// (0 to 10), between the four texels around.
     #[inline]
     pub fn sample(&self, u: f32, v: f32, level: u32) -> (f32, f32) {
-        let place = Place::new(u, v, level);
+        let place = TexelQuad::new(u, v, level);
         let (top, bottom) = (self.pair(place.top), self.pair(place.bottom));
         let blend = |shift| place.blend(top, bottom, shift);
         (blend(0) * TONE, blend(8) * MIX)
@@ -114,7 +114,7 @@ impl Texture {
     }
 }
 
-impl Place {
+impl TexelQuad {
     /// The place `u`, `v` texels of level `level` (0 to 10) from the corner; textures tile. Without
     /// branches and memory, so that a loop over it becomes vector code.
     #[inline(always)]

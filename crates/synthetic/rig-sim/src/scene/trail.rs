@@ -6,7 +6,7 @@
 use nalgebra::Vector3;
 
 use self::terrain::Terrain;
-use super::build::{Builder, Made};
+use super::build::{Builder, SceneParts};
 use super::light::{Lamp, Lights};
 use super::route::{Leg, Route};
 use super::surface::Class;
@@ -31,12 +31,12 @@ struct Palette {
 }
 
 /// A round place that is taken.
-struct Spot {
+struct Disc {
     at: [f64; 2],
     radius: f64,
 }
 
-pub(super) fn build(b: &mut Builder) -> Made {
+pub(super) fn build(b: &mut Builder) -> SceneParts {
     let p = palette(b);
     let points = loop_points(b);
     let path = Path::closed(&points);
@@ -50,7 +50,7 @@ pub(super) fn build(b: &mut Builder) -> Made {
     stones(b, &p, &terrain, &path, &mut taken);
     logs(b, &p, &terrain, &mut taken);
     plants::undergrowth(b, &p, &terrain, &taken);
-    Made {
+    SceneParts {
         lights: Lights {
             sun: Vector3::new(0.35, -0.3, 0.9),
             low_sun: Vector3::new(0.9, 0.3, 0.32),
@@ -145,7 +145,7 @@ fn lamps(
     p: &Palette,
     terrain: &Terrain,
     path: &Path,
-    taken: &mut Vec<Spot>,
+    taken: &mut Vec<Disc>,
 ) -> Vec<Lamp> {
     let mut lamps = Vec::new();
     for i in 0..6 {
@@ -162,7 +162,7 @@ fn lamps(
             position: head + inwards * 0.2 - Vector3::z() * 0.1,
             strength: 0.05,
         });
-        taken.push(Spot {
+        taken.push(Disc {
             at: [foot.x, foot.y],
             radius: 0.4,
         });
@@ -174,13 +174,13 @@ fn lamps(
 fn free_place(
     b: &mut Builder,
     terrain: &Terrain,
-    taken: &[Spot],
+    taken: &[Disc],
     clear: f64,
     radius: f64,
 ) -> Option<[f64; 2]> {
     (0..40).find_map(|_| {
         let (x, y) = (b.draw(-17.0, 17.0), b.draw(-12.5, 12.5));
-        let free = |s: &Spot| libm::hypot(s.at[0] - x, s.at[1] - y) > s.radius + radius;
+        let free = |s: &Disc| libm::hypot(s.at[0] - x, s.at[1] - y) > s.radius + radius;
         (terrain.off_trail(x, y) > clear && taken.iter().all(free)).then_some([x, y])
     })
 }
@@ -233,7 +233,7 @@ fn root(b: &mut Builder, p: &Palette, terrain: &Terrain, from: [f64; 2], to: [f6
 }
 
 /// Low stones in the trail, and boulders beside it.
-fn stones(b: &mut Builder, p: &Palette, terrain: &Terrain, path: &Path, taken: &mut Vec<Spot>) {
+fn stones(b: &mut Builder, p: &Palette, terrain: &Terrain, path: &Path, taken: &mut Vec<Disc>) {
     let count = (path.length_m() / 0.7) as usize;
     for i in 0..count {
         let ([x, y], [dx, dy]) = path.at(0.7 * (i as f64 + b.draw(0.0, 1.0)));
@@ -253,13 +253,13 @@ fn stones(b: &mut Builder, p: &Palette, terrain: &Terrain, path: &Path, taken: &
         };
         let boulder = b.of_thing(p.boulder);
         let radii = Vector3::new(size, size * b.draw(0.7, 1.0), size * b.draw(0.5, 0.8));
-        let centre = terrain.point(at[0], at[1]) + Vector3::z() * (0.2 * radii.z);
-        b.lump(centre, radii, 8, 0.08, boulder);
-        taken.push(Spot { at, radius: size });
+        let center = terrain.point(at[0], at[1]) + Vector3::z() * (0.2 * radii.z);
+        b.lump(center, radii, 8, 0.08, boulder);
+        taken.push(Disc { at, radius: size });
     }
 }
 
-fn logs(b: &mut Builder, p: &Palette, terrain: &Terrain, taken: &mut Vec<Spot>) {
+fn logs(b: &mut Builder, p: &Palette, terrain: &Terrain, taken: &mut Vec<Disc>) {
     for _ in 0..9 {
         let Some(at) = free_place(b, terrain, taken, 1.4, 0.8) else {
             continue;
@@ -283,7 +283,7 @@ fn logs(b: &mut Builder, p: &Palette, terrain: &Terrain, taken: &mut Vec<Spot>) 
             .collect();
         let log = b.of_thing(p.bark[0]);
         sweep(&mut b.mesh, &rings, Vector3::z(), 10, log);
-        taken.extend(ends.map(|at| Spot { at, radius: 0.6 }));
+        taken.extend(ends.map(|at| Disc { at, radius: 0.6 }));
     }
 }
 

@@ -26,7 +26,7 @@ const ANKLE: [f64; 3] = [-0.07, 0.0, 0.09];
 const SHANK_M: f64 = 0.42;
 const THIGH_M: f64 = 0.43;
 /// A leg is never quite straight.
-const STRETCH: f64 = 0.998;
+const MAX_LEG_EXTENSION: f64 = 0.998;
 /// A rigid part of the wearer.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Part {
@@ -63,7 +63,7 @@ pub struct Wearer {
 }
 
 impl Wearer {
-    pub(super) fn make(b: &mut Builder, tags: &[ShoeTag]) -> Made {
+    pub(super) fn make(b: &mut Builder, tags: &[ShoeTag]) -> UnlitWearer {
         let cloth = b.texture(&Recipe {
             radius: [1.0, 50.0],
             contrast: 0.2,
@@ -91,7 +91,7 @@ impl Wearer {
             meshes.push((Part::Shank(side), limb(SHANK_M, [0.048, 0.06], trousers)));
             meshes.push((Part::Thigh(side), limb(THIGH_M, [0.06, 0.085], trousers)));
         }
-        Made {
+        UnlitWearer {
             meshes,
             tags: tags.to_vec(),
         }
@@ -127,12 +127,12 @@ impl Wearer {
 }
 
 /// The wearer before the light is known.
-pub(super) struct Made {
+pub(super) struct UnlitWearer {
     meshes: Vec<(Part, Mesh)>,
     tags: Vec<ShoeTag>,
 }
 
-impl Made {
+impl UnlitWearer {
     /// Under a light. What moves is lit as if nothing stood in the way.
     pub(super) fn lit(self, light: &Light) -> Wearer {
         let lit = |mesh: &Mesh| -> Body {
@@ -163,8 +163,8 @@ fn shoe(leather: Stuff, sole: Stuff) -> Mesh {
     let middle = 0.5 * (TOE_X + HEEL_X);
     let mut block = |x: f64, z: f64, size: [f64; 3], stuff: Stuff| {
         let [l, w, h] = size;
-        let centre = Vector3::new(x, 0.0, z + 0.5 * h);
-        mesh.cuboid(centre, Vector3::new(l, w, h), turn, 0.1, stuff);
+        let center = Vector3::new(x, 0.0, z + 0.5 * h);
+        mesh.cuboid(center, Vector3::new(l, w, h), turn, 0.1, stuff);
     };
     block(middle, 0.0, [length, 0.095, 0.025], sole);
     block(middle, 0.025, [length - 0.01, 0.088, 0.035], leather);
@@ -197,7 +197,7 @@ fn limb(length: f64, radii: [f64; 2], stuff: Stuff) -> Mesh {
 /// The hip, nearer to the ankle where the leg is too short: in a long step the pelvis turns and drops.
 fn within_reach(hip: &Vector3<f64>, ankle: &Vector3<f64>) -> Vector3<f64> {
     let leg = hip - ankle;
-    let most = (SHANK_M + THIGH_M) * STRETCH;
+    let most = (SHANK_M + THIGH_M) * MAX_LEG_EXTENSION;
     ankle + leg * (most / leg.norm()).min(1.0)
 }
 

@@ -6,7 +6,7 @@ use crate::scene::surface::Class;
 fn settings() -> Settings {
     Settings {
         kind: Kind::Pavement,
-        time: Time::Day,
+        lighting: Lighting::Day,
         seed: 3,
         seconds: 8.0,
         rate_hz: 10.0,
@@ -80,14 +80,14 @@ fn a_camera_gives_the_same_frames_again() {
         ..settings()
     };
     let simulation = Arc::new(Simulation::new(&short, &example()).unwrap());
-    let frames: Vec<StereoFrame> = simulation.pictures(0).collect();
+    let frames: Vec<StereoFrame> = simulation.frames(0).collect();
     assert_eq!(frames.len(), 5);
-    assert_eq!(frames, simulation.pictures(0).collect::<Vec<_>>());
+    assert_eq!(frames, simulation.frames(0).collect::<Vec<_>>());
     let numbers: Vec<u64> = frames.iter().map(|f| f.number).collect();
     assert_eq!(numbers, [0, 1, 2, 3, 4]);
     // The eyes look from two places and have noise of their own.
-    assert_ne!(frames[0].grey(0), frames[0].grey(1));
-    assert_eq!(frames[0].grey(0).len(), 32 * 18);
+    assert_ne!(frames[0].gray(0), frames[0].gray(1));
+    assert_eq!(frames[0].gray(0).len(), 32 * 18);
 }
 
 /// The rasteriser against its slow twin: the depth of a pixel is that of its own ray, away from edges,
@@ -97,10 +97,10 @@ fn true_depth_is_that_of_ray_casting() {
     let simulation = Arc::new(Simulation::new(&settings(), &example()).unwrap());
     let (width, height) = (160, 90);
     for (camera, sim_camera) in simulation.cameras().iter().enumerate() {
-        let mut truths = simulation.truths(camera);
+        let mut ground_truth = simulation.ground_truth(camera);
         let (mut compared, mut looked) = (0, 0);
         for (eye, time_ns) in [(0, 2_000_000_000), (1, 4_700_000_000), (0, 7_300_000_000)] {
-            let truth = truths.see(eye, time_ns);
+            let truth = ground_truth.render(eye, time_ns);
             let lens = Lens::new(&sim_camera.models[eye]);
             for k in 0..300 {
                 let pick = |stream, size| (random::bits(9, stream, k) % size) as usize;
@@ -154,7 +154,7 @@ fn true_depth_is_that_of_ray_casting() {
 
 /// Pixel at which an eye sees a moving point in the picture taken at `time_s`: the row's instant is
 /// found by trying one row after the other.
-fn slow_spot(
+fn slow_point(
     simulation: &Simulation,
     camera: &SimCamera,
     eye: usize,
@@ -192,12 +192,15 @@ fn true_flow_is_where_the_point_of_a_ray_goes() {
     let simulation = Simulation::new(&settings(), &example()).unwrap();
     let (width, height) = (160, 90);
     for (camera, sim_camera) in simulation.cameras().iter().enumerate() {
-        let mut truths = simulation.truths(camera);
+        let mut ground_truth = simulation.ground_truth(camera);
         let (mut compared, mut shown, mut longest) = (0, 0, 0.0_f64);
         for (eye, time_ns) in [(0, 3_000_000_000), (1, 5_300_000_000)] {
             let next_ns = time_ns + 66_000_000;
-            let (from, to) = (truths.see(eye, time_ns), truths.see(eye, next_ns));
-            let flow = truths.flow(eye, &from, &to);
+            let (from, to) = (
+                ground_truth.render(eye, time_ns),
+                ground_truth.render(eye, next_ns),
+            );
+            let flow = ground_truth.flow(eye, &from, &to);
             let lens = Lens::new(&sim_camera.models[eye]);
             for k in 0..500 {
                 let pick = |stream, size| (random::bits(11, stream, k) % size) as usize;
@@ -220,12 +223,13 @@ fn true_flow_is_where_the_point_of_a_ray_goes() {
                     continue;
                 }
                 let point = origin + direction * hit.distance;
-                let [du, dv] = flow.moved[pixel].map(f64::from);
+                let [du, dv] = flow.flow_px[pixel].map(f64::from);
                 if du.is_nan() {
                     continue;
                 }
-                let spot = slow_spot(&simulation, sim_camera, eye, seconds(next_ns), &|_| point);
-                let (eu, ev) = (spot[0] - u as f64, spot[1] - v as f64);
+                let expected =
+                    slow_point(&simulation, sim_camera, eye, seconds(next_ns), &|_| point);
+                let (eu, ev) = (expected[0] - u as f64, expected[1] - v as f64);
                 assert!(
                     (du - eu).abs().max((dv - ev).abs()) < 0.005,
                     "{} {u} {v}: {du} {dv}, by its ray {eu} {ev}",
@@ -278,12 +282,12 @@ fn the_corners_of_tags_are_where_the_feet_take_them() {
         .position(|camera| camera.name == "feet")
         .unwrap();
     let sim_camera = &simulation.cameras()[camera];
-    let mut truths = simulation.truths(camera);
+    let mut ground_truth = simulation.ground_truth(camera);
     let (mut compared, mut visible) = (0, 0);
     for k in 0..40 {
         let (eye, time_ns) = (k % 2, 2_000_000_000 + 130_000_000 * k as i64);
-        let truth = truths.see(eye, time_ns);
-        for seen in truths.tags(eye, &truth) {
+        let truth = ground_truth.render(eye, time_ns);
+        for seen in ground_truth.tags(eye, &truth) {
             let tag = &simulation.scene().wearer.tags[seen.id];
             for (found, corner) in seen
                 .corners
@@ -294,7 +298,7 @@ fn the_corners_of_tags_are_where_the_feet_take_them() {
                     let foot = simulation.walker.foot(tag.side, t);
                     foot.position + foot.rotation * (tag.position + tag.rotation * corner)
                 };
-                let expected = slow_spot(&simulation, sim_camera, eye, seconds(time_ns), &point);
+                let expected = slow_point(&simulation, sim_camera, eye, seconds(time_ns), &point);
                 let off = (found[0] - expected[0]).hypot(found[1] - expected[1]);
                 // Outside, the instant goes on as it is between the last rows.
                 let inside = (0.0..=159.0).contains(&found[0]) && (0.0..=89.0).contains(&found[1]);
@@ -321,7 +325,7 @@ fn the_corners_of_tags_are_where_the_feet_take_them() {
 fn the_wearer_sees_his_shoes_and_the_shoulders_do_not() {
     let simulation = Arc::new(Simulation::new(&settings(), &example()).unwrap());
     for (camera, sim_camera) in simulation.cameras().iter().enumerate() {
-        let truth = simulation.truths(camera).see(0, 4_000_000_000);
+        let truth = simulation.ground_truth(camera).render(0, 4_000_000_000);
         let own = truth.class.iter().filter(|&&class| class == Class::Person);
         let share = own.count() as f64 / truth.class.len() as f64;
         match sim_camera.name == "feet" {
@@ -346,8 +350,8 @@ fn lenses_of_a_calibration_take_the_place_of_nominal_ones() {
     let changed = make().with_lenses(&name, &stereo).unwrap();
     assert_eq!(changed.cameras()[0].models[0].fx, stereo.left.fx);
     assert_eq!(changed.calibration(0).left, stereo.left);
-    let first = |simulation: Simulation| Arc::new(simulation).pictures(0).next().unwrap();
-    assert_ne!(first(changed).grey(0), first(make()).grey(0));
+    let first = |simulation: Simulation| Arc::new(simulation).frames(0).next().unwrap();
+    assert_ne!(first(changed).gray(0), first(make()).gray(0));
     let error = make().with_lenses("hat", &stereo).unwrap_err().to_string();
     assert!(error.contains("found \"hat\", expected one of"), "{error}");
     stereo.right.width = 100;

@@ -84,17 +84,17 @@ pub struct Board {
 }
 
 impl Board {
-    /// A board; `bend_m` is how far its middle is behind the line between its edges, `larger` how much larger
+    /// A board; `bow_m` is how far its middle is behind the line between its edges, `scale_error` how much larger
     /// it is than the sheet says.
     pub fn new(
         sheet: Sheet,
         pose: (Vector3<f64>, UnitQuaternion<f64>),
-        bend_m: f64,
-        larger: f64,
+        bow_m: f64,
+        scale_error: f64,
     ) -> Self {
-        let scale = 1.0 + larger;
+        let scale = 1.0 + scale_error;
         Self {
-            radius_m: radius(bend_m, sheet.size[0] * scale),
+            radius_m: radius(bow_m, sheet.size[0] * scale),
             sheet,
             pose,
             scale,
@@ -240,12 +240,12 @@ impl Board {
 }
 
 /// Radius of the cylinder on which an arc of this length has this sagitta, m.
-fn radius(bend_m: f64, length: f64) -> f64 {
-    if bend_m == 0.0 {
+fn radius(bow_m: f64, length: f64) -> f64 {
+    if bow_m == 0.0 {
         return f64::INFINITY;
     }
     // Half the arc's angle: (1 - cos a) / a grows with it, up to a half circle and beyond.
-    let goal = bend_m.abs() / (0.5 * length);
+    let goal = bow_m.abs() / (0.5 * length);
     let (mut low, mut high) = (0.0, 0.5 * std::f64::consts::PI);
     for _ in 0..60 {
         let middle = 0.5 * (low + high);
@@ -255,5 +255,5 @@ fn radius(bend_m: f64, length: f64) -> f64 {
         }
     }
     let angle = 0.5 * (low + high);
-    bend_m.signum() * 0.5 * length / angle
+    bow_m.signum() * 0.5 * length / angle
 }

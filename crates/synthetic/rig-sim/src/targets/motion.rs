@@ -28,9 +28,9 @@ const FADE_S: f64 = 0.8;
 /// Trembling: m and rad, each the sum of three waves.
 const TREMOR: (f64, f64) = (2e-4, 2e-4);
 /// A board's middle is not taken nearer to the picture's edge than this share of its size.
-const MARGIN: f64 = 0.06;
+const MIN_EDGE_MARGIN: f64 = 0.06;
 /// The plate is never turned farther from where it starts, rad.
-const FARTHEST: f64 = 1.15;
+const MAX_ROTATION_RAD: f64 = 1.15;
 /// One view after so many is followed by a swing.
 const VIEWS_PER_SWING: usize = 5;
 
@@ -42,7 +42,7 @@ pub struct Limits {
     /// m/s².
     pub acceleration: f64,
     /// Shortest way, s.
-    pub least_s: f64,
+    pub min_s: f64,
 }
 
 impl Limits {
@@ -52,12 +52,12 @@ impl Limits {
             Motion::Varied | Motion::Parallel => Self {
                 rate: 1.3,
                 acceleration: 3.5,
-                least_s: 0.5,
+                min_s: 0.5,
             },
             Motion::Still => Self {
                 rate: 0.35,
                 acceleration: 0.4,
-                least_s: 1.0,
+                min_s: 1.0,
             },
         }
     }
@@ -69,7 +69,7 @@ type Pose = (Vector3<f64>, UnitQuaternion<f64>);
 #[derive(Clone, Copy, Debug)]
 enum Part {
     Hold(Pose),
-    Way(Pose, Pose),
+    Transfer(Pose, Pose),
     Swing {
         at: Pose,
         /// About this one, along the next one.
@@ -139,7 +139,7 @@ fn course(views: &Views<'_>, plan: &Plan, seconds: f64) -> Course {
             break;
         }
         let there = views.view(n);
-        course.push(Part::Way(here, there), limits.time_s(&here, &there));
+        course.push(Part::Transfer(here, there), limits.time_s(&here, &there));
         course.push(Part::Hold(there), DWELL_S);
         here = there;
         if plan.motion != Motion::Still && n % VIEWS_PER_SWING == VIEWS_PER_SWING - 1 {
@@ -162,7 +162,7 @@ impl Limits {
         let (far, turned) = ((to.0 - from.0).norm(), from.1.angle_to(&to.1));
         let by_rate = 1.875 * turned / self.rate;
         let by_force = (5.774 * far / self.acceleration).sqrt();
-        by_rate.max(by_force).max(self.least_s)
+        by_rate.max(by_force).max(self.min_s)
     }
 }
 
@@ -182,7 +182,7 @@ impl Course {
         let since = time_s - begin;
         match part {
             Part::Hold(pose) => pose,
-            Part::Way((p, q), (to_p, to_q)) => {
+            Part::Transfer((p, q), (to_p, to_q)) => {
                 let s = smooth(since / (end - begin));
                 let turn = so3::log(&(q.inverse() * to_q));
                 (p + (to_p - p) * s, q * so3::exp(turn * s))
@@ -224,7 +224,7 @@ impl Views<'_> {
         let spread = |step: f64, k: u64| {
             let v = random::uniform(self.seed, random::WALK + 0x41, 2 * camera as u64 + k)
                 + step * round as f64;
-            MARGIN + (1.0 - 2.0 * MARGIN) * (v - v.floor())
+            MIN_EDGE_MARGIN + (1.0 - 2.0 * MIN_EDGE_MARGIN) * (v - v.floor())
         };
         let part = [
             spread(0.754_877_666_246_693, 0),
@@ -257,7 +257,7 @@ impl Views<'_> {
             [roll, 0.4 * roll, 0.0]
                 .map(|roll| (position, self.aim(camera, &position, goal, *part, roll)))
         });
-        let near = |pose: &Pose| pose.1.angle() <= FARTHEST;
+        let near = |pose: &Pose| pose.1.angle() <= MAX_ROTATION_RAD;
         aimed
             .into_iter()
             .find(near)

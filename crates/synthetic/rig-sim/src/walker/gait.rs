@@ -40,9 +40,9 @@ const MARGIN_M: f64 = 0.012;
 /// Ground deeper below the sole's highest spot than this does not carry, m.
 const EDGE_M: f64 = 0.06;
 /// Cost of a spot where a foot would not stay, m: more than any unevenness.
-const UNSTEADY: f64 = 1.0;
+const UNSTABLE_COST_M: f64 = 1.0;
 /// Highest step that is taken gladly, m: one stair, not two.
-const STEP_UP_M: f64 = 0.22;
+const MAX_STEP_UP_M: f64 = 0.22;
 /// Below this speed one stands, m/s.
 const STANDING: f64 = 0.15;
 
@@ -167,7 +167,7 @@ fn foothold(
             continue;
         };
         let rise = other.map_or(0.0, |z| (fall.position.z - z).abs());
-        let cost = uneven + 0.05 * off.abs() + (rise - STEP_UP_M).max(0.0);
+        let cost = uneven + 0.05 * off.abs() + (rise - MAX_STEP_UP_M).max(0.0);
         if best.as_ref().is_none_or(|(least, _, _)| cost < *least) {
             best = Some((cost, off, fall));
         }
@@ -231,7 +231,7 @@ fn rest(
         0.15 * (1.0 - share)
     } else {
         carrying = samples;
-        UNSTEADY
+        UNSTABLE_COST_M
     };
     let (middle, slope_x, slope_y) = plane(&carrying);
     // A rigid sole rests on what stands out.

@@ -8,7 +8,7 @@ use std::ops::Range;
 
 use super::{Facing, luminance};
 use crate::scene::surface::Material;
-use crate::scene::texture::{MIX, Place, TONE, Texture, floor};
+use crate::scene::texture::{MIX, TONE, TexelQuad, Texture, floor};
 
 /// How much larger and at which angle the second layer of a texture lies. It hides the tiling.
 const COARSER: f32 = 0.087;
@@ -151,7 +151,7 @@ impl Line {
 
     /// Which texels that is, in mip levels that `shift` (0 to 1) dithers.
     #[inline(always)]
-    pub(super) fn look(&mut self, shift: f32) {
+    pub(super) fn select_texels(&mut self, shift: f32) {
         let count = self.u.len();
         let (u, v) = (&self.u[..count], &self.v[..count]);
         let (footprint, dither) = (&self.footprint[..count], &self.dither[..count]);
@@ -163,9 +163,9 @@ impl Line {
             let level = 0.5 * log2(footprint[i]) + dither - 0.5;
             let level = floor(level.clamp(0.0, 9.0));
             let scale = power_of_half(level);
-            let centre = 0.5 * scale - 0.5;
+            let center = 0.5 * scale - 0.5;
             let (u, v) = (u[i], v[i]);
-            let place = Place::new(u * scale + centre, v * scale + centre, level as u32);
+            let place = TexelQuad::new(u * scale + center, v * scale + center, level as u32);
             fine.put(i, place);
             let coarse = (level - 3).max(0);
             let scale = COARSER * power_of_half(coarse);
@@ -173,7 +173,7 @@ impl Line {
                 u * COARSER_TURN.0 - v * COARSER_TURN.1,
                 u * COARSER_TURN.1 + v * COARSER_TURN.0,
             );
-            broad.put(i, Place::new(cu * scale, cv * scale, coarse as u32));
+            broad.put(i, TexelQuad::new(cu * scale, cv * scale, coarse as u32));
         }
     }
 
@@ -250,7 +250,7 @@ impl Layer {
 
 impl Slices<'_> {
     #[inline(always)]
-    fn put(&mut self, i: usize, place: Place) {
+    fn put(&mut self, i: usize, place: TexelQuad) {
         self.top[i] = place.top;
         self.bottom[i] = place.bottom;
         self.right[i] = place.right;
@@ -259,7 +259,7 @@ impl Slices<'_> {
 
     #[inline(always)]
     fn blend(&self, i: usize, shift: u32) -> f32 {
-        let place = Place {
+        let place = TexelQuad {
             top: 0,
             bottom: 0,
             right: self.right[i],

@@ -39,7 +39,7 @@ fn check(kind: Kind, look: impl Fn(&Shading<'_>, &Lens)) {
     let mut visibility = Visibility::new(&lens);
     visibility.draw(&scene.fixed, 0, &lens, (0.0, 0.0), &views);
     let rays = lens.rays((0.0, 0.0));
-    let bodies = [Seen {
+    let bodies = [VisibleBody {
         first: 0,
         surfaces: &scene.fixed.surfaces,
         views: &views,
@@ -86,9 +86,9 @@ fn slowly(shading: &Shading<'_>, row: usize, column: usize) -> Option<f64> {
         column as f64 * 0.618_033_988_749_895 + random::uniform(shading.noise, 0, row as u64);
     let level = (0.5 * area.log2() + dither.fract() - 0.5).clamp(0.0, 9.0) as u32;
     let texture = &scene.textures[material.texture as usize];
-    let at = |u: f64, v: f64, level: u32, centre: f64| {
+    let at = |u: f64, v: f64, level: u32, center: f64| {
         let scale = 0.5_f64.powi(level as i32);
-        let place = |x: f64| ((x + centre) * scale - centre) as f32;
+        let place = |x: f64| ((x + center) * scale - center) as f32;
         texture.sample(place(u), place(v), level)
     };
     let (tone, mix) = at(u, v, level, 0.5);
@@ -145,6 +145,6 @@ fn any_processor_gives_the_same_light() {
             shading.noise,
         );
         assert_eq!(plain.luminance, best.luminance);
-        assert_eq!(plain.colour, best.colour);
+        assert_eq!(plain.color, best.color);
     });
 }

@@ -115,8 +115,8 @@ fn a_standing_foot_does_not_slide() {
                 let ankle = knee - turn * Vector3::z() * (SHIN * scale);
                 let apart = (ankle - foot.pose(time).0).norm();
                 assert!(apart < 0.01, "{side:?} at {time}: {apart}");
-                let gone = |t: f64| walk.start_m + walk.speed * t;
-                let (now, next) = (gone(time), gone(time + 0.005));
+                let walked_m = |t: f64| walk.start_m + walk.speed * t;
+                let (now, next) = (walked_m(time), walked_m(time + 0.005));
                 if !gait.stands(side, now) || !gait.stands(side, next) {
                     continue;
                 }

@@ -4,7 +4,7 @@ use crate::camera::placed;
 use crate::scene::people::Limb;
 use std::sync::Arc;
 
-use crate::scene::{Kind, Scene, Time, by_day};
+use crate::scene::{Kind, Lighting, Scene, by_day};
 use crate::walker::Walker;
 use crate::walker::path::Path;
 
@@ -82,7 +82,7 @@ fn all_bodies_are_drawn_and_numbered_one_after_the_other() {
 
 #[test]
 fn the_same_seed_gives_the_same_plaza() {
-    let (a, b) = (scene(), Scene::new(Kind::Plaza, Time::Day, 1));
+    let (a, b) = (scene(), Scene::new(Kind::Plaza, Lighting::Day, 1));
     assert_eq!(a.fixed.triangles, b.fixed.triangles);
     for (a, b) in a.moving.iter().zip(&b.moving) {
         assert_eq!(a.body.triangles, b.body.triangles);

@@ -3,7 +3,7 @@
 use nalgebra::Vector3;
 
 use super::terrain::Terrain;
-use super::{Palette, Spot, free_place};
+use super::{Disc, Palette, free_place};
 use crate::scene::build::Builder;
 use crate::scene::mesh::Stuff;
 use crate::scene::plants::{Clump, bush};
@@ -14,7 +14,7 @@ pub(super) fn near_trees(
     b: &mut Builder,
     p: &Palette,
     terrain: &Terrain,
-    taken: &mut Vec<Spot>,
+    taken: &mut Vec<Disc>,
 ) -> Vec<[f64; 2]> {
     let mut trees = Vec::new();
     for i in 0..75 {
@@ -27,7 +27,7 @@ pub(super) fn near_trees(
             continue;
         }
         tree(b, p, terrain, at, radius, true);
-        taken.push(Spot {
+        taken.push(Disc {
             at,
             radius: 0.3 + radius,
         });
@@ -118,7 +118,7 @@ fn branches(
     }
 }
 
-pub(super) fn undergrowth(b: &mut Builder, p: &Palette, terrain: &Terrain, taken: &[Spot]) {
+pub(super) fn undergrowth(b: &mut Builder, p: &Palette, terrain: &Terrain, taken: &[Disc]) {
     for i in 0..45 {
         let size = b.draw(0.2, 0.45);
         let Some(at) = free_place(b, terrain, taken, 0.75 + size, 0.2) else {

@@ -148,9 +148,9 @@ impl Terrain {
             uv: [x, y],
         };
         let mut push = |corners: [Corner; 3]| {
-            let centre = corners.iter().map(|c| c.position).sum::<Vector3<f64>>() / 3.0;
+            let center = corners.iter().map(|c| c.position).sum::<Vector3<f64>>() / 3.0;
             let Stuff { material, instance } =
-                stuff(centre.x, centre.y, self.off_trail(centre.x, centre.y));
+                stuff(center.x, center.y, self.off_trail(center.x, center.y));
             mesh.triangles.push(Triangle {
                 corners,
                 material,
@@ -182,9 +182,9 @@ impl Terrain {
                 outline.extend((0..PARTS).step_by(above).map(|k| at(PARTS - k, PARTS)));
                 let left = steps(i > 0 && is_fine(i - 1, j));
                 outline.extend((0..PARTS).step_by(left).map(|k| at(0, PARTS - k)));
-                let centre = corner(middle(0, i), middle(1, j));
+                let center = corner(middle(0, i), middle(1, j));
                 for k in 0..outline.len() {
-                    push([centre, outline[k], outline[(k + 1) % outline.len()]]);
+                    push([center, outline[k], outline[(k + 1) % outline.len()]]);
                 }
             }
         }

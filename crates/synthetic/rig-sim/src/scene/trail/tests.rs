@@ -1,6 +1,6 @@
 use std::sync::Arc;
 
-use crate::scene::{Kind, Scene, Time, by_day};
+use crate::scene::{Kind, Lighting, Scene, by_day};
 use crate::walker::path::Path;
 use crate::walker::{Side, Walker};
 
@@ -73,7 +73,7 @@ fn soles_rest_on_rough_ground() {
 
 #[test]
 fn the_same_seed_gives_the_same_trail() {
-    let (a, b) = (scene(), Scene::new(Kind::Trail, Time::Day, 1));
+    let (a, b) = (scene(), Scene::new(Kind::Trail, Lighting::Day, 1));
     assert_eq!(a.fixed.triangles, b.fixed.triangles);
     assert_eq!(a.route, b.route);
     let other = by_day(Kind::Trail, 2);

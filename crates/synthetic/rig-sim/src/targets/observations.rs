@@ -17,15 +17,15 @@ use crate::rig::SimCamera;
 use crate::simulation::{Simulation, seconds};
 
 /// What is nearer to the eye than this is behind it, m.
-const NEAR_M: f64 = 0.03;
+const MIN_DEPTH_M: f64 = 0.03;
 /// What is farther outside the picture than this share of its size in the middle of the exposure, no row of a
 /// rolling shutter brings inside.
-const STRAY: f64 = 0.1;
+const MAX_STRAY_RATIO: f64 = 0.1;
 /// Boards seen at a flatter angle than this show nothing: sine.
-const FLATTEST: f64 = 0.05;
+const MIN_INCIDENCE_SINE: f64 = 0.05;
 
 /// Share of a ray's length by which what is hit may be before a point and not hide it.
-const HIDES: f64 = 1e-6;
+const OCCLUSION_TOLERANCE: f64 = 1e-6;
 /// Seeds of noise.
 const NOISE: u64 = random::SENSOR + 0x90;
 
@@ -40,7 +40,7 @@ pub struct Landmark {
 
 /// A corner in a picture.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub struct SeenCorner {
+pub struct CornerObservation {
     /// Position of its board in [`Simulation::boards`].
     pub board: usize,
     /// Its number on the board: [`calib::target::Corner::id`].
@@ -50,14 +50,14 @@ pub struct SeenCorner {
 }
 
 /// Tells where corners are in the pictures of one camera.
-pub struct Sights<'a> {
+pub struct TargetObservations<'a> {
     simulation: &'a Simulation,
     camera: &'a SimCamera,
     faults: CameraFaults,
     lenses: [Lens; 2],
 }
 
-impl<'a> Sights<'a> {
+impl<'a> TargetObservations<'a> {
     pub(crate) fn new(simulation: &'a Simulation, camera: usize) -> Self {
         let camera = &simulation.cameras()[camera];
         Self {
@@ -76,22 +76,22 @@ impl<'a> Sights<'a> {
     }
 
     /// The corners that an eye (0 left, 1 right) sees in frame `number`, by board and number.
-    pub fn frame(&self, eye: usize, number: u64) -> Vec<SeenCorner> {
+    pub fn frame(&self, eye: usize, number: u64) -> Vec<CornerObservation> {
         self.corners(eye, self.simulation.settings().frame_ns(number))
     }
 
     /// The corners in a picture that the camera says it took at a time, ns since the beginning.
-    pub fn corners(&self, eye: usize, time_ns: i64) -> Vec<SeenCorner> {
+    pub fn corners(&self, eye: usize, time_ns: i64) -> Vec<CornerObservation> {
         let boards = self.simulation.boards();
         let middle = self.eye_at(eye, time_ns, self.camera.taken_s(time_ns));
         let mut found = Vec::new();
         for (number, board) in boards.iter().enumerate() {
             for corner in board.sheet().corners() {
                 let point = board.at(corner.at_m, 0.0);
-                if let Some((pixel, from)) = self.seen(eye, time_ns, &middle, &point)
+                if let Some((pixel, from)) = self.observe(eye, time_ns, &middle, &point)
                     && is_shown(boards, number, &point, &from)
                 {
-                    found.push(SeenCorner {
+                    found.push(CornerObservation {
                         board: number,
                         id: corner.id,
                         pixel,
@@ -102,9 +102,9 @@ impl<'a> Sights<'a> {
         found
     }
 
-    /// As [`Sights::frame`], with noise of so many pixels, standard deviation, on both axes; never more than 3.5
+    /// As [`TargetObservations::frame`], with noise of so many pixels, standard deviation, on both axes; never more than 3.5
     /// times as much.
-    pub fn observed(&self, eye: usize, number: u64, sigma_px: f64) -> Vec<SeenCorner> {
+    pub fn observed(&self, eye: usize, number: u64, sigma_px: f64) -> Vec<CornerObservation> {
         let mut corners = self.frame(eye, number);
         let camera = self.simulation.cameras().iter();
         let camera = camera.take_while(|c| c.name != self.camera.name).count();
@@ -123,12 +123,12 @@ impl<'a> Sights<'a> {
     }
 
     /// Up to `count` points of what stands in the scene, spread evenly over an eye's picture: with
-    /// [`Sights::find`] what a perfect matcher would say on a walk. `which` chooses others.
+    /// [`TargetObservations::find`] what a perfect matcher would say on a walk. `which` chooses others.
     pub fn landmarks(&self, eye: usize, time_ns: i64, count: usize, which: u64) -> Vec<Landmark> {
         let model = &self.camera.models[eye];
         let (width, height) = (f64::from(model.width), f64::from(model.height));
         let begin = [0, 1].map(|k| random::uniform(which, NOISE + 1, k));
-        let look = |k: usize| {
+        let cast = |k: usize| {
             // Roberts' R2 sequence, 2018.
             let part = |begin: f64, step: f64| (begin + step * k as f64).fract();
             let u = part(begin[0], 0.754_877_666_246_693) * (width - 1.0);
@@ -147,31 +147,32 @@ impl<'a> Sights<'a> {
                 pixel: [u, v],
             })
         };
-        (0..count).filter_map(look).collect()
+        (0..count).filter_map(cast).collect()
     }
 
     /// Where an eye's picture shows a point of the world, or none where it is outside or something that stands is
     /// before it. The wearer, passers-by and panes hide nothing.
     pub fn find(&self, eye: usize, time_ns: i64, point: &Vector3<f64>) -> Option<[f64; 2]> {
         let middle = self.eye_at(eye, time_ns, self.camera.taken_s(time_ns));
-        let (pixel, from) = self.seen(eye, time_ns, &middle, point)?;
+        let (pixel, from) = self.observe(eye, time_ns, &middle, point)?;
         let ray = point - from;
         let hit = self.simulation.scene().first_hit(&from, &ray);
-        let hidden = hit.is_some_and(|hit| hit.distance < 1.0 - HIDES - 1e-4 / ray.norm());
+        let hidden =
+            hit.is_some_and(|hit| hit.distance < 1.0 - OCCLUSION_TOLERANCE - 1e-4 / ray.norm());
         (!hidden).then_some(pixel)
     }
 
     /// Pose of an eye in the world at a true time, in a picture that is said to be from `time_ns`.
     fn eye_at(&self, eye: usize, time_ns: i64, time_s: f64) -> Pose {
-        let turned = Conditions::of(&self.faults, seconds(time_ns)).turned;
-        let slip = self.camera.slip(&turned);
+        let rotation = Conditions::of(&self.faults, seconds(time_ns)).rotation;
+        let slip = self.camera.slip(&rotation);
         let rig = self.simulation.walker().rig(time_s);
         self.camera.world_from_eye(eye, &rig, slip.as_ref())
     }
 
     /// Where an eye has a point of the world in a picture, and where the eye is then; `middle` is its pose in the
     /// middle of the exposure of the middle row.
-    fn seen(
+    fn observe(
         &self,
         eye: usize,
         time_ns: i64,
@@ -181,14 +182,16 @@ impl<'a> Sights<'a> {
         let model = &self.camera.models[eye];
         let (width, height) = (f64::from(model.width), f64::from(model.height));
         let lens = &self.lenses[eye];
-        let look = |(origin, rotation): &Pose| {
+        let project = |(origin, rotation): &Pose| {
             let at = rotation.inverse() * (point - origin);
             let (x, y) = (at.x / at.z, at.y / at.z);
-            (at.z > NEAR_M && lens.is_known(x, y)).then(|| (lens.project(x, y), *origin))
+            (at.z > MIN_DEPTH_M && lens.is_known(x, y)).then(|| (lens.project(x, y), *origin))
         };
-        let mut seen = look(middle)?;
+        let mut seen = project(middle)?;
         if let Shutter::Rolling { line_s } = self.camera.shutter {
-            let near = |v: f64, size: f64| (-STRAY * size..(1.0 + STRAY) * size).contains(&v);
+            let near = |v: f64, size: f64| {
+                (-MAX_STRAY_RATIO * size..(1.0 + MAX_STRAY_RATIO) * size).contains(&v)
+            };
             if !near(seen.0.0, width) || !near(seen.0.1, height) {
                 return None;
             }
@@ -198,7 +201,7 @@ impl<'a> Sights<'a> {
             for _ in 0..6 {
                 let row = seen.0.1;
                 let time_s = taken_s + line_s * (row - 0.5 * (height - 1.0));
-                seen = look(&self.eye_at(eye, time_ns, time_s))?;
+                seen = project(&self.eye_at(eye, time_ns, time_s))?;
                 if (seen.0.1 - row).abs() < 1e-7 {
                     break;
                 }
@@ -213,7 +216,7 @@ impl<'a> Sights<'a> {
 fn is_shown(boards: &[Board], own: usize, point: &Vector3<f64>, eye: &Vector3<f64>) -> bool {
     let arm = eye - point;
     let normal = boards[own].pose().1 * -Vector3::z();
-    normal.dot(&arm) > FLATTEST * arm.norm()
+    normal.dot(&arm) > MIN_INCIDENCE_SINE * arm.norm()
         && !boards
             .iter()
             .enumerate()

@@ -32,35 +32,35 @@ use serde::Deserialize;
 use crate::so3;
 
 /// Turns and moves beyond these are mistakes in the file, degrees and mm.
-const MOST: (f64, f64) = (45.0, 500.0);
+const MAX_DEG_MM: (f64, f64) = (45.0, 500.0);
 /// So are times beyond this, ms, and changes of a lens beyond this, px.
-const MOST_LATE_MS: f64 = 500.0;
-const MOST_PX: f64 = 500.0;
+const MAX_TIME_OFFSET_MS: f64 = 500.0;
+const MAX_CHANGE_PX: f64 = 500.0;
 
 /// See the module.
 #[derive(Clone, Debug, Default, PartialEq)]
-pub struct Deviation {
+pub struct CalibrationError {
     /// Each camera at most once.
-    pub cameras: Vec<CameraDeviation>,
+    pub cameras: Vec<CameraCalibrationError>,
 }
 
 /// How one camera deviates.
 #[derive(Clone, Debug, Default, PartialEq)]
-pub struct CameraDeviation {
+pub struct CameraCalibrationError {
     /// Which.
     pub camera: String,
     /// Of the whole camera: rotation vector, rad, and m.
-    pub turned: Vector3<f64>,
-    /// See `turned`.
-    pub moved: Vector3<f64>,
+    pub rotation: Vector3<f64>,
+    /// See `rotation`.
+    pub translation: Vector3<f64>,
     /// Of the right eye alone.
-    pub right_turned: Vector3<f64>,
-    /// See `right_turned`.
-    pub right_moved: Vector3<f64>,
+    pub right_rotation: Vector3<f64>,
+    /// See `right_rotation`.
+    pub right_translation: Vector3<f64>,
     /// Of the IMU alone.
-    pub imu_turned: Vector3<f64>,
+    pub imu_rotation: Vector3<f64>,
     /// How much later than it was a picture says it was taken, ns.
-    pub late_ns: i64,
+    pub time_offset_ns: i64,
     /// Added to the focal lengths, px.
     pub focal_px: [f64; 2],
     /// Added to the principal points, px.
@@ -70,7 +70,7 @@ pub struct CameraDeviation {
 /// Why there is no deviation: correct the file.
 #[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
 #[error("reading how the rig deviates: {0}")]
-pub struct DeviationError(pub String);
+pub struct ParseError(pub String);
 
 #[derive(Deserialize)]
 #[serde(deny_unknown_fields)]
@@ -101,13 +101,13 @@ struct Entry {
     centre_px: [f64; 2],
 }
 
-impl Deviation {
+impl CalibrationError {
     /// Reads a file. Cameras must be among `cameras`.
     ///
     /// # Errors
-    /// [`DeviationError`] with everything that is wrong.
-    pub fn parse(text: &str, cameras: &[&str]) -> Result<Self, DeviationError> {
-        let file: File = toml::from_str(text).map_err(|e| DeviationError(e.to_string()))?;
+    /// [`ParseError`] with everything that is wrong.
+    pub fn parse(text: &str, cameras: &[&str]) -> Result<Self, ParseError> {
+        let file: File = toml::from_str(text).map_err(|e| ParseError(e.to_string()))?;
         let mut problems = Vec::new();
         for (i, entry) in file.camera.iter().enumerate() {
             let before = &file.camera[..i];
@@ -118,19 +118,19 @@ impl Deviation {
         }
         match problems.is_empty() {
             true => Ok(Self {
-                cameras: file.camera.iter().map(Entry::deviation).collect(),
+                cameras: file.camera.iter().map(Entry::calibration_error).collect(),
             }),
-            false => Err(DeviationError(problems.join("\n  "))),
+            false => Err(ParseError(problems.join("\n  "))),
         }
     }
 
     /// That of a camera, to be changed.
-    pub fn of_mut(&mut self, camera: &str) -> &mut CameraDeviation {
+    pub fn of_mut(&mut self, camera: &str) -> &mut CameraCalibrationError {
         let known = self.cameras.iter().position(|c| c.camera == camera);
         let at = known.unwrap_or_else(|| {
-            self.cameras.push(CameraDeviation {
+            self.cameras.push(CameraCalibrationError {
                 camera: camera.to_owned(),
-                ..CameraDeviation::default()
+                ..CameraCalibrationError::default()
             });
             self.cameras.len() - 1
         });
@@ -138,7 +138,7 @@ impl Deviation {
     }
 
     /// That of a camera.
-    pub fn of(&self, camera: &str) -> CameraDeviation {
+    pub fn of(&self, camera: &str) -> CameraCalibrationError {
         let own = self.cameras.iter().find(|c| c.camera == camera);
         own.cloned().unwrap_or_default()
     }
@@ -161,110 +161,119 @@ impl Entry {
                 ));
             }
         };
-        check("turned_deg", &self.turned_deg, MOST.0, "degrees");
+        check("turned_deg", &self.turned_deg, MAX_DEG_MM.0, "degrees");
         check(
             "right_turned_deg",
             &self.right_turned_deg,
-            MOST.0,
+            MAX_DEG_MM.0,
             "degrees",
         );
-        check("imu_turned_deg", &self.imu_turned_deg, MOST.0, "degrees");
-        check("moved_mm", &self.moved_mm, MOST.1, "mm");
-        check("right_moved_mm", &self.right_moved_mm, MOST.1, "mm");
-        check("late_ms", &[self.late_ms], MOST_LATE_MS, "ms");
-        check("focal_px", &self.focal_px, MOST_PX, "px");
-        check("centre_px", &self.centre_px, MOST_PX, "px");
+        check(
+            "imu_turned_deg",
+            &self.imu_turned_deg,
+            MAX_DEG_MM.0,
+            "degrees",
+        );
+        check("moved_mm", &self.moved_mm, MAX_DEG_MM.1, "mm");
+        check("right_moved_mm", &self.right_moved_mm, MAX_DEG_MM.1, "mm");
+        check("late_ms", &[self.late_ms], MAX_TIME_OFFSET_MS, "ms");
+        check("focal_px", &self.focal_px, MAX_CHANGE_PX, "px");
+        check("centre_px", &self.centre_px, MAX_CHANGE_PX, "px");
         problems
     }
 
-    fn deviation(&self) -> CameraDeviation {
+    fn calibration_error(&self) -> CameraCalibrationError {
         let rad = |deg: [f64; 3]| Vector3::from(deg) * (std::f64::consts::PI / 180.0);
-        CameraDeviation {
+        CameraCalibrationError {
             camera: self.name.clone(),
-            turned: rad(self.turned_deg),
-            moved: Vector3::from(self.moved_mm) * 1e-3,
-            right_turned: rad(self.right_turned_deg),
-            right_moved: Vector3::from(self.right_moved_mm) * 1e-3,
-            imu_turned: rad(self.imu_turned_deg),
-            late_ns: (self.late_ms * 1e6).round() as i64,
+            rotation: rad(self.turned_deg),
+            translation: Vector3::from(self.moved_mm) * 1e-3,
+            right_rotation: rad(self.right_turned_deg),
+            right_translation: Vector3::from(self.right_moved_mm) * 1e-3,
+            imu_rotation: rad(self.imu_turned_deg),
+            time_offset_ns: (self.late_ms * 1e6).round() as i64,
             focal_px: self.focal_px,
             centre_px: self.centre_px,
         }
     }
 }
 
-impl CameraDeviation {
+impl CameraCalibrationError {
     /// Whether anything sits elsewhere than told.
-    pub fn is_placed_as_told(&self) -> bool {
+    pub fn has_nominal_extrinsics(&self) -> bool {
         let none = Vector3::zeros();
         [
-            self.turned,
-            self.moved,
-            self.right_turned,
-            self.right_moved,
-            self.imu_turned,
+            self.rotation,
+            self.translation,
+            self.right_rotation,
+            self.right_translation,
+            self.imu_rotation,
         ]
         .iter()
         .all(|v| *v == none)
     }
 
     /// Where an eye or the IMU really is, told where it and the left eye are.
-    pub fn placed(
+    pub fn true_pose(
         &self,
         part: FramePart,
         rig_from_left: &RigidTransform,
         rig_from_part: &RigidTransform,
     ) -> RigidTransform {
-        if self.is_placed_as_told() {
+        if self.has_nominal_extrinsics() {
             return *rig_from_part;
         }
         let left_from_part = rig_from_left.inverse() * *rig_from_part;
         let own = match part {
             FramePart::Left => RigidTransform::identity(),
-            FramePart::Right => transform(&self.right_turned, &self.right_moved),
-            FramePart::Imu => transform(&self.imu_turned, &Vector3::zeros()),
+            FramePart::Right => transform(&self.right_rotation, &self.right_translation),
+            FramePart::Imu => transform(&self.imu_rotation, &Vector3::zeros()),
         };
-        *rig_from_left * transform(&self.turned, &self.moved) * left_from_part * own
+        *rig_from_left * transform(&self.rotation, &self.translation) * left_from_part * own
     }
 
     /// What a lens really is.
-    pub fn lens(&self, told: &CameraModel) -> CameraModel {
+    pub fn true_lens(&self, nominal: &CameraModel) -> CameraModel {
         CameraModel {
-            fx: told.fx + self.focal_px[0],
-            fy: told.fy + self.focal_px[1],
-            cx: told.cx + self.centre_px[0],
-            cy: told.cy + self.centre_px[1],
-            ..*told
+            fx: nominal.fx + self.focal_px[0],
+            fy: nominal.fy + self.focal_px[1],
+            cx: nominal.cx + self.centre_px[0],
+            cy: nominal.cy + self.centre_px[1],
+            ..*nominal
         }
     }
 }
 
-fn transform(turned: &Vector3<f64>, moved: &Vector3<f64>) -> RigidTransform {
-    let q = so3::exp(*turned);
-    RigidTransform::from_wxyz([q.w, q.i, q.j, q.k], [moved.x, moved.y, moved.z])
-        .expect("a rotation and a bounded move are a rigid transform")
+fn transform(rotation: &Vector3<f64>, translation: &Vector3<f64>) -> RigidTransform {
+    let q = so3::exp(*rotation);
+    RigidTransform::from_wxyz(
+        [q.w, q.i, q.j, q.k],
+        [translation.x, translation.y, translation.z],
+    )
+    .expect("a rotation and a bounded move are a rigid transform")
 }
 
 /// Where a frame really is on the rig, by its name, by where the told rig has it, and where that has its camera's
 /// left eye; none where it is as told.
-type Place<'a> = dyn Fn(&Frame, &RigidTransform, &RigidTransform) -> Option<RigidTransform> + 'a;
+type TruePose<'a> = dyn Fn(&Frame, &RigidTransform, &RigidTransform) -> Option<RigidTransform> + 'a;
 
 /// The text of a rig file of the rig as it really is: every frame hangs on `rig`.
-pub(crate) fn true_rig_text(told: &Rig, place: &Place<'_>) -> String {
+pub(crate) fn true_rig_toml(nominal: &Rig, true_pose: &TruePose<'_>) -> String {
     let mut text = format!(
         "# The rig as it was simulated: not what the recording was told.\n\
          format = 1\nname = {:?}\nrevision = {:?}\n\n\
          [provenance]\nkind = \"measured\"\nnote = \"truth of a simulation\"\n",
-        told.name(),
-        format!("{} in truth", told.revision()),
+        nominal.name(),
+        format!("{} in truth", nominal.revision()),
     );
     let rig = Frame::rig();
-    for frame in told.frames().filter(|frame| *frame != rig) {
-        let as_told = |frame: &Frame| told.transform(&rig, frame).expect("a frame of the rig");
-        let mut here = as_told(&frame);
+    for frame in nominal.frames().filter(|frame| *frame != rig) {
+        let nominal_pose =
+            |frame: &Frame| nominal.transform(&rig, frame).expect("a frame of the rig");
+        let mut here = nominal_pose(&frame);
         if let Some((camera, _)) = frame.camera() {
             let left = Frame::of_camera(camera, FramePart::Left).expect("a camera's name");
-            here = place(&frame, &here, &as_told(&left)).unwrap_or(here);
+            here = true_pose(&frame, &here, &nominal_pose(&left)).unwrap_or(here);
         }
         // Writing to a string does not fail.
         let _ = write!(
@@ -276,7 +285,7 @@ pub(crate) fn true_rig_text(told: &Rig, place: &Place<'_>) -> String {
             here.translation_m(),
         );
     }
-    for tag in told.shoe_tags() {
+    for tag in nominal.shoe_tags() {
         let (TagFamily::Tag36h11, foot) = (
             tag.family,
             match tag.foot {

@@ -1,7 +1,7 @@
 //! What is true of the pictures of one stereo camera.
 
 use crate::camera::optics::Conditions;
-use crate::camera::truth::{Flow, Pose, TrueEye, Truth};
+use crate::camera::truth::{Flow, Pose, Truth, TruthCamera};
 use crate::faults::CameraFaults;
 use crate::rig::SimCamera;
 use crate::scene::tag;
@@ -10,22 +10,22 @@ use crate::scene::wearer::{Part, ShoeTag};
 use super::{Limb, Simulation, seconds};
 
 /// Points along a tag's side at which it is looked at.
-const LOOKS: u32 = 9;
+const SAMPLES_PER_SIDE: u32 = 9;
 /// How far those points reach, as a ratio of the tag's size: into its white margin.
-const WITH_MARGIN: f64 = 1.0;
+const SAMPLE_EXTENT: f64 = 1.0;
 
 /// Tells what a camera's eyes really see.
-pub struct Truths<'a> {
+pub struct GroundTruth<'a> {
     simulation: &'a Simulation,
     camera: &'a SimCamera,
     faults: CameraFaults,
     limbs: Vec<Limb<'a>>,
-    eyes: [TrueEye; 2],
+    eyes: [TruthCamera; 2],
 }
 
 /// A tag in a picture.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub struct SeenTag {
+pub struct TagObservation {
     /// Number in the family 36h11.
     pub id: usize,
     /// Whether all of it faces the eye, is inside the picture, and nothing is before it.
@@ -35,7 +35,7 @@ pub struct SeenTag {
     pub corners: [[f64; 2]; 4],
 }
 
-impl<'a> Truths<'a> {
+impl<'a> GroundTruth<'a> {
     pub(super) fn new(simulation: &'a Simulation, camera: usize) -> Self {
         let camera = &simulation.cameras[camera];
         Self {
@@ -43,7 +43,7 @@ impl<'a> Truths<'a> {
             camera,
             faults: CameraFaults::default(),
             limbs: simulation.limbs(),
-            eyes: [0, 1].map(|eye| TrueEye::new(&camera.models[eye], camera.shutter)),
+            eyes: [0, 1].map(|eye| TruthCamera::new(&camera.models[eye], camera.shutter)),
         }
     }
 
@@ -55,16 +55,16 @@ impl<'a> Truths<'a> {
     }
 
     /// What an eye (0 left, 1 right) really sees at a time.
-    pub fn see(&mut self, eye: usize, time_ns: i64) -> Truth {
-        let turned = Conditions::of(&self.faults, seconds(time_ns)).turned;
-        let slip = self.camera.slip(&turned);
+    pub fn render(&mut self, eye: usize, time_ns: i64) -> Truth {
+        let rotation = Conditions::of(&self.faults, seconds(time_ns)).rotation;
+        let slip = self.camera.slip(&rotation);
         let pose = |t: f64| -> Pose {
             let rig = self.simulation.walker.rig(t);
             self.camera.world_from_eye(eye, &rig, slip.as_ref())
         };
         let placed = self.simulation.placed(&self.limbs);
         let taken_s = self.camera.taken_s(time_ns);
-        self.eyes[eye].see(self.simulation.scene(), &placed, &pose, taken_s)
+        self.eyes[eye].render(self.simulation.scene(), &placed, &pose, taken_s)
     }
 
     /// Where what an eye sees in one picture is in another of its pictures.
@@ -75,12 +75,12 @@ impl<'a> Truths<'a> {
 
     /// The tags on the wearer's shoes that are before an eye, wherever the lens is known, with those
     /// outside the picture.
-    pub fn tags(&self, eye: usize, truth: &Truth) -> Vec<SeenTag> {
+    pub fn tags(&self, eye: usize, truth: &Truth) -> Vec<TagObservation> {
         let tags = self.simulation.scene().wearer.tags.iter();
         tags.filter_map(|tag| self.tag(eye, truth, tag)).collect()
     }
 
-    fn tag(&self, eye: usize, truth: &Truth, tag: &ShoeTag) -> Option<SeenTag> {
+    fn tag(&self, eye: usize, truth: &Truth, tag: &ShoeTag) -> Option<TagObservation> {
         let scene = self.simulation.scene();
         let placed = self.simulation.placed(&self.limbs);
         let limb = self
@@ -89,23 +89,28 @@ impl<'a> Truths<'a> {
             .position(|l| l.part == Part::Shoe(tag.side))?;
         // The limbs are the last ones.
         let body = placed.len() - self.limbs.len() + limb;
-        let spot = |x: f64, y: f64| {
+        let project = |x: f64, y: f64| {
             let point = tag.position + tag.rotation * nalgebra::Vector3::new(x, y, 0.0);
-            self.eyes[eye].spot(scene, &placed, truth, body, point)
+            self.eyes[eye].project(scene, &placed, truth, body, point)
         };
         let mut corners = [[0.0; 2]; 4];
         for (to, corner) in corners.iter_mut().zip(tag::corners(tag.size_m)) {
-            let found = spot(corner.x, corner.y)?;
+            let found = project(corner.x, corner.y)?;
             *to = [found.u, found.v];
         }
         let [a, b, c, _] = corners;
         // Rows grow downwards: counter-clockwise for who sees the print has this sign.
         let area = (b[0] - a[0]) * (c[1] - a[1]) - (b[1] - a[1]) * (c[0] - a[0]);
-        let at = |k: u32| (f64::from(k) / f64::from(LOOKS - 1) - 0.5) * tag.size_m * WITH_MARGIN;
-        let shown = |k: u32| spot(at(k % LOOKS), at(k / LOOKS)).is_some_and(|spot| spot.shown);
-        Some(SeenTag {
+        let at = |k: u32| {
+            (f64::from(k) / f64::from(SAMPLES_PER_SIDE - 1) - 0.5) * tag.size_m * SAMPLE_EXTENT
+        };
+        let shown = |k: u32| {
+            project(at(k % SAMPLES_PER_SIDE), at(k / SAMPLES_PER_SIDE))
+                .is_some_and(|point| point.shown)
+        };
+        Some(TagObservation {
             id: tag.id,
-            visible: area < 0.0 && (0..LOOKS * LOOKS).all(shown),
+            visible: area < 0.0 && (0..SAMPLES_PER_SIDE * SAMPLES_PER_SIDE).all(shown),
             corners,
         })
     }

@@ -4,13 +4,13 @@ use crate::faults::{CameraFaults, Kind};
 
 /// Spans of time in which a device is gone, in order, none touching another.
 #[derive(Clone, Debug)]
-pub(super) struct Absences {
+pub(super) struct Disconnects {
     /// Begin and end, ns since the beginning of the walk.
     spans: Vec<(i64, i64)>,
-    told: usize,
+    reported: usize,
 }
 
-impl Absences {
+impl Disconnects {
     pub(super) fn of(faults: &CameraFaults) -> Self {
         let span = |from_s: f64, seconds: f64| {
             let from = (from_s * 1e9) as i64;
@@ -26,7 +26,7 @@ impl Absences {
                 _ => spans.push((from, to)),
             }
         }
-        Self { spans, told: 0 }
+        Self { spans, reported: 0 }
     }
 
     /// Which of the times that the device is there, from 0; none if it is gone.
@@ -53,12 +53,12 @@ impl Absences {
     /// The next time that the device goes, told once, if it goes before something arrives at `before_ns`
     /// or nothing arrives any more.
     pub(super) fn next_before(&mut self, before_ns: Option<i64>) -> Option<i64> {
-        let (from, _) = *self.spans.get(self.told)?;
+        let (from, _) = *self.spans.get(self.reported)?;
         // What arrives in that nanosecond is lost.
         if before_ns.is_some_and(|before| before < from) {
             return None;
         }
-        self.told += 1;
+        self.reported += 1;
         Some(from)
     }
 }
