@@ -8,12 +8,12 @@
 //! ```toml
 //! [[camera]]
 //! name = "left_shoulder"
-//! turned_deg = [0.0, 0.5, 0.0]        # rotation vector: x right, y down, z forward; the whole camera
-//! moved_mm = [0.0, 0.0, 0.0]
-//! right_turned_deg = [0.0, 0.0, 0.0]  # of the right eye alone, on top
-//! right_moved_mm = [0.0, 0.0, 0.0]
-//! imu_turned_deg = [0.0, 0.0, 0.0]    # of the IMU alone, on top, in its own frame
-//! late_ms = 3.0                       # pictures were taken so much earlier than they say
+//! rotation_deg = [0.0, 0.5, 0.0]        # rotation vector: x right, y down, z forward; the whole camera
+//! translation_mm = [0.0, 0.0, 0.0]
+//! right_rotation_deg = [0.0, 0.0, 0.0]  # of the right eye alone, on top
+//! right_translation_mm = [0.0, 0.0, 0.0]
+//! imu_rotation_deg = [0.0, 0.0, 0.0]    # of the IMU alone, on top, in its own frame
+//! time_offset_ms = 3.0                       # pictures were taken so much earlier than they say
 //! focal_px = [0.0, 0.0]               # added to the focal lengths of both lenses, x and y
 //! centre_px = [0.0, 0.0]              # added to their principal points
 //! ```
@@ -84,17 +84,17 @@ struct File {
 struct Entry {
     name: String,
     #[serde(default)]
-    turned_deg: [f64; 3],
+    rotation_deg: [f64; 3],
     #[serde(default)]
-    moved_mm: [f64; 3],
+    translation_mm: [f64; 3],
     #[serde(default)]
-    right_turned_deg: [f64; 3],
+    right_rotation_deg: [f64; 3],
     #[serde(default)]
-    right_moved_mm: [f64; 3],
+    right_translation_mm: [f64; 3],
     #[serde(default)]
-    imu_turned_deg: [f64; 3],
+    imu_rotation_deg: [f64; 3],
     #[serde(default)]
-    late_ms: f64,
+    time_offset_ms: f64,
     #[serde(default)]
     focal_px: [f64; 2],
     #[serde(default)]
@@ -161,22 +161,32 @@ impl Entry {
                 ));
             }
         };
-        check("turned_deg", &self.turned_deg, MAX_DEG_MM.0, "degrees");
+        check("rotation_deg", &self.rotation_deg, MAX_DEG_MM.0, "degrees");
         check(
-            "right_turned_deg",
-            &self.right_turned_deg,
+            "right_rotation_deg",
+            &self.right_rotation_deg,
             MAX_DEG_MM.0,
             "degrees",
         );
         check(
-            "imu_turned_deg",
-            &self.imu_turned_deg,
+            "imu_rotation_deg",
+            &self.imu_rotation_deg,
             MAX_DEG_MM.0,
             "degrees",
         );
-        check("moved_mm", &self.moved_mm, MAX_DEG_MM.1, "mm");
-        check("right_moved_mm", &self.right_moved_mm, MAX_DEG_MM.1, "mm");
-        check("late_ms", &[self.late_ms], MAX_TIME_OFFSET_MS, "ms");
+        check("translation_mm", &self.translation_mm, MAX_DEG_MM.1, "mm");
+        check(
+            "right_translation_mm",
+            &self.right_translation_mm,
+            MAX_DEG_MM.1,
+            "mm",
+        );
+        check(
+            "time_offset_ms",
+            &[self.time_offset_ms],
+            MAX_TIME_OFFSET_MS,
+            "ms",
+        );
         check("focal_px", &self.focal_px, MAX_CHANGE_PX, "px");
         check("centre_px", &self.centre_px, MAX_CHANGE_PX, "px");
         problems
@@ -186,12 +196,12 @@ impl Entry {
         let rad = |deg: [f64; 3]| Vector3::from(deg) * (std::f64::consts::PI / 180.0);
         CameraCalibrationError {
             camera: self.name.clone(),
-            rotation: rad(self.turned_deg),
-            translation: Vector3::from(self.moved_mm) * 1e-3,
-            right_rotation: rad(self.right_turned_deg),
-            right_translation: Vector3::from(self.right_moved_mm) * 1e-3,
-            imu_rotation: rad(self.imu_turned_deg),
-            time_offset_ns: (self.late_ms * 1e6).round() as i64,
+            rotation: rad(self.rotation_deg),
+            translation: Vector3::from(self.translation_mm) * 1e-3,
+            right_rotation: rad(self.right_rotation_deg),
+            right_translation: Vector3::from(self.right_translation_mm) * 1e-3,
+            imu_rotation: rad(self.imu_rotation_deg),
+            time_offset_ns: (self.time_offset_ms * 1e6).round() as i64,
             focal_px: self.focal_px,
             centre_px: self.centre_px,
         }

@@ -91,7 +91,7 @@ struct Render {
     session_only: bool,
     /// The session has neither lenses nor a rig file, as that of a rig that was never calibrated.
     #[arg(long)]
-    untold: bool,
+    uncalibrated: bool,
     /// TOML file of what goes wrong: with lenses and light in the folders, with everything in the session.
     #[arg(long, value_name = "FILE")]
     faults: Option<PathBuf>,
@@ -145,9 +145,9 @@ struct Walk {
     sensors: Sensors,
 }
 
-/// What is true and not told.
+/// Ground truth that differs from the recorded calibration.
 #[derive(Debug, Args)]
-#[command(next_help_heading = "What is true and not told")]
+#[command(next_help_heading = "Ground truth that differs from the recorded calibration")]
 struct GroundTruthArguments {
     /// Rig file of the rig as it is; what is recorded says --rig.
     #[arg(long, value_name = "FILE", conflicts_with = "deviation")]
@@ -180,7 +180,7 @@ struct Boards {
         default_value = "0",
         allow_negative_numbers = true
     )]
-    bend: f64,
+    board_bow: f64,
     /// How much larger boards are than their files say, percent.
     #[arg(
         long,
@@ -188,7 +188,7 @@ struct Boards {
         default_value = "0",
         allow_negative_numbers = true
     )]
-    larger: f64,
+    board_scale_error: f64,
     /// File of a board; may be given for each camera [default: AprilGrids of 6 x 6 tags for all]
     #[arg(long, value_name = "FILE")]
     target: Vec<PathBuf>,
@@ -361,8 +361,8 @@ fn target_session(settings: &Settings, rig: &Rig, boards: &Boards) -> Result<Sim
     let plan = Plan {
         motion: boards.motion,
         views: boards.views,
-        bow_m: 1e-3 * boards.bend,
-        scale_error: 1e-2 * boards.larger,
+        bow_m: 1e-3 * boards.board_bow,
+        scale_error: 1e-2 * boards.board_scale_error,
     };
     let read = |path: &PathBuf| {
         let target = Target::read(path)?;
@@ -402,7 +402,7 @@ fn camera_file(text: &str) -> Result<(String, PathBuf), String> {
 fn render_to(arguments: &Render) -> Result<()> {
     let walk = &arguments.walk;
     let (mut simulation, rig, rig_text) = simulate(walk, arguments.rate)?;
-    if arguments.untold {
+    if arguments.uncalibrated {
         simulation = Arc::new(Arc::unwrap_or_clone(simulation).without_calibration());
     }
     let faults = match &arguments.faults {

@@ -26,8 +26,8 @@ fn calibration_error(text: &str) -> CalibrationError {
 #[test]
 fn what_is_told_stays_and_what_is_true_deviates() {
     let rig = Rig::parse(RIG).unwrap();
-    let text = "[[camera]]\nname = \"left_shoulder\"\nturned_deg = [0.0, 0.5, 0.0]\n\
-                moved_mm = [1.0, 0.0, 2.0]\nright_moved_mm = [0.0, 0.3, 0.0]\nlate_ms = 3.0\n\
+    let text = "[[camera]]\nname = \"left_shoulder\"\nrotation_deg = [0.0, 0.5, 0.0]\n\
+                translation_mm = [1.0, 0.0, 2.0]\nright_translation_mm = [0.0, 0.3, 0.0]\ntime_offset_ms = 3.0\n\
                 focal_px = [1.5, 0.0]\n";
     let nominal = session();
     assert!(!nominal.differs_from_calibration());
@@ -100,7 +100,7 @@ fn nothing_changes_nothing() {
 #[test]
 fn pictures_of_a_late_camera_are_of_earlier() {
     let rig = Rig::parse(RIG).unwrap();
-    let text = "[[camera]]\nname = \"feet\"\nlate_ms = 20.0\n";
+    let text = "[[camera]]\nname = \"feet\"\ntime_offset_ms = 20.0\n";
     let is = session()
         .with_calibration_error(&rig, &calibration_error(text))
         .unwrap();
@@ -127,12 +127,13 @@ fn a_file_that_is_wrong_is_refused_with_everything_that_is() {
             .unwrap_err()
             .to_string()
     };
-    let text = "[[camera]]\nname = \"foot\"\nturned_deg = [0.0, 90.0, 0.0]\nlate_ms = nan\n";
+    let text =
+        "[[camera]]\nname = \"foot\"\nrotation_deg = [0.0, 90.0, 0.0]\ntime_offset_ms = nan\n";
     let message = parse(text);
     for expected in [
         "camera is \"foot\", expected one of feet",
-        "turned_deg of foot is [0.0, 90.0, 0.0], expected -45 to 45 degrees",
-        "late_ms of foot is [NaN], expected -500 to 500 ms",
+        "rotation_deg of foot is [0.0, 90.0, 0.0], expected -45 to 45 degrees",
+        "time_offset_ms of foot is [NaN], expected -500 to 500 ms",
     ] {
         assert!(message.contains(expected), "{message}");
     }
