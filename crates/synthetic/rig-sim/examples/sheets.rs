@@ -1,5 +1,5 @@
-//! Draws the pictures of the documentation: for each scene what the cameras see by day, with the way from
-//! above, and one sheet of the other lights, a row each.
+//! Draws the images of the documentation: for each scene the camera images by day with the map of
+//! the path, and one sheet of the other lightings, one row each.
 //!
 //! `cargo run --release -p rig-sim --example sheets -- docs/images`
 

@@ -1,24 +1,26 @@
-//! How a rig is not what its files say: cameras that have turned or moved, eyes that have, lenses that are not
-//! the factory's, pictures whose times are off.
+//! Errors of the recorded calibration: true extrinsics, intrinsics and frame times that differ from
+//! the recorded (nominal) ones.
 //!
-//! Contract: a deviation changes what is true; what is told stays. With nothing in it every byte comes out as
-//! without it. Turns are about the left eye of the camera and, like the axes of moves, in its left optical
-//! frame; the right eye's own are in the right optical frame, about the right eye. A camera takes its IMU with it.
+//! Contract: an error changes the ground truth; the recorded calibration is unchanged. Without
+//! errors the output is byte-identical. Rotations are about the left optical center of the camera
+//! and expressed, like translations, in its left optical frame. The additional errors of the right
+//! eye are in the right optical frame, about the right optical center. The IMU moves rigidly with
+//! its camera.
 //!
 //! ```toml
 //! [[camera]]
 //! name = "left_shoulder"
 //! rotation_deg = [0.0, 0.5, 0.0]        # rotation vector: x right, y down, z forward; the whole camera
 //! translation_mm = [0.0, 0.0, 0.0]
-//! right_rotation_deg = [0.0, 0.0, 0.0]  # of the right eye alone, on top
+//! right_rotation_deg = [0.0, 0.0, 0.0]  # of the right eye only, in addition
 //! right_translation_mm = [0.0, 0.0, 0.0]
-//! imu_rotation_deg = [0.0, 0.0, 0.0]    # of the IMU alone, on top, in its own frame
-//! time_offset_ms = 3.0                       # pictures were taken so much earlier than they say
-//! focal_px = [0.0, 0.0]               # added to the focal lengths of both lenses, x and y
-//! centre_px = [0.0, 0.0]              # added to their principal points
+//! imu_rotation_deg = [0.0, 0.0, 0.0]    # of the IMU only, in addition, in its own frame
+//! time_offset_ms = 3.0                  # frame timestamp minus true exposure time
+//! focal_px = [0.0, 0.0]                 # added to the focal lengths of both lenses, x and y
+//! centre_px = [0.0, 0.0]                # added to their principal points
 //! ```
 //!
-//! Every key but the name may be left out.
+//! All keys except the name are optional.
 
 use std::fmt::Write as _;
 
@@ -31,35 +33,35 @@ use serde::Deserialize;
 
 use crate::so3;
 
-/// Turns and moves beyond these are mistakes in the file, degrees and mm.
+/// Maximum rotation, degrees, and translation, mm; larger values are taken as mistakes in the file.
 const MAX_DEG_MM: (f64, f64) = (45.0, 500.0);
-/// So are times beyond this, ms, and changes of a lens beyond this, px.
+/// Maximum time offset, ms, and maximum change of an intrinsic parameter, px.
 const MAX_TIME_OFFSET_MS: f64 = 500.0;
 const MAX_CHANGE_PX: f64 = 500.0;
 
-/// See the module.
+/// Errors of the recorded calibration of a rig; see the module documentation.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct CalibrationError {
     /// Each camera at most once.
     pub cameras: Vec<CameraCalibrationError>,
 }
 
-/// How one camera deviates.
+/// Errors of the calibration of one camera.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct CameraCalibrationError {
-    /// Which.
+    /// Name of the camera.
     pub camera: String,
-    /// Of the whole camera: rotation vector, rad, and m.
+    /// Rotation of the whole camera: rotation vector, rad.
     pub rotation: Vector3<f64>,
-    /// See `rotation`.
+    /// Translation of the whole camera, m.
     pub translation: Vector3<f64>,
-    /// Of the right eye alone.
+    /// Additional rotation of the right eye: rotation vector, rad.
     pub right_rotation: Vector3<f64>,
-    /// See `right_rotation`.
+    /// Additional translation of the right eye, m.
     pub right_translation: Vector3<f64>,
-    /// Of the IMU alone.
+    /// Additional rotation of the IMU: rotation vector, rad, in its own frame.
     pub imu_rotation: Vector3<f64>,
-    /// How much later than it was a picture says it was taken, ns.
+    /// Timestamp minus true frame time, ns.
     pub time_offset_ns: i64,
     /// Added to the focal lengths, px.
     pub focal_px: [f64; 2],
@@ -67,9 +69,9 @@ pub struct CameraCalibrationError {
     pub centre_px: [f64; 2],
 }
 
-/// Why there is no deviation: correct the file.
+/// Error of reading the file: correct it.
 #[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
-#[error("reading how the rig deviates: {0}")]
+#[error("reading the calibration errors: {0}")]
 pub struct ParseError(pub String);
 
 #[derive(Deserialize)]
@@ -102,10 +104,10 @@ struct Entry {
 }
 
 impl CalibrationError {
-    /// Reads a file. Cameras must be among `cameras`.
+    /// Parses a file. Camera names must be among `cameras`.
     ///
     /// # Errors
-    /// [`ParseError`] with everything that is wrong.
+    /// [`ParseError`] lists all problems.
     pub fn parse(text: &str, cameras: &[&str]) -> Result<Self, ParseError> {
         let file: File = toml::from_str(text).map_err(|e| ParseError(e.to_string()))?;
         let mut problems = Vec::new();
@@ -124,7 +126,7 @@ impl CalibrationError {
         }
     }
 
-    /// That of a camera, to be changed.
+    /// Mutable error of a camera; created if absent.
     pub fn of_mut(&mut self, camera: &str) -> &mut CameraCalibrationError {
         let known = self.cameras.iter().position(|c| c.camera == camera);
         let at = known.unwrap_or_else(|| {
@@ -137,7 +139,7 @@ impl CalibrationError {
         &mut self.cameras[at]
     }
 
-    /// That of a camera.
+    /// Error of a camera; zero if absent.
     pub fn of(&self, camera: &str) -> CameraCalibrationError {
         let own = self.cameras.iter().find(|c| c.camera == camera);
         own.cloned().unwrap_or_default()
@@ -153,7 +155,7 @@ impl Entry {
             problems.push(format!("camera is {name:?}, expected one of {known}"));
         }
         let mut check = |key: &str, found: &[f64], most: f64, unit: &str| {
-            // Not a number is in no range.
+            // NaN is in no range.
             if !found.iter().all(|v| v.abs() <= most) {
                 problems.push(format!(
                     "{key} of {name} is {found:?}, expected {} to {most} {unit}",
@@ -209,7 +211,7 @@ impl Entry {
 }
 
 impl CameraCalibrationError {
-    /// Whether anything sits elsewhere than told.
+    /// Whether the true extrinsics equal the nominal ones.
     pub fn has_nominal_extrinsics(&self) -> bool {
         let none = Vector3::zeros();
         [
@@ -223,7 +225,8 @@ impl CameraCalibrationError {
         .all(|v| *v == none)
     }
 
-    /// Where an eye or the IMU really is, told where it and the left eye are.
+    /// True pose of an eye or the IMU in the rig frame, from the nominal poses of the left eye and
+    /// of the part itself.
     pub fn true_pose(
         &self,
         part: FramePart,
@@ -242,7 +245,7 @@ impl CameraCalibrationError {
         *rig_from_left * transform(&self.rotation, &self.translation) * left_from_part * own
     }
 
-    /// What a lens really is.
+    /// True intrinsics.
     pub fn true_lens(&self, nominal: &CameraModel) -> CameraModel {
         CameraModel {
             fx: nominal.fx + self.focal_px[0],
@@ -260,17 +263,17 @@ fn transform(rotation: &Vector3<f64>, translation: &Vector3<f64>) -> RigidTransf
         [q.w, q.i, q.j, q.k],
         [translation.x, translation.y, translation.z],
     )
-    .expect("a rotation and a bounded move are a rigid transform")
+    .expect("a rotation and a bounded translation are a rigid transform")
 }
 
-/// Where a frame really is on the rig, by its name, by where the told rig has it, and where that has its camera's
-/// left eye; none where it is as told.
+/// True pose in the rig frame: by frame name, nominal pose of the frame, and nominal pose of its
+/// camera's left eye; `None` where the nominal pose is true.
 type TruePose<'a> = dyn Fn(&Frame, &RigidTransform, &RigidTransform) -> Option<RigidTransform> + 'a;
 
-/// The text of a rig file of the rig as it really is: every frame hangs on `rig`.
+/// Rig file (TOML) with the true extrinsics; the parent of every frame is `rig`.
 pub(crate) fn true_rig_toml(nominal: &Rig, true_pose: &TruePose<'_>) -> String {
     let mut text = format!(
-        "# The rig as it was simulated: not what the recording was told.\n\
+        "# The true rig of the simulation; the recorded rig file may differ.\n\
          format = 1\nname = {:?}\nrevision = {:?}\n\n\
          [provenance]\nkind = \"measured\"\nnote = \"truth of a simulation\"\n",
         nominal.name(),

@@ -1,37 +1,39 @@
-//! How a camera's lens maps directions to pixels and back.
+//! Lens model: projection from directions to pixels and back.
 //!
-//! Contract: [`Lens::project`] is exact (f64) inside the picture and a margin around it. Farther out,
-//! where a polynomial distortion turns back and would bring the outside in, it goes on radially, so
-//! that what is outside stays outside. [`Lens::project_f32`] is the same for drawing, to 1e-3 px within
-//! the picture. [`Lens::rays`] is the inverse at every pixel centre.
+//! Contract: [`Lens::project`] is exact (f64) inside the image and a margin around it. Farther out,
+//! where a polynomial distortion is not monotonic and would fold outside directions into the image,
+//! it is continued radially, so directions outside remain outside. [`Lens::project_f32`] is the
+//! same for rasterization, to 1e-3 px within the image. [`Lens::rays`] is the inverse at every
+//! pixel center.
 
 use calib::{CameraModel, Distortion, Rational};
 
-/// How far beyond the picture's farthest corner the distortion is used, as a ratio of radii.
+/// Maximum radius at which the distortion model is used, relative to that of the farthest image
+/// corner.
 const MAX_RADIUS_RATIO: f64 = 1.05;
 
-/// Least growth of the distorted radius with the radius where the distortion is used beyond the corner.
+/// Minimum derivative of the distorted radius where the distortion model is used beyond the corner.
 const MIN_RADIAL_SLOPE: f64 = 0.2;
 
-/// A camera model, ready for projection.
+/// A camera model prepared for projection.
 #[derive(Clone, Debug)]
 pub struct Lens {
     model: CameraModel,
     bend: DistortionModel,
-    /// Radius on the plane z = 1 up to which the distortion is used.
+    /// Maximum radius on the plane z = 1 at which the distortion model is used.
     limit: f64,
     quick: FastProjection,
     bounds: [f64; 4],
 }
 
-/// The models that can be drawn.
+/// Supported distortion models.
 #[derive(Clone, Copy, Debug)]
 enum DistortionModel {
     Rational(Rational),
     Fisheye([f64; 4]),
 }
 
-/// A lens in f32: all distortions but the fisheye's are a ratio of polynomials.
+/// Projection in f32: all distortion models except the fisheye are a ratio of polynomials.
 #[derive(Clone, Copy, Debug)]
 struct FastProjection {
     limit: f32,
@@ -44,15 +46,15 @@ struct FastProjection {
 }
 
 impl Lens {
-    /// Whether a lens with this distortion can be drawn.
+    /// Whether a distortion model is supported.
     pub fn can_draw(distortion: &Distortion) -> bool {
         DistortionModel::of(distortion).is_some()
     }
 
-    /// For a model.
+    /// Prepares a camera model.
     ///
     /// # Panics
-    /// For a distortion that [`Self::can_draw`] does not know.
+    /// If [`Self::can_draw`] does not support the distortion.
     pub fn new(model: &CameraModel) -> Self {
         let bend = DistortionModel::of(&model.distortion).expect("a distortion that can be drawn");
         let mut lens = Self {
@@ -74,7 +76,7 @@ impl Lens {
             (x * x + y * y).sqrt()
         });
         let reach = reach.into_iter().fold(0.0, f64::max);
-        // Not so far that the polynomial turns back.
+        // Only as far as the polynomial is monotonic.
         let bent = |r: f64| {
             let (x, y) = distort(&bend, 0.8 * r, 0.6 * r);
             (x * x + y * y).sqrt()
@@ -90,8 +92,8 @@ impl Lens {
         lens
     }
 
-    /// What the picture and one pixel around it see lies between these on the plane z = 1: least x and
-    /// y, greatest x and y.
+    /// Bounds of the image, extended by one pixel, on the plane z = 1: minimum x and y, maximum x
+    /// and y.
     pub fn bounds(&self) -> [f64; 4] {
         self.bounds
     }
@@ -108,18 +110,19 @@ impl Lens {
         })
     }
 
-    /// [`Lens::project`] for drawing. The same direction gives the same bits wherever it is asked for.
+    /// [`Lens::project`] for rasterization. The same direction always gives the same bits.
     #[inline(always)]
     pub fn project_f32(&self, x: f32, y: f32) -> (f32, f32) {
         self.quick.project(x, y)
     }
 
-    /// Size and numbers.
+    /// Image size and intrinsics.
     pub fn model(&self) -> &CameraModel {
         &self.model
     }
 
-    /// Whether the model is used for the direction `(x, y, 1)`, and not what it is continued by.
+    /// Whether the distortion model is used for the direction `(x, y, 1)`, rather than its radial
+    /// continuation.
     #[inline]
     pub fn is_known(&self, x: f64, y: f64) -> bool {
         x * x + y * y <= self.limit * self.limit
@@ -142,7 +145,7 @@ impl Lens {
         )
     }
 
-    /// The direction `(x, y, 1)` that a pixel sees, to 1e-12 where the distortion can be inverted.
+    /// Direction `(x, y, 1)` of a pixel, to 1e-12 where the distortion is invertible.
     pub fn unproject(&self, u: f64, v: f64) -> (f64, f64) {
         let (goal_x, goal_y) = (
             (u - self.model.cx) / self.model.fx,
@@ -155,7 +158,7 @@ impl Lens {
             if ex.abs().max(ey.abs()) < 1e-13 {
                 break;
             }
-            // Newton's step, its derivatives by differences.
+            // Newton step with numerical derivatives.
             let h = 1e-6;
             let (ax, ay) = distort(&self.bend, x + h, y);
             let (bx, by) = distort(&self.bend, x, y + h);
@@ -168,7 +171,7 @@ impl Lens {
         (x, y)
     }
 
-    /// The directions of all pixel centres, moved by `shift` pixels; rows first.
+    /// Directions of all pixel centers, offset by `shift` px; row-major.
     pub fn rays(&self, shift: (f64, f64)) -> Vec<[f32; 2]> {
         let rows = 0..self.model.height;
         rows.flat_map(|v| (0..self.model.width).map(move |u| (u, v)))
@@ -241,7 +244,7 @@ impl FastProjection {
     }
 }
 
-/// A fisheye's stretching of the squared radius on the plane z = 1.
+/// Radial factor of a fisheye by the squared radius on the plane z = 1.
 fn radial_f32(k: &[f32; 4], r2: f32) -> f32 {
     let r = r2.sqrt();
     if r < 1e-5 {
@@ -322,7 +325,7 @@ mod tests {
         ]
     }
 
-    /// f32 has 24 bits: some 1e-4 px after the few operations that there are.
+    /// f32 has 24 bits: about 1e-4 px after these few operations.
     #[test]
     fn the_quick_projection_is_the_exact_one_to_a_thousandth_of_a_pixel() {
         for distortion in distortions() {
@@ -370,7 +373,7 @@ mod tests {
 
     #[test]
     fn what_is_outside_stays_outside() {
-        // This polynomial turns back at a radius of 1.8 and is zero again at 3.2.
+        // This polynomial has its maximum at a radius of 1.8 and is zero again at 3.2.
         let lens = Lens::new(&model(Distortion::RadTan4 {
             k1: -0.1,
             k2: 0.0,

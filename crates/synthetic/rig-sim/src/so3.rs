@@ -1,7 +1,7 @@
 //! Rotations from and to rotation vectors.
 //!
 //! Contract: the same bits on every machine. The standard library's sine is the system's and may
-//! differ in the last bit from one machine to the next; `libm` is compiled in.
+//! differ in the last bit between machines; `libm` is compiled in.
 
 use nalgebra::{Quaternion, UnitQuaternion, Vector3};
 

@@ -1,11 +1,11 @@
-//! A target session: calibration boards that stand still in a room, and a plate that somebody carries
-//! before them.
+//! A calibration session: static boards in a room, and a rig that is carried in front of them.
 //!
-//! Contract: everything follows from the rig, [`Plan`], length and seed. Each camera of the rig has a board
-//! that faces it where the plate starts; cameras that look nearly the same way share one, and so do those for which there is none left. The plate's motion is
-//! a spline as a walk's is, bounded by what arms do ([`motion`]). Where corners are in pictures is exact
-//! ([`observations`]) and needs no picture: thousands of views with their truth take no longer than the projection.
-//! The carrier is never seen.
+//! Contract: everything is a function of the rig, [`Plan`], length and seed. Each camera of the rig
+//! has a board that faces it at the start pose; cameras with nearly the same viewing direction
+//! share one, and so do those for which no board remains. The motion of the rig is a spline as on a
+//! walk, within the limits of human arms ([`motion`]). Corner positions in images are exact
+//! ([`observations`]) and need no rendering: thousands of views with ground truth take no longer
+//! than the projection. The carrier is never visible.
 
 use calib::target::Target;
 use nalgebra::{UnitQuaternion, Vector3};
@@ -19,48 +19,49 @@ use crate::random;
 use crate::rig::SimCamera;
 use crate::so3;
 
-/// Where the plate starts: the rig's datum above the middle of the floor, m.
+/// Start position: the rig's datum above the middle of the floor, m.
 pub const HOME: [f64; 3] = [0.0, 0.0, 1.3];
-/// From a camera to the board that faces it, m.
+/// Distance from a camera to its board, m.
 const DISTANCE_M: f64 = 1.1;
-/// And no nearer than this where the floor is in the way.
+/// Minimum distance where the floor limits it, m.
 const MIN_DISTANCE_M: f64 = 0.6;
-/// Least height of a board's lower edge, m.
+/// Minimum height of a board's lower edge, m.
 const MIN_CLEARANCE_M: f64 = 0.06;
-/// Cameras whose axes are nearer than this share a board, rad.
+/// Maximum angle between the axes of cameras that share a board, rad.
 const MAX_SHARED_ANGLE_RAD: f64 = 0.6;
-/// How far boards are turned from facing their camera, standard deviation, rad.
+/// Standard deviation of the rotation of boards from facing their camera, rad.
 const FACING_SIGMA_RAD: f64 = 0.08;
 
-/// How the session is done, and what is wrong with it.
+/// Plan of a calibration session, with its defects.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Plan {
-    /// How the plate is moved.
+    /// Motion of the rig.
     pub motion: Motion,
-    /// The plate rests for good after so many views; none for going on to the end.
+    /// Number of views, after which the rig is at rest; `None` for views until the end.
     pub views: Option<usize>,
-    /// How far the middle of every board is behind the line between its left and right edge, m.
+    /// Bow of every board: distance of its middle behind the line between its left and right edge,
+    /// m.
     pub bow_m: f64,
-    /// How much larger boards are than their files say, relative: 0.01 is one percent.
+    /// Scale error of the boards relative to their files: 0.01 is one percent larger.
     pub scale_error: f64,
 }
 
-/// How the plate is moved.
+/// Motion of the rig.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Motion {
-    /// Held still for half a second before each of many views, and swung about every axis between.
+    /// At rest for half a second in each of many views, with excitation about every axis between.
     Varied,
-    /// Held still for the same views with slow ways between: nothing for an IMU.
+    /// At rest in the same views with slow transfers: no excitation for an IMU.
     Still,
-    /// Moved, but never turned: cameras stay parallel to the boards that face them.
+    /// Translation without rotation: cameras remain parallel to the boards that face them.
     Parallel,
 }
 
 impl Motion {
-    /// All of them.
+    /// All motions.
     pub const ALL: [Self; 3] = [Self::Varied, Self::Still, Self::Parallel];
 
-    /// As the command line calls it.
+    /// Name on the command line.
     pub fn name(self) -> &'static str {
         match self {
             Self::Varied => "varied",
@@ -71,7 +72,7 @@ impl Motion {
 }
 
 impl Plan {
-    /// A session as it should be done.
+    /// A recommended session.
     pub const GOOD: Self = Self {
         motion: Motion::Varied,
         views: None,
@@ -80,8 +81,8 @@ impl Plan {
     };
 }
 
-/// The `number`-th board of a session: an AprilGrid of 6 x 6 tags with sides of 9.6 cm and gaps of 2.88 cm,
-/// which fits on A0, and whose tags no other board has.
+/// The `number`-th board of a session: an AprilGrid of 6 x 6 tags with sides of 9.6 cm and gaps of
+/// 2.88 cm, which fits on A0, with tag ids that no other board has.
 pub fn april_grid(number: usize) -> Target {
     let (columns, rows) = (6, 6);
     Target::AprilGrid {
@@ -93,7 +94,8 @@ pub fn april_grid(number: usize) -> Target {
     }
 }
 
-/// Boards for the cameras of a rig at [`HOME`], each of the sheets once, and which board faces which camera.
+/// Boards for the cameras of a rig at [`HOME`], each sheet used once, and the index of the board of
+/// each camera.
 pub(crate) fn boards(
     cameras: &[SimCamera],
     sheet: &dyn Fn(usize) -> Option<Sheet>,

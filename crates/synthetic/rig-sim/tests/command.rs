@@ -1,4 +1,4 @@
-//! The program: what it says where, and with which code it ends.
+//! The program: outputs and exit codes.
 
 use std::path::Path;
 use std::process::{Command, Output};
@@ -34,7 +34,7 @@ fn quiet_says_nothing_but_what_was_asked_for() {
         "{out}"
     );
     assert_eq!(out.lines().count(), 1, "{out}");
-    // What failed is said.
+    // An error is reported.
     let [out, error] = check(at, &arguments, 1);
     assert_eq!(out, "");
     assert!(error.starts_with("error: "), "{error}");

@@ -85,10 +85,10 @@ fn a_session_is_sound_and_says_what_is_true() {
         (s.first, s.samples, s.gaps)
     };
     assert_eq!(of("left_shoulder"), (0, 30, 0));
-    // Five frames while the device was gone, three that were dropped.
+    // Five frames while the device was disconnected, three dropped.
     assert_eq!(of("feet"), (0, 22, 8));
     let (_, samples, gaps) = of("feet/imu");
-    // The oscillator of an IMU is off by some ppm.
+    // The oscillator of an IMU has a rate error of some ppm.
     assert!(
         (1199..=1201).contains(&(samples + gaps)),
         "{samples} {gaps}"
@@ -113,7 +113,7 @@ fn a_session_is_sound_and_says_what_is_true() {
     assert_eq!((sets.len(), complete), (30, 22));
     let batches = records::<ImuBatch>(&reader);
     let synced: usize = batches.iter().map(|b| b.frame_sync.len()).sum();
-    // Every camera's IMU is told of every frame while it is there.
+    // Every camera's IMU counts every frame while the device is connected.
     assert!((80..=86).contains(&synced), "{synced}");
     let names: Vec<&str> = reader
         .manifest()
@@ -162,7 +162,7 @@ fn a_film_has_every_frame() {
     film(&walk(), &path, &count).unwrap();
     assert_eq!(done.into_inner(), 90);
     let bytes = std::fs::read(&path).unwrap();
-    // ISO base media: the file type comes first; the sample sizes tell how many pictures there are.
+    // ISO base media: the file type comes first; the sample sizes tell how many images there are.
     assert_eq!(&bytes[4..8], b"ftyp");
     let stsz = bytes.windows(4).position(|w| w == b"stsz").unwrap();
     let count = u32::from_be_bytes(bytes[stsz + 12..stsz + 16].try_into().unwrap());
@@ -203,7 +203,7 @@ fn a_target_session_holds_boards_and_truth_beside_what_was_told() {
     assert!((off.angle_rad() - 0.01).abs() < 1e-9);
     assert!(file("truth.cameras.toml").contains("late_ns = 3000000"));
     assert!(file("truth.targets.csv").lines().count() > 3 * 144);
-    // Frames say the usual times; truth says when they were taken.
+    // Frames have nominal timestamps; ground truth has the exposure times.
     let frames: Vec<Frame> = records(&reader);
     assert_eq!(frames.len(), 90);
     let truth = |name: &str| -> Vec<i64> {
@@ -218,7 +218,7 @@ fn a_target_session_holds_boards_and_truth_beside_what_was_told() {
         assert_eq!(feet + 3_000_000, shoulder);
         assert_eq!(frames.iter().filter(|f| f.time == shoulder).count(), 3);
     }
-    // What files say of lenses and places is what they said of the rig as told.
+    // Recorded intrinsics and extrinsics are the nominal ones.
     let other = tempfile::tempdir().unwrap();
     write(
         &Arc::new(nominal),

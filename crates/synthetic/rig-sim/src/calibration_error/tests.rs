@@ -53,21 +53,21 @@ fn what_is_told_stays_and_what_is_true_deviates() {
     let turned = old.rig_from_eye[0].inverse() * new.rig_from_eye[0];
     assert!((turned.angle_rad().to_degrees() - 0.5).abs() < 1e-9);
     assert!((turned.translation() - Vector3::new(1e-3, 0.0, 2e-3)).norm() < 1e-12);
-    // About y, which is down: what was on the axis is now to the left.
+    // Rotation about y, which is down: the former axis points to the left.
     let forward = turned.rotation() * Vector3::z();
     assert!((forward.x - 0.5_f64.to_radians().sin()).abs() < 1e-9);
     let of =
         |camera: &crate::rig::SimCamera| camera.rig_from_eye[1].inverse() * camera.rig_from_eye[0];
     let shifted = of(new) * of(old).inverse();
     assert!((shifted.distance_m() - 3e-4).abs() < 1e-12);
-    // The IMU goes with its camera.
+    // The IMU moves rigidly with its camera.
     let imu = |s: &Simulation| s.imus()[at].imu_from_rig * s.cameras()[at].rig_from_eye[0];
     let off = imu(&is).inverse() * imu(&nominal);
     assert!(off.distance_m() < 1e-12 && off.angle_rad() < 1e-9);
     assert_eq!(new.time_offset_ns, 3_000_000);
     assert_eq!(new.models[1].fx, old.models[1].fx + 1.5);
 
-    // The truth's file makes the same rig again.
+    // The true rig file describes the same rig.
     let again = Rig::parse(&is.true_rig_toml(&rig)).unwrap();
     let again = session().with_true_rig(&again).unwrap();
     for (a, b) in again.cameras().iter().zip(is.cameras()) {

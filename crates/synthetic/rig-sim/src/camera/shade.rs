@@ -1,8 +1,8 @@
-//! The light that each pixel gets.
+//! Shading: the light of each pixel.
 //!
-//! Contract: a pixel's surface is the triangle that the rasteriser found; where on it the pixel's exact
-//! ray hits, how far away that is and which texel lies there is computed here, for any lens. All
-//! quantities are linear in light; 1 is a level white surface in full daylight.
+//! Contract: the rasterizer gives the triangle of a pixel; the intersection with the pixel's exact
+//! ray, its depth and its texel are computed here, for any lens. All quantities are linear in
+//! light; 1 is a horizontal white surface in full daylight.
 
 use std::ops::Range;
 
@@ -15,21 +15,21 @@ mod line;
 
 use self::line::Line;
 
-/// A picture in linear light.
+/// An image in linear light.
 #[derive(Clone, Debug)]
 pub struct Radiance {
     /// Columns, even.
     pub width: usize,
     /// Rows, even.
     pub height: usize,
-    /// Luminance of every pixel, rows first.
+    /// Luminance of every pixel, row-major.
     pub luminance: Vec<f32>,
     /// Red, green, blue of every second pixel of every second row.
     pub color: Vec<[f32; 3]>,
 }
 
 impl Radiance {
-    /// Darkness.
+    /// A black image.
     pub fn new(width: usize, height: usize) -> Self {
         Self {
             width,
@@ -39,7 +39,7 @@ impl Radiance {
         }
     }
 
-    /// Adds another picture of the same size.
+    /// Adds another image of the same size.
     pub fn add(&mut self, other: &Self) {
         for (to, from) in self.luminance.iter_mut().zip(&other.luminance) {
             *to += from;
@@ -49,7 +49,7 @@ impl Radiance {
         }
     }
 
-    /// Darkness again.
+    /// Resets to black.
     pub fn clear(&mut self) {
         self.luminance.fill(0.0);
         self.color.fill([0.0; 3]);
@@ -61,7 +61,7 @@ pub fn luminance([r, g, b]: [f32; 3]) -> f32 {
     0.2126 * r + 0.7152 * g + 0.0722 * b
 }
 
-/// A body as one row of pixels sees it.
+/// A body with its views.
 pub struct VisibleBody<'a> {
     /// Number of its first triangle.
     pub first: u32,
@@ -100,13 +100,13 @@ impl Facing {
     }
 }
 
-/// Which body a triangle belongs to.
+/// Index of the body of a triangle.
 pub fn body_of(bodies: &[VisibleBody<'_>], triangle: u32) -> usize {
     bodies.partition_point(|b| b.first <= triangle) - 1
 }
 
-/// Adds what the pixels see, times `weight`. `rays` are the pixels' directions, `noise` chooses
-/// among mip levels. With AVX2 the same operations run on more pixels at a time; the result is the same.
+/// Adds the light of all pixels, times `weight`. `rays` are the pixel rays, `noise` selects among
+/// mip levels. With AVX2 the same operations run on more pixels at a time; the result is the same.
 pub fn add(
     radiance: &mut Radiance,
     scene: &Scene,
@@ -126,14 +126,14 @@ pub fn add(
     };
     #[cfg(target_arch = "x86_64")]
     if std::arch::is_x86_feature_detected!("avx2") {
-        // SAFETY: the processor has what the function asks for.
+        // SAFETY: the processor supports the features of the function.
         unsafe { shading.add_avx2(radiance) };
         return;
     }
     shading.add(radiance);
 }
 
-/// What [`add`] works on.
+/// Arguments of [`add`].
 struct Shading<'a> {
     scene: &'a Scene,
     visibility: &'a Visibility,
@@ -154,12 +154,12 @@ impl Shading<'_> {
     fn add(&self, radiance: &mut Radiance) {
         let (width, height) = (self.visibility.width, self.visibility.height);
         let half = width / 2;
-        // Angle of a pixel at the middle of the picture.
+        // Angle of a pixel at the image center.
         let middle = (height / 2) * width + half;
         let pixel = self.rays[middle + 1][0] - self.rays[middle][0];
         let materials = &self.scene.materials;
         let nothing = materials.len() as u16;
-        // Of each material, and of nothing.
+        // One tint per material, and one for no surface.
         let tint = self.scene.light.tint;
         let mut paints: Vec<[[f32; 3]; 2]> = Vec::new();
         paints.extend(materials.iter().map(|material| {
@@ -218,7 +218,7 @@ impl Shading<'_> {
         }
     }
 
-    /// Pixels that see no surface.
+    /// Pixels without a surface.
     #[inline(always)]
     fn sky(
         &self,
@@ -246,7 +246,7 @@ impl Shading<'_> {
     }
 }
 
-/// What a pixel's surface is.
+/// Class of a surface.
 pub fn class(scene: &Scene, surface: &Surface) -> Class {
     scene.materials[surface.material as usize].class
 }

@@ -1,10 +1,10 @@
-//! What an eye really sees, and where that goes.
+//! Ground truth of an image: depth, class, instance and optical flow.
 //!
-//! Contract: there is no blur, no noise and no exposure; each row is taken at its own instant, the middle
-//! of its exposure. [`TruthCamera::render`] says what the ray of each pixel's centre meets first. Panes count as
-//! what is seen. [`TruthCamera::flow`] follows that to the picture of another time, through lens, shutter and
-//! everything that moves. Which surface a pixel sees is the rasteriser's answer, true to its 0.1 px at
-//! edges; all that is computed on that surface is f64.
+//! Contract: there is no blur, no noise and no exposure; each row is at its own instant, the middle
+//! of its exposure. [`TruthCamera::render`] gives the first surface along the ray of each pixel
+//! center. Panes count as surfaces. [`TruthCamera::flow`] gives the position of that point in the
+//! image of another time, through lens, shutter and all motion. The surface of a pixel is the
+//! rasterizer's, exact to 0.1 px at edges; everything computed on that surface is f64.
 
 use calib::CameraModel;
 use nalgebra::{Matrix3, UnitQuaternion, Vector3};
@@ -17,60 +17,60 @@ use crate::scene::Scene;
 use crate::scene::body::Surface;
 use crate::scene::surface::Class;
 
-/// What is nearer to the eye than this is behind it, m.
+/// Minimum depth, m; nearer points count as behind the camera.
 const MIN_DEPTH_M: f64 = 0.03;
-/// A point is hidden by what is nearer by this share and this length: more than facets and f32 need.
+/// Occlusion tolerance, relative and m: larger than the errors of facets and f32.
 const OCCLUSION_TOLERANCE: (f64, f64) = (1e-3, 1e-3);
 
-/// Position and rotation that take a frame to the world.
+/// Position and rotation that map a frame to the world.
 pub type Pose = (Vector3<f64>, UnitQuaternion<f64>);
 
-/// What each pixel sees at one time; rows first.
+/// Ground truth of an image at one time, row-major.
 #[derive(Clone, Debug)]
 pub struct Truth {
     /// Distance along the optical axis, m; infinite for the sky.
     pub depth: Vec<f32>,
-    /// What it is.
+    /// Class.
     pub class: Vec<Class>,
-    /// Which thing; 0 for the sky.
+    /// Instance; 0 for the sky.
     pub instance: Vec<u16>,
     /// Triangle among those of all bodies, panes last; [`NOTHING`] for the sky.
     triangle: Vec<u32>,
-    /// Of each body, panes last: for all rows, or for each.
+    /// Camera poses per body, panes last: one for all rows, or one for each.
     row_poses: Vec<Vec<RowPose>>,
 }
 
-/// Where what each pixel sees is in the picture of another time; rows first.
+/// Optical flow of each pixel to the image of another time, row-major.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Flow {
-    /// To the right and down, px. Not a number where the point is behind the lens then, or farther
-    /// outside the picture than the lens is known. The sky is infinitely far away.
+    /// Displacement to the right and down, px. NaN if the point is then behind the lens, or farther
+    /// outside the image than the lens model is defined. The sky is infinitely far away.
     pub flow_px: Vec<[f32; 2]>,
-    /// Whether the other picture shows the point: it is inside and nothing is before it.
+    /// Whether the point is visible in the other image: inside it and unoccluded.
     pub shown: Vec<bool>,
 }
 
-/// A point in a picture.
+/// A projected point.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct ProjectedPoint {
-    /// px.
+    /// Pixel coordinate, px.
     pub u: f64,
-    /// px.
+    /// Pixel coordinate, px.
     pub v: f64,
-    /// Whether it is inside the picture and nothing is before it.
+    /// Whether it is inside the image and unoccluded.
     pub shown: bool,
 }
 
-/// Where the eye is in a body's frame.
+/// Camera pose in a body's frame.
 #[derive(Clone, Copy, Debug)]
 struct RowPose {
     /// Optical centre, m.
     origin: Vector3<f64>,
-    /// Takes vectors in the optical frame to the body's.
+    /// Maps vectors of the optical frame to the body's frame.
     turn: Matrix3<f64>,
 }
 
-/// Something that does not change in a body's frame.
+/// A point or direction that is constant in a body's frame.
 #[derive(Clone, Copy)]
 enum Element {
     Point(Vector3<f64>),
@@ -78,17 +78,17 @@ enum Element {
     Direction(Vector3<f64>),
 }
 
-/// Where a thing is seen.
+/// Projection of an element.
 struct Projection {
     u: f64,
     v: f64,
-    /// In the optical frame.
+    /// Position in the optical frame.
     at: Vector3<f64>,
-    /// Row whose instant this is.
+    /// Row at whose instant it was computed.
     row: usize,
 }
 
-/// An eye without a sensor.
+/// A camera without a sensor, for ground truth.
 #[derive(Debug)]
 pub struct TruthCamera {
     lens: Lens,
@@ -98,7 +98,7 @@ pub struct TruthCamera {
 }
 
 impl TruthCamera {
-    /// An eye with this lens and shutter.
+    /// A camera with this lens model and shutter.
     pub fn new(model: &CameraModel, shutter: Shutter) -> Self {
         let lens = Lens::new(model);
         Self {
@@ -109,8 +109,8 @@ impl TruthCamera {
         }
     }
 
-    /// What the pixels see at a time, s. `eye_pose` is that of the optical frame in the world; the
-    /// first body is [`Scene::fixed`], at the world's origin.
+    /// Renders the ground truth at a time, s. `eye_pose` is the pose of the optical frame in the
+    /// world; the first body is [`Scene::fixed`], at the world origin.
     pub fn render(
         &mut self,
         scene: &Scene,
@@ -147,8 +147,8 @@ impl TruthCamera {
         truth
     }
 
-    /// Where what each pixel sees in the picture `from` is in the picture `to`. Both were seen by this
-    /// eye, in this scene with these bodies.
+    /// Optical flow from the image `from` to the image `to`. Both were rendered by this camera, in
+    /// this scene with these bodies.
     pub fn flow(&self, scene: &Scene, placed: &[Placed<'_>], from: &Truth, to: &Truth) -> Flow {
         let bodies = with_panes(scene, placed);
         let width = self.visibility.width;
@@ -179,8 +179,8 @@ impl TruthCamera {
         Flow { flow_px, shown }
     }
 
-    /// Where a picture has a point of body number `body`, or `None` where it is behind the lens or
-    /// farther outside the picture than the lens is known.
+    /// Projects a point of body number `body`; `None` if it is behind the lens or farther outside
+    /// the image than the lens model is defined.
     pub fn project(
         &self,
         scene: &Scene,
@@ -199,13 +199,13 @@ impl TruthCamera {
         })
     }
 
-    /// The direction of a pixel's centre, 1 long along the optical axis.
+    /// Ray of a pixel center, of length 1 along the optical axis.
     fn ray(&self, pixel: usize) -> Vector3<f64> {
         let [x, y] = self.rays[pixel];
         Vector3::new(f64::from(x), f64::from(y), 1.0)
     }
 
-    /// Where the eye is in the frames of bodies: once, or for each row.
+    /// Camera poses in the frames of bodies: once, or for each row.
     fn row_poses(
         &self,
         bodies: &[Placed<'_>],
@@ -226,9 +226,9 @@ impl TruthCamera {
         bodies.iter().map(of).collect()
     }
 
-    /// Looks for a thing, first in the row `start`. A rolling shutter takes each row at its own
-    /// instant, so the row has to be found that sees the thing at the time it is exposed; between two
-    /// rows motion is even.
+    /// Projects an element, starting with the row `start`. With a rolling shutter the row has to be
+    /// found that observes the element at the time of its exposure; between two rows motion is
+    /// linear.
     fn find(&self, row_poses: &[RowPose], element: Element, start: usize) -> Option<Projection> {
         let seen = |row: usize| {
             let look = &row_poses[row.min(row_poses.len() - 1)];
@@ -256,8 +256,8 @@ impl TruthCamera {
         })
     }
 
-    /// Whether a picture shows a thing that is found there: the surface that the nearest pixel sees,
-    /// continued to the spot, is not before it.
+    /// Whether a projected element is visible: the surface of the nearest pixel, extended to the
+    /// projection, does not occlude it.
     fn shows(
         &self,
         bodies: &[Placed<'_>],
@@ -285,7 +285,7 @@ impl TruthCamera {
     }
 }
 
-/// All bodies, then the panes, which stand where the first one does.
+/// All bodies, then the panes, which have the pose of the first body.
 fn with_panes<'a>(scene: &'a Scene, placed: &[Placed<'a>]) -> Vec<Placed<'a>> {
     let first = placed.last().map_or(0, Placed::next);
     let panes = Placed {
@@ -303,7 +303,7 @@ fn surface<'a>(bodies: &[Placed<'a>], id: u32) -> (usize, &'a Surface) {
     (number, &body.body.surfaces[(id - body.first) as usize])
 }
 
-/// The look of a row where there is one for each, or the one for all.
+/// Pose of a row, or the pose of all rows.
 fn row_of(row_poses: &[RowPose], row: usize) -> &RowPose {
     &row_poses[row.min(row_poses.len() - 1)]
 }
@@ -325,7 +325,7 @@ impl RowPose {
         }
     }
 
-    /// In the optical frame.
+    /// Position in the optical frame.
     fn locate(&self, element: Element) -> Vector3<f64> {
         match element {
             Element::Point(point) => self.turn.tr_mul(&(point - self.origin)),
@@ -333,7 +333,7 @@ impl RowPose {
         }
     }
 
-    /// How many times `ray`, in the optical frame, reaches from the eye to a surface's plane.
+    /// Distance to a surface's plane, in lengths of `ray` (optical frame).
     fn depth(&self, surface: &Surface, ray: &Vector3<f64>) -> f64 {
         let normal = Vector3::from(surface.normal.map(f64::from));
         let away = f64::from(surface.offset) - normal.dot(&self.origin);

@@ -1,4 +1,4 @@
-//! A test for every kind of fault: that it does what it says, and at strength 0 nothing.
+//! One test for every kind of fault: its effect, and none at strength 0.
 
 use std::sync::LazyLock;
 
@@ -35,7 +35,7 @@ static WALK: LazyLock<Arc<Simulation>> = LazyLock::new(|| {
     Arc::new(Simulation::new(&settings, &rig).unwrap())
 });
 
-/// Pictures that cost nothing and differ in every pixel from those before.
+/// Images without rendering cost that differ in every pixel from the previous ones.
 struct Counter;
 
 impl FrameSource for Counter {
@@ -69,7 +69,7 @@ fn camera(name: &str) -> usize {
     cameras.iter().position(|c| c.name == name).unwrap()
 }
 
-/// All that a device with these faults delivers, and what is lost.
+/// All deliveries and losses of a device with these faults.
 fn run(name: &str, list: Vec<Fault>, rendered: bool) -> (Vec<Delivery>, Vec<Loss>) {
     let faults = Faults { list, seed: 1 }.of(name);
     let mut device = match rendered {
@@ -126,7 +126,7 @@ fn without_faults_everything_arrives_in_order() {
         assert_eq!(frame.taken_ns, WALK.settings().frame_ns(frame.index));
         assert!((0..2_000_001).contains(&(frame.arrival_ns - frame.taken_ns)));
     }
-    // 400 Hz for 4 s, by an oscillator that is off by some ppm.
+    // 400 Hz for 4 s, with an oscillator rate error of some ppm.
     assert!((1600..=1601).contains(&samples.len()), "{}", samples.len());
     for (n, sample) in samples.iter().enumerate() {
         assert_eq!(sample.number, n as u64);
@@ -135,7 +135,7 @@ fn without_faults_everything_arrives_in_order() {
     let shown = (last.ticks - first.ticks) as f64 * TICK_NS;
     let rate_error_ppm = (shown / (last.taken_ns - first.taken_ns) as f64 - 1.0) * 1e6;
     assert!(rate_error_ppm.abs() < 100.0, "{rate_error_ppm}");
-    // Every frame is told of once, by the first sample after it.
+    // Every frame is reported once, by the first sample after it.
     assert_eq!(last.frame_sync_count, FRAMES as u32);
     let told = samples.iter().filter(|s| s.frame_sync);
     for (sample, frame) in told.zip(&frames) {
@@ -247,7 +247,7 @@ fn bursts_of_latency_delay_both_streams() {
     assert!(mean(chosen.map(|f| f.arrival_ns - f.taken_ns).collect()) > 25e6);
 }
 
-/// By how much the clocks of a device with a fault differ from those without, ns, frames and samples.
+/// Differences between the clocks of a device with and without a fault, ns, frames and samples.
 fn shifts(list: Vec<Fault>) -> (Vec<f64>, Vec<f64>) {
     let (with, without) = (counted(list).0, counted(Vec::new()).0);
     let of_frames = frames(&with).into_iter().zip(frames(&without));
@@ -340,7 +340,7 @@ fn a_device_that_was_gone_counts_anew() {
         .find(|f| f.taken_ns > 1_900_000_000)
         .unwrap();
     assert_eq!((back.number, back.index), (0, 38));
-    // A second after it was switched on.
+    // One second after reconnecting.
     assert!(
         (1_000_000..1_100_000).contains(&back.ticks),
         "{}",
@@ -382,7 +382,7 @@ fn the_imu_clips() {
             cut += i32::from(a.accel[k].abs() > limit);
         }
     }
-    // Of 8 g a tenth is left, less than gravity.
+    // A tenth of 8 g remains, less than gravity.
     assert!(cut > 500, "{cut}");
 }
 
@@ -395,11 +395,11 @@ fn means(delivered: &[Delivery]) -> Vec<f64> {
     frames(delivered).into_iter().map(mean).collect()
 }
 
-/// Frames of a shoulder without and with a fault from 1 s to 2 s on.
+/// Frames of a shoulder camera without and with a fault from 1 s to 2 s.
 fn seen(kind: Kind, strength: f64) -> [Vec<Delivery>; 2] {
     let list = vec![fault(kind, strength, 1.0, 2.0)];
     let both = [run(LEFT, Vec::new(), true).0, run(LEFT, list, true).0];
-    // Before it begins nothing differs.
+    // Before the fault begins nothing differs.
     let (fine, with) = (frames(&both[0]), frames(&both[1]));
     assert_eq!(fine[..20], with[..20]);
     assert_ne!(fine[20].image, with[20].image);
@@ -417,7 +417,7 @@ fn it_gets_dark_and_the_exposure_follows() {
         exposure.seconds * exposure.gain
     };
     assert!(product(&dark, 39) > 4.0 * product(&fine, 39));
-    // When it is over the exposure has to find back.
+    // After the fault the exposure has to recover.
     assert!(less[40] > light[40]);
 }
 
@@ -485,7 +485,7 @@ fn a_shifted_camera_has_turned_with_its_imu() {
         angles.sort_by(f64::total_cmp);
         angles[angles.len() - 1]
     };
-    // A vector along the axis does not turn; none turns further.
+    // A vector along the axis is not rotated; no vector is rotated by more.
     assert!((1.5..6.5).contains(&turn(false)), "{}", turn(false));
     let faults = Faults {
         list: vec![fault(Kind::ShiftedCamera, 5.0, 0.0, 9.0)],

@@ -15,13 +15,13 @@ use serde::Deserialize;
 
 use super::{Fault, FaultDuration, Faults, Kind};
 
-/// Why there is no plan: correct the file.
+/// Error of reading a fault file: correct it.
 #[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
 pub enum FaultError {
-    /// Not TOML, or a key that is not known or of the wrong type.
+    /// Not TOML, an unknown key or a wrong type.
     #[error("reading the faults: {0}")]
     Syntax(String),
-    /// Everything else that is wrong, one per line.
+    /// Invalid values, one per line.
     #[error("reading the faults: {0}")]
     Values(String),
 }
@@ -45,10 +45,11 @@ struct Entry {
 }
 
 impl Faults {
-    /// Reads a plan. Cameras must be among `cameras`; `seed` chooses the frames that are hit.
+    /// Parses a fault file. Camera names must be among `cameras`; `seed` selects the affected
+    /// frames.
     ///
     /// # Errors
-    /// [`FaultError`] with everything that is wrong.
+    /// [`FaultError`] lists all problems.
     pub fn parse(text: &str, cameras: &[&str], seed: u64) -> Result<Self, FaultError> {
         let file: File = toml::from_str(text).map_err(|e| FaultError::Syntax(e.to_string()))?;
         let mut problems = Vec::new();
@@ -76,7 +77,7 @@ impl Faults {
         }
     }
 
-    /// The plan as a file, which [`Faults::parse`] reads back.
+    /// The faults as TOML; [`Faults::parse`] reads it.
     pub fn to_toml(&self) -> String {
         let mut text = String::new();
         for fault in &self.list {
@@ -101,7 +102,7 @@ impl Entry {
         Kind::ALL.into_iter().find(|k| k.name() == self.kind)
     }
 
-    /// Everything that is wrong with it.
+    /// All problems of one entry.
     fn problems(&self, cameras: &[&str]) -> Vec<String> {
         let name = &self.kind;
         let Some(kind) = self.kind() else {
@@ -131,7 +132,7 @@ impl Entry {
                 problems.push(format!("to is given, but {name} has no end"));
             }
             (FaultDuration::ByStrength, Some(_)) => problems.push(format!(
-                "to is given, but {name} lasts for as many seconds as its strength"
+                "to is given, but {name} lasts for its strength in seconds"
             )),
         }
         if let Some(camera) = &self.camera

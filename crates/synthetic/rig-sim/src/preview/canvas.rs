@@ -1,7 +1,7 @@
-//! A picture to draw on: rectangles of pixels, dots, lines, convex shapes, a few characters.
+//! A drawing canvas: images, dots, lines, convex shapes, a few characters.
 //!
-//! Contract: what lies outside the picture is cut off. Coordinates are pixels, integers being pixel centres,
-//! (0, 0) the top left one.
+//! Contract: drawing is clipped to the canvas. Coordinates are pixels, integers being pixel
+//! centers, (0, 0) the top left one.
 
 use std::io;
 use std::path::Path;
@@ -11,14 +11,14 @@ use crate::png_file;
 /// Red, green, blue.
 pub type Color = [u8; 3];
 
-/// A picture to draw on.
+/// A drawing canvas.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Canvas {
     /// Columns.
     pub width: usize,
     /// Rows.
     pub height: usize,
-    /// Rows first.
+    /// Row-major.
     pub pixels: Vec<Color>,
 }
 
@@ -40,7 +40,7 @@ const GLYPHS: [(char, u16); 13] = [
 ];
 
 impl Canvas {
-    /// All of one colour.
+    /// A canvas of one color.
     pub fn new(width: usize, height: usize, color: Color) -> Self {
         Self {
             width,
@@ -49,7 +49,7 @@ impl Canvas {
         }
     }
 
-    /// Puts a picture with rows of `width` pixels at a place.
+    /// Copies an image with rows of `width` pixels to a position.
     pub fn paste(&mut self, [x, y]: [usize; 2], width: usize, pixels: &[Color]) {
         for (row, line) in pixels.chunks_exact(width).enumerate() {
             for (column, &color) in line.iter().enumerate() {
@@ -113,15 +113,15 @@ impl Canvas {
         }
     }
 
-    /// Writes it as PNG.
+    /// Writes the canvas as PNG.
     ///
     /// # Errors
-    /// What the system says.
+    /// Any I/O error.
     pub fn save(&self, path: &Path) -> io::Result<()> {
         png_file::rgb8(path, [self.width, self.height], &self.pixels)
     }
 
-    /// Colours the pixels of a rectangle whose centres are inside.
+    /// Colors the pixels of a rectangle whose centers are inside the shape.
     fn cover(
         &mut self,
         low: [f64; 2],

@@ -1,4 +1,5 @@
-//! A simulated walk as a film: what the cameras see, side by side, above the map with where the wearer is.
+//! A simulated walk as a film: camera images side by side, above the map with the wearer's
+//! position.
 
 use std::path::Path;
 use std::sync::Arc;
@@ -14,13 +15,14 @@ use crate::film::{Film, FilmError};
 use crate::simulation::{Simulation, seconds};
 
 const WEARER_COLOR: Color = [255, 140, 0];
-/// Pictures of a camera that may wait for those of the others.
+/// Maximum number of queued images of a camera.
 const MAX_QUEUED_IMAGES: usize = 4;
 
-/// Films the whole walk into an MP4 file. `done` is called after each picture of each camera, from any thread.
+/// Writes the whole walk as an MP4 file. `done` is called after each image of each camera, from any
+/// thread.
 ///
 /// # Errors
-/// [`FilmError`]; then there is no file.
+/// [`FilmError`]; no file is left behind.
 pub fn film(
     simulation: &Arc<Simulation>,
     path: &Path,
@@ -43,7 +45,7 @@ pub fn film(
                 scope.spawn(move || {
                     for frame in simulation.frames(camera) {
                         done();
-                        // Nobody listens once the film has failed.
+                        // The receiver is dropped if the film has failed.
                         if sender.send(frame.rgb(0)).is_err() {
                             return;
                         }
@@ -73,7 +75,7 @@ pub fn film(
         let written = write_mp4(path, codec, size[0], size[1], units);
         match failed {
             Some(error) => {
-                // A film that ends early is none.
+                // An incomplete film is removed.
                 let _ = std::fs::remove_file(path);
                 Err(error)
             }

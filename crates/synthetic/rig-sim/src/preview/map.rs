@@ -1,4 +1,4 @@
-//! The place from above, cut open above the eyes, with the way and every footprint.
+//! Map: the scene from above, cut above eye height, with the path and every footprint.
 
 use nalgebra::Vector3;
 
@@ -8,17 +8,17 @@ use crate::simulation::{Simulation, seconds};
 use crate::walker::gait::{HALF_WIDTH, HEEL_X, TOE_X};
 use crate::walker::{Side, Walker};
 
-/// Where a sole is widest, m before its middle.
+/// Position of the widest part of a sole, m in front of its middle.
 const SOLE_WIDEST_X_M: f64 = 0.07;
-/// Around the way, m.
+/// Margin around the path, m.
 const PATH_MARGIN_M: f64 = 2.0;
-/// The highest map for a width.
+/// Maximum height of the map relative to its width.
 const MAX_HEIGHT_RATIO: f64 = 0.5;
-/// How far above the chest the place is cut open, m: above cars and furniture, below ceilings.
+/// Height of the cut above the chest, m: above cars and furniture, below ceilings.
 const CUT_HEIGHT_M: f64 = 0.4;
-/// Steps higher than this are outlined, m.
+/// Minimum height difference that is outlined, m.
 const MIN_STEP_M: f64 = 0.03;
-/// Most points of the way that are looked at for the height of the cut.
+/// Maximum number of path points that determine the height of the cut.
 const MAX_PATH_SAMPLES: usize = 200;
 
 const LEFT: Color = [30, 80, 210];
@@ -26,13 +26,13 @@ const RIGHT: Color = [210, 40, 30];
 const PATH_COLOR: Color = [60, 60, 60];
 const INK_COLOR: Color = [0, 0, 0];
 
-/// Where the world's points are on the map.
+/// Projection from the world to the map.
 pub(super) struct Projection {
     /// World coordinates of the top left pixel, m.
     corner: [f64; 2],
-    /// m.
+    /// Size of a pixel, m.
     pixel: f64,
-    /// Whether the map is turned: the world's x runs up instead of to the right.
+    /// Whether the map is rotated: the world's x runs up instead of to the right.
     rotated: bool,
 }
 
@@ -43,7 +43,7 @@ impl Projection {
             (self.corner[1] - p.y) / self.pixel,
         );
         match self.rotated {
-            // Half of a full turn more would be upside down: the far end is up.
+            // A rotation by the other 180° would be upside down: the far end is up.
             true => [y, -x],
             false => [x, y],
         }
@@ -61,8 +61,8 @@ impl Projection {
     }
 }
 
-/// Draws the map, `width` pixels wide, and says where the world is on it. `marks` are instants to be marked on
-/// the way, ns.
+/// Draws the map, `width` pixels wide, and returns its projection. `marks` are instants to be
+/// marked on the path, ns.
 pub(super) fn draw(simulation: &Simulation, width: usize, marks: &[i64]) -> (Canvas, Projection) {
     let end_s = simulation.settings().seconds;
     let path: Vec<Vector3<f64>> = (0..=(20.0 * end_s) as usize)
@@ -116,7 +116,7 @@ pub(super) fn draw(simulation: &Simulation, width: usize, marks: &[i64]) -> (Can
 
 const WHITE: Color = [250, 250, 250];
 
-/// Shows the whole way, and how high the map then is.
+/// A projection that shows the whole path, and the height of the map.
 fn projection(path: &[Vector3<f64>], width: usize) -> (Projection, usize) {
     let start = (
         Vector3::repeat(f64::INFINITY),
@@ -137,7 +137,7 @@ fn projection(path: &[Vector3<f64>], width: usize) -> (Projection, usize) {
     };
     let pixel = (across / width as f64).max(up / (MAX_HEIGHT_RATIO * width as f64));
     let height = (up / pixel).ceil() as usize;
-    // The middle of the way is in the middle of the map.
+    // The middle of the path is in the middle of the map.
     let (half_across, half_up) = (0.5 * width as f64 * pixel, 0.5 * height as f64 * pixel);
     let corner = match rotated {
         true => [middle.x + half_up, middle.y + half_across],
@@ -151,7 +151,7 @@ fn projection(path: &[Vector3<f64>], width: usize) -> (Projection, usize) {
     (projection, height)
 }
 
-/// What one would see from above, each class in a colour.
+/// Draws the scene from above, each class in one color.
 fn paint_place(
     canvas: &mut Canvas,
     simulation: &Simulation,
@@ -189,7 +189,7 @@ fn paint_place(
     }
 }
 
-/// Dots with an arrow to where the chest faces, and the time.
+/// Marks instants by dots with an arrow in the chest's direction, and the time.
 fn mark(canvas: &mut Canvas, walker: &Walker, projection: &Projection, marks: &[i64]) {
     for &time_ns in marks {
         let state = walker.rig(seconds(time_ns));
@@ -243,7 +243,7 @@ mod tests {
                 let back = projection.world(px);
                 assert!((back[0] - p.x).abs() + (back[1] - p.y).abs() < 1e-9);
             }
-            // Left stays left of forward: no mirror image.
+            // Left remains left of forward: the map is not mirrored.
             let [o, x, y] =
                 [Vector3::zeros(), Vector3::x(), Vector3::y()].map(|p| projection.px(&p));
             let turn = (x[0] - o[0]) * (y[1] - o[1]) - (x[1] - o[1]) * (y[0] - o[0]);

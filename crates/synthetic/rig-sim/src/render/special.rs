@@ -1,4 +1,5 @@
-//! What only some recordings have as files: boards, and truth that is not what was told.
+//! Files of calibration sessions and of recordings whose ground truth differs from the recorded
+//! calibration.
 
 use std::fmt::Write as _;
 
@@ -10,13 +11,13 @@ use crate::camera::Shutter;
 use crate::faults::CameraFaults;
 use crate::simulation::Simulation;
 
-/// Names and contents; none for a walk with a rig that is as told.
+/// Names and contents; empty for a walk whose calibration is exact.
 ///
-/// * `target.N.toml`: each board as it was meant;
-/// * `truth.targets.csv`: a row for each board (`corner` empty; position and quaternion of `world_from_target`) and
-///   for each of its corners (where it really is in the world);
-/// * `truth.rig.toml`: the rig as it is;
-/// * `truth.cameras.toml`: lenses, shutters and time offsets as they are.
+/// * `target.N.toml`: each board as designed;
+/// * `truth.targets.csv`: a row for each board (`corner` empty; position and quaternion of
+///   `world_from_target`) and for each of its corners (true position in the world);
+/// * `truth.rig.toml`: true extrinsics;
+/// * `truth.cameras.toml`: true intrinsics, shutters and time offsets.
 pub(super) fn files(simulation: &Simulation, nominal: &Rig) -> Vec<(String, String)> {
     let boards = simulation.boards();
     let mut files = Vec::new();
@@ -55,7 +56,7 @@ fn places(simulation: &Simulation) -> String {
 
 fn cameras(simulation: &Simulation) -> String {
     let mut text =
-        "# The cameras as they were simulated: not what the recording was told.\n".to_owned();
+        "# The true cameras of the simulation; the recorded calibration may differ.\n".to_owned();
     for (number, camera) in simulation.cameras().iter().enumerate() {
         let line_s = match camera.shutter {
             Shutter::Global => 0.0,
@@ -63,7 +64,7 @@ fn cameras(simulation: &Simulation) -> String {
         };
         let _ = write!(
             text,
-            "\n[[camera]]\nname = {:?}\nlate_ns = {} # pictures were taken so much earlier than they say\n\
+            "\n[[camera]]\nname = {:?}\nlate_ns = {} # frame timestamp minus true exposure time\n\
              line_s = {line_s:?} # from row to row; 0 for a global shutter\n",
             camera.name, camera.time_offset_ns
         );
@@ -88,7 +89,7 @@ fn cameras(simulation: &Simulation) -> String {
     text
 }
 
-/// Every corner in every picture of a camera, both eyes.
+/// Every corner in every image of a camera, both eyes.
 pub(super) fn corners(simulation: &Simulation, camera: usize, faults: &CameraFaults) -> String {
     let target_observations = simulation
         .target_observations(camera)

@@ -1,14 +1,14 @@
-//! What is true of a camera's pictures, as files: layers of pixels, and the tags on the shoes.
+//! Ground truth of a camera's images, as files: pixel layers, and the tags on the shoes.
 //!
-//! Each layer is a PNG per picture under the name of the picture it belongs to, row by row:
+//! Each layer is a PNG per image under the name of the image, row by row:
 //!
 //! - `depth`: 16 bits, mm along the optical axis; 0 for the sky and for more than 65.535 m;
 //! - `class`: 8 bits, numbers of [`Class`];
-//! - `instance`: 16 bits, a number per thing; 0 for the sky;
-//! - `flow`: to the next picture, as KITTI has it (Menze and Geiger 2015): 16 bits red, green, blue; red
-//!   is 64 times the movement to the right in px plus 2^15, green the same downwards, to 1/64 px. Blue
-//!   is 0 where there is no answer, 1 where the next picture shows the point and 2 where it does not,
-//!   since the point is hidden or outside. The last picture's next one is not written.
+//! - `instance`: 16 bits, a number per instance; 0 for the sky;
+//! - `flow`: to the next image, as in KITTI (Menze and Geiger 2015): 16 bits red, green, blue; red
+//!   is 64 times the displacement to the right in px plus 2^15, green the same downwards, to 1/64
+//!   px. Blue is 0 where flow is undefined, 1 where the point is visible in the next image and 2
+//!   where it is occluded or outside. The last image has no flow.
 
 use std::fmt::Write as _;
 use std::fs;
@@ -21,24 +21,24 @@ use crate::png_file;
 use crate::scene::surface::Class;
 use crate::simulation::{GroundTruth, Simulation};
 
-/// Layers of each eye; the eye's number follows the name.
+/// Layers of each eye; the number of the eye follows the name.
 const LAYERS: [&str; 4] = ["depth", "class", "instance", "flow"];
 const TAGS: &str = "#frame,timestamp [ns],eye,id,visible,u0 [px],v0 [px],u1 [px],v1 [px],\
                     u2 [px],v2 [px],u3 [px],v3 [px]\n";
 
-/// Writes what is true of a camera's frames, one after the other.
+/// Writes ground truth of a camera's frames in order.
 pub(super) struct TruthFiles<'a> {
     simulation: &'a Simulation,
     ground_truth: GroundTruth<'a>,
     root: PathBuf,
     size: [usize; 2],
-    /// What the eyes see in the frame that comes next.
+    /// Ground truth of the next frame.
     ahead: Option<[Truth; 2]>,
     tags: String,
 }
 
 impl<'a> TruthFiles<'a> {
-    /// Makes the folders below `root`, a camera's `mav0`.
+    /// Creates the folders below `root`, a camera's `mav0`.
     pub(super) fn begin(
         simulation: &'a Simulation,
         number: usize,
@@ -65,7 +65,7 @@ impl<'a> TruthFiles<'a> {
         })
     }
 
-    /// Writes all layers of frame `number`, whose pictures are called `name`.
+    /// Writes all layers of frame `number`, whose images are named `name`.
     pub(super) fn frame(&mut self, number: u64, name: &str) -> Result<(), RenderError> {
         let settings = self.simulation.settings();
         let (now_ns, next_ns) = (settings.frame_ns(number), settings.frame_ns(number + 1));
@@ -115,7 +115,8 @@ impl<'a> TruthFiles<'a> {
         png_file::rgb16(&file, self.size, flow).map_err(at(&file))
     }
 
-    /// Writes what is known only after the last frame: the pictures' `list`, and the tags, beside `mav0`.
+    /// Writes the files that are complete only after the last frame: the `list` of images, and the
+    /// tags, beside `mav0`.
     pub(super) fn end(self, list: &str) -> Result<(), RenderError> {
         for eye in 0..2 {
             for layer in LAYERS {
@@ -140,7 +141,7 @@ fn meaning(layer: &str) -> String {
     }
 }
 
-/// 0 where there is nothing, or nothing as near as the format can say.
+/// 0 for no surface, or for a depth outside the range of the format.
 fn millimetres(depth_m: f32) -> u16 {
     let mm = (f64::from(depth_m) * 1000.0).round();
     match (1.0..=65_535.0).contains(&mm) {
@@ -149,7 +150,7 @@ fn millimetres(depth_m: f32) -> u16 {
     }
 }
 
-/// Movement as KITTI writes it; nothing where the format cannot say it.
+/// Flow as KITTI writes it; undefined where the format cannot represent it.
 fn kitti(flow_px: [f32; 2], shown: bool) -> [u16; 3] {
     let [u, v] = flow_px.map(|px| (f64::from(px) * 64.0).round() + 32_768.0);
     let range = 0.0..=65_535.0;

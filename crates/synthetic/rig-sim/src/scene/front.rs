@@ -1,7 +1,8 @@
 //! House fronts: rows of them along a line, and the windows of any wall.
 //!
-//! Contract: a row runs to the right of someone who looks out of its houses; what belongs to a house is
-//! one thing. Nothing stands out of a wall by more than 0.4 m below 2.5 m, or by more than 1.1 m above.
+//! Contract: a row runs to the right for a viewer who looks out of its houses; each house is one
+//! instance. Nothing protrudes from a wall by more than 0.4 m below 2.5 m, or by more than 1.1 m
+//! above.
 
 use nalgebra::Vector3;
 
@@ -10,8 +11,7 @@ use super::mesh::Stuff;
 use super::palette;
 use super::surface::Class;
 
-/// A line of fronts: where it begins, and the direction it runs in, what is in front of it lying to the
-/// left.
+/// A line of fronts: its origin and direction; the space in front of it is on the left.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Row {
     from: [f64; 2],
@@ -19,7 +19,7 @@ pub(super) struct Row {
     yaw: f64,
 }
 
-/// What fronts are made of.
+/// Materials of fronts.
 #[derive(Clone, Debug)]
 pub(super) struct FrontMaterials {
     walls: Vec<u16>,
@@ -31,7 +31,7 @@ pub(super) struct FrontMaterials {
     pipe: u16,
 }
 
-/// What kind of houses.
+/// Style of houses.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Style {
     /// Share of houses with shops.
@@ -82,7 +82,7 @@ impl FrontMaterials {
 }
 
 impl Row {
-    /// From a point, in the direction of x turned by so many quarters of a turn to the left.
+    /// From a point, in the direction of x rotated by `quarters` times 90° to the left.
     pub(super) fn new(from: [f64; 2], quarters: f64) -> Self {
         Self {
             from,
@@ -90,7 +90,7 @@ impl Row {
         }
     }
 
-    /// The place so far along the row, out of it, and up, m.
+    /// Point at distances along the row, out of it, and up, m.
     pub(super) fn at(&self, along: f64, out: f64, up: f64) -> Vector3<f64> {
         let (s, c) = (libm::sin(self.yaw), libm::cos(self.yaw));
         Vector3::new(
@@ -100,7 +100,8 @@ impl Row {
         )
     }
 
-    /// A box without a back that stands out of the wall by `size[1]`: `middle` along it, from `up` on.
+    /// A box without a back that protrudes from the wall by `size[1]`: `middle` along it, from `up`
+    /// on.
     pub(super) fn relief(
         &self,
         b: &mut Builder,
@@ -170,13 +171,13 @@ impl Row {
         }
         let lintel = [width + 0.22, 0.1, 0.12];
         self.relief(b, [middle, up + height], lintel, trim);
-        // Bars well in front of the pane, so that neither is taken for the other from afar.
+        // Bars well in front of the pane, so that depth order is unambiguous from afar.
         self.relief(b, [middle, up], [0.05, 0.07, height], trim);
         self.relief(b, [middle, up + 0.66 * height], [width, 0.075, 0.05], trim);
         self.relief(b, [middle, up - 0.08], [width + 0.38, 0.16, 0.08], trim);
     }
 
-    /// Fills so many metres of the row with houses.
+    /// Fills `length` m of the row with houses.
     pub(super) fn houses(
         &self,
         b: &mut Builder,
@@ -215,7 +216,7 @@ impl Row {
             [(l, -0.1), (r, -0.1), (r, height), (l, height)].map(|(x, z)| self.at(x, 0.0, z));
         // Seen from in front, the row runs to the left.
         b.mesh.tiled_quad([c, a, e, d], [along, 0.0], 1.1, wall);
-        // Sides and a flat roof; what is behind is not seen.
+        // Sides and a flat roof; the back is not visible.
         let at = |along: f64, back: f64, up: f64| self.at(along, -14.0 * back, up);
         for face in [
             [

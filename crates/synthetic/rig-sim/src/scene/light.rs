@@ -1,9 +1,9 @@
-//! Where light comes from, and how much of it reaches a surface.
+//! Light sources and irradiance of surfaces.
 //!
-//! Sun, sky and lamps, with shadows and the darkening of corners, computed once at the corners of
-//! triangles and linear between them: shadows have soft outlines as wide as a triangle, and triangles
-//! are cut where that is too wide (`shadow.rs`). Light that bounces is part of the sky's share.
-//! Moving things neither cast nor receive shadows.
+//! Sun, sky and lamps, with shadows and ambient occlusion, computed once at the corners of
+//! triangles and linear between them: shadows have soft outlines as wide as a triangle, and
+//! triangles are cut where that is too wide (`shadow.rs`). Indirect light is part of the sky's
+//! share. Moving bodies neither cast nor receive shadows.
 
 use std::collections::HashMap;
 
@@ -13,20 +13,20 @@ use super::Lighting;
 use super::bvh::Bvh;
 use super::mesh::{Mesh, Triangle};
 
-/// Directions in which the sky is looked for, per corner.
+/// Number of sky rays per corner.
 const SKY_RAYS: usize = 14;
-/// Nothing farther than this darkens, m.
+/// Maximum distance of ambient occlusion, m.
 const SKY_REACH_M: f64 = 6.0;
-/// Faces that meet at less than this angle look round; cosine.
+/// Minimum cosine of the angle between faces that are shaded as smooth.
 const ROUND: f64 = 0.8;
 
-/// Rays start so far from a surface, m.
+/// Distance of ray origins from a surface, m.
 pub(super) const RAY_OFFSET_M: f64 = 0.02;
 
-/// Light at a corner of a triangle.
+/// Irradiance at a corner of a triangle, by source.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Lit {
-    /// That of the surface, round over small edges.
+    /// Surface normal, smoothed over small edges.
     pub(super) normal: Vector3<f64>,
     /// From the sun.
     pub(super) sun: f32,
@@ -34,16 +34,16 @@ pub(super) struct Lit {
     pub(super) soft: f32,
 }
 
-/// A light at a point.
+/// A point light.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Lamp {
-    /// m.
+    /// Position, m.
     pub position: Vector3<f64>,
     /// Irradiance at 1 m, relative to daylight.
     pub strength: f64,
 }
 
-/// All light of a scene.
+/// All light sources of a scene.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Light {
     /// Direction to the sun, of length 1, and its irradiance on a surface that faces it.
@@ -54,11 +54,11 @@ pub struct Light {
     pub lamps: Vec<Lamp>,
     /// Colour, luminance 1.
     pub tint: [f32; 3],
-    /// Flicker of all light: frequency of the light's maxima, Hz, and depth (1 goes out between).
+    /// Flicker of all light: frequency of the light's maxima, Hz, and depth (1 is full modulation).
     pub flicker: Option<(f64, f64)>,
 }
 
-/// The lights of a place at all times.
+/// The light sources of a scene in all lightings.
 #[derive(Clone, Debug)]
 pub struct Lights {
     /// Direction to the sun by day.
@@ -67,12 +67,12 @@ pub struct Lights {
     pub low_sun: Vector3<f64>,
     /// Lamps that are on at night.
     pub lamps: Vec<Lamp>,
-    /// In a room the lamps are the day's light too, and the sun comes in only when it is low.
+    /// Indoors the lamps are on by day too, and the sun enters only when it is low.
     pub indoors: bool,
 }
 
 impl Lights {
-    /// How bright lamps are at a time, as a multiple of their strength.
+    /// Factor on the strength of lamps in a lighting.
     pub fn lamps_on(&self, lighting: Lighting) -> f64 {
         match (lighting, self.indoors) {
             (Lighting::Day | Lighting::LowSun, false) => 0.0,
@@ -85,7 +85,7 @@ impl Lights {
         }
     }
 
-    /// The light at a time.
+    /// The light sources in a lighting.
     pub fn at(&self, lighting: Lighting) -> Light {
         const WHITE: [f32; 3] = [1.0, 1.0, 1.0];
         const WARM: [f32; 3] = [1.26, 0.97, 0.53];
@@ -123,8 +123,8 @@ impl Lights {
 }
 
 impl Light {
-    /// Irradiance at a point with this normal. `blocked(direction, reach)` says whether something is
-    /// in the way.
+    /// Irradiance at a point with this normal. `blocked(direction, reach)` returns whether the ray
+    /// is occluded.
     pub fn irradiance(
         &self,
         point: &Vector3<f64>,
@@ -151,7 +151,7 @@ impl Light {
         }
     }
 
-    /// Irradiance from sky, lamps and what surfaces throw back; see [`Light::irradiance`].
+    /// Irradiance from sky, lamps and indirect light; see [`Light::irradiance`].
     fn soft(
         &self,
         point: &Vector3<f64>,
@@ -169,7 +169,7 @@ impl Light {
             if cosine > 0.05 {
                 all += cosine;
                 if !blocked(&direction, SKY_REACH_M) {
-                    // What comes from below the horizon is light that the ground throws back.
+                    // Light from below the horizon is reflected by the ground.
                     open += cosine * if z > 0.0 { 1.0 } else { 0.4 };
                 }
             }
@@ -181,7 +181,7 @@ impl Light {
             let distance = square.sqrt();
             let direction = arm / distance;
             let cosine = normal.dot(&direction);
-            // Some of a lamp's light comes by way of walls and ground.
+            // A part of a lamp's light is reflected by walls and ground.
             let direct = match cosine > 0.0 && !blocked(&direction, distance - 0.05) {
                 true => cosine,
                 false => 0.0,
@@ -234,8 +234,8 @@ impl Light {
             .collect()
     }
 
-    /// How bright a light that flickers is on average from `from_s` for `length_s`, relative to its
-    /// mean over all time. The light goes with the square of a sine, as of a lamp on mains.
+    /// Mean brightness of a flickering light from `from_s` for `length_s`, relative to its
+    /// long-term mean. The light follows a squared sine, as of a lamp on mains.
     pub fn flicker_factor(&self, from_s: f64, length_s: f64) -> f64 {
         let Some((hz, depth)) = self.flicker else {
             return 1.0;

@@ -1,15 +1,15 @@
-//! What things in more than one scene, or in any, are made of: recipes of textures, and looks.
+//! Surface finishes for all scenes: texture recipes, layouts and colors.
 //!
-//! Contract: a look is a recipe, a layout, a size and two colours; whoever uses it says what it is
-//! ([`Class`]). Reflectances are those of the real thing, linear. Builders make a texture once for all
-//! looks that share recipe and layout.
+//! Contract: a finish is a recipe, a layout, a size and two colors; the caller adds the [`Class`].
+//! Reflectances are those of real materials, linear. Builders generate a texture once for all
+//! finishes that share recipe and layout.
 
 use super::build::Builder;
 use super::surface::Class;
 use super::texture::Recipe;
 use super::texture::layout::{Courses, Layout, Stagger};
 
-/// How a surface looks.
+/// Finish of a surface.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Finish {
     pub(super) recipe: Recipe,
@@ -18,7 +18,7 @@ pub(super) struct Finish {
     pub(super) texel_mm: f32,
     /// Reflectance, linear red, green, blue.
     pub(super) albedo: [f32; 3],
-    /// The same of the second colour, or of the joints.
+    /// Reflectance of the second color, or of the joints.
     pub(super) other: [f32; 3],
     /// See [`super::surface::Material::glow`].
     pub(super) glow: f32,
@@ -40,12 +40,12 @@ impl Finish {
         Self { layout, ..self }
     }
 
-    /// Giving off light while lamps are on.
+    /// With light emission while lamps are on.
     pub(super) const fn glowing(self, glow: f32) -> Self {
         Self { glow, ..self }
     }
 
-    /// In other colours.
+    /// With other colors.
     pub(super) const fn dyed(self, albedo: [f32; 3], other: [f32; 3]) -> Self {
         Self {
             albedo,
@@ -54,7 +54,7 @@ impl Finish {
         }
     }
 
-    /// A material of a scene.
+    /// Adds a material of a class to a scene.
     pub(super) fn of(&self, class: Class, b: &mut Builder) -> u16 {
         let texture = b.texture_laid(&self.recipe, &self.layout);
         let material = b.material(class, texture, self.texel_mm, self.albedo, self.other);
@@ -85,13 +85,13 @@ const fn courses(across: u16, rows: u16, stagger: Stagger, joint: f32, uneven: f
 
 // Recipes.
 
-/// Clouds, at one step of level 2 for a third of a degree.
+/// Clouds, at one texel of level 2 per third of a degree.
 pub(super) const CLOUDS: Recipe = recipe([10.0, 500.0], 0.4, 0.0, 0.0, 1.8);
 const STONE: Recipe = recipe([1.5, 160.0], 0.25, 0.04, 0.3, 1.0);
 const CHIPPINGS: Recipe = recipe([1.2, 90.0], 0.28, 0.1, 0.15, 1.0);
 const POURED: Recipe = recipe([3.0, 320.0], 0.1, 0.03, 0.25, 1.0);
 const SMOOTH: Recipe = recipe([6.0, 400.0], 0.1, 0.015, 0.3, 1.0);
-/// A few per cent: blank to stereo and tracking.
+/// Contrast of a few percent: textureless for stereo matching and tracking.
 const BLANK: Recipe = recipe([3.0, 300.0], 0.02, 0.012, 0.3, 1.0);
 const PAPER_ROUGH: Recipe = recipe([2.0, 200.0], 0.05, 0.02, 0.3, 1.0);
 const GRAINED: Recipe = recipe([2.0, 90.0], 0.26, 0.05, 0.35, 8.0);
@@ -102,9 +102,9 @@ const CRUMBS: Recipe = recipe([1.2, 120.0], 0.36, 0.1, 0.3, 1.0);
 /// Leaves 2 cm to 9 cm long at 2 mm per texel.
 const FALLEN: Recipe = recipe([4.0, 24.0], 0.42, 0.1, 0.45, 1.9);
 const FURROWS: Recipe = recipe([2.0, 60.0], 0.42, 0.15, 0.4, 5.0);
-/// Words and pictures.
+/// Printed text and graphics.
 const PRINT: Recipe = recipe([2.0, 10.0], 0.3, 0.02, 0.0, 5.0);
-/// What a window mirrors: large, soft, upright.
+/// Reflections in a window: large, soft, upright.
 const MIRRORED: Recipe = recipe([60.0, 500.0], 0.25, 0.01, 0.35, 0.5);
 
 // Layouts.
@@ -189,7 +189,7 @@ pub(super) const PAPERS: Finish = Finish::new(PRINT, 1.0, [0.7, 0.69, 0.66], [0.
 pub(super) const METAL: Finish = Finish::new(SMOOTH, 1.0, [0.1, 0.12, 0.11], [0.16, 0.16, 0.15]);
 pub(super) const STEEL: Finish = Finish::new(SMOOTH, 0.6, [0.3, 0.31, 0.32], [0.24, 0.24, 0.25]);
 pub(super) const WHITE: Finish = Finish::new(SMOOTH, 1.0, [0.68, 0.68, 0.66], [0.62, 0.62, 0.6]);
-/// For dyeing: paint on metal or plastic, and cloth.
+/// Base finishes for other colors: paint on metal or plastic, and cloth.
 pub(super) const VARNISH: Finish = Finish::new(SMOOTH, 2.0, [0.4; 3], [0.35; 3]);
 pub(super) const CLOTH: Finish = Finish::new(WOVEN, 1.2, [0.4; 3], [0.35; 3]);
 /// Furrows run along u.

@@ -1,7 +1,7 @@
 //! A street: houses, pavement, kerb, road with a crosswalk, and the same on the other side.
 //!
-//! x runs along the street, y across it. The walker goes along one pavement, over the crosswalk, back
-//! along the other one, and over the road again.
+//! x runs along the street, y across it. The walker follows one pavement, crosses the crosswalk,
+//! returns on the other pavement, and crosses the road again.
 
 use nalgebra::Vector3;
 
@@ -32,7 +32,7 @@ const TREES: [[f64; 2]; 5] = [
     [9.0, FAR_KERB + 0.75],
 ];
 
-/// What is where.
+/// Materials of the scene.
 struct Palette {
     slabs: u16,
     kerb: u16,
@@ -166,7 +166,7 @@ fn ground(b: &mut Builder, p: &Palette) {
             let (xa, xb) = (at(i), at(i + 1));
             let top = |x: f64| Vector3::new(x, edge, pavement(x, edge));
             let foot = |x: f64| Vector3::new(x, edge, -KERB_HEIGHT - 0.05);
-            // u grows to the right of someone who looks at it.
+            // u increases to the right for a viewer.
             let (face, u) = match edge > inner {
                 true => ([foot(xb), foot(xa), top(xa), top(xb)], -xb),
                 false => ([foot(xa), foot(xb), top(xb), top(xa)], xa),
@@ -189,7 +189,7 @@ fn ground(b: &mut Builder, p: &Palette) {
         let earth = Vector3::new(0.94, 0.88, 0.055);
         b.standing_box(Vector3::new(x, y, -0.05), earth, 0.0, 0.3, on(p.earth));
     }
-    // Beyond the ends of the street, grass as far as one can see.
+    // Beyond the ends of the street, grass to the horizon.
     for (from, to) in [([-60.0, -30.0], [x0, 45.0]), ([x1, -30.0], [80.0, 45.0])] {
         b.mesh
             .ground(from, to, 3.0, |_, _| -0.02, |_, _| on(p.grass));

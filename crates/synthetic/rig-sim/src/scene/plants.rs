@@ -1,7 +1,7 @@
 //! Trees, bushes, hedges.
 //!
-//! Leaves are not drawn one by one: a crown is a dark core with sprays around it, triangles with the
-//! picture of leaves on them, between which the sky shows.
+//! Leaves are not modelled individually: a crown is a dark core with sprays around it, triangles
+//! with a leaf texture, between which the sky is visible.
 
 use nalgebra::Vector3;
 
@@ -14,18 +14,18 @@ use super::sweep::{Ring, sweep};
 /// A clump of leaves about a point.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Clump {
-    /// m.
+    /// Center or radii, m.
     pub(super) center: Vector3<f64>,
-    /// m.
+    /// Center or radii, m.
     pub(super) radii: Vector3<f64>,
-    /// How many sprays.
+    /// Number of sprays.
     pub(super) sprays: u32,
     /// Length of a spray, m.
     pub(super) spray_m: f64,
 }
 
 impl Clump {
-    /// So many sprays that they hide about half of what is behind.
+    /// With a number of sprays that occludes about half of the background.
     pub(super) fn new(center: Vector3<f64>, radii: Vector3<f64>, spray_m: f64) -> Self {
         let [x, y, z] = [radii.x, radii.y, radii.z];
         let surface = 4.0 * std::f64::consts::PI * (x * y + y * z + z * x) / 3.0;
@@ -37,11 +37,11 @@ impl Clump {
         }
     }
 
-    /// Grows it.
+    /// Adds the clump to a scene.
     pub(super) fn grow(&self, b: &mut Builder, leaves: Stuff) {
         b.lump(self.center, self.radii * 0.8, 4, 0.2, leaves);
         for _ in 0..self.sprays {
-            // Even over the sphere, and thinner outwards.
+            // Uniform over the sphere, less dense outwards.
             let up = b.draw(-1.0, 1.0);
             let angle = b.draw(0.0, 2.0 * std::f64::consts::PI);
             let level = (1.0 - up * up).sqrt();
@@ -63,7 +63,7 @@ impl Clump {
                 let length = self.spray_m * b.draw(0.45, 0.85);
                 at + (right * libm::cos(turn) + over * libm::sin(turn)) * length
             });
-            // Seen from both sides.
+            // Visible from both sides.
             let [p, q, r] = corners;
             b.mesh.triangle([p, q, r], [at.x + at.z, at.y], leaves);
             b.mesh.triangle([p, r, q], [at.x + at.z, at.y], leaves);
@@ -71,7 +71,7 @@ impl Clump {
     }
 }
 
-/// What trees are made of.
+/// Materials of trees.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Greens {
     pub(super) bark: u16,

@@ -1,7 +1,7 @@
-//! A furnished room: panes, thin rails and thin legs, which are easily missed.
+//! A furnished room with panes, thin rails and thin legs, which are easily missed.
 //!
-//! The walker goes round a glass screen, a table and a guard rail in the middle, along furniture at the
-//! walls. Rails are 2 to 4 cm thick.
+//! The walker goes around a glass screen, a table and a guard rail in the middle, along furniture
+//! at the walls. Rails are 2 to 4 cm thick.
 
 use nalgebra::Vector3;
 
@@ -17,7 +17,7 @@ use super::surface::Class;
 const SIZE: [f64; 2] = [10.0, 7.0];
 const HEIGHT: f64 = 2.7;
 
-/// What is where.
+/// Materials of the scene.
 struct Palette {
     parquet: u16,
     rug: u16,
@@ -118,7 +118,7 @@ fn palette(b: &mut Builder) -> Palette {
         },
         lamp: LAMP.glowing(1.0).of(Class::Obstacle, b),
         greens: Greens::new(b),
-        // What a pane mirrors of a room is about as bright as a grey wall.
+        // Reflections of a room in a pane are about as bright as a gray wall.
         glass: WALLPAPER
             .dyed([0.38, 0.42, 0.41], [0.38, 0.42, 0.41])
             .of(Class::Glass, b),
@@ -246,7 +246,7 @@ fn rail(b: &mut Builder, ends: [Vector3<f64>; 2], diameter_m: f64, stuff: Stuff)
     b.mesh.tube(ends, [0.5 * diameter_m; 2], 10, 0.5, stuff);
 }
 
-/// Table and chairs, the glass screen, the guard rail: inside the round.
+/// Table and chairs, the glass screen, the guard rail: inside the loop.
 fn middle(b: &mut Builder, p: &Palette) {
     let rug = Builder::on_ground(p.rug);
     b.standing_box(
@@ -367,7 +367,7 @@ fn chair(b: &mut Builder, p: &Palette, at: Vector3<f64>, yaw: f64) {
     b.standing_box(point(0.0, -0.27, 0.66), size, yaw, 0.3, cloth);
 }
 
-/// Shelf, sofa, clothes rail, glass cabinet, lamp, radiator: outside the round.
+/// Shelf, sofa, clothes rail, glass cabinet, lamp, radiator: outside the loop.
 fn along_the_walls(b: &mut Builder, p: &Palette) {
     let [x, y] = SIZE;
     let wall = |from: [f64; 2], to: [f64; 2]| Wall {

@@ -1,7 +1,7 @@
-//! The sun's shadows with outlines: triangles are cut where sunlight on them is not linear.
+//! Shadows of the sun with sharp outlines: triangles are cut where sunlight on them is not linear.
 //!
-//! Contract: only the ground and walls are cut, the finer the nearer to the way, and a cut moves no
-//! surface. An edge is cut in its middle for both triangles that share it, so no crack opens.
+//! Contract: only the ground and walls are cut, finer near the path, and a cut moves no surface. An
+//! edge is cut in its middle for both triangles that share it, so no crack opens.
 
 use std::collections::{HashMap, HashSet};
 
@@ -14,33 +14,33 @@ use super::route::Route;
 use super::surface::{Class, Material};
 use crate::walker::path::Path;
 
-/// Edges are not cut to less than this near the way, m; farther away in proportion to the distance.
+/// Minimum edge length near the path, m; farther away it grows in proportion to the distance.
 const MIN_EDGE_M: f64 = 0.06;
 const FULL_DETAIL_M: f64 = 1.6;
-/// Beyond this nothing is cut, m.
+/// Maximum distance from the path at which edges are cut, m.
 const MAX_DISTANCE_M: f64 = 10.0;
-/// An edge is looked at in places so far apart, m.
+/// Distance between sunlight samples along an edge, m.
 const SAMPLE_SPACING_M: f64 = 0.07;
 const MAX_SAMPLES: usize = 8;
-/// Part of the light by which it may differ from linear.
+/// Maximum deviation from linear, as a fraction of the light.
 const TOLERANCE: f32 = 0.12;
-/// How often an edge is halved at the most.
+/// Maximum number of bisections of an edge.
 const MAX_ROUNDS: usize = 5;
-/// No more triangles than this.
+/// Maximum number of triangles.
 const MAX_TRIANGLES: usize = 150_000;
 
-/// A triangle on its way through the rounds.
+/// A triangle during subdivision.
 #[derive(Clone, Copy)]
 struct Piece {
     triangle: Triangle,
     lit: [Lit; 3],
-    /// Whether it can still change.
+    /// Whether it may still be cut.
     is_open: bool,
 }
 
 type Edge = [[u64; 3]; 2];
 
-/// Sunlight at a point by the surface's round and flat normals.
+/// Sunlight at a point by the surface's smoothed and flat normals.
 type Sunlight<'a> = dyn Fn(&Vector3<f64>, &Vector3<f64>, &Vector3<f64>) -> f32 + 'a;
 
 fn edge(a: &Corner, b: &Corner) -> Edge {
@@ -48,7 +48,7 @@ fn edge(a: &Corner, b: &Corner) -> Edge {
     if a < b { [a, b] } else { [b, a] }
 }
 
-/// The mesh, cut, and the irradiance at the corners of each triangle.
+/// The subdivided mesh, and the irradiance at the corners of each triangle.
 pub(super) fn baked(
     mesh: &Mesh,
     materials: &[Material],
@@ -87,17 +87,17 @@ pub(super) fn baked(
         let start = p + flat * RAY_OFFSET_M;
         light.sunlight(normal, |d, reach| solid.is_hidden(&start, d, reach)) as f32
     };
-    // Without a sun there is nothing to cut.
+    // Without sun nothing is cut.
     let rounds = if light.sun.is_some() { MAX_ROUNDS } else { 0 };
     for _ in 0..rounds {
         let mut wanted: Vec<(u64, Edge)> = Vec::new();
-        // Two triangles share an edge: one look is enough.
+        // Two triangles share an edge: it is sampled once.
         let mut judged: HashMap<Edge, bool> = HashMap::new();
         for piece in pieces.iter_mut().filter(|p| p.is_open) {
             let corners = &piece.triangle.corners;
             let distance = away(&corners[0].position);
             let finest = MIN_EDGE_M * (distance / FULL_DETAIL_M).max(1.0);
-            // What has no edge to be cut now has none later.
+            // A triangle without edges to cut has none later.
             piece.is_open = false;
             if distance > MAX_DISTANCE_M {
                 continue;
@@ -133,7 +133,7 @@ pub(super) fn baked(
                 }
             }
         }
-        // The nearest ones, if there are too many: each makes two triangles more at the most.
+        // The nearest ones, if there are too many: each adds at most two triangles.
         wanted.sort_unstable();
         wanted.truncate(MAX_TRIANGLES.saturating_sub(pieces.len()) / 2);
         if wanted.is_empty() {
@@ -259,7 +259,8 @@ mod tests {
         let (before, after) = (mesh.triangles.len(), cut.triangles.len());
         assert!(after > 2 * before, "{before} {after}");
 
-        // The ground is as large as it was, and what is lit of it is what the wall does not hide.
+        // The area of the ground is unchanged, and its lit part is the part that the wall does not
+        // occlude.
         let (mut all, mut dark) = (0.0, 0.0);
         let mut ends = std::collections::HashMap::new();
         for (triangle, lit) in cut.triangles.iter().zip(&lit) {
@@ -278,7 +279,7 @@ mod tests {
             }
         }
         assert!((all - 36.0).abs() < 1e-9, "{all}");
-        // 0.9 m wide and 1 m long; the sky's share is a little less beside the wall.
+        // 0.9 m wide and 1 m long; the sky's part is slightly reduced beside the wall.
         assert!((dark - 0.9).abs() < 0.12, "{dark}");
         // Every edge belongs to two triangles but those at the rim, 24 m of it.
         let rim = ends.values().filter(|&&n| n == 1).count();

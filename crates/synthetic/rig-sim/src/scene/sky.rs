@@ -1,4 +1,4 @@
-//! What is seen where nothing is in the way: sky, clouds, the sun.
+//! Background: sky, clouds, the sun.
 
 use super::Lighting;
 use super::light::Light;
@@ -21,15 +21,15 @@ pub struct Sky {
     /// Colours at the horizon and around the sun, as bright as the zenith.
     horizon: [f32; 3],
     warm: [f32; 3],
-    /// How much brighter the horizon is.
+    /// Brightness of the horizon relative to the zenith, minus one.
     pub rise: f32,
-    /// How strongly clouds show.
+    /// Contrast of clouds.
     pub clouds: f32,
     /// The texture of the clouds.
     pub texture: u16,
-    /// Direction to the sun, and how much brighter than the zenith it is.
+    /// Direction to the sun, and its brightness relative to the zenith.
     pub sun: Option<([f32; 3], f32)>,
-    /// How much brighter than the zenith it is beside the sun.
+    /// Brightness beside the sun relative to the zenith.
     glow: f32,
 }
 
@@ -40,7 +40,7 @@ fn bright(color: [f32; 3], luminance_is: f32) -> [f32; 3] {
 }
 
 impl Sky {
-    /// At a time, with clouds of a texture.
+    /// The sky of a lighting, with clouds of a texture.
     pub(super) fn new(lighting: Lighting, light: &Light, texture: u16) -> Self {
         const BLUE: [f32; 3] = [0.55, 0.86, 1.5];
         const HAZE: [f32; 3] = [0.92, 1.0, 1.12];
@@ -48,8 +48,8 @@ impl Sky {
         const DUSK: [f32; 3] = [0.65, 0.85, 1.35];
         // The light of towns on clouds.
         const TOWN: [f32; 3] = [1.25, 0.95, 0.7];
-        // A sky that gives an irradiance of 1, were it even, is as bright as a white surface. The light
-        // that surfaces get at night comes from lamps by way of other surfaces rather than from there.
+        // A uniform sky with an irradiance of 1 is as bright as a white surface. At night surfaces
+        // receive light from lamps, directly and reflected, rather than from the sky.
         let (colors, share, rise, clouds, glow) = match lighting {
             Lighting::Day => ([BLUE, HAZE, HAZE], 0.7, 1.2, 0.7, 3.0),
             Lighting::LowSun => ([BLUE, PEACH, PEACH], 0.6, 1.6, 0.7, 12.0),
@@ -78,7 +78,7 @@ impl Sky {
     /// ray.
     #[inline]
     pub(crate) fn seen(&self, view: &View, [x, y]: [f32; 2], scene: &Scene) -> (f32, [f32; 3]) {
-        // The transpose takes optical directions back to the world.
+        // The transpose maps optical directions to the world.
         let r = &view.rotation;
         let direction = [0, 1, 2].map(|k| r[0][k] * x + r[1][k] * y + r[2][k]);
         let length = (direction[0] * direction[0]
@@ -89,7 +89,7 @@ impl Sky {
         let up = direction[2].max(0.0);
         let pale = (1.0 - up) * (1.0 - up);
         let pale = pale * pale;
-        // A layer of clouds far above, so that it recedes towards the horizon; soft and in tatters.
+        // A high layer of clouds, which recedes towards the horizon.
         let clouds = &scene.textures[usize::from(self.texture)];
         let scale = 36.0 / (up + 0.15);
         let (cu, cv) = (direction[0] * scale, direction[1] * scale);

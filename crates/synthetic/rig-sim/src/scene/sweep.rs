@@ -1,4 +1,4 @@
-//! A closed skin around a bent axis: limbs, roots, trunks, bowls.
+//! A closed skin around a curved axis: limbs, roots, trunks, bowls.
 
 use nalgebra::Vector3;
 
@@ -49,7 +49,7 @@ pub(super) fn sweep(
         let wider = ring.radii[0] - rings[i.saturating_sub(1)].radii[0];
         along += libm::hypot((ring.center - before).norm(), wider);
         let corner = |k: usize| {
-            // The first and the last corner are one place, bit by bit.
+            // The first and the last corner are identical, bit by bit.
             let angle = 2.0 * std::f64::consts::PI * (k % sides) as f64 / sides as f64;
             let out = side * (ring.radii[0] * libm::cos(angle))
                 + across * (ring.radii[1] * libm::sin(angle));

@@ -25,7 +25,7 @@ const BITS: usize = 6;
 /// Cells along a side with the black border.
 const CELLS: usize = BITS + 2;
 
-/// How many tags there are.
+/// Number of available tags.
 pub const COUNT: usize = CODES.len();
 
 /// Whether the cell in this row and column is black; the border is, all around it is not.
@@ -41,11 +41,11 @@ fn is_black(id: usize, row: i32, column: i32) -> bool {
     }
 }
 
-/// Adds tag `id` of side `size_m` to a mesh, with a white margin one cell wide. `place` takes points in
-/// the tag's frame to the mesh's.
+/// Adds tag `id` of side `size_m` to a mesh, with a white margin one cell wide. `place` maps points
+/// of the tag frame to the mesh frame.
 ///
 /// # Panics
-/// For an `id` that is not below [`COUNT`].
+/// If `id` is not below [`COUNT`].
 pub fn draw(
     mesh: &mut Mesh,
     id: usize,

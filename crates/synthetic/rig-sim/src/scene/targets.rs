@@ -1,5 +1,5 @@
-//! A plain room with enough on its walls to track, for calibration boards; the boards themselves are put in
-//! by [`super::Scene::with_boards`].
+//! A plain room with enough texture on its walls to track, for calibration boards; the boards are
+//! added by [`super::Scene::with_boards`].
 
 use nalgebra::Vector3;
 
@@ -12,7 +12,7 @@ use super::surface::Class;
 use super::texture::Recipe;
 use crate::targets::board::Board;
 
-/// In x and y, from corner to corner; the plate starts at 0.
+/// In x and y, from corner to corner; the rig starts at 0.
 const FROM: [f64; 2] = [-2.6, -2.7];
 const TO: [f64; 2] = [3.0, 2.7];
 const HEIGHT: f64 = 2.7;
@@ -111,7 +111,7 @@ pub(super) fn build(b: &mut Builder) -> SceneParts {
     }
 }
 
-/// Puts boards into a room. Print has no grain, which would blur the edges of cells.
+/// Adds boards to a room. The print has no grain, which would blur the edges of cells.
 pub(super) fn stand(b: &mut Builder, boards: &[Board]) {
     if boards.is_empty() {
         return;

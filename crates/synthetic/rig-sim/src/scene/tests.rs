@@ -1,7 +1,7 @@
 use super::*;
 use crate::walker::path::Path;
 
-/// A place before it is lit.
+/// A scene before lighting.
 fn made(kind: Kind, seed: u64) -> (Builder, SceneParts) {
     let mut builder = Builder::new(seed);
     let made = kind.build(&mut builder);
@@ -34,7 +34,7 @@ fn the_whole_way_has_ground_under_it_and_nothing_in_it() {
                 level = level.max(ground.height);
             }
             below = level + 0.6;
-            // Nothing within reach of hips and shoulders.
+            // Free space for hips and shoulders.
             for (height, room) in [(0.5, 0.22), (0.9, 0.27), (1.4, 0.27), (1.7, 0.15)] {
                 let at = Vector3::new(x, y, level + height);
                 for i in 0..16 {
@@ -91,8 +91,8 @@ fn a_seed_makes_one_place_and_another_seed_another() {
     }
 }
 
-/// Every round is walked alike: legs that name lengths make up a whole number of rounds where a scene
-/// ties speeds to places.
+/// Every lap is the same: leg lengths add up to a whole number of laps where a scene ties speeds to
+/// positions.
 #[test]
 fn stairs_are_climbed_slowly_in_every_round() {
     let (_, made) = made(Kind::Stairs, 1);

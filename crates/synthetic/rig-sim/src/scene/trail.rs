@@ -16,7 +16,7 @@ use crate::walker::path::Path;
 mod plants;
 mod terrain;
 
-/// What is where.
+/// Materials of the scene.
 struct Palette {
     earth: u16,
     litter: u16,
@@ -30,7 +30,7 @@ struct Palette {
     wood: u16,
 }
 
-/// A round place that is taken.
+/// An occupied disc on the ground.
 struct Disc {
     at: [f64; 2],
     radius: f64,
@@ -117,7 +117,7 @@ fn palette(b: &mut Builder) -> Palette {
             .of(Class::Obstacle, b),
         wood: WOOD.of(Class::Obstacle, b),
     };
-    // Feet do stand on these.
+    // These are walkable.
     for low in [palette.root, palette.flat_stone] {
         b.materials[low as usize].walkable = true;
     }
@@ -127,7 +127,7 @@ fn palette(b: &mut Builder) -> Palette {
 fn ground(b: &mut Builder, p: &Palette, terrain: &Terrain) {
     terrain.lay(&mut b.mesh, |x, y, off| {
         let patch = terrain.patch(x, y);
-        // No edge is sharp: leaves lie over it.
+        // Edges are irregular: leaves cover them.
         let worn = off < 0.5 + 0.2 * patch + 0.12 * terrain.fray(x, y);
         // Leaves gather on the trail too, and moss grows beside it.
         let drift = terrain.patch(y + 40.0, 1.3 * x) + 0.2 * terrain.fray(y, x);
@@ -170,7 +170,7 @@ fn lamps(
     lamps
 }
 
-/// A free place at least `clear` m from the trail's middle.
+/// A free position at least `clear` m from the trail's middle.
 fn free_place(
     b: &mut Builder,
     terrain: &Terrain,
@@ -185,7 +185,7 @@ fn free_place(
     })
 }
 
-/// Roots that cross the trail: from trees beside it, and others whose tree is not seen.
+/// Roots that cross the trail: from trees beside it, and others without a visible tree.
 fn roots(b: &mut Builder, p: &Palette, terrain: &Terrain, path: &Path, trees: &[[f64; 2]]) {
     let crossings = (path.length_m() / 2.2) as usize;
     for i in 0..crossings {
@@ -221,7 +221,7 @@ fn root(b: &mut Builder, p: &Palette, terrain: &Terrain, from: [f64; 2], to: [f6
             let off = aside * (wind * libm::sin(3.1 * length * t + phase));
             let (x, y) = (from[0] + dx * t + off.x, from[1] + dy * t + off.y);
             let thick = radius * (1.0 - 0.6 * t);
-            // It dives here and there, and at both ends for good.
+            // It dips below the ground in places, and at both ends.
             let dive = 0.6 + 0.4 * libm::sin(2.3 * length * t + 2.0 * phase);
             let ends = (6.0 * t).min(6.0 * (1.0 - t)).min(1.0);
             let up = thick * (1.6 * ends - 1.0 - buried * dive);

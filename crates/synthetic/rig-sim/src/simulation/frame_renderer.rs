@@ -1,4 +1,4 @@
-//! The pictures of one stereo camera, one after the other.
+//! Renders the frames of one stereo camera in order.
 
 use std::sync::Arc;
 
@@ -10,21 +10,22 @@ use crate::random;
 
 use super::{Simulation, seconds};
 
-/// Seeds of cameras, and of a camera's pictures, apart from the streams that sensors use themselves.
+/// Random streams that seed cameras and frames; distinct from the streams that sensors use
+/// themselves.
 const CAMERA_SEEDS: u64 = random::SENSOR + 0x80;
 const FRAME_SEEDS: u64 = random::SENSOR + 0x81;
 const SENSOR_SEEDS: u64 = random::SENSOR + 0x82;
-/// Pictures after which the exposure has found its way from any start.
+/// Number of frames after which the automatic exposure has converged from any start.
 const SETTLING_FRAMES: u64 = 24;
 
-/// A picture as the device delivers it.
+/// A stereo frame as the device delivers it.
 #[derive(Clone, Debug, PartialEq)]
 pub struct StereoFrame {
-    /// From 0.
+    /// Frame index, from 0.
     pub number: u64,
     /// Middle of the exposure of the middle row, ns since the beginning of the walk.
     pub time_ns: i64,
-    /// Of both eyes.
+    /// Exposure of both eyes.
     pub exposure: Exposure,
     /// Columns of both eyes together.
     pub width: usize,
@@ -34,14 +35,14 @@ pub struct StereoFrame {
     pub i420: Vec<u8>,
 }
 
-/// Makes the pictures of a camera.
+/// Source of the frames of a camera.
 pub trait FrameSource: Send {
-    /// The picture of frame `number`, taken at this time, ns since the beginning of the walk. Asked for in
-    /// order, each once.
+    /// Frame `number`, exposed at `time_ns`, ns since the beginning of the walk. Called in order,
+    /// once per frame.
     fn render_frame(&mut self, number: u64, time_ns: i64) -> StereoFrame;
 }
 
-/// Exposes and develops the pictures of one camera. As an iterator it gives all frames of the walk.
+/// Renders the frames of one camera. As an iterator it yields all frames of the walk.
 pub struct FrameRenderer {
     simulation: Arc<Simulation>,
     camera: usize,
@@ -53,7 +54,8 @@ pub struct FrameRenderer {
 }
 
 impl FrameRenderer {
-    /// The camera has been on for a while: its exposure is that of the walk's beginning.
+    /// The exposure starts converged for the beginning of the walk, as of a camera that has been
+    /// running.
     pub(super) fn new(simulation: &Arc<Simulation>, camera: usize) -> Self {
         let seed = random::bits(simulation.settings.seed, CAMERA_SEEDS, camera as u64);
         let of = &simulation.cameras[camera];
@@ -78,21 +80,21 @@ impl FrameRenderer {
         renderer
     }
 
-    /// The same pictures through lenses with these faults.
+    /// The same frames with these faults.
     #[must_use]
     pub fn with_faults(mut self, faults: CameraFaults) -> Self {
         self.faults = faults;
         self
     }
 
-    /// Lets the exposure adapt to what is seen at a time.
+    /// Lets the automatic exposure converge for the scene at a time.
     pub fn settle(&mut self, time_ns: i64) {
         for k in 0..SETTLING_FRAMES {
             self.shoot(k, time_ns, Quality::FAST);
         }
     }
 
-    /// Takes a picture; `number` chooses its noise.
+    /// Renders one frame; `number` selects its noise.
     pub fn expose(&mut self, number: u64, time_ns: i64) -> StereoFrame {
         self.shoot(number, time_ns, self.simulation.settings.quality)
     }

@@ -1,4 +1,4 @@
-//! What is true of the pictures of one stereo camera.
+//! Ground truth of the images of one stereo camera.
 
 use crate::camera::optics::Conditions;
 use crate::camera::truth::{Flow, Pose, Truth, TruthCamera};
@@ -9,12 +9,12 @@ use crate::scene::wearer::{Part, ShoeTag};
 
 use super::{Limb, Simulation, seconds};
 
-/// Points along a tag's side at which it is looked at.
+/// Visibility samples along a side of a tag.
 const SAMPLES_PER_SIDE: u32 = 9;
-/// How far those points reach, as a ratio of the tag's size: into its white margin.
+/// Extent of those samples relative to the tag size; 1 is the black square.
 const SAMPLE_EXTENT: f64 = 1.0;
 
-/// Tells what a camera's eyes really see.
+/// Ground truth of the images of one camera.
 pub struct GroundTruth<'a> {
     simulation: &'a Simulation,
     camera: &'a SimCamera,
@@ -23,15 +23,15 @@ pub struct GroundTruth<'a> {
     eyes: [TruthCamera; 2],
 }
 
-/// A tag in a picture.
+/// Observation of a shoe tag in an image.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct TagObservation {
-    /// Number in the family 36h11.
+    /// Id in the family 36h11.
     pub id: usize,
-    /// Whether all of it faces the eye, is inside the picture, and nothing is before it.
+    /// Whether the whole tag faces the camera, is inside the image and unoccluded.
     pub visible: bool,
-    /// Columns and rows of the black square's corners, px, pixel centres at whole numbers; in the order
-    /// of [`tag::corners`].
+    /// Corners of the black square: column and row, px, pixel centers at integers, in the order of
+    /// [`tag::corners`].
     pub corners: [[f64; 2]; 4],
 }
 
@@ -47,14 +47,14 @@ impl<'a> GroundTruth<'a> {
         }
     }
 
-    /// The same where the camera has these faults: one that has slipped looks elsewhere.
+    /// The same for a camera with these faults; a shifted camera has another pose.
     #[must_use]
     pub fn with_faults(mut self, faults: CameraFaults) -> Self {
         self.faults = faults;
         self
     }
 
-    /// What an eye (0 left, 1 right) really sees at a time.
+    /// Ground truth of the image of an eye (0 left, 1 right) at a time, ns.
     pub fn render(&mut self, eye: usize, time_ns: i64) -> Truth {
         let rotation = Conditions::of(&self.faults, seconds(time_ns)).rotation;
         let slip = self.camera.slip(&rotation);
@@ -67,14 +67,14 @@ impl<'a> GroundTruth<'a> {
         self.eyes[eye].render(self.simulation.scene(), &placed, &pose, taken_s)
     }
 
-    /// Where what an eye sees in one picture is in another of its pictures.
+    /// Optical flow from one image of an eye to another.
     pub fn flow(&self, eye: usize, from: &Truth, to: &Truth) -> Flow {
         let placed = self.simulation.placed(&self.limbs);
         self.eyes[eye].flow(self.simulation.scene(), &placed, from, to)
     }
 
-    /// The tags on the wearer's shoes that are before an eye, wherever the lens is known, with those
-    /// outside the picture.
+    /// The shoe tags in front of an eye, wherever the lens model is defined, including those
+    /// outside the image.
     pub fn tags(&self, eye: usize, truth: &Truth) -> Vec<TagObservation> {
         let tags = self.simulation.scene().wearer.tags.iter();
         tags.filter_map(|tag| self.tag(eye, truth, tag)).collect()
@@ -87,7 +87,7 @@ impl<'a> GroundTruth<'a> {
             .limbs
             .iter()
             .position(|l| l.part == Part::Shoe(tag.side))?;
-        // The limbs are the last ones.
+        // The limbs are the last bodies.
         let body = placed.len() - self.limbs.len() + limb;
         let project = |x: f64, y: f64| {
             let point = tag.position + tag.rotation * nalgebra::Vector3::new(x, y, 0.0);
@@ -99,7 +99,7 @@ impl<'a> GroundTruth<'a> {
             *to = [found.u, found.v];
         }
         let [a, b, c, _] = corners;
-        // Rows grow downwards: counter-clockwise for who sees the print has this sign.
+        // Rows grow downwards: a print seen from its front, counter-clockwise, has this sign.
         let area = (b[0] - a[0]) * (c[1] - a[1]) - (b[1] - a[1]) * (c[0] - a[0]);
         let at = |k: u32| {
             (f64::from(k) / f64::from(SAMPLES_PER_SIDE - 1) - 0.5) * tag.size_m * SAMPLE_EXTENT

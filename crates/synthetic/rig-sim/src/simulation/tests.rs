@@ -85,13 +85,13 @@ fn a_camera_gives_the_same_frames_again() {
     assert_eq!(frames, simulation.frames(0).collect::<Vec<_>>());
     let numbers: Vec<u64> = frames.iter().map(|f| f.number).collect();
     assert_eq!(numbers, [0, 1, 2, 3, 4]);
-    // The eyes look from two places and have noise of their own.
+    // The two eyes have different poses and independent noise.
     assert_ne!(frames[0].gray(0), frames[0].gray(1));
     assert_eq!(frames[0].gray(0).len(), 32 * 18);
 }
 
-/// The rasteriser against its slow twin: the depth of a pixel is that of its own ray, away from edges,
-/// which the rasteriser places to 0.1 px.
+/// The rasterizer agrees with the reference implementation: the depth of a pixel is that of its own
+/// ray, except near edges, which the rasterizer places to 0.1 px.
 #[test]
 fn true_depth_is_that_of_ray_casting() {
     let simulation = Arc::new(Simulation::new(&settings(), &example()).unwrap());
@@ -106,7 +106,7 @@ fn true_depth_is_that_of_ray_casting() {
                 let pick = |stream, size| (random::bits(9, stream, k) % size) as usize;
                 let (u, v) = (pick(0, width), pick(1, height));
                 let pixel = v * width as usize + u;
-                // Rays are cast at what stands, not at the wearer.
+                // Rays are cast at the static scene, not at the wearer.
                 if truth.class[pixel] == Class::Person {
                     continue;
                 }
@@ -124,7 +124,7 @@ fn true_depth_is_that_of_ray_casting() {
                     hit.map_or(0.0, |hit| 1.0 / hit.distance)
                 };
                 looked += 1;
-                // Linear on the picture within a plane, and 0 for the sky.
+                // 1/z is linear in the image within a plane, and 0 for the sky.
                 let expected = inverse_depth(0.0, 0.0);
                 let bent = |du: f64, dv: f64| {
                     let sum = inverse_depth(du, dv) + inverse_depth(-du, -dv);
@@ -152,8 +152,8 @@ fn true_depth_is_that_of_ray_casting() {
     }
 }
 
-/// Pixel at which an eye sees a moving point in the picture taken at `time_s`: the row's instant is
-/// found by trying one row after the other.
+/// Pixel at which an eye observes a moving point in the image of time `time_s`. Reference
+/// implementation: the instant of the row is found by bisection over the rows.
 fn slow_point(
     simulation: &Simulation,
     camera: &SimCamera,
@@ -186,7 +186,8 @@ fn slow_point(
     [u, v]
 }
 
-/// True flow against its slow twin: a ray cast into the scene, its end projected into the next picture.
+/// True flow agrees with the reference implementation: a ray cast into the scene, its end projected
+/// into the next image.
 #[test]
 fn true_flow_is_where_the_point_of_a_ray_goes() {
     let simulation = Simulation::new(&settings(), &example()).unwrap();
@@ -217,7 +218,7 @@ fn true_flow_is_where_the_point_of_a_ray_goes() {
                 let Some(hit) = simulation.scene().first_hit(&origin, &direction) else {
                     continue;
                 };
-                // At edges the rasteriser may see the other side.
+                // At edges the rasterizer may select the other surface.
                 let found = f64::from(from.depth[pixel]);
                 if (found - hit.distance).abs() > 1e-3 * found {
                     continue;
@@ -300,7 +301,7 @@ fn the_corners_of_tags_are_where_the_feet_take_them() {
                 };
                 let expected = slow_point(&simulation, sim_camera, eye, seconds(time_ns), &point);
                 let off = (found[0] - expected[0]).hypot(found[1] - expected[1]);
-                // Outside, the instant goes on as it is between the last rows.
+                // Outside the image the row time is extrapolated from the last rows.
                 let inside = (0.0..=159.0).contains(&found[0]) && (0.0..=89.0).contains(&found[1]);
                 let most = if inside { 0.005 } else { 0.05 };
                 assert!(off < most, "{time_ns}: {found:?}, expected {expected:?}");

@@ -100,7 +100,7 @@ fn a_plate_is_carried_as_arms_can() {
         assert!(most[0] <= rate, "{name}: {most:?}");
         assert!(most[1] <= force, "{name}: {most:?}");
         assert!(most[2] < 1.0, "{name}: {most:?}");
-        // Held still for a part of the time.
+        // At rest for a part of the time.
         assert!((900..8000).contains(&still), "{name}: {still}");
         if motion == Motion::Varied {
             assert!(turned.iter().all(|t| *t > 0.8), "{turned:?}");
@@ -109,7 +109,7 @@ fn a_plate_is_carried_as_arms_can() {
     }
 }
 
-/// Which boards each eye sees at an instant, where at least a few corners count.
+/// Boards of which at least a few corners are visible.
 fn seen_boards(corners: &[CornerObservation]) -> Vec<usize> {
     let mut count = BTreeMap::new();
     for corner in corners {
@@ -123,7 +123,7 @@ fn seen_boards(corners: &[CornerObservation]) -> Vec<usize> {
 fn boards_are_seen_all_over_every_picture_and_tie_cameras_together() {
     let simulation = session(75.0, &Plan::GOOD);
     let frames = simulation.settings().frame_count();
-    // Cells of 6 x 4 in each of the six pictures.
+    // Cells of 6 x 4 in each of the six images.
     let mut cells = vec![BTreeMap::<(i32, i32), i32>::new(); 6];
     let mut ties = BTreeSet::new();
     let (mut together, mut two_boards) = (0, 0);
@@ -161,7 +161,7 @@ fn boards_are_seen_all_over_every_picture_and_tie_cameras_together() {
     assert_eq!(ties.len(), 3, "{ties:?}");
 }
 
-/// At the least, tags are large enough for a detector in the pictures of the smallest mode.
+/// Tags are large enough for a detector in images of the smallest mode.
 #[test]
 fn tags_have_twenty_pixels_in_most_views() {
     let simulation = session(75.0, &Plan::GOOD);
@@ -188,8 +188,8 @@ fn tags_have_twenty_pixels_in_most_views() {
     );
 }
 
-/// Pictures against [`sight`] by a detector that knows nothing of either: without a tone curve and noise, of a rig
-/// that is not as told, at rest and swung.
+/// Images agree with [`observations`], by a detector that is independent of both: without tone
+/// curve and noise, for a rig that differs from its calibration, at rest and in motion.
 #[test]
 fn corners_are_where_pictures_have_them() {
     let one = Settings {
@@ -354,7 +354,7 @@ fn a_knocked_camera_sees_corners_elsewhere_from_then_on() {
         let is_after = seconds(simulation.settings().frame_ns(frame)) >= 10.0;
         for px in moved("left_shoulder", frame) {
             assert_eq!(px > 0.0, is_after, "{frame}: {px}");
-            // Half a degree is 2.3 px and more, but for what lies on the axis.
+            // Half a degree is 2.3 px and more, except on the axis.
             assert!(px < 12.0);
             compared += 1;
         }
@@ -373,7 +373,7 @@ fn what_cannot_be_a_session_is_refused() {
         Simulation::with_targets(&settings(5.0), &example(), &bent, &|n| Some(april_grid(n)));
     let message = error.unwrap_err().to_string();
     assert!(
-        message.contains("bend of the boards, m, is NaN"),
+        message.contains("bow of the boards, m, is NaN"),
         "{message}"
     );
     let walk = Settings {
@@ -404,7 +404,7 @@ fn fewer_boards_than_cameras_are_shared() {
         let simulation =
             Simulation::with_targets(&settings(30.0), &example(), &Plan::GOOD, &some).unwrap();
         assert_eq!(simulation.boards().len(), count);
-        // The shoulders see one of the boards now and then, whichever it is.
+        // The shoulder cameras observe one of the boards occasionally.
         let sees = |camera| {
             (0..300).any(|n| simulation.target_observations(camera).frame(0, n).len() > 20)
         };
@@ -418,7 +418,7 @@ fn fewer_boards_than_cameras_are_shared() {
     );
 }
 
-/// A rolling shutter bends what is seen in motion, and only then.
+/// A rolling shutter distorts images only in motion.
 #[test]
 fn a_global_shutter_sees_all_rows_at_once() {
     let rolling = session(40.0, &Plan::GOOD);
@@ -500,7 +500,7 @@ fn noise_on_corners_is_as_asked_for_and_the_same_again() {
         off.len()
     );
     assert!((square.sqrt() - 0.3).abs() < 0.02, "{}", square.sqrt());
-    // Eyes and frames have noise of their own.
+    // Eyes and frames have independent noise.
     let noise = |eye: usize, number: u64| {
         let target_observations = simulation.target_observations(1);
         let (exact, noisy) = (
@@ -513,7 +513,8 @@ fn noise_on_corners_is_as_asked_for_and_the_same_again() {
     assert!(!same);
 }
 
-/// What an eye sees it finds where it saw it, and both eyes' true depth agrees.
+/// Landmarks are found at the pixel where they were selected, and the true depths of both eyes
+/// agree.
 #[test]
 fn landmarks_are_found_where_they_were_seen() {
     let walk = Settings {
@@ -548,7 +549,7 @@ fn landmarks_are_found_where_they_were_seen() {
             let own = (rotation.inverse() * (landmark.point - origin)).z;
             agree += i32::from((far / own - 1.0).abs() < 0.05);
         }
-        // Not at edges, and not on the wearer's legs.
+        // Except at edges and on the wearer's legs.
         let least = landmarks.len() as i32
             * if simulation.cameras()[camera].name == "feet" {
                 5

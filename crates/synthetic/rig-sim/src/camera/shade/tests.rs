@@ -5,7 +5,7 @@ use super::*;
 use crate::lens::Lens;
 use crate::scene::{Kind, by_day};
 
-/// A scene, what an eye in it sees, and how it is shaded.
+/// Calls `look` with the shading of an image of a scene.
 fn check(kind: Kind, look: impl Fn(&Shading<'_>, &Lens)) {
     let scene = by_day(kind, 2);
     let lens = Lens::new(&CameraModel {
@@ -22,7 +22,7 @@ fn check(kind: Kind, look: impl Fn(&Shading<'_>, &Lens)) {
             p2: -1e-4,
         },
     });
-    // Along the first leg of the way, a little down.
+    // Along the first leg of the route, slightly downwards.
     let [a, b] = [0, 1].map(|i| {
         let [x, y] = scene.route.points[i];
         Vector3::new(x, y, 1.3)
@@ -55,7 +55,7 @@ fn check(kind: Kind, look: impl Fn(&Shading<'_>, &Lens)) {
     look(&shading, &lens);
 }
 
-/// The slow twin: one pixel by itself, in f64, in the words of the definition.
+/// Reference implementation: one pixel in f64, by the definition.
 fn slowly(shading: &Shading<'_>, row: usize, column: usize) -> Option<f64> {
     let Shading { scene, rays, .. } = shading;
     let visibility = shading.visibility;
@@ -101,8 +101,8 @@ fn slowly(shading: &Shading<'_>, row: usize, column: usize) -> Option<f64> {
     Some(f64::from(shading.weight) * light * tone * albedo)
 }
 
-/// Levels are chosen by a short logarithm, to 0.012, and places on the texture are rounded to some
-/// hundredths of a texel: one pixel in fifty gets another level.
+/// Levels are computed by an approximate logarithm, to 0.012, and texture positions are rounded to
+/// some hundredths of a texel: one pixel in fifty gets another level.
 #[test]
 fn rows_are_shaded_as_their_pixels_are_one_by_one() {
     for kind in [Kind::Pavement, Kind::Trail, Kind::Room] {

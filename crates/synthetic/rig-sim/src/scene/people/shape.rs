@@ -1,4 +1,4 @@
-//! What people look like: tapered limbs in clothes, each in the frame of its joint.
+//! Shapes of people: tapered limbs in clothes, each in the frame of its joint.
 
 use nalgebra::Vector3;
 
@@ -9,7 +9,7 @@ use crate::scene::surface::Class;
 use crate::scene::sweep::{Ring, sweep};
 use crate::scene::texture::Recipe;
 
-/// What people of a scene may wear: indices of materials.
+/// Clothes and materials of people: indices of materials.
 #[derive(Clone, Debug)]
 pub struct Wardrobe {
     tops: Vec<u16>,
@@ -19,7 +19,7 @@ pub struct Wardrobe {
     shoes: Vec<u16>,
 }
 
-/// What one person wears, and how wide they are.
+/// Clothes and build of one person.
 #[derive(Clone, Copy, Debug)]
 pub struct Outfit {
     top: Stuff,
@@ -29,7 +29,7 @@ pub struct Outfit {
     hair: Stuff,
     shoe: Stuff,
     bag: Option<Stuff>,
-    /// Width over that of someone slender.
+    /// Width relative to a slender person.
     girth: f64,
 }
 
@@ -112,7 +112,7 @@ impl Wardrobe {
         }
     }
 
-    /// Dresses someone new.
+    /// Chooses an outfit.
     pub(super) fn choose(&self, b: &mut Builder) -> Outfit {
         let instance = b.thing();
         let short_sleeves = b.draw(0.0, 1.0) < 0.4;
@@ -126,7 +126,7 @@ impl Wardrobe {
             }
         };
         let skin = one_of(&self.skins);
-        // One after the other, so that people can be told apart.
+        // In turn, so that people can be distinguished.
         let top = Stuff {
             material: self.tops[usize::from(instance) % self.tops.len()],
             instance,
@@ -155,7 +155,7 @@ fn upright(rings: &[[f64; 4]], girth: f64) -> Vec<Ring> {
         .collect()
 }
 
-/// A limb of someone 1.75 m tall.
+/// Mesh of a limb of a person 1.75 m tall.
 pub(super) fn mesh(limb: Limb, outfit: &Outfit) -> Mesh {
     let mut mesh = Mesh::default();
     let girth = outfit.girth;

@@ -2,7 +2,7 @@ use super::*;
 use crate::scene::mesh::Triangle;
 use crate::scene::surface::Class;
 
-/// Three people on a small round, under an even sky.
+/// Three people on a small loop under a uniform sky.
 fn some() -> (Builder, Vec<Moving>) {
     let mut b = Builder::new(3);
     let wardrobe = Wardrobe::new(&mut b);
@@ -61,7 +61,7 @@ fn people_stay_upright_and_on_the_ground() {
     }
 }
 
-/// Nothing jumps, a round later included, and limbs stay at their joints.
+/// Poses are continuous, also across laps, and limbs remain at their joints.
 #[test]
 fn poses_are_continuous_and_limbs_hang_together() {
     let (_, moving) = some();
@@ -92,7 +92,7 @@ fn poses_are_continuous_and_limbs_hang_together() {
     );
 }
 
-/// Legs reach the feet, and some point of a foot that stands, heel or ball, is where it was.
+/// Legs reach the feet, and heel or ball of a standing foot is fixed.
 #[test]
 fn a_standing_foot_does_not_slide() {
     let (_, moving) = some();

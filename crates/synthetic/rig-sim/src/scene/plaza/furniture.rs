@@ -1,4 +1,4 @@
-//! What stands on the square: a fountain, lamps, benches, planters, bollards, trees.
+//! Furniture of the square: fountain, lamps, benches, planters, bollards, trees.
 
 use nalgebra::Vector3;
 

@@ -9,7 +9,7 @@ use crate::scene::mesh::Stuff;
 use crate::scene::plants::{Clump, bush};
 use crate::scene::sweep::{Ring, sweep};
 
-/// Trees that one passes. Returns where they stand.
+/// Trees near the trail. Returns their positions.
 pub(super) fn near_trees(
     b: &mut Builder,
     p: &Palette,
@@ -36,7 +36,7 @@ pub(super) fn near_trees(
     trees
 }
 
-/// Trees that close the view.
+/// Background trees.
 pub(super) fn far_trees(b: &mut Builder, p: &Palette, terrain: &Terrain) {
     for i in 0..90 {
         let angle = 2.0 * std::f64::consts::PI * (f64::from(i) + b.draw(0.0, 1.0)) / 90.0;
@@ -136,7 +136,7 @@ pub(super) fn undergrowth(b: &mut Builder, p: &Palette, terrain: &Terrain, taken
     }
 }
 
-/// Fronds that bow outwards, seen from both sides.
+/// Fronds that bend outwards, visible from both sides.
 fn fern(b: &mut Builder, p: &Palette, foot: Vector3<f64>) {
     let fern = b.of_thing(p.fern);
     let turn = b.draw(0.0, 6.0);

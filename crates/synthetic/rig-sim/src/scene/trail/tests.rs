@@ -22,7 +22,7 @@ fn there_is_ground_under_the_whole_route_and_nothing_in_the_way() {
             let ground = scene.ground(x, y, last + 0.6).unwrap();
             assert!(ground.normal.z > 0.0, "{x} {y}");
             (low, high) = (low.min(ground.height), high.max(ground.height));
-            // Nothing to bump into from the knees to above the head.
+            // Free space from the knees to above the head.
             let knee = nalgebra::Vector3::new(x, y, ground.height + 0.4);
             let free = scene.first_hit(&knee, &nalgebra::Vector3::z());
             assert!(
@@ -42,7 +42,7 @@ fn there_is_ground_under_the_whole_route_and_nothing_in_the_way() {
     assert!((1.5..8.0).contains(&(high - low)), "{low} {high}");
 }
 
-/// Roots and stones are stepped on or over; the sole neither hangs in the air nor sinks into them.
+/// Roots and stones are stepped on or over; the sole neither floats nor penetrates them.
 #[test]
 fn soles_rest_on_rough_ground() {
     let scene = scene();
