@@ -372,7 +372,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn samples_lie_evenly_about_the_pixel_s_center() {
+    fn sample_offsets_are_balanced_about_the_pixel_center() {
         assert_eq!(shift(0), (0.0, 0.0));
         for count in [2, 4, 8, 12] {
             let all: Vec<(f32, f32)> = (1..=count).map(shift).collect();

@@ -327,7 +327,7 @@ mod tests {
 
     /// f32 has 24 bits: about 1e-4 px after these few operations.
     #[test]
-    fn the_quick_projection_is_the_exact_one_to_a_thousandth_of_a_pixel() {
+    fn f32_projection_agrees_to_a_thousandth_of_a_pixel() {
         for distortion in distortions() {
             let lens = Lens::new(&model(distortion));
             let [x0, y0, x1, y1] = lens.bounds();
@@ -345,7 +345,7 @@ mod tests {
     }
 
     #[test]
-    fn what_the_picture_sees_is_within_bounds() {
+    fn image_rays_are_within_bounds() {
         for distortion in distortions() {
             let lens = Lens::new(&model(distortion));
             let [x0, y0, x1, y1] = lens.bounds();
@@ -357,7 +357,7 @@ mod tests {
     }
 
     #[test]
-    fn projection_and_its_inverse_agree_for_every_model() {
+    fn unproject_inverts_project_for_every_model() {
         for distortion in distortions() {
             let lens = Lens::new(&model(distortion));
             for (u, v) in [(0.0, 0.0), (671.0, 375.0), (330.0, 190.0), (12.5, 300.25)] {
@@ -372,7 +372,7 @@ mod tests {
     }
 
     #[test]
-    fn what_is_outside_stays_outside() {
+    fn directions_outside_project_outside() {
         // This polynomial has its maximum at a radius of 1.8 and is zero again at 3.2.
         let lens = Lens::new(&model(Distortion::RadTan4 {
             k1: -0.1,

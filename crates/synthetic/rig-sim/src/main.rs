@@ -503,13 +503,13 @@ mod tests {
     }
 
     #[test]
-    fn every_help_lists_words_and_names_units() {
+    fn help_lists_values_and_units() {
         let wrong = command_line::help::check(&command());
         assert!(wrong.is_empty(), "{}", wrong.join("\n"));
     }
 
     #[test]
-    fn an_unknown_scene_is_answered_with_those_there_are() {
+    fn unknown_scene_is_rejected_with_the_known_ones() {
         let words = [
             "paws-rig-sim",
             "preview",

@@ -65,7 +65,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn logarithm_agrees_with_the_library() {
+    fn logarithm_agrees_with_the_standard_library() {
         for x in [
             1e-16, 0.001, 0.3, 0.5, 0.999_999, 1.0, 1.999_999, 2.0, 12345.6,
         ] {
@@ -75,7 +75,7 @@ mod tests {
     }
 
     #[test]
-    fn moments() {
+    fn distributions_have_their_moments() {
         let draw = |f: fn(u64, u64, u64) -> f64| -> Vec<f64> {
             (0..100_000).map(|i| f(7, 3, i)).collect()
         };

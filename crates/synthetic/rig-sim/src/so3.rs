@@ -41,7 +41,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn exp_and_log_undo_each_other_and_agree_with_the_library() {
+    fn exp_and_log_are_inverse_and_agree_with_nalgebra() {
         for v in [
             Vector3::new(0.0, 0.0, 0.0),
             Vector3::new(1e-9, -2e-9, 0.0),

@@ -124,7 +124,7 @@ mod tests {
     }
 
     #[test]
-    fn derivatives_are_those_of_the_poses() {
+    fn derivatives_agree_with_difference_quotients() {
         let spline = wild();
         let h = 1e-5;
         for k in 0..300 {
@@ -144,7 +144,7 @@ mod tests {
     }
 
     #[test]
-    fn second_derivatives_have_no_jump_at_the_knots() {
+    fn second_derivatives_are_continuous_at_the_knots() {
         let spline = wild();
         for k in 2..37 {
             let t = 0.05 * f64::from(k);

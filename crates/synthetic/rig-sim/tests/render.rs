@@ -83,7 +83,7 @@ fn rows(path: PathBuf) -> Vec<Vec<f64>> {
 }
 
 #[test]
-fn the_same_bytes_on_any_number_of_threads_and_readable_by_others() {
+fn rendered_bytes_are_independent_of_threads_and_readable() {
     let folder = tempfile::tempdir().unwrap();
     let simulation = simulation();
     let out = folder.path().join("three");
@@ -180,7 +180,7 @@ fn the_same_bytes_on_any_number_of_threads_and_readable_by_others() {
 }
 
 #[test]
-fn what_is_there_is_left_alone() {
+fn existing_files_are_not_modified() {
     let folder = tempfile::tempdir().unwrap();
     let simulation = simulation();
     let occupied = folder.path().join("occupied");

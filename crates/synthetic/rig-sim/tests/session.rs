@@ -66,7 +66,7 @@ fn records<R: Record + Default>(reader: &SessionReader) -> Vec<R> {
 }
 
 #[test]
-fn a_session_is_sound_and_says_what_is_true() {
+fn session_is_valid_and_contains_ground_truth() {
     let folder = tempfile::tempdir().unwrap();
     let simulation = walk();
     let faults = Faults {
@@ -137,7 +137,7 @@ fn a_session_is_sound_and_says_what_is_true() {
 }
 
 #[test]
-fn clocks_that_are_disturbed_are_left_to_the_recorder() {
+fn clock_faults_are_rejected() {
     let folder = tempfile::tempdir().unwrap();
     let faults = Faults {
         list: vec![fault(FaultKind::ClockStep, 0.1, 1.0)],
@@ -152,7 +152,7 @@ fn clocks_that_are_disturbed_are_left_to_the_recorder() {
 }
 
 #[test]
-fn a_film_has_every_frame() {
+fn film_contains_every_frame() {
     let folder = tempfile::tempdir().unwrap();
     let path = folder.path().join("walk.mp4");
     let done = std::sync::atomic::AtomicU32::new(0);
@@ -170,7 +170,7 @@ fn a_film_has_every_frame() {
 }
 
 #[test]
-fn a_target_session_holds_boards_and_truth_beside_what_was_told() {
+fn target_session_contains_boards_and_ground_truth_beside_the_nominal_calibration() {
     let folder = tempfile::tempdir().unwrap();
     let settings = Settings {
         kind: Kind::Targets,

@@ -24,7 +24,7 @@ fn calibration_error(text: &str) -> CalibrationError {
 }
 
 #[test]
-fn what_is_told_stays_and_what_is_true_deviates() {
+fn recorded_calibration_is_unchanged_and_ground_truth_differs() {
     let rig = Rig::parse(RIG).unwrap();
     let text = "[[camera]]\nname = \"left_shoulder\"\nrotation_deg = [0.0, 0.5, 0.0]\n\
                 translation_mm = [1.0, 0.0, 2.0]\nright_translation_mm = [0.0, 0.3, 0.0]\ntime_offset_ms = 3.0\n\
@@ -88,7 +88,7 @@ fn what_is_told_stays_and_what_is_true_deviates() {
 }
 
 #[test]
-fn nothing_changes_nothing() {
+fn zero_calibration_error_changes_nothing() {
     let rig = Rig::parse(RIG).unwrap();
     let is = session()
         .with_calibration_error(&rig, &calibration_error("[[camera]]\nname = \"feet\"\n"))
@@ -98,7 +98,7 @@ fn nothing_changes_nothing() {
 }
 
 #[test]
-fn pictures_of_a_late_camera_are_of_earlier() {
+fn frames_with_a_time_offset_show_an_earlier_instant() {
     let rig = Rig::parse(RIG).unwrap();
     let text = "[[camera]]\nname = \"feet\"\ntime_offset_ms = 20.0\n";
     let is = session()
@@ -121,7 +121,7 @@ fn pictures_of_a_late_camera_are_of_earlier() {
 }
 
 #[test]
-fn a_file_that_is_wrong_is_refused_with_everything_that_is() {
+fn invalid_file_is_rejected_with_all_problems() {
     let parse = |text: &str| {
         CalibrationError::parse(text, &["feet"])
             .unwrap_err()

@@ -93,7 +93,7 @@ mod tests {
     use crate::scene::{Kind, Lighting};
 
     #[test]
-    fn a_pane_mirrors_little_straight_on_and_all_along_it() {
+    fn pane_reflectance_is_low_at_normal_and_total_at_grazing_incidence() {
         assert!((mirrored(1.0) - 0.08).abs() < 1e-6);
         assert!((mirrored(0.0) - 1.0).abs() < 1e-6);
         // At 60 degrees two faces reflect about 0.16 (Fresnel's equations).
@@ -102,7 +102,7 @@ mod tests {
 
     /// The screen in the room is at x = 5.7 m; the camera looks at it along x.
     #[test]
-    fn a_pane_veils_what_is_behind_and_is_seen_in_the_truth() {
+    fn pane_reduces_contrast_behind_it_and_is_in_ground_truth() {
         let with = Scene::new(Kind::Room, Lighting::Day, 1);
         let mut without = with.clone();
         without.glass = Body::default();

@@ -413,7 +413,7 @@ mod tests {
     }
 
     #[test]
-    fn a_lens_spreads_light_over_neighbors_and_keeps_it() {
+    fn point_spread_conserves_light() {
         let mut light = Radiance::new(8, 6);
         light.luminance[2 * 8 + 3] = 1.0;
         light.soften();
@@ -433,7 +433,7 @@ mod tests {
     }
 
     #[test]
-    fn without_faults_no_bit_changes() {
+    fn images_are_unchanged_without_faults() {
         let light = spoilt(|_| {});
         assert_eq!(light.luminance, image().luminance);
         assert_eq!(light.color, image().color);
@@ -461,7 +461,7 @@ mod tests {
     }
 
     #[test]
-    fn a_cover_takes_its_share() {
+    fn cover_removes_its_fraction_of_light() {
         let whole = mean(&image().luminance);
         let mut before = whole;
         for share in [0.25, 0.5, 0.75, 1.0] {
@@ -478,7 +478,7 @@ mod tests {
     }
 
     #[test]
-    fn blur_keeps_light_and_takes_detail() {
+    fn blur_conserves_light_and_reduces_detail() {
         let detail = |plane: &[f32]| -> f32 { plane.windows(2).map(|w| (w[1] - w[0]).abs()).sum() };
         let sharp = image();
         let soft = spoilt(|c| c.blur = 0.05);
@@ -491,7 +491,7 @@ mod tests {
     }
 
     #[test]
-    fn dirt_takes_contrast_but_hardly_light() {
+    fn dirt_reduces_contrast_but_hardly_light() {
         let spread = |plane: &[f32]| {
             let m = mean(plane);
             mean(&plane.iter().map(|v| (v - m) * (v - m)).collect::<Vec<_>>())

@@ -106,7 +106,7 @@ mod tests {
     /// Agreement with the reference implementation, a pose for every row. Camera and body rotate
     /// with about 500 rad/s² relative to each other.
     #[test]
-    fn views_between_poses_are_those_of_the_rows() {
+    fn interpolated_views_agree_with_poses_per_row() {
         let swing = |t: f64, hz: f64, size: f64| {
             let angle = 2.0 * std::f64::consts::PI * hz * t;
             Vector3::new(angle.sin(), (1.1 * angle).cos(), (0.9 * angle).sin()) * size

@@ -115,7 +115,7 @@ fn arrivals(delivered: &[Delivery]) -> Vec<i64> {
 const TICK_NS: f64 = 39_062.5;
 
 #[test]
-fn without_faults_everything_arrives_in_order() {
+fn without_faults_all_deliveries_arrive_in_order() {
     let (delivered, losses) = counted(Vec::new());
     assert_eq!(losses, []);
     assert!(arrivals(&delivered).is_sorted());
@@ -145,7 +145,7 @@ fn without_faults_everything_arrives_in_order() {
 }
 
 #[test]
-fn strength_0_is_no_fault() {
+fn faults_of_strength_0_have_no_effect() {
     let all = Kind::ALL.map(|kind| fault(kind, 0.0, 0.0, 9.0)).to_vec();
     for name in [FEET, LEFT] {
         assert_eq!(run(name, all.clone(), true), run(name, Vec::new(), true));
@@ -153,14 +153,14 @@ fn strength_0_is_no_fault() {
 }
 
 #[test]
-fn a_fault_of_another_camera_does_nothing() {
+fn fault_of_another_camera_has_no_effect() {
     let mut of_left = fault(Kind::Dropped, 1.0, 0.0, 9.0);
     of_left.camera = Some(LEFT.to_owned());
     assert_eq!(counted(vec![of_left]), counted(Vec::new()));
 }
 
 #[test]
-fn dropped_frames_leave_holes_in_the_numbers() {
+fn dropped_frames_leave_gaps_in_the_numbers() {
     let (delivered, losses) = counted(vec![fault(Kind::Dropped, 0.5, 1.0, 3.0)]);
     let lost: Vec<u64> = losses.iter().map(|l| l.index).collect();
     assert!((10..30).contains(&lost.len()), "{lost:?}");
@@ -177,7 +177,7 @@ fn dropped_frames_leave_holes_in_the_numbers() {
 }
 
 #[test]
-fn late_frames_are_late_and_hold_up_those_behind() {
+fn late_frames_delay_the_following_frames() {
     let (delivered, losses) = counted(vec![fault(Kind::Late, 0.2, 0.0, 9.0)]);
     assert_eq!(losses, []);
     assert!(arrivals(&delivered).is_sorted());
@@ -190,7 +190,7 @@ fn late_frames_are_late_and_hold_up_those_behind() {
 }
 
 #[test]
-fn duplicated_frames_come_twice() {
+fn duplicated_frames_are_delivered_twice() {
     let (delivered, losses) = counted(vec![fault(Kind::Duplicated, 0.5, 0.0, 9.0)]);
     assert_eq!(losses, []);
     let frames = frames(&delivered);
@@ -200,7 +200,7 @@ fn duplicated_frames_come_twice() {
 }
 
 #[test]
-fn frozen_frames_show_the_picture_before() {
+fn frozen_frames_repeat_the_previous_image() {
     let (delivered, _) = counted(vec![fault(Kind::Frozen, 1.0, 1.0, 2.0)]);
     for frame in frames(&delivered) {
         let shown = match frame.index {
@@ -213,7 +213,7 @@ fn frozen_frames_show_the_picture_before() {
 }
 
 #[test]
-fn torn_frames_end_with_the_picture_before() {
+fn torn_frames_end_with_the_previous_image() {
     let (delivered, _) = counted(vec![fault(Kind::Torn, 1.0, 0.0, 9.0)]);
     let mut torn = 0;
     let frames = frames(&delivered);
@@ -230,7 +230,7 @@ fn torn_frames_end_with_the_picture_before() {
 }
 
 #[test]
-fn bursts_of_latency_delay_both_streams() {
+fn latency_bursts_delay_both_streams() {
     let (delivered, losses) = counted(vec![fault(Kind::LatencyBurst, 0.05, 1.0, 2.0)]);
     assert_eq!(losses, []);
     assert!(arrivals(&delivered).is_sorted());
@@ -263,7 +263,7 @@ fn shifts(list: Vec<Fault>) -> (Vec<f64>, Vec<f64>) {
 }
 
 #[test]
-fn clocks_step() {
+fn clock_step_changes_both_clocks() {
     let (of_frames, of_samples) = shifts(vec![fault(Kind::ClockStep, -0.5, 2.0, f64::INFINITY)]);
     for (n, shift) in of_frames.iter().enumerate() {
         let expected = if n < 40 { 0.0 } else { -0.5e9 };
@@ -273,7 +273,7 @@ fn clocks_step() {
 }
 
 #[test]
-fn clocks_drift() {
+fn clock_drift_changes_both_clocks() {
     let (of_frames, of_samples) = shifts(vec![fault(Kind::ClockDrift, 500.0, 1.0, 3.0)]);
     // 500 µs per second, from 1 s to 3 s.
     for (n, expected) in [(10, 0.0), (40, 512.5e3), (79, 1e6)] {
@@ -311,7 +311,7 @@ fn counters_of_32_bits_wrap() {
 }
 
 #[test]
-fn a_device_that_was_gone_counts_anew() {
+fn device_counters_restart_after_a_disconnect() {
     let (delivered, losses) = counted(vec![
         fault(Kind::Disconnect, 0.5, 1.0, f64::INFINITY),
         fault(Kind::Disconnect, 0.7, 1.2, f64::INFINITY),
@@ -354,7 +354,7 @@ fn a_device_that_was_gone_counts_anew() {
 }
 
 #[test]
-fn samples_of_the_imu_are_lost() {
+fn imu_gap_loses_samples() {
     let (delivered, losses) = counted(vec![fault(Kind::ImuGap, 0.25, 1.0, f64::INFINITY)]);
     assert_eq!(frames(&delivered).len(), FRAMES as usize);
     let numbers: Vec<u64> = samples(&delivered).iter().map(|s| s.number).collect();
@@ -369,7 +369,7 @@ fn samples_of_the_imu_are_lost() {
 }
 
 #[test]
-fn the_imu_clips() {
+fn imu_clipping_saturates_at_the_reduced_range() {
     let whole = samples(&counted(Vec::new()).0);
     let clipped = samples(&counted(vec![fault(Kind::ImuClipping, 0.9, 0.0, 9.0)]).0);
     // A tenth of 32768.
@@ -407,7 +407,7 @@ fn seen(kind: Kind, strength: f64) -> [Vec<Delivery>; 2] {
 }
 
 #[test]
-fn it_gets_dark_and_the_exposure_follows() {
+fn darkness_dims_images_and_the_exposure_adapts() {
     let [fine, dark] = seen(Kind::Darkness, 4.0);
     let (light, less) = (means(&fine), means(&dark));
     assert!(less[20] < 0.4 * light[20], "{} {}", less[20], light[20]);
@@ -422,13 +422,13 @@ fn it_gets_dark_and_the_exposure_follows() {
 }
 
 #[test]
-fn a_flash_is_bright() {
+fn flash_brightens_images() {
     let [fine, flash] = seen(Kind::Flash, 8.0);
     assert!(means(&flash)[20] > 1.4 * means(&fine)[20]);
 }
 
 #[test]
-fn a_covered_lens_sees_part_of_the_scene() {
+fn covered_lens_shows_part_of_the_scene() {
     let [fine, covered] = seen(Kind::CoveredLens, 0.5);
     let (fine, covered) = (
         frames(&fine)[20].image.gray(0),
@@ -456,20 +456,20 @@ fn detail(delivered: &[Delivery], n: usize) -> f64 {
 }
 
 #[test]
-fn a_blurred_picture_has_less_detail() {
+fn blurred_image_has_less_detail() {
     let [fine, blurred] = seen(Kind::Blur, 0.05);
     assert!(detail(&blurred, 25) < 0.6 * detail(&fine, 25));
 }
 
 #[test]
-fn dirt_takes_contrast() {
+fn dirty_lens_reduces_contrast() {
     let [fine, dirty] = seen(Kind::DirtyLens, 1.0);
     let (less, whole) = (detail(&dirty, 25), detail(&fine, 25));
     assert!(less < 0.75 * whole, "{less} {whole}");
 }
 
 #[test]
-fn a_shifted_camera_has_turned_with_its_imu() {
+fn shifted_camera_rotates_with_its_imu() {
     let [fine, shifted] = seen(Kind::ShiftedCamera, 5.0);
     let turn = |gyro: bool| {
         let mut angles = Vec::new();
@@ -501,7 +501,7 @@ fn a_shifted_camera_has_turned_with_its_imu() {
 }
 
 #[test]
-fn frames_that_are_not_fetched_are_lost() {
+fn frames_that_are_not_fetched_are_dropped() {
     let mut device = Device::new(
         &WALK,
         camera(FEET),
@@ -516,7 +516,7 @@ fn frames_that_are_not_fetched_are_lost() {
 }
 
 #[test]
-fn pixels_come_as_the_device_lays_them_out() {
+fn pixels_have_the_layout_of_the_device() {
     let mut image = Counter.render_frame(0, 0);
     image.i420 = (0..48).collect();
     let nv12 = image.pixels(PixelFormat::Nv12);
@@ -531,7 +531,7 @@ fn pixels_come_as_the_device_lays_them_out() {
 }
 
 #[test]
-fn a_report_has_its_fields_where_the_library_reads_them() {
+fn report_fields_have_the_offsets_of_the_vendor_library() {
     let sample = DeviceImu {
         number: 9,
         index: 9,

@@ -165,7 +165,7 @@ mod tests {
     }
 
     #[test]
-    fn shapes_cover_the_pixels_whose_centers_they_hold_and_are_cut_at_the_edge() {
+    fn shapes_cover_pixels_by_their_centers_and_are_clipped() {
         let mut canvas = Canvas::new(7, 5, [255; 3]);
         canvas.convex(&[[3.0, 0.0], [6.0, 3.0], [3.0, 3.0]], [0; 3]);
         canvas.line([[-5.0, 4.0], [1.0, 4.0]], 1.0, [0; 3]);
@@ -177,7 +177,7 @@ mod tests {
     }
 
     #[test]
-    fn a_digit_can_be_read() {
+    fn digit_glyph_is_drawn() {
         let mut canvas = Canvas::new(8, 5, [255; 3]);
         canvas.text([0, 0], 1, "4.", [0; 3]);
         assert_eq!(

@@ -222,7 +222,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn the_whole_way_is_on_the_map_whichever_way_it_runs() {
+    fn whole_path_is_on_the_map_in_either_orientation() {
         for end in [[9.0, 2.0], [2.0, 9.0], [0.1, 0.1], [5.0, 5.0]] {
             let path = [
                 Vector3::new(1.0, -3.0, 0.0),

@@ -165,7 +165,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn depth_that_cannot_be_said_is_none() {
+    fn depth_outside_the_range_is_written_as_0() {
         let cases = [
             (1.2345, 1235),
             (0.0004, 0),
@@ -181,7 +181,7 @@ mod tests {
     }
 
     #[test]
-    fn flow_that_cannot_be_said_is_none() {
+    fn flow_outside_the_range_is_undefined() {
         let cases = [
             ([0.0, 0.0], true, [32_768, 32_768, 1]),
             ([1.5, -0.25], false, [32_864, 32_752, 2]),

@@ -281,7 +281,7 @@ mod tests {
 
     /// Agreement with the reference implementation: every triangle.
     #[test]
-    fn agrees_with_trying_every_triangle() {
+    fn bvh_agrees_with_testing_every_triangle() {
         let draw = |i: u64| random::uniform(5, 0, i) * 2.0 - 1.0;
         let point = |i: u64, scale: f64| {
             Vector3::new(draw(3 * i), draw(3 * i + 1), draw(3 * i + 2)) * scale
@@ -315,7 +315,7 @@ mod tests {
 
     /// Rays along the edges of boxes and triangles, as the grid of a level ground has them.
     #[test]
-    fn a_ray_in_the_plane_of_a_face_hits() {
+    fn ray_in_the_plane_of_a_face_hits() {
         let triangles = (0..64).flat_map(|i| {
             let at =
                 |dx: i32, dy: i32| Vector3::new(f64::from(i % 8 + dx), f64::from(i / 8 + dy), 0.0);

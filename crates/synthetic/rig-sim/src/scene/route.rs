@@ -66,7 +66,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn parts_make_up_a_round() {
+    fn parts_add_up_to_a_lap() {
         let square = [[0.0, 0.0], [10.0, 0.0], [10.0, 10.0], [0.0, 10.0]];
         let parts = parts(&square, &[[9.0, 1.0], [5.0, 9.0]]);
         let round = Path::closed(&square).length_m();

@@ -222,7 +222,7 @@ mod tests {
 
     /// A wall's shadow across a ground of large cells, under a sun 45 degrees high.
     #[test]
-    fn a_shadow_ends_where_it_should_and_no_crack_opens() {
+    fn shadow_edge_is_correct_and_the_mesh_has_no_cracks() {
         let stuff = Stuff {
             material: 0,
             instance: 0,

@@ -110,7 +110,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn a_sweep_is_closed_and_faces_outwards() {
+    fn sweep_is_closed_and_faces_outwards() {
         for tip in [Vector3::new(0.3, 0.2, 2.0), Vector3::new(1.5, -0.4, -0.6)] {
             let rings: Vec<Ring> = (0..=20)
                 .map(|i| Ring {

@@ -98,7 +98,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn codes_differ_as_the_family_promises() {
+    fn tag_codes_have_the_minimum_distance_of_the_family() {
         let turned = |code: u64| {
             let bit = |r: usize, c: usize| code >> (35 - (r * 6 + c)) & 1;
             (0..36).fold(0, |sum, i| sum << 1 | bit(5 - i % 6, i / 6))

@@ -9,7 +9,7 @@ fn made(kind: Kind, seed: u64) -> (Builder, SceneParts) {
 }
 
 #[test]
-fn the_whole_way_has_ground_under_it_and_nothing_in_it() {
+fn whole_path_has_ground_and_no_obstacles() {
     for kind in Kind::ALL {
         let name = kind.name();
         let scene = by_day(kind, 1);
@@ -81,7 +81,7 @@ fn no_triangle_is_degenerate() {
 }
 
 #[test]
-fn a_seed_makes_one_place_and_another_seed_another() {
+fn scene_is_determined_by_its_seed() {
     for kind in Kind::ALL {
         let [(a, a_made), (b, b_made), (c, _)] = [7, 7, 8].map(|seed| made(kind, seed));
         assert!(a.mesh == b.mesh && a.glass == b.glass, "{}", kind.name());
@@ -94,7 +94,7 @@ fn a_seed_makes_one_place_and_another_seed_another() {
 /// Every lap is the same: leg lengths add up to a whole number of laps where a scene ties speeds to
 /// positions.
 #[test]
-fn stairs_are_climbed_slowly_in_every_round() {
+fn stairs_are_climbed_slowly_in_every_lap() {
     let (_, made) = made(Kind::Stairs, 1);
     let round = Path::closed(&made.route.points).length_m();
     let walked: f64 = made

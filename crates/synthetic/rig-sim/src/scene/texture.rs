@@ -300,7 +300,7 @@ mod tests {
     };
 
     #[test]
-    fn the_short_floor_is_the_library_s() {
+    fn fast_floor_agrees_with_the_standard_library() {
         for i in -3000..3000 {
             for x in [i as f32 * 0.25, i as f32 * 1397.7 + 0.3, i as f32] {
                 assert_eq!(floor(x), x.floor() as i32, "{x}");
@@ -309,7 +309,7 @@ mod tests {
     }
 
     #[test]
-    fn levels_keep_the_mean_and_tile() {
+    fn mip_levels_preserve_the_mean_and_tile() {
         let texture = Texture::new(&STONES, &Layout::Along, 1);
         assert_eq!(texture.texels.len(), start(1) as usize + 2);
         let (mean, _) = texture.sample(0.5, 0.5, 10);

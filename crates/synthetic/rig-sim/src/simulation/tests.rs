@@ -24,7 +24,7 @@ fn example() -> Rig {
 }
 
 #[test]
-fn what_cannot_be_simulated_is_refused_with_a_reason() {
+fn invalid_settings_are_rejected_with_a_reason() {
     type Change = fn(&mut Settings);
     let cases: [(Change, &str); 9] = [
         (|s| s.seconds = 0.0, "length of the walk is 0,"),
@@ -52,7 +52,7 @@ fn what_cannot_be_simulated_is_refused_with_a_reason() {
 }
 
 #[test]
-fn frames_lie_in_the_middle_of_whole_periods() {
+fn frames_are_in_the_middle_of_whole_periods() {
     let thirds = Settings {
         seconds: 1.0,
         rate_hz: 3.0,
@@ -72,7 +72,7 @@ fn frames_lie_in_the_middle_of_whole_periods() {
 }
 
 #[test]
-fn a_camera_gives_the_same_frames_again() {
+fn frames_are_reproducible() {
     let short = Settings {
         seconds: 0.5,
         width: 32,
@@ -93,7 +93,7 @@ fn a_camera_gives_the_same_frames_again() {
 /// The rasterizer agrees with the reference implementation: the depth of a pixel is that of its own
 /// ray, except near edges, which the rasterizer places to 0.1 px.
 #[test]
-fn true_depth_is_that_of_ray_casting() {
+fn true_depth_agrees_with_ray_casting() {
     let simulation = Arc::new(Simulation::new(&settings(), &example()).unwrap());
     let (width, height) = (160, 90);
     for (camera, sim_camera) in simulation.cameras().iter().enumerate() {
@@ -189,7 +189,7 @@ fn slow_point(
 /// True flow agrees with the reference implementation: a ray cast into the scene, its end projected
 /// into the next image.
 #[test]
-fn true_flow_is_where_the_point_of_a_ray_goes() {
+fn true_flow_agrees_with_ray_casting() {
     let simulation = Simulation::new(&settings(), &example()).unwrap();
     let (width, height) = (160, 90);
     for (camera, sim_camera) in simulation.cameras().iter().enumerate() {
@@ -255,7 +255,7 @@ fn true_flow_is_where_the_point_of_a_ray_goes() {
 }
 
 #[test]
-fn tags_are_those_of_the_rig_file() {
+fn shoe_tags_are_those_of_the_rig_file() {
     let text = include_str!("../../../../../cad-transforms/rigs/example.toml");
     let simulation = Simulation::new(&settings(), &example()).unwrap();
     let [left, right] = &simulation.scene().wearer.tags[..] else {
@@ -275,7 +275,7 @@ fn tags_are_those_of_the_rig_file() {
 }
 
 #[test]
-fn the_corners_of_tags_are_where_the_feet_take_them() {
+fn tag_corners_move_with_the_feet() {
     let simulation = Simulation::new(&settings(), &example()).unwrap();
     let camera = simulation
         .cameras()
@@ -323,7 +323,7 @@ fn the_corners_of_tags_are_where_the_feet_take_them() {
 }
 
 #[test]
-fn the_wearer_sees_his_shoes_and_the_shoulders_do_not() {
+fn shoes_are_visible_in_the_feet_camera_only() {
     let simulation = Arc::new(Simulation::new(&settings(), &example()).unwrap());
     for (camera, sim_camera) in simulation.cameras().iter().enumerate() {
         let truth = simulation.ground_truth(camera).render(0, 4_000_000_000);
@@ -337,7 +337,7 @@ fn the_wearer_sees_his_shoes_and_the_shoulders_do_not() {
 }
 
 #[test]
-fn lenses_of_a_calibration_take_the_place_of_nominal_ones() {
+fn intrinsics_of_a_calibration_replace_nominal_ones() {
     let small = Settings {
         seconds: 0.2,
         width: 64,

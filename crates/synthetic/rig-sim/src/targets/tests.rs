@@ -49,7 +49,7 @@ fn with_motion(motion: Motion) -> Plan {
 }
 
 #[test]
-fn every_camera_has_a_board_that_stands_clear_of_the_floor() {
+fn every_camera_has_a_board_clear_of_the_floor() {
     for seed in 0..20 {
         let settings = Settings {
             seed,
@@ -71,7 +71,7 @@ fn every_camera_has_a_board_that_stands_clear_of_the_floor() {
 }
 
 #[test]
-fn a_plate_is_carried_as_arms_can() {
+fn rig_motion_is_within_the_limits_of_arms() {
     for (motion, rate, force) in [
         (Motion::Varied, 1.5, 5.0),
         (Motion::Still, 0.45, 1.0),
@@ -120,7 +120,7 @@ fn seen_boards(corners: &[CornerObservation]) -> Vec<usize> {
 }
 
 #[test]
-fn boards_are_seen_all_over_every_picture_and_tie_cameras_together() {
+fn boards_cover_every_image_and_connect_cameras() {
     let simulation = session(75.0, &Plan::GOOD);
     let frames = simulation.settings().frame_count();
     // Cells of 6 x 4 in each of the six images.
@@ -191,7 +191,7 @@ fn tags_have_twenty_pixels_in_most_views() {
 /// Images agree with [`observations`], by a detector that is independent of both: without tone
 /// curve and noise, for a rig that differs from its calibration, at rest and in motion.
 #[test]
-fn corners_are_where_pictures_have_them() {
+fn corner_observations_agree_with_detections_in_images() {
     let one = Settings {
         seconds: 40.0,
         quality: Quality {
@@ -253,7 +253,7 @@ fn corners_are_where_pictures_have_them() {
 }
 
 #[test]
-fn an_imu_feels_the_motion_of_the_plate() {
+fn imu_measures_the_motion_of_the_rig() {
     let simulation = session(30.0, &Plan::GOOD);
     let simulation = simulation.with_imus(ImuModel::PERFECT, &example()).unwrap();
     for (camera, imu) in simulation.cameras().iter().zip(simulation.imus()) {
@@ -290,7 +290,7 @@ fn an_imu_feels_the_motion_of_the_plate() {
 }
 
 #[test]
-fn a_bent_board_keeps_lengths_along_the_sheet_and_has_its_sagitta() {
+fn bent_board_preserves_lengths_along_the_sheet_and_has_its_sagitta() {
     let pose = (
         Vector3::new(1.0, 2.0, 3.0),
         so3::exp(Vector3::new(0.3, -0.2, 1.0)),
@@ -317,7 +317,7 @@ fn a_bent_board_keeps_lengths_along_the_sheet_and_has_its_sagitta() {
 }
 
 #[test]
-fn a_knocked_camera_sees_corners_elsewhere_from_then_on() {
+fn corners_move_after_a_camera_shift() {
     let simulation = session(20.0, &Plan::GOOD);
     let knocked = Faults {
         list: vec![Fault {
@@ -364,7 +364,7 @@ fn a_knocked_camera_sees_corners_elsewhere_from_then_on() {
 }
 
 #[test]
-fn what_cannot_be_a_session_is_refused() {
+fn invalid_target_sessions_are_rejected() {
     let bent = Plan {
         bow_m: f64::NAN,
         ..Plan::GOOD
@@ -398,7 +398,7 @@ fn what_cannot_be_a_session_is_refused() {
 }
 
 #[test]
-fn fewer_boards_than_cameras_are_shared() {
+fn cameras_share_boards_if_there_are_too_few() {
     for count in [1, 2] {
         let some = |n| (n < count).then(|| april_grid(n));
         let simulation =
@@ -420,7 +420,7 @@ fn fewer_boards_than_cameras_are_shared() {
 
 /// A rolling shutter distorts images only in motion.
 #[test]
-fn a_global_shutter_sees_all_rows_at_once() {
+fn global_shutter_exposes_all_rows_simultaneously() {
     let rolling = session(40.0, &Plan::GOOD);
     let at_once = Imaging {
         global_shutter: true,
@@ -458,7 +458,7 @@ fn a_global_shutter_sees_all_rows_at_once() {
 }
 
 #[test]
-fn few_views_are_few() {
+fn number_of_views_is_respected() {
     let few = Plan {
         views: Some(4),
         ..Plan::GOOD
@@ -474,7 +474,7 @@ fn few_views_are_few() {
 }
 
 #[test]
-fn noise_on_corners_is_as_asked_for_and_the_same_again() {
+fn corner_noise_has_the_requested_sigma_and_is_reproducible() {
     let simulation = session(10.0, &Plan::GOOD);
     let mut off = Vec::new();
     for number in 0..100 {
@@ -516,7 +516,7 @@ fn noise_on_corners_is_as_asked_for_and_the_same_again() {
 /// Landmarks are found at the pixel where they were selected, and the true depths of both eyes
 /// agree.
 #[test]
-fn landmarks_are_found_where_they_were_seen() {
+fn landmarks_are_found_at_their_pixels() {
     let walk = Settings {
         kind: Kind::Corridor,
         width: 160,

@@ -91,7 +91,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn distance_is_distance_and_the_curve_closes() {
+    fn curve_is_parametrized_by_distance_and_closed() {
         let path = Path::closed(&[[0.0, 0.0], [10.0, 0.0], [10.0, 6.0], [0.0, 6.0]]);
         let length = path.length_m();
         assert!((15.0..30.0).contains(&length), "{length}");

@@ -83,7 +83,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn speeds_are_reached_and_standing_is_standing() {
+    fn speeds_are_reached_and_standing_is_at_rest() {
         let legs = [
             Leg::Walk {
                 metres: 5.0,

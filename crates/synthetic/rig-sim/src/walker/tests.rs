@@ -14,7 +14,7 @@ fn walk(seconds: f64) -> (Arc<Scene>, Walker) {
 }
 
 #[test]
-fn feet_rest_while_flat_and_never_sink_or_jump() {
+fn feet_are_at_rest_while_flat_and_never_sink_or_jump() {
     for kind in Kind::ALL {
         let (scene, walker) = walk_in(kind, 40.0);
         for side in [Side::Left, Side::Right] {
@@ -50,7 +50,7 @@ fn feet_rest_while_flat_and_never_sink_or_jump() {
 
 /// Most of a sole at rest touches the ground, and no ground penetrates the sole.
 #[test]
-fn soles_stand_on_what_carries_them() {
+fn soles_rest_on_supporting_ground() {
     for kind in Kind::ALL {
         let (scene, walker) = walk_in(kind, 60.0);
         for side in [Side::Left, Side::Right] {
@@ -100,7 +100,7 @@ fn each_step_takes_one_stair() {
 }
 
 #[test]
-fn one_walks_stands_jogs_and_the_rig_stays_above_the_feet() {
+fn walk_includes_standing_and_jogging_with_the_rig_above_the_feet() {
     for kind in Kind::ALL {
         let (_, walker) = walk_in(kind, 60.0);
         let (mut fastest, mut slowest) = (0.0_f64, f64::MAX);
@@ -134,7 +134,7 @@ fn one_walks_stands_jogs_and_the_rig_stays_above_the_feet() {
 
 /// Independent check of ground truth: integration of an ideal IMU at the rig's origin.
 #[test]
-fn a_perfect_imu_closes_on_the_pose() {
+fn perfect_imu_integrates_to_the_pose() {
     let (_, walker) = walk(20.0);
     let gravity = Vector3::new(0.0, 0.0, -9.81);
     let (from, to, steps) = (5.0, 15.0, 100_000);

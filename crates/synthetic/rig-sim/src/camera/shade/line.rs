@@ -290,7 +290,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn the_short_logarithm_is_close() {
+    fn approximate_logarithm_is_within_tolerance() {
         for i in 1..2000 {
             let x = 0.003 * i as f32;
             assert!((log2(x) - x.log2()).abs() < 0.012, "{x}: {}", log2(x));

@@ -104,7 +104,7 @@ fn slowly(shading: &Shading<'_>, row: usize, column: usize) -> Option<f64> {
 /// Levels are computed by an approximate logarithm, to 0.012, and texture positions are rounded to
 /// some hundredths of a texel: one pixel in fifty gets another level.
 #[test]
-fn rows_are_shaded_as_their_pixels_are_one_by_one() {
+fn row_shading_agrees_with_the_reference_per_pixel() {
     for kind in [Kind::Pavement, Kind::Trail, Kind::Room] {
         check(kind, |shading, lens| {
             let (width, height) = (lens.model().width as usize, lens.model().height as usize);
@@ -130,7 +130,7 @@ fn rows_are_shaded_as_their_pixels_are_one_by_one() {
 
 /// With and without vector instructions: the same bits.
 #[test]
-fn any_processor_gives_the_same_light() {
+fn shading_is_identical_with_and_without_vector_instructions() {
     check(Kind::Trail, |shading, lens| {
         let (width, height) = (lens.model().width as usize, lens.model().height as usize);
         let (mut plain, mut best) = (Radiance::new(width, height), Radiance::new(width, height));

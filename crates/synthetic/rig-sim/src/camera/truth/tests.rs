@@ -7,7 +7,7 @@ use crate::scene::{Kind, by_day};
 
 /// A plate of 0.5 m, 1 m ahead, moves to the right by 0.1 m/s in front of a static room.
 #[test]
-fn flow_follows_what_moves_and_knows_what_it_hides() {
+fn flow_follows_moving_surfaces_and_marks_occlusions() {
     let scene = by_day(Kind::Room, 1);
     let model = CameraModel {
         width: 160,

@@ -41,7 +41,7 @@ fn lowest(body: &Moving, time_s: f64) -> f64 {
 }
 
 #[test]
-fn people_stay_upright_and_on_the_ground() {
+fn people_are_upright_and_on_the_ground() {
     let (_, moving) = some();
     for person in moving.chunks(Limb::ALL.len()) {
         for k in 0..200 {
@@ -63,7 +63,7 @@ fn people_stay_upright_and_on_the_ground() {
 
 /// Poses are continuous, also across laps, and limbs remain at their joints.
 #[test]
-fn poses_are_continuous_and_limbs_hang_together() {
+fn poses_are_continuous_and_limbs_are_joined() {
     let (_, moving) = some();
     let step = 0.002;
     for body in &moving {
@@ -94,7 +94,7 @@ fn poses_are_continuous_and_limbs_hang_together() {
 
 /// Legs reach the feet, and heel or ball of a standing foot is fixed.
 #[test]
-fn a_standing_foot_does_not_slide() {
+fn standing_foot_does_not_slide() {
     let (_, moving) = some();
     for person in moving.chunks(Limb::ALL.len()) {
         let walk = &person[0].walk;
@@ -133,7 +133,7 @@ fn a_standing_foot_does_not_slide() {
 }
 
 #[test]
-fn everyone_is_a_thing_of_their_own() {
+fn each_person_is_one_instance() {
     let (b, moving) = some();
     let mut instances = Vec::new();
     for body in &moving {

@@ -168,7 +168,7 @@ mod tests {
 
     /// Share of a wall that is mortar: 8 of 73 texels high, and of the rest 8 of 256 along.
     #[test]
-    fn joints_take_their_share() {
+    fn joints_have_their_area() {
         let size = SIZE as f32;
         let texels = (0..SIZE * SIZE).map(|i| ((i % SIZE) as f32 + 0.5, (i / SIZE) as f32 + 0.5));
         let mortar: f32 = texels.map(|(x, y)| BRICKS.at(x, y, 1).2).sum();
@@ -181,7 +181,7 @@ mod tests {
     }
 
     #[test]
-    fn a_tile_goes_on_where_it_ends() {
+    fn tiles_are_continuous_at_their_edges() {
         for y in [3.5, 100.5, 800.5] {
             for x in [0.5, 517.5] {
                 let size = SIZE as f32;

@@ -9,7 +9,7 @@ fn scene() -> Arc<Scene> {
 }
 
 #[test]
-fn there_is_ground_under_the_whole_route_and_nothing_in_the_way() {
+fn route_has_ground_and_no_obstacles() {
     let scene = scene();
     let path = Path::closed(&scene.route.points);
     let (mut low, mut high) = (f64::MAX, f64::MIN);
@@ -72,7 +72,7 @@ fn soles_rest_on_rough_ground() {
 }
 
 #[test]
-fn the_same_seed_gives_the_same_trail() {
+fn same_seed_gives_the_same_trail() {
     let (a, b) = (scene(), Scene::new(Kind::Trail, Lighting::Day, 1));
     assert_eq!(a.fixed.triangles, b.fixed.triangles);
     assert_eq!(a.route, b.route);
