@@ -23,9 +23,9 @@ use crate::footage::Footage;
 /// From the stamp to the arrival, ns.
 const DELAY_NS: i64 = 8_000_000;
 /// The right camera was started so many frames before the left one.
-const RIGHT_AHEAD: usize = 7;
+const RIGHT_AHEAD_FRAMES: usize = 7;
 /// Bytes behind the end of a file.
-const PADDING: usize = 100;
+const PADDING_BYTES: usize = 100;
 
 /// See the module.
 pub struct TwoCameras {
@@ -48,7 +48,7 @@ impl TwoCameras {
         start: HostTime,
     ) -> Result<Self> {
         let right = config.right.as_ref().context("there is one camera alone")?;
-        let kept = Kept {
+        let kept = SampleSink {
             start,
             samples: Mutex::default(),
         };
@@ -66,7 +66,7 @@ impl TwoCameras {
                 let later_us = [0, later_us(n)][side];
                 let time_ns = start.0 + 1000 * (since_us + later_us);
                 let info = FrameInfo {
-                    sequence: (n + [0, RIGHT_AHEAD][side]) as u32,
+                    sequence: (n + [0, RIGHT_AHEAD_FRAMES][side]) as u32,
                     time_ns,
                     clock: Clock::Monotonic,
                     stamped: Stamped::StartOfExposure,
@@ -101,18 +101,18 @@ impl Source for TwoCameras {
 }
 
 /// Keeps what it is given; its clock is the arrival of the newest.
-struct Kept {
+struct SampleSink {
     start: HostTime,
     samples: Mutex<VecDeque<Sample>>,
 }
 
-impl Kept {
+impl SampleSink {
     fn lock(&self) -> MutexGuard<'_, VecDeque<Sample>> {
         self.samples.lock().unwrap_or_else(PoisonError::into_inner)
     }
 }
 
-impl Sink for Kept {
+impl Sink for SampleSink {
     fn now(&self) -> HostTime {
         self.lock().back().map_or(self.start, Sample::host_time)
     }
@@ -136,7 +136,7 @@ fn buffer(footage: &Footage, n: usize, side: usize) -> Result<Vec<u8>> {
     encoder.set_sampling_factor(SamplingFactor::F_2_1);
     encoder.encode(&rgb, size.0, size.1, ColorType::Rgb)?;
     let mut buffer = without_tables(&file);
-    buffer.resize(buffer.len() + PADDING, 0);
+    buffer.resize(buffer.len() + PADDING_BYTES, 0);
     Ok(buffer)
 }
 

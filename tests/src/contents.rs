@@ -39,7 +39,7 @@ pub struct StoredSample {
     /// One standard deviation of `time`, ns.
     pub sigma_ns: u64,
     /// `time` is not to be trusted within its sigma.
-    pub time_doubtful: bool,
+    pub time_unreliable: bool,
     /// Version of the clock map that gave the time.
     pub clock_map: u32,
     /// What was measured.
@@ -341,7 +341,7 @@ fn samples(batch: &ImuBatch) -> Result<Vec<StoredSample>> {
                 host_time: HostTime(batch.host_times[k]),
                 time: HostTime(batch.times[k]),
                 sigma_ns: batch.sigma_ns,
-                time_doubtful: batch.time_doubtful,
+                time_unreliable: batch.time_doubtful,
                 clock_map: batch.clock_map,
                 values: values(k)?,
             })

@@ -22,8 +22,8 @@ use rig_sim::camera::sensor::Exposure;
 use rig_sim::device::{Delivery, Device, Loss, Stream};
 use rig_sim::faults::{Faults, Kind};
 use rig_sim::imu::ImuModel;
-use rig_sim::scene::{Kind as Place, Time};
-use rig_sim::simulation::{Painter, Settings, Simulation, StereoFrame};
+use rig_sim::scene::{Kind as Place, Lighting};
+use rig_sim::simulation::{FrameSource, Settings, Simulation, StereoFrame};
 use session_archive::record::paws::gap::Cause;
 use session_archive::time::HostTime;
 use session_archive::verify::verify;
@@ -61,14 +61,14 @@ pub struct Tally {
     /// Frames and samples that were lost and lie in a gap record of the true cause.
     pub accounted: u64,
     /// Of the stored ones, how many have a time that says of itself that it is not to be trusted.
-    pub doubtful: u64,
+    pub unreliable: u64,
 }
 
 impl Tally {
     fn add(&mut self, other: &Self) {
         self.stored += other.stored;
         self.accounted += other.accounted;
-        self.doubtful += other.doubtful;
+        self.unreliable += other.unreliable;
     }
 }
 
@@ -84,7 +84,7 @@ impl Exam {
     pub fn new(seconds: f64) -> Result<Self> {
         let settings = Settings {
             kind: Place::Corridor,
-            time: Time::Day,
+            lighting: Lighting::Day,
             seed: 1,
             seconds,
             rate_hz: RATE_HZ,
@@ -149,7 +149,7 @@ impl Exam {
 
     fn device(&self, camera: usize, faults: &Faults) -> Device {
         let of = faults.of(CAMERAS[camera]);
-        Device::new(&self.walk, self.position(camera), of, Box::new(Plain))
+        Device::new(&self.walk, self.position(camera), of, Box::new(PlainImages))
     }
 
     /// Of a camera in the walk.
@@ -160,7 +160,7 @@ impl Exam {
     }
 
     fn examine(&self, faults: &Faults, folder: &Path) -> Result<Tally> {
-        let made_up = Rig {
+        let synthetic = Rig {
             width: 128,
             rate_hz: RATE_HZ,
             imu_rate_hz: IMU_RATE_HZ,
@@ -170,7 +170,7 @@ impl Exam {
         let building = |start| {
             begin = start;
             // Set-ups of made-up cameras, sources and clocks of simulated ones.
-            let mut built = build(&made_up.config(folder)?, start)?;
+            let mut built = build(&synthetic.config(folder)?, start)?;
             for camera in 0..CAMERAS.len() {
                 let device = self.device(camera, faults);
                 let source = Simulated::of_device(&self.walk, self.position(camera), device, start);
@@ -233,10 +233,10 @@ fn clock(
 }
 
 /// Pictures of one grey each, no two in a row alike.
-struct Plain;
+struct PlainImages;
 
-impl Painter for Plain {
-    fn paint(&mut self, number: u64, time_ns: i64) -> StereoFrame {
+impl FrameSource for PlainImages {
+    fn render_frame(&mut self, number: u64, time_ns: i64) -> StereoFrame {
         let (width, height) = (64, 32);
         StereoFrame {
             number,
@@ -260,7 +260,7 @@ struct Truth {
     /// When it would have been taken, and why it never arrived.
     lost: Vec<(HostTime, Kind)>,
     /// When the device was gone.
-    gone: Vec<HostTime>,
+    disconnected: Vec<HostTime>,
     period_ns: f64,
 }
 
@@ -277,14 +277,14 @@ struct Stored {
     arrival: HostTime,
     time: HostTime,
     sigma_ns: u64,
-    doubtful: bool,
+    unreliable: bool,
     frozen: bool,
 }
 
 /// When a device had gone, ns since the beginning of the walk.
-fn gone_at(delivery: &Delivery) -> Option<i64> {
+fn disconnected_at(delivery: &Delivery) -> Option<i64> {
     match delivery {
-        Delivery::Gone(at_ns) => Some(*at_ns),
+        Delivery::Disconnected(at_ns) => Some(*at_ns),
         _ => None,
     }
 }
@@ -303,7 +303,7 @@ impl Truth {
         for delivery in arrived {
             let (taken_ns, arrival_ns, frozen) = match (delivery, stream) {
                 (Delivery::Frame(f), Stream::Frames) => {
-                    let before = std::mem::replace(&mut shown, &f.picture.i420);
+                    let before = std::mem::replace(&mut shown, &f.image.i420);
                     (f.taken_ns, f.arrival_ns, before == shown)
                 }
                 (Delivery::Imu(s), Stream::Imu) => (s.taken_ns, s.arrival_ns, false),
@@ -324,9 +324,9 @@ impl Truth {
         Self {
             arrived: known,
             lost: of_stream.map(|l| (begin + l.taken_ns, l.cause)).collect(),
-            gone: arrived
+            disconnected: arrived
                 .iter()
-                .filter_map(gone_at)
+                .filter_map(disconnected_at)
                 .map(|ns| begin + ns)
                 .collect(),
             period_ns: 1e9 / rate_hz,
@@ -345,7 +345,7 @@ impl Truth {
             );
             let off_ns = (stored.time - *taken).unsigned_abs();
             ensure!(
-                stored.doubtful || off_ns <= 6 * stored.sigma_ns + 1_000_000,
+                stored.unreliable || off_ns <= 6 * stored.sigma_ns + 1_000_000,
                 "what was taken at {taken} has the time {}, with a sigma of {} ns and without doubt",
                 stored.time,
                 stored.sigma_ns
@@ -355,7 +355,7 @@ impl Truth {
                 "what was taken at {taken} shows what was before: {frozen}, and is stored as frozen: {}",
                 stored.frozen
             );
-            tally.doubtful += u64::from(stored.doubtful);
+            tally.unreliable += u64::from(stored.unreliable);
         }
         tally.stored += stored.len() as u64;
         // Between each two that arrived: what was lost, and what the gaps say of it.
@@ -365,12 +365,15 @@ impl Truth {
             let end = self.lost.partition_point(|(taken, _)| *taken < after.0);
             let lost = &self.lost[first..end];
             let skipped = stored[1].number - stored[0].number - 1;
-            let gone = self.gone.iter().any(|at| (before.0..after.0).contains(at));
-            let cause = match gone {
+            let disconnected = self
+                .disconnected
+                .iter()
+                .any(|at| (before.0..after.0).contains(at));
+            let cause = match disconnected {
                 true => Cause::Disconnected,
                 false => Cause::Device,
             };
-            let expected = match gone {
+            let expected = match disconnected {
                 // Nobody counts while a device is gone: the time between arrivals tells.
                 true => ((after.1 - before.1) as f64 / self.period_ns).round() as u64 - 1,
                 false => lost.len() as u64,
@@ -403,7 +406,7 @@ impl Found {
             arrival: HostTime(f.record.host_time),
             time: HostTime(f.record.time),
             sigma_ns: f.record.sigma_ns,
-            doubtful: f.record.time_doubtful,
+            unreliable: f.record.time_doubtful,
             frozen: f.record.frozen,
         });
         let samples = contents.imu.get(stream).into_iter().flatten();
@@ -412,7 +415,7 @@ impl Found {
             arrival: s.host_time,
             time: s.time,
             sigma_ns: s.sigma_ns,
-            doubtful: s.time_doubtful,
+            unreliable: s.time_unreliable,
             frozen: false,
         });
         let mut stored: Vec<Stored> = frames.chain(samples).collect();
@@ -423,7 +426,7 @@ impl Found {
             .map_or(&[][..], |map| &map.doubts);
         for sample in &mut stored {
             let at = sample.arrival.0;
-            sample.doubtful |= doubts.iter().any(|d| (d.from..=d.to).contains(&at));
+            sample.unreliable |= doubts.iter().any(|d| (d.from..=d.to).contains(&at));
         }
         Self {
             stored,

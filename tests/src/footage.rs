@@ -11,7 +11,7 @@ use cad_transforms::rig::Rig;
 use calib::set::CameraSet;
 use calib::stereo::Format;
 use rig_sim::camera::Quality;
-use rig_sim::scene::{Kind, Time};
+use rig_sim::scene::{Kind, Lighting};
 use rig_sim::simulation::{Settings, Simulation, StereoFrame};
 use video::picture::i420_to_rgb;
 use video::{Picture, PixelFormat};
@@ -43,7 +43,7 @@ impl Footage {
         let rig = Rig::parse(RIG).context("reading the example rig")?;
         let settings = Settings {
             kind: Kind::Plaza,
-            time: Time::Day,
+            lighting: Lighting::Day,
             seed: 3,
             seconds: 4.0,
             rate_hz: 15.0,
@@ -56,7 +56,7 @@ impl Footage {
         let cameras = simulation.cameras();
         let camera = cameras.iter().position(|c| c.name == CAMERA);
         let camera = camera.context("the rig has no such camera")?;
-        let frames = simulation.pictures(camera).collect();
+        let frames = simulation.frames(camera).collect();
         let imu = &simulation.imus()[camera];
         let samples = simulation
             .samples(imu)

@@ -39,7 +39,7 @@ use crate::rig::Rig;
 /// What is recorded while it is killed.
 pub const RIG: Rig = Rig::small(2);
 /// How long a recorder may take to begin, and until something is on disk.
-const BEGIN_LIMIT: Duration = Duration::from_secs(600);
+const START_TIMEOUT: Duration = Duration::from_secs(600);
 
 /// How to kill.
 #[derive(Clone, Debug)]
@@ -82,8 +82,8 @@ pub struct Killed {
     pub lost_ns: Option<i64>,
 }
 
-/// Kills as planned. `on_each` is told of every kill, from several threads.
-pub fn run(plan: &Plan, on_each: &(impl Fn(&Result<Killed>) + Sync)) -> Vec<Result<Killed>> {
+/// Kills as planned. `on_kill` is told of every kill, from several threads.
+pub fn run(plan: &Plan, on_kill: &(impl Fn(&Result<Killed>) + Sync)) -> Vec<Result<Killed>> {
     let next = AtomicU32::new(0);
     let work = || {
         let mut done = Vec::new();
@@ -94,7 +94,7 @@ pub fn run(plan: &Plan, on_each: &(impl Fn(&Result<Killed>) + Sync)) -> Vec<Resu
             }
             let killed =
                 kill(plan, number).with_context(|| format!("kill {number} of seed {}", plan.seed));
-            on_each(&killed);
+            on_kill(&killed);
             done.push((number, killed));
         }
     };
@@ -120,7 +120,7 @@ fn kill(plan: &Plan, number: u32) -> Result<Killed> {
     let after_ms = least + random(plan.seed, number) % (most - least + 1);
     let folder = plan.folder.join(format!("kill-{number:04}"));
     let mut recorder = Recorder::start(&plan.pawsd, &folder)?;
-    let session = recorder.begun()?;
+    let session = recorder.wait_until_recording()?;
     if number % 5 == 4 {
         // However slow the machine is, some kills have a promise to hold.
         recorder.wait_for_durable()?;
@@ -179,9 +179,9 @@ impl Recorder {
     ///
     /// # Errors
     /// It does not begin.
-    pub fn begun(&self) -> Result<PathBuf> {
+    pub fn wait_until_recording(&self) -> Result<PathBuf> {
         self.began
-            .recv_timeout(BEGIN_LIMIT)
+            .recv_timeout(START_TIMEOUT)
             .context("waiting for the recorder to begin")
     }
 
@@ -191,7 +191,7 @@ impl Recorder {
     /// Nothing gets there.
     pub fn wait_for_durable(&self) -> Result<()> {
         self.durable
-            .recv_timeout(BEGIN_LIMIT)
+            .recv_timeout(START_TIMEOUT)
             .context("waiting for the first chunk")
     }
 
@@ -206,7 +206,7 @@ impl Recorder {
     /// What it said is not understood.
     pub fn wait(mut self) -> Result<(Option<i32>, Vec<Progress>)> {
         let status = self.child.wait()?;
-        Ok((status.code(), self.said()?))
+        Ok((status.code(), self.output()?))
     }
 
     /// Kills it; gives the time and what it had said to be on disk.
@@ -219,7 +219,7 @@ impl Recorder {
         self.child.kill()?;
         self.child.wait()?;
         let mut promise = None;
-        for progress in self.said()? {
+        for progress in self.output()? {
             if let Progress::Durable { until, messages } = progress {
                 promise = Some((until, messages));
             }
@@ -227,7 +227,7 @@ impl Recorder {
         Ok((at, promise))
     }
 
-    fn said(&mut self) -> Result<Vec<Progress>> {
+    fn output(&mut self) -> Result<Vec<Progress>> {
         let reader = self
             .reader
             .take()
@@ -251,13 +251,13 @@ fn listen(
     began: &SyncSender<PathBuf>,
     durable: &SyncSender<()>,
 ) -> Result<Vec<Progress>> {
-    let mut said = Vec::new();
+    let mut output = Vec::new();
     let mut lines = BufReader::new(stdout);
     loop {
         let mut line = Vec::new();
         lines.read_until(b'\n', &mut line)?;
         if line.last() != Some(&b'\n') {
-            return Ok(said);
+            return Ok(output);
         }
         let progress = serde_json::from_slice(&line)
             .with_context(|| format!("the recorder said {:?}", String::from_utf8_lossy(&line)))?;
@@ -267,7 +267,7 @@ fn listen(
             Progress::Durable { .. } => drop(durable.try_send(())),
             _ => {}
         }
-        said.push(progress);
+        output.push(progress);
     }
 }
 
@@ -285,7 +285,7 @@ pub fn check(
 ) -> Result<Killed> {
     let reader = contents::open(session)?;
     let report = verify(&reader, |_| {})?;
-    let cut_off = only_cut_off(&report)?;
+    let cut_off = check_only_truncated(&report)?;
     let contents = Contents::read(session)?;
     let promised = promise.map_or(0, |(_, messages)| messages);
     let messages = contents.messages;
@@ -326,18 +326,18 @@ pub fn check(
         if let Some((until, _)) = promise
             && is_virtual
         {
-            reaches(&contents, name, until)?;
+            check_reaches(&contents, name, until)?;
         }
-        killed.frames += pictures_are_right(&contents, name)?;
-        killed.imu_samples += samples_are_right(&contents, camera)?;
+        killed.frames += images_are_correct(&contents, name)?;
+        killed.imu_samples += samples_are_correct(&contents, camera)?;
     }
     contents.check_times()?;
-    recovers(session, &report)?;
+    check_recovery(session, &report)?;
     Ok(killed)
 }
 
 /// A kill may cut the end off and do nothing else; whether it did.
-fn only_cut_off(report: &Report) -> Result<bool> {
+fn check_only_truncated(report: &Report) -> Result<bool> {
     let mut sound = report.clone();
     let cuts = sound.damage.len();
     sound.damage.retain(|d| d.damage.kind != DamageKind::CutOff);
@@ -351,7 +351,7 @@ fn only_cut_off(report: &Report) -> Result<bool> {
 
 /// Every frame up to `until` is there: numbers have no hole that no gap record explains (verified), so
 /// it is enough that the next frame would come after it.
-fn reaches(contents: &Contents, camera: &str, until: HostTime) -> Result<()> {
+fn check_reaches(contents: &Contents, camera: &str, until: HostTime) -> Result<()> {
     let last = contents.frames[camera]
         .last()
         .with_context(|| format!("no frame of {camera}"))?;
@@ -367,7 +367,7 @@ fn reaches(contents: &Contents, camera: &str, until: HostTime) -> Result<()> {
 }
 
 /// Every picture shows its number; how many there are.
-fn pictures_are_right(contents: &Contents, camera: &str) -> Result<u64> {
+fn images_are_correct(contents: &Contents, camera: &str) -> Result<u64> {
     let mut count = 0;
     contents.decode(camera, |frame, picture| {
         count += 1;
@@ -383,7 +383,7 @@ fn pictures_are_right(contents: &Contents, camera: &str) -> Result<u64> {
 }
 
 /// Ticks and values are those that the source makes; how many samples there are.
-fn samples_are_right(contents: &Contents, camera: usize) -> Result<u64> {
+fn samples_are_correct(contents: &Contents, camera: usize) -> Result<u64> {
     let name = RIG.names()[camera];
     let frames: BTreeMap<u64, i64> = contents.frames[name]
         .iter()
@@ -431,7 +431,7 @@ fn samples_are_right(contents: &Contents, camera: usize) -> Result<u64> {
 }
 
 /// Recovery makes a sound copy with the same samples.
-fn recovers(session: &Path, found: &Report) -> Result<()> {
+fn check_recovery(session: &Path, found: &Report) -> Result<()> {
     let copy = session.with_extension("recovered");
     fs::create_dir(&copy)?;
     let reader = contents::open(session)?;

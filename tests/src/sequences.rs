@@ -22,8 +22,8 @@ use odometry::rig::Rig;
 
 mod cache;
 mod datasets;
-mod kept;
 pub mod named;
+mod prerendered;
 mod truth;
 mod walk;
 
@@ -38,13 +38,13 @@ pub struct Sequence {
     rig: Rig,
     imu: Vec<Vec<ImuSample>>,
     truth: Truth,
-    sets: Vec<Planned>,
-    pictures: Pictures,
+    sets: Vec<PlannedSet>,
+    images: ImageSource,
 }
 
 /// A set before its pictures are read.
 #[derive(Clone, Debug, PartialEq)]
-struct Planned {
+struct PlannedSet {
     time_ns: i64,
     /// Times of the pictures, one entry for each camera.
     views: Vec<Option<i64>>,
@@ -52,13 +52,13 @@ struct Planned {
 
 /// Where pictures come from.
 #[derive(Clone, Debug)]
-enum Pictures {
+enum ImageSource {
     /// Left and right picture files of each camera, in order.
     Files(Vec<Vec<[PathBuf; 2]>>),
     /// They are rendered.
     Rendered(walk::Walk),
     /// They were.
-    Cached(Vec<cache::Stored>),
+    Cached(Vec<cache::CachedCamera>),
 }
 
 /// Gives the pictures of one camera in order: left and right.
@@ -104,13 +104,13 @@ impl OwnedFrameSet {
 /// As odometry takes it.
 impl<'a> From<&'a OwnedView> for View<'a> {
     fn from(view: &'a OwnedView) -> Self {
-        let grey = |pixels: &'a [u8]| {
+        let gray = |pixels: &'a [u8]| {
             Grey::new(view.width, view.height, view.width, pixels).expect("a whole picture")
         };
         View {
             time_ns: view.time_ns,
-            left: grey(&view.left),
-            right: grey(&view.right),
+            left: gray(&view.left),
+            right: gray(&view.right),
             usable: None,
         }
     }
@@ -172,7 +172,7 @@ impl Sequence {
 
     /// The same with another idea of the rig.
     #[must_use]
-    pub fn told(mut self, change: impl FnOnce(&mut Rig)) -> Self {
+    pub fn with_nominal_rig(mut self, change: impl FnOnce(&mut Rig)) -> Self {
         change(&mut self.rig);
         self
     }
@@ -183,10 +183,10 @@ impl Sequence {
     /// # Errors
     /// The folder cannot be written, or what is there is no whole file of this walk.
     pub fn cached(mut self, folder: &Path) -> Result<Self> {
-        if let Pictures::Rendered(walk) = &self.pictures {
+        if let ImageSource::Rendered(walk) = &self.images {
             let stored = cache::store(walk, folder)
                 .with_context(|| format!("keeping the pictures of {}", self.name))?;
-            self.pictures = Pictures::Cached(stored);
+            self.images = ImageSource::Cached(stored);
         }
         Ok(self)
     }
@@ -197,8 +197,8 @@ impl Sequence {
     ///
     /// # Errors
     /// A picture is absent.
-    pub fn with_pictures(mut self, sets: &Arc<Vec<OwnedFrameSet>>) -> Result<Self> {
-        if let Pictures::Rendered(walk) = &mut self.pictures {
+    pub fn with_images(mut self, sets: &Arc<Vec<OwnedFrameSet>>) -> Result<Self> {
+        if let ImageSource::Rendered(walk) = &mut self.images {
             let whole = |set: &OwnedFrameSet| {
                 set.views.len() == self.rig.cameras.len() && set.views.iter().all(Option::is_some)
             };
@@ -208,7 +208,7 @@ impl Sequence {
                 found >= expected,
                 "taking pictures over: found {found} whole sets, expected {expected}"
             );
-            walk.kept = Some(sets.clone());
+            walk.prerendered = Some(sets.clone());
         }
         Ok(self)
     }
@@ -218,11 +218,11 @@ impl Sequence {
     /// # Errors
     /// Files that cannot be read. Each set has an error of its own.
     pub fn frame_sets(&self) -> Result<FrameSets<'_>> {
-        let readers = match &self.pictures {
-            Pictures::Files(files) => files.iter().cloned().map(datasets::reader).collect(),
-            Pictures::Rendered(walk) => walk.readers(),
-            Pictures::Cached(stored) => {
-                let readers = stored.iter().map(cache::Stored::reader);
+        let readers = match &self.images {
+            ImageSource::Files(files) => files.iter().cloned().map(datasets::reader).collect(),
+            ImageSource::Rendered(walk) => walk.readers(),
+            ImageSource::Cached(stored) => {
+                let readers = stored.iter().map(cache::CachedCamera::reader);
                 readers.collect::<Result<_>>()?
             }
         };
@@ -263,7 +263,7 @@ impl Iterator for FrameSets<'_> {
 }
 
 impl FrameSets<'_> {
-    fn read(&mut self, planned: &Planned) -> Result<OwnedFrameSet> {
+    fn read(&mut self, planned: &PlannedSet) -> Result<OwnedFrameSet> {
         let mut views = Vec::with_capacity(planned.views.len());
         for (camera, time_ns) in planned.views.iter().enumerate() {
             let Some(time_ns) = *time_ns else {

@@ -31,7 +31,7 @@ pub struct Memory {
 
 /// One look at the memory.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Look {
+pub struct MemorySample {
     /// Time in the session, s.
     pub session_s: f64,
     /// What was seen.
@@ -40,11 +40,11 @@ pub struct Look {
 
 /// What came of a long recording.
 #[derive(Debug)]
-pub struct Soaked {
+pub struct SoakResult {
     /// The session's folder.
     pub session: PathBuf,
     /// A look for every chunk.
-    pub looks: Vec<Look>,
+    pub samples: Vec<MemorySample>,
     /// How long it took, s.
     pub wall_s: f64,
     /// What verification found.
@@ -55,21 +55,21 @@ pub struct Soaked {
 ///
 /// # Errors
 /// It cannot be recorded, or not without a failure.
-pub fn soak(rig: &Rig, seconds: u32, out: &Path) -> Result<Soaked> {
+pub fn soak(rig: &Rig, seconds: u32, out: &Path) -> Result<SoakResult> {
     let config = rig.config(out)?;
     let options = in_virtual_time(f64::from(seconds), out);
-    let looks = Arc::new(Mutex::new(Vec::with_capacity(4 * seconds as usize + 16)));
-    let seen = looks.clone();
+    let samples = Arc::new(Mutex::new(Vec::with_capacity(4 * seconds as usize + 16)));
+    let seen = samples.clone();
     let mut began = HostTime(0);
     let watch = Box::new(move |progress| match progress {
         Progress::Started { at, .. } => began = at,
         Progress::Durable { until, .. } => {
             if let Ok(memory) = memory() {
                 let session_s = until.since(began) as f64 / NS_PER_S as f64;
-                let look = Look { session_s, memory };
+                let sample = MemorySample { session_s, memory };
                 seen.lock()
                     .unwrap_or_else(PoisonError::into_inner)
-                    .push(look);
+                    .push(sample);
             }
         }
         _ => {}
@@ -82,28 +82,31 @@ pub fn soak(rig: &Rig, seconds: u32, out: &Path) -> Result<Soaked> {
         "the recording failed: {finished:?}"
     );
     let report = verify(&contents::open(&finished.session)?, |_| {})?;
-    let looks = std::mem::take(&mut *looks.lock().unwrap_or_else(PoisonError::into_inner));
-    Ok(Soaked {
+    let samples = std::mem::take(&mut *samples.lock().unwrap_or_else(PoisonError::into_inner));
+    Ok(SoakResult {
         session: finished.session,
-        looks,
+        samples,
         wall_s,
         report,
     })
 }
 
-impl Soaked {
+impl SoakResult {
     /// By how much the memory grew after `from_s` of the session, bytes: the larger of what was seen
     /// resident and of the peak between the looks.
     ///
     /// # Errors
     /// There was no look at or after that time.
     pub fn growth(&self, from_s: f64) -> Result<u64> {
-        let at = self.looks.iter().position(|look| look.session_s >= from_s);
-        let later = &self.looks[at.context("the memory was not looked at late enough")?..];
+        let at = self
+            .samples
+            .iter()
+            .position(|sample| sample.session_s >= from_s);
+        let later = &self.samples[at.context("the memory was not looked at late enough")?..];
         let (base, last) = (later[0].memory, later[later.len() - 1].memory);
         let highest = later
             .iter()
-            .map(|look| look.memory.resident)
+            .map(|sample| sample.memory.resident)
             .max()
             .unwrap_or_default();
         Ok(highest

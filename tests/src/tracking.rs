@@ -2,7 +2,7 @@
 //!
 //! Contract: [`Tracking`] is fed set by set, so that a caller can measure what each set takes; reading its pictures is
 //! not part of that. Causal poses never change once they are there. What is adjusted afterwards is apart
-//! ([`Tracking::adjust`]): the two are never mixed. *A pose that cannot be written down* (a covariance that is none) is an
+//! ([`Tracking::refine`]): the two are never mixed. *A pose that cannot be written down* (a covariance that is none) is an
 //! error and no pose.
 //!
 //! - [`drive`]: drift at the end of a drive (KITTI).
@@ -30,20 +30,20 @@ pub struct Tracking {
 
 /// A whole session after everything was seen.
 #[derive(Clone, Debug)]
-pub struct Adjusted {
+pub struct Refined {
     /// A pose for each causal one. Keyframes alone have a covariance: that of the causal pose where the way broke and nothing
     /// ties it ([`Tie`]). The status is that of the causal pose, or relocalised.
     pub trajectory: Trajectory,
     /// Keyframes.
     pub keyframes: usize,
     /// Places seen again that were used.
-    pub loops: usize,
+    pub loop_closures: usize,
     /// Linearisations.
-    pub rounds: usize,
+    pub iterations: usize,
     /// Landmarks.
     pub landmarks: usize,
     /// Where cameras were found to sit.
-    pub mounts: Vec<AdjustedMount>,
+    pub extrinsics: Vec<AdjustedMount>,
 }
 
 impl Tracking {
@@ -98,7 +98,7 @@ impl Tracking {
     }
 
     /// Cameras that were moved, as it seemed.
-    pub fn shifts(&self) -> &[Shift] {
+    pub fn camera_shifts(&self) -> &[Shift] {
         self.odometry.shifts()
     }
 
@@ -106,28 +106,31 @@ impl Tracking {
     ///
     /// # Errors
     /// A pose is none that a trajectory can hold.
-    pub fn adjust(mut self) -> Result<Option<Adjusted>> {
+    pub fn refine(mut self) -> Result<Option<Refined>> {
         self.take_keyframes(true);
         let Some(mapping) = &self.mapping else {
             return Ok(None);
         };
         let adjusted = mapping.solve(|_| {});
-        Ok(Some(Adjusted {
-            trajectory: finished(&self.causal, &adjusted)?,
+        Ok(Some(Refined {
+            trajectory: refined_trajectory(&self.causal, &adjusted)?,
             keyframes: adjusted.poses.len(),
-            loops: adjusted.loops.len(),
-            rounds: adjusted.rounds,
+            loop_closures: adjusted.loops.len(),
+            iterations: adjusted.rounds,
             landmarks: adjusted.landmarks,
-            mounts: adjusted.mounts,
+            extrinsics: adjusted.mounts,
         }))
     }
 }
 
-/// A pose for each causal one, where the adjustment of their keyframes puts it; see [`Adjusted::trajectory`].
+/// A pose for each causal one, where the adjustment of their keyframes puts it; see [`Refined::trajectory`].
 ///
 /// # Errors
 /// A pose is none that a trajectory can hold.
-pub fn finished(causal: &Trajectory, adjusted: &odometry::Adjusted) -> Result<Trajectory> {
+pub fn refined_trajectory(
+    causal: &Trajectory,
+    adjusted: &odometry::Adjusted,
+) -> Result<Trajectory> {
     let times: Vec<(i64, RigidTransform)> = (causal.poses().iter())
         .map(|p| (p.time_ns, p.world_from_rig))
         .collect();

@@ -191,10 +191,10 @@ fn without_a_pre_roll_the_first_frames_follow_the_press() {
 
 /// A session from a press to a stop: sound, accounted for as the daemon says, decodable from its first frame on, and with
 /// nothing from after the stop. How soon it begins and ends is tested in virtual time, with the recorder.
-fn check_session(session: &Path, name: &str, told: &Status) {
+fn check_session(session: &Path, name: &str, status: &Status) {
     let report = verify(&open(session).expect("open"), |_| {}).expect("verify");
     assert!(report.is_sound(), "{report:?}");
-    for stream in &told.streams {
+    for stream in &status.streams {
         let found = &report.streams[&stream.name];
         assert_eq!(
             (stream.stored, stream.missing),

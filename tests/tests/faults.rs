@@ -39,5 +39,5 @@ fn every_loss_is_told_with_its_cause() {
     }
     assert!(failures.is_empty(), "{} schedules failed", failures.len());
     // Doubting everything would be no account.
-    assert!(tally.doubtful * 3 < tally.stored, "{tally:?}");
+    assert!(tally.unreliable * 3 < tally.stored, "{tally:?}");
 }

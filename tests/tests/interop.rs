@@ -98,7 +98,7 @@ fn check(encoder: &'static str, codec: &str) {
             &ours,
             name,
         );
-        pictures_are_the_same(
+        images_are_the_same(
             &interpreter,
             folder.path(),
             &seen["pictures"][&video],
@@ -147,7 +147,7 @@ fn imu_is_the_same(batches: &[Value], ours: &Contents, camera: &str) {
     assert_eq!(concatenated("accel_counts"), accel);
 }
 
-fn pictures_are_the_same(
+fn images_are_the_same(
     interpreter: &Path,
     folder: &Path,
     theirs: &Value,

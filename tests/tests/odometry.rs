@@ -13,7 +13,7 @@ use odometry::rig::StereoCamera;
 use odometry::{Odometry, Preset, Settings};
 use reconstruction::evaluate::{self, Evaluation, evaluate};
 use rig_sim::camera::Quality;
-use rig_sim::scene::{Kind, Time};
+use rig_sim::scene::{Kind, Lighting};
 use scene_bundle::Trajectory;
 use tests::data;
 use tests::sequences::{self, Sequence, WalkSettings, walk};
@@ -37,7 +37,7 @@ fn percent(of: &Evaluation) -> f64 {
 fn a_walk_is_followed_and_adjusted_better_and_a_camera_that_was_moved_is_told() {
     let settings = WalkSettings {
         quality: Quality::FAST,
-        ..WalkSettings::new(Kind::Pavement, Time::Day, 41, 12.0)
+        ..WalkSettings::new(Kind::Pavement, Lighting::Day, 41, 12.0)
     };
     let folder = tempfile::tempdir().expect("folder");
     let sequence = walk(&settings).expect("a walk");
@@ -51,12 +51,12 @@ fn is_followed_and_adjusted_better(sequence: &Sequence) {
     let truth = tracking::truth(sequence).expect("rising times");
     let tracking = track(sequence, balanced(), true).expect("poses");
     let causal = evaluated(tracking.causal(), &truth);
-    let adjusted = tracking.adjust().expect("poses").expect("with mapping");
+    let adjusted = tracking.refine().expect("poses").expect("with mapping");
     let is_moved = |m: &AdjustedMount| m.is_moved;
     assert!(
-        !adjusted.mounts.iter().any(is_moved),
+        !adjusted.extrinsics.iter().any(is_moved),
         "{:?}",
-        adjusted.mounts
+        adjusted.extrinsics
     );
     let adjusted = evaluated(&adjusted.trajectory, &truth);
     println!(
@@ -76,7 +76,7 @@ fn is_followed_and_adjusted_better(sequence: &Sequence) {
 fn what_two_cameras_see_has_one_number() {
     let settings = WalkSettings {
         quality: Quality::FAST,
-        ..WalkSettings::new(Kind::Pavement, Time::Day, 42, 4.0)
+        ..WalkSettings::new(Kind::Pavement, Lighting::Day, 42, 4.0)
     };
     let sequence = walk(&settings).expect("a walk");
     let mut odometry = Odometry::new(sequence.rig(), balanced());
@@ -145,17 +145,17 @@ fn place(camera: &StereoCamera, seen: &Seen) -> Option<[f64; 3]> {
 
 fn is_told_when_a_camera_was_moved(sequence: Sequence) {
     let off = RigidTransform::from_rotation_vector([0.02, -0.015, 0.01], [0.0; 3]).expect("finite");
-    let sequence = sequence.told(|rig| {
+    let sequence = sequence.with_nominal_rig(|rig| {
         let camera = &mut rig.cameras[2];
         camera.rig_from_left = camera.rig_from_left * off;
     });
     let tracking = track(&sequence, balanced(), true).expect("poses");
-    let adjusted = tracking.adjust().expect("poses").expect("with mapping");
-    let moved: Vec<bool> = adjusted.mounts.iter().map(|m| m.is_moved).collect();
-    assert_eq!(moved, [false, false, true], "{:?}", adjusted.mounts);
-    let told = &sequence.rig().cameras[2];
-    let right = told.rig_from_left * off.inverse();
-    let left = adjusted.mounts[2].rig_from_left.inverse() * right;
+    let adjusted = tracking.refine().expect("poses").expect("with mapping");
+    let moved: Vec<bool> = adjusted.extrinsics.iter().map(|m| m.is_moved).collect();
+    assert_eq!(moved, [false, false, true], "{:?}", adjusted.extrinsics);
+    let nominal = &sequence.rig().cameras[2];
+    let right = nominal.rig_from_left * off.inverse();
+    let left = adjusted.extrinsics[2].rig_from_left.inverse() * right;
     println!("{:.3} of {:.3} rad left", left.angle_rad(), off.angle_rad());
     // What a turn about the way makes of a straight walk of 8 s is little.
     assert!(left.angle_rad() < 0.5 * off.angle_rad());

@@ -26,7 +26,7 @@ const DESK: &str = "01_stereo_depth/foundationstereo_demo";
 /// Length of the recording.
 const SECONDS: i64 = 5;
 /// Lowest quality that is good enough.
-const LEAST_DB: f64 = 40.0;
+const MIN_PSNR_DB: f64 = 40.0;
 
 /// What a camera is to deliver.
 struct Truth {
@@ -201,7 +201,7 @@ fn real_recordings_come_back_as_they_were() {
     let begin = recorded.manifest.started;
     for (camera, truth) in &truths {
         times_are_exact(&recorded, &input, camera, truth, begin);
-        pictures_are_good(&recorded, &input, camera, truth);
+        images_have_quality(&recorded, &input, camera, truth);
     }
     imu_is_bit_equal(&recorded, &input, &sets[1], begin);
     sets_are_whole(&input, &recorded);
@@ -242,7 +242,7 @@ fn times_are_exact(
     }
 }
 
-fn pictures_are_good(recorded: &Contents, input: &Input, camera: &str, truth: &Truth) {
+fn images_have_quality(recorded: &Contents, input: &Input, camera: &str, truth: &Truth) {
     let mut sources: BTreeMap<PathBuf, Png> = BTreeMap::new();
     let (mut lowest_luma, mut lowest_rgb) = (f64::INFINITY, f64::INFINITY);
     let mut luma = BTreeMap::new();
@@ -303,7 +303,7 @@ fn pictures_are_good(recorded: &Contents, input: &Input, camera: &str, truth: &T
         8e-6 * bytes as f64 / SECONDS as f64
     );
     assert!(
-        lowest_luma >= LEAST_DB,
+        lowest_luma >= MIN_PSNR_DB,
         "{camera}: luma {lowest_luma:.2} dB"
     );
 }

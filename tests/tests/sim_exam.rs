@@ -8,7 +8,7 @@ use std::sync::Arc;
 use rig_sim::camera::Quality;
 use rig_sim::faults::Faults;
 use rig_sim::render::{Job, render};
-use rig_sim::scene::{Kind, Time};
+use rig_sim::scene::{Kind, Lighting};
 use rig_sim::simulation::{Settings, Simulation};
 use serde_json::Value;
 
@@ -34,7 +34,7 @@ fn what_a_render_says_is_true_is_found_true_by_others() {
     // edges. At 10 Hz frames coincide with samples of the IMU, whose true pose is in the files.
     let settings = Settings {
         kind: Kind::Plaza,
-        time: Time::Day,
+        lighting: Lighting::Day,
         seed: 1,
         seconds: 2.5,
         rate_hz: 10.0,

@@ -30,9 +30,9 @@ use tests::footage::film::{self, Film};
 use tests::footage::{CAMERA, Footage, RIG};
 
 /// Off the true length of the way from the first pose to the last, at most.
-const OFF: f64 = 0.03;
+const MAX_DISTANCE_ERROR: f64 = 0.03;
 /// Points of a cloud, at least: the four keyframes of the walk give some thousand.
-const POINTS: usize = 1000;
+const MIN_POINTS: usize = 1000;
 
 fn walk() -> &'static Footage {
     static WALK: OnceLock<Footage> = OnceLock::new();
@@ -49,7 +49,7 @@ fn desk() -> tempfile::TempDir {
 }
 
 /// What it takes to record a source in virtual time; `source` are the keys of its section.
-fn asked(folder: &Path, source: &str) -> (Config, RecordOptions) {
+fn configure(folder: &Path, source: &str) -> (Config, RecordOptions) {
     let text = format!(
         "[disk]\nreserve_gb = 0.01\n[encoder]\nelement = \"x264enc\"\n[rig]\nfile = \"rig.toml\"\n[[camera]]\n\
          name = {CAMERA:?}\ncalibration = \"lenses\"\n[camera.source]\n{source}\n"
@@ -66,15 +66,15 @@ fn asked(folder: &Path, source: &str) -> (Config, RecordOptions) {
 }
 
 /// Records a source, however that ends.
-fn ended(folder: &Path, source: &str) -> Finished {
-    let (config, options) = asked(folder, source);
+fn record(folder: &Path, source: &str) -> Finished {
+    let (config, options) = configure(folder, source);
     let finished = record(&config, &options, &StopFlag::new(), Box::new(|_| {}));
     finished.expect("recording")
 }
 
 /// Records a source that does not fail.
-fn recorded(folder: &Path, source: &str) -> Finished {
-    let finished = ended(folder, source);
+fn record_ok(folder: &Path, source: &str) -> Finished {
+    let finished = record(folder, source);
     assert_eq!(finished.error, None);
     finished
 }
@@ -84,13 +84,17 @@ const PAIR: &str = "kind = \"v4l2\"\ndevice = \"/dev/video0\"\nright_device = \"
                     rate_hz = 15\nformat = \"MJPG\"";
 
 /// By how much the right one of two cameras is later that nothing synchronises, us: they drift by 45 ppm.
-fn later_us(n: usize) -> i64 {
+fn right_delay_us(n: usize) -> i64 {
     300 + 3 * n as i64
 }
 
 /// Records the footage by [`PAIR`]; only half came of the files of which `is_cut` says so by frame and eye.
-fn paired(folder: &Path, footage: &Footage, is_cut: impl Fn(usize, usize) -> bool) -> Finished {
-    let (config, options) = asked(folder, PAIR);
+fn record_pair(
+    folder: &Path,
+    footage: &Footage,
+    is_cut: impl Fn(usize, usize) -> bool,
+) -> Finished {
+    let (config, options) = configure(folder, PAIR);
     let finished = record_built(
         |start| {
             let mut built = build(&config, start)?;
@@ -112,7 +116,7 @@ fn paired(folder: &Path, footage: &Footage, is_cut: impl Fn(usize, usize) -> boo
 }
 
 /// Imports, validates and hands over; gives the session's folder in the library.
-fn handed(session: &Path, library: &Path) -> PathBuf {
+fn hand_off(session: &Path, library: &Path) -> PathBuf {
     let mut said = Vec::new();
     let mut console = Console {
         out: &mut said,
@@ -142,7 +146,7 @@ struct Found {
 }
 
 /// Makes a scene of it, as `paws-reconstruct run` does.
-fn reconstructed(session: &Path, scene: &Path) -> Found {
+fn reconstruct(session: &Path, scene: &Path) -> Found {
     let input = Input::open(session).expect("the hand-off");
     let options = Options {
         preset: Preset::Fast,
@@ -186,8 +190,8 @@ fn reconstructed(session: &Path, scene: &Path) -> Found {
 }
 
 /// The whole way of a source that brings every frame of the walk: see [`to_the_cloud`].
-fn whole_way(source: &str, folder: &Path, least_db: f64) -> (Contents, Validation) {
-    to_the_cloud(source, &recorded(folder, source), folder, least_db)
+fn record_to_the_cloud(source: &str, folder: &Path, min_db: f64) -> (Contents, Validation) {
+    to_the_cloud(source, &record_ok(folder, source), folder, min_db)
 }
 
 /// What was recorded of the whole walk: frames, times, images, verdict, poses, cloud.
@@ -195,7 +199,7 @@ fn to_the_cloud(
     source: &str,
     finished: &Finished,
     folder: &Path,
-    least_db: f64,
+    min_db: f64,
 ) -> (Contents, Validation) {
     let footage = walk();
     assert_eq!(finished.missing, 0, "{finished:?}");
@@ -210,9 +214,9 @@ fn to_the_cloud(
     });
     decoded.expect("decoding");
     println!("{source}: luma {lowest_db:.1} dB");
-    assert!(lowest_db >= least_db, "{lowest_db} dB");
+    assert!(lowest_db >= min_db, "{lowest_db} dB");
 
-    let session = handed(&finished.session, &folder.join("library"));
+    let session = hand_off(&finished.session, &folder.join("library"));
     let validation = Validation::read(&session).expect("a validation");
     assert_ne!(
         validation.verdict,
@@ -220,7 +224,7 @@ fn to_the_cloud(
         "{:?}",
         validation.reasons
     );
-    let found = reconstructed(&session, &folder.join("walk.scene"));
+    let found = reconstruct(&session, &folder.join("walk.scene"));
     let (found_m, points) = (found.distance_m, found.points);
     let true_m = footage.distance_m(0, footage.frames.len() - 1);
     println!(
@@ -228,16 +232,16 @@ fn to_the_cloud(
         found.poses
     );
     assert_eq!(found.poses, footage.frames.len());
-    assert!(points >= POINTS, "{points} points");
+    assert!(points >= MIN_POINTS, "{points} points");
     assert!(
-        (found_m / true_m - 1.0).abs() <= OFF,
+        (found_m / true_m - 1.0).abs() <= MAX_DISTANCE_ERROR,
         "{found_m} m, really {true_m} m"
     );
     (contents, validation)
 }
 
 /// By how much the validation says that the eyes are apart, ns, and its verdict on that.
-fn eyes_apart(validation: &Validation) -> Option<(f64, Verdict)> {
+fn stereo_time_difference(validation: &Validation) -> Option<(f64, Verdict)> {
     let mut findings = validation.findings.iter();
     let found = findings.find(|f| f.metric == "camera.eyes_apart")?;
     Some((found.value, found.verdict))
@@ -246,18 +250,18 @@ fn eyes_apart(validation: &Validation) -> Option<(f64, Verdict)> {
 #[test]
 fn two_usb_cameras_of_motion_jpeg_as_a_pair() {
     let folder = desk();
-    let finished = paired(folder.path(), walk(), |_, _| false);
+    let finished = record_pair(folder.path(), walk(), |_, _| false);
     let (contents, validation) = to_the_cloud(PAIR, &finished, folder.path(), 34.0);
     assert!(contents.imu.is_empty());
     for stored in &contents.frames[CAMERA] {
         let frame = &stored.record;
-        let later_ns = 1000 * later_us(frame.number as usize);
+        let later_ns = 1000 * right_delay_us(frame.number as usize);
         assert_eq!(frame.eyes_apart_ns, Some(later_ns));
         // It has the time of the left one's stamp, in whole microseconds.
         assert_eq!(frame.kernel_time, Some(frame.device_ticks));
         assert_eq!(frame.device_ticks % 1000, 0);
     }
-    let (apart_ns, verdict) = eyes_apart(&validation).expect("two cameras");
+    let (apart_ns, verdict) = stereo_time_difference(&validation).expect("two cameras");
     assert_eq!(verdict, Verdict::Pass);
     assert!((300_000.0..=477_000.0).contains(&apart_ns), "{apart_ns} ns");
 }
@@ -266,7 +270,7 @@ fn two_usb_cameras_of_motion_jpeg_as_a_pair() {
 fn a_damaged_image_of_one_of_two_cameras_is_a_gap_and_the_recording_goes_on() {
     let folder = desk();
     let short = walk().first(12);
-    let finished = paired(folder.path(), &short, |n, eye| {
+    let finished = record_pair(folder.path(), &short, |n, eye| {
         [(5, 0), (8, 1)].contains(&(n, eye))
     });
     assert_eq!((finished.stored, finished.missing), (10, 2));
@@ -295,12 +299,15 @@ fn a_bag_with_images_and_imu() {
     )
     .expect("a bag");
     let source = "kind = \"bag\"\npath = \"walk.mcap\"";
-    let (contents, validation) = whole_way(source, folder.path(), 40.0);
+    let (contents, validation) = record_to_the_cloud(source, folder.path(), 40.0);
     for (stored, truth) in contents.frames[CAMERA].iter().zip(&footage.frames) {
         assert_eq!(stored.record.device_ticks, BEGAN_NS + truth.time_ns);
         assert_eq!(stored.record.eyes_apart_ns, Some(300_000));
     }
-    assert_eq!(eyes_apart(&validation), Some((300_000.0, Verdict::Pass)));
+    assert_eq!(
+        stereo_time_difference(&validation),
+        Some((300_000.0, Verdict::Pass))
+    );
     // Samples from the first image on, to the bit.
     let first = footage.frames[0].time_ns;
     let truths = footage.samples.iter().filter(|(time, ..)| *time >= first);
@@ -321,8 +328,11 @@ fn a_bag_of_compressed_images_whose_eyes_are_too_far_apart_is_warned_of() {
     bag::write(walk(), Images::Jpeg, 2_500_000, &bag.join("bag_0.mcap")).expect("a bag");
     let source = "kind = \"bag\"\npath = \"bag\"\nleft_topic = \"/left/image\"\n\
                   right_topic = \"/right/image\"\nimu_topic = \"/imu\"";
-    let (_, validation) = whole_way(source, folder.path(), 34.0);
-    assert_eq!(eyes_apart(&validation), Some((2_500_000.0, Verdict::Warn)));
+    let (_, validation) = record_to_the_cloud(source, folder.path(), 34.0);
+    assert_eq!(
+        stereo_time_difference(&validation),
+        Some((2_500_000.0, Verdict::Warn))
+    );
 }
 
 #[test]
@@ -330,7 +340,7 @@ fn a_bag_whose_eyes_never_pair_is_refused_before_anything_is_recorded() {
     let folder = desk();
     let bag = folder.path().join("walk.mcap");
     bag::write(&walk().first(6), Images::Mono, 30_000_000, &bag).expect("a bag");
-    let (config, options) = asked(folder.path(), "kind = \"bag\"\npath = \"walk.mcap\"");
+    let (config, options) = configure(folder.path(), "kind = \"bag\"\npath = \"walk.mcap\"");
     let refused = record(&config, &options, &StopFlag::new(), Box::new(|_| {}));
     let said = format!("{:#}", refused.expect_err("no pair"));
     for part in [
@@ -351,7 +361,7 @@ fn every_encoding_of_a_bag_is_the_same_walk() {
     for (images, colour) in [(Images::Bgr, "yuv420"), (Images::Mono, "grey")] {
         let folder = desk();
         bag::write(&short, images, 0, &folder.path().join("walk.mcap")).expect("a bag");
-        let finished = recorded(
+        let finished = record_ok(
             folder.path(),
             "kind = \"bag\"\npath = \"walk.mcap\"\nimu = false",
         );
@@ -369,7 +379,7 @@ fn every_encoding_of_a_bag_is_the_same_walk() {
 }
 
 /// All pictures of the walk with their times from 0.
-fn pictures(eye: Option<usize>) -> Vec<(i64, video::Picture)> {
+fn images(eye: Option<usize>) -> Vec<(i64, video::Picture)> {
     let footage = walk();
     let first = footage.frames[0].time_ns;
     let picture = |n: usize| match eye {
@@ -385,17 +395,11 @@ fn pictures(eye: Option<usize>) -> Vec<(i64, video::Picture)> {
 #[test]
 fn a_video_file_with_both_eyes_side_by_side() {
     let folder = desk();
-    film::write(
-        Film::Mp4,
-        15,
-        pictures(None),
-        &folder.path().join("walk.mp4"),
-    )
-    .expect("a film");
+    film::write(Film::Mp4, 15, images(None), &folder.path().join("walk.mp4")).expect("a film");
     let source = "kind = \"video\"\npath = \"walk.mp4\"";
-    let (contents, validation) = whole_way(source, folder.path(), 34.0);
+    let (contents, validation) = record_to_the_cloud(source, folder.path(), 34.0);
     assert!(contents.imu.is_empty());
-    assert_eq!(eyes_apart(&validation), None);
+    assert_eq!(stereo_time_difference(&validation), None);
 }
 
 #[test]
@@ -404,11 +408,11 @@ fn a_film_of_motion_jpeg() {
     film::write(
         Film::MjpegAvi,
         15,
-        pictures(None),
+        images(None),
         &folder.path().join("walk.avi"),
     )
     .expect("a film");
-    whole_way("kind = \"video\"\npath = \"walk.avi\"", folder.path(), 34.0);
+    record_to_the_cloud("kind = \"video\"\npath = \"walk.avi\"", folder.path(), 34.0);
 }
 
 /// Matroska rounds them; a whole walk by it is beyond the limits of `paws validate`, as docs/sources.md tells.
@@ -416,9 +420,9 @@ fn a_film_of_motion_jpeg() {
 fn a_film_in_matroska_has_times_of_whole_milliseconds() {
     let folder = desk();
     let frames = 6;
-    let pictures = pictures(None).into_iter().take(frames);
+    let pictures = images(None).into_iter().take(frames);
     film::write(Film::Mkv, 15, pictures, &folder.path().join("walk.mkv")).expect("a film");
-    let finished = recorded(folder.path(), "kind = \"video\"\npath = \"walk.mkv\"");
+    let finished = record_ok(folder.path(), "kind = \"video\"\npath = \"walk.mkv\"");
     assert_eq!((finished.stored, finished.missing), (frames as u64, 0));
     let contents = Contents::read(&finished.session).expect("contents");
     let ticks = contents.frames[CAMERA]
@@ -437,11 +441,14 @@ fn two_video_files_one_for_each_eye() {
     let folder = desk();
     for (eye, name) in ["left.mp4", "right.mp4"].into_iter().enumerate() {
         let path = folder.path().join(name);
-        film::write(Film::Mp4, 15, pictures(Some(eye)), &path).expect("a film");
+        film::write(Film::Mp4, 15, images(Some(eye)), &path).expect("a film");
     }
     let source = "kind = \"video\"\npath = \"left.mp4\"\nright_path = \"right.mp4\"";
-    let (_, validation) = whole_way(source, folder.path(), 34.0);
-    assert_eq!(eyes_apart(&validation), Some((0.0, Verdict::Pass)));
+    let (_, validation) = record_to_the_cloud(source, folder.path(), 34.0);
+    assert_eq!(
+        stereo_time_difference(&validation),
+        Some((0.0, Verdict::Pass))
+    );
 }
 
 #[test]
@@ -450,13 +457,13 @@ fn two_video_files_that_never_pair_end_with_an_error() {
     let frames = 12;
     for (eye, name) in ["left.mp4", "right.mp4"].into_iter().enumerate() {
         let path = folder.path().join(name);
-        let pictures = pictures(Some(eye)).into_iter().take(frames);
+        let pictures = images(Some(eye)).into_iter().take(frames);
         film::write(Film::Mp4, 15, pictures, &path).expect("a film");
     }
     // The right camera was started 30 ms later, which is beyond two fifths of a period: nothing is a pair.
     let source =
         "kind = \"video\"\npath = \"left.mp4\"\nright_path = \"right.mp4\"\nright_later_ms = 30";
-    let finished = ended(folder.path(), source);
+    let finished = record(folder.path(), source);
     let error = finished.error.as_deref().expect("no pair is an error");
     for part in [
         "left_shoulder cannot be read: no image of the right file was taken within 26.7 ms of one of the left file",

@@ -27,13 +27,13 @@ const SOURCES: &str = concat!(
 
 /// The kept pictures of one camera.
 #[derive(Clone, Debug)]
-pub(super) struct Stored {
+pub(super) struct CachedCamera {
     path: PathBuf,
     /// Bytes of one eye's picture.
     eye: usize,
 }
 
-impl Stored {
+impl CachedCamera {
     /// Reads pairs in order.
     pub(super) fn reader(&self) -> Result<Reader> {
         let path = self.path.clone();
@@ -52,7 +52,7 @@ impl Stored {
 }
 
 /// Renders what is not there yet.
-pub(super) fn store(walk: &Walk, folder: &Path) -> Result<Vec<Stored>> {
+pub(super) fn store(walk: &Walk, folder: &Path) -> Result<Vec<CachedCamera>> {
     let mut key = walk.key.clone();
     key += &format!("\n{} {}\n", env!("CARGO_PKG_VERSION"), sources()?);
     let hash = blake3::hash(key.as_bytes()).to_hex();
@@ -60,7 +60,7 @@ pub(super) fn store(walk: &Walk, folder: &Path) -> Result<Vec<Stored>> {
     fs::create_dir_all(&folder).with_context(|| format!("making {}", folder.display()))?;
     let settings = walk.simulation.settings();
     let eye = settings.width as usize * settings.height as usize;
-    let stored = |camera: &WalkCamera| Stored {
+    let stored = |camera: &WalkCamera| CachedCamera {
         path: folder.join(format!("{}.grey", camera.name)),
         eye,
     };

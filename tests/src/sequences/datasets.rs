@@ -9,7 +9,7 @@ use cad_transforms::RigidTransform;
 use odometry::input::ImuSample;
 use odometry::rig::{Imu, Rig, StereoCamera};
 
-use super::{Pictures, Planned, Reader, Sequence, Truth};
+use super::{ImageSource, PlannedSet, Reader, Sequence, Truth};
 
 /// Time between the pictures of KITTI, ns.
 const KITTI_PERIOD_NS: i64 = 100_000_000;
@@ -26,7 +26,7 @@ const RIG_FROM_OPTICAL: [f64; 9] = [0.0, 0.0, 1.0, -1.0, 0.0, 0.0, 0.0, -1.0, 0.
 /// # Errors
 /// Files that are absent or not as KITTI has them.
 pub fn kitti(folder: &Path) -> Result<Sequence> {
-    let named = |side: &str| pictures(&folder.join(side));
+    let named = |side: &str| images(&folder.join(side));
     let (left, right) = (named("image_l")?, named("image_r")?);
     let first = left.first().context("there is no picture")?;
     let (width, height) = size(first)?;
@@ -45,7 +45,7 @@ pub fn kitti(folder: &Path) -> Result<Sequence> {
         "{l} left pictures, {r} right ones and {poses} poses, expected as many of each, or more poses, in {}",
         folder.display()
     );
-    let sets = (truth.iter().take(l)).map(|(time_ns, _)| Planned {
+    let sets = (truth.iter().take(l)).map(|(time_ns, _)| PlannedSet {
         time_ns: *time_ns,
         views: vec![Some(*time_ns)],
     });
@@ -66,7 +66,7 @@ pub fn kitti(folder: &Path) -> Result<Sequence> {
         imu: Vec::new(),
         sets: sets.collect(),
         truth: Truth::Measured(truth),
-        pictures: Pictures::Files(vec![
+        images: ImageSource::Files(vec![
             left.into_iter().zip(right).map(|(l, r)| [l, r]).collect(),
         ]),
     })
@@ -82,15 +82,15 @@ pub fn kitti(folder: &Path) -> Result<Sequence> {
 pub fn euroc(folder: &Path, truth: &Path, seconds: Option<f64>) -> Result<Sequence> {
     let mav = folder.join("mav0");
     let lists = [
-        euroc_pictures(&mav.join("cam0"))?,
-        euroc_pictures(&mav.join("cam1"))?,
+        euroc_images(&mav.join("cam0"))?,
+        euroc_images(&mav.join("cam1"))?,
     ];
     let [left, right] = lists;
     let (_, first) = left.first().context("there is no picture")?;
     let (width, height) = size(first)?;
     let (calibration, _) = calib::euroc::read(&mav, width, height)?;
-    let told = calibration.imu.context("there is no imu0/sensor.yaml")?;
-    let noise = told.noise.context("imu0/sensor.yaml has no noise")?;
+    let nominal = calibration.imu.context("there is no imu0/sensor.yaml")?;
+    let noise = nominal.noise.context("imu0/sensor.yaml has no noise")?;
     let path = mav.join("imu0/data.csv");
     let mut imu = Vec::new();
     for row in rows(&path)? {
@@ -107,7 +107,7 @@ pub fn euroc(folder: &Path, truth: &Path, seconds: Option<f64>) -> Result<Sequen
     for (time_ns, left) in left {
         while other.next_if(|(t, _)| *t < time_ns).is_some() {}
         let pair = other.next_if(|(t, _)| *t == time_ns);
-        sets.push(Planned {
+        sets.push(PlannedSet {
             time_ns,
             views: vec![pair.is_some().then_some(time_ns)],
         });
@@ -123,7 +123,7 @@ pub fn euroc(folder: &Path, truth: &Path, seconds: Option<f64>) -> Result<Sequen
         for time_ns in (last..=end).step_by(period.context("there is one picture")? as usize) {
             if time_ns > last {
                 let views = vec![None];
-                sets.push(Planned { time_ns, views });
+                sets.push(PlannedSet { time_ns, views });
             }
         }
     }
@@ -135,7 +135,7 @@ pub fn euroc(folder: &Path, truth: &Path, seconds: Option<f64>) -> Result<Sequen
         poses.push((time_ns, pose));
     }
     // The body is the IMU.
-    let imu_from_left = told.imu_from_left;
+    let imu_from_left = nominal.imu_from_left;
     Ok(Sequence {
         name: name(folder),
         rig: Rig {
@@ -152,14 +152,14 @@ pub fn euroc(folder: &Path, truth: &Path, seconds: Option<f64>) -> Result<Sequen
                 name: "imu".to_owned(),
                 rig_from_imu: RigidTransform::identity(),
                 noise,
-                rate_hz: told.rate_hz,
+                rate_hz: nominal.rate_hz,
                 range: ADIS_RANGE,
             }],
         },
         imu: vec![imu],
         sets,
         truth: Truth::Measured(poses),
-        pictures: Pictures::Files(vec![files]),
+        images: ImageSource::Files(vec![files]),
     })
 }
 
@@ -168,7 +168,7 @@ pub(super) fn reader(files: Vec<[PathBuf; 2]>) -> Reader {
     let mut files = files.into_iter();
     Box::new(move || {
         let [left, right] = files.next().context("there is no further picture")?;
-        Ok([grey(&left)?, grey(&right)?])
+        Ok([gray(&left)?, gray(&right)?])
     })
 }
 
@@ -210,7 +210,7 @@ fn rows(path: &Path) -> Result<impl Iterator<Item = Result<(i64, Vec<f64>)>>> {
 }
 
 /// Times and files of a camera.
-fn euroc_pictures(camera: &Path) -> Result<Vec<(i64, PathBuf)>> {
+fn euroc_images(camera: &Path) -> Result<Vec<(i64, PathBuf)>> {
     let path = camera.join("data.csv");
     let mut list = Vec::new();
     for line in text(&path)?.lines().filter(|line| !line.starts_with('#')) {
@@ -228,7 +228,7 @@ fn euroc_pictures(camera: &Path) -> Result<Vec<(i64, PathBuf)>> {
 }
 
 /// The files of a folder by name.
-fn pictures(folder: &Path) -> Result<Vec<PathBuf>> {
+fn images(folder: &Path) -> Result<Vec<PathBuf>> {
     let entries = std::fs::read_dir(folder)
         .with_context(|| format!("looking for pictures in {}", folder.display()))?;
     let mut files =
@@ -250,7 +250,7 @@ fn size(path: &Path) -> Result<(u32, u32)> {
 }
 
 /// The pixels of a grey picture.
-fn grey(path: &Path) -> Result<Vec<u8>> {
+fn gray(path: &Path) -> Result<Vec<u8>> {
     let mut reader = open(path)?;
     let found = reader.output_color_type();
     ensure!(

@@ -1,7 +1,7 @@
 //! Walks by name, `PLACE-LIGHT-SEED-SECONDS`: `plaza-low-sun-7-60`.
 
 use anyhow::{Context as _, Result};
-use rig_sim::scene::{Kind, Time};
+use rig_sim::scene::{Kind, Lighting};
 
 use super::WalkSettings;
 
@@ -52,7 +52,9 @@ pub fn settings(name: &str) -> Result<WalkSettings> {
     let parsed = || {
         let kind = Kind::ALL.into_iter().find(|k| name.starts_with(k.name()))?;
         let rest = name[kind.name().len()..].strip_prefix('-')?;
-        let light = Time::ALL.into_iter().find(|t| rest.starts_with(t.name()))?;
+        let light = Lighting::ALL
+            .into_iter()
+            .find(|t| rest.starts_with(t.name()))?;
         let rest = rest[light.name().len()..].strip_prefix('-')?;
         let (seed, seconds) = rest.split_once('-')?;
         let (seed, seconds) = (seed.parse().ok()?, seconds.parse().ok()?);

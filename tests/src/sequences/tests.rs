@@ -1,5 +1,5 @@
 use rig_sim::faults::{Fault, Faults, Kind as FaultKind};
-use rig_sim::scene::{Kind, Time};
+use rig_sim::scene::{Kind, Lighting};
 
 use super::*;
 use crate::data;
@@ -10,7 +10,7 @@ fn small() -> WalkSettings {
         size: [160, 96],
         rate_hz: 5.0,
         quality: rig_sim::camera::Quality::FAST,
-        ..WalkSettings::new(Kind::Room, Time::Day, 3, 2.0)
+        ..WalkSettings::new(Kind::Room, Lighting::Day, 3, 2.0)
     }
 }
 
@@ -36,8 +36,8 @@ fn a_walk_is_the_same_rendered_and_kept_and_with_fewer_cameras() {
     assert_eq!(sets.len(), 10);
     assert!(sets.iter().all(|s| s.views.iter().all(Option::is_some)));
     let folder = tempfile::tempdir().expect("a folder");
-    let kept = rendered.cached(folder.path()).expect("room on the disk");
-    assert_eq!(all(&kept), sets);
+    let prerendered = rendered.cached(folder.path()).expect("room on the disk");
+    assert_eq!(all(&prerendered), sets);
     let again = walk(&small()).and_then(|w| w.cached(folder.path()));
     assert_eq!(all(&again.expect("a walk")), sets);
     assert_eq!(
@@ -159,7 +159,7 @@ fn faults_take_pictures_and_samples_away() {
 #[test]
 fn devices_do_to_kept_pictures_what_they_do_to_rendered_ones() {
     let clean = walk(&small()).expect("a walk");
-    let kept = std::sync::Arc::new(all(&clean));
+    let prerendered = std::sync::Arc::new(all(&clean));
     let list = vec![
         fault(FaultKind::Dropped, 0.5, 0.4, 2.0, "feet"),
         fault(FaultKind::Frozen, 0.5, 0.0, 2.0, "left_shoulder"),
@@ -168,11 +168,11 @@ fn devices_do_to_kept_pictures_what_they_do_to_rendered_ones() {
     let faults = Faults { list, seed: 2 };
     let settings = WalkSettings { faults, ..small() };
     let rendered = all(&walk(&settings).expect("a walk"));
-    let taken_over = walk(&settings).and_then(|w| w.with_pictures(&kept));
+    let taken_over = walk(&settings).and_then(|w| w.with_images(&prerendered));
     assert_eq!(all(&taken_over.expect("whole sets")), rendered);
-    assert_ne!(rendered, *kept);
-    let short = std::sync::Arc::new(kept[..3].to_vec());
-    assert!(clean.with_pictures(&short).is_err());
+    assert_ne!(rendered, *prerendered);
+    let short = std::sync::Arc::new(prerendered[..3].to_vec());
+    assert!(clean.with_images(&short).is_err());
 }
 
 #[test]
@@ -181,7 +181,10 @@ fn names_of_walks_are_read() {
         named::settings(name).expect(name);
     }
     let settings = named::settings("plaza-low-sun-7-12.5").expect("a name");
-    assert_eq!((settings.kind, settings.light), (Kind::Plaza, Time::LowSun));
+    assert_eq!(
+        (settings.kind, settings.light),
+        (Kind::Plaza, Lighting::LowSun)
+    );
     assert_eq!((settings.seed, settings.seconds), (7, 12.5));
     assert!(named::settings("plaza-noon-7-60").is_err());
 }

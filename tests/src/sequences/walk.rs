@@ -14,23 +14,23 @@ use cad_transforms::RigidTransform;
 use cad_transforms::frame::{Frame, FramePart};
 use odometry::input::ImuSample;
 use odometry::rig::{Imu, Rig, StereoCamera};
+use rig_sim::calibration_error::CalibrationError;
 use rig_sim::camera::sensor::Exposure;
 use rig_sim::camera::{Quality, Shutter};
-use rig_sim::deviation::Deviation;
 use rig_sim::device::{Delivery, Device, DeviceFrame};
 use rig_sim::faults::Faults;
-use rig_sim::scene::{Kind, Time};
-use rig_sim::simulation::{Imaging, Painter, Settings, Simulation, StereoFrame};
+use rig_sim::scene::{Kind, Lighting};
+use rig_sim::simulation::{FrameSource, Imaging, Settings, Simulation, StereoFrame};
 
-use super::kept::Kept;
-use super::{OwnedFrameSet, Pictures, Planned, Reader, Sequence, Truth};
+use super::prerendered::Prerendered;
+use super::{ImageSource, OwnedFrameSet, PlannedSet, Reader, Sequence, Truth};
 
 /// The rig of walks that name no other.
 const EXAMPLE_RIG: &str = include_str!("../../../cad-transforms/rigs/example.toml");
 /// How long the recorder waits for a camera (`capture-daemon/src/sync/sets.rs`).
 const HORIZON_NS: i64 = capture_daemon::sync::sets::HORIZON_NS;
 /// Rendered pictures that wait, for each camera.
-const WAITING: usize = 3;
+const MAX_QUEUED_IMAGES: usize = 3;
 
 /// What to walk through, and what goes wrong.
 #[derive(Clone, Debug)]
@@ -38,7 +38,7 @@ pub struct WalkSettings {
     /// Which place.
     pub kind: Kind,
     /// Which light.
-    pub light: Time,
+    pub light: Lighting,
     /// All randomness comes from it.
     pub seed: u64,
     /// Length, s.
@@ -54,7 +54,7 @@ pub struct WalkSettings {
     /// What goes wrong.
     pub faults: Faults,
     /// How the rig is not as told.
-    pub deviation: Deviation,
+    pub calibration_error: CalibrationError,
     /// Names of the cameras that are used, in this order; none for all. Rendering does not depend on it.
     pub cameras: Vec<String>,
     /// Whether these cameras' IMUs are used.
@@ -65,7 +65,7 @@ pub struct WalkSettings {
 
 impl WalkSettings {
     /// A faultless walk of the example rig with everything that sensors do: at the quality for exams, 15 Hz, 672x376.
-    pub fn new(kind: Kind, light: Time, seed: u64, seconds: f64) -> Self {
+    pub fn new(kind: Kind, light: Lighting, seed: u64, seconds: f64) -> Self {
         Self {
             kind,
             light,
@@ -76,7 +76,7 @@ impl WalkSettings {
             quality: Quality::ACCURATE,
             imaging: Imaging::USUAL,
             faults: Faults::default(),
-            deviation: Deviation::default(),
+            calibration_error: CalibrationError::default(),
             cameras: Vec::new(),
             with_imu: true,
             rig: EXAMPLE_RIG.to_owned(),
@@ -103,7 +103,7 @@ impl WalkSettings {
             self.settings(),
             self.imaging,
             self.faults,
-            self.deviation,
+            self.calibration_error,
             self.rig
         )
     }
@@ -117,7 +117,7 @@ pub(super) struct Walk {
     faults: Faults,
     pub(super) cameras: Vec<WalkCamera>,
     /// Pictures that are there already.
-    pub(super) kept: Option<Arc<Vec<OwnedFrameSet>>>,
+    pub(super) prerendered: Option<Arc<Vec<OwnedFrameSet>>>,
 }
 
 /// One camera of a walk.
@@ -140,7 +140,7 @@ pub fn walk(settings: &WalkSettings) -> Result<Sequence> {
     let rig = cad_transforms::rig::Rig::parse(&settings.rig)?;
     let simulation = Simulation::new(&settings.settings(), &rig)?
         .with_imaging(settings.imaging)?
-        .with_deviation(&rig, &settings.deviation)?;
+        .with_calibration_error(&rig, &settings.calibration_error)?;
     let simulation = Arc::new(simulation);
     let all: Vec<&str> = simulation
         .cameras()
@@ -152,14 +152,14 @@ pub fn walk(settings: &WalkSettings) -> Result<Sequence> {
         false => settings.cameras.iter().map(String::as_str).collect(),
     };
     let frames = simulation.settings().frame_count() as usize;
-    let mut sets: Vec<Planned> = (0..frames as u64)
-        .map(|n| Planned {
+    let mut sets: Vec<PlannedSet> = (0..frames as u64)
+        .map(|n| PlannedSet {
             time_ns: simulation.settings().frame_ns(n),
             views: vec![None; used.len()],
         })
         .collect();
     let (mut cameras, mut imu, mut seen) = (Vec::new(), Vec::new(), Vec::new());
-    let mut told = Rig {
+    let mut nominal = Rig {
         cameras: Vec::new(),
         imus: Vec::new(),
     };
@@ -175,7 +175,7 @@ pub fn walk(settings: &WalkSettings) -> Result<Sequence> {
         let part = |part| -> Result<RigidTransform> {
             Ok(rig.transform(&Frame::rig(), &Frame::of_camera(name, part)?)?)
         };
-        told.cameras.push(StereoCamera {
+        nominal.cameras.push(StereoCamera {
             name: (*name).to_owned(),
             left: calibration.left,
             right: calibration.right,
@@ -201,7 +201,7 @@ pub fn walk(settings: &WalkSettings) -> Result<Sequence> {
         if settings.with_imu {
             let model = simulation.imus()[position].imu.model();
             let noise = calibration.imu.and_then(|imu| imu.noise);
-            told.imus.push(Imu {
+            nominal.imus.push(Imu {
                 name: Frame::of_camera(name, FramePart::Imu)?.as_str().to_owned(),
                 rig_from_imu: part(FramePart::Imu)?,
                 noise: noise.context("a simulated calibration has the IMU's noise")?,
@@ -219,16 +219,16 @@ pub fn walk(settings: &WalkSettings) -> Result<Sequence> {
     );
     Ok(Sequence {
         name,
-        rig: told,
+        rig: nominal,
         imu,
         truth: Truth::Walk(simulation.clone()),
         sets,
-        pictures: Pictures::Rendered(Walk {
+        images: ImageSource::Rendered(Walk {
             simulation,
             key: settings.key(),
             faults: settings.faults.clone(),
             cameras,
-            kept: None,
+            prerendered: None,
         }),
     })
 }
@@ -236,8 +236,8 @@ pub fn walk(settings: &WalkSettings) -> Result<Sequence> {
 /// Paints nothing: what a device delivers and when does not depend on what its pictures show.
 struct Blank;
 
-impl Painter for Blank {
-    fn paint(&mut self, number: u64, time_ns: i64) -> StereoFrame {
+impl FrameSource for Blank {
+    fn render_frame(&mut self, number: u64, time_ns: i64) -> StereoFrame {
         StereoFrame {
             number,
             time_ns,
@@ -282,7 +282,7 @@ fn dry_run(
                     accel: si.accel.into(),
                 });
             }
-            Delivery::Gone(_) => {}
+            Delivery::Disconnected(_) => {}
         }
     }
     (frames, samples)
@@ -292,10 +292,10 @@ impl Walk {
     /// Renders the frames of a camera that get into sets, in order: left and right.
     pub(super) fn frames(&self, camera: &WalkCamera) -> impl Iterator<Item = [Vec<u8>; 2]> + use<> {
         let faults = self.faults.of(&camera.name);
-        let mut device = match &self.kept {
+        let mut device = match &self.prerendered {
             None => Device::rendered(&self.simulation, camera.position, faults),
             Some(sets) => {
-                let painter = Kept {
+                let painter = Prerendered {
                     sets: sets.clone(),
                     camera: camera.number,
                 };
@@ -309,7 +309,7 @@ impl Walk {
                     && is_used(&frame, last)
                 {
                     last = Some(frame.index);
-                    return Some([frame.picture.grey(0), frame.picture.grey(1)]);
+                    return Some([frame.image.gray(0), frame.image.gray(1)]);
                 }
             }
         })
@@ -319,7 +319,7 @@ impl Walk {
     pub(super) fn readers(&self) -> Vec<Reader> {
         let reader = |camera: &WalkCamera| -> Reader {
             let (walk, camera) = (self.clone(), camera.clone());
-            let (sender, receiver) = sync_channel(WAITING);
+            let (sender, receiver) = sync_channel(MAX_QUEUED_IMAGES);
             thread::spawn(move || {
                 // Nobody listens any more once the sets are dropped.
                 let mut frames = walk.frames(&camera);

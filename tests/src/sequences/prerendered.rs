@@ -3,19 +3,19 @@
 use std::sync::Arc;
 
 use rig_sim::camera::sensor::Exposure;
-use rig_sim::simulation::{Painter, StereoFrame};
+use rig_sim::simulation::{FrameSource, StereoFrame};
 
 use super::OwnedFrameSet;
 
 /// The pictures of one camera, by the number of the frame; they have no colour.
 #[derive(Clone, Debug)]
-pub(super) struct Kept {
+pub(super) struct Prerendered {
     pub(super) sets: Arc<Vec<OwnedFrameSet>>,
     pub(super) camera: usize,
 }
 
-impl Painter for Kept {
-    fn paint(&mut self, number: u64, time_ns: i64) -> StereoFrame {
+impl FrameSource for Prerendered {
+    fn render_frame(&mut self, number: u64, time_ns: i64) -> StereoFrame {
         let view = self.sets[number as usize].views[self.camera].as_ref();
         let view = view.expect("only sets that are whole are kept");
         let rows = (view.left.chunks_exact(view.width)).zip(view.right.chunks_exact(view.width));
