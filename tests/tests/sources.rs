@@ -66,15 +66,15 @@ fn configure(folder: &Path, source: &str) -> (Config, RecordOptions) {
 }
 
 /// Records a source, however that ends.
-fn record(folder: &Path, source: &str) -> Finished {
+fn record_source(folder: &Path, source: &str) -> Finished {
     let (config, options) = configure(folder, source);
     let finished = record(&config, &options, &StopFlag::new(), Box::new(|_| {}));
     finished.expect("recording")
 }
 
 /// Records a source that does not fail.
-fn record_ok(folder: &Path, source: &str) -> Finished {
-    let finished = record(folder, source);
+fn record_source_ok(folder: &Path, source: &str) -> Finished {
+    let finished = record_source(folder, source);
     assert_eq!(finished.error, None);
     finished
 }
@@ -102,7 +102,7 @@ fn record_pair(
             let SourceConfig::V4l2(of) = &config.cameras[0].source else {
                 bail!("found another source, expected the pair");
             };
-            let cameras = TwoCameras::new(footage, of, info, later_us, is_cut, start)?;
+            let cameras = TwoCameras::new(footage, of, info, right_delay_us, is_cut, start)?;
             built.sources = vec![AnySource::Scheduled(Box::new(cameras))];
             Ok(built)
         },
@@ -191,7 +191,7 @@ fn reconstruct(session: &Path, scene: &Path) -> Found {
 
 /// The whole way of a source that brings every frame of the walk: see [`to_the_cloud`].
 fn record_to_the_cloud(source: &str, folder: &Path, min_db: f64) -> (Contents, Validation) {
-    to_the_cloud(source, &record_ok(folder, source), folder, min_db)
+    to_the_cloud(source, &record_source_ok(folder, source), folder, min_db)
 }
 
 /// What was recorded of the whole walk: frames, times, images, verdict, poses, cloud.
@@ -361,7 +361,7 @@ fn every_encoding_of_a_bag_is_the_same_walk() {
     for (images, colour) in [(Images::Bgr, "yuv420"), (Images::Mono, "grey")] {
         let folder = desk();
         bag::write(&short, images, 0, &folder.path().join("walk.mcap")).expect("a bag");
-        let finished = record_ok(
+        let finished = record_source_ok(
             folder.path(),
             "kind = \"bag\"\npath = \"walk.mcap\"\nimu = false",
         );
@@ -422,7 +422,7 @@ fn a_film_in_matroska_has_times_of_whole_milliseconds() {
     let frames = 6;
     let pictures = images(None).into_iter().take(frames);
     film::write(Film::Mkv, 15, pictures, &folder.path().join("walk.mkv")).expect("a film");
-    let finished = record_ok(folder.path(), "kind = \"video\"\npath = \"walk.mkv\"");
+    let finished = record_source_ok(folder.path(), "kind = \"video\"\npath = \"walk.mkv\"");
     assert_eq!((finished.stored, finished.missing), (frames as u64, 0));
     let contents = Contents::read(&finished.session).expect("contents");
     let ticks = contents.frames[CAMERA]
@@ -463,7 +463,7 @@ fn two_video_files_that_never_pair_end_with_an_error() {
     // The right camera was started 30 ms later, which is beyond two fifths of a period: nothing is a pair.
     let source =
         "kind = \"video\"\npath = \"left.mp4\"\nright_path = \"right.mp4\"\nright_later_ms = 30";
-    let finished = record(folder.path(), source);
+    let finished = record_source(folder.path(), source);
     let error = finished.error.as_deref().expect("no pair is an error");
     for part in [
         "left_shoulder cannot be read: no image of the right file was taken within 26.7 ms of one of the left file",

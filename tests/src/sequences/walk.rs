@@ -86,7 +86,7 @@ impl WalkSettings {
     fn settings(&self) -> Settings {
         Settings {
             kind: self.kind,
-            time: self.light,
+            lighting: self.light,
             seed: self.seed,
             seconds: self.seconds,
             rate_hz: self.rate_hz,
