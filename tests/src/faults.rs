@@ -1,8 +1,9 @@
-//! Random schedules of faults against the whole daemon in virtual time: does every session end valid, with every
-//! loss accounted for by its true cause?
+//! Random fault schedules for the whole daemon in virtual time: checks that every session ends
+//! valid, with every loss accounted for by its true cause.
 //!
-//! The devices are those of `rig-sim`, with pictures that cost nothing. A device is a function of its seed, so a
-//! twin of it tells afterwards what really arrived, what was lost and why.
+//! The devices are those of `rig-sim`, with images without rendering cost. A device is a function
+//! of its seed, so a second instance gives afterwards the true arrivals and losses with their
+//! causes.
 
 use std::ops::Range;
 use std::panic::resume_unwind;
@@ -31,7 +32,7 @@ use session_archive::verify::verify;
 use crate::contents::{self, Contents};
 use crate::rig::{CAMERAS, Rig, in_virtual_time};
 
-/// What goes wrong: everything that is not a matter of pictures alone.
+/// Kinds of faults: all that do not affect images only.
 pub const KINDS: [Kind; 12] = [
     Kind::Dropped,
     Kind::Late,
@@ -47,20 +48,20 @@ pub const KINDS: [Kind; 12] = [
     Kind::ImuClipping,
 ];
 
-/// The walk that all schedules disturb.
+/// The walk to which all schedules are applied.
 pub struct Exam {
     walk: Arc<Simulation>,
     seconds: f64,
 }
 
-/// What a schedule came to.
+/// Result of a schedule.
 #[derive(Clone, Copy, Debug, Default)]
 pub struct Tally {
     /// Frames and samples that arrived and are stored.
     pub stored: u64,
-    /// Frames and samples that were lost and lie in a gap record of the true cause.
+    /// Lost frames and samples that are in a gap record with the true cause.
     pub accounted: u64,
-    /// Of the stored ones, how many have a time that says of itself that it is not to be trusted.
+    /// Number of stored ones whose time is marked as unreliable.
     pub unreliable: u64,
 }
 
@@ -77,10 +78,10 @@ const IMU_RATE_HZ: f64 = 50.0;
 const RIG: &str = include_str!("../../cad-transforms/rigs/example.toml");
 
 impl Exam {
-    /// Sessions of so many seconds.
+    /// Sessions of `seconds`.
     ///
     /// # Errors
-    /// The walk cannot be made.
+    /// The walk cannot be prepared.
     pub fn new(seconds: f64) -> Result<Self> {
         let settings = Settings {
             kind: Place::Corridor,
@@ -104,8 +105,8 @@ impl Exam {
         })
     }
 
-    /// Runs the schedules of these seeds on all processors, in folders below `out`. Gives what the sound ones
-    /// came to, and the seeds of all others with what is wrong.
+    /// Runs the schedules of these seeds on all processors, in folders below `out`. Returns the sum
+    /// of the valid results, and the seeds of all others with their errors.
     pub fn run_all(&self, seeds: Range<u64>, out: &Path) -> (Tally, Vec<(u64, anyhow::Error)>) {
         let next = AtomicU64::new(seeds.start);
         let work = || {
@@ -136,13 +137,13 @@ impl Exam {
         (tally, failures)
     }
 
-    /// Records under the schedule of a seed, in a folder below `out`, and looks at the session.
+    /// Records with the schedule of a seed, in a folder below `out`, and checks the session.
     ///
     /// # Errors
-    /// Something is not as it should be; says the seed and shows the schedule.
+    /// A check fails; the error contains the seed and the schedule.
     pub fn run(&self, seed: u64, out: &Path) -> Result<Tally> {
         let faults = Faults::random(seed, &KINDS, &CAMERAS, self.seconds);
-        let folder = tempfile::tempdir_in(out).context("making a folder")?;
+        let folder = tempfile::tempdir_in(out).context("creating a folder")?;
         self.examine(&faults, folder.path())
             .with_context(|| format!("schedule of seed {seed}:\n{}", faults.to_toml()))
     }
@@ -152,7 +153,7 @@ impl Exam {
         Device::new(&self.walk, self.position(camera), of, Box::new(PlainImages))
     }
 
-    /// Of a camera in the walk.
+    /// Index of a camera in the walk.
     fn position(&self, camera: usize) -> usize {
         let mut cameras = self.walk.cameras().iter();
         let position = cameras.position(|c| c.name == CAMERAS[camera]);
@@ -169,7 +170,7 @@ impl Exam {
         let mut begin = HostTime(0);
         let building = |start| {
             begin = start;
-            // Set-ups of made-up cameras, sources and clocks of simulated ones.
+            // Configurations of synthetic cameras, sources and clocks of simulated ones.
             let mut built = build(&synthetic.config(folder)?, start)?;
             for camera in 0..CAMERAS.len() {
                 let device = self.device(camera, faults);
@@ -198,7 +199,7 @@ impl Exam {
             "the recording failed: {finished:?}"
         );
         let report = verify(&contents::open(&finished.session)?, |_| {})?;
-        ensure!(report.is_sound(), "the session is not sound: {report:?}");
+        ensure!(report.is_sound(), "the session is not valid: {report:?}");
         let contents = Contents::read(&finished.session)?;
         let mut tally = Tally::default();
         for (camera, name) in CAMERAS.into_iter().enumerate() {
@@ -232,7 +233,7 @@ fn clock(
     }
 }
 
-/// Pictures of one grey each, no two in a row alike.
+/// Uniform gray images; consecutive ones differ.
 struct PlainImages;
 
 impl FrameSource for PlainImages {
@@ -252,19 +253,19 @@ impl FrameSource for PlainImages {
     }
 }
 
-/// What really happened in one stream, in the order in which it was taken.
+/// Ground truth of one stream, in the order of measurement.
 struct Truth {
-    /// When it was taken and when it arrived, of what arrived before the end, and whether it shows the same as
-    /// what came before it.
+    /// Times of measurement and arrival of everything that arrived before the end, and whether it
+    /// repeats the previous content.
     arrived: Vec<(HostTime, HostTime, bool)>,
-    /// When it would have been taken, and why it never arrived.
+    /// Time of measurement and cause of everything that never arrived.
     lost: Vec<(HostTime, Kind)>,
-    /// When the device was gone.
+    /// Times of disconnection.
     disconnected: Vec<HostTime>,
     period_ns: f64,
 }
 
-/// What a session holds of one stream.
+/// Content of a session for one stream.
 struct Found {
     stored: Vec<Stored>,
     /// First, last, cause.
@@ -281,7 +282,7 @@ struct Stored {
     frozen: bool,
 }
 
-/// When a device had gone, ns since the beginning of the walk.
+/// Time of a disconnection, ns since the beginning of the walk.
 fn disconnected_at(delivery: &Delivery) -> Option<i64> {
     match delivery {
         Delivery::Disconnected(at_ns) => Some(*at_ns),
@@ -310,7 +311,7 @@ impl Truth {
                 _ => continue,
             };
             let (taken, arrival) = (begin + taken_ns, begin + arrival_ns);
-            // A frame that came twice is one frame.
+            // A duplicated frame is one frame.
             let again = known.last().is_some_and(|last| last.0 == taken);
             if arrival < end && !again {
                 known.push((taken, arrival, frozen));
@@ -341,24 +342,24 @@ impl Truth {
             let kept = stored.arrival;
             ensure!(
                 *arrival == kept,
-                "what arrived at {arrival} is stored as of {kept}"
+                "the arrival at {arrival} is stored as {kept}"
             );
             let off_ns = (stored.time - *taken).unsigned_abs();
             ensure!(
                 stored.unreliable || off_ns <= 6 * stored.sigma_ns + 1_000_000,
-                "what was taken at {taken} has the time {}, with a sigma of {} ns and without doubt",
+                "the measurement at {taken} has the time {}, with a sigma of {} ns, and is not marked as unreliable",
                 stored.time,
                 stored.sigma_ns
             );
             ensure!(
                 stored.frozen == *frozen,
-                "what was taken at {taken} shows what was before: {frozen}, and is stored as frozen: {}",
+                "the frame of {taken} repeats the previous image: {frozen}, and is stored as frozen: {}",
                 stored.frozen
             );
             tally.unreliable += u64::from(stored.unreliable);
         }
         tally.stored += stored.len() as u64;
-        // Between each two that arrived: what was lost, and what the gaps say of it.
+        // Between each two arrivals: true losses, and the gap records.
         for (arrived, stored) in arrived.windows(2).zip(stored.windows(2)) {
             let (before, after) = (arrived[0], arrived[1]);
             let first = self.lost.partition_point(|(taken, _)| *taken < before.0);
@@ -374,7 +375,8 @@ impl Truth {
                 false => Cause::Device,
             };
             let expected = match disconnected {
-                // Nobody counts while a device is gone: the time between arrivals tells.
+                // There is no counter while a device is disconnected: the time between arrivals
+                // decides.
                 true => ((after.1 - before.1) as f64 / self.period_ns).round() as u64 - 1,
                 false => lost.len() as u64,
             };
@@ -388,7 +390,7 @@ impl Truth {
                 let said = found.cause(number);
                 ensure!(
                     said == Some(cause.into()),
-                    "number {number} is missing after {}, and the gap says {said:?}, expected {cause:?}",
+                    "number {number} is missing after {}, and its gap has cause {said:?}, expected {cause:?}",
                     before.0
                 );
             }
@@ -419,7 +421,7 @@ impl Found {
             frozen: false,
         });
         let mut stored: Vec<Stored> = frames.chain(samples).collect();
-        // Readers have to apply what later clock maps doubt.
+        // Readers have to apply the unreliable spans of later clock maps.
         let clock = contents.clock_maps.get(stream);
         let doubts = clock
             .and_then(|maps| maps.last())
@@ -434,7 +436,7 @@ impl Found {
         }
     }
 
-    /// Why a number is missing.
+    /// Cause of a missing number.
     fn cause(&self, number: u64) -> Option<i32> {
         let of = |(first, last, _): &&(u64, u64, i32)| (*first..=*last).contains(&number);
         self.gaps.iter().find(of).map(|gap| gap.2)

@@ -1,6 +1,6 @@
-//! Long recordings in virtual time, with an eye on the memory.
+//! Long recordings in virtual time, with memory monitoring.
 //!
-//! The process that calls this is the one that records, so nothing else may run in it meanwhile.
+//! The calling process does the recording, so nothing else may run in it meanwhile.
 
 #![expect(
     clippy::disallowed_methods,
@@ -23,31 +23,31 @@ use crate::rig::{Rig, in_virtual_time};
 /// Memory of this process.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct Memory {
-    /// Resident now, bytes.
+    /// Current resident size, bytes.
     pub resident: u64,
-    /// The most that was ever resident, bytes.
+    /// Peak resident size, bytes.
     pub peak: u64,
 }
 
-/// One look at the memory.
+/// One measurement of the memory.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct MemorySample {
     /// Time in the session, s.
     pub session_s: f64,
-    /// What was seen.
+    /// Measured memory.
     pub memory: Memory,
 }
 
-/// What came of a long recording.
+/// Result of a long recording.
 #[derive(Debug)]
 pub struct SoakResult {
     /// The session's folder.
     pub session: PathBuf,
-    /// A look for every chunk.
+    /// One measurement per chunk.
     pub samples: Vec<MemorySample>,
-    /// How long it took, s.
+    /// Wall-clock time, s.
     pub wall_s: f64,
-    /// What verification found.
+    /// Report of the verification.
     pub report: Report,
 }
 
@@ -92,17 +92,17 @@ pub fn soak(rig: &Rig, seconds: u32, out: &Path) -> Result<SoakResult> {
 }
 
 impl SoakResult {
-    /// By how much the memory grew after `from_s` of the session, bytes: the larger of what was seen
-    /// resident and of the peak between the looks.
+    /// Growth of the memory after `from_s` of the session, bytes: the larger of the growth of the
+    /// resident size and of the peak between measurements.
     ///
     /// # Errors
-    /// There was no look at or after that time.
+    /// There is no measurement at or after that time.
     pub fn growth(&self, from_s: f64) -> Result<u64> {
         let at = self
             .samples
             .iter()
             .position(|sample| sample.session_s >= from_s);
-        let later = &self.samples[at.context("the memory was not looked at late enough")?..];
+        let later = &self.samples[at.context("the memory was not measured late enough")?..];
         let (base, last) = (later[0].memory, later[later.len() - 1].memory);
         let highest = later
             .iter()
@@ -114,12 +114,12 @@ impl SoakResult {
             .max(last.peak.saturating_sub(base.peak)))
     }
 
-    /// Whether every sample of the rig is there, none is missing and nothing is damaged.
+    /// Checks that every sample of the rig is present and nothing is damaged.
     ///
     /// # Errors
-    /// What is not as it should be.
+    /// The first failed check.
     pub fn check_counts(&self, rig: &Rig, seconds: u32) -> Result<()> {
-        ensure!(self.report.is_sound(), "not sound: {:?}", self.report);
+        ensure!(self.report.is_sound(), "not valid: {:?}", self.report);
         for (name, stream) in &self.report.streams {
             let rate = if name.ends_with("/imu") {
                 rig.imu_rate_hz
@@ -142,9 +142,10 @@ impl SoakResult {
 /// Memory of this process, from `/proc/self/status` (proc_pid_status(5)).
 ///
 /// # Errors
-/// The system does not tell.
+/// The file cannot be read or parsed.
 pub fn memory() -> Result<Memory> {
-    let text = std::fs::read_to_string("/proc/self/status").context("reading the own memory")?;
+    let text = std::fs::read_to_string("/proc/self/status")
+        .context("reading the memory of this process")?;
     let field = |name: &str| {
         let line = text.lines().find_map(|line| line.strip_prefix(name));
         let kib = line.and_then(|line| line.trim().strip_suffix(" kB")?.trim().parse::<u64>().ok());

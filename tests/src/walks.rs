@@ -1,7 +1,8 @@
-//! Simulated walks as the verification of a calibration sees them.
+//! Simulated walks as input of the verification of a calibration.
 //!
-//! Only the bursts of a walk are rendered, and what follows corners through them runs once: told numbers that are
-//! wrong afterwards ([`NominalError`]) need no new pictures. A wrong told number is the same as a rig that is not as told.
+//! Only the bursts of a walk are rendered, and features are tracked once: nominal values with
+//! errors that are applied afterwards ([`NominalError`]) need no new images. An error of the
+//! nominal calibration is equivalent to a change of the rig.
 
 use std::sync::Arc;
 use std::thread;
@@ -21,25 +22,25 @@ use rig_sim::simulation::{Settings, Simulation};
 use serde::{Deserialize, Serialize};
 
 const RIG: &str = include_str!("../../cad-transforms/rigs/example.toml");
-/// Pictures before each burst that are thrown away: the exposure finds its way.
+/// Number of discarded frames before each burst, for the exposure to converge.
 const SETTLING_FRAMES: u64 = 4;
 const SIZE: (u32, u32) = (672, 376);
 
-/// How a walk is looked at.
+/// Plan of a walk.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Plan {
     /// Length of the walk, s.
     pub seconds: f64,
-    /// Pictures per second.
+    /// Frames per second.
     pub rate_hz: f64,
-    /// Bursts, and the length of each, s.
+    /// Number of bursts, and the length of each, s.
     pub bursts: (usize, f64),
-    /// Looks per pixel.
+    /// Rendering quality.
     pub quality: Quality,
 }
 
 impl Plan {
-    /// One minute, at the quality for recordings in real time.
+    /// One minute, at the quality for recording in real time.
     pub const MINUTE: Self = Self {
         seconds: 60.0,
         rate_hz: 15.0,
@@ -48,7 +49,7 @@ impl Plan {
     };
 }
 
-/// One walk.
+/// A walk.
 #[derive(Clone, Debug, Serialize, Deserialize)]
 pub struct Walk {
     cameras: Vec<NominalCamera>,
@@ -66,28 +67,28 @@ struct NominalCamera {
     count: f64,
 }
 
-/// What is told wrongly of a camera, given by its number.
+/// Error of the nominal calibration of a camera, given by its index.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum NominalError {
-    /// Nothing.
+    /// No error.
     None,
-    /// It has turned on the plate, by a rotation vector in its left optical frame, rad.
+    /// The camera has rotated on the rig, by a rotation vector in its left optical frame, rad.
     CameraRotation(usize, [f64; 3]),
-    /// Its right eye has turned, by a rotation vector in the right optical frame, rad.
+    /// The right eye has rotated, by a rotation vector in the right optical frame, rad.
     StereoRotation(usize, [f64; 3]),
-    /// Its pictures are stamped late, s.
+    /// Image timestamps are late, s.
     ImageTime(usize, f64),
-    /// Its samples are.
+    /// IMU timestamps are late, s.
     ImuTime(usize, f64),
-    /// Both are.
+    /// Image and IMU timestamps are late, s.
     Clock(usize, f64),
 }
 
 impl Walk {
-    /// Walks, and looks.
+    /// Simulates a walk and tracks features.
     ///
     /// # Errors
-    /// There is no such walk.
+    /// The walk cannot be prepared.
     pub fn make(kind: Kind, light: Lighting, seed: u64, plan: &Plan) -> Result<Self> {
         let rig = Rig::parse(RIG).context("reading the example rig")?;
         let settings = Settings {
@@ -138,7 +139,7 @@ impl Walk {
                 .collect();
             running
                 .into_iter()
-                .map(|thread| thread.join().expect("following corners does not panic"))
+                .map(|thread| thread.join().expect("feature tracking does not panic"))
                 .collect()
         });
         for (camera, bursts) in cameras.iter_mut().zip(bursts) {
@@ -152,7 +153,7 @@ impl Walk {
         self.cameras.iter().map(|c| c.name.as_str()).collect()
     }
 
-    /// The same with every `every`-th burst alone.
+    /// The same with every `every`-th burst only.
     #[must_use]
     pub fn thinned(&self, every: usize) -> Self {
         let mut thin = self.clone();
@@ -162,15 +163,15 @@ impl Walk {
         thin
     }
 
-    /// What the cameras' own comparisons give as things are.
+    /// Estimates of the cameras without nominal errors.
     pub fn compare(&self) -> Vec<CameraFound> {
         self.with(&NominalError::None, |cameras| {
             cameras.iter().map(compare).collect()
         })
     }
 
-    /// What verification says if this is told wrongly. `reference` is what [`Walk::compare`] gave, of which that is used
-    /// again that does not depend on it.
+    /// Verification with an error of the nominal calibration. `reference` is the result of
+    /// [`Walk::compare`]; its unaffected parts are reused.
     pub fn verify(&self, error: &NominalError, reference: &[CameraFound]) -> Verification {
         self.with(error, |cameras| {
             let mut found = reference.to_vec();
@@ -188,7 +189,7 @@ impl Walk {
         let mut nominal = self.cameras.clone();
         let turn = |rad: [f64; 3]| {
             let turn = RigidTransform::from_rotation_vector(rad, [0.0; 3]);
-            turn.expect("a finite turn is a transform").inverse()
+            turn.expect("a finite rotation is a transform").inverse()
         };
         let mut imu_delay_s = vec![0.0; nominal.len()];
         match *error {
@@ -217,7 +218,7 @@ impl Walk {
                 told: &nominal.calibration,
                 rig_from_left: Some(nominal.rig_from_left),
                 joint_sigma_rad: None,
-                // Sessions do not tell it.
+                // Not contained in sessions.
                 line_s: None,
                 bursts: &nominal.bursts,
                 gyro: Some(gyro),
@@ -243,7 +244,7 @@ impl NominalCamera {
     }
 }
 
-/// Renders the bursts of a camera and follows corners through them.
+/// Renders the bursts of a camera and tracks features through them.
 fn track_bursts(
     simulation: &Arc<Simulation>,
     camera: usize,
@@ -265,7 +266,7 @@ fn track_bursts(
             let frame = renderer.expose(n, settings.frame_ns(n));
             let (left, right) = (frame.gray(0), frame.gray(1));
             let (width, height) = (frame.width / 2, frame.height);
-            let eye = |pixels| Grey::new(width, height, width, pixels).expect("a whole picture");
+            let eye = |pixels| Grey::new(width, height, width, pixels).expect("a complete image");
             follower.push(&StereoPicture {
                 time_ns: frame.time_ns,
                 left: eye(&left),

@@ -1,5 +1,5 @@
-//! The way from devices to a scene of a rig of which nothing is known: boards, calibration, a walk, a scene. As
-//! docs/calibration.md has it, with the programs as a user starts them.
+//! From an uncalibrated rig to a scene: boards, calibration, a walk, a scene. As in
+//! docs/calibration.md, with the programs as a user starts them.
 
 use std::path::Path;
 use std::process::{Command, Output};
@@ -17,7 +17,7 @@ use tests::program;
 const RIG: &str = include_str!("../../cad-transforms/rigs/example.toml");
 const CALIBRATE: &str = "`paws calib cameras BOARDS --target board.toml --out calibration`";
 
-/// A session that tells of neither lenses nor places; gives the rig as it is.
+/// A session without intrinsics and extrinsics; returns the true rig.
 fn render(kind: Kind, seconds: f64, rate_hz: f64, folder: &Path) -> Rig {
     let settings = Settings {
         kind,
@@ -50,7 +50,7 @@ fn render(kind: Kind, seconds: f64, rate_hz: f64, folder: &Path) -> Rig {
     truth
 }
 
-/// What a program printed; it must end with this code.
+/// Output of a program, which must exit with this code.
 fn run_program(program: &Path, folder: &Path, arguments: &[&str], code: i32) -> String {
     let mut command = Command::new(program);
     let Output {
@@ -69,7 +69,7 @@ fn run_program(program: &Path, folder: &Path, arguments: &[&str], code: i32) -> 
 }
 
 #[test]
-fn a_rig_of_which_nothing_is_known_comes_to_a_scene() {
+fn uncalibrated_rig_is_calibrated_and_reconstructed() {
     let (paws, reconstruct) = (
         program::paws().expect("paws"),
         program::reconstruct().expect("paws-reconstruct"),
@@ -79,7 +79,7 @@ fn a_rig_of_which_nothing_is_known_comes_to_a_scene() {
     let truth = render(Kind::Targets, 45.0, 5.0, &here.join("boards"));
     assert!(!here.join("boards/rig/rig.toml").exists());
 
-    // The rig file comes of boards alone, and the screen shows what was found.
+    // The rig file is estimated from boards only, and the results are printed.
     let output = run_program(
         &paws,
         here,
@@ -158,7 +158,8 @@ fn a_rig_of_which_nothing_is_known_comes_to_a_scene() {
         );
     }
 
-    // A walk that was recorded before: told of by import, refused by reconstruction, mended by the folder.
+    // A walk recorded before the calibration: import warns, reconstruction refuses it, and the
+    // calibration folder resolves it.
     render(Kind::Plaza, 3.0, 15.0, &here.join("walk"));
     let library = ["--library", "library"];
     run_program(

@@ -14,7 +14,7 @@ use tests::program::pawsd;
 use tests::rig::in_virtual_time;
 
 #[test]
-fn nothing_promised_is_lost_whenever_the_recorder_is_killed() {
+fn promised_data_survives_kills_at_random_times() {
     let folder = tempfile::tempdir().expect("folder");
     let named = std::env::var("PAWS_SEED")
         .ok()
@@ -32,7 +32,7 @@ fn nothing_promised_is_lost_whenever_the_recorder_is_killed() {
         run(&plan, &|_| {}).into_iter().partition(Result::is_ok);
     if let Some(Err(first)) = failed.into_iter().next() {
         let kept = folder.keep();
-        panic!("{first:?}\nwhat is left of it is in {}", kept.display());
+        panic!("{first:?}\nits folder is {}", kept.display());
     }
     let killed: Vec<Killed> = killed.into_iter().flatten().collect();
     assert_eq!(killed.len(), 25);
@@ -52,7 +52,7 @@ fn nothing_promised_is_lost_whenever_the_recorder_is_killed() {
 }
 
 #[test]
-fn a_signal_ends_a_recording_with_a_closed_session() {
+fn signal_closes_the_session() {
     let folder = tempfile::tempdir().expect("folder");
     for signal in [rustix::process::Signal::INT, rustix::process::Signal::TERM] {
         let recorder = Recorder::start(&pawsd().expect("pawsd"), folder.path()).expect("start");
@@ -65,9 +65,9 @@ fn a_signal_ends_a_recording_with_a_closed_session() {
     }
 }
 
-/// Whether [`check`] can fail: each kind of loss is made on purpose.
+/// Checks that [`check`] can fail: each kind of loss is caused on purpose.
 #[test]
-fn a_broken_promise_does_not_go_unnoticed() {
+fn broken_promises_are_detected() {
     let folder = tempfile::tempdir().expect("folder");
     let config = RIG.config(folder.path()).expect("configuration");
     let promises = Arc::new(Mutex::new(Vec::new()));
@@ -114,7 +114,7 @@ fn a_broken_promise_does_not_go_unnoticed() {
     assert!(error.contains("more than an end"), "{error}");
 }
 
-/// The manifest as it is while recording: segments and extents as they were at the start.
+/// The manifest during recording: segments and extents as at the start.
 fn manifest(whole: &Contents) -> Manifest {
     let mut manifest = whole.manifest.clone();
     manifest.extents.clear();
@@ -125,7 +125,8 @@ fn manifest(whole: &Contents) -> Manifest {
     manifest
 }
 
-/// The session is closed and what the recorder said last is true of it; the exit code that follows from it.
+/// Checks that the session is closed and the recorder's last message is correct; returns the exit
+/// code that follows from it.
 fn check_closed(session: &Path, said: &[Progress]) -> i32 {
     let reader = open(session).expect("open");
     assert_eq!(reader.manifest().state, State::Closed);
@@ -149,7 +150,7 @@ fn check_closed(session: &Path, said: &[Progress]) -> i32 {
         ..
     }) = said.last()
     else {
-        panic!("the last word was {:?}", said.last());
+        panic!("the last message was {:?}", said.last());
     };
     assert_eq!(
         (reported.as_path(), reason.as_str(), error),

@@ -1,11 +1,11 @@
-//! Three minutes of virtual time: nothing is missing and the memory stays flat. `bench soak` does an
-//! hour. The only test of this file, because another one would use memory in the same process.
+//! Three minutes of virtual time: nothing is missing and the memory is constant. `bench soak` does
+//! an hour. The only test of this file, because another one would use memory in the same process.
 
 use tests::rig::Rig;
 use tests::soak::soak;
 
 #[test]
-fn memory_is_flat_and_every_sample_is_there() {
+fn memory_is_constant_and_every_sample_is_stored() {
     const SECONDS: u32 = 180;
     let folder = tempfile::tempdir().expect("folder");
     let rig = Rig::small(3);

@@ -1,4 +1,4 @@
-//! Recordings of others as sequences.
+//! Public datasets as sequences.
 
 use std::fs::File;
 use std::io::BufReader;
@@ -11,24 +11,25 @@ use odometry::rig::{Imu, Rig, StereoCamera};
 
 use super::{ImageSource, PlannedSet, Reader, Sequence, Truth};
 
-/// Time between the pictures of KITTI, ns.
+/// Frame period of KITTI, ns.
 const KITTI_PERIOD_NS: i64 = 100_000_000;
 /// Range of the ADIS16448 of EuRoC's VI sensor (data sheet): 1000 deg/s, 18 g.
 const ADIS_RANGE: [f64; 2] = [1000.0 * std::f64::consts::PI / 180.0, 18.0 * 9.806_65];
-/// The optical axes as rig axes: forward is optical z, left is -x, up is -y. Rows.
+/// Rotation from optical to rig axes: forward is optical z, left is -x, up is -y. Rows.
 const RIG_FROM_OPTICAL: [f64; 9] = [0.0, 0.0, 1.0, -1.0, 0.0, 0.0, 0.0, -1.0, 0.0];
 
-/// A folder with `calib.txt`, `poses.txt`, `image_l` and `image_r`, as KITTI odometry has them: rectified, 10 Hz, no IMU.
+/// A folder with `calib.txt`, `poses.txt`, `image_l` and `image_r`, as in KITTI odometry:
+/// rectified, 10 Hz, no IMU.
 ///
-/// The rig sits in the left camera, and looks forward with it; so does the world, which is the first camera's with
-/// x forward and z up.
+/// The rig frame has its origin in the left camera and faces forward with it; so does the world,
+/// which is the first camera's frame with x forward and z up.
 ///
 /// # Errors
-/// Files that are absent or not as KITTI has them.
+/// Files that are absent or not in KITTI's format.
 pub fn kitti(folder: &Path) -> Result<Sequence> {
     let named = |side: &str| images(&folder.join(side));
     let (left, right) = (named("image_l")?, named("image_r")?);
-    let first = left.first().context("there is no picture")?;
+    let first = left.first().context("there is no image")?;
     let (width, height) = size(first)?;
     let (calibration, _) = calib::kitti::read(&folder.join("calib.txt"), width, height)?;
     let rig_from_left = RigidTransform::from_rotation_rows(RIG_FROM_OPTICAL, [0.0; 3])?;
@@ -42,7 +43,7 @@ pub fn kitti(folder: &Path) -> Result<Sequence> {
     let (l, r, poses) = (left.len(), right.len(), truth.len());
     ensure!(
         l == r && l <= poses,
-        "{l} left pictures, {r} right ones and {poses} poses, expected as many of each, or more poses, in {}",
+        "{l} left images, {r} right images and {poses} poses, expected equal numbers, or more poses, in {}",
         folder.display()
     );
     let sets = (truth.iter().take(l)).map(|(time_ns, _)| PlannedSet {
@@ -72,13 +73,14 @@ pub fn kitti(folder: &Path) -> Result<Sequence> {
     })
 }
 
-/// A folder with `mav0` as EuRoC has it and a file of true states. The rig is the body, which is the IMU.
+/// A folder with `mav0` as in EuRoC and a file of true states. The rig is the body, which is the
+/// IMU.
 ///
-/// `seconds` are given from the first picture on. Sets go on without pictures, at the same rate, where there are none any
-/// more and the IMU still measures; `None` ends with the pictures.
+/// The sequence has `seconds` from the first image on. After the last image, while the IMU still
+/// measures, sets continue without images at the same rate; `None` ends with the images.
 ///
 /// # Errors
-/// Files that are absent or not as EuRoC has them.
+/// Files that are absent or not in EuRoC's format.
 pub fn euroc(folder: &Path, truth: &Path, seconds: Option<f64>) -> Result<Sequence> {
     let mav = folder.join("mav0");
     let lists = [
@@ -86,7 +88,7 @@ pub fn euroc(folder: &Path, truth: &Path, seconds: Option<f64>) -> Result<Sequen
         euroc_images(&mav.join("cam1"))?,
     ];
     let [left, right] = lists;
-    let (_, first) = left.first().context("there is no picture")?;
+    let (_, first) = left.first().context("there is no image")?;
     let (width, height) = size(first)?;
     let (calibration, _) = calib::euroc::read(&mav, width, height)?;
     let nominal = calibration.imu.context("there is no imu0/sensor.yaml")?;
@@ -120,7 +122,7 @@ pub fn euroc(folder: &Path, truth: &Path, seconds: Option<f64>) -> Result<Sequen
         let end = end.min(imu.last().map_or(begin, |s| s.time_ns));
         let period = (imu.len() > 1 && sets.len() > 1).then(|| sets[1].time_ns - begin);
         let last = sets.last().map_or(begin, |set| set.time_ns);
-        for time_ns in (last..=end).step_by(period.context("there is one picture")? as usize) {
+        for time_ns in (last..=end).step_by(period.context("there is one image")? as usize) {
             if time_ns > last {
                 let views = vec![None];
                 sets.push(PlannedSet { time_ns, views });
@@ -163,11 +165,11 @@ pub fn euroc(folder: &Path, truth: &Path, seconds: Option<f64>) -> Result<Sequen
     })
 }
 
-/// Reads pairs of picture files.
+/// Reads pairs of image files.
 pub(super) fn reader(files: Vec<[PathBuf; 2]>) -> Reader {
     let mut files = files.into_iter();
     Box::new(move || {
-        let [left, right] = files.next().context("there is no further picture")?;
+        let [left, right] = files.next().context("there is no further image")?;
         Ok([gray(&left)?, gray(&right)?])
     })
 }
@@ -191,7 +193,7 @@ fn kitti_row(row: &str) -> Result<RigidTransform> {
     Ok(RigidTransform::from_rows_3x4(rows)?)
 }
 
-/// Times and values of a table with commas whose comments begin with `#`.
+/// Times and values of a CSV table with comments that begin with `#`.
 fn rows(path: &Path) -> Result<impl Iterator<Item = Result<(i64, Vec<f64>)>>> {
     let text = text(path)?;
     let lines: Vec<String> = (text.lines())
@@ -222,7 +224,7 @@ fn euroc_images(camera: &Path) -> Result<Vec<(i64, PathBuf)>> {
         })?;
         list.push((time_ns, camera.join("data").join(file)));
     }
-    // An excerpt has the list of the whole.
+    // An excerpt has the list of the whole recording.
     list.retain(|(_, file)| file.exists());
     Ok(list)
 }
@@ -230,7 +232,7 @@ fn euroc_images(camera: &Path) -> Result<Vec<(i64, PathBuf)>> {
 /// The files of a folder by name.
 fn images(folder: &Path) -> Result<Vec<PathBuf>> {
     let entries = std::fs::read_dir(folder)
-        .with_context(|| format!("looking for pictures in {}", folder.display()))?;
+        .with_context(|| format!("searching images in {}", folder.display()))?;
     let mut files =
         (entries.map(|entry| entry.map(|e| e.path()))).collect::<Result<Vec<_>, _>>()?;
     files.retain(|path| path.extension().is_some_and(|e| e == "png"));
@@ -249,7 +251,7 @@ fn size(path: &Path) -> Result<(u32, u32)> {
     Ok(open(path)?.info().size())
 }
 
-/// The pixels of a grey picture.
+/// Pixels of a gray image.
 fn gray(path: &Path) -> Result<Vec<u8>> {
     let mut reader = open(path)?;
     let found = reader.output_color_type();
@@ -258,7 +260,9 @@ fn gray(path: &Path) -> Result<Vec<u8>> {
         "found {found:?}, expected 8-bit grey: {}",
         path.display()
     );
-    let size = reader.output_buffer_size().context("a picture too large")?;
+    let size = reader
+        .output_buffer_size()
+        .context("an image that is too large")?;
     let mut pixels = vec![0; size];
     let info = reader.next_frame(&mut pixels);
     let info = info.with_context(|| format!("reading {}", path.display()))?;

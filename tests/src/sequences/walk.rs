@@ -1,9 +1,10 @@
 //! Simulated walks as sequences.
 //!
-//! What goes wrong goes through [`rig_sim::device`], as in the recorder's simulated source: frames and samples are lost
-//! there, repeated, torn and late. What the recorder sorts out is taken as sorted out: times are the true ones of the device's
-//! samples (its clocks are mapped without error, whatever they show), and the second of a frame that came
-//! twice is left out. A frame that arrives later than [`HORIZON_NS`] is in no set, as in the recorder.
+//! Faults are applied by [`rig_sim::device`], as in the recorder's simulated source: frames and
+//! samples are dropped, repeated, torn and late. Corrections of the recorder are taken as given:
+//! times are the true ones of the device's samples (its clocks are mapped without error, whatever
+//! they show), and duplicated frames are removed. A frame that arrives later than [`HORIZON_NS`] is
+//! in no set, as in the recorder.
 
 use std::sync::Arc;
 use std::sync::mpsc::sync_channel;
@@ -25,37 +26,37 @@ use rig_sim::simulation::{FrameSource, Imaging, Settings, Simulation, StereoFram
 use super::prerendered::Prerendered;
 use super::{ImageSource, OwnedFrameSet, PlannedSet, Reader, Sequence, Truth};
 
-/// The rig of walks that name no other.
+/// Default rig of walks.
 const EXAMPLE_RIG: &str = include_str!("../../../cad-transforms/rigs/example.toml");
-/// How long the recorder waits for a camera (`capture-daemon/src/sync/sets.rs`).
+/// Time for which the recorder waits for a camera (`capture-daemon/src/sync/sets.rs`), ns.
 const HORIZON_NS: i64 = capture_daemon::sync::sets::HORIZON_NS;
-/// Rendered pictures that wait, for each camera.
+/// Maximum number of queued rendered images per camera.
 const MAX_QUEUED_IMAGES: usize = 3;
 
-/// What to walk through, and what goes wrong.
+/// Settings of a walk, with faults.
 #[derive(Clone, Debug)]
 pub struct WalkSettings {
-    /// Which place.
+    /// Scene.
     pub kind: Kind,
-    /// Which light.
+    /// Lighting.
     pub light: Lighting,
-    /// All randomness comes from it.
+    /// Seed of all random numbers.
     pub seed: u64,
     /// Length, s.
     pub seconds: f64,
-    /// Pictures per second.
+    /// Frames per second.
     pub rate_hz: f64,
     /// Columns and rows of one eye.
     pub size: [u32; 2],
-    /// How much trouble a picture is worth.
+    /// Rendering quality.
     pub quality: Quality,
-    /// How sensors turn light into numbers.
+    /// Sensor response.
     pub imaging: Imaging,
-    /// What goes wrong.
+    /// Faults.
     pub faults: Faults,
-    /// How the rig is not as told.
+    /// Errors of the nominal rig.
     pub calibration_error: CalibrationError,
-    /// Names of the cameras that are used, in this order; none for all. Rendering does not depend on it.
+    /// Names of the cameras in use, in this order; empty for all. Rendering does not depend on it.
     pub cameras: Vec<String>,
     /// Whether these cameras' IMUs are used.
     pub with_imu: bool,
@@ -64,7 +65,8 @@ pub struct WalkSettings {
 }
 
 impl WalkSettings {
-    /// A faultless walk of the example rig with everything that sensors do: at the quality for exams, 15 Hz, 672x376.
+    /// A walk of the example rig without faults and with all sensor effects: quality for
+    /// evaluation, 15 Hz, 672x376.
     pub fn new(kind: Kind, light: Lighting, seed: u64, seconds: f64) -> Self {
         Self {
             kind,
@@ -96,7 +98,7 @@ impl WalkSettings {
         }
     }
 
-    /// Everything that a picture depends on, as text.
+    /// All inputs of an image, as text.
     fn key(&self) -> String {
         format!(
             "{:?}\n{:?}\n{:?}\n{:?}\n{}",
@@ -116,7 +118,7 @@ pub(super) struct Walk {
     pub(super) key: String,
     faults: Faults,
     pub(super) cameras: Vec<WalkCamera>,
-    /// Pictures that are there already.
+    /// Existing images.
     pub(super) prerendered: Option<Arc<Vec<OwnedFrameSet>>>,
 }
 
@@ -124,11 +126,11 @@ pub(super) struct Walk {
 #[derive(Clone, Debug)]
 pub(super) struct WalkCamera {
     pub(super) name: String,
-    /// In the simulation.
+    /// Index in the simulation.
     position: usize,
-    /// In the sequence.
+    /// Index in the sequence.
     number: usize,
-    /// Which frames of the walk are in sets, in order.
+    /// Indices of the frames of the walk that are in sets, in order.
     pub(super) frames: Vec<u64>,
 }
 
@@ -233,7 +235,7 @@ pub fn walk(settings: &WalkSettings) -> Result<Sequence> {
     })
 }
 
-/// Paints nothing: what a device delivers and when does not depend on what its pictures show.
+/// Renders nothing: the deliveries of a device and their times do not depend on image content.
 struct Blank;
 
 impl FrameSource for Blank {
@@ -252,12 +254,12 @@ impl FrameSource for Blank {
     }
 }
 
-/// Whether a frame is in the set of its instant; `last` is the frame of the walk that came before it.
+/// Whether a frame is in the set of its instant; `last` is the previous frame of the walk.
 fn is_used(frame: &DeviceFrame, last: Option<u64>) -> bool {
     last.is_none_or(|last| frame.index > last) && frame.arrival_ns - frame.taken_ns <= HORIZON_NS
 }
 
-/// The frames that get into sets, and the IMU's samples, without any picture.
+/// The frames that are in sets, and the IMU's samples, without any image.
 fn dry_run(
     simulation: &Arc<Simulation>,
     camera: usize,
@@ -289,7 +291,7 @@ fn dry_run(
 }
 
 impl Walk {
-    /// Renders the frames of a camera that get into sets, in order: left and right.
+    /// Renders the frames of a camera that are in sets, in order: left and right.
     pub(super) fn frames(&self, camera: &WalkCamera) -> impl Iterator<Item = [Vec<u8>; 2]> + use<> {
         let faults = self.faults.of(&camera.name);
         let mut device = match &self.prerendered {
@@ -315,20 +317,20 @@ impl Walk {
         })
     }
 
-    /// Renders each camera on a thread of its own, a few pictures ahead.
+    /// Renders each camera on its own thread, a few images ahead.
     pub(super) fn readers(&self) -> Vec<Reader> {
         let reader = |camera: &WalkCamera| -> Reader {
             let (walk, camera) = (self.clone(), camera.clone());
             let (sender, receiver) = sync_channel(MAX_QUEUED_IMAGES);
             thread::spawn(move || {
-                // Nobody listens any more once the sets are dropped.
+                // The receiver is dropped with the sets.
                 let mut frames = walk.frames(&camera);
                 while frames
                     .next()
                     .is_some_and(|frame| sender.send(frame).is_ok())
                 {}
             });
-            Box::new(move || receiver.recv().context("the walk has no further picture"))
+            Box::new(move || receiver.recv().context("the walk has no further image"))
         };
         self.cameras.iter().map(reader).collect()
     }

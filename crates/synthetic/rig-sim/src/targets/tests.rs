@@ -79,7 +79,7 @@ fn rig_motion_is_within_the_limits_of_arms() {
     ] {
         let simulation = session(90.0, &with_motion(motion));
         let (mut most, mut still) = ([0.0_f64; 3], 0);
-        let mut turned = [0.0_f64; 3];
+        let mut max_rate = [0.0_f64; 3];
         for k in 0..9000 {
             let state = simulation.walker().rig(0.01 * f64::from(k));
             let values = [
@@ -90,8 +90,8 @@ fn rig_motion_is_within_the_limits_of_arms() {
             for (most, value) in most.iter_mut().zip(values) {
                 *most = most.max(value);
             }
-            for (axis, turned) in turned.iter_mut().enumerate() {
-                *turned = turned.max(state.angular_rate[axis].abs());
+            for (axis, max_rate) in max_rate.iter_mut().enumerate() {
+                *max_rate = max_rate.max(state.angular_rate[axis].abs());
             }
             let quiet = state.angular_rate.norm() < 0.02 && state.velocity.norm() < 0.01;
             still += i32::from(quiet);
@@ -103,7 +103,7 @@ fn rig_motion_is_within_the_limits_of_arms() {
         // At rest for a part of the time.
         assert!((900..8000).contains(&still), "{name}: {still}");
         if motion == Motion::Varied {
-            assert!(turned.iter().all(|t| *t > 0.8), "{turned:?}");
+            assert!(max_rate.iter().all(|t| *t > 0.8), "{max_rate:?}");
             assert!(most[1] > 2.0, "{most:?}");
         }
     }
@@ -280,10 +280,10 @@ fn imu_measures_the_motion_of_the_rig() {
             rotation *= so3::exp(gyro * dt);
         }
         let (expected, turn) = place(10.0);
-        let (far, turned) = ((position - expected).norm(), rotation.angle_to(&turn));
+        let (far, rotation_error) = ((position - expected).norm(), rotation.angle_to(&turn));
         assert!(
-            far < 2e-3 && turned < 2e-4,
-            "{}: {far} {turned}",
+            far < 2e-3 && rotation_error < 2e-4,
+            "{}: {far} {rotation_error}",
             camera.name
         );
     }
@@ -469,8 +469,8 @@ fn number_of_views_is_respected() {
     let (late, later) = (at(20.0), at(39.0));
     assert!((late.position - later.position).norm() < 0.01);
     assert!(late.rotation.angle_to(&later.rotation) < 0.01);
-    let turned = at(1.0).rotation.angle_to(&late.rotation);
-    assert!(turned > 0.05, "{turned}");
+    let rotation = at(1.0).rotation.angle_to(&late.rotation);
+    assert!(rotation > 0.05, "{rotation}");
 }
 
 #[test]

@@ -154,6 +154,9 @@ fn perfect_imu_integrates_to_the_pose() {
     }
     let end = walker.rig(to);
     let off = (p - end.position).norm();
-    let turned = r.angle_to(&end.rotation).to_degrees();
-    assert!(off < 1e-3 && turned < 0.01, "{off} m, {turned} degrees");
+    let rotation_deg = r.angle_to(&end.rotation).to_degrees();
+    assert!(
+        off < 1e-3 && rotation_deg < 0.01,
+        "{off} m, {rotation_deg} degrees"
+    );
 }
