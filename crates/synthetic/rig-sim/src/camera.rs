@@ -275,7 +275,7 @@ impl MonoCamera {
         which: u64,
     ) {
         if let Some(sun) = optics::sun(scene, eye_pose) {
-            let at = sun.place(&self.lens);
+            let at = sun.position(&self.lens);
             self.radiance.flare(&sun, &self.grids[0].rays, at);
         }
         self.radiance.soften();

@@ -19,10 +19,10 @@ const MIN_RADIAL_SLOPE: f64 = 0.2;
 #[derive(Clone, Debug)]
 pub struct Lens {
     model: CameraModel,
-    bend: DistortionModel,
+    distortion: DistortionModel,
     /// Maximum radius on the plane z = 1 at which the distortion model is used.
     limit: f64,
-    quick: FastProjection,
+    fast: FastProjection,
     bounds: [f64; 4],
 }
 
@@ -56,12 +56,13 @@ impl Lens {
     /// # Panics
     /// If [`Self::can_draw`] does not support the distortion.
     pub fn new(model: &CameraModel) -> Self {
-        let bend = DistortionModel::of(&model.distortion).expect("a distortion that can be drawn");
+        let distortion =
+            DistortionModel::of(&model.distortion).expect("a distortion that can be drawn");
         let mut lens = Self {
             model: *model,
-            bend,
+            distortion,
             limit: f64::INFINITY,
-            quick: FastProjection::of(model, &bend, f64::INFINITY),
+            fast: FastProjection::of(model, &distortion, f64::INFINITY),
             bounds: [0.0; 4],
         };
         let (w, h) = (f64::from(model.width), f64::from(model.height));
@@ -77,17 +78,17 @@ impl Lens {
         });
         let reach = reach.into_iter().fold(0.0, f64::max);
         // Only as far as the polynomial is monotonic.
-        let bent = |r: f64| {
-            let (x, y) = distort(&bend, 0.8 * r, 0.6 * r);
+        let distorted = |r: f64| {
+            let (x, y) = distort(&distortion, 0.8 * r, 0.6 * r);
             (x * x + y * y).sqrt()
         };
         let steps = 20;
         let step = (MAX_RADIUS_RATIO - 1.0) * reach / f64::from(steps);
         let grows = (0..steps)
             .map(|k| reach + step * f64::from(k))
-            .take_while(|&r| bent(r + step) - bent(r) > MIN_RADIAL_SLOPE * step);
+            .take_while(|&r| distorted(r + step) - distorted(r) > MIN_RADIAL_SLOPE * step);
         lens.limit = grows.last().map_or(reach, |r| r + step);
-        lens.quick = FastProjection::of(model, &bend, lens.limit);
+        lens.fast = FastProjection::of(model, &distortion, lens.limit);
         lens.bounds = lens.border();
         lens
     }
@@ -113,7 +114,7 @@ impl Lens {
     /// [`Lens::project`] for rasterization. The same direction always gives the same bits.
     #[inline(always)]
     pub fn project_f32(&self, x: f32, y: f32) -> (f32, f32) {
-        self.quick.project(x, y)
+        self.fast.project(x, y)
     }
 
     /// Image size and intrinsics.
@@ -133,10 +134,10 @@ impl Lens {
     pub fn project(&self, x: f64, y: f64) -> (f64, f64) {
         let square = x * x + y * y;
         let (x, y) = if square <= self.limit * self.limit {
-            distort(&self.bend, x, y)
+            distort(&self.distortion, x, y)
         } else {
             let beyond = square.sqrt() / self.limit;
-            let (x, y) = distort(&self.bend, x / beyond, y / beyond);
+            let (x, y) = distort(&self.distortion, x / beyond, y / beyond);
             (x * beyond, y * beyond)
         };
         (
@@ -153,15 +154,15 @@ impl Lens {
         );
         let (mut x, mut y) = (goal_x, goal_y);
         for _ in 0..30 {
-            let (dx, dy) = distort(&self.bend, x, y);
+            let (dx, dy) = distort(&self.distortion, x, y);
             let (ex, ey) = (goal_x - dx, goal_y - dy);
             if ex.abs().max(ey.abs()) < 1e-13 {
                 break;
             }
             // Newton step with numerical derivatives.
             let h = 1e-6;
-            let (ax, ay) = distort(&self.bend, x + h, y);
-            let (bx, by) = distort(&self.bend, x, y + h);
+            let (ax, ay) = distort(&self.distortion, x + h, y);
+            let (bx, by) = distort(&self.distortion, x, y + h);
             let (xx, yx) = ((ax - dx) / h, (ay - dy) / h);
             let (xy, yy) = ((bx - dx) / h, (by - dy) / h);
             let determinant = xx * yy - xy * yx;
@@ -193,8 +194,8 @@ impl DistortionModel {
 }
 
 impl FastProjection {
-    fn of(model: &CameraModel, bend: &DistortionModel, limit: f64) -> Self {
-        let (rational, fisheye) = match *bend {
+    fn of(model: &CameraModel, distortion: &DistortionModel, limit: f64) -> Self {
+        let (rational, fisheye) = match *distortion {
             DistortionModel::Rational(rational) => (rational, None),
             DistortionModel::Fisheye(k) => (Rational::default(), Some(k.map(|k| k as f32))),
         };
@@ -219,7 +220,7 @@ impl FastProjection {
         };
         let (x, y) = (x / beyond, y / beyond);
         let (x, y) = match &self.fisheye {
-            None => self.bent(x, y),
+            None => self.distorted(x, y),
             Some(k) => {
                 let radial = radial_f32(k, x * x + y * y);
                 (x * radial, y * radial)
@@ -232,7 +233,7 @@ impl FastProjection {
     }
 
     #[inline(always)]
-    fn bent(&self, x: f32, y: f32) -> (f32, f32) {
+    fn distorted(&self, x: f32, y: f32) -> (f32, f32) {
         let r2 = x * x + y * y;
         let poly = |[a, b, c]: [f32; 3]| 1.0 + r2 * (a + r2 * (b + r2 * c));
         let radial = poly(self.over) / poly(self.under);
@@ -257,9 +258,9 @@ fn radial_f32(k: &[f32; 4], r2: f32) -> f32 {
 
 /// OpenCV's models (documentation of `calib3d` and `fisheye`).
 #[inline]
-fn distort(bend: &DistortionModel, x: f64, y: f64) -> (f64, f64) {
+fn distort(distortion: &DistortionModel, x: f64, y: f64) -> (f64, f64) {
     let r2 = x * x + y * y;
-    match bend {
+    match distortion {
         DistortionModel::Rational(rational) => {
             let poly = |[a, b, c]: [f64; 3]| 1.0 + r2 * (a + r2 * (b + r2 * c));
             let radial = poly(rational.over) / poly(rational.under);
@@ -276,8 +277,8 @@ fn distort(bend: &DistortionModel, x: f64, y: f64) -> (f64, f64) {
             }
             let angle = libm::atan(r);
             let a2 = angle * angle;
-            let bent = angle * (1.0 + a2 * (k1 + a2 * (k2 + a2 * (k3 + a2 * k4))));
-            (x * (bent / r), y * (bent / r))
+            let distorted = angle * (1.0 + a2 * (k1 + a2 * (k2 + a2 * (k3 + a2 * k4))));
+            (x * (distorted / r), y * (distorted / r))
         }
     }
 }

@@ -388,12 +388,12 @@ impl Simulation {
         rig: &Rig,
         calibration_error: &CalibrationError,
     ) -> Result<Self, SimulationError> {
-        let moved: Vec<_> = calibration_error
+        let displaced: Vec<_> = calibration_error
             .cameras
             .iter()
             .filter(|c| !c.has_nominal_extrinsics())
             .collect();
-        if !moved.is_empty() {
+        if !displaced.is_empty() {
             let text = true_rig_toml(rig, &|frame, placed, left| {
                 let (camera, part) = frame.camera()?;
                 Some(calibration_error.of(camera).true_pose(part, left, placed))
@@ -463,7 +463,7 @@ impl Simulation {
         camera: &str,
         calibration: &StereoCalibration,
     ) -> Result<(usize, [CameraModel; 2]), SimulationError> {
-        let wanted = (self.settings.width, self.settings.height);
+        let expected = (self.settings.width, self.settings.height);
         let Some(of) = self.cameras.iter().position(|c| c.name == camera) else {
             let known: Vec<&str> = self.cameras.iter().map(|c| c.name.as_str()).collect();
             return Err(SimulationError::Lenses(format!(
@@ -480,10 +480,10 @@ impl Simulation {
                     model.distortion.name()
                 )));
             }
-            if (model.width, model.height) != wanted {
+            if (model.width, model.height) != expected {
                 return Err(SimulationError::Lenses(format!(
                     "the calibration of {camera} is for {}x{}, expected {}x{}",
-                    model.width, model.height, wanted.0, wanted.1
+                    model.width, model.height, expected.0, expected.1
                 )));
             }
         }

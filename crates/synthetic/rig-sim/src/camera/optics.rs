@@ -127,7 +127,7 @@ pub(super) fn sun(scene: &Scene, eye: &(Vector3<f64>, UnitQuaternion<f64>)) -> O
 
 impl Sun {
     /// Position in the image, px from the image center; far outside if it is not visible.
-    pub(super) fn place(&self, lens: &Lens) -> (f32, f32) {
+    pub(super) fn position(&self, lens: &Lens) -> (f32, f32) {
         let model = lens.model();
         let [x, y, z] = self.direction.map(f64::from);
         let (u, v) = lens.project(x / z, y / z);

@@ -228,9 +228,9 @@ impl AutoExposure {
 
     /// Adapts to the mean of an image.
     pub fn learn(&mut self, mean: f64) {
-        let wish = (TARGET_MEAN / mean.max(1e-3)).clamp(0.2, 5.0);
+        let factor = (TARGET_MEAN / mean.max(1e-3)).clamp(0.2, 5.0);
         let most = self.fixed_s.unwrap_or(self.max_s) * MAX_GAIN;
         self.product =
-            (self.product * libm::pow(wish, ADAPTATION_RATE)).clamp(MIN_EXPOSURE_S, most);
+            (self.product * libm::pow(factor, ADAPTATION_RATE)).clamp(MIN_EXPOSURE_S, most);
     }
 }

@@ -67,7 +67,7 @@ struct RowPose {
     /// Optical centre, m.
     origin: Vector3<f64>,
     /// Maps vectors of the optical frame to the body's frame.
-    turn: Matrix3<f64>,
+    rotation: Matrix3<f64>,
 }
 
 /// A point or direction that is constant in a body's frame.
@@ -139,8 +139,8 @@ impl TruthCamera {
                 continue;
             }
             let (body, surface) = surface(&bodies, id);
-            let look = row_of(&truth.row_poses[body], i / self.visibility.width);
-            truth.depth[i] = look.depth(surface, &self.ray(i)) as f32;
+            let row_pose = row_of(&truth.row_poses[body], i / self.visibility.width);
+            truth.depth[i] = row_pose.depth(surface, &self.ray(i)) as f32;
             truth.class[i] = shade::class(scene, surface);
             truth.instance[i] = surface.instance;
         }
@@ -156,13 +156,16 @@ impl TruthCamera {
             let id = from.triangle[i];
             let (row, ray) = (i / width, self.ray(i));
             let (body, element) = if id == NOTHING {
-                let look = row_of(&from.row_poses[0], row);
-                (0, Element::Direction(look.turn * ray))
+                let row_pose = row_of(&from.row_poses[0], row);
+                (0, Element::Direction(row_pose.rotation * ray))
             } else {
                 let (body, surface) = surface(&bodies, id);
-                let look = row_of(&from.row_poses[body], row);
-                let reach = look.depth(surface, &ray);
-                (body, Element::Point(look.origin + look.turn * ray * reach))
+                let row_pose = row_of(&from.row_poses[body], row);
+                let reach = row_pose.depth(surface, &ray);
+                (
+                    body,
+                    Element::Point(row_pose.origin + row_pose.rotation * ray * reach),
+                )
             };
             match self.find(&to.row_poses[body], element, row) {
                 None => ([f32::NAN; 2], false),
@@ -220,8 +223,8 @@ impl TruthCamera {
         let times = (0..rows).map(|row| time_s + self.shutter.row_s(row, height));
         let eyes: Vec<(f64, Pose)> = times.map(|t| (t, eye_pose(t))).collect();
         let of = |body: &Placed<'_>| {
-            let look = |(t, eye): &(f64, Pose)| RowPose::new(eye, &body.pose.at(*t));
-            eyes.iter().map(look).collect()
+            let row_pose = |(t, eye): &(f64, Pose)| RowPose::new(eye, &body.pose.at(*t));
+            eyes.iter().map(row_pose).collect()
         };
         bodies.iter().map(of).collect()
     }
@@ -231,8 +234,8 @@ impl TruthCamera {
     /// linear.
     fn find(&self, row_poses: &[RowPose], element: Element, start: usize) -> Option<Projection> {
         let seen = |row: usize| {
-            let look = &row_poses[row.min(row_poses.len() - 1)];
-            let at = look.locate(element);
+            let row_pose = &row_poses[row.min(row_poses.len() - 1)];
+            let at = row_pose.locate(element);
             let (x, y) = (at.x / at.z, at.y / at.z);
             (at.z > MIN_DEPTH_M && self.lens.is_known(x, y)).then(|| {
                 let (u, v) = self.lens.project(x, y);
@@ -279,8 +282,8 @@ impl TruthCamera {
             return false;
         };
         let (body, surface) = surface(bodies, id);
-        let look = row_of(&truth.row_poses[body], found.row);
-        let there = look.depth(surface, &(found.at / found.at.z));
+        let row_pose = row_of(&truth.row_poses[body], found.row);
+        let there = row_pose.depth(surface, &(found.at / found.at.z));
         !(there > 0.0 && there < found.at.z * (1.0 - OCCLUSION_TOLERANCE.0) - OCCLUSION_TOLERANCE.1)
     }
 }
@@ -313,12 +316,12 @@ impl RowPose {
         let back = body.1.inverse();
         Self {
             origin: back * (eye.0 - body.0),
-            turn: (back * eye.1).to_rotation_matrix().into_inner(),
+            rotation: (back * eye.1).to_rotation_matrix().into_inner(),
         }
     }
 
     fn view(&self) -> View {
-        let m = &self.turn;
+        let m = &self.rotation;
         View {
             rotation: [0, 1, 2].map(|i| [0, 1, 2].map(|j| m[(j, i)] as f32)),
             origin: [0, 1, 2].map(|i| self.origin[i] as f32),
@@ -328,8 +331,8 @@ impl RowPose {
     /// Position in the optical frame.
     fn locate(&self, element: Element) -> Vector3<f64> {
         match element {
-            Element::Point(point) => self.turn.tr_mul(&(point - self.origin)),
-            Element::Direction(direction) => self.turn.tr_mul(&direction),
+            Element::Point(point) => self.rotation.tr_mul(&(point - self.origin)),
+            Element::Direction(direction) => self.rotation.tr_mul(&direction),
         }
     }
 
@@ -337,7 +340,7 @@ impl RowPose {
     fn depth(&self, surface: &Surface, ray: &Vector3<f64>) -> f64 {
         let normal = Vector3::from(surface.normal.map(f64::from));
         let away = f64::from(surface.offset) - normal.dot(&self.origin);
-        away / normal.dot(&(self.turn * ray))
+        away / normal.dot(&(self.rotation * ray))
     }
 }
 

@@ -317,11 +317,11 @@ fn device_counters_restart_after_a_disconnect() {
         fault(Kind::Disconnect, 0.7, 1.2, f64::INFINITY),
     ]);
     assert!(arrivals(&delivered).is_sorted());
-    let gone: Vec<&Delivery> = delivered
+    let disconnected: Vec<&Delivery> = delivered
         .iter()
         .filter(|d| matches!(d, Delivery::Disconnected(_)))
         .collect();
-    assert_eq!(gone, [&Delivery::Disconnected(1_000_000_000)]);
+    assert_eq!(disconnected, [&Delivery::Disconnected(1_000_000_000)]);
     assert!(losses.iter().all(|l| l.cause == Kind::Disconnect));
     let of = |stream| losses.iter().filter(|l| l.stream == stream).count();
     // 0.9 s of 20 and of 400 Hz.

@@ -26,7 +26,7 @@ pub(super) fn files(simulation: &Simulation, nominal: &Rig) -> Vec<(String, Stri
         files.push((format!("target.{number}.toml"), text));
     }
     if !boards.is_empty() {
-        files.push(("truth.targets.csv".to_owned(), places(simulation)));
+        files.push(("truth.targets.csv".to_owned(), board_poses(simulation)));
     }
     if !boards.is_empty() || simulation.differs_from_calibration() {
         let rig = simulation.true_rig_toml(nominal);
@@ -36,7 +36,7 @@ pub(super) fn files(simulation: &Simulation, nominal: &Rig) -> Vec<(String, Stri
     files
 }
 
-fn places(simulation: &Simulation) -> String {
+fn board_poses(simulation: &Simulation) -> String {
     let mut text = "#board,corner,p_x [m],p_y [m],p_z [m],q_w [],q_x [],q_y [],q_z []\n".to_owned();
     for (number, board) in simulation.boards().iter().enumerate() {
         let (p, q) = board.world_from_target();

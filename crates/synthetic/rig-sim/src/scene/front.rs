@@ -62,20 +62,20 @@ impl FrontMaterials {
         ];
         let bricks = [BRICK, BRICK.dyed([0.4, 0.31, 0.21], [0.42, 0.39, 0.34])];
         let mut walls = Vec::new();
-        for look in plasters.iter().chain(&bricks) {
-            walls.push(look.of(Class::Wall, b));
+        for finish in plasters.iter().chain(&bricks) {
+            walls.push(finish.of(Class::Wall, b));
         }
         Self {
             walls,
             trim: TRIM.of(Class::Wall, b),
-            panes: [palette::PANE, palette::LIT_PANE].map(|look| look.of(Class::Wall, b)),
+            panes: [palette::PANE, palette::LIT_PANE].map(|finish| finish.of(Class::Wall, b)),
             doors: [DOOR, DOOR.dyed([0.05, 0.12, 0.1], [0.02, 0.04, 0.04])]
-                .map(|look| look.of(Class::Wall, b)),
+                .map(|finish| finish.of(Class::Wall, b)),
             cloths: [
                 VARNISH.dyed([0.42, 0.09, 0.08], [0.35, 0.07, 0.06]),
                 VARNISH.dyed([0.1, 0.22, 0.16], [0.13, 0.26, 0.2]),
             ]
-            .map(|look| look.of(Class::Obstacle, b)),
+            .map(|finish| finish.of(Class::Obstacle, b)),
             pipe: METAL.of(Class::Wall, b),
         }
     }
@@ -153,7 +153,7 @@ impl Row {
     pub(super) fn window(
         &self,
         b: &mut Builder,
-        looks: &FrontMaterials,
+        materials: &FrontMaterials,
         [middle, up]: [f64; 2],
         window: Window,
         wall: Stuff,
@@ -161,7 +161,7 @@ impl Row {
         let of = |material: u16| Stuff { material, ..wall };
         let lit = usize::from(b.draw(0.0, 1.0) < AT_HOME);
         let Window { width, height } = window;
-        let (pane, trim) = (of(looks.panes[lit]), of(looks.trim));
+        let (pane, trim) = (of(materials.panes[lit]), of(materials.trim));
         let (l, r) = (middle - 0.5 * width, middle + 0.5 * width);
         let [a, c, d, e] = [(r, up), (l, up), (l, up + height), (r, up + height)]
             .map(|(along, up)| self.at(along, 0.02, up));
@@ -181,7 +181,7 @@ impl Row {
     pub(super) fn houses(
         &self,
         b: &mut Builder,
-        looks: &FrontMaterials,
+        materials: &FrontMaterials,
         style: Style,
         length: f64,
     ) {
@@ -191,7 +191,7 @@ impl Row {
             let width = b.draw(5.5, 8.5);
             // No slivers.
             let width = if left - width < 4.0 { left } else { width };
-            self.house(b, looks, style, [along, width]);
+            self.house(b, materials, style, [along, width]);
             along += width;
         }
     }
@@ -199,14 +199,14 @@ impl Row {
     fn house(
         &self,
         b: &mut Builder,
-        looks: &FrontMaterials,
+        materials: &FrontMaterials,
         style: Style,
         [along, width]: [f64; 2],
     ) {
-        let kind = b.draw(0.0, looks.walls.len() as f64) as usize;
-        let wall = b.of_thing(looks.walls[kind]);
+        let kind = b.draw(0.0, materials.walls.len() as f64) as usize;
+        let wall = b.of_thing(materials.walls[kind]);
         let of = |material: u16| Stuff { material, ..wall };
-        let trim = of(looks.trim);
+        let trim = of(materials.trim);
         let [least, most] = style.floors.map(f64::from);
         let floors = b.draw(least, most + 1.0) as u32;
         let height = GROUND_FLOOR + FLOOR * f64::from(floors) + 0.3;
@@ -246,13 +246,13 @@ impl Row {
         let cornice = [width - 0.02, 0.3, 0.25];
         self.relief(b, [middle, height - 0.3], cornice, trim);
         let gutter = [0.1, height - 0.35].map(|z| self.at(along + 0.2, 0.1, z));
-        b.mesh.tube(gutter, [0.045; 2], 8, 1.5, of(looks.pipe));
+        b.mesh.tube(gutter, [0.045; 2], 8, 1.5, of(materials.pipe));
 
         let bays = ((width / 2.0) as u32).max(2);
         let door = b.draw(0.0, f64::from(bays)) as u32;
         let is_shop = b.draw(0.0, 1.0) < style.shops;
-        let cloth = of(looks.cloths[usize::from(b.draw(0.0, 1.0) < 0.5)]);
-        let wood = of(looks.doors[usize::from(b.draw(0.0, 1.0) < 0.5)]);
+        let cloth = of(materials.cloths[usize::from(b.draw(0.0, 1.0) < 0.5)]);
+        let wood = of(materials.doors[usize::from(b.draw(0.0, 1.0) < 0.5)]);
         for i in 0..bays {
             let at = along + (f64::from(i) + 0.5) * width / f64::from(bays);
             if i == door {
@@ -262,14 +262,14 @@ impl Row {
                     width: 1.42,
                     height: 1.9,
                 };
-                self.window(b, looks, [at, 0.7], size, wall);
+                self.window(b, materials, [at, 0.7], size, wall);
                 self.awning(b, at, cloth);
             } else {
                 let size = Window {
                     width: 0.98,
                     height: 1.5,
                 };
-                self.window(b, looks, [at, 1.05], size, wall);
+                self.window(b, materials, [at, 1.05], size, wall);
             }
             for floor in 0..floors {
                 let size = Window {
@@ -277,7 +277,7 @@ impl Row {
                     height: 1.45,
                 };
                 let sill = GROUND_FLOOR + 0.8 + FLOOR * f64::from(floor);
-                self.window(b, looks, [at, sill], size, wall);
+                self.window(b, materials, [at, sill], size, wall);
             }
         }
     }

@@ -44,7 +44,7 @@ struct Palette {
 pub(super) fn build(b: &mut Builder) -> SceneParts {
     let light = palette::SLABS.dyed([0.4, 0.37, 0.33], [0.16, 0.15, 0.13]);
     let p = Palette {
-        slabs: [palette::SLABS, light].map(|look| look.of(Class::Pavement, b)),
+        slabs: [palette::SLABS, light].map(|finish| finish.of(Class::Pavement, b)),
         setts: palette::SETTS.of(Class::Pavement, b),
         stone: palette::STONES
             .dyed([0.42, 0.41, 0.38], [0.34, 0.33, 0.31])

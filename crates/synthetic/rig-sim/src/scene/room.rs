@@ -103,14 +103,14 @@ fn palette(b: &mut Builder) -> Palette {
             CLOTH.dyed([0.12, 0.17, 0.24], [0.18, 0.22, 0.26]),
             CLOTH.dyed([0.42, 0.36, 0.26], [0.34, 0.3, 0.24]),
         ]
-        .map(|look| look.of(Class::Obstacle, b)),
+        .map(|finish| finish.of(Class::Obstacle, b)),
         books: [
             book([0.4, 0.08, 0.06]),
             book([0.08, 0.2, 0.35]),
             book([0.5, 0.45, 0.3]),
             book([0.08, 0.22, 0.12]),
         ]
-        .map(|look| look.of(Class::Obstacle, b)),
+        .map(|finish| finish.of(Class::Obstacle, b)),
         door: DoorStuff {
             leaf: WHITE.of(Class::Obstacle, b),
             frame: WHITE.of(Class::Wall, b),

@@ -90,7 +90,7 @@ pub(super) fn baked(
     // Without sun nothing is cut.
     let rounds = if light.sun.is_some() { MAX_ROUNDS } else { 0 };
     for _ in 0..rounds {
-        let mut wanted: Vec<(u64, Edge)> = Vec::new();
+        let mut to_cut: Vec<(u64, Edge)> = Vec::new();
         // Two triangles share an edge: it is sampled once.
         let mut judged: HashMap<Edge, bool> = HashMap::new();
         for piece in pieces.iter_mut().filter(|p| p.is_open) {
@@ -129,17 +129,17 @@ pub(super) fn baked(
                 judged.insert(name, ground_truth);
                 piece.is_open |= ground_truth;
                 if ground_truth {
-                    wanted.push((distance.to_bits(), name));
+                    to_cut.push((distance.to_bits(), name));
                 }
             }
         }
         // The nearest ones, if there are too many: each adds at most two triangles.
-        wanted.sort_unstable();
-        wanted.truncate(MAX_TRIANGLES.saturating_sub(pieces.len()) / 2);
-        if wanted.is_empty() {
+        to_cut.sort_unstable();
+        to_cut.truncate(MAX_TRIANGLES.saturating_sub(pieces.len()) / 2);
+        if to_cut.is_empty() {
             break;
         }
-        let cut: HashSet<Edge> = wanted.into_iter().map(|(_, edge)| edge).collect();
+        let cut: HashSet<Edge> = to_cut.into_iter().map(|(_, edge)| edge).collect();
         pieces = pieces
             .iter()
             .flat_map(|piece| divided(piece, &cut, &sunlight))
