@@ -5,7 +5,7 @@
 //! height 0; feet are fixed where they land (`gait.rs`), legs reach from hips to feet, arms swing.
 //! Poses are functions of the distance walked, so they are continuous in time and the same for the
 //! same seed. Their light is computed once, as the mean over positions along the path: it does not
-//! rotate with the person, and they neither cast nor receive shadows.
+//! follow the sun as a person changes direction, and they neither cast nor receive shadows.
 
 use std::sync::Arc;
 
