@@ -1,12 +1,13 @@
-//! Odometry over a sequence, as poses that can be compared with the truth: what tests and benchmarks share.
+//! Odometry over a sequence, as poses that can be compared with ground truth: shared by tests and
+//! benchmarks.
 //!
-//! Contract: [`Tracking`] is fed set by set, so that a caller can measure what each set takes; reading its pictures is
-//! not part of that. Causal poses never change once they are there. What is adjusted afterwards is apart
-//! ([`Tracking::adjust`]): the two are never mixed. *A pose that cannot be written down* (a covariance that is none) is an
-//! error and no pose.
+//! Contract: [`Tracking`] is fed set by set, so that a caller can measure the time of each set;
+//! reading its images is not part of that. Causal poses never change once they exist. Refined poses
+//! are separate ([`Tracking::refine`]): the two are never mixed. *A pose that cannot be stored* (an
+//! invalid covariance) is an error and not a pose.
 //!
 //! - [`drive`]: drift at the end of a drive (KITTI).
-//! - [`still`]: what is found while nothing moves (EuRoC).
+//! - [`still`]: estimates at rest (EuRoC).
 
 use anyhow::{Context as _, Result};
 use cad_transforms::{Covariance, RigidTransform};
@@ -20,7 +21,7 @@ use crate::sequences::{OwnedFrameSet, Sequence};
 pub mod drive;
 pub mod still;
 
-/// See the module.
+/// Odometry over a sequence; see the module documentation.
 pub struct Tracking {
     odometry: Odometry,
     mapping: Option<Mapping>,
@@ -28,26 +29,28 @@ pub struct Tracking {
     keyframes: usize,
 }
 
-/// A whole session after everything was seen.
+/// A whole session after bundle adjustment.
 #[derive(Clone, Debug)]
-pub struct Adjusted {
-    /// A pose for each causal one. Keyframes alone have a covariance: that of the causal pose where the way broke and nothing
-    /// ties it ([`Tie`]). The status is that of the causal pose, or relocalised.
+pub struct Refined {
+    /// One pose per causal pose. Only keyframes have a covariance: that of the causal pose where
+    /// tracking was lost and the pose graph is not connected ([`Tie`]). The status is that of the
+    /// causal pose, or relocalised.
     pub trajectory: Trajectory,
-    /// Keyframes.
+    /// Number of keyframes.
     pub keyframes: usize,
-    /// Places seen again that were used.
-    pub loops: usize,
-    /// Linearisations.
-    pub rounds: usize,
-    /// Landmarks.
+    /// Number of loop closures used.
+    pub loop_closures: usize,
+    /// Number of iterations.
+    pub iterations: usize,
+    /// Number of landmarks.
     pub landmarks: usize,
-    /// Where cameras were found to sit.
-    pub mounts: Vec<AdjustedMount>,
+    /// Refined extrinsics of the cameras.
+    pub extrinsics: Vec<AdjustedMount>,
 }
 
 impl Tracking {
-    /// For a rig. Without mapping, keyframes are thrown away as they come, and nothing can be adjusted.
+    /// Odometry for a rig. Without mapping, keyframes are discarded immediately, and refinement is
+    /// not possible.
     pub fn new(rig: &Rig, settings: Settings, with_mapping: bool) -> Self {
         Self {
             odometry: Odometry::new(rig, settings),
@@ -60,7 +63,7 @@ impl Tracking {
     /// Takes the next set with its samples.
     ///
     /// # Errors
-    /// The pose is none that a trajectory can hold.
+    /// The pose cannot be stored in a trajectory.
     pub fn add(&mut self, set: &OwnedFrameSet) -> Result<Estimate> {
         for (k, samples) in set.imu.iter().enumerate() {
             for sample in samples {
@@ -74,7 +77,7 @@ impl Tracking {
         self.take_keyframes(false);
         self.keyframes += usize::from(estimate.is_keyframe);
         let pose = pose(&estimate);
-        let pose = pose.with_context(|| format!("looking at the pose at {} ns", set.time_ns))?;
+        let pose = pose.with_context(|| format!("adding the pose at {} ns", set.time_ns))?;
         self.causal.push(pose)?;
         Ok(estimate)
     }
@@ -87,47 +90,50 @@ impl Tracking {
         }
     }
 
-    /// The poses as they became known.
+    /// The causal poses.
     pub fn causal(&self) -> &Trajectory {
         &self.causal
     }
 
-    /// How many keyframes there were.
+    /// Number of keyframes.
     pub fn keyframes(&self) -> usize {
         self.keyframes
     }
 
-    /// Cameras that were moved, as it seemed.
-    pub fn shifts(&self) -> &[Shift] {
+    /// Detected camera shifts.
+    pub fn camera_shifts(&self) -> &[Shift] {
         self.odometry.shifts()
     }
 
-    /// Adjusts everything; none without mapping.
+    /// Bundle adjustment; `None` without mapping.
     ///
     /// # Errors
-    /// A pose is none that a trajectory can hold.
-    pub fn adjust(mut self) -> Result<Option<Adjusted>> {
+    /// A pose cannot be stored in a trajectory.
+    pub fn refine(mut self) -> Result<Option<Refined>> {
         self.take_keyframes(true);
         let Some(mapping) = &self.mapping else {
             return Ok(None);
         };
         let adjusted = mapping.solve(|_| {});
-        Ok(Some(Adjusted {
-            trajectory: finished(&self.causal, &adjusted)?,
+        Ok(Some(Refined {
+            trajectory: refined_trajectory(&self.causal, &adjusted)?,
             keyframes: adjusted.poses.len(),
-            loops: adjusted.loops.len(),
-            rounds: adjusted.rounds,
+            loop_closures: adjusted.loops.len(),
+            iterations: adjusted.rounds,
             landmarks: adjusted.landmarks,
-            mounts: adjusted.mounts,
+            extrinsics: adjusted.mounts,
         }))
     }
 }
 
-/// A pose for each causal one, where the adjustment of their keyframes puts it; see [`Adjusted::trajectory`].
+/// One pose per causal pose, moved with its refined keyframes; see [`Refined::trajectory`].
 ///
 /// # Errors
-/// A pose is none that a trajectory can hold.
-pub fn finished(causal: &Trajectory, adjusted: &odometry::Adjusted) -> Result<Trajectory> {
+/// A pose cannot be stored in a trajectory.
+pub fn refined_trajectory(
+    causal: &Trajectory,
+    adjusted: &odometry::Adjusted,
+) -> Result<Trajectory> {
     let times: Vec<(i64, RigidTransform)> = (causal.poses().iter())
         .map(|p| (p.time_ns, p.world_from_rig))
         .collect();
@@ -165,7 +171,7 @@ pub fn finished(causal: &Trajectory, adjusted: &odometry::Adjusted) -> Result<Tr
 /// All sets of a sequence.
 ///
 /// # Errors
-/// Pictures that cannot be read, or of [`Tracking::add`].
+/// Images that cannot be read, and those of [`Tracking::add`].
 pub fn track(sequence: &Sequence, settings: Settings, with_mapping: bool) -> Result<Tracking> {
     let mut tracking = Tracking::new(sequence.rig(), settings, with_mapping);
     sequence.for_each(|set| tracking.add(&set).map(drop))?;
@@ -175,7 +181,7 @@ pub fn track(sequence: &Sequence, settings: Settings, with_mapping: bool) -> Res
 /// The true poses at the times of the sets.
 ///
 /// # Errors
-/// Times that do not rise.
+/// Times that do not increase.
 pub fn truth(sequence: &Sequence) -> Result<Trajectory> {
     let poses = sequence.truth_at_sets().into_iter();
     Ok(Trajectory::new(
@@ -183,10 +189,10 @@ pub fn truth(sequence: &Sequence) -> Result<Trajectory> {
     )?)
 }
 
-/// An estimate as a trajectory holds it.
+/// Converts an estimate to a pose of a trajectory.
 ///
 /// # Errors
-/// Its covariance is none.
+/// Its covariance is not valid.
 pub fn pose(estimate: &Estimate) -> Result<Pose> {
     Ok(Pose {
         time_ns: estimate.time_ns,
@@ -203,5 +209,5 @@ pub fn pose(estimate: &Estimate) -> Result<Pose> {
 
 fn covariance(of: &Matrix6<f64>) -> Result<Covariance> {
     let rows = std::array::from_fn(|i| std::array::from_fn(|j| of[(i, j)]));
-    Covariance::from_rows(rows).context("the covariance that odometry states")
+    Covariance::from_rows(rows).context("the covariance of odometry")
 }

@@ -1,16 +1,16 @@
-//! When a device is there.
+//! Connection periods of a device.
 
 use crate::faults::{CameraFaults, Kind};
 
-/// Spans of time in which a device is gone, in order, none touching another.
+/// Time spans in which a device is disconnected: ascending, disjoint, not adjacent.
 #[derive(Clone, Debug)]
-pub(super) struct Absences {
+pub(super) struct Disconnects {
     /// Begin and end, ns since the beginning of the walk.
     spans: Vec<(i64, i64)>,
-    told: usize,
+    reported: usize,
 }
 
-impl Absences {
+impl Disconnects {
     pub(super) fn of(faults: &CameraFaults) -> Self {
         let span = |from_s: f64, seconds: f64| {
             let from = (from_s * 1e9) as i64;
@@ -26,10 +26,10 @@ impl Absences {
                 _ => spans.push((from, to)),
             }
         }
-        Self { spans, told: 0 }
+        Self { spans, reported: 0 }
     }
 
-    /// Which of the times that the device is there, from 0; none if it is gone.
+    /// Connection epoch at a time, from 0; `None` while disconnected.
     pub(super) fn epoch(&self, time_ns: i64) -> Option<usize> {
         let over = self.spans.partition_point(|(_, to)| *to <= time_ns);
         match self.spans.get(over) {
@@ -42,7 +42,7 @@ impl Absences {
         &self.spans
     }
 
-    /// When an epoch began, ns.
+    /// Begin of an epoch, ns.
     pub(super) fn began(&self, epoch: usize) -> i64 {
         match epoch {
             0 => 0,
@@ -50,15 +50,15 @@ impl Absences {
         }
     }
 
-    /// The next time that the device goes, told once, if it goes before something arrives at `before_ns`
-    /// or nothing arrives any more.
+    /// Next disconnection, reported once, if it precedes the arrival at `before_ns` or nothing
+    /// arrives any more.
     pub(super) fn next_before(&mut self, before_ns: Option<i64>) -> Option<i64> {
-        let (from, _) = *self.spans.get(self.told)?;
-        // What arrives in that nanosecond is lost.
+        let (from, _) = *self.spans.get(self.reported)?;
+        // A delivery in that nanosecond is lost.
         if before_ns.is_some_and(|before| before < from) {
             return None;
         }
-        self.told += 1;
+        self.reported += 1;
         Some(from)
     }
 }

@@ -1,30 +1,31 @@
-//! The pictures of one stereo camera, one after the other.
+//! Renders the frames of one stereo camera in order.
 
 use std::sync::Arc;
 
 use crate::camera::optics::Conditions;
 use crate::camera::sensor::{AutoExposure, Exposure, SensorModel};
-use crate::camera::{Eye, Quality, Shot, auto_exposure};
+use crate::camera::{MonoCamera, Quality, Shot, auto_exposure};
 use crate::faults::CameraFaults;
 use crate::random;
 
 use super::{Simulation, seconds};
 
-/// Seeds of cameras, and of a camera's pictures, apart from the streams that sensors use themselves.
+/// Random streams that seed cameras and frames; distinct from the streams that sensors use
+/// themselves.
 const CAMERA_SEEDS: u64 = random::SENSOR + 0x80;
-const PICTURE_SEEDS: u64 = random::SENSOR + 0x81;
+const FRAME_SEEDS: u64 = random::SENSOR + 0x81;
 const SENSOR_SEEDS: u64 = random::SENSOR + 0x82;
-/// Pictures after which the exposure has found its way from any start.
-const SETTLING: u64 = 24;
+/// Number of frames after which the automatic exposure has converged from any start.
+const SETTLING_FRAMES: u64 = 24;
 
-/// A picture as the device delivers it.
+/// A stereo frame as the device delivers it.
 #[derive(Clone, Debug, PartialEq)]
 pub struct StereoFrame {
-    /// From 0.
+    /// Frame index, from 0.
     pub number: u64,
     /// Middle of the exposure of the middle row, ns since the beginning of the walk.
     pub time_ns: i64,
-    /// Of both eyes.
+    /// Exposure of both eyes.
     pub exposure: Exposure,
     /// Columns of both eyes together.
     pub width: usize,
@@ -34,26 +35,27 @@ pub struct StereoFrame {
     pub i420: Vec<u8>,
 }
 
-/// Makes the pictures of a camera.
-pub trait Painter: Send {
-    /// The picture of frame `number`, taken at this time, ns since the beginning of the walk. Asked for in
-    /// order, each once.
-    fn paint(&mut self, number: u64, time_ns: i64) -> StereoFrame;
+/// Source of the frames of a camera.
+pub trait FrameSource: Send {
+    /// Frame `number`, exposed at `time_ns`, ns since the beginning of the walk. Called in order,
+    /// once per frame.
+    fn render_frame(&mut self, number: u64, time_ns: i64) -> StereoFrame;
 }
 
-/// Exposes and develops the pictures of one camera. As an iterator it gives all frames of the walk.
-pub struct Pictures {
+/// Renders the frames of one camera. As an iterator it yields all frames of the walk.
+pub struct FrameRenderer {
     simulation: Arc<Simulation>,
     camera: usize,
     faults: CameraFaults,
     seed: u64,
-    eyes: [Eye; 2],
+    eyes: [MonoCamera; 2],
     auto: AutoExposure,
     next: u64,
 }
 
-impl Pictures {
-    /// The camera has been on for a while: its exposure is that of the walk's beginning.
+impl FrameRenderer {
+    /// The exposure starts converged for the beginning of the walk, as of a camera that has been
+    /// running.
     pub(super) fn new(simulation: &Arc<Simulation>, camera: usize) -> Self {
         let seed = random::bits(simulation.settings.seed, CAMERA_SEEDS, camera as u64);
         let of = &simulation.cameras[camera];
@@ -63,36 +65,36 @@ impl Pictures {
                 seed: random::bits(seed, SENSOR_SEEDS, k as u64),
                 ..simulation.imaging.sensor()
             };
-            Eye::new(&of.models[k], of.shutter, sensor, quality)
+            MonoCamera::new(&of.models[k], of.shutter, sensor, quality)
         };
-        let mut pictures = Self {
+        let mut renderer = Self {
             simulation: simulation.clone(),
             camera,
             faults: CameraFaults::default(),
             seed,
             eyes: [eye(0), eye(1)],
-            auto: auto_exposure(of.longest_exposure_s).fixed(simulation.imaging.exposure_s),
+            auto: auto_exposure(of.max_exposure_s).fixed(simulation.imaging.exposure_s),
             next: 0,
         };
-        pictures.settle(simulation.settings.frame_ns(0));
-        pictures
+        renderer.settle(simulation.settings.frame_ns(0));
+        renderer
     }
 
-    /// The same pictures through lenses with these faults.
+    /// The same frames with these faults.
     #[must_use]
     pub fn with_faults(mut self, faults: CameraFaults) -> Self {
         self.faults = faults;
         self
     }
 
-    /// Lets the exposure adapt to what is seen at a time.
+    /// Lets the automatic exposure converge for the scene at a time.
     pub fn settle(&mut self, time_ns: i64) {
-        for k in 0..SETTLING {
+        for k in 0..SETTLING_FRAMES {
             self.shoot(k, time_ns, Quality::FAST);
         }
     }
 
-    /// Takes a picture; `number` chooses its noise.
+    /// Renders one frame; `number` selects its noise.
     pub fn expose(&mut self, number: u64, time_ns: i64) -> StereoFrame {
         self.shoot(number, time_ns, self.simulation.settings.quality)
     }
@@ -108,13 +110,13 @@ impl Pictures {
         let placed = simulation.placed(&limbs);
         let time_s = camera.taken_s(time_ns);
         let conditions = Conditions::of(&self.faults, seconds(time_ns));
-        let slip = camera.slip(&conditions.turned);
+        let slip = camera.slip(&conditions.rotation);
         let mut i420 = vec![0; width * height * 3 / 2];
         let (luma, chroma) = i420.split_at_mut(width * height);
         let (cb, cr) = chroma.split_at_mut(width * height / 4);
         let mut mean = 0.0;
         for (k, eye) in self.eyes.iter_mut().enumerate() {
-            let noise = random::bits(self.seed, PICTURE_SEEDS, 2 * number + k as u64);
+            let noise = random::bits(self.seed, FRAME_SEEDS, 2 * number + k as u64);
             let pose = |t: f64| camera.world_from_eye(k, &simulation.walker.rig(t), slip.as_ref());
             let shot = Shot {
                 time_s,
@@ -123,7 +125,7 @@ impl Pictures {
                 noise,
             };
             eye.expose(simulation.scene(), &placed, &pose, &shot);
-            eye.spoil(simulation.scene(), &pose(time_s), &conditions, k as u64);
+            eye.degrade(simulation.scene(), &pose(time_s), &conditions, k as u64);
             // The right eye's columns follow the left one's in each row.
             let (x, half) = (k * eye_width, k * eye_width / 2);
             let chroma = [&mut cb[half..], &mut cr[half..]];
@@ -141,13 +143,13 @@ impl Pictures {
     }
 }
 
-impl Painter for Pictures {
-    fn paint(&mut self, number: u64, time_ns: i64) -> StereoFrame {
+impl FrameSource for FrameRenderer {
+    fn render_frame(&mut self, number: u64, time_ns: i64) -> StereoFrame {
         self.expose(number, time_ns)
     }
 }
 
-impl Iterator for Pictures {
+impl Iterator for FrameRenderer {
     type Item = StereoFrame;
 
     fn next(&mut self) -> Option<StereoFrame> {
@@ -164,7 +166,7 @@ impl Iterator for Pictures {
 
 impl StereoFrame {
     /// The luma of one eye (0 left, 1 right), rows first, without gaps.
-    pub fn grey(&self, eye: usize) -> Vec<u8> {
+    pub fn gray(&self, eye: usize) -> Vec<u8> {
         let half = self.width / 2;
         let rows = self.i420[..self.width * self.height].chunks_exact(self.width);
         rows.flat_map(|row| &row[eye * half..(eye + 1) * half])

@@ -1,23 +1,23 @@
-//! Pictures that were taken already, given to devices anew.
+//! Existing images as a frame source for devices.
 
 use std::sync::Arc;
 
 use rig_sim::camera::sensor::Exposure;
-use rig_sim::simulation::{Painter, StereoFrame};
+use rig_sim::simulation::{FrameSource, StereoFrame};
 
 use super::OwnedFrameSet;
 
-/// The pictures of one camera, by the number of the frame; they have no colour.
+/// The images of one camera, by frame number, without color.
 #[derive(Clone, Debug)]
-pub(super) struct Kept {
+pub(super) struct Prerendered {
     pub(super) sets: Arc<Vec<OwnedFrameSet>>,
     pub(super) camera: usize,
 }
 
-impl Painter for Kept {
-    fn paint(&mut self, number: u64, time_ns: i64) -> StereoFrame {
+impl FrameSource for Prerendered {
+    fn render_frame(&mut self, number: u64, time_ns: i64) -> StereoFrame {
         let view = self.sets[number as usize].views[self.camera].as_ref();
-        let view = view.expect("only sets that are whole are kept");
+        let view = view.expect("only complete sets are used");
         let rows = (view.left.chunks_exact(view.width)).zip(view.right.chunks_exact(view.width));
         let mut i420: Vec<u8> = rows.flat_map(|(l, r)| [l, r]).flatten().copied().collect();
         i420.resize(3 * view.width * view.height, 128);
