@@ -2,11 +2,11 @@
 //!
 //! Contract: a [`Band`] has a range for each row. What lies outside is never an answer: pixels whose place is there are
 //! absent or wrong. So a band that is narrower than all there can be is made of what is known of the scene ([`plan`]),
-//! and [`crate::Banded`] checks each time that nothing was cut off.
+//! and [`crate::BandedMatcher`] checks each time that nothing was cut off.
 
 pub mod plan;
 
-use crate::aggregate::{BEHIND, MOST};
+use crate::aggregation::{MAX_DISPARITIES, MAX_NEGATIVE_PX};
 use crate::error::DepthError;
 
 /// Disparities to look for, for each row.
@@ -30,7 +30,10 @@ impl Band {
             }
             _ => Err(DepthError::Band {
                 found: format!("{count} disparities from {first} px on"),
-                expected: format!("1 to {MOST}, from {} on", -(BEHIND as i32)),
+                expected: format!(
+                    "1 to {MAX_DISPARITIES}, from {} on",
+                    -(MAX_NEGATIVE_PX as i32)
+                ),
             }),
         }
     }
@@ -40,25 +43,28 @@ impl Band {
     /// # Errors
     /// [`DepthError::Band`] for rows without any, or for more disparities than can be looked for.
     pub fn rows(rows: &[[i32; 2]]) -> Result<Self, DepthError> {
-        let refused = |found: String, expected: String| Err(DepthError::Band { found, expected });
+        let invalid = |found: String, expected: String| Err(DepthError::Band { found, expected });
         let Some(first) = rows.iter().map(|row| row[0]).min() else {
-            return refused(
+            return invalid(
                 "no rows".to_owned(),
                 "one for each of the picture".to_owned(),
             );
         };
         if let Some([low, high]) = rows.iter().find(|[low, high]| low > high) {
-            return refused(
+            return invalid(
                 format!("a row from {low} to {high} px"),
                 "the least one first".to_owned(),
             );
         }
         let last = rows.iter().map(|row| row[1]).max().unwrap_or(first);
         let count = i64::from(last) - i64::from(first) + 1;
-        if count > MOST as i64 || first < -(BEHIND as i32) {
-            return refused(
+        if count > MAX_DISPARITIES as i64 || first < -(MAX_NEGATIVE_PX as i32) {
+            return invalid(
                 format!("{first} to {last} px"),
-                format!("{MOST} disparities at most, from {} on", -(BEHIND as i32)),
+                format!(
+                    "{MAX_DISPARITIES} disparities at most, from {} on",
+                    -(MAX_NEGATIVE_PX as i32)
+                ),
             );
         }
         let of = |[low, high]: &[i32; 2]| [(low - first) as u16, (high - first + 1) as u16];
@@ -94,7 +100,7 @@ impl Band {
     }
 
     /// Disparities of all rows together, as a share of `count` in each of them.
-    pub fn share_of(&self, count: usize) -> f64 {
+    pub fn searched_ratio(&self, count: usize) -> f64 {
         let all: u64 = self
             .rows
             .iter()
@@ -118,7 +124,7 @@ mod tests {
         let band = Band::rows(&rows).unwrap();
         assert_eq!((band.first(), band.count(), band.height()), (-2, 12, 3));
         assert_eq!([0, 1, 2].map(|y| band.row(y)), rows);
-        assert_eq!(band.share_of(12), 15.0 / 36.0);
+        assert_eq!(band.searched_ratio(12), 15.0 / 36.0);
         assert_eq!(Band::full(0, 64, 2).unwrap().row(1), [0, 63]);
     }
 

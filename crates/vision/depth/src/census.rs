@@ -11,8 +11,8 @@
 
 use rayon::prelude::*;
 
+use crate::image::ImageView;
 use crate::lanes::{Kernel, Lanes, Level};
-use crate::picture::Picture;
 
 /// Which pixels are compared.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -100,7 +100,7 @@ impl Codes {
     }
 
     /// The halved grey levels of a row.
-    pub(crate) fn grey(&self, y: usize) -> &[u8] {
+    pub(crate) fn gray(&self, y: usize) -> &[u8] {
         self.plane(y, self.planes)
     }
 
@@ -109,14 +109,14 @@ impl Codes {
         &mut self,
         level: Level,
         census: Census,
-        picture: &Picture<'_>,
+        image: &ImageView<'_>,
         layout: Layout,
     ) {
-        let (width, height) = (picture.width(), picture.height());
+        let (width, height) = (image.width(), image.height());
         let reach = census.reach();
         let pairs = census.pairs();
         let columns = width.next_multiple_of(level.lanes());
-        let padded = Padded::new(picture, reach, columns - width);
+        let padded = Padded::new(image, reach, columns - width);
         self.planes = census.planes();
         self.stride = layout.before + width + layout.behind;
         self.bytes.clear();
@@ -133,7 +133,7 @@ impl Codes {
                 for (pairs, plane) in bits.zip(planes) {
                     let plane = &mut plane[layout.before..layout.before + width];
                     if pairs.is_empty() {
-                        let halved = picture.row(y).iter().map(|v| v / 2);
+                        let halved = image.row(y).iter().map(|v| v / 2);
                         plane.iter_mut().zip(halved).for_each(|(to, v)| *to = v);
                     } else {
                         level.run(Bits {
@@ -161,12 +161,12 @@ pub(crate) struct Padded {
 }
 
 impl Padded {
-    pub(crate) fn new(picture: &Picture<'_>, reach: usize, more: usize) -> Self {
-        let (width, height) = (picture.width(), picture.height());
+    pub(crate) fn new(image: &ImageView<'_>, reach: usize, more: usize) -> Self {
+        let (width, height) = (image.width(), image.height());
         let stride = width + 2 * reach + more;
         let mut pixels = Vec::with_capacity(stride * (height + 2 * reach));
         for y in 0..height + 2 * reach {
-            let row = picture.row(y.saturating_sub(reach).min(height - 1));
+            let row = image.row(y.saturating_sub(reach).min(height - 1));
             pixels.extend(std::iter::repeat_n(row[0], reach));
             pixels.extend_from_slice(row);
             pixels.extend(std::iter::repeat_n(row[width - 1], reach + more));
@@ -230,35 +230,35 @@ impl Kernel for Bits<'_> {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::twin::{self, Random};
+    use crate::reference::{self, Random};
 
     #[test]
     fn codes_are_those_of_the_twin() {
         let mut random = Random(3);
         for (width, height) in [(1, 1), (5, 3), (70, 9), (131, 7)] {
-            let pixels = random.picture(width, height);
-            let picture = Picture::new(width, height, &pixels).unwrap();
+            let pixels = random.image(width, height);
+            let image = ImageView::new(width, height, &pixels).unwrap();
             for census in [Census::Full5x5, Census::Full7x7, Census::Opposite9x7] {
                 assert_eq!(census.pairs().len(), usize::from(census.bits()));
-                for (level, mirrored) in twin::with_levels([false, true]) {
+                for (level, mirrored) in reference::with_levels([false, true]) {
                     let mut codes = Codes::default();
                     let layout = Layout {
                         before: 3,
                         behind: 2,
                         mirrored,
                     };
-                    codes.compute(level, census, &picture, layout);
+                    codes.compute(level, census, &image, layout);
                     for y in 0..height {
                         for x in 0..width {
                             let at = if mirrored { width - 1 - x } else { x };
-                            let expected = twin::code(&picture, census, x, y);
+                            let expected = reference::code(&image, census, x, y);
                             // The last byte may have fewer bits.
                             let found = (0..census.planes()).fold(0u64, |code, p| {
                                 let bits = census.pairs()[8 * p..].len().min(8);
                                 code << bits | u64::from(codes.plane(y, p)[3 + at])
                             });
                             assert_eq!(found, expected, "{census:?} {level:?} {x} {y}");
-                            assert_eq!(codes.grey(y)[3 + at], pixels[y * width + x] / 2);
+                            assert_eq!(codes.gray(y)[3 + at], pixels[y * width + x] / 2);
                         }
                     }
                 }

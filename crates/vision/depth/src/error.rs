@@ -5,7 +5,7 @@
 pub enum DepthError {
     /// Not a picture: give as many pixels as the size says.
     #[error("taking a picture: found {found} pixels, expected {width} x {height}, at least one")]
-    Picture {
+    Image {
         /// Columns.
         width: usize,
         /// Rows.

@@ -105,10 +105,10 @@ impl Level {
     pub fn best() -> Self {
         #[cfg(target_arch = "x86_64")]
         {
-            if Self::Avx512.is_there() {
+            if Self::Avx512.is_supported() {
                 return Self::Avx512;
             }
-            if Self::Avx2.is_there() {
+            if Self::Avx2.is_supported() {
                 return Self::Avx2;
             }
         }
@@ -124,10 +124,13 @@ impl Level {
             #[cfg(target_arch = "x86_64")]
             Self::Avx512,
         ];
-        known.into_iter().filter(|level| level.is_there()).collect()
+        known
+            .into_iter()
+            .filter(|level| level.is_supported())
+            .collect()
     }
 
-    fn is_there(self) -> bool {
+    fn is_supported(self) -> bool {
         match self {
             Self::Portable => true,
             #[cfg(target_arch = "x86_64")]
@@ -157,7 +160,7 @@ impl Level {
     /// # Panics
     /// The processor does not have this.
     pub(crate) fn run<K: Kernel>(self, kernel: K) -> K::Output {
-        assert!(self.is_there(), "this processor has no {self:?}");
+        assert!(self.is_supported(), "this processor has no {self:?}");
         match self {
             Self::Portable => kernel.run::<portable::Bytes>(),
             #[cfg(target_arch = "x86_64")]

@@ -34,7 +34,7 @@ pub struct Geometry {
     /// Focal length of both, px.
     pub focal_px: f64,
     /// Principal point of the left camera, px.
-    pub centre: [f64; 2],
+    pub center: [f64; 2],
     /// Distance of the two, m.
     pub baseline_m: f64,
     /// Principal point of the right camera less that of the left one along x, px; 0 for most pairs.
@@ -44,11 +44,11 @@ pub struct Geometry {
 impl Geometry {
     /// # Errors
     /// [`DepthError::Geometry`] for a focal length or baseline that is not above 0, or what is not finite.
-    pub fn check(&self) -> Result<(), DepthError> {
+    pub fn validate(&self) -> Result<(), DepthError> {
         let lengths = [self.focal_px, self.baseline_m];
-        let others = [self.centre[0], self.centre[1], self.offset_px];
-        let fine = lengths.iter().all(|v| *v > 0.0 && v.is_finite());
-        if fine && others.iter().all(|v| v.is_finite()) {
+        let others = [self.center[0], self.center[1], self.offset_px];
+        let valid = lengths.iter().all(|v| *v > 0.0 && v.is_finite());
+        if valid && others.iter().all(|v| v.is_finite()) {
             return Ok(());
         }
         Err(DepthError::Geometry {
@@ -67,18 +67,22 @@ impl Geometry {
         self.focal_px * self.baseline_m / depth_m - self.offset_px
     }
 
-    /// Depths of a map. What is so far away that its sigma is more than `most_relative` of its depth is absent: nobody knows
+    /// Depths of a map. What is so far away that its sigma is more than `max_relative_sigma` of its depth is absent: nobody knows
     /// how far away it is.
     ///
     /// # Errors
     /// [`DepthError::Geometry`].
-    pub fn depth(&self, map: &DisparityMap, most_relative: f64) -> Result<DepthMap, DepthError> {
-        self.check()?;
+    pub fn depth(
+        &self,
+        map: &DisparityMap,
+        max_relative_sigma: f64,
+    ) -> Result<DepthMap, DepthError> {
+        self.validate()?;
         let of = |(disparity, sigma): (&f32, &f32)| {
             let apart = f64::from(*disparity) + self.offset_px;
             let relative = f64::from(*sigma) / apart;
             // Also false for NaN.
-            if apart > 0.0 && relative <= most_relative {
+            if apart > 0.0 && relative <= max_relative_sigma {
                 let depth = self.depth_m(f64::from(*disparity));
                 (depth as f32, (depth * relative) as f32)
             } else {
@@ -102,7 +106,7 @@ mod tests {
 
     const GEOMETRY: Geometry = Geometry {
         focal_px: 400.0,
-        centre: [319.5, 239.5],
+        center: [319.5, 239.5],
         baseline_m: 0.1,
         offset_px: 2.0,
     };

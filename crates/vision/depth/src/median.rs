@@ -12,7 +12,7 @@ pub(crate) fn median(level: Level, width: usize, map: &[f32], filtered: &mut Vec
     let height = map.len() / width;
     let rows = filtered.par_chunks_exact_mut(width).enumerate();
     rows.for_each_init(
-        || [0; 3].map(|_| vec![f32::NAN; width.next_multiple_of(AT_ONCE) + 2]),
+        || [0; 3].map(|_| vec![f32::NAN; width.next_multiple_of(CHUNK) + 2]),
         |near, (y, to)| {
             for (k, row) in near.iter_mut().enumerate() {
                 let inside = (y + k).checked_sub(1).filter(|y| *y < height);
@@ -30,14 +30,14 @@ pub(crate) fn median(level: Level, width: usize, map: &[f32], filtered: &mut Vec
     );
 }
 
-/// One row; its neighbours begin one before it and end one behind it, or behind the last [`AT_ONCE`] pixels that it begins.
+/// One row; its neighbours begin one before it and end one behind it, or behind the last [`CHUNK`] pixels that it begins.
 struct Row<'a> {
     near: [&'a [f32]; 3],
     to: &'a mut [f32],
 }
 
 /// Pixels at a time.
-const AT_ONCE: usize = 128;
+const CHUNK: usize = 128;
 
 impl Kernel for Row<'_> {
     type Output = ();
@@ -45,18 +45,18 @@ impl Kernel for Row<'_> {
     #[inline(always)]
     fn run<V: Lanes>(self) {
         let width = self.to.len();
-        let mut nine = [[0.0; AT_ONCE]; 9];
-        for from in (0..width).step_by(AT_ONCE) {
-            let at = |k: usize| &self.near[k / 3][from + k % 3..][..AT_ONCE];
+        let mut nine = [[0.0; CHUNK]; 9];
+        for from in (0..width).step_by(CHUNK) {
+            let at = |k: usize| &self.near[k / 3][from + k % 3..][..CHUNK];
             let middle = at(4);
             for (k, values) in nine.iter_mut().enumerate() {
                 let row = at(k);
-                for i in 0..AT_ONCE {
+                for i in 0..CHUNK {
                     values[i] = if row[i].is_nan() { middle[i] } else { row[i] };
                 }
             }
             sort_to_middle(&mut nine);
-            let count = AT_ONCE.min(width - from);
+            let count = CHUNK.min(width - from);
             self.to[from..][..count].copy_from_slice(&nine[4][..count]);
         }
     }
@@ -65,7 +65,7 @@ impl Kernel for Row<'_> {
 /// The middle one of nine, for several pixels: three columns sorted, then the greatest of the least, the middle of the middle
 /// ones and the least of the greatest, of which it is the middle one. It comes to 4.
 #[inline(always)]
-fn sort_to_middle(nine: &mut [[f32; AT_ONCE]; 9]) {
+fn sort_to_middle(nine: &mut [[f32; CHUNK]; 9]) {
     for column in 0..3 {
         sort(nine, column, column + 3);
         sort(nine, column + 3, column + 6);
@@ -87,8 +87,8 @@ fn sort_to_middle(nine: &mut [[f32; AT_ONCE]; 9]) {
 
 /// Puts the lesser one first. NaN is with NaN only: a pixel without disparity has nine of them.
 #[inline(always)]
-fn sort(nine: &mut [[f32; AT_ONCE]; 9], first: usize, second: usize) {
-    for i in 0..AT_ONCE {
+fn sort(nine: &mut [[f32; CHUNK]; 9], first: usize, second: usize) {
+    for i in 0..CHUNK {
         let (a, b) = (nine[first][i], nine[second][i]);
         nine[first][i] = if b < a { b } else { a };
         nine[second][i] = if b < a { a } else { b };
@@ -98,12 +98,12 @@ fn sort(nine: &mut [[f32; AT_ONCE]; 9], first: usize, second: usize) {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::twin::{self, Random};
+    use crate::reference::{self, Random};
 
     #[test]
     fn medians_are_the_middle_of_nine() {
         let mut random = Random(21);
-        for (level, (width, height)) in twin::with_levels([(1, 1), (3, 2), (40, 9)]) {
+        for (level, (width, height)) in reference::with_levels([(1, 1), (3, 2), (40, 9)]) {
             let map: Vec<f32> = (0..width * height)
                 .map(|_| match random.below(4) {
                     0 => f32::NAN,

@@ -1,9 +1,9 @@
 //! How much trouble a depth map is worth.
 
-use crate::aggregate::{Paths, Penalties};
+use crate::aggregation::{Paths, Penalties};
 use crate::census::Census;
 use crate::error::DepthError;
-use crate::halved::Half;
+use crate::half_resolution::Downsample;
 use crate::lanes::Level;
 
 /// How a pair of pictures is compared.
@@ -12,7 +12,7 @@ pub struct Matching {
     /// Which pixels are compared.
     pub census: Census,
     /// Most that the difference of grey levels may cost, in half levels; a bit of census costs 1.
-    pub grey: u8,
+    pub max_gray_cost: u8,
     /// Costs of the way from pixel to pixel.
     pub penalties: Penalties,
     /// Whether both pictures are smoothed first.
@@ -23,29 +23,29 @@ pub struct Matching {
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Settings {
     /// Whether pictures are made smaller first.
-    pub half: Option<Half>,
+    pub downsample: Option<Downsample>,
     /// For pictures with little noise.
     pub clear: Matching,
     /// For the others.
     pub noisy: Matching,
     /// Standard deviation of noise from which on pictures are noisy, grey levels.
-    pub noise: f64,
+    pub min_noise: f64,
     /// Which paths lead to a pixel.
     pub paths: Paths,
     /// How far the winners of the two pictures may be apart, px.
-    pub apart: u16,
+    pub max_lr_difference_px: u16,
     /// How much less the cost of a disparity must be than that of others that are not beside it, percent.
-    pub unique: u16,
+    pub uniqueness_percent: u16,
     /// Whether each disparity becomes the median of it and its neighbours.
     pub median: bool,
     /// Islands of less pixels than this are absent.
-    pub island: usize,
+    pub min_speckle_px: usize,
     /// Neighbours of one island differ by at most this, px.
-    pub island_step: f32,
+    pub speckle_step_px: f32,
     /// Correlation that the two pictures must have around a pixel and where it leads to. Of noise it is 0.08 either way.
-    pub least_alike: f32,
+    pub min_correlation: f32,
     /// What has a larger sigma is absent, px.
-    pub largest_sigma: f32,
+    pub max_sigma_px: f32,
     /// The instructions to use; none for the best that there are.
     pub level: Option<Level>,
 }
@@ -78,40 +78,40 @@ impl Preset {
 impl Settings {
     /// The settings of a preset.
     pub fn preset(preset: Preset) -> Self {
-        let (half, census, paths) = match preset {
-            Preset::Fast => (Some(Half::Rows), Census::Full5x5, Paths::Three),
+        let (downsample, census, paths) = match preset {
+            Preset::Fast => (Some(Downsample::Rows), Census::Full5x5, Paths::Three),
             Preset::Balanced => (None, Census::Full5x5, Paths::Eight),
             Preset::Accurate => (None, Census::Full7x7, Paths::Eight),
         };
         Self {
-            half,
+            downsample,
             clear: Matching {
                 census,
-                grey: 8,
+                max_gray_cost: 8,
                 penalties: Penalties::for_costs_up_to(census.bits() + 8),
                 smooth: false,
             },
             noisy: Matching {
                 census: Census::Opposite9x7,
-                grey: 8,
+                max_gray_cost: 8,
                 penalties: Penalties::for_costs_up_to(Census::Opposite9x7.bits() + 8),
                 smooth: true,
             },
-            noise: 1.4,
+            min_noise: 1.4,
             paths,
-            apart: 1,
-            unique: 0,
+            max_lr_difference_px: 1,
+            uniqueness_percent: 0,
             median: true,
-            island: 100,
-            island_step: 1.5,
-            least_alike: 0.25,
-            largest_sigma: 6.0,
+            min_speckle_px: 100,
+            speckle_step_px: 1.5,
+            min_correlation: 0.25,
+            max_sigma_px: 6.0,
             level: None,
         }
     }
 
-    pub(crate) fn check(&self) -> Result<(), DepthError> {
-        let refused = |what, found: String, expected: String| {
+    pub(crate) fn validate(&self) -> Result<(), DepthError> {
+        let invalid = |what, found: String, expected: String| {
             Err(DepthError::Settings {
                 what,
                 found,
@@ -120,16 +120,16 @@ impl Settings {
         };
         for matching in [&self.clear, &self.noisy] {
             let penalties = &matching.penalties;
-            let most = u32::from(matching.census.bits()) + u32::from(matching.grey);
-            if most + u32::from(penalties.large) > LARGEST_COST {
-                return refused(
+            let most = u32::from(matching.census.bits()) + u32::from(matching.max_gray_cost);
+            if most + u32::from(penalties.large) > MAX_COST {
+                return invalid(
                     "the large penalty",
                     penalties.large.to_string(),
-                    format!("at most {LARGEST_COST} with costs of up to {most}"),
+                    format!("at most {MAX_COST} with costs of up to {most}"),
                 );
             }
-            if penalties.large_least > penalties.large || penalties.small > penalties.large {
-                return refused(
+            if penalties.min_large > penalties.large || penalties.small > penalties.large {
+                return invalid(
                     "the large penalty",
                     penalties.large.to_string(),
                     "no less than the small one and than its least".to_owned(),
@@ -138,21 +138,21 @@ impl Settings {
         }
         // Not a number is in no range.
         let numbers = [
-            ("the step within islands", self.island_step),
-            ("the largest sigma", self.largest_sigma),
+            ("the step within islands", self.speckle_step_px),
+            ("the largest sigma", self.max_sigma_px),
         ];
         match numbers
             .into_iter()
             .find(|(_, value)| value.is_nan() || *value < 0.0)
         {
             None => Ok(()),
-            Some((what, value)) => refused(what, value.to_string(), "0 px or more".to_owned()),
+            Some((what, value)) => invalid(what, value.to_string(), "0 px or more".to_owned()),
         }
     }
 }
 
 /// Costs along a path are bytes, of which 255 means that it cannot be.
-const LARGEST_COST: u32 = 254;
+const MAX_COST: u32 = 254;
 
 impl Penalties {
     /// In the proportion to the greatest cost that has been found best on `docs/benchmarks/depth.json`.
@@ -162,7 +162,7 @@ impl Penalties {
             small: share(45),
             large: share(200),
             slope: (share(200) / 25).max(1),
-            large_least: share(50),
+            min_large: share(50),
         }
     }
 }

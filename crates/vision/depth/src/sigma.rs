@@ -12,20 +12,20 @@ mod tables;
 
 pub use fit::Sample;
 
-use crate::aggregate::{Paths, Winner};
-use crate::cells::Near;
+use crate::aggregation::{Paths, Winner};
+use crate::correlation::Neighborhood;
 
 /// What there is to judge a disparity by.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct Evidence {
     /// How much more the second best costs, as a ratio of the best.
-    pub lead: f32,
+    pub second_best_margin: f32,
     /// How steeply costs rise beside the best, as a ratio of it.
-    pub rise: f32,
+    pub cost_slope: f32,
     /// Greatest less least disparity around the pixel, px.
-    pub range: f32,
+    pub disparity_range_px: f32,
     /// Share of pixels around it that have a disparity.
-    pub share: f32,
+    pub density: f32,
 }
 
 /// Kinds of evidence.
@@ -43,12 +43,12 @@ pub struct Model {
 }
 
 /// Errors are not told apart below this, px: the logarithm is that of the error and this.
-const FINEST_PX: f32 = 0.05;
+const MIN_ERROR_PX: f32 = 0.05;
 /// What the ratios of costs add to the best cost, for each path, so that a best of 0 has one.
-const COST_OF_PATH: f32 = 2.5;
+const COST_OFFSET_PER_PATH: f32 = 2.5;
 
 impl Evidence {
-    pub(crate) fn new(paths: Paths, winner: &Winner, near: Near) -> Self {
+    pub(crate) fn new(paths: Paths, winner: &Winner, near: Neighborhood) -> Self {
         let count = match paths {
             Paths::Three => 3.0,
             Paths::Four => 4.0,
@@ -56,17 +56,22 @@ impl Evidence {
         };
         let best = f32::from(winner.least);
         let [before, behind] = winner.beside.map(|sum| f32::from(sum) - best);
-        let whole = best + COST_OF_PATH * count;
+        let whole = best + COST_OFFSET_PER_PATH * count;
         Self {
-            lead: (f32::from(winner.second) - best) / whole,
-            rise: before.max(behind) / whole,
-            range: near.greatest - near.least,
-            share: f32::from(near.found) / f32::from(near.all.max(1)),
+            second_best_margin: (f32::from(winner.second) - best) / whole,
+            cost_slope: before.max(behind) / whole,
+            disparity_range_px: near.max - near.min,
+            density: f32::from(near.found) / f32::from(near.all.max(1)),
         }
     }
 
     fn kinds(&self) -> [f32; KINDS] {
-        [self.lead, self.rise, self.range, self.share]
+        [
+            self.second_best_margin,
+            self.cost_slope,
+            self.disparity_range_px,
+            self.density,
+        ]
     }
 }
 
@@ -85,7 +90,7 @@ impl Model {
         for (kind, value) in evidence.kinds().into_iter().enumerate() {
             log += self.logs[kind][class(&self.edges[kind], value)];
         }
-        0.5 * (log.exp() - FINEST_PX).max(FINEST_PX)
+        0.5 * (log.exp() - MIN_ERROR_PX).max(MIN_ERROR_PX)
     }
 }
 

@@ -8,15 +8,15 @@ use rayon::prelude::*;
 
 /// Pixels of islands, as trees: each pixel names one of its own island that lies before it, the first names itself.
 #[derive(Debug, Default)]
-pub(crate) struct Islands {
+pub(crate) struct SpeckleFilter {
     parents: Vec<u32>,
     sizes: Vec<u32>,
 }
 
-impl Islands {
-    /// Takes the islands of less than `least` pixels out of a map; NaN is absent.
-    pub(crate) fn remove(&mut self, width: usize, map: &mut [f32], step: f32, least: usize) {
-        if least <= 1 || map.is_empty() {
+impl SpeckleFilter {
+    /// Takes the islands of less than `min_px` pixels out of a map; NaN is absent.
+    pub(crate) fn remove(&mut self, width: usize, map: &mut [f32], step: f32, min_px: usize) {
+        if min_px <= 1 || map.is_empty() {
             return;
         }
         let count = map.len();
@@ -25,15 +25,15 @@ impl Islands {
         let middle = count / width / 2 * width;
         let (upper, lower) = self.parents.split_at_mut(middle);
         let (upper_sizes, lower_sizes) = self.sizes.split_at_mut(middle);
-        let seen = &*map;
+        let input = &*map;
         rayon::join(
-            || grow(width, 0, upper, upper_sizes, &seen[..middle], step),
-            || grow(width, middle, lower, lower_sizes, &seen[middle..], step),
+            || grow(width, 0, upper, upper_sizes, &input[..middle], step),
+            || grow(width, middle, lower, lower_sizes, &input[middle..], step),
         );
         // Across the seam. Only the first pixels of islands change.
         if middle > 0 {
             for i in middle..middle + width {
-                if (seen[i] - seen[i - width]).abs() <= step {
+                if (input[i] - input[i - width]).abs() <= step {
                     let (first, second) = join(&mut self.parents, 0, i, i - width);
                     if first != second {
                         self.sizes[first] += self.sizes[second];
@@ -49,7 +49,7 @@ impl Islands {
                 while parents[root] as usize != root {
                     root = parents[root] as usize;
                 }
-                if (sizes[root] as usize) < least {
+                if (sizes[root] as usize) < min_px {
                     *value = f32::NAN;
                 }
             }
@@ -110,15 +110,15 @@ fn root(parents: &mut [u32], base: usize, of: usize) -> usize {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::twin::Random;
+    use crate::reference::Random;
 
     /// Grows every island from every pixel.
-    fn twin(width: usize, map: &[f32], step: f32, least: usize) -> Vec<f32> {
+    fn reference(width: usize, map: &[f32], step: f32, min_px: usize) -> Vec<f32> {
         let height = map.len() / width;
-        let island = |from: usize| {
-            let mut seen = vec![false; map.len()];
+        let min_speckle_px = |from: usize| {
+            let mut input = vec![false; map.len()];
             let mut open = vec![from];
-            seen[from] = true;
+            input[from] = true;
             let mut size = 0;
             while let Some(i) = open.pop() {
                 size += 1;
@@ -129,24 +129,30 @@ mod tests {
                 near.extend((y > 0).then(|| i - width));
                 near.extend((y + 1 < height).then_some(i + width));
                 for k in near {
-                    if !seen[k] && (map[k] - map[i]).abs() <= step {
-                        seen[k] = true;
+                    if !input[k] && (map[k] - map[i]).abs() <= step {
+                        input[k] = true;
                         open.push(k);
                     }
                 }
             }
             size
         };
-        let kept = |i: usize| if island(i) >= least { map[i] } else { f32::NAN };
+        let kept = |i: usize| {
+            if min_speckle_px(i) >= min_px {
+                map[i]
+            } else {
+                f32::NAN
+            }
+        };
         (0..map.len()).map(kept).collect()
     }
 
     #[test]
     fn islands_are_those_that_grow() {
         let mut random = Random(31);
-        let mut islands = Islands::default();
+        let mut speckle_filter = SpeckleFilter::default();
         for (width, height) in [(1, 1), (1, 7), (17, 1), (24, 19), (30, 30)] {
-            for least in [0, 2, 6, 20] {
+            for min_px in [0, 2, 6, 20] {
                 let map: Vec<f32> = (0..width * height)
                     .map(|_| match random.below(8) {
                         0 => f32::NAN,
@@ -154,10 +160,10 @@ mod tests {
                     })
                     .collect();
                 let mut found = map.clone();
-                islands.remove(width, &mut found, 1.0, least);
-                let expected = twin(width, &map, 1.0, least);
+                speckle_filter.remove(width, &mut found, 1.0, min_px);
+                let expected = reference(width, &map, 1.0, min_px);
                 let same = |(a, b): (&f32, &f32)| a == b || (a.is_nan() && b.is_nan());
-                assert!(found.iter().zip(&expected).all(same), "{width} {least}");
+                assert!(found.iter().zip(&expected).all(same), "{width} {min_px}");
             }
         }
     }

@@ -6,9 +6,9 @@
 
 use crate::band::Band;
 use crate::error::DepthError;
+use crate::image::ImageView;
 use crate::map::{DisparityMap, Geometry};
 use crate::matcher::Matcher;
-use crate::picture::Picture;
 use crate::settings::{Preset, Settings};
 
 /// A plane: all points `p` with `normal . p = distance_m`, in the left optical frame (x right, y down, z forward).
@@ -26,7 +26,7 @@ pub struct Margin {
     /// Disparities at either end, px.
     pub px: i32,
     /// The same as a share of the disparity.
-    pub share: f64,
+    pub ratio: f64,
     /// Rows above and below that a row must hold the disparities of.
     pub rows: usize,
 }
@@ -35,13 +35,13 @@ impl Margin {
     /// For walks at 15 pictures per second.
     pub const WALK: Self = Self {
         px: 3,
-        share: 0.1,
+        ratio: 0.1,
         rows: 8,
     };
 }
 
 /// Bands change only every so many rows, at multiples of this: changes cost time.
-const BLOCK: usize = 8;
+const BLOCK_ROWS: usize = 8;
 
 /// What each row needs.
 #[derive(Clone, Debug, PartialEq, Eq)]
@@ -96,8 +96,8 @@ impl Plan {
             // Inverse depth is linear along a row.
             let [a, b] = [0.0, width as f64 - 1.0].map(|x| {
                 let ray = [
-                    (x - geometry.centre[0]) / geometry.focal_px,
-                    (y as f64 - geometry.centre[1]) / geometry.focal_px,
+                    (x - geometry.center[0]) / geometry.focal_px,
+                    (y as f64 - geometry.center[1]) / geometry.focal_px,
                     1.0,
                 ];
                 let along: f64 = ray.iter().zip(plane.normal).map(|(r, n)| r * n).sum();
@@ -118,8 +118,8 @@ impl Plan {
     pub fn finish(&self, margin: &Margin) -> Result<Band, DepthError> {
         let height = self.rows.len();
         let mut rows = Vec::with_capacity(height);
-        for block in (0..height).step_by(BLOCK) {
-            let count = BLOCK.min(height - block);
+        for block in (0..height).step_by(BLOCK_ROWS) {
+            let count = BLOCK_ROWS.min(height - block);
             let near = block.saturating_sub(margin.rows)..(block + count + margin.rows).min(height);
             let (mut low, mut high) = (i32::MAX, i32::MIN);
             let (mut lowest, mut highest) = (i32::MAX, i32::MIN);
@@ -131,7 +131,7 @@ impl Plan {
                 lowest = lowest.min(full[0]);
                 highest = highest.max(full[1]);
             }
-            let more = |d: i32| margin.px + (f64::from(d.max(0)) * margin.share).ceil() as i32;
+            let more = |d: i32| margin.px + (f64::from(d.max(0)) * margin.ratio).ceil() as i32;
             let low = low.saturating_sub(more(low)).clamp(lowest, highest);
             let high = high.saturating_add(more(high)).clamp(lowest, highest);
             rows.extend(std::iter::repeat_n([low.min(high), high], count));
@@ -153,7 +153,7 @@ pub struct Probe {
 /// How much smaller the pictures are that are looked at.
 const SCALE: usize = 4;
 /// The smallest side of what is left.
-const SMALLEST: usize = 16;
+const MIN_SIDE_PX: usize = 16;
 
 impl Probe {
     /// For pictures of `width` columns, and rows and disparities of a band; none where they are too small for a coarse look.
@@ -162,7 +162,7 @@ impl Probe {
     /// None that a full band would not have given.
     pub fn new(full: &Band, width: usize) -> Result<Option<Self>, DepthError> {
         let size = [width / SCALE, full.height() / SCALE];
-        if size[0] < SMALLEST || size[1] < SMALLEST {
+        if size[0] < MIN_SIDE_PX || size[1] < MIN_SIDE_PX {
             return Ok(None);
         }
         let scale = SCALE as i32;
@@ -170,14 +170,14 @@ impl Probe {
         let last = (full.first() + full.count() as i32).div_euclid(scale) + 1;
         // Little things count here, and nobody minds a hole: jumps are cheap.
         let mut settings = Settings {
-            island: 4,
+            min_speckle_px: 4,
             ..Settings::preset(Preset::Balanced)
         };
         for matching in [&mut settings.clear, &mut settings.noisy] {
             let penalties = &mut matching.penalties;
             penalties.small /= 2;
             penalties.large /= 2;
-            penalties.large_least /= 2;
+            penalties.min_large /= 2;
         }
         Ok(Some(Self {
             matcher: Matcher::new(settings, size[0], size[1])?,
@@ -191,18 +191,19 @@ impl Probe {
     ///
     /// # Errors
     /// [`DepthError::Size`] where the right picture has another size than the left one, or both than was said.
-    pub fn look(
+    pub fn search(
         &mut self,
-        left: &Picture<'_>,
-        right: &Picture<'_>,
+        left: &ImageView<'_>,
+        right: &ImageView<'_>,
         plan: &mut Plan,
     ) -> Result<(), DepthError> {
-        for (picture, small) in [left, right].into_iter().zip(&mut self.small) {
-            shrink(picture, small);
+        for (image, small) in [left, right].into_iter().zip(&mut self.small) {
+            shrink(image, small);
         }
-        let size = |p: &Picture<'_>| [p.width() / SCALE, p.height() / SCALE];
-        let small =
-            |p: &Picture<'_>, eye: usize| Picture::new(size(p)[0], size(p)[1], &self.small[eye]);
+        let size = |p: &ImageView<'_>| [p.width() / SCALE, p.height() / SCALE];
+        let small = |p: &ImageView<'_>, eye: usize| {
+            ImageView::new(size(p)[0], size(p)[1], &self.small[eye])
+        };
         let (left, right) = (small(left, 0)?, small(right, 1)?);
         let map = self.matcher.run(&left, &right, &self.band)?;
         debug_assert_eq!([map.width, map.height], self.size);
@@ -219,15 +220,15 @@ impl Probe {
 }
 
 /// Means of 4x4 pixels.
-fn shrink(picture: &Picture<'_>, small: &mut Vec<u8>) {
-    let (width, height) = (picture.width() / SCALE, picture.height() / SCALE);
+fn shrink(image: &ImageView<'_>, small: &mut Vec<u8>) {
+    let (width, height) = (image.width() / SCALE, image.height() / SCALE);
     small.clear();
     small.reserve(width * height);
     let mut sums = vec![0u16; width];
     for y in 0..height {
         sums.fill(0);
         for k in 0..SCALE {
-            let row = picture.row(y * SCALE + k);
+            let row = image.row(y * SCALE + k);
             for (sum, four) in sums.iter_mut().zip(row.chunks_exact(SCALE)) {
                 *sum += four.iter().map(|v| u16::from(*v)).sum::<u16>();
             }

@@ -102,7 +102,7 @@ fn expected(a: &[u8], b: &[u8]) -> Vec<Vec<u16>> {
 
 #[test]
 fn every_level_computes_the_same() {
-    let mut random = crate::twin::Random(1);
+    let mut random = crate::reference::Random(1);
     for level in Level::all() {
         let n = level.lanes();
         for round in 0..200 {

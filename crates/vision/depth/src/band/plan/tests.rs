@@ -1,9 +1,9 @@
 use super::*;
-use crate::twin::Random;
+use crate::reference::Random;
 
 const NONE: Margin = Margin {
     px: 0,
-    share: 0.0,
+    ratio: 0.0,
     rows: 0,
 };
 
@@ -24,7 +24,7 @@ fn a_plan_holds_all_that_was_added() {
     );
     let margin = Margin {
         px: 2,
-        share: 0.1,
+        ratio: 0.1,
         rows: 2,
     };
     let wide = plan.finish(&margin).unwrap();
@@ -38,7 +38,7 @@ fn a_plan_holds_all_that_was_added() {
 fn a_plane_is_where_its_rays_meet_it() {
     let geometry = Geometry {
         focal_px: 300.0,
-        centre: [159.5, 79.5],
+        center: [159.5, 79.5],
         baseline_m: 0.1,
         offset_px: 0.0,
     };
@@ -93,16 +93,16 @@ fn a_probe_finds_what_came_in() {
     }
     let full = Band::full(0, 128, height).unwrap();
     let mut probe = Probe::new(&full, width).unwrap().unwrap();
-    let pictures = [0, 1].map(|eye| Picture::new(width, height, &eyes[eye]).unwrap());
+    let images = [0, 1].map(|eye| ImageView::new(width, height, &eyes[eye]).unwrap());
     let mut plan = Plan::new(&full);
-    probe.look(&pictures[0], &pictures[1], &mut plan).unwrap();
+    probe.search(&images[0], &images[1], &mut plan).unwrap();
     let band = plan.finish(&Margin::WALK).unwrap();
     let holds = |y: usize, d: i32| band.row(y)[0] <= d && d <= band.row(y)[1];
     assert!((0..height).all(|y| holds(y, 6)), "{band:?}");
     assert!((34..58).all(|y| holds(y, 48)), "{band:?}");
     assert!(band.row(0)[1] < 48, "{band:?}");
-    let other = Picture::new(128, 64, &eyes[0][..128 * 64]).unwrap();
-    assert!(probe.look(&other, &other, &mut plan).is_err());
+    let other = ImageView::new(128, 64, &eyes[0][..128 * 64]).unwrap();
+    assert!(probe.search(&other, &other, &mut plan).is_err());
 }
 
 #[test]

@@ -1,8 +1,8 @@
 //! The way back along a row, and which disparity wins.
 
 use super::Span;
-use super::path::{load, step_along};
-use crate::cost::OUT;
+use super::forward::{load, step_along};
+use crate::cost::INVALID;
 use crate::lanes::{Kernel, Lanes, Words};
 
 /// What is known of a pixel when its paths have come together.
@@ -30,10 +30,10 @@ pub(super) struct RightWinners {
 /// No lane, no sum.
 pub(crate) const NONE: u16 = u16::MAX;
 /// What a disparity that cannot be adds to a sum for each vector of sums that goes into it; others add less.
-pub(super) const OUT_SUM: u16 = OUT as u16;
+pub(super) const INVALID_SUM: u16 = INVALID as u16;
 
 /// One row.
-pub(super) struct Back<'a> {
+pub(super) struct BackwardPass<'a> {
     pub(super) width: usize,
     pub(super) stride: usize,
     pub(super) span: Span,
@@ -46,7 +46,7 @@ pub(super) struct Back<'a> {
     pub(super) right: &'a mut RightWinners,
 }
 
-impl Kernel for Back<'_> {
+impl Kernel for BackwardPass<'_> {
     type Output = ();
 
     #[inline(always)]
@@ -56,15 +56,17 @@ impl Kernel for Back<'_> {
 }
 
 /// Words before the sums of a pixel, so that there is something beside the first.
-const BEFORE: usize = 32;
+const LEADING: usize = 32;
 /// Most lanes of a pixel.
-const MOST: usize = 512;
+const MAX_LANES: usize = 512;
 
-impl Back<'_> {
+impl BackwardPass<'_> {
     #[inline(always)]
     fn vectors<V: Lanes, const N: usize>(self) {
         let (width, stride, start) = (self.width, self.stride, self.span.start);
-        assert!(self.span.lanes == N * V::COUNT && self.span.end() <= stride && stride <= MOST);
+        assert!(
+            self.span.lanes == N * V::COUNT && self.span.end() <= stride && stride <= MAX_LANES
+        );
         assert!(self.costs.len() >= width * stride);
         let mut sums = self.sums.iter().flatten();
         assert!(sums.all(|sum| sum.len() >= width * stride));
@@ -81,10 +83,10 @@ impl Back<'_> {
         let mut kept_lanes = [[none; 2]; N];
         right.sums[..start].fill(NONE);
         right.sums[width - 1 + self.span.end()..].fill(NONE);
-        let out = OUT_SUM * (1 + self.sums.iter().flatten().count() as u16);
+        let out = INVALID_SUM * (1 + self.sums.iter().flatten().count() as u16);
         let mut path = [V::splat(0); N];
         let mut least = V::splat(0);
-        let mut sums = [NONE; MOST + 2 * BEFORE];
+        let mut sums = [NONE; MAX_LANES + 2 * LEADING];
         for x in (0..width).rev() {
             // SAFETY: here and below: costs and sums are columns times stride long, and the span is within the stride.
             let (costs, large): ([V; N], u8) = unsafe {
@@ -109,8 +111,8 @@ impl Back<'_> {
                 }
                 best = best.min(total[c][0]).min(total[c][1]);
                 for h in 0..2 {
-                    let to = BEFORE + (2 * c + h) * half;
-                    // SAFETY: there are at most `MOST` lanes.
+                    let to = LEADING + (2 * c + h) * half;
+                    // SAFETY: there are at most `MAX_LANES` lanes.
                     unsafe { total[c][h].store(sums.as_mut_ptr().add(to)) };
                 }
             }
@@ -141,10 +143,10 @@ impl Back<'_> {
                 }
             }
             // The columns of the right picture, mirrored, follow each other as lanes do.
-            let place = width - 1 - x + start;
+            let column = width - 1 - x + start;
             for c in 0..N {
                 for h in 0..2 {
-                    let at = place + (2 * c + h) * half;
+                    let at = column + (2 * c + h) * half;
                     if x == 0 || (c, h) == (0, 0) {
                         // SAFETY: places are below columns and a stride, as asserted above.
                         unsafe {
@@ -164,7 +166,7 @@ impl Back<'_> {
                 kept[c] = [kept[c][0].down(second[0]), second[0].down(after[0])];
                 kept_lanes[c] = [kept_lanes[c][0].down(second[1]), second[1].down(after[1])];
             }
-            let here = BEFORE + usize::from(lane) - start;
+            let here = LEADING + usize::from(lane) - start;
             self.winners[x] = Winner {
                 lane: if best < out { lane } else { NONE },
                 least: best,

@@ -64,7 +64,7 @@ pub(super) struct Steps<'a> {
 }
 
 /// One row.
-pub(super) struct Down<'a> {
+pub(super) struct ForwardPass<'a> {
     pub(super) width: usize,
     pub(super) stride: usize,
     pub(super) span: Span,
@@ -72,7 +72,7 @@ pub(super) struct Down<'a> {
     pub(super) before: &'a mut Front,
     pub(super) after: &'a mut Front,
     /// Whether paths come down aslant as well.
-    pub(super) aslant: bool,
+    pub(super) diagonal: bool,
     /// Whether one comes along, in rising columns.
     pub(super) along: bool,
     pub(super) steps: Steps<'a>,
@@ -80,7 +80,7 @@ pub(super) struct Down<'a> {
     pub(super) sum: &'a mut [u8],
 }
 
-impl Kernel for Down<'_> {
+impl Kernel for ForwardPass<'_> {
     type Output = ();
 
     #[inline(always)]
@@ -89,11 +89,11 @@ impl Kernel for Down<'_> {
     }
 }
 
-impl Down<'_> {
+impl ForwardPass<'_> {
     #[inline(always)]
     fn vectors<V: Lanes, const N: usize>(self) {
         let (width, stride, start) = (self.width, self.stride, self.span.start);
-        let paths = if self.aslant { 3 } else { 1 };
+        let paths = if self.diagonal { 3 } else { 1 };
         assert!(self.span.lanes == N * V::COUNT && self.span.end() <= stride);
         assert!(self.costs.len() >= width * stride && self.sum.len() >= width * stride);
         let (before, after) = (self.before, self.after);

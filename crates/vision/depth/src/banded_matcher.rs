@@ -9,14 +9,14 @@
 use crate::band::Band;
 use crate::band::plan::{Margin, Plan, Plane, Probe};
 use crate::error::DepthError;
+use crate::image::ImageView;
 use crate::map::{DisparityMap, Geometry};
 use crate::matcher::Matcher;
-use crate::picture::Picture;
 use crate::settings::Settings;
 
 /// Matches pairs that follow each other.
 #[derive(Debug)]
-pub struct Banded {
+pub struct BandedMatcher {
     matcher: Matcher,
     full: Band,
     probe: Option<Probe>,
@@ -26,23 +26,23 @@ pub struct Banded {
 
 /// What a band has spared.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
-pub struct Spared {
+pub struct BandStats {
     /// Disparities that were looked for, as a share of all; those of further runs are added.
-    pub share: f64,
+    pub searched_ratio: f64,
     /// Runs after the first one, since the band had to be widened.
-    pub runs_again: u32,
+    pub reruns: u32,
 }
 
 /// Rows that are looked at together for pixels at an end of their band.
-const BLOCK: usize = 8;
+const BLOCK_ROWS: usize = 8;
 /// Share of a block's pixels at an end from which on it is widened.
-const MANY: f64 = 0.02;
+const MIN_CLIPPED_RATIO: f64 = 0.02;
 /// By how much, px.
-const WIDER: i32 = 16;
+const WIDEN_PX: i32 = 16;
 /// Runs after the first; the last of them looks for everything.
-const MOST_RUNS: u32 = 3;
+const MAX_RERUNS: u32 = 3;
 
-impl Banded {
+impl BandedMatcher {
     /// For pictures of `width` columns, and the rows of `full`, which holds all disparities that may be looked for.
     ///
     /// # Errors
@@ -58,7 +58,7 @@ impl Banded {
     }
 
     /// What follows has nothing to do with what was.
-    pub fn forget(&mut self) {
+    pub fn reset(&mut self) {
         self.has_last = false;
     }
 
@@ -73,13 +73,13 @@ impl Banded {
     /// As [`Matcher::run`].
     pub fn run(
         &mut self,
-        left: &Picture<'_>,
-        right: &Picture<'_>,
+        left: &ImageView<'_>,
+        right: &ImageView<'_>,
         ground: Option<(&Geometry, &Plane)>,
-    ) -> Result<(&DisparityMap, Spared), DepthError> {
+    ) -> Result<(&DisparityMap, BandStats), DepthError> {
         let mut plan = Plan::new(&self.full);
         match &mut self.probe {
-            Some(probe) => probe.look(left, right, &mut plan)?,
+            Some(probe) => probe.search(left, right, &mut plan)?,
             // Too small to be worth a plan.
             None => self.has_last = false,
         }
@@ -97,61 +97,63 @@ impl Banded {
     fn run_from(
         &mut self,
         mut band: Band,
-        left: &Picture<'_>,
-        right: &Picture<'_>,
-    ) -> Result<(&DisparityMap, Spared), DepthError> {
-        let mut spared = Spared::default();
+        left: &ImageView<'_>,
+        right: &ImageView<'_>,
+    ) -> Result<(&DisparityMap, BandStats), DepthError> {
+        let mut stats = BandStats::default();
         loop {
             self.matcher.run(left, right, &band)?;
-            spared.share += band.share_of(self.full.count());
-            let wider = match spared.runs_again + 1 {
-                MOST_RUNS => self.full.clone(),
-                _ => self.wider(&band, left.width())?,
+            stats.searched_ratio += band.searched_ratio(self.full.count());
+            let wider = match stats.reruns + 1 {
+                MAX_RERUNS => self.full.clone(),
+                _ => self.widened(&band, left.width())?,
             };
-            if spared.runs_again == MOST_RUNS || wider == band || !self.is_cut(&band, left.width())
+            if stats.reruns == MAX_RERUNS || wider == band || !self.is_clipped(&band, left.width())
             {
                 break;
             }
             band = wider;
-            spared.runs_again += 1;
+            stats.reruns += 1;
         }
         self.last.clone_from(self.matcher.map());
         self.has_last = true;
-        Ok((&self.last, spared))
+        Ok((&self.last, stats))
     }
 
     /// Whether many pixels of a block are at an end of their band that is not the end of all, for either end.
-    fn cut(&self, band: &Band, width: usize, block: usize) -> [bool; 2] {
-        let rows = block..(block + BLOCK).min(band.height());
-        let many = MANY * (width * rows.len()) as f64;
+    fn clipped(&self, band: &Band, width: usize, block: usize) -> [bool; 2] {
+        let rows = block..(block + BLOCK_ROWS).min(band.height());
+        let min_clipped = MIN_CLIPPED_RATIO * (width * rows.len()) as f64;
         [0, 1].map(|end| {
-            let cut = rows
+            let clipped = rows
                 .clone()
                 .filter(|y| band.row(*y)[end] != self.full.row(*y)[end]);
-            let at_end = cut.map(|y| self.matcher.seen().at_end[y][end]).sum::<u32>();
-            f64::from(at_end) > many
+            let at_end = clipped
+                .map(|y| self.matcher.stats().at_end[y][end])
+                .sum::<u32>();
+            f64::from(at_end) > min_clipped
         })
     }
 
-    fn is_cut(&self, band: &Band, width: usize) -> bool {
-        let mut blocks = (0..band.height()).step_by(BLOCK);
-        blocks.any(|block| self.cut(band, width, block) != [false; 2])
+    fn is_clipped(&self, band: &Band, width: usize) -> bool {
+        let mut blocks = (0..band.height()).step_by(BLOCK_ROWS);
+        blocks.any(|block| self.clipped(band, width, block) != [false; 2])
     }
 
     /// The band, wider where it cut something off.
-    fn wider(&self, band: &Band, width: usize) -> Result<Band, DepthError> {
+    fn widened(&self, band: &Band, width: usize) -> Result<Band, DepthError> {
         let mut rows: Vec<[i32; 2]> = (0..band.height()).map(|y| band.row(y)).collect();
-        for block in (0..band.height()).step_by(BLOCK) {
-            let [low, high] = self.cut(band, width, block);
+        for block in (0..band.height()).step_by(BLOCK_ROWS) {
+            let [low, high] = self.clipped(band, width, block);
             // What is cut off here goes on above and below.
-            let near = block.saturating_sub(BLOCK)..(block + 2 * BLOCK).min(rows.len());
+            let near = block.saturating_sub(BLOCK_ROWS)..(block + 2 * BLOCK_ROWS).min(rows.len());
             for y in near {
                 let full = self.full.row(y);
                 if low {
-                    rows[y][0] = rows[y][0].min(band.row(y)[0] - WIDER).max(full[0]);
+                    rows[y][0] = rows[y][0].min(band.row(y)[0] - WIDEN_PX).max(full[0]);
                 }
                 if high {
-                    rows[y][1] = rows[y][1].max(band.row(y)[1] + WIDER).min(full[1]);
+                    rows[y][1] = rows[y][1].max(band.row(y)[1] + WIDEN_PX).min(full[1]);
                 }
             }
         }

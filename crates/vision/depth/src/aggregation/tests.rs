@@ -1,25 +1,25 @@
 //! Against the slow twin, to the bit.
 
 use super::*;
-use crate::twin::{self, Random};
+use crate::reference::{self, Random};
 
 const PENALTIES: Penalties = Penalties {
     small: 6,
     large: 70,
     slope: 2,
-    large_least: 18,
+    min_large: 18,
 };
 
 fn check(level: Level, weights: Weights, pixels: &[Vec<u8>; 2], width: usize, range: Range<'_>) {
     let height = pixels[0].len() / width;
-    let pictures = [0, 1].map(|eye| Picture::new(width, height, &pixels[eye]).unwrap());
-    let pictures = [&pictures[0], &pictures[1]];
+    let images = [0, 1].map(|eye| ImageView::new(width, height, &pixels[eye]).unwrap());
+    let images = [&images[0], &images[1]];
     let mut aggregation = Aggregation::default();
     // Twice: what was left from the first time must not show.
     for _ in 0..2 {
-        aggregation.run(level, weights, pictures, range);
+        aggregation.run(level, weights, images, range);
     }
-    let (winners, right) = twin::winners(weights, pictures, range);
+    let (winners, right) = reference::winners(weights, images, range);
     for (i, (found, expected)) in aggregation.winners.iter().zip(&winners).enumerate() {
         let sums = |w: &Winner| (w.lane, w.least, w.second);
         let (x, y) = (i % width, i / width);
@@ -56,14 +56,14 @@ fn winners_are_those_of_the_twin() {
             };
             let weights = Weights {
                 census: [Census::Full5x5, Census::Opposite9x7, Census::Full7x7][k],
-                grey: [8, 0, 12][k],
+                max_gray_cost: [8, 0, 12][k],
                 paths,
                 penalties: PENALTIES,
             };
             for level in Level::all() {
                 let pair = random.pair(width, height, 9);
                 check(level, weights, &pair, width, range);
-                let noise = [(); 2].map(|()| random.picture(width, height));
+                let noise = [(); 2].map(|()| random.image(width, height));
                 check(level, weights, &noise, width, range);
             }
         }
@@ -92,7 +92,7 @@ fn bands_are_those_of_the_twin() {
             };
             let weights = Weights {
                 census: Census::Full5x5,
-                grey: 8,
+                max_gray_cost: 8,
                 paths: [Paths::Three, Paths::Four, Paths::Eight][round as usize % 3],
                 penalties: PENALTIES,
             };
@@ -112,11 +112,11 @@ fn threads_change_nothing() {
     let run = |threads: usize| {
         let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build();
         pool.unwrap().install(|| {
-            let pictures = [0, 1].map(|eye| Picture::new(width, height, &pair[eye]).unwrap());
+            let images = [0, 1].map(|eye| ImageView::new(width, height, &pair[eye]).unwrap());
             let mut aggregation = Aggregation::default();
             let weights = Weights {
                 census: Census::Full7x7,
-                grey: 8,
+                max_gray_cost: 8,
                 paths: Paths::Eight,
                 penalties: PENALTIES,
             };
@@ -125,7 +125,7 @@ fn threads_change_nothing() {
                 count: 64,
                 rows: &vec![[0, 64]; height],
             };
-            aggregation.run(Level::best(), weights, [&pictures[0], &pictures[1]], range);
+            aggregation.run(Level::best(), weights, [&images[0], &images[1]], range);
             (aggregation.winners, aggregation.right)
         })
     };

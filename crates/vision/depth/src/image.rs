@@ -4,18 +4,18 @@ use crate::error::DepthError;
 
 /// 8 bits per pixel, rows first, without gaps.
 #[derive(Clone, Copy, Debug)]
-pub struct Picture<'a> {
+pub struct ImageView<'a> {
     width: usize,
     height: usize,
     pixels: &'a [u8],
 }
 
-impl<'a> Picture<'a> {
+impl<'a> ImageView<'a> {
     /// # Errors
-    /// [`DepthError::Picture`] where the number of pixels is not that of the size, or is 0.
+    /// [`DepthError::Image`] where the number of pixels is not that of the size, or is 0.
     pub fn new(width: usize, height: usize, pixels: &'a [u8]) -> Result<Self, DepthError> {
         if pixels.is_empty() || width.checked_mul(height) != Some(pixels.len()) {
-            return Err(DepthError::Picture {
+            return Err(DepthError::Image {
                 width,
                 height,
                 found: pixels.len(),

@@ -7,7 +7,7 @@
 
 use rayon::prelude::*;
 
-use crate::aggregate::{NONE, Winner};
+use crate::aggregation::{NONE, Winner};
 
 /// What the two pictures say of each other.
 pub(crate) struct Winners<'a> {
@@ -16,14 +16,14 @@ pub(crate) struct Winners<'a> {
     pub(crate) left: &'a [Winner],
     pub(crate) right: &'a [u16],
     /// How far the two winners may be apart.
-    pub(crate) apart: u16,
+    pub(crate) max_lr_difference_px: u16,
     /// How much less the winner must be than others that are not beside it, percent.
-    pub(crate) unique: u16,
+    pub(crate) uniqueness_percent: u16,
 }
 
 impl Winners<'_> {
     /// Disparity of each pixel, px; NaN where there is none.
-    pub(crate) fn settle(&self, map: &mut Vec<f32>) {
+    pub(crate) fn left_right_check(&self, map: &mut Vec<f32>) {
         map.resize(self.left.len(), f32::NAN);
         let width = self.width;
         let rows = map.par_chunks_exact_mut(width).enumerate();
@@ -31,14 +31,15 @@ impl Winners<'_> {
             let left = &self.left[y * width..(y + 1) * width];
             let right = &self.right[y * width..(y + 1) * width];
             for (x, (winner, to)) in left.iter().zip(to).enumerate() {
-                let there = x as i64 - i64::from(self.first) - i64::from(winner.lane);
-                let other = usize::try_from(there).ok().and_then(|x| right.get(x));
-                let agree = other.is_some_and(|lane| lane.abs_diff(winner.lane) <= self.apart);
+                let column = x as i64 - i64::from(self.first) - i64::from(winner.lane);
+                let other = usize::try_from(column).ok().and_then(|x| right.get(x));
+                let agree = other
+                    .is_some_and(|lane| lane.abs_diff(winner.lane) <= self.max_lr_difference_px);
                 let unique = u32::from(winner.second) * 100
-                    >= u32::from(winner.least) * u32::from(100 + self.unique);
-                let is_one = winner.lane != NONE && agree && unique;
-                *to = match is_one {
-                    true => self.first as f32 + f32::from(winner.lane) + between(winner),
+                    >= u32::from(winner.least) * u32::from(100 + self.uniqueness_percent);
+                let is_valid = winner.lane != NONE && agree && unique;
+                *to = match is_valid {
+                    true => self.first as f32 + f32::from(winner.lane) + subpixel(winner),
                     false => f32::NAN,
                 };
             }
@@ -47,7 +48,7 @@ impl Winners<'_> {
 }
 
 /// Where between the winner and its neighbours the least sum is, from -0.5 to 0.5.
-fn between(winner: &Winner) -> f32 {
+fn subpixel(winner: &Winner) -> f32 {
     let [before, behind] = winner
         .beside
         .map(|sum| f32::from(sum) - f32::from(winner.least));
