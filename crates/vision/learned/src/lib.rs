@@ -18,7 +18,7 @@ mod stereo;
 
 pub use error::LearnedError;
 pub use image::ImageView;
-pub use runtime::{LIBRARY_VARIABLE, Runtime};
+pub use runtime::{RUNTIME_PATH_VARIABLE, Runtime};
 pub use segmentation::{MovableMask, SegmentationNetwork};
 pub use settings::{Enlarge, InputSettings, SegmentationSettings, StereoSettings};
 pub use stereo::StereoNetwork;

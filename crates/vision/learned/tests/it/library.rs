@@ -3,19 +3,19 @@
 use std::path::PathBuf;
 use std::process::Command;
 
-use learned::{LIBRARY_VARIABLE, Runtime};
+use learned::{RUNTIME_PATH_VARIABLE, Runtime};
 
 const FIND: &str = "import pathlib, onnxruntime; \
                     print(next(pathlib.Path(onnxruntime.__file__).parent.glob('capi/libonnxruntime.so*')))";
 
 /// The library, where there is one.
 pub(crate) fn runtime() -> Option<Runtime> {
-    if std::env::var_os(LIBRARY_VARIABLE).is_some_and(|v| !v.is_empty()) {
+    if std::env::var_os(RUNTIME_PATH_VARIABLE).is_some_and(|v| !v.is_empty()) {
         return Some(Runtime::load(None).expect("the library of ORT_DYLIB_PATH"));
     }
     let Some(python) = std::env::var_os("PAWS_PYTHON") else {
         eprintln!(
-            "skipped: neither {LIBRARY_VARIABLE} names an ONNX Runtime nor PAWS_PYTHON an interpreter that has one"
+            "skipped: neither {RUNTIME_PATH_VARIABLE} names an ONNX Runtime nor PAWS_PYTHON an interpreter that has one"
         );
         return None;
     };
