@@ -1,13 +1,13 @@
-//! From two pictures to the winner of each pixel.
-//!
-//! Contract: the sums of all paths through a pixel, and of them the winner in the left picture and in the right one, the same on any
-//! number of threads and at any [`Level`].
-//!
-//! Two sweeps run at the same time, one from the top and one from the bottom. Each goes over the rows of its own half first
-//! and keeps, for every pixel there, the sum of the paths that came from its side. Then each goes on into the other half, where
-//! the paths from the other side have been kept, adds its own and those along the row, and lets the least win. So every
-//! path runs over the whole picture, costs are computed twice and never kept, and of the volume of sums each byte is
-//! written once and read once. With [`Paths::Three`] the sweeps end at the middle and nothing is kept at all.
+//! Cost aggregation: from two images to the winning disparity of each pixel.
+//! Contract: path costs are summed per pixel and disparity, and the minimum is taken in the left
+//! and in the right image. The result is the same on any number of threads and at any [`Level`].
+//! Two sweeps run in parallel, one from the top and one from the bottom. Each processes the rows of
+//! its own half first and stores, for every pixel there, the sum of the paths from its side. Then
+//! each continues into the other half, where the sums of the other sweep are stored, adds its own
+//! paths and those along the row, and selects the minimum. Every path therefore spans the whole
+//! image, matching costs are computed twice and never stored, and each byte of the sum volume is
+//! written once and read once. With [`Paths::Three`] the sweeps end at the middle row and no sums
+//! are stored.
 
 use crate::census::{Census, Codes, Layout, Padded};
 use crate::cost::{CostRow, INVALID};
@@ -24,28 +24,29 @@ use forward::{ForwardPass, Front, Steps};
 /// Which paths lead to a pixel.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Paths {
-    /// Both ways along the row, and straight from the nearer of the upper and the lower border.
+    /// Both directions along the row, and vertically from the nearer of the upper and the lower
+    /// border.
     Three,
-    /// Both ways along the row and the column.
+    /// Both directions along the row and the column.
     Four,
-    /// Those and the diagonals.
+    /// Rows, columns and diagonals.
     Eight,
 }
 
-/// Costs of the way from one pixel to the next.
+/// Smoothness penalties from one pixel of a path to the next (P1 and P2 of semi-global matching).
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Penalties {
-    /// For a disparity that changes by 1.
+    /// P1: for a disparity change of 1.
     pub small: u8,
-    /// For one that changes by more, where the picture is even.
+    /// P2: for a larger change, where the two pixels have the same gray level.
     pub large: u8,
-    /// How much less the large one is per grey level between the two pixels.
+    /// Reduction of the large penalty per gray level of difference between the two pixels.
     pub slope: u8,
-    /// The least it becomes.
+    /// Lower limit of the large penalty.
     pub min_large: u8,
 }
 
-/// How pictures are compared and paths are weighed.
+/// Matching cost and path penalties.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(crate) struct Weights {
     pub(crate) census: Census,
@@ -54,8 +55,8 @@ pub(crate) struct Weights {
     pub(crate) penalties: Penalties,
 }
 
-/// Disparities that are looked for: from `first` on, `count` of them, and in each row those from `rows[y][0]` up to before
-/// `rows[y][1]`, counted from `first`.
+/// Searched disparities: `count` of them from `first`; row `y` searches `rows[y][0]..rows[y][1]`,
+/// counted from `first`.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct Range<'a> {
     pub(crate) first: i32,
@@ -63,7 +64,7 @@ pub(crate) struct Range<'a> {
     pub(crate) rows: &'a [[u16; 2]],
 }
 
-/// Lanes that are computed: whole vectors.
+/// Computed disparity lanes, in whole vectors.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 struct Span {
     start: usize,
@@ -75,8 +76,8 @@ impl Span {
         self.start + self.lanes
     }
 
-    /// Enough for the lanes from `low` to before `high` and one more at either side, of which vectors of other lengths
-    /// must not see more or less.
+    /// Covers the lanes `low..high` and one more at either side. The result must not depend on the
+    /// vector length.
     fn around([low, high]: [u16; 2], stride: usize, vector: usize) -> Self {
         let start = usize::from(low).saturating_sub(1) / 16 * 16;
         let end = (usize::from(high) + 1).min(stride);
@@ -88,7 +89,7 @@ impl Span {
     }
 }
 
-/// Calls a method for a number of vectors that the compiler knows.
+/// Calls a method with the number of vectors as a constant generic.
 macro_rules! with_vectors {
     ($V:ident, $count:expr, $self:ident.$method:ident) => {
         match $count {
@@ -109,18 +110,18 @@ macro_rules! with_vectors {
 }
 use with_vectors;
 
-/// Most disparities.
+/// Maximum number of disparities.
 pub(crate) const MAX_DISPARITIES: usize = 256;
 
-/// What is kept from picture to picture.
+/// Buffers that are reused from one image pair to the next.
 #[derive(Debug, Default)]
 pub(crate) struct Aggregation {
     codes: [Codes; 2],
     stored: Vec<u8>,
     sweeps: [Sweep; 2],
-    /// Of each pixel.
+    /// Winner of each pixel of the left image.
     pub(crate) winners: Vec<Winner>,
-    /// The lane that wins in each pixel of the right picture; [`NONE`] where none can.
+    /// Winning lane of each pixel of the right image; [`NONE`] where no disparity is valid.
     pub(crate) right: Vec<u16>,
 }
 
@@ -136,7 +137,7 @@ struct Sweep {
     upwards: bool,
 }
 
-/// What both sweeps look at.
+/// Input that both sweeps share.
 struct Job<'a> {
     level: Level,
     weights: Weights,
@@ -148,11 +149,12 @@ struct Job<'a> {
     origin: usize,
 }
 
-/// Free columns of the codes at the right border of the right picture: sky may lie a little behind infinity.
+/// Maximum negative disparity, px: padding at the right border of the right image. The sky may have
+/// disparities slightly below 0.
 pub(crate) const MAX_NEGATIVE_PX: usize = 32;
 
 impl Aggregation {
-    /// Finds the winners. Pictures are of one size, and `range` has a row for each of theirs.
+    /// Computes the winners. Both images have the same size, and `range` has one entry per row.
     pub(crate) fn run(
         &mut self,
         level: Level,
@@ -252,8 +254,8 @@ impl Sweep {
 }
 
 impl Job<'_> {
-    /// Goes over rows that follow each other and keeps the sums of the paths that come with them. `stored` holds those rows in
-    /// the order of the picture.
+    /// Processes consecutive rows and stores the sums of the paths of this sweep. `stored` holds
+    /// these rows in image order.
     fn store(&self, sweep: &mut Sweep, rows: Vec<usize>, stored: &mut [u8]) {
         let first = rows.iter().copied().min().unwrap_or(0);
         for y in rows {
@@ -264,7 +266,7 @@ impl Job<'_> {
         }
     }
 
-    /// Goes over rows that follow each other and finds the winners.
+    /// Processes consecutive rows and computes the winners.
     fn finish(
         &self,
         sweep: &mut Sweep,
@@ -332,7 +334,8 @@ impl Job<'_> {
         span
     }
 
-    /// Brings the paths of a sweep down by one row; their sum goes to `stored`, or stays with the sweep.
+    /// Advances the paths of a sweep by one row. Their sum is written to `stored`, or to the buffer
+    /// of the sweep.
     fn advance(
         &self,
         sweep: &mut Sweep,
@@ -369,7 +372,7 @@ impl Job<'_> {
         std::mem::swap(&mut sweep.before, &mut sweep.after);
     }
 
-    /// The large penalties of a row for a path that comes from a neighbour.
+    /// Large penalties of a row, for the path direction given by the previous pixel.
     fn large(&self, row: &mut [u8], y: usize, from: (i32, i32)) {
         self.level.run(Large {
             here: self.gray.row(y, (0, 0)),
@@ -380,7 +383,8 @@ impl Job<'_> {
     }
 }
 
-/// Large penalties by how much two rows of the picture differ. The row that is written is whole vectors long.
+/// Large penalties from the gray-level difference of two image rows. The length of the output row
+/// is a multiple of the vector length.
 struct Large<'a> {
     here: &'a [u8],
     there: &'a [u8],
@@ -400,7 +404,7 @@ impl Kernel for Large<'_> {
         let most = V::splat(self.penalties.large);
         let least = V::splat(self.penalties.min_large);
         for at in (0..count).step_by(V::COUNT) {
-            // SAFETY: all three are long enough.
+            // SAFETY: all three slices are long enough, as asserted above.
             let [a, b] = unsafe {
                 let load = [self.here.as_ptr().add(at), self.there.as_ptr().add(at)];
                 [V::load(load[0]), V::load(load[1])]
@@ -410,7 +414,7 @@ impl Kernel for Large<'_> {
             for _ in 0..self.penalties.slope {
                 large = large.sub(apart);
             }
-            // Not below the least.
+            // Clamp to the lower limit.
             let large = least.add(large.sub(least));
             // SAFETY: as above.
             unsafe { large.store(self.row.as_mut_ptr().add(at)) };

@@ -1,10 +1,10 @@
-//! A matcher that looks for no more than a scene needs.
-//!
-//! Contract: each pair is matched within a band that is planned from a coarse look at it, from the map before and, where it is told, from
-//! the ground ([`crate::band::plan`]). Where many pixels of some rows end up at an end of the band that is not one of
-//! all there can be, the band is widened there and the pair matched again. So what a map of all disparities
-//! would show is lost only where it is too small for the coarse look, new, and away from the ends of the band;
-//! `docs/depth.md` says how much that is.
+//! Stereo matcher that restricts the disparity search to a planned band.
+//! Contract: each pair is matched within a band that is planned from coarse matching of the pair,
+//! from the previous map and, if given, from the ground plane ([`crate::band::plan`]). If many
+//! pixels of a block of rows have a disparity at an end of the band that is not an end of the full
+//! range, the band is widened there and the pair is matched again. An object that the full range
+//! would show is therefore lost only if it is too small for coarse matching, absent from the
+//! previous map, and away from the ends of the band; `docs/depth.md` gives the measured loss.
 
 use crate::band::Band;
 use crate::band::plan::{Margin, Plan, Plane, Probe};
@@ -14,7 +14,7 @@ use crate::map::{DisparityMap, Geometry};
 use crate::matcher::Matcher;
 use crate::settings::Settings;
 
-/// Matches pairs that follow each other.
+/// Matches consecutive pairs.
 #[derive(Debug)]
 pub struct BandedMatcher {
     matcher: Matcher,
@@ -24,27 +24,26 @@ pub struct BandedMatcher {
     last: DisparityMap,
 }
 
-/// What a band has spared.
+/// Search effort of a banded run.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct BandStats {
-    /// Disparities that were looked for, as a share of all; those of further runs are added.
+    /// Searched disparities as a fraction of the full range, summed over all runs.
     pub searched_ratio: f64,
-    /// Runs after the first one, since the band had to be widened.
+    /// Number of additional runs with a widened band.
     pub reruns: u32,
 }
 
-/// Rows that are looked at together for pixels at an end of their band.
+/// Height of the blocks in which pixels at the ends of the band are counted, rows.
 const BLOCK_ROWS: usize = 8;
-/// Share of a block's pixels at an end from which on it is widened.
+/// Minimum fraction of pixels of a block at an end of the band for it to count as clipped.
 const MIN_CLIPPED_RATIO: f64 = 0.02;
-/// By how much, px.
+/// Widening of a clipped band, px.
 const WIDEN_PX: i32 = 16;
-/// Runs after the first; the last of them looks for everything.
+/// Maximum number of additional runs; the last one searches the full range.
 const MAX_RERUNS: u32 = 3;
 
 impl BandedMatcher {
-    /// For pictures of `width` columns, and the rows of `full`, which holds all disparities that may be looked for.
-    ///
+    /// For images of `width` columns with the rows of `full`, which is the full search range.
     /// # Errors
     /// [`DepthError::Settings`].
     pub fn new(settings: Settings, width: usize, full: Band) -> Result<Self, DepthError> {
@@ -57,20 +56,19 @@ impl BandedMatcher {
         })
     }
 
-    /// What follows has nothing to do with what was.
+    /// Discards the previous map, if the next pair does not continue the sequence.
     pub fn reset(&mut self) {
         self.has_last = false;
     }
 
-    /// The matcher.
+    /// The underlying matcher.
     pub fn matcher(&self) -> &Matcher {
         &self.matcher
     }
 
-    /// Matches a pair.
-    ///
+    /// Matches a pair. `ground` is the ground plane, if known.
     /// # Errors
-    /// As [`Matcher::run`].
+    /// Those of [`Matcher::run`].
     pub fn run(
         &mut self,
         left: &ImageView<'_>,
@@ -80,7 +78,7 @@ impl BandedMatcher {
         let mut plan = Plan::new(&self.full);
         match &mut self.probe {
             Some(probe) => probe.search(left, right, &mut plan)?,
-            // Too small to be worth a plan.
+            // Too small for a plan.
             None => self.has_last = false,
         }
         if self.has_last {
@@ -93,7 +91,7 @@ impl BandedMatcher {
         self.run_from(band, left, right)
     }
 
-    /// Matches in a band, and again in wider ones as long as it cuts something off.
+    /// Matches within a band, and repeats with wider ones while the band clips disparities.
     fn run_from(
         &mut self,
         mut band: Band,
@@ -120,7 +118,8 @@ impl BandedMatcher {
         Ok((&self.last, stats))
     }
 
-    /// Whether many pixels of a block are at an end of their band that is not the end of all, for either end.
+    /// Whether a block is clipped at the lower and at the upper end: many of its pixels are at an
+    /// end of the band that is not an end of the full range.
     fn clipped(&self, band: &Band, width: usize, block: usize) -> [bool; 2] {
         let rows = block..(block + BLOCK_ROWS).min(band.height());
         let min_clipped = MIN_CLIPPED_RATIO * (width * rows.len()) as f64;
@@ -140,12 +139,12 @@ impl BandedMatcher {
         blocks.any(|block| self.clipped(band, width, block) != [false; 2])
     }
 
-    /// The band, wider where it cut something off.
+    /// The band, widened where it clipped disparities.
     fn widened(&self, band: &Band, width: usize) -> Result<Band, DepthError> {
         let mut rows: Vec<[i32; 2]> = (0..band.height()).map(|y| band.row(y)).collect();
         for block in (0..band.height()).step_by(BLOCK_ROWS) {
             let [low, high] = self.clipped(band, width, block);
-            // What is cut off here goes on above and below.
+            // A clipped object may extend to the blocks above and below.
             let near = block.saturating_sub(BLOCK_ROWS)..(block + 2 * BLOCK_ROWS).min(rows.len());
             for y in near {
                 let full = self.full.row(y);

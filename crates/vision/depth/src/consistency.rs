@@ -1,28 +1,28 @@
-//! From winners to disparities: what both pictures agree on, between whole pixels.
-//!
-//! A pixel keeps its winner when the pixel of the right picture that it leads to has the same winner or one beside it. Between
-//! whole pixels, the place of the least sum is that of two straight lines of equal slope through the three sums around it,
-//! which fits costs that count differences (Haller, Pantilie, Oniga and Nedevschi, "Real-time semi-global dense stereo
-//! solution with improved sub-pixel accuracy", IV 2010, call it symmetric V).
+//! Left-right consistency check, uniqueness check and subpixel refinement.
+//! A pixel passes the check if the matched pixel of the right image has the same winner up to a
+//! small difference. The subpixel minimum is that of two lines of equal and opposite slope through
+//! the three sums around the winner, which suits costs that count differing bits (Haller, Pantilie,
+//! Oniga and Nedevschi, "Real-time semi-global dense stereo solution with improved sub-pixel
+//! accuracy", IV 2010, call it symmetric V).
 
 use rayon::prelude::*;
 
 use crate::aggregation::{NONE, Winner};
 
-/// What the two pictures say of each other.
+/// Winners of both images and the limits of the checks.
 pub(crate) struct Winners<'a> {
     pub(crate) width: usize,
     pub(crate) first: i32,
     pub(crate) left: &'a [Winner],
     pub(crate) right: &'a [u16],
-    /// How far the two winners may be apart.
+    /// Maximum difference of the two winners, px.
     pub(crate) max_lr_difference_px: u16,
-    /// How much less the winner must be than others that are not beside it, percent.
+    /// Minimum margin of the second-best non-adjacent sum over the winner, percent.
     pub(crate) uniqueness_percent: u16,
 }
 
 impl Winners<'_> {
-    /// Disparity of each pixel, px; NaN where there is none.
+    /// Computes the disparity of each pixel, px; NaN where a check fails.
     pub(crate) fn left_right_check(&self, map: &mut Vec<f32>) {
         map.resize(self.left.len(), f32::NAN);
         let width = self.width;
@@ -47,7 +47,7 @@ impl Winners<'_> {
     }
 }
 
-/// Where between the winner and its neighbours the least sum is, from -0.5 to 0.5.
+/// Subpixel offset of the minimum from the winner, px, from -0.5 to 0.5.
 fn subpixel(winner: &Winner) -> f32 {
     let [before, behind] = winner
         .beside

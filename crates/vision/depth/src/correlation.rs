@@ -1,15 +1,16 @@
-//! Sums over cells of 4x4 pixels and over the 3x3 cells around each: what is near a pixel, at little cost.
-//!
-//! Contract: a pixel's surroundings are the 12x12 pixels of its cell and the eight cells around it, as far as they are in the picture.
+//! Local statistics over cells of 4x4 pixels and their 3x3 neighborhoods, which is cheaper than a
+//! window per pixel.
+//! Contract: the neighborhood of a pixel is the 12x12 pixels of its cell and the eight adjacent
+//! cells, clipped at the image border.
 
 use rayon::prelude::*;
 
 use crate::image::ImageView;
 
-/// Side of a cell, px.
+/// Side length of a cell, px.
 pub(crate) const CELL_PX: usize = 4;
 
-/// Something for each cell, rows first.
+/// One value per cell, row-major.
 #[derive(Clone, Debug, Default)]
 pub(crate) struct Cells<T> {
     columns: usize,
@@ -17,7 +18,8 @@ pub(crate) struct Cells<T> {
 }
 
 impl<T: Copy + Default + Send + Sync> Cells<T> {
-    /// Of a picture of this size: `of` says what is in a cell, given the ranges of its columns and rows.
+    /// Computes all cells of an image of this size; `value` gets the ranges of columns and rows of
+    /// a cell.
     fn fill(
         &mut self,
         [width, height]: [usize; 2],
@@ -36,7 +38,7 @@ impl<T: Copy + Default + Send + Sync> Cells<T> {
         });
     }
 
-    /// Puts each cell together with its neighbours: `join` puts two together.
+    /// Combines each cell with its eight neighbors; `join` combines two values.
     fn merge_neighbors(&self, joined: &mut Self, join: impl Fn(T, T) -> T + Sync) {
         let columns = self.columns;
         joined.columns = columns;
@@ -68,21 +70,21 @@ impl<T: Copy + Default + Send + Sync> Cells<T> {
         });
     }
 
-    /// The cell of a pixel.
+    /// Value of the cell that contains a pixel.
     pub(crate) fn at(&self, x: usize, y: usize) -> T {
         self.cells[y / CELL_PX * self.columns + x / CELL_PX]
     }
 }
 
-/// What a map has near a pixel.
+/// Disparity statistics of the neighborhood of a pixel.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(crate) struct Neighborhood {
-    /// The least and the greatest disparity, px.
+    /// Minimum and maximum disparity, px.
     pub(crate) min: f32,
     pub(crate) max: f32,
-    /// Pixels with one.
+    /// Number of pixels with a disparity.
     pub(crate) found: u16,
-    /// Pixels.
+    /// Number of pixels.
     pub(crate) all: u16,
 }
 
@@ -97,7 +99,7 @@ impl Default for Neighborhood {
     }
 }
 
-/// Surroundings of every pixel of a map; NaN is absent.
+/// Disparity statistics of the neighborhood of every pixel of a map; NaN means absent.
 #[derive(Debug, Default)]
 pub(crate) struct LocalStats {
     own: Cells<Neighborhood>,
@@ -112,7 +114,7 @@ impl LocalStats {
             for y in ys {
                 for value in &map[y * width + xs.start..y * width + xs.end] {
                     near.all += 1;
-                    // Not for NaN.
+                    // False for NaN.
                     if *value >= f32::NEG_INFINITY {
                         near.found += 1;
                         near.min = near.min.min(*value);
@@ -132,7 +134,7 @@ impl LocalStats {
     }
 }
 
-/// What two pictures have in common: sums over pixels of one and those that they lead to in the other.
+/// Sums for the correlation of two images over pairs of corresponding pixels.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub(crate) struct PairSums {
     count: u32,
@@ -141,9 +143,10 @@ pub(crate) struct PairSums {
     product: u32,
 }
 
-/// With less pixels nothing is alike.
+/// Minimum number of pixel pairs; with fewer the correlation is 0.
 const MIN_PIXELS: u32 = 24;
-/// Grey levels of both that are as good as even, multiplied: they do not make anything alike.
+/// Regularization of the denominator, gray levels squared: image areas without texture get a
+/// correlation near 0.
 const FLAT_VARIANCE: f32 = 0.1;
 
 impl PairSums {
@@ -167,12 +170,13 @@ impl PairSums {
         }
     }
 
-    /// Correlation of the two, -1 to 1.
+    /// Normalized correlation, -1 to 1.
     pub(crate) fn correlation(self) -> f32 {
         if self.count < MIN_PIXELS {
             return 0.0;
         }
-        // Whole numbers up to the last step: sums of squares are far larger than what is left of them.
+        // Integer arithmetic up to the last step: the sums of squares are far larger than their
+        // difference.
         let [n, a, b] = [self.count, self.sums[0], self.sums[1]].map(i64::from);
         let spread = |square: u32, sum: i64| (n * i64::from(square) - sum * sum) as f32;
         let spreads = spread(self.squares[0], a) * spread(self.squares[1], b);
@@ -181,12 +185,13 @@ impl PairSums {
     }
 }
 
-/// How much alike two pictures are around every pixel of the left one, as a map relates them.
+/// Correlation of the two images around every pixel of the left one, with correspondences from a
+/// disparity map.
 #[derive(Debug, Default)]
 pub(crate) struct Correlation {
     own: Cells<PairSums>,
     joined: Cells<PairSums>,
-    /// Correlations.
+    /// Correlation of each neighborhood.
     pub(crate) near: Cells<f32>,
 }
 
@@ -198,7 +203,7 @@ impl Correlation {
             for y in ys {
                 let (left, right) = (left.row(y), right.row(y));
                 for x in xs.clone() {
-                    // Not a number becomes 0, and is left out after that.
+                    // NaN converts to 0 here and is skipped below.
                     let disparity = map[y * width + x];
                     let there = x as i32 - (disparity + 0.5).floor() as i32;
                     let other = usize::try_from(there).ok().and_then(|x| right.get(x));
@@ -222,7 +227,7 @@ mod tests {
     use super::*;
     use crate::reference::Random;
 
-    /// The pixels around a pixel.
+    /// Pixels in the neighborhood of a pixel.
     fn around(width: usize, height: usize, x: usize, y: usize) -> Vec<(usize, usize)> {
         let reach = |v: usize, most: usize| {
             let cell = v / CELL_PX * CELL_PX;
@@ -234,7 +239,7 @@ mod tests {
     }
 
     #[test]
-    fn surroundings_are_twelve_by_twelve() {
+    fn neighborhoods_are_twelve_by_twelve_pixels() {
         let mut random = Random(41);
         for (width, height) in [(1, 1), (9, 13), (33, 18)] {
             let map: Vec<f32> = (0..width * height)
@@ -263,7 +268,7 @@ mod tests {
     }
 
     #[test]
-    fn correlations_are_those_of_the_pixels() {
+    fn correlations_equal_those_computed_from_pixels() {
         let mut random = Random(42);
         let (width, height) = (37, 22);
         let left = random.image(width, height);
@@ -307,7 +312,7 @@ mod tests {
     }
 
     #[test]
-    fn what_is_even_is_not_alike() {
+    fn textureless_images_have_zero_correlation() {
         let even = vec![70; 30 * 20];
         let image = ImageView::new(30, 20, &even).unwrap();
         let mut correlation = Correlation::default();

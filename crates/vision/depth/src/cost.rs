@@ -1,33 +1,34 @@
-//! What it costs to take two pixels for the same place.
-//!
-//! The number of bits in which their census codes differ, and the difference of their halved grey levels up to a limit
-//! ([`crate::Matching::max_gray_cost`]). Disparities that lead out of the right picture, or out of the band, cost [`INVALID`], which
-//! no path makes cheaper, so that they never win.
+//! Matching cost of two pixels.
+//! The Hamming distance of their census codes plus the difference of their halved gray levels,
+//! truncated at a limit ([`crate::Matching::max_gray_cost`]). Disparities outside the right image
+//! or outside the band have cost [`INVALID`]. No path reduces it, so that they never win.
 
 use crate::census::Codes;
 use crate::lanes::{Kernel, Lanes};
 
-/// What cannot be.
+/// Cost of a disparity outside the image or the band.
 pub(crate) const INVALID: u8 = u8::MAX;
 
-/// The costs of a row: those of column `x` from `x * stride` on, of which lanes `start` to `start + lanes` are computed.
+/// Computes the costs of a row. Column `x` starts at `x * stride`; the lanes `start..start + lanes`
+/// are computed.
 pub(crate) struct CostRow<'a> {
     pub(crate) left: &'a Codes,
-    /// Mirrored, with at least `stride` free bytes beyond the left end of the picture.
+    /// Mirrored, with at least `stride` bytes of padding beyond the left border of the image.
     pub(crate) right: &'a Codes,
     pub(crate) planes: usize,
-    /// Most that grey levels may cost.
+    /// Limit of the gray-level cost.
     pub(crate) max_gray_cost: u8,
     pub(crate) y: usize,
-    /// Where in the right rows the first disparity of column 0 is; that of column `x` is `x` before it.
+    /// Index in the right rows of the first disparity of column 0; that of column `x` is `origin -
+    /// x`.
     pub(crate) origin: usize,
-    /// Columns of the right picture that the first disparity of column 0 lies to the left of its first one.
+    /// First disparity, px.
     pub(crate) first: i32,
     pub(crate) width: usize,
     pub(crate) stride: usize,
     pub(crate) start: usize,
     pub(crate) lanes: usize,
-    /// For each lane of a column: [`INVALID`] where it is out of the band, else 0.
+    /// Initial cost per lane: [`INVALID`] outside the band, else 0.
     pub(crate) out: &'a [u8],
     pub(crate) costs: &'a mut [u8],
 }
@@ -76,8 +77,9 @@ impl CostRow<'_> {
             let mut lane = self.start;
             while lane < self.start + self.lanes {
                 let at = self.origin - x + lane;
-                // SAFETY: rows of the right picture reach a stride beyond the origin, and `x` is at most the origin; the
-                // lanes are within a stride, and the costs are as many as columns times the stride.
+                // SAFETY: rows of the right image extend a stride beyond the origin, and `x` is at
+                // most the origin; the lanes are within a stride, and the number of costs is
+                // columns times the stride.
                 unsafe {
                     let mut cost = V::load(self.out.as_ptr().add(lane));
                     for p in 0..P {
@@ -94,7 +96,7 @@ impl CostRow<'_> {
                 lane += V::COUNT;
             }
         }
-        // Disparity lane d of column x is column x - first - d of the right picture.
+        // Lane d of column x maps to column x - first - d of the right image.
         let (start, end) = (self.start, self.start + self.lanes);
         for x in 0..width {
             let zero = x as i64 - i64::from(self.first);
@@ -118,7 +120,7 @@ mod tests {
     use crate::reference::{self, Random};
 
     #[test]
-    fn costs_are_those_of_the_twin() {
+    fn costs_equal_those_of_the_reference() {
         let mut random = Random(5);
         let (width, height) = (53, 4);
         let (a, b) = (random.image(width, height), random.image(width, height));

@@ -1,44 +1,42 @@
-//! How good a map is, where the truth is known.
-//!
-//! Contract: only pixels count that both eyes see and whose truth is known. A map that says nothing where it is hard looks good in the
-//! share of errors among its answers ([`Scores::bad`]), so that is never told without the density, and
-//! [`Scores::bad_ratio_of_all`] counts what is absent as an error.
+//! Accuracy of a disparity map against ground truth. Contract: only pixels that are visible in both
+//! images and have ground truth are counted. A map without disparities in difficult areas has a low
+//! error ratio among its disparities ([`Scores::bad_ratio`]), so that this ratio is always reported
+//! with the density, and [`Scores::bad_ratio_of_all`] counts absent pixels as errors.
 
 use crate::error::DepthError;
 use crate::map::DisparityMap;
 
-/// What is true of a left picture; rows first.
+/// Ground truth of a left image; row-major.
 #[derive(Clone, Copy, Debug)]
 pub struct GroundTruth<'a> {
-    /// px; NaN where it is not known.
+    /// Disparity, px; NaN where unknown.
     pub disparity: &'a [f32],
-    /// Whether the right eye sees the same place.
+    /// Whether the same point is visible in the right image.
     pub visible: &'a [bool],
 }
 
-/// Errors above which a pixel is bad, px.
+/// Error thresholds of bad pixels, px.
 pub const BAD_PX: [f32; 4] = [0.5, 1.0, 2.0, 3.0];
 
-/// Counts, from which shares follow; those of several pictures can be added.
+/// Counts of an evaluation, from which the ratios follow; those of several images can be added.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct Scores {
-    /// Pixels that count.
+    /// Number of evaluated pixels.
     pub pixels: u64,
-    /// Those that have a disparity.
+    /// Evaluated pixels with a disparity.
     pub found: u64,
-    /// Those that are off by more than each of [`BAD_PX`].
+    /// Pixels with an error above each of [`BAD_PX`].
     pub bad: [u64; BAD_PX.len()],
-    /// Sum of errors of those found, px.
+    /// Sum of absolute errors of the pixels with a disparity, px.
     pub error_px: f64,
-    /// Those found whose error is at most two sigma.
+    /// Pixels with an error of at most two sigma.
     pub within_two_sigma: u64,
 }
 
 impl Scores {
-    /// Compares a map with the truth.
-    ///
+    /// Compares a map with ground truth.
     /// # Errors
-    /// [`DepthError::Size`] where they are not of one size.
+    /// [`DepthError::Size`] if their sizes differ.
     pub fn of(map: &DisparityMap, truth: GroundTruth<'_>) -> Result<Self, DepthError> {
         let count = map.disparity.len();
         for found in [truth.disparity.len(), truth.visible.len(), map.sigma.len()] {
@@ -70,7 +68,7 @@ impl Scores {
         Ok(scores)
     }
 
-    /// Adds those of another picture.
+    /// Adds the counts of another image.
     pub fn add(&mut self, other: &Self) {
         self.pixels += other.pixels;
         self.found += other.found;
@@ -81,27 +79,27 @@ impl Scores {
         self.within_two_sigma += other.within_two_sigma;
     }
 
-    /// Share of pixels that have a disparity.
+    /// Fraction of pixels that have a disparity.
     pub fn density(&self) -> f64 {
         ratio(self.found, self.pixels)
     }
 
-    /// Share of the disparities that are off by more than the `k`-th of [`BAD_PX`].
+    /// Fraction of disparities with an error above the `k`-th of [`BAD_PX`].
     pub fn bad_ratio(&self, k: usize) -> f64 {
         ratio(self.bad[k], self.found)
     }
 
-    /// Share of all pixels that are off by more, or absent.
+    /// Fraction of all pixels with an error above the `k`-th of [`BAD_PX`] or without a disparity.
     pub fn bad_ratio_of_all(&self, k: usize) -> f64 {
         ratio(self.bad[k] + self.pixels - self.found, self.pixels)
     }
 
-    /// Mean error of the disparities, px.
+    /// Mean absolute error of the disparities, px.
     pub fn mean_error_px(&self) -> f64 {
         self.error_px / self.found.max(1) as f64
     }
 
-    /// Share of the disparities that are within two sigma of the truth.
+    /// Fraction of disparities within two sigma of the ground truth.
     pub fn coverage(&self) -> f64 {
         ratio(self.within_two_sigma, self.found)
     }
@@ -125,7 +123,7 @@ mod tests {
     }
 
     #[test]
-    fn shares_are_those_of_visible_pixels_with_truth() {
+    fn ratios_count_visible_pixels_with_ground_truth() {
         let nan = f32::NAN;
         let truth = GroundTruth {
             disparity: &[10.0, 10.0, 10.0, 10.0, nan, 10.0],
@@ -146,7 +144,7 @@ mod tests {
     }
 
     #[test]
-    fn nothing_is_no_division() {
+    fn empty_map_has_zero_ratios() {
         let truth = GroundTruth {
             disparity: &[],
             visible: &[],
@@ -156,7 +154,7 @@ mod tests {
     }
 
     #[test]
-    fn other_sizes_are_refused() {
+    fn size_mismatch_is_rejected() {
         let truth = GroundTruth {
             disparity: &[1.0],
             visible: &[true],

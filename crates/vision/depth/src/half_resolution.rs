@@ -1,8 +1,8 @@
-//! Matching smaller pictures, for who has little time: half the rows are half the work, half of both sides an eighth.
-//!
-//! Contract: pictures are made smaller, matched, and the map is made as large as they were: between four neighbours that lie on one
-//! surface it is interpolated, elsewhere the nearest one counts. What has less than some ten pixels left is lost, and edges
-//! are as coarse as two pixels along the sides that are halved.
+//! Matching at reduced resolution: half the rows cost half the time, half of both sides an eighth.
+//! Contract: the images are downsampled and matched, and the map is upsampled to their size:
+//! bilinear between four neighbors on one surface, nearest neighbor elsewhere. Objects with fewer
+//! than about ten remaining pixels are lost, and edges have a resolution of two pixels along the
+//! halved sides.
 
 use rayon::prelude::*;
 
@@ -13,32 +13,31 @@ use crate::map::DisparityMap;
 use crate::matcher::{MatchStats, Matcher};
 use crate::settings::Settings;
 
-/// What is halved.
+/// Downsampling before matching.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Downsample {
-    /// The number of rows: disparities stay as fine as they are.
+    /// Half the rows: the disparity resolution is unchanged.
     Rows,
-    /// That of columns as well.
+    /// Half the rows and half the columns.
     Both,
 }
 
-/// A matcher of smaller pictures.
+/// Matcher of downsampled images.
 #[derive(Debug)]
 pub(crate) struct HalfResolution {
-    /// By what columns and rows are divided.
+    /// Divisors of columns and rows.
     by: [usize; 2],
     pub(crate) matcher: Matcher,
     small: [Vec<u8>; 2],
 }
 
-/// Neighbours that differ by at most this are of one surface, px of the smaller picture.
+/// Maximum disparity difference of neighbors on one surface, px of the downsampled image.
 const MAX_STEP_PX: f32 = 1.0;
 
 impl HalfResolution {
-    /// For pictures of `width` x `height` pixels, with all else as the settings say.
-    ///
+    /// For images of `width` x `height` pixels; all other settings apply unchanged.
     /// # Errors
-    /// [`DepthError::Settings`], also for pictures that are too small to be halved.
+    /// [`DepthError::Settings`], also if the images are too small to be halved.
     pub(crate) fn new(
         settings: Settings,
         downsample: Downsample,
@@ -51,7 +50,7 @@ impl HalfResolution {
         };
         let settings = Settings {
             downsample: None,
-            // An island of the same size has less pixels.
+            // A speckle of the same extent has fewer pixels.
             min_speckle_px: settings.min_speckle_px / (by[0] * by[1]),
             ..settings
         };
@@ -62,7 +61,8 @@ impl HalfResolution {
         })
     }
 
-    /// Matches a rectified pair of the size of the map, with so much noise. What was seen is told for rows of the map.
+    /// Matches a rectified pair of the size of the map. `noise` is the noise of the left image; the
+    /// statistics are given for the rows of the map.
     pub(crate) fn run(
         &mut self,
         left: &ImageView<'_>,
@@ -72,7 +72,8 @@ impl HalfResolution {
         (map, stats): (&mut DisparityMap, &mut MatchStats),
     ) -> Result<(), DepthError> {
         let by = self.by;
-        // That of means. Looked for in them, fine texture would pass for noise.
+        // Noise of the averaged pixels. Estimated from the downsampled image, fine texture would
+        // count as noise.
         let of_means = noise.map(|noise| noise / ((by[0] * by[1]) as f64).sqrt());
         let [a, b] = &mut self.small;
         rayon::join(|| shrink(left, by, a), || shrink(right, by, b));
@@ -92,7 +93,7 @@ impl HalfResolution {
     }
 }
 
-/// The band of the smaller pictures: all that the two rows of one row need.
+/// Band of the downsampled images: the union of the ranges of the two rows that form one.
 fn half_band(band: &Band, by: [usize; 2], height: usize) -> Result<Band, DepthError> {
     let rows: Vec<[i32; 2]> = (0..height)
         .map(|y| {
@@ -108,7 +109,7 @@ fn half_band(band: &Band, by: [usize; 2], height: usize) -> Result<Band, DepthEr
     Band::rows(&rows)
 }
 
-/// Means of two rows, or of 2x2 pixels.
+/// Downsamples by averaging two rows, or 2x2 pixels.
 fn shrink(image: &ImageView<'_>, by: [usize; 2], small: &mut Vec<u8>) {
     let (width, height) = (image.width() / by[0], image.height() / by[1]);
     small.resize(width * height, 0);
@@ -128,14 +129,14 @@ fn shrink(image: &ImageView<'_>, by: [usize; 2], small: &mut Vec<u8>) {
     }
 }
 
-/// As large as it was; where columns were halved, disparities are twice as long.
+/// Upsamples a map; if columns were halved, disparities are doubled.
 fn enlarge(small: &DisparityMap, by: [usize; 2], map: &mut DisparityMap) {
     let (width, height) = (small.width, small.height);
     let longer = by[0] as f32;
     let rows = map.disparity.par_chunks_exact_mut(map.width);
     let rows = rows.zip(map.sigma.par_chunks_exact_mut(map.width));
     rows.enumerate().for_each(|(y, (disparities, sigmas))| {
-        // The parent, and the neighbour on the side of the pixel, of which it has a quarter.
+        // The parent pixel, and its neighbor on the side of this pixel, with weight 1/4.
         let parents = |k: usize, by: usize, count: usize| {
             let own = (k / by).min(count - 1);
             let other = match (by, k % 2) {
@@ -175,12 +176,12 @@ mod tests {
     use crate::settings::Preset;
 
     #[test]
-    fn a_wall_is_found_at_its_disparity() {
+    fn wall_is_found_at_its_disparity() {
         const WIDTH: usize = 161;
         const HEIGHT: usize = 97;
         const SHIFT: usize = 14;
         let mut random = Random(3);
-        // Dots of 3x3 pixels: what is smaller does not outlive the halving.
+        // Dots of 3x3 pixels: smaller ones do not survive the downsampling.
         let wide = WIDTH + SHIFT;
         let dots: Vec<u8> = (0..wide * HEIGHT)
             .map(|_| random.below(256) as u8)
@@ -216,7 +217,7 @@ mod tests {
     }
 
     #[test]
-    fn surfaces_are_smooth_and_edges_stay_edges() {
+    fn upsampling_interpolates_surfaces_and_preserves_edges() {
         let small = DisparityMap {
             width: 3,
             height: 1,
@@ -232,7 +233,7 @@ mod tests {
         enlarge(&small, [2, 2], &mut map);
         assert_eq!(map.disparity[..7], [8.0, 8.5, 9.5, 10.0, 40.0, 40.0, 40.0]);
         assert_eq!(map.sigma[..7], [0.2, 0.2, 0.4, 0.4, 0.6, 0.6, 0.6]);
-        // Of rows alone nothing becomes longer.
+        // With half the rows alone disparities are unchanged.
         let mut map = DisparityMap {
             width: 3,
             height: 3,
@@ -244,7 +245,7 @@ mod tests {
     }
 
     #[test]
-    fn what_cannot_be_halved_is_refused() {
+    fn image_too_small_to_be_halved_is_rejected() {
         let settings = Settings {
             downsample: Some(Downsample::Rows),
             ..Settings::preset(Preset::Fast)

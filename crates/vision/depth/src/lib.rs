@@ -1,8 +1,8 @@
-//! Rectified stereo pictures to disparity, depth and their sigma.
+//! Disparity and depth of rectified stereo images, with a standard deviation per pixel.
 
 #![allow(
     clippy::needless_range_loop,
-    reason = "kernels walk several rows at once; by index they become vector code"
+    reason = "kernels read several rows in one loop; with indices the compiler vectorizes them"
 )]
 
 mod aggregation;

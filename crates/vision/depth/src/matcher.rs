@@ -1,4 +1,4 @@
-//! The whole way from two pictures to a disparity map.
+//! Stereo matcher: from two rectified images to a disparity map.
 
 use rayon::prelude::*;
 
@@ -17,14 +17,13 @@ use crate::settings::Settings;
 use crate::sigma::{Evidence, Model};
 use crate::speckle::SpeckleFilter;
 
-/// Matches pairs of one size; keeps its buffers from pair to pair.
-///
-/// The same pair gives the same map, whatever was matched before, on any number of threads.
+/// Matches pairs of one size and reuses its buffers from pair to pair.
+/// The same pair gives the same map, whatever pairs were matched before, on any number of threads.
 #[derive(Debug)]
 pub struct Matcher {
     settings: Settings,
     level: Level,
-    /// What matches instead, if pictures are made smaller.
+    /// Matcher of the downsampled images, if configured.
     half_resolution: Option<Box<HalfResolution>>,
     model: Model,
     aggregation: Aggregation,
@@ -39,27 +38,27 @@ pub struct Matcher {
     stats: MatchStats,
 }
 
-/// What was noticed on the way.
+/// Statistics of one matched pair.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct MatchStats {
-    /// Standard deviation of the noise, grey levels; none in the dark.
+    /// Standard deviation of the image noise, gray levels; absent if no block is well exposed.
     pub noise: Option<f64>,
-    /// Whether the settings for noisy pictures were used.
+    /// Whether the settings for noisy images were used.
     pub is_noisy: bool,
-    /// Pixels of each row whose best disparity is the least or the greatest of the row's band.
+    /// Number of pixels of each row whose winning disparity is at the lower and at the upper end of
+    /// the band of the row.
     pub at_end: Vec<[u32; 2]>,
 }
 
 impl Matcher {
-    /// For pictures of `width` x `height` pixels.
-    ///
+    /// A matcher for images of `width` x `height` pixels.
     /// # Errors
     /// [`DepthError::Settings`].
     pub fn new(settings: Settings, width: usize, height: usize) -> Result<Self, DepthError> {
         settings.validate()?;
         if width == 0 || height == 0 {
             return Err(DepthError::Settings {
-                what: "the size of pictures",
+                what: "the image size",
                 found: format!("{width} x {height}"),
                 expected: "at least 1 x 1".to_owned(),
             });
@@ -90,7 +89,7 @@ impl Matcher {
         })
     }
 
-    /// With another model of sigma than that of the settings.
+    /// Replaces the sigma model of the preset.
     #[must_use]
     pub fn with_model(mut self, model: Model) -> Self {
         self.model = model;
@@ -100,7 +99,8 @@ impl Matcher {
         self
     }
 
-    /// Keeps the evidence of each pixel, for who fits a model, and leaves out no disparity for its sigma.
+    /// Stores the evidence of each pixel, to fit a model, and does not reject disparities by their
+    /// sigma.
     #[must_use]
     pub fn with_evidence(mut self) -> Self {
         self.stores_evidence = true;
@@ -110,7 +110,8 @@ impl Matcher {
         self
     }
 
-    /// The evidence of each pixel of the last map, of the smaller one where pictures are made smaller; empty unless asked for.
+    /// Evidence of each pixel of the last map, at the downsampled resolution if images are
+    /// downsampled; empty without [`Matcher::with_evidence`].
     pub fn evidence(&self) -> &[Evidence] {
         match &self.half_resolution {
             Some(half_resolution) => half_resolution.matcher.evidence(),
@@ -118,25 +119,25 @@ impl Matcher {
         }
     }
 
-    /// The last map; nothing is in it before the first pair.
+    /// The last map; all pixels are absent before the first pair.
     pub fn map(&self) -> &DisparityMap {
         &self.map
     }
 
-    /// What was noticed in the last pair.
+    /// Statistics of the last pair.
     pub fn stats(&self) -> &MatchStats {
         &self.stats
     }
 
-    /// The settings.
+    /// Settings of the matcher.
     pub fn settings(&self) -> &Settings {
         &self.settings
     }
 
     /// Matches a rectified pair.
-    ///
     /// # Errors
-    /// [`DepthError::Size`] for pictures of another size; [`DepthError::Band`] for a band with another number of rows.
+    /// [`DepthError::Size`] if an image has another size; [`DepthError::Band`] if the band has
+    /// another number of rows.
     pub fn run(
         &mut self,
         left: &ImageView<'_>,
@@ -157,7 +158,7 @@ impl Matcher {
         if band.height() != left.height() {
             return Err(DepthError::Band {
                 found: format!("{} rows", band.height()),
-                expected: format!("{}, as the pictures have", left.height()),
+                expected: format!("{}, the number of image rows", left.height()),
             });
         }
         let noise = noise::estimate(left);
@@ -171,7 +172,8 @@ impl Matcher {
         Ok(&self.map)
     }
 
-    /// Matches a pair of the right size, with so much noise.
+    /// Matches a pair of the correct size. `noise` is the standard deviation of the image noise,
+    /// gray levels.
     pub(crate) fn run_through(
         &mut self,
         left: &ImageView<'_>,
@@ -230,7 +232,8 @@ impl Matcher {
         Ok(())
     }
 
-    /// Winners to disparities; and how many of them are at an end of the band.
+    /// Converts winners to disparities: left-right check, median, speckle filter. Counts the
+    /// winners at the ends of the band.
     fn check_consistency(&mut self, band: &Band) {
         let width = self.map.width;
         let winners = &self.aggregation.winners;
@@ -267,7 +270,8 @@ impl Matcher {
         self.stats.at_end.par_extend(at_end);
     }
 
-    /// Gives each disparity its sigma, and takes out what nobody can tell.
+    /// Assigns a sigma to each disparity, and rejects disparities with a low correlation or a large
+    /// sigma.
     fn assign_sigma(&mut self, left: &ImageView<'_>, right: &ImageView<'_>) {
         let width = self.map.width;
         self.local_stats.compute(width, &self.map.disparity);

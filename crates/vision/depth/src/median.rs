@@ -1,12 +1,12 @@
-//! The median of a disparity and its eight neighbours.
-//!
-//! Absent neighbours, and those beyond the picture, count as the disparity itself; what is absent stays absent.
+//! Median filter over 3x3 disparities.
+//! Absent neighbors, and those outside the image, count as the disparity itself. Absent disparities
+//! remain absent.
 
 use rayon::prelude::*;
 
 use crate::lanes::{Kernel, Lanes, Level};
 
-/// Writes the medians of `map` to `filtered`; NaN is absent.
+/// Writes the medians of `map` to `filtered`; NaN means absent.
 pub(crate) fn median(level: Level, width: usize, map: &[f32], filtered: &mut Vec<f32>) {
     filtered.resize(map.len(), f32::NAN);
     let height = map.len() / width;
@@ -30,13 +30,14 @@ pub(crate) fn median(level: Level, width: usize, map: &[f32], filtered: &mut Vec
     );
 }
 
-/// One row; its neighbours begin one before it and end one behind it, or behind the last [`CHUNK`] pixels that it begins.
+/// Filters one row. The neighbor rows start one pixel before it and extend to one pixel after its
+/// last, possibly partial, chunk of [`CHUNK`] pixels.
 struct Row<'a> {
     near: [&'a [f32]; 3],
     to: &'a mut [f32],
 }
 
-/// Pixels at a time.
+/// Number of pixels that are sorted in parallel.
 const CHUNK: usize = 128;
 
 impl Kernel for Row<'_> {
@@ -62,8 +63,9 @@ impl Kernel for Row<'_> {
     }
 }
 
-/// The middle one of nine, for several pixels: three columns sorted, then the greatest of the least, the middle of the middle
-/// ones and the least of the greatest, of which it is the middle one. It comes to 4.
+/// Sorting network for the median of nine, for several pixels: the three columns are sorted, then
+/// the median is that of the maximum of the minima, the median of the medians and the minimum of
+/// the maxima. The result is at index 4.
 #[inline(always)]
 fn sort_to_middle(nine: &mut [[f32; CHUNK]; 9]) {
     for column in 0..3 {
@@ -71,12 +73,12 @@ fn sort_to_middle(nine: &mut [[f32; CHUNK]; 9]) {
         sort(nine, column + 3, column + 6);
         sort(nine, column, column + 3);
     }
-    // The greatest of the three least comes to 2, the least of the three greatest to 6.
+    // The maximum of the three minima moves to index 2, the minimum of the three maxima to 6.
     sort(nine, 0, 1);
     sort(nine, 1, 2);
     sort(nine, 7, 8);
     sort(nine, 6, 7);
-    // The middle of the three middle ones comes to 4.
+    // The median of the three medians moves to index 4.
     sort(nine, 3, 4);
     sort(nine, 4, 5);
     sort(nine, 3, 4);
@@ -85,7 +87,7 @@ fn sort_to_middle(nine: &mut [[f32; CHUNK]; 9]) {
     sort(nine, 2, 4);
 }
 
-/// Puts the lesser one first. NaN is with NaN only: a pixel without disparity has nine of them.
+/// Orders two values. NaN is compared with NaN only: a pixel without disparity has nine of them.
 #[inline(always)]
 fn sort(nine: &mut [[f32; CHUNK]; 9], first: usize, second: usize) {
     for i in 0..CHUNK {
@@ -101,7 +103,7 @@ mod tests {
     use crate::reference::{self, Random};
 
     #[test]
-    fn medians_are_the_middle_of_nine() {
+    fn medians_equal_those_of_sorted_neighborhoods() {
         let mut random = Random(21);
         for (level, (width, height)) in reference::with_levels([(1, 1), (3, 2), (40, 9)]) {
             let map: Vec<f32> = (0..width * height)

@@ -1,23 +1,23 @@
-//! How noisy a picture is, and taking some of it away.
-//!
-//! The noise is what is left of a picture when every surface that bends by less than a pixel is gone: Immerkær's mask ("Fast noise
-//! variance estimation", CVIU 1996), whose mean size over noise of a standard deviation s is `6 s sqrt(2 / pi)`. Texture
-//! adds to it, so it is taken over blocks, and a quarter of the blocks have less than what is told; one block in four is looked at. Blocks that are black or
-//! blown out have no noise to tell of and do not count.
+//! Estimation and smoothing of image noise.
+//! Noise is the response to a mask that cancels surfaces with little curvature: Immerkær's mask
+//! ("Fast noise variance estimation", CVIU 1996), whose mean absolute response to noise of standard
+//! deviation s is `6 s sqrt(2 / pi)`. Texture adds to the response, so that the estimate is the
+//! lower quartile over blocks; one block in four is evaluated. Under- and overexposed blocks do not
+//! show the noise and are not counted.
 
 use rayon::prelude::*;
 
 use crate::image::ImageView;
 
-/// Side of a block, px.
+/// Side length of a block, px.
 const BLOCK_PX: usize = 16;
-/// Mean grey levels of blocks that count.
+/// Mean gray levels of evaluated blocks.
 const VALID_MEANS: std::ops::Range<u32> = 4..250;
 
-/// Standard deviation of the noise, grey levels; none where no block tells of it.
+/// Standard deviation of the noise, gray levels; `None` if no block is well exposed.
 pub fn estimate(image: &ImageView<'_>) -> Option<f64> {
     let (width, height) = (image.width(), image.height());
-    // Every second one both ways.
+    // Every second block in both directions.
     let columns = width.saturating_sub(2 + BLOCK_PX).div_ceil(2 * BLOCK_PX);
     let rows = height.saturating_sub(2 + BLOCK_PX).div_ceil(2 * BLOCK_PX);
     let block = |k: usize| {
@@ -49,7 +49,7 @@ pub fn estimate(image: &ImageView<'_>) -> Option<f64> {
     Some(mean / 6.0 * (std::f64::consts::PI / 2.0).sqrt())
 }
 
-/// The picture under a binomial window of 3x3 pixels, rounded; its border goes on.
+/// Smooths an image with a binomial 3x3 kernel, rounded; the border pixels are repeated.
 pub(crate) fn smooth(image: &ImageView<'_>, smoothed: &mut Vec<u8>) {
     let (width, height) = (image.width(), image.height());
     smoothed.resize(width * height, 0);
@@ -79,7 +79,8 @@ mod tests {
     use super::*;
     use crate::reference::Random;
 
-    /// Even grey with noise of a known size, which is about normal: the sum of twelve even ones.
+    /// Constant gray with approximately normal noise of a known standard deviation: the sum of
+    /// twelve uniform values.
     fn noisy(random: &mut Random, sigma: f64) -> Vec<u8> {
         let mut normal = || {
             (0..12)
@@ -93,18 +94,18 @@ mod tests {
     }
 
     #[test]
-    fn the_noise_of_an_even_picture_is_found() {
+    fn noise_of_a_textureless_image_is_estimated() {
         let mut random = Random(7);
         for sigma in [1.0, 2.0, 5.0] {
             let pixels = noisy(&mut random, sigma);
             let found = estimate(&ImageView::new(160, 120, &pixels).unwrap()).unwrap();
-            // A quarter of the blocks have less; rounding to grey levels adds a little.
+            // The lower quartile is below the mean; rounding to gray levels adds a little.
             assert!((0.85..1.1).contains(&(found / sigma)), "{sigma}: {found}");
         }
     }
 
     #[test]
-    fn texture_on_a_part_of_the_picture_is_no_noise() {
+    fn texture_in_a_part_of_the_image_does_not_count_as_noise() {
         let mut random = Random(8);
         let mut pixels = noisy(&mut random, 1.0);
         for (i, pixel) in pixels.iter_mut().enumerate() {
@@ -121,7 +122,7 @@ mod tests {
     }
 
     #[test]
-    fn darkness_tells_nothing() {
+    fn dark_image_has_no_noise_estimate() {
         let pixels = vec![0; 160 * 120];
         assert_eq!(estimate(&ImageView::new(160, 120, &pixels).unwrap()), None);
         assert_eq!(
@@ -131,7 +132,7 @@ mod tests {
     }
 
     #[test]
-    fn smoothing_is_a_weighted_mean() {
+    fn smoothing_is_a_binomial_mean() {
         let mut random = Random(9);
         for (width, height) in [(1, 1), (2, 5), (9, 4)] {
             let pixels = random.image(width, height);

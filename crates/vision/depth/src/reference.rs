@@ -1,15 +1,16 @@
-//! The slow twin of the whole matcher: loops over pixels, disparities and paths as the definitions have them.
+//! Reference implementation of the matcher: loops over pixels, disparities and paths, directly from
+//! the definitions.
 
 use crate::aggregation::{MAX_DISPARITIES, NONE, Paths, Range, Weights, Winner};
 use crate::census::Census;
 use crate::image::ImageView;
 use crate::lanes::Level;
 
-/// A stream of random numbers (xorshift64*).
+/// Pseudorandom numbers (xorshift64*).
 pub(crate) struct Random(pub(crate) u64);
 
 impl Random {
-    /// Below `most`.
+    /// A random integer below `most`.
     pub(crate) fn below(&mut self, most: u64) -> u64 {
         self.0 ^= self.0 >> 12;
         self.0 ^= self.0 << 25;
@@ -17,12 +18,12 @@ impl Random {
         (self.0.wrapping_mul(0x2545_f491_4f6c_dd1d) >> 32) % most
     }
 
-    /// Grey levels without any order.
+    /// An image of random gray levels.
     pub(crate) fn image(&mut self, width: usize, height: usize) -> Vec<u8> {
         (0..width * height).map(|_| self.below(256) as u8).collect()
     }
 
-    /// A picture with detail of all sizes.
+    /// A random image with detail at several scales.
     pub(crate) fn scene(&mut self, width: usize, height: usize) -> Vec<u8> {
         let mut image = vec![0u16; width * height];
         for (side, most) in [(1, 40), (3, 80), (9, 80), (24, 40)] {
@@ -37,7 +38,8 @@ impl Random {
         image.into_iter().map(|v| v as u8).collect()
     }
 
-    /// A picture, and the same moved to the left by a few columns with a little noise.
+    /// An image, and the same image shifted to the left by `shift` columns, both with a little
+    /// noise.
     pub(crate) fn pair(&mut self, width: usize, height: usize, shift: usize) -> [Vec<u8>; 2] {
         let wide = width + shift;
         let long = self.scene(wide, height);
@@ -50,13 +52,13 @@ impl Random {
     }
 }
 
-/// Every level with every one of some values.
+/// All combinations of instruction sets and values.
 pub(crate) fn with_levels<T: Copy, const N: usize>(values: [T; N]) -> Vec<(Level, T)> {
     let of = |level: Level| values.map(|value| (level, value));
     Level::all().into_iter().flat_map(of).collect()
 }
 
-/// The census code of a pixel, the first pair in the highest of its bits.
+/// Census code of a pixel, with the first pair in the highest bit.
 pub(crate) fn code(image: &ImageView<'_>, census: Census, x: usize, y: usize) -> u64 {
     let at = |(dx, dy): (i32, i32)| {
         let column = (x as i32 + dx).clamp(0, image.width() as i32 - 1);
@@ -67,7 +69,7 @@ pub(crate) fn code(image: &ImageView<'_>, census: Census, x: usize, y: usize) ->
     bits.fold(0, |code, bit| code << 1 | u64::from(bit))
 }
 
-/// What a disparity costs in a pixel.
+/// Matching cost of a disparity of a pixel.
 pub(crate) fn cost(
     left: &ImageView<'_>,
     right: &ImageView<'_>,
@@ -87,7 +89,7 @@ pub(crate) fn cost(
     bits.count_ones() as u8 + apart.min(max_gray_cost)
 }
 
-/// The winners of all pixels, and those of the right picture's.
+/// Winners of all pixels of the left and of the right image.
 pub(crate) fn winners(
     weights: Weights,
     [left, right]: [&ImageView<'_>; 2],
@@ -132,7 +134,7 @@ pub(crate) fn winners(
     let mut right_winners = vec![NONE; width * height];
     for y in 0..height {
         let is_upper = y < height / 2;
-        // The paths that are added last come with the sweep that ends in this half.
+        // The paths that are added last belong to the sweep that ends in this half.
         let (mut own, mut other): (Vec<&Vec<u8>>, Vec<&Vec<u8>>) = match is_upper {
             true => (from_below.iter().collect(), from_above.iter().collect()),
             false => (from_above.iter().collect(), from_below.iter().collect()),
@@ -171,7 +173,7 @@ pub(crate) fn winners(
     (winners, right_winners)
 }
 
-/// The least sum, the first of equals, and what is beside it.
+/// The smallest sum, the first among equals, with the adjacent sums.
 fn winner(total: &[u16], out: u16) -> Winner {
     let least = *total.iter().min().unwrap();
     let lane = total.iter().position(|sum| *sum == least).unwrap();
@@ -186,7 +188,7 @@ fn winner(total: &[u16], out: u16) -> Winner {
     }
 }
 
-/// The costs along one path of every pixel and disparity.
+/// Costs along one path, for every pixel and disparity.
 fn path(
     weights: Weights,
     left: &ImageView<'_>,

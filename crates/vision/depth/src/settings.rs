@@ -1,4 +1,4 @@
-//! How much trouble a depth map is worth.
+//! Settings and presets of the matcher.
 
 use crate::aggregation::{Paths, Penalties};
 use crate::census::Census;
@@ -6,66 +6,71 @@ use crate::error::DepthError;
 use crate::half_resolution::Downsample;
 use crate::lanes::Level;
 
-/// How a pair of pictures is compared.
+/// Matching cost and smoothness of one noise class.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Matching {
-    /// Which pixels are compared.
+    /// Census window.
     pub census: Census,
-    /// Most that the difference of grey levels may cost, in half levels; a bit of census costs 1.
+    /// Limit of the gray-level cost, in units of two gray levels; one census bit costs 1.
     pub max_gray_cost: u8,
-    /// Costs of the way from pixel to pixel.
+    /// Smoothness penalties.
     pub penalties: Penalties,
-    /// Whether both pictures are smoothed first.
+    /// Whether both images are smoothed before matching.
     pub smooth: bool,
 }
 
-/// See the fields.
+/// Settings of a matcher.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Settings {
-    /// Whether pictures are made smaller first.
+    /// Downsampling before matching, if any.
     pub downsample: Option<Downsample>,
-    /// For pictures with little noise.
+    /// Matching of images with little noise.
     pub clear: Matching,
-    /// For the others.
+    /// Matching of noisy images.
     pub noisy: Matching,
-    /// Standard deviation of noise from which on pictures are noisy, grey levels.
+    /// Minimum standard deviation of the noise for an image to count as noisy, gray levels.
     pub min_noise: f64,
-    /// Which paths lead to a pixel.
+    /// Aggregation paths.
     pub paths: Paths,
-    /// How far the winners of the two pictures may be apart, px.
+    /// Maximum disparity difference between the left and the right image, px. Compare OpenCV SGBM
+    /// `disp12MaxDiff`.
     pub max_lr_difference_px: u16,
-    /// How much less the cost of a disparity must be than that of others that are not beside it, percent.
+    /// Minimum margin by which the second-best non-adjacent cost exceeds the best one, percent.
+    /// Compare OpenCV SGBM `uniquenessRatio`.
     pub uniqueness_percent: u16,
-    /// Whether each disparity becomes the median of it and its neighbours.
+    /// Whether a 3x3 median filter is applied.
     pub median: bool,
-    /// Islands of less pixels than this are absent.
+    /// Minimum size of a connected region, pixels; smaller ones are removed. Compare OpenCV SGBM
+    /// `speckleWindowSize`.
     pub min_speckle_px: usize,
-    /// Neighbours of one island differ by at most this, px.
+    /// Maximum disparity difference of neighbors in one region, px. Compare OpenCV SGBM
+    /// `speckleRange`.
     pub speckle_step_px: f32,
-    /// Correlation that the two pictures must have around a pixel and where it leads to. Of noise it is 0.08 either way.
+    /// Minimum correlation of the two images around a pixel and its match. For pure noise it is
+    /// within 0.08 of 0.
     pub min_correlation: f32,
-    /// What has a larger sigma is absent, px.
+    /// Maximum sigma, px; disparities with a larger one are removed.
     pub max_sigma_px: f32,
-    /// The instructions to use; none for the best that there are.
+    /// Instruction set; `None` for the most capable one of the processor.
     pub level: Option<Level>,
 }
 
 /// Points on the curve of accuracy against time (`docs/depth.md`).
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Preset {
-    /// In real time, on few cores.
+    /// Real time on few cores.
     Fast,
-    /// Between the two.
+    /// Between `Fast` and `Accurate`.
     Balanced,
-    /// As good as it gets.
+    /// Best accuracy.
     Accurate,
 }
 
 impl Preset {
-    /// All of them, the fastest first.
+    /// All presets, the fastest first.
     pub const ALL: [Self; 3] = [Self::Fast, Self::Balanced, Self::Accurate];
 
-    /// As the command line calls it.
+    /// Name on the command line.
     pub fn name(self) -> &'static str {
         match self {
             Self::Fast => "fast",
@@ -125,21 +130,21 @@ impl Settings {
                 return invalid(
                     "the large penalty",
                     penalties.large.to_string(),
-                    format!("at most {MAX_COST} with costs of up to {most}"),
+                    format!("at most {MAX_COST} minus the maximum matching cost {most}"),
                 );
             }
             if penalties.min_large > penalties.large || penalties.small > penalties.large {
                 return invalid(
                     "the large penalty",
                     penalties.large.to_string(),
-                    "no less than the small one and than its least".to_owned(),
+                    "not below the small penalty and its own lower limit".to_owned(),
                 );
             }
         }
-        // Not a number is in no range.
+        // NaN is rejected too.
         let numbers = [
-            ("the step within islands", self.speckle_step_px),
-            ("the largest sigma", self.max_sigma_px),
+            ("the speckle step", self.speckle_step_px),
+            ("the maximum sigma", self.max_sigma_px),
         ];
         match numbers
             .into_iter()
@@ -151,11 +156,12 @@ impl Settings {
     }
 }
 
-/// Costs along a path are bytes, of which 255 means that it cannot be.
+/// Maximum path cost: costs are bytes, and 255 means an invalid disparity.
 const MAX_COST: u32 = 254;
 
 impl Penalties {
-    /// In the proportion to the greatest cost that has been found best on `docs/benchmarks/depth.json`.
+    /// Penalties in proportion to the maximum matching cost. The proportions gave the best results
+    /// on `docs/benchmarks/depth.json`.
     pub fn for_costs_up_to(most: u8) -> Self {
         let share = |percent: u32| (u32::from(most) * percent / 100).min(190) as u8;
         Self {

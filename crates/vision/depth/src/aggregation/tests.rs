@@ -1,4 +1,4 @@
-//! Against the slow twin, to the bit.
+//! Bit-exact comparison with the reference implementation.
 
 use super::*;
 use crate::reference::{self, Random};
@@ -15,7 +15,7 @@ fn check(level: Level, weights: Weights, pixels: &[Vec<u8>; 2], width: usize, ra
     let images = [0, 1].map(|eye| ImageView::new(width, height, &pixels[eye]).unwrap());
     let images = [&images[0], &images[1]];
     let mut aggregation = Aggregation::default();
-    // Twice: what was left from the first time must not show.
+    // Twice: buffers of the first run must not affect the second one.
     for _ in 0..2 {
         aggregation.run(level, weights, images, range);
     }
@@ -27,7 +27,7 @@ fn check(level: Level, weights: Weights, pixels: &[Vec<u8>; 2], width: usize, ra
         if expected.lane == NONE {
             continue;
         }
-        // Beyond the range there is nothing to be equal to.
+        // The reference has no sums outside the range.
         for (side, lane) in [(0, expected.lane.wrapping_sub(1)), (1, expected.lane + 1)] {
             if usize::from(lane) < range.count {
                 assert_eq!(found.beside[side], expected.beside[side], "{x} {y}");
@@ -40,7 +40,7 @@ fn check(level: Level, weights: Weights, pixels: &[Vec<u8>; 2], width: usize, ra
 }
 
 #[test]
-fn winners_are_those_of_the_twin() {
+fn winners_equal_those_of_the_reference() {
     let mut random = Random(11);
     let (width, height) = (61, 17);
     for (k, paths) in [Paths::Three, Paths::Four, Paths::Eight]
@@ -71,14 +71,15 @@ fn winners_are_those_of_the_twin() {
 }
 
 #[test]
-fn bands_are_those_of_the_twin() {
+fn banded_winners_equal_those_of_the_reference() {
     let mut random = Random(12);
     let (width, height) = (50, 24);
     for count in [70, 140, 256] {
         for round in 0..6 {
             let rows: Vec<[u16; 2]> = (0..height)
                 .map(|y| {
-                    // Bands of all widths, at the ends and away from them, that change at every third row.
+                    // Bands of all widths, touching the ends of the range or not, that change every
+                    // third row.
                     let mut of = Random(1 + y as u64 / 3 + 100 * round);
                     let low = of.below(count);
                     let high = low + 1 + of.below(count - low);
@@ -105,7 +106,7 @@ fn bands_are_those_of_the_twin() {
 }
 
 #[test]
-fn threads_change_nothing() {
+fn result_does_not_depend_on_the_number_of_threads() {
     let mut random = Random(13);
     let (width, height) = (90, 31);
     let pair = random.pair(width, height, 12);

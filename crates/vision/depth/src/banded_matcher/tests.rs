@@ -5,7 +5,7 @@ use crate::settings::Preset;
 const WIDTH: usize = 240;
 const HEIGHT: usize = 96;
 
-/// A scene at a disparity.
+/// A fronto-parallel scene at one disparity.
 fn pair(shift: usize) -> [Vec<u8>; 2] {
     Random(71).pair(WIDTH, HEIGHT, shift)
 }
@@ -29,16 +29,16 @@ fn banded() -> BandedMatcher {
 }
 
 #[test]
-fn little_is_looked_for_where_there_is_little() {
+fn narrow_scene_searches_a_small_fraction_of_the_range() {
     let mut banded = banded();
     let (map, stats) = run(&mut banded, &pair(20));
     assert!(stats.searched_ratio < 0.4 && stats.reruns == 0, "{stats:?}");
     assert!(ratio_at(&map, 60..220, 20.0) > 0.98);
 }
 
-/// A jump of everything is seen by the coarse look, whatever was there before.
+/// Coarse matching follows a jump of the whole scene, whatever the previous map was.
 #[test]
-fn what_moves_far_is_found() {
+fn large_disparity_jumps_are_found() {
     let mut banded = banded();
     for shift in [20, 90, 5, 60] {
         let (map, _) = run(&mut banded, &pair(shift));
@@ -46,11 +46,11 @@ fn what_moves_far_is_found() {
     }
 }
 
-/// A band that is too narrow is noticed by the pixels that pile up at its end.
+/// A band that is too narrow is detected by the pixels at its end.
 #[test]
-fn a_band_that_cuts_is_widened() {
+fn clipping_band_is_widened() {
     let mut banded = banded();
-    // A plan that misses by a few pixels, as if the coarse look had been wrong.
+    // A plan that misses the disparity by a few pixels, as after wrong coarse matching.
     let eyes = pair(40);
     let images = [0, 1].map(|eye| ImageView::new(WIDTH, HEIGHT, &eyes[eye]).unwrap());
     let narrow = Band::rows(&[[20, 40]; HEIGHT]).unwrap();
@@ -62,9 +62,9 @@ fn a_band_that_cuts_is_widened() {
     assert!(!banded.is_clipped(&wider, WIDTH));
 }
 
-/// The loop does so by itself; a block in which few pixels pile up stays as it was.
+/// `run_from` repeats the match; a block with few pixels at its end is not widened.
 #[test]
-fn a_pair_is_matched_again_where_its_band_cut() {
+fn clipped_pair_is_matched_again() {
     let mut banded = banded();
     for (shift, reruns) in [(30, 0), (44, 1)] {
         let eyes = pair(shift);
@@ -78,7 +78,7 @@ fn a_pair_is_matched_again_where_its_band_cut() {
 }
 
 #[test]
-fn the_ends_of_all_are_no_cut() {
+fn ends_of_the_full_range_do_not_count_as_clipped() {
     let banded = {
         let mut banded = banded();
         let eyes = pair(0);

@@ -1,8 +1,8 @@
 use super::*;
 use crate::reference::Random;
 
-/// Errors whose size two kinds of evidence tell of, with a heavy tail: one in twenty is more than three times as large as half of
-/// them.
+/// Heavy-tailed errors whose scale depends on two components of the evidence: one in twenty is more
+/// than three times the median.
 fn samples(random: &mut Random, count: usize) -> Vec<Sample> {
     (0..count)
         .map(|_| {
@@ -19,7 +19,7 @@ fn samples(random: &mut Random, count: usize) -> Vec<Sample> {
         .collect()
 }
 
-/// The error that so large a part of all is below.
+/// Quantile of the error; `part` is from 0 to 1.
 fn error(evidence: &Evidence, part: f32) -> f32 {
     let size = if evidence.second_best_margin < 1.0 {
         2.0
@@ -30,7 +30,7 @@ fn error(evidence: &Evidence, part: f32) -> f32 {
     size * more * ((1.0 - part).powf(-0.5) - 1.0)
 }
 
-/// The share of errors that are within two sigma, of samples that a condition chooses.
+/// Fraction of errors within two sigma, among the samples that fulfill a condition.
 fn coverage(model: &Model, samples: &[Sample], of: impl Fn(&Evidence) -> bool) -> f64 {
     let chosen: Vec<&Sample> = samples.iter().filter(|s| of(&s.evidence)).collect();
     assert!(chosen.len() > 1000);
@@ -39,7 +39,7 @@ fn coverage(model: &Model, samples: &[Sample], of: impl Fn(&Evidence) -> bool) -
 }
 
 #[test]
-fn a_fitted_model_covers_what_it_has_not_seen() {
+fn fitted_model_covers_unseen_samples() {
     let mut random = Random(51);
     let model = Model::fit(&samples(&mut random, 80_000)).unwrap();
     let others = samples(&mut random, 80_000);
@@ -74,13 +74,13 @@ fn a_fitted_model_covers_what_it_has_not_seen() {
 }
 
 #[test]
-fn few_samples_tell_nothing() {
+fn too_few_samples_give_no_model() {
     assert_eq!(Model::fit(&samples(&mut Random(52), 100)), None);
 }
 
 #[test]
-fn what_is_not_a_number_is_doubtful() {
-    // Infinite ranges come from surroundings without a disparity.
+fn infinite_range_gives_a_finite_sigma() {
+    // Infinite ranges occur in neighborhoods without a disparity.
     let model = Model::fit(&samples(&mut Random(53), 60_000)).unwrap();
     let evidence = Evidence {
         second_best_margin: 0.0,
@@ -92,7 +92,7 @@ fn what_is_not_a_number_is_doubtful() {
 }
 
 #[test]
-fn the_models_of_the_presets_tell_good_from_bad() {
+fn preset_models_separate_good_from_bad_evidence() {
     let good = Evidence {
         second_best_margin: 4.0,
         cost_slope: 2.0,

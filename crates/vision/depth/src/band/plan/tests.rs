@@ -8,7 +8,7 @@ const NONE: Margin = Margin {
 };
 
 #[test]
-fn a_plan_holds_all_that_was_added() {
+fn plan_contains_all_added_disparities() {
     let full = Band::full(0, 64, 24).unwrap();
     let mut plan = Plan::new(&full);
     assert_eq!(plan.finish(&NONE).unwrap(), full);
@@ -28,21 +28,21 @@ fn a_plan_holds_all_that_was_added() {
         rows: 2,
     };
     let wide = plan.finish(&margin).unwrap();
-    // 10 - 2 - 1 to 12 + 2 + 2, and 31 + 2 + 4 where the ninth row is near.
+    // 10 - 2 - 1 to 12 + 2 + 2, and 31 + 2 + 4 where the margin includes row 9.
     assert_eq!([0, 8, 16].map(|y| wide.row(y)), [[7, 37], [7, 37], [7, 16]]);
     plan.add(3, [-50, 500]);
     assert_eq!(plan.finish(&margin).unwrap().row(3), [0, 63]);
 }
 
 #[test]
-fn a_plane_is_where_its_rays_meet_it() {
+fn plane_adds_the_disparities_of_its_ray_intersections() {
     let geometry = Geometry {
         focal_px: 300.0,
         center: [159.5, 79.5],
         baseline_m: 0.1,
         offset_px: 0.0,
     };
-    // The ground 1.5 m below a camera that looks ahead and is rolled a little.
+    // Ground plane 1.5 m below a level camera with a small roll.
     let roll: f64 = 0.05;
     let plane = Plane {
         normal: [roll.sin(), roll.cos(), 0.0],
@@ -55,7 +55,7 @@ fn a_plane_is_where_its_rays_meet_it() {
     plan.add_plane(&geometry, 320, &plane);
     let band = plan.finish(&NONE).unwrap();
     for (x, y) in [(0, 150), (319, 150), (200, 100), (319, 95)] {
-        // Where the ray of this pixel meets the ground.
+        // Intersection of the ray of this pixel with the ground.
         let ray = [
             (f64::from(x) - 159.5) / 300.0,
             (f64::from(y) - 79.5) / 300.0,
@@ -69,12 +69,12 @@ fn a_plane_is_where_its_rays_meet_it() {
         );
         assert!(high <= disparity + 3.0, "{high} {disparity}");
     }
-    // Above the horizon there is none.
+    // The ground adds nothing above the horizon.
     assert_eq!(band.row(20), [1, 1]);
 }
 
 #[test]
-fn a_probe_finds_what_came_in() {
+fn probe_finds_a_new_near_object() {
     let mut random = Random(61);
     let (width, height) = (256, 96);
     let wide = width + 80;
@@ -83,7 +83,7 @@ fn a_probe_finds_what_came_in() {
     for (eye, pixels) in eyes.iter_mut().enumerate() {
         for (i, pixel) in pixels.iter_mut().enumerate() {
             let (x, y) = (i % width, i / width);
-            // All at 6 px, but for a box of 40 x 32 pixels at 48 px.
+            // Background at 6 px, with a box of 40 x 32 pixels at 48 px.
             let of_box = x + 48 * eye;
             *pixel = match (100..140).contains(&of_box) && (30..62).contains(&y) {
                 true => front[y * wide + of_box],
@@ -106,7 +106,7 @@ fn a_probe_finds_what_came_in() {
 }
 
 #[test]
-fn small_pictures_have_no_coarse_look() {
+fn small_images_have_no_probe() {
     let full = Band::full(0, 16, 40).unwrap();
     assert!(Probe::new(&full, 300).unwrap().is_none());
 }
