@@ -3,7 +3,7 @@
 use std::error::Error;
 use std::path::Path;
 
-use learned::{LearnedError, Picture, SegmentationNetwork, StereoNetwork};
+use learned::{ImageView, LearnedError, SegmentationNetwork, StereoNetwork};
 
 use crate::library::runtime;
 use crate::onnx::{Attribute, F32, Graph, I64};
@@ -20,7 +20,7 @@ fn inputs(kinds: &[(u64, &[i64])]) -> Graph {
     graph.node("Identity", &["a"], "out", &[])
 }
 
-const PICTURE: (u64, &[i64]) = (F32, &[1, 1, -1, -1]);
+const IMAGE: (u64, &[i64]) = (F32, &[1, 1, -1, -1]);
 
 fn check(error: &LearnedError, parts: &[&str], file: &Path) {
     let text = error.to_string();
@@ -34,22 +34,22 @@ fn other_inputs_and_outputs_are_refused() {
     let (Some(runtime), folder) = (runtime(), tempfile::tempdir().unwrap()) else {
         return;
     };
-    let picture = |graph: Graph| graph.output("out", F32, PICTURE.1);
+    let image = |graph: Graph| graph.output("out", F32, IMAGE.1);
     let cases: [(Graph, &[&str]); 10] = [
         (
-            picture(inputs(&[PICTURE])),
+            image(inputs(&[IMAGE])),
             &["number of inputs", "1 (`a`)", "expected 2"],
         ),
         (
-            picture(inputs(&[PICTURE; 3])),
+            image(inputs(&[IMAGE; 3])),
             &["3 (`a`, `b`, `c`)", "expected 2"],
         ),
         (
-            picture(inputs(&[PICTURE, (I64, PICTURE.1)])),
+            image(inputs(&[IMAGE, (I64, IMAGE.1)])),
             &["input `b`", "i64 of [1, 1, ?, ?]", "f32 or u8"],
         ),
         (
-            picture(inputs(&[PICTURE, (F32, &[1, 1, 1, -1, 64])])),
+            image(inputs(&[IMAGE, (F32, &[1, 1, 1, -1, 64])])),
             &[
                 "input `b`",
                 "f32 of [1, 1, 1, ?, 64]",
@@ -57,21 +57,21 @@ fn other_inputs_and_outputs_are_refused() {
             ],
         ),
         (
-            picture(inputs(&[PICTURE, (F32, &[1, 2, -1, -1])])),
+            image(inputs(&[IMAGE, (F32, &[1, 2, -1, -1])])),
             &["input `b`", "[1, 2, ?, ?]"],
         ),
         (
-            picture(inputs(&[PICTURE, (F32, &[4, 1, -1, -1])])),
+            image(inputs(&[IMAGE, (F32, &[4, 1, -1, -1])])),
             &["input `b`", "[4, 1, ?, ?]"],
         ),
         (
-            picture(inputs(&[PICTURE, (F32, &[1, 1, 64, 64])])),
+            image(inputs(&[IMAGE, (F32, &[1, 1, 64, 64])])),
             &["two sizes, of `a` and `b`"],
         ),
         (
-            picture(inputs(&[PICTURE; 2]))
+            image(inputs(&[IMAGE; 2]))
                 .node("Abs", &["b"], "more", &[])
-                .output("more", F32, PICTURE.1),
+                .output("more", F32, IMAGE.1),
             &[
                 "list of outputs",
                 "`out`, `more`",
@@ -79,14 +79,14 @@ fn other_inputs_and_outputs_are_refused() {
             ],
         ),
         (
-            inputs(&[PICTURE; 2])
+            inputs(&[IMAGE; 2])
                 .node(
                     "Cast",
                     &["out"],
                     "whole",
                     &[Attribute::Number("to", I64 as i64)],
                 )
-                .output("whole", I64, PICTURE.1),
+                .output("whole", I64, IMAGE.1),
             &[
                 "output `whole`",
                 "i64 of [1, 1, ?, ?]",
@@ -94,7 +94,7 @@ fn other_inputs_and_outputs_are_refused() {
             ],
         ),
         (
-            inputs(&[PICTURE; 2])
+            inputs(&[IMAGE; 2])
                 .node(
                     "Concat",
                     &["a", "b"],
@@ -133,9 +133,9 @@ fn what_is_no_network_is_refused() {
         assert!(error.source().is_some());
         check(&error, &["expected an ONNX model"], &file);
     }
-    let unknown = inputs(&[PICTURE; 2])
+    let unknown = inputs(&[IMAGE; 2])
         .node("NoSuchOperator", &["a"], "x", &[])
-        .output("x", F32, PICTURE.1);
+        .output("x", F32, IMAGE.1);
     let file = unknown.write(folder.path(), "unknown.onnx");
     let error = StereoNetwork::open(&runtime, &file).unwrap_err();
     assert!(matches!(error, LearnedError::Model { .. }), "{error}");
@@ -146,22 +146,22 @@ fn an_answer_of_another_size_is_refused() {
     let (Some(runtime), folder) = (runtime(), tempfile::tempdir().unwrap()) else {
         return;
     };
-    let half = inputs(&[PICTURE; 2])
+    let half = inputs(&[IMAGE; 2])
         .node(
             "AveragePool",
             &["a"],
             "half",
             &[
-                Attribute::Numbers("kernel_shape", &[2, 2]),
-                Attribute::Numbers("strides", &[2, 2]),
+                Attribute::Values("kernel_shape", &[2, 2]),
+                Attribute::Values("strides", &[2, 2]),
             ],
         )
-        .output("half", F32, PICTURE.1);
+        .output("half", F32, IMAGE.1);
     let file = half.write(folder.path(), "half.onnx");
     let mut network = StereoNetwork::open(&runtime, &file).unwrap();
     let values = [0; 40 * 30];
-    let picture = Picture::grey(40, 30, &values).unwrap();
-    let error = network.run(&picture, &picture).unwrap_err();
+    let image = ImageView::gray(40, 30, &values).unwrap();
+    let error = network.run(&image, &image).unwrap_err();
     check(
         &error,
         &[
@@ -177,8 +177,8 @@ fn settings_that_do_not_suit_the_network_are_refused() {
     let (Some(runtime), folder) = (runtime(), tempfile::tempdir().unwrap()) else {
         return;
     };
-    let file = inputs(&[PICTURE; 2])
-        .output("out", F32, PICTURE.1)
+    let file = inputs(&[IMAGE; 2])
+        .output("out", F32, IMAGE.1)
         .write(folder.path(), "network.onnx");
     let settings = file.with_extension("toml");
     let cases: [(&str, &[&str]); 4] = [
@@ -248,7 +248,7 @@ fn segmentation_without_its_classes_is_refused() {
             "expected 1",
         ),
         (
-            inputs(&[PICTURE]).output("out", F32, PICTURE.1),
+            inputs(&[IMAGE]).output("out", F32, IMAGE.1),
             "at least 2 classes",
         ),
     ] {

@@ -1,15 +1,16 @@
-//! Sums over cells of 4x4 pixels and over the 3x3 cells around each: what is near a pixel, at little cost.
-//!
-//! Contract: a pixel's surroundings are the 12x12 pixels of its cell and the eight cells around it, as far as they are in the picture.
+//! Local statistics over cells of 4x4 pixels and their 3x3 neighborhoods, which is cheaper than a
+//! window per pixel.
+//! Contract: the neighborhood of a pixel is the 12x12 pixels of its cell and the eight adjacent
+//! cells, clipped at the image border.
 
 use rayon::prelude::*;
 
-use crate::picture::Picture;
+use crate::image::ImageView;
 
-/// Side of a cell, px.
-pub(crate) const SIDE: usize = 4;
+/// Side length of a cell, px.
+pub(crate) const CELL_PX: usize = 4;
 
-/// Something for each cell, rows first.
+/// One value per cell, row-major.
 #[derive(Clone, Debug, Default)]
 pub(crate) struct Cells<T> {
     columns: usize,
@@ -17,27 +18,28 @@ pub(crate) struct Cells<T> {
 }
 
 impl<T: Copy + Default + Send + Sync> Cells<T> {
-    /// Of a picture of this size: `of` says what is in a cell, given the ranges of its columns and rows.
-    fn each(
+    /// Computes all cells of an image of this size; `value` gets the ranges of columns and rows of
+    /// a cell.
+    fn fill(
         &mut self,
         [width, height]: [usize; 2],
-        of: impl Fn(std::ops::Range<usize>, std::ops::Range<usize>) -> T + Sync,
+        value: impl Fn(std::ops::Range<usize>, std::ops::Range<usize>) -> T + Sync,
     ) {
-        self.columns = width.div_ceil(SIDE);
-        let rows = height.div_ceil(SIDE);
+        self.columns = width.div_ceil(CELL_PX);
+        let rows = height.div_ceil(CELL_PX);
         self.cells.resize(self.columns * rows, T::default());
         let cells = self.cells.par_chunks_exact_mut(self.columns).enumerate();
         cells.for_each(|(row, cells)| {
-            let ys = row * SIDE..((row + 1) * SIDE).min(height);
+            let ys = row * CELL_PX..((row + 1) * CELL_PX).min(height);
             for (column, cell) in cells.iter_mut().enumerate() {
-                let xs = column * SIDE..((column + 1) * SIDE).min(width);
-                *cell = of(xs, ys.clone());
+                let xs = column * CELL_PX..((column + 1) * CELL_PX).min(width);
+                *cell = value(xs, ys.clone());
             }
         });
     }
 
-    /// Puts each cell together with its neighbours: `join` puts two together.
-    fn around(&self, joined: &mut Self, join: impl Fn(T, T) -> T + Sync) {
+    /// Combines each cell with its eight neighbors; `join` combines two values.
+    fn merge_neighbors(&self, joined: &mut Self, join: impl Fn(T, T) -> T + Sync) {
         let columns = self.columns;
         joined.columns = columns;
         joined.cells.resize(self.cells.len(), T::default());
@@ -68,84 +70,86 @@ impl<T: Copy + Default + Send + Sync> Cells<T> {
         });
     }
 
-    /// The cell of a pixel.
+    /// Value of the cell that contains a pixel.
     pub(crate) fn at(&self, x: usize, y: usize) -> T {
-        self.cells[y / SIDE * self.columns + x / SIDE]
+        self.cells[y / CELL_PX * self.columns + x / CELL_PX]
     }
 }
 
-/// What a map has near a pixel.
+/// Disparity statistics of the neighborhood of a pixel.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub(crate) struct Near {
-    /// The least and the greatest disparity, px.
-    pub(crate) least: f32,
-    pub(crate) greatest: f32,
-    /// Pixels with one.
+pub(crate) struct Neighborhood {
+    /// Minimum and maximum disparity, px.
+    pub(crate) min: f32,
+    pub(crate) max: f32,
+    /// Number of pixels with a disparity.
     pub(crate) found: u16,
-    /// Pixels.
+    /// Number of pixels.
     pub(crate) all: u16,
 }
 
-impl Default for Near {
+impl Default for Neighborhood {
     fn default() -> Self {
         Self {
-            least: f32::INFINITY,
-            greatest: f32::NEG_INFINITY,
+            min: f32::INFINITY,
+            max: f32::NEG_INFINITY,
             found: 0,
             all: 0,
         }
     }
 }
 
-/// Surroundings of every pixel of a map; NaN is absent.
+/// Disparity statistics of the neighborhood of every pixel of a map; NaN means absent.
 #[derive(Debug, Default)]
-pub(crate) struct Surroundings {
-    own: Cells<Near>,
-    pub(crate) near: Cells<Near>,
+pub(crate) struct LocalStats {
+    own: Cells<Neighborhood>,
+    pub(crate) near: Cells<Neighborhood>,
 }
 
-impl Surroundings {
-    pub(crate) fn look(&mut self, width: usize, map: &[f32]) {
+impl LocalStats {
+    pub(crate) fn compute(&mut self, width: usize, map: &[f32]) {
         let height = map.len() / width;
-        self.own.each([width, height], |xs, ys| {
-            let mut near = Near::default();
+        self.own.fill([width, height], |xs, ys| {
+            let mut near = Neighborhood::default();
             for y in ys {
                 for value in &map[y * width + xs.start..y * width + xs.end] {
                     near.all += 1;
-                    // Not for NaN.
+                    // False for NaN.
                     if *value >= f32::NEG_INFINITY {
                         near.found += 1;
-                        near.least = near.least.min(*value);
-                        near.greatest = near.greatest.max(*value);
+                        near.min = near.min.min(*value);
+                        near.max = near.max.max(*value);
                     }
                 }
             }
             near
         });
-        self.own.around(&mut self.near, |a, b| Near {
-            least: a.least.min(b.least),
-            greatest: a.greatest.max(b.greatest),
-            found: a.found + b.found,
-            all: a.all + b.all,
-        });
+        self.own
+            .merge_neighbors(&mut self.near, |a, b| Neighborhood {
+                min: a.min.min(b.min),
+                max: a.max.max(b.max),
+                found: a.found + b.found,
+                all: a.all + b.all,
+            });
     }
 }
 
-/// What two pictures have in common: sums over pixels of one and those that they lead to in the other.
+/// Sums for the correlation of two images over pairs of corresponding pixels.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
-pub(crate) struct Likeness {
+pub(crate) struct PairSums {
     count: u32,
     sums: [u32; 2],
     squares: [u32; 2],
     product: u32,
 }
 
-/// With less pixels nothing is alike.
-const FEWEST: u32 = 24;
-/// Grey levels of both that are as good as even, multiplied: they do not make anything alike.
-const EVEN: f32 = 0.1;
+/// Minimum number of pixel pairs; with fewer the correlation is 0.
+const MIN_PIXELS: u32 = 24;
+/// Regularization of the denominator, gray levels squared: image areas without texture get a
+/// correlation near 0.
+const FLAT_VARIANCE: f32 = 0.1;
 
-impl Likeness {
+impl PairSums {
     fn add(&mut self, left: u8, right: u8) {
         let pair = [left, right].map(u32::from);
         self.count += 1;
@@ -166,49 +170,51 @@ impl Likeness {
         }
     }
 
-    /// Correlation of the two, -1 to 1.
+    /// Normalized correlation, -1 to 1.
     pub(crate) fn correlation(self) -> f32 {
-        if self.count < FEWEST {
+        if self.count < MIN_PIXELS {
             return 0.0;
         }
-        // Whole numbers up to the last step: sums of squares are far larger than what is left of them.
+        // Integer arithmetic up to the last step: the sums of squares are far larger than their
+        // difference.
         let [n, a, b] = [self.count, self.sums[0], self.sums[1]].map(i64::from);
         let spread = |square: u32, sum: i64| (n * i64::from(square) - sum * sum) as f32;
         let spreads = spread(self.squares[0], a) * spread(self.squares[1], b);
         let common = (n * i64::from(self.product) - a * b) as f32;
-        common / (spreads.max(0.0).sqrt() + EVEN * (n * n) as f32)
+        common / (spreads.max(0.0).sqrt() + FLAT_VARIANCE * (n * n) as f32)
     }
 }
 
-/// How much alike two pictures are around every pixel of the left one, as a map relates them.
+/// Correlation of the two images around every pixel of the left one, with correspondences from a
+/// disparity map.
 #[derive(Debug, Default)]
-pub(crate) struct Alike {
-    own: Cells<Likeness>,
-    joined: Cells<Likeness>,
-    /// Correlations.
+pub(crate) struct Correlation {
+    own: Cells<PairSums>,
+    joined: Cells<PairSums>,
+    /// Correlation of each neighborhood.
     pub(crate) near: Cells<f32>,
 }
 
-impl Alike {
-    pub(crate) fn look(&mut self, left: &Picture<'_>, right: &Picture<'_>, map: &[f32]) {
+impl Correlation {
+    pub(crate) fn compute(&mut self, left: &ImageView<'_>, right: &ImageView<'_>, map: &[f32]) {
         let width = left.width();
-        self.own.each([width, left.height()], |xs, ys| {
-            let mut likeness = Likeness::default();
+        self.own.fill([width, left.height()], |xs, ys| {
+            let mut sums = PairSums::default();
             for y in ys {
                 let (left, right) = (left.row(y), right.row(y));
                 for x in xs.clone() {
-                    // Not a number becomes 0, and is left out after that.
+                    // NaN converts to 0 here and is skipped below.
                     let disparity = map[y * width + x];
                     let there = x as i32 - (disparity + 0.5).floor() as i32;
                     let other = usize::try_from(there).ok().and_then(|x| right.get(x));
                     if let (Some(other), false) = (other, disparity.is_nan()) {
-                        likeness.add(left[x], *other);
+                        sums.add(left[x], *other);
                     }
                 }
             }
-            likeness
+            sums
         });
-        self.own.around(&mut self.joined, Likeness::join);
+        self.own.merge_neighbors(&mut self.joined, PairSums::join);
         self.near.columns = self.joined.columns;
         self.near.cells.clear();
         let correlations = self.joined.cells.par_iter().map(|l| l.correlation());
@@ -219,13 +225,13 @@ impl Alike {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::twin::Random;
+    use crate::reference::Random;
 
-    /// The pixels around a pixel.
+    /// Pixels in the neighborhood of a pixel.
     fn around(width: usize, height: usize, x: usize, y: usize) -> Vec<(usize, usize)> {
         let reach = |v: usize, most: usize| {
-            let cell = v / SIDE * SIDE;
-            cell.saturating_sub(SIDE)..(cell + 2 * SIDE).min(most)
+            let cell = v / CELL_PX * CELL_PX;
+            cell.saturating_sub(CELL_PX)..(cell + 2 * CELL_PX).min(most)
         };
         let columns = reach(x, width);
         let row = |y| columns.clone().map(move |x| (x, y));
@@ -233,7 +239,7 @@ mod tests {
     }
 
     #[test]
-    fn surroundings_are_twelve_by_twelve() {
+    fn neighborhoods_are_twelve_by_twelve_pixels() {
         let mut random = Random(41);
         for (width, height) in [(1, 1), (9, 13), (33, 18)] {
             let map: Vec<f32> = (0..width * height)
@@ -242,31 +248,31 @@ mod tests {
                     _ => random.below(50) as f32,
                 })
                 .collect();
-            let mut surroundings = Surroundings::default();
-            surroundings.look(width, &map);
+            let mut local_stats = LocalStats::default();
+            local_stats.compute(width, &map);
             for (x, y) in [(0, 0), (width - 1, height - 1), (width / 2, height / 2)] {
                 let near = around(width, height, x, y);
                 let values: Vec<f32> = near.iter().map(|(x, y)| map[y * width + x]).collect();
                 let found: Vec<f32> = values.iter().copied().filter(|v| !v.is_nan()).collect();
-                let seen = surroundings.near.at(x, y);
-                assert_eq!(usize::from(seen.all), values.len());
-                assert_eq!(usize::from(seen.found), found.len());
+                let stats = local_stats.near.at(x, y);
+                assert_eq!(usize::from(stats.all), values.len());
+                assert_eq!(usize::from(stats.found), found.len());
                 assert_eq!(
-                    seen.least,
+                    stats.min,
                     found.iter().copied().fold(f32::INFINITY, f32::min)
                 );
-                let greatest = found.iter().copied().fold(f32::NEG_INFINITY, f32::max);
-                assert_eq!(seen.greatest, greatest);
+                let max = found.iter().copied().fold(f32::NEG_INFINITY, f32::max);
+                assert_eq!(stats.max, max);
             }
         }
     }
 
     #[test]
-    fn correlations_are_those_of_the_pixels() {
+    fn correlations_equal_those_computed_from_pixels() {
         let mut random = Random(42);
         let (width, height) = (37, 22);
-        let left = random.picture(width, height);
-        let noise = random.picture(width, height);
+        let left = random.image(width, height);
+        let noise = random.image(width, height);
         let right: Vec<u8> = left
             .iter()
             .zip(&noise)
@@ -278,9 +284,9 @@ mod tests {
                 k => k as f32 * 3.0 - 2.7,
             })
             .collect();
-        let pictures = [&left, &right].map(|eye| Picture::new(width, height, eye).unwrap());
-        let mut alike = Alike::default();
-        alike.look(&pictures[0], &pictures[1], &map);
+        let images = [&left, &right].map(|eye| ImageView::new(width, height, eye).unwrap());
+        let mut correlation = Correlation::default();
+        correlation.compute(&images[0], &images[1], &map);
         for (x, y) in [(0, 0), (7, 5), (18, 11), (30, 15)] {
             let mut pairs = Vec::new();
             for (x, y) in around(width, height, x, y) {
@@ -298,26 +304,26 @@ mod tests {
                 of.sum::<f64>() / count
             };
             let whole = (common(0, 0) * common(1, 1)).sqrt() + 0.1;
-            let enough = f64::from(u8::from(count >= f64::from(FEWEST)));
+            let enough = f64::from(u8::from(count >= f64::from(MIN_PIXELS)));
             let expected = enough * common(0, 1) / whole;
-            let found = f64::from(alike.near.at(x, y));
+            let found = f64::from(correlation.near.at(x, y));
             assert!((found - expected).abs() < 1e-3, "{found} {expected}");
         }
     }
 
     #[test]
-    fn what_is_even_is_not_alike() {
+    fn textureless_images_have_zero_correlation() {
         let even = vec![70; 30 * 20];
-        let picture = Picture::new(30, 20, &even).unwrap();
-        let mut alike = Alike::default();
-        alike.look(&picture, &picture, &vec![0.0; 30 * 20]);
-        assert_eq!(alike.near.at(9, 9), 0.0);
+        let image = ImageView::new(30, 20, &even).unwrap();
+        let mut correlation = Correlation::default();
+        correlation.compute(&image, &image, &vec![0.0; 30 * 20]);
+        assert_eq!(correlation.near.at(9, 9), 0.0);
         let mut random = Random(43);
         let scene = random.scene(30, 20);
-        let picture = Picture::new(30, 20, &scene).unwrap();
-        alike.look(&picture, &picture, &vec![0.0; 30 * 20]);
-        assert!(alike.near.at(9, 9) > 0.99);
-        alike.look(&picture, &picture, &vec![f32::NAN; 30 * 20]);
-        assert_eq!(alike.near.at(9, 9), 0.0);
+        let image = ImageView::new(30, 20, &scene).unwrap();
+        correlation.compute(&image, &image, &vec![0.0; 30 * 20]);
+        assert!(correlation.near.at(9, 9) > 0.99);
+        correlation.compute(&image, &image, &vec![f32::NAN; 30 * 20]);
+        assert_eq!(correlation.near.at(9, 9), 0.0);
     }
 }

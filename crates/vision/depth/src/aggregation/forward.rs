@@ -1,27 +1,29 @@
-//! Costs along paths: one row of those that come from the row before and of the one that comes along the row.
-//!
-//! Semi-global matching after Hirschmüller, "Stereo processing by semi-global matching and mutual information", TPAMI 2008: a path
-//! adds to the cost of a disparity the least of: its own before, a neighbour's before and the small step, any before and the
-//! large step; less the least before, which keeps numbers small. Sums saturate at 255: what costs that much does not win.
+//! Path costs of one row: the paths from the previous row, and the left-to-right path along the
+//! row.
+//! Semi-global matching after Hirschmüller, "Stereo processing by semi-global matching and mutual
+//! information", TPAMI 2008: the path cost of a disparity is its matching cost plus the minimum of:
+//! the previous cost of the same disparity; that of an adjacent disparity plus the small penalty;
+//! that of any disparity plus the large penalty. The previous minimum is subtracted, so that costs
+//! stay bounded. Sums saturate at 255; a saturated disparity never wins.
 
 use super::Span;
 use crate::lanes::{Kernel, Lanes};
 
-/// Free bytes before and behind a front, for vectors that reach beyond.
+/// Padding before and after the costs of a front, bytes, for unaligned vector loads.
 const SLACK: usize = 64;
 
-/// Where three paths that come down are: costs and the least of them for each column, one more at either side. The outer ones are 0:
-/// a path begins as if nothing had cost anything.
+/// State of the three vertical and diagonal paths: costs and their minimum per column, with one
+/// extra column at either side. The extra columns are 0: a path starts with zero cost.
 #[derive(Clone, Debug, Default)]
 pub(super) struct Front {
     costs: [Vec<u8>; 3],
     least: [Vec<u8>; 3],
-    /// Lanes that have been computed; none are free of cost before the first row.
+    /// Computed lanes; absent before the first row, where every lane has cost 0.
     known: Option<Span>,
 }
 
 impl Front {
-    /// Before the first row.
+    /// Resets the state to that before the first row.
     pub(super) fn begin(&mut self, width: usize, stride: usize) {
         for costs in &mut self.costs {
             costs.clear();
@@ -34,7 +36,8 @@ impl Front {
         self.known = None;
     }
 
-    /// Makes lanes that are about to be read cost as much as what is out, where they have not been computed.
+    /// Sets lanes that are about to be read but were not computed to the cost of an invalid
+    /// disparity.
     fn widen(&mut self, paths: usize, width: usize, stride: usize, span: Span) {
         let Some(known) = self.known else {
             return;
@@ -54,33 +57,34 @@ impl Front {
     }
 }
 
-/// What a step between disparities costs.
+/// Penalties for disparity changes.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Steps<'a> {
-    /// To a neighbour.
+    /// For a change of 1.
     pub(super) small: u8,
-    /// To any other, for each column: from straight above, from the left above, from the right above, and along.
+    /// For larger changes, per column: for the paths from above, above left, above right, and along
+    /// the row.
     pub(super) large: [&'a [u8]; 4],
 }
 
-/// One row.
-pub(super) struct Down<'a> {
+/// Left-to-right pass over one row.
+pub(super) struct ForwardPass<'a> {
     pub(super) width: usize,
     pub(super) stride: usize,
     pub(super) span: Span,
     pub(super) costs: &'a [u8],
     pub(super) before: &'a mut Front,
     pub(super) after: &'a mut Front,
-    /// Whether paths come down aslant as well.
-    pub(super) aslant: bool,
-    /// Whether one comes along, in rising columns.
+    /// Whether the diagonal paths are included.
+    pub(super) diagonal: bool,
+    /// Whether the left-to-right path along the row is included.
     pub(super) along: bool,
     pub(super) steps: Steps<'a>,
-    /// The sum of all.
+    /// Sum of all included paths.
     pub(super) sum: &'a mut [u8],
 }
 
-impl Kernel for Down<'_> {
+impl Kernel for ForwardPass<'_> {
     type Output = ();
 
     #[inline(always)]
@@ -89,11 +93,11 @@ impl Kernel for Down<'_> {
     }
 }
 
-impl Down<'_> {
+impl ForwardPass<'_> {
     #[inline(always)]
     fn vectors<V: Lanes, const N: usize>(self) {
         let (width, stride, start) = (self.width, self.stride, self.span.start);
-        let paths = if self.aslant { 3 } else { 1 };
+        let paths = if self.diagonal { 3 } else { 1 };
         assert!(self.span.lanes == N * V::COUNT && self.span.end() <= stride);
         assert!(self.costs.len() >= width * stride && self.sum.len() >= width * stride);
         let (before, after) = (self.before, self.after);
@@ -112,7 +116,8 @@ impl Down<'_> {
             // SAFETY: costs are columns times stride long, and the span is within the stride.
             let costs: [V; N] = unsafe { load(self.costs.as_ptr().add(x * stride + start)) };
             let mut total = [V::splat(0); N];
-            // Straight, from the left and from the right above. Closures would be compiled without the instructions.
+            // Paths from above, above left and above right. Closures would be compiled without the
+            // vector instructions.
             let columns = [x + 1, x, x + 2];
             for k in 0..paths {
                 let from = SLACK + columns[k] * stride + start;
@@ -149,10 +154,9 @@ impl Down<'_> {
     }
 }
 
-/// Vectors one behind the other.
-///
+/// Loads `N` consecutive vectors.
 /// # Safety
-/// They can be read.
+/// `N` vectors can be read at `from`.
 #[inline(always)]
 pub(super) unsafe fn load<V: Lanes, const N: usize>(from: *const u8) -> [V; N] {
     let mut vectors = [V::splat(0); N];
@@ -163,8 +167,8 @@ pub(super) unsafe fn load<V: Lanes, const N: usize>(from: *const u8) -> [V; N] {
     vectors
 }
 
-/// One step of a path whose costs before are in memory; adds what comes out to `total` and gives the least of it.
-///
+/// One step of a path whose previous costs are in memory. Adds the new costs to `total` and returns
+/// their minimum.
 /// # Safety
 /// `N` vectors and one byte at either side can be read at `before`, and `N` vectors written at `after`.
 #[inline(always)]
@@ -186,7 +190,7 @@ unsafe fn step<V: Lanes, const N: usize>(
             let at = before.add(c * V::COUNT);
             [V::load(at), V::load(at.sub(1)), V::load(at.add(1))]
         };
-        // What is beyond the lanes of this column belongs to another.
+        // Bytes beyond the lanes of this column belong to another column.
         if c == 0 {
             lower = lower.or(V::first());
         }
@@ -203,7 +207,7 @@ unsafe fn step<V: Lanes, const N: usize>(
     new.least().any()
 }
 
-/// One step of a path whose costs stay in registers; `least` is in all lanes.
+/// One step of a path whose costs remain in registers; `least` is broadcast to all lanes.
 #[inline(always)]
 pub(super) fn step_along<V: Lanes, const N: usize>(
     costs: &[V; N],

@@ -1,58 +1,57 @@
-//! Matching smaller pictures, for who has little time: half the rows are half the work, half of both sides an eighth.
-//!
-//! Contract: pictures are made smaller, matched, and the map is made as large as they were: between four neighbours that lie on one
-//! surface it is interpolated, elsewhere the nearest one counts. What has less than some ten pixels left is lost, and edges
-//! are as coarse as two pixels along the sides that are halved.
+//! Matching at reduced resolution: half the rows cost half the time, half of both sides an eighth.
+//! Contract: the images are downsampled and matched, and the map is upsampled to their size:
+//! bilinear between four neighbors on one surface, nearest neighbor elsewhere. Objects with fewer
+//! than about ten remaining pixels are lost, and edges have a resolution of two pixels along the
+//! halved sides.
 
 use rayon::prelude::*;
 
 use crate::band::Band;
 use crate::error::DepthError;
+use crate::image::ImageView;
 use crate::map::DisparityMap;
-use crate::matcher::{Matcher, Seen};
-use crate::picture::Picture;
+use crate::matcher::{MatchStats, Matcher};
 use crate::settings::Settings;
 
-/// What is halved.
+/// Downsampling before matching.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum Half {
-    /// The number of rows: disparities stay as fine as they are.
+pub enum Downsample {
+    /// Half the rows: the disparity resolution is unchanged.
     Rows,
-    /// That of columns as well.
+    /// Half the rows and half the columns.
     Both,
 }
 
-/// A matcher of smaller pictures.
+/// Matcher of downsampled images.
 #[derive(Debug)]
-pub(crate) struct Halved {
-    /// By what columns and rows are divided.
+pub(crate) struct HalfResolution {
+    /// Divisors of columns and rows.
     by: [usize; 2],
     pub(crate) matcher: Matcher,
     small: [Vec<u8>; 2],
 }
 
-/// Neighbours that differ by at most this are of one surface, px of the smaller picture.
-const STEP: f32 = 1.0;
+/// Maximum disparity difference of neighbors on one surface, px of the downsampled image.
+const MAX_STEP_PX: f32 = 1.0;
 
-impl Halved {
-    /// For pictures of `width` x `height` pixels, with all else as the settings say.
-    ///
+impl HalfResolution {
+    /// For images of `width` x `height` pixels; all other settings apply unchanged.
     /// # Errors
-    /// [`DepthError::Settings`], also for pictures that are too small to be halved.
+    /// [`DepthError::Settings`], also if the images are too small to be halved.
     pub(crate) fn new(
         settings: Settings,
-        half: Half,
+        downsample: Downsample,
         width: usize,
         height: usize,
     ) -> Result<Self, DepthError> {
-        let by = match half {
-            Half::Rows => [1, 2],
-            Half::Both => [2, 2],
+        let by = match downsample {
+            Downsample::Rows => [1, 2],
+            Downsample::Both => [2, 2],
         };
         let settings = Settings {
-            half: None,
-            // An island of the same size has less pixels.
-            island: settings.island / (by[0] * by[1]),
+            downsample: None,
+            // A speckle of the same extent has fewer pixels.
+            min_speckle_px: settings.min_speckle_px / (by[0] * by[1]),
             ..settings
         };
         Ok(Self {
@@ -62,38 +61,40 @@ impl Halved {
         })
     }
 
-    /// Matches a rectified pair of the size of the map, with so much noise. What was seen is told for rows of the map.
+    /// Matches a rectified pair of the size of the map. `noise` is the noise of the left image; the
+    /// statistics are given for the rows of the map.
     pub(crate) fn run(
         &mut self,
-        left: &Picture<'_>,
-        right: &Picture<'_>,
+        left: &ImageView<'_>,
+        right: &ImageView<'_>,
         band: &Band,
         noise: Option<f64>,
-        (map, seen): (&mut DisparityMap, &mut Seen),
+        (map, stats): (&mut DisparityMap, &mut MatchStats),
     ) -> Result<(), DepthError> {
         let by = self.by;
-        // That of means. Looked for in them, fine texture would pass for noise.
+        // Noise of the averaged pixels. Estimated from the downsampled image, fine texture would
+        // count as noise.
         let of_means = noise.map(|noise| noise / ((by[0] * by[1]) as f64).sqrt());
         let [a, b] = &mut self.small;
         rayon::join(|| shrink(left, by, a), || shrink(right, by, b));
         let [width, height] = [map.width / by[0], map.height / by[1]];
-        let left = Picture::new(width, height, &self.small[0])?;
-        let right = Picture::new(width, height, &self.small[1])?;
-        let band = halved(band, by, height)?;
+        let left = ImageView::new(width, height, &self.small[0])?;
+        let right = ImageView::new(width, height, &self.small[1])?;
+        let band = half_band(band, by, height)?;
         self.matcher.run_through(&left, &right, &band, of_means)?;
         enlarge(self.matcher.map(), by, map);
-        let found = self.matcher.seen();
-        seen.noise = noise;
-        seen.is_noisy = found.is_noisy;
+        let found = self.matcher.stats();
+        stats.noise = noise;
+        stats.is_noisy = found.is_noisy;
         let columns = by[0] as u32;
         let of = |y: usize| found.at_end[(y / by[1]).min(height - 1)].map(|count| count * columns);
-        seen.at_end = (0..map.height).map(of).collect();
+        stats.at_end = (0..map.height).map(of).collect();
         Ok(())
     }
 }
 
-/// The band of the smaller pictures: all that the two rows of one row need.
-fn halved(band: &Band, by: [usize; 2], height: usize) -> Result<Band, DepthError> {
+/// Band of the downsampled images: the union of the ranges of the two rows that form one.
+fn half_band(band: &Band, by: [usize; 2], height: usize) -> Result<Band, DepthError> {
     let rows: Vec<[i32; 2]> = (0..height)
         .map(|y| {
             let pair = [band.row(2 * y), band.row(2 * y + 1)];
@@ -108,12 +109,12 @@ fn halved(band: &Band, by: [usize; 2], height: usize) -> Result<Band, DepthError
     Band::rows(&rows)
 }
 
-/// Means of two rows, or of 2x2 pixels.
-fn shrink(picture: &Picture<'_>, by: [usize; 2], small: &mut Vec<u8>) {
-    let (width, height) = (picture.width() / by[0], picture.height() / by[1]);
+/// Downsamples by averaging two rows, or 2x2 pixels.
+fn shrink(image: &ImageView<'_>, by: [usize; 2], small: &mut Vec<u8>) {
+    let (width, height) = (image.width() / by[0], image.height() / by[1]);
     small.resize(width * height, 0);
     for (y, to) in small.chunks_exact_mut(width.max(1)).enumerate() {
-        let (upper, lower) = (picture.row(2 * y), picture.row(2 * y + 1));
+        let (upper, lower) = (image.row(2 * y), image.row(2 * y + 1));
         if by[0] == 1 {
             for (to, (a, b)) in to.iter_mut().zip(upper.iter().zip(lower)) {
                 *to = (u16::from(*a) + u16::from(*b)).div_ceil(2) as u8;
@@ -128,14 +129,14 @@ fn shrink(picture: &Picture<'_>, by: [usize; 2], small: &mut Vec<u8>) {
     }
 }
 
-/// As large as it was; where columns were halved, disparities are twice as long.
+/// Upsamples a map; if columns were halved, disparities are doubled.
 fn enlarge(small: &DisparityMap, by: [usize; 2], map: &mut DisparityMap) {
     let (width, height) = (small.width, small.height);
     let longer = by[0] as f32;
     let rows = map.disparity.par_chunks_exact_mut(map.width);
     let rows = rows.zip(map.sigma.par_chunks_exact_mut(map.width));
     rows.enumerate().for_each(|(y, (disparities, sigmas))| {
-        // The parent, and the neighbour on the side of the pixel, of which it has a quarter.
+        // The parent pixel, and its neighbor on the side of this pixel, with weight 1/4.
         let parents = |k: usize, by: usize, count: usize| {
             let own = (k / by).min(count - 1);
             let other = match (by, k % 2) {
@@ -157,7 +158,7 @@ fn enlarge(small: &DisparityMap, by: [usize; 2], map: &mut DisparityMap) {
             ];
             let most = of.iter().copied().fold(f32::NEG_INFINITY, f32::max);
             let least = of.iter().copied().fold(f32::INFINITY, f32::min);
-            let is_whole = of.iter().all(|d| !d.is_nan()) && most - least <= STEP;
+            let is_whole = of.iter().all(|d| !d.is_nan()) && most - least <= MAX_STEP_PX;
             let value = match is_whole {
                 true => 0.5625 * of[0] + 0.1875 * (of[1] + of[2]) + 0.0625 * of[3],
                 false => of[0],
@@ -171,16 +172,16 @@ fn enlarge(small: &DisparityMap, by: [usize; 2], map: &mut DisparityMap) {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::reference::Random;
     use crate::settings::Preset;
-    use crate::twin::Random;
 
     #[test]
-    fn a_wall_is_found_at_its_disparity() {
+    fn wall_is_found_at_its_disparity() {
         const WIDTH: usize = 161;
         const HEIGHT: usize = 97;
         const SHIFT: usize = 14;
         let mut random = Random(3);
-        // Dots of 3x3 pixels: what is smaller does not outlive the halving.
+        // Dots of 3x3 pixels: smaller ones do not survive the downsampling.
         let wide = WIDTH + SHIFT;
         let dots: Vec<u8> = (0..wide * HEIGHT)
             .map(|_| random.below(256) as u8)
@@ -191,12 +192,12 @@ mod tests {
             all.map(|(x, y)| at(x + from, y)).collect()
         };
         let (left, right) = (eye(0), eye(SHIFT));
-        let left = Picture::new(WIDTH, HEIGHT, &left).unwrap();
-        let right = Picture::new(WIDTH, HEIGHT, &right).unwrap();
+        let left = ImageView::new(WIDTH, HEIGHT, &left).unwrap();
+        let right = ImageView::new(WIDTH, HEIGHT, &right).unwrap();
         let band = Band::full(0, 32, HEIGHT).unwrap();
-        for half in [Half::Rows, Half::Both] {
+        for downsample in [Downsample::Rows, Downsample::Both] {
             let settings = Settings {
-                half: Some(half),
+                downsample: Some(downsample),
                 ..Settings::preset(Preset::Fast)
             };
             let mut matcher = Matcher::new(settings, WIDTH, HEIGHT).unwrap();
@@ -204,16 +205,19 @@ mod tests {
             let found = map.disparity.iter().filter(|d| !d.is_nan());
             let close = found.clone().filter(|d| (**d - SHIFT as f32).abs() < 1.0);
             let (found, close) = (found.count(), close.count());
-            assert!(found > WIDTH * HEIGHT * 3 / 4, "{half:?}: {found}");
-            assert!(close > found * 99 / 100, "{half:?}: {close} of {found}");
+            assert!(found > WIDTH * HEIGHT * 3 / 4, "{downsample:?}: {found}");
+            assert!(
+                close > found * 99 / 100,
+                "{downsample:?}: {close} of {found}"
+            );
             let both = map.sigma.iter().zip(&map.disparity);
             assert!(both.clone().all(|(s, d)| s.is_nan() == d.is_nan()));
-            assert_eq!(matcher.seen().at_end.len(), HEIGHT);
+            assert_eq!(matcher.stats().at_end.len(), HEIGHT);
         }
     }
 
     #[test]
-    fn surfaces_are_smooth_and_edges_stay_edges() {
+    fn upsampling_interpolates_surfaces_and_preserves_edges() {
         let small = DisparityMap {
             width: 3,
             height: 1,
@@ -229,7 +233,7 @@ mod tests {
         enlarge(&small, [2, 2], &mut map);
         assert_eq!(map.disparity[..7], [8.0, 8.5, 9.5, 10.0, 40.0, 40.0, 40.0]);
         assert_eq!(map.sigma[..7], [0.2, 0.2, 0.4, 0.4, 0.6, 0.6, 0.6]);
-        // Of rows alone nothing becomes longer.
+        // With half the rows alone disparities are unchanged.
         let mut map = DisparityMap {
             width: 3,
             height: 3,
@@ -241,9 +245,9 @@ mod tests {
     }
 
     #[test]
-    fn what_cannot_be_halved_is_refused() {
+    fn image_too_small_to_be_halved_is_rejected() {
         let settings = Settings {
-            half: Some(Half::Rows),
+            downsample: Some(Downsample::Rows),
             ..Settings::preset(Preset::Fast)
         };
         assert!(Matcher::new(settings, 40, 1).is_err());

@@ -1,25 +1,25 @@
-//! Against the slow twin, to the bit.
+//! Bit-exact comparison with the reference implementation.
 
 use super::*;
-use crate::twin::{self, Random};
+use crate::reference::{self, Random};
 
 const PENALTIES: Penalties = Penalties {
     small: 6,
     large: 70,
     slope: 2,
-    large_least: 18,
+    min_large: 18,
 };
 
 fn check(level: Level, weights: Weights, pixels: &[Vec<u8>; 2], width: usize, range: Range<'_>) {
     let height = pixels[0].len() / width;
-    let pictures = [0, 1].map(|eye| Picture::new(width, height, &pixels[eye]).unwrap());
-    let pictures = [&pictures[0], &pictures[1]];
+    let images = [0, 1].map(|eye| ImageView::new(width, height, &pixels[eye]).unwrap());
+    let images = [&images[0], &images[1]];
     let mut aggregation = Aggregation::default();
-    // Twice: what was left from the first time must not show.
+    // Twice: buffers of the first run must not affect the second one.
     for _ in 0..2 {
-        aggregation.run(level, weights, pictures, range);
+        aggregation.run(level, weights, images, range);
     }
-    let (winners, right) = twin::winners(weights, pictures, range);
+    let (winners, right) = reference::winners(weights, images, range);
     for (i, (found, expected)) in aggregation.winners.iter().zip(&winners).enumerate() {
         let sums = |w: &Winner| (w.lane, w.least, w.second);
         let (x, y) = (i % width, i / width);
@@ -27,7 +27,7 @@ fn check(level: Level, weights: Weights, pixels: &[Vec<u8>; 2], width: usize, ra
         if expected.lane == NONE {
             continue;
         }
-        // Beyond the range there is nothing to be equal to.
+        // The reference has no sums outside the range.
         for (side, lane) in [(0, expected.lane.wrapping_sub(1)), (1, expected.lane + 1)] {
             if usize::from(lane) < range.count {
                 assert_eq!(found.beside[side], expected.beside[side], "{x} {y}");
@@ -40,7 +40,7 @@ fn check(level: Level, weights: Weights, pixels: &[Vec<u8>; 2], width: usize, ra
 }
 
 #[test]
-fn winners_are_those_of_the_twin() {
+fn winners_equal_those_of_the_reference() {
     let mut random = Random(11);
     let (width, height) = (61, 17);
     for (k, paths) in [Paths::Three, Paths::Four, Paths::Eight]
@@ -56,14 +56,14 @@ fn winners_are_those_of_the_twin() {
             };
             let weights = Weights {
                 census: [Census::Full5x5, Census::Opposite9x7, Census::Full7x7][k],
-                grey: [8, 0, 12][k],
+                max_gray_cost: [8, 0, 12][k],
                 paths,
                 penalties: PENALTIES,
             };
             for level in Level::all() {
                 let pair = random.pair(width, height, 9);
                 check(level, weights, &pair, width, range);
-                let noise = [(); 2].map(|()| random.picture(width, height));
+                let noise = [(); 2].map(|()| random.image(width, height));
                 check(level, weights, &noise, width, range);
             }
         }
@@ -71,14 +71,15 @@ fn winners_are_those_of_the_twin() {
 }
 
 #[test]
-fn bands_are_those_of_the_twin() {
+fn banded_winners_equal_those_of_the_reference() {
     let mut random = Random(12);
     let (width, height) = (50, 24);
     for count in [70, 140, 256] {
         for round in 0..6 {
             let rows: Vec<[u16; 2]> = (0..height)
                 .map(|y| {
-                    // Bands of all widths, at the ends and away from them, that change at every third row.
+                    // Bands of all widths, touching the ends of the range or not, that change every
+                    // third row.
                     let mut of = Random(1 + y as u64 / 3 + 100 * round);
                     let low = of.below(count);
                     let high = low + 1 + of.below(count - low);
@@ -92,7 +93,7 @@ fn bands_are_those_of_the_twin() {
             };
             let weights = Weights {
                 census: Census::Full5x5,
-                grey: 8,
+                max_gray_cost: 8,
                 paths: [Paths::Three, Paths::Four, Paths::Eight][round as usize % 3],
                 penalties: PENALTIES,
             };
@@ -105,18 +106,18 @@ fn bands_are_those_of_the_twin() {
 }
 
 #[test]
-fn threads_change_nothing() {
+fn result_does_not_depend_on_the_number_of_threads() {
     let mut random = Random(13);
     let (width, height) = (90, 31);
     let pair = random.pair(width, height, 12);
     let run = |threads: usize| {
         let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build();
         pool.unwrap().install(|| {
-            let pictures = [0, 1].map(|eye| Picture::new(width, height, &pair[eye]).unwrap());
+            let images = [0, 1].map(|eye| ImageView::new(width, height, &pair[eye]).unwrap());
             let mut aggregation = Aggregation::default();
             let weights = Weights {
                 census: Census::Full7x7,
-                grey: 8,
+                max_gray_cost: 8,
                 paths: Paths::Eight,
                 penalties: PENALTIES,
             };
@@ -125,7 +126,7 @@ fn threads_change_nothing() {
                 count: 64,
                 rows: &vec![[0, 64]; height],
             };
-            aggregation.run(Level::best(), weights, [&pictures[0], &pictures[1]], range);
+            aggregation.run(Level::best(), weights, [&images[0], &images[1]], range);
             (aggregation.winners, aggregation.right)
         })
     };

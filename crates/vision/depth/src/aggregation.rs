@@ -1,61 +1,62 @@
-//! From two pictures to the winner of each pixel.
-//!
-//! Contract: the sums of all paths through a pixel, and of them the winner in the left picture and in the right one, the same on any
-//! number of threads and at any [`Level`].
-//!
-//! Two sweeps run at the same time, one from the top and one from the bottom. Each goes over the rows of its own half first
-//! and keeps, for every pixel there, the sum of the paths that came from its side. Then each goes on into the other half, where
-//! the paths from the other side have been kept, adds its own and those along the row, and lets the least win. So every
-//! path runs over the whole picture, costs are computed twice and never kept, and of the volume of sums each byte is
-//! written once and read once. With [`Paths::Three`] the sweeps end at the middle and nothing is kept at all.
+//! Cost aggregation: from two images to the winning disparity of each pixel.
+//! Contract: path costs are summed per pixel and disparity, and the minimum is taken in the left
+//! and in the right image. The result is the same on any number of threads and at any [`Level`].
+//! Two sweeps run in parallel, one from the top and one from the bottom. Each processes the rows of
+//! its own half first and stores, for every pixel there, the sum of the paths from its side. Then
+//! each continues into the other half, where the sums of the other sweep are stored, adds its own
+//! paths and those along the row, and selects the minimum. Every path therefore spans the whole
+//! image, matching costs are computed twice and never stored, and each byte of the sum volume is
+//! written once and read once. With [`Paths::Three`] the sweeps end at the middle row and no sums
+//! are stored.
 
 use crate::census::{Census, Codes, Layout, Padded};
-use crate::cost::{CostRow, OUT};
+use crate::cost::{CostRow, INVALID};
+use crate::image::ImageView;
 use crate::lanes::{Kernel, Lanes, Level};
-use crate::picture::Picture;
 
-mod back;
-mod path;
+mod backward;
+mod forward;
 
-use back::{Back, OUT_SUM, RightWinners};
-pub(crate) use back::{NONE, Winner};
-use path::{Down, Front, Steps};
+use backward::{BackwardPass, INVALID_SUM, RightWinners};
+pub(crate) use backward::{NONE, Winner};
+use forward::{ForwardPass, Front, Steps};
 
 /// Which paths lead to a pixel.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Paths {
-    /// Both ways along the row, and straight from the nearer of the upper and the lower border.
+    /// Both directions along the row, and vertically from the nearer of the upper and the lower
+    /// border.
     Three,
-    /// Both ways along the row and the column.
+    /// Both directions along the row and the column.
     Four,
-    /// Those and the diagonals.
+    /// Rows, columns and diagonals.
     Eight,
 }
 
-/// Costs of the way from one pixel to the next.
+/// Smoothness penalties from one pixel of a path to the next (P1 and P2 of semi-global matching).
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Penalties {
-    /// For a disparity that changes by 1.
+    /// P1: for a disparity change of 1.
     pub small: u8,
-    /// For one that changes by more, where the picture is even.
+    /// P2: for a larger change, where the two pixels have the same gray level.
     pub large: u8,
-    /// How much less the large one is per grey level between the two pixels.
+    /// Reduction of the large penalty per gray level of difference between the two pixels.
     pub slope: u8,
-    /// The least it becomes.
-    pub large_least: u8,
+    /// Lower limit of the large penalty.
+    pub min_large: u8,
 }
 
-/// How pictures are compared and paths are weighed.
+/// Matching cost and path penalties.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(crate) struct Weights {
     pub(crate) census: Census,
-    pub(crate) grey: u8,
+    pub(crate) max_gray_cost: u8,
     pub(crate) paths: Paths,
     pub(crate) penalties: Penalties,
 }
 
-/// Disparities that are looked for: from `first` on, `count` of them, and in each row those from `rows[y][0]` up to before
-/// `rows[y][1]`, counted from `first`.
+/// Searched disparities: `count` of them from `first`; row `y` searches `rows[y][0]..rows[y][1]`,
+/// counted from `first`.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct Range<'a> {
     pub(crate) first: i32,
@@ -63,7 +64,7 @@ pub(crate) struct Range<'a> {
     pub(crate) rows: &'a [[u16; 2]],
 }
 
-/// Lanes that are computed: whole vectors.
+/// Computed disparity lanes, in whole vectors.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 struct Span {
     start: usize,
@@ -75,8 +76,8 @@ impl Span {
         self.start + self.lanes
     }
 
-    /// Enough for the lanes from `low` to before `high` and one more at either side, of which vectors of other lengths
-    /// must not see more or less.
+    /// Covers the lanes `low..high` and one more at either side. The result must not depend on the
+    /// vector length.
     fn around([low, high]: [u16; 2], stride: usize, vector: usize) -> Self {
         let start = usize::from(low).saturating_sub(1) / 16 * 16;
         let end = (usize::from(high) + 1).min(stride);
@@ -88,7 +89,7 @@ impl Span {
     }
 }
 
-/// Calls a method for a number of vectors that the compiler knows.
+/// Calls a method with the number of vectors as a constant generic.
 macro_rules! with_vectors {
     ($V:ident, $count:expr, $self:ident.$method:ident) => {
         match $count {
@@ -100,24 +101,27 @@ macro_rules! with_vectors {
             6 => $self.$method::<$V, 6>(),
             7 => $self.$method::<$V, 7>(),
             8 => $self.$method::<$V, 8>(),
-            count => unreachable!("{count} vectors are more than {} disparities", super::MOST),
+            count => unreachable!(
+                "{count} vectors are more than {} disparities",
+                super::MAX_DISPARITIES
+            ),
         }
     };
 }
 use with_vectors;
 
-/// Most disparities.
-pub(crate) const MOST: usize = 256;
+/// Maximum number of disparities.
+pub(crate) const MAX_DISPARITIES: usize = 256;
 
-/// What is kept from picture to picture.
+/// Buffers that are reused from one image pair to the next.
 #[derive(Debug, Default)]
 pub(crate) struct Aggregation {
     codes: [Codes; 2],
-    kept: Vec<u8>,
+    stored: Vec<u8>,
     sweeps: [Sweep; 2],
-    /// Of each pixel.
+    /// Winner of each pixel of the left image.
     pub(crate) winners: Vec<Winner>,
-    /// The lane that wins in each pixel of the right picture; [`NONE`] where none can.
+    /// Winning lane of each pixel of the right image; [`NONE`] where no disparity is valid.
     pub(crate) right: Vec<u16>,
 }
 
@@ -133,36 +137,37 @@ struct Sweep {
     upwards: bool,
 }
 
-/// What both sweeps look at.
+/// Input that both sweeps share.
 struct Job<'a> {
     level: Level,
     weights: Weights,
     range: Range<'a>,
     codes: &'a [Codes; 2],
-    grey: &'a Padded,
+    gray: &'a Padded,
     width: usize,
     stride: usize,
     origin: usize,
 }
 
-/// Free columns of the codes at the right border of the right picture: sky may lie a little behind infinity.
-pub(crate) const BEHIND: usize = 32;
+/// Maximum negative disparity, px: padding at the right border of the right image. The sky may have
+/// disparities slightly below 0.
+pub(crate) const MAX_NEGATIVE_PX: usize = 32;
 
 impl Aggregation {
-    /// Finds the winners. Pictures are of one size, and `range` has a row for each of theirs.
+    /// Computes the winners. Both images have the same size, and `range` has one entry per row.
     pub(crate) fn run(
         &mut self,
         level: Level,
         weights: Weights,
-        [left, right]: [&Picture<'_>; 2],
+        [left, right]: [&ImageView<'_>; 2],
         range: Range<'_>,
     ) {
         let (width, height) = (left.width(), left.height());
         let stride = range.count.next_multiple_of(level.lanes());
-        debug_assert!(range.first >= -(BEHIND as i32) && range.count <= MOST);
+        debug_assert!(range.first >= -(MAX_NEGATIVE_PX as i32) && range.count <= MAX_DISPARITIES);
         let [of_left, of_right] = &mut self.codes;
         let mirrored = Layout {
-            before: BEHIND,
+            before: MAX_NEGATIVE_PX,
             behind: stride + range.first.max(0) as usize,
             mirrored: true,
         };
@@ -172,9 +177,15 @@ impl Aggregation {
         );
         self.winners.resize(width * height, Winner::default());
         self.right.resize(width * height, NONE);
-        let keeps = weights.paths != Paths::Three;
-        self.kept
-            .resize(if keeps { width * height * stride } else { 0 }, 0);
+        let stores_sums = weights.paths != Paths::Three;
+        self.stored.resize(
+            if stores_sums {
+                width * height * stride
+            } else {
+                0
+            },
+            0,
+        );
         for (sweep, upwards) in self.sweeps.iter_mut().zip([false, true]) {
             sweep.begin(width, stride, level.lanes());
             sweep.upwards = upwards;
@@ -184,10 +195,10 @@ impl Aggregation {
             weights,
             range,
             codes: &self.codes,
-            grey: &Padded::new(left, 1, level.lanes()),
+            gray: &Padded::new(left, 1, level.lanes()),
             width,
             stride,
-            origin: (BEHIND as i32 + width as i32 - 1 + range.first) as usize,
+            origin: (MAX_NEGATIVE_PX as i32 + width as i32 - 1 + range.first) as usize,
         };
         let middle = height / 2;
         let [from_top, from_bottom] = &mut self.sweeps;
@@ -195,31 +206,31 @@ impl Aggregation {
         let (upper_right, lower_right) = self.right.split_at_mut(middle * width);
         let upper = (upper_winners, upper_right);
         let lower = (lower_winners, lower_right);
-        if !keeps {
+        if !stores_sums {
             rayon::join(
                 || job.finish(from_top, (0..middle).collect(), None, upper),
                 || job.finish(from_bottom, (middle..height).rev().collect(), None, lower),
             );
             return;
         }
-        let (kept_above, kept_below) = self.kept.split_at_mut(middle * width * stride);
+        let (stored_above, stored_below) = self.stored.split_at_mut(middle * width * stride);
         rayon::join(
-            || job.keep(from_top, (0..middle).collect(), kept_above),
-            || job.keep(from_bottom, (middle..height).rev().collect(), kept_below),
+            || job.store(from_top, (0..middle).collect(), stored_above),
+            || job.store(from_bottom, (middle..height).rev().collect(), stored_below),
         );
-        let (kept_above, kept_below) = (&*kept_above, &*kept_below);
+        let (stored_above, stored_below) = (&*stored_above, &*stored_below);
         rayon::join(
             || {
                 job.finish(
                     from_top,
                     (middle..height).collect(),
-                    Some(kept_below),
+                    Some(stored_below),
                     lower,
                 )
             },
             || {
                 let rows = (0..middle).rev().collect();
-                job.finish(from_bottom, rows, Some(kept_above), upper);
+                job.finish(from_bottom, rows, Some(stored_above), upper);
             },
         );
     }
@@ -237,61 +248,61 @@ impl Sweep {
         }
         self.out.resize(stride, 0);
         for row in [&mut self.right.sums, &mut self.right.lanes] {
-            row.resize(width + stride + BEHIND, NONE);
+            row.resize(width + stride + MAX_NEGATIVE_PX, NONE);
         }
     }
 }
 
 impl Job<'_> {
-    /// Goes over rows that follow each other and keeps the sums of the paths that come with them. `kept` holds those rows in
-    /// the order of the picture.
-    fn keep(&self, sweep: &mut Sweep, rows: Vec<usize>, kept: &mut [u8]) {
+    /// Processes consecutive rows and stores the sums of the paths of this sweep. `stored` holds
+    /// these rows in image order.
+    fn store(&self, sweep: &mut Sweep, rows: Vec<usize>, stored: &mut [u8]) {
         let first = rows.iter().copied().min().unwrap_or(0);
         for y in rows {
             let span = self.cost(sweep, y);
             let to = (y - first) * self.width * self.stride;
-            let sum = &mut kept[to..to + self.width * self.stride];
-            self.down(sweep, y, span, false, Some(sum));
+            let sum = &mut stored[to..to + self.width * self.stride];
+            self.advance(sweep, y, span, false, Some(sum));
         }
     }
 
-    /// Goes over rows that follow each other and finds the winners.
+    /// Processes consecutive rows and computes the winners.
     fn finish(
         &self,
         sweep: &mut Sweep,
         rows: Vec<usize>,
-        kept: Option<&[u8]>,
+        stored: Option<&[u8]>,
         (winners, right): (&mut [Winner], &mut [u16]),
     ) {
         let (width, stride) = (self.width, self.stride);
         let first = rows.iter().copied().min().unwrap_or(0);
         for y in rows {
             let span = self.cost(sweep, y);
-            self.down(sweep, y, span, true, None);
+            self.advance(sweep, y, span, true, None);
             // Along the row from the right.
             self.large(&mut sweep.large[3], y, (1, 0));
             let k = y - first;
             let of_row = k * width..(k + 1) * width;
-            self.level.run(Back {
+            self.level.run(BackwardPass {
                 width,
                 stride,
                 span,
                 costs: &sweep.costs,
                 sums: [
                     Some(&sweep.sum),
-                    kept.map(|kept| &kept[k * width * stride..(k + 1) * width * stride]),
+                    stored.map(|stored| &stored[k * width * stride..(k + 1) * width * stride]),
                 ],
                 small: self.weights.penalties.small,
                 large: &sweep.large[3],
                 winners: &mut winners[of_row.clone()],
                 right: &mut sweep.right,
             });
-            let out = OUT_SUM * if kept.is_some() { 3 } else { 2 };
+            let out = INVALID_SUM * if stored.is_some() { 3 } else { 2 };
             for (x, to) in right[of_row].iter_mut().enumerate() {
-                let place = (width - 1 - x) as i64 - i64::from(self.range.first);
-                let place = usize::try_from(place).unwrap_or(usize::MAX);
-                *to = match sweep.right.sums.get(place) {
-                    Some(sum) if *sum < out => sweep.right.lanes[place],
+                let column = (width - 1 - x) as i64 - i64::from(self.range.first);
+                let column = usize::try_from(column).unwrap_or(usize::MAX);
+                *to = match sweep.right.sums.get(column) {
+                    Some(sum) if *sum < out => sweep.right.lanes[column],
                     _ => NONE,
                 };
             }
@@ -302,14 +313,14 @@ impl Job<'_> {
         let [low, high] = self.range.rows[y];
         for (lane, out) in sweep.out.iter_mut().enumerate() {
             let is_in = (usize::from(low)..usize::from(high)).contains(&lane);
-            *out = if is_in { 0 } else { OUT };
+            *out = if is_in { 0 } else { INVALID };
         }
         let span = Span::around([low, high], self.stride, self.level.lanes());
         self.level.run(CostRow {
             left: &self.codes[0],
             right: &self.codes[1],
             planes: self.weights.census.planes(),
-            grey: self.weights.grey,
+            max_gray_cost: self.weights.max_gray_cost,
             y,
             origin: self.origin,
             first: self.range.first,
@@ -323,48 +334,57 @@ impl Job<'_> {
         span
     }
 
-    /// Brings the paths of a sweep down by one row; their sum goes to `kept`, or stays with the sweep.
-    fn down(&self, sweep: &mut Sweep, y: usize, span: Span, along: bool, kept: Option<&mut [u8]>) {
-        let aslant = self.weights.paths == Paths::Eight;
+    /// Advances the paths of a sweep by one row. Their sum is written to `stored`, or to the buffer
+    /// of the sweep.
+    fn advance(
+        &self,
+        sweep: &mut Sweep,
+        y: usize,
+        span: Span,
+        along: bool,
+        stored: Option<&mut [u8]>,
+    ) {
+        let diagonal = self.weights.paths == Paths::Eight;
         let from = if sweep.upwards { 1 } else { -1 };
         let steps = [(0, from), (-1, from), (1, from), (-1, 0)];
-        let wanted = [true, aslant, aslant, along];
-        for ((row, step), wanted) in sweep.large.iter_mut().zip(steps).zip(wanted) {
-            if wanted {
+        let needed = [true, diagonal, diagonal, along];
+        for ((row, step), needed) in sweep.large.iter_mut().zip(steps).zip(needed) {
+            if needed {
                 self.large(row, y, step);
             }
         }
         let [straight, left, right, beside] = &sweep.large;
-        self.level.run(Down {
+        self.level.run(ForwardPass {
             width: self.width,
             stride: self.stride,
             span,
             costs: &sweep.costs,
             before: &mut sweep.before,
             after: &mut sweep.after,
-            aslant,
+            diagonal,
             along,
             steps: Steps {
                 small: self.weights.penalties.small,
                 large: [straight, left, right, beside],
             },
-            sum: kept.unwrap_or(&mut sweep.sum),
+            sum: stored.unwrap_or(&mut sweep.sum),
         });
         std::mem::swap(&mut sweep.before, &mut sweep.after);
     }
 
-    /// The large penalties of a row for a path that comes from a neighbour.
+    /// Large penalties of a row, for the path direction given by the previous pixel.
     fn large(&self, row: &mut [u8], y: usize, from: (i32, i32)) {
         self.level.run(Large {
-            here: self.grey.row(y, (0, 0)),
-            there: self.grey.row(y, from),
+            here: self.gray.row(y, (0, 0)),
+            there: self.gray.row(y, from),
             penalties: self.weights.penalties,
             row,
         });
     }
 }
 
-/// Large penalties by how much two rows of the picture differ. The row that is written is whole vectors long.
+/// Large penalties from the gray-level difference of two image rows. The length of the output row
+/// is a multiple of the vector length.
 struct Large<'a> {
     here: &'a [u8],
     there: &'a [u8],
@@ -382,9 +402,9 @@ impl Kernel for Large<'_> {
             count.is_multiple_of(V::COUNT) && self.here.len() >= count && self.there.len() >= count
         );
         let most = V::splat(self.penalties.large);
-        let least = V::splat(self.penalties.large_least);
+        let least = V::splat(self.penalties.min_large);
         for at in (0..count).step_by(V::COUNT) {
-            // SAFETY: all three are long enough.
+            // SAFETY: all three slices are long enough, as asserted above.
             let [a, b] = unsafe {
                 let load = [self.here.as_ptr().add(at), self.there.as_ptr().add(at)];
                 [V::load(load[0]), V::load(load[1])]
@@ -394,7 +414,7 @@ impl Kernel for Large<'_> {
             for _ in 0..self.penalties.slope {
                 large = large.sub(apart);
             }
-            // Not below the least.
+            // Clamp to the lower limit.
             let large = least.add(large.sub(least));
             // SAFETY: as above.
             unsafe { large.store(self.row.as_mut_ptr().add(at)) };

@@ -1,44 +1,45 @@
-//! The way back along a row, and which disparity wins.
+//! Right-to-left path along a row, and selection of the winning disparity.
 
 use super::Span;
-use super::path::{load, step_along};
-use crate::cost::OUT;
+use super::forward::{load, step_along};
+use crate::cost::INVALID;
 use crate::lanes::{Kernel, Lanes, Words};
 
-/// What is known of a pixel when its paths have come together.
+/// Winning disparity of a pixel, with the sums that describe how distinct it is.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub(crate) struct Winner {
-    /// The lane whose sum is least; of equals the first. [`NONE`] where no disparity can be.
+    /// Lane with the smallest sum, the first one among equals. [`NONE`] where no disparity is
+    /// valid.
     pub(crate) lane: u16,
-    /// Its sum.
+    /// Sum of the winning lane.
     pub(crate) least: u16,
-    /// The least sum among lanes that are neither it nor beside it.
+    /// Smallest sum among the lanes that are neither the winner nor adjacent to it.
     pub(crate) second: u16,
-    /// The sums of the lane before and behind.
+    /// Sums of the previous and the next lane.
     pub(crate) beside: [u16; 2],
 }
 
-/// The winners of the columns of the right picture in a row, the last column first: lane 0 of the last column of the left picture
-/// is at place 0.
+/// Winners of one row of the right image, last column first: index 0 belongs to lane 0 of the last
+/// column of the left image.
 #[derive(Clone, Debug, Default)]
 pub(super) struct RightWinners {
-    /// Least sums, and the lanes they are of; one of equals is that of the column farthest to the right.
+    /// Smallest sums and their lanes; among equals the rightmost column wins.
     pub(super) sums: Vec<u16>,
     pub(super) lanes: Vec<u16>,
 }
 
-/// No lane, no sum.
+/// No lane, or no sum.
 pub(crate) const NONE: u16 = u16::MAX;
-/// What a disparity that cannot be adds to a sum for each vector of sums that goes into it; others add less.
-pub(super) const OUT_SUM: u16 = OUT as u16;
+/// Contribution of an invalid disparity to each partial sum; valid ones contribute less.
+pub(super) const INVALID_SUM: u16 = INVALID as u16;
 
-/// One row.
-pub(super) struct Back<'a> {
+/// Right-to-left pass over one row.
+pub(super) struct BackwardPass<'a> {
     pub(super) width: usize,
     pub(super) stride: usize,
     pub(super) span: Span,
     pub(super) costs: &'a [u8],
-    /// Sums of paths so far, of which there may be one or two.
+    /// Partial sums of the other paths; one or two of them.
     pub(super) sums: [Option<&'a [u8]>; 2],
     pub(super) small: u8,
     pub(super) large: &'a [u8],
@@ -46,7 +47,7 @@ pub(super) struct Back<'a> {
     pub(super) right: &'a mut RightWinners,
 }
 
-impl Kernel for Back<'_> {
+impl Kernel for BackwardPass<'_> {
     type Output = ();
 
     #[inline(always)]
@@ -55,16 +56,18 @@ impl Kernel for Back<'_> {
     }
 }
 
-/// Words before the sums of a pixel, so that there is something beside the first.
-const BEFORE: usize = 32;
-/// Most lanes of a pixel.
-const MOST: usize = 512;
+/// Words before the sums of a pixel, so that the first sum has a left neighbor.
+const LEADING: usize = 32;
+/// Maximum number of lanes of a pixel.
+const MAX_LANES: usize = 512;
 
-impl Back<'_> {
+impl BackwardPass<'_> {
     #[inline(always)]
     fn vectors<V: Lanes, const N: usize>(self) {
         let (width, stride, start) = (self.width, self.stride, self.span.start);
-        assert!(self.span.lanes == N * V::COUNT && self.span.end() <= stride && stride <= MOST);
+        assert!(
+            self.span.lanes == N * V::COUNT && self.span.end() <= stride && stride <= MAX_LANES
+        );
         assert!(self.costs.len() >= width * stride);
         let mut sums = self.sums.iter().flatten();
         assert!(sums.all(|sum| sum.len() >= width * stride));
@@ -75,16 +78,17 @@ impl Back<'_> {
         let half = V::Words::COUNT;
         let right = self.right;
         assert!(right.sums.len() >= width + stride && right.lanes.len() >= width + stride);
-        // What the right picture has found so far in the columns that this one's disparities lead to. From column to column they
-        // move on by one; where they have been is written, with more behind it that later writes replace.
+        // Minima so far of the right-image columns that the disparities of this pixel map to. They
+        // shift by one per column. The finished one is written to memory, together with unfinished
+        // ones that later writes replace.
         let mut kept = [[none; 2]; N];
         let mut kept_lanes = [[none; 2]; N];
         right.sums[..start].fill(NONE);
         right.sums[width - 1 + self.span.end()..].fill(NONE);
-        let out = OUT_SUM * (1 + self.sums.iter().flatten().count() as u16);
+        let out = INVALID_SUM * (1 + self.sums.iter().flatten().count() as u16);
         let mut path = [V::splat(0); N];
         let mut least = V::splat(0);
-        let mut sums = [NONE; MOST + 2 * BEFORE];
+        let mut sums = [NONE; MAX_LANES + 2 * LEADING];
         for x in (0..width).rev() {
             // SAFETY: here and below: costs and sums are columns times stride long, and the span is within the stride.
             let (costs, large): ([V; N], u8) = unsafe {
@@ -109,8 +113,8 @@ impl Back<'_> {
                 }
                 best = best.min(total[c][0]).min(total[c][1]);
                 for h in 0..2 {
-                    let to = BEFORE + (2 * c + h) * half;
-                    // SAFETY: there are at most `MOST` lanes.
+                    let to = LEADING + (2 * c + h) * half;
+                    // SAFETY: there are at most `MAX_LANES` lanes.
                     unsafe { total[c][h].store(sums.as_mut_ptr().add(to)) };
                 }
             }
@@ -136,17 +140,18 @@ impl Back<'_> {
                     second = second.min(masked);
                     let old = kept[c][h];
                     kept[c][h] = old.min(total[c][h]);
-                    // Of equals the one that was there stays.
+                    // Among equals the earlier lane wins.
                     kept_lanes[c][h] = kept[c][h].pick_equal(old, kept_lanes[c][h], number);
                 }
             }
-            // The columns of the right picture, mirrored, follow each other as lanes do.
-            let place = width - 1 - x + start;
+            // Mirrored columns of the right image are in the same order as lanes.
+            let column = width - 1 - x + start;
             for c in 0..N {
                 for h in 0..2 {
-                    let at = place + (2 * c + h) * half;
+                    let at = column + (2 * c + h) * half;
                     if x == 0 || (c, h) == (0, 0) {
-                        // SAFETY: places are below columns and a stride, as asserted above.
+                        // SAFETY: indices are below the number of columns plus a stride, as
+                        // asserted above.
                         unsafe {
                             kept[c][h].store(right.sums.as_mut_ptr().add(at));
                             kept_lanes[c][h].store(right.lanes.as_mut_ptr().add(at));
@@ -164,7 +169,7 @@ impl Back<'_> {
                 kept[c] = [kept[c][0].down(second[0]), second[0].down(after[0])];
                 kept_lanes[c] = [kept_lanes[c][0].down(second[1]), second[1].down(after[1])];
             }
-            let here = BEFORE + usize::from(lane) - start;
+            let here = LEADING + usize::from(lane) - start;
             self.winners[x] = Winner {
                 lane: if best < out { lane } else { NONE },
                 least: best,

@@ -1,21 +1,21 @@
-//! A grey picture, lent.
+//! Borrowed gray image.
 
 use crate::error::DepthError;
 
-/// 8 bits per pixel, rows first, without gaps.
+/// Gray image: 8 bits per pixel, row-major, without padding.
 #[derive(Clone, Copy, Debug)]
-pub struct Picture<'a> {
+pub struct ImageView<'a> {
     width: usize,
     height: usize,
     pixels: &'a [u8],
 }
 
-impl<'a> Picture<'a> {
+impl<'a> ImageView<'a> {
     /// # Errors
-    /// [`DepthError::Picture`] where the number of pixels is not that of the size, or is 0.
+    /// [`DepthError::Image`] if the number of pixels is not `width * height`, or is 0.
     pub fn new(width: usize, height: usize, pixels: &'a [u8]) -> Result<Self, DepthError> {
         if pixels.is_empty() || width.checked_mul(height) != Some(pixels.len()) {
-            return Err(DepthError::Picture {
+            return Err(DepthError::Image {
                 width,
                 height,
                 found: pixels.len(),
@@ -28,25 +28,24 @@ impl<'a> Picture<'a> {
         })
     }
 
-    /// Columns.
+    /// Number of columns.
     pub fn width(&self) -> usize {
         self.width
     }
 
-    /// Rows.
+    /// Number of rows.
     pub fn height(&self) -> usize {
         self.height
     }
 
-    /// All of it.
+    /// All pixels, row-major.
     pub fn pixels(&self) -> &'a [u8] {
         self.pixels
     }
 
     /// One row.
-    ///
     /// # Panics
-    /// There is no such row.
+    /// If `y` is not below [`ImageView::height`].
     pub fn row(&self, y: usize) -> &'a [u8] {
         &self.pixels[y * self.width..(y + 1) * self.width]
     }
