@@ -6,7 +6,7 @@ use std::path::Path;
 
 use cad_transforms::frame::{MAX_CAMERA_NAME, is_camera_name};
 use rig_sim::camera::Quality;
-use rig_sim::scene::{Kind, Time};
+use rig_sim::scene::{Kind, Lighting};
 use rig_sim::simulation::Settings;
 use session_archive::text::{MAX_NOTE, check_note};
 use toml::de::DeTable;
@@ -289,12 +289,12 @@ pub(super) fn choice<T: Copy>(
 /// Hz.
 fn simulated(section: &mut Section<'_>, folder: &Path) -> SimulatedConfig {
     let kind = one_of(section, "scene", &Kind::ALL.map(|kind| (kind.name(), kind)));
-    let time = one_of(section, "light", &Time::ALL.map(|time| (time.name(), time)));
+    let lighting = one_of(section, "light", &Lighting::ALL.map(|time| (time.name(), time)));
     let qualities = [("fast", Quality::FAST), ("accurate", Quality::ACCURATE)];
     let quality = one_of(section, "quality", &qualities);
     let walk = Settings {
         kind,
-        time,
+        lighting,
         seed: section
             .integer("seed", 0..=i64::MAX)
             .map_or(1, i64::unsigned_abs),

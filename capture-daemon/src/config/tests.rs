@@ -640,7 +640,7 @@ fn simulated_walk_has_defaults_and_named_values() {
         panic!("no simulated walk");
     };
     let of = &walk.walk;
-    assert_eq!((of.kind.name(), of.time.name()), ("pavement", "day"));
+    assert_eq!((of.kind.name(), of.lighting.name()), ("pavement", "day"));
     assert_eq!((of.width, of.height, of.rate_hz), (672, 376, 15.0));
     assert_eq!((of.seed, of.seconds, walk.faults), (1, 600.0, None));
     let Ok(SourceConfig::Simulated(walk)) =
@@ -649,7 +649,7 @@ fn simulated_walk_has_defaults_and_named_values() {
         panic!("no simulated walk");
     };
     assert_eq!(
-        (walk.walk.kind.name(), walk.walk.time.name()),
+        (walk.walk.kind.name(), walk.walk.lighting.name()),
         ("trail", "low-sun")
     );
     assert_eq!(walk.walk.width, 160);

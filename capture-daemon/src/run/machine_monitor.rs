@@ -63,7 +63,7 @@ impl MachineMonitor {
             self.disk.begin_recording();
         }
         let disk = self.disk.judge(now.0, &disk::reading(&self.folder));
-        let clock_reading = clock::look();
+        let clock_reading = clock::read();
         let (state, clock_events) = self.clock.judge(&clock_reading);
         let step_ns = clock_events.iter().find_map(|event| match event {
             ClockEvent::Step { by_ns } => Some(*by_ns),

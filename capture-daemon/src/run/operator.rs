@@ -112,11 +112,11 @@ impl OperatorActions {
         self.show();
     }
 
-    fn execute(&self, command: Wished) {
+    fn execute(&self, command: TimedCommand) {
         let at = HostTime(command.at_ns);
         self.question
-            .store(matches!(command.wish, Command::Ask(_)), Ordering::SeqCst);
-        let (request, done) = match command.wish {
+            .store(matches!(command.command, Command::Ask(_)), Ordering::SeqCst);
+        let (request, done) = match command.command {
             // The start is shown by the state.
             Command::Start => (
                 Request::Start {

@@ -166,7 +166,7 @@ impl Simulated {
                 "simulated {}, {}, {}, seed {}",
                 walk.cameras()[position].name,
                 settings.kind.name(),
-                settings.time.name(),
+                settings.lighting.name(),
                 settings.seed
             ),
             camera: CameraInfo {
@@ -205,7 +205,7 @@ impl Simulated {
             device_ticks: frame.ticks,
             kernel_time: None,
             host_time: self.start + frame.arrival_ns,
-            exposure_ns: Some((frame.picture.exposure.seconds * 1e9) as u32),
+            exposure_ns: Some((frame.image.exposure.seconds * 1e9) as u32),
             eyes_apart_ns: None,
             image: i420(frame)?,
         })
@@ -228,8 +228,8 @@ impl Simulated {
 
 /// The image as encoders take it, from the device's bytes.
 fn i420(frame: &DeviceFrame) -> Result<Picture, PictureError> {
-    let pixels = frame.picture.pixels(frame.format);
-    let (width, height) = (frame.picture.width as u32, frame.picture.height as u32);
+    let pixels = frame.image.pixels(frame.format);
+    let (width, height) = (frame.image.width as u32, frame.image.height as u32);
     match frame.format {
         PixelFormat::Yuyv => yuyv_to_i420(width, height, &pixels),
         PixelFormat::Nv12 => nv12_to_i420(width, height, &pixels),
@@ -251,7 +251,7 @@ impl Source for Simulated {
         };
         let sample = match delivery {
             Delivery::Imu(sample) => Sample::Imu(self.imu(&sample)),
-            Delivery::Gone(at_ns) => Sample::Disconnected(Disconnected {
+            Delivery::Disconnected(at_ns) => Sample::Disconnected(Disconnected {
                 host_time: self.start + at_ns,
                 part: DevicePart::Both,
                 detail: "the simulated device was unplugged".to_owned(),
@@ -297,7 +297,7 @@ impl Source for Simulated {
 #[cfg(test)]
 mod tests {
     use rig_sim::camera::Quality;
-    use rig_sim::scene::{Kind, Time};
+    use rig_sim::scene::{Kind, Lighting};
     use session_archive::time::NS_PER_S;
 
     use super::*;
@@ -321,7 +321,7 @@ mod tests {
     fn frames_rendered_too_late_are_dropped_as_overload_in_order() {
         let settings = Settings {
             kind: Kind::Corridor,
-            time: Time::Day,
+            lighting: Lighting::Day,
             seed: 1,
             seconds: 1.5,
             rate_hz: 10.0,

@@ -12,7 +12,7 @@ use std::path::{Path, PathBuf};
 
 use calib::rectify::{Map, Rectification, RectifyError, View};
 use calib::{Eye, Lens};
-use depth::evaluate::{Scores, Truth};
+use depth::evaluate::{Scores, GroundTruth};
 use depth::{DepthError, DisparityMap};
 use rayon::prelude::*;
 use scene_bundle::outputs::depth::{DepthImage, DepthKey, DepthView};
@@ -145,9 +145,9 @@ impl Sums {
             pictures: self.pictures,
             pixels: scores.pixels,
             density: scores.density(),
-            bad: [1, 2, 3].map(|k| scores.bad(k)),
+            bad: [1, 2, 3].map(|k| scores.bad_ratio(k)),
             mean_error_px: scores.mean_error_px(),
-            within_2_sigma: scores.inside(),
+            within_2_sigma: scores.coverage(),
             invented: self.sky[1] as f64 / self.sky[0].max(1) as f64,
         }
     }
@@ -313,7 +313,7 @@ impl RectifiedPair {
             disparity,
             sigma,
         };
-        let truth = Truth {
+        let truth = GroundTruth {
             disparity: &left,
             visible: &visible,
         };

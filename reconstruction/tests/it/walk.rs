@@ -16,7 +16,7 @@ use reconstruction::evaluate::{Evaluation, Settings, evaluate, files};
 use rig_sim::camera::Quality;
 use rig_sim::faults::Faults;
 use rig_sim::render::{Job, render_session};
-use rig_sim::scene::{Kind, Time};
+use rig_sim::scene::{Kind, Lighting};
 use rig_sim::simulation::{self, Simulation};
 use scene_bundle::outputs::cloud::CloudPoint;
 use scene_bundle::{Scene, outputs};
@@ -43,7 +43,7 @@ fn walk() -> &'static Walk {
         let folder = tempfile::tempdir().expect("folder");
         let settings = simulation::Settings {
             kind: Kind::Plaza,
-            time: Time::Day,
+            lighting: Lighting::Day,
             seed: 3,
             seconds: 4.0,
             rate_hz: 15.0,
@@ -167,7 +167,7 @@ fn off_surface(
             .position(|c| c.name == camera)
             .expect("a camera");
         let lens = Lens::new(&walk.simulation.calibration(number).left);
-        let mut truths = walk.simulation.truths(number);
+        let mut truths = walk.simulation.ground_truth(number);
         for frame in (0..settings.frame_count()).step_by(6) {
             let time_ns = settings.frame_ns(frame);
             let rig = walk.simulation.walker().rig(time_ns as f64 * 1e-9);
@@ -176,7 +176,7 @@ fn off_surface(
             let world_from_eye = RigidTransform::from_wxyz([q.w, q.i, q.j, q.k], place.into());
             let eye_from_estimated =
                 world_from_eye.expect("a pose").inverse() * true_from_estimated;
-            let depth = truths.see(0, time_ns).depth;
+            let depth = truths.render(0, time_ns).depth;
             let seen = |x: usize, y: usize| {
                 let z = f64::from(depth[y * width + x]);
                 let ray = Vector3::from(lens.unproject([x as f64, y as f64])?);
@@ -253,7 +253,7 @@ fn write_true_depth(walk: &Walk, scene: &Scene, folder: &Path) {
     for (number, camera) in walk.simulation.cameras().iter().enumerate() {
         let view = index.views.iter().position(|v| v.camera == camera.name);
         let keys = index.images.iter().filter(|key| Some(key.view) == view);
-        let mut truths = walk.simulation.truths(number);
+        let mut truths = walk.simulation.ground_truth(number);
         let root = folder.join(&camera.name).join("mav0");
         for eye in 0..2 {
             fs::create_dir_all(root.join(format!("depth{eye}/data"))).expect("a folder");
@@ -268,7 +268,7 @@ fn write_true_depth(walk: &Walk, scene: &Scene, folder: &Path) {
         for key in keys {
             let time_ns = settings.frame_ns(key.frame);
             for eye in 0..2 {
-                let truth = truths.see(eye, time_ns);
+                let truth = truths.render(eye, time_ns);
                 let millimetres = |depth: &f32| match (1e3 * depth).round() {
                     mm if mm <= 65535.0 => mm as u16,
                     _ => 0,

@@ -54,7 +54,7 @@ pub(super) fn folder(rig_overrides: &mut RigOverrides, folder: &Path, input: &In
         "taking a calibration: found neither {} nor {}, expected what `{}` writes: {}",
         RIG_FILES.join(" nor "),
         names.join(" nor "),
-        calib::mend::CALIBRATE,
+        calib::remedy::CALIBRATE,
         folder.display()
     );
     Ok(())
@@ -76,7 +76,7 @@ fn same_cameras(cameras: &Path, imus: &Path) -> Result<()> {
              `{}` --force recomputes the latter: {}",
             RIG_FILES[0],
             RIG_FILES[1],
-            calib::mend::PLACE_IMUS,
+            calib::remedy::CALIBRATE_IMUS,
             imus.display()
         );
     }

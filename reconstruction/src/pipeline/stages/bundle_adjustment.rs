@@ -8,7 +8,7 @@
 //! their causal covariance and cameras their nominal extrinsics. Images are not read again.
 
 use ::odometry::mapping::{Progress, Connectivity, interpolate_poses};
-use ::odometry::{Adjusted, ImuSample, Mapping};
+use ::odometry::{Refined, ImuSample, Mapping};
 use cad_transforms::RigidTransform;
 use scene_bundle::outputs::rig::RigModel;
 use scene_bundle::outputs::trajectory::TrajectoryWriter;
@@ -77,22 +77,22 @@ impl Stage<Input> for BundleAdjustmentStage {
             given = given.max(to);
             mapping.add_keyframe(before::from_tracked(keyframe));
         }
-        let adjusted = mapping.solve(|progress| match progress {
-            Progress::Linearized { iterations, max_iterations } => work.progress(rounds as u64, max_iterations as u64),
+        let adjusted = mapping.optimize(|progress| match progress {
+            Progress::Linearized { iterations, max_iterations } => work.progress(iterations as u64, max_iterations as u64),
             Progress::SearchingLoops { done, all } => work.progress(done as u64, all as u64),
         });
         work.note(format!(
             "{} keyframes, {} landmarks, {} loop closures",
             adjusted.poses.len(),
             adjusted.landmarks,
-            adjusted.loops.len()
+            adjusted.loop_closures.len()
         ));
         let rig = if adjusted.is_converged {
             refined_rig(model, &adjusted, work)
         } else {
             work.record_loss(format!(
                 "after {} iterations poses still changed: they keep the covariance of causal ones, and cameras keep their calibrated extrinsics",
-                adjusted.rounds
+                adjusted.iterations
             ));
             model
         };
@@ -107,12 +107,12 @@ impl Stage<Input> for BundleAdjustmentStage {
 }
 
 /// The rig with refined camera extrinsics.
-fn refined_rig(mut rig: RigModel, adjusted: &Adjusted, work: &Work<'_, Input>) -> RigModel {
-    for (camera, mount) in rig.cameras.iter_mut().zip(&adjusted.mounts) {
+fn refined_rig(mut rig: RigModel, adjusted: &Refined, work: &Work<'_, Input>) -> RigModel {
+    for (camera, mount) in rig.cameras.iter_mut().zip(&adjusted.extrinsics) {
         let place = format!(
             "{:.1} mm and {:.2} degrees from its calibrated pose",
-            1e3 * mount.off[0],
-            mount.off[1].to_degrees()
+            1e3 * mount.initial_error[0],
+            mount.initial_error[1].to_degrees()
         );
         if mount.is_moved {
             work.record_loss(format!(
@@ -129,7 +129,7 @@ fn refined_rig(mut rig: RigModel, adjusted: &Adjusted, work: &Work<'_, Input>) -
 }
 
 /// Every pose of the causal trajectory, as refined by the bundle adjustment.
-fn refined_poses(causal: &Trajectory, adjusted: &Adjusted) -> Vec<Pose> {
+fn refined_poses(causal: &Trajectory, adjusted: &Refined) -> Vec<Pose> {
     let times: Vec<(i64, RigidTransform)> = (causal.poses().iter())
         .map(|p| (p.time_ns, p.world_from_rig))
         .collect();
@@ -140,7 +140,7 @@ fn refined_poses(causal: &Trajectory, adjusted: &Adjusted) -> Vec<Pose> {
         .map(|p| (p.time_ns, p.status == Status::Lost))
         .collect();
     let moved = interpolate_poses(&times, &keys);
-    let ties = adjusted.ties(&lost);
+    let ties = adjusted.connectivity(&lost);
     let poses = causal.poses().iter().zip(moved).zip(ties);
     poses
         .map(|((pose, world_from_rig), tie)| {
@@ -150,13 +150,13 @@ fn refined_poses(causal: &Trajectory, adjusted: &Adjusted) -> Vec<Pose> {
                 .partition_point(|p| p.time_ns <= pose.time_ns);
             let key = adjusted.poses.get(next.saturating_sub(1));
             let covariance = match tie {
-                Tie::Guessed => pose.covariance,
-                Tie::Unbroken | Tie::SeenAgain => {
+                Connectivity::Unconstrained => pose.covariance,
+                Connectivity::Continuous | Connectivity::LoopClosed => {
                     key.and_then(|k| before::covariance(&k.covariance))
                 }
             };
             let status = match (pose.status, tie) {
-                (Status::Tracked, Tie::SeenAgain) => Status::Relocalised,
+                (Status::Tracked, Connectivity::LoopClosed) => Status::Relocalised,
                 (status, _) => status,
             };
             Pose {

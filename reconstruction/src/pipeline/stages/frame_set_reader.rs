@@ -4,7 +4,7 @@
 //! decoded a few at a time, whatever the length of the session. Items that cannot be read are
 //! reported with the set.
 
-use calib::verify::Grey;
+use calib::verify::ImageView;
 use odometry::input::{FrameSet, ImuSample, View};
 use scene_bundle::outputs::rig::RigModel;
 
@@ -44,13 +44,13 @@ fn borrowed(view: &input::View) -> View<'_> {
         time_ns: view.time.ns(),
         left: luma_view(&view.left),
         right: luma_view(&view.right),
-        usable: None,
+        mask: None,
     }
 }
 
-fn luma_view(picture: &Image) -> Grey<'_> {
+fn luma_view(picture: &Image) -> ImageView<'_> {
     let (width, height) = (picture.width as usize, picture.height as usize);
-    Grey::new(width, height, width, &picture.data).expect("a decoded luma image is complete")
+    ImageView::new(width, height, width, &picture.data).expect("a decoded luma image is complete")
 }
 
 /// All frame sets of a hand-off, in order of time.

@@ -137,8 +137,8 @@ impl Networks {
     /// None.
     pub(super) fn disparity(
         &self,
-        _left: depth::Picture<'_>,
-        _right: depth::Picture<'_>,
+        _left: depth::ImageView<'_>,
+        _right: depth::ImageView<'_>,
     ) -> Result<Option<DisparityMap>, StageError> {
         Ok(None)
     }
@@ -185,8 +185,8 @@ mod tests {
         assert_eq!(networks.segmentation_hash(), Value::Null);
     }
 
-    fn rectified(pixels: &[u8; 6]) -> depth::Picture<'_> {
-        depth::Picture::new(3, 2, pixels).expect("an image")
+    fn rectified(pixels: &[u8; 6]) -> depth::ImageView<'_> {
+        depth::ImageView::new(3, 2, pixels).expect("an image")
     }
 
     fn recorded(pixels: &[u8; 6]) -> Image {

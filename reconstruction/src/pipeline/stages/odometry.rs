@@ -4,7 +4,7 @@
 //! data before it only; sets that cannot be read are losses and are bridged by the IMU. Memory does
 //! not grow with the session.
 
-use ::odometry::{Odometry, Settings, Status};
+use ::odometry::{Odometry, Config, Status};
 use cad_transforms::{Covariance, RigidTransform};
 use scene_bundle::outputs::tracks::{Keypoint, StereoObservation, TrackedKeyframe, TracksWriter};
 use scene_bundle::outputs::trajectory::TrajectoryWriter;
@@ -23,8 +23,8 @@ pub(super) struct OdometryStage {
 }
 
 /// Settings of the odometry for a preset of the pipeline.
-pub(super) fn settings(preset: Preset) -> Settings {
-    Settings::preset(match preset {
+pub(super) fn settings(preset: Preset) -> Config {
+    Config::preset(match preset {
         Preset::Fast => ::odometry::Preset::Fast,
         Preset::Balanced => ::odometry::Preset::Balanced,
         Preset::Accurate => ::odometry::Preset::Accurate,
@@ -32,14 +32,14 @@ pub(super) fn settings(preset: Preset) -> Settings {
 }
 
 /// The same as JSON, for the manifest.
-pub(super) fn settings_json(settings: &Settings) -> Value {
+pub(super) fn settings_json(settings: &Config) -> Value {
     json!({
-        "corners": settings.corners,
-        "frames": settings.frames,
-        "rounds": settings.rounds,
-        "every": settings.every,
-        "parallax_px": settings.parallax_px,
-        "sigma_px": settings.sigma_px,
+        "corners": settings.max_features,
+        "frames": settings.window_size,
+        "rounds": settings.max_iterations,
+        "every": settings.optimize_every_frame,
+        "parallax_px": settings.keyframe_parallax_px,
+        "sigma_px": settings.observation_sigma_px,
     })
 }
 
@@ -116,11 +116,11 @@ impl Stage<Input> for OdometryStage {
         if lost > 0 {
             work.record_loss(format!("{lost} of {all} poses are lost"));
         }
-        for shift in odometry.shifts() {
+        for shift in odometry.camera_shifts() {
             work.record_loss(format!(
                 "camera {} seems to have rotated by {:.1} degrees on its plate at {} ns",
                 model.cameras[shift.camera].name,
-                shift.turned.to_degrees(),
+                shift.rotation_rad.to_degrees(),
                 shift.time_ns
             ));
         }
@@ -151,7 +151,7 @@ pub(super) fn covariance(matrix: &nalgebra::Matrix6<f64>) -> Option<Covariance> 
 
 fn to_tracked(keyframe: &::odometry::Keyframe) -> TrackedKeyframe {
     let state = &keyframe.state;
-    let q = state.turn;
+    let q = state.rotation;
     let world_from_body = RigidTransform::from_wxyz([q.w, q.i, q.j, q.k], state.position.into())
         .expect("the state of a keyframe is a pose");
     TrackedKeyframe {
@@ -161,10 +161,10 @@ fn to_tracked(keyframe: &::odometry::Keyframe) -> TrackedKeyframe {
         velocity: state.velocity.into(),
         gyro_bias: state.gyro_bias.into(),
         accel_bias: state.accel_bias.into(),
-        gyro_rate: state.read_rate.into(),
-        imu_valid: keyframe.is_felt,
-        exposure_offset_s: keyframe.after_s.clone(),
-        observations: (keyframe.seen.iter())
+        gyro_rate: state.gyro_rate.into(),
+        imu_valid: keyframe.imu_valid,
+        exposure_offset_s: keyframe.exposure_offset_s.clone(),
+        observations: (keyframe.observations.iter())
             .map(|s| StereoObservation {
                 track: s.id,
                 camera: s.camera,
@@ -172,12 +172,12 @@ fn to_tracked(keyframe: &::odometry::Keyframe) -> TrackedKeyframe {
                 right_px: s.right,
             })
             .collect(),
-        keypoints: (keyframe.marks.iter())
+        keypoints: (keyframe.keypoints.iter())
             .map(|m| Keypoint {
                 camera: m.camera,
                 left_px: m.left,
                 inverse_range: m.rho,
-                descriptor: m.looks,
+                descriptor: m.descriptor,
             })
             .collect(),
     }
@@ -190,28 +190,28 @@ pub(super) fn from_tracked(keyframe: TrackedKeyframe) -> ::odometry::Keyframe {
         state: ::odometry::keyframe::BodyState {
             time_ns: keyframe.time_ns,
             position: *keyframe.world_from_body.translation(),
-            turn: *keyframe.world_from_body.rotation(),
+            rotation: *keyframe.world_from_body.rotation(),
             velocity: keyframe.velocity.into(),
             gyro_bias: keyframe.gyro_bias.into(),
             accel_bias: keyframe.accel_bias.into(),
-            read_rate: keyframe.gyro_rate.into(),
+            gyro_rate: keyframe.gyro_rate.into(),
         },
-        is_felt: keyframe.imu_valid,
-        after_s: keyframe.exposure_offset_s,
-        seen: (keyframe.observations.iter())
-            .map(|s| ::odometry::keyframe::Seen {
+        imu_valid: keyframe.imu_valid,
+        exposure_offset_s: keyframe.exposure_offset_s,
+        observations: (keyframe.observations.iter())
+            .map(|s| ::odometry::keyframe::StereoObservation {
                 id: s.track,
                 camera: s.camera,
                 left: s.left_px,
                 right: s.right_px,
             })
             .collect(),
-        marks: (keyframe.keypoints.iter())
-            .map(|m| ::odometry::keyframe::Mark {
+        keypoints: (keyframe.keypoints.iter())
+            .map(|m| ::odometry::keyframe::Keypoint {
                 camera: m.camera,
                 left: m.left_px,
                 rho: m.inverse_range,
-                looks: m.descriptor,
+                descriptor: m.descriptor,
             })
             .collect(),
     }

@@ -149,7 +149,7 @@ pub enum RigStageError {
     #[error(
         "no camera of the session has intrinsics and a pose on the rig: {}; to fix it: {}",
         .0,
-        calib::mend::after()
+        calib::remedy::after_recording()
     )]
     NoCamera(String),
 }
@@ -245,7 +245,7 @@ pub fn model(
     if cameras.len() < input.manifest().cameras.len() {
         let note = format!(
             "cameras without intrinsics or a pose are left out; to use them: {}",
-            calib::mend::after()
+            calib::remedy::after_recording()
         );
         report.notes.push(note);
     }
@@ -279,8 +279,8 @@ pub fn model(
     if imus.len() < input.manifest().imus.len() {
         let note = format!(
             "IMUs without a pose are left out; to use them: `{}`, then `{}`",
-            calib::mend::PLACE_IMUS,
-            calib::mend::RECONSTRUCT
+            calib::remedy::CALIBRATE_IMUS,
+            calib::remedy::RECONSTRUCT
         );
         report.notes.push(note);
     }

@@ -2,7 +2,7 @@ use std::collections::{BTreeMap, BTreeSet};
 use std::sync::Arc;
 
 use cad_transforms::rig::Rig;
-use calib::target::{self, GreyView, detect_all};
+use calib::target::{self, ImageView, detect_all};
 
 use super::*;
 use crate::calibration_error::CalibrationError;
@@ -223,7 +223,7 @@ fn corner_observations_agree_with_detections_in_images() {
             let frame = images.expose(number, simulation.settings().frame_ns(number));
             for eye in 0..2 {
                 let gray = frame.gray(eye);
-                let view = GreyView::new(672, 376, 672, &gray).unwrap();
+                let view = ImageView::new(672, 376, 672, &gray).unwrap();
                 let found = detect_all(&view, &targets, &target::Settings::default());
                 let is_there = |board: usize, id: u32| {
                     let corners = &found[board].corners;

@@ -11,7 +11,7 @@ use std::borrow::Cow;
 use cad_transforms::RigidTransform;
 use calib::rectify::{Rectification, Remap, View};
 use calib::{CameraModel, Eye};
-use depth::{Band, Banded, DisparityMap, Geometry, Preset, Settings};
+use depth::{Band, BandedMatcher, DisparityMap, Geometry, Preset, Settings};
 use scene_bundle::outputs::depth::DepthImage;
 use scene_bundle::outputs::rig::RigCamera;
 
@@ -30,7 +30,7 @@ const MAX_DISPARITIES: usize = 256;
 pub(super) struct StereoPair {
     rectification: Rectification,
     remaps: [Remap; 2],
-    matcher: Banded,
+    matcher: BandedMatcher,
     rectified: [Vec<u8>; 2],
 }
 
@@ -45,7 +45,7 @@ impl StereoPair {
         let band = Band::full(0, nearest.min(MAX_DISPARITIES), height)?;
         Ok(Self {
             rectified: [(); 2].map(|()| vec![0; width * height]),
-            matcher: Banded::new(Settings::preset(preset), width, band)?,
+            matcher: BandedMatcher::new(Settings::preset(preset), width, band)?,
             remaps,
             rectification,
         })
@@ -76,7 +76,7 @@ impl StereoPair {
         let model = self.rectification.camera;
         let geometry = Geometry {
             focal_px: model.fx,
-            centre: [model.cx, model.cy],
+            center: [model.cx, model.cy],
             baseline_m: self.rectification.baseline_m,
             offset_px: 0.0,
         };
@@ -94,7 +94,7 @@ impl StereoPair {
     fn disparity(&mut self, networks: &Networks) -> Result<Cow<'_, DisparityMap>, StageError> {
         let model = self.rectification.camera;
         let picture =
-            |pixels| depth::Picture::new(model.width as usize, model.height as usize, pixels);
+            |pixels| depth::ImageView::new(model.width as usize, model.height as usize, pixels);
         let [left, right] = &self.rectified;
         let (left, right) = (picture(left)?, picture(right)?);
         if let Some(map) = networks.disparity(left, right)? {
