@@ -1,6 +1,6 @@
 //! How regularly the samples of a stream come.
 
-use crate::facts::{NO_STEP, Sample};
+use crate::session_stats::{NO_STEP, Sample};
 
 /// The rhythm of one stream. All values are 0 where there are not two samples.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
@@ -44,7 +44,7 @@ impl Cadence {
             let period = *steps.select_nth_unstable(middle).1;
             let mut off: Vec<u32> = steps.iter().map(|s| s.abs_diff(period)).collect();
             cadence.period_ns = f64::from(period);
-            cadence.deviation_ns = f64::from(nearly_all(&mut off).unwrap_or(0));
+            cadence.deviation_ns = f64::from(percentile_99_9(&mut off).unwrap_or(0));
         }
         cadence
     }
@@ -60,7 +60,7 @@ impl Cadence {
 }
 
 /// The value that 99.9 % do not exceed (nearest rank): of fewer than 1000 values the greatest.
-pub fn nearly_all<T: Ord + Copy>(values: &mut [T]) -> Option<T> {
+pub fn percentile_99_9<T: Ord + Copy>(values: &mut [T]) -> Option<T> {
     let rank = (values.len() * 999).div_ceil(1000);
     let index = rank.checked_sub(1)?;
     Some(*values.select_nth_unstable(index).1)
@@ -113,9 +113,15 @@ mod tests {
 
     #[test]
     fn ranks() {
-        assert_eq!(nearly_all::<u32>(&mut []), None);
-        assert_eq!(nearly_all(&mut (1..=999).collect::<Vec<u32>>()), Some(999));
-        assert_eq!(nearly_all(&mut (1..=1000).collect::<Vec<u32>>()), Some(999));
+        assert_eq!(percentile_99_9::<u32>(&mut []), None);
+        assert_eq!(
+            percentile_99_9(&mut (1..=999).collect::<Vec<u32>>()),
+            Some(999)
+        );
+        assert_eq!(
+            percentile_99_9(&mut (1..=1000).collect::<Vec<u32>>()),
+            Some(999)
+        );
         assert_eq!(median(&mut [3, 1, 2]), Some(2));
     }
 }

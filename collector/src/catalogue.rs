@@ -6,11 +6,11 @@
 //!
 //! * **Read**: nothing is written, so that it works on a full disk and on one that is read-only.
 //! * **Damaged, truncated, empty, of another version, no file at all**: found before a row is used
-//!   (`Catalogue::look`), set aside under another name, and made anew.
+//!   (`Catalogue::inspect`), set aside under another name, and made anew.
 //! * **Not to be written**: the change is made in memory; listing goes on.
 
-mod aside;
-mod health;
+mod database_files;
+mod integrity;
 
 use std::io;
 use std::path::{Path, PathBuf};
@@ -33,7 +33,7 @@ use crate::validation::Validation;
 /// Version of the table below; another one found means: build it anew.
 const SCHEMA_VERSION: i64 = 1;
 /// How long to wait for another program that writes; it does so for milliseconds.
-const PATIENCE: Duration = Duration::from_secs(60);
+const BUSY_TIMEOUT: Duration = Duration::from_secs(60);
 
 const SCHEMA: &str = "
 CREATE TABLE session (
@@ -159,7 +159,7 @@ pub struct Catalogue {
 }
 
 /// What stands where the catalogue belongs.
-pub(crate) enum Found {
+pub(crate) enum CatalogueFile {
     /// A catalogue of this version, whole.
     Usable(Box<Catalogue>),
     /// Nothing.
@@ -175,15 +175,15 @@ impl Catalogue {
     ///
     /// # Errors
     /// Another program has held it for a minute.
-    pub(crate) fn look(path: &Path) -> Result<Found, CatalogueError> {
-        match health::of_file(path) {
+    pub(crate) fn inspect(path: &Path) -> Result<CatalogueFile, CatalogueError> {
+        match integrity::of_file(path) {
             Ok(None) => {}
-            Ok(Some(why)) => return Ok(Found::Unusable(why)),
-            Err(e) if e.kind() == io::ErrorKind::NotFound => return Ok(Found::Missing),
-            Err(e) => return Ok(Found::Unreachable(e.to_string())),
+            Ok(Some(why)) => return Ok(CatalogueFile::Unusable(why)),
+            Err(e) if e.kind() == io::ErrorKind::NotFound => return Ok(CatalogueFile::Missing),
+            Err(e) => return Ok(CatalogueFile::Unreachable(e.to_string())),
         }
         let opened = Self::connect(path).and_then(|connection| {
-            let why = health::of_content(&connection, path, SCHEMA_VERSION)?;
+            let why = integrity::of_content(&connection, path, SCHEMA_VERSION)?;
             let catalogue = Self {
                 connection,
                 path: path.to_owned(),
@@ -196,14 +196,14 @@ impl Catalogue {
             read.map(|_| (catalogue, why))
         });
         match opened {
-            Ok((catalogue, None)) => Ok(Found::Usable(Box::new(catalogue))),
-            Ok((_, Some(why))) => Ok(Found::Unusable(why)),
-            Err(e) if health::is_damage(&e) => Ok(Found::Unusable(e.to_string())),
-            Err(e) if health::is_busy(&e) => Err(CatalogueError {
+            Ok((catalogue, None)) => Ok(CatalogueFile::Usable(Box::new(catalogue))),
+            Ok((_, Some(why))) => Ok(CatalogueFile::Unusable(why)),
+            Err(e) if integrity::is_damage(&e) => Ok(CatalogueFile::Unusable(e.to_string())),
+            Err(e) if integrity::is_busy(&e) => Err(CatalogueError {
                 source: e,
                 path: path.to_owned(),
             }),
-            Err(e) => Ok(Found::Unreachable(e.to_string())),
+            Err(e) => Ok(CatalogueFile::Unreachable(e.to_string())),
         }
     }
 
@@ -233,8 +233,8 @@ impl Catalogue {
     /// # Errors
     /// The disk says no; what stood there still does.
     pub(crate) fn make(path: &Path, rows: &[Row]) -> anyhow::Result<(Self, Option<PathBuf>)> {
-        let new = aside::with_suffix(path, ".new");
-        aside::remove(&new)?;
+        let new = database_files::with_suffix(path, ".new");
+        database_files::remove(&new)?;
         let made = Connection::open(&new).and_then(|mut connection| {
             let transaction =
                 connection.transaction_with_behavior(TransactionBehavior::Immediate)?;
@@ -248,10 +248,10 @@ impl Catalogue {
         });
         if let Err(e) = made {
             // A half-made one is of no use to anybody.
-            let _ = aside::remove(&new);
+            let _ = database_files::remove(&new);
             return Err(e.into());
         }
-        let old = aside::set_aside(path)?;
+        let old = database_files::set_aside(path)?;
         std::fs::rename(&new, path)?;
         if let Some(folder) = path.parent() {
             crate::library::sync_folder(folder)?;
@@ -269,7 +269,7 @@ impl Catalogue {
     fn connect(path: &Path) -> Result<Connection, SqlError> {
         let flags = OpenFlags::SQLITE_OPEN_READ_WRITE | OpenFlags::SQLITE_OPEN_NO_MUTEX;
         let connection = Connection::open_with_flags(path, flags)?;
-        connection.busy_timeout(PATIENCE)?;
+        connection.busy_timeout(BUSY_TIMEOUT)?;
         connection.pragma_update(None, "synchronous", "NORMAL")?;
         Ok(connection)
     }
@@ -281,7 +281,7 @@ impl Catalogue {
 
     /// Leaves the kind of journal that earlier versions used and that makes readers write. The caller holds the
     /// library's lock.
-    pub(crate) fn settle(&self) {
+    pub(crate) fn leave_wal_mode(&self) {
         let mode = self
             .connection
             .pragma_query_value(None, "journal_mode", |r| r.get(0));
@@ -340,7 +340,7 @@ impl Catalogue {
     ) -> Result<(), CatalogueError> {
         let failed = match change(&self.connection) {
             Ok(()) => return Ok(()),
-            Err(e) if self.in_memory || health::is_busy(&e) => return Err(self.failed(e)),
+            Err(e) if self.in_memory || integrity::is_busy(&e) => return Err(self.failed(e)),
             Err(e) => e,
         };
         let mut memory = Self::in_memory(&self.path)?;
@@ -350,7 +350,7 @@ impl Catalogue {
         change(&memory.connection).map_err(|e| self.failed(e))?;
         // The connection ends before its file does.
         drop(std::mem::replace(self, memory));
-        let rest = match aside::remove(&self.path) {
+        let rest = match database_files::remove(&self.path) {
             Ok(()) => "it is made again from the sessions as soon as it can be".to_owned(),
             Err(e) => format!("until `paws rebuild` it may be out of date ({e})"),
         };
@@ -462,10 +462,10 @@ mod tests {
     }
 
     fn opened(path: &Path) -> Catalogue {
-        match Catalogue::look(path).unwrap() {
-            Found::Usable(catalogue) => *catalogue,
-            Found::Missing => panic!("missing"),
-            Found::Unusable(why) | Found::Unreachable(why) => panic!("{why}"),
+        match Catalogue::inspect(path).unwrap() {
+            CatalogueFile::Usable(catalogue) => *catalogue,
+            CatalogueFile::Missing => panic!("missing"),
+            CatalogueFile::Unusable(why) | CatalogueFile::Unreachable(why) => panic!("{why}"),
         }
     }
 
@@ -473,9 +473,12 @@ mod tests {
     fn rows_come_back_as_they_were() {
         let folder = tempfile::tempdir().unwrap();
         let path = folder.path().join("catalogue.sqlite");
-        assert!(matches!(Catalogue::look(&path).unwrap(), Found::Missing));
-        let (mut catalogue, aside) = Catalogue::make(&path, &[]).unwrap();
-        assert_eq!(aside, None);
+        assert!(matches!(
+            Catalogue::inspect(&path).unwrap(),
+            CatalogueFile::Missing
+        ));
+        let (mut catalogue, database_files) = Catalogue::make(&path, &[]).unwrap();
+        assert_eq!(database_files, None);
         catalogue.put(&row("b")).unwrap();
         let changed = Row {
             verdict: None,
@@ -507,11 +510,13 @@ mod tests {
         assert!(whole.len() > 20_000);
         let why = |bytes: &[u8]| {
             std::fs::write(&path, bytes).unwrap();
-            match Catalogue::look(&path).unwrap() {
-                Found::Unusable(why) => why,
-                Found::Usable(catalogue) => panic!("{} rows", catalogue.rows().unwrap().len()),
-                Found::Missing => panic!("missing"),
-                Found::Unreachable(why) => panic!("unreachable: {why}"),
+            match Catalogue::inspect(&path).unwrap() {
+                CatalogueFile::Unusable(why) => why,
+                CatalogueFile::Usable(catalogue) => {
+                    panic!("{} rows", catalogue.rows().unwrap().len())
+                }
+                CatalogueFile::Missing => panic!("missing"),
+                CatalogueFile::Unreachable(why) => panic!("unreachable: {why}"),
             }
         };
         for length in [
@@ -558,8 +563,8 @@ mod tests {
         let mode = rustix::fs::Mode::from_raw_mode(0o644);
         let fifo = rustix::fs::FileType::Fifo;
         rustix::fs::mknodat(rustix::fs::CWD, &path, fifo, mode, 0).unwrap();
-        match Catalogue::look(&path).unwrap() {
-            Found::Unusable(why) => assert!(why.contains("FIFO"), "{why}"),
+        match Catalogue::inspect(&path).unwrap() {
+            CatalogueFile::Unusable(why) => assert!(why.contains("FIFO"), "{why}"),
             _ => panic!("a FIFO is no catalogue"),
         }
     }
@@ -573,18 +578,18 @@ mod tests {
             let content = format!("garbage {i}");
             std::fs::write(&path, &content).unwrap();
             std::fs::write(folder.path().join("catalogue.sqlite-wal"), "log").unwrap();
-            let (catalogue, aside) = Catalogue::make(&path, &[row("a")]).unwrap();
+            let (catalogue, database_files) = Catalogue::make(&path, &[row("a")]).unwrap();
             assert_eq!(catalogue.rows().unwrap(), [row("a")]);
-            let aside = aside.unwrap();
+            let database_files = database_files.unwrap();
             assert_eq!(
-                aside,
+                database_files,
                 folder.path().join(format!("catalogue.sqlite.{name}"))
             );
-            expected.push((aside, content));
+            expected.push((database_files, content));
         }
-        for (aside, content) in expected {
-            assert_eq!(std::fs::read_to_string(&aside).unwrap(), content);
-            let log = aside::with_suffix(&aside, "-wal");
+        for (database_files, content) in expected {
+            assert_eq!(std::fs::read_to_string(&database_files).unwrap(), content);
+            let log = database_files::with_suffix(&database_files, "-wal");
             assert_eq!(std::fs::read_to_string(log).unwrap(), "log");
         }
     }
@@ -600,7 +605,7 @@ mod tests {
         catalogue.put(&row("b")).unwrap();
         drop(catalogue);
         let catalogue = opened(&path);
-        catalogue.settle();
+        catalogue.leave_wal_mode();
         drop(catalogue);
         let bytes = std::fs::read(&path).unwrap();
         assert_eq!(bytes[18..20], [1, 1], "the header says: no write-ahead log");

@@ -18,17 +18,17 @@ use log::LevelFilter;
 use session_archive::handoff::Verdict;
 use session_archive::text::shown_lines;
 
-use crate::calibrate;
+use crate::commands::export::Format;
+use crate::commands::{
+    calibrate, export, handoff, import, index, list, metrics, prune, pull, rebuild, recover,
+    report, rig, show, validate,
+};
 use crate::console::{Clock, Console, Show};
 use crate::examples::EXAMPLES;
-use crate::export::{self, Format};
+use crate::external;
 use crate::limits::Limits;
 use crate::outcome::Outcome;
 use crate::target::Target;
-use crate::{
-    external, handoff, importing, indexing, list, metrics, prune, pull, rebuild, recover,
-    reporting, rig, show, validate,
-};
 
 /// Names the library when `--library` does not.
 pub const LIBRARY_VARIABLE: &str = "PAWS_LIBRARY";
@@ -292,9 +292,7 @@ fn dispatch(cli: Cli, console: &mut Console<'_>) -> Result<Outcome> {
         sessions.iter().map(|s| Target::find(s, library)).collect()
     };
     match cli.verb {
-        Verb::Import { sources, json } => {
-            importing::run_as(&sources, needed(library)?, json, console)
-        }
+        Verb::Import { sources, json } => import::run_as(&sources, needed(library)?, json, console),
         Verb::Pull {
             rig,
             sessions,
@@ -346,7 +344,7 @@ fn dispatch(cli: Cli, console: &mut Console<'_>) -> Result<Outcome> {
             };
             validate::run(&find(&sessions)?, &options, console)
         }
-        Verb::Index { sessions } => indexing::run(&find(&sessions)?, console),
+        Verb::Index { sessions } => index::run(&find(&sessions)?, console),
         Verb::Handoff {
             session,
             accept,
@@ -379,7 +377,7 @@ fn dispatch(cli: Cli, console: &mut Console<'_>) -> Result<Outcome> {
                 ..validate::Options::default()
             };
             let target = Target::find(&session, library)?;
-            reporting::run(&target, &options, out.as_deref(), console)
+            report::run(&target, &options, out.as_deref(), console)
         }
         Verb::Export {
             session,

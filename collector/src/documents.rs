@@ -154,11 +154,11 @@ pub struct Show {
     /// What is wrong with the files, in words.
     pub faults: Vec<String>,
     /// The last validation.
-    pub validation: Option<Judged>,
+    pub validation: Option<ValidationSummary>,
     /// Whether there is an index that fits.
     pub indexed: bool,
     /// How the hand-off is.
-    pub handoff: HandedOff,
+    pub handoff: HandOffState,
 }
 
 /// A camera.
@@ -220,7 +220,7 @@ pub struct Imu {
 
 /// A validation in short; `validation.json` in the session's folder has all of it.
 #[derive(Debug, Serialize)]
-pub struct Judged {
+pub struct ValidationSummary {
     /// `PASS`, `WARN` or `FAIL`.
     pub verdict: Verdict,
     /// Whether the session is still as it was then.
@@ -243,7 +243,7 @@ pub struct Judged {
 
 /// How the hand-off is.
 #[derive(Debug, Serialize)]
-pub struct HandedOff {
+pub struct HandOffState {
     /// `none`, `sealed`, or `invalid` where the session has changed since.
     pub state: &'static str,
     /// When it was sealed.

@@ -128,7 +128,7 @@ pub fn hand_on(
 ) -> Result<Vec<OsString>> {
     let mut words = words.to_vec();
     let place = match name {
-        "reconstruct" => place_of_handoff(&words),
+        "reconstruct" => handoff_position(&words),
         _ => None,
     };
     if let Some(at) = place
@@ -158,7 +158,7 @@ pub fn hand_on(
 
 /// Where among the words for `paws-reconstruct` the hand-off is: the first behind the verb that is neither an option
 /// nor the value of one.
-fn place_of_handoff(words: &[OsString]) -> Option<usize> {
+fn handoff_position(words: &[OsString]) -> Option<usize> {
     let mut has_verb = false;
     let mut at = 0;
     while let Some(word) = words.get(at) {
@@ -271,7 +271,7 @@ mod tests {
             ("evaluate HERE", None),
             ("--version", None),
         ] {
-            assert_eq!(place_of_handoff(&words(text)), expected, "{text}");
+            assert_eq!(handoff_position(&words(text)), expected, "{text}");
         }
     }
 }

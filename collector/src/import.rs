@@ -7,9 +7,9 @@
 //!   there and is not listed. The next import goes on: a file that is in the journal, unchanged in
 //!   the source and still has its hash is kept; every other one is copied anew (at most one
 //!   segment's worth is copied twice). Where the session is not whole, the kept ones are compared
-//!   with the source (see `again`).
+//!   with the source (see `recheck`).
 //! * **Again**: a session that is in the library with the same files is left alone. One that
-//!   differs is refused, unless the library's is damaged or cut off and this one is better (see `there`): then it
+//!   differs is refused, unless the library's is damaged or cut off and this one is better (see `existing`): then it
 //!   takes its place, and the other one is kept as `ID.damaged`. A worse one never replaces a better one.
 //! * **Damaged**: it is imported all the same, byte for byte, with its report.
 //! * **No files**: a FIFO, a device, a socket or a link in a session's folder is refused at once.
@@ -18,14 +18,14 @@
 //!
 //! Nothing is ever written to the source.
 
-pub(crate) mod adopt;
-mod again;
 mod copy;
-mod following;
+pub(crate) mod existing;
+mod growing_copy;
 mod journal;
+pub(crate) mod publish;
+mod recheck;
 mod record;
 mod source;
-pub(crate) mod there;
 
 use std::fs;
 use std::io;
@@ -41,17 +41,17 @@ use session_archive::verify::{Report, verify};
 pub use self::record::{FileRecord, ImportRecord};
 
 use self::copy::{Copied, copy_all};
-use self::following::{Board, Following};
+use self::existing::{CopyQuality, ExistingCopy};
+use self::growing_copy::{CopyProgress, GrowingCopy};
 use self::journal::Journal;
 use self::source::{SourceFile, list_files};
-use self::there::{There, Worth};
 use crate::condition::Condition;
 use crate::console::Clock;
 use crate::library::{INCOMING, Library, SESSIONS, is_key, sync_folder};
 use crate::progress::Progress;
 
 /// What must stay free on the library's disk beside the session.
-const SPARE_BYTES: u64 = 64 << 20;
+const RESERVED_BYTES: u64 = 64 << 20;
 
 /// Where an import is. Tests stop it at each of these in turn.
 #[derive(Clone, Debug, PartialEq, Eq)]
@@ -98,7 +98,7 @@ pub struct Imported {
     /// Bytes that an earlier, interrupted import had copied.
     pub resumed: u64,
     /// Whether it was in the library before.
-    pub already: bool,
+    pub already_imported: bool,
     /// What lies in the source and was not copied: names that are not UTF-8, folders in too many folders.
     pub skipped: Vec<String>,
     /// Under which key the damaged or cut off session is kept that it replaced.
@@ -237,22 +237,22 @@ pub fn import(
         });
     }
     let (files, skipped) = list_files(source)?;
-    let old = match there::look(library, &key, source, &files)? {
-        There::Nothing => None,
-        There::Same(imported) => {
+    let old = match existing::find_existing(library, &key, source, &files)? {
+        ExistingCopy::Absent => None,
+        ExistingCopy::Same(imported) => {
             progress.add(files.iter().map(|f| f.bytes).sum());
             // Left behind if an import was stopped just after its rename, which may not be durable.
             sync_published(library, &key)?;
             journal::remove(&library.incoming(&key))?;
             return Ok(*imported);
         }
-        There::Worse(old) => Some(old),
+        ExistingCopy::Worse(old) => Some(old),
     };
 
     let mut copy = copy_and_check(library, &key, source, &files, progress, hook)?;
     if copy.condition.needs_recovery() && copy.resumed > 0 {
         // What an earlier import left may have come from another, damaged copy of the session.
-        let renewed = again::renew(&library.incoming(&key), source, &copy.kept, hook)?;
+        let renewed = recheck::refresh_kept(&library.incoming(&key), source, &copy.kept, hook)?;
         if renewed > 0 {
             let (bytes, resumed) = (copy.bytes + renewed, copy.resumed - renewed);
             let hidden = Progress::hidden();
@@ -275,8 +275,8 @@ pub fn import(
         .map_err(failed("writing the import record", &incoming))?;
     let replaced = match old {
         Some(old) => {
-            let new = Worth::of(copy.condition, &copy.report);
-            Some(there::make_way(library, &key, source, old, new)?)
+            let new = CopyQuality::of(copy.condition, &copy.report);
+            Some(existing::set_aside_copy(library, &key, source, old, new)?)
         }
         None => None,
     };
@@ -290,7 +290,7 @@ pub fn import(
         report: copy.report,
         copied: copy.bytes,
         resumed: copy.resumed,
-        already: false,
+        already_imported: false,
         skipped,
         replaced,
     })
@@ -332,8 +332,8 @@ fn copy_and_check(
         files.iter().map(|f| f.bytes).sum::<u64>() - kept.iter().map(|k| k.bytes).sum::<u64>();
     check_space(library.root(), to_copy)?;
 
-    let board = Board::new(files, &kept);
-    let follow = Following::new(&incoming, &board);
+    let copy_progress = CopyProgress::new(files, &kept);
+    let follow = GrowingCopy::new(&incoming, &copy_progress);
     // The check reads what has just been written, a few megabytes behind the copy, from memory.
     let (copied, report) = thread::scope(|scope| {
         let check = scope.spawn(|| {
@@ -346,12 +346,12 @@ fn copy_and_check(
             files,
             &kept,
             &mut journal,
-            &board,
+            &copy_progress,
             progress,
             hook,
         );
         // Whoever still waits for bytes is not to wait for ever.
-        board.close();
+        copy_progress.close();
         (copied, check.join())
     });
     let Copied { bytes, records } = copied?;
@@ -446,7 +446,7 @@ pub(crate) fn check_space(path: &Path, bytes: u64) -> Result<(), ImportError> {
         .map_err(io::Error::from)
         .map_err(failed("asking for free space", path))?;
     let (needed, free) = (
-        bytes.saturating_add(SPARE_BYTES),
+        bytes.saturating_add(RESERVED_BYTES),
         disk.f_bavail.saturating_mul(disk.f_frsize),
     );
     if needed > free {

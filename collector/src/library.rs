@@ -32,8 +32,8 @@ use anyhow::{Context, Result, bail, ensure};
 use session_archive::layout;
 use session_archive::storage::{DiskStorage, Storage};
 
-use crate::catalogue::{Catalogue, Found, Row};
-use crate::import::there::made_way;
+use crate::catalogue::{Catalogue, CatalogueFile, Row};
+use crate::import::existing::is_set_aside_copy;
 
 pub use self::lock::Lock;
 
@@ -92,14 +92,14 @@ impl Library {
             .canonicalize()
             .with_context(|| format!("opening the library: {}", root.display()))?;
         let path = root.join(CATALOGUE);
-        let catalogue = match Catalogue::look(&path)? {
-            Found::Usable(catalogue) => *catalogue,
-            Found::Unreachable(why) => {
+        let catalogue = match Catalogue::inspect(&path)? {
+            CatalogueFile::Usable(catalogue) => *catalogue,
+            CatalogueFile::Unreachable(why) => {
                 log::debug!("listing from the folders: {why}: {}", path.display());
                 Catalogue::in_memory(&path)?
             }
-            Found::Missing | Found::Unusable(_) => match lock::take(&root, false) {
-                Ok(Some(_lock)) => mended(&root)?,
+            CatalogueFile::Missing | CatalogueFile::Unusable(_) => match lock::take(&root, false) {
+                Ok(Some(_lock)) => repair_catalogue(&root)?,
                 // Whoever changes the library mends it, too. And where no lock is to be had, nothing can be written.
                 Ok(None) | Err(_) => Catalogue::in_memory(&path)?,
             },
@@ -136,7 +136,7 @@ impl Library {
                 self.root.display()
             );
         };
-        self.changed_by_others()?;
+        self.reload_catalogue()?;
         Ok(lock)
     }
 
@@ -156,14 +156,14 @@ impl Library {
                     .with_context(locking)?
             }
         };
-        self.changed_by_others()?;
+        self.reload_catalogue()?;
         Ok(lock)
     }
 
     /// Sees the library as those left it that had the lock before.
-    fn changed_by_others(&mut self) -> Result<()> {
-        self.catalogue = mended(&self.root)?;
-        self.catalogue.settle();
+    fn reload_catalogue(&mut self) -> Result<()> {
+        self.catalogue = repair_catalogue(&self.root)?;
+        self.catalogue.leave_wal_mode();
         self.catch_up()
     }
 
@@ -251,8 +251,8 @@ impl Library {
             .collect();
         fits.sort_unstable();
         // What made way for a better one is meant only by its whole key.
-        let has_made_way = |key: &str| fits.iter().any(|other| made_way(key, other));
-        let mut fits: Vec<&str> = fits.iter().copied().filter(|k| !has_made_way(k)).collect();
+        let was_set_aside = |key: &str| fits.iter().any(|other| is_set_aside_copy(key, other));
+        let mut fits: Vec<&str> = fits.iter().copied().filter(|k| !was_set_aside(k)).collect();
         let is_whole = |key: &str| {
             let mut rows = rows.iter();
             rows.any(|r| r.key == key && !r.condition.needs_recovery())
@@ -329,16 +329,16 @@ fn rows_of_folders(root: &Path) -> Result<(Vec<Row>, NoSessions)> {
 
 /// The catalogue of a library, made again from the sessions if it is damaged or not there; in memory if that cannot be
 /// written. The caller holds the lock, so nobody else is at it.
-fn mended(root: &Path) -> Result<Catalogue> {
+fn repair_catalogue(root: &Path) -> Result<Catalogue> {
     let path = root.join(CATALOGUE);
-    let why = match Catalogue::look(&path)? {
-        Found::Usable(catalogue) => return Ok(*catalogue),
-        Found::Unreachable(why) => {
+    let why = match Catalogue::inspect(&path)? {
+        CatalogueFile::Usable(catalogue) => return Ok(*catalogue),
+        CatalogueFile::Unreachable(why) => {
             log::debug!("listing from the folders: {why}: {}", path.display());
             return Ok(Catalogue::in_memory(&path)?);
         }
-        Found::Missing => None,
-        Found::Unusable(why) => Some(why),
+        CatalogueFile::Missing => None,
+        CatalogueFile::Unusable(why) => Some(why),
     };
     let (rows, _) = rows_of_folders(root)?;
     let sessions = crate::text::count(rows.len() as u64, "session");

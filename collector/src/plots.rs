@@ -9,8 +9,8 @@ use session_archive::record::{ClockMap, paws};
 use session_archive::time::TickLength;
 
 use crate::cadence::Cadence;
-use crate::examine::Examination;
-use crate::facts::{Facts, NO_STEP, Sample};
+use crate::scan_session::SessionScan;
+use crate::session_stats::{NO_STEP, Sample, SessionStats};
 use crate::validation::words;
 
 /// Width of charts of one size, pixels.
@@ -20,35 +20,35 @@ pub(crate) const HEIGHT: u32 = 230;
 /// Height of charts in which little happens, pixels.
 pub(crate) const LOW: u32 = 180;
 /// Events drawn at most.
-const MOST_MARKS: usize = 60;
+const MAX_EVENT_MARKS: usize = 60;
 /// Points kept of a long series: twice as many as there are pixels across a page, the extremes of each part.
-const MOST_POINTS: usize = 2 * WIDTH as usize;
+const MAX_POINTS: usize = 2 * WIDTH as usize;
 
 /// Draws what was found in one session.
 pub struct Plots<'a> {
     manifest: &'a Manifest,
-    found: &'a Examination,
+    found: &'a SessionScan,
     start: i64,
 }
 
 impl<'a> Plots<'a> {
     /// Charts of this examination.
-    pub fn new(manifest: &'a Manifest, found: &'a Examination) -> Self {
+    pub fn new(manifest: &'a Manifest, found: &'a SessionScan) -> Self {
         Self {
             manifest,
             found,
-            start: found.facts.span().map_or(0, |(start, _)| start),
+            start: found.stats.span().map_or(0, |(start, _)| start),
         }
     }
 
     /// The same time axis for all pictures.
     fn axis(&self) -> Axis {
-        let end = self.facts().span().map_or(0, |(_, end)| end);
+        let end = self.stats().span().map_or(0, |(_, end)| end);
         Axis::time("time").include(0.0).include(self.seconds(end))
     }
 
-    fn facts(&self) -> &Facts {
-        &self.found.facts
+    fn stats(&self) -> &SessionStats {
+        &self.found.stats
     }
 
     fn seconds(&self, time: i64) -> f64 {
@@ -62,15 +62,15 @@ impl<'a> Plots<'a> {
             "missing, noted",
             "missing without a note",
         ]);
-        let cameras = self.manifest.cameras.iter().zip(&self.facts().cameras);
+        let cameras = self.manifest.cameras.iter().zip(&self.stats().cameras);
         for (camera, frames) in cameras {
             let samples: Vec<Sample> = frames.iter().map(|f| f.sample).collect();
             timeline = self.row(timeline, &camera.name, &samples);
         }
-        for (imu, facts) in self.manifest.imus.iter().zip(&self.facts().imus) {
-            timeline = self.row(timeline, &imu.name, &facts.samples);
+        for (imu, stats) in self.manifest.imus.iter().zip(&self.stats().imus) {
+            timeline = self.row(timeline, &imu.name, &stats.samples);
         }
-        for (time, event) in self.facts().events.iter().take(MOST_MARKS) {
+        for (time, event) in self.stats().events.iter().take(MAX_EVENT_MARKS) {
             let kind = paws::event::Kind::try_from(event.kind).unwrap_or_default();
             let label = words(kind.as_str_name(), "KIND_");
             timeline = timeline.mark(self.seconds(time.0), &label);
@@ -80,7 +80,7 @@ impl<'a> Plots<'a> {
 
     fn row(&self, timeline: Timeline, name: &str, samples: &[Sample]) -> Timeline {
         let mut spans = recorded(samples);
-        let gaps = self.facts().gaps.iter().filter(|g| g.stream == name);
+        let gaps = self.stats().gaps.iter().filter(|g| g.stream == name);
         let mut missing = 0_u64;
         for gap in gaps {
             missing = gap.count().saturating_add(missing);
@@ -112,7 +112,7 @@ impl<'a> Plots<'a> {
         let mut chart = Chart::new("Time from frame to frame")
             .x_axis(self.axis())
             .y_axis(Axis::linear("interval", "ms").include(0.0));
-        for (camera, frames) in self.manifest.cameras.iter().zip(&self.facts().cameras) {
+        for (camera, frames) in self.manifest.cameras.iter().zip(&self.stats().cameras) {
             let times = frames.iter().map(|f| f.sample.time);
             let points = self.intervals(times, 1e-6);
             chart = chart.series(Series::line(&camera.name, points));
@@ -125,7 +125,7 @@ impl<'a> Plots<'a> {
         let mut chart = Chart::new("Frame period by the camera's clock, against its median")
             .x_axis(Axis::linear("deviation", "µs"))
             .y_axis(Axis::linear("frames", ""));
-        for (i, frames) in self.facts().cameras.iter().enumerate() {
+        for (i, frames) in self.stats().cameras.iter().enumerate() {
             let samples = || frames.iter().map(|f| f.sample);
             let period = Cadence::of(samples()).period_ns;
             let off = samples()
@@ -143,7 +143,7 @@ impl<'a> Plots<'a> {
             .x_axis(self.axis())
             .y_axis(Axis::linear("interval", "ms").include(0.0));
         for (i, imu) in self.manifest.imus.iter().enumerate() {
-            let times = self.facts().imus[i].samples.iter().map(|s| s.time);
+            let times = self.stats().imus[i].samples.iter().map(|s| s.time);
             let points = self.intervals(times, 1e-6);
             chart = chart.series(Series::line(&imu.name, points).slot(i));
         }
@@ -165,7 +165,7 @@ impl<'a> Plots<'a> {
             .x_axis(self.axis())
             .y_axis(Axis::linear("distance", "ms"));
         for (i, camera) in self.manifest.cameras.iter().enumerate() {
-            let members = self.facts().sets.iter().filter_map(|set| {
+            let members = self.stats().sets.iter().filter_map(|set| {
                 let (_, time) = set.members.iter().find(|m| m.0 == i)?;
                 let off = time.saturating_sub(set.time) as f64 * 1e-6;
                 Some((self.seconds(set.time), off))
@@ -189,7 +189,7 @@ impl<'a> Plots<'a> {
             let Some(first) = first.filter(|first| *first != i) else {
                 continue;
             };
-            let points = self.facts().sets.iter().filter_map(|set| {
+            let points = self.stats().sets.iter().filter_map(|set| {
                 let of = |i| set.members.iter().find(|m| m.0 == i).map(|m| m.1);
                 let off = of(i)?.saturating_sub(of(first)?);
                 Some((self.seconds(set.time), off as f64 * 1e-3))
@@ -206,7 +206,7 @@ impl<'a> Plots<'a> {
         let mut chart = Chart::new("Size of the compressed pictures, second by second")
             .x_axis(self.axis())
             .y_axis(Axis::linear("bit rate", "Mbit/s").include(0.0));
-        for (camera, frames) in self.manifest.cameras.iter().zip(&self.facts().cameras) {
+        for (camera, frames) in self.manifest.cameras.iter().zip(&self.stats().cameras) {
             let mut seconds: BTreeMap<i64, u64> = BTreeMap::new();
             for frame in frames {
                 let second = frame.sample.time.saturating_sub(self.start) / 1_000_000_000;
@@ -228,7 +228,7 @@ impl<'a> Plots<'a> {
         let mut chart = Chart::new("Device clocks against the host's, since their first map")
             .x_axis(self.axis())
             .y_axis(Axis::linear("offset", "ms"));
-        for (clock, maps) in &self.facts().clocks {
+        for (clock, maps) in &self.stats().clocks {
             let first = maps.first().and_then(|(_, map)| offset_ns(map));
             let points = maps.iter().filter_map(|(time, map)| {
                 let moved = offset_ns(map)?.saturating_sub(first?);
@@ -244,7 +244,7 @@ impl<'a> Plots<'a> {
         let mut chart = Chart::new("Uncertainty of the clock maps (one sigma)")
             .x_axis(self.axis())
             .y_axis(Axis::log("sigma", "µs"));
-        for (clock, maps) in &self.facts().clocks {
+        for (clock, maps) in &self.stats().clocks {
             let points = maps.iter().filter_map(|(time, map)| {
                 let own = map.pieces.last()?.sigma_ns as f64;
                 let sigma = own.hypot(map.latency_sigma_ns as f64);
@@ -268,7 +268,7 @@ impl<'a> Plots<'a> {
             .x_axis(self.axis())
             .y_axis(Axis::log("rate", "Hz"));
         let mut rates: BTreeMap<&str, Vec<(f64, f64)>> = BTreeMap::new();
-        for (time, health) in &self.facts().health {
+        for (time, health) in &self.stats().health {
             for stream in &health.streams {
                 let points = rates.entry(&stream.name).or_default();
                 points.push((self.seconds(time.0), stream.rate_hz));
@@ -283,7 +283,7 @@ impl<'a> Plots<'a> {
 
     /// Bytes waiting for encoders and the disk.
     pub fn health_queues(&self) -> Chart {
-        let health = &self.facts().health;
+        let health = &self.stats().health;
         let writer = health.iter();
         let writer = writer.map(|(t, h)| (self.seconds(t.0), h.writer_queue_bytes as f64 * 1e-6));
         let encoder = health.iter().map(|(t, h)| {
@@ -300,7 +300,7 @@ impl<'a> Plots<'a> {
 
     /// Longest write and sync of each second.
     pub fn health_latency(&self) -> Chart {
-        let health = &self.facts().health;
+        let health = &self.stats().health;
         let write = health
             .iter()
             .map(|(t, h)| (self.seconds(t.0), h.write_max_ns as f64 * 1e-6));
@@ -316,7 +316,7 @@ impl<'a> Plots<'a> {
 
     /// Free space on the recorder's disk.
     pub fn health_space(&self) -> Chart {
-        let health = self.facts().health.iter();
+        let health = self.stats().health.iter();
         let free = health.map(|(t, h)| (self.seconds(t.0), h.free_bytes as f64 * 1e-9));
         Chart::new("Free on the recorder's disk")
             .x_axis(self.axis())
@@ -326,7 +326,7 @@ impl<'a> Plots<'a> {
 
     /// Temperature of the recorder; nothing where it has no sensor.
     pub fn health_temperature(&self) -> Option<Chart> {
-        let health = self.facts().health.iter();
+        let health = self.stats().health.iter();
         let points: Vec<_> = health
             .filter_map(|(t, h)| Some((self.seconds(t.0), h.temperature_c?)))
             .collect();
@@ -340,7 +340,7 @@ impl<'a> Plots<'a> {
 
     /// One line about the rhythm of the cameras, for a caption.
     pub fn rhythm_caption(&self) -> String {
-        let cameras = self.manifest.cameras.iter().zip(&self.facts().cameras);
+        let cameras = self.manifest.cameras.iter().zip(&self.stats().cameras);
         let texts = cameras.map(|(camera, frames)| {
             let cadence = Cadence::of(frames.iter().map(|f| f.sample));
             format!(
@@ -389,11 +389,11 @@ fn offset_ns(map: &ClockMap) -> Option<i64> {
 
 /// Keeps the least and the greatest value of each part of a long series.
 fn thin(points: Vec<(f64, f64)>) -> Vec<(f64, f64)> {
-    if points.len() <= 2 * MOST_POINTS {
+    if points.len() <= 2 * MAX_POINTS {
         return points;
     }
-    let part = points.len().div_ceil(MOST_POINTS);
-    let mut kept = Vec::with_capacity(2 * MOST_POINTS);
+    let part = points.len().div_ceil(MAX_POINTS);
+    let mut kept = Vec::with_capacity(2 * MAX_POINTS);
     for part in points.chunks(part) {
         let by_value = |a: &&(f64, f64), b: &&(f64, f64)| a.1.total_cmp(&b.1);
         let least = part.iter().min_by(by_value);
@@ -416,7 +416,7 @@ mod tests {
         points[77_777].1 = 9.0;
         points[33_333].1 = -9.0;
         let thinned = thin(points);
-        assert!(thinned.len() <= 2 * MOST_POINTS);
+        assert!(thinned.len() <= 2 * MAX_POINTS);
         assert!(thinned.contains(&(77_777.0, 9.0)) && thinned.contains(&(33_333.0, -9.0)));
         assert!(thinned.windows(2).all(|w| w[0].0 <= w[1].0));
     }

@@ -10,7 +10,7 @@ use indicatif::{ProgressBar, ProgressStyle};
 use crate::console::{Clock, Show};
 
 /// A line is written at most this often.
-const LINE_EVERY: Duration = Duration::from_secs(5);
+const LINE_INTERVAL: Duration = Duration::from_secs(5);
 
 /// Progress of one job.
 pub struct Progress(Option<Kind>);
@@ -46,7 +46,7 @@ impl Progress {
                 done: AtomicU64::new(0),
                 clock,
                 start: (clock.monotonic)(),
-                due_ms: AtomicU64::new(LINE_EVERY.as_millis() as u64),
+                due_ms: AtomicU64::new(LINE_INTERVAL.as_millis() as u64),
             })),
             Show::Bar => {
                 let style = ProgressStyle::with_template(
@@ -90,7 +90,7 @@ impl Lines {
         let elapsed = (self.clock.monotonic)().saturating_sub(self.start);
         let now_ms = elapsed.as_millis() as u64;
         let due = self.due_ms.load(Ordering::Relaxed);
-        let next = now_ms + LINE_EVERY.as_millis() as u64;
+        let next = now_ms + LINE_INTERVAL.as_millis() as u64;
         let ours = now_ms >= due
             && self
                 .due_ms

@@ -1,6 +1,6 @@
 //! Judging a session: every metric of [`crate::limits`], measured and compared.
 //!
-//! Judging is arithmetic on what [`crate::examine`] found: the same session and limits give the same
+//! Judging is arithmetic on what [`crate::scan_session`] found: the same session and limits give the same
 //! findings. A stream without a single sample is a finding of its own (all of it is missing). What
 //! cannot be measured (no frame sets, no clock) is either a finding or left out, never a pass.
 
@@ -11,13 +11,13 @@ use session_archive::handoff::Verdict;
 use session_archive::manifest::{Camera, Manifest};
 use session_archive::verify::{Report, StreamReport};
 
-use crate::cadence::{Cadence, median, nearly_all};
+use crate::cadence::{Cadence, median, percentile_99_9};
 use crate::condition::Condition;
-use crate::deep::Decoded;
-use crate::examine::Examination;
-use crate::facts::{Facts, FrameFact};
-use crate::frames::Frames;
+use crate::decode_check::DecodeCheck;
+use crate::frame_tree::Frames;
 use crate::limits::{Limits, Unit};
+use crate::scan_session::SessionScan;
+use crate::session_stats::{FrameStats, SessionStats};
 use crate::text;
 
 /// One metric of one stream, measured and judged.
@@ -50,26 +50,26 @@ pub(crate) fn number_or_nan<'a, D: Deserializer<'a>>(input: D) -> Result<f64, D:
 /// Judges a session. `decoded` is what decoding every picture gave, where that was asked for.
 pub fn judge(
     manifest: &Manifest,
-    found: &Examination,
-    decoded: Option<&[Decoded]>,
+    found: &SessionScan,
+    decoded: Option<&[DecodeCheck]>,
     limits: &Limits,
 ) -> Vec<Finding> {
-    let mut judge = Judge {
+    let mut evaluator = Evaluator {
         manifest,
-        facts: &found.facts,
+        stats: &found.stats,
         report: &found.report,
         limits,
         findings: Vec::new(),
     };
-    judge.session();
+    evaluator.session();
     for (i, camera) in manifest.cameras.iter().enumerate() {
-        judge.camera(i, camera);
+        evaluator.camera(i, camera);
     }
     for i in 0..manifest.imus.len() {
-        judge.imu(i);
+        evaluator.imu(i);
     }
-    judge.offsets();
-    judge.rig();
+    evaluator.offsets();
+    evaluator.rig();
     for decoded in decoded.unwrap_or_default() {
         let pictures = text::count(decoded.pictures, "picture");
         let mut detail = format!("{pictures} decoded");
@@ -77,9 +77,9 @@ pub fn judge(
             detail.push_str(&format!("; first: {problem}"));
         }
         let missing = decoded.missing as f64;
-        judge.find("camera.undecoded", &decoded.camera, missing, 0.0, &detail);
+        evaluator.find("camera.undecoded", &decoded.camera, missing, 0.0, &detail);
     }
-    judge.findings
+    evaluator.findings
 }
 
 /// The verdict over all findings.
@@ -144,15 +144,15 @@ pub fn finding(
 /// Between two health records, ns.
 const HEALTH_PERIOD_NS: f64 = 1e9;
 
-struct Judge<'a> {
+struct Evaluator<'a> {
     manifest: &'a Manifest,
-    facts: &'a Facts,
+    stats: &'a SessionStats,
     report: &'a Report,
     limits: &'a Limits,
     findings: Vec<Finding>,
 }
 
-impl Judge<'_> {
+impl Evaluator<'_> {
     /// Adds a finding: `value` against the limits of `metric` for a stream with this nominal period
     /// (ns; 0 where there is none).
     fn find(&mut self, metric: &str, of: &str, value: f64, period_ns: f64, detail: &str) {
@@ -179,25 +179,25 @@ impl Judge<'_> {
         };
         let open = f64::from(u8::from(!self.report.closed));
         self.find("session.unclosed", "session", open, 0.0, detail);
-        self.spared();
+        self.degraded();
     }
 
     /// For how long the recorder made do with less than configured. Left out where it does not say.
-    fn spared(&mut self) {
-        let steps = self.facts.health.iter().map(|(_, h)| h.sparing.as_str());
-        let told: Vec<&str> = steps.filter(|step| !step.is_empty()).collect();
+    fn degraded(&mut self) {
+        let steps = self.stats.health.iter().map(|(_, h)| h.sparing.as_str());
+        let steps_reported: Vec<&str> = steps.filter(|step| !step.is_empty()).collect();
         let lowered = |step: &&str| matches!(*step, "lower bitrate" | "lower frame rate");
-        let spared: Vec<&str> = told.iter().copied().filter(lowered).collect();
-        let kinds: BTreeSet<&str> = spared.iter().copied().collect();
+        let degraded: Vec<&str> = steps_reported.iter().copied().filter(lowered).collect();
+        let kinds: BTreeSet<&str> = degraded.iter().copied().collect();
         let detail = kinds.into_iter().collect::<Vec<_>>().join(", ");
-        if !told.is_empty() {
-            let time = spared.len() as f64 * HEALTH_PERIOD_NS;
+        if !steps_reported.is_empty() {
+            let time = degraded.len() as f64 * HEALTH_PERIOD_NS;
             self.find("session.spared", "session", time, 0.0, &detail);
         }
     }
 
     fn camera(&mut self, i: usize, camera: &Camera) {
-        let (name, frames) = (camera.name.as_str(), &self.facts.cameras[i]);
+        let (name, frames) = (camera.name.as_str(), &self.stats.cameras[i]);
         let period = period_ns(camera.rate_hz);
         let stream = self.stream(name);
         self.missing("camera", name, &stream, "frame");
@@ -208,18 +208,18 @@ impl Judge<'_> {
         self.find("camera.frozen", name, longest_frozen(frames), period, "");
         let sigma = median(&mut frames.iter().map(|f| f.sigma_ns).collect::<Vec<_>>());
         self.sigma(name, sigma);
-        let doubtful = frames.iter().filter(|f| f.time_doubtful).count();
+        let unreliable = frames.iter().filter(|f| f.time_doubtful).count();
         self.find(
             "stream.doubtful",
             name,
-            doubtful as f64 * period,
+            unreliable as f64 * period,
             period,
             "",
         );
         self.eyes_apart(name, frames);
         let eyes = ["left", "right"].map(|eye| format!("{name}/{eye}"));
         let without = eyes.iter().filter(|eye| {
-            let calibration = self.facts.calibrations.get(*eye);
+            let calibration = self.stats.calibrations.get(*eye);
             calibration.is_none_or(|c| c.k.first().is_none_or(|fx| *fx <= 0.0))
         });
         let without: Vec<_> = without.map(String::as_str).collect();
@@ -241,41 +241,41 @@ impl Judge<'_> {
     }
 
     /// How far apart left and right images were taken. Left out where one device delivers both.
-    fn eyes_apart(&mut self, name: &str, frames: &[FrameFact]) {
-        let apart = frames.iter().filter_map(|f| f.eyes_apart_ns);
-        let mut apart: Vec<i64> = apart.collect();
-        let Some(middle) = median(&mut apart) else {
+    fn eyes_apart(&mut self, name: &str, frames: &[FrameStats]) {
+        let offsets = frames.iter().filter_map(|f| f.eyes_apart_ns);
+        let mut offsets: Vec<i64> = offsets.collect();
+        let Some(middle) = median(&mut offsets) else {
             return;
         };
-        let mut lengths: Vec<u64> = apart.iter().map(|ns| ns.unsigned_abs()).collect();
-        let most = nearly_all(&mut lengths).unwrap_or_default() as f64;
+        let mut lengths: Vec<u64> = offsets.iter().map(|ns| ns.unsigned_abs()).collect();
+        let max = percentile_99_9(&mut lengths).unwrap_or_default() as f64;
         let side = if middle < 0 { "earlier" } else { "later" };
         let middle = Unit::Time.show(middle.unsigned_abs() as f64);
         let detail = format!("right ones {middle} {side} in the median");
-        self.find("camera.eyes_apart", name, most, 0.0, &detail);
+        self.find("camera.eyes_apart", name, max, 0.0, &detail);
     }
 
     fn imu(&mut self, i: usize) {
         let imu = &self.manifest.imus[i];
-        let (name, facts) = (imu.name.as_str(), &self.facts.imus[i]);
+        let (name, stats) = (imu.name.as_str(), &self.stats.imus[i]);
         let stream = self.stream(name);
         self.missing("imu", name, &stream, "sample");
-        let cadence = Cadence::of(facts.samples.iter().copied());
+        let cadence = Cadence::of(stats.samples.iter().copied());
         self.rhythm("imu", name, &cadence, imu.rate_hz);
         let bad = stream.bad_payloads + stream.repeated;
         self.find("imu.bad", name, bad as f64, 0.0, "");
-        let repeated = facts.repeated_ns as f64;
+        let repeated = stats.stuck_ns as f64;
         self.find("imu.repeated", name, repeated, 0.0, "");
-        self.sigma(name, median(&mut facts.sigmas_ns.clone()));
+        self.sigma(name, median(&mut stats.sigmas_ns.clone()));
         let period = period_ns(imu.rate_hz);
-        let doubtful = facts.doubtful as f64 * period;
-        self.find("stream.doubtful", name, doubtful, period, "");
+        let unreliable = stats.unreliable_samples as f64 * period;
+        self.find("stream.doubtful", name, unreliable, period, "");
         self.frame_sync(name);
     }
 
     /// How an IMU's clock lies to that of its camera. Left out where the device does not tell.
     fn frame_sync(&mut self, name: &str) {
-        let streams = self.facts.health.iter().flat_map(|(_, h)| &h.streams);
+        let streams = self.stats.health.iter().flat_map(|(_, h)| &h.streams);
         let ties = streams
             .filter(|s| s.name == name)
             .filter_map(|s| s.frame_sync.as_ref());
@@ -305,14 +305,14 @@ impl Judge<'_> {
 
     /// Share of samples that should be there and are not.
     fn missing(&mut self, kind: &str, name: &str, stream: &StreamReport, word: &str) {
-        let gone = stream.gaps.saturating_add(stream.lost);
+        let missing = stream.gaps.saturating_add(stream.lost);
         let expected = stream.expected();
         let (ratio, detail) = match (stream.samples, expected) {
             (0, _) => (1.0, format!("not one {word} was recorded")),
-            (_, expected) if gone == 0 => (0.0, format!("{expected} {word}s")),
+            (_, expected) if missing == 0 => (0.0, format!("{expected} {word}s")),
             (_, expected) => (
-                gone as f64 / expected.max(1) as f64,
-                format!("{gone} of {}", text::count(expected, word)),
+                missing as f64 / expected.max(1) as f64,
+                format!("{missing} of {}", text::count(expected, word)),
             ),
         };
         self.find(&format!("{kind}.dropped"), name, ratio, 0.0, &detail);
@@ -320,7 +320,7 @@ impl Judge<'_> {
 
     fn rhythm(&mut self, kind: &str, name: &str, cadence: &Cadence, nominal_hz: f64) {
         let nominal = period_ns(nominal_hz);
-        let start = self.facts.span().map_or(0, |(start, _)| start);
+        let start = self.stats.span().map_or(0, |(start, _)| start);
         let at = cadence.longest_gap_at.saturating_sub(start) as f64 / 1e9;
         let detail = match cadence.longest_gap_ns {
             0 => String::new(),
@@ -350,16 +350,16 @@ impl Judge<'_> {
 
     /// How much later than the first stream each one starts, and how much earlier it ends.
     fn offsets(&mut self) {
-        let Some((start, end)) = self.facts.span() else {
+        let Some((start, end)) = self.stats.span() else {
             return;
         };
         let cameras = self.manifest.cameras.iter().map(|c| &c.name);
-        let camera_times = self.facts.cameras.iter().map(|frames| {
+        let camera_times = self.stats.cameras.iter().map(|frames| {
             let times = frames.iter().map(|f| f.sample.time);
             times.clone().min().zip(times.max())
         });
         let imus = self.manifest.imus.iter().map(|i| &i.name);
-        let imu_times = self.facts.imus.iter().map(|imu| {
+        let imu_times = self.stats.imus.iter().map(|imu| {
             let times = imu.samples.iter().map(|s| s.time);
             times.clone().min().zip(times.max())
         });
@@ -382,24 +382,24 @@ impl Judge<'_> {
         triggers.sort();
         triggers.dedup();
         // Times that say themselves that they are not to be trusted are judged as such.
-        let of_camera = |(i, frames): (usize, &Vec<FrameFact>)| {
-            let doubtful = frames.iter().filter(|f| f.time_doubtful);
-            doubtful.map(|f| (i, f.sample.time)).collect::<Vec<_>>()
+        let of_camera = |(i, frames): (usize, &Vec<FrameStats>)| {
+            let unreliable = frames.iter().filter(|f| f.time_doubtful);
+            unreliable.map(|f| (i, f.sample.time)).collect::<Vec<_>>()
         };
-        let cameras_facts = self.facts.cameras.iter().enumerate();
-        let doubtful: BTreeSet<(usize, i64)> = cameras_facts.flat_map(of_camera).collect();
+        let camera_stats = self.stats.cameras.iter().enumerate();
+        let unreliable: BTreeSet<(usize, i64)> = camera_stats.flat_map(of_camera).collect();
         for trigger in triggers {
             let group: Vec<usize> = (0..cameras.len())
                 .filter(|i| cameras[*i].trigger.as_ref() == Some(trigger))
                 .collect();
             let mut spreads: Vec<u64> = self
-                .facts
+                .stats
                 .sets
                 .iter()
-                .filter(|set| !set.members.iter().any(|m| doubtful.contains(m)))
+                .filter(|set| !set.members.iter().any(|m| unreliable.contains(m)))
                 .filter_map(|set| spread(&set.members, &group))
                 .collect();
-            if let Some(spread) = nearly_all(&mut spreads) {
+            if let Some(spread) = percentile_99_9(&mut spreads) {
                 let names: Vec<_> = group.iter().map(|i| cameras[*i].name.as_str()).collect();
                 let of = names.join(" and ");
                 self.find("rig.misalignment", &of, spread as f64, 0.0, "");
@@ -412,49 +412,49 @@ impl Judge<'_> {
             .enumerate()
             .filter(|(_, c)| c.trigger.is_none());
         for (i, camera) in free {
-            let sets = self.facts.sets.iter();
+            let sets = self.stats.sets.iter();
             let mut distances: Vec<u64> = sets
                 .filter_map(|set| {
                     let own = set.members.iter().find(|m| m.0 == i)?;
                     Some(own.1.abs_diff(set.time))
                 })
                 .collect();
-            if let Some(distance) = nearly_all(&mut distances) {
+            if let Some(distance) = percentile_99_9(&mut distances) {
                 let distance = distance as f64;
                 self.find("rig.free_misalignment", &camera.name, distance, slowest, "");
             }
         }
         if cameras.len() > 1 {
-            let without = if self.facts.sets.is_empty() {
+            let without = if self.stats.sets.is_empty() {
                 cameras.len()
             } else {
                 0
             };
-            let detail = text::count(self.facts.sets.len() as u64, "frame set");
+            let detail = text::count(self.stats.sets.len() as u64, "frame set");
             self.find("rig.frame_sets", "rig", without as f64, 0.0, &detail);
         }
-        self.places();
+        self.poses();
     }
 
     /// Whether both eyes of every camera have their place, and every camera its own on the rig if
     /// the rig is described at all.
-    fn places(&mut self) {
-        let transforms = self.facts.transforms.clone().unwrap_or_default();
+    fn poses(&mut self) {
+        let transforms = self.stats.transforms.clone().unwrap_or_default();
         let frames = Frames::of(&transforms);
         let cameras = &self.manifest.cameras;
-        let placed = |name: &str| frames.transform("rig", &format!("{name}/left")).is_some();
-        let described = cameras.iter().any(|c| placed(&c.name));
-        let unplaced: Vec<&str> = cameras
+        let has_pose = |name: &str| frames.transform("rig", &format!("{name}/left")).is_some();
+        let described = cameras.iter().any(|c| has_pose(&c.name));
+        let without_pose: Vec<&str> = cameras
             .iter()
             .map(|c| c.name.as_str())
             .filter(|name| {
                 let [left, right] = ["left", "right"].map(|eye| format!("{name}/{eye}"));
-                frames.transform(&left, &right).is_none() || (described && !placed(name))
+                frames.transform(&left, &right).is_none() || (described && !has_pose(name))
             })
             .collect();
-        let detail = match (unplaced.is_empty(), described) {
+        let detail = match (without_pose.is_empty(), described) {
             (false, _) => {
-                let names = unplaced.join(", ");
+                let names = without_pose.join(", ");
                 format!("{names}; to mend it: {}", calib::mend::after())
             }
             (true, true) => "all on the rig".to_owned(),
@@ -463,7 +463,13 @@ impl Judge<'_> {
                 calib::mend::CALIBRATE
             ),
         };
-        self.find("rig.transforms", "rig", unplaced.len() as f64, 0.0, &detail);
+        self.find(
+            "rig.transforms",
+            "rig",
+            without_pose.len() as f64,
+            0.0,
+            &detail,
+        );
     }
 }
 
@@ -477,7 +483,7 @@ fn period_ns(rate_hz: f64) -> f64 {
 
 /// Longest time over which the picture stayed what it was, ns: from the last good frame to the
 /// last frozen one.
-fn longest_frozen(frames: &[FrameFact]) -> f64 {
+fn longest_frozen(frames: &[FrameStats]) -> f64 {
     let mut longest = 0;
     let mut fresh = None;
     for frame in frames {
@@ -516,8 +522,8 @@ pub fn faults(report: &Report) -> Vec<String> {
         .map(|d| d.damage.bytes.end.saturating_sub(d.damage.bytes.start))
         .fold(0, u64::saturating_add);
     if !report.damage.is_empty() {
-        let places = text::count(report.damage.len() as u64, "place");
-        faults.push(format!("{places} with damage ({})", text::bytes(bytes)));
+        let poses = text::count(report.damage.len() as u64, "place");
+        faults.push(format!("{poses} with damage ({})", text::bytes(bytes)));
     }
     if report.undecodable > 0 {
         let messages = text::count(report.undecodable, "message");
@@ -544,18 +550,21 @@ mod tests {
 
     #[test]
     fn never_is_never_even_for_what_is_no_number() {
-        let judged = |limit: &str, value: f64| {
+        let verdict_of = |limit: &str, value: f64| {
             let mut limits = Limits::default();
             limits.set(limit).unwrap();
             finding(&limits, "imu.rate", "imu", value, 0.0, "").map(|f| f.verdict)
         };
         for value in [0.0, 1e300, f64::INFINITY, f64::NAN] {
-            assert_eq!(judged("imu.rate=never", value), Some(Verdict::Pass));
+            assert_eq!(verdict_of("imu.rate=never", value), Some(Verdict::Pass));
         }
-        assert_eq!(judged("imu.rate=1,never", f64::NAN), Some(Verdict::Warn));
-        assert_eq!(judged("imu.rate=1,never", 1.0), Some(Verdict::Pass));
-        assert_eq!(judged("imu.rate=1,2", f64::NAN), Some(Verdict::Fail));
-        assert_eq!(judged("imu.rate=1,2", 1.5), Some(Verdict::Warn));
+        assert_eq!(
+            verdict_of("imu.rate=1,never", f64::NAN),
+            Some(Verdict::Warn)
+        );
+        assert_eq!(verdict_of("imu.rate=1,never", 1.0), Some(Verdict::Pass));
+        assert_eq!(verdict_of("imu.rate=1,2", f64::NAN), Some(Verdict::Fail));
+        assert_eq!(verdict_of("imu.rate=1,2", 1.5), Some(Verdict::Warn));
     }
 
     #[test]

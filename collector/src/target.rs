@@ -8,8 +8,8 @@ use anyhow::{Context, Result, bail, ensure};
 use session_archive::layout;
 
 use crate::catalogue::Row;
-use crate::find::is_session;
 use crate::library::{CATALOGUE, INCOMING, Library, SESSIONS};
+use crate::session_search::is_session;
 use crate::validation::Validation;
 
 /// A session that a verb works on.

@@ -20,20 +20,20 @@ use session_archive::time::HostTime;
 use session_archive::verify::Report;
 
 use crate::cadence::Cadence;
-use crate::examine::Examination;
-use crate::facts::{Facts, Sample};
+use crate::commands::validate::Options;
 use crate::quality::{Finding, number_or_nan, overall, reasons};
-use crate::validate::Options;
+use crate::scan_session::SessionScan;
+use crate::session_stats::{Sample, SessionStats};
 
 /// File name of the HTML report in the session's folder.
 pub const REPORT: &str = "report.html";
 const FORMAT: &str = "paws-validation";
 const VERSION: u32 = 1;
 /// Events listed in a summary; a button that chatters must not fill it.
-const MOST_EVENTS: usize = 200;
+const MAX_EVENTS: usize = 200;
 
 /// What a validation looked at. If this is still so, nobody has written to the segments since; what
-/// the disk has done to their bytes, [`crate::handoff`] finds out.
+/// the disk has done to their bytes, [`crate::commands::handoff`] finds out.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
 pub struct Basis {
     /// BLAKE3 of the manifest, hex; empty if there is none.
@@ -165,7 +165,7 @@ impl Validation {
     pub fn new(
         manifest: &Manifest,
         basis: Basis,
-        found: &Examination,
+        found: &SessionScan,
         findings: Vec<Finding>,
         options: &Options,
     ) -> Self {
@@ -240,9 +240,9 @@ impl Validation {
 }
 
 impl Summary {
-    fn of(manifest: &Manifest, found: &Examination) -> Self {
-        let (facts, report) = (&found.facts, &found.report);
-        let (start, end) = facts.span().unwrap_or_default();
+    fn of(manifest: &Manifest, found: &SessionScan) -> Self {
+        let (stats, report) = (&found.stats, &found.report);
+        let (start, end) = stats.span().unwrap_or_default();
         let stream = |name: &str, cadence: Cadence, bytes: u64| {
             let counted = report.streams.get(name).cloned().unwrap_or_default();
             StreamSummary {
@@ -253,21 +253,21 @@ impl Summary {
                 bytes,
             }
         };
-        let cameras = manifest.cameras.iter().zip(&facts.cameras);
+        let cameras = manifest.cameras.iter().zip(&stats.cameras);
         let cameras = cameras.map(|(camera, frames)| {
             let samples: Vec<Sample> = frames.iter().map(|f| f.sample).collect();
             let bytes = frames.iter().map(|f| u64::from(f.bytes)).sum();
             stream(&camera.name, Cadence::of(samples.into_iter()), bytes)
         });
-        let imus = manifest.imus.iter().zip(&facts.imus).map(|(imu, facts)| {
-            let samples = facts.samples.iter().copied();
+        let imus = manifest.imus.iter().zip(&stats.imus).map(|(imu, stats)| {
+            let samples = stats.samples.iter().copied();
             stream(&imu.name, Cadence::of(samples), 0)
         });
-        let complete = facts
+        let complete = stats
             .sets
             .iter()
             .filter(|s| s.members.len() == manifest.cameras.len());
-        let events = facts.events.iter().take(MOST_EVENTS).map(|(time, event)| {
+        let events = stats.events.iter().take(MAX_EVENTS).map(|(time, event)| {
             let kind = paws::event::Kind::try_from(event.kind).unwrap_or_default();
             EventLine {
                 after_ns: time.0.saturating_sub(start),
@@ -280,18 +280,18 @@ impl Summary {
             start: HostTime(start),
             end: HostTime(end),
             streams: cameras.chain(imus).collect(),
-            frame_sets: facts.sets.len() as u64,
+            frame_sets: stats.sets.len() as u64,
             complete_sets: complete.count() as u64,
-            losses: losses(facts, report),
+            losses: losses(stats, report),
             events: events.collect(),
-            more_events: facts.events.len().saturating_sub(MOST_EVENTS) as u64,
+            more_events: stats.events.len().saturating_sub(MAX_EVENTS) as u64,
         }
     }
 }
 
-fn losses(facts: &Facts, report: &Report) -> Vec<Loss> {
+fn losses(stats: &SessionStats, report: &Report) -> Vec<Loss> {
     let mut by_cause: BTreeMap<(&str, String), (u64, u64)> = BTreeMap::new();
-    let noted = facts.gaps.iter().map(|gap| {
+    let noted = stats.gaps.iter().map(|gap| {
         let cause = paws::gap::Cause::try_from(gap.cause).unwrap_or_default();
         let cause = words(cause.as_str_name(), "CAUSE_");
         (gap.stream.as_str(), cause, gap.count())

@@ -1,7 +1,7 @@
 //! Copying the files of a session.
 //!
 //! Two threads: one reads, hashes and writes; the other makes durable what has been written and
-//! notes finished files in the journal. At most [`AHEAD`] syncs are outstanding, so the copy never
+//! notes finished files in the journal. At most [`MAX_OUTSTANDING_SYNCS`] syncs are outstanding, so the copy never
 //! runs far ahead of the disk, and the disk never waits for the end of a file.
 
 use std::fs::{self, File};
@@ -14,7 +14,7 @@ use std::thread;
 
 use rustix::fs::{Advice, fadvise};
 
-use super::following::Board;
+use super::growing_copy::CopyProgress;
 use super::journal::Journal;
 use super::record::FileRecord;
 use super::source::SourceFile;
@@ -24,13 +24,13 @@ use crate::progress::Progress;
 /// Bytes read, hashed and written at a time.
 const BLOCK: usize = 1 << 20;
 /// How far ahead of the copy the source is asked for, so that its disk reads while we hash and write.
-const PREFETCH: u64 = 16 << 20;
+const PREFETCH_BYTES: u64 = 16 << 20;
 /// Bytes asked for at a time.
-const PREFETCH_STEP: u64 = 4 << 20;
+const PREFETCH_STEP_BYTES: u64 = 4 << 20;
 /// Bytes after which a growing file is synced, so that the disk is busy all the time.
-const SYNC_EVERY: u64 = 32 << 20;
+const SYNC_INTERVAL_BYTES: u64 = 32 << 20;
 /// Syncs that may be outstanding.
-const AHEAD: usize = 2;
+const MAX_OUTSTANDING_SYNCS: usize = 2;
 
 /// What a copy did.
 pub(super) struct Copied {
@@ -59,18 +59,18 @@ pub(super) fn copy_all(
     files: &[SourceFile],
     kept: &[FileRecord],
     journal: &mut Journal,
-    board: &Board,
+    copy_progress: &CopyProgress,
     progress: &Progress,
     hook: Hook<'_>,
 ) -> Result<Copied, ImportError> {
     thread::scope(|scope| {
-        let (jobs, queue) = sync_channel(AHEAD);
+        let (jobs, queue) = sync_channel(MAX_OUTSTANDING_SYNCS);
         let syncing = scope.spawn(|| sync(queue, incoming, journal, hook));
         let mut copy = Copy {
             source,
             incoming,
             jobs,
-            board,
+            copy_progress,
             progress,
             hook,
             block: vec![0; BLOCK],
@@ -108,7 +108,7 @@ struct Copy<'a> {
     source: &'a Path,
     incoming: &'a Path,
     jobs: SyncSender<Job>,
-    board: &'a Board,
+    copy_progress: &'a CopyProgress,
     progress: &'a Progress,
     hook: Hook<'a>,
     block: Vec<u8>,
@@ -125,19 +125,19 @@ impl Copy<'_> {
             .map_err(failed("reading", &from))?;
         let mut asked = 0;
         let output = Arc::new(File::create(&to).map_err(failed("creating", &to))?);
-        self.board.ready(&file.path, 0);
+        self.copy_progress.ready(&file.path, 0);
         let mut hasher = blake3::Hasher::new();
         let (mut at, mut synced) = (0, 0);
         loop {
-            while asked < file.bytes.min(at + PREFETCH) {
+            while asked < file.bytes.min(at + PREFETCH_BYTES) {
                 // Only a hint; a file system that does not take it reads all the same.
                 let _ = fadvise(
                     &input,
                     asked,
-                    NonZeroU64::new(PREFETCH_STEP),
+                    NonZeroU64::new(PREFETCH_STEP_BYTES),
                     Advice::WillNeed,
                 );
-                asked += PREFETCH_STEP;
+                asked += PREFETCH_STEP_BYTES;
             }
             let n = match input.read(&mut self.block) {
                 Ok(0) => break,
@@ -151,10 +151,10 @@ impl Copy<'_> {
                 .write_all(block)
                 .map_err(failed("writing", &to))?;
             at += n as u64;
-            self.board.ready(&file.path, at.min(file.bytes));
+            self.copy_progress.ready(&file.path, at.min(file.bytes));
             hasher.update(block);
             self.progress.add(n as u64);
-            if at - synced >= SYNC_EVERY {
+            if at - synced >= SYNC_INTERVAL_BYTES {
                 synced = at;
                 if self.jobs.send(Job::Flush(output.clone())).is_err() {
                     return Ok(false);

@@ -86,7 +86,7 @@ impl Journal {
 /// Removes the journal of the folder `incoming`, if there is one, and what else lies beside it: its session is in the
 /// library.
 pub(super) fn remove(incoming: &Path) -> Result<(), ImportError> {
-    super::again::clear(incoming)?;
+    super::recheck::clear(incoming)?;
     let path = path_for(incoming);
     match fs::remove_file(&path) {
         Err(e) if e.kind() != io::ErrorKind::NotFound => {

@@ -109,8 +109,8 @@ pub(super) fn unchanged(source: &Path, files: &[SourceFile]) -> Result<(), Impor
 
 /// Removes from a folder what an earlier import copied and the source no longer has.
 pub(super) fn remove_strangers(incoming: &Path, files: &[SourceFile]) -> Result<(), ImportError> {
-    let (there, _) = list_files(incoming)?;
-    for stranger in there
+    let (existing, _) = list_files(incoming)?;
+    for stranger in existing
         .iter()
         .filter(|t| files.iter().all(|f| f.path != t.path))
     {

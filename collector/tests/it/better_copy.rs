@@ -82,7 +82,7 @@ fn a_damaged_copy_never_shadows_the_whole_one_that_comes_later() {
         let first = import_with(&root, &at(name), &no_hook).unwrap();
         assert_eq!(first.condition, condition, "{name}");
         let again = import_with(&root, &at(name), &no_hook).unwrap();
-        assert!(again.already, "{name}");
+        assert!(again.already_imported, "{name}");
 
         let whole = import_with(&root, &at("whole"), &no_hook).unwrap();
         assert_eq!(whole.condition, Condition::Ok, "{name}");
@@ -101,7 +101,11 @@ fn a_damaged_copy_never_shadows_the_whole_one_that_comes_later() {
         assert_eq!(tree(&root.join(".incoming")).len(), 0);
 
         // And once more, whatever comes: nothing changes.
-        assert!(import_with(&root, &at("whole"), &no_hook).unwrap().already);
+        assert!(
+            import_with(&root, &at("whole"), &no_hook)
+                .unwrap()
+                .already_imported
+        );
         let _ = import_with(&root, &at(name), &no_hook);
         assert_eq!(rows(&root), both, "{name}");
         assert_is(&root, ID, &at("whole"));
@@ -117,7 +121,7 @@ fn a_damaged_copy_never_replaces_a_whole_one() {
         import_with(&root, &at("whole"), &no_hook).unwrap();
         match import_with(&root, &at(name), &no_hook) {
             // With the same lengths and the same manifest it is the same session, and the whole one is there.
-            Ok(imported) => assert!(imported.already && name == "flipped", "{name}"),
+            Ok(imported) => assert!(imported.already_imported && name == "flipped", "{name}"),
             Err(e) => assert!(matches!(e, ImportError::Differs { .. }), "{name}: {e}"),
         }
         assert_eq!(rows(&root), [(ID.to_owned(), Condition::Ok)], "{name}");
@@ -385,12 +389,13 @@ fn a_session_that_rotted_in_the_library_is_replaced_once_that_is_known() {
     )
     .unwrap();
     let target = collector::target::Target::find(ID, Some(&root)).unwrap();
-    let options = collector::validate::Options::default();
-    let (outcome, text) =
-        crate::support::capture(|console| collector::validate::run(&[target], &options, console));
+    let options = collector::commands::validate::Options::default();
+    let (outcome, text) = crate::support::capture(|console| {
+        collector::commands::validate::run(&[target], &options, console)
+    });
     outcome.unwrap();
     assert_eq!(rows(&root), [(ID.to_owned(), Condition::Damaged)], "{text}");
     let imported = import_with(&root, &at("whole"), &no_hook).unwrap();
-    assert!(!imported.already && imported.replaced.is_some());
+    assert!(!imported.already_imported && imported.replaced.is_some());
     assert_is(&root, ID, &at("whole"));
 }

@@ -5,10 +5,10 @@ use std::path::Path;
 use std::sync::Arc;
 
 use calib::{Distortion, read_stereo};
-use collector::export::{self, Format};
+use collector::commands::export::{self, Format};
+use collector::commands::validate::{Options, validate};
 use collector::outcome::Outcome;
 use collector::target::Target;
-use collector::validate::{Options, validate};
 use session_archive::handoff::Verdict;
 use session_archive::index::{Access, Index};
 use session_archive::reader::SessionReader;

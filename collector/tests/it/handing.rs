@@ -3,12 +3,12 @@
 use std::fs;
 use std::path::PathBuf;
 
-use collector::handoff::{self, Options};
+use collector::commands::handoff::{self, Options};
+use collector::commands::{import, report, show, validate};
 use collector::limits::Limits;
 use collector::outcome::Outcome;
 use collector::target::Target;
 use collector::validation::Validation;
-use collector::{importing, reporting, show, validate};
 use session_archive::handoff::{Check, HandOff, HandOffError, SealedFile, Verdict};
 use session_archive::layout;
 use session_archive::storage::DiskStorage;
@@ -27,7 +27,7 @@ impl Desk {
         session.write(&source);
         let desk = Self { folder };
         let root = desk.folder.path().join("library");
-        let imported = capture(|console| importing::run(&[source], &root, console)).0;
+        let imported = capture(|console| import::run(&[source], &root, console)).0;
         assert_ne!(imported.unwrap(), Outcome::Failed);
         desk
     }
@@ -116,7 +116,7 @@ fn a_failure_is_handed_over_on_request_and_marked() {
     // It stands in the report and on the screen, and the acceptance holds for the same recording.
     let default = validate::Options::default();
     let report = desk.folder.path().join("report.html");
-    capture(|console| reporting::run(&desk.target(), &default, Some(&report), console))
+    capture(|console| report::run(&desk.target(), &default, Some(&report), console))
         .0
         .unwrap();
     let page = fs::read_to_string(report).unwrap();
@@ -162,7 +162,7 @@ fn handing_over_again_and_validating_in_between_change_nothing() {
             deep,
             ..validate::Options::default()
         };
-        capture(|console| reporting::run(&desk.target(), &options, None, console))
+        capture(|console| report::run(&desk.target(), &options, None, console))
             .0
             .unwrap();
     };

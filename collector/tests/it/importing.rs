@@ -55,7 +55,7 @@ fn a_session_is_copied_checked_and_listed() {
         imported.copied,
         before.values().map(|v| v.len() as u64).sum::<u64>()
     );
-    assert!(imported.report.is_sound() && !imported.already);
+    assert!(imported.report.is_sound() && !imported.already_imported);
     fs::remove_file(source.join("index.bin")).unwrap();
     assert_is_copy(&root, &source);
     assert_eq!(tree(&source), before);
@@ -89,7 +89,7 @@ fn importing_again_changes_nothing() {
     import_plainly(&root, &source).unwrap();
     let sessions = tree(&root.join("sessions"));
     let again = import_plainly(&root, &source).unwrap();
-    assert!(again.already);
+    assert!(again.already_imported);
     assert_eq!((again.copied, again.condition), (0, Condition::Ok));
     assert_eq!(tree(&root.join("sessions")), sessions);
 }
@@ -187,7 +187,7 @@ fn stopped_at_any_step_it_is_whole_or_not_there_and_goes_on() {
         drop(library);
 
         let again = import_plainly(&root, &source).unwrap();
-        assert_eq!(again.already, !rows.is_empty(), "step {stop_at}");
+        assert_eq!(again.already_imported, !rows.is_empty(), "step {stop_at}");
         resumed += u64::from(again.resumed > 0);
         assert_is_copy(&root, &source);
         assert_eq!(Library::open(&root).unwrap().rows().unwrap().len(), 1);

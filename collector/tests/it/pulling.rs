@@ -14,10 +14,10 @@ use std::process::{Command, Output, Stdio};
 use std::sync::Arc;
 use std::time::{Duration, Instant};
 
+use collector::commands::pull::{self, Options};
 use collector::library::Library;
 use collector::outcome::Outcome;
-use collector::pull::{self, Options};
-use rig_link::client::Patience;
+use rig_link::client::RetryPolicy;
 use rig_link::fake::{FakeRig, Scene};
 use rig_link::identity::Identity;
 use rig_link::server::{Limits, Server, Settings, serve};
@@ -117,12 +117,12 @@ impl Rig {
 
 fn options(address: SocketAddr) -> Options {
     Options {
-        patience: Patience {
-            connect: Duration::from_secs(60),
-            silence: Duration::from_secs(60),
-            tries: 5,
-            pause: Duration::from_millis(10),
-            longest_pause: Duration::from_millis(100),
+        retry: RetryPolicy {
+            connect_timeout: Duration::from_secs(60),
+            read_timeout: Duration::from_secs(60),
+            max_attempts: 5,
+            first_pause: Duration::from_millis(10),
+            max_pause: Duration::from_millis(100),
         },
         ..Options::parse(&format!("http://{address}"), None, None).unwrap()
     }
@@ -371,11 +371,11 @@ fn a_rig_that_says_nothing_is_given_up() {
         ),
     ] {
         let options = Options {
-            patience: Patience {
-                connect,
-                silence: Duration::from_millis(200),
-                tries: 2,
-                ..options(address).patience
+            retry: RetryPolicy {
+                connect_timeout: connect,
+                read_timeout: Duration::from_millis(200),
+                max_attempts: 2,
+                ..options(address).retry
             },
             ..Options::parse(&url, None, None).unwrap()
         };
@@ -439,7 +439,7 @@ fn a_damaged_copy_in_the_library_makes_way_for_the_whole_one_on_the_rig() {
     fs::write(&segment, bytes).unwrap();
     let sources = [from_disk.clone()];
     let import = |console: &mut collector::console::Console<'_>| {
-        collector::importing::run(&sources, &rig.library(), console)
+        collector::commands::import::run(&sources, &rig.library(), console)
     };
     assert_eq!(capture(import).0.unwrap(), Outcome::Loss);
 
@@ -525,9 +525,9 @@ fn what_rotted_in_the_library_is_pulled_again_before_the_rig_frees_its_own() {
         fs::write(&segment, &bytes).unwrap();
         if is_validated {
             let target = collector::target::Target::find(OTHER, Some(&rig.library())).unwrap();
-            let options = collector::validate::Options::default();
+            let options = collector::commands::validate::Options::default();
             let validate = |console: &mut collector::console::Console<'_>| {
-                collector::validate::run(&[target], &options, console)
+                collector::commands::validate::run(&[target], &options, console)
             };
             capture(validate).0.unwrap();
         }
@@ -593,9 +593,9 @@ fn import_and_pull_take_over_from_each_other() {
     let address = proxy(rig.server.address(), 1_000_000, usize::MAX);
     let hopeless = Options {
         sessions: vec!["walk-1".to_owned()],
-        patience: Patience {
-            tries: 1,
-            ..rig.options().patience
+        retry: RetryPolicy {
+            max_attempts: 1,
+            ..rig.options().retry
         },
         ..options(address)
     };
@@ -607,7 +607,7 @@ fn import_and_pull_take_over_from_each_other() {
     let library = rig.library();
     let import = |source: &Path| {
         let sources = [source.to_owned()];
-        capture(|console| collector::importing::run(&sources, &library, console)).0
+        capture(|console| collector::commands::import::run(&sources, &library, console)).0
     };
     assert_eq!(import(&disk).unwrap(), Outcome::Fine);
     let (outcome, text) = rig.pull(&rig.options());

@@ -3,9 +3,9 @@
 use std::process::Command;
 
 use browser::Browser;
+use collector::commands::validate::{Options, validate};
 use collector::limits::Limits;
-use collector::page;
-use collector::validate::{Options, validate};
+use collector::report_page;
 
 use crate::support::{Session, capture};
 
@@ -14,7 +14,7 @@ fn html(session: &Session) -> String {
     session.write(folder.path());
     let options = Options::default();
     let validated = capture(|console| validate(folder.path(), &options, console)).0;
-    page::html(&validated.unwrap(), &Limits::default())
+    report_page::html(&validated.unwrap(), &Limits::default())
 }
 
 #[test]

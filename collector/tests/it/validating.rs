@@ -3,8 +3,8 @@
 use std::fs;
 use std::path::Path;
 
+use collector::commands::validate::{Options, Validated, validate};
 use collector::limits::TABLE;
-use collector::validate::{Options, Validated, validate};
 use session_archive::handoff::Verdict::{Fail, Pass, Warn};
 
 use crate::support::{MS, Session, capture};

@@ -3,14 +3,14 @@
 use std::fs;
 use std::path::{Path, PathBuf};
 
+use collector::commands::validate::Options;
+use collector::commands::{
+    handoff, import, index, list, prune, rebuild, recover, report, show, validate,
+};
 use collector::condition::Condition;
 use collector::library::Library;
 use collector::outcome::Outcome;
 use collector::target::Target;
-use collector::validate::Options;
-use collector::{
-    handoff, importing, indexing, list, prune, rebuild, recover, reporting, show, validate,
-};
 use session_archive::handoff::{Check, HandOff, HandOffError, Verdict};
 use session_archive::index::Index;
 use session_archive::storage::DiskStorage;
@@ -38,7 +38,7 @@ impl Desk {
 
     fn import(&self, source: &Path) -> (Outcome, String) {
         let sources = [source.to_owned()];
-        let (outcome, text) = capture(|console| importing::run(&sources, &self.root(), console));
+        let (outcome, text) = capture(|console| import::run(&sources, &self.root(), console));
         (outcome.unwrap(), text)
     }
 
@@ -152,7 +152,7 @@ fn what_a_session_says_of_itself_does_not_act_on_the_terminal() {
     check("show", &text);
     let html = desk.folder.path().join("report.html");
     let (outcome, _) =
-        capture(|console| reporting::run(&target, &Options::default(), Some(&html), console));
+        capture(|console| report::run(&target, &Options::default(), Some(&html), console));
     assert!(outcome.is_ok());
     let page = fs::read_to_string(html).unwrap();
     let bad = page.chars().find(|c| is_hidden(*c) && *c != '\n');
@@ -267,9 +267,7 @@ fn prune_removes_what_can_be_made_again_and_nothing_else() {
     capture(|console| validate::run(&targets, &Options::default(), console))
         .0
         .unwrap();
-    capture(|console| indexing::run(&targets, console))
-        .0
-        .unwrap();
+    capture(|console| index::run(&targets, console)).0.unwrap();
     fs::create_dir_all(desk.root().join(".incoming/stopped/segments")).unwrap();
     fs::write(
         desk.root().join(".incoming/stopped/segments/000000.mcap"),
@@ -389,9 +387,7 @@ fn nothing_is_sealed_that_changed_since_it_was_validated() {
         let (_, text) = capture(|console| show::run(&targets[0], console));
         assert!(text.contains("condition  damaged"), "{text}");
         // An index of the damaged session does not stay once it is mended.
-        capture(|console| indexing::run(&targets, console))
-            .0
-            .unwrap();
+        capture(|console| index::run(&targets, console)).0.unwrap();
         change(&desk.session(ID).join(file));
         assert_eq!(validate(), Outcome::Fine);
         let (outcome, text) = capture(|console| handoff::run(&targets[0], None, console));
@@ -430,7 +426,7 @@ fn limits_of_ones_own_do_not_reach_a_hand_off() {
     let moved = fs::read(&path).unwrap();
     // A report shows what was found with them, and leaves it.
     let default = Options::default();
-    let (outcome, _) = capture(|console| reporting::run(&targets[0], &default, None, console));
+    let (outcome, _) = capture(|console| report::run(&targets[0], &default, None, console));
     assert_ne!(outcome.unwrap(), Outcome::Failed);
     assert_eq!(fs::read(&path).unwrap(), moved);
     let (outcome, text) = capture(|console| handoff::run(&targets[0], None, console));
@@ -447,9 +443,9 @@ fn derived_files_go_into_libraries_only() {
     let targets = [target.clone()];
     let default = Options::default();
     let results = [
-        capture(|console| indexing::run(&targets, console)).0,
+        capture(|console| index::run(&targets, console)).0,
         capture(|console| handoff::run(&target, None, console)).0,
-        capture(|console| reporting::run(&target, &default, None, console)).0,
+        capture(|console| report::run(&target, &default, None, console)).0,
     ];
     for result in results {
         let error = result.unwrap_err().to_string();
@@ -461,7 +457,7 @@ fn derived_files_go_into_libraries_only() {
 #[test]
 fn an_index_is_made_once_and_again_when_it_no_longer_fits() {
     let desk = Desk::with(&[&Session::good(1.0)]);
-    let index = || capture(|console| indexing::run(&[desk.target(ID)], console)).1;
+    let index = || capture(|console| index::run(&[desk.target(ID)], console)).1;
     assert!(
         index().ends_with("3 cameras, 31 frame sets, indexed\n"),
         "{}",

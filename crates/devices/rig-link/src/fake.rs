@@ -177,7 +177,7 @@ impl Rig for FakeRig {
             return None;
         }
         let tick = ((self.clock)().as_millis() / 200) as usize;
-        let data = picture(camera, tick);
+        let data = image(camera, tick);
         let planes = Planes {
             width: EYE.0 as u32,
             height: EYE.1 as u32,
@@ -281,7 +281,7 @@ fn status(scene: Scene, session: Option<String>, elapsed: f64) -> PageStatus {
 }
 
 /// A street that goes by, I420.
-fn picture(camera: usize, tick: usize) -> Vec<u8> {
+fn image(camera: usize, tick: usize) -> Vec<u8> {
     let (width, height) = EYE;
     let horizon = [height * 2 / 5, height * 2 / 5, height / 6][camera.min(2)];
     let shift = tick * 7 + camera * 91;

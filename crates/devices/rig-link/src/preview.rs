@@ -68,8 +68,8 @@ pub enum PreviewError {
 ///
 /// # Errors
 /// See [`PreviewError`].
-pub fn jpeg(picture: Planes<'_>, eyes: Eyes, width: u32) -> Result<Vec<u8>, PreviewError> {
-    let small = Small::of(picture, eyes, width)?;
+pub fn jpeg(image: Planes<'_>, eyes: Eyes, width: u32) -> Result<Vec<u8>, PreviewError> {
+    let small = Small::of(image, eyes, width)?;
     let mut out = Vec::with_capacity(32 << 10);
     let mut encoder = Encoder::new(&mut out, QUALITY);
     encoder.set_sampling_factor(SamplingFactor::F_2_2);
@@ -87,12 +87,12 @@ struct Small {
 }
 
 impl Small {
-    fn of(picture: Planes<'_>, eyes: Eyes, width: u32) -> Result<Self, PreviewError> {
+    fn of(image: Planes<'_>, eyes: Eyes, width: u32) -> Result<Self, PreviewError> {
         let Planes {
             width: w,
             height: h,
             data,
-        } = picture;
+        } = image;
         let size = PreviewError::Size {
             width: w,
             height: h,
@@ -231,12 +231,12 @@ mod tests {
     #[test]
     fn it_shows_the_eye_in_its_colours_at_the_asked_size() {
         let data = stereo(1344, 376);
-        let picture = Planes {
+        let image = Planes {
             width: 1344,
             height: 376,
             data: &data,
         };
-        let left = jpeg(picture, Eyes::Left, 320).unwrap();
+        let left = jpeg(image, Eyes::Left, 320).unwrap();
         let (width, height, pixels) = decode(&left, ColorSpace::YCbCr);
         assert_eq!((width, height), (224, 124));
         let at = |x: usize, y: usize| &pixels[(y * width + x) * 3..][..3];
@@ -248,12 +248,12 @@ mod tests {
                 assert!(f.abs_diff(e) <= 6, "{found:?} is not {expected:?}");
             }
         }
-        let both = jpeg(picture, Eyes::Both, 320).unwrap();
+        let both = jpeg(image, Eyes::Both, 320).unwrap();
         assert_eq!(decode(&both, ColorSpace::YCbCr).0, 268);
 
         let grey = Planes {
             data: &data[..1344 * 376],
-            ..picture
+            ..image
         };
         let grey = jpeg(grey, Eyes::Left, 320).unwrap();
         let (_, _, pixels) = decode(&grey, ColorSpace::Luma);
@@ -289,26 +289,26 @@ mod tests {
                 let grey = (width * height) as usize;
                 let chroma = 2 * (width.div_ceil(2) * height.div_ceil(2)) as usize;
                 for length in [grey, grey + chroma] {
-                    let picture = Planes {
+                    let image = Planes {
                         width,
                         height,
                         data: &data[..length],
                     };
                     for eyes in [Eyes::Left, Eyes::Both] {
                         for target in [0, 1, 8, 1000] {
-                            let made = jpeg(picture, eyes, target);
+                            let made = jpeg(image, eyes, target);
                             assert_eq!(made.is_ok(), width >= 4 && height >= 4, "{width}x{height}");
                         }
                     }
                 }
             }
         }
-        let picture = Planes {
+        let image = Planes {
             width: 64,
             height: 32,
             data: &data[..100],
         };
-        let error = jpeg(picture, Eyes::Left, 100).unwrap_err().to_string();
+        let error = jpeg(image, Eyes::Left, 100).unwrap_err().to_string();
         assert_eq!(
             error,
             "a picture of 64x32 has 100 bytes, expected 2048 (grey) or 3072 (I420)"

@@ -5,7 +5,7 @@
 
 /// Which bytes to send.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum Wanted {
+pub enum ByteRange {
     /// The whole file.
     All,
     /// `first..end`, not empty and within the file.
@@ -20,22 +20,22 @@ pub enum Wanted {
 }
 
 /// What a `Range` header means for a file of `length` bytes.
-pub fn wanted(header: Option<&str>, length: u64) -> Wanted {
+pub fn requested_range(header: Option<&str>, length: u64) -> ByteRange {
     let Some((from, to)) = header.and_then(one_range) else {
-        return Wanted::All;
+        return ByteRange::All;
     };
     let (first, end) = match (from, to) {
-        (Some(first), Some(last)) if last < first => return Wanted::All,
+        (Some(first), Some(last)) if last < first => return ByteRange::All,
         (Some(first), Some(last)) => (first, last.saturating_add(1).min(length)),
         (Some(first), None) => (first, length),
         // The last `n` bytes.
         (None, Some(n)) => (length.saturating_sub(n), length),
-        (None, None) => return Wanted::All,
+        (None, None) => return ByteRange::All,
     };
     if first < end {
-        Wanted::Part { first, end }
+        ByteRange::Part { first, end }
     } else {
-        Wanted::Nothing
+        ByteRange::Nothing
     }
 }
 
@@ -64,7 +64,7 @@ mod tests {
 
     #[test]
     fn ranges() {
-        let part = |first, end| Wanted::Part { first, end };
+        let part = |first, end| ByteRange::Part { first, end };
         for (header, expected) in [
             ("bytes=0-0", part(0, 1)),
             ("bytes=5-", part(5, 10)),
@@ -73,24 +73,24 @@ mod tests {
             ("bytes=-30", part(0, 10)),
             ("bytes=0-99999999999999999999999", part(0, 10)),
             ("bytes=3-18446744073709551615", part(3, 10)),
-            ("bytes=10-", Wanted::Nothing),
-            ("bytes=99999999999999999999999-", Wanted::Nothing),
-            ("bytes=-0", Wanted::Nothing),
-            ("bytes=7-5", Wanted::All),
-            ("bytes=-", Wanted::All),
-            ("bytes=", Wanted::All),
-            ("bytes", Wanted::All),
-            ("", Wanted::All),
-            ("bytes=0-1,3-4", Wanted::All),
-            ("bytes=+1-2", Wanted::All),
-            ("bytes=1--2", Wanted::All),
-            ("bytes=a-b", Wanted::All),
-            ("items=0-1", Wanted::All),
-            ("bytes=\u{661}-2", Wanted::All),
+            ("bytes=10-", ByteRange::Nothing),
+            ("bytes=99999999999999999999999-", ByteRange::Nothing),
+            ("bytes=-0", ByteRange::Nothing),
+            ("bytes=7-5", ByteRange::All),
+            ("bytes=-", ByteRange::All),
+            ("bytes=", ByteRange::All),
+            ("bytes", ByteRange::All),
+            ("", ByteRange::All),
+            ("bytes=0-1,3-4", ByteRange::All),
+            ("bytes=+1-2", ByteRange::All),
+            ("bytes=1--2", ByteRange::All),
+            ("bytes=a-b", ByteRange::All),
+            ("items=0-1", ByteRange::All),
+            ("bytes=\u{661}-2", ByteRange::All),
         ] {
-            assert_eq!(wanted(Some(header), 10), expected, "{header}");
+            assert_eq!(requested_range(Some(header), 10), expected, "{header}");
         }
-        assert_eq!(wanted(None, 10), Wanted::All);
-        assert_eq!(wanted(Some("bytes=0-"), 0), Wanted::Nothing);
+        assert_eq!(requested_range(None, 10), ByteRange::All);
+        assert_eq!(requested_range(Some("bytes=0-"), 0), ByteRange::Nothing);
     }
 }

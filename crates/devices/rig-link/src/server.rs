@@ -5,25 +5,25 @@
 //! of its own, at low priority, with a few more for what may block (disk, recorder); the recorder never waits
 //! for it. Whoever connects is limited in connections, in requests per second, in the time that a head, a
 //! body or a pause may take, and in wrong tokens ([`Limits`]); beyond that he is answered with an error or cut off,
-//! and the others are served as before. Who has not been let in takes no place from who has (`server/places.rs`). A fault in one request ends that request. Dropping the server
+//! and the others are served as before. Who has not been let in takes no place from who has (`server/connection_slots.rs`). A fault in one request ends that request. Dropping the server
 //! ends it at once; what it was sending is cut off.
 //!
 //! Which requests there are: `server/route.rs`. Who may ask: `server/guard.rs`. What a session's files are:
 //! [`crate::store`].
 
 mod actions;
-mod answer;
 mod body;
+mod connection_slots;
 mod connections;
 mod cookies;
 mod guard;
 mod limits;
-mod pace;
 mod page;
-mod patient;
-mod places;
+mod read_rate;
+mod response;
 mod route;
 mod sessions;
+mod stall_timeout;
 
 use std::io;
 use std::net::{SocketAddr, TcpListener};
@@ -38,7 +38,7 @@ use tokio::time::Instant;
 use tokio_rustls::TlsAcceptor;
 
 use self::guard::Guard;
-use self::pace::Pace;
+use self::read_rate::ReadRateLimiter;
 use crate::identity::{Fingerprint, Identity};
 use crate::rig::Rig;
 use crate::store::Store;
@@ -50,13 +50,13 @@ pub const DEFAULT_BIND: SocketAddr =
 /// How much less urgent than others the server's threads are (nice).
 const NICE: i32 = 10;
 /// Threads for what may block.
-const BLOCKING: usize = 16;
+const BLOCKING_THREADS: usize = 16;
 /// Files read at once, for sending and for hashing.
-const READS: usize = 4;
+const MAX_CONCURRENT_READS: usize = 4;
 /// Files hashed at once.
-const HASHES: usize = 2;
+const MAX_CONCURRENT_HASHES: usize = 2;
 /// Actions and looks at the recorder at once.
-const ASKS: usize = 8;
+const MAX_RECORDER_CALLS: usize = 8;
 
 /// How the server is to listen.
 #[derive(Debug)]
@@ -212,7 +212,7 @@ struct Shared {
     store: Store,
     guard: Guard,
     limits: Limits,
-    pace: Pace,
+    read_rate: ReadRateLimiter,
     reads: Semaphore,
     hashes: Semaphore,
     asks: Semaphore,
@@ -255,7 +255,7 @@ pub fn serve(settings: Settings, rig: Arc<dyn Rig>) -> Result<Server, ServeError
     let address = listener.local_addr().map_err(listen)?;
     let runtime = runtime::Builder::new_current_thread()
         .enable_all()
-        .max_blocking_threads(BLOCKING)
+        .max_blocking_threads(BLOCKING_THREADS)
         .thread_name("rig-link-disk")
         .on_thread_start(less_urgent)
         .build()
@@ -274,10 +274,10 @@ pub fn serve(settings: Settings, rig: Arc<dyn Rig>) -> Result<Server, ServeError
             let shared = Arc::new(Shared {
                 store: Store::new(rig.sessions_root()),
                 guard,
-                pace: Pace::new(limits.recording_bytes_per_s),
-                reads: Semaphore::new(READS),
-                hashes: Semaphore::new(HASHES),
-                asks: Semaphore::new(ASKS),
+                read_rate: ReadRateLimiter::new(limits.recording_bytes_per_s),
+                reads: Semaphore::new(MAX_CONCURRENT_READS),
+                hashes: Semaphore::new(MAX_CONCURRENT_HASHES),
+                asks: Semaphore::new(MAX_RECORDER_CALLS),
                 start: Instant::now(),
                 rig,
                 limits,

@@ -34,7 +34,7 @@ use session_archive::text::shown;
 use self::hashes::Hashes;
 use crate::link::{self, Code, FileEntry, Problem, SessionState, SessionSummary, Total};
 
-pub use self::listing::{Listed, Listing, Stamp};
+pub use self::listing::{ListedFile, Listing, Stamp};
 pub use self::receipts::RECEIPTS;
 
 /// The folder of sessions.
@@ -93,7 +93,7 @@ impl Store {
             }
         }
         sessions.sort_by(|a, b| a.name.cmp(&b.name));
-        self.hashes.keep(&sessions);
+        self.hashes.retain(&sessions);
         Ok(sessions)
     }
 
@@ -150,7 +150,7 @@ impl Store {
     ///
     /// # Errors
     /// The disk says no.
-    pub fn files(&self, session: &Session) -> Result<Vec<Listed>, Problem> {
+    pub fn files(&self, session: &Session) -> Result<Vec<ListedFile>, Problem> {
         let listing = listing::list(&session.folder).map_err(|e| unreadable(&e))?;
         Ok(listing.files)
     }
@@ -159,13 +159,13 @@ impl Store {
     ///
     /// # Errors
     /// There is none, or the disk says no.
-    pub fn open(&self, session: &Session, path: &str) -> Result<(fs::File, Listed), Problem> {
+    pub fn open(&self, session: &Session, path: &str) -> Result<(fs::File, ListedFile), Problem> {
         let listed = self.files(session)?.into_iter().find(|f| f.path == path);
         let listed = listed
             .ok_or_else(|| problem(Code::NotFound, "the session has no file with this path"))?;
         let (file, stamp) =
             listing::open(&session.folder, &listed.path).map_err(|e| unreadable(&e))?;
-        Ok((file, Listed { stamp, ..listed }))
+        Ok((file, ListedFile { stamp, ..listed }))
     }
 
     /// A file with its hash; reads the file unless the hash is known. `pace` is told of the bytes of each
@@ -176,7 +176,7 @@ impl Store {
     pub fn hash(
         &self,
         session: &Session,
-        listed: &Listed,
+        listed: &ListedFile,
         pace: &dyn Fn(usize),
     ) -> Result<FileEntry, Problem> {
         let entry = self.hashes.of(session, listed, pace);
@@ -190,7 +190,7 @@ impl Store {
     /// something that has none, or the disk says no.
     pub fn known_total(&self, session: &Session) -> Result<Total, Problem> {
         let listing = listing::list(&session.folder).map_err(|e| unreadable(&e))?;
-        if let Some(stranger) = listing.strangers.first() {
+        if let Some(stranger) = listing.unlistable.first() {
             return Err(problem(
                 Code::NotListed,
                 &format!("the session's folder holds {stranger:?}, which cannot be listed"),

@@ -52,13 +52,13 @@ impl Client {
         let mut done = Downloaded::default();
         // Progress that was told already and is not told again for the second try.
         let mut told = 0;
-        for again in [false, true] {
+        for retry_or_fail in [false, true] {
             let mut hasher = blake3::Hasher::new();
             let there = file.metadata().map_err(failed("reading"))?.len();
-            if there > entry.bytes || again {
+            if there > entry.bytes || retry_or_fail {
                 file.set_len(0).map_err(failed("emptying"))?;
             }
-            let kept = keep(&mut file, &mut hasher).map_err(failed("reading"))?;
+            let kept = hash_existing(&mut file, &mut hasher).map_err(failed("reading"))?;
             let mut at = kept;
             let mut tell = |at: u64| {
                 if at > told {
@@ -89,7 +89,7 @@ impl Client {
             }
             done.wasted += at - kept;
             log::warn!("{} of {session} came with a wrong hash", entry.path);
-            if again {
+            if retry_or_fail {
                 file.set_len(0).map_err(failed("emptying"))?;
                 return Err(LinkError::Corrupt {
                     path: entry.path.clone(),
@@ -103,7 +103,7 @@ impl Client {
 }
 
 /// Hashes what is in the file, and leaves it at its end.
-fn keep(file: &mut File, hasher: &mut blake3::Hasher) -> io::Result<u64> {
+fn hash_existing(file: &mut File, hasher: &mut blake3::Hasher) -> io::Result<u64> {
     file.seek(SeekFrom::Start(0))?;
     let mut block = vec![0; BLOCK];
     let mut kept = 0;

@@ -84,7 +84,7 @@ pub(super) async fn read_manifest(
             Some(Line::Total(total)) => return Ok(Manifest { files, total }),
             Some(Line::Error(problem)) => return Err(ManifestFailure::Refused(problem)),
             None => {
-                let cut = Failure::Again("the manifest was cut off".to_owned(), None);
+                let cut = Failure::Retry("the manifest was cut off".to_owned(), None);
                 return Err(cut.into());
             }
         }

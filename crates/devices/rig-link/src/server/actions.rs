@@ -16,7 +16,7 @@ use tokio::sync::Semaphore;
 use tokio::time::timeout;
 
 use super::body::Body;
-use super::{Shared, answer};
+use super::{Shared, response};
 use crate::link::{Code, Problem};
 use crate::rig::{Action, Rig};
 use crate::store::problem;
@@ -25,11 +25,11 @@ const SEQUENCE: HeaderName = HeaderName::from_static("x-sequence");
 
 /// Runs something that may block, on another thread. A panic in it is an error.
 pub(super) async fn blocking<T: Send + 'static>(
-    places: &Semaphore,
+    permits: &Semaphore,
     work: impl FnOnce() -> T + Send + 'static,
 ) -> Result<T, Problem> {
     let failed = || problem(Code::Io, "the rig cannot answer; its log says why");
-    let _place = places.acquire().await.map_err(|_| failed())?;
+    let _permit = permits.acquire().await.map_err(|_| failed())?;
     tokio::task::spawn_blocking(work).await.map_err(|e| {
         log::error!("answering a request: {e}");
         failed()
@@ -46,7 +46,7 @@ async fn ask<T: Send + 'static>(
 
 pub(super) async fn status(shared: &Arc<Shared>) -> Result<Response<Body>, Problem> {
     let status = ask(shared, |rig| rig.status()).await?;
-    Ok(answer::json(StatusCode::OK, &status))
+    Ok(response::json(StatusCode::OK, &status))
 }
 
 /// A picture; nothing (204) if the page has it already, which it says with `?have=SEQUENCE`.
@@ -60,7 +60,7 @@ pub(super) async fn preview(
     let preview = ask(shared, move |rig| rig.preview(camera)).await?;
     let preview = preview.ok_or_else(|| problem(Code::NotFound, "there is no picture"))?;
     if have == Some(preview.sequence) {
-        return Ok(answer::plain(StatusCode::NO_CONTENT));
+        return Ok(response::plain(StatusCode::NO_CONTENT));
     }
     let mut response = Response::new(Body::of(Bytes::from_owner(preview.jpeg)));
     let headers = response.headers_mut();
@@ -83,7 +83,7 @@ pub(super) async fn act(
     check_note(text).map_err(|e| problem(Code::BadRequest, &e.to_string()))?;
     let done = ask(shared, move |rig| rig.act(action).map(|()| rig.status())).await?;
     let status = done.map_err(|why| problem(Code::Refused, &why))?;
-    Ok(answer::json(StatusCode::OK, &status))
+    Ok(response::json(StatusCode::OK, &status))
 }
 
 #[derive(Deserialize)]
@@ -101,7 +101,7 @@ pub(super) async fn login(
     let given = login.token.trim().as_bytes();
     match shared.guard.login(peer, given, shared.now()) {
         Ok(cookie) => Ok(with_cookie(cookie)),
-        Err(refusal) => Ok(answer::refusal(&refusal)),
+        Err(refusal) => Ok(response::refusal(&refusal)),
     }
 }
 
@@ -119,7 +119,7 @@ pub(super) async fn logout(
 }
 
 fn with_cookie(cookie: Option<String>) -> Response<Body> {
-    let mut response = answer::plain(StatusCode::NO_CONTENT);
+    let mut response = response::plain(StatusCode::NO_CONTENT);
     if let Some(cookie) = cookie.and_then(|c| HeaderValue::from_str(&c).ok()) {
         response.headers_mut().insert(SET_COOKIE, cookie);
     }

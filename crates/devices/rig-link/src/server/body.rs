@@ -9,7 +9,7 @@ use hyper::body::{Frame, SizeHint};
 use tokio::sync::mpsc::{self, Receiver, Sender};
 
 /// Pieces that may wait to be sent.
-const AHEAD: usize = 2;
+const MAX_QUEUED_PIECES: usize = 2;
 
 /// A body.
 pub(super) enum Body {
@@ -31,7 +31,7 @@ impl Body {
     /// wants them any more. An error cuts the connection off, so that a part is never taken for
     /// the whole.
     pub(super) fn pieces(length: Option<u64>) -> (Self, Sender<io::Result<Bytes>>) {
-        let (sender, receiver) = mpsc::channel(AHEAD);
+        let (sender, receiver) = mpsc::channel(MAX_QUEUED_PIECES);
         (Self::Pieces(receiver, length), sender)
     }
 }

@@ -156,11 +156,11 @@ impl Guard {
         }
         // Guessing a cookie is guessing 256 bits, so wrong ones, as after a change of the token, do not
         // count against a peer.
-        if !self.given_cookies(headers).any(|c| cookies.holds(c)) {
+        if !self.given_cookies(headers).any(|c| cookies.is_valid(c)) {
             return Err(Refusal::Unauthorised("the token is needed"));
         }
         self.peers(|peers| {
-            peers.recognised(peer, now);
+            peers.recognized(peer, now);
             Ok(())
         })
     }

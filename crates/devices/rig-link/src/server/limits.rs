@@ -5,11 +5,11 @@ use std::net::IpAddr;
 use std::time::Duration;
 
 /// Peers that are remembered at once; the one not seen for longest is forgotten.
-const PEERS: usize = 1024;
+const MAX_PEERS: usize = 1024;
 /// How long an address counts as known after it gave the right token or a cookie that holds.
-pub(super) const KNOWN_FOR: Duration = Duration::from_secs(24 * 3600);
+pub(super) const KNOWN_PEER_TTL: Duration = Duration::from_secs(24 * 3600);
 /// Longest pause after wrong tokens.
-pub(super) const LONGEST_PAUSE: Duration = Duration::from_secs(300);
+pub(super) const MAX_PAUSE: Duration = Duration::from_secs(300);
 
 /// Lets through `burst` at once and one per `every` in the long run (the generic cell rate algorithm of
 /// ITU-T I.371, which needs to remember one time only).
@@ -86,7 +86,7 @@ impl Peers {
 
     fn peer(&mut self, address: IpAddr, now: Duration) -> &mut Peer {
         let address = network(address);
-        if self.peers.len() >= PEERS && !self.peers.contains_key(&address) {
+        if self.peers.len() >= MAX_PEERS && !self.peers.contains_key(&address) {
             let oldest = self
                 .peers
                 .iter()
@@ -133,18 +133,18 @@ impl Peers {
         let peer = self.peer(address, now);
         let doubled = pause.saturating_mul(1 << peer.wrong.min(16));
         peer.wrong = peer.wrong.saturating_add(1);
-        peer.blocked = now + doubled.min(LONGEST_PAUSE);
+        peer.blocked = now + doubled.min(MAX_PAUSE);
     }
 
     /// The peer gave the right token.
     pub(super) fn right(&mut self, address: IpAddr, now: Duration) {
         let peer = self.peer(address, now);
-        (peer.wrong, peer.known) = (0, now + KNOWN_FOR);
+        (peer.wrong, peer.known) = (0, now + KNOWN_PEER_TTL);
     }
 
     /// The peer gave a cookie that holds. Its wrong tokens still count: whoever guesses may share its address.
-    pub(super) fn recognised(&mut self, address: IpAddr, now: Duration) {
-        self.peer(address, now).known = now + KNOWN_FOR;
+    pub(super) fn recognized(&mut self, address: IpAddr, now: Duration) {
+        self.peer(address, now).known = now + KNOWN_PEER_TTL;
     }
 
     /// Whether somebody at this address was let in not long ago.
@@ -201,7 +201,7 @@ mod tests {
         for n in 0..12 {
             assert_eq!(peers.may_try(a, now), Ok(()));
             peers.wrong(a, now);
-            let pause = (S * (1 << n)).min(LONGEST_PAUSE);
+            let pause = (S * (1 << n)).min(MAX_PAUSE);
             assert_eq!(peers.may_try(a, now), Err(pause));
             assert_eq!(peers.may_try(b, now), Ok(()));
             now += pause;
@@ -228,7 +228,7 @@ mod tests {
         for i in 0..5000_u32 {
             peers.wrong(IpAddr::V4((0x0b00_0000 + i).into()), 2 * S);
         }
-        assert_eq!(peers.peers.len(), PEERS);
+        assert_eq!(peers.peers.len(), MAX_PEERS);
         assert_eq!(peers.may_try(friend, 2 * S), Ok(()));
     }
 
@@ -239,12 +239,12 @@ mod tests {
         assert!(!peers.is_known(a, S) && !peers.is_known(b, S));
         peers.wrong(b, S);
         peers.right(a, S);
-        peers.recognised(b, S);
-        assert!(peers.is_known(a, KNOWN_FOR) && !peers.is_known(a, KNOWN_FOR + S));
-        assert!(peers.is_known(address("2001:db8::2"), KNOWN_FOR));
+        peers.recognized(b, S);
+        assert!(peers.is_known(a, KNOWN_PEER_TTL) && !peers.is_known(a, KNOWN_PEER_TTL + S));
+        assert!(peers.is_known(address("2001:db8::2"), KNOWN_PEER_TTL));
         assert_eq!(peers.may_try(b, S), Err(S), "a cookie forgives no guesses");
-        peers.recognised(a, KNOWN_FOR);
-        assert!(peers.is_known(a, KNOWN_FOR + S));
+        peers.recognized(a, KNOWN_PEER_TTL);
+        assert!(peers.is_known(a, KNOWN_PEER_TTL + S));
     }
 
     #[test]

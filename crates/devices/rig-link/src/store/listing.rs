@@ -44,7 +44,7 @@ impl Stamp {
 
 /// One file.
 #[derive(Clone, Debug, PartialEq, Eq)]
-pub struct Listed {
+pub struct ListedFile {
     /// Path below the session's folder, `/` between names.
     pub path: String,
     /// What it was like.
@@ -55,9 +55,9 @@ pub struct Listed {
 #[derive(Clone, Debug, Default, PartialEq, Eq)]
 pub struct Listing {
     /// Its files, by path. Derived files are in neither list.
-    pub files: Vec<Listed>,
+    pub files: Vec<ListedFile>,
     /// What is no file, or has a name that cannot stand in an address.
-    pub strangers: Vec<String>,
+    pub unlistable: Vec<String>,
 }
 
 /// Lists a session's folder.
@@ -65,7 +65,7 @@ pub(super) fn list(folder: &Path) -> io::Result<Listing> {
     let mut listing = Listing::default();
     walk(folder, "", MAX_DEPTH, &mut listing)?;
     listing.files.sort_by(|a, b| a.path.cmp(&b.path));
-    listing.strangers.sort();
+    listing.unlistable.sort();
     Ok(listing)
 }
 
@@ -80,9 +80,9 @@ fn walk(root: &Path, below: &str, depth: usize, listing: &mut Listing) -> io::Re
             walk(root, &format!("{path}/"), depth - 1, listing)?;
         } else if kind.is_file() && plain && is_file_path(&path) {
             let stamp = Stamp::of(&entry.metadata()?);
-            listing.files.push(Listed { path, stamp });
+            listing.files.push(ListedFile { path, stamp });
         } else if !(kind.is_file() && DERIVED.contains(&path.as_str())) {
-            listing.strangers.push(path);
+            listing.unlistable.push(path);
         }
     }
     Ok(())

@@ -5,14 +5,14 @@ use std::io::{ErrorKind, Read, Write};
 use std::net::TcpStream;
 use std::time::{Duration, Instant};
 
-use rig_link::client::Patience;
+use rig_link::client::RetryPolicy;
 use rig_link::identity::Identity;
 use rig_link::rig::Action;
 use rig_link::server::{Limits, ServeError, Settings, serve};
 use rustix::fs::{CWD, FileType, Mode, mknodat};
 
 use crate::support::{
-    Options, PATIENCE, Setup, TOKEN, bearer, connect_from, raw, read, read_one, start, status,
+    Options, Setup, TEST_TIMEOUT, TOKEN, bearer, connect_from, raw, read, read_one, start, status,
     token,
 };
 
@@ -606,7 +606,7 @@ fn slow_heads_and_bodies_are_cut_off_and_hold_nobody_up() {
         std::thread::sleep(Duration::from_millis(100));
     }
     for mut stream in slow {
-        stream.set_read_timeout(Some(PATIENCE)).unwrap();
+        stream.set_read_timeout(Some(TEST_TIMEOUT)).unwrap();
         let text = String::from_utf8_lossy(&read(&mut stream)).into_owned();
         assert!(matches!(status(&text), 0 | 400 | 408), "{text}");
         assert!(is_closed(&mut stream), "{text}");
@@ -629,7 +629,7 @@ fn an_idle_connection_is_closed() {
     // On a busy machine it may be closed before it has asked.
     eventually(|| {
         let mut stream = TcpStream::connect(host).unwrap();
-        stream.set_read_timeout(Some(PATIENCE)).unwrap();
+        stream.set_read_timeout(Some(TEST_TIMEOUT)).unwrap();
         let _ = stream.write_all(request.as_bytes());
         let answer = read(&mut stream);
         assert!(is_closed(&mut stream));
@@ -663,7 +663,7 @@ fn who_takes_nothing_is_cut_off() {
     let ask = || {
         let mut stream = TcpStream::connect(host).unwrap();
         stream.write_all(request.as_bytes()).unwrap();
-        stream.set_read_timeout(Some(PATIENCE)).unwrap();
+        stream.set_read_timeout(Some(TEST_TIMEOUT)).unwrap();
         stream
     };
     // On a busy machine it takes longer until the server finds out.
@@ -770,7 +770,7 @@ fn a_handshake_has_three_seconds() {
     for begin in [&b""[..], b"\x16\x03\x01\x02\x00\x01\x00\x01\xfc\x03\x03"] {
         let mut stream = TcpStream::connect(setup.server.address()).unwrap();
         stream.write_all(begin).unwrap();
-        stream.set_read_timeout(Some(PATIENCE)).unwrap();
+        stream.set_read_timeout(Some(TEST_TIMEOUT)).unwrap();
         assert!(is_closed(&mut stream));
     }
 }
@@ -812,7 +812,7 @@ fn silent_connections_give_way_and_those_let_in_count() {
 fn eventually(done: impl Fn() -> bool) {
     let begin = Instant::now();
     while !done() {
-        assert!(begin.elapsed() < PATIENCE);
+        assert!(begin.elapsed() < TEST_TIMEOUT);
         std::thread::sleep(Duration::from_millis(50));
     }
 }
@@ -977,7 +977,7 @@ fn requests_with_random_mistakes_harm_nobody() {
             }
         }
         let mut stream = TcpStream::connect(host).unwrap();
-        stream.set_read_timeout(Some(PATIENCE)).unwrap();
+        stream.set_read_timeout(Some(TEST_TIMEOUT)).unwrap();
         let _ = stream.write_all(&bytes);
         let _ = stream.shutdown(std::net::Shutdown::Write);
         let answer = String::from_utf8_lossy(&read(&mut stream)).into_owned();
@@ -999,12 +999,12 @@ fn a_receipt_that_is_no_file_is_none() {
     std::fs::create_dir_all(&receipts).unwrap();
     let path = receipts.join("walk-1.json");
     mknodat(CWD, &path, FileType::Fifo, Mode::from_raw_mode(0o600), 0).unwrap();
-    let patience = Patience {
-        silence: Duration::from_secs(120),
-        tries: 1,
-        ..Patience::default()
+    let retry = RetryPolicy {
+        read_timeout: Duration::from_secs(120),
+        max_attempts: 1,
+        ..RetryPolicy::default()
     };
-    let sessions = setup.client_with(None, None, patience).sessions().unwrap();
+    let sessions = setup.client_with(None, None, retry).sessions().unwrap();
     assert_eq!(sessions.len(), 2);
     assert!(sessions.iter().all(|session| session.receipt.is_none()));
 }

@@ -9,7 +9,7 @@ use rig_link::rig::Action;
 use rig_link::server::{Limits, Settings, serve};
 use serde_json::json;
 
-use crate::support::{Options, PATIENCE, Setup, TOKEN, start};
+use crate::support::{Options, Setup, TEST_TIMEOUT, TOKEN, start};
 
 /// A page that shows a scene, pictures and all.
 fn open(browser: &mut Browser, scene: Scene) -> Setup {
@@ -19,13 +19,13 @@ fn open(browser: &mut Browser, scene: Scene) -> Setup {
     });
     browser.open(&setup.server.url());
     browser.until("document.readyState === 'complete' && document.querySelectorAll('#streams tbody tr').length === 6");
-    let pictures = if matches!(scene, Scene::Fault | Scene::Idle) {
+    let images = if matches!(scene, Scene::Fault | Scene::Idle) {
         2
     } else {
         3
     };
     browser.until(&format!(
-        "document.querySelectorAll('.preview img').length === {pictures} && \
+        "document.querySelectorAll('.preview img').length === {images} && \
          [...document.querySelectorAll('.preview img')].every(i => i.complete && i.naturalWidth > 0)"
     ));
     browser.until("document.querySelectorAll('#sessions .when').length === 2");
@@ -245,7 +245,7 @@ fn it_says_when_the_rig_is_gone_and_when_it_is_back() {
         json!("grayscale(1)")
     );
     assert_eq!(browser.value(MISFITS), json!([]));
-    picture(&mut browser, "lost");
+    image(&mut browser, "lost");
     let settings = Settings {
         bind,
         ..Settings::default()
@@ -284,7 +284,7 @@ fn it_asks_for_the_token() {
     };
     enter(&mut browser, "wrong-wrong-wrong-wrong");
     browser.until("document.getElementById('login-error').innerText === 'the token is wrong'");
-    picture(&mut browser, "login");
+    image(&mut browser, "login");
     enter(&mut browser, TOKEN);
     browser.until("document.getElementById('login-error').innerText.startsWith('too often')");
     // A rig that was started again has forgotten it.
@@ -318,7 +318,7 @@ fn it_takes_nothing_from_elsewhere_breaks_no_rule_and_rests_when_nobody_looks() 
     };
     let begin = std::time::Instant::now();
     while browser.events.iter().filter(is_preview).count() < 6 {
-        assert!(begin.elapsed() < PATIENCE, "no further pictures");
+        assert!(begin.elapsed() < TEST_TIMEOUT, "no further pictures");
         std::thread::sleep(Duration::from_millis(50));
         browser.value("1");
     }
@@ -365,20 +365,20 @@ fn pictures_of_it() {
     };
     for scene in Scene::ALL {
         let _setup = open(&mut browser, scene);
-        picture(&mut browser, scene.word());
+        image(&mut browser, scene.word());
         browser.dark(true);
-        picture(&mut browser, &format!("{}-dark", scene.word()));
+        image(&mut browser, &format!("{}-dark", scene.word()));
         browser.dark(false);
         browser.resize(360, 1700);
-        picture(&mut browser, &format!("{}-whole", scene.word()));
+        image(&mut browser, &format!("{}-whole", scene.word()));
         browser.resize(1400, 900);
-        picture(&mut browser, &format!("{}-desktop", scene.word()));
+        image(&mut browser, &format!("{}-desktop", scene.word()));
         browser.resize(360, 780);
     }
 }
 
 /// Keeps a picture of what is in sight, if that is wanted.
-fn picture(browser: &mut Browser, name: &str) {
+fn image(browser: &mut Browser, name: &str) {
     if let Some(folder) = std::env::var_os("RIG_LINK_SCREENSHOTS") {
         std::thread::sleep(Duration::from_millis(300));
         let path = std::path::Path::new(&folder).join(format!("phone-{name}.png"));

@@ -5,7 +5,7 @@ use rig_link::identity::{Fingerprint, Identity};
 use rig_link::link::Code;
 use rig_link::token::Token;
 
-use crate::support::{Options, impatient, start, token};
+use crate::support::{Options, short_retry, start, token};
 
 #[test]
 fn only_the_right_fingerprint_is_spoken_to() {
@@ -17,7 +17,7 @@ fn only_the_right_fingerprint_is_spoken_to() {
     let right = setup.server.fingerprint().unwrap();
     let ask = |fingerprint: Option<Fingerprint>, token: Option<Token>| {
         setup
-            .client_with(fingerprint, token, impatient())
+            .client_with(fingerprint, token, short_retry())
             .sessions()
     };
     assert_eq!(ask(Some(right), Some(token())).unwrap().len(), 2);
@@ -55,7 +55,7 @@ fn plain_text_stays_on_this_machine() {
     assert_eq!(setup.client().sessions().unwrap().len(), 2);
     let address = "http://192.0.2.1:8077".parse().unwrap();
     let mut client =
-        rig_link::client::Client::new(address, None, Some(token()), impatient()).unwrap();
+        rig_link::client::Client::new(address, None, Some(token()), short_retry()).unwrap();
     let error = client.sessions().unwrap_err();
     assert!(matches!(error, LinkError::PlainText { .. }), "{error}");
 }
@@ -68,7 +68,7 @@ fn who_does_not_answer_is_given_up() {
         format!("http://{}", listener.local_addr().unwrap())
     };
     let mut client =
-        rig_link::client::Client::new(address.parse().unwrap(), None, None, impatient()).unwrap();
+        rig_link::client::Client::new(address.parse().unwrap(), None, None, short_retry()).unwrap();
     let error = client.sessions().unwrap_err();
     assert!(matches!(error, LinkError::Lost { tries: 4, .. }), "{error}");
     assert!(error.to_string().contains("refused"), "{error}");

@@ -7,11 +7,11 @@ use std::sync::Arc;
 use std::sync::atomic::{AtomicUsize, Ordering};
 use std::time::Duration;
 
-use rig_link::client::{Client, LinkError, Patience};
+use rig_link::client::{Client, LinkError, RetryPolicy};
 use rig_link::link::{Code, RECEIPT_FORMAT, Receipt, SessionState, Total, VERSION};
 use rig_link::server::Limits;
 
-use crate::support::{Options, Setup, impatient, start, token};
+use crate::support::{Options, Setup, short_retry, start, token};
 
 /// Hands on what goes by, and does harm to what the server sends.
 struct Proxy {
@@ -44,7 +44,7 @@ impl Proxy {
 
     fn client(&self) -> Client {
         let address = format!("http://{}", self.address).parse().unwrap();
-        Client::new(address, None, Some(token()), impatient()).unwrap()
+        Client::new(address, None, Some(token()), short_retry()).unwrap()
     }
 }
 
@@ -347,9 +347,9 @@ fn a_server_that_is_no_rig_is_told_apart() {
             address,
             None,
             None,
-            Patience {
-                tries: 1,
-                ..impatient()
+            RetryPolicy {
+                max_attempts: 1,
+                ..short_retry()
             },
         )
         .unwrap();
@@ -357,7 +357,7 @@ fn a_server_that_is_no_rig_is_told_apart() {
         assert!(matches!(error, LinkError::Garbled { .. }), "{error:?}");
     }
     let address = format!("http://{address}").parse().unwrap();
-    let mut client = Client::new(address, None, None, impatient()).unwrap();
+    let mut client = Client::new(address, None, None, short_retry()).unwrap();
     let error = client.sessions().unwrap_err();
     assert!(error.to_string().contains("418"), "{error}");
 }
@@ -388,7 +388,7 @@ fn manifests_that_reach_out_of_the_folder_are_refused() {
     });
     let ask = || {
         let address = format!("http://{address}").parse().unwrap();
-        Client::new(address, None, None, impatient())
+        Client::new(address, None, None, short_retry())
             .unwrap()
             .manifest("x", |_| {})
     };
@@ -409,15 +409,15 @@ fn an_address_where_nobody_has_answered_is_given_up_soon() {
     let listener = TcpListener::bind("127.0.0.1:0").unwrap();
     let address = listener.local_addr().unwrap();
     drop(listener);
-    let patience = Patience {
-        connect: Duration::from_millis(700),
-        tries: 1000,
-        pause: Duration::from_millis(100),
-        longest_pause: Duration::from_secs(3600),
-        ..impatient()
+    let retry = RetryPolicy {
+        connect_timeout: Duration::from_millis(700),
+        max_attempts: 1000,
+        first_pause: Duration::from_millis(100),
+        max_pause: Duration::from_secs(3600),
+        ..short_retry()
     };
     let address = format!("http://{address}").parse().unwrap();
-    let mut client = Client::new(address, None, None, patience).unwrap();
+    let mut client = Client::new(address, None, None, retry).unwrap();
     let error = client.sessions().unwrap_err();
     // Pauses of 100, 200 and 400 ms do not fit.
     assert!(
@@ -449,12 +449,12 @@ fn an_address_that_takes_no_connection_is_given_up_soon() {
         }
     }
     for scheme in ["http", "https"] {
-        let patience = Patience {
-            connect: Duration::from_millis(300),
-            ..impatient()
+        let retry = RetryPolicy {
+            connect_timeout: Duration::from_millis(300),
+            ..short_retry()
         };
         let address = format!("{scheme}://{address}").parse().unwrap();
-        let mut client = Client::new(address, None, None, patience).unwrap();
+        let mut client = Client::new(address, None, None, retry).unwrap();
         let error = client.sessions().unwrap_err();
         assert!(
             matches!(&error, LinkError::Lost { tries: 1, reason, .. }

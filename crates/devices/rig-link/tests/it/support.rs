@@ -6,7 +6,7 @@ use std::path::PathBuf;
 use std::sync::Arc;
 use std::time::{Duration, Instant};
 
-use rig_link::client::{Client, Patience};
+use rig_link::client::{Client, RetryPolicy};
 use rig_link::fake::{FakeRig, Scene, write_session};
 use rig_link::identity::{Fingerprint, Identity};
 use rig_link::server::{Limits, Server, Settings, serve};
@@ -14,7 +14,7 @@ use rig_link::token::Token;
 
 pub(crate) const TOKEN: &str = "correct-horse-battery";
 /// How long anything may take on a machine that is busy; reached only when something hangs.
-pub(crate) const PATIENCE: Duration = Duration::from_secs(600);
+pub(crate) const TEST_TIMEOUT: Duration = Duration::from_secs(600);
 
 /// A server with the sessions `walk-1` (being recorded if the test says so) and `walk-2`.
 pub(crate) struct Setup {
@@ -87,17 +87,17 @@ impl Setup {
     }
 
     pub(crate) fn client(&self) -> Client {
-        self.client_with(self.server.fingerprint(), Some(token()), impatient())
+        self.client_with(self.server.fingerprint(), Some(token()), short_retry())
     }
 
     pub(crate) fn client_with(
         &self,
         fingerprint: Option<Fingerprint>,
         token: Option<Token>,
-        patience: Patience,
+        retry: RetryPolicy,
     ) -> Client {
         let address = self.server.url().parse().unwrap();
-        Client::new(address, fingerprint, token, patience).unwrap()
+        Client::new(address, fingerprint, token, retry).unwrap()
     }
 
     /// Sends these bytes and gives what comes back until the connection ends.
@@ -115,7 +115,7 @@ impl Setup {
             .unwrap();
         let mut all = read(&mut stream);
         let _ = stream.shutdown(Shutdown::Write);
-        stream.set_read_timeout(Some(PATIENCE)).unwrap();
+        stream.set_read_timeout(Some(TEST_TIMEOUT)).unwrap();
         all.extend(read(&mut stream));
         String::from_utf8_lossy(&all).into_owned()
     }
@@ -153,19 +153,19 @@ pub(crate) fn bearer(token: &str) -> String {
 }
 
 /// Gives up after few tries.
-pub(crate) fn impatient() -> Patience {
-    Patience {
-        connect: Duration::from_secs(60),
-        silence: Duration::from_secs(60),
-        tries: 4,
-        pause: Duration::from_millis(10),
-        longest_pause: Duration::from_millis(100),
+pub(crate) fn short_retry() -> RetryPolicy {
+    RetryPolicy {
+        connect_timeout: Duration::from_secs(60),
+        read_timeout: Duration::from_secs(60),
+        max_attempts: 4,
+        first_pause: Duration::from_millis(10),
+        max_pause: Duration::from_millis(100),
     }
 }
 
 pub(crate) fn raw(address: SocketAddr, bytes: &[u8]) -> String {
     let mut stream = TcpStream::connect(address).unwrap();
-    stream.set_read_timeout(Some(PATIENCE)).unwrap();
+    stream.set_read_timeout(Some(TEST_TIMEOUT)).unwrap();
     // The server may hang up before it has read everything.
     let _ = stream.write_all(bytes);
     String::from_utf8_lossy(&read(&mut stream)).into_owned()
@@ -187,7 +187,7 @@ pub(crate) fn read(stream: &mut TcpStream) -> Vec<u8> {
 
 /// One answer, of which the connection stays open.
 pub(crate) fn read_one(stream: &mut TcpStream) -> String {
-    stream.set_read_timeout(Some(PATIENCE)).unwrap();
+    stream.set_read_timeout(Some(TEST_TIMEOUT)).unwrap();
     let mut all = Vec::new();
     let mut block = [0; 4096];
     loop {

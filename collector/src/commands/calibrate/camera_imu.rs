@@ -1,0 +1,372 @@
+//! `paws calib camera-imu`: where the IMU of each camera sits, and by how much its clock differs, from a
+//! session before boards.
+//!
+//! Each camera that has an IMU, lenses and a board in its pictures ends as a table of what was told and what was
+//! found, and as a part of `camera-imu.json` and `camera-imu.html`. The place that the session has recorded counts as a
+//! loose measurement. Where the gates allow it, Kalibr's
+//! `camchain-imucam.yaml` and `imu.yaml` are written too, and `rig-imu.toml`: the rig file with the IMUs where they were found. A
+//! camera whose gates fail, or that gives no result, keeps its IMU where it was told and makes the exit code 1; damage on
+//! disk makes it 3.
+
+mod document;
+mod images;
+mod inputs;
+mod page;
+mod table;
+
+use std::path::PathBuf;
+use std::thread;
+
+use anyhow::{Context, Result, anyhow, ensure};
+use cad_transforms::{Frame, FramePart, RigidTransform};
+use calib::camera_imu::simulate::ZED_NOISE;
+use calib::camera_imu::{CameraImu, Cameras, ImuSample, Recording, Told, Verdict, estimate};
+use calib::kalibr::read_imu;
+use calib::set::{CameraSet, NamedCamera, SetImu};
+use calib::write::contents;
+use calib::{CameraModel, Format, ImuNoise, Provenance};
+use clap::Args;
+use nalgebra::{Matrix3, SMatrix};
+use session_archive::index::Access;
+
+use crate::commands::calibrate::Output;
+use crate::commands::calibrate::imu_samples::{self, ImuRecording};
+use crate::commands::calibrate::nominal_rig::NominalRig;
+use crate::commands::calibrate::rig_file::{Joint, revised};
+use crate::commands::calibrate::rig_poses;
+use crate::commands::calibrate::target_detections;
+use crate::commands::index::read_or_build;
+use crate::commands::validate::open;
+use crate::console::Console;
+use crate::outcome::Outcome;
+use crate::target::Target;
+use crate::text;
+use inputs::Inputs;
+
+/// The JSON document.
+pub const DOCUMENT: &str = "camera-imu.json";
+/// The report.
+pub const PAGE: &str = "camera-imu.html";
+
+/// The rig with its IMUs.
+pub const RIG: &str = "rig-imu.toml";
+
+/// What Kalibr's files are called, after the camera's name.
+const KALIBR: [&str; 2] = ["camchain-imucam.yaml", "imu.yaml"];
+
+/// How to do it.
+#[derive(Clone, Debug, Default, Args)]
+pub struct Options {
+    /// Only this camera
+    #[arg(long, value_name = "NAME")]
+    pub camera: Option<String>,
+    /// A target that was shown, TOML or Kalibr's YAML; again for more [default: rig/target.*.toml of the session]
+    #[arg(long, value_name = "FILE")]
+    pub target: Vec<PathBuf>,
+    /// What `paws calib cameras` wrote: lenses, eyes and the rig file to start from [default: the session's]
+    #[arg(long, value_name = "DIR")]
+    pub calibration: Option<PathBuf>,
+    /// Noise of the IMU, Kalibr's imu.yaml [default: typical of such parts, then corrected by what is found]
+    #[arg(long, value_name = "FILE")]
+    pub noise: Option<PathBuf>,
+    /// Rolling shutter: microseconds from each row to the next; again as CAMERA=US for cameras that differ
+    #[arg(long, value_name = "[CAMERA=]US", value_parser = line_us)]
+    pub line_us: Vec<(Option<String>, f64)>,
+    /// Use every n-th picture
+    #[arg(long, value_name = "N", default_value_t = 1)]
+    pub every: u64,
+}
+
+fn line_us(text: &str) -> Result<(Option<String>, f64)> {
+    let (camera, number) = match text.split_once('=') {
+        Some((camera, number)) => (Some(camera.to_owned()), number),
+        None => (None, text),
+    };
+    let us: f64 = number
+        .parse()
+        .with_context(|| format!("found {number:?}, expected microseconds"))?;
+    ensure!(us.is_finite(), "found {number:?}, expected microseconds");
+    Ok((camera, us))
+}
+
+/// A camera, and what came out.
+struct Measured {
+    camera: String,
+    /// As the session tells it.
+    nominal: Option<RigidTransform>,
+    /// Which board, and pictures that show enough of it.
+    board: Option<usize>,
+    noise: ImuNoise,
+    line_s: f64,
+    /// Rate of the IMU.
+    rate_hz: f64,
+    /// Lens and `eye_from_left` of each eye.
+    lenses: Vec<(CameraModel, RigidTransform)>,
+    found: Result<CameraImu>,
+}
+
+impl Measured {
+    /// What was found, where no gate fails.
+    fn trusted(&self) -> Option<&CameraImu> {
+        let found = self.found.as_ref().ok()?;
+        (found.verdict() != Verdict::Fail).then_some(found)
+    }
+}
+
+/// Calibrates the cameras of a session.
+///
+/// # Errors
+/// The session cannot be read or has no such camera, there is no board, a result is in the way, or it cannot be
+/// written.
+pub fn run(
+    target: &Target,
+    options: &Options,
+    output: &Output,
+    console: &mut Console<'_>,
+) -> Result<Outcome> {
+    ensure!(options.every > 0, "--every 0: expected at least 1");
+    let reader = open(&target.folder)?;
+    let manifest = reader.manifest();
+    let selected = |name: &str| options.camera.as_deref().is_none_or(|c| c == name);
+    let names = || manifest.cameras.iter().map(|c| c.name.as_str());
+    let listed = || names().collect::<Vec<_>>().join(", ");
+    for (name, _) in &options.line_us {
+        ensure!(
+            name.as_deref()
+                .is_none_or(|name| names().any(|n| n == name)),
+            "--line-us of the camera {:?}: the session has {}: {}",
+            name.as_deref().unwrap_or_default(),
+            listed(),
+            target.folder.display()
+        );
+    }
+    let mut possible_files = vec![DOCUMENT.to_owned(), PAGE.to_owned(), RIG.to_owned()];
+    possible_files.extend(
+        names()
+            .filter(|n| selected(n))
+            .flat_map(|n| KALIBR.map(|end| format!("{n}-{end}"))),
+    );
+    let results = output.prepare(output.folder(target)?, possible_files)?;
+    let boards = target_detections::targets(&reader, &options.target)?;
+    let noise = match &options.noise {
+        Some(path) => read_imu(path)?.noise,
+        None => ZED_NOISE,
+    };
+    ensure!(
+        names().any(selected),
+        "looking for the camera {:?}: the session has {}: {}",
+        options.camera.as_deref().unwrap_or("any"),
+        listed(),
+        target.folder.display()
+    );
+    let index = read_or_build(&reader, console)?;
+    let access = Access::open(&**reader.storage(), &index).context("opening the segments")?;
+    let nominal = NominalRig::read(&reader)?;
+    let inputs = Inputs::read(&nominal, options.calibration.as_deref(), manifest)?;
+    let samples = imu_samples::read(
+        &reader,
+        |name| name.strip_suffix("/imu").is_some_and(selected),
+        |_| (),
+    )?;
+    let threads = thread::available_parallelism().map_or(1, usize::from);
+    let mut outcome = Outcome::Fine;
+    let mut all = Vec::new();
+    for (camera, images) in manifest.cameras.iter().zip(&index.cameras) {
+        if !selected(&camera.name) {
+            continue;
+        }
+        let name = &camera.name;
+        let frame = |part: &str| format!("{name}/{part}");
+        let nominal = inputs.imu_from_left(name);
+        let mut measured = Measured {
+            camera: name.clone(),
+            nominal,
+            board: None,
+            noise,
+            line_s: line_s(options, name),
+            rate_hz: 0.0,
+            lenses: Vec::new(),
+            found: Err(anyhow!("not begun")),
+        };
+        let ready = || -> Result<(Vec<(CameraModel, RigidTransform)>, &ImuRecording)> {
+            let imu = samples.imus.iter().find(|i| i.name == frame("imu"));
+            let imu = imu.with_context(|| format!("the session has no {name}/imu"))?;
+            Ok((inputs.lenses(name)?, imu))
+        };
+        measured.found = match ready() {
+            Err(error) => Err(error),
+            Ok((lenses, imu)) => {
+                let right = lenses.get(1).map(|(model, results)| (model, results));
+                let cameras =
+                    Cameras::new(&lenses[0].0, right).with_rolling_shutter(measured.line_s);
+                measured.rate_hz = imu.rate_hz;
+                measured.lenses = lenses;
+                let bytes = images.frames.iter().map(|f| u64::from(f.bytes)).sum();
+                let seen = {
+                    let progress = console.progress(name, bytes);
+                    images::find(
+                        camera,
+                        images,
+                        &access,
+                        &boards,
+                        options.every,
+                        threads,
+                        &progress,
+                    )?
+                };
+                if seen.missing > 0 {
+                    outcome = outcome.max(Outcome::Loss);
+                }
+                measured.board = seen.board;
+                let recording = Recording {
+                    cameras,
+                    pictures: seen.images,
+                    imu: inertial(imu),
+                    noise,
+                    range: imu.count.map(|c| c.map_or(f64::INFINITY, |c| c * 32_767.0)),
+                };
+                let nominal = Told {
+                    imu_from_left: nominal,
+                    ..Told::default()
+                };
+                estimate(&recording, &nominal).map_err(anyhow::Error::from)
+            }
+        };
+        table::print(&measured, console)?;
+        all.push(measured);
+    }
+    let joints: Vec<Joint> = all.iter().filter_map(joint).collect();
+    let rig = match inputs.rig() {
+        _ if joints.is_empty() => Err("no IMU was found"),
+        Ok(rig) => Ok(revised(rig, &joints, "camera-imu", "imu", manifest)?),
+        Err(reason) => Err(reason),
+    };
+    let page = page::html(manifest, &all, rig.as_ref().ok())?;
+    let mut files = vec![
+        (DOCUMENT.to_owned(), document::json(manifest, &all)?),
+        (PAGE.to_owned(), page.into_bytes()),
+    ];
+    for measured in &all {
+        match kalibr(measured) {
+            Ok(more) => files.extend(more),
+            Err(error) => console.line(format!(
+                "{}: no file for Kalibr: {error:#}",
+                measured.camera
+            ))?,
+        }
+    }
+    if let Ok(rig) = &rig {
+        files.push((RIG.to_owned(), rig.to_toml().into_bytes()));
+        for line in rig_poses::lines(rig)? {
+            console.line(line)?;
+        }
+        console.line("")?;
+    }
+    results.write(&files, console)?;
+    if let Err(reason) = rig {
+        console.line(format!("no rig file was written: {reason}"))?;
+    }
+    if samples.damaged > 0 {
+        let rig_poses = text::count(samples.damaged, "damaged place");
+        console.line(format!("{rig_poses} of the session left out"))?;
+        outcome = outcome.max(Outcome::Loss);
+    }
+    if all.iter().any(|m| m.trusted().is_none()) {
+        outcome = Outcome::Failed;
+    }
+    Ok(outcome)
+}
+
+fn line_s(options: &Options, camera: &str) -> f64 {
+    let own = |(name, _): &&(Option<String>, f64)| name.as_deref() == Some(camera);
+    let all = |(name, _): &&(Option<String>, f64)| name.is_none();
+    let lines = &options.line_us;
+    let found = lines.iter().find(own).or_else(|| lines.iter().find(all));
+    found.map_or(0.0, |(_, us)| us * 1e-6)
+}
+
+/// In order of time; samples that share a time with one before are left out.
+fn inertial(imu: &ImuRecording) -> Vec<ImuSample> {
+    let mut last = i64::MIN;
+    let mut out = Vec::with_capacity(imu.samples.len());
+    for sample in &imu.samples {
+        if sample.time <= last {
+            continue;
+        }
+        last = sample.time;
+        out.push(ImuSample {
+            time_ns: sample.time,
+            gyro: sample.gyro,
+            accel: sample.accel,
+        });
+    }
+    out
+}
+
+/// Where an IMU was found, as rig files have it.
+fn joint(measured: &Measured) -> Option<Joint> {
+    let found = measured.trusted()?;
+    let parent_from_child = found.imu_from_left.inverse();
+    // A turn δ in the left frame and a shift τ in the IMU's turn left_from_imu by -δ and move it by p × δ - Rᵀ τ.
+    let back = parent_from_child.rotation().to_rotation_matrix();
+    let mut by = SMatrix::<f64, 6, 6>::zeros();
+    by.fixed_view_mut::<3, 3>(0, 0)
+        .copy_from(&parent_from_child.translation().cross_matrix());
+    by.fixed_view_mut::<3, 3>(0, 3).copy_from(&-back.matrix());
+    by.fixed_view_mut::<3, 3>(3, 0)
+        .copy_from(&-Matrix3::identity());
+    let covariance = by * found.covariance.fixed_view::<6, 6>(0, 0) * by.transpose();
+    Some(Joint {
+        parent: Frame::of_camera(&measured.camera, FramePart::Left).ok()?,
+        child: Frame::of_camera(&measured.camera, FramePart::Imu).ok()?,
+        parent_from_child,
+        covariance: Some(covariance),
+    })
+}
+
+/// Lenses, places and noise as Kalibr's files have them; none where its lenses cannot hold ours, with the
+/// reason.
+fn kalibr(measured: &Measured) -> Result<Vec<(String, Vec<u8>)>> {
+    let Some(found) = measured.trusted() else {
+        return Ok(Vec::new());
+    };
+    let noise = &measured.noise;
+    let times = &found.noises;
+    let mut cameras = Vec::new();
+    for (eye, (model, eye_from_left)) in ["left", "right"].iter().zip(&measured.lenses) {
+        cameras.push(NamedCamera {
+            name: format!("{}/{eye}", measured.camera),
+            model: *model,
+            camera_from_first: Some(*eye_from_left),
+        });
+    }
+    let set = CameraSet {
+        cameras,
+        imu: Some(SetImu {
+            imu_from_first: found.imu_from_left,
+            rate_hz: Some(measured.rate_hz),
+            noise: Some(ImuNoise {
+                gyro_noise_density: noise.gyro_noise_density * times.gyro.found_over_told,
+                gyro_random_walk: noise.gyro_random_walk * times.gyro_walk.found_over_told,
+                accel_noise_density: noise.accel_noise_density * times.accel.found_over_told,
+                accel_random_walk: noise.accel_random_walk * times.accel_walk.found_over_told,
+            }),
+            time_offset_s: Some(found.time_offset_s),
+            gyro_bias: Some(found.gyro_bias),
+            accel_bias: Some(found.accel_bias),
+        }),
+        provenance: Provenance {
+            format: None,
+            files: Vec::new(),
+            part: None,
+        },
+    };
+    let files = contents(&set, Format::Kalibr)?;
+    let named = files.into_iter();
+    Ok(named
+        .map(|(name, bytes)| (format!("{}-{name}", measured.camera), bytes))
+        .collect())
+}
+
+#[cfg(test)]
+mod tests;

@@ -1,0 +1,106 @@
+//! The corners of boards in the pictures of a stereo camera.
+
+use std::collections::BTreeMap;
+use std::sync::{Mutex, PoisonError};
+
+use anyhow::{Context, Result};
+use calib::Eye;
+use calib::camera_imu::{Corner, Picture};
+use calib::target::{GreyView, Seen, Settings, Target as Board, detect_all};
+use session_archive::index::{Access, CameraIndex, FrameEntry};
+use session_archive::manifest::Camera;
+use video::Picture as Decoded;
+use video::picture::{i420_to_grey, split};
+
+use crate::decode_check::visit_images;
+use crate::progress::Progress;
+
+/// What was seen of one board, the one that the camera saw most of.
+pub(super) struct BoardObservations {
+    /// In order of time.
+    pub images: Vec<Picture>,
+    /// Position of the board; none if none was seen.
+    pub board: Option<usize>,
+    /// Pictures that could not be decoded.
+    pub missing: u64,
+}
+
+/// By board and eye.
+type Found = Vec<[Vec<Seen>; 2]>;
+
+/// Looks for boards in every `every`-th picture.
+pub(super) fn find(
+    camera: &Camera,
+    index: &CameraIndex,
+    access: &Access,
+    boards: &[Board],
+    every: u64,
+    threads: usize,
+    progress: &Progress,
+) -> Result<BoardObservations> {
+    // By time: two pictures of one time would stand in each other's way.
+    let all: Mutex<BTreeMap<i64, Found>> = Mutex::new(BTreeMap::new());
+    let look = |frame: &FrameEntry, picture: &Decoded| -> Result<()> {
+        if !frame.number.is_multiple_of(every) || frame.time_doubtful {
+            return Ok(());
+        }
+        let (left, right) = split(picture).context("cutting a picture into its eyes")?;
+        let mut found: Found = vec![Default::default(); boards.len()];
+        for (eye, picture) in [left, right].iter().enumerate() {
+            let grey = i420_to_grey(picture).context("taking the luma of a picture")?;
+            let (width, height) = (grey.width as usize, grey.height as usize);
+            let view = GreyView::new(width, height, width, &grey.data)
+                .context("a picture's size is not that of its bytes")?;
+            let seen = detect_all(&view, boards, &Settings::default());
+            for (board, detection) in seen.into_iter().enumerate() {
+                found[board][eye] = detection.corners;
+            }
+        }
+        let mut all = all.lock().unwrap_or_else(PoisonError::into_inner);
+        all.insert(frame.time_ns, found);
+        Ok(())
+    };
+    let decoded = visit_images(camera, index, access, threads, progress, &look)?;
+    let all = all.into_inner().unwrap_or_else(PoisonError::into_inner);
+    let counts = |board: usize| -> usize {
+        let of = |found: &Found| found[board].iter().map(Vec::len).sum::<usize>();
+        all.values().map(of).sum()
+    };
+    let board = (0..boards.len())
+        .rev()
+        .max_by_key(|&board| counts(board))
+        .filter(|&board| counts(board) > 0);
+    let rig_poses: BTreeMap<u32, [f64; 2]> = board
+        .map(|board| boards[board].corners())
+        .unwrap_or_default()
+        .into_iter()
+        .map(|corner| (corner.id, corner.at_m))
+        .collect();
+    let images = all
+        .into_iter()
+        .map(|(time_ns, found)| {
+            let eyes = board.map(|board| found[board].clone()).unwrap_or_default();
+            let mut corners = Vec::new();
+            for (eye, seen) in [Eye::Left, Eye::Right].into_iter().zip(eyes) {
+                corners.extend(seen.iter().filter_map(|seen| {
+                    let [x, y] = *rig_poses.get(&seen.id)?;
+                    Some(Corner {
+                        x_in_target: [x, y, 0.0],
+                        pixel: seen.pixel,
+                        sigma_px: seen.sigma_px.max(MIN_SIGMA_PX),
+                        eye,
+                    })
+                }));
+            }
+            Picture { time_ns, corners }
+        })
+        .collect();
+    Ok(BoardObservations {
+        images,
+        board,
+        missing: decoded.missing,
+    })
+}
+
+/// What lens, print and compression add to a corner whatever its sharpness, px.
+const MIN_SIGMA_PX: f64 = 0.05;

@@ -1,0 +1,133 @@
+//! The report: may the result be used, what is it, how do the residuals look.
+
+use anyhow::Result;
+use cad_transforms::Rig;
+use calib::camera_imu::{CameraImu, Residual, Verdict as Gate};
+use charts::{Axis, Cell, Chart, Page, Series, Table, Verdict};
+use session_archive::manifest::Manifest;
+
+use super::Measured;
+use super::table::rows;
+use crate::commands::calibrate::rig_poses::section;
+use crate::plots::{HEIGHT, WIDTH};
+
+/// `rig` is the rig with its IMUs, where there is one.
+pub(super) fn html(manifest: &Manifest, all: &[Measured], rig: Option<&Rig>) -> Result<String> {
+    let worst = all.iter().map(|m| match &m.found {
+        Ok(found) => found.verdict(),
+        Err(_) => Gate::Fail,
+    });
+    let verdict = badge(worst.max().unwrap_or(Gate::Fail));
+    let session = match manifest.name.as_str() {
+        "" => manifest.session_id.clone(),
+        name => format!("\u{201c}{name}\u{201d}"),
+    };
+    let mut page = Page::new(&format!("Cameras and IMUs from session {session}")).verdict(verdict);
+    page = page.text(&format!(
+        "Rotation is the turn from what is told to what was found, about the axes of the left camera. The time offset is \
+         what has to be added to a picture's time to find its IMU samples. Sigma is one standard deviation. Identifier \
+         {}, recorded {}.",
+        manifest.session_id, manifest.started_civil
+    ));
+    if let Some(rig) = rig {
+        let lenses = all.iter().filter_map(|m| {
+            let (lens, _) = m.lenses.first()?;
+            Some((m.camera.as_str(), lens))
+        });
+        page = section(page, rig, &lenses.collect::<Vec<_>>())?;
+    }
+    for measured in all {
+        page = page.section(&measured.camera);
+        page = match &measured.found {
+            Ok(found) => camera(page, measured, found),
+            Err(error) => page.finding(Verdict::Fail, &format!("No result: {error:#}")),
+        };
+    }
+    Ok(page.to_html())
+}
+
+/// One kind of residual.
+type Of<'a> = &'a dyn Fn(&Residual) -> Option<f64>;
+
+fn badge(gate: Gate) -> Verdict {
+    match gate {
+        Gate::Pass => Verdict::Pass,
+        Gate::Warn => Verdict::Warn,
+        Gate::Fail => Verdict::Fail,
+    }
+}
+
+fn camera(mut page: Page, measured: &Measured, found: &CameraImu) -> Page {
+    let mut table = Table::new(["Quantity", "Told", "Found", "Sigma", "Unit"]);
+    for row in rows(measured, found) {
+        let nominal = row.nominal.map_or("".to_owned(), |t| format!("{t:.4}"));
+        table = table.row([
+            Cell::Text(row.name),
+            Cell::number(nominal),
+            Cell::number(format!("{:.4}", row.found)),
+            Cell::number(format!("{:.4}", row.sigma)),
+            Cell::from(row.unit),
+        ]);
+    }
+    page = page.table(&table);
+    let mut gates = Table::new(["", "Check", "Found"]);
+    for gate in &found.gates {
+        gates = gates.row([
+            Cell::Verdict(badge(gate.verdict)),
+            Cell::from(gate.name),
+            Cell::Text(gate.text.clone()),
+        ]);
+    }
+    page = page.table(&gates);
+    let residuals = &found.residuals;
+    let kinds: [(&str, Of<'_>); 4] = [
+        ("corners, in sigmas as told", &|r| Some(r.corner)),
+        ("poses, in sigmas as found", &|r| Some(r.pose)),
+        ("gyroscope, in sigmas as found", &|r| r.gyro),
+        ("accelerometer, in sigmas as found", &|r| r.accel),
+    ];
+    let zero = residuals.first().map_or(0, |r| r.time_ns);
+    for (name, of) in kinds {
+        let points = residuals
+            .iter()
+            .filter_map(|r| Some(((r.time_ns - zero) as f64 * 1e-9, of(r)?)));
+        let chart = Chart::new(&format!("Residuals: {name}"))
+            .x_axis(Axis::linear("time", "s"))
+            .y_axis(Axis::linear("root of the mean square", "").include(0.0))
+            .series(Series::scatter("", points));
+        page = page.figure(&chart.to_svg(WIDTH, HEIGHT), "");
+    }
+    let points = found.correlation.iter().map(|[t, c]| (1e3 * t, *c));
+    let chart = Chart::new("Agreement of rotation rates by time offset")
+        .x_axis(Axis::linear("time offset", "ms"))
+        .y_axis(Axis::linear("agreement", "").include(0.0).include(1.0))
+        .series(Series::line("", points))
+        .vline(1e3 * found.time_offset_s, "found");
+    page = page.figure(&chart.to_svg(WIDTH, HEIGHT), "The start of the search.");
+    let mut chart = Chart::new("Lever arm: two sigma")
+        .subtitle("about what was found")
+        .x_axis(Axis::linear("along the first axis", "mm"))
+        .y_axis(Axis::linear("along the second axis", "mm"));
+    for (slot, (name, a, b)) in [("x y", 3, 4), ("y z", 4, 5), ("z x", 5, 3)]
+        .into_iter()
+        .enumerate()
+    {
+        chart = chart.series(Series::line(name, ellipse(found, a, b)).slot(slot));
+    }
+    page.figure(&chart.to_svg(WIDTH, HEIGHT), "")
+}
+
+/// Two standard deviations of two of the seven numbers, mm.
+fn ellipse(found: &CameraImu, a: usize, b: usize) -> Vec<(f64, f64)> {
+    let c = &found.covariance;
+    // Cholesky factor of the 2x2 block.
+    let first = c[(a, a)].max(0.0).sqrt();
+    let along = c[(a, b)] / first.max(f64::MIN_POSITIVE);
+    let rest = (c[(b, b)] - along * along).max(0.0).sqrt();
+    (0..=72)
+        .map(|k| {
+            let (sin, cos) = (std::f64::consts::TAU * f64::from(k) / 72.0).sin_cos();
+            (2e3 * first * cos, 2e3 * (along * cos + rest * sin))
+        })
+        .collect()
+}

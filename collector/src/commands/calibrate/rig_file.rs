@@ -1,0 +1,156 @@
+//! A rig file with places that were found: a new revision of the one that was told, or the first one of a rig of
+//! which nothing was told; its tolerances those of the estimation.
+
+use anyhow::{Context, Result, ensure};
+use cad_transforms::rig::{CameraInfo, Edge, Provenance, ProvenanceKind, RigParts};
+use cad_transforms::{Covariance, Frame, Rig, RigidTransform};
+use nalgebra::Matrix6;
+use session_archive::manifest::Manifest;
+
+use super::nominal_rig::in_child;
+
+/// Sigmas of the place of the origin, m and rad. It is where it is by definition, but rig files hold no sigma of 0, and
+/// nothing that is weighed with a tolerance is weighed to a micrometre.
+const ORIGIN_SIGMA: f64 = 1e-6;
+
+/// A place that was found.
+pub(super) struct Joint {
+    pub(super) parent: Frame,
+    pub(super) child: Frame,
+    pub(super) parent_from_child: RigidTransform,
+    /// Of `[v, ω]` in the parent's axes, m and rad: the translation moves by `v`, the rotation by `Exp(ω)` from the left;
+    /// none where nobody says.
+    pub(super) covariance: Option<Matrix6<f64>>,
+}
+
+impl Joint {
+    /// The tolerance as rig files have it.
+    fn tolerance(&self) -> Result<Option<Covariance>> {
+        let Some(covariance) = &self.covariance else {
+            return Ok(None);
+        };
+        if *covariance == Matrix6::zeros() {
+            return Ok(Some(Covariance::from_sigmas(
+                [ORIGIN_SIGMA; 3],
+                [ORIGIN_SIGMA; 3],
+            )?));
+        }
+        let covariance = in_child(covariance, &self.parent_from_child);
+        let (parent, child) = (&self.parent, &self.child);
+        let covariance = covariance.with_context(|| {
+            format!("writing the calibrated rig: the covariance of {child} in {parent} is none")
+        })?;
+        Ok(Some(covariance))
+    }
+}
+
+/// The rig with these joints, its revision that of `rig` and `ending`. A child that the rig does not have is added.
+///
+/// # Errors
+/// A child is placed in another frame than the joint's, its covariance is none, or a loop of the rig does not
+/// close any more.
+pub(super) fn revised(
+    rig: &Rig,
+    joints: &[Joint],
+    verb: &str,
+    ending: &str,
+    manifest: &Manifest,
+) -> Result<Rig> {
+    let mut new = rig.clone();
+    for joint in joints {
+        let (parent, child) = (&joint.parent, &joint.child);
+        let covariance = joint.tolerance()?;
+        if new.frames().all(|frame| frame != *child) {
+            let mut parts = new.to_parts();
+            parts.edges.push(Edge {
+                parent: parent.clone(),
+                child: child.clone(),
+                parent_from_child: joint.parent_from_child,
+                covariance,
+            });
+            new = Rig::from_parts(parts).context("adding to the rig what was found")?;
+            continue;
+        }
+        let direct = new.edges().iter().any(|e| {
+            (&e.parent, &e.child) == (parent, child) || (&e.parent, &e.child) == (child, parent)
+        });
+        ensure!(
+            direct,
+            "writing the calibrated rig: {child} is not placed in {parent} directly, as it must be for this"
+        );
+        new = new.with_edge(parent, child, joint.parent_from_child, covariance)?;
+    }
+    let start = format!("starting from revision {:?}", rig.revision());
+    let provenance = Provenance {
+        kind: ProvenanceKind::Calibrated,
+        note: note(verb, manifest, &start),
+        cad: rig.provenance().cad.clone(),
+    };
+    let revision = format!("{}-{ending}", rig.revision());
+    let new = new.with_provenance(provenance).with_revision(revision);
+    let open = new.open_loops();
+    ensure!(
+        open.is_empty(),
+        "checking the calibrated rig: {}",
+        open.join("; ")
+    );
+    // What is written must read back.
+    Rig::parse(&new.to_toml()).context("checking the calibrated rig")
+}
+
+/// The first rig file of a rig: these joints and nothing else. `frame` says in words where the rig's own frame is.
+///
+/// # Errors
+/// The joints are no rig: a camera is not connected with the others.
+pub(super) fn first(joints: &[Joint], verb: &str, frame: &str, manifest: &Manifest) -> Result<Rig> {
+    let mut edges = Vec::new();
+    for joint in joints {
+        edges.push(Edge {
+            parent: joint.parent.clone(),
+            child: joint.child.clone(),
+            parent_from_child: joint.parent_from_child,
+            covariance: joint.tolerance()?,
+        });
+    }
+    let camera = |name: &String| CameraInfo {
+        name: name.clone(),
+        serial: None,
+        model: None,
+    };
+    let placed = |name: &&String| {
+        let left = format!("{name}/left");
+        edges.iter().any(|edge| edge.child.as_str() == left)
+    };
+    let names = manifest.cameras.iter().map(|camera| &camera.name);
+    let cameras = names.filter(placed).map(camera).collect();
+    let session = manifest.session_id.split('-').next().unwrap_or_default();
+    let parts = RigParts {
+        name: "calibrated rig".to_owned(),
+        revision: format!("{}-{session}", day(manifest)),
+        provenance: Provenance {
+            kind: ProvenanceKind::Calibrated,
+            note: note(verb, manifest, frame),
+            cad: None,
+        },
+        cameras,
+        edges,
+        closures: Vec::new(),
+        shoe_tags: Vec::new(),
+    };
+    Rig::from_parts(parts).context("making a rig file of what was found")
+}
+
+fn note(verb: &str, manifest: &Manifest, more: &str) -> String {
+    format!(
+        "by `paws calib {verb}` of {} from session {} of {}, {more}",
+        crate::SOFTWARE,
+        manifest.session_id,
+        manifest.started_civil
+    )
+}
+
+/// The day of a recording, as in `2026-01-31`.
+fn day(manifest: &Manifest) -> String {
+    let civil = manifest.started_civil.to_string();
+    civil.split('T').next().unwrap_or_default().to_owned()
+}

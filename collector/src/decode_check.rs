@@ -1,0 +1,275 @@
+//! Decoding every picture of a session, to know that it can be done.
+//!
+//! Groups of pictures are independent, so each thread takes the next one and decodes it with a
+//! decoder of its own. A picture counts if it comes out and has the camera's size; what it shows is
+//! not looked at. Memory is one decoded group per thread.
+
+use std::ops::Range;
+use std::sync::atomic::{AtomicUsize, Ordering};
+use std::sync::{Mutex, PoisonError};
+use std::thread;
+
+use anyhow::{Context, Result};
+use session_archive::index::{Access, CameraIndex, FrameEntry, Index};
+use session_archive::manifest::Camera;
+use session_archive::reader::SessionReader;
+use video::{AccessUnit, Codec, DecodeError, Decoder, Picture};
+
+use crate::progress::Progress;
+
+/// What decoding one camera gave.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct DecodeCheck {
+    /// The camera.
+    pub camera: String,
+    /// Pictures that came out as they should.
+    pub pictures: u64,
+    /// Access units that gave no picture, or a wrong one.
+    pub missing: u64,
+    /// What was wrong with the first of those.
+    pub first_problem: Option<String>,
+}
+
+/// Decodes everything, with up to `threads` threads.
+///
+/// # Errors
+/// The disk says no, or this machine has no decoder for a camera's codec.
+pub fn decode_all(
+    reader: &SessionReader,
+    index: &Index,
+    threads: usize,
+    progress: &Progress,
+) -> Result<Vec<DecodeCheck>> {
+    let access = Access::open(&**reader.storage(), index).context("opening the segments")?;
+    let cameras = &reader.manifest().cameras;
+    let mut all = Vec::new();
+    for (camera, frames) in cameras.iter().zip(&index.cameras) {
+        let look = |_: &FrameEntry, _: &Picture| Ok(());
+        let decoded = visit_images(camera, frames, &access, threads, progress, &look)?;
+        all.push(decoded);
+    }
+    Ok(all)
+}
+
+/// What is done with each picture that is as it should be; from several threads, in no order.
+pub(crate) type Visit<'a> = &'a (dyn Fn(&FrameEntry, &Picture) -> Result<()> + Sync);
+
+/// Decodes all pictures of a camera and shows each to `visit`.
+///
+/// # Errors
+/// There is no decoder, or `visit` failed.
+pub(crate) fn visit_images(
+    camera: &Camera,
+    index: &CameraIndex,
+    access: &Access,
+    threads: usize,
+    progress: &Progress,
+    visit: Visit<'_>,
+) -> Result<DecodeCheck> {
+    let codec = Codec::from_foxglove_format(&camera.codec).with_context(|| {
+        format!(
+            "decoding {}: found the codec {:?}, expected h264 or h265",
+            camera.name, camera.codec
+        )
+    })?;
+    let groups = groups(index);
+    let next = AtomicUsize::new(0);
+    let total = Mutex::new((0_u64, 0_u64, None::<(usize, String)>));
+    let work = || -> Result<()> {
+        let mut decoder = Decoder::new(codec);
+        loop {
+            let at = next.fetch_add(1, Ordering::Relaxed);
+            let Some(group) = groups.get(at) else {
+                return Ok(());
+            };
+            let mut decoding = Group {
+                camera,
+                index,
+                group: group.clone(),
+                access,
+                visit,
+            };
+            let (good, problem) = decoding.decode(&mut decoder)?;
+            let bytes = index.frames[group.clone()].iter();
+            progress.add(bytes.map(|f| u64::from(f.bytes)).sum());
+            let mut total = total.lock().unwrap_or_else(PoisonError::into_inner);
+            total.0 += good;
+            total.1 += group.len() as u64 - good;
+            // The first by position, however the threads ran.
+            if let Some(problem) = problem
+                && total.2.as_ref().is_none_or(|(first, _)| at < *first)
+            {
+                total.2 = Some((at, problem));
+            }
+        }
+    };
+    let results = thread::scope(|scope| {
+        let running: Vec<_> = (0..threads.clamp(1, groups.len().max(1)))
+            .map(|_| scope.spawn(work))
+            .collect();
+        let joined = running.into_iter().map(|thread| match thread.join() {
+            Ok(result) => result,
+            Err(panic) => std::panic::resume_unwind(panic),
+        });
+        joined.collect::<Result<Vec<()>>>()
+    });
+    results.with_context(|| format!("decoding {}", camera.name))?;
+    let (pictures, missing, problem) = total.into_inner().unwrap_or_else(PoisonError::into_inner);
+    let mut first_problem = problem.map(|(_, text)| text);
+    if index.undecodable > 0 {
+        first_problem.get_or_insert_with(|| "the key frame before it is missing".to_owned());
+    }
+    Ok(DecodeCheck {
+        camera: camera.name.clone(),
+        pictures,
+        missing: missing + index.undecodable,
+        first_problem,
+    })
+}
+
+/// The groups of pictures of a camera, as ranges of positions.
+fn groups(index: &CameraIndex) -> Vec<Range<usize>> {
+    let mut groups = Vec::new();
+    let mut at = 0;
+    while at < index.frames.len() {
+        let group = index.gop(at);
+        at = group.end.max(at + 1);
+        groups.push(group);
+    }
+    groups
+}
+
+/// One group of pictures.
+struct Group<'a> {
+    camera: &'a Camera,
+    index: &'a CameraIndex,
+    group: Range<usize>,
+    access: &'a Access,
+    visit: Visit<'a>,
+}
+
+impl Group<'_> {
+    /// How many pictures are as they should be, and what is wrong with the first other one. Only
+    /// what concerns all groups alike is an error.
+    fn decode(&mut self, decoder: &mut Decoder) -> Result<(u64, Option<String>)> {
+        let units = match read_units(self.index, self.group.clone(), self.access) {
+            Ok(units) => units,
+            Err(problem) => return Ok((0, Some(problem))),
+        };
+        let (pictures, mut problem) = match decoder.decode(&units) {
+            Ok(pictures) => (pictures, None),
+            Err(e @ (DecodeError::NoDecoder { .. } | DecodeError::Init(_))) => return Err(e.into()),
+            Err(DecodeError::Incomplete { pictures, missing }) => {
+                let name = self.name(missing.first().copied().unwrap_or(0));
+                (pictures, Some(format!("{name} gave no picture")))
+            }
+            Err(e) => {
+                let name = self.name(0);
+                (Vec::new(), Some(format!("the group of {name}: {e}")))
+            }
+        };
+        let camera = self.camera;
+        let mut good = 0;
+        for (at, picture) in &pictures {
+            if (picture.width, picture.height) == (camera.width, camera.height) {
+                if let Some(frame) = self.frame(*at) {
+                    (self.visit)(frame, picture)?;
+                    good += 1;
+                }
+                continue;
+            }
+            problem.get_or_insert_with(|| {
+                format!(
+                    "{} is {}x{} pixels, expected {}x{}",
+                    self.name(*at),
+                    picture.width,
+                    picture.height,
+                    camera.width,
+                    camera.height
+                )
+            });
+        }
+        Ok((good, problem))
+    }
+
+    /// The frame that was given this time.
+    fn frame(&self, at_ns: i64) -> Option<&FrameEntry> {
+        let position = usize::try_from(at_ns / FRAME_NS).ok()?;
+        self.index.frames[self.group.clone()].get(position)
+    }
+
+    fn name(&self, at_ns: i64) -> String {
+        let frame = self.frame(at_ns);
+        frame.map_or("a frame".to_owned(), |f| format!("frame {}", f.number))
+    }
+}
+
+/// Decodes the pictures of a run of frames, with what they refer to before it, and shows each to `visit` in order.
+/// What cannot be decoded is left out.
+///
+/// # Errors
+/// There is no decoder.
+pub(crate) fn visit_run(
+    camera: &Camera,
+    index: &CameraIndex,
+    access: &Access,
+    run: Range<usize>,
+    visit: &mut dyn FnMut(&FrameEntry, &Picture),
+) -> Result<()> {
+    let codec = Codec::from_foxglove_format(&camera.codec)
+        .with_context(|| format!("decoding {}: the codec {:?}", camera.name, camera.codec))?;
+    let mut decoder = Decoder::new(codec);
+    let mut at = run.start;
+    while at < run.end.min(index.frames.len()) {
+        let group = index.gop(at);
+        let end = group.end.min(run.end).max(at + 1);
+        let pictures = match read_units(index, group.start..end, access) {
+            Err(_) => Vec::new(),
+            Ok(units) => match decoder.decode(&units) {
+                Ok(pictures) | Err(DecodeError::Incomplete { pictures, .. }) => pictures,
+                Err(e @ (DecodeError::NoDecoder { .. } | DecodeError::Init(_))) => {
+                    return Err(e.into());
+                }
+                Err(_) => Vec::new(),
+            },
+        };
+        for (time, picture) in &pictures {
+            let position = usize::try_from(time / FRAME_NS)
+                .ok()
+                .map(|p| group.start + p);
+            let frame = position.filter(|p| *p >= at && *p < end);
+            let fits = (picture.width, picture.height) == (camera.width, camera.height);
+            if let Some(frame) = frame.and_then(|p| index.frames.get(p))
+                && fits
+            {
+                visit(frame, picture);
+            }
+        }
+        at = end;
+    }
+    Ok(())
+}
+
+/// Decoders are given positions for times, so that doubtful times do not stand in the way.
+const FRAME_NS: i64 = 1_000_000;
+
+/// The access units of a run of frames, checked, with their position in the run (times 1 ms) for a
+/// time.
+fn read_units(
+    index: &CameraIndex,
+    run: Range<usize>,
+    access: &Access,
+) -> Result<Vec<AccessUnit>, String> {
+    let frames = index.frames[run].iter().zip(0..);
+    let units = frames.map(|(frame, i)| {
+        let data = access
+            .unit(frame)
+            .map_err(|e| format!("frame {}: {e}", frame.number))?;
+        Ok(AccessUnit {
+            pts_ns: i * FRAME_NS,
+            data,
+            key: i == 0,
+        })
+    });
+    units.collect()
+}

@@ -1,0 +1,302 @@
+//! What the library has under the identifier of a session that comes.
+//!
+//! Contract: the better of two copies of a session ends in its place, in whatever order they come, and neither is lost.
+//! The order is damaged, cut off (everything before the cut is there), closed after a cut or recovered, whole; a cut off
+//! one with more samples than a recovered one is better than that. Where the library's is whole, names, lengths and the
+//! manifest say whether the other is the same; where it is not, every byte is compared, because the same lengths are what
+//! a flipped bit leaves. The one that makes way is kept as `ID.damaged`, a session of its own that is
+//! listed and that `paws prune --session` removes. It makes way when the other is checked and on disk; stopped between
+//! the two renames, the library has `ID.damaged`, and the next import publishes the other.
+
+use std::fmt;
+use std::io;
+use std::path::Path;
+use std::sync::Arc;
+
+use session_archive::layout;
+use session_archive::manifest::State;
+use session_archive::reader::{ReadError, SessionReader};
+use session_archive::storage::DiskStorage;
+use session_archive::verify::{Report, verify};
+
+use super::copy::hash_file;
+use super::source::SourceFile;
+use super::{ImportError, ImportRecord, Imported, failed, rename_new, sync_published};
+use crate::catalogue::Row;
+use crate::condition::Condition;
+use crate::library::{Library, MAX_KEY};
+use crate::text;
+
+/// What a session's key has behind it that made way for a better one; `-2` and so on where that is taken.
+const DAMAGED: &str = ".damaged";
+
+/// What is in the library under a session's key.
+pub(crate) enum ExistingCopy {
+    /// Nothing.
+    Absent,
+    /// The same session.
+    Same(Box<Imported>),
+    /// One that is worth this much, and the one that comes is better.
+    Worse(CopyQuality),
+}
+
+/// What a copy of a session is worth against another.
+#[derive(Clone, Copy, Debug)]
+pub(crate) struct CopyQuality {
+    /// Its condition.
+    pub(crate) condition: Condition,
+    /// Samples that can be read, of all numbered streams.
+    samples: u64,
+}
+
+impl CopyQuality {
+    /// That of one that its disk has damaged.
+    pub(crate) const DAMAGED: Self = Self {
+        condition: Condition::Damaged,
+        samples: 0,
+    };
+
+    /// That of a copy in which a check has found this.
+    pub(crate) fn of(condition: Condition, report: &Report) -> Self {
+        let samples = report.streams.values().map(|s| s.samples);
+        Self {
+            condition,
+            samples: samples.fold(0, u64::saturating_add),
+        }
+    }
+
+    fn is_whole(self) -> bool {
+        self.condition == Condition::Ok
+    }
+
+    /// Whether this one takes the other's place.
+    fn is_better_than(self, other: Self) -> bool {
+        match (self.condition, other.condition) {
+            // What was closed after the cut holds what the cut off one does. What was saved from a damaged one may not.
+            (Condition::Recovered, Condition::Unclosed) => self.samples >= other.samples,
+            (Condition::Unclosed, Condition::Recovered) => self.samples > other.samples,
+            (one, other) => rank(one) > rank(other),
+        }
+    }
+}
+
+impl fmt::Display for CopyQuality {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        let samples = text::count(self.samples, "sample");
+        write!(f, "{} with {samples}", self.condition)
+    }
+}
+
+/// The better, the higher.
+fn rank(condition: Condition) -> u8 {
+    match condition {
+        Condition::Ok => 3,
+        Condition::Recovered => 2,
+        Condition::Unclosed => 1,
+        Condition::Damaged | Condition::Unverified => 0,
+    }
+}
+
+/// Looks at what is there.
+///
+/// # Errors
+/// [`ImportError::Differs`] if it differs and is no worse than the one in `source`; or one of both cannot be read.
+pub(super) fn find_existing(
+    library: &Library,
+    key: &str,
+    source: &Path,
+    files: &[SourceFile],
+) -> Result<ExistingCopy, ImportError> {
+    let folder = library.folder(key);
+    if !folder.exists() {
+        return Ok(ExistingCopy::Absent);
+    }
+    let worth = quality_in_library(library, key);
+    let record = ImportRecord::read(&folder);
+    let difference = match (&record, worth.is_whole()) {
+        (Some(record), true) => difference(record, source, files)?,
+        _ => difference_in_content(&folder, source, files)?,
+    };
+    match difference {
+        None => same(key, &folder, record).map(|existing| ExistingCopy::Same(Box::new(existing))),
+        // Nothing is better than a whole one.
+        Some(what) if worth.is_whole() => Err(differs(key, what, source)),
+        Some(what) => {
+            let (state, report) = read(source).map_err(|error| ImportError::Unreadable {
+                source: error,
+                path: source.to_owned(),
+            })?;
+            let comes = CopyQuality::of(Condition::of(state, &report), &report);
+            if comes.is_better_than(worth) {
+                Ok(ExistingCopy::Worse(worth))
+            } else {
+                Err(differs(key, what, source))
+            }
+        }
+    }
+}
+
+/// Renames the library's session to make room for a better one that is checked and on disk; gives its new key. `old` is
+/// the worth of the one, `new` of the other.
+///
+/// # Errors
+/// [`ImportError::Differs`] if the other is no better after all, or the disk says no.
+pub(crate) fn set_aside_copy(
+    library: &mut Library,
+    key: &str,
+    source: &Path,
+    old: CopyQuality,
+    new: CopyQuality,
+) -> Result<String, ImportError> {
+    if !new.is_better_than(old) {
+        let what = format!("it is {new}, there it is {old}");
+        return Err(differs(key, what, source));
+    }
+    let free = (1_u32..)
+        .map(|n| match n {
+            1 => aside_key(key, DAMAGED),
+            n => aside_key(key, &format!("{DAMAGED}-{n}")),
+        })
+        .find(|key| !library.folder(key).exists());
+    let aside = free.unwrap_or_default();
+    // Its row would be taken for the other's if this were stopped before that is listed. Opening the library lists it again.
+    library.forget(key).map_err(|e| ImportError::Catalogue {
+        key: key.to_owned(),
+        reason: format!("{e:#}"),
+    })?;
+    let (from, to) = (library.folder(key), library.folder(&aside));
+    rename_new(&from, &to).map_err(failed("setting the damaged session aside", &from))?;
+    sync_published(library, key)?;
+    Ok(aside)
+}
+
+/// A key with something behind it; of a long one the beginning, so that it stays one that is listed.
+fn aside_key(key: &str, suffix: &str) -> String {
+    let room = MAX_KEY.saturating_sub(suffix.len());
+    let begins = key.get(..room).unwrap_or(key);
+    format!("{begins}{suffix}")
+}
+
+/// Whether the session `aside` is one that made way for `key`.
+pub(crate) fn is_set_aside_copy(aside: &str, key: &str) -> bool {
+    let is_of = |at: usize| aside_key(key, &aside[at..]) == aside;
+    aside != key && aside.rfind(DAMAGED).is_some_and(is_of)
+}
+
+/// What the library's session is worth, by the last that looked; by a look now if nobody has.
+pub(crate) fn quality_in_library(library: &Library, key: &str) -> CopyQuality {
+    let folder = library.folder(key);
+    match Row::of(key, &folder) {
+        Ok(row) if row.condition == Condition::Unverified => read(&folder)
+            .map_or(CopyQuality::DAMAGED, |(state, report)| {
+                CopyQuality::of(Condition::of(state, &report), &report)
+            }),
+        Ok(row) => CopyQuality {
+            condition: row.condition,
+            samples: row.samples,
+        },
+        // Not even to be opened.
+        Err(_) => CopyQuality::DAMAGED,
+    }
+}
+
+fn differs(key: &str, what: String, source: &Path) -> ImportError {
+    ImportError::Differs {
+        key: key.to_owned(),
+        what,
+        path: source.to_owned(),
+    }
+}
+
+fn read(folder: &Path) -> Result<(State, Report), ReadError> {
+    let reader = SessionReader::open(Arc::new(DiskStorage::new(folder)))?;
+    let report = verify(&reader, |_| {})?;
+    Ok((reader.manifest().state, report))
+}
+
+/// The session that is there, as an import gives it.
+fn same(key: &str, folder: &Path, record: Option<ImportRecord>) -> Result<Imported, ImportError> {
+    let unreadable = |source| ImportError::Unreadable {
+        source,
+        path: folder.to_owned(),
+    };
+    let (state, report) = match record {
+        Some(record) => {
+            let reader = SessionReader::open(Arc::new(DiskStorage::new(folder)));
+            let state = reader.map(|reader| reader.manifest().state);
+            (state.map_err(unreadable)?, record.report)
+        }
+        None => read(folder).map_err(unreadable)?,
+    };
+    Ok(Imported {
+        key: key.to_owned(),
+        condition: Condition::of(state, &report),
+        report,
+        copied: 0,
+        resumed: 0,
+        already_imported: true,
+        skipped: Vec::new(),
+        replaced: None,
+    })
+}
+
+/// The first difference by names, lengths and the manifest.
+fn difference(
+    record: &ImportRecord,
+    source: &Path,
+    files: &[SourceFile],
+) -> Result<Option<String>, ImportError> {
+    for file in files {
+        match record.files.iter().find(|f| f.path == file.path) {
+            None => return Ok(Some(format!("{} is not in the library", file.path))),
+            Some(known) if known.bytes != file.bytes => {
+                return Ok(Some(format!(
+                    "{} has {} bytes, in the library {}",
+                    file.path, file.bytes, known.bytes
+                )));
+            }
+            Some(_) => {}
+        }
+    }
+    let is_missing = |path: &str| files.iter().all(|f| f.path != path);
+    if let Some(gone) = record.files.iter().find(|known| is_missing(&known.path)) {
+        return Ok(Some(format!("{} is only in the library", gone.path)));
+    }
+    // Of equal length everywhere: the manifest tells whether it is the same recording.
+    let manifest = source.join(layout::MANIFEST);
+    if let Some(known) = record.files.iter().find(|f| f.path == layout::MANIFEST) {
+        let (_, hash) = hash_file(&manifest).map_err(failed("reading", &manifest))?;
+        if hash != known.blake3 {
+            return Ok(Some(format!("{} has another content", known.path)));
+        }
+    }
+    Ok(None)
+}
+
+/// The first difference between the files of the source and those in the library as they are now.
+fn difference_in_content(
+    folder: &Path,
+    source: &Path,
+    files: &[SourceFile],
+) -> Result<Option<String>, ImportError> {
+    let (existing, _) = super::source::list_files(folder)?;
+    let is_missing = |path: &str| files.iter().all(|f| f.path != path);
+    if let Some(gone) = existing.iter().find(|known| is_missing(&known.path)) {
+        return Ok(Some(format!("{} is only in the library", gone.path)));
+    }
+    for file in files {
+        let path = source.join(&file.path);
+        let comes = hash_file(&path).map_err(failed("reading", &path))?;
+        let path = folder.join(&file.path);
+        match hash_file(&path) {
+            Ok(existing) if existing == comes => {}
+            Ok(_) => return Ok(Some(format!("{} has another content", file.path))),
+            Err(e) if e.kind() == io::ErrorKind::NotFound => {
+                return Ok(Some(format!("{} is not in the library", file.path)));
+            }
+            // A disk that cannot read it any more is a difference, too.
+            Err(e) => return Ok(Some(format!("{} cannot be read: {e}", file.path))),
+        }
+    }
+    Ok(None)
+}

@@ -1,0 +1,98 @@
+//! What made a verdict another one.
+//!
+//! Contract: a verdict that replaces a different one on the same session is said, with the reasons that can be seen in the
+//! two documents: what was looked at, how deep, by which limits, and which findings differ. Two validations with the same
+//! verdict say nothing.
+
+use session_archive::handoff::{HandOff, Verdict};
+
+use crate::quality::Finding;
+use crate::validation::Validation;
+
+/// Findings that are named; the rest is counted.
+const MAX_FINDINGS: usize = 6;
+
+/// A line that says that the verdict on a session changed, and why; none if it did not.
+pub fn describe(old: &Validation, new: &Validation) -> Option<String> {
+    if old.session_id != new.session_id || old.verdict == new.verdict {
+        return None;
+    }
+    let mut why = Vec::new();
+    if old.basis != new.basis {
+        why.push("the recording's files are others than then".to_owned());
+    }
+    match (old.deep, new.deep) {
+        (false, true) => why.push("every picture was decoded this time".to_owned()),
+        (true, false) => {
+            why.push("pictures were not decoded this time (--deep does it)".to_owned());
+        }
+        _ => {}
+    }
+    if old.limits != new.limits {
+        let (old, new) = (limits(old), limits(new));
+        why.push(format!("limits are {new}, before {old}"));
+    }
+    if old.software != new.software {
+        why.push(format!("by {}, before by {}", new.software, old.software));
+    }
+    let differing = differing(&old.findings, &new.findings);
+    let more = differing.len().saturating_sub(MAX_FINDINGS);
+    why.extend(differing.into_iter().take(MAX_FINDINGS));
+    if more > 0 {
+        why.push(format!("{more} more"));
+    }
+    let why = match why.is_empty() {
+        true => "no reason can be seen in the two documents".to_owned(),
+        false => why.join("; "),
+    };
+    Some(format!(
+        "verdict {} \u{2192} {} since the last validation: {why}",
+        old.verdict, new.verdict
+    ))
+}
+
+/// A line that says that a session was handed over with another verdict than the one that it has now; none if not.
+pub fn hand_off_note(handoff: &HandOff, now: Verdict, name: &str) -> Option<String> {
+    (handoff.verdict != now).then(|| {
+        format!(
+            "handed over as {} on {}, now {now}: that hand-off stays as it is, and `paws handoff {name}` judges it again",
+            handoff.verdict, handoff.sealed
+        )
+    })
+}
+
+fn limits(validation: &Validation) -> String {
+    match validation.limits.is_empty() {
+        true => "those of the table".to_owned(),
+        false => validation.limits.join(" "),
+    }
+}
+
+/// Findings whose verdicts differ, the worst of the new ones first.
+fn differing(old: &[Finding], new: &[Finding]) -> Vec<String> {
+    let find = |findings: &[Finding], of: &Finding| {
+        let mut findings = findings.iter();
+        findings
+            .find(|f| f.metric == of.metric && f.of == of.of)
+            .map(|f| f.verdict)
+    };
+    let mut changed: Vec<(Verdict, String)> = Vec::new();
+    for finding in new {
+        let before = find(old, finding).unwrap_or(Verdict::Pass);
+        if before != finding.verdict {
+            let text = format!("{}, before {before}", finding.text);
+            changed.push((finding.verdict, text));
+        }
+    }
+    for finding in old.iter().filter(|f| f.verdict != Verdict::Pass) {
+        if find(new, finding).is_none() {
+            let text = format!(
+                "not measured now, before {}: {}",
+                finding.verdict, finding.text
+            );
+            changed.push((Verdict::Pass, text));
+        }
+    }
+    changed.sort_by_key(|(verdict, _)| std::cmp::Reverse(*verdict));
+    changed.into_iter().map(|(_, text)| text).collect()
+}
