@@ -192,7 +192,7 @@ impl Evaluator<'_> {
         let detail = kinds.into_iter().collect::<Vec<_>>().join(", ");
         if !steps_reported.is_empty() {
             let time = degraded.len() as f64 * HEALTH_PERIOD_NS;
-            self.find("session.spared", "session", time, 0.0, &detail);
+            self.find("session.degraded", "session", time, 0.0, &detail);
         }
     }
 
@@ -210,7 +210,7 @@ impl Evaluator<'_> {
         self.sigma(name, sigma);
         let unreliable = frames.iter().filter(|f| f.time_doubtful).count();
         self.find(
-            "stream.doubtful",
+            "stream.unreliable_time",
             name,
             unreliable as f64 * period,
             period,
@@ -265,11 +265,11 @@ impl Evaluator<'_> {
         let bad = stream.bad_payloads + stream.repeated;
         self.find("imu.bad", name, bad as f64, 0.0, "");
         let repeated = stats.stuck_ns as f64;
-        self.find("imu.repeated", name, repeated, 0.0, "");
+        self.find("imu.stuck_value", name, repeated, 0.0, "");
         self.sigma(name, median(&mut stats.sigmas_ns.clone()));
         let period = period_ns(imu.rate_hz);
         let unreliable = stats.unreliable_samples as f64 * period;
-        self.find("stream.doubtful", name, unreliable, period, "");
+        self.find("stream.unreliable_time", name, unreliable, period, "");
         self.frame_sync(name);
     }
 

@@ -327,7 +327,7 @@ fn imu_faults() {
             batch.accel_counts = vec![9; 60];
         }
     });
-    expect(&found, &[(Warn, "imu.repeated", "feet/imu")]);
+    expect(&found, &[(Warn, "imu.stuck_value", "feet/imu")]);
     let found = beyond(4.0, |s| s.imu[3].first_number = 0);
     assert!(
         found.contains(&(Fail, "imu.bad".into(), "feet/imu".into())),
@@ -362,7 +362,7 @@ fn what_the_recorder_told_each_second() {
     // Only the phone sees less.
     expect(&spared("lower preview"), &[]);
     for step in ["lower bitrate", "lower frame rate"] {
-        expect(&spared(step), &[(Warn, "session.spared", "session")]);
+        expect(&spared(step), &[(Warn, "session.degraded", "session")]);
     }
     let tied = |offset_ns: i64| {
         beyond(4.0, move |s| {
@@ -383,11 +383,11 @@ fn doubtful_clocks_and_missing_descriptions() {
     expect(&sigma(3_000_000), &[(Warn, "stream.clock_sigma", "feet")]);
     expect(&sigma(30_000_000), &[(Fail, "stream.clock_sigma", "feet")]);
     let found = beyond(12.0, |s| s.frames(1).for_each(|f| f.time_doubtful = true));
-    expect(&found, &[(Warn, "stream.doubtful", "right_shoulder")]);
+    expect(&found, &[(Warn, "stream.unreliable_time", "right_shoulder")]);
     let found = beyond(12.0, |s| {
         s.imu.iter_mut().for_each(|b| b.time_doubtful = true)
     });
-    expect(&found, &[(Warn, "stream.doubtful", "feet/imu")]);
+    expect(&found, &[(Warn, "stream.unreliable_time", "feet/imu")]);
     // Until a clock has settled it may be so.
     let found = beyond(12.0, |s| {
         s.frames(1).take(64).for_each(|f| f.time_doubtful = true)

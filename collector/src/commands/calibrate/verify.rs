@@ -337,10 +337,10 @@ impl SessionVerification {
         let nominal = nominal.filter(|f| f.state != State::Undetermined);
         let one = |found: &Found| {
             let (metric, value) = match found.what {
-                What::Eyes => ("calib.eyes", found.beyond.to_degrees()),
-                What::Camera => ("calib.turned", found.beyond.to_degrees()),
-                What::Imu => ("calib.imu_turned", found.beyond.to_degrees()),
-                _ => ("calib.late", found.beyond * 1e9),
+                What::Eyes => ("calib.stereo_rotation", found.beyond.to_degrees()),
+                What::Camera => ("calib.camera_rotation", found.beyond.to_degrees()),
+                What::Imu => ("calib.imu_rotation", found.beyond.to_degrees()),
+                _ => ("calib.time_offset", found.beyond * 1e9),
             };
             finding(
                 limits,
