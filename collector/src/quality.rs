@@ -208,7 +208,7 @@ impl Evaluator<'_> {
         self.find("camera.frozen", name, longest_frozen(frames), period, "");
         let sigma = median(&mut frames.iter().map(|f| f.sigma_ns).collect::<Vec<_>>());
         self.sigma(name, sigma);
-        let unreliable = frames.iter().filter(|f| f.time_doubtful).count();
+        let unreliable = frames.iter().filter(|f| f.time_unreliable).count();
         self.find(
             "stream.unreliable_time",
             name,
@@ -383,7 +383,7 @@ impl Evaluator<'_> {
         triggers.dedup();
         // Times that say themselves that they are not to be trusted are judged as such.
         let of_camera = |(i, frames): (usize, &Vec<FrameStats>)| {
-            let unreliable = frames.iter().filter(|f| f.time_doubtful);
+            let unreliable = frames.iter().filter(|f| f.time_unreliable);
             unreliable.map(|f| (i, f.sample.time)).collect::<Vec<_>>()
         };
         let camera_stats = self.stats.cameras.iter().enumerate();

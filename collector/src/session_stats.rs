@@ -45,7 +45,7 @@ pub struct FrameStats {
     /// Whether its picture equals the one before.
     pub frozen: bool,
     /// Whether its time is not to be trusted within its sigma.
-    pub time_doubtful: bool,
+    pub time_unreliable: bool,
     /// How much later the right eye's image was taken, ns, where the eyes came separately.
     pub eyes_apart_ns: Option<i64>,
 }
@@ -223,7 +223,7 @@ impl StatsCollector {
                     bytes: f.payload_bytes,
                     key: f.key_frame,
                     frozen: f.frozen,
-                    time_doubtful: f.time_doubtful,
+                    time_unreliable: f.time_doubtful,
                     eyes_apart_ns: f.eyes_apart_ns,
                 });
             }

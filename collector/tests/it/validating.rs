@@ -383,7 +383,10 @@ fn doubtful_clocks_and_missing_descriptions() {
     expect(&sigma(3_000_000), &[(Warn, "stream.clock_sigma", "feet")]);
     expect(&sigma(30_000_000), &[(Fail, "stream.clock_sigma", "feet")]);
     let found = beyond(12.0, |s| s.frames(1).for_each(|f| f.time_doubtful = true));
-    expect(&found, &[(Warn, "stream.unreliable_time", "right_shoulder")]);
+    expect(
+        &found,
+        &[(Warn, "stream.unreliable_time", "right_shoulder")],
+    );
     let found = beyond(12.0, |s| {
         s.imu.iter_mut().for_each(|b| b.time_doubtful = true)
     });

@@ -28,7 +28,7 @@ pub struct ImuSample {
     /// Temperature of the sensor, °C.
     pub temperature_c: Option<f32>,
     /// Whether `time` is not to be trusted within its sigma.
-    pub time_doubtful: bool,
+    pub time_unreliable: bool,
 }
 
 /// A place where samples are missing.
@@ -180,7 +180,7 @@ pub fn sample(batch: &ImuBatch, k: usize) -> Option<ImuSample> {
         gyro: vector(&batch.gyro_counts, batch.gyro_scale, &batch.gyro)?,
         accel: vector(&batch.accel_counts, batch.accel_scale, &batch.accel)?,
         temperature_c: temperature.map(|c| (f64::from(*c) * batch.temperature_scale_c) as f32),
-        time_doubtful: batch.time_doubtful,
+        time_unreliable: batch.time_doubtful,
     })
 }
 

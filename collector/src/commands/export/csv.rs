@@ -17,10 +17,10 @@ use crate::outcome::Outcome;
 use crate::validation::words;
 
 const FRAMES: &str = "number,time_ns,sigma_ns,host_time_ns,kernel_time_ns,device_ticks,exposure_ns,\
-                      bytes,key_frame,frozen,clock_map,time_doubtful";
+                      bytes,key_frame,frozen,clock_map,time_unreliable";
 const IMU: &str = "number,time_ns,sigma_ns,host_time_ns,device_ticks,gyro_x_rad_s,gyro_y_rad_s,\
                    gyro_z_rad_s,accel_x_m_s2,accel_y_m_s2,accel_z_m_s2,temperature_c,\
-                   time_doubtful";
+                   time_unreliable";
 const EVENTS: &str = "time_ns,kind,source,text";
 const GAPS: &str = "stream,first,last,samples,cause,time_before_ns,time_after_ns,detail";
 

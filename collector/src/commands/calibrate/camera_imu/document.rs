@@ -18,7 +18,7 @@ pub(super) fn json(manifest: &Manifest, all: &[Measured]) -> Result<Vec<u8>> {
         "software": SOFTWARE,
         "session_id": manifest.session_id,
         "started_civil": manifest.started_civil.to_string(),
-        "units": "SI; quaternions w x y z; covariance of rotation (turns in the left optical frame), translation, time offset; \
+        "units": "SI; quaternions w x y z; covariance of rotation (in the left optical frame), translation, time offset; \
                   t_imu = t_camera + time_offset_s in the middle of the recording",
         "cameras": all.iter().map(one).collect::<Vec<Json>>(),
     });
@@ -35,8 +35,8 @@ fn one(measured: &Measured) -> Json {
     value["camera"] = json!(measured.camera);
     value["board"] = json!(measured.board);
     value["line_s"] = json!(measured.line_s);
-    value["told_imu_from_left"] = json!(measured.nominal);
-    value["told_noise"] = json!(measured.noise);
+    value["nominal_imu_from_left"] = json!(measured.nominal);
+    value["nominal_noise"] = json!(measured.noise);
     value
 }
 
@@ -44,7 +44,7 @@ fn result(found: &CameraImu) -> Json {
     let s = &found.sigmas;
     let rows = found.covariance.row_iter();
     let covariance: Vec<Vec<f64>> = rows.map(|r| r.iter().copied().collect()).collect();
-    let noise = |n: &calib::camera_imu::Noise| json!({ "found_over_told": n.found_over_told, "redundancy": n.redundancy });
+    let noise = |n: &calib::camera_imu::Noise| json!({ "ratio_to_nominal": n.found_over_told, "redundancy": n.redundancy });
     let n = &found.noises;
     json!({
         "verdict": found.verdict().to_string(),
@@ -76,12 +76,12 @@ fn result(found: &CameraImu) -> Json {
             "gyro_walk": noise(&n.gyro_walk),
             "accel_walk": noise(&n.accel_walk),
         },
-        "not_determined": found.weak.iter().map(ToString::to_string).collect::<Vec<_>>(),
+        "unobservable": found.weak.iter().map(ToString::to_string).collect::<Vec<_>>(),
         "gates": found.gates.iter().map(|g| json!({
             "name": g.name,
             "verdict": g.verdict.to_string(),
             "text": g.text,
         })).collect::<Vec<Json>>(),
-        "pictures": { "given": found.pictures[0], "posed": found.pictures[1], "left_out": found.pictures[2] },
+        "images": { "given": found.pictures[0], "posed": found.pictures[1], "left_out": found.pictures[2] },
     })
 }

@@ -129,10 +129,10 @@ pub(super) fn json(manifest: &Manifest, found: &Calibration, rig: Option<&Rig>) 
             .map(|i| (0..6).map(|j| pose.covariance[(i, j)]).collect())
             .collect();
         json!({
-            "place": pose.what,
+            "transform": pose.what,
             "parent_from_child": pose.parent_from_child,
             "covariance_in_parent": covariance,
-            "off_told_mm_deg": pose.deviation.map(|(mm, deg)| [mm, deg]),
+            "deviation_from_nominal_mm_deg": pose.deviation.map(|(mm, deg)| [mm, deg]),
         })
     });
     let choices = found
@@ -166,7 +166,7 @@ pub(super) fn json(manifest: &Manifest, found: &Calibration, rig: Option<&Rig>) 
         "started_civil": manifest.started_civil.to_string(),
         "units": "pixels, m, rad; sigma is one standard deviation; covariances are of [translation, rotation] in the axes of the parent",
         "eyes": eyes.collect::<Vec<Json>>(),
-        "places": relative_poses.collect::<Vec<Json>>(),
+        "extrinsics": relative_poses.collect::<Vec<Json>>(),
         "origin_camera": rig.and_then(Rig::origin_camera),
         "frames": frames,
         "lens_models": choices.collect::<Vec<Json>>(),

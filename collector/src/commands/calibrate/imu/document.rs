@@ -44,7 +44,7 @@ fn one(imu: &Measured) -> Json {
     let remarks = imu.found.remarks.iter().map(|remark| {
         let weight = match remark.weight {
             Weight::Note => "note",
-            Weight::Doubt => "doubt",
+            Weight::Doubt => "suspect",
             Weight::Refusal => "refusal",
         };
         json!({ "weight": weight, "kind": remark.kind, "text": remark.text })

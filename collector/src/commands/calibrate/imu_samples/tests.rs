@@ -7,7 +7,7 @@ fn recording(name: &str, numbers: &[u64]) -> (ImuRecording, Vec<u64>) {
         gyro: [n as f64, 0.0, 0.0],
         accel: [0.0; 3],
         temperature_c: None,
-        time_doubtful: false,
+        time_unreliable: false,
     });
     let recording = ImuRecording {
         name: name.to_owned(),
