@@ -1,7 +1,7 @@
-//! The section of a report that shows some frames of each camera.
+//! The section of a report with some frames of each camera.
 //!
-//! Contract: it never fails a report. What cannot be shown is said in its place. Looking is bounded, however long the
-//! session is (see [`video::still`]).
+//! Contract: it never fails a report. Errors are shown in place of the images. The work is bounded,
+//! independent of the session's length (see [`video::still`]).
 
 use charts::{Image, Page};
 use session_archive::index::{Access, CameraIndex, Index};
@@ -12,7 +12,7 @@ use video::still::{Candidate, Settings, Still, Stills, stills};
 
 use crate::text;
 
-/// What was to be seen of one camera.
+/// Selected stills of one camera.
 struct CameraStills<'a> {
     camera: &'a Camera,
     stills: Result<Stills, String>,

@@ -1,8 +1,8 @@
-//! Decoding every picture of a session, to know that it can be done.
+//! Decode check: decodes every image of a session.
 //!
-//! Groups of pictures are independent, so each thread takes the next one and decodes it with a
-//! decoder of its own. A picture counts if it comes out and has the camera's size; what it shows is
-//! not looked at. Memory is one decoded group per thread.
+//! GOPs are independent, so each thread takes the next one and decodes it with its own decoder. An
+//! image counts if it is decoded and has the camera's size; its content is not examined. Memory use
+//! is one decoded GOP per thread.
 
 use std::ops::Range;
 use std::sync::atomic::{AtomicUsize, Ordering};
@@ -17,23 +17,23 @@ use video::{AccessUnit, Codec, DecodeError, Decoder, Picture};
 
 use crate::progress::Progress;
 
-/// What decoding one camera gave.
+/// Result of decoding one camera.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct DecodeCheck {
     /// The camera.
     pub camera: String,
-    /// Pictures that came out as they should.
+    /// Images decoded with the expected size.
     pub pictures: u64,
-    /// Access units that gave no picture, or a wrong one.
+    /// Access units that gave no image, or one of another size.
     pub missing: u64,
-    /// What was wrong with the first of those.
+    /// Description of the first such error.
     pub first_problem: Option<String>,
 }
 
-/// Decodes everything, with up to `threads` threads.
+/// Decodes all images of a session with up to `threads` threads.
 ///
 /// # Errors
-/// The disk says no, or this machine has no decoder for a camera's codec.
+/// An I/O error occurs, or this machine has no decoder for a camera's codec.
 pub fn decode_all(
     reader: &SessionReader,
     index: &Index,
@@ -51,10 +51,10 @@ pub fn decode_all(
     Ok(all)
 }
 
-/// What is done with each picture that is as it should be; from several threads, in no order.
+/// Callback for each correctly decoded image; called from several threads, in no order.
 pub(crate) type Visit<'a> = &'a (dyn Fn(&FrameEntry, &Picture) -> Result<()> + Sync);
 
-/// Decodes all pictures of a camera and shows each to `visit`.
+/// Decodes all images of a camera and calls `visit` for each.
 ///
 /// # Errors
 /// There is no decoder, or `visit` failed.
@@ -95,7 +95,7 @@ pub(crate) fn visit_images(
             let mut total = total.lock().unwrap_or_else(PoisonError::into_inner);
             total.0 += good;
             total.1 += group.len() as u64 - good;
-            // The first by position, however the threads ran.
+            // The first by position, independent of thread timing.
             if let Some(problem) = problem
                 && total.2.as_ref().is_none_or(|(first, _)| at < *first)
             {
@@ -127,7 +127,7 @@ pub(crate) fn visit_images(
     })
 }
 
-/// The groups of pictures of a camera, as ranges of positions.
+/// The GOPs of a camera, as ranges of frame positions.
 fn groups(index: &CameraIndex) -> Vec<Range<usize>> {
     let mut groups = Vec::new();
     let mut at = 0;
@@ -139,7 +139,7 @@ fn groups(index: &CameraIndex) -> Vec<Range<usize>> {
     groups
 }
 
-/// One group of pictures.
+/// One GOP.
 struct Group<'a> {
     camera: &'a Camera,
     index: &'a CameraIndex,
@@ -149,8 +149,8 @@ struct Group<'a> {
 }
 
 impl Group<'_> {
-    /// How many pictures are as they should be, and what is wrong with the first other one. Only
-    /// what concerns all groups alike is an error.
+    /// Number of correctly decoded images, and the first error. Only what affects all GOPs is
+    /// returned as `Err`.
     fn decode(&mut self, decoder: &mut Decoder) -> Result<(u64, Option<String>)> {
         let units = match read_units(self.index, self.group.clone(), self.access) {
             Ok(units) => units,
@@ -192,7 +192,7 @@ impl Group<'_> {
         Ok((good, problem))
     }
 
-    /// The frame that was given this time.
+    /// The frame with this decoder timestamp.
     fn frame(&self, at_ns: i64) -> Option<&FrameEntry> {
         let position = usize::try_from(at_ns / FRAME_NS).ok()?;
         self.index.frames[self.group.clone()].get(position)
@@ -204,8 +204,8 @@ impl Group<'_> {
     }
 }
 
-/// Decodes the pictures of a run of frames, with what they refer to before it, and shows each to `visit` in order.
-/// What cannot be decoded is left out.
+/// Decodes the images of a run of frames, with the frames that they depend on, and calls `visit`
+/// for each in order. Images that cannot be decoded are left out.
 ///
 /// # Errors
 /// There is no decoder.
@@ -250,11 +250,12 @@ pub(crate) fn visit_run(
     Ok(())
 }
 
-/// Decoders are given positions for times, so that doubtful times do not stand in the way.
+/// Decoder timestamps are frame positions times this, ns, so that unreliable times cannot disturb
+/// decoding.
 const FRAME_NS: i64 = 1_000_000;
 
-/// The access units of a run of frames, checked, with their position in the run (times 1 ms) for a
-/// time.
+/// The verified access units of a run of frames, each with its position in the run (times 1 ms) as
+/// timestamp.
 fn read_units(
     index: &CameraIndex,
     run: Range<usize>,

@@ -1,8 +1,8 @@
-//! The examples at the end of each verb's help.
+//! The examples at the end of each command's help.
 
 use command_line::examples::Table;
 
-/// All verbs of `paws`.
+/// Examples of all commands of `paws`.
 pub(crate) const EXAMPLES: Table = &[
     (
         "import",

@@ -1,23 +1,23 @@
-//! The rig's frames as a session holds them: which transform leads from one to another.
+//! Coordinate frames of a session's rig, and the transforms between them.
 
 use std::collections::{BTreeMap, VecDeque};
 
 use cad_transforms::RigidTransform;
 use session_archive::record::FrameTransforms;
 
-/// The transforms of a session. One that is no rigid transform is left out.
+/// The transforms of a session. Invalid rigid transforms are left out.
 #[derive(Clone, Debug, Default)]
 pub struct Frames {
     edges: Vec<(String, String, RigidTransform)>,
 }
 
 impl Frames {
-    /// The frames of a record.
+    /// The transforms of a record.
     pub fn of(record: &FrameTransforms) -> Self {
         let edges = record.transforms.iter().filter_map(|t| {
             let q = t.rotation.as_ref()?;
             let p = t.translation.as_ref()?;
-            // The message names the components; the transform takes w first.
+            // The message names the components; the transform takes `w` first.
             let parent_from_child =
                 RigidTransform::from_wxyz([q.w, q.x, q.y, q.z], [p.x, p.y, p.z]).ok()?;
             Some((
@@ -36,7 +36,7 @@ impl Frames {
         self.edges.is_empty()
     }
 
-    /// `b_from_a`, by the shortest way there is; none if none leads from `a` to `b`.
+    /// `b_from_a` along the shortest chain of transforms; `None` if `a` and `b` are not connected.
     pub fn transform(&self, b: &str, a: &str) -> Option<RigidTransform> {
         let mut known = BTreeMap::from([(a, RigidTransform::identity())]);
         let mut queue = VecDeque::from([a]);

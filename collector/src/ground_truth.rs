@@ -1,7 +1,7 @@
-//! What is true, where a session holds it: recordings of a simulated rig (FORMAT.md, `rig/truth.*`).
+//! Ground truth of recordings of a simulated rig (FORMAT.md, `rig/truth.*`).
 //!
-//! A frame is found in the truth by what its device's clock showed. Nothing here changes a verdict: a session is
-//! judged by what a session without truth is judged by.
+//! A frame is matched with the ground truth by its device clock. Nothing here changes a verdict: a
+//! session is validated as one without ground truth.
 
 use std::collections::{BTreeMap, BTreeSet};
 
@@ -12,34 +12,34 @@ use session_archive::verify::rig_file;
 
 use crate::session_stats::{FrameStats, SessionStats};
 
-/// Room that a chart needs beside its lines, pixels: for the scale of the map.
+/// Margins of a chart, pixels: for the scale of the map.
 const MARGINS: (f64, f64) = (90.0, 100.0);
-/// Highest map, pixels.
+/// Maximum height of the map, pixels.
 const MAP_HEIGHT: f64 = 700.0;
 
-/// What is true of a session.
+/// Ground truth of a session.
 pub struct GroundTruth {
-    /// Of each camera, in the order of time; none where the session does not say.
+    /// Frames of each camera, by time; empty without ground truth.
     cameras: Vec<Vec<TrueFrame>>,
-    /// Where feet stood, m: left, x, y.
+    /// Footprints: whether it is the left foot, x, y, m.
     footprints: Vec<(bool, f64, f64)>,
-    /// What could not be read.
+    /// Files that could not be read.
     pub notes: Vec<String>,
 }
 
-/// A frame as it was taken.
+/// Ground truth of a frame.
 #[derive(Clone, Copy, Debug, PartialEq)]
 struct TrueFrame {
-    /// What the device's clock showed; none if the device was gone.
+    /// Device clock, ticks; `None` if the device was disconnected.
     ticks: Option<i64>,
     time: i64,
-    /// Of the rig in the world, m.
+    /// Position of the rig in the world, m.
     x: f64,
     y: f64,
 }
 
 impl GroundTruth {
-    /// Reads what a session knows; none if it holds no truth.
+    /// Reads the ground truth of a session; `None` if it has none.
     pub fn read(reader: &SessionReader) -> Option<Self> {
         let manifest = reader.manifest();
         let mut truth = Self {
@@ -80,7 +80,7 @@ impl GroundTruth {
         any.then_some(truth)
     }
 
-    /// The frames of a camera that the truth knows, each with the error of its time, ns.
+    /// The frames of a camera with ground truth, each with its time error, ns.
     fn errors<'a>(
         &'a self,
         camera: usize,
@@ -94,7 +94,7 @@ impl GroundTruth {
         })
     }
 
-    /// How the recording compares, a row per camera.
+    /// Comparison with the recording, a row per camera.
     pub fn table(&self, manifest: &Manifest, stats: &SessionStats) -> Table {
         let mut table = Table::new([
             "Camera",
@@ -138,7 +138,7 @@ impl GroundTruth {
         table
     }
 
-    /// How far the times of frames are from when they were taken.
+    /// Time errors of the frames.
     pub fn time_errors(&self, manifest: &Manifest, stats: &SessionStats) -> Chart {
         let start = stats.span().map_or(0, |(start, _)| start);
         let mut chart = Chart::new("Times of frames against the truth")
@@ -154,8 +154,8 @@ impl GroundTruth {
         chart
     }
 
-    /// The true way from above, `width` pixels wide, with the footprints, and where the rig was at frames that are not
-    /// in the session.
+    /// Ground-truth trajectory from above, `width` pixels wide, with the footprints and the
+    /// positions of missing frames.
     pub fn map(&self, stats: &SessionStats, width: u32) -> String {
         let (start, end) = stats.span().unwrap_or((0, 0));
         let during = |frame: &&TrueFrame| (start..=end).contains(&frame.time);
@@ -167,7 +167,7 @@ impl GroundTruth {
         for (known, frames) in self.cameras.iter().zip(&stats.cameras) {
             let recorded: BTreeSet<i64> = frames.iter().map(|f| f.ticks).collect();
             let is_lost = |f: &&TrueFrame| f.ticks.is_none_or(|ticks| !recorded.contains(&ticks));
-            // What was taken before the first or after the last is not missing.
+            // Frames before the first or after the last recorded one are not missing.
             let (Some(first), Some(last)) = (frames.first(), frames.last()) else {
                 continue;
             };
@@ -182,7 +182,7 @@ impl GroundTruth {
             let prints = prints.filter(move |p| p.0 == left && near(p.1, &x) && near(p.2, &y));
             prints.map(|p| (p.1, p.2)).collect::<Vec<_>>()
         };
-        // A metre is as long in both directions.
+        // Equal scale in both directions.
         let per_m = ((f64::from(width) - MARGINS.0) / x.length())
             .min((MAP_HEIGHT - MARGINS.1) / y.length());
         let height = (per_m * y.length() + MARGINS.1).ceil() as u32;
@@ -200,7 +200,7 @@ impl GroundTruth {
     }
 }
 
-/// From the least to the greatest value.
+/// Range from the minimum to the maximum.
 #[derive(Clone, Copy)]
 struct Extent {
     min: f64,
@@ -222,7 +222,7 @@ impl Extent {
         }
     }
 
-    /// With room around it.
+    /// Length with margin.
     fn length(&self) -> f64 {
         (self.max - self.min) + 1.0
     }
@@ -255,7 +255,7 @@ fn frame(row: &[String]) -> Option<TrueFrame> {
     })
 }
 
-/// Left, x, y.
+/// Whether it is the left foot, x, y, m.
 fn footprint(row: &[String]) -> Option<(bool, f64, f64)> {
     let number = |k: usize| row.get(k)?.parse::<f64>().ok().filter(|v| v.is_finite());
     Some((row.first()? == "left", number(5)?, number(6)?))

@@ -5,10 +5,10 @@
 //! files (`index.bin`, reports, the hand-off) are written beside the recorded ones and can be
 //! deleted, and a damaged session is recovered into a copy of its own.
 //!
-//! One verb or concept per module. A verb returns an [`outcome::Outcome`], which becomes the exit
-//! code; what it has to say goes to the [`console::Console`] that it is given.
+//! One command or concept per module. A command returns an [`outcome::Outcome`], which becomes the
+//! exit code, and writes its results to the [`console::Console`] that it is given.
 
-/// What wrote a file, in the files that say so.
+/// Name and version of this program, as written into output files.
 pub const SOFTWARE: &str = concat!("paws ", env!("CARGO_PKG_VERSION"));
 
 pub mod cadence;

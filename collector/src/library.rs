@@ -5,21 +5,21 @@
 //!   sessions/ID/            one session: what was recorded, import.json, derived files
 //!   sessions/ID.recovered/  its recovered copy, where there is one
 //!   sessions/ID.damaged/    a damaged one that made way for a better one, where there was one
-//!   .incoming/              what is being written; nothing in it is listed
+//!   .incoming/              sessions being written; not listed
 //!   catalogue.sqlite        a copy of the facts, for listing; can be rebuilt
 //! ```
 //!
-//! A session appears under `sessions/` by one rename, complete and on disk, or not at all. Opening a
-//! library brings its catalogue up to date with the folders that are there, so a program that was
-//! killed between the rename and the catalogue leaves nothing half listed.
+//! A session appears under `sessions/` by one rename, complete and synced, or not at all. Opening a
+//! library updates its catalogue from the existing folders, so a program killed between the rename
+//! and the catalogue leaves no session unlisted.
 //!
-//! * **Nothing can be written** (a full disk, a read-only one): everything can be read. What the catalogue would have
-//!   to be told is kept in memory.
-//! * **The catalogue is damaged, of another version or not there**: whoever opens the library next sets it aside as
-//!   `catalogue.sqlite.damaged` and makes it again from the sessions; while somebody else changes the library, the
-//!   sessions are listed from their folders.
-//! * **Several programs**: one at a time changes a library, under a lock that the system lets go of when the
-//!   program dies. Making and mending the catalogue is such a change.
+//! * **Nothing can be written** (a full disk, a read-only one): everything can be read. Changes of
+//!   the catalogue are held in memory.
+//! * **The catalogue is damaged, of another version or not there**: the next program that opens the
+//!   library renames it to `catalogue.sqlite.damaged` and rebuilds it from the sessions; while
+//!   another program changes the library, the sessions are listed from their folders.
+//! * **Several programs**: one at a time changes a library, under a lock that the system releases
+//!   when the program dies. Creating and repairing the catalogue is such a change.
 
 mod lock;
 
@@ -39,22 +39,22 @@ pub use self::lock::Lock;
 
 /// Folder of the sessions.
 pub const SESSIONS: &str = "sessions";
-/// Folder of what is being written.
+/// Folder of sessions being written.
 pub const INCOMING: &str = ".incoming";
 /// The catalogue.
 pub const CATALOGUE: &str = "catalogue.sqlite";
-/// Files that a host makes beside a recording and can make again.
+/// Files that a host derives beside a recording and can derive again.
 pub const DERIVED: [&str; 4] = [
     layout::INDEX,
     layout::VALIDATION,
     layout::HANDOFF,
     crate::validation::REPORT,
 ];
-/// What the session is called that was recorded last; of several recorded at one time, the one imported last.
+/// Name for the last recorded session; of several recorded at one time, the last imported.
 pub const LATEST: &str = "latest";
-/// Bytes of the longest key.
+/// Maximum length of a key, bytes.
 pub(crate) const MAX_KEY: usize = 100;
-/// What a recovered copy's folder has behind the session's identifier.
+/// Suffix of a recovered copy's folder, after the session's identifier.
 pub const RECOVERED: &str = ".recovered";
 
 /// An open library.
@@ -64,14 +64,14 @@ pub struct Library {
 }
 
 impl Library {
-    /// Opens the library in a folder, which is created if need be.
+    /// Opens the library in a folder, which is created if necessary.
     ///
     /// # Errors
-    /// The disk says no.
+    /// An I/O error occurs.
     pub fn create(root: &Path) -> Result<Self> {
         let storage = DiskStorage::new(root);
         for folder in [SESSIONS, INCOMING] {
-            // Unlike the system's own call it makes the names durable, the root's too.
+            // Unlike the system call, it syncs the names, the root's too.
             (storage.create_dir(folder))
                 .with_context(|| format!("making the library: {}", root.join(folder).display()))?;
         }
@@ -81,7 +81,7 @@ impl Library {
     /// Opens the library in a folder.
     ///
     /// # Errors
-    /// The folder is no library, or the disk says no.
+    /// The folder is not a library, or an I/O error occurs.
     pub fn open(root: &Path) -> Result<Self> {
         ensure!(
             root.join(SESSIONS).is_dir(),
@@ -100,7 +100,8 @@ impl Library {
             }
             CatalogueFile::Missing | CatalogueFile::Unusable(_) => match lock::take(&root, false) {
                 Ok(Some(_lock)) => repair_catalogue(&root)?,
-                // Whoever changes the library mends it, too. And where no lock is to be had, nothing can be written.
+                // A program that changes the library repairs it, too. Without a lock nothing can be
+                // written.
                 Ok(None) | Err(_) => Catalogue::in_memory(&path)?,
             },
         };
@@ -119,15 +120,15 @@ impl Library {
         self.root.join(SESSIONS).join(key)
     }
 
-    /// Folder in which something called `key` is written before it becomes a session.
+    /// Folder in which the session `key` is written before it is published.
     pub fn incoming(&self, key: &str) -> PathBuf {
         self.root.join(INCOMING).join(key)
     }
 
-    /// Keeps other programs from changing the library.
+    /// Locks the library against changes by other programs.
     ///
     /// # Errors
-    /// Another one is changing it.
+    /// Another program has locked it.
     pub fn lock(&mut self) -> Result<Lock> {
         let locking = || format!("locking the library: {}", self.root.display());
         let Some(lock) = lock::take(&self.root, false).with_context(locking)? else {
@@ -140,11 +141,11 @@ impl Library {
         Ok(lock)
     }
 
-    /// Keeps other programs from changing the library, as soon as those that do so have ended. `waiting` is called
-    /// before a wait.
+    /// Locks the library against changes by other programs, and waits for the lock. `waiting` is
+    /// called before a wait.
     ///
     /// # Errors
-    /// The disk says no.
+    /// An I/O error occurs.
     pub fn lock_waiting(&mut self, waiting: impl FnOnce(&Path)) -> Result<Lock> {
         let locking = || format!("locking the library: {}", self.root.display());
         let lock = match lock::take(&self.root, false).with_context(locking)? {
@@ -160,7 +161,7 @@ impl Library {
         Ok(lock)
     }
 
-    /// Sees the library as those left it that had the lock before.
+    /// Reloads the catalogue after changes by previous lock holders.
     fn reload_catalogue(&mut self) -> Result<()> {
         self.catalogue = repair_catalogue(&self.root)?;
         self.catalogue.leave_wal_mode();
@@ -170,7 +171,7 @@ impl Library {
     /// Names of the sessions' folders, sorted.
     ///
     /// # Errors
-    /// The disk says no.
+    /// An I/O error occurs.
     pub fn keys(&self) -> Result<BTreeSet<String>> {
         keys_of(&self.root)
     }
@@ -178,15 +179,15 @@ impl Library {
     /// All sessions, the oldest first.
     ///
     /// # Errors
-    /// The disk says no.
+    /// An I/O error occurs.
     pub fn rows(&self) -> Result<Vec<Row>> {
         Ok(self.catalogue.rows()?)
     }
 
-    /// Reads a session's facts from its folder into the catalogue again.
+    /// Updates a session's row in the catalogue from its folder.
     ///
     /// # Errors
-    /// The session cannot be read, or the disk says no.
+    /// The session cannot be read, or an I/O error occurs.
     pub fn refresh(&mut self, key: &str) -> Result<Row> {
         let folder = self.folder(key);
         let row = Row::of(key, &folder)
@@ -195,31 +196,31 @@ impl Library {
         Ok(row)
     }
 
-    /// Takes a session out of the catalogue.
+    /// Removes a session from the catalogue.
     ///
     /// # Errors
-    /// The disk says no.
+    /// An I/O error occurs.
     pub fn forget(&mut self, key: &str) -> Result<()> {
         Ok(self.catalogue.remove(key)?)
     }
 
-    /// Builds the catalogue from the folders alone; gives the number of sessions, and the folders
-    /// that are none.
+    /// Rebuilds the catalogue from the folders alone; returns the number of sessions, and the
+    /// folders that hold none.
     ///
     /// # Errors
-    /// The folders cannot be read; the old catalogue stays.
+    /// The folders cannot be read; the old catalogue is then unchanged.
     pub fn rebuild(&mut self) -> Result<(usize, Vec<(String, String)>)> {
         let (rows, failed) = rows_of_folders(&self.root)?;
         self.catalogue.replace(&rows)?;
         Ok((rows.len(), failed))
     }
 
-    /// The session that a user means: its key, a prefix of it that fits no other, its name, or
-    /// the name of the folder that it was imported from. A prefix that fits a session and its
-    /// recovered copy means the copy, unless the session is whole; [`LATEST`] is the one that was recorded last.
+    /// Finds a session by its key, a unique prefix of it, its name, or the name of the folder that
+    /// it was imported from. A prefix that matches a session and its recovered copy selects the
+    /// copy, unless the session is complete; [`LATEST`] selects the last recorded one.
     ///
     /// # Errors
-    /// None or several fit, or the text is empty.
+    /// None or several match, or the text is empty.
     pub fn find(&self, text: &str) -> Result<String> {
         ensure!(!text.is_empty(), "which session? its name is empty");
         let rows = self.rows()?;
@@ -250,7 +251,7 @@ impl Library {
             .map(|r| r.key.as_str())
             .collect();
         fits.sort_unstable();
-        // What made way for a better one is meant only by its whole key.
+        // A replaced copy is found only by its whole key.
         let was_set_aside = |key: &str| fits.iter().any(|other| is_set_aside_copy(key, other));
         let mut fits: Vec<&str> = fits.iter().copied().filter(|k| !was_set_aside(k)).collect();
         let is_whole = |key: &str| {
@@ -260,7 +261,7 @@ impl Library {
         if let [one, copy] = fits[..]
             && copy.strip_prefix(one) == Some(RECOVERED)
         {
-            // The copy of a damaged one is no longer needed where a whole one took its place.
+            // The recovered copy is not needed if a complete session replaced the damaged one.
             fits.remove(if is_whole(one) { 1 } else { 0 });
         }
         match fits[..] {
@@ -280,7 +281,7 @@ impl Library {
         }
     }
 
-    /// Brings the catalogue up to date with the folders that are there.
+    /// Updates the catalogue from the existing folders.
     fn catch_up(&mut self) -> Result<()> {
         let there = self.keys()?;
         let listed: BTreeSet<String> = self.rows()?.into_iter().map(|r| r.key).collect();
@@ -315,7 +316,7 @@ fn keys_of(root: &Path) -> Result<BTreeSet<String>> {
 /// Folders that hold no session, with the reason.
 type NoSessions = Vec<(String, String)>;
 
-/// The rows of all sessions, and the folders that are none.
+/// The rows of all sessions, and the folders that hold none.
 fn rows_of_folders(root: &Path) -> Result<(Vec<Row>, NoSessions)> {
     let (mut rows, mut failed) = (Vec::new(), Vec::new());
     for key in keys_of(root)? {
@@ -327,8 +328,8 @@ fn rows_of_folders(root: &Path) -> Result<(Vec<Row>, NoSessions)> {
     Ok((rows, failed))
 }
 
-/// The catalogue of a library, made again from the sessions if it is damaged or not there; in memory if that cannot be
-/// written. The caller holds the lock, so nobody else is at it.
+/// The catalogue of a library, rebuilt from the sessions if it is damaged or missing; in memory if
+/// it cannot be written. The caller holds the lock.
 fn repair_catalogue(root: &Path) -> Result<Catalogue> {
     let path = root.join(CATALOGUE);
     let why = match Catalogue::inspect(&path)? {
@@ -368,16 +369,16 @@ fn repair_catalogue(root: &Path) -> Result<Catalogue> {
     }
 }
 
-/// Whether a session identifier can be the name of a folder here and nowhere else.
+/// Whether a session identifier is a safe folder name inside the library.
 pub fn is_key(text: &str) -> bool {
     let plain = |b: u8| b.is_ascii_alphanumeric() || b"-_.".contains(&b);
     (1..=MAX_KEY).contains(&text.len()) && !text.starts_with('.') && text.bytes().all(plain)
 }
 
-/// Makes the names in a folder durable.
+/// Syncs the names in a folder.
 ///
 /// # Errors
-/// The disk says no.
+/// An I/O error occurs.
 pub fn sync_folder(folder: &Path) -> io::Result<()> {
     File::open(folder)?.sync_all()
 }

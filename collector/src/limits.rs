@@ -1,38 +1,38 @@
-//! The limits that a session is judged by: one table, each row with its source.
+//! Validation limits: one table, each row with its source.
 //!
-//! A value above `warn` is something to look at, a value above `fail` makes the session unfit for
-//! use. The limits are those of the health check that is published for Aria Gen 2 recordings
-//! (version 1.3.1, profile `AriaGen2_Location`), where it has one. Some of those presuppose a rate: its
-//! longest gap, 160 and 210 ms, lets a 10 Hz camera lose one frame with a warning and not two. Such
-//! a limit has a floor in nominal periods of the stream, chosen so that it says the same to slower
-//! streams: the limit in force is the larger of the two.
+//! A value above `warn` gives a warning, a value above `fail` makes the session unfit for use.
+//! Limits are those of the published health check for Aria Gen 2 recordings (version 1.3.1, profile
+//! `AriaGen2_Location`), where it has one. Some of those depend on a rate: its longest gap, 160 and
+//! 210 ms, allows a 10 Hz camera to lose one frame with a warning and not two. Such a limit has a
+//! floor in nominal periods of the stream, chosen so that it means the same for slower streams: the
+//! effective limit is the larger of the two.
 
 use std::borrow::Cow;
 use std::fmt;
 
-/// What a value is measured in.
+/// Unit of a metric.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Unit {
-    /// A share, 1 being all.
+    /// A fraction from 0 to 1.
     Ratio,
     /// Nanoseconds.
     Time,
-    /// A number of things.
+    /// A count.
     Count,
     /// Degrees.
     Angle,
-    /// 1 if it is so, 0 if not.
+    /// 1 if true, 0 if false.
     Flag,
 }
 
 impl Unit {
-    /// A value with its unit, for people.
+    /// A value with its unit, as text.
     pub fn show(self, value: f64) -> String {
         if value.is_nan() || value.is_infinite() {
             return "n/a".to_owned();
         }
         match self {
-            // Rounding of a clock is no deviation.
+            // A clock's rounding is not a deviation.
             Self::Ratio if value.abs() < 1e-6 => "0 %".to_owned(),
             Self::Ratio => format!("{} %", charts::significant(value * 100.0)),
             Self::Time => charts::si(value * 1e-9, "s"),
@@ -43,7 +43,7 @@ impl Unit {
         }
     }
 
-    /// As it stands in JSON.
+    /// Name in JSON.
     pub fn as_str(self) -> &'static str {
         match self {
             Self::Ratio => "ratio",
@@ -58,19 +58,19 @@ impl Unit {
 /// One row of the table.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Limit {
-    /// What is measured, as in `camera.dropped`.
+    /// Name of the metric, as in `camera.dropped`.
     pub metric: &'static str,
-    /// The same for people.
+    /// Title.
     pub title: &'static str,
-    /// What it is measured in.
+    /// Unit.
     pub unit: Unit,
     /// A value above this is a warning.
     pub warn: f64,
-    /// A value above this is a failure; infinite where nothing fails a session.
+    /// A value above this is a failure; infinite if no value fails a session.
     pub fail: f64,
-    /// Least `warn` and `fail` in nominal periods, for limits that depend on the rate.
+    /// Floors of `warn` and `fail` in nominal periods, for limits that depend on the rate.
     pub periods: Option<(f64, f64)>,
-    /// Where the numbers come from.
+    /// Source of the numbers.
     pub source: Cow<'static, str>,
 }
 
@@ -79,7 +79,8 @@ const US: f64 = 1e3;
 const MS: f64 = 1e6;
 const S: f64 = 1e9;
 const ARIA: &str = "Aria Gen 2 health check";
-/// Values of these are what is left beyond two sigmas of tolerance and the uncertainty of the measurement.
+/// Source of the `calib` limits. Their values are the excess over two sigmas of tolerance and the
+/// measurement uncertainty.
 const VERIFY: &str = "docs/calibration-verify.md: more than tolerance and measurement explain";
 
 macro_rules! limit {
@@ -181,7 +182,7 @@ impl Limits {
         self.0.iter().find(|l| l.metric == metric)
     }
 
-    /// What [`Self::set`] was told, as far as it differs from the table.
+    /// The limits that differ from the table, as [`Self::set`] takes them.
     pub fn moved(&self) -> Vec<String> {
         let moved = self.0.iter().zip(TABLE).filter(|(row, table)| row != table);
         moved
@@ -195,10 +196,10 @@ impl Limits {
     }
 
     /// Sets both limits of a metric from `METRIC=WARN,FAIL`, in the unit of the table (ratio, ns,
-    /// count, deg, flag); `never` for a limit that nothing reaches, and `METRIC=never` for both.
+    /// count, deg, flag); `never` for no limit, and `METRIC=never` for both.
     ///
     /// # Errors
-    /// The text does not say that.
+    /// The text has another form.
     pub fn set(&mut self, text: &str) -> Result<(), BadLimit> {
         let bad = |what: String| BadLimit(format!("limit {text:?}: {what}"));
         let (metric, limits) = text
@@ -240,7 +241,7 @@ impl Limits {
             })?;
         (row.warn, row.fail, row.periods) = (warn, fail, None);
         row.source = Cow::Borrowed("set on the command line");
-        // A limit of the table that is said is no other limit.
+        // Setting a table limit to its default keeps the source.
         let table = TABLE.iter().find(|table| table.metric == metric);
         if let Some(table) = table
             && (table.warn, table.fail, table.periods) == (warn, fail, None)
@@ -260,12 +261,12 @@ pub(crate) fn number(limit: f64) -> String {
 }
 
 impl Limit {
-    /// Whether only a deep validation measures it.
+    /// Whether it needs a deep validation.
     pub fn is_deep(&self) -> bool {
         self.metric == "camera.undecoded" || self.metric.starts_with("calib.")
     }
 
-    /// Both limits for a stream with this nominal period, ns.
+    /// Effective limits for a stream with this nominal period, ns.
     pub fn in_force(&self, period_ns: f64) -> (f64, f64) {
         let (warn, fail) = self.periods.unwrap_or((0.0, 0.0));
         let at_least = |limit: f64, periods: f64| {
@@ -339,7 +340,7 @@ mod tests {
         limits.set("imu.rate=never").unwrap();
         let row = limits.of("imu.rate").unwrap();
         assert_eq!((row.warn, row.fail), (NEVER, NEVER));
-        // What the table says anyway moves nothing.
+        // Setting a default changes nothing.
         limits.set("imu.rate=0.05,never").unwrap();
         assert_eq!(limits.moved().len(), 2);
         let mut fails = |text: &str, part: &str| {

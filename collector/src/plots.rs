@@ -1,5 +1,5 @@
-//! The charts of a report. Times are seconds after the first sample; a stream keeps its colour from
-//! one chart to the next.
+//! The charts of a report. Times are seconds after the first sample; a stream has the same color in
+//! all charts.
 
 use std::collections::BTreeMap;
 
@@ -13,18 +13,19 @@ use crate::scan_session::SessionScan;
 use crate::session_stats::{NO_STEP, Sample, SessionStats};
 use crate::validation::words;
 
-/// Width of charts of one size, pixels.
+/// Width of charts, pixels.
 pub(crate) const WIDTH: u32 = 820;
-/// Height of most charts on a broad screen, pixels; the page decides on their width.
+/// Height of most charts on a wide screen, pixels; the page decides on their width.
 pub(crate) const HEIGHT: u32 = 230;
-/// Height of charts in which little happens, pixels.
+/// Height of small charts, pixels.
 pub(crate) const LOW: u32 = 180;
-/// Events drawn at most.
+/// Maximum number of drawn events.
 const MAX_EVENT_MARKS: usize = 60;
-/// Points kept of a long series: twice as many as there are pixels across a page, the extremes of each part.
+/// Maximum number of points of a long series: two per pixel of the width, the extremes of each
+/// interval.
 const MAX_POINTS: usize = 2 * WIDTH as usize;
 
-/// Draws what was found in one session.
+/// Draws the charts of one session.
 pub struct Plots<'a> {
     manifest: &'a Manifest,
     found: &'a SessionScan,
@@ -32,7 +33,7 @@ pub struct Plots<'a> {
 }
 
 impl<'a> Plots<'a> {
-    /// Charts of this examination.
+    /// Charts of this scan.
     pub fn new(manifest: &'a Manifest, found: &'a SessionScan) -> Self {
         Self {
             manifest,
@@ -41,7 +42,7 @@ impl<'a> Plots<'a> {
         }
     }
 
-    /// The same time axis for all pictures.
+    /// The common time axis of all charts.
     fn axis(&self) -> Axis {
         let end = self.stats().span().map_or(0, |(_, end)| end);
         Axis::time("time").include(0.0).include(self.seconds(end))
@@ -55,7 +56,7 @@ impl<'a> Plots<'a> {
         time.saturating_sub(self.start) as f64 / 1e9
     }
 
-    /// When each stream was recorded, and where something is missing.
+    /// Recorded spans and gaps of each stream.
     pub fn timeline(&self) -> Timeline {
         let mut timeline = Timeline::new("What was recorded when", self.axis()).kinds([
             "recorded",
@@ -107,7 +108,7 @@ impl<'a> Plots<'a> {
         timeline.row(name, &note, spans)
     }
 
-    /// Distance of each frame from the one before.
+    /// Interval between consecutive frames.
     pub fn frame_intervals(&self) -> Chart {
         let mut chart = Chart::new("Time from frame to frame")
             .x_axis(self.axis())
@@ -120,7 +121,7 @@ impl<'a> Plots<'a> {
         chart
     }
 
-    /// How the periods of the cameras spread around their median.
+    /// Distribution of the frame periods around their median.
     pub fn frame_histogram(&self) -> Chart {
         let mut chart = Chart::new("Frame period by the camera's clock, against its median")
             .x_axis(Axis::linear("deviation", "µs"))
@@ -137,7 +138,7 @@ impl<'a> Plots<'a> {
         chart
     }
 
-    /// Distance of each IMU sample from the one before.
+    /// Interval between consecutive IMU samples.
     pub fn imu_intervals(&self) -> Chart {
         let mut chart = Chart::new("Time from IMU sample to sample")
             .x_axis(self.axis())
@@ -159,7 +160,7 @@ impl<'a> Plots<'a> {
         thin(points.collect())
     }
 
-    /// How far the frames of a set are from its time.
+    /// Time offset of each frame from its frame set.
     pub fn set_errors(&self) -> Chart {
         let mut chart = Chart::new("Distance of each frame from the time of its frame set")
             .x_axis(self.axis())
@@ -175,7 +176,7 @@ impl<'a> Plots<'a> {
         chart
     }
 
-    /// How far the frames of cameras under one trigger are apart; nothing without such cameras.
+    /// Time spread of cameras with a common trigger; `None` without such cameras.
     pub fn trigger_errors(&self) -> Option<Chart> {
         let cameras = &self.manifest.cameras;
         let mut chart = Chart::new("Distance of triggered cameras from the first of their trigger")
@@ -201,7 +202,7 @@ impl<'a> Plots<'a> {
         any.then_some(chart)
     }
 
-    /// Size of the compressed pictures, second by second.
+    /// Bit rate of the compressed images per second.
     pub fn bitrates(&self) -> Chart {
         let mut chart = Chart::new("Size of the compressed pictures, second by second")
             .x_axis(self.axis())
@@ -212,7 +213,7 @@ impl<'a> Plots<'a> {
                 let second = frame.sample.time.saturating_sub(self.start) / 1_000_000_000;
                 *seconds.entry(second).or_default() += u64::from(frame.bytes);
             }
-            // The last second is rarely a whole one.
+            // The last second is usually incomplete.
             if seconds.len() > 2 {
                 seconds.pop_last();
             }
@@ -223,7 +224,7 @@ impl<'a> Plots<'a> {
         chart
     }
 
-    /// How each device clock has moved against the host's since the first map.
+    /// Drift of each device clock against the host's since the first map.
     pub fn clock_offsets(&self) -> Chart {
         let mut chart = Chart::new("Device clocks against the host's, since their first map")
             .x_axis(self.axis())
@@ -239,7 +240,7 @@ impl<'a> Plots<'a> {
         chart
     }
 
-    /// How well each device clock is known.
+    /// Uncertainty of each clock map.
     pub fn clock_sigmas(&self) -> Chart {
         let mut chart = Chart::new("Uncertainty of the clock maps (one sigma)")
             .x_axis(self.axis())
@@ -255,14 +256,14 @@ impl<'a> Plots<'a> {
         chart
     }
 
-    /// A clock is drawn as its stream is: cameras first, then IMUs.
+    /// Color slot of a clock, equal to that of its stream: cameras first, then IMUs.
     fn slot(&self, clock: &str) -> usize {
         let cameras = self.manifest.cameras.iter().map(|c| &c.name);
         let mut names = cameras.chain(self.manifest.imus.iter().map(|i| &i.name));
         names.position(|n| n == clock).unwrap_or_default()
     }
 
-    /// Samples per second as the recorder counted them.
+    /// Samples per second by the recorder's count.
     pub fn health_rates(&self) -> Chart {
         let mut chart = Chart::new("Samples received per second")
             .x_axis(self.axis())
@@ -298,7 +299,7 @@ impl<'a> Plots<'a> {
             .series(Series::line("for the disk", thin(writer.collect())))
     }
 
-    /// Longest write and sync of each second.
+    /// Maximum write and sync latency of each second.
     pub fn health_latency(&self) -> Chart {
         let health = &self.stats().health;
         let write = health
@@ -324,7 +325,7 @@ impl<'a> Plots<'a> {
             .series(Series::line("", thin(free.collect())))
     }
 
-    /// Temperature of the recorder; nothing where it has no sensor.
+    /// Temperature of the recorder; `None` without a sensor.
     pub fn health_temperature(&self) -> Option<Chart> {
         let health = self.stats().health.iter();
         let points: Vec<_> = health
@@ -338,7 +339,7 @@ impl<'a> Plots<'a> {
         })
     }
 
-    /// One line about the rhythm of the cameras, for a caption.
+    /// One line with rate and longest gap of the cameras, for a caption.
     pub fn rhythm_caption(&self) -> String {
         let cameras = self.manifest.cameras.iter().zip(&self.stats().cameras);
         let texts = cameras.map(|(camera, frames)| {
@@ -354,7 +355,7 @@ impl<'a> Plots<'a> {
     }
 }
 
-/// Spans without a hole: consecutive samples no further apart than two and a half median steps.
+/// Spans without a gap: consecutive samples at most 2.5 median intervals apart.
 fn recorded(samples: &[Sample]) -> Vec<(i64, i64, usize)> {
     let mut steps: Vec<i64> = samples
         .windows(2)
@@ -373,7 +374,7 @@ fn recorded(samples: &[Sample]) -> Vec<(i64, i64, usize)> {
     spans
 }
 
-/// Host time minus device time by the newest piece of a map, ns.
+/// Host time minus device time by the newest segment of a map, ns.
 fn offset_ns(map: &ClockMap) -> Option<i64> {
     let piece = map.pieces.last()?;
     let tick = TickLength {
@@ -387,7 +388,7 @@ fn offset_ns(map: &ClockMap) -> Option<i64> {
         .checked_sub(map.latency_ns)
 }
 
-/// Keeps the least and the greatest value of each part of a long series.
+/// Keeps the minimum and maximum of each interval of a long series.
 fn thin(points: Vec<(f64, f64)>) -> Vec<(f64, f64)> {
     if points.len() <= 2 * MAX_POINTS {
         return points;

@@ -1,5 +1,5 @@
-//! Progress over bytes, with rate and time left: a bar on a terminal, a line every few seconds
-//! elsewhere. Any thread may add to it. It never fails and never holds work up.
+//! Progress over bytes, with rate and remaining time: a bar on a terminal, a line every few seconds
+//! elsewhere. Any thread may add to it. It never fails and never blocks.
 
 use std::sync::atomic::{AtomicU64, Ordering};
 use std::time::Duration;
@@ -9,7 +9,7 @@ use indicatif::{ProgressBar, ProgressStyle};
 
 use crate::console::{Clock, Show};
 
-/// A line is written at most this often.
+/// Minimum interval between lines.
 const LINE_INTERVAL: Duration = Duration::from_secs(5);
 
 /// Progress of one job.
@@ -31,7 +31,7 @@ struct Lines {
 }
 
 impl Progress {
-    /// Progress that is not shown.
+    /// Hidden progress.
     pub const fn hidden() -> Self {
         Self(None)
     }
@@ -62,7 +62,7 @@ impl Progress {
         })
     }
 
-    /// `bytes` more are done.
+    /// Adds finished bytes.
     pub fn add(&self, bytes: u64) {
         match &self.0 {
             None => {}
@@ -83,7 +83,7 @@ impl Drop for Progress {
 impl Lines {
     fn add(&self, bytes: u64) {
         let done = self.done.fetch_add(bytes, Ordering::Relaxed) + bytes;
-        // Messages may be small; the clock is asked once for every MiB.
+        // Messages may be small; the clock is read once per MiB.
         if done >> 20 == (done - bytes) >> 20 {
             return;
         }

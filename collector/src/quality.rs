@@ -1,8 +1,9 @@
-//! Judging a session: every metric of [`crate::limits`], measured and compared.
+//! Evaluation of a session: every metric of [`crate::limits`], measured and compared.
 //!
-//! Judging is arithmetic on what [`crate::scan_session`] found: the same session and limits give the same
-//! findings. A stream without a single sample is a finding of its own (all of it is missing). What
-//! cannot be measured (no frame sets, no clock) is either a finding or left out, never a pass.
+//! Evaluation is arithmetic on the result of [`crate::scan_session`]: the same session and limits
+//! give the same findings. A stream without a single sample is a finding (all samples are missing).
+//! A metric that cannot be measured (no frame sets, no clock) is either a finding or left out,
+//! never a pass.
 
 use std::collections::BTreeSet;
 
@@ -20,34 +21,34 @@ use crate::scan_session::SessionScan;
 use crate::session_stats::{FrameStats, SessionStats};
 use crate::text;
 
-/// One metric of one stream, measured and judged.
+/// One metric of one stream with its verdict.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Finding {
     /// The metric, as in `camera.dropped`.
     pub metric: String,
-    /// The stream, pair or clock that it is about; `session` for the whole.
+    /// The stream, pair or clock; `session` for the whole.
     pub of: String,
     /// PASS, WARN or FAIL.
     pub verdict: Verdict,
-    /// What was measured, in the metric's unit; `null` in JSON where that is no number.
+    /// Measured value, in the metric's unit; `null` in JSON if it is not finite.
     #[serde(deserialize_with = "number_or_nan")]
     pub value: f64,
-    /// A value above this is a warning; none where nothing is.
+    /// A value above this is a warning; `None` without a limit.
     pub warn: Option<f64>,
-    /// A value above this is a failure; none where nothing is.
+    /// A value above this is a failure; `None` without a limit.
     pub fail: Option<f64>,
     /// The unit: `ratio`, `ns`, `count`, `deg` or `flag`.
     pub unit: String,
-    /// The whole finding in words.
+    /// The whole finding as text.
     pub text: String,
 }
 
-/// JSON has no word for what is no number but `null`.
+/// Reads a number; JSON has only `null` for values that are not finite.
 pub(crate) fn number_or_nan<'a, D: Deserializer<'a>>(input: D) -> Result<f64, D::Error> {
     Ok(Option::deserialize(input)?.unwrap_or(f64::NAN))
 }
 
-/// Judges a session. `decoded` is what decoding every picture gave, where that was asked for.
+/// Evaluates a session. `decoded` is the result of the decode check, if requested.
 pub fn judge(
     manifest: &Manifest,
     found: &SessionScan,
@@ -88,7 +89,7 @@ pub fn overall(findings: &[Finding]) -> Verdict {
     worst.unwrap_or(Verdict::Pass)
 }
 
-/// What is not a pass, the worst first.
+/// Findings that are not a pass, the worst first.
 pub fn reasons(findings: &[Finding]) -> Vec<&Finding> {
     let mut reasons: Vec<_> = findings
         .iter()
@@ -98,8 +99,8 @@ pub fn reasons(findings: &[Finding]) -> Vec<&Finding> {
     reasons
 }
 
-/// `value` against the limits of `metric` for a stream with this nominal period (ns; 0 where there is none); none for a
-/// metric that is in no table.
+/// Compares `value` with the limits of `metric` for a stream with this nominal period (ns; 0 if it
+/// has none); `None` for an unknown metric.
 pub fn finding(
     limits: &Limits,
     metric: &str,
@@ -110,7 +111,7 @@ pub fn finding(
 ) -> Option<Finding> {
     let limit = limits.of(metric)?;
     let (warn, fail) = limit.in_force(period_ns);
-    // A value that is no number is beyond every limit that there is; nothing is beyond `never`.
+    // NaN is beyond every finite limit; nothing is beyond `never`.
     let beyond = |limit: f64| value > limit || (value.is_nan() && limit.is_finite());
     let verdict = if beyond(fail) {
         Verdict::Fail
@@ -141,7 +142,7 @@ pub fn finding(
     })
 }
 
-/// Between two health records, ns.
+/// Period of health records, ns.
 const HEALTH_PERIOD_NS: f64 = 1e9;
 
 struct Evaluator<'a> {
@@ -153,14 +154,14 @@ struct Evaluator<'a> {
 }
 
 impl Evaluator<'_> {
-    /// Adds a finding: `value` against the limits of `metric` for a stream with this nominal period
-    /// (ns; 0 where there is none).
+    /// Adds a finding: compares `value` with the limits of `metric` for a stream with this nominal
+    /// period (ns; 0 if it has none).
     fn find(&mut self, metric: &str, of: &str, value: f64, period_ns: f64, detail: &str) {
         let found = finding(self.limits, metric, of, value, period_ns, detail);
         self.findings.extend(found);
     }
 
-    /// Soundness of the whole: damage, and whether the recorder closed it.
+    /// Integrity: damage, and whether the recorder closed the session.
     fn session(&mut self) {
         let condition = Condition::of(self.manifest.state, self.report);
         let faults = faults(self.report);
@@ -169,7 +170,7 @@ impl Evaluator<'_> {
         if damaged {
             detail.push_str("; `paws recover` makes a sound copy");
         }
-        // An unclosed session may end in the middle of a chunk; that is no damage.
+        // An unclosed session may end in the middle of a chunk; this is not damage.
         let count = if damaged { faults.len().max(1) } else { 0 };
         let detail = if damaged { detail } else { String::new() };
         self.find("session.damage", "session", count as f64, 0.0, &detail);
@@ -182,7 +183,7 @@ impl Evaluator<'_> {
         self.degraded();
     }
 
-    /// For how long the recorder made do with less than configured. Left out where it does not say.
+    /// Duration of degraded recording (load shedding). Left out if the recorder does not report it.
     fn degraded(&mut self) {
         let steps = self.stats.health.iter().map(|(_, h)| h.sparing.as_str());
         let steps_reported: Vec<&str> = steps.filter(|step| !step.is_empty()).collect();
@@ -240,7 +241,7 @@ impl Evaluator<'_> {
         );
     }
 
-    /// How far apart left and right images were taken. Left out where one device delivers both.
+    /// Time offset between left and right images. Left out if one device delivers both.
     fn eyes_apart(&mut self, name: &str, frames: &[FrameStats]) {
         let offsets = frames.iter().filter_map(|f| f.eyes_apart_ns);
         let mut offsets: Vec<i64> = offsets.collect();
@@ -273,7 +274,8 @@ impl Evaluator<'_> {
         self.frame_sync(name);
     }
 
-    /// How an IMU's clock lies to that of its camera. Left out where the device does not tell.
+    /// Clock offset between an IMU and its camera, by frame sync. Left out if the device does not
+    /// report it.
     fn frame_sync(&mut self, name: &str) {
         let streams = self.stats.health.iter().flat_map(|(_, h)| &h.streams);
         let ties = streams
@@ -303,7 +305,7 @@ impl Evaluator<'_> {
         self.report.streams.get(name).cloned().unwrap_or_default()
     }
 
-    /// Share of samples that should be there and are not.
+    /// Fraction of expected samples that are missing.
     fn missing(&mut self, kind: &str, name: &str, stream: &StreamReport, word: &str) {
         let missing = stream.gaps.saturating_add(stream.lost);
         let expected = stream.expected();
@@ -348,7 +350,7 @@ impl Evaluator<'_> {
         }
     }
 
-    /// How much later than the first stream each one starts, and how much earlier it ends.
+    /// Start and end offsets of each stream from the session's span.
     fn offsets(&mut self) {
         let Some((start, end)) = self.stats.span() else {
             return;
@@ -374,14 +376,14 @@ impl Evaluator<'_> {
         }
     }
 
-    /// What concerns several cameras: alignment, frame sets, places.
+    /// Metrics of several cameras: alignment, frame sets, extrinsics.
     fn rig(&mut self) {
         let cameras = &self.manifest.cameras;
         let mut triggers: Vec<&String> =
             cameras.iter().filter_map(|c| c.trigger.as_ref()).collect();
         triggers.sort();
         triggers.dedup();
-        // Times that say themselves that they are not to be trusted are judged as such.
+        // Times flagged as unreliable are excluded here; they have their own metric.
         let of_camera = |(i, frames): (usize, &Vec<FrameStats>)| {
             let unreliable = frames.iter().filter(|f| f.time_unreliable);
             unreliable.map(|f| (i, f.sample.time)).collect::<Vec<_>>()
@@ -436,8 +438,8 @@ impl Evaluator<'_> {
         self.poses();
     }
 
-    /// Whether both eyes of every camera have their place, and every camera its own on the rig if
-    /// the rig is described at all.
+    /// Whether every camera has stereo extrinsics, and a pose on the rig if the rig is described at
+    /// all.
     fn poses(&mut self) {
         let transforms = self.stats.transforms.clone().unwrap_or_default();
         let frames = Frames::of(&transforms);
@@ -481,8 +483,7 @@ fn period_ns(rate_hz: f64) -> f64 {
     }
 }
 
-/// Longest time over which the picture stayed what it was, ns: from the last good frame to the
-/// last frozen one.
+/// Longest time with an unchanged image, ns: from the last good frame to the last frozen one.
 fn longest_frozen(frames: &[FrameStats]) -> f64 {
     let mut longest = 0;
     let mut fresh = None;
@@ -491,21 +492,21 @@ fn longest_frozen(frames: &[FrameStats]) -> f64 {
             fresh = Some(frame.sample.time);
         }
         if let (true, Some(since)) = (frame.frozen, fresh) {
-            // A recording that begins frozen: one nanosecond says that there is something.
+            // A recording that begins frozen: one nanosecond makes the value nonzero.
             longest = longest.max(frame.sample.time.saturating_sub(since).max(1));
         }
     }
     longest as f64
 }
 
-/// Distance of the earliest from the latest member of a group, if two of them are in the set.
+/// Time spread of the members of a group, ns, if at least two are in the set.
 fn spread(members: &[(usize, i64)], group: &[usize]) -> Option<u64> {
     let times = members.iter().filter(|m| group.contains(&m.0)).map(|m| m.1);
     let (first, last) = (times.clone().min()?, times.clone().max()?);
     (times.count() > 1).then(|| last.abs_diff(first))
 }
 
-/// What is wrong with a session, each fault in words.
+/// Faults of a session, as text.
 pub fn faults(report: &Report) -> Vec<String> {
     let mut faults = Vec::new();
     faults.extend(report.manifest_note.clone());

@@ -1,5 +1,5 @@
-//! The HTML report: one page that opens offline and answers, in this order, may the session be
-//! used, if not why not, what is in it, and what did the recording look like.
+//! The HTML report: one self-contained page with verdict, reasons, contents and charts of a
+//! session.
 
 use charts::{Cell, Page, Table, Verdict as Badge};
 use session_archive::handoff::{HandOff, Verdict};
@@ -111,7 +111,7 @@ fn title(manifest: &Manifest) -> String {
     }
 }
 
-/// The verdict in words, and what it is for.
+/// The verdict and its meaning.
 fn verdict(mut page: Page, validation: &Validation) -> Page {
     let reasons = reasons(&validation.findings);
     let metrics = text::count(validation.findings.len() as u64, "metric");
@@ -134,7 +134,7 @@ fn verdict(mut page: Page, validation: &Validation) -> Page {
     page
 }
 
-/// Whether it was handed over, as what, and in spite of what.
+/// The hand-off, its verdict and accepted failures.
 fn handed_over(page: Page, validated: &Validated) -> Page {
     let Ok(handoff) = HandOff::read(&**validated.reader.storage()) else {
         return page;
@@ -250,7 +250,7 @@ fn losses_and_events(mut page: Page, manifest: &Manifest, validation: &Validatio
     page
 }
 
-/// What is missing of each camera, as a share, and why.
+/// Missing frames of each camera, as a fraction with causes.
 fn frames_lost(manifest: &Manifest, validation: &Validation) -> Table {
     let heads = ["Camera", "Frames expected", "Lost", "Share", "Because of"];
     let losses = CameraLoss::of(manifest, &validation.summary);
@@ -265,7 +265,7 @@ fn frames_lost(manifest: &Manifest, validation: &Validation) -> Table {
     })
 }
 
-/// Metrics down, streams across: what was measured, with a word where it is beyond a limit.
+/// Metrics in rows, streams in columns: measured values, with the verdict of those beyond a limit.
 fn matrix(validation: &Validation, limits: &Limits, streams: &[&str]) -> Table {
     let mut heads = vec!["Metric".to_owned()];
     heads.extend(streams.iter().map(|s| (*s).to_owned()));
@@ -292,7 +292,7 @@ fn matrix(validation: &Validation, limits: &Limits, streams: &[&str]) -> Table {
     table
 }
 
-/// Findings that are not about one camera or IMU.
+/// Findings that do not belong to one camera or IMU.
 fn others(validation: &Validation, limits: &Limits, manifest: &Manifest) -> Table {
     let mut table = Table::new(["Metric", "Of", "Measured", "Warns above", "Fails above"]);
     for finding in &validation.findings {

@@ -1,7 +1,8 @@
-//! Looking at a whole session once: the check of every byte, and the facts that it is judged by.
+//! One scan of a whole session: verification of every byte, and the statistics that validation
+//! uses.
 //!
-//! The two read the session side by side on two threads, so what one has read from the disk the other
-//! finds in memory. Neither decodes pictures.
+//! Both read the session in parallel on two threads, so that the second finds in the page cache
+//! what the first has read. Neither decodes images.
 
 use std::thread;
 
@@ -11,19 +12,19 @@ use session_archive::verify::{Report, verify};
 use crate::progress::Progress;
 use crate::session_stats::SessionStats;
 
-/// What was found.
+/// Result of a scan.
 #[derive(Clone, Debug)]
 pub struct SessionScan {
-    /// Whether everything that was recorded is there.
+    /// Verification report: whether everything that was recorded is present.
     pub report: Report,
-    /// When the samples were taken, and what the recorder said meanwhile.
+    /// Times of the samples, and the records of the recorder.
     pub stats: SessionStats,
 }
 
-/// Examines a session.
+/// Scans a session.
 ///
 /// # Errors
-/// The disk says no. What the session holds is never an error.
+/// An I/O error occurs. Damage of the session is a result, not an error.
 pub fn scan_session(reader: &SessionReader, progress: &Progress) -> Result<SessionScan, ReadError> {
     thread::scope(|scope| {
         let check = scope.spawn(|| verify(reader, |_| {}));

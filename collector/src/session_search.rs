@@ -1,28 +1,27 @@
-//! Finding sessions in a folder or on a mounted disk.
+//! Search for sessions in a folder or on a mounted disk.
 //!
-//! A session is a folder with `segments/` and either a manifest in it or a segment in that. A folder
-//! that is no session itself is searched, a few levels deep; names that begin with a dot and links
-//! are left out, and so is the library that the sessions go to. What cannot be read is told, not
-//! passed over.
+//! A session is a folder with `segments/` and either a manifest in it or a segment in that. Other
+//! folders are searched, a few levels deep; names that begin with a dot and links are left out, and
+//! so is the library that the sessions go to. Unreadable folders are reported.
 
 use std::io;
 use std::path::{Path, PathBuf};
 
 use session_archive::layout;
 
-/// How far below a source sessions are looked for: `disk/user/rig/day/session` and one to spare.
+/// Maximum search depth below a source: `disk/user/rig/day/session` and one more.
 const DEPTH: usize = 6;
 
-/// What a search found.
+/// Result of a search.
 #[derive(Debug, Default)]
 pub struct SearchResult {
     /// The sessions, by path.
     pub sessions: Vec<PathBuf>,
-    /// Folders that could not be looked into.
+    /// Folders that could not be read.
     pub unreadable: Vec<(PathBuf, io::Error)>,
 }
 
-/// Whether a folder holds a session, sound or not.
+/// Whether a folder holds a session, damaged or not.
 pub fn is_session(folder: &Path) -> bool {
     let segments = folder.join(layout::SEGMENTS);
     segments.is_dir()
@@ -35,7 +34,7 @@ pub fn is_session(folder: &Path) -> bool {
             }))
 }
 
-/// The sessions in `source`, or `source` itself if it is one. Nothing below `except` counts.
+/// The sessions in `source`, or `source` itself if it is one. Folders below `except` are left out.
 pub fn sessions(source: &Path, except: Option<&Path>) -> SearchResult {
     let mut found = SearchResult::default();
     let except = except.and_then(|path| path.canonicalize().ok());

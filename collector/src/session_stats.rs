@@ -1,9 +1,8 @@
-//! What one pass over a session shows: everything that its quality is judged by and its report
-//! draws.
+//! Statistics of one pass over a session: everything that validation and the report use.
 //!
-//! Of every sample only its time is kept, so memory is about 70 bytes for a frame and 12 for an IMU
-//! sample: some 100 MB for three cameras and IMUs over an hour. Damage is passed over (whether there is any
-//! is what [`session_archive::verify`] tells); messages that cannot be decoded are left out.
+//! Only the time of each sample is stored, so memory is about 70 bytes per frame and 12 per IMU
+//! sample: some 100 MB for three cameras and IMUs over an hour. Damage is skipped
+//! ([`session_archive::verify`] reports it); messages that cannot be decoded are left out.
 
 use std::collections::BTreeMap;
 
@@ -14,56 +13,56 @@ use session_archive::record::{
 };
 use session_archive::time::{HostTime, TickLength};
 
-/// Marks a [`Sample`] whose distance from the one before is not known by the device's clock.
+/// [`Sample::step_ns`] of a sample whose interval is unknown on the device clock.
 pub const NO_STEP: u32 = u32::MAX;
 
-/// When a sample was taken.
+/// Time of a sample.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Sample {
     /// Host clock, ns.
     pub time: i64,
-    /// Device time since the sample with the number before it, ns; [`NO_STEP`] if that is missing or the
-    /// device's clock did not go forward.
+    /// Device time since the previous number, ns; [`NO_STEP`] if that sample is missing or the
+    /// device clock did not advance.
     pub step_ns: u32,
 }
 
-/// A frame, without its picture.
+/// Statistics of a frame, without its image.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct FrameStats {
-    /// When.
+    /// Time.
     pub sample: Sample,
     /// Number in the stream.
     pub number: u64,
-    /// What the device's clock showed, unwrapped.
+    /// Device clock, unwrapped, ticks.
     pub ticks: i64,
     /// One standard deviation of its time, ns.
     pub sigma_ns: u64,
     /// Length of the access unit.
     pub bytes: u32,
-    /// Whether it can be decoded alone.
+    /// Whether it is a key frame.
     pub key: bool,
-    /// Whether its picture equals the one before.
+    /// Whether its image equals the previous one.
     pub frozen: bool,
-    /// Whether its time is not to be trusted within its sigma.
+    /// Whether its time may be outside its stated sigma.
     pub time_unreliable: bool,
-    /// How much later the right eye's image was taken, ns, where the eyes came separately.
+    /// Delay of the right image after the left, ns, if the two arrive separately.
     pub eyes_apart_ns: Option<i64>,
 }
 
-/// A run of IMU samples, without its values.
+/// Statistics of an IMU stream, without the values.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct ImuStats {
     /// All samples, in the order recorded.
     pub samples: Vec<Sample>,
     /// Sigma of each batch, ns.
     pub sigmas_ns: Vec<u64>,
-    /// Samples whose time is not to be trusted within its sigma.
+    /// Samples whose time may be outside its stated sigma.
     pub unreliable_samples: u64,
-    /// Longest time for which all six values stayed what they were, ns.
+    /// Longest time with all six values unchanged, ns.
     pub stuck_ns: i64,
 }
 
-/// A frame set: its time, and position of the camera and time of each member.
+/// Statistics of a frame set.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct FrameSetStats {
     /// Time of the set.
@@ -72,7 +71,7 @@ pub struct FrameSetStats {
     pub members: Vec<(usize, i64)>,
 }
 
-/// Everything kept of a session.
+/// Statistics of a session.
 #[derive(Clone, Debug, Default)]
 pub struct SessionStats {
     /// Frames of each camera, in the order of the manifest.
@@ -95,7 +94,7 @@ pub struct SessionStats {
     pub transforms: Option<FrameTransforms>,
 }
 
-/// What a channel carries.
+/// Kind of record on a channel.
 #[derive(Clone, Copy)]
 enum Kind {
     Frame(usize),
@@ -110,10 +109,10 @@ enum Kind {
 }
 
 impl SessionStats {
-    /// Gathers the facts of a session; `progress` is called with the bytes of each message.
+    /// Collects the statistics of a session; `progress` is called with the bytes of each message.
     ///
     /// # Errors
-    /// The disk says no.
+    /// An I/O error occurs.
     pub fn gather(
         reader: &SessionReader,
         mut progress: impl FnMut(u64),
@@ -141,7 +140,7 @@ impl SessionStats {
     }
 }
 
-/// The sample before, of one stream.
+/// The previous sample of a stream.
 #[derive(Clone, Copy)]
 struct PreviousSample {
     number: u64,
@@ -202,7 +201,7 @@ impl StatsCollector {
         }
     }
 
-    /// Takes a message; one that is not what its schema says is left out.
+    /// Adds a message; one that does not match its schema is left out.
     fn message(&mut self, m: &Message) {
         let Some((kind, of)) = self.kinds.get(&m.stream) else {
             return;
@@ -300,7 +299,7 @@ impl ImuStats {
     }
 }
 
-/// Device time since the sample before, ns, if that has the number before.
+/// Device time since the previous sample, ns, if the numbers are consecutive.
 fn step(before: &mut Option<PreviousSample>, number: u64, ticks: i64, tick: TickLength) -> u32 {
     let last = before.replace(PreviousSample { number, ticks });
     let ns = last

@@ -1,18 +1,18 @@
-//! What made a verdict another one.
+//! Explains why a verdict changed.
 //!
-//! Contract: a verdict that replaces a different one on the same session is said, with the reasons that can be seen in the
-//! two documents: what was looked at, how deep, by which limits, and which findings differ. Two validations with the same
-//! verdict say nothing.
+//! Contract: if a verdict replaces a different one of the same session, it is reported with the
+//! differences between the two documents: files, depth, limits, software and findings. Two
+//! validations with the same verdict give no text.
 
 use session_archive::handoff::{HandOff, Verdict};
 
 use crate::quality::Finding;
 use crate::validation::Validation;
 
-/// Findings that are named; the rest is counted.
+/// Maximum number of findings named; the rest is counted.
 const MAX_FINDINGS: usize = 6;
 
-/// A line that says that the verdict on a session changed, and why; none if it did not.
+/// A line with the change of a session's verdict and its reasons; `None` if it did not change.
 pub fn describe(old: &Validation, new: &Validation) -> Option<String> {
     if old.session_id != new.session_id || old.verdict == new.verdict {
         return None;
@@ -51,7 +51,7 @@ pub fn describe(old: &Validation, new: &Validation) -> Option<String> {
     ))
 }
 
-/// A line that says that a session was handed over with another verdict than the one that it has now; none if not.
+/// A line if the verdict of the hand-off differs from the current one; `None` if they agree.
 pub fn hand_off_note(handoff: &HandOff, now: Verdict, name: &str) -> Option<String> {
     (handoff.verdict != now).then(|| {
         format!(

@@ -1,25 +1,25 @@
-//! A catalogue's file and what SQLite keeps beside it, moved and removed together: a log that is left behind would be
-//! taken for the next file's.
+//! The catalogue's file and the companion files of SQLite, moved and removed together: a log that
+//! is left behind would be applied to the next file.
 
 use std::fs;
 use std::io;
 use std::path::{Path, PathBuf};
 
-/// What SQLite keeps beside a database, by what its name has behind the database's.
+/// Name suffixes of the files that SQLite keeps beside a database.
 const COMPANION_SUFFIXES: [&str; 3] = ["-journal", "-wal", "-shm"];
 
-/// A path with something behind its name.
+/// A path with a suffix appended to its name.
 pub(super) fn with_suffix(path: &Path, suffix: &str) -> PathBuf {
     let mut with = path.as_os_str().to_owned();
     with.push(suffix);
     with.into()
 }
 
-/// Renames a damaged catalogue to `catalogue.sqlite.damaged`, or `.damaged-2` and so on; gives the new name, none if
-/// nothing was there.
+/// Renames a damaged catalogue to `catalogue.sqlite.damaged`, or `.damaged-2` and so on; returns
+/// the new name, `None` if there was no file.
 ///
 /// # Errors
-/// The disk says no.
+/// An I/O error occurs.
 pub(super) fn set_aside(path: &Path) -> io::Result<Option<PathBuf>> {
     let is_there = |path: &Path| fs::symlink_metadata(path).is_ok();
     let is_taken = |to: &PathBuf| {
@@ -35,14 +35,14 @@ pub(super) fn set_aside(path: &Path) -> io::Result<Option<PathBuf>> {
         })
         .find(|to| !is_taken(to))
         .ok_or(io::ErrorKind::AlreadyExists)?;
-    // The logs first: without its file none of them is taken for another's.
+    // The logs first: without their database they cannot be applied to another one.
     for beside in COMPANION_SUFFIXES {
         rename(&with_suffix(path, beside), &with_suffix(&to, beside))?;
     }
     Ok(rename(path, &to)?.then_some(to))
 }
 
-/// Whether there was something to rename.
+/// Returns whether the file existed.
 fn rename(from: &Path, to: &Path) -> io::Result<bool> {
     match fs::rename(from, to) {
         Ok(()) => Ok(true),
@@ -51,10 +51,10 @@ fn rename(from: &Path, to: &Path) -> io::Result<bool> {
     }
 }
 
-/// Removes a catalogue that is out of date or half made; it can be made again.
+/// Removes an outdated or incomplete catalogue; it can be rebuilt.
 ///
 /// # Errors
-/// The disk says no.
+/// An I/O error occurs.
 pub(super) fn remove(path: &Path) -> io::Result<()> {
     let beside = COMPANION_SUFFIXES
         .iter()

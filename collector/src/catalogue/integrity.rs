@@ -1,20 +1,20 @@
-//! Whether a file is a catalogue that can be used.
+//! Integrity check of a catalogue file.
 
 use std::io::{self, Read};
 use std::path::Path;
 
 use rusqlite::{Connection, Error as SqlError, ErrorCode};
 
-/// How every SQLite database begins (`sqlite.org/fileformat2.html`, 1.3).
+/// Magic of SQLite databases (`sqlite.org/fileformat2.html`, 1.3).
 const MAGIC: &[u8; 16] = b"SQLite format 3\0";
-/// The versions of the format that are written and read, bytes 18 and 19: 1 without, 2 with a write-ahead log. SQLite
-/// opens a later one for reading only.
+/// Format versions that are read and written, bytes 18 and 19: 1 without, 2 with a write-ahead log.
+/// SQLite opens a later version read-only.
 const VERSIONS: std::ops::RangeInclusive<u8> = 1..=2;
 
-/// What is wrong with a file by its kind and its first bytes; none if nothing is.
+/// Reason why a file is unusable, by its kind and its first bytes; `None` if it is usable.
 ///
 /// # Errors
-/// It is not there, or the disk says no.
+/// The file does not exist, or an I/O error occurs.
 pub(super) fn of_file(path: &Path) -> io::Result<Option<String>> {
     let mut file = match plain_file::open(path) {
         Err(e) if plain_file::is_refusal(&e) => return Ok(Some(e.to_string())),
@@ -34,16 +34,16 @@ pub(super) fn of_file(path: &Path) -> io::Result<Option<String>> {
     Ok(why.map(str::to_owned))
 }
 
-/// What is wrong with the content; none if nothing is.
+/// Reason why the content is unusable; `None` if it is usable.
 ///
 /// # Errors
-/// SQLite cannot say: see [`is_damage`].
+/// SQLite reports an error: see [`is_damage`].
 pub(super) fn of_content(
     connection: &Connection,
     path: &Path,
     version: i64,
 ) -> Result<Option<String>, SqlError> {
-    // One transaction: nobody writes between the questions.
+    // One transaction: no writes between the queries.
     let connection = connection.unchecked_transaction()?;
     let found: i64 = connection.pragma_query_value(None, "user_version", |r| r.get(0))?;
     if found != version {
@@ -54,17 +54,17 @@ pub(super) fn of_content(
     if check != "ok" {
         return Ok(Some(check));
     }
-    // SQLite reads what is missing of the last page as zeros.
+    // SQLite reads the missing part of a truncated last page as zeros.
     let asked = |pragma: &str| connection.pragma_query_value(None, pragma, |r| r.get::<_, i64>(0));
     let expected = asked("page_count")?.saturating_mul(asked("page_size")?);
     let mode: String = connection.pragma_query_value(None, "journal_mode", |r| r.get(0))?;
-    // With a write-ahead log, the newest pages are there.
+    // With a write-ahead log, the newest pages are in the log.
     let length = std::fs::metadata(path).map_or(0, |data| data.len());
     let is_whole = mode == "wal" || i64::try_from(length) == Ok(expected);
     Ok((!is_whole).then(|| format!("it has {length} bytes, expected {expected}")))
 }
 
-/// Whether an error says that the file is no catalogue.
+/// Whether an error means that the file is not a catalogue.
 pub(super) fn is_damage(error: &SqlError) -> bool {
     match error {
         SqlError::SqliteFailure(..) => matches!(
@@ -83,7 +83,7 @@ pub(super) fn is_damage(error: &SqlError) -> bool {
     }
 }
 
-/// Whether another program keeps it from being used.
+/// Whether another program holds it locked.
 pub(super) fn is_busy(error: &SqlError) -> bool {
     matches!(
         error.sqlite_error_code(),

@@ -1,8 +1,8 @@
-//! `paws calib`: from recordings to calibration, one verb below it for each thing that is calibrated.
+//! `paws calib`: calibration from recordings, one subcommand for each kind.
 //!
-//! A result goes to a folder of its own, `calibration/` in the session's folder where a library lists
-//! the session, else wherever `--out` says. A file that is there already is overwritten only with
-//! `--force`, and whether one is in the way is known before any work is done.
+//! Results go to a separate folder: `calibration/` in the session's folder if a library lists the
+//! session, else the one of `--out`. Existing files are overwritten only with `--force`, which is
+//! checked before any work is done.
 
 pub mod camera_imu;
 pub mod cameras;
@@ -27,66 +27,66 @@ use crate::console::Console;
 use crate::outcome::Outcome;
 use crate::target::Target;
 
-/// Folder of the results in a session's folder.
+/// Name of the results' folder in a session's folder.
 pub const FOLDER: &str = "calibration";
 
 /// What to calibrate.
 #[derive(Debug, Subcommand)]
 pub enum Command {
-    /// Place and clock of the IMUs behind their cameras, from a recording before a board
+    /// Extrinsics and time offsets of the IMUs against their cameras, from a recording of a board
     CameraImu {
         /// The session
         session: String,
-        /// How to do it
+        /// Options
         #[command(flatten)]
         options: camera_imu::Options,
-        /// Where results go
+        /// Output
         #[command(flatten)]
         output: Output,
     },
-    /// Lenses, stereo cameras and the rig, from a session in which targets were shown
+    /// Intrinsics, stereo extrinsics and the rig, from a session in which targets were shown
     Cameras {
         /// The session
         session: String,
-        /// How to do it
+        /// Options
         #[command(flatten)]
         options: cameras::Options,
-        /// Where results go
+        /// Output
         #[command(flatten)]
         output: Output,
     },
     /// Write a calibration file in another format
     Convert(convert::Options),
-    /// Whether what is told of the rig is still true, from an ordinary walk
+    /// Check that the calibration still holds, from an ordinary recording
     Verify {
         /// The session
         session: String,
-        /// How to do it
+        /// Options
         #[command(flatten)]
         options: verify::Options,
     },
-    /// Noise of the IMUs, from a rig that lay still
+    /// Noise of the IMUs, from a recording at rest
     Imu {
         /// The session
         session: String,
-        /// How to do it
+        /// Options
         #[command(flatten)]
         options: imu::Options,
-        /// Where results go
+        /// Output
         #[command(flatten)]
         output: Output,
     },
-    /// Boards to print: a PDF at true size, and the board's file
+    /// Calibration boards to print: a PDF at true size, and the board's file
     Targets(targets::Options),
 }
 
-/// Where results go.
+/// Output.
 #[derive(Clone, Debug, Default, Args)]
 pub struct Output {
     /// Folder for the results [default: calibration/ in the session's folder]
     #[arg(long, value_name = "DIR")]
     pub out: Option<PathBuf>,
-    /// Overwrite results that are there
+    /// Overwrite existing results
     #[arg(long)]
     pub force: bool,
 }
@@ -95,7 +95,7 @@ impl Output {
     /// The folder for the results of a session.
     ///
     /// # Errors
-    /// None was given and no library lists the session.
+    /// No folder was given and no library lists the session.
     pub fn folder(&self, target: &Target) -> Result<PathBuf> {
         match &self.out {
             Some(out) => Ok(out.clone()),
@@ -103,11 +103,11 @@ impl Output {
         }
     }
 
-    /// Makes sure that none of the files that may come out is in the way, and gives where they will go. Call it before
-    /// the work.
+    /// Checks that no possible output file exists, and returns the destination. Call it before the
+    /// work.
     ///
     /// # Errors
-    /// One is there, and `--force` was not said.
+    /// An output file exists, and `--force` was not given.
     pub fn prepare(&self, folder: PathBuf, possible_files: Vec<String>) -> Result<ResultFiles> {
         for path in possible_files.iter().map(|file| folder.join(file)) {
             if !self.force && path.exists() {
@@ -129,7 +129,7 @@ impl Output {
     }
 }
 
-/// Where the results of one run go.
+/// Destination of the results of one run.
 pub struct ResultFiles {
     folder: PathBuf,
     possible_files: Vec<String>,
@@ -137,11 +137,12 @@ pub struct ResultFiles {
 }
 
 impl ResultFiles {
-    /// Writes results in their order, each of them whole or not at all, and says where they are; makes the folder. Results
-    /// of an earlier run that did not come out this time go: beside new ones they would be taken for new.
+    /// Writes results in this order, each atomically, and prints their paths; creates the folder.
+    /// Results of an earlier run without a new version are removed: beside new ones they would be
+    /// mistaken for new.
     ///
     /// # Errors
-    /// One is in the way, or the disk says no.
+    /// An output file exists, or an I/O error occurs.
     pub fn write(self, files: &[(String, Vec<u8>)], console: &mut Console<'_>) -> Result<()> {
         let folder = &self.folder;
         fs::create_dir_all(folder).with_context(|| format!("making {}", folder.display()))?;
@@ -163,10 +164,10 @@ impl ResultFiles {
     }
 }
 
-/// Does it.
+/// Runs `paws calib`.
 ///
 /// # Errors
-/// The session cannot be found or read, a result is in the way, or it cannot be written.
+/// The session cannot be found or read, an output file exists already, or it cannot be written.
 pub fn run(
     command: &Command,
     library: Option<&Path>,

@@ -1,11 +1,11 @@
-//! `paws export`: a session in the formats of others. (MCAP needs none: the segments are MCAP.)
+//! `paws export`: a session in other formats. (The segments are MCAP already.)
 //!
-//! * `euroc`: an ASL folder per camera, pictures decoded to PNG.
-//! * `mp4`: one file per camera, the compressed pictures as they are.
+//! * `euroc`: an ASL folder per camera, images decoded to PNG.
+//! * `mp4`: one file per camera, the access units unchanged.
 //! * `csv`: IMU samples, frames, frame sets, gaps and events as tables.
 //!
-//! An export goes to a new or an empty folder. What cannot be exported, damaged parts of the session
-//! included, is counted, told, and makes the exit code say so.
+//! An export goes to a new or an empty folder. Data that cannot be exported, including damaged
+//! ranges of the session, is counted, reported, and changes the exit code.
 
 mod csv;
 mod euroc;
@@ -28,12 +28,12 @@ use crate::outcome::Outcome;
 use crate::target::Target;
 use crate::text;
 
-/// What to export to.
+/// Export format.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
 pub enum Format {
-    /// ASL/EuRoC folders: PNG pictures, IMU and calibration
+    /// ASL/EuRoC folders: PNG images, IMU and calibration
     Euroc,
-    /// One MP4 file per camera, not encoded again
+    /// One MP4 file per camera, without re-encoding
     Mp4,
     /// Tables of IMU samples, frames, frame sets, gaps and events
     Csv,
@@ -70,7 +70,7 @@ pub fn run(
     .with_context(|| format!("exporting to {}", out.display()))
 }
 
-/// Makes sure that no two streams, and no stream and another table, go to one file.
+/// Checks that no two streams or tables go to one file.
 fn check_names(manifest: &Manifest) -> Result<()> {
     let mut names = BTreeSet::from(["events", "gaps", "frame_sets"].map(str::to_owned));
     let cameras = manifest.cameras.iter().map(|c| file_name(&c.name));
@@ -84,7 +84,7 @@ fn check_names(manifest: &Manifest) -> Result<()> {
     Ok(())
 }
 
-/// Tells how much the index had to leave out.
+/// Reports how much the index had to leave out.
 fn damage(index: &Index, console: &mut Console<'_>) -> Result<Outcome> {
     if index.damaged == 0 {
         return Ok(Outcome::Fine);
@@ -98,7 +98,7 @@ fn left_out(damaged: u64) -> String {
     format!("{places} left out; `paws validate` tells what is missing")
 }
 
-/// The name of a stream as part of a file name: `feet/imu` as `feet_imu`.
+/// A stream's name as part of a file name: `feet/imu` as `feet_imu`.
 fn file_name(stream: &str) -> String {
     stream.replace('/', "_")
 }

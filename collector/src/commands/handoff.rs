@@ -1,11 +1,12 @@
-//! `paws handoff`: seals a session for whoever works on it next.
+//! `paws handoff`: seals a session for the next processing stage.
 //!
-//! Hash every file, validate if the last validation no longer fits, index, then write `handoff.json` into the session's
-//! folder: the recorded files with their hashes under a seal, and beside it the verdict, the limits, and the acceptance. A
-//! validation fits if it used the same limits and nothing has changed since the import, byte by byte; one that is made
-//! again looks as deep as the last one. A session that fails its validation is handed over only where that is accepted,
-//! now or by a hand-off of the same recording before; else an older hand-off of it is withdrawn. Handing over the same
-//! again changes nothing.
+//! Hash every file, validate if the last validation no longer fits, index, then write
+//! `handoff.json` into the session's folder: the recorded files with their hashes under a seal, and
+//! beside it the verdict, the limits, and the acceptance. A validation is still valid if it used
+//! the same limits and no byte has changed since the import; a repeated one is as deep as the last
+//! one. A session that fails its validation is handed over only if that is accepted, now or by an
+//! earlier hand-off of the same recording; else an older hand-off of it is withdrawn. Handing over
+//! the same session again changes nothing.
 
 use std::fs;
 use std::io;
@@ -30,18 +31,18 @@ use crate::target::Target;
 use crate::validation::Validation;
 use crate::verdict_change;
 
-/// How to hand over.
+/// Options of a hand-off.
 #[derive(Clone, Debug, Default)]
 pub struct Options {
-    /// The worst verdict with which the session is handed over all the same.
+    /// The worst verdict with which the session is still handed over.
     pub accept: Option<Verdict>,
-    /// The limits that it is judged by.
+    /// The limits of the validation.
     pub limits: Limits,
-    /// Then let `paws-reconstruct frames` fill this folder.
+    /// Folder for the output of `paws-reconstruct frames`, started afterwards.
     pub frames: Option<PathBuf>,
 }
 
-/// [`run_with`] the limits of the table, accepting no failure.
+/// [`run_with`] default limits, accepting no failure.
 ///
 /// # Errors
 /// See [`run_with`].
@@ -53,8 +54,8 @@ pub fn run(target: &Target, frames: Option<&Path>, console: &mut Console<'_>) ->
     run_with(target, &options, console)
 }
 
-/// Seals a session, prints where the hand-off is, and starts its reconstruction if that was asked for. A failure that is
-/// accepted ends as [`Outcome::Loss`].
+/// Seals a session, prints the path of the hand-off, and starts its reconstruction if requested. An
+/// accepted failure ends as [`Outcome::Loss`].
 ///
 /// # Errors
 /// The session cannot be read or sealed, or the reconstruction cannot be started.
@@ -124,7 +125,7 @@ pub fn run_with(target: &Target, options: &Options, console: &mut Console<'_>) -
     }
 }
 
-/// Says why a session is not handed over, and withdraws a hand-off of it.
+/// Reports why a session is not handed over, and withdraws an older hand-off of it.
 fn refuse(
     target: &Target,
     validation: &Validation,
@@ -160,8 +161,8 @@ fn print_reasons(validation: &Validation, console: &mut Console<'_>) -> Result<(
     Ok(())
 }
 
-/// The files of the recording as they are now: manifest, rig files and segments. One that should be
-/// there and is not is left out; it costs the validation.
+/// The current files of the recording: manifest, rig files and segments. A missing one is left out;
+/// the validation then no longer matches.
 fn recorded(folder: &Path, console: &Console<'_>) -> Result<Vec<SealedFile>> {
     let context = || format!("hashing the session: {}", folder.display());
     let reader = open(folder)?;
@@ -181,7 +182,7 @@ fn recorded(folder: &Path, console: &Console<'_>) -> Result<Vec<SealedFile>> {
     Ok(files)
 }
 
-/// The validation of the session as it is now, by these limits; made and written if need be.
+/// The validation of the current session by these limits; run and written if necessary.
 fn current_validation(
     target: &Target,
     limits: &Limits,
@@ -198,7 +199,7 @@ fn current_validation(
         return Ok(known.clone());
     }
     let options = validate::Options {
-        // What only a deep look finds must not be lost by looking again.
+        // Findings of a deep validation must not be lost by a repeated one.
         deep: known.as_ref().is_some_and(|known| known.deep),
         limits: limits.clone(),
         ..validate::Options::default()
@@ -212,8 +213,8 @@ fn current_validation(
     Ok(validation)
 }
 
-/// Whether every file is what was imported. A validation looked at the same bytes then, or failed:
-/// lengths and times say too little of what a disk has done to them since.
+/// Whether every file is unchanged since the import. Then the validation has seen the same bytes,
+/// or failed. Lengths and times do not show disk errors.
 fn is_as_imported(folder: &Path, recorded: &[SealedFile]) -> bool {
     let Some(record) = ImportRecord::read(folder) else {
         return false;
@@ -224,13 +225,13 @@ fn is_as_imported(folder: &Path, recorded: &[SealedFile]) -> bool {
     })
 }
 
-/// Whether two lists are of the same files.
+/// Whether two lists name the same files with the same hashes.
 fn is_same(one: &[SealedFile], other: &[SealedFile]) -> bool {
     one.len() == other.len() && one.iter().all(|file| other.contains(file))
 }
 
-/// The acceptance that a verdict needs: that of an earlier hand-off of the same recording if it covers all of it and no
-/// other level is said, else a new one if one is said that covers it.
+/// The acceptance that a verdict needs: that of an earlier hand-off of the same recording if it
+/// covers the verdict and no other level is given, else a new one if the given level covers it.
 fn acceptance(
     validation: &Validation,
     level: Option<Verdict>,
@@ -279,7 +280,7 @@ fn of_finding(finding: &Finding) -> Beyond {
     }
 }
 
-/// Seals of version 1 that stand for the same recording.
+/// Version 1 seals of the same recording.
 fn earlier_seals(same: &HandOff) -> Vec<String> {
     let mut seals = same.earlier_seals.clone();
     if same.version < session_archive::handoff::VERSION {
@@ -288,7 +289,7 @@ fn earlier_seals(same: &HandOff) -> Vec<String> {
     seals
 }
 
-/// Whether writing it again would change no more than when and by which version it was written.
+/// Whether two hand-offs differ only in time and software version.
 fn is_equivalent(old: &HandOff, new: &HandOff) -> bool {
     let timeless = HandOff {
         software: old.software.clone(),

@@ -1,7 +1,7 @@
 //! `paws import`: brings sessions from folders and disks into the library, one after the other.
 //!
-//! A session that cannot be imported does not keep the others from it. Each session ends with one line;
-//! damaged ones are in the library and make the exit code say so.
+//! If one session cannot be imported, the others still are. Each session gives one line; damaged
+//! ones are imported and change the exit code.
 
 use std::path::{Path, PathBuf};
 
@@ -20,10 +20,10 @@ use crate::quality::faults;
 use crate::session_search;
 use crate::text;
 
-/// Format of a line of JSON.
+/// `format` of a line of JSON.
 const LINE: &str = "paws-import-line";
 
-/// Imports everything found in `sources` into the library in the folder `root`.
+/// Imports all sessions found in `sources` into the library in the folder `root`.
 ///
 /// # Errors
 /// The library cannot be used at all.
@@ -31,7 +31,7 @@ pub fn run(sources: &[PathBuf], root: &Path, console: &mut Console<'_>) -> Resul
     run_as(sources, root, false, console)
 }
 
-/// As [`run`]; with `json` each session ends with one line of JSON, see [`ImportLine`].
+/// As [`run`]; with `json` each session gives one line of JSON, see [`ImportLine`].
 ///
 /// # Errors
 /// The library cannot be used at all.
@@ -106,7 +106,7 @@ pub fn run_as(
     Ok(outcome)
 }
 
-/// Says that another program has to end first.
+/// Reports that the command waits for another program.
 pub(crate) fn report_waiting(root: &Path) {
     complain!(
         "paws: another paws is changing this library; waiting for it to end: {}",
@@ -114,7 +114,7 @@ pub(crate) fn report_waiting(root: &Path) {
     );
 }
 
-/// From the first sample to the last, ns; none if there are no samples.
+/// Duration from the first sample to the last, ns; `None` without samples.
 fn length(report: &Report) -> Option<i64> {
     let start = report.streams.values().filter(|s| s.samples > 0);
     let end = start.clone().map(|s| s.end).max();
@@ -122,7 +122,7 @@ fn length(report: &Report) -> Option<i64> {
     length.map(|(start, end)| end.since(start))
 }
 
-/// The line of JSON about a session that is in the library now.
+/// The JSON line of an imported session.
 fn document(source: &Path, imported: &Imported) -> ImportLine {
     ImportLine {
         format: LINE,
@@ -157,7 +157,7 @@ fn not_imported(source: &Path, why: String) -> ImportLine {
     }
 }
 
-/// Of each camera that lost frames the share, as `; feet: 5 % of the frames missing`.
+/// Fraction of missing frames of each camera with losses, as `; feet: 5 % of the frames missing`.
 fn losses(report: &Report) -> String {
     let streams = StreamLoss::of(report).into_iter();
     let lost = streams.filter(|s| s.is_camera() && s.missing > 0);
@@ -168,7 +168,7 @@ fn losses(report: &Report) -> String {
     .collect()
 }
 
-/// One line about a session that is in the library now.
+/// One line of text about an imported session.
 pub(crate) fn summary(imported: &Imported) -> String {
     let Imported { key, report, .. } = imported;
     let length = length(report).unwrap_or(0);

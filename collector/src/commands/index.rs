@@ -14,14 +14,14 @@ use crate::outcome::Outcome;
 use crate::target::Target;
 use crate::text;
 
-/// What to do with a session that is in no library.
+/// Hint for a session that is in no library.
 pub(crate) const IMPORT_FIRST: &str = "`paws import` copies it to one";
 
-/// The index of a session: the one beside it if it still fits, else a new one, which is not
+/// The index of a session: the stored one if it still matches, else a new one, which is not
 /// written.
 ///
 /// # Errors
-/// The disk says no.
+/// An I/O error occurs.
 pub fn read_or_build(reader: &SessionReader, console: &Console<'_>) -> Result<Index> {
     match Index::read(reader) {
         Ok(index) => Ok(index),
@@ -34,11 +34,11 @@ fn build(reader: &SessionReader, console: &Console<'_>) -> Result<Index> {
     Ok(Index::build(reader, |bytes| progress.add(bytes))?)
 }
 
-/// Makes sure that the session in a folder has an index; gives it, and whether it is new. One that
-/// had to leave something out is made anew, because the damage may have been mended since.
+/// Returns the index of the session in a folder, and whether it is new; writes it if necessary. An
+/// index with omissions is built again, because the damage may have been repaired meanwhile.
 ///
 /// # Errors
-/// The disk says no.
+/// An I/O error occurs.
 pub fn ensure(folder: &Path, console: &Console<'_>) -> Result<(Index, bool)> {
     let context = || format!("indexing the session: {}", folder.display());
     let reader = open(folder)?;

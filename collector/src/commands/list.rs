@@ -1,4 +1,4 @@
-//! `paws list`: what is in the library, one line per session, the oldest first.
+//! `paws list`: the sessions of the library, one line each, the oldest first.
 
 use std::path::Path;
 
@@ -58,7 +58,7 @@ pub fn run(root: &Path, console: &mut Console<'_>) -> Result<Outcome> {
     Ok(Outcome::Fine)
 }
 
-/// The same as one JSON document.
+/// Lists the sessions as one JSON document.
 ///
 /// # Errors
 /// There is no library, or it cannot be read.
@@ -78,8 +78,8 @@ pub fn json(root: &Path, console: &mut Console<'_>) -> Result<Outcome> {
     Ok(Outcome::Fine)
 }
 
-/// What is missing: the camera that lost the largest share of its frames; where no camera did, how many samples of all
-/// streams.
+/// Losses: the camera with the largest fraction of missing frames; if no camera has any, the number
+/// of missing samples of all streams.
 fn missing(row: &Row, folder: &Path) -> String {
     if row.missing == 0 {
         return "-".to_owned();
@@ -96,7 +96,7 @@ fn missing(row: &Row, folder: &Path) -> String {
     }
 }
 
-/// Rows with their columns under each other; the last one is not padded.
+/// Rows with aligned columns; the last column is not padded.
 fn table<const N: usize>(rows: &[[String; N]]) -> Vec<String> {
     let width = |i: usize| rows.iter().map(|r| r[i].chars().count()).max();
     let widths: Vec<usize> = (0..N).map(|i| width(i).unwrap_or(0)).collect();

@@ -1,4 +1,4 @@
-//! `paws validate --metrics`: what can be measured, in which unit, and the limits of the table.
+//! `paws validate --metrics`: the metrics, their units, and the default limits.
 //!
 //! Names and numbers are those that `--limit METRIC=WARN,FAIL` takes.
 

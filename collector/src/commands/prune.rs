@@ -1,11 +1,12 @@
-//! `paws prune`: removes what can be made again.
+//! `paws prune`: removes files that can be derived again.
 //!
-//! By itself it removes derived files (indexes, validations, hand-offs, reports) and what stopped
-//! imports left behind; a folder that cannot be read is told of and left alone. A recording is
-//! removed only if its whole identifier is given and `--yes` is said, and then it disappears from the library at once, by one rename, before its bytes go.
+//! Without options it removes derived files (indexes, validations, hand-offs, reports) and the
+//! remains of stopped imports; an unreadable folder is reported and left unchanged. A recording is
+//! removed only with its whole identifier and `--yes`; it disappears from the library by one rename
+//! before its bytes are deleted.
 //!
-//! It works on a full disk: nothing is written before something was removed, and where the catalogue cannot be told, it
-//! is made again later.
+//! It works on a full disk: nothing is written before something was removed, and if the catalogue
+//! cannot be updated, it is rebuilt later.
 
 use std::fs;
 use std::io;
@@ -19,10 +20,10 @@ use crate::library::{DERIVED, INCOMING, Library, SESSIONS, sync_folder};
 use crate::outcome::Outcome;
 use crate::text;
 
-/// Removes derived files and left-overs from the library in the folder `root`.
+/// Removes derived files and remains of stopped imports from the library in the folder `root`.
 ///
 /// # Errors
-/// Another program is changing the library, or the disk says no.
+/// Another program is changing the library, or an I/O error occurs.
 pub fn derived(root: &Path, console: &mut Console<'_>) -> Result<Outcome> {
     let mut library = Library::open(root)?;
     let _lock = library.lock()?;
@@ -66,10 +67,10 @@ pub fn derived(root: &Path, console: &mut Console<'_>) -> Result<Outcome> {
     Ok(Outcome::Fine)
 }
 
-/// Removes a session, recording and all. Without `sure` it only says what would be removed.
+/// Removes a session including its recording. Without `sure` it only reports what would be removed.
 ///
 /// # Errors
-/// `sure` was not said, the session is not there, or the disk says no.
+/// `sure` is false, the session does not exist, or an I/O error occurs.
 pub fn session(root: &Path, text: &str, sure: bool, console: &mut Console<'_>) -> Result<Outcome> {
     let mut library = Library::open(root)?;
     let _lock = library.lock()?;
@@ -94,14 +95,14 @@ pub fn session(root: &Path, text: &str, sure: bool, console: &mut Console<'_>) -
     }
     rename_new(&folder, &away).with_context(context)?;
     sync_folder(&library.root().join(SESSIONS)).with_context(context)?;
-    // Its bytes first: on a full disk the catalogue needs them.
+    // Bytes first: on a full disk the catalogue needs the space.
     fs::remove_dir_all(&away).with_context(context)?;
     library.forget(&key)?;
     console.line(format!("{key}: removed, {bytes}"))?;
     Ok(Outcome::Fine)
 }
 
-/// Bytes of a file, or of all files in a folder; what cannot be read counts nothing.
+/// Bytes of a file, or of all files in a folder; unreadable files count as 0.
 fn size(path: &Path) -> u64 {
     match fs::symlink_metadata(path) {
         Ok(data) if data.is_dir() => fs::read_dir(path)

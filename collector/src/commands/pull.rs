@@ -1,15 +1,18 @@
 //! `paws pull`: brings sessions from a rig into the library over the network, several at a time.
 //!
-//! * **Which**: those named, else all that the rig has. The one that is being recorded is left alone.
-//! * **How**: each file is fetched into `.incoming/ID/`, compared with the hash that the rig gave for it and made
-//!   durable; then the session is checked and published as by an import (see [`crate::import`]).
-//! * **Stopped at any point**: what came stays in `.incoming/` and is not listed; the next pull goes on from
-//!   there, in the middle of a file if need be, and so does an import of the same session from a disk.
-//! * **Receipt**: the rig gets it only for a session that is in the library, on disk and whole: the list of
-//!   hashes in it is made of what the library holds. A damaged session gets none, so the rig keeps it.
-//! * **Freeing** is asked for with `--free` and only after the receipt; the rig compares again and decides.
+//! * **Which**: the named sessions, else all of the rig. The one that is being recorded is left
+//!   out.
+//! * **How**: each file is downloaded into `.incoming/ID/`, compared with the rig's hash and
+//!   synced; then the session is verified and published as by an import (see [`crate::import`]).
+//! * **Stopped at any point**: downloaded bytes remain in `.incoming/` and are not listed; the next
+//!   pull resumes, if necessary in the middle of a file, and so does an import of the same session
+//!   from a disk.
+//! * **Receipt**: sent only for a session that is complete and synced in the library: its list hash
+//!   is computed from the library's files. A damaged session gets none, so the rig keeps it.
+//! * **Freeing** is requested with `--free` and only after the receipt; the rig compares again and
+//!   decides.
 //!
-//! A session that cannot be pulled does not keep the others from it. Each ends with one line.
+//! If one session cannot be pulled, the others still are. Each gives one line.
 
 mod session;
 
@@ -34,33 +37,33 @@ use crate::console::{Console, Show};
 use crate::library::{LATEST, Library};
 use crate::outcome::Outcome;
 
-/// Most sessions at a time.
+/// Maximum number of simultaneous downloads.
 pub const MAX_JOBS: usize = 8;
 
-/// What to pull, and from where.
+/// Options of `paws pull`.
 #[derive(Debug)]
 pub struct Options {
     /// The rig.
     pub rig: Address,
-    /// How it is known; needed with https.
+    /// Fingerprint of its certificate; needed with https.
     pub fingerprint: Option<Fingerprint>,
-    /// The secret that it asks for.
+    /// The rig's token, if it needs one.
     pub token: Option<Token>,
-    /// Sessions at a time, 1 to [`MAX_JOBS`].
+    /// Simultaneous downloads, 1 to [`MAX_JOBS`].
     pub jobs: usize,
-    /// Whether the rig is to free what has been pulled.
+    /// Whether the rig frees sessions that have been pulled.
     pub free: bool,
     /// Names or identifiers of sessions, or beginnings of them; none: all.
     pub sessions: Vec<String>,
-    /// How long to wait for a rig that does not answer.
+    /// Timeouts and retries.
     pub retry: RetryPolicy,
 }
 
 impl Options {
-    /// The options that a command line gives.
+    /// Parses the options of a command line.
     ///
     /// # Errors
-    /// The address, the fingerprint or the token is none.
+    /// The address, the fingerprint or the token is invalid.
     pub fn parse(
         rig: &str,
         fingerprint: Option<&str>,
@@ -88,7 +91,7 @@ impl Options {
 /// Pulls sessions into the library in the folder `root`.
 ///
 /// # Errors
-/// The rig cannot be asked, or the library cannot be used at all.
+/// The rig does not answer, or the library cannot be used.
 pub fn run(options: &Options, root: &Path, console: &mut Console<'_>) -> Result<Outcome> {
     if console.show != Show::Nothing {
         let limit = options.retry.connect_timeout.as_secs();
@@ -144,7 +147,7 @@ pub fn run(options: &Options, root: &Path, console: &mut Console<'_>) -> Result<
     })
 }
 
-/// Says how one session ended.
+/// Reports the result of one session.
 fn report(
     summary: &SessionSummary,
     result: Result<Pulled>,
@@ -175,7 +178,7 @@ fn report(
     Ok(outcome)
 }
 
-/// The sessions that are meant, each once, in the rig's order.
+/// The selected sessions, each once, in the rig's order.
 fn choose<'a>(
     there: &'a [SessionSummary],
     names: &[String],
@@ -217,7 +220,7 @@ fn choose<'a>(
     chosen.into_iter().map(|at| &there[at]).collect()
 }
 
-/// The session that was recorded last, of those that are ended.
+/// The last recorded session of those that have ended.
 fn latest(there: &[SessionSummary]) -> Option<usize> {
     let ended = there
         .iter()
@@ -228,7 +231,7 @@ fn latest(there: &[SessionSummary]) -> Option<usize> {
         .map(|(at, _)| at)
 }
 
-/// Leaves out what cannot be pulled, and says why.
+/// Leaves out sessions that cannot be pulled, with the reason.
 fn pullable<'a>(
     chosen: Vec<&'a SessionSummary>,
     all: bool,
@@ -257,7 +260,7 @@ fn pullable<'a>(
     pullable
 }
 
-/// What this machine is called, for the receipt.
+/// Host name of this machine, for the receipt.
 fn host_name() -> String {
     let name = std::fs::read_to_string("/proc/sys/kernel/hostname").unwrap_or_default();
     let name: String = name.trim().chars().filter(|c| !c.is_control()).collect();
@@ -268,12 +271,12 @@ fn host_name() -> String {
     }
 }
 
-/// A lock that holds even if whoever had it panicked: what it guards is whole at every step.
+/// Locks a mutex even if it is poisoned: the data is consistent at every step.
 fn locked<T>(mutex: &Mutex<T>) -> std::sync::MutexGuard<'_, T> {
     mutex.lock().unwrap_or_else(PoisonError::into_inner)
 }
 
-/// Adds the rig and the session to what went wrong.
+/// Adds the session's name to an error.
 fn of_session<T, E: Into<anyhow::Error>>(name: &str, result: Result<T, E>) -> Result<T> {
     result
         .map_err(|e| anyhow!(e))

@@ -1,4 +1,4 @@
-//! `paws rebuild`: the catalogue anew, from the sessions' folders alone.
+//! `paws rebuild`: rebuilds the catalogue from the sessions' folders alone.
 
 use std::path::Path;
 
@@ -9,11 +9,11 @@ use crate::library::Library;
 use crate::outcome::Outcome;
 use crate::text;
 
-/// Rebuilds the catalogue of the library in the folder `root`. A folder that holds no readable
-/// session is named and makes the outcome a failure; the others are listed.
+/// Rebuilds the catalogue of the library in the folder `root`. A folder without a readable session
+/// is reported and makes the outcome a failure; the others are listed.
 ///
 /// # Errors
-/// There is no library, another program is changing it, or the disk says no.
+/// There is no library, another program is changing it, or an I/O error occurs.
 pub fn run(root: &Path, console: &mut Console<'_>) -> Result<Outcome> {
     let mut library = Library::open(root)?;
     let _lock = library.lock()?;

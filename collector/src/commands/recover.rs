@@ -1,9 +1,9 @@
-//! `paws recover`: a sound copy of a session that was cut off or damaged.
+//! `paws recover`: an undamaged copy of a session that was cut off or damaged.
 //!
-//! The original is only read and stays where it is. In a library the copy becomes a session of its
-//! own, `ID.recovered`, that appears by one rename as an import does; elsewhere it goes to a new
-//! folder beside the original, or to the one that is named. What could not be saved has gap records
-//! in the copy (`docs/decisions/0005-collector.md`).
+//! The original is only read. In a library the copy becomes a separate session, `ID.recovered`,
+//! that appears by one rename as an import does; elsewhere it goes to a new folder beside the
+//! original, or to the named one. Samples that could not be recovered have gap records in the copy
+//! (`docs/decisions/0005-collector.md`).
 
 use std::fs;
 use std::path::{Path, PathBuf};
@@ -24,10 +24,10 @@ use crate::quality::faults;
 use crate::target::Target;
 use crate::text;
 
-/// Recovers a session; `out` is the folder for the copy, which must be new.
+/// Recovers a session into the folder `out`, which must be new.
 ///
 /// # Errors
-/// The session cannot be read, or the copy cannot be written or is not sound.
+/// The session cannot be read, or the copy cannot be written or is damaged.
 pub fn run(target: &Target, out: Option<&Path>, console: &mut Console<'_>) -> Result<Outcome> {
     let reader = open(&target.folder)?;
     let bytes = reader.bytes()?;
@@ -85,7 +85,7 @@ fn in_library(
         );
     }
     let incoming = library.incoming(&copy_key);
-    // Left by a recovery that was stopped.
+    // Remains of a stopped recovery.
     if incoming.exists() {
         fs::remove_dir_all(&incoming)
             .with_context(|| format!("clearing {}", incoming.display()))?;
@@ -116,7 +116,7 @@ fn beside(folder: &Path) -> PathBuf {
 
 fn write(target: &Target, copy: &Path, bytes: u64, console: &Console<'_>) -> Result<Recovered> {
     let reader = open(&target.folder)?;
-    // The source is read for its report and the copy is checked; both count.
+    // Progress counts the verification of the source and of the copy.
     let progress = console.progress("recovering", 2 * bytes);
     recover(&reader, Arc::new(DiskStorage::new(copy)), |n| {
         progress.add(n)
@@ -139,7 +139,7 @@ fn report_recovered(
         "{name}: recovered as {copy}, {} kept, {lost} lost",
         text::count(kept, "sample"),
     ))?;
-    // A cut loses nothing that was durable; anything else is loss.
+    // A cut loses nothing that was synced; anything else is loss.
     let only_cut = lost == 0
         && Condition::of(
             session_archive::manifest::State::Recording,

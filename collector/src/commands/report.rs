@@ -1,4 +1,4 @@
-//! `paws report`: the HTML report of a session, in its folder or in a file of one's choice.
+//! `paws report`: the HTML report of a session, in its folder or in a given file.
 
 use std::path::Path;
 
@@ -11,9 +11,9 @@ use crate::report_page;
 use crate::target::Target;
 use crate::validation::{REPORT, Validation};
 
-/// Examines a session and writes its report. A fresh verdict that looked as deep stays, whatever
-/// its limits, and is the one reported; else the new one goes into the library as after
-/// `paws validate`.
+/// Validates a session and writes its report. A stored validation that is still valid and as deep
+/// is reported, whatever its limits; else the new one is stored in the library as by `paws
+/// validate`.
 ///
 /// # Errors
 /// The session cannot be read, or the report cannot be written.
@@ -38,7 +38,7 @@ pub fn run(
     }
     let mut validated = validate(&target.folder, &options, console)?;
     match known {
-        // A check of every byte may find what lengths do not tell.
+        // Verification of every byte may find damage that lengths do not show.
         Some(known) if known.report == validated.validation.report => {
             validated.validation = known;
         }

@@ -1,8 +1,8 @@
-//! `paws rig`: rig files shown, checked, compared and converted.
+//! `paws rig`: shows, checks, compares and converts rig files.
 //!
-//! Contract: rig files are read and new files written; nothing that exists is changed, and a file that is there already is an
-//! error unless `--force` is given. Results are lines; `check` ends with 1 when the rig cannot be true, with 3 when something
-//! should be looked at, and `diff` with 3 when something changed.
+//! Contract: rig files are read and new files written; nothing that exists is changed, and an
+//! existing output file is an error unless `--force` is given. Results are lines; `check` ends with
+//! 1 if the rig is invalid, with 3 on warnings, and `diff` with 3 if something changed.
 
 use std::path::{Path, PathBuf};
 
@@ -24,10 +24,10 @@ pub(crate) mod drawing;
 mod glyphs;
 mod show;
 
-/// What to do with rig files.
+/// Commands for rig files.
 #[derive(Debug, Subcommand)]
 pub enum RigVerb {
-    /// Print where the frames are; with --out also draw them
+    /// Print the poses of the frames; with --out also draw them
     Show {
         /// The rig file
         file: PathBuf,
@@ -37,11 +37,11 @@ pub enum RigVerb {
         /// Calibration of a camera: CAMERA=FILE, or CAMERA=FILE@WIDTHxHEIGHT; repeat
         #[arg(long, value_name = "CAMERA=FILE")]
         calibration: Vec<String>,
-        /// Replace files that are there
+        /// Replace existing files
         #[arg(long)]
         force: bool,
     },
-    /// Tell everything that is wrong with a rig file
+    /// Report all errors of a rig file
     Check {
         /// The rig file
         file: PathBuf,
@@ -54,31 +54,32 @@ pub enum RigVerb {
     },
     /// Compare two rig files, in mm and degrees
     Diff {
-        /// The rig file as it was
+        /// The old rig file
         a: PathBuf,
-        /// The rig file as it is
+        /// The new rig file
         b: PathBuf,
     },
-    /// Make a rig file of a CAD file, or another format of a rig file
+    /// Convert a CAD file to a rig file, or a rig file to another format
     Convert {
         /// STEP, URDF, glTF, CSV or TOML table; or a rig file
         src: PathBuf,
-        /// Which part is which frame
+        /// Map from parts to frames
         #[arg(long, value_name = "FILE")]
         map: Option<PathBuf>,
-        /// The new file; for a rig file its ending says the format: .urdf, .gltf, .csv or .toml (a table)
+        /// The new file; for a rig file its extension selects the format: .urdf, .gltf, .csv or
+        /// .toml (a table)
         #[arg(long, value_name = "FILE", required_unless_present = "list")]
         out: Option<PathBuf>,
-        /// Only print the parts with their places, to write a map by
+        /// Only print the parts with their poses, to write a map from
         #[arg(long)]
         list: bool,
-        /// Replace a file that is there
+        /// Replace an existing file
         #[arg(long)]
         force: bool,
     },
 }
 
-/// Does it.
+/// Runs `paws rig`.
 ///
 /// # Errors
 /// A file cannot be read, is wrong, or cannot be written.

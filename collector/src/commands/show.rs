@@ -1,7 +1,7 @@
-//! `paws show`: one session on one screen.
+//! `paws show`: a summary of one session.
 //!
-//! It reads what import and validation have written, never the recording itself, so it answers at
-//! once. What only a validation knows (losses by cause, events) is there after one.
+//! It reads the files that import and validation have written, never the recording itself, so it is
+//! fast. Values that only a validation determines (losses by cause, events) are shown after one.
 
 use anyhow::Result;
 use session_archive::handoff::{Check, HandOff, HandOffError};
@@ -22,20 +22,20 @@ use crate::text;
 use crate::validation::Validation;
 use crate::verdict_change;
 
-/// Events shown; `paws report` shows more.
+/// Maximum number of events shown; `paws report` shows more.
 const MAX_EVENTS: usize = 12;
 
 /// Shows a session.
 ///
 /// # Errors
-/// It cannot be read.
+/// The session cannot be read.
 pub fn run(target: &Target, console: &mut Console<'_>) -> Result<Outcome> {
     let reader = open(&target.folder)?;
     let manifest = reader.manifest();
     let row = Row::of(&target.name(), &target.folder)?;
     let validation = Validation::read(&target.folder).ok();
     let record = ImportRecord::read(&target.folder);
-    // Each is one line, whatever was recorded.
+    // Each value is one line, whatever it contains.
     let mut line = |name: &str, value: String| console.line(format!("{name:10} {}", shown(&value)));
 
     line("session", row.key.clone())?;
@@ -177,10 +177,10 @@ pub fn run(target: &Target, console: &mut Console<'_>) -> Result<Outcome> {
     Ok(Outcome::Fine)
 }
 
-/// The same as one JSON document.
+/// Shows a session as one JSON document.
 ///
 /// # Errors
-/// It cannot be read.
+/// The session cannot be read.
 pub fn json(target: &Target, console: &mut Console<'_>) -> Result<Outcome> {
     let reader = open(&target.folder)?;
     let manifest = reader.manifest();

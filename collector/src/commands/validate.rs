@@ -1,9 +1,8 @@
-//! `paws validate`: is this session fit for use, and if not, why not?
+//! `paws validate`: decides whether a session is fit for use, and states the reasons.
 //!
 //! The verdict comes first, then its reasons. PASS ends with exit code 0 and FAIL with 1. WARN ends
-//! with 3 if anything that was to be recorded is missing, and with 0 if not: a session without
-//! calibration is worth a look, but nothing of it is lost. A few samples lost within the limits are
-//! a PASS.
+//! with 3 if any sample is missing, and with 0 if not: a session without calibration deserves
+//! attention, but nothing is lost. Losses within the limits are a PASS.
 
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
@@ -29,10 +28,10 @@ use crate::text;
 use crate::validation::{Basis, Validation};
 use crate::verdict_change;
 
-/// How to validate.
+/// Options of a validation.
 #[derive(Clone, Debug, Default)]
 pub struct Options {
-    /// Decode every picture, and verify the calibration.
+    /// Decode every image, and verify the calibration.
     pub deep: bool,
     /// The limits.
     pub limits: Limits,
@@ -42,11 +41,11 @@ pub struct Options {
     pub html: Option<PathBuf>,
 }
 
-/// A validated session, with everything needed to draw its report.
+/// A validated session, with everything that its report needs.
 pub struct Validated {
     /// The session.
     pub reader: SessionReader,
-    /// What was found.
+    /// Result of the scan.
     pub found: SessionScan,
     /// The verdict.
     pub validation: Validation,
@@ -55,16 +54,16 @@ pub struct Validated {
 /// Opens the session in a folder.
 ///
 /// # Errors
-/// It holds no session, or cannot be read.
+/// The folder holds no session, or cannot be read.
 pub fn open(folder: &Path) -> Result<SessionReader> {
     SessionReader::open(Arc::new(DiskStorage::new(folder)))
         .with_context(|| format!("opening the session: {}", folder.display()))
 }
 
-/// Examines and judges the session in a folder. Nothing is written.
+/// Scans and validates the session in a folder. Nothing is written.
 ///
 /// # Errors
-/// The session cannot be read, or cannot be decoded for want of a decoder.
+/// The session cannot be read, or no decoder is available.
 pub fn validate(folder: &Path, options: &Options, console: &Console<'_>) -> Result<Validated> {
     let reader = open(folder)?;
     let context = || format!("validating the session: {}", folder.display());
@@ -84,7 +83,7 @@ pub fn validate(folder: &Path, options: &Options, console: &Console<'_>) -> Resu
     let manifest = reader.manifest();
     let mut findings = judge(manifest, &found, decoded.as_deref(), &options.limits);
     if options.deep {
-        // Half a minute's work for an hour's session, on top of decoding.
+        // Takes half a minute for an hour's session, in addition to decoding.
         let settings = verify::Options::default();
         let checked = verify::check(&reader, &settings, console).with_context(context)?;
         findings.extend(checked.findings(&options.limits));
@@ -98,7 +97,7 @@ pub fn validate(folder: &Path, options: &Options, console: &Console<'_>) -> Resu
     })
 }
 
-/// Validates sessions and says what came out.
+/// Validates sessions and prints the results.
 ///
 /// # Errors
 /// A session cannot be read, or a report cannot be written.
@@ -137,7 +136,7 @@ pub fn run(targets: &[Target], options: &Options, console: &mut Console<'_>) -> 
     Ok(outcome)
 }
 
-/// What is another verdict now than the last validation's and the hand-off's.
+/// Reports changes of the verdict since the last validation and since the hand-off.
 ///
 /// # Errors
 /// The output cannot be written.
@@ -157,7 +156,7 @@ pub(crate) fn report_changes(
     Ok(())
 }
 
-/// How a verdict ends the program.
+/// Outcome of a verdict.
 pub fn outcome_of(validation: &Validation) -> Outcome {
     match validation.verdict {
         Verdict::Fail => Outcome::Failed,
@@ -166,7 +165,7 @@ pub fn outcome_of(validation: &Validation) -> Outcome {
     }
 }
 
-/// The verdict and its reasons, then what was recorded.
+/// Prints the verdict and its reasons, then the streams.
 fn print(manifest: &Manifest, validation: &Validation, console: &mut Console<'_>) -> Result<()> {
     let summary = &validation.summary;
     let id = &validation.session_id;

@@ -1,12 +1,14 @@
-//! What the library has under the identifier of a session that comes.
+//! Comparison of a session with the library's copy of the same identifier.
 //!
-//! Contract: the better of two copies of a session ends in its place, in whatever order they come, and neither is lost.
-//! The order is damaged, cut off (everything before the cut is there), closed after a cut or recovered, whole; a cut off
-//! one with more samples than a recovered one is better than that. Where the library's is whole, names, lengths and the
-//! manifest say whether the other is the same; where it is not, every byte is compared, because the same lengths are what
-//! a flipped bit leaves. The one that makes way is kept as `ID.damaged`, a session of its own that is
-//! listed and that `paws prune --session` removes. It makes way when the other is checked and on disk; stopped between
-//! the two renames, the library has `ID.damaged`, and the next import publishes the other.
+//! Contract: the better of two copies of a session is published under its key, in whatever order
+//! they are imported, and neither is lost. The order of quality is: damaged; cut off (complete up
+//! to the cut); closed after a cut or recovered; complete. A cut off copy with more samples than a
+//! recovered one is better than that. If the library's copy is complete, names, lengths and the
+//! manifest decide whether the other is the same; if not, every byte is compared, because a flipped
+//! bit does not change lengths. The replaced copy is renamed to `ID.damaged`, a separate session
+//! that is listed and that `paws prune --session` removes. It is renamed after the other was
+//! verified and synced; if stopped between the two renames, the library has `ID.damaged`, and the
+//! next import publishes the other.
 
 use std::fmt;
 use std::io;
@@ -27,36 +29,36 @@ use crate::condition::Condition;
 use crate::library::{Library, MAX_KEY};
 use crate::text;
 
-/// What a session's key has behind it that made way for a better one; `-2` and so on where that is taken.
+/// Key suffix of a replaced copy; followed by `-2` and so on if that exists.
 const DAMAGED: &str = ".damaged";
 
-/// What is in the library under a session's key.
+/// State of a session's key in the library.
 pub(crate) enum ExistingCopy {
     /// Nothing.
     Absent,
     /// The same session.
     Same(Box<Imported>),
-    /// One that is worth this much, and the one that comes is better.
+    /// A copy of this quality; the new one is better.
     Worse(CopyQuality),
 }
 
-/// What a copy of a session is worth against another.
+/// Quality of a copy of a session, for comparison with another.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct CopyQuality {
     /// Its condition.
     pub(crate) condition: Condition,
-    /// Samples that can be read, of all numbered streams.
+    /// Readable samples of all numbered streams.
     samples: u64,
 }
 
 impl CopyQuality {
-    /// That of one that its disk has damaged.
+    /// Quality of a copy damaged by its disk.
     pub(crate) const DAMAGED: Self = Self {
         condition: Condition::Damaged,
         samples: 0,
     };
 
-    /// That of a copy in which a check has found this.
+    /// Quality from a condition and a verification report.
     pub(crate) fn of(condition: Condition, report: &Report) -> Self {
         let samples = report.streams.values().map(|s| s.samples);
         Self {
@@ -69,10 +71,11 @@ impl CopyQuality {
         self.condition == Condition::Ok
     }
 
-    /// Whether this one takes the other's place.
+    /// Whether this copy replaces the other.
     fn is_better_than(self, other: Self) -> bool {
         match (self.condition, other.condition) {
-            // What was closed after the cut holds what the cut off one does. What was saved from a damaged one may not.
+            // A copy closed after the cut has all samples of the cut off one. One recovered from a
+            // damaged one may not.
             (Condition::Recovered, Condition::Unclosed) => self.samples >= other.samples,
             (Condition::Unclosed, Condition::Recovered) => self.samples > other.samples,
             (one, other) => rank(one) > rank(other),
@@ -87,7 +90,7 @@ impl fmt::Display for CopyQuality {
     }
 }
 
-/// The better, the higher.
+/// Rank of a condition; higher is better.
 fn rank(condition: Condition) -> u8 {
     match condition {
         Condition::Ok => 3,
@@ -97,10 +100,11 @@ fn rank(condition: Condition) -> u8 {
     }
 }
 
-/// Looks at what is there.
+/// Finds the library's copy of a session, and compares it.
 ///
 /// # Errors
-/// [`ImportError::Differs`] if it differs and is no worse than the one in `source`; or one of both cannot be read.
+/// [`ImportError::Differs`] if it differs and is at least as good as the one in `source`; or one of
+/// the two cannot be read.
 pub(super) fn find_existing(
     library: &Library,
     key: &str,
@@ -119,7 +123,7 @@ pub(super) fn find_existing(
     };
     match difference {
         None => same(key, &folder, record).map(|existing| ExistingCopy::Same(Box::new(existing))),
-        // Nothing is better than a whole one.
+        // A complete copy is never replaced.
         Some(what) if worth.is_whole() => Err(differs(key, what, source)),
         Some(what) => {
             let (state, report) = read(source).map_err(|error| ImportError::Unreadable {
@@ -136,11 +140,11 @@ pub(super) fn find_existing(
     }
 }
 
-/// Renames the library's session to make room for a better one that is checked and on disk; gives its new key. `old` is
-/// the worth of the one, `new` of the other.
+/// Renames the library's copy before a better one, verified and synced, is published; returns its
+/// new key. `old` is the quality of the library's copy, `new` of the other.
 ///
 /// # Errors
-/// [`ImportError::Differs`] if the other is no better after all, or the disk says no.
+/// [`ImportError::Differs`] if the other is not better, or an I/O error occurs.
 pub(crate) fn set_aside_copy(
     library: &mut Library,
     key: &str,
@@ -159,7 +163,8 @@ pub(crate) fn set_aside_copy(
         })
         .find(|key| !library.folder(key).exists());
     let aside = free.unwrap_or_default();
-    // Its row would be taken for the other's if this were stopped before that is listed. Opening the library lists it again.
+    // If stopped before the new copy is listed, this row would be mistaken for that of the new one.
+    // Opening the library lists it again.
     library.forget(key).map_err(|e| ImportError::Catalogue {
         key: key.to_owned(),
         reason: format!("{e:#}"),
@@ -170,20 +175,20 @@ pub(crate) fn set_aside_copy(
     Ok(aside)
 }
 
-/// A key with something behind it; of a long one the beginning, so that it stays one that is listed.
+/// A key with a suffix; a long key is truncated so that it remains valid.
 fn aside_key(key: &str, suffix: &str) -> String {
     let room = MAX_KEY.saturating_sub(suffix.len());
     let begins = key.get(..room).unwrap_or(key);
     format!("{begins}{suffix}")
 }
 
-/// Whether the session `aside` is one that made way for `key`.
+/// Whether the session `aside` is a replaced copy of `key`.
 pub(crate) fn is_set_aside_copy(aside: &str, key: &str) -> bool {
     let is_of = |at: usize| aside_key(key, &aside[at..]) == aside;
     aside != key && aside.rfind(DAMAGED).is_some_and(is_of)
 }
 
-/// What the library's session is worth, by the last that looked; by a look now if nobody has.
+/// Quality of the library's copy, by the last verification; verifies it now if there is none.
 pub(crate) fn quality_in_library(library: &Library, key: &str) -> CopyQuality {
     let folder = library.folder(key);
     match Row::of(key, &folder) {
@@ -195,7 +200,7 @@ pub(crate) fn quality_in_library(library: &Library, key: &str) -> CopyQuality {
             condition: row.condition,
             samples: row.samples,
         },
-        // Not even to be opened.
+        // It cannot even be opened.
         Err(_) => CopyQuality::DAMAGED,
     }
 }
@@ -214,7 +219,7 @@ fn read(folder: &Path) -> Result<(State, Report), ReadError> {
     Ok((reader.manifest().state, report))
 }
 
-/// The session that is there, as an import gives it.
+/// The library's copy, as the result of an import.
 fn same(key: &str, folder: &Path, record: Option<ImportRecord>) -> Result<Imported, ImportError> {
     let unreadable = |source| ImportError::Unreadable {
         source,
@@ -262,7 +267,7 @@ fn difference(
     if let Some(gone) = record.files.iter().find(|known| is_missing(&known.path)) {
         return Ok(Some(format!("{} is only in the library", gone.path)));
     }
-    // Of equal length everywhere: the manifest tells whether it is the same recording.
+    // All lengths are equal: the manifest decides whether it is the same recording.
     let manifest = source.join(layout::MANIFEST);
     if let Some(known) = record.files.iter().find(|f| f.path == layout::MANIFEST) {
         let (_, hash) = hash_file(&manifest).map_err(failed("reading", &manifest))?;
@@ -273,7 +278,7 @@ fn difference(
     Ok(None)
 }
 
-/// The first difference between the files of the source and those in the library as they are now.
+/// The first difference between the files of the source and the current files in the library.
 fn difference_in_content(
     folder: &Path,
     source: &Path,
@@ -294,7 +299,7 @@ fn difference_in_content(
             Err(e) if e.kind() == io::ErrorKind::NotFound => {
                 return Ok(Some(format!("{} is not in the library", file.path)));
             }
-            // A disk that cannot read it any more is a difference, too.
+            // A file that can no longer be read is a difference, too.
             Err(e) => return Ok(Some(format!("{} cannot be read: {e}", file.path))),
         }
     }

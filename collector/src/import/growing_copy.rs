@@ -1,8 +1,8 @@
-//! Reading a copy while it is being made.
+//! Reading a copy while it is being written.
 //!
-//! [`GrowingCopy`] shows the files of the copy as if they were complete; a read of bytes that are not
-//! there yet waits for them. So the check of a session runs beside its copy, a little behind it,
-//! on bytes that are still in memory. When the copy is given up, every read that waits fails.
+//! [`GrowingCopy`] presents the files as if they were complete; a read of bytes that are not
+//! written yet waits for them. So the verification of a session runs in parallel to its copy, on
+//! bytes that are still in the page cache. If the copy is aborted, every waiting read fails.
 
 use std::collections::{BTreeMap, BTreeSet};
 use std::io;
@@ -14,12 +14,12 @@ use session_archive::storage::{DiskStorage, ReadAt, Storage, WriteFile};
 use super::record::FileRecord;
 use super::source::SourceFile;
 
-/// How far each file is; shared by the copy and its reader.
+/// Progress of each file; shared by the copy and its reader.
 #[derive(Clone)]
 pub(super) struct CopyProgress(Arc<Shared>);
 
 struct Shared {
-    /// Length that each file will have.
+    /// Final length of each file.
     lengths: BTreeMap<String, u64>,
     state: Mutex<State>,
     changed: Condvar,
@@ -27,14 +27,14 @@ struct Shared {
 
 #[derive(Default)]
 struct State {
-    /// Bytes of each file that can be read.
+    /// Readable bytes of each file.
     ready: BTreeMap<String, u64>,
-    /// Nothing more will come.
+    /// No more bytes will be written.
     closed: bool,
 }
 
 impl CopyProgress {
-    /// A board on which the kept files are complete and the others have not begun.
+    /// Initial progress: reused files are complete, the others empty.
     pub(super) fn new(files: &[SourceFile], kept: &[FileRecord]) -> Self {
         let state = State {
             ready: kept.iter().map(|k| (k.path.clone(), k.bytes)).collect(),
@@ -60,7 +60,7 @@ impl CopyProgress {
         self.0.changed.notify_all();
     }
 
-    /// The copy has ended, one way or the other.
+    /// The copy has ended, with or without success.
     pub(super) fn close(&self) {
         let mut state = self.0.state.lock().unwrap_or_else(PoisonError::into_inner);
         state.closed = true;
@@ -85,7 +85,7 @@ impl CopyProgress {
     }
 }
 
-/// The copy as a storage; see the module's documentation.
+/// The growing copy as a storage; see the module.
 pub(super) struct GrowingCopy {
     disk: DiskStorage,
     copy_progress: CopyProgress,
@@ -100,8 +100,8 @@ impl GrowingCopy {
     }
 }
 
-/// A file of the copy. It is opened by the first read, so that asking for its length, which is known
-/// from the source, waits for nothing.
+/// A file of the copy. It is opened by the first read, so that a query of its length, which is
+/// known from the source, does not wait.
 struct GrowingFile {
     path: String,
     length: u64,
@@ -212,7 +212,7 @@ mod tests {
         assert_eq!(follow.list("").unwrap(), ["segments"]);
         let missing = follow.open("other").err().unwrap();
         assert_eq!(missing.kind(), io::ErrorKind::NotFound);
-        // Nobody has written anything yet, and the length is known all the same.
+        // Nothing is written yet, but the length is known.
         assert_eq!(follow.open("segments/a").unwrap().len().unwrap(), 10);
         std::thread::scope(|scope| {
             let reading = scope.spawn(|| {

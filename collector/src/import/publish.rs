@@ -1,8 +1,9 @@
-//! Taking over a session whose files something else than [`super::import`] brought into `.incoming/ID/`.
+//! Publishing a session whose files were brought into `.incoming/ID/` by something else than
+//! [`super::import`].
 //!
-//! Whoever brings them has compared each file with its hash and synced it. Here the session is checked, gets
-//! its [`ImportRecord`] and is published by one rename, as after an import; stopped before that, it is not
-//! listed.
+//! The caller has compared each file with its hash and synced it. Here the session is verified,
+//! gets its [`ImportRecord`] and is published by one rename, as after an import; stopped before
+//! that, it is not listed.
 
 use std::path::Path;
 use std::sync::Arc;
@@ -24,12 +25,13 @@ use crate::console::Clock;
 use crate::library::Library;
 use crate::progress::Progress;
 
-/// A session that lies in `.incoming/`, checked and on disk.
+/// A session in `.incoming/`, verified and synced.
 pub(crate) struct CheckedSession {
     imported: Imported,
 }
 
-/// Makes the folder, removes from it what the session does not have, and sees whether the rest will fit.
+/// Creates the folder, removes files from it that the session does not have, and checks the free
+/// space for the rest.
 pub(crate) fn prepare(incoming: &Path, files: &[FileRecord]) -> Result<(), ImportError> {
     std::fs::create_dir_all(incoming).map_err(failed("making the folder", incoming))?;
     let files: Vec<SourceFile> = files
@@ -47,7 +49,7 @@ pub(crate) fn prepare(incoming: &Path, files: &[FileRecord]) -> Result<(), Impor
     check_space(incoming, all.saturating_sub(existing))
 }
 
-/// Checks a session that was brought whole, and writes its record. `source` is where it came from, for people.
+/// Verifies a complete session, and writes its record. `source` is its origin, as text.
 pub(crate) fn check(
     incoming: &Path,
     key: &str,
@@ -102,8 +104,8 @@ fn scan_session(
     Ok((manifest.state, report))
 }
 
-/// Makes it a session of the library. `old` is the worth of the one that is there, if there is one: it makes way
-/// for a better one, see [`super::existing`]. The caller holds the library's lock.
+/// Publishes it in the library. `old` is the quality of the library's copy, if there is one: a
+/// better one replaces it, see [`super::existing`]. The caller holds the library's lock.
 pub(crate) fn publish(
     library: &mut Library,
     checked: CheckedSession,
@@ -116,7 +118,7 @@ pub(crate) fn publish(
         let new = CopyQuality::of(imported.condition, &imported.report);
         let is_set_aside_copy = set_aside_copy(library, &key, source, old, new);
         if let Err(ImportError::Differs { .. }) = &is_set_aside_copy {
-            // It was fetched for nothing.
+            // The download was unnecessary.
             let incoming = library.incoming(&key);
             std::fs::remove_dir_all(&incoming).map_err(failed("clearing", &incoming))?;
         }
@@ -128,13 +130,13 @@ pub(crate) fn publish(
     Ok(imported)
 }
 
-/// What an import of a session that is in the library already gives.
+/// Result of importing a session that is in the library already.
 pub(crate) fn already_imported(
     library: &Library,
     key: &str,
     record: ImportRecord,
 ) -> Result<Imported, ImportError> {
-    // Whoever published it may have been stopped just after the rename.
+    // The publishing program may have been stopped just after the rename.
     sync_published(library, key)?;
     journal::remove(&library.incoming(key))?;
     let folder = &library.folder(key);
@@ -156,7 +158,7 @@ pub(crate) fn already_imported(
     })
 }
 
-/// Makes sure that the library still holds these files, byte for byte.
+/// Verifies by hash that the library still has these files.
 pub(crate) fn verify_files(
     folder: &Path,
     files: &[FileRecord],

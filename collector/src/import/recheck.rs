@@ -1,9 +1,10 @@
-//! Whether what an earlier import left is what the source has.
+//! Comparison of the files of an earlier import with the source.
 //!
-//! Asked where a session that was copied in several goes is not whole: what was left may have come from another, damaged
-//! copy of it. Each file that was kept is compared with the source's by hash. One that differs is copied beside the
-//! folder (`.incoming/.again.ID/`) and takes the other's place by a rename, so that nothing is given up before what
-//! replaces it is on disk. One that the source's disk can no longer read stays as it was read before.
+//! Used if a session that was copied by several imports is incomplete: the earlier files may be
+//! from another, damaged copy. Each reused file is compared with the source's by hash. A differing
+//! one is copied beside the folder (`.incoming/.again.ID/`) and replaces the old one by a rename,
+//! so that nothing is removed before its replacement is on disk. One that the source's disk can no
+//! longer read is left as it was read before.
 
 use std::fs;
 use std::io;
@@ -17,7 +18,7 @@ use super::source::SourceFile;
 use super::{Hook, ImportError, check_space, failed};
 use crate::progress::Progress;
 
-/// Copies those of the kept files anew that the source has otherwise; gives their bytes.
+/// Copies those reused files again that differ from the source; returns their bytes.
 pub(super) fn refresh_kept(
     incoming: &Path,
     source: &Path,
@@ -41,7 +42,7 @@ pub(super) fn refresh_kept(
     Ok(renewed)
 }
 
-/// Replaces a file by the source's; false if that cannot be read.
+/// Replaces a file by the source's; false if the source cannot be read.
 fn replace(
     incoming: &Path,
     source: &Path,
@@ -55,7 +56,8 @@ fn replace(
         modified_ns: record.modified_ns,
     }];
     let folder = staging_folder(incoming);
-    // Noted before the rename: stopped between the two, the old file no longer has its hash and is copied anew.
+    // Recorded before the rename: if stopped between the two, the old file no longer has its hash
+    // and is copied again.
     let mut journal = Journal::open(incoming)?;
     let copied = copy_all(
         source,
@@ -90,7 +92,7 @@ fn warn_unreadable(source: &Path, record: &FileRecord, error: &io::Error) {
     );
 }
 
-/// Removes what was copied beside the folder `incoming` and did not get there.
+/// Removes files that were copied beside the folder `incoming` and not moved into it.
 pub(super) fn clear(incoming: &Path) -> Result<(), ImportError> {
     let folder = staging_folder(incoming);
     match fs::remove_dir_all(&folder) {
@@ -99,7 +101,7 @@ pub(super) fn clear(incoming: &Path) -> Result<(), ImportError> {
     }
 }
 
-/// No key begins with a dot, so this is no other session's.
+/// No key begins with a dot, so this cannot be another session's folder.
 fn staging_folder(incoming: &Path) -> PathBuf {
     let mut name = std::ffi::OsString::from(".again.");
     name.push(incoming.file_name().unwrap_or_default());

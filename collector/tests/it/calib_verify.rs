@@ -12,7 +12,7 @@ use serde_json::Value;
 
 use crate::rendered::{self, paws};
 
-/// A short walk in small pictures, with the left shoulder turned by so much, rad.
+/// A short walk in small images, with the left shoulder turned by so much, rad.
 fn write(folder: &Path, turned: Vector3<f64>) {
     let settings = Settings {
         kind: Kind::Pavement,

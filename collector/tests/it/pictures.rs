@@ -26,7 +26,7 @@ pub(crate) fn picture(camera: usize, n: usize, width: u32, height: u32) -> Pictu
 }
 
 impl Session {
-    /// A session without fault whose pictures can be decoded.
+    /// A session without fault whose images can be decoded.
     pub(crate) fn decodable(seconds: f64) -> Self {
         let mut session = Self::good(seconds);
         for camera in 0..session.spec.cameras.len() {

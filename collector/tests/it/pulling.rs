@@ -185,7 +185,7 @@ fn sessions_are_pulled_received_and_freed() {
     rig.assert_pulled("walk-1", ID);
     rig.assert_pulled("run-1", OTHER);
 
-    // Again: nothing is fetched. Then the rig may free them, one by one, even if it was started anew and
+    // Again: nothing is fetched. Then the rig may free them, one by one, even if it was restarted and
     // knows no hashes any more.
     let sessions = tree(&rig.library().join("sessions"));
     let (outcome, text) = rig.pull(&rig.options());

@@ -54,7 +54,7 @@ fn a_good_session_passes_with_every_metric_measured() {
     Session::good(3.0).write(folder.path());
     let validation = validated(folder.path()).validation;
     assert_eq!(validation.verdict, Pass, "{:?}", validation.reasons);
-    // Those of a calibration need a walk, and decoded pictures.
+    // Those of a calibration need a walk, and decoded images.
     let needs_more = |metric: &str| metric == "camera.undecoded" || metric.starts_with("calib.");
     for row in TABLE.iter().filter(|row| !needs_more(row.metric)) {
         let measured = validation.findings.iter().any(|f| f.metric == row.metric);

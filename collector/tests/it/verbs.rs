@@ -340,7 +340,7 @@ fn a_hand_off_is_sealed_renewed_and_withdrawn() {
         .unwrap();
     opened().unwrap();
 
-    // A changed session is noticed, judged anew and not handed over.
+    // A changed session is noticed, judged again and not handed over.
     let segment = desk.session(ID).join("segments/000000.mcap");
     let mut bytes = fs::read(&segment).unwrap();
     bytes.truncate(bytes.len() / 2);

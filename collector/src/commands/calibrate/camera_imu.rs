@@ -1,12 +1,12 @@
-//! `paws calib camera-imu`: where the IMU of each camera sits, and by how much its clock differs, from a
-//! session before boards.
+//! `paws calib camera-imu`: extrinsics and time offset of the IMU of each camera, from a session
+//! with a calibration board.
 //!
-//! Each camera that has an IMU, lenses and a board in its pictures ends as a table of what was told and what was
-//! found, and as a part of `camera-imu.json` and `camera-imu.html`. The place that the session has recorded counts as a
-//! loose measurement. Where the gates allow it, Kalibr's
-//! `camchain-imucam.yaml` and `imu.yaml` are written too, and `rig-imu.toml`: the rig file with the IMUs where they were found. A
-//! camera whose gates fail, or that gives no result, keeps its IMU where it was told and makes the exit code 1; damage on
-//! disk makes it 3.
+//! Each camera with an IMU, intrinsics and a board in its images gives a table of nominal and
+//! estimated values, and a section of `camera-imu.json` and `camera-imu.html`. The recorded
+//! extrinsics are a weak prior. If the gates allow it, Kalibr's `camchain-imucam.yaml` and
+//! `imu.yaml` are written too, and `rig-imu.toml`: the rig file with the estimated IMU extrinsics.
+//! A camera whose gates fail, or that gives no result, keeps its nominal IMU extrinsics, and the
+//! exit code is 1; damage on disk makes it 3.
 
 mod document;
 mod images;
@@ -48,31 +48,35 @@ pub const DOCUMENT: &str = "camera-imu.json";
 /// The report.
 pub const PAGE: &str = "camera-imu.html";
 
-/// The rig with its IMUs.
+/// The rig file with its IMUs.
 pub const RIG: &str = "rig-imu.toml";
 
-/// What Kalibr's files are called, after the camera's name.
+/// Names of Kalibr's files, after the camera's name.
 const KALIBR: [&str; 2] = ["camchain-imucam.yaml", "imu.yaml"];
 
-/// How to do it.
+/// Options of `paws calib camera-imu`.
 #[derive(Clone, Debug, Default, Args)]
 pub struct Options {
     /// Only this camera
     #[arg(long, value_name = "NAME")]
     pub camera: Option<String>,
-    /// A target that was shown, TOML or Kalibr's YAML; again for more [default: rig/target.*.toml of the session]
+    /// A target that was shown, TOML or Kalibr's YAML; repeat for more [default: rig/target.*.toml
+    /// of the session]
     #[arg(long, value_name = "FILE")]
     pub target: Vec<PathBuf>,
-    /// What `paws calib cameras` wrote: lenses, eyes and the rig file to start from [default: the session's]
+    /// Folder that `paws calib cameras` wrote: intrinsics, stereo extrinsics and the rig file to
+    /// start from [default: the session's]
     #[arg(long, value_name = "DIR")]
     pub calibration: Option<PathBuf>,
-    /// Noise of the IMU, Kalibr's imu.yaml [default: typical of such parts, then corrected by what is found]
+    /// Noise of the IMU, Kalibr's imu.yaml [default: typical values, then corrected by the
+    /// estimate]
     #[arg(long, value_name = "FILE")]
     pub noise: Option<PathBuf>,
-    /// Rolling shutter: microseconds from each row to the next; again as CAMERA=US for cameras that differ
+    /// Rolling shutter: microseconds from each row to the next; repeat as CAMERA=US for cameras
+    /// that differ
     #[arg(long, value_name = "[CAMERA=]US", value_parser = line_us)]
     pub line_us: Vec<(Option<String>, f64)>,
-    /// Use every n-th picture
+    /// Use every n-th image
     #[arg(long, value_name = "N", default_value_t = 1)]
     pub every: u64,
 }
@@ -89,24 +93,24 @@ fn line_us(text: &str) -> Result<(Option<String>, f64)> {
     Ok((camera, us))
 }
 
-/// A camera, and what came out.
+/// A camera with its result.
 struct Measured {
     camera: String,
-    /// As the session tells it.
+    /// Nominal `imu_from_left`.
     nominal: Option<RigidTransform>,
-    /// Which board, and pictures that show enough of it.
+    /// Position of the board, if one was detected.
     board: Option<usize>,
     noise: ImuNoise,
     line_s: f64,
-    /// Rate of the IMU.
+    /// Rate of the IMU, Hz.
     rate_hz: f64,
-    /// Lens and `eye_from_left` of each eye.
+    /// Camera model and `eye_from_left` of each eye.
     lenses: Vec<(CameraModel, RigidTransform)>,
     found: Result<CameraImu>,
 }
 
 impl Measured {
-    /// What was found, where no gate fails.
+    /// The estimate, if no gate fails.
     fn trusted(&self) -> Option<&CameraImu> {
         let found = self.found.as_ref().ok()?;
         (found.verdict() != Verdict::Fail).then_some(found)
@@ -116,7 +120,7 @@ impl Measured {
 /// Calibrates the cameras of a session.
 ///
 /// # Errors
-/// The session cannot be read or has no such camera, there is no board, a result is in the way, or it cannot be
+/// The session cannot be read or has no such camera, there is no board, an output file exists already, or it cannot be
 /// written.
 pub fn run(
     target: &Target,
@@ -285,7 +289,7 @@ fn line_s(options: &Options, camera: &str) -> f64 {
     found.map_or(0.0, |(_, us)| us * 1e-6)
 }
 
-/// In order of time; samples that share a time with one before are left out.
+/// Samples in order of time; those whose time does not increase are left out.
 fn inertial(imu: &ImuRecording) -> Vec<ImuSample> {
     let mut last = i64::MIN;
     let mut out = Vec::with_capacity(imu.samples.len());
@@ -303,11 +307,12 @@ fn inertial(imu: &ImuRecording) -> Vec<ImuSample> {
     out
 }
 
-/// Where an IMU was found, as rig files have it.
+/// The estimated IMU extrinsics, as in rig files.
 fn joint(measured: &Measured) -> Option<Joint> {
     let found = measured.trusted()?;
     let parent_from_child = found.imu_from_left.inverse();
-    // A turn δ in the left frame and a shift τ in the IMU's turn left_from_imu by -δ and move it by p × δ - Rᵀ τ.
+    // A rotation δ in the left frame and a translation τ in the IMU frame rotate left_from_imu by
+    // -δ and translate it by p × δ - Rᵀ τ.
     let back = parent_from_child.rotation().to_rotation_matrix();
     let mut by = SMatrix::<f64, 6, 6>::zeros();
     by.fixed_view_mut::<3, 3>(0, 0)
@@ -324,8 +329,7 @@ fn joint(measured: &Measured) -> Option<Joint> {
     })
 }
 
-/// Lenses, places and noise as Kalibr's files have them; none where its lenses cannot hold ours, with the
-/// reason.
+/// Intrinsics, extrinsics and noise as Kalibr's files. An error if Kalibr has no such camera model.
 fn kalibr(measured: &Measured) -> Result<Vec<(String, Vec<u8>)>> {
     let Some(found) = measured.trusted() else {
         return Ok(Vec::new());

@@ -1,11 +1,13 @@
-//! `paws calib cameras`: lenses, stereo cameras and the rig, from a session in which targets were shown.
+//! `paws calib cameras`: intrinsics, stereo extrinsics and the rig, from a session in which targets
+//! were shown.
 //!
-//! What comes out is told on the screen and written as `cameras.json` and `cameras.html`. The rig file, `rig.toml`, and
-//! the cameras' calibrations are written only when no gate says FAIL; what says so is listed, and the exit code is 1. What an
-//! earlier run left of them is removed then.
+//! Results are printed and written as `cameras.json` and `cameras.html`. The rig file, `rig.toml`,
+//! and the cameras' calibrations are written only if no gate fails; otherwise the failed gates are
+//! listed, the exit code is 1, and such files of an earlier run are removed.
 //!
-//! The rig file is a new revision of the one that is told. Where none is, it is the first one, and the first camera is its
-//! origin: `rig` is at that camera's left lens, x along the view, y to the left, z up in the image.
+//! The rig file is a new revision of the given one. Without one it is the first revision, and the
+//! first camera is its origin: `rig` is at that camera's left lens, x along the view, y to the
+//! left, z up in the image.
 
 mod document;
 mod page;
@@ -38,14 +40,14 @@ use crate::text;
 pub const DOCUMENT: &str = "cameras.json";
 /// The report.
 pub const PAGE: &str = "cameras.html";
-/// The calibrated rig.
+/// The calibrated rig file.
 pub const RIG: &str = "rig.toml";
 
-/// How to do it.
+/// Options of `paws calib cameras`.
 #[derive(Clone, Debug, Default, Args)]
 pub struct Options {
-    /// What a target is like, as `paws calib targets` writes it, or Kalibr; once for each that was shown
-    /// [default: those in the session]
+    /// A target's description, as `paws calib targets` writes it, or Kalibr's; once for each that
+    /// was shown [default: those in the session]
     #[arg(long = "target", value_name = "FILE")]
     pub targets: Vec<PathBuf>,
     /// The rig file to start from [default: the session's; without any the first camera is the origin of a new one]
@@ -59,7 +61,8 @@ pub struct Options {
 /// Calibrates the cameras of a session.
 ///
 /// # Errors
-/// The session cannot be read, no target was seen often enough, a result is in the way, or it cannot be written.
+/// The session cannot be read, no target was detected often enough, an output file exists already,
+/// or it cannot be written.
 pub fn run(
     target: &Target,
     options: &Options,
@@ -109,7 +112,7 @@ pub fn run(
     let failed = found.severity() == Some(Severity::Fail);
     let manifest = reader.manifest();
     let rig = match calibrated(&nominal, &found, manifest) {
-        // What must not be used may be no rig.
+        // A failed result need not form a valid rig.
         Err(_) if failed => None,
         rig => rig?,
     };
@@ -131,7 +134,7 @@ pub fn run(
             };
             files.push((name, bytes.clone()));
         }
-        // The last, since it says that the rest is there.
+        // Written last: its existence means that the other files are complete.
         match rig {
             Some(rig) => files.push((RIG.to_owned(), rig.to_toml().into_bytes())),
             None => without_rig = nominal.unreadable.as_deref(),
@@ -162,7 +165,7 @@ pub(super) fn file_of(camera: &str) -> String {
     format!("{camera}.yaml")
 }
 
-/// What the estimation is given.
+/// Input of the estimation.
 fn input(
     manifest: &Manifest,
     nominal: &NominalRig,
@@ -195,7 +198,7 @@ fn input(
     Ok(input)
 }
 
-/// OpenCV's file, which most programs read; Kalibr's for the models that OpenCV does not have.
+/// OpenCV's format, which most programs read; Kalibr's for models that OpenCV does not have.
 fn format_of(set: &CameraSet) -> Format {
     let model = |m: &CameraModel| m.distortion.name();
     match set
@@ -208,7 +211,7 @@ fn format_of(set: &CameraSet) -> Format {
     }
 }
 
-/// The calibration of every camera, by the name of its file.
+/// The calibration of every camera, by file name.
 fn stereo(found: &Calibration) -> Vec<(String, CameraSet)> {
     let cameras = found.input.cameras.iter().enumerate();
     let of = |(number, camera): (usize, &Camera)| {
@@ -229,8 +232,8 @@ fn stereo(found: &Calibration) -> Vec<(String, CameraSet)> {
     cameras.filter_map(of).collect()
 }
 
-/// The rig as it was found: a new revision of the one that is told, or the first one. None where the session's rig file
-/// cannot be read, since nobody knows then what it would be a revision of.
+/// The calibrated rig: a new revision of the given one, or the first one. `None` if the session's
+/// rig file cannot be read, because its revision is then unknown.
 fn calibrated(
     nominal: &NominalRig,
     found: &Calibration,
@@ -243,7 +246,7 @@ fn calibrated(
     if nominal.unreadable.is_some() {
         return Ok(None);
     }
-    // IMUs are where the makers' calibrations have them.
+    // IMU extrinsics are those of the factory calibrations.
     for camera in &found.input.cameras {
         let left = Frame::of_camera(&camera.name, FramePart::Left)?;
         let imu = Frame::of_camera(&camera.name, FramePart::Imu)?;
@@ -266,7 +269,7 @@ fn calibrated(
     rig_file::first(&joints, "cameras", &frame, manifest).map(Some)
 }
 
-/// The places that were found.
+/// The estimated extrinsics.
 fn joints(found: &Calibration) -> Result<Vec<Joint>> {
     let mut joints = Vec::new();
     let mut put = |parent: &Frame, child: &Frame, results: usize| {

@@ -1,8 +1,8 @@
 //! `paws calib convert`: a calibration file of one kind as a file of another.
 //!
-//! Contract: nothing that exists is overwritten. What was read is printed as a table with every note of
-//! the reader; a lens that the new format cannot hold stops the work, naming the model to ask for with
-//! `--model`, and each conversion states its error over the whole picture. A session is not needed.
+//! Contract: nothing that exists is overwritten. The input is printed as a table with every note of
+//! the reader. If the new format has no such lens model, the command fails and names the model for
+//! `--model`. Each conversion states its error over the whole image. No session is needed.
 
 use std::ffi::OsStr;
 use std::path::{Path, PathBuf};
@@ -19,7 +19,7 @@ use crate::outcome::Outcome;
 
 const SERIAL_NOT_CHECKED: &str = "serial not checked: the file's name has none";
 
-/// What to convert to what.
+/// Options of `paws calib convert`.
 #[derive(Clone, Debug, Args)]
 pub struct Options {
     /// Calibration file, or a folder that holds one
@@ -37,10 +37,10 @@ pub struct Options {
     /// Fit only up to this angle off the axis
     #[arg(long, value_name = "DEGREES", requires = "model", value_parser = angle)]
     pub within: Option<f64>,
-    /// Size of one picture, pixels, for files that do not say it
+    /// Size of one image, pixels, for files that do not state it
     #[arg(long, value_name = "WxH", value_parser = size)]
     pub size: Option<[u32; 2]>,
-    /// The camera's serial number: refuse a file with another one in its name
+    /// The camera's serial number: reject a file with another one in its name
     #[arg(long, value_name = "SN")]
     pub serial: Option<String>,
 }
@@ -50,7 +50,7 @@ fn format_parser() -> impl TypedValueParser<Value = Format> {
         .map(|name| Format::from_name(&name).expect("only names of formats are possible"))
 }
 
-/// Lists the names of lens models, and takes those that other programs have for them too.
+/// Parser of lens models that lists our names and also accepts those of other programs.
 #[derive(Clone)]
 struct ModelParser;
 
@@ -93,7 +93,7 @@ fn size(text: &str) -> Result<[u32; 2], String> {
         .ok_or_else(|| "expected a width and a height, for example 1280x720".to_owned())
 }
 
-/// Does it.
+/// Runs `paws calib convert`.
 ///
 /// # Errors
 /// The file cannot be read, a lens cannot be converted, or the new file cannot be written.
@@ -145,7 +145,7 @@ fn read(options: &Options) -> Result<(CameraSet, Vec<Note>)> {
     Ok((set, notes))
 }
 
-/// What was read, one line for each camera and one for the IMU.
+/// The input, one line for each camera and one for the IMU.
 fn table(set: &CameraSet) -> Vec<String> {
     let mut rows = vec![
         [

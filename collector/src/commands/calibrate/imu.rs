@@ -1,8 +1,9 @@
-//! `paws calib imu`: the noise of a session's IMUs, from a rig that lay still.
+//! `paws calib imu`: the noise of a session's IMUs, from a recording at rest.
 //!
-//! Each IMU ends as a table per axis, Kalibr's `imu.yaml` as `NAME-noise.yaml`, two plots, and a part of
-//! `imu-noise.json` and `imu-noise.html`. An IMU that moved, or was not recorded for long enough, has no YAML file, and the
-//! exit code is 1; what the recording does not tell is said and never filled in. Damage on disk ends with 3.
+//! Each IMU gives a table per axis, Kalibr's `imu.yaml` as `NAME-noise.yaml`, two plots, and a
+//! section of `imu-noise.json` and `imu-noise.html`. An IMU that moved, or was not recorded for
+//! long enough, has no YAML file, and the exit code is 1; what the recording does not determine is
+//! reported and never filled in. Damage on disk ends with 3.
 
 mod document;
 mod page;
@@ -26,7 +27,7 @@ pub const DOCUMENT: &str = "imu-noise.json";
 /// The report.
 pub const PAGE: &str = "imu-noise.html";
 
-/// How to do it.
+/// Options of `paws calib imu`.
 #[derive(Clone, Debug, Default, Args)]
 pub struct Options {
     /// Only this IMU, as in `feet/imu`
@@ -34,14 +35,14 @@ pub struct Options {
     pub imu: Option<String>,
 }
 
-/// An IMU with what was found.
+/// An IMU with its estimate.
 struct Measured {
     recording: ImuRecording,
     found: Measurement,
 }
 
 impl Measured {
-    /// The beginning of the names of its files: `feet_imu` for `feet/imu`.
+    /// Names of its files, as `feet_imu-…` for `feet/imu`.
     fn files(&self) -> [String; 3] {
         files_of(&self.recording.name)
     }
@@ -56,7 +57,7 @@ fn files_of(imu: &str) -> [String; 3] {
 /// Measures the noise of the IMUs of a session.
 ///
 /// # Errors
-/// The session cannot be read or has no such IMU, a result is in the way, or it cannot be written.
+/// The session cannot be read or has no such IMU, an output file exists already, or it cannot be written.
 pub fn run(
     target: &Target,
     options: &Options,
@@ -96,7 +97,7 @@ pub fn run(
     };
     let mut all = Vec::new();
     {
-        // Bytes of values: what the progress counts.
+        // Progress counts bytes of values.
         let size = |imu: &ImuRecording| 48 * imu.samples.len() as u64;
         let progress = console.progress("measuring", read.imus.iter().map(size).sum());
         for recording in read.imus {
@@ -141,7 +142,8 @@ pub fn run(
     })
 }
 
-/// What the estimator is given: times by the sensor's own clock, where that goes forward, else by the host's.
+/// Input of the estimator. Times are of the sensor's clock if that is monotonic, else of the
+/// host's.
 fn series(imu: &ImuRecording) -> Series {
     let samples = &imu.samples;
     let runs = imu.continuous_runs();
@@ -179,7 +181,7 @@ fn series(imu: &ImuRecording) -> Series {
     .bridged()
 }
 
-/// The table of one IMU, and what there is to say.
+/// Prints the table and the remarks of one IMU.
 fn print(imu: &Measured, console: &mut Console<'_>) -> Result<()> {
     let found = &imu.found;
     console.line(format!("{}: {}", imu.recording.name, table::summary(imu)))?;

@@ -1,9 +1,9 @@
-//! The samples of a session's IMUs, in SI units, with the places where some are missing.
+//! IMU samples of a session in SI units, with their gaps.
 //!
-//! Contract: samples come in the order of their numbers, each number at most once. Wherever the number
-//! jumps there is a [`ImuGap`], with the cause that the recorder gave; a jump that no gap record explains is a
-//! hole too. Samples without all six values are left out and so become a hole. What is damaged on disk is
-//! passed over and counted. Memory is 72 bytes for a sample: 260 MB for five hours at 200 Hz.
+//! Contract: samples come in the order of their numbers, each number at most once. Every jump of
+//! the number is an [`ImuGap`], with the cause from the gap record, or `unknown` without one.
+//! Samples without all six values are left out and become a gap. Damage on disk is skipped and
+//! counted. Memory is 72 bytes per sample: 260 MB for five hours at 200 Hz.
 
 use std::collections::BTreeMap;
 use std::ops::Range;
@@ -27,18 +27,18 @@ pub struct ImuSample {
     pub accel: [f64; 3],
     /// Temperature of the sensor, °C.
     pub temperature_c: Option<f32>,
-    /// Whether `time` is not to be trusted within its sigma.
+    /// Whether `time` may be outside its stated sigma.
     pub time_unreliable: bool,
 }
 
-/// A place where samples are missing.
+/// A gap in the samples of an IMU.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct ImuGap {
-    /// Position of the first sample behind it.
+    /// Position of the first sample after the gap.
     pub at: usize,
     /// Samples missing.
     pub missing: u64,
-    /// Why, as the recorder said, or `unknown`.
+    /// Cause from the gap record, or `unknown`.
     pub cause: String,
 }
 
@@ -51,18 +51,18 @@ pub struct ImuRecording {
     pub rate_hz: f64,
     /// Length of a tick of its clock.
     pub tick: TickLength,
-    /// What delivered the samples, for people.
+    /// Description of the device or driver.
     pub source: String,
-    /// rad/s and m/s² of one count, where the device delivers counts.
+    /// Scale of one count in rad/s and m/s², if the device delivers counts.
     pub count: [Option<f64>; 2],
     /// All samples.
     pub samples: Vec<ImuSample>,
-    /// Where samples are missing, in order.
+    /// Gaps, in order.
     pub gaps: Vec<ImuGap>,
 }
 
 impl ImuRecording {
-    /// The runs of samples without a hole, in order.
+    /// Ranges of samples without a gap, in order.
     pub fn continuous_runs(&self) -> Vec<Range<usize>> {
         let mut starts = vec![0];
         starts.extend(self.gaps.iter().map(|gap| gap.at));
@@ -79,20 +79,20 @@ impl ImuRecording {
     }
 }
 
-/// What was read.
+/// IMU recordings of a session.
 #[derive(Clone, Debug)]
 pub struct ImuSamples {
-    /// The wanted IMUs, in the order of the manifest.
+    /// The selected IMUs, in the order of the manifest.
     pub imus: Vec<ImuRecording>,
-    /// Places in the session that are damaged.
+    /// Number of damaged ranges of the session.
     pub damaged: u64,
 }
 
-/// Reads the IMUs whose name `selected` accepts, in one pass; `progress` is called with the bytes of
-/// each message.
+/// Reads the IMUs whose name `selected` accepts, in one pass; `progress` is called with the bytes
+/// of each message.
 ///
 /// # Errors
-/// The disk says no.
+/// An I/O error occurs.
 pub fn read(
     reader: &SessionReader,
     selected: impl Fn(&str) -> bool,
@@ -164,7 +164,7 @@ fn take(imu: &mut ImuRecording, numbers: &mut Vec<u64>, m: &Message) {
     }
 }
 
-/// Sample `k` of a batch; none if one of its values is missing.
+/// Sample `k` of a batch; `None` if one of its values is missing.
 pub fn sample(batch: &ImuBatch, k: usize) -> Option<ImuSample> {
     let vector = |counts: &[i32], scale: f64, values: &[f64]| -> Option<[f64; 3]> {
         let at = 3 * k..3 * k + 3;
@@ -184,7 +184,7 @@ pub fn sample(batch: &ImuBatch, k: usize) -> Option<ImuSample> {
     })
 }
 
-/// Sorts the samples by number if they are not, drops repeated numbers, and finds the holes.
+/// Sorts the samples by number if necessary, drops duplicate numbers, and finds the gaps.
 fn order(imu: &mut ImuRecording, mut numbers: Vec<u64>, gaps: &[Gap]) {
     if numbers.windows(2).any(|w| w[0] >= w[1]) {
         let mut rig_poses: Vec<usize> = (0..numbers.len()).collect();

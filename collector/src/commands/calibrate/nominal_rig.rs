@@ -1,8 +1,9 @@
-//! What a session says of its rig: lenses, where eyes sit, and how far that may be off.
+//! Nominal calibration of a session's rig: intrinsics, extrinsics and their sigmas.
 //!
-//! Contract: lenses and right eyes are those of the recorded calibrations, which are the makers', places of cameras those of the
-//! session's rig file where it has one, else those of the recorded transforms. What neither says stays unknown. A rig
-//! file that is named stands alone: the recorded transforms are in the frame of another rig.
+//! Contract: intrinsics and `left_from_right` are those of the recorded factory calibrations;
+//! `rig_from_left` is that of the session's rig file if there is one, else of the recorded
+//! transforms. What neither gives is unknown. A named rig file is used alone: the recorded
+//! transforms are relative to another rig frame.
 
 use std::collections::BTreeMap;
 use std::path::Path;
@@ -18,12 +19,13 @@ use session_archive::verify::rig_file;
 
 use crate::frame_tree::Frames;
 
-/// Where the rig file says nothing of tolerances: m and rad, as plates come from a workshop.
+/// Default sigmas of camera mounts if the rig file states no tolerances, m and rad: machining
+/// tolerances of a plate.
 const MOUNTING_SIGMA: (f64, f64) = (1.5e-3, 5e-3);
-/// How far a maker's placement of the right eye may be off, m and rad.
+/// Sigmas of `left_from_right` in a factory calibration, m and rad.
 const RIGHT_EYE_SIGMA: (f64, f64) = (1e-4, 2e-3);
 
-/// What is known of the rig.
+/// Nominal calibration of a rig.
 pub struct NominalRig {
     /// First calibration of each eye, as in `feet/left`.
     calibrations: BTreeMap<String, CameraCalibration>,
@@ -31,22 +33,22 @@ pub struct NominalRig {
     pub frames: Frames,
     /// The rig file with its name, where the session has one that can be read.
     pub rig: Option<(String, Rig)>,
-    /// What is wrong with the session's rig file, where there is one that cannot be read.
+    /// Error of the session's rig file, if it cannot be read.
     pub unreadable: Option<String>,
-    /// Whether the rig file is not the session's but was named.
+    /// Whether the rig file was named instead of taken from the session.
     is_named: bool,
 }
 
 impl NominalRig {
-    /// What a session says.
+    /// Reads the nominal calibration of a session.
     ///
     /// # Errors
-    /// The disk says no.
+    /// An I/O error occurs.
     pub fn read(reader: &SessionReader) -> Result<Self> {
         let manifest = reader.manifest();
         let mut unreadable = None;
         let rig = manifest.rig.iter().find_map(|file| {
-            // What is true of a simulated rig is not what is told of it, and boards are no rigs.
+            // Skip the ground truth of a simulated rig, and boards.
             let name = &file.name;
             if !name.ends_with(".toml") || name.starts_with("truth.") || name.starts_with("target.")
             {
@@ -89,7 +91,7 @@ impl NominalRig {
             {
                 nominal.frames = Frames::of(&transforms);
             }
-            // Both are written at the beginning of every segment.
+            // Both are at the beginning of every segment.
             if nominal.calibrations.len() >= 2 * manifest.cameras.len()
                 && !nominal.frames.is_empty()
             {
@@ -99,7 +101,7 @@ impl NominalRig {
         Ok(nominal)
     }
 
-    /// Takes a rig file that was named in the place of the session's.
+    /// Replaces the session's rig file by a named one.
     ///
     /// # Errors
     /// It cannot be read.
@@ -111,25 +113,25 @@ impl NominalRig {
         Ok(())
     }
 
-    /// The lens of an eye, as in `feet/left`; none where it is not known.
+    /// The camera model of an eye, as in `feet/left`, if known.
     pub fn lens(&self, eye: &str) -> Option<CameraModel> {
         let c = self.calibrations.get(eye)?;
         calib::foxglove::lens([c.width, c.height], &c.distortion_model, &c.d, &c.k)
     }
 
-    /// `rig_from_left` of a camera; that of the origin is held.
+    /// `rig_from_left` of a camera; that of the origin is fixed.
     pub fn rig_from_left(&self, camera: &str) -> Option<Told> {
         let left = Frame::of_camera(camera, FramePart::Left).ok()?;
         let mut nominal = self.nominal(&Frame::rig(), &left, MOUNTING_SIGMA)?;
         let rig = self.rig.as_ref().map(|(_, rig)| rig);
         if rig.and_then(Rig::origin_camera) == Some(camera) {
-            // It stays where it is by definition, or the next revision would have no origin.
+            // Fixed by definition: otherwise the next revision would have no origin.
             nominal.covariance = Matrix6::zeros();
         }
         Some(nominal)
     }
 
-    /// `left_from_right` of a camera: as recorded, which is the maker's calibration where there is one.
+    /// `left_from_right` of a camera, as recorded: from the factory calibration if there is one.
     pub fn left_from_right(&self, camera: &str) -> Option<Told> {
         let left = format!("{camera}/left");
         let right = format!("{camera}/right");
@@ -162,13 +164,13 @@ impl NominalRig {
     }
 }
 
-/// A covariance with one sigma for translations and one for rotations.
+/// Diagonal covariance with one sigma for translations and one for rotations.
 fn even((metres, radians): (f64, f64)) -> Matrix6<f64> {
     let (v, w) = (metres * metres, radians * radians);
     Matrix6::from_diagonal(&[v, v, v, w, w, w].into())
 }
 
-/// Blocks that turn `[v, ω]` from a child's axes to its parent's.
+/// Block-diagonal rotation of `[v, ω]` from a child's axes to its parent's.
 fn rotation_blocks(parent_from_child: &RigidTransform) -> Matrix6<f64> {
     let rotation = parent_from_child.rotation().to_rotation_matrix();
     let mut both = Matrix6::zeros();
@@ -179,13 +181,13 @@ fn rotation_blocks(parent_from_child: &RigidTransform) -> Matrix6<f64> {
     both
 }
 
-/// From the child's axes, which rig files use, to the parent's, which the adjustment uses.
+/// Covariance from the child's axes, as in rig files, to the parent's, as in the adjustment.
 fn in_parent(covariance: &Covariance, parent_from_child: &RigidTransform) -> Matrix6<f64> {
     let turn = rotation_blocks(parent_from_child);
     turn * covariance.matrix() * turn.transpose()
 }
 
-/// From the parent's axes to the child's; none for a covariance that cannot be written.
+/// Covariance from the parent's axes to the child's; `None` if it is not valid in a rig file.
 pub fn in_child(
     covariance: &Matrix6<f64>,
     parent_from_child: &RigidTransform,

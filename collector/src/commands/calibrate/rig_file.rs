@@ -1,5 +1,5 @@
-//! A rig file with places that were found: a new revision of the one that was told, or the first one of a rig of
-//! which nothing was told; its tolerances those of the estimation.
+//! Rig files with estimated extrinsics: a new revision of the given one, or the first one of a rig.
+//! Tolerances are the covariances of the estimate.
 
 use anyhow::{Context, Result, ensure};
 use cad_transforms::rig::{CameraInfo, Edge, Provenance, ProvenanceKind, RigParts};
@@ -9,22 +9,22 @@ use session_archive::manifest::Manifest;
 
 use super::nominal_rig::in_child;
 
-/// Sigmas of the place of the origin, m and rad. It is where it is by definition, but rig files hold no sigma of 0, and
-/// nothing that is weighed with a tolerance is weighed to a micrometre.
+/// Sigmas of the origin's pose, m and rad. It is fixed by definition, but rig files allow no sigma
+/// of 0, and no tolerance is as small as a micrometre.
 const ORIGIN_SIGMA: f64 = 1e-6;
 
-/// A place that was found.
+/// Estimated extrinsics.
 pub(super) struct Joint {
     pub(super) parent: Frame,
     pub(super) child: Frame,
     pub(super) parent_from_child: RigidTransform,
-    /// Of `[v, ω]` in the parent's axes, m and rad: the translation moves by `v`, the rotation by `Exp(ω)` from the left;
-    /// none where nobody says.
+    /// Covariance of `[v, ω]` in the parent's axes, m and rad: the translation changes by `v`, the
+    /// rotation by `Exp(ω)` from the left; `None` if unknown.
     pub(super) covariance: Option<Matrix6<f64>>,
 }
 
 impl Joint {
-    /// The tolerance as rig files have it.
+    /// The tolerance as in rig files.
     fn tolerance(&self) -> Result<Option<Covariance>> {
         let Some(covariance) = &self.covariance else {
             return Ok(None);
@@ -44,11 +44,12 @@ impl Joint {
     }
 }
 
-/// The rig with these joints, its revision that of `rig` and `ending`. A child that the rig does not have is added.
+/// The rig with these joints; its revision is that of `rig` followed by `ending`. A child that the
+/// rig does not have is added.
 ///
 /// # Errors
-/// A child is placed in another frame than the joint's, its covariance is none, or a loop of the rig does not
-/// close any more.
+/// A child has another parent than the joint, its covariance is invalid, or a loop of the rig no
+/// longer closes.
 pub(super) fn revised(
     rig: &Rig,
     joints: &[Joint],
@@ -94,14 +95,14 @@ pub(super) fn revised(
         "checking the calibrated rig: {}",
         open.join("; ")
     );
-    // What is written must read back.
+    // The written file must parse.
     Rig::parse(&new.to_toml()).context("checking the calibrated rig")
 }
 
-/// The first rig file of a rig: these joints and nothing else. `frame` says in words where the rig's own frame is.
+/// The first rig file of a rig: these joints and nothing else. `frame` describes the rig frame.
 ///
 /// # Errors
-/// The joints are no rig: a camera is not connected with the others.
+/// The joints do not form a rig: a camera is not connected with the others.
 pub(super) fn first(joints: &[Joint], verb: &str, frame: &str, manifest: &Manifest) -> Result<Rig> {
     let mut edges = Vec::new();
     for joint in joints {

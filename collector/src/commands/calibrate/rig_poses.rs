@@ -1,9 +1,11 @@
-//! Where a calibrated rig has its lenses and IMUs: the numbers as rows, for screens and pages.
+//! Poses of the lenses and IMUs of a calibrated rig, as rows of text and HTML.
 //!
-//! Contract: every frame of every camera is a row, in the order of the rig's cameras, with its place in the rig's own
-//! frame. Translations are mm, turns are roll, pitch and yaw in degrees about the rig's fixed x, y and z, as rig tables
-//! have them; those of a lens are of its body (x along the view, y to the left, z up in the image), so that a lens that
-//! looks along x has none, and those of an IMU of its own axes. A sigma is the largest of its three axes; none where the rig states no tolerance.
+//! Contract: every coordinate frame of every camera is a row, in the order of the rig's cameras,
+//! with its pose in the rig frame. Translations are in mm, rotations are roll, pitch and yaw in
+//! degrees about the rig's fixed x, y and z, as in rig tables. Rotations of a lens are of its body
+//! (x along the view, y to the left, z up in the image), so that they are zero for a lens along x;
+//! those of an IMU are of its own axes. A sigma is the largest of three axes; `None` if the rig
+//! states no tolerance.
 
 use anyhow::Result;
 use cad_transforms::rig::check::{CameraFacts, Facts};
@@ -13,7 +15,7 @@ use charts::{Cell, Page, Table};
 
 use crate::commands::rig::{colors, drawing};
 
-/// One frame of a camera.
+/// Pose of one coordinate frame of a camera.
 #[derive(Clone, Debug, PartialEq)]
 pub(super) struct FramePose {
     pub(super) frame: Frame,
@@ -21,13 +23,13 @@ pub(super) struct FramePose {
     pub(super) at_mm: [f64; 3],
     /// Roll, pitch, yaw, degrees.
     pub(super) rpy_deg: [f64; 3],
-    /// mm and degrees.
+    /// Sigma, mm and degrees.
     pub(super) sigma: Option<[f64; 2]>,
-    /// Whether it is the origin, by definition.
+    /// Whether it is the origin by definition.
     pub(super) is_origin: bool,
 }
 
-/// All frames of all cameras of a rig.
+/// The poses of all frames of all cameras of a rig.
 ///
 /// # Errors
 /// None for a rig that can be read.
@@ -66,13 +68,13 @@ pub(super) fn of(rig: &Rig) -> Result<Vec<FramePose>> {
     Ok(all)
 }
 
-/// A number with so many digits; what rounds to nothing has no sign.
+/// A number with `digits` decimals; without sign if it rounds to zero.
 fn fixed(value: f64, digits: usize) -> String {
     let unit = 10f64.powi(digits as i32);
     format!("{:.digits$}", (value * unit).round() / unit + 0.0)
 }
 
-/// Sigmas as they are shown.
+/// Sigmas as text.
 fn sigmas(placed: &FramePose) -> [String; 2] {
     match (placed.is_origin, placed.sigma) {
         (true, _) => ["origin".to_owned(), "origin".to_owned()],
@@ -81,7 +83,7 @@ fn sigmas(placed: &FramePose) -> [String; 2] {
     }
 }
 
-/// What the numbers are in.
+/// Describes the rig frame.
 fn heading(rig: &Rig) -> String {
     match rig.origin_camera() {
         Some(camera) => format!(
@@ -94,7 +96,7 @@ fn heading(rig: &Rig) -> String {
     }
 }
 
-/// The screen.
+/// The printed lines.
 ///
 /// # Errors
 /// As [`of`].
@@ -129,7 +131,8 @@ pub(super) fn lines(rig: &Rig) -> Result<Vec<String>> {
     Ok(lines)
 }
 
-/// A section of a page: the same table, and the rig drawn from three sides. `lenses` are left lenses by camera.
+/// A section of a page: the same table, and a drawing of the rig from three sides. `lenses` are
+/// left lenses by camera.
 ///
 /// # Errors
 /// As [`of`].
@@ -181,7 +184,7 @@ pub(super) fn section(page: Page, rig: &Rig, lenses: &[(&str, &CameraModel)]) ->
 mod tests {
     use super::*;
 
-    /// The example, its places known to 0.2 mm and 0.1 degrees.
+    /// The example, with sigmas of 0.2 mm and 0.1 degrees.
     fn example() -> Rig {
         let rig = Rig::parse(include_str!("../../../../cad-transforms/rigs/example.toml")).unwrap();
         let mut parts = rig.to_parts();
@@ -214,7 +217,7 @@ mod tests {
         let names: Vec<&str> = rows.iter().map(|row| row.frame.as_str()).collect();
         assert_eq!(names.len(), 9, "{names:?}");
         let row = |name: &str| rows.iter().find(|row| row.frame.as_str() == name).unwrap();
-        // 30 degrees to the left, and straight down but for 10 degrees.
+        // 30 degrees to the left, and 10 degrees from straight down.
         let close = |found: [f64; 3], expected: [f64; 3]| {
             let off = found.iter().zip(expected).map(|(f, e)| (f - e).abs());
             assert!(

@@ -1,7 +1,7 @@
-//! Calibration targets in the pictures of a session.
+//! Detection of calibration targets in the images of a session.
 //!
-//! Contract: every picture that belongs to a frame set is decoded and looked at once, on all cores; the
-//! result does not depend on how many there are. A picture that cannot be decoded is counted.
+//! Contract: every image of a frame set is decoded and searched once, on all cores; the result does
+//! not depend on their number. Images that cannot be decoded are counted.
 
 use std::collections::BTreeMap;
 use std::sync::{Mutex, PoisonError};
@@ -18,22 +18,22 @@ use video::Picture;
 use crate::console::Console;
 use crate::decode_check::visit_images;
 
-/// What was seen.
+/// Target detections of a session.
 pub struct DetectedTargets {
-    /// Time of each instant, ns: of the frame sets.
+    /// Time of each frame set, ns.
     pub times_ns: Vec<i64>,
-    /// Targets in pictures; eye `2 n` is the left one of camera `n` of the manifest.
+    /// Detections; eye `2 n` is the left one of camera `n` of the manifest.
     pub detections: Vec<Sighting>,
-    /// Pictures that were looked at, per eye.
+    /// Images searched, per eye.
     pub pictures: u64,
-    /// Pictures that could not be decoded.
+    /// Images that could not be decoded.
     pub missing: u64,
 }
 
-/// The targets that `files` describe, or else those that the session has brought along.
+/// The targets that `files` describe, or else those recorded with the session.
 ///
 /// # Errors
-/// A file cannot be read, or there is none.
+/// A file cannot be read, or the session has no target.
 pub fn targets(reader: &SessionReader, files: &[std::path::PathBuf]) -> Result<Vec<Board>> {
     if !files.is_empty() {
         let read = files.iter().map(|file| Board::read(file));
@@ -58,10 +58,10 @@ pub fn targets(reader: &SessionReader, files: &[std::path::PathBuf]) -> Result<V
     Ok(boards)
 }
 
-/// Looks at every picture of a session.
+/// Detects targets in every image of a session.
 ///
 /// # Errors
-/// The disk says no, or a codec cannot be decoded here.
+/// An I/O error occurs, or a codec cannot be decoded here.
 pub fn detect(
     reader: &SessionReader,
     index: &Index,
@@ -129,7 +129,7 @@ pub fn detect(
     Ok(detected)
 }
 
-/// The grey left and right half of a stereo frame.
+/// The luma of the left and right half of a side-by-side stereo frame.
 pub fn halves(picture: &Picture) -> Vec<GreyView<'_>> {
     let (width, height) = (picture.width as usize, picture.height as usize);
     let luma = &picture.data[..width * height];

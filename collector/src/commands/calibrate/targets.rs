@@ -1,7 +1,7 @@
-//! `paws calib targets`: boards to print, at true size.
+//! `paws calib targets`: calibration boards to print, at true size.
 //!
-//! Contract: a PDF, the board's TOML beside it for the calibration commands, and Kalibr's YAML where Kalibr
-//! knows such a board. Nothing is ever overwritten, and nothing is written unless all can be.
+//! Contract: a PDF, the board's TOML beside it for the calibration commands, and Kalibr's YAML
+//! where Kalibr knows such a board. No file is overwritten, and all files are written or none.
 
 use std::fs::{self, OpenOptions};
 use std::io::{self, Write};
@@ -15,18 +15,18 @@ use clap::{Args, ValueEnum};
 use crate::console::Console;
 use crate::outcome::Outcome;
 
-/// Which board.
+/// Kind of board.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
 pub enum Kind {
     /// Tags, every corner with an id; parts of it can be used. As Kalibr draws it
     Aprilgrid,
-    /// Black and white squares; must be seen whole
+    /// Black and white squares; must be visible completely
     Chessboard,
     /// A chessboard with markers; parts of it can be used. As OpenCV draws it
     Charuco,
 }
 
-/// What to draw.
+/// Options of `paws calib targets`.
 #[derive(Clone, Debug, Args)]
 pub struct Options {
     /// The board
@@ -64,12 +64,12 @@ pub struct Options {
     pub out: PathBuf,
 }
 
-/// Does it.
+/// Runs `paws calib targets`.
 ///
 /// # Errors
-/// The board or the paper is impossible, the board does not fit, a file is in the way, or cannot be written.
+/// The board or the paper is impossible, the board does not fit, an output file exists already, or cannot be written.
 pub fn run(options: &Options, console: &mut Console<'_>) -> Result<Outcome> {
-    // The other files take their names from it.
+    // The names of the other files are derived from it.
     if options
         .out
         .extension()
@@ -124,7 +124,7 @@ pub fn run(options: &Options, console: &mut Console<'_>) -> Result<Outcome> {
     Ok(Outcome::Fine)
 }
 
-/// The board that the options say, its size by the paper where none is given.
+/// The board of the options; without a size, the largest that fits the paper.
 fn choose(options: &Options, paper: Paper) -> Result<(Target, Paper)> {
     if let Some(size) = options.size_mm {
         let target = board(options, size)?;
@@ -181,12 +181,12 @@ fn board(options: &Options, size_mm: f64) -> Result<Target> {
     })
 }
 
-/// To a whole micrometre, so that 29 mm is 0.029 in the file.
+/// Metres, rounded to a micrometre, so that 29 mm is 0.029 in the file.
 fn metres(mm: f64) -> f64 {
     (1000.0 * mm).round() / 1e6
 }
 
-/// Writes files that are not there yet: all or, where one is, none.
+/// Writes new files: all, or none if one exists.
 fn write_new(files: &[(PathBuf, Vec<u8>)]) -> Result<()> {
     for (path, _) in files {
         if path.symlink_metadata().is_ok() {

@@ -1,9 +1,11 @@
-//! `paws calib verify`: is what is told of the rig still true? Asked of an ordinary walk, without a target.
+//! `paws calib verify`: checks that the calibration still holds, from an ordinary recording without
+//! a target.
 //!
-//! A few bursts of pictures, spread over the session where the gyroscopes say that much turns, are decoded; all of the
-//! gyroscopes is read. What comes out is a table of what is told against what was found, with a verdict by the limits
-//! of [`crate::limits`]. A number that this walk does not tell has no verdict, and a walk that tells nothing is a WARN. Nothing
-//! is written beside the session. FAIL ends with exit code 1, everything else with 0.
+//! A few bursts of images, spread over the parts of the session with high angular rates, are
+//! decoded, and all gyroscope samples are read. The result is a table of nominal and estimated
+//! values with verdicts by the limits of [`crate::limits`]. A parameter that the recording does not
+//! constrain has no verdict, and a recording that constrains none is a WARN. Nothing is written
+//! into the session's folder. FAIL ends with exit code 1, everything else with 0.
 
 mod page;
 
@@ -38,24 +40,24 @@ use crate::outcome::Outcome;
 use crate::quality::{Finding, finding, overall};
 use crate::target::Target;
 
-/// Length of a burst, ns: three overlapping moves and a little.
+/// Duration of a burst, ns: slightly more than three overlapping track segments.
 const BURST_DURATION_NS: i64 = 1_050_000_000;
-/// Pictures per second that are looked at; of a faster camera every second one, or fewer.
+/// Maximum rate of processed images, Hz; of a faster camera every second one, or fewer.
 const MAX_FRAME_RATE_HZ: f64 = 15.0;
 
-/// How to do it.
+/// Options of `paws calib verify`.
 #[derive(Clone, Debug, Args)]
 pub struct Options {
-    /// Bursts of pictures to look at, a second each
+    /// Number of image bursts to process, a second each
     #[arg(long, value_name = "N", default_value_t = 16, value_parser = bursts)]
     pub bursts: usize,
-    /// Also write what was found as JSON
+    /// Also write the results as JSON
     #[arg(long, value_name = "FILE")]
     pub json: Option<PathBuf>,
     /// Also write the report as one HTML page
     #[arg(long, value_name = "FILE")]
     pub html: Option<PathBuf>,
-    /// Overwrite reports that are there
+    /// Overwrite existing reports
     #[arg(long)]
     pub force: bool,
 }
@@ -76,19 +78,19 @@ impl Default for Options {
     }
 }
 
-/// What became of a session.
+/// Result of verifying a session's calibration.
 pub struct SessionVerification {
-    /// Everything that was found.
+    /// Estimates and findings.
     pub verification: Verification,
     /// Name and revision of the rig file, where the session has one.
     pub revision: Option<(String, String)>,
-    /// Cameras left out, and why.
+    /// Cameras left out, with the reason.
     pub left_out: Vec<String>,
-    /// Bursts that were looked at.
+    /// Number of processed bursts.
     pub bursts: usize,
 }
 
-/// A camera of which enough is told.
+/// A camera with a complete nominal calibration.
 struct KnownCamera<'a> {
     index: usize,
     camera: &'a manifest::Camera,
@@ -96,7 +98,7 @@ struct KnownCamera<'a> {
     gyro: Option<Gyro>,
 }
 
-/// Verifies and says what came out.
+/// Verifies, and prints the result.
 ///
 /// # Errors
 /// The session cannot be read, no camera is calibrated, or a report cannot be written.
@@ -148,10 +150,11 @@ pub fn run(target: &Target, options: &Options, console: &mut Console<'_>) -> Res
     })
 }
 
-/// Verifies what is told of a session's rig. A session that says too little of it gives an empty result.
+/// Verifies the nominal calibration of a session's rig. A session without enough calibration gives
+/// an empty result.
 ///
 /// # Errors
-/// The disk says no, or there is no decoder.
+/// An I/O error occurs, or there is no decoder.
 pub fn check(
     reader: &SessionReader,
     options: &Options,
@@ -214,7 +217,7 @@ fn gyros(reader: &SessionReader, console: &Console<'_>) -> Result<Vec<(String, G
     Ok(read.imus.into_iter().map(gyro).collect())
 }
 
-/// What is told of a camera, or what is missing.
+/// Nominal calibration of a camera, or what is missing.
 fn calibration(rig: &NominalRig, camera: &str) -> Result<StereoCalibration, String> {
     let [left, right, imu] = ["left", "right", "imu"].map(|part| format!("{camera}/{part}"));
     let lens = |eye: &str| rig.lens(eye).ok_or(format!("no calibration of {eye}"));
@@ -239,7 +242,7 @@ fn calibration(rig: &NominalRig, camera: &str) -> Result<StereoCalibration, Stri
     })
 }
 
-/// Tolerance of a camera's joint by the rig file, rad: of its loosest axis.
+/// Rotation sigma of a camera's joint by the rig file, rad: the largest of its axes.
 fn joint(rig: &NominalRig, camera: &str) -> Option<f64> {
     let (_, rig) = rig.rig.as_ref()?;
     let left = Frame::of_camera(camera, FramePart::Left).ok()?;
@@ -249,7 +252,7 @@ fn joint(rig: &NominalRig, camera: &str) -> Option<f64> {
     (largest > 0.0).then(|| largest.sqrt())
 }
 
-/// Decodes the bursts of all cameras, one thread for each.
+/// Decodes the bursts of all cameras, one thread per camera.
 fn read_bursts(
     reader: &SessionReader,
     index: &Index,
@@ -297,7 +300,7 @@ fn read_bursts(
     }
 }
 
-/// Follows corners through one burst.
+/// Tracks features through one burst.
 fn track_burst(
     camera: &manifest::Camera,
     index: &CameraIndex,
@@ -321,7 +324,7 @@ fn track_burst(
     })
 }
 
-/// The grey left and right half of a stereo frame.
+/// The luma of the left and right half of a side-by-side stereo frame.
 fn eyes(picture: &Picture) -> Option<[Grey<'_>; 2]> {
     let (width, height) = (picture.width as usize, picture.height as usize);
     let luma = picture.data.get(..width * height)?;
@@ -331,7 +334,7 @@ fn eyes(picture: &Picture) -> Option<[Grey<'_>; 2]> {
 }
 
 impl SessionVerification {
-    /// The findings as metrics. What is not determined is left out.
+    /// The findings as metrics. Undetermined parameters are left out.
     pub fn findings(&self, limits: &Limits) -> Vec<Finding> {
         let nominal = self.verification.findings.iter();
         let nominal = nominal.filter(|f| f.state != State::Undetermined);
@@ -354,7 +357,7 @@ impl SessionVerification {
         nominal.filter_map(one).collect()
     }
 
-    /// A finding in words, with what it is against.
+    /// Text of a finding, with the revision that it contradicts.
     fn words(&self, found: &Found) -> String {
         match &self.revision {
             Some((_, revision)) if found.state == State::Off && found.what == What::Camera => {
@@ -387,7 +390,7 @@ impl SessionVerification {
         lines
     }
 
-    /// PASS, WARN or FAIL; nothing for what is not determined.
+    /// PASS, WARN or FAIL; empty for an undetermined parameter.
     fn verdict(&self, found: &Found, findings: &[Finding]) -> String {
         let words = self.words(found);
         let of = findings

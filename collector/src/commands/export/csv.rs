@@ -1,5 +1,5 @@
-//! Tables. Times are the integers of the recording (ns, host clock), measurements are in SI units
-//! with every digit that they have; a cell with a comma or a quote is quoted (RFC 4180).
+//! CSV tables. Times are the recorded integers (ns, host clock), measurements are in SI units with
+//! full precision; a cell with a comma or a quote is quoted (RFC 4180).
 
 use std::collections::BTreeMap;
 use std::fmt::Display;
@@ -24,7 +24,7 @@ const IMU: &str = "number,time_ns,sigma_ns,host_time_ns,device_ticks,gyro_x_rad_
 const EVENTS: &str = "time_ns,kind,source,text";
 const GAPS: &str = "stream,first,last,samples,cause,time_before_ns,time_after_ns,detail";
 
-/// One table in the making.
+/// A table that is being written.
 struct Table {
     out: BufWriter<File>,
     rows: u64,
@@ -53,7 +53,7 @@ impl Table {
     }
 }
 
-/// A cell that may hold anything.
+/// A cell with any text, quoted if necessary.
 fn quoted(text: &str) -> String {
     if text.contains([',', '"', '\n', '\r']) {
         format!("\"{}\"", text.replace('"', "\"\""))
@@ -62,7 +62,7 @@ fn quoted(text: &str) -> String {
     }
 }
 
-/// A cell that may be empty.
+/// A cell, empty for `None`.
 fn maybe(value: Option<impl Display>) -> String {
     value.map_or(String::new(), |v| v.to_string())
 }

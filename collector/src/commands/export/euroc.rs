@@ -1,9 +1,8 @@
-//! ASL folders as EuRoC has them (Burri et al. 2016), one per camera, so that each is what readers of
-//! such data sets expect: `CAMERA/mav0/{cam0,cam1,imu0}`, `cam0` being the left eye.
+//! ASL folders as in EuRoC (Burri et al. 2016), one per camera, as readers of such data sets
+//! expect: `CAMERA/mav0/{cam0,cam1,imu0}`, `cam0` being the left eye.
 //!
-//! Times are host-clock nanoseconds and name the pictures. The body frame is the camera's IMU where
-//! its place is known, else the left eye. A camera without chroma gives 8-bit grey pictures,
-//! others 8-bit RGB.
+//! Image names are times, host-clock ns. The body frame is the camera's IMU if its extrinsics are
+//! known, else the left eye. A camera without chroma gives 8-bit gray images, others 8-bit RGB.
 
 use std::collections::BTreeSet;
 use std::fs::{self, File};
@@ -109,7 +108,7 @@ impl Export<'_> {
             write(&folder.join("sensor.yaml"), &text)?;
         }
 
-        // Two frames of one time would have one name.
+        // Two frames of one time would have the same name.
         let mut times: Vec<i64> = frames.frames.iter().map(|f| f.time_ns).collect();
         times.sort_unstable();
         let same = times.windows(2).filter(|w| w[0] == w[1]).count();
@@ -128,7 +127,7 @@ impl Export<'_> {
             let mut listed = BTreeSet::new();
             for frame in &frames.frames {
                 let name = image_name(frame);
-                // A picture that did not come out has no file.
+                // An image that was not decoded has no file.
                 if folder.join("data").join(&name).is_file() && listed.insert(frame.time_ns) {
                     list.push_str(&format!("{},{name}\n", frame.time_ns));
                 }
@@ -207,7 +206,7 @@ fn image_name(frame: &FrameEntry) -> String {
     format!("{}.png", frame.time_ns)
 }
 
-/// Writes both halves of a picture as PNG.
+/// Writes both halves of a side-by-side image as PNG.
 fn save(folder: &Path, frame: &FrameEntry, picture: &Picture, colour: bool) -> Result<()> {
     let (left, right) = split(picture)?;
     for ((cam, _), half) in EYES.into_iter().zip([left, right]) {

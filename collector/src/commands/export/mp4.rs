@@ -1,4 +1,4 @@
-//! MP4 files: the access units as they were recorded, each at its time.
+//! MP4 files with the recorded access units, each at its time.
 
 use std::path::Path;
 
@@ -34,7 +34,7 @@ pub(super) fn export(
         }
         let bytes = frames.frames.iter().map(|f| u64::from(f.bytes)).sum();
         let progress = console.progress(&camera.name, bytes);
-        // A unit that cannot be read ends the file; the error is kept for afterwards.
+        // A unit that cannot be read ends the file; the error is reported afterwards.
         let mut failed = None;
         let units = frames.frames.iter().enumerate().map_while(|(i, frame)| {
             progress.add(u64::from(frame.bytes));
@@ -53,7 +53,7 @@ pub(super) fn export(
         let written = write_mp4(&path, codec, camera.width, camera.height, units);
         drop(progress);
         if let Some(e) = failed {
-            // What was written stops in the middle and must not be taken for the whole.
+            // A truncated file must not be mistaken for a complete one.
             let _ = std::fs::remove_file(&path);
             return Err(e).with_context(|| format!("reading frames of {}", camera.name));
         }

@@ -1,10 +1,10 @@
-//! `sensor.yaml` files. What is not known is left out, and a comment says so.
+//! `sensor.yaml` files. Unknown values are left out with a comment.
 
 use cad_transforms::RigidTransform;
 use session_archive::manifest::{Camera, Imu};
 use session_archive::record::CameraCalibration;
 
-/// The description of one eye. `body_from_eye` takes points from the eye to the body.
+/// The description of one eye.
 pub(super) fn camera(
     camera: &Camera,
     frame: &str,
@@ -90,8 +90,8 @@ fn numbers(values: &[f64]) -> String {
 mod tests {
     use super::*;
 
-    /// A quarter turn about z takes the x axis to the y axis. With the quaternion's components in
-    /// another order it would be a turn about another axis.
+    /// A rotation of 90 degrees about z takes the x axis to the y axis. With another order of
+    /// quaternion components it would be about another axis.
     #[test]
     fn a_stored_quaternion_becomes_the_right_matrix() {
         let half = 0.5_f64.sqrt();

@@ -18,7 +18,7 @@ use crate::import::{FileRecord, ImportError, ImportRecord, Imported, publish};
 use crate::library::{Library, is_key};
 use crate::progress::Progress;
 
-/// What all pulls share.
+/// State shared by all pulls.
 pub(super) struct Puller<'a> {
     pub(super) library: Mutex<Library>,
     pub(super) clock: Clock,
@@ -28,15 +28,15 @@ pub(super) struct Puller<'a> {
     pub(super) free: bool,
 }
 
-/// A session that is in the library now.
+/// A session that has been pulled.
 pub(super) struct Pulled {
     pub(super) imported: Imported,
-    /// What the rig was told, in words; an error if it did not take it.
+    /// Message sent to the rig, as text; an error if the rig rejected it.
     pub(super) rig: Result<&'static str>,
 }
 
 impl Puller<'_> {
-    /// Pulls a session, sends the receipt, and has it freed if that is wanted.
+    /// Pulls a session, sends the receipt, and has it freed if requested.
     pub(super) fn pull(&self, client: &mut Client, summary: &SessionSummary) -> Result<Pulled> {
         let name = &summary.name;
         let key = summary.session_id.as_deref().unwrap_or_default();
@@ -61,8 +61,8 @@ impl Puller<'_> {
         Ok(Pulled { imported, rig })
     }
 
-    /// Fetches all files, has the session checked and published. `old` is the worth of the one that is to make way
-    /// for it.
+    /// Downloads all files, verifies and publishes the session. `old` is the quality of the copy
+    /// that it replaces.
     fn fetch(
         &self,
         client: &mut Client,
@@ -94,8 +94,8 @@ impl Puller<'_> {
         Ok(imported)
     }
 
-    /// The session is in the library: is it the same one, and still whole? One that is not may have a better one on the
-    /// rig, which only fetching it tells.
+    /// Compares a session of the library with the rig's. If the library's is damaged, the rig's may
+    /// be better, which only downloading shows.
     fn already_in_library(
         &self,
         client: &mut Client,
@@ -115,8 +115,9 @@ impl Puller<'_> {
         };
         let held = total(&record.files);
         let receipt = summary.receipt.as_ref();
-        // A receipt for the same content was given when the library's copy was compared. It is compared again if it is
-        // known to be worse since, and before the rig's may go: that may be the last one.
+        // A stored receipt for the same content means that the library's copy was compared. It is
+        // compared again if it is known to have been damaged since, and before the rig's is freed:
+        // that may be the last copy.
         let is_known = receipt.is_some_and(|r| r.list == held.list) && !condition.needs_recovery();
         if !is_known {
             let manifest = client.manifest(&summary.name, |_| {})?;
@@ -132,7 +133,7 @@ impl Puller<'_> {
         }
         if !is_known || self.free {
             match publish::verify_files(folder, &record.files, self.progress) {
-                // What the library's disk has done to it since.
+                // Damage by the library's disk since then.
                 Err(ImportError::Changed { what, .. }) => {
                     log::warn!(
                         "{what} of session {key} is damaged in the library; it is fetched again"
@@ -151,7 +152,7 @@ impl Puller<'_> {
         )?)))
     }
 
-    /// Gives the rig its receipt, and asks it to free the session.
+    /// Sends the receipt, and requests to free the session.
     fn send_receipt(
         &self,
         client: &mut Client,
@@ -188,8 +189,8 @@ impl Puller<'_> {
     }
 }
 
-/// Asks for something for which the rig must know the hashes of the session; a rig that was started
-/// anew makes them again with the manifest.
+/// Sends a request that needs the session's hashes; a restarted rig computes them again for the
+/// manifest.
 fn hashed(
     client: &mut Client,
     session: &str,
@@ -213,7 +214,7 @@ fn record(entry: &FileEntry) -> FileRecord {
     }
 }
 
-/// What stands for these files in a receipt.
+/// Totals of these files for a receipt.
 fn total(files: &[FileRecord]) -> Total {
     let lines = files
         .iter()
@@ -225,7 +226,7 @@ fn total(files: &[FileRecord]) -> Total {
     }
 }
 
-/// The first way in which the rig's session is not the library's.
+/// The first difference between the rig's and the library's session.
 fn difference(rig: &Manifest, library: &[FileRecord]) -> Option<String> {
     for entry in &rig.files {
         match library.iter().find(|f| f.path == entry.path) {

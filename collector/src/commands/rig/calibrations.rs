@@ -1,4 +1,4 @@
-//! What factory files say of a rig's cameras.
+//! Factory calibrations of a rig's cameras.
 
 use std::path::Path;
 
@@ -10,7 +10,7 @@ use calib::{CalibError, Format, StereoCalibration, zed_conf};
 
 use crate::cli::BadArguments;
 
-/// Sizes of one picture, tried in this order where none is given: a ZED file holds some of them.
+/// Sizes of one image, tried in this order if none is given: a ZED file has some of them.
 const SIZES: [[u32; 2]; 6] = [
     [1280, 720],
     [1920, 1200],
@@ -30,7 +30,7 @@ pub(super) fn read(arguments: &[String]) -> Result<Facts> {
             );
             return Err(BadArguments(what).into());
         };
-        // Anything else behind an @ is part of the path.
+        // Anything else after an @ is part of the path.
         let (file, size) = match file.rsplit_once('@') {
             Some((file, size)) if size_of(size).is_some() => (file, size_of(size)),
             _ => (file, None),
@@ -68,7 +68,7 @@ fn of_camera(path: &Path, size: Option<[u32; 2]>) -> Result<CameraFacts, CalibEr
         [left.fx, left.fy],
         [left.cx, left.cy],
     );
-    // Of a data set of many files, the folder that was named.
+    // For a data set of many files, the named folder.
     let named = if file.is_file() { &file } else { path };
     let name = named.file_name().unwrap_or(named.as_os_str());
     let serial = match format {
@@ -88,8 +88,8 @@ fn of_camera(path: &Path, size: Option<[u32; 2]>) -> Result<CameraFacts, CalibEr
     })
 }
 
-/// The calibration for pictures of a size. Where none is given, it is the file's own, and for a ZED file the first of
-/// [`SIZES`] that the file has; a file that is damaged there is not read at another.
+/// The calibration for images of a size. Without a size it is that of the file, and for a ZED file
+/// the first of [`SIZES`] that the file has; if that section is damaged, no other is tried.
 fn calibration(
     path: &Path,
     format: Format,

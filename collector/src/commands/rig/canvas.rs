@@ -1,7 +1,8 @@
-//! A sheet of lines, areas and texts, as SVG text or as a PNG.
+//! A drawing of lines, areas and texts, as SVG text or as a PNG.
 //!
-//! Contract: both show the same. The PNG is drawn here, with letters made of lines, so that it needs neither a font
-//! nor a program and has the same bytes on every machine. Coordinates are pixels, x to the right, y down.
+//! Contract: both show the same. The PNG is rasterized here, with stroked letters, so that it needs
+//! neither a font nor a program and has the same bytes on every machine. Coordinates are pixels, x
+//! to the right, y down.
 
 use std::fmt::Write as _;
 
@@ -10,10 +11,10 @@ use super::glyphs;
 /// Red, green, blue.
 pub(super) type Color = [u8; 3];
 
-/// Drawn this many times larger and averaged, against steps in slanted lines.
+/// Supersampling factor, for antialiasing.
 const SUPERSAMPLING: usize = 3;
 
-/// Something drawn.
+/// A drawn shape.
 #[derive(Clone, Debug)]
 enum Shape {
     Area(Vec<[f64; 2]>, Color, f64),
@@ -21,7 +22,7 @@ enum Shape {
     Text([f64; 2], f64, Color, String),
 }
 
-/// What is drawn, in the order in which it is drawn.
+/// Shapes in drawing order.
 #[derive(Clone, Debug)]
 pub(crate) struct Sheet {
     width: usize,
@@ -65,7 +66,7 @@ impl Sheet {
         self.area(&(0..24).map(corner).collect::<Vec<_>>(), color, 1.0);
     }
 
-    /// A text whose base line begins at a point.
+    /// A text whose baseline begins at a point.
     pub(super) fn text(&mut self, at: [f64; 2], size: f64, color: Color, text: impl Into<String>) {
         self.shapes.push(Shape::Text(at, size, color, text.into()));
     }
@@ -96,7 +97,7 @@ impl Sheet {
                     points(line),
                     hex(*color)
                 ),
-                // The width is stated, since the font may be another.
+                // The width is stated, because the font may differ.
                 Shape::Text([x, y], size, color, text) => writeln!(
                     out,
                     "<text x=\"{x:.2}\" y=\"{y:.2}\" font-size=\"{size}\" textLength=\"{:.1}\" fill=\"{}\">{}</text>",
@@ -112,7 +113,7 @@ impl Sheet {
     /// As PNG.
     ///
     /// # Errors
-    /// The coder refuses.
+    /// The PNG encoder fails.
     pub(super) fn png(&self) -> Result<Vec<u8>, png::EncodingError> {
         let mut bytes = Vec::new();
         let mut encoder = png::Encoder::new(&mut bytes, self.width as u32, self.height as u32);
@@ -124,7 +125,7 @@ impl Sheet {
         Ok(bytes)
     }
 
-    /// Rows of red, green, blue.
+    /// Rows of RGB.
     fn pixels(&self) -> Vec<u8> {
         let mut fine = Fine {
             width: self.width * SUPERSAMPLING,
@@ -168,7 +169,7 @@ impl Sheet {
     }
 }
 
-/// The enlarged sheet.
+/// The supersampled image.
 struct Fine {
     width: usize,
     height: usize,
@@ -176,7 +177,7 @@ struct Fine {
 }
 
 impl Fine {
-    /// Fills by the even-odd rule, row by row at the pixels' middles.
+    /// Fills by the even-odd rule, row by row at pixel centers.
     fn area(&mut self, corners: &[[f64; 2]], color: Color, opacity: f64) {
         let corners: Vec<[f64; 2]> = corners
             .iter()
@@ -211,7 +212,7 @@ impl Fine {
         }
     }
 
-    /// A line with round ends and joints.
+    /// A line with round caps and joins.
     fn line(&mut self, points: &[[f64; 2]], color: Color, thick: f64) {
         let reach = 0.5 * thick * SUPERSAMPLING as f64;
         for pair in points.windows(2) {

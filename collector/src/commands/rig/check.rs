@@ -45,7 +45,7 @@ impl<'a> From<&'a Finding> for FindingDocument<'a> {
     }
 }
 
-/// Prints everything that was found, as lines or as one JSON document.
+/// Prints all findings, as lines or as one JSON document.
 pub(super) fn run(
     file: &Path,
     facts: &Facts,

@@ -1,7 +1,8 @@
-//! What the picture of a rig is drawn with, on white paper and on a dark screen.
+//! Colors of rig drawings, on white paper and on a dark screen.
 //!
-//! Contract: an SVG of its own and the PNG are on white. A page that shows the SVG replaces all of its colours, that of
-//! the paper too, by those of [`DARK`] where the reader prefers a dark screen (`charts::Page::dark`).
+//! Contract: a separate SVG and the PNG are on white. A page that shows the SVG replaces all of its
+//! colors, that of the paper too, by those of [`DARK`] if the reader prefers a dark screen
+//! (`charts::Page::dark`).
 
 use super::canvas::Color;
 
@@ -12,7 +13,7 @@ pub(super) const GRID: Color = [222, 222, 222];
 pub(super) const BODY: Color = [238, 232, 224];
 pub(super) const GROUND: Color = [140, 120, 90];
 pub(super) const SHOE: Color = [90, 80, 70];
-/// One per camera, by name; told apart also by people who see few colours.
+/// One per camera, by name; distinguishable with color vision deficiency.
 pub(super) const PALETTE: [Color; 6] = [
     [0, 114, 178],
     [213, 94, 0],
@@ -24,7 +25,7 @@ pub(super) const PALETTE: [Color; 6] = [
 /// x, y, z.
 pub(super) const AXES: [Color; 3] = [[200, 30, 30], [20, 140, 20], [30, 60, 210]];
 
-/// Each colour as the SVG has it, and the one in its place on a dark screen.
+/// Each color of the SVG, and its replacement on a dark screen.
 pub(crate) const DARK: [(&str, &str); 16] = [
     // Paper, ink, secondary text, lines.
     ("#ffffff", "#16191d"),
@@ -84,12 +85,12 @@ mod tests {
     #[test]
     fn everything_that_is_drawn_can_be_seen_on_a_dark_screen() {
         let paper = dark(PAPER);
-        // Lines between panels and the wearer are to stay in the background.
+        // Lines between panels and the wearer remain in the background.
         for color in [GRID, BODY] {
             let found = contrast(dark(color), paper);
             assert!((1.2..2.0).contains(&found), "{color:?}: {found:.2}");
         }
-        // All others write, too, by WCAG 2.1 AA; before the wearer they are drawn.
+        // All others are also used for text (WCAG 2.1 AA), and drawn in front of the wearer.
         let inks = [INK, MUTED, GROUND, SHOE].into_iter();
         for color in inks.chain(PALETTE).chain(AXES) {
             let found = contrast(dark(color), paper);

@@ -14,7 +14,7 @@ use crate::console::Console;
 use crate::outcome::Outcome;
 use crate::text::count;
 
-/// Converts `src` and writes `out`, or prints the parts where there is no `out`.
+/// Converts `src` and writes `out`, or prints the parts without `out`.
 pub(super) fn run(
     src: &Path,
     map: Option<&Path>,
@@ -80,7 +80,7 @@ pub(super) fn run(
     Ok(Outcome::Fine)
 }
 
-/// The rig, if the file is meant to be a rig file: TOML with `format` at the top and without parts.
+/// The rig, if the file is a rig file: TOML with `format` at the top and without parts.
 fn rig_file(path: &Path) -> Result<Option<Rig>> {
     if Format::of(path).ok() != Some(Format::Toml) {
         return Ok(None);

@@ -8,7 +8,7 @@ use crate::console::Console;
 use crate::outcome::Outcome;
 use crate::text::count;
 
-/// Prints what changed: frame by frame where they are, then all else in words.
+/// Prints the changes: pose by pose, then all others as text.
 pub(super) fn run(a: &Rig, b: &Rig, console: &mut Console<'_>) -> Result<Outcome> {
     for (name, rig) in [("a", a), ("b", b)] {
         console.line(format!(

@@ -1,7 +1,8 @@
-//! The picture of a rig: front, side and top, the whole with the ground and the shoes above, the plate close by below.
+//! Drawing of a rig: front, side and top views; above the whole with the ground and the shoes,
+//! below a close-up of the plate.
 //!
-//! Front is what someone sees who faces the wearer: the wearer's left is on the right. Side is seen from the wearer's
-//! right, so that ahead is to the right. Top is seen from above, ahead is up.
+//! Front is the view of a person who faces the wearer: the wearer's left is on the right. Side is
+//! from the wearer's right: ahead is to the right. Top is from above: ahead is up.
 
 use cad_transforms::rig::check::{Facts, GROUND_BELOW_RIG_M, SHOES_X_M, SHOES_Y_M, view};
 use cad_transforms::{FieldOfView, Frame, FramePart, Rig, RigidTransform};
@@ -13,20 +14,20 @@ use super::colors::{AXES, BODY, GRID, GROUND, INK, MUTED, PALETTE, PAPER, SHOE};
 const WIDTH: usize = 1260;
 const HEIGHT: usize = 1050;
 const MARGIN: f64 = 24.0;
-/// Height of the panels with the whole, and of those with the plate.
+/// Heights of the panels of the whole and of the close-up, pixels.
 const WHOLE_HEIGHT: f64 = 440.0;
 const CLOSE_HEIGHT: f64 = 340.0;
 
-/// How far a frustum reaches where the ground does not end it, m.
+/// Length of a frustum that does not reach the ground, m.
 const FRUSTUM_LENGTH_M: f64 = 0.6;
-/// Farthest it is followed to the ground, m.
+/// Maximum length of a frustum to the ground, m.
 const MAX_GROUND_RAY_M: f64 = 3.0;
-/// How far frusta reach beside the plate, m.
+/// Length of frusta in the close-up, m.
 const CLOSE_FRUSTUM_LENGTH_M: f64 = 0.05;
 /// Length of drawn axes, m.
 const AXIS_M: f64 = 0.03;
 
-/// Where one looks from.
+/// Viewing direction.
 #[derive(Clone, Copy)]
 enum Side {
     Front,
@@ -34,7 +35,7 @@ enum Side {
     Top,
 }
 
-/// One camera, ready to be drawn.
+/// A camera prepared for drawing.
 struct Drawn {
     name: String,
     color: Color,
@@ -43,19 +44,19 @@ struct Drawn {
     view: Option<(String, FieldOfView)>,
 }
 
-/// A place on the sheet for one view.
+/// Panel of the sheet for one view.
 struct Panel {
     side: Side,
     /// Upper left corner and size, pixels.
     corner: [f64; 2],
     size: [f64; 2],
-    /// What lies in the middle, m, across and up.
+    /// Center of the view, m, across and up.
     middle: [f64; 2],
-    /// Pixels in a metre.
+    /// Pixels per metre.
     scale: f64,
 }
 
-/// Draws a rig. Frusta are those of the left lenses, where their view is known.
+/// Draws a rig. Frusta are those of the left lenses, if their field of view is known.
 pub(crate) fn draw(rig: &Rig, facts: &Facts) -> Sheet {
     let cameras = cameras(rig, facts);
     let mut sheet = Sheet::new(WIDTH, HEIGHT);
@@ -74,7 +75,7 @@ pub(crate) fn draw(rig: &Rig, facts: &Facts) -> Sheet {
     ] {
         let sides = [Side::Front, Side::Right, Side::Top];
         let bounds = sides.map(|side| bounds(points, side));
-        // One scale for the three, so that they can be compared.
+        // One scale for the three views, so that they can be compared.
         let fit = bounds.iter().map(|[low, high]| {
             let room = [width - 40.0, height - 104.0];
             (0..2)
@@ -126,7 +127,8 @@ fn cameras(rig: &Rig, facts: &Facts) -> Vec<Drawn> {
         .collect()
 }
 
-/// Eye and ends of the corner rays in `rig`. A camera that looks well down is followed to the ground.
+/// Apex and ends of the corner rays in `rig`. The rays of a camera that points well down extend to
+/// the ground.
 fn frustum(camera: &Drawn, reach_m: f64, to_ground: bool) -> Option<([f64; 3], [[f64; 3]; 4])> {
     let (_, view) = camera.view.as_ref()?;
     let eye = camera.rig_from_left.translation_m();
@@ -149,7 +151,7 @@ fn frustum(camera: &Drawn, reach_m: f64, to_ground: bool) -> Option<([f64; 3], [
     Some((eye, ends))
 }
 
-/// Blocks that stand for the wearer, m: low and high corner.
+/// Boxes that represent the wearer, m: low and high corner.
 const TORSO: [[f64; 3]; 2] = [[-0.26, -0.19, -0.42], [-0.02, 0.19, 0.16]];
 const HEAD: [[f64; 3]; 2] = [[-0.24, -0.08, 0.22], [-0.04, 0.08, 0.46]];
 const LEGS: [[[f64; 3]; 2]; 2] = [
@@ -238,7 +240,7 @@ impl Panel {
         let [across, up] = self.side.flat(point);
         [
             self.corner[0] + 0.5 * self.size[0] + self.scale * (across - self.middle[0]),
-            // The title takes some of the height.
+            // The title needs some of the height.
             self.corner[1] + 0.5 * self.size[1] + 4.0 - self.scale * (up - self.middle[1]),
         ]
     }
@@ -320,7 +322,7 @@ impl Panel {
                 sheet.line(&[eye, end], camera.color, 1.2);
             }
             sheet.outline(&ends, camera.color, 1.6);
-            // Up in the picture, so that one sees a camera that hangs upside down.
+            // Image up direction, to show a camera that is mounted upside down.
             let [a, b] = [ends[0], ends[1]];
             sheet.line(&[a, b], camera.color, 3.4);
         }
@@ -365,12 +367,12 @@ impl Panel {
         sheet.dot(datum, 3.0, INK);
     }
 
-    /// Names of the cameras, moved up where they would lie on each other.
+    /// Names of the cameras, moved up if they would overlap.
     fn labels(&self, sheet: &mut Sheet, cameras: &[Drawn]) {
         const SIZE: f64 = 12.0;
         let mut taken: Vec<[f64; 4]> = Vec::new();
         for camera in cameras {
-            // Above all that is drawn of the camera.
+            // Above the camera's shapes.
             let mut points: Vec<[f64; 3]> = [Some(camera.rig_from_left), camera.rig_from_right]
                 .into_iter()
                 .flatten()
@@ -403,7 +405,7 @@ impl Panel {
     }
 }
 
-/// One line per camera, and what the signs mean.
+/// One line per camera, and the legend of symbols.
 fn legend(sheet: &mut Sheet, cameras: &[Drawn]) {
     let mut y = 72.0 + WHOLE_HEIGHT + CLOSE_HEIGHT + 2.0 * MARGIN + 14.0;
     for camera in cameras {

@@ -1,11 +1,12 @@
-//! Letters as lines, for pictures that have to be drawn without a font.
+//! Stroked letters, for drawings without a font.
 //!
-//! A letter stands on a grid of 5 columns and 9 rows, 0 at the lower left. Each is written as lines of points, a
-//! column digit and a row digit per point: the base line is row 2, small letters reach row 6, capitals row 8.
+//! A letter is on a grid of 5 columns and 9 rows, 0 at the lower left. Each is a list of polylines,
+//! a column digit and a row digit per point: the baseline is row 2, small letters reach row 6,
+//! capitals row 8.
 
 /// Columns from one letter to the next.
 pub(super) const ADVANCE: f64 = 6.0;
-/// Row of the base line.
+/// Row of the baseline.
 pub(super) const BASE: f64 = 2.0;
 
 const GLYPHS: &[(char, &str)] = &[
@@ -100,10 +101,10 @@ const GLYPHS: &[(char, &str)] = &[
     ('@', "32,12,03,07,18,38,47,44,34,24,25,36"),
 ];
 
-/// A letter that is not drawn here.
+/// Glyph of unsupported letters.
 const UNKNOWN: &str = "02,08,48,42,02";
 
-/// The lines of a letter on its grid.
+/// The polylines of a letter on its grid.
 pub(super) fn lines(letter: char) -> Vec<Vec<[f64; 2]>> {
     let found = GLYPHS.iter().find(|(c, _)| *c == letter);
     let text = found.map_or(UNKNOWN, |(_, text)| *text);

@@ -1,4 +1,4 @@
-//! `paws rig show`: where the frames are, as a table and as pictures.
+//! `paws rig show`: poses of the frames, as a table and as drawings.
 
 use std::path::Path;
 
@@ -14,10 +14,10 @@ use super::drawing;
 use crate::console::Console;
 use crate::outcome::Outcome;
 
-/// How far frusta reach in glTF, m.
+/// Length of frusta in glTF, m.
 const FRUSTUM_DEPTH_M: f64 = 0.5;
 
-/// Prints the rig and, where a folder is given, writes `rig.svg`, `rig.png` and `rig.gltf` into it.
+/// Prints the rig and, if a folder is given, writes `rig.svg`, `rig.png` and `rig.gltf` into it.
 pub(super) fn run(
     rig: &Rig,
     facts: &Facts,
@@ -37,7 +37,7 @@ pub(super) fn run(
         ("rig.png", sheet.png().context("coding rig.png")?),
         ("rig.gltf", export::gltf(rig, &scene).into_bytes()),
     ];
-    // All or none: a folder with an old picture beside a new one would mislead.
+    // All or none: old and new drawings in one folder would mislead.
     if existing == Existing::Refuse {
         for (name, _) in &files {
             let path = out.join(name);
@@ -198,7 +198,7 @@ fn tree(rig: &Rig) -> Vec<(String, Frame, Option<Frame>)> {
 }
 
 fn millimetres(metres: [f64; 3]) -> [f64; 3] {
-    // What rounds to nothing has no sign.
+    // No sign if it rounds to zero.
     metres.map(|v| (1e6 * v).round() / 1e3 + 0.0)
 }
 

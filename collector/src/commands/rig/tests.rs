@@ -11,7 +11,7 @@ const MAP: &str = "format = 1\nname = \"plate\"\nrevision = \"C\"\n\
     [[camera]]\nname = \"right_shoulder\"\npart = \"right_mount\"\nmodel = \"zed_x_mini\"\n\
     [[camera]]\nname = \"feet\"\npart = \"feet_mount\"\nmodel = \"zed_mini\"\nserial = 7\n";
 
-/// Runs a verb; what it printed, and how it ended.
+/// Runs a command; returns its output and outcome.
 fn says(verb: &RigVerb) -> Result<(String, Outcome)> {
     let mut out = Vec::new();
     let mut console = Console {
@@ -77,7 +77,7 @@ fn from_a_step_file_to_a_checked_rig() {
         "{text}"
     );
 
-    // Nothing is written over, not by the same command either.
+    // Nothing is overwritten, not by the same command either.
     let before = fs::read(at("rig.toml")).unwrap();
     let error = convert(&at("plate.step"), Some(&at("map.toml")), &at("rig.toml")).unwrap_err();
     assert!(
@@ -86,7 +86,7 @@ fn from_a_step_file_to_a_checked_rig() {
     );
     assert_eq!(fs::read(at("rig.toml")).unwrap(), before);
 
-    // Through every other format and back.
+    // Round trip through every other format.
     for name in ["rig.urdf", "rig.gltf", "rig.csv", "table.toml"] {
         convert(&at("rig.toml"), None, &at(name)).unwrap();
         let back = at(&format!("{name}.toml"));
@@ -96,7 +96,7 @@ fn from_a_step_file_to_a_checked_rig() {
             b: back,
         };
         let (text, outcome) = says(&diff).unwrap();
-        // What only a rig file holds is lost, and told.
+        // Data that only a rig file holds is lost, and reported.
         assert!(text.contains("\nno frame changed, "), "{name}: {text}");
         assert!(
             text.contains("\nserial of feet: \"7\" in a only\n"),
@@ -268,7 +268,7 @@ fn sizes_are_not_guessed() {
         arguments && text.contains("give it as feet=") && text.contains("K.txt@WIDTHxHEIGHT"),
         "{text}"
     );
-    // A file that says its size needs none.
+    // A file that states its size needs none.
     let middlebury = "cam0=[1000 0 400; 0 1000 300; 0 0 1]\ncam1=[1000 0 400; 0 1000 300; 0 0 1]\n\
                       doffs=0\nbaseline=60\nwidth=800\nheight=600\nndisp=64\n";
     assert_eq!(source("m.txt", middlebury, ""), "m.txt at 800x600");

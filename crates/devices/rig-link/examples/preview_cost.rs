@@ -1,4 +1,4 @@
-//! What a small picture costs: `cargo run --release -p rig-link --example preview_cost`.
+//! What a small image costs: `cargo run --release -p rig-link --example preview_cost`.
 
 use std::time::Instant;
 

@@ -2,7 +2,7 @@
 //!
 //! Contract. Every call waits for its answer. Until a client has been connected once, it gives up after
 //! [`RetryPolicy::connect_timeout`], all tries together: most likely nobody is at the address. After that a connection that is lost,
-//! refused or silent is made anew, with pauses that double, until [`RetryPolicy::max_attempts`] in a row brought nothing; a download
+//! refused or silent is made again, with pauses that double, until [`RetryPolicy::max_attempts`] in a row brought nothing; a download
 //! goes on where it was. Each of these tries is logged as a warning.
 //! What the rig refuses is not tried again, except when it says that it was asked too often. Over HTTPS
 //! the rig is known by the fingerprint of its certificate and by nothing else; plain HTTP goes to this

@@ -1,7 +1,7 @@
 //! A rig without hardware: what it shows is set by hand, and it remembers what it was asked to do. For
 //! tests, and for looking at the page (`cargo run -p rig-link --example demo`).
 //!
-//! Its pictures move with its clock. Its sessions are real ones, made by [`write_session`].
+//! Its images move with its clock. Its sessions are real ones, made by [`write_session`].
 
 use std::path::{Path, PathBuf};
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
@@ -325,7 +325,7 @@ fn image(camera: usize, tick: usize) -> Vec<u8> {
     luma
 }
 
-/// Writes a session of one camera and one IMU into `root/NAME`, sound but for its pictures, which are only
+/// Writes a session of one camera and one IMU into `root/NAME`, sound but for its images, which are only
 /// bytes. Its content is a function of `seed`; a second is about 60 kB.
 ///
 /// # Panics

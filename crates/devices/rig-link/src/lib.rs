@@ -7,7 +7,7 @@
 //! * [`store`] is the folder of sessions as the server shows it: listing, hashes, receipts, freeing.
 //! * [`identity`] and [`token`] say who is who: a self-signed certificate known by its fingerprint, and
 //!   a shared secret.
-//! * [`preview`] makes the small pictures, [`fake`] a rig without hardware for tests and for the demo.
+//! * [`preview`] makes the small images, [`fake`] a rig without hardware for tests and for the demo.
 //!
 //! What the server promises: it never serves the session that is being recorded, never a file that is
 //! not in its own listing, never frees a session without a stored receipt that fits what is on disk,

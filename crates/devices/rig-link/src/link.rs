@@ -190,7 +190,7 @@ pub enum Code {
     TooMany,
     /// The range is not in the file.
     Range,
-    /// The disk says no.
+    /// An I/O error occurs.
     Io,
     /// A kind that this version does not know.
     #[serde(other)]

@@ -1,18 +1,18 @@
-//! Small pictures for the phone, made cheaply: the mean of each square of pixels, then JPEG.
+//! Small images for the phone, made cheaply: the mean of each square of pixels, then JPEG.
 //!
-//! Contract: the picture is what the encoder gets (planes tightly packed, top row first, full-range
+//! Contract: the image is what the encoder gets (planes tightly packed, top row first, full-range
 //! BT.601 as in JFIF), and is only read. The result is at least one square wide; rows and columns that
 //! fill no whole square are left out. The cost is one pass over the luma and chroma samples and the
-//! coding of a small picture; `cargo run -p rig-link --example preview_cost` measures it.
+//! coding of a small image; `cargo run -p rig-link --example preview_cost` measures it.
 
 use jpeg_encoder::{Encoder, ImageBuffer, JpegColorType, SamplingFactor};
 
 /// Quality, 1 to 100: enough to see what a camera sees.
 const QUALITY: u8 = 60;
-/// Largest side of a picture that is made smaller, pixels.
+/// Largest side of an image that is made smaller, pixels.
 const MAX_SIDE: u32 = 1 << 15;
 
-/// A picture as it lies in memory.
+/// An image as it lies in memory.
 #[derive(Clone, Copy, Debug)]
 pub struct Planes<'a> {
     /// Columns; for left and right side by side those of both.
@@ -23,7 +23,7 @@ pub struct Planes<'a> {
     pub data: &'a [u8],
 }
 
-/// Which part of a stereo picture to show.
+/// Which part of a stereo image to show.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Eyes {
     /// The left half.
@@ -32,7 +32,7 @@ pub enum Eyes {
     Both,
 }
 
-/// Why there is no small picture.
+/// Why there is no small image.
 #[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
 pub enum PreviewError {
     /// The bytes do not belong to the size that goes with them.
@@ -46,12 +46,12 @@ pub enum PreviewError {
         height: u32,
         /// Bytes found.
         found: usize,
-        /// Bytes of a grey picture of this size.
+        /// Bytes of a grey image of this size.
         grey: usize,
-        /// Bytes of an I420 picture of this size.
+        /// Bytes of an I420 image of this size.
         i420: usize,
     },
-    /// No picture, or none that a camera makes.
+    /// No image, or none that a camera makes.
     #[error("a picture of {width}x{height} cannot be made smaller")]
     Size {
         /// Columns.
@@ -64,7 +64,7 @@ pub enum PreviewError {
     Jpeg(String),
 }
 
-/// A JPEG of the picture, at most `width` pixels wide but for rounding, in colour if it has any.
+/// A JPEG of the image, at most `width` pixels wide but for rounding, in colour if it has any.
 ///
 /// # Errors
 /// See [`PreviewError`].
@@ -78,7 +78,7 @@ pub fn jpeg(image: Planes<'_>, eyes: Eyes, width: u32) -> Result<Vec<u8>, Previe
     Ok(out)
 }
 
-/// A picture made smaller: luma and, at half its size, chroma.
+/// An image made smaller: luma and, at half its size, chroma.
 struct Small {
     width: usize,
     height: usize,
@@ -117,7 +117,7 @@ impl Small {
             Eyes::Left => columns / 2,
             Eyes::Both => columns,
         };
-        // Chroma is made smaller by the same factor, so the small picture is I420 again: both its
+        // Chroma is made smaller by the same factor, so the small image is I420 again: both its
         // sides are even.
         let factor = seen
             .div_ceil(width.max(2) as usize)

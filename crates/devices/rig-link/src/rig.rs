@@ -21,8 +21,8 @@ pub trait Rig: Send + Sync + 'static {
     /// The recorder refuses, or could not do it.
     fn act(&self, action: Action) -> Result<(), String>;
 
-    /// The newest small picture of the camera with this position in [`PageStatus::cameras`]; none if
-    /// there is no such camera or no picture yet. It is called only while somebody looks, so pictures
+    /// The newest small image of the camera with this position in [`PageStatus::cameras`]; none if
+    /// there is no such camera or no image yet. It is called only while somebody looks, so images
     /// need not be made at other times.
     fn preview(&self, camera: usize) -> Option<Preview>;
 
@@ -56,12 +56,12 @@ pub enum Action {
     Discard,
 }
 
-/// A small picture.
+/// A small image.
 #[derive(Clone, Debug)]
 pub struct Preview {
     /// A whole JPEG file.
     pub jpeg: Arc<[u8]>,
-    /// Differs from picture to picture; a phone that has this one is not sent it again.
+    /// Differs from image to image; a phone that has this one is not sent it again.
     pub sequence: u64,
 }
 
@@ -98,7 +98,7 @@ pub struct StreamStatus {
     pub missing: u64,
     /// No sample for too long.
     pub silent: bool,
-    /// The same picture for too long.
+    /// The same image for too long.
     pub frozen: bool,
 }
 

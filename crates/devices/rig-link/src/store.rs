@@ -70,7 +70,7 @@ impl Store {
     /// All sessions, by name; none if the folder is not there yet.
     ///
     /// # Errors
-    /// The disk says no.
+    /// An I/O error occurs.
     pub fn sessions(&self) -> io::Result<Vec<Session>> {
         let entries = match fs::read_dir(&self.root) {
             Ok(entries) => entries,
@@ -100,7 +100,7 @@ impl Store {
     /// The session with exactly this name.
     ///
     /// # Errors
-    /// There is none, or the disk says no.
+    /// There is none, or an I/O error occurs.
     pub fn session(&self, name: &str) -> Result<Session, Problem> {
         let sessions = self.sessions().map_err(|e| unreadable(&e))?;
         let found = sessions.into_iter().find(|s| s.name == name);
@@ -110,7 +110,7 @@ impl Store {
     /// What the list says of a session.
     ///
     /// # Errors
-    /// The disk says no.
+    /// An I/O error occurs.
     pub fn summary(&self, session: &Session, recording: bool) -> io::Result<SessionSummary> {
         let listing = listing::list(&session.folder)?;
         let storage = Arc::new(DiskStorage::new(&session.folder));
@@ -149,7 +149,7 @@ impl Store {
     /// The files of a session.
     ///
     /// # Errors
-    /// The disk says no.
+    /// An I/O error occurs.
     pub fn files(&self, session: &Session) -> Result<Vec<ListedFile>, Problem> {
         let listing = listing::list(&session.folder).map_err(|e| unreadable(&e))?;
         Ok(listing.files)
@@ -158,7 +158,7 @@ impl Store {
     /// The file of a session with exactly this path, opened.
     ///
     /// # Errors
-    /// There is none, or the disk says no.
+    /// There is none, or an I/O error occurs.
     pub fn open(&self, session: &Session, path: &str) -> Result<(fs::File, ListedFile), Problem> {
         let listed = self.files(session)?.into_iter().find(|f| f.path == path);
         let listed = listed
@@ -172,7 +172,7 @@ impl Store {
     /// read, and may take its time.
     ///
     /// # Errors
-    /// The disk says no, or the file changes while it is read.
+    /// An I/O error occurs, or the file changes while it is read.
     pub fn hash(
         &self,
         session: &Session,
@@ -187,7 +187,7 @@ impl Store {
     ///
     /// # Errors
     /// [`Code::ManifestFirst`] if a hash is not known, [`Code::NotListed`] if the folder holds
-    /// something that has none, or the disk says no.
+    /// something that has none, or an I/O error occurs.
     pub fn known_total(&self, session: &Session) -> Result<Total, Problem> {
         let listing = listing::list(&session.folder).map_err(|e| unreadable(&e))?;
         if let Some(stranger) = listing.unlistable.first() {

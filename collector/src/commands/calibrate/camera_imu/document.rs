@@ -8,7 +8,7 @@ use session_archive::manifest::Manifest;
 use super::Measured;
 use crate::SOFTWARE;
 
-/// Bump it when a key changes its meaning.
+/// Version of the document; incremented when a key changes its meaning.
 const VERSION: u32 = 1;
 
 pub(super) fn json(manifest: &Manifest, all: &[Measured]) -> Result<Vec<u8>> {

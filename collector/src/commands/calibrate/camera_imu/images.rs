@@ -1,4 +1,4 @@
-//! The corners of boards in the pictures of a stereo camera.
+//! Board corners in the images of a stereo camera.
 
 use std::collections::BTreeMap;
 use std::sync::{Mutex, PoisonError};
@@ -15,20 +15,20 @@ use video::picture::{i420_to_grey, split};
 use crate::decode_check::visit_images;
 use crate::progress::Progress;
 
-/// What was seen of one board, the one that the camera saw most of.
+/// Corners of one board, the one with most detections.
 pub(super) struct BoardObservations {
     /// In order of time.
     pub images: Vec<Picture>,
-    /// Position of the board; none if none was seen.
+    /// Position of the board; `None` if none was detected.
     pub board: Option<usize>,
-    /// Pictures that could not be decoded.
+    /// Images that could not be decoded.
     pub missing: u64,
 }
 
-/// By board and eye.
+/// Detected corners by board and eye.
 type Found = Vec<[Vec<Seen>; 2]>;
 
-/// Looks for boards in every `every`-th picture.
+/// Detects boards in every `every`-th image.
 pub(super) fn find(
     camera: &Camera,
     index: &CameraIndex,
@@ -38,7 +38,7 @@ pub(super) fn find(
     threads: usize,
     progress: &Progress,
 ) -> Result<BoardObservations> {
-    // By time: two pictures of one time would stand in each other's way.
+    // By time: two images of one time would conflict.
     let all: Mutex<BTreeMap<i64, Found>> = Mutex::new(BTreeMap::new());
     let look = |frame: &FrameEntry, picture: &Decoded| -> Result<()> {
         if !frame.number.is_multiple_of(every) || frame.time_doubtful {
@@ -102,5 +102,5 @@ pub(super) fn find(
     })
 }
 
-/// What lens, print and compression add to a corner whatever its sharpness, px.
+/// Floor of the corner sigma, px: errors of lens, print and compression, independent of sharpness.
 const MIN_SIGMA_PX: f64 = 0.05;

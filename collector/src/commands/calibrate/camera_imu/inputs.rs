@@ -1,4 +1,5 @@
-//! What is known of lenses, eyes and the rig: from a folder that `paws calib cameras` wrote, else from the session.
+//! Intrinsics, stereo extrinsics and the rig: from a folder that `paws calib cameras` wrote, else
+//! from the session.
 
 use std::collections::BTreeMap;
 use std::path::Path;
@@ -11,10 +12,10 @@ use session_archive::manifest::{Camera, Manifest};
 use crate::commands::calibrate::cameras::{RIG, file_of};
 use crate::commands::calibrate::nominal_rig::NominalRig;
 
-/// See the module.
+/// Calibration inputs; see the module.
 pub(super) struct Inputs<'a> {
     nominal: &'a NominalRig,
-    /// By camera; only of those with a file in the folder.
+    /// Stereo calibrations by camera, for cameras with a file in the folder.
     pairs: BTreeMap<String, StereoCalibration>,
     /// The folder's rig file.
     rig: Option<Rig>,
@@ -52,7 +53,7 @@ impl<'a> Inputs<'a> {
         {
             let file = folder.join(file_of(name));
             if file.exists() {
-                // A session's pictures are both eyes side by side.
+                // Images of a session are side-by-side stereo.
                 let (pair, _) = calib::read_stereo(&file, width / 2, *height)?;
                 inputs.pairs.insert(name.clone(), pair);
             }
@@ -60,10 +61,10 @@ impl<'a> Inputs<'a> {
         Ok(inputs)
     }
 
-    /// Lens and `eye_from_left` of each eye.
+    /// Camera model and `eye_from_left` of each eye.
     ///
     /// # Errors
-    /// A lens is not known.
+    /// The intrinsics of an eye are unknown.
     pub(super) fn lenses(&self, camera: &str) -> Result<Vec<(CameraModel, RigidTransform)>> {
         if let Some(pair) = self.pairs.get(camera) {
             return Ok(vec![
@@ -89,7 +90,7 @@ impl<'a> Inputs<'a> {
         Ok(lenses)
     }
 
-    /// `imu_from_left`; none where nothing is told.
+    /// Nominal `imu_from_left`, if known.
     pub(super) fn imu_from_left(&self, camera: &str) -> Option<RigidTransform> {
         let frame = |part| Frame::of_camera(camera, part).ok();
         let (imu, left) = (frame(FramePart::Imu)?, frame(FramePart::Left)?);

@@ -1,4 +1,4 @@
-//! The report: may the result be used, what is it, how do the residuals look.
+//! The report: verdict, result and residuals.
 
 use anyhow::Result;
 use cad_transforms::Rig;
@@ -11,7 +11,7 @@ use super::table::rows;
 use crate::commands::calibrate::rig_poses::section;
 use crate::plots::{HEIGHT, WIDTH};
 
-/// `rig` is the rig with its IMUs, where there is one.
+/// HTML of the report; `rig` is the rig with its IMUs, if there is one.
 pub(super) fn html(manifest: &Manifest, all: &[Measured], rig: Option<&Rig>) -> Result<String> {
     let worst = all.iter().map(|m| match &m.found {
         Ok(found) => found.verdict(),
@@ -46,7 +46,7 @@ pub(super) fn html(manifest: &Manifest, all: &[Measured], rig: Option<&Rig>) -> 
     Ok(page.to_html())
 }
 
-/// One kind of residual.
+/// Accessor of one kind of residual.
 type Of<'a> = &'a dyn Fn(&Residual) -> Option<f64>;
 
 fn badge(gate: Gate) -> Verdict {
@@ -117,7 +117,7 @@ fn camera(mut page: Page, measured: &Measured, found: &CameraImu) -> Page {
     page.figure(&chart.to_svg(WIDTH, HEIGHT), "")
 }
 
-/// Two standard deviations of two of the seven numbers, mm.
+/// Two-sigma ellipse of two of the seven parameters, mm.
 fn ellipse(found: &CameraImu, a: usize, b: usize) -> Vec<(f64, f64)> {
     let c = &found.covariance;
     // Cholesky factor of the 2x2 block.

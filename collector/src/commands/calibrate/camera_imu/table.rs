@@ -1,4 +1,4 @@
-//! What was told and what was found, in rows.
+//! Nominal and estimated values in rows.
 
 use anyhow::Result;
 use calib::camera_imu::{CameraImu, Verdict};
@@ -6,7 +6,7 @@ use calib::camera_imu::{CameraImu, Verdict};
 use super::Measured;
 use crate::console::Console;
 
-/// One quantity, in a unit for people.
+/// One quantity, in a readable unit.
 pub(super) struct Row {
     pub name: String,
     pub unit: &'static str,
@@ -15,7 +15,7 @@ pub(super) struct Row {
     pub sigma: f64,
 }
 
-/// Three axes of a quantity; `scale` takes SI to the unit.
+/// Three axes of a quantity; `scale` converts SI to the unit.
 fn axes(
     name: &str,
     (unit, scale): (&'static str, f64),
@@ -35,8 +35,8 @@ fn axes(
         })
 }
 
-/// All quantities. Rotations are those from the told one to the found one, about the axes of the left camera;
-/// with nothing told the rotation vector of `imu_from_left`.
+/// All quantities. A rotation is the one from nominal to estimate, about the axes of the left
+/// camera; without a nominal value it is the rotation vector of `imu_from_left`.
 pub(super) fn rows(measured: &Measured, found: &CameraImu) -> Vec<Row> {
     let s = &found.sigmas;
     let nominal = measured.nominal;
@@ -104,7 +104,7 @@ pub(super) fn rows(measured: &Measured, found: &CameraImu) -> Vec<Row> {
         found.accel_bias,
         s.accel_bias,
     ));
-    // Its length is known; only its direction is not.
+    // Its magnitude is known; only its direction is estimated.
     let across = s.gravity_rad[0].hypot(s.gravity_rad[1]) * calib::camera_imu::GRAVITY;
     rows.extend(axes(
         "gravity in target",

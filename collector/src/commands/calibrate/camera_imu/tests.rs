@@ -1,4 +1,4 @@
-//! What is read before anything is measured.
+//! Options of `paws calib camera-imu`.
 
 use super::*;
 

@@ -1,4 +1,4 @@
-//! The numbers: as JSON for programs, as lines for people.
+//! The results as JSON and as lines of text.
 
 use anyhow::Result;
 use cad_transforms::{Frame, Rig, RigidTransform};
@@ -9,10 +9,10 @@ use session_archive::manifest::Manifest;
 
 use crate::SOFTWARE;
 
-/// Bump it when a key changes its meaning.
+/// Version of the document; incremented when a key changes its meaning.
 const VERSION: u32 = 1;
 
-/// The word for a severity.
+/// Text of a severity.
 pub(super) fn word(severity: Severity) -> &'static str {
     match severity {
         Severity::Note => "note",
@@ -21,15 +21,16 @@ pub(super) fn word(severity: Severity) -> &'static str {
     }
 }
 
-/// The place of a camera's right eye in its left one, or of a camera in the first one.
+/// Estimated extrinsics: `left_from_right` of a camera, or a camera's left eye in that of the first
+/// camera.
 pub(super) struct RelativePose {
-    /// What it is.
+    /// Name, as in `feet/right in feet/left`.
     pub(super) what: String,
-    /// Found `parent_from_child`.
+    /// Estimated `parent_from_child`.
     pub(super) parent_from_child: RigidTransform,
-    /// Of `[translation, rotation]` in the parent's axes, m and rad.
+    /// Covariance of `[translation, rotation]` in the parent's axes, m and rad.
     pub(super) covariance: Matrix6<f64>,
-    /// Found less told: mm and degrees, where something was told.
+    /// Deviation from the nominal value, mm and degrees, if there is one.
     pub(super) deviation: Option<(f64, f64)>,
     /// Largest sigma, mm and degrees.
     pub(super) sigma: (f64, f64),
@@ -61,8 +62,8 @@ impl RelativePose {
     }
 }
 
-/// All places of cameras, pairs first. Cameras are told in the first one: how the rig's own frame sits on
-/// the plate is not seen by any of them.
+/// All estimated extrinsics, stereo pairs first. Cameras are relative to the first one: the pose of
+/// the rig frame on the plate is not observable.
 pub(super) fn relative_poses(found: &Calibration) -> Vec<RelativePose> {
     let cameras = &found.input.cameras;
     let mut all = Vec::new();
@@ -93,7 +94,7 @@ pub(super) fn relative_poses(found: &Calibration) -> Vec<RelativePose> {
     all
 }
 
-/// The document; `rig` is the rig as it was found, where it is one.
+/// The document; `rig` is the calibrated rig, if there is one.
 pub(super) fn json(manifest: &Manifest, found: &Calibration, rig: Option<&Rig>) -> Result<Vec<u8>> {
     let input = &found.input;
     let mut frames = Vec::new();
@@ -185,7 +186,7 @@ fn finite(value: f64) -> Option<f64> {
     value.is_finite().then_some(value)
 }
 
-/// The screen.
+/// The printed lines.
 pub(super) fn lines(found: &Calibration) -> Vec<String> {
     let input = &found.input;
     let mut lines = Vec::new();

@@ -1,4 +1,4 @@
-//! The report: may the result be used, if not why not, what is it, what is left over.
+//! The report: verdict, reasons, results and residuals.
 
 use anyhow::Result;
 use cad_transforms::Rig;
@@ -10,7 +10,7 @@ use super::document::relative_poses;
 use super::plots;
 use crate::commands::calibrate::rig_poses::section;
 
-/// `rig` is the rig as it was found, where it is one.
+/// HTML of the report; `rig` is the calibrated rig, if there is one.
 pub(super) fn html(manifest: &Manifest, found: &Calibration, rig: Option<&Rig>) -> Result<String> {
     let verdict = match found.severity() {
         Some(Severity::Fail) => Verdict::Fail,

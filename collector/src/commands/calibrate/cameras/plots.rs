@@ -1,4 +1,4 @@
-//! Plots of a calibration: what of the picture was seen, and what is left over, by region, view and size.
+//! Plots of a calibration: image coverage, and residuals by region, view and size.
 
 use calib::adjust::Prior;
 use calib::cameras::Calibration;
@@ -6,13 +6,13 @@ use charts::{Axis, Bins, Chart, Series};
 
 use crate::plots::WIDTH;
 
-/// Residuals are drawn this many times their length.
+/// Magnification of drawn residuals.
 const RESIDUAL_SCALE: f64 = 1000.0;
-/// One corner in so many is drawn.
+/// Every n-th corner is drawn.
 const CORNER_STRIDE: usize = 5;
-/// Columns and rows of regions over which residuals are averaged.
+/// Columns and rows of image regions over which residuals are averaged.
 const REGIONS: (usize, usize) = (12, 8);
-/// Fewest residuals of a region that is drawn.
+/// Minimum number of residuals of a region that is drawn.
 const MIN_RESIDUALS: usize = 5;
 
 /// Corners, residuals in pixels and views of one eye.
@@ -29,7 +29,7 @@ fn residuals(found: &Calibration, eye: usize) -> Vec<([f64; 2], [f64; 2])> {
         .collect()
 }
 
-/// Where corners were seen, and the mean residual of each region as an arrow without a head.
+/// Detected corners, and the mean residual of each region as a line.
 pub(super) fn regions(found: &Calibration, eye: usize) -> String {
     let (width, height) = found.input.eyes[eye].size;
     let (w, h) = (f64::from(width), f64::from(height));
@@ -70,7 +70,7 @@ pub(super) fn regions(found: &Calibration, eye: usize) -> String {
         .to_svg(WIDTH, (f64::from(WIDTH) * h / w).min(520.0) as u32)
 }
 
-/// RMS of every view over time, one series per eye.
+/// Residual RMS of every view over time, one series per eye.
 pub(super) fn views(found: &Calibration) -> String {
     let input = &found.input;
     let first = input.times_ns.first().copied().unwrap_or(0);
@@ -100,7 +100,7 @@ pub(super) fn views(found: &Calibration) -> String {
     chart.to_svg(WIDTH, 300)
 }
 
-/// How residuals are distributed, all eyes together.
+/// Distribution of the residuals of all eyes.
 pub(super) fn sizes(found: &Calibration) -> String {
     let lengths = (0..found.input.eyes.len())
         .flat_map(|eye| residuals(found, eye))
@@ -116,7 +116,7 @@ pub(super) fn sizes(found: &Calibration) -> String {
         .to_svg(WIDTH, 260)
 }
 
-/// How sure each parameter of a camera's lenses is, as a share of how far it might have been off before.
+/// Posterior over prior sigma of each intrinsic parameter of a camera.
 pub(super) fn sureness(found: &Calibration, camera: usize) -> String {
     let camera = &found.input.cameras[camera];
     let names = found.lens(camera.left).parameter_names();
@@ -139,7 +139,7 @@ pub(super) fn sureness(found: &Calibration, camera: usize) -> String {
     chart.to_svg(WIDTH, 280)
 }
 
-/// How well each lens model explains what it was fitted to, and what it was not.
+/// Fit error and held-out error of each lens model.
 pub(super) fn models(found: &Calibration, camera: usize) -> String {
     let choice = &found.choices[camera];
     let names = choice.candidates.iter().map(|c| c.model);

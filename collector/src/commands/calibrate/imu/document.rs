@@ -1,4 +1,4 @@
-//! The JSON document, and where the numbers come from in one sentence.
+//! The JSON document, and the origin of the numbers in one sentence.
 
 use anyhow::Result;
 use calib::allan::{Coefficient, Value};
@@ -10,10 +10,10 @@ use super::table::summary;
 use super::{DOCUMENT, Measured};
 use crate::SOFTWARE;
 
-/// Bump it when a key changes its meaning.
+/// Version of the document; incremented when a key changes its meaning.
 const VERSION: u32 = 1;
 
-/// For the head of other files.
+/// Origin of the numbers, for the header of other files.
 pub(super) fn origin(manifest: &Manifest, imu: &Measured) -> String {
     format!(
         "Noise of {} ({}), by `paws calib imu` of {SOFTWARE}\nfrom session {} of {}: {}.\nUncertainties and curves: {DOCUMENT}.",
@@ -44,7 +44,7 @@ fn one(imu: &Measured) -> Json {
     let remarks = imu.found.remarks.iter().map(|remark| {
         let weight = match remark.weight {
             Weight::Note => "note",
-            Weight::Doubt => "suspect",
+            Weight::Doubt => "warn",
             Weight::Refusal => "refusal",
         };
         json!({ "weight": weight, "kind": remark.kind, "text": remark.text })

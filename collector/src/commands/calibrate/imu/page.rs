@@ -1,4 +1,4 @@
-//! The report: may the numbers be used, if not why not, what are they, what do the curves look like.
+//! The report: verdict, reasons, results and curves.
 
 use calib::allan::fit::Coefficient;
 use calib::imu_noise::{AXES, Weight};

@@ -9,7 +9,7 @@ use super::table::{SHOWN, names};
 use crate::plots::WIDTH;
 
 const HEIGHT: u32 = 420;
-/// Points of a drawn curve.
+/// Number of points of a drawn curve.
 const CURVE_POINTS: usize = 120;
 
 fn scales(sensor: usize) -> (Scale, Scale) {
@@ -20,7 +20,7 @@ fn scales(sensor: usize) -> (Scale, Scale) {
     )
 }
 
-/// Averaging times from one end of a curve to the other, evenly on its axis.
+/// Averaging times of a curve, logarithmically spaced.
 fn taus(fit: &Fit) -> impl Iterator<Item = f64> + use<> {
     let ends = fit.points.first().zip(fit.points.last());
     let (first, last) = ends.map_or((1.0, 1.0), |(a, b)| (a.tau_s, b.tau_s));
@@ -28,7 +28,7 @@ fn taus(fit: &Fit) -> impl Iterator<Item = f64> + use<> {
     (0..CURVE_POINTS).map(move |i| first * (step * i as f64).exp())
 }
 
-/// The three axes of the gyroscope (0) or the accelerometer (1): what was measured, and the models.
+/// The three axes of the gyroscope (0) or the accelerometer (1): measurement and models.
 pub(super) fn sensor(imu: &Measured, sensor: usize) -> String {
     let (x, y) = scales(sensor);
     let title = ["gyroscope", "accelerometer"][sensor];
@@ -55,7 +55,7 @@ pub(super) fn sensor(imu: &Measured, sensor: usize) -> String {
     chart.to_svg(WIDTH, HEIGHT)
 }
 
-/// One axis: measured with its band of 95 %, the model, and what the model is made of.
+/// One axis: measurement with its 95 % band, the model, and its components.
 pub(super) fn axis(axis: &Axis) -> Option<String> {
     let fit = axis.fit.as_ref()?;
     let (x, y) = scales(axis.index / 3);
@@ -74,7 +74,7 @@ pub(super) fn axis(axis: &Axis) -> Option<String> {
         .series(Series::line("model", taus(fit).map(|t| (t, fit.deviation(t)))).slot(6));
     for (k, coefficient) in SHOWN.into_iter().enumerate() {
         let part = taus(fit).filter_map(|t| Some((t, fit.part(coefficient, t)?)));
-        // A part far below the curve would only make the picture tall.
+        // A component far below the curve would only make the chart tall.
         let part: Vec<(f64, f64)> = part.filter(|p| p.1 > 0.5 * low).collect();
         if !part.is_empty() {
             let (name, _) = names(coefficient);
@@ -84,7 +84,7 @@ pub(super) fn axis(axis: &Axis) -> Option<String> {
     Some(chart.to_svg(WIDTH, HEIGHT))
 }
 
-/// The same line with points between, so that it is drawn without marks.
+/// Inserts points, so that the line is drawn without marks.
 fn dense(points: Vec<(f64, f64)>) -> Vec<(f64, f64)> {
     let between = |w: &[(f64, f64)]| {
         let ((x0, y0), (x1, y1)) = (w[0], w[1]);

@@ -1,4 +1,4 @@
-//! Noise in words and tables, in SI units and in those of data sheets.
+//! Noise as text and tables, in SI and data-sheet units.
 
 use std::f64::consts::PI;
 
@@ -25,7 +25,7 @@ pub(super) fn names(coefficient: Coefficient) -> (&'static str, [&'static str; 2
     }
 }
 
-/// What was recorded and how much of it was used.
+/// Recorded and used duration.
 pub(super) fn summary(imu: &Measured) -> String {
     let used: f64 = imu.found.used_s.iter().map(|[from, to]| to - from).sum();
     let continuous_runs = imu.found.used_s.len();
@@ -41,7 +41,7 @@ pub(super) fn summary(imu: &Measured) -> String {
     )
 }
 
-/// A value with two sigma, or its limit.
+/// A value with two sigma, or its upper limit.
 pub(super) fn cell(axis: &Axis, coefficient: Coefficient) -> String {
     match axis.fit.as_ref().map(|fit| fit.value(coefficient)) {
         None => "refused".to_owned(),
@@ -51,7 +51,7 @@ pub(super) fn cell(axis: &Axis, coefficient: Coefficient) -> String {
     }
 }
 
-/// A coefficient as data sheets give it; none where they do not.
+/// A coefficient in data-sheet units; `None` if data sheets do not state it.
 pub(super) fn data_sheet(sensor: usize, coefficient: Coefficient, value: f64) -> Option<String> {
     let degrees = value * 180.0 / PI;
     let micro_g = value / 9.806_65e-6;

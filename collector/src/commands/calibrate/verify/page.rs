@@ -1,4 +1,4 @@
-//! The report: is it still true, what was found of each number, and what it looks like.
+//! The report: verdict, estimate of each parameter, and charts.
 
 use calib::verify::{CameraFound, Finding as Found};
 use charts::{Axis, Bins, Cell, Chart, Page, Series, Table, Verdict as Badge};
@@ -108,7 +108,7 @@ fn components(found: &Found) -> String {
     all.join(", ")
 }
 
-/// Every angle that was found, with its sigma.
+/// Every estimated angle, with its detection threshold.
 fn angles(checked: &SessionVerification) -> String {
     let rotations = || {
         let all = checked.verification.findings.iter();

@@ -49,7 +49,7 @@ pub(super) async fn status(shared: &Arc<Shared>) -> Result<Response<Body>, Probl
     Ok(response::json(StatusCode::OK, &status))
 }
 
-/// A picture; nothing (204) if the page has it already, which it says with `?have=SEQUENCE`.
+/// An image; nothing (204) if the page has it already, which it says with `?have=SEQUENCE`.
 pub(super) async fn preview(
     shared: &Arc<Shared>,
     camera: usize,

@@ -105,7 +105,7 @@ impl Cookies {
     /// Writes the list, where there is a place for it, and waits until it is on disk.
     ///
     /// # Errors
-    /// The disk says no; until the server ends the list holds all the same.
+    /// An I/O error occurs; until the server ends the list holds all the same.
     pub(super) fn save(&self) -> io::Result<()> {
         let Some(path) = &self.path else {
             return Ok(());

@@ -16,7 +16,7 @@ use super::route::NoRoute;
 use crate::link::{Code, ErrorBody, Problem};
 use crate::store::problem;
 
-/// Only what comes with the page runs in it; pictures may also come from its own memory.
+/// Only what comes with the page runs in it; images may also come from its own memory.
 const POLICY: &str = "default-src 'none'; script-src 'self'; style-src 'self'; img-src 'self' blob:; \
      connect-src 'self'; base-uri 'none'; form-action 'none'; frame-ancestors 'none'";
 /// There is no HSTS among them: it would forbid to accept the self-signed certificate.

@@ -26,7 +26,7 @@ impl Store {
     ///
     /// # Errors
     /// It is no receipt of this version, not for what is on disk now ([`Code::ListDiffers`],
-    /// [`Code::ManifestFirst`]), or the disk says no.
+    /// [`Code::ManifestFirst`]), or an I/O error occurs.
     pub fn put_receipt(&self, session: &Session, receipt: &Receipt) -> Result<(), Problem> {
         if !is_valid(receipt) {
             return Err(problem(

@@ -158,7 +158,7 @@ fn a_session_goes_only_with_a_receipt_for_what_is_on_disk() {
     receipt(&store, &session);
     assert_eq!(code(store.free(&session)), Code::ListDiffers);
     fs::remove_file(&notes).unwrap();
-    // The same content, written again: hashed anew, and the receipt fits again.
+    // The same content, written again: hashed again, and the receipt fits again.
     let segment = session.folder.join("segments/000000.mcap");
     let bytes = fs::read(&segment).unwrap();
     fs::write(&segment, &bytes).unwrap();

@@ -1,5 +1,5 @@
 //! The page in a browser: it fits, it says what is so, its buttons do what they say, and it knows when the rig
-//! is gone. `RIG_LINK_SCREENSHOTS=FOLDER` keeps pictures of it.
+//! is gone. `RIG_LINK_SCREENSHOTS=FOLDER` keeps images of it.
 
 use std::time::Duration;
 
@@ -11,7 +11,7 @@ use serde_json::json;
 
 use crate::support::{Options, Setup, TEST_TIMEOUT, TOKEN, start};
 
-/// A page that shows a scene, pictures and all.
+/// A page that shows a scene, images and all.
 fn open(browser: &mut Browser, scene: Scene) -> Setup {
     let setup = start(Options {
         scene,
@@ -212,7 +212,7 @@ fn its_buttons_do_what_they_say() {
     setup.rig.refuse(Some("the disk is full"));
     browser.tap("#main");
     browser.until("document.getElementById('toast').innerText === 'Not done: the disk is full'");
-    // A touch makes a picture large, another makes it small.
+    // A touch makes an image large, another makes it small.
     browser.tap(".preview:nth-child(3)");
     browser.until("document.querySelector('.preview:nth-child(3)').offsetWidth > 300");
     browser.tap(".preview:nth-child(3)");
@@ -310,7 +310,7 @@ fn it_takes_nothing_from_elsewhere_breaks_no_rule_and_rests_when_nobody_looks() 
         return;
     };
     let setup = open(&mut browser, Scene::Warning);
-    // Two rounds of pictures.
+    // Two rounds of images.
     let is_preview = |event: &&serde_json::Value| {
         let url = event["params"]["request"]["url"].as_str();
         event["method"] == "Network.requestWillBeSent"
@@ -377,7 +377,7 @@ fn pictures_of_it() {
     }
 }
 
-/// Keeps a picture of what is in sight, if that is wanted.
+/// Keeps an image of what is in sight, if that is wanted.
 fn image(browser: &mut Browser, name: &str) {
     if let Some(folder) = std::env::var_os("RIG_LINK_SCREENSHOTS") {
         std::thread::sleep(Duration::from_millis(300));

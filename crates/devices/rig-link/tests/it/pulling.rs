@@ -279,7 +279,7 @@ fn a_file_that_changes_on_the_rig_is_told_apart() {
     let path = folder.path().join("rig.toml");
     let error = client.download("walk-2", entry, &path, |_| {}).unwrap_err();
     assert!(matches!(error, LinkError::Garbled { .. }), "{error}");
-    // The manifest is made anew for what changed.
+    // The manifest is made again for what changed.
     let again = client.manifest("walk-2", |_| {}).unwrap();
     assert_ne!(again.total, manifest.total);
 }
