@@ -1,4 +1,5 @@
-//! Copies of one session in different condition, in either order: the better one ends in its place, and none is lost.
+//! Copies of one session in different condition, in either order: the better one is published, and
+//! none is lost.
 
 use std::fs;
 use std::io;
@@ -30,7 +31,7 @@ fn rows(root: &Path) -> Vec<(String, Condition)> {
     rows
 }
 
-/// The session under this key is the one in `source`, byte for byte.
+/// Checks that the session under this key equals the one in `source`, byte for byte.
 fn assert_is(root: &Path, key: &str, source: &Path) {
     let mut there = tree(&root.join("sessions").join(key));
     there.remove("import.json").expect("it has a record");
@@ -46,12 +47,12 @@ fn copy(from: &Path, to: &Path) {
     }
 }
 
-/// A whole session, and copies of it that something happened to, with the condition that they are in.
+/// A complete session, and damaged copies of it, with their condition.
 fn copies(folder: &Path) -> Vec<(&'static str, Condition)> {
     let whole = folder.join("whole");
     Session::with_units(2.0, 2000).write(&whole);
     let segment = |name: &str| folder.join(name).join("segments/000000.mcap");
-    // The lengths of all files stay as they are.
+    // The lengths of all files are unchanged.
     copy(&whole, &folder.join("flipped"));
     let mut bytes = fs::read(segment("flipped")).unwrap();
     let middle = bytes.len() / 2;
@@ -91,7 +92,7 @@ fn a_damaged_copy_never_shadows_the_whole_one_that_comes_later() {
         assert_is(&root, &aside, &at(name));
         let both = [(ID.to_owned(), Condition::Ok), (aside.clone(), condition)];
         assert_eq!(rows(&root), both, "{name}");
-        // What is meant is the whole one, however it is called.
+        // Every name selects the complete copy.
         let library = Library::open(&root).unwrap();
         for text in [ID, &ID[..8], "walk"] {
             assert_eq!(library.find(text).unwrap(), ID, "{text}");
@@ -100,7 +101,7 @@ fn a_damaged_copy_never_shadows_the_whole_one_that_comes_later() {
         drop(library);
         assert_eq!(tree(&root.join(".incoming")).len(), 0);
 
-        // And once more, whatever comes: nothing changes.
+        // Importing again changes nothing.
         assert!(
             import_with(&root, &at("whole"), &no_hook)
                 .unwrap()
@@ -120,7 +121,7 @@ fn a_damaged_copy_never_replaces_a_whole_one() {
         let root = at(&format!("library {name}"));
         import_with(&root, &at("whole"), &no_hook).unwrap();
         match import_with(&root, &at(name), &no_hook) {
-            // With the same lengths and the same manifest it is the same session, and the whole one is there.
+            // With the same lengths and the same manifest it counts as the same session.
             Ok(imported) => assert!(imported.already_imported && name == "flipped", "{name}"),
             Err(e) => assert!(matches!(e, ImportError::Differs { .. }), "{name}: {e}"),
         }
@@ -171,8 +172,8 @@ fn a_cut_one_replaces_a_damaged_one_and_a_whole_one_the_cut_one() {
     assert_eq!(Library::open(&root).unwrap().find(&ID[..8]).unwrap(), ID);
 }
 
-/// A session that was cut off, one that was damaged beside that, one that the rig closed, and one that was saved from
-/// the damaged one.
+/// A session that was cut off, one that was also damaged, one that the rig closed, and one
+/// recovered from the damaged one.
 fn cut_off(folder: &Path) {
     let at = |name: &str| folder.join(name);
     let mut session = Session::with_units(2.0, 2000);
@@ -304,7 +305,7 @@ fn what_a_stopped_import_of_a_damaged_copy_left_does_not_spoil_the_whole_one() {
         _ => Ok(()),
     };
     import_with(&root, &at("flipped"), &stop).unwrap_err();
-    // All that is copied now is what differs; it is not given up before the other is there.
+    // Only differing files are copied; the old one is not removed before the new one is complete.
     let stop = |step: &Step| match step {
         Step::Note(_) => Err(io::Error::other("killed")),
         _ => Ok(()),
@@ -334,7 +335,7 @@ fn what_a_stopped_import_of_a_cut_off_session_saved_is_kept_when_its_disk_dies()
     import_with(&root, &at("cut"), &stop).unwrap_err();
     let recorded = tree(&at("cut"));
     let bytes: usize = recorded.values().map(Vec::len).sum();
-    // From here on the segment cannot be read any more.
+    // From here on the segment is unreadable.
     let die = |step: &Step| match step {
         Step::SyncFolders => fs::remove_file(at("cut/segments/000000.mcap")),
         _ => Ok(()),

@@ -1,4 +1,5 @@
-//! `paws calib verify` on rendered walks: of a rig as its file says, and of one with a camera that has turned since.
+//! `paws calib verify` on rendered walks: of a rig as its file states, and of one with a camera
+//! that was rotated since.
 
 use std::fs;
 use std::path::Path;
@@ -12,7 +13,7 @@ use serde_json::Value;
 
 use crate::rendered::{self, paws};
 
-/// A short walk in small images, with the left shoulder turned by so much, rad.
+/// A short walk in small images, with the left shoulder rotated by this rotation vector, rad.
 fn write(folder: &Path, turned: Vector3<f64>) {
     let settings = Settings {
         kind: Kind::Pavement,

@@ -1,4 +1,4 @@
-//! The catalogue: damaged, made again, and used by several programs at a time.
+//! The catalogue: damaged, rebuilt, and used by several programs at a time.
 
 use std::fs;
 use std::path::Path;
@@ -15,7 +15,7 @@ fn paws(folder: &Path, arguments: &[&str]) -> Command {
     command
 }
 
-/// Runs it; gives its results and what it said besides.
+/// Runs it; returns standard output and standard error.
 fn run(folder: &Path, arguments: &[&str]) -> (String, String) {
     let output = paws(folder, arguments).output().unwrap();
     let [out, err] = [output.stdout, output.stderr].map(|b| String::from_utf8(b).unwrap());
@@ -66,7 +66,7 @@ fn a_damaged_catalogue_is_set_aside_and_made_again() {
         assert_eq!(fs::read(at.join("library").join(name)).unwrap(), *content);
         assert_eq!(run(at, &["list"]), listed, "case {i}");
     }
-    // An import finds it damaged just as well.
+    // An import detects the damage, too.
     fs::write(&catalogue, b"garbage").unwrap();
     let (out, err) = run(at, &["import", "disk"]);
     assert!(out.contains("imported already"), "{out}");
@@ -86,7 +86,7 @@ fn imports_into_a_new_library_at_the_same_time_all_succeed() {
     let mut waited = 0;
     for round in 0..15 {
         let at = folder.path();
-        // Every other time all of them import the same session, too.
+        // Every other round all of them also import the same session.
         let same = format!("disk-{}", round % PROGRAMS);
         let programs: Vec<_> = (0..PROGRAMS)
             .map(|n| {
@@ -151,7 +151,7 @@ fn programs_that_only_read_do_so_while_others_make_the_library() {
             .stderr(Stdio::null())
             .spawn()
             .unwrap();
-        // As many as come to an end before the import does, and one more.
+        // List until the import has ended, and once more.
         loop {
             let ended = import.try_wait().unwrap();
             run(at, &["list"]);

@@ -176,7 +176,7 @@ fn metrics_are_listed_as_limits_take_them() {
         let line = text.lines().find(|line| line.starts_with(row.metric));
         let words: Vec<&str> = line.unwrap().split_whitespace().collect();
         assert!(line.unwrap().contains(row.title), "{line:?}");
-        // What is listed can be set as it stands there.
+        // Listed limits can be set in the same form.
         let mut limits = collector::limits::Limits::default();
         let limit = format!("{}={},{}", words[0], words[2], words[3]);
         limits.set(&limit).unwrap();
@@ -369,7 +369,7 @@ fn documents_say_what_the_tables_say() {
     assert!(rig["errors"].as_u64().unwrap() > 0);
 }
 
-/// By what it was recorded last, wherever a session is named.
+/// `latest` is accepted wherever a session is named.
 #[test]
 fn the_latest_session_and_paths_are_found_by_every_verb() {
     let folder = tempfile::tempdir().unwrap();
@@ -405,7 +405,7 @@ fn the_latest_session_and_paths_are_found_by_every_verb() {
         1,
         "whole identifier",
     );
-    // A folder, or what lies in it.
+    // A folder, or a file in it.
     let inside = format!("library/sessions/{late}/handoff.json");
     let listed = format!("library/sessions/{late}/");
     for (path, expected) in [
@@ -418,7 +418,7 @@ fn the_latest_session_and_paths_are_found_by_every_verb() {
     }
 }
 
-/// What there is to refuse names the session that was found.
+/// The error names the session that was found.
 #[test]
 fn the_latest_session_is_found_by_every_calibration() {
     let folder = tempfile::tempdir().unwrap();
@@ -450,7 +450,7 @@ fn the_latest_session_is_found_by_every_calibration() {
     }
 }
 
-/// `paws-reconstruct` knows nothing of libraries; this is where a session of one becomes a folder.
+/// `paws-reconstruct` does not depend on libraries; `paws` replaces a session by its folder.
 #[test]
 fn a_reconstruction_takes_a_session_of_the_library() {
     let folder = tempfile::tempdir().unwrap();
@@ -461,7 +461,7 @@ fn a_reconstruction_takes_a_session_of_the_library() {
     let program = at.join("bin/paws-reconstruct");
     fs::write(&program, "#!/bin/sh\necho \"$@\"\n").unwrap();
     fs::set_permissions(&program, fs::Permissions::from_mode(0o755)).unwrap();
-    // Beside itself no other one must be found.
+    // No other program must be found beside it.
     let paws = at.join("bin/paws");
     fs::copy(env!("CARGO_BIN_EXE_paws"), &paws).unwrap();
     let run = |arguments: &[&str]| {
@@ -522,7 +522,7 @@ fn a_reconstruction_takes_a_session_of_the_library() {
     );
 }
 
-/// Whoever reads may have seen enough; that is no failure and no panic.
+/// A reader may close the pipe; this is not a failure or panic.
 #[test]
 fn a_closed_pipe_is_no_failure() {
     let folder = tempfile::tempdir().unwrap();
@@ -553,7 +553,7 @@ fn a_closed_pipe_is_no_failure() {
 fn quiet_says_nothing_but_failures() {
     let folder = tempfile::tempdir().unwrap();
     let at = folder.path();
-    // Refused before anything is sent: without encryption only this machine is asked.
+    // Rejected before anything is sent: without encryption only this machine is allowed.
     let pull = |options: &[&str]| {
         let arguments = [&["pull", "http://192.0.2.1:1"], options].concat();
         let output = paws(at, &arguments);

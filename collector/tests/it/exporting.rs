@@ -1,4 +1,4 @@
-//! Exports: what is in the files is what was recorded.
+//! Exports: the files contain the recorded data.
 
 use std::fs;
 use std::path::Path;
@@ -88,7 +88,7 @@ fn euroc_folders_hold_both_eyes_the_imu_and_the_calibration() {
     let (outcome, text) = export(&source, Format::Euroc, &out);
     assert_eq!(outcome, Outcome::Fine, "{text}");
 
-    // Our own reader of such folders takes it back.
+    // Our own reader of such folders reads it.
     let (stereo, _) = read_stereo(&out.join("feet"), 64, 48).unwrap();
     assert_eq!((stereo.left.fx, stereo.left.fy), (50.0, 51.0));
     assert_eq!((stereo.left.cx, stereo.left.cy), (32.0, 24.0));
@@ -106,8 +106,8 @@ fn euroc_folders_hold_both_eyes_the_imu_and_the_calibration() {
         assert!(off.fold(0.0, f64::max) < 1e-9, "{found:?} {expected:?}");
     };
     near(stereo.right_from_left.translation_m(), [-0.063, 0.0, 0.0]);
-    // The IMU is turned by a quarter about z: its x axis is the eye's y axis. Stored as w x y z; in
-    // any other order this would be another turn.
+    // The IMU is rotated by 90 degrees about z: its x axis is the eye's y axis. Stored as w x y z;
+    // in any other order this would be another rotation.
     let imu = stereo.imu.unwrap();
     near(imu.imu_from_left.rotate([0.0, 1.0, 0.0]), [1.0, 0.0, 0.0]);
     near(
@@ -131,7 +131,7 @@ fn euroc_folders_hold_both_eyes_the_imu_and_the_calibration() {
         "{last}"
     );
 
-    // What was seen is what is there, left and right not swapped.
+    // The images are the recorded ones, left and right not swapped.
     let whole = picture(2, 1, 128, 48);
     for (cam, side) in [("cam0", 0), ("cam1", 64)] {
         let path = out.join(format!("feet/mav0/{cam}/data/{second}.png"));
@@ -174,7 +174,7 @@ fn mp4_files_hold_the_access_units_as_they_are() {
         line.ends_with(&format!("15 frames, 0 in the file is {origin} ns")),
         "{text}"
     );
-    // Without encoding again every slice is in the file byte for byte, behind its length.
+    // Without re-encoding every slice is in the file byte for byte, after its length.
     let file = fs::read(out.join("feet.mp4")).unwrap();
     for p in session.pictures.iter().filter(|p| p.camera == 2) {
         let nals = video::annexb::nals(&p.unit);
@@ -185,7 +185,7 @@ fn mp4_files_hold_the_access_units_as_they_are() {
     }
 }
 
-/// What is damaged cannot be exported, and that is told whatever the format.
+/// Damaged data cannot be exported, and every format reports it.
 #[test]
 fn damage_is_told_in_every_format() {
     let folder = tempfile::tempdir().unwrap();
@@ -252,7 +252,7 @@ fn decoding_everything_finds_what_checksums_cannot() {
         findings.map(|f| f.value).collect()
     };
     assert_eq!(of(&good), [0.0; 3]);
-    // What the encoder gave was wrong, and the checksums are of what it gave.
+    // The encoder's output was wrong, and the checksums match it.
     let bad = session
         .pictures
         .iter_mut()
@@ -262,7 +262,7 @@ fn decoding_everything_finds_what_checksums_cannot() {
     let found = deep(&session, "bad");
     assert_eq!(of(&found), [0.0, 0.0, 1.0]);
     assert_eq!(found.verdict, Verdict::Fail);
-    // And the size is not what the manifest says.
+    // The size differs from the manifest.
     let mut session = Session::decodable(1.0);
     session.spec.cameras[2].width = 96;
     let found = deep(&session, "size");

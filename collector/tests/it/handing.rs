@@ -1,4 +1,4 @@
-//! Handing over: on request in spite of a failure, again and again, and with validations in between.
+//! Hand-off: with an accepted failure, repeated, and with validations in between.
 
 use std::fs;
 use std::path::PathBuf;
@@ -113,7 +113,7 @@ fn a_failure_is_handed_over_on_request_and_marked() {
     assert_eq!(acceptance.metrics[0].value, Some(3.0 / 121.0));
     assert_eq!(acceptance.metrics[0].fail, Some(0.01));
 
-    // It stands in the report and on the screen, and the acceptance holds for the same recording.
+    // It is in the report and in `paws show`, and the acceptance is valid for the same recording.
     let default = validate::Options::default();
     let report = desk.folder.path().join("report.html");
     capture(|console| report::run(&desk.target(), &default, Some(&report), console))
@@ -135,7 +135,7 @@ fn a_failure_is_handed_over_on_request_and_marked() {
 fn an_acceptance_does_not_cover_what_comes_to_light_later() {
     let desk = Desk::failing();
     desk.hand_over(Some(Verdict::Fail), &[]);
-    // A bit rots: another recording, with a failure more.
+    // A flipped bit: another recording, with one more failure.
     let segment = desk.session().join("segments/000000.mcap");
     let seal = desk.open().unwrap().seal;
     let mut bytes = fs::read(&segment).unwrap();
@@ -183,7 +183,7 @@ fn handing_over_again_and_validating_in_between_change_nothing() {
 #[test]
 fn a_verdict_that_changes_is_said_with_the_reason() {
     let mut session = Session::decodable(1.0);
-    // What the encoder gave was wrong, which only decoding finds.
+    // The encoder's output was wrong, which only decoding finds.
     let bad = session.pictures.iter_mut().rfind(|p| p.camera == 2);
     bad.unwrap().unit = vec![0, 0, 0, 1, 0x41, 0xFF, 0xFF, 0xFF];
     let desk = Desk::with(&session);
@@ -204,12 +204,12 @@ fn a_verdict_that_changes_is_said_with_the_reason() {
     let (_, text) = capture(|console| show::run(&desk.target(), console));
     assert!(text.contains("now FAIL: that hand-off stays"), "{text}");
 
-    // Handing over does not forget what the deep look found, not even with other limits.
+    // A hand-off keeps the findings of the deep validation, even with other limits.
     let (outcome, text) = desk.hand_over(None, &["camera.rate=0.5,0.6"]);
     assert_eq!(outcome, Outcome::Failed, "{text}");
     let (outcome, _) = desk.hand_over(Some(Verdict::Fail), &[]);
     assert_eq!(outcome, Outcome::Loss);
-    // A look that is less deep says why it finds less.
+    // A validation without decoding states why it finds less.
     let (_, text) = desk.validate(false, &[]);
     for part in [
         "verdict FAIL \u{2192} PASS since the last validation: pictures were not decoded this time",
@@ -239,7 +239,7 @@ fn limits_count_in_a_hand_off_as_in_a_validation() {
     assert_eq!(Validation::read(&desk.session()).unwrap().limits, expected);
     assert!(opened.acceptance.is_none(), "nothing had to be accepted");
 
-    // Without them it is judged by the table, and that is said.
+    // Without them the default limits apply, and this is reported.
     let (outcome, text) = desk.hand_over(None, &[]);
     assert_eq!(outcome, Outcome::Failed, "{text}");
     assert!(
@@ -281,7 +281,7 @@ fn a_hand_off_of_version_1_is_written_again_and_keeps_its_seal_beside() {
     desk.hand_over(None, &[]);
     let new = desk.open().unwrap();
     let old = version1(&desk);
-    // The validation that it names is replaced.
+    // The validation that it refers to is replaced.
     desk.validate(false, &["camera.rate=0.5,0.6"]);
     assert_eq!(desk.open().unwrap().seal, old);
     let (_, text) = capture(|console| show::run(&desk.target(), console));
@@ -292,7 +292,7 @@ fn a_hand_off_of_version_1_is_written_again_and_keeps_its_seal_beside() {
         assert_eq!(opened.seal, new.seal);
         assert!(opened.is_known_as(&old));
     }
-    // Of another recording it is not.
+    // The seal of another recording is not kept.
     version1(&desk);
     let rig = desk.session().join("rig/rig.toml");
     fs::write(&rig, b"revision = 2\n").unwrap();

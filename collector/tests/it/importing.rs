@@ -1,4 +1,4 @@
-//! Import: whole, again, stopped at every step, damaged, changed.
+//! Import: complete, repeated, stopped at every step, damaged, changed.
 
 use std::fs;
 use std::io;
@@ -28,7 +28,7 @@ fn import_plainly(root: &Path, source: &Path) -> Result<Imported, ImportError> {
     import_with(root, source, &no_hook)
 }
 
-/// What a listed session's folder must hold: the source byte for byte, and the record.
+/// Checks a listed session's folder: the source byte for byte, and the record.
 fn assert_is_copy(root: &Path, source: &Path) {
     let mut copy = tree(&root.join("sessions").join(ID));
     let record = copy.remove("import.json").expect("it has a record");
@@ -43,7 +43,7 @@ fn a_session_is_copied_checked_and_listed() {
     Session::good(2.0).write(&source);
     fs::write(source.join("notes.txt"), b"rain").unwrap();
     let before = tree(&source);
-    // What another host derived is not part of the recording.
+    // Files derived by another host are not part of the recording.
     fs::write(source.join("index.bin"), b"old").unwrap();
 
     let imported = import_plainly(&root, &source).unwrap();
@@ -129,7 +129,7 @@ fn a_session_that_differs_is_refused_and_nothing_is_overwritten() {
         let mut session = Session::good(1.0);
         session.spec.name = "talk".to_owned();
         session.write(other);
-        // The name stands in the segment's head, too, with the same length.
+        // The name is also in the segment's header, with the same length.
     });
 }
 
@@ -207,7 +207,7 @@ fn what_an_interrupted_import_left_is_not_trusted_blindly() {
     };
     import_with(&root, &source, &stop).unwrap_err();
     let incoming = root.join(".incoming").join(ID);
-    // A byte of the copy is wrong, the journal has a torn line, and a file came from nowhere.
+    // A byte of the copy is wrong, the journal has a torn line, and there is an unknown file.
     let segment = incoming.join("segments/000000.mcap");
     let mut bytes = fs::read(&segment).unwrap();
     bytes[5000] ^= 1;

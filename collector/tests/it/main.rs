@@ -1,4 +1,4 @@
-//! Tests of `paws` on made-up sessions, through the library and through the program.
+//! Tests of `paws` on synthetic sessions, through the library and through the program.
 
 mod better_copy;
 mod calib_cameras;

@@ -1,4 +1,4 @@
-//! Real access units for made-up sessions: a grey ramp that moves, through x264.
+//! Real access units for synthetic sessions: a moving gray ramp, encoded by x264.
 
 use std::sync::{Arc, Mutex};
 use std::time::Duration;
@@ -7,10 +7,10 @@ use video::{AccessUnit, Encoder, EncoderEvent, EncoderSettings, Picture, PixelFo
 
 use crate::support::Session;
 
-/// Reached only when something hangs.
+/// Reached only on a hang.
 const PATIENCE: Duration = Duration::from_secs(120);
 
-/// What camera `camera` sees in its `n`-th frame: in the left half brightness rises to the right, in
+/// Image of camera `camera` in its `n`-th frame: in the left half brightness rises to the right, in
 /// the right half to the bottom, and both move.
 pub(crate) fn picture(camera: usize, n: usize, width: u32, height: u32) -> Picture {
     let half = width / 2;
@@ -26,7 +26,7 @@ pub(crate) fn picture(camera: usize, n: usize, width: u32, height: u32) -> Pictu
 }
 
 impl Session {
-    /// A session without fault whose images can be decoded.
+    /// A session without fault with decodable images.
     pub(crate) fn decodable(seconds: f64) -> Self {
         let mut session = Self::good(seconds);
         for camera in 0..session.spec.cameras.len() {

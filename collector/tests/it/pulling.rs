@@ -1,4 +1,4 @@
-//! `paws pull` from a rig that is a server in this process, over connections that break.
+//! `paws pull` from a rig server in this process, over connections that break.
 
 #![expect(
     clippy::disallowed_methods,
@@ -28,7 +28,7 @@ use crate::support::{ID, Session, capture, tree};
 const OTHER: &str = "0192aa00-0000-7000-8000-000000000002";
 const TOKEN: &str = "correct-horse-battery";
 
-/// A rig with two sessions, and a place for a library.
+/// A rig with two sessions, and a folder for a library.
 struct Rig {
     folder: tempfile::TempDir,
     rig: Arc<FakeRig>,
@@ -76,13 +76,13 @@ impl Rig {
         options(self.server.address())
     }
 
-    /// Pulls, and gives how it ended and what it said.
+    /// Pulls; returns outcome and output.
     fn pull(&self, options: &Options) -> (Outcome, String) {
         let (result, text) = capture(|console| pull::run(options, &self.library(), console));
         (result.unwrap(), text)
     }
 
-    /// The library holds the session byte for byte, and the rig's receipt is for it.
+    /// Checks that the library has the session byte for byte, and that the rig's receipt matches.
     fn assert_pulled(&self, name: &str, key: &str) {
         let mut copy = tree(&self.library().join("sessions").join(key));
         assert!(copy.remove("import.json").is_some());
@@ -133,8 +133,8 @@ fn text(output: &Output) -> String {
     format!("{out}{err}")
 }
 
-/// Hands on what goes by; cuts the connection after `cut` bytes of the server's, and changes every
-/// `spoil`-th byte of them.
+/// Forwards a connection; cuts it after `cut` bytes of the server, and changes every `spoil`-th
+/// byte of them.
 fn proxy(to: SocketAddr, cut: usize, spoil: usize) -> SocketAddr {
     let listener = TcpListener::bind("127.0.0.1:0").unwrap();
     let address = listener.local_addr().unwrap();
@@ -185,8 +185,8 @@ fn sessions_are_pulled_received_and_freed() {
     rig.assert_pulled("walk-1", ID);
     rig.assert_pulled("run-1", OTHER);
 
-    // Again: nothing is fetched. Then the rig may free them, one by one, even if it was restarted and
-    // knows no hashes any more.
+    // Repeated: nothing is downloaded. Then the rig may free them, one by one, even if it was
+    // restarted and has no hashes any more.
     let sessions = tree(&rig.library().join("sessions"));
     let (outcome, text) = rig.pull(&rig.options());
     assert_eq!(outcome, Outcome::Fine);
@@ -235,7 +235,7 @@ fn killed_again_and_again_it_is_whole_or_not_there_and_goes_on() {
     };
     let rig = Rig::with(settings, 30_000);
     let url = rig.server.url();
-    // Slow enough to be killed in the middle of it.
+    // Slow enough to be killed during the download.
     rig.rig.show(Scene::Recording);
     let mut killed = 0;
     for n in 0_u64.. {
@@ -290,7 +290,7 @@ fn bytes_that_change_on_the_way_are_noticed() {
     assert!(text.contains("not pulled: walk-1"), "{text}");
     assert!(!rig.receipt("walk-1").exists());
     assert!(!rig.library().join("sessions").join(ID).exists());
-    // Over a good connection it goes on.
+    // Over a good connection it resumes.
     let (outcome, _) = rig.pull(&rig.options());
     assert_eq!(outcome, Outcome::Fine);
     rig.assert_pulled("walk-1", ID);
@@ -314,7 +314,7 @@ fn the_one_that_is_being_recorded_is_left_alone() {
     rig.assert_pulled("walk-1", ID);
 }
 
-/// `latest` on a rig is the session that was recorded last, of those that are ended.
+/// `latest` on a rig is the last recorded session of those that have ended.
 #[test]
 fn the_latest_is_pulled_alone() {
     const NEWEST: &str = "0192aa00-0000-7000-8000-000000000003";
@@ -350,7 +350,7 @@ fn the_latest_is_pulled_alone() {
     assert_eq!(rig.listed(), 2);
 }
 
-/// The system takes connections for a program that never looks at them.
+/// The system accepts connections for a program that never handles them.
 #[test]
 fn a_rig_that_says_nothing_is_given_up() {
     let folder = tempfile::tempdir().unwrap();
@@ -358,7 +358,7 @@ fn a_rig_that_says_nothing_is_given_up() {
     let listener = TcpListener::bind("127.0.0.1:0").unwrap();
     let address = listener.local_addr().unwrap();
     for (url, connect, why) in [
-        // A handshake that nobody answers is no connection.
+        // A handshake without response is not a connection.
         (
             format!("https://{address}"),
             Duration::from_millis(300),
@@ -451,7 +451,7 @@ fn a_damaged_copy_in_the_library_makes_way_for_the_whole_one_on_the_rig() {
     aside.remove("import.json");
     assert!(aside == tree(&from_disk));
 
-    // What the library's disk does to it later is found when the rig asks whether it may free it.
+    // Later damage on the library's disk is found before the rig frees the session.
     let copy = rig
         .library()
         .join(format!("sessions/{ID}/segments/000000.mcap"));
@@ -471,7 +471,7 @@ fn a_session_that_differs_is_refused_on_both_sides() {
     let rig = Rig::new();
     rig.pull(&rig.options());
     let before = tree(&rig.library().join("sessions"));
-    // The rig has more than what was pulled: no receipt for that, and nothing is freed.
+    // The rig has more files than were pulled: no receipt, and nothing is freed.
     fs::write(rig.sessions().join("run-1/notes.txt"), "rain").unwrap();
     fs::remove_file(rig.receipt("run-1")).unwrap();
     let free = Options {
@@ -482,7 +482,7 @@ fn a_session_that_differs_is_refused_on_both_sides() {
     let (outcome, text) = rig.pull(&free);
     assert_eq!(outcome, Outcome::Failed);
     assert!(text.contains("not pulled: run-1"), "{text}");
-    // With the old receipt still there the rig itself sees that it does not fit.
+    // With the old receipt the rig itself detects that it does not match.
     fs::remove_file(rig.sessions().join("run-1/notes.txt")).unwrap();
     assert_eq!(rig.pull(&rig.options()).0, Outcome::Fine);
     fs::write(rig.sessions().join("run-1/notes.txt"), "rain").unwrap();
@@ -554,7 +554,8 @@ fn what_rotted_in_the_library_is_pulled_again_before_the_rig_frees_its_own() {
     }
 }
 
-/// A rig that closes a session after it was pulled has a better one from then on, whatever the receipt says.
+/// A rig that closes a session after it was pulled has the better copy from then on, whatever the
+/// receipt states.
 #[test]
 fn a_cut_off_session_makes_way_for_the_one_that_the_rig_closed_since() {
     let rig = Rig::new();

@@ -1,4 +1,4 @@
-//! The HTML report: self-contained, bounded, and with what the cameras saw.
+//! The HTML report: self-contained, bounded, and with camera images.
 
 use std::process::Command;
 
@@ -119,7 +119,7 @@ fn a_camera_without_images_is_no_failure() {
         assert!(page.contains(why), "{why}");
     }
     assert!(page.contains("data:image/jpeg"), "the third camera");
-    // Bytes that are no video.
+    // Bytes that are not video.
     let page = html(&Session::good(2.0));
     assert!(page.contains("none of the frames that were looked at could be decoded"));
 }
@@ -192,7 +192,7 @@ fn impossible_values_are_drawn_and_judged_without_a_panic() {
             ..Default::default()
         })
         .collect();
-    // A gap is written at its time, which the archive wants to be one.
+    // A gap is written at its time, which the archive requires to be valid.
     session.gaps.iter_mut().for_each(|g| g.time_before = None);
     for (_, map) in &mut session.clocks {
         map.tick_den = 0;

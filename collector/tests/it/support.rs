@@ -1,6 +1,6 @@
-//! A made-up session of a made-up rig, written through the archive's own writer: two cameras under
-//! one trigger, a slower one that runs free, an IMU. [`Session::good`] passes every check; tests
-//! spoil it in one way each.
+//! A synthetic session of a synthetic rig, written by the archive's own writer: two cameras with a
+//! common trigger, a slower free-running one, an IMU. [`Session::good`] passes every check; tests
+//! introduce one fault each.
 
 use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
@@ -29,7 +29,7 @@ pub(crate) struct Picture {
     pub(crate) key: bool,
 }
 
-/// Everything that goes into a session.
+/// Content of a session.
 #[derive(Clone)]
 pub(crate) struct Session {
     pub(crate) spec: SessionSpec,
@@ -60,7 +60,7 @@ pub(crate) fn camera(name: &str, rate_hz: f64, trigger: Option<&str>) -> Camera 
     }
 }
 
-/// Bytes that stand for an access unit; different for every frame.
+/// Placeholder bytes of an access unit; different for every frame.
 pub(crate) fn unit(camera: usize, number: u64, bytes: usize) -> Vec<u8> {
     let mut x = (camera as u64 + 1).wrapping_mul(0x9E37_79B9_7F4A_7C15)
         ^ number.wrapping_mul(0xD1B5_4A32_D192_ED03);
@@ -127,7 +127,7 @@ impl Session {
         Self::with_units(seconds, 200)
     }
 
-    /// The same with access units of this size.
+    /// A session without fault with access units of this size.
     pub(crate) fn with_units(seconds: f64, unit_bytes: usize) -> Self {
         let cameras = vec![
             camera("left_shoulder", 30.0, Some("gmsl")),
@@ -159,7 +159,7 @@ impl Session {
                         host_time: START + t + 3 * MS,
                         time: START + t,
                         sigma_ns: 20_000,
-                        // The feet are seen by two cameras that are not tied.
+                        // The feet are observed by two cameras without a common trigger.
                         eyes_apart_ns: (camera == 2).then_some(-40_000),
                         clock_map: 1,
                         ..Frame::default()
@@ -228,7 +228,7 @@ impl Session {
                     transform(
                         "feet/left",
                         "feet/imu",
-                        // A quarter turn about z.
+                        // A rotation of 90 degrees about z.
                         [0.5_f64.sqrt(), 0.0, 0.0, 0.5_f64.sqrt()],
                         [0.01, 0.02, 0.03],
                     ),
@@ -242,7 +242,7 @@ impl Session {
         }
     }
 
-    /// Takes out frames `first..=last` of a camera; a gap record tells of them if `noted`.
+    /// Removes frames `first..=last` of a camera; with a gap record if `noted`.
     pub(crate) fn drop_frames(&mut self, camera: usize, first: u64, last: u64, noted: bool) {
         let name = self.spec.cameras[camera].name.clone();
         let gone = |p: &Picture| p.camera == camera && (first..=last).contains(&p.frame.number);
@@ -296,7 +296,7 @@ impl Session {
             writer.append("", start, start, transforms).unwrap();
         }
         let mut items: Vec<(i64, Item<'_>)> = Vec::new();
-        // By arrival, which faults in a frame's own time do not change.
+        // Ordered by arrival, which faults in a frame's time do not change.
         items.extend(
             self.pictures
                 .iter()
@@ -469,7 +469,7 @@ fn clock_map(clock: &str, second: i64) -> (i64, ClockMap) {
     (START + device, map)
 }
 
-/// Runs something that writes to a console, and gives what it wrote.
+/// Runs a function that writes to a console, and returns the output.
 pub(crate) fn capture<T>(run: impl FnOnce(&mut Console<'_>) -> T) -> (T, String) {
     let mut out = Vec::new();
     let mut console = Console {

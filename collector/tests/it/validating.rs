@@ -1,4 +1,4 @@
-//! Validation: a good session passes, and every fault is found, named and weighed.
+//! Validation: a good session passes, and every fault is found with metric and verdict.
 
 use std::fs;
 use std::path::Path;
@@ -16,7 +16,8 @@ fn validated(folder: &Path) -> Validated {
         .unwrap()
 }
 
-/// Validates a spoiled session; gives what is not a pass, as (verdict, metric, stream).
+/// Validates a session with a fault; returns the findings that are not a pass, as (verdict, metric,
+/// stream).
 fn beyond(
     seconds: f64,
     spoil: impl FnOnce(&mut Session),
@@ -161,7 +162,7 @@ fn irregular_frames() {
         &jitter(600_000),
         &[(Fail, "camera.period_deviation", "feet")],
     );
-    // A clock map that is refined moves times, not the camera.
+    // A refined clock map changes times, not the camera's regularity.
     let refined = beyond(5.0, |s| {
         for frame in s.frames(2).filter(|f| f.number > 110) {
             frame.time -= MS;
@@ -206,7 +207,7 @@ fn frozen_pictures() {
 fn a_bad_payload_is_found() {
     let folder = tempfile::tempdir().unwrap();
     let mut session = Session::good(2.0);
-    // The same number twice: the second is refused.
+    // The same number twice: the second is rejected.
     let twice = session.pictures[7].clone();
     session.pictures.insert(8, twice);
     session.write(folder.path());
@@ -359,7 +360,7 @@ fn what_the_recorder_told_each_second() {
         })
     };
     expect(&spared("normal"), &[]);
-    // Only the phone sees less.
+    // Only the phone's preview is affected.
     expect(&spared("lower preview"), &[]);
     for step in ["lower bitrate", "lower frame rate"] {
         expect(&spared(step), &[(Warn, "session.degraded", "session")]);
@@ -391,7 +392,7 @@ fn doubtful_clocks_and_missing_descriptions() {
         s.imu.iter_mut().for_each(|b| b.time_doubtful = true)
     });
     expect(&found, &[(Warn, "stream.unreliable_time", "feet/imu")]);
-    // Until a clock has settled it may be so.
+    // Times may be unreliable until a clock has converged.
     let found = beyond(12.0, |s| {
         s.frames(1).take(64).for_each(|f| f.time_doubtful = true)
     });

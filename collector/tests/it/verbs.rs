@@ -1,4 +1,4 @@
-//! The verbs around a library: list, show, recover, prune, rebuild, index, hand off.
+//! The commands of a library: list, show, recover, prune, rebuild, index, hand off.
 
 use std::fs;
 use std::path::{Path, PathBuf};
@@ -18,7 +18,7 @@ use session_archive::text::{is_hidden, is_plain};
 
 use crate::support::{ID, Session, capture, tree};
 
-/// A library with what `sessions` writes into its sources.
+/// A library with the sessions that `sessions` writes.
 struct Desk {
     folder: tempfile::TempDir,
 }
@@ -86,7 +86,7 @@ fn the_catalogue_can_be_rebuilt_from_the_folders() {
     assert_eq!(rows[0].session_id, other.spec.session_id);
     assert_eq!(rows[1].verdict, Some(Verdict::Pass));
 
-    // Made up rows, a missing row, no catalogue at all: the folders decide.
+    // Synthetic rows, a missing row, no catalogue: the folders decide.
     let catalogue = desk.root().join("catalogue.sqlite");
     let rebuilt = || {
         let (outcome, text) = capture(|console| rebuild::run(&desk.root(), console));
@@ -102,13 +102,13 @@ fn the_catalogue_can_be_rebuilt_from_the_folders() {
     fs::write(&catalogue, b"not a database".repeat(100)).unwrap();
     assert_eq!(Library::open(&desk.root()).unwrap().rows().unwrap(), rows);
 
-    // A session that somebody removed by hand is not listed any more.
+    // A session that was removed manually is no longer listed.
     fs::remove_dir_all(desk.session(ID)).unwrap();
     assert_eq!(
         Library::open(&desk.root()).unwrap().rows().unwrap().len(),
         1
     );
-    // A folder that is no session is told.
+    // A folder that is not a session is reported.
     fs::create_dir(desk.root().join("sessions/junk")).unwrap();
     let (outcome, text) = capture(|console| rebuild::run(&desk.root(), console));
     assert_eq!(outcome.unwrap(), Outcome::Failed);
@@ -118,7 +118,7 @@ fn the_catalogue_can_be_rebuilt_from_the_folders() {
     );
 }
 
-/// Clears the screen, turns the writing, and forges a line.
+/// Clears the screen, reverses the text direction, and forges a line.
 const HOSTILE: &str = "walk\u{1b}[2J\u{9b}2J\u{202e}\nverdict    PASS";
 
 #[test]
@@ -135,7 +135,7 @@ fn what_a_session_says_of_itself_does_not_act_on_the_terminal() {
     for (_, event) in &mut session.events {
         (event.source, event.text) = (HOSTILE.to_owned(), HOSTILE.to_owned());
     }
-    // It was recorded so, by a recorder that took it: it is brought in, and looked at safely.
+    // A recorder accepted this name: the session is imported, and displayed safely.
     let desk = Desk::with(&[&session]);
     let target = desk.target(ID);
     let check = |what: &str, text: &str| {
@@ -226,7 +226,7 @@ fn recovery_makes_a_sound_copy_and_leaves_the_original() {
         assert_eq!(rows[1].key, format!("{ID}.recovered"));
         assert_eq!(rows[1].condition, Condition::Recovered);
         assert_eq!(tree(&desk.root().join(".incoming")).len(), 0);
-        // A prefix means the copy, the whole identifier the original.
+        // A prefix selects the copy, the whole identifier the original.
         assert_eq!(desk.target(&ID[..8]).name(), rows[1].key);
         assert_eq!(desk.target(ID).name(), ID);
 
@@ -275,7 +275,7 @@ fn prune_removes_what_can_be_made_again_and_nothing_else() {
     )
     .unwrap();
     fs::write(desk.root().join(".incoming/stopped.journal"), b"{}").unwrap();
-    // Nothing that can be read, and it sorts before the session.
+    // An unreadable folder that sorts before the session.
     fs::create_dir(desk.root().join("sessions/0-junk")).unwrap();
     assert_eq!(tree(&desk.session(ID)).len(), recorded.len() + 2);
     let (outcome, text) = capture(|console| prune::derived(&desk.root(), console));
@@ -333,14 +333,14 @@ fn a_hand_off_is_sealed_renewed_and_withdrawn() {
     );
     assert_eq!(sealed.derived[0].path, "index.bin");
     assert_eq!(sealed.verdict, Verdict::Pass);
-    // A validation does not concern the seal.
+    // A validation does not affect the seal.
     let targets = [desk.target(ID)];
     capture(|console| validate::run(&targets, &Options::default(), console))
         .0
         .unwrap();
     opened().unwrap();
 
-    // A changed session is noticed, judged again and not handed over.
+    // A changed session is detected, validated again and not handed over.
     let segment = desk.session(ID).join("segments/000000.mcap");
     let mut bytes = fs::read(&segment).unwrap();
     bytes.truncate(bytes.len() / 2);
@@ -352,7 +352,7 @@ fn a_hand_off_is_sealed_renewed_and_withdrawn() {
     assert!(!path.exists());
 }
 
-/// A bit that rots after the validation, and a rig file that is edited: lengths tell of neither.
+/// A bit flipped after the validation, and an edited rig file: lengths show neither.
 #[test]
 fn nothing_is_sealed_that_changed_since_it_was_validated() {
     let change = |path: &Path| {
@@ -382,11 +382,11 @@ fn nothing_is_sealed_that_changed_since_it_was_validated() {
         let (outcome, text) = capture(|console| handoff::run(&targets[0], None, console));
         assert_eq!(outcome.unwrap(), Outcome::Failed, "{file}: {text}");
         assert!(!desk.session(ID).join("handoff.json").exists());
-        // What the import found is older than that.
+        // The import's report is older.
         assert_eq!(listed().condition, Condition::Damaged);
         let (_, text) = capture(|console| show::run(&targets[0], console));
         assert!(text.contains("condition  damaged"), "{text}");
-        // An index of the damaged session does not stay once it is mended.
+        // An index of the damaged session is replaced after the repair.
         capture(|console| index::run(&targets, console)).0.unwrap();
         change(&desk.session(ID).join(file));
         assert_eq!(validate(), Outcome::Fine);
@@ -398,7 +398,7 @@ fn nothing_is_sealed_that_changed_since_it_was_validated() {
     }
 }
 
-/// Limits of one's own are for looking; what is handed over was judged by the table.
+/// Custom limits are for inspection; hand-offs are validated by the default limits.
 #[test]
 fn limits_of_ones_own_do_not_reach_a_hand_off() {
     let desk = Desk::with(&[]);
@@ -424,7 +424,7 @@ fn limits_of_ones_own_do_not_reach_a_hand_off() {
     assert_ne!(outcome.unwrap(), Outcome::Failed, "{text}");
     let path = desk.session(ID).join("validation.json");
     let moved = fs::read(&path).unwrap();
-    // A report shows what was found with them, and leaves it.
+    // A report shows the validation with them, and does not change it.
     let default = Options::default();
     let (outcome, _) = capture(|console| report::run(&targets[0], &default, None, console));
     assert_ne!(outcome.unwrap(), Outcome::Failed);
@@ -433,7 +433,7 @@ fn limits_of_ones_own_do_not_reach_a_hand_off() {
     assert_eq!(outcome.unwrap(), Outcome::Failed, "{text}");
 }
 
-/// The recorder's card is only read.
+/// The recorder's disk is only read.
 #[test]
 fn derived_files_go_into_libraries_only() {
     let folder = tempfile::tempdir().unwrap();

@@ -1,7 +1,7 @@
-//! The phone's page without a rig: `cargo run -p rig-link --example demo -- recording`, then open
-//! <http://127.0.0.1:8077> in a browser. The scenes are idle, armed, recording, stopping, warning and fault; a
-//! second word is the address to listen at, which with anything but loopback makes an identity and asks
-//! for the token that the variable `RIG_TOKEN` holds.
+//! The phone's page with a fake rig: `cargo run -p rig-link --example demo -- recording`, then open
+//! <http://127.0.0.1:8077> in a browser. The scenes are idle, armed, recording, stopping, warning
+//! and fault; the second argument is the address to listen on; off loopback an identity is created
+//! and the token of the variable `RIG_TOKEN` is required.
 
 use std::io::Read;
 use std::net::SocketAddr;

@@ -1,4 +1,4 @@
-//! What a small image costs: `cargo run --release -p rig-link --example preview_cost`.
+//! Benchmark of previews: `cargo run --release -p rig-link --example preview_cost`.
 
 use std::time::Instant;
 

@@ -1,13 +1,13 @@
-//! The host's end: what a rig has, and its files.
+//! The host's end: a rig's sessions and their files.
 //!
-//! Contract. Every call waits for its answer. Until a client has been connected once, it gives up after
-//! [`RetryPolicy::connect_timeout`], all tries together: most likely nobody is at the address. After that a connection that is lost,
-//! refused or silent is made again, with pauses that double, until [`RetryPolicy::max_attempts`] in a row brought nothing; a download
-//! goes on where it was. Each of these tries is logged as a warning.
-//! What the rig refuses is not tried again, except when it says that it was asked too often. Over HTTPS
-//! the rig is known by the fingerprint of its certificate and by nothing else; plain HTTP goes to this
-//! machine only. Nothing the rig says is trusted beyond that: names are checked, lengths and hashes
-//! compared, and an answer that is none of *rig link v1* is an error.
+//! Contract. Every call waits for its response. Before the first connection, it gives up after
+//! [`RetryPolicy::connect_timeout`] for all attempts: most likely there is no server. After that a
+//! connection that is lost, refused or silent is reopened, with pauses that double, until
+//! [`RetryPolicy::max_attempts`] in a row made no progress; a download resumes. Each retry is
+//! logged as a warning. Requests that the rig rejects are not repeated, except after `too_many`.
+//! Over HTTPS the rig is authenticated by the fingerprint of its certificate only; plain HTTP goes
+//! to this machine only. Data from the rig is not trusted beyond that: names are checked, lengths
+//! and hashes compared, and a response that does not follow *rig link v1* is an error.
 
 mod address;
 mod connection;
@@ -42,23 +42,23 @@ pub use self::address::Address;
 pub use self::download::Downloaded;
 pub use self::error::LinkError;
 
-/// Longest answer other than a file or a manifest, bytes.
+/// Maximum length of a response other than a file or a manifest, bytes.
 const MAX_ANSWER: usize = 16 << 20;
-/// Longest pause that a rig may ask for.
+/// Maximum `Retry-After` that is respected.
 const MAX_RETRY_AFTER: Duration = Duration::from_secs(60);
 
-/// How long to wait for a rig.
+/// Timeouts and retries.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct RetryPolicy {
-    /// For a connection. For the first one this is the time for all tries together.
+    /// Timeout of a connection attempt. For the first connection, of all attempts together.
     pub connect_timeout: Duration,
-    /// For the next byte.
+    /// Timeout for the next byte.
     pub read_timeout: Duration,
-    /// Tries in a row that bring nothing.
+    /// Maximum attempts in a row without progress.
     pub max_attempts: u32,
-    /// Pause after the first of them.
+    /// Pause after the first failed attempt; it doubles.
     pub first_pause: Duration,
-    /// Longest pause.
+    /// Maximum pause.
     pub max_pause: Duration,
 }
 
@@ -74,9 +74,9 @@ impl Default for RetryPolicy {
     }
 }
 
-/// How one try ended.
+/// Failure of one attempt.
 enum Failure {
-    /// Trying again may help; how long the rig asked to wait, if it did.
+    /// A retry may help; with the `Retry-After` of the rig, if any.
     Retry(String, Option<Duration>),
     Final(LinkError),
 }
@@ -87,7 +87,7 @@ impl From<LinkError> for Failure {
     }
 }
 
-/// A connection to a rig, made when it is needed.
+/// A client of a rig; connects when needed.
 pub struct Client {
     address: Address,
     token: Option<Token>,
@@ -98,16 +98,16 @@ pub struct Client {
     runtime: Background,
 }
 
-/// Whether there has ever been a connection.
+/// Whether there was a connection before.
 #[derive(Default)]
 struct ContactState {
-    /// When the first one was first tried.
+    /// Time of the first attempt.
     begun: Option<Instant>,
     made: bool,
 }
 
 impl ContactState {
-    /// How long a connection may take that is tried now.
+    /// Timeout of the next connection attempt.
     fn limit(&mut self, retry: &RetryPolicy) -> Duration {
         let begun = *self.begun.get_or_insert_with(Instant::now);
         match self.made {
@@ -117,7 +117,7 @@ impl ContactState {
     }
 }
 
-/// A runtime that is let go of at once: a name that the network does not resolve is no reason to wait.
+/// A runtime that is dropped without waiting for its threads, which may still resolve a name.
 struct Background(Option<Runtime>);
 
 impl Background {
@@ -136,8 +136,8 @@ impl Drop for Background {
 }
 
 impl Client {
-    /// A client for the rig at `address`. Nothing is sent yet. With https and no fingerprint every call
-    /// ends with [`LinkError::NoFingerprint`], which tells the rig's.
+    /// A client for the rig at `address`. Nothing is sent yet. With https and no fingerprint every
+    /// call fails with [`LinkError::NoFingerprint`], which contains the rig's.
     ///
     /// # Errors
     /// [`LinkError::System`].
@@ -170,7 +170,7 @@ impl Client {
         &self.address
     }
 
-    /// What sessions the rig has.
+    /// The sessions of the rig.
     ///
     /// # Errors
     /// See [`LinkError`].
@@ -191,8 +191,8 @@ impl Client {
         Ok(list.sessions)
     }
 
-    /// The files of a session with their hashes; `on_file` is told of each as it comes, from the start again
-    /// if the connection is lost. The rig may have to read the whole session for it.
+    /// The files of a session with their hashes; `on_file` is called for each as it arrives, from
+    /// the start again if the connection is lost. The rig may have to read the whole session.
     ///
     /// # Errors
     /// See [`LinkError`].
@@ -235,10 +235,10 @@ impl Client {
         }
     }
 
-    /// Bytes `from..length` of a file of `length` bytes, handed to `sink` as they come.
+    /// Bytes `from..length` of a file of `length` bytes, passed to `sink` as they arrive.
     ///
     /// # Errors
-    /// See [`LinkError`]; an error of `sink` ends it at once.
+    /// See [`LinkError`]; an error of `sink` aborts the download.
     pub fn fetch(
         &mut self,
         session: &str,
@@ -311,7 +311,7 @@ impl Client {
         Ok(())
     }
 
-    /// Gives the rig the host's word that it holds a session, checked and on disk.
+    /// Sends a receipt: the host holds the session, verified and synced.
     ///
     /// # Errors
     /// See [`LinkError`].
@@ -322,7 +322,7 @@ impl Client {
         self.order(&doing, &path, Some(body.into()))
     }
 
-    /// Asks the rig to free a session for which it has a receipt.
+    /// Requests to free a session for which the rig has a receipt.
     ///
     /// # Errors
     /// See [`LinkError`].
@@ -347,7 +347,7 @@ impl Client {
         serde_json::from_slice(&text).map_err(|e| self.garbled(doing, e.to_string()))
     }
 
-    /// A whole answer.
+    /// Requests a complete response.
     fn answer(
         &mut self,
         doing: &str,
@@ -378,7 +378,7 @@ impl Client {
         }
     }
 
-    /// Pauses before the next try, or gives up.
+    /// Pauses before the next attempt, or gives up.
     fn retry_or_fail(
         &mut self,
         tries: &mut FailedAttempts,
@@ -425,7 +425,7 @@ impl Client {
     }
 }
 
-/// Tries in a row that brought nothing.
+/// Number of failed attempts in a row.
 #[derive(Default)]
 struct FailedAttempts(u32);
 
@@ -435,7 +435,7 @@ fn block<T>(runtime: &Background, future: impl Future<Output = T>) -> T {
 
 type RequestParts<'a> = (Method, &'a str, Option<Bytes>, Option<&'a str>);
 
-/// Sends a request over the connection that there is, or over a new one.
+/// Sends a request over the open connection, or over a new one.
 async fn send(
     (connection, contact): (&mut Option<Connection>, &mut ContactState),
     address: &Address,
@@ -464,7 +464,7 @@ fn silent(limit: Duration) -> Failure {
     Failure::Retry(format!("silent for {} s", limit.as_secs_f64()), None)
 }
 
-/// The answer, unless it is an error.
+/// The response, unless it is an error.
 async fn accepted(
     response: Response<Incoming>,
     doing: &str,
@@ -496,7 +496,7 @@ async fn accepted(
     }))
 }
 
-/// The next piece of a body; none at its end.
+/// The next piece of a body; `None` at its end.
 async fn next(body: &mut Incoming, silence: Duration) -> Result<Option<Bytes>, Failure> {
     loop {
         match timeout(silence, body.frame()).await {

@@ -1,7 +1,7 @@
-//! A rig without hardware: what it shows is set by hand, and it remembers what it was asked to do. For
-//! tests, and for looking at the page (`cargo run -p rig-link --example demo`).
+//! A fake rig without hardware: its status is set explicitly, and it records requested actions. For
+//! tests, and for viewing the page (`cargo run -p rig-link --example demo`).
 //!
-//! Its images move with its clock. Its sessions are real ones, made by [`write_session`].
+//! Its images change with its clock. Its sessions are real ones, written by [`write_session`].
 
 use std::path::{Path, PathBuf};
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
@@ -16,7 +16,7 @@ use session_archive::writer::{SessionSpec, SessionWriter};
 use crate::preview::{Eyes, Planes, jpeg};
 use crate::rig::{Action, Battery, ClockStatus, PageStatus, Preview, Rig, State, StreamStatus};
 
-/// What the fake shows.
+/// State of the fake rig.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Scene {
     /// Two of three cameras deliver.
@@ -25,11 +25,11 @@ pub enum Scene {
     Armed,
     /// Recording, all well.
     Recording,
-    /// The last frames are on their way.
+    /// The last frames are being written.
     Stopping,
     /// Recording, with drops and a disk that fills up.
     Warning,
-    /// A camera is gone and it cannot record.
+    /// A camera is disconnected and it cannot record.
     Fault,
 }
 
@@ -44,7 +44,7 @@ impl Scene {
         Self::Fault,
     ];
 
-    /// As it is chosen on a command line.
+    /// Name on the command line.
     pub fn word(self) -> &'static str {
         match self {
             Self::Idle => "idle",
@@ -71,7 +71,7 @@ impl Scene {
 const EYE: (usize, usize) = (320, 188);
 const CAMERAS: [&str; 3] = ["left_shoulder", "right_shoulder", "feet"];
 
-/// The fake.
+/// The fake rig.
 pub struct FakeRig {
     root: PathBuf,
     clock: Box<dyn Fn() -> Duration + Send + Sync>,
@@ -80,7 +80,7 @@ pub struct FakeRig {
 
 struct Inner {
     scene: Scene,
-    /// When the scene began.
+    /// Start time of the scene.
     since: Duration,
     /// Folder of the session that is "being recorded".
     session: Option<String>,
@@ -89,7 +89,7 @@ struct Inner {
 }
 
 impl FakeRig {
-    /// A fake with the sessions in `root` and this clock.
+    /// A fake rig with the sessions in `root` and this clock.
     pub fn new(
         root: impl Into<PathBuf>,
         scene: Scene,
@@ -113,24 +113,24 @@ impl FakeRig {
         self.inner.lock().unwrap_or_else(PoisonError::into_inner)
     }
 
-    /// Shows another scene.
+    /// Sets the scene.
     pub fn show(&self, scene: Scene) {
         let now = (self.clock)();
         let mut inner = self.lock();
         (inner.scene, inner.since) = (scene, now);
     }
 
-    /// Says that the session in this folder is being recorded, or that none is.
+    /// Sets the folder of the session that is being recorded, or none.
     pub fn record(&self, session: Option<&str>) {
         self.lock().session = session.map(str::to_owned);
     }
 
-    /// Refuses what it is asked for with this text, or no longer.
+    /// Rejects all actions with this text, or no longer.
     pub fn refuse(&self, why: Option<&str>) {
         self.lock().refusal = why.map(str::to_owned);
     }
 
-    /// What it was asked to do so far.
+    /// The requested actions so far.
     pub fn actions(&self) -> Vec<Action> {
         self.lock().actions.clone()
     }
@@ -198,7 +198,7 @@ impl Rig for FakeRig {
     }
 }
 
-/// What the fake says in a scene, so many seconds after it began.
+/// Status in a scene, `elapsed` seconds after its start.
 fn status(scene: Scene, session: Option<String>, elapsed: f64) -> PageStatus {
     let recording = matches!(scene, Scene::Recording | Scene::Warning | Scene::Stopping);
     let seconds = match scene {
@@ -280,7 +280,7 @@ fn status(scene: Scene, session: Option<String>, elapsed: f64) -> PageStatus {
     status
 }
 
-/// A street that goes by, I420.
+/// A moving street, I420.
 fn image(camera: usize, tick: usize) -> Vec<u8> {
     let (width, height) = EYE;
     let horizon = [height * 2 / 5, height * 2 / 5, height / 6][camera.min(2)];
@@ -299,7 +299,7 @@ fn image(camera: usize, tick: usize) -> Vec<u8> {
             } else if y < horizon {
                 225 - y / 4
             } else {
-                // Joints of the pavement come nearer.
+                // Joints of the pavement approach.
                 let depth = y - horizon + 6;
                 let row = (6000 / depth + tick * 9) / 40 % 2;
                 let column =
@@ -325,11 +325,11 @@ fn image(camera: usize, tick: usize) -> Vec<u8> {
     luma
 }
 
-/// Writes a session of one camera and one IMU into `root/NAME`, sound but for its images, which are only
-/// bytes. Its content is a function of `seed`; a second is about 60 kB.
+/// Writes a session of one camera and one IMU into `root/NAME`, valid except for the images, which
+/// are arbitrary bytes. Its content is a function of `seed`; a second is about 60 kB.
 ///
 /// # Panics
-/// The disk says no. This is for tests.
+/// An I/O error occurs. For tests only.
 pub fn write_session(root: &Path, name: &str, seed: u64, seconds: u32) {
     let folder = root.join(name);
     std::fs::create_dir_all(&folder).expect("make the session's folder");

@@ -1,29 +1,29 @@
-//! Small images for the phone, made cheaply: the mean of each square of pixels, then JPEG.
+//! Preview images for the phone: box-filter downsampling, then JPEG.
 //!
-//! Contract: the image is what the encoder gets (planes tightly packed, top row first, full-range
-//! BT.601 as in JFIF), and is only read. The result is at least one square wide; rows and columns that
-//! fill no whole square are left out. The cost is one pass over the luma and chroma samples and the
-//! coding of a small image; `cargo run -p rig-link --example preview_cost` measures it.
+//! Contract: the input is the encoder's (planes tightly packed, top row first, full-range BT.601 as
+//! in JFIF), and is only read. The result is at least one box wide; rows and columns of incomplete
+//! boxes are left out. The cost is one pass over the luma and chroma samples and the encoding of a
+//! small image; `cargo run -p rig-link --example preview_cost` measures it.
 
 use jpeg_encoder::{Encoder, ImageBuffer, JpegColorType, SamplingFactor};
 
-/// Quality, 1 to 100: enough to see what a camera sees.
+/// JPEG quality, 1 to 100: sufficient to check a camera's view.
 const QUALITY: u8 = 60;
-/// Largest side of an image that is made smaller, pixels.
+/// Maximum side of an input image, pixels.
 const MAX_SIDE: u32 = 1 << 15;
 
-/// An image as it lies in memory.
+/// An image in memory.
 #[derive(Clone, Copy, Debug)]
 pub struct Planes<'a> {
-    /// Columns; for left and right side by side those of both.
+    /// Columns; for side-by-side stereo those of both.
     pub width: u32,
     /// Rows.
     pub height: u32,
-    /// Luma, then for I420 Cb and Cr of half width and height; luma alone is grey.
+    /// Luma, then for I420 Cb and Cr of half width and height; luma alone is gray.
     pub data: &'a [u8],
 }
 
-/// Which part of a stereo image to show.
+/// Part of a stereo image to show.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Eyes {
     /// The left half.
@@ -32,10 +32,10 @@ pub enum Eyes {
     Both,
 }
 
-/// Why there is no small image.
+/// A preview cannot be computed.
 #[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
 pub enum PreviewError {
-    /// The bytes do not belong to the size that goes with them.
+    /// The number of bytes does not match the size.
     #[error(
         "a picture of {width}x{height} has {found} bytes, expected {grey} (grey) or {i420} (I420)"
     )]
@@ -46,12 +46,12 @@ pub enum PreviewError {
         height: u32,
         /// Bytes found.
         found: usize,
-        /// Bytes of a grey image of this size.
+        /// Bytes of a gray image of this size.
         grey: usize,
         /// Bytes of an I420 image of this size.
         i420: usize,
     },
-    /// No image, or none that a camera makes.
+    /// The size is zero or too large.
     #[error("a picture of {width}x{height} cannot be made smaller")]
     Size {
         /// Columns.
@@ -59,12 +59,12 @@ pub enum PreviewError {
         /// Rows.
         height: u32,
     },
-    /// The coder refuses.
+    /// The JPEG encoder fails.
     #[error("coding a picture as JPEG: {0}")]
     Jpeg(String),
 }
 
-/// A JPEG of the image, at most `width` pixels wide but for rounding, in colour if it has any.
+/// A JPEG of the image, at most `width` pixels wide (up to rounding), in color if it has chroma.
 ///
 /// # Errors
 /// See [`PreviewError`].
@@ -78,7 +78,7 @@ pub fn jpeg(image: Planes<'_>, eyes: Eyes, width: u32) -> Result<Vec<u8>, Previe
     Ok(out)
 }
 
-/// An image made smaller: luma and, at half its size, chroma.
+/// A downsampled image: luma and, at half its size, chroma.
 struct Small {
     width: usize,
     height: usize,
@@ -117,8 +117,8 @@ impl Small {
             Eyes::Left => columns / 2,
             Eyes::Both => columns,
         };
-        // Chroma is made smaller by the same factor, so the small image is I420 again: both its
-        // sides are even.
+        // Chroma is downsampled by the same factor, so the result is I420 again: both sides are
+        // even.
         let factor = seen
             .div_ceil(width.max(2) as usize)
             .min(rows / 2)
@@ -141,8 +141,8 @@ impl Small {
     }
 }
 
-/// The mean of each square of `factor` x `factor` samples, rounded. Rows are added up first, sample by
-/// sample, because that is what processors do many at a time.
+/// The rounded mean of each box of `factor` x `factor` samples. Rows are summed first, sample by
+/// sample, which vectorizes well.
 fn means(plane: &[u8], stride: usize, factor: usize, width: usize, height: usize) -> Vec<u8> {
     let mut out = Vec::with_capacity(width * height);
     let mut columns = vec![0_u32; width * factor];

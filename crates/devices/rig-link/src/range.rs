@@ -1,9 +1,9 @@
-//! Which bytes of a file are asked for: the `Range` header (RFC 9110, section 14).
+//! Byte ranges of a file: the `Range` header (RFC 9110, section 14).
 //!
-//! One range is understood. Several at once, other units and what cannot be read as a range count as no
-//! range, as the standard allows: the whole file is sent.
+//! One range is supported. Several ranges, other units and invalid headers count as no range, as
+//! the standard allows: the whole file is sent.
 
-/// Which bytes to send.
+/// Bytes to send.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum ByteRange {
     /// The whole file.
@@ -12,14 +12,14 @@ pub enum ByteRange {
     Part {
         /// First byte.
         first: u64,
-        /// Byte behind the last.
+        /// End, exclusive.
         end: u64,
     },
-    /// Nothing in the file is in the range.
+    /// The range does not overlap the file.
     Nothing,
 }
 
-/// What a `Range` header means for a file of `length` bytes.
+/// The bytes that a `Range` header requests of a file of `length` bytes.
 pub fn requested_range(header: Option<&str>, length: u64) -> ByteRange {
     let Some((from, to)) = header.and_then(one_range) else {
         return ByteRange::All;
@@ -39,18 +39,18 @@ pub fn requested_range(header: Option<&str>, length: u64) -> ByteRange {
     }
 }
 
-/// The two ends of a header that is one range of bytes.
+/// The two ends of a single byte range.
 fn one_range(header: &str) -> Option<(Option<u64>, Option<u64>)> {
     let (unit, range) = header.split_once('=')?;
     let (from, to) = range.trim().split_once('-')?;
     if !unit.trim().eq_ignore_ascii_case("bytes") {
         return None;
     }
-    // `parse` takes a sign, the standard does not.
+    // `parse` accepts a sign, the standard does not.
     let end = |text: &str| match text {
         "" => Some(None),
         text if text.bytes().all(|b| b.is_ascii_digit()) => {
-            // A number beyond all files means their end.
+            // A number that overflows means the end of the file.
             Some(Some(text.parse().unwrap_or(u64::MAX)))
         }
         _ => None,

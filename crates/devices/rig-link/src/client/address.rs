@@ -1,17 +1,17 @@
-//! Where a rig is.
+//! Address of a rig.
 
 use std::fmt;
 use std::str::FromStr;
 
 use super::LinkError;
 
-/// Port of a rig's server where none is given.
+/// Default port of a rig's server.
 const PORT: u16 = 8077;
 
 /// The address of a rig's server, as in `https://rig.local:8077`.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Address {
-    /// Whether it speaks TLS.
+    /// Whether to use TLS.
     pub(super) tls: bool,
     /// Name or IP address, an IPv6 address without brackets.
     pub(super) host: String,
@@ -19,7 +19,7 @@ pub struct Address {
 }
 
 impl Address {
-    /// Host and port as they stand in an address.
+    /// Host and port as in an address.
     pub(super) fn authority(&self) -> String {
         if self.host.contains(':') {
             format!("[{}]:{}", self.host, self.port)

@@ -21,12 +21,12 @@ use super::{Address, Failure, LinkError};
 use crate::link::{HEADER, VERSION};
 use crate::token::Token;
 
-/// An open connection. It moves only while its client waits for something.
+/// An open connection. It is driven only while its client waits.
 pub(super) struct Connection {
     sender: SendRequest<Full<Bytes>>,
 }
 
-/// Connects, and with TLS makes sure who it is.
+/// Connects; with TLS checks the rig's certificate.
 pub(super) async fn connect(
     address: &Address,
     tls: Option<&Tls>,

@@ -1,4 +1,4 @@
-//! Reading a manifest as it comes, line by line, and believing it only if it holds together.
+//! Reads a manifest line by line as it arrives, and checks its consistency.
 
 use std::time::Duration;
 
@@ -8,10 +8,10 @@ use hyper::body::Incoming;
 use super::{Failure, next};
 use crate::link::{self, FileEntry, Line, MAX_LINE, Manifest, Problem};
 
-/// Most files of a session.
+/// Maximum number of files of a session.
 const MAX_FILES: usize = 1 << 20;
 
-/// Why there is no manifest.
+/// Failure of reading a manifest.
 pub(super) enum ManifestFailure {
     Failure(Failure),
     Garbled(String),
@@ -24,7 +24,7 @@ impl From<Failure> for ManifestFailure {
     }
 }
 
-/// The lines of a body. An empty one says that the rig is still at it.
+/// The lines of a body. An empty line is a keepalive.
 pub(super) struct Lines {
     body: Incoming,
     buffer: BytesMut,
@@ -91,7 +91,7 @@ pub(super) async fn read_manifest(
     }
 }
 
-/// A manifest that can be worked with: paths that stay in the folder, each once, and the sums are right.
+/// Checks a manifest: paths inside the folder, no duplicates, and correct totals.
 pub(super) fn check(manifest: Manifest) -> Result<Manifest, String> {
     let mut paths: Vec<&str> = manifest.files.iter().map(|f| f.path.as_str()).collect();
     if let Some(odd) = paths.iter().find(|path| !link::is_file_path(path)) {

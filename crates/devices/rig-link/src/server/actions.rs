@@ -1,4 +1,4 @@
-//! What the page asks of the recorder, and the way in.
+//! Requests of the page to the recorder, login and logout.
 
 use std::net::IpAddr;
 use std::sync::Arc;
@@ -23,7 +23,7 @@ use crate::store::problem;
 
 const SEQUENCE: HeaderName = HeaderName::from_static("x-sequence");
 
-/// Runs something that may block, on another thread. A panic in it is an error.
+/// Runs blocking work on another thread. A panic in it is an error.
 pub(super) async fn blocking<T: Send + 'static>(
     permits: &Semaphore,
     work: impl FnOnce() -> T + Send + 'static,
@@ -49,7 +49,7 @@ pub(super) async fn status(shared: &Arc<Shared>) -> Result<Response<Body>, Probl
     Ok(response::json(StatusCode::OK, &status))
 }
 
-/// An image; nothing (204) if the page has it already, which it says with `?have=SEQUENCE`.
+/// A preview; 204 if the page has it already, as stated by `?have=SEQUENCE`.
 pub(super) async fn preview(
     shared: &Arc<Shared>,
     camera: usize,
@@ -105,7 +105,7 @@ pub(super) async fn login(
     }
 }
 
-/// The login has ended when this is answered; that it stays so is on disk then, if the disk takes it.
+/// The login has ended when the response is sent; this is also synced to disk, if possible.
 pub(super) async fn logout(
     shared: &Arc<Shared>,
     headers: &HeaderMap,

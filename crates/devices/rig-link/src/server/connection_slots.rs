@@ -1,16 +1,18 @@
-//! Who has a place among the open connections. Plain code: no sockets, and age is the order of arrival.
+//! Slots of the open connections, and their eviction. Pure code: no sockets, and age is the order
+//! of arrival.
 //!
-//! Whoever can reach the server can hold connections open without saying a word, from as many addresses as he
-//! has. So places are not kept by whoever came first:
+//! Any client can hold connections open without sending anything, from all of its addresses. So
+//! slots are not first come, first served:
 //!
-//! * A connection over which somebody was let in keeps its place as long as it lives.
-//! * An address at which somebody was let in not long ago is *known*: its connections give way only to
-//!   others of known addresses, and it gets a place as long as any stranger has one.
-//! * A stranger gets the place of another one whose address has more than his will have then: of those an
-//!   unfinished handshake first, then one of the address that has most, then the oldest. If no address has more,
-//!   of those with as many the oldest one. So a few addresses with many connections can only push each other out.
-//! * Nobody has more than his share; with it, a new connection takes the place of an older one of the same
-//!   address over which nobody was let in.
+//! * An authenticated connection keeps its slot until it ends.
+//! * An address with a recent authentication is *known*: its connections are evicted only for
+//!   others of known addresses, and it gets a slot while any unknown address has one.
+//! * A connection of an unknown address evicts one of an unknown address with more slots than its
+//!   own will have then: an unfinished handshake first, then one of the address with most slots,
+//!   then the oldest. If no address has more, the oldest of those with the same number. So a few
+//!   addresses with many connections can only evict each other.
+//! * No address has more than its share; at that limit a new connection evicts an older
+//!   unauthenticated one of the same address.
 
 use std::cmp::Reverse;
 use std::collections::BTreeMap;
@@ -18,14 +20,14 @@ use std::net::IpAddr;
 
 use super::limits::network;
 
-/// How far a connection has come.
+/// Stage of a connection.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
 pub(super) enum Stage {
     /// The TLS handshake is not finished.
     Handshake,
-    /// It may speak; nothing that needs the token has been asked with it.
+    /// The handshake is finished; no request with the token yet.
     Unauthenticated,
-    /// Somebody was let in over it.
+    /// A request with the token was accepted.
     Authenticated,
 }
 
@@ -33,13 +35,13 @@ pub(super) enum Stage {
 #[derive(Debug)]
 struct Slot<T> {
     peer: IpAddr,
-    /// Whether its address was known when it came.
+    /// Whether its address was known when it connected.
     known: bool,
     stage: Stage,
-    held: T,
+    handle: T,
 }
 
-/// All open connections; each holds a `T`, which comes out when it has to give way.
+/// All open connections; each holds a `T`, which is returned on eviction.
 #[derive(Debug)]
 pub(super) struct ConnectionSlots<T> {
     all: usize,
@@ -49,16 +51,16 @@ pub(super) struct ConnectionSlots<T> {
     open: BTreeMap<u64, Slot<T>>,
 }
 
-/// The place of a new connection.
+/// The slot of a new connection.
 #[derive(Debug)]
 pub(super) struct Admitted<T> {
     pub(super) number: u64,
-    /// What the connection held that has to end for it.
+    /// Handle of the evicted connection.
     pub(super) evicted: Option<T>,
 }
 
 impl<T> ConnectionSlots<T> {
-    /// `all` places, `per_peer` of them for one address (of IPv6: one network).
+    /// `all` slots, `per_peer` of them for one address (of IPv6: one network).
     pub(super) fn new(all: usize, per_peer: usize) -> Self {
         Self {
             all,
@@ -68,13 +70,13 @@ impl<T> ConnectionSlots<T> {
         }
     }
 
-    /// A place for a new connection; none if it has to be sent away.
+    /// A slot for a new connection; `None` if it is rejected.
     pub(super) fn admit(
         &mut self,
         peer: IpAddr,
         known: bool,
         stage: Stage,
-        held: T,
+        handle: T,
     ) -> Option<Admitted<T>> {
         let peer = network(peer);
         let own = self.count(peer);
@@ -88,63 +90,63 @@ impl<T> ConnectionSlots<T> {
         let evicted = victim.and_then(|number| self.remove(number));
         let number = self.next;
         self.next += 1;
-        let seat = Slot {
+        let slot = Slot {
             peer,
             known,
             stage,
-            held,
+            handle,
         };
-        self.open.insert(number, seat);
+        self.open.insert(number, slot);
         Some(Admitted { number, evicted })
     }
 
-    /// A connection has come further; it never falls back.
+    /// Advances the stage of a connection; it never decreases.
     pub(super) fn set_stage(&mut self, number: u64, stage: Stage) {
-        if let Some(seat) = self.open.get_mut(&number) {
-            seat.stage = seat.stage.max(stage);
+        if let Some(slot) = self.open.get_mut(&number) {
+            slot.stage = slot.stage.max(stage);
         }
     }
 
     /// A connection has ended.
     pub(super) fn remove(&mut self, number: u64) -> Option<T> {
-        self.open.remove(&number).map(|seat| seat.held)
+        self.open.remove(&number).map(|slot| slot.handle)
     }
 
     fn count(&self, peer: IpAddr) -> usize {
-        self.open.values().filter(|seat| seat.peer == peer).count()
+        self.open.values().filter(|slot| slot.peer == peer).count()
     }
 
-    /// Those that may have to give way.
+    /// Connections that may be evicted.
     fn evictable(&self) -> impl Iterator<Item = (u64, &Slot<T>)> {
-        let seats = self.open.iter().map(|(number, seat)| (*number, seat));
-        seats.filter(|(_, seat)| seat.stage < Stage::Authenticated)
+        let seats = self.open.iter().map(|(number, slot)| (*number, slot));
+        seats.filter(|(_, slot)| slot.stage < Stage::Authenticated)
     }
 
     fn evictable_own(&self, peer: IpAddr) -> Option<u64> {
-        let own = self.evictable().filter(|(_, seat)| seat.peer == peer);
-        own.min_by_key(|(number, seat)| (seat.stage, *number))
+        let own = self.evictable().filter(|(_, slot)| slot.peer == peer);
+        own.min_by_key(|(number, slot)| (slot.stage, *number))
             .map(|(number, _)| number)
     }
 
-    /// Which one gives way to a connection of `peer`, which has `own` already.
+    /// The connection that is evicted for one of `peer`, which has `own` slots already.
     fn evictable_other(&self, peer: IpAddr, own: usize, known: bool) -> Option<u64> {
-        let fits = |seat: &Slot<T>| {
-            if seat.known && !known {
+        let fits = |slot: &Slot<T>| {
+            if slot.known && !known {
                 return false;
             }
-            let goes_before = known && !seat.known;
-            goes_before || seat.peer == peer || self.count(seat.peer) > own
+            let goes_before = known && !slot.known;
+            goes_before || slot.peer == peer || self.count(slot.peer) > own
         };
-        let rank = |number: u64, seat: &Slot<T>| {
-            let count = self.count(seat.peer);
+        let rank = |number: u64, slot: &Slot<T>| {
+            let count = self.count(slot.peer);
             let crowds = count > own + 1;
-            // An unfinished handshake may be that of somebody who has just come.
-            let stage = if crowds { seat.stage } else { Stage::Handshake };
-            (seat.known, !crowds, stage, Reverse(count), number)
+            // An unfinished handshake may be of a client that has just connected.
+            let stage = if crowds { slot.stage } else { Stage::Handshake };
+            (slot.known, !crowds, stage, Reverse(count), number)
         };
-        let evictable = self.evictable().filter(|(_, seat)| fits(seat));
+        let evictable = self.evictable().filter(|(_, slot)| fits(slot));
         evictable
-            .min_by_key(|(number, seat)| rank(*number, seat))
+            .min_by_key(|(number, slot)| rank(*number, slot))
             .map(|(number, _)| number)
     }
 }
@@ -157,7 +159,7 @@ mod tests {
         IpAddr::from([10, 0, 0, last])
     }
 
-    /// 48 places, 16 each, all taken by three addresses; what each holds is its address.
+    /// 48 slots, 16 each, all used by three addresses; the handle is the address.
     fn besieged(stage: Stage) -> ConnectionSlots<u8> {
         let mut slots = ConnectionSlots::new(48, 16);
         for i in 0..48 {
@@ -168,8 +170,8 @@ mod tests {
         slots
     }
 
-    fn held(slots: &ConnectionSlots<u8>, peer: u8) -> usize {
-        slots.open.values().filter(|s| s.held == peer).count()
+    fn handle(slots: &ConnectionSlots<u8>, peer: u8) -> usize {
+        slots.open.values().filter(|s| s.handle == peer).count()
     }
 
     #[test]
@@ -180,14 +182,14 @@ mod tests {
             assert!(phone.is_some_and(|p| p.evicted.is_some()), "{stage:?}");
             let second = slots.admit(address(9), false, Stage::Handshake, 9);
             assert!(second.is_some(), "{stage:?}");
-            // They go on coming, and meet only each other.
+            // They keep connecting, and evict only each other.
             for i in 0..1000 {
                 let attacker = 1 + (i % 3) as u8;
                 if let Some(admitted) = slots.admit(address(attacker), false, stage, attacker) {
                     assert_ne!(admitted.evicted, Some(9), "round {i}");
                 }
             }
-            assert_eq!(held(&slots, 9), 2);
+            assert_eq!(handle(&slots, 9), 2);
             assert_eq!(slots.open.len(), 48);
         }
     }
@@ -214,7 +216,7 @@ mod tests {
         };
         assert_eq!(evicted(3), Some(1));
         assert_eq!(evicted(4), Some(3));
-        // No handshakes are left: one of the address that has most, by age.
+        // No handshakes are left: the oldest one of the address with most slots.
         slots.remove(0);
         slots.admit(address(1), false, Stage::Unauthenticated, 6);
         assert_eq!(
@@ -232,27 +234,27 @@ mod tests {
             .admit(address(9), false, Stage::Unauthenticated, 9)
             .unwrap();
         slots.set_stage(let_in.number, Stage::Authenticated);
-        // Falls not back.
+        // The stage does not decrease.
         slots.set_stage(let_in.number, Stage::Unauthenticated);
         for i in 10..100 {
             let newcomer = slots.admit(address(i), false, Stage::Unauthenticated, i);
             assert_ne!(newcomer.and_then(|n| n.evicted), Some(9));
         }
-        assert_eq!(held(&slots, 9), 1);
-        // The others have one place each, the known address has one and gets more.
+        assert_eq!(handle(&slots, 9), 1);
+        // The others have one slot each, the known address has one and gets more.
         for _ in 0..3 {
             let more = slots.admit(address(9), true, Stage::Handshake, 9).unwrap();
             assert_ne!(more.evicted, Some(9));
         }
-        assert_eq!(held(&slots, 9), 4);
-        // Strangers take none of them, and of their own share nobody gets more.
+        assert_eq!(handle(&slots, 9), 4);
+        // Unknown addresses take none of them, and no address exceeds its share.
         for i in 100..200 {
             let newcomer = slots.admit(address(i), false, Stage::Unauthenticated, i);
             assert_ne!(newcomer.and_then(|n| n.evicted), Some(9));
         }
         let more = slots.admit(address(9), true, Stage::Handshake, 9).unwrap();
         assert_eq!(more.evicted, Some(9), "an older one of its own");
-        assert_eq!(held(&slots, 9), 4);
+        assert_eq!(handle(&slots, 9), 4);
     }
 
     #[test]

@@ -26,19 +26,19 @@ use super::{Limits, Shared, actions, page, response, sessions};
 use crate::link::Code;
 use crate::store::problem;
 
-/// Pause after the system refused to accept a connection (out of file descriptors, say).
+/// Pause after a failed accept (for example, out of file descriptors).
 const ACCEPT_RETRY_DELAY: Duration = Duration::from_millis(200);
-/// Longest head of a request, bytes.
+/// Maximum length of a request's head, bytes.
 const MAX_HEAD: usize = 16 << 10;
-/// Most headers of a request.
+/// Maximum number of headers of a request.
 const MAX_HEADERS: usize = 64;
-/// Longest address of a request, bytes.
+/// Maximum length of a request's URI, bytes.
 const MAX_ADDRESS: usize = 4 << 10;
 
-/// The open connections. Each holds the end of a channel: when it has to give way, the end is dropped.
+/// The open connections. Each holds the sender of a channel, which is dropped on eviction.
 struct OpenConnections(Mutex<ConnectionSlots<oneshot::Sender<()>>>);
 
-/// One connection's place among those that are open.
+/// The slot of one open connection.
 struct SlotGuard {
     open: Arc<OpenConnections>,
     number: u64,
@@ -49,7 +49,7 @@ impl OpenConnections {
         self.0.lock().unwrap_or_else(PoisonError::into_inner)
     }
 
-    /// A place, and what ends when the connection has to give way.
+    /// A slot, and the receiver that ends on eviction.
     fn admit(
         self: &Arc<Self>,
         peer: IpAddr,
@@ -63,7 +63,7 @@ impl OpenConnections {
             open: self.clone(),
             number: admitted.number,
         };
-        // The one that has to go sees the end of its channel.
+        // The evicted connection sees the end of its channel.
         drop(admitted.evicted);
         Some((slot, evicted))
     }
@@ -81,7 +81,7 @@ impl Drop for SlotGuard {
     }
 }
 
-/// Accepts connections for ever.
+/// Accepts connections forever.
 pub(super) async fn accept(
     listener: std::net::TcpListener,
     tls: Option<TlsAcceptor>,
@@ -219,7 +219,7 @@ async fn answer(
     });
     if let Err(refusal) = allowed {
         let response = response::refusal(&refusal);
-        // A body that nobody reads must not be taken for the next request.
+        // An unread body must not be mistaken for the next request.
         return if has_body {
             response::closing(response)
         } else {

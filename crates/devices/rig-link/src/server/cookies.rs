@@ -1,10 +1,11 @@
 //! The cookies of the page: one for each login, until its logout or until the token changes.
 //!
-//! A cookie is `ID_HEX_DIGITS.CODE`: an identifier of 128 random bits and a code over it (BLAKE3, keyed with what is
-//! derived from the token), so that no list of those that hold has to be kept. A logout puts the identifier on
-//! the list of those that have ended; the list is in a file where there is a place for one, and so outlives
-//! the server. When [`MAX_ENDED`] have ended, the *generation* goes up, which goes into the code, too: then every cookie has
-//! ended, and the list begins anew. The same happens if the file is there and cannot be read.
+//! A cookie is `ID_HEX_DIGITS.CODE`: an identifier of 128 random bits and a code over it (BLAKE3,
+//! with a key derived from the token), so that no list of valid cookies is needed. A logout puts
+//! the identifier on the list of ended ones; the list is in a file, if one is configured, and so
+//! persists across restarts. After [`MAX_ENDED`] ended cookies the *generation*, which is also part
+//! of the code, changes: then every cookie is invalid, and the list is cleared. The same happens if
+//! the file exists and cannot be read.
 
 use std::collections::BTreeSet;
 use std::fs::{self, File};
@@ -17,34 +18,34 @@ use ring::rand::{SecureRandom as _, SystemRandom};
 
 use crate::token::Token;
 
-/// Cookies that have ended and are remembered one by one.
+/// Maximum number of ended cookies in the list.
 const MAX_ENDED: usize = 1000;
 /// First line of the file.
 const FILE_HEADER: &str = "rig-link-ended-cookies 1";
 /// Length of an identifier and of a generation, hex digits.
 const ID_HEX_DIGITS: usize = 32;
 
-/// Which cookies hold.
+/// The valid cookies.
 #[derive(Debug)]
 pub(super) struct Cookies {
     key: [u8; 32],
     ended: Mutex<Ended>,
-    /// Where the list is kept.
+    /// File with the list.
     path: Option<PathBuf>,
-    /// Held while the file is written.
+    /// Locked while the file is written.
     writing: Mutex<()>,
 }
 
 #[derive(Clone, Debug, Default, PartialEq, Eq)]
 struct Ended {
-    /// Empty until there is a reason for one.
+    /// Empty until the first change of generation.
     generation: String,
     ids: BTreeSet<String>,
 }
 
 impl Cookies {
-    /// The cookies of this token; the list of those that have ended is in the file `path`, which need not be there
-    /// yet.
+    /// The cookies of this token; the list of ended ones is in the file `path`, which need not
+    /// exist yet.
     pub(super) fn new(token: &Token, path: Option<&Path>) -> Self {
         let ended = path.map_or_else(Ended::default, Ended::read);
         Self {
@@ -63,14 +64,14 @@ impl Cookies {
         blake3::keyed_hash(&self.key, format!("{generation}.{id}").as_bytes())
     }
 
-    /// A new cookie; none if the system gives no random numbers.
+    /// A new cookie; `None` if the system provides no random numbers.
     pub(super) fn issue(&self) -> Option<String> {
         let id = random_id()?;
         let code = self.code(&self.ended().generation, &id);
         Some(format!("{id}.{}", code.to_hex()))
     }
 
-    /// The identifier of a cookie that holds.
+    /// The identifier of a valid cookie.
     fn valid_id<'a>(&self, ended: &Ended, cookie: &'a str) -> Option<&'a str> {
         let (id, code) = cookie.split_once('.')?;
         let code = blake3::Hash::from_hex(code).ok()?;
@@ -79,12 +80,12 @@ impl Cookies {
         (is_valid && !ended.ids.contains(id)).then_some(id)
     }
 
-    /// Whether a cookie holds.
+    /// Whether a cookie is valid.
     pub(super) fn is_valid(&self, cookie: &str) -> bool {
         self.valid_id(&self.ended(), cookie).is_some()
     }
 
-    /// Ends a cookie; whether it held until now, so that [`Self::save`] has something to do.
+    /// Ends a cookie; returns whether it was valid, so that [`Self::save`] is needed.
     pub(super) fn end(&self, cookie: &str) -> bool {
         let mut ended = self.ended();
         let Some(id) = self.valid_id(&ended, cookie).map(str::to_owned) else {
@@ -102,10 +103,10 @@ impl Cookies {
         true
     }
 
-    /// Writes the list, where there is a place for it, and waits until it is on disk.
+    /// Writes and syncs the list, if a file is configured.
     ///
     /// # Errors
-    /// An I/O error occurs; until the server ends the list holds all the same.
+    /// An I/O error occurs; the list in memory remains valid until the server stops.
     pub(super) fn save(&self) -> io::Result<()> {
         let Some(path) = &self.path else {
             return Ok(());
@@ -248,7 +249,8 @@ mod tests {
         assert!(after.is_valid(&new));
     }
 
-    /// A FIFO that nobody writes to is as a damaged list: all logins have ended, and the server starts.
+    /// A FIFO without writer counts as a damaged list: all logins have ended, and the server
+    /// starts.
     #[test]
     fn what_is_no_file_holds_nobody_up() {
         let folder = tempfile::tempdir().unwrap();

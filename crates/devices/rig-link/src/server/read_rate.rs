@@ -1,4 +1,4 @@
-//! Reading slowly while the rig records, so that the disk belongs to the recorder.
+//! Limit of the read rate while the rig records, to leave the disk to the recorder.
 
 use std::sync::{Mutex, PoisonError};
 use std::time::Duration;
@@ -7,7 +7,7 @@ use tokio::time::{Instant, sleep};
 
 use crate::rig::{Rig, State};
 
-/// A rate of bytes that all readers share.
+/// Read rate limit shared by all readers.
 pub(super) struct ReadRateLimiter {
     bytes_per_s: u64,
     /// When the next byte is due.
@@ -22,7 +22,7 @@ impl ReadRateLimiter {
         }
     }
 
-    /// Waits until `bytes` that were just read are paid for; not at all unless the rig records.
+    /// Waits after reading `bytes` to keep the rate; does not wait unless the rig records.
     pub(super) async fn after(&self, bytes: usize, rig: &dyn Rig) {
         if !matches!(rig.status().state, State::Recording | State::Stopping) {
             return;

@@ -1,4 +1,4 @@
-//! Making answers, with the headers that all have.
+//! Responses, with their common headers.
 
 use std::time::Duration;
 
@@ -16,10 +16,10 @@ use super::route::NoRoute;
 use crate::link::{Code, ErrorBody, Problem};
 use crate::store::problem;
 
-/// Only what comes with the page runs in it; images may also come from its own memory.
+/// Only the page's own scripts and styles are allowed; images may also be blobs.
 const POLICY: &str = "default-src 'none'; script-src 'self'; style-src 'self'; img-src 'self' blob:; \
      connect-src 'self'; base-uri 'none'; form-action 'none'; frame-ancestors 'none'";
-/// There is no HSTS among them: it would forbid to accept the self-signed certificate.
+/// Without HSTS: it would prevent accepting the self-signed certificate.
 const HEADERS: [(HeaderName, &str); 8] = [
     (CONTENT_SECURITY_POLICY, POLICY),
     (X_CONTENT_TYPE_OPTIONS, "nosniff"),
@@ -37,7 +37,7 @@ const HEADERS: [(HeaderName, &str); 8] = [
     ),
 ];
 
-/// Adds what all answers have.
+/// Adds the common headers.
 pub(super) fn finish(mut response: Response<Body>) -> Response<Body> {
     for (name, value) in HEADERS {
         let value = HeaderValue::from_static(value);
@@ -46,14 +46,14 @@ pub(super) fn finish(mut response: Response<Body>) -> Response<Body> {
     response
 }
 
-/// An answer without content.
+/// A response without content.
 pub(super) fn plain(status: StatusCode) -> Response<Body> {
     let mut response = Response::new(Body::empty());
     *response.status_mut() = status;
     response
 }
 
-/// An answer in JSON.
+/// A response in JSON.
 pub(super) fn json(status: StatusCode, value: &impl Serialize) -> Response<Body> {
     let text = match serde_json::to_vec(value) {
         Ok(text) => text,
@@ -69,7 +69,7 @@ pub(super) fn json(status: StatusCode, value: &impl Serialize) -> Response<Body>
     response
 }
 
-/// The answer to what cannot be done.
+/// An error response.
 pub(super) fn error(problem: Problem) -> Response<Body> {
     let status = match problem.code {
         Code::BadRequest => StatusCode::BAD_REQUEST,
@@ -90,7 +90,7 @@ pub(super) fn error(problem: Problem) -> Response<Body> {
     json(status, &ErrorBody { error: problem })
 }
 
-/// The answer to whoever may not ask.
+/// The response to a client without permission.
 pub(super) fn refusal(refusal: &Refusal) -> Response<Body> {
     match refusal {
         Refusal::Malformed(why) => closing(error(problem(Code::BadRequest, why))),
@@ -113,7 +113,7 @@ fn too_many(wait: Duration) -> Response<Body> {
     response
 }
 
-/// The answer when there is nothing to ask for.
+/// The response for an unknown address or method.
 pub(super) fn no_route(no_route: NoRoute) -> Response<Body> {
     match no_route {
         NoRoute::Unknown => error(problem(Code::NotFound, "there is nothing here")),
@@ -127,7 +127,7 @@ pub(super) fn no_route(no_route: NoRoute) -> Response<Body> {
     }
 }
 
-/// After this answer the connection ends: what else came over it is not looked at.
+/// Closes the connection after this response: further input is ignored.
 pub(super) fn closing(mut response: Response<Body>) -> Response<Body> {
     let close = HeaderValue::from_static("close");
     response.headers_mut().insert(CONNECTION, close);

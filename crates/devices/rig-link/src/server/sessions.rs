@@ -1,4 +1,4 @@
-//! Sessions for hosts. The contract is `docs/rig-link.md`.
+//! Sessions for hosts, as specified in `docs/rig-link.md`.
 
 use std::fs::File;
 use std::io::{self, Read, Seek, SeekFrom};
@@ -27,7 +27,7 @@ use crate::store::{ListedFile, Session, Store, problem};
 
 /// Bytes read and sent at a time.
 const PIECE_BYTES: usize = 256 << 10;
-/// How often a manifest that is still being made says so, with an empty line.
+/// Interval of empty lines while a manifest is being computed.
 const KEEPALIVE_INTERVAL: Duration = Duration::from_secs(5);
 
 async fn with_store<T: Send + 'static>(
@@ -104,7 +104,7 @@ async fn send_manifest(
         let hashed = loop {
             tokio::select! {
                 hashed = &mut hashing => break hashed,
-                // A long file takes a while; whoever waits is to know that we are still at it.
+                // A long file takes a while; the keepalive prevents the client's timeout.
                 () = sleep(KEEPALIVE_INTERVAL) => {
                     if lines.send(Ok(Bytes::from_static(b"\n"))).await.is_err() {
                         return;
@@ -147,7 +147,7 @@ async fn hash(
     .await?
 }
 
-/// A file, or the part of it that is asked for.
+/// A file, or the requested part of it.
 pub(super) async fn file(
     shared: &Arc<Shared>,
     name: String,
@@ -164,7 +164,7 @@ pub(super) async fn file(
             .get(name)
             .and_then(|v: &HeaderValue| v.to_str().ok())
     };
-    // A part of what the file was before is of no use.
+    // A part of a changed file is useless.
     let range = text(RANGE).filter(|_| text(IF_RANGE).is_none_or(|t| t == tag));
     let (status, first, end) = match requested_range(range, length) {
         ByteRange::All => (StatusCode::OK, 0, length),

@@ -1,5 +1,5 @@
-//! A connection whose peer must take what is sent to it: after [`super::Limits::stall_time`] without taking
-//! anything it is cut off. Reading has its limits elsewhere (head and body of a request).
+//! A stream with a write timeout: if the peer receives nothing for [`super::Limits::stall_time`],
+//! the connection is closed. Reads are limited elsewhere (head and body of a request).
 
 use std::io::{self, IoSlice};
 use std::pin::Pin;
@@ -14,7 +14,7 @@ use tokio::time::{Sleep, sleep};
 pub(super) struct StallTimeoutStream {
     stream: TcpStream,
     stall: Duration,
-    /// Runs while the peer takes nothing.
+    /// Runs while the peer receives nothing.
     waiting: Option<Pin<Box<Sleep>>>,
 }
 

@@ -1,4 +1,4 @@
-//! Hashes of files, made by reading them once.
+//! Cache of file hashes.
 
 use std::collections::BTreeMap;
 use std::io::{self, Read};
@@ -11,11 +11,11 @@ use crate::link::FileEntry;
 /// Bytes read and hashed at a time.
 const BLOCK: usize = 1 << 20;
 
-/// What is known, by session and path. A file that changed since counts as not known.
+/// Known hashes by session and path. That of a changed file is ignored.
 #[derive(Default)]
 pub(super) struct Hashes(Mutex<BTreeMap<String, SessionHashes>>);
 
-/// Hashes of one session's files, by path, and what the file was like then.
+/// Hashes of one session's files by path, each with the file's stamp at that time.
 type SessionHashes = BTreeMap<String, (Stamp, String)>;
 
 impl Hashes {
@@ -23,7 +23,7 @@ impl Hashes {
         self.0.lock().unwrap_or_else(PoisonError::into_inner)
     }
 
-    /// Forgets sessions that are gone.
+    /// Forgets sessions that no longer exist.
     pub(super) fn retain(&self, sessions: &[Session]) {
         let there = |name: &str| {
             let found = sessions.binary_search_by(|s| s.name.as_str().cmp(name));
@@ -32,14 +32,14 @@ impl Hashes {
         self.lock().retain(|name, _| there(name));
     }
 
-    /// A file with its hash, if that is known.
+    /// A file with its hash, if known.
     pub(super) fn known(&self, session: &Session, listed: &ListedFile) -> Option<FileEntry> {
         let lock = self.lock();
         let (stamp, blake3) = lock.get(&session.name)?.get(&listed.path)?;
         (*stamp == listed.stamp).then(|| entry(listed, blake3.clone()))
     }
 
-    /// A file with its hash; the file is read unless that is known.
+    /// A file with its hash; the file is read unless the hash is known.
     pub(super) fn of(
         &self,
         session: &Session,

@@ -1,4 +1,4 @@
-//! The files of a session.
+//! Listing of a session's files.
 
 use std::fs::{self, File, Metadata, OpenOptions};
 use std::io;
@@ -9,14 +9,14 @@ use rustix::fs::OFlags;
 
 use crate::link::{DERIVED, MAX_DEPTH, is_file_path};
 
-/// What tells that a file is still the one that it was.
+/// Stamp that changes if a file changes.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Stamp {
     /// Length.
     pub bytes: u64,
-    /// When its content was last changed, ns since 1970.
+    /// Modification time (mtime), ns since 1970.
     pub modified_ns: i64,
-    /// When anything of it was last changed, ns since 1970; cannot be set by a program.
+    /// Status change time (ctime), ns since 1970; cannot be set by a program.
     changed_ns: i64,
     /// Device and inode.
     inode: (u64, u64),
@@ -47,16 +47,16 @@ impl Stamp {
 pub struct ListedFile {
     /// Path below the session's folder, `/` between names.
     pub path: String,
-    /// What it was like.
+    /// Its stamp.
     pub stamp: Stamp,
 }
 
-/// What is in a session's folder.
+/// Content of a session's folder.
 #[derive(Clone, Debug, Default, PartialEq, Eq)]
 pub struct Listing {
     /// Its files, by path. Derived files are in neither list.
     pub files: Vec<ListedFile>,
-    /// What is no file, or has a name that cannot stand in an address.
+    /// Entries that are not files, or have a name that cannot be in an address.
     pub unlistable: Vec<String>,
 }
 
@@ -88,9 +88,9 @@ fn walk(root: &Path, below: &str, depth: usize, listing: &mut Listing) -> io::Re
     Ok(())
 }
 
-/// Opens a listed file, and says what it is like now. Never follows a link.
+/// Opens a listed file, and returns its current stamp. Never follows a link.
 pub(super) fn open(folder: &Path, path: &str) -> io::Result<(File, Stamp)> {
-    // Without waiting: a pipe that took the file's place must not hold us up.
+    // Non-blocking: a FIFO in place of the file must not block.
     let flags = OFlags::NOFOLLOW | OFlags::NONBLOCK;
     let file = OpenOptions::new()
         .read(true)

@@ -75,7 +75,7 @@ fn only_sessions_and_their_own_files_are_listed() {
             "{name}"
         );
     }
-    // What cannot be listed cannot be pulled, so it keeps the session from being freed.
+    // An unlistable entry cannot be pulled, so it prevents freeing the session.
     assert_eq!(
         store.known_total(&sessions[0]).unwrap_err().code,
         Code::NotListed
@@ -151,7 +151,7 @@ fn a_session_goes_only_with_a_receipt_for_what_is_on_disk() {
 
     store.put_receipt(&session, &good).unwrap();
     assert_eq!(store.receipt("walk-1").as_ref(), Some(&good));
-    // A byte more on disk, and the receipt is for something else; its hash is not even known.
+    // With one byte more on disk the receipt no longer matches; the hash is unknown.
     let notes = session.folder.join("rig/notes.txt");
     fs::write(&notes, "rain").unwrap();
     assert_eq!(code(store.free(&session)), Code::ManifestFirst);
@@ -164,14 +164,14 @@ fn a_session_goes_only_with_a_receipt_for_what_is_on_disk() {
     fs::write(&segment, &bytes).unwrap();
     assert_eq!(code(store.free(&session)), Code::ManifestFirst);
     receipt(&store, &session);
-    // A socket lies in the folder: it was not pulled.
+    // A socket in the folder was not pulled.
     let socket = std::os::unix::net::UnixListener::bind(session.folder.join("s")).unwrap();
     assert_eq!(code(store.free(&session)), Code::NotListed);
     drop(socket);
     fs::remove_file(session.folder.join("s")).unwrap();
     assert!(session.folder.exists());
 
-    // After a restart the receipt is still there and the hashes are not.
+    // After a restart the receipt is kept, the hashes are not.
     let store = Store::new(folder.path().to_owned());
     assert_eq!(code(store.free(&session)), Code::ManifestFirst);
     receipt(&store, &session);

@@ -1,5 +1,5 @@
-//! Clients that mean harm, and clients that are broken. Whatever they do, they get an error or are cut
-//! off, and the next one is served.
+//! Malicious and broken clients. They get an error or are disconnected, and the next client is
+//! served.
 
 use std::io::{ErrorKind, Read, Write};
 use std::net::TcpStream;
@@ -16,7 +16,7 @@ use crate::support::{
     token,
 };
 
-/// Any of these, and nothing of the file.
+/// An error status, and no content of the file.
 fn refused(setup: &Setup, what: &str, answer: &str) {
     let status = status(answer);
     assert!(matches!(status, 0 | 400..=499 | 505), "{what}: {answer}");
@@ -54,7 +54,7 @@ fn off_loopback_it_starts_with_tls_and_token_only() {
         assert!(matches!(error, ServeError::NoIdentity { .. }), "{error}");
         assert!(start(None, None).is_err());
     }
-    // On loopback neither is needed, and the mapped form of it is loopback, too.
+    // On loopback neither is needed; the IPv4-mapped form is loopback, too.
     for bind in ["127.0.0.1:0", "[::ffff:127.0.0.1]:0"] {
         let settings = Settings {
             bind: bind.parse().unwrap(),
@@ -136,7 +136,7 @@ fn no_path_leads_out_of_a_session() {
     }
 }
 
-/// Nothing outside the sessions; `/` and the like may be the page.
+/// Nothing outside the sessions; `/` and similar paths may be the page.
 fn refused_or_page(setup: &Setup, address: &str) {
     let answer = setup.get(address);
     assert!(
@@ -221,7 +221,7 @@ fn what_follows_garbage_is_not_answered() {
         stop.len()
     );
     for first in [
-        // A body that nobody asked for must not be read as a request.
+        // An unexpected body must not be read as a request.
         format!(
             "GET /api/status HTTP/1.1\r\nHost: {host}\r\nContent-Length: {}\r\n\r\n",
             hidden.len()
@@ -448,7 +448,7 @@ fn without_the_token_there_is_the_page_and_nothing_else() {
     );
     assert_eq!(status(&answer), 403);
 
-    // A wrong token costs time; meanwhile not even the right one is looked at.
+    // A wrong token causes a pause; meanwhile not even the right one is checked.
     assert_eq!(status(&login("wrong-wrong-wrong-wrong")), 401);
     let answer = login(TOKEN);
     assert_eq!(status(&answer), 429, "{answer}");
@@ -457,7 +457,7 @@ fn without_the_token_there_is_the_page_and_nothing_else() {
         status(&setup.request("GET /api/status", &bearer(TOKEN), "")),
         429
     );
-    // Who has the cookie is not disturbed.
+    // A client with the cookie is not affected.
     assert_eq!(status(&setup.request("GET /api/status", &cookie, "")), 200);
 }
 
@@ -498,7 +498,7 @@ fn a_cookie_is_refused_after_its_logout() {
     let [phone, other] = [(); 2].map(|()| login(&setup));
     let look = |cookie: &str| status(&setup.request("GET /api/status", cookie, ""));
     assert_eq!((look(&phone), look(&other)), (200, 200));
-    // Another site's page cannot log anybody out.
+    // Another site's page cannot end a login.
     let foreign = format!("{phone}Origin: https://evil.example\r\n");
     assert_eq!(status(&setup.post("/api/logout", &foreign, "")), 403);
     assert_eq!(look(&phone), 200);
@@ -511,7 +511,7 @@ fn a_cookie_is_refused_after_its_logout() {
         "{\"do\":\"stop\"}",
     );
     assert_eq!(status(&act), 401, "{act}");
-    // The list of those that have ended is on disk when the logout is answered.
+    // The list of ended logins is synced before the response to the logout.
     let again = setup.again();
     let look = |cookie: &str| {
         let host = again.address();
@@ -626,7 +626,7 @@ fn an_idle_connection_is_closed() {
     });
     let host = setup.server.address();
     let request = format!("GET /api/status HTTP/1.1\r\nHost: {host}\r\n\r\n");
-    // On a busy machine it may be closed before it has asked.
+    // On a busy machine it may be closed before the request is sent.
     eventually(|| {
         let mut stream = TcpStream::connect(host).unwrap();
         stream.set_read_timeout(Some(TEST_TIMEOUT)).unwrap();
@@ -637,7 +637,7 @@ fn an_idle_connection_is_closed() {
     });
 }
 
-/// Whether the server has closed it, after everything that came was read.
+/// Whether the server has closed the connection, after reading all data.
 fn is_closed(stream: &mut TcpStream) -> bool {
     match stream.read(&mut [0]) {
         Ok(n) => n == 0,
@@ -666,7 +666,7 @@ fn who_takes_nothing_is_cut_off() {
         stream.set_read_timeout(Some(TEST_TIMEOUT)).unwrap();
         stream
     };
-    // On a busy machine it takes longer until the server finds out.
+    // On a busy machine it takes longer until the server notices.
     let is_cut_off = |seconds: u64| {
         let mut streams: Vec<TcpStream> = (0..8).map(|_| ask()).collect();
         for _ in 0..10 * seconds {
@@ -683,11 +683,11 @@ fn who_takes_nothing_is_cut_off() {
     );
 }
 
-/// So long that nothing in a test ends because of it.
+/// A timeout that is never reached in a test.
 const LONG: Duration = Duration::from_secs(3600);
 
-/// Sixteen connections from each of three addresses, which is all places; each has said `first`, and its answer has
-/// been read if there is to be one.
+/// Sixteen connections from each of three addresses, which is all slots; each has sent `first`, and
+/// its response has been read if there is one.
 fn besiege(setup: &Setup, first: &str) -> Vec<TcpStream> {
     let from = [2, 3, 4].iter().cycle().take(48);
     from.map(|last| {
@@ -736,7 +736,7 @@ fn strangers_keep_the_phone_neither_from_the_login_nor_from_its_connection() {
     });
     let host = setup.server.address();
     let page = format!("GET / HTTP/1.1\r\nHost: {host}\r\n\r\n");
-    // They may look at the page, as the phone does before its login.
+    // They may load the page, as the phone does before its login.
     let _held = besiege(&setup, &page);
     let cookie = login(&setup);
     let request = format!("GET /api/status HTTP/1.1\r\nHost: {host}\r\n{cookie}\r\n");
@@ -802,13 +802,13 @@ fn silent_connections_give_way_and_those_let_in_count() {
             stream
         })
         .collect();
-    // Sent away, not left waiting.
+    // Rejected, not left waiting.
     assert_eq!(status(&setup.get("/api/status")), 0);
     used.pop();
     eventually(|| status(&setup.get("/api/status")) == 200);
 }
 
-/// Sooner or later.
+/// Waits until the condition holds.
 fn eventually(done: impl Fn() -> bool) {
     let begin = Instant::now();
     while !done() {
@@ -912,7 +912,7 @@ fn who_speaks_no_tls_to_a_tls_server_gets_nothing() {
             "{answer}"
         );
     }
-    // Who does speak it is served; on a busy machine that takes longer.
+    // A TLS client is served; on a busy machine that takes longer.
     let limits = Limits {
         handshake_time: LONG,
         ..Limits::default()
@@ -991,7 +991,7 @@ fn requests_with_random_mistakes_harm_nobody() {
     setup.is_well();
 }
 
-/// A FIFO in the place of a receipt holds nobody up; there is no receipt then.
+/// A FIFO in place of a receipt does not block; it counts as no receipt.
 #[test]
 fn a_receipt_that_is_no_file_is_none() {
     let setup = start(Options::default());

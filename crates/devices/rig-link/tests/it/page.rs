@@ -1,5 +1,5 @@
-//! The page in a browser: it fits, it says what is so, its buttons do what they say, and it knows when the rig
-//! is gone. `RIG_LINK_SCREENSHOTS=FOLDER` keeps images of it.
+//! The page in a browser: layout, status, buttons, and detection of a lost connection.
+//! `RIG_LINK_SCREENSHOTS=FOLDER` stores screenshots.
 
 use std::time::Duration;
 
@@ -11,7 +11,7 @@ use serde_json::json;
 
 use crate::support::{Options, Setup, TEST_TIMEOUT, TOKEN, start};
 
-/// A page that shows a scene, images and all.
+/// Opens the page with a scene, and waits for its images.
 fn open(browser: &mut Browser, scene: Scene) -> Setup {
     let setup = start(Options {
         scene,
@@ -32,7 +32,7 @@ fn open(browser: &mut Browser, scene: Scene) -> Setup {
     setup
 }
 
-/// What does not fit, in words.
+/// Elements that do not fit, as text.
 const MISFITS: &str = "(() => {
     const wrong = [];
     const root = document.documentElement;
@@ -51,7 +51,7 @@ const MISFITS: &str = "(() => {
     return wrong;
 })()";
 
-/// The least contrast of any text with what is behind it (WCAG 2.2).
+/// The minimum contrast of any text with its background (WCAG 2.2).
 const CONTRAST: &str = "(() => {
     const numbers = (c) => (c.match(/[\\d.]+/g) ?? []).map(Number);
     const light = ([r, g, b]) => [r, g, b]
@@ -155,7 +155,8 @@ fn each_state_has_its_own_word_sign_and_colour() {
             ] {
                 assert!(text.contains(part), "{part} is not in {text}");
             }
-            // Of the camera that lost frames also the share; it falls while the recording goes on.
+            // Of the camera that lost frames also the fraction; it falls while the recording
+            // continues.
             let missing = browser.value(
                 "[...document.querySelectorAll('#streams tbody tr')].map(r => r.lastElementChild.textContent)",
             );
@@ -185,7 +186,7 @@ fn its_buttons_do_what_they_say() {
     browser.until("document.body.dataset.state === 'recording'");
     browser.tap("#mark");
     browser.until("!document.getElementById('toast').hidden && document.getElementById('toast').innerText.startsWith('Marked at')");
-    // Discarding asks first, and what is under the thumb keeps it.
+    // Discarding needs a confirmation, and the focused button keeps the recording.
     browser.until("!document.getElementById('discard').disabled");
     browser.tap("#discard");
     browser.until("document.getElementById('sure').open");
@@ -208,11 +209,11 @@ fn its_buttons_do_what_they_say() {
     browser.tap("#really");
     browser.until("document.getElementById('toast').innerText === 'Discarded.'");
     assert_eq!(setup.rig.actions().last(), Some(&Action::Discard));
-    // What the rig refuses is said.
+    // Rejections by the rig are shown.
     setup.rig.refuse(Some("the disk is full"));
     browser.tap("#main");
     browser.until("document.getElementById('toast').innerText === 'Not done: the disk is full'");
-    // A touch makes an image large, another makes it small.
+    // A tap enlarges an image, another one restores it.
     browser.tap(".preview:nth-child(3)");
     browser.until("document.querySelector('.preview:nth-child(3)').offsetWidth > 300");
     browser.tap(".preview:nth-child(3)");
@@ -287,7 +288,7 @@ fn it_asks_for_the_token() {
     image(&mut browser, "login");
     enter(&mut browser, TOKEN);
     browser.until("document.getElementById('login-error').innerText.startsWith('too often')");
-    // A rig that was started again has forgotten it.
+    // A restarted rig has forgotten the failed attempts.
     let again = setup.again();
     let url = again.url();
     browser.open(&url);
@@ -310,7 +311,7 @@ fn it_takes_nothing_from_elsewhere_breaks_no_rule_and_rests_when_nobody_looks() 
         return;
     };
     let setup = open(&mut browser, Scene::Warning);
-    // Two rounds of images.
+    // Two rounds of previews.
     let is_preview = |event: &&serde_json::Value| {
         let url = event["params"]["request"]["url"].as_str();
         event["method"] == "Network.requestWillBeSent"
@@ -377,7 +378,7 @@ fn pictures_of_it() {
     }
 }
 
-/// Keeps an image of what is in sight, if that is wanted.
+/// Stores a screenshot of the visible part.
 fn image(browser: &mut Browser, name: &str) {
     if let Some(folder) = std::env::var_os("RIG_LINK_SCREENSHOTS") {
         std::thread::sleep(Duration::from_millis(300));

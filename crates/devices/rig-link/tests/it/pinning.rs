@@ -1,4 +1,4 @@
-//! The rig is known by its fingerprint and by nothing else.
+//! The rig is authenticated by its fingerprint only.
 
 use rig_link::client::LinkError;
 use rig_link::identity::{Fingerprint, Identity};
@@ -62,7 +62,7 @@ fn plain_text_stays_on_this_machine() {
 
 #[test]
 fn who_does_not_answer_is_given_up() {
-    // A port that nobody listens on.
+    // A port without listener.
     let address = {
         let listener = std::net::TcpListener::bind("127.0.0.1:0").unwrap();
         format!("http://{}", listener.local_addr().unwrap())

@@ -1,4 +1,4 @@
-//! Sessions over connections that break, and bytes that are not what they should be.
+//! Pulling sessions over broken connections and with corrupted bytes.
 
 use std::fs;
 use std::io::{Read, Write};
@@ -13,13 +13,14 @@ use rig_link::server::Limits;
 
 use crate::support::{Options, Setup, short_retry, start, token};
 
-/// Hands on what goes by, and does harm to what the server sends.
+/// A proxy that corrupts or cuts the server's data.
 struct Proxy {
     address: SocketAddr,
     connections: Arc<AtomicUsize>,
 }
 
-/// What happens on connection number `n`: cut off after so many bytes of the server's, or the bytes changed.
+/// Fault of connection number `n`: the number of server bytes before it is cut, and the position of
+/// a flipped byte.
 type Harm = dyn Fn(usize) -> (usize, Option<usize>) + Send + Sync;
 
 impl Proxy {
@@ -145,7 +146,7 @@ fn a_session_is_fetched_received_and_freed() {
         client.put_receipt("walk-2", &receipt(&id, &total)).unwrap();
         let listed = client.sessions().unwrap().remove(1);
         assert_eq!(listed.receipt, Some(receipt(&id, &total)));
-        // Something is added on the rig: the receipt is no longer for what is there.
+        // A file is added on the rig: the receipt no longer matches.
         let notes = setup.root.join("walk-2/rig/notes.txt");
         fs::write(&notes, "rain").unwrap();
         assert_eq!(refused(client.free("walk-2")), Code::ManifestFirst);
@@ -163,7 +164,7 @@ fn a_session_is_fetched_received_and_freed() {
 #[test]
 fn a_connection_that_breaks_again_and_again_is_no_hindrance() {
     let setup = start(Options::default());
-    // Every connection carries a little more, so that at last even the longest answer passes.
+    // Every connection carries a little more, so that finally even the longest response passes.
     let proxy = Proxy::new(setup.server.address(), Box::new(|n| (700 + n * 9000, None)));
     let mut client = proxy.client();
     pull(&setup, &mut client);
@@ -177,7 +178,7 @@ fn a_connection_that_never_carries_anything_is_given_up() {
     let proxy = Proxy::new(setup.server.address(), Box::new(|_| (0, None)));
     let error = proxy.client().manifest("walk-2", |_| {}).unwrap_err();
     assert!(matches!(error, LinkError::Lost { tries: 4, .. }), "{error}");
-    // Half an answer, always the same half: no progress either.
+    // Half a response, always the same half: no progress either.
     let proxy = Proxy::new(setup.server.address(), Box::new(|_| (900, None)));
     let error = proxy.client().manifest("walk-2", |_| {}).unwrap_err();
     assert!(matches!(error, LinkError::Lost { tries: 4, .. }), "{error}");
@@ -205,14 +206,14 @@ fn what_an_interrupted_download_left_is_used_if_it_is_right() {
         (&whole[..half], half as u64, length - half as u64, 0),
         (&whole[..], length, 0, 0),
         (&[][..], 0, length, 0),
-        // Wrong bytes in the first half: all over again.
+        // Wrong bytes in the first half: downloaded again from the start.
         (
             &damaged[..],
             0,
             length - half as u64 + length,
             length - half as u64,
         ),
-        // Longer than it can be.
+        // Longer than the file.
         (&longer[..], 0, length, 0),
     ] {
         fs::write(&path, there).unwrap();
@@ -309,7 +310,7 @@ fn while_the_rig_records_the_disk_is_read_slowly() {
     });
     let begin = std::time::Instant::now();
     pull(&setup, &mut setup.client());
-    // Half a megabyte, once for the hashes and once for the files.
+    // Half a megabyte, read once for the hashes and once for the files.
     let elapsed = begin.elapsed();
     assert!(elapsed > Duration::from_millis(1500), "{elapsed:?}");
     // While it does not, at the disk's own speed: at a byte per second this would take days.
@@ -402,10 +403,11 @@ fn manifests_that_reach_out_of_the_folder_are_refused() {
     assert_eq!(ask().unwrap().files.len(), 1);
 }
 
-/// All tries together end within the time for one connection, however many tries there may be.
+/// All attempts together end within the timeout of one connection, however many attempts are
+/// allowed.
 #[test]
 fn an_address_where_nobody_has_answered_is_given_up_soon() {
-    // Refused at once, again and again.
+    // Refused immediately and repeatedly.
     let listener = TcpListener::bind("127.0.0.1:0").unwrap();
     let address = listener.local_addr().unwrap();
     drop(listener);
@@ -426,7 +428,7 @@ fn an_address_where_nobody_has_answered_is_given_up_soon() {
     );
 }
 
-/// Nobody refuses and nobody answers: packets are simply dropped, as by a rig that is off.
+/// No rejection and no response: packets are dropped, as by a rig that is off.
 #[test]
 fn an_address_that_takes_no_connection_is_given_up_soon() {
     let runtime = tokio::runtime::Builder::new_current_thread()
@@ -439,7 +441,7 @@ fn an_address_that_takes_no_connection_is_given_up_soon() {
         socket.listen(1).unwrap()
     });
     let address = listener.local_addr().unwrap();
-    // The few places there are go to others, whom nobody lets in.
+    // Other connections that are never accepted fill the backlog.
     let mut waiting = Vec::new();
     while let Ok(stream) = TcpStream::connect_timeout(&address, Duration::from_secs(2)) {
         waiting.push(stream);

@@ -161,7 +161,8 @@ fn the_token_opens_as_header_and_as_cookie() {
     assert_eq!(ask(&[("cookie", &format!("a=b; {pair}"))], 0), Ok(()));
     assert!(unauthorised(ask(&[("cookie", &format!("{pair}0"))], 0)));
     assert!(unauthorised(ask(&[("cookie", "__Host-rig=")], 0)));
-    // Wrong cookies cost nothing, a wrong token does, and then the right one is not looked at either.
+    // Wrong cookies are not penalized, a wrong token is, and then even the right one is not
+    // checked.
     assert_eq!(ask(&[("cookie", pair)], 0), Ok(()));
     assert!(unauthorised(ask(
         &[("authorization", "Bearer wrong-wrong-wrong")],
