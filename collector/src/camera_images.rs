@@ -20,10 +20,10 @@ struct CameraStills<'a> {
 
 /// Adds the section. Times are from `start_ns`, the first sample's.
 pub(crate) fn section(mut page: Page, reader: &SessionReader, start_ns: i64) -> Page {
-    page = page.section("What the cameras saw");
+    page = page.section("Camera images");
     page = page.text(
-        "The first and the last frame, the key frame in the middle, and the least sharp of the key frames that were looked \
-         at. Sharpness is the mean difference between a pixel and its neighbours, in grey levels of 255, of one eye; a \
+        "The first and the last frame, the key frame in the middle, and the least sharp of the examined key \
+         frames. Sharpness is the mean difference between a pixel and its neighbours, in grey levels of 255, of one eye; a \
          cover, blur, darkness and too much light lower it, and so does a plain wall. The left eye is shown, and of the \
          least sharp frame the eye that is less sharp.",
     );
@@ -44,12 +44,12 @@ pub(crate) fn section(mut page: Page, reader: &SessionReader, start_ns: i64) -> 
         if images.is_empty() {
             page = page.text(match found.undecodable {
                 0 => "No image can be shown: there is no frame that can be decoded.",
-                _ => "No image can be shown: none of the frames that were looked at could be decoded.",
+                _ => "No image can be shown: none of the examined frames could be decoded.",
             });
             continue;
         }
         page = page.images(&images);
-        let mut line = format!("{} looked at", text::count(found.looked_at as u64, "frame"));
+        let mut line = format!("{} examined", text::count(found.looked_at as u64, "frame"));
         if found.undecodable > 0 {
             line.push_str(&format!(
                 ", {} more could not be decoded",

@@ -404,7 +404,7 @@ fn needed(library: Option<&Path>) -> Result<&Path> {
     library
         .ok_or_else(|| {
             BadArguments(format!(
-                "which library? say --library DIR, or set {LIBRARY_VARIABLE}"
+                "no library given: use --library DIR, or set {LIBRARY_VARIABLE}"
             ))
         })
         .map_err(Into::into)

@@ -161,7 +161,7 @@ impl Group<'_> {
             Err(e @ (DecodeError::NoDecoder { .. } | DecodeError::Init(_))) => return Err(e.into()),
             Err(DecodeError::Incomplete { pictures, missing }) => {
                 let name = self.name(missing.first().copied().unwrap_or(0));
-                (pictures, Some(format!("{name} gave no picture")))
+                (pictures, Some(format!("{name} gave no image")))
             }
             Err(e) => {
                 let name = self.name(0);

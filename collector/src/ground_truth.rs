@@ -141,9 +141,9 @@ impl GroundTruth {
     /// Time errors of the frames.
     pub fn time_errors(&self, manifest: &Manifest, stats: &SessionStats) -> Chart {
         let start = stats.span().map_or(0, |(start, _)| start);
-        let mut chart = Chart::new("Times of frames against the truth")
+        let mut chart = Chart::new("Frame times against ground truth")
             .x_axis(Axis::time("time"))
-            .y_axis(Axis::linear("recorded minus true", "µs").include(0.0));
+            .y_axis(Axis::linear("recorded minus ground truth", "µs").include(0.0));
         for (i, camera) in manifest.cameras.iter().enumerate() {
             let points = self.errors(i, stats).map(|(frame, error)| {
                 let time = frame.sample.time.saturating_sub(start) as f64 * 1e-9;
@@ -187,7 +187,7 @@ impl GroundTruth {
             .min((MAP_HEIGHT - MARGINS.1) / y.length());
         let height = (per_m * y.length() + MARGINS.1).ceil() as u32;
         let wide = (f64::from(width) - MARGINS.0) / per_m;
-        let mut chart = Chart::new("The true way, from above")
+        let mut chart = Chart::new("Ground-truth trajectory, from above")
             .x_axis(axis("x", &x.widened(wide)))
             .y_axis(axis("y", &y.widened(y.length())))
             .series(Series::line("rig", path))

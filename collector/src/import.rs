@@ -129,7 +129,7 @@ pub enum ImportError {
         path: PathBuf,
     },
     /// The session is not the announced one: check the announcement.
-    #[error("it is session {found}, announced as {expected}: {}", .path.display())]
+    #[error("found session {found}, expected {expected}: {}", .path.display())]
     Another {
         /// Its identifier.
         found: String,

@@ -222,7 +222,7 @@ impl Library {
     /// # Errors
     /// None or several match, or the text is empty.
     pub fn find(&self, text: &str) -> Result<String> {
-        ensure!(!text.is_empty(), "which session? its name is empty");
+        ensure!(!text.is_empty(), "the session's name is empty");
         let rows = self.rows()?;
         if let Some(row) = rows.iter().find(|r| r.key == text) {
             return Ok(row.key.clone());
@@ -273,7 +273,7 @@ impl Library {
                 self.root.display()
             ),
             _ => bail!(
-                "looking for session {text:?}: {} fit, among them {}; give more of the one meant: {}",
+                "looking for session {text:?}: {} fit, among them {}; give a longer prefix: {}",
                 fits.len(),
                 fits[..fits.len().min(3)].join(", "),
                 self.root.display()

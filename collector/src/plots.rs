@@ -58,10 +58,10 @@ impl<'a> Plots<'a> {
 
     /// Recorded spans and gaps of each stream.
     pub fn timeline(&self) -> Timeline {
-        let mut timeline = Timeline::new("What was recorded when", self.axis()).kinds([
+        let mut timeline = Timeline::new("Recorded spans and gaps", self.axis()).kinds([
             "recorded",
-            "missing, noted",
-            "missing without a note",
+            "missing, with gap record",
+            "missing, without gap record",
         ]);
         let cameras = self.manifest.cameras.iter().zip(&self.stats().cameras);
         for (camera, frames) in cameras {
@@ -110,7 +110,7 @@ impl<'a> Plots<'a> {
 
     /// Interval between consecutive frames.
     pub fn frame_intervals(&self) -> Chart {
-        let mut chart = Chart::new("Time from frame to frame")
+        let mut chart = Chart::new("Frame interval")
             .x_axis(self.axis())
             .y_axis(Axis::linear("interval", "ms").include(0.0));
         for (camera, frames) in self.manifest.cameras.iter().zip(&self.stats().cameras) {
@@ -140,7 +140,7 @@ impl<'a> Plots<'a> {
 
     /// Interval between consecutive IMU samples.
     pub fn imu_intervals(&self) -> Chart {
-        let mut chart = Chart::new("Time from IMU sample to sample")
+        let mut chart = Chart::new("IMU sample interval")
             .x_axis(self.axis())
             .y_axis(Axis::linear("interval", "ms").include(0.0));
         for (i, imu) in self.manifest.imus.iter().enumerate() {
@@ -162,7 +162,7 @@ impl<'a> Plots<'a> {
 
     /// Time offset of each frame from its frame set.
     pub fn set_errors(&self) -> Chart {
-        let mut chart = Chart::new("Distance of each frame from the time of its frame set")
+        let mut chart = Chart::new("Time offset of each frame from its frame set")
             .x_axis(self.axis())
             .y_axis(Axis::linear("distance", "ms"));
         for (i, camera) in self.manifest.cameras.iter().enumerate() {
@@ -179,9 +179,10 @@ impl<'a> Plots<'a> {
     /// Time spread of cameras with a common trigger; `None` without such cameras.
     pub fn trigger_errors(&self) -> Option<Chart> {
         let cameras = &self.manifest.cameras;
-        let mut chart = Chart::new("Distance of triggered cameras from the first of their trigger")
-            .x_axis(self.axis())
-            .y_axis(Axis::linear("distance", "µs").include(0.0));
+        let mut chart =
+            Chart::new("Time offset of triggered cameras from the first of their trigger")
+                .x_axis(self.axis())
+                .y_axis(Axis::linear("distance", "µs").include(0.0));
         let mut any = false;
         for (i, camera) in cameras.iter().enumerate() {
             let trigger = camera.trigger.as_ref();
@@ -204,7 +205,7 @@ impl<'a> Plots<'a> {
 
     /// Bit rate of the compressed images per second.
     pub fn bitrates(&self) -> Chart {
-        let mut chart = Chart::new("Size of the compressed pictures, second by second")
+        let mut chart = Chart::new("Bit rate of the compressed images")
             .x_axis(self.axis())
             .y_axis(Axis::linear("bit rate", "Mbit/s").include(0.0));
         for (camera, frames) in self.manifest.cameras.iter().zip(&self.stats().cameras) {

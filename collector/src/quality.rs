@@ -226,11 +226,7 @@ impl Evaluator<'_> {
         let without: Vec<_> = without.map(String::as_str).collect();
         let detail = match without.is_empty() {
             true => String::new(),
-            false => format!(
-                "{}; to mend it: {}",
-                without.join(", "),
-                calib::mend::after()
-            ),
+            false => format!("{}; remedy: {}", without.join(", "), calib::mend::after()),
         };
         self.find(
             "camera.calibration",
@@ -457,11 +453,11 @@ impl Evaluator<'_> {
         let detail = match (without_pose.is_empty(), described) {
             (false, _) => {
                 let names = without_pose.join(", ");
-                format!("{names}; to mend it: {}", calib::mend::after())
+                format!("{names}; remedy: {}", calib::mend::after())
             }
             (true, true) => "all on the rig".to_owned(),
             (true, false) => format!(
-                "eyes only; no rig file told where the cameras are, which `{}` finds",
+                "stereo only; no rig file gives poses of the cameras, which `{}` estimates",
                 calib::mend::CALIBRATE
             ),
         };

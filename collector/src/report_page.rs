@@ -58,9 +58,9 @@ pub fn html(validated: &Validated, limits: &Limits) -> String {
 
     if let Some(truth) = GroundTruth::read(&validated.reader) {
         let stats = &validated.found.stats;
-        page = page.section("The truth beside the recording");
+        page = page.section("Comparison with ground truth");
         page = page.text(
-            "This rig was simulated, and the session holds what really happened. No verdict rests on it.",
+            "This rig was simulated, and the session contains its ground truth. No verdict depends on it.",
         );
         for note in &truth.notes {
             page = page.text(note);
@@ -122,7 +122,7 @@ fn verdict(mut page: Page, validation: &Validation) -> Page {
     }
     let words = match validation.verdict {
         Verdict::Fail => "Not fit for use as it is",
-        _ => "Usable, with something to look at",
+        _ => "Usable, with warnings",
     };
     page = page.text(&format!(
         "{words}: {} of {metrics} beyond their limits.",
@@ -188,7 +188,7 @@ fn overview(manifest: &Manifest, validation: &Validation) -> Table {
     let condition = match Condition::of(manifest.state, &validation.report) {
         Condition::Ok => "closed by the recorder, every checksum right",
         Condition::Recovered => "recovered from a damaged session, every checksum right",
-        Condition::Unclosed => "cut off while it was recorded; whole up to there",
+        Condition::Unclosed => "cut off while it was recorded; complete up to the cut",
         Condition::Damaged | Condition::Unverified => "damaged",
     };
     let segments = text::count(validation.basis.segments.len() as u64, "segment");
@@ -201,7 +201,7 @@ fn overview(manifest: &Manifest, validation: &Validation) -> Table {
         ),
     );
     let decoded = if validation.deep {
-        "; every picture was decoded"
+        "; every image was decoded"
     } else {
         ""
     };

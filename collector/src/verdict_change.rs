@@ -19,12 +19,12 @@ pub fn describe(old: &Validation, new: &Validation) -> Option<String> {
     }
     let mut why = Vec::new();
     if old.basis != new.basis {
-        why.push("the recording's files are others than then".to_owned());
+        why.push("the recording's files have changed".to_owned());
     }
     match (old.deep, new.deep) {
-        (false, true) => why.push("every picture was decoded this time".to_owned()),
+        (false, true) => why.push("every image was decoded this time".to_owned()),
         (true, false) => {
-            why.push("pictures were not decoded this time (--deep does it)".to_owned());
+            why.push("images were not decoded this time (--deep decodes them)".to_owned());
         }
         _ => {}
     }
@@ -42,7 +42,7 @@ pub fn describe(old: &Validation, new: &Validation) -> Option<String> {
         why.push(format!("{more} more"));
     }
     let why = match why.is_empty() {
-        true => "no reason can be seen in the two documents".to_owned(),
+        true => "the two documents show no reason".to_owned(),
         false => why.join("; "),
     };
     Some(format!(
@@ -55,7 +55,7 @@ pub fn describe(old: &Validation, new: &Validation) -> Option<String> {
 pub fn hand_off_note(handoff: &HandOff, now: Verdict, name: &str) -> Option<String> {
     (handoff.verdict != now).then(|| {
         format!(
-            "handed over as {} on {}, now {now}: that hand-off stays as it is, and `paws handoff {name}` judges it again",
+            "handed over as {} on {}, now {now}: that hand-off is unchanged, and `paws handoff {name}` judges it again",
             handoff.verdict, handoff.sealed
         )
     })

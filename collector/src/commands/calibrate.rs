@@ -99,7 +99,7 @@ impl Output {
     pub fn folder(&self, target: &Target) -> Result<PathBuf> {
         match &self.out {
             Some(out) => Ok(out.clone()),
-            None => target.derived(FOLDER, "--out names another place for it"),
+            None => target.derived(FOLDER, "--out names another path"),
         }
     }
 
@@ -112,7 +112,7 @@ impl Output {
         for path in possible_files.iter().map(|file| folder.join(file)) {
             if !self.force && path.exists() {
                 bail!(
-                    "this result is there already, and --force was not said: {}",
+                    "this result exists already, and --force was not given: {}",
                     path.display()
                 );
             }

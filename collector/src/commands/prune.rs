@@ -77,7 +77,7 @@ pub fn session(root: &Path, text: &str, sure: bool, console: &mut Console<'_>) -
     let key = library.find(text)?;
     ensure!(
         key == text,
-        "to remove a session say its whole identifier, {key}: {}",
+        "removing a session needs its whole identifier, {key}: {}",
         library.folder(&key).display()
     );
     let folder = library.folder(&key);

@@ -211,7 +211,7 @@ fn choose<'a>(
                 there.len()
             )),
             (None, fits) => refuse(format!(
-                "looking for session {text:?}: {} fit, among them {}; give more of the one meant",
+                "looking for session {text:?}: {} fit, among them {}; give a longer prefix",
                 fits.len(),
                 fits[..fits.len().min(3)].join(", ")
             )),

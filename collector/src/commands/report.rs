@@ -25,7 +25,7 @@ pub fn run(
 ) -> Result<Outcome> {
     let path = match out {
         Some(out) => out.to_owned(),
-        None => target.derived(REPORT, "--out names another place for it")?,
+        None => target.derived(REPORT, "--out names another path")?,
     };
     let before = Validation::read(&target.folder).ok();
     let known = before.clone().filter(|known| {

@@ -92,11 +92,7 @@ pub fn run(target: &Target, console: &mut Console<'_>) -> Result<Outcome> {
             } else {
                 ", of an earlier state"
             };
-            let deep = if v.deep {
-                ", every picture decoded"
-            } else {
-                ""
-            };
+            let deep = if v.deep { ", every image decoded" } else { "" };
             line("verdict", format!("{}{deep}{stale}", v.verdict))?;
             for reason in &v.reasons {
                 line("", reason.clone())?;

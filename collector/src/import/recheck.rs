@@ -87,7 +87,7 @@ fn replace(
 
 fn warn_unreadable(source: &Path, record: &FileRecord, error: &io::Error) {
     log::warn!(
-        "what an earlier import read stays, for it cannot be read again ({error}): {}",
+        "keeping the copy of an earlier import, because the source cannot be read again ({error}): {}",
         source.join(&record.path).display()
     );
 }

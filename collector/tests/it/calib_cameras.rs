@@ -88,7 +88,7 @@ fn a_rig_is_found_as_it_is() {
     let before = fs::read(out.join("rig.toml")).unwrap();
     let (code, text) = paws(&arguments);
     assert_eq!(code, Some(1), "{text}");
-    assert!(text.contains("there already"), "{text}");
+    assert!(text.contains("exists already"), "{text}");
     assert_eq!(fs::read(out.join("rig.toml")).unwrap(), before);
 
     // A board that was not shown.
@@ -109,7 +109,7 @@ fn a_rig_is_found_as_it_is() {
         other.to_str().unwrap(),
     ]);
     assert_eq!(code, Some(1), "{text}");
-    assert!(text.contains("none of 1 target was seen"), "{text}");
+    assert!(text.contains("none of 1 target was detected"), "{text}");
     assert!(!other.exists());
 }
 

@@ -74,7 +74,7 @@ fn the_main_job() {
         check(at, &["prune", "--session", text, "--yes"], 1, "session");
         assert!(at.join(format!("library/sessions/{ID}")).is_dir());
     }
-    check(at, &["show", ""], 1, "its name is empty");
+    check(at, &["show", ""], 1, "name is empty");
     check(at, &["prune", "--session", ID, "--yes"], 0, "removed");
     check(at, &["list"], 0, "no sessions");
 }

@@ -193,16 +193,19 @@ fn a_verdict_that_changes_is_said_with_the_reason() {
     let (outcome, text) = desk.validate(true, &[]);
     assert_eq!(outcome, Outcome::Failed);
     for part in [
-        "verdict PASS \u{2192} FAIL since the last validation: every picture was decoded this time",
-        "feet: pictures that cannot be decoded: 1",
+        "verdict PASS \u{2192} FAIL since the last validation: every image was decoded this time",
+        "feet: images that cannot be decoded: 1",
         "handed over as PASS",
-        "now FAIL: that hand-off stays as it is",
+        "now FAIL: that hand-off is unchanged",
     ] {
         assert!(text.contains(part), "{part:?} is not in {text}");
     }
     assert_eq!(desk.open().unwrap().verdict, Verdict::Pass);
     let (_, text) = capture(|console| show::run(&desk.target(), console));
-    assert!(text.contains("now FAIL: that hand-off stays"), "{text}");
+    assert!(
+        text.contains("now FAIL: that hand-off is unchanged"),
+        "{text}"
+    );
 
     // A hand-off keeps the findings of the deep validation, even with other limits.
     let (outcome, text) = desk.hand_over(None, &["camera.rate=0.5,0.6"]);
@@ -212,8 +215,8 @@ fn a_verdict_that_changes_is_said_with_the_reason() {
     // A validation without decoding states why it finds less.
     let (_, text) = desk.validate(false, &[]);
     for part in [
-        "verdict FAIL \u{2192} PASS since the last validation: pictures were not decoded this time",
-        "not measured now, before FAIL: feet: pictures that cannot be decoded: 1",
+        "verdict FAIL \u{2192} PASS since the last validation: images were not decoded this time",
+        "not measured now, before FAIL: feet: images that cannot be decoded: 1",
     ] {
         assert!(text.contains(part), "{part:?} is not in {text}");
     }

@@ -181,7 +181,7 @@ fn noise_is_what_the_simulation_was_given() {
     let before = crate::support::tree(&out);
     let (code, text) = paws(&["calib", "imu", session, "--out", to]);
     assert!(
-        code == Some(1) && text.contains("--force was not said"),
+        code == Some(1) && text.contains("--force was not given"),
         "{text}"
     );
     let (code, _) = paws(&["calib", "imu", session, "--out", to, "--force"]);
@@ -233,7 +233,7 @@ fn motion_and_gaps_are_told_of_and_a_walk_is_refused() {
     );
     let (code, text) = paws(&["calib", "imu", path]);
     assert!(
-        code == Some(1) && text.contains("--out names another place"),
+        code == Some(1) && text.contains("--out names another path"),
         "{text}"
     );
 }

@@ -680,7 +680,7 @@ fn over_tls_the_rig_is_known_by_its_fingerprint() {
         "5 characters",
     );
     check(&["rig:8077"], 2, "no address of a rig");
-    check(&["http://192.0.2.1:8077"], 1, "with https only");
+    check(&["http://192.0.2.1:8077"], 1, "only https is allowed");
     check(&[&url, "--jobs", "0"], 2, "jobs");
     assert_eq!(rig.listed(), 0);
     std::thread::sleep(Duration::from_millis(1100));

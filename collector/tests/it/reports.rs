@@ -30,14 +30,14 @@ fn the_verdict_and_its_reasons_come_first() {
         at("badge fail"),
         at("Not fit for use"),
         at("feet: frames missing: 5 %, limit 1 % (3 of 60 frames)"),
-        at("What was recorded when"),
+        at("Recorded spans and gaps"),
         at("encoder overload"),
         at("the &quot;stairs&quot;, up"),
-        at("Time from frame to frame"),
+        at("Frame interval"),
         at("Frame period by the camera"),
-        at("Distance of each frame from the time of its frame set"),
-        at("Size of the compressed pictures"),
-        at("Time from IMU sample to sample"),
+        at("Time offset of each frame from its frame set"),
+        at("Bit rate of the compressed images"),
+        at("IMU sample interval"),
         at("Device clocks against the host"),
         at("Uncertainty of the clock maps"),
         at("Waiting in the recorder"),
@@ -67,7 +67,7 @@ fn frames_of_every_camera_are_shown() {
     let cameras = session.spec.cameras.len();
     // Three or four each: the least sharp may be one of the others.
     assert!((3 * cameras..=4 * cameras).contains(&images), "{images}");
-    let start = page.find("What the cameras saw").expect("a section");
+    let start = page.find("Camera images").expect("a section");
     for camera in &session.spec.cameras {
         let at = page[start..].find(&format!("<h3>{}</h3>", camera.name));
         let at = start + at.unwrap_or_else(|| panic!("{} is not there", camera.name));
@@ -75,7 +75,7 @@ fn frames_of_every_camera_are_shown() {
         for role in ["start", "middle", "end", "least sharp"] {
             assert!(part.contains(role), "{}: no {role}", camera.name);
         }
-        assert!(part.contains("frames looked at."), "{}", camera.name);
+        assert!(part.contains("frames examined."), "{}", camera.name);
     }
     assert!(page.len() < 25_000_000, "{}", page.len());
     assert!(page == html(&session), "the same session, another page");
@@ -121,7 +121,7 @@ fn a_camera_without_images_is_no_failure() {
     assert!(page.contains("data:image/jpeg"), "the third camera");
     // Bytes that are not video.
     let page = html(&Session::good(2.0));
-    assert!(page.contains("none of the frames that were looked at could be decoded"));
+    assert!(page.contains("none of the examined frames could be decoded"));
 }
 
 #[test]

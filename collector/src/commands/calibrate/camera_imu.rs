@@ -190,7 +190,7 @@ pub fn run(
             line_s: line_s(options, name),
             rate_hz: 0.0,
             lenses: Vec::new(),
-            found: Err(anyhow!("not begun")),
+            found: Err(anyhow!("not started")),
         };
         let ready = || -> Result<(Vec<(CameraModel, RigidTransform)>, &ImuRecording)> {
             let imu = samples.imus.iter().find(|i| i.name == frame("imu"));
@@ -241,7 +241,7 @@ pub fn run(
     }
     let joints: Vec<Joint> = all.iter().filter_map(joint).collect();
     let rig = match inputs.rig() {
-        _ if joints.is_empty() => Err("no IMU was found"),
+        _ if joints.is_empty() => Err("no IMU was calibrated"),
         Ok(rig) => Ok(revised(rig, &joints, "camera-imu", "imu", manifest)?),
         Err(reason) => Err(reason),
     };

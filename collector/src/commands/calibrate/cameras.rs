@@ -80,7 +80,7 @@ pub fn run(
         let mut cameras = reader.manifest().cameras.iter();
         ensure!(
             cameras.any(|camera| nominal.rig_from_left(&camera.name).is_some()),
-            "taking the rig file of --rig: it has none of the session's cameras, so nothing tells where its frame is: {}",
+            "taking the rig file of --rig: it has none of the session's cameras, so its frame is unknown: {}",
             path.display()
         );
     }
@@ -88,7 +88,7 @@ pub fn run(
     let detected = target_detections::detect(&reader, &index, &boards, console)?;
     ensure!(
         !detected.detections.is_empty(),
-        "none of {} was seen in {}: are the descriptions those of the boards? {}",
+        "none of {} was detected in {}: do the descriptions match the boards? {}",
         text::count(boards.len() as u64, "target"),
         text::count(detected.pictures, "stereo frame"),
         target.folder.display()
@@ -264,7 +264,7 @@ fn calibrated(
             "from boards alone: the rig's frame is at the left lens of {}, x along its view, y to its left, z up in its image",
             found.input.cameras[origin].name
         ),
-        None => "starting from the places that the session has recorded".to_owned(),
+        None => "starting from the extrinsics recorded with the session".to_owned(),
     };
     rig_file::first(&joints, "cameras", &frame, manifest).map(Some)
 }

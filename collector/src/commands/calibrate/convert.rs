@@ -156,8 +156,8 @@ fn table(set: &CameraSet) -> Vec<String> {
             "cx",
             "cy",
             "lens",
-            "place mm",
-            "turned deg",
+            "position mm",
+            "rotation deg",
         ]
         .map(str::to_owned),
     ];

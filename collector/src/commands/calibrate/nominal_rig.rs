@@ -56,7 +56,7 @@ impl NominalRig {
             }
             let read = || -> Result<Rig, String> {
                 let bytes = rig_file(&**reader.storage(), file)
-                    .ok_or("its bytes are not those that the manifest tells of")?;
+                    .ok_or("its bytes do not match the manifest")?;
                 let text = std::str::from_utf8(&bytes).map_err(|e| e.to_string())?;
                 Rig::parse(text).map_err(|e| e.to_string())
             };

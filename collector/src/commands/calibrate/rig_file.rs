@@ -69,7 +69,7 @@ pub(super) fn revised(
                 parent_from_child: joint.parent_from_child,
                 covariance,
             });
-            new = Rig::from_parts(parts).context("adding to the rig what was found")?;
+            new = Rig::from_parts(parts).context("adding the estimates to the rig")?;
             continue;
         }
         let direct = new.edges().iter().any(|e| {
@@ -77,7 +77,7 @@ pub(super) fn revised(
         });
         ensure!(
             direct,
-            "writing the calibrated rig: {child} is not placed in {parent} directly, as it must be for this"
+            "writing the calibrated rig: {child} has another parent than {parent}"
         );
         new = new.with_edge(parent, child, joint.parent_from_child, covariance)?;
     }
@@ -138,7 +138,7 @@ pub(super) fn first(joints: &[Joint], verb: &str, frame: &str, manifest: &Manife
         closures: Vec::new(),
         shoe_tags: Vec::new(),
     };
-    Rig::from_parts(parts).context("making a rig file of what was found")
+    Rig::from_parts(parts).context("making a rig file of the estimates")
 }
 
 fn note(verb: &str, manifest: &Manifest, more: &str) -> String {

@@ -87,10 +87,10 @@ fn sigmas(placed: &FramePose) -> [String; 2] {
 fn heading(rig: &Rig) -> String {
     match rig.origin_camera() {
         Some(camera) => format!(
-            "where they are: the origin is the left lens of {camera}, x along its view, y to its left, z up in its image"
+            "poses: the origin is the left lens of {camera}, x along its view, y to its left, z up in its image"
         ),
         None => format!(
-            "where they are on {:?}: x forward, y left, z up, from the datum of the plate",
+            "poses on {:?}: x forward, y left, z up, from the datum of the plate",
             rig.name()
         ),
     }
@@ -170,9 +170,9 @@ pub(super) fn section(page: Page, rig: &Rig, lenses: &[(&str, &CameraModel)]) ->
         })
         .collect();
     let page = page
-        .section("Where cameras and IMUs are")
+        .section("Poses of cameras and IMUs")
         .text(&format!(
-            "{heading} Roll, pitch and yaw are turns about these axes; sigma is the largest of three axes, one standard deviation."
+            "{heading} Roll, pitch and yaw are rotations about these axes; sigma is the largest of three axes, one standard deviation."
         ))
         .table(&table)
         .dark(colors::DARK);

@@ -51,7 +51,7 @@ pub fn targets(reader: &SessionReader, files: &[std::path::PathBuf]) -> Result<V
     }
     if boards.is_empty() {
         bail!(
-            "which target? The session has no rig/target.*.toml, so --target FILE must say; \
+            "no target: the session has no rig/target.*.toml, so --target FILE is needed; \
              `paws calib targets` writes such files with the boards to print"
         );
     }
@@ -90,7 +90,7 @@ pub fn detect(
             }
         }
         let bytes = frames.frames.iter().map(|f| u64::from(f.bytes)).sum();
-        let progress = console.progress(&format!("looking for targets: {}", camera.name), bytes);
+        let progress = console.progress(&format!("detecting targets: {}", camera.name), bytes);
         let found: Mutex<Vec<Sighting>> = Mutex::new(Vec::new());
         let visit = |frame: &FrameEntry, picture: &Picture| {
             let Some(&instant) = instants.get(&frame.number) else {

@@ -115,7 +115,7 @@ pub fn run(options: &Options, console: &mut Console<'_>) -> Result<Outcome> {
     ))?;
     if target.looks_the_same_turned() {
         console.line(
-            "note: this chessboard looks the same after half a turn; an even and an odd number of inner corners would not",
+            "note: this chessboard is symmetric under a rotation by 180 degrees; an even and an odd number of inner corners would not be",
         )?;
     }
     for (path, _) in &files {
@@ -191,7 +191,7 @@ fn write_new(files: &[(PathBuf, Vec<u8>)]) -> Result<()> {
     for (path, _) in files {
         if path.symlink_metadata().is_ok() {
             bail!(
-                "this file is there already and is not overwritten: {}",
+                "this file exists already and is not overwritten: {}",
                 path.display()
             );
         }

@@ -107,7 +107,7 @@ pub fn run(target: &Target, options: &Options, console: &mut Console<'_>) -> Res
     for path in options.json.iter().chain(&options.html) {
         ensure!(
             options.force || !path.exists(),
-            "this report is there already, and --force was not said: {}",
+            "this report exists already, and --force was not given: {}",
             path.display()
         );
     }
@@ -129,7 +129,7 @@ pub fn run(target: &Target, options: &Options, console: &mut Console<'_>) -> Res
     }
     if findings.is_empty() {
         console.line(
-            "nothing is determined by this session: too short, too dark, or nothing turned",
+            "this session determines no parameter: too short, too dark, or too little rotation",
         )?;
     }
     let existing = match options.force {
@@ -225,7 +225,7 @@ fn calibration(rig: &NominalRig, camera: &str) -> Result<StereoCalibration, Stri
     Ok(StereoCalibration {
         left: lens(&left)?,
         right: lens(&right)?,
-        right_from_left: right_from_left.ok_or("no place of the right eye")?,
+        right_from_left: right_from_left.ok_or("no extrinsics of the right eye")?,
         imu: rig
             .frames
             .transform(&imu, &left)
@@ -375,11 +375,11 @@ impl SessionVerification {
         for camera in &self.verification.cameras {
             let eyes = camera.eyes.as_ref().map(|eyes| {
                 format!(
-                    "rows of matches {:.2} px off the told epipolar lines, {:.2} px off the best ones ({} matches)",
+                    "epipolar error {:.2} px RMS with the nominal extrinsics, {:.2} px with the estimate ({} matches)",
                     eyes.told_rms_px, eyes.found_rms_px, eyes.matches
                 )
             });
-            let eyes = eyes.unwrap_or_else(|| "too little matched between the eyes".to_owned());
+            let eyes = eyes.unwrap_or_else(|| "too few stereo matches".to_owned());
             lines.push(format!("{}: {eyes}", camera.name));
         }
         for found in &self.verification.findings {

@@ -38,8 +38,8 @@ pub(super) fn read(arguments: &[String]) -> Result<Facts> {
         let known = match of_camera(Path::new(file), size) {
             Err(CalibError::SizeUnknown { found, .. }) => {
                 let what = format!(
-                    "--calibration {argument}: found {found}, expected the size of a picture, which the file \
-                     does not say: give it as {camera}={file}@WIDTHxHEIGHT"
+                    "--calibration {argument}: found {found}, expected the size of an image, which the file \
+                     does not state: give it as {camera}={file}@WIDTHxHEIGHT"
                 );
                 return Err(BadArguments(what).into());
             }

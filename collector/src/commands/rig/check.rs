@@ -64,7 +64,7 @@ pub(super) fn run(
     );
     let (verdict, outcome) = match (errors, warnings) {
         (0, 0) => ("good", Outcome::Fine),
-        (0, _) => ("look at the warnings", Outcome::Loss),
+        (0, _) => ("see the warnings", Outcome::Loss),
         _ => ("not to be used", Outcome::Failed),
     };
     if json {

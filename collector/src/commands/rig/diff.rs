@@ -50,7 +50,7 @@ pub(super) fn run(a: &Rig, b: &Rig, console: &mut Console<'_>) -> Result<Outcome
                 changed += u64::from(in_rig.is_one() || joint.is_some_and(|(_, m)| m.is_one()));
                 let joint = match in_neighbour {
                     Some((_, motion)) => figures(motion),
-                    None => format!("{:>27}", "hung elsewhere"),
+                    None => format!("{:>27}", "another parent"),
                 };
                 let [x, y, z] = in_rig.motion.translation_m().map(|v| 1e3 * v + 0.0);
                 console.line(format!(

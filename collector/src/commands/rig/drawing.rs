@@ -431,13 +431,13 @@ fn legend(sheet: &mut Sheet, cameras: &[Drawn]) {
             1.0,
         );
         let text = format!(
-            "{}: left lens at {x:.1}, {side:.1}, {z:.1} mm, looks {left_deg:.1} deg left, {up_deg:.1} deg up; {view}",
+            "{}: left lens at {x:.1}, {side:.1}, {z:.1} mm, view {left_deg:.1} deg left, {up_deg:.1} deg up; {view}",
             camera.name
         );
         sheet.text([MARGIN + 26.0, y], 13.0, INK, shorten(&text, 148));
         y += 21.0;
     }
-    let signs = "filled dot: left lens; ring: right lens; thick edge: top of the picture; axes x red, y green, z blue \
+    let signs = "filled dot: left lens; ring: right lens; thick edge: top of the image; axes x red, y green, z blue \
                  (of rig at its datum, below also of the lenses)";
     sheet.text([MARGIN, y + 4.0], 12.0, MUTED, shorten(signs, 165));
     let whole = format!(

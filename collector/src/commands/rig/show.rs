@@ -115,7 +115,7 @@ fn table(rig: &Rig, facts: &Facts, console: &mut Console<'_>) -> Result<()> {
         .max(5);
     console.line(format!(
         "{:width$}  {:>9} {:>9} {:>9}  {:>6} {:>6}   {:>9} {:>9} {:>9}  {:>7} {:>7} {:>7}  {:>6} {:>6}",
-        "", "in rig:", "", "", "looks:", "", "in its", "neighbour:", "", "turn", "deg", "", "sigma", ""
+        "", "in rig:", "", "", "view:", "", "in its", "parent:", "", "rot.", "deg", "", "sigma", ""
     ))?;
     console.line(format!(
         "{:width$}  {:>9} {:>9} {:>9}  {:>6} {:>6}   {:>9} {:>9} {:>9}  {:>7} {:>7} {:>7}  {:>6} {:>6}",
@@ -124,7 +124,7 @@ fn table(rig: &Rig, facts: &Facts, console: &mut Console<'_>) -> Result<()> {
     for (name, frame, neighbour) in &names {
         let rig_from_frame = rig.transform(&Frame::rig(), frame)?;
         let [x, y, z] = millimetres(rig_from_frame.translation_m());
-        let looks = match frame.camera() {
+        let view_angles = match frame.camera() {
             Some((_, FramePart::Left | FramePart::Right)) => {
                 let [ahead, left, up] = rig_from_frame.rotate([0.0, 0.0, 1.0]);
                 let side = left.atan2(ahead).to_degrees();
@@ -154,13 +154,13 @@ fn table(rig: &Rig, facts: &Facts, console: &mut Console<'_>) -> Result<()> {
                 format!("{x:9.3} {y:9.3} {z:9.3}  {turn}  {sigma}")
             }
         };
-        let line = format!("{name:width$}  {x:9.3} {y:9.3} {z:9.3}  {looks}   {joint}");
+        let line = format!("{name:width$}  {x:9.3} {y:9.3} {z:9.3}  {view_angles}   {joint}");
         console.line(line.trim_end())?;
     }
     if rig.cameras().contains(&FEET_CAMERA) {
         console.line("")?;
         console.line(format!(
-            "looks: degrees to the left of straight ahead, and up; sigma: the largest of its axes; ground {GROUND_BELOW_RIG_M} m below the datum"
+            "view: degrees to the left of straight ahead, and up; sigma: the largest of its axes; ground {GROUND_BELOW_RIG_M} m below the datum"
         ))?;
     }
     Ok(())

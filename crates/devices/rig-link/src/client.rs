@@ -286,10 +286,7 @@ impl Client {
                 let mut body = response.into_body();
                 while let Some(piece) = next(&mut body, self.retry.read_timeout).await? {
                     if piece.len() as u64 > length - at {
-                        return Err(Failure::Retry(
-                            "more came than was asked for".to_owned(),
-                            None,
-                        ));
+                        return Err(Failure::Retry("more bytes than requested".to_owned(), None));
                     }
                     at += piece.len() as u64;
                     sink(&piece)?;
@@ -302,7 +299,7 @@ impl Client {
             match result {
                 Ok(()) if at == length => {}
                 Ok(()) => {
-                    let short = Failure::Retry("less came than was asked for".to_owned(), None);
+                    let short = Failure::Retry("fewer bytes than requested".to_owned(), None);
                     self.retry_or_fail(&mut tries, &doing, short)?;
                 }
                 Err(failure) => self.retry_or_fail(&mut tries, &doing, failure)?,

@@ -264,15 +264,15 @@ fn status(scene: Scene, session: Option<String>, elapsed: f64) -> PageStatus {
         source: if scene == Scene::Fault { "" } else { "chrony" }.to_owned(),
     });
     status.alarms = match scene {
-        Scene::Idle => vec!["feet: no picture yet".to_owned()],
+        Scene::Idle => vec!["feet: no image yet".to_owned()],
         Scene::Warning => vec![
             "disk: 21 minutes left".to_owned(),
             "right_shoulder: the encoder is too slow, 143 frames dropped".to_owned(),
-            "86 °C: previews are made less often".to_owned(),
+            "86 °C: fewer previews".to_owned(),
         ],
         Scene::Fault => vec![
-            "right_shoulder: camera is gone (unplugged?)".to_owned(),
-            "clock: nothing keeps it right".to_owned(),
+            "right_shoulder: camera is disconnected (unplugged?)".to_owned(),
+            "clock: not synchronized".to_owned(),
         ],
         _ => Vec::new(),
     };

@@ -37,7 +37,7 @@ pub enum Eyes {
 pub enum PreviewError {
     /// The number of bytes does not match the size.
     #[error(
-        "a picture of {width}x{height} has {found} bytes, expected {grey} (grey) or {i420} (I420)"
+        "an image of {width}x{height} has {found} bytes, expected {grey} (gray) or {i420} (I420)"
     )]
     WrongLength {
         /// Columns.
@@ -52,7 +52,7 @@ pub enum PreviewError {
         i420: usize,
     },
     /// The size is zero or too large.
-    #[error("a picture of {width}x{height} cannot be made smaller")]
+    #[error("an image of {width}x{height} cannot be downsampled")]
     Size {
         /// Columns.
         width: u32,
@@ -60,7 +60,7 @@ pub enum PreviewError {
         height: u32,
     },
     /// The JPEG encoder fails.
-    #[error("coding a picture as JPEG: {0}")]
+    #[error("encoding an image as JPEG: {0}")]
     Jpeg(String),
 }
 
@@ -311,7 +311,7 @@ mod tests {
         let error = jpeg(image, Eyes::Left, 100).unwrap_err().to_string();
         assert_eq!(
             error,
-            "a picture of 64x32 has 100 bytes, expected 2048 (grey) or 3072 (I420)"
+            "an image of 64x32 has 100 bytes, expected 2048 (gray) or 3072 (I420)"
         );
         let huge = Planes {
             width: u32::MAX,

@@ -220,7 +220,7 @@ pub(crate) fn problem(code: Code, message: &str) -> Problem {
 /// Response to an I/O error. The path is only logged, not sent to the client.
 fn unreadable(error: &io::Error) -> Problem {
     log::warn!("serving a session: {error}");
-    problem(Code::Io, &format!("the rig's disk says no: {error}"))
+    problem(Code::Io, &format!("the rig reports an I/O error: {error}"))
 }
 
 #[cfg(test)]

@@ -44,13 +44,13 @@ pub(super) fn find(
         if !frame.number.is_multiple_of(every) || frame.time_doubtful {
             return Ok(());
         }
-        let (left, right) = split(picture).context("cutting a picture into its eyes")?;
+        let (left, right) = split(picture).context("splitting a stereo frame")?;
         let mut found: Found = vec![Default::default(); boards.len()];
         for (eye, picture) in [left, right].iter().enumerate() {
-            let grey = i420_to_grey(picture).context("taking the luma of a picture")?;
+            let grey = i420_to_grey(picture).context("converting an image to gray")?;
             let (width, height) = (grey.width as usize, grey.height as usize);
             let view = GreyView::new(width, height, width, &grey.data)
-                .context("a picture's size is not that of its bytes")?;
+                .context("an image's size does not match its bytes")?;
             let seen = detect_all(&view, boards, &Settings::default());
             for (board, detection) in seen.into_iter().enumerate() {
                 found[board][eye] = detection.corners;

@@ -77,8 +77,8 @@ impl<'a> Inputs<'a> {
             let lens = self.nominal.lens(&frame(eye));
             lens.with_context(|| {
                 format!(
-                    "the session tells of no lens of {camera}/{eye} that is known here: `paws calib cameras` finds it, \
-                     and --calibration DIR names what that wrote"
+                    "the session has no known intrinsics of {camera}/{eye}: `paws calib cameras` estimates them, \
+                     and --calibration DIR names its output"
                 )
             })
         };

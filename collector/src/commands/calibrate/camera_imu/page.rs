@@ -24,8 +24,8 @@ pub(super) fn html(manifest: &Manifest, all: &[Measured], rig: Option<&Rig>) -> 
     };
     let mut page = Page::new(&format!("Cameras and IMUs from session {session}")).verdict(verdict);
     page = page.text(&format!(
-        "Rotation is the turn from what is told to what was found, about the axes of the left camera. The time offset is \
-         what has to be added to a picture's time to find its IMU samples. Sigma is one standard deviation. Identifier \
+        "Rotation is that from the nominal value to the estimate, about the axes of the left camera. The time offset is \
+         added to an image's time to find its IMU samples. Sigma is one standard deviation. Identifier \
          {}, recorded {}.",
         manifest.session_id, manifest.started_civil
     ));
@@ -58,7 +58,7 @@ fn badge(gate: Gate) -> Verdict {
 }
 
 fn camera(mut page: Page, measured: &Measured, found: &CameraImu) -> Page {
-    let mut table = Table::new(["Quantity", "Told", "Found", "Sigma", "Unit"]);
+    let mut table = Table::new(["Quantity", "Nominal", "Estimate", "Sigma", "Unit"]);
     for row in rows(measured, found) {
         let nominal = row.nominal.map_or("".to_owned(), |t| format!("{t:.4}"));
         table = table.row([
@@ -70,7 +70,7 @@ fn camera(mut page: Page, measured: &Measured, found: &CameraImu) -> Page {
         ]);
     }
     page = page.table(&table);
-    let mut gates = Table::new(["", "Check", "Found"]);
+    let mut gates = Table::new(["", "Check", "Result"]);
     for gate in &found.gates {
         gates = gates.row([
             Cell::Verdict(badge(gate.verdict)),
@@ -81,10 +81,10 @@ fn camera(mut page: Page, measured: &Measured, found: &CameraImu) -> Page {
     page = page.table(&gates);
     let residuals = &found.residuals;
     let kinds: [(&str, Of<'_>); 4] = [
-        ("corners, in sigmas as told", &|r| Some(r.corner)),
-        ("poses, in sigmas as found", &|r| Some(r.pose)),
-        ("gyroscope, in sigmas as found", &|r| r.gyro),
-        ("accelerometer, in sigmas as found", &|r| r.accel),
+        ("corners, in stated sigmas", &|r| Some(r.corner)),
+        ("poses, in estimated sigmas", &|r| Some(r.pose)),
+        ("gyroscope, in estimated sigmas", &|r| r.gyro),
+        ("accelerometer, in estimated sigmas", &|r| r.accel),
     ];
     let zero = residuals.first().map_or(0, |r| r.time_ns);
     for (name, of) in kinds {
@@ -93,19 +93,22 @@ fn camera(mut page: Page, measured: &Measured, found: &CameraImu) -> Page {
             .filter_map(|r| Some(((r.time_ns - zero) as f64 * 1e-9, of(r)?)));
         let chart = Chart::new(&format!("Residuals: {name}"))
             .x_axis(Axis::linear("time", "s"))
-            .y_axis(Axis::linear("root of the mean square", "").include(0.0))
+            .y_axis(Axis::linear("RMS", "").include(0.0))
             .series(Series::scatter("", points));
         page = page.figure(&chart.to_svg(WIDTH, HEIGHT), "");
     }
     let points = found.correlation.iter().map(|[t, c]| (1e3 * t, *c));
-    let chart = Chart::new("Agreement of rotation rates by time offset")
+    let chart = Chart::new("Correlation of angular rates by time offset")
         .x_axis(Axis::linear("time offset", "ms"))
-        .y_axis(Axis::linear("agreement", "").include(0.0).include(1.0))
+        .y_axis(Axis::linear("correlation", "").include(0.0).include(1.0))
         .series(Series::line("", points))
         .vline(1e3 * found.time_offset_s, "found");
-    page = page.figure(&chart.to_svg(WIDTH, HEIGHT), "The start of the search.");
-    let mut chart = Chart::new("Lever arm: two sigma")
-        .subtitle("about what was found")
+    page = page.figure(
+        &chart.to_svg(WIDTH, HEIGHT),
+        "Correlation for the initial time offset.",
+    );
+    let mut chart = Chart::new("Lever arm: two-sigma ellipses")
+        .subtitle("about the estimate")
         .x_axis(Axis::linear("along the first axis", "mm"))
         .y_axis(Axis::linear("along the second axis", "mm"));
     for (slot, (name, a, b)) in [("x y", 3, 4), ("y z", 4, 5), ("z x", 5, 3)]

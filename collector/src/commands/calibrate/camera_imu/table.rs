@@ -83,7 +83,7 @@ pub(super) fn rows(measured: &Measured, found: &CameraImu) -> Vec<Row> {
             1e6 * s.time_drift,
         ),
         one(
-            "board over told, -1",
+            "board scale error",
             "%",
             0.0,
             100.0 * (found.board_scale - 1.0),
@@ -125,9 +125,9 @@ pub(super) fn print(measured: &Measured, console: &mut Console<'_>) -> Result<()
             return Ok(());
         }
     };
-    let [inputs, used, doubtful] = found.pictures;
+    let [given, used, rejected] = found.pictures;
     console.line(format!(
-        "{}: {}, {used} of {inputs} pictures with a pose, {doubtful} of them left out",
+        "{}: {}, {used} of {given} images with a pose, {rejected} of them left out",
         measured.camera,
         found.verdict()
     ))?;

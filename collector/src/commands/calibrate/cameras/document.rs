@@ -214,12 +214,12 @@ pub(super) fn lines(found: &Calibration) -> Vec<String> {
     }
     lines.push(String::new());
     lines.push(
-        "place                                       off what was told        \u{b1}".to_owned(),
+        "extrinsics                                  deviation from nominal   \u{b1}".to_owned(),
     );
     for pose in relative_poses(found) {
         let deviation = pose
             .deviation
-            .map_or("nothing told".to_owned(), |(mm, deg)| {
+            .map_or("no nominal value".to_owned(), |(mm, deg)| {
                 format!("{mm:>7.2} mm {deg:>7.3}\u{b0}")
             });
         lines.push(format!(

@@ -42,8 +42,8 @@ pub(super) fn html(manifest: &Manifest, found: &Calibration, rig: Option<&Rig>) 
         let lenses = cameras.map(|camera| (camera.name.as_str(), found.lens(camera.left)));
         page = section(page, rig, &lenses.collect::<Vec<_>>())?;
     }
-    page = page.section("Eyes and cameras against what was told");
-    let mut table = Table::new(["", "Off what was told", "", "\u{b1}", ""]);
+    page = page.section("Cameras against their nominal calibration");
+    let mut table = Table::new(["", "Deviation from nominal", "", "\u{b1}", ""]);
     for pose in relative_poses(found) {
         let deviation = |f: fn((f64, f64)) -> f64, unit: &str| {
             pose.deviation
@@ -60,11 +60,11 @@ pub(super) fn html(manifest: &Manifest, found: &Calibration, rig: Option<&Rig>) 
     page = page.table(&table);
     page = page.figure(
         &plots::views(found),
-        "A view that stands out has a wrong pose, or the rig moved.",
+        "An outlier view has a wrong pose, or the rig moved.",
     );
     page = page.figure(
         &plots::sizes(found),
-        "Narrow and even: what is left is noise.",
+        "Narrow and symmetric: the residuals are noise.",
     );
     for (number, camera) in input.cameras.iter().enumerate() {
         page = page.section(&camera.name);
@@ -74,13 +74,13 @@ pub(super) fn html(manifest: &Manifest, found: &Calibration, rig: Option<&Rig>) 
         );
         page = page.figure(
             &plots::sureness(found, number),
-            "At 1 nothing was learned: the parameter is what it was told to be.",
+            "At 1 the recording does not constrain the parameter: it keeps its nominal value.",
         );
         for eye in [Some(camera.left), camera.right].into_iter().flatten() {
             page = page.table(&parameters(found, eye));
             page = page.figure(
                 &plots::regions(found, eye),
-                "Strokes that point the same way in a region are what the lens model leaves.",
+                "Parallel strokes in a region are errors of the lens model.",
             );
         }
     }

@@ -61,7 +61,7 @@ pub(super) fn regions(found: &Calibration, eye: usize) -> String {
     }
     Chart::new(&found.input.eyes[eye].name)
         .subtitle(&format!(
-            "where corners were seen, and the mean of what is left over in each region, {RESIDUAL_SCALE:.0} times enlarged"
+            "detected corners, and the mean residual of each region, {RESIDUAL_SCALE:.0} times enlarged"
         ))
         .x_axis(Axis::linear("column", "px").include(0.0).include(w))
         .y_axis(Axis::linear("rows above the lower edge", "px").include(0.0).include(h))
@@ -106,7 +106,7 @@ pub(super) fn sizes(found: &Calibration) -> String {
         .flat_map(|eye| residuals(found, eye))
         .flat_map(|(_, [x, y])| [x, y]);
     Chart::new("Residuals in x and y")
-        .x_axis(Axis::linear("found less seen", "px"))
+        .x_axis(Axis::linear("measured minus predicted", "px"))
         .y_axis(Axis::linear("corners", ""))
         .series(Series::histogram(
             "residuals",
@@ -121,11 +121,11 @@ pub(super) fn sureness(found: &Calibration, camera: usize) -> String {
     let camera = &found.input.cameras[camera];
     let names = found.lens(camera.left).parameter_names();
     let mut chart = Chart::new(&format!(
-        "What was learned of the lenses of {}",
+        "Information gain of the intrinsics of {}",
         camera.name
     ))
     .x_axis(Axis::categories("parameter", names))
-    .y_axis(Axis::log("sigma now over sigma before", ""));
+    .y_axis(Axis::log("posterior over prior sigma", ""));
     for eye in [Some(camera.left), camera.right].into_iter().flatten() {
         let priors = &found.solution.problem.lenses[eye].priors;
         let sigmas = found.lens_sigmas(eye).into_iter().zip(priors);

@@ -45,7 +45,7 @@ pub(super) fn summary(imu: &Measured) -> String {
 pub(super) fn cell(axis: &Axis, coefficient: Coefficient) -> String {
     match axis.fit.as_ref().map(|fit| fit.value(coefficient)) {
         None => "refused".to_owned(),
-        Some(Value::Below(limit)) if !limit.is_finite() => "not determined".to_owned(),
+        Some(Value::Below(limit)) if !limit.is_finite() => "undetermined".to_owned(),
         Some(Value::Below(limit)) => format!("below {limit:.1e}"),
         Some(Value::Known { value, sigma, .. }) => format!("{value:.3e} ± {:.0e}", 2.0 * sigma),
     }
@@ -86,7 +86,7 @@ pub(super) fn worst(found: &Measurement, sensor: usize, coefficient: Coefficient
         Worst::Below(limit) => {
             format!("{name} not determined by this recording (below {limit:.1e} {unit} with 95 %)")
         }
-        Worst::Refused => format!("{name} not measured: an axis was refused"),
+        Worst::Refused => format!("{name} not measured: an axis was rejected"),
     }
 }
 

@@ -25,11 +25,11 @@ pub(super) fn html(
         Page::new(&format!("Calibration against session {session}")).verdict(badge(verdict));
     let against = match &checked.revision {
         Some((file, revision)) => format!("{file}, revision {revision}"),
-        None => "what was recorded with the session; no rig file was read".to_owned(),
+        None => "the calibration recorded with the session; no rig file was read".to_owned(),
     };
     page = page.text(&format!(
-        "Against {against}. {} bursts of pictures, and all samples of the gyroscopes. A number is off where it differs \
-         by more than two sigmas of its tolerance and {} sigmas of the measurement together.",
+        "Against {against}. {} bursts of images, and all samples of the gyroscopes. A parameter is inconsistent if it deviates \
+         by more than two sigmas of its tolerance plus {} sigmas of the measurement.",
         checked.bursts,
         calib::verify::SURE
     ));
@@ -39,18 +39,18 @@ pub(super) fn html(
     for what in &checked.left_out {
         page = page.text(&format!("Left out: {what}."));
     }
-    page = page.section("Told numbers");
+    page = page.section("Parameters");
     let mut table = Table::new([
         "",
-        "Found against told",
+        "Deviation from nominal",
         "Sigma",
-        "Would be noticed from",
+        "Minimum detectable",
         "Verdict",
     ]);
     for found in &checked.verification.findings {
         let mut verdict = checked.verdict(found, findings);
         if verdict.is_empty() {
-            verdict = "not determined".to_owned();
+            verdict = "undetermined".to_owned();
         }
         table = table.row([
             Cell::from(format!("{}: {}", found.camera, name(found))),
@@ -62,12 +62,12 @@ pub(super) fn html(
     }
     page = page.table(&table);
     page = page.text(
-        "Turns are about the x, y and z axes of the left optical frame, those of eyes of the right one. Delays are \
-         positive where stamps are late.",
+        "Rotations are about the x, y and z axes of the left optical frame, stereo rotations about those of the right one. Delays are \
+         positive for late timestamps.",
     );
     page = page.figure(
         &angles(checked),
-        "What was found about each axis. Beyond the lines it is noticed 39 times in 40.",
+        "Estimates about each axis. Deviations beyond the lines are detected 39 times in 40.",
     );
     for camera in &checked.verification.cameras {
         page = page.section(&camera.name);
@@ -88,10 +88,10 @@ fn name(found: &Found) -> &'static str {
     use calib::verify::What;
     match found.what {
         What::Eyes => "right eye",
-        What::Camera => "on the plate",
+        What::Camera => "camera on the plate",
         What::Imu => "IMU in the camera",
-        What::Pictures => "times of pictures",
-        What::Samples => "times of IMU samples",
+        What::Pictures => "image times",
+        What::Samples => "IMU sample times",
         What::Clock => "clock",
     }
 }
@@ -117,7 +117,7 @@ fn angles(checked: &SessionVerification) -> String {
     let names: Vec<String> = rotations()
         .map(|f| format!("{} {}", f.camera, name(f)))
         .collect();
-    let mut chart = Chart::new("Turns found against told")
+    let mut chart = Chart::new("Estimated rotations against nominal")
         .x_axis(Axis::categories("", names))
         .y_axis(Axis::linear("angle", "\u{b0}").include(0.0));
     for (axis, label) in ["x", "y", "z"].iter().enumerate() {
@@ -126,7 +126,10 @@ fn angles(checked: &SessionVerification) -> String {
             .map(|(i, f)| (i as f64, f.found[axis].to_degrees()));
         chart = chart.series(Series::scatter(label, values));
     }
-    for (sign, label) in [(1.0, "noticed from"), (-1.0, "noticed from, below")] {
+    for (sign, label) in [
+        (1.0, "detectable from"),
+        (-1.0, "detectable from, negative"),
+    ] {
         let off = rotations().enumerate();
         let off = off.map(|(i, f)| (i as f64, sign * f.noticed.to_degrees()));
         chart = chart.series(Series::steps(label, off));
@@ -136,24 +139,24 @@ fn angles(checked: &SessionVerification) -> String {
 
 fn one(mut page: Page, camera: &CameraFound) -> Page {
     match &camera.eyes {
-        None => page = page.text("Too little was matched between the eyes."),
+        None => page = page.text("Too few stereo matches."),
         Some(eyes) => {
             let bins = || Bins::Width(0.05);
-            let chart = Chart::new("Matches beside their epipolar lines")
+            let chart = Chart::new("Epipolar error of the matches")
                 .x_axis(Axis::linear("distance", "px"))
                 .y_axis(Axis::linear("matches", "").include(0.0))
                 .series(Series::histogram(
-                    "as told",
+                    "nominal",
                     eyes.told_px.iter().copied(),
                     bins(),
                 ))
                 .series(Series::histogram(
-                    "as found",
+                    "estimate",
                     eyes.found_px.iter().copied(),
                     bins(),
                 ));
             let caption = format!(
-                "{:.3} px root mean square as told, {:.3} px as found; {} of {} matches.",
+                "{:.3} px RMS with the nominal extrinsics, {:.3} px with the estimate; {} of {} matches.",
                 eyes.told_rms_px, eyes.found_rms_px, eyes.matches, eyes.of
             );
             page = page.figure(&chart.to_svg(WIDTH, HEIGHT), &caption);
@@ -161,21 +164,24 @@ fn one(mut page: Page, camera: &CameraFound) -> Page {
     }
     let Some(imu) = &camera.imu else {
         return page.text(
-            "No comparison with a gyroscope: too little turned, too little was seen of it, or there is none.",
+            "No comparison with a gyroscope: too little rotation, too few tracks, or no gyroscope.",
         );
     };
     for (axis, label) in ["x", "y", "z"].iter().enumerate() {
         let by_pictures = imu.rates.iter().map(|(t, seen, _)| (*t, seen[axis]));
         let by_gyro = imu.rates.iter().map(|(t, _, nominal)| (*t, nominal[axis]));
-        let chart = Chart::new(&format!("Turning about {label}"))
+        let chart = Chart::new(&format!("Angular rate about {label}"))
             .x_axis(Axis::time("since the first burst"))
             .y_axis(Axis::linear("rate", "rad/s"))
-            .series(Series::scatter("by pictures", by_pictures))
-            .series(Series::scatter("by the gyroscope, as told", by_gyro));
+            .series(Series::scatter("from images", by_pictures))
+            .series(Series::scatter(
+                "from the gyroscope, nominal extrinsics",
+                by_gyro,
+            ));
         page = page.figure(&chart.to_svg(WIDTH, 220), "");
     }
     page.text(&format!(
-        "{} of {} moves used. Pictures are stamped {:.2} ms late of the gyroscope, sigma {:.2} ms. A row is exposed \
+        "{} of {} track segments used. Image timestamps are {:.2} ms late against the gyroscope, sigma {:.2} ms. A row is exposed \
          {:.1} \u{b5}s after the one above it.",
         imu.moves,
         imu.of,

@@ -19,7 +19,7 @@ pub enum LinkError {
         reason: &'static str,
     },
     /// Use https.
-    #[error("{address} is not on this machine; over a network a rig is asked with https only")]
+    #[error("{address} is not on this machine; over a network only https is allowed")]
     PlainText {
         /// The address.
         address: Address,

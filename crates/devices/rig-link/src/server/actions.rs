@@ -58,7 +58,7 @@ pub(super) async fn preview(
     let have = query.and_then(|q| q.strip_prefix("have="));
     let have = have.and_then(|n| n.parse::<u64>().ok());
     let preview = ask(shared, move |rig| rig.preview(camera)).await?;
-    let preview = preview.ok_or_else(|| problem(Code::NotFound, "there is no picture"))?;
+    let preview = preview.ok_or_else(|| problem(Code::NotFound, "there is no image"))?;
     if have == Some(preview.sequence) {
         return Ok(response::plain(StatusCode::NO_CONTENT));
     }

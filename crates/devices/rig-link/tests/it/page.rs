@@ -168,7 +168,7 @@ fn each_state_has_its_own_word_sign_and_colour() {
             assert_eq!(missing[0], "0");
         }
         if scene == Scene::Fault {
-            for part in ["camera is gone", "silent", "No picture", "no sync"] {
+            for part in ["camera is disconnected", "silent", "No image", "no sync"] {
                 assert!(text.contains(part), "{part} is not in {text}");
             }
         }
@@ -319,7 +319,7 @@ fn it_takes_nothing_from_elsewhere_breaks_no_rule_and_rests_when_nobody_looks() 
     };
     let begin = std::time::Instant::now();
     while browser.events.iter().filter(is_preview).count() < 6 {
-        assert!(begin.elapsed() < TEST_TIMEOUT, "no further pictures");
+        assert!(begin.elapsed() < TEST_TIMEOUT, "no further images");
         std::thread::sleep(Duration::from_millis(50));
         browser.value("1");
     }
