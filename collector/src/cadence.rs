@@ -77,7 +77,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn one_outlier_in_a_thousand_is_forgiven_and_two_are_not() {
+    fn one_outlier_in_a_thousand_is_ignored_and_two_are_not() {
         let stream = |odd: usize| {
             let mut time = 0;
             let samples: Vec<Sample> = (0..2001)
@@ -100,7 +100,7 @@ mod tests {
     }
 
     #[test]
-    fn time_that_does_not_rise_is_counted() {
+    fn non_increasing_times_are_counted() {
         let at = |time| Sample {
             time,
             step_ns: NO_STEP,
@@ -112,7 +112,7 @@ mod tests {
     }
 
     #[test]
-    fn ranks() {
+    fn nearest_rank_percentiles() {
         assert_eq!(percentile_99_9::<u32>(&mut []), None);
         assert_eq!(
             percentile_99_9(&mut (1..=999).collect::<Vec<u32>>()),

@@ -473,7 +473,7 @@ mod tests {
     }
 
     #[test]
-    fn rows_come_back_as_they_were() {
+    fn rows_round_trip() {
         let folder = tempfile::tempdir().unwrap();
         let path = folder.path().join("catalogue.sqlite");
         assert!(matches!(
@@ -504,7 +504,7 @@ mod tests {
     }
 
     #[test]
-    fn whatever_is_wrong_with_the_file_is_found_before_a_row_is_used() {
+    fn unusable_catalogue_file_is_detected_before_a_row_is_used() {
         let folder = tempfile::tempdir().unwrap();
         let path = folder.path().join("catalogue.sqlite");
         let rows: Vec<Row> = (0..200).map(|i| row(&format!("session-{i}"))).collect();
@@ -573,7 +573,7 @@ mod tests {
     }
 
     #[test]
-    fn what_stands_in_its_place_is_set_aside_and_never_lost() {
+    fn unusable_catalogue_file_is_renamed_and_never_lost() {
         let folder = tempfile::tempdir().unwrap();
         let path = folder.path().join("catalogue.sqlite");
         let mut expected = Vec::new();
@@ -598,7 +598,7 @@ mod tests {
     }
 
     #[test]
-    fn a_catalogue_of_before_stops_making_its_readers_write() {
+    fn catalogue_in_wal_mode_is_switched_to_a_rollback_journal() {
         let folder = tempfile::tempdir().unwrap();
         let path = folder.path().join("catalogue.sqlite");
         let (mut catalogue, _) = Catalogue::make(&path, &[row("a")]).unwrap();

@@ -478,7 +478,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn programs_are_looked_for_only_where_they_are_listed() {
+    fn programs_are_searched_only_for_help() {
         let words = |text: &str| -> Vec<OsString> { text.split(' ').map(Into::into).collect() };
         for text in ["paws list", "paws lisst", "paws list --wrong"] {
             let _ = parse(&words(text), || panic!("{text}"));
@@ -492,14 +492,14 @@ mod tests {
     }
 
     #[test]
-    fn every_verb_has_examples_that_the_program_takes() {
+    fn every_command_has_valid_examples() {
         command().debug_assert();
         let wrong = command_line::examples::check(&command());
         assert!(wrong.is_empty(), "{}", wrong.join("\n"));
     }
 
     #[test]
-    fn every_help_lists_words_and_names_units() {
+    fn every_help_lists_values_and_names_units() {
         let wrong = command_line::help::check(&command());
         assert!(wrong.is_empty(), "{}", wrong.join("\n"));
     }

@@ -76,7 +76,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn a_cut_is_no_damage_and_damage_is_no_cut() {
+    fn cut_and_damage_are_different_conditions() {
         let damage = |segment, kind| SegmentDamage {
             segment,
             damage: Damage {

@@ -23,7 +23,7 @@ pub struct DecodeCheck {
     /// The camera.
     pub camera: String,
     /// Images decoded with the expected size.
-    pub pictures: u64,
+    pub images: u64,
     /// Access units that gave no image, or one of another size.
     pub missing: u64,
     /// Description of the first such error.
@@ -44,8 +44,8 @@ pub fn decode_all(
     let cameras = &reader.manifest().cameras;
     let mut all = Vec::new();
     for (camera, frames) in cameras.iter().zip(&index.cameras) {
-        let look = |_: &FrameEntry, _: &Picture| Ok(());
-        let decoded = visit_images(camera, frames, &access, threads, progress, &look)?;
+        let ignore = |_: &FrameEntry, _: &Picture| Ok(());
+        let decoded = visit_images(camera, frames, &access, threads, progress, &ignore)?;
         all.push(decoded);
     }
     Ok(all)
@@ -114,14 +114,14 @@ pub(crate) fn visit_images(
         joined.collect::<Result<Vec<()>>>()
     });
     results.with_context(|| format!("decoding {}", camera.name))?;
-    let (pictures, missing, problem) = total.into_inner().unwrap_or_else(PoisonError::into_inner);
+    let (images, missing, problem) = total.into_inner().unwrap_or_else(PoisonError::into_inner);
     let mut first_problem = problem.map(|(_, text)| text);
     if index.undecodable > 0 {
         first_problem.get_or_insert_with(|| "the key frame before it is missing".to_owned());
     }
     Ok(DecodeCheck {
         camera: camera.name.clone(),
-        pictures,
+        images,
         missing: missing + index.undecodable,
         first_problem,
     })
@@ -156,12 +156,15 @@ impl Group<'_> {
             Ok(units) => units,
             Err(problem) => return Ok((0, Some(problem))),
         };
-        let (pictures, mut problem) = match decoder.decode(&units) {
-            Ok(pictures) => (pictures, None),
+        let (images, mut problem) = match decoder.decode(&units) {
+            Ok(images) => (images, None),
             Err(e @ (DecodeError::NoDecoder { .. } | DecodeError::Init(_))) => return Err(e.into()),
-            Err(DecodeError::Incomplete { pictures, missing }) => {
+            Err(DecodeError::Incomplete {
+                pictures: images,
+                missing,
+            }) => {
                 let name = self.name(missing.first().copied().unwrap_or(0));
-                (pictures, Some(format!("{name} gave no image")))
+                (images, Some(format!("{name} gave no image")))
             }
             Err(e) => {
                 let name = self.name(0);
@@ -170,10 +173,10 @@ impl Group<'_> {
         };
         let camera = self.camera;
         let mut good = 0;
-        for (at, picture) in &pictures {
-            if (picture.width, picture.height) == (camera.width, camera.height) {
+        for (at, image) in &images {
+            if (image.width, image.height) == (camera.width, camera.height) {
                 if let Some(frame) = self.frame(*at) {
-                    (self.visit)(frame, picture)?;
+                    (self.visit)(frame, image)?;
                     good += 1;
                 }
                 continue;
@@ -182,8 +185,8 @@ impl Group<'_> {
                 format!(
                     "{} is {}x{} pixels, expected {}x{}",
                     self.name(*at),
-                    picture.width,
-                    picture.height,
+                    image.width,
+                    image.height,
                     camera.width,
                     camera.height
                 )
@@ -223,26 +226,29 @@ pub(crate) fn visit_run(
     while at < run.end.min(index.frames.len()) {
         let group = index.gop(at);
         let end = group.end.min(run.end).max(at + 1);
-        let pictures = match read_units(index, group.start..end, access) {
+        let images = match read_units(index, group.start..end, access) {
             Err(_) => Vec::new(),
             Ok(units) => match decoder.decode(&units) {
-                Ok(pictures) | Err(DecodeError::Incomplete { pictures, .. }) => pictures,
+                Ok(images)
+                | Err(DecodeError::Incomplete {
+                    pictures: images, ..
+                }) => images,
                 Err(e @ (DecodeError::NoDecoder { .. } | DecodeError::Init(_))) => {
                     return Err(e.into());
                 }
                 Err(_) => Vec::new(),
             },
         };
-        for (time, picture) in &pictures {
+        for (time, image) in &images {
             let position = usize::try_from(time / FRAME_NS)
                 .ok()
                 .map(|p| group.start + p);
             let frame = position.filter(|p| *p >= at && *p < end);
-            let fits = (picture.width, picture.height) == (camera.width, camera.height);
+            let fits = (image.width, image.height) == (camera.width, camera.height);
             if let Some(frame) = frame.and_then(|p| index.frames.get(p))
                 && fits
             {
-                visit(frame, picture);
+                visit(frame, image);
             }
         }
         at = end;

@@ -237,7 +237,7 @@ mod tests {
     }
 
     #[test]
-    fn only_the_place_of_a_handoff_is_looked_up() {
+    fn only_the_hand_off_argument_is_resolved() {
         let quiet = Verbosity::default();
         for (name, text) in [
             ("reconstruct", "evaluate latest"),
@@ -256,7 +256,7 @@ mod tests {
     }
 
     #[test]
-    fn a_handoff_is_found_wherever_it_stands_behind_the_verb() {
+    fn hand_off_argument_is_found_at_any_position() {
         for (text, expected) in [
             ("run HERE --out x", Some(1)),
             ("run --out x HERE", Some(3)),

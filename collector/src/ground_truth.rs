@@ -270,7 +270,7 @@ mod tests {
     }
 
     #[test]
-    fn rows_are_read_or_refused() {
+    fn rows_are_parsed_or_rejected() {
         let read = frame(&row("38519494173,1000033333333,0.92,1.84,1.29,1,0,0,0"));
         let mut taken = TrueFrame {
             ticks: Some(38_519_494_173),

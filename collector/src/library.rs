@@ -388,7 +388,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn identifiers_cannot_leave_the_library() {
+    fn identifiers_cannot_escape_the_library() {
         for good in ["0192aa00-0000-7000-8000-000000000001", "a", "x_1.recovered"] {
             assert!(is_key(good), "{good}");
         }
@@ -408,7 +408,7 @@ mod tests {
     }
 
     #[test]
-    fn one_at_a_time_may_change_a_library() {
+    fn only_one_program_may_change_a_library() {
         let folder = tempfile::tempdir().unwrap();
         let mut library = Library::create(folder.path()).unwrap();
         let mut other = Library::open(folder.path()).unwrap();
@@ -420,18 +420,18 @@ mod tests {
     }
 
     #[test]
-    fn who_waits_says_so_and_goes_on_when_the_other_ends() {
+    fn waiting_for_the_lock_is_reported_and_ends_with_the_other_program() {
         let folder = tempfile::tempdir().unwrap();
         let mut library = Library::create(folder.path()).unwrap();
         let lock = library.lock_waiting(|_| panic!("nobody has it")).unwrap();
         let mut other = Library::open(folder.path()).unwrap();
-        let (said, heard) = std::sync::mpsc::sync_channel(1);
+        let (said, reported) = std::sync::mpsc::sync_channel(1);
         std::thread::scope(|scope| {
             let waiting = scope.spawn(|| {
                 let waiting = |root: &Path| said.send(root.to_owned()).unwrap();
                 other.lock_waiting(waiting).map(drop)
             });
-            let root = heard.recv().unwrap();
+            let root = reported.recv().unwrap();
             assert_eq!(root, folder.path().canonicalize().unwrap());
             drop(lock);
             waiting.join().unwrap().unwrap();
@@ -439,7 +439,7 @@ mod tests {
     }
 
     #[test]
-    fn a_catalogue_is_not_made_or_mended_while_another_program_changes_the_library() {
+    fn catalogue_is_not_created_or_repaired_while_the_library_is_locked() {
         let folder = tempfile::tempdir().unwrap();
         let mut library = Library::create(folder.path()).unwrap();
         let path = folder.path().join(CATALOGUE);

@@ -285,7 +285,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn the_table_holds_the_published_limits() {
+    fn table_has_the_published_limits() {
         let limits = Limits::default();
         let check = |metric: &str, warn: f64, fail: f64| {
             let row = limits.of(metric).unwrap();
@@ -314,7 +314,7 @@ mod tests {
     }
 
     #[test]
-    fn gaps_are_measured_in_periods_where_streams_are_slow() {
+    fn gap_limits_scale_with_the_period_of_slow_streams() {
         let limits = Limits::default();
         let gap = |metric: &str, hz: f64| limits.of(metric).unwrap().in_force(1e9 / hz);
         assert_eq!(gap("camera.longest_gap", 60.0), (160e6, 210e6));
@@ -327,7 +327,7 @@ mod tests {
     }
 
     #[test]
-    fn limits_can_be_set_and_slips_are_told() {
+    fn limits_can_be_set_and_errors_are_reported() {
         let mut limits = Limits::default();
         limits.set("camera.dropped=0.02,0.05").unwrap();
         limits.set("imu.longest_gap=1e7, never").unwrap();

@@ -138,7 +138,7 @@ mod tests {
     }
 
     #[test]
-    fn a_share_is_of_what_was_to_be_recorded() {
+    fn loss_fraction_is_relative_to_expected_samples() {
         let mut report = Report::default();
         let stream = |samples, gaps, lost| StreamReport {
             samples,
@@ -163,7 +163,7 @@ mod tests {
     }
 
     #[test]
-    fn a_loss_is_a_share_with_its_causes() {
+    fn loss_text_has_fraction_and_causes() {
         let none = loss(0, &[]);
         assert_eq!(none.to_string(), "feet: none of 60 frames lost");
         let one = loss(3, &[("encoder overload", 3)]);

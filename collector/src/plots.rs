@@ -398,9 +398,9 @@ fn thin(points: Vec<(f64, f64)>) -> Vec<(f64, f64)> {
     let mut kept = Vec::with_capacity(2 * MAX_POINTS);
     for part in points.chunks(part) {
         let by_value = |a: &&(f64, f64), b: &&(f64, f64)| a.1.total_cmp(&b.1);
-        let least = part.iter().min_by(by_value);
-        let greatest = part.iter().max_by(by_value);
-        if let (Some(a), Some(b)) = (least, greatest) {
+        let min = part.iter().min_by(by_value);
+        let max = part.iter().max_by(by_value);
+        if let (Some(a), Some(b)) = (min, max) {
             let (first, second) = if a.0 <= b.0 { (a, b) } else { (b, a) };
             kept.extend([*first, *second]);
         }
@@ -413,7 +413,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn thinning_keeps_the_extremes() {
+    fn thinning_keeps_minimum_and_maximum() {
         let mut points: Vec<(f64, f64)> = (0..100_000).map(|i| (f64::from(i), 1.0)).collect();
         points[77_777].1 = 9.0;
         points[33_333].1 = -9.0;
@@ -424,7 +424,7 @@ mod tests {
     }
 
     #[test]
-    fn a_hole_splits_a_span() {
+    fn a_gap_splits_a_span() {
         let at = |time| Sample {
             time,
             step_ns: NO_STEP,

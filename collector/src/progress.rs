@@ -120,7 +120,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn a_line_says_how_far_how_fast_and_how_long() {
+    fn progress_line_has_fraction_rate_and_remaining_time() {
         let lines = Lines {
             label: "import".to_owned(),
             total: 2_000_000_000,

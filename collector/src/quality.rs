@@ -72,8 +72,8 @@ pub fn judge(
     evaluator.offsets();
     evaluator.rig();
     for decoded in decoded.unwrap_or_default() {
-        let pictures = text::count(decoded.pictures, "picture");
-        let mut detail = format!("{pictures} decoded");
+        let images = text::count(decoded.images, "image");
+        let mut detail = format!("{images} decoded");
         if let Some(problem) = &decoded.first_problem {
             detail.push_str(&format!("; first: {problem}"));
         }
@@ -546,7 +546,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn never_is_never_even_for_what_is_no_number() {
+    fn limit_never_holds_even_for_nan() {
         let verdict_of = |limit: &str, value: f64| {
             let mut limits = Limits::default();
             limits.set(limit).unwrap();
@@ -565,7 +565,7 @@ mod tests {
     }
 
     #[test]
-    fn a_finding_that_is_no_number_reads_back() {
+    fn finding_with_nan_round_trips() {
         let limits = Limits::default();
         let found = finding(&limits, "imu.rate", "imu", f64::NAN, 0.0, "").unwrap();
         let text = serde_json::to_string(&found).unwrap();

@@ -78,7 +78,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn finds_sessions_and_only_those() {
+    fn search_finds_only_sessions() {
         let disk = tempfile::tempdir().unwrap();
         let make = |path: &str| {
             let path = disk.path().join(path);

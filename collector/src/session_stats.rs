@@ -315,7 +315,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn a_step_is_between_neighbours_whose_clock_went_forward() {
+    fn step_needs_consecutive_numbers_and_an_increasing_clock() {
         let mut before = None;
         let mut next = |number, ticks| step(&mut before, number, ticks, TickLength::ZED_MINI);
         assert_eq!(next(7, 100), NO_STEP);

@@ -41,7 +41,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn spans() {
+    fn durations_are_formatted() {
         let cases = [
             (0, "0.0 s"),
             (20_140_000_000, "20.1 s"),

@@ -112,7 +112,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn columns_stand_under_each_other() {
+    fn columns_are_aligned() {
         let rows = [["a", "bbb", "c"], ["aaa", "b", ""]].map(|r| r.map(str::to_owned));
         assert_eq!(table(&rows), ["a    bbb  c", "aaa  b"]);
     }

@@ -264,8 +264,8 @@ fn difference(
         }
     }
     let is_missing = |path: &str| files.iter().all(|f| f.path != path);
-    if let Some(gone) = record.files.iter().find(|known| is_missing(&known.path)) {
-        return Ok(Some(format!("{} is only in the library", gone.path)));
+    if let Some(extra) = record.files.iter().find(|known| is_missing(&known.path)) {
+        return Ok(Some(format!("{} is only in the library", extra.path)));
     }
     // All lengths are equal: the manifest decides whether it is the same recording.
     let manifest = source.join(layout::MANIFEST);
@@ -286,8 +286,8 @@ fn difference_in_content(
 ) -> Result<Option<String>, ImportError> {
     let (existing, _) = super::source::list_files(folder)?;
     let is_missing = |path: &str| files.iter().all(|f| f.path != path);
-    if let Some(gone) = existing.iter().find(|known| is_missing(&known.path)) {
-        return Ok(Some(format!("{} is only in the library", gone.path)));
+    if let Some(extra) = existing.iter().find(|known| is_missing(&known.path)) {
+        return Ok(Some(format!("{} is only in the library", extra.path)));
     }
     for file in files {
         let path = source.join(&file.path);

@@ -197,7 +197,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn reads_wait_for_bytes_and_fail_when_none_will_come() {
+    fn reads_wait_for_bytes_and_fail_after_the_copy_is_aborted() {
         let folder = tempfile::tempdir().unwrap();
         std::fs::create_dir(folder.path().join("segments")).unwrap();
         std::fs::write(folder.path().join("segments/a"), b"0123456789").unwrap();

@@ -74,7 +74,7 @@ fn copies(folder: &Path) -> Vec<(&'static str, Condition)> {
 }
 
 #[test]
-fn a_damaged_copy_never_shadows_the_whole_one_that_comes_later() {
+fn damaged_copy_never_shadows_a_later_complete_one() {
     let folder = tempfile::tempdir().unwrap();
     let at = |name: &str| folder.path().join(name);
     let aside = format!("{ID}.damaged");
@@ -114,7 +114,7 @@ fn a_damaged_copy_never_shadows_the_whole_one_that_comes_later() {
 }
 
 #[test]
-fn a_damaged_copy_never_replaces_a_whole_one() {
+fn damaged_copy_never_replaces_a_complete_one() {
     let folder = tempfile::tempdir().unwrap();
     let at = |name: &str| folder.path().join(name);
     for (name, _) in copies(folder.path()) {
@@ -131,7 +131,7 @@ fn a_damaged_copy_never_replaces_a_whole_one() {
 }
 
 #[test]
-fn a_damaged_copy_neither_replaces_another_nor_is_lost() {
+fn damaged_copy_neither_replaces_another_nor_is_lost() {
     let folder = tempfile::tempdir().unwrap();
     let at = |name: &str| folder.path().join(name);
     copies(folder.path());
@@ -143,7 +143,7 @@ fn a_damaged_copy_neither_replaces_another_nor_is_lost() {
 }
 
 #[test]
-fn a_cut_one_replaces_a_damaged_one_and_a_whole_one_the_cut_one() {
+fn cut_off_replaces_damaged_and_complete_replaces_cut_off() {
     let folder = tempfile::tempdir().unwrap();
     let at = |name: &str| folder.path().join(name);
     let mut session = Session::with_units(2.0, 2000);
@@ -195,7 +195,7 @@ fn cut_off(folder: &Path) {
 }
 
 #[test]
-fn one_that_the_rig_closed_is_better_than_its_cut_off_copy_in_either_order() {
+fn closed_session_is_better_than_its_cut_off_copy_in_either_order() {
     let folder = tempfile::tempdir().unwrap();
     let at = |name: &str| folder.path().join(name);
     cut_off(folder.path());
@@ -221,7 +221,7 @@ fn one_that_the_rig_closed_is_better_than_its_cut_off_copy_in_either_order() {
 }
 
 #[test]
-fn what_was_saved_from_a_damaged_one_does_not_replace_a_cut_off_one_with_more() {
+fn recovered_copy_does_not_replace_a_cut_off_one_with_more_samples() {
     let folder = tempfile::tempdir().unwrap();
     let at = |name: &str| folder.path().join(name);
     cut_off(folder.path());
@@ -241,7 +241,7 @@ fn what_was_saved_from_a_damaged_one_does_not_replace_a_cut_off_one_with_more() 
 }
 
 #[test]
-fn stopped_at_any_step_of_replacing_both_copies_are_there() {
+fn both_copies_survive_a_stop_at_any_step_of_replacing() {
     let folder = tempfile::tempdir().unwrap();
     let at = |name: &str| folder.path().join(name);
     copies(folder.path());
@@ -286,7 +286,7 @@ fn stopped_at_any_step_of_replacing_both_copies_are_there() {
 }
 
 #[test]
-fn what_a_stopped_import_of_a_damaged_copy_left_does_not_spoil_the_whole_one() {
+fn remains_of_a_damaged_copy_do_not_corrupt_the_complete_one() {
     let folder = tempfile::tempdir().unwrap();
     let at = |name: &str| folder.path().join(name);
     copies(folder.path());
@@ -323,7 +323,7 @@ fn what_a_stopped_import_of_a_damaged_copy_left_does_not_spoil_the_whole_one() {
 }
 
 #[test]
-fn what_a_stopped_import_of_a_cut_off_session_saved_is_kept_when_its_disk_dies() {
+fn copied_files_are_kept_when_the_source_disk_fails() {
     let folder = tempfile::tempdir().unwrap();
     let at = |name: &str| folder.path().join(name);
     cut_off(folder.path());
@@ -349,7 +349,7 @@ fn what_a_stopped_import_of_a_cut_off_session_saved_is_kept_when_its_disk_dies()
 }
 
 #[test]
-fn one_with_the_longest_identifier_that_makes_way_is_listed() {
+fn replaced_copy_with_the_longest_identifier_is_listed() {
     let folder = tempfile::tempdir().unwrap();
     let at = |name: &str| folder.path().join(name);
     let id = "x".repeat(100);
@@ -377,7 +377,7 @@ fn one_with_the_longest_identifier_that_makes_way_is_listed() {
 }
 
 #[test]
-fn a_session_that_rotted_in_the_library_is_replaced_once_that_is_known() {
+fn session_corrupted_in_the_library_is_replaced_once_detected() {
     let folder = tempfile::tempdir().unwrap();
     let at = |name: &str| folder.path().join(name);
     copies(folder.path());

@@ -36,7 +36,7 @@ fn write(folder: &Path) -> Rig {
 }
 
 #[test]
-fn a_rig_is_found_as_it_is() {
+fn calibration_recovers_the_ground_truth_rig() {
     let folder = tempfile::tempdir().unwrap();
     let session = folder.path().join("targets");
     let truth = write(&session);

@@ -36,7 +36,7 @@ fn verify(session: &Path, more: &[&str]) -> (Option<i32>, String) {
 }
 
 #[test]
-fn a_rig_as_told_passes_and_a_turned_camera_fails() {
+fn nominal_rig_passes_and_rotated_camera_fails() {
     let folder = tempfile::tempdir().unwrap();
     let [good, turned] = ["good", "turned"].map(|name| folder.path().join(name));
     write(&good, Vector3::zeros());

@@ -28,7 +28,7 @@ fn other_id(n: usize) -> String {
 }
 
 #[test]
-fn a_damaged_catalogue_is_set_aside_and_made_again() {
+fn damaged_catalogue_is_renamed_and_rebuilt() {
     let folder = tempfile::tempdir().unwrap();
     let at = folder.path();
     Session::good(1.0).write(&at.join("disk/walk"));
@@ -75,7 +75,7 @@ fn a_damaged_catalogue_is_set_aside_and_made_again() {
 }
 
 #[test]
-fn imports_into_a_new_library_at_the_same_time_all_succeed() {
+fn simultaneous_imports_into_a_new_library_all_succeed() {
     const PROGRAMS: usize = 4;
     let folder = tempfile::tempdir().unwrap();
     for n in 0..PROGRAMS {
@@ -136,7 +136,7 @@ fn imports_into_a_new_library_at_the_same_time_all_succeed() {
 }
 
 #[test]
-fn programs_that_only_read_do_so_while_others_make_the_library() {
+fn readers_work_while_the_library_is_created() {
     let folder = tempfile::tempdir().unwrap();
     let at = folder.path();
     for n in 0..3 {

@@ -14,7 +14,7 @@ use session_archive::index::{Access, Index};
 use session_archive::reader::SessionReader;
 use session_archive::storage::DiskStorage;
 
-use crate::pictures::picture;
+use crate::images::image;
 use crate::support::{MS, START, Session, capture};
 
 fn export(session: &Path, format: Format, out: &Path) -> (Outcome, String) {
@@ -79,7 +79,7 @@ fn tables_hold_every_sample_in_si_units() {
 }
 
 #[test]
-fn euroc_folders_hold_both_eyes_the_imu_and_the_calibration() {
+fn euroc_folders_have_stereo_images_imu_and_calibration() {
     let folder = tempfile::tempdir().unwrap();
     let (source, out) = (folder.path().join("s"), folder.path().join("out"));
     let mut session = Session::decodable(1.0);
@@ -132,7 +132,7 @@ fn euroc_folders_hold_both_eyes_the_imu_and_the_calibration() {
     );
 
     // The images are the recorded ones, left and right not swapped.
-    let whole = picture(2, 1, 128, 48);
+    let whole = image(2, 1, 128, 48);
     for (cam, side) in [("cam0", 0), ("cam1", 64)] {
         let path = out.join(format!("feet/mav0/{cam}/data/{second}.png"));
         let (pixels, kind) = decode(&path);
@@ -141,7 +141,7 @@ fn euroc_folders_hold_both_eyes_the_imu_and_the_calibration() {
         let worst = (0..48 * 64)
             .map(|i| seen[i / 64 * 128 + side + i % 64].abs_diff(pixels[i]))
             .max();
-        assert!(worst.unwrap() <= 6, "{cam} is off by {worst:?}");
+        assert!(worst.unwrap() <= 6, "{cam} has the error {worst:?}");
     }
     let (pixels, kind) = decode(&out.join(format!(
         "right_shoulder/mav0/cam0/data/{}.png",
@@ -161,7 +161,7 @@ fn decode(path: &Path) -> (Vec<u8>, png::ColorType) {
 }
 
 #[test]
-fn mp4_files_hold_the_access_units_as_they_are() {
+fn mp4_files_contain_the_access_units_unchanged() {
     let folder = tempfile::tempdir().unwrap();
     let (source, out) = (folder.path().join("s"), folder.path().join("out"));
     let session = Session::decodable(1.0);
@@ -176,7 +176,7 @@ fn mp4_files_hold_the_access_units_as_they_are() {
     );
     // Without re-encoding every slice is in the file byte for byte, after its length.
     let file = fs::read(out.join("feet.mp4")).unwrap();
-    for p in session.pictures.iter().filter(|p| p.camera == 2) {
+    for p in session.stereo_frames.iter().filter(|p| p.camera == 2) {
         let nals = video::annexb::nals(&p.unit);
         for nal in nals.filter(|n| n.is_slice(video::Codec::H264)) {
             let found = file.windows(nal.bytes.len()).any(|w| w == nal.bytes);
@@ -187,7 +187,7 @@ fn mp4_files_hold_the_access_units_as_they_are() {
 
 /// Damaged data cannot be exported, and every format reports it.
 #[test]
-fn damage_is_told_in_every_format() {
+fn damage_is_reported_by_every_format() {
     let folder = tempfile::tempdir().unwrap();
     let source = folder.path().join("s");
     Session::decodable(2.0).write(&source);
@@ -208,7 +208,7 @@ fn damage_is_told_in_every_format() {
 }
 
 #[test]
-fn streams_that_would_share_a_file_are_refused() {
+fn streams_with_colliding_file_names_are_rejected() {
     let folder = tempfile::tempdir().unwrap();
     for (i, (camera, imu)) in [("feet_imu", "feet/imu"), ("feet", "events")]
         .iter()
@@ -232,7 +232,7 @@ fn streams_that_would_share_a_file_are_refused() {
 }
 
 #[test]
-fn decoding_everything_finds_what_checksums_cannot() {
+fn decode_check_finds_errors_that_checksums_cannot() {
     let folder = tempfile::tempdir().unwrap();
     let deep = |session: &Session, name: &str| {
         let path = folder.path().join(name);
@@ -254,7 +254,7 @@ fn decoding_everything_finds_what_checksums_cannot() {
     assert_eq!(of(&good), [0.0; 3]);
     // The encoder's output was wrong, and the checksums match it.
     let bad = session
-        .pictures
+        .stereo_frames
         .iter_mut()
         .rfind(|p| p.camera == 2)
         .unwrap();
@@ -283,7 +283,7 @@ fn an_index_leads_to_every_access_unit() {
     let reader = SessionReader::open(storage.clone()).unwrap();
     let index = Index::build(&reader, |_| {}).unwrap();
     let access = Access::open(&*storage, &index).unwrap();
-    for p in &session.pictures {
+    for p in &session.stereo_frames {
         let frame = index.cameras[p.camera].frame(p.frame.number).unwrap();
         assert_eq!(access.unit(frame).unwrap(), p.unit);
     }

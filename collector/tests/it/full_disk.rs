@@ -58,7 +58,7 @@ fn check(folder: &Path, line: &str, arguments: &[&str], code: i32, part: &str) -
 }
 
 #[test]
-fn where_no_file_can_grow_everything_is_read_and_pruned() {
+fn library_is_readable_and_prunable_if_no_file_can_grow() {
     let folder = library();
     let at = folder.path();
     // Check that the limit works: no byte can be written.
@@ -126,7 +126,7 @@ fn where_no_file_can_grow_everything_is_read_and_pruned() {
 }
 
 #[test]
-fn a_disk_that_is_really_full_and_one_that_is_read_only() {
+fn library_works_on_a_full_and_on_a_read_only_disk() {
     let folder = library();
     let at = folder.path();
     let script = r#"

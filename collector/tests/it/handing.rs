@@ -85,7 +85,7 @@ fn set(texts: &[&str]) -> Limits {
 }
 
 #[test]
-fn a_failure_is_handed_over_on_request_and_marked() {
+fn failed_session_is_handed_over_on_request_and_marked() {
     let desk = Desk::failing();
     for accept in [None, Some(Verdict::Warn)] {
         let (outcome, text) = desk.hand_over(accept, &[]);
@@ -132,7 +132,7 @@ fn a_failure_is_handed_over_on_request_and_marked() {
 }
 
 #[test]
-fn an_acceptance_does_not_cover_what_comes_to_light_later() {
+fn acceptance_does_not_cover_later_findings() {
     let desk = Desk::failing();
     desk.hand_over(Some(Verdict::Fail), &[]);
     // A flipped bit: another recording, with one more failure.
@@ -152,7 +152,7 @@ fn an_acceptance_does_not_cover_what_comes_to_light_later() {
 }
 
 #[test]
-fn handing_over_again_and_validating_in_between_change_nothing() {
+fn repeated_hand_off_with_validations_in_between_changes_nothing() {
     let desk = Desk::with(&Session::decodable(1.0));
     assert_eq!(desk.hand_over(None, &[]).0, Outcome::Fine);
     let (first, bytes) = (desk.open().unwrap(), desk.bytes());
@@ -181,10 +181,10 @@ fn handing_over_again_and_validating_in_between_change_nothing() {
 }
 
 #[test]
-fn a_verdict_that_changes_is_said_with_the_reason() {
+fn changed_verdict_is_reported_with_the_reason() {
     let mut session = Session::decodable(1.0);
     // The encoder's output was wrong, which only decoding finds.
-    let bad = session.pictures.iter_mut().rfind(|p| p.camera == 2);
+    let bad = session.stereo_frames.iter_mut().rfind(|p| p.camera == 2);
     bad.unwrap().unit = vec![0, 0, 0, 1, 0x41, 0xFF, 0xFF, 0xFF];
     let desk = Desk::with(&session);
     let (_, text) = desk.validate(false, &[]);
@@ -223,7 +223,7 @@ fn a_verdict_that_changes_is_said_with_the_reason() {
 }
 
 #[test]
-fn limits_count_in_a_hand_off_as_in_a_validation() {
+fn limits_apply_to_a_hand_off_as_to_a_validation() {
     let desk = Desk::failing();
     let limits = ["camera.dropped=never", "camera.longest_gap=never,never"];
     let (outcome, _) = desk.validate(false, &limits);
@@ -279,7 +279,7 @@ fn version1(desk: &Desk) -> String {
 }
 
 #[test]
-fn a_hand_off_of_version_1_is_written_again_and_keeps_its_seal_beside() {
+fn version_1_hand_off_is_rewritten_and_keeps_its_seal() {
     let desk = Desk::with(&Session::good(1.0));
     desk.hand_over(None, &[]);
     let new = desk.open().unwrap();

@@ -68,7 +68,7 @@ fn each_kind(path: &Path, check: &mut dyn FnMut(&str)) {
 }
 
 #[test]
-fn what_is_no_file_in_a_session_is_refused_at_once_and_named() {
+fn non_files_in_a_session_are_rejected_and_named() {
     let folder = tempfile::tempdir().unwrap();
     // Paths of sockets are short.
     let at = folder.path();
@@ -125,7 +125,7 @@ fn what_is_no_file_in_a_session_is_refused_at_once_and_named() {
 }
 
 #[test]
-fn what_is_no_file_is_refused_where_a_rig_or_a_calibration_is_read() {
+fn non_files_are_rejected_as_rig_or_calibration() {
     let folder = tempfile::tempdir().unwrap();
     let at = folder.path();
     fs::write(at.join("rig.toml"), "revision = 1\n").unwrap();
@@ -174,7 +174,7 @@ fn patch(path: &Path, offset: u64, bytes: &[u8]) {
 }
 
 #[test]
-fn sizes_that_are_lies_cost_no_memory() {
+fn false_sizes_allocate_no_memory() {
     let folder = tempfile::tempdir().unwrap();
     let at = folder.path();
     let limited = ends(at, &["--version"], &[0]);

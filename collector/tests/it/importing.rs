@@ -37,7 +37,7 @@ fn assert_is_copy(root: &Path, source: &Path) {
 }
 
 #[test]
-fn a_session_is_copied_checked_and_listed() {
+fn session_is_copied_verified_and_listed() {
     let folder = tempfile::tempdir().unwrap();
     let (root, source) = (folder.path().join("library"), folder.path().join("walk-1"));
     Session::good(2.0).write(&source);
@@ -82,7 +82,7 @@ fn a_session_is_copied_checked_and_listed() {
 }
 
 #[test]
-fn importing_again_changes_nothing() {
+fn repeated_import_changes_nothing() {
     let folder = tempfile::tempdir().unwrap();
     let (root, source) = (folder.path().join("library"), folder.path().join("a"));
     Session::good(1.0).write(&source);
@@ -95,7 +95,7 @@ fn importing_again_changes_nothing() {
 }
 
 #[test]
-fn a_session_that_differs_is_refused_and_nothing_is_overwritten() {
+fn differing_session_is_rejected_and_nothing_is_overwritten() {
     let folder = tempfile::tempdir().unwrap();
     let root = folder.path().join("library");
     let source = folder.path().join("first");
@@ -134,7 +134,7 @@ fn a_session_that_differs_is_refused_and_nothing_is_overwritten() {
 }
 
 #[test]
-fn stopped_at_any_step_it_is_whole_or_not_there_and_goes_on() {
+fn import_stopped_at_any_step_is_atomic_and_resumes() {
     let folder = tempfile::tempdir().unwrap();
     let source = folder.path().join("source");
     Session::with_units(1.0, 40_000).write(&source);
@@ -197,7 +197,7 @@ fn stopped_at_any_step_it_is_whole_or_not_there_and_goes_on() {
 }
 
 #[test]
-fn what_an_interrupted_import_left_is_not_trusted_blindly() {
+fn remains_of_an_interrupted_import_are_verified() {
     let folder = tempfile::tempdir().unwrap();
     let (root, source) = (folder.path().join("library"), folder.path().join("source"));
     Session::with_units(1.0, 20_000).write(&source);
@@ -263,7 +263,7 @@ fn damaged_and_unclosed_sessions_are_imported_as_such() {
 }
 
 #[test]
-fn what_is_still_being_recorded_is_not_listed() {
+fn session_still_being_recorded_is_not_listed() {
     let folder = tempfile::tempdir().unwrap();
     let (root, source) = (folder.path().join("library"), folder.path().join("source"));
     Session::with_units(1.0, 20_000).write(&source);
@@ -283,7 +283,7 @@ fn what_is_still_being_recorded_is_not_listed() {
 }
 
 #[test]
-fn an_identifier_that_is_a_path_is_refused() {
+fn identifier_that_is_a_path_is_rejected() {
     let folder = tempfile::tempdir().unwrap();
     let (root, source) = (folder.path().join("library"), folder.path().join("source"));
     let mut session = Session::good(1.0);

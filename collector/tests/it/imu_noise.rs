@@ -124,7 +124,7 @@ fn paws(arguments: &[&str]) -> (Option<i32>, String) {
 }
 
 #[test]
-fn noise_is_what_the_simulation_was_given() {
+fn estimated_noise_matches_the_simulation() {
     let folder = tempfile::tempdir().unwrap();
     let (session, out) = (folder.path().join("s"), folder.path().join("out"));
     write(&session, model(), 3 * 3600, [0, 0], [0, 0]);
@@ -190,7 +190,7 @@ fn noise_is_what_the_simulation_was_given() {
 }
 
 #[test]
-fn motion_and_gaps_are_told_of_and_a_walk_is_refused() {
+fn motion_and_gaps_are_reported_and_a_walk_is_rejected() {
     let folder = tempfile::tempdir().unwrap();
     let (session, out) = (folder.path().join("s"), folder.path().join("out"));
     write(&session, model(), 900, [12, 30], [500, 540]);

@@ -171,7 +171,7 @@ fn carry(mut client: TcpStream, to: SocketAddr, cut: usize, spoil: usize) {
 }
 
 #[test]
-fn sessions_are_pulled_received_and_freed() {
+fn sessions_are_pulled_acknowledged_and_freed() {
     let rig = Rig::new();
     let (outcome, text) = rig.pull(&rig.options());
     assert_eq!(outcome, Outcome::Fine, "{text}");
@@ -210,7 +210,7 @@ fn sessions_are_pulled_received_and_freed() {
 }
 
 #[test]
-fn several_at_a_time_over_connections_that_break() {
+fn parallel_pulls_survive_broken_connections() {
     let rig = Rig::new();
     let address = proxy(rig.server.address(), 400_000, usize::MAX);
     let options = Options {
@@ -224,7 +224,7 @@ fn several_at_a_time_over_connections_that_break() {
 }
 
 #[test]
-fn killed_again_and_again_it_is_whole_or_not_there_and_goes_on() {
+fn repeatedly_killed_pull_is_atomic_and_resumes() {
     let limits = Limits {
         recording_bytes_per_s: 4_000_000,
         ..Limits::default()
@@ -282,7 +282,7 @@ fn killed_again_and_again_it_is_whole_or_not_there_and_goes_on() {
 }
 
 #[test]
-fn bytes_that_change_on_the_way_are_noticed() {
+fn bytes_changed_in_transit_are_detected() {
     let rig = Rig::new();
     let address = proxy(rig.server.address(), usize::MAX, 100_000);
     let (outcome, text) = rig.pull(&options(address));
@@ -297,7 +297,7 @@ fn bytes_that_change_on_the_way_are_noticed() {
 }
 
 #[test]
-fn the_one_that_is_being_recorded_is_left_alone() {
+fn session_being_recorded_is_not_pulled() {
     let rig = Rig::new();
     rig.rig.record(Some("walk-1"));
     let (outcome, text) = rig.pull(&rig.options());
@@ -316,7 +316,7 @@ fn the_one_that_is_being_recorded_is_left_alone() {
 
 /// `latest` on a rig is the last recorded session of those that have ended.
 #[test]
-fn the_latest_is_pulled_alone() {
+fn latest_pulls_only_the_last_session() {
     const NEWEST: &str = "0192aa00-0000-7000-8000-000000000003";
     let rig = Rig::new();
     let mut newest = Session::good(1.0);
@@ -330,29 +330,32 @@ fn the_latest_is_pulled_alone() {
         assert_eq!(output.status.code(), Some(code), "{text}");
         text
     };
-    let told = pull(0);
+    let output = pull(0);
     assert!(
-        told.contains(&format!("a-new-one {NEWEST}: imported, 1.0 s")),
-        "{told}"
+        output.contains(&format!("a-new-one {NEWEST}: imported, 1.0 s")),
+        "{output}"
     );
     rig.assert_pulled("a-new-one", NEWEST);
     assert_eq!(rig.listed(), 1);
     // Of two recorded at one time it is the one whose name comes last.
     rig.rig.record(Some("a-new-one"));
-    let told = pull(0);
-    assert!(told.contains(&format!("walk-1 {ID}: imported")), "{told}");
+    let output = pull(0);
+    assert!(
+        output.contains(&format!("walk-1 {ID}: imported")),
+        "{output}"
+    );
     assert_eq!(rig.listed(), 2);
     for name in ["walk-1", "run-1"] {
         fs::remove_dir_all(rig.sessions().join(name)).unwrap();
     }
-    let told = pull(1);
-    assert!(told.contains("no session that is ended"), "{told}");
+    let output = pull(1);
+    assert!(output.contains("no session that is ended"), "{output}");
     assert_eq!(rig.listed(), 2);
 }
 
 /// The system accepts connections for a program that never handles them.
 #[test]
-fn a_rig_that_says_nothing_is_given_up() {
+fn silent_rig_times_out() {
     let folder = tempfile::tempdir().unwrap();
     let library = folder.path().join("library");
     let listener = TcpListener::bind("127.0.0.1:0").unwrap();
@@ -391,7 +394,7 @@ fn a_rig_that_says_nothing_is_given_up() {
 }
 
 #[test]
-fn what_is_cut_off_is_pulled_as_such_and_what_is_damaged_stays_on_the_rig() {
+fn cut_off_session_is_pulled_and_damaged_one_is_kept_on_the_rig() {
     let rig = Rig::new();
     let mut cut = Session::good(2.0);
     cut.closed = false;
@@ -424,7 +427,7 @@ fn what_is_cut_off_is_pulled_as_such_and_what_is_damaged_stays_on_the_rig() {
 }
 
 #[test]
-fn a_damaged_copy_in_the_library_makes_way_for_the_whole_one_on_the_rig() {
+fn damaged_copy_in_the_library_is_replaced_by_the_complete_one_of_the_rig() {
     let rig = Rig::new();
     let from_disk = rig.folder.path().join("disk/walk-1");
     for (path, content) in tree(&rig.sessions().join("walk-1")) {
@@ -467,7 +470,7 @@ fn a_damaged_copy_in_the_library_makes_way_for_the_whole_one_on_the_rig() {
 }
 
 #[test]
-fn a_session_that_differs_is_refused_on_both_sides() {
+fn differing_session_is_rejected_by_library_and_rig() {
     let rig = Rig::new();
     rig.pull(&rig.options());
     let before = tree(&rig.library().join("sessions"));
@@ -494,7 +497,7 @@ fn a_session_that_differs_is_refused_on_both_sides() {
 }
 
 #[test]
-fn what_a_library_lost_is_pulled_again_before_it_sends_a_receipt() {
+fn session_missing_in_the_library_is_pulled_again_before_a_receipt() {
     let rig = Rig::new();
     rig.pull(&rig.options());
     fs::remove_file(rig.receipt("run-1")).unwrap();
@@ -513,7 +516,7 @@ fn what_a_library_lost_is_pulled_again_before_it_sends_a_receipt() {
 
 /// The rig has a receipt for the session all the time.
 #[test]
-fn what_rotted_in_the_library_is_pulled_again_before_the_rig_frees_its_own() {
+fn session_corrupted_in_the_library_is_pulled_again_before_freeing() {
     for is_validated in [true, false] {
         let rig = Rig::new();
         rig.pull(&rig.options());
@@ -557,7 +560,7 @@ fn what_rotted_in_the_library_is_pulled_again_before_the_rig_frees_its_own() {
 /// A rig that closes a session after it was pulled has the better copy from then on, whatever the
 /// receipt states.
 #[test]
-fn a_cut_off_session_makes_way_for_the_one_that_the_rig_closed_since() {
+fn cut_off_session_is_replaced_after_the_rig_closed_it() {
     let rig = Rig::new();
     let at = rig.sessions().join("walk-1");
     fs::remove_dir_all(&at).unwrap();
@@ -588,7 +591,7 @@ fn a_cut_off_session_makes_way_for_the_one_that_the_rig_closed_since() {
 }
 
 #[test]
-fn import_and_pull_take_over_from_each_other() {
+fn import_and_pull_resume_each_other() {
     let rig = Rig::new();
     // Pulled as far as the connection carries, then imported from the rig's disk.
     let address = proxy(rig.server.address(), 1_000_000, usize::MAX);
@@ -621,7 +624,7 @@ fn import_and_pull_take_over_from_each_other() {
 }
 
 #[test]
-fn over_tls_the_rig_is_known_by_its_fingerprint() {
+fn rig_is_authenticated_by_fingerprint_over_tls() {
     let folder = tempfile::tempdir().unwrap();
     let identity = Identity::load_or_create(folder.path()).unwrap();
     let right = identity.fingerprint().to_string();
@@ -709,7 +712,7 @@ fn over_tls_the_rig_is_known_by_its_fingerprint() {
 }
 
 #[test]
-fn what_a_host_makes_is_the_same_on_both_ends() {
+fn derived_file_names_agree_on_both_ends() {
     for name in collector::library::DERIVED {
         assert!(rig_link::link::DERIVED.contains(&name), "{name}");
     }

@@ -50,7 +50,7 @@ fn the_verdict_and_its_reasons_come_first() {
 }
 
 #[test]
-fn nothing_is_fetched_from_elsewhere() {
+fn report_loads_no_external_resources() {
     let page = html(&Session::good(1.0));
     for foreign in ["src=", "href=", "url(", "<script", "@import"] {
         assert!(!page.contains(foreign), "{foreign} is in the page");
@@ -82,7 +82,7 @@ fn frames_of_every_camera_are_shown() {
 }
 
 #[test]
-fn it_fits_a_phone_and_a_screen() {
+fn report_fits_a_phone_and_a_desktop() {
     let Some(mut browser) = Browser::start(360, 780) else {
         return;
     };
@@ -107,10 +107,10 @@ fn it_fits_a_phone_and_a_screen() {
 }
 
 #[test]
-fn a_camera_without_images_is_no_failure() {
+fn camera_without_images_does_not_fail_the_report() {
     let mut session = Session::decodable(2.0);
     session.spec.cameras[0].codec = "av1".to_owned();
-    session.pictures.retain(|p| p.camera != 1);
+    session.stereo_frames.retain(|p| p.camera != 1);
     let page = html(&session);
     for why in [
         "No image can be shown: found the codec &quot;av1&quot;, expected h264 or h265.",
@@ -125,7 +125,7 @@ fn a_camera_without_images_is_no_failure() {
 }
 
 #[test]
-fn the_loss_of_a_camera_is_a_share_with_its_cause() {
+fn camera_loss_has_fraction_and_cause() {
     let mut session = Session::good(4.0);
     session.drop_frames(2, 120, 122, true);
     let page = html(&session);
@@ -147,7 +147,7 @@ fn the_loss_of_a_camera_is_a_share_with_its_cause() {
 fn strange_names_are_escaped_and_missing_streams_drawn() {
     let mut session = Session::good(1.0);
     session.spec.name = "<script>alert(1)</script>".to_owned();
-    session.pictures.retain(|p| p.camera == 0);
+    session.stereo_frames.retain(|p| p.camera == 0);
     session.imu.clear();
     session.health.clear();
     session.clocks.clear();
@@ -157,7 +157,7 @@ fn strange_names_are_escaped_and_missing_streams_drawn() {
 }
 
 #[test]
-fn impossible_values_are_drawn_and_judged_without_a_panic() {
+fn invalid_values_are_drawn_and_evaluated_without_a_panic() {
     let mut session = Session::good(2.0);
     for (i, batch) in session.imu.iter_mut().enumerate() {
         batch.times[3] = [i64::MIN, i64::MAX, 0][i % 3];
@@ -213,7 +213,7 @@ fn impossible_values_are_drawn_and_judged_without_a_panic() {
 }
 
 #[test]
-fn the_page_does_not_grow_with_the_session() {
+fn report_size_does_not_grow_with_the_session() {
     let (short, long) = (html(&Session::good(20.0)), html(&Session::good(100.0)));
     assert!(
         long.len() < 2 * short.len(),

@@ -22,7 +22,7 @@ pub(crate) const ID: &str = "0192aa00-0000-7000-8000-000000000001";
 
 /// One stereo frame.
 #[derive(Clone)]
-pub(crate) struct Picture {
+pub(crate) struct StereoFrame {
     pub(crate) camera: usize,
     pub(crate) frame: Frame,
     pub(crate) unit: Vec<u8>,
@@ -33,7 +33,7 @@ pub(crate) struct Picture {
 #[derive(Clone)]
 pub(crate) struct Session {
     pub(crate) spec: SessionSpec,
-    pub(crate) pictures: Vec<Picture>,
+    pub(crate) stereo_frames: Vec<StereoFrame>,
     pub(crate) imu: Vec<ImuBatch>,
     pub(crate) sets: Vec<FrameSet>,
     pub(crate) gaps: Vec<Gap>,
@@ -55,7 +55,7 @@ pub(crate) fn camera(name: &str, rate_hz: f64, trigger: Option<&str>) -> Camera 
         rate_hz,
         tick: TickLength::NANOSECOND,
         trigger: trigger.map(str::to_owned),
-        source: "made up".to_owned(),
+        source: "synthetic".to_owned(),
         encoder: "none".to_owned(),
     }
 }
@@ -135,7 +135,7 @@ impl Session {
             camera("feet", 15.0, None),
         ];
         let end = (seconds * 1e9) as i64;
-        let mut pictures = Vec::new();
+        let mut stereo_frames = Vec::new();
         // The trigger reaches the second camera 20 us late; the free camera runs 12 ms behind.
         for (camera, period, phase) in [
             (0, 33_333_333, 0),
@@ -151,7 +151,7 @@ impl Session {
                 let key = t / (500 * MS) != epoch;
                 epoch = t / (500 * MS);
                 let number = 100 + i as u64;
-                pictures.push(Picture {
+                stereo_frames.push(StereoFrame {
                     camera,
                     frame: Frame {
                         number,
@@ -169,7 +169,7 @@ impl Session {
                 });
             }
         }
-        let sets = sets(&pictures, &cameras);
+        let sets = sets(&stereo_frames, &cameras);
         let eyes = cameras.iter().flat_map(|c| {
             ["left", "right"].map(|eye| (format!("{}/{eye}", c.name), calibration()))
         });
@@ -188,11 +188,11 @@ impl Session {
                     name: "feet/imu".to_owned(),
                     rate_hz: 200.0,
                     tick: TickLength::ZED_MINI,
-                    source: "made up".to_owned(),
+                    source: "synthetic".to_owned(),
                 }],
                 rig: vec![("rig.toml".to_owned(), b"revision = 1\n".to_vec())],
             },
-            pictures,
+            stereo_frames,
             imu: (0..(seconds * 10.0) as i64).map(batch).collect(),
             sets,
             gaps: Vec::new(),
@@ -245,10 +245,11 @@ impl Session {
     /// Removes frames `first..=last` of a camera; with a gap record if `noted`.
     pub(crate) fn drop_frames(&mut self, camera: usize, first: u64, last: u64, noted: bool) {
         let name = self.spec.cameras[camera].name.clone();
-        let gone = |p: &Picture| p.camera == camera && (first..=last).contains(&p.frame.number);
+        let dropped =
+            |p: &StereoFrame| p.camera == camera && (first..=last).contains(&p.frame.number);
         let time = |number: u64| {
-            let mut pictures = self.pictures.iter();
-            pictures
+            let mut stereo_frames = self.stereo_frames.iter();
+            stereo_frames
                 .find(|p| p.camera == camera && p.frame.number == number)
                 .map(|p| p.frame.time)
         };
@@ -263,14 +264,14 @@ impl Session {
                 detail: "too slow".to_owned(),
             });
         }
-        self.pictures.retain(|p| !gone(p));
-        self.sets = sets(&self.pictures, &self.spec.cameras);
+        self.stereo_frames.retain(|p| !dropped(p));
+        self.sets = sets(&self.stereo_frames, &self.spec.cameras);
     }
 
     /// The frames of a camera.
     pub(crate) fn frames(&mut self, camera: usize) -> impl Iterator<Item = &mut Frame> {
-        let pictures = self.pictures.iter_mut();
-        pictures
+        let stereo_frames = self.stereo_frames.iter_mut();
+        stereo_frames
             .filter(move |p| p.camera == camera)
             .map(|p| &mut p.frame)
     }
@@ -278,7 +279,7 @@ impl Session {
     /// Writes the session into a folder.
     pub(crate) fn write(&self, folder: &Path) {
         enum Item<'a> {
-            Picture(&'a Picture),
+            StereoFrame(&'a StereoFrame),
             Imu(&'a ImuBatch),
             Set(&'a FrameSet),
             Gap(&'a Gap),
@@ -298,9 +299,9 @@ impl Session {
         let mut items: Vec<(i64, Item<'_>)> = Vec::new();
         // Ordered by arrival, which faults in a frame's time do not change.
         items.extend(
-            self.pictures
+            self.stereo_frames
                 .iter()
-                .map(|p| (p.frame.host_time, Item::Picture(p))),
+                .map(|p| (p.frame.host_time, Item::StereoFrame(p))),
         );
         items.extend(self.imu.iter().map(|b| (b.host_times[19], Item::Imu(b))));
         items.extend(self.sets.iter().map(|s| (s.time + 4 * MS, Item::Set(s))));
@@ -316,7 +317,7 @@ impl Session {
         for (time, item) in items {
             let at = HostTime(time);
             match item {
-                Item::Picture(p) => {
+                Item::StereoFrame(p) => {
                     let name = &self.spec.cameras[p.camera].name;
                     writer.append_frame(name, p.frame, &p.unit, p.key).unwrap();
                 }
@@ -343,8 +344,8 @@ impl Session {
 }
 
 /// Sets at the times of the first camera, with the nearest frame of the others within 20 ms.
-fn sets(pictures: &[Picture], cameras: &[Camera]) -> Vec<FrameSet> {
-    let of = |camera| pictures.iter().filter(move |p| p.camera == camera);
+fn sets(stereo_frames: &[StereoFrame], cameras: &[Camera]) -> Vec<FrameSet> {
+    let of = |camera| stereo_frames.iter().filter(move |p| p.camera == camera);
     let sets = of(0).zip(0..).map(|(reference, number)| {
         let time = reference.frame.time;
         let (mut members, mut missing) = (Vec::new(), Vec::new());

@@ -78,7 +78,7 @@ fn a_good_session_passes_with_every_metric_measured() {
 }
 
 #[test]
-fn the_same_session_gives_the_same_bytes() {
+fn validation_is_deterministic() {
     let folder = tempfile::tempdir().unwrap();
     Session::good(1.0).write(folder.path());
     let bytes = || validated(folder.path()).validation.to_bytes().unwrap();
@@ -86,7 +86,7 @@ fn the_same_session_gives_the_same_bytes() {
 }
 
 #[test]
-fn missing_frames_are_weighed() {
+fn missing_frames_warn_or_fail_by_fraction() {
     // 1 of 300 is more than 0.1 %, and the gap of two periods is fine.
     let found = beyond(10.0, |s| s.drop_frames(0, 200, 200, true));
     expect(&found, &[(Warn, "camera.dropped", "left_shoulder")]);
@@ -110,7 +110,7 @@ fn missing_frames_are_weighed() {
 }
 
 #[test]
-fn eyes_that_are_too_far_apart_are_warned_of() {
+fn left_right_time_offset_above_the_limit_warns() {
     let apart = |ns: i64| {
         beyond(5.0, move |s| {
             let feet = s.frames(2).zip([1, -1].into_iter().cycle());
@@ -122,7 +122,7 @@ fn eyes_that_are_too_far_apart_are_warned_of() {
 }
 
 #[test]
-fn frames_lost_without_a_note_are_damage() {
+fn frames_lost_without_a_gap_record_are_damage() {
     let found = beyond(10.0, |s| s.drop_frames(0, 200, 200, false));
     expect(
         &found,
@@ -134,8 +134,8 @@ fn frames_lost_without_a_note_are_damage() {
 }
 
 #[test]
-fn a_camera_that_gave_nothing_fails() {
-    let found = beyond(2.0, |s| s.pictures.retain(|p| p.camera != 2));
+fn camera_without_frames_fails() {
+    let found = beyond(2.0, |s| s.stereo_frames.retain(|p| p.camera != 2));
     assert!(
         found.contains(&(Fail, "camera.dropped".into(), "feet".into())),
         "{found:?}"
@@ -143,7 +143,7 @@ fn a_camera_that_gave_nothing_fails() {
 }
 
 #[test]
-fn irregular_frames() {
+fn irregular_frame_periods_are_found() {
     // Every tenth frame of the device is late.
     let jitter = |late: i64| {
         beyond(5.0, move |s| {
@@ -180,7 +180,7 @@ fn a_camera_at_half_its_rate_fails() {
 }
 
 #[test]
-fn times_that_do_not_rise() {
+fn non_increasing_times_fail() {
     let found = beyond(3.0, |s| {
         let frame = s.frames(2).nth(5).unwrap();
         frame.time -= 67 * MS;
@@ -191,7 +191,7 @@ fn times_that_do_not_rise() {
 }
 
 #[test]
-fn frozen_pictures() {
+fn frozen_images_are_found() {
     let freeze = |n: u64| {
         beyond(4.0, move |s| {
             for frame in s.frames(2).filter(|f| (110..110 + n).contains(&f.number)) {
@@ -208,8 +208,8 @@ fn a_bad_payload_is_found() {
     let folder = tempfile::tempdir().unwrap();
     let mut session = Session::good(2.0);
     // The same number twice: the second is rejected.
-    let twice = session.pictures[7].clone();
-    session.pictures.insert(8, twice);
+    let twice = session.stereo_frames[7].clone();
+    session.stereo_frames.insert(8, twice);
     session.write(folder.path());
     let found = beyond_in(folder.path());
     assert!(
@@ -219,7 +219,7 @@ fn a_bad_payload_is_found() {
 }
 
 #[test]
-fn damage_and_a_cut_are_told_apart() {
+fn damage_and_a_cut_are_distinguished() {
     let folder = tempfile::tempdir().unwrap();
     let mut session = Session::with_units(3.0, 1000);
     session.closed = false;
@@ -252,7 +252,7 @@ fn an_altered_rig_file_is_damage() {
 }
 
 #[test]
-fn cameras_that_are_not_aligned() {
+fn misaligned_cameras_are_found() {
     let late = |ns: i64| {
         beyond(3.0, move |s| {
             for frame in s.frames(1) {
@@ -288,16 +288,16 @@ fn cameras_that_are_not_aligned() {
 }
 
 #[test]
-fn imu_faults() {
+fn imu_faults_are_found() {
     let without = |numbers: std::ops::Range<usize>| {
         beyond(4.0, move |s| {
-            let gone = s.imu.drain(numbers).collect::<Vec<_>>();
+            let lost = s.imu.drain(numbers).collect::<Vec<_>>();
             s.gaps.push(session_archive::record::Gap {
                 stream: "feet/imu".to_owned(),
-                first: gone[0].first_number,
-                last: gone[gone.len() - 1].first_number + 19,
+                first: lost[0].first_number,
+                last: lost[lost.len() - 1].first_number + 19,
                 cause: 1,
-                time_before: Some(gone[0].times[0] - 5 * MS),
+                time_before: Some(lost[0].times[0] - 5 * MS),
                 ..Default::default()
             });
         })
@@ -337,9 +337,9 @@ fn imu_faults() {
 }
 
 #[test]
-fn streams_that_start_late_or_end_early() {
+fn late_starts_and_early_ends_are_found() {
     let found = beyond(5.0, |s| {
-        s.pictures
+        s.stereo_frames
             .retain(|p| p.camera != 2 || p.frame.number >= 130);
     });
     assert!(
@@ -347,13 +347,14 @@ fn streams_that_start_late_or_end_early() {
         "{found:?}"
     );
     let found = beyond(5.0, |s| {
-        s.pictures.retain(|p| p.camera != 2 || p.frame.number < 125);
+        s.stereo_frames
+            .retain(|p| p.camera != 2 || p.frame.number < 125);
     });
     expect(&found, &[(Fail, "stream.end_offset", "feet")]);
 }
 
 #[test]
-fn what_the_recorder_told_each_second() {
+fn health_records_are_evaluated() {
     let spared = |step: &'static str| {
         beyond(4.0, move |s| {
             s.health[2].1.sparing = step.to_owned();
@@ -379,7 +380,7 @@ fn what_the_recorder_told_each_second() {
 }
 
 #[test]
-fn doubtful_clocks_and_missing_descriptions() {
+fn unreliable_clocks_and_missing_calibration_warn() {
     let sigma = |ns: u64| beyond(2.0, move |s| s.frames(2).for_each(|f| f.sigma_ns = ns));
     expect(&sigma(3_000_000), &[(Warn, "stream.clock_sigma", "feet")]);
     expect(&sigma(30_000_000), &[(Fail, "stream.clock_sigma", "feet")]);
@@ -416,7 +417,7 @@ fn doubtful_clocks_and_missing_descriptions() {
 }
 
 #[test]
-fn a_recording_without_lenses_is_told_what_mends_it() {
+fn missing_calibration_names_the_remedy() {
     let folder = tempfile::tempdir().unwrap();
     let mut session = Session::good(2.0);
     session.calibrations.remove("feet/right");
@@ -445,7 +446,7 @@ fn a_recording_without_lenses_is_told_what_mends_it() {
 }
 
 #[test]
-fn limits_can_be_moved() {
+fn limits_can_be_changed() {
     let folder = tempfile::tempdir().unwrap();
     let mut session = Session::good(10.0);
     session.drop_frames(0, 200, 200, true);
@@ -457,7 +458,7 @@ fn limits_can_be_moved() {
 }
 
 #[test]
-fn the_summary_tells_losses_by_cause_and_events() {
+fn summary_lists_losses_by_cause_and_events() {
     let folder = tempfile::tempdir().unwrap();
     let mut session = Session::good(4.0);
     session.drop_frames(0, 120, 121, true);

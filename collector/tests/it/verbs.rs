@@ -72,7 +72,7 @@ fn spoilt(folder: &Path, cut: bool) {
 }
 
 #[test]
-fn the_catalogue_can_be_rebuilt_from_the_folders() {
+fn catalogue_can_be_rebuilt_from_the_folders() {
     let mut other = Session::good(1.0);
     other.spec.session_id = "0192aa00-0000-7000-8000-000000000002".to_owned();
     other.spec.started_civil.0 -= 5;
@@ -122,7 +122,7 @@ fn the_catalogue_can_be_rebuilt_from_the_folders() {
 const HOSTILE: &str = "walk\u{1b}[2J\u{9b}2J\u{202e}\nverdict    PASS";
 
 #[test]
-fn what_a_session_says_of_itself_does_not_act_on_the_terminal() {
+fn session_texts_are_escaped_on_the_terminal() {
     let mut session = Session::good(1.0);
     session.spec.name = HOSTILE.to_owned();
     session.spec.software = HOSTILE.to_owned();
@@ -160,7 +160,7 @@ fn what_a_session_says_of_itself_does_not_act_on_the_terminal() {
 }
 
 #[test]
-fn list_and_show_tell_the_essentials() {
+fn list_and_show_print_the_essentials() {
     let mut session = Session::good(4.0);
     session.drop_frames(0, 120, 122, true);
     let desk = Desk::with(&[&session]);
@@ -207,7 +207,7 @@ fn list_and_show_tell_the_essentials() {
 }
 
 #[test]
-fn recovery_makes_a_sound_copy_and_leaves_the_original() {
+fn recovery_writes_an_undamaged_copy_and_keeps_the_original() {
     for cut in [true, false] {
         let desk = Desk::with(&[]);
         let source = desk.folder.path().join("source");
@@ -241,7 +241,7 @@ fn recovery_makes_a_sound_copy_and_leaves_the_original() {
 }
 
 #[test]
-fn recovery_outside_a_library_goes_beside_the_original() {
+fn recovery_outside_a_library_writes_beside_the_original() {
     let folder = tempfile::tempdir().unwrap();
     let source = folder.path().join("walk");
     spoilt(&source, true);
@@ -260,7 +260,7 @@ fn recovery_outside_a_library_goes_beside_the_original() {
 }
 
 #[test]
-fn prune_removes_what_can_be_made_again_and_nothing_else() {
+fn prune_removes_only_derived_files() {
     let desk = Desk::with(&[&Session::good(1.0)]);
     let recorded = tree(&desk.session(ID));
     let targets = [desk.target(ID)];
@@ -354,7 +354,7 @@ fn a_hand_off_is_sealed_renewed_and_withdrawn() {
 
 /// A bit flipped after the validation, and an edited rig file: lengths show neither.
 #[test]
-fn nothing_is_sealed_that_changed_since_it_was_validated() {
+fn session_changed_since_validation_is_not_sealed() {
     let change = |path: &Path| {
         let mut bytes = fs::read(path).unwrap();
         let middle = bytes.len() / 2;
@@ -400,7 +400,7 @@ fn nothing_is_sealed_that_changed_since_it_was_validated() {
 
 /// Custom limits are for inspection; hand-offs are validated by the default limits.
 #[test]
-fn limits_of_ones_own_do_not_reach_a_hand_off() {
+fn custom_limits_do_not_apply_to_a_hand_off() {
     let desk = Desk::with(&[]);
     let source = desk.folder.path().join("source");
     spoilt(&source, false);
@@ -435,7 +435,7 @@ fn limits_of_ones_own_do_not_reach_a_hand_off() {
 
 /// The recorder's disk is only read.
 #[test]
-fn derived_files_go_into_libraries_only() {
+fn derived_files_are_written_only_in_libraries() {
     let folder = tempfile::tempdir().unwrap();
     Session::good(1.0).write(folder.path());
     let before = tree(folder.path());
@@ -455,7 +455,7 @@ fn derived_files_go_into_libraries_only() {
 }
 
 #[test]
-fn an_index_is_made_once_and_again_when_it_no_longer_fits() {
+fn index_is_built_once_and_again_when_outdated() {
     let desk = Desk::with(&[&Session::good(1.0)]);
     let index = || capture(|console| index::run(&[desk.target(ID)], console)).1;
     assert!(

@@ -206,7 +206,7 @@ pub fn run(
                 measured.rate_hz = imu.rate_hz;
                 measured.lenses = lenses;
                 let bytes = images.frames.iter().map(|f| u64::from(f.bytes)).sum();
-                let seen = {
+                let observed = {
                     let progress = console.progress(name, bytes);
                     images::find(
                         camera,
@@ -218,13 +218,13 @@ pub fn run(
                         &progress,
                     )?
                 };
-                if seen.missing > 0 {
+                if observed.missing > 0 {
                     outcome = outcome.max(Outcome::Loss);
                 }
-                measured.board = seen.board;
+                measured.board = observed.board;
                 let recording = Recording {
                     cameras,
-                    pictures: seen.images,
+                    pictures: observed.images,
                     imu: inertial(imu),
                     noise,
                     range: imu.count.map(|c| c.map_or(f64::INFINITY, |c| c * 32_767.0)),

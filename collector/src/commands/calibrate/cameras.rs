@@ -90,7 +90,7 @@ pub fn run(
         !detected.detections.is_empty(),
         "none of {} was detected in {}: do the descriptions match the boards? {}",
         text::count(boards.len() as u64, "target"),
-        text::count(detected.pictures, "stereo frame"),
+        text::count(detected.images, "stereo frame"),
         target.folder.display()
     );
     let missing = detected.missing;

@@ -249,7 +249,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn the_serial_is_that_of_the_file_that_is_read() {
+    fn serial_is_that_of_the_input_file() {
         let folder = tempfile::tempdir().unwrap();
         let camera = "fx=700\nfy=700\ncx=640\ncy=360\nk1=0.1\nk2=0\np1=0\np2=0\nk3=0\n";
         let text = format!(

@@ -213,7 +213,7 @@ mod tests {
             revision: "1".to_owned(),
             provenance: Provenance {
                 kind: ProvenanceKind::Calibrated,
-                note: "made up".to_owned(),
+                note: "synthetic".to_owned(),
                 cad: None,
             },
             cameras: vec![CameraInfo {
@@ -258,14 +258,14 @@ mod tests {
     }
 
     #[test]
-    fn a_camera_that_a_named_rig_file_lacks_is_not_placed_in_the_frame_of_another() {
+    fn camera_missing_in_a_named_rig_file_has_no_pose() {
         assert!(nominal(false).rig_from_left("chest").is_some());
         assert!(nominal(true).rig_from_left("chest").is_none());
         assert!(nominal(true).rig_from_left("feet").is_some());
     }
 
     #[test]
-    fn the_origin_of_a_rig_is_held() {
+    fn origin_of_a_rig_is_fixed() {
         let origin = nominal(true).rig_from_left("feet").unwrap();
         assert_eq!(origin.covariance, Matrix6::zeros());
         let other = nominal(false).rig_from_left("chest").unwrap();

@@ -197,7 +197,7 @@ mod tests {
     }
 
     #[test]
-    fn every_colour_of_the_page_has_one_for_the_dark() {
+    fn every_color_of_the_page_has_a_dark_replacement() {
         let page = section(Page::new("places"), &example(), &[]).unwrap();
         let html = page.to_html();
         let (_, drawing) = html.split_once("<svg ").unwrap();
@@ -212,7 +212,7 @@ mod tests {
     }
 
     #[test]
-    fn every_frame_has_its_place_its_turn_and_its_sigma() {
+    fn every_frame_has_position_rotation_and_sigma() {
         let rows = of(&example()).unwrap();
         let names: Vec<&str> = rows.iter().map(|row| row.frame.as_str()).collect();
         assert_eq!(names.len(), 9, "{names:?}");

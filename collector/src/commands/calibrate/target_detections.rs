@@ -25,7 +25,7 @@ pub struct DetectedTargets {
     /// Detections; eye `2 n` is the left one of camera `n` of the manifest.
     pub detections: Vec<Sighting>,
     /// Images searched, per eye.
-    pub pictures: u64,
+    pub images: u64,
     /// Images that could not be decoded.
     pub missing: u64,
 }
@@ -72,7 +72,7 @@ pub fn detect(
     let mut detected = DetectedTargets {
         times_ns: index.sets.iter().map(|set| set.time_ns).collect(),
         detections: Vec::new(),
-        pictures: 0,
+        images: 0,
         missing: 0,
     };
     let threads = thread::available_parallelism().map_or(1, usize::from);
@@ -92,11 +92,11 @@ pub fn detect(
         let bytes = frames.frames.iter().map(|f| u64::from(f.bytes)).sum();
         let progress = console.progress(&format!("detecting targets: {}", camera.name), bytes);
         let found: Mutex<Vec<Sighting>> = Mutex::new(Vec::new());
-        let visit = |frame: &FrameEntry, picture: &Picture| {
+        let visit = |frame: &FrameEntry, frame_image: &Picture| {
             let Some(&instant) = instants.get(&frame.number) else {
                 return Ok(());
             };
-            for (side, view) in halves(picture).into_iter().enumerate() {
+            for (side, view) in halves(frame_image).into_iter().enumerate() {
                 let detections = target::detect_all(&view, boards, &target::Settings::default());
                 let mut own: Vec<Sighting> = detections
                     .into_iter()
@@ -117,7 +117,7 @@ pub fn detect(
             Ok(())
         };
         let decoded = visit_images(camera, frames, &access, threads, &progress, &visit)?;
-        detected.pictures += decoded.pictures;
+        detected.images += decoded.images;
         detected.missing += decoded.missing;
         detected
             .detections
@@ -130,9 +130,9 @@ pub fn detect(
 }
 
 /// The luma of the left and right half of a side-by-side stereo frame.
-pub fn halves(picture: &Picture) -> Vec<GreyView<'_>> {
-    let (width, height) = (picture.width as usize, picture.height as usize);
-    let luma = &picture.data[..width * height];
+pub fn halves(frame_image: &Picture) -> Vec<GreyView<'_>> {
+    let (width, height) = (frame_image.width as usize, frame_image.height as usize);
+    let luma = &frame_image.data[..width * height];
     let half = width / 2;
     [luma, &luma[half..]]
         .into_iter()

@@ -212,7 +212,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn nothing_is_overwritten_and_nothing_half_written() {
+    fn files_are_not_overwritten_and_written_all_or_none() {
         let folder = tempfile::tempdir().unwrap();
         let at = |name: &str| folder.path().join(name);
         fs::write(at("b.toml"), "mine").unwrap();

@@ -311,9 +311,9 @@ fn track_burst(
     let first = index.frames.partition_point(|f| f.time_ns < from);
     let last = index.frames.partition_point(|f| f.time_ns <= to);
     let every = (camera.rate_hz / MAX_FRAME_RATE_HZ).round().max(1.0) as u64;
-    visit_run(camera, index, access, first..last, &mut |frame, picture| {
+    visit_run(camera, index, access, first..last, &mut |frame, image| {
         if frame.number % every == 0
-            && let Some([left, right]) = eyes(picture)
+            && let Some([left, right]) = eyes(image)
         {
             follower.push(&StereoPicture {
                 time_ns: frame.time_ns,
@@ -325,9 +325,9 @@ fn track_burst(
 }
 
 /// The luma of the left and right half of a side-by-side stereo frame.
-fn eyes(picture: &Picture) -> Option<[Grey<'_>; 2]> {
-    let (width, height) = (picture.width as usize, picture.height as usize);
-    let luma = picture.data.get(..width * height)?;
+fn eyes(image: &Picture) -> Option<[Grey<'_>; 2]> {
+    let (width, height) = (image.width as usize, image.height as usize);
+    let luma = image.data.get(..width * height)?;
     let half = width / 2;
     let eye = |pixels| Grey::new(half, height, width, pixels);
     Some([eye(luma)?, eye(luma.get(half..)?)?])

@@ -274,7 +274,7 @@ mod tests {
     }
 
     #[test]
-    fn counts_are_scaled_and_values_taken_as_they_are() {
+    fn counts_are_scaled_and_values_are_not() {
         let counts = ImuBatch {
             times: vec![1, 2],
             host_times: vec![3, 4],

@@ -116,9 +116,8 @@ impl Export<'_> {
         let threads = thread::available_parallelism().map_or(1, usize::from);
         let decoded = {
             let progress = console.progress(&camera.name, bytes);
-            let colour = camera.colour != "grey";
-            let save =
-                |frame: &FrameEntry, picture: &Picture| save(&folder, frame, picture, colour);
+            let color = camera.colour != "grey";
+            let save = |frame: &FrameEntry, image: &Picture| save(&folder, frame, image, color);
             visit_images(camera, frames, self.access, threads, &progress, &save)?
         };
         for (cam, _) in EYES {
@@ -138,13 +137,13 @@ impl Export<'_> {
         let mut line = format!(
             "{}: {} left and right in {}",
             camera.name,
-            text::count(decoded.pictures, "picture"),
+            text::count(decoded.images, "image"),
             folder.display()
         );
         let mut outcome = Outcome::Fine;
         if decoded.missing > 0 || same > 0 {
-            let gone = decoded.missing + same as u64;
-            line.push_str(&format!("; {gone} not exported"));
+            let not_exported = decoded.missing + same as u64;
+            line.push_str(&format!("; {not_exported} not exported"));
             if let Some(problem) = decoded.first_problem {
                 line.push_str(&format!(" ({problem})"));
             }
@@ -207,12 +206,12 @@ fn image_name(frame: &FrameEntry) -> String {
 }
 
 /// Writes both halves of a side-by-side image as PNG.
-fn save(folder: &Path, frame: &FrameEntry, picture: &Picture, colour: bool) -> Result<()> {
-    let (left, right) = split(picture)?;
+fn save(folder: &Path, frame: &FrameEntry, image: &Picture, color: bool) -> Result<()> {
+    let (left, right) = split(image)?;
     for ((cam, _), half) in EYES.into_iter().zip([left, right]) {
         let path = folder.join(cam).join("data").join(image_name(frame));
         let writing = || format!("writing {}", path.display());
-        let (pixels, kind) = if colour {
+        let (pixels, kind) = if color {
             (i420_to_rgb(&half)?.into(), png::ColorType::Rgb)
         } else {
             (i420_to_grey(&half)?.data, png::ColorType::Grayscale)

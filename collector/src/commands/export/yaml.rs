@@ -93,7 +93,7 @@ mod tests {
     /// A rotation of 90 degrees about z takes the x axis to the y axis. With another order of
     /// quaternion components it would be about another axis.
     #[test]
-    fn a_stored_quaternion_becomes_the_right_matrix() {
+    fn stored_quaternion_becomes_the_correct_matrix() {
         let half = 0.5_f64.sqrt();
         let turn = RigidTransform::from_wxyz([half, 0.0, 0.0, half], [1.0, 2.0, 3.0]).unwrap();
         let text = placed(Some(&turn));

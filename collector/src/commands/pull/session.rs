@@ -237,8 +237,8 @@ fn difference(rig: &Manifest, library: &[FileRecord]) -> Option<String> {
             Some(_) => {}
         }
     }
-    let gone = library
+    let extra = library
         .iter()
         .find(|known| rig.files.iter().all(|f| f.path != known.path));
-    gone.map(|gone| format!("{} is only in the library", gone.path))
+    extra.map(|extra| format!("{} is only in the library", extra.path))
 }

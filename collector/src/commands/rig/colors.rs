@@ -83,7 +83,7 @@ mod tests {
     }
 
     #[test]
-    fn everything_that_is_drawn_can_be_seen_on_a_dark_screen() {
+    fn every_color_has_contrast_on_a_dark_screen() {
         let paper = dark(PAPER);
         // Lines between panels and the wearer remain in the background.
         for color in [GRID, BODY] {

@@ -121,7 +121,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn every_letter_stays_on_its_grid() {
+    fn every_glyph_is_inside_its_grid() {
         for (letter, _) in GLYPHS {
             for line in lines(*letter) {
                 assert!(line.len() >= 2, "{letter}");

@@ -107,7 +107,7 @@ fn from_a_step_file_to_a_checked_rig() {
 }
 
 #[test]
-fn a_cut_off_file_leaves_nothing_behind() {
+fn truncated_input_leaves_no_output() {
     let folder = tempfile::tempdir().unwrap();
     let at = |name: &str| folder.path().join(name);
     fs::write(at("plate.step"), &STEP[..STEP.len() / 2]).unwrap();
@@ -124,7 +124,7 @@ fn a_cut_off_file_leaves_nothing_behind() {
 }
 
 #[test]
-fn diff_tells_all_that_changed() {
+fn diff_reports_all_changes() {
     let folder = tempfile::tempdir().unwrap();
     let at = |name: &str| folder.path().join(name);
     fs::write(at("a.toml"), EXAMPLE).unwrap();
@@ -147,7 +147,7 @@ fn diff_tells_all_that_changed() {
 }
 
 #[test]
-fn diff_tells_millimetres_and_degrees() {
+fn diff_reports_millimetres_and_degrees() {
     let folder = tempfile::tempdir().unwrap();
     let at = |name: &str| folder.path().join(name);
     fs::write(at("a.toml"), EXAMPLE).unwrap();
@@ -175,7 +175,7 @@ fn diff_tells_millimetres_and_degrees() {
 }
 
 #[test]
-fn factory_files_are_held_against_the_rig() {
+fn factory_files_are_compared_with_the_rig() {
     let folder = tempfile::tempdir().unwrap();
     let at = |name: &str| folder.path().join(name);
     // A rectified pair with a baseline of 6 cm, and a view of 65 degrees across.
@@ -275,7 +275,7 @@ fn sizes_are_not_guessed() {
 }
 
 #[test]
-fn serials_are_of_the_file_that_was_read() {
+fn serial_is_that_of_the_file_read() {
     let folder = tempfile::tempdir().unwrap();
     let at = |name: &str| folder.path().join(name);
     fs::create_dir(at("SN9")).unwrap();
@@ -302,7 +302,7 @@ fn serials_are_of_the_file_that_was_read() {
 }
 
 #[test]
-fn pictures_are_drawn_once() {
+fn drawings_are_not_overwritten_and_reproducible() {
     let folder = tempfile::tempdir().unwrap();
     let at = |name: &str| folder.path().join(name);
     fs::write(at("rig.toml"), EXAMPLE).unwrap();

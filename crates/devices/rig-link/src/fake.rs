@@ -350,14 +350,14 @@ pub fn write_session(root: &Path, name: &str, seed: u64, seconds: u32) {
             rate_hz: 30.0,
             tick: TickLength::NANOSECOND,
             trigger: None,
-            source: "made up".to_owned(),
+            source: "synthetic".to_owned(),
             encoder: "none".to_owned(),
         }],
         imus: vec![Imu {
             name: "feet/imu".to_owned(),
             rate_hz: 200.0,
             tick: TickLength::ZED_MINI,
-            source: "made up".to_owned(),
+            source: "synthetic".to_owned(),
         }],
         rig: vec![(
             "rig.toml".to_owned(),

@@ -252,7 +252,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn it_is_made_once_and_kept_to_its_owner() {
+    fn identity_is_created_once_and_private() {
         let folder = tempfile::tempdir().unwrap();
         let folder = folder.path().join("state/identity");
         let first = Identity::load_or_create(&folder).unwrap().fingerprint();
@@ -283,7 +283,7 @@ mod tests {
 
     /// A FIFO without writer must not block the start, and is not replaced.
     #[test]
-    fn what_is_no_file_is_refused_at_once() {
+    fn non_file_is_rejected_without_blocking() {
         let folder = tempfile::tempdir().unwrap();
         let path = folder.path().join(FILE);
         let mode = Mode::from_raw_mode(0o600);
@@ -302,7 +302,7 @@ mod tests {
     }
 
     #[test]
-    fn a_damaged_one_is_not_replaced() {
+    fn damaged_identity_is_not_replaced() {
         let folder = tempfile::tempdir().unwrap();
         Identity::load_or_create(folder.path()).unwrap();
         let path = folder.path().join(FILE);

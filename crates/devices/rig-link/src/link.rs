@@ -286,7 +286,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn the_list_hash_is_what_the_page_says() {
+    fn list_hash_matches_the_specification() {
         let a = "a".repeat(64);
         let b = "b".repeat(64);
         let text = format!("rig/x\0{}\0{b}\nsession.json\0{}\0{a}\n", 7, 12);
@@ -299,7 +299,7 @@ mod tests {
     }
 
     #[test]
-    fn paths_of_files_stay_below_the_folder() {
+    fn file_paths_are_confined_to_the_folder() {
         for good in ["session.json", "segments/000000.mcap", "rig/a b\u{e4}.yaml"] {
             assert!(is_file_path(good), "{good}");
         }
@@ -326,7 +326,7 @@ mod tests {
     }
 
     #[test]
-    fn addresses_are_decoded_once_and_only_if_whole() {
+    fn paths_are_decoded_once_and_only_if_valid() {
         for text in ["rig/a b%2f\u{e4}.yaml", "", "100%"] {
             assert_eq!(from_address(&to_address(text)).as_deref(), Some(text));
         }
@@ -337,7 +337,7 @@ mod tests {
     }
 
     #[test]
-    fn codes_of_a_later_version_are_understood_as_unknown() {
+    fn codes_of_a_later_version_are_unknown() {
         let body: ErrorBody =
             serde_json::from_str(r#"{"error":{"code":"new_kind","message":"m"}}"#).unwrap();
         assert_eq!(body.error.code, Code::Unknown);

@@ -37,7 +37,7 @@ pub enum Eyes {
 pub enum PreviewError {
     /// The number of bytes does not match the size.
     #[error(
-        "an image of {width}x{height} has {found} bytes, expected {grey} (gray) or {i420} (I420)"
+        "an image of {width}x{height} has {found} bytes, expected {gray} (gray) or {i420} (I420)"
     )]
     WrongLength {
         /// Columns.
@@ -47,7 +47,7 @@ pub enum PreviewError {
         /// Bytes found.
         found: usize,
         /// Bytes of a gray image of this size.
-        grey: usize,
+        gray: usize,
         /// Bytes of an I420 image of this size.
         i420: usize,
     },
@@ -101,16 +101,16 @@ impl Small {
             return Err(size);
         }
         let (columns, rows) = (w as usize, h as usize);
-        let grey = columns * rows;
+        let gray = columns * rows;
         let chroma = columns.div_ceil(2) * rows.div_ceil(2);
-        let is_grey = data.len() == grey;
-        if !is_grey && data.len() != grey + 2 * chroma {
+        let is_gray = data.len() == gray;
+        if !is_gray && data.len() != gray + 2 * chroma {
             return Err(PreviewError::WrongLength {
                 width: w,
                 height: h,
                 found: data.len(),
-                grey,
-                i420: grey + 2 * chroma,
+                gray,
+                i420: gray + 2 * chroma,
             });
         }
         let seen = match eyes {
@@ -124,11 +124,11 @@ impl Small {
             .min(rows / 2)
             .min(seen / 2);
         let (small_w, small_h) = (seen / factor / 2 * 2, rows / factor / 2 * 2);
-        let luma = means(&data[..grey], columns, factor, small_w, small_h);
-        let chroma = (!is_grey).then(|| {
+        let luma = means(&data[..gray], columns, factor, small_w, small_h);
+        let chroma = (!is_gray).then(|| {
             let stride = columns.div_ceil(2);
             [0, 1].map(|i| {
-                let plane = &data[grey + i * chroma..][..chroma];
+                let plane = &data[gray + i * chroma..][..chroma];
                 means(plane, stride, factor, small_w / 2, small_h / 2)
             })
         });
@@ -220,8 +220,8 @@ mod tests {
         data
     }
 
-    fn decode(jpeg: &[u8], colour: ColorSpace) -> (usize, usize, Vec<u8>) {
-        let options = DecoderOptions::default().jpeg_set_out_colorspace(colour);
+    fn decode(jpeg: &[u8], color: ColorSpace) -> (usize, usize, Vec<u8>) {
+        let options = DecoderOptions::default().jpeg_set_out_colorspace(color);
         let mut decoder = JpegDecoder::new_with_options(ZCursor::new(jpeg), options);
         let pixels = decoder.decode().unwrap();
         let (width, height) = decoder.dimensions().unwrap();
@@ -229,7 +229,7 @@ mod tests {
     }
 
     #[test]
-    fn it_shows_the_eye_in_its_colours_at_the_asked_size() {
+    fn preview_has_the_requested_eye_colors_and_size() {
         let data = stereo(1344, 376);
         let image = Planes {
             width: 1344,
@@ -251,17 +251,17 @@ mod tests {
         let both = jpeg(image, Eyes::Both, 320).unwrap();
         assert_eq!(decode(&both, ColorSpace::YCbCr).0, 268);
 
-        let grey = Planes {
+        let gray = Planes {
             data: &data[..1344 * 376],
             ..image
         };
-        let grey = jpeg(grey, Eyes::Left, 320).unwrap();
-        let (_, _, pixels) = decode(&grey, ColorSpace::Luma);
+        let gray = jpeg(gray, Eyes::Left, 320).unwrap();
+        let (_, _, pixels) = decode(&gray, ColorSpace::Luma);
         assert!(pixels[width * 10 + 10].abs_diff(150) <= 6);
     }
 
     #[test]
-    fn the_mean_is_the_slow_obvious_one() {
+    fn box_mean_matches_the_reference() {
         let (stride, height, factor) = (37, 23, 5);
         let plane: Vec<u8> = (0..stride * height)
             .map(|i| (i * 7919 % 251) as u8)
@@ -282,13 +282,13 @@ mod tests {
     }
 
     #[test]
-    fn any_size_and_any_length_is_a_picture_or_an_error() {
+    fn any_size_and_length_gives_an_image_or_an_error() {
         let data = vec![7; 64 * 64 * 2];
         for width in 0..40_u32 {
             for height in [0_u32, 1, 2, 3, 4, 5, 7, 16, 33] {
-                let grey = (width * height) as usize;
+                let gray = (width * height) as usize;
                 let chroma = 2 * (width.div_ceil(2) * height.div_ceil(2)) as usize;
-                for length in [grey, grey + chroma] {
+                for length in [gray, gray + chroma] {
                     let image = Planes {
                         width,
                         height,

@@ -63,7 +63,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn ranges() {
+    fn range_headers_are_parsed() {
         let part = |first, end| ByteRange::Part { first, end };
         for (header, expected) in [
             ("bytes=0-0", part(0, 1)),

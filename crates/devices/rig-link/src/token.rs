@@ -148,7 +148,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn tokens_are_long_and_visible_and_kept_to_themselves() {
+    fn tokens_are_long_visible_and_not_printed() {
         let good = "0123456789abcdef";
         let token = Token::new(&format!(" {good}\n")).unwrap();
         assert!(token.is(good.as_bytes()));
@@ -175,7 +175,7 @@ mod tests {
     }
 
     #[test]
-    fn a_file_that_others_can_read_is_refused() {
+    fn token_file_readable_by_others_is_rejected() {
         let folder = tempfile::tempdir().unwrap();
         let path = folder.path().join("token");
         fs::write(&path, "0123456789abcdef\n").unwrap();

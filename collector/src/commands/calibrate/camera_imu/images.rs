@@ -40,19 +40,19 @@ pub(super) fn find(
 ) -> Result<BoardObservations> {
     // By time: two images of one time would conflict.
     let all: Mutex<BTreeMap<i64, Found>> = Mutex::new(BTreeMap::new());
-    let look = |frame: &FrameEntry, picture: &Decoded| -> Result<()> {
+    let detect = |frame: &FrameEntry, image: &Decoded| -> Result<()> {
         if !frame.number.is_multiple_of(every) || frame.time_doubtful {
             return Ok(());
         }
-        let (left, right) = split(picture).context("splitting a stereo frame")?;
+        let (left, right) = split(image).context("splitting a stereo frame")?;
         let mut found: Found = vec![Default::default(); boards.len()];
-        for (eye, picture) in [left, right].iter().enumerate() {
-            let grey = i420_to_grey(picture).context("converting an image to gray")?;
-            let (width, height) = (grey.width as usize, grey.height as usize);
-            let view = GreyView::new(width, height, width, &grey.data)
+        for (eye, image) in [left, right].iter().enumerate() {
+            let gray = i420_to_grey(image).context("converting an image to gray")?;
+            let (width, height) = (gray.width as usize, gray.height as usize);
+            let view = GreyView::new(width, height, width, &gray.data)
                 .context("an image's size does not match its bytes")?;
-            let seen = detect_all(&view, boards, &Settings::default());
-            for (board, detection) in seen.into_iter().enumerate() {
+            let detected = detect_all(&view, boards, &Settings::default());
+            for (board, detection) in detected.into_iter().enumerate() {
                 found[board][eye] = detection.corners;
             }
         }
@@ -60,7 +60,7 @@ pub(super) fn find(
         all.insert(frame.time_ns, found);
         Ok(())
     };
-    let decoded = visit_images(camera, index, access, threads, progress, &look)?;
+    let decoded = visit_images(camera, index, access, threads, progress, &detect)?;
     let all = all.into_inner().unwrap_or_else(PoisonError::into_inner);
     let counts = |board: usize| -> usize {
         let of = |found: &Found| found[board].iter().map(Vec::len).sum::<usize>();
@@ -81,13 +81,13 @@ pub(super) fn find(
         .map(|(time_ns, found)| {
             let eyes = board.map(|board| found[board].clone()).unwrap_or_default();
             let mut corners = Vec::new();
-            for (eye, seen) in [Eye::Left, Eye::Right].into_iter().zip(eyes) {
-                corners.extend(seen.iter().filter_map(|seen| {
-                    let [x, y] = *rig_poses.get(&seen.id)?;
+            for (eye, detected) in [Eye::Left, Eye::Right].into_iter().zip(eyes) {
+                corners.extend(detected.iter().filter_map(|detected| {
+                    let [x, y] = *rig_poses.get(&detected.id)?;
                     Some(Corner {
                         x_in_target: [x, y, 0.0],
-                        pixel: seen.pixel,
-                        sigma_px: seen.sigma_px.max(MIN_SIGMA_PX),
+                        pixel: detected.pixel,
+                        sigma_px: detected.sigma_px.max(MIN_SIGMA_PX),
                         eye,
                     })
                 }));

@@ -133,7 +133,7 @@ pub(super) fn print(measured: &Measured, console: &mut Console<'_>) -> Result<()
     ))?;
     console.line(format!(
         "  {:<22} {:>12} {:>12} {:>10}",
-        "", "told", "found", "sigma"
+        "", "nominal", "estimate", "sigma"
     ))?;
     for row in rows(measured, found) {
         let nominal = row.nominal.map_or("-".to_owned(), |t| format!("{t:.4}"));

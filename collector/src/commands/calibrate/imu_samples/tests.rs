@@ -32,7 +32,7 @@ fn gap(stream: &str, first: u64, last: u64, cause: paws::gap::Cause) -> Gap {
 }
 
 #[test]
-fn holes_are_where_numbers_jump_and_say_why() {
+fn number_jumps_are_gaps_with_a_cause() {
     let (mut imu, numbers) = recording("feet/imu", &[5, 6, 7, 10, 11, 20]);
     let gaps = [
         gap("left/imu", 12, 19, paws::gap::Cause::Storage),
@@ -50,7 +50,7 @@ fn holes_are_where_numbers_jump_and_say_why() {
 }
 
 #[test]
-fn late_and_repeated_samples_are_put_in_order() {
+fn late_samples_are_sorted_and_duplicates_dropped() {
     let (mut imu, numbers) = recording("feet/imu", &[1, 2, 4, 3, 3, 5]);
     order(&mut imu, numbers, &[]);
     let order: Vec<f64> = imu.samples.iter().map(|s| s.gyro[0]).collect();
@@ -59,7 +59,7 @@ fn late_and_repeated_samples_are_put_in_order() {
 }
 
 #[test]
-fn counts_are_scaled_and_a_sample_without_all_values_is_none() {
+fn counts_are_scaled_and_incomplete_samples_are_dropped() {
     let batch = ImuBatch {
         times: vec![1, 2],
         device_ticks: vec![5, 6],

@@ -168,15 +168,15 @@ fn one(mut page: Page, camera: &CameraFound) -> Page {
         );
     };
     for (axis, label) in ["x", "y", "z"].iter().enumerate() {
-        let by_pictures = imu.rates.iter().map(|(t, seen, _)| (*t, seen[axis]));
-        let by_gyro = imu.rates.iter().map(|(t, _, nominal)| (*t, nominal[axis]));
+        let from_images = imu.rates.iter().map(|(t, seen, _)| (*t, seen[axis]));
+        let from_gyro = imu.rates.iter().map(|(t, _, nominal)| (*t, nominal[axis]));
         let chart = Chart::new(&format!("Angular rate about {label}"))
             .x_axis(Axis::time("since the first burst"))
             .y_axis(Axis::linear("rate", "rad/s"))
-            .series(Series::scatter("from images", by_pictures))
+            .series(Series::scatter("from images", from_images))
             .series(Series::scatter(
                 "from the gyroscope, nominal extrinsics",
-                by_gyro,
+                from_gyro,
             ));
         page = page.figure(&chart.to_svg(WIDTH, 220), "");
     }

@@ -96,7 +96,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn addresses() {
+    fn addresses_are_parsed() {
         for (text, expected) in [
             ("https://rig.local:8077", "https://rig.local:8077"),
             ("https://rig", "https://rig:8077"),

@@ -51,7 +51,7 @@ impl Client {
             .map_err(failed("opening"))?;
         let mut done = Downloaded::default();
         // Progress that was reported already and is not repeated for the second attempt.
-        let mut told = 0;
+        let mut reported = 0;
         for retry_or_fail in [false, true] {
             let mut hasher = blake3::Hasher::new();
             let there = file.metadata().map_err(failed("reading"))?.len();
@@ -60,19 +60,19 @@ impl Client {
             }
             let kept = hash_existing(&mut file, &mut hasher).map_err(failed("reading"))?;
             let mut at = kept;
-            let mut tell = |at: u64| {
-                if at > told {
-                    progress(at - told);
-                    told = at;
+            let mut report = |at: u64| {
+                if at > reported {
+                    progress(at - reported);
+                    reported = at;
                 }
             };
-            tell(at);
+            report(at);
             let mut out = BufWriter::with_capacity(BLOCK, &file);
             let fetched = self.fetch(session, &entry.path, kept, entry.bytes, |piece| {
                 hasher.update(piece);
                 out.write_all(piece).map_err(failed("writing"))?;
                 at += piece.len() as u64;
-                tell(at);
+                report(at);
                 Ok(())
             });
             // Keep the bytes received before the connection was lost.

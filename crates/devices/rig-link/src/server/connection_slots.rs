@@ -175,7 +175,7 @@ mod tests {
     }
 
     #[test]
-    fn three_addresses_cannot_keep_a_fourth_out_nor_push_it_out() {
+    fn three_addresses_cannot_exclude_or_evict_a_fourth() {
         for stage in [Stage::Handshake, Stage::Unauthenticated] {
             let mut slots = besieged(stage);
             let phone = slots.admit(address(9), false, Stage::Handshake, 9);
@@ -195,7 +195,7 @@ mod tests {
     }
 
     #[test]
-    fn unfinished_handshakes_give_way_first() {
+    fn unfinished_handshakes_are_evicted_first() {
         let mut slots = ConnectionSlots::new(6, 4);
         for (i, stage) in [
             Stage::Unauthenticated,
@@ -228,7 +228,7 @@ mod tests {
     }
 
     #[test]
-    fn whoever_was_let_in_stays_and_a_known_address_always_gets_in() {
+    fn authenticated_connections_stay_and_known_addresses_are_admitted() {
         let mut slots: ConnectionSlots<u8> = ConnectionSlots::new(6, 4);
         let let_in = slots
             .admit(address(9), false, Stage::Unauthenticated, 9)
@@ -258,7 +258,7 @@ mod tests {
     }
 
     #[test]
-    fn when_all_were_let_in_the_next_one_is_sent_away() {
+    fn connection_is_rejected_if_all_are_authenticated() {
         let mut slots: ConnectionSlots<u8> = ConnectionSlots::new(4, 2);
         let mut fill = |peer| {
             let admitted = slots.admit(address(peer), true, Stage::Handshake, peer);

@@ -201,7 +201,7 @@ mod tests {
     }
 
     #[test]
-    fn a_logout_ends_its_cookie_and_no_other() {
+    fn logout_ends_only_its_cookie() {
         let cookies = cookies(None);
         let [one, other] = [(); 2].map(|()| cookies.issue().unwrap());
         assert_ne!(one, other);
@@ -229,7 +229,7 @@ mod tests {
     }
 
     #[test]
-    fn it_stays_ended_when_the_server_starts_again() {
+    fn logout_persists_across_a_restart() {
         let folder = tempfile::tempdir().unwrap();
         let path = folder.path().join("page/ended-cookies");
         let before = cookies(Some(&path));
@@ -252,7 +252,7 @@ mod tests {
     /// A FIFO without writer counts as a damaged list: all logins have ended, and the server
     /// starts.
     #[test]
-    fn what_is_no_file_holds_nobody_up() {
+    fn non_file_does_not_block() {
         let folder = tempfile::tempdir().unwrap();
         let path = folder.path().join("ended-cookies");
         let before = cookies(None).issue().unwrap();
@@ -270,7 +270,7 @@ mod tests {
     }
 
     #[test]
-    fn the_list_is_bounded_and_what_has_ended_stays_so() {
+    fn list_is_bounded_and_ended_cookies_remain_invalid() {
         let cookies = cookies(None);
         let kept = cookies.issue().unwrap();
         let mut last = String::new();

@@ -177,7 +177,7 @@ mod tests {
     }
 
     #[test]
-    fn a_rate_lets_a_burst_through_and_then_one_at_a_time() {
+    fn rate_limiter_allows_a_burst_and_then_the_sustained_rate() {
         let mut rate = Rate::new(S / 10, 5);
         let now = 100 * S;
         for _ in 0..5 {
@@ -195,7 +195,7 @@ mod tests {
     }
 
     #[test]
-    fn wrong_tokens_cost_time_that_doubles() {
+    fn pause_doubles_with_wrong_tokens() {
         let mut peers = Peers::new(Rate::new(S, 1), S, 1000);
         let (a, b) = (address("10.0.0.1"), address("10.0.0.2"));
         let mut now = Duration::ZERO;
@@ -213,7 +213,7 @@ mod tests {
     }
 
     #[test]
-    fn many_peers_together_are_slowed_but_those_who_know_the_token_are_not() {
+    fn wrong_tokens_of_many_peers_do_not_slow_known_peers() {
         let mut peers = Peers::new(Rate::new(S, 1), S, 30);
         let friend = address("10.0.0.1");
         peers.right(friend, S);
@@ -234,7 +234,7 @@ mod tests {
     }
 
     #[test]
-    fn an_address_is_known_for_a_day_by_token_or_cookie() {
+    fn address_is_known_for_a_day_after_token_or_cookie() {
         let mut peers = Peers::new(Rate::new(S, 1), S, 30);
         let (a, b) = (address("10.0.0.1"), address("2001:db8::1"));
         assert!(!peers.is_known(a, S) && !peers.is_known(b, S));
@@ -249,7 +249,7 @@ mod tests {
     }
 
     #[test]
-    fn a_network_counts_as_one() {
+    fn ipv6_network_counts_as_one_peer() {
         for (one, other, same) in [
             ("2001:db8::1", "2001:db8::ffff:1", true),
             ("2001:db8::1", "2001:db8:0:1::1", false),

@@ -103,7 +103,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn what_is_asked_for() {
+    fn requests_are_routed() {
         let get = |path| Route::of(&Method::GET, path);
         let post = |path| Route::of(&Method::POST, path);
         assert!(matches!(get("/"), Ok(Route::Page(_))));

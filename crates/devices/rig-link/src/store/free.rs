@@ -28,14 +28,14 @@ impl Store {
             )
         })?;
         self.fits(session, &receipt)?;
-        let gone = self.root.join(format!("{FREEING}{}", session.name));
+        let removed = self.root.join(format!("{FREEING}{}", session.name));
         let remove = || {
-            match fs::remove_dir_all(&gone) {
+            match fs::remove_dir_all(&removed) {
                 Err(e) if e.kind() != io::ErrorKind::NotFound => return Err(e),
-                _ => fs::rename(&session.folder, &gone)?,
+                _ => fs::rename(&session.folder, &removed)?,
             }
             DiskStorage::new(&self.root).sync_dir("")?;
-            fs::remove_dir_all(&gone)
+            fs::remove_dir_all(&removed)
         };
         remove().map_err(|e| unreadable(&e))?;
         log::info!(

@@ -83,7 +83,7 @@ fn only_sessions_and_their_own_files_are_listed() {
 }
 
 #[test]
-fn the_states_of_sessions() {
+fn session_states_are_reported() {
     let folder = tempfile::tempdir().unwrap();
     let root = folder.path();
     let store = Store::new(root.to_owned());
@@ -123,7 +123,7 @@ fn the_states_of_sessions() {
 }
 
 #[test]
-fn a_session_goes_only_with_a_receipt_for_what_is_on_disk() {
+fn session_is_freed_only_with_a_matching_receipt() {
     let folder = tempfile::tempdir().unwrap();
     write_session(folder.path(), "walk-1", 1, 2);
     let store = Store::new(folder.path().to_owned());

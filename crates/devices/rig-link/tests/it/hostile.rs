@@ -28,7 +28,7 @@ fn refused(setup: &Setup, what: &str, answer: &str) {
 }
 
 #[test]
-fn off_loopback_it_starts_with_tls_and_token_only() {
+fn server_off_loopback_needs_tls_and_token() {
     let setup = start(Options::default());
     let identity = || Some(Identity::load_or_create(&setup.identity).unwrap());
     for bind in [
@@ -77,7 +77,7 @@ fn off_loopback_it_starts_with_tls_and_token_only() {
 }
 
 #[test]
-fn no_path_leads_out_of_a_session() {
+fn no_path_escapes_a_session() {
     let setup = start(Options::default());
     let good = setup.get("/api/sessions/walk-1/files/rig/rig.toml");
     assert_eq!(status(&good), 200);
@@ -152,7 +152,7 @@ fn refused_or_page(setup: &Setup, address: &str) {
 }
 
 #[test]
-fn heads_that_are_none_or_too_much() {
+fn malformed_and_oversized_heads_are_rejected() {
     let setup = start(Options::default());
     let host = setup.server.address();
     let line = |line: &str| format!("{line}\r\nHost: {host}\r\nConnection: close\r\n\r\n");
@@ -212,7 +212,7 @@ fn heads_that_are_none_or_too_much() {
 }
 
 #[test]
-fn what_follows_garbage_is_not_answered() {
+fn input_after_garbage_is_ignored() {
     let setup = start(Options::default());
     let host = setup.server.address();
     let stop = "{\"do\":\"stop\"}";
@@ -248,7 +248,7 @@ fn what_follows_garbage_is_not_answered() {
 }
 
 #[test]
-fn bodies_that_are_no_orders() {
+fn invalid_bodies_are_rejected() {
     let setup = start(Options::default());
     let link = "X-Rig-Link: 1\r\n";
     for body in [
@@ -303,7 +303,7 @@ fn bodies_that_are_no_orders() {
 }
 
 #[test]
-fn other_sites_pages_can_do_and_see_nothing() {
+fn other_sites_pages_have_no_access() {
     let setup = start(Options::default());
     let host = setup.server.address();
     let stop = "{\"do\":\"stop\"}";
@@ -355,7 +355,7 @@ fn other_sites_pages_can_do_and_see_nothing() {
 }
 
 #[test]
-fn every_answer_has_the_headers_that_keep_browsers_in_check() {
+fn every_response_has_security_headers() {
     let setup = start(Options {
         token: true,
         ..Options::default()
@@ -386,7 +386,7 @@ fn every_answer_has_the_headers_that_keep_browsers_in_check() {
 }
 
 #[test]
-fn without_the_token_there_is_the_page_and_nothing_else() {
+fn without_token_only_the_page_is_served() {
     let limits = Limits {
         wrong_token_pause: LONG,
         ..Limits::default()
@@ -462,7 +462,7 @@ fn without_the_token_there_is_the_page_and_nothing_else() {
 }
 
 #[test]
-fn after_a_wrong_token_the_right_one_is_taken_again() {
+fn right_token_is_accepted_after_a_wrong_one() {
     let limits = Limits {
         wrong_token_pause: Duration::from_millis(100),
         ..Limits::default()
@@ -490,7 +490,7 @@ fn login(setup: &Setup) -> String {
 }
 
 #[test]
-fn a_cookie_is_refused_after_its_logout() {
+fn cookie_is_rejected_after_its_logout() {
     let setup = start(Options {
         token: true,
         ..Options::default()
@@ -524,7 +524,7 @@ fn a_cookie_is_refused_after_its_logout() {
 }
 
 #[test]
-fn guessing_tokens_gets_slower_and_slower() {
+fn token_guessing_is_slowed_down() {
     let limits = Limits {
         wrong_token_pause: Duration::from_millis(50),
         ..Limits::default()
@@ -550,7 +550,7 @@ fn guessing_tokens_gets_slower_and_slower() {
 }
 
 #[test]
-fn too_many_requests_are_refused_and_then_served_again() {
+fn excess_requests_are_rejected_and_later_served_again() {
     let limits = Limits {
         requests_per_s: 1,
         request_burst: 20,
@@ -571,7 +571,7 @@ fn too_many_requests_are_refused_and_then_served_again() {
 }
 
 #[test]
-fn slow_heads_and_bodies_are_cut_off_and_hold_nobody_up() {
+fn slow_heads_and_bodies_time_out_and_block_nobody() {
     let limits = Limits {
         head_time: Duration::from_millis(700),
         connections_per_peer: 40,
@@ -646,7 +646,7 @@ fn is_closed(stream: &mut TcpStream) -> bool {
 }
 
 #[test]
-fn who_takes_nothing_is_cut_off() {
+fn stalled_reader_is_disconnected() {
     let limits = Limits {
         stall_time: Duration::from_millis(700),
         ..Limits::default()
@@ -703,7 +703,7 @@ fn besiege(setup: &Setup, first: &str) -> Vec<TcpStream> {
 }
 
 #[test]
-fn unfinished_handshakes_from_three_addresses_lock_nobody_out() {
+fn unfinished_handshakes_of_three_addresses_exclude_nobody() {
     let limits = Limits {
         handshake_time: LONG,
         head_time: LONG,
@@ -722,7 +722,7 @@ fn unfinished_handshakes_from_three_addresses_lock_nobody_out() {
 }
 
 #[test]
-fn strangers_keep_the_phone_neither_from_the_login_nor_from_its_connection() {
+fn unauthenticated_clients_do_not_affect_the_phone() {
     let limits = Limits {
         head_time: LONG,
         requests_per_s: 10_000,
@@ -754,7 +754,7 @@ fn strangers_keep_the_phone_neither_from_the_login_nor_from_its_connection() {
 }
 
 #[test]
-fn a_handshake_has_three_seconds() {
+fn handshake_times_out_after_three_seconds() {
     assert_eq!(Limits::default().handshake_time, Duration::from_secs(3));
     let limits = Limits {
         handshake_time: Duration::from_millis(100),
@@ -776,7 +776,7 @@ fn a_handshake_has_three_seconds() {
 }
 
 #[test]
-fn silent_connections_give_way_and_those_let_in_count() {
+fn silent_connections_are_evicted_and_authenticated_ones_are_not() {
     let limits = Limits {
         connections: 12,
         connections_per_peer: 12,
@@ -858,7 +858,7 @@ fn ranges_are_within_the_file_or_nothing() {
 }
 
 #[test]
-fn what_is_being_recorded_is_seen_and_not_served() {
+fn session_being_recorded_is_listed_and_not_served() {
     let setup = start(Options::default());
     setup.rig.record(Some("walk-1"));
     let list = setup.get("/api/sessions");
@@ -889,7 +889,7 @@ fn what_is_being_recorded_is_seen_and_not_served() {
 }
 
 #[test]
-fn who_speaks_no_tls_to_a_tls_server_gets_nothing() {
+fn plain_client_of_a_tls_server_gets_nothing() {
     let limits = Limits {
         handshake_time: Duration::from_millis(500),
         ..Limits::default()
@@ -927,7 +927,7 @@ fn who_speaks_no_tls_to_a_tls_server_gets_nothing() {
 }
 
 #[test]
-fn requests_with_random_mistakes_harm_nobody() {
+fn randomly_mutated_requests_are_harmless() {
     let limits = Limits {
         requests_per_s: 10_000,
         request_burst: 10_000,
@@ -993,7 +993,7 @@ fn requests_with_random_mistakes_harm_nobody() {
 
 /// A FIFO in place of a receipt does not block; it counts as no receipt.
 #[test]
-fn a_receipt_that_is_no_file_is_none() {
+fn non_file_receipt_counts_as_missing() {
     let setup = start(Options::default());
     let receipts = setup.root.join("receipts");
     std::fs::create_dir_all(&receipts).unwrap();

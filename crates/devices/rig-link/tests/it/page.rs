@@ -75,7 +75,7 @@ const CONTRAST: &str = "(() => {
 })()";
 
 #[test]
-fn it_fits_a_small_phone_and_a_thumb_and_can_be_read() {
+fn page_fits_a_small_phone_and_is_readable() {
     let Some(mut browser) = Browser::start(360, 780) else {
         return;
     };
@@ -103,11 +103,11 @@ fn it_fits_a_small_phone_and_a_thumb_and_can_be_read() {
 }
 
 #[test]
-fn each_state_has_its_own_word_sign_and_colour() {
+fn each_state_has_its_own_word_sign_and_color() {
     let Some(mut browser) = Browser::start(360, 780) else {
         return;
     };
-    let mut colours = std::collections::BTreeSet::new();
+    let mut colors = std::collections::BTreeSet::new();
     for (scene, word, main, enabled) in [
         (Scene::Idle, "WAITING", "Start", false),
         (Scene::Armed, "READY", "Start", true),
@@ -135,10 +135,10 @@ fn each_state_has_its_own_word_sign_and_colour() {
             "[...document.querySelectorAll('.sign > *')].filter(e => getComputedStyle(e).display !== 'none').length",
         );
         assert_eq!(signs, json!(1));
-        let colour =
+        let color =
             browser.value("getComputedStyle(document.getElementById('panel')).backgroundColor");
         assert!(
-            colours.insert(colour.to_string()),
+            colors.insert(color.to_string()),
             "{scene:?} looks like another"
         );
         let text = browser.value("document.body.innerText").to_string();
@@ -176,7 +176,7 @@ fn each_state_has_its_own_word_sign_and_colour() {
 }
 
 #[test]
-fn its_buttons_do_what_they_say() {
+fn buttons_trigger_their_actions() {
     let Some(mut browser) = Browser::start(360, 780) else {
         return;
     };
@@ -221,7 +221,7 @@ fn its_buttons_do_what_they_say() {
 }
 
 #[test]
-fn it_says_when_the_rig_is_gone_and_when_it_is_back() {
+fn page_reports_a_lost_rig_and_its_return() {
     let Some(mut browser) = Browser::start(360, 780) else {
         return;
     };
@@ -260,7 +260,7 @@ fn it_says_when_the_rig_is_gone_and_when_it_is_back() {
 }
 
 #[test]
-fn it_asks_for_the_token() {
+fn page_requests_the_token() {
     let Some(mut browser) = Browser::start(360, 780) else {
         return;
     };
@@ -306,7 +306,7 @@ fn it_asks_for_the_token() {
 }
 
 #[test]
-fn it_takes_nothing_from_elsewhere_breaks_no_rule_and_rests_when_nobody_looks() {
+fn page_is_self_contained_and_idle_when_hidden() {
     let Some(mut browser) = Browser::start(360, 780) else {
         return;
     };
@@ -356,7 +356,7 @@ fn it_takes_nothing_from_elsewhere_breaks_no_rule_and_rests_when_nobody_looks() 
 }
 
 #[test]
-fn pictures_of_it() {
+fn page_screenshots() {
     if std::env::var_os("RIG_LINK_SCREENSHOTS").is_none() {
         println!("skipped: RIG_LINK_SCREENSHOTS names no folder");
         return;

@@ -8,7 +8,7 @@ use rig_link::token::Token;
 use crate::support::{Options, short_retry, start, token};
 
 #[test]
-fn only_the_right_fingerprint_is_spoken_to() {
+fn only_the_expected_fingerprint_is_accepted() {
     let setup = start(Options {
         tls: true,
         token: true,
@@ -50,7 +50,7 @@ fn only_the_right_fingerprint_is_spoken_to() {
 }
 
 #[test]
-fn plain_text_stays_on_this_machine() {
+fn plain_http_is_local_only() {
     let setup = start(Options::default());
     assert_eq!(setup.client().sessions().unwrap().len(), 2);
     let address = "http://192.0.2.1:8077".parse().unwrap();
@@ -61,7 +61,7 @@ fn plain_text_stays_on_this_machine() {
 }
 
 #[test]
-fn who_does_not_answer_is_given_up() {
+fn unresponsive_server_times_out() {
     // A port without listener.
     let address = {
         let listener = std::net::TcpListener::bind("127.0.0.1:0").unwrap();

@@ -96,19 +96,19 @@ fn pull(setup: &Setup, client: &mut Client) -> Total {
     let manifest = client.manifest("walk-2", |_| {}).unwrap();
     for (i, entry) in manifest.files.iter().enumerate() {
         let path = folder.path().join(i.to_string());
-        let mut told = 0;
+        let mut reported = 0;
         client
-            .download("walk-2", entry, &path, |n| told += n)
+            .download("walk-2", entry, &path, |n| reported += n)
             .unwrap();
         let expected = fs::read(setup.root.join("walk-2").join(&entry.path)).unwrap();
         assert!(fs::read(&path).unwrap() == expected, "{}", entry.path);
-        assert_eq!(told, entry.bytes);
+        assert_eq!(reported, entry.bytes);
     }
     manifest.total
 }
 
 #[test]
-fn a_session_is_fetched_received_and_freed() {
+fn session_is_downloaded_acknowledged_and_freed() {
     for tls in [false, true] {
         let setup = start(Options {
             tls,
@@ -162,7 +162,7 @@ fn a_session_is_fetched_received_and_freed() {
 }
 
 #[test]
-fn a_connection_that_breaks_again_and_again_is_no_hindrance() {
+fn download_survives_repeatedly_broken_connections() {
     let setup = start(Options::default());
     // Every connection carries a little more, so that finally even the longest response passes.
     let proxy = Proxy::new(setup.server.address(), Box::new(|n| (700 + n * 9000, None)));
@@ -173,7 +173,7 @@ fn a_connection_that_breaks_again_and_again_is_no_hindrance() {
 }
 
 #[test]
-fn a_connection_that_never_carries_anything_is_given_up() {
+fn connection_without_progress_is_given_up() {
     let setup = start(Options::default());
     let proxy = Proxy::new(setup.server.address(), Box::new(|_| (0, None)));
     let error = proxy.client().manifest("walk-2", |_| {}).unwrap_err();
@@ -185,7 +185,7 @@ fn a_connection_that_never_carries_anything_is_given_up() {
 }
 
 #[test]
-fn what_an_interrupted_download_left_is_used_if_it_is_right() {
+fn partial_download_is_reused_if_correct() {
     let setup = start(Options::default());
     let mut client = setup.client();
     let manifest = client.manifest("walk-2", |_| {}).unwrap();
@@ -227,7 +227,7 @@ fn what_an_interrupted_download_left_is_used_if_it_is_right() {
 }
 
 #[test]
-fn a_changed_byte_is_noticed_and_fetched_again_and_then_an_error() {
+fn changed_byte_is_downloaded_again_and_then_an_error() {
     let setup = start(Options::default());
     let mut client = setup.client();
     let manifest = client.manifest("walk-2", |_| {}).unwrap();
@@ -266,7 +266,7 @@ fn a_changed_byte_is_noticed_and_fetched_again_and_then_an_error() {
 }
 
 #[test]
-fn a_file_that_changes_on_the_rig_is_told_apart() {
+fn file_changed_on_the_rig_is_detected() {
     let setup = start(Options::default());
     let mut client = setup.client();
     let manifest = client.manifest("walk-2", |_| {}).unwrap();
@@ -286,7 +286,7 @@ fn a_file_that_changes_on_the_rig_is_told_apart() {
 }
 
 #[test]
-fn what_is_being_recorded_cannot_be_pulled() {
+fn session_being_recorded_cannot_be_pulled() {
     let setup = start(Options::default());
     setup.rig.record(Some("walk-2"));
     let mut client = setup.client();
@@ -298,7 +298,7 @@ fn what_is_being_recorded_cannot_be_pulled() {
 }
 
 #[test]
-fn while_the_rig_records_the_disk_is_read_slowly() {
+fn read_rate_is_limited_while_recording() {
     let limits = Limits {
         recording_bytes_per_s: 400_000,
         ..Limits::default()
@@ -326,7 +326,7 @@ fn while_the_rig_records_the_disk_is_read_slowly() {
 }
 
 #[test]
-fn a_server_that_is_no_rig_is_told_apart() {
+fn server_that_is_not_a_rig_is_detected() {
     let listener = TcpListener::bind("127.0.0.1:0").unwrap();
     let address = listener.local_addr().unwrap();
     let answers = [
@@ -364,7 +364,7 @@ fn a_server_that_is_no_rig_is_told_apart() {
 }
 
 #[test]
-fn manifests_that_reach_out_of_the_folder_are_refused() {
+fn manifests_with_paths_outside_the_folder_are_rejected() {
     let line = |path: &str| {
         let hash = "a".repeat(64);
         let total = rig_link::link::list_hash([(path, 1, hash.as_str())]);
@@ -406,7 +406,7 @@ fn manifests_that_reach_out_of_the_folder_are_refused() {
 /// All attempts together end within the timeout of one connection, however many attempts are
 /// allowed.
 #[test]
-fn an_address_where_nobody_has_answered_is_given_up_soon() {
+fn unreachable_address_is_given_up_within_the_connect_timeout() {
     // Refused immediately and repeatedly.
     let listener = TcpListener::bind("127.0.0.1:0").unwrap();
     let address = listener.local_addr().unwrap();
@@ -430,7 +430,7 @@ fn an_address_where_nobody_has_answered_is_given_up_soon() {
 
 /// No rejection and no response: packets are dropped, as by a rig that is off.
 #[test]
-fn an_address_that_takes_no_connection_is_given_up_soon() {
+fn address_that_accepts_no_connection_is_given_up_within_the_connect_timeout() {
     let runtime = tokio::runtime::Builder::new_current_thread()
         .enable_all()
         .build()

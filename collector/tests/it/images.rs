@@ -8,11 +8,11 @@ use video::{AccessUnit, Encoder, EncoderEvent, EncoderSettings, Picture, PixelFo
 use crate::support::Session;
 
 /// Reached only on a hang.
-const PATIENCE: Duration = Duration::from_secs(120);
+const TEST_TIMEOUT: Duration = Duration::from_secs(120);
 
 /// Image of camera `camera` in its `n`-th frame: in the left half brightness rises to the right, in
 /// the right half to the bottom, and both move.
-pub(crate) fn picture(camera: usize, n: usize, width: u32, height: u32) -> Picture {
+pub(crate) fn image(camera: usize, n: usize, width: u32, height: u32) -> Picture {
     let half = width / 2;
     let mut data = Vec::new();
     for y in 0..height {
@@ -34,15 +34,15 @@ impl Session {
                 let c = &session.spec.cameras[camera];
                 (c.width, c.height)
             };
-            let of = |p: &&mut crate::support::Picture| p.camera == camera;
+            let of = |p: &&mut crate::support::StereoFrame| p.camera == camera;
             let keys: Vec<bool> = session
-                .pictures
+                .stereo_frames
                 .iter_mut()
                 .filter(of)
                 .map(|p| p.key)
                 .collect();
             let units = encode(camera, width, height, &keys);
-            for (p, unit) in session.pictures.iter_mut().filter(of).zip(units) {
+            for (p, unit) in session.stereo_frames.iter_mut().filter(of).zip(units) {
                 p.unit = unit.data.to_vec();
                 assert_eq!(p.key, unit.key);
             }
@@ -70,9 +70,9 @@ fn encode(camera: usize, width: u32, height: u32, keys: &[bool]) -> Vec<AccessUn
     };
     let mut encoder = Encoder::start(&settings, Box::new(on_output)).unwrap();
     for (n, key) in keys.iter().enumerate() {
-        let picture = picture(camera, n, width, height);
-        encoder.push(n as i64 * 33_000_000, &picture, *key).unwrap();
+        let image = image(camera, n, width, height);
+        encoder.push(n as i64 * 33_000_000, &image, *key).unwrap();
     }
-    encoder.finish(PATIENCE).unwrap();
+    encoder.finish(TEST_TIMEOUT).unwrap();
     std::mem::take(&mut units.lock().unwrap())
 }
