@@ -43,7 +43,7 @@ pub(crate) fn section(mut page: Page, reader: &SessionReader, start_ns: i64) -> 
             .collect();
         if images.is_empty() {
             page = page.text(match found.undecodable {
-                0 => "No image can be shown: there is no frame that can be decoded.",
+                0 => "No image can be shown: no frame can be decoded.",
                 _ => "No image can be shown: none of the examined frames could be decoded.",
             });
             continue;

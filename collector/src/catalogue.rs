@@ -354,7 +354,7 @@ impl Catalogue {
         // Close the connection before its file is removed.
         drop(std::mem::replace(self, memory));
         let rest = match database_files::remove(&self.path) {
-            Ok(()) => "it is made again from the sessions as soon as it can be".to_owned(),
+            Ok(()) => "it is rebuilt from the sessions as soon as possible".to_owned(),
             Err(e) => format!("until `paws rebuild` it may be out of date ({e})"),
         };
         log::warn!(
@@ -538,8 +538,8 @@ mod tests {
             why(&whole[..length]);
         }
         assert_eq!(why(&[]), "it is empty");
-        assert!(why(b"no database").contains("no SQLite database"));
-        assert!(why(&[0; 8192]).contains("no SQLite database"));
+        assert!(why(b"no database").contains("not an SQLite database"));
+        assert!(why(&[0; 8192]).contains("not an SQLite database"));
         // A file that SQLite opens but does not write to.
         let mut later = whole.clone();
         later[18] = 9;
@@ -568,7 +568,7 @@ mod tests {
         rustix::fs::mknodat(rustix::fs::CWD, &path, fifo, mode, 0).unwrap();
         match Catalogue::inspect(&path).unwrap() {
             CatalogueFile::Unusable(why) => assert!(why.contains("FIFO"), "{why}"),
-            _ => panic!("a FIFO is no catalogue"),
+            _ => panic!("a FIFO is not a catalogue"),
         }
     }
 
@@ -611,7 +611,7 @@ mod tests {
         catalogue.leave_wal_mode();
         drop(catalogue);
         let bytes = std::fs::read(&path).unwrap();
-        assert_eq!(bytes[18..20], [1, 1], "the header says: no write-ahead log");
+        assert_eq!(bytes[18..20], [1, 1], "header without write-ahead log");
         assert_eq!(opened(&path).rows().unwrap(), [row("a"), row("b")]);
     }
 }

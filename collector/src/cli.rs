@@ -468,7 +468,7 @@ fn external_verb(words: &[OsString], verbosity: Verbosity, library: Option<PathB
         _ => "; `paws --help` lists the verbs".to_owned(),
     };
     complain!(
-        "paws: {name:?} is no verb, and no program paws-{name} is beside paws or on PATH{hint}"
+        "paws: {name:?} is not a command, and no program paws-{name} is beside paws or on PATH{hint}"
     );
     ExitCode::from(2)
 }

@@ -37,7 +37,7 @@ impl Clock {
 
 #[expect(
     clippy::disallowed_methods,
-    reason = "the one place that asks the machine for civil time"
+    reason = "the only place that reads the civil clock"
 )]
 fn machine_civil() -> CivilTime {
     let t = rustix::time::clock_gettime(rustix::time::ClockId::Realtime);
@@ -46,7 +46,7 @@ fn machine_civil() -> CivilTime {
 
 #[expect(
     clippy::disallowed_methods,
-    reason = "the one place that asks the machine how time passes"
+    reason = "the only place that reads the monotonic clock"
 )]
 fn machine_monotonic() -> Duration {
     let t = rustix::time::clock_gettime(rustix::time::ClockId::Monotonic);

@@ -85,7 +85,7 @@ impl Library {
     pub fn open(root: &Path) -> Result<Self> {
         ensure!(
             root.join(SESSIONS).is_dir(),
-            "this is no library, it has no folder {SESSIONS}/ (`paws import` makes one): {}",
+            "not a library, it has no folder {SESSIONS}/ (`paws import` creates one): {}",
             root.display()
         );
         let root = root
@@ -234,7 +234,7 @@ impl Library {
             return match newest {
                 Some(row) => Ok(row.key.clone()),
                 None => bail!(
-                    "looking for the latest session: there is none; `paws import` brings some: {}",
+                    "looking for the latest session: there is none; `paws import` adds sessions: {}",
                     self.root.display()
                 ),
             };
@@ -347,7 +347,7 @@ fn repair_catalogue(root: &Path) -> Result<Catalogue> {
         (Ok((catalogue, aside)), why) => {
             if let Some(aside) = aside {
                 log::warn!(
-                    "the catalogue could not be used ({}) and was made again, with {sessions}; the old one is now {}",
+                    "the catalogue could not be used ({}) and was rebuilt, with {sessions}; the old one is now {}",
                     why.unwrap_or_default(),
                     aside.display()
                 );
@@ -357,7 +357,7 @@ fn repair_catalogue(root: &Path) -> Result<Catalogue> {
         (Err(e), why) => {
             if let Some(why) = why {
                 log::warn!(
-                    "the catalogue cannot be used ({why}) and not be made again here ({e:#}); \
+                    "the catalogue cannot be used ({why}) and cannot be rebuilt here ({e:#}); \
                      listing {sessions} from their folders: {}",
                     path.display()
                 );
@@ -423,7 +423,9 @@ mod tests {
     fn waiting_for_the_lock_is_reported_and_ends_with_the_other_program() {
         let folder = tempfile::tempdir().unwrap();
         let mut library = Library::create(folder.path()).unwrap();
-        let lock = library.lock_waiting(|_| panic!("nobody has it")).unwrap();
+        let lock = library
+            .lock_waiting(|_| panic!("it is not locked"))
+            .unwrap();
         let mut other = Library::open(folder.path()).unwrap();
         let (said, reported) = std::sync::mpsc::sync_channel(1);
         std::thread::scope(|scope| {

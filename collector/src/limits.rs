@@ -101,9 +101,9 @@ macro_rules! limit {
 #[rustfmt::skip] // a table
 pub const TABLE: &[Limit] = &[
     limit!("session.damage", "faults in the archive", Count, 0.0, 0.0, None,
-        "what was recorded must be readable and accounted for; recovery makes it so"),
+        "recorded data must be readable and accounted for; recovery restores that"),
     limit!("session.unclosed", "cut off while recording", Flag, 0.0, NEVER, None,
-        "what was durable before the cut is whole"),
+        "data synced before the cut is complete"),
     limit!("session.degraded", "recorded in degraded mode (load shedding)", Time, 0.0, NEVER, None,
         "image quality or rate is reduced while heat, power or the disk are critical"),
     limit!("camera.dropped", "frames missing", Ratio, 0.001, 0.01, None, ARIA),
@@ -142,7 +142,7 @@ pub const TABLE: &[Limit] = &[
         "a clock map converges within 64 samples, at the start and after a step"),
     limit!("rig.misalignment", "misalignment under one trigger (99.9 %)", Time, 250.0 * US, 500.0 * US, None, ARIA),
     limit!("rig.free_misalignment", "distance to its frame set (99.9 %)", Time, 0.0, 0.0, Some((0.5, 1.0)),
-        "a camera without trigger is at most half a period of the slowest camera away; beyond a whole one it is in the wrong set"),
+        "a camera without trigger is at most half a period of the slowest camera away; beyond a full period it is in the wrong set"),
     limit!("rig.frame_sets", "cameras without frame sets", Count, 0.0, NEVER, None,
         "frames of several cameras are read by set"),
     limit!("rig.transforms", "cameras without extrinsics", Count, 0.0, NEVER, None,
@@ -352,6 +352,6 @@ mod tests {
         fails("camera.dropped=2,1", "a warning comes before");
         fails("camera.dropped=2", "expected two limits");
         fails("camera.dropped", "expected METRIC=");
-        fails("camera.dropped=-1,2", "no number");
+        fails("camera.dropped=-1,2", "not a number");
     }
 }

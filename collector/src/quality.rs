@@ -168,7 +168,7 @@ impl Evaluator<'_> {
         let damaged = condition == Condition::Damaged;
         let mut detail = faults.join(", ");
         if damaged {
-            detail.push_str("; `paws recover` makes a sound copy");
+            detail.push_str("; `paws recover` makes an undamaged copy");
         }
         // An unclosed session may end in the middle of a chunk; this is not damage.
         let count = if damaged { faults.len().max(1) } else { 0 };

@@ -52,7 +52,7 @@ impl Target {
         }
         let Some(root) = library else {
             bail!(
-                "{text:?} is no folder, and to look for it in a library, --library or \
+                "{text:?} is not a folder, and to find it in a library, --library or \
                  PAWS_LIBRARY must say which"
             );
         };

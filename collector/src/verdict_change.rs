@@ -55,7 +55,7 @@ pub fn describe(old: &Validation, new: &Validation) -> Option<String> {
 pub fn hand_off_note(handoff: &HandOff, now: Verdict, name: &str) -> Option<String> {
     (handoff.verdict != now).then(|| {
         format!(
-            "handed over as {} on {}, now {now}: that hand-off is unchanged, and `paws handoff {name}` judges it again",
+            "handed over as {} on {}, now {now}: that hand-off is unchanged, and `paws handoff {name}` validates it again",
             handoff.verdict, handoff.sealed
         )
     })
@@ -63,7 +63,7 @@ pub fn hand_off_note(handoff: &HandOff, now: Verdict, name: &str) -> Option<Stri
 
 fn limits(validation: &Validation) -> String {
     match validation.limits.is_empty() {
-        true => "those of the table".to_owned(),
+        true => "the defaults".to_owned(),
         false => validation.limits.join(" "),
     }
 }

@@ -25,7 +25,7 @@ pub(super) fn of_file(path: &Path) -> io::Result<Option<String>> {
     let why = if head.is_empty() {
         Some("it is empty")
     } else if head.len() < 20 || !head.starts_with(MAGIC) {
-        Some("it is no SQLite database")
+        Some("it is not an SQLite database")
     } else if !head[18..20].iter().all(|v| VERSIONS.contains(v)) {
         Some("it is damaged, or of a later version of SQLite")
     } else {

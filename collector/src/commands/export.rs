@@ -95,7 +95,7 @@ fn damage(index: &Index, console: &mut Console<'_>) -> Result<Outcome> {
 
 fn left_out(damaged: u64) -> String {
     let places = text::count(damaged, "damaged place");
-    format!("{places} left out; `paws validate` tells what is missing")
+    format!("{places} left out; `paws validate` reports what is missing")
 }
 
 /// A stream's name as part of a file name: `feet/imu` as `feet_imu`.

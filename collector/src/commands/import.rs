@@ -189,11 +189,11 @@ pub(crate) fn summary(imported: &Imported) -> String {
     }
     if let Some(old) = &imported.replaced {
         line.push_str(&format!(
-            "; the one that was there is worse and is kept as {old} (`paws prune --session {old} --yes` removes it)"
+            "; the worse copy in the library was renamed to {old} (`paws prune --session {old} --yes` removes it)"
         ));
     }
     if imported.condition.needs_recovery() {
-        line.push_str(&format!("; `paws recover {key}` makes a sound copy"));
+        line.push_str(&format!("; `paws recover {key}` makes an undamaged copy"));
     }
     line
 }

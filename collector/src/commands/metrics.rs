@@ -45,7 +45,7 @@ pub fn run(as_json: bool, console: &mut Console<'_>) -> Result<Outcome> {
     for (row, limit) in rows.iter().zip(TABLE) {
         console.line(line(row, &meaning(limit)))?;
     }
-    console.line("a value above WARN is a warning, above FAIL a failure; `never`: nothing is")?;
+    console.line("a value above WARN is a warning, above FAIL a failure; `never`: no limit")?;
     Ok(Outcome::Fine)
 }
 

@@ -249,7 +249,7 @@ fn pullable<'a>(
                 refuse(format!("{name} is being recorded; stop it, then pull it"));
             }
             None => refuse(format!(
-                "{name} cannot be pulled: the rig finds nothing in it that tells which session it is"
+                "{name} cannot be pulled: the rig finds no session identifier in it"
             )),
             Some(id) if !ids.insert(id) => refuse(format!(
                 "{name} is not pulled: another session on the rig has the same identifier {id}"

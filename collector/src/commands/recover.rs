@@ -36,7 +36,7 @@ pub fn run(target: &Target, out: Option<&Path>, console: &mut Console<'_>) -> Re
         verify(&reader, |n| progress.add(n))?
     };
     if report.is_sound() {
-        console.line(format!("{}: sound, nothing to recover", target.name()))?;
+        console.line(format!("{}: undamaged, nothing to recover", target.name()))?;
         return Ok(Outcome::Fine);
     }
     match (target.key(), out) {

@@ -115,8 +115,10 @@ pub(super) fn remove_strangers(incoming: &Path, files: &[SourceFile]) -> Result<
         .filter(|t| files.iter().all(|f| f.path != t.path))
     {
         let path = incoming.join(&stranger.path);
-        fs::remove_file(&path)
-            .map_err(failed("removing what is no longer in the source", &path))?;
+        fs::remove_file(&path).map_err(failed(
+            "removing a file that is no longer in the source",
+            &path,
+        ))?;
     }
     Ok(())
 }

@@ -48,7 +48,7 @@ fn damaged_catalogue_is_renamed_and_rebuilt() {
     overwritten[4096..].fill(0xff);
     let cases: [(&str, Vec<u8>); 5] = [
         ("it is empty", Vec::new()),
-        ("no SQLite database", b"garbage".repeat(999)),
+        ("not an SQLite database", b"garbage".repeat(999)),
         ("", whole[..whole.len() - 4096].to_vec()),
         ("version 7", other_version),
         ("", overwritten),
@@ -57,7 +57,7 @@ fn damaged_catalogue_is_renamed_and_rebuilt() {
         fs::write(&catalogue, content).unwrap();
         let (out, err) = run(at, &["list"]);
         assert_eq!(out, listed.0, "case {i}");
-        assert!(err.contains(why) && err.contains("was made again"), "{err}");
+        assert!(err.contains(why) && err.contains("was rebuilt"), "{err}");
         let name = match i {
             0 => "catalogue.sqlite.damaged".to_owned(),
             i => format!("catalogue.sqlite.damaged-{}", i + 1),
@@ -70,7 +70,7 @@ fn damaged_catalogue_is_renamed_and_rebuilt() {
     fs::write(&catalogue, b"garbage").unwrap();
     let (out, err) = run(at, &["import", "disk"]);
     assert!(out.contains("imported already"), "{out}");
-    assert!(err.contains("was made again"), "{err}");
+    assert!(err.contains("was rebuilt"), "{err}");
     assert_eq!(run(at, &["list"]), listed);
 }
 

@@ -84,7 +84,7 @@ fn library_is_readable_and_prunable_if_no_file_can_grow() {
         }
         let said = check(at, NO_GROWTH, &["list"], 0, "PASS");
         assert_eq!(
-            said.contains("cannot be used") && said.contains("not be made again"),
+            said.contains("cannot be used") && said.contains("cannot be rebuilt"),
             state == "damaged",
             "{said}"
         );

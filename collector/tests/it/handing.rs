@@ -246,7 +246,7 @@ fn limits_apply_to_a_hand_off_as_to_a_validation() {
     let (outcome, text) = desk.hand_over(None, &[]);
     assert_eq!(outcome, Outcome::Failed, "{text}");
     assert!(
-        text.contains("PASS \u{2192} FAIL since the last validation: limits are those of the table, before camera.dropped=never"),
+        text.contains("PASS \u{2192} FAIL since the last validation: limits are the defaults, before camera.dropped=never"),
         "{text}"
     );
     let stricter = ["camera.rate=0,0"];

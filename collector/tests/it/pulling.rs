@@ -448,7 +448,10 @@ fn damaged_copy_in_the_library_is_replaced_by_the_complete_one_of_the_rig() {
 
     let (outcome, text) = rig.pull(&rig.options());
     assert_eq!(outcome, Outcome::Fine, "{text}");
-    assert!(text.contains(&format!("is kept as {ID}.damaged")), "{text}");
+    assert!(
+        text.contains(&format!("was renamed to {ID}.damaged")),
+        "{text}"
+    );
     rig.assert_pulled("walk-1", ID);
     let mut aside = tree(&rig.library().join(format!("sessions/{ID}.damaged")));
     aside.remove("import.json");
@@ -464,7 +467,7 @@ fn damaged_copy_in_the_library_is_replaced_by_the_complete_one_of_the_rig() {
     assert_eq!(outcome, Outcome::Fine, "{text}");
     rig.assert_pulled("walk-1", ID);
     assert!(
-        text.contains(&format!("is kept as {ID}.damaged-2")),
+        text.contains(&format!("was renamed to {ID}.damaged-2")),
         "{text}"
     );
 }
@@ -543,7 +546,7 @@ fn session_corrupted_in_the_library_is_pulled_again_before_freeing() {
         let (outcome, text) = rig.pull(&free);
         assert_eq!(outcome, Outcome::Fine, "{text}");
         assert!(
-            text.contains(&format!("is kept as {OTHER}.damaged")),
+            text.contains(&format!("was renamed to {OTHER}.damaged")),
             "{text}"
         );
         let mut copy = tree(&there);
@@ -675,14 +678,14 @@ fn rig_is_authenticated_by_fingerprint_over_tls() {
     check(
         &[&url, "--fingerprint", "AA:BB", "--token-file", &token],
         2,
-        "no fingerprint",
+        "not a fingerprint",
     );
     check(
         &[&url, "--fingerprint", &right, "--token-file", &short],
         1,
         "5 characters",
     );
-    check(&["rig:8077"], 2, "no address of a rig");
+    check(&["rig:8077"], 2, "not a rig address");
     check(&["http://192.0.2.1:8077"], 1, "only https is allowed");
     check(&[&url, "--jobs", "0"], 2, "jobs");
     assert_eq!(rig.listed(), 0);

@@ -236,7 +236,7 @@ fn recovery_writes_an_undamaged_copy_and_keeps_the_original() {
         let copy = desk.target(&rows[1].key);
         let (outcome, text) = capture(|console| recover::run(&copy, None, console));
         assert_eq!(outcome.unwrap(), Outcome::Fine);
-        assert!(text.contains("sound, nothing to recover"), "{text}");
+        assert!(text.contains("undamaged, nothing to recover"), "{text}");
     }
 }
 

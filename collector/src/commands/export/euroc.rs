@@ -151,7 +151,7 @@ impl Export<'_> {
         }
         if !unknown.is_empty() {
             let eyes = unknown.join(" and ");
-            line.push_str(&format!("; without calibration or place: {eyes}"));
+            line.push_str(&format!("; without intrinsics or extrinsics: {eyes}"));
         }
         console.line(line)?;
         Ok(outcome)

@@ -37,7 +37,7 @@ pub(super) fn camera(
             text.push_str(&format!("distortion_coefficients: {four}\n"));
             if k3 != 0.0 {
                 text.push_str(&format!(
-                    "# This format has no place for the third radial coefficient: k3 = {k3}\n"
+                    "# This format does not support the third radial coefficient: k3 = {k3}\n"
                 ));
             }
         }
@@ -69,7 +69,7 @@ fn head(kind: &str, frame: &str, source: &str, body: &str) -> String {
 
 fn placed(body_from_sensor: Option<&RigidTransform>) -> String {
     let Some(transform) = body_from_sensor else {
-        return "# The session does not tell where this sensor is.\n".to_owned();
+        return "# The session has no extrinsics of this sensor.\n".to_owned();
     };
     let r = transform.rotation_rows();
     let t = transform.translation_m();

@@ -30,7 +30,7 @@ fn run() -> Result<(), Error> {
     let mut arguments = std::env::args().skip(1);
     let word = arguments.next().unwrap_or_else(|| "armed".to_owned());
     let scene = Scene::ALL.into_iter().find(|s| s.word() == word);
-    let scene = scene.ok_or_else(|| format!("{word:?} is no scene"))?;
+    let scene = scene.ok_or_else(|| format!("{word:?} is not a scene"))?;
     let bind: SocketAddr = match arguments.next() {
         Some(address) => address.parse()?,
         None => DEFAULT_BIND,
@@ -67,7 +67,7 @@ fn run() -> Result<(), Error> {
     if let Some(fingerprint) = server.fingerprint() {
         println!("fingerprint {fingerprint}");
     }
-    println!("Enter ends it.");
+    println!("Press Enter to stop.");
     let _ = std::io::stdin().read(&mut [0]);
     Ok(())
 }

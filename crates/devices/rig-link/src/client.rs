@@ -186,7 +186,7 @@ impl Client {
             .iter()
             .find(|s| !link::is_session_name(&s.name));
         if let Some(odd) = odd {
-            return Err(self.garbled(doing, format!("{:?} is no name of a session", odd.name)));
+            return Err(self.garbled(doing, format!("{:?} is not a session name", odd.name)));
         }
         Ok(list.sessions)
     }

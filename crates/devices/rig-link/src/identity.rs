@@ -61,7 +61,7 @@ impl fmt::Debug for Fingerprint {
 /// A text is not a fingerprint.
 #[derive(Debug, PartialEq, Eq, thiserror::Error)]
 #[error(
-    "{found:?} is no fingerprint; expected 32 bytes in hex, as in 0A:1B:…, as `pawsd` shows them"
+    "{found:?} is not a fingerprint; expected 32 bytes in hex, as in 0A:1B:…, as `pawsd` shows them"
 )]
 pub struct FingerprintError {
     /// The text.

@@ -28,7 +28,7 @@ pub struct Token(String);
 pub enum TokenError {
     /// Create a longer one, as with `openssl rand -hex 16`.
     #[error(
-        "the token has {found} characters, expected {MIN_LENGTH} to {MAX_LENGTH} (`openssl rand -hex 16` makes one)"
+        "the token has {found} characters, expected {MIN_LENGTH} to {MAX_LENGTH} (`openssl rand -hex 16` creates one)"
     )]
     Length {
         /// Characters found.
@@ -42,7 +42,7 @@ pub enum TokenError {
     },
     /// Create a better one, as with `openssl rand -hex 16`.
     #[error(
-        "the token is made of {found} different characters, expected at least {MIN_DIFFERENT} (`openssl rand -hex 16` makes one)"
+        "the token is made of {found} different characters, expected at least {MIN_DIFFERENT} (`openssl rand -hex 16` creates one)"
     )]
     Simple {
         /// Different characters found.
@@ -50,7 +50,7 @@ pub enum TokenError {
     },
     /// Others on this machine can read it: remove their permission.
     #[error(
-        "the token can be read by others than its owner: mode {found:04o}, expected 0600; mend it with chmod 600 {}",
+        "the token can be read by others than its owner: mode {found:04o}, expected 0600; fix it with chmod 600 {}",
         .path.display()
     )]
     Open {

@@ -107,7 +107,7 @@ impl<'a> Inputs<'a> {
             (Some(rig), ..) | (None, Some((_, rig)), _) => Ok(rig),
             (None, None, Some(problem)) => Err(problem),
             (None, None, None) => Err(
-                "the session has none to start from; `paws calib cameras` makes one, and --calibration DIR names it",
+                "the session has no rig file to start from; `paws calib cameras` writes one, and --calibration DIR names it",
             ),
         }
     }

@@ -55,24 +55,24 @@ impl FromStr for Address {
         };
         let rest = rest.strip_suffix('/').unwrap_or(rest);
         if rest.contains(['/', '?', '#']) {
-            return Err(wrong("something stands behind host and port"));
+            return Err(wrong("unexpected text after host and port"));
         }
         if rest.contains('@') {
-            return Err(wrong("a user stands in it; the token is given apart"));
+            return Err(wrong("it contains a user; the token is given separately"));
         }
         let (host, port) = match rest.strip_prefix('[') {
             Some(rest) => {
                 let (host, port) = rest
                     .split_once(']')
                     .filter(|(host, _)| host.parse::<std::net::Ipv6Addr>().is_ok())
-                    .ok_or_else(|| wrong("what stands in brackets is no IPv6 address"))?;
+                    .ok_or_else(|| wrong("the text in brackets is not an IPv6 address"))?;
                 (host, port)
             }
             None => rest.split_at(rest.find(':').unwrap_or(rest.len())),
         };
         let plain = |b: u8| b.is_ascii_alphanumeric() || b"-._:".contains(&b);
         if host.is_empty() || !host.bytes().all(plain) {
-            return Err(wrong("its host is no name and no IP address"));
+            return Err(wrong("its host is neither a name nor an IP address"));
         }
         let port = match port.strip_prefix(':') {
             None if port.is_empty() => PORT,
@@ -80,8 +80,8 @@ impl FromStr for Address {
                 .parse()
                 .ok()
                 .filter(|port| *port > 0)
-                .ok_or_else(|| wrong("its port is none"))?,
-            _ => return Err(wrong("its port is none")),
+                .ok_or_else(|| wrong("its port is invalid"))?,
+            _ => return Err(wrong("its port is invalid")),
         };
         Ok(Self {
             tls,

@@ -59,7 +59,7 @@ async fn connect_unhurried(address: &Address, tls: Option<&Tls>) -> Result<Conne
     let name = ServerName::try_from(address.host.clone());
     let name = name.map_err(|_| LinkError::Address {
         found: address.to_string(),
-        reason: "its host is no name and no IP address",
+        reason: "its host is neither a name nor an IP address",
     })?;
     match tls.connector.connect(name, stream).await {
         Ok(stream) => handshake(stream).await,

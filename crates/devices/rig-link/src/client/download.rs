@@ -88,7 +88,7 @@ impl Client {
                 return Ok(done);
             }
             done.wasted += at - kept;
-            log::warn!("{} of {session} came with a wrong hash", entry.path);
+            log::warn!("{} of {session} has a wrong hash", entry.path);
             if retry_or_fail {
                 file.set_len(0).map_err(failed("emptying"))?;
                 return Err(LinkError::Corrupt {

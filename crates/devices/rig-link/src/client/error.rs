@@ -11,7 +11,7 @@ use crate::link::{Problem, VERSION};
 #[derive(Debug, thiserror::Error)]
 pub enum LinkError {
     /// Write it as `https://HOST:8077`.
-    #[error("{found:?} is no address of a rig: {reason}; expected https://HOST[:PORT]")]
+    #[error("{found:?} is not a rig address: {reason}; expected https://HOST[:PORT]")]
     Address {
         /// The given text.
         found: String,
@@ -37,7 +37,7 @@ pub enum LinkError {
     /// Another server is at this address, or the rig has a new identity. Compare with the
     /// fingerprint that `pawsd` shows on the rig.
     #[error(
-        "this is not the rig that is meant: its certificate has the fingerprint {found}, expected {expected}: {address}"
+        "not the expected rig: its certificate has the fingerprint {found}, expected {expected}: {address}"
     )]
     WrongFingerprint {
         /// The fingerprint of the server's certificate.
@@ -60,7 +60,7 @@ pub enum LinkError {
         address: Address,
     },
     /// The rig rejects the request; the code states what to do.
-    #[error("{doing}: the rig says: {}", .problem.message)]
+    #[error("{doing}: the rig reports: {}", .problem.message)]
     Refused {
         /// What was being done.
         doing: String,
@@ -79,7 +79,7 @@ pub enum LinkError {
     },
     /// The file does not match the manifest, even when fetched again from the start: fetch the
     /// manifest again. If the error persists, the rig's disk or memory is faulty.
-    #[error("{path} came with the hash {found}, the rig's manifest says {expected}")]
+    #[error("{path} has the hash {found}, expected {expected} from the rig's manifest")]
     Corrupt {
         /// The file's path in the session.
         path: String,

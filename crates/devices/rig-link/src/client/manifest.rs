@@ -95,14 +95,14 @@ pub(super) async fn read_manifest(
 pub(super) fn check(manifest: Manifest) -> Result<Manifest, String> {
     let mut paths: Vec<&str> = manifest.files.iter().map(|f| f.path.as_str()).collect();
     if let Some(odd) = paths.iter().find(|path| !link::is_file_path(path)) {
-        return Err(format!("{odd:?} is no path of a session's file"));
+        return Err(format!("{odd:?} is not a path of a session's file"));
     }
     paths.sort_unstable();
     if let Some(twice) = paths.windows(2).find(|two| two[0] == two[1]) {
         return Err(format!("{:?} is there twice", twice[0]));
     }
     if let Some(odd) = manifest.files.iter().find(|f| !link::is_hash(&f.blake3)) {
-        return Err(format!("{:?} is no hash", odd.blake3));
+        return Err(format!("{:?} is not a hash", odd.blake3));
     }
     let mut bytes = manifest.files.iter().map(|f| f.bytes);
     if bytes.try_fold(0_u64, |sum, b| sum.checked_add(b)).is_none() {
@@ -111,7 +111,7 @@ pub(super) fn check(manifest: Manifest) -> Result<Manifest, String> {
     let total = link::total(&manifest.files);
     if total != manifest.total {
         return Err(format!(
-            "its last line says {:?}, its files make {total:?}",
+            "its last line has {:?}, expected {total:?} from its files",
             manifest.total
         ));
     }

@@ -28,7 +28,7 @@ pub(super) async fn blocking<T: Send + 'static>(
     permits: &Semaphore,
     work: impl FnOnce() -> T + Send + 'static,
 ) -> Result<T, Problem> {
-    let failed = || problem(Code::Io, "the rig cannot answer; its log says why");
+    let failed = || problem(Code::Io, "the rig cannot respond; see its log");
     let _permit = permits.acquire().await.map_err(|_| failed())?;
     tokio::task::spawn_blocking(work).await.map_err(|e| {
         log::error!("answering a request: {e}");

@@ -269,7 +269,7 @@ mod tests {
         assert!(fill(1).is_some());
         assert!(fill(1).is_none(), "its share is taken");
         assert!(fill(2).is_some() && fill(2).is_some());
-        assert!(fill(3).is_none(), "all places are taken");
+        assert!(fill(3).is_none(), "all slots are taken");
         assert_eq!(slots.remove(first), Some(1));
         assert_eq!(slots.remove(first), None);
         assert!(

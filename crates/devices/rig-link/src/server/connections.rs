@@ -187,7 +187,7 @@ async fn answer(
         return response::refusal(&refusal);
     }
     if head.uri.scheme().is_some() || head.uri.authority().is_some() {
-        return malformed("this server is no proxy");
+        return malformed("this server is not a proxy");
     }
     let address = head.uri.path_and_query().map_or(0, |a| a.as_str().len());
     if address > MAX_ADDRESS {

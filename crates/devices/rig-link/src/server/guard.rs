@@ -89,7 +89,7 @@ impl Guard {
         self.peers(|peers| peers.request(peer, now))?;
         let host = one(headers, &HOST).map_err(Refusal::Malformed)?;
         let host = host.ok_or(Refusal::Malformed("the request has no Host"))?;
-        let name = host_name(host).ok_or(Refusal::Malformed("the Host is no host"))?;
+        let name = host_name(host).ok_or(Refusal::Malformed("the Host is not a host name"))?;
         let here = || {
             let address = name.trim_matches(['[', ']']).parse::<IpAddr>();
             name.eq_ignore_ascii_case("localhost")
@@ -215,9 +215,7 @@ impl Guard {
         if let Some((_, cookies)) = &self.token
             && let Err(e) = cookies.save()
         {
-            log::error!(
-                "keeping which logins have ended; those of now hold again after a restart: {e}"
-            );
+            log::error!("storing the ended logins; they are valid again after a restart: {e}");
         }
     }
 

@@ -107,7 +107,7 @@ pub(super) fn refusal(refusal: &Refusal) -> Response<Body> {
 
 fn too_many(wait: Duration) -> Response<Body> {
     let seconds = wait.as_secs() + u64::from(wait.subsec_nanos() > 0);
-    let why = format!("too often; try again in {seconds} s");
+    let why = format!("too many requests; retry in {seconds} s");
     let mut response = error(problem(Code::TooMany, &why));
     response.headers_mut().insert(RETRY_AFTER, seconds.into());
     response
@@ -116,7 +116,7 @@ fn too_many(wait: Duration) -> Response<Body> {
 /// The response for an unknown address or method.
 pub(super) fn no_route(no_route: NoRoute) -> Response<Body> {
     match no_route {
-        NoRoute::Unknown => error(problem(Code::NotFound, "there is nothing here")),
+        NoRoute::Unknown => error(problem(Code::NotFound, "no such resource")),
         NoRoute::Method(allowed) => {
             let why = format!("this is for {allowed}");
             let mut response = error(problem(Code::WrongMethod, &why));

@@ -98,7 +98,7 @@ pub(super) fn open(folder: &Path, path: &str) -> io::Result<(File, Stamp)> {
         .open(folder.join(path))?;
     let data = file.metadata()?;
     if !data.is_file() {
-        return Err(io::Error::other("it is no file any more"));
+        return Err(io::Error::other("it is no longer a file"));
     }
     Ok((file, Stamp::of(&data)))
 }

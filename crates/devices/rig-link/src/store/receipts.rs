@@ -31,7 +31,7 @@ impl Store {
             return Err(problem(
                 Code::BadRequest,
                 &format!(
-                    "this is no receipt; expected format {RECEIPT_FORMAT:?}, version {VERSION}, a list hash of 64 hex digits and the name of the host"
+                    "not a receipt; expected format {RECEIPT_FORMAT:?}, version {VERSION}, a list hash of 64 hex digits and the name of the host"
                 ),
             ));
         }

@@ -287,7 +287,8 @@ fn page_requests_the_token() {
     browser.until("document.getElementById('login-error').innerText === 'the token is wrong'");
     image(&mut browser, "login");
     enter(&mut browser, TOKEN);
-    browser.until("document.getElementById('login-error').innerText.startsWith('too often')");
+    browser
+        .until("document.getElementById('login-error').innerText.startsWith('too many requests')");
     // A restarted rig has forgotten the failed attempts.
     let again = setup.again();
     let url = again.url();

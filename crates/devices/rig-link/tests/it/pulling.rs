@@ -396,7 +396,7 @@ fn manifests_with_paths_outside_the_folder_are_rejected() {
     for path in bad {
         let error = ask().unwrap_err();
         assert!(
-            error.to_string().contains("no path of a session's file"),
+            error.to_string().contains("not a path of a session's file"),
             "{path}: {error}"
         );
     }
