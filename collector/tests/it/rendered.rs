@@ -12,7 +12,7 @@ use rig_sim::simulation::{Settings, Simulation};
 
 const RIG: &str = include_str!("../../../cad-transforms/rigs/example.toml");
 
-/// Writes a session of the example rig that deviates like this; gives the rig as it is.
+/// Writes a session of the example rig with this deviation; returns the ground-truth rig.
 pub(crate) fn write(folder: &Path, settings: &Settings, deviation: &Deviation) -> Rig {
     let rig = Rig::parse(RIG).unwrap();
     let simulation = Simulation::new(settings, &rig).unwrap();
