@@ -150,7 +150,9 @@ impl Setup {
                     .all(|is| *is)
             })
             .collect();
-        calib::remedy::missing_intrinsics(&without).into_iter().collect()
+        calib::remedy::missing_intrinsics(&without)
+            .into_iter()
+            .collect()
     }
 }
 

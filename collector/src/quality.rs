@@ -226,7 +226,11 @@ impl Evaluator<'_> {
         let without: Vec<_> = without.map(String::as_str).collect();
         let detail = match without.is_empty() {
             true => String::new(),
-            false => format!("{}; remedy: {}", without.join(", "), calib::mend::after()),
+            false => format!(
+                "{}; remedy: {}",
+                without.join(", "),
+                calib::remedy::after_recording()
+            ),
         };
         self.find(
             "camera.calibration",
@@ -453,12 +457,12 @@ impl Evaluator<'_> {
         let detail = match (without_pose.is_empty(), described) {
             (false, _) => {
                 let names = without_pose.join(", ");
-                format!("{names}; remedy: {}", calib::mend::after())
+                format!("{names}; remedy: {}", calib::remedy::after_recording())
             }
             (true, true) => "all on the rig".to_owned(),
             (true, false) => format!(
                 "stereo only; no rig file gives poses of the cameras, which `{}` estimates",
-                calib::mend::CALIBRATE
+                calib::remedy::CALIBRATE
             ),
         };
         self.find(

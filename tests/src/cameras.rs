@@ -11,7 +11,7 @@ use std::sync::{Mutex, MutexGuard, PoisonError};
 
 use anyhow::{Context as _, Result};
 use capture_daemon::config::V4l2Config;
-use capture_daemon::sources::device::{Joined, taken};
+use capture_daemon::sources::device::{StereoJoiner, sample_from_buffer};
 use capture_daemon::sources::{Sample, Sink, Source, SourceError, SourceInfo};
 use jpeg_encoder::{ColorType, Encoder, SamplingFactor};
 use session_archive::time::HostTime;
@@ -54,7 +54,7 @@ impl TwoCameras {
             start,
             samples: Mutex::default(),
         };
-        let joined = Joined::new(right.within_ns, &kept);
+        let joined = StereoJoiner::new(right.within_ns, &kept);
         let settings = config.eyes();
         let first_ns = footage.frames.first().map_or(0, |frame| frame.time_ns);
         for (n, frame) in footage.frames.iter().enumerate() {
@@ -79,7 +79,7 @@ impl TwoCameras {
                 let arrival = HostTime(time_ns + DELAY_NS);
                 joined
                     .eye(eye)
-                    .put(taken(config, &info, &bytes, arrival, true));
+                    .put(sample_from_buffer(config, &info, &bytes, arrival, true));
             }
         }
         joined.finish();

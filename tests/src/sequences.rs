@@ -19,7 +19,7 @@ use std::sync::Arc;
 
 use anyhow::{Context as _, Result, ensure};
 use cad_transforms::RigidTransform;
-use calib::verify::Grey;
+use calib::verify::ImageView;
 use odometry::input::{FrameSet, ImuSample, View};
 use odometry::rig::Rig;
 
@@ -108,13 +108,13 @@ impl OwnedFrameSet {
 impl<'a> From<&'a OwnedView> for View<'a> {
     fn from(view: &'a OwnedView) -> Self {
         let gray = |pixels: &'a [u8]| {
-            Grey::new(view.width, view.height, view.width, pixels).expect("a complete image")
+            ImageView::new(view.width, view.height, view.width, pixels).expect("a complete image")
         };
         View {
             time_ns: view.time_ns,
             left: gray(&view.left),
             right: gray(&view.right),
-            usable: None,
+            mask: None,
         }
     }
 }

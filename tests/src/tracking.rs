@@ -12,8 +12,8 @@
 use anyhow::{Context as _, Result};
 use cad_transforms::{Covariance, RigidTransform};
 use nalgebra::Matrix6;
-use odometry::mapping::{AdjustedMount, Tie};
-use odometry::{Estimate, Mapping, Odometry, Rig, Settings, Shift};
+use odometry::mapping::{Connectivity, RefinedExtrinsics};
+use odometry::{CameraShift, Config, Estimate, Mapping, Odometry, Rig};
 use scene_bundle::{Pose, Status, Trajectory};
 
 use crate::sequences::{OwnedFrameSet, Sequence};
@@ -33,7 +33,7 @@ pub struct Tracking {
 #[derive(Clone, Debug)]
 pub struct Refined {
     /// One pose per causal pose. Only keyframes have a covariance: that of the causal pose where
-    /// tracking was lost and the pose graph is not connected ([`Tie`]). The status is that of the
+    /// tracking was lost and the pose graph is not connected ([`Connectivity`]). The status is that of the
     /// causal pose, or relocalised.
     pub trajectory: Trajectory,
     /// Number of keyframes.
@@ -45,13 +45,13 @@ pub struct Refined {
     /// Number of landmarks.
     pub landmarks: usize,
     /// Refined extrinsics of the cameras.
-    pub extrinsics: Vec<AdjustedMount>,
+    pub extrinsics: Vec<RefinedExtrinsics>,
 }
 
 impl Tracking {
     /// Odometry for a rig. Without mapping, keyframes are discarded immediately, and refinement is
     /// not possible.
-    pub fn new(rig: &Rig, settings: Settings, with_mapping: bool) -> Self {
+    pub fn new(rig: &Rig, settings: Config, with_mapping: bool) -> Self {
         Self {
             odometry: Odometry::new(rig, settings),
             mapping: with_mapping.then(|| Mapping::new(rig, &settings)),
@@ -101,8 +101,8 @@ impl Tracking {
     }
 
     /// Detected camera shifts.
-    pub fn camera_shifts(&self) -> &[Shift] {
-        self.odometry.shifts()
+    pub fn camera_shifts(&self) -> &[CameraShift] {
+        self.odometry.camera_shifts()
     }
 
     /// Bundle adjustment; `None` without mapping.
@@ -114,14 +114,14 @@ impl Tracking {
         let Some(mapping) = &self.mapping else {
             return Ok(None);
         };
-        let adjusted = mapping.solve(|_| {});
+        let adjusted = mapping.optimize(|_| {});
         Ok(Some(Refined {
             trajectory: refined_trajectory(&self.causal, &adjusted)?,
             keyframes: adjusted.poses.len(),
-            loop_closures: adjusted.loops.len(),
-            iterations: adjusted.rounds,
+            loop_closures: adjusted.loop_closures.len(),
+            iterations: adjusted.iterations,
             landmarks: adjusted.landmarks,
-            extrinsics: adjusted.mounts,
+            extrinsics: adjusted.extrinsics,
         }))
     }
 }
@@ -130,31 +130,28 @@ impl Tracking {
 ///
 /// # Errors
 /// A pose cannot be stored in a trajectory.
-pub fn refined_trajectory(
-    causal: &Trajectory,
-    adjusted: &odometry::Adjusted,
-) -> Result<Trajectory> {
+pub fn refined_trajectory(causal: &Trajectory, adjusted: &odometry::Refined) -> Result<Trajectory> {
     let times: Vec<(i64, RigidTransform)> = (causal.poses().iter())
         .map(|p| (p.time_ns, p.world_from_rig))
         .collect();
     let keyframes: Vec<(i64, RigidTransform)> = (adjusted.poses.iter())
         .map(|p| (p.time_ns, p.world_from_rig))
         .collect();
-    let carried = odometry::mapping::between(&times, &keyframes);
+    let carried = odometry::mapping::interpolate_poses(&times, &keyframes);
     let lost: Vec<(i64, bool)> = (causal.poses().iter())
         .map(|p| (p.time_ns, p.status == Status::Lost))
         .collect();
-    let ties = adjusted.ties(&lost);
+    let ties = adjusted.connectivity(&lost);
     let mut poses = Vec::with_capacity(times.len());
     for ((pose, world_from_rig), tie) in causal.poses().iter().zip(carried).zip(ties) {
         let own = (adjusted.poses).binary_search_by_key(&pose.time_ns, |p| p.time_ns);
         let covariance = match (own, tie) {
             (Err(_), _) => None,
-            (Ok(_), Tie::Guessed) => pose.covariance,
+            (Ok(_), Connectivity::Unconstrained) => pose.covariance,
             (Ok(k), _) => Some(covariance(&adjusted.poses[k].covariance)?),
         };
         let status = match (pose.status, tie) {
-            (Status::Tracked, Tie::SeenAgain) => Status::Relocalised,
+            (Status::Tracked, Connectivity::LoopClosed) => Status::Relocalised,
             (status, _) => status,
         };
         poses.push(Pose {
@@ -172,7 +169,7 @@ pub fn refined_trajectory(
 ///
 /// # Errors
 /// Images that cannot be read, and those of [`Tracking::add`].
-pub fn track(sequence: &Sequence, settings: Settings, with_mapping: bool) -> Result<Tracking> {
+pub fn track(sequence: &Sequence, settings: Config, with_mapping: bool) -> Result<Tracking> {
     let mut tracking = Tracking::new(sequence.rig(), settings, with_mapping);
     sequence.for_each(|set| tracking.add(&set).map(drop))?;
     Ok(tracking)

@@ -13,8 +13,8 @@ use cad_transforms::rig::Rig;
 use cad_transforms::transform::RigidTransform;
 use calib::StereoCalibration;
 use calib::verify::{
-    Burst, Camera, CameraFound, Follower, Grey, Gyro, StereoPicture, Tolerances, Verification,
-    choose_bursts, compare, judge,
+    Burst, Camera, CameraEstimate, FeatureTracker, Gyro, ImageView, StereoFrame, Tolerances,
+    Verification, choose_bursts, compare, judge,
 };
 use rig_sim::camera::{Quality, Shutter};
 use rig_sim::scene::{Kind, Lighting};
@@ -164,7 +164,7 @@ impl Walk {
     }
 
     /// Estimates of the cameras without nominal errors.
-    pub fn compare(&self) -> Vec<CameraFound> {
+    pub fn compare(&self) -> Vec<CameraEstimate> {
         self.with(&NominalError::None, |cameras| {
             cameras.iter().map(compare).collect()
         })
@@ -172,7 +172,7 @@ impl Walk {
 
     /// Verification with an error of the nominal calibration. `reference` is the result of
     /// [`Walk::compare`]; its unaffected parts are reused.
-    pub fn verify(&self, error: &NominalError, reference: &[CameraFound]) -> Verification {
+    pub fn verify(&self, error: &NominalError, reference: &[CameraEstimate]) -> Verification {
         self.with(error, |cameras| {
             let mut found = reference.to_vec();
             if let NominalError::StereoRotation(k, _)
@@ -215,7 +215,7 @@ impl Walk {
         for (nominal, gyro) in nominal.iter().zip(&gyros) {
             cameras.push(Camera {
                 name: &nominal.name,
-                told: &nominal.calibration,
+                nominal: &nominal.calibration,
                 rig_from_left: Some(nominal.rig_from_left),
                 joint_sigma_rad: None,
                 // Not contained in sessions.
@@ -232,12 +232,12 @@ impl NominalCamera {
     fn gyro(&self, imu_delay_s: f64) -> Gyro {
         let rate = |c: i16| f64::from(c) * self.count;
         let gyro = Gyro::new(self.gyro.iter().map(|(time, c)| (*time, c.map(rate))));
-        gyro.later_by_ns((imu_delay_s * 1e9) as i64)
+        gyro.shifted_by_ns((imu_delay_s * 1e9) as i64)
     }
 
     fn delay_images(&mut self, imu_delay_s: f64) {
         let late_ns = (imu_delay_s * 1e9) as i64;
-        for of in self.bursts.iter_mut().flat_map(|b| &mut b.moves) {
+        for of in self.bursts.iter_mut().flat_map(|b| &mut b.segments) {
             of.from_ns += late_ns;
             of.to_ns += late_ns;
         }
@@ -254,7 +254,7 @@ fn track_bursts(
 ) -> Vec<Burst> {
     let settings = simulation.settings();
     let count = settings.frame_count();
-    let mut follower = Follower::new(calibration, Some(gyro));
+    let mut follower = FeatureTracker::new(calibration, Some(gyro));
     let mut renderer = simulation.frames(camera);
     let mut burst = |[from, to]: &[i64; 2]| {
         let first = (0..count).find(|n| settings.frame_ns(*n) >= *from);
@@ -266,8 +266,9 @@ fn track_bursts(
             let frame = renderer.expose(n, settings.frame_ns(n));
             let (left, right) = (frame.gray(0), frame.gray(1));
             let (width, height) = (frame.width / 2, frame.height);
-            let eye = |pixels| Grey::new(width, height, width, pixels).expect("a complete image");
-            follower.push(&StereoPicture {
+            let eye =
+                |pixels| ImageView::new(width, height, width, pixels).expect("a complete image");
+            follower.push(&StereoFrame {
                 time_ns: frame.time_ns,
                 left: eye(&left),
                 right: eye(&right),

@@ -8,11 +8,11 @@ use std::path::{Path, PathBuf};
 use std::process::Command;
 
 use cad_transforms::RigidTransform;
-use calib::adjust::{self, LensBlock, PlaceBlock, PlacePrior, Point, Problem, View};
-use calib::cameras::{self, Calibration, Camera, Eye, Input, Sighting};
+use calib::adjust::{self, LensBlock, Point, PoseBlock, PosePrior, Problem, View};
+use calib::cameras::{self, Calibration, Camera, Eye, Input, TargetDetection};
 use calib::epipolar::Epipolar;
 use calib::pnp;
-use calib::target::{self, GreyView, Seen, Target};
+use calib::target::{self, DetectedCorner, ImageView, Target};
 use calib::{CameraModel, Distortion, Provenance, StereoCalibration};
 use serde_json::Value;
 
@@ -44,7 +44,7 @@ fn our_corners(folder: &Path) -> Corners {
         let pixels = decoder.decode().expect("a JPEG file");
         let info = decoder.info().expect("a size");
         let (width, height) = (usize::from(info.width), usize::from(info.height));
-        let view = GreyView::new(width, height, width, &pixels).expect("a complete image");
+        let view = ImageView::new(width, height, width, &pixels).expect("a complete image");
         let found = target::detect(&view, &board(), &target::Settings::default());
         assert_eq!(
             found.corners.len(),
@@ -81,16 +81,16 @@ fn input(corners: &Corners, pairs: &[usize]) -> Input {
         size: (640, 512),
         factory: None,
     });
-    let mut sightings = Vec::new();
+    let mut detections = Vec::new();
     for (instant, &pair) in pairs.iter().enumerate() {
         for (eye, seen) in corners[pair].iter().enumerate() {
             let corners = seen.iter().zip(0..);
-            let corners = corners.map(|(pixel, id)| Seen {
+            let corners = corners.map(|(pixel, id)| DetectedCorner {
                 id,
                 pixel: *pixel,
                 sigma_px: 0.05,
             });
-            sightings.push(Sighting {
+            detections.push(TargetDetection {
                 instant,
                 eye,
                 target: 0,
@@ -109,7 +109,7 @@ fn input(corners: &Corners, pairs: &[usize]) -> Input {
         }],
         targets: vec![board()],
         times_ns: (0..pairs.len() as i64).map(|i| i * 1_000_000_000).collect(),
-        sightings,
+        detections,
     }
 }
 
@@ -120,7 +120,7 @@ fn ours(corners: &Corners, pairs: &[usize]) -> (Stereo, Calibration) {
     let settings = cameras::Settings::default();
     let found =
         cameras::calibrate(input(corners, pairs), &settings, &mut |_, _| {}).expect("a result");
-    let pair = found.place(found.places.pairs[0].expect("a pair")).0;
+    let pair = found.pose(found.poses.pairs[0].expect("a pair")).0;
     (([*found.lens(0), *found.lens(1)], pair), found)
 }
 
@@ -156,10 +156,10 @@ fn left_over((lenses, left_from_right): &Stereo, corners: &Corners, pairs: &[usi
     let known = board().corners();
     let mut problem = Problem {
         lenses: lenses.iter().map(|m| LensBlock::fixed("", *m)).collect(),
-        places: vec![PlaceBlock {
+        poses: vec![PoseBlock {
             name: String::new(),
             parent_from_child: *left_from_right,
-            prior: PlacePrior::Fixed,
+            prior: PosePrior::Fixed,
         }],
         ..Problem::default()
     };

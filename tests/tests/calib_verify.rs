@@ -1,7 +1,7 @@
 //! A slice of `cargo xtask bench calib_verify`: one walk of a minute, evaluated with the correct
 //! nominal calibration and with errors of it.
 
-use calib::verify::{State, What};
+use calib::verify::{Parameter, Status};
 use rig_sim::scene::{Kind, Lighting};
 use tests::walks::{NominalError, Plan, Walk};
 
@@ -9,10 +9,10 @@ use tests::walks::{NominalError, Plan, Walk};
 fn errors_of_the_nominal_calibration_are_detected_without_false_alarms() {
     let walk = Walk::make(Kind::Stairs, Lighting::Day, 9, &Plan::MINUTE).expect("a walk");
     let found = walk.compare();
-    let off = |wrong: &NominalError| -> Vec<(What, String, Vec<String>, Vec<f64>)> {
+    let off = |wrong: &NominalError| -> Vec<(Parameter, String, Vec<String>, Vec<f64>)> {
         let all = walk.verify(wrong, &found).findings.into_iter();
-        all.filter(|f| f.state == State::Off)
-            .map(|f| (f.what, f.camera, f.or, f.found))
+        all.filter(|f| f.status == Status::Inconsistent)
+            .map(|f| (f.parameter, f.camera, f.alternatives, f.estimate))
             .collect()
     };
     assert_eq!(off(&NominalError::None), []);
@@ -26,12 +26,12 @@ fn errors_of_the_nominal_calibration_are_detected_without_false_alarms() {
         assert!(
             rotated
                 .iter()
-                .any(|(what, camera, or, _)| *what == What::Camera
+                .any(|(what, camera, or, _)| *what == Parameter::Camera
                     && (camera == name || or.contains(&(*name).to_owned()))),
             "{name}: {rotated:?}"
         );
         let late = off(&NominalError::ImageTime(k, 3e-3));
-        let [(What::Pictures, camera, _, by)] = &late[..] else {
+        let [(Parameter::ImageTime, camera, _, by)] = &late[..] else {
             panic!("{name}: {late:?}");
         };
         assert_eq!(camera, name);

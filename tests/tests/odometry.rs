@@ -9,10 +9,10 @@ use std::collections::BTreeMap;
 use cad_transforms::RigidTransform;
 use calib::{CameraModel, Lens};
 use nalgebra::Vector3;
-use odometry::keyframe::Seen;
-use odometry::mapping::AdjustedMount;
+use odometry::keyframe::StereoObservation;
+use odometry::mapping::RefinedExtrinsics;
 use odometry::rig::StereoCamera;
-use odometry::{Odometry, Preset, Settings};
+use odometry::{Config, Odometry, Preset};
 use reconstruction::evaluate::{self, Evaluation, evaluate};
 use rig_sim::camera::Quality;
 use rig_sim::scene::{Kind, Lighting};
@@ -21,8 +21,8 @@ use tests::data;
 use tests::sequences::{self, Sequence, WalkSettings, walk};
 use tests::tracking::{self, drive, still, track};
 
-fn balanced() -> Settings {
-    Settings::preset(Preset::Balanced)
+fn balanced() -> Config {
+    Config::preset(Preset::Balanced)
 }
 
 fn evaluated(estimate: &Trajectory, truth: &Trajectory) -> Evaluation {
@@ -54,7 +54,7 @@ fn check_causal_and_refined_accuracy(sequence: &Sequence) {
     let tracking = track(sequence, balanced(), true).expect("poses");
     let causal = evaluated(tracking.causal(), &truth);
     let adjusted = tracking.refine().expect("poses").expect("with mapping");
-    let is_moved = |m: &AdjustedMount| m.is_moved;
+    let is_moved = |m: &RefinedExtrinsics| m.is_moved;
     assert!(
         !adjusted.extrinsics.iter().any(is_moved),
         "{:?}",
@@ -96,8 +96,8 @@ fn landmarks_observed_by_two_cameras_have_one_id() {
     let cameras = &sequence.rig().cameras;
     let mut off_px = Vec::new();
     for keyframe in &keyframes {
-        let mut seen: BTreeMap<u64, Vec<&Seen>> = BTreeMap::new();
-        for one in &keyframe.seen {
+        let mut seen: BTreeMap<u64, Vec<&StereoObservation>> = BTreeMap::new();
+        for one in &keyframe.observations {
             seen.entry(one.id).or_default().push(one);
         }
         for both in seen.values().filter(|seen| seen.len() > 1) {
@@ -129,7 +129,7 @@ fn landmarks_observed_by_two_cameras_have_one_id() {
 }
 
 /// Triangulated point in the left frame of a camera, m: between the rays of its eyes.
-fn place(camera: &StereoCamera, seen: &Seen) -> Option<[f64; 3]> {
+fn place(camera: &StereoCamera, seen: &StereoObservation) -> Option<[f64; 3]> {
     let ray = |model: &CameraModel, at: [f32; 2]| {
         let ray = Lens::new(model).unproject(at.map(f64::from))?;
         Some(Vector3::from(ray).normalize())

@@ -11,10 +11,10 @@ use std::path::{Path, PathBuf};
 use capture_daemon::config::Config;
 use capture_daemon::run::{RecordOptions, StopFlag, record};
 use capture_daemon::sources::ImuValues;
+use collector::commands::{handoff, import, index, validate};
 use collector::console::{Clock, Console, Show};
 use collector::outcome::Outcome;
 use collector::target::Target;
-use collector::{handoff, importing, indexing, validate};
 use reconstruction::Input;
 use session_archive::handoff::Verdict;
 use session_archive::time::{HostTime, NS_PER_S};
@@ -137,7 +137,7 @@ fn through_the_collector(session: &Path, library: &Path) -> PathBuf {
         show: Show::Nothing,
         clock: Clock::STILL,
     };
-    let imported = importing::run(&[session.to_owned()], library, &mut console).expect("import");
+    let imported = import::run(&[session.to_owned()], library, &mut console).expect("import");
     assert_eq!(imported, Outcome::Fine);
     let name = session
         .file_name()
@@ -150,7 +150,7 @@ fn through_the_collector(session: &Path, library: &Path) -> PathBuf {
         ..validate::Options::default()
     };
     let validated = validate::run(&targets, &options, &mut console).expect("validate");
-    let indexed = indexing::run(&targets, &mut console).expect("index");
+    let indexed = index::run(&targets, &mut console).expect("index");
     let handed = handoff::run(&targets[0], None, &mut console).expect("hand off");
     let said = String::from_utf8(said).expect("text");
     println!("{said}");

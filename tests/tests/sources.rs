@@ -11,15 +11,15 @@ use anyhow::bail;
 use capture_daemon::config::{Config, SourceConfig};
 use capture_daemon::run::{Finished, RecordOptions, StopFlag, build, record, record_built};
 use capture_daemon::sources::{AnySource, ImuValues};
+use collector::commands::{handoff, import, validate};
 use collector::console::{Clock, Console, Show};
 use collector::outcome::Outcome;
 use collector::target::Target;
 use collector::validation::Validation;
-use collector::{handoff, importing, validate};
 use reconstruction::Input;
 use reconstruction::evaluate::files;
+use reconstruction::pipeline::observer::NoObserver;
 use reconstruction::pipeline::stages::{self, Options, Preset, rig};
-use reconstruction::pipeline::watch::Unwatched;
 use reconstruction::pipeline::{Meter, Selection, Sources};
 use scene_bundle::{Bundle, Provenance, outputs};
 use session_archive::handoff::Verdict;
@@ -124,7 +124,7 @@ fn hand_off(session: &Path, library: &Path) -> PathBuf {
         show: Show::Nothing,
         clock: Clock::STILL,
     };
-    let imported = importing::run(&[session.to_owned()], library, &mut console);
+    let imported = import::run(&[session.to_owned()], library, &mut console);
     assert_eq!(imported.expect("import"), Outcome::Fine);
     let name = session
         .file_name()
@@ -156,7 +156,7 @@ fn reconstruct(session: &Path, scene: &Path) -> Found {
     let provenance = Provenance {
         session_id: input.handoff().session_id.clone(),
         handoff_blake3: input.handoff().seal.clone(),
-        rig: rig::revision(&input, &options.told),
+        rig: rig::revision(&input, &options.rig_overrides),
         program: "tests".to_owned(),
         program_version: "0".to_owned(),
         started_civil_ns: 0,
@@ -170,7 +170,7 @@ fn reconstruct(session: &Path, scene: &Path) -> Found {
     let pipeline = stages::pipeline(options).expect("stages");
     let bundle = Bundle::create_or_open(scene, provenance).expect("a bundle");
     let selection = Selection::default();
-    let outcomes = pipeline.run(&sources, &bundle, &selection, &Unwatched, &Meter::STILL);
+    let outcomes = pipeline.run(&sources, &bundle, &selection, &NoObserver, &Meter::STILL);
     let outcomes = outcomes.expect("all stages");
     assert_eq!(outcomes.len(), stages::NAMES.len());
     for outcome in outcomes {

@@ -289,7 +289,11 @@ pub(super) fn choice<T: Copy>(
 /// Hz.
 fn simulated(section: &mut Section<'_>, folder: &Path) -> SimulatedConfig {
     let kind = one_of(section, "scene", &Kind::ALL.map(|kind| (kind.name(), kind)));
-    let lighting = one_of(section, "light", &Lighting::ALL.map(|time| (time.name(), time)));
+    let lighting = one_of(
+        section,
+        "light",
+        &Lighting::ALL.map(|time| (time.name(), time)),
+    );
     let qualities = [("fast", Quality::FAST), ("accurate", Quality::ACCURATE)];
     let quality = one_of(section, "quality", &qualities);
     let walk = Settings {

@@ -7,9 +7,9 @@ use std::path::Path;
 
 use cad_transforms::{Frame, FramePart, Rig, RigidTransform};
 use nalgebra::Vector3;
+use rig_sim::calibration_error::CalibrationError;
 use rig_sim::camera::Quality;
-use rig_sim::deviation::Deviation;
-use rig_sim::scene::{Kind, Time};
+use rig_sim::scene::{Kind, Lighting};
 use rig_sim::simulation::Settings;
 use serde_json::Value;
 
@@ -19,7 +19,7 @@ use crate::rendered::{self, paws};
 fn write(folder: &Path) -> Rig {
     let settings = Settings {
         kind: Kind::Targets,
-        time: Time::Day,
+        lighting: Lighting::Day,
         seed: 5,
         seconds: 45.0,
         rate_hz: 5.0,
@@ -27,11 +27,11 @@ fn write(folder: &Path) -> Rig {
         height: 376,
         quality: Quality::FAST,
     };
-    let mut deviation = Deviation::default();
-    deviation.of_mut("left_shoulder").turned = Vector3::new(2e-3, -3e-3, 1e-3);
-    deviation.of_mut("feet").moved = Vector3::new(5e-4, 0.0, -8e-4);
+    let mut deviation = CalibrationError::default();
+    deviation.of_mut("left_shoulder").rotation = Vector3::new(2e-3, -3e-3, 1e-3);
+    deviation.of_mut("feet").translation = Vector3::new(5e-4, 0.0, -8e-4);
     deviation.of_mut("right_shoulder").focal_px = [1.5, 1.5];
-    deviation.of_mut("left_shoulder").imu_turned = Vector3::new(0.01, -0.02, 0.0);
+    deviation.of_mut("left_shoulder").imu_rotation = Vector3::new(0.01, -0.02, 0.0);
     rendered::write(folder, &settings, &deviation)
 }
 

@@ -5,9 +5,9 @@ use std::fs;
 use std::path::Path;
 
 use nalgebra::Vector3;
+use rig_sim::calibration_error::CalibrationError;
 use rig_sim::camera::Quality;
-use rig_sim::deviation::Deviation;
-use rig_sim::scene::{Kind, Time};
+use rig_sim::scene::{Kind, Lighting};
 use rig_sim::simulation::Settings;
 use serde_json::Value;
 
@@ -17,7 +17,7 @@ use crate::rendered::{self, paws};
 fn write(folder: &Path, turned: Vector3<f64>) {
     let settings = Settings {
         kind: Kind::Pavement,
-        time: Time::Day,
+        lighting: Lighting::Day,
         seed: 3,
         seconds: 12.0,
         rate_hz: 15.0,
@@ -25,8 +25,8 @@ fn write(folder: &Path, turned: Vector3<f64>) {
         height: 188,
         quality: Quality::FAST,
     };
-    let mut deviation = Deviation::default();
-    deviation.of_mut("left_shoulder").turned = turned;
+    let mut deviation = CalibrationError::default();
+    deviation.of_mut("left_shoulder").rotation = turned;
     rendered::write(folder, &settings, &deviation);
 }
 

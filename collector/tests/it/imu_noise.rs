@@ -6,8 +6,8 @@ use std::process::{Command, Output};
 use std::sync::Arc;
 
 use cad_transforms::RigidTransform;
-use rig_sim::imu::{Imu, ImuModel, ImuTrouble};
-use rig_sim::scene::{Kind, Scene, Time};
+use rig_sim::imu::{Imu, ImuFaults, ImuModel};
+use rig_sim::scene::{Kind, Lighting, Scene};
 use rig_sim::walker::Walker;
 use serde_json::Value;
 use session_archive::manifest::{self, Stop};
@@ -34,7 +34,7 @@ fn model() -> ImuModel {
 /// Writes a session of an IMU at rest on a table, and carried during `carried`. Samples in `lost`
 /// are missing.
 fn write(folder: &Path, model: ImuModel, seconds: i64, carried: [i64; 2], lost: [i64; 2]) {
-    let scene = Scene::new(Kind::Corridor, Time::Day, 1);
+    let scene = Scene::new(Kind::Corridor, Lighting::Day, 1);
     let walker = Walker::new(&scene, 1, 30.0);
     let imu = Imu::new(model, RigidTransform::identity(), seconds as f64, 11);
     let spec = SessionSpec {
@@ -82,7 +82,7 @@ fn write(folder: &Path, model: ImuModel, seconds: i64, carried: [i64; 2], lost: 
             } else {
                 0.0
             };
-            let sample = imu.sample(&walker, n as usize, at, &ImuTrouble::NONE);
+            let sample = imu.sample(&walker, n as usize, at, &ImuFaults::NONE);
             for (to, from) in counts.iter_mut().zip(imu.counts(&sample)) {
                 to.extend(from.map(i32::from));
             }

@@ -12,7 +12,7 @@ use std::path::{Path, PathBuf};
 
 use calib::rectify::{Map, Rectification, RectifyError, View};
 use calib::{Eye, Lens};
-use depth::evaluate::{Scores, GroundTruth};
+use depth::evaluate::{GroundTruth, Scores};
 use depth::{DepthError, DisparityMap};
 use rayon::prelude::*;
 use scene_bundle::outputs::depth::{DepthImage, DepthKey, DepthView};

@@ -4,7 +4,7 @@ use std::path::Path;
 
 use anyhow::{Context as _, Result, ensure};
 use nalgebra::Vector3;
-use odometry::Settings;
+use odometry::Config;
 use serde::Serialize;
 
 use crate::sequences;
@@ -38,7 +38,7 @@ pub struct Still {
 ///
 /// # Errors
 /// Files that are absent or not in the expected format.
-pub fn still(folder: &Path, truth: &Path, settings: Settings) -> Result<Still> {
+pub fn still(folder: &Path, truth: &Path, settings: Config) -> Result<Still> {
     let sequence = sequences::euroc(folder, truth, None)?;
     let times: Vec<i64> = sequence.times().collect();
     let (first, last) = (times.first(), times.last());

@@ -20,7 +20,7 @@ use std::thread;
 use anyhow::{Context, Result, anyhow, ensure};
 use cad_transforms::{Frame, FramePart, RigidTransform};
 use calib::camera_imu::simulate::ZED_NOISE;
-use calib::camera_imu::{CameraImu, Cameras, ImuSample, Recording, Told, Verdict, estimate};
+use calib::camera_imu::{CameraImu, Cameras, ImuSample, Priors, Recording, Verdict, estimate};
 use calib::kalibr::read_imu;
 use calib::set::{CameraSet, NamedCamera, SetImu};
 use calib::write::contents;
@@ -224,14 +224,14 @@ pub fn run(
                 measured.board = observed.board;
                 let recording = Recording {
                     cameras,
-                    pictures: observed.images,
+                    observations: observed.images,
                     imu: inertial(imu),
                     noise,
                     range: imu.count.map(|c| c.map_or(f64::INFINITY, |c| c * 32_767.0)),
                 };
-                let nominal = Told {
+                let nominal = Priors {
                     imu_from_left: nominal,
-                    ..Told::default()
+                    ..Priors::default()
                 };
                 estimate(&recording, &nominal).map_err(anyhow::Error::from)
             }
@@ -350,10 +350,10 @@ fn kalibr(measured: &Measured) -> Result<Vec<(String, Vec<u8>)>> {
             imu_from_first: found.imu_from_left,
             rate_hz: Some(measured.rate_hz),
             noise: Some(ImuNoise {
-                gyro_noise_density: noise.gyro_noise_density * times.gyro.found_over_told,
-                gyro_random_walk: noise.gyro_random_walk * times.gyro_walk.found_over_told,
-                accel_noise_density: noise.accel_noise_density * times.accel.found_over_told,
-                accel_random_walk: noise.accel_random_walk * times.accel_walk.found_over_told,
+                gyro_noise_density: noise.gyro_noise_density * times.gyro.ratio_to_nominal,
+                gyro_random_walk: noise.gyro_random_walk * times.gyro_walk.ratio_to_nominal,
+                accel_noise_density: noise.accel_noise_density * times.accel.ratio_to_nominal,
+                accel_random_walk: noise.accel_random_walk * times.accel_walk.ratio_to_nominal,
             }),
             time_offset_s: Some(found.time_offset_s),
             gyro_bias: Some(found.gyro_bias),

@@ -175,7 +175,7 @@ fn input(
     let mut input = Input {
         targets,
         times_ns: detected.times_ns,
-        sightings: detected.detections,
+        detections: detected.detections,
         ..Input::default()
     };
     for (number, camera) in manifest.cameras.iter().enumerate() {
@@ -215,11 +215,11 @@ fn format_of(set: &CameraSet) -> Format {
 fn stereo(found: &Calibration) -> Vec<(String, CameraSet)> {
     let cameras = found.input.cameras.iter().enumerate();
     let of = |(number, camera): (usize, &Camera)| {
-        let (right, results) = (camera.right?, found.places.pairs[number]?);
+        let (right, results) = (camera.right?, found.poses.pairs[number]?);
         let set = CameraSet::of_stereo(&StereoCalibration {
             left: *found.lens(camera.left),
             right: *found.lens(right),
-            right_from_left: found.place(results).0.inverse(),
+            right_from_left: found.pose(results).0.inverse(),
             imu: None,
             provenance: CalibProvenance {
                 format: None,
@@ -273,7 +273,7 @@ fn calibrated(
 fn joints(found: &Calibration) -> Result<Vec<Joint>> {
     let mut joints = Vec::new();
     let mut put = |parent: &Frame, child: &Frame, results: usize| {
-        let (parent_from_child, covariance) = found.place(results);
+        let (parent_from_child, covariance) = found.pose(results);
         joints.push(Joint {
             parent: parent.clone(),
             child: child.clone(),
@@ -284,10 +284,10 @@ fn joints(found: &Calibration) -> Result<Vec<Joint>> {
     for (number, camera) in found.input.cameras.iter().enumerate() {
         let left = Frame::of_camera(&camera.name, FramePart::Left)?;
         let right = Frame::of_camera(&camera.name, FramePart::Right)?;
-        if let Some(results) = found.places.cameras[number] {
+        if let Some(results) = found.poses.cameras[number] {
             put(&Frame::rig(), &left, results);
         }
-        if let Some(results) = found.places.pairs[number] {
+        if let Some(results) = found.poses.pairs[number] {
             put(&left, &right, results);
         }
     }

@@ -11,7 +11,7 @@ mod plots;
 mod table;
 
 use anyhow::{Result, ensure};
-use calib::imu_noise::{Measurement, Series, Weight, measure};
+use calib::imu_noise::{Measurement, Series, Severity, measure};
 use clap::Args;
 
 use crate::commands::calibrate::Output;
@@ -113,7 +113,7 @@ pub fn run(
         (PAGE.to_owned(), page::html(manifest, &all).into_bytes()),
     ];
     for imu in &all {
-        if imu.found.is_refused() {
+        if imu.found.is_rejected() {
             continue;
         }
         let [noise, gyro, accel] = imu.files();
@@ -130,7 +130,7 @@ pub fn run(
         print(imu, console)?;
     }
     results.write(&files, console)?;
-    let refused = all.iter().any(|imu| imu.found.is_refused());
+    let refused = all.iter().any(|imu| imu.found.is_rejected());
     if read.damaged > 0 {
         let rig_poses = text::count(read.damaged, "damaged place");
         console.line(format!("{rig_poses} of the session left out"))?;
@@ -185,11 +185,11 @@ fn series(imu: &ImuRecording) -> Series {
 fn print(imu: &Measured, console: &mut Console<'_>) -> Result<()> {
     let found = &imu.found;
     console.line(format!("{}: {}", imu.recording.name, table::summary(imu)))?;
-    for remark in &found.remarks {
-        let word = match remark.weight {
-            Weight::Note => "note",
-            Weight::Doubt => "WARN",
-            Weight::Refusal => "REFUSED",
+    for remark in &found.findings {
+        let word = match remark.severity {
+            Severity::Note => "note",
+            Severity::Warn => "WARN",
+            Severity::Fail => "REFUSED",
         };
         console.line(format!("  {word}  {}: {}", remark.kind, remark.text))?;
     }

@@ -120,7 +120,7 @@ impl NominalRig {
     }
 
     /// `rig_from_left` of a camera; that of the origin is fixed.
-    pub fn rig_from_left(&self, camera: &str) -> Option<Told> {
+    pub fn rig_from_left(&self, camera: &str) -> Option<ExtrinsicsPrior> {
         let left = Frame::of_camera(camera, FramePart::Left).ok()?;
         let mut nominal = self.nominal(&Frame::rig(), &left, MOUNTING_SIGMA)?;
         let rig = self.rig.as_ref().map(|(_, rig)| rig);
@@ -132,23 +132,28 @@ impl NominalRig {
     }
 
     /// `left_from_right` of a camera, as recorded: from the factory calibration if there is one.
-    pub fn left_from_right(&self, camera: &str) -> Option<Told> {
+    pub fn left_from_right(&self, camera: &str) -> Option<ExtrinsicsPrior> {
         let left = format!("{camera}/left");
         let right = format!("{camera}/right");
         let transform = self.frames.transform(&left, &right)?;
-        Some(Told {
+        Some(ExtrinsicsPrior {
             transform,
             covariance: even(RIGHT_EYE_SIGMA),
         })
     }
 
-    fn nominal(&self, parent: &Frame, child: &Frame, otherwise: (f64, f64)) -> Option<Told> {
+    fn nominal(
+        &self,
+        parent: &Frame,
+        child: &Frame,
+        otherwise: (f64, f64),
+    ) -> Option<ExtrinsicsPrior> {
         if let Some((_, rig)) = &self.rig
             && let Ok(transform) = rig.transform(parent, child)
         {
             let covariance = rig.covariance(parent, child).ok().flatten();
             let covariance = covariance.map(|c| in_parent(&c, &transform));
-            return Some(Told {
+            return Some(ExtrinsicsPrior {
                 transform,
                 covariance: covariance.unwrap_or(even(otherwise)),
             });
@@ -157,7 +162,7 @@ impl NominalRig {
             return None;
         }
         let transform = self.frames.transform(parent.as_str(), child.as_str())?;
-        Some(Told {
+        Some(ExtrinsicsPrior {
             transform,
             covariance: even(otherwise),
         })

@@ -8,8 +8,8 @@ use std::sync::{Mutex, PoisonError};
 use std::thread;
 
 use anyhow::{Context, Result, bail};
-use calib::cameras::Sighting;
-use calib::target::{self, GreyView, Target as Board};
+use calib::cameras::TargetDetection;
+use calib::target::{self, ImageView, Target as Board};
 use session_archive::index::{Access, FrameEntry, Index};
 use session_archive::reader::SessionReader;
 use session_archive::verify::rig_file;
@@ -23,7 +23,7 @@ pub struct DetectedTargets {
     /// Time of each frame set, ns.
     pub times_ns: Vec<i64>,
     /// Detections; eye `2 n` is the left one of camera `n` of the manifest.
-    pub detections: Vec<Sighting>,
+    pub detections: Vec<TargetDetection>,
     /// Images searched, per eye.
     pub images: u64,
     /// Images that could not be decoded.
@@ -91,18 +91,18 @@ pub fn detect(
         }
         let bytes = frames.frames.iter().map(|f| u64::from(f.bytes)).sum();
         let progress = console.progress(&format!("detecting targets: {}", camera.name), bytes);
-        let found: Mutex<Vec<Sighting>> = Mutex::new(Vec::new());
+        let found: Mutex<Vec<TargetDetection>> = Mutex::new(Vec::new());
         let visit = |frame: &FrameEntry, frame_image: &Picture| {
             let Some(&instant) = instants.get(&frame.number) else {
                 return Ok(());
             };
             for (side, view) in halves(frame_image).into_iter().enumerate() {
                 let detections = target::detect_all(&view, boards, &target::Settings::default());
-                let mut own: Vec<Sighting> = detections
+                let mut own: Vec<TargetDetection> = detections
                     .into_iter()
                     .enumerate()
                     .filter(|(_, d)| !d.corners.is_empty())
-                    .map(|(target, d)| Sighting {
+                    .map(|(target, d)| TargetDetection {
                         instant,
                         eye: 2 * number + side,
                         target,
@@ -130,12 +130,12 @@ pub fn detect(
 }
 
 /// The luma of the left and right half of a side-by-side stereo frame.
-pub fn halves(frame_image: &Picture) -> Vec<GreyView<'_>> {
+pub fn halves(frame_image: &Picture) -> Vec<ImageView<'_>> {
     let (width, height) = (frame_image.width as usize, frame_image.height as usize);
     let luma = &frame_image.data[..width * height];
     let half = width / 2;
     [luma, &luma[half..]]
         .into_iter()
-        .filter_map(|pixels| GreyView::new(half, height, width, pixels))
+        .filter_map(|pixels| ImageView::new(half, height, width, pixels))
         .collect()
 }

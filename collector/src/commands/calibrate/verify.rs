@@ -17,8 +17,8 @@ use anyhow::{Context, Result, ensure};
 use cad_transforms::output::{Existing, write};
 use cad_transforms::{Frame, FramePart};
 use calib::verify::{
-    Burst, Camera, Finding as Found, Follower, Grey, Gyro, State, StereoPicture, Tolerances,
-    Verification, What, choose_bursts, verify,
+    Burst, Camera, FeatureTracker, Finding as Found, Gyro, ImageView, Parameter, Status,
+    StereoFrame, Tolerances, Verification, choose_bursts, verify,
 };
 use calib::{ImuCalibration, Provenance, StereoCalibration};
 use clap::Args;
@@ -195,7 +195,7 @@ pub fn check(
     let cameras: Vec<Camera<'_>> = (known.iter().zip(&bursts))
         .map(|(known, bursts)| Camera {
             name: &known.camera.name,
-            told: &known.nominal,
+            nominal: &known.nominal,
             rig_from_left: rig.rig_from_left(&known.camera.name).map(|t| t.transform),
             joint_sigma_rad: joint(&rig, &known.camera.name),
             line_s: None,
@@ -275,7 +275,7 @@ fn read_bursts(
         let (times, access, progress, failure) = (&times, &access, &progress, &failure);
         let one = move |known: &KnownCamera<'_>| -> Vec<Burst> {
             let frames = &index.cameras[known.index];
-            let mut follower = Follower::new(&known.nominal, known.gyro.as_ref());
+            let mut follower = FeatureTracker::new(&known.nominal, known.gyro.as_ref());
             let mut bursts = Vec::new();
             for burst in times {
                 if let Err(e) = track_burst(known.camera, frames, access, *burst, &mut follower) {
@@ -306,7 +306,7 @@ fn track_burst(
     index: &CameraIndex,
     access: &Access,
     [from, to]: [i64; 2],
-    follower: &mut Follower<'_>,
+    follower: &mut FeatureTracker<'_>,
 ) -> Result<()> {
     let first = index.frames.partition_point(|f| f.time_ns < from);
     let last = index.frames.partition_point(|f| f.time_ns <= to);
@@ -315,7 +315,7 @@ fn track_burst(
         if frame.number % every == 0
             && let Some([left, right]) = eyes(image)
         {
-            follower.push(&StereoPicture {
+            follower.push(&StereoFrame {
                 time_ns: frame.time_ns,
                 left,
                 right,
@@ -325,11 +325,11 @@ fn track_burst(
 }
 
 /// The luma of the left and right half of a side-by-side stereo frame.
-fn eyes(image: &Picture) -> Option<[Grey<'_>; 2]> {
+fn eyes(image: &Picture) -> Option<[ImageView<'_>; 2]> {
     let (width, height) = (image.width as usize, image.height as usize);
     let luma = image.data.get(..width * height)?;
     let half = width / 2;
-    let eye = |pixels| Grey::new(half, height, width, pixels);
+    let eye = |pixels| ImageView::new(half, height, width, pixels);
     Some([eye(luma)?, eye(luma.get(half..)?)?])
 }
 
@@ -337,13 +337,13 @@ impl SessionVerification {
     /// The findings as metrics. Undetermined parameters are left out.
     pub fn findings(&self, limits: &Limits) -> Vec<Finding> {
         let nominal = self.verification.findings.iter();
-        let nominal = nominal.filter(|f| f.state != State::Undetermined);
+        let nominal = nominal.filter(|f| f.status != Status::Undetermined);
         let one = |found: &Found| {
-            let (metric, value) = match found.what {
-                What::Eyes => ("calib.stereo_rotation", found.beyond.to_degrees()),
-                What::Camera => ("calib.camera_rotation", found.beyond.to_degrees()),
-                What::Imu => ("calib.imu_rotation", found.beyond.to_degrees()),
-                _ => ("calib.time_offset", found.beyond * 1e9),
+            let (metric, value) = match found.parameter {
+                Parameter::StereoRotation => ("calib.stereo_rotation", found.excess.to_degrees()),
+                Parameter::Camera => ("calib.camera_rotation", found.excess.to_degrees()),
+                Parameter::Imu => ("calib.imu_rotation", found.excess.to_degrees()),
+                _ => ("calib.time_offset", found.excess * 1e9),
             };
             finding(
                 limits,
@@ -360,7 +360,9 @@ impl SessionVerification {
     /// Text of a finding, with the revision that it contradicts.
     fn words(&self, found: &Found) -> String {
         match &self.revision {
-            Some((_, revision)) if found.state == State::Off && found.what == What::Camera => {
+            Some((_, revision))
+                if found.status == Status::Inconsistent && found.parameter == Parameter::Camera =>
+            {
                 format!("{} since revision {revision}", found.text)
             }
             _ => found.text.clone(),
@@ -376,7 +378,7 @@ impl SessionVerification {
             let eyes = camera.eyes.as_ref().map(|eyes| {
                 format!(
                     "epipolar error {:.2} px RMS with the nominal extrinsics, {:.2} px with the estimate ({} matches)",
-                    eyes.told_rms_px, eyes.found_rms_px, eyes.matches
+                    eyes.nominal_rms_px, eyes.found_rms_px, eyes.matches
                 )
             });
             let eyes = eyes.unwrap_or_else(|| "too few stereo matches".to_owned());

@@ -110,7 +110,7 @@ const KINDS: &[Kind] = &[
     ("bowed boards", "mm", &[0.3, 1.0, 3.0, 10.0, 30.0], |s| {
         Impairments {
             plan: Plan {
-                bend_m: 1e-3 * s,
+                bow_m: 1e-3 * s,
                 ..Plan::GOOD
             },
             ..Impairments::default()
@@ -122,7 +122,7 @@ const KINDS: &[Kind] = &[
         &[0.1, 0.3, 1.0, 3.0, 10.0],
         |s| Impairments {
             plan: Plan {
-                larger: 1e-2 * s,
+                scale_error: 1e-2 * s,
                 ..Plan::GOOD
             },
             ..Impairments::default()
@@ -294,7 +294,7 @@ fn against_views(quick: bool) -> Result<Value> {
             let ours = match found {
                 Ok(found) => recording.pair_errors(
                     found.lens(0),
-                    &found.place(found.places.pairs[0].expect("a pair")).0,
+                    &found.pose(found.poses.pairs[0].expect("a pair")).0,
                 ),
                 Err(_) => continue,
             };

@@ -18,11 +18,11 @@ use std::fs;
 use std::path::{Path, PathBuf};
 
 use anyhow::{Context, Result, bail};
-use calib::verify::{CameraFound, Finding, State, Verification, What};
-use rig_sim::scene::{Kind, Time};
+use calib::verify::{CameraEstimate, Finding, Parameter, Status, Verification};
+use rig_sim::scene::{Kind, Lighting};
 use serde::Serialize;
 use serde_json::json;
-use tests::walks::{Plan, Walk, Wrong};
+use tests::walks::{NominalError, Plan, Walk};
 
 mod charts;
 
@@ -52,7 +52,7 @@ enum Outcome {
 #[derive(Clone, Debug)]
 struct Point {
     walk: usize,
-    what: What,
+    what: Parameter,
     camera: String,
     /// Degrees or ms.
     size: f64,
@@ -138,13 +138,13 @@ pub(crate) fn run(args: &[String]) -> Result<()> {
 }
 
 /// Scenes and lights cycled, so that all combinations occur.
-fn scene_and_light(number: usize) -> (Kind, Time) {
+fn scene_and_light(number: usize) -> (Kind, Lighting) {
     let kinds = Kind::ALL.len();
-    let light = (number + number / kinds) % Time::ALL.len();
-    (Kind::ALL[number % kinds], Time::ALL[light])
+    let light = (number + number / kinds) % Lighting::ALL.len();
+    (Kind::ALL[number % kinds], Lighting::ALL[light])
 }
 
-fn walk(kind: Kind, light: Time, seed: u64, cache: Option<&Path>) -> Result<Walk> {
+fn walk(kind: Kind, light: Lighting, seed: u64, cache: Option<&Path>) -> Result<Walk> {
     let file = cache.map(|dir| dir.join(format!("{}-{}-{seed}.json", kind.name(), light.name())));
     if let Some(path) = &file
         && let Ok(bytes) = fs::read(path)
@@ -161,31 +161,31 @@ fn walk(kind: Kind, light: Time, seed: u64, cache: Option<&Path>) -> Result<Walk
     Ok(walk)
 }
 
-fn clean_walk(walk: &Walk, found: &[CameraFound]) -> Clean {
-    let verification = walk.verify(&Wrong::Nothing, found);
+fn clean_walk(walk: &Walk, found: &[CameraEstimate]) -> Clean {
+    let verification = walk.verify(&NominalError::None, found);
     let off = verification
         .findings
         .iter()
-        .filter(|f| f.state == State::Off);
+        .filter(|f| f.status == Status::Inconsistent);
     let mut scores = [Vec::new(), Vec::new(), Vec::new()];
     for camera in found {
         if let Some(eyes) = &camera.eyes {
-            scores[0].extend((0..3).map(|k| eyes.turned_rad[k] / eyes.sigma_rad[k]));
+            scores[0].extend((0..3).map(|k| eyes.rotation_rad[k] / eyes.sigma_rad[k]));
         }
         if let Some(imu) = &camera.imu {
-            scores[1].extend((0..3).map(|k| imu.turned_rad[k] / imu.sigma_rad[k]));
-            scores[2].push(imu.late_s / imu.late_sigma_s);
+            scores[1].extend((0..3).map(|k| imu.rotation_rad[k] / imu.sigma_rad[k]));
+            scores[2].push(imu.time_offset_s / imu.time_offset_sigma_s);
         }
     }
-    let is_seen = |name: &str, what: What| {
+    let is_seen = |name: &str, what: Parameter| {
         let of = verification
             .findings
             .iter()
-            .find(|f| f.camera == name && f.what == what);
-        of.is_some_and(|f| f.state != State::Undetermined)
+            .find(|f| f.camera == name && f.parameter == what);
+        of.is_some_and(|f| f.status != Status::Undetermined)
     };
-    let sigmas = |found: &[CameraFound]| -> Vec<[f64; 3]> {
-        let of = |camera: &CameraFound| match &camera.imu {
+    let sigmas = |found: &[CameraEstimate]| -> Vec<[f64; 3]> {
+        let of = |camera: &CameraEstimate| match &camera.imu {
             None => [f64::NAN; 3],
             Some(imu) => [
                 imu.sigma_rad
@@ -193,8 +193,8 @@ fn clean_walk(walk: &Walk, found: &[CameraFound]) -> Clean {
                     .copied()
                     .fold(0.0, f64::max)
                     .to_degrees(),
-                imu.late_sigma_s * 1e3,
-                imu.late_s * 1e3,
+                imu.time_offset_sigma_s * 1e3,
+                imu.time_offset_s * 1e3,
             ],
         };
         found.iter().map(of).collect()
@@ -209,7 +209,7 @@ fn clean_walk(walk: &Walk, found: &[CameraFound]) -> Clean {
         determined: walk
             .names()
             .iter()
-            .map(|name| [What::Camera, What::Pictures].map(|what| is_seen(name, what)))
+            .map(|name| [Parameter::Camera, Parameter::ImageTime].map(|what| is_seen(name, what)))
             .collect(),
         scores,
         by_bursts,
@@ -219,7 +219,7 @@ fn clean_walk(walk: &Walk, found: &[CameraFound]) -> Clean {
 
 /// All falsified values of one walk. The axis of a rotation changes from walk to walk and camera to
 /// camera.
-fn wrong_points(walk: &Walk, found: &[CameraFound], number: usize) -> Vec<Point> {
+fn wrong_points(walk: &Walk, found: &[CameraEstimate], number: usize) -> Vec<Point> {
     let mut points = Vec::new();
     for (k, name) in walk.names().into_iter().enumerate() {
         let axis = (number + k) % 3;
@@ -229,11 +229,30 @@ fn wrong_points(walk: &Walk, found: &[CameraFound], number: usize) -> Vec<Point>
             rad[axis] = sign * deg.to_radians();
             rad
         };
-        let turns = ROTATIONS_DEG.map(|deg| (What::Camera, deg, Wrong::Turned(k, about(deg))));
-        let eyes = STEREO_ROTATIONS_DEG.map(|deg| (What::Eyes, deg, Wrong::Eyes(k, about(deg))));
+        let turns = ROTATIONS_DEG.map(|deg| {
+            (
+                Parameter::Camera,
+                deg,
+                NominalError::CameraRotation(k, about(deg)),
+            )
+        });
+        let eyes = STEREO_ROTATIONS_DEG.map(|deg| {
+            (
+                Parameter::StereoRotation,
+                deg,
+                NominalError::StereoRotation(k, about(deg)),
+            )
+        });
         let late = |ms: f64| sign * ms * 1e-3;
-        let pictures = TIME_OFFSETS_MS.map(|ms| (What::Pictures, ms, Wrong::Pictures(k, late(ms))));
-        let clocks = TIME_OFFSETS_MS.map(|ms| (What::Clock, ms, Wrong::Clock(k, late(ms))));
+        let pictures = TIME_OFFSETS_MS.map(|ms| {
+            (
+                Parameter::ImageTime,
+                ms,
+                NominalError::ImageTime(k, late(ms)),
+            )
+        });
+        let clocks =
+            TIME_OFFSETS_MS.map(|ms| (Parameter::Clock, ms, NominalError::Clock(k, late(ms))));
         let all = turns.into_iter().chain(eyes).chain(pictures).chain(clocks);
         points.extend(all.map(|(what, size, wrong)| Point {
             walk: number,
@@ -246,19 +265,21 @@ fn wrong_points(walk: &Walk, found: &[CameraFound], number: usize) -> Vec<Point>
     points
 }
 
-fn outcome(verification: &Verification, what: What, camera: &str, size: f64) -> Outcome {
-    let off = |f: &&Finding| f.state == State::Off;
+fn outcome(verification: &Verification, what: Parameter, camera: &str, size: f64) -> Outcome {
+    let off = |f: &&Finding| f.status == Status::Inconsistent;
     let own = verification.findings.iter();
-    let own = own.clone().find(|f| f.what == what && f.camera == camera);
-    let noticed = |f: &Finding| match what.is_turn() {
-        true => f.noticed.to_degrees(),
-        false => f.noticed * 1e3,
+    let own = own
+        .clone()
+        .find(|f| f.parameter == what && f.camera == camera);
+    let noticed = |f: &Finding| match what.is_rotation() {
+        true => f.min_detectable.to_degrees(),
+        false => f.min_detectable * 1e3,
     };
     match own {
-        Some(f) if f.state == State::Off && f.or.is_empty() => Outcome::Named,
+        Some(f) if f.status == Status::Inconsistent && f.alternatives.is_empty() => Outcome::Named,
         _ if verification.findings.iter().any(|f| off(&f)) => Outcome::Flagged,
-        Some(f) if f.state == State::Fine && size > noticed(f) => Outcome::Silent,
-        Some(f) if f.state == State::Fine => Outcome::Within,
+        Some(f) if f.status == Status::Consistent && size > noticed(f) => Outcome::Silent,
+        Some(f) if f.status == Status::Consistent => Outcome::Within,
         _ => Outcome::Undetermined,
     }
 }
@@ -266,7 +287,7 @@ fn outcome(verification: &Verification, what: What, camera: &str, size: f64) -> 
 /// Number of points by outcome, of one size.
 #[derive(Serialize)]
 struct Row {
-    what: What,
+    what: Parameter,
     /// Degrees or ms.
     size: f64,
     named: usize,
@@ -280,7 +301,7 @@ struct Row {
 
 impl Row {
     fn line(&self) -> String {
-        let unit = if self.what.is_turn() { "deg" } else { "ms" };
+        let unit = if self.what.is_rotation() { "deg" } else { "ms" };
         format!(
             "{:?} {} {unit}: named {}, flagged {}, undetermined {}, within {}, silent {}",
             self.what,
@@ -298,10 +319,10 @@ impl Row {
 fn table(points: &[Point]) -> Vec<Row> {
     let mut rows = Vec::new();
     for (what, sizes) in [
-        (What::Camera, &ROTATIONS_DEG[..]),
-        (What::Eyes, &STEREO_ROTATIONS_DEG),
-        (What::Pictures, &TIME_OFFSETS_MS),
-        (What::Clock, &TIME_OFFSETS_MS),
+        (Parameter::Camera, &ROTATIONS_DEG[..]),
+        (Parameter::StereoRotation, &STEREO_ROTATIONS_DEG),
+        (Parameter::ImageTime, &TIME_OFFSETS_MS),
+        (Parameter::Clock, &TIME_OFFSETS_MS),
     ] {
         for size in sizes {
             let [named, flagged, undetermined, within, silent] = counts(points, what, *size);
@@ -328,7 +349,7 @@ fn table(points: &[Point]) -> Vec<Row> {
 }
 
 /// Number of points by outcome, in the order of [`Outcome`].
-fn counts(points: &[Point], what: What, size: f64) -> [usize; 5] {
+fn counts(points: &[Point], what: Parameter, size: f64) -> [usize; 5] {
     let all = [
         Outcome::Named,
         Outcome::Flagged,

@@ -10,7 +10,7 @@ use std::fs;
 
 use anyhow::{Context, Result};
 use calib::camera_imu::simulate::{Scene, simulate};
-use calib::camera_imu::{Formulated, Formulations, Told, estimate};
+use calib::camera_imu::{FormulationResult, Formulations, Priors, estimate};
 use nalgebra::{Rotation3, Vector3};
 use serde_json::{Value, json};
 
@@ -93,7 +93,7 @@ fn formulations(scene: &Scene, seeds: u64) -> Result<Vec<(String, Sums)>> {
 }
 
 impl Sums {
-    fn add(&mut self, scene: &Scene, found: &Formulated, seconds: f64) {
+    fn add(&mut self, scene: &Scene, found: &FormulationResult, seconds: f64) {
         let told = scene.imu_from_left.rotation().to_rotation_matrix();
         let turn = Rotation3::from_matrix_unchecked(told.matrix().transpose() * found.rotation);
         let shift: Vector3<f64> = found.translation - scene.imu_from_left.translation();
@@ -150,7 +150,7 @@ fn minute(seconds: f64) -> Result<Value> {
         ..Scene::lively(seconds)
     };
     let recording = simulate(&scene, 1).recording;
-    let (found, took) = timed(|| estimate(&recording, &Told::default()));
+    let (found, took) = timed(|| estimate(&recording, &Priors::default()));
     let found = found?;
     let shift: Vector3<f64> = found.imu_from_left.translation() - scene.imu_from_left.translation();
     Ok(json!({

@@ -26,7 +26,7 @@ use capture_daemon::sources::simulated::{Simulated, Walks};
 use capture_daemon::sources::{Sample, Source as _};
 use charts::{Axis, Chart, Series};
 use rig_sim::camera::Quality;
-use rig_sim::scene::{Kind, Time};
+use rig_sim::scene::{Kind, Lighting};
 use rig_sim::simulation::Settings;
 use serde_json::{Value, json};
 use session_archive::reader::{Entry, SessionReader};
@@ -234,7 +234,7 @@ fn prepare(folder: &Path) -> Result<PathBuf> {
     let rig = Rig::read(&rig).context("reading the example rig")?;
     let walk = Settings {
         kind: Kind::Pavement,
-        time: Time::Day,
+        lighting: Lighting::Day,
         seed: 1,
         seconds: FRAMES as f64 / RATE_HZ + 1.0,
         rate_hz: RATE_HZ,
@@ -254,7 +254,7 @@ fn prepare(folder: &Path) -> Result<PathBuf> {
         while count < FRAMES {
             match source.next_sample()? {
                 Some(Sample::Frame(frame)) => {
-                    write_eyes(&eyes, count, &frame.picture)?;
+                    write_eyes(&eyes, count, &frame.image)?;
                     count += 1;
                 }
                 Some(_) => {}

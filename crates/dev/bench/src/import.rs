@@ -20,11 +20,11 @@ use std::time::Duration;
 
 use anyhow::{Context, Result, bail, ensure};
 use charts::{Axis, Chart, Series};
+use collector::commands::validate::{Options, ValidatedSession, validate};
 use collector::console::{Clock, Console, Show};
 use collector::import::{import, no_hook};
 use collector::library::Library;
 use collector::progress::Progress;
-use collector::validate::{Options, Validated, validate};
 use serde_json::{Value, json};
 use session_archive::handoff::Verdict;
 use session_archive::storage::DiskStorage;
@@ -265,7 +265,7 @@ fn drop_caches() -> bool {
     fs::write("/proc/sys/vm/drop_caches", "3").is_ok()
 }
 
-fn time_validate(folder: &Path, deep: bool) -> Result<(f64, Validated)> {
+fn time_validate(folder: &Path, deep: bool) -> Result<(f64, ValidatedSession)> {
     let options = Options {
         deep,
         ..Options::default()

@@ -20,7 +20,7 @@ use std::thread;
 use anyhow::{Context, Result};
 use cad_transforms::rig::Rig;
 use rig_sim::camera::Quality;
-use rig_sim::scene::{Kind, Time};
+use rig_sim::scene::{Kind, Lighting};
 use rig_sim::simulation::{Settings, Simulation};
 use serde_json::{Value, json};
 
@@ -47,10 +47,10 @@ const QUALITIES: [(&str, Quality); 4] = [
     ("accurate", Quality::ACCURATE),
 ];
 
-const fn looks(samples: u32, most_samples: u32) -> Quality {
+const fn looks(samples: u32, max_samples: u32) -> Quality {
     Quality {
         samples,
-        most_samples,
+        max_samples,
         noise: true,
     }
 }
@@ -150,7 +150,7 @@ fn place(plan: &Plan, kind: Kind, rig: &Rig) -> Result<Place> {
     let rate_hz = 15.0;
     let settings = Settings {
         kind,
-        time: Time::Day,
+        lighting: Lighting::Day,
         seed: 1,
         // The walker rests first: the first step follows within a second.
         seconds: (plan.sets as f64 / rate_hz).max(8.0),
@@ -162,16 +162,16 @@ fn place(plan: &Plan, kind: Kind, rig: &Rig) -> Result<Place> {
     let mut simulation = Simulation::new(&settings, rig).context("preparing the walk")?;
     let triangles = simulation.scene().fixed.triangles.len();
     let stages = stages::measure(&simulation, plan.sets.min(30));
-    let silent = |samples, most_samples| Quality {
+    let silent = |samples, max_samples| Quality {
         samples,
-        most_samples,
+        max_samples,
         noise: false,
     };
     let (reference, expected) = pictures(simulation, silent(plan.looks, plan.looks), plan);
     simulation = reference;
     let mut points: Vec<Point> = Vec::new();
     for (name, quality) in QUALITIES {
-        let (samples, most) = (quality.samples, quality.most_samples);
+        let (samples, most) = (quality.samples, quality.max_samples);
         let (silent, found) = pictures(simulation, silent(samples, most), plan);
         let loud = Arc::new(silent.with_quality(quality));
         let sets = (plan.sets / u64::from(most)).max(2);
@@ -198,7 +198,7 @@ fn pictures(simulation: Simulation, quality: Quality, plan: &Plan) -> (Simulatio
     let simulation = Arc::new(simulation.with_quality(quality));
     let mut found = Vec::new();
     for camera in 0..simulation.cameras().len() {
-        let mut pictures = simulation.pictures(camera);
+        let mut pictures = simulation.frames(camera);
         for k in 0..plan.instants {
             let part = (f64::from(k) + 0.7) / f64::from(plan.instants);
             let time_ns = (part * 1e9 * simulation.settings().seconds) as i64;
@@ -216,7 +216,7 @@ fn pictures(simulation: Simulation, quality: Quality, plan: &Plan) -> (Simulatio
 fn stream(simulation: &Arc<Simulation>, sets: u64) -> Timing {
     let count = simulation.cameras().len();
     let cameras: Vec<_> = (0..count)
-        .map(|camera| Mutex::new(simulation.pictures(camera)))
+        .map(|camera| Mutex::new(simulation.frames(camera)))
         .collect();
     let next = AtomicUsize::new(0);
     let work = || {

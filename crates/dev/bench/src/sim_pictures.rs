@@ -16,7 +16,7 @@ use cad_transforms::rig::Rig;
 use rig_sim::camera::Quality;
 use rig_sim::faults::Faults;
 use rig_sim::render::{Job, render};
-use rig_sim::scene::{Kind, Time};
+use rig_sim::scene::{Kind, Lighting};
 use rig_sim::simulation::{Settings, Simulation};
 use serde_json::Value;
 
@@ -69,7 +69,7 @@ fn walk(kind: Kind, seconds: f64, folder: &Path) -> Result<()> {
     let rig = Rig::parse(RIG)?;
     let settings = Settings {
         kind,
-        time: Time::Day,
+        lighting: Lighting::Day,
         seed: 1,
         seconds,
         rate_hz: 15.0,

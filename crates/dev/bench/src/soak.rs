@@ -11,7 +11,7 @@ use anyhow::{Context as _, Result, ensure};
 use charts::{Axis, Chart, Series};
 use serde_json::json;
 use tests::rig::Rig;
-use tests::soak::{Soaked, soak};
+use tests::soak::{SoakResult, soak};
 
 use crate::arguments::Arguments;
 use crate::stamp;
@@ -47,8 +47,8 @@ pub(crate) fn run(args: &[String]) -> Result<()> {
         .map(|(name, stream)| (name.clone(), stream.samples.into()))
         .collect();
     // A hundred and twenty readings are as informative as seven thousand.
-    let step = soaked.looks.len().div_ceil(120).max(1);
-    let looks = soaked.looks.iter().step_by(step);
+    let step = soaked.samples.len().div_ceil(120).max(1);
+    let looks = soaked.samples.iter().step_by(step);
     let report = json!({
         "benchmark": "soak",
         "stamp": stamp,
@@ -87,9 +87,9 @@ pub(crate) fn run(args: &[String]) -> Result<()> {
     Ok(())
 }
 
-fn chart(soaked: &Soaked, footnote: &str) -> String {
+fn chart(soaked: &SoakResult, footnote: &str) -> String {
     const MIB: f64 = (1 << 20) as f64;
-    let looks = &soaked.looks;
+    let looks = &soaked.samples;
     let at_minute = looks.iter().find(|look| look.session_s >= 60.0);
     let base = at_minute.map_or(0.0, |look| look.memory.resident as f64 / MIB);
     let line = |name, of: fn(&tests::soak::Memory) -> u64| {

@@ -81,7 +81,7 @@ pub struct Estimate {
     /// How it is known.
     pub status: Status,
     /// Sights that agree.
-    pub observations: usize,
+    pub inliers: usize,
     /// Whether it is a keyframe.
     pub is_keyframe: bool,
     /// Bias of the gyroscope in use, rad/s.
@@ -201,9 +201,9 @@ impl Odometry {
             self.camera_shifts.push(shift);
         }
         let (_, observed) = count_inliers(&window);
-        let observations = self.reject_outliers(&mut window);
-        let is_enough = observations >= MIN_INLIERS
-            && observations as f64 >= MIN_INLIER_RATIO * observed as f64;
+        let inliers = self.reject_outliers(&mut window);
+        let is_enough =
+            inliers >= MIN_INLIERS && inliers as f64 >= MIN_INLIER_RATIO * observed as f64;
         let is_tracked = is_enough && !self.is_lost;
         let mut is_connected = true;
         if !is_tracked {
@@ -244,7 +244,7 @@ impl Odometry {
         }
         self.newest_is_keyframe = is_keyframe;
         self.is_lost |= !is_connected && reinitialization::is_lost(&covariance);
-        let estimate = self.estimate(&window, &covariance, observations, is_tracked, is_keyframe);
+        let estimate = self.estimate(&window, &covariance, inliers, is_tracked, is_keyframe);
         if self.is_lost {
             self.reinitialize(&mut window, &covariance);
         }
@@ -358,14 +358,8 @@ impl Odometry {
             .keyframe_covariance
             .fixed_view::<6, 6>(0, 0)
             .into_owned();
-        let observations = window.landmarks.len();
-        let estimate = self.estimate(
-            &window,
-            &covariance,
-            observations,
-            observations >= MIN_INLIERS,
-            true,
-        );
+        let inliers = window.landmarks.len();
+        let estimate = self.estimate(&window, &covariance, inliers, inliers >= MIN_INLIERS, true);
         self.window = Some(window);
         estimate
     }
@@ -508,7 +502,7 @@ impl Odometry {
         &self,
         window: &Window,
         covariance: &Matrix6<f64>,
-        observations: usize,
+        inliers: usize,
         is_tracked: bool,
         is_keyframe: bool,
     ) -> Estimate {
@@ -543,7 +537,7 @@ impl Odometry {
             covariance,
             velocity,
             status,
-            observations,
+            inliers,
             is_keyframe,
             gyro_bias: state.gyro_bias,
             accel_bias: state.accel_bias,

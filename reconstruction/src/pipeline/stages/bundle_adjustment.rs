@@ -7,8 +7,8 @@
 //! which is reported. If the adjustment does not converge, which is reported too, all poses keep
 //! their causal covariance and cameras their nominal extrinsics. Images are not read again.
 
-use ::odometry::mapping::{Progress, Connectivity, interpolate_poses};
-use ::odometry::{Refined, ImuSample, Mapping};
+use ::odometry::mapping::{Connectivity, Progress, interpolate_poses};
+use ::odometry::{ImuSample, Mapping, Refined};
 use cad_transforms::RigidTransform;
 use scene_bundle::outputs::rig::RigModel;
 use scene_bundle::outputs::trajectory::TrajectoryWriter;
@@ -78,7 +78,10 @@ impl Stage<Input> for BundleAdjustmentStage {
             mapping.add_keyframe(before::from_tracked(keyframe));
         }
         let adjusted = mapping.optimize(|progress| match progress {
-            Progress::Linearized { iterations, max_iterations } => work.progress(iterations as u64, max_iterations as u64),
+            Progress::Linearized {
+                iterations,
+                max_iterations,
+            } => work.progress(iterations as u64, max_iterations as u64),
             Progress::SearchingLoops { done, all } => work.progress(done as u64, all as u64),
         });
         work.note(format!(

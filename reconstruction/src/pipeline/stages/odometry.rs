@@ -4,7 +4,7 @@
 //! data before it only; sets that cannot be read are losses and are bridged by the IMU. Memory does
 //! not grow with the session.
 
-use ::odometry::{Odometry, Config, Status};
+use ::odometry::{Config, Odometry, Status};
 use cad_transforms::{Covariance, RigidTransform};
 use scene_bundle::outputs::tracks::{Keypoint, StereoObservation, TrackedKeyframe, TracksWriter};
 use scene_bundle::outputs::trajectory::TrajectoryWriter;

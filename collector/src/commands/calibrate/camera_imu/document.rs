@@ -44,7 +44,7 @@ fn result(found: &CameraImu) -> Json {
     let s = &found.sigmas;
     let rows = found.covariance.row_iter();
     let covariance: Vec<Vec<f64>> = rows.map(|r| r.iter().copied().collect()).collect();
-    let noise = |n: &calib::camera_imu::Noise| json!({ "ratio_to_nominal": n.found_over_told, "redundancy": n.redundancy });
+    let noise = |n: &calib::camera_imu::Noise| json!({ "ratio_to_nominal": n.ratio_to_nominal, "redundancy": n.redundancy });
     let n = &found.noises;
     json!({
         "verdict": found.verdict().to_string(),
@@ -76,12 +76,12 @@ fn result(found: &CameraImu) -> Json {
             "gyro_walk": noise(&n.gyro_walk),
             "accel_walk": noise(&n.accel_walk),
         },
-        "unobservable": found.weak.iter().map(ToString::to_string).collect::<Vec<_>>(),
+        "unobservable": found.unobservable.iter().map(ToString::to_string).collect::<Vec<_>>(),
         "gates": found.gates.iter().map(|g| json!({
             "name": g.name,
             "verdict": g.verdict.to_string(),
             "text": g.text,
         })).collect::<Vec<Json>>(),
-        "images": { "given": found.pictures[0], "posed": found.pictures[1], "left_out": found.pictures[2] },
+        "images": { "given": found.views[0], "posed": found.views[1], "left_out": found.views[2] },
     })
 }

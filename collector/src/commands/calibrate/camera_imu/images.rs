@@ -5,11 +5,11 @@ use std::sync::{Mutex, PoisonError};
 
 use anyhow::{Context, Result};
 use calib::Eye;
-use calib::camera_imu::{Corner, Picture};
-use calib::target::{GreyView, Seen, Settings, Target as Board, detect_all};
+use calib::camera_imu::{Corner, TargetObservation};
+use calib::target::{DetectedCorner, ImageView, Settings, Target as Board, detect_all};
 use session_archive::index::{Access, CameraIndex, FrameEntry};
 use session_archive::manifest::Camera;
-use video::Picture as Decoded;
+use video::Picture as DecodedImage;
 use video::picture::{i420_to_grey, split};
 
 use crate::decode_check::visit_images;
@@ -18,7 +18,7 @@ use crate::progress::Progress;
 /// Corners of one board, the one with most detections.
 pub(super) struct BoardObservations {
     /// In order of time.
-    pub images: Vec<Picture>,
+    pub images: Vec<TargetObservation>,
     /// Position of the board; `None` if none was detected.
     pub board: Option<usize>,
     /// Images that could not be decoded.
@@ -26,7 +26,7 @@ pub(super) struct BoardObservations {
 }
 
 /// Detected corners by board and eye.
-type Found = Vec<[Vec<Seen>; 2]>;
+type Found = Vec<[Vec<DetectedCorner>; 2]>;
 
 /// Detects boards in every `every`-th image.
 pub(super) fn find(
@@ -40,7 +40,7 @@ pub(super) fn find(
 ) -> Result<BoardObservations> {
     // By time: two images of one time would conflict.
     let all: Mutex<BTreeMap<i64, Found>> = Mutex::new(BTreeMap::new());
-    let detect = |frame: &FrameEntry, image: &Decoded| -> Result<()> {
+    let detect = |frame: &FrameEntry, image: &DecodedImage| -> Result<()> {
         if !frame.number.is_multiple_of(every) || frame.time_doubtful {
             return Ok(());
         }
@@ -49,7 +49,7 @@ pub(super) fn find(
         for (eye, image) in [left, right].iter().enumerate() {
             let gray = i420_to_grey(image).context("converting an image to gray")?;
             let (width, height) = (gray.width as usize, gray.height as usize);
-            let view = GreyView::new(width, height, width, &gray.data)
+            let view = ImageView::new(width, height, width, &gray.data)
                 .context("an image's size does not match its bytes")?;
             let detected = detect_all(&view, boards, &Settings::default());
             for (board, detection) in detected.into_iter().enumerate() {
@@ -92,7 +92,7 @@ pub(super) fn find(
                     })
                 }));
             }
-            Picture { time_ns, corners }
+            TargetObservation { time_ns, corners }
         })
         .collect();
     Ok(BoardObservations {

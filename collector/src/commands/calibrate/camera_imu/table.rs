@@ -125,7 +125,7 @@ pub(super) fn print(measured: &Measured, console: &mut Console<'_>) -> Result<()
             return Ok(());
         }
     };
-    let [given, used, rejected] = found.pictures;
+    let [given, used, rejected] = found.views;
     console.line(format!(
         "{}: {}, {used} of {given} images with a pose, {rejected} of them left out",
         measured.camera,

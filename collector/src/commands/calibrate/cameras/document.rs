@@ -68,13 +68,13 @@ pub(super) fn relative_poses(found: &Calibration) -> Vec<RelativePose> {
     let cameras = &found.input.cameras;
     let mut all = Vec::new();
     for (number, camera) in cameras.iter().enumerate() {
-        if let Some(pose) = found.places.pairs[number] {
+        if let Some(pose) = found.poses.pairs[number] {
             let what = format!("{0}/right in {0}/left", camera.name);
             let nominal = camera.left_from_right.as_ref().map(|t| t.transform);
-            all.push(RelativePose::new(what, found.place(pose), nominal));
+            all.push(RelativePose::new(what, found.pose(pose), nominal));
         }
     }
-    let Some(first) = (0..cameras.len()).find(|&c| found.places.cameras[c].is_some()) else {
+    let Some(first) = (0..cameras.len()).find(|&c| found.poses.cameras[c].is_some()) else {
         return all;
     };
     for number in first + 1..cameras.len() {

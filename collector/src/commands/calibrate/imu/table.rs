@@ -86,7 +86,7 @@ pub(super) fn worst(found: &Measurement, sensor: usize, coefficient: Coefficient
         Worst::Below(limit) => {
             format!("{name} not determined by this recording (below {limit:.1e} {unit} with 95 %)")
         }
-        Worst::Refused => format!("{name} not measured: an axis was rejected"),
+        Worst::Unavailable => format!("{name} not measured: an axis was rejected"),
     }
 }
 

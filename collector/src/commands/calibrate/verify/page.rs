@@ -1,6 +1,6 @@
 //! The report: verdict, estimate of each parameter, and charts.
 
-use calib::verify::{CameraFound, Finding as Found};
+use calib::verify::{CameraEstimate, Finding as Found};
 use charts::{Axis, Bins, Cell, Chart, Page, Series, Table, Verdict as Badge};
 use session_archive::handoff::Verdict;
 use session_archive::manifest::Manifest;
@@ -31,7 +31,7 @@ pub(super) fn html(
         "Against {against}. {} bursts of images, and all samples of the gyroscopes. A parameter is inconsistent if it deviates \
          by more than two sigmas of its tolerance plus {} sigmas of the measurement.",
         checked.bursts,
-        calib::verify::SURE
+        calib::verify::DETECTION_SIGMA
     ));
     for finding in findings.iter().filter(|f| f.verdict != Verdict::Pass) {
         page = page.finding(badge(finding.verdict), &finding.text);
@@ -56,7 +56,7 @@ pub(super) fn html(
             Cell::from(format!("{}: {}", found.camera, name(found))),
             Cell::number(components(found)),
             Cell::number(shown(found, found.sigma)),
-            Cell::number(shown(found, found.noticed)),
+            Cell::number(shown(found, found.min_detectable)),
             Cell::from(verdict),
         ]);
     }
@@ -85,26 +85,26 @@ fn badge(verdict: Verdict) -> Badge {
 }
 
 fn name(found: &Found) -> &'static str {
-    use calib::verify::What;
-    match found.what {
-        What::Eyes => "right eye",
-        What::Camera => "camera on the plate",
-        What::Imu => "IMU in the camera",
-        What::Pictures => "image times",
-        What::Samples => "IMU sample times",
-        What::Clock => "clock",
+    use calib::verify::Parameter;
+    match found.parameter {
+        Parameter::StereoRotation => "right eye",
+        Parameter::Camera => "camera on the plate",
+        Parameter::Imu => "IMU in the camera",
+        Parameter::ImageTime => "image times",
+        Parameter::ImuTime => "IMU sample times",
+        Parameter::Clock => "clock",
     }
 }
 
 fn shown(found: &Found, value: f64) -> String {
-    match found.what.is_turn() {
+    match found.parameter.is_rotation() {
         true => format!("{:.3}\u{b0}", value.to_degrees()),
         false => format!("{:.2} ms", value * 1e3),
     }
 }
 
 fn components(found: &Found) -> String {
-    let all: Vec<String> = found.found.iter().map(|v| shown(found, *v)).collect();
+    let all: Vec<String> = found.estimate.iter().map(|v| shown(found, *v)).collect();
     all.join(", ")
 }
 
@@ -112,7 +112,7 @@ fn components(found: &Found) -> String {
 fn angles(checked: &SessionVerification) -> String {
     let rotations = || {
         let all = checked.verification.findings.iter();
-        all.filter(|f| f.what.is_turn() && !f.found.is_empty())
+        all.filter(|f| f.parameter.is_rotation() && !f.estimate.is_empty())
     };
     let names: Vec<String> = rotations()
         .map(|f| format!("{} {}", f.camera, name(f)))
@@ -123,7 +123,7 @@ fn angles(checked: &SessionVerification) -> String {
     for (axis, label) in ["x", "y", "z"].iter().enumerate() {
         let values = rotations()
             .enumerate()
-            .map(|(i, f)| (i as f64, f.found[axis].to_degrees()));
+            .map(|(i, f)| (i as f64, f.estimate[axis].to_degrees()));
         chart = chart.series(Series::scatter(label, values));
     }
     for (sign, label) in [
@@ -131,13 +131,13 @@ fn angles(checked: &SessionVerification) -> String {
         (-1.0, "detectable from, negative"),
     ] {
         let off = rotations().enumerate();
-        let off = off.map(|(i, f)| (i as f64, sign * f.noticed.to_degrees()));
+        let off = off.map(|(i, f)| (i as f64, sign * f.min_detectable.to_degrees()));
         chart = chart.series(Series::steps(label, off));
     }
     chart.to_svg(WIDTH, HEIGHT)
 }
 
-fn one(mut page: Page, camera: &CameraFound) -> Page {
+fn one(mut page: Page, camera: &CameraEstimate) -> Page {
     match &camera.eyes {
         None => page = page.text("Too few stereo matches."),
         Some(eyes) => {
@@ -147,7 +147,7 @@ fn one(mut page: Page, camera: &CameraFound) -> Page {
                 .y_axis(Axis::linear("matches", "").include(0.0))
                 .series(Series::histogram(
                     "nominal",
-                    eyes.told_px.iter().copied(),
+                    eyes.nominal_px.iter().copied(),
                     bins(),
                 ))
                 .series(Series::histogram(
@@ -157,7 +157,7 @@ fn one(mut page: Page, camera: &CameraFound) -> Page {
                 ));
             let caption = format!(
                 "{:.3} px RMS with the nominal extrinsics, {:.3} px with the estimate; {} of {} matches.",
-                eyes.told_rms_px, eyes.found_rms_px, eyes.matches, eyes.of
+                eyes.nominal_rms_px, eyes.found_rms_px, eyes.matches, eyes.of
             );
             page = page.figure(&chart.to_svg(WIDTH, HEIGHT), &caption);
         }
@@ -183,10 +183,10 @@ fn one(mut page: Page, camera: &CameraFound) -> Page {
     page.text(&format!(
         "{} of {} track segments used. Image timestamps are {:.2} ms late against the gyroscope, sigma {:.2} ms. A row is exposed \
          {:.1} \u{b5}s after the one above it.",
-        imu.moves,
+        imu.segments,
         imu.of,
-        imu.late_s * 1e3,
-        imu.late_sigma_s * 1e3,
+        imu.time_offset_s * 1e3,
+        imu.time_offset_sigma_s * 1e3,
         imu.line_s * 1e6
     ))
 }

@@ -8,8 +8,8 @@ use cad_transforms::{Rig, RigidTransform};
 use calib::Eye;
 use calib::camera_imu::simulate::ZED_NOISE;
 use calib::camera_imu::{
-    CameraImu, Cameras, Corner, ImuSample, Picture, Recording as MotionRecording, Told, Verdict,
-    estimate,
+    CameraImu, Cameras, Corner, ImuSample, Priors, Recording as MotionRecording, TargetObservation,
+    Verdict, estimate,
 };
 use calib::cameras::{Calibration, Severity, calibrate};
 use nalgebra::Vector3;
@@ -72,13 +72,14 @@ pub(super) fn sessions(count: u64) -> Result<Value> {
             places_mm.all += 6;
         }
         let simulation = &recording.simulation;
-        let truth = Rig::parse(&simulation.true_rig_text(&recording.rig))?;
+        let truth = Rig::parse(&simulation.true_rig_toml(&recording.rig))?;
         for (camera, late_ms_told) in TIME_OFFSET_MS.iter().enumerate() {
-            let (result, told) =
+            let (result, priors) =
                 imu_calibration(simulation, &recording.rig, &truth, camera, &found)?;
             failed += usize::from(result.verdict() == Verdict::Fail);
-            let turn = (told.rotation().inverse() * result.imu_from_left.rotation()).scaled_axis();
-            let shift: Vector3<f64> = result.imu_from_left.translation() - told.translation();
+            let turn =
+                (priors.rotation().inverse() * result.imu_from_left.rotation()).scaled_axis();
+            let shift: Vector3<f64> = result.imu_from_left.translation() - priors.translation();
             let sigmas = &result.sigmas;
             turn_deg.add(
                 turn.norm().to_degrees(),
@@ -116,8 +117,8 @@ fn imu_calibration(
     let of = &simulation.cameras()[camera];
     let [left, imu] = [FramePart::Left, FramePart::Imu]
         .map(|part| Frame::of_camera(&of.name, part).expect("a camera of the rig"));
-    let pair = found.places.pairs[camera].context("the right eye was not found")?;
-    let right_from_left = found.place(pair).0.inverse();
+    let pair = found.poses.pairs[camera].context("the right eye was not found")?;
+    let right_from_left = found.pose(pair).0.inverse();
     let (lens, right) = (found.lens(2 * camera), found.lens(2 * camera + 1));
     let line_s = match of.shutter {
         Shutter::Global => 0.0,
@@ -134,24 +135,25 @@ fn imu_calibration(
         });
     let recording = MotionRecording {
         cameras,
-        pictures: pictures(found, camera),
+        observations: observations(found, camera),
         imu: samples.collect(),
         noise: ZED_NOISE,
         range: sensor.imu.model().range,
     };
-    let told = Told {
+    let priors = Priors {
         imu_from_left: Some(rig.transform(&imu, &left)?),
-        ..Told::default()
+        ..Priors::default()
     };
-    let result = estimate(&recording, &told).with_context(|| format!("the IMU of {}", of.name))?;
+    let result =
+        estimate(&recording, &priors).with_context(|| format!("the IMU of {}", of.name))?;
     Ok((result, truth.transform(&imu, &left)?))
 }
 
 /// Detections in both images of a camera of the board with most detections.
-fn pictures(found: &Calibration, camera: usize) -> Vec<Picture> {
+fn observations(found: &Calibration, camera: usize) -> Vec<TargetObservation> {
     let input = &found.input;
     let own = || {
-        let all = input.sightings.iter();
+        let all = input.detections.iter();
         all.filter(move |s| s.eye / 2 == camera)
     };
     let seen = |target: usize| -> usize {
@@ -164,10 +166,10 @@ fn pictures(found: &Calibration, camera: usize) -> Vec<Picture> {
         .max_by_key(|target| seen(*target))
         .unwrap_or(0);
     let known = input.targets[board].corners();
-    let mut pictures: Vec<Picture> = input
+    let mut observations: Vec<TargetObservation> = input
         .times_ns
         .iter()
-        .map(|time_ns| Picture {
+        .map(|time_ns| TargetObservation {
             time_ns: *time_ns,
             corners: Vec::new(),
         })
@@ -188,7 +190,7 @@ fn pictures(found: &Calibration, camera: usize) -> Vec<Picture> {
                 eye,
             })
         });
-        pictures[sighting.instant].corners.extend(corners);
+        observations[sighting.instant].corners.extend(corners);
     }
-    pictures
+    observations
 }

@@ -5,8 +5,8 @@ use std::sync::{Arc, Mutex, PoisonError};
 use std::thread;
 
 use anyhow::Result;
-use calib::cameras::{Input, Sighting, calibrate};
-use calib::target::{self, GreyView, Target};
+use calib::cameras::{Input, TargetDetection, calibrate};
+use calib::target::{self, ImageView, Target};
 use rig_sim::simulation::{Imaging, Simulation};
 
 use super::scenario::{Impairments, Recording};
@@ -52,9 +52,9 @@ pub(super) fn points(quick: bool) -> Result<Vec<Point>> {
 /// Target detections in every `every`-th frame.
 pub(super) fn detect(recording: &Recording, every: usize) -> Input {
     let mut input = recording.input(0.1);
-    input.sightings.clear();
+    input.detections.clear();
     let simulation = Arc::new(recording.simulation.clone());
-    let found: Mutex<Vec<Sighting>> = Mutex::new(Vec::new());
+    let found: Mutex<Vec<TargetDetection>> = Mutex::new(Vec::new());
     thread::scope(|scope| {
         for camera in 0..simulation.cameras().len() {
             let (simulation, targets, found) = (&simulation, &input.targets, &found);
@@ -67,9 +67,9 @@ pub(super) fn detect(recording: &Recording, every: usize) -> Input {
             });
         }
     });
-    input.sightings = found.into_inner().unwrap_or_else(PoisonError::into_inner);
+    input.detections = found.into_inner().unwrap_or_else(PoisonError::into_inner);
     input
-        .sightings
+        .detections
         .sort_by_key(|s| (s.instant, s.eye, s.target));
     input
 }
@@ -79,23 +79,23 @@ fn one_camera(
     camera: usize,
     targets: &[Target],
     every: usize,
-) -> Vec<Sighting> {
+) -> Vec<TargetDetection> {
     let settings = simulation.settings();
     let (width, height) = (settings.width as usize, settings.height as usize);
     let mut found = Vec::new();
-    let mut pictures = simulation.pictures(camera);
+    let mut pictures = simulation.frames(camera);
     for instant in (0..settings.frame_count()).step_by(every) {
         let frame = pictures.expose(instant, settings.frame_ns(instant));
         let instant = instant as usize;
         for side in 0..2 {
             let luma = &frame.i420[side * width..frame.width * height];
-            let Some(view) = GreyView::new(width, height, frame.width, luma) else {
+            let Some(view) = ImageView::new(width, height, frame.width, luma) else {
                 continue;
             };
             let seen = target::detect_all(&view, targets, &target::Settings::default());
             for (target, detection) in seen.into_iter().enumerate() {
                 if !detection.corners.is_empty() {
-                    found.push(Sighting {
+                    found.push(TargetDetection {
                         instant,
                         eye: 2 * camera + side,
                         target,

@@ -5,15 +5,15 @@ use anyhow::Result;
 use cad_transforms::RigidTransform;
 use cad_transforms::frame::{Frame, FramePart};
 use cad_transforms::rig::Rig;
-use calib::cameras::{Calibration, Camera, Eye, Input, Sighting, Told};
-use calib::target::Seen;
+use calib::cameras::{Calibration, Camera, ExtrinsicsPrior, Eye, Input, TargetDetection};
+use calib::target::DetectedCorner;
 use calib::{CameraModel, Distortion, Lens};
 use nalgebra::{Matrix6, Vector3, Vector6};
+use rig_sim::calibration_error::CalibrationError;
 use rig_sim::camera::Quality;
-use rig_sim::deviation::Deviation;
 use rig_sim::faults::{Fault, Faults, Kind as FaultKind};
 use rig_sim::random;
-use rig_sim::scene::{Kind, Time};
+use rig_sim::scene::{Kind, Lighting};
 use rig_sim::simulation::{Settings, Simulation};
 use rig_sim::targets::{Plan, april_grid};
 
@@ -76,7 +76,7 @@ pub(super) struct Error {
 pub(super) fn settings(seed: u64) -> Settings {
     Settings {
         kind: Kind::Targets,
-        time: Time::Day,
+        lighting: Lighting::Day,
         seed,
         seconds: SECONDS,
         rate_hz: RATE_HZ,
@@ -96,9 +96,9 @@ impl Recording {
         let simulation = scale_distortion(simulation, impairments.distortion)?;
         let mut deviation = deviation(seed, &rig);
         for (camera, late_ms) in simulation.cameras().iter().zip(impairments.late_ms) {
-            deviation.of_mut(&camera.name).late_ns = (1e6 * late_ms) as i64;
+            deviation.of_mut(&camera.name).time_offset_ns = (1e6 * late_ms) as i64;
         }
-        let simulation = simulation.with_deviation(&rig, &deviation)?;
+        let simulation = simulation.with_calibration_error(&rig, &deviation)?;
         let mut faults = Faults::default();
         if impairments.knock_deg > 0.0 {
             faults.list.push(Fault {
@@ -129,13 +129,14 @@ impl Recording {
             let name = &self.simulation.cameras()[camera].name;
             let sights = self
                 .simulation
-                .sights(camera)
+                .target_observations(camera)
                 .with_faults(self.faults.of(name));
             for number in 0..frames {
                 for side in 0..2 {
-                    let mut by_board: Vec<Vec<Seen>> = vec![Vec::new(); input.targets.len()];
+                    let mut by_board: Vec<Vec<DetectedCorner>> =
+                        vec![Vec::new(); input.targets.len()];
                     for corner in sights.observed(side, number, sigma_px) {
-                        by_board[corner.board].push(Seen {
+                        by_board[corner.board].push(DetectedCorner {
                             id: corner.id,
                             pixel: corner.pixel,
                             sigma_px: 0.05,
@@ -143,7 +144,7 @@ impl Recording {
                     }
                     for (target, corners) in by_board.into_iter().enumerate() {
                         if corners.len() >= 8 {
-                            input.sightings.push(Sighting {
+                            input.detections.push(TargetDetection {
                                 instant: number as usize,
                                 eye: 2 * camera + side,
                                 target,
@@ -155,7 +156,7 @@ impl Recording {
             }
         }
         input
-            .sightings
+            .detections
             .sort_by_key(|s| (s.instant, s.eye, s.target));
         input
     }
@@ -165,12 +166,12 @@ impl Recording {
     pub(super) fn one_camera(&self, sigma_px: f64, count: usize) -> Input {
         let mut input = self.input(sigma_px);
         input
-            .sightings
+            .detections
             .retain(|s| s.eye < 2 && s.target == 0 && s.corners.len() >= 40);
         let both: Vec<usize> = {
             let of = |eye: usize| {
                 input
-                    .sightings
+                    .detections
                     .iter()
                     .filter(move |s| s.eye == eye)
                     .map(|s| s.instant)
@@ -182,7 +183,7 @@ impl Recording {
         let kept: Vec<usize> = (0..count.min(both.len()))
             .map(|k| both[(k as f64 * step.max(1.0)) as usize])
             .collect();
-        input.sightings.retain(|s| kept.contains(&s.instant));
+        input.detections.retain(|s| kept.contains(&s.instant));
         input.eyes.truncate(2);
         input.cameras.truncate(1);
         input.cameras[0].rig_from_left = None;
@@ -195,8 +196,8 @@ impl Recording {
         let boards = self.simulation.boards().iter();
         input.targets = boards.map(|b| b.sheet().target().clone()).collect();
         for (number, camera) in self.simulation.cameras().iter().enumerate() {
-            let told = self.simulation.calibration(number);
-            for (side, model) in [("left", told.left), ("right", told.right)] {
+            let nominal = self.simulation.calibration(number);
+            for (side, model) in [("left", nominal.left), ("right", nominal.right)] {
                 input.eyes.push(Eye {
                     name: format!("{}/{side}", camera.name),
                     size: (model.width, model.height),
@@ -213,11 +214,11 @@ impl Recording {
                 name: camera.name.clone(),
                 left: 2 * number,
                 right: Some(2 * number + 1),
-                left_from_right: Some(Told {
-                    transform: told.right_from_left.inverse(),
+                left_from_right: Some(ExtrinsicsPrior {
+                    transform: nominal.right_from_left.inverse(),
                     covariance: even(NOMINAL_RIGHT_SIGMA),
                 }),
-                rig_from_left: Some(Told {
+                rig_from_left: Some(ExtrinsicsPrior {
                     transform: rig_from_left,
                     covariance: even(NOMINAL_PLATE_SIGMA),
                 }),
@@ -232,8 +233,8 @@ impl Recording {
         let mut errors = Vec::new();
         for (number, camera) in cameras.iter().enumerate() {
             let [left, right] = camera.rig_from_eye;
-            if let Some(place) = found.places.pairs[number] {
-                let (at, covariance) = found.place(place);
+            if let Some(place) = found.poses.pairs[number] {
+                let (at, covariance) = found.pose(place);
                 errors.push(error(&(left.inverse() * right), &at, &covariance));
             }
             if number > 0
@@ -328,7 +329,7 @@ fn scale_distortion(mut simulation: Simulation, strength: f64) -> Result<Simulat
 }
 
 /// A rig as it comes from the workshop.
-fn deviation(seed: u64, rig: &Rig) -> Deviation {
+fn deviation(seed: u64, rig: &Rig) -> CalibrationError {
     let mut counter = 0;
     let mut normal = |sigma: f64| {
         counter += 1;
@@ -338,14 +339,14 @@ fn deviation(seed: u64, rig: &Rig) -> Deviation {
             .sum();
         sigma * (sum - 6.0)
     };
-    let mut all = Deviation::default();
+    let mut all = CalibrationError::default();
     for camera in rig.cameras() {
         let of = all.of_mut(camera);
         let mut three = |sigma: f64| Vector3::new(normal(sigma), normal(sigma), normal(sigma));
-        of.turned = three(PLATE_DEVIATION.1);
-        of.moved = three(PLATE_DEVIATION.0);
-        of.right_turned = three(RIGHT_DEVIATION.1);
-        of.right_moved = three(RIGHT_DEVIATION.0);
+        of.rotation = three(PLATE_DEVIATION.1);
+        of.translation = three(PLATE_DEVIATION.0);
+        of.right_rotation = three(RIGHT_DEVIATION.1);
+        of.right_translation = three(RIGHT_DEVIATION.0);
         of.focal_px = [normal(LENS_DEVIATION_PX), normal(LENS_DEVIATION_PX)];
         of.centre_px = [normal(LENS_DEVIATION_PX), normal(LENS_DEVIATION_PX)];
     }

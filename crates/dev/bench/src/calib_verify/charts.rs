@@ -1,6 +1,6 @@
 //! Charts of `calib_verify`.
 
-use calib::verify::What;
+use calib::verify::Parameter;
 use charts::{Axis, Bins, Chart, Series};
 
 use super::{Clean, Point, ROTATIONS_DEG, STEREO_ROTATIONS_DEG, TIME_OFFSETS_MS, counts};
@@ -19,7 +19,7 @@ pub(super) fn draw(clean: &[Clean], points: &[Point], stamp: &str) -> Vec<(Strin
         curve(
             "A camera rotated on the plate",
             points,
-            What::Camera,
+            Parameter::Camera,
             &ROTATIONS_DEG,
             turn(),
         ),
@@ -29,7 +29,7 @@ pub(super) fn draw(clean: &[Clean], points: &[Point], stamp: &str) -> Vec<(Strin
         curve(
             "A right camera rotated",
             points,
-            What::Eyes,
+            Parameter::StereoRotation,
             &STEREO_ROTATIONS_DEG,
             turn(),
         ),
@@ -39,7 +39,7 @@ pub(super) fn draw(clean: &[Clean], points: &[Point], stamp: &str) -> Vec<(Strin
         curve(
             "Images stamped late",
             points,
-            What::Pictures,
+            Parameter::ImageTime,
             &TIME_OFFSETS_MS,
             delay(),
         ),
@@ -49,7 +49,7 @@ pub(super) fn draw(clean: &[Clean], points: &[Point], stamp: &str) -> Vec<(Strin
         curve(
             "Time offset of a camera's clock",
             points,
-            What::Clock,
+            Parameter::Clock,
             &TIME_OFFSETS_MS,
             delay(),
         ),
@@ -60,7 +60,7 @@ pub(super) fn draw(clean: &[Clean], points: &[Point], stamp: &str) -> Vec<(Strin
 }
 
 /// Ratio of each outcome against the size of the error.
-fn curve(title: &str, points: &[Point], what: What, sizes: &[f64], axis: Axis) -> Chart {
+fn curve(title: &str, points: &[Point], what: Parameter, sizes: &[f64], axis: Axis) -> Chart {
     let names = [
         "named",
         "flagged",

@@ -2,9 +2,9 @@
 
 use anyhow::Result;
 use depth::band::plan::Plane;
-use depth::{Band, Banded, Matcher, Preset, Settings};
+use depth::{Band, BandedMatcher, Matcher, Preset, Settings};
 use rig_sim::camera::Quality;
-use rig_sim::scene::{Kind, Time};
+use rig_sim::scene::{Kind, Lighting};
 use serde_json::{Value, json};
 
 use super::frames::{Frame, Walk};
@@ -42,7 +42,7 @@ pub(super) fn bands(quick: bool) -> Result<Value> {
         .collect();
     let mut rows = Vec::new();
     for kind in &kinds[..if quick { 1 } else { kinds.len() }] {
-        let walk = Walk::new(*kind, Time::Day, 8, SECONDS, SIZE, Quality::ACCURATE)?;
+        let walk = Walk::new(*kind, Lighting::Day, 8, SECONDS, SIZE, Quality::ACCURATE)?;
         for camera in 0..walk.cameras() {
             let frames = walk.frames(camera, &numbers)?;
             for preset in Preset::ALL {
@@ -78,7 +78,7 @@ fn compare(frames: &[Frame], preset: Preset) -> Result<Sums> {
     let settings = Settings::preset(preset);
     let band = Band::full(0, first.range, first.height)?;
     let mut matcher = Matcher::new(settings, first.width, first.height)?;
-    let mut banded = Banded::new(settings, first.width, band.clone())?;
+    let mut banded = BandedMatcher::new(settings, first.width, band.clone())?;
     for frame in frames {
         let [left, right] = frame.pictures();
         let (result, took) = timed(|| matcher.run(&left, &right, &band).map(drop));
@@ -89,8 +89,8 @@ fn compare(frames: &[Frame], preset: Preset) -> Result<Sums> {
         let (result, took) = timed(|| banded.run(&left, &right, ground).map(|(_, spared)| spared));
         let spared = result?;
         sums.band_s += took.wall_s;
-        sums.share += spared.share;
-        sums.again += spared.runs_again;
+        sums.share += spared.searched_ratio;
+        sums.again += spared.reruns;
         let maps = [matcher.map(), banded.matcher().map()];
         for i in 0..frame.truth.len() {
             if !frame.visible[i] || frame.truth[i].is_nan() {

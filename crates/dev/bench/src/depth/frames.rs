@@ -14,11 +14,11 @@ use cad_transforms::rig::Rig;
 use calib::rectify::{Remap, View};
 use calib::{Eye, Lens, Rectification};
 use depth::Geometry;
-use depth::evaluate::Truth as DepthTruth;
+use depth::evaluate::GroundTruth as DepthTruth;
 use nalgebra::Vector3;
 use rig_sim::camera::Quality;
 use rig_sim::camera::truth::Truth;
-use rig_sim::scene::{Kind, Time};
+use rig_sim::scene::{Kind, Lighting};
 use rig_sim::simulation::{Settings, Simulation};
 
 const RIG: &str = include_str!("../../../../../cad-transforms/rigs/example.toml");
@@ -64,9 +64,9 @@ impl Frame {
     }
 
     /// The left and the right image.
-    pub(crate) fn pictures(&self) -> [depth::Picture<'_>; 2] {
+    pub(crate) fn pictures(&self) -> [depth::ImageView<'_>; 2] {
         [0, 1].map(|eye| {
-            depth::Picture::new(self.width, self.height, &self.eyes[eye])
+            depth::ImageView::new(self.width, self.height, &self.eyes[eye])
                 .expect("eyes are of the size of the frame")
         })
     }
@@ -86,7 +86,7 @@ impl Walk {
     /// There is no such walk.
     pub(crate) fn new(
         kind: Kind,
-        light: Time,
+        light: Lighting,
         seed: u64,
         seconds: f64,
         size: [u32; 2],
@@ -95,7 +95,7 @@ impl Walk {
         let rig = Rig::parse(RIG).context("reading the example rig")?;
         let settings = Settings {
             kind,
-            time: light,
+            lighting: light,
             seed,
             seconds,
             rate_hz: 15.0,
@@ -111,13 +111,13 @@ impl Walk {
     pub(crate) fn of(simulation: Arc<Simulation>) -> Self {
         let Settings {
             kind,
-            time,
+            lighting,
             seed,
             width,
             ..
         } = *simulation.settings();
         Self {
-            name: format!("{}-{}-{seed}", kind.name(), time.name()),
+            name: format!("{}-{}-{seed}", kind.name(), lighting.name()),
             // OpenCV takes multiples of 16.
             range: (DISPARITY_RANGE * width as usize / 672).next_multiple_of(16),
             simulation,
@@ -157,8 +157,8 @@ impl Walk {
             rectification.rectified_from_left,
             rectification.rectified_from_right,
         ];
-        let mut pictures = self.simulation.pictures(camera);
-        let mut truths = self.simulation.truths(camera);
+        let mut pictures = self.simulation.frames(camera);
+        let mut truths = self.simulation.ground_truth(camera);
         let mut frames = Vec::new();
         let mut last = None;
         for &number in numbers {
@@ -169,9 +169,9 @@ impl Walk {
             }
             last = Some(number);
             let shot = pictures.expose(number, time_ns);
-            let eyes = [0, 1].map(|eye| remaps[eye].apply(&shot.grey(eye), 0));
+            let eyes = [0, 1].map(|eye| remaps[eye].apply(&shot.gray(eye), 0));
             let disparity = [0, 1].map(|eye| {
-                let seen = truths.see(eye, time_ns);
+                let seen = truths.render(eye, time_ns);
                 let inverse = inverse_depth(&seen, &lenses[eye], &turns[eye], width as usize);
                 let scale = (rectification.camera.fx * rectification.baseline_m) as f32;
                 let of = |(x, y): (&f32, &f32)| scale * sample(&inverse, width as usize, *x, *y);
@@ -195,7 +195,7 @@ impl Walk {
                 range: self.range,
                 geometry: Geometry {
                     focal_px: rectification.camera.fx,
-                    centre: [rectification.camera.cx, rectification.camera.cy],
+                    center: [rectification.camera.cx, rectification.camera.cy],
                     baseline_m: rectification.baseline_m,
                     offset_px: 0.0,
                 },

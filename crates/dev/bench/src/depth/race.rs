@@ -2,9 +2,9 @@
 
 use anyhow::{Result, ensure};
 use depth::evaluate::{BAD_PX, Scores};
-use depth::{Band, Census, Half, Matcher, Matching, Paths, Penalties, Preset, Settings};
+use depth::{Band, Census, Downsample, Matcher, Matching, Paths, Penalties, Preset, Settings};
 use rig_sim::camera::Quality;
-use rig_sim::scene::{Kind, Time};
+use rig_sim::scene::{Kind, Lighting};
 use serde_json::{Value, json};
 
 use super::frames::{Frame, Walk};
@@ -52,19 +52,21 @@ fn ours() -> Vec<(String, Settings)> {
         .collect();
     for (windows, census) in [("5x5", Census::Full5x5), ("7x7", Census::Full7x7)] {
         for (count, paths) in [(3, Paths::Three), (4, Paths::Four), (8, Paths::Eight)] {
-            for (half, what) in [
+            for (downsample, what) in [
                 (None, ""),
-                (Some(Half::Rows), ", half the rows"),
-                (Some(Half::Both), ", halved"),
+                (Some(Downsample::Rows), ", half the rows"),
+                (Some(Downsample::Both), ", halved"),
             ] {
                 let preset = Settings::preset(Preset::Balanced);
                 let clear = Matching {
                     census,
-                    penalties: Penalties::for_costs_up_to(census.bits() + preset.clear.grey),
+                    penalties: Penalties::for_costs_up_to(
+                        census.bits() + preset.clear.max_gray_cost,
+                    ),
                     ..preset.clear
                 };
                 let settings = Settings {
-                    half,
+                    downsample,
                     paths,
                     clear,
                     ..preset
@@ -168,7 +170,7 @@ impl Race {
 
     /// Our points that beat one of OpenCV's.
     fn beaten_by(&self, theirs: &Point) -> Option<&Point> {
-        let (density, bad) = (theirs.scores.density(), theirs.scores.bad(BAD_2));
+        let (density, bad) = (theirs.scores.density(), theirs.scores.bad_ratio(BAD_2));
         let ours = self.points.iter().filter(|p| p.kind == "ours");
         let mut fast_enough = ours.filter(|p| p.ms <= theirs.ms);
         fast_enough.find(|p| p.at(density).is_some_and(|at| at < bad))
@@ -200,7 +202,7 @@ impl Race {
                 point.name,
                 point.ms,
                 point.scores.density(),
-                100.0 * point.scores.bad(BAD_2),
+                100.0 * point.scores.bad_ratio(BAD_2),
                 match point.at(TARGET_DENSITY) {
                     Some(bad) => format!(", {:.2} % at density {TARGET_DENSITY}", 100.0 * bad),
                     None => String::new(),
@@ -230,10 +232,10 @@ impl Race {
                 "kind": point.kind,
                 "ms": point.ms,
                 "density": scores.density(),
-                "bad_1": scores.bad(1),
-                "bad_2": scores.bad(BAD_2),
-                "bad_3": scores.bad(3),
-                "bad_2_or_absent": scores.bad_of_all(BAD_2),
+                "bad_1": scores.bad_ratio(1),
+                "bad_2": scores.bad_ratio(BAD_2),
+                "bad_3": scores.bad_ratio(3),
+                "bad_2_or_absent": scores.bad_ratio_of_all(BAD_2),
                 "mean_error_px": scores.mean_error_px(),
                 "bad_2_at_density": point.at(TARGET_DENSITY),
                 "curve": point.curve,
@@ -285,7 +287,14 @@ fn curve(mut answers: Vec<(f32, bool)>, pixels: u64) -> Vec<[f64; 2]> {
 /// # Errors
 /// There is no such walk.
 pub(super) fn rate(quick: bool) -> Result<Value> {
-    let walk = Walk::new(Kind::Plaza, Time::Day, 8, 20.0, RATE_SIZE, Quality::FAST)?;
+    let walk = Walk::new(
+        Kind::Plaza,
+        Lighting::Day,
+        8,
+        20.0,
+        RATE_SIZE,
+        Quality::FAST,
+    )?;
     let frames = walk.frames(0, &[90, 150])?;
     let runs = if quick { 3 } else { 25 };
     let mut rows = Vec::new();

@@ -60,7 +60,7 @@ pub(crate) fn motorcycle(folder: &Path) -> Result<Frame> {
         range: MOTORCYCLE_RANGE,
         geometry: Geometry {
             focal_px: left.fx,
-            centre: [left.cx, left.cy],
+            center: [left.cx, left.cy],
             baseline_m: -right_from_left.translation_m()[0],
             offset_px: right.cx - left.cx,
         },

@@ -41,7 +41,7 @@ fn samples_of(preset: Preset, frame: &Frame, number: usize) -> Result<Vec<Sample
     let [left, right] = frame.pictures();
     // Results of smaller images use the same model.
     let settings = Settings {
-        half: None,
+        downsample: None,
         ..Settings::preset(preset)
     };
     let mut matcher = Matcher::new(settings, frame.width, frame.height)?.with_evidence();
@@ -73,10 +73,10 @@ impl Group {
             "preset": self.preset.name(),
             "pixels": self.scores.pixels,
             "density": self.scores.density(),
-            "bad_1": self.scores.bad(1),
-            "bad_2": self.scores.bad(2),
+            "bad_1": self.scores.bad_ratio(1),
+            "bad_2": self.scores.bad_ratio(2),
             "mean_error_px": self.scores.mean_error_px(),
-            "within_two_sigma": self.scores.inside(),
+            "within_two_sigma": self.scores.coverage(),
         })
     }
 }
@@ -88,9 +88,9 @@ pub(super) fn json(groups: &[Group]) -> Value {
             "sigma: {:24} {:9} {:.1} % within two, density {:.3}, bad-2 {:.2} %",
             group.name,
             group.preset.name(),
-            100.0 * group.scores.inside(),
+            100.0 * group.scores.coverage(),
             group.scores.density(),
-            100.0 * group.scores.bad(2)
+            100.0 * group.scores.bad_ratio(2)
         );
     }
     Value::Array(groups.iter().map(Group::json).collect())

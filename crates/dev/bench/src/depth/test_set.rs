@@ -6,7 +6,7 @@ use std::thread;
 
 use anyhow::Result;
 use rig_sim::camera::Quality;
-use rig_sim::scene::{Kind, Time};
+use rig_sim::scene::{Kind, Lighting};
 
 use super::frames::{Frame, Walk};
 
@@ -14,7 +14,7 @@ use super::frames::{Frame, Walk};
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Place {
     pub(super) kind: Kind,
-    pub(super) light: Time,
+    pub(super) light: Lighting,
     pub(super) seed: u64,
     pub(super) size: [u32; 2],
     pub(super) numbers: &'static [u64],
@@ -30,28 +30,34 @@ const LARGE: [u32; 2] = [1280, 720];
 /// Walks that the sigma model was fitted on.
 pub(super) fn to_fit() -> Vec<Place> {
     let kinds = [Kind::Pavement, Kind::Corridor, Kind::Trail];
-    let lights = [Time::Day, Time::Night, Time::LowSun];
+    let lights = [Lighting::Day, Lighting::Night, Lighting::LowSun];
     of(&kinds, &lights, 3, SIZE, &[60, 150, 240])
 }
 
 /// Held-out walks: other scenes, other seeds, and some larger images.
 pub(super) fn held_out(quick: bool) -> Vec<Place> {
     if quick {
-        return of(&[Kind::Stairs], &[Time::Day, Time::Night], 8, SIZE, &[90]);
+        return of(
+            &[Kind::Stairs],
+            &[Lighting::Day, Lighting::Night],
+            8,
+            SIZE,
+            &[90],
+        );
     }
     let kinds = [Kind::Stairs, Kind::Plaza, Kind::Room];
-    let lights = [Time::Day, Time::Night];
+    let lights = [Lighting::Day, Lighting::Night];
     let mut places = of(&kinds, &lights, 8, SIZE, &[90, 210]);
     places.extend(of(
         &[Kind::Stairs, Kind::Room],
-        &[Time::LowSun, Time::Flicker],
+        &[Lighting::LowSun, Lighting::Flicker],
         8,
         SIZE,
         &[150],
     ));
     places.extend(of(
         &[Kind::Stairs, Kind::Plaza],
-        &[Time::Day],
+        &[Lighting::Day],
         8,
         LARGE,
         &[150],
@@ -61,7 +67,7 @@ pub(super) fn held_out(quick: bool) -> Vec<Place> {
 
 fn of(
     kinds: &[Kind],
-    lights: &[Time],
+    lights: &[Lighting],
     seed: u64,
     size: [u32; 2],
     numbers: &'static [u64],

@@ -103,7 +103,7 @@ fn clip(
             .next_sample()
             .with_context(|| format!("reading {name}"))?
         {
-            Some(Sample::Frame(frame)) => pictures.push(frame.picture),
+            Some(Sample::Frame(frame)) => pictures.push(frame.image),
             Some(_) => {}
             None => break,
         }

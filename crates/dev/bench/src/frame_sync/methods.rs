@@ -49,7 +49,7 @@ impl Method for FrameSyncMethod {
 
     fn sample(&mut self, sample: &Sample, host_ns: i64) -> Option<Stamp> {
         self.0.sample(sample, host_ns);
-        let tie = self.0.tie().ok()?;
+        let tie = self.0.estimate().ok()?;
         Some(Stamp {
             time: tie.host_ns(sample.ticks)? as f64,
             sigma: Some(tie.sigma_ns as f64),

@@ -143,16 +143,16 @@ fn point(
     sets: &Arc<Vec<OwnedFrameSet>>,
     encoded: Option<(&Encoding, EncodingResult)>,
 ) -> Result<Point> {
-    let sequence = walk.sequence.clone().with_pictures(sets)?;
+    let sequence = walk.sequence.clone().with_images(sets)?;
     let mut tracking = Tracking::new(sequence.rig(), settings::parse("balanced")?, true);
     let mut inliers = 0;
     sequence.for_each(|set| {
-        inliers += tracking.add(&set)?.sights;
+        inliers += tracking.add(&set)?.inliers;
         Ok(())
     })?;
     let truth = tracking::truth(&sequence)?;
     let causal = Figures::of(tracking.causal(), &truth)?;
-    let adjusted = tracking.adjust()?.context("there is a mapping")?;
+    let adjusted = tracking.refine()?.context("there is a mapping")?;
     let point = Point {
         walk: walk.name,
         encoding: encoded

@@ -110,7 +110,7 @@ pub(crate) fn run(args: &[String]) -> Result<()> {
         let clean = sequence(walk, Faults::default())?;
         let sets: Result<Vec<OwnedFrameSet>> = clean.frame_sets()?.collect();
         let sets = Arc::new(sets.with_context(|| format!("rendering {walk}"))?);
-        let clean = clean.with_pictures(&sets)?;
+        let clean = clean.with_images(&sets)?;
         add(&mut points, point(walk, None, &clean)?);
         for (kind, strengths) in POINTS {
             if !options.parts.iter().any(|part| part == kind.name()) {
@@ -126,7 +126,7 @@ pub(crate) fn run(args: &[String]) -> Result<()> {
                 let faulty = sequence(walk, faults(kind, *strength))?;
                 let faulty = match is_of_light(kind) {
                     true => faulty,
-                    false => faulty.with_pictures(&sets)?,
+                    false => faulty.with_images(&sets)?,
                 };
                 add(&mut points, point(walk, Some((kind, *strength)), &faulty)?);
             }
@@ -208,7 +208,7 @@ fn point(walk: &'static str, fault: Option<(Kind, f64)>, sequence: &Sequence) ->
     let figures = Figures::of(tracking.causal(), &truth)?;
     let outcome = match figures.poses {
         _ if figures.silently_wrong > 0 => Outcome::SilentlyWrong,
-        [_, 0, 0] if tracking.shifts().is_empty() => Outcome::Ok,
+        [_, 0, 0] if tracking.camera_shifts().is_empty() => Outcome::Ok,
         _ => Outcome::Flagged,
     };
     let since = motion_errors(tracking.causal(), &truth);
@@ -220,7 +220,7 @@ fn point(walk: &'static str, fault: Option<(Kind, f64)>, sequence: &Sequence) ->
         unit: fault.map(|(kind, _)| kind.unit()),
         strength: fault.map_or(0.0, |(_, strength)| strength),
         outcome,
-        shifts: tracking.shifts().len(),
+        shifts: tracking.camera_shifts().len(),
         off_m: most(0),
         off_deg: most(1),
         end_m: end[0],

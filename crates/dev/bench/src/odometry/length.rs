@@ -243,19 +243,19 @@ impl<'a> Hour<'a> {
                 feed(&mut mapping, &self.sequence.imu()[0], &mut next, &keyframe);
                 mapping.add_keyframe(keyframe);
             }
-            anyhow::Ok(mapping.solve(|_| {}))
+            anyhow::Ok(mapping.optimize(|_| {}))
         });
         let adjusted = adjusted?;
         let peak = tests::soak::memory()?.peak.saturating_sub(before);
         let causal = Trajectory::new(causal.to_vec())?;
-        let finished = tests::tracking::finished(&causal, &adjusted)?;
+        let finished = tests::tracking::refined_trajectory(&causal, &adjusted)?;
         let truth = Trajectory::new(truth.to_vec())?;
         Ok(Adjustment {
             minutes,
             keyframes,
             landmarks: adjusted.landmarks,
-            loops: adjusted.loops.len(),
-            rounds: adjusted.rounds,
+            loops: adjusted.loop_closures.len(),
+            rounds: adjusted.iterations,
             wall_s: took.wall_s,
             cpu_s: took.cpu_s,
             peak_mb: peak as f64 * 1e-6,

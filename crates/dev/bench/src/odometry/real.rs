@@ -140,7 +140,7 @@ pub(crate) fn kitti() -> Result<Option<Drive>> {
             estimate.map(drop)
         })?;
         let causal = tracking.causal().clone();
-        let adjusted = tracking.adjust()?.context("there is a mapping")?.trajectory;
+        let adjusted = tracking.refine()?.context("there is a mapping")?.trajectory;
         let each = |seconds: f64| 1e3 * seconds / sequence.len() as f64;
         let run = DriveRun {
             settings: name.to_owned(),

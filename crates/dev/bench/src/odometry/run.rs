@@ -76,7 +76,7 @@ impl Job {
         };
         let each = self.rotation_error_deg.to_radians() / 3.0_f64.sqrt();
         let off = RigidTransform::from_rotation_vector([each; 3], [0.0; 3])?;
-        Ok(sequence.told(|rig| {
+        Ok(sequence.with_nominal_rig(|rig| {
             for camera in rig
                 .cameras
                 .iter_mut()
@@ -264,10 +264,10 @@ fn work(order: &RunRequest) -> Result<Answer> {
         cpu_ms: each(cpu_s),
         longest_set_ms: 1e3 * longest_s,
         peak_bytes: peak()?,
-        shifts: tracking.shifts().len(),
+        shifts: tracking.camera_shifts().len(),
         figures: Figures::of(&causal, &truth)?,
     };
-    let (adjusted, took) = timed(|| tracking.adjust());
+    let (adjusted, took) = timed(|| tracking.refine());
     let adjusted = match adjusted? {
         None => None,
         Some(adjusted) => Some(AdjustedRun {
@@ -275,11 +275,15 @@ fn work(order: &RunRequest) -> Result<Answer> {
             cpu_s: took.cpu_s,
             peak_bytes: peak()?,
             keyframes: adjusted.keyframes,
-            loops: adjusted.loops,
-            rounds: adjusted.rounds,
+            loops: adjusted.loop_closures,
+            rounds: adjusted.iterations,
             landmarks: adjusted.landmarks,
-            mounts_off: adjusted.mounts.iter().map(|m| m.off).collect(),
-            moved: (sequence.rig().cameras.iter().zip(&adjusted.mounts))
+            mounts_off: adjusted
+                .extrinsics
+                .iter()
+                .map(|m| m.initial_error)
+                .collect(),
+            moved: (sequence.rig().cameras.iter().zip(&adjusted.extrinsics))
                 .filter(|(_, mount)| mount.is_moved)
                 .map(|(camera, _)| camera.name.clone())
                 .collect(),

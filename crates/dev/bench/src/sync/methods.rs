@@ -82,7 +82,7 @@ impl Method for Ours {
     }
 
     fn doubtful(&self, arrival: i64) -> bool {
-        self.mapper.is_doubtful(HostTime(arrival))
+        self.mapper.is_unreliable(HostTime(arrival))
     }
 
     fn again(&self, ticks: i64, arrival: i64) -> Option<Stamp> {
@@ -94,7 +94,7 @@ impl Method for Ours {
         Some(Stamp {
             time: mapped.time.ns() as f64,
             sigma: Some(mapped.sigma_ns as f64),
-            flagged: map.is_doubtful(HostTime(arrival)),
+            flagged: map.is_unreliable(HostTime(arrival)),
         })
     }
 }

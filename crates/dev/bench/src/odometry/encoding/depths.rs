@@ -87,10 +87,10 @@ impl Depths {
         Ok(Depth {
             pixels: scores.pixels,
             density: scores.density(),
-            bad_2: scores.bad(BAD_2),
-            bad_2_of_all: scores.bad_of_all(BAD_2),
+            bad_2: scores.bad_ratio(BAD_2),
+            bad_2_of_all: scores.bad_ratio_of_all(BAD_2),
             mean_error_px: scores.mean_error_px(),
-            inside: scores.inside(),
+            inside: scores.coverage(),
         })
     }
 }

@@ -152,7 +152,7 @@ fn render(simulation: &Arc<Simulation>, camera: usize, path: &Path) -> Result<()
     let mut file = BufWriter::with_capacity(1 << 20, file);
     while let Some(delivery) = device.deliver() {
         if let Delivery::Frame(frame) = delivery {
-            file.write_all(&frame.picture.i420)?;
+            file.write_all(&frame.image.i420)?;
         }
     }
     file.flush()?;

@@ -6,7 +6,7 @@ use std::fs::File;
 use std::io::{BufReader, BufWriter, Read, Seek as _, Write};
 
 use ::odometry::Keyframe;
-use ::odometry::keyframe::{BodyState, Mark, Seen};
+use ::odometry::keyframe::{BodyState, Keypoint, StereoObservation};
 use anyhow::{Context, Result};
 use nalgebra::{Quaternion, UnitQuaternion, Vector3};
 
@@ -58,40 +58,40 @@ fn write(to: &mut impl Write, keyframe: &Keyframe) -> std::io::Result<()> {
     let state = &keyframe.state;
     to.write_all(&keyframe.number.to_le_bytes())?;
     to.write_all(&state.time_ns.to_le_bytes())?;
-    let q = state.turn.coords;
+    let q = state.rotation.coords;
     let numbers = (state.position.iter())
         .chain(q.iter())
         .chain(&state.velocity)
         .chain(&state.gyro_bias)
         .chain(&state.accel_bias)
-        .chain(&state.read_rate);
+        .chain(&state.gyro_rate);
     for number in numbers {
         to.write_all(&number.to_le_bytes())?;
     }
-    to.write_all(&[u8::from(keyframe.is_felt)])?;
+    to.write_all(&[u8::from(keyframe.imu_valid)])?;
     for count in [
-        keyframe.after_s.len(),
-        keyframe.seen.len(),
-        keyframe.marks.len(),
+        keyframe.exposure_offset_s.len(),
+        keyframe.observations.len(),
+        keyframe.keypoints.len(),
     ] {
         to.write_all(&(count as u32).to_le_bytes())?;
     }
-    for after_s in &keyframe.after_s {
+    for after_s in &keyframe.exposure_offset_s {
         to.write_all(&after_s.to_le_bytes())?;
     }
-    for seen in &keyframe.seen {
+    for seen in &keyframe.observations {
         to.write_all(&seen.id.to_le_bytes())?;
         to.write_all(&[seen.camera, u8::from(seen.right.is_some())])?;
         for number in seen.left.into_iter().chain(seen.right.unwrap_or_default()) {
             to.write_all(&number.to_le_bytes())?;
         }
     }
-    for mark in &keyframe.marks {
+    for mark in &keyframe.keypoints {
         to.write_all(&[mark.camera])?;
         for number in [mark.left[0], mark.left[1], mark.rho] {
             to.write_all(&number.to_le_bytes())?;
         }
-        for word in mark.looks {
+        for word in mark.descriptor {
             to.write_all(&word.to_le_bytes())?;
         }
     }
@@ -110,11 +110,11 @@ fn read(from: &mut impl Read) -> std::io::Result<Keyframe> {
     let state = BodyState {
         time_ns,
         position: vector(0),
-        turn: UnitQuaternion::new_unchecked(Quaternion::new(w, x, y, z)),
+        rotation: UnitQuaternion::new_unchecked(Quaternion::new(w, x, y, z)),
         velocity: vector(7),
         gyro_bias: vector(10),
         accel_bias: vector(13),
-        read_rate: vector(16),
+        gyro_rate: vector(16),
     };
     let [is_felt] = bytes(from)?;
     let mut counts = [0; 3];
@@ -123,16 +123,16 @@ fn read(from: &mut impl Read) -> std::io::Result<Keyframe> {
     }
     let pixel =
         |from: &mut dyn Read| -> std::io::Result<f32> { Ok(f32::from_le_bytes(bytes(from)?)) };
-    let after_s = (0..counts[0])
+    let exposure_offset_s = (0..counts[0])
         .map(|_| Ok(f64::from_le_bytes(bytes(from)?)))
         .collect::<std::io::Result<_>>()?;
-    let seen = (0..counts[1])
+    let observations = (0..counts[1])
         .map(|_| {
             let id = u64::from_le_bytes(bytes(from)?);
             let [camera, has_right] = bytes(from)?;
             let left = [pixel(from)?, pixel(from)?];
             let right = [pixel(from)?, pixel(from)?];
-            Ok(Seen {
+            Ok(StereoObservation {
                 id,
                 camera,
                 left,
@@ -140,30 +140,30 @@ fn read(from: &mut impl Read) -> std::io::Result<Keyframe> {
             })
         })
         .collect::<std::io::Result<_>>()?;
-    let marks = (0..counts[2])
+    let keypoints = (0..counts[2])
         .map(|_| {
             let [camera] = bytes(from)?;
             let left = [pixel(from)?, pixel(from)?];
             let rho = pixel(from)?;
-            let mut looks = [0; 4];
-            for word in &mut looks {
+            let mut descriptor = [0; 4];
+            for word in &mut descriptor {
                 *word = u64::from_le_bytes(bytes(from)?);
             }
-            Ok(Mark {
+            Ok(Keypoint {
                 camera,
                 left,
                 rho,
-                looks,
+                descriptor,
             })
         })
         .collect::<std::io::Result<_>>()?;
     Ok(Keyframe {
         number,
         state,
-        is_felt: is_felt == 1,
-        after_s,
-        seen,
-        marks,
+        imu_valid: is_felt == 1,
+        exposure_offset_s,
+        observations,
+        keypoints,
     })
 }
 
