@@ -7,14 +7,14 @@ use serde_json::{Value as Json, json};
 use session_archive::manifest::Manifest;
 
 use super::table::summary;
-use super::{DOCUMENT, Measured};
+use super::{DOCUMENT, ImuResult};
 use crate::SOFTWARE;
 
 /// Version of the document; incremented when a key changes its meaning.
 const VERSION: u32 = 1;
 
 /// Origin of the numbers, for the header of other files.
-pub(super) fn origin(manifest: &Manifest, imu: &Measured) -> String {
+pub(super) fn origin(manifest: &Manifest, imu: &ImuResult) -> String {
     format!(
         "Noise of {} ({}), by `paws calib imu` of {SOFTWARE}\nfrom session {} of {}: {}.\nUncertainties and curves: {DOCUMENT}.",
         imu.recording.name,
@@ -25,7 +25,7 @@ pub(super) fn origin(manifest: &Manifest, imu: &Measured) -> String {
     )
 }
 
-pub(super) fn json(manifest: &Manifest, all: &[Measured]) -> Result<Vec<u8>> {
+pub(super) fn json(manifest: &Manifest, all: &[ImuResult]) -> Result<Vec<u8>> {
     let document = json!({
         "format": "paws-imu-noise",
         "format_version": VERSION,
@@ -40,7 +40,7 @@ pub(super) fn json(manifest: &Manifest, all: &[Measured]) -> Result<Vec<u8>> {
     Ok(bytes)
 }
 
-fn one(imu: &Measured) -> Json {
+fn one(imu: &ImuResult) -> Json {
     let remarks = imu.found.remarks.iter().map(|remark| {
         let weight = match remark.weight {
             Weight::Note => "note",
