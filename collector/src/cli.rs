@@ -449,7 +449,7 @@ fn external_verb(words: &[OsString], verbosity: Verbosity, library: Option<PathB
     let name = name.unwrap_or_default();
     if let Some(program) = external::program(&name) {
         let library = library_of(library);
-        match external::hand_on(&name, verbosity, &words[1..], library.as_deref()) {
+        match external::forward_arguments(&name, verbosity, &words[1..], library.as_deref()) {
             Ok(words) => {
                 let error = external::become_program(&program, &words);
                 complain!("paws: starting {}: {error}", program.display());

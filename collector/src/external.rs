@@ -4,7 +4,7 @@
 //! first one of a name counts. `paws --help` lists them, those of the toolkit with a description
 //! even if they are missing. Arguments are passed on unchanged, with two exceptions: where `paws
 //! reconstruct` reads a hand-off, a session of the library may be named as everywhere else
-//! ([`hand_on`]), because `paws-reconstruct` does not depend on libraries; and `-q` and `-v` before
+//! ([`forward_arguments`]), because `paws-reconstruct` does not depend on libraries; and `-q` and `-v` before
 //! the name of a program of the toolkit are passed to it.
 
 use std::collections::BTreeMap;
@@ -121,7 +121,7 @@ fn is_plain(name: &str) -> bool {
 ///
 /// # Errors
 /// The library has no such session, or it has not been handed over.
-pub fn hand_on(
+pub fn forward_arguments(
     name: &str,
     verbosity: Verbosity,
     words: &[OsString],
@@ -247,10 +247,10 @@ mod tests {
             ("reconstruct", "-q evaluate run latest"),
             ("scene", "show latest"),
         ] {
-            let handed = hand_on(name, quiet, &words(text), None).unwrap();
+            let handed = forward_arguments(name, quiet, &words(text), None).unwrap();
             assert_eq!(handed, words(text), "{name}");
         }
-        let error = hand_on("reconstruct", quiet, &words("run latest --out x"), None);
+        let error = forward_arguments("reconstruct", quiet, &words("run latest --out x"), None);
         let error = error.unwrap_err().to_string();
         assert!(error.contains("PAWS_LIBRARY"), "{error}");
     }

@@ -42,7 +42,7 @@ use session_archive::verify::{Report, verify};
 
 pub use self::record::{FileRecord, ImportRecord};
 
-use self::copy::{Copied, copy_all};
+use self::copy::{CopyResult, copy_all};
 use self::existing::{CopyQuality, ExistingCopy};
 use self::growing_copy::{CopyProgress, GrowingCopy};
 use self::journal::Journal;
@@ -88,7 +88,7 @@ pub fn no_hook(_: &Step) -> io::Result<()> {
 
 /// Result of an import: a session in the library.
 #[derive(Clone, Debug)]
-pub struct Imported {
+pub struct ImportResult {
     /// Its key in the library.
     pub key: String,
     /// Condition of the session.
@@ -225,7 +225,7 @@ pub fn import(
     clock: Clock,
     progress: &Progress,
     hook: Hook<'_>,
-) -> Result<Imported, ImportError> {
+) -> Result<ImportResult, ImportError> {
     let unreadable = |error| ImportError::Unreadable {
         source: error,
         path: source.to_owned(),
@@ -256,7 +256,7 @@ pub fn import(
     let mut copy = copy_and_check(library, &key, source, &files, progress, hook)?;
     if copy.condition.needs_recovery() && copy.resumed > 0 {
         // Files of an earlier import may be from another, damaged copy of the session.
-        let renewed = recheck::refresh_kept(&library.incoming(&key), source, &copy.kept, hook)?;
+        let renewed = recheck::refresh_reused(&library.incoming(&key), source, &copy.kept, hook)?;
         if renewed > 0 {
             let (bytes, resumed) = (copy.bytes + renewed, copy.resumed - renewed);
             let hidden = Progress::hidden();
@@ -288,7 +288,7 @@ pub fn import(
     journal::remove(&incoming)?;
     hook(&Step::List).map_err(failed("listing", &incoming))?;
     list(library, &key, replaced.as_deref())?;
-    Ok(Imported {
+    Ok(ImportResult {
         key,
         condition: copy.condition,
         report: copy.report,
@@ -301,7 +301,7 @@ pub fn import(
 }
 
 /// A session in `.incoming/`, verified and synced.
-struct CheckedCopy {
+struct VerifiedCopy {
     condition: Condition,
     report: Report,
     records: Vec<FileRecord>,
@@ -321,7 +321,7 @@ fn copy_and_check(
     files: &[SourceFile],
     progress: &Progress,
     hook: Hook<'_>,
-) -> Result<CheckedCopy, ImportError> {
+) -> Result<VerifiedCopy, ImportError> {
     let unreadable = |error| ImportError::Unreadable {
         source: error,
         path: source.to_owned(),
@@ -329,7 +329,7 @@ fn copy_and_check(
     let incoming = library.incoming(key);
     hook(&Step::Begin).map_err(failed("beginning", &incoming))?;
     fs::create_dir_all(&incoming).map_err(failed("making the folder", &incoming))?;
-    source::remove_strangers(&incoming, files)?;
+    source::remove_unknown_files(&incoming, files)?;
     let mut journal = Journal::open(&incoming)?;
     let kept = journal.still_good(&incoming, files, progress)?;
     let to_copy: u64 =
@@ -358,7 +358,7 @@ fn copy_and_check(
         copy_progress.close();
         (copied, check.join())
     });
-    let Copied { bytes, records } = copied?;
+    let CopyResult { bytes, records } = copied?;
     let (state, report) = match report {
         Ok(checked) => checked.map_err(unreadable)?,
         Err(panic) => std::panic::resume_unwind(panic),
@@ -367,7 +367,7 @@ fn copy_and_check(
     source::unchanged(source, files)?;
     hook(&Step::SyncFolders).map_err(failed("syncing", &incoming))?;
     sync_tree(&incoming).map_err(failed("syncing", &incoming))?;
-    Ok(CheckedCopy {
+    Ok(VerifiedCopy {
         condition: Condition::of(state, &report),
         report,
         records,

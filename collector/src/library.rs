@@ -4,7 +4,7 @@
 //! LIBRARY/
 //!   sessions/ID/            one session: what was recorded, import.json, derived files
 //!   sessions/ID.recovered/  its recovered copy, where there is one
-//!   sessions/ID.damaged/    a damaged one that made way for a better one, where there was one
+//!   sessions/ID.damaged/    a damaged copy that was replaced by a better one
 //!   .incoming/              sessions being written; not listed
 //!   catalogue.sqlite        a copy of the facts, for listing; can be rebuilt
 //! ```

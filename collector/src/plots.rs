@@ -179,10 +179,9 @@ impl<'a> Plots<'a> {
     /// Time spread of cameras with a common trigger; `None` without such cameras.
     pub fn trigger_errors(&self) -> Option<Chart> {
         let cameras = &self.manifest.cameras;
-        let mut chart =
-            Chart::new("Time offset of triggered cameras from the first of their trigger")
-                .x_axis(self.axis())
-                .y_axis(Axis::linear("distance", "µs").include(0.0));
+        let mut chart = Chart::new("Time offset of triggered cameras from the first one")
+            .x_axis(self.axis())
+            .y_axis(Axis::linear("distance", "µs").include(0.0));
         let mut any = false;
         for (i, camera) in cameras.iter().enumerate() {
             let trigger = camera.trigger.as_ref();

@@ -49,7 +49,7 @@ pub(crate) fn number_or_nan<'a, D: Deserializer<'a>>(input: D) -> Result<f64, D:
 }
 
 /// Evaluates a session. `decoded` is the result of the decode check, if requested.
-pub fn judge(
+pub fn evaluate(
     manifest: &Manifest,
     found: &SessionScan,
     decoded: Option<&[DecodeCheck]>,

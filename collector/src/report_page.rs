@@ -6,7 +6,7 @@ use session_archive::handoff::{HandOff, Verdict};
 use session_archive::manifest::Manifest;
 
 use crate::camera_images;
-use crate::commands::validate::Validated;
+use crate::commands::validate::ValidatedSession;
 use crate::condition::Condition;
 use crate::ground_truth::GroundTruth;
 use crate::limits::{Limit, Limits, Unit};
@@ -18,7 +18,7 @@ use crate::validation::Validation;
 use crate::verdict_change;
 
 /// The report of a validated session.
-pub fn html(validated: &Validated, limits: &Limits) -> String {
+pub fn html(validated: &ValidatedSession, limits: &Limits) -> String {
     let manifest = validated.reader.manifest();
     let validation = &validated.validation;
     let plots = Plots::new(manifest, &validated.found);
@@ -135,7 +135,7 @@ fn verdict(mut page: Page, validation: &Validation) -> Page {
 }
 
 /// The hand-off, its verdict and accepted failures.
-fn handed_over(page: Page, validated: &Validated) -> Page {
+fn handed_over(page: Page, validated: &ValidatedSession) -> Page {
     let Ok(handoff) = HandOff::read(&**validated.reader.storage()) else {
         return page;
     };

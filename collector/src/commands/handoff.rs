@@ -243,13 +243,13 @@ fn acceptance(
     if verdict == Verdict::Pass {
         return None;
     }
-    let standing = same.and_then(|same| same.acceptance.as_ref());
-    let standing = standing.filter(|standing| {
+    let previous = same.and_then(|same| same.acceptance.as_ref());
+    let previous = previous.filter(|previous| {
         let beyond = beyond.iter();
-        standing.verdict == verdict
-            && standing.limits == validation.limits
-            && level.is_none_or(|level| level == standing.level)
-            && standing.covers(
+        previous.verdict == verdict
+            && previous.limits == validation.limits
+            && level.is_none_or(|level| level == previous.level)
+            && previous.covers(
                 verdict,
                 beyond.map(|f| (f.metric.as_str(), f.of.as_str(), f.verdict)),
             )
@@ -264,7 +264,7 @@ fn acceptance(
             limits: validation.limits.clone(),
         })
     };
-    standing.cloned().or_else(given)
+    previous.cloned().or_else(given)
 }
 
 fn of_finding(finding: &Finding) -> Beyond {

@@ -12,7 +12,7 @@ use session_archive::verify::Report;
 use crate::condition::Condition;
 use crate::console::Console;
 use crate::documents::{self, ImportLine};
-use crate::import::{Imported, import, no_hook, size};
+use crate::import::{ImportResult, import, no_hook, size};
 use crate::library::Library;
 use crate::loss::StreamLoss;
 use crate::outcome::Outcome;
@@ -123,7 +123,7 @@ fn length(report: &Report) -> Option<i64> {
 }
 
 /// The JSON line of an imported session.
-fn document(source: &Path, imported: &Imported) -> ImportLine {
+fn document(source: &Path, imported: &ImportResult) -> ImportLine {
     ImportLine {
         format: LINE,
         version: documents::VERSION,
@@ -169,8 +169,8 @@ fn losses(report: &Report) -> String {
 }
 
 /// One line of text about an imported session.
-pub(crate) fn summary(imported: &Imported) -> String {
-    let Imported { key, report, .. } = imported;
+pub(crate) fn summary(imported: &ImportResult) -> String {
+    let ImportResult { key, report, .. } = imported;
     let length = length(report).unwrap_or(0);
     let done = match imported {
         i if i.already_imported => "imported already",

@@ -30,7 +30,7 @@ use rig_link::identity::Fingerprint;
 use rig_link::link::{SessionState, SessionSummary};
 use rig_link::token::Token;
 
-use self::session::{Pulled, Puller};
+use self::session::{PullResult, Puller};
 use crate::cli::BadArguments;
 use crate::commands::import;
 use crate::console::{Console, Show};
@@ -150,7 +150,7 @@ pub fn run(options: &Options, root: &Path, console: &mut Console<'_>) -> Result<
 /// Reports the result of one session.
 fn report(
     summary: &SessionSummary,
-    result: Result<Pulled>,
+    result: Result<PullResult>,
     console: &mut Console<'_>,
 ) -> Result<Outcome> {
     let pulled = match result {

@@ -44,7 +44,7 @@ pub fn run(target: &Target, out: Option<&Path>, console: &mut Console<'_>) -> Re
         (_, out) => {
             let copy = match out {
                 Some(out) => out.to_owned(),
-                None => beside(&target.folder),
+                None => recovered_path(&target.folder),
             };
             let occupied = copy.exists()
                 && fs::read_dir(&copy)
@@ -108,7 +108,7 @@ fn in_library(
 }
 
 /// `FOLDER.recovered`, beside the folder.
-fn beside(folder: &Path) -> PathBuf {
+fn recovered_path(folder: &Path) -> PathBuf {
     let mut path = folder.as_os_str().to_owned();
     path.push(RECOVERED);
     path.into()

@@ -20,7 +20,7 @@ use crate::console::Console;
 use crate::decode_check::decode_all;
 use crate::limits::Limits;
 use crate::outcome::Outcome;
-use crate::quality::judge;
+use crate::quality::evaluate;
 use crate::report_page;
 use crate::scan_session::{SessionScan, scan_session};
 use crate::target::Target;
@@ -42,7 +42,7 @@ pub struct Options {
 }
 
 /// A validated session, with everything that its report needs.
-pub struct Validated {
+pub struct ValidatedSession {
     /// The session.
     pub reader: SessionReader,
     /// Result of the scan.
@@ -64,7 +64,11 @@ pub fn open(folder: &Path) -> Result<SessionReader> {
 ///
 /// # Errors
 /// The session cannot be read, or no decoder is available.
-pub fn validate(folder: &Path, options: &Options, console: &Console<'_>) -> Result<Validated> {
+pub fn validate(
+    folder: &Path,
+    options: &Options,
+    console: &Console<'_>,
+) -> Result<ValidatedSession> {
     let reader = open(folder)?;
     let context = || format!("validating the session: {}", folder.display());
     let bytes = reader.bytes().with_context(context)?;
@@ -81,7 +85,7 @@ pub fn validate(folder: &Path, options: &Options, console: &Console<'_>) -> Resu
         None
     };
     let manifest = reader.manifest();
-    let mut findings = judge(manifest, &found, decoded.as_deref(), &options.limits);
+    let mut findings = evaluate(manifest, &found, decoded.as_deref(), &options.limits);
     if options.deep {
         // Takes half a minute for an hour's session, in addition to decoding.
         let settings = verify::Options::default();
@@ -90,7 +94,7 @@ pub fn validate(folder: &Path, options: &Options, console: &Console<'_>) -> Resu
     }
     let basis = Basis::of(&reader).with_context(context)?;
     let validation = Validation::new(manifest, basis, &found, findings, options);
-    Ok(Validated {
+    Ok(ValidatedSession {
         reader,
         found,
         validation,

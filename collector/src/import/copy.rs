@@ -33,7 +33,7 @@ const SYNC_INTERVAL_BYTES: u64 = 32 << 20;
 const MAX_OUTSTANDING_SYNCS: usize = 2;
 
 /// Result of a copy.
-pub(super) struct Copied {
+pub(super) struct CopyResult {
     /// Bytes copied.
     pub(super) bytes: u64,
     /// All files of the session, reused and copied, in order.
@@ -62,7 +62,7 @@ pub(super) fn copy_all(
     copy_progress: &CopyProgress,
     progress: &Progress,
     hook: Hook<'_>,
-) -> Result<Copied, ImportError> {
+) -> Result<CopyResult, ImportError> {
     thread::scope(|scope| {
         let (jobs, queue) = sync_channel(MAX_OUTSTANDING_SYNCS);
         let syncing = scope.spawn(|| sync(queue, incoming, journal, hook));
@@ -100,7 +100,7 @@ pub(super) fn copy_all(
         let mut records = finished?;
         records.extend_from_slice(kept);
         records.sort_by_key(|r| files.iter().position(|f| f.path == r.path));
-        Ok(Copied { bytes, records })
+        Ok(CopyResult { bytes, records })
     })
 }
 

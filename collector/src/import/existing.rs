@@ -23,7 +23,7 @@ use session_archive::verify::{Report, verify};
 
 use super::copy::hash_file;
 use super::source::SourceFile;
-use super::{ImportError, ImportRecord, Imported, failed, rename_new, sync_published};
+use super::{ImportError, ImportRecord, ImportResult, failed, rename_new, sync_published};
 use crate::catalogue::Row;
 use crate::condition::Condition;
 use crate::library::{Library, MAX_KEY};
@@ -37,7 +37,7 @@ pub(crate) enum ExistingCopy {
     /// Nothing.
     Absent,
     /// The same session.
-    Same(Box<Imported>),
+    Same(Box<ImportResult>),
     /// A copy of this quality; the new one is better.
     Worse(CopyQuality),
 }
@@ -220,7 +220,11 @@ fn read(folder: &Path) -> Result<(State, Report), ReadError> {
 }
 
 /// The library's copy, as the result of an import.
-fn same(key: &str, folder: &Path, record: Option<ImportRecord>) -> Result<Imported, ImportError> {
+fn same(
+    key: &str,
+    folder: &Path,
+    record: Option<ImportRecord>,
+) -> Result<ImportResult, ImportError> {
     let unreadable = |source| ImportError::Unreadable {
         source,
         path: folder.to_owned(),
@@ -233,7 +237,7 @@ fn same(key: &str, folder: &Path, record: Option<ImportRecord>) -> Result<Import
         }
         None => read(folder).map_err(unreadable)?,
     };
-    Ok(Imported {
+    Ok(ImportResult {
         key: key.to_owned(),
         condition: Condition::of(state, &report),
         report,

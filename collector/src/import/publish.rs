@@ -15,9 +15,9 @@ use session_archive::verify::verify;
 use super::copy::hash_file;
 use super::existing::{CopyQuality, set_aside_copy};
 use super::record::{FileRecord, ImportRecord};
-use super::source::{SourceFile, list_files, remove_strangers};
+use super::source::{SourceFile, list_files, remove_unknown_files};
 use super::{
-    ImportError, Imported, check_space, failed, journal, list, no_hook, publish as rename,
+    ImportError, ImportResult, check_space, failed, journal, list, no_hook, publish as rename,
     sync_published, sync_tree,
 };
 use crate::condition::Condition;
@@ -26,8 +26,8 @@ use crate::library::Library;
 use crate::progress::Progress;
 
 /// A session in `.incoming/`, verified and synced.
-pub(crate) struct CheckedSession {
-    imported: Imported,
+pub(crate) struct VerifiedSession {
+    imported: ImportResult,
 }
 
 /// Creates the folder, removes files from it that the session does not have, and checks the free
@@ -42,7 +42,7 @@ pub(crate) fn prepare(incoming: &Path, files: &[FileRecord]) -> Result<(), Impor
             modified_ns: f.modified_ns,
         })
         .collect();
-    remove_strangers(incoming, &files)?;
+    remove_unknown_files(incoming, &files)?;
     let (existing, _) = list_files(incoming)?;
     let all: u64 = files.iter().map(|f| f.bytes).sum();
     let existing: u64 = existing.iter().map(|f| f.bytes).sum();
@@ -56,15 +56,15 @@ pub(crate) fn check(
     source: &Path,
     clock: Clock,
     files: Vec<FileRecord>,
-) -> Result<CheckedSession, ImportError> {
+) -> Result<VerifiedSession, ImportError> {
     let (state, report) = scan_session(incoming, key)?;
     sync_tree(incoming).map_err(failed("syncing", incoming))?;
     let record = ImportRecord::new(key, source, (clock.civil)(), files, report.clone());
     record
         .write(incoming)
         .map_err(failed("writing the import record", incoming))?;
-    Ok(CheckedSession {
-        imported: Imported {
+    Ok(VerifiedSession {
+        imported: ImportResult {
             key: key.to_owned(),
             condition: Condition::of(state, &report),
             report,
@@ -108,10 +108,10 @@ fn scan_session(
 /// better one replaces it, see [`super::existing`]. The caller holds the library's lock.
 pub(crate) fn publish(
     library: &mut Library,
-    checked: CheckedSession,
+    checked: VerifiedSession,
     source: &Path,
     old: Option<CopyQuality>,
-) -> Result<Imported, ImportError> {
+) -> Result<ImportResult, ImportError> {
     let mut imported = checked.imported;
     let key = imported.key.clone();
     if let Some(old) = old {
@@ -135,7 +135,7 @@ pub(crate) fn already_imported(
     library: &Library,
     key: &str,
     record: ImportRecord,
-) -> Result<Imported, ImportError> {
+) -> Result<ImportResult, ImportError> {
     // The publishing program may have been stopped just after the rename.
     sync_published(library, key)?;
     journal::remove(&library.incoming(key))?;
@@ -146,7 +146,7 @@ pub(crate) fn already_imported(
         source,
         path: folder.to_owned(),
     })?;
-    Ok(Imported {
+    Ok(ImportResult {
         key: key.to_owned(),
         condition: Condition::of(state, &record.report),
         report: record.report,

@@ -19,7 +19,7 @@ use super::{Hook, ImportError, check_space, failed};
 use crate::progress::Progress;
 
 /// Copies those reused files again that differ from the source; returns their bytes.
-pub(super) fn refresh_kept(
+pub(super) fn refresh_reused(
     incoming: &Path,
     source: &Path,
     kept: &[FileRecord],

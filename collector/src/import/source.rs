@@ -26,7 +26,7 @@ pub(super) struct SourceFile {
 
 /// Whether a file was derived by a host, not recorded. Such files are never copied: the library
 /// derives its own.
-fn made_here(path: &str) -> bool {
+fn is_derived(path: &str) -> bool {
     path == RECORD || DERIVED.contains(&path)
 }
 
@@ -66,7 +66,7 @@ fn list(
         let path = format!("{below}{name}");
         if kind.is_dir() && depth > 0 {
             list(root, &format!("{path}/"), depth - 1, files, skipped)?;
-        } else if kind.is_file() && !made_here(&path) {
+        } else if kind.is_file() && !is_derived(&path) {
             let data = entry.metadata().map_err(reading())?;
             files.push(SourceFile {
                 path,
@@ -108,7 +108,10 @@ pub(super) fn unchanged(source: &Path, files: &[SourceFile]) -> Result<(), Impor
 }
 
 /// Removes files of an earlier import that the source no longer has.
-pub(super) fn remove_strangers(incoming: &Path, files: &[SourceFile]) -> Result<(), ImportError> {
+pub(super) fn remove_unknown_files(
+    incoming: &Path,
+    files: &[SourceFile],
+) -> Result<(), ImportError> {
     let (existing, _) = list_files(incoming)?;
     for stranger in existing
         .iter()

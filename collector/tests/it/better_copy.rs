@@ -8,7 +8,7 @@ use std::sync::Arc;
 
 use collector::condition::Condition;
 use collector::console::Clock;
-use collector::import::{Hook, ImportError, Imported, Step, import, no_hook};
+use collector::import::{Hook, ImportError, ImportResult, Step, import, no_hook};
 use collector::library::Library;
 use collector::progress::Progress;
 use session_archive::reader::SessionReader;
@@ -17,7 +17,7 @@ use session_archive::storage::DiskStorage;
 
 use crate::support::{ID, Session, tree};
 
-fn import_with(root: &Path, source: &Path, hook: Hook<'_>) -> Result<Imported, ImportError> {
+fn import_with(root: &Path, source: &Path, hook: Hook<'_>) -> Result<ImportResult, ImportError> {
     let mut library = Library::create(root).unwrap();
     let _lock = library.lock().unwrap();
     let hidden = Progress::hidden();

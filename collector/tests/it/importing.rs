@@ -7,13 +7,13 @@ use std::sync::Mutex;
 
 use collector::condition::Condition;
 use collector::console::Clock;
-use collector::import::{Hook, ImportError, ImportRecord, Imported, Step, import, no_hook};
+use collector::import::{Hook, ImportError, ImportRecord, ImportResult, Step, import, no_hook};
 use collector::library::Library;
 use collector::progress::Progress;
 
 use crate::support::{ID, Session, tree};
 
-fn import_with(root: &Path, source: &Path, hook: Hook<'_>) -> Result<Imported, ImportError> {
+fn import_with(root: &Path, source: &Path, hook: Hook<'_>) -> Result<ImportResult, ImportError> {
     let mut library = Library::create(root).unwrap();
     import(
         &mut library,
@@ -24,7 +24,7 @@ fn import_with(root: &Path, source: &Path, hook: Hook<'_>) -> Result<Imported, I
     )
 }
 
-fn import_plainly(root: &Path, source: &Path) -> Result<Imported, ImportError> {
+fn import_plainly(root: &Path, source: &Path) -> Result<ImportResult, ImportError> {
     import_with(root, source, &no_hook)
 }
 

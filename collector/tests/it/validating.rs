@@ -3,13 +3,13 @@
 use std::fs;
 use std::path::Path;
 
-use collector::commands::validate::{Options, Validated, validate};
+use collector::commands::validate::{Options, ValidatedSession, validate};
 use collector::limits::TABLE;
 use session_archive::handoff::Verdict::{Fail, Pass, Warn};
 
 use crate::support::{MS, Session, capture};
 
-fn validated(folder: &Path) -> Validated {
+fn validated(folder: &Path) -> ValidatedSession {
     let options = Options::default();
     capture(|console| validate(folder, &options, console))
         .0
@@ -355,16 +355,16 @@ fn late_starts_and_early_ends_are_found() {
 
 #[test]
 fn health_records_are_evaluated() {
-    let spared = |step: &'static str| {
+    let degraded = |step: &'static str| {
         beyond(4.0, move |s| {
             s.health[2].1.sparing = step.to_owned();
         })
     };
-    expect(&spared("normal"), &[]);
+    expect(&degraded("normal"), &[]);
     // Only the phone's preview is affected.
-    expect(&spared("lower preview"), &[]);
+    expect(&degraded("lower preview"), &[]);
     for step in ["lower bitrate", "lower frame rate"] {
-        expect(&spared(step), &[(Warn, "session.degraded", "session")]);
+        expect(&degraded(step), &[(Warn, "session.degraded", "session")]);
     }
     let tied = |offset_ns: i64| {
         beyond(4.0, move |s| {

@@ -94,7 +94,7 @@ fn line_us(text: &str) -> Result<(Option<String>, f64)> {
 }
 
 /// A camera with its result.
-struct Measured {
+struct CameraResult {
     camera: String,
     /// Nominal `imu_from_left`.
     nominal: Option<RigidTransform>,
@@ -109,9 +109,9 @@ struct Measured {
     found: Result<CameraImu>,
 }
 
-impl Measured {
+impl CameraResult {
     /// The estimate, if no gate fails.
-    fn trusted(&self) -> Option<&CameraImu> {
+    fn accepted(&self) -> Option<&CameraImu> {
         let found = self.found.as_ref().ok()?;
         (found.verdict() != Verdict::Fail).then_some(found)
     }
@@ -182,7 +182,7 @@ pub fn run(
         let name = &camera.name;
         let frame = |part: &str| format!("{name}/{part}");
         let nominal = inputs.imu_from_left(name);
-        let mut measured = Measured {
+        let mut result = CameraResult {
             camera: name.clone(),
             nominal,
             board: None,
@@ -197,14 +197,13 @@ pub fn run(
             let imu = imu.with_context(|| format!("the session has no {name}/imu"))?;
             Ok((inputs.lenses(name)?, imu))
         };
-        measured.found = match ready() {
+        result.found = match ready() {
             Err(error) => Err(error),
             Ok((lenses, imu)) => {
                 let right = lenses.get(1).map(|(model, results)| (model, results));
-                let cameras =
-                    Cameras::new(&lenses[0].0, right).with_rolling_shutter(measured.line_s);
-                measured.rate_hz = imu.rate_hz;
-                measured.lenses = lenses;
+                let cameras = Cameras::new(&lenses[0].0, right).with_rolling_shutter(result.line_s);
+                result.rate_hz = imu.rate_hz;
+                result.lenses = lenses;
                 let bytes = images.frames.iter().map(|f| u64::from(f.bytes)).sum();
                 let observed = {
                     let progress = console.progress(name, bytes);
@@ -221,7 +220,7 @@ pub fn run(
                 if observed.missing > 0 {
                     outcome = outcome.max(Outcome::Loss);
                 }
-                measured.board = observed.board;
+                result.board = observed.board;
                 let recording = Recording {
                     cameras,
                     observations: observed.images,
@@ -236,8 +235,8 @@ pub fn run(
                 estimate(&recording, &nominal).map_err(anyhow::Error::from)
             }
         };
-        table::print(&measured, console)?;
-        all.push(measured);
+        table::print(&result, console)?;
+        all.push(result);
     }
     let joints: Vec<Joint> = all.iter().filter_map(joint).collect();
     let rig = match inputs.rig() {
@@ -250,13 +249,12 @@ pub fn run(
         (DOCUMENT.to_owned(), document::json(manifest, &all)?),
         (PAGE.to_owned(), page.into_bytes()),
     ];
-    for measured in &all {
-        match kalibr(measured) {
+    for result in &all {
+        match kalibr(result) {
             Ok(more) => files.extend(more),
-            Err(error) => console.line(format!(
-                "{}: no file for Kalibr: {error:#}",
-                measured.camera
-            ))?,
+            Err(error) => {
+                console.line(format!("{}: no file for Kalibr: {error:#}", result.camera))?
+            }
         }
     }
     if let Ok(rig) = &rig {
@@ -275,7 +273,7 @@ pub fn run(
         console.line(format!("{rig_poses} of the session left out"))?;
         outcome = outcome.max(Outcome::Loss);
     }
-    if all.iter().any(|m| m.trusted().is_none()) {
+    if all.iter().any(|m| m.accepted().is_none()) {
         outcome = Outcome::Failed;
     }
     Ok(outcome)
@@ -308,8 +306,8 @@ fn inertial(imu: &ImuRecording) -> Vec<ImuSample> {
 }
 
 /// The estimated IMU extrinsics, as in rig files.
-fn joint(measured: &Measured) -> Option<Joint> {
-    let found = measured.trusted()?;
+fn joint(result: &CameraResult) -> Option<Joint> {
+    let found = result.accepted()?;
     let parent_from_child = found.imu_from_left.inverse();
     // A rotation δ in the left frame and a translation τ in the IMU frame rotate left_from_imu by
     // -δ and translate it by p × δ - Rᵀ τ.
@@ -322,24 +320,24 @@ fn joint(measured: &Measured) -> Option<Joint> {
         .copy_from(&-Matrix3::identity());
     let covariance = by * found.covariance.fixed_view::<6, 6>(0, 0) * by.transpose();
     Some(Joint {
-        parent: Frame::of_camera(&measured.camera, FramePart::Left).ok()?,
-        child: Frame::of_camera(&measured.camera, FramePart::Imu).ok()?,
+        parent: Frame::of_camera(&result.camera, FramePart::Left).ok()?,
+        child: Frame::of_camera(&result.camera, FramePart::Imu).ok()?,
         parent_from_child,
         covariance: Some(covariance),
     })
 }
 
 /// Intrinsics, extrinsics and noise as Kalibr's files. An error if Kalibr has no such camera model.
-fn kalibr(measured: &Measured) -> Result<Vec<(String, Vec<u8>)>> {
-    let Some(found) = measured.trusted() else {
+fn kalibr(result: &CameraResult) -> Result<Vec<(String, Vec<u8>)>> {
+    let Some(found) = result.accepted() else {
         return Ok(Vec::new());
     };
-    let noise = &measured.noise;
+    let noise = &result.noise;
     let times = &found.noises;
     let mut cameras = Vec::new();
-    for (eye, (model, eye_from_left)) in ["left", "right"].iter().zip(&measured.lenses) {
+    for (eye, (model, eye_from_left)) in ["left", "right"].iter().zip(&result.lenses) {
         cameras.push(NamedCamera {
-            name: format!("{}/{eye}", measured.camera),
+            name: format!("{}/{eye}", result.camera),
             model: *model,
             camera_from_first: Some(*eye_from_left),
         });
@@ -348,7 +346,7 @@ fn kalibr(measured: &Measured) -> Result<Vec<(String, Vec<u8>)>> {
         cameras,
         imu: Some(SetImu {
             imu_from_first: found.imu_from_left,
-            rate_hz: Some(measured.rate_hz),
+            rate_hz: Some(result.rate_hz),
             noise: Some(ImuNoise {
                 gyro_noise_density: noise.gyro_noise_density * times.gyro.ratio_to_nominal,
                 gyro_random_walk: noise.gyro_random_walk * times.gyro_walk.ratio_to_nominal,
@@ -368,7 +366,7 @@ fn kalibr(measured: &Measured) -> Result<Vec<(String, Vec<u8>)>> {
     let files = contents(&set, Format::Kalibr)?;
     let named = files.into_iter();
     Ok(named
-        .map(|(name, bytes)| (format!("{}-{name}", measured.camera), bytes))
+        .map(|(name, bytes)| (format!("{}-{name}", result.camera), bytes))
         .collect())
 }
 

@@ -76,7 +76,7 @@ pub fn run(
     let boards = target_detections::targets(&reader, &options.targets)?;
     let mut nominal = NominalRig::read(&reader)?;
     if let Some(path) = &options.rig {
-        nominal.start_from(path)?;
+        nominal.replace_rig_file(path)?;
         let mut cameras = reader.manifest().cameras.iter();
         ensure!(
             cameras.any(|camera| nominal.rig_from_left(&camera.name).is_some()),

@@ -36,12 +36,12 @@ pub struct Options {
 }
 
 /// An IMU with its estimate.
-struct Measured {
+struct ImuResult {
     recording: ImuRecording,
     found: Measurement,
 }
 
-impl Measured {
+impl ImuResult {
     /// Names of its files, as `feet_imu-…` for `feet/imu`.
     fn files(&self) -> [String; 3] {
         files_of(&self.recording.name)
@@ -104,7 +104,7 @@ pub fn run(
             let bytes = size(&recording);
             let found = measure(&series(&recording));
             progress.add(bytes);
-            all.push(Measured { recording, found });
+            all.push(ImuResult { recording, found });
         }
     }
     let manifest = reader.manifest();
@@ -182,7 +182,7 @@ fn series(imu: &ImuRecording) -> Series {
 }
 
 /// Prints the table and the remarks of one IMU.
-fn print(imu: &Measured, console: &mut Console<'_>) -> Result<()> {
+fn print(imu: &ImuResult, console: &mut Console<'_>) -> Result<()> {
     let found = &imu.found;
     console.line(format!("{}: {}", imu.recording.name, table::summary(imu)))?;
     for remark in &found.findings {

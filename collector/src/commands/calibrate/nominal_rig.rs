@@ -105,7 +105,7 @@ impl NominalRig {
     ///
     /// # Errors
     /// It cannot be read.
-    pub fn start_from(&mut self, path: &Path) -> Result<()> {
+    pub fn replace_rig_file(&mut self, path: &Path) -> Result<()> {
         let rig = Rig::read(path).context("reading the rig file of --rig")?;
         self.rig = Some((path.display().to_string(), rig));
         self.unreadable = None;
@@ -138,7 +138,7 @@ impl NominalRig {
         let transform = self.frames.transform(&left, &right)?;
         Some(ExtrinsicsPrior {
             transform,
-            covariance: even(RIGHT_EYE_SIGMA),
+            covariance: diagonal(RIGHT_EYE_SIGMA),
         })
     }
 
@@ -155,7 +155,7 @@ impl NominalRig {
             let covariance = covariance.map(|c| in_parent(&c, &transform));
             return Some(ExtrinsicsPrior {
                 transform,
-                covariance: covariance.unwrap_or(even(otherwise)),
+                covariance: covariance.unwrap_or(diagonal(otherwise)),
             });
         }
         if self.is_named {
@@ -164,13 +164,13 @@ impl NominalRig {
         let transform = self.frames.transform(parent.as_str(), child.as_str())?;
         Some(ExtrinsicsPrior {
             transform,
-            covariance: even(otherwise),
+            covariance: diagonal(otherwise),
         })
     }
 }
 
 /// Diagonal covariance with one sigma for translations and one for rotations.
-fn even((metres, radians): (f64, f64)) -> Matrix6<f64> {
+fn diagonal((metres, radians): (f64, f64)) -> Matrix6<f64> {
     let (v, w) = (metres * metres, radians * radians);
     Matrix6::from_diagonal(&[v, v, v, w, w, w].into())
 }
@@ -274,6 +274,6 @@ mod tests {
         let origin = nominal(true).rig_from_left("feet").unwrap();
         assert_eq!(origin.covariance, Matrix6::zeros());
         let other = nominal(false).rig_from_left("chest").unwrap();
-        assert_eq!(other.covariance, even(MOUNTING_SIGMA));
+        assert_eq!(other.covariance, diagonal(MOUNTING_SIGMA));
     }
 }

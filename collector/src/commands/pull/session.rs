@@ -14,7 +14,7 @@ use super::{locked, of_session};
 use crate::condition::Condition;
 use crate::console::Clock;
 use crate::import::existing::{self, CopyQuality, ExistingCopy};
-use crate::import::{FileRecord, ImportError, ImportRecord, Imported, publish};
+use crate::import::{FileRecord, ImportError, ImportRecord, ImportResult, publish};
 use crate::library::{Library, is_key};
 use crate::progress::Progress;
 
@@ -29,15 +29,15 @@ pub(super) struct Puller<'a> {
 }
 
 /// A session that has been pulled.
-pub(super) struct Pulled {
-    pub(super) imported: Imported,
+pub(super) struct PullResult {
+    pub(super) imported: ImportResult,
     /// Message sent to the rig, as text; an error if the rig rejected it.
     pub(super) rig: Result<&'static str>,
 }
 
 impl Puller<'_> {
     /// Pulls a session, sends the receipt, and has it freed if requested.
-    pub(super) fn pull(&self, client: &mut Client, summary: &SessionSummary) -> Result<Pulled> {
+    pub(super) fn pull(&self, client: &mut Client, summary: &SessionSummary) -> Result<PullResult> {
         let name = &summary.name;
         let key = summary.session_id.as_deref().unwrap_or_default();
         ensure!(
@@ -58,7 +58,7 @@ impl Puller<'_> {
             }
         };
         let rig = self.send_receipt(client, summary, key, &imported);
-        Ok(Pulled { imported, rig })
+        Ok(PullResult { imported, rig })
     }
 
     /// Downloads all files, verifies and publishes the session. `old` is the quality of the copy
@@ -69,7 +69,7 @@ impl Puller<'_> {
         summary: &SessionSummary,
         key: &str,
         old: Option<CopyQuality>,
-    ) -> Result<Imported> {
+    ) -> Result<ImportResult> {
         let name = &summary.name;
         let manifest = client.manifest(name, |_| {})?;
         let incoming = locked(&self.library).incoming(key);
@@ -158,7 +158,7 @@ impl Puller<'_> {
         client: &mut Client,
         summary: &SessionSummary,
         key: &str,
-        imported: &Imported,
+        imported: &ImportResult,
     ) -> Result<&'static str> {
         if imported.condition == Condition::Damaged {
             return Ok("no receipt, the rig keeps it");
@@ -197,7 +197,7 @@ fn hashed(
     ask: impl Fn(&mut Client) -> Result<(), LinkError>,
 ) -> Result<(), LinkError> {
     match ask(client) {
-        Err(LinkError::Refused { problem, .. }) if problem.code == Code::ManifestFirst => {
+        Err(LinkError::Rejected { problem, .. }) if problem.code == Code::ManifestFirst => {
             client.manifest(session, |_| {})?;
             ask(client)
         }

@@ -127,7 +127,7 @@ impl Sheet {
 
     /// Rows of RGB.
     fn pixels(&self) -> Vec<u8> {
-        let mut fine = Fine {
+        let mut fine = SupersampledImage {
             width: self.width * SUPERSAMPLING,
             height: self.height * SUPERSAMPLING,
             pixels: vec![[255; 3]; self.width * self.height * SUPERSAMPLING * SUPERSAMPLING],
@@ -170,13 +170,13 @@ impl Sheet {
 }
 
 /// The supersampled image.
-struct Fine {
+struct SupersampledImage {
     width: usize,
     height: usize,
     pixels: Vec<Color>,
 }
 
-impl Fine {
+impl SupersampledImage {
     /// Fills by the even-odd rule, row by row at pixel centers.
     fn area(&mut self, corners: &[[f64; 2]], color: Color, opacity: f64) {
         let corners: Vec<[f64; 2]> = corners

@@ -36,7 +36,7 @@ enum Side {
 }
 
 /// A camera prepared for drawing.
-struct Drawn {
+struct CameraDrawing {
     name: String,
     color: Color,
     rig_from_left: RigidTransform,
@@ -108,7 +108,7 @@ pub(crate) fn draw(rig: &Rig, facts: &Facts) -> Sheet {
     sheet
 }
 
-fn cameras(rig: &Rig, facts: &Facts) -> Vec<Drawn> {
+fn cameras(rig: &Rig, facts: &Facts) -> Vec<CameraDrawing> {
     let place = |camera: &str, part| {
         let frame = Frame::of_camera(camera, part).ok()?;
         rig.transform(&Frame::rig(), &frame).ok()
@@ -116,7 +116,7 @@ fn cameras(rig: &Rig, facts: &Facts) -> Vec<Drawn> {
     let names = rig.cameras().into_iter().enumerate();
     names
         .filter_map(|(i, name)| {
-            Some(Drawn {
+            Some(CameraDrawing {
                 name: name.to_owned(),
                 color: PALETTE[i % PALETTE.len()],
                 rig_from_left: place(name, FramePart::Left)?,
@@ -129,7 +129,11 @@ fn cameras(rig: &Rig, facts: &Facts) -> Vec<Drawn> {
 
 /// Apex and ends of the corner rays in `rig`. The rays of a camera that points well down extend to
 /// the ground.
-fn frustum(camera: &Drawn, reach_m: f64, to_ground: bool) -> Option<([f64; 3], [[f64; 3]; 4])> {
+fn frustum(
+    camera: &CameraDrawing,
+    reach_m: f64,
+    to_ground: bool,
+) -> Option<([f64; 3], [[f64; 3]; 4])> {
     let (_, view) = camera.view.as_ref()?;
     let eye = camera.rig_from_left.translation_m();
     let ahead = camera.rig_from_left.rotate([0.0, 0.0, 1.0]);
@@ -174,7 +178,7 @@ fn shoes() -> [[[f64; 3]; 4]; 2] {
     [shoe(0.03, SHOES_Y_M[1]), shoe(SHOES_Y_M[0], -0.03)]
 }
 
-fn whole_points(cameras: &[Drawn]) -> Vec<[f64; 3]> {
+fn whole_points(cameras: &[CameraDrawing]) -> Vec<[f64; 3]> {
     let mut points: Vec<[f64; 3]> = [TORSO, HEAD].into_iter().flatten().collect();
     points.extend(shoes().into_iter().flatten());
     points.push([0.0, 0.0, -GROUND_BELOW_RIG_M - 0.05]);
@@ -188,7 +192,7 @@ fn whole_points(cameras: &[Drawn]) -> Vec<[f64; 3]> {
     points
 }
 
-fn close_points(cameras: &[Drawn]) -> Vec<[f64; 3]> {
+fn close_points(cameras: &[CameraDrawing]) -> Vec<[f64; 3]> {
     let mut points = vec![[0.0; 3]];
     for camera in cameras {
         for lens in [Some(camera.rig_from_left), camera.rig_from_right]
@@ -306,7 +310,7 @@ impl Panel {
         }
     }
 
-    fn camera(&self, sheet: &mut Sheet, camera: &Drawn, is_whole: bool) {
+    fn camera(&self, sheet: &mut Sheet, camera: &CameraDrawing, is_whole: bool) {
         let reach = if is_whole {
             FRUSTUM_LENGTH_M
         } else {
@@ -368,7 +372,7 @@ impl Panel {
     }
 
     /// Names of the cameras, moved up if they would overlap.
-    fn labels(&self, sheet: &mut Sheet, cameras: &[Drawn]) {
+    fn labels(&self, sheet: &mut Sheet, cameras: &[CameraDrawing]) {
         const SIZE: f64 = 12.0;
         let mut taken: Vec<[f64; 4]> = Vec::new();
         for camera in cameras {
@@ -406,7 +410,7 @@ impl Panel {
 }
 
 /// One line per camera, and the legend of symbols.
-fn legend(sheet: &mut Sheet, cameras: &[Drawn]) {
+fn legend(sheet: &mut Sheet, cameras: &[CameraDrawing]) {
     let mut y = 72.0 + WHOLE_HEIGHT + CLOSE_HEIGHT + 2.0 * MARGIN + 14.0;
     for camera in cameras {
         let [x, side, z] = camera.rig_from_left.translation_m().map(|v| 1e3 * v);

@@ -12,7 +12,7 @@ const MAP: &str = "format = 1\nname = \"plate\"\nrevision = \"C\"\n\
     [[camera]]\nname = \"feet\"\npart = \"feet_mount\"\nmodel = \"zed_mini\"\nserial = 7\n";
 
 /// Runs a command; returns its output and outcome.
-fn says(verb: &RigVerb) -> Result<(String, Outcome)> {
+fn run_command(verb: &RigVerb) -> Result<(String, Outcome)> {
     let mut out = Vec::new();
     let mut console = Console {
         out: &mut out,
@@ -25,7 +25,7 @@ fn says(verb: &RigVerb) -> Result<(String, Outcome)> {
 
 fn check(file: &Path, calibration: &[&str]) -> (String, Outcome) {
     let calibration = calibration.iter().map(|c| (*c).to_owned()).collect();
-    says(&RigVerb::Check {
+    run_command(&RigVerb::Check {
         file: file.to_owned(),
         calibration,
         json: false,
@@ -34,7 +34,7 @@ fn check(file: &Path, calibration: &[&str]) -> (String, Outcome) {
 }
 
 fn convert(src: &Path, map: Option<&Path>, out: &Path) -> Result<(String, Outcome)> {
-    says(&RigVerb::Convert {
+    run_command(&RigVerb::Convert {
         src: src.to_owned(),
         map: map.map(Path::to_owned),
         out: Some(out.to_owned()),
@@ -56,7 +56,7 @@ fn from_a_step_file_to_a_checked_rig() {
         list: true,
         force: false,
     };
-    let (text, _) = says(&list).unwrap();
+    let (text, _) = run_command(&list).unwrap();
     assert!(
         text.contains("plate/left_mount/zed_x_mini") && text.contains("145.000"),
         "{text}"
@@ -95,7 +95,7 @@ fn from_a_step_file_to_a_checked_rig() {
             a: at("rig.toml"),
             b: back,
         };
-        let (text, outcome) = says(&diff).unwrap();
+        let (text, outcome) = run_command(&diff).unwrap();
         // Data that only a rig file holds is lost, and reported.
         assert!(text.contains("\nno frame changed, "), "{name}: {text}");
         assert!(
@@ -134,7 +134,7 @@ fn diff_reports_all_changes() {
             a: at("a.toml"),
             b: at("b.toml"),
         };
-        says(&verb).unwrap()
+        run_command(&verb).unwrap()
     };
     let (text, outcome) = diff(EXAMPLE);
     assert!(text.ends_with("\nnothing changed\n"), "{text}");
@@ -161,7 +161,7 @@ fn diff_reports_millimetres_and_degrees() {
         a: at("a.toml"),
         b: at("b.toml"),
     };
-    let (text, outcome) = says(&diff).unwrap();
+    let (text, outcome) = run_command(&diff).unwrap();
     assert_eq!(outcome, Outcome::Loss);
     let line = text
         .lines()
@@ -193,7 +193,7 @@ fn factory_files_are_compared_with_the_rig() {
             calibration: vec![argument.to_owned()],
             json: false,
         };
-        let error = says(&verb).unwrap_err();
+        let error = run_command(&verb).unwrap_err();
         (
             error.downcast_ref::<crate::cli::BadArguments>().is_some(),
             format!("{error:#}"),
@@ -307,7 +307,7 @@ fn drawings_are_not_overwritten_and_reproducible() {
     let at = |name: &str| folder.path().join(name);
     fs::write(at("rig.toml"), EXAMPLE).unwrap();
     let show = |force: bool| {
-        says(&RigVerb::Show {
+        run_command(&RigVerb::Show {
             file: at("rig.toml"),
             out: Some(at("out")),
             calibration: Vec::new(),

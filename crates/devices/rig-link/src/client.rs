@@ -39,7 +39,7 @@ use crate::link::{
 use crate::token::Token;
 
 pub use self::address::Address;
-pub use self::download::Downloaded;
+pub use self::download::DownloadStats;
 pub use self::error::LinkError;
 
 /// Maximum length of a response other than a file or a manifest, bytes.
@@ -179,14 +179,14 @@ impl Client {
         let list: Sessions = self.ask(doing, Method::GET, "/api/sessions", None)?;
         if (list.format.as_str(), list.version) != (FORMAT, VERSION) {
             let reason = format!("format {:?}, version {}", list.format, list.version);
-            return Err(self.garbled(doing, reason));
+            return Err(self.malformed(doing, reason));
         }
         let odd = list
             .sessions
             .iter()
             .find(|s| !link::is_session_name(&s.name));
         if let Some(odd) = odd {
-            return Err(self.garbled(doing, format!("{:?} is not a session name", odd.name)));
+            return Err(self.malformed(doing, format!("{:?} is not a session name", odd.name)));
         }
         Ok(list.sessions)
     }
@@ -216,20 +216,22 @@ impl Client {
                     (Method::GET, &path, None, None),
                 )
                 .await?;
-                let response = accepted(response, &doing, &self.retry).await?;
+                let response = check_status(response, &doing, &self.retry).await?;
                 let lines = Lines::new(response.into_body(), self.retry.read_timeout);
                 read_manifest(lines, &mut on_file).await
             });
             match result {
                 Ok(manifest) => {
-                    return check(manifest).map_err(|reason| self.garbled(&doing, reason));
+                    return check(manifest).map_err(|reason| self.malformed(&doing, reason));
                 }
                 Err(ManifestFailure::Failure(failure)) => {
                     self.retry_or_fail(&mut tries, &doing, failure)?
                 }
-                Err(ManifestFailure::Garbled(reason)) => return Err(self.garbled(&doing, reason)),
+                Err(ManifestFailure::Malformed(reason)) => {
+                    return Err(self.malformed(&doing, reason));
+                }
                 Err(ManifestFailure::Refused(problem)) => {
-                    return Err(LinkError::Refused { doing, problem });
+                    return Err(LinkError::Rejected { doing, problem });
                 }
             }
         }
@@ -269,12 +271,12 @@ impl Client {
                     (Method::GET, &path, None, Some(&range)),
                 )
                 .await?;
-                let response = accepted(response, &doing, &self.retry).await?;
+                let response = check_status(response, &doing, &self.retry).await?;
                 let found = response.headers().get(CONTENT_RANGE);
                 let found = found.and_then(|v| v.to_str().ok()).unwrap_or("none");
                 let expected = format!("bytes {at}-{}/{length}", length - 1);
                 if response.status() != StatusCode::PARTIAL_CONTENT || found != expected {
-                    return Err(LinkError::Garbled {
+                    return Err(LinkError::Malformed {
                         doing: doing.clone(),
                         reason: format!(
                             "the rig sends {found:?}, expected {expected:?}; did the file change?"
@@ -341,7 +343,7 @@ impl Client {
         body: Option<Bytes>,
     ) -> Result<T, LinkError> {
         let text = self.answer(doing, method, path, body)?;
-        serde_json::from_slice(&text).map_err(|e| self.garbled(doing, e.to_string()))
+        serde_json::from_slice(&text).map_err(|e| self.malformed(doing, e.to_string()))
     }
 
     /// Requests a complete response.
@@ -365,8 +367,8 @@ impl Client {
                     (method.clone(), path, body.clone(), None),
                 )
                 .await?;
-                let response = accepted(response, doing, &self.retry).await?;
-                whole(response.into_body(), &self.retry).await
+                let response = check_status(response, doing, &self.retry).await?;
+                read_all(response.into_body(), &self.retry).await
             });
             match result {
                 Ok(bytes) => return Ok(bytes),
@@ -396,7 +398,7 @@ impl Client {
         let pause = pause.max(requested.unwrap_or_default().min(MAX_RETRY_AFTER));
         let is_hopeless = !self.contact.made && pause >= self.contact.limit(&self.retry);
         if tries.0 >= self.retry.max_attempts || is_hopeless {
-            return Err(LinkError::Lost {
+            return Err(LinkError::NoResponse {
                 doing: doing.to_owned(),
                 tries: tries.0,
                 reason,
@@ -413,8 +415,8 @@ impl Client {
         Ok(())
     }
 
-    fn garbled(&self, doing: &str, reason: String) -> LinkError {
-        LinkError::Garbled {
+    fn malformed(&self, doing: &str, reason: String) -> LinkError {
+        LinkError::Malformed {
             doing: doing.to_owned(),
             reason,
             address: self.address.clone(),
@@ -462,7 +464,7 @@ fn silent(limit: Duration) -> Failure {
 }
 
 /// The response, unless it is an error.
-async fn accepted(
+async fn check_status(
     response: Response<Incoming>,
     doing: &str,
     retry: &RetryPolicy,
@@ -473,7 +475,7 @@ async fn accepted(
     }
     let after = response.headers().get(RETRY_AFTER);
     let after = after.and_then(|v| v.to_str().ok()?.parse().ok());
-    let body = whole(response.into_body(), retry).await?;
+    let body = read_all(response.into_body(), retry).await?;
     let problem = match serde_json::from_slice::<ErrorBody>(&body) {
         Ok(body) => body.error,
         Err(_) => Problem {
@@ -487,7 +489,7 @@ async fn accepted(
             after.map(Duration::from_secs),
         ));
     }
-    Err(Failure::Final(LinkError::Refused {
+    Err(Failure::Final(LinkError::Rejected {
         doing: doing.to_owned(),
         problem,
     }))
@@ -508,7 +510,7 @@ async fn next(body: &mut Incoming, silence: Duration) -> Result<Option<Bytes>, F
     }
 }
 
-async fn whole(body: Incoming, retry: &RetryPolicy) -> Result<Bytes, Failure> {
+async fn read_all(body: Incoming, retry: &RetryPolicy) -> Result<Bytes, Failure> {
     match timeout(retry.read_timeout, Limited::new(body, MAX_ANSWER).collect()).await {
         Err(_) => Err(silent(retry.read_timeout)),
         Ok(Err(e)) => Err(Failure::Retry(e.to_string(), None)),

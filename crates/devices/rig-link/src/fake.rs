@@ -85,7 +85,7 @@ struct Inner {
     /// Folder of the session that is "being recorded".
     session: Option<String>,
     actions: Vec<Action>,
-    refusal: Option<String>,
+    rejection: Option<String>,
 }
 
 impl FakeRig {
@@ -100,7 +100,7 @@ impl FakeRig {
             since: clock(),
             session: None,
             actions: Vec::new(),
-            refusal: None,
+            rejection: None,
         };
         Self {
             root: root.into(),
@@ -127,7 +127,7 @@ impl FakeRig {
 
     /// Rejects all actions with this text, or no longer.
     pub fn refuse(&self, why: Option<&str>) {
-        self.lock().refusal = why.map(str::to_owned);
+        self.lock().rejection = why.map(str::to_owned);
     }
 
     /// The requested actions so far.
@@ -146,7 +146,7 @@ impl Rig for FakeRig {
     fn act(&self, action: Action) -> Result<(), String> {
         let mut inner = self.lock();
         inner.actions.push(action.clone());
-        if let Some(why) = &inner.refusal {
+        if let Some(why) = &inner.rejection {
             return Err(why.clone());
         }
         let recording = matches!(inner.scene, Scene::Recording | Scene::Warning);

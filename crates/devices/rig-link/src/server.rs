@@ -258,12 +258,12 @@ pub fn serve(settings: Settings, rig: Arc<dyn Rig>) -> Result<Server, ServeError
         .enable_all()
         .max_blocking_threads(BLOCKING_THREADS)
         .thread_name("rig-link-disk")
-        .on_thread_start(less_urgent)
+        .on_thread_start(lower_priority)
         .build()
         .map_err(listen)?;
     let (stop, stopped) = oneshot::channel();
     let serving = move || {
-        less_urgent();
+        lower_priority();
         let ended = runtime.block_on(async {
             let guard = Guard::new(
                 token,
@@ -308,7 +308,7 @@ pub fn serve(settings: Settings, rig: Arc<dyn Rig>) -> Result<Server, ServeError
 
 /// Lowers the priority of the calling thread. It matters only under load, so a failure is not an
 /// error.
-fn less_urgent() {
+fn lower_priority() {
     if let Err(e) = rustix::process::setpriority_process(None, NICE) {
         log::debug!("lowering the priority of the page's threads: {e}");
     }

@@ -5,13 +5,13 @@ use calib::camera_imu::CameraImu;
 use serde_json::{Value as Json, json};
 use session_archive::manifest::Manifest;
 
-use super::Measured;
+use super::CameraResult;
 use crate::SOFTWARE;
 
 /// Version of the document; incremented when a key changes its meaning.
 const VERSION: u32 = 1;
 
-pub(super) fn json(manifest: &Manifest, all: &[Measured]) -> Result<Vec<u8>> {
+pub(super) fn json(manifest: &Manifest, all: &[CameraResult]) -> Result<Vec<u8>> {
     let document = json!({
         "format": "paws-camera-imu",
         "format_version": VERSION,
@@ -27,16 +27,16 @@ pub(super) fn json(manifest: &Manifest, all: &[Measured]) -> Result<Vec<u8>> {
     Ok(bytes)
 }
 
-fn one(measured: &Measured) -> Json {
-    let mut value = match &measured.found {
+fn one(camera: &CameraResult) -> Json {
+    let mut value = match &camera.found {
         Ok(found) => result(found),
         Err(error) => json!({ "error": format!("{error:#}") }),
     };
-    value["camera"] = json!(measured.camera);
-    value["board"] = json!(measured.board);
-    value["line_s"] = json!(measured.line_s);
-    value["nominal_imu_from_left"] = json!(measured.nominal);
-    value["nominal_noise"] = json!(measured.noise);
+    value["camera"] = json!(camera.camera);
+    value["board"] = json!(camera.board);
+    value["line_s"] = json!(camera.line_s);
+    value["nominal_imu_from_left"] = json!(camera.nominal);
+    value["nominal_noise"] = json!(camera.noise);
     value
 }
 

@@ -6,13 +6,13 @@ use calib::camera_imu::{CameraImu, Residual, Verdict as Gate};
 use charts::{Axis, Cell, Chart, Page, Series, Table, Verdict};
 use session_archive::manifest::Manifest;
 
-use super::Measured;
+use super::CameraResult;
 use super::table::rows;
 use crate::commands::calibrate::rig_poses::section;
 use crate::plots::{HEIGHT, WIDTH};
 
 /// HTML of the report; `rig` is the rig with its IMUs, if there is one.
-pub(super) fn html(manifest: &Manifest, all: &[Measured], rig: Option<&Rig>) -> Result<String> {
+pub(super) fn html(manifest: &Manifest, all: &[CameraResult], rig: Option<&Rig>) -> Result<String> {
     let worst = all.iter().map(|m| match &m.found {
         Ok(found) => found.verdict(),
         Err(_) => Gate::Fail,
@@ -36,10 +36,10 @@ pub(super) fn html(manifest: &Manifest, all: &[Measured], rig: Option<&Rig>) -> 
         });
         page = section(page, rig, &lenses.collect::<Vec<_>>())?;
     }
-    for measured in all {
-        page = page.section(&measured.camera);
-        page = match &measured.found {
-            Ok(found) => camera(page, measured, found),
+    for result in all {
+        page = page.section(&result.camera);
+        page = match &result.found {
+            Ok(found) => camera(page, result, found),
             Err(error) => page.finding(Verdict::Fail, &format!("No result: {error:#}")),
         };
     }
@@ -57,9 +57,9 @@ fn badge(gate: Gate) -> Verdict {
     }
 }
 
-fn camera(mut page: Page, measured: &Measured, found: &CameraImu) -> Page {
+fn camera(mut page: Page, result: &CameraResult, found: &CameraImu) -> Page {
     let mut table = Table::new(["Quantity", "Nominal", "Estimate", "Sigma", "Unit"]);
-    for row in rows(measured, found) {
+    for row in rows(result, found) {
         let nominal = row.nominal.map_or("".to_owned(), |t| format!("{t:.4}"));
         table = table.row([
             Cell::Text(row.name),

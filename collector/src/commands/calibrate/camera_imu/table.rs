@@ -3,7 +3,7 @@
 use anyhow::Result;
 use calib::camera_imu::{CameraImu, Verdict};
 
-use super::Measured;
+use super::CameraResult;
 use crate::console::Console;
 
 /// One quantity, in a readable unit.
@@ -37,9 +37,9 @@ fn axes(
 
 /// All quantities. A rotation is the one from nominal to estimate, about the axes of the left
 /// camera; without a nominal value it is the rotation vector of `imu_from_left`.
-pub(super) fn rows(measured: &Measured, found: &CameraImu) -> Vec<Row> {
+pub(super) fn rows(result: &CameraResult, found: &CameraImu) -> Vec<Row> {
     let s = &found.sigmas;
-    let nominal = measured.nominal;
+    let nominal = result.nominal;
     let turn = match &nominal {
         Some(nominal) => nominal.rotation().inverse() * found.imu_from_left.rotation(),
         None => *found.imu_from_left.rotation(),
@@ -117,25 +117,25 @@ pub(super) fn rows(measured: &Measured, found: &CameraImu) -> Vec<Row> {
 }
 
 /// Prints the result of one camera.
-pub(super) fn print(measured: &Measured, console: &mut Console<'_>) -> Result<()> {
-    let found = match &measured.found {
+pub(super) fn print(result: &CameraResult, console: &mut Console<'_>) -> Result<()> {
+    let found = match &result.found {
         Ok(found) => found,
         Err(error) => {
-            console.line(format!("{}: no result: {error:#}", measured.camera))?;
+            console.line(format!("{}: no result: {error:#}", result.camera))?;
             return Ok(());
         }
     };
     let [given, used, rejected] = found.views;
     console.line(format!(
         "{}: {}, {used} of {given} images with a pose, {rejected} of them left out",
-        measured.camera,
+        result.camera,
         found.verdict()
     ))?;
     console.line(format!(
         "  {:<22} {:>12} {:>12} {:>10}",
         "", "nominal", "estimate", "sigma"
     ))?;
-    for row in rows(measured, found) {
+    for row in rows(result, found) {
         let nominal = row.nominal.map_or("-".to_owned(), |t| format!("{t:.4}"));
         console.line(format!(
             "  {:<22} {nominal:>12} {:>12.4} {:>10.4} {}",

@@ -73,7 +73,7 @@ pub(super) fn html(manifest: &Manifest, found: &Calibration, rig: Option<&Rig>) 
             "Lower is better; a model that only fits better predicts worse.",
         );
         page = page.figure(
-            &plots::sureness(found, number),
+            &plots::posterior_over_prior(found, number),
             "At 1 the recording does not constrain the parameter: it keeps its nominal value.",
         );
         for eye in [Some(camera.left), camera.right].into_iter().flatten() {

@@ -117,7 +117,7 @@ pub(super) fn sizes(found: &Calibration) -> String {
 }
 
 /// Posterior over prior sigma of each intrinsic parameter of a camera.
-pub(super) fn sureness(found: &Calibration, camera: usize) -> String {
+pub(super) fn posterior_over_prior(found: &Calibration, camera: usize) -> String {
     let camera = &found.input.cameras[camera];
     let names = found.lens(camera.left).parameter_names();
     let mut chart = Chart::new(&format!(

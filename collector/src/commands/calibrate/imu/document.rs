@@ -2,19 +2,19 @@
 
 use anyhow::Result;
 use calib::allan::{Coefficient, Value};
-use calib::imu_noise::{AXES, Axis, Severity};
+use calib::imu_noise::{AXES, Axis, Weight};
 use serde_json::{Value as Json, json};
 use session_archive::manifest::Manifest;
 
 use super::table::summary;
-use super::{DOCUMENT, Measured};
+use super::{DOCUMENT, ImuResult};
 use crate::SOFTWARE;
 
 /// Version of the document; incremented when a key changes its meaning.
 const VERSION: u32 = 1;
 
 /// Origin of the numbers, for the header of other files.
-pub(super) fn origin(manifest: &Manifest, imu: &Measured) -> String {
+pub(super) fn origin(manifest: &Manifest, imu: &ImuResult) -> String {
     format!(
         "Noise of {} ({}), by `paws calib imu` of {SOFTWARE}\nfrom session {} of {}: {}.\nUncertainties and curves: {DOCUMENT}.",
         imu.recording.name,
@@ -25,7 +25,7 @@ pub(super) fn origin(manifest: &Manifest, imu: &Measured) -> String {
     )
 }
 
-pub(super) fn json(manifest: &Manifest, all: &[Measured]) -> Result<Vec<u8>> {
+pub(super) fn json(manifest: &Manifest, all: &[ImuResult]) -> Result<Vec<u8>> {
     let document = json!({
         "format": "paws-imu-noise",
         "format_version": VERSION,
@@ -40,12 +40,12 @@ pub(super) fn json(manifest: &Manifest, all: &[Measured]) -> Result<Vec<u8>> {
     Ok(bytes)
 }
 
-fn one(imu: &Measured) -> Json {
-    let remarks = imu.found.findings.iter().map(|remark| {
-        let weight = match remark.severity {
-            Severity::Note => "note",
-            Severity::Warn => "warn",
-            Severity::Fail => "refusal",
+fn one(imu: &ImuResult) -> Json {
+    let remarks = imu.found.remarks.iter().map(|remark| {
+        let weight = match remark.weight {
+            Weight::Note => "note",
+            Weight::Doubt => "warn",
+            Weight::Refusal => "refusal",
         };
         json!({ "weight": weight, "kind": remark.kind, "text": remark.text })
     });
@@ -55,7 +55,7 @@ fn one(imu: &Measured) -> Json {
         "samples": imu.recording.samples.len(),
         "rate_hz": imu.found.rate_hz,
         "used_s": imu.found.used_s,
-        "refused": imu.found.is_rejected(),
+        "refused": imu.found.is_refused(),
         "remarks": remarks.collect::<Vec<Json>>(),
         "axes": imu.found.axes.iter().map(axis).collect::<Vec<Json>>(),
     })

@@ -6,9 +6,9 @@ use charts::{Cell, Page, Table, Verdict};
 use session_archive::manifest::Manifest;
 
 use super::table::{SHOWN, cell, names, summary, worst};
-use super::{Measured, plots};
+use super::{ImuResult, plots};
 
-pub(super) fn html(manifest: &Manifest, all: &[Measured]) -> String {
+pub(super) fn html(manifest: &Manifest, all: &[ImuResult]) -> String {
     let weights = all
         .iter()
         .flat_map(|imu| &imu.found.findings)

@@ -4,7 +4,7 @@ use calib::allan::Fit;
 use calib::imu_noise::{AXES, Axis};
 use charts::{Axis as Scale, Chart, Series};
 
-use super::Measured;
+use super::ImuResult;
 use super::table::{SHOWN, names};
 use crate::plots::WIDTH;
 
@@ -29,7 +29,7 @@ fn taus(fit: &Fit) -> impl Iterator<Item = f64> + use<> {
 }
 
 /// The three axes of the gyroscope (0) or the accelerometer (1): measurement and models.
-pub(super) fn sensor(imu: &Measured, sensor: usize) -> String {
+pub(super) fn sensor(imu: &ImuResult, sensor: usize) -> String {
     let (x, y) = scales(sensor);
     let title = ["gyroscope", "accelerometer"][sensor];
     let mut chart = Chart::new(&format!(

@@ -5,7 +5,7 @@ use std::f64::consts::PI;
 use calib::allan::{Coefficient, Value};
 use calib::imu_noise::{AXES, Axis, Measurement, Worst};
 
-use super::Measured;
+use super::ImuResult;
 use crate::text;
 
 /// The coefficients that are shown.
@@ -26,7 +26,7 @@ pub(super) fn names(coefficient: Coefficient) -> (&'static str, [&'static str; 2
 }
 
 /// Recorded and used duration.
-pub(super) fn summary(imu: &Measured) -> String {
+pub(super) fn summary(imu: &ImuResult) -> String {
     let used: f64 = imu.found.used_s.iter().map(|[from, to]| to - from).sum();
     let continuous_runs = imu.found.used_s.len();
     format!(

@@ -12,7 +12,7 @@ const BLOCK: usize = 1 << 20;
 
 /// Result of a download.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
-pub struct Downloaded {
+pub struct DownloadStats {
     /// Bytes received over the network.
     pub fetched: u64,
     /// Bytes reused from an earlier, interrupted download.
@@ -34,7 +34,7 @@ impl Client {
         entry: &FileEntry,
         path: &Path,
         mut progress: impl FnMut(u64),
-    ) -> Result<Downloaded, LinkError> {
+    ) -> Result<DownloadStats, LinkError> {
         let failed = |doing| {
             move |source| LinkError::Disk {
                 doing,
@@ -49,7 +49,7 @@ impl Client {
             .truncate(false)
             .open(path)
             .map_err(failed("opening"))?;
-        let mut done = Downloaded::default();
+        let mut done = DownloadStats::default();
         // Progress that was reported already and is not repeated for the second attempt.
         let mut reported = 0;
         for retry_or_fail in [false, true] {

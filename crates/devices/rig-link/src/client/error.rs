@@ -49,7 +49,7 @@ pub enum LinkError {
     },
     /// Is the rig on, and in the same network?
     #[error("{doing}: no answer after {tries} tries ({reason}): {address}")]
-    Lost {
+    NoResponse {
         /// What was being done.
         doing: String,
         /// Tries in a row that brought nothing.
@@ -61,7 +61,7 @@ pub enum LinkError {
     },
     /// The rig rejects the request; the code states what to do.
     #[error("{doing}: the rig reports: {}", .problem.message)]
-    Refused {
+    Rejected {
         /// What was being done.
         doing: String,
         /// The rig's error.
@@ -69,7 +69,7 @@ pub enum LinkError {
     },
     /// The server is not a rig, or one of another version.
     #[error("{doing}: the answer is not one of rig link v{VERSION}: {reason}: {address}")]
-    Garbled {
+    Malformed {
         /// What was being done.
         doing: String,
         /// The reason.

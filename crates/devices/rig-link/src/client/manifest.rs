@@ -14,7 +14,7 @@ const MAX_FILES: usize = 1 << 20;
 /// Failure of reading a manifest.
 pub(super) enum ManifestFailure {
     Failure(Failure),
-    Garbled(String),
+    Malformed(String),
     Refused(Problem),
 }
 
@@ -51,11 +51,11 @@ impl Lines {
                 let line = serde_json::from_slice(&line);
                 return line
                     .map(Some)
-                    .map_err(|e| ManifestFailure::Garbled(e.to_string()));
+                    .map_err(|e| ManifestFailure::Malformed(e.to_string()));
             }
             if self.buffer.len() > MAX_LINE {
                 let reason = format!("a line of the manifest is longer than {MAX_LINE} bytes");
-                return Err(ManifestFailure::Garbled(reason));
+                return Err(ManifestFailure::Malformed(reason));
             }
             match next(&mut self.body, self.silence).await? {
                 Some(piece) => self.buffer.extend_from_slice(&piece),
@@ -77,7 +77,7 @@ pub(super) async fn read_manifest(
                 files.push(entry);
             }
             Some(Line::File(_)) => {
-                return Err(ManifestFailure::Garbled(format!(
+                return Err(ManifestFailure::Malformed(format!(
                     "more than {MAX_FILES} files"
                 )));
             }

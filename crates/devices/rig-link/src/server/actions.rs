@@ -101,7 +101,7 @@ pub(super) async fn login(
     let given = login.token.trim().as_bytes();
     match shared.guard.login(peer, given, shared.now()) {
         Ok(cookie) => Ok(with_cookie(cookie)),
-        Err(refusal) => Ok(response::refusal(&refusal)),
+        Err(rejection) => Ok(response::rejection(&rejection)),
     }
 }
 

@@ -53,7 +53,7 @@ pub(super) struct ConnectionSlots<T> {
 
 /// The slot of a new connection.
 #[derive(Debug)]
-pub(super) struct Admitted<T> {
+pub(super) struct Admission<T> {
     pub(super) number: u64,
     /// Handle of the evicted connection.
     pub(super) evicted: Option<T>,
@@ -77,7 +77,7 @@ impl<T> ConnectionSlots<T> {
         known: bool,
         stage: Stage,
         handle: T,
-    ) -> Option<Admitted<T>> {
+    ) -> Option<Admission<T>> {
         let peer = network(peer);
         let own = self.count(peer);
         let victim = if own >= self.per_peer {
@@ -97,7 +97,7 @@ impl<T> ConnectionSlots<T> {
             handle,
         };
         self.open.insert(number, slot);
-        Some(Admitted { number, evicted })
+        Some(Admission { number, evicted })
     }
 
     /// Advances the stage of a connection; it never decreases.
@@ -160,7 +160,7 @@ mod tests {
     }
 
     /// 48 slots, 16 each, all used by three addresses; the handle is the address.
-    fn besieged(stage: Stage) -> ConnectionSlots<u8> {
+    fn full_slots(stage: Stage) -> ConnectionSlots<u8> {
         let mut slots = ConnectionSlots::new(48, 16);
         for i in 0..48 {
             let attacker = 1 + i % 3;
@@ -177,7 +177,7 @@ mod tests {
     #[test]
     fn three_addresses_cannot_exclude_or_evict_a_fourth() {
         for stage in [Stage::Handshake, Stage::Unauthenticated] {
-            let mut slots = besieged(stage);
+            let mut slots = full_slots(stage);
             let phone = slots.admit(address(9), false, Stage::Handshake, 9);
             assert!(phone.is_some_and(|p| p.evicted.is_some()), "{stage:?}");
             let second = slots.admit(address(9), false, Stage::Handshake, 9);

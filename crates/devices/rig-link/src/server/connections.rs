@@ -183,8 +183,8 @@ async fn answer(
     if head.version != Version::HTTP_11 {
         return response::closing(response::plain(StatusCode::HTTP_VERSION_NOT_SUPPORTED));
     }
-    if let Err(refusal) = shared.guard.admit(peer, &head.headers, now) {
-        return response::refusal(&refusal);
+    if let Err(rejection) = shared.guard.admit(peer, &head.headers, now) {
+        return response::rejection(&rejection);
     }
     if head.uri.scheme().is_some() || head.uri.authority().is_some() {
         return malformed("this server is not a proxy");
@@ -207,7 +207,7 @@ async fn answer(
     } else if matches!(route, Route::Page(_)) {
         Ok(())
     } else {
-        shared.guard.look(&head.headers)
+        shared.guard.check_read(&head.headers)
     };
     let allowed = allowed.and_then(|()| {
         if route.is_open() {
@@ -217,8 +217,8 @@ async fn answer(
         slot.set_stage(Stage::Authenticated);
         Ok(())
     });
-    if let Err(refusal) = allowed {
-        let response = response::refusal(&refusal);
+    if let Err(rejection) = allowed {
+        let response = response::rejection(&rejection);
         // An unread body must not be mistaken for the next request.
         return if has_body {
             response::closing(response)

@@ -35,7 +35,7 @@ pub(super) struct Guard {
 
 /// Reason for rejecting a request.
 #[derive(Clone, Debug, PartialEq, Eq)]
-pub(super) enum Refusal {
+pub(super) enum Rejection {
     /// The head is malformed.
     Malformed(&'static str),
     /// The request is for another host, or from another site.
@@ -74,9 +74,9 @@ impl Guard {
         }
     }
 
-    fn peers<T>(&self, f: impl FnOnce(&mut Peers) -> Result<T, Duration>) -> Result<T, Refusal> {
+    fn peers<T>(&self, f: impl FnOnce(&mut Peers) -> Result<T, Duration>) -> Result<T, Rejection> {
         let mut peers = self.peers.lock().unwrap_or_else(PoisonError::into_inner);
-        f(&mut peers).map_err(Refusal::TooMany)
+        f(&mut peers).map_err(Rejection::TooMany)
     }
 
     /// Check of every request: rate limit and host.
@@ -85,35 +85,35 @@ impl Guard {
         peer: IpAddr,
         headers: &HeaderMap,
         now: Duration,
-    ) -> Result<(), Refusal> {
+    ) -> Result<(), Rejection> {
         self.peers(|peers| peers.request(peer, now))?;
-        let host = one(headers, &HOST).map_err(Refusal::Malformed)?;
-        let host = host.ok_or(Refusal::Malformed("the request has no Host"))?;
-        let name = host_name(host).ok_or(Refusal::Malformed("the Host is not a host name"))?;
+        let host = one(headers, &HOST).map_err(Rejection::Malformed)?;
+        let host = host.ok_or(Rejection::Malformed("the request has no Host"))?;
+        let name = host_name(host).ok_or(Rejection::Malformed("the Host is not a host name"))?;
         let here = || {
             let address = name.trim_matches(['[', ']']).parse::<IpAddr>();
             name.eq_ignore_ascii_case("localhost")
                 || address.is_ok_and(|a| a.to_canonical().is_loopback())
         };
         if self.loopback && !here() {
-            return Err(Refusal::Foreign("this server answers to localhost only"));
+            return Err(Rejection::Foreign("this server answers to localhost only"));
         }
         Ok(())
     }
 
     /// Check of every read request: not from another site's page.
-    pub(super) fn look(&self, headers: &HeaderMap) -> Result<(), Refusal> {
-        match one(headers, &FETCH_SITE).map_err(Refusal::Malformed)? {
+    pub(super) fn check_read(&self, headers: &HeaderMap) -> Result<(), Rejection> {
+        match one(headers, &FETCH_SITE).map_err(Rejection::Malformed)? {
             None | Some("same-origin" | "none") => Ok(()),
-            Some(_) => Err(Refusal::Foreign("this is not for other sites' pages")),
+            Some(_) => Err(Rejection::Foreign("this is not for other sites' pages")),
         }
     }
 
     /// Check of every write request: from our own page, or from no page.
-    pub(super) fn change(&self, headers: &HeaderMap) -> Result<(), Refusal> {
-        let foreign = Refusal::Foreign("this comes from another site's page");
-        let site = one(headers, &FETCH_SITE).map_err(Refusal::Malformed)?;
-        let origin = one(headers, &ORIGIN).map_err(Refusal::Malformed)?;
+    pub(super) fn change(&self, headers: &HeaderMap) -> Result<(), Rejection> {
+        let foreign = Rejection::Foreign("this comes from another site's page");
+        let site = one(headers, &FETCH_SITE).map_err(Rejection::Malformed)?;
+        let origin = one(headers, &ORIGIN).map_err(Rejection::Malformed)?;
         if site.is_some_and(|site| site != "same-origin") {
             return Err(foreign);
         }
@@ -121,7 +121,7 @@ impl Guard {
             Some(origin) if Some(origin) == self.origin(headers).as_deref() => Ok(()),
             Some(_) => Err(foreign),
             None if site.is_some() || headers.contains_key(HEADER) => Ok(()),
-            None => Err(Refusal::Foreign(
+            None => Err(Rejection::Foreign(
                 "a program that changes something must send the header X-Rig-Link: 1",
             )),
         }
@@ -140,16 +140,16 @@ impl Guard {
         peer: IpAddr,
         headers: &HeaderMap,
         now: Duration,
-    ) -> Result<(), Refusal> {
+    ) -> Result<(), Rejection> {
         let Some((token, cookies)) = &self.token else {
             return Ok(());
         };
-        if let Some(given) = one(headers, &AUTHORIZATION).map_err(Refusal::Malformed)? {
+        if let Some(given) = one(headers, &AUTHORIZATION).map_err(Rejection::Malformed)? {
             let given = given
                 .split_once(' ')
                 .filter(|(scheme, _)| scheme.eq_ignore_ascii_case("bearer"))
                 .map(|(_, given)| given.trim());
-            let given = given.ok_or(Refusal::Unauthorised(
+            let given = given.ok_or(Rejection::Unauthorised(
                 "expected Authorization: Bearer TOKEN",
             ))?;
             return self.check(token, peer, given.as_bytes(), now);
@@ -157,10 +157,10 @@ impl Guard {
         // Guessing a cookie means guessing 256 bits, so wrong ones, as after a change of the token,
         // do not count against a peer.
         if !self.given_cookies(headers).any(|c| cookies.is_valid(c)) {
-            return Err(Refusal::Unauthorised("the token is needed"));
+            return Err(Rejection::Unauthorised("the token is needed"));
         }
         self.peers(|peers| {
-            peers.recognized(peer, now);
+            peers.record_cookie(peer, now);
             Ok(())
         })
     }
@@ -188,13 +188,13 @@ impl Guard {
         peer: IpAddr,
         given: &[u8],
         now: Duration,
-    ) -> Result<Option<String>, Refusal> {
+    ) -> Result<Option<String>, Rejection> {
         let Some((token, cookies)) = &self.token else {
             return Ok(None);
         };
         self.check(token, peer, given, now)?;
         let value = cookies.issue();
-        let value = value.ok_or(Refusal::TooMany(Duration::from_secs(1)))?;
+        let value = value.ok_or(Rejection::TooMany(Duration::from_secs(1)))?;
         Ok(Some(self.cookie(&value, 90 * 24 * 3600)))
     }
 
@@ -225,7 +225,7 @@ impl Guard {
         peer: IpAddr,
         given: &[u8],
         now: Duration,
-    ) -> Result<(), Refusal> {
+    ) -> Result<(), Rejection> {
         self.peers(|peers| peers.may_try(peer, now))?;
         let right = token.is(given);
         self.peers(|peers| {
@@ -240,7 +240,7 @@ impl Guard {
             Ok(())
         } else {
             log::warn!("a wrong token from {peer}");
-            Err(Refusal::Unauthorised("the token is wrong"))
+            Err(Rejection::Unauthorised("the token is wrong"))
         }
     }
 

@@ -144,7 +144,7 @@ impl Peers {
 
     /// The peer gave a valid cookie. Its wrong tokens still count: an attacker may share its
     /// address.
-    pub(super) fn recognized(&mut self, address: IpAddr, now: Duration) {
+    pub(super) fn record_cookie(&mut self, address: IpAddr, now: Duration) {
         self.peer(address, now).known = now + KNOWN_PEER_TTL;
     }
 
@@ -240,11 +240,11 @@ mod tests {
         assert!(!peers.is_known(a, S) && !peers.is_known(b, S));
         peers.wrong(b, S);
         peers.right(a, S);
-        peers.recognized(b, S);
+        peers.record_cookie(b, S);
         assert!(peers.is_known(a, KNOWN_PEER_TTL) && !peers.is_known(a, KNOWN_PEER_TTL + S));
         assert!(peers.is_known(address("2001:db8::2"), KNOWN_PEER_TTL));
         assert_eq!(peers.may_try(b, S), Err(S), "a cookie forgives no guesses");
-        peers.recognized(a, KNOWN_PEER_TTL);
+        peers.record_cookie(a, KNOWN_PEER_TTL);
         assert!(peers.is_known(a, KNOWN_PEER_TTL + S));
     }
 

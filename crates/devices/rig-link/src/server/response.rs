@@ -11,7 +11,7 @@ use hyper::{Response, StatusCode};
 use serde::Serialize;
 
 use super::body::Body;
-use super::guard::Refusal;
+use super::guard::Rejection;
 use super::route::NoRoute;
 use crate::link::{Code, ErrorBody, Problem};
 use crate::store::problem;
@@ -91,17 +91,17 @@ pub(super) fn error(problem: Problem) -> Response<Body> {
 }
 
 /// The response to a client without permission.
-pub(super) fn refusal(refusal: &Refusal) -> Response<Body> {
-    match refusal {
-        Refusal::Malformed(why) => closing(error(problem(Code::BadRequest, why))),
-        Refusal::Foreign(why) => error(problem(Code::Forbidden, why)),
-        Refusal::Unauthorised(why) => {
+pub(super) fn rejection(rejection: &Rejection) -> Response<Body> {
+    match rejection {
+        Rejection::Malformed(why) => closing(error(problem(Code::BadRequest, why))),
+        Rejection::Foreign(why) => error(problem(Code::Forbidden, why)),
+        Rejection::Unauthorised(why) => {
             let mut response = error(problem(Code::Unauthorised, why));
             let how = HeaderValue::from_static("Bearer");
             response.headers_mut().insert(WWW_AUTHENTICATE, how);
             response
         }
-        Refusal::TooMany(wait) => too_many(*wait),
+        Rejection::TooMany(wait) => too_many(*wait),
     }
 }
 

@@ -688,7 +688,7 @@ const LONG: Duration = Duration::from_secs(3600);
 
 /// Sixteen connections from each of three addresses, which is all slots; each has sent `first`, and
 /// its response has been read if there is one.
-fn besiege(setup: &Setup, first: &str) -> Vec<TcpStream> {
+fn fill_slots(setup: &Setup, first: &str) -> Vec<TcpStream> {
     let from = [2, 3, 4].iter().cycle().take(48);
     from.map(|last| {
         let mut stream = connect_from([127, 0, 0, *last], setup.server.address());
@@ -715,9 +715,9 @@ fn unfinished_handshakes_of_three_addresses_exclude_nobody() {
         limits,
         ..Options::default()
     });
-    let _held = besiege(&setup, "");
+    let _held = fill_slots(&setup, "");
     assert_eq!(setup.client().sessions().unwrap().len(), 2);
-    let _held = besiege(&setup, "");
+    let _held = fill_slots(&setup, "");
     assert_eq!(setup.client().sessions().unwrap().len(), 2);
 }
 
@@ -737,13 +737,13 @@ fn unauthenticated_clients_do_not_affect_the_phone() {
     let host = setup.server.address();
     let page = format!("GET / HTTP/1.1\r\nHost: {host}\r\n\r\n");
     // They may load the page, as the phone does before its login.
-    let _held = besiege(&setup, &page);
+    let _held = fill_slots(&setup, &page);
     let cookie = login(&setup);
     let request = format!("GET /api/status HTTP/1.1\r\nHost: {host}\r\n{cookie}\r\n");
     let mut phone = TcpStream::connect(host).unwrap();
     phone.write_all(request.as_bytes()).unwrap();
     assert_eq!(status(&read_one(&mut phone)), 200);
-    let _more = besiege(&setup, &page);
+    let _more = fill_slots(&setup, &page);
     phone.write_all(request.as_bytes()).unwrap();
     assert_eq!(
         status(&read_one(&mut phone)),

@@ -87,11 +87,11 @@ fn page_fits_a_small_phone_and_is_readable() {
         }
         for dark in [false, true] {
             browser.dark(dark);
-            let least = browser.value(CONTRAST);
+            let minimum = browser.value(CONTRAST);
             let limit = 7.0;
             assert!(
-                least[0].as_f64().unwrap() >= limit,
-                "{scene:?}, dark {dark}: {least}"
+                minimum[0].as_f64().unwrap() >= limit,
+                "{scene:?}, dark {dark}: {minimum}"
             );
         }
         let panel = browser.value(

@@ -43,7 +43,7 @@ fn only_the_expected_fingerprint_is_accepted() {
 
     for token in [None, Some(Token::new("another-token-than-that").unwrap())] {
         match ask(Some(right), token).unwrap_err() {
-            LinkError::Refused { problem, .. } => assert_eq!(problem.code, Code::Unauthorised),
+            LinkError::Rejected { problem, .. } => assert_eq!(problem.code, Code::Unauthorised),
             error => panic!("{error}"),
         }
     }
@@ -70,6 +70,9 @@ fn unresponsive_server_times_out() {
     let mut client =
         rig_link::client::Client::new(address.parse().unwrap(), None, None, short_retry()).unwrap();
     let error = client.sessions().unwrap_err();
-    assert!(matches!(error, LinkError::Lost { tries: 4, .. }), "{error}");
+    assert!(
+        matches!(error, LinkError::NoResponse { tries: 4, .. }),
+        "{error}"
+    );
     assert!(error.to_string().contains("refused"), "{error}");
 }

@@ -21,10 +21,10 @@ struct Proxy {
 
 /// Fault of connection number `n`: the number of server bytes before it is cut, and the position of
 /// a flipped byte.
-type Harm = dyn Fn(usize) -> (usize, Option<usize>) + Send + Sync;
+type Fault = dyn Fn(usize) -> (usize, Option<usize>) + Send + Sync;
 
 impl Proxy {
-    fn new(to: SocketAddr, harm: Box<Harm>) -> Self {
+    fn new(to: SocketAddr, fault: Box<Fault>) -> Self {
         let listener = TcpListener::bind("127.0.0.1:0").unwrap();
         let address = listener.local_addr().unwrap();
         let connections = Arc::new(AtomicUsize::new(0));
@@ -33,7 +33,7 @@ impl Proxy {
             for client in listener.incoming() {
                 let Ok(client) = client else { return };
                 let n = count.fetch_add(1, Ordering::SeqCst);
-                let (cut, flip) = harm(n);
+                let (cut, flip) = fault(n);
                 std::thread::spawn(move || carry(client, to, cut, flip));
             }
         });
@@ -132,7 +132,7 @@ fn session_is_downloaded_acknowledged_and_freed() {
         );
 
         let refused = |result: Result<(), LinkError>| match result {
-            Err(LinkError::Refused { problem, .. }) => problem.code,
+            Err(LinkError::Rejected { problem, .. }) => problem.code,
             other => panic!("{other:?}"),
         };
         assert_eq!(refused(client.free("walk-2")), Code::NoReceipt);
@@ -177,11 +177,17 @@ fn connection_without_progress_is_given_up() {
     let setup = start(Options::default());
     let proxy = Proxy::new(setup.server.address(), Box::new(|_| (0, None)));
     let error = proxy.client().manifest("walk-2", |_| {}).unwrap_err();
-    assert!(matches!(error, LinkError::Lost { tries: 4, .. }), "{error}");
+    assert!(
+        matches!(error, LinkError::NoResponse { tries: 4, .. }),
+        "{error}"
+    );
     // Half a response, always the same half: no progress either.
     let proxy = Proxy::new(setup.server.address(), Box::new(|_| (900, None)));
     let error = proxy.client().manifest("walk-2", |_| {}).unwrap_err();
-    assert!(matches!(error, LinkError::Lost { tries: 4, .. }), "{error}");
+    assert!(
+        matches!(error, LinkError::NoResponse { tries: 4, .. }),
+        "{error}"
+    );
 }
 
 #[test]
@@ -239,11 +245,11 @@ fn changed_byte_is_downloaded_again_and_then_an_error() {
     let folder = tempfile::tempdir().unwrap();
     let path = folder.path().join("segment");
     // On the first connection one byte is wrong; the second is cut off; the third is fine.
-    let harm = |n: usize| match n {
+    let fault = |n: usize| match n {
         0 => (100_000, Some(50_000)),
         _ => (usize::MAX, None),
     };
-    let proxy = Proxy::new(setup.server.address(), Box::new(harm));
+    let proxy = Proxy::new(setup.server.address(), Box::new(fault));
     let done = proxy
         .client()
         .download("walk-2", entry, &path, |_| {})
@@ -279,7 +285,7 @@ fn file_changed_on_the_rig_is_detected() {
     let folder = tempfile::tempdir().unwrap();
     let path = folder.path().join("rig.toml");
     let error = client.download("walk-2", entry, &path, |_| {}).unwrap_err();
-    assert!(matches!(error, LinkError::Garbled { .. }), "{error}");
+    assert!(matches!(error, LinkError::Malformed { .. }), "{error}");
     // The manifest is made again for what changed.
     let again = client.manifest("walk-2", |_| {}).unwrap();
     assert_ne!(again.total, manifest.total);
@@ -292,7 +298,7 @@ fn session_being_recorded_cannot_be_pulled() {
     let mut client = setup.client();
     assert_eq!(client.sessions().unwrap()[1].state, SessionState::Recording);
     match client.manifest("walk-2", |_| {}).unwrap_err() {
-        LinkError::Refused { problem, .. } => assert_eq!(problem.code, Code::Recording),
+        LinkError::Rejected { problem, .. } => assert_eq!(problem.code, Code::Recording),
         error => panic!("{error}"),
     }
 }
@@ -355,7 +361,7 @@ fn server_that_is_not_a_rig_is_detected() {
         )
         .unwrap();
         let error = client.sessions().unwrap_err();
-        assert!(matches!(error, LinkError::Garbled { .. }), "{error:?}");
+        assert!(matches!(error, LinkError::Malformed { .. }), "{error:?}");
     }
     let address = format!("http://{address}").parse().unwrap();
     let mut client = Client::new(address, None, None, short_retry()).unwrap();
@@ -423,7 +429,7 @@ fn unreachable_address_is_given_up_within_the_connect_timeout() {
     let error = client.sessions().unwrap_err();
     // Pauses of 100, 200 and 400 ms do not fit.
     assert!(
-        matches!(error, LinkError::Lost { tries, .. } if (1..=4).contains(&tries)),
+        matches!(error, LinkError::NoResponse { tries, .. } if (1..=4).contains(&tries)),
         "{error:?}"
     );
 }
@@ -459,7 +465,7 @@ fn address_that_accepts_no_connection_is_given_up_within_the_connect_timeout() {
         let mut client = Client::new(address, None, None, retry).unwrap();
         let error = client.sessions().unwrap_err();
         assert!(
-            matches!(&error, LinkError::Lost { tries: 1, reason, .. }
+            matches!(&error, LinkError::NoResponse { tries: 1, reason, .. }
                 if reason.starts_with("no connection within ")),
             "{error:?}"
         );

@@ -49,7 +49,7 @@ fn loopback_accepts_only_local_hosts() {
         "[::2]",
         "0.0.0.0",
     ] {
-        assert!(matches!(admit(host), Err(Refusal::Foreign(_))), "{host}");
+        assert!(matches!(admit(host), Err(Rejection::Foreign(_))), "{host}");
     }
     for host in [
         "",
@@ -67,11 +67,11 @@ fn loopback_accepts_only_local_hosts() {
     let twice = headers(&[("host", "localhost"), ("host", "localhost")]);
     assert!(matches!(
         local.admit(peer(), &twice, Duration::ZERO),
-        Err(Refusal::Malformed(_))
+        Err(Rejection::Malformed(_))
     ));
     assert!(matches!(
         local.admit(peer(), &headers(&[]), Duration::ZERO),
-        Err(Refusal::Malformed(_))
+        Err(Rejection::Malformed(_))
     ));
     let open = guard(true, true, "0.0.0.0");
     let other = headers(&[("host", "rig.local:8077")]);
@@ -116,12 +116,14 @@ fn only_the_own_page_may_change_state() {
         ("same-site", false),
     ] {
         assert_eq!(
-            guard.look(&headers(&[("sec-fetch-site", site)])).is_ok(),
+            guard
+                .check_read(&headers(&[("sec-fetch-site", site)]))
+                .is_ok(),
             ok,
             "{site}"
         );
     }
-    assert_eq!(guard.look(&headers(&[])), Ok(()));
+    assert_eq!(guard.check_read(&headers(&[])), Ok(()));
 }
 
 #[test]
@@ -130,7 +132,7 @@ fn token_is_accepted_as_header_and_as_cookie() {
     let ask = |all: &[(&'static str, &str)], s| {
         guard.authenticate(peer(), &headers(all), Duration::from_secs(s))
     };
-    let unauthorised = |result| matches!(result, Err(Refusal::Unauthorised(_)));
+    let unauthorised = |result| matches!(result, Err(Rejection::Unauthorised(_)));
     assert_eq!(
         ask(&[("authorization", &format!("Bearer {TOKEN}"))], 0),
         Ok(())
@@ -171,7 +173,7 @@ fn token_is_accepted_as_header_and_as_cookie() {
     let right = format!("Bearer {TOKEN}");
     assert!(matches!(
         ask(&[("authorization", &right)], 1),
-        Err(Refusal::TooMany(_))
+        Err(Rejection::TooMany(_))
     ));
     assert_eq!(ask(&[("authorization", &right)], 2), Ok(()));
 
