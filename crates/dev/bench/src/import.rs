@@ -295,16 +295,16 @@ fn with_decode(folder: &Path, seconds: i64) -> Result<Value> {
     let units = encode(WIDTH, HEIGHT, frames)?;
     write_session(folder, seconds, Some((WIDTH, HEIGHT, units)))?;
     let (took, validated) = time_validate(folder, true)?;
-    let pictures: usize = validated.found.facts.cameras.iter().map(Vec::len).sum();
+    let images: usize = validated.found.stats.cameras.iter().map(Vec::len).sum();
     let bytes = size(folder)?;
     Ok(json!({
-        "frames": pictures,
+        "frames": frames,
         "width": WIDTH,
         "height": HEIGHT,
         "codec": "h264",
         "bytes": bytes,
         "seconds": took,
-        "frames_per_second": pictures as f64 / took,
+        "frames_per_second": frames as f64 / took,
         "bytes_per_second": bytes as f64 / took,
         "times_real_time": seconds as f64 / took,
     }))

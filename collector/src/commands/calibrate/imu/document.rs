@@ -2,7 +2,7 @@
 
 use anyhow::Result;
 use calib::allan::{Coefficient, Value};
-use calib::imu_noise::{AXES, Axis, Weight};
+use calib::imu_noise::{AXES, Axis, Severity};
 use serde_json::{Value as Json, json};
 use session_archive::manifest::Manifest;
 
@@ -41,11 +41,11 @@ pub(super) fn json(manifest: &Manifest, all: &[ImuResult]) -> Result<Vec<u8>> {
 }
 
 fn one(imu: &ImuResult) -> Json {
-    let remarks = imu.found.remarks.iter().map(|remark| {
-        let weight = match remark.weight {
-            Weight::Note => "note",
-            Weight::Doubt => "warn",
-            Weight::Refusal => "refusal",
+    let remarks = imu.found.findings.iter().map(|remark| {
+        let weight = match remark.severity {
+            Severity::Note => "note",
+            Severity::Warn => "warn",
+            Severity::Fail => "refusal",
         };
         json!({ "weight": weight, "kind": remark.kind, "text": remark.text })
     });
@@ -55,7 +55,7 @@ fn one(imu: &ImuResult) -> Json {
         "samples": imu.recording.samples.len(),
         "rate_hz": imu.found.rate_hz,
         "used_s": imu.found.used_s,
-        "refused": imu.found.is_refused(),
+        "refused": imu.found.is_rejected(),
         "remarks": remarks.collect::<Vec<Json>>(),
         "axes": imu.found.axes.iter().map(axis).collect::<Vec<Json>>(),
     })
