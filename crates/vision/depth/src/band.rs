@@ -1,64 +1,68 @@
-//! Which disparities are looked for.
-//!
-//! Contract: a [`Band`] has a range for each row. What lies outside is never an answer: pixels whose place is there are
-//! absent or wrong. So a band that is narrower than all there can be is made of what is known of the scene ([`plan`]),
-//! and [`crate::Banded`] checks each time that nothing was cut off.
+//! Disparity search range per row.
+//! Contract: a [`Band`] has one range per row. Disparities outside are never returned: pixels whose
+//! true disparity lies outside are absent or wrong. A band that is narrower than the full range is
+//! therefore planned from prior knowledge of the scene ([`plan`]), and [`crate::BandedMatcher`]
+//! checks after each run that the band clipped nothing.
 
 pub mod plan;
 
-use crate::aggregate::{BEHIND, MOST};
+use crate::aggregation::{MAX_DISPARITIES, MAX_NEGATIVE_PX};
 use crate::error::DepthError;
 
-/// Disparities to look for, for each row.
+/// Range of searched disparities for each row.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Band {
     first: i32,
     count: usize,
-    /// From `first` on: the first one and the one behind the last.
+    /// Half-open range of each row, counted from `first`.
     rows: Vec<[u16; 2]>,
 }
 
 impl Band {
-    /// The same for all rows: `count` disparities from `first` on.
-    ///
+    /// The same range for all rows: `count` disparities from `first`.
     /// # Errors
-    /// [`DepthError::Band`] for none or too many.
+    /// [`DepthError::Band`] if `count` is 0 or too large.
     pub fn full(first: i32, count: usize, height: usize) -> Result<Self, DepthError> {
         match i32::try_from(count) {
             Ok(of @ 1..) if first.checked_add(of - 1).is_some() => {
                 Self::rows(&vec![[first, first + of - 1]; height])
             }
             _ => Err(DepthError::Band {
-                found: format!("{count} disparities from {first} px on"),
-                expected: format!("1 to {MOST}, from {} on", -(BEHIND as i32)),
+                found: format!("{count} disparities from {first} px"),
+                expected: format!(
+                    "1 to {MAX_DISPARITIES} disparities, from {} px or more",
+                    -(MAX_NEGATIVE_PX as i32)
+                ),
             }),
         }
     }
 
-    /// The least and the greatest disparity of each row, both included.
-    ///
+    /// Minimum and maximum disparity of each row, px, both inclusive.
     /// # Errors
-    /// [`DepthError::Band`] for rows without any, or for more disparities than can be looked for.
+    /// [`DepthError::Band`] if a row is empty or the total range is too large.
     pub fn rows(rows: &[[i32; 2]]) -> Result<Self, DepthError> {
-        let refused = |found: String, expected: String| Err(DepthError::Band { found, expected });
+        let invalid = |found: String, expected: String| Err(DepthError::Band { found, expected });
         let Some(first) = rows.iter().map(|row| row[0]).min() else {
-            return refused(
+            return invalid(
                 "no rows".to_owned(),
-                "one for each of the picture".to_owned(),
+                "one range for each image row".to_owned(),
             );
         };
         if let Some([low, high]) = rows.iter().find(|[low, high]| low > high) {
-            return refused(
+            return invalid(
                 format!("a row from {low} to {high} px"),
-                "the least one first".to_owned(),
+                "the minimum first".to_owned(),
             );
         }
         let last = rows.iter().map(|row| row[1]).max().unwrap_or(first);
         let count = i64::from(last) - i64::from(first) + 1;
-        if count > MOST as i64 || first < -(BEHIND as i32) {
-            return refused(
+        if count > MAX_DISPARITIES as i64 || first < -(MAX_NEGATIVE_PX as i32) {
+            return invalid(
                 format!("{first} to {last} px"),
-                format!("{MOST} disparities at most, from {} on", -(BEHIND as i32)),
+                format!(
+                    "at most {MAX_DISPARITIES} disparities, from {} px or more",
+                    -(MAX_NEGATIVE_PX as i32)
+                ),
             );
         }
         let of = |[low, high]: &[i32; 2]| [(low - first) as u16, (high - first + 1) as u16];
@@ -69,32 +73,31 @@ impl Band {
         })
     }
 
-    /// The least disparity of any row, px.
+    /// Minimum disparity of any row, px.
     pub fn first(&self) -> i32 {
         self.first
     }
 
-    /// Disparities from the least of any row to the greatest.
+    /// Number of disparities from the minimum of all rows to the maximum.
     pub fn count(&self) -> usize {
         self.count
     }
 
-    /// Rows.
+    /// Number of rows.
     pub fn height(&self) -> usize {
         self.rows.len()
     }
 
-    /// The least and the greatest disparity of a row, px.
-    ///
+    /// Minimum and maximum disparity of a row, px.
     /// # Panics
-    /// There is no such row.
+    /// If `y` is not below [`Band::height`].
     pub fn row(&self, y: usize) -> [i32; 2] {
         let [low, high] = self.rows[y].map(i32::from);
         [self.first + low, self.first + high - 1]
     }
 
-    /// Disparities of all rows together, as a share of `count` in each of them.
-    pub fn share_of(&self, count: usize) -> f64 {
+    /// Disparities of all rows, as a fraction of `count` per row.
+    pub fn searched_ratio(&self, count: usize) -> f64 {
         let all: u64 = self
             .rows
             .iter()
@@ -113,17 +116,17 @@ mod tests {
     use super::*;
 
     #[test]
-    fn rows_are_kept_as_they_are() {
+    fn row_ranges_are_returned_unchanged() {
         let rows = [[3, 9], [-2, 4], [5, 5]];
         let band = Band::rows(&rows).unwrap();
         assert_eq!((band.first(), band.count(), band.height()), (-2, 12, 3));
         assert_eq!([0, 1, 2].map(|y| band.row(y)), rows);
-        assert_eq!(band.share_of(12), 15.0 / 36.0);
+        assert_eq!(band.searched_ratio(12), 15.0 / 36.0);
         assert_eq!(Band::full(0, 64, 2).unwrap().row(1), [0, 63]);
     }
 
     #[test]
-    fn impossible_bands_are_refused() {
+    fn invalid_bands_are_rejected() {
         for bad in [
             Band::full(0, 0, 4),
             Band::full(0, 300, 4),

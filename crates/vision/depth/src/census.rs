@@ -1,35 +1,36 @@
-//! What of a picture is compared: census codes, and grey levels.
-//!
-//! A census code says of several pairs of pixels near a place which one is the brighter. It does not change with exposure or gain of an
-//! eye, which is why it is compared rather than grey levels alone (Zabih and Woodfill, "Non-parametric local transforms for
-//! computing visual correspondence", ECCV 1994). [`Census::Opposite9x7`] compares opposite pixels of a window and needs half as
-//! many bits for as much of it (Spangenberg, Langner and Rojas, "Weighted semi-global matching and center-symmetric census
-//! transform for robust driver assistance", CAIP 2013). Beyond the picture its border goes on.
-//!
-//! Codes lie as bytes, one plane after the other for each row, so that a vector holds one byte of the codes of many columns.
-//! The last plane is the grey level, halved: steps of less than two levels are noise.
+//! Census transform and gray levels: the image data that the matching cost compares.
+//! A census code holds, for several pairs of pixels around a center, which one is brighter. It is
+//! invariant to exposure and gain of either camera, which is why it is compared rather than gray
+//! levels alone (Zabih and Woodfill, "Non-parametric local transforms for computing visual
+//! correspondence", ECCV 1994). [`Census::Opposite9x7`] compares opposite pixels of a window and
+//! needs half the number of bits for the same window (Spangenberg, Langner and Rojas, "Weighted
+//! semi-global matching and center-symmetric census transform for robust driver assistance", CAIP
+//! 2013). Outside the image the border pixels are repeated.
+//! Codes are stored as byte planes per row, so that a vector holds one byte of the codes of many
+//! columns. The last plane is the gray level divided by 2: differences below two levels are noise.
 
 use rayon::prelude::*;
 
+use crate::image::ImageView;
 use crate::lanes::{Kernel, Lanes, Level};
-use crate::picture::Picture;
 
-/// Which pixels are compared.
+/// Census window.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Census {
-    /// The middle with the 24 others of 5x5 pixels.
+    /// The center with the 24 other pixels of a 5x5 window: 24 bits.
     Full5x5,
-    /// The middle with the 48 others of 7x7 pixels.
+    /// The center with the 48 other pixels of a 7x7 window: 48 bits.
     Full7x7,
-    /// Opposite pixels of 9 columns x 7 rows: 31 bits. For pictures with much noise.
+    /// Opposite pixels of a window of 9 columns x 7 rows: 31 bits. For noisy images.
     Opposite9x7,
 }
 
-/// From the middle to one pixel and to the other: columns and rows.
+/// Offsets of two compared pixels from the center: columns and rows.
 pub(crate) type Pair = [(i32, i32); 2];
 
 impl Census {
-    /// A bit is set where the first of a pair is the brighter one. Eight pairs make a byte, the first one its highest bit.
+    /// Compared pairs; a bit is set if the first pixel of a pair is brighter. Eight pairs form a
+    /// byte, the first one in its highest bit.
     pub(crate) fn pairs(self) -> Vec<Pair> {
         let window = |columns: i32, rows: i32| {
             let columns = move |y| (-columns..=columns).map(move |x| (x, y));
@@ -49,7 +50,7 @@ impl Census {
         }
     }
 
-    /// How far the pixels are from the middle, at most.
+    /// Maximum offset of a pixel from the center.
     pub(crate) fn reach(self) -> usize {
         match self {
             Self::Full5x5 => 2,
@@ -58,7 +59,7 @@ impl Census {
         }
     }
 
-    /// Bits of a code.
+    /// Number of bits of a code.
     pub fn bits(self) -> u8 {
         match self {
             Self::Full5x5 => 24,
@@ -67,24 +68,24 @@ impl Census {
         }
     }
 
-    /// Bytes of a code.
+    /// Number of bytes of a code.
     pub(crate) fn planes(self) -> usize {
         usize::from(self.bits()).div_ceil(8)
     }
 }
 
-/// How codes lie in memory.
+/// Memory layout of codes.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub(crate) struct Layout {
-    /// Free bytes before the columns of each row.
+    /// Padding before the columns of each row, bytes.
     pub(crate) before: usize,
-    /// Free bytes behind them.
+    /// Padding after the columns of each row, bytes.
     pub(crate) behind: usize,
-    /// Whether columns come in falling order.
+    /// Whether columns are stored in reverse order.
     pub(crate) mirrored: bool,
 }
 
-/// The codes of a picture. Free bytes are 0.
+/// Codes of an image. Padding bytes are 0.
 #[derive(Debug, Default)]
 pub(crate) struct Codes {
     bytes: Vec<u8>,
@@ -93,30 +94,30 @@ pub(crate) struct Codes {
 }
 
 impl Codes {
-    /// One plane of a row with its free bytes.
+    /// One plane of a row, with padding.
     pub(crate) fn plane(&self, y: usize, plane: usize) -> &[u8] {
         let at = (y * (self.planes + 1) + plane) * self.stride;
         &self.bytes[at..at + self.stride]
     }
 
-    /// The halved grey levels of a row.
-    pub(crate) fn grey(&self, y: usize) -> &[u8] {
+    /// Gray levels of a row, divided by 2.
+    pub(crate) fn gray(&self, y: usize) -> &[u8] {
         self.plane(y, self.planes)
     }
 
-    /// Computes them anew.
+    /// Computes the codes of an image, and replaces the previous ones.
     pub(crate) fn compute(
         &mut self,
         level: Level,
         census: Census,
-        picture: &Picture<'_>,
+        image: &ImageView<'_>,
         layout: Layout,
     ) {
-        let (width, height) = (picture.width(), picture.height());
+        let (width, height) = (image.width(), image.height());
         let reach = census.reach();
         let pairs = census.pairs();
         let columns = width.next_multiple_of(level.lanes());
-        let padded = Padded::new(picture, reach, columns - width);
+        let padded = Padded::new(image, reach, columns - width);
         self.planes = census.planes();
         self.stride = layout.before + width + layout.behind;
         self.bytes.clear();
@@ -128,12 +129,12 @@ impl Codes {
             || vec![0; columns],
             |row, (y, codes)| {
                 let planes = codes.chunks_mut(self.stride);
-                // The last plane has no pairs: it is the grey level.
+                // The last plane has no pairs: it holds the gray level.
                 let bits = pairs.chunks(8).chain([&[][..]]);
                 for (pairs, plane) in bits.zip(planes) {
                     let plane = &mut plane[layout.before..layout.before + width];
                     if pairs.is_empty() {
-                        let halved = picture.row(y).iter().map(|v| v / 2);
+                        let halved = image.row(y).iter().map(|v| v / 2);
                         plane.iter_mut().zip(halved).for_each(|(to, v)| *to = v);
                     } else {
                         level.run(Bits {
@@ -153,7 +154,7 @@ impl Codes {
     }
 }
 
-/// A picture with its border repeated `reach` times at each side, and `more` at the right.
+/// Image whose border is repeated `reach` times on each side, and `more` times on the right.
 pub(crate) struct Padded {
     pixels: Vec<u8>,
     stride: usize,
@@ -161,12 +162,12 @@ pub(crate) struct Padded {
 }
 
 impl Padded {
-    pub(crate) fn new(picture: &Picture<'_>, reach: usize, more: usize) -> Self {
-        let (width, height) = (picture.width(), picture.height());
+    pub(crate) fn new(image: &ImageView<'_>, reach: usize, more: usize) -> Self {
+        let (width, height) = (image.width(), image.height());
         let stride = width + 2 * reach + more;
         let mut pixels = Vec::with_capacity(stride * (height + 2 * reach));
         for y in 0..height + 2 * reach {
-            let row = picture.row(y.saturating_sub(reach).min(height - 1));
+            let row = image.row(y.saturating_sub(reach).min(height - 1));
             pixels.extend(std::iter::repeat_n(row[0], reach));
             pixels.extend_from_slice(row);
             pixels.extend(std::iter::repeat_n(row[width - 1], reach + more));
@@ -178,7 +179,7 @@ impl Padded {
         }
     }
 
-    /// The row `dy` below `y` from `dx` to the right of the first column on.
+    /// Row `y + dy`, starting at column `dx`.
     #[inline(always)]
     pub(crate) fn row(&self, y: usize, (dx, dy): (i32, i32)) -> &[u8] {
         let y = (y + self.reach).wrapping_add_signed(dy as isize);
@@ -187,7 +188,7 @@ impl Padded {
     }
 }
 
-/// One byte of the codes of a row; its length is whole vectors.
+/// Computes one byte of the codes of a row, whose length is a multiple of the vector length.
 struct Bits<'a> {
     padded: &'a Padded,
     y: usize,
@@ -215,13 +216,13 @@ impl Kernel for Bits<'_> {
         for at in (0..self.row.len()).step_by(V::COUNT) {
             let mut code = V::splat(0);
             for (a, b) in &rows[..count] {
-                // SAFETY: all rows are at least as long as the one that is written, which is whole vectors long.
+                // SAFETY: all input rows are at least as long as the output row, whose length is a
+                // multiple of the vector length.
                 let brighter =
                     unsafe { V::load(a.as_ptr().add(at)).sub(V::load(b.as_ptr().add(at))) };
                 code = code.add(code).add(brighter.min(one));
             }
-            // A last byte with fewer bits has them at the low end; both eyes do.
-            // SAFETY: as above.
+            // A last byte with fewer pairs uses its low bits, in both images. SAFETY: as above.
             unsafe { code.store(self.row.as_mut_ptr().add(at)) };
         }
     }
@@ -230,35 +231,35 @@ impl Kernel for Bits<'_> {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::twin::{self, Random};
+    use crate::reference::{self, Random};
 
     #[test]
-    fn codes_are_those_of_the_twin() {
+    fn codes_equal_those_of_the_reference() {
         let mut random = Random(3);
         for (width, height) in [(1, 1), (5, 3), (70, 9), (131, 7)] {
-            let pixels = random.picture(width, height);
-            let picture = Picture::new(width, height, &pixels).unwrap();
+            let pixels = random.image(width, height);
+            let image = ImageView::new(width, height, &pixels).unwrap();
             for census in [Census::Full5x5, Census::Full7x7, Census::Opposite9x7] {
                 assert_eq!(census.pairs().len(), usize::from(census.bits()));
-                for (level, mirrored) in twin::with_levels([false, true]) {
+                for (level, mirrored) in reference::with_levels([false, true]) {
                     let mut codes = Codes::default();
                     let layout = Layout {
                         before: 3,
                         behind: 2,
                         mirrored,
                     };
-                    codes.compute(level, census, &picture, layout);
+                    codes.compute(level, census, &image, layout);
                     for y in 0..height {
                         for x in 0..width {
                             let at = if mirrored { width - 1 - x } else { x };
-                            let expected = twin::code(&picture, census, x, y);
-                            // The last byte may have fewer bits.
+                            let expected = reference::code(&image, census, x, y);
+                            // The last byte may hold fewer bits.
                             let found = (0..census.planes()).fold(0u64, |code, p| {
                                 let bits = census.pairs()[8 * p..].len().min(8);
                                 code << bits | u64::from(codes.plane(y, p)[3 + at])
                             });
                             assert_eq!(found, expected, "{census:?} {level:?} {x} {y}");
-                            assert_eq!(codes.grey(y)[3 + at], pixels[y * width + x] / 2);
+                            assert_eq!(codes.gray(y)[3 + at], pixels[y * width + x] / 2);
                         }
                     }
                 }

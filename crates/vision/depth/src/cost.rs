@@ -1,33 +1,34 @@
-//! What it costs to take two pixels for the same place.
-//!
-//! The number of bits in which their census codes differ, and the difference of their halved grey levels up to a limit
-//! ([`crate::Matching::grey`]). Disparities that lead out of the right picture, or out of the band, cost [`OUT`], which
-//! no path makes cheaper, so that they never win.
+//! Matching cost of two pixels.
+//! The Hamming distance of their census codes plus the difference of their halved gray levels,
+//! truncated at a limit ([`crate::Matching::max_gray_cost`]). Disparities outside the right image
+//! or outside the band have cost [`INVALID`]. No path reduces it, so that they never win.
 
 use crate::census::Codes;
 use crate::lanes::{Kernel, Lanes};
 
-/// What cannot be.
-pub(crate) const OUT: u8 = u8::MAX;
+/// Cost of a disparity outside the image or the band.
+pub(crate) const INVALID: u8 = u8::MAX;
 
-/// The costs of a row: those of column `x` from `x * stride` on, of which lanes `start` to `start + lanes` are computed.
+/// Computes the costs of a row. Column `x` starts at `x * stride`; the lanes `start..start + lanes`
+/// are computed.
 pub(crate) struct CostRow<'a> {
     pub(crate) left: &'a Codes,
-    /// Mirrored, with at least `stride` free bytes beyond the left end of the picture.
+    /// Mirrored, with at least `stride` bytes of padding beyond the left border of the image.
     pub(crate) right: &'a Codes,
     pub(crate) planes: usize,
-    /// Most that grey levels may cost.
-    pub(crate) grey: u8,
+    /// Limit of the gray-level cost.
+    pub(crate) max_gray_cost: u8,
     pub(crate) y: usize,
-    /// Where in the right rows the first disparity of column 0 is; that of column `x` is `x` before it.
+    /// Index in the right rows of the first disparity of column 0; that of column `x` is `origin -
+    /// x`.
     pub(crate) origin: usize,
-    /// Columns of the right picture that the first disparity of column 0 lies to the left of its first one.
+    /// First disparity, px.
     pub(crate) first: i32,
     pub(crate) width: usize,
     pub(crate) stride: usize,
     pub(crate) start: usize,
     pub(crate) lanes: usize,
-    /// For each lane of a column: [`OUT`] where it is out of the band, else 0.
+    /// Initial cost per lane: [`INVALID`] outside the band, else 0.
     pub(crate) out: &'a [u8],
     pub(crate) costs: &'a mut [u8],
 }
@@ -37,7 +38,7 @@ impl Kernel for CostRow<'_> {
 
     #[inline(always)]
     fn run<V: Lanes>(self) {
-        match (self.planes, self.grey > 0) {
+        match (self.planes, self.max_gray_cost > 0) {
             (3, false) => self.planes::<V, 3, false>(),
             (3, true) => self.planes::<V, 3, true>(),
             (4, false) => self.planes::<V, 4, false>(),
@@ -51,7 +52,7 @@ impl Kernel for CostRow<'_> {
 
 impl CostRow<'_> {
     #[inline(always)]
-    fn planes<V: Lanes, const P: usize, const GREY: bool>(self) {
+    fn planes<V: Lanes, const P: usize, const GRAY: bool>(self) {
         let (width, stride) = (self.width, self.stride);
         let none: &[u8] = &[];
         let (mut left, mut right) = ([none; P], [none; P]);
@@ -59,34 +60,35 @@ impl CostRow<'_> {
             left[p] = self.left.plane(self.y, p);
             right[p] = self.right.plane(self.y, p);
         }
-        let (left_grey, right_grey) = (self.left.grey(self.y), self.right.grey(self.y));
-        assert!(left_grey.len() >= width && self.origin + 1 >= width);
-        assert!(right_grey.len() >= self.origin + stride);
-        assert!(left.iter().all(|row| row.len() == left_grey.len()));
-        assert!(right.iter().all(|row| row.len() == right_grey.len()));
+        let (left_gray, right_gray) = (self.left.gray(self.y), self.right.gray(self.y));
+        assert!(left_gray.len() >= width && self.origin + 1 >= width);
+        assert!(right_gray.len() >= self.origin + stride);
+        assert!(left.iter().all(|row| row.len() == left_gray.len()));
+        assert!(right.iter().all(|row| row.len() == right_gray.len()));
         assert!(self.costs.len() >= width * stride && self.out.len() >= stride);
         assert!(self.start + self.lanes <= stride && self.lanes.is_multiple_of(V::COUNT));
-        let most = V::splat(self.grey);
+        let most = V::splat(self.max_gray_cost);
         for x in 0..width {
             let mut code = [V::splat(0); P];
             for p in 0..P {
                 code[p] = V::splat(left[p][x]);
             }
-            let grey = V::splat(left_grey[x]);
+            let gray = V::splat(left_gray[x]);
             let mut lane = self.start;
             while lane < self.start + self.lanes {
                 let at = self.origin - x + lane;
-                // SAFETY: rows of the right picture reach a stride beyond the origin, and `x` is at most the origin; the
-                // lanes are within a stride, and the costs are as many as columns times the stride.
+                // SAFETY: rows of the right image extend a stride beyond the origin, and `x` is at
+                // most the origin; the lanes are within a stride, and the number of costs is
+                // columns times the stride.
                 unsafe {
                     let mut cost = V::load(self.out.as_ptr().add(lane));
                     for p in 0..P {
                         let other = V::load(right[p].as_ptr().add(at));
                         cost = cost.add(code[p].xor(other).count_ones());
                     }
-                    if GREY {
-                        let other = V::load(right_grey.as_ptr().add(at));
-                        let apart = grey.sub(other).or(other.sub(grey));
+                    if GRAY {
+                        let other = V::load(right_gray.as_ptr().add(at));
+                        let apart = gray.sub(other).or(other.sub(gray));
                         cost = cost.add(apart.min(most));
                     }
                     cost.store(self.costs.as_mut_ptr().add(x * stride + lane));
@@ -94,17 +96,17 @@ impl CostRow<'_> {
                 lane += V::COUNT;
             }
         }
-        // Disparity lane d of column x is column x - first - d of the right picture.
+        // Lane d of column x maps to column x - first - d of the right image.
         let (start, end) = (self.start, self.start + self.lanes);
         for x in 0..width {
             let zero = x as i64 - i64::from(self.first);
             let last = (zero + 1).clamp(start as i64, end as i64) as usize;
             let begin = (zero - width as i64 + 1).clamp(start as i64, end as i64) as usize;
             if last < end {
-                self.costs[x * stride..][last..end].fill(OUT);
+                self.costs[x * stride..][last..end].fill(INVALID);
             }
             if begin > start {
-                self.costs[x * stride..][start..begin].fill(OUT);
+                self.costs[x * stride..][start..begin].fill(INVALID);
             }
         }
     }
@@ -114,18 +116,18 @@ impl CostRow<'_> {
 mod tests {
     use super::*;
     use crate::census::{Census, Layout};
-    use crate::picture::Picture;
-    use crate::twin::{self, Random};
+    use crate::image::ImageView;
+    use crate::reference::{self, Random};
 
     #[test]
-    fn costs_are_those_of_the_twin() {
+    fn costs_equal_those_of_the_reference() {
         let mut random = Random(5);
         let (width, height) = (53, 4);
-        let (a, b) = (random.picture(width, height), random.picture(width, height));
-        let left = Picture::new(width, height, &a).unwrap();
-        let right = Picture::new(width, height, &b).unwrap();
-        for (level, first) in twin::with_levels([-3, 0, 7]) {
-            for (census, grey) in [
+        let (a, b) = (random.image(width, height), random.image(width, height));
+        let left = ImageView::new(width, height, &a).unwrap();
+        let right = ImageView::new(width, height, &b).unwrap();
+        for (level, first) in reference::with_levels([-3, 0, 7]) {
+            for (census, max_gray_cost) in [
                 (Census::Full5x5, 0),
                 (Census::Full7x7, 8),
                 (Census::Opposite9x7, 20),
@@ -141,15 +143,15 @@ mod tests {
                 codes[0].compute(level, census, &left, Layout::default());
                 codes[1].compute(level, census, &right, layout);
                 let mut out = vec![0; stride];
-                out[..5].fill(OUT);
-                out[90..].fill(OUT);
+                out[..5].fill(INVALID);
+                out[90..].fill(INVALID);
                 for y in 0..height {
                     let mut costs = vec![77; width * stride];
                     level.run(CostRow {
                         left: &codes[0],
                         right: &codes[1],
                         planes: census.planes(),
-                        grey,
+                        max_gray_cost,
                         y,
                         origin: (before as i32 + width as i32 - 1 + first) as usize,
                         first,
@@ -164,10 +166,18 @@ mod tests {
                         let (x, lane) = (i % (width * stride) / stride, i % stride);
                         let expected = match (lane >= 64, out[lane]) {
                             (false, _) => 77,
-                            (true, OUT) => OUT,
+                            (true, INVALID) => INVALID,
                             _ => {
                                 let disparity = first + lane as i32;
-                                twin::cost(&left, &right, census, grey, x, y, disparity)
+                                reference::cost(
+                                    &left,
+                                    &right,
+                                    census,
+                                    max_gray_cost,
+                                    x,
+                                    y,
+                                    disparity,
+                                )
                             }
                         };
                         assert_eq!(found, expected, "{level:?} {census:?} {x} {lane}");

@@ -1,57 +1,58 @@
-//! Why there is no depth.
+//! Errors of stereo matching.
 
-/// See the variants.
+/// Error of stereo matching.
 #[derive(Clone, Debug, PartialEq, thiserror::Error)]
 pub enum DepthError {
-    /// Not a picture: give as many pixels as the size says.
-    #[error("taking a picture: found {found} pixels, expected {width} x {height}, at least one")]
-    Picture {
+    /// Invalid image: the number of pixels must be width times height.
+    #[error("reading an image: found {found} pixels, expected {width} x {height} and at least one")]
+    Image {
         /// Columns.
         width: usize,
         /// Rows.
         height: usize,
-        /// Pixels.
+        /// Number of pixels found.
         found: usize,
     },
-    /// Pictures of another size than the matcher was made for, or than each other: rectify both to one size.
+    /// The size of an image differs from that of the matcher or of the other image: rectify both to
+    /// one size.
     #[error(
-        "matching a pair: found a {eye} picture of {found:?} pixels, expected {expected:?} (columns and rows)"
+        "matching a pair: found a {eye} image of {found:?} pixels, expected {expected:?} (columns and rows)"
     )]
     Size {
-        /// `left` or `right`.
+        /// Name of the image: `left`, `right` or `true`.
         eye: &'static str,
         /// Columns and rows.
         found: [usize; 2],
         /// Columns and rows.
         expected: [usize; 2],
     },
-    /// Disparities that cannot be looked for: choose others.
-    #[error("choosing disparities to look for: found {found}, expected {expected}")]
+    /// Unsupported disparity range: choose another one.
+    #[error("setting the disparity range: found {found}, expected {expected}")]
     Band {
-        /// What was asked for.
+        /// The requested range.
         found: String,
-        /// What is possible.
+        /// The supported values.
         expected: String,
     },
-    /// Settings that cannot be followed.
-    #[error("setting up a matcher: {what} is {found}, expected {expected}")]
+    /// Invalid settings.
+    #[error("configuring a matcher: {what} is {found}, expected {expected}")]
     Settings {
-        /// Which.
+        /// Name of the setting.
         what: &'static str,
-        /// Its value.
+        /// Value of the setting.
         found: String,
-        /// What is possible.
+        /// The supported values.
         expected: String,
     },
-    /// Not a pair of cameras: give their calibration.
+    /// Invalid stereo geometry: it must come from a calibration.
     #[error(
-        "turning disparity into depth: found a focal length of {focal_px} px and a baseline of {baseline_m} m, \
-         expected both above 0, and all numbers finite"
+        "converting disparity to depth: found a focal length of {focal_px} px and a baseline of {baseline_m} m, \
+         expected both above 0 and all values finite"
     )]
     Geometry {
-        /// px.
+        /// Focal length, px.
         focal_px: f64,
-        /// m.
+        /// Stereo baseline, m.
         baseline_m: f64,
     },
 }

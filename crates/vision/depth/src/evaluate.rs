@@ -1,45 +1,43 @@
-//! How good a map is, where the truth is known.
-//!
-//! Contract: only pixels count that both eyes see and whose truth is known. A map that says nothing where it is hard looks good in the
-//! share of errors among its answers ([`Scores::bad`]), so that is never told without the density, and
-//! [`Scores::bad_of_all`] counts what is absent as an error.
+//! Accuracy of a disparity map against ground truth. Contract: only pixels that are visible in both
+//! images and have ground truth are counted. A map without disparities in difficult areas has a low
+//! error ratio among its disparities ([`Scores::bad_ratio`]), so that this ratio is always reported
+//! with the density, and [`Scores::bad_ratio_of_all`] counts absent pixels as errors.
 
 use crate::error::DepthError;
 use crate::map::DisparityMap;
 
-/// What is true of a left picture; rows first.
+/// Ground truth of a left image; row-major.
 #[derive(Clone, Copy, Debug)]
-pub struct Truth<'a> {
-    /// px; NaN where it is not known.
+pub struct GroundTruth<'a> {
+    /// Disparity, px; NaN where unknown.
     pub disparity: &'a [f32],
-    /// Whether the right eye sees the same place.
+    /// Whether the same point is visible in the right image.
     pub visible: &'a [bool],
 }
 
-/// Errors above which a pixel is bad, px.
+/// Error thresholds of bad pixels, px.
 pub const BAD_PX: [f32; 4] = [0.5, 1.0, 2.0, 3.0];
 
-/// Counts, from which shares follow; those of several pictures can be added.
+/// Counts of an evaluation, from which the ratios follow; those of several images can be added.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct Scores {
-    /// Pixels that count.
+    /// Number of evaluated pixels.
     pub pixels: u64,
-    /// Those that have a disparity.
+    /// Evaluated pixels with a disparity.
     pub found: u64,
-    /// Those that are off by more than each of [`BAD_PX`].
-    pub off: [u64; BAD_PX.len()],
-    /// Sum of errors of those found, px.
+    /// Pixels with an error above each of [`BAD_PX`].
+    pub bad: [u64; BAD_PX.len()],
+    /// Sum of absolute errors of the pixels with a disparity, px.
     pub error_px: f64,
-    /// Those found whose error is at most two sigma.
-    pub inside: u64,
+    /// Pixels with an error of at most two sigma.
+    pub within_two_sigma: u64,
 }
 
 impl Scores {
-    /// Compares a map with the truth.
-    ///
+    /// Compares a map with ground truth.
     /// # Errors
-    /// [`DepthError::Size`] where they are not of one size.
-    pub fn of(map: &DisparityMap, truth: Truth<'_>) -> Result<Self, DepthError> {
+    /// [`DepthError::Size`] if their sizes differ.
+    pub fn of(map: &DisparityMap, truth: GroundTruth<'_>) -> Result<Self, DepthError> {
         let count = map.disparity.len();
         for found in [truth.disparity.len(), truth.visible.len(), map.sigma.len()] {
             if found != count {
@@ -61,53 +59,53 @@ impl Scores {
             }
             scores.found += 1;
             let error = (map.disparity[i] - truth.disparity[i]).abs();
-            for (off, limit) in scores.off.iter_mut().zip(BAD_PX) {
-                *off += u64::from(error > limit);
+            for (bad, limit) in scores.bad.iter_mut().zip(BAD_PX) {
+                *bad += u64::from(error > limit);
             }
             scores.error_px += f64::from(error);
-            scores.inside += u64::from(error <= 2.0 * map.sigma[i]);
+            scores.within_two_sigma += u64::from(error <= 2.0 * map.sigma[i]);
         }
         Ok(scores)
     }
 
-    /// Adds those of another picture.
+    /// Adds the counts of another image.
     pub fn add(&mut self, other: &Self) {
         self.pixels += other.pixels;
         self.found += other.found;
-        for (off, other) in self.off.iter_mut().zip(other.off) {
-            *off += other;
+        for (bad, other) in self.bad.iter_mut().zip(other.bad) {
+            *bad += other;
         }
         self.error_px += other.error_px;
-        self.inside += other.inside;
+        self.within_two_sigma += other.within_two_sigma;
     }
 
-    /// Share of pixels that have a disparity.
+    /// Fraction of pixels that have a disparity.
     pub fn density(&self) -> f64 {
-        share(self.found, self.pixels)
+        ratio(self.found, self.pixels)
     }
 
-    /// Share of the disparities that are off by more than the `k`-th of [`BAD_PX`].
-    pub fn bad(&self, k: usize) -> f64 {
-        share(self.off[k], self.found)
+    /// Fraction of disparities with an error above the `k`-th of [`BAD_PX`].
+    pub fn bad_ratio(&self, k: usize) -> f64 {
+        ratio(self.bad[k], self.found)
     }
 
-    /// Share of all pixels that are off by more, or absent.
-    pub fn bad_of_all(&self, k: usize) -> f64 {
-        share(self.off[k] + self.pixels - self.found, self.pixels)
+    /// Fraction of all pixels with an error above the `k`-th of [`BAD_PX`] or without a disparity.
+    pub fn bad_ratio_of_all(&self, k: usize) -> f64 {
+        ratio(self.bad[k] + self.pixels - self.found, self.pixels)
     }
 
-    /// Mean error of the disparities, px.
+    /// Mean absolute error of the disparities, px.
     pub fn mean_error_px(&self) -> f64 {
         self.error_px / self.found.max(1) as f64
     }
 
-    /// Share of the disparities that are within two sigma of the truth.
-    pub fn inside(&self) -> f64 {
-        share(self.inside, self.found)
+    /// Fraction of disparities within two sigma of the ground truth.
+    pub fn coverage(&self) -> f64 {
+        ratio(self.within_two_sigma, self.found)
     }
 }
 
-fn share(part: u64, all: u64) -> f64 {
+fn ratio(part: u64, all: u64) -> f64 {
     part as f64 / all.max(1) as f64
 }
 
@@ -125,29 +123,29 @@ mod tests {
     }
 
     #[test]
-    fn shares_are_those_of_visible_pixels_with_truth() {
+    fn ratios_count_visible_pixels_with_ground_truth() {
         let nan = f32::NAN;
-        let truth = Truth {
+        let truth = GroundTruth {
             disparity: &[10.0, 10.0, 10.0, 10.0, nan, 10.0],
             visible: &[true, true, true, true, true, false],
         };
         let map = map(vec![10.4, 11.5, nan, 14.0, 99.0, 99.0], 0.8);
         let scores = Scores::of(&map, truth).unwrap();
         assert_eq!((scores.pixels, scores.found), (4, 3));
-        assert_eq!(scores.off, [2, 2, 1, 1]);
+        assert_eq!(scores.bad, [2, 2, 1, 1]);
         assert_eq!(scores.density(), 0.75);
-        assert_eq!(scores.bad(2), 1.0 / 3.0);
-        assert_eq!(scores.bad_of_all(2), 0.5);
+        assert_eq!(scores.bad_ratio(2), 1.0 / 3.0);
+        assert_eq!(scores.bad_ratio_of_all(2), 0.5);
         assert!((scores.mean_error_px() - 5.9 / 3.0).abs() < 1e-6);
-        assert_eq!(scores.inside(), 2.0 / 3.0);
+        assert_eq!(scores.coverage(), 2.0 / 3.0);
         let mut twice = scores;
         twice.add(&scores);
         assert_eq!((twice.pixels, twice.density()), (8, 0.75));
     }
 
     #[test]
-    fn nothing_is_no_division() {
-        let truth = Truth {
+    fn empty_map_has_zero_ratios() {
+        let truth = GroundTruth {
             disparity: &[],
             visible: &[],
         };
@@ -156,8 +154,8 @@ mod tests {
     }
 
     #[test]
-    fn other_sizes_are_refused() {
-        let truth = Truth {
+    fn size_mismatch_is_rejected() {
+        let truth = GroundTruth {
             disparity: &[1.0],
             visible: &[true],
         };

@@ -1,8 +1,8 @@
-//! Vectors of bytes and of 16-bit words, one kind per instruction set.
-//!
-//! Contract: every kind computes the same, so a kernel that is written once over [`Lanes`] gives the same bytes whatever the
-//! processor has. A kernel is a struct with [`Kernel::run`]; [`Level::run`] compiles it for each instruction set and calls
-//! the one that is asked for. Which vectors the portable kind becomes is the compiler's choice (SSE2, NEON).
+//! SIMD vectors of bytes and of 16-bit words, one implementation per instruction set.
+//! Contract: all implementations compute the same result, so that a kernel written once over
+//! [`Lanes`] gives the same bytes on every processor. A kernel is a struct with [`Kernel::run`];
+//! [`Level::run`] compiles it for each instruction set and calls the selected one. The compiler
+//! chooses the instructions of the portable implementation (SSE2, NEON).
 
 mod portable;
 #[cfg(target_arch = "x86_64")]
@@ -11,32 +11,33 @@ mod x86;
 /// An instruction set that kernels are compiled for.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Level {
-    /// What every processor of this kind has.
+    /// The baseline instruction set of the architecture.
     Portable,
     /// AVX2.
     #[cfg(target_arch = "x86_64")]
     Avx2,
-    /// AVX-512 with bytes, words and counting bits in bytes.
+    /// AVX-512 with BW, VBMI and BITALG.
     #[cfg(target_arch = "x86_64")]
     Avx512,
 }
 
-/// Work on vectors.
+/// Vectorized computation.
 pub(crate) trait Kernel {
-    /// What comes out.
+    /// Result of the kernel.
     type Output;
-    /// Does it. Implementations are `#[inline(always)]`, or the compiler makes no vectors of them.
+    /// Runs the kernel. Implementations are `#[inline(always)]`; otherwise the compiler does not
+    /// vectorize them.
     fn run<V: Lanes>(self) -> Self::Output;
 }
 
 /// A vector of bytes. Loads and stores need no alignment.
 pub(crate) trait Lanes: Copy {
-    /// Bytes in it.
+    /// Number of bytes.
     const COUNT: usize;
-    /// As many bits in words of 16.
+    /// Vector of the same size with 16-bit words.
     type Words: Words;
 
-    /// All the same.
+    /// All lanes equal to `value`.
     fn splat(value: u8) -> Self;
     /// # Safety
     /// `COUNT` bytes can be read.
@@ -44,78 +45,78 @@ pub(crate) trait Lanes: Copy {
     /// # Safety
     /// `COUNT` bytes can be written.
     unsafe fn store(self, to: *mut u8);
-    /// Lesser ones.
+    /// Minimum per lane.
     fn min(self, other: Self) -> Self;
-    /// Sum, at most 255.
+    /// Saturating sum.
     fn add(self, other: Self) -> Self;
-    /// Difference, at least 0.
+    /// Saturating difference.
     fn sub(self, other: Self) -> Self;
-    /// Bits of either.
+    /// Bitwise or.
     fn or(self, other: Self) -> Self;
-    /// Bits of one of the two.
+    /// Bitwise exclusive or.
     fn xor(self, other: Self) -> Self;
-    /// How many bits are set in each byte.
+    /// Number of set bits per byte.
     fn count_ones(self) -> Self;
     /// 255 in the first lane, 0 elsewhere.
     fn first() -> Self;
     /// 255 in the last lane, 0 elsewhere.
     fn last() -> Self;
-    /// Each lane goes to the next one; the first is the last of `before`.
+    /// Shifts each lane to the next one; the first lane is the last one of `before`.
     fn up(self, before: Self) -> Self;
-    /// Each lane goes to the one before; the last is the first of `after`.
+    /// Shifts each lane to the previous one; the last lane is the first one of `after`.
     fn down(self, after: Self) -> Self;
-    /// The least of all lanes, in every lane.
+    /// Minimum of all lanes, broadcast to every lane.
     fn least(self) -> Self;
     /// The first lane.
     fn any(self) -> u8;
-    /// The lower and the upper half as words.
+    /// The lower and the upper half, widened to words.
     fn widen(self) -> [Self::Words; 2];
 }
 
 /// A vector of words of 16 bits.
 pub(crate) trait Words: Copy {
-    /// Words in it.
+    /// Number of words.
     const COUNT: usize;
 
-    /// All the same.
+    /// All lanes equal to `value`.
     fn splat(value: u16) -> Self;
-    /// `from`, `from` + 1 and so on.
+    /// `from`, `from + 1`, and so on, wrapping.
     fn counting(from: u16) -> Self;
     /// # Safety
     /// `COUNT` words can be written.
     unsafe fn store(self, to: *mut u16);
-    /// Lesser ones.
+    /// Minimum per lane.
     fn min(self, other: Self) -> Self;
-    /// Sum, wrapping.
+    /// Wrapping sum.
     fn add(self, other: Self) -> Self;
-    /// Difference, at least 0.
+    /// Saturating difference.
     fn sub(self, other: Self) -> Self;
-    /// Bits of either.
+    /// Bitwise or.
     fn or(self, other: Self) -> Self;
-    /// `yes` where the two are equal, `no` elsewhere.
+    /// Selects `yes` where the two are equal, `no` elsewhere.
     fn pick_equal(self, other: Self, yes: Self, no: Self) -> Self;
-    /// Each word goes to the one before; the last is the first of `after`.
+    /// Shifts each word to the previous one; the last word is the first one of `after`.
     fn down(self, after: Self) -> Self;
-    /// The least of all.
+    /// Minimum of all words.
     fn least(self) -> u16;
 }
 
 impl Level {
-    /// The best that this processor has.
+    /// The most capable instruction set of this processor.
     pub fn best() -> Self {
         #[cfg(target_arch = "x86_64")]
         {
-            if Self::Avx512.is_there() {
+            if Self::Avx512.is_supported() {
                 return Self::Avx512;
             }
-            if Self::Avx2.is_there() {
+            if Self::Avx2.is_supported() {
                 return Self::Avx2;
             }
         }
         Self::Portable
     }
 
-    /// All that this processor has.
+    /// All supported instruction sets of this processor.
     pub fn all() -> Vec<Self> {
         let known = [
             Self::Portable,
@@ -124,10 +125,13 @@ impl Level {
             #[cfg(target_arch = "x86_64")]
             Self::Avx512,
         ];
-        known.into_iter().filter(|level| level.is_there()).collect()
+        known
+            .into_iter()
+            .filter(|level| level.is_supported())
+            .collect()
     }
 
-    fn is_there(self) -> bool {
+    fn is_supported(self) -> bool {
         match self {
             Self::Portable => true,
             #[cfg(target_arch = "x86_64")]
@@ -141,7 +145,7 @@ impl Level {
         }
     }
 
-    /// Bytes in a vector.
+    /// Number of bytes in a vector.
     pub(crate) fn lanes(self) -> usize {
         match self {
             Self::Portable => portable::Bytes::COUNT,
@@ -153,18 +157,17 @@ impl Level {
     }
 
     /// Runs a kernel.
-    ///
     /// # Panics
-    /// The processor does not have this.
+    /// If the processor does not support this instruction set.
     pub(crate) fn run<K: Kernel>(self, kernel: K) -> K::Output {
-        assert!(self.is_there(), "this processor has no {self:?}");
+        assert!(self.is_supported(), "this processor has no {self:?}");
         match self {
             Self::Portable => kernel.run::<portable::Bytes>(),
             #[cfg(target_arch = "x86_64")]
-            // SAFETY: the processor has it.
+            // SAFETY: the processor supports it, as asserted above.
             Self::Avx2 => unsafe { x86::on_avx2(kernel) },
             #[cfg(target_arch = "x86_64")]
-            // SAFETY: the processor has it.
+            // SAFETY: the processor supports it, as asserted above.
             Self::Avx512 => unsafe { x86::on_avx512(kernel) },
         }
     }

@@ -1,40 +1,40 @@
-//! Rectified stereo pictures to disparity, depth and their sigma.
+//! Disparity and depth of rectified stereo images, with a standard deviation per pixel.
 
 #![allow(
     clippy::needless_range_loop,
-    reason = "kernels walk several rows at once; by index they become vector code"
+    reason = "kernels read several rows in one loop; with indices the compiler vectorizes them"
 )]
 
-mod aggregate;
+mod aggregation;
 pub mod band;
-mod banded;
-mod cells;
+mod banded_matcher;
 mod census;
+mod consistency;
+mod correlation;
 mod cost;
 mod error;
 pub mod evaluate;
-mod halved;
+mod half_resolution;
+mod image;
 mod lanes;
 mod map;
 mod matcher;
 mod median;
 pub mod noise;
-mod picture;
+#[cfg(test)]
+mod reference;
 mod settings;
-mod settle;
 pub mod sigma;
 mod speckle;
-#[cfg(test)]
-mod twin;
 
-pub use aggregate::{Paths, Penalties};
+pub use aggregation::{Paths, Penalties};
 pub use band::Band;
-pub use banded::{Banded, Spared};
+pub use banded_matcher::{BandStats, BandedMatcher};
 pub use census::Census;
 pub use error::DepthError;
-pub use halved::Half;
+pub use half_resolution::Downsample;
+pub use image::ImageView;
 pub use lanes::Level;
 pub use map::{DepthMap, DisparityMap, Geometry};
-pub use matcher::{Matcher, Seen};
-pub use picture::Picture;
+pub use matcher::{MatchStats, Matcher};
 pub use settings::{Matching, Preset, Settings};

@@ -1,54 +1,57 @@
-//! What comes out: a disparity and its sigma for each pixel, and how far away that is.
+//! Results: disparity maps with a sigma per pixel, and depth maps.
 
 use crate::error::DepthError;
 
-/// Disparities of the left picture, rows first.
+/// Disparities of the left image, row-major.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct DisparityMap {
     /// Columns.
     pub width: usize,
     /// Rows.
     pub height: usize,
-    /// How far to the left of its place in the left picture a point is in the right one, px; NaN where nothing can be told.
+    /// Disparity: column in the left image minus column in the right image, px; NaN where absent.
     pub disparity: Vec<f32>,
-    /// Half of the error that 95 % of such disparities stay below, px; NaN with the disparity.
+    /// Half of the 95 % quantile of the error of such disparities, px; NaN where the disparity is.
     pub sigma: Vec<f32>,
 }
 
-/// Distances along the optical axis, rows first.
+/// Depths along the optical axis, row-major.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct DepthMap {
     /// Columns.
     pub width: usize,
     /// Rows.
     pub height: usize,
-    /// m; NaN where nothing can be told.
+    /// Depth, m; NaN where absent.
     pub depth_m: Vec<f32>,
-    /// m, to first order of the disparity's; NaN with the depth.
+    /// Standard deviation of the depth, m, propagated to first order from that of the disparity;
+    /// NaN where the depth is.
     pub sigma_m: Vec<f32>,
 }
 
-/// A rectified pair of cameras.
+/// Geometry of a rectified stereo camera.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Geometry {
-    /// Focal length of both, px.
+    /// Focal length of both cameras, px.
     pub focal_px: f64,
     /// Principal point of the left camera, px.
-    pub centre: [f64; 2],
-    /// Distance of the two, m.
+    pub center: [f64; 2],
+    /// Stereo baseline, m.
     pub baseline_m: f64,
-    /// Principal point of the right camera less that of the left one along x, px; 0 for most pairs.
+    /// Principal point of the right camera minus that of the left one along x, px; 0 for most
+    /// pairs.
     pub offset_px: f64,
 }
 
 impl Geometry {
     /// # Errors
-    /// [`DepthError::Geometry`] for a focal length or baseline that is not above 0, or what is not finite.
-    pub fn check(&self) -> Result<(), DepthError> {
+    /// [`DepthError::Geometry`] if the focal length or the baseline is not above 0, or a value is
+    /// not finite.
+    pub fn validate(&self) -> Result<(), DepthError> {
         let lengths = [self.focal_px, self.baseline_m];
-        let others = [self.centre[0], self.centre[1], self.offset_px];
-        let fine = lengths.iter().all(|v| *v > 0.0 && v.is_finite());
-        if fine && others.iter().all(|v| v.is_finite()) {
+        let others = [self.center[0], self.center[1], self.offset_px];
+        let valid = lengths.iter().all(|v| *v > 0.0 && v.is_finite());
+        if valid && others.iter().all(|v| v.is_finite()) {
             return Ok(());
         }
         Err(DepthError::Geometry {
@@ -57,7 +60,7 @@ impl Geometry {
         })
     }
 
-    /// Depth of a disparity, m; infinite or below 0 for what is farther than infinity.
+    /// Depth of a disparity, m; infinite or negative for disparities at or beyond infinity.
     pub fn depth_m(&self, disparity_px: f64) -> f64 {
         self.focal_px * self.baseline_m / (disparity_px + self.offset_px)
     }
@@ -67,18 +70,21 @@ impl Geometry {
         self.focal_px * self.baseline_m / depth_m - self.offset_px
     }
 
-    /// Depths of a map. What is so far away that its sigma is more than `most_relative` of its depth is absent: nobody knows
-    /// how far away it is.
-    ///
+    /// Depths of a map. Pixels whose sigma exceeds `max_relative_sigma` times their depth are
+    /// absent: their depth is not determined.
     /// # Errors
     /// [`DepthError::Geometry`].
-    pub fn depth(&self, map: &DisparityMap, most_relative: f64) -> Result<DepthMap, DepthError> {
-        self.check()?;
+    pub fn depth(
+        &self,
+        map: &DisparityMap,
+        max_relative_sigma: f64,
+    ) -> Result<DepthMap, DepthError> {
+        self.validate()?;
         let of = |(disparity, sigma): (&f32, &f32)| {
             let apart = f64::from(*disparity) + self.offset_px;
             let relative = f64::from(*sigma) / apart;
-            // Also false for NaN.
-            if apart > 0.0 && relative <= most_relative {
+            // False for NaN.
+            if apart > 0.0 && relative <= max_relative_sigma {
                 let depth = self.depth_m(f64::from(*disparity));
                 (depth as f32, (depth * relative) as f32)
             } else {
@@ -102,13 +108,13 @@ mod tests {
 
     const GEOMETRY: Geometry = Geometry {
         focal_px: 400.0,
-        centre: [319.5, 239.5],
+        center: [319.5, 239.5],
         baseline_m: 0.1,
         offset_px: 2.0,
     };
 
     #[test]
-    fn depth_has_the_sigma_of_its_disparity() {
+    fn depth_sigma_follows_from_the_disparity_sigma() {
         let map = DisparityMap {
             width: 5,
             height: 1,
@@ -122,10 +128,10 @@ mod tests {
         let moved = GEOMETRY.depth_m(18.2) - GEOMETRY.depth_m(18.0);
         assert!((moved.abs() - 0.02).abs() < 5e-4, "{moved}");
         assert!((depth.depth_m[2] - 40.0).abs() < 1e-4);
-        // At infinity and beyond it, and absent.
+        // At infinity, beyond it, and absent.
         assert!([1, 3, 4].iter().all(|i| depth.depth_m[*i].is_nan()));
         assert!([1, 3, 4].iter().all(|i| depth.sigma_m[*i].is_nan()));
-        // 0.2 px of 1 px is too much for who wants a tenth.
+        // 0.2 px of 1 px exceeds a limit of one tenth.
         assert!(GEOMETRY.depth(&map, 0.1).unwrap().depth_m[2].is_nan());
     }
 
@@ -138,7 +144,7 @@ mod tests {
     }
 
     #[test]
-    fn impossible_geometry_is_refused() {
+    fn invalid_geometry_is_rejected() {
         let map = DisparityMap::default();
         for bad in [0.0, -1.0, f64::NAN, f64::INFINITY] {
             let geometry = Geometry {

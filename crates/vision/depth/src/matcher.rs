@@ -1,151 +1,152 @@
-//! The whole way from two pictures to a disparity map.
+//! Stereo matcher: from two rectified images to a disparity map.
 
 use rayon::prelude::*;
 
-use crate::aggregate::{Aggregation, NONE, Range, Weights};
+use crate::aggregation::{Aggregation, NONE, Range, Weights};
 use crate::band::Band;
-use crate::cells::{Alike, Surroundings};
+use crate::consistency::Winners;
+use crate::correlation::{Correlation, LocalStats};
 use crate::error::DepthError;
-use crate::halved::Halved;
+use crate::half_resolution::HalfResolution;
+use crate::image::ImageView;
 use crate::lanes::Level;
 use crate::map::DisparityMap;
 use crate::median::median;
 use crate::noise;
-use crate::picture::Picture;
 use crate::settings::Settings;
-use crate::settle::Winners;
 use crate::sigma::{Evidence, Model};
-use crate::speckle::Islands;
+use crate::speckle::SpeckleFilter;
 
-/// Matches pairs of one size; keeps its buffers from pair to pair.
-///
-/// The same pair gives the same map, whatever was matched before, on any number of threads.
+/// Matches pairs of one size and reuses its buffers from pair to pair.
+/// The same pair gives the same map, whatever pairs were matched before, on any number of threads.
 #[derive(Debug)]
 pub struct Matcher {
     settings: Settings,
     level: Level,
-    /// What matches instead, if pictures are made smaller.
-    halved: Option<Box<Halved>>,
+    /// Matcher of the downsampled images, if configured.
+    half_resolution: Option<Box<HalfResolution>>,
     model: Model,
     aggregation: Aggregation,
     smoothed: [Vec<u8>; 2],
-    settled: Vec<f32>,
-    islands: Islands,
-    surroundings: Surroundings,
-    alike: Alike,
+    consistent: Vec<f32>,
+    speckle_filter: SpeckleFilter,
+    local_stats: LocalStats,
+    correlation: Correlation,
     evidence: Vec<Evidence>,
-    keeps_evidence: bool,
+    stores_evidence: bool,
     map: DisparityMap,
-    seen: Seen,
+    stats: MatchStats,
 }
 
-/// What was noticed on the way.
+/// Statistics of one matched pair.
 #[derive(Clone, Debug, Default, PartialEq)]
-pub struct Seen {
-    /// Standard deviation of the noise, grey levels; none in the dark.
+pub struct MatchStats {
+    /// Standard deviation of the image noise, gray levels; absent if no block is well exposed.
     pub noise: Option<f64>,
-    /// Whether the settings for noisy pictures were used.
+    /// Whether the settings for noisy images were used.
     pub is_noisy: bool,
-    /// Pixels of each row whose best disparity is the least or the greatest of the row's band.
+    /// Number of pixels of each row whose winning disparity is at the lower and at the upper end of
+    /// the band of the row.
     pub at_end: Vec<[u32; 2]>,
 }
 
 impl Matcher {
-    /// For pictures of `width` x `height` pixels.
-    ///
+    /// A matcher for images of `width` x `height` pixels.
     /// # Errors
     /// [`DepthError::Settings`].
     pub fn new(settings: Settings, width: usize, height: usize) -> Result<Self, DepthError> {
-        settings.check()?;
+        settings.validate()?;
         if width == 0 || height == 0 {
             return Err(DepthError::Settings {
-                what: "the size of pictures",
+                what: "the image size",
                 found: format!("{width} x {height}"),
                 expected: "at least 1 x 1".to_owned(),
             });
         }
-        let halved = settings
-            .half
-            .map(|half| Halved::new(settings, half, width, height));
+        let half_resolution = settings
+            .downsample
+            .map(|downsample| HalfResolution::new(settings, downsample, width, height));
         Ok(Self {
-            halved: halved.transpose()?.map(Box::new),
+            half_resolution: half_resolution.transpose()?.map(Box::new),
             settings,
             level: settings.level.unwrap_or_else(Level::best),
             model: *Model::of(settings.paths),
             aggregation: Aggregation::default(),
             smoothed: [Vec::new(), Vec::new()],
-            settled: Vec::new(),
-            islands: Islands::default(),
-            surroundings: Surroundings::default(),
-            alike: Alike::default(),
+            consistent: Vec::new(),
+            speckle_filter: SpeckleFilter::default(),
+            local_stats: LocalStats::default(),
+            correlation: Correlation::default(),
             evidence: Vec::new(),
-            keeps_evidence: false,
+            stores_evidence: false,
             map: DisparityMap {
                 width,
                 height,
                 disparity: vec![f32::NAN; width * height],
                 sigma: vec![f32::NAN; width * height],
             },
-            seen: Seen::default(),
+            stats: MatchStats::default(),
         })
     }
 
-    /// With another model of sigma than that of the settings.
+    /// Replaces the sigma model of the preset.
     #[must_use]
     pub fn with_model(mut self, model: Model) -> Self {
         self.model = model;
-        if let Some(halved) = &mut self.halved {
-            halved.matcher.model = model;
+        if let Some(half_resolution) = &mut self.half_resolution {
+            half_resolution.matcher.model = model;
         }
         self
     }
 
-    /// Keeps the evidence of each pixel, for who fits a model, and leaves out no disparity for its sigma.
+    /// Stores the evidence of each pixel, to fit a model, and does not reject disparities by their
+    /// sigma.
     #[must_use]
     pub fn with_evidence(mut self) -> Self {
-        self.keeps_evidence = true;
-        if let Some(halved) = &mut self.halved {
-            halved.matcher.keeps_evidence = true;
+        self.stores_evidence = true;
+        if let Some(half_resolution) = &mut self.half_resolution {
+            half_resolution.matcher.stores_evidence = true;
         }
         self
     }
 
-    /// The evidence of each pixel of the last map, of the smaller one where pictures are made smaller; empty unless asked for.
+    /// Evidence of each pixel of the last map, at the downsampled resolution if images are
+    /// downsampled; empty without [`Matcher::with_evidence`].
     pub fn evidence(&self) -> &[Evidence] {
-        match &self.halved {
-            Some(halved) => halved.matcher.evidence(),
+        match &self.half_resolution {
+            Some(half_resolution) => half_resolution.matcher.evidence(),
             None => &self.evidence,
         }
     }
 
-    /// The last map; nothing is in it before the first pair.
+    /// The last map; all pixels are absent before the first pair.
     pub fn map(&self) -> &DisparityMap {
         &self.map
     }
 
-    /// What was noticed in the last pair.
-    pub fn seen(&self) -> &Seen {
-        &self.seen
+    /// Statistics of the last pair.
+    pub fn stats(&self) -> &MatchStats {
+        &self.stats
     }
 
-    /// The settings.
+    /// Settings of the matcher.
     pub fn settings(&self) -> &Settings {
         &self.settings
     }
 
     /// Matches a rectified pair.
-    ///
     /// # Errors
-    /// [`DepthError::Size`] for pictures of another size; [`DepthError::Band`] for a band with another number of rows.
+    /// [`DepthError::Size`] if an image has another size; [`DepthError::Band`] if the band has
+    /// another number of rows.
     pub fn run(
         &mut self,
-        left: &Picture<'_>,
-        right: &Picture<'_>,
+        left: &ImageView<'_>,
+        right: &ImageView<'_>,
         band: &Band,
     ) -> Result<&DisparityMap, DepthError> {
         let expected = [self.map.width, self.map.height];
-        for (eye, picture) in [("left", left), ("right", right)] {
-            let found = [picture.width(), picture.height()];
+        for (eye, image) in [("left", left), ("right", right)] {
+            let found = [image.width(), image.height()];
             if found != expected {
                 return Err(DepthError::Size {
                     eye,
@@ -157,50 +158,54 @@ impl Matcher {
         if band.height() != left.height() {
             return Err(DepthError::Band {
                 found: format!("{} rows", band.height()),
-                expected: format!("{}, as the pictures have", left.height()),
+                expected: format!("{}, the number of image rows", left.height()),
             });
         }
         let noise = noise::estimate(left);
-        match &mut self.halved {
+        match &mut self.half_resolution {
             None => self.run_through(left, right, band, noise)?,
-            Some(halved) => {
-                let to = (&mut self.map, &mut self.seen);
-                halved.run(left, right, band, noise, to)?;
+            Some(half_resolution) => {
+                let to = (&mut self.map, &mut self.stats);
+                half_resolution.run(left, right, band, noise, to)?;
             }
         }
         Ok(&self.map)
     }
 
-    /// Matches a pair of the right size, with so much noise.
+    /// Matches a pair of the correct size. `noise` is the standard deviation of the image noise,
+    /// gray levels.
     pub(crate) fn run_through(
         &mut self,
-        left: &Picture<'_>,
-        right: &Picture<'_>,
+        left: &ImageView<'_>,
+        right: &ImageView<'_>,
         band: &Band,
         noise: Option<f64>,
     ) -> Result<(), DepthError> {
-        self.seen.noise = noise;
+        self.stats.noise = noise;
         self.aggregate(left, right, band)?;
-        self.settle(band);
-        self.judge(left, right);
+        self.check_consistency(band);
+        self.assign_sigma(left, right);
         Ok(())
     }
 
     fn aggregate(
         &mut self,
-        left: &Picture<'_>,
-        right: &Picture<'_>,
+        left: &ImageView<'_>,
+        right: &ImageView<'_>,
         band: &Band,
     ) -> Result<(), DepthError> {
         let settings = &self.settings;
-        self.seen.is_noisy = self.seen.noise.is_some_and(|noise| noise >= settings.noise);
-        let matching = match self.seen.is_noisy {
+        self.stats.is_noisy = self
+            .stats
+            .noise
+            .is_some_and(|noise| noise >= settings.min_noise);
+        let matching = match self.stats.is_noisy {
             true => settings.noisy,
             false => settings.clear,
         };
         let weights = Weights {
             census: matching.census,
-            grey: matching.grey,
+            max_gray_cost: matching.max_gray_cost,
             paths: settings.paths,
             penalties: matching.penalties,
         };
@@ -220,15 +225,16 @@ impl Matcher {
             || noise::smooth(right, of_right),
         );
         let (width, height) = (self.map.width, self.map.height);
-        let left = Picture::new(width, height, of_left)?;
-        let right = Picture::new(width, height, of_right)?;
+        let left = ImageView::new(width, height, of_left)?;
+        let right = ImageView::new(width, height, of_right)?;
         self.aggregation
             .run(self.level, weights, [&left, &right], range);
         Ok(())
     }
 
-    /// Winners to disparities; and how many of them are at an end of the band.
-    fn settle(&mut self, band: &Band) {
+    /// Converts winners to disparities: left-right check, median, speckle filter. Counts the
+    /// winners at the ends of the band.
+    fn check_consistency(&mut self, band: &Band) {
         let width = self.map.width;
         let winners = &self.aggregation.winners;
         let winners_of_both = Winners {
@@ -236,17 +242,17 @@ impl Matcher {
             first: band.first(),
             left: winners,
             right: &self.aggregation.right,
-            apart: self.settings.apart,
-            unique: self.settings.unique,
+            max_lr_difference_px: self.settings.max_lr_difference_px,
+            uniqueness_percent: self.settings.uniqueness_percent,
         };
-        winners_of_both.settle(&mut self.settled);
+        winners_of_both.left_right_check(&mut self.consistent);
         if self.settings.median {
-            median(self.level, width, &self.settled, &mut self.map.disparity);
+            median(self.level, width, &self.consistent, &mut self.map.disparity);
         } else {
-            self.map.disparity.clone_from(&self.settled);
+            self.map.disparity.clone_from(&self.consistent);
         }
-        let (step, least) = (self.settings.island_step, self.settings.island);
-        self.islands
+        let (step, least) = (self.settings.speckle_step_px, self.settings.min_speckle_px);
+        self.speckle_filter
             .remove(width, &mut self.map.disparity, step, least);
         let rows = band.lanes().par_iter().zip(winners.par_chunks_exact(width));
         let kept = self.map.disparity.par_chunks_exact(width);
@@ -260,21 +266,23 @@ impl Matcher {
             }
             count
         });
-        self.seen.at_end.clear();
-        self.seen.at_end.par_extend(at_end);
+        self.stats.at_end.clear();
+        self.stats.at_end.par_extend(at_end);
     }
 
-    /// Gives each disparity its sigma, and takes out what nobody can tell.
-    fn judge(&mut self, left: &Picture<'_>, right: &Picture<'_>) {
+    /// Assigns a sigma to each disparity, and rejects disparities with a low correlation or a large
+    /// sigma.
+    fn assign_sigma(&mut self, left: &ImageView<'_>, right: &ImageView<'_>) {
         let width = self.map.width;
-        self.surroundings.look(width, &self.map.disparity);
-        self.alike.look(left, right, &self.map.disparity);
+        self.local_stats.compute(width, &self.map.disparity);
+        self.correlation.compute(left, right, &self.map.disparity);
         let settings = &self.settings;
-        let keeps = self.keeps_evidence;
+        let stores_evidence = self.stores_evidence;
         let rows = self.map.disparity.par_chunks_exact_mut(width);
         let rows = rows.zip(self.map.sigma.par_chunks_exact_mut(width));
         let rows = rows.zip(self.aggregation.winners.par_chunks_exact(width));
-        let (near, alike, model) = (&self.surroundings.near, &self.alike.near, &self.model);
+        let (near, correlation, model) =
+            (&self.local_stats.near, &self.correlation.near, &self.model);
         rows.enumerate()
             .for_each(|(y, ((disparities, sigmas), winners))| {
                 for x in 0..width {
@@ -284,8 +292,8 @@ impl Matcher {
                     }
                     let evidence = Evidence::new(settings.paths, &winners[x], near.at(x, y));
                     let sigma = model.sigma_px(&evidence);
-                    let is_alike = alike.at(x, y) >= settings.least_alike;
-                    if !is_alike || (sigma > settings.largest_sigma && !keeps) {
+                    let is_correlated = correlation.at(x, y) >= settings.min_correlation;
+                    if !is_correlated || (sigma > settings.max_sigma_px && !stores_evidence) {
                         disparities[x] = f32::NAN;
                     } else {
                         sigmas[x] = sigma;
@@ -293,7 +301,7 @@ impl Matcher {
                 }
             });
         self.evidence.clear();
-        if keeps {
+        if stores_evidence {
             let winners = self.aggregation.winners.iter().enumerate();
             let of =
                 |(i, winner)| Evidence::new(settings.paths, winner, near.at(i % width, i / width));

@@ -1,18 +1,18 @@
-//! The median of a disparity and its eight neighbours.
-//!
-//! Absent neighbours, and those beyond the picture, count as the disparity itself; what is absent stays absent.
+//! Median filter over 3x3 disparities.
+//! Absent neighbors, and those outside the image, count as the disparity itself. Absent disparities
+//! remain absent.
 
 use rayon::prelude::*;
 
 use crate::lanes::{Kernel, Lanes, Level};
 
-/// Writes the medians of `map` to `filtered`; NaN is absent.
+/// Writes the medians of `map` to `filtered`; NaN means absent.
 pub(crate) fn median(level: Level, width: usize, map: &[f32], filtered: &mut Vec<f32>) {
     filtered.resize(map.len(), f32::NAN);
     let height = map.len() / width;
     let rows = filtered.par_chunks_exact_mut(width).enumerate();
     rows.for_each_init(
-        || [0; 3].map(|_| vec![f32::NAN; width.next_multiple_of(AT_ONCE) + 2]),
+        || [0; 3].map(|_| vec![f32::NAN; width.next_multiple_of(CHUNK) + 2]),
         |near, (y, to)| {
             for (k, row) in near.iter_mut().enumerate() {
                 let inside = (y + k).checked_sub(1).filter(|y| *y < height);
@@ -30,14 +30,15 @@ pub(crate) fn median(level: Level, width: usize, map: &[f32], filtered: &mut Vec
     );
 }
 
-/// One row; its neighbours begin one before it and end one behind it, or behind the last [`AT_ONCE`] pixels that it begins.
+/// Filters one row. The neighbor rows start one pixel before it and extend to one pixel after its
+/// last, possibly partial, chunk of [`CHUNK`] pixels.
 struct Row<'a> {
     near: [&'a [f32]; 3],
     to: &'a mut [f32],
 }
 
-/// Pixels at a time.
-const AT_ONCE: usize = 128;
+/// Number of pixels that are sorted in parallel.
+const CHUNK: usize = 128;
 
 impl Kernel for Row<'_> {
     type Output = ();
@@ -45,38 +46,39 @@ impl Kernel for Row<'_> {
     #[inline(always)]
     fn run<V: Lanes>(self) {
         let width = self.to.len();
-        let mut nine = [[0.0; AT_ONCE]; 9];
-        for from in (0..width).step_by(AT_ONCE) {
-            let at = |k: usize| &self.near[k / 3][from + k % 3..][..AT_ONCE];
+        let mut nine = [[0.0; CHUNK]; 9];
+        for from in (0..width).step_by(CHUNK) {
+            let at = |k: usize| &self.near[k / 3][from + k % 3..][..CHUNK];
             let middle = at(4);
             for (k, values) in nine.iter_mut().enumerate() {
                 let row = at(k);
-                for i in 0..AT_ONCE {
+                for i in 0..CHUNK {
                     values[i] = if row[i].is_nan() { middle[i] } else { row[i] };
                 }
             }
             sort_to_middle(&mut nine);
-            let count = AT_ONCE.min(width - from);
+            let count = CHUNK.min(width - from);
             self.to[from..][..count].copy_from_slice(&nine[4][..count]);
         }
     }
 }
 
-/// The middle one of nine, for several pixels: three columns sorted, then the greatest of the least, the middle of the middle
-/// ones and the least of the greatest, of which it is the middle one. It comes to 4.
+/// Sorting network for the median of nine, for several pixels: the three columns are sorted, then
+/// the median is that of the maximum of the minima, the median of the medians and the minimum of
+/// the maxima. The result is at index 4.
 #[inline(always)]
-fn sort_to_middle(nine: &mut [[f32; AT_ONCE]; 9]) {
+fn sort_to_middle(nine: &mut [[f32; CHUNK]; 9]) {
     for column in 0..3 {
         sort(nine, column, column + 3);
         sort(nine, column + 3, column + 6);
         sort(nine, column, column + 3);
     }
-    // The greatest of the three least comes to 2, the least of the three greatest to 6.
+    // The maximum of the three minima moves to index 2, the minimum of the three maxima to 6.
     sort(nine, 0, 1);
     sort(nine, 1, 2);
     sort(nine, 7, 8);
     sort(nine, 6, 7);
-    // The middle of the three middle ones comes to 4.
+    // The median of the three medians moves to index 4.
     sort(nine, 3, 4);
     sort(nine, 4, 5);
     sort(nine, 3, 4);
@@ -85,10 +87,10 @@ fn sort_to_middle(nine: &mut [[f32; AT_ONCE]; 9]) {
     sort(nine, 2, 4);
 }
 
-/// Puts the lesser one first. NaN is with NaN only: a pixel without disparity has nine of them.
+/// Orders two values. NaN is compared with NaN only: a pixel without disparity has nine of them.
 #[inline(always)]
-fn sort(nine: &mut [[f32; AT_ONCE]; 9], first: usize, second: usize) {
-    for i in 0..AT_ONCE {
+fn sort(nine: &mut [[f32; CHUNK]; 9], first: usize, second: usize) {
+    for i in 0..CHUNK {
         let (a, b) = (nine[first][i], nine[second][i]);
         nine[first][i] = if b < a { b } else { a };
         nine[second][i] = if b < a { a } else { b };
@@ -98,12 +100,12 @@ fn sort(nine: &mut [[f32; AT_ONCE]; 9], first: usize, second: usize) {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::twin::{self, Random};
+    use crate::reference::{self, Random};
 
     #[test]
-    fn medians_are_the_middle_of_nine() {
+    fn medians_equal_those_of_sorted_neighborhoods() {
         let mut random = Random(21);
-        for (level, (width, height)) in twin::with_levels([(1, 1), (3, 2), (40, 9)]) {
+        for (level, (width, height)) in reference::with_levels([(1, 1), (3, 2), (40, 9)]) {
             let map: Vec<f32> = (0..width * height)
                 .map(|_| match random.below(4) {
                     0 => f32::NAN,

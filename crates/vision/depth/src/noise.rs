@@ -1,61 +1,64 @@
-//! How noisy a picture is, and taking some of it away.
-//!
-//! The noise is what is left of a picture when every surface that bends by less than a pixel is gone: Immerkær's mask ("Fast noise
-//! variance estimation", CVIU 1996), whose mean size over noise of a standard deviation s is `6 s sqrt(2 / pi)`. Texture
-//! adds to it, so it is taken over blocks, and a quarter of the blocks have less than what is told; one block in four is looked at. Blocks that are black or
-//! blown out have no noise to tell of and do not count.
+//! Estimation and smoothing of image noise.
+//! Noise is the response to a mask that cancels surfaces with little curvature: Immerkær's mask
+//! ("Fast noise variance estimation", CVIU 1996), whose mean absolute response to noise of standard
+//! deviation s is `6 s sqrt(2 / pi)`. Texture adds to the response, so that the estimate is the
+//! lower quartile over blocks; one block in four is evaluated. Under- and overexposed blocks do not
+//! show the noise and are not counted.
 
 use rayon::prelude::*;
 
-use crate::picture::Picture;
+use crate::image::ImageView;
 
-/// Side of a block, px.
-const BLOCK: usize = 16;
-/// Mean grey levels of blocks that count.
-const LIT: std::ops::Range<u32> = 4..250;
+/// Side length of a block, px.
+const BLOCK_PX: usize = 16;
+/// Mean gray levels of evaluated blocks.
+const VALID_MEANS: std::ops::Range<u32> = 4..250;
 
-/// Standard deviation of the noise, grey levels; none where no block tells of it.
-pub fn estimate(picture: &Picture<'_>) -> Option<f64> {
-    let (width, height) = (picture.width(), picture.height());
-    // Every second one both ways.
-    let columns = width.saturating_sub(2 + BLOCK).div_ceil(2 * BLOCK);
-    let rows = height.saturating_sub(2 + BLOCK).div_ceil(2 * BLOCK);
+/// Standard deviation of the noise, gray levels; `None` if no block is well exposed.
+pub fn estimate(image: &ImageView<'_>) -> Option<f64> {
+    let (width, height) = (image.width(), image.height());
+    // Every second block in both directions.
+    let columns = width.saturating_sub(2 + BLOCK_PX).div_ceil(2 * BLOCK_PX);
+    let rows = height.saturating_sub(2 + BLOCK_PX).div_ceil(2 * BLOCK_PX);
     let block = |k: usize| {
-        let (left, top) = (2 * (k % columns) * BLOCK + 1, 2 * (k / columns) * BLOCK + 1);
-        let (mut sum, mut grey) = (0, 0);
-        for y in top..top + BLOCK {
-            let near = [y - 1, y, y + 1].map(|y| &picture.row(y)[left - 1..left + BLOCK + 1]);
-            for x in 1..=BLOCK {
+        let (left, top) = (
+            2 * (k % columns) * BLOCK_PX + 1,
+            2 * (k / columns) * BLOCK_PX + 1,
+        );
+        let (mut sum, mut gray) = (0, 0);
+        for y in top..top + BLOCK_PX {
+            let near = [y - 1, y, y + 1].map(|y| &image.row(y)[left - 1..left + BLOCK_PX + 1]);
+            for x in 1..=BLOCK_PX {
                 let second = |row: &[u8]| {
                     let [a, b, c] = [row[x - 1], row[x], row[x + 1]].map(i32::from);
                     a - 2 * b + c
                 };
                 let [above, here, below] = near.map(second);
                 sum += (above - 2 * here + below).unsigned_abs();
-                grey += u32::from(near[1][x]);
+                gray += u32::from(near[1][x]);
             }
         }
-        let size = (BLOCK * BLOCK) as u32;
-        LIT.contains(&(grey / size)).then_some(sum)
+        let size = (BLOCK_PX * BLOCK_PX) as u32;
+        VALID_MEANS.contains(&(gray / size)).then_some(sum)
     };
     let blocks = (0..columns * rows).into_par_iter();
     let mut sums: Vec<u32> = blocks.filter_map(block).collect();
     sums.sort_unstable();
     let quarter = *sums.get(sums.len() / 4)?;
-    let mean = f64::from(quarter) / (BLOCK * BLOCK) as f64;
+    let mean = f64::from(quarter) / (BLOCK_PX * BLOCK_PX) as f64;
     Some(mean / 6.0 * (std::f64::consts::PI / 2.0).sqrt())
 }
 
-/// The picture under a binomial window of 3x3 pixels, rounded; its border goes on.
-pub(crate) fn smooth(picture: &Picture<'_>, smoothed: &mut Vec<u8>) {
-    let (width, height) = (picture.width(), picture.height());
+/// Smooths an image with a binomial 3x3 kernel, rounded; the border pixels are repeated.
+pub(crate) fn smooth(image: &ImageView<'_>, smoothed: &mut Vec<u8>) {
+    let (width, height) = (image.width(), image.height());
     smoothed.resize(width * height, 0);
     let rows = smoothed.par_chunks_exact_mut(width).enumerate();
     rows.for_each_init(
         || vec![0u16; width],
         |column, (y, to)| {
             let near = [y.saturating_sub(1), y, (y + 1).min(height - 1)];
-            let [above, here, below] = near.map(|y| picture.row(y));
+            let [above, here, below] = near.map(|y| image.row(y));
             for x in 0..width {
                 let [a, b, c] = [above[x], here[x], below[x]].map(u16::from);
                 column[x] = a + 2 * b + c;
@@ -74,9 +77,10 @@ pub(crate) fn smooth(picture: &Picture<'_>, smoothed: &mut Vec<u8>) {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::twin::Random;
+    use crate::reference::Random;
 
-    /// Even grey with noise of a known size, which is about normal: the sum of twelve even ones.
+    /// Constant gray with approximately normal noise of a known standard deviation: the sum of
+    /// twelve uniform values.
     fn noisy(random: &mut Random, sigma: f64) -> Vec<u8> {
         let mut normal = || {
             (0..12)
@@ -90,18 +94,18 @@ mod tests {
     }
 
     #[test]
-    fn the_noise_of_an_even_picture_is_found() {
+    fn noise_of_a_textureless_image_is_estimated() {
         let mut random = Random(7);
         for sigma in [1.0, 2.0, 5.0] {
             let pixels = noisy(&mut random, sigma);
-            let found = estimate(&Picture::new(160, 120, &pixels).unwrap()).unwrap();
-            // A quarter of the blocks have less; rounding to grey levels adds a little.
+            let found = estimate(&ImageView::new(160, 120, &pixels).unwrap()).unwrap();
+            // The lower quartile is below the mean; rounding to gray levels adds a little.
             assert!((0.85..1.1).contains(&(found / sigma)), "{sigma}: {found}");
         }
     }
 
     #[test]
-    fn texture_on_a_part_of_the_picture_is_no_noise() {
+    fn texture_in_a_part_of_the_image_does_not_count_as_noise() {
         let mut random = Random(8);
         let mut pixels = noisy(&mut random, 1.0);
         for (i, pixel) in pixels.iter_mut().enumerate() {
@@ -113,24 +117,27 @@ mod tests {
                 };
             }
         }
-        let found = estimate(&Picture::new(160, 120, &pixels).unwrap()).unwrap();
+        let found = estimate(&ImageView::new(160, 120, &pixels).unwrap()).unwrap();
         assert!(found < 1.3, "{found}");
     }
 
     #[test]
-    fn darkness_tells_nothing() {
+    fn dark_image_has_no_noise_estimate() {
         let pixels = vec![0; 160 * 120];
-        assert_eq!(estimate(&Picture::new(160, 120, &pixels).unwrap()), None);
-        assert_eq!(estimate(&Picture::new(4, 4, &pixels[..16]).unwrap()), None);
+        assert_eq!(estimate(&ImageView::new(160, 120, &pixels).unwrap()), None);
+        assert_eq!(
+            estimate(&ImageView::new(4, 4, &pixels[..16]).unwrap()),
+            None
+        );
     }
 
     #[test]
-    fn smoothing_is_a_weighted_mean() {
+    fn smoothing_is_a_binomial_mean() {
         let mut random = Random(9);
         for (width, height) in [(1, 1), (2, 5), (9, 4)] {
-            let pixels = random.picture(width, height);
+            let pixels = random.image(width, height);
             let mut found = Vec::new();
-            smooth(&Picture::new(width, height, &pixels).unwrap(), &mut found);
+            smooth(&ImageView::new(width, height, &pixels).unwrap(), &mut found);
             for y in 0..height as i32 {
                 for x in 0..width as i32 {
                     let mut sum = 8;

@@ -1,71 +1,76 @@
-//! How much trouble a depth map is worth.
+//! Settings and presets of the matcher.
 
-use crate::aggregate::{Paths, Penalties};
+use crate::aggregation::{Paths, Penalties};
 use crate::census::Census;
 use crate::error::DepthError;
-use crate::halved::Half;
+use crate::half_resolution::Downsample;
 use crate::lanes::Level;
 
-/// How a pair of pictures is compared.
+/// Matching cost and smoothness of one noise class.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Matching {
-    /// Which pixels are compared.
+    /// Census window.
     pub census: Census,
-    /// Most that the difference of grey levels may cost, in half levels; a bit of census costs 1.
-    pub grey: u8,
-    /// Costs of the way from pixel to pixel.
+    /// Limit of the gray-level cost, in units of two gray levels; one census bit costs 1.
+    pub max_gray_cost: u8,
+    /// Smoothness penalties.
     pub penalties: Penalties,
-    /// Whether both pictures are smoothed first.
+    /// Whether both images are smoothed before matching.
     pub smooth: bool,
 }
 
-/// See the fields.
+/// Settings of a matcher.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Settings {
-    /// Whether pictures are made smaller first.
-    pub half: Option<Half>,
-    /// For pictures with little noise.
+    /// Downsampling before matching, if any.
+    pub downsample: Option<Downsample>,
+    /// Matching of images with little noise.
     pub clear: Matching,
-    /// For the others.
+    /// Matching of noisy images.
     pub noisy: Matching,
-    /// Standard deviation of noise from which on pictures are noisy, grey levels.
-    pub noise: f64,
-    /// Which paths lead to a pixel.
+    /// Minimum standard deviation of the noise for an image to count as noisy, gray levels.
+    pub min_noise: f64,
+    /// Aggregation paths.
     pub paths: Paths,
-    /// How far the winners of the two pictures may be apart, px.
-    pub apart: u16,
-    /// How much less the cost of a disparity must be than that of others that are not beside it, percent.
-    pub unique: u16,
-    /// Whether each disparity becomes the median of it and its neighbours.
+    /// Maximum disparity difference between the left and the right image, px. Compare OpenCV SGBM
+    /// `disp12MaxDiff`.
+    pub max_lr_difference_px: u16,
+    /// Minimum margin by which the second-best non-adjacent cost exceeds the best one, percent.
+    /// Compare OpenCV SGBM `uniquenessRatio`.
+    pub uniqueness_percent: u16,
+    /// Whether a 3x3 median filter is applied.
     pub median: bool,
-    /// Islands of less pixels than this are absent.
-    pub island: usize,
-    /// Neighbours of one island differ by at most this, px.
-    pub island_step: f32,
-    /// Correlation that the two pictures must have around a pixel and where it leads to. Of noise it is 0.08 either way.
-    pub least_alike: f32,
-    /// What has a larger sigma is absent, px.
-    pub largest_sigma: f32,
-    /// The instructions to use; none for the best that there are.
+    /// Minimum size of a connected region, pixels; smaller ones are removed. Compare OpenCV SGBM
+    /// `speckleWindowSize`.
+    pub min_speckle_px: usize,
+    /// Maximum disparity difference of neighbors in one region, px. Compare OpenCV SGBM
+    /// `speckleRange`.
+    pub speckle_step_px: f32,
+    /// Minimum correlation of the two images around a pixel and its match. For pure noise it is
+    /// within 0.08 of 0.
+    pub min_correlation: f32,
+    /// Maximum sigma, px; disparities with a larger one are removed.
+    pub max_sigma_px: f32,
+    /// Instruction set; `None` for the most capable one of the processor.
     pub level: Option<Level>,
 }
 
 /// Points on the curve of accuracy against time (`docs/depth.md`).
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Preset {
-    /// In real time, on few cores.
+    /// Real time on few cores.
     Fast,
-    /// Between the two.
+    /// Between `Fast` and `Accurate`.
     Balanced,
-    /// As good as it gets.
+    /// Best accuracy.
     Accurate,
 }
 
 impl Preset {
-    /// All of them, the fastest first.
+    /// All presets, the fastest first.
     pub const ALL: [Self; 3] = [Self::Fast, Self::Balanced, Self::Accurate];
 
-    /// As the command line calls it.
+    /// Name on the command line.
     pub fn name(self) -> &'static str {
         match self {
             Self::Fast => "fast",
@@ -78,40 +83,40 @@ impl Preset {
 impl Settings {
     /// The settings of a preset.
     pub fn preset(preset: Preset) -> Self {
-        let (half, census, paths) = match preset {
-            Preset::Fast => (Some(Half::Rows), Census::Full5x5, Paths::Three),
+        let (downsample, census, paths) = match preset {
+            Preset::Fast => (Some(Downsample::Rows), Census::Full5x5, Paths::Three),
             Preset::Balanced => (None, Census::Full5x5, Paths::Eight),
             Preset::Accurate => (None, Census::Full7x7, Paths::Eight),
         };
         Self {
-            half,
+            downsample,
             clear: Matching {
                 census,
-                grey: 8,
+                max_gray_cost: 8,
                 penalties: Penalties::for_costs_up_to(census.bits() + 8),
                 smooth: false,
             },
             noisy: Matching {
                 census: Census::Opposite9x7,
-                grey: 8,
+                max_gray_cost: 8,
                 penalties: Penalties::for_costs_up_to(Census::Opposite9x7.bits() + 8),
                 smooth: true,
             },
-            noise: 1.4,
+            min_noise: 1.4,
             paths,
-            apart: 1,
-            unique: 0,
+            max_lr_difference_px: 1,
+            uniqueness_percent: 0,
             median: true,
-            island: 100,
-            island_step: 1.5,
-            least_alike: 0.25,
-            largest_sigma: 6.0,
+            min_speckle_px: 100,
+            speckle_step_px: 1.5,
+            min_correlation: 0.25,
+            max_sigma_px: 6.0,
             level: None,
         }
     }
 
-    pub(crate) fn check(&self) -> Result<(), DepthError> {
-        let refused = |what, found: String, expected: String| {
+    pub(crate) fn validate(&self) -> Result<(), DepthError> {
+        let invalid = |what, found: String, expected: String| {
             Err(DepthError::Settings {
                 what,
                 found,
@@ -120,49 +125,50 @@ impl Settings {
         };
         for matching in [&self.clear, &self.noisy] {
             let penalties = &matching.penalties;
-            let most = u32::from(matching.census.bits()) + u32::from(matching.grey);
-            if most + u32::from(penalties.large) > LARGEST_COST {
-                return refused(
+            let most = u32::from(matching.census.bits()) + u32::from(matching.max_gray_cost);
+            if most + u32::from(penalties.large) > MAX_COST {
+                return invalid(
                     "the large penalty",
                     penalties.large.to_string(),
-                    format!("at most {LARGEST_COST} with costs of up to {most}"),
+                    format!("at most {MAX_COST} minus the maximum matching cost {most}"),
                 );
             }
-            if penalties.large_least > penalties.large || penalties.small > penalties.large {
-                return refused(
+            if penalties.min_large > penalties.large || penalties.small > penalties.large {
+                return invalid(
                     "the large penalty",
                     penalties.large.to_string(),
-                    "no less than the small one and than its least".to_owned(),
+                    "not below the small penalty and its own lower limit".to_owned(),
                 );
             }
         }
-        // Not a number is in no range.
+        // NaN is rejected too.
         let numbers = [
-            ("the step within islands", self.island_step),
-            ("the largest sigma", self.largest_sigma),
+            ("the speckle step", self.speckle_step_px),
+            ("the maximum sigma", self.max_sigma_px),
         ];
         match numbers
             .into_iter()
             .find(|(_, value)| value.is_nan() || *value < 0.0)
         {
             None => Ok(()),
-            Some((what, value)) => refused(what, value.to_string(), "0 px or more".to_owned()),
+            Some((what, value)) => invalid(what, value.to_string(), "0 px or more".to_owned()),
         }
     }
 }
 
-/// Costs along a path are bytes, of which 255 means that it cannot be.
-const LARGEST_COST: u32 = 254;
+/// Maximum path cost: costs are bytes, and 255 means an invalid disparity.
+const MAX_COST: u32 = 254;
 
 impl Penalties {
-    /// In the proportion to the greatest cost that has been found best on `docs/benchmarks/depth.json`.
+    /// Penalties in proportion to the maximum matching cost. The proportions gave the best results
+    /// on `docs/benchmarks/depth.json`.
     pub fn for_costs_up_to(most: u8) -> Self {
         let share = |percent: u32| (u32::from(most) * percent / 100).min(190) as u8;
         Self {
             small: share(45),
             large: share(200),
             slope: (share(200) / 25).max(1),
-            large_least: share(50),
+            min_large: share(50),
         }
     }
 }

@@ -1,54 +1,55 @@
-//! How far a disparity may be off.
-//!
-//! Contract: a disparity's sigma is half of that error which 95 % of the disparities that look alike stay below. What looks alike is
-//! told by four things ([`Evidence`]); the logarithm of the error is the sum of one number for each of them ([`Model`]).
-//! So a sigma is honest about heavy tails: where one in ten is far off, it is large.
-//!
-//! The tables of the presets were fitted on simulated walks; `docs/depth.md` says how well they hold on others. Who has truth of
-//! his own can fit a model to it: [`Model::fit`].
+//! Standard deviation of disparities.
+//! Contract: the sigma of a disparity is half of the 95 % quantile of the error of disparities with
+//! the same evidence. [`Evidence`] has four components, and the logarithm of the error is the sum
+//! of one table entry for each of them ([`Model`]). The sigma therefore covers heavy tails: it is
+//! large where one in ten disparities has a large error.
+//! The tables of the presets were fitted on simulated walks; `docs/depth.md` gives their coverage
+//! on other data. [`Model::fit`] fits a model to other ground truth.
 
 mod fit;
 mod tables;
 
 pub use fit::Sample;
 
-use crate::aggregate::{Paths, Winner};
-use crate::cells::Near;
+use crate::aggregation::{Paths, Winner};
+use crate::correlation::Neighborhood;
 
-/// What there is to judge a disparity by.
+/// Measurements from which the sigma of a disparity is computed.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct Evidence {
-    /// How much more the second best costs, as a ratio of the best.
-    pub lead: f32,
-    /// How steeply costs rise beside the best, as a ratio of it.
-    pub rise: f32,
-    /// Greatest less least disparity around the pixel, px.
-    pub range: f32,
-    /// Share of pixels around it that have a disparity.
-    pub share: f32,
+    /// Excess of the second-best cost over the best, relative to the best cost.
+    pub second_best_margin: f32,
+    /// Larger cost increase to an adjacent disparity, relative to the best cost.
+    pub cost_slope: f32,
+    /// Maximum minus minimum disparity in the neighborhood of the pixel, px.
+    pub disparity_range_px: f32,
+    /// Fraction of pixels in the neighborhood that have a disparity.
+    pub density: f32,
 }
 
-/// Kinds of evidence.
+/// Number of components of the evidence.
 const KINDS: usize = 4;
-/// Classes of each.
+/// Number of classes of each component.
 const CLASSES: usize = 10;
 
-/// Logarithms of errors, one for each class of each kind of evidence.
+/// Additive model of the logarithm of the error: one entry for each class of each component of the
+/// evidence.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Model {
-    /// Where classes end; the last one does not.
+    /// Upper edges of the classes; the last class is unbounded.
     edges: [[f32; CLASSES - 1]; KINDS],
-    /// What a class adds to the logarithm of the error of 95 %.
+    /// Contribution of a class to the logarithm of the 95 % quantile of the error.
     logs: [[f32; CLASSES]; KINDS],
 }
 
-/// Errors are not told apart below this, px: the logarithm is that of the error and this.
-const FINEST_PX: f32 = 0.05;
-/// What the ratios of costs add to the best cost, for each path, so that a best of 0 has one.
-const COST_OF_PATH: f32 = 2.5;
+/// Resolution of errors, px: it is added to the error before the logarithm is taken.
+const MIN_ERROR_PX: f32 = 0.05;
+/// Offset per path that is added to the best cost in the ratios, so that they are defined for a
+/// best cost of 0.
+const COST_OFFSET_PER_PATH: f32 = 2.5;
 
 impl Evidence {
-    pub(crate) fn new(paths: Paths, winner: &Winner, near: Near) -> Self {
+    pub(crate) fn new(paths: Paths, winner: &Winner, near: Neighborhood) -> Self {
         let count = match paths {
             Paths::Three => 3.0,
             Paths::Four => 4.0,
@@ -56,22 +57,27 @@ impl Evidence {
         };
         let best = f32::from(winner.least);
         let [before, behind] = winner.beside.map(|sum| f32::from(sum) - best);
-        let whole = best + COST_OF_PATH * count;
+        let whole = best + COST_OFFSET_PER_PATH * count;
         Self {
-            lead: (f32::from(winner.second) - best) / whole,
-            rise: before.max(behind) / whole,
-            range: near.greatest - near.least,
-            share: f32::from(near.found) / f32::from(near.all.max(1)),
+            second_best_margin: (f32::from(winner.second) - best) / whole,
+            cost_slope: before.max(behind) / whole,
+            disparity_range_px: near.max - near.min,
+            density: f32::from(near.found) / f32::from(near.all.max(1)),
         }
     }
 
     fn kinds(&self) -> [f32; KINDS] {
-        [self.lead, self.rise, self.range, self.share]
+        [
+            self.second_best_margin,
+            self.cost_slope,
+            self.disparity_range_px,
+            self.density,
+        ]
     }
 }
 
 impl Model {
-    /// The model of disparities that so many paths lead to.
+    /// Model for disparities of these aggregation paths.
     pub fn of(paths: Paths) -> &'static Self {
         match paths {
             Paths::Three => &tables::THREE,
@@ -79,19 +85,19 @@ impl Model {
         }
     }
 
-    /// The sigma of a disparity, px.
+    /// Sigma of a disparity, px.
     pub fn sigma_px(&self, evidence: &Evidence) -> f32 {
         let mut log = 0.0;
         for (kind, value) in evidence.kinds().into_iter().enumerate() {
             log += self.logs[kind][class(&self.edges[kind], value)];
         }
-        0.5 * (log.exp() - FINEST_PX).max(FINEST_PX)
+        0.5 * (log.exp() - MIN_ERROR_PX).max(MIN_ERROR_PX)
     }
 }
 
-/// The class that a value is in. Not a number is in the last one.
+/// Class of a value. NaN is in the first class.
 fn class(edges: &[f32; CLASSES - 1], value: f32) -> usize {
-    // Without a branch: few edges, and values that nobody can predict.
+    // Branch-free: there are few edges, and the values are unpredictable.
     edges.iter().map(|edge| usize::from(value >= *edge)).sum()
 }
 

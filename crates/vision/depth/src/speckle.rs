@@ -1,22 +1,23 @@
-//! Small islands of disparity are taken out.
-//!
-//! Contract: pixels that touch by a side and whose disparities differ by at most a step belong together; what belongs together
-//! and is less than so many pixels becomes absent. The upper and the lower half are looked through at the same time and put
-//! together after that, which gives the same islands as one look at the whole.
+//! Speckle filter: removes small connected regions of a disparity map.
+//! Contract: pixels that share a side and whose disparities differ by at most a step are in one
+//! region; regions with fewer than a minimum number of pixels become absent. The upper and the
+//! lower half are processed in parallel and joined, which gives the same regions as one pass over
+//! the whole map.
 
 use rayon::prelude::*;
 
-/// Pixels of islands, as trees: each pixel names one of its own island that lies before it, the first names itself.
+/// Union-find over pixels: the parent of a pixel is an earlier pixel of its region; the first pixel
+/// is its own parent.
 #[derive(Debug, Default)]
-pub(crate) struct Islands {
+pub(crate) struct SpeckleFilter {
     parents: Vec<u32>,
     sizes: Vec<u32>,
 }
 
-impl Islands {
-    /// Takes the islands of less than `least` pixels out of a map; NaN is absent.
-    pub(crate) fn remove(&mut self, width: usize, map: &mut [f32], step: f32, least: usize) {
-        if least <= 1 || map.is_empty() {
+impl SpeckleFilter {
+    /// Removes the regions of fewer than `min_px` pixels from a map; NaN means absent.
+    pub(crate) fn remove(&mut self, width: usize, map: &mut [f32], step: f32, min_px: usize) {
+        if min_px <= 1 || map.is_empty() {
             return;
         }
         let count = map.len();
@@ -25,15 +26,15 @@ impl Islands {
         let middle = count / width / 2 * width;
         let (upper, lower) = self.parents.split_at_mut(middle);
         let (upper_sizes, lower_sizes) = self.sizes.split_at_mut(middle);
-        let seen = &*map;
+        let input = &*map;
         rayon::join(
-            || grow(width, 0, upper, upper_sizes, &seen[..middle], step),
-            || grow(width, middle, lower, lower_sizes, &seen[middle..], step),
+            || grow(width, 0, upper, upper_sizes, &input[..middle], step),
+            || grow(width, middle, lower, lower_sizes, &input[middle..], step),
         );
-        // Across the seam. Only the first pixels of islands change.
+        // Join across the seam. Only the roots of regions change.
         if middle > 0 {
             for i in middle..middle + width {
-                if (seen[i] - seen[i - width]).abs() <= step {
+                if (input[i] - input[i - width]).abs() <= step {
                     let (first, second) = join(&mut self.parents, 0, i, i - width);
                     if first != second {
                         self.sizes[first] += self.sizes[second];
@@ -49,7 +50,7 @@ impl Islands {
                 while parents[root] as usize != root {
                     root = parents[root] as usize;
                 }
-                if (sizes[root] as usize) < least {
+                if (sizes[root] as usize) < min_px {
                     *value = f32::NAN;
                 }
             }
@@ -57,25 +58,26 @@ impl Islands {
     }
 }
 
-/// Finds the islands of rows that follow each other, of which the first pixel has the number `base`; every pixel names the first of
-/// its island, which has the size.
+/// Labels the regions of consecutive rows, whose first pixel has the index `base`. Every parent is
+/// the root of its region, and `sizes` holds the size of the region at the root.
 fn grow(width: usize, base: usize, parents: &mut [u32], sizes: &mut [u32], map: &[f32], step: f32) {
     join_rows(width, base, parents, map, step);
     sizes.fill(0);
     for i in 0..parents.len() {
-        // Those before name the first of their island already.
+        // The parents of earlier pixels are roots already.
         let root = parents[parents[i] as usize - base];
         parents[i] = root;
         sizes[root as usize - base] += 1;
     }
 }
 
-/// Joins the pixels of rows that follow each other, of which the first has the number `base`.
+/// Joins the pixels of consecutive rows, whose first pixel has the index `base`.
 fn join_rows(width: usize, base: usize, parents: &mut [u32], map: &[f32], step: f32) {
     for (i, value) in map.iter().enumerate() {
         parents[i] = (base + i) as u32;
         if i % width > 0 && (value - map[i - 1]).abs() <= step {
-            // The pixel before is of its island, and nobody names this one yet.
+            // The previous pixel is in the same region, and no pixel has this one as its parent
+            // yet.
             parents[i] = parents[i - 1];
         }
         if i >= width && (value - map[i - width]).abs() <= step {
@@ -84,8 +86,8 @@ fn join_rows(width: usize, base: usize, parents: &mut [u32], map: &[f32], step: 
     }
 }
 
-/// Makes two islands one. The one that begins later becomes part of the other, so that parents lie before. Gives the first pixels of
-/// both.
+/// Joins two regions. The root with the larger index becomes a child of the other one, so that
+/// parents precede children. Returns both roots.
 fn join(parents: &mut [u32], base: usize, a: usize, b: usize) -> (usize, usize) {
     let (a, b) = (root(parents, base, a), root(parents, base, b));
     let (first, second) = (a.min(b), a.max(b));
@@ -93,7 +95,7 @@ fn join(parents: &mut [u32], base: usize, a: usize, b: usize) -> (usize, usize) 
     (first, second)
 }
 
-/// The first pixel of an island; ways there become shorter.
+/// Root of a region, with path compression.
 fn root(parents: &mut [u32], base: usize, of: usize) -> usize {
     let mut at = of;
     loop {
@@ -110,15 +112,15 @@ fn root(parents: &mut [u32], base: usize, of: usize) -> usize {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::twin::Random;
+    use crate::reference::Random;
 
-    /// Grows every island from every pixel.
-    fn twin(width: usize, map: &[f32], step: f32, least: usize) -> Vec<f32> {
+    /// Reference implementation: flood fill from every pixel.
+    fn reference(width: usize, map: &[f32], step: f32, min_px: usize) -> Vec<f32> {
         let height = map.len() / width;
-        let island = |from: usize| {
-            let mut seen = vec![false; map.len()];
+        let min_speckle_px = |from: usize| {
+            let mut input = vec![false; map.len()];
             let mut open = vec![from];
-            seen[from] = true;
+            input[from] = true;
             let mut size = 0;
             while let Some(i) = open.pop() {
                 size += 1;
@@ -129,24 +131,30 @@ mod tests {
                 near.extend((y > 0).then(|| i - width));
                 near.extend((y + 1 < height).then_some(i + width));
                 for k in near {
-                    if !seen[k] && (map[k] - map[i]).abs() <= step {
-                        seen[k] = true;
+                    if !input[k] && (map[k] - map[i]).abs() <= step {
+                        input[k] = true;
                         open.push(k);
                     }
                 }
             }
             size
         };
-        let kept = |i: usize| if island(i) >= least { map[i] } else { f32::NAN };
+        let kept = |i: usize| {
+            if min_speckle_px(i) >= min_px {
+                map[i]
+            } else {
+                f32::NAN
+            }
+        };
         (0..map.len()).map(kept).collect()
     }
 
     #[test]
-    fn islands_are_those_that_grow() {
+    fn regions_equal_those_of_the_reference() {
         let mut random = Random(31);
-        let mut islands = Islands::default();
+        let mut speckle_filter = SpeckleFilter::default();
         for (width, height) in [(1, 1), (1, 7), (17, 1), (24, 19), (30, 30)] {
-            for least in [0, 2, 6, 20] {
+            for min_px in [0, 2, 6, 20] {
                 let map: Vec<f32> = (0..width * height)
                     .map(|_| match random.below(8) {
                         0 => f32::NAN,
@@ -154,10 +162,10 @@ mod tests {
                     })
                     .collect();
                 let mut found = map.clone();
-                islands.remove(width, &mut found, 1.0, least);
-                let expected = twin(width, &map, 1.0, least);
+                speckle_filter.remove(width, &mut found, 1.0, min_px);
+                let expected = reference(width, &map, 1.0, min_px);
                 let same = |(a, b): (&f32, &f32)| a == b || (a.is_nan() && b.is_nan());
-                assert!(found.iter().zip(&expected).all(same), "{width} {least}");
+                assert!(found.iter().zip(&expected).all(same), "{width} {min_px}");
             }
         }
     }

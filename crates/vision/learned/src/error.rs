@@ -22,12 +22,12 @@ pub enum LearnedError {
         source: Box<dyn std::error::Error + Send + Sync>,
     },
     /// A process has one ONNX Runtime: start another process for another library.
-    #[error("loading ONNX Runtime: found {} already loaded, expected the same library: {}", loaded.display(), asked.display())]
+    #[error("loading ONNX Runtime: found {} already loaded, expected the same library: {}", loaded.display(), requested.display())]
     OtherLibrary {
         /// The one that is loaded.
         loaded: PathBuf,
         /// The one that was asked for.
-        asked: PathBuf,
+        requested: PathBuf,
     },
     /// A file cannot be read.
     #[error("reading {what}: {}", file.display())]
@@ -79,7 +79,7 @@ pub enum LearnedError {
     },
     /// Not a picture, or not one of the pair's size, or of one that the network takes.
     #[error("taking a picture: found {found}, expected {expected}")]
-    Picture {
+    Image {
         /// What it is.
         found: String,
         /// What is possible.

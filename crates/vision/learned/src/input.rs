@@ -5,8 +5,8 @@ use std::path::Path;
 use ort::value::{DynValue, Outlet, Tensor, TensorElementType, ValueType};
 
 use crate::error::LearnedError;
+use crate::image::ImageView;
 use crate::network::{describe, mismatch};
-use crate::picture::Picture;
 use crate::settings::{InputSettings, Text};
 
 const EXPECTED: &str = "f32 or u8 of [1, 1 or 3 channels, rows, columns]";
@@ -50,19 +50,23 @@ impl Input {
 
     /// # Errors
     /// [`LearnedError::Settings`] for numbers that do not suit the channels.
-    pub(crate) fn suits(&self, settings: &InputSettings, text: &Text) -> Result<(), LearnedError> {
+    pub(crate) fn validate_settings(
+        &self,
+        settings: &InputSettings,
+        text: &Text,
+    ) -> Result<(), LearnedError> {
         let plain = InputSettings {
             multiple: settings.multiple,
             ..InputSettings::default()
         };
         if self.bytes && *settings != plain {
             let expected = "no `white`, `mean` or `std`: the network takes bytes as they are";
-            return Err(text.wrong("numbers for `[input]`".to_owned(), expected));
+            return Err(text.invalid("numbers for `[input]`".to_owned(), expected));
         }
         for (key, numbers) in [("mean", &settings.mean), ("std", &settings.std)] {
             if !numbers.is_empty() && numbers.len() != self.channels {
                 let found = format!("{key} = {numbers:?}");
-                return Err(text.wrong(
+                return Err(text.invalid(
                     found,
                     &format!("one number for each of {} channels", self.channels),
                 ));
@@ -79,17 +83,17 @@ impl Input {
     /// Columns and rows of the tensor for a picture.
     ///
     /// # Errors
-    /// [`LearnedError::Picture`] for one that is larger than what the network takes.
+    /// [`LearnedError::Image`] for one that is larger than what the network takes.
     pub(crate) fn padded(
         &self,
-        picture: &Picture<'_>,
+        image: &ImageView<'_>,
         multiple: usize,
     ) -> Result<[usize; 2], LearnedError> {
-        let [width, height] = [picture.width(), picture.height()];
+        let [width, height] = [image.width(), image.height()];
         let [columns, rows] = self.size;
         if columns.is_some_and(|c| c < width) || rows.is_some_and(|r| r < height) {
             let most = |length: Option<usize>| length.map_or("any".to_owned(), |l| l.to_string());
-            return Err(LearnedError::Picture {
+            return Err(LearnedError::Image {
                 found: format!("{width} x {height} pixels"),
                 expected: format!(
                     "at most what the network takes, {} x {}",
@@ -107,14 +111,14 @@ impl Input {
     /// The tensor, `size` columns and rows; what is right of the picture and below it repeats its edge.
     pub(crate) fn tensor(
         &self,
-        picture: &Picture<'_>,
+        image: &ImageView<'_>,
         size: [usize; 2],
         settings: &InputSettings,
     ) -> ort::Result<DynValue> {
         let [columns, rows] = size;
         let shape = [1, self.channels, rows, columns];
         if self.bytes {
-            let values = self.values(picture, size, |_, value| value);
+            let values = self.values(image, size, |_, value| value);
             return Ok(Tensor::from_array((shape, values))?.into_dyn());
         }
         let scale = |channel: usize, value: u8| {
@@ -125,7 +129,7 @@ impl Input {
         let tables: Vec<[f32; 256]> = (0..self.channels)
             .map(|channel| std::array::from_fn(|value| scale(channel, value as u8)))
             .collect();
-        let values = self.values(picture, size, |channel, value| {
+        let values = self.values(image, size, |channel, value| {
             tables[channel][usize::from(value)]
         });
         Ok(Tensor::from_array((shape, values))?.into_dyn())
@@ -133,17 +137,17 @@ impl Input {
 
     fn values<T>(
         &self,
-        picture: &Picture<'_>,
+        image: &ImageView<'_>,
         [columns, rows]: [usize; 2],
         number: impl Fn(usize, u8) -> T,
     ) -> Vec<T> {
         let mut values = Vec::with_capacity(self.channels * rows * columns);
         for channel in 0..self.channels {
             for y in 0..rows {
-                let y = y.min(picture.height() - 1);
+                let y = y.min(image.height() - 1);
                 values.extend((0..columns).map(|x| {
-                    let x = x.min(picture.width() - 1);
-                    number(channel, picture.value(x, y, channel, self.channels))
+                    let x = x.min(image.width() - 1);
+                    number(channel, image.value(x, y, channel, self.channels))
                 }));
             }
         }

@@ -5,11 +5,11 @@
 //! does not fit is an error that names the file, the tensor, what was found and what was expected; pictures are padded, never
 //! resized. A network is a function of its pictures: it remembers nothing from one to the next.
 
-mod answer;
 mod error;
+mod image;
 mod input;
 mod network;
-mod picture;
+mod output;
 mod runtime;
 mod segmentation;
 mod settings;
@@ -17,8 +17,8 @@ mod sigma;
 mod stereo;
 
 pub use error::LearnedError;
-pub use picture::Picture;
-pub use runtime::{Runtime, VARIABLE};
-pub use segmentation::{Movable, SegmentationNetwork};
+pub use image::ImageView;
+pub use runtime::{RUNTIME_PATH_VARIABLE, Runtime};
+pub use segmentation::{MovableMask, SegmentationNetwork};
 pub use settings::{Enlarge, InputSettings, SegmentationSettings, StereoSettings};
 pub use stereo::StereoNetwork;

@@ -5,9 +5,9 @@ use std::path::{Path, PathBuf};
 use ort::session::Session;
 use ort::value::{DynValue, Outlet, Shape, TensorElementType, ValueType};
 
-use crate::answer::Answer;
 use crate::error::LearnedError;
 use crate::input::Input;
+use crate::output::Output;
 use crate::runtime::Runtime;
 use crate::settings::Text;
 
@@ -47,7 +47,7 @@ impl Network {
         hasher.update(&(bytes.len() as u64).to_le_bytes());
         hasher.update(&bytes);
         hasher.update(settings.text.as_bytes());
-        let output = choose(session.outputs(), output, "output", file)?;
+        let output = select(session.outputs(), output, "output", file)?;
         Ok(Self {
             file: file.to_owned(),
             hash: hasher.finalize().to_hex().to_string(),
@@ -80,7 +80,7 @@ impl Network {
     /// # Errors
     /// [`LearnedError::Tensor`].
     pub(crate) fn input(&self, name: &str) -> Result<usize, LearnedError> {
-        choose(self.session.inputs(), Some(name), "input", &self.file)
+        select(self.session.inputs(), Some(name), "input", &self.file)
     }
 
     /// Type and shape of the output; -1 for lengths that are not known, no length at all where not even their number is.
@@ -113,7 +113,7 @@ impl Network {
     pub(crate) fn run(
         &mut self,
         tensors: Vec<(&str, ort::Result<DynValue>)>,
-    ) -> Result<Answer, LearnedError> {
+    ) -> Result<Output, LearnedError> {
         let name = self.outlet().name().to_owned();
         run(&mut self.session, &name, tensors).map_err(|source| LearnedError::Run {
             file: self.file.clone(),
@@ -136,27 +136,27 @@ fn run(
     session: &mut Session,
     output: &str,
     tensors: Vec<(&str, ort::Result<DynValue>)>,
-) -> ort::Result<Answer> {
+) -> ort::Result<Output> {
     let tensors = tensors
         .into_iter()
         .map(|(name, tensor)| Ok((name, tensor?)))
         .collect::<ort::Result<Vec<_>>>()?;
     let outputs = session.run(tensors)?;
-    Answer::new(&outputs[output])
+    Output::new(&outputs[output])
 }
 
 /// Which of several is meant: the one of that name, or else the only one.
-fn choose(
+fn select(
     outlets: &[Outlet],
     name: Option<&str>,
     what: &str,
     file: &Path,
 ) -> Result<usize, LearnedError> {
-    let place = match name {
+    let index = match name {
         Some(name) => outlets.iter().position(|o| o.name() == name),
         None => (outlets.len() == 1).then_some(0),
     };
-    place.ok_or_else(|| {
+    index.ok_or_else(|| {
         let expected = match name {
             Some(name) => format!("`{name}` among them, which the settings name"),
             None => "one, or the name of one in the settings".to_owned(),

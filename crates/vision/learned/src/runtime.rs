@@ -13,7 +13,7 @@ use ort::logging::LogLevel;
 use crate::error::LearnedError;
 
 /// Names the library where no argument does.
-pub const VARIABLE: &str = "ORT_DYLIB_PATH";
+pub const RUNTIME_PATH_VARIABLE: &str = "ORT_DYLIB_PATH";
 
 /// The one of this process. An environment that was dropped cannot be made again.
 static LOADED: Mutex<Option<Runtime>> = Mutex::new(None);
@@ -26,18 +26,18 @@ pub struct Runtime {
 }
 
 impl Runtime {
-    /// Loads the library at `path`, or where there is none that which the environment variable [`VARIABLE`] names.
+    /// Loads the library at `path`, or where there is none that which the environment variable [`RUNTIME_PATH_VARIABLE`] names.
     ///
     /// # Errors
     /// [`LearnedError::NoLibrary`], [`LearnedError::Library`], and [`LearnedError::OtherLibrary`] if this process has another one.
     pub fn load(path: Option<&Path>) -> Result<Self, LearnedError> {
-        let library = library(path, std::env::var_os(VARIABLE))?;
+        let library = library(path, std::env::var_os(RUNTIME_PATH_VARIABLE))?;
         let mut loaded = LOADED.lock().unwrap_or_else(PoisonError::into_inner);
         if let Some(there) = &*loaded {
             if there.library != library {
                 return Err(LearnedError::OtherLibrary {
                     loaded: there.library.clone(),
-                    asked: library,
+                    requested: library,
                 });
             }
             return Ok(there.clone());
@@ -77,10 +77,14 @@ fn library(argument: Option<&Path>, variable: Option<OsString>) -> Result<PathBu
     let variable = variable.filter(|v| !v.is_empty()).map(PathBuf::from);
     let (path, from) = match (argument, variable) {
         (Some(path), _) => (path.to_owned(), "the path that was given".to_owned()),
-        (None, Some(path)) => (path, format!("the environment variable {VARIABLE}")),
+        (None, Some(path)) => (
+            path,
+            format!("the environment variable {RUNTIME_PATH_VARIABLE}"),
+        ),
         (None, None) => {
-            let found =
-                format!("no path was given, and the environment variable {VARIABLE} is not set");
+            let found = format!(
+                "no path was given, and the environment variable {RUNTIME_PATH_VARIABLE} is not set"
+            );
             return Err(LearnedError::NoLibrary { found });
         }
     };
@@ -113,7 +117,7 @@ mod tests {
         for variable in [None, Some(OsString::new())] {
             let error = library(None, variable).unwrap_err().to_string();
             assert!(error.contains("no path was given"), "{error}");
-            assert!(error.contains(VARIABLE), "{error}");
+            assert!(error.contains(RUNTIME_PATH_VARIABLE), "{error}");
         }
         let error = library(None, Some("/nowhere/lib.so".into())).unwrap_err();
         assert!(

@@ -4,11 +4,11 @@ use std::path::Path;
 
 use ort::value::TensorElementType;
 
-use crate::answer::{Answer, Numbers};
 use crate::error::LearnedError;
+use crate::image::ImageView;
 use crate::input::Input;
 use crate::network::Network;
-use crate::picture::Picture;
+use crate::output::{Output, Values};
 use crate::runtime::Runtime;
 use crate::settings::{Enlarge, InputSettings, SegmentationFile, SegmentationSettings, Text};
 
@@ -17,7 +17,7 @@ const EXPECTED: &str = "f32 scores of [1, at least 2 classes, rows, columns] or 
 
 /// Where things that can move are in a picture.
 #[derive(Clone, Debug, Default, PartialEq, Eq)]
-pub struct Movable {
+pub struct MovableMask {
     /// Columns.
     pub width: usize,
     /// Rows.
@@ -31,7 +31,7 @@ pub struct Movable {
 pub struct SegmentationNetwork {
     network: Network,
     input: Input,
-    pictures: InputSettings,
+    images: InputSettings,
     settings: SegmentationSettings,
 }
 
@@ -45,24 +45,24 @@ impl SegmentationNetwork {
         let text = Text::beside(file)?;
         if text.text.is_empty() {
             let found = "no settings".to_owned();
-            return Err(text.wrong(found, "a file that names the classes to mask"));
+            return Err(text.invalid(found, "a file that names the classes to mask"));
         }
         let SegmentationFile {
-            input: pictures,
+            input: images,
             segmentation: settings,
         } = text.parse()?;
-        pictures.check(&text)?;
+        images.validate(&text)?;
         if settings.masked.is_empty() {
-            return Err(text.wrong("no class under `masked`".to_owned(), "at least one"));
+            return Err(text.invalid("no class under `masked`".to_owned(), "at least one"));
         }
         let network = Network::open(runtime, file, &text, settings.output.as_deref())?;
         let inputs = network.inputs(1)?;
         let [input] = <[Input; 1]>::try_from(inputs).map_err(|_| network.unfit(EXPECTED))?;
-        input.suits(&pictures, &text)?;
+        input.validate_settings(&images, &text)?;
         let (kind, shape) = network.output(EXPECTED)?;
         let fits = match (kind, &shape[..]) {
             (TensorElementType::Float32, [] | [-1 | 1, -1 | 2.., _, _]) => true,
-            (kind, [] | [-1 | 1, _, _]) => Answer::is_whole(kind),
+            (kind, [] | [-1 | 1, _, _]) => Output::is_integer(kind),
             _ => false,
         };
         if !fits {
@@ -72,13 +72,13 @@ impl SegmentationNetwork {
             let beyond = |class: u32| classes >= 0 && i64::from(class) >= classes;
             if let Some((name, class)) = settings.masked.iter().find(|(_, class)| beyond(**class)) {
                 let expected = format!("the number of one of {classes} classes, from 0");
-                return Err(text.wrong(format!("{name} = {class}"), &expected));
+                return Err(text.invalid(format!("{name} = {class}"), &expected));
             }
         }
         Ok(Self {
             network,
             input,
-            pictures,
+            images,
             settings,
         })
     }
@@ -96,21 +96,21 @@ impl SegmentationNetwork {
     /// Where things of the masked classes are.
     ///
     /// # Errors
-    /// [`LearnedError::Picture`], [`LearnedError::Run`], and [`LearnedError::Tensor`] for an answer of another shape.
-    pub fn run(&mut self, picture: &Picture<'_>) -> Result<Movable, LearnedError> {
-        let size = self.input.padded(picture, self.pictures.multiple)?;
-        let tensor = self.input.tensor(picture, size, &self.pictures);
-        let answer = self.network.run(vec![(&self.input.name, tensor)])?;
+    /// [`LearnedError::Image`], [`LearnedError::Run`], and [`LearnedError::Tensor`] for an answer of another shape.
+    pub fn run(&mut self, image: &ImageView<'_>) -> Result<MovableMask, LearnedError> {
+        let size = self.input.padded(image, self.images.multiple)?;
+        let tensor = self.input.tensor(image, size, &self.images);
+        let output = self.network.run(vec![(&self.input.name, tensor)])?;
         let [columns, rows] = size;
         let unfit = || {
             let found = format!(
                 "{:?} for an input of {rows} rows and {columns} columns",
-                answer.shape
+                output.shape
             );
             self.network.wrong_output(found, EXPECTED)
         };
-        let class: Box<dyn Fn(usize, usize) -> usize> = match (&answer.numbers, &answer.shape[..]) {
-            (Numbers::Real(scores), &[1, classes, r, c]) if classes >= 2 => {
+        let class: Box<dyn Fn(usize, usize) -> usize> = match (&output.values, &output.shape[..]) {
+            (Values::Float(scores), &[1, classes, r, c]) if classes >= 2 => {
                 let scores = Scores {
                     scores,
                     classes,
@@ -121,7 +121,7 @@ impl SegmentationNetwork {
                     Enlarge::Bilinear => Box::new(move |x, y| scores.bilinear(x, y)),
                 }
             }
-            (Numbers::Whole(classes), &[1, r, c]) => {
+            (Values::Integer(classes), &[1, r, c]) => {
                 let grid = Grid::new(size, [c, r]).ok_or_else(unfit)?;
                 // A class below 0 is none; some networks mark so what they do not know.
                 Box::new(move |x, y| {
@@ -131,9 +131,9 @@ impl SegmentationNetwork {
             _ => return Err(unfit()),
         };
         let masked: Vec<usize> = self.settings.masked.values().map(|c| *c as usize).collect();
-        let (width, height) = (picture.width(), picture.height());
+        let (width, height) = (image.width(), image.height());
         let pixels = (0..height).flat_map(|y| (0..width).map(move |x| (x, y)));
-        Ok(Movable {
+        Ok(MovableMask {
             width,
             height,
             movable: pixels.map(|(x, y)| masked.contains(&class(x, y))).collect(),
@@ -152,12 +152,12 @@ struct Grid {
 
 impl Grid {
     /// None where the cells are not squares of whole pixels. Both sizes are columns and rows.
-    fn new(input: [usize; 2], answer: [usize; 2]) -> Option<Self> {
-        let side = input[0].checked_div(answer[0])?;
-        (answer.map(|length| length * side) == input).then_some(Self {
+    fn new(input: [usize; 2], output: [usize; 2]) -> Option<Self> {
+        let side = input[0].checked_div(output[0])?;
+        (output.map(|length| length * side) == input).then_some(Self {
             side,
-            columns: answer[0],
-            rows: answer[1],
+            columns: output[0],
+            rows: output[1],
         })
     }
 

@@ -140,7 +140,7 @@ impl Text {
         })
     }
 
-    pub(crate) fn wrong(&self, found: String, expected: &str) -> LearnedError {
+    pub(crate) fn invalid(&self, found: String, expected: &str) -> LearnedError {
         LearnedError::Settings {
             file: self.file.clone(),
             found,
@@ -150,36 +150,36 @@ impl Text {
 }
 
 impl InputSettings {
-    pub(crate) fn check(&self, text: &Text) -> Result<(), LearnedError> {
+    pub(crate) fn validate(&self, text: &Text) -> Result<(), LearnedError> {
         if self.multiple == 0 {
-            return Err(text.wrong("multiple = 0".to_owned(), "at least 1"));
+            return Err(text.invalid("multiple = 0".to_owned(), "at least 1"));
         }
-        positive(text, "white", self.white)?;
+        require_positive(text, "white", self.white)?;
         for std in &self.std {
-            positive(text, "std", *std)?;
+            require_positive(text, "std", *std)?;
         }
         if let Some(mean) = self.mean.iter().find(|m| !m.is_finite()) {
-            return Err(text.wrong(format!("mean = {mean}"), "a finite number"));
+            return Err(text.invalid(format!("mean = {mean}"), "a finite number"));
         }
         Ok(())
     }
 }
 
 impl StereoSettings {
-    pub(crate) fn check(&self, text: &Text) -> Result<(), LearnedError> {
+    pub(crate) fn validate(&self, text: &Text) -> Result<(), LearnedError> {
         if self.factor == 0.0 || !self.factor.is_finite() {
-            return Err(text.wrong(format!("factor = {}", self.factor), "a finite number but 0"));
+            return Err(text.invalid(format!("factor = {}", self.factor), "a finite number but 0"));
         }
-        positive(text, "apart_px", self.apart_px)?;
-        positive(text, "sigma_px", self.sigma_px)
+        require_positive(text, "apart_px", self.apart_px)?;
+        require_positive(text, "sigma_px", self.sigma_px)
     }
 }
 
-fn positive(text: &Text, key: &str, value: f32) -> Result<(), LearnedError> {
+fn require_positive(text: &Text, key: &str, value: f32) -> Result<(), LearnedError> {
     if value > 0.0 && value.is_finite() {
         return Ok(());
     }
-    Err(text.wrong(format!("{key} = {value}"), "a finite number above 0"))
+    Err(text.invalid(format!("{key} = {value}"), "a finite number above 0"))
 }
 
 #[cfg(test)]
@@ -198,8 +198,8 @@ mod tests {
         let file: StereoFile = text("").parse().unwrap();
         assert_eq!(file.input, InputSettings::default());
         assert_eq!(file.stereo, StereoSettings::default());
-        file.input.check(&text("")).unwrap();
-        file.stereo.check(&text("")).unwrap();
+        file.input.validate(&text("")).unwrap();
+        file.stereo.validate(&text("")).unwrap();
     }
 
     #[test]
@@ -237,7 +237,7 @@ mod tests {
         ] {
             let text = text(&format!("[stereo]\n{bad}"));
             let file: StereoFile = text.parse().unwrap();
-            let error = file.stereo.check(&text).unwrap_err().to_string();
+            let error = file.stereo.validate(&text).unwrap_err().to_string();
             let key = bad.split(' ').next().unwrap();
             assert!(error.contains(key), "{error}");
         }
@@ -249,7 +249,7 @@ mod tests {
         ] {
             let text = text(&format!("[input]\n{bad}"));
             let file: StereoFile = text.parse().unwrap();
-            assert!(file.input.check(&text).is_err(), "{bad}");
+            assert!(file.input.validate(&text).is_err(), "{bad}");
         }
     }
 }

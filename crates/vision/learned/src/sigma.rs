@@ -8,8 +8,12 @@ use crate::settings::StereoSettings;
 const REACH: usize = 4;
 
 /// Disparities with the stated sigma. Absent is what the right picture does not show, and what is not finite.
-pub(crate) fn stated(width: usize, disparity: Vec<f32>, settings: &StereoSettings) -> DisparityMap {
-    let outside = |x: usize, disparity: f32| place(width, x, disparity).is_none();
+pub(crate) fn constant_sigma(
+    width: usize,
+    disparity: Vec<f32>,
+    settings: &StereoSettings,
+) -> DisparityMap {
+    let outside = |x: usize, disparity: f32| right_column(width, x, disparity).is_none();
     let mut map = map(width, disparity);
     for (at, disparity) in map.disparity.iter_mut().enumerate() {
         if outside(at % width, *disparity) {
@@ -26,27 +30,29 @@ pub(crate) fn stated(width: usize, disparity: Vec<f32>, settings: &StereoSetting
 /// Absent is moreover where the two differ by more than [`StereoSettings::apart_px`]. If the errors of both were independent and alike,
 /// the variance of their difference would be twice that of one; the mean over the surroundings tells it. What both ways get wrong
 /// alike does not show; [`StereoSettings::sigma_px`] stands for that.
-pub(crate) fn checked(
+pub(crate) fn left_right_check(
     width: usize,
     left: Vec<f32>,
     right: &[f32],
     settings: &StereoSettings,
 ) -> DisparityMap {
     let mut map = map(width, left);
-    let mut square = vec![f32::NAN; map.disparity.len()];
+    let mut squared_difference = vec![f32::NAN; map.disparity.len()];
     for (at, disparity) in map.disparity.iter_mut().enumerate() {
         let (x, row) = (at % width, at / width * width);
-        let apart = place(width, x, *disparity)
-            .map(|there| *disparity - between(&right[row..row + width], there));
-        match apart {
-            Some(apart) if apart.abs() <= settings.apart_px => square[at] = apart * apart,
+        let difference = right_column(width, x, *disparity)
+            .map(|column| *disparity - interpolate(&right[row..row + width], column));
+        match difference {
+            Some(difference) if difference.abs() <= settings.apart_px => {
+                squared_difference[at] = difference * difference
+            }
             _ => *disparity = f32::NAN,
         }
     }
-    let stated = settings.sigma_px * settings.sigma_px;
+    let variance = settings.sigma_px * settings.sigma_px;
     for (at, sigma) in map.sigma.iter_mut().enumerate() {
-        if !square[at].is_nan() {
-            *sigma = (stated + mean_around(&square, width, at) / 2.0).sqrt();
+        if !squared_difference[at].is_nan() {
+            *sigma = (variance + mean_around(&squared_difference, width, at) / 2.0).sqrt();
         }
     }
     map
@@ -62,15 +68,15 @@ fn map(width: usize, disparity: Vec<f32>) -> DisparityMap {
 }
 
 /// Where a point is in its row of the right picture; none outside of it.
-fn place(width: usize, x: usize, disparity: f32) -> Option<f32> {
-    let there = x as f32 - disparity;
-    (there >= 0.0 && there <= (width - 1) as f32).then_some(there)
+fn right_column(width: usize, x: usize, disparity: f32) -> Option<f32> {
+    let column = x as f32 - disparity;
+    (column >= 0.0 && column <= (width - 1) as f32).then_some(column)
 }
 
 /// Between the two nearest of a row.
-fn between(row: &[f32], there: f32) -> f32 {
-    let before = there as usize;
-    let part = there - before as f32;
+fn interpolate(row: &[f32], column: f32) -> f32 {
+    let before = column as usize;
+    let part = column - before as f32;
     if part == 0.0 {
         return row[before];
     }
@@ -108,20 +114,23 @@ mod tests {
 
     #[test]
     fn what_the_right_picture_does_not_show_is_absent() {
-        let map = stated(
+        let map = constant_sigma(
             4,
             vec![1.0, 1.0, f32::INFINITY, -0.5, 0.0, f32::NAN, 0.0, -0.5],
             &settings(),
         );
         assert_eq!(map.height, 2);
-        let there: Vec<bool> = map.disparity.iter().map(|d| !d.is_nan()).collect();
-        assert_eq!(there, [false, true, false, false, true, false, true, false]);
+        let present: Vec<bool> = map.disparity.iter().map(|d| !d.is_nan()).collect();
+        assert_eq!(
+            present,
+            [false, true, false, false, true, false, true, false]
+        );
         assert_eq!(map.sigma[1], 0.3);
         assert!(
             map.sigma
                 .iter()
-                .zip(&there)
-                .all(|(s, there)| s.is_nan() != *there)
+                .zip(&present)
+                .all(|(s, present)| s.is_nan() != *present)
         );
     }
 
@@ -130,21 +139,21 @@ mod tests {
         // A wall at 2 px before one at 1 px; the right one of the row is 2, 2, 1, 1, 1, 1.
         let left = vec![f32::NAN, 1.0, 2.0, 2.0, 1.0, 1.0];
         let right = [2.0, 2.0, 4.0, 1.4, 1.0, 1.0];
-        let map = checked(6, left, &right, &settings());
+        let map = left_right_check(6, left, &right, &settings());
         // At 4 the right picture says 1.4 at 3, at 5 it says 1.0 at 4; at 1 it says 2.0 at 0, which is within the limit.
-        let there: Vec<bool> = map.disparity.iter().map(|d| !d.is_nan()).collect();
-        assert_eq!(there, [false, true, true, true, true, true]);
+        let present: Vec<bool> = map.disparity.iter().map(|d| !d.is_nan()).collect();
+        assert_eq!(present, [false, true, true, true, true, true]);
         let mean = (1.0 + 0.0 + 0.0 + 0.16 + 0.0) / 5.0;
         let sigma = (0.09_f32 + mean / 2.0).sqrt();
         assert!((map.sigma[3] - sigma).abs() < 1e-6, "{:?}", map.sigma);
-        let far = checked(
+        let far = left_right_check(
             6,
             vec![0.0; 6],
             &[0.0, 1.1, f32::NAN, 0.0, 0.0, 0.0],
             &settings(),
         );
-        let there: Vec<bool> = far.disparity.iter().map(|d| !d.is_nan()).collect();
-        assert_eq!(there, [true, false, false, true, true, true]);
+        let present: Vec<bool> = far.disparity.iter().map(|d| !d.is_nan()).collect();
+        assert_eq!(present, [true, false, false, true, true, true]);
     }
 
     #[test]
@@ -152,7 +161,7 @@ mod tests {
         // Left says 0.5 + 0.5 x, so that x is seen at 0.5 x - 0.5, where the right one must say 1 + x'.
         let left: Vec<f32> = (0..8).map(|x| 0.5 + 0.5 * x as f32).collect();
         let right: Vec<f32> = (0..8).map(|x| 1.0 + x as f32).collect();
-        let map = checked(8, left, &right, &settings());
+        let map = left_right_check(8, left, &right, &settings());
         assert!(map.disparity[0].is_nan());
         assert!(
             map.sigma[1..].iter().all(|s| (s - 0.3).abs() < 1e-6),

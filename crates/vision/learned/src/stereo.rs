@@ -5,11 +5,11 @@ use std::path::Path;
 use depth::DisparityMap;
 use ort::value::TensorElementType;
 
-use crate::answer::Numbers;
 use crate::error::LearnedError;
+use crate::image::ImageView;
 use crate::input::Input;
 use crate::network::Network;
-use crate::picture::Picture;
+use crate::output::Values;
 use crate::runtime::Runtime;
 use crate::settings::{InputSettings, StereoFile, StereoSettings, Text};
 use crate::sigma;
@@ -22,7 +22,7 @@ pub struct StereoNetwork {
     network: Network,
     left: Input,
     right: Input,
-    pictures: InputSettings,
+    images: InputSettings,
     settings: StereoSettings,
 }
 
@@ -35,11 +35,11 @@ impl StereoNetwork {
     pub fn open(runtime: &Runtime, file: &Path) -> Result<Self, LearnedError> {
         let text = Text::beside(file)?;
         let StereoFile {
-            input: pictures,
+            input: images,
             stereo: settings,
         } = text.parse()?;
-        pictures.check(&text)?;
-        settings.check(&text)?;
+        images.validate(&text)?;
+        settings.validate(&text)?;
         let network = Network::open(runtime, file, &text, settings.output.as_deref())?;
         let inputs = network.inputs(2)?;
         let named = |name: &Option<String>| name.as_deref().map(|n| network.input(n)).transpose();
@@ -51,7 +51,7 @@ impl StereoNetwork {
         };
         if left == right {
             let found = "one name for both `left` and `right`".to_owned();
-            return Err(text.wrong(found, "two names"));
+            return Err(text.invalid(found, "two names"));
         }
         let [left, right] = [left, right].map(|input| inputs[input].clone());
         if !left.same_size(&right) {
@@ -63,8 +63,8 @@ impl StereoNetwork {
                 "one".to_owned(),
             ));
         }
-        left.suits(&pictures, &text)?;
-        right.suits(&pictures, &text)?;
+        left.validate_settings(&images, &text)?;
+        right.validate_settings(&images, &text)?;
         let (kind, shape) = network.output(EXPECTED)?;
         let fits = matches!(shape[..], [] | [-1 | 1, _, _] | [-1 | 1, -1 | 1, _, _]);
         if kind != TensorElementType::Float32 || !fits {
@@ -74,7 +74,7 @@ impl StereoNetwork {
             network,
             left,
             right,
-            pictures,
+            images,
             settings,
         })
     }
@@ -92,15 +92,15 @@ impl StereoNetwork {
     /// Disparities of the left picture of a rectified pair, and their sigmas as `docs/learned.md` tells.
     ///
     /// # Errors
-    /// [`LearnedError::Picture`], [`LearnedError::Run`], and [`LearnedError::Tensor`] for an answer of another size.
+    /// [`LearnedError::Image`], [`LearnedError::Run`], and [`LearnedError::Tensor`] for an answer of another size.
     pub fn run(
         &mut self,
-        left: &Picture<'_>,
-        right: &Picture<'_>,
+        left: &ImageView<'_>,
+        right: &ImageView<'_>,
     ) -> Result<DisparityMap, LearnedError> {
-        let size = |p: &Picture<'_>| format!("{} x {} pixels", p.width(), p.height());
+        let size = |p: &ImageView<'_>| format!("{} x {} pixels", p.width(), p.height());
         if [left.width(), left.height()] != [right.width(), right.height()] {
-            return Err(LearnedError::Picture {
+            return Err(LearnedError::Image {
                 found: format!("a right one of {}", size(right)),
                 expected: format!("{} as the left one", size(left)),
             });
@@ -108,40 +108,47 @@ impl StereoNetwork {
         let width = left.width();
         let found = self.one_way(left, right)?;
         if !self.settings.both_ways {
-            return Ok(sigma::stated(width, found, &self.settings));
+            return Ok(sigma::constant_sigma(width, found, &self.settings));
         }
         // In a mirror, the right picture is the left one of a pair.
-        let mut back = self.one_way(&right.mirrored(), &left.mirrored())?;
-        back.chunks_exact_mut(width).for_each(<[f32]>::reverse);
-        Ok(sigma::checked(width, found, &back, &self.settings))
+        let mut right_to_left = self.one_way(&right.mirrored(), &left.mirrored())?;
+        right_to_left
+            .chunks_exact_mut(width)
+            .for_each(<[f32]>::reverse);
+        Ok(sigma::left_right_check(
+            width,
+            found,
+            &right_to_left,
+            &self.settings,
+        ))
     }
 
     /// Disparities as they come, px.
     fn one_way(
         &mut self,
-        left: &Picture<'_>,
-        right: &Picture<'_>,
+        left: &ImageView<'_>,
+        right: &ImageView<'_>,
     ) -> Result<Vec<f32>, LearnedError> {
-        let size = self.left.padded(left, self.pictures.multiple)?;
-        let tensors = [(&self.left, left), (&self.right, right)].map(|(input, picture)| {
-            let tensor = input.tensor(picture, size, &self.pictures);
+        let size = self.left.padded(left, self.images.multiple)?;
+        let tensors = [(&self.left, left), (&self.right, right)].map(|(input, image)| {
+            let tensor = input.tensor(image, size, &self.images);
             (input.name.as_str(), tensor)
         });
-        let answer = self.network.run(tensors.into())?;
+        let output = self.network.run(tensors.into())?;
         let [columns, rows] = size;
         let fits =
-            matches!(answer.shape[..], [1, r, c] | [1, 1, r, c] if [r, c] == [rows, columns]);
-        let Numbers::Real(numbers) = &answer.numbers else {
+            matches!(output.shape[..], [1, r, c] | [1, 1, r, c] if [r, c] == [rows, columns]);
+        let Values::Float(values) = &output.values else {
             return Err(self.network.unfit(EXPECTED));
         };
         if !fits {
             let found = format!(
                 "{:?} for inputs of {rows} rows and {columns} columns",
-                answer.shape
+                output.shape
             );
             return Err(self.network.wrong_output(found, EXPECTED));
         }
-        let rows = numbers.chunks_exact(columns).take(left.height());
+        let rows = values.chunks_exact(columns).take(left.height());
         Ok(rows
             .flat_map(|row| &row[..left.width()])
             .map(|number| number * self.settings.factor)

@@ -1,6 +1,6 @@
 //! What odometry is fed with.
 
-use calib::verify::Grey;
+use calib::verify::ImageView;
 
 /// The pictures of one instant, one entry for each camera of the rig, in its order; `None` where a camera has none.
 #[derive(Clone, Debug)]
@@ -17,12 +17,12 @@ pub struct View<'a> {
     /// Middle of the exposure of the middle row, ns; may differ from the set's.
     pub time_ns: i64,
     /// Left eye.
-    pub left: Grey<'a>,
+    pub left: ImageView<'a>,
     /// Right eye.
-    pub right: Grey<'a>,
+    pub right: ImageView<'a>,
     /// Which pixels of the left eye's picture may be followed, rows first: 0 may not, since something moves there. None for all:
     /// what moves is found out by its going elsewhere, too.
-    pub usable: Option<&'a [u8]>,
+    pub mask: Option<&'a [u8]>,
 }
 
 /// One reading of an IMU, in its own frame.

@@ -5,9 +5,9 @@
 
 use nalgebra::{UnitQuaternion, Vector3};
 
-use crate::state::State;
+use crate::backend::state::State;
 
-/// The state of the body; see [`crate::odometry`].
+/// The state of the body; see [`crate::estimator`].
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct BodyState {
     /// ns.
@@ -15,7 +15,7 @@ pub struct BodyState {
     /// In the world, m.
     pub position: Vector3<f64>,
     /// World from body.
-    pub turn: UnitQuaternion<f64>,
+    pub rotation: UnitQuaternion<f64>,
     /// In the world, m/s.
     pub velocity: Vector3<f64>,
     /// rad/s.
@@ -23,7 +23,7 @@ pub struct BodyState {
     /// m/s².
     pub accel_bias: Vector3<f64>,
     /// Rate of the body about its own axes as the gyroscope read it, rad/s.
-    pub read_rate: Vector3<f64>,
+    pub gyro_rate: Vector3<f64>,
 }
 
 impl From<&State> for BodyState {
@@ -31,25 +31,25 @@ impl From<&State> for BodyState {
         Self {
             time_ns: state.time_ns,
             position: state.position,
-            turn: state.turn,
+            rotation: state.rotation,
             velocity: state.velocity,
             gyro_bias: state.gyro_bias,
             accel_bias: state.accel_bias,
-            read_rate: state.read_rate,
+            gyro_rate: state.gyro_rate,
         }
     }
 }
 
 impl From<&BodyState> for State {
-    fn from(told: &BodyState) -> Self {
+    fn from(state: &BodyState) -> Self {
         Self {
-            time_ns: told.time_ns,
-            position: told.position,
-            turn: told.turn,
-            velocity: told.velocity,
-            gyro_bias: told.gyro_bias,
-            accel_bias: told.accel_bias,
-            read_rate: told.read_rate,
+            time_ns: state.time_ns,
+            position: state.position,
+            rotation: state.rotation,
+            velocity: state.velocity,
+            gyro_bias: state.gyro_bias,
+            accel_bias: state.accel_bias,
+            gyro_rate: state.gyro_rate,
         }
     }
 }
@@ -62,18 +62,18 @@ pub struct Keyframe {
     /// As the window saw it last.
     pub state: BodyState,
     /// Whether what the IMU felt since the keyframe before was believed: nothing was missing, and it went with what was seen.
-    pub is_felt: bool,
+    pub imu_valid: bool,
     /// How much later than the state each camera's middle row was exposed, s; 0 where it has no picture.
-    pub after_s: Vec<f64>,
+    pub exposure_offset_s: Vec<f64>,
     /// Corners that were followed through it.
-    pub seen: Vec<Seen>,
+    pub observations: Vec<StereoObservation>,
     /// Corners to find it again by.
-    pub marks: Vec<Mark>,
+    pub keypoints: Vec<Keypoint>,
 }
 
 /// A corner that was followed.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Seen {
+pub struct StereoObservation {
     /// The same in every keyframe that saw it.
     pub id: u64,
     /// Place of the camera in the rig.
@@ -86,7 +86,7 @@ pub struct Seen {
 
 /// A corner to find again.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Mark {
+pub struct Keypoint {
     /// Place of the camera in the rig.
     pub camera: u8,
     /// In the left picture, px.
@@ -94,5 +94,5 @@ pub struct Mark {
     /// Inverse range from the left eye, 1/m; 0 where the eyes do not tell.
     pub rho: f32,
     /// How it looks: 256 comparisons of grey levels around it, upright as the picture is.
-    pub looks: [u64; 4],
+    pub descriptor: [u64; 4],
 }

@@ -19,40 +19,23 @@
 //!
 //! This crate knows nothing of sessions, files, or devices.
 
+pub mod config;
+pub mod estimator;
 pub mod input;
 pub mod keyframe;
 pub mod mapping;
-pub mod odometry;
 pub mod rig;
-pub mod settings;
 
-mod anew;
-mod corners;
-mod describe;
-mod doubt;
-mod felt;
-mod follow;
-mod imu;
-#[cfg(test)]
-mod made;
-mod marginal;
-mod motion;
-mod mount;
-mod pyramid;
-mod shift;
-mod shown;
-mod sight;
+mod backend;
+mod frontend;
+mod inertial;
 mod so3;
-mod solve;
-mod start;
-mod state;
-mod tracker;
-mod window;
+#[cfg(test)]
+mod test_rig;
 
+pub use config::{Config, Preset};
+pub use estimator::{CameraShift, Estimate, Odometry, Status};
 pub use input::{FrameSet, ImuSample, View};
 pub use keyframe::Keyframe;
-pub use mapping::{Adjusted, Mapping};
-pub use odometry::{Estimate, Odometry, Status};
+pub use mapping::{Mapping, Refined};
 pub use rig::Rig;
-pub use settings::{Preset, Settings};
-pub use shift::Shift;

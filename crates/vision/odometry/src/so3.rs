@@ -6,7 +6,7 @@
 use nalgebra::{Matrix3, UnitQuaternion, Vector3};
 
 /// Below this angle, rad, series of second order are exact to the last bits that matter.
-const SMALL: f64 = 1e-5;
+const CONVERGENCE_PX: f64 = 1e-5;
 
 /// The matrix of `w x`.
 pub(crate) fn cross(w: &Vector3<f64>) -> Matrix3<f64> {
@@ -19,15 +19,15 @@ pub(crate) fn exp(w: &Vector3<f64>) -> UnitQuaternion<f64> {
 }
 
 /// The rotation vector of a turn, at most half a turn long.
-pub(crate) fn log(turn: &UnitQuaternion<f64>) -> Vector3<f64> {
-    turn.scaled_axis()
+pub(crate) fn log(rotation: &UnitQuaternion<f64>) -> Vector3<f64> {
+    rotation.scaled_axis()
 }
 
 /// `Exp(w + d) = Exp(w) Exp(right_jacobian(w) d)` for small `d`.
 pub(crate) fn right_jacobian(w: &Vector3<f64>) -> Matrix3<f64> {
     let angle = w.norm();
     let c = cross(w);
-    if angle < SMALL {
+    if angle < CONVERGENCE_PX {
         return Matrix3::identity() - c * 0.5 + c * c / 6.0;
     }
     let square = angle * angle;
@@ -39,7 +39,7 @@ pub(crate) fn right_jacobian(w: &Vector3<f64>) -> Matrix3<f64> {
 pub(crate) fn right_jacobian_inverse(w: &Vector3<f64>) -> Matrix3<f64> {
     let angle = w.norm();
     let c = cross(w);
-    if angle < SMALL {
+    if angle < CONVERGENCE_PX {
         return Matrix3::identity() + c * 0.5 + c * c / 12.0;
     }
     let square = angle * angle;

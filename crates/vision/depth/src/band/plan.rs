@@ -1,49 +1,49 @@
-//! From what is known of a scene to the disparities that it needs.
-//!
-//! Three things are known before a pair is matched: what a coarse look at the pair itself finds ([`Probe`]), what was there in the pair
-//! before, and where the ground is. A [`Plan`] takes the range of disparities of each, row by row, and makes a band that
-//! holds all of them with a margin. Nothing takes disparities away: each source only adds its own.
+//! Plans the disparity band of a pair from prior knowledge of the scene.
+//! There are three sources: coarse matching of the pair itself ([`Probe`]), the disparity map of
+//! the previous pair, and the ground plane. A [`Plan`] takes the disparity range of each source row
+//! by row and builds a band that contains all of them with a margin. A source only adds disparities
+//! and never removes any.
 
 use crate::band::Band;
 use crate::error::DepthError;
+use crate::image::ImageView;
 use crate::map::{DisparityMap, Geometry};
 use crate::matcher::Matcher;
-use crate::picture::Picture;
 use crate::settings::{Preset, Settings};
 
 /// A plane: all points `p` with `normal . p = distance_m`, in the left optical frame (x right, y down, z forward).
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Plane {
-    /// Of length 1.
+    /// Unit normal.
     pub normal: [f64; 3],
-    /// m.
+    /// Distance from the origin, m.
     pub distance_m: f64,
 }
 
-/// How much wider a band is than what is known.
+/// Safety margin of a band around the planned disparities.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Margin {
-    /// Disparities at either end, px.
+    /// Margin at either end, px.
     pub px: i32,
-    /// The same as a share of the disparity.
-    pub share: f64,
-    /// Rows above and below that a row must hold the disparities of.
+    /// Additional margin as a fraction of the disparity.
+    pub ratio: f64,
+    /// Number of rows above and below whose disparities a row must also contain.
     pub rows: usize,
 }
 
 impl Margin {
-    /// For walks at 15 pictures per second.
+    /// For walking speed at 15 frames per second.
     pub const WALK: Self = Self {
         px: 3,
-        share: 0.1,
+        ratio: 0.1,
         rows: 8,
     };
 }
 
-/// Bands change only every so many rows, at multiples of this: changes cost time.
-const BLOCK: usize = 8;
+/// Block height, rows: bands change only at multiples of it, because every change costs time.
+const BLOCK_ROWS: usize = 8;
 
-/// What each row needs.
+/// Disparity range that each row needs.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Plan {
     full: Band,
@@ -51,7 +51,7 @@ pub struct Plan {
 }
 
 impl Plan {
-    /// Nothing is known. `full` holds all that may be looked for.
+    /// A plan without prior knowledge. `full` is the full search range.
     pub fn new(full: &Band) -> Self {
         Self {
             full: full.clone(),
@@ -59,7 +59,7 @@ impl Plan {
         }
     }
 
-    /// A row needs these disparities, px. Rows beyond the last one are passed over.
+    /// Adds an inclusive range of disparities to a row, px. Rows beyond the last one are ignored.
     pub fn add(&mut self, y: usize, [low, high]: [i32; 2]) {
         if let Some(row) = self.rows.get_mut(y) {
             let [a, b] = row.unwrap_or([low, high]);
@@ -67,12 +67,12 @@ impl Plan {
         }
     }
 
-    /// All disparities of a map of the same size.
+    /// Adds the disparities of a map of the same size.
     pub fn add_map(&mut self, map: &DisparityMap) {
         self.add_scaled(map, 1);
     }
 
-    /// Those of a map whose pixels are `scale` pixels wide.
+    /// Adds the disparities of a map that is smaller by the factor `scale`.
     fn add_scaled(&mut self, map: &DisparityMap, scale: i32) {
         for (y, row) in map.disparity.chunks_exact(map.width.max(1)).enumerate() {
             let found = row.iter().filter(|d| !d.is_nan());
@@ -90,14 +90,15 @@ impl Plan {
         }
     }
 
-    /// Those of a plane, where it is before the cameras; for pictures of `width` columns.
+    /// Adds the disparities of a plane where it is in front of the cameras; `width` is the number
+    /// of image columns.
     pub fn add_plane(&mut self, geometry: &Geometry, width: usize, plane: &Plane) {
         for y in 0..self.rows.len() {
             // Inverse depth is linear along a row.
             let [a, b] = [0.0, width as f64 - 1.0].map(|x| {
                 let ray = [
-                    (x - geometry.centre[0]) / geometry.focal_px,
-                    (y as f64 - geometry.centre[1]) / geometry.focal_px,
+                    (x - geometry.center[0]) / geometry.focal_px,
+                    (y as f64 - geometry.center[1]) / geometry.focal_px,
                     1.0,
                 ];
                 let along: f64 = ray.iter().zip(plane.normal).map(|(r, n)| r * n).sum();
@@ -111,15 +112,14 @@ impl Plan {
         }
     }
 
-    /// The band: what rows need, with a margin. Rows of which nothing is known get all there is.
-    ///
+    /// Builds the band with a margin. Rows without prior knowledge get the full range.
     /// # Errors
-    /// None that a full band would not have given.
+    /// Those that the full band would give as well.
     pub fn finish(&self, margin: &Margin) -> Result<Band, DepthError> {
         let height = self.rows.len();
         let mut rows = Vec::with_capacity(height);
-        for block in (0..height).step_by(BLOCK) {
-            let count = BLOCK.min(height - block);
+        for block in (0..height).step_by(BLOCK_ROWS) {
+            let count = BLOCK_ROWS.min(height - block);
             let near = block.saturating_sub(margin.rows)..(block + count + margin.rows).min(height);
             let (mut low, mut high) = (i32::MAX, i32::MIN);
             let (mut lowest, mut highest) = (i32::MAX, i32::MIN);
@@ -131,7 +131,7 @@ impl Plan {
                 lowest = lowest.min(full[0]);
                 highest = highest.max(full[1]);
             }
-            let more = |d: i32| margin.px + (f64::from(d.max(0)) * margin.share).ceil() as i32;
+            let more = |d: i32| margin.px + (f64::from(d.max(0)) * margin.ratio).ceil() as i32;
             let low = low.saturating_sub(more(low)).clamp(lowest, highest);
             let high = high.saturating_add(more(high)).clamp(lowest, highest);
             rows.extend(std::iter::repeat_n([low.min(high), high], count));
@@ -140,8 +140,9 @@ impl Plan {
     }
 }
 
-/// A coarse look at a pair: a quarter of its size both ways, all disparities. It takes about a sixty-fourth of the work and finds
-/// whatever is larger than about a dozen pixels, wherever it came from.
+/// Coarse matching of a pair over all disparities, at a quarter of its width and height. It costs
+/// about 1/64 of the full resolution and finds objects larger than about a dozen pixels, also those
+/// that were not in the previous pair.
 #[derive(Debug)]
 pub struct Probe {
     matcher: Matcher,
@@ -150,34 +151,34 @@ pub struct Probe {
     band: Band,
 }
 
-/// How much smaller the pictures are that are looked at.
+/// Downsampling factor in both directions.
 const SCALE: usize = 4;
-/// The smallest side of what is left.
-const SMALLEST: usize = 16;
+/// Minimum side of the downsampled image, px.
+const MIN_SIDE_PX: usize = 16;
 
 impl Probe {
-    /// For pictures of `width` columns, and rows and disparities of a band; none where they are too small for a coarse look.
-    ///
+    /// For images of `width` columns with the rows and disparities of `full`. `None` if the images
+    /// are too small for coarse matching.
     /// # Errors
-    /// None that a full band would not have given.
+    /// Those that the full band would give as well.
     pub fn new(full: &Band, width: usize) -> Result<Option<Self>, DepthError> {
         let size = [width / SCALE, full.height() / SCALE];
-        if size[0] < SMALLEST || size[1] < SMALLEST {
+        if size[0] < MIN_SIDE_PX || size[1] < MIN_SIDE_PX {
             return Ok(None);
         }
         let scale = SCALE as i32;
         let first = full.first().div_euclid(scale);
         let last = (full.first() + full.count() as i32).div_euclid(scale) + 1;
-        // Little things count here, and nobody minds a hole: jumps are cheap.
+        // Small objects matter here and holes do not, so that disparity jumps are cheap.
         let mut settings = Settings {
-            island: 4,
+            min_speckle_px: 4,
             ..Settings::preset(Preset::Balanced)
         };
         for matching in [&mut settings.clear, &mut settings.noisy] {
             let penalties = &mut matching.penalties;
             penalties.small /= 2;
             penalties.large /= 2;
-            penalties.large_least /= 2;
+            penalties.min_large /= 2;
         }
         Ok(Some(Self {
             matcher: Matcher::new(settings, size[0], size[1])?,
@@ -187,26 +188,27 @@ impl Probe {
         }))
     }
 
-    /// Adds what is found in a pair to a plan.
-    ///
+    /// Adds the disparities found in a pair to a plan.
     /// # Errors
-    /// [`DepthError::Size`] where the right picture has another size than the left one, or both than was said.
-    pub fn look(
+    /// [`DepthError::Size`] if the sizes of the images differ from each other or from the
+    /// configured size.
+    pub fn search(
         &mut self,
-        left: &Picture<'_>,
-        right: &Picture<'_>,
+        left: &ImageView<'_>,
+        right: &ImageView<'_>,
         plan: &mut Plan,
     ) -> Result<(), DepthError> {
-        for (picture, small) in [left, right].into_iter().zip(&mut self.small) {
-            shrink(picture, small);
+        for (image, small) in [left, right].into_iter().zip(&mut self.small) {
+            shrink(image, small);
         }
-        let size = |p: &Picture<'_>| [p.width() / SCALE, p.height() / SCALE];
-        let small =
-            |p: &Picture<'_>, eye: usize| Picture::new(size(p)[0], size(p)[1], &self.small[eye]);
+        let size = |p: &ImageView<'_>| [p.width() / SCALE, p.height() / SCALE];
+        let small = |p: &ImageView<'_>, eye: usize| {
+            ImageView::new(size(p)[0], size(p)[1], &self.small[eye])
+        };
         let (left, right) = (small(left, 0)?, small(right, 1)?);
         let map = self.matcher.run(&left, &right, &self.band)?;
         debug_assert_eq!([map.width, map.height], self.size);
-        // A coarse pixel's disparity is right to about one coarse pixel.
+        // A coarse disparity is accurate to about one coarse pixel.
         let mut near = Plan::new(&plan.full);
         near.add_scaled(map, SCALE as i32);
         for (y, row) in near.rows.iter().enumerate() {
@@ -218,16 +220,16 @@ impl Probe {
     }
 }
 
-/// Means of 4x4 pixels.
-fn shrink(picture: &Picture<'_>, small: &mut Vec<u8>) {
-    let (width, height) = (picture.width() / SCALE, picture.height() / SCALE);
+/// Downsamples by averaging 4x4 pixels.
+fn shrink(image: &ImageView<'_>, small: &mut Vec<u8>) {
+    let (width, height) = (image.width() / SCALE, image.height() / SCALE);
     small.clear();
     small.reserve(width * height);
     let mut sums = vec![0u16; width];
     for y in 0..height {
         sums.fill(0);
         for k in 0..SCALE {
-            let row = picture.row(y * SCALE + k);
+            let row = image.row(y * SCALE + k);
             for (sum, four) in sums.iter_mut().zip(row.chunks_exact(SCALE)) {
                 *sum += four.iter().map(|v| u16::from(*v)).sum::<u16>();
             }

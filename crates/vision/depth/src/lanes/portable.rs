@@ -1,4 +1,4 @@
-//! Vectors as arrays, for the compiler to put into what the processor has.
+//! Vectors as arrays, which the compiler maps to the baseline instruction set.
 
 use super::{Lanes, Words};
 
@@ -68,7 +68,7 @@ impl Lanes for Bytes {
 
     #[inline(always)]
     fn count_ones(self) -> Self {
-        // In steps that compilers make vectors of.
+        // In steps that compilers vectorize.
         let count = |v: u8, _: u8| {
             let v = v - ((v >> 1) & 0x55);
             let v = (v & 0x33) + ((v >> 2) & 0x33);

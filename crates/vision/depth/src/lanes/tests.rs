@@ -1,8 +1,8 @@
-//! Every kind of vector against arrays, lane by lane.
+//! Vectors of every instruction set against arrays, lane by lane.
 
 use super::{Kernel, Lanes, Level, Words};
 
-/// All operations on given bytes: results one after the other.
+/// All operations on given bytes; one result per operation.
 struct Everything<'a> {
     a: &'a [u8],
     b: &'a [u8],
@@ -16,13 +16,13 @@ impl Kernel for Everything<'_> {
         assert!(self.a.len() >= V::COUNT && self.b.len() >= V::COUNT);
         let bytes = |v: V| -> Vec<u16> {
             let mut out = vec![0u8; V::COUNT];
-            // SAFETY: as many as are stored.
+            // SAFETY: the buffer has the length of the vector.
             unsafe { v.store(out.as_mut_ptr()) };
             out.into_iter().map(u16::from).collect()
         };
         let words = |v: V::Words| -> Vec<u16> {
             let mut out = vec![0u16; V::Words::COUNT];
-            // SAFETY: as many as are stored.
+            // SAFETY: the buffer has the length of the vector.
             unsafe { v.store(out.as_mut_ptr()) };
             out
         };
@@ -102,11 +102,11 @@ fn expected(a: &[u8], b: &[u8]) -> Vec<Vec<u16>> {
 
 #[test]
 fn every_level_computes_the_same() {
-    let mut random = crate::twin::Random(1);
+    let mut random = crate::reference::Random(1);
     for level in Level::all() {
         let n = level.lanes();
         for round in 0..200 {
-            // Few values make lanes equal now and then.
+            // A small value range makes equal lanes likely.
             let most = if round % 2 == 0 { 256 } else { 8 };
             let mut bytes = || -> Vec<u8> { (0..n).map(|_| random.below(most) as u8).collect() };
             let (a, b) = (bytes(), bytes());

@@ -1,7 +1,7 @@
-//! Vectors of AVX2 and AVX-512.
-//!
-//! These types are made only inside kernels that [`super::Level::run`] has started, after it has found that the processor has the
-//! instructions; that is what makes every `unsafe` block here sound, besides the promises about pointers.
+//! AVX2 and AVX-512 vectors.
+//! These types are created only inside kernels that [`super::Level::run`] started after it checked
+//! that the processor supports the instructions. This makes every `unsafe` block here sound,
+//! together with the contracts on pointers.
 
 use std::arch::x86_64::*;
 
@@ -26,7 +26,7 @@ pub(super) fn on_avx512<K: Kernel>(kernel: K) -> K::Output {
     kernel.run::<Bytes64>()
 }
 
-/// Methods that are one instruction.
+/// Methods of one instruction.
 macro_rules! two {
     ($($name:ident: $instruction:ident),* $(,)?) => {
         $(
@@ -39,7 +39,7 @@ macro_rules! two {
     };
 }
 
-/// Stores, and vectors of one value.
+/// Store and broadcast.
 macro_rules! moves {
     ($of:ty, $signed:ty, $splat:ident, $store:ident) => {
         #[inline(always)]
@@ -56,12 +56,12 @@ macro_rules! moves {
     };
 }
 
-/// The least byte of 16, in the low byte; the byte above it is 0.
+/// Minimum of 16 bytes, in the low byte; the next byte is 0.
 #[inline(always)]
 unsafe fn least_of_16(v: __m128i) -> __m128i {
     // SAFETY: see the module; SSE4.1 comes with AVX2.
     unsafe {
-        // The upper byte of each word against the lower one; what stays above is 0.
+        // Minimum of the two bytes of each word; the upper byte of the result is 0.
         let both = _mm_min_epu8(v, _mm_srli_epi16::<8>(v));
         _mm_minpos_epu16(both)
     }
@@ -91,7 +91,7 @@ impl Lanes for Bytes32 {
     fn count_ones(self) -> Self {
         // SAFETY: see the module.
         unsafe {
-            // Of each nibble by table.
+            // Table lookup per nibble.
             let table = _mm256_broadcastsi128_si256(_mm_setr_epi8(
                 0, 1, 1, 2, 1, 2, 2, 3, 1, 2, 2, 3, 2, 3, 3, 4,
             ));
@@ -253,7 +253,7 @@ impl Lanes for Bytes64 {
     fn up(self, before: Self) -> Self {
         // SAFETY: see the module.
         unsafe {
-            // 0, 1, 2 ... 63: the bytes one before, of which the first comes from the other vector.
+            // Indices 0 to 63 minus 1; the first byte comes from the other vector.
             let from = _mm512_sub_epi8(counting(), _mm512_set1_epi8(1));
             let from = _mm512_or_si512(from, _mm512_maskz_set1_epi8(1, 127));
             Self(_mm512_permutex2var_epi8(self.0, from, before.0))
@@ -264,7 +264,7 @@ impl Lanes for Bytes64 {
     fn down(self, after: Self) -> Self {
         // SAFETY: see the module.
         unsafe {
-            // The last, 64, is the first of the other vector.
+            // Index 64 is the first byte of the other vector.
             let from = _mm512_add_epi8(counting(), _mm512_set1_epi8(1));
             Self(_mm512_permutex2var_epi8(self.0, from, after.0))
         }
@@ -315,7 +315,7 @@ unsafe fn counting() -> __m512i {
         }
         bytes
     };
-    // SAFETY: see the module; the bytes are 64.
+    // SAFETY: see the module; there are 64 bytes.
     unsafe { _mm512_loadu_si512(BYTES.as_ptr().cast()) }
 }
 
@@ -352,7 +352,7 @@ impl Words for Words32 {
     fn down(self, after: Self) -> Self {
         // SAFETY: see the module.
         unsafe {
-            // The last, 32, is the first of the other vector.
+            // Index 32 is the first word of the other vector.
             let from = _mm512_add_epi16(Self::counting(0).0, _mm512_set1_epi16(1));
             Self(_mm512_permutex2var_epi16(self.0, from, after.0))
         }

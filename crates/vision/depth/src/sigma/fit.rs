@@ -1,31 +1,30 @@
-//! Fitting a model of sigma to errors that are known.
-//!
-//! The least sum of the pinball loss of the 95 % quantile (Koenker and Bassett, "Regression quantiles", Econometrica 1978) over an
-//! additive model, one kind of evidence after the other: given the others, the best number of a class is the
-//! quantile of what is left in it.
+//! Fits a sigma model to known errors.
+//! Minimizes the pinball loss of the 95 % quantile (Koenker and Bassett, "Regression quantiles",
+//! Econometrica 1978) over an additive model by coordinate descent: given the other components, the
+//! optimal entry of a class is the quantile of its residuals.
 
-use super::{CLASSES, Evidence, FINEST_PX, KINDS, Model, class};
+use super::{CLASSES, Evidence, KINDS, MIN_ERROR_PX, Model, class};
 
 /// A disparity whose error is known.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Sample {
-    /// What there was to judge it by.
+    /// Evidence of the disparity.
     pub evidence: Evidence,
-    /// How far off it was, px.
+    /// Absolute error, px.
     pub error_px: f32,
 }
 
-/// The share of errors that are to be below two sigma.
-const SHARE: f64 = 0.95;
-/// Times each kind of evidence is gone through.
-const ROUNDS: usize = 8;
-/// A class with less samples says nothing of its own.
-const FEWEST: usize = 50;
+/// Fraction of errors that must be below two sigma.
+const QUANTILE: f64 = 0.95;
+/// Number of passes over all components.
+const ITERATIONS: usize = 8;
+/// Minimum number of samples of a class; smaller classes take the entry of a neighbor.
+const MIN_SAMPLES: usize = 50;
 
 impl Model {
-    /// Fits a model; none with too few samples to tell anything.
+    /// Fits a model; `None` if there are too few samples.
     pub fn fit(samples: &[Sample]) -> Option<Self> {
-        if samples.len() < FEWEST * CLASSES {
+        if samples.len() < MIN_SAMPLES * CLASSES {
             return None;
         }
         let mut model = Self {
@@ -46,20 +45,20 @@ impl Model {
             .collect();
         let logs: Vec<f32> = samples
             .iter()
-            .map(|sample| (sample.error_px + FINEST_PX).ln())
+            .map(|sample| (sample.error_px + MIN_ERROR_PX).ln())
             .collect();
-        // All of it goes to the first kind to begin with.
+        // Initially the first component holds the whole quantile.
         model.logs[0] = [quantile(&mut logs.clone()); CLASSES];
-        for _ in 0..ROUNDS {
+        for _ in 0..ITERATIONS {
             for kind in 0..KINDS {
                 let mut left: [Vec<f32>; CLASSES] = std::array::from_fn(|_| Vec::new());
                 for (of, log) in classes.iter().zip(&logs) {
                     let others = (0..KINDS).filter(|other| *other != kind);
-                    let told: f32 = others.map(|other| model.logs[other][of[other]]).sum();
-                    left[of[kind]].push(log - told);
+                    let predicted: f32 = others.map(|other| model.logs[other][of[other]]).sum();
+                    left[of[kind]].push(log - predicted);
                 }
                 for (log, left) in model.logs[kind].iter_mut().zip(&mut left) {
-                    if left.len() >= FEWEST {
+                    if left.len() >= MIN_SAMPLES {
                         *log = quantile(left);
                     }
                 }
@@ -69,9 +68,9 @@ impl Model {
         Some(model)
     }
 
-    /// Gives classes without samples the number of the next one that has some.
+    /// Gives classes with too few samples the entry of the nearest class with enough.
     fn fill(&mut self, kind: usize, counts: &[usize; CLASSES]) {
-        let known: Vec<usize> = (0..CLASSES).filter(|k| counts[*k] >= FEWEST).collect();
+        let known: Vec<usize> = (0..CLASSES).filter(|k| counts[*k] >= MIN_SAMPLES).collect();
         for k in 0..CLASSES {
             if let Some(next) = known.iter().min_by_key(|other| other.abs_diff(k)) {
                 self.logs[kind][k] = self.logs[kind][*next];
@@ -79,7 +78,7 @@ impl Model {
         }
     }
 
-    /// The model as Rust source, as it stands in `tables.rs`.
+    /// The model as Rust source, in the form of `tables.rs`.
     pub fn source(&self) -> String {
         let mut text = String::from("Model {\n    edges: [\n");
         for edges in &self.edges {
@@ -93,13 +92,13 @@ impl Model {
     }
 }
 
-/// Four digits behind the point.
+/// Rounds to four decimals.
 fn rounded(value: f32) -> f64 {
     (f64::from(value) * 1e4).round() / 1e4
 }
 
-/// The value that the share of all is below.
+/// Quantile [`QUANTILE`] of the values.
 fn quantile(values: &mut [f32]) -> f32 {
-    let at = ((values.len() - 1) as f64 * SHARE).round() as usize;
+    let at = ((values.len() - 1) as f64 * QUANTILE).round() as usize;
     *values.select_nth_unstable_by(at, f32::total_cmp).1
 }

@@ -1,5 +1,6 @@
-//! The models of the presets, as `bench depth --fit` gives them: fitted on simulated walks over a pavement, through a corridor and on a
-//! trail, by day, at night and with the sun low (`crates/dev/bench/src/depth/exam.rs`).
+//! Models of the presets, as printed by `bench depth --fit`: fitted on simulated walks over a
+//! pavement, through a corridor and on a trail, by day, at night and with a low sun
+//! (`crates/dev/bench/src/depth/exam.rs`).
 
 #![expect(
     clippy::approx_constant,

@@ -1,17 +1,17 @@
 use super::*;
-use crate::twin::Random;
+use crate::reference::Random;
 
-/// Errors whose size two kinds of evidence tell of, with a heavy tail: one in twenty is more than three times as large as half of
-/// them.
+/// Heavy-tailed errors whose scale depends on two components of the evidence: one in twenty is more
+/// than three times the median.
 fn samples(random: &mut Random, count: usize) -> Vec<Sample> {
     (0..count)
         .map(|_| {
             let mut part = || random.below(1_000_000) as f32 / 1e6;
             let evidence = Evidence {
-                lead: 5.0 * part(),
-                rise: 3.0 * part(),
-                range: 0.0,
-                share: part(),
+                second_best_margin: 5.0 * part(),
+                cost_slope: 3.0 * part(),
+                disparity_range_px: 0.0,
+                density: part(),
             };
             let error_px = error(&evidence, part());
             Sample { evidence, error_px }
@@ -19,15 +19,19 @@ fn samples(random: &mut Random, count: usize) -> Vec<Sample> {
         .collect()
 }
 
-/// The error that so large a part of all is below.
+/// Quantile of the error; `part` is from 0 to 1.
 fn error(evidence: &Evidence, part: f32) -> f32 {
-    let size = if evidence.lead < 1.0 { 2.0 } else { 0.5 };
-    let more = if evidence.share < 0.3 { 4.0 } else { 1.0 };
+    let size = if evidence.second_best_margin < 1.0 {
+        2.0
+    } else {
+        0.5
+    };
+    let more = if evidence.density < 0.3 { 4.0 } else { 1.0 };
     size * more * ((1.0 - part).powf(-0.5) - 1.0)
 }
 
-/// The share of errors that are within two sigma, of samples that a condition chooses.
-fn inside(model: &Model, samples: &[Sample], of: impl Fn(&Evidence) -> bool) -> f64 {
+/// Fraction of errors within two sigma, among the samples that fulfill a condition.
+fn coverage(model: &Model, samples: &[Sample], of: impl Fn(&Evidence) -> bool) -> f64 {
     let chosen: Vec<&Sample> = samples.iter().filter(|s| of(&s.evidence)).collect();
     assert!(chosen.len() > 1000);
     let is_in = |s: &&&Sample| s.error_px <= 2.0 * model.sigma_px(&s.evidence);
@@ -35,31 +39,31 @@ fn inside(model: &Model, samples: &[Sample], of: impl Fn(&Evidence) -> bool) -> 
 }
 
 #[test]
-fn a_fitted_model_covers_what_it_has_not_seen() {
+fn fitted_model_covers_unseen_samples() {
     let mut random = Random(51);
     let model = Model::fit(&samples(&mut random, 80_000)).unwrap();
     let others = samples(&mut random, 80_000);
-    assert!((0.945..0.955).contains(&inside(&model, &others, |_| true)));
+    assert!((0.945..0.955).contains(&coverage(&model, &others, |_| true)));
     let parts: [fn(&Evidence) -> bool; 4] = [
-        |e| e.lead < 0.9 && e.share < 0.25,
-        |e| e.lead < 0.9 && e.share > 0.35,
-        |e| e.lead > 1.1 && e.share < 0.25,
-        |e| e.lead > 1.1 && e.share > 0.35,
+        |e| e.second_best_margin < 0.9 && e.density < 0.25,
+        |e| e.second_best_margin < 0.9 && e.density > 0.35,
+        |e| e.second_best_margin > 1.1 && e.density < 0.25,
+        |e| e.second_best_margin > 1.1 && e.density > 0.35,
     ];
     for part in parts {
-        let share = inside(&model, &others, part);
+        let share = coverage(&model, &others, part);
         assert!((0.93..0.97).contains(&share), "{share}");
     }
     let clear = Evidence {
-        lead: 4.0,
-        rise: 2.0,
-        range: 0.0,
-        share: 0.9,
+        second_best_margin: 4.0,
+        cost_slope: 2.0,
+        disparity_range_px: 0.0,
+        density: 0.9,
     };
     for evidence in [
         clear,
         Evidence {
-            share: 0.1,
+            density: 0.1,
             ..clear
         },
     ] {
@@ -70,36 +74,36 @@ fn a_fitted_model_covers_what_it_has_not_seen() {
 }
 
 #[test]
-fn few_samples_tell_nothing() {
+fn too_few_samples_give_no_model() {
     assert_eq!(Model::fit(&samples(&mut Random(52), 100)), None);
 }
 
 #[test]
-fn what_is_not_a_number_is_doubtful() {
-    // Infinite ranges come from surroundings without a disparity.
+fn infinite_range_gives_a_finite_sigma() {
+    // Infinite ranges occur in neighborhoods without a disparity.
     let model = Model::fit(&samples(&mut Random(53), 60_000)).unwrap();
     let evidence = Evidence {
-        lead: 0.0,
-        rise: 0.0,
-        range: f32::NEG_INFINITY,
-        share: 0.0,
+        second_best_margin: 0.0,
+        cost_slope: 0.0,
+        disparity_range_px: f32::NEG_INFINITY,
+        density: 0.0,
     };
     assert!(model.sigma_px(&evidence).is_finite());
 }
 
 #[test]
-fn the_models_of_the_presets_tell_good_from_bad() {
+fn preset_models_separate_good_from_bad_evidence() {
     let good = Evidence {
-        lead: 4.0,
-        rise: 2.0,
-        range: 0.5,
-        share: 1.0,
+        second_best_margin: 4.0,
+        cost_slope: 2.0,
+        disparity_range_px: 0.5,
+        density: 1.0,
     };
     let bad = Evidence {
-        lead: 0.1,
-        rise: 0.1,
-        range: 5.0,
-        share: 0.2,
+        second_best_margin: 0.1,
+        cost_slope: 0.1,
+        disparity_range_px: 5.0,
+        density: 0.2,
     };
     for paths in [Paths::Three, Paths::Eight] {
         let model = Model::of(paths);

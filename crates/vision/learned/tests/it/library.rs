@@ -3,33 +3,33 @@
 use std::path::PathBuf;
 use std::process::Command;
 
-use learned::{Runtime, VARIABLE};
+use learned::{RUNTIME_PATH_VARIABLE, Runtime};
 
 const FIND: &str = "import pathlib, onnxruntime; \
                     print(next(pathlib.Path(onnxruntime.__file__).parent.glob('capi/libonnxruntime.so*')))";
 
 /// The library, where there is one.
 pub(crate) fn runtime() -> Option<Runtime> {
-    if std::env::var_os(VARIABLE).is_some_and(|v| !v.is_empty()) {
+    if std::env::var_os(RUNTIME_PATH_VARIABLE).is_some_and(|v| !v.is_empty()) {
         return Some(Runtime::load(None).expect("the library of ORT_DYLIB_PATH"));
     }
     let Some(python) = std::env::var_os("PAWS_PYTHON") else {
         eprintln!(
-            "skipped: neither {VARIABLE} names an ONNX Runtime nor PAWS_PYTHON an interpreter that has one"
+            "skipped: neither {RUNTIME_PATH_VARIABLE} names an ONNX Runtime nor PAWS_PYTHON an interpreter that has one"
         );
         return None;
     };
-    let said = Command::new(python)
+    let output = Command::new(python)
         .args(["-c", FIND])
         .output()
         .expect("the interpreter of PAWS_PYTHON");
-    if !said.status.success() {
+    if !output.status.success() {
         eprintln!(
             "skipped: the interpreter of PAWS_PYTHON has no package onnxruntime with a library"
         );
         return None;
     }
-    let path = PathBuf::from(String::from_utf8(said.stdout).unwrap().trim_end());
+    let path = PathBuf::from(String::from_utf8(output.stdout).unwrap().trim_end());
     Some(Runtime::load(Some(&path)).expect("the library of the package onnxruntime"))
 }
 

@@ -5,6 +5,6 @@
 
 mod library;
 mod onnx;
-mod refusals;
+mod rejections;
 mod segmentation;
 mod stereo;

@@ -54,7 +54,7 @@ impl Message {
 /// An attribute of a node.
 pub(crate) enum Attribute<'a> {
     Number(&'a str, i64),
-    Numbers(&'a str, &'a [i64]),
+    Values(&'a str, &'a [i64]),
     Text(&'a str, &'a str),
 }
 
@@ -68,7 +68,7 @@ impl Attribute<'_> {
         };
         match self {
             Self::Number(name, value) => named(name, 2).number(3, *value),
-            Self::Numbers(name, values) => named(name, 7).numbers(8, values),
+            Self::Values(name, values) => named(name, 7).numbers(8, values),
             Self::Text(name, text) => named(name, 3).bytes(4, text.as_bytes()),
         }
     }

@@ -2,7 +2,7 @@
 
 use std::path::{Path, PathBuf};
 
-use learned::{Picture, Runtime, SegmentationNetwork};
+use learned::{ImageView, Runtime, SegmentationNetwork};
 
 use crate::library::runtime;
 use crate::onnx::{Attribute, F32, Graph, I64};
@@ -19,8 +19,8 @@ fn scores() -> Graph {
         &["image"],
         "scores",
         &[
-            Attribute::Numbers("kernel_shape", &[4, 4]),
-            Attribute::Numbers("strides", &[4, 4]),
+            Attribute::Values("kernel_shape", &[4, 4]),
+            Attribute::Values("strides", &[4, 4]),
         ],
     )
 }
@@ -35,7 +35,7 @@ fn blue(x: usize, y: usize) -> bool {
 }
 
 /// Green, with blue in the middle.
-fn picture() -> Vec<u8> {
+fn image() -> Vec<u8> {
     let pixels = (0..HEIGHT).flat_map(|y| (0..WIDTH).map(move |x| (x, y)));
     pixels
         .flat_map(|(x, y)| if blue(x, y) { [0, 0, 200] } else { [0, 200, 0] })
@@ -68,8 +68,8 @@ fn masked_classes_are_found_where_they_are() {
     let (Some(runtime), folder) = (runtime(), tempfile::tempdir().unwrap()) else {
         return;
     };
-    let values = picture();
-    let picture = Picture::rgb(WIDTH, HEIGHT, &values).unwrap();
+    let values = image();
+    let image = ImageView::rgb(WIDTH, HEIGHT, &values).unwrap();
     let networks = [
         (with_scores(folder.path()), "enlarge = 'nearest'"),
         (with_scores(folder.path()), "enlarge = 'bilinear'"),
@@ -78,7 +78,7 @@ fn masked_classes_are_found_where_they_are() {
     for (file, enlarge) in networks {
         let settings = format!("[segmentation]\n{enlarge}\nmasked = {{ water = 2 }}");
         let mut network = open(&runtime, &file, &settings);
-        let mask = network.run(&picture).unwrap();
+        let mask = network.run(&image).unwrap();
         assert_eq!((mask.width, mask.height), (WIDTH, HEIGHT));
         // The edges of the blue lie between cells, so that even what is blended changes exactly there, but for the two corners.
         for (at, found) in mask.movable.iter().enumerate() {
@@ -88,7 +88,7 @@ fn masked_classes_are_found_where_they_are() {
         }
         let settings = format!("[segmentation]\n{enlarge}\nmasked = {{ grass = 1, fire = 0 }}");
         let mut other = open(&runtime, &file, &settings);
-        let others = other.run(&picture).unwrap();
+        let others = other.run(&image).unwrap();
         assert!(
             others
                 .movable
@@ -109,11 +109,11 @@ fn blended_scores_move_an_edge_within_a_cell() {
         .flat_map(|x| if x >= 11 { [0, 0, 200] } else { [0, 200, 0] })
         .collect();
     let values = row.repeat(32);
-    let picture = Picture::rgb(32, 32, &values).unwrap();
+    let image = ImageView::rgb(32, 32, &values).unwrap();
     let first = |enlarge: &str| {
         let settings = format!("[segmentation]\nenlarge = '{enlarge}'\nmasked = {{ water = 2 }}");
         let mut network = open(&runtime, &with_scores(folder.path()), &settings);
-        network.run(&picture).unwrap().movable[..32]
+        network.run(&image).unwrap().movable[..32]
             .iter()
             .position(|m| *m)
     };
@@ -133,7 +133,7 @@ fn grey_pictures_have_all_colours() {
     let mut network = open(&runtime, &with_scores(folder.path()), settings);
     let values = [77; 20 * 10];
     let mask = network
-        .run(&Picture::grey(20, 10, &values).unwrap())
+        .run(&ImageView::gray(20, 10, &values).unwrap())
         .unwrap();
     assert!(mask.movable.iter().all(|m| *m));
 }

@@ -2,7 +2,7 @@
 
 use std::path::{Path, PathBuf};
 
-use learned::{LearnedError, Picture, Runtime, StereoNetwork};
+use learned::{ImageView, LearnedError, Runtime, StereoNetwork};
 
 use crate::library::runtime;
 use crate::onnx::{Attribute, F32, Graph, U8};
@@ -45,15 +45,15 @@ fn block_matching(folder: &Path) -> PathBuf {
                 "ReduceMean",
                 &[&name("absolute")],
                 &name("grey"),
-                &[Attribute::Numbers("axes", &[1])],
+                &[Attribute::Values("axes", &[1])],
             )
             .node(
                 "AveragePool",
                 &[&name("grey")],
                 cost,
                 &[
-                    Attribute::Numbers("kernel_shape", &[5, 5]),
-                    Attribute::Numbers("pads", &[2, 2, 2, 2]),
+                    Attribute::Values("kernel_shape", &[5, 5]),
+                    Attribute::Values("pads", &[2, 2, 2, 2]),
                 ],
             );
     }
@@ -137,7 +137,7 @@ fn walls() -> [Vec<u8>; 2] {
 fn run(network: &mut StereoNetwork, pair: &[Vec<u8>; 2]) -> depth::DisparityMap {
     let [left, right] = pair
         .each_ref()
-        .map(|p| Picture::from(depth::Picture::new(WIDTH, HEIGHT, p).unwrap()));
+        .map(|p| ImageView::from(depth::ImageView::new(WIDTH, HEIGHT, p).unwrap()));
     network.run(&left, &right).unwrap()
 }
 
@@ -260,8 +260,8 @@ fn numbers_go_in_as_the_settings_say() {
     let right = [50; 5 * 3];
     let map = network
         .run(
-            &Picture::grey(5, 3, &left).unwrap(),
-            &Picture::grey(5, 3, &right).unwrap(),
+            &ImageView::gray(5, 3, &left).unwrap(),
+            &ImageView::gray(5, 3, &right).unwrap(),
         )
         .unwrap();
     for (i, found) in map.disparity.iter().enumerate() {
@@ -295,8 +295,8 @@ fn pictures_are_padded_by_their_edge() {
             &["difference"],
             "out",
             &[
-                Attribute::Numbers("kernel_shape", &[5, 5]),
-                Attribute::Numbers("pads", &[2, 2, 2, 2]),
+                Attribute::Values("kernel_shape", &[5, 5]),
+                Attribute::Values("pads", &[2, 2, 2, 2]),
             ],
         )
         .write(folder.path(), "mean.onnx");
@@ -307,7 +307,7 @@ fn pictures_are_padded_by_their_edge() {
     let mut network = StereoNetwork::open(&runtime, &network).unwrap();
     let left: Vec<u8> = (0..3).flat_map(|y| (0..9).map(move |x| x + y)).collect();
     let black = [0; 9 * 3];
-    let [l, r] = [&left[..], &black[..]].map(|p| Picture::grey(9, 3, p).unwrap());
+    let [l, r] = [&left[..], &black[..]].map(|p| ImageView::gray(9, 3, p).unwrap());
     let map = network.run(&l, &r).unwrap();
     // Of columns 6, 7, 8, 8, 8 and rows 0, 1, 2, 2, 2.
     let corner = map.disparity[9 * 3 - 1];
@@ -329,8 +329,8 @@ fn a_network_of_one_size_takes_smaller_pictures_of_bytes() {
     let left = [3; 5 * 3 * 3];
     let right: Vec<u8> = (0..5 * 3).map(|i| 3 - (i % 3) as u8).collect();
     let [l, r] = [
-        Picture::rgb(5, 3, &left).unwrap(),
-        Picture::grey(5, 3, &right).unwrap(),
+        ImageView::rgb(5, 3, &left).unwrap(),
+        ImageView::gray(5, 3, &right).unwrap(),
     ];
     let map = network.run(&l, &r).unwrap();
     for (i, found) in map.disparity.iter().enumerate() {
@@ -340,7 +340,7 @@ fn a_network_of_one_size_takes_smaller_pictures_of_bytes() {
         assert!(!there || *found == expected, "{i}: {found}");
     }
     let large = [0; 7 * 3];
-    let large = Picture::grey(7, 3, &large).unwrap();
+    let large = ImageView::gray(7, 3, &large).unwrap();
     let error = network.run(&large, &large).unwrap_err();
     assert!(
         error
@@ -349,5 +349,5 @@ fn a_network_of_one_size_takes_smaller_pictures_of_bytes() {
         "{error}"
     );
     let error = network.run(&l, &large).unwrap_err();
-    assert!(matches!(error, LearnedError::Picture { .. }), "{error}");
+    assert!(matches!(error, LearnedError::Image { .. }), "{error}");
 }

@@ -5,9 +5,9 @@ use calib::{CameraModel, Distortion};
 use nalgebra::{UnitQuaternion, Vector3};
 
 use super::*;
-use crate::keyframe::{BodyState, Mark, Seen};
+use crate::config::Preset;
+use crate::keyframe::{BodyState, Keypoint, StereoObservation};
 use crate::rig::StereoCamera;
-use crate::settings::Preset;
 
 fn rig() -> Rig {
     let model = CameraModel {
@@ -36,17 +36,18 @@ fn rig() -> Rig {
 }
 
 const STEPS: usize = 60;
-const RADIUS: f64 = 2.0;
+const WINDOW_RADIUS_PX: f64 = 2.0;
 
 /// On a circle about the middle of the ring, which lies to its right, so that the camera looks outwards; swaying.
 fn truth(k: usize) -> (UnitQuaternion<f64>, Vector3<f64>) {
     let angle = -(k as f64) * std::f64::consts::TAU / STEPS as f64;
     let sway = Vector3::new(0.15 * (4.0 * angle).sin(), 0.1 * (6.0 * angle).sin(), 0.0);
     let heading = UnitQuaternion::from_scaled_axis(Vector3::new(0.0, 0.0, angle));
-    let turn = heading * UnitQuaternion::from_scaled_axis(sway);
+    let rotation = heading * UnitQuaternion::from_scaled_axis(sway);
     (
-        turn,
-        heading * Vector3::new(0.0, RADIUS, 0.0) - Vector3::new(0.0, RADIUS, 0.0),
+        rotation,
+        heading * Vector3::new(0.0, WINDOW_RADIUS_PX, 0.0)
+            - Vector3::new(0.0, WINDOW_RADIUS_PX, 0.0),
     )
 }
 
@@ -62,9 +63,9 @@ fn points() -> Vec<(Vector3<f64>, [u64; 4])> {
     (0..900)
         .map(|_| {
             let angle = draw() as f64 / u64::MAX as f64 * std::f64::consts::TAU;
-            let far = RADIUS + 1.5 + 2.5 * (draw() as f64 / u64::MAX as f64);
+            let far = WINDOW_RADIUS_PX + 1.5 + 2.5 * (draw() as f64 / u64::MAX as f64);
             let up = 1.6 * (draw() as f64 / u64::MAX as f64) - 0.7;
-            let x = Vector3::new(far * angle.sin(), far * angle.cos() - RADIUS, up);
+            let x = Vector3::new(far * angle.sin(), far * angle.cos() - WINDOW_RADIUS_PX, up);
             (x, [draw(), draw(), draw(), draw()])
         })
         .collect()
@@ -76,7 +77,7 @@ fn keyframes(laps: usize, drift_m: f64, with_marks: bool) -> Vec<Keyframe> {
 }
 
 fn keyframes_of(rig: &Rig, laps: usize, drift_m: f64, with_marks: bool) -> Vec<Keyframe> {
-    let (cameras, _, _) = ImuInUse::of(rig);
+    let (cameras, _, _) = ImuPropagator::of(rig);
     let points = points();
     let count = laps * STEPS;
     // A point that was out of sight is another one to whoever follows corners.
@@ -84,13 +85,13 @@ fn keyframes_of(rig: &Rig, laps: usize, drift_m: f64, with_marks: bool) -> Vec<K
     let mut next = 0;
     (0..count)
         .map(|k| {
-            let (turn, position) = truth(k);
-            let mut seen = Vec::new();
-            let mut marks = Vec::new();
+            let (rotation, position) = truth(k);
+            let mut observations = Vec::new();
+            let mut keypoints = Vec::new();
             let each = cameras.iter().enumerate();
             let both = each.flat_map(|camera| points.iter().map(move |point| (camera, point)));
-            for (n, ((index, camera), (x, looks))) in both.enumerate() {
-                let in_body = turn.inverse() * (x - position);
+            for (n, ((index, camera), (x, descriptor))) in both.enumerate() {
+                let in_body = rotation.inverse() * (x - position);
                 let (eye, arm) = &camera.body_from_left;
                 let in_left = eye.transpose() * (in_body - arm);
                 let pixel = camera.left.project(in_left.into()).filter(|p| {
@@ -107,85 +108,89 @@ fn keyframes_of(rig: &Rig, laps: usize, drift_m: f64, with_marks: bool) -> Vec<K
                     next
                 });
                 let left = left.map(|v| v as f32);
-                seen.push(Seen {
+                observations.push(StereoObservation {
                     id,
                     camera: index as u8,
                     left,
                     right: right.map(|r| r.map(|v| v as f32)),
                 });
                 if with_marks {
-                    marks.push(Mark {
+                    keypoints.push(Keypoint {
                         camera: index as u8,
                         left,
                         rho: (1.0 / in_left.norm()) as f32,
-                        looks: *looks,
+                        descriptor: *descriptor,
                     });
                 }
             }
             let gone = k as f64 / STEPS as f64;
-            let off = Vector3::new(drift_m * gone, -0.5 * drift_m * gone, 0.2 * drift_m * gone);
+            let drift = Vector3::new(drift_m * gone, -0.5 * drift_m * gone, 0.2 * drift_m * gone);
             Keyframe {
                 number: k as u64 + 1,
                 state: BodyState {
                     time_ns: k as i64 * 400_000_000,
-                    position: position + off,
-                    turn,
+                    position: position + drift,
+                    rotation,
                     velocity: Vector3::zeros(),
                     gyro_bias: Vector3::zeros(),
                     accel_bias: Vector3::zeros(),
-                    read_rate: Vector3::zeros(),
+                    gyro_rate: Vector3::zeros(),
                 },
-                is_felt: false,
-                after_s: vec![0.0; cameras.len()],
-                seen,
-                marks,
+                imu_valid: false,
+                exposure_offset_s: vec![0.0; cameras.len()],
+                observations,
+                keypoints,
             }
         })
         .collect()
 }
 
-fn solved(keyframes: Vec<Keyframe>) -> Adjusted {
+fn solved(keyframes: Vec<Keyframe>) -> Refined {
     solved_on(&rig(), keyframes)
 }
 
-fn solved_on(rig: &Rig, keyframes: Vec<Keyframe>) -> Adjusted {
-    let mut mapping = Mapping::new(rig, &Settings::preset(Preset::Balanced));
+fn solved_on(rig: &Rig, keyframes: Vec<Keyframe>) -> Refined {
+    let mut mapping = Mapping::new(rig, &Config::preset(Preset::Balanced));
     for keyframe in keyframes {
         mapping.add_keyframe(keyframe);
     }
-    mapping.solve(|_| {})
+    mapping.optimize(|_| {})
 }
 
-fn farthest(adjusted: &Adjusted) -> f64 {
-    let off = |pose: &AdjustedPose| {
+fn farthest(refined: &Refined) -> f64 {
+    let initial_error = |pose: &RefinedPose| {
         let (_, position) = truth(pose.number as usize - 1);
         (Vector3::from(pose.world_from_rig.translation_m()) - position).norm()
     };
-    adjusted.poses.iter().map(off).fold(0.0, f64::max)
+    refined.poses.iter().map(initial_error).fold(0.0, f64::max)
 }
 
 #[test]
 fn a_drifted_lap_is_straightened() {
-    let adjusted = solved(keyframes(1, 0.3, false));
-    assert_eq!(adjusted.poses.len(), STEPS);
-    assert!(adjusted.loops.is_empty());
+    let refined = solved(keyframes(1, 0.3, false));
+    assert_eq!(refined.poses.len(), STEPS);
+    assert!(refined.loop_closures.is_empty());
     // Pixels are single precision: some 1e-5 px, over sixty keyframes.
-    assert!(farthest(&adjusted) < 1e-3, "{}", farthest(&adjusted));
+    assert!(farthest(&refined) < 1e-3, "{}", farthest(&refined));
 }
 
 #[test]
 fn the_second_lap_finds_the_first() {
     let frames = keyframes(2, 0.15, true);
-    let adjusted = solved(frames.clone());
-    assert!(adjusted.loops.len() > 10, "{}", adjusted.loops.len());
-    for found in &adjusted.loops {
+    let refined = solved(frames.clone());
+    assert!(
+        refined.loop_closures.len() > 10,
+        "{}",
+        refined.loop_closures.len()
+    );
+    for found in &refined.loop_closures {
         let [a, b] = found.frames.map(|n| n as usize - 1);
         // The same place is one lap apart, give or take what the view still shows.
         assert!((b - a).abs_diff(STEPS) < 12, "{found:?}");
     }
-    assert!(farthest(&adjusted) < 5e-3, "{}", farthest(&adjusted));
+    assert!(farthest(&refined) < 5e-3, "{}", farthest(&refined));
     // A loop makes the end as certain as the beginning, nearly.
-    let spread = |a: &Adjusted| {
+    let spread = |a: &Refined| {
         a.poses
             .last()
             .unwrap()
@@ -195,9 +200,9 @@ fn the_second_lap_finds_the_first() {
     };
     let mut without = frames;
     for keyframe in &mut without {
-        keyframe.marks.clear();
+        keyframe.keypoints.clear();
     }
-    assert!(spread(&adjusted) < spread(&solved(without)));
+    assert!(spread(&refined) < spread(&solved(without)));
 }
 
 #[test]
@@ -207,14 +212,14 @@ fn a_place_that_looks_like_another_is_no_loop() {
     for keyframe in &mut frames[STEPS..] {
         keyframe.state.position.z += 3.0;
         keyframe.state.time_ns += 20_000_000_000;
-        for seen in &mut keyframe.seen {
-            seen.id += 1_000_000;
+        for observation in &mut keyframe.observations {
+            observation.id += 1_000_000;
         }
     }
-    let adjusted = solved(frames);
+    let refined = solved(frames);
     // What is left is the lap's own end before its own beginning.
-    let across = |l: &&Loop| (l.frames[0] <= STEPS as u64) != (l.frames[1] <= STEPS as u64);
-    assert_eq!(adjusted.loops.iter().filter(across).count(), 0);
+    let across = |l: &&LoopClosure| (l.frames[0] <= STEPS as u64) != (l.frames[1] <= STEPS as u64);
+    assert_eq!(refined.loop_closures.iter().filter(across).count(), 0);
 }
 
 #[test]
@@ -230,25 +235,29 @@ fn a_camera_that_was_moved_is_put_back_and_told() {
     let frames = keyframes_of(&rig, 1, 0.1, false);
     let right = solved_on(&rig, frames.clone());
     assert!(
-        right.mounts.iter().all(|m| !m.is_moved),
+        right.extrinsics.iter().all(|m| !m.is_moved),
         "{:?}",
-        right.mounts
+        right.extrinsics
     );
     assert!(
         right
-            .mounts
+            .extrinsics
             .iter()
-            .all(|m| m.off[0] < 1e-4 && m.off[1] < 1e-5)
+            .all(|m| m.initial_error[0] < 1e-4 && m.initial_error[1] < 1e-5)
     );
     // Told two degrees off.
-    let mut told = rig.clone();
-    let off = RigidTransform::from_rotation_vector([0.02, -0.024, 0.016], [0.0; 3]).unwrap();
-    told.cameras[1].rig_from_left = told.cameras[1].rig_from_left * off;
-    let found = solved_on(&told, frames);
-    let mounts = &found.mounts;
-    assert!(!mounts[0].is_moved && mounts[1].is_moved, "{mounts:?}");
-    let left = mounts[1].rig_from_left.inverse() * rig.cameras[1].rig_from_left;
-    let share = left.angle_rad() / off.angle_rad();
+    let mut nominal = rig.clone();
+    let initial_error =
+        RigidTransform::from_rotation_vector([0.02, -0.024, 0.016], [0.0; 3]).unwrap();
+    nominal.cameras[1].rig_from_left = nominal.cameras[1].rig_from_left * initial_error;
+    let found = solved_on(&nominal, frames);
+    let extrinsics = &found.extrinsics;
+    assert!(
+        !extrinsics[0].is_moved && extrinsics[1].is_moved,
+        "{extrinsics:?}"
+    );
+    let left = extrinsics[1].rig_from_left.inverse() * rig.cameras[1].rig_from_left;
+    let share = left.angle_rad() / initial_error.angle_rad();
     assert!(share < 0.15, "{share} of it left");
     assert!(farthest(&found) < 0.03, "{}", farthest(&found));
 }
@@ -256,34 +265,34 @@ fn a_camera_that_was_moved_is_put_back_and_told() {
 #[test]
 fn cameras_that_see_the_same_put_each_other_back() {
     // Landmarks that two cameras see without noise: wrong derivatives would not lead there.
-    let exact = crate::solve::tests::window(5, 0.0);
+    let exact = crate::backend::solver::tests::window(5, 0.0);
     let mut moved = exact.clone();
-    let told = &rig().cameras[0];
-    moved.mounts = (exact.cameras.iter())
-        .map(|camera| crate::mount::Mount::new(told, camera))
+    let nominal = &rig().cameras[0];
+    moved.extrinsics = (exact.cameras.iter())
+        .map(|camera| crate::backend::extrinsics::ExtrinsicsPrior::new(nominal, camera))
         .collect();
-    let off = nalgebra::Vector6::new(0.0, 1e-3, 0.0, 0.01, -0.02, 0.01);
-    crate::mount::move_by(&mut moved.cameras[1], &off);
-    crate::mount::move_by(&mut moved.cameras[0], &(-0.5 * off));
-    let begun = adjust::adjust(&mut moved.clone(), &[], 1, &mut |_| {});
-    assert!(!begun.is_converged && begun.rounds == 1);
-    let ended = adjust::adjust(&mut moved, &[], 12, &mut |_| {});
-    assert!(ended.is_converged && ended.rounds < 12, "{ended:?}");
-    for (mount, camera) in moved.mounts.iter().zip(&moved.cameras) {
-        let off = mount.off(camera).amax();
-        assert!(off < 1e-6, "{off}");
+    let error = nalgebra::Vector6::new(0.0, 1e-3, 0.0, 0.01, -0.02, 0.01);
+    crate::backend::extrinsics::apply_error(&mut moved.cameras[1], &error);
+    crate::backend::extrinsics::apply_error(&mut moved.cameras[0], &(-0.5 * error));
+    let begun = bundle_adjustment::optimize(&mut moved.clone(), &[], 1, &mut |_| {});
+    assert!(!begun.is_converged && begun.iterations == 1);
+    let ended = bundle_adjustment::optimize(&mut moved, &[], 12, &mut |_| {});
+    assert!(ended.is_converged && ended.iterations < 12, "{ended:?}");
+    for (prior, camera) in moved.extrinsics.iter().zip(&moved.cameras) {
+        let error = prior.error(camera).amax();
+        assert!(error < 1e-6, "{error}");
     }
 }
 
 #[test]
 fn sights_count_less_the_longer_they_were_followed() {
-    let window = crate::solve::tests::window(4, 0.0);
+    let window = crate::backend::solver::tests::window(4, 0.0);
     let landmark = window.landmarks.values().next().expect("a landmark");
-    let told = landmark.sights.clone();
-    let mut widened = told.clone();
+    let nominal = landmark.observations.clone();
+    let mut widened = nominal.clone();
     widen(&mut widened, &[0, 1, 2, 3]);
-    for ((number, before), (_, after)) in told.iter().zip(&widened) {
-        let times = (1.0 + (number - told[0].0) as f64).sqrt();
+    for ((number, before), (_, after)) in nominal.iter().zip(&widened) {
+        let times = (1.0 + (number - nominal[0].0) as f64).sqrt();
         assert!((before.left.basis - after.left.basis * times).amax() < 1e-9);
         let [before, after] = [before, after].map(|s| s.right.expect("both eyes").basis);
         assert!((before - after * times).amax() < 1e-9);
@@ -293,8 +302,8 @@ fn sights_count_less_the_longer_they_were_followed() {
 #[test]
 fn what_was_not_believed_is_not_felt() {
     let mut rig = rig();
-    rig.imus.push(crate::made::imu());
-    let mut mapping = Mapping::new(&rig, &Settings::preset(Preset::Balanced));
+    rig.imus.push(crate::test_rig::imu());
+    let mut mapping = Mapping::new(&rig, &Config::preset(Preset::Balanced));
     let believed = [true, true, false, true];
     for (k, mut keyframe) in (0..).zip(keyframes(1, 0.0, false)).take(4) {
         for n in 0..40 {
@@ -306,7 +315,7 @@ fn what_was_not_believed_is_not_felt() {
             };
             mapping.add_imu(0, &sample);
         }
-        keyframe.is_felt = believed[k];
+        keyframe.imu_valid = believed[k];
         mapping.add_keyframe(keyframe);
     }
     for (motion, believed) in mapping.motions.iter().zip(believed).skip(1) {
@@ -335,14 +344,14 @@ fn frames_between_keyframes_go_along() {
     let pose = |x: f64| RigidTransform::from_translation_m([x, 0.0, 0.0]).unwrap();
     let causal: Vec<_> = (0..7).map(|k| (k * 10, pose(k as f64))).collect();
     // The second keyframe was 1 m short.
-    let adjusted = [(10, pose(1.0)), (50, pose(6.0)), (55, pose(0.0))];
-    let all = between(&causal, &adjusted);
+    let refined = [(10, pose(1.0)), (50, pose(6.0)), (55, pose(0.0))];
+    let all = interpolate_poses(&causal, &refined);
     let x: Vec<f64> = all.iter().map(|p| p.translation_m()[0]).collect();
     for (found, expected) in x.iter().zip([0.0, 1.0, 2.25, 3.5, 4.75, 6.0, 7.0]) {
         assert!((found - expected).abs() < 1e-9, "{x:?}");
     }
     assert_eq!(
-        between(&causal, &[]),
+        interpolate_poses(&causal, &[]),
         causal.iter().map(|c| c.1).collect::<Vec<_>>()
     );
 }

@@ -1,14 +1,14 @@
 use super::*;
-use crate::twin::Random;
+use crate::reference::Random;
 
 const NONE: Margin = Margin {
     px: 0,
-    share: 0.0,
+    ratio: 0.0,
     rows: 0,
 };
 
 #[test]
-fn a_plan_holds_all_that_was_added() {
+fn plan_contains_all_added_disparities() {
     let full = Band::full(0, 64, 24).unwrap();
     let mut plan = Plan::new(&full);
     assert_eq!(plan.finish(&NONE).unwrap(), full);
@@ -24,25 +24,25 @@ fn a_plan_holds_all_that_was_added() {
     );
     let margin = Margin {
         px: 2,
-        share: 0.1,
+        ratio: 0.1,
         rows: 2,
     };
     let wide = plan.finish(&margin).unwrap();
-    // 10 - 2 - 1 to 12 + 2 + 2, and 31 + 2 + 4 where the ninth row is near.
+    // 10 - 2 - 1 to 12 + 2 + 2, and 31 + 2 + 4 where the margin includes row 9.
     assert_eq!([0, 8, 16].map(|y| wide.row(y)), [[7, 37], [7, 37], [7, 16]]);
     plan.add(3, [-50, 500]);
     assert_eq!(plan.finish(&margin).unwrap().row(3), [0, 63]);
 }
 
 #[test]
-fn a_plane_is_where_its_rays_meet_it() {
+fn plane_adds_the_disparities_of_its_ray_intersections() {
     let geometry = Geometry {
         focal_px: 300.0,
-        centre: [159.5, 79.5],
+        center: [159.5, 79.5],
         baseline_m: 0.1,
         offset_px: 0.0,
     };
-    // The ground 1.5 m below a camera that looks ahead and is rolled a little.
+    // Ground plane 1.5 m below a level camera with a small roll.
     let roll: f64 = 0.05;
     let plane = Plane {
         normal: [roll.sin(), roll.cos(), 0.0],
@@ -55,7 +55,7 @@ fn a_plane_is_where_its_rays_meet_it() {
     plan.add_plane(&geometry, 320, &plane);
     let band = plan.finish(&NONE).unwrap();
     for (x, y) in [(0, 150), (319, 150), (200, 100), (319, 95)] {
-        // Where the ray of this pixel meets the ground.
+        // Intersection of the ray of this pixel with the ground.
         let ray = [
             (f64::from(x) - 159.5) / 300.0,
             (f64::from(y) - 79.5) / 300.0,
@@ -69,12 +69,12 @@ fn a_plane_is_where_its_rays_meet_it() {
         );
         assert!(high <= disparity + 3.0, "{high} {disparity}");
     }
-    // Above the horizon there is none.
+    // The ground adds nothing above the horizon.
     assert_eq!(band.row(20), [1, 1]);
 }
 
 #[test]
-fn a_probe_finds_what_came_in() {
+fn probe_finds_a_new_near_object() {
     let mut random = Random(61);
     let (width, height) = (256, 96);
     let wide = width + 80;
@@ -83,7 +83,7 @@ fn a_probe_finds_what_came_in() {
     for (eye, pixels) in eyes.iter_mut().enumerate() {
         for (i, pixel) in pixels.iter_mut().enumerate() {
             let (x, y) = (i % width, i / width);
-            // All at 6 px, but for a box of 40 x 32 pixels at 48 px.
+            // Background at 6 px, with a box of 40 x 32 pixels at 48 px.
             let of_box = x + 48 * eye;
             *pixel = match (100..140).contains(&of_box) && (30..62).contains(&y) {
                 true => front[y * wide + of_box],
@@ -93,20 +93,20 @@ fn a_probe_finds_what_came_in() {
     }
     let full = Band::full(0, 128, height).unwrap();
     let mut probe = Probe::new(&full, width).unwrap().unwrap();
-    let pictures = [0, 1].map(|eye| Picture::new(width, height, &eyes[eye]).unwrap());
+    let images = [0, 1].map(|eye| ImageView::new(width, height, &eyes[eye]).unwrap());
     let mut plan = Plan::new(&full);
-    probe.look(&pictures[0], &pictures[1], &mut plan).unwrap();
+    probe.search(&images[0], &images[1], &mut plan).unwrap();
     let band = plan.finish(&Margin::WALK).unwrap();
     let holds = |y: usize, d: i32| band.row(y)[0] <= d && d <= band.row(y)[1];
     assert!((0..height).all(|y| holds(y, 6)), "{band:?}");
     assert!((34..58).all(|y| holds(y, 48)), "{band:?}");
     assert!(band.row(0)[1] < 48, "{band:?}");
-    let other = Picture::new(128, 64, &eyes[0][..128 * 64]).unwrap();
-    assert!(probe.look(&other, &other, &mut plan).is_err());
+    let other = ImageView::new(128, 64, &eyes[0][..128 * 64]).unwrap();
+    assert!(probe.search(&other, &other, &mut plan).is_err());
 }
 
 #[test]
-fn small_pictures_have_no_coarse_look() {
+fn small_images_have_no_probe() {
     let full = Band::full(0, 16, 40).unwrap();
     assert!(Probe::new(&full, 300).unwrap().is_none());
 }

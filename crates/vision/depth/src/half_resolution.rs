@@ -1,0 +1,255 @@
+//! Matching at reduced resolution: half the rows cost half the time, half of both sides an eighth.
+//! Contract: the images are downsampled and matched, and the map is upsampled to their size:
+//! bilinear between four neighbors on one surface, nearest neighbor elsewhere. Objects with fewer
+//! than about ten remaining pixels are lost, and edges have a resolution of two pixels along the
+//! halved sides.
+
+use rayon::prelude::*;
+
+use crate::band::Band;
+use crate::error::DepthError;
+use crate::image::ImageView;
+use crate::map::DisparityMap;
+use crate::matcher::{MatchStats, Matcher};
+use crate::settings::Settings;
+
+/// Downsampling before matching.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Downsample {
+    /// Half the rows: the disparity resolution is unchanged.
+    Rows,
+    /// Half the rows and half the columns.
+    Both,
+}
+
+/// Matcher of downsampled images.
+#[derive(Debug)]
+pub(crate) struct HalfResolution {
+    /// Divisors of columns and rows.
+    by: [usize; 2],
+    pub(crate) matcher: Matcher,
+    small: [Vec<u8>; 2],
+}
+
+/// Maximum disparity difference of neighbors on one surface, px of the downsampled image.
+const MAX_STEP_PX: f32 = 1.0;
+
+impl HalfResolution {
+    /// For images of `width` x `height` pixels; all other settings apply unchanged.
+    /// # Errors
+    /// [`DepthError::Settings`], also if the images are too small to be halved.
+    pub(crate) fn new(
+        settings: Settings,
+        downsample: Downsample,
+        width: usize,
+        height: usize,
+    ) -> Result<Self, DepthError> {
+        let by = match downsample {
+            Downsample::Rows => [1, 2],
+            Downsample::Both => [2, 2],
+        };
+        let settings = Settings {
+            downsample: None,
+            // A speckle of the same extent has fewer pixels.
+            min_speckle_px: settings.min_speckle_px / (by[0] * by[1]),
+            ..settings
+        };
+        Ok(Self {
+            by,
+            matcher: Matcher::new(settings, width / by[0], height / by[1])?,
+            small: [Vec::new(), Vec::new()],
+        })
+    }
+
+    /// Matches a rectified pair of the size of the map. `noise` is the noise of the left image; the
+    /// statistics are given for the rows of the map.
+    pub(crate) fn run(
+        &mut self,
+        left: &ImageView<'_>,
+        right: &ImageView<'_>,
+        band: &Band,
+        noise: Option<f64>,
+        (map, stats): (&mut DisparityMap, &mut MatchStats),
+    ) -> Result<(), DepthError> {
+        let by = self.by;
+        // Noise of the averaged pixels. Estimated from the downsampled image, fine texture would
+        // count as noise.
+        let of_means = noise.map(|noise| noise / ((by[0] * by[1]) as f64).sqrt());
+        let [a, b] = &mut self.small;
+        rayon::join(|| shrink(left, by, a), || shrink(right, by, b));
+        let [width, height] = [map.width / by[0], map.height / by[1]];
+        let left = ImageView::new(width, height, &self.small[0])?;
+        let right = ImageView::new(width, height, &self.small[1])?;
+        let band = half_band(band, by, height)?;
+        self.matcher.run_through(&left, &right, &band, of_means)?;
+        enlarge(self.matcher.map(), by, map);
+        let found = self.matcher.stats();
+        stats.noise = noise;
+        stats.is_noisy = found.is_noisy;
+        let columns = by[0] as u32;
+        let of = |y: usize| found.at_end[(y / by[1]).min(height - 1)].map(|count| count * columns);
+        stats.at_end = (0..map.height).map(of).collect();
+        Ok(())
+    }
+}
+
+/// Band of the downsampled images: the union of the ranges of the two rows that form one.
+fn half_band(band: &Band, by: [usize; 2], height: usize) -> Result<Band, DepthError> {
+    let rows: Vec<[i32; 2]> = (0..height)
+        .map(|y| {
+            let pair = [band.row(2 * y), band.row(2 * y + 1)];
+            let low = pair[0][0].min(pair[1][0]);
+            let high = pair[0][1].max(pair[1][1]);
+            match by[0] {
+                1 => [low, high],
+                _ => [low.div_euclid(2), (high + 1).div_euclid(2)],
+            }
+        })
+        .collect();
+    Band::rows(&rows)
+}
+
+/// Downsamples by averaging two rows, or 2x2 pixels.
+fn shrink(image: &ImageView<'_>, by: [usize; 2], small: &mut Vec<u8>) {
+    let (width, height) = (image.width() / by[0], image.height() / by[1]);
+    small.resize(width * height, 0);
+    for (y, to) in small.chunks_exact_mut(width.max(1)).enumerate() {
+        let (upper, lower) = (image.row(2 * y), image.row(2 * y + 1));
+        if by[0] == 1 {
+            for (to, (a, b)) in to.iter_mut().zip(upper.iter().zip(lower)) {
+                *to = (u16::from(*a) + u16::from(*b)).div_ceil(2) as u8;
+            }
+            continue;
+        }
+        let pairs = upper.chunks_exact(2).zip(lower.chunks_exact(2));
+        for (to, (a, b)) in to.iter_mut().zip(pairs) {
+            let sum = u16::from(a[0]) + u16::from(a[1]) + u16::from(b[0]) + u16::from(b[1]);
+            *to = ((sum + 2) / 4) as u8;
+        }
+    }
+}
+
+/// Upsamples a map; if columns were halved, disparities are doubled.
+fn enlarge(small: &DisparityMap, by: [usize; 2], map: &mut DisparityMap) {
+    let (width, height) = (small.width, small.height);
+    let longer = by[0] as f32;
+    let rows = map.disparity.par_chunks_exact_mut(map.width);
+    let rows = rows.zip(map.sigma.par_chunks_exact_mut(map.width));
+    rows.enumerate().for_each(|(y, (disparities, sigmas))| {
+        // The parent pixel, and its neighbor on the side of this pixel, with weight 1/4.
+        let parents = |k: usize, by: usize, count: usize| {
+            let own = (k / by).min(count - 1);
+            let other = match (by, k % 2) {
+                (1, _) => own,
+                (_, 0) => own.wrapping_sub(1),
+                (_, _) => own + 1,
+            };
+            (own, if other < count { other } else { own })
+        };
+        let (row, other_row) = parents(y, by[1], height);
+        for x in 0..disparities.len() {
+            let (column, other_column) = parents(x, by[0], width);
+            let own = row * width + column;
+            let of = [
+                small.disparity[own],
+                small.disparity[row * width + other_column],
+                small.disparity[other_row * width + column],
+                small.disparity[other_row * width + other_column],
+            ];
+            let most = of.iter().copied().fold(f32::NEG_INFINITY, f32::max);
+            let least = of.iter().copied().fold(f32::INFINITY, f32::min);
+            let is_whole = of.iter().all(|d| !d.is_nan()) && most - least <= MAX_STEP_PX;
+            let value = match is_whole {
+                true => 0.5625 * of[0] + 0.1875 * (of[1] + of[2]) + 0.0625 * of[3],
+                false => of[0],
+            };
+            disparities[x] = longer * value;
+            sigmas[x] = longer * small.sigma[own];
+        }
+    });
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::reference::Random;
+    use crate::settings::Preset;
+
+    #[test]
+    fn wall_is_found_at_its_disparity() {
+        const WIDTH: usize = 161;
+        const HEIGHT: usize = 97;
+        const SHIFT: usize = 14;
+        let mut random = Random(3);
+        // Dots of 3x3 pixels: smaller ones do not survive the downsampling.
+        let wide = WIDTH + SHIFT;
+        let dots: Vec<u8> = (0..wide * HEIGHT)
+            .map(|_| random.below(256) as u8)
+            .collect();
+        let at = |x: usize, y: usize| dots[(y / 3) * wide + x / 3];
+        let eye = |from: usize| -> Vec<u8> {
+            let all = (0..HEIGHT).flat_map(|y| (0..WIDTH).map(move |x| (x, y)));
+            all.map(|(x, y)| at(x + from, y)).collect()
+        };
+        let (left, right) = (eye(0), eye(SHIFT));
+        let left = ImageView::new(WIDTH, HEIGHT, &left).unwrap();
+        let right = ImageView::new(WIDTH, HEIGHT, &right).unwrap();
+        let band = Band::full(0, 32, HEIGHT).unwrap();
+        for downsample in [Downsample::Rows, Downsample::Both] {
+            let settings = Settings {
+                downsample: Some(downsample),
+                ..Settings::preset(Preset::Fast)
+            };
+            let mut matcher = Matcher::new(settings, WIDTH, HEIGHT).unwrap();
+            let map = matcher.run(&left, &right, &band).unwrap();
+            let found = map.disparity.iter().filter(|d| !d.is_nan());
+            let close = found.clone().filter(|d| (**d - SHIFT as f32).abs() < 1.0);
+            let (found, close) = (found.count(), close.count());
+            assert!(found > WIDTH * HEIGHT * 3 / 4, "{downsample:?}: {found}");
+            assert!(
+                close > found * 99 / 100,
+                "{downsample:?}: {close} of {found}"
+            );
+            let both = map.sigma.iter().zip(&map.disparity);
+            assert!(both.clone().all(|(s, d)| s.is_nan() == d.is_nan()));
+            assert_eq!(matcher.stats().at_end.len(), HEIGHT);
+        }
+    }
+
+    #[test]
+    fn upsampling_interpolates_surfaces_and_preserves_edges() {
+        let small = DisparityMap {
+            width: 3,
+            height: 1,
+            disparity: vec![4.0, 5.0, 20.0],
+            sigma: vec![0.1, 0.2, 0.3],
+        };
+        let mut map = DisparityMap {
+            width: 7,
+            height: 2,
+            disparity: vec![0.0; 14],
+            sigma: vec![0.0; 14],
+        };
+        enlarge(&small, [2, 2], &mut map);
+        assert_eq!(map.disparity[..7], [8.0, 8.5, 9.5, 10.0, 40.0, 40.0, 40.0]);
+        assert_eq!(map.sigma[..7], [0.2, 0.2, 0.4, 0.4, 0.6, 0.6, 0.6]);
+        // With half the rows alone disparities are unchanged.
+        let mut map = DisparityMap {
+            width: 3,
+            height: 3,
+            disparity: vec![0.0; 9],
+            sigma: vec![0.0; 9],
+        };
+        enlarge(&small, [1, 2], &mut map);
+        assert_eq!(map.disparity, [4.0, 5.0, 20.0].repeat(3));
+    }
+
+    #[test]
+    fn image_too_small_to_be_halved_is_rejected() {
+        let settings = Settings {
+            downsample: Some(Downsample::Rows),
+            ..Settings::preset(Preset::Fast)
+        };
+        assert!(Matcher::new(settings, 40, 1).is_err());
+    }
+}

@@ -1,0 +1,10 @@
+//! Back end: states, factors and the least squares problem of the sliding window.
+
+pub(crate) mod covariance;
+pub(crate) mod extrinsics;
+pub(crate) mod marginalization;
+pub(crate) mod motion_factor;
+pub(crate) mod observation;
+pub(crate) mod solver;
+pub(crate) mod state;
+pub(crate) mod window;

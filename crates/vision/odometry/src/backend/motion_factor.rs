@@ -1,0 +1,248 @@
+//! What lies between two neighbouring frames, as a term of the least squares problem.
+//!
+//! Residuals are turn, velocity and displacement against those felt (Forster et al. 2017, section VI), and the walk of the
+//! biases: 15 numbers, weighed by their covariance.
+
+use nalgebra::{Matrix3, SMatrix, SVector, Vector3};
+
+use crate::backend::state::{
+    ACCEL_BIAS, GRAVITY, GYRO_BIAS, POSITION, ROTATION, STATE_DIM, State, VELOCITY,
+};
+use crate::backend::window::MotionFactor;
+use crate::so3;
+
+const BOTH_DIM: usize = 2 * STATE_DIM;
+
+/// A term of the problem, by the errors of the earlier and the later state.
+pub(crate) struct Term {
+    pub(crate) information: SMatrix<f64, BOTH_DIM, BOTH_DIM>,
+    pub(crate) gradient: SVector<f64, BOTH_DIM>,
+    pub(crate) cost: f64,
+}
+
+/// Residuals in the order turn, velocity, displacement, gyroscope's walk, accelerometer's.
+fn residual(motion: &MotionFactor, from: &State, to: &State) -> SVector<f64, STATE_DIM> {
+    let preintegrated = &motion.preintegrated;
+    let t = preintegrated.seconds;
+    let (rotation, velocity, displacement) =
+        preintegrated.bias_corrected(&from.gyro_bias, &from.accel_bias);
+    let back = from.rotation.inverse();
+    let gravity = gravity(motion);
+    let mut r = SVector::<f64, STATE_DIM>::zeros();
+    let mut set = |at: usize, v: Vector3<f64>| r.fixed_rows_mut::<3>(at).copy_from(&v);
+    set(0, so3::log(&(rotation.inverse() * back * to.rotation)));
+    set(
+        3,
+        back * (to.velocity - from.velocity - gravity * t) - velocity,
+    );
+    let translation = to.position - from.position - from.velocity * t - gravity * (0.5 * t * t);
+    set(6, back * translation - displacement);
+    set(9, to.gyro_bias - from.gyro_bias);
+    set(12, to.accel_bias - from.accel_bias);
+    r
+}
+
+fn gravity(motion: &MotionFactor) -> Vector3<f64> {
+    let size = if motion.has_gravity { GRAVITY } else { 0.0 };
+    Vector3::new(0.0, 0.0, -size)
+}
+
+/// The inverse of the covariance of the residuals.
+fn weight(motion: &MotionFactor) -> (SMatrix<f64, 9, 9>, [f64; 2]) {
+    let mut covariance = motion.preintegrated.covariance;
+    // A hundred times below what any sensor tells, so that the inverse exists.
+    for k in 0..9 {
+        covariance[(k, k)] += 1e-12;
+    }
+    let inverse = covariance
+        .cholesky()
+        .expect("a covariance with something on its diagonal has an inverse")
+        .inverse();
+    let t = motion.preintegrated.seconds.max(1e-6);
+    (inverse, motion.bias_walk.map(|w| 1.0 / (w * w * t)))
+}
+
+/// The cost alone.
+pub(crate) fn cost(motion: &MotionFactor, from: &State, to: &State) -> f64 {
+    let r = residual(motion, from, to);
+    let (nine, bias_walk) = weight(motion);
+    let preintegrated = r.fixed_rows::<9>(0);
+    (preintegrated.transpose() * nine * preintegrated)[0]
+        + bias_walk[0] * r.fixed_rows::<3>(9).norm_squared()
+        + bias_walk[1] * r.fixed_rows::<3>(12).norm_squared()
+}
+
+/// The term by the later state alone: information and gradient. The earlier one is held still, but its velocity, its biases
+/// and its tilt against gravity are uncertain by its covariance.
+pub(crate) fn with_uncertain_start(
+    motion: &MotionFactor,
+    from: &State,
+    covariance: &SMatrix<f64, STATE_DIM, STATE_DIM>,
+    to: &State,
+) -> (SMatrix<f64, STATE_DIM, STATE_DIM>, SVector<f64, STATE_DIM>) {
+    let (r, j) = derivatives(motion, from, to);
+    let by_later = j.fixed_columns::<STATE_DIM>(STATE_DIM).into_owned();
+    let mut by_earlier = j.fixed_columns::<STATE_DIM>(0).into_owned();
+    // Poses of neighbours are tied by what both see; only what gravity does to an earlier tilt is not.
+    by_earlier.fixed_columns_mut::<ROTATION>(POSITION).fill(0.0);
+    by_earlier.fixed_columns_mut::<3>(ROTATION).fill(0.0);
+    let t = motion.preintegrated.seconds;
+    let down = so3::cross(&(from.rotation.inverse() * gravity(motion)));
+    by_earlier
+        .fixed_view_mut::<3, 3>(3, ROTATION)
+        .copy_from(&(-down * t));
+    by_earlier
+        .fixed_view_mut::<3, 3>(6, ROTATION)
+        .copy_from(&(-down * (0.5 * t * t)));
+    let mut spread = by_earlier * covariance * by_earlier.transpose();
+    let mut own = spread.fixed_view_mut::<9, 9>(0, 0);
+    own += motion.preintegrated.covariance;
+    for k in 0..3 {
+        spread[(9 + k, 9 + k)] += motion.bias_walk[0].powi(2) * t;
+        spread[(12 + k, 12 + k)] += motion.bias_walk[1].powi(2) * t;
+    }
+    for k in 0..STATE_DIM {
+        spread[(k, k)] += 1e-12;
+    }
+    let inverse = ((spread + spread.transpose()) * 0.5)
+        .cholesky()
+        .map_or_else(
+            // It grew beyond what numbers can tell: nothing is known.
+            || SMatrix::<f64, STATE_DIM, STATE_DIM>::identity() * 1e-6,
+            |c| c.inverse(),
+        );
+    let weighted = by_later.transpose() * inverse;
+    (weighted * by_later, weighted * r)
+}
+
+/// The term with its derivatives.
+pub(crate) fn linearize(motion: &MotionFactor, from: &State, to: &State) -> Term {
+    let (r, j) = derivatives(motion, from, to);
+    let (nine, bias_walk) = weight(motion);
+    let mut w = SMatrix::<f64, STATE_DIM, STATE_DIM>::zeros();
+    w.fixed_view_mut::<9, 9>(0, 0).copy_from(&nine);
+    for k in 0..3 {
+        w[(9 + k, 9 + k)] = bias_walk[0];
+        w[(12 + k, 12 + k)] = bias_walk[1];
+    }
+    let weighted = j.transpose() * w;
+    Term {
+        information: weighted * j,
+        gradient: weighted * r,
+        cost: (r.transpose() * w * r)[0],
+    }
+}
+
+/// Residuals and their derivatives by the errors of both states.
+fn derivatives(
+    motion: &MotionFactor,
+    from: &State,
+    to: &State,
+) -> (SVector<f64, STATE_DIM>, SMatrix<f64, STATE_DIM, BOTH_DIM>) {
+    let preintegrated = &motion.preintegrated;
+    let t = preintegrated.seconds;
+    let r = residual(motion, from, to);
+    let gravity = gravity(motion);
+    let back: Matrix3<f64> = from.rotation.inverse().to_rotation_matrix().into_inner();
+    let later: Matrix3<f64> = to.rotation.to_rotation_matrix().into_inner();
+    let rotation_error = r.fixed_rows::<3>(0).into_owned();
+    let inverse = so3::right_jacobian_inverse(&rotation_error);
+    let mut j = SMatrix::<f64, STATE_DIM, BOTH_DIM>::zeros();
+    let mut set = |row: usize, column: usize, block: Matrix3<f64>| {
+        j.fixed_view_mut::<3, 3>(row, column).copy_from(&block);
+    };
+    let by = |row: usize, column: usize| {
+        preintegrated
+            .by_bias
+            .fixed_view::<3, 3>(row, column)
+            .into_owned()
+    };
+    // Turn.
+    set(0, ROTATION, -inverse * (back * later).transpose());
+    set(0, STATE_DIM + ROTATION, inverse);
+    let rotation_error_matrix = so3::exp(&rotation_error)
+        .inverse()
+        .to_rotation_matrix()
+        .into_inner();
+    set(0, GYRO_BIAS, -inverse * rotation_error_matrix * by(0, 0));
+    // Velocity.
+    let velocity_change = back * (to.velocity - from.velocity - gravity * t);
+    set(3, ROTATION, so3::cross(&velocity_change));
+    set(3, VELOCITY, -back);
+    set(3, STATE_DIM + VELOCITY, back);
+    set(3, GYRO_BIAS, -by(3, 0));
+    set(3, ACCEL_BIAS, -by(3, 3));
+    // Displacement.
+    let displacement = to.position - from.position - from.velocity * t - gravity * (0.5 * t * t);
+    set(6, ROTATION, so3::cross(&(back * displacement)));
+    set(6, POSITION, -back);
+    set(6, STATE_DIM + POSITION, back);
+    set(6, VELOCITY, -back * t);
+    set(6, GYRO_BIAS, -by(6, 0));
+    set(6, ACCEL_BIAS, -by(6, 3));
+    // Walks.
+    for (row, at) in [(9, GYRO_BIAS), (12, ACCEL_BIAS)] {
+        set(row, at, -Matrix3::identity());
+        set(row, STATE_DIM + at, Matrix3::identity());
+    }
+    (r, j)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::backend::state::Error;
+    use crate::inertial::imu_buffer::{Preintegrated, Reading};
+    use calib::ImuNoise;
+
+    #[test]
+    fn derivatives_are_those_of_differences() {
+        let readings: Vec<Reading> = (0..=40)
+            .map(|k| {
+                let t = f64::from(k) / 200.0;
+                Reading {
+                    time_ns: (t * 1e9) as i64,
+                    gyro: Vector3::new((3.0 * t).sin(), 1.4 * (4.0 * t).cos(), 0.3),
+                    accel: Vector3::new(3.0 * (5.0 * t).cos(), 1.0 + t, 9.0),
+                    saturated: false,
+                }
+            })
+            .collect();
+        let noise = ImuNoise {
+            gyro_noise_density: 0.1,
+            gyro_random_walk: 0.1,
+            accel_noise_density: 0.3,
+            accel_random_walk: 0.2,
+        };
+        let zero = Vector3::zeros();
+        let motion = MotionFactor {
+            preintegrated: Preintegrated::new(&readings, &zero, &zero, &noise),
+            has_gravity: true,
+            bias_walk: [0.1, 0.2],
+        };
+        let spread = |k: usize| Error::from_fn(|i, _| 0.05 * ((i * 7 + k) as f64).sin());
+        let mut start = spread(1) * 10.0;
+        // Derivatives by biases hold near those at which was integrated.
+        for k in GYRO_BIAS..STATE_DIM {
+            start[k] *= 1e-3;
+        }
+        let from = State::at_rest(0).plus(&start);
+        let to = from.plus(&(spread(2) * 4.0));
+        let term = linearize(&motion, &from, &to);
+        for k in 0..BOTH_DIM {
+            let h = 1e-6;
+            let side = |h: f64| {
+                let mut e = Error::zeros();
+                e[k % STATE_DIM] = h;
+                if k < STATE_DIM {
+                    cost(&motion, &from.plus(&e), &to)
+                } else {
+                    cost(&motion, &from, &to.plus(&e))
+                }
+            };
+            let by = (side(h) - side(-h)) / (2.0 * h) / 2.0;
+            let error = (by - term.gradient[k]).abs() / term.gradient.amax();
+            assert!(error < 2e-4, "{k}: {by} {}", term.gradient[k]);
+        }
+    }
+}

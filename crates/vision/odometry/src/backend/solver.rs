@@ -1,0 +1,807 @@
+//! The least squares problem of a window: linearised, landmarks eliminated, solved.
+//!
+//! Levenberg-Marquardt on manifolds; each landmark has one number, its inverse range, which is eliminated where it is
+//! linearised (Schur complement). Sights are weighed by Huber's function. Landmarks are summed in pieces of a fixed size, one after
+//! another within a piece and pieces in order, so that the sum is the same on any number of threads.
+
+use nalgebra::{DMatrix, DVector, SMatrix, SVector, Vector2, Vector3};
+use rayon::prelude::*;
+
+use crate::backend::extrinsics::{apply_error, jacobians_by_extrinsics};
+use crate::backend::motion_factor;
+use crate::backend::observation::{
+    BearingMeasurement, BearingObservation, Camera, CameraPose, transfer,
+};
+use crate::backend::state::{Error, POSE_DIM, STATE_DIM, State};
+use crate::backend::window::{Landmark, Window};
+use crate::so3;
+
+/// Landmarks per piece.
+const LANDMARKS_PER_PIECE: usize = 48;
+/// Residual, in standard deviations, from which Huber's function is straight.
+const HUBER_SIGMA: f64 = 1.5;
+/// Least inverse range, 1/m: farther is as good as infinitely far.
+pub(crate) const MIN_INVERSE_RANGE_PER_M: f64 = 1e-4;
+
+pub(crate) type PoseVector = SVector<f64, POSE_DIM>;
+pub(crate) type PoseMatrix = SMatrix<f64, POSE_DIM, POSE_DIM>;
+type ByPose = SMatrix<f64, 2, POSE_DIM>;
+
+/// The problem at a place: information and gradient of all frames, landmarks eliminated.
+pub(crate) struct LinearSystem {
+    pub(crate) information: DMatrix<f64>,
+    pub(crate) gradient: DVector<f64>,
+    pub(crate) cost: f64,
+    /// What is needed to find the landmarks' steps, in the order of the window's.
+    landmark_blocks: Vec<LandmarkBlock>,
+}
+
+/// A landmark's own equation.
+#[derive(Clone, Debug, Default)]
+pub(crate) struct LandmarkBlock {
+    information: f64,
+    gradient: f64,
+    /// By frames' poses and cameras' mounts, in the order of [`Window::blocks`].
+    by: Vec<(usize, PoseVector)>,
+}
+
+impl LandmarkBlock {
+    fn add(&mut self, block: usize, by: &PoseVector) {
+        match self.by.iter_mut().find(|(b, _)| *b == block) {
+            Some((_, sum)) => *sum += by,
+            None => self.by.push((block, *by)),
+        }
+    }
+}
+
+/// Huber's weight and cost for a squared residual in standard deviations.
+#[inline]
+pub(crate) fn huber(squared_residual: f64) -> (f64, f64) {
+    if squared_residual <= HUBER_SIGMA * HUBER_SIGMA {
+        (1.0, squared_residual)
+    } else {
+        let size = squared_residual.sqrt();
+        (
+            HUBER_SIGMA / size,
+            2.0 * HUBER_SIGMA * size - HUBER_SIGMA * HUBER_SIGMA,
+        )
+    }
+}
+
+/// Where information and gradient are summed: by the frames' places, mounts behind them.
+pub(crate) trait NormalEquations {
+    /// Adds a block of information; of each pair the one on or above the diagonal.
+    fn add(&mut self, row: usize, column: usize, block: &PoseMatrix);
+    /// Adds rows of the gradient.
+    fn add_gradient(&mut self, row: usize, rows: &PoseVector);
+}
+
+/// Of few frames, of which most see the same.
+struct Dense {
+    information: DMatrix<f64>,
+    gradient: DVector<f64>,
+}
+
+impl NormalEquations for Dense {
+    fn add(&mut self, row: usize, column: usize, block: &PoseMatrix) {
+        let mut view = (self.information)
+            .fixed_view_mut::<POSE_DIM, POSE_DIM>(row * POSE_DIM, column * POSE_DIM);
+        view += block;
+    }
+
+    fn add_gradient(&mut self, row: usize, rows: &PoseVector) {
+        let mut view = self.gradient.fixed_rows_mut::<POSE_DIM>(row * POSE_DIM);
+        view += rows;
+    }
+}
+
+/// One piece of the visual problem.
+pub(crate) struct Accumulated<S> {
+    pub(crate) sums: S,
+    pub(crate) cost: f64,
+    pub(crate) landmark_blocks: Vec<LandmarkBlock>,
+}
+
+/// One landmark's part, before elimination.
+struct Part {
+    own: LandmarkBlock,
+    cost: f64,
+}
+
+/// The residuals of a sight in one eye, with derivatives by the point in the left frame and, scaled, their size.
+struct Residual {
+    residual: Vector2<f64>,
+    by_x: SMatrix<f64, 2, 3>,
+    by_rho: Vector2<f64>,
+    weight: f64,
+    cost: f64,
+}
+
+/// Residuals of both eyes for a point, times inverse range, in the left frame. The left one of a host is zero by definition
+/// and left out. A point that is too far off to say which way costs the same wherever it is, and pulls nowhere.
+fn residuals(
+    camera: &Camera,
+    observation: &BearingObservation,
+    x: &Vector3<f64>,
+    by_rho: &Vector3<f64>,
+    rho: f64,
+    is_host: bool,
+    observation_sigma_px: f64,
+) -> [Option<Residual>; 2] {
+    let weigh = |residual: Vector2<f64>, by_x: SMatrix<f64, 2, 3>, by_rho: Vector2<f64>| {
+        let (weight, cost) =
+            huber(residual.norm_squared() / (observation_sigma_px * observation_sigma_px));
+        Residual {
+            residual,
+            by_x,
+            by_rho,
+            weight: weight / (observation_sigma_px * observation_sigma_px),
+            cost,
+        }
+    };
+    let saturated = |bearing: &BearingMeasurement| Residual {
+        residual: Vector2::zeros(),
+        by_x: SMatrix::zeros(),
+        by_rho: Vector2::zeros(),
+        weight: 0.0,
+        cost: huber(bearing.saturated_residual() / (observation_sigma_px * observation_sigma_px)).1,
+    };
+    let left = (!is_host).then(|| match observation.left.residual(x) {
+        Some((residual, by)) => weigh(residual, by, by * by_rho),
+        None => saturated(&observation.left),
+    });
+    let right = observation.right.as_ref().map(|right| {
+        let (rotation, origin) = &camera.right_from_left;
+        let Some((residual, by)) = right.residual(&(rotation * x + origin * rho)) else {
+            return saturated(right);
+        };
+        let by_left = by * rotation;
+        weigh(residual, by_left, by_left * by_rho + by * origin)
+    });
+    [left, right]
+}
+
+/// What a landmark adds to the mount of a camera.
+#[derive(Default)]
+struct ExtrinsicsTerms {
+    own: PoseMatrix,
+    gradient: PoseVector,
+    by_rho: PoseVector,
+    /// Between the poses of the host and of the target and the mount, of one sight.
+    by_host: PoseMatrix,
+    by_target: PoseMatrix,
+}
+
+impl ExtrinsicsTerms {
+    fn add(&mut self, r: &Residual, j: &ByPose, j_host: &ByPose, j_target: &ByPose) {
+        let weighted = j * r.weight;
+        self.own += weighted.transpose() * j;
+        self.gradient += weighted.transpose() * r.residual;
+        self.by_rho += weighted.transpose() * r.by_rho;
+        self.by_host += j_host.transpose() * weighted;
+        self.by_target += j_target.transpose() * weighted;
+    }
+
+    /// Hands over what lies between the mount and the poses of a sight: blocks of the host, of the target and of the mount.
+    fn flush_into(
+        &mut self,
+        sums: &mut impl NormalEquations,
+        [host, target, extrinsics]: [usize; 3],
+    ) {
+        sums.add(host, extrinsics, &self.by_host);
+        sums.add(target, extrinsics, &self.by_target);
+        self.by_host.fill(0.0);
+        self.by_target.fill(0.0);
+    }
+}
+
+/// Adds one landmark to sums by the frames of the window in order.
+fn add(window: &Window, landmark: &Landmark, sums: &mut impl NormalEquations) -> Part {
+    let mut part = Part {
+        own: LandmarkBlock::default(),
+        cost: 0.0,
+    };
+    let (host_number, host) = &landmark.observations[0];
+    let Some(host_frame) = window.position(*host_number) else {
+        return part;
+    };
+    let host_camera = &window.cameras[host.camera];
+    let host_placed = CameraPose::new(&window.frames[host_frame].state, host.exposure_offset_s);
+    let mut by_host = PoseVector::zeros();
+    let mut extrinsics = ExtrinsicsTerms::default();
+    for (k, (number, observation)) in landmark.observations.iter().enumerate() {
+        let camera = &window.cameras[observation.camera];
+        if k == 0 {
+            let rays = residuals(
+                camera,
+                observation,
+                &host.left.ray,
+                &Vector3::zeros(),
+                landmark.rho,
+                true,
+                window.observation_sigma_px,
+            );
+            for r in rays.into_iter().flatten() {
+                part.cost += r.cost;
+                part.own.information += r.weight * r.by_rho.norm_squared();
+                part.own.gradient += r.weight * r.by_rho.dot(&r.residual);
+            }
+            continue;
+        }
+        let Some(frame) = window.position(*number) else {
+            continue;
+        };
+        let placed = CameraPose::new(&window.frames[frame].state, observation.exposure_offset_s);
+        let carried = transfer(
+            &host.left.ray,
+            landmark.rho,
+            (host_camera, &host_placed),
+            (camera, &placed),
+        );
+        let same = frame == host_frame;
+        // Derivatives of the point by the two poses.
+        let to_left = &carried.left_from_world;
+        let by_position = to_left * landmark.rho;
+        let host_rotation = -(to_left * host_placed.rotation)
+            * so3::cross(&carried.in_host)
+            * host_placed.then_from_state;
+        let left_from_body = camera.body_from_left.0.transpose();
+        let own_turn = left_from_body * so3::cross(&carried.in_target) * placed.then_from_state;
+        let mut by_target = PoseVector::zeros();
+        let mut h_target = PoseMatrix::zeros();
+        let mut h_host = PoseMatrix::zeros();
+        let mut h_between = PoseMatrix::zeros();
+        let (mut g_target, mut g_host) = (PoseVector::zeros(), PoseVector::zeros());
+        let found = residuals(
+            camera,
+            observation,
+            &carried.x,
+            &carried.by_rho,
+            landmark.rho,
+            false,
+            window.observation_sigma_px,
+        );
+        let by_cameras = (!window.extrinsics.is_empty()).then(|| {
+            let now_from_then =
+                carried.left_from_world * host_placed.rotation * host_camera.body_from_left.0;
+            jacobians_by_extrinsics(&host.left.ray, landmark.rho, &now_from_then, &carried.x)
+        });
+        // Of another camera than the host's, and with that one.
+        let is_across = observation.camera != host.camera;
+        let mut other = ExtrinsicsTerms::default();
+        let mut mounts_between = PoseMatrix::zeros();
+        for r in found.into_iter().flatten() {
+            part.cost += r.cost;
+            part.own.information += r.weight * r.by_rho.norm_squared();
+            part.own.gradient += r.weight * r.by_rho.dot(&r.residual);
+            let mut j_host = ByPose::zeros();
+            let by_point = r.by_x * by_position;
+            j_host.fixed_columns_mut::<3>(0).copy_from(&by_point);
+            j_host
+                .fixed_columns_mut::<3>(3)
+                .copy_from(&(r.by_x * host_rotation));
+            let mut j_target = ByPose::zeros();
+            j_target.fixed_columns_mut::<3>(0).copy_from(&-by_point);
+            j_target
+                .fixed_columns_mut::<3>(3)
+                .copy_from(&(r.by_x * own_turn));
+            match &by_cameras {
+                Some([by_own, by_other]) if is_across => {
+                    let (own, across) = (r.by_x * by_own, r.by_x * by_other);
+                    extrinsics.add(&r, &own, &j_host, &j_target);
+                    other.add(&r, &across, &j_host, &j_target);
+                    mounts_between += own.transpose() * across * r.weight;
+                }
+                Some([by_own, by_other]) => {
+                    extrinsics.add(&r, &(r.by_x * (by_own + by_other)), &j_host, &j_target);
+                }
+                None => {}
+            }
+            if same {
+                // Another camera in the host's own frame: both poses are one.
+                j_host += j_target;
+                let weighted = j_host.transpose() * r.weight;
+                h_host += weighted * j_host;
+                g_host += weighted * r.residual;
+                by_host += weighted * r.by_rho;
+                continue;
+            }
+            let host_weighted = j_host.transpose() * r.weight;
+            let target_weighted = j_target.transpose() * r.weight;
+            h_host += host_weighted * j_host;
+            h_target += target_weighted * j_target;
+            h_between += host_weighted * j_target;
+            g_host += host_weighted * r.residual;
+            g_target += target_weighted * r.residual;
+            by_host += host_weighted * r.by_rho;
+            by_target += target_weighted * r.by_rho;
+        }
+        let (h, t) = (host_frame, frame);
+        if by_cameras.is_some() {
+            let block = window.frames.len() + host.camera;
+            extrinsics.flush_into(sums, [h, t, block]);
+            if is_across {
+                let beside = window.frames.len() + observation.camera;
+                other.flush_into(sums, [h, t, beside]);
+                sums.add(beside, beside, &other.own);
+                sums.add_gradient(beside, &other.gradient);
+                part.own.add(beside, &other.by_rho);
+                if block < beside {
+                    sums.add(block, beside, &mounts_between);
+                } else {
+                    let between = mounts_between.transpose();
+                    sums.add(beside, block, &between);
+                }
+            }
+        }
+        sums.add(h, h, &h_host);
+        sums.add_gradient(h, &g_host);
+        if !same {
+            sums.add(t, t, &h_target);
+            // The upper triangle alone is kept.
+            if h < t {
+                sums.add(h, t, &h_between);
+            } else {
+                sums.add(t, h, &h_between.transpose());
+            }
+            sums.add_gradient(t, &g_target);
+            part.own.add(frame, &by_target);
+        }
+    }
+    part.own.add(host_frame, &by_host);
+    if !window.extrinsics.is_empty() {
+        let block = window.frames.len() + host.camera;
+        sums.add(block, block, &extrinsics.own);
+        sums.add_gradient(block, &extrinsics.gradient);
+        part.own.add(block, &extrinsics.by_rho);
+    }
+    part.own.by.sort_by_key(|(frame, _)| *frame);
+    part
+}
+
+/// Sums landmarks, one after another, and eliminates them with this damping.
+pub(crate) fn accumulate<S: NormalEquations>(
+    window: &Window,
+    landmarks: &[&Landmark],
+    damping: f64,
+    empty: S,
+) -> Accumulated<S> {
+    let mut accumulate = Accumulated {
+        sums: empty,
+        cost: 0.0,
+        landmark_blocks: Vec::with_capacity(landmarks.len()),
+    };
+    for landmark in landmarks {
+        let part = add(window, landmark, &mut accumulate.sums);
+        accumulate.cost += part.cost;
+        let mut own = part.own;
+        own.information *= 1.0 + damping;
+        if own.information > 0.0 {
+            let inverse = 1.0 / own.information;
+            for (i, (a, by_a)) in own.by.iter().enumerate() {
+                let scaled = by_a * inverse;
+                for (b, by_b) in &own.by[i..] {
+                    accumulate.sums.add(*a, *b, &-(scaled * by_b.transpose()));
+                }
+                accumulate.sums.add_gradient(*a, &(-scaled * own.gradient));
+            }
+        }
+        accumulate.landmark_blocks.push(own);
+    }
+    accumulate
+}
+
+/// Linearises what is known of some landmarks, all motions or those that `keep` names (by the position of their later
+/// frame), and the prior. Only the upper triangle of the information is complete where blocks of poses meet; the caller
+/// gets it mirrored.
+pub(crate) fn linearize(
+    window: &Window,
+    landmarks: &[&Landmark],
+    keep: impl Fn(usize) -> bool,
+    damping: f64,
+) -> LinearSystem {
+    let size = window.frames.len() * STATE_DIM;
+    let mut information = DMatrix::zeros(size, size);
+    let mut gradient = DVector::zeros(size);
+    let mut cost = 0.0;
+    let mut landmark_blocks = Vec::with_capacity(landmarks.len());
+    let poses = window.frames.len() * POSE_DIM;
+    let empty = || Dense {
+        information: DMatrix::zeros(poses, poses),
+        gradient: DVector::zeros(poses),
+    };
+    let pieces: Vec<Accumulated<Dense>> = landmarks
+        .par_chunks(LANDMARKS_PER_PIECE)
+        .map(|landmarks| accumulate(window, landmarks, damping, empty()))
+        .collect();
+    for accumulate in pieces {
+        for a in 0..window.frames.len() {
+            for b in a..window.frames.len() {
+                let block = (accumulate.sums.information)
+                    .fixed_view::<POSE_DIM, POSE_DIM>(a * POSE_DIM, b * POSE_DIM);
+                let mut view =
+                    information.fixed_view_mut::<POSE_DIM, POSE_DIM>(a * STATE_DIM, b * STATE_DIM);
+                view += block;
+            }
+            let rows = accumulate
+                .sums
+                .gradient
+                .fixed_rows::<POSE_DIM>(a * POSE_DIM);
+            let mut view = gradient.fixed_rows_mut::<POSE_DIM>(a * STATE_DIM);
+            view += rows;
+        }
+        cost += accumulate.cost;
+        landmark_blocks.extend(accumulate.landmark_blocks);
+    }
+    for a in 0..window.frames.len() {
+        let block = information
+            .fixed_view::<POSE_DIM, POSE_DIM>(a * STATE_DIM, a * STATE_DIM)
+            .into_owned();
+        // Diagonal blocks of pieces are whole where they were added as such, upper where landmarks were eliminated; both are
+        // symmetric by construction.
+        let mut view =
+            information.fixed_view_mut::<POSE_DIM, POSE_DIM>(a * STATE_DIM, a * STATE_DIM);
+        view.copy_from(&((block + block.transpose()) * 0.5));
+        for b in a + 1..window.frames.len() {
+            let block = information
+                .fixed_view::<POSE_DIM, POSE_DIM>(a * STATE_DIM, b * STATE_DIM)
+                .transpose();
+            let mut view =
+                information.fixed_view_mut::<POSE_DIM, POSE_DIM>(b * STATE_DIM, a * STATE_DIM);
+            view.copy_from(&block);
+        }
+    }
+    for k in (1..window.frames.len()).filter(|k| keep(*k)) {
+        let Some(motion) = &window.frames[k].motion else {
+            continue;
+        };
+        let term =
+            motion_factor::linearize(motion, &window.frames[k - 1].state, &window.frames[k].state);
+        cost += term.cost;
+        let at = (k - 1) * STATE_DIM;
+        let mut view = information.view_mut((at, at), (2 * STATE_DIM, 2 * STATE_DIM));
+        view += term.information;
+        let mut rows = gradient.rows_mut(at, 2 * STATE_DIM);
+        rows += term.gradient;
+    }
+    cost += add_prior(window, &mut information, &mut gradient);
+    LinearSystem {
+        information,
+        gradient,
+        cost,
+        landmark_blocks,
+    }
+}
+
+/// Errors of the prior's frames against where it was made.
+pub(crate) fn prior_error(window: &Window) -> DVector<f64> {
+    let mut error = DVector::zeros(window.prior.at.len() * STATE_DIM);
+    for (k, (number, at)) in window.prior.at.iter().enumerate() {
+        if let Some(frame) = window.position(*number) {
+            let residual: Error = window.frames[frame].state.minus(at);
+            error
+                .fixed_rows_mut::<STATE_DIM>(k * STATE_DIM)
+                .copy_from(&residual);
+        }
+    }
+    error
+}
+
+pub(crate) fn prior_cost(window: &Window, error: &DVector<f64>) -> f64 {
+    let prior = &window.prior;
+    (error.transpose() * (&prior.information * error + &prior.gradient * 2.0))[0]
+}
+
+fn add_prior(window: &Window, information: &mut DMatrix<f64>, gradient: &mut DVector<f64>) -> f64 {
+    let prior = &window.prior;
+    let error = prior_error(window);
+    let moved = &prior.information * &error + &prior.gradient;
+    let places: Vec<Option<usize>> = prior.at.iter().map(|(n, _)| window.position(*n)).collect();
+    for (a, frame_a) in places.iter().enumerate() {
+        let Some(frame_a) = frame_a else { continue };
+        let mut rows = gradient.fixed_rows_mut::<STATE_DIM>(frame_a * STATE_DIM);
+        rows += moved.fixed_rows::<STATE_DIM>(a * STATE_DIM);
+        for (b, frame_b) in places.iter().enumerate() {
+            let Some(frame_b) = frame_b else { continue };
+            let block = prior
+                .information
+                .fixed_view::<STATE_DIM, STATE_DIM>(a * STATE_DIM, b * STATE_DIM);
+            let mut view = information
+                .fixed_view_mut::<STATE_DIM, STATE_DIM>(frame_a * STATE_DIM, frame_b * STATE_DIM);
+            view += block;
+        }
+    }
+    prior_cost(window, &error)
+}
+
+/// The cost alone.
+fn cost(window: &Window, landmarks: &[&Landmark]) -> f64 {
+    let pieces: Vec<f64> = landmarks
+        .par_chunks(LANDMARKS_PER_PIECE)
+        .map(|landmarks| landmarks.iter().map(|l| landmark_cost(window, l)).sum())
+        .collect();
+    let mut sum: f64 = pieces.iter().sum();
+    for pair in window.frames.windows(2) {
+        if let Some(motion) = &pair[1].motion {
+            sum += motion_factor::cost(motion, &pair[0].state, &pair[1].state);
+        }
+    }
+    sum + prior_cost(window, &prior_error(window))
+}
+
+pub(crate) fn landmark_cost(window: &Window, landmark: &Landmark) -> f64 {
+    let mut sum = 0.0;
+    for_each_residual(window, landmark, |_, _, squared_residual| {
+        sum += huber(squared_residual).1
+    });
+    sum
+}
+
+/// Squared residuals, in standard deviations, of each sight (by place) and eye (1 the right one).
+pub(crate) fn for_each_residual(
+    window: &Window,
+    landmark: &Landmark,
+    mut found: impl FnMut(usize, usize, f64),
+) {
+    let (host_number, host) = &landmark.observations[0];
+    let Some(host_frame) = window.position(*host_number) else {
+        return;
+    };
+    let host_camera = &window.cameras[host.camera];
+    let host_placed = CameraPose::new(&window.frames[host_frame].state, host.exposure_offset_s);
+    let scale = 1.0 / (window.observation_sigma_px * window.observation_sigma_px);
+    for (k, (number, observation)) in landmark.observations.iter().enumerate() {
+        let Some(frame) = window.position(*number) else {
+            continue;
+        };
+        let camera = &window.cameras[observation.camera];
+        let x = if k == 0 {
+            host.left.ray
+        } else {
+            let placed =
+                CameraPose::new(&window.frames[frame].state, observation.exposure_offset_s);
+            let to = (camera, &placed);
+            transfer(
+                &host.left.ray,
+                landmark.rho,
+                (host_camera, &host_placed),
+                to,
+            )
+            .x
+        };
+        if k > 0 {
+            found(k, 0, observation.left.squared_residual(&x) * scale);
+        }
+        if let Some(right) = &observation.right {
+            let (rotation, origin) = &camera.right_from_left;
+            let x = rotation * x + origin * landmark.rho;
+            found(k, 1, right.squared_residual(&x) * scale);
+        }
+    }
+}
+
+/// How a solution ended.
+#[derive(Clone, Copy, Debug)]
+pub(crate) struct Solved {
+    /// Linearisations.
+    pub(crate) rounds: usize,
+    /// Sum of squares before and after, in standard deviations.
+    pub(crate) cost: [f64; 2],
+}
+
+/// Brings a window to where everything fits best, in at most `rounds` linearisations. Gives also the covariance of the
+/// newest state's error, if it has one.
+pub(crate) fn optimize_window(
+    window: &mut Window,
+    rounds: usize,
+) -> (Solved, Option<SMatrix<f64, STATE_DIM, STATE_DIM>>) {
+    let mut solved = Solved {
+        rounds: 0,
+        cost: [0.0; 2],
+    };
+    let mut damping = 1e-5;
+    let mut latest = None;
+    let mut before: Option<f64> = None;
+    for round in 0..rounds {
+        let landmarks: Vec<&Landmark> = window.landmarks.values().collect();
+        let linear = linearize(window, &landmarks, |_| true, damping);
+        if round == 0 {
+            solved.cost[0] = linear.cost;
+        }
+        solved.rounds += 1;
+        let now = before.unwrap_or(linear.cost);
+        let mut damped = linear.information.clone();
+        for k in 0..damped.nrows() {
+            damped[(k, k)] += damping * damped[(k, k)].max(1e-6);
+        }
+        let Some(cholesky) = damped.cholesky() else {
+            damping = (damping * 100.0).max(1e-3);
+            continue;
+        };
+        let step = -cholesky.solve(&linear.gradient);
+        if !step.iter().all(|v| v.is_finite()) {
+            break;
+        }
+        latest = Some(linear.information);
+        let mut moved = window.clone();
+        apply(&mut moved, &step, &linear.landmark_blocks);
+        let landmarks: Vec<&Landmark> = moved.landmarks.values().collect();
+        let after = cost(&moved, &landmarks);
+        if after <= now * (1.0 + 1e-9) {
+            let gained = now - after;
+            *window = moved;
+            before = Some(after);
+            solved.cost[1] = after;
+            damping = (damping * 0.1).max(1e-7);
+            if gained < 1e-3 * now.max(1.0) || step.amax() < 1e-6 {
+                break;
+            }
+        } else {
+            before = Some(now);
+            solved.cost[1] = now;
+            damping = (damping * 30.0).max(1e-3);
+        }
+    }
+    // Damping would make certain what is not: without it, but for what rounding needs.
+    let covariance = latest.and_then(|mut information: DMatrix<f64>| {
+        for k in 0..information.nrows() {
+            information[(k, k)] *= 1.0 + 1e-12;
+        }
+        information.cholesky().map(|c| c.inverse_corner())
+    });
+    (solved, covariance)
+}
+
+/// The lower right corner of an inverse.
+trait Corner {
+    fn inverse_corner(&self) -> SMatrix<f64, STATE_DIM, STATE_DIM>;
+}
+
+impl Corner for nalgebra::Cholesky<f64, nalgebra::Dyn> {
+    fn inverse_corner(&self) -> SMatrix<f64, STATE_DIM, STATE_DIM> {
+        // With `A = L Lᵀ` the corner of the inverse is that of the corner of `L` alone.
+        let l = self.l_dirty();
+        let at = l.nrows() - STATE_DIM;
+        let corner = SMatrix::<f64, STATE_DIM, STATE_DIM>::from_fn(|i, j| {
+            if i >= j { l[(at + i, at + j)] } else { 0.0 }
+        });
+        let inverse = corner
+            .solve_lower_triangular(&SMatrix::<f64, STATE_DIM, STATE_DIM>::identity())
+            .expect("a Cholesky factor has no zero on its diagonal");
+        inverse.transpose() * inverse
+    }
+}
+
+/// Moves states by a step and landmarks, in the order of the window's, by what follows from it.
+pub(crate) fn apply<'a>(
+    window: &mut Window,
+    step: &DVector<f64>,
+    landmark_blocks: impl IntoIterator<Item = &'a LandmarkBlock>,
+) {
+    let rows: Vec<usize> = (0..window.blocks()).map(|k| window.row_of(k)).collect();
+    for (frame, row) in window.frames.iter_mut().zip(&rows) {
+        let error: Error = step.fixed_rows::<STATE_DIM>(*row).into_owned();
+        frame.state = frame.state.plus(&error);
+    }
+    if !window.extrinsics.is_empty() {
+        let rows = &rows[window.frames.len()..];
+        for (camera, row) in window.cameras.iter_mut().zip(rows) {
+            apply_error(camera, &step.fixed_rows::<POSE_DIM>(*row).into_owned());
+        }
+    }
+    for (landmark, own) in window.landmarks.values_mut().zip(landmark_blocks) {
+        if own.information <= 0.0 {
+            continue;
+        }
+        let mut right = own.gradient;
+        for (block, by) in &own.by {
+            right += by.dot(&step.fixed_rows::<POSE_DIM>(rows[*block]));
+        }
+        landmark.rho = (landmark.rho - right / own.information).max(MIN_INVERSE_RANGE_PER_M);
+    }
+}
+
+/// Moves one state alone, everything else held still, and gives the information about it. Sights far off count
+/// less by Tukey's function, whose reach falls with the rounds. `kept` is the covariance of the state before: how it moved, and
+/// where down is, is not known exactly.
+pub(crate) fn refine_newest(
+    window: &mut Window,
+    kept: &SMatrix<f64, STATE_DIM, STATE_DIM>,
+    rounds: usize,
+) -> Option<SMatrix<f64, STATE_DIM, STATE_DIM>> {
+    let last = window.frames.len() - 1;
+    let number = window.frames[last].number;
+    let sigma = window.observation_sigma_px;
+    // Where landmarks are does not change: in the world, times their inverse ranges.
+    let seen: Vec<(Vector3<f64>, Vector3<f64>, f64, BearingObservation)> = window
+        .landmarks
+        .values()
+        .filter_map(|landmark| {
+            let observations = &landmark.observations[landmark.since(number)..];
+            let (host_number, host) = &landmark.observations[0];
+            let frame = window.position(*host_number)?;
+            if observations.is_empty() || frame == last {
+                return None;
+            }
+            let placed = CameraPose::new(&window.frames[frame].state, host.exposure_offset_s);
+            let (rotation, arm) = &window.cameras[host.camera].body_from_left;
+            let in_host = rotation * host.left.ray + arm * landmark.rho;
+            let x = placed.rotation * in_host;
+            let each = observations.iter();
+            Some(each.map(move |(_, observation)| (x, placed.position, landmark.rho, *observation)))
+        })
+        .flatten()
+        .collect();
+    // Where nothing was felt the guess may be far off.
+    let preintegrated = window.frames[last]
+        .motion
+        .as_ref()
+        .is_some_and(|m| m.has_gravity);
+    let reach: &[f64] = if preintegrated {
+        &[12.0, 8.0, 6.0, 5.0]
+    } else {
+        &[240.0, 160.0, 100.0, 60.0, 36.0, 24.0, 16.0, 10.0, 7.0, 5.0]
+    };
+    let mut information = None;
+    for round in 0..rounds + reach.len() {
+        let state: State = window.frames[last].state;
+        let most = reach.get(round).copied().unwrap_or(4.0);
+        let mut h = SMatrix::<f64, STATE_DIM, STATE_DIM>::zeros();
+        let mut g = SVector::<f64, STATE_DIM>::zeros();
+        for (x, position, rho, observation) in &seen {
+            let camera = &window.cameras[observation.camera];
+            let placed = CameraPose::new(&state, observation.exposure_offset_s);
+            let (rotation, arm) = &camera.body_from_left;
+            let in_target = placed.rotation.transpose() * (x + (position - placed.position) * *rho);
+            let x_in_left = rotation.transpose() * (in_target - arm * *rho);
+            let left_from_world = rotation.transpose() * placed.rotation.transpose();
+            let by_turn = rotation.transpose() * so3::cross(&in_target) * placed.then_from_state;
+            let rays = residuals(
+                camera,
+                observation,
+                &x_in_left,
+                &Vector3::zeros(),
+                *rho,
+                false,
+                sigma,
+            );
+            for r in rays.into_iter().flatten() {
+                let size = r.residual.norm() / (sigma * most);
+                if size >= 1.0 {
+                    continue;
+                }
+                let kept = (1.0 - size * size).powi(2) / (sigma * sigma);
+                let mut j = ByPose::zeros();
+                j.fixed_columns_mut::<3>(0)
+                    .copy_from(&(-r.by_x * left_from_world * *rho));
+                j.fixed_columns_mut::<3>(3).copy_from(&(r.by_x * by_turn));
+                let weighted = j.transpose() * kept;
+                let block = weighted * j;
+                let mut view = h.fixed_view_mut::<POSE_DIM, POSE_DIM>(0, 0);
+                view += block;
+                let mut rows = g.fixed_rows_mut::<POSE_DIM>(0);
+                rows += weighted * r.residual;
+            }
+        }
+        if let (Some(motion), true) = (&window.frames[last].motion, last > 0) {
+            let before = &window.frames[last - 1].state;
+            let (information, gradient) =
+                motion_factor::with_uncertain_start(motion, before, kept, &state);
+            h += information;
+            g += gradient;
+        }
+        let step = -h.cholesky()?.solve(&g);
+        if !step.iter().all(|v| v.is_finite()) {
+            return None;
+        }
+        information = Some(h);
+        window.frames[last].state = state.plus(&step);
+        if round >= reach.len() && step.fixed_rows::<POSE_DIM>(0).amax() < 1e-6 {
+            break;
+        }
+    }
+    information
+}
+
+#[cfg(test)]
+pub(crate) mod tests;

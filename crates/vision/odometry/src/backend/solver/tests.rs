@@ -1,0 +1,260 @@
+//! A made-up scene without noise: the solution must be the truth, from far enough away that wrong derivatives would not
+//! lead there.
+
+use std::collections::BTreeMap;
+
+use cad_transforms::RigidTransform;
+use calib::{CameraModel, Distortion, Eye as Side};
+
+use super::*;
+use crate::backend::marginalization::marginalize;
+use crate::backend::state::{POSITION, ROTATION};
+use crate::backend::window::{Frame, Prior};
+use crate::rig::StereoCamera;
+
+pub(crate) fn camera(yaw: f64, line_s: f64) -> Camera {
+    let model = CameraModel {
+        width: 672,
+        height: 376,
+        fx: 350.0,
+        fy: 350.0,
+        cx: 335.5,
+        cy: 187.5,
+        distortion: Distortion::RadTan4 {
+            k1: -0.05,
+            k2: 0.01,
+            p1: 0.0,
+            p2: 0.0,
+        },
+    };
+    let shift = |x: f64| RigidTransform::from_translation_m([x, 0.0, 0.0]).unwrap();
+    let rotation = RigidTransform::from_rotation_vector([0.0, yaw, 0.0], [0.1 * yaw, 0.05, 0.02]);
+    Camera::new(
+        &StereoCamera {
+            name: "camera".to_owned(),
+            left: model,
+            right: model,
+            rig_from_left: rotation.unwrap(),
+            covariance: None,
+            right_from_left: shift(-0.06),
+            line_s,
+        },
+        &RigidTransform::identity(),
+    )
+}
+
+/// A body that goes sideways and turns.
+fn truth(k: usize) -> State {
+    let t = k as f64 * 0.1;
+    State {
+        position: Vector3::new(1.5 * t, 0.1 * (3.0 * t).sin(), 0.2 * t),
+        rotation: so3::exp(&Vector3::new(0.1 * t, 0.5 * t, -0.1)),
+        velocity: Vector3::new(1.5, 0.3 * (3.0 * t).cos(), 0.2),
+        gyro_rate: Vector3::new(0.1, 0.5, 0.0),
+        ..State::at_rest((t * 1e9) as i64)
+    }
+}
+
+/// What the frames see of points around, without noise.
+pub(crate) fn window(frames: usize, line_s: f64) -> Window {
+    let cameras = vec![camera(-0.5, 0.0), camera(0.4, line_s)];
+    let mut landmarks: BTreeMap<u64, Landmark> = BTreeMap::new();
+    for id in 0..240_u64 {
+        let a = (id as f64 * 0.618).fract() * 2.4 - 1.2;
+        let b = (id as f64 * 0.414).fract() - 0.5;
+        let range = 1.5 + 6.0 * (id as f64 * 0.732).fract();
+        let x_in_world = Vector3::new(range * a.sin(), range * b, range * a.cos());
+        for k in 0..frames {
+            for (c, camera) in cameras.iter().enumerate() {
+                // The time of a row depends on where it is seen, and that on the time.
+                let after_camera = 0.004 * c as f64;
+                let mut exposure_offset_s = after_camera;
+                let mut observation = None;
+                for _ in 0..20 {
+                    let placed = CameraPose::new(&truth(k), exposure_offset_s);
+                    let (rotation, arm) = &camera.body_from_left;
+                    let in_body = placed.rotation.transpose() * (x_in_world - placed.position);
+                    let x = rotation.transpose() * (in_body - arm);
+                    let Some(pixel) = camera.left.project(x.into()) else {
+                        break;
+                    };
+                    let inside =
+                        (0.0..671.0).contains(&pixel[0]) && (0.0..375.0).contains(&pixel[1]);
+                    if !inside || x.z < 0.3 {
+                        observation = None;
+                        break;
+                    }
+                    let y = pixel[1] as f32;
+                    exposure_offset_s = after_camera + camera.row_after_s(Side::Left, y);
+                    let (rl, tl) = &camera.right_from_left;
+                    let right = camera.right.project((rl * x + tl).into()).unwrap();
+                    observation = Some((pixel, right, x.norm()));
+                }
+                let Some((pixel, right, range)) = observation else {
+                    continue;
+                };
+                // Straight to bearings: pixels are single precision.
+                let exact = |side: Side, pixel: [f64; 2]| {
+                    let lens = if side == Side::Left {
+                        &camera.left
+                    } else {
+                        &camera.right
+                    };
+                    let mut bearing = camera.bearing(side, pixel.map(|v| v as f32)).unwrap();
+                    let ray = Vector3::from(lens.unproject(pixel).unwrap()).normalize();
+                    let first = ray.cross(&Vector3::y()).normalize();
+                    let rows = [first.transpose(), ray.cross(&first).transpose()];
+                    bearing.basis = nalgebra::Matrix2x3::from_rows(&rows) * 350.0;
+                    bearing.ray = ray;
+                    bearing
+                };
+                let observation = BearingObservation {
+                    camera: c,
+                    left: exact(Side::Left, pixel),
+                    right: Some(exact(Side::Right, right)),
+                    exposure_offset_s,
+                };
+                landmarks
+                    .entry(id)
+                    .or_insert_with(|| Landmark {
+                        rho: 1.0 / range,
+                        observations: Vec::new(),
+                    })
+                    .observations
+                    .push((k as u64, observation));
+            }
+        }
+    }
+    Window {
+        frames: (0..frames)
+            .map(|k| Frame {
+                number: k as u64,
+                state: truth(k),
+                motion: None,
+            })
+            .collect(),
+        landmarks,
+        extrinsics: Vec::new(),
+        prior: Prior::of(0, truth(0), &[1e-4; STATE_DIM]),
+        cameras,
+        observation_sigma_px: 0.5,
+    }
+}
+
+/// Moves everything away from the truth.
+fn shaken(window: &Window, by: f64) -> Window {
+    let mut shaken = window.clone();
+    for (k, frame) in shaken.frames.iter_mut().enumerate().skip(1) {
+        let mut error = Error::zeros();
+        for i in 0..3 {
+            error[POSITION + i] = by * ((k * 3 + i) as f64 * 1.7).sin();
+            error[ROTATION + i] = 0.3 * by * ((k * 5 + i) as f64 * 1.3).cos();
+        }
+        frame.state = frame.state.plus(&error);
+    }
+    for (k, landmark) in shaken.landmarks.values_mut().enumerate() {
+        landmark.rho *= 1.0 + by * (k as f64 * 0.9).sin();
+    }
+    shaken
+}
+
+fn farthest(window: &Window) -> f64 {
+    let residual = |frame: &Frame| {
+        let error = frame.state.minus(&truth(frame.number as usize));
+        error.fixed_rows::<POSE_DIM>(0).amax()
+    };
+    window.frames.iter().map(residual).fold(0.0, f64::max)
+}
+
+#[test]
+fn the_truth_is_found_from_afar() {
+    for line_s in [0.0, 2e-5] {
+        let exact = window(5, line_s);
+        assert!(exact.landmarks.len() > 100);
+        let mut moved = shaken(&exact, 0.1);
+        assert!(farthest(&moved) > 0.05);
+        let (solved, _) = optimize_window(&mut moved, 20);
+        // The ray of a rolling row's time is right at the truth alone to rounding.
+        assert!(farthest(&moved) < 1e-6, "{} {solved:?}", farthest(&moved));
+        assert!(solved.cost[1] < 1e-6, "{solved:?}");
+    }
+}
+
+#[test]
+fn the_newest_alone_is_found_too() {
+    let exact = window(4, 0.0);
+    let mut moved = exact.clone();
+    let mut error = Error::zeros();
+    error[0] = 0.03;
+    error[4] = -0.01;
+    let last = moved.frames.len() - 1;
+    moved.frames[last].state = moved.frames[last].state.plus(&error);
+    // Velocity and biases are not seen: that a body does not leap holds them, loosely.
+    moved.frames[last].motion = Some(crate::backend::window::MotionFactor {
+        preintegrated: crate::inertial::propagation::constant_velocity(
+            &moved.frames[last - 1].state,
+            truth(last - 1).rate(),
+            moved.frames[last].state.time_ns,
+        ),
+        has_gravity: false,
+        bias_walk: [1e-6; 2],
+    });
+    assert!(farthest(&moved) > 0.02);
+    let information = refine_newest(&mut moved, &SMatrix::identity(), 8);
+    let information = information.expect("hundreds of sights tell where it is");
+    assert!(farthest(&moved) < 1e-4, "{}", farthest(&moved));
+    let sigma = 1.0 / information[(POSITION, POSITION)].sqrt();
+    assert!(sigma < 0.01, "{sigma}");
+}
+
+#[test]
+fn a_sight_that_is_far_off_does_not_refuse_every_step() {
+    let exact = window(5, 0.0);
+    let mut moved = shaken(&exact, 0.05);
+    // One that points away from everything, behind its eye.
+    let landmark = moved.landmarks.values_mut().next().expect("landmarks");
+    let (_, observation) = landmark.observations.last_mut().expect("sights");
+    observation.left.ray = -observation.left.ray;
+    observation.left.basis = -observation.left.basis;
+    let all: Vec<&Landmark> = moved.landmarks.values().collect();
+    let linear = linearize(&moved, &all, |_| true, 0.0);
+    let sum = cost(&moved, &all);
+    assert!(
+        (linear.cost - sum).abs() < 1e-9 * sum,
+        "{} {sum}",
+        linear.cost
+    );
+    let (solved, _) = optimize_window(&mut moved, 20);
+    assert!(farthest(&moved) < 1e-5, "{} {solved:?}", farthest(&moved));
+}
+
+#[test]
+fn threads_do_not_matter() {
+    let moved = shaken(&window(5, 0.0), 0.05);
+    let on = |threads: usize| {
+        let pool = rayon::ThreadPoolBuilder::new()
+            .num_threads(threads)
+            .build()
+            .unwrap();
+        let mut window = moved.clone();
+        pool.install(|| optimize_window(&mut window, 3));
+        window.frames.iter().map(|f| f.state).collect::<Vec<_>>()
+    };
+    assert_eq!(on(1), on(3));
+}
+
+#[test]
+fn what_leaves_is_remembered() {
+    // With noise-free sights a prior changes nothing of the solution.
+    let mut small = window(5, 0.0);
+    marginalize(&mut small, 0);
+    assert_eq!(small.frames.len(), 4);
+    let mut moved = shaken(&small, 0.03);
+    let (_, covariance) = optimize_window(&mut moved, 20);
+    assert!(farthest(&moved) < 1e-5, "{}", farthest(&moved));
+    // Where the frame that left was is known to a tenth of a millimetre, and its landmarks tie the next one to it.
+    let sigma = 1.0 / small.prior.information[(POSITION, POSITION)].sqrt();
+    assert!(sigma > 1e-6 && sigma < 0.02, "{sigma}");
+    // Nothing was felt, so velocities are not known, and that is told.
+    assert!(covariance.is_none());
+}

@@ -1,0 +1,566 @@
+//! Poses as they become known: the causal estimator.
+//!
+//! Contract: [`Odometry::add_imu`] takes samples in order of time, [`Odometry::add_frames`] frame sets in order of time, after
+//! the samples up to their time (what comes later is used for what comes later). Each set gives one [`Estimate`] that
+//! depends on what came before it alone. A set whose pictures show too little is carried by the IMU while its sigma stays
+//! small; a pose that nothing supports is called lost, and its covariance says how much.
+
+use std::collections::BTreeMap;
+
+use cad_transforms::RigidTransform;
+use nalgebra::{Matrix3, Matrix6, SMatrix, Vector3};
+use rayon::prelude::*;
+
+use crate::backend::covariance::{in_rig_frame, tilt_uncertainty, transport};
+use crate::config::Config;
+use crate::estimator::reinitialization::{IMU_TIMEOUT_NS, MIN_CONTINUOUS_IMU_NS, ResetUncertainty};
+use crate::frontend::pyramid::Pyramid;
+use crate::inertial::propagation::{ImuPropagator, constant_velocity};
+use crate::input::{FrameSet, ImuSample};
+use crate::keyframe::Keyframe;
+use crate::rig::Rig;
+
+use crate::backend::observation::{Camera, CameraPose};
+use crate::backend::solver::{optimize_window, refine_newest};
+use crate::backend::state::{ROTATION, STATE_DIM, State};
+use crate::backend::window::{Frame, MotionFactor, Prior, Window};
+use crate::estimator::initialization::{INITIALIZATION_WINDOW_NS, initialize_static};
+use crate::frontend::stale_image::StaleImageDetector;
+use crate::frontend::tracker::{Expected, Track, Tracker, transfer_pixel};
+
+mod camera_shift;
+mod cross_camera;
+pub(crate) mod initialization;
+mod keyframes;
+mod outliers;
+pub(crate) mod reinitialization;
+
+pub use camera_shift::CameraShift;
+#[cfg(test)]
+mod tests;
+
+use keyframes::finish_keyframe;
+use outliers::count_inliers;
+
+/// Frame sets in the beginning for which everything is solved: biases and tilt are still to be found.
+const INITIAL_FRAMES: u64 = 12;
+/// Sights that a pose needs, and their share of all.
+const MIN_INLIERS: usize = 12;
+const MIN_INLIER_RATIO: f64 = 0.3;
+/// Share of the turn of a camera that was moved by which poses may be turned: it is one of several, and sigmas are told larger
+/// than this.
+const CAMERA_SHIFT_SIGMA_RATIO: f64 = 0.1;
+/// Sigma of a position along its worst direction from which it is no longer known: m, and share of the distance from the
+/// start.
+const LOST_SIGMA_M: f64 = 0.5;
+const LOST_SIGMA_PER_METRE: f64 = 0.02;
+
+/// How a pose is known.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Status {
+    /// Cameras saw enough.
+    Tracked,
+    /// The IMU alone, or very few sights.
+    DeadReckoned,
+    /// Nothing supports it.
+    Lost,
+}
+
+/// One pose.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Estimate {
+    /// Of the frame set, ns.
+    pub time_ns: i64,
+    /// The world has z up, and its origin and heading are those of the first pose: of the first IMU where one is used, of the rig
+    /// where there is none.
+    pub world_from_rig: RigidTransform,
+    /// Of a small motion of the rig in its own axes against the first pose: shift m, turn rad.
+    pub covariance: Matrix6<f64>,
+    /// Of the rig's origin in the world, m/s.
+    pub velocity: Vector3<f64>,
+    /// How it is known.
+    pub status: Status,
+    /// Sights that agree.
+    pub inliers: usize,
+    /// Whether it is a keyframe.
+    pub is_keyframe: bool,
+    /// Bias of the gyroscope in use, rad/s.
+    pub gyro_bias: Vector3<f64>,
+    /// Bias of the accelerometer in use, m/s².
+    pub accel_bias: Vector3<f64>,
+}
+
+/// See the module.
+pub struct Odometry {
+    config: Config,
+    cameras: Vec<Camera>,
+    body_from_rig: RigidTransform,
+    imu: Option<ImuPropagator>,
+    trackers: Vec<Tracker>,
+    /// What each camera's left eye showed last that was new.
+    stale_detectors: Vec<Option<StaleImageDetector>>,
+    window: Option<Window>,
+    /// Whether the newest frame of the window is a keyframe.
+    newest_is_keyframe: bool,
+    /// Covariance of the last keyframe's state.
+    keyframe_covariance: SMatrix<f64, STATE_DIM, STATE_DIM>,
+    last: Option<State>,
+    /// Whether the way is lost until the window has begun anew.
+    is_lost: bool,
+    /// What is in doubt beyond what the window says.
+    unmodeled: Vec<ResetUncertainty>,
+    camera_shifts: Vec<CameraShift>,
+    /// Length of the way from keyframe to keyframe, m.
+    path_length_m: f64,
+    number: u64,
+    next_track: u64,
+    /// Corners of the last keyframe: camera, number, ray then.
+    reference: Vec<(usize, u64, Vector3<f64>)>,
+    /// Keyframes that are still in the window, and those that have left it.
+    pending: BTreeMap<u64, Keyframe>,
+    ready: Vec<Keyframe>,
+}
+
+impl Odometry {
+    /// For a rig.
+    pub fn new(rig: &Rig, config: Config) -> Self {
+        let (cameras, body_from_rig, imu) = ImuPropagator::of(rig);
+        Self {
+            config,
+            cameras,
+            body_from_rig,
+            imu,
+            trackers: vec![Tracker::default(); rig.cameras.len()],
+            stale_detectors: vec![None; rig.cameras.len()],
+            window: None,
+            newest_is_keyframe: true,
+            keyframe_covariance: SMatrix::zeros(),
+            last: None,
+            is_lost: false,
+            unmodeled: Vec::new(),
+            camera_shifts: Vec::new(),
+            path_length_m: 0.0,
+            number: 0,
+            next_track: 0,
+            reference: Vec::new(),
+            pending: BTreeMap::new(),
+            ready: Vec::new(),
+        }
+    }
+
+    /// Takes a sample of an IMU, given by its place in the rig.
+    pub fn add_imu(&mut self, imu: usize, sample: &ImuSample) {
+        if let Some(own) = self.imu.as_mut().filter(|own| own.index == imu) {
+            own.samples.push(sample, own.range);
+        }
+    }
+
+    /// Takes a frame set.
+    pub fn add_frames(&mut self, set: &FrameSet<'_>) -> Estimate {
+        let time_ns = set.time_ns;
+        self.number += 1;
+        let pyramids: Vec<Option<(Pyramid, Pyramid)>> = (set.views.par_iter())
+            .map(|view| {
+                let view = view.as_ref()?;
+                Some(rayon::join(
+                    || Pyramid::new(&view.left),
+                    || Pyramid::new(&view.right),
+                ))
+            })
+            .collect();
+        for (tracker, view) in self.trackers.iter_mut().zip(&set.views) {
+            tracker.set_mask(view.as_ref().and_then(|v| v.mask));
+        }
+        let exposure_offset_s: Vec<f64> = (set.views.iter())
+            .map(|view| {
+                view.as_ref()
+                    .map_or(0.0, |v| (v.time_ns - time_ns) as f64 * 1e-9)
+            })
+            .collect();
+        let Some(mut window) = self.window.take() else {
+            return self.initialize(time_ns, pyramids, &exposure_offset_s);
+        };
+        if !self.newest_is_keyframe {
+            window.drop_newest();
+        }
+        let (motion, guess) = self.predict(&window, time_ns);
+        // Corners are expected where the last pose, whether or not it stays, and the guess put them.
+        let last = self.last.unwrap_or(window.newest().state);
+        self.track(pyramids, (&last, &guess), &exposure_offset_s);
+        window.frames.push(Frame {
+            number: self.number,
+            state: guess,
+            motion: Some(motion),
+        });
+        self.match_in_new_frames(&mut window, &exposure_offset_s);
+        let mut information = self.estimate_newest_pose(&mut window);
+        if let Some(shift) = camera_shift::find(&window) {
+            let sigma = CAMERA_SHIFT_SIGMA_RATIO * shift.rotation_rad;
+            self.unmodeled
+                .push(ResetUncertainty::of_rotation(window.newest().state, sigma));
+            self.camera_shifts.push(shift);
+        }
+        let (_, observed) = count_inliers(&window);
+        let inliers = self.reject_outliers(&mut window);
+        let is_enough =
+            inliers >= MIN_INLIERS && inliers as f64 >= MIN_INLIER_RATIO * observed as f64;
+        let is_tracked = is_enough && !self.is_lost;
+        let mut is_connected = true;
+        if !is_tracked {
+            // A few that agree by chance would be believed: the frame goes by what was felt.
+            is_connected = self.discard_newest(&mut window, guess);
+            information = refine_newest(&mut window, &self.keyframe_covariance, 1);
+        }
+        let is_keyframe = self.is_keyframe(&window, is_tracked);
+        let mut own = information.and_then(|h| h.cholesky()).map(|c| c.inverse());
+        let mut joint = None;
+        if is_keyframe || self.config.optimize_every_frame || self.number <= INITIAL_FRAMES {
+            joint = optimize_window(&mut window, self.config.max_iterations).1;
+        }
+        if let Some(joint) = joint {
+            if is_keyframe {
+                self.keyframe_covariance = joint;
+            }
+            own = None;
+        }
+        let keyframe_covariance = || {
+            let from = &window.frames[window.frames.len() - 2].state;
+            let covariance = self
+                .keyframe_covariance
+                .fixed_view::<6, 6>(0, 0)
+                .into_owned();
+            transport(from, &window.newest().state, &covariance)
+        };
+        let covariance = match (joint, own) {
+            (Some(joint), _) => joint.fixed_view::<6, 6>(0, 0).into_owned(),
+            (None, Some(own)) => keyframe_covariance() + own.fixed_view::<6, 6>(0, 0),
+            (None, None) => keyframe_covariance() + Matrix6::identity(),
+        };
+        if is_keyframe {
+            let before = &window.frames[window.frames.len() - 2].state;
+            self.path_length_m += (window.newest().state.position - before.position).norm();
+            self.filter_landmarks(&mut window);
+            self.insert_keyframe(&mut window, &exposure_offset_s);
+        }
+        self.newest_is_keyframe = is_keyframe;
+        self.is_lost |= !is_connected && reinitialization::is_lost(&covariance);
+        let estimate = self.estimate(&window, &covariance, inliers, is_tracked, is_keyframe);
+        if self.is_lost {
+            self.reinitialize(&mut window, &covariance);
+        }
+        let mut state = window.newest().state;
+        if self.gyro_rate(time_ns).is_none() {
+            // A body without a gyroscope goes on as it went.
+            let seconds = (state.time_ns - last.time_ns) as f64 * 1e-9;
+            let turned = crate::so3::log(&(last.rotation.inverse() * state.rotation));
+            state.gyro_rate = turned / seconds.max(1e-3) + state.gyro_bias;
+            if let Some(newest) = window.frames.last_mut() {
+                newest.state.gyro_rate = state.gyro_rate;
+            }
+        }
+        self.last = Some(state);
+        if let (Some(imu), Some(first)) = (&mut self.imu, window.frames.last()) {
+            // The window integrates anew from its last keyframe.
+            let from = if self.newest_is_keyframe {
+                first.state.time_ns
+            } else {
+                window.frames[window.frames.len() - 2].state.time_ns
+            };
+            imu.samples
+                .forget_before(from.min(time_ns) - INITIALIZATION_WINDOW_NS);
+        }
+        self.window = Some(window);
+        estimate
+    }
+
+    /// Follows all corners into new pictures, from where the body was to where it is taken to be.
+    fn track(
+        &mut self,
+        pyramids: Vec<Option<(Pyramid, Pyramid)>>,
+        (last, guess): (&State, &State),
+        exposure_offset_s: &[f64],
+    ) {
+        for (k, (tracker, pyramids)) in self.trackers.iter_mut().zip(pyramids).enumerate() {
+            let camera = &self.cameras[k];
+            let stale_detectors = &mut self.stale_detectors[k];
+            let fresh = pyramids.as_ref().map_or(0, |(left, _)| {
+                StaleImageDetector::count_fresh_rows(stale_detectors, left, guess, camera)
+            });
+            let (Some((left, right)), 1..) = (pyramids, fresh) else {
+                tracker.clear();
+                continue;
+            };
+            tracker.mask_rows_below(fresh, left.levels[0].width, left.levels[0].height);
+            let (then, now) = (
+                world_from_left(camera, &CameraPose::new(last, exposure_offset_s[k])),
+                world_from_left(camera, &CameraPose::new(guess, exposure_offset_s[k])),
+            );
+            let back = now.0.transpose();
+            let now_from_then = (back * then.0, back * (then.1 - now.1));
+            tracker.track(camera, left, right, |track| {
+                let rho = track.rho.unwrap_or(0.0);
+                let expected = transfer_pixel(camera, &now_from_then, &track.left.ray, rho);
+                expected.map_or(
+                    Expected {
+                        at: track.at,
+                        rho: track.rho,
+                    },
+                    |e| Expected {
+                        rho: track.rho.and(e.rho),
+                        ..e
+                    },
+                )
+            });
+        }
+    }
+
+    /// The first frame set.
+    fn initialize(
+        &mut self,
+        time_ns: i64,
+        pyramids: Vec<Option<(Pyramid, Pyramid)>>,
+        exposure_offset_s: &[f64],
+    ) -> Estimate {
+        let mut readings = Vec::new();
+        if let Some(imu) = &self.imu {
+            // What was heard without a gap up to now; a single reading tells nothing of rest, but roughly where up is.
+            let since = imu.samples.continuous_since(time_ns).unwrap_or(time_ns);
+            if since < time_ns {
+                let from = since.max(time_ns - INITIALIZATION_WINDOW_NS);
+                imu.samples.between(from, time_ns, &mut readings);
+            } else {
+                let near = imu.samples.at(time_ns);
+                let near = near.filter(|(reading, is_near)| *is_near && !reading.saturated);
+                readings.extend(near.map(|(reading, _)| reading));
+            }
+        }
+        let (state, sigmas) = initialize_static(time_ns, &readings, self.imu.is_some());
+        let mut window = self.window_of(state, &sigmas);
+        for (k, (tracker, pyramids)) in self.trackers.iter_mut().zip(pyramids).enumerate() {
+            if let Some((left, right)) = pyramids {
+                StaleImageDetector::count_fresh_rows(
+                    &mut self.stale_detectors[k],
+                    &left,
+                    &state,
+                    &self.cameras[k],
+                );
+                tracker.track(&self.cameras[k], left, right, |track| Expected {
+                    at: track.at,
+                    rho: None,
+                });
+            }
+        }
+        self.insert_keyframe(&mut window, exposure_offset_s);
+        self.newest_is_keyframe = true;
+        self.last = Some(state);
+        self.keyframe_covariance = window.prior.covariance();
+        let covariance = self
+            .keyframe_covariance
+            .fixed_view::<6, 6>(0, 0)
+            .into_owned();
+        let inliers = window.landmarks.len();
+        let estimate = self.estimate(&window, &covariance, inliers, inliers >= MIN_INLIERS, true);
+        self.window = Some(window);
+        estimate
+    }
+
+    /// A window of the newest frame alone. Its place and heading are known, by definition.
+    fn window_of(&self, state: State, sigmas: &[f64; STATE_DIM]) -> Window {
+        let mut prior = Prior::of(self.number, state, sigmas);
+        let up = state.rotation.inverse() * Vector3::z();
+        let pinned =
+            up * up.transpose() * (1e8 - 1.0 / (sigmas[ROTATION] * sigmas[ROTATION])).max(0.0);
+        let mut view = prior.information.fixed_view_mut::<3, 3>(ROTATION, ROTATION);
+        view += pinned;
+        Window {
+            cameras: self.cameras.clone(),
+            extrinsics: Vec::new(),
+            frames: vec![Frame {
+                number: self.number,
+                state,
+                motion: None,
+            }],
+            landmarks: BTreeMap::new(),
+            prior,
+            observation_sigma_px: self.config.observation_sigma_px,
+        }
+    }
+
+    /// The newest frame begins a window of its own, once enough is seen and felt; see [`anew`]. `covariance` is that of its pose
+    /// in the window so far, which nothing that it sees is tied to.
+    fn reinitialize(&mut self, window: &mut Window, covariance: &Matrix6<f64>) {
+        let guess = window.newest().state;
+        let mut readings = Vec::new();
+        if let Some(imu) = &self.imu {
+            let until = guess.time_ns;
+            let continuous = imu.samples.continuous_since(until);
+            let is_silent =
+                (imu.samples.last_ns()).is_none_or(|last| until - last > IMU_TIMEOUT_NS);
+            match continuous {
+                Some(since) if until - since >= MIN_CONTINUOUS_IMU_NS => {
+                    let from = since.max(until - INITIALIZATION_WINDOW_NS);
+                    imu.samples.between(from, until, &mut readings);
+                }
+                _ if is_silent => {}
+                _ => return,
+            }
+        }
+        if window.landmarks.len() < MIN_INLIERS {
+            return;
+        }
+        let covariance = self.with_unmodeled(&guess, *covariance);
+        let (state, sigmas, doubt) =
+            reinitialization::reinitialize(&guess, &covariance, &readings, self.imu.is_some());
+        for frame in &window.frames[..window.frames.len() - 1] {
+            self.ready.extend(finish_keyframe(&mut self.pending, frame));
+        }
+        if let Some(keyframe) = self.pending.get_mut(&self.number) {
+            keyframe.state = (&state).into();
+        }
+        // All landmarks are the newest frame's own.
+        let landmarks = std::mem::take(&mut window.landmarks);
+        *window = Window {
+            landmarks,
+            ..self.window_of(state, &sigmas)
+        };
+        self.keyframe_covariance = window.prior.covariance();
+        // What was in doubt before is in this one.
+        self.unmodeled = vec![doubt];
+        self.is_lost = false;
+    }
+
+    /// A covariance of a pose in the window with what was in doubt when the window began.
+    fn with_unmodeled(&self, state: &State, covariance: Matrix6<f64>) -> Matrix6<f64> {
+        let each = self
+            .unmodeled
+            .iter()
+            .map(|uncertainty| uncertainty.at(state));
+        each.fold(covariance, |sum, more| sum + more)
+    }
+
+    /// What lies between the newest frame of the window and now, and where that puts the body.
+    fn predict(&self, window: &Window, time_ns: i64) -> (MotionFactor, State) {
+        let from = &window.newest().state;
+        let seconds = (time_ns - from.time_ns) as f64 * 1e-9;
+        let preintegrated = (self.imu.as_ref()).and_then(|imu| imu.preintegrate(from, time_ns));
+        let has_gravity = preintegrated.is_some();
+        let preintegrated =
+            preintegrated.unwrap_or_else(|| constant_velocity(from, self.rate(), time_ns));
+        let gravity = if has_gravity {
+            Vector3::new(0.0, 0.0, -crate::backend::state::GRAVITY)
+        } else {
+            Vector3::zeros()
+        };
+        let gyro_rate = self.gyro_rate(time_ns).unwrap_or(from.gyro_rate);
+        let guess = State {
+            time_ns,
+            position: from.position
+                + from.velocity * seconds
+                + gravity * (0.5 * seconds * seconds)
+                + from.rotation * preintegrated.displacement,
+            rotation: from.rotation * preintegrated.rotation,
+            velocity: from.velocity + gravity * seconds + from.rotation * preintegrated.velocity,
+            gyro_rate,
+            ..*from
+        };
+        let bias_walk = self
+            .imu
+            .as_ref()
+            .map_or([1e-6; 2], ImuPropagator::bias_walk);
+        let motion = MotionFactor {
+            preintegrated,
+            has_gravity,
+            bias_walk,
+        };
+        (motion, guess)
+    }
+
+    /// The rate that the gyroscope reads at a time, rad/s; none where it is silent or at its end.
+    fn gyro_rate(&self, time_ns: i64) -> Option<Vector3<f64>> {
+        let (reading, is_near) = self.imu.as_ref()?.samples.at(time_ns)?;
+        (is_near && !reading.saturated).then_some(reading.gyro)
+    }
+
+    /// How it turned last, about its own axes, rad/s.
+    fn rate(&self) -> Vector3<f64> {
+        self.last.as_ref().map_or(Vector3::zeros(), State::rate)
+    }
+
+    /// Enters what the newest frame sees of landmarks.
+    fn match_in_new_frames(&self, window: &mut Window, exposure_offset_s: &[f64]) {
+        for (k, tracker) in self.trackers.iter().enumerate() {
+            for track in &tracker.tracks {
+                if let Some(landmark) = window.landmarks.get_mut(&track.id) {
+                    let observation = track.observation(k, &self.cameras[k], exposure_offset_s[k]);
+                    landmark.observations.push((self.number, observation));
+                }
+            }
+        }
+    }
+
+    fn estimate(
+        &self,
+        window: &Window,
+        covariance: &Matrix6<f64>,
+        inliers: usize,
+        is_tracked: bool,
+        is_keyframe: bool,
+    ) -> Estimate {
+        let state = &window.newest().state;
+        let covariance = self.with_unmodeled(state, *covariance);
+        let mut covariance =
+            in_rig_frame(state, &self.body_from_rig, self.path_length_m, &covariance);
+        let status = if is_tracked {
+            Status::Tracked
+        } else {
+            let unsure = covariance
+                .fixed_view::<3, 3>(0, 0)
+                .symmetric_eigenvalues()
+                .amax();
+            let is_near =
+                unsure.sqrt() < LOST_SIGMA_M + LOST_SIGMA_PER_METRE * state.position.norm();
+            if is_near && !self.is_lost {
+                Status::DeadReckoned
+            } else {
+                Status::Lost
+            }
+        };
+        let arm = self.body_from_rig.translation();
+        let velocity = state.velocity + state.rotation * state.rate().cross(arm);
+        let world_from_rig = state.world_from_rig(&self.body_from_rig);
+        if self.imu.is_none() {
+            covariance += tilt_uncertainty(&world_from_rig);
+        }
+        Estimate {
+            time_ns: state.time_ns,
+            world_from_rig,
+            covariance,
+            velocity,
+            status,
+            inliers,
+            is_keyframe,
+            gyro_bias: state.gyro_bias,
+            accel_bias: state.accel_bias,
+        }
+    }
+
+    /// Cameras that were moved on their plate, as it seemed when it happened, in order of time.
+    pub fn camera_shifts(&self) -> &[CameraShift] {
+        &self.camera_shifts
+    }
+
+    /// What is followed now in one camera's left picture: number and place, for pictures of how it goes.
+    pub fn tracked_features(&self, camera: usize) -> Vec<(u64, [f32; 2])> {
+        let tracks = &self.trackers[camera].tracks;
+        tracks.iter().map(|t: &Track| (t.id, t.at)).collect()
+    }
+}
+
+/// World from left eye.
+fn world_from_left(camera: &Camera, placed: &CameraPose) -> (Matrix3<f64>, Vector3<f64>) {
+    let (rotation, arm) = &camera.body_from_left;
+    (
+        placed.rotation * rotation,
+        placed.position + placed.rotation * arm,
+    )
+}

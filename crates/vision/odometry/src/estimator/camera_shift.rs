@@ -1,0 +1,158 @@
+//! A camera that is moved on its plate while it records.
+//!
+//! All at once what it sees of old landmarks is off by one and the same turn, while the other cameras agree with what was
+//! expected. From then on it is not known which of them the plate went with, nor how far the camera's mount is off, and poses are in doubt by a
+//! share of that turn.
+
+use nalgebra::{Matrix3, Vector3};
+
+use crate::backend::observation::{CameraPose, transfer};
+use crate::backend::window::Window;
+
+/// Sights that a camera needs to be judged, and the others together to be believed.
+const MIN_INLIERS: usize = 12;
+/// Off by less than this a sight agrees, px.
+const INLIER_PX: f64 = 1.5;
+/// Share of a camera's sights that may still agree as they are, and that must by a turn; share that must of all other cameras'.
+const MAX_STATIC_INLIER_RATIO: f64 = 0.3;
+const MIN_ROTATED_INLIER_RATIO: f64 = 0.6;
+const MIN_OTHER_INLIER_RATIO: f64 = 0.6;
+const MAX_ITERATIONS: usize = 5;
+
+/// A camera that was moved, as it seems.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct CameraShift {
+    /// Of the frame set in which it was first seen, ns.
+    pub time_ns: i64,
+    /// Place of the camera in the rig.
+    pub camera: usize,
+    /// By how much it was turned, rad.
+    pub rotation_rad: f64,
+}
+
+/// What a camera saw of a landmark: where it should be and where it was, as unit rays in its left eye.
+type Pair = (Vector3<f64>, Vector3<f64>);
+
+/// The camera that was moved since the frame before the newest, whose pose is known; none as a rule.
+pub(crate) fn find(window: &Window) -> Option<CameraShift> {
+    let frame = window.newest();
+    let mut pairs: Vec<Vec<Pair>> = vec![Vec::new(); window.cameras.len()];
+    for landmark in window.landmarks.values() {
+        let (host_number, host) = &landmark.observations[0];
+        let Some(at) = window.position(*host_number) else {
+            continue;
+        };
+        let from = CameraPose::new(&window.frames[at].state, host.exposure_offset_s);
+        for (_, observation) in &landmark.observations[landmark.since(frame.number)..] {
+            let to = CameraPose::new(&frame.state, observation.exposure_offset_s);
+            let transferred = transfer(
+                &host.left.ray,
+                landmark.rho,
+                (&window.cameras[host.camera], &from),
+                (&window.cameras[observation.camera], &to),
+            );
+            pairs[observation.camera].push((transferred.x.normalize(), observation.left.ray));
+        }
+    }
+    let judged: Vec<(usize, usize)> = (pairs.iter().enumerate())
+        .map(|(k, pairs)| {
+            (
+                count_inliers(window, k, pairs, &Vector3::zeros()),
+                pairs.len(),
+            )
+        })
+        .collect();
+    (0..pairs.len()).find_map(|camera| {
+        let (inliers, all) = judged[camera];
+        let others = judged.iter().enumerate().filter(|(k, _)| *k != camera);
+        let (others_good, others_all) =
+            others.fold((0, 0), |sum, (_, one)| (sum.0 + one.0, sum.1 + one.1));
+        let is_alone = all >= MIN_INLIERS
+            && others_all >= MIN_INLIERS
+            && inliers as f64 <= MAX_STATIC_INLIER_RATIO * all as f64
+            && others_good as f64 >= MIN_OTHER_INLIER_RATIO * others_all as f64;
+        let rotation = is_alone.then(|| rotation(window, camera, &pairs[camera]))??;
+        let inliers = count_inliers(window, camera, &pairs[camera], &rotation);
+        (inliers as f64 >= MIN_ROTATED_INLIER_RATIO * all as f64).then_some(CameraShift {
+            time_ns: frame.state.time_ns,
+            camera,
+            rotation_rad: rotation.norm(),
+        })
+    })
+}
+
+fn residual(pair: &Pair, rotation: &Vector3<f64>) -> Vector3<f64> {
+    pair.1 - pair.0 - rotation.cross(&pair.0)
+}
+
+fn count_inliers(window: &Window, camera: usize, pairs: &[Pair], rotation: &Vector3<f64>) -> usize {
+    let scale = window.cameras[camera].left.model().fx;
+    let inliers = pairs
+        .iter()
+        .filter(|p| scale * residual(p, rotation).norm() < INLIER_PX);
+    inliers.count()
+}
+
+/// The small turn that explains most of what is off.
+fn rotation(window: &Window, camera: usize, pairs: &[Pair]) -> Option<Vector3<f64>> {
+    let scale = window.cameras[camera].left.model().fx;
+    let mut rotation = Vector3::zeros();
+    for _ in 0..MAX_ITERATIONS {
+        let (mut h, mut g) = (Matrix3::zeros(), Vector3::zeros());
+        for pair in pairs {
+            let residual = residual(pair, &rotation);
+            // Far off counts little, so that what moves by itself does not decide.
+            let weight = INLIER_PX / (scale * residual.norm()).max(INLIER_PX);
+            h += (Matrix3::identity() - pair.0 * pair.0.transpose()) * weight;
+            g += pair.0.cross(&residual) * weight;
+        }
+        rotation += h.cholesky()?.solve(&g);
+    }
+    Some(rotation)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::backend::solver::tests::window;
+    use crate::so3;
+
+    /// What one camera sees last, turned.
+    fn rotation_rad(by: Vector3<f64>) -> Window {
+        let mut window = window(4, 0.0);
+        let number = window.newest().number;
+        let observations = window
+            .landmarks
+            .values_mut()
+            .flat_map(|l| &mut l.observations);
+        for (_, observation) in observations.filter(|(n, s)| *n == number && s.camera == 1) {
+            observation.left.ray = so3::exp(&by) * observation.left.ray;
+        }
+        window
+    }
+
+    #[test]
+    fn a_camera_that_was_turned_is_found() {
+        let by = Vector3::new(0.02, -0.01, 0.03);
+        let shift = find(&rotation_rad(by)).expect("a shift");
+        assert_eq!(shift.camera, 1);
+        assert!((shift.rotation_rad - by.norm()).abs() < 1e-3, "{shift:?}");
+    }
+
+    #[test]
+    fn cameras_that_stay_or_are_wrong_in_all_ways_are_not() {
+        assert_eq!(find(&rotation_rad(Vector3::zeros())), None);
+        let mut window = rotation_rad(Vector3::zeros());
+        let number = window.newest().number;
+        let observations = window
+            .landmarks
+            .values_mut()
+            .flat_map(|l| &mut l.observations);
+        let own = observations.filter(|(n, s)| *n == number && s.camera == 1);
+        for (k, (_, observation)) in own.enumerate() {
+            let direction = Vector3::new((k as f64).sin(), (1.7 * k as f64).cos(), 0.0);
+            observation.left.ray = (observation.left.ray + direction * 0.05).normalize();
+        }
+        assert_eq!(find(&window), None);
+    }
+}

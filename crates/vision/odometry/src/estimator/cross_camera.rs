@@ -1,0 +1,247 @@
+//! Corners that another camera of the rig sees too.
+//!
+//! Where views overlap, a corner that one camera follows is followed by the other one as well, under the same number: its landmark
+//! lives on when it leaves the first view, and ties the two cameras. Cameras are turned apart, so that things look different in each.
+//! What the one shows is therefore drawn as the other one would see it, as if it lay on a plane across the line of sight, before it is looked
+//! for; and the eyes of the other camera must find it as far away as it is known to be.
+
+use calib::verify::ImageView;
+use nalgebra::{Matrix3, Vector3};
+use rayon::prelude::*;
+
+use super::{Odometry, world_from_left};
+use crate::backend::observation::{Camera, CameraPose, transfer};
+use crate::backend::window::Window;
+use crate::frontend::pyramid::{Level, Pyramid};
+use crate::frontend::tracker::{Expected, Track};
+
+/// Side of what is drawn, pixels, and its middle.
+const WARP_SIDE_PX: usize = 48;
+const WARP_CENTER_PX: f64 = 24.0;
+/// Step of the derivatives of the drawing, pixels.
+const DERIVATIVE_STEP_PX: f64 = 4.0;
+/// Pixels of the one picture that may fall on one of the other, and their inverse.
+const MAX_SCALE_RATIO: f64 = 3.0;
+/// How far from where it should be a corner may be found, pixels, and by which share, and 1/m, its inverse range may differ.
+const MAX_POSITION_ERROR_PX: f32 = 5.0;
+const MAX_INVERSE_RANGE_ERROR_RATIO: f64 = 0.1;
+const MAX_INVERSE_RANGE_ERROR_PER_M: f64 = 0.01;
+
+/// A corner that should be seen.
+struct Candidate {
+    id: u64,
+    expected: Expected,
+    rho: f64,
+}
+
+impl Odometry {
+    /// Looks in each picture of the newest frame for what the other cameras follow, by where landmarks are known to be.
+    pub(super) fn match_across_cameras(&mut self, window: &mut Window, exposure_offset_s: &[f64]) {
+        let state = window.newest().state;
+        let eyes: Vec<_> = (self.cameras.iter().zip(exposure_offset_s))
+            .map(|(camera, exposure_offset_s)| {
+                world_from_left(camera, &CameraPose::new(&state, *exposure_offset_s))
+            })
+            .collect();
+        let count = self.cameras.len();
+        let pairs = (0..count).flat_map(|to| (0..count).map(move |from| (from, to)));
+        for (from, to) in pairs.filter(|(from, to)| from != to) {
+            let [Some(shown), Some(there)] =
+                [from, to].map(|k| self.trackers[k].image().levels.first())
+            else {
+                continue;
+            };
+            let inside = [there.width as f64, there.height as f64];
+            let candidates: Vec<Candidate> = self.trackers[from]
+                .tracks
+                .iter()
+                .filter(|track| !self.trackers[to].is_tracked(track.id))
+                .filter_map(|track| {
+                    self.candidate(window, track, to, exposure_offset_s[to], inside)
+                })
+                .collect();
+            let back = eyes[from].0.transpose();
+            let from_there = (back * eyes[to].0, back * (eyes[to].1 - eyes[from].1));
+            let cameras = [&self.cameras[from], &self.cameras[to]];
+            let tracker = &self.trackers[to];
+            let found: Vec<Option<Track>> = candidates
+                .par_iter()
+                .with_min_len(4)
+                .map(|candidate| {
+                    let warp_patch = warp_patch(shown, cameras, &from_there, candidate)?;
+                    let middle = [WARP_CENTER_PX as f32; 2];
+                    let expected = candidate.expected;
+                    let track =
+                        tracker.find(cameras[1], (&warp_patch, middle), candidate.id, expected)?;
+                    let off = (track.at[0] - expected.at[0]).hypot(track.at[1] - expected.at[1]);
+                    let apart = (track.rho? - candidate.rho).abs();
+                    let fits = off < MAX_POSITION_ERROR_PX
+                        && apart
+                            < MAX_INVERSE_RANGE_ERROR_RATIO * candidate.rho
+                                + MAX_INVERSE_RANGE_ERROR_PER_M;
+                    fits.then_some(track)
+                })
+                .collect();
+            for track in found.into_iter().flatten() {
+                let observation = track.observation(to, &self.cameras[to], exposure_offset_s[to]);
+                if let Some(landmark) = window.landmarks.get_mut(&track.id)
+                    && self.trackers[to].insert(track)
+                {
+                    landmark.observations.push((self.number, observation));
+                }
+            }
+        }
+    }
+
+    /// What another camera should see of a corner; none where it does not look.
+    fn candidate(
+        &self,
+        window: &Window,
+        track: &Track,
+        to: usize,
+        exposure_offset_s: f64,
+        inside: [f64; 2],
+    ) -> Option<Candidate> {
+        let landmark = window.landmarks.get(&track.id)?;
+        let (number, host) = &landmark.observations[0];
+        let frame = &window.frames[window.position(*number)?];
+        let x = transfer(
+            &host.left.ray,
+            landmark.rho,
+            (
+                &self.cameras[host.camera],
+                &CameraPose::new(&frame.state, host.exposure_offset_s),
+            ),
+            (
+                &self.cameras[to],
+                &CameraPose::new(&window.newest().state, exposure_offset_s),
+            ),
+        )
+        .x;
+        let size = x.norm();
+        let at = self.cameras[to].left.project(x.into())?;
+        let is_inside = (0..2).all(|k| (8.0..inside[k] - 8.0).contains(&at[k]));
+        (x.z > 0.1 * size && is_inside).then_some(Candidate {
+            id: track.id,
+            expected: Expected {
+                at: at.map(|v| v as f32),
+                rho: Some(landmark.rho / size),
+            },
+            rho: landmark.rho / size,
+        })
+    }
+}
+
+/// What a camera shows around a candidate, as the other one of the two would see it.
+fn warp_patch(
+    shown: &Level,
+    [from, to]: [&Camera; 2],
+    (rotation, shift): &(Matrix3<f64>, Vector3<f64>),
+    candidate: &Candidate,
+) -> Option<Pyramid> {
+    let at = candidate.expected.at.map(f64::from);
+    let observation = Vector3::from(to.left.unproject(at)?).normalize();
+    // Where a pixel's ray meets the plane, seen from the first camera.
+    let back = |x: f64, y: f64| {
+        let ray = Vector3::from(to.left.unproject([at[0] + x, at[1] + y])?);
+        let point = rotation * (ray / ray.dot(&observation)) + shift * candidate.rho;
+        let at = from.left.project(point.into())?;
+        (point.z > 0.1 * point.norm()).then_some(at)
+    };
+    let middle = back(0.0, 0.0)?;
+    let by = |a: [f64; 2], b: [f64; 2]| [0, 1].map(|k| (a[k] - b[k]) / (2.0 * DERIVATIVE_STEP_PX));
+    let by_x = by(
+        back(DERIVATIVE_STEP_PX, 0.0)?,
+        back(-DERIVATIVE_STEP_PX, 0.0)?,
+    );
+    let by_y = by(
+        back(0.0, DERIVATIVE_STEP_PX)?,
+        back(0.0, -DERIVATIVE_STEP_PX)?,
+    );
+    let area = (by_x[0] * by_y[1] - by_x[1] * by_y[0]).abs();
+    if !(1.0 / MAX_SCALE_RATIO..MAX_SCALE_RATIO).contains(&area) {
+        return None;
+    }
+    let mut data = Vec::with_capacity(WARP_SIDE_PX * WARP_SIDE_PX);
+    for y in 0..WARP_SIDE_PX {
+        for x in 0..WARP_SIDE_PX {
+            let (dx, dy) = (x as f64 - WARP_CENTER_PX, y as f64 - WARP_CENTER_PX);
+            let at = [0, 1].map(|k| middle[k] + by_x[k] * dx + by_y[k] * dy);
+            data.push(sample(shown, at)?);
+        }
+    }
+    let picture = ImageView::new(WARP_SIDE_PX, WARP_SIDE_PX, WARP_SIDE_PX, &data)?;
+    Some(Pyramid::new(&picture))
+}
+
+/// Between pixels; none outside.
+fn sample(level: &Level, [x, y]: [f64; 2]) -> Option<u8> {
+    let is_inside =
+        x >= 0.0 && y >= 0.0 && x + 1.0 < level.width as f64 && y + 1.0 < level.height as f64;
+    if !is_inside {
+        return None;
+    }
+    let at = y as usize * level.width + x as usize;
+    let (u, v) = (x.fract(), y.fract());
+    let of = |k: usize| f64::from(level.data[k]);
+    let upper = of(at) + u * (of(at + 1) - of(at));
+    let lower = of(at + level.width) + u * (of(at + level.width + 1) - of(at + level.width));
+    Some((upper + v * (lower - upper)).round() as u8)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::backend::solver::tests::camera;
+
+    #[test]
+    fn what_one_camera_shows_is_drawn_as_the_other_sees_it() {
+        // Half a radian to the left and as much to the right of a plane that faces the right one.
+        let cameras = [camera(-0.5, 0.0), camera(0.4, 0.0)];
+        let [(turn_a, at_a), (turn_b, at_b)] = cameras.each_ref().map(|c| c.body_from_left);
+        let point = Vector3::new(-0.1, 0.2, 2.5);
+        let observation = (point - at_b).normalize();
+        let across = observation.cross(&Vector3::y()).normalize();
+        let along = observation.cross(&across);
+        // What an eye shows in a pixel.
+        let looks = |camera: &Camera, pixel: [f64; 2]| {
+            let (rotation, at) = &camera.body_from_left;
+            let ray = rotation * Vector3::from(camera.left.unproject(pixel).unwrap());
+            let on = at + ray * ((point - at).dot(&observation) / ray.dot(&observation)) - point;
+            128.0 + 50.0 * (40.0 * across.dot(&on)).sin() + 50.0 * (31.0 * along.dot(&on)).cos()
+        };
+        let (width, height) = (672, 376);
+        let pixels = (0..width * height).map(|i| [(i % width) as f64, (i / width) as f64]);
+        let shown = Level {
+            width,
+            height,
+            data: pixels.map(|p| looks(&cameras[0], p) as u8).collect(),
+        };
+        let x = turn_b.transpose() * (point - at_b);
+        let at = cameras[1].left.project(x.into()).unwrap();
+        let candidate = Candidate {
+            id: 1,
+            expected: Expected {
+                at: at.map(|v| v as f32),
+                rho: None,
+            },
+            rho: 1.0 / x.norm(),
+        };
+        let back = turn_a.transpose();
+        let from_there = (back * turn_b, back * (at_b - at_a));
+        let [a, b] = &cameras;
+        let warp_patch = warp_patch(&shown, [a, b], &from_there, &candidate).expect("a drawing");
+        let at = candidate.expected.at.map(f64::from);
+        let mut worst: f64 = 0.0;
+        // As far as a patch reaches.
+        for (x, y) in (16..33).flat_map(|y| (16..33).map(move |x| (x, y))) {
+            let there = [
+                at[0] + x as f64 - WARP_CENTER_PX,
+                at[1] + y as f64 - WARP_CENTER_PX,
+            ];
+            let grey = f64::from(warp_patch.levels[0].data[y * WARP_SIDE_PX + x]);
+            worst = worst.max((grey - looks(b, there)).abs());
+        }
+        assert!(worst < 8.0, "{worst}");
+    }
+}

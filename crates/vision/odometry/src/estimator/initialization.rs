@@ -1,0 +1,134 @@
+//! The first state, from what the IMU felt before the first pictures.
+//!
+//! At rest the specific force is gravity and the rate is the gyroscope's bias. In motion the mean force still says roughly where
+//! up is; how roughly goes into the standard deviations, and the window finds out the rest.
+
+use nalgebra::{UnitQuaternion, Vector3};
+
+use crate::backend::state::{
+    ACCEL_BIAS, GYRO_BIAS, POSITION, ROTATION, STATE_DIM, State, VELOCITY,
+};
+use crate::inertial::imu_buffer::Reading;
+
+/// How long before the first pictures is looked at, ns.
+pub(crate) const INITIALIZATION_WINDOW_NS: i64 = 600_000_000;
+/// Shortest time for which rest is believed, s.
+const MIN_STATIC_S: f64 = 0.2;
+/// Standard deviations within which a body is at rest, rad/s and m/s²; and the most that it may turn, rad/s.
+const STATIC_STD: [f64; 2] = [0.03, 0.25];
+const MAX_GYRO_BIAS: f64 = 0.06;
+/// Tilt that nothing told, rad.
+pub(crate) const UNKNOWN_TILT_SIGMA_RAD: f64 = 1.0;
+/// What biases are before anything is known, rad/s and m/s².
+const INITIAL_BIAS_SIGMA: [f64; 2] = [0.05, 0.15];
+
+/// Standard deviations of the first state when only its position and heading are known, by definition.
+pub(crate) fn initial_sigmas(has_imu: bool) -> [f64; STATE_DIM] {
+    let mut sigmas = [1e-4; STATE_DIM];
+    let mut set = |at: usize, sigma: f64| sigmas[at..at + 3].fill(sigma);
+    set(POSITION, 1e-4);
+    if has_imu {
+        set(ROTATION, 0.15);
+        set(VELOCITY, 1.5);
+        set(GYRO_BIAS, INITIAL_BIAS_SIGMA[0]);
+        set(ACCEL_BIAS, INITIAL_BIAS_SIGMA[1]);
+    } else {
+        // The world is the first rig; how fast it goes is not known.
+        set(ROTATION, 1e-5);
+        set(VELOCITY, 20.0);
+        set(GYRO_BIAS, 1e-6);
+        set(ACCEL_BIAS, 1e-6);
+    }
+    sigmas
+}
+
+/// The first state and its standard deviations. Position and heading are zero by definition.
+pub(crate) fn initialize_static(
+    time_ns: i64,
+    readings: &[Reading],
+    has_imu: bool,
+) -> (State, [f64; STATE_DIM]) {
+    let mut state = State::at_rest(time_ns);
+    let mut sigmas = initial_sigmas(has_imu);
+    if !has_imu {
+        return (state, sigmas);
+    }
+    let mut set = |at: usize, sigma: f64| sigmas[at..at + 3].fill(sigma);
+    if readings.is_empty() {
+        set(ROTATION, UNKNOWN_TILT_SIGMA_RAD);
+        return (state, sigmas);
+    }
+    let n = readings.len() as f64;
+    let mean = |of: &dyn Fn(&Reading) -> Vector3<f64>| {
+        let mean = readings.iter().map(of).sum::<Vector3<f64>>() / n;
+        let square: f64 = readings.iter().map(|r| (of(r) - mean).norm_squared()).sum();
+        (mean, (square / n).sqrt())
+    };
+    let (gyro, gyro_std) = mean(&|r| r.gyro);
+    let (accel, accel_std) = mean(&|r| r.accel);
+    let seconds = (readings[readings.len() - 1].time_ns - readings[0].time_ns) as f64 * 1e-9;
+    let at_rest = seconds >= MIN_STATIC_S
+        && gyro_std < STATIC_STD[0]
+        && accel_std < STATIC_STD[1]
+        && gyro.norm() < MAX_GYRO_BIAS;
+    if at_rest {
+        state.gyro_bias = gyro;
+        set(GYRO_BIAS, 0.004);
+        set(VELOCITY, 0.02);
+        set(ROTATION, 0.02);
+    }
+    if accel.norm() > 1.0 {
+        state.rotation =
+            UnitQuaternion::rotation_between(&accel, &Vector3::z()).unwrap_or_else(|| {
+                UnitQuaternion::from_axis_angle(&Vector3::x_axis(), std::f64::consts::PI)
+            });
+    }
+    state.gyro_rate = readings[readings.len() - 1].gyro;
+    (state, sigmas)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn readings(motion: f64) -> Vec<Reading> {
+        (0..200)
+            .map(|k| {
+                let t = f64::from(k) * 0.002;
+                Reading {
+                    time_ns: k as i64 * 2_000_000,
+                    gyro: Vector3::new(0.01, -0.005, 0.002 + motion * (9.0 * t).sin()),
+                    accel: Vector3::new(0.0, 9.8, 0.3),
+                    saturated: false,
+                }
+            })
+            .collect()
+    }
+
+    #[test]
+    fn rest_gives_up_and_bias() {
+        let (state, sigmas) = initialize_static(0, &readings(0.0), true);
+        let up = state.rotation * Vector3::new(0.0, 9.8, 0.3).normalize();
+        assert!((up - Vector3::z()).norm() < 1e-12);
+        assert!((state.gyro_bias - Vector3::new(0.01, -0.005, 0.002)).norm() < 1e-12);
+        assert!(sigmas[GYRO_BIAS] < 0.01);
+    }
+
+    #[test]
+    fn nothing_heard_is_any_tilt() {
+        let (_, sigmas) = initialize_static(0, &[], true);
+        assert!(sigmas[ROTATION] >= UNKNOWN_TILT_SIGMA_RAD);
+        // Of what was heard for an instant alone, rest cannot be told.
+        let short = &readings(0.0)[..20];
+        let (state, sigmas) = initialize_static(0, short, true);
+        assert_eq!(state.gyro_bias, Vector3::zeros());
+        assert!(sigmas[ROTATION] > 0.1 && sigmas[VELOCITY] > 1.0);
+    }
+
+    #[test]
+    fn motion_gives_up_alone() {
+        let (state, sigmas) = initialize_static(0, &readings(0.5), true);
+        assert_eq!(state.gyro_bias, Vector3::zeros());
+        assert!(sigmas[ROTATION] > 0.1 && sigmas[VELOCITY] > 1.0);
+    }
+}

@@ -1,0 +1,182 @@
+//! Which frames become keyframes, what is kept of them, and when they leave.
+
+use std::collections::BTreeMap;
+
+use nalgebra::Matrix3;
+
+use super::Odometry;
+use crate::backend::marginalization::marginalize;
+use crate::backend::solver::MIN_INVERSE_RANGE_PER_M;
+use crate::backend::window::{Frame, Landmark, Window};
+use crate::keyframe::{Keyframe, StereoObservation};
+
+/// Longest time from one keyframe to the next, s: what the IMU felt is integrated anew from the last one.
+const MAX_KEYFRAME_INTERVAL_S: f64 = 0.6;
+/// Time between keyframes that are kept for the adjustment at rest, ns: they show what the ones before did, and wait until the window
+/// has moved on.
+const KEYFRAME_INTERVAL_AT_REST_NS: i64 = 10_000_000_000;
+/// Share of a keyframe's corners that must still be followed, some time after it, s, and at once: pictures that are all noise
+/// lose a third of them from one to the next, and would all be keyframes.
+const MIN_TRACKED_RATIO: f64 = 0.65;
+const MIN_TRACKED_RATIO_EARLY: f64 = 0.35;
+const EARLY_S: f64 = 0.17;
+
+impl Odometry {
+    /// Whether the newest frame is to stay.
+    pub(super) fn is_keyframe(&self, window: &Window, is_tracked: bool) -> bool {
+        let n = window.frames.len();
+        let (newest, before) = (&window.frames[n - 1].state, &window.frames[n - 2].state);
+        let seconds = (newest.time_ns - before.time_ns) as f64 * 1e-9;
+        if seconds >= MAX_KEYFRAME_INTERVAL_S || !is_tracked {
+            return true;
+        }
+        let rotation = newest.rotation.inverse() * before.rotation;
+        let mut parallaxes = Vec::new();
+        let mut at = 0;
+        for (k, tracker) in self.trackers.iter().enumerate() {
+            let camera = &self.cameras[k];
+            let (eye, _) = &camera.body_from_left;
+            let rotation: Matrix3<f64> =
+                eye.transpose() * rotation.to_rotation_matrix().into_inner() * eye;
+            let scale = camera.left.model().fx * 672.0 / f64::from(camera.left.model().width);
+            // Both are in the order of their numbers.
+            for track in &tracker.tracks {
+                while self
+                    .reference
+                    .get(at)
+                    .is_some_and(|r| (r.0, r.1) < (k, track.id))
+                {
+                    at += 1;
+                }
+                if let Some((c, id, ray)) = self.reference.get(at)
+                    && (*c, *id) == (k, track.id)
+                {
+                    parallaxes.push((rotation * ray - track.left.ray).norm() * scale);
+                }
+            }
+        }
+        let min_ratio = if seconds < EARLY_S {
+            MIN_TRACKED_RATIO_EARLY
+        } else {
+            MIN_TRACKED_RATIO
+        };
+        if (parallaxes.len() as f64) < min_ratio * self.reference.len() as f64
+            || parallaxes.is_empty()
+        {
+            return true;
+        }
+        let middle = parallaxes.len() / 2;
+        let (_, median, _) = parallaxes.select_nth_unstable_by(middle, f64::total_cmp);
+        *median >= self.config.keyframe_parallax_px
+    }
+
+    /// The newest frame becomes a keyframe: new corners, new landmarks, and room in the window.
+    pub(super) fn insert_keyframe(&mut self, window: &mut Window, exposure_offset_s: &[f64]) {
+        self.match_across_cameras(window, exposure_offset_s);
+        let config = &self.config;
+        self.reference.clear();
+        for (k, tracker) in self.trackers.iter_mut().enumerate() {
+            let camera = &self.cameras[k];
+            tracker.detect_new(camera, config.max_features, &mut self.next_track);
+            for track in &tracker.tracks {
+                self.reference.push((k, track.id, track.left.ray));
+                if let (None, Some(rho)) = (window.landmarks.get(&track.id), track.rho) {
+                    let observation = track.observation(k, camera, exposure_offset_s[k]);
+                    let landmark = Landmark {
+                        rho: rho.max(MIN_INVERSE_RANGE_PER_M),
+                        observations: vec![(self.number, observation)],
+                    };
+                    window.landmarks.insert(track.id, landmark);
+                }
+            }
+        }
+        let mut keyframe = Keyframe {
+            number: self.number,
+            state: (&window.newest().state).into(),
+            imu_valid: imu_valid(window.newest()),
+            exposure_offset_s: exposure_offset_s.to_vec(),
+            observations: Vec::new(),
+            keypoints: Vec::new(),
+        };
+        for (k, tracker) in self.trackers.iter().enumerate() {
+            keyframe
+                .observations
+                .extend(tracker.tracks.iter().map(|t| StereoObservation {
+                    id: t.id,
+                    camera: k as u8,
+                    left: t.at,
+                    right: t.right_at,
+                }));
+            keyframe
+                .keypoints
+                .extend(tracker.keypoints(&self.cameras[k], k));
+        }
+        self.pending.insert(self.number, keyframe);
+        while window.frames.len() > config.window_size {
+            let frame_to_marginalize = frame_to_marginalize(window);
+            let frame = &window.frames[frame_to_marginalize];
+            if frame_to_marginalize == 0 || self.is_due_at_rest(window, frame_to_marginalize) {
+                (self.ready).extend(finish_keyframe(&mut self.pending, frame));
+            } else {
+                self.pending.remove(&frame.number);
+            }
+            marginalize(window, frame_to_marginalize);
+        }
+    }
+
+    /// Whether a keyframe that leaves at rest is to be kept: it is long enough after the one before it, or it saw nothing and only seems to
+    /// rest, or the IMU was believed up to it and not from it on, or the other way about.
+    fn is_due_at_rest(&self, window: &Window, frame_to_marginalize: usize) -> bool {
+        let (this, next) = (&window.frames[frame_to_marginalize], window.newest());
+        let pending = self.pending.get(&this.number);
+        if pending.is_none_or(|k| k.observations.is_empty()) || imu_valid(this) != imu_valid(next) {
+            return true;
+        }
+        let time_ns = this.state.time_ns;
+        let in_window = window.frames[frame_to_marginalize - 1].state.time_ns;
+        let before = (self.ready.iter().rev())
+            .map(|k| k.state.time_ns)
+            .find(|t| *t < time_ns)
+            .map_or(in_window, |t| t.max(in_window));
+        time_ns - before >= KEYFRAME_INTERVAL_AT_REST_NS
+    }
+
+    /// Keyframes that will not change any more, in order of time, each once; at rest one every ten seconds. Behind the last frame
+    /// set, `all` gives the rest.
+    pub fn take_keyframes(&mut self, all: bool) -> Vec<Keyframe> {
+        if let (true, Some(window)) = (all, &self.window) {
+            for frame in &window.frames {
+                self.ready.extend(finish_keyframe(&mut self.pending, frame));
+            }
+        }
+        // One that hardly moved leaves before older ones do.
+        let oldest = self.pending.keys().next().copied().unwrap_or(u64::MAX);
+        self.ready.sort_by_key(|k| k.number);
+        let count = self.ready.partition_point(|k| k.number < oldest);
+        self.ready.drain(..count).collect()
+    }
+}
+
+/// A frame's keyframe, if it is one, as it is kept when the frame leaves the window.
+pub(super) fn finish_keyframe(
+    pending: &mut BTreeMap<u64, Keyframe>,
+    frame: &Frame,
+) -> Option<Keyframe> {
+    Some(Keyframe {
+        state: (&frame.state).into(),
+        ..pending.remove(&frame.number)?
+    })
+}
+
+fn imu_valid(frame: &Frame) -> bool {
+    frame.motion.as_ref().is_some_and(|m| m.has_gravity)
+}
+
+/// Which frame is to leave: the newest but one if hardly anything moved from it to the newest, else the oldest.
+pub(super) fn frame_to_marginalize(window: &Window) -> usize {
+    let n = window.frames.len();
+    let (a, b) = (&window.frames[n - 2].state, &window.frames[n - 1].state);
+    let is_static =
+        (a.position - b.position).norm() < 0.01 && a.rotation.angle_to(&b.rotation) < 0.01;
+    if is_static { n - 2 } else { 0 }
+}

@@ -1,0 +1,161 @@
+//! What is refused: feelings that most of what is seen contradicts, and sights that the others contradict.
+
+use std::collections::BTreeSet;
+
+use nalgebra::SMatrix;
+
+use super::{MIN_INLIERS, Odometry};
+use crate::backend::solver::{for_each_residual, refine_newest};
+use crate::backend::state::{STATE_DIM, State};
+use crate::backend::window::{Frame, Landmark, MotionFactor, Window};
+use crate::inertial::propagation::constant_velocity;
+
+/// Residual, in standard deviations, from which a sight is wrong.
+const OUTLIER_SIGMA: f64 = 5.0;
+/// Share of sights that agree below which what was felt is put in doubt, and that must agree without it.
+const IMU_SUSPECT_INLIER_RATIO: f64 = 0.35;
+const VISION_ONLY_INLIER_RATIO: f64 = 0.6;
+
+impl Odometry {
+    /// Finds the newest pose. Where what was felt contradicts most of what is seen, and what is seen agrees with itself, the
+    /// feeling was wrong: a bias that was not known, a shock, a sensor that clips without saying so.
+    pub(super) fn estimate_newest_pose(
+        &self,
+        window: &mut Window,
+    ) -> Option<SMatrix<f64, STATE_DIM, STATE_DIM>> {
+        let last = window.frames.len() - 1;
+        let guess = window.frames[last].clone();
+        let information = refine_newest(window, &self.keyframe_covariance, 4);
+        let (inliers, all) = count_inliers(window);
+        let has_gravity = guess.motion.as_ref().is_some_and(|m| m.has_gravity);
+        if !has_gravity
+            || all < MIN_INLIERS
+            || inliers as f64 >= IMU_SUSPECT_INLIER_RATIO * all as f64
+        {
+            return information;
+        }
+        let preintegrated = window.frames[last].clone();
+        let from = window.frames[last - 1].state;
+        window.frames[last] = Frame {
+            motion: Some(MotionFactor {
+                preintegrated: constant_velocity(&from, self.rate(), guess.state.time_ns),
+                has_gravity: false,
+                bias_walk: guess.motion.as_ref().map_or([1e-6; 2], |m| m.bias_walk),
+            }),
+            ..guess
+        };
+        let without_imu = refine_newest(window, &self.keyframe_covariance, 4);
+        let (now, _) = count_inliers(window);
+        if (now as f64) >= VISION_ONLY_INLIER_RATIO * all as f64 && now > 2 * inliers {
+            return without_imu;
+        }
+        window.frames[last] = preintegrated;
+        information
+    }
+
+    /// Takes back sights of the newest frame that cannot be right, and their corners. Gives the number of those that can.
+    pub(super) fn reject_outliers(&mut self, window: &mut Window) -> usize {
+        let number = self.number;
+        let newest = window.landmarks.values();
+        let without_imu: usize = newest.map(|l| l.observations.len() - l.since(number)).sum();
+        // By camera and number.
+        let mut outliers = BTreeSet::new();
+        for (id, entries) in find_outliers(window, |landmark| landmark.since(number)) {
+            let Some(landmark) = window.landmarks.get_mut(&id) else {
+                continue;
+            };
+            let left = entries.iter().filter(|(_, side)| *side == 0);
+            outliers.extend(
+                left.map(|(observation, _)| (landmark.observations[*observation].1.camera, id)),
+            );
+            landmark.drop_observations(&entries);
+        }
+        for (k, tracker) in self.trackers.iter_mut().enumerate() {
+            tracker.tracks.retain(|t| !outliers.contains(&(k, t.id)));
+        }
+        without_imu - outliers.len()
+    }
+
+    /// Takes back everything that the newest frame saw. Where nothing was felt either, nothing ties what comes to what was:
+    /// false.
+    pub(super) fn discard_newest(&mut self, window: &mut Window, guess: State) -> bool {
+        let number = self.number;
+        let last = window.frames.len() - 1;
+        window.frames[last].state = guess;
+        let preintegrated = window.frames[last]
+            .motion
+            .as_ref()
+            .is_some_and(|m| m.has_gravity);
+        let is_connected = preintegrated && !self.is_lost;
+        if is_connected {
+            for landmark in window.landmarks.values_mut() {
+                landmark.observations.retain(|(n, _)| *n != number);
+            }
+        } else {
+            window.landmarks.clear();
+            for tracker in &mut self.trackers {
+                tracker.tracks.clear();
+            }
+        }
+        is_connected
+    }
+
+    /// Takes away sights that do not fit after all has been solved, and landmarks with too few left.
+    pub(super) fn filter_landmarks(&mut self, window: &mut Window) {
+        let mut removed = BTreeSet::new();
+        for (id, entries) in find_outliers(window, |_| 0) {
+            let Some(landmark) = window.landmarks.get_mut(&id) else {
+                continue;
+            };
+            // The host's right eye made the inverse range: if it is wrong, so was that.
+            if entries.contains(&(0, 1)) || 3 * entries.len() > landmark.observations.len() {
+                window.landmarks.remove(&id);
+                removed.insert(id);
+                continue;
+            }
+            landmark.drop_observations(&entries);
+        }
+        for tracker in &mut self.trackers {
+            tracker.tracks.retain(|t| !removed.contains(&t.id));
+        }
+    }
+}
+
+/// Landmarks with sights, by place and eye, that everything else contradicts, from some place on.
+fn find_outliers(
+    window: &Window,
+    from: impl Fn(&Landmark) -> usize,
+) -> Vec<(u64, Vec<(usize, usize)>)> {
+    let each = window.landmarks.iter().map(|(id, landmark)| {
+        let from = from(landmark);
+        let mut entries = Vec::new();
+        for_each_residual(window, landmark, |observation, side, squared_residual| {
+            if observation >= from && squared_residual > OUTLIER_SIGMA * OUTLIER_SIGMA {
+                entries.push((observation, side));
+            }
+        });
+        (*id, entries)
+    });
+    each.filter(|(_, entries)| !entries.is_empty()).collect()
+}
+
+/// How many sights of the newest frame are where they should be, and how many there are.
+pub(super) fn count_inliers(window: &Window) -> (usize, usize) {
+    let number = window.newest().number;
+    let (mut inliers, mut all) = (0, 0);
+    for landmark in window.landmarks.values() {
+        let since = landmark.since(number);
+        if since == landmark.observations.len() {
+            continue;
+        }
+        all += landmark.observations.len() - since;
+        for_each_residual(window, landmark, |observation, side, squared_residual| {
+            inliers += usize::from(
+                observation >= since
+                    && side == 0
+                    && squared_residual <= OUTLIER_SIGMA * OUTLIER_SIGMA,
+            );
+        });
+    }
+    (inliers, all)
+}

@@ -1,0 +1,116 @@
+//! What is asked of odometry beside poses: at rest, and with an IMU that hardly speaks. A wall of grey noise, 2 m away.
+
+use calib::verify::ImageView;
+
+use super::*;
+use crate::config::Preset;
+use crate::input::View;
+use crate::test_rig::{self, SIZE_PX};
+
+/// Pixels by which the right eye sees everything further left.
+const DISPARITY: usize = 4;
+
+fn rig(has_imu: bool) -> Rig {
+    Rig {
+        cameras: vec![test_rig::stereo(0.08)],
+        imus: has_imu.then(test_rig::imu).into_iter().collect(),
+    }
+}
+
+/// Patches of grey, shifted to the left by some pixels, and noise of the sensor that no two pictures share.
+fn picture(shift: usize, noise: u64) -> Vec<u8> {
+    let hash = |a: u64| (a.wrapping_mul(0x9e37_79b9_7f4a_7c15) >> 40) as u8;
+    let [width, height] = SIZE_PX;
+    let pixels = (0..height).flat_map(|y| (0..width).map(move |x| (x, y)));
+    pixels
+        .map(|(x, y)| {
+            let patch = hash(((x + shift) / 5 * 1009 + y / 5) as u64);
+            let own = hash(noise.wrapping_mul(7919) + (y * width + x) as u64) % 3;
+            40 + patch / 2 + own
+        })
+        .collect()
+}
+
+fn grey(pixels: &[u8]) -> ImageView<'_> {
+    let [width, height] = SIZE_PX;
+    ImageView::new(width, height, width, pixels).expect("a whole picture")
+}
+
+/// Tracks a wall at rest.
+fn at_rest(odometry: &mut Odometry, from: u64, to: u64) -> Vec<Estimate> {
+    let sets = (from..to).map(|k| {
+        let [left, right] = [0, DISPARITY].map(|shift| picture(shift, 2 * k + shift as u64));
+        let time_ns = k as i64 * 66_666_667;
+        odometry.add_frames(&FrameSet {
+            time_ns,
+            views: vec![Some(View {
+                time_ns,
+                left: grey(&left),
+                right: grey(&right),
+                mask: None,
+            })],
+        })
+    });
+    sets.collect()
+}
+
+#[test]
+fn at_rest_keyframes_hardly_add_up() {
+    let mut odometry = Odometry::new(&rig(false), Config::preset(Preset::Balanced));
+    let estimates = at_rest(&mut odometry, 0, 600);
+    let last = estimates[estimates.len() - 1];
+    assert_eq!(last.status, Status::Tracked);
+    let gone = last.world_from_rig.translation().norm();
+    assert!(gone < 1e-2, "{gone}");
+    // Forty seconds: what the window holds, and one every ten seconds.
+    let keyframes = odometry.take_keyframes(true);
+    let times: Vec<i64> = keyframes.iter().map(|k| k.state.time_ns).collect();
+    let gaps = times.windows(2).map(|w| (w[1] - w[0]) as f64 * 1e-9);
+    let long: Vec<f64> = gaps.filter(|gap| *gap > 1.0).collect();
+    assert!((3..=4).contains(&long.len()), "{long:?}");
+    assert!(
+        long[..3].iter().all(|gap| (10.0..11.0).contains(gap)),
+        "{long:?}"
+    );
+    assert!(times.len() <= 8 + long.len(), "{}", times.len());
+}
+
+#[test]
+fn a_single_sample_tells_no_rest() {
+    let sample = ImuSample {
+        time_ns: 590_000_000,
+        gyro: [0.0, 0.0, 0.05],
+        accel: [1.0, -9.5, 1.0],
+    };
+    let first = |number: u64| {
+        let mut odometry = Odometry::new(&rig(true), Config::preset(Preset::Balanced));
+        odometry.add_imu(0, &sample);
+        at_rest(&mut odometry, number, number + 1)[0]
+    };
+    let tilt = |of: &Estimate| of.covariance[(3, 3)].max(of.covariance[(5, 5)]).sqrt();
+    // Where up is it tells roughly; one long ago tells nothing.
+    let (near, late) = (first(9), first(12));
+    assert_eq!(near.gyro_bias, Vector3::zeros());
+    assert!((0.3..1.0).contains(&tilt(&near)), "{}", tilt(&near));
+    assert!(tilt(&late) > 2.0, "{}", tilt(&late));
+}
+
+#[test]
+fn a_silent_imu_does_not_go_on_turning() {
+    let mut odometry = Odometry::new(&rig(true), Config::preset(Preset::Balanced));
+    for k in 0..60 {
+        let is_last = k == 59;
+        odometry.add_imu(
+            0,
+            &ImuSample {
+                time_ns: k * 10_000_000,
+                // A knock, and then nothing.
+                gyro: [0.0, 0.0, if is_last { 2.0 } else { 1e-5 * k as f64 }],
+                accel: [0.0, -9.80665, 1e-4 * k as f64],
+            },
+        );
+    }
+    at_rest(&mut odometry, 9, 14);
+    let rate = odometry.rate().norm();
+    assert!(rate < 0.05, "{rate}");
+}

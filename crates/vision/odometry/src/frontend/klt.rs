@@ -1,0 +1,328 @@
+//! Following a patch from one picture to another.
+//!
+//! Iterative alignment by translation (Lucas and Kanade 1981) in the inverse compositional form (Baker and Matthews,
+//! Lucas-Kanade 20 Years On, 2004), from coarse to fine, on patches brought to mean 0 and equal contrast, so that
+//! exposure may differ. Rows of a patch are one vector register long. [`track`] gives a place only if following it
+//! back leads to where it came from.
+
+#![allow(
+    clippy::needless_range_loop,
+    reason = "loops over several rows of one register each: by index they become vector code"
+)]
+
+use crate::frontend::pyramid::{Level, Pyramid};
+
+/// Side of a patch, pixels. Its middle lies between pixels, at half a side from its corner.
+const PATCH_SIDE: usize = 8;
+const PATCH_AREA: usize = PATCH_SIDE * PATCH_SIDE;
+const HALF_PATCH: f32 = 3.5;
+/// Steps per level, and the length at which they end, pixels.
+const MAX_ITERATIONS: usize = 10;
+const CONVERGENCE_PX: f32 = 0.01;
+/// Farthest from where it came from that the way back may end, pixels.
+const MAX_FORWARD_BACKWARD_PX: f32 = 0.5;
+/// Least correlation of the two patches.
+const MIN_NCC: f32 = 0.8;
+
+type Patch = [f32; PATCH_AREA];
+
+/// A patch with what aligning to it needs.
+struct Template {
+    values: Patch,
+    gx: Patch,
+    gy: Patch,
+    /// Inverse of the second moments of the gradients.
+    inverse: [f32; 3],
+    /// Root of the sum of squares.
+    norm: f32,
+}
+
+/// The patch around a place, interpolated; false if it reaches beyond the level.
+#[inline(always)]
+fn sample_patch(level: &Level, x: f32, y: f32, out: &mut Patch) -> bool {
+    let (left, top) = (x - HALF_PATCH, y - HALF_PATCH);
+    // Written so that a place that is no number is outside.
+    let inside = left >= 0.0
+        && top >= 0.0
+        && left + (PATCH_SIDE as f32) < level.width as f32
+        && top + (PATCH_SIDE as f32) < level.height as f32;
+    if !inside {
+        return false;
+    }
+    let (fx, fy) = (left - left.floor(), top - top.floor());
+    let at = top as usize * level.width + left as usize;
+    let (w00, w10) = ((1.0 - fx) * (1.0 - fy), fx * (1.0 - fy));
+    let (w01, w11) = ((1.0 - fx) * fy, fx * fy);
+    for (k, out) in out.chunks_exact_mut(PATCH_SIDE).enumerate() {
+        let upper = &level.data[at + k * level.width..][..PATCH_SIDE + 1];
+        let lower = &level.data[at + (k + 1) * level.width..][..PATCH_SIDE + 1];
+        for i in 0..PATCH_SIDE {
+            out[i] = w00 * f32::from(upper[i])
+                + w10 * f32::from(upper[i + 1])
+                + w01 * f32::from(lower[i])
+                + w11 * f32::from(lower[i + 1]);
+        }
+    }
+    true
+}
+
+/// Takes the mean away; gives the root of the sum of squares.
+#[inline(always)]
+fn center(values: &mut Patch) -> f32 {
+    let mut sums = [0.0; PATCH_SIDE];
+    for row in values.chunks_exact(PATCH_SIDE) {
+        for i in 0..PATCH_SIDE {
+            sums[i] += row[i];
+        }
+    }
+    let mean = sums.iter().sum::<f32>() / PATCH_AREA as f32;
+    let mut squares = [0.0; PATCH_SIDE];
+    for row in values.chunks_exact_mut(PATCH_SIDE) {
+        for i in 0..PATCH_SIDE {
+            row[i] -= mean;
+            squares[i] += row[i] * row[i];
+        }
+    }
+    squares.iter().sum::<f32>().sqrt()
+}
+
+impl Template {
+    #[inline(always)]
+    fn new(level: &Level, x: f32, y: f32) -> Option<Self> {
+        let mut new = Self {
+            values: [0.0; PATCH_AREA],
+            gx: [0.0; PATCH_AREA],
+            gy: [0.0; PATCH_AREA],
+            inverse: [0.0; 3],
+            norm: 0.0,
+        };
+        let mut other = [0.0; PATCH_AREA];
+        if !sample_patch(level, x + 1.0, y, &mut new.gx)
+            || !sample_patch(level, x - 1.0, y, &mut other)
+        {
+            return None;
+        }
+        for i in 0..PATCH_AREA {
+            new.gx[i] = 0.5 * (new.gx[i] - other[i]);
+        }
+        if !sample_patch(level, x, y + 1.0, &mut new.gy)
+            || !sample_patch(level, x, y - 1.0, &mut other)
+        {
+            return None;
+        }
+        let mut moments = [[0.0; PATCH_SIDE]; 3];
+        for k in 0..PATCH_SIDE {
+            for i in 0..PATCH_SIDE {
+                let at = k * PATCH_SIDE + i;
+                new.gy[at] = 0.5 * (new.gy[at] - other[at]);
+                let (gx, gy) = (new.gx[at], new.gy[at]);
+                moments[0][i] += gx * gx;
+                moments[1][i] += gx * gy;
+                moments[2][i] += gy * gy;
+            }
+        }
+        let [a, b, c] = moments.map(|m| m.iter().sum::<f32>());
+        sample_patch(level, x, y, &mut new.values);
+        new.norm = center(&mut new.values);
+        let determinant = a * c - b * b;
+        if determinant <= 1e-4 * (a + c) * (a + c) || new.norm < 8.0 {
+            return None;
+        }
+        new.inverse = [c / determinant, -b / determinant, a / determinant];
+        Some(new)
+    }
+
+    /// Aligns, starting at a place in the other level. Gives the place and the correlation there.
+    #[inline(always)]
+    fn align(&self, level: &Level, mut x: f32, mut y: f32) -> Option<([f32; 2], f32)> {
+        let mut patch = [0.0; PATCH_AREA];
+        for iteration in 0.. {
+            if !sample_patch(level, x, y, &mut patch) {
+                return None;
+            }
+            let norm = center(&mut patch);
+            if norm < 1.0 {
+                return None;
+            }
+            let gain = self.norm / norm;
+            let mut sums = [[0.0; PATCH_SIDE]; 3];
+            for k in 0..PATCH_SIDE {
+                for i in 0..PATCH_SIDE {
+                    let at = k * PATCH_SIDE + i;
+                    let error = patch[at] * gain - self.values[at];
+                    sums[0][i] += self.gx[at] * error;
+                    sums[1][i] += self.gy[at] * error;
+                    sums[2][i] += patch[at] * self.values[at];
+                }
+            }
+            let [ex, ey, product] = sums.map(|s| s.iter().sum::<f32>());
+            let ncc = product / (norm * self.norm);
+            let dx = self.inverse[0] * ex + self.inverse[1] * ey;
+            let dy = self.inverse[1] * ex + self.inverse[2] * ey;
+            let length = (dx * dx + dy * dy).sqrt();
+            if iteration == MAX_ITERATIONS || length < CONVERGENCE_PX {
+                return Some(([x, y], ncc));
+            }
+            // A step farther than half a patch says only that nothing fits.
+            let scale_back = (HALF_PATCH / length).min(1.0);
+            x -= dx * scale_back;
+            y -= dy * scale_back;
+        }
+        None
+    }
+}
+
+/// Where a place of `from` is in `to`, pixels, starting the search at `guess` on the level `coarsest`. Places are in
+/// pixels of the first level, as is the answer.
+pub(crate) fn track(
+    from: &Pyramid,
+    to: &Pyramid,
+    at: [f32; 2],
+    guess: [f32; 2],
+    coarsest: usize,
+) -> Option<[f32; 2]> {
+    #[cfg(target_arch = "x86_64")]
+    if is_x86_feature_detected!("avx2") && is_x86_feature_detected!("fma") {
+        // SAFETY: the processor has what the function was compiled for.
+        return unsafe { track_avx2(from, to, at, guess, coarsest) };
+    }
+    track_portable(from, to, at, guess, coarsest)
+}
+
+#[cfg(target_arch = "x86_64")]
+#[target_feature(enable = "avx2,fma")]
+fn track_avx2(
+    from: &Pyramid,
+    to: &Pyramid,
+    at: [f32; 2],
+    guess: [f32; 2],
+    coarsest: usize,
+) -> Option<[f32; 2]> {
+    track_portable(from, to, at, guess, coarsest)
+}
+
+#[inline(always)]
+fn track_portable(
+    from: &Pyramid,
+    to: &Pyramid,
+    at: [f32; 2],
+    guess: [f32; 2],
+    coarsest: usize,
+) -> Option<[f32; 2]> {
+    let (found, ncc) = track_forward(from, to, at, guess, coarsest)?;
+    if ncc < MIN_NCC {
+        return None;
+    }
+    // Back from near, since only a slip is to be found out; from the far guess it would cost as much again.
+    let back = [
+        at[0] + (guess[0] - found[0]).clamp(-1.0, 1.0),
+        at[1] + (guess[1] - found[1]).clamp(-1.0, 1.0),
+    ];
+    let (back, _) = track_forward(to, from, found, back, 0)?;
+    let error = (back[0] - at[0]).hypot(back[1] - at[1]);
+    (error < MAX_FORWARD_BACKWARD_PX).then_some(found)
+}
+
+#[inline(always)]
+fn track_forward(
+    from: &Pyramid,
+    to: &Pyramid,
+    at: [f32; 2],
+    guess: [f32; 2],
+    coarsest: usize,
+) -> Option<([f32; 2], f32)> {
+    let mut offset = [guess[0] - at[0], guess[1] - at[1]];
+    for level in (0..=coarsest.min(from.levels.len() - 1)).rev() {
+        let scale = (1_u32 << level) as f32;
+        let [x, y] = at.map(|v| v / scale);
+        // A coarse level may not reach as near to the border.
+        let aligned = Template::new(&from.levels[level], x, y).and_then(|template| {
+            let (u, v) = (x + offset[0] / scale, y + offset[1] / scale);
+            template.align(&to.levels[level], u, v)
+        });
+        match aligned {
+            Some((position, ncc)) if level == 0 => return Some((position, ncc)),
+            Some(([u, v], _)) => offset = [(u - x) * scale, (v - y) * scale],
+            None if level == 0 => return None,
+            None => {}
+        }
+    }
+    None
+}
+
+/// The patch around a place of the first level or of a coarser one, brought to mean 0 and length 1, for comparing.
+pub(crate) fn normalized_patch(level: &Level, x: f32, y: f32) -> Option<[f32; PATCH_AREA]> {
+    let mut patch = [0.0; PATCH_AREA];
+    if !sample_patch(level, x, y, &mut patch) {
+        return None;
+    }
+    let norm = center(&mut patch);
+    (norm >= 8.0).then(|| patch.map(|v| v / norm))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use calib::verify::ImageView;
+
+    /// A smooth random number between 0 and 1: a grid of them, blended.
+    fn noise(x: f64, y: f64, cell: f64, seed: u64) -> f64 {
+        let (u, v) = (x / cell + 1e3, y / cell + 1e3);
+        let (i, j) = (u.floor(), v.floor());
+        let at = |i: f64, j: f64| {
+            let mut h = seed ^ ((i as u64) << 32) ^ (j as u64);
+            for _ in 0..3 {
+                h = (h ^ (h >> 29)).wrapping_mul(0xbf58_476d_1ce4_e5b9);
+            }
+            (h >> 40) as f64 / f64::from(1 << 24)
+        };
+        let soft = |t: f64| t * t * (3.0 - 2.0 * t);
+        let (fx, fy) = (soft(u - i), soft(v - j));
+        let upper = at(i, j) * (1.0 - fx) + at(i + 1.0, j) * fx;
+        let lower = at(i, j + 1.0) * (1.0 - fx) + at(i + 1.0, j + 1.0) * fx;
+        upper * (1.0 - fy) + lower * fy
+    }
+
+    /// A picture of clouds of several sizes, moved by a part of a pixel, with other light.
+    fn picture(dx: f64, dy: f64, gain: f64) -> Pyramid {
+        let (w, h) = (200, 160);
+        let mut data = Vec::new();
+        for y in 0..h {
+            for x in 0..w {
+                let (x, y) = (f64::from(x) - dx, f64::from(y) - dy);
+                let v = noise(x, y, 5.0, 1) + noise(x, y, 12.0, 2) + noise(x, y, 30.0, 3);
+                data.push((gain * (40.0 + 50.0 * v)).round() as u8);
+            }
+        }
+        Pyramid::new(&ImageView::new(w as usize, h as usize, w as usize, &data).expect("a picture"))
+    }
+
+    #[test]
+    fn a_shifted_picture_is_followed_to_parts_of_a_pixel() {
+        let from = picture(0.0, 0.0, 1.0);
+        for (dx, dy, gain) in [(0.3, -0.2, 1.0), (3.4, 2.7, 1.2), (-5.6, 4.1, 0.8)] {
+            let to = picture(dx, dy, gain);
+            for at in [[60.0, 70.0], [101.3, 80.8], [140.5, 60.2]] {
+                let found = track(&from, &to, at, at, 3).expect("found");
+                let error = [found[0] - at[0] - dx as f32, found[1] - at[1] - dy as f32];
+                // Rounding to grey levels leaves some hundredths.
+                assert!(
+                    error[0].hypot(error[1]) < 0.1,
+                    "{dx} {dy} {at:?}: {error:?}"
+                );
+            }
+        }
+    }
+
+    #[test]
+    fn what_is_not_there_is_not_found() {
+        let from = picture(0.0, 0.0, 1.0);
+        let blank = vec![90; 200 * 160];
+        let blank = Pyramid::new(&ImageView::new(200, 160, 200, &blank).expect("a picture"));
+        assert!(track(&from, &blank, [60.0, 70.0], [60.0, 70.0], 3).is_none());
+        assert!(track(&blank, &from, [60.0, 70.0], [60.0, 70.0], 3).is_none());
+        // Beyond the border, or nowhere.
+        assert!(track(&from, &from, [1.0, 70.0], [1.0, 70.0], 3).is_none());
+        assert!(track(&from, &from, [60.0, 70.0], [f32::NAN, 70.0], 3).is_none());
+    }
+}

@@ -1,0 +1,4 @@
+//! IMU: sample buffer, preintegration and propagation.
+
+pub(crate) mod imu_buffer;
+pub(crate) mod propagation;

@@ -1,0 +1,385 @@
+//! Bundle adjustment of all keyframes: sparse, landmarks eliminated, robust.
+//!
+//! The same terms as in a window ([`crate::backend::solver`]), summed into blocks of a sparse matrix, and loops as ties of two poses. What is
+//! left is solved by a sparse Cholesky decomposition.
+
+use std::collections::BTreeMap;
+
+use faer::linalg::solvers::Solve as _;
+use faer::sparse::linalg::solvers::{Llt, SymbolicLlt};
+use faer::sparse::{SparseColMat, Triplet};
+use faer::{Mat, Side};
+use nalgebra::{DVector, Matrix6, SMatrix};
+use rayon::prelude::*;
+
+use super::loop_closure::Closure;
+use crate::backend::motion_factor;
+use crate::backend::solver::{
+    Accumulated, LandmarkBlock, NormalEquations, PoseMatrix, PoseVector, accumulate, apply,
+    for_each_residual, landmark_cost, prior_cost, prior_error,
+};
+use crate::backend::state::{POSE_DIM, STATE_DIM};
+use crate::backend::window::{Landmark, Window};
+
+/// Landmarks per piece, and pieces that are summed at once: what they hold apart from each other is no more than that.
+const LANDMARKS_PER_PIECE: usize = 1024;
+const PIECES_PER_BATCH: usize = 16;
+/// Damping up to which a step is as long as it would be without, nearly; and the gain of such a step, as a share of the cost, from which
+/// there is nothing left worth it.
+const FREE_DAMPING: f64 = 1e-5;
+const CONVERGENCE_RATIO: f64 = 1e-5;
+/// Residual, in standard deviations, from which a sight is wrong.
+const OUTLIER_SIGMA: f64 = 5.0;
+/// Keyframes for which a covariance is computed; those between are interpolated.
+const MAX_COVARIANCES: usize = 120;
+
+/// What is being done.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub enum Progress {
+    /// A linearisation of the whole was solved.
+    Linearized {
+        /// How many so far in this go.
+        iterations: usize,
+        /// Of at most.
+        max_iterations: usize,
+    },
+    /// Places seen again are looked for.
+    SearchingLoops {
+        /// Keyframes so far.
+        done: usize,
+        /// Of all.
+        all: usize,
+    },
+}
+
+type Square = SMatrix<f64, STATE_DIM, STATE_DIM>;
+
+/// Of many frames, of which few see the same: by place.
+#[derive(Default)]
+struct Sparse {
+    blocks: BTreeMap<(usize, usize), PoseMatrix>,
+    gradient: BTreeMap<usize, PoseVector>,
+}
+
+impl NormalEquations for Sparse {
+    fn add(&mut self, row: usize, column: usize, block: &PoseMatrix) {
+        let entry = self.blocks.entry((row, column));
+        *entry.or_insert_with(PoseMatrix::zeros) += block;
+    }
+
+    fn add_gradient(&mut self, row: usize, rows: &PoseVector) {
+        let entry = self.gradient.entry(row);
+        *entry.or_insert_with(PoseVector::zeros) += rows;
+    }
+}
+
+/// The problem at a place.
+struct LinearSystem {
+    /// Blocks on and above the diagonal; of mounts the first [`POSE_DIM`] numbers alone.
+    blocks: BTreeMap<(usize, usize), Square>,
+    gradient: DVector<f64>,
+    cost: f64,
+    landmark_blocks: Vec<Vec<LandmarkBlock>>,
+}
+
+fn linearize(window: &Window, loops: &[Closure], damping: f64) -> LinearSystem {
+    let landmarks: Vec<&Landmark> = window.landmarks.values().collect();
+    let mut linear = LinearSystem {
+        blocks: BTreeMap::new(),
+        gradient: DVector::zeros(window.row_of(window.blocks())),
+        cost: 0.0,
+        landmark_blocks: Vec::with_capacity(landmarks.len().div_ceil(LANDMARKS_PER_PIECE)),
+    };
+    for some in landmarks.chunks(LANDMARKS_PER_PIECE * PIECES_PER_BATCH) {
+        let pieces: Vec<Accumulated<Sparse>> = some
+            .par_chunks(LANDMARKS_PER_PIECE)
+            .map(|landmarks| accumulate(window, landmarks, damping, Sparse::default()))
+            .collect();
+        for piece in pieces {
+            for ((a, b), block) in piece.sums.blocks {
+                add_pose(&mut linear.blocks, a, b, &block);
+            }
+            for (k, rows) in piece.sums.gradient {
+                let mut view = (linear.gradient).fixed_rows_mut::<POSE_DIM>(window.row_of(k));
+                view += rows;
+            }
+            linear.cost += piece.cost;
+            linear.landmark_blocks.push(piece.landmark_blocks);
+        }
+    }
+    for k in 1..window.frames.len() {
+        let Some(motion) = &window.frames[k].motion else {
+            continue;
+        };
+        let term =
+            motion_factor::linearize(motion, &window.frames[k - 1].state, &window.frames[k].state);
+        linear.cost += term.cost;
+        for (a, b, row, column) in [
+            (k - 1, k - 1, 0, 0),
+            (k - 1, k, 0, STATE_DIM),
+            (k, k, STATE_DIM, STATE_DIM),
+        ] {
+            let part = term
+                .information
+                .fixed_view::<STATE_DIM, STATE_DIM>(row, column);
+            *linear.blocks.entry((a, b)).or_insert_with(Square::zeros) += part;
+        }
+        let mut rows = linear.gradient.rows_mut((k - 1) * STATE_DIM, 2 * STATE_DIM);
+        rows += term.gradient;
+    }
+    let error = prior_error(window);
+    linear.cost += prior_cost(window, &error);
+    *linear.blocks.entry((0, 0)).or_insert_with(Square::zeros) += window
+        .prior
+        .information
+        .fixed_view::<STATE_DIM, STATE_DIM>(0, 0);
+    let gradient = &window.prior.information * error + &window.prior.gradient;
+    let mut rows = linear.gradient.rows_mut(0, STATE_DIM);
+    rows += gradient;
+    for (k, (prior, camera)) in window.extrinsics.iter().zip(&window.cameras).enumerate() {
+        let block = window.frames.len() + k;
+        let error = prior.error(camera);
+        let product = prior.information * error;
+        linear.cost += error.dot(&product);
+        add_pose(&mut linear.blocks, block, block, &prior.information);
+        let mut rows = linear
+            .gradient
+            .fixed_rows_mut::<POSE_DIM>(window.row_of(block));
+        rows += product;
+    }
+    for closure in loops {
+        let term = closure.linearize(window);
+        linear.cost += term.cost;
+        let [a, b] = closure.frames;
+        add_pose(&mut linear.blocks, a, a, &term.own);
+        add_pose(&mut linear.blocks, a, b, &term.cross);
+        add_pose(&mut linear.blocks, b, b, &term.other);
+        for (frame, rows_of_pose) in [(a, term.gradient_own), (b, term.gradient_other)] {
+            let mut rows = linear
+                .gradient
+                .fixed_rows_mut::<POSE_DIM>(frame * STATE_DIM);
+            rows += rows_of_pose;
+        }
+    }
+    linear
+}
+
+fn add_pose(blocks: &mut BTreeMap<(usize, usize), Square>, a: usize, b: usize, block: &PoseMatrix) {
+    let entry = blocks.entry((a, b)).or_insert_with(Square::zeros);
+    let mut view = entry.fixed_view_mut::<POSE_DIM, POSE_DIM>(0, 0);
+    view += block;
+}
+
+fn cost(window: &Window, loops: &[Closure]) -> f64 {
+    let landmarks: Vec<&Landmark> = window.landmarks.values().collect();
+    let pieces: Vec<f64> = landmarks
+        .par_chunks(LANDMARKS_PER_PIECE)
+        .map(|landmarks| landmarks.iter().map(|l| landmark_cost(window, l)).sum())
+        .collect();
+    let mut sum: f64 = pieces.iter().sum();
+    for pair in window.frames.windows(2) {
+        if let Some(motion) = &pair[1].motion {
+            sum += motion_factor::cost(motion, &pair[0].state, &pair[1].state);
+        }
+    }
+    sum += loops.iter().map(|l| l.cost(window)).sum::<f64>();
+    for (prior, camera) in window.extrinsics.iter().zip(&window.cameras) {
+        let error = prior.error(camera);
+        sum += error.dot(&(prior.information * error));
+    }
+    sum + prior_cost(window, &prior_error(window))
+}
+
+/// The sparse matrix, diagonal enlarged.
+fn matrix(
+    linear: &LinearSystem,
+    damping: f64,
+    window: &Window,
+) -> Option<SparseColMat<usize, f64>> {
+    let mut entries = Vec::with_capacity(linear.blocks.len() * STATE_DIM * STATE_DIM);
+    let numbers = |block: usize| {
+        if block < window.frames.len() {
+            STATE_DIM
+        } else {
+            POSE_DIM
+        }
+    };
+    for ((a, b), block) in &linear.blocks {
+        for i in 0..numbers(*a) {
+            // Of blocks on the diagonal the lower half alone: the sparse matrix is lower, blocks are upper.
+            for j in 0..numbers(*b) {
+                let (row, column) = (window.row_of(*b) + j, window.row_of(*a) + i);
+                if row < column {
+                    continue;
+                }
+                let mut value = block[(i, j)];
+                if row == column {
+                    value += damping * value.max(1e-6);
+                } else if value == 0.0 {
+                    continue;
+                }
+                entries.push(Triplet::new(row, column, value));
+            }
+        }
+    }
+    let size = linear.gradient.len();
+    SparseColMat::try_new_from_triplets(size, size, &entries).ok()
+}
+
+fn factor(linear: &LinearSystem, damping: f64, window: &Window) -> Option<Llt<usize, f64>> {
+    let matrix = matrix(linear, damping, window)?;
+    let symbolic = SymbolicLlt::try_new(matrix.symbolic(), Side::Lower).ok()?;
+    Llt::try_new_with_symbolic(symbolic, matrix.as_ref(), Side::Lower).ok()
+}
+
+/// How an adjustment ended.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct Ended {
+    /// Linearisations.
+    pub(super) iterations: usize,
+    /// Whether another would have gained nothing worth it.
+    pub(super) is_converged: bool,
+}
+
+/// Brings everything to where it fits best, in at most `max_iterations` linearisations.
+pub(super) fn optimize(
+    window: &mut Window,
+    loops: &[Closure],
+    max_iterations: usize,
+    progress: &mut impl FnMut(Progress),
+) -> Ended {
+    let size = window.row_of(window.blocks());
+    let mut damping = 1e-6;
+    let mut now = None;
+    for round in 0..max_iterations {
+        progress(Progress::Linearized {
+            iterations: round,
+            max_iterations,
+        });
+        let linear = linearize(window, loops, damping);
+        let before = *now.get_or_insert(linear.cost);
+        let Some(factor) = factor(&linear, damping, window) else {
+            damping = (damping * 100.0).max(1e-4);
+            continue;
+        };
+        let right = Mat::from_fn(size, 1, |i, _| -linear.gradient[i]);
+        let solved = factor.solve(&right);
+        let step = DVector::from_fn(size, |i, _| solved[(i, 0)]);
+        if !step.iter().all(|v| v.is_finite()) {
+            damping = (damping * 100.0).max(1e-4);
+            continue;
+        }
+        let states: Vec<_> = window.frames.iter().map(|f| f.state).collect();
+        let rhos: Vec<f64> = window.landmarks.values().map(|l| l.rho).collect();
+        let cameras = (!window.extrinsics.is_empty()).then(|| window.cameras.clone());
+        apply(window, &step, linear.landmark_blocks.iter().flatten());
+        let after = cost(window, loops);
+        let is_settled = damping <= FREE_DAMPING
+            && (before - after).abs() < (CONVERGENCE_RATIO * before).max(1.0);
+        if after <= before * (1.0 + 1e-12) {
+            now = Some(after);
+            damping = (damping * 0.1).max(1e-8);
+        } else {
+            for (frame, state) in window.frames.iter_mut().zip(states) {
+                frame.state = state;
+            }
+            for (landmark, rho) in window.landmarks.values_mut().zip(rhos) {
+                landmark.rho = rho;
+            }
+            if let Some(cameras) = cameras {
+                window.cameras = cameras;
+            }
+            // Little at first: of a long way the ends are held by little, and damping holds them.
+            damping *= 30.0;
+        }
+        if is_settled {
+            return Ended {
+                iterations: round + 1,
+                is_converged: true,
+            };
+        }
+    }
+    Ended {
+        iterations: max_iterations,
+        is_converged: false,
+    }
+}
+
+/// Takes away sights that do not fit, and landmarks with too few left.
+pub(super) fn filter_landmarks(window: &mut Window) {
+    let landmarks: Vec<(&u64, &Landmark)> = window.landmarks.iter().collect();
+    let bad: Vec<(u64, Vec<(usize, usize)>)> = landmarks
+        .par_iter()
+        .filter_map(|(id, landmark)| {
+            let mut entries = Vec::new();
+            for_each_residual(window, landmark, |observation, eye, squared_residual| {
+                if squared_residual > OUTLIER_SIGMA * OUTLIER_SIGMA {
+                    entries.push((observation, eye));
+                }
+            });
+            (!entries.is_empty()).then_some((**id, entries))
+        })
+        .collect();
+    for (id, entries) in bad {
+        let Some(landmark) = window.landmarks.get_mut(&id) else {
+            continue;
+        };
+        landmark.drop_observations(&entries);
+        if landmark.observations.len() < super::MIN_OBSERVATIONS
+            || landmark.observations[0].1.right.is_none()
+        {
+            window.landmarks.remove(&id);
+        }
+    }
+}
+
+/// How sure everything is.
+pub(super) struct Covariances {
+    /// Of poses (position in the world, turn in the body), one for each keyframe.
+    pub(super) poses: Vec<Matrix6<f64>>,
+    /// Of mounts, one for each that was estimated.
+    pub(super) mounts: Vec<Matrix6<f64>>,
+}
+
+/// See [`Covariances`].
+pub(super) fn covariances(window: &Window, loops: &[Closure]) -> Covariances {
+    let count = window.frames.len();
+    let size = window.row_of(window.blocks());
+    let linear = linearize(window, loops, 0.0);
+    let Some(factor) = factor(&linear, 1e-9, window) else {
+        // Nothing can be said, and that is said.
+        let unknown = Matrix6::identity() * 1e6;
+        return Covariances {
+            poses: vec![unknown; count],
+            mounts: vec![unknown; window.extrinsics.len()],
+        };
+    };
+    let of = |block: usize| {
+        let at = window.row_of(block);
+        let right = Mat::from_fn(size, POSE_DIM, |i, j| f64::from(u8::from(i == at + j)));
+        let solved = factor.solve(&right);
+        let block = Matrix6::from_fn(|i, j| solved[(at + i, j)]);
+        (block + block.transpose()) * 0.5
+    };
+    let step = count.div_ceil(MAX_COVARIANCES).max(1);
+    let mut entries: Vec<usize> = (0..count).step_by(step).collect();
+    if entries.last() != Some(&(count - 1)) {
+        entries.push(count - 1);
+    }
+    let found: Vec<Matrix6<f64>> = entries.par_iter().map(|place| of(*place)).collect();
+    let mut out = Vec::with_capacity(count);
+    for k in 0..count {
+        let next = entries.partition_point(|p| *p < k);
+        if entries[next] == k {
+            out.push(found[next]);
+            continue;
+        }
+        let (a, b) = (entries[next - 1], entries[next]);
+        let share = (k - a) as f64 / (b - a) as f64;
+        out.push(found[next - 1] * (1.0 - share) + found[next] * share);
+    }
+    Covariances {
+        poses: out,
+        mounts: (count..window.blocks()).map(of).collect(),
+    }
+}

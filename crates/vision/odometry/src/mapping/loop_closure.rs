@@ -1,0 +1,451 @@
+//! Places seen again.
+//!
+//! Candidates are keyframes that by their poses may show the same: near, looking the same way, far apart in time. Marks are
+//! matched by their looks; the relative pose that most matches agree with is found from the one that is expected, by least squares
+//! whose reach shrinks. What would move the poses farther than they can have drifted is a place that looks like another, and is
+//! left out. A loop enters the adjustment as a tie of two poses with the covariance of its own solution.
+
+use calib::Eye as Side;
+use nalgebra::{Matrix3, SMatrix, SVector, UnitQuaternion, Vector3};
+use rayon::prelude::*;
+
+use super::LoopClosure;
+use super::bundle_adjustment::Progress;
+use crate::backend::observation::{self, BearingMeasurement, Camera};
+use crate::backend::solver::{PoseMatrix, PoseVector};
+use crate::backend::state::State;
+use crate::backend::window::Window;
+use crate::frontend::descriptor::hamming_distance;
+use crate::keyframe::{Keyframe, Keypoint};
+use crate::so3;
+
+/// Least time between the two, s.
+const MIN_LOOP_INTERVAL_S: f64 = 12.0;
+/// How near they must be, m, and how much farther for each metre gone between them.
+const MAX_LOOP_DISTANCE_M: f64 = 1.5;
+const DRIFT_RATE: f64 = 0.01;
+/// Largest angle between the views of two cameras, rad.
+const MAX_VIEW_ANGLE_RAD: f64 = 0.6;
+/// A keyframe is looked at if the one looked at before is so far away, m.
+const QUERY_SPACING_M: f64 = 0.6;
+/// Candidates tried for each.
+const MAX_CANDIDATES: usize = 3;
+/// Most bits in which two looks of the same may differ, and how much better than any other it must be.
+const MAX_HAMMING: u32 = 72;
+const SECOND_BEST_RATIO: f64 = 0.85;
+/// How far off a mark may be expected, rad: what the poses may be off at near things.
+const MAX_SEARCH_ANGLE_RAD: f64 = 0.6;
+/// Marks that must agree, and their share of all matches.
+const MIN_INLIERS: f64 = 12.0;
+const MIN_INLIER_RATIO: f64 = 0.3;
+/// Reach of the least squares, px, one round each, and the standard deviation of a mark's place.
+const TUKEY_PX: [f64; 10] = [60.0, 45.0, 32.0, 24.0, 16.0, 12.0, 9.0, 7.0, 6.0, 6.0];
+const SIGMA_PX: f64 = 1.4;
+/// How far a loop may move things: m, per metre gone, and rad.
+const MAX_CORRECTION_M: f64 = 0.3;
+const MAX_CORRECTION_RAD: f64 = 0.12;
+/// Residual of a loop, in standard deviations, from which it counts less (Cauchy), and the same as long as everything is far off.
+const CAUCHY_SIGMA: f64 = 3.0;
+const CAUCHY_SIGMA_FIRST: f64 = 100.0;
+
+/// A tie of two keyframes, by place in the window.
+#[derive(Clone, Debug)]
+pub(super) struct Closure {
+    pub(super) frames: [usize; 2],
+    numbers: [u64; 2],
+    /// First body from second.
+    rotation: UnitQuaternion<f64>,
+    translation: Vector3<f64>,
+    information: PoseMatrix,
+    inliers: f64,
+    initial_error: [f64; 2],
+    /// Residual from which it counts less.
+    loss_scale: f64,
+}
+
+/// A tie as a term of the least squares problem.
+pub(super) struct Term {
+    pub(super) own: PoseMatrix,
+    pub(super) cross: PoseMatrix,
+    pub(super) other: PoseMatrix,
+    pub(super) gradient_own: PoseVector,
+    pub(super) gradient_other: PoseVector,
+    pub(super) cost: f64,
+}
+
+impl Closure {
+    /// For whoever reads the result.
+    pub(super) fn report(&self) -> LoopClosure {
+        LoopClosure {
+            frames: self.numbers,
+            inliers: self.inliers.round() as usize,
+            initial_error: self.initial_error,
+        }
+    }
+
+    /// Counts less from here on if it is far off from where everything else puts it.
+    pub(super) fn tighten_loss(&mut self) {
+        self.loss_scale = CAUCHY_SIGMA;
+    }
+
+    /// Shift and turn by which two poses fail to close it.
+    fn residual(&self, window: &Window) -> PoseVector {
+        let [a, b] = self.frames.map(|f| &window.frames[f].state);
+        let translation = a.rotation.inverse() * (b.position - a.position);
+        let rotation = a.rotation.inverse() * b.rotation;
+        let mut r = PoseVector::zeros();
+        r.fixed_rows_mut::<3>(0)
+            .copy_from(&(translation - self.translation));
+        r.fixed_rows_mut::<3>(3)
+            .copy_from(&so3::log(&(self.rotation.inverse() * rotation)));
+        r
+    }
+
+    pub(super) fn cost(&self, window: &Window) -> f64 {
+        let r = self.residual(window);
+        let squared_residual = (r.transpose() * self.information * r)[0];
+        let loss_scale = self.loss_scale * self.loss_scale;
+        loss_scale * (1.0 + squared_residual / loss_scale).ln()
+    }
+
+    pub(super) fn linearize(&self, window: &Window) -> Term {
+        let [a, b] = self.frames.map(|f| &window.frames[f].state);
+        let r = self.residual(window);
+        let squared_residual = (r.transpose() * self.information * r)[0];
+        let weight =
+            self.information / (1.0 + squared_residual / (self.loss_scale * self.loss_scale));
+        let back: Matrix3<f64> = a.rotation.inverse().to_rotation_matrix().into_inner();
+        let translation = back * (b.position - a.position);
+        let inverse = so3::right_jacobian_inverse(&r.fixed_rows::<3>(3).into_owned());
+        let relative = back * b.rotation.to_rotation_matrix().into_inner();
+        let mut by_a = PoseMatrix::zeros();
+        let mut by_b = PoseMatrix::zeros();
+        by_a.fixed_view_mut::<3, 3>(0, 0).copy_from(&-back);
+        by_b.fixed_view_mut::<3, 3>(0, 0).copy_from(&back);
+        by_a.fixed_view_mut::<3, 3>(0, 3)
+            .copy_from(&so3::cross(&translation));
+        by_a.fixed_view_mut::<3, 3>(3, 3)
+            .copy_from(&(-inverse * relative.transpose()));
+        by_b.fixed_view_mut::<3, 3>(3, 3).copy_from(&inverse);
+        let (weighted_a, weighted_b) = (by_a.transpose() * weight, by_b.transpose() * weight);
+        Term {
+            own: weighted_a * by_a,
+            cross: weighted_a * by_b,
+            other: weighted_b * by_b,
+            gradient_own: weighted_a * r,
+            gradient_other: weighted_b * r,
+            cost: self.cost(window),
+        }
+    }
+}
+
+/// All places seen again.
+pub(super) fn find(
+    keyframes: &[Keyframe],
+    window: &Window,
+    progress: &mut impl FnMut(Progress),
+) -> Vec<Closure> {
+    // How far was gone up to each.
+    let mut path_length = vec![0.0];
+    for pair in window.frames.windows(2) {
+        let step = (pair[1].state.position - pair[0].state.position).norm();
+        path_length.push(path_length[path_length.len() - 1] + step);
+    }
+    let mut queried = Vec::new();
+    let mut last: Option<usize> = None;
+    for k in 0..keyframes.len() {
+        let far = |l: usize| {
+            let (a, b) = (&window.frames[l].state, &window.frames[k].state);
+            (a.position - b.position).norm() > QUERY_SPACING_M
+                || a.rotation.angle_to(&b.rotation) > 0.3
+        };
+        if last.is_none_or(far) {
+            queried.push(k);
+            last = Some(k);
+        }
+    }
+    let mut closures = Vec::new();
+    const KEYFRAMES_PER_BATCH: usize = 64;
+    for (n, some) in queried.chunks(KEYFRAMES_PER_BATCH).enumerate() {
+        progress(Progress::SearchingLoops {
+            done: n * KEYFRAMES_PER_BATCH,
+            all: queried.len(),
+        });
+        let found: Vec<Vec<Closure>> = some
+            .par_iter()
+            .map(|b| {
+                let candidates = candidates(*b, window, &path_length, &queried);
+                let tried = candidates.iter().filter_map(|a| {
+                    close(
+                        &keyframes[*a],
+                        &keyframes[*b],
+                        [*a, *b],
+                        window,
+                        &path_length,
+                    )
+                });
+                tried.take(1).collect()
+            })
+            .collect();
+        closures.extend(found.into_iter().flatten());
+    }
+    closures
+}
+
+/// Earlier keyframes that may show the same, the nearest first.
+fn candidates(b: usize, window: &Window, path_length: &[f64], queried: &[usize]) -> Vec<usize> {
+    let now = &window.frames[b].state;
+    let mut near: Vec<(f64, usize)> = queried
+        .iter()
+        .take_while(|a| **a < b)
+        .filter_map(|a| {
+            let then = &window.frames[*a].state;
+            let seconds = (now.time_ns - then.time_ns) as f64 * 1e-9;
+            let far = (now.position - then.position).norm();
+            let turned = then.rotation.angle_to(&now.rotation);
+            let fits = seconds > MIN_LOOP_INTERVAL_S
+                && far < MAX_LOOP_DISTANCE_M + DRIFT_RATE * (path_length[b] - path_length[*a]);
+            fits.then_some((far + turned, *a))
+        })
+        .collect();
+    near.sort_by(|x, y| x.0.total_cmp(&y.0));
+    near.truncate(MAX_CANDIDATES);
+    near.into_iter().map(|(_, a)| a).collect()
+}
+
+/// A mark with where its eye was on the body when it saw it: rows and cameras have times of their own, during which the body moves.
+struct PosedKeypoint<'a> {
+    keypoint: &'a Keypoint,
+    bearing: BearingMeasurement,
+    /// Body at the keyframe's time from left eye at the mark's.
+    eye: Matrix3<f64>,
+    arm: Vector3<f64>,
+}
+
+impl PosedKeypoint<'_> {
+    /// The point in the body, times its inverse range, if that is known.
+    fn point(&self) -> Option<(Vector3<f64>, f64)> {
+        let rho = f64::from(self.keypoint.rho);
+        (rho > 0.0).then(|| (self.eye * self.bearing.ray + self.arm * rho, rho))
+    }
+
+    /// The view's axis in the body.
+    fn axis(&self) -> Vector3<f64> {
+        self.eye.column(2).into_owned()
+    }
+}
+
+/// The marks of one camera.
+fn pose_keypoints<'a>(
+    keyframe: &'a Keyframe,
+    state: &State,
+    (index, camera): (usize, &Camera),
+) -> Vec<PosedKeypoint<'a>> {
+    let own = (keyframe.keypoints.iter()).filter(|m| usize::from(m.camera) == index);
+    let each = own.filter_map(|keypoint| {
+        let bearing = camera.bearing(Side::Left, keypoint.left)?;
+        let exposure_offset_s =
+            keyframe.exposure_offset_s[index] + camera.row_after_s(Side::Left, keypoint.left[1]);
+        let then = observation::CameraPose::new(state, exposure_offset_s);
+        let (eye, arm) = &camera.body_from_left;
+        let translation = state.rotation.inverse() * (then.position - state.position);
+        let rotation = then.then_from_state.transpose();
+        Some(PosedKeypoint {
+            keypoint,
+            bearing,
+            eye: rotation * eye,
+            arm: rotation * arm + translation,
+        })
+    });
+    each.collect()
+}
+
+/// A mark of one keyframe that another one sees.
+struct Match {
+    /// In the first body, times its inverse range.
+    x: Vector3<f64>,
+    rho: f64,
+    /// Where the other body's eye was, and where it saw it.
+    eye: Matrix3<f64>,
+    arm: Vector3<f64>,
+    bearing: BearingMeasurement,
+    /// Whether the point is of the later keyframe and seen by the earlier.
+    is_back: bool,
+    /// How much it counts: of two marks whose ranges both are known each sees the other, which tells the same twice.
+    weight: f64,
+}
+
+fn close(
+    from: &Keyframe,
+    to: &Keyframe,
+    frames: [usize; 2],
+    window: &Window,
+    path_length: &[f64],
+) -> Option<Closure> {
+    let [a, b] = frames.map(|f| &window.frames[f].state);
+    let mut rotation = a.rotation.inverse() * b.rotation;
+    let mut translation = a.rotation.inverse() * (b.position - a.position);
+    let expected = (rotation, translation);
+    let matches = matches(from, to, (a, b), &window.cameras);
+    let all: f64 = matches.iter().map(|m| m.weight).sum();
+    if all < MIN_INLIERS {
+        return None;
+    }
+    let mut information = PoseMatrix::zeros();
+    let mut inlier_weight = 0.0;
+    for loss_scale in TUKEY_PX {
+        let mut h = SMatrix::<f64, 6, 6>::identity() * 1e-6;
+        let mut g = SVector::<f64, 6>::zeros();
+        inlier_weight = 0.0;
+        let r: Matrix3<f64> = rotation.to_rotation_matrix().into_inner();
+        for m in &matches {
+            // Forth: first to second body. Back: second to first.
+            let (in_body, by_shift, by_turn) = if m.is_back {
+                let turned = r * m.x;
+                (
+                    turned + translation * m.rho,
+                    Matrix3::identity() * m.rho,
+                    -r * so3::cross(&m.x),
+                )
+            } else {
+                let back = r.transpose() * (m.x - translation * m.rho);
+                (back, -r.transpose() * m.rho, so3::cross(&back))
+            };
+            let x = m.eye.transpose() * (in_body - m.arm * m.rho);
+            let Some((residual, by)) = m.bearing.residual(&x) else {
+                continue;
+            };
+            let size = residual.norm() / loss_scale;
+            if size >= 1.0 {
+                continue;
+            }
+            inlier_weight += m.weight;
+            let weight = m.weight * (1.0 - size * size).powi(2) / (SIGMA_PX * SIGMA_PX);
+            let by_body = by * m.eye.transpose();
+            let mut j = SMatrix::<f64, 2, 6>::zeros();
+            j.fixed_columns_mut::<3>(0).copy_from(&(by_body * by_shift));
+            j.fixed_columns_mut::<3>(3).copy_from(&(by_body * by_turn));
+            let weighted = j.transpose() * weight;
+            h += weighted * j;
+            g += weighted * residual;
+        }
+        let step = -h.cholesky()?.solve(&g);
+        translation += step.fixed_rows::<3>(0);
+        rotation *= so3::exp(&step.fixed_rows::<3>(3).into_owned());
+        information = h;
+    }
+    let path_length = path_length[frames[1]] - path_length[frames[0]];
+    let initial_error = [
+        (translation - expected.1).norm(),
+        rotation.angle_to(&expected.0),
+    ];
+    let is_plausible = initial_error[0] < MAX_CORRECTION_M + DRIFT_RATE * path_length
+        && initial_error[1] < MAX_CORRECTION_RAD;
+    let is_consistent = inlier_weight >= MIN_INLIERS && inlier_weight >= MIN_INLIER_RATIO * all;
+    // The shift is that of the second body in the first one's axes; a turn of the first is not in it.
+    (is_plausible && is_consistent).then_some(Closure {
+        frames,
+        numbers: [from.number, to.number],
+        rotation,
+        translation,
+        information,
+        inliers: inlier_weight,
+        initial_error,
+        loss_scale: CAUCHY_SIGMA_FIRST,
+    })
+}
+
+fn matches(
+    from: &Keyframe,
+    to: &Keyframe,
+    (a, b): (&State, &State),
+    cameras: &[Camera],
+) -> Vec<Match> {
+    let mut out = Vec::new();
+    let rotation = a.rotation.inverse() * b.rotation;
+    let translation = a.rotation.inverse() * (b.position - a.position);
+    let r: Matrix3<f64> = rotation.to_rotation_matrix().into_inner();
+    let all = |keyframe, state| -> Vec<Vec<PosedKeypoint<'_>>> {
+        let each = cameras.iter().enumerate();
+        each.map(|camera| pose_keypoints(keyframe, state, camera))
+            .collect()
+    };
+    let (of_a, of_b) = (all(from, a), all(to, b));
+    for seen_a in &of_a {
+        for seen_b in &of_b {
+            let (Some(first_a), Some(first_b)) = (seen_a.first(), seen_b.first()) else {
+                continue;
+            };
+            if first_a.axis().dot(&(r * first_b.axis())) < MAX_VIEW_ANGLE_RAD.cos() {
+                continue;
+            }
+            // Where a mark of the first is expected in the second's body.
+            let expected: Vec<(Vector3<f64>, f64)> = seen_a
+                .iter()
+                .map(|m| {
+                    let rho = f64::from(m.keypoint.rho);
+                    let x = m.eye * m.bearing.ray + (m.arm - translation) * rho;
+                    (r.transpose() * x, rho)
+                })
+                .collect();
+            let best = |look: &[u64; 4], among: &mut dyn Iterator<Item = (usize, &[u64; 4])>| {
+                let (mut best, mut second) = ((u32::MAX, usize::MAX), u32::MAX);
+                for (k, other) in among {
+                    let bits = hamming_distance(look, other);
+                    if bits < best.0 {
+                        second = best.0;
+                        best = (bits, k);
+                    } else if bits < second {
+                        second = bits;
+                    }
+                }
+                let sure = best.0 <= MAX_HAMMING
+                    && f64::from(best.0) < SECOND_BEST_RATIO * f64::from(second);
+                sure.then_some(best.1)
+            };
+            for (q, keypoint_b) in seen_b.iter().enumerate() {
+                let is_near = |p: usize| {
+                    let (x, rho) = &expected[p];
+                    let there = keypoint_b.eye.transpose() * (x - keypoint_b.arm * *rho);
+                    there.dot(&keypoint_b.bearing.ray) > MAX_SEARCH_ANGLE_RAD.cos() * there.norm()
+                };
+                let mut near = (seen_a.iter().enumerate())
+                    .filter(|(p, _)| is_near(*p))
+                    .map(|(p, m)| (p, &m.keypoint.descriptor));
+                let Some(p) = best(&keypoint_b.keypoint.descriptor, &mut near) else {
+                    continue;
+                };
+                let keypoint_a = &seen_a[p];
+                let mut all = (seen_b.iter().enumerate()).map(|(q, m)| (q, &m.keypoint.descriptor));
+                if best(&keypoint_a.keypoint.descriptor, &mut all) != Some(q) {
+                    continue;
+                }
+                let points = [keypoint_a.point(), keypoint_b.point()];
+                let weight = if points.iter().all(Option::is_some) {
+                    0.5
+                } else {
+                    1.0
+                };
+                for ((point, by), is_back) in points
+                    .into_iter()
+                    .zip([keypoint_b, keypoint_a])
+                    .zip([false, true])
+                {
+                    out.extend(point.map(|(x, rho)| Match {
+                        x,
+                        rho,
+                        eye: by.eye,
+                        arm: by.arm,
+                        bearing: by.bearing,
+                        is_back,
+                        weight,
+                    }));
+                }
+            }
+        }
+    }
+    out
+}
+
+#[cfg(test)]
+mod tests;

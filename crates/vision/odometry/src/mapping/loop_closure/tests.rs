@@ -1,0 +1,137 @@
+//! Two keyframes of a place, without noise, by cameras whose pictures have times of their own.
+
+use super::*;
+use crate::backend::solver::tests::camera;
+use crate::backend::window::{Frame, Prior};
+
+/// Of a body on its way.
+fn state_of(position: Vector3<f64>, yaw: f64) -> State {
+    State {
+        position,
+        rotation: so3::exp(&Vector3::new(0.0, yaw, 0.0)),
+        velocity: Vector3::new(1.2, 0.0, -0.3),
+        gyro_rate: Vector3::new(0.05, 0.8, 0.0),
+        ..State::at_rest(0)
+    }
+}
+
+fn window_of(states: [State; 2], cameras: Vec<Camera>) -> Window {
+    let frames = states.iter().zip(1..).map(|(state, number)| Frame {
+        number,
+        state: *state,
+        motion: None,
+    });
+    Window {
+        frames: frames.collect(),
+        cameras,
+        extrinsics: Vec::new(),
+        landmarks: std::collections::BTreeMap::new(),
+        prior: Prior::of(1, states[0], &[1e-4; crate::backend::state::STATE_DIM]),
+        observation_sigma_px: 0.5,
+    }
+}
+
+fn keyframe(number: u64, state: &State, cameras: &[Camera], late_s: &[f64]) -> Keyframe {
+    let mut keypoints = Vec::new();
+    for id in 0..90_u64 {
+        let part = |by: f64| (id as f64 * by).fract();
+        let x_in_world = Vector3::new(
+            6.0 * part(0.618) - 3.0,
+            2.0 * part(0.414) - 1.0,
+            2.0 + 4.0 * part(0.732),
+        );
+        for (index, camera) in cameras.iter().enumerate() {
+            // The time of a row depends on where it is seen, and that on the time.
+            let mut exposure_offset_s = late_s[index];
+            let mut observations = None;
+            for _ in 0..20 {
+                let then = observation::CameraPose::new(state, exposure_offset_s);
+                let (eye, arm) = &camera.body_from_left;
+                let in_body = then.rotation.transpose() * (x_in_world - then.position);
+                let x = eye.transpose() * (in_body - arm);
+                observations = (camera.left.project(x.into())).filter(|p| {
+                    x.z > 0.3 && (1.0..671.0).contains(&p[0]) && (1.0..375.0).contains(&p[1])
+                });
+                let Some(pixel) = observations else { break };
+                exposure_offset_s = late_s[index] + camera.row_after_s(Side::Left, pixel[1] as f32);
+                observations = Some(pixel);
+            }
+            let then = observation::CameraPose::new(state, exposure_offset_s);
+            let (eye, arm) = &camera.body_from_left;
+            let from_eye = x_in_world - then.position - then.rotation * arm;
+            keypoints.extend(observations.map(|pixel| Keypoint {
+                camera: index as u8,
+                left: pixel.map(|v| v as f32),
+                rho: (1.0 / (eye.transpose() * from_eye).norm()) as f32,
+                descriptor: std::array::from_fn(|k| {
+                    (id * 4 + k as u64 + 1).wrapping_mul(0x9e37_79b9_7f4a_7c15)
+                }),
+            }));
+        }
+    }
+    Keyframe {
+        number,
+        state: state.into(),
+        imu_valid: false,
+        exposure_offset_s: late_s.to_vec(),
+        observations: Vec::new(),
+        keypoints,
+    }
+}
+
+#[test]
+fn pictures_of_other_times_close_as_well() {
+    let cameras = vec![camera(-0.2, 2e-5), camera(0.3, 0.0)];
+    let truth = [
+        state_of(Vector3::zeros(), 0.0),
+        state_of(Vector3::new(0.4, 0.1, -0.2), 0.15),
+    ];
+    let from = keyframe(1, &truth[0], &cameras, &[0.0, 0.033]);
+    let to = keyframe(2, &truth[1], &cameras, &[-0.015, 0.02]);
+    let mut report = truth;
+    report[1].position += Vector3::new(0.1, -0.05, 0.08);
+    report[1].rotation *= so3::exp(&Vector3::new(0.02, -0.03, 0.01));
+    let window = window_of(report, cameras);
+    let closure = close(&from, &to, [0, 1], &window, &[0.0, 0.0]).expect("the place is the same");
+    let [a, b] = truth;
+    let translation = a.rotation.inverse() * (b.position - a.position);
+    // The camera that is 33 ms late is 40 mm on by then. Which way it went is only known as well as the told turn.
+    let initial_error = (closure.translation - translation).norm();
+    assert!(initial_error < 1e-3, "{initial_error}");
+    let turned = closure
+        .rotation
+        .angle_to(&(a.rotation.inverse() * b.rotation));
+    assert!(turned < 3e-4, "{turned}");
+    // Each pair of marks counts once, and it is seen both ways.
+    let found = matches(&from, &to, (&report[0], &report[1]), &window.cameras);
+    assert!(found.len() > 100 && found.len().is_multiple_of(2));
+    let pairs: f64 = found.iter().map(|m| m.weight).sum();
+    assert_eq!(pairs, found.len() as f64 / 2.0);
+    assert!(
+        closure.inliers > 40.0 && closure.inliers <= pairs,
+        "{}",
+        closure.inliers
+    );
+}
+
+#[test]
+fn what_is_far_off_pulls_more_before_it_is_narrowed() {
+    let states = [state_of(Vector3::zeros(), 0.0), state_of(Vector3::x(), 0.0)];
+    let window = window_of(states, vec![camera(0.0, 0.0)]);
+    let mut closure = Closure {
+        frames: [0, 1],
+        numbers: [1, 2],
+        rotation: UnitQuaternion::identity(),
+        translation: Vector3::zeros(),
+        information: PoseMatrix::identity() * 1e4,
+        inliers: 30.0,
+        initial_error: [1.0, 0.0],
+        loss_scale: CAUCHY_SIGMA_FIRST,
+    };
+    // A hundred sigmas: half of its pull.
+    let far = closure.linearize(&window).gradient_other.norm();
+    assert!((far / 1e4 - 0.5).abs() < 1e-9, "{far}");
+    closure.tighten_loss();
+    let near = closure.linearize(&window).gradient_other.norm();
+    assert!(near < 0.01 * far, "{near}");
+}
