@@ -95,7 +95,7 @@ fn uncalibrated_rig_is_calibrated_and_reconstructed() {
         "{output}"
     );
     let page = std::fs::read_to_string(here.join("calibration/cameras.html")).expect("a page");
-    assert!(page.contains("Where cameras and IMUs are") && page.contains("left_shoulder/right"));
+    assert!(page.contains("Poses of cameras and IMUs") && page.contains("left_shoulder/right"));
     let found = Rig::read(&here.join("calibration/rig.toml")).expect("a rig file");
     assert_eq!(found.origin_camera(), Some("feet"));
     assert!(found.provenance().note.contains("from boards alone"));
@@ -196,12 +196,12 @@ fn uncalibrated_rig_is_calibrated_and_reconstructed() {
     let run = ["run", &handoff, "--out", "walk.scene", "--preset", "fast"];
     let output = run_program(&reconstruct, here, &run, 1);
     assert!(
-        output.contains("its lenses are not known") && output.contains(CALIBRATE),
+        output.contains("its intrinsics are not known") && output.contains(CALIBRATE),
         "{output}"
     );
     let mended = [&run[..], &["--calibration", "calibration"]].concat();
     let output = run_program(&reconstruct, here, &mended, 0);
-    assert!(output.contains("given beside the session"), "{output}");
+    assert!(output.contains("given in addition to the session"), "{output}");
     let scene = Scene::open(&here.join("walk.scene")).expect("a bundle");
     let manifest = scene.manifest();
     assert_eq!(manifest.provenance.rig.name, "calibrated rig");

@@ -160,7 +160,7 @@ fn through_the_collector(session: &Path, library: &Path) -> PathBuf {
     // only expected warning.
     let warnings: Vec<&str> = said.lines().filter(|l| l.starts_with("  WARN")).collect();
     assert!(
-        matches!(warnings[..], [one] if one.contains("left_shoulder: right eye turned")),
+        matches!(warnings[..], [one] if one.contains("left_shoulder: stereo rotation")),
         "{warnings:#?}"
     );
     targets[0].folder.clone()

@@ -164,7 +164,7 @@ fn alarms_come_in_time(contents: &Contents, rig: &Rig, start: HostTime) {
             frame_time(89.0),
             Some(frame_time(165.0)),
         ),
-        ("feet", "the picture is frozen", frozen.0, frozen.1),
+        ("feet", "the image is frozen", frozen.0, frozen.1),
         (
             "right_shoulder/imu",
             "no samples",

@@ -59,7 +59,7 @@ fn nominal_rig_passes_and_rotated_camera_fails() {
     write(&turned, Vector3::new(0.0, 0.04, 0.0));
     let (code, text) = verify(&turned, &[]);
     assert_eq!(code, Some(1), "{text}");
-    let wanted = "left_shoulder on the plate: turned by 2.";
-    assert!(text.contains(wanted), "{text}");
+    let expected = "left_shoulder on the plate: rotated by 2.";
+    assert!(text.contains(expected), "{text}");
     assert!(text.contains("since revision nominal-1"), "{text}");
 }

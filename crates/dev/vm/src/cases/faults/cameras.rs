@@ -129,7 +129,7 @@ pub(super) const AWAY: Case = case(
         );
         let alarms = left.status["alarms"].to_string();
         ensure!(
-            alarms.contains("is gone"),
+            alarms.contains("is disconnected"),
             "the alarms at the end: {alarms}"
         );
         left.report(
