@@ -184,7 +184,7 @@ fn known_shift_is_found() {
             }
             assert!(
                 found.is_nan() || found <= x as f32,
-                "{x} {y}: outside of the right picture"
+                "{x} {y}: outside the right image"
             );
         }
     }
