@@ -81,7 +81,7 @@ pub struct Estimate {
     /// How it is known.
     pub status: Status,
     /// Sights that agree.
-    pub observations: usize,
+    pub inliers: usize,
     /// Whether it is a keyframe.
     pub is_keyframe: bool,
     /// Bias of the gyroscope in use, rad/s.
@@ -201,9 +201,9 @@ impl Odometry {
             self.camera_shifts.push(shift);
         }
         let (_, observed) = count_inliers(&window);
-        let observations = self.reject_outliers(&mut window);
-        let is_enough = observations >= MIN_INLIERS
-            && observations as f64 >= MIN_INLIER_RATIO * observed as f64;
+        let inliers = self.reject_outliers(&mut window);
+        let is_enough =
+            inliers >= MIN_INLIERS && inliers as f64 >= MIN_INLIER_RATIO * observed as f64;
         let is_tracked = is_enough && !self.is_lost;
         let mut is_connected = true;
         if !is_tracked {
@@ -244,7 +244,7 @@ impl Odometry {
         }
         self.newest_is_keyframe = is_keyframe;
         self.is_lost |= !is_connected && reinitialization::is_lost(&covariance);
-        let estimate = self.estimate(&window, &covariance, observations, is_tracked, is_keyframe);
+        let estimate = self.estimate(&window, &covariance, inliers, is_tracked, is_keyframe);
         if self.is_lost {
             self.reinitialize(&mut window, &covariance);
         }
@@ -252,8 +252,8 @@ impl Odometry {
         if self.gyro_rate(time_ns).is_none() {
             // A body without a gyroscope goes on as it went.
             let seconds = (state.time_ns - last.time_ns) as f64 * 1e-9;
-            let turned = crate::so3::log(&(last.rotation.inverse() * state.rotation));
-            state.gyro_rate = turned / seconds.max(1e-3) + state.gyro_bias;
+            let rotation_change = crate::so3::log(&(last.rotation.inverse() * state.rotation));
+            state.gyro_rate = rotation_change / seconds.max(1e-3) + state.gyro_bias;
             if let Some(newest) = window.frames.last_mut() {
                 newest.state.gyro_rate = state.gyro_rate;
             }
@@ -358,14 +358,8 @@ impl Odometry {
             .keyframe_covariance
             .fixed_view::<6, 6>(0, 0)
             .into_owned();
-        let observations = window.landmarks.len();
-        let estimate = self.estimate(
-            &window,
-            &covariance,
-            observations,
-            observations >= MIN_INLIERS,
-            true,
-        );
+        let inliers = window.landmarks.len();
+        let estimate = self.estimate(&window, &covariance, inliers, inliers >= MIN_INLIERS, true);
         self.window = Some(window);
         estimate
     }
@@ -415,7 +409,7 @@ impl Odometry {
             return;
         }
         let covariance = self.with_unmodeled(&guess, *covariance);
-        let (state, sigmas, doubt) =
+        let (state, sigmas, uncertainty) =
             reinitialization::reinitialize(&guess, &covariance, &readings, self.imu.is_some());
         for frame in &window.frames[..window.frames.len() - 1] {
             self.ready.extend(finish_keyframe(&mut self.pending, frame));
@@ -431,7 +425,7 @@ impl Odometry {
         };
         self.keyframe_covariance = window.prior.covariance();
         // What was in doubt before is in this one.
-        self.unmodeled = vec![doubt];
+        self.unmodeled = vec![uncertainty];
         self.is_lost = false;
     }
 
@@ -508,7 +502,7 @@ impl Odometry {
         &self,
         window: &Window,
         covariance: &Matrix6<f64>,
-        observations: usize,
+        inliers: usize,
         is_tracked: bool,
         is_keyframe: bool,
     ) -> Estimate {
@@ -519,12 +513,12 @@ impl Odometry {
         let status = if is_tracked {
             Status::Tracked
         } else {
-            let unsure = covariance
+            let max_variance = covariance
                 .fixed_view::<3, 3>(0, 0)
                 .symmetric_eigenvalues()
                 .amax();
             let is_near =
-                unsure.sqrt() < LOST_SIGMA_M + LOST_SIGMA_PER_METRE * state.position.norm();
+                max_variance.sqrt() < LOST_SIGMA_M + LOST_SIGMA_PER_METRE * state.position.norm();
             if is_near && !self.is_lost {
                 Status::DeadReckoned
             } else {
@@ -543,7 +537,7 @@ impl Odometry {
             covariance,
             velocity,
             status,
-            observations,
+            inliers,
             is_keyframe,
             gyro_bias: state.gyro_bias,
             accel_bias: state.accel_bias,
@@ -563,10 +557,10 @@ impl Odometry {
 }
 
 /// World from left eye.
-fn world_from_left(camera: &Camera, placed: &CameraPose) -> (Matrix3<f64>, Vector3<f64>) {
+fn world_from_left(camera: &Camera, pose: &CameraPose) -> (Matrix3<f64>, Vector3<f64>) {
     let (rotation, arm) = &camera.body_from_left;
     (
-        placed.rotation * rotation,
-        placed.position + placed.rotation * arm,
+        pose.rotation * rotation,
+        pose.position + pose.rotation * arm,
     )
 }

@@ -165,7 +165,7 @@ impl Mapping {
     }
 
     /// Adjusts everything. `progress` is told what is being done.
-    pub fn optimize_window(&self, mut progress: impl FnMut(Progress)) -> Refined {
+    pub fn solve(&self, mut progress: impl FnMut(Progress)) -> Refined {
         let Some(first) = self.keyframes.first() else {
             return Refined {
                 poses: Vec::new(),

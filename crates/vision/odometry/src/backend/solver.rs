@@ -206,7 +206,7 @@ fn add(window: &Window, landmark: &Landmark, sums: &mut impl NormalEquations) ->
         return part;
     };
     let host_camera = &window.cameras[host.camera];
-    let host_placed = CameraPose::new(&window.frames[host_frame].state, host.exposure_offset_s);
+    let host_pose = CameraPose::new(&window.frames[host_frame].state, host.exposure_offset_s);
     let mut by_host = PoseVector::zeros();
     let mut extrinsics = ExtrinsicsTerms::default();
     for (k, (number, observation)) in landmark.observations.iter().enumerate() {
@@ -231,22 +231,24 @@ fn add(window: &Window, landmark: &Landmark, sums: &mut impl NormalEquations) ->
         let Some(frame) = window.position(*number) else {
             continue;
         };
-        let placed = CameraPose::new(&window.frames[frame].state, observation.exposure_offset_s);
-        let carried = transfer(
+        let camera_pose =
+            CameraPose::new(&window.frames[frame].state, observation.exposure_offset_s);
+        let transferred = transfer(
             &host.left.ray,
             landmark.rho,
-            (host_camera, &host_placed),
-            (camera, &placed),
+            (host_camera, &host_pose),
+            (camera, &camera_pose),
         );
         let same = frame == host_frame;
         // Derivatives of the point by the two poses.
-        let to_left = &carried.left_from_world;
+        let to_left = &transferred.left_from_world;
         let by_position = to_left * landmark.rho;
-        let host_rotation = -(to_left * host_placed.rotation)
-            * so3::cross(&carried.in_host)
-            * host_placed.then_from_state;
+        let host_rotation = -(to_left * host_pose.rotation)
+            * so3::cross(&transferred.in_host)
+            * host_pose.then_from_state;
         let left_from_body = camera.body_from_left.0.transpose();
-        let own_turn = left_from_body * so3::cross(&carried.in_target) * placed.then_from_state;
+        let target_rotation =
+            left_from_body * so3::cross(&transferred.in_target) * camera_pose.then_from_state;
         let mut by_target = PoseVector::zeros();
         let mut h_target = PoseMatrix::zeros();
         let mut h_host = PoseMatrix::zeros();
@@ -255,21 +257,21 @@ fn add(window: &Window, landmark: &Landmark, sums: &mut impl NormalEquations) ->
         let found = residuals(
             camera,
             observation,
-            &carried.x,
-            &carried.by_rho,
+            &transferred.x,
+            &transferred.by_rho,
             landmark.rho,
             false,
             window.observation_sigma_px,
         );
         let by_cameras = (!window.extrinsics.is_empty()).then(|| {
             let now_from_then =
-                carried.left_from_world * host_placed.rotation * host_camera.body_from_left.0;
-            jacobians_by_extrinsics(&host.left.ray, landmark.rho, &now_from_then, &carried.x)
+                transferred.left_from_world * host_pose.rotation * host_camera.body_from_left.0;
+            jacobians_by_extrinsics(&host.left.ray, landmark.rho, &now_from_then, &transferred.x)
         });
         // Of another camera than the host's, and with that one.
         let is_across = observation.camera != host.camera;
         let mut other = ExtrinsicsTerms::default();
-        let mut mounts_between = PoseMatrix::zeros();
+        let mut extrinsics_cross = PoseMatrix::zeros();
         for r in found.into_iter().flatten() {
             part.cost += r.cost;
             part.own.information += r.weight * r.by_rho.norm_squared();
@@ -284,13 +286,13 @@ fn add(window: &Window, landmark: &Landmark, sums: &mut impl NormalEquations) ->
             j_target.fixed_columns_mut::<3>(0).copy_from(&-by_point);
             j_target
                 .fixed_columns_mut::<3>(3)
-                .copy_from(&(r.by_x * own_turn));
+                .copy_from(&(r.by_x * target_rotation));
             match &by_cameras {
                 Some([by_own, by_other]) if is_across => {
                     let (own, across) = (r.by_x * by_own, r.by_x * by_other);
                     extrinsics.add(&r, &own, &j_host, &j_target);
                     other.add(&r, &across, &j_host, &j_target);
-                    mounts_between += own.transpose() * across * r.weight;
+                    extrinsics_cross += own.transpose() * across * r.weight;
                 }
                 Some([by_own, by_other]) => {
                     extrinsics.add(&r, &(r.by_x * (by_own + by_other)), &j_host, &j_target);
@@ -327,9 +329,9 @@ fn add(window: &Window, landmark: &Landmark, sums: &mut impl NormalEquations) ->
                 sums.add_gradient(beside, &other.gradient);
                 part.own.add(beside, &other.by_rho);
                 if block < beside {
-                    sums.add(block, beside, &mounts_between);
+                    sums.add(block, beside, &extrinsics_cross);
                 } else {
-                    let between = mounts_between.transpose();
+                    let between = extrinsics_cross.transpose();
                     sums.add(beside, block, &between);
                 }
             }
@@ -548,7 +550,7 @@ pub(crate) fn for_each_residual(
         return;
     };
     let host_camera = &window.cameras[host.camera];
-    let host_placed = CameraPose::new(&window.frames[host_frame].state, host.exposure_offset_s);
+    let host_pose = CameraPose::new(&window.frames[host_frame].state, host.exposure_offset_s);
     let scale = 1.0 / (window.observation_sigma_px * window.observation_sigma_px);
     for (k, (number, observation)) in landmark.observations.iter().enumerate() {
         let Some(frame) = window.position(*number) else {
@@ -558,16 +560,10 @@ pub(crate) fn for_each_residual(
         let x = if k == 0 {
             host.left.ray
         } else {
-            let placed =
+            let camera_pose =
                 CameraPose::new(&window.frames[frame].state, observation.exposure_offset_s);
-            let to = (camera, &placed);
-            transfer(
-                &host.left.ray,
-                landmark.rho,
-                (host_camera, &host_placed),
-                to,
-            )
-            .x
+            let to = (camera, &camera_pose);
+            transfer(&host.left.ray, landmark.rho, (host_camera, &host_pose), to).x
         };
         if k > 0 {
             found(k, 0, observation.left.squared_residual(&x) * scale);
@@ -723,12 +719,16 @@ pub(crate) fn refine_newest(
             if observations.is_empty() || frame == last {
                 return None;
             }
-            let placed = CameraPose::new(&window.frames[frame].state, host.exposure_offset_s);
+            let camera_pose = CameraPose::new(&window.frames[frame].state, host.exposure_offset_s);
             let (rotation, arm) = &window.cameras[host.camera].body_from_left;
             let in_host = rotation * host.left.ray + arm * landmark.rho;
-            let x = placed.rotation * in_host;
+            let x = camera_pose.rotation * in_host;
             let each = observations.iter();
-            Some(each.map(move |(_, observation)| (x, placed.position, landmark.rho, *observation)))
+            Some(
+                each.map(move |(_, observation)| {
+                    (x, camera_pose.position, landmark.rho, *observation)
+                }),
+            )
         })
         .flatten()
         .collect();
@@ -750,12 +750,14 @@ pub(crate) fn refine_newest(
         let mut g = SVector::<f64, STATE_DIM>::zeros();
         for (x, position, rho, observation) in &seen {
             let camera = &window.cameras[observation.camera];
-            let placed = CameraPose::new(&state, observation.exposure_offset_s);
+            let camera_pose = CameraPose::new(&state, observation.exposure_offset_s);
             let (rotation, arm) = &camera.body_from_left;
-            let in_target = placed.rotation.transpose() * (x + (position - placed.position) * *rho);
+            let in_target =
+                camera_pose.rotation.transpose() * (x + (position - camera_pose.position) * *rho);
             let x_in_left = rotation.transpose() * (in_target - arm * *rho);
-            let left_from_world = rotation.transpose() * placed.rotation.transpose();
-            let by_turn = rotation.transpose() * so3::cross(&in_target) * placed.then_from_state;
+            let left_from_world = rotation.transpose() * camera_pose.rotation.transpose();
+            let by_turn =
+                rotation.transpose() * so3::cross(&in_target) * camera_pose.then_from_state;
             let rays = residuals(
                 camera,
                 observation,

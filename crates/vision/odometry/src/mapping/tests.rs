@@ -154,7 +154,7 @@ fn solved_on(rig: &Rig, keyframes: Vec<Keyframe>) -> Refined {
     for keyframe in keyframes {
         mapping.add_keyframe(keyframe);
     }
-    mapping.optimize_window(|_| {})
+    mapping.solve(|_| {})
 }
 
 fn farthest(refined: &Refined) -> f64 {

@@ -71,9 +71,10 @@ pub(crate) fn window(frames: usize, line_s: f64) -> Window {
                 let mut exposure_offset_s = after_camera;
                 let mut observation = None;
                 for _ in 0..20 {
-                    let placed = CameraPose::new(&truth(k), exposure_offset_s);
+                    let camera_pose = CameraPose::new(&truth(k), exposure_offset_s);
                     let (rotation, arm) = &camera.body_from_left;
-                    let in_body = placed.rotation.transpose() * (x_in_world - placed.position);
+                    let in_body =
+                        camera_pose.rotation.transpose() * (x_in_world - camera_pose.position);
                     let x = rotation.transpose() * (in_body - arm);
                     let Some(pixel) = camera.left.project(x.into()) else {
                         break;
