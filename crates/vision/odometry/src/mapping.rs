@@ -214,7 +214,7 @@ impl Mapping {
             iterations: far.iterations + near.iterations + last.iterations,
             is_converged: last.is_converged,
             landmarks: window.landmarks.len(),
-            extrinsics: self.refined_extrinsics(&window, &covariances.mounts),
+            extrinsics: self.refined_extrinsics(&window, &covariances.extrinsics),
         }
     }
 
@@ -328,10 +328,10 @@ impl Mapping {
 /// A corner is followed from picture to picture and strays from where it began: what is wrong of a place adds up, by as much from
 /// one keyframe to the next as a place is wrong by itself.
 fn widen(observations: &mut [(u64, BearingObservation)], keyframes: &[u64]) {
-    let place = |number: u64| keyframes.partition_point(|k| *k < number);
-    let host = place(observations[0].0);
+    let index = |number: u64| keyframes.partition_point(|k| *k < number);
+    let host = index(observations[0].0);
     for (number, observation) in observations {
-        let age = place(*number) - host;
+        let age = index(*number) - host;
         *observation = observation.widened((1.0 + age as f64).sqrt());
     }
 }
@@ -343,10 +343,10 @@ pub fn interpolate_poses(
     causal: &[(i64, RigidTransform)],
     refined: &[(i64, RigidTransform)],
 ) -> Vec<RigidTransform> {
-    let place = |time: i64| causal.binary_search_by_key(&time, |c| c.0).ok();
+    let index = |time: i64| causal.binary_search_by_key(&time, |c| c.0).ok();
     let keys: Vec<(usize, &RigidTransform)> = refined
         .iter()
-        .filter_map(|(time, pose)| Some((place(*time)?, pose)))
+        .filter_map(|(time, pose)| Some((index(*time)?, pose)))
         .collect();
     let mut out = Vec::with_capacity(causal.len());
     let mut next = 0;

@@ -702,14 +702,14 @@ pub(crate) fn apply<'a>(
 /// where down is, is not known exactly.
 pub(crate) fn refine_newest(
     window: &mut Window,
-    kept: &SMatrix<f64, STATE_DIM, STATE_DIM>,
+    start_covariance: &SMatrix<f64, STATE_DIM, STATE_DIM>,
     rounds: usize,
 ) -> Option<SMatrix<f64, STATE_DIM, STATE_DIM>> {
     let last = window.frames.len() - 1;
     let number = window.frames[last].number;
     let sigma = window.observation_sigma_px;
     // Where landmarks are does not change: in the world, times their inverse ranges.
-    let seen: Vec<(Vector3<f64>, Vector3<f64>, f64, BearingObservation)> = window
+    let visual_terms: Vec<(Vector3<f64>, Vector3<f64>, f64, BearingObservation)> = window
         .landmarks
         .values()
         .filter_map(|landmark| {
@@ -745,10 +745,10 @@ pub(crate) fn refine_newest(
     let mut information = None;
     for round in 0..rounds + reach.len() {
         let state: State = window.frames[last].state;
-        let most = reach.get(round).copied().unwrap_or(4.0);
+        let scale = reach.get(round).copied().unwrap_or(4.0);
         let mut h = SMatrix::<f64, STATE_DIM, STATE_DIM>::zeros();
         let mut g = SVector::<f64, STATE_DIM>::zeros();
-        for (x, position, rho, observation) in &seen {
+        for (x, position, rho, observation) in &visual_terms {
             let camera = &window.cameras[observation.camera];
             let camera_pose = CameraPose::new(&state, observation.exposure_offset_s);
             let (rotation, arm) = &camera.body_from_left;
@@ -756,7 +756,7 @@ pub(crate) fn refine_newest(
                 camera_pose.rotation.transpose() * (x + (position - camera_pose.position) * *rho);
             let x_in_left = rotation.transpose() * (in_target - arm * *rho);
             let left_from_world = rotation.transpose() * camera_pose.rotation.transpose();
-            let by_turn =
+            let by_rotation =
                 rotation.transpose() * so3::cross(&in_target) * camera_pose.then_from_state;
             let rays = residuals(
                 camera,
@@ -768,16 +768,17 @@ pub(crate) fn refine_newest(
                 sigma,
             );
             for r in rays.into_iter().flatten() {
-                let size = r.residual.norm() / (sigma * most);
+                let size = r.residual.norm() / (sigma * scale);
                 if size >= 1.0 {
                     continue;
                 }
-                let kept = (1.0 - size * size).powi(2) / (sigma * sigma);
+                let weight = (1.0 - size * size).powi(2) / (sigma * sigma);
                 let mut j = ByPose::zeros();
                 j.fixed_columns_mut::<3>(0)
                     .copy_from(&(-r.by_x * left_from_world * *rho));
-                j.fixed_columns_mut::<3>(3).copy_from(&(r.by_x * by_turn));
-                let weighted = j.transpose() * kept;
+                j.fixed_columns_mut::<3>(3)
+                    .copy_from(&(r.by_x * by_rotation));
+                let weighted = j.transpose() * weight;
                 let block = weighted * j;
                 let mut view = h.fixed_view_mut::<POSE_DIM, POSE_DIM>(0, 0);
                 view += block;
@@ -788,7 +789,7 @@ pub(crate) fn refine_newest(
         if let (Some(motion), true) = (&window.frames[last].motion, last > 0) {
             let before = &window.frames[last - 1].state;
             let (information, gradient) =
-                motion_factor::with_uncertain_start(motion, before, kept, &state);
+                motion_factor::with_uncertain_start(motion, before, start_covariance, &state);
             h += information;
             g += gradient;
         }

@@ -124,8 +124,8 @@ mod tests {
         let mut state = State::at_rest(5);
         state.rotation = so3::exp(&Vector3::new(0.4, -1.0, 0.3));
         let error = Error::from_fn(|k, _| 0.1 * (k as f64 + 1.0).sin());
-        let off = state.plus(&error);
-        assert!((off.minus(&state) - error).amax() < 1e-12);
-        assert!((state.plus(&off.minus(&state)).minus(&off)).amax() < 1e-12);
+        let perturbed = state.plus(&error);
+        assert!((perturbed.minus(&state) - error).amax() < 1e-12);
+        assert!((state.plus(&perturbed.minus(&state)).minus(&perturbed)).amax() < 1e-12);
     }
 }

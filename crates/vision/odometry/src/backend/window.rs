@@ -96,8 +96,8 @@ impl Landmark {
 
     /// Takes back sights that were wrong, by place and eye (1 the right one), in rising order.
     pub(crate) fn drop_observations(&mut self, entries: &[(usize, usize)]) {
-        for (observation, eye) in entries.iter().rev() {
-            if *eye == 0 {
+        for (observation, side) in entries.iter().rev() {
+            if *side == 0 {
                 self.observations.remove(*observation);
             } else if let Some((_, observation)) = self.observations.get_mut(*observation) {
                 observation.right = None;

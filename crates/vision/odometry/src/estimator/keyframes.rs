@@ -35,9 +35,10 @@ impl Odometry {
         let mut at = 0;
         for (k, tracker) in self.trackers.iter().enumerate() {
             let camera = &self.cameras[k];
-            let (eye, _) = &camera.body_from_left;
-            let rotation: Matrix3<f64> =
-                eye.transpose() * rotation.to_rotation_matrix().into_inner() * eye;
+            let (body_from_left, _) = &camera.body_from_left;
+            let rotation: Matrix3<f64> = body_from_left.transpose()
+                * rotation.to_rotation_matrix().into_inner()
+                * body_from_left;
             let scale = camera.left.model().fx * 672.0 / f64::from(camera.left.model().width);
             // Both are in the order of their numbers.
             for track in &tracker.tracks {

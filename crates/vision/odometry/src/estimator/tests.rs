@@ -18,7 +18,7 @@ fn rig(has_imu: bool) -> Rig {
 }
 
 /// Patches of grey, shifted to the left by some pixels, and noise of the sensor that no two pictures share.
-fn picture(shift: usize, noise: u64) -> Vec<u8> {
+fn image(shift: usize, noise: u64) -> Vec<u8> {
     let hash = |a: u64| (a.wrapping_mul(0x9e37_79b9_7f4a_7c15) >> 40) as u8;
     let [width, height] = SIZE_PX;
     let pixels = (0..height).flat_map(|y| (0..width).map(move |x| (x, y)));
@@ -31,7 +31,7 @@ fn picture(shift: usize, noise: u64) -> Vec<u8> {
         .collect()
 }
 
-fn grey(pixels: &[u8]) -> Grey<'_> {
+fn view(pixels: &[u8]) -> Grey<'_> {
     let [width, height] = SIZE_PX;
     Grey::new(width, height, width, pixels).expect("a whole picture")
 }
@@ -39,14 +39,14 @@ fn grey(pixels: &[u8]) -> Grey<'_> {
 /// Tracks a wall at rest.
 fn at_rest(odometry: &mut Odometry, from: u64, to: u64) -> Vec<Estimate> {
     let sets = (from..to).map(|k| {
-        let [left, right] = [0, DISPARITY].map(|shift| picture(shift, 2 * k + shift as u64));
+        let [left, right] = [0, DISPARITY].map(|shift| image(shift, 2 * k + shift as u64));
         let time_ns = k as i64 * 66_666_667;
         odometry.add_frames(&FrameSet {
             time_ns,
             views: vec![Some(View {
                 time_ns,
-                left: grey(&left),
-                right: grey(&right),
+                left: view(&left),
+                right: view(&right),
                 mask: None,
             })],
         })
@@ -60,8 +60,8 @@ fn at_rest_keyframes_hardly_add_up() {
     let estimates = at_rest(&mut odometry, 0, 600);
     let last = estimates[estimates.len() - 1];
     assert_eq!(last.status, Status::Tracked);
-    let gone = last.world_from_rig.translation().norm();
-    assert!(gone < 1e-2, "{gone}");
+    let distance = last.world_from_rig.translation().norm();
+    assert!(distance < 1e-2, "{distance}");
     // Forty seconds: what the window holds, and one every ten seconds.
     let keyframes = odometry.take_keyframes(true);
     let times: Vec<i64> = keyframes.iter().map(|k| k.state.time_ns).collect();

@@ -69,7 +69,7 @@ mod tests {
     #[test]
     fn the_same_place_looks_alike_and_others_do_not() {
         let (width, height) = (120, 90);
-        let picture = |dx: f64, gain: f64| Level {
+        let image = |dx: f64, gain: f64| Level {
             width,
             height,
             data: (0..width * height)
@@ -80,9 +80,9 @@ mod tests {
                 })
                 .collect(),
         };
-        let here = describe(&picture(0.0, 1.0), 60.0, 40.0).unwrap();
-        let there = describe(&picture(0.3, 1.3), 60.0, 40.0).unwrap();
-        let other = describe(&picture(0.0, 1.0), 71.0, 52.0).unwrap();
+        let here = describe(&image(0.0, 1.0), 60.0, 40.0).unwrap();
+        let there = describe(&image(0.3, 1.3), 60.0, 40.0).unwrap();
+        let other = describe(&image(0.0, 1.0), 71.0, 52.0).unwrap();
         assert!(
             hamming_distance(&here, &there) < 40,
             "{}",
@@ -93,6 +93,6 @@ mod tests {
             "{}",
             hamming_distance(&here, &other)
         );
-        assert!(describe(&picture(0.0, 1.0), 3.0, 40.0).is_none());
+        assert!(describe(&image(0.0, 1.0), 3.0, 40.0).is_none());
     }
 }

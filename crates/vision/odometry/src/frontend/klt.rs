@@ -284,7 +284,7 @@ mod tests {
     }
 
     /// A picture of clouds of several sizes, moved by a part of a pixel, with other light.
-    fn picture(dx: f64, dy: f64, gain: f64) -> Pyramid {
+    fn image(dx: f64, dy: f64, gain: f64) -> Pyramid {
         let (w, h) = (200, 160);
         let mut data = Vec::new();
         for y in 0..h {
@@ -299,9 +299,9 @@ mod tests {
 
     #[test]
     fn a_shifted_picture_is_followed_to_parts_of_a_pixel() {
-        let from = picture(0.0, 0.0, 1.0);
+        let from = image(0.0, 0.0, 1.0);
         for (dx, dy, gain) in [(0.3, -0.2, 1.0), (3.4, 2.7, 1.2), (-5.6, 4.1, 0.8)] {
-            let to = picture(dx, dy, gain);
+            let to = image(dx, dy, gain);
             for at in [[60.0, 70.0], [101.3, 80.8], [140.5, 60.2]] {
                 let found = track(&from, &to, at, at, 3).expect("found");
                 let error = [found[0] - at[0] - dx as f32, found[1] - at[1] - dy as f32];
@@ -316,7 +316,7 @@ mod tests {
 
     #[test]
     fn what_is_not_there_is_not_found() {
-        let from = picture(0.0, 0.0, 1.0);
+        let from = image(0.0, 0.0, 1.0);
         let blank = vec![90; 200 * 160];
         let blank = Pyramid::new(&Grey::new(200, 160, 200, &blank).expect("a picture"));
         assert!(track(&from, &blank, [60.0, 70.0], [60.0, 70.0], 3).is_none());

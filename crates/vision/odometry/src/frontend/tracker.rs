@@ -127,13 +127,13 @@ impl Tracker {
     /// Of corners that have run together the newer ones are given up.
     fn drop_duplicates(&mut self) {
         const NEAR: f32 = 4.0;
-        let mut kept: Vec<Track> = Vec::with_capacity(self.tracks.len());
+        let mut distinct: Vec<Track> = Vec::with_capacity(self.tracks.len());
         for track in &self.tracks {
-            if !kept.iter().any(|k| k.is_near(track, NEAR)) {
-                kept.push(*track);
+            if !distinct.iter().any(|k| k.is_near(track, NEAR)) {
+                distinct.push(*track);
             }
         }
-        self.tracks = kept;
+        self.tracks = distinct;
     }
 
     /// Looks for new corners until there are `max_count`; they get the numbers from `next` on.
@@ -209,8 +209,8 @@ impl Tracker {
         if self.tracks.iter().any(|k| k.is_near(&track, NEAR)) {
             return false;
         }
-        let place = self.tracks.partition_point(|k| k.id < track.id);
-        self.tracks.insert(place, track);
+        let index = self.tracks.partition_point(|k| k.id < track.id);
+        self.tracks.insert(index, track);
         true
     }
 
@@ -287,9 +287,10 @@ fn match_stereo(
     let from = |guess: [f32; 2], coarsest: usize| {
         let found = klt::track(left, right, track.at, guess, coarsest)?;
         let bearing = camera.bearing(Side::Right, found)?;
-        let (rho, off) = camera.triangulate(&track.left, &bearing);
+        let (rho, epipolar_error) = camera.triangulate(&track.left, &bearing);
         // A far thing may seem to be a little behind infinity.
-        let fits = off < MAX_EPIPOLAR_ERROR_PX && rho < 1.0 / MIN_DISTANCE_M && rho > -0.05;
+        let fits =
+            epipolar_error < MAX_EPIPOLAR_ERROR_PX && rho < 1.0 / MIN_DISTANCE_M && rho > -0.05;
         fits.then_some((found, bearing, rho))
     };
     let tried = expected

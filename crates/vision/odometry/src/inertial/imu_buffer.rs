@@ -234,7 +234,7 @@ impl Preintegrated {
     ) -> Self {
         let mut rotation = UnitQuaternion::identity();
         let (mut velocity, mut displacement) = (Vector3::zeros(), Vector3::zeros());
-        let mut turn_by = Matrix3::<f64>::zeros();
+        let mut rotation_by_bias = Matrix3::<f64>::zeros();
         let mut velocity_by = SMatrix::<f64, 3, 6>::zeros();
         let mut displacement_by = SMatrix::<f64, 3, 6>::zeros();
         let mut covariance = SMatrix::<f64, 9, 9>::zeros();
@@ -251,18 +251,19 @@ impl Preintegrated {
             let angle = rate * h;
             let step = so3::exp(&angle);
             let jacobian = so3::right_jacobian(&angle);
-            let next_turn = rotation * step;
+            let next_rotation = rotation * step;
             let (r0, r1) = (
                 rotation.to_rotation_matrix().into_inner(),
-                next_turn.to_rotation_matrix().into_inner(),
+                next_rotation.to_rotation_matrix().into_inner(),
             );
             let (f0, f1) = (pair[0].accel - accel_bias, pair[1].accel - accel_bias);
             let (a0, a1) = (r0 * f0, r1 * f1);
             let back = step.inverse().to_rotation_matrix().into_inner();
 
-            let next_turn_by = back * turn_by - jacobian * h;
+            let next_rotation_by_bias = back * rotation_by_bias - jacobian * h;
             let mut force_by = SMatrix::<f64, 3, 6>::zeros();
-            let by_gyro = -(r0 * so3::cross(&f0) * turn_by + r1 * so3::cross(&f1) * next_turn_by);
+            let by_gyro = -(r0 * so3::cross(&f0) * rotation_by_bias
+                + r1 * so3::cross(&f1) * next_rotation_by_bias);
             force_by
                 .fixed_columns_mut::<3>(0)
                 .copy_from(&(by_gyro * 0.5));
@@ -271,7 +272,7 @@ impl Preintegrated {
                 .copy_from(&(-(r0 + r1) * 0.5));
             displacement_by += velocity_by * h + force_by * (0.5 * h * h);
             velocity_by += force_by * h;
-            turn_by = next_turn_by;
+            rotation_by_bias = next_rotation_by_bias;
 
             // Noise, as if constant within a step; rows turn, velocity, displacement.
             let mut transfer = SMatrix::<f64, 9, 9>::identity();
@@ -295,23 +296,25 @@ impl Preintegrated {
 
             displacement += velocity * h + (a0 * 2.0 + a1) * (h * h / 6.0);
             velocity += (a0 + a1) * (0.5 * h);
-            rotation = next_turn;
+            rotation = next_rotation;
         }
         let mut by_bias = SMatrix::<f64, 9, 6>::zeros();
-        by_bias.fixed_view_mut::<3, 3>(0, 0).copy_from(&turn_by);
+        by_bias
+            .fixed_view_mut::<3, 3>(0, 0)
+            .copy_from(&rotation_by_bias);
         by_bias.fixed_view_mut::<3, 6>(3, 0).copy_from(&velocity_by);
         by_bias
             .fixed_view_mut::<3, 6>(6, 0)
             .copy_from(&displacement_by);
         // Scale and axes are off by some share of what was felt, the same way for long: as wide as that at each step.
-        let turned = so3::log(&rotation).norm();
-        let off = [
-            SCALE_ERROR[0] * turned,
+        let angle = so3::log(&rotation).norm();
+        let systematic_error = [
+            SCALE_ERROR[0] * angle,
             SCALE_ERROR[1] * velocity.norm(),
             SCALE_ERROR[1] * displacement.norm(),
         ];
         for k in 0..9 {
-            covariance[(k, k)] += off[k / 3] * off[k / 3];
+            covariance[(k, k)] += systematic_error[k / 3] * systematic_error[k / 3];
         }
         let (first, last) = (&readings[0], &readings[readings.len() - 1]);
         Self {
@@ -387,12 +390,12 @@ mod tests {
     #[test]
     fn an_axis_that_stands_still_where_it_cannot_is_at_its_end() {
         let range = [10.0, 80.0];
-        let clip = |most: f64| {
+        let clip = |limit: f64| {
             let mut samples = ImuBuffer::new(400.0);
             let mut saturated = Vec::new();
             for k in 0..400_i64 {
                 let t = k as f64 / 400.0;
-                let gyro = [(2.0 * (9.0 * t).sin()).clamp(-most, most), 0.1, 0.0];
+                let gyro = [(2.0 * (9.0 * t).sin()).clamp(-limit, limit), 0.1, 0.0];
                 // Gravity with a little noise in the last digit.
                 let sample = ImuSample {
                     time_ns: k,
@@ -402,7 +405,7 @@ mod tests {
                 samples.push(&sample, range);
             }
             saturated.extend(samples.readings.iter().map(|r| r.saturated));
-            let beyond = |r: &Reading| (2.0 * (9.0 * r.time_ns as f64 / 400.0).sin()).abs() > most;
+            let beyond = |r: &Reading| (2.0 * (9.0 * r.time_ns as f64 / 400.0).sin()).abs() > limit;
             let all = samples.readings.iter().filter(|r| beyond(r)).count();
             (all, saturated.iter().filter(|c| **c).count())
         };
@@ -414,7 +417,7 @@ mod tests {
 
     #[test]
     fn gravity_that_does_not_fit_into_the_range_is_clipped() {
-        let saturated = |most: f64| {
+        let saturated = |limit: f64| {
             let mut samples = ImuBuffer::new(100.0);
             for k in 0..200_i64 {
                 // Gravity with noise on an axis that leans forward.
@@ -424,7 +427,7 @@ mod tests {
                     &ImuSample {
                         time_ns: k,
                         gyro: [0.0; 3],
-                        accel: accel.map(|a| a.clamp(-most, most)),
+                        accel: accel.map(|a| a.clamp(-limit, limit)),
                     },
                     [10.0, 80.0],
                 );
@@ -466,10 +469,10 @@ mod tests {
     fn coarse_samples_come_near_fine_ones() {
         let zero = Vector3::zeros();
         let fine = Preintegrated::new(&readings(20_000.0, 0.2), &zero, &zero, &NOISE);
-        for (rate_hz, most) in [(200.0, 2e-4), (800.0, 2e-5)] {
+        for (rate_hz, limit) in [(200.0, 2e-4), (800.0, 2e-5)] {
             let coarse = Preintegrated::new(&readings(rate_hz, 0.2), &zero, &zero, &NOISE);
-            let off = nine(&fine, &coarse).amax();
-            assert!(off < most, "{rate_hz}: {off}");
+            let systematic_error = nine(&fine, &coarse).amax();
+            assert!(systematic_error < limit, "{rate_hz}: {systematic_error}");
         }
     }
 

@@ -312,9 +312,9 @@ pub(super) fn filter_landmarks(window: &mut Window) {
         .par_iter()
         .filter_map(|(id, landmark)| {
             let mut entries = Vec::new();
-            for_each_residual(window, landmark, |observation, eye, squared_residual| {
+            for_each_residual(window, landmark, |observation, side, squared_residual| {
                 if squared_residual > OUTLIER_SIGMA * OUTLIER_SIGMA {
-                    entries.push((observation, eye));
+                    entries.push((observation, side));
                 }
             });
             (!entries.is_empty()).then_some((**id, entries))
@@ -338,7 +338,7 @@ pub(super) struct Covariances {
     /// Of poses (position in the world, turn in the body), one for each keyframe.
     pub(super) poses: Vec<Matrix6<f64>>,
     /// Of mounts, one for each that was estimated.
-    pub(super) mounts: Vec<Matrix6<f64>>,
+    pub(super) extrinsics: Vec<Matrix6<f64>>,
 }
 
 /// See [`Covariances`].
@@ -351,7 +351,7 @@ pub(super) fn covariances(window: &Window, loops: &[Closure]) -> Covariances {
         let unknown = Matrix6::identity() * 1e6;
         return Covariances {
             poses: vec![unknown; count],
-            mounts: vec![unknown; window.extrinsics.len()],
+            extrinsics: vec![unknown; window.extrinsics.len()],
         };
     };
     let of = |block: usize| {
@@ -366,7 +366,7 @@ pub(super) fn covariances(window: &Window, loops: &[Closure]) -> Covariances {
     if entries.last() != Some(&(count - 1)) {
         entries.push(count - 1);
     }
-    let found: Vec<Matrix6<f64>> = entries.par_iter().map(|place| of(*place)).collect();
+    let found: Vec<Matrix6<f64>> = entries.par_iter().map(|entry| of(*entry)).collect();
     let mut out = Vec::with_capacity(count);
     for k in 0..count {
         let next = entries.partition_point(|p| *p < k);
@@ -380,6 +380,6 @@ pub(super) fn covariances(window: &Window, loops: &[Closure]) -> Covariances {
     }
     Covariances {
         poses: out,
-        mounts: (count..window.blocks()).map(of).collect(),
+        extrinsics: (count..window.blocks()).map(of).collect(),
     }
 }

@@ -202,10 +202,10 @@ fn candidates(b: usize, window: &Window, path_length: &[f64], queried: &[usize])
             let then = &window.frames[*a].state;
             let seconds = (now.time_ns - then.time_ns) as f64 * 1e-9;
             let far = (now.position - then.position).norm();
-            let turned = then.rotation.angle_to(&now.rotation);
+            let rotated = then.rotation.angle_to(&now.rotation);
             let fits = seconds > MIN_LOOP_INTERVAL_S
                 && far < MAX_LOOP_DISTANCE_M + DRIFT_RATE * (path_length[b] - path_length[*a]);
-            fits.then_some((far + turned, *a))
+            fits.then_some((far + rotated, *a))
         })
         .collect();
     near.sort_by(|x, y| x.0.total_cmp(&y.0));
@@ -218,7 +218,7 @@ struct PosedKeypoint<'a> {
     keypoint: &'a Keypoint,
     bearing: BearingMeasurement,
     /// Body at the keyframe's time from left eye at the mark's.
-    eye: Matrix3<f64>,
+    body_from_left: Matrix3<f64>,
     arm: Vector3<f64>,
 }
 
@@ -226,12 +226,12 @@ impl PosedKeypoint<'_> {
     /// The point in the body, times its inverse range, if that is known.
     fn point(&self) -> Option<(Vector3<f64>, f64)> {
         let rho = f64::from(self.keypoint.rho);
-        (rho > 0.0).then(|| (self.eye * self.bearing.ray + self.arm * rho, rho))
+        (rho > 0.0).then(|| (self.body_from_left * self.bearing.ray + self.arm * rho, rho))
     }
 
     /// The view's axis in the body.
     fn axis(&self) -> Vector3<f64> {
-        self.eye.column(2).into_owned()
+        self.body_from_left.column(2).into_owned()
     }
 }
 
@@ -247,13 +247,13 @@ fn pose_keypoints<'a>(
         let exposure_offset_s =
             keyframe.exposure_offset_s[index] + camera.row_after_s(Side::Left, keypoint.left[1]);
         let then = observation::CameraPose::new(state, exposure_offset_s);
-        let (eye, arm) = &camera.body_from_left;
+        let (body_from_left, arm) = &camera.body_from_left;
         let translation = state.rotation.inverse() * (then.position - state.position);
         let rotation = then.then_from_state.transpose();
         Some(PosedKeypoint {
             keypoint,
             bearing,
-            eye: rotation * eye,
+            body_from_left: rotation * body_from_left,
             arm: rotation * arm + translation,
         })
     });
@@ -266,7 +266,7 @@ struct Match {
     x: Vector3<f64>,
     rho: f64,
     /// Where the other body's eye was, and where it saw it.
-    eye: Matrix3<f64>,
+    body_from_left: Matrix3<f64>,
     arm: Vector3<f64>,
     bearing: BearingMeasurement,
     /// Whether the point is of the later keyframe and seen by the earlier.
@@ -300,10 +300,10 @@ fn close(
         let r: Matrix3<f64> = rotation.to_rotation_matrix().into_inner();
         for m in &matches {
             // Forth: first to second body. Back: second to first.
-            let (in_body, by_shift, by_turn) = if m.is_back {
-                let turned = r * m.x;
+            let (in_body, by_translation, by_rotation) = if m.is_back {
+                let rotated = r * m.x;
                 (
-                    turned + translation * m.rho,
+                    rotated + translation * m.rho,
                     Matrix3::identity() * m.rho,
                     -r * so3::cross(&m.x),
                 )
@@ -311,7 +311,7 @@ fn close(
                 let back = r.transpose() * (m.x - translation * m.rho);
                 (back, -r.transpose() * m.rho, so3::cross(&back))
             };
-            let x = m.eye.transpose() * (in_body - m.arm * m.rho);
+            let x = m.body_from_left.transpose() * (in_body - m.arm * m.rho);
             let Some((residual, by)) = m.bearing.residual(&x) else {
                 continue;
             };
@@ -321,10 +321,12 @@ fn close(
             }
             inlier_weight += m.weight;
             let weight = m.weight * (1.0 - size * size).powi(2) / (SIGMA_PX * SIGMA_PX);
-            let by_body = by * m.eye.transpose();
+            let by_body = by * m.body_from_left.transpose();
             let mut j = SMatrix::<f64, 2, 6>::zeros();
-            j.fixed_columns_mut::<3>(0).copy_from(&(by_body * by_shift));
-            j.fixed_columns_mut::<3>(3).copy_from(&(by_body * by_turn));
+            j.fixed_columns_mut::<3>(0)
+                .copy_from(&(by_body * by_translation));
+            j.fixed_columns_mut::<3>(3)
+                .copy_from(&(by_body * by_rotation));
             let weighted = j.transpose() * weight;
             h += weighted * j;
             g += weighted * residual;
@@ -371,20 +373,20 @@ fn matches(
             .collect()
     };
     let (of_a, of_b) = (all(from, a), all(to, b));
-    for seen_a in &of_a {
-        for seen_b in &of_b {
-            let (Some(first_a), Some(first_b)) = (seen_a.first(), seen_b.first()) else {
+    for keypoints_a in &of_a {
+        for keypoints_b in &of_b {
+            let (Some(first_a), Some(first_b)) = (keypoints_a.first(), keypoints_b.first()) else {
                 continue;
             };
             if first_a.axis().dot(&(r * first_b.axis())) < MAX_VIEW_ANGLE_RAD.cos() {
                 continue;
             }
             // Where a mark of the first is expected in the second's body.
-            let expected: Vec<(Vector3<f64>, f64)> = seen_a
+            let expected: Vec<(Vector3<f64>, f64)> = keypoints_a
                 .iter()
                 .map(|m| {
                     let rho = f64::from(m.keypoint.rho);
-                    let x = m.eye * m.bearing.ray + (m.arm - translation) * rho;
+                    let x = m.body_from_left * m.bearing.ray + (m.arm - translation) * rho;
                     (r.transpose() * x, rho)
                 })
                 .collect();
@@ -403,20 +405,21 @@ fn matches(
                     && f64::from(best.0) < SECOND_BEST_RATIO * f64::from(second);
                 sure.then_some(best.1)
             };
-            for (q, keypoint_b) in seen_b.iter().enumerate() {
+            for (q, keypoint_b) in keypoints_b.iter().enumerate() {
                 let is_near = |p: usize| {
                     let (x, rho) = &expected[p];
-                    let there = keypoint_b.eye.transpose() * (x - keypoint_b.arm * *rho);
+                    let there = keypoint_b.body_from_left.transpose() * (x - keypoint_b.arm * *rho);
                     there.dot(&keypoint_b.bearing.ray) > MAX_SEARCH_ANGLE_RAD.cos() * there.norm()
                 };
-                let mut near = (seen_a.iter().enumerate())
+                let mut near = (keypoints_a.iter().enumerate())
                     .filter(|(p, _)| is_near(*p))
                     .map(|(p, m)| (p, &m.keypoint.descriptor));
                 let Some(p) = best(&keypoint_b.keypoint.descriptor, &mut near) else {
                     continue;
                 };
-                let keypoint_a = &seen_a[p];
-                let mut all = (seen_b.iter().enumerate()).map(|(q, m)| (q, &m.keypoint.descriptor));
+                let keypoint_a = &keypoints_a[p];
+                let mut all =
+                    (keypoints_b.iter().enumerate()).map(|(q, m)| (q, &m.keypoint.descriptor));
                 if best(&keypoint_a.keypoint.descriptor, &mut all) != Some(q) {
                     continue;
                 }
@@ -434,7 +437,7 @@ fn matches(
                     out.extend(point.map(|(x, rho)| Match {
                         x,
                         rho,
-                        eye: by.eye,
+                        body_from_left: by.body_from_left,
                         arm: by.arm,
                         bearing: by.bearing,
                         is_back,

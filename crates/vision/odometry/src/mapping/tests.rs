@@ -72,11 +72,11 @@ fn points() -> Vec<(Vector3<f64>, [u64; 4])> {
 }
 
 /// Keyframes of `laps` laps; each pose is told with a drift.
-fn keyframes(laps: usize, drift_m: f64, with_marks: bool) -> Vec<Keyframe> {
-    keyframes_of(&rig(), laps, drift_m, with_marks)
+fn keyframes(laps: usize, drift_m: f64, with_keypoints: bool) -> Vec<Keyframe> {
+    keyframes_of(&rig(), laps, drift_m, with_keypoints)
 }
 
-fn keyframes_of(rig: &Rig, laps: usize, drift_m: f64, with_marks: bool) -> Vec<Keyframe> {
+fn keyframes_of(rig: &Rig, laps: usize, drift_m: f64, with_keypoints: bool) -> Vec<Keyframe> {
     let (cameras, _, _) = ImuPropagator::of(rig);
     let points = points();
     let count = laps * STEPS;
@@ -92,8 +92,8 @@ fn keyframes_of(rig: &Rig, laps: usize, drift_m: f64, with_marks: bool) -> Vec<K
             let both = each.flat_map(|camera| points.iter().map(move |point| (camera, point)));
             for (n, ((index, camera), (x, descriptor))) in both.enumerate() {
                 let in_body = rotation.inverse() * (x - position);
-                let (eye, arm) = &camera.body_from_left;
-                let in_left = eye.transpose() * (in_body - arm);
+                let (body_from_left, arm) = &camera.body_from_left;
+                let in_left = body_from_left.transpose() * (in_body - arm);
                 let pixel = camera.left.project(in_left.into()).filter(|p| {
                     in_left.z > 0.3 && (1.0..671.0).contains(&p[0]) && (1.0..375.0).contains(&p[1])
                 });
@@ -101,8 +101,10 @@ fn keyframes_of(rig: &Rig, laps: usize, drift_m: f64, with_marks: bool) -> Vec<K
                     ids[n] = None;
                     continue;
                 };
-                let (turn_right, origin) = &camera.right_from_left;
-                let right = camera.right.project((turn_right * in_left + origin).into());
+                let (right_rotation, origin) = &camera.right_from_left;
+                let right = camera
+                    .right
+                    .project((right_rotation * in_left + origin).into());
                 let id = *ids[n].get_or_insert_with(|| {
                     next += 1;
                     next
@@ -114,7 +116,7 @@ fn keyframes_of(rig: &Rig, laps: usize, drift_m: f64, with_marks: bool) -> Vec<K
                     left,
                     right: right.map(|r| r.map(|v| v as f32)),
                 });
-                if with_marks {
+                if with_keypoints {
                     keypoints.push(Keypoint {
                         camera: index as u8,
                         left,
@@ -123,8 +125,12 @@ fn keyframes_of(rig: &Rig, laps: usize, drift_m: f64, with_marks: bool) -> Vec<K
                     });
                 }
             }
-            let gone = k as f64 / STEPS as f64;
-            let drift = Vector3::new(drift_m * gone, -0.5 * drift_m * gone, 0.2 * drift_m * gone);
+            let laps_done = k as f64 / STEPS as f64;
+            let drift = Vector3::new(
+                drift_m * laps_done,
+                -0.5 * drift_m * laps_done,
+                0.2 * drift_m * laps_done,
+            );
             Keyframe {
                 number: k as u64 + 1,
                 state: BodyState {

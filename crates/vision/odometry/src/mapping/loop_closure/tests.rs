@@ -46,9 +46,9 @@ fn keyframe(number: u64, state: &State, cameras: &[Camera], late_s: &[f64]) -> K
             let mut observations = None;
             for _ in 0..20 {
                 let then = observation::CameraPose::new(state, exposure_offset_s);
-                let (eye, arm) = &camera.body_from_left;
+                let (body_from_left, arm) = &camera.body_from_left;
                 let in_body = then.rotation.transpose() * (x_in_world - then.position);
-                let x = eye.transpose() * (in_body - arm);
+                let x = body_from_left.transpose() * (in_body - arm);
                 observations = (camera.left.project(x.into())).filter(|p| {
                     x.z > 0.3 && (1.0..671.0).contains(&p[0]) && (1.0..375.0).contains(&p[1])
                 });
@@ -57,12 +57,12 @@ fn keyframe(number: u64, state: &State, cameras: &[Camera], late_s: &[f64]) -> K
                 observations = Some(pixel);
             }
             let then = observation::CameraPose::new(state, exposure_offset_s);
-            let (eye, arm) = &camera.body_from_left;
-            let from_eye = x_in_world - then.position - then.rotation * arm;
+            let (body_from_left, arm) = &camera.body_from_left;
+            let from_left = x_in_world - then.position - then.rotation * arm;
             keypoints.extend(observations.map(|pixel| Keypoint {
                 camera: index as u8,
                 left: pixel.map(|v| v as f32),
-                rho: (1.0 / (eye.transpose() * from_eye).norm()) as f32,
+                rho: (1.0 / (body_from_left.transpose() * from_left).norm()) as f32,
                 descriptor: std::array::from_fn(|k| {
                     (id * 4 + k as u64 + 1).wrapping_mul(0x9e37_79b9_7f4a_7c15)
                 }),
@@ -98,10 +98,10 @@ fn pictures_of_other_times_close_as_well() {
     // The camera that is 33 ms late is 40 mm on by then. Which way it went is only known as well as the told turn.
     let initial_error = (closure.translation - translation).norm();
     assert!(initial_error < 1e-3, "{initial_error}");
-    let turned = closure
+    let rotation_error = closure
         .rotation
         .angle_to(&(a.rotation.inverse() * b.rotation));
-    assert!(turned < 3e-4, "{turned}");
+    assert!(rotation_error < 3e-4, "{rotation_error}");
     // Each pair of marks counts once, and it is seen both ways.
     let found = matches(&from, &to, (&report[0], &report[1]), &window.cameras);
     assert!(found.len() > 100 && found.len().is_multiple_of(2));
