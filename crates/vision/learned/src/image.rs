@@ -15,6 +15,7 @@ pub struct ImageView<'a> {
 
 impl<'a> ImageView<'a> {
     /// Gray image: one value per pixel.
+    ///
     /// # Errors
     /// [`LearnedError::Image`] if the number of values does not match the size, or is 0.
     pub fn gray(width: usize, height: usize, values: &'a [u8]) -> Result<Self, LearnedError> {
@@ -22,6 +23,7 @@ impl<'a> ImageView<'a> {
     }
 
     /// RGB image: three values per pixel.
+    ///
     /// # Errors
     /// [`LearnedError::Image`] if the number of values does not match the size, or is 0.
     pub fn rgb(width: usize, height: usize, values: &'a [u8]) -> Result<Self, LearnedError> {

@@ -82,6 +82,7 @@ impl Input {
     }
 
     /// Columns and rows of the tensor for an image.
+    ///
     /// # Errors
     /// [`LearnedError::Image`] if the image is larger than the input of the network.
     pub(crate) fn padded(

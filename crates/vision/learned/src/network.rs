@@ -24,6 +24,7 @@ const MAX_BYTES: u64 = 2 << 30;
 
 impl Network {
     /// Opens a network and selects `output`, or its only output.
+    ///
     /// # Errors
     /// [`LearnedError::Read`], [`LearnedError::Model`], and [`LearnedError::Tensor`] if the output
     /// is ambiguous or missing.
@@ -63,6 +64,7 @@ impl Network {
     }
 
     /// The inputs, which must be `count` images.
+    ///
     /// # Errors
     /// [`LearnedError::Tensor`].
     pub(crate) fn inputs(&self, count: usize) -> Result<Vec<Input>, LearnedError> {
@@ -76,6 +78,7 @@ impl Network {
     }
 
     /// Index of the input with this name.
+    ///
     /// # Errors
     /// [`LearnedError::Tensor`].
     pub(crate) fn input(&self, name: &str) -> Result<usize, LearnedError> {
@@ -84,6 +87,7 @@ impl Network {
 
     /// Type and shape of the output; -1 for unknown lengths, and an empty shape for an unknown
     /// rank.
+    ///
     /// # Errors
     /// [`LearnedError::Tensor`] if the output is not a tensor.
     pub(crate) fn output(

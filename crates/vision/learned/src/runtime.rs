@@ -1,4 +1,5 @@
 //! ONNX Runtime, loaded at run time.
+//!
 //! Contract: nothing is downloaded and the system is not searched, so that the same command uses
 //! the same library. A missing, outdated or invalid library is an error. A process loads one ONNX
 //! Runtime and keeps it until it ends.
@@ -29,6 +30,7 @@ pub struct Runtime {
 impl Runtime {
     /// Loads the library at `path`, or by default the one that the environment variable
     /// [`RUNTIME_PATH_VARIABLE`] names.
+    ///
     /// # Errors
     /// [`LearnedError::NoLibrary`], [`LearnedError::Library`], and [`LearnedError::OtherLibrary`]
     /// if this process has loaded another one.

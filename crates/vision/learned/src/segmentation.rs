@@ -38,6 +38,7 @@ pub struct SegmentationNetwork {
 impl SegmentationNetwork {
     /// Opens the network of a file, with the settings of the file beside it that has the extension
     /// `.toml` instead of `.onnx`.
+    ///
     /// # Errors
     /// [`LearnedError::Read`], [`LearnedError::Model`], [`LearnedError::Toml`], [`LearnedError::Settings`],
     /// [`LearnedError::Tensor`].
@@ -95,6 +96,7 @@ impl SegmentationNetwork {
     }
 
     /// Mask of the configured classes.
+    ///
     /// # Errors
     /// [`LearnedError::Image`], [`LearnedError::Run`], and [`LearnedError::Tensor`] if the output
     /// has another shape.

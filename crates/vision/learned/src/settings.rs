@@ -1,4 +1,5 @@
 //! Settings that a network file does not contain: a small TOML file beside it with the same name.
+//!
 //! Contract: missing keys have the defaults documented here; an unknown key is an error, so that a
 //! misspelled one is never ignored. A stereo network needs no file. A segmentation network needs
 //! one, since the meaning of its classes is not in the network.

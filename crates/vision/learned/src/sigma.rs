@@ -27,6 +27,7 @@ pub(crate) fn constant_sigma(
 }
 
 /// Left-right check: disparities of the left image, compared with those of the right one.
+///
 /// A disparity is also absent where the two differ by more than [`StereoSettings::apart_px`]. If
 /// the errors of both are independent with equal variance, the variance of their difference is
 /// twice that of one; it is estimated as the mean over a window. Errors common to both directions

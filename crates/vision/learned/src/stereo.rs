@@ -29,6 +29,7 @@ pub struct StereoNetwork {
 impl StereoNetwork {
     /// Opens the network of a file, with the settings of the file beside it that has the extension
     /// `.toml` instead of `.onnx`.
+    ///
     /// # Errors
     /// [`LearnedError::Read`], [`LearnedError::Model`], [`LearnedError::Toml`], [`LearnedError::Settings`],
     /// [`LearnedError::Tensor`].
@@ -92,6 +93,7 @@ impl StereoNetwork {
 
     /// Disparities of the left image of a rectified pair, with sigmas as described in
     /// `docs/learned.md`.
+    ///
     /// # Errors
     /// [`LearnedError::Image`], [`LearnedError::Run`], and [`LearnedError::Tensor`] if the output
     /// has another size.

@@ -1,4 +1,5 @@
 //! Small networks as ONNX files, written by hand.
+//!
 //! Only the parts of the format that the tests need: field numbers as in `onnx.proto`
 //! (https://github.com/onnx/onnx), wire types 0 (varint), 2 (bytes with their length) and 5 (32
 //! bits) of protocol buffers.
