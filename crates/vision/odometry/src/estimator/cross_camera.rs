@@ -1,9 +1,10 @@
-//! Corners that another camera of the rig sees too.
+//! Cross-camera matching: features that another camera of the rig also observes.
 //!
-//! Where views overlap, a corner that one camera follows is followed by the other one as well, under the same number: its landmark
-//! lives on when it leaves the first view, and ties the two cameras. Cameras are turned apart, so that things look different in each.
-//! What the one shows is therefore drawn as the other one would see it, as if it lay on a plane across the line of sight, before it is looked
-//! for; and the eyes of the other camera must find it as far away as it is known to be.
+//! Where views overlap, a feature tracked by one camera is also tracked by the other one under the
+//! same id: its landmark survives when it leaves the first view, and connects the two cameras. The
+//! cameras have different orientations, so that patches look different. The patch is therefore
+//! warped into the view of the other camera, on a plane perpendicular to the viewing ray, before
+//! the search; and stereo matching in the other camera must confirm the known range.
 
 use calib::verify::Grey;
 use nalgebra::{Matrix3, Vector3};
@@ -15,19 +16,20 @@ use crate::backend::window::Window;
 use crate::frontend::pyramid::{Level, Pyramid};
 use crate::frontend::tracker::{Expected, Track};
 
-/// Side of what is drawn, pixels, and its middle.
+/// Side of the warped patch, px, and its center.
 const WARP_SIDE_PX: usize = 48;
 const WARP_CENTER_PX: f64 = 24.0;
-/// Step of the derivatives of the drawing, pixels.
+/// Step of the numerical derivatives of the warp, px.
 const DERIVATIVE_STEP_PX: f64 = 4.0;
-/// Pixels of the one picture that may fall on one of the other, and their inverse.
+/// Limits of the scale of the warp: pixels of one image per pixel of the other.
 const MAX_SCALE_RATIO: f64 = 3.0;
-/// How far from where it should be a corner may be found, pixels, and by which share, and 1/m, its inverse range may differ.
+/// Maximum distance of a match from its prediction, px, and maximum deviation of its inverse range:
+/// a fraction, and 1/m.
 const MAX_POSITION_ERROR_PX: f32 = 5.0;
 const MAX_INVERSE_RANGE_ERROR_RATIO: f64 = 0.1;
 const MAX_INVERSE_RANGE_ERROR_PER_M: f64 = 0.01;
 
-/// A corner that should be seen.
+/// A feature that should be visible in the other camera.
 struct Candidate {
     id: u64,
     expected: Expected,
@@ -35,7 +37,8 @@ struct Candidate {
 }
 
 impl Odometry {
-    /// Looks in each picture of the newest frame for what the other cameras follow, by where landmarks are known to be.
+    /// Searches the images of the newest frame for the features of the other cameras, at the
+    /// predicted positions of their landmarks.
     pub(super) fn match_across_cameras(&mut self, window: &mut Window, exposure_offset_s: &[f64]) {
         let state = window.newest().state;
         let left_poses: Vec<_> = (self.cameras.iter().zip(exposure_offset_s))
@@ -97,7 +100,7 @@ impl Odometry {
         }
     }
 
-    /// What another camera should see of a corner; none where it does not look.
+    /// Prediction of a feature in another camera; `None` outside its view.
     fn candidate(
         &self,
         window: &Window,
@@ -136,7 +139,7 @@ impl Odometry {
     }
 }
 
-/// What a camera shows around a candidate, as the other one of the two would see it.
+/// Patch around a candidate, warped from one camera into the view of the other.
 fn warp_patch(
     level: &Level,
     [from, to]: [&Camera; 2],
@@ -145,7 +148,7 @@ fn warp_patch(
 ) -> Option<Pyramid> {
     let at = candidate.expected.at.map(f64::from);
     let observation = Vector3::from(to.left.unproject(at)?).normalize();
-    // Where a pixel's ray meets the plane, seen from the first camera.
+    // Intersection of the ray of a pixel with the plane, in the first camera.
     let back = |x: f64, y: f64| {
         let ray = Vector3::from(to.left.unproject([at[0] + x, at[1] + y])?);
         let point = rotation * (ray / ray.dot(&observation)) + shift * candidate.rho;
@@ -178,7 +181,7 @@ fn warp_patch(
     Some(Pyramid::new(&image))
 }
 
-/// Between pixels; none outside.
+/// Bilinear interpolation; `None` outside.
 fn sample(level: &Level, [x, y]: [f64; 2]) -> Option<u8> {
     let is_inside =
         x >= 0.0 && y >= 0.0 && x + 1.0 < level.width as f64 && y + 1.0 < level.height as f64;
@@ -199,15 +202,16 @@ mod tests {
     use crate::backend::solver::tests::camera;
 
     #[test]
-    fn what_one_camera_shows_is_drawn_as_the_other_sees_it() {
-        // Half a radian to the left and as much to the right of a plane that faces the right one.
+    fn warped_patch_equals_the_view_of_the_other_camera() {
+        // Two cameras rotated half a radian to either side, in front of a plane that faces the
+        // right one.
         let cameras = [camera(-0.5, 0.0), camera(0.4, 0.0)];
         let [(rotation_a, at_a), (rotation_b, at_b)] = cameras.each_ref().map(|c| c.body_from_left);
         let point = Vector3::new(-0.1, 0.2, 2.5);
         let observation = (point - at_b).normalize();
         let across = observation.cross(&Vector3::y()).normalize();
         let along = observation.cross(&across);
-        // What an eye shows in a pixel.
+        // Gray value that a camera measures at a pixel.
         let gray_value = |camera: &Camera, pixel: [f64; 2]| {
             let (rotation, at) = &camera.body_from_left;
             let ray = rotation * Vector3::from(camera.left.unproject(pixel).unwrap());
@@ -234,10 +238,10 @@ mod tests {
         let back = rotation_a.transpose();
         let from_there = (back * rotation_b, back * (at_b - at_a));
         let [a, b] = &cameras;
-        let patch = warp_patch(&level, [a, b], &from_there, &candidate).expect("a drawing");
+        let patch = warp_patch(&level, [a, b], &from_there, &candidate).expect("a warped patch");
         let at = candidate.expected.at.map(f64::from);
         let mut worst: f64 = 0.0;
-        // As far as a patch reaches.
+        // Within the extent of a patch.
         for (x, y) in (16..33).flat_map(|y| (16..33).map(move |x| (x, y))) {
             let target = [
                 at[0] + x as f64 - WARP_CENTER_PX,
