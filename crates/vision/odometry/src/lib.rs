@@ -12,12 +12,12 @@
 //! - [`estimator`]: causal poses; each depends on earlier input only.
 //! - [`mapping`]: bundle adjustment of the whole session after its end.
 //!
-//! Contract. *Early*: the first frame set gives the first pose; until gravity has been measured its
-//! tilt is uncertain and its covariance states it. *Late*: frame sets are in order of time; the
-//! frames of a camera may be earlier or later than their set by half a frame interval. *Gap*:
-//! without images the IMU alone propagates the pose while its uncertainty is small; without IMU
-//! samples the images alone estimate it. *Failure*: an unknown pose is reported as lost; every pose
-//! has a covariance and a status. Same input, same bytes, on any number of threads.
+//! Contract. *Early*: the first pose comes with the first usable frame set; until gravity has been
+//! measured its tilt is uncertain and its covariance states it. *Late*: frame sets are in order of
+//! time; the frames of a camera may be earlier or later than their set by half a frame interval.
+//! *Gap*: without images the IMU alone propagates the pose while its uncertainty is small; without
+//! IMU samples the images alone estimate it. *Failure*: an unknown pose is reported as lost; every
+//! pose has a covariance and a status. Same input, same bytes, on any number of threads.
 //!
 //! This crate knows nothing of sessions, files, or devices.
 

@@ -20,8 +20,8 @@ pub(crate) const VELOCITY: usize = 6;
 pub(crate) const GYRO_BIAS: usize = 9;
 pub(crate) const ACCEL_BIAS: usize = 12;
 
-/// Standard gravity, m/s² (CGPM 1901). Local gravity differs by up to 0.3 %, which the
-/// accelerometer bias absorbs.
+/// Standard gravity, m/s² (CGPM 1901). It varies by 0.3 % over the earth, which the accelerometer
+/// bias absorbs.
 pub(crate) const GRAVITY: f64 = 9.80665;
 
 /// Error state.

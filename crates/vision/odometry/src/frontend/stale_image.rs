@@ -101,7 +101,7 @@ mod tests {
         Camera::new(&test_rig::stereo(0.1), &RigidTransform::identity())
     }
 
-    /// The row below which the image may differ.
+    /// First row of the lower part of a test image.
     const TORN_ROW: usize = 70;
 
     fn image(above: usize, below: usize) -> Pyramid {

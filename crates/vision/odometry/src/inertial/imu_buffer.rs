@@ -14,8 +14,8 @@ use nalgebra::{Matrix3, SMatrix, UnitQuaternion, Vector3};
 use crate::input::ImuSample;
 use crate::so3;
 
-/// Relative scale and misalignment errors of gyroscope and accelerometer: consumer parts as in
-/// these cameras.
+/// Relative scale and misalignment errors of gyroscope and accelerometer: values for parts of the
+/// kind in these cameras.
 const SCALE_ERROR: [f64; 2] = [4e-3, 1e-3];
 
 /// IMU sample with its time, ns: angular rate in rad/s, specific force in m/s².
@@ -101,7 +101,7 @@ impl ImuBuffer {
             let value = axis(&self.readings[count - 1], k);
             let before = count.checked_sub(2).map(|i| axis(&self.readings[i], k));
             let may_end = value.abs() >= MIN_SATURATION_LEVEL[k / 3];
-            let stands = match value.abs() < MOVING_THRESHOLD[k / 3] {
+            let min_run = match value.abs() < MOVING_THRESHOLD[k / 3] {
                 true => STUCK_SAMPLES,
                 false => STUCK_SAMPLES_MOVING[k / 3],
             };
@@ -114,7 +114,7 @@ impl ImuBuffer {
             if value.abs() > 1.01 * self.saturation_levels[k] {
                 self.saturation_levels[k] = f64::INFINITY;
             }
-            if self.same[k] + 1 >= stands {
+            if self.same[k] + 1 >= min_run {
                 self.saturation_levels[k] = value.abs();
                 for reading in self.readings.iter_mut().rev().take(self.same[k] + 1) {
                     reading.saturated = true;
