@@ -1,24 +1,25 @@
-//! Bundle adjustment of cameras that look at known points: lenses, places of cameras on the rig and of
-//! targets in the world, and where the rig was at each instant, all at once.
+//! Bundle adjustment of cameras that observe known points: intrinsics, poses of cameras on the rig
+//! and of targets in the world, and the pose of the rig at each instant, jointly.
 //!
 //! Contract: [`solve`] finds the most probable values under the observations and the priors. The
-//! derivatives are analytic; poses of instants are eliminated (Schur complement), so that time grows
-//! with the number of observations and the cube of the number of lenses and places alone. A number
-//! without a prior that the views do not determine makes the result [`AdjustError::Undetermined`],
-//! which names it; nothing is invented. The same problem gives the same bits on any number of threads.
+//! Jacobians are analytic; poses of instants are eliminated (Schur complement), so that time grows
+//! linearly with the number of observations and with the cube of the number of lenses and fixed
+//! poses. A parameter without a prior that the views do not determine gives
+//! [`AdjustError::Undetermined`], which names it. The same problem gives the same bits on any
+//! number of threads.
 //!
-//! A point in a target goes to a pixel through
+//! A point in a target is projected through
 //!
 //! ```text
 //! x_in_eye = eye_from_rig * rig_from_world(instant) * world_from_target * x_in_target
 //! ```
 //!
-//! where `eye_from_rig` is a chain of places `parent_from_child`, each undone. A pose is changed by
-//! `[v, ω]`: its translation by `v`, its rotation by `Exp(ω)` from the left, both in the axes of the frame
-//! it leads to. Covariances have that order, translation first (m, rad).
+//! where `eye_from_rig` is the inverse of a chain of poses `parent_from_child`. A pose is changed
+//! by `[v, ω]`: its translation by `v`, its rotation by `Exp(ω)` from the left, both in the axes of
+//! the frame it leads to. Covariances have that order, translation first (m, rad).
 //!
-//! Observations carry their own sigma. How much all of them are off is estimated with the rest
-//! ([`Solution::scale`]), and what is far off beyond that counts less (Huber 1964).
+//! Observations carry their own sigma. Their common scale is estimated with the rest
+//! ([`Solution::scale`]), and larger residuals are down-weighted (Huber 1964).
 
 use cad_transforms::RigidTransform;
 use nalgebra::{Matrix6, Vector6};
@@ -34,47 +35,48 @@ mod solve;
 pub(crate) mod tests;
 
 pub use covariance::Covariance;
-pub(crate) use covariance::place_by;
+pub(crate) use covariance::pose_jacobian;
 pub use locate::locate;
-pub(crate) use normal::in_pieces;
+pub(crate) use normal::in_chunks;
 pub(crate) use pose::step_between;
 pub use solve::{Settings, Solution, solve};
-pub(crate) use solve::{by_points, median_scale, told};
+pub(crate) use solve::{by_points, median_scale, reduced_equations};
 
-/// What is to be found, with where to start.
+/// A bundle adjustment problem: parameters with initial values, priors and observations.
 #[derive(Clone, Debug, Default)]
 pub struct Problem {
     /// Lenses, one per eye.
     pub lenses: Vec<LensBlock>,
-    /// Places that do not change: of eyes on the rig, of targets in the world.
-    pub places: Vec<PlaceBlock>,
-    /// Where the rig is: `rig_from_world` of every instant.
+    /// Constant poses: of eyes on the rig, of targets in the world.
+    pub poses: Vec<PoseBlock>,
+    /// Poses of the rig: `rig_from_world` of every instant.
     pub instants: Vec<RigidTransform>,
-    /// Number of the stay that each instant is of; instants of one stay may err together. Empty where each is its own.
-    pub stays: Vec<usize>,
-    /// What was seen.
+    /// View cluster of each instant; instants of one cluster may have common errors. Empty if each
+    /// instant is a cluster.
+    pub clusters: Vec<usize>,
+    /// The observations.
     pub views: Vec<View>,
 }
 
-/// A lens and what is known of it beforehand.
+/// A lens and the priors on its parameters.
 #[derive(Clone, Debug)]
 pub struct LensBlock {
-    /// For messages.
+    /// Name for messages.
     pub name: String,
-    /// Where to start.
+    /// Initial values.
     pub model: CameraModel,
     /// One per parameter of the model, in their order.
     pub priors: Vec<Prior>,
 }
 
-/// What is known of a number beforehand.
+/// Prior on a parameter.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum Prior {
-    /// It is what it is.
+    /// Fixed at its initial value.
     Fixed,
-    /// Nothing.
+    /// No prior.
     Free,
-    /// Around `mean`, with this standard deviation.
+    /// Normal distribution around `mean`.
     Near {
         /// Expected value.
         mean: f64,
@@ -83,25 +85,25 @@ pub enum Prior {
     },
 }
 
-/// A place and what is known of it beforehand.
+/// A pose and its prior.
 #[derive(Clone, Debug)]
-pub struct PlaceBlock {
-    /// For messages.
+pub struct PoseBlock {
+    /// Name for messages.
     pub name: String,
-    /// Where to start.
+    /// Initial value.
     pub parent_from_child: RigidTransform,
-    /// What is known.
-    pub prior: PlacePrior,
+    /// Prior.
+    pub prior: PosePrior,
 }
 
-/// What is known of a place beforehand.
+/// Prior on a pose.
 #[derive(Clone, Debug, PartialEq)]
-pub enum PlacePrior {
-    /// It is what it is.
+pub enum PosePrior {
+    /// Fixed at its initial value.
     Fixed,
-    /// Nothing.
+    /// No prior.
     Free,
-    /// Around `mean`.
+    /// Normal distribution around `mean`.
     Near {
         /// Expected `parent_from_child`.
         mean: RigidTransform,
@@ -110,68 +112,68 @@ pub enum PlacePrior {
     },
 }
 
-/// What one eye saw of one target at one instant.
+/// Observations of one target by one eye at one instant.
 #[derive(Clone, Debug)]
 pub struct View {
-    /// Number of the instant.
+    /// Index of the instant.
     pub instant: usize,
-    /// Number of the lens.
+    /// Index of the lens.
     pub lens: usize,
-    /// Numbers of the places from the rig to the eye, `parent_from_child` each.
+    /// Indices of the poses from the rig to the eye, `parent_from_child` each.
     pub path: Vec<usize>,
-    /// Number of the target's place in the world; none for the target that is the world.
+    /// Index of the target's pose in the world; `None` for the target that defines the world.
     pub target: Option<usize>,
-    /// Its points.
+    /// The points.
     pub points: Vec<Point>,
 }
 
-/// A point and where it was seen.
+/// A point and its observation.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Point {
-    /// Where it is, m.
+    /// Position on the target, m.
     pub x_in_target: [f64; 3],
-    /// Where it was seen.
+    /// Observed pixel.
     pub pixel: [f64; 2],
-    /// Standard deviation of each coordinate of the pixel, relative to the others' at least.
+    /// Standard deviation of each coordinate of the pixel, at least relative to the others'.
     pub sigma_px: f64,
 }
 
-/// Why there is no solution.
+/// Reasons for a missing solution.
 #[derive(Clone, Debug, PartialEq, thiserror::Error)]
 pub enum AdjustError {
-    /// A number that nothing says anything about: record other views, or give it a prior.
+    /// A parameter that is not constrained: record other views, or give it a prior.
     #[error(
         "adjusting cameras: {name} is not determined by {views} views, expected views that show it or a prior"
     )]
     Undetermined {
-        /// Which.
+        /// Name of the parameter.
         name: String,
-        /// How many views there are.
+        /// Number of views.
         views: usize,
     },
-    /// The start is so far off that points have no pixels: start elsewhere.
+    /// The initial values are so wrong that points cannot be projected: start elsewhere.
     #[error(
-        "adjusting cameras: {seen} of {all} points can be projected from the start, expected most of them"
+        "adjusting cameras: {seen} of {all} points can be projected with the initial values, expected most of them"
     )]
     Start {
-        /// How many can be projected.
+        /// Number of points that can be projected.
         seen: usize,
-        /// How many there are.
+        /// Number of points.
         all: usize,
     },
 }
 
-/// One free number of a problem.
+/// One free parameter of a problem.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Parameter {
-    /// A parameter of a lens, by the number of the lens and its own.
+    /// A parameter of a lens, by the index of the lens and its own.
     Lens(usize, usize),
-    /// A coordinate of `[v, ω]` of a place, by the number of the place and its own.
-    Place(usize, usize),
+    /// A coordinate of `[v, ω]` of a pose, by the index of the pose and its own.
+    Pose(usize, usize),
 }
 
 impl Problem {
-    /// The numbers that are not fixed, in the order of [`Covariance`]: lenses first.
+    /// The free parameters, in the order of [`Covariance`]: lenses first.
     pub fn parameters(&self) -> Vec<Parameter> {
         let mut all = Vec::new();
         for (i, lens) in self.lenses.iter().enumerate() {
@@ -179,43 +181,43 @@ impl Problem {
             let free = free.filter(|(_, prior)| **prior != Prior::Fixed);
             all.extend(free.map(|(k, _)| Parameter::Lens(i, k)));
         }
-        for (i, place) in self.places.iter().enumerate() {
-            if place.prior != PlacePrior::Fixed {
-                all.extend((0..6).map(|k| Parameter::Place(i, k)));
+        for (i, place) in self.poses.iter().enumerate() {
+            if place.prior != PosePrior::Fixed {
+                all.extend((0..6).map(|k| Parameter::Pose(i, k)));
             }
         }
         all
     }
 
-    /// The name of a number, as messages have it.
+    /// Name of a parameter, for messages.
     pub fn name(&self, parameter: Parameter) -> String {
         match parameter {
             Parameter::Lens(i, k) => {
                 let lens = &self.lenses[i];
                 format!("{} of {}", lens.model.parameter_names()[k], lens.name)
             }
-            Parameter::Place(i, k) => {
+            Parameter::Pose(i, k) => {
                 let what = [
                     "x",
                     "y",
                     "z",
-                    "turn about x",
-                    "turn about y",
-                    "turn about z",
+                    "rotation about x",
+                    "rotation about y",
+                    "rotation about z",
                 ][k];
-                format!("{what} of {}", self.places[i].name)
+                format!("{what} of {}", self.poses[i].name)
             }
         }
     }
 
-    /// How many points were seen.
+    /// Number of points observed.
     pub fn points(&self) -> usize {
         self.views.iter().map(|view| view.points.len()).sum()
     }
 }
 
 impl LensBlock {
-    /// A lens of which nothing is known beforehand.
+    /// A lens without priors.
     pub fn free(name: &str, model: CameraModel) -> Self {
         Self {
             name: name.to_owned(),
@@ -224,7 +226,7 @@ impl LensBlock {
         }
     }
 
-    /// A lens that stays what it is.
+    /// A fixed lens.
     pub fn fixed(name: &str, model: CameraModel) -> Self {
         Self {
             priors: vec![Prior::Fixed; model.parameters().len()],
@@ -233,8 +235,8 @@ impl LensBlock {
     }
 }
 
-impl PlacePrior {
-    /// With one sigma for all translations, m, and one for all rotations, rad.
+impl PosePrior {
+    /// A normal prior with one sigma for all translations, m, and one for all rotations, rad.
     pub fn near(mean: RigidTransform, sigma_m: f64, sigma_rad: f64) -> Self {
         let (v, w) = (sigma_m * sigma_m, sigma_rad * sigma_rad);
         Self::Near {

@@ -1,10 +1,11 @@
-//! Allan deviation: how the noise of a sensor that does not move falls and rises with the time it is averaged
-//! over, and the noise coefficients behind it.
+//! Allan deviation of the noise of a static sensor over the averaging time, and its noise
+//! coefficients.
 //!
-//! Contract: [`curve`] takes rates at a constant period, in runs without a gap; averaging factors are whole
-//! numbers of samples, and no difference is ever taken across a gap. [`fit()`] finds the coefficients of
-//! IEEE Std 952-1997 (annex C), as few of them as the curve needs, each with its uncertainty; one that the
-//! recording cannot tell is an upper limit and never a number.
+//! Contract: [`curve`] takes rates at a constant period, in runs without a gap; averaging factors
+//! are whole numbers of samples, and no difference is taken across a gap. [`fit()`] estimates the
+//! coefficients of IEEE Std 952-1997 (annex C), as few of them as the curve needs, each with its
+//! uncertainty; a coefficient that the recording does not determine is an upper limit and never a
+//! value.
 //!
 //! With τ the averaging time, quantisation Q, white noise N, bias instability B and random walk K add up to
 //!
@@ -15,8 +16,8 @@
 //! For a gyroscope in rad/s, N is in rad/s/√Hz, K in rad/s²/√Hz, B in rad/s and Q in rad; for an
 //! accelerometer read m/s for rad.
 //!
-//! [`deviation`] holds the estimators as they are used for clocks, on phase: they are checked against
-//! published answers.
+//! [`deviation`] has the estimators used for clocks, on phase: they are checked against published
+//! results.
 
 pub mod chi2;
 pub mod deviation;
@@ -29,10 +30,10 @@ pub use fit::{Coefficient, Fit, Value, fit};
 
 use std::ops::Range;
 
-/// Averaging times for each doubling of τ, in a curve made by [`curve`].
-const PER_OCTAVE: f64 = 4.0;
-/// A run must be at least this many averaging times long to count for one.
-const LEAST_LENGTHS: usize = 5;
+/// Averaging times per octave of τ in a curve made by [`curve`].
+const POINTS_PER_OCTAVE: f64 = 4.0;
+/// Minimum length of a run, in averaging times.
+const MIN_LENGTHS: usize = 5;
 
 /// One point of a curve.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -43,7 +44,7 @@ pub struct Point {
     pub tau_s: f64,
     /// Allan variance, the square of the rate's unit.
     pub variance: f64,
-    /// Overlapping differences that it is the mean of.
+    /// Number of overlapping differences in the mean.
     pub terms: u64,
 }
 
@@ -65,20 +66,20 @@ pub struct Curve {
     pub points: Vec<Point>,
 }
 
-/// The overlapping Allan variance of a rate, at averaging factors four to the octave, up to a fifth of the
-/// longest run. `runs` are the runs without a gap; one that is too short for a factor does not count for
-/// it. Takes time in proportion to samples times factors, and memory of 8 bytes a sample.
+/// The overlapping Allan variance of a rate, at averaging factors four to the octave, up to a fifth
+/// of the longest run. `runs` are the runs without a gap; a run that is too short for a factor is
+/// not used for it. Time is proportional to samples times factors, memory is 8 bytes per sample.
 ///
 /// # Panics
-/// If a run reaches beyond the samples.
+/// If a run extends beyond the samples.
 pub fn curve(rate: &[f64], runs: &[Range<usize>], period_s: f64) -> Curve {
     let longest = runs.iter().map(Range::len).max().unwrap_or(0);
-    let factors = factors(longest / LEAST_LENGTHS);
+    let factors = factors(longest / MIN_LENGTHS);
     let mut sums = vec![(0.0, 0_u64); factors.len()];
     for run in runs {
         let phase = deviation::phase(&rate[run.clone()]);
         for (factor, (sum, terms)) in factors.iter().zip(&mut sums) {
-            if run.len() >= LEAST_LENGTHS * factor {
+            if run.len() >= MIN_LENGTHS * factor {
                 *sum += deviation::second_differences(&phase, *factor);
                 *terms += (phase.len() - 2 * factor) as u64;
             }
@@ -100,9 +101,9 @@ pub fn curve(rate: &[f64], runs: &[Range<usize>], period_s: f64) -> Curve {
     }
 }
 
-/// Whole factors from 1 to `last`, evenly on a log scale as far as whole numbers can be.
+/// Whole factors from 1 to `last`, as evenly spaced on a log scale as whole numbers allow.
 fn factors(last: usize) -> Vec<usize> {
-    let steps = (0..).map(|i| (f64::from(i) / PER_OCTAVE).exp2().round() as usize);
+    let steps = (0..).map(|i| (f64::from(i) / POINTS_PER_OCTAVE).exp2().round() as usize);
     let mut factors: Vec<usize> = steps.take_while(|factor| *factor <= last).collect();
     factors.dedup();
     factors

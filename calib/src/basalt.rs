@@ -2,10 +2,11 @@
 //!
 //! Contract: `T_imu_cam` takes points from a camera to the IMU, quaternion with `qw` last, metres.
 //! Lenses: `ds`, `eucm`, `kb4`, `pinhole`, `pinhole-radtan8`, and `ucm`, which is the EUCM with
-//! `beta = 1`. Noise is of continuous time, one value per axis; where the axes differ the largest is taken and
-//! noted. `cam_time_offset_ns` is added to a camera's time to get the IMU's. Biases are subtracted
-//! from readings. What is not carried (vignetting, scale and misalignment of the IMU, the motion-capture
-//! system) is noted. A file written without an IMU has its frame in the first camera and a rate of 0.
+//! `beta = 1`. Noise is continuous-time, one value per axis; if the axes differ, the largest is
+//! taken and noted. `cam_time_offset_ns` is added to a camera's time to get the IMU's. Biases are
+//! subtracted from measurements. Values that are not represented (vignetting, scale and
+//! misalignment of the IMU, the motion-capture system) are noted. A file written without an IMU has
+//! its frame in the first camera and a rate of 0.
 
 use std::path::Path;
 
@@ -46,12 +47,12 @@ pub fn read(path: &Path) -> Result<(CameraSet, Vec<Note>), CalibError> {
         let name = format!("cam{i}");
         let camera_from_first = if i == 0 {
             imu_from_first = imu_from_camera;
-            pose.refuse_if(too_far("the IMU", &imu_from_first))?;
+            pose.reject_if(too_far("the IMU", &imu_from_first))?;
             RigidTransform::identity()
         } else {
             imu_from_camera.inverse() * imu_from_first
         };
-        pose.refuse_if(too_far(&name, &camera_from_first))?;
+        pose.reject_if(too_far(&name, &camera_from_first))?;
         cameras.push(NamedCamera {
             name,
             model: camera(lens, size.sizes()?, &mut notes)?,
@@ -72,7 +73,7 @@ pub fn read(path: &Path) -> Result<(CameraSet, Vec<Note>), CalibError> {
             part: None,
         },
     };
-    Ok((set.checked(path)?, notes))
+    Ok((set.validate(path)?, notes))
 }
 
 fn camera(
@@ -138,7 +139,7 @@ fn camera(
         cy: number("cy")?,
         distortion,
     };
-    numbers.refuse_impossible(&model)?;
+    numbers.reject_invalid_model(&model)?;
     Ok(model)
 }
 

@@ -6,13 +6,13 @@
 
 use serde::{Deserialize, Serialize};
 
-/// A camera: size of its picture, pinhole intrinsics in pixels, lens distortion.
+/// A camera: image size, pinhole intrinsics in pixels, lens distortion.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct CameraModel {
-    /// Picture width, pixels.
+    /// Image width, pixels.
     pub width: u32,
-    /// Picture height, pixels.
+    /// Image height, pixels.
     pub height: u32,
     /// Focal length along x, pixels.
     pub fx: f64,
@@ -30,7 +30,7 @@ pub struct CameraModel {
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(tag = "model", rename_all = "snake_case", deny_unknown_fields)]
 pub enum Distortion {
-    /// None: an ideal pinhole, as in a rectified picture.
+    /// None: an ideal pinhole, as in a rectified image.
     None,
     /// Radial alone, with two terms.
     #[allow(missing_docs)]
@@ -72,8 +72,8 @@ pub enum Distortion {
     Eucm { alpha: f64, beta: f64 },
 }
 
-/// The radial-tangential models, all as the largest of them: the radial factor is
-/// `(1 + o1 r² + o2 r⁴ + o3 r⁶) / (1 + u1 r² + u2 r⁴ + u3 r⁶)`.
+/// The radial-tangential models as the largest of them: the radial factor is `(1 + o1 r² + o2 r⁴ +
+/// o3 r⁶) / (1 + u1 r² + u2 r⁴ + u3 r⁶)`.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct Rational {
     /// `o`: k1 k2 k3.
@@ -102,19 +102,19 @@ impl CameraModel {
         }
     }
 
-    /// The camera matrix, rows first.
+    /// The camera matrix, row-major.
     pub fn k_matrix(&self) -> [f64; 9] {
         [self.fx, 0.0, self.cx, 0.0, self.fy, self.cy, 0.0, 0.0, 1.0]
     }
 
-    /// What makes these numbers impossible for a camera of this size, if anything does. Catches a
-    /// calibration of another resolution where its principal point falls outside the picture.
-    pub(crate) fn objection(&self) -> Option<String> {
-        self.objection_to().map(|(_, objection)| objection)
+    /// Reason why these numbers are impossible for a camera of this size, if any. Detects a
+    /// calibration of another resolution if its principal point is outside the image.
+    pub(crate) fn invalid_reason(&self) -> Option<String> {
+        self.invalid_parameter().map(|(_, reason)| reason)
     }
 
-    /// The same with the number in question, as [`Self::parameter_names`] has it.
-    pub(crate) fn objection_to(&self) -> Option<(&'static str, String)> {
+    /// The same with the parameter in question, as in [`Self::parameter_names`].
+    pub(crate) fn invalid_parameter(&self) -> Option<(&'static str, String)> {
         let numbers = self.parameters();
         let names = self.parameter_names();
         if let Some(i) = numbers.iter().position(|v| !v.is_finite()) {
@@ -123,25 +123,25 @@ impl CameraModel {
         let focal = [("fx", self.fx), ("fy", self.fy)];
         if let Some((name, _)) = focal.into_iter().find(|(_, f)| *f <= 0.0) {
             let (fx, fy) = (self.fx, self.fy);
-            let objection = format!("focal lengths {fx} and {fy}, expected both above 0");
-            return Some((name, objection));
+            let reason = format!("focal lengths {fx} and {fy}, expected both above 0");
+            return Some((name, reason));
         }
         let centre = [("cx", self.cx, self.width), ("cy", self.cy, self.height)];
         let outside = |c: f64, size: u32| c <= -0.5 || c >= f64::from(size) - 0.5;
         let (name, ..) = centre.into_iter().find(|(_, c, size)| outside(*c, *size))?;
-        let objection = format!(
-            "principal point ({}, {}) outside the picture of {}x{}: a calibration of another resolution?",
+        let reason = format!(
+            "principal point ({}, {}) outside the image of {}x{}: a calibration of another resolution?",
             self.cx, self.cy, self.width, self.height
         );
-        Some((name, objection))
+        Some((name, reason))
     }
 }
 
 impl Distortion {
-    /// How many coefficients the largest model has.
-    pub const MOST: usize = 8;
+    /// Number of coefficients of the largest model.
+    pub const MAX_COEFFICIENTS: usize = 8;
 
-    /// The model as a [`Rational`] one; none for those that are not.
+    /// The model as a [`Rational`] one; `None` for other families.
     pub fn rational(&self) -> Option<Rational> {
         let (over, under, tangential) = match *self {
             Self::None => ([0.0; 3], [0.0; 3], [0.0; 2]),
@@ -210,7 +210,7 @@ impl Distortion {
     /// The same model with other coefficients, in the order of [`Self::coefficients`].
     ///
     /// # Panics
-    /// When there are not as many as the model has.
+    /// If the number of coefficients differs from the model's.
     #[must_use]
     pub fn with_coefficients(&self, c: &[f64]) -> Self {
         assert_eq!(c.len(), self.coefficient_names().len(), "coefficients");
@@ -257,7 +257,7 @@ impl Distortion {
         }
     }
 
-    /// The model's name, as messages and files of this project have it.
+    /// The model's name in messages and files of this project.
     pub fn name(&self) -> &'static str {
         match self {
             Self::None => "none",
@@ -273,8 +273,8 @@ impl Distortion {
 }
 
 impl CameraModel {
-    /// How many numbers the largest model has: fx fy cx cy and the coefficients.
-    pub const MOST: usize = 4 + Distortion::MOST;
+    /// Number of parameters of the largest model: fx fy cx cy and the coefficients.
+    pub const MAX_PARAMETERS: usize = 4 + Distortion::MAX_COEFFICIENTS;
 
     /// fx fy cx cy and the coefficients in the order of [`Distortion::coefficients`].
     pub fn parameters(&self) -> Vec<f64> {
@@ -290,10 +290,10 @@ impl CameraModel {
         all
     }
 
-    /// The same model with other numbers, in the order of [`Self::parameters`].
+    /// The same model with other parameters, in the order of [`Self::parameters`].
     ///
     /// # Panics
-    /// When there are not as many as the model has.
+    /// If the number of parameters differs from the model's.
     #[must_use]
     pub fn with_parameters(&self, p: &[f64]) -> Self {
         Self {

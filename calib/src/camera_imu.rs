@@ -1,22 +1,22 @@
-//! Where the IMU sits behind the camera, and by how much their clocks differ, from a recording before a
-//! board.
+//! Camera–IMU calibration from a recording of a board: extrinsics and time offset.
 //!
-//! Contract: [`estimate`] takes corners of a board with known lenses and the samples of the IMU, and gives
-//! `imu_from_left`, the time offset, gravity, biases, and what else had to be found with them, each with a
-//! sigma. It needs no start: rotation and offset come from rotation rates, gravity and lever arm from a
-//! linear fit, all from any angle. What was [`Told`] counts as one more measurement with the
-//! sigma told, so that whatever the recording does not determine stays there; [`CameraImu::weak`] names these
-//! directions. [`CameraImu::gates`] says what speaks against the result. A result with a failed gate must
-//! not be used.
+//! Contract: [`estimate`] takes corners of a board with known lenses and the IMU samples, and
+//! returns `imu_from_left`, the time offset, gravity, biases and the nuisance parameters estimated
+//! with them, each with a sigma. It needs no initial values: rotation and offset come from angular
+//! rates, gravity and lever arm from a linear fit, at any angle. [`Priors`] count as measurements
+//! with their sigma, so that parameters which the recording does not determine keep them;
+//! [`CameraImu::unobservable`] lists these directions. [`CameraImu::gates`] lists the checks of the
+//! result. A result with a failed gate must not be used.
 //!
-//! The time offset is Kalibr's: `t_imu = t_camera + offset`, where `t_camera` is the middle of the exposure
-//! and `t_imu` what the IMU's samples carry. Delay of the IMU's own filter is part of it. The time from row
-//! to row of a rolling shutter must be known ([`Cameras::with_rolling_shutter`]).
+//! The time offset is that of Kalibr: `t_imu = t_camera + offset`, where `t_camera` is mid-exposure
+//! and `t_imu` the timestamp of the IMU sample. The delay of the IMU's own filter is part of it.
+//! The line time of a rolling shutter must be known ([`Cameras::with_rolling_shutter`]).
 //!
-//! Pictures without board, gaps of the IMU and values at the end of its range break the chain; what is
-//! left is used. Corners and whole pictures that do not fit count less, or not at all.
+//! Frames without a board, IMU gaps and saturated values interrupt the chain of states; the
+//! remaining parts are used. Corners and whole views that do not fit are down-weighted or rejected
+//! (robust loss).
 //!
-//! How it is done and why: docs/decisions/0006-camera-imu.md. Same input, same bytes.
+//! Method and reasons: docs/decisions/0006-camera-imu.md. Same input, same bytes.
 
 use cad_transforms::RigidTransform;
 use nalgebra::{Matrix3, SMatrix, Vector3};
@@ -27,51 +27,51 @@ use crate::stereo::{Eye, ImuNoise};
 
 mod chain;
 mod estimate;
-mod excite;
-mod judge;
+mod gates;
+mod initialization;
+mod observability;
 mod preintegrate;
 mod problem;
 pub mod simulate;
 mod so3;
-mod start;
 #[cfg(test)]
 mod tests;
 mod track;
 mod view;
 
 pub use estimate::estimate;
-pub use estimate::twin::{Formulated, Formulations};
-pub use judge::{Gate, Verdict, Weak};
+pub use estimate::reference::{FormulationResult, Formulations};
+pub use gates::{Gate, UnobservableDirection, Verdict};
 
-/// Gravity that is assumed, m/s² (the standard's; on earth it lies between 9.764 and 9.834).
+/// Assumed magnitude of gravity, m/s² (standard gravity; on earth between 9.764 and 9.834).
 pub const GRAVITY: f64 = 9.806_65;
 
-/// A corner of the board in a picture.
+/// A corner of the board in an image.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Corner {
-    /// On the board, m.
+    /// Position on the board, m.
     pub x_in_target: [f64; 3],
-    /// In the picture, pixels; integer values at pixel centres.
+    /// Position in the image, pixels; integer values at pixel centres.
     pub pixel: [f64; 2],
     /// Standard deviation per axis, pixels.
     pub sigma_px: f64,
-    /// Which eye saw it.
+    /// The eye of the observation.
     pub eye: Eye,
 }
 
-/// All corners that a camera saw at one instant, in one eye or both.
+/// All corners observed by a camera at one instant, in one eye or both.
 #[derive(Clone, Debug, Default, PartialEq)]
-pub struct Picture {
-    /// Middle of the exposure, ns of the camera's clock.
+pub struct TargetObservation {
+    /// Mid-exposure, ns of the camera's clock.
     pub time_ns: i64,
-    /// Empty where no board was found.
+    /// Empty if no board was detected.
     pub corners: Vec<Corner>,
 }
 
 /// One sample of an IMU.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct ImuSample {
-    /// When, ns of the IMU's clock.
+    /// Timestamp, ns of the IMU's clock.
     pub time_ns: i64,
     /// Angular rate, rad/s.
     pub gyro: [f64; 3],
@@ -79,12 +79,12 @@ pub struct ImuSample {
     pub accel: [f64; 3],
 }
 
-/// One lens, or two that are rigidly together.
+/// The lens of a camera, or two that are rigidly connected.
 #[derive(Clone, Debug)]
 pub struct Cameras {
     left: Lens,
     right: Option<Right>,
-    /// From one row to the next, s.
+    /// Line time: from one row to the next, s.
     line_s: f64,
 }
 
@@ -96,7 +96,7 @@ struct Right {
 }
 
 impl Cameras {
-    /// The left camera, and the right one with `right_from_left` if it counts.
+    /// The left camera, and the right one with `right_from_left` if it is used.
     pub fn new(left: &CameraModel, right: Option<(&CameraModel, &RigidTransform)>) -> Self {
         Self {
             left: Lens::new(left),
@@ -109,8 +109,8 @@ impl Cameras {
         }
     }
 
-    /// The same where rows are exposed one after the other, `line_s` seconds from each to the next below;
-    /// the times of pictures are those of the middle row.
+    /// The same with a rolling shutter: rows are exposed one after the other, `line_s` seconds from
+    /// each to the next below; timestamps are those of the middle row.
     #[must_use]
     pub fn with_rolling_shutter(mut self, line_s: f64) -> Self {
         self.line_s = line_s;
@@ -118,46 +118,46 @@ impl Cameras {
     }
 }
 
-/// What was recorded.
+/// Input of the estimation.
 #[derive(Clone, Debug)]
 pub struct Recording {
     /// The lenses.
     pub cameras: Cameras,
-    /// In order of time.
-    pub pictures: Vec<Picture>,
-    /// In order of time.
+    /// Target observations, in order of time.
+    pub observations: Vec<TargetObservation>,
+    /// IMU samples, in order of time.
     pub imu: Vec<ImuSample>,
-    /// White noise and walk of the biases.
+    /// Noise densities and bias random walks.
     pub noise: ImuNoise,
-    /// Largest values of gyroscope and accelerometer, rad/s and m/s²; infinite if not known.
+    /// Measurement range of gyroscope and accelerometer, rad/s and m/s²; infinite if unknown.
     pub range: [f64; 2],
 }
 
-/// What is known without the recording, each with its standard deviation.
+/// Priors: nominal values with their standard deviations.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Told {
-    /// From the rig file; none if nothing is known.
+pub struct Priors {
+    /// Nominal extrinsics; `None` if unknown.
     pub imu_from_left: Option<RigidTransform>,
     /// Per axis, rad.
     pub rotation_sigma_rad: f64,
-    /// Per axis, m. With nothing told, how far apart IMU and camera may be.
+    /// Per axis, m. Without nominal extrinsics, the largest distance between IMU and camera.
     pub translation_sigma_m: f64,
     /// IMU time minus camera time, s.
     pub time_offset_s: f64,
     /// Its standard deviation, s. The search covers three of them to both sides.
     pub time_offset_sigma_s: f64,
-    /// Rate of the two clocks against each other.
+    /// Relative drift of the two clocks.
     pub time_drift_sigma: f64,
-    /// Biases when switched on, rad/s and m/s².
+    /// Turn-on biases, rad/s and m/s².
     pub bias_sigma: [f64; 2],
-    /// Scale of the sensors' axes, and each axis' share in the others' values.
+    /// Scale error of the sensor axes, and cross-axis sensitivity.
     pub scale_and_skew_sigma: [f64; 2],
-    /// Size of the board over what is told.
+    /// Size of the board over its nominal size.
     pub board_scale_sigma: f64,
 }
 
-impl Default for Told {
-    /// Nothing but what holds for any camera with a small IMU in it.
+impl Default for Priors {
+    /// Priors that hold for any camera with a small IMU.
     fn default() -> Self {
         Self {
             imu_from_left: None,
@@ -173,10 +173,10 @@ impl Default for Told {
     }
 }
 
-/// Standard deviations of what was found.
+/// Standard deviations of the estimates.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Sigmas {
-    /// Turns about the axes of the left optical frame, rad.
+    /// Rotations about the axes of the left optical frame, rad.
     pub rotation_rad: [f64; 3],
     /// m.
     pub translation_m: [f64; 3],
@@ -184,68 +184,68 @@ pub struct Sigmas {
     pub time_offset_s: f64,
     /// Seconds per second.
     pub time_drift: f64,
-    /// Direction of gravity, two turns, rad.
+    /// Direction of gravity, two rotations, rad.
     pub gravity_rad: [f64; 2],
     /// rad/s.
     pub gyro_bias: [f64; 3],
     /// m/s².
     pub accel_bias: [f64; 3],
-    /// Of one.
+    /// Relative to the nominal size.
     pub board_scale: f64,
 }
 
-/// The noise of one kind of measurement.
+/// Noise estimate of one kind of measurement (variance component).
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Noise {
-    /// Standard deviation found over that told. The result is computed with what was found.
-    pub found_over_told: f64,
-    /// Measurements beyond what their kind needed to be explained.
+    /// Estimated over nominal standard deviation. The result is computed with the estimate.
+    pub ratio_to_nominal: f64,
+    /// Redundancy: number of measurements minus the degrees of freedom they determine.
     pub redundancy: f64,
 }
 
-/// Noise of all kinds.
+/// Noise estimates of all kinds of measurements.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Noises {
-    /// Corners about the pose that fits their picture best.
+pub struct NoiseEstimates {
+    /// Corners about the pose that fits their view best.
     pub corners: Noise,
-    /// Those poses about the motion, given the corners' noise as found. Above 1: errors that all
-    /// corners of a picture share.
+    /// Those poses about the motion, given the estimated corner noise. Above 1: errors common to
+    /// all corners of a view.
     pub poses: Noise,
     /// White noise of the gyroscope.
     pub gyro: Noise,
     /// White noise of the accelerometer.
     pub accel: Noise,
-    /// Walk of the gyroscope's bias.
+    /// Bias random walk of the gyroscope.
     pub gyro_walk: Noise,
-    /// Walk of the accelerometer's bias.
+    /// Bias random walk of the accelerometer.
     pub accel_walk: Noise,
 }
 
-/// How well one picture and the interval that follows it fit, in sigmas as found (root of the mean square).
+/// Residuals of one view and of the interval that follows it, in estimated sigmas (RMS).
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Residual {
-    /// Middle of the exposure, ns of the camera's clock.
+    /// Mid-exposure, ns of the camera's clock.
     pub time_ns: i64,
-    /// Corners that count, and that do not.
+    /// Inlier and outlier corners.
     pub corners: [usize; 2],
-    /// Root of the mean square of the corners' errors, in sigmas told.
+    /// RMS residual of the corners, in nominal sigmas.
     pub corner: f64,
-    /// The picture's pose.
+    /// Pose of the view.
     pub pose: f64,
-    /// The turn to the next picture; none without inertial samples all the way.
+    /// Rotation to the next view; `None` if IMU samples are missing in between.
     pub gyro: Option<f64>,
-    /// Velocity and displacement to the next picture.
+    /// Velocity and displacement to the next view.
     pub accel: Option<f64>,
 }
 
-/// The result.
+/// Result of the calibration.
 #[derive(Clone, Debug)]
 pub struct CameraImu {
     /// Takes points in the left optical frame to the IMU's.
     pub imu_from_left: RigidTransform,
     /// `t_imu - t_camera` in the middle of the recording, s.
     pub time_offset_s: f64,
-    /// How much it grows per second.
+    /// Growth per second.
     pub time_drift: f64,
     /// Gravity in the target's frame, m/s², of length [`GRAVITY`].
     pub gravity_in_target: [f64; 3],
@@ -253,33 +253,34 @@ pub struct CameraImu {
     pub gyro_bias: [f64; 3],
     /// In the middle of the recording, m/s².
     pub accel_bias: [f64; 3],
-    /// Size of the board over what was told.
+    /// Size of the board over its nominal size.
     pub board_scale: f64,
-    /// `measured = shape true + bias`, rows first.
+    /// `measured = shape true + bias`, row-major.
     pub gyro_shape: [[f64; 3]; 3],
-    /// The same of the accelerometer.
+    /// The same for the accelerometer.
     pub accel_shape: [[f64; 3]; 3],
     /// Standard deviations.
     pub sigmas: Sigmas,
-    /// Covariance of rotation (3, turns in the left optical frame, rad), translation (3, m) and time offset (s).
+    /// Covariance of rotation (3, in the left optical frame, rad), translation (3, m) and time
+    /// offset (s).
     pub covariance: SMatrix<f64, 7, 7>,
     /// Directions that this recording does not determine.
-    pub weak: Vec<Weak>,
-    /// What was checked.
+    pub unobservable: Vec<UnobservableDirection>,
+    /// Checks of the result.
     pub gates: Vec<Gate>,
-    /// How much noise there is.
-    pub noises: Noises,
-    /// Agreement of rotation rates, 0 to 1, by time offset, s.
+    /// Estimated noise levels.
+    pub noises: NoiseEstimates,
+    /// Correlation of the angular rates, 0 to 1, by time offset, s.
     pub correlation: Vec<[f64; 2]>,
-    /// Each picture that was used.
+    /// Residuals of each view used.
     pub residuals: Vec<Residual>,
-    /// Pictures given, with a board whose pose could be found, and those that hardly count because they
+    /// Number of frames given, of views with a pose, and of views down-weighted because they
     /// contradict the rest.
-    pub pictures: [usize; 3],
+    pub views: [usize; 3],
 }
 
 impl CameraImu {
-    /// The worst of the gates.
+    /// Verdict of the worst gate.
     pub fn verdict(&self) -> Verdict {
         self.gates
             .iter()
@@ -289,74 +290,74 @@ impl CameraImu {
     }
 }
 
-/// Why there is no result.
+/// Reasons for a missing result.
 #[derive(Clone, Debug, PartialEq, thiserror::Error)]
 pub enum CameraImuError {
     /// A number is NaN or infinite, or a sigma is not above 0.
     #[error("reading {what} {index}: a number is not finite, or a sigma is not above 0")]
     NotFinite {
-        /// Picture or IMU sample.
+        /// View or IMU sample.
         what: &'static str,
-        /// Which, from 0.
+        /// Index, from 0.
         index: usize,
     },
-    /// Times do not grow.
+    /// Timestamps do not increase.
     #[error("reading {what} {index}: its time is not after that of the one before")]
     Order {
-        /// Picture or IMU sample.
+        /// View or IMU sample.
         what: &'static str,
-        /// Which, from 0.
+        /// Index, from 0.
         index: usize,
     },
-    /// Hardly any picture shows the board: record again.
+    /// Too few frames show the board: record again.
     #[error(
-        "finding the board: {found} of {given} pictures give a pose, expected at least {expected}"
+        "finding the board: {found} of {given} frames give a pose, expected at least {expected}"
     )]
-    FewPictures {
-        /// Pictures given.
+    TooFewViews {
+        /// Frames given.
         given: usize,
-        /// Pictures with a pose.
+        /// Views with a pose.
         found: usize,
-        /// Fewest.
+        /// Number required.
         expected: usize,
     },
-    /// Pictures and IMU were not recorded at the same time, as far as the clocks tell.
+    /// Camera and IMU do not overlap in time, according to their clocks.
     #[error(
-        "joining pictures and IMU: {found} of {given} intervals between pictures have inertial samples all the \
-         way, expected at least {expected}: other clocks, or a time offset beyond {searched_s} s?"
+        "connecting views and IMU: {found} of {given} intervals between views have complete IMU samples, \
+         expected at least {expected}: different clocks, or a time offset beyond {searched_s} s?"
     )]
     NoOverlap {
-        /// Intervals between pictures.
+        /// Intervals between views.
         given: usize,
-        /// Intervals with samples.
+        /// Intervals with IMU samples.
         found: usize,
-        /// Fewest.
+        /// Number required.
         expected: usize,
-        /// How far was searched to both sides, s.
+        /// Search range of the time offset, s, to both sides.
         searched_s: f64,
     },
-    /// The gyroscope turns more, or less, than the camera.
+    /// The gyroscope rotates more, or less, than the camera.
     #[error(
-        "comparing rotation rates: the gyroscope's are {ratio:.2} times those of the pictures, expected 1: \
+        "comparing angular rates: the gyroscope's are {ratio:.2} times those of the camera, expected 1: \
          gyroscope in other units, or an IMU of another camera?"
     )]
-    Rates {
-        /// Gyroscope over pictures.
+    RateMismatch {
+        /// Gyroscope over camera.
         ratio: f64,
     },
-    /// Gravity cannot be that: other units, another board.
+    /// Gravity is implausible: other units, another board.
     #[error(
         "finding gravity: found {found:.2} m/s², expected about 9.81: accelerometer in other units, board of \
          another size, or an IMU of another camera?"
     )]
     Gravity {
-        /// As found.
+        /// Estimate.
         found: f64,
     },
-    /// The search for the best fit did not end.
+    /// The optimization did not converge.
     #[error("fitting the motion: no end after {iterations} iterations")]
     NoEnd {
-        /// How many were made.
+        /// Number of iterations.
         iterations: usize,
     },
 }

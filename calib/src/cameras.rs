@@ -1,195 +1,200 @@
-//! Cameras from pictures of calibration targets: lenses, then each stereo camera, then the whole rig.
+//! Camera calibration from images of calibration targets: lenses, then each stereo camera, then the
+//! whole rig.
 //!
-//! Contract: [`calibrate`] takes what detection saw ([`Sighting`]) and what is told by factory files and the
-//! rig file, and gives values with covariances, the lens model that the data support, and [`Finding`]s:
-//! everything that makes the result doubtful. A result with a finding of severity [`Severity::Fail`] must not
-//! be used. What the views do not determine stays where it was told, with the sigma that says so; what is
-//! neither told nor seen is an error that names it. The same input gives the same bytes.
+//! Contract: [`calibrate`] takes target detections ([`TargetDetection`]) and the nominal values of
+//! factory files and the rig file as priors. It returns values with covariances, the lens model
+//! that the data support, and [`Finding`]s: everything that makes the result questionable. A result
+//! with a finding of severity [`Severity::Fail`] must not be used. Parameters that the views do not
+//! constrain keep their prior, with the sigma of the prior; a parameter with neither prior nor
+//! observation is an error that names it. The same input gives the same bytes.
 //!
-//! The way there: views that are still and tell much are chosen (`select`); a lens to start from
-//! (`start`); a lens model per stereo camera ([`choose`]); where everything is, roughly (`connect`);
-//! everything at once ([`crate::adjust`]); the shape of the targets (`shape`); and what speaks against the
-//! result ([`check`]).
+//! Steps: selection of static, informative views (`view_selection`); initial lenses
+//! (`initialization`); one lens model per stereo camera ([`model_selection`]); initial poses
+//! (`pose_graph`); bundle adjustment ([`crate::adjust`]); board shape (`board_shape`); and gates
+//! ([`diagnostics`]).
 //!
-//! Frames: the world is the target that was seen most. What is told of a camera's place on the rig is a
-//! prior, so the rig's own frame moves as little as it can; what is told without any tolerance is held. Where nothing is
-//! told the first camera is the origin:
-//! `rig` is at its left lens, x along the view, y to the left, z up in its image ([`Input::origin`]).
+//! Frames: the world frame is the target observed most often. A nominal `rig_from_left` is a prior,
+//! so that the rig frame moves as little as possible; one without a tolerance is fixed. Without any
+//! nominal pose the first camera is the origin: `rig` is at its left lens, x along the view, y to
+//! the left, z up in its image ([`Input::origin`]).
 
 use cad_transforms::RigidTransform;
 use nalgebra::Matrix6;
 
-use crate::adjust::{self, AdjustError, Covariance, Parameter, Problem, Solution, place_by};
+use crate::adjust::{self, AdjustError, Covariance, Parameter, Problem, Solution, pose_jacobian};
 use crate::camera::CameraModel;
-use crate::target::{Seen, Target};
+use crate::target::{DetectedCorner, Target};
 
-pub mod check;
-pub mod choose;
 pub mod coverage;
+pub mod diagnostics;
+pub mod model_selection;
 
-mod connect;
-mod gather;
-mod select;
-mod shape;
-mod start;
-mod stays;
+mod board_shape;
+mod initialization;
+mod pipeline;
+mod pose_graph;
 #[cfg(test)]
 mod tests;
+mod view_clusters;
+mod view_selection;
 
-pub use check::{Finding, Severity};
-pub use choose::{Candidate, Choice};
 pub use coverage::Coverage;
-pub use gather::calibrate;
+pub use diagnostics::{Finding, Severity};
+pub use model_selection::{Candidate, Choice};
+pub use pipeline::calibrate;
 
-/// What is calibrated and from what.
+/// Input of a calibration: cameras, targets and detections.
 #[derive(Clone, Debug, Default)]
 pub struct Input {
-    /// Every eye.
+    /// All lenses of the rig: left and right eyes of its cameras.
     pub eyes: Vec<Eye>,
-    /// Which eyes form a camera, and where cameras sit.
+    /// Assignment of eyes to cameras, with nominal extrinsics.
     pub cameras: Vec<Camera>,
     /// The targets.
     pub targets: Vec<Target>,
-    /// When pictures were taken, ns, ascending; all eyes at once.
+    /// Timestamps of the instants, ns, ascending; all eyes are exposed simultaneously.
     pub times_ns: Vec<i64>,
-    /// What was seen.
-    pub sightings: Vec<Sighting>,
+    /// Target detections.
+    pub detections: Vec<TargetDetection>,
 }
 
-/// One eye.
+/// One lens of the rig: the left or right eye of a camera.
 #[derive(Clone, Debug)]
 pub struct Eye {
-    /// Name of its frame, for messages and files.
+    /// Name of its optical frame, for messages and files.
     pub name: String,
-    /// Width and height of its pictures, pixels.
+    /// Width and height of its images, pixels.
     pub size: (u32, u32),
-    /// What the factory says.
+    /// Factory intrinsics.
     pub factory: Option<CameraModel>,
 }
 
 /// A camera of one or two eyes.
 #[derive(Clone, Debug)]
 pub struct Camera {
-    /// Its name.
+    /// Camera name.
     pub name: String,
-    /// Number of the left eye, its reference.
+    /// Index of the left eye, the camera's reference.
     pub left: usize,
-    /// Number of the right eye.
+    /// Index of the right eye.
     pub right: Option<usize>,
-    /// What the factory says of `left_from_right`.
-    pub left_from_right: Option<Told>,
-    /// What the rig file says of `rig_from_left`; with a covariance of 0 it is held.
-    pub rig_from_left: Option<Told>,
+    /// Factory `left_from_right`.
+    pub left_from_right: Option<ExtrinsicsPrior>,
+    /// Nominal `rig_from_left`; with a covariance of 0 it is fixed.
+    pub rig_from_left: Option<ExtrinsicsPrior>,
 }
 
-/// A place as a file tells it.
+/// Prior on extrinsics.
 #[derive(Clone, Debug, PartialEq)]
-pub struct Told {
+pub struct ExtrinsicsPrior {
     /// `parent_from_child`.
     pub transform: RigidTransform,
-    /// How far it may be off: `[v, ω]` as in [`crate::adjust`], in the parent's axes, m and rad.
+    /// Covariance of `[v, ω]` as in [`crate::adjust`], in the parent's axes, m and rad.
     pub covariance: Matrix6<f64>,
 }
 
-/// One target in one picture.
+/// Detection of one target in one image.
 #[derive(Clone, Debug, PartialEq)]
-pub struct Sighting {
-    /// Number of the instant.
+pub struct TargetDetection {
+    /// Index of the instant.
     pub instant: usize,
-    /// Number of the eye.
+    /// Index of the eye.
     pub eye: usize,
-    /// Number of the target.
+    /// Index of the target.
     pub target: usize,
-    /// Its corners.
-    pub corners: Vec<Seen>,
+    /// Detected corners.
+    pub corners: Vec<DetectedCorner>,
 }
 
-/// How to calibrate.
+/// Calibration settings.
 #[derive(Clone, Copy, Debug)]
 pub struct Settings {
-    /// Most instants that are used for one camera's lenses, and again for how cameras sit.
-    pub most_views: usize,
-    /// Which lens models are tried; none for the factory's alone.
+    /// Maximum number of instants for the lenses of one camera, and again for the extrinsics.
+    pub max_views: usize,
+    /// Whether all lens models are tried; otherwise only the factory's.
     pub choose_lens: bool,
 }
 
 impl Default for Settings {
     fn default() -> Self {
         Self {
-            most_views: 40,
+            max_views: 40,
             choose_lens: true,
         }
     }
 }
 
-/// What came out.
+/// Result of a calibration.
 #[derive(Clone, Debug)]
 pub struct Calibration {
-    /// What it was made from.
+    /// The input.
     pub input: Input,
-    /// Instants that were used, ascending numbers of the input's.
+    /// Instants used: indices into the input's, ascending.
     pub used: Vec<usize>,
-    /// How the lens model was chosen, per camera.
+    /// Lens model selection, per camera.
     pub choices: Vec<Choice>,
-    /// The adjusted problem: lenses are the eyes in order; see [`Places`] for its places.
+    /// The solved problem: its lenses are the eyes in order; [`RigPoses`] maps its poses.
     pub solution: Solution,
-    /// Which place of the problem is which.
-    pub places: Places,
-    /// What of each eye's picture was seen.
+    /// Indices of the poses in the problem.
+    pub poses: RigPoses,
+    /// Image coverage of each eye.
     pub coverage: Vec<Coverage>,
-    /// Height of the middle of each target over its rim, m: 0 for those that are flat as far as can be told.
+    /// Sagitta of each target, m: z of its middle minus z of its rim, positive if the middle is
+    /// under the rim; 0 for targets that are flat within the measurement.
     pub sagitta_m: Vec<f64>,
-    /// What speaks against the result, worst first.
+    /// Objections to the result, worst first.
     pub findings: Vec<Finding>,
 }
 
-/// Numbers of the problem's places.
+/// Indices into [`Problem::poses`].
 #[derive(Clone, Debug, Default, PartialEq, Eq)]
-pub struct Places {
-    /// `rig_from_left` by camera; none for cameras that could not be connected.
+pub struct RigPoses {
+    /// `rig_from_left` by camera; `None` for cameras that could not be connected.
     pub cameras: Vec<Option<usize>>,
     /// `left_from_right` by camera.
     pub pairs: Vec<Option<usize>>,
-    /// `world_from_target` by target; none for the one that is the world and those that were not seen.
+    /// `world_from_target` by target; `None` for the world target and for targets that were not
+    /// observed.
     pub targets: Vec<Option<usize>>,
 }
 
-/// Why there is no calibration.
+/// Reasons for a failed calibration.
 #[derive(Debug, thiserror::Error)]
 pub enum CamerasError {
-    /// Too little was seen of targets by an eye: record more, or check the target's description.
+    /// Too few detections in one eye: record more, or check the target description.
     #[error(
-        "calibrating {eye}: a target was seen in {found} pictures, expected at least {expected}: {hint}"
+        "calibrating {eye}: a target was detected in {found} images, expected at least {expected}: {hint}"
     )]
     TooFew {
-        /// Which eye.
+        /// Name of the eye.
         eye: String,
-        /// In how many pictures.
+        /// Number of images with a detection.
         found: usize,
-        /// How many are needed.
+        /// Number required.
         expected: usize,
-        /// What may be the reason.
+        /// Possible reason.
         hint: String,
     },
-    /// No lens explains the pictures: the target is not what was said, or the ids are wrong.
+    /// No lens model explains the detections: the target differs from its description, or the ids
+    /// are wrong.
     #[error(
-        "calibrating {eye}: no lens explains what was seen; the best misses by {rms_px:.1} px, expected below {limit_px} px: is the target what its file says?"
+        "calibrating {eye}: no lens explains the detections; the best has an RMS residual of {rms_px:.1} px, expected below {limit_px} px: is the target what its file says?"
     )]
     NoLens {
-        /// Which eye.
+        /// Name of the eye.
         eye: String,
-        /// What the best one reached.
+        /// RMS residual of the best model, px.
         rms_px: f64,
-        /// What is expected.
+        /// Largest RMS residual allowed, px.
         limit_px: f64,
     },
-    /// The adjustment failed.
+    /// Bundle adjustment failed.
     #[error("calibrating the rig")]
     Adjust(#[from] AdjustError),
 }
 
 impl Calibration {
-    /// The lens of an eye.
+    /// Estimated model of an eye.
     pub fn lens(&self, eye: usize) -> &CameraModel {
         &self.solution.problem.lenses[eye].model
     }
@@ -202,25 +207,26 @@ impl Calibration {
             .collect()
     }
 
-    /// A place and its covariance, `[v, ω]` in the parent's axes; zero for one that was held.
-    pub fn place(&self, number: usize) -> (RigidTransform, Matrix6<f64>) {
-        let place = &self.solution.problem.places[number];
-        let sigma = self.covariance().of_place(number);
-        (place.parent_from_child, sigma)
+    /// A pose and its covariance, `[v, ω]` in the parent's axes; zero for a fixed pose.
+    pub fn pose(&self, number: usize) -> (RigidTransform, Matrix6<f64>) {
+        let pose = &self.solution.problem.poses[number];
+        let sigma = self.covariance().of_pose(number);
+        (pose.parent_from_child, sigma)
     }
 
-    /// `a_from_b` of the left eyes of two cameras with its covariance, `[v, ω]` in the axes of `a`: free of
-    /// where the rig's own frame is. None for cameras that are not connected.
+    /// `a_from_b` between the left eyes of two cameras with its covariance, `[v, ω]` in the axes of
+    /// `a`; independent of the pose of the rig frame. `None` for cameras that are not connected.
     pub fn left_from_left(&self, a: usize, b: usize) -> Option<(RigidTransform, Matrix6<f64>)> {
-        let (pa, pb) = (self.places.cameras[a]?, self.places.cameras[b]?);
-        let places = &self.solution.problem.places;
-        let (rig_from_a, rig_from_b) = (places[pa].parent_from_child, places[pb].parent_from_child);
+        let (pa, pb) = (self.poses.cameras[a]?, self.poses.cameras[b]?);
+        let poses = &self.solution.problem.poses;
+        let (rig_from_a, rig_from_b) = (poses[pa].parent_from_child, poses[pb].parent_from_child);
         let a_from_rig = *rig_from_a
             .inverse()
             .rotation()
             .to_rotation_matrix()
             .matrix();
-        // Moving a by [v, ω] in the rig's axes moves b, as a sees it, by minus that and the arm's turn.
+        // A change of `a` by [v, ω] in the rig's axes changes a_from_b by minus that, with the
+        // lever arm's rotation.
         let arm = rig_from_b.translation() - rig_from_a.translation();
         let (mut by_a, mut by_b) = (Matrix6::zeros(), Matrix6::zeros());
         by_b.fixed_view_mut::<3, 3>(0, 0).copy_from(&a_from_rig);
@@ -229,23 +235,26 @@ impl Calibration {
         by_a.fixed_view_mut::<3, 3>(3, 3).copy_from(&-a_from_rig);
         by_a.fixed_view_mut::<3, 3>(0, 3)
             .copy_from(&(a_from_rig * arm.cross_matrix()));
-        let by = [place_by(pa, &by_a), place_by(pb, &by_b)].concat();
+        let by = [pose_jacobian(pa, &by_a), pose_jacobian(pb, &by_b)].concat();
         let covariance = self.covariance().of(&by);
         Some((rig_from_a.inverse() * rig_from_b, covariance))
     }
 
-    /// The worst finding's severity.
+    /// Severity of the worst finding.
     pub fn severity(&self) -> Option<Severity> {
         self.findings.iter().map(|f| f.severity).max()
     }
 
     fn covariance(&self) -> &Covariance {
-        self.solution.covariance.as_ref().expect("it was asked for")
+        self.solution
+            .covariance
+            .as_ref()
+            .expect("covariances are computed")
     }
 }
 
-/// The views of a problem for some sightings; places are filled in by whoever knows them.
-fn points(target: &Target, corners: &[Seen]) -> Vec<adjust::Point> {
+/// Points of a detection, for a view of the problem.
+fn points(target: &Target, corners: &[DetectedCorner]) -> Vec<adjust::Point> {
     let known = target.corners();
     corners
         .iter()
@@ -255,22 +264,25 @@ fn points(target: &Target, corners: &[Seen]) -> Vec<adjust::Point> {
             Some(adjust::Point {
                 x_in_target: [x, y, 0.0],
                 pixel: seen.pixel,
-                sigma_px: seen.sigma_px.max(LEAST_SIGMA_PX),
+                sigma_px: seen.sigma_px.max(MIN_SIGMA_PX),
             })
         })
         .collect()
 }
 
-/// No corner is surer than this, px: what paper, print and lens leave.
-const LEAST_SIGMA_PX: f64 = 0.02;
+/// Sigma floor of a corner, px: residual errors of paper, print and lens.
+const MIN_SIGMA_PX: f64 = 0.02;
 
-/// A problem with one lens that sees targets from places of its own.
-fn one_eye(lens: adjust::LensBlock, views: &[(RigidTransform, Vec<adjust::Point>)]) -> Problem {
+/// A problem with one lens and an independent pose per view.
+fn single_lens_problem(
+    lens: adjust::LensBlock,
+    views: &[(RigidTransform, Vec<adjust::Point>)],
+) -> Problem {
     Problem {
         lenses: vec![lens],
-        places: Vec::new(),
+        poses: Vec::new(),
         instants: views.iter().map(|(pose, _)| *pose).collect(),
-        stays: Vec::new(),
+        clusters: Vec::new(),
         views: views
             .iter()
             .enumerate()

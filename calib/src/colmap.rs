@@ -1,11 +1,11 @@
 //! COLMAP's `cameras.txt` and `cameras.bin`, with the `rigs.txt` beside them.
 //!
-//! Contract: COLMAP puts the centre of the top-left pixel at (0.5, 0.5), so principal points lose half
-//! a pixel on reading and gain it on writing. Cameras are called by their identifiers. A model with one
-//! focal length or fewer coefficients is read as the smallest here that means the same. Where `rigs.txt`
-//! (COLMAP 3.12 and later) names the first camera in a rig with poses, the cameras of that rig have
-//! their places; `sensor_from_rig`, quaternion `w x y z`, takes points from the rig to the sensor.
-//! FOV and thin-prism models are refused.
+//! Contract: COLMAP puts the centre of the top-left pixel at (0.5, 0.5), so that half a pixel is
+//! subtracted from principal points on reading and added on writing. Cameras are named by their
+//! identifiers. A model with one focal length or fewer coefficients is read as the smallest model
+//! here that means the same. If `rigs.txt` (COLMAP 3.12 and later) names the first camera in a rig
+//! with poses, the cameras of that rig have their extrinsics; `sensor_from_rig`, quaternion `w x y
+//! z`, takes points from the rig to the sensor. FOV and thin-prism models are rejected.
 
 use std::collections::{BTreeMap, BTreeSet};
 use std::path::Path;
@@ -19,7 +19,7 @@ use crate::stereo::{Format, Provenance};
 use crate::text::{Source, written_all};
 use crate::write::{WriteError, Written, lens};
 
-/// What COLMAP adds to a pixel coordinate.
+/// Offset of COLMAP's pixel coordinates.
 const HALF: f64 = 0.5;
 
 /// Text or binary.
@@ -29,7 +29,7 @@ pub(crate) enum Form {
     Binary,
 }
 
-/// Name, number and count of parameters of a model (COLMAP `src/colmap/sensor/models.h`).
+/// Name, number and parameter count of a model (COLMAP `src/colmap/sensor/models.h`).
 const MODELS: [(&str, i32, usize); 9] = [
     ("SIMPLE_PINHOLE", 0, 3),
     ("PINHOLE", 1, 4),
@@ -81,7 +81,7 @@ pub fn read(path: &Path) -> Result<(CameraSet, Vec<Note>), CalibError> {
             }
         } else if found.len() > 1 {
             notes.push(Note(
-                "no rigs.txt beside the cameras: their places are not known".to_owned(),
+                "no rigs.txt beside the cameras: their poses are unknown".to_owned(),
             ));
         }
     }
@@ -105,7 +105,7 @@ pub fn read(path: &Path) -> Result<(CameraSet, Vec<Note>), CalibError> {
             part: None,
         },
     };
-    Ok((set.checked(path)?, notes))
+    Ok((set.validate(path)?, notes))
 }
 
 fn text(path: &Path, notes: &mut Vec<Note>) -> Result<Vec<(u32, CameraModel)>, CalibError> {
@@ -161,7 +161,7 @@ fn known_models() -> String {
     format!("one of {}", names.join(", "))
 }
 
-/// Of a known model with as many parameters as it has.
+/// A camera of a known model; `p` has its number of parameters.
 fn camera(model: &str, [width, height]: [u32; 2], p: &[f64]) -> CameraModel {
     let one_focal = matches!(
         model,
@@ -222,9 +222,9 @@ fn binary(path: &Path) -> Result<Vec<(u32, CameraModel)>, CalibError> {
         what: format!("the rest of camera {camera}"),
         found: "the end of the file".to_owned(),
     };
-    let implausible = |objection: String| CalibError::Implausible {
+    let implausible = |reason: String| CalibError::Implausible {
         path: path.to_owned(),
-        objection,
+        reason,
     };
     let count = u64::from_le_bytes(take(&mut rest).ok_or_else(|| cut(0))?);
     let mut cameras: Vec<(u32, CameraModel)> = Vec::new();
@@ -269,7 +269,7 @@ fn take<const N: usize>(rest: &mut &[u8]) -> Option<[u8; N]> {
     Some(*head)
 }
 
-/// `camera_from_first` of the cameras in the rig that `first` is in.
+/// `camera_from_first` of the cameras in the rig of `first`.
 fn places_in_rig(path: &Path, first: u32) -> Result<BTreeMap<u32, RigidTransform>, CalibError> {
     let source = Source::read_document(path)?;
     for (line, text) in source.lines() {

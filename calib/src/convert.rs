@@ -1,14 +1,15 @@
-//! One lens model in place of another, with the error stated.
+//! Conversion between lens models, with the error stated.
 //!
-//! Contract: [`convert`] keeps the size of the picture and the directions of its pixels. Where the target
-//! holds the source as a special case the coefficients are carried over and nothing changes. Elsewhere
-//! focal lengths, principal point and coefficients are fitted so that the target's pixels lie where the
-//! source's are, by least squares over a grid on the whole picture with its border, and the largest and
-//! the mean square difference are measured on a finer grid. A part of the picture that the target cannot
-//! mean is told, never bent into place. The same input gives the same numbers on every run.
+//! Contract: [`convert`] keeps the image size and the directions of its pixels. If the target model
+//! contains the source as a special case, the coefficients are copied and nothing changes.
+//! Otherwise focal lengths, principal point and coefficients are fitted so that the target's pixels
+//! match the source's, by least squares over a grid on the whole image with its border, and the
+//! maximum and RMS difference are measured on a finer grid. A part of the image outside the domain
+//! of the target is reported, never distorted to fit. The same input gives the same numbers on
+//! every run.
 //!
-//! A pinhole model is fitted up to 80 degrees off the axis: beyond, a pixel of a picture of any real size
-//! would be worth kilometres on the plane. [`convert_within`] narrows that where the middle matters more.
+//! A pinhole model is fitted up to 80 degrees off the axis: beyond, a pixel of a real image would
+//! span kilometres on the plane. [`convert_within`] narrows the range if the middle matters more.
 
 use std::fmt;
 
@@ -17,7 +18,7 @@ use nalgebra::{DMatrix, DVector};
 use crate::camera::{CameraModel, Distortion};
 use crate::lens::Lens;
 
-/// The lens models, without their numbers.
+/// The lens models, without their parameters.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 #[allow(missing_docs)] // As in `Distortion`.
 pub enum LensModel {
@@ -31,54 +32,55 @@ pub enum LensModel {
     Eucm,
 }
 
-/// Pinhole models are fitted up to here, radians off the axis.
-const PINHOLE_WIDEST_RAD: f64 = 80.0 * std::f64::consts::PI / 180.0;
+/// Maximum angle off the axis for fitting pinhole models, radians.
+const MAX_PINHOLE_ANGLE_RAD: f64 = 80.0 * std::f64::consts::PI / 180.0;
 /// Columns and rows of the grid for fitting.
 const FIT_GRID: [usize; 2] = [41, 31];
 /// Columns and rows of the grid for measuring the error.
 const CHECK_GRID: [usize; 2] = [129, 97];
-/// The fit begins in the middle of the picture and widens in these steps, as parts of the widest angle.
+/// The fit starts in the middle of the image and widens in these steps, as fractions of the maximum
+/// angle.
 const STAGES: [f64; 4] = [0.4, 0.65, 0.85, 1.0];
 const ITERATIONS: usize = 300;
 
-/// A converted model and how far it is off.
+/// A converted model and its error.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Conversion {
     /// The new model, of the same size.
     pub model: CameraModel,
-    /// Whether the target holds the source as a special case. Then the errors are 0.
+    /// Whether the target contains the source as a special case. Then the errors are 0.
     pub exact: bool,
-    /// The largest distance between a pixel and where the new model sees its direction, pixels.
+    /// Maximum distance between a pixel and its direction's projection in the new model, pixels.
     pub max_px: f64,
-    /// The root mean square of these, pixels.
+    /// RMS of these distances, pixels.
     pub rms_px: f64,
-    /// The pixel with the largest.
+    /// The pixel with the maximum.
     pub worst_at: [f64; 2],
-    /// The part of the picture, 0 to 1, whose directions the source knows and the target cannot mean,
-    /// or which lie outside what was asked for.
+    /// Fraction of the image, 0 to 1, whose directions are outside the domain of the target or
+    /// outside the requested range.
     pub lost: f64,
-    /// The smallest angle off the axis among these, radians.
+    /// Smallest angle off the axis among these, radians.
     pub lost_from_rad: Option<f64>,
-    /// The part of the picture, 0 to 1, for which the source itself has no direction.
+    /// Fraction of the image, 0 to 1, for which the source itself has no direction.
     pub without_direction: f64,
 }
 
-/// Why there is no conversion.
+/// Reasons for a failed conversion.
 #[derive(Clone, Debug, PartialEq, thiserror::Error)]
 pub enum ConvertError {
-    /// Hardly a pixel of the picture has a direction in the source.
+    /// Hardly any pixel of the image has a direction in the source.
     #[error(
         "converting a lens: {directions} of {grid} pixels have a direction that {target} could mean, too few to fit"
     )]
     TooFew {
         /// Pixels with a direction.
         directions: usize,
-        /// Pixels tried.
+        /// Pixels tested.
         grid: usize,
         /// The target.
         target: &'static str,
     },
-    /// The fit did not come to finite, possible numbers.
+    /// The fit did not converge to finite, valid parameters.
     #[error("converting a lens: no {target} fits")]
     NoFit {
         /// The target.
@@ -99,7 +101,7 @@ impl LensModel {
         Self::Eucm,
     ];
 
-    /// The model of some coefficients.
+    /// The model of a distortion.
     pub fn of(distortion: &Distortion) -> Self {
         match distortion {
             Distortion::None => Self::None,
@@ -118,7 +120,7 @@ impl LensModel {
         self.neutral().name()
     }
 
-    /// The model of a name, in any case and with or without underscores: `rad_tan4`, `radtan4`.
+    /// Parses a model name, in any case and with or without underscores: `rad_tan4`, `radtan4`.
     pub fn from_name(name: &str) -> Option<Self> {
         let plain = |text: &str| {
             let letters = text.chars().filter(|c| !matches!(c, '_' | '-'));
@@ -129,8 +131,8 @@ impl LensModel {
             .find(|model| plain(model.name()) == plain(name))
     }
 
-    /// Coefficients from which fits begin. The two of a sphere model trade against each other, so that
-    /// one beginning can end in a long valley.
+    /// Initial coefficients of the fit. The two of a sphere model are correlated, so that a single
+    /// start can end in a long valley.
     fn beginnings(self) -> Vec<Distortion> {
         let sphere = |xi: f64, alpha: f64| Distortion::DoubleSphere { xi, alpha };
         let unified = |alpha: f64, beta: f64| Distortion::Eucm { alpha, beta };
@@ -176,9 +178,9 @@ impl LensModel {
     }
 }
 
-/// The same lens in another model where that model holds it exactly: `none` in every one with radial
-/// terms, a smaller radial-tangential one in a larger, and a larger in a smaller whose missing terms
-/// are 0.
+/// The same lens in another model that contains it exactly: `none` in every model with radial
+/// terms, a smaller radial-tangential one in a larger, and a larger in a smaller whose missing
+/// terms are 0.
 pub fn exactly(distortion: &Distortion, target: LensModel) -> Option<Distortion> {
     if LensModel::of(distortion) == target {
         return Some(*distortion);
@@ -220,7 +222,7 @@ pub fn exactly(distortion: &Distortion, target: LensModel) -> Option<Distortion>
     found.1.then_some(found.0)
 }
 
-/// Fits `target` to `source` over the whole picture.
+/// Fits `target` to `source` over the whole image.
 ///
 /// # Errors
 /// [`ConvertError`].
@@ -228,7 +230,7 @@ pub fn convert(source: &CameraModel, target: LensModel) -> Result<Conversion, Co
     convert_within(source, target, std::f64::consts::PI)
 }
 
-/// The same for the part of the picture up to an angle off the axis, radians.
+/// The same up to an angle off the axis, radians.
 ///
 /// # Errors
 /// [`ConvertError`].
@@ -246,7 +248,7 @@ pub fn convert_within(
         return Ok(measure(&lens, &model, true, widest_rad));
     }
     let widest_rad = if target.is_pinhole() {
-        widest_rad.min(PINHOLE_WIDEST_RAD)
+        widest_rad.min(MAX_PINHOLE_ANGLE_RAD)
     } else {
         widest_rad
     };
@@ -254,7 +256,7 @@ pub fn convert_within(
         .filter_map(|pixel| Sample::of(&lens, pixel))
         .filter(|sample| sample.angle_rad <= widest_rad)
         .collect();
-    let least = 4 * CameraModel::MOST;
+    let least = 4 * CameraModel::MAX_PARAMETERS;
     if samples.len() < least {
         return Err(ConvertError::TooFew {
             directions: samples.len(),
@@ -318,7 +320,7 @@ impl Sample {
     }
 }
 
-/// Pixels over the whole picture, the outer ones on its border.
+/// Pixels over the whole image, the outer ones on its border.
 fn grid(model: &CameraModel, [columns, rows]: [usize; 2]) -> impl Iterator<Item = [f64; 2]> {
     let (width, height) = (f64::from(model.width), f64::from(model.height));
     (0..columns * rows).map(move |i| {
@@ -330,8 +332,8 @@ fn grid(model: &CameraModel, [columns, rows]: [usize; 2]) -> impl Iterator<Item 
     })
 }
 
-/// The sum of squared distances. A direction that the model cannot mean costs more than any that it
-/// misplaces within the picture, so that none is given up to lower the sum.
+/// Sum of squared distances. A direction outside the domain costs more than any residual within the
+/// image, so that none is dropped to lower the sum.
 fn cost(model: &CameraModel, samples: &[Sample]) -> f64 {
     if !possible(model) {
         return f64::INFINITY;
@@ -346,8 +348,8 @@ fn cost(model: &CameraModel, samples: &[Sample]) -> f64 {
     samples.iter().map(distance).sum()
 }
 
-/// Levenberg and Marquardt's method with analytic derivatives, until a step gains no more than a part
-/// `enough` of the sum.
+/// Levenberg–Marquardt with analytic Jacobians, until a step decreases the sum by a fraction of
+/// less than `enough`.
 fn fit(start: CameraModel, samples: &[Sample], enough: f64) -> CameraModel {
     let mut model = start;
     let mut best = cost(&model, samples);
@@ -390,7 +392,7 @@ fn fit(start: CameraModel, samples: &[Sample], enough: f64) -> CameraModel {
     model
 }
 
-/// Whether the numbers lie where the model is defined (Usenko et al. 2018, section 2).
+/// Whether the parameters are in the range of the model (Usenko et al. 2018, section 2).
 fn possible(model: &CameraModel) -> bool {
     let lens = match model.distortion {
         Distortion::DoubleSphere { xi, alpha } => {
@@ -479,14 +481,14 @@ impl fmt::Display for Conversion {
             let [x, y] = self.worst_at;
             write!(
                 f,
-                "{name} is off by at most {:.4} px (at {x:.0}, {y:.0}), {:.4} px RMS",
+                "{name} has a maximum error of {:.4} px (at {x:.0}, {y:.0}), {:.4} px RMS",
                 self.max_px, self.rms_px
             )?;
         }
         if let Some(from) = self.lost_from_rad {
             write!(
                 f,
-                "; {:.1} % of the picture, from {:.1}° off the axis on, cannot be meant",
+                "; {:.1} % of the image, from {:.1}° off the axis on, is outside its domain",
                 100.0 * self.lost,
                 from.to_degrees()
             )?;
@@ -494,7 +496,7 @@ impl fmt::Display for Conversion {
         if self.without_direction > 0.0 {
             write!(
                 f,
-                "; {:.1} % of the picture had no direction before",
+                "; {:.1} % of the image had no direction in the source",
                 100.0 * self.without_direction
             )?;
         }

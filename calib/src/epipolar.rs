@@ -1,8 +1,21 @@
-//! How far a matched pair of pixels is from what a stereo calibration allows, without any depth.
+//! Epipolar error of a matched pair of pixels, without a depth.
 //!
-//! Contract: pixels are those of the pictures as delivered, distortion and all. Both measures are in
-//! pixels of undistorted pictures with the pair's mean focal length near the axis, so that they compare
-//! between lens models. A pixel without a direction, or one behind the rectified plane, gives `None`.
+//! Contract: pixels are those of the delivered, distorted images. Both measures are in pixels of
+//! undistorted images with the pair's mean focal length near the axis, so that they are comparable
+//! between lens models. A pixel without a direction, or one behind the rectified plane, gives
+//! `None`.
+//!
+//! ```
+//! # use calib::{CameraModel, Distortion, StereoCalibration, epipolar};
+//! # use cad_transforms::RigidTransform;
+//! # let left = CameraModel { width: 640, height: 480, fx: 500.0, fy: 500.0, cx: 320.0, cy: 240.0,
+//! #     distortion: Distortion::None };
+//! # let stereo = StereoCalibration { left, right: left,
+//! #     right_from_left: RigidTransform::from_translation_m([-0.1, 0.0, 0.0]).unwrap(), imu: None,
+//! #     provenance: calib::Provenance { format: None, files: Vec::new(), part: None } };
+//! let rows = epipolar::row_difference(&stereo, [330.0, 250.0], [310.0, 251.5]).unwrap();
+//! assert!((rows - 1.5).abs() < 1e-9);
+//! ```
 //!
 //! ```
 //! # use calib::{CameraModel, Distortion, StereoCalibration, epipolar};
@@ -23,20 +36,20 @@ use crate::lens::Lens;
 use crate::rectify::{RectifyError, rotations};
 use crate::stereo::StereoCalibration;
 
-/// A pair made ready for many matches.
+/// A stereo pair prepared for many matches.
 #[derive(Clone, Debug)]
 pub struct Epipolar {
     left: Lens,
     right: Lens,
     rectified_from_left: Matrix3<f64>,
     rectified_from_right: Matrix3<f64>,
-    /// `x_right' E x_left = 0` for directions of one point.
+    /// `x_right' E x_left = 0` for the directions of one point.
     essential: Matrix3<f64>,
     focal_px: f64,
 }
 
 impl Epipolar {
-    /// For a pair.
+    /// Prepares a pair.
     ///
     /// # Errors
     /// [`RectifyError::NotBeside`].
@@ -54,12 +67,12 @@ impl Epipolar {
         })
     }
 
-    /// The focal length that the measures refer to, pixels.
+    /// Focal length to which the measures refer, pixels.
     pub fn focal_px(&self) -> f64 {
         self.focal_px
     }
 
-    /// The right pixel's row less the left one's after rectification, pixels.
+    /// Row of the right pixel minus row of the left one after rectification, pixels.
     pub fn row_difference(&self, left_px: [f64; 2], right_px: [f64; 2]) -> Option<f64> {
         let row = |lens: &Lens, turn: &Matrix3<f64>, pixel| {
             let direction = turn * Vector3::from(lens.unproject(pixel)?);
@@ -70,8 +83,9 @@ impl Epipolar {
         Some(right - left)
     }
 
-    /// Sampson's distance: to first order, how far the two pixels together must move to be of one
-    /// point (Hartley and Zisserman 2004, section 11.4.3). Signed, pixels.
+    /// Sampson distance: to first order, the smallest joint displacement of the two pixels that
+    /// satisfies the epipolar constraint (Hartley and Zisserman 2004, section 11.4.3). Signed,
+    /// pixels.
     pub fn sampson_distance(&self, left_px: [f64; 2], right_px: [f64; 2]) -> Option<f64> {
         let on_plane = |lens: &Lens, pixel| {
             let [x, y, z] = lens.unproject(pixel)?;
@@ -86,7 +100,7 @@ impl Epipolar {
     }
 }
 
-/// [`Epipolar::row_difference`] of a single match; none also for a pair that cannot be rectified.
+/// [`Epipolar::row_difference`] of a single match; also `None` for a pair that cannot be rectified.
 pub fn row_difference(
     stereo: &StereoCalibration,
     left_px: [f64; 2],

@@ -1,4 +1,4 @@
-//! What can go wrong while reading a calibration, and what is worth telling although it went right.
+//! Errors of reading a calibration, and notes on suspicious input that could still be read.
 
 use std::fmt;
 use std::io;
@@ -12,10 +12,10 @@ pub enum CalibError {
     Read {
         /// The file.
         path: PathBuf,
-        /// What the system said.
+        /// Error of the operating system.
         source: std::io::Error,
     },
-    /// The file is longer than any calibration: make one that has the cameras alone.
+    /// The file is longer than any calibration: extract the cameras alone.
     #[error(
         "reading a calibration file: found {found} bytes, expected at most {limit}; make one that has the cameras alone, \
          without images and other frames: {}", path.display()
@@ -25,52 +25,52 @@ pub enum CalibError {
         path: PathBuf,
         /// Its length, bytes.
         found: u64,
-        /// The most that is read of such a file, bytes.
+        /// Maximum length that is read of such a file, bytes.
         limit: u64,
     },
-    /// A line is not what this kind of file has there: correct the line or fetch the file again.
+    /// A line differs from the format: correct the line or fetch the file again.
     #[error("reading a calibration: line {line}: found {found}, expected {expected}: {}", path.display())]
     Malformed {
         /// The file.
         path: PathBuf,
         /// The line, from 1.
         line: usize,
-        /// What is there.
+        /// Text found.
         found: String,
-        /// What belongs there.
+        /// Text expected.
         expected: String,
     },
-    /// Something the file must hold is not in it.
+    /// A required element is missing.
     #[error("reading a calibration: {what} is missing, found {found}: {}", path.display())]
     Missing {
         /// The file or folder.
         path: PathBuf,
-        /// What is missing.
+        /// Missing element.
         what: String,
-        /// What is there in its place.
+        /// Content found instead.
         found: String,
     },
-    /// The file is of another resolution than the pictures: use the file or mode that fits.
-    #[error("choosing a calibration for pictures of {width}x{height}: found {found}: {}", path.display())]
+    /// The file is of another resolution than the images: use the file or mode that fits.
+    #[error("choosing a calibration for images of {width}x{height}: found {found}: {}", path.display())]
     Resolution {
         /// The file.
         path: PathBuf,
-        /// Width of one picture, pixels.
+        /// Image width, pixels.
         width: u32,
-        /// Height of one picture, pixels.
+        /// Image height, pixels.
         height: u32,
-        /// The resolutions the file holds.
+        /// The resolutions in the file.
         found: String,
     },
-    /// The file does not say of which size its pictures are: give the size.
-    #[error("reading a calibration: found {found}, expected the size of a picture, which must be given: {}", path.display())]
+    /// The file has no image size: give the size.
+    #[error("reading a calibration: found {found}, expected the image size, which must be given: {}", path.display())]
     SizeUnknown {
         /// The file.
         path: PathBuf,
-        /// What is there.
+        /// Content found.
         found: String,
     },
-    /// The file is of another camera than expected.
+    /// The file belongs to another camera.
     #[error("reading a calibration: found serial {found}, expected {expected}: {}", path.display())]
     Serial {
         /// The file.
@@ -80,28 +80,28 @@ pub enum CalibError {
         /// The serial of the camera.
         expected: String,
     },
-    /// The numbers can be read but cannot be true.
-    #[error("checking a calibration: {objection}: {}", path.display())]
+    /// The numbers can be read but are impossible.
+    #[error("checking a calibration: {reason}: {}", path.display())]
     Implausible {
         /// The file.
         path: PathBuf,
-        /// What is wrong with them.
-        objection: String,
+        /// The contradiction.
+        reason: String,
     },
-    /// No reader knows this file or folder.
+    /// Unknown file or folder.
     #[error("recognising a calibration: found {found}, expected {expected}: {}", path.display())]
     Unrecognised {
         /// The file or folder.
         path: PathBuf,
-        /// What is there.
+        /// Content found.
         found: String,
-        /// What the readers look for.
+        /// Formats that are recognized.
         expected: String,
     },
 }
 
 impl CalibError {
-    /// Of a file that could not be read.
+    /// Error of a file that could not be read.
     pub(crate) fn unread(path: &Path, source: io::Error) -> Self {
         let path = path.to_owned();
         let inner = source.get_ref();
@@ -112,7 +112,7 @@ impl CalibError {
     }
 }
 
-/// Something absent, derived or doubtful that did not stop the reading. Show it.
+/// Absent, derived or suspicious input that did not stop the reading. Show it to the user.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Note(pub String);
 

@@ -1,9 +1,9 @@
 //! `sensor.yaml` files of an ASL folder, as EuRoC has them (Burri et al. 2016).
 //!
-//! Contract: `cam0` is the left camera, `cam1` the right one. `T_BS` takes points from the sensor to the
-//! body, rows first, so `right_from_left = body_from_right⁻¹ · body_from_left`. The resolution in the
-//! files must be that of the pictures. An absent `imu0` leaves the IMU empty; one that is there must be
-//! whole, except for its noise, whose absence is noted.
+//! Contract: `cam0` is the left camera, `cam1` the right one. `T_BS` takes points from the sensor
+//! to the body, row-major, so that `right_from_left = body_from_right⁻¹ · body_from_left`. The
+//! resolution in the files must be that of the images. Without `imu0` there is no IMU; one that
+//! exists must be complete, except for its noise, whose absence is noted.
 
 use std::path::{Path, PathBuf};
 
@@ -17,7 +17,7 @@ use crate::text::{Source, written, written_all};
 use crate::tree::{At, yaml};
 use crate::write::{WriteError, Written, lens, placed};
 
-/// Reads the calibration of an ASL folder for pictures of `width` x `height` pixels. `path` is the
+/// Reads the calibration of an ASL folder for images of `width` x `height` pixels. `path` is the
 /// folder with `cam0` and `cam1` (`mav0`), or one of the `sensor.yaml` below it.
 ///
 /// # Errors
@@ -33,14 +33,14 @@ pub fn read(
     let (calibration, more) = set.stereo(Some(["cam0", "cam1"]), folder)?;
     if !imu {
         notes.push(Note(
-            "no imu0/sensor.yaml: the place of the IMU is not known".to_owned(),
+            "no imu0/sensor.yaml: the IMU extrinsics are unknown".to_owned(),
         ));
     }
     notes.extend(more);
     Ok((calibration, notes))
 }
 
-/// Reads `cam0`, `cam1` and so on, at least as many as said. With a size, all pictures must have it.
+/// Reads `cam0`, `cam1` and so on, at least the given number. With a size, all images must have it.
 ///
 /// # Errors
 /// [`CalibError`].
@@ -92,10 +92,10 @@ pub(crate) fn read_cameras(
             part: None,
         },
     };
-    Ok((set.checked(folder)?, notes))
+    Ok((set.validate(folder)?, notes))
 }
 
-/// The folder that holds `cam0`.
+/// The folder with `cam0`.
 fn folder_of(path: &Path) -> &Path {
     match path.file_name() {
         Some(name) if name == "sensor.yaml" => path
@@ -153,7 +153,7 @@ fn camera(
         }
     };
     let model = CameraModel::new((width, height), [fx, fy, cx, cy], distortion);
-    yaml.get("intrinsics")?.refuse_impossible(&model)?;
+    yaml.get("intrinsics")?.reject_invalid_model(&model)?;
     Ok((model, body_from_sensor(&yaml)?))
 }
 

@@ -1,20 +1,20 @@
 //! The arrays of a `foxglove.CameraCalibration` (and of ROS `sensor_msgs/CameraInfo`), without the
 //! message itself.
 //!
-//! Contract: what the pictures are as delivered. Rectification is not computed here: for pictures
-//! that are not rectified, `r` is the identity and `p` repeats the camera matrix, and the place of the
-//! right camera is told by its transform alone. Only a pair that is rectified already carries its
-//! baseline in `p`.
+//! Contract: the arrays describe the images as delivered. Rectification is not computed here: for
+//! images that are not rectified, `r` is the identity and `p` repeats the camera matrix, and the
+//! extrinsics of the right camera are in its transform only. Only a pair that is already rectified
+//! has its baseline in `p`.
 
 use crate::camera::{CameraModel, Distortion};
 use crate::stereo::{Eye, StereoCalibration};
 
-/// One camera's calibration as plain arrays, matrices rows first.
+/// One camera's calibration as plain arrays, matrices row-major.
 #[derive(Clone, Debug, PartialEq)]
 pub struct CameraInfo {
-    /// Picture width, pixels.
+    /// Image width, pixels.
     pub width: u32,
-    /// Picture height, pixels.
+    /// Image height, pixels.
     pub height: u32,
     /// `plumb_bob`, `rational_polynomial`, `kannala_brandt`, `double_sphere`, `eucm`, or empty for none.
     pub distortion_model: &'static str,
@@ -44,7 +44,7 @@ impl CameraInfo {
             Distortion::KannalaBrandt4 { .. } => {
                 ("kannala_brandt", camera.distortion.coefficients())
             }
-            // Not among the names that ROS fixes; readers that do not know them can say so.
+            // Not among the names fixed by ROS; readers that do not know them can report it.
             Distortion::DoubleSphere { .. } => ("double_sphere", camera.distortion.coefficients()),
             Distortion::Eucm { .. } => ("eucm", camera.distortion.coefficients()),
         };
@@ -67,8 +67,8 @@ impl CameraInfo {
     }
 }
 
-/// The lens of such arrays: size of the picture, name of the model, coefficients, camera matrix. Coefficients that are
-/// not there are 0. None for a model of another name and for a matrix that is none.
+/// The lens of such arrays: image size, model name, coefficients, camera matrix. Missing
+/// coefficients are 0. `None` for an unknown model and for an invalid matrix.
 pub fn lens(
     [width, height]: [u32; 2],
     distortion_model: &str,
@@ -184,10 +184,10 @@ mod tests {
 
     #[test]
     fn an_unrectified_pair_does_not() {
-        let turned =
+        let rotated =
             RigidTransform::from_rotation_vector([0.0, 0.01, 0.0], [-0.12, 0.0, 0.0]).unwrap();
         assert_eq!(
-            CameraInfo::of(&stereo(Distortion::None, turned), Eye::Right).p[3],
+            CameraInfo::of(&stereo(Distortion::None, rotated), Eye::Right).p[3],
             0.0
         );
         let straight = RigidTransform::from_translation_m([-0.12, 0.0, 0.0]).unwrap();
@@ -210,7 +210,7 @@ mod tests {
             let stereo = stereo(distortion, straight);
             let info = CameraInfo::of(&stereo, Eye::Left);
             assert_eq!((info.distortion_model, info.d.as_slice()), (name, d));
-            // Back again, but that four coefficients of a plumb bob have become five.
+            // The inverse, except that four coefficients of a plumb bob have become five.
             let back = lens([info.width, info.height], name, d, &info.k).unwrap();
             match distortion {
                 Distortion::RadTan4 { k1, k2, p1, p2 } => {

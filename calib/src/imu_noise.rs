@@ -1,9 +1,9 @@
-//! The noise of an IMU from a recording in which it lay still.
+//! IMU noise from a static recording.
 //!
-//! Contract: [`measure`] looks before it measures. Spans in which the IMU moved, stood frozen or gave single wild
-//! values are left out and named; no difference is taken across what was left out, nor across a gap. Where
-//! too little is left, or an axis never changes, there is a refusal with its reason in place of a result.
-//! Everything doubtful is a [`Remark`] with a name.
+//! Contract: [`measure`] screens the recording first. Spans in which the IMU moved, was frozen or
+//! had single outliers are excluded and reported; no difference is taken across an excluded span or
+//! a gap. If too little is left, or an axis never changes, there is no result but a finding with
+//! the reason. Everything questionable is a [`Finding`] with a kind.
 //!
 //! Units are SI: rad/s and m/s², noise as in [`ImuNoise`].
 
@@ -22,90 +22,91 @@ use crate::stereo::ImuNoise;
 pub const AXES: [&str; 6] = [
     "gyro x", "gyro y", "gyro z", "accel x", "accel y", "accel z",
 ];
-/// The longest stretch without motion or gap must be this long, s.
-pub const LEAST_STILL_S: f64 = 60.0;
-/// Halves of a recording may differ by this many times what the noise explains.
-const DRIFT: f64 = 4.0;
+/// Minimum length of the longest static run without a gap, s.
+pub const MIN_STATIC_S: f64 = 60.0;
+/// Maximum difference between the halves of a recording, in multiples of the expected noise.
+const DRIFT_SIGMAS: f64 = 4.0;
 
-/// What an IMU delivered.
+/// Samples of an IMU.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct Series {
-    /// Rate that was promised, Hz.
+    /// Nominal rate, Hz.
     pub nominal_rate_hz: f64,
     /// Time of each sample by the sensor's clock, s.
     pub times_s: Vec<f64>,
     /// Angular rate x y z, rad/s, and specific force x y z, m/s².
     pub axes: [Vec<f64>; 6],
-    /// Temperature of each sample, °C; empty where there is none.
+    /// Temperature of each sample, °C; empty if not measured.
     pub temperature_c: Vec<f32>,
     /// The runs of samples without a gap.
     pub runs: Vec<Range<usize>>,
-    /// What [`Series::bridged`] has to say.
-    pub bridged: Vec<Remark>,
+    /// Findings of [`Series::bridged`].
+    pub bridged: Vec<Finding>,
 }
 
-/// How much a remark weighs.
+/// Severity of a finding.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
-pub enum Weight {
-    /// Good to know.
+pub enum Severity {
+    /// Information.
     Note,
-    /// The result may be worse than it looks.
-    Doubt,
-    /// There is no result, of an axis or of all.
-    Refusal,
+    /// The result may be worse than it appears.
+    Warn,
+    /// No result, for an axis or for all.
+    Fail,
 }
 
-/// Something about a recording.
+/// Finding about a recording.
 #[derive(Clone, Debug, PartialEq, Eq)]
-pub struct Remark {
-    /// How much it weighs.
-    pub weight: Weight,
-    /// What kind of thing, in one word: `moved`, `frozen`, `clipped`, `outliers`, `coarse`, `repeated`,
-    /// `rate`, `jitter`, `gaps`, `bridged`, `short`, `temperature`, `drift`, `misfit`, `filtered`, `not finite`.
+pub struct Finding {
+    /// Severity.
+    pub severity: Severity,
+    /// Kind, in one word: `moved`, `frozen`, `clipped`, `outliers`, `coarse`, `repeated`, `rate`,
+    /// `jitter`, `gaps`, `bridged`, `short`, `temperature`, `drift`, `misfit`, `filtered`, `not
+    /// finite`.
     pub kind: &'static str,
-    /// What exactly.
+    /// Description.
     pub text: String,
 }
 
-/// One axis.
+/// Result for one axis.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Axis {
-    /// Which: a position in [`AXES`].
+    /// Index in [`AXES`].
     pub index: usize,
-    /// Mean of what was used.
+    /// Mean of the samples used.
     pub mean: f64,
-    /// The curve.
+    /// The Allan variance curve.
     pub curve: Curve,
-    /// The model; none for an axis that is refused.
+    /// The fitted model; `None` for a rejected axis.
     pub fit: Option<Fit>,
 }
 
-/// What was found.
+/// Result of a measurement.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Measurement {
     /// Measured rate, Hz.
     pub rate_hz: f64,
-    /// Stretches that were used, s after the first sample.
+    /// Time spans used, s after the first sample.
     pub used_s: Vec<[f64; 2]>,
-    /// The six axes in the order of [`AXES`]; empty after a refusal of all.
+    /// The six axes in the order of [`AXES`]; empty if the recording is rejected.
     pub axes: Vec<Axis>,
-    /// Everything worth knowing, the heaviest first.
-    pub remarks: Vec<Remark>,
+    /// All findings, most severe first.
+    pub findings: Vec<Finding>,
 }
 
-/// One number for a sensor: of the three axes the worst.
+/// Worst of the three axes of a sensor.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum Worst {
-    /// The largest of those known.
+    /// The largest of the determined values.
     Known(f64),
-    /// None is known; all are below this.
+    /// None is determined; all are below this.
     Below(f64),
-    /// An axis was refused.
-    Refused,
+    /// An axis was rejected.
+    Unavailable,
 }
 
 impl Measurement {
-    /// A coefficient of the gyroscope (0) or the accelerometer (1).
+    /// Worst value of a coefficient of the gyroscope (0) or the accelerometer (1).
     pub fn worst(&self, sensor: usize, coefficient: Coefficient) -> Worst {
         let axes = self.axes.get(3 * sensor..3 * sensor + 3).unwrap_or(&[]);
         let values: Option<Vec<Value>> = axes
@@ -113,7 +114,7 @@ impl Measurement {
             .map(|axis| Some(axis.fit.as_ref()?.value(coefficient)))
             .collect();
         let Some(values) = values.filter(|values| !values.is_empty()) else {
-            return Worst::Refused;
+            return Worst::Unavailable;
         };
         let known = values.iter().filter_map(|v| v.known());
         if let Some(worst) = known.reduce(f64::max) {
@@ -126,7 +127,7 @@ impl Measurement {
         Worst::Below(values.iter().map(limit).fold(0.0, f64::max))
     }
 
-    /// The noise model, if the recording tells all four numbers.
+    /// The noise model, if the recording determines all four coefficients.
     pub fn noise(&self) -> Option<ImuNoise> {
         let known = |sensor, coefficient| match self.worst(sensor, coefficient) {
             Worst::Known(value) => Some(value),
@@ -140,13 +141,13 @@ impl Measurement {
         })
     }
 
-    /// Whether there is any result.
-    pub fn is_refused(&self) -> bool {
+    /// Whether the recording was rejected: there is no result.
+    pub fn is_rejected(&self) -> bool {
         self.axes.is_empty()
     }
 
-    /// The `imu.yaml` of Kalibr. `topic` names the stream in it, `origin` says in a comment where the
-    /// numbers come from. A number that the recording does not tell is a comment and no number.
+    /// The `imu.yaml` of Kalibr. `topic` names the stream in it, `origin` is a comment on the
+    /// source of the values. A coefficient that is not determined is a comment instead of a value.
     pub fn kalibr_yaml(&self, topic: &str, origin: &str) -> String {
         file::kalibr_yaml(self, topic, origin)
     }
@@ -155,11 +156,11 @@ impl Measurement {
 /// Measures the noise of an IMU.
 ///
 /// # Panics
-/// If the vectors of the series differ in length or a run reaches beyond them.
+/// If the vectors of the series differ in length or a run extends beyond them.
 pub fn measure(series: &Series) -> Measurement {
     let screened = screen::screen(series);
-    let mut remarks = screened.remarks;
-    remarks.extend(series.bridged.iter().cloned());
+    let mut findings = screened.findings;
+    findings.extend(series.bridged.iter().cloned());
     let first = series.times_s.first().copied().unwrap_or(0.0);
     let seconds = |run: &Range<usize>| {
         let at = |i: usize| series.times_s[i] - first;
@@ -169,9 +170,9 @@ pub fn measure(series: &Series) -> Measurement {
         rate_hz: 1.0 / screened.period_s,
         used_s: screened.still.iter().map(seconds).collect(),
         axes: Vec::new(),
-        remarks: Vec::new(),
+        findings: Vec::new(),
     };
-    if remarks.iter().all(|r| r.weight != Weight::Refusal) {
+    if findings.iter().all(|r| r.severity != Severity::Fail) {
         let curves = curves(series, &screened.still, screened.period_s);
         let fitter = curves.first().map(Fitter::new);
         for (index, curve) in curves.into_iter().enumerate() {
@@ -185,8 +186,8 @@ pub fn measure(series: &Series) -> Measurement {
                 .flat_map(|run| &axis[run.clone()])
                 .sum();
             if let Some(fit) = &fit {
-                remarks.extend(doubts(index, fit));
-                remarks.extend(drift(index, fit, axis, &screened.still, screened.period_s));
+                findings.extend(fit_findings(index, fit));
+                findings.extend(drift(index, fit, axis, &screened.still, screened.period_s));
             }
             measurement.axes.push(Axis {
                 index,
@@ -196,12 +197,12 @@ pub fn measure(series: &Series) -> Measurement {
             });
         }
     }
-    remarks.sort_by_key(|remark| std::cmp::Reverse(remark.weight));
-    measurement.remarks = remarks;
+    findings.sort_by_key(|finding| std::cmp::Reverse(finding.severity));
+    measurement.findings = findings;
     measurement
 }
 
-/// The curves of the six axes, each on a thread.
+/// The curves of the six axes, one thread each.
 fn curves(series: &Series, runs: &[Range<usize>], period_s: f64) -> Vec<Curve> {
     thread::scope(|scope| {
         let axes = series.axes.iter();
@@ -216,20 +217,20 @@ fn curves(series: &Series, runs: &[Range<usize>], period_s: f64) -> Vec<Curve> {
     })
 }
 
-/// What a fit says against itself.
-fn doubts(index: usize, fit: &Fit) -> Vec<Remark> {
-    let mut remarks = Vec::new();
+/// Findings on the quality of a fit.
+fn fit_findings(index: usize, fit: &Fit) -> Vec<Finding> {
+    let mut findings = Vec::new();
     let name = AXES[index];
     let first = fit.points.first().map_or(0.0, |p| p.tau_s);
     if fit.misfit > 0.0 {
-        // Where it is furthest off, which says what to look for.
+        // The point with the largest deviation indicates the cause.
         let off =
             |p: &&crate::allan::fit::Scatter| (p.deviation / fit.deviation(p.tau_s)).ln().abs();
         let points = fit.points.iter().filter(|p| p.freedom > 20.0);
         let worst = points.max_by(|a, b| off(a).total_cmp(&off(b)));
         let at = worst.map_or(0.0, |p| p.tau_s);
-        remarks.push(Remark {
-            weight: Weight::Doubt,
+        findings.push(Finding {
+            severity: Severity::Warn,
             kind: "misfit",
             text: format!(
                 "{name}: the curve is off the noise model by about {:.1} %, most at {at:.3} s: something periodic, \
@@ -238,8 +239,8 @@ fn doubts(index: usize, fit: &Fit) -> Vec<Remark> {
             ),
         });
     } else if fit.from_s > first {
-        remarks.push(Remark {
-            weight: Weight::Note,
+        findings.push(Finding {
+            severity: Severity::Note,
             kind: "filtered",
             text: format!(
                 "{name}: averages shorter than {:.3} s do not follow the model and were left out: the sensor \
@@ -248,19 +249,19 @@ fn doubts(index: usize, fit: &Fit) -> Vec<Remark> {
             ),
         });
     }
-    remarks
+    findings
 }
 
-/// Whether the halves of the longest run differ by more than the noise explains. The squared difference
-/// of two neighbouring averages is on average twice the Allan variance. Only what is determined counts as
-/// noise: a drift may well have been taken for the beginning of a random walk.
+/// Whether the halves of the longest run differ by more than the noise explains. The squared
+/// difference of two neighbouring averages is on average twice the Allan variance. Only determined
+/// coefficients count as noise: a drift may have been fitted as the beginning of a random walk.
 fn drift(
     index: usize,
     fit: &Fit,
     axis: &[f64],
     runs: &[Range<usize>],
     period_s: f64,
-) -> Option<Remark> {
+) -> Option<Finding> {
     let longest = runs.iter().max_by_key(|run| run.len())?;
     let half = longest.len() / 2;
     let mean = |from: usize| axis[from..from + half].iter().sum::<f64>() / half as f64;
@@ -274,8 +275,8 @@ fn drift(
         .sum();
     let expected = (2.0 * variance).sqrt();
     let walks = fit.value(Coefficient::Walk).known().is_some();
-    (moved.abs() > DRIFT * expected).then(|| Remark {
-        weight: if walks { Weight::Doubt } else { Weight::Note },
+    (moved.abs() > DRIFT_SIGMAS * expected).then(|| Finding {
+        severity: if walks { Severity::Warn } else { Severity::Note },
         kind: "drift",
         text: format!(
             "{}: the halves of the recording differ by {:.2e} {}, {:.0} times what its measured noise explains: {}",

@@ -1,13 +1,14 @@
 //! Kalibr's `camchain.yaml` and `camchain-imucam.yaml`, with the `imu.yaml` beside them.
 //!
-//! Contract: `T_cn_cnm1` takes points from the camera before to this one, `T_cam_imu` from the IMU to
-//! the camera (its inverse, `T_imu_cam`, as OpenVINS writes it, is taken too), both rows first and in
-//! metres. `timeshift_cam_imu` is added to a camera's time to get the IMU's, seconds. Lenses: `pinhole`
-//! with `none`, `radtan` (k1 k2 p1 p2) or `equidistant`, `ds`, `eucm`, and `omni` without distortion,
-//! which is the EUCM with `alpha = xi / (1 + xi)`, `beta = 1` and the focal lengths divided by `1 + xi`
-//! (both are `x / (xi d + z)` up to that factor). `omni` with `radtan` and `fov` are refused. A pinhole must
-//! say its `distortion_model`, and coefficients beside `none` must be 0. All `cam0`, `cam1` and so on of the
-//! file are read; a number that is left out or a block without keys is an error.
+//! Contract: `T_cn_cnm1` takes points from the previous camera to this one, `T_cam_imu` from the
+//! IMU to the camera (its inverse, `T_imu_cam`, as OpenVINS writes it, is accepted too), both
+//! row-major and in metres. `timeshift_cam_imu` is added to a camera's time to get the IMU's,
+//! seconds. Lenses: `pinhole` with `none`, `radtan` (k1 k2 p1 p2) or `equidistant`, `ds`, `eucm`,
+//! and `omni` without distortion, which is the EUCM with `alpha = xi / (1 + xi)`, `beta = 1` and
+//! the focal lengths divided by `1 + xi` (both are `x / (xi d + z)` up to that factor). `omni` with
+//! `radtan` and `fov` are rejected. A pinhole must have a `distortion_model`, and coefficients
+//! beside `none` must be 0. All `cam0`, `cam1` and so on of the file are read; a missing value or a
+//! block without keys is an error.
 
 use std::path::Path;
 
@@ -21,7 +22,7 @@ use crate::text::{Source, written, written_all};
 use crate::tree::{At, yaml};
 use crate::write::{WriteError, Written, lens, placed};
 
-/// What an `imu.yaml` holds.
+/// Content of an `imu.yaml`.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct ImuFile {
     /// Noise model.
@@ -30,13 +31,13 @@ pub struct ImuFile {
     pub rate_hz: f64,
 }
 
-/// The names that an IMU's file beside a chain may have.
+/// Possible names of an IMU file beside a chain.
 const IMU_FILES: [&str; 2] = ["imu.yaml", "imu0.yaml"];
 
-/// Two placements of one camera may differ by this, metres and radians, before it is worth a note.
+/// Tolerance between two poses of one camera, metres and radians; beyond it there is a note.
 const SAME_PLACE: f64 = 1e-6;
 
-/// Reads a chain of cameras, and the `imu.yaml` beside it where the chain places an IMU.
+/// Reads a chain of cameras, and the `imu.yaml` beside it if the chain has IMU extrinsics.
 ///
 /// # Errors
 /// [`CalibError`].
@@ -53,10 +54,10 @@ pub fn read(path: &Path) -> Result<(CameraSet, Vec<Note>), CalibError> {
         let name = format!("cam{number}");
         let block = blocks.iter().find(|(key, _)| *key == name);
         let at = block.map_or_else(|| root.get(&name), |(_, at)| Ok(at.clone()))?;
-        // Nothing behind a camera's name is a file that was cut off.
+        // An empty block after a camera's name means that the file is truncated.
         at.entries()?;
         let model = camera(&at)?;
-        at.get("intrinsics")?.refuse_impossible(&model)?;
+        at.get("intrinsics")?.reject_invalid_model(&model)?;
         if let Some(overlaps) = at.find("cam_overlaps") {
             for other in overlaps.number_list()? {
                 if other >= count as f64 {
@@ -73,7 +74,7 @@ pub fn read(path: &Path) -> Result<(CameraSet, Vec<Note>), CalibError> {
                 let before = cameras.last().and_then(|c| c.camera_from_first);
                 let here_from_before = rigid(&at)?;
                 let here = before.map(|before| here_from_before * before);
-                at.refuse_if(here.as_ref().and_then(|here| too_far(&name, here)))?;
+                at.reject_if(here.as_ref().and_then(|here| too_far(&name, here)))?;
                 here
             }
             (_, None) => None,
@@ -87,7 +88,7 @@ pub fn read(path: &Path) -> Result<(CameraSet, Vec<Note>), CalibError> {
         if let (Some(at), Some(camera_from_imu)) = (imu_place, &camera_from_imu)
             && number == 0
         {
-            at.refuse_if(too_far("the IMU", &camera_from_imu.inverse()))?;
+            at.reject_if(too_far("the IMU", &camera_from_imu.inverse()))?;
         }
         let through_imu = match (&imu, camera_from_imu) {
             (Some(imu), Some(camera_from_imu)) => Some(camera_from_imu * imu.imu_from_first),
@@ -124,7 +125,7 @@ pub fn read(path: &Path) -> Result<(CameraSet, Vec<Note>), CalibError> {
         let camera_from_first = chained.or(through_imu);
         if camera_from_first.is_none() {
             notes.push(Note(format!(
-                "{name} has neither T_cn_cnm1 nor T_cam_imu: its place is not known"
+                "{name} has neither T_cn_cnm1 nor T_cam_imu: its pose is unknown"
             )));
         }
         cameras.push(NamedCamera {
@@ -162,7 +163,7 @@ pub fn read(path: &Path) -> Result<(CameraSet, Vec<Note>), CalibError> {
             part: None,
         },
     };
-    Ok((set.checked(path)?, notes))
+    Ok((set.validate(path)?, notes))
 }
 
 fn is_camera(key: &str) -> bool {
@@ -211,7 +212,7 @@ pub fn imu_text(imu: &ImuFile) -> String {
 fn camera(at: &At<'_>) -> Result<CameraModel, CalibError> {
     let [width, height] = at.get("resolution")?.sizes()?;
     let model = at.get("camera_model")?;
-    // What is only a pinhole is told from one whose lens was lost by this key.
+    // This key distinguishes a pinhole from a lens whose distortion was lost.
     let said = match model.text()? {
         "pinhole" => Some(at.get("distortion_model")?),
         _ => at.find("distortion_model"),

@@ -1,10 +1,10 @@
 //! KITTI odometry `calib.txt`: 3x4 projection matrices of rectified cameras, one per line, with or
 //! without the labels `P0:` to `P3:` (Geiger et al. 2012).
 //!
-//! Contract: `P = K [I | t]` with `t` the origin of the rectified reference camera in this one, so the
-//! pair's offset is the difference of two such `t`, not a single entry. P0 and P1 are the grey cameras,
-//! P2 and P3 the colour ones; which of them the pictures come from is told by the folders beside the
-//! file (`image_2` without `image_0` means colour). The file does not say its resolution.
+//! Contract: `P = K [I | t]` with `t` the origin of the rectified reference camera in this one, so
+//! that the pair's offset is the difference of two such `t`, not a single entry. P0 and P1 are the
+//! grey cameras, P2 and P3 the colour ones; the folders beside the file show which of them the
+//! images come from (`image_2` without `image_0` means colour). The file has no resolution.
 
 use std::path::Path;
 
@@ -16,7 +16,7 @@ use crate::stereo::{Format, Provenance, StereoCalibration};
 use crate::text::{Source, written_all};
 use crate::write::{WriteError, Written};
 
-/// Reads a `calib.txt` for pictures of `width` x `height` pixels.
+/// Reads a `calib.txt` for images of `width` x `height` pixels.
 ///
 /// # Errors
 /// [`CalibError`].
@@ -76,7 +76,7 @@ pub fn read(
     let right_from_left =
         RigidTransform::from_translation_m(offset).map_err(|error| CalibError::Implausible {
             path: path.to_owned(),
-            objection: format!("offset {offset:?} between P{l} and P{r}: {error}"),
+            reason: format!("offset {offset:?} between P{l} and P{r}: {error}"),
         })?;
     let calibration = StereoCalibration {
         left: left.camera(width, height),
@@ -90,7 +90,7 @@ pub fn read(
         },
     };
     calibration
-        .checked(path)
+        .validate(path)
         .map(|calibration| (calibration, notes))
 }
 
@@ -152,7 +152,7 @@ pub(crate) fn write(stereo: &StereoCalibration) -> Result<Written, WriteError> {
     if !undistorted || stereo.right_from_left.angle_rad() > 1e-12 {
         return Err(WriteError::Refused {
             format: Format::Kitti.name(),
-            found: "distorted pictures, or cameras that are turned".to_owned(),
+            found: "distorted images, or cameras that are rotated".to_owned(),
             expected: "a rectified pair: rectify it first".to_owned(),
         });
     }
@@ -240,7 +240,7 @@ mod tests {
     }
 
     #[test]
-    fn traps() {
+    fn invalid_files_are_rejected() {
         let folder = Folder::new();
         let good = "500 0 320 0 0 500 240 0 0 0 1 0";
         let right = "500 0 320 -50 0 500 240 0 0 0 1 0";

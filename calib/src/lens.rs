@@ -1,10 +1,11 @@
-//! How a camera's lens takes points to pixels and pixels to directions.
+//! Projection and unprojection of a lens model.
 //!
-//! Contract: [`Lens::project`] gives a pixel for exactly those points that the model can mean: in front
-//! of the camera for pinhole models, and not beyond the radius at which a distortion turns back and
-//! would fold the outside into the picture. Everything else is `None`, as is a pixel that no direction
-//! leads to in [`Lens::unproject`]. Inside the domain the two are inverse to each other to 1e-9 px.
-//! A pixel may lie outside the picture; whether that counts is the caller's decision.
+//! Contract: [`Lens::project`] returns a pixel for exactly those points in the domain of the model:
+//! in front of the camera for pinhole models, and not beyond the radius at which the distortion is
+//! no longer monotonic and would fold the outside into the image. Everything else is `None`, as is
+//! a pixel without a direction in [`Lens::unproject`]. Inside the domain the two are inverse to
+//! each other to 1e-9 px. A pixel may be outside the image; whether that counts is the caller's
+//! decision.
 //!
 //! Jacobians are analytic. Their order of parameters is [`CameraModel::parameters`].
 //!
@@ -24,19 +25,20 @@ use nalgebra::{Matrix2x3, SMatrix};
 
 use crate::camera::{CameraModel, Distortion};
 
+#[cfg(test)]
+mod dual;
 mod fisheye;
 mod radial;
 mod spheres;
 #[cfg(test)]
 mod tests;
-#[cfg(test)]
-mod twin;
 
-/// Derivatives of a pixel by the camera's parameters; columns beyond the model's own are 0.
-pub type ByParameters = SMatrix<f64, 2, { CameraModel::MOST }>;
+/// Jacobian of a pixel with respect to the camera's parameters; columns beyond the model's own are
+/// 0.
+pub type ByParameters = SMatrix<f64, 2, { CameraModel::MAX_PARAMETERS }>;
 
-/// Derivatives of a point on the picture plane by the coefficients.
-type ByCoefficients = SMatrix<f64, 2, { Distortion::MOST }>;
+/// Jacobian of a point on the normalized image plane with respect to the coefficients.
+type ByCoefficients = SMatrix<f64, 2, { Distortion::MAX_COEFFICIENTS }>;
 
 /// A camera model, ready for projection.
 #[derive(Clone, Copy, Debug)]
@@ -45,19 +47,19 @@ pub struct Lens {
     shape: Shape,
 }
 
-/// A pixel and what it depends on.
+/// A pixel and its Jacobians.
 #[derive(Clone, Copy, Debug)]
 pub struct Projected {
     /// x and y, pixels.
     pub pixel: [f64; 2],
-    /// By the point, pixels per metre.
+    /// Jacobian with respect to the point, pixels per metre.
     pub by_point: Matrix2x3<f64>,
-    /// By the parameters of the camera, in the order of [`CameraModel::parameters`].
+    /// Jacobian with respect to the parameters, in the order of [`CameraModel::parameters`].
     pub by_parameters: ByParameters,
 }
 
-/// What a point comes to on the picture plane, before focal lengths and principal point.
-struct Bent {
+/// A distorted point on the normalized image plane, before focal lengths and principal point.
+struct Distorted {
     at: [f64; 2],
     by_point: Matrix2x3<f64>,
     by_coefficients: ByCoefficients,
@@ -73,7 +75,7 @@ enum Shape {
 }
 
 impl Lens {
-    /// For a model. Finds the domain.
+    /// Prepares a model: determines its domain.
     pub fn new(model: &CameraModel) -> Self {
         let shape = match model.distortion {
             Distortion::KannalaBrandt4 { k1, k2, k3, k4 } => {
@@ -94,30 +96,30 @@ impl Lens {
         }
     }
 
-    /// Size and numbers.
+    /// Image size and parameters.
     pub fn model(&self) -> &CameraModel {
         &self.model
     }
 
-    /// The pixel of a point in the optical frame, metres.
+    /// Projects a point in the optical frame, metres.
     pub fn project(&self, x_in_camera: [f64; 3]) -> Option<[f64; 2]> {
         let at = match &self.shape {
-            Shape::Radial(s) => s.bend(x_in_camera),
-            Shape::Fisheye(s) => s.bend(x_in_camera),
-            Shape::DoubleSphere(s) => s.bend(x_in_camera),
-            Shape::Eucm(s) => s.bend(x_in_camera),
+            Shape::Radial(s) => s.distort(x_in_camera),
+            Shape::Fisheye(s) => s.distort(x_in_camera),
+            Shape::DoubleSphere(s) => s.distort(x_in_camera),
+            Shape::Eucm(s) => s.distort(x_in_camera),
         }?;
         let m = &self.model;
         Some([m.fx * at[0] + m.cx, m.fy * at[1] + m.cy])
     }
 
-    /// The same with its derivatives.
+    /// The same with its Jacobians.
     pub fn project_with_jacobians(&self, x_in_camera: [f64; 3]) -> Option<Projected> {
         let bent = match &self.shape {
-            Shape::Radial(s) => s.bend_with_jacobians(x_in_camera),
-            Shape::Fisheye(s) => s.bend_with_jacobians(x_in_camera),
-            Shape::DoubleSphere(s) => s.bend_with_jacobians(x_in_camera),
-            Shape::Eucm(s) => s.bend_with_jacobians(x_in_camera),
+            Shape::Radial(s) => s.distort_with_jacobians(x_in_camera),
+            Shape::Fisheye(s) => s.distort_with_jacobians(x_in_camera),
+            Shape::DoubleSphere(s) => s.distort_with_jacobians(x_in_camera),
+            Shape::Eucm(s) => s.distort_with_jacobians(x_in_camera),
         }?;
         let m = &self.model;
         let mut by_point = bent.by_point;
@@ -126,7 +128,7 @@ impl Lens {
             by_point.row_mut(row).scale_mut(f);
             by_parameters[(row, row)] = bent.at[row];
             by_parameters[(row, 2 + row)] = 1.0;
-            for k in 0..Distortion::MOST {
+            for k in 0..Distortion::MAX_COEFFICIENTS {
                 by_parameters[(row, 4 + k)] = f * bent.by_coefficients[(row, k)];
             }
         }
@@ -137,19 +139,20 @@ impl Lens {
         })
     }
 
-    /// The direction that a pixel sees, of length 1, in the optical frame.
+    /// Direction of a pixel, of length 1, in the optical frame.
     pub fn unproject(&self, pixel: [f64; 2]) -> Option<[f64; 3]> {
         let m = &self.model;
         let at = [(pixel[0] - m.cx) / m.fx, (pixel[1] - m.cy) / m.fy];
         match &self.shape {
-            Shape::Radial(s) => s.unbend(at),
-            Shape::Fisheye(s) => s.unbend(at),
-            Shape::DoubleSphere(s) => s.unbend(at),
-            Shape::Eucm(s) => s.unbend(at),
+            Shape::Radial(s) => s.undistort(at),
+            Shape::Fisheye(s) => s.undistort(at),
+            Shape::DoubleSphere(s) => s.undistort(at),
+            Shape::Eucm(s) => s.undistort(at),
         }
     }
 
-    /// The largest angle off the axis that the model can mean, radians. Pinhole models stay below π/2.
+    /// Largest angle off the axis in the domain of the model, radians. Below π/2 for pinhole
+    /// models.
     pub fn widest_rad(&self) -> f64 {
         match &self.shape {
             Shape::Radial(s) => s.widest_rad(),
@@ -159,8 +162,8 @@ impl Lens {
         }
     }
 
-    /// Whether every pixel of the picture has a direction: the corners are the farthest.
-    pub fn covers_picture(&self) -> bool {
+    /// Whether every pixel of the image has a direction: the corners are the farthest.
+    pub fn covers_image(&self) -> bool {
         let right = f64::from(self.model.width) - 0.5;
         let bottom = f64::from(self.model.height) - 0.5;
         [[-0.5, -0.5], [right, -0.5], [-0.5, bottom], [right, bottom]]
@@ -169,10 +172,10 @@ impl Lens {
     }
 }
 
-/// Where the search for the end of a domain stops, radians off the axis, and its steps.
+/// Number of steps of the search for the end of a domain.
 const SEARCH_STEPS: usize = 400;
 
-/// The largest `x` up to `end` for which `grows` holds all the way from 0, to 1e-12 of `end`.
+/// The largest `x` up to `end` for which `grows` holds everywhere from 0, to 1e-12 of `end`.
 fn end_of_domain(end: f64, grows: impl Fn(f64) -> bool) -> f64 {
     let step = end / SEARCH_STEPS as f64;
     let Some(first_bad) = (1..=SEARCH_STEPS).find(|&i| !grows(step * i as f64)) else {
@@ -190,7 +193,7 @@ fn end_of_domain(end: f64, grows: impl Fn(f64) -> bool) -> f64 {
     good
 }
 
-/// A vector of length 1; none of a vector without a direction.
+/// The unit vector; `None` for a vector without a direction.
 fn unit([x, y, z]: [f64; 3]) -> Option<[f64; 3]> {
     let length = (x * x + y * y + z * z).sqrt();
     (length > 0.0 && length.is_finite()).then(|| [x / length, y / length, z / length])

@@ -1,15 +1,15 @@
 //! Lens and stereo calibration: the models as data, and the files that hold them.
 //!
-//! [`read_stereo`] takes a path and the size of one picture and gives a [`StereoCalibration`] in this
-//! project's conventions (metres, radians, `b_from_a`, integer pixel coordinates at pixel centres)
-//! together with [`Note`]s: everything that was absent, derived or doubtful and has to be shown.
-//! [`read_cameras`] does the same for any number of cameras, [`write_cameras`] writes them in the formats
-//! of others, [`convert()`] fits one lens model to another, [`Rectification`] turns a pair so that
-//! corresponding points share a row.
+//! [`read_stereo`] takes a path and the size of one image and returns a [`StereoCalibration`] in
+//! the conventions of this project (metres, radians, `b_from_a`, integer pixel coordinates at pixel
+//! centres), together with [`Note`]s: everything that was absent, derived or suspicious and has to
+//! be shown to the user. [`read_cameras`] does the same for any number of cameras,
+//! [`write_cameras`] writes them in the formats of other tools, [`convert()`] fits one lens model
+//! to another, [`Rectification`] rotates a stereo pair so that corresponding points share a row.
 //!
-//! Nothing is guessed. A file that cannot be understood is an error that names file, line, what was
-//! found and what was expected. The bytes of the files themselves belong into the session as they
-//! are; [`Provenance::files`] says which.
+//! Nothing is guessed. A file that cannot be understood is an error that names the file, the line,
+//! what was found and what was expected. The original bytes of the files belong into the session;
+//! [`Provenance::files`] lists them.
 //!
 //! This crate knows nothing of devices, sessions or the catalogue.
 
@@ -29,7 +29,6 @@ pub mod imu_noise;
 pub mod kalibr;
 pub mod kitti;
 pub mod lens;
-pub mod mend;
 pub mod middlebury;
 pub mod nerfstudio;
 pub mod opencv;
@@ -37,6 +36,7 @@ pub mod pair;
 pub mod pnp;
 pub mod read;
 pub mod rectify;
+pub mod remedy;
 pub mod ros;
 pub mod rosys;
 pub mod set;

@@ -1,5 +1,5 @@
 //! `calib.txt` of the Middlebury stereo benchmark (version 3): two camera matrices, the baseline in
-//! millimetres, and the size of the pictures.
+//! millimetres, and the image size.
 //!
 //! Contract: the pair is rectified; `doffs` must be the difference of the two principal points.
 
@@ -15,7 +15,7 @@ use crate::stereo::{Format, Provenance, StereoCalibration};
 use crate::text::{Source, millimetres, written};
 use crate::write::{WriteError, Written};
 
-/// `doffs` is printed with three decimals.
+/// Rounding of `doffs`, which is printed with three decimals.
 const DOFFS_PRINTED_PX: f64 = 2e-3;
 
 /// Reads a file.
@@ -93,7 +93,7 @@ pub fn read(path: &Path) -> Result<(CameraSet, Vec<Note>), CalibError> {
             part: None,
         },
     };
-    Ok((CameraSet::of_stereo(&stereo).checked(path)?, Vec::new()))
+    Ok((CameraSet::of_stereo(&stereo).validate(path)?, Vec::new()))
 }
 
 pub(crate) fn write(stereo: &StereoCalibration) -> Result<Written, WriteError> {

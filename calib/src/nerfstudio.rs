@@ -1,16 +1,15 @@
 //! `transforms.json` of nerfstudio and instant-ngp.
 //!
 //! Contract: intrinsics are shared, or given per frame; each different one is a camera here. Pixel
-//! coordinates are COLMAP's, which nerfstudio takes over: half a pixel is subtracted on reading.
-//! `transform_matrix` takes points from the camera to the world, in OpenGL's axes (x right, y up, z
-//! backward). `OPENCV` has k1 k2 k3 p1 p2 (a k4 of it
-//! is refused: it is a term in r⁸ that no model here has), `OPENCV_FISHEYE` k1 to k4. A missing
-//! coefficient is 0, a missing `fl_y` is `fl_x`, a missing principal point is the middle. Coefficients that
-//! the model does not have must be 0.
+//! coordinates are those of COLMAP: half a pixel is subtracted on reading. `transform_matrix` takes
+//! points from the camera to the world, in OpenGL's axes (x right, y up, z backward). `OPENCV` has
+//! k1 k2 k3 p1 p2 (a k4 is rejected: it is a term in r⁸ that no model here has), `OPENCV_FISHEYE`
+//! k1 to k4. A missing coefficient is 0, a missing `fl_y` is `fl_x`, a missing principal point is
+//! the image centre. Coefficients that the model does not have must be 0.
 //!
-//! A file whose two frames are called `left` and `right` is a stereo camera, and the frames' poses, in
-//! metres, are its placement; this is how a pair is written. What a frame does not say of its lens is said
-//! for both. In other files the poses are those of a moving camera.
+//! A file whose two frames are called `left` and `right` is a stereo camera, and the frames' poses,
+//! in metres, are its extrinsics; this is how a pair is written. Intrinsics missing in a frame are
+//! shared. In other files the poses are those of a moving camera.
 
 use std::path::Path;
 
@@ -26,7 +25,7 @@ use crate::tree::{At, json};
 use crate::write::{WriteError, Written, lens, placed};
 
 const HALF: f64 = 0.5;
-/// Both axes that point the other way in OpenGL.
+/// The two axes with opposite sign in OpenGL.
 const FLIPPED: [f64; 4] = [1.0, -1.0, -1.0, 1.0];
 
 /// Reads the cameras of a file.
@@ -53,7 +52,7 @@ pub fn read(path: &Path) -> Result<(CameraSet, Vec<Note>), CalibError> {
         let right_from_left = pose(right)?.inverse() * pose(left)?;
         right
             .get("transform_matrix")?
-            .refuse_if(too_far("right", &right_from_left).or_else(|| swapped(&right_from_left)))?;
+            .reject_if(too_far("right", &right_from_left).or_else(|| swapped(&right_from_left)))?;
         cameras.push(named("left", camera(left, &root, &mut notes)?, None));
         let model = camera(right, &root, &mut notes)?;
         cameras.push(named("right", model, Some(right_from_left)));
@@ -69,15 +68,14 @@ pub fn read(path: &Path) -> Result<(CameraSet, Vec<Note>), CalibError> {
         }
         if cameras.len() > 1 {
             notes.push(Note(
-                "several lenses: the cameras' places on a rig are not in this kind of file"
-                    .to_owned(),
+                "several lenses: this format has no extrinsics of cameras on a rig".to_owned(),
             ));
         }
     }
     if let Some(first) = cameras.first_mut() {
         first.camera_from_first = Some(RigidTransform::identity());
     } else {
-        // Says which key is missing.
+        // The error names the missing key.
         root.get("fl_x")?;
     }
     let set = CameraSet {
@@ -89,7 +87,7 @@ pub fn read(path: &Path) -> Result<(CameraSet, Vec<Note>), CalibError> {
             part: None,
         },
     };
-    Ok((set.checked(path)?, notes))
+    Ok((set.validate(path)?, notes))
 }
 
 /// Takes points in the optical frame to the world of the file, in the file's unit of length.
@@ -116,7 +114,7 @@ fn stem(frame: &At<'_>) -> String {
     name.unwrap_or_default().to_string_lossy().into_owned()
 }
 
-/// One lens; what the frame does not say is said for all.
+/// Intrinsics of one frame; values missing there are those of the file.
 fn camera(frame: &At<'_>, root: &At<'_>, notes: &mut Vec<Note>) -> Result<CameraModel, CalibError> {
     let find = |key: &str| frame.find(key).or_else(|| root.find(key));
     let need = |key: &str| find(key).map_or_else(|| frame.get(key), Ok);
@@ -131,9 +129,7 @@ fn camera(frame: &At<'_>, root: &At<'_>, notes: &mut Vec<Note>) -> Result<Camera
     let mut centre = |key: &str, size: u32| match find(key) {
         Some(at) => at.number(),
         None => {
-            notes.push(Note(format!(
-                "no {key}: the middle of the picture is taken"
-            )));
+            notes.push(Note(format!("no {key}: the image centre is taken")));
             Ok(0.5 * f64::from(size))
         }
     };
@@ -152,7 +148,7 @@ fn camera(frame: &At<'_>, root: &At<'_>, notes: &mut Vec<Note>) -> Result<Camera
         or_zero("k4")?,
     ];
     let [p1, p2] = [or_zero("p1")?, or_zero("p2")?];
-    // Coefficients that the model does not have are not dropped.
+    // Coefficients that the model does not have must not be dropped silently.
     let foreign: &[&str] = match model {
         "OPENCV_FISHEYE" => &["p1", "p2"],
         "OPENCV" => &[],
@@ -186,15 +182,14 @@ fn camera(frame: &At<'_>, root: &At<'_>, notes: &mut Vec<Note>) -> Result<Camera
         cy: cy - HALF,
         distortion: distortion.expect("the number of coefficients is right"),
     };
-    if let Some((name, objection)) = model.objection_to() {
+    if let Some((name, reason)) = model.invalid_parameter() {
         let keys: &[&str] = match name {
             "fx" => &["fl_x", "camera_angle_x"],
             "fy" => &["fl_y", "fl_x", "camera_angle_x"],
             other => &[other],
         };
         let at = keys.iter().find_map(|key| find(key));
-        at.map_or_else(|| need("w"), Ok)?
-            .refuse_if(Some(objection))?;
+        at.map_or_else(|| need("w"), Ok)?.reject_if(Some(reason))?;
     }
     Ok(model)
 }

@@ -1,12 +1,12 @@
 //! OpenCV's FileStorage YAML: one camera (`camera_matrix`, `distortion_coefficients`) or a pair
 //! (`K1 D1 K2 D2 R T`, or `M1 ...` with R and T in `extrinsics.yml`, as OpenCV's own samples write them).
 //!
-//! Contract: R and T take points from the left to the right camera. The files say neither their unit
-//! nor, often, the size of the picture nor the lens model: T must be in metres, and a pair more than 10 m
-//! apart is refused; the size comes from `image_width` and `image_height`, `image_size`, or the caller;
-//! four coefficients are radial-tangential unless `fisheye_model: 1` or a `distortion_model` says
-//! otherwise, which is noted. Coefficients that are all 0 are no distortion. Thin prism and tilt terms
-//! (12 and 14 coefficients) are refused unless they are 0.
+//! Contract: R and T take points from the left to the right camera. The files have neither a unit
+//! nor, often, the image size or the lens model: T must be in metres, and a pair more than 10 m
+//! apart is rejected; the size comes from `image_width` and `image_height`, `image_size`, or the
+//! caller; four coefficients are radial-tangential unless `fisheye_model: 1` or a
+//! `distortion_model` says otherwise, which is noted. Coefficients that are all 0 are no
+//! distortion. Thin prism and tilt terms (12 and 14 coefficients) are rejected unless they are 0.
 
 use std::path::{Path, PathBuf};
 
@@ -67,7 +67,7 @@ const RIGHT: [&[&str]; 2] = [
 ];
 const EXTRINSICS: [&str; 2] = ["extrinsics.yml", "extrinsics.yaml"];
 
-/// Reads a file; `size` is used where it says none.
+/// Reads a file; `size` is used if the file has none.
 ///
 /// # Errors
 /// [`CalibError`].
@@ -109,7 +109,7 @@ pub fn read(path: &Path, size: Option<[u32; 2]>) -> Result<(CameraSet, Vec<Note>
         };
         if right_from_left.is_none() {
             notes.push(Note(
-                "no R and T: the place of the right camera is not known".to_owned(),
+                "no R and T: the pose of the right camera is unknown".to_owned(),
             ));
         }
         vec![
@@ -129,7 +129,7 @@ pub fn read(path: &Path, size: Option<[u32; 2]>) -> Result<(CameraSet, Vec<Note>
             part: None,
         },
     };
-    Ok((set.checked(path)?, notes))
+    Ok((set.validate(path)?, notes))
 }
 
 fn beside(path: &Path) -> Option<PathBuf> {
@@ -203,7 +203,7 @@ fn camera(
         [fx, fy, cx, cy],
         distortion.map_err(|(found, expected)| at.wrong_because(&found, expected))?,
     );
-    matrix.refuse_impossible(&model)?;
+    matrix.reject_invalid_model(&model)?;
     Ok(model)
 }
 
@@ -237,8 +237,8 @@ pub(crate) fn camera_matrix(at: &At<'_>) -> Result<[f64; 4], CalibError> {
 
 type Odd = (String, &'static str);
 
-/// OpenCV's list of coefficients as a model: all 0 is none, 4, 5 or 8 as they are, 2 are radial, and 12
-/// or 14 where all but the first 8 are 0.
+/// OpenCV's list of coefficients as a model: all 0 is no distortion, 4, 5 or 8 as they are, 2 are
+/// radial, and 12 or 14 if all but the first 8 are 0.
 pub(crate) fn radial_tangential_of(d: &[f64]) -> Result<Distortion, Odd> {
     let family = [
         Distortion::Radial2 { k1: 0.0, k2: 0.0 },
@@ -314,7 +314,7 @@ fn placement(root: &At<'_>) -> Result<Option<RigidTransform>, CalibError> {
     };
     let transform = transform
         .map_err(|error| r.wrong_because(&format!("R and T where {error}"), "a rigid transform"))?;
-    t.refuse_if(too_far("right", &transform).or_else(|| swapped(&transform)))?;
+    t.reject_if(too_far("right", &transform).or_else(|| swapped(&transform)))?;
     Ok(Some(transform))
 }
 
@@ -341,7 +341,7 @@ pub(crate) fn write(set: &CameraSet) -> Result<Written, WriteError> {
         if (m.width, m.height) != (first.width, first.height) {
             return Err(refused(
                 format!(
-                    "pictures of {}x{} and {}x{}",
+                    "images of {}x{} and {}x{}",
                     first.width, first.height, m.width, m.height
                 ),
                 "one size, there is one place for it",

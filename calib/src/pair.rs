@@ -1,8 +1,8 @@
 //! `K.txt` of a rectified pair: nine numbers of the camera matrix on the first line, rows first, and
 //! the baseline in metres on the second. FoundationStereo's demo data has this form.
 //!
-//! Contract: both cameras are the same ideal pinhole, the right one shifted along x. The file does not
-//! say its resolution; that the principal point lies inside the picture is all that can be checked.
+//! Contract: both cameras are the same ideal pinhole, the right one displaced along x. The file has
+//! no resolution; that the principal point is inside the image is the only possible check.
 
 use std::path::Path;
 
@@ -10,11 +10,11 @@ use cad_transforms::RigidTransform;
 
 use crate::camera::{CameraModel, Distortion};
 use crate::error::{CalibError, Note};
-use crate::stereo::{FARTHEST_M, Format, Provenance, StereoCalibration};
+use crate::stereo::{Format, MAX_BASELINE_M, Provenance, StereoCalibration};
 use crate::text::{Source, written, written_all};
 use crate::write::{WriteError, Written};
 
-/// Reads a `K.txt` for pictures of `width` x `height` pixels.
+/// Reads a `K.txt` for images of `width` x `height` pixels.
 ///
 /// # Errors
 /// [`CalibError`].
@@ -47,8 +47,8 @@ pub fn read(
         return Err(source.malformed(k_line, k_text, "the form fx 0 cx 0 fy cy 0 0 1"));
     }
     let baseline_m = source.number(baseline_line, baseline_text)?;
-    if !(baseline_m > 0.0 && baseline_m <= FARTHEST_M) {
-        let expected = format!("a baseline in metres, above 0 and at most {FARTHEST_M}");
+    if !(baseline_m > 0.0 && baseline_m <= MAX_BASELINE_M) {
+        let expected = format!("a baseline in metres, above 0 and at most {MAX_BASELINE_M}");
         return Err(source.malformed(baseline_line, baseline_text, &expected));
     }
     let camera = CameraModel::new((width, height), [fx, fy, cx, cy], Distortion::None);
@@ -65,7 +65,7 @@ pub fn read(
         },
     };
     calibration
-        .checked(path)
+        .validate(path)
         .map(|calibration| (calibration, Vec::new()))
 }
 
@@ -104,7 +104,7 @@ mod tests {
         );
         assert_eq!(calibration.left, calibration.right);
         assert!(calibration.is_rectified() && notes.is_empty());
-        // A quarter of the size: the principal point gives it away.
+        // A quarter of the size: detected by the principal point.
         assert!(matches!(
             read(&path, 480, 270),
             Err(CalibError::Implausible { .. })
@@ -112,7 +112,7 @@ mod tests {
     }
 
     #[test]
-    fn traps() {
+    fn invalid_files_are_rejected() {
         let folder = Folder::new();
         let check = |text: &str, expected: &str| {
             let error = read(&folder.file("K.txt", text), 640, 480)

@@ -1,8 +1,8 @@
-//! Where an eye is that sees known points of a flat target.
+//! Pose of an eye from known points of a planar target (PnP).
 //!
-//! Contract: [`planar`] needs at least four points, not on one line, that the lens can mean. Of the two
-//! poses that a flat target can have when it is far away or small, the one that explains the pixels
-//! better is given; how much better is told, because near 1 it is a guess.
+//! Contract: [`planar`] needs at least four points, not on one line, that the lens can project. A
+//! planar target that is far away or small has two poses; the one with the smaller residual is
+//! returned, with the ratio of the residuals, because near 1 the choice is ambiguous.
 
 use cad_transforms::RigidTransform;
 use nalgebra::{Matrix3, SMatrix, SVector, UnitQuaternion, Vector3};
@@ -11,25 +11,25 @@ use crate::adjust::{Point, locate};
 use crate::camera::CameraModel;
 use crate::lens::Lens;
 
-/// Directions farther off the axis than this (as depth of a unit vector) take no part in the start.
-const LEAST_DEPTH: f64 = 0.15;
+/// Minimum depth of a direction (z of the unit vector) for the initial pose.
+const MIN_DEPTH_RATIO: f64 = 0.15;
 
-/// Poses that differ by less than this are the same, rad.
-const SAME_RAD: f64 = 0.02;
+/// Rotation below which two poses count as the same, rad.
+const MIN_AMBIGUITY_RAD: f64 = 0.02;
 
-/// A pose found from one picture.
+/// A pose from one image.
 #[derive(Clone, Copy, Debug)]
-pub struct Placed {
+pub struct PlanarPose {
     /// Takes points of the target to the eye, m.
     pub eye_from_target: RigidTransform,
-    /// Root mean square length of the residuals, pixels.
+    /// RMS residual, pixels.
     pub rms_px: f64,
-    /// RMS of the mirrored pose over that of this one: near 1, which one is right is not known.
+    /// RMS of the mirrored pose over that of this one: near 1 the choice is ambiguous.
     pub ambiguity: f64,
 }
 
-/// The pose from points with z = 0 in the target. None when there are too few or they do not fit.
-pub fn planar(model: &CameraModel, points: &[Point]) -> Option<Placed> {
+/// The pose from points with z = 0 in the target. `None` if there are too few or they do not fit.
+pub fn planar(model: &CameraModel, points: &[Point]) -> Option<PlanarPose> {
     let start = from_homography(&Lens::new(model), points)?;
     let found = locate(model, points, &start).ok()?;
     let (best, other) = match mirrored(&found.0, points) {
@@ -39,30 +39,30 @@ pub fn planar(model: &CameraModel, points: &[Point]) -> Option<Placed> {
             other => (found, other),
         },
     };
-    // Both starts may lead to one pose.
-    let other = other.filter(|o| (o.0.inverse() * best.0).angle_rad() > SAME_RAD);
+    // Both starts may converge to one pose.
+    let other = other.filter(|o| (o.0.inverse() * best.0).angle_rad() > MIN_AMBIGUITY_RAD);
     let floor = best.1.max(1e-9);
     let in_front = points.iter().all(|p| best.0.apply(p.x_in_target)[2] > 0.0);
-    (in_front || wide(model)).then_some(Placed {
+    (in_front || wide(model)).then_some(PlanarPose {
         eye_from_target: best.0,
         rms_px: best.1,
         ambiguity: other.map_or(f64::INFINITY, |o| o.1 / floor),
     })
 }
 
-/// Whether the lens sees behind itself.
+/// Whether the lens projects directions behind itself.
 fn wide(model: &CameraModel) -> bool {
     Lens::new(model).widest_rad() > std::f64::consts::FRAC_PI_2
 }
 
-/// Direct linear transformation (Hartley and Zisserman, 4.1) of directions, taken apart into a pose.
+/// Direct linear transformation (Hartley and Zisserman, 4.1) of directions, decomposed into a pose.
 fn from_homography(lens: &Lens, points: &[Point]) -> Option<RigidTransform> {
     let seen: Vec<([f64; 2], [f64; 2])> = points
         .iter()
         .filter_map(|p| {
             let [x, y, z] = lens.unproject(p.pixel)?;
             let [a, b, _] = p.x_in_target;
-            (z > LEAST_DEPTH).then(|| ([a, b], [x / z, y / z]))
+            (z > MIN_DEPTH_RATIO).then(|| ([a, b], [x / z, y / z]))
         })
         .collect();
     if seen.len() < 4 {
@@ -117,7 +117,7 @@ fn from_homography(lens: &Lens, points: &[Point]) -> Option<RigidTransform> {
     RigidTransform::from_rotation_rows(std::array::from_fn(|i| rows.as_slice()[i]), at.into()).ok()
 }
 
-/// The target tilted the other way about its middle, seen from the eye.
+/// The target tilted the other way about its middle, as projected into the eye.
 fn mirrored(eye_from_target: &RigidTransform, points: &[Point]) -> Option<RigidTransform> {
     let n = points.len() as f64;
     let middle: [f64; 3] =
@@ -141,7 +141,7 @@ mod tests {
     use crate::camera::Distortion;
 
     #[test]
-    fn poses_come_back_whatever_the_lens() {
+    fn pose_is_recovered_for_every_lens_model() {
         let lenses = [
             Distortion::None,
             Distortion::RadTan4 {
@@ -197,7 +197,7 @@ mod tests {
     }
 
     #[test]
-    fn too_little_is_nothing() {
+    fn too_few_points_give_no_pose() {
         let model = CameraModel {
             width: 640,
             height: 480,

@@ -1,7 +1,8 @@
-//! Finding out what kind of calibration a path holds.
+//! Format detection for calibration files.
 //!
-//! Contract: goes by names and by the first lines, never by trying one reader after the other, so a
-//! damaged file is reported by the reader of its own kind. A folder that fits two kinds is an error.
+//! Contract: by file names and first lines, never by trying one reader after the other, so that a
+//! damaged file is reported by the reader of its own format. A folder that matches two formats is
+//! an error.
 
 use std::path::{Path, PathBuf};
 
@@ -20,11 +21,12 @@ const EXPECTED: &str = "a ZED SNnnnn.conf, an ASL folder with cam0/sensor.yaml a
                         calib.txt with P0 and P1, a K.txt with a camera matrix and a baseline, or a file of Kalibr, \
                         Basalt, OpenCV, COLMAP, nerfstudio, ROS, RoSys or Middlebury";
 
-/// A principal point farther than this part of the picture from its middle is worth a question.
-const OFF_CENTRE: f64 = 0.06;
+/// Maximum distance of a principal point from the image centre without a note, as a fraction of the
+/// image size.
+const MAX_CENTRE_OFFSET: f64 = 0.06;
 
-/// Reads the calibration of a stereo camera from a file, or from a folder that holds one, for pictures
-/// of `width` x `height` pixels (one eye, not side by side).
+/// Reads the calibration of a stereo camera from a file, or from a folder with one, for images of
+/// `width` x `height` pixels (one eye, not side by side).
 ///
 /// # Errors
 /// [`CalibError`], naming the file and where possible the line.
@@ -33,7 +35,7 @@ pub fn read_stereo(
     width: u32,
     height: u32,
 ) -> Result<(StereoCalibration, Vec<Note>), CalibError> {
-    let (format, path) = recognised(path)?;
+    let (format, path) = detect_format(path)?;
     let (stereo, mut notes) = match format {
         Format::ZedConf => zed_conf::read(&path, width, height)?,
         Format::Kitti => kitti::read(&path, width, height)?,
@@ -50,8 +52,8 @@ pub fn read_stereo(
     Ok((stereo, notes))
 }
 
-/// Reads all cameras of a file, or of a folder that holds one. `size` is of one picture; it is needed
-/// where the file does not say it, and must be the file's where it does.
+/// Reads all cameras of a file, or of a folder with one. `size` is that of one image; it is
+/// required if the file does not contain it, and must be equal to the file's otherwise.
 ///
 /// # Errors
 /// [`CalibError`], naming the file and where possible line and key.
@@ -59,14 +61,14 @@ pub fn read_cameras(
     path: &Path,
     size: Option<[u32; 2]>,
 ) -> Result<(CameraSet, Vec<Note>), CalibError> {
-    let (format, path) = recognised(path)?;
+    let (format, path) = detect_format(path)?;
     let (set, mut notes) = of_format(format, &path, size)?;
-    notes.extend(set.doubts(&path)?);
+    notes.extend(set.plausibility_notes(&path)?);
     for NamedCamera { name, model, .. } in &set.cameras {
         let off = |c: f64, size: u32| c - 0.5 * (f64::from(size) - 1.0);
         let (x, y) = (off(model.cx, model.width), off(model.cy, model.height));
-        let limit = |size: u32| OFF_CENTRE * f64::from(size);
-        // Cropping after rectification may put it anywhere.
+        let limit = |size: u32| MAX_CENTRE_OFFSET * f64::from(size);
+        // Cropping after rectification may move it anywhere.
         if model.distortion != Distortion::None
             && (x.abs() > limit(model.width) || y.abs() > limit(model.height))
         {
@@ -79,11 +81,11 @@ pub fn read_cameras(
     Ok((set, notes))
 }
 
-/// What a path holds: its kind, and the file, or the folder of an ASL data set.
+/// Format of a path: the format, and the file, or the folder of an ASL data set.
 ///
 /// # Errors
 /// [`CalibError::Unrecognised`], [`CalibError::Read`].
-pub fn recognised(path: &Path) -> Result<(Format, PathBuf), CalibError> {
+pub fn detect_format(path: &Path) -> Result<(Format, PathBuf), CalibError> {
     if path.is_dir() {
         in_folder(path)
     } else {
@@ -149,7 +151,7 @@ fn of_format(
     Ok((set, notes))
 }
 
-/// Files by which a folder is known.
+/// Files that identify a folder.
 const IN_FOLDER: [(Format, &str); 13] = [
     (Format::Kitti, "calib.txt"),
     (Format::Pair, "K.txt"),
@@ -166,7 +168,8 @@ const IN_FOLDER: [(Format, &str); 13] = [
     (Format::Rosys, "cameras.json"),
 ];
 
-/// Whether something is there that claims to be a file. What is none, as a pipe, is refused by the reader of its kind.
+/// Whether the path exists and could be a file. Other things, such as a pipe, are rejected by the
+/// reader of the format.
 fn is_there(path: &Path) -> bool {
     std::fs::metadata(path).is_ok_and(|data| !data.is_dir())
 }
@@ -181,7 +184,7 @@ fn in_folder(folder: &Path) -> Result<(Format, PathBuf), CalibError> {
     for (format, name) in IN_FOLDER {
         let file = folder.join(name);
         if is_there(&file) {
-            // KITTI's and Middlebury's have one name.
+            // KITTI's and Middlebury's files have the same name.
             let format = match format {
                 Format::Kitti => of_file(&file).unwrap_or(format),
                 other => other,
@@ -203,7 +206,7 @@ fn in_folder(folder: &Path) -> Result<(Format, PathBuf), CalibError> {
             found.push((Format::ZedConf, file));
         }
     }
-    // The order of a folder's entries is not defined; the message's must be.
+    // The order of directory entries is not defined; that of the message must be.
     found.sort_by(|(_, a), (_, b)| a.cmp(b));
     let names: Vec<String> = found
         .iter()
@@ -339,7 +342,7 @@ fn unrecognised(path: &Path, found: &str) -> CalibError {
     }
 }
 
-/// Loose on purpose: a misspelt number is for the reader of its kind to report.
+/// Loose on purpose: a misspelt number is reported by the reader of the format.
 fn is_number_like(word: &str) -> bool {
     word.starts_with(|c: char| c.is_ascii_digit() || matches!(c, '-' | '+' | '.'))
 }
@@ -350,7 +353,7 @@ mod tests {
     use crate::test_data::Folder;
 
     #[test]
-    fn tells_the_kinds_apart() {
+    fn formats_are_distinguished() {
         let folder = Folder::new();
         let check = |name: &str, text: &str, expected: Format| {
             assert_eq!(
@@ -438,7 +441,7 @@ mod tests {
     }
 
     #[test]
-    fn pairs_of_any_kind_are_questioned() {
+    fn implausible_pairs_are_noted_in_any_format() {
         let folder = Folder::new();
         let chain = |x: &str| {
             let camera = "camera_model: pinhole, intrinsics: [500, 500, 320, 240], distortion_model: none, resolution: \
@@ -451,7 +454,7 @@ mod tests {
             notes.into_iter().map(|note| note.0).collect::<Vec<_>>()
         };
         assert_eq!(chain("-0.063"), [""; 0]);
-        // Two cameras without names may sit anywhere.
+        // Two cameras without names may be anywhere.
         let swapped = chain("0.063");
         assert!(
             swapped.len() == 1
@@ -485,7 +488,7 @@ mod tests {
         let error = rosys("-0.063").unwrap_err().to_string();
         assert!(error.contains("left and right swapped"), "{error}");
 
-        // Formats of pairs alone, in whichever way they are read.
+        // Formats of pairs only, by either reader.
         let zed = "[LEFT_CAM_HD]\nfx=700\nfy=700\ncx=640\ncy=360\nk1=0.1\nk2=0\np1=0\np2=0\nk3=0\n[RIGHT_CAM_HD]\n\
                    fx=700\nfy=700\ncx=640\ncy=360\nk1=0.1\nk2=0\np1=0\np2=0\nk3=0\n[STEREO]\nBaseline=6300\nTY=0\nTZ=0\n\
                    CV_HD=0\nRX_HD=0\nRZ_HD=0\n";

@@ -1,15 +1,15 @@
-//! Turning a stereo pair so that corresponding points share a row.
+//! Stereo rectification: rotates a pair so that corresponding points share a row.
 //!
-//! Contract: both new pictures are of one pinhole camera without distortion, the right one beside the left
-//! along x, so a point of depth `z` has the disparity `f B / z`. Each eye is turned by half of the
-//! rotation between them, then both by the smallest rotation that brings the baseline onto x (after
-//! Bouguet, as in OpenCV's `stereoRectify`), so the pictures change as little as they can. What of the old
-//! pictures is seen, and at which focal length, is the caller's choice of [`View`].
+//! Contract: both rectified images belong to one pinhole camera without distortion, the right one
+//! displaced along x, so that a point of depth `z` has the disparity `f B / z`. Each eye is rotated
+//! by half of the rotation between them, then both by the smallest rotation that aligns the
+//! baseline with x (after Bouguet, as in OpenCV's `stereoRectify`), so that the images change as
+//! little as possible. Field of view and focal length are selected by [`View`].
 //!
-//! [`Rectification::map`] gives for every new pixel the place in the old picture, as `f32`, within
-//! [`Map::BOUND_PX`] of the exact one; [`Rectification::exact_map`] is its slow twin. [`Remap`] moves
-//! pictures of 8 bits through a map. New pixels without a place in the old picture are NaN in a map and
-//! get a fill value in a picture.
+//! [`Rectification::map`] gives for every rectified pixel the position in the source image, as
+//! `f32`, within [`Map::BOUND_PX`] of the exact one; [`Rectification::exact_map`] is its reference
+//! implementation. [`Remap`] applies a map to 8-bit images. Rectified pixels without a source are
+//! NaN in a map and get a fill value in an image.
 
 use cad_transforms::RigidTransform;
 use nalgebra::{UnitQuaternion, Vector3};
@@ -26,32 +26,33 @@ mod tests;
 pub use map::Map;
 pub use remap::{Remap, remap_exact};
 
-/// How much of the old pictures the new ones show.
+/// Field of view of the rectified images.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum View {
-    /// Every pixel of both old pictures, up to 75 degrees off the new axis: the borders may be empty.
+    /// Every pixel of both source images, up to 75 degrees off the new axis: the borders may be
+    /// empty.
     All,
-    /// The largest part in which every pixel of both new pictures is filled.
+    /// The largest view in which every pixel of both rectified images has a source.
     Filled,
-    /// This focal length, pixels, about the middle of what is filled.
+    /// This focal length, pixels, centred as [`View::Filled`].
     Focal(f64),
 }
 
 /// A rectified pair.
 #[derive(Clone, Debug)]
 pub struct Rectification {
-    /// Both new cameras.
+    /// The camera model of both rectified images.
     pub camera: CameraModel,
-    /// Turns points in the left optical frame into the rectified one; no translation.
+    /// Rotates points from the left optical frame into the rectified one; no translation.
     pub rectified_from_left: RigidTransform,
     /// The same for the right one.
     pub rectified_from_right: RigidTransform,
-    /// Distance of the two, metres.
+    /// Baseline, metres.
     pub baseline_m: f64,
     lenses: [Lens; 2],
 }
 
-/// Why a pair cannot be rectified.
+/// Reasons for a failed rectification.
 #[derive(Clone, Debug, PartialEq, thiserror::Error)]
 pub enum RectifyError {
     /// The right camera is not beside the left one.
@@ -62,30 +63,30 @@ pub enum RectifyError {
         /// Angle between x and the baseline, degrees.
         angle_deg: f64,
     },
-    /// The two do not see the same.
-    #[error("rectifying: the two pictures have no part in common on the rectified plane")]
+    /// The two have no common field of view.
+    #[error("rectifying: the two images do not overlap on the rectified plane")]
     NothingInCommon,
-    /// Not a size or a focal length.
+    /// Invalid size or focal length.
     #[error(
         "rectifying: found a size of {width}x{height} and a focal length of {focal}, expected both above 0"
     )]
     Impossible {
-        /// Width asked for, pixels.
+        /// Requested width, pixels.
         width: u32,
-        /// Height asked for, pixels.
+        /// Requested height, pixels.
         height: u32,
         /// Focal length, pixels.
         focal: f64,
     },
 }
 
-/// Off the new axis a picture on a plane grows without end; [`View::All`] stops here.
-const WIDEST_RAD: f64 = 75.0 * std::f64::consts::PI / 180.0;
-/// Points along one side of a rectangle that is tried, and of the grid over a picture.
+/// Maximum angle off the new axis for [`View::All`]: an image on a plane grows without bound.
+const MAX_ANGLE_RAD: f64 = 75.0 * std::f64::consts::PI / 180.0;
+/// Points along one side of a tested rectangle, and of the grid over an image.
 const SIDE: usize = 96;
 
 impl Rectification {
-    /// With pictures of the left one's size.
+    /// Rectifies to images of the left one's size.
     ///
     /// # Errors
     /// [`RectifyError`].
@@ -93,7 +94,7 @@ impl Rectification {
         Self::with_size(stereo, view, [stereo.left.width, stereo.left.height])
     }
 
-    /// With new pictures of another size.
+    /// Rectifies to images of another size.
     ///
     /// # Errors
     /// [`RectifyError`].
@@ -138,7 +139,7 @@ impl Rectification {
         Ok(rectification)
     }
 
-    /// The pair of new cameras.
+    /// The rectified pair.
     pub fn stereo(&self) -> StereoCalibration {
         StereoCalibration {
             left: self.camera,
@@ -154,7 +155,7 @@ impl Rectification {
         }
     }
 
-    /// 3x4 projection of the left camera in the rectified frame, rows first.
+    /// 3x4 projection matrix of the left camera in the rectified frame, row-major.
     pub fn left_projection(&self) -> [f64; 12] {
         let c = &self.camera;
         [
@@ -162,33 +163,33 @@ impl Rectification {
         ]
     }
 
-    /// The same of the right one; entry 3 is `-fx` times the baseline.
+    /// The same for the right one; entry 3 is `-fx` times the baseline.
     pub fn right_projection(&self) -> [f64; 12] {
         let mut p = self.left_projection();
         p[3] = -self.camera.fx * self.baseline_m;
         p
     }
 
-    /// Where a pixel of the new picture lies in the old one; none outside what the lens can mean.
+    /// Source pixel of a rectified pixel; `None` outside the domain of the lens.
     pub fn old_pixel(&self, eye: Eye, new: [f64; 2]) -> Option<[f64; 2]> {
         let c = &self.camera;
         self.on_old(eye, [(new[0] - c.cx) / c.fx, (new[1] - c.cy) / c.fy])
     }
 
-    /// Where a pixel of the old picture lies in the new one; none behind it or without a direction.
+    /// Rectified pixel of a source pixel; `None` behind the rectified plane or without a direction.
     pub fn new_pixel(&self, eye: Eye, old: [f64; 2]) -> Option<[f64; 2]> {
         let [x, y] = self.on_plane(eye, old)?;
         let c = &self.camera;
         Some([c.fx * x + c.cx, c.fy * y + c.cy])
     }
 
-    /// Places in the old picture for all pixels of the new one.
+    /// Source positions of all rectified pixels.
     pub fn map(&self, eye: Eye) -> Map {
         let c = &self.camera;
         Map::interpolated(c.width, c.height, |new| self.old_pixel(eye, new))
     }
 
-    /// The same, every one computed exactly.
+    /// The same, every position computed exactly.
     pub fn exact_map(&self, eye: Eye) -> Map {
         let c = &self.camera;
         Map::exact(c.width, c.height, |new| self.old_pixel(eye, new))
@@ -201,21 +202,21 @@ impl Rectification {
         }
     }
 
-    /// From the rectified plane z = 1 to a pixel of the old picture.
+    /// From the rectified plane z = 1 to a source pixel.
     fn on_old(&self, eye: Eye, [x, y]: [f64; 2]) -> Option<[f64; 2]> {
         let (turn, lens) = self.turn(eye);
         let direction = turn.rotation().inverse() * Vector3::new(x, y, 1.0);
         lens.project(direction.into())
     }
 
-    /// From a pixel of the old picture to the rectified plane z = 1.
+    /// From a source pixel to the rectified plane z = 1.
     fn on_plane(&self, eye: Eye, old: [f64; 2]) -> Option<[f64; 2]> {
         let (turn, lens) = self.turn(eye);
         let [x, y, z] = turn.rotate(lens.unproject(old)?);
         (z > 0.0).then(|| [x / z, y / z])
     }
 
-    /// Whether both old pictures have this point of the plane.
+    /// Whether a point of the plane is inside both source images.
     fn both_see(&self, point: [f64; 2]) -> bool {
         [Eye::Left, Eye::Right].into_iter().all(|eye| {
             let (_, lens) = self.turn(eye);
@@ -226,7 +227,7 @@ impl Rectification {
         })
     }
 
-    /// The middle of what both see, on the plane.
+    /// Centre of the common field of view, on the plane.
     fn middle(&self) -> Option<[f64; 2]> {
         let principal = |eye: Eye| {
             let (_, lens) = self.turn(eye);
@@ -237,7 +238,7 @@ impl Rectification {
         if !self.both_see(centre) {
             return None;
         }
-        let widest = WIDEST_RAD.tan();
+        let widest = MAX_ANGLE_RAD.tan();
         for _ in 0..4 {
             for axis in 0..2 {
                 let reach = |sign: f64| {
@@ -253,12 +254,13 @@ impl Rectification {
         Some(centre)
     }
 
-    /// Centre and focal length at which every new pixel is filled.
+    /// Centre and focal length at which every rectified pixel has a source.
     fn filled(&self) -> Option<([f64; 2], f64)> {
         let centre = self.middle()?;
-        // Half the size of the new picture at a focal length of 1, between the outer pixel centres.
+        // Half the size of the rectified image at a focal length of 1, between the outer pixel
+        // centres.
         let half = [self.camera.width, self.camera.height].map(|n| 0.5 * (f64::from(n) - 1.0));
-        // What is seen has no holes, so a rectangle is filled where its edge is.
+        // The field of view has no holes, so that a rectangle is filled if its edge is.
         let is_filled = |scale: f64| {
             (0..4 * SIDE).all(|i| {
                 let along = 2.0 * (i % SIDE) as f64 / SIDE as f64 - 1.0;
@@ -274,11 +276,14 @@ impl Rectification {
                 ])
             })
         };
-        let scale = last(WIDEST_RAD.tan() / half[0].min(half[1]).max(1.0), is_filled);
+        let scale = last(
+            MAX_ANGLE_RAD.tan() / half[0].min(half[1]).max(1.0),
+            is_filled,
+        );
         (scale > 0.0).then(|| (centre, 1.0 / scale))
     }
 
-    /// Centre and focal length at which all old pixels are in the new pictures.
+    /// Centre and focal length at which all source pixels are in the rectified images.
     fn all(&self) -> Option<([f64; 2], f64)> {
         let (mut low, mut high) = ([f64::INFINITY; 2], [f64::NEG_INFINITY; 2]);
         for eye in [Eye::Left, Eye::Right] {
@@ -293,7 +298,7 @@ impl Rectification {
                 let Some(point) = self.on_plane(eye, old) else {
                     continue;
                 };
-                if point[0].hypot(point[1]) > WIDEST_RAD.tan() {
+                if point[0].hypot(point[1]) > MAX_ANGLE_RAD.tan() {
                     continue;
                 }
                 for axis in 0..2 {
@@ -317,7 +322,7 @@ pub(crate) fn rotations(
 ) -> Result<(RigidTransform, RigidTransform), RectifyError> {
     let full = stereo.right_from_left.rotation();
     let half = UnitQuaternion::from_scaled_axis(0.5 * full.scaled_axis());
-    // In the frame half-way between the two: where the right camera is, seen from the left one.
+    // Position of the right camera in the left one, in the frame half-way between the two.
     let beside = -(half.inverse() * stereo.right_from_left.translation());
     let angle = beside.angle(&Vector3::x());
     let not_beside = RectifyError::NotBeside {
@@ -334,7 +339,7 @@ pub(crate) fn rotations(
     Ok((rigid(onto_x * half), rigid(onto_x * half.inverse())))
 }
 
-/// The largest step up to `end` for which a property holds that, once lost, stays lost; to 1e-9 of `end`.
+/// The largest step up to `end` for which a monotonic property holds; to 1e-9 of `end`.
 fn last(end: f64, holds: impl Fn(f64) -> bool) -> f64 {
     if holds(end) {
         return end;

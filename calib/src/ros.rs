@@ -1,12 +1,13 @@
 //! ROS `camera_info` YAML as `camera_calibration` and `camera_calibration_parsers` write it, one file per
 //! camera.
 //!
-//! Contract: a file whose name is `left`, or ends in `_left` or `-left`, is read together with its `right`
-//! sibling, and the other way round. The pair's placement is what its rectification says: `x_right_rect = x_left_rect + P[3] / P[0]`
-//! along x, and the two `rectification_matrix` turn each camera's points into the rectified frame. Where
-//! the right projection has no such term the placement is unknown. Models: `plumb_bob` (5, or 4),
-//! `rational_polynomial` (8), `equidistant` (4), and Kalibr's `radtan` (4), which some drivers write here.
-//! Coefficients that are all 0 are no distortion; those beside `none` or an empty model must be.
+//! Contract: a file whose name is `left`, or ends in `_left` or `-left`, is read together with its
+//! `right` sibling, and vice versa. The pair's extrinsics follow from its rectification:
+//! `x_right_rect = x_left_rect + P[3] / P[0]` along x, and the two `rectification_matrix` rotate
+//! each camera's points into the rectified frame. If the right projection has no such term, the
+//! extrinsics are unknown. Models: `plumb_bob` (5, or 4), `rational_polynomial` (8), `equidistant`
+//! (4), and Kalibr's `radtan` (4), which some drivers write here. Coefficients that are all 0 are
+//! no distortion; those beside `none` or an empty model must be.
 
 use std::path::{Path, PathBuf};
 
@@ -54,27 +55,27 @@ pub fn read(path: &Path) -> Result<(CameraSet, Vec<Note>), CalibError> {
             imu: None,
             provenance: provenance(vec![path.to_owned()]),
         };
-        return Ok((set.checked(path)?, notes));
+        return Ok((set.validate(path)?, notes));
     };
     let left = file(&left_path, &mut notes)?;
     let right = file(&right_path, &mut notes)?;
     let p = right.projection;
     let right_from_left = if p[3] == 0.0 {
         notes.push(Note(
-            "the right projection matrix has no baseline: the place of the right camera is not known"
+            "the right projection matrix has no baseline: the pose of the right camera is unknown"
                 .to_owned(),
         ));
         None
     } else {
         let offset = RigidTransform::from_translation_m([p[3] / p[0], p[7] / p[5], 0.0]);
-        let implausible = |objection: String| CalibError::Implausible {
+        let implausible = |reason: String| CalibError::Implausible {
             path: right_path.clone(),
-            objection: format!("{}: {objection}", right.projection_at),
+            reason: format!("{}: {reason}", right.projection_at),
         };
         let offset = offset.map_err(|error| implausible(error.to_string()))?;
         let place = right.rectified_from_camera.inverse() * offset * left.rectified_from_camera;
-        if let Some(objection) = too_far("right", &place).or_else(|| swapped(&place)) {
-            return Err(implausible(objection));
+        if let Some(reason) = too_far("right", &place).or_else(|| swapped(&place)) {
+            return Err(implausible(reason));
         }
         Some(place)
     };
@@ -86,11 +87,11 @@ pub fn read(path: &Path) -> Result<(CameraSet, Vec<Note>), CalibError> {
         imu: None,
         provenance: provenance(vec![left_path, right_path]),
     };
-    Ok((set.checked(path)?, notes))
+    Ok((set.validate(path)?, notes))
 }
 
-/// The left and the right file where this is one of them and the other exists. The last word of the name
-/// tells: `left_shoulder_right.yaml` belongs to `left_shoulder_left.yaml`.
+/// The left and the right file if this is one of them and the other exists. The last word of the
+/// name decides: `left_shoulder_right.yaml` belongs to `left_shoulder_left.yaml`.
 fn pair(path: &Path) -> Option<[PathBuf; 2]> {
     let stem = path.file_stem()?.to_str()?;
     let before = &stem[..stem.rfind(['_', '-']).map_or(0, |at| at + 1)];
@@ -183,7 +184,7 @@ fn file(path: &Path, notes: &mut Vec<Note>) -> Result<File, CalibError> {
         }
     };
     let model = CameraModel::new((width, height), [fx, fy, cx, cy], distortion);
-    matrix.refuse_impossible(&model)?;
+    matrix.reject_invalid_model(&model)?;
     Ok(File {
         model,
         rectified_from_camera,
@@ -242,7 +243,7 @@ pub(crate) fn write(set: &CameraSet) -> Result<Written, WriteError> {
     } else {
         [&set.cameras[1], &set.cameras[0]]
     };
-    // Of a pair that is rectified as delivered the new camera is the old one.
+    // For a pair that is rectified as delivered the rectified camera is the original one.
     if pair.is_rectified() {
         let [x, _, _] = pair.right_from_left.translation_m();
         let projections = [own(&pair.left, 0.0), own(&pair.right, x)];

@@ -1,9 +1,9 @@
-//! Camera JSON of RoSys: a map of cameras, each with intrinsics and a place in some frame.
+//! Camera JSON of RoSys: a map of cameras, each with intrinsics and a pose in some frame.
 //!
-//! Contract: `matrix` is the camera matrix, `distortion` is in OpenCV's order, `extrinsics` is the place of
-//! the camera's optical frame in the frame `_frame_id`, metres. Cameras of one such frame are placed
-//! beside each other; others are not. Coefficients that are all 0 are no distortion, which the maker's
-//! rectified pictures have.
+//! Contract: `matrix` is the camera matrix, `distortion` is in OpenCV's order, `extrinsics` is the
+//! pose of the camera's optical frame in the frame `_frame_id`, metres. Cameras of one such frame
+//! have relative poses; others have not. Coefficients that are all 0 are no distortion, as in the
+//! rectified images of the maker.
 
 use std::path::Path;
 
@@ -43,7 +43,7 @@ pub fn read(path: &Path) -> Result<(CameraSet, Vec<Note>), CalibError> {
             }
             _ => {
                 notes.push(Note(format!(
-                    "the place of {name} beside the first camera is not known"
+                    "the pose of {name} relative to the first camera is unknown"
                 )));
                 None
             }
@@ -66,7 +66,7 @@ pub fn read(path: &Path) -> Result<(CameraSet, Vec<Note>), CalibError> {
             part: None,
         },
     };
-    Ok((set.checked(path)?, notes))
+    Ok((set.validate(path)?, notes))
 }
 
 fn camera(at: &At<'_>) -> Result<CameraModel, CalibError> {
@@ -91,7 +91,7 @@ fn camera(at: &At<'_>) -> Result<CameraModel, CalibError> {
         cy,
         distortion: distortion.map_err(|(found, expected)| d.wrong_because(&found, expected))?,
     };
-    matrix.refuse_impossible(&model)?;
+    matrix.reject_invalid_model(&model)?;
     Ok(model)
 }
 

@@ -1,8 +1,9 @@
-//! What a calibration file of any kind holds: one or more cameras by name, where they sit, and the IMU.
+//! Content of a calibration file of any format: one or more named cameras, their extrinsics, and
+//! the IMU.
 //!
-//! Contract: the first camera is the reference, so its placement is the identity. A camera whose place
-//! the file does not tell has none; nothing is assumed. Intrinsics are finite and possible, and no two
-//! sensors are farther apart than 10 m (a file in millimetres is refused, not scaled).
+//! Contract: the first camera is the reference, so that its pose is the identity. A camera whose
+//! pose is not in the file has none; nothing is assumed. Intrinsics are finite and valid, and no
+//! two sensors are farther apart than 10 m (a file in millimetres is rejected, not scaled).
 
 use std::path::Path;
 
@@ -10,25 +11,27 @@ use cad_transforms::RigidTransform;
 
 use crate::camera::CameraModel;
 use crate::error::{CalibError, Note};
-use crate::stereo::{FARTHEST_M, ImuCalibration, ImuNoise, Provenance, StereoCalibration, swapped};
+use crate::stereo::{
+    ImuCalibration, ImuNoise, MAX_BASELINE_M, Provenance, StereoCalibration, swapped,
+};
 
-/// Cameras that belong together.
+/// The cameras of a file.
 #[derive(Clone, Debug, PartialEq)]
 pub struct CameraSet {
     /// The cameras in the order of the file, at least one.
     pub cameras: Vec<NamedCamera>,
-    /// The IMU, where the file holds one.
+    /// The IMU, if the file contains one.
     pub imu: Option<SetImu>,
-    /// Where all this comes from.
+    /// Source of the calibration.
     pub provenance: Provenance,
 }
 
 /// One camera of a set.
 #[derive(Clone, Debug, PartialEq)]
 pub struct NamedCamera {
-    /// As the file calls it, for example `cam0` or `left`.
+    /// Name in the file, for example `cam0` or `left`.
     pub name: String,
-    /// Size and lens.
+    /// Image size and intrinsics.
     pub model: CameraModel,
     /// Takes points in the first camera's optical frame to this one's, metres.
     pub camera_from_first: Option<RigidTransform>,
@@ -43,30 +46,30 @@ pub struct SetImu {
     pub rate_hz: Option<f64>,
     /// Noise model.
     pub noise: Option<ImuNoise>,
-    /// What to add to a camera's time to get the IMU's, seconds (Kalibr's `timeshift_cam_imu`,
-    /// Basalt's `cam_time_offset_ns`).
+    /// Added to a camera's time to get the IMU's, seconds (Kalibr's `timeshift_cam_imu`, Basalt's
+    /// `cam_time_offset_ns`).
     pub time_offset_s: Option<f64>,
-    /// To be subtracted from the gyroscope's reading, rad/s.
+    /// Bias to subtract from the measured angular rate, rad/s.
     pub gyro_bias: Option<[f64; 3]>,
-    /// To be subtracted from the accelerometer's reading, m/s².
+    /// Bias to subtract from the measured specific force, m/s².
     pub accel_bias: Option<[f64; 3]>,
 }
 
-/// Wider apart than this, a stereo camera is worth a question, metres.
-const WIDE_M: f64 = 2.0;
+/// Stereo baseline above which there is a note, metres.
+const MAX_USUAL_BASELINE_M: f64 = 2.0;
 
-/// What is wrong with a sensor that is too far from the first camera to be in metres.
+/// Error text for a sensor that is too far from the first camera to be in metres.
 pub(crate) fn too_far(name: &str, from_first: &RigidTransform) -> Option<String> {
     let metres = from_first.distance_m();
-    (!metres.is_finite() || metres > FARTHEST_M).then(|| {
-        format!("{name} is {metres} m from the first camera, expected at most {FARTHEST_M}: not in metres?")
+    (!metres.is_finite() || metres > MAX_BASELINE_M).then(|| {
+        format!("{name} is {metres} m from the first camera, expected at most {MAX_BASELINE_M}: not in metres?")
     })
 }
 
-/// A question about a pair that is very wide.
+/// Note on a very wide pair.
 pub(crate) fn wide(stereo: &StereoCalibration) -> Option<Note> {
     let apart = stereo.baseline_m();
-    (apart > WIDE_M).then(|| {
+    (apart > MAX_USUAL_BASELINE_M).then(|| {
         Note(format!(
             "left and right are {apart} m apart: is the file in metres?"
         ))
@@ -98,11 +101,11 @@ impl CameraSet {
         }
     }
 
-    /// Two of the cameras as a stereo calibration: those named, else those with `left` and `right` in
-    /// their names, else the first two. `path` is for messages.
+    /// Two of the cameras as a stereo calibration: the named ones, otherwise those with `left` and
+    /// `right` in their names, otherwise the first two. `path` is for messages.
     ///
     /// # Errors
-    /// [`CalibError::Missing`] without such cameras or their placement, [`CalibError::Implausible`] where
+    /// [`CalibError::Missing`] without such cameras or their pose, [`CalibError::Implausible`] if
     /// left and right are swapped.
     pub fn stereo(
         &self,
@@ -131,7 +134,7 @@ impl CameraSet {
         let from_first = |i: usize| {
             self.cameras[i]
                 .camera_from_first
-                .ok_or_else(|| missing(format!("the place of camera {}", self.cameras[i].name)))
+                .ok_or_else(|| missing(format!("the pose of camera {}", self.cameras[i].name)))
         };
         let left_from_first = from_first(left)?;
         let right_from_first = from_first(right)?;
@@ -144,7 +147,7 @@ impl CameraSet {
                 self.cameras[right].name
             )));
         }
-        // Of the first camera itself the placement is exact, without any arithmetic.
+        // For the first camera the pose is exact, without arithmetic.
         let from_left = |b_from_first: RigidTransform| {
             if left == 0 {
                 b_from_first
@@ -172,7 +175,7 @@ impl CameraSet {
             imu,
             provenance: self.provenance.clone(),
         }
-        .checked(path)?;
+        .validate(path)?;
         notes.extend(wide(&stereo));
         Ok((stereo, notes))
     }
@@ -200,12 +203,12 @@ impl CameraSet {
         }
     }
 
-    /// Questions about where the cameras are. `path` is for messages.
+    /// Notes on implausible poses of the cameras. `path` is for messages.
     ///
     /// # Errors
-    /// [`CalibError::Implausible`] where cameras that are called left and right are swapped. Two cameras
-    /// with other names may sit anywhere, so with them it is a question.
-    pub(crate) fn doubts(&self, path: &Path) -> Result<Vec<Note>, CalibError> {
+    /// [`CalibError::Implausible`] if cameras called left and right are swapped. Two cameras with
+    /// other names may be anywhere, so for them it is a note.
+    pub(crate) fn plausibility_notes(&self, path: &Path) -> Result<Vec<Note>, CalibError> {
         let mut notes = Vec::new();
         for NamedCamera {
             name,
@@ -214,7 +217,7 @@ impl CameraSet {
         } in &self.cameras
         {
             let metres = camera_from_first.map_or(0.0, |t| t.distance_m());
-            if metres > WIDE_M {
+            if metres > MAX_USUAL_BASELINE_M {
                 notes.push(Note(format!(
                     "{name} is {metres} m from the first camera: is the file in metres?"
                 )));
@@ -225,10 +228,10 @@ impl CameraSet {
             Some(b? * a?.inverse())
         };
         if let Some([left, right]) = self.named_pair() {
-            if let Some(objection) = b_from_a(left, right).as_ref().and_then(swapped) {
+            if let Some(reason) = b_from_a(left, right).as_ref().and_then(swapped) {
                 return Err(CalibError::Implausible {
                     path: path.to_owned(),
-                    objection,
+                    reason,
                 });
             }
         } else if let [first, second] = &self.cameras[..]
@@ -242,11 +245,11 @@ impl CameraSet {
         Ok(notes)
     }
 
-    /// The set itself if its numbers are possible, with notes on what is doubtful.
-    pub(crate) fn checked(self, path: &Path) -> Result<Self, CalibError> {
-        let implausible = |objection: String| CalibError::Implausible {
+    /// The set itself if its values are valid, with notes on suspicious ones.
+    pub(crate) fn validate(self, path: &Path) -> Result<Self, CalibError> {
+        let implausible = |reason: String| CalibError::Implausible {
             path: path.to_owned(),
-            objection,
+            reason,
         };
         if self.cameras.is_empty() {
             return Err(CalibError::Missing {
@@ -256,8 +259,8 @@ impl CameraSet {
             });
         }
         for camera in &self.cameras {
-            if let Some(objection) = camera.model.objection() {
-                return Err(implausible(format!("camera {}: {objection}", camera.name)));
+            if let Some(reason) = camera.model.invalid_reason() {
+                return Err(implausible(format!("camera {}: {reason}", camera.name)));
             }
         }
         let placed = self
@@ -266,8 +269,8 @@ impl CameraSet {
             .filter_map(|c| Some((c.name.as_str(), c.camera_from_first?)))
             .chain(self.imu.map(|imu| ("the IMU", imu.imu_from_first)));
         for (name, transform) in placed {
-            if let Some(objection) = too_far(name, &transform) {
-                return Err(implausible(objection));
+            if let Some(reason) = too_far(name, &transform) {
+                return Err(implausible(reason));
             }
         }
         if let Some(imu) = &self.imu {
@@ -346,13 +349,13 @@ mod tests {
         );
         let mut unplaced = three.clone();
         unplaced.cameras[1].camera_from_first = None;
-        assert!(error(unplaced.stereo(None, path)).contains("the place of camera cam1 is missing"));
+        assert!(error(unplaced.stereo(None, path)).contains("the pose of camera cam1 is missing"));
     }
 
     #[test]
-    fn impossible_numbers_are_refused() {
+    fn impossible_numbers_are_rejected() {
         let path = Path::new("chain.yaml");
-        let error = |set: CameraSet| set.checked(path).unwrap_err().to_string();
+        let error = |set: CameraSet| set.validate(path).unwrap_err().to_string();
         assert!(error(set(&[], &[])).contains("a camera is missing"));
         assert!(error(set(&["a", "b"], &[0.0, -63.0])).contains("b is 63 m from the first camera"));
         let mut bad = set(&["a"], &[0.0]);

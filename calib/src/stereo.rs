@@ -1,7 +1,8 @@
 //! The calibration of one stereo camera with its IMU.
 //!
-//! Contract: a [`StereoCalibration`] given out by a reader has finite, possible intrinsics and a right
-//! eye that sits to the right of the left one. What the file did not hold is `None`, not a default.
+//! Contract: a [`StereoCalibration`] returned by a reader has finite, valid intrinsics and a right
+//! eye to the right of the left one. Values that the file does not contain are `None`, not a
+//! default.
 
 use std::path::{Path, PathBuf};
 
@@ -22,13 +23,13 @@ pub struct StereoCalibration {
     pub right: CameraModel,
     /// Takes points in the left optical frame to the right one (OpenCV's R and T), metres.
     pub right_from_left: RigidTransform,
-    /// The IMU, where the files hold one.
+    /// The IMU, if the files contain one.
     pub imu: Option<ImuCalibration>,
-    /// Where all this comes from.
+    /// Source of the calibration.
     pub provenance: Provenance,
 }
 
-/// Which of the two cameras.
+/// One of the two cameras.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Eye {
     /// The left camera.
@@ -37,7 +38,7 @@ pub enum Eye {
     Right,
 }
 
-/// Placement and noise of an IMU.
+/// Extrinsics and noise of an IMU.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct ImuCalibration {
@@ -45,7 +46,7 @@ pub struct ImuCalibration {
     pub imu_from_left: RigidTransform,
     /// Nominal rate, Hz.
     pub rate_hz: f64,
-    /// Noise model, where the file holds one.
+    /// Noise model, if the file contains one.
     pub noise: Option<ImuNoise>,
 }
 
@@ -63,11 +64,11 @@ pub struct ImuNoise {
     pub accel_random_walk: f64,
 }
 
-/// Which files a calibration was read from and how.
+/// Files from which a calibration was read.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct Provenance {
-    /// Kind of file; none for a calibration that was made and not read.
+    /// Format; `None` for a calibration that was not read from a file.
     pub format: Option<Format>,
     /// Every file that was read, in reading order. Their bytes belong into the session.
     pub files: Vec<PathBuf>,
@@ -75,7 +76,7 @@ pub struct Provenance {
     pub part: Option<String>,
 }
 
-/// The kinds of calibration files that are read and written.
+/// Formats of calibration files that are read and written.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case")]
 pub enum Format {
@@ -108,7 +109,7 @@ pub enum Format {
 }
 
 impl Format {
-    /// All of them.
+    /// All formats.
     pub const ALL: [Self; 13] = [
         Self::ZedConf,
         Self::Euroc,
@@ -125,7 +126,7 @@ impl Format {
         Self::Middlebury,
     ];
 
-    /// Its name on command lines.
+    /// Name on the command line.
     pub fn name(self) -> &'static str {
         match self {
             Self::ZedConf => "zed",
@@ -144,12 +145,12 @@ impl Format {
         }
     }
 
-    /// The format of a name on a command line.
+    /// The format of a name on the command line.
     pub fn from_name(name: &str) -> Option<Self> {
         Self::ALL.into_iter().find(|format| format.name() == name)
     }
 
-    /// The lens models that the format has, the smallest of a family first.
+    /// The lens models of the format, the smallest of a family first.
     pub fn models(self) -> &'static [LensModel] {
         use LensModel::{
             DoubleSphere, Eucm, KannalaBrandt4, None, RadTan4, RadTan5, Radial2, Rational8,
@@ -168,14 +169,14 @@ impl Format {
     }
 }
 
-/// How far off exact a pair may be and still count as rectified: rotation in rad and offset in m.
-/// Rectified files state exact zeros; this only absorbs the arithmetic on the way.
+/// Tolerance of a rectified pair: rotation in rad and offset in m. Rectified files have exact
+/// zeros; this only absorbs rounding errors.
 const RECTIFIED_TOLERANCE: f64 = 1e-12;
 
-/// Farthest two sensors of one camera can be apart, metres. Beyond it the numbers are millimetres.
-pub(crate) const FARTHEST_M: f64 = 10.0;
+/// Maximum distance of two sensors of one camera, metres. Beyond it the values are millimetres.
+pub(crate) const MAX_BASELINE_M: f64 = 10.0;
 
-/// What is wrong with the place of a right eye that sits to the left of the left one.
+/// Error text for a right eye to the left of the left one.
 pub(crate) fn swapped(right_from_left: &RigidTransform) -> Option<String> {
     let [x, ..] = right_from_left.translation_m();
     (x >= 0.0).then(|| {
@@ -200,7 +201,7 @@ impl StereoCalibration {
         self.right_from_left.distance_m()
     }
 
-    /// Whether the pictures are rectified as delivered: no distortion, one camera matrix, parallel
+    /// Whether the images are rectified as delivered: no distortion, one camera matrix, parallel
     /// axes, and the offset along x alone. Then corresponding points share a row.
     pub fn is_rectified(&self) -> bool {
         let [_, y, z] = self.right_from_left.translation_m();
@@ -213,16 +214,18 @@ impl StereoCalibration {
             && z.abs() <= RECTIFIED_TOLERANCE
     }
 
-    /// The calibration itself, if its numbers are possible. `path` is where they were read from.
-    pub(crate) fn checked(self, path: &Path) -> Result<Self, CalibError> {
+    /// The calibration itself, if its values are valid. `path` is its file.
+    pub(crate) fn validate(self, path: &Path) -> Result<Self, CalibError> {
         let cameras = [("left", &self.left), ("right", &self.right)];
-        let lens = cameras
-            .iter()
-            .find_map(|(name, camera)| Some(format!("{name} camera: {}", camera.objection()?)));
+        let lens = cameras.iter().find_map(|(name, camera)| {
+            Some(format!("{name} camera: {}", camera.invalid_reason()?))
+        });
         let apart = |what: &str, b_from_a: &RigidTransform| {
             let metres = b_from_a.distance_m();
-            (!metres.is_finite() || metres > FARTHEST_M).then(|| {
-                format!("{what} {metres} m apart, expected at most {FARTHEST_M}: not in metres?")
+            (!metres.is_finite() || metres > MAX_BASELINE_M).then(|| {
+                format!(
+                    "{what} {metres} m apart, expected at most {MAX_BASELINE_M}: not in metres?"
+                )
             })
         };
         let placement = apart("the cameras are", &self.right_from_left)
@@ -230,9 +233,9 @@ impl StereoCalibration {
             .or_else(|| apart("IMU and left camera are", &self.imu.as_ref()?.imu_from_left));
         match lens.or(placement) {
             None => Ok(self),
-            Some(objection) => Err(CalibError::Implausible {
+            Some(reason) => Err(CalibError::Implausible {
                 path: path.to_owned(),
-                objection,
+                reason,
             }),
         }
     }

@@ -1,10 +1,10 @@
-//! Files for tests: made-up ones in a temporary folder, real ones outside the project.
+//! Files for tests: synthetic ones in a temporary folder, real ones outside the project.
 
 pub(crate) use ::test_data::shared;
 
 use std::path::{Path, PathBuf};
 
-/// A folder that goes away with the test.
+/// A folder that is deleted with the test.
 pub(crate) struct Folder(tempfile::TempDir);
 
 impl Folder {
@@ -26,9 +26,9 @@ impl Folder {
     }
 }
 
-/// A picture file as grey: width, height, pixels.
+/// An image file as grey: width, height, pixels.
 pub(crate) fn grey(path: &Path) -> (usize, usize, Vec<u8>) {
-    let bytes = std::fs::read(path).expect("a picture can be read");
+    let bytes = std::fs::read(path).expect("an image can be read");
     let bytes = std::io::Cursor::new(bytes);
     let (width, height, data) = if path.extension().is_some_and(|e| e == "png") {
         let mut decoder = png::Decoder::new(bytes);

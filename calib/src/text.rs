@@ -1,4 +1,4 @@
-//! A calibration file as text, and numbers out of it with errors that name the line.
+//! A calibration file as text, and parsing of numbers with errors that name the line.
 
 use std::path::{Path, PathBuf};
 
@@ -16,7 +16,7 @@ impl Source {
         Self::read_up_to(path, plain_file::TEXT_LIMIT)
     }
 
-    /// A file in which a program may tell of all images of a recording beside the cameras.
+    /// A file that may also list all images of a recording.
     pub(crate) fn read_document(path: &Path) -> Result<Self, CalibError> {
         Self::read_up_to(path, plain_file::DOCUMENT_LIMIT)
     }
@@ -52,7 +52,7 @@ impl Source {
         }
     }
 
-    /// The same with `found` in words, not quoted from the file.
+    /// The same with a description of what was found instead of a quotation.
     pub(crate) fn unexpected(&self, line: usize, found: &str, expected: &str) -> CalibError {
         CalibError::Malformed {
             path: self.path.clone(),
@@ -70,13 +70,13 @@ impl Source {
         }
     }
 
-    /// A finite number with a decimal point. A decimal comma is refused by name: programs that take
-    /// `736,862` for 736 have destroyed calibrations before.
+    /// A finite number with a decimal point. A decimal comma is rejected explicitly: programs that
+    /// take `736,862` for 736 have destroyed calibrations before.
     pub(crate) fn number(&self, line: usize, text: &str) -> Result<f64, CalibError> {
         self.number_for(line, text, "")
     }
 
-    /// The same, for a message that also says what the number is, for example ` as cam0.fx`.
+    /// The same, for a message with the name of the number, for example ` as cam0.fx`.
     pub(crate) fn number_for(
         &self,
         line: usize,
@@ -126,8 +126,8 @@ pub(crate) fn written_all(numbers: &[f64], separator: &str) -> String {
     words.join(separator)
 }
 
-/// Metres as millimetres, so that dividing what is read by 1000 gives the same bits where any number
-/// does.
+/// Metres as millimetres, such that the value read divided by 1000 gives the same bits, if any
+/// number does.
 pub(crate) fn millimetres(metres: f64) -> String {
     let mm = metres * 1000.0;
     let near = [mm, mm.next_up(), mm.next_down()];

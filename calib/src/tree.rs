@@ -1,5 +1,5 @@
-//! A structured text file (YAML or JSON) as a tree whose every value knows its line, and questions to it
-//! whose errors name file, line and the whole key, for example `cam0.intrinsics[2]`.
+//! A structured text file (YAML or JSON) as a tree in which every value has its line, with
+//! accessors whose errors name file, line and the full key, for example `cam0.intrinsics[2]`.
 
 use crate::camera::CameraModel;
 use crate::error::CalibError;
@@ -8,8 +8,8 @@ use crate::text::Source;
 pub(crate) mod json;
 pub(crate) mod yaml;
 
-/// How many values may lie inside each other. The files of this field need eight.
-const DEEPEST: usize = 32;
+/// Maximum nesting depth. Calibration files need eight.
+const MAX_DEPTH: usize = 32;
 
 /// A value and the line where it begins, from 1.
 #[derive(Clone, Debug, PartialEq)]
@@ -34,7 +34,7 @@ impl Node {
         matches!(&self.value, Value::Plain(text) if text.is_empty() || text == "null" || text == "~")
     }
 
-    /// What is there, for messages.
+    /// Description for messages.
     fn description(&self) -> String {
         match &self.value {
             _ if self.is_null() => "nothing".to_owned(),
@@ -48,7 +48,7 @@ impl Node {
     }
 }
 
-/// A place in a file: a value and how it is reached.
+/// A value in a file and its key.
 #[derive(Clone)]
 pub(crate) struct At<'a> {
     source: &'a Source,
@@ -69,12 +69,12 @@ impl<'a> At<'a> {
         self.node.line
     }
 
-    /// The whole key.
+    /// The full key.
     pub(crate) fn path(&self) -> &str {
         &self.path
     }
 
-    /// The value of a key, or of a key in a block (`T_BS.data`); none where it is absent or null.
+    /// The value of a key, or of a key in a block (`T_BS.data`); `None` if it is absent or null.
     pub(crate) fn find(&self, key: &str) -> Option<At<'a>> {
         let mut at = self.clone();
         for part in key.split('.') {
@@ -87,10 +87,10 @@ impl<'a> At<'a> {
         (!at.node.is_null()).then_some(at)
     }
 
-    /// The same where it must be there.
+    /// The same for a required key.
     pub(crate) fn get(&self, key: &str) -> Result<At<'a>, CalibError> {
         self.find(key).ok_or_else(|| {
-            // The keys beside the one that is missing, not those at the top of the file.
+            // The keys beside the missing one, not those at the top of the file.
             let above = key.rsplit_once('.').and_then(|(above, _)| self.find(above));
             let beside = above.as_ref().unwrap_or(self);
             let found = match &beside.node.value {
@@ -109,7 +109,7 @@ impl<'a> At<'a> {
         })
     }
 
-    /// The first of some names that is there.
+    /// The first of several keys that is present.
     pub(crate) fn find_any(&self, keys: &[&str]) -> Option<At<'a>> {
         keys.iter().find_map(|key| self.find(key))
     }
@@ -232,7 +232,7 @@ impl<'a> At<'a> {
         self.wrong_because(&self.node.description(), expected)
     }
 
-    /// An error about this value, `found` in words.
+    /// An error about this value, with a description of what was found.
     pub(crate) fn wrong_because(&self, found: &str, expected: &str) -> CalibError {
         let key = if self.path.is_empty() {
             String::new()
@@ -243,21 +243,21 @@ impl<'a> At<'a> {
             .unexpected(self.node.line, found, &format!("{expected}{key}"))
     }
 
-    /// An error about numbers that can be read but cannot be true, where there is an objection to them.
-    pub(crate) fn refuse_if(&self, objection: Option<String>) -> Result<(), CalibError> {
-        objection.map_or(Ok(()), |objection| {
+    /// An error about values that can be read but are invalid, if there is a reason.
+    pub(crate) fn reject_if(&self, reason: Option<String>) -> Result<(), CalibError> {
+        reason.map_or(Ok(()), |reason| {
             Err(CalibError::Implausible {
                 path: self.source.path.clone(),
-                objection: format!("{}: {objection}", self.place()),
+                reason: format!("{}: {reason}", self.place()),
             })
         })
     }
 
-    /// The same for intrinsics; a block of keys is asked for the number in question.
-    pub(crate) fn refuse_impossible(&self, model: &CameraModel) -> Result<(), CalibError> {
-        model.objection_to().map_or(Ok(()), |(name, objection)| {
+    /// The same for intrinsics; for a block of keys the line is that of the invalid parameter.
+    pub(crate) fn reject_invalid_model(&self, model: &CameraModel) -> Result<(), CalibError> {
+        model.invalid_parameter().map_or(Ok(()), |(name, reason)| {
             let number = self.find(name);
-            number.as_ref().unwrap_or(self).refuse_if(Some(objection))
+            number.as_ref().unwrap_or(self).reject_if(Some(reason))
         })
     }
 
@@ -266,7 +266,7 @@ impl<'a> At<'a> {
         format!("line {}: {}", self.node.line, self.path)
     }
 
-    /// Refuses coefficients that are not 0 beside a model (`beside`) that has none.
+    /// Rejects coefficients that are not 0 beside a model (`beside`) that has none.
     pub(crate) fn only_zeros(&self, beside: &str) -> Result<(), CalibError> {
         match self
             .number_list()?

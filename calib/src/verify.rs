@@ -1,79 +1,83 @@
-//! Is the calibration still true? Asked of an ordinary walk, without a target.
+//! Calibration check from an ordinary recording, without a target.
 //!
-//! [`verify`] compares what a rig's cameras and gyroscopes saw of one walk with what is told of them: the eyes of each
-//! camera with one another, each camera with its own gyroscope, the gyroscopes with one another, and by way of these
-//! the cameras. Each comparison has a covariance; together they say what is off, by how much, and which one of
-//! several cameras it is.
+//! [`verify`] compares the observations of a rig's cameras and gyroscopes with their nominal
+//! calibration: the eyes of each camera with one another, each camera with its own gyroscope, the
+//! gyroscopes with one another, and through these the cameras. Each comparison has a covariance;
+//! together they show which parameter is inconsistent, by how much, and which of several cameras it
+//! belongs to.
 //!
-//! Contract: pictures come in as the places that [`Follower`] finds in short bursts ([`choose_bursts`] says when). A
-//! walk that does not tell (nothing to see, nothing turns, too short) gives [`State::Undetermined`] for what it does
-//! not tell, never a verdict. What is *off* is so beyond the tolerance of its joint and the uncertainty of the measurement
-//! together ([`SURE`]). Scenes may move in part; what most of the picture agrees on counts as the world. The same input
-//! gives the same result.
+//! Contract: images come in as the features that [`FeatureTracker`] tracks in short bursts
+//! ([`choose_bursts`] selects their times). A parameter that the recording does not constrain (no
+//! texture, no rotation, too short) is [`Status::Undetermined`], which is no verdict. A parameter
+//! is *inconsistent* if its deviation exceeds the tolerance of its joint and the uncertainty of the
+//! measurement together ([`DETECTION_SIGMA`]). Parts of the scene may move; the motion of most of
+//! the image counts as static. The same input gives the same result.
 //!
-//! How each part works stands at its head; what it can and cannot see: `docs/calibration-verify.md`.
+//! Each part documents its method; capabilities and limits: `docs/calibration-verify.md`.
 
 use cad_transforms::RigidTransform;
 use serde::Serialize;
 
 use crate::stereo::StereoCalibration;
 
-mod band;
 mod bursts;
 mod camera_imu;
 mod corners;
-mod eyes;
+mod decision;
+mod epipolar_search;
 mod findings;
 mod gyro;
-mod gyros;
-mod judge;
+mod gyro_pairs;
 mod klt;
 mod motion;
-mod picture;
+mod pyramid;
 mod robust;
+mod stereo;
 #[cfg(test)]
 mod tests;
 mod tracks;
 
 pub use bursts::choose_bursts;
 pub use camera_imu::CameraImu;
-pub use eyes::Eyes;
-pub use findings::{Finding, State, What};
+pub use decision::DETECTION_SIGMA;
+pub use findings::{Finding, Parameter, Status};
 pub use gyro::Gyro;
-pub use gyros::Gyros;
-pub use judge::SURE;
-pub use picture::Grey;
-pub use tracks::{Burst, Feature, Follower, Move, StereoPicture};
+pub use gyro_pairs::GyroAlignment;
+pub use pyramid::ImageView;
+pub use stereo::StereoAlignment;
+pub use tracks::{Burst, Feature, FeatureTracker, StereoFrame, TrackSegment};
 
-/// What is told of a camera, and what it saw.
+/// Nominal calibration of a camera, and its observations.
 #[derive(Clone, Debug)]
 pub struct Camera<'a> {
     /// `left_shoulder`, `right_shoulder`, `feet`.
     pub name: &'a str,
-    /// Lenses, eyes, and the IMU's place in the camera.
-    pub told: &'a StereoCalibration,
-    /// Takes points in the left optical frame to the rig, where a rig file says so.
+    /// Intrinsics, stereo extrinsics, and IMU extrinsics.
+    pub nominal: &'a StereoCalibration,
+    /// Takes points in the left optical frame to the rig, if a rig file gives it.
     pub rig_from_left: Option<RigidTransform>,
-    /// Tolerance of the joint that holds the camera on the plate, rad, standard deviation per axis.
+    /// Tolerance of the joint between camera and plate, rad, standard deviation per axis.
     pub joint_sigma_rad: Option<f64>,
-    /// From the exposure of a row to that of the next, s; 0 where all are exposed at once. Found out where it is not told.
+    /// Line time: from the exposure of a row to that of the next, s; 0 for a global shutter.
+    /// Estimated if `None`.
     pub line_s: Option<f64>,
-    /// What its pictures gave.
+    /// Feature tracks of its images.
     pub bursts: &'a [Burst],
     /// Its gyroscope.
     pub gyro: Option<&'a Gyro>,
 }
 
-/// What is tolerated where nothing else is told, standard deviations.
+/// Default tolerances, standard deviations.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Tolerances {
     /// A camera's joint on the plate, rad.
     pub joint_rad: f64,
-    /// An IMU in its camera, rad: its chip on the board, the axes of its sensors. Larger where its place is assumed.
+    /// IMU in its camera, rad: mounting of the chip and alignment of its axes. Larger if the
+    /// extrinsics are assumed.
     pub imu_rad: f64,
-    /// The right eye against the left one, rad.
+    /// Right eye against left eye, rad.
     pub eyes_rad: f64,
-    /// A clock, s: of a device, or of pictures or samples of one.
+    /// Clock, s: of a device, or of its images or samples.
     pub clock_s: f64,
 }
 
@@ -88,79 +92,82 @@ impl Default for Tolerances {
     }
 }
 
-/// One camera's comparisons.
+/// Comparisons of one camera.
 #[derive(Clone, Debug, Serialize)]
-pub struct CameraFound {
-    /// The camera.
+pub struct CameraEstimate {
+    /// Camera name.
     pub name: String,
-    /// Its eyes against each other, where enough was matched.
-    pub eyes: Option<Eyes>,
-    /// It against its own gyroscope, where enough turned.
+    /// Eyes against each other, if there are enough matches.
+    pub eyes: Option<StereoAlignment>,
+    /// Camera against its own gyroscope, if there is enough rotation.
     pub imu: Option<CameraImu>,
 }
 
-/// Two gyroscopes' comparison.
+/// Comparison of two gyroscopes.
 #[derive(Clone, Debug, Serialize)]
-pub struct PairFound {
-    /// The cameras they are in.
+pub struct GyroPairEstimate {
+    /// Their cameras.
     pub of: [String; 2],
     /// The second against the first.
-    pub gyros: Gyros,
+    pub gyros: GyroAlignment,
 }
 
-/// Everything that was found.
+/// Result of a verification.
 #[derive(Clone, Debug, Serialize)]
 pub struct Verification {
     /// Cameras in the order given.
-    pub cameras: Vec<CameraFound>,
-    /// Pairs of gyroscopes whose places are told.
-    pub pairs: Vec<PairFound>,
-    /// What that means, told number by told number.
+    pub cameras: Vec<CameraEstimate>,
+    /// Pairs of gyroscopes with nominal extrinsics.
+    pub pairs: Vec<GyroPairEstimate>,
+    /// Findings, one per nominal parameter.
     pub findings: Vec<Finding>,
 }
 
-/// Compares what is told of a rig with what it saw: [`compare`] for each camera, then [`judge`].
+/// Compares the nominal calibration of a rig with its observations: [`compare`] for each camera,
+/// then [`judge`].
 pub fn verify(cameras: &[Camera<'_>], tolerances: &Tolerances) -> Verification {
     let found = cameras.iter().map(compare).collect();
     judge(cameras, found, tolerances)
 }
 
-/// Compares one camera's eyes, and the camera with its own gyroscope. Where the camera sits on the rig has no part in it.
-pub fn compare(camera: &Camera<'_>) -> CameraFound {
-    let eyes = eyes::estimate(camera.told, camera.bursts);
+/// Compares one camera's eyes, and the camera with its own gyroscope. The pose of the camera on the
+/// rig is not used.
+pub fn compare(camera: &Camera<'_>) -> CameraEstimate {
+    let eyes = stereo::estimate(camera.nominal, camera.bursts);
     let imu = eyes.as_ref().zip(camera.gyro).and_then(|(eyes, gyro)| {
-        camera_imu::estimate(camera.told, eyes, camera.line_s, gyro, camera.bursts)
+        camera_imu::estimate(camera.nominal, eyes, camera.line_s, gyro, camera.bursts)
     });
-    CameraFound {
+    CameraEstimate {
         name: camera.name.to_owned(),
         eyes,
         imu,
     }
 }
 
-/// Compares the gyroscopes, and says what all that means. `found` are the cameras' comparisons in the same order.
+/// Compares the gyroscopes and decides on all parameters. `found` are the comparisons of the
+/// cameras in the same order.
 pub fn judge(
     cameras: &[Camera<'_>],
-    found: Vec<CameraFound>,
+    found: Vec<CameraEstimate>,
     tolerances: &Tolerances,
 ) -> Verification {
     let mut pairs = Vec::new();
     for (b, second) in cameras.iter().enumerate() {
         for (a, first) in cameras[..b].iter().enumerate() {
             let rig_from_imu = |camera: &Camera<'_>| {
-                let imu = camera.told.imu.as_ref()?;
+                let imu = camera.nominal.imu.as_ref()?;
                 Some(camera.rig_from_left? * imu.imu_from_left.inverse())
             };
             let gyros = || {
                 let b_from_a = rig_from_imu(second)?.inverse() * rig_from_imu(first)?;
-                gyros::estimate(b_from_a.rotation(), first.gyro?, second.gyro?)
+                gyro_pairs::estimate(b_from_a.rotation(), first.gyro?, second.gyro?)
             };
             pairs.extend(gyros().map(|gyros| (a, b, gyros)));
         }
     }
     let findings = findings::judge(cameras, &found, &pairs, tolerances);
     let name = |i: usize| cameras[i].name.to_owned();
-    let pairs = pairs.into_iter().map(|(a, b, gyros)| PairFound {
+    let pairs = pairs.into_iter().map(|(a, b, gyros)| GyroPairEstimate {
         of: [name(a), name(b)],
         gyros,
     });

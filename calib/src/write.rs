@@ -1,10 +1,10 @@
-//! Writing calibrations in the formats of others.
+//! Writers of calibrations in the formats of other tools.
 //!
-//! Contract: nothing that exists is overwritten, and a file or folder appears whole or not at all. A
-//! format that cannot hold a model exactly refuses it and names the nearest model it can hold, for
-//! [`convert`](crate::convert::convert); a wider model that means exactly the same is used without
-//! asking (`radial2` as `radtan4` with zeros). What the format has no place for besides the lenses
-//! (biases, noise, a time offset) is told in [`Note`]s.
+//! Contract: nothing that exists is overwritten, and a file or folder appears completely or not at
+//! all. A format that cannot represent a model exactly rejects it and names the nearest model that
+//! it can, for [`convert`](crate::convert::convert); a larger model that means exactly the same is
+//! used without asking (`radial2` as `radtan4` with zeros). Values that the format cannot represent
+//! besides the lenses (biases, noise, a time offset) are reported in [`Note`]s.
 
 use std::fs;
 use std::io::{self, Write};
@@ -20,10 +20,10 @@ use crate::{
     zed_conf,
 };
 
-/// Why a calibration was not written.
+/// Reasons for a calibration not written.
 #[derive(Debug, thiserror::Error)]
 pub enum WriteError {
-    /// The format cannot hold this lens: convert it first.
+    /// The format cannot represent this lens: convert it first.
     #[error(
         "writing {format}: it cannot hold the lens {model} of camera {camera}; convert it first, the \
          nearest it can hold is {nearest}"
@@ -35,26 +35,26 @@ pub enum WriteError {
         camera: String,
         /// Its lens model.
         model: &'static str,
-        /// The nearest model the format holds.
+        /// The nearest model of the format.
         nearest: &'static str,
     },
-    /// The format cannot hold this calibration for another reason.
+    /// The format cannot represent this calibration for another reason.
     #[error("writing {format}: found {found}, expected {expected}")]
     Refused {
         /// The format's name.
         format: &'static str,
-        /// What there is.
+        /// What was found.
         found: String,
-        /// What the format needs.
+        /// What the format requires.
         expected: String,
     },
-    /// There is something at this path: give another.
+    /// The path exists: give another.
     #[error("writing a calibration: it exists already and is not overwritten: {}", path.display())]
     Exists {
         /// The path.
         path: PathBuf,
     },
-    /// The format makes more than one file: give a folder.
+    /// The format has more than one file: give a folder.
     #[error("writing {format}: it makes {files}; expected the name of a new folder: {}", path.display())]
     NeedsFolder {
         /// The format's name.
@@ -64,17 +64,17 @@ pub enum WriteError {
         /// The path that names a file.
         path: PathBuf,
     },
-    /// The system refused.
+    /// The file system failed.
     #[error("writing a calibration: {}", path.display())]
     Write {
         /// The path.
         path: PathBuf,
-        /// What the system said.
+        /// Error of the operating system.
         source: io::Error,
     },
 }
 
-/// What a format makes of a set.
+/// Files of a set in some format.
 pub(crate) struct Written {
     /// Names and contents. A name may have a folder in it.
     pub(crate) files: Vec<(String, Vec<u8>)>,
@@ -90,8 +90,8 @@ impl Written {
     }
 }
 
-/// Writes a set. `out` is a file where its name has an extension and the format makes one file, else a
-/// new folder. Gives the files and what could not be written.
+/// Writes a set. `out` is a file if its name has an extension and the format has one file,
+/// otherwise a new folder. Returns the files and notes on what could not be represented.
 ///
 /// # Errors
 /// [`WriteError`]; then nothing was written.
@@ -154,7 +154,7 @@ pub(crate) fn written(set: &CameraSet, format: Format) -> Result<Written, WriteE
     }
 }
 
-/// The set as a pair, for formats that hold nothing else.
+/// The set as a pair, for formats of pairs only.
 pub(crate) fn stereo(set: &CameraSet, format: Format) -> Result<StereoCalibration, WriteError> {
     let refused = |found: String| WriteError::Refused {
         format: format.name(),
@@ -169,7 +169,7 @@ pub(crate) fn stereo(set: &CameraSet, format: Format) -> Result<StereoCalibratio
         .map_err(|error| refused(error.to_string().trim_end_matches(": ").to_owned()))
 }
 
-/// The lens in the first of the models that means exactly the same, else a refusal.
+/// The lens in the first of the models that means exactly the same, otherwise an error.
 pub(crate) fn lens(
     camera: &str,
     distortion: &Distortion,
@@ -187,7 +187,7 @@ pub(crate) fn lens(
         })
 }
 
-/// Of a format's models, the one that is likely to come closest.
+/// The format's model that is likely to be closest.
 fn nearest(model: LensModel, held: &[LensModel]) -> LensModel {
     use LensModel::{
         DoubleSphere, Eucm, KannalaBrandt4, None, RadTan4, RadTan5, Radial2, Rational8,
@@ -205,7 +205,7 @@ fn nearest(model: LensModel, held: &[LensModel]) -> LensModel {
         .unwrap_or(None)
 }
 
-/// Where a camera sits, or a refusal for formats that cannot leave it out.
+/// The pose of a camera, or an error for formats that require it.
 pub(crate) fn placed(
     camera: &NamedCamera,
     format: Format,
@@ -213,7 +213,7 @@ pub(crate) fn placed(
     camera.camera_from_first.ok_or_else(|| WriteError::Refused {
         format: format.name(),
         found: format!("camera {} without a placement", camera.name),
-        expected: "every camera's place".to_owned(),
+        expected: "every camera's pose".to_owned(),
     })
 }
 
@@ -241,14 +241,14 @@ fn left_out(imu: &crate::set::SetImu, format: Format) -> Option<Note> {
         .collect();
     (!lost.is_empty()).then(|| {
         Note(format!(
-            "{} has no place for the IMU's {}: not written",
+            "{} has no field for the IMU's {}: not written",
             format.name(),
             lost.join(", ")
         ))
     })
 }
 
-/// Writes a new file: all of it under another name in the same folder first.
+/// Writes a new file: completely under a temporary name in the same folder first.
 pub(crate) fn new_file(path: &Path, bytes: &[u8]) -> Result<(), WriteError> {
     let failed = |source: io::Error| match source.kind() {
         io::ErrorKind::AlreadyExists => WriteError::Exists {
@@ -264,7 +264,7 @@ pub(crate) fn new_file(path: &Path, bytes: &[u8]) -> Result<(), WriteError> {
         let mut file = fs::File::create(&partial)?;
         file.write_all(bytes)?;
         file.sync_all()?;
-        // A link is refused where the name exists, which a rename is not.
+        // A link fails if the name exists, a rename does not.
         match fs::hard_link(&partial, path) {
             Err(e) if e.kind() != io::ErrorKind::AlreadyExists && !path.exists() => {
                 // A file system without links: at least not over another file.
@@ -278,12 +278,12 @@ pub(crate) fn new_file(path: &Path, bytes: &[u8]) -> Result<(), WriteError> {
             other => other,
         }
     })();
-    // Whatever happened, the other name goes; there is nothing to do if it cannot.
+    // The temporary name is removed in any case; a failure is ignored.
     let _ = fs::remove_file(&partial);
     result.map_err(failed)
 }
 
-/// Makes a new folder with these files: under another name first.
+/// Makes a new folder with these files: under a temporary name first.
 fn new_folder(out: &Path, files: &[(String, Vec<u8>)]) -> Result<Vec<PathBuf>, WriteError> {
     let failed = |source| WriteError::Write {
         path: out.to_owned(),
@@ -301,7 +301,7 @@ fn new_folder(out: &Path, files: &[(String, Vec<u8>)]) -> Result<Vec<PathBuf>, W
             file.write_all(bytes)?;
             file.sync_all()?;
         }
-        // A folder with something in it is never replaced by a rename.
+        // A non-empty folder is never replaced by a rename.
         fs::rename(&partial, out)
     })();
     if result.is_err() {
@@ -311,7 +311,7 @@ fn new_folder(out: &Path, files: &[(String, Vec<u8>)]) -> Result<Vec<PathBuf>, W
     Ok(files.iter().map(|(name, _)| out.join(name)).collect())
 }
 
-/// The name under which something is written until it is whole.
+/// The temporary name until the file is complete.
 fn partial(path: &Path) -> PathBuf {
     let mut name = std::ffi::OsString::from(".");
     name.push(path.file_name().unwrap_or_default());

@@ -1,13 +1,14 @@
 //! Stereolabs factory files, `SNnnnn.conf`: INI text with one section per eye and resolution.
 //!
-//! Contract: section and key names are taken in any case, values with or without blanks around `=`.
-//! The resolution is chosen by the size of the picture: 2K, FHD, HD, VGA of the USB cameras and FHD1200,
-//! FHD, SVGA of the GMSL ones, whose FHD and SVGA follow from FHD1200 where they are absent. Baseline
-//! and TY, TZ are in millimetres, (RX, CV, RZ) is a rotation vector in radians. Everything that was
-//! absent and taken as zero, or derived, is noted.
+//! Contract: section and key names are case-insensitive, values with or without blanks around `=`.
+//! The resolution is selected by the image size: 2K, FHD, HD, VGA of the USB cameras and FHD1200,
+//! FHD, SVGA of the GMSL ones, whose FHD and SVGA are derived from FHD1200 if they are absent.
+//! Baseline and TY, TZ are in millimetres, (RX, CV, RZ) is a rotation vector in radians. Values
+//! that are absent and taken as zero, or derived, are noted.
 //!
-//! Derived SVGA follows the maker's rule of halving all four intrinsics. Between pixel centres, exact
-//! 2x2 binning would move the principal point another quarter of a pixel, alike in both eyes.
+//! Derived SVGA follows the maker's rule of halving all four intrinsics. Between pixel centres,
+//! exact 2x2 binning would move the principal point another quarter of a pixel, equally in both
+//! eyes.
 //!
 //! Signs: the maker's own calibration tool writes OpenCV's R and T (`x_right = R x_left + T`) with
 //! `Baseline = -T.x`, `TY = T.y`, `TZ = T.z`, and reads them back that way (stereolabs/
@@ -21,14 +22,14 @@ use cad_transforms::rig::same_serial;
 
 use crate::camera::{CameraModel, Distortion};
 use crate::error::{CalibError, Note};
-use crate::stereo::{FARTHEST_M, Format, Provenance, StereoCalibration};
+use crate::stereo::{Format, MAX_BASELINE_M, Provenance, StereoCalibration};
 use crate::text::{Source, millimetres, written};
 use crate::write::{WriteError, Written, lens};
 use ini::{Ini, Section};
 
 mod ini;
 
-/// Resolution tags by the size of one picture.
+/// Resolution tags by the size of one image.
 const RESOLUTIONS: [(u32, u32, &str); 6] = [
     (2208, 1242, "2K"),
     (1920, 1080, "FHD"),
@@ -38,10 +39,11 @@ const RESOLUTIONS: [(u32, u32, &str); 6] = [
     (960, 600, "SVGA"),
 ];
 
-/// Below this a baseline is not in millimetres: the closest pair the maker sells has 18.
-const SHORTEST_BASELINE_MM: f64 = 1.0;
+/// Minimum baseline: below it the value is not in millimetres; the closest pair the maker sells has
+/// 18.
+const MIN_BASELINE_MM: f64 = 1.0;
 
-/// Reads a factory file for pictures of `width` x `height` pixels (one eye, not side by side).
+/// Reads a factory file for images of `width` x `height` pixels (one eye, not side by side).
 ///
 /// # Errors
 /// [`CalibError`].
@@ -91,21 +93,21 @@ pub fn read(
         },
     };
     calibration
-        .checked(path)
+        .validate(path)
         .map(|calibration| (calibration, notes))
 }
 
-/// The serial number in the name of a factory file, `SN10028708.conf`. The text itself holds none.
+/// The serial number in the name of a factory file, `SN10028708.conf`. The text itself has none.
 pub fn serial_in_name(path: &Path) -> Option<&str> {
     let stem = path.file_stem()?.to_str()?;
     let digits = stem.strip_prefix("SN").or(stem.strip_prefix("sn"))?;
     (!digits.is_empty() && digits.bytes().all(|b| b.is_ascii_digit())).then_some(digits)
 }
 
-/// Whether a factory file belongs to the camera of this serial number, by its name.
+/// Checks that a factory file belongs to the camera of this serial number, by its name.
 ///
 /// # Errors
-/// [`CalibError::Serial`] where the name holds another one.
+/// [`CalibError::Serial`] if the name has another one.
 pub fn expect_serial(path: &Path, serial: &str) -> Result<(), CalibError> {
     match serial_in_name(path) {
         Some(found) if !same_serial(found, serial) => Err(CalibError::Serial {
@@ -117,7 +119,7 @@ pub fn expect_serial(path: &Path, serial: &str) -> Result<(), CalibError> {
     }
 }
 
-/// The resolutions that a file has sections for, with their tags.
+/// The resolutions for which a file has sections, with their tags.
 ///
 /// # Errors
 /// [`CalibError`].
@@ -153,13 +155,13 @@ pub(crate) fn write(stereo: &StereoCalibration) -> Result<Written, WriteError> {
     let mut text = String::new();
     for (eye, camera) in [("left", &stereo.left), ("right", &stereo.right)] {
         let distortion = lens(eye, &camera.distortion, Format::ZedConf)?;
-        // The list of coefficients does not say its model; the reader goes by its zeros.
+        // The list of coefficients does not name its model; the reader infers it from the zeros.
         let (names, numbers) = match distortion {
             Distortion::KannalaBrandt4 { k1, k2, k3, k4 } => {
                 if k3 == 0.0 || k4 == 0.0 {
                     return Err(refused(
                         format!("a fisheye with k3 = {k3} and k4 = {k4}"),
-                        "neither to be 0, by which these files tell the model",
+                        "neither to be 0, by which these files distinguish the model",
                     ));
                 }
                 const NAMES: [&str; 6] = ["k1", "k2", "p1", "p2", "k3", "k4"];
@@ -184,7 +186,7 @@ pub(crate) fn write(stereo: &StereoCalibration) -> Result<Written, WriteError> {
         text.push('\n');
     }
     let [x, y, z] = stereo.right_from_left.translation_m();
-    if -x * 1000.0 < SHORTEST_BASELINE_MM {
+    if -x * 1000.0 < MIN_BASELINE_MM {
         return Err(refused(format!("a baseline of {} m", -x), "at least 1 mm"));
     }
     let [rx, ry, rz] = stereo.right_from_left.rotation_vector();
@@ -200,11 +202,11 @@ pub(crate) fn write(stereo: &StereoCalibration) -> Result<Written, WriteError> {
     Ok(Written::file("SN0.conf", text))
 }
 
-/// From which section the intrinsics come, and how they get to the picture's size.
+/// Source section of the intrinsics, and their conversion to the image size.
 struct Shape {
     section_tag: &'static str,
     scale: f64,
-    /// Rows cut off above, before scaling.
+    /// Rows cropped at the top, before scaling.
     cut_rows: f64,
 }
 
@@ -259,13 +261,13 @@ fn camera(
         cy: (section.number("CY")? - shape.cut_rows) * shape.scale,
         distortion: distortion(lens, notes)?,
     };
-    match model.objection_to() {
-        Some((name, objection)) => Err(section.implausible(&name.to_ascii_uppercase(), &objection)),
+    match model.invalid_parameter() {
+        Some((name, reason)) => Err(section.implausible(&name.to_ascii_uppercase(), &reason)),
         None => Ok(model),
     }
 }
 
-/// The section holds one list of coefficients for three models; which one is told by its zeros.
+/// The section has one list of coefficients for three models, which are distinguished by its zeros.
 fn distortion(lens: &Section<'_>, notes: &mut Vec<Note>) -> Result<Distortion, CalibError> {
     let (k1, k2) = (lens.number("K1")?, lens.number("K2")?);
     let absent: Vec<&str> = ["P1", "P2", "K3"]
@@ -327,11 +329,11 @@ fn right_from_left(
 ) -> Result<RigidTransform, CalibError> {
     let stereo = ini.require("STEREO")?;
     let baseline_mm = stereo.number("BASELINE")?;
-    let farthest_mm = FARTHEST_M * 1000.0;
-    if !(SHORTEST_BASELINE_MM..=farthest_mm).contains(&baseline_mm) {
+    let farthest_mm = MAX_BASELINE_M * 1000.0;
+    if !(MIN_BASELINE_MM..=farthest_mm).contains(&baseline_mm) {
         let (line, text) = stereo.text("BASELINE")?;
         let expected = format!(
-            "BASELINE in [STEREO] in millimetres, positive, at least {SHORTEST_BASELINE_MM}, at most {farthest_mm}"
+            "BASELINE in [STEREO] in millimetres, positive, at least {MIN_BASELINE_MM}, at most {farthest_mm}"
         );
         return Err(source.malformed(line, text, &expected));
     }
@@ -368,7 +370,7 @@ fn right_from_left(
     RigidTransform::from_rotation_vector(rotation_rad, translation_m).map_err(|error| {
         CalibError::Implausible {
             path: source.path.clone(),
-            objection: format!("RX, CV, RZ in [STEREO] of {rotation_rad:?}: {error}"),
+            reason: format!("RX, CV, RZ in [STEREO] of {rotation_rad:?}: {error}"),
         }
     })
 }

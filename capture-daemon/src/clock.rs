@@ -1,5 +1,6 @@
-//! Time comes in as an argument: everything that asks for it asks a [`Clock`], so that the whole
-//! daemon runs on virtual time in tests. This module is the only one of the daemon that reads the real clocks.
+//! Clocks of the daemon. Time is an argument everywhere: all code that needs it takes a [`Clock`],
+//! so that the whole daemon runs on virtual time in tests. This module is the only one of the
+//! daemon that reads the real clocks.
 
 use std::sync::atomic::{AtomicI64, Ordering};
 
@@ -7,10 +8,10 @@ use session_archive::time::{CivilTime, HostTime, NS_PER_S};
 
 /// A host clock.
 pub trait Clock: Send + Sync {
-    /// Now, on the clock that every time in a session is on.
+    /// Current time on the host clock, on which all times of a session are.
     fn now(&self) -> HostTime;
 
-    /// Now in civil time, as well as the machine knows it.
+    /// Current civil time, as accurate as the machine's clock.
     fn civil(&self) -> CivilTime;
 }
 
@@ -34,7 +35,7 @@ impl Clock for RealClock {
     }
 }
 
-/// A clock that stands still until it is set.
+/// A clock that is stopped until it is set.
 #[derive(Debug)]
 pub struct VirtualClock {
     now: AtomicI64,
@@ -51,7 +52,7 @@ impl VirtualClock {
         }
     }
 
-    /// Sets the clock; it never goes back.
+    /// Sets the clock. It never decreases.
     pub fn advance_to(&self, now: HostTime) {
         self.now.fetch_max(now.0, Ordering::SeqCst);
     }

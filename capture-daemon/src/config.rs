@@ -1,10 +1,10 @@
-//! The configuration of the daemon: one TOML file, `deploy/pawsd.toml` explains every key.
+//! The configuration of the daemon: one TOML file. `deploy/pawsd.toml` explains every key.
 //!
-//! Contract: a [`Config`] that exists is complete, every number in its range and every name valid;
-//! what the file leaves out has its default. Reading reports everything that is wrong with a file at
-//! once, each with its line, what was found and what was expected; a key that is not known is
-//! refused and the nearest known one named. Reading looks at nothing but the file: whether paths
-//! exist and encoders work is for [`check`] to find out. Relative paths are relative to the file.
+//! Contract: a [`Config`] is complete, every number in its range and every name valid; absent keys
+//! have their defaults. Parsing reports all problems of a file together, each with its line, what
+//! was found and what was expected; an unknown key is rejected and the nearest known one named.
+//! Parsing reads nothing but the file: [`check`] finds out whether paths exist and encoders work.
+//! Relative paths are relative to the file.
 
 use std::fmt;
 use std::path::{Path, PathBuf};
@@ -24,10 +24,10 @@ pub use recorded::{BagConfig, BagImages, VideoConfig};
 
 pub use check::{Finding, Level, check, usb_budget};
 
-/// Where the control socket is unless the configuration says otherwise.
+/// Default path of the control socket.
 pub const DEFAULT_SOCKET: &str = "/run/paws/pawsd.sock";
 
-/// Everything that can be set.
+/// All settings.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Config {
     /// `[session]`
@@ -40,46 +40,48 @@ pub struct Config {
     pub control: Control,
     /// `[operator]`
     pub operator: Operator,
-    /// `[page]`: none without the section.
+    /// `[page]`; `None` without the section.
     pub page: Option<Page>,
-    /// `[rig] file`: where the cameras sit on the plate.
+    /// `[rig] file`: positions of the cameras on the plate.
     pub rig: Option<PathBuf>,
-    /// `[[camera]]`: at least one, each name once.
+    /// `[[camera]]`: at least one, with unique names.
     pub cameras: Vec<Camera>,
 }
 
-/// What sessions are like.
+/// Settings of sessions.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Session {
-    /// Folder in which sessions are made. The daemon needs it; `pawsd record` may be told another.
+    /// Folder in which sessions are created. Required by the daemon; `pawsd record` has an option
+    /// for another one.
     pub out: Option<PathBuf>,
-    /// Name of sessions that are not given one; may be empty.
+    /// Default name of sessions; may be empty.
     pub name: String,
-    /// Length of a chunk, ns: the most that a power cut takes. 0.1 s to 1 s.
+    /// Length of a chunk, ns: the maximum loss by a power cut. 0.1 s to 1 s.
     pub chunk_ns: i64,
-    /// How much from before the press is kept, ns. 0 to 60 s.
+    /// Length of the pre-roll, ns. 0 to 60 s.
     pub pre_roll_ns: i64,
 }
 
-/// How much of the disk is left alone.
+/// Reserved disk space.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Disk {
-    /// A recording ends when less than this is free, bytes.
+    /// Minimum free space, bytes. A recording ends when less is free.
     pub reserve_bytes: u64,
 }
 
-/// How pictures are compressed.
+/// Settings of the video encoders.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Encoder {
-    /// GStreamer element, one of [`video::encoder::known_elements`]; none chooses the best that works.
+    /// GStreamer element, one of [`video::encoder::known_elements`]; `None` selects the best that
+    /// works.
     pub element: Option<String>,
-    /// Luma PSNR to reach on real pictures, 30 to 55 dB.
+    /// Target luma PSNR on real images, 30 to 55 dB.
     pub quality_db: f64,
     /// Threads of a software encoder, per camera, 1 to 16.
     pub threads: u32,
 }
 
-/// How the daemon is controlled.
+/// Settings of the control socket.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Control {
     /// The control socket.
@@ -89,39 +91,39 @@ pub struct Control {
 /// A stereo camera with the IMU in it.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Camera {
-    /// Name, unique; streams and frames are called by it.
+    /// Unique name, used for streams and frames.
     pub name: String,
-    /// Cameras with the same trigger expose at the same instant; none is free-running.
+    /// Cameras with the same trigger expose simultaneously; `None` is free-running.
     pub trigger: Option<String>,
-    /// Calibration file; none takes what comes with the source.
+    /// Calibration file; `None` uses the calibration of the source.
     pub calibration: Option<PathBuf>,
-    /// From the instant that the device stamps to the arrival, as far as it is constant, ns. Cannot be
-    /// seen in arrival times.
+    /// Constant part of the latency from the stamped instant to the arrival, ns. Not observable
+    /// from arrival times.
     pub latency_ns: i64,
-    /// How uncertain that is, ns.
+    /// One sigma of `latency_ns`.
     pub latency_sigma_ns: u64,
     /// The same for the IMU, ns.
     pub imu_latency_ns: i64,
-    /// How uncertain that is, ns.
+    /// One sigma of `imu_latency_ns`.
     pub imu_latency_sigma_ns: u64,
-    /// Where its samples come from.
+    /// Source of its samples.
     pub source: SourceConfig,
 }
 
-/// Where the samples of a camera come from.
+/// Source of a camera's samples.
 #[derive(Clone, Debug, PartialEq)]
 pub enum SourceConfig {
     /// A recorded data set.
     Replay(ReplayConfig),
-    /// A bag of ROS 2.
+    /// A ROS 2 bag.
     Bag(BagConfig),
     /// A video file, or two.
     Video(VideoConfig),
-    /// A made-up moving picture.
+    /// A synthetic moving image.
     Synthetic(SyntheticConfig),
     /// A walk with a simulated rig.
     Simulated(SimulatedConfig),
-    /// A camera on the kernel's video interface: any, or a ZED over USB.
+    /// A V4L2 camera: any, or a ZED over USB.
     V4l2(V4l2Config),
     /// A camera behind GStreamer elements.
     Gstreamer(GstreamerConfig),
@@ -132,9 +134,9 @@ pub enum SourceConfig {
 pub struct ReplayConfig {
     /// Its folder.
     pub path: PathBuf,
-    /// Rate of a data set that has no times, Hz.
+    /// Frame rate of a data set without times, Hz.
     pub rate_hz: Option<f64>,
-    /// Whether the pictures start again when they end.
+    /// Whether the images start again after the last one.
     pub repeat: bool,
     /// Whether the data set's IMU is replayed too, if it has one.
     pub imu: bool,
@@ -143,28 +145,29 @@ pub struct ReplayConfig {
 /// A walk with a simulated rig.
 #[derive(Clone, Debug, PartialEq)]
 pub struct SimulatedConfig {
-    /// Place, light, length, rate, size of an eye, quality. Cameras with the same share one walk.
+    /// Scene, light, duration, rate, image size per eye, quality. Cameras with the same settings
+    /// share one walk.
     pub walk: rig_sim::simulation::Settings,
-    /// File of what goes wrong; none for nothing.
+    /// File with faults; `None` for no faults.
     pub faults: Option<PathBuf>,
 }
 
-/// A made-up moving picture with its IMU.
+/// A synthetic moving image with its IMU.
 #[derive(Clone, Debug, PartialEq)]
 pub struct SyntheticConfig {
     /// Width of the stereo frame (both eyes), pixels, a multiple of 4.
     pub width: u32,
     /// Height, pixels, even.
     pub height: u32,
-    /// Pictures per second.
+    /// Frames per second.
     pub rate_hz: f64,
     /// IMU samples per second; 0 for none.
     pub imu_rate_hz: f64,
-    /// Another seed gives another picture.
+    /// Seed of the image.
     pub seed: u64,
 }
 
-/// Why there is no configuration.
+/// Error of reading a configuration.
 #[derive(Debug, thiserror::Error)]
 pub enum ConfigError {
     /// The file could not be read: check the path and its permissions.
@@ -172,15 +175,15 @@ pub enum ConfigError {
     Read {
         /// The file.
         path: PathBuf,
-        /// What the system said.
+        /// The system's error.
         source: std::io::Error,
     },
     /// The file is not a configuration: correct everything listed.
     #[error("checking the configuration: {problems}{}", in_file(path.as_deref()))]
     Invalid {
-        /// Everything that is wrong, in the order of the file.
+        /// All problems, in the order of the file.
         problems: Problems,
-        /// The file, where the text came from one.
+        /// The file, if the text came from one.
         path: Option<PathBuf>,
     },
 }
@@ -209,7 +212,7 @@ impl Config {
             source,
         };
         let text = plain_file::read_to_string(path, plain_file::TEXT_LIMIT).map_err(failed)?;
-        // The daemon may change its folder; the paths in the configuration must not follow.
+        // The daemon may change its working folder; the paths in the configuration must not follow.
         let absolute = std::path::absolute(path).map_err(failed)?;
         let folder = absolute.parent().unwrap_or(Path::new("/"));
         file::parse(&text, folder).map_err(|problems| ConfigError::Invalid {

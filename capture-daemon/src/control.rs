@@ -1,18 +1,19 @@
 //! Control from outside: one JSON object per line over a Unix socket.
 //!
-//! Contract of the server: each line is one [`Request`] and is answered by one [`Response`] line, in
-//! order; several connections are served side by side. A line that is no request is answered with an
-//! error and the connection goes on, as is one whose name or mark is too long or has control characters
-//! ([`Request::check`], as on the page); one longer than [`MAX_LINE`] is answered and the connection
-//! closed, as is one that is silent for [`IDLE_LIMIT`], or whose line takes longer than [`LINE_LIMIT`]. With
-//! [`MAX_CONNECTIONS`] open a caller gets the place of the one that has been without a request for longest, or, if all
-//! have one in hand, an error: nobody who only holds connections open keeps others out. The socket has mode 0660: its owner and its group may use it. A socket file
-//! that a dead daemon left behind is replaced; one that answers is not, nor is a file of another kind.
-//! When the server is dropped the socket goes, nothing more is read, and requests that have arrived
-//! still get their answer.
+//! Contract of the server: each line is one [`Request`] and is answered by one [`Response`] line,
+//! in order; several connections are served side by side. An invalid line is answered with an error
+//! and the connection remains open, as is a request whose name or mark is too long or has control
+//! characters ([`Request::check`], as on the page); a line longer than [`MAX_LINE_BYTES`] is
+//! answered and the connection closed, as is a connection that is silent for [`IDLE_LIMIT`], or
+//! whose line takes longer than [`LINE_LIMIT`]. With [`MAX_CONNECTIONS`] open, a new client
+//! replaces the connection that has been without a request for longest, or, if all have one in
+//! progress, gets an error: idle connections cannot keep others out. The socket has mode 0660: its
+//! owner and its group may use it. A stale socket file is replaced; a live socket is not, nor is a
+//! file of another kind. When the server is dropped the socket is removed, nothing more is read,
+//! and requests that have arrived still get their answer.
 //!
-//! Contract of the client: [`request`] returns within [`answer_limit`] plus the time to connect, with
-//! an answer or with a reason that says what to do.
+//! Contract of the client: [`request`] returns within [`answer_limit`] plus the time to connect,
+//! with an answer or with an error that contains a remedy.
 
 use std::collections::BTreeMap;
 use std::fs::{self, File, Permissions};
@@ -35,41 +36,41 @@ use crate::status::{Request, Response};
 
 pub mod screen;
 
-/// Longest request, bytes without the line break; as long as a body on the page.
-pub const MAX_LINE: usize = 16 << 10;
-/// Longest answer that the client accepts, bytes.
-pub const MAX_ANSWER: usize = 4 << 20;
-/// Connections served at once.
+/// Maximum length of a request, bytes without the line break; the same as of a body on the page.
+pub const MAX_LINE_BYTES: usize = 16 << 10;
+/// Maximum length of an answer, bytes.
+pub const MAX_ANSWER_BYTES: usize = 4 << 20;
+/// Maximum number of simultaneous connections.
 pub const MAX_CONNECTIONS: usize = 16;
-/// How long a connection may be silent.
+/// Maximum time without a request on a connection.
 pub const IDLE_LIMIT: Duration = Duration::from_secs(60);
-/// How long a request may take from its first byte to its last.
+/// Maximum time of a request from its first byte to its last.
 pub const LINE_LIMIT: Duration = Duration::from_secs(5);
-/// How long the client waits for an answer, and the server for a client to take one.
+/// Time that the client waits for an answer, and the server for a client to take one.
 pub const ANSWER_LIMIT: Duration = Duration::from_secs(15);
-/// How long the client waits for the answer to a stop, which comes when the session is closed.
+/// Time that the client waits for the answer to a stop, which comes when the session is closed.
 const STOP_ANSWER_LIMIT: Duration = Duration::from_secs(45);
 
-/// Pause after the system refused to accept a connection (out of file descriptors, say).
+/// Pause after the system rejected an accept (no file descriptors, for example).
 const RETRY: Duration = Duration::from_millis(200);
 
 /// A running server. Dropping it ends it.
 #[derive(Debug)]
 pub struct Server {
     path: PathBuf,
-    /// Device and inode of our socket: what lies at `path` later may be another's.
+    /// Device and inode of our socket: a later file at `path` may be another's.
     identity: (u64, u64),
     listener: UnixListener,
     connections: Arc<Connections>,
-    /// Its end tells the accepting thread that a refusal is the end.
+    /// Its end shows the accepting thread that an error is the end.
     running: Option<SyncSender<()>>,
     accepting: Option<JoinHandle<()>>,
 }
 
-/// Why a request was not answered.
+/// Error of a request without an answer.
 #[derive(Debug, thiserror::Error)]
 pub enum ControlError {
-    /// Start the daemon, or name the socket that it has.
+    /// Start the daemon, or give the path of its socket.
     #[error(
         "no pawsd answers; start it with `pawsd run --config FILE`, or name its socket with --socket: {}",
         path.display()
@@ -84,37 +85,37 @@ pub enum ControlError {
         /// The socket.
         path: PathBuf,
     },
-    /// The daemon is there but hangs, or what was asked takes longer. Ask for the status.
+    /// The daemon is frozen, or the request takes longer. Query the status.
     #[error("no answer from pawsd within {} s: {}", limit.as_secs(), path.display())]
     TimeOut {
         /// The socket.
         path: PathBuf,
-        /// How long was waited.
+        /// Time waited.
         limit: Duration,
     },
-    /// What answers is no pawsd, or one of another version.
+    /// The answer is not from a pawsd, or from another version.
     #[error("the answer is no answer of pawsd: {reason}: {}", path.display())]
     Garbled {
-        /// What is wrong with it.
+        /// The mismatch.
         reason: String,
         /// The socket.
         path: PathBuf,
     },
-    /// The system refused.
+    /// The system returned an error.
     #[error("asking pawsd: {}", path.display())]
     Io {
         /// The socket.
         path: PathBuf,
-        /// What the system said.
+        /// The system's error.
         source: io::Error,
     },
 }
 
-/// Listens at `path`. `handler` is called from several threads at once.
+/// Listens at `path`. `handler` is called from several threads simultaneously.
 ///
 /// # Errors
-/// `AddrInUse` when a daemon answers at `path` or something else than a socket lies there; otherwise
-/// what the system said about the folder or the socket.
+/// `AddrInUse` if a daemon answers at `path` or another kind of file exists there; otherwise the
+/// system's error about the folder or the socket.
 pub fn serve(
     path: &Path,
     handler: impl Fn(Request) -> Response + Send + Sync + 'static,
@@ -137,7 +138,7 @@ pub fn serve(
     })
 }
 
-/// How long the client waits for the answer to a request: longer than the daemon takes for one.
+/// Time that the client waits for the answer to a request: longer than the daemon takes for one.
 pub fn answer_limit(request: &Request) -> Duration {
     match request {
         Request::Stop => STOP_ANSWER_LIMIT,
@@ -145,10 +146,10 @@ pub fn answer_limit(request: &Request) -> Duration {
     }
 }
 
-/// Asks the daemon at `path`.
+/// Sends a request to the daemon at `path`.
 ///
 /// # Errors
-/// See [`ControlError`]. A daemon that refuses what is asked has answered: [`Response::Error`].
+/// See [`ControlError`]. A rejected request has an answer: [`Response::Error`].
 pub fn request(path: &Path, request: &Request) -> Result<Response, ControlError> {
     let limit = answer_limit(request);
     let failed = |source: io::Error| {
@@ -173,26 +174,26 @@ pub fn request(path: &Path, request: &Request) -> Result<Response, ControlError>
     stream.set_read_timeout(Some(limit)).map_err(failed)?;
     stream.set_write_timeout(Some(limit)).map_err(failed)?;
     match send(&stream, request) {
-        // A server that has too many connections answers without listening.
+        // A server with too many connections answers without reading.
         Err(error) if error.kind() == io::ErrorKind::BrokenPipe => {}
         sent => sent.map_err(failed)?,
     }
-    let line = receive(&mut BufReader::new(&stream), MAX_ANSWER).map_err(failed)?;
+    let line = receive(&mut BufReader::new(&stream), MAX_ANSWER_BYTES).map_err(failed)?;
     match line {
         Line::End => Err(garbled("the connection was closed without one".into())),
-        Line::TooLong => Err(garbled(format!("longer than {MAX_ANSWER} bytes"))),
+        Line::TooLong => Err(garbled(format!("longer than {MAX_ANSWER_BYTES} bytes"))),
         Line::Complete(line) => {
             serde_json::from_slice(&line).map_err(|error| garbled(error.to_string()))
         }
     }
 }
 
-/// The connections that are open, to be closed when the server ends.
+/// The open connections, to be closed when the server ends.
 #[derive(Debug, Default)]
-struct Connections(Mutex<Open>);
+struct Connections(Mutex<OpenConnections>);
 
 #[derive(Debug, Default)]
-struct Open {
+struct OpenConnections {
     next: u64,
     connections: BTreeMap<u64, Connection>,
 }
@@ -200,48 +201,48 @@ struct Open {
 #[derive(Debug)]
 struct Connection {
     stream: UnixStream,
-    doing: Doing,
-    /// Counts up; the lower, the longer it does what it does.
+    activity: Activity,
+    /// Sequence number of the last change of activity; a lower one is older.
     since: u64,
 }
 
-/// In the order in which they give way.
+/// Activity of a connection, in the order in which connections are replaced.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
-enum Doing {
+enum Activity {
     /// Waits for a request, or for the rest of one.
     Listening,
-    /// Its answer is on the way; the client may not take it.
+    /// Its answer is being sent; the client may not take it.
     Answering,
-    /// Its request is in hand.
+    /// Its request is being processed.
     Handling,
 }
 
-impl Open {
+impl OpenConnections {
     fn count(&mut self) -> u64 {
         self.next += 1;
         self.next
     }
 }
 
-/// One connection's place among those that are open.
-struct Place {
+/// Slot of one connection among the open ones.
+struct ConnectionSlot {
     connections: Arc<Connections>,
     number: u64,
 }
 
 impl Connections {
-    fn lock(&self) -> MutexGuard<'_, Open> {
+    fn lock(&self) -> MutexGuard<'_, OpenConnections> {
         self.0.lock().unwrap_or_else(PoisonError::into_inner)
     }
 
-    /// None when there are too many that are all being served.
-    fn admit(self: &Arc<Self>, stream: &UnixStream) -> io::Result<Option<Place>> {
+    /// `None` if there are too many that are all being served.
+    fn admit(self: &Arc<Self>, stream: &UnixStream) -> io::Result<Option<ConnectionSlot>> {
         let stream = stream.try_clone()?;
         let mut open = self.lock();
         if open.connections.len() >= MAX_CONNECTIONS {
             let waiting = open.connections.iter();
-            let waiting = waiting.filter(|(_, c)| c.doing < Doing::Handling);
-            let longest = waiting.min_by_key(|(_, c)| (c.doing, c.since));
+            let waiting = waiting.filter(|(_, c)| c.activity < Activity::Handling);
+            let longest = waiting.min_by_key(|(_, c)| (c.activity, c.since));
             let Some(number) = longest.map(|(number, _)| *number) else {
                 return Ok(None);
             };
@@ -253,30 +254,30 @@ impl Connections {
         let number = open.count();
         let connection = Connection {
             stream,
-            doing: Doing::Listening,
+            activity: Activity::Listening,
             since: number,
         };
         open.connections.insert(number, connection);
-        Ok(Some(Place {
+        Ok(Some(ConnectionSlot {
             connections: self.clone(),
             number,
         }))
     }
 }
 
-impl Place {
-    /// False when it has had to give way.
-    fn now(&self, doing: Doing) -> bool {
+impl ConnectionSlot {
+    /// False if the connection has been replaced.
+    fn now(&self, activity: Activity) -> bool {
         let mut open = self.connections.lock();
         let since = open.count();
         let connection = open.connections.get_mut(&self.number);
         connection
-            .map(|c| (c.doing, c.since) = (doing, since))
+            .map(|c| (c.activity, c.since) = (activity, since))
             .is_some()
     }
 }
 
-impl Drop for Place {
+impl Drop for ConnectionSlot {
     fn drop(&mut self) {
         self.connections.lock().connections.remove(&self.number);
     }
@@ -289,8 +290,8 @@ impl Drop for Server {
             let _ = fs::remove_file(&self.path);
         }
         self.running = None;
-        // Wakes the accepting thread: on Linux, accept(2) fails on a socket that is shut down. Only a
-        // stream has the call, and to the system a listener is one.
+        // Wakes the accepting thread: on Linux, accept(2) fails on a socket that is shut down. Only
+        // a stream has the call, and to the system a listener is one.
         let woken = self.listener.try_clone().and_then(|listener| {
             UnixStream::from(OwnedFd::from(listener)).shutdown(Shutdown::Both)
         });
@@ -309,7 +310,7 @@ fn bind(path: &Path) -> io::Result<UnixListener> {
         Some(parent) if !parent.as_os_str().is_empty() => parent,
         _ => Path::new("."),
     };
-    // Two daemons that start at the same time must not replace each other's socket.
+    // Two daemons that start simultaneously must not replace each other's socket.
     let guard = File::open(folder)?;
     rustix::fs::flock(&guard, FlockOperation::LockExclusive)?;
     if let Ok(metadata) = fs::symlink_metadata(path) {
@@ -366,9 +367,9 @@ fn begin(
     handler: &Arc<impl Fn(Request) -> Response + Send + Sync + 'static>,
 ) -> io::Result<()> {
     stream.set_write_timeout(Some(ANSWER_LIMIT))?;
-    let Some(place) = connections.admit(&stream)? else {
+    let Some(slot) = connections.admit(&stream)? else {
         let message = format!("{MAX_CONNECTIONS} requests are in hand already, try again later");
-        // Fits into the socket's buffer, so nothing waits here; the caller may have gone.
+        // Fits into the socket's buffer, so nothing waits here; the client may have disconnected.
         let _ = send(&stream, &Response::Error { message });
         return Ok(());
     };
@@ -376,7 +377,7 @@ fn begin(
     thread::Builder::new()
         .name("control-conn".into())
         .spawn(move || {
-            if let Err(error) = converse(&stream, &place, &*handler) {
+            if let Err(error) = converse(&stream, &slot, &*handler) {
                 log::debug!("a control connection ended: {error}");
             }
         })?;
@@ -384,14 +385,14 @@ fn begin(
 }
 
 /// Reads with two limits: one for silence before a line, one for the whole line once it has begun.
-struct Patient<'a> {
+struct DeadlineReader<'a> {
     stream: &'a UnixStream,
     clock: &'a dyn Clock,
-    /// When the line that has begun must be there.
+    /// Deadline of the line that has begun.
     deadline: Option<HostTime>,
 }
 
-impl Read for Patient<'_> {
+impl Read for DeadlineReader<'_> {
     fn read(&mut self, into: &mut [u8]) -> io::Result<usize> {
         let left = match self.deadline {
             None => IDLE_LIMIT,
@@ -414,10 +415,10 @@ impl Read for Patient<'_> {
 
 fn converse(
     stream: &UnixStream,
-    place: &Place,
+    slot: &ConnectionSlot,
     handler: impl Fn(Request) -> Response,
 ) -> io::Result<()> {
-    let mut lines = BufReader::new(Patient {
+    let mut lines = BufReader::new(DeadlineReader {
         stream,
         clock: &RealClock,
         deadline: None,
@@ -431,21 +432,21 @@ fn converse(
     };
     loop {
         lines.get_mut().deadline = None;
-        match receive(&mut lines, MAX_LINE)? {
+        match receive(&mut lines, MAX_LINE_BYTES)? {
             Line::End => return Ok(()),
             Line::TooLong => {
-                let message = format!("reading a request: longer than {MAX_LINE} bytes");
+                let message = format!("reading a request: longer than {MAX_LINE_BYTES} bytes");
                 return send(stream, &Response::Error { message });
             }
             Line::Complete(line) if line.trim_ascii().is_empty() => {}
             Line::Complete(line) => {
-                if !place.now(Doing::Handling) {
+                if !slot.now(Activity::Handling) {
                     return Ok(());
                 }
                 let response = answer(&line).unwrap_or_else(|message| Response::Error { message });
-                place.now(Doing::Answering);
+                slot.now(Activity::Answering);
                 send(stream, &response)?;
-                place.now(Doing::Listening);
+                slot.now(Activity::Listening);
             }
         }
     }

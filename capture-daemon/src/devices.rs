@@ -1,7 +1,8 @@
-//! What is plugged in, what each thing can do, and what is wrong with it: for `pawsd devices`.
+//! Connected devices with their capabilities and problems: for `pawsd devices`.
 //!
-//! Contract: a look that starts nothing and changes nothing, so it may be taken while a recording runs. What
-//! cannot be asked is listed with the reason and what mends it; a machine without anything is an empty list.
+//! Contract: the inventory starts nothing and changes nothing, so it may be taken during a
+//! recording. A device that cannot be queried is listed with the reason and a remedy; a machine
+//! without devices gives an empty list.
 
 use std::fmt;
 use std::path::Path;
@@ -12,22 +13,22 @@ use v4l2::node::Node;
 use v4l2::{Camera, node};
 use zed::camera::Identity;
 
-use crate::causes::with_causes;
+use crate::error_chain::with_causes;
 use crate::sources::device::camera::key;
 
-/// Where a USB 3 device reports at least so much, Mbit/s.
-const USB3_MBIT: u32 = 5000;
+/// Minimum speed that a USB 3 device reports, Mbit/s.
+const MIN_USB3_MBIT: u32 = 5000;
 
-/// Everything that is there.
+/// All devices found.
 #[derive(Clone, Debug, Default, PartialEq, Serialize)]
 pub struct Inventory {
-    /// Video nodes that deliver pictures, or that could not be asked.
+    /// Video nodes that deliver images, or that could not be queried.
     pub cameras: Vec<FoundCamera>,
     /// IMUs of ZED cameras.
     pub imus: Vec<FoundImu>,
-    /// What can be a button, a light or a beeper.
+    /// Candidates for a button, a light or a beeper.
     pub operator: Vec<FoundOperator>,
-    /// What could not be looked at all.
+    /// Kinds of devices that could not be listed.
     pub problems: Vec<String>,
 }
 
@@ -36,7 +37,7 @@ pub struct Inventory {
 pub struct FoundCamera {
     /// Its node.
     pub path: String,
-    /// What it calls itself.
+    /// Name reported by the camera.
     pub name: String,
     /// Its driver.
     pub driver: String,
@@ -48,7 +49,7 @@ pub struct FoundCamera {
     pub modes: Vec<String>,
     /// Controls as the configuration names them, with their ranges.
     pub controls: Vec<String>,
-    /// What is wrong with it, and what to do.
+    /// Problems, each with a remedy.
     pub problems: Vec<String>,
 }
 
@@ -57,35 +58,35 @@ pub struct FoundCamera {
 pub struct FoundImu {
     /// Its node.
     pub path: String,
-    /// Of which camera.
+    /// Model of its camera.
     pub model: String,
     /// The camera's serial number.
     pub serial: Option<String>,
     /// Firmware.
     pub firmware: Option<String>,
-    /// What is wrong with it, and what to do.
+    /// Problems, each with a remedy.
     pub problems: Vec<String>,
 }
 
-/// Something for the operator.
+/// A device for the operator.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize)]
 pub struct FoundOperator {
     /// `button`, `light`, `beeper` or `lines`.
     pub kind: String,
-    /// As it would stand in `[operator]`.
+    /// Its value in `[operator]`.
     pub spec: String,
-    /// What it calls itself.
+    /// Name reported by the device.
     pub name: String,
-    /// What is wrong with it, and what to do.
+    /// A problem, with a remedy.
     pub problem: Option<String>,
 }
 
-/// Looks at everything.
-pub fn look() -> Inventory {
+/// Lists all devices.
+pub fn inventory() -> Inventory {
     let mut inventory = Inventory::default();
     match node::list(Path::new("/sys"), Path::new("/dev")) {
         Ok(nodes) => {
-            // Metadata and other nodes that deliver no pictures are none.
+            // Metadata and other nodes that deliver no images are skipped.
             let cameras = nodes.iter().filter(|n| !matches!(n.captures, Ok(false)));
             inventory.cameras = cameras.map(camera).collect();
         }
@@ -142,19 +143,19 @@ fn camera(node: &Node) -> FoundCamera {
             .push("its firmware is too old to be used: update it with the maker's tool".to_owned());
     }
     if let (Some(_), Some(speed)) = (zed, found.speed_mbit)
-        && speed < USB3_MBIT
+        && speed < MIN_USB3_MBIT
     {
         found.problems.push(format!(
-            "it is at {speed} Mbit/s, expected {USB3_MBIT}: use a USB 3 port and a USB 3 cable"
+            "it is at {speed} Mbit/s, expected {MIN_USB3_MBIT}: use a USB 3 port and a USB 3 cable"
         ));
     }
-    if let Err(problem) = ask(&node.path, &mut found) {
+    if let Err(problem) = query(&node.path, &mut found) {
         found.problems.push(problem);
     }
     found
 }
 
-fn ask(path: &Path, found: &mut FoundCamera) -> Result<(), String> {
+fn query(path: &Path, found: &mut FoundCamera) -> Result<(), String> {
     let camera = Camera::open(path).map_err(|error| with_causes(&error))?;
     let modes = camera.modes().map_err(|error| with_causes(&error))?;
     for mode in &modes {
@@ -220,7 +221,7 @@ fn imu(found: &zed::imu::Found) -> FoundImu {
 }
 
 impl Inventory {
-    /// Whether anything is wrong with anything.
+    /// Whether there is any problem.
     pub fn has_problems(&self) -> bool {
         !self.problems.is_empty()
             || self.cameras.iter().any(|c| !c.problems.is_empty())
@@ -228,8 +229,8 @@ impl Inventory {
     }
 }
 
-/// Most sizes of one camera that are shown; all of them are in the JSON.
-const SHOWN: usize = 12;
+/// Maximum number of sizes shown per camera; the JSON contains all.
+const MAX_SHOWN_SIZES: usize = 12;
 
 impl fmt::Display for Inventory {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
@@ -246,11 +247,15 @@ impl fmt::Display for Inventory {
                 write!(f, " at {speed} Mbit/s")?;
             }
             writeln!(f)?;
-            for mode in camera.modes.iter().take(SHOWN) {
+            for mode in camera.modes.iter().take(MAX_SHOWN_SIZES) {
                 writeln!(f, "      {mode}")?;
             }
-            if camera.modes.len() > SHOWN {
-                writeln!(f, "      and {} more (--json)", camera.modes.len() - SHOWN)?;
+            if camera.modes.len() > MAX_SHOWN_SIZES {
+                writeln!(
+                    f,
+                    "      and {} more (--json)",
+                    camera.modes.len() - MAX_SHOWN_SIZES
+                )?;
             }
             for problem in &camera.problems {
                 writeln!(f, "    ! {problem}")?;
@@ -300,7 +305,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn what_is_wrong_stands_out() {
+    fn problems_are_marked_in_the_text() {
         let camera = FoundCamera {
             path: "/dev/video0".to_owned(),
             name: "ZED-M".to_owned(),
@@ -331,8 +336,8 @@ mod tests {
     }
 
     #[test]
-    fn a_look_at_this_machine_ends() {
-        let inventory = look();
+    fn inventory_of_this_machine_terminates() {
+        let inventory = inventory();
         let json = serde_json::to_string(&inventory).unwrap();
         assert!(json.contains("\"cameras\""));
     }

@@ -1,19 +1,19 @@
-//! What the machine says of itself: free space and temperature.
+//! State of the machine: free space and temperature.
 //!
-//! Contract: every call reads afresh, takes microseconds on a local disk and keeps nothing. Free
-//! space is what an ordinary user may still write, without the blocks that are held back for root. A
-//! machine without sensors has no temperature; a sensor that is switched off or tells nonsense counts
-//! as none.
+//! Contract: every call reads the current values, takes microseconds on a local disk and caches
+//! nothing. Free space is the space that an ordinary user may still write, without the blocks
+//! reserved for root. A machine without sensors has no temperature; a sensor that is switched off
+//! or reports an implausible value is ignored.
 
 use std::fs;
 use std::io;
 use std::path::Path;
 
-/// Free space above the reserve that a recording needs to start, bytes: it would end at once with
-/// less.
-pub const START_MARGIN: u64 = 256 << 20;
+/// Minimum free space above the reserve at the start of a recording, bytes. With less, the
+/// recording would end immediately.
+pub const START_MARGIN_BYTES: u64 = 256 << 20;
 
-/// Where Linux shows its temperature sensors (`Documentation/ABI/testing/sysfs-class-thermal`).
+/// Folder of the Linux temperature sensors (`Documentation/ABI/testing/sysfs-class-thermal`).
 const THERMAL: &str = "/sys/class/thermal";
 
 /// Free space on the file system that holds `path`, bytes.
@@ -25,7 +25,7 @@ pub fn free_bytes(path: &Path) -> io::Result<u64> {
     Ok(stat.f_bavail.saturating_mul(stat.f_frsize))
 }
 
-/// The hottest place of the machine, °C, if any sensor tells.
+/// Highest temperature of all sensors, °C; `None` without a valid one.
 pub fn hottest_c() -> Option<f64> {
     hottest_in(Path::new(THERMAL))
 }
@@ -38,8 +38,8 @@ fn hottest_in(folder: &Path) -> Option<f64> {
         .max_by(f64::total_cmp)
 }
 
-/// The temperature in a sensor's `temp` file, which holds millidegrees Celsius. None where it cannot
-/// be true: a Jetson's zones read -256000 while their unit is off.
+/// Temperature in a sensor's `temp` file, which contains millidegrees Celsius. `None` if it is
+/// implausible: a Jetson's zones read -256000 while their unit is off.
 fn celsius(text: &str) -> Option<f64> {
     let millidegrees: i32 = text.trim().parse().ok()?;
     (-40_000..=150_000)
@@ -52,7 +52,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn free_space_is_that_of_the_disk() {
+    fn free_space_is_that_of_the_file_system() {
         let folder = tempfile::tempdir().unwrap();
         let free = free_bytes(folder.path()).unwrap();
         let stat = rustix::fs::statvfs(folder.path()).unwrap();
@@ -63,7 +63,7 @@ mod tests {
     }
 
     #[test]
-    fn sensors_tell_millidegrees_or_nothing() {
+    fn sensor_text_is_millidegrees_or_rejected() {
         let check =
             |text: &str, expected: Option<f64>| assert_eq!(celsius(text), expected, "{text:?}");
         check("48500\n", Some(48.5));
@@ -77,7 +77,7 @@ mod tests {
     }
 
     #[test]
-    fn the_hottest_sensor_counts() {
+    fn hottest_sensor_is_reported() {
         let folder = tempfile::tempdir().unwrap();
         assert_eq!(hottest_in(folder.path()), None);
         assert_eq!(hottest_in(&folder.path().join("absent")), None);

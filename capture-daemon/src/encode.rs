@@ -1,15 +1,17 @@
-//! Encoding one camera's frames, through failures.
+//! Encoding of one camera's frames, including recovery from failures.
 //!
-//! A [`Lane`] takes frames and hands on access units with their companion records, in order. Key
-//! frames are forced where a chunk of the archive begins. An encoder that fails, or gives nothing for
-//! [`STALL_NS`], is replaced, at once the first time and ever more slowly if that goes on; frames that
-//! were inside it are reported as dropped, never forgotten. Given-up encoders that do not let go are
-//! bounded too: with `MAX_ENDING` of them no other is started ([`Lane::is_failing`] tells).
+//! A [`CameraEncoder`] takes frames and delivers access units with their companion records, in
+//! order. Key frames are forced at the chunk boundaries of the archive. An encoder that fails, or
+//! delivers nothing for [`STALL_NS`], is replaced: immediately after the first failure, with
+//! exponential backoff after repeated ones. Frames that were inside it are reported as dropped,
+//! never forgotten. The number of abandoned encoders that do not terminate is bounded too: at
+//! `MAX_ENDING_ENCODERS` no other encoder is started ([`CameraEncoder::is_failing`] is true).
 //!
-//! Frames wait for the encoder in a queue that is bounded in bytes ([`Lane::look_at_fill`]), also for one that is to be
-//! started again. When it is full, the new frame is dropped whole, before the encoder, so that no other frame depends on
-//! it. Frames in their cameras' own buffers do not wait: the camera needs its buffers back. A full encoder refuses them,
-//! which counts as a full queue.
+//! Frames wait for the encoder in a queue bounded in bytes ([`CameraEncoder::take_fill`]), also
+//! while the encoder is being restarted. When the queue is full, the new frame is dropped whole,
+//! before the encoder, so that no other frame depends on it. Frames in their cameras' own buffers
+//! do not wait, because the camera needs its buffers back: a full encoder rejects them, which
+//! counts as a full queue.
 
 use std::collections::VecDeque;
 use std::sync::{Arc, Condvar, Mutex, MutexGuard, PoisonError};
@@ -23,65 +25,67 @@ use session_archive::time::HostTime;
 use video::encoder::{Input, Preset};
 use video::{EncodeError, Encoder, EncoderEvent, EncoderSettings, Picture};
 
-/// An encoder that holds frames and gives nothing for so long is taken to be stuck.
+/// Maximum time without output from an encoder that holds frames. After it the encoder is
+/// considered stuck.
 pub const STALL_NS: i64 = 2_000_000_000;
-/// How long until the next try after a second failure in a row; twice as long after each further one.
+/// Delay before the restart after the second failure in a row; doubled after each further one.
 const RETRY_NS: i64 = 1_000_000_000;
-/// The longest time between two tries.
+/// Maximum delay between two restarts.
 const MAX_RETRY_NS: i64 = 32 * RETRY_NS;
-/// A failure that comes so long after the start is the first one again.
-const FORGIVEN_NS: i64 = 10_000_000_000;
-/// Given-up encoders that may be ending at once: each holds its pictures until it is gone, and one that
-/// hangs in its driver never is.
-const MAX_ENDING: usize = 3;
-/// Virtual time waits for every frame; longer than this in real time is a stuck encoder.
-const VIRTUAL_PATIENCE: Duration = Duration::from_secs(60);
+/// Running time after which a failure counts as the first one again.
+const FAILURE_RESET_NS: i64 = 10_000_000_000;
+/// Maximum number of abandoned encoders that are terminating at the same time. Each holds its
+/// frames until it has terminated, and an encoder that is stuck in its driver never does.
+const MAX_ENDING_ENCODERS: usize = 3;
+/// Virtual time waits for every frame; an encoder that takes longer than this in real time is
+/// stuck.
+const VIRTUAL_TIMEOUT: Duration = Duration::from_secs(60);
 
-/// By how much coarser frames are encoded to make fewer bits: half as many, about.
-const SPARED_DB: f64 = 4.0;
-/// But no coarser than this.
-const LEAST_DB: f64 = 30.0;
-/// How long an encoder may take to give what is inside when it is ended for another setting.
-const CHANGE_LIMIT: Duration = Duration::from_secs(5);
+/// Reduction of the encoding quality under load, dB: about half of the bits.
+const DEGRADED_QUALITY_DROP_DB: f64 = 4.0;
+/// Minimum quality under load, dB.
+const MIN_QUALITY_DB: f64 = 30.0;
+/// Maximum time for an encoder to deliver its frames when it is replaced for another setting.
+const CHANGE_TIMEOUT: Duration = Duration::from_secs(5);
 
-/// Why a frame is dropped that came while no encoder was running.
+/// Cause detail of frames that arrived while no encoder was running.
 const NOT_RUNNING: &str = "no encoder is running";
-/// Why frames are dropped that an encoder was given and did not give back.
+/// Cause detail of frames that an encoder accepted and never delivered.
 const ENDED_EARLY: &str = "the encoder ended without giving them";
 
-/// What a lane hands on.
+/// Output of a [`CameraEncoder`].
 #[derive(Debug)]
 pub enum Encoded {
     /// An access unit and its companion.
     Frame {
-        /// Everything but what the archive writer fills in.
+        /// The record without the fields that the archive writer fills in.
         frame: Frame,
         /// Annex B.
         unit: Bytes,
-        /// Whether it can be decoded alone.
+        /// Whether the frame can be decoded on its own.
         key: bool,
     },
-    /// Frames that will not come.
+    /// Frames that will not be delivered.
     Dropped {
-        /// Time of the first.
+        /// Time of the first frame.
         at: HostTime,
         /// First number.
         first: u64,
         /// Last number.
         last: u64,
-        /// Why.
+        /// Cause.
         cause: Cause,
-        /// What exactly happened.
+        /// Details, for people.
         detail: String,
     },
 }
 
-/// Where a lane hands on to; called from the encoder's threads.
+/// Receiver of the output; called from the encoder's threads.
 pub type Sink = Arc<dyn Fn(Encoded) + Send + Sync>;
 
-/// What the pushing thread and the encoder's threads share. Each encoder has its own, so that a late
-/// word of a replaced one changes nothing.
-struct Inside {
+/// State shared by the pushing thread and the encoder's threads. Each encoder has its own, so that
+/// a late event of a replaced encoder has no effect.
+struct EncoderShared {
     state: Mutex<State>,
     changed: Condvar,
 }
@@ -89,15 +93,15 @@ struct Inside {
 #[derive(Default)]
 struct State {
     frames: VecDeque<(i64, Frame)>,
-    /// Access units handed on.
+    /// Number of access units delivered.
     delivered: u64,
     failure: Option<String>,
     abandoned: bool,
-    /// The encoder that made way for this one and may not have given everything yet.
-    before: Option<Arc<Inside>>,
+    /// The encoder that this one replaces; it may not have delivered everything yet.
+    before: Option<Arc<EncoderShared>>,
 }
 
-impl Inside {
+impl EncoderShared {
     fn lock(&self) -> MutexGuard<'_, State> {
         self.state.lock().unwrap_or_else(PoisonError::into_inner)
     }
@@ -105,12 +109,12 @@ impl Inside {
 
 struct Running {
     encoder: Encoder,
-    inside: Arc<Inside>,
-    /// What it was last set to.
+    shared: Arc<EncoderShared>,
+    /// Settings last applied to it.
     effort: Effort,
 }
 
-/// What may change from one chunk to the next.
+/// Settings that may change from one chunk to the next.
 #[derive(Clone, Copy, Debug, PartialEq)]
 struct Effort {
     quality_db: f64,
@@ -120,29 +124,29 @@ struct Effort {
 /// A frame that waits for room in the encoder.
 struct Waiting {
     frame: Frame,
-    picture: Picture,
+    image: Picture,
 }
 
-/// What is made easier for the encoder.
+/// Reductions of the encoder's effort or output under load.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
-pub struct Easier {
-    /// The fastest preset, where there are several: larger files of the same quality.
+pub struct EffortReduction {
+    /// Use the fastest preset, if there are several: larger files of the same quality.
     pub preset: bool,
-    /// Fewer bits: coarser images.
+    /// Use fewer bits: coarser images.
     pub quality: bool,
 }
 
-/// What [`Lane::finish`] does with frames that still wait for the encoder.
+/// Treatment by [`CameraEncoder::finish`] of frames that still wait for the encoder.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum Rest {
-    /// Encodes them.
+pub enum RemainingFrames {
+    /// They are encoded.
     Encode,
-    /// Reports them as dropped: nobody stores them any more.
+    /// They are reported as dropped, because nobody stores them any more.
     Drop,
 }
 
-/// One camera's way through its encoder.
-pub struct Lane {
+/// Encoding of one camera, with its queue and its restarts.
+pub struct CameraEncoder {
     settings: EncoderSettings,
     chunk_ns: i64,
     sink: Sink,
@@ -150,29 +154,29 @@ pub struct Lane {
     /// Epoch of the newest key frame.
     epoch: Option<i64>,
     previous_pts: i64,
-    /// Access units that the running encoder had given when it was last looked at, and when it
-    /// had last given one.
+    /// Number of access units that the running encoder had delivered at the last check, and the
+    /// time of the last one.
     delivered: u64,
     last_progress: HostTime,
-    /// When an encoder was last started, and failures in a row since.
+    /// Time of the last encoder start, and the number of failures in a row since.
     started: HostTime,
     failures: u32,
     retry_at: HostTime,
-    /// Given up, and not yet gone.
+    /// Threads that end abandoned encoders.
     ending: Vec<JoinHandle<()>>,
-    wants_key: bool,
-    easier: Easier,
+    key_frame_requested: bool,
+    reduction: EffortReduction,
     waiting: VecDeque<Waiting>,
     waiting_bytes: usize,
-    /// Bytes that may wait.
+    /// Maximum number of bytes in the queue.
     capacity: usize,
-    /// A frame that cannot wait was refused since the fill was last looked at.
+    /// A frame that cannot wait was rejected since the fill was last taken.
     refused: bool,
 }
 
-impl Lane {
-    /// A lane; the encoder starts with the first frame. Frames of up to `capacity` bytes wait in front of it, one
-    /// always.
+impl CameraEncoder {
+    /// Creates it; the encoder starts with the first frame. The queue holds frames of up to
+    /// `capacity` bytes, and always at least one frame.
     pub fn new(settings: EncoderSettings, chunk_ns: i64, capacity: usize, sink: Sink) -> Self {
         Self {
             waiting: VecDeque::new(),
@@ -191,12 +195,12 @@ impl Lane {
             failures: 0,
             retry_at: HostTime::MIN,
             ending: Vec::new(),
-            wants_key: false,
-            easier: Easier::default(),
+            key_frame_requested: false,
+            reduction: EffortReduction::default(),
         }
     }
 
-    /// Whether the encoder has failed and none has worked for a while since. Looked at in
+    /// Whether the encoder has failed and none has run successfully for a while since. Updated in
     /// [`Self::tick`].
     pub fn is_failing(&self) -> bool {
         self.failures > 0
@@ -204,13 +208,13 @@ impl Lane {
 
     /// Bytes of the frames in front of the encoder and inside.
     pub fn queued_bytes(&self) -> usize {
-        let inside = self.running.as_ref();
-        self.waiting_bytes + inside.map_or(0, |r| r.encoder.queued_bytes())
+        let shared = self.running.as_ref();
+        self.waiting_bytes + shared.map_or(0, |r| r.encoder.queued_bytes())
     }
 
-    /// How far the encoder is behind, 0 to 1: how full the queue in front of it is, and 1 if it was too full for a
-    /// frame that cannot wait since the last look. What waits for an encoder that is to be started again says nothing.
-    pub fn look_at_fill(&mut self) -> f64 {
+    /// Fill of the queue, 0 to 1; 1 if a frame that cannot wait was rejected since the last call. 0
+    /// while no encoder is running: frames that wait for a restart are no measure of load.
+    pub fn take_fill(&mut self) -> f64 {
         if std::mem::take(&mut self.refused) {
             return 1.0;
         }
@@ -225,62 +229,64 @@ impl Lane {
         self.running.is_some()
     }
 
-    /// Makes it easier for the encoder from the next chunk on, or again as configured.
-    pub fn ease(&mut self, easier: Easier) {
-        self.easier = easier;
+    /// Reduces the encoder's effort or output from the next chunk on, or restores the configured
+    /// settings.
+    pub fn reduce_effort(&mut self, reduction: EffortReduction) {
+        self.reduction = reduction;
     }
 
     /// Makes the next frame a key frame.
     pub fn request_key(&mut self) {
-        self.wants_key = true;
+        self.key_frame_requested = true;
     }
 
-    /// Takes a frame; never waits. What cannot be encoded is reported as dropped.
-    pub fn push<'a>(&mut self, frame: Frame, picture: impl Into<Input<'a>>, now: HostTime) {
-        let picture = match picture.into() {
-            Input::Picture(picture) => picture,
+    /// Takes a frame; never blocks. A frame that cannot be encoded is reported as dropped.
+    pub fn push<'a>(&mut self, frame: Frame, image: impl Into<Input<'a>>, now: HostTime) {
+        let image = match image.into() {
+            Input::Picture(image) => image,
             native => {
-                if let Err((frame, pictures)) = self.submit(frame, native, now, false) {
+                if let Err((frame, images)) = self.submit(frame, native, now, false) {
                     self.refused = true;
-                    self.drop_full(&frame, &format!("{pictures} frames in the encoder"));
+                    self.drop_full(&frame, &format!("{images} frames in the encoder"));
                 }
                 return;
             }
         };
-        let bytes = picture.data.len();
+        let bytes = image.data.len();
         if !self.waiting.is_empty() && self.waiting_bytes + bytes > self.capacity {
             let detail = format!("{} MB wait for the encoder", self.waiting_bytes >> 20);
             match self.why_not_started(now, false) {
                 Some(why) => {
                     let detail = format!("{why}, {detail}");
-                    self.drop_it(&frame, Cause::EncoderRestart, detail);
+                    self.drop_frame(&frame, Cause::EncoderRestart, detail);
                 }
                 None => self.drop_full(&frame, &detail),
             }
         } else {
-            let picture = picture.clone();
+            let image = image.clone();
             self.waiting_bytes += bytes;
-            self.waiting.push_back(Waiting { frame, picture });
+            self.waiting.push_back(Waiting { frame, image });
         }
         self.feed(now);
     }
 
-    /// Hands waiting frames to the encoder as far as it has room; call it often. They go on waiting while none may be
-    /// started.
+    /// Passes queued frames to the encoder as long as it has room; to be called often. They stay
+    /// queued while no encoder may be started.
     pub fn feed(&mut self, now: HostTime) {
         while self.why_not_started(now, false).is_none()
-            && let Some(Waiting { frame, picture }) = self.waiting.pop_front()
+            && let Some(Waiting { frame, image }) = self.waiting.pop_front()
         {
-            if let Err((frame, _)) = self.submit(frame, (&picture).into(), now, false) {
-                self.waiting.push_front(Waiting { frame, picture });
+            if let Err((frame, _)) = self.submit(frame, (&image).into(), now, false) {
+                self.waiting.push_front(Waiting { frame, image });
                 break;
             }
-            self.waiting_bytes -= picture.data.len();
+            self.waiting_bytes -= image.data.len();
         }
     }
 
-    /// For when no frame is taken any more; never waits. Hands waiting frames on as [`Self::feed`] does, and reports
-    /// them if there is no encoder for them. Whether none waits: then [`Self::finish`] has only to drain the encoder.
+    /// For the end, when no frame is taken any more; never blocks. Passes queued frames on as
+    /// [`Self::feed`] does, and reports them as dropped if there is no encoder for them. Returns
+    /// whether the queue is empty: then [`Self::finish`] only drains the encoder.
     pub fn drain(&mut self, now: HostTime) -> bool {
         self.feed(now);
         if self.running.is_none() {
@@ -289,32 +295,35 @@ impl Lane {
         self.waiting.is_empty()
     }
 
-    /// Reports what waits as dropped.
+    /// Reports all queued frames as dropped.
     pub fn drop_waiting(&mut self, cause: Cause, why: &str) {
         for Waiting { frame, .. } in std::mem::take(&mut self.waiting) {
-            self.drop_it(&frame, cause, why.to_owned());
+            self.drop_frame(&frame, cause, why.to_owned());
         }
         self.waiting_bytes = 0;
     }
 
-    /// Why no encoder is running and none may be started now, if that is so; with `wait`, however many hang.
+    /// Reason why no encoder is running and none may be started now, if there is one. With `wait`,
+    /// the number of stuck encoders is ignored.
     fn why_not_started(&self, now: HostTime, wait: bool) -> Option<String> {
         if self.running.is_some() {
             None
         } else if now < self.retry_at {
             Some(NOT_RUNNING.to_owned())
-        } else if !wait && self.ending.len() >= MAX_ENDING {
-            Some(format!("{MAX_ENDING} encoders hang and have not ended"))
+        } else if !wait && self.ending.len() >= MAX_ENDING_ENCODERS {
+            Some(format!(
+                "{MAX_ENDING_ENCODERS} encoders are stuck and have not ended"
+            ))
         } else {
             None
         }
     }
 
     fn drop_full(&self, frame: &Frame, detail: &str) {
-        self.drop_it(frame, Cause::EncoderOverload, detail.to_owned());
+        self.drop_frame(frame, Cause::EncoderOverload, detail.to_owned());
     }
 
-    fn drop_it(&self, frame: &Frame, cause: Cause, detail: String) {
+    fn drop_frame(&self, frame: &Frame, cause: Cause, detail: String) {
         (self.sink)(Encoded::Dropped {
             at: HostTime(frame.time),
             first: frame.number,
@@ -324,24 +333,19 @@ impl Lane {
         });
     }
 
-    /// Takes a frame and waits until it has come out: virtual time drops nothing, and the order of
-    /// everything is the order of the calls.
-    pub fn push_and_wait<'a>(
-        &mut self,
-        frame: Frame,
-        picture: impl Into<Input<'a>>,
-        now: HostTime,
-    ) {
-        if let Err((frame, _)) = self.submit(frame, picture.into(), now, true) {
+    /// Takes a frame and waits until it is delivered: virtual time drops nothing, and the order of
+    /// all output is the order of the calls.
+    pub fn push_and_wait<'a>(&mut self, frame: Frame, image: impl Into<Input<'a>>, now: HostTime) {
+        if let Err((frame, _)) = self.submit(frame, image.into(), now, true) {
             self.drop_full(&frame, "the encoder is full");
         }
         let Some(running) = &self.running else { return };
-        let state = running.inside.lock();
+        let state = running.shared.lock();
         let waiting = |s: &mut State| !s.frames.is_empty() && s.failure.is_none();
         let (state, late) = running
-            .inside
+            .shared
             .changed
-            .wait_timeout_while(state, VIRTUAL_PATIENCE, waiting)
+            .wait_timeout_while(state, VIRTUAL_TIMEOUT, waiting)
             .unwrap_or_else(PoisonError::into_inner);
         let failure = match (&state.failure, late.timed_out()) {
             (Some(reason), _) => Some(reason.clone()),
@@ -354,14 +358,14 @@ impl Lane {
         }
     }
 
-    /// Looks after the encoder; call it a few times a second.
+    /// Supervises the encoder; to be called a few times a second.
     pub fn tick(&mut self, now: HostTime) {
         self.ending.retain(|thread| !thread.is_finished());
         self.feed(now);
         let Some(running) = &self.running else { return };
-        let state = running.inside.lock();
+        let state = running.shared.lock();
         if state.before.is_some() {
-            // It waits for the one before it, which has its own limit.
+            // It waits for its predecessor, which has its own limit.
             self.last_progress = now;
         }
         let failure = state.failure.clone();
@@ -371,7 +375,7 @@ impl Lane {
         if delivered != self.delivered {
             self.delivered = delivered;
             self.last_progress = now;
-            if now.since(self.started) > FORGIVEN_NS {
+            if now.since(self.started) > FAILURE_RESET_NS {
                 self.failures = 0;
             }
         }
@@ -384,14 +388,14 @@ impl Lane {
         }
     }
 
-    /// Drains the encoder: everything taken is handed on or reported when this returns.
-    pub fn finish(&mut self, rest: Rest, limit: Duration, now: HostTime) {
-        if rest == Rest::Drop {
+    /// Drains the encoder: every accepted frame is delivered or reported when this returns.
+    pub fn finish(&mut self, rest: RemainingFrames, limit: Duration, now: HostTime) {
+        if rest == RemainingFrames::Drop {
             self.drop_waiting(Cause::Late, ENDED_EARLY);
         }
-        for Waiting { frame, picture } in std::mem::take(&mut self.waiting) {
-            if let Err((frame, _)) = self.submit(frame, (&picture).into(), now, true) {
-                self.drop_it(&frame, Cause::Late, ENDED_EARLY.to_owned());
+        for Waiting { frame, image } in std::mem::take(&mut self.waiting) {
+            if let Err((frame, _)) = self.submit(frame, (&image).into(), now, true) {
+                self.drop_frame(&frame, Cause::Late, ENDED_EARLY.to_owned());
             }
         }
         self.waiting_bytes = 0;
@@ -402,60 +406,60 @@ impl Lane {
         self.last_progress = now;
     }
 
-    /// Gives a frame to the encoder, and starts one if need be; waits for room if it is to `wait`. What cannot be
-    /// encoded is reported.
+    /// Passes a frame to the encoder, starting one if necessary; with `wait`, blocks until there is
+    /// room. A frame that cannot be encoded is reported.
     ///
     /// # Errors
-    /// The frame, if the encoder is full, and how many are inside.
+    /// The frame and the number of frames inside, if the encoder is full.
     fn submit(
         &mut self,
         frame: Frame,
-        picture: Input<'_>,
+        image: Input<'_>,
         now: HostTime,
         wait: bool,
     ) -> Result<(), (Frame, usize)> {
         let restart = Cause::EncoderRestart;
         if let Some(why) = self.why_not_started(now, wait) {
-            self.drop_it(&frame, restart, why);
+            self.drop_frame(&frame, restart, why);
             return Ok(());
         }
         if self.running.is_none()
-            && let Err(e) = self.start(picture, None, now)
+            && let Err(e) = self.start(image, None, now)
         {
             self.failed(now);
-            self.drop_it(&frame, restart, e.to_string());
+            self.drop_frame(&frame, restart, e.to_string());
             return Ok(());
         }
         let epoch = frame.time.div_euclid(self.chunk_ns);
         if self.epoch.is_some_and(|e| epoch > e) {
-            self.follow_effort(picture, now);
+            self.follow_effort(image, now);
         }
-        let key = self.wants_key || self.epoch.is_none_or(|e| epoch > e);
+        let key = self.key_frame_requested || self.epoch.is_none_or(|e| epoch > e);
         let pts = frame.time.max(self.previous_pts.saturating_add(1));
         let Some(Running {
-            encoder, inside, ..
+            encoder, shared, ..
         }) = &mut self.running
         else {
-            self.drop_it(&frame, restart, NOT_RUNNING.to_owned());
+            self.drop_frame(&frame, restart, NOT_RUNNING.to_owned());
             return Ok(());
         };
-        inside.lock().frames.push_back((pts, frame));
+        shared.lock().frames.push_back((pts, frame));
         let pushed = if wait {
-            encoder.push(pts, picture, key)
+            encoder.push(pts, image, key)
         } else {
-            encoder.try_push(pts, picture, key)
+            encoder.try_push(pts, image, key)
         };
         match pushed {
             Ok(()) => {
                 self.previous_pts = pts;
                 if key {
                     self.epoch = Some(epoch);
-                    self.wants_key = false;
+                    self.key_frame_requested = false;
                 }
             }
-            Err(EncodeError::Full { pictures }) => {
-                if let Some((_, frame)) = inside.lock().frames.pop_back() {
-                    return Err((frame, pictures));
+            Err(EncodeError::Full { pictures: images }) => {
+                if let Some((_, frame)) = shared.lock().frames.pop_back() {
+                    return Err((frame, images));
                 }
             }
             Err(e) => {
@@ -467,11 +471,12 @@ impl Lane {
         Ok(())
     }
 
-    /// Starts an encoder, which hands on nothing until everything of the one `before` it is told.
+    /// Starts an encoder. It delivers nothing until everything of the encoder `before` it is
+    /// reported.
     fn start(
         &mut self,
-        picture: Input<'_>,
-        before: Option<Arc<Inside>>,
+        image: Input<'_>,
+        before: Option<Arc<EncoderShared>>,
         now: HostTime,
     ) -> Result<(), EncodeError> {
         self.started = now;
@@ -481,22 +486,22 @@ impl Lane {
             preset: effort.preset,
             ..self.settings.clone()
         };
-        let inside = Arc::new(Inside {
+        let shared = Arc::new(EncoderShared {
             state: Mutex::new(State {
                 before,
                 ..State::default()
             }),
             changed: Condvar::new(),
         });
-        let (sink, shared) = (self.sink.clone(), inside.clone());
-        let on_output = Box::new(move |event| deliver(event, &shared, &sink));
-        let encoder = match picture {
+        let (sink, of_output) = (self.sink.clone(), shared.clone());
+        let on_output = Box::new(move |event| deliver(event, &of_output, &sink));
+        let encoder = match image {
             Input::Picture(_) => Encoder::start(&settings, on_output)?,
             Input::Native(frame) => Encoder::start_native(&settings, frame.format(), on_output)?,
         };
         self.running = Some(Running {
             encoder,
-            inside,
+            shared,
             effort,
         });
         self.delivered = 0;
@@ -505,46 +510,47 @@ impl Lane {
         Ok(())
     }
 
-    /// What encoders are set to now.
+    /// Current target settings of the encoder.
     fn effort(&self) -> Effort {
         Effort {
-            quality_db: match self.easier.quality {
-                true => (self.settings.quality_db - SPARED_DB).max(LEAST_DB),
+            quality_db: match self.reduction.quality {
+                true => (self.settings.quality_db - DEGRADED_QUALITY_DROP_DB).max(MIN_QUALITY_DB),
                 false => self.settings.quality_db,
             },
-            preset: match self.easier.preset {
+            preset: match self.reduction.preset {
                 true => Preset::Ultrafast,
                 false => self.settings.preset,
             },
         }
     }
 
-    /// A chunk begins, and with it a key frame: an encoder that is to be set to something else and cannot change it
-    /// makes way for another one. It gives what it has on a thread of its own: other cameras' frames are waiting.
-    fn follow_effort(&mut self, picture: Input<'_>, now: HostTime) {
-        let wanted = self.effort();
+    /// To be called when a chunk, and with it a key frame, begins. An encoder that needs other
+    /// settings and cannot change them is replaced. The old one delivers its frames on a thread of
+    /// its own, because other cameras' frames are waiting.
+    fn follow_effort(&mut self, image: Input<'_>, now: HostTime) {
+        let target = self.effort();
         let Some(running) = &mut self.running else {
             return;
         };
-        if running.effort == wanted {
+        if running.effort == target {
             return;
         }
-        let set = match running.effort.preset == wanted.preset {
-            true => running.encoder.set_quality(wanted.quality_db),
+        let set = match running.effort.preset == target.preset {
+            true => running.encoder.set_quality(target.quality_db),
             false => Ok(false),
         };
-        running.effort = wanted;
+        running.effort = target;
         match set {
             Ok(true) => {}
             Ok(false) => {
                 let Some(running) = self.running.take() else {
                     return;
                 };
-                let (inside, sink) = (running.inside.clone(), self.sink.clone());
-                self.end_beside(move || end(running, &sink, CHANGE_LIMIT));
-                if let Err(error) = self.start(picture, Some(inside.clone()), now) {
+                let (shared, sink) = (running.shared.clone(), self.sink.clone());
+                self.end_in_background(move || end(running, &sink, CHANGE_TIMEOUT));
+                if let Err(error) = self.start(image, Some(shared.clone()), now) {
                     log::warn!("starting {} again: {error}", self.settings.element);
-                    settle(&inside, &self.sink, ENDED_EARLY);
+                    report_undelivered(&shared, &self.sink, ENDED_EARLY);
                     self.failed(now);
                 }
             }
@@ -552,34 +558,34 @@ impl Lane {
         }
     }
 
-    /// Gives the encoder up and reports what was inside; the next frame starts another.
+    /// Abandons the encoder and reports the frames inside; the next frame starts another one.
     fn replace(&mut self, reason: &str, now: HostTime) {
         let Some(Running {
-            encoder, inside, ..
+            encoder, shared, ..
         }) = self.running.take()
         else {
             return;
         };
         log::warn!("{} is given up: {reason}", self.settings.element);
         self.failed(now);
-        settle(&inside, &self.sink, reason);
-        self.end_beside(move || drop(encoder));
+        report_undelivered(&shared, &self.sink, reason);
+        self.end_in_background(move || drop(encoder));
         self.last_progress = now;
-        self.wants_key = true;
+        self.key_frame_requested = true;
     }
 
-    /// Ends an encoder on a thread of its own: one that is stuck takes seconds, and this thread has other cameras to
-    /// serve.
-    fn end_beside(&mut self, end: impl FnOnce() + Send + 'static) {
+    /// Ends an encoder on a thread of its own: a stuck encoder takes seconds, and this thread
+    /// serves other cameras.
+    fn end_in_background(&mut self, end: impl FnOnce() + Send + 'static) {
         let name = "encoder-end".to_owned();
-        // Without a thread what was handed over is dropped here, and so ended.
+        // Without a thread the closure is dropped here, which ends the encoder.
         self.ending
             .extend(std::thread::Builder::new().name(name).spawn(end));
     }
 
-    /// Counts a failure and puts off the next start.
+    /// Counts a failure and delays the next start.
     fn failed(&mut self, now: HostTime) {
-        if now.since(self.started) > FORGIVEN_NS {
+        if now.since(self.started) > FAILURE_RESET_NS {
             self.failures = 0;
         }
         let pause = match self.failures {
@@ -591,21 +597,21 @@ impl Lane {
     }
 }
 
-/// Lets an encoder give what is inside, for so long; the rest is reported as dropped.
+/// Lets an encoder deliver its frames within `limit`; the rest is reported as dropped.
 fn end(running: Running, sink: &Sink, limit: Duration) {
     if let Err(e) = running.encoder.finish(limit) {
         log::warn!("ending the encoder: {e}");
     }
-    settle(&running.inside, sink, ENDED_EARLY);
+    report_undelivered(&running.shared, sink, ENDED_EARLY);
 }
 
-/// Reports what is inside an encoder that has ended or is given up; whatever it still says is ignored from here on. In
-/// the order of the frames: what an encoder before it has left comes first, and all under the lock, so that nobody
-/// hands on a later frame meanwhile.
-fn settle(inside: &Inside, sink: &Sink, detail: &str) {
-    let mut state = inside.lock();
+/// Reports the frames inside an encoder that has ended or is abandoned; its later events are
+/// ignored. Frames are reported in order: those of its predecessor come first, and all under the
+/// lock, so that no later frame is delivered meanwhile.
+fn report_undelivered(shared: &EncoderShared, sink: &Sink, detail: &str) {
+    let mut state = shared.lock();
     if let Some(before) = state.before.take() {
-        settle(&before, sink, ENDED_EARLY);
+        report_undelivered(&before, sink, ENDED_EARLY);
     }
     state.abandoned = true;
     for (_, frame) in state.frames.drain(..) {
@@ -617,35 +623,36 @@ fn settle(inside: &Inside, sink: &Sink, detail: &str) {
             detail: detail.to_owned(),
         });
     }
-    inside.changed.notify_all();
+    shared.changed.notify_all();
 }
 
-/// Waits until an encoder that is ending has given everything; after [`CHANGE_LIMIT`] the rest is reported as dropped.
-fn wait_for_end(before: &Inside, sink: &Sink) {
+/// Waits until an encoder that is ending has delivered everything; after [`CHANGE_TIMEOUT`] the
+/// rest is reported as dropped.
+fn wait_for_end(before: &EncoderShared, sink: &Sink) {
     let ending = before
         .changed
-        .wait_timeout_while(before.lock(), CHANGE_LIMIT, |state| !state.abandoned);
+        .wait_timeout_while(before.lock(), CHANGE_TIMEOUT, |state| !state.abandoned);
     drop(ending.unwrap_or_else(PoisonError::into_inner));
-    settle(before, sink, ENDED_EARLY);
+    report_undelivered(before, sink, ENDED_EARLY);
 }
 
-/// An encoder said something.
-fn deliver(event: EncoderEvent, inside: &Inside, sink: &Sink) {
+/// Handles an event of an encoder.
+fn deliver(event: EncoderEvent, shared: &EncoderShared, sink: &Sink) {
     let unit = match event {
         EncoderEvent::AccessUnit(unit) => unit,
         EncoderEvent::Failed(reason) => {
-            inside.lock().failure = Some(reason);
-            inside.changed.notify_all();
+            shared.lock().failure = Some(reason);
+            shared.changed.notify_all();
             return;
         }
     };
-    let before = inside.lock().before.clone();
+    let before = shared.lock().before.clone();
     if let Some(before) = before {
         // Without the lock: the next frame is pushed meanwhile.
         wait_for_end(&before, sink);
     }
-    // Handed on under the lock: a frame is either handed on or still inside, never both.
-    let mut state = inside.lock();
+    // Delivered under the lock: a frame is either delivered or still inside, never both.
+    let mut state = shared.lock();
     state.before = None;
     if state.abandoned {
         return;
@@ -669,7 +676,7 @@ fn deliver(event: EncoderEvent, inside: &Inside, sink: &Sink) {
         }
     }
     drop(state);
-    inside.changed.notify_all();
+    shared.changed.notify_all();
 }
 
 #[cfg(test)]

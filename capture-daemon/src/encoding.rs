@@ -1,7 +1,8 @@
-//! How many frames of each camera are inside its encoder.
+//! Number of frames of each camera inside its encoder.
 //!
-//! The hub counts them in, the encoders' threads count them out after the frame is on its way to the recorder. So a
-//! recorder that sees none has every frame that was handed to an encoder before, in its queue or in the session.
+//! The hub increments the counters; the encoders' threads decrement them after the frame was sent
+//! to the recorder. If the recorder reads zero, every frame that was passed to an encoder before is
+//! in its queue or in the session.
 
 use std::sync::Arc;
 use std::sync::atomic::{AtomicUsize, Ordering};
@@ -11,22 +12,22 @@ use std::sync::atomic::{AtomicUsize, Ordering};
 pub struct Encoding(Arc<[AtomicUsize]>);
 
 impl Encoding {
-    /// Counters for so many cameras; nothing is encoded yet.
+    /// Counters for this number of cameras, all zero.
     pub fn new(cameras: usize) -> Self {
         Self((0..cameras).map(|_| AtomicUsize::new(0)).collect())
     }
 
-    /// A frame of this camera goes to its encoder.
+    /// Counts a frame of this camera that goes to its encoder.
     pub fn begin(&self, camera: usize) {
         self.0[camera].fetch_add(1, Ordering::SeqCst);
     }
 
-    /// A frame of this camera, or the report of its loss, is in the recorder's queue.
+    /// Counts a frame of this camera, or the report of its loss, that is in the recorder's queue.
     pub fn end(&self, camera: usize) {
         self.0[camera].fetch_sub(1, Ordering::SeqCst);
     }
 
-    /// Whether a frame of this camera is inside.
+    /// Whether a frame of this camera is in its encoder.
     pub fn is_busy(&self, camera: usize) -> bool {
         self.0[camera].load(Ordering::SeqCst) > 0
     }

@@ -1,8 +1,8 @@
-//! The examples at the end of each verb's help.
+//! Examples at the end of each command's help.
 
 use command_line::examples::Table;
 
-/// All verbs of `pawsd`.
+/// All commands of `pawsd`.
 pub(crate) const EXAMPLES: Table = &[
     (
         "check",
@@ -55,7 +55,10 @@ pub(crate) const EXAMPLES: Table = &[
         "mark",
         &[("pawsd mark 'the stairs'", "an event in the session")],
     ),
-    ("discard", &[("pawsd discard", "at once, without asking")]),
+    (
+        "discard",
+        &[("pawsd discard", "immediately, without a prompt")],
+    ),
     (
         "status",
         &[

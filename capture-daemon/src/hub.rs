@@ -1,63 +1,63 @@
-//! Where all samples come together: times, frozen and silent streams, batches, and the way to the
-//! encoders.
+//! The hub joins all samples: times, frozen and silent streams, batches, and the encoders.
 //!
-//! The hub is handed samples in the order of arrival and hands on [`Outgoing`] items. It owns no
-//! thread and asks no clock. *Early*: a stream's first sample already has a time, with an honest
-//! sigma. *Late or repeated* samples are left out, before anything else comes to depend on them, and
-//! counted in a notice. *At a gap*: numbers are handed on as they are; the recorder turns what is missing
-//! into gap records. *When a stream falls silent or its picture freezes*: an alarm, within two periods and a
-//! second, and another item when it is over. *When a device is gone*: an alarm until it is back; what was missed
-//! meanwhile is dropped for that cause, counted by the device where its counter went on and by
-//! the nominal rate where it began anew. *At the end*: [`Hub::finish`] hands on what is inside.
+//! It receives samples in the order of arrival and delivers [`Outgoing`] items. It owns no thread
+//! and reads no clock. *Early*: a stream's first sample already has a time, with a conservative
+//! sigma. *Late or repeated* samples are rejected before anything depends on them, and counted in a
+//! notice. *At a gap*: numbers are passed on unchanged; the recorder turns missing ones into gap
+//! records. *When a stream falls silent or its image freezes*: an alarm, within two periods and a
+//! second, and another item when it is over. *When a device disconnects*: an alarm until it
+//! reconnects. Samples missed meanwhile are dropped with that cause; their number comes from the
+//! device's counter if that continued, and from the nominal rate if it restarted. *At the end*:
+//! [`Hub::finish`] delivers everything inside.
 
 use std::sync::Arc;
 use std::time::Duration;
 
 use bytes::Bytes;
-use machine::ladder::Measures;
+use machine::ladder::Mitigations;
 use session_archive::record::paws::gap::Cause;
 use session_archive::record::{ClockMap as ClockMapRecord, Frame, ImuBatch};
 use session_archive::time::{HostTime, NS_PER_S};
 use video::EncoderSettings;
 use video::encoder::Preset;
 
-use crate::encode::{Easier, Encoded, Lane, Rest};
+use crate::encode::{CameraEncoder, EffortReduction, Encoded, RemainingFrames};
 use crate::encoding::Encoding;
 use crate::preview::Previews;
 use crate::sources::{
-    FrameSync, Gone, ImuInfo, ImuValues, Lost, Part, Pixels, RawFrame, RawImu, Sample, Seen,
-    Stamped,
+    DevicePart, Disconnected, DroppedFrame, FrameArrival, FrameSync, ImuInfo, ImuValues, Pixels,
+    RawFrame, RawImu, Sample, Stamped,
 };
 use crate::sync::clock::ClockConfig;
 use crate::sync::gaps::Renumber;
 
-mod relief;
+mod frame_decimator;
+mod load_shedding;
 mod stream_clock;
-mod turns;
-mod watch;
+mod stream_monitor;
 
-use self::relief::{Relief, Step};
+use self::frame_decimator::FrameDecimator;
+use self::load_shedding::{LoadShedder, Step};
 use self::stream_clock::StreamClock;
-use self::turns::Turns;
-use self::watch::Watch;
+use self::stream_monitor::StreamMonitor;
 
-/// An IMU batch is handed on when it spans this much.
-const BATCH_NS: i64 = 100_000_000;
-/// An IMU batch holds at most this many samples.
-const BATCH_SAMPLES: usize = 512;
-/// How often [`Hub::tick`] wants to be called.
+/// Maximum time span of an IMU batch, ns.
+const MAX_BATCH_NS: i64 = 100_000_000;
+/// Maximum number of samples in an IMU batch.
+const MAX_BATCH_SAMPLES: usize = 512;
+/// Interval at which [`Hub::tick`] is to be called, ns.
 pub const TICK_NS: i64 = 100_000_000;
-/// Bytes of raw frames that wait in front of the encoders of all cameras together: at 3 x 1344x376 and 15 Hz seven
-/// seconds.
-pub const WAITING_BYTES: usize = 256 << 20;
-/// What alarms about encoders that cannot keep up come from.
+/// Maximum number of bytes of raw frames that wait before the encoders of all cameras together:
+/// seven seconds at 3 x 1344x376 and 15 Hz.
+pub const MAX_WAITING_BYTES: usize = 256 << 20;
+/// Source of alarms about encoders that are too slow.
 const ENCODERS: &str = "encoders";
-/// How long draining an encoder may take at the end.
+/// Maximum time for draining an encoder at the end.
 pub const FINISH_LIMIT: Duration = Duration::from_secs(5);
-/// Why frames are dropped that were received while somebody stored them.
-const NOT_WANTED: &str = "not through the encoder when the session was closed";
+/// Cause detail of frames that were received during a recording and not encoded before its end.
+const NOT_STORED: &str = "not through the encoder when the session was closed";
 
-/// What the hub and the encoders hand on to the recorder.
+/// Output of the hub and the encoders to the recorder.
 #[derive(Debug)]
 pub enum Outgoing {
     /// An encoded frame.
@@ -68,7 +68,7 @@ pub enum Outgoing {
         frame: Frame,
         /// The access unit.
         unit: Bytes,
-        /// Whether it can be decoded alone.
+        /// Whether the frame can be decoded on its own.
         key: bool,
     },
     /// IMU samples.
@@ -78,16 +78,16 @@ pub enum Outgoing {
         /// The samples.
         batch: ImuBatch,
     },
-    /// A clock map has changed.
+    /// A changed clock map.
     Clock {
-        /// When.
+        /// Time of the change.
         at: HostTime,
-        /// The map; names its clock.
+        /// The map; it names its clock.
         map: ClockMapRecord,
     },
-    /// Samples that will not come.
+    /// Samples that will not be delivered.
     Dropped {
-        /// Time of the first.
+        /// Time of the first sample.
         at: HostTime,
         /// Stream, as gap records name it.
         stream: String,
@@ -95,34 +95,34 @@ pub enum Outgoing {
         first: u64,
         /// Last number.
         last: u64,
-        /// Why.
+        /// Cause.
         cause: Cause,
-        /// What exactly happened.
+        /// Details, for people.
         detail: String,
     },
-    /// Something began or ended that needs attention.
+    /// A condition that needs attention began or ended.
     Alarm {
-        /// When.
+        /// Time of the event.
         at: HostTime,
-        /// What is wrong, the same text at the beginning and at the end.
+        /// The condition, with the same text at the beginning and at the end.
         text: String,
         /// The stream.
         stream: String,
         /// Whether it begins.
         active: bool,
     },
-    /// Something happened that is worth keeping.
+    /// An event worth recording.
     Notice {
-        /// When.
+        /// Time of the event.
         at: HostTime,
-        /// What.
+        /// The event, for people.
         text: String,
         /// The stream.
         stream: String,
     },
-    /// How the streams fare, once a second.
+    /// State of the streams, once a second.
     Health {
-        /// When.
+        /// Time of the report.
         at: HostTime,
         /// Cameras first, then IMUs, in their order.
         streams: Vec<StreamHealth>,
@@ -130,7 +130,7 @@ pub enum Outgoing {
 }
 
 impl Outgoing {
-    /// Bytes that it occupies, for bounding queues.
+    /// Size in bytes, for bounding queues.
     pub fn bytes(&self) -> usize {
         match self {
             Self::Frame { unit, .. } => unit.len() + 256,
@@ -153,36 +153,37 @@ pub struct StreamHealth {
     pub queue_bytes: u64,
     /// No sample for too long.
     pub silent: bool,
-    /// The same picture for too long.
+    /// The image has not changed for too long.
     pub frozen: bool,
-    /// What ties an IMU to its camera if that was found anew, and by how many ns its times are later.
+    /// Clock relation of an IMU to its camera, if a new one was estimated, and by how many ns the
+    /// IMU's times are later.
     pub frame_sync: Option<(FrameSync, i64)>,
 }
 
-/// A camera, as the hub needs to know it.
+/// Description of a camera for the hub.
 #[derive(Clone, Debug)]
 pub struct CameraSetup {
     /// Its name.
     pub name: String,
-    /// Cameras with the same one expose together; none is free-running.
+    /// Trigger group: cameras with the same one expose simultaneously; `None` is free-running.
     pub trigger: Option<String>,
     /// Nominal rate.
     pub rate_hz: f64,
     /// Its device clock.
     pub clock: ClockConfig,
-    /// Width of its frame counter, where it wraps.
+    /// Width of its frame counter in bits, if it wraps.
     pub number_bits: Option<u8>,
-    /// A frozen picture is no fault.
+    /// An image that does not change is no fault.
     pub still: bool,
-    /// Where its frames carry the host's own stamps.
+    /// Properties of its host timestamps, if its frames carry them.
     pub stamped: Option<Stamped>,
-    /// How it is encoded.
+    /// Encoder settings.
     pub encoder: EncoderSettings,
     /// Its IMU.
     pub imu: Option<ImuSetup>,
 }
 
-/// An IMU, as the hub needs to know it.
+/// Description of an IMU for the hub.
 #[derive(Clone, Debug)]
 pub struct ImuSetup {
     /// Its name, as in `feet/imu`.
@@ -191,16 +192,16 @@ pub struct ImuSetup {
     pub info: ImuInfo,
     /// Its device clock.
     pub clock: ClockConfig,
-    /// Width of its sample counter, where it wraps.
+    /// Width of its sample counter in bits, if it wraps.
     pub number_bits: Option<u8>,
 }
 
-/// Where the hub hands on to; also called from the encoders' threads.
+/// Receiver of the hub's output; also called from the encoders' threads.
 pub type Out = Arc<dyn Fn(Outgoing) + Send + Sync>;
 
-/// What is wrong with a device that is gone, and why.
-fn is_gone(detail: &str) -> String {
-    format!("the device is gone ({detail})")
+/// Alarm text for a disconnected device, with the reason.
+fn disconnect_text(detail: &str) -> String {
+    format!("the device is disconnected ({detail})")
 }
 
 /// The hub.
@@ -212,36 +213,36 @@ pub struct Hub {
     waits: bool,
     health_at: Option<HostTime>,
     previews: Option<Arc<Previews>>,
-    measures: Measures,
-    relief: Relief,
-    /// What is said of encoders that cannot keep up.
-    relief_alarm: Option<String>,
-    /// How full the queue in front of the hub is, 0 to 1.
+    mitigations: Mitigations,
+    load_shedder: LoadShedder,
+    /// Text of the active alarm about encoders that are too slow.
+    load_shedding_alarm: Option<String>,
+    /// Fill of the queue before the hub, 0 to 1.
     inbox_fill: f64,
     /// Nobody stores frames.
     is_idle: bool,
-    /// Since when somebody does: what arrived before is not asked for.
-    wanted_since: HostTime,
+    /// Start of the present recording. Frames that arrived before it are not encoded.
+    storing_since: HostTime,
 }
 
 struct CameraState {
     setup: CameraSetup,
-    lane: Lane,
+    encoder: CameraEncoder,
     numbers: Renumber,
     clock: StreamClock,
-    watch: Watch,
+    monitor: StreamMonitor,
     /// Position of its IMU among all IMUs.
     imu: Option<usize>,
-    /// Position of the first camera that exposes together with it, whose turns are its own.
+    /// Position of the first camera that exposes simultaneously with it; both use its decimator.
     together_with: usize,
-    turns: Turns,
+    decimator: FrameDecimator,
     digest: Option<u64>,
-    /// Arrival of the newest frame whose picture differed from the one before it.
+    /// Arrival of the newest frame whose image differed from the previous one.
     changed: HostTime,
     frozen_alarm: bool,
     encoder_alarm: bool,
-    /// What was said of a device that is gone.
-    gone_alarm: Option<String>,
+    /// Text of the active disconnect alarm.
+    disconnect_alarm: Option<String>,
 }
 
 struct ImuState {
@@ -249,18 +250,19 @@ struct ImuState {
     setup: ImuSetup,
     numbers: Renumber,
     clock: StreamClock,
-    watch: Watch,
+    monitor: StreamMonitor,
     batch: ImuBatch,
     batch_since: HostTime,
-    /// What was said of a device that is gone.
-    gone_alarm: Option<String>,
-    /// What ties it to its camera, and by how much its times are later.
+    /// Text of the active disconnect alarm.
+    disconnect_alarm: Option<String>,
+    /// Clock relation to its camera, and by how much its times are later, ns.
     frame_sync: Option<(FrameSync, i64)>,
 }
 
 impl Hub {
-    /// A hub for these cameras. With `waits`, every frame is waited for until it is encoded: for
-    /// virtual time. `chunk_ns` is the archive's chunk length; `encoding` has a counter for each camera.
+    /// Creates a hub for these cameras. With `waits`, every frame is waited for until it is
+    /// encoded: for virtual time. `chunk_ns` is the archive's chunk length; `encoding` has a
+    /// counter for each camera.
     pub fn new(
         setups: Vec<CameraSetup>,
         chunk_ns: i64,
@@ -270,16 +272,16 @@ impl Hub {
     ) -> Self {
         let mut cameras: Vec<CameraState> = Vec::new();
         let mut imus = Vec::new();
-        let capacity = WAITING_BYTES / setups.len().max(1);
+        let capacity = MAX_WAITING_BYTES / setups.len().max(1);
         let has_preset = |setup: &CameraSetup| {
             setup.encoder.element == "x264enc" && setup.encoder.preset > Preset::Ultrafast
         };
-        let relief = Relief::new(setups.iter().any(has_preset), setups.len());
+        let load_shedder = LoadShedder::new(setups.iter().any(has_preset), setups.len());
         for (camera, setup) in setups.into_iter().enumerate() {
-            let (hand_on, name) = (out.clone(), setup.name.clone());
+            let (forward, name) = (out.clone(), setup.name.clone());
             let counters = encoding.clone();
             let sink = Arc::new(move |encoded| {
-                hand_on(match encoded {
+                forward(match encoded {
                     Encoded::Frame { frame, unit, key } => Outgoing::Frame {
                         camera,
                         frame,
@@ -308,10 +310,10 @@ impl Hub {
                     position: imus.len(),
                     numbers: Renumber::new(imu.number_bits),
                     clock: StreamClock::new(&imu.name, imu.clock, None),
-                    watch: Watch::new(imu.info.rate_hz),
+                    monitor: StreamMonitor::new(imu.info.rate_hz),
                     batch: ImuBatch::default(),
                     batch_since: HostTime::MIN,
-                    gone_alarm: None,
+                    disconnect_alarm: None,
                     frame_sync: None,
                     setup: imu,
                 });
@@ -322,17 +324,17 @@ impl Hub {
             };
             cameras.push(CameraState {
                 together_with: cameras.iter().position(is_same).unwrap_or(camera),
-                turns: Turns::default(),
-                lane: Lane::new(setup.encoder.clone(), chunk_ns, capacity, sink),
+                decimator: FrameDecimator::default(),
+                encoder: CameraEncoder::new(setup.encoder.clone(), chunk_ns, capacity, sink),
                 numbers: Renumber::new(setup.number_bits),
                 clock: StreamClock::new(&setup.name, setup.clock, setup.stamped),
-                watch: Watch::new(setup.rate_hz),
+                monitor: StreamMonitor::new(setup.rate_hz),
                 imu,
                 digest: None,
                 changed: HostTime::MIN,
                 frozen_alarm: false,
                 encoder_alarm: false,
-                gone_alarm: None,
+                disconnect_alarm: None,
                 setup,
             });
         }
@@ -344,86 +346,88 @@ impl Hub {
             waits,
             health_at: None,
             previews: None,
-            measures: Measures::default(),
-            relief,
-            relief_alarm: None,
+            mitigations: Mitigations::default(),
+            load_shedder,
+            load_shedding_alarm: None,
             inbox_fill: 0.0,
             is_idle: false,
-            wanted_since: HostTime::MIN,
+            storing_since: HostTime::MIN,
         }
     }
 
-    /// Keeps the newest pictures here from now on.
+    /// Stores the newest images in `previews` from now on.
     pub fn show(&mut self, previews: Arc<Previews>) {
         self.previews = Some(previews);
     }
 
-    /// Does this to spare the machine from now on.
-    pub fn spare(&mut self, measures: Measures) {
-        if measures != self.measures {
-            self.measures = measures;
+    /// Applies these measures against overload of the machine from now on.
+    pub fn set_mitigations(&mut self, mitigations: Mitigations) {
+        if mitigations != self.mitigations {
+            self.mitigations = mitigations;
             self.ease();
         }
     }
 
-    /// Encodes nothing while nobody stores frames: they are timed, counted and shown, and what still waits is dropped.
-    /// What is encoded afterwards begins with a key frame and arrived after `since`, when somebody began to store them:
-    /// of what arrived before and is handed in later, most has no pixels.
+    /// With `is_idle`, encodes nothing, because nobody stores frames: they are timed, counted and
+    /// previewed, and queued frames are dropped. Encoding resumes with a key frame among the frames
+    /// that arrived after `since`, the start of the recording; most frames that arrived before it
+    /// and are passed in later have no pixels.
     pub fn idle(&mut self, is_idle: bool, since: HostTime) {
         if is_idle == self.is_idle {
             return;
         }
         self.is_idle = is_idle;
-        self.wanted_since = since;
+        self.storing_since = since;
         for camera in &mut self.cameras {
-            camera.lane.request_key();
+            camera.encoder.request_key();
             if is_idle {
-                // Else the next recording would begin with it.
-                camera.lane.drop_waiting(Cause::Late, NOT_WANTED);
+                // Otherwise the next recording would begin with it.
+                camera.encoder.drop_waiting(Cause::Late, NOT_STORED);
             }
         }
     }
 
-    /// How full the queue in front of the hub is, 0 to 1: frames there have not even reached an encoder's queue.
-    pub fn note_inbox(&mut self, fill: f64) {
+    /// Sets the fill of the queue before the hub, 0 to 1: frames in it have not reached an
+    /// encoder's queue.
+    pub fn set_inbox_fill(&mut self, fill: f64) {
         self.inbox_fill = fill;
     }
 
-    /// Makes it as easy for the encoders as machine and queues need.
+    /// Reduces the encoders' effort as far as the state of the machine and of the queues requires.
     fn ease(&mut self) {
-        let easier = Easier {
-            preset: self.relief.has(Step::Preset),
-            quality: self.relief.has(Step::Quality) || self.measures.lower_bitrate,
+        let reduction = EffortReduction {
+            preset: self.load_shedder.has(Step::Preset),
+            quality: self.load_shedder.has(Step::Quality) || self.mitigations.lower_bitrate,
         };
         for camera in &mut self.cameras {
-            camera.lane.ease(easier);
+            camera.encoder.reduce_effort(reduction);
         }
     }
 
-    /// Gives up what the encoders cannot keep up with, and takes it back.
-    fn relieve(&mut self, now: HostTime) {
-        let lanes = self.cameras.iter_mut().map(|camera| &mut camera.lane);
-        let fills = lanes.map(Lane::look_at_fill);
+    /// Updates the load shedding from the fill of the queues.
+    fn update_load_shedding(&mut self, now: HostTime) {
+        let encoders = self.cameras.iter_mut().map(|camera| &mut camera.encoder);
+        let fills = encoders.map(CameraEncoder::take_fill);
         let fill = fills.fold(self.inbox_fill, f64::max);
-        if !self.relief.look(now, fill) {
+        if !self.load_shedder.update(now, fill) {
             return;
         }
         self.ease();
-        let text = self.relief.last().map(|step| {
+        let text = self.load_shedder.last().map(|step| {
             format!(
                 "the machine is too slow to encode everything: {}",
                 step.text()
             )
         });
-        if let Some(over) = std::mem::replace(&mut self.relief_alarm, text) {
-            self.tell_relief(over, false, now);
+        if let Some(over) = std::mem::replace(&mut self.load_shedding_alarm, text) {
+            self.report_load_shedding(over, false, now);
         }
-        if let Some(text) = self.relief_alarm.clone() {
-            self.tell_relief(text, true, now);
+        if let Some(text) = self.load_shedding_alarm.clone() {
+            self.report_load_shedding(text, true, now);
         }
     }
 
-    fn tell_relief(&self, text: String, active: bool, at: HostTime) {
+    fn report_load_shedding(&self, text: String, active: bool, at: HostTime) {
         let stream = ENCODERS.to_owned();
         (self.out)(Outgoing::Alarm {
             at,
@@ -436,15 +440,15 @@ impl Hub {
     /// Takes the next sample of a camera's source.
     pub fn sample(&mut self, camera: usize, sample: Sample, now: HostTime) {
         for camera in &mut self.cameras {
-            camera.lane.feed(now);
+            camera.encoder.feed(now);
         }
         match sample {
-            Sample::Seen(seen) => self.seen(camera, &seen, now),
+            Sample::Arrival(frame_arrival) => self.frame_arrival(camera, &frame_arrival, now),
             Sample::Frame(frame) => self.frame(camera, frame, now),
             Sample::Native(frame) => self.frame(camera, frame, now),
             Sample::Imu(sample) => self.imu(camera, &sample, now),
-            Sample::Gone(gone) => self.gone(camera, &gone),
-            Sample::Lost(lost) => self.lost(camera, lost, now),
+            Sample::Disconnected(disconnect) => self.disconnect(camera, &disconnect),
+            Sample::Dropped(unusable_frame) => self.unusable_frame(camera, unusable_frame, now),
             Sample::Notice(notice) => (self.out)(Outgoing::Notice {
                 at: notice.host_time,
                 text: format!("{}: {}", self.name(camera, notice.part), notice.text),
@@ -460,64 +464,64 @@ impl Hub {
         }
     }
 
-    fn name(&self, camera: usize, part: Part) -> &str {
+    fn name(&self, camera: usize, part: DevicePart) -> &str {
         let camera = &self.cameras[camera];
         match (part, camera.imu) {
-            (Part::Imu, Some(imu)) => &self.imus[imu].setup.name,
+            (DevicePart::Imu, Some(imu)) => &self.imus[imu].setup.name,
             _ => &camera.setup.name,
         }
     }
 
-    fn gone(&mut self, camera: usize, gone: &Gone) {
+    fn disconnect(&mut self, camera: usize, disconnect: &Disconnected) {
         let camera = &mut self.cameras[camera];
-        let has_camera = gone.part != Part::Imu;
+        let has_camera = disconnect.part != DevicePart::Imu;
         if has_camera {
-            camera.watch.note_gone(gone);
-            if camera.gone_alarm.is_none() {
-                let what = is_gone(&gone.detail);
-                camera.alarm(&what, true, gone.host_time, &self.out);
-                camera.gone_alarm = Some(what);
+            camera.monitor.note_disconnect(disconnect);
+            if camera.disconnect_alarm.is_none() {
+                let what = disconnect_text(&disconnect.detail);
+                camera.alarm(&what, true, disconnect.host_time, &self.out);
+                camera.disconnect_alarm = Some(what);
             }
         }
-        if let (Some(imu), Part::Imu | Part::Both) = (camera.imu, gone.part) {
+        if let (Some(imu), DevicePart::Imu | DevicePart::Both) = (camera.imu, disconnect.part) {
             let imu = &mut self.imus[imu];
             flush(imu, &self.out);
-            imu.watch.note_gone(gone);
-            // The alarm of one device stands for both.
-            if !has_camera && imu.gone_alarm.is_none() {
-                let what = is_gone(&gone.detail);
-                imu.alarm(&what, true, gone.host_time, &self.out);
-                imu.gone_alarm = Some(what);
+            imu.monitor.note_disconnect(disconnect);
+            // One alarm covers both devices.
+            if !has_camera && imu.disconnect_alarm.is_none() {
+                let what = disconnect_text(&disconnect.detail);
+                imu.alarm(&what, true, disconnect.host_time, &self.out);
+                imu.disconnect_alarm = Some(what);
             }
         }
     }
 
-    /// A frame of this camera came, at this time and with the device's number, and was dropped on its
-    /// way here because too many are waiting.
+    /// A frame of this camera arrived, at this time and with the device's number, and was dropped
+    /// before the hub because too many are queued.
     pub fn dropped(&mut self, camera: usize, number: u64, at: HostTime, now: HostTime) {
-        let lost = Lost {
+        let unusable_frame = DroppedFrame {
             number,
             host_time: at,
             cause: Cause::EncoderOverload,
             detail: "the machine is too slow: too many raw frames are waiting".to_owned(),
         };
-        self.lost(camera, lost, now);
+        self.unusable_frame(camera, unusable_frame, now);
     }
 
-    /// A frame came and cannot be used.
-    fn lost(&mut self, camera: usize, lost: Lost, now: HostTime) {
-        let Lost {
+    /// Handles a frame that arrived and is unusable.
+    fn unusable_frame(&mut self, camera: usize, unusable_frame: DroppedFrame, now: HostTime) {
+        let DroppedFrame {
             number,
             host_time: at,
             cause,
             detail,
-        } = lost;
+        } = unusable_frame;
         let camera = &mut self.cameras[camera];
         camera.note_return(now, &self.out);
         let name = &camera.setup.name;
-        camera.watch.seen(now, name, &self.out);
+        camera.monitor.sample_arrived(now, name, &self.out);
         let Some(number) = camera
-            .watch
+            .monitor
             .number(&mut camera.numbers, number, at, name, &self.out)
         else {
             return;
@@ -532,7 +536,7 @@ impl Hub {
         });
     }
 
-    /// A camera's source has failed and will deliver no more.
+    /// A camera's source has failed and will deliver no more samples.
     pub fn source_failed(&self, camera: usize, error: &str, now: HostTime) {
         (self.out)(Outgoing::Alarm {
             at: now,
@@ -542,41 +546,42 @@ impl Hub {
         });
     }
 
-    /// The way to the recorder was full and a frame of this camera was dropped behind its encoder:
-    /// the next frame has to stand alone.
+    /// The queue to the recorder was full and a frame of this camera was dropped behind its
+    /// encoder: the next frame must be a key frame.
     pub fn request_key(&mut self, camera: usize) {
-        self.cameras[camera].lane.request_key();
+        self.cameras[camera].encoder.request_key();
     }
 
-    /// Looks after encoders, alarms and health; call it every [`TICK_NS`].
+    /// Supervises encoders, alarms and health; to be called every [`TICK_NS`].
     pub fn tick(&mut self, now: HostTime) {
         for camera in &mut self.cameras {
-            camera.lane.tick(now);
+            camera.encoder.tick(now);
             camera.note_encoder(now, &self.out);
             let name = &camera.setup.name;
-            camera.watch.check(name, now, &self.out);
+            camera.monitor.check(name, now, &self.out);
             camera
-                .watch
-                .tell_absent(&camera.numbers, now, name, &self.out);
+                .monitor
+                .report_absent(&camera.numbers, now, name, &self.out);
         }
         for imu in &mut self.imus {
             let name = &imu.setup.name;
-            imu.watch.check(name, now, &self.out);
-            imu.watch.tell_absent(&imu.numbers, now, name, &self.out);
-            if !imu.batch.times.is_empty() && now.since(imu.batch_since) >= BATCH_NS {
+            imu.monitor.check(name, now, &self.out);
+            imu.monitor
+                .report_absent(&imu.numbers, now, name, &self.out);
+            if !imu.batch.times.is_empty() && now.since(imu.batch_since) >= MAX_BATCH_NS {
                 flush(imu, &self.out);
             }
         }
-        // Where every frame is waited for none is queued.
+        // If every frame is waited for, none is queued.
         if !self.waits {
-            self.relieve(now);
+            self.update_load_shedding(now);
         }
         match self.health_at {
             None => {
                 self.health_at = Some(now);
-                let cameras = self.cameras.iter_mut().map(|c| &mut c.watch);
-                for watch in cameras.chain(self.imus.iter_mut().map(|i| &mut i.watch)) {
-                    watch.begin_rates();
+                let cameras = self.cameras.iter_mut().map(|c| &mut c.monitor);
+                for monitor in cameras.chain(self.imus.iter_mut().map(|i| &mut i.monitor)) {
+                    monitor.begin_rates();
                 }
             }
             Some(since) if now.since(since) >= NS_PER_S => {
@@ -587,88 +592,90 @@ impl Hub {
         }
     }
 
-    /// For when nothing is handed in any more, until it says that everything is encoded; then [`Self::finish`] is quick.
-    /// Waits for nothing but, once none of the frames waits for an encoder, for one of the encoders to end in each call.
+    /// For the end, when nothing is passed in any more: to be called until it returns that
+    /// everything is encoded; then [`Self::finish`] is quick. It does not block, except that once
+    /// no frame waits for an encoder, each call waits for one of the encoders to end.
     pub fn drain(&mut self, now: HostTime) -> bool {
         let mut is_waiting = false;
         for camera in &mut self.cameras {
-            camera.watch.hold();
-            is_waiting |= !camera.lane.drain(now);
+            camera.monitor.hold();
+            is_waiting |= !camera.encoder.drain(now);
         }
         for imu in &mut self.imus {
-            imu.watch.hold();
+            imu.monitor.hold();
         }
         if is_waiting {
             return false;
         }
-        let mut lanes = self.cameras.iter_mut().map(|camera| &mut camera.lane);
-        match lanes.find(|lane| lane.is_running()) {
-            Some(lane) => {
-                lane.finish(Rest::Encode, FINISH_LIMIT, now);
+        let mut encoders = self.cameras.iter_mut().map(|camera| &mut camera.encoder);
+        match encoders.find(|encoder| encoder.is_running()) {
+            Some(encoder) => {
+                encoder.finish(RemainingFrames::Encode, FINISH_LIMIT, now);
                 false
             }
             None => true,
         }
     }
 
-    /// Hands on everything inside; nothing may be handed in afterwards. `rest`: what becomes of frames that still wait
-    /// for an encoder.
-    pub fn finish(&mut self, rest: Rest, now: HostTime) {
+    /// Delivers everything inside; nothing may be passed in afterwards. `rest` says whether frames
+    /// that still wait for an encoder are encoded.
+    pub fn finish(&mut self, rest: RemainingFrames, now: HostTime) {
         for camera in &mut self.cameras {
-            camera.lane.finish(rest, FINISH_LIMIT, now);
+            camera.encoder.finish(rest, FINISH_LIMIT, now);
             let name = &camera.setup.name;
-            camera.watch.end(&camera.numbers, now, name, &self.out);
+            camera.monitor.end(&camera.numbers, now, name, &self.out);
         }
         for imu in &mut self.imus {
             flush(imu, &self.out);
             let name = &imu.setup.name;
-            imu.watch.end(&imu.numbers, now, name, &self.out);
+            imu.monitor.end(&imu.numbers, now, name, &self.out);
         }
     }
 
-    /// A frame that nobody stores: its time is learned from, its number counted.
-    fn seen(&mut self, position: usize, seen: &Seen, now: HostTime) {
+    /// Handles a frame that nobody stores: the clock map learns from its time, and its number is
+    /// counted.
+    fn frame_arrival(&mut self, position: usize, frame_arrival: &FrameArrival, now: HostTime) {
         let camera = &mut self.cameras[position];
         camera.note_return(now, &self.out);
         let name = &camera.setup.name;
-        camera.watch.seen(now, name, &self.out);
+        camera.monitor.sample_arrived(now, name, &self.out);
         let numbers = &mut camera.numbers;
-        let at = seen.host_time;
+        let at = frame_arrival.host_time;
         let _ = camera
-            .watch
-            .number(numbers, seen.number, at, name, &self.out);
-        let _ = camera.clock.map(seen.device_ticks, at, &self.out);
+            .monitor
+            .number(numbers, frame_arrival.number, at, name, &self.out);
+        let _ = camera.clock.map(frame_arrival.device_ticks, at, &self.out);
     }
 
     fn frame<P: Pixels>(&mut self, position: usize, raw: RawFrame<P>, now: HostTime) {
         let camera = &mut self.cameras[position];
         camera.note_return(now, &self.out);
         let name = &camera.setup.name;
-        camera.watch.seen(now, name, &self.out);
-        let number = camera.watch.number(
+        camera.monitor.sample_arrived(now, name, &self.out);
+        let number = camera.monitor.number(
             &mut camera.numbers,
             raw.number,
             raw.host_time,
             name,
             &self.out,
         );
-        let digest = raw.picture.digest();
+        let digest = raw.image.digest();
         let is_same = digest.is_some() && camera.digest == digest;
         camera.digest = digest;
         let frozen = is_same && !camera.setup.still;
         camera.note_frozen(frozen, raw.host_time, &self.out);
         let (ticks, mapped) = camera.clock.map(raw.device_ticks, raw.host_time, &self.out);
-        // The recorder could not store it, and what is encoded after it would refer to it.
+        // The recorder could not store it, and the frames encoded after it would refer to it.
         let Some(number) = number else { return };
         if let Some(previews) = &self.previews {
             previews.offer(
                 position,
-                raw.picture.shown(),
+                raw.image.preview_pixels(),
                 now,
-                self.measures.lower_preview,
+                self.mitigations.lower_preview,
             );
         }
-        if self.is_idle || raw.host_time < self.wanted_since {
+        if self.is_idle || raw.host_time < self.storing_since {
             return;
         }
         if let Some(detail) = self.rate_lowered(position)
@@ -700,30 +707,32 @@ impl Hub {
         };
         self.encoding.begin(position);
         if self.waits {
-            camera.lane.push_and_wait(frame, raw.picture.input(), now);
+            camera.encoder.push_and_wait(frame, raw.image.input(), now);
         } else {
-            camera.lane.push(frame, raw.picture.input(), now);
+            camera.encoder.push(frame, raw.image.input(), now);
         }
     }
 
-    /// Why every other frame of this camera is left out, if that is so.
+    /// Reason why every other frame of this camera is dropped, if there is one.
     fn rate_lowered(&self, camera: usize) -> Option<&'static str> {
         let is_last = camera + 1 == self.cameras.len();
-        if self.measures.lower_frame_rate {
-            Some("every other frame is left out, to spare the machine")
-        } else if self.relief.has(Step::AllRates) || (is_last && self.relief.has(Step::OneRate)) {
-            Some("every other frame is left out: the machine is too slow to encode all of them")
+        if self.mitigations.lower_frame_rate {
+            Some("every other frame is dropped to reduce the load on the machine")
+        } else if self.load_shedder.has(Step::AllRates)
+            || (is_last && self.load_shedder.has(Step::OneRate))
+        {
+            Some("every other frame is dropped: the machine is too slow to encode all of them")
         } else {
             None
         }
     }
 
-    /// Whether it is this camera's turn where every other picture is left out.
+    /// Whether this frame is encoded while every other frame is dropped.
     fn is_kept(&mut self, camera: usize, time: HostTime) -> bool {
         let camera = &self.cameras[camera];
         let period_ns = (NS_PER_S as f64 / camera.setup.rate_hz.max(0.001)) as i64;
         let first = camera.together_with;
-        self.cameras[first].turns.is_kept(time, period_ns)
+        self.cameras[first].decimator.is_kept(time, period_ns)
     }
 
     fn imu(&mut self, camera: usize, raw: &RawImu, now: HostTime) {
@@ -733,20 +742,20 @@ impl Hub {
         let imu = &mut self.imus[position];
         imu.note_return(now, &self.out);
         let name = &imu.setup.name;
-        imu.watch.seen(now, name, &self.out);
-        let number = imu
-            .watch
-            .number(&mut imu.numbers, raw.number, raw.host_time, name, &self.out);
+        imu.monitor.sample_arrived(now, name, &self.out);
+        let number =
+            imu.monitor
+                .number(&mut imu.numbers, raw.number, raw.host_time, name, &self.out);
         let (ticks, mapped) = imu.clock.map(raw.device_ticks, raw.host_time, &self.out);
-        // In a batch it would take good samples with it.
+        // In a batch it would invalidate good samples.
         let Some(number) = number else { return };
         let n = imu.batch.times.len();
         let continues = n > 0
             && number == imu.batch.first_number + n as u64
             && mapped.map_version == imu.batch.clock_map
             && mapped.flagged == imu.batch.time_doubtful
-            && n < BATCH_SAMPLES
-            && raw.host_time.since(imu.batch_since) < BATCH_NS;
+            && n < MAX_BATCH_SAMPLES
+            && raw.host_time.since(imu.batch_since) < MAX_BATCH_NS;
         if !continues {
             flush(imu, &self.out);
             imu.batch_since = raw.host_time;
@@ -764,7 +773,8 @@ impl Hub {
         if raw.frame_sync {
             batch.frame_sync.push(batch.times.len() as u32);
         }
-        // All samples have one or none: a list with holes would give it to others.
+        // Either all samples have a temperature or none: with holes, the list would shift values to
+        // other samples.
         if imu.setup.info.temperature_scale_c.is_some() {
             batch.temperature_counts.push(raw.temperature.unwrap_or(0));
         }
@@ -788,20 +798,20 @@ impl Hub {
         let mut streams = Vec::new();
         for camera in &mut self.cameras {
             camera
-                .watch
-                .tell_left_out(at, &camera.setup.name, &self.out);
-            let mut health = camera.watch.health(&camera.setup.name, span_ns);
-            // Where every frame is waited for none is queued, although the encoder's own threads may
-            // still be letting go of the last one.
+                .monitor
+                .report_rejected(at, &camera.setup.name, &self.out);
+            let mut health = camera.monitor.health(&camera.setup.name, span_ns);
+            // If every frame is waited for, none is queued, although the encoder's own threads may
+            // still be releasing the last one.
             if !self.waits {
-                health.queue_bytes = camera.lane.queued_bytes() as u64;
+                health.queue_bytes = camera.encoder.queued_bytes() as u64;
             }
             health.frozen = camera.frozen_alarm;
             streams.push(health);
         }
         for imu in &mut self.imus {
-            imu.watch.tell_left_out(at, &imu.setup.name, &self.out);
-            let mut health = imu.watch.health(&imu.setup.name, span_ns);
+            imu.monitor.report_rejected(at, &imu.setup.name, &self.out);
+            let mut health = imu.monitor.health(&imu.setup.name, span_ns);
             health.frame_sync = imu.frame_sync.take();
             streams.push(health);
         }
@@ -809,7 +819,7 @@ impl Hub {
     }
 }
 
-/// Hands on the batch in the making and leaves it empty.
+/// Delivers the open batch and leaves it empty.
 fn flush(imu: &mut ImuState, out: &Out) {
     let batch = std::mem::take(&mut imu.batch);
     if batch.times.is_empty() {
@@ -826,21 +836,21 @@ impl CameraState {
         if !frozen {
             self.changed = at;
         }
-        let alarm = self.watch.is_too_long(at.since(self.changed));
+        let alarm = self.monitor.is_too_long(at.since(self.changed));
         if alarm != self.frozen_alarm {
             self.frozen_alarm = alarm;
-            self.alarm("the picture is frozen", alarm, at, out);
+            self.alarm("the image is frozen", alarm, at, out);
         }
     }
 
     fn note_return(&mut self, at: HostTime, out: &Out) {
-        if let Some(what) = self.gone_alarm.take() {
+        if let Some(what) = self.disconnect_alarm.take() {
             self.alarm(&what, false, at, out);
         }
     }
 
     fn note_encoder(&mut self, at: HostTime, out: &Out) {
-        let alarm = self.lane.is_failing();
+        let alarm = self.encoder.is_failing();
         if alarm != self.encoder_alarm {
             self.encoder_alarm = alarm;
             self.alarm("the encoder fails and is started again", alarm, at, out);
@@ -854,7 +864,7 @@ impl CameraState {
 
 impl ImuState {
     fn note_return(&mut self, at: HostTime, out: &Out) {
-        if let Some(what) = self.gone_alarm.take() {
+        if let Some(what) = self.disconnect_alarm.take() {
             self.alarm(&what, false, at, out);
         }
     }

@@ -1,6 +1,6 @@
 //! `pawsd`: records the rig, on the body.
 //!
-//! The way of a frame:
+//! Path of a frame:
 //!
 //! ```text
 //! source ──► inbox ──► hub ─────────────► encoder ──► outbox ──► recorder ──► session-archive
@@ -8,12 +8,11 @@
 //!  each)       in bytes) causes, alarms)    own threads) in bytes)  gap records, disk guard)
 //! ```
 //!
-//! Everything but the sources' and GStreamer's threads is plain code that is handed samples and
-//! times ([`hub`], [`recorder`]); [`run`] puts it on threads in real time, or calls it in a loop
-//! in virtual time, where nothing is ever dropped and the same input gives the same bytes.
+//! Everything but the sources' and GStreamer's threads is plain code that receives samples and
+//! times as arguments ([`hub`], [`recorder`]). [`run`] puts it on threads in real time, or calls it
+//! in a loop in virtual time, where nothing is ever dropped and the same input gives the same bytes.
 
 pub mod announce;
-mod causes;
 pub mod clock;
 pub mod config;
 pub mod control;
@@ -21,14 +20,15 @@ pub mod devices;
 pub mod disk;
 pub mod encode;
 pub mod encoding;
+mod error_chain;
 pub mod hub;
 pub mod notify;
 pub mod preview;
 pub mod queue;
+mod realtime_priority;
 pub mod recorder;
 pub mod run;
 pub mod selftest;
 pub mod sources;
 pub mod status;
 pub mod sync;
-mod urgent;

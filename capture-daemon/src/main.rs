@@ -1,7 +1,7 @@
 //! `pawsd`: the recorder on the body, and the commands that control it.
 //!
-//! Exit codes: 0 fine, 1 failed, 2 wrong arguments or configuration, 3 recorded with loss. What was
-//! asked for goes to standard output, everything else to standard error.
+//! Exit codes: 0 fine, 1 failed, 2 wrong arguments or configuration, 3 recorded with loss.
+//! Requested output goes to standard output, everything else to standard error.
 
 use std::fmt::Display;
 use std::io::{self, Write as _};
@@ -28,7 +28,7 @@ use video::{discover, encoder};
 
 mod examples;
 
-/// Everything that is said to people passes here: what others named must not act on a terminal.
+/// All messages to people pass here: foreign names must not act on a terminal.
 macro_rules! eprintln {
     ($($words:tt)*) => {
         complain!("{}", session_archive::text::shown_lines(&format!($($words)*)))
@@ -37,10 +37,10 @@ macro_rules! eprintln {
 
 mod printer;
 
-use printer::{Lines, Printer, Weight};
+use printer::{Lines, Printer, Priority};
 
 const DEFAULT_CONFIG: &str = "/etc/paws/pawsd.toml";
-/// Longest recording that can be meant, s: a week.
+/// Maximum length of a recording, s: a week.
 const MAX_SECONDS: f64 = 7.0 * 86_400.0;
 
 const FIRST_STEPS: &str = "\
@@ -67,7 +67,7 @@ struct Cli {
 
 #[derive(Subcommand)]
 enum Command {
-    /// Tell everything that is wrong with a configuration, here and now
+    /// Report everything that is wrong with a configuration on this machine
     Check {
         #[command(flatten)]
         config: ConfigArgs,
@@ -75,7 +75,7 @@ enum Command {
         #[arg(long)]
         json: bool,
     },
-    /// Make one recording: it starts at once and ends by itself or by SIGINT or SIGTERM
+    /// Make one recording: it starts immediately and ends on its own or by SIGINT or SIGTERM
     Record(RecordArgs),
     /// Run the daemon: it waits for `start` and `stop`
     Run(ConfigArgs),
@@ -91,7 +91,7 @@ enum Command {
     Stop(ControlArgs),
     /// Mark this instant in the session
     Mark {
-        /// What to write beside it
+        /// Text of the mark
         #[arg(default_value = "")]
         text: String,
         #[command(flatten)]
@@ -99,7 +99,7 @@ enum Command {
     },
     /// Stop recording and delete the session
     Discard(ControlArgs),
-    /// Show how the daemon is
+    /// Show the state of the daemon
     Status {
         /// As JSON, in one line
         #[arg(long)]
@@ -107,12 +107,12 @@ enum Command {
         #[command(flatten)]
         control: ControlArgs,
     },
-    /// List cameras, IMUs, buttons and lights: what each can do, and what is wrong with it
+    /// List cameras, IMUs, buttons and lights with their capabilities and problems
     Devices {
         /// As JSON
         #[arg(long)]
         json: bool,
-        /// Also say whether the cameras of this configuration fit on their USB controllers
+        /// Also report whether the cameras of this configuration fit on their USB controllers
         #[arg(long, value_name = "FILE")]
         config: Option<PathBuf>,
     },
@@ -123,7 +123,7 @@ enum Command {
         /// Length of the recording
         #[arg(long, value_name = "SECONDS", value_parser = parse_seconds, default_value = "10")]
         seconds: f64,
-        /// Where the report goes; must not be there yet
+        /// Path of the report; must not exist yet
         #[arg(long, value_name = "FILE", default_value = "pawsd-selftest.txt")]
         report: PathBuf,
     },
@@ -150,7 +150,7 @@ struct ConfigArgs {
 struct RecordArgs {
     #[command(flatten)]
     config: ConfigArgs,
-    /// Folder in which the session's folder is made; without, the one in the configuration
+    /// Folder in which the session's folder is created; without, the one in the configuration
     #[arg(long, value_name = "DIR")]
     out: Option<PathBuf>,
     /// Length of the recording
@@ -187,7 +187,7 @@ impl ControlArgs {
     }
 }
 
-/// The command line alone cannot be carried out.
+/// Usage error: the command line cannot be executed as given.
 #[derive(Debug, thiserror::Error)]
 #[error("{0}")]
 struct Usage(&'static str);
@@ -210,13 +210,15 @@ fn main() -> ExitCode {
             .map_err(Into::into)
             .and_then(|()| record(&args, stderr.lines())),
         Command::Run(args) => daemon(&args.config),
-        Command::Start { name, control } => ask(&control, &Request::Start { name }, print_session),
-        Command::Stop(control) => ask(&control, &Request::Stop, print_session),
-        Command::Mark { text, control } => {
-            ask(&control, &Request::Mark { text, at: None }, |_| Ok(()))
+        Command::Start { name, control } => {
+            send_request(&control, &Request::Start { name }, print_session)
         }
-        Command::Discard(control) => ask(&control, &Request::Discard, |_| Ok(())),
-        Command::Status { json, control } => ask(&control, &Request::Status, |status| {
+        Command::Stop(control) => send_request(&control, &Request::Stop, print_session),
+        Command::Mark { text, control } => {
+            send_request(&control, &Request::Mark { text, at: None }, |_| Ok(()))
+        }
+        Command::Discard(control) => send_request(&control, &Request::Discard, |_| Ok(())),
+        Command::Status { json, control } => send_request(&control, &Request::Status, |status| {
             let text = if json {
                 serde_json::to_string(status)?
             } else {
@@ -267,7 +269,7 @@ fn log_to(stderr: Lines, daemon: bool, verbosity: Verbosity) {
         logger.filter_module(STEP, LevelFilter::Info);
     }
     logger.target(env_logger::Target::Pipe(Box::new(stderr)));
-    // The journal has its own time stamps.
+    // The journal has its own timestamps.
     let has_times = std::env::var_os("JOURNAL_STREAM").is_none();
     logger.format(move |out, record| {
         let (level, target, text) = (record.level(), record.target(), record.args());
@@ -281,7 +283,7 @@ fn log_to(stderr: Lines, daemon: bool, verbosity: Verbosity) {
     logger.init();
 }
 
-/// What `check --json` prints; docs/command-line.md lists the fields.
+/// Output of `check --json`; docs/command-line.md lists the fields.
 #[derive(Serialize)]
 struct Checked<'a> {
     format: &'static str,
@@ -316,18 +318,18 @@ fn check(path: &Path, json: bool) -> anyhow::Result<ExitCode> {
         print(finding)?;
     }
     let some = |count, what| format!("{count} {what}{}", if count == 1 { "" } else { "s" });
-    let (errors_said, warnings_said) = (some(errors, "error"), some(warnings, "warning"));
+    let (errors_text, warnings_text) = (some(errors, "error"), some(warnings, "warning"));
     print(format_args!(
-        "\n{errors_said}, {warnings_said}: {}",
+        "\n{errors_text}, {warnings_text}: {}",
         path.display()
     ))?;
     Ok(ExitCode::from(u8::from(errors > 0)))
 }
 
-/// 0: nothing is wrong; 1: something is.
+/// 0: no problem; 1: at least one.
 fn devices(json: bool, config: Option<&Path>) -> anyhow::Result<ExitCode> {
     let config = config.map(Config::read).transpose()?;
-    let inventory = devices::look();
+    let inventory = devices::inventory();
     let mut is_wrong = inventory.has_problems();
     if json {
         print(serde_json::to_string_pretty(&inventory)?)?;
@@ -344,9 +346,11 @@ fn devices(json: bool, config: Option<&Path>) -> anyhow::Result<ExitCode> {
 /// 0: everything works; 1: something does not.
 fn selftest(path: &Path, seconds: f64, report: &Path) -> anyhow::Result<ExitCode> {
     let config = Config::read(path)?;
-    let folder = config.session.out.clone().ok_or(Usage(
-        "where may the recording be made? Set out in [session]",
-    ))?;
+    let folder = config
+        .session
+        .out
+        .clone()
+        .ok_or(Usage("no folder for the recording; set out in [session]"))?;
     if std::os::unix::net::UnixStream::connect(&config.control.socket).is_ok() {
         anyhow::bail!(
             "the daemon has the cameras, and its recording would feel a test beside it: stop it first, as with \
@@ -354,7 +358,7 @@ fn selftest(path: &Path, seconds: f64, report: &Path) -> anyhow::Result<ExitCode
             config.control.socket.display()
         );
     }
-    // First, so that nothing is done in vain.
+    // First, so that no work is wasted.
     let mut file = std::fs::File::create_new(report)
         .with_context(|| format!("creating the report {}", report.display()))?;
     if !output::is_quiet() {
@@ -385,7 +389,7 @@ fn record(args: &RecordArgs, stderr: Lines) -> anyhow::Result<ExitCode> {
         .then(|| Printer::start(io::stdout()))
         .transpose()?;
     let json = stdout.as_ref().map(Printer::lines);
-    let finished = run::record(&config, &options, &stop, tell_progress(stderr, json))?;
+    let finished = run::record(&config, &options, &stop, report_progress(stderr, json))?;
     if let Some(stdout) = stdout {
         stdout.finish();
     }
@@ -400,7 +404,7 @@ fn record(args: &RecordArgs, stderr: Lines) -> anyhow::Result<ExitCode> {
     }))
 }
 
-/// A reader that has closed the pipe changes nothing about what was done: the exit code tells it.
+/// A reader that has closed the pipe does not change the result: the exit code reports it.
 fn unless_closed(printed: anyhow::Result<()>) -> anyhow::Result<()> {
     match printed {
         Err(error) if is_broken_pipe(&error) => Ok(()),
@@ -417,15 +421,15 @@ fn daemon(path: &Path) -> anyhow::Result<ExitCode> {
     Ok(ExitCode::SUCCESS)
 }
 
-/// Lines for people, and for programs if asked. A recording goes on although nobody reads them.
-fn tell_progress(people: Lines, programs: Option<Lines>) -> OnProgress {
-    let mut narrator = screen::Narrator::default();
+/// Lines for people, and for programs if requested. A recording continues without readers.
+fn report_progress(people: Lines, programs: Option<Lines>) -> OnProgress {
+    let mut narrator = screen::ProgressText::default();
     let is_quiet = output::is_quiet();
     Box::new(move |progress: Progress| {
-        let weight = match progress {
-            Progress::Durable { .. } => Weight::Routine,
-            Progress::Started { .. } | Progress::Alarm { .. } => Weight::News,
-            Progress::Finished { .. } => Weight::Last,
+        let priority = match progress {
+            Progress::Durable { .. } => Priority::Routine,
+            Progress::Started { .. } | Progress::Alarm { .. } => Priority::Event,
+            Progress::Finished { .. } => Priority::Final,
         };
         let is_failure = matches!(
             progress,
@@ -434,18 +438,18 @@ fn tell_progress(people: Lines, programs: Option<Lines>) -> OnProgress {
         if let Some(line) = narrator.line(&progress)
             && (is_failure || !is_quiet)
         {
-            people.say(&line, weight);
+            people.print_line(&line, priority);
         }
         if let Some(programs) = &programs
             && let Ok(line) = serde_json::to_string(&progress)
         {
-            programs.say(&line, weight);
+            programs.print_line(&line, priority);
         }
     })
 }
 
 /// A flag that is set by the first SIGINT, SIGTERM or SIGHUP (the terminal was closed). The second
-/// one ends the program as if it did not handle them, in case it hangs.
+/// one ends the program as if it did not handle them, in case it is stuck.
 fn stop_on_signals() -> anyhow::Result<StopFlag> {
     let stop = StopFlag::new();
     let mut signals = Signals::new([SIGINT, SIGTERM, SIGHUP]).context("taking over signals")?;
@@ -465,7 +469,7 @@ fn stop_on_signals() -> anyhow::Result<StopFlag> {
     Ok(stop)
 }
 
-fn ask(
+fn send_request(
     control: &ControlArgs,
     request: &Request,
     show: impl Fn(&Status) -> anyhow::Result<()>,
@@ -494,11 +498,11 @@ fn ask(
     }
 }
 
-/// Whether what was recorded is whole.
+/// Exit code of a stop: whether the recording is complete.
 fn code_of_stop(status: &Status) -> u8 {
     match status.state {
         State::Fault => 1,
-        // One of which nothing came is as bad as one with holes.
+        // A stream without samples is as bad as one with gaps.
         _ if status
             .streams
             .iter()
@@ -530,7 +534,7 @@ fn encoders((width, height): (u32, u32)) -> anyhow::Result<ExitCode> {
                 works = true;
                 (
                     trial.codec.to_string(),
-                    format!("{:.0} pictures/s{preferred}", trial.pictures_per_s),
+                    format!("{:.0} frames/s{preferred}", trial.pictures_per_s),
                 )
             }
             Err(reason) => (String::new(), reason.to_string()),
@@ -540,7 +544,7 @@ fn encoders((width, height): (u32, u32)) -> anyhow::Result<ExitCode> {
     Ok(ExitCode::from(u8::from(!works)))
 }
 
-/// One line to standard output, at once.
+/// Prints one line to standard output immediately.
 fn print(line: impl Display) -> anyhow::Result<()> {
     let mut out = Screen(io::stdout().lock());
     writeln!(out, "{line}")
@@ -570,15 +574,15 @@ mod tests {
     use super::*;
 
     #[test]
-    fn every_verb_has_examples_that_the_program_takes() {
+    fn every_command_has_examples_that_parse() {
         command().debug_assert();
         let wrong = command_line::examples::check(&command());
         assert!(wrong.is_empty(), "{}", wrong.join("\n"));
     }
 
-    /// Both crates have the rule, for neither knows of the other.
+    /// Both crates have the rule, because neither depends on the other.
     #[test]
-    fn messages_and_recorded_names_are_shown_by_the_same_rule() {
+    fn messages_and_recorded_names_are_escaped_alike() {
         for c in '\0'..=char::MAX {
             let text = c.to_string();
             let message = output::harmless(&text);
@@ -593,7 +597,7 @@ mod tests {
     }
 
     #[test]
-    fn a_stop_tells_whether_the_recording_is_whole() {
+    fn stop_exit_code_reports_completeness() {
         let code = |state, stored, missing| {
             code_of_stop(&Status {
                 state,
@@ -612,7 +616,7 @@ mod tests {
                 concerns: Default::default(),
                 encoders: Vec::new(),
                 machine: MachineStatus::default(),
-                sparing: String::new(),
+                degradation: String::new(),
             })
         };
         assert_eq!(code(State::Armed, 9, 0), 0);

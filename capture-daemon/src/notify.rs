@@ -1,9 +1,10 @@
-//! Telling systemd how the daemon is (`sd_notify(3)`, `sd_watchdog_enabled(3)`).
+//! Notifications to systemd (`sd_notify(3)`, `sd_watchdog_enabled(3)`).
 //!
-//! Contract: outside systemd, or with a socket this program cannot reach, every call does nothing. A
-//! message that cannot be delivered is logged once and never disturbs a recording; a call waits at
-//! most [`SEND_LIMIT`]. The watchdog belongs to the caller: it has to call [`Notify::watchdog`] from
-//! the loop whose standstill is to be noticed, at least every [`Notify::watchdog_interval`].
+//! Contract: outside systemd, or with a socket that this program cannot reach, every call does
+//! nothing. A message that cannot be delivered is logged once and never disturbs a recording; a
+//! call waits at most [`SEND_LIMIT`]. The watchdog belongs to the caller: it has to call
+//! [`Notify::watchdog`] from the loop whose stall is to be detected, at least every
+//! [`Notify::watchdog_interval`].
 
 use std::env;
 use std::ffi::OsString;
@@ -15,10 +16,10 @@ use std::process;
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::time::Duration;
 
-/// The longest that one message may wait for the service manager.
+/// Maximum time that one message may wait for the service manager.
 pub const SEND_LIMIT: Duration = Duration::from_secs(1);
 
-/// The way to the service manager, if there is one.
+/// Connection to the service manager, if there is one.
 #[derive(Debug)]
 pub struct Notify {
     manager: Option<(UnixDatagram, SocketAddr)>,
@@ -27,7 +28,8 @@ pub struct Notify {
 }
 
 impl Notify {
-    /// As the environment of this process says: `NOTIFY_SOCKET`, `WATCHDOG_USEC`, `WATCHDOG_PID`.
+    /// Configured by the environment of this process: `NOTIFY_SOCKET`, `WATCHDOG_USEC`,
+    /// `WATCHDOG_PID`.
     pub fn from_env() -> Self {
         Self::new(|key| env::var_os(key), process::id())
     }
@@ -81,8 +83,8 @@ impl Notify {
         self.send("STOPPING=1");
     }
 
-    /// How often [`Notify::watchdog`] has to be called: half of what the manager waits. None when
-    /// nobody watches.
+    /// Interval at which [`Notify::watchdog`] has to be called: half of the manager's timeout.
+    /// `None` without a watchdog.
     pub fn watchdog_interval(&self) -> Option<Duration> {
         self.watchdog_interval
     }
@@ -139,7 +141,7 @@ mod tests {
         String::from_utf8(buffer[..length].to_vec()).unwrap()
     }
 
-    fn says_everything(manager: &UnixDatagram, name: &str) {
+    fn sends_every_message(manager: &UnixDatagram, name: &str) {
         manager
             .set_read_timeout(Some(Duration::from_secs(600)))
             .unwrap();
@@ -168,7 +170,7 @@ mod tests {
         let folder = tempfile::tempdir().unwrap();
         let path = folder.path().join("notify");
         let manager = UnixDatagram::bind(&path).unwrap();
-        says_everything(&manager, path.to_str().unwrap());
+        sends_every_message(&manager, path.to_str().unwrap());
     }
 
     #[test]
@@ -176,11 +178,11 @@ mod tests {
         let name = format!("pawsd-notify-test-{}", process::id());
         let manager =
             UnixDatagram::bind_addr(&SocketAddr::from_abstract_name(&name).unwrap()).unwrap();
-        says_everything(&manager, &format!("@{name}"));
+        sends_every_message(&manager, &format!("@{name}"));
     }
 
     #[test]
-    fn is_silent_without_a_manager() {
+    fn sends_nothing_without_a_manager() {
         let quiet = notify(&[]);
         quiet.ready();
         quiet.watchdog();
@@ -194,7 +196,7 @@ mod tests {
     }
 
     #[test]
-    fn watches_only_when_asked() {
+    fn watchdog_is_used_only_when_configured() {
         let folder = tempfile::tempdir().unwrap();
         let path = folder.path().join("notify");
         let manager = UnixDatagram::bind(&path).unwrap();

@@ -1,8 +1,9 @@
-//! The newest picture of each camera, for whoever wants to look.
+//! Newest image of each camera, for previews.
 //!
-//! Contract: keeping a picture costs a reference to it, a few times a second; nothing is copied or
-//! compressed for it here, and a reader who holds on to a picture holds up nobody. Pixels in a camera's own buffer
-//! are made small by GStreamer beside the recording, one at a time and only while somebody looks.
+//! Contract: storing an image costs one reference to it, a few times a second; nothing is copied or
+//! compressed for it here, and a reader that holds an image blocks nobody. Pixels in a camera's own
+//! buffer are scaled down by GStreamer beside the recording, one at a time and only while somebody
+//! watches.
 
 use std::sync::{Mutex, PoisonError};
 
@@ -11,107 +12,116 @@ use session_archive::time::{HostTime, NS_PER_S};
 use video::preview::{Preview, PreviewSettings};
 use video::{NativeFormat, Picture};
 
-use crate::sources::Shown;
+use crate::sources::PreviewPixels;
 
-/// How often a picture is kept, unless the machine is to be spared.
+/// Interval between stored images, ns, in normal operation.
 const PERIOD_NS: i64 = NS_PER_S / 4;
-/// And then.
-const SPARING_PERIOD_NS: i64 = 2 * NS_PER_S;
-/// Nobody looks any more when nobody has for so long.
-const INTEREST_NS: i64 = 5 * NS_PER_S;
-/// What makes small pictures and has failed is started again after so long, if somebody still looks.
+/// Interval between stored images, ns, while the machine is overloaded.
+const DEGRADED_PERIOD_NS: i64 = 2 * NS_PER_S;
+/// Time after the last request after which nobody watches, ns.
+const VIEWER_TIMEOUT_NS: i64 = 5 * NS_PER_S;
+/// Delay before a failed preview encoder is restarted, if somebody still watches, ns.
 const RETRY_NS: i64 = 10 * NS_PER_S;
-/// Height of what GStreamer makes small, pixels.
-const SMALL_HEIGHT: u32 = 180;
+/// Height of the previews from GStreamer, pixels.
+const PREVIEW_HEIGHT_PX: u32 = 180;
 
-/// The newest pictures.
+/// The newest images.
 #[derive(Debug)]
 pub struct Previews {
-    cameras: Vec<Mutex<Kept>>,
+    cameras: Vec<Mutex<CameraPreview>>,
 }
 
-/// The newest picture of a camera.
+/// Newest image of a camera.
 #[derive(Clone, Debug)]
 pub enum Newest {
     /// As it was recorded.
-    Picture(Picture),
-    /// A small one, as a JPEG file.
+    Image(Picture),
+    /// A preview as a JPEG file.
     Jpeg(Bytes),
 }
 
 #[derive(Debug, Default)]
-struct Kept {
+struct CameraPreview {
     newest: Option<Newest>,
-    /// Counts the pictures that were kept.
+    /// Number of stored images.
     number: u64,
     next: Option<HostTime>,
-    /// When somebody last looked.
-    asked: Option<HostTime>,
-    /// Of a camera whose pixels are in its own buffers.
+    /// Time of the last request.
+    last_request: Option<HostTime>,
+    /// Format of a camera whose pixels are in its own buffers.
     native: Option<NativeFormat>,
     small: Option<Preview>,
-    /// Not before then is another one started.
+    /// Earliest time of the next start.
     retry_at: Option<HostTime>,
 }
 
 impl Previews {
-    /// For so many cameras, without a picture yet.
+    /// Creates it for this number of cameras, without images.
     pub fn new(cameras: usize) -> Self {
         let cameras = (0..cameras).map(|_| Mutex::default()).collect();
         Self { cameras }
     }
 
-    /// Keeps a picture, if it is time for one.
-    pub fn offer(&self, camera: usize, shown: Shown<'_>, now: HostTime, sparing: bool) {
-        // Whoever is looking at the old one may have it a little longer.
-        let Some(Ok(mut kept)) = self.cameras.get(camera).map(Mutex::try_lock) else {
+    /// Stores an image, if one is due.
+    pub fn offer(
+        &self,
+        camera: usize,
+        preview_pixels: PreviewPixels<'_>,
+        now: HostTime,
+        degraded: bool,
+    ) {
+        // Readers of the old image may have it a little longer.
+        let Some(Ok(mut entry)) = self.cameras.get(camera).map(Mutex::try_lock) else {
             return;
         };
-        if kept.next.is_some_and(|next| now < next) {
+        if entry.next.is_some_and(|next| now < next) {
             return;
         }
-        let period = if sparing {
-            SPARING_PERIOD_NS
+        let period = if degraded {
+            DEGRADED_PERIOD_NS
         } else {
             PERIOD_NS
         };
-        kept.next = Some(now + period);
-        match shown {
-            Shown::Picture(picture) => {
-                kept.number += 1;
-                kept.newest = Some(Newest::Picture(picture.clone()));
+        entry.next = Some(now + period);
+        match preview_pixels {
+            PreviewPixels::Image(image) => {
+                entry.number += 1;
+                entry.newest = Some(Newest::Image(image.clone()));
             }
-            Shown::Native(frame) => {
-                if kept.native.as_ref() != Some(frame.format()) {
-                    kept.native = Some(frame.format().clone());
-                    let_go(kept.small.take());
+            PreviewPixels::Native(frame) => {
+                if entry.native.as_ref() != Some(frame.format()) {
+                    entry.native = Some(frame.format().clone());
+                    end_in_background(entry.small.take());
                 }
-                if kept.asked.is_none_or(|at| now.since(at) > INTEREST_NS) {
-                    let_go(kept.small.take());
-                } else if let Some(small) = &kept.small {
+                if entry
+                    .last_request
+                    .is_none_or(|at| now.since(at) > VIEWER_TIMEOUT_NS)
+                {
+                    end_in_background(entry.small.take());
+                } else if let Some(small) = &entry.small {
                     small.offer(now.0, frame);
                 }
             }
         }
     }
 
-    /// The newest picture of a camera and its number, which grows.
+    /// Newest image of a camera and its number, which increases.
     pub fn newest(&self, camera: usize, now: HostTime) -> Option<(u64, Newest)> {
-        let kept = self.cameras.get(camera)?;
-        let mut kept = kept.lock().unwrap_or_else(PoisonError::into_inner);
-        kept.asked = Some(now);
-        kept.look_after_small(now);
-        if let Some(jpeg) = kept.small.as_ref().and_then(Preview::take) {
-            kept.number += 1;
-            kept.newest = Some(Newest::Jpeg(jpeg.data));
+        let entry = self.cameras.get(camera)?;
+        let mut entry = entry.lock().unwrap_or_else(PoisonError::into_inner);
+        entry.last_request = Some(now);
+        entry.update_small(now);
+        if let Some(jpeg) = entry.small.as_ref().and_then(Preview::take) {
+            entry.number += 1;
+            entry.newest = Some(Newest::Jpeg(jpeg.data));
         }
-        Some((kept.number, kept.newest.clone()?))
+        Some((entry.number, entry.newest.clone()?))
     }
 }
 
-impl Kept {
-    /// Starts what makes small pictures, where it is needed and has not failed a moment ago.
-    fn look_after_small(&mut self, now: HostTime) {
+impl CameraPreview {
+    /// Starts the preview encoder, if it is needed and has not failed recently.
+    fn update_small(&mut self, now: HostTime) {
         let Some(format) = &self.native else { return };
         let failure = match &self.small {
             Some(small) => small.failure(),
@@ -125,15 +135,16 @@ impl Kept {
             },
         };
         if let Some(failure) = failure {
-            log::warn!("making small pictures: {failure}");
-            let_go(self.small.take());
+            log::warn!("encoding previews: {failure}");
+            end_in_background(self.small.take());
             self.retry_at = Some(now + RETRY_NS);
         }
     }
 }
 
-/// Ends what makes small pictures on a thread of its own: one that is stuck takes seconds, and frames are waiting.
-fn let_go(small: Option<Preview>) {
+/// Ends the preview encoder on a thread of its own: a stuck one takes seconds, and frames are
+/// waiting.
+fn end_in_background(small: Option<Preview>) {
     if let Some(small) = small {
         let ending = std::thread::Builder::new().name("preview-end".to_owned());
         // Without a thread it ends here.
@@ -141,13 +152,13 @@ fn let_go(small: Option<Preview>) {
     }
 }
 
-/// Both eyes, in their own shape.
+/// Both eyes, with the aspect ratio of the frame.
 fn small(format: &NativeFormat) -> PreviewSettings {
-    let width =
-        u64::from(format.width()) * u64::from(SMALL_HEIGHT) / u64::from(format.height().max(1));
+    let width = u64::from(format.width()) * u64::from(PREVIEW_HEIGHT_PX)
+        / u64::from(format.height().max(1));
     PreviewSettings {
         width: (width as u32).next_multiple_of(4).clamp(4, 1280),
-        height: SMALL_HEIGHT,
+        height: PREVIEW_HEIGHT_PX,
         rate_hz: NS_PER_S as f64 / PERIOD_NS as f64,
         quality: 60,
     }
@@ -157,7 +168,7 @@ fn small(format: &NativeFormat) -> PreviewSettings {
 mod tests {
     use super::*;
 
-    fn picture(level: u8) -> Picture {
+    fn image(level: u8) -> Picture {
         let format = video::PixelFormat::I420;
         let data = vec![level; format.bytes(4, 2).expect("size")].into();
         Picture {
@@ -169,30 +180,30 @@ mod tests {
     }
 
     #[test]
-    fn keeps_a_few_pictures_a_second() {
+    fn keeps_a_few_images_per_second() {
         let previews = Previews::new(1);
         assert!(previews.newest(0, HostTime(0)).is_none());
-        let kept = |at: i64, sparing| {
+        let entry = |at: i64, degraded| {
             let before = previews
                 .newest(0, HostTime(0))
                 .map_or(0, |(number, _)| number);
             previews.offer(
                 0,
-                Shown::Picture(&picture(at as u8)),
+                PreviewPixels::Image(&image(at as u8)),
                 HostTime(at * 10_000_000),
-                sparing,
+                degraded,
             );
-            previews.newest(0, HostTime(0)).expect("a picture").0 > before
+            previews.newest(0, HostTime(0)).expect("an image").0 > before
         };
-        let times: Vec<i64> = (0..100).filter(|at| kept(*at, false)).collect();
+        let times: Vec<i64> = (0..100).filter(|at| entry(*at, false)).collect();
         assert_eq!(times, [0, 25, 50, 75]);
-        let times: Vec<i64> = (100..500).filter(|at| kept(*at, true)).collect();
+        let times: Vec<i64> = (100..500).filter(|at| entry(*at, true)).collect();
         assert_eq!(times, [100, 300]);
-        let Some((number, Newest::Picture(newest))) = previews.newest(0, HostTime(0)) else {
-            panic!("a picture");
+        let Some((number, Newest::Image(newest))) = previews.newest(0, HostTime(0)) else {
+            panic!("an image");
         };
         assert_eq!((number, newest.data[0]), (6, 300_i64 as u8));
-        previews.offer(7, Shown::Picture(&picture(0)), HostTime(0), false);
+        previews.offer(7, PreviewPixels::Image(&image(0)), HostTime(0), false);
         assert!(previews.newest(7, HostTime(0)).is_none());
     }
 }

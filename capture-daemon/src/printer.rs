@@ -1,10 +1,11 @@
-//! Lines for a terminal or a pipe that perhaps nobody reads.
+//! Output of lines to a terminal or a pipe that may have no reader.
 //!
-//! Contract: saying a line never waits, for a recording must not. A thread prints the lines in their
-//! order, each at once. *When nobody reads* up to [`CAPACITY`] bytes wait, of routine lines half as
-//! much; what comes then is left out, but never the last line. *What others named* cannot act on the
-//! terminal: control characters are printed as `\u001b`. *When writing fails* (a closed pipe) the
-//! lines go nowhere. *At the end* [`Printer::finish`] waits until all is printed.
+//! Contract: printing never blocks, because a recording must not. A thread prints the lines in
+//! order, each immediately. *Without a reader* up to [`CAPACITY_BYTES`] bytes are queued, half as
+//! much for routine lines; further lines are discarded, but never the final line. *Foreign names*
+//! cannot act on the terminal: control characters are printed as `\u001b`. *When writing fails* (a
+//! closed pipe) the lines are discarded. *At the end* [`Printer::finish`] waits until all is
+//! printed.
 
 use std::io::{self, Write};
 use std::sync::Arc;
@@ -15,21 +16,21 @@ use anyhow::Context as _;
 use capture_daemon::queue::{Popped, Queue};
 use session_archive::text::Screen;
 
-/// Bytes that may wait.
-const CAPACITY: usize = 1 << 20;
+/// Capacity of the queue, bytes.
+const CAPACITY_BYTES: usize = 1 << 20;
 
-/// How much a line matters when nobody reads.
+/// Importance of a line when there is no reader.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub(crate) enum Weight {
-    /// Another one like it follows soon.
+pub(crate) enum Priority {
+    /// A similar line follows soon.
     Routine,
-    /// Something happened.
-    News,
-    /// What all of it came to; said once.
-    Last,
+    /// An event.
+    Event,
+    /// The result, printed once.
+    Final,
 }
 
-/// Where lines are said; clones say them to the same printer.
+/// Input of a printer; clones belong to the same printer.
 #[derive(Clone)]
 pub(crate) struct Lines(Arc<Queue<Vec<u8>>>);
 
@@ -43,10 +44,10 @@ impl Printer {
     /// A printer to `out`.
     ///
     /// # Errors
-    /// The system gives no thread.
+    /// The system provides no thread.
     pub(crate) fn start(out: impl Write + Send + 'static) -> anyhow::Result<Self> {
         let mut out = Screen(out);
-        let lines = Lines(Arc::new(Queue::new(CAPACITY)));
+        let lines = Lines(Arc::new(Queue::new(CAPACITY_BYTES)));
         let queue = lines.0.clone();
         let print = move || {
             loop {
@@ -66,12 +67,12 @@ impl Printer {
         Ok(Self { lines, thread })
     }
 
-    /// Where to say lines.
+    /// Input for lines.
     pub(crate) fn lines(&self) -> Lines {
         self.lines.clone()
     }
 
-    /// Waits until everything is printed; what is said later is not.
+    /// Waits until everything is printed; later lines are discarded.
     pub(crate) fn finish(self) {
         self.lines.0.close();
         let _ = self.thread.join();
@@ -79,19 +80,19 @@ impl Printer {
 }
 
 impl Lines {
-    /// Says a line, given without its break.
-    pub(crate) fn say(&self, line: &str, weight: Weight) {
-        self.put(format!("{line}\n").into_bytes(), weight);
+    /// Prints a line, given without its line break.
+    pub(crate) fn print_line(&self, line: &str, priority: Priority) {
+        self.put(format!("{line}\n").into_bytes(), priority);
     }
 
-    fn put(&self, bytes: Vec<u8>, weight: Weight) {
+    fn put(&self, bytes: Vec<u8>, priority: Priority) {
         let len = bytes.len();
-        // Refused means: nobody reads, or the end.
-        let _ = match weight {
-            Weight::Routine if self.0.bytes() > CAPACITY / 2 => return,
-            Weight::Routine | Weight::News => self.0.try_push(bytes, len),
-            // Weighs nothing, so it always fits.
-            Weight::Last => self.0.push_reserved(bytes, 0),
+        // Rejected: there is no reader, or the printer has finished.
+        let _ = match priority {
+            Priority::Routine if self.0.bytes() > CAPACITY_BYTES / 2 => return,
+            Priority::Routine | Priority::Event => self.0.try_push(bytes, len),
+            // With size zero it always fits.
+            Priority::Final => self.0.push_reserved(bytes, 0),
         };
     }
 }
@@ -99,7 +100,7 @@ impl Lines {
 /// For a logger, which writes whole lines.
 impl Write for Lines {
     fn write(&mut self, bytes: &[u8]) -> io::Result<usize> {
-        self.put(bytes.to_vec(), Weight::News);
+        self.put(bytes.to_vec(), Priority::Event);
         Ok(bytes.len())
     }
 
@@ -131,35 +132,35 @@ mod tests {
     }
 
     #[test]
-    fn saying_never_waits_and_news_and_the_last_line_outlast_routine() {
+    fn printing_never_waits_and_event_and_final_lines_outlast_routine_ones() {
         let (read, unread) = sync_channel(0);
         let printed = Arc::default();
         let printer = Printer::start(Unread(unread, Arc::clone(&printed))).unwrap();
         let lines = printer.lines();
-        for _ in 0..CAPACITY {
-            lines.say("routine", Weight::Routine);
+        for _ in 0..CAPACITY_BYTES {
+            lines.print_line("routine", Priority::Routine);
         }
-        lines.say("alarm", Weight::News);
-        for _ in 0..CAPACITY {
-            lines.say("flapping", Weight::News);
+        lines.print_line("alarm", Priority::Event);
+        for _ in 0..CAPACITY_BYTES {
+            lines.print_line("flapping", Priority::Event);
         }
-        lines.say("finished", Weight::Last);
+        lines.print_line("finished", Priority::Final);
         drop(read);
         printer.finish();
         let text = String::from_utf8(printed.lock().unwrap().clone()).unwrap();
-        assert!(text.len() < CAPACITY + 100, "{} bytes", text.len());
+        assert!(text.len() < CAPACITY_BYTES + 100, "{} bytes", text.len());
         assert!(text.contains("\nalarm\n"));
         assert!(text.ends_with("flapping\nfinished\n"));
     }
 
     #[test]
-    fn what_is_printed_does_not_act_on_the_terminal() {
+    fn control_characters_are_escaped_in_printed_lines() {
         let (read, unread) = sync_channel(0);
         drop(read);
         let printed = Arc::default();
         let printer = Printer::start(Unread(unread, Arc::clone(&printed))).unwrap();
         let mut lines = printer.lines();
-        lines.say("recording: /data/a\u{1b}[2J", Weight::News);
+        lines.print_line("recording: /data/a\u{1b}[2J", Priority::Event);
         writeln!(lines, "a log line\u{9b}2J").unwrap();
         printer.finish();
         let text = String::from_utf8(printed.lock().unwrap().clone()).unwrap();

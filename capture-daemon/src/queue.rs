@@ -1,18 +1,19 @@
-//! A queue between threads that is bounded in bytes.
+//! A queue between threads, bounded in bytes.
 //!
-//! Order is kept. A full queue refuses ([`Queue::try_push`]) or makes the producer wait
-//! ([`Queue::push_reserved`], [`Queue::push_gathered`]); which of the two is the producer's policy, and what is refused
-//! comes back, so that it can be accounted for. One item always fits, however large. After [`Queue::close`] nothing
-//! goes in, and what is inside can still be taken out. Nobody is woken who does not wait.
+//! Order is preserved. A full queue rejects the item ([`Queue::try_push`]) or makes the producer
+//! wait ([`Queue::push_reserved`], [`Queue::push_gathered`]); which of the two is the producer's
+//! policy, and a rejected item is returned, so that it can be accounted for. One item always fits,
+//! however large. After [`Queue::close`] nothing is accepted, and the remaining items can still be
+//! taken. No wake-up is sent unless a thread waits.
 
 use std::collections::VecDeque;
 use std::sync::{Condvar, Mutex, MutexGuard, PoisonError};
 use std::time::Duration;
 
-/// So many items that came by [`Queue::push_gathered`] wake the consumer together.
-pub const GATHERED: usize = 16;
+/// Number of items pushed by [`Queue::push_gathered`] that wake the consumer together.
+pub const GATHER_COUNT: usize = 16;
 
-/// A queue of items that each weigh some bytes.
+/// A queue of items, each with a size in bytes.
 #[derive(Debug)]
 pub struct Queue<T> {
     state: Mutex<State<T>>,
@@ -55,31 +56,32 @@ impl<T> Queue<T> {
             return Err(item);
         }
         state.put(item, bytes);
-        self.tell(state);
+        self.wake_waiters(state);
         Ok(())
     }
 
-    /// Puts an item in, waiting until it fits into twice the capacity: for small items that must not
+    /// Pushes an item, waiting until it fits into twice the capacity: for small items that must not
     /// be held up or dropped because large ones fill the queue.
     ///
     /// # Errors
     /// The item, if the queue is closed.
     pub fn push_reserved(&self, item: T, bytes: usize) -> Result<(), T> {
         let state = self.put_reserved(item, bytes)?;
-        self.tell(state);
+        self.wake_waiters(state);
         Ok(())
     }
 
-    /// As [`Self::push_reserved`], for small items that come often and are in no hurry: a consumer that waits is woken for
-    /// [`GATHERED`] of them, or by another item, or finds them when its time is over.
+    /// As [`Self::push_reserved`], for small items that are frequent and not urgent: a waiting
+    /// consumer is woken by [`GATHER_COUNT`] of them, or by another item, or finds them at its
+    /// timeout.
     ///
     /// # Errors
     /// The item, if the queue is closed.
     pub fn push_gathered(&self, item: T, bytes: usize) -> Result<(), T> {
         let state = self.put_reserved(item, bytes)?;
         // While the consumer waits the queue holds nothing else.
-        if state.items.len() >= GATHERED {
-            self.tell(state);
+        if state.items.len() >= GATHER_COUNT {
+            self.wake_waiters(state);
         }
         Ok(())
     }
@@ -101,8 +103,8 @@ impl<T> Queue<T> {
         Ok(state)
     }
 
-    /// Wakes who waits, if anybody does: to wake nobody would be a system call too.
-    fn tell(&self, state: MutexGuard<'_, State<T>>) {
+    /// Wakes waiting threads, if there are any: an unneeded wake-up would be a system call too.
+    fn wake_waiters(&self, state: MutexGuard<'_, State<T>>) {
         let is_waited_for = state.waiting > 0;
         drop(state);
         if is_waited_for {
@@ -125,7 +127,7 @@ impl<T> Queue<T> {
         match state.items.pop_front() {
             Some((item, bytes)) => {
                 state.bytes -= bytes;
-                self.tell(state);
+                self.wake_waiters(state);
                 Popped::Item(item)
             }
             None if state.closed => Popped::Closed,
@@ -138,7 +140,7 @@ impl<T> Queue<T> {
         self.lock().bytes
     }
 
-    /// Nothing goes in any more.
+    /// Closes the queue: nothing is accepted any more.
     pub fn close(&self) {
         self.lock().closed = true;
         self.changed.notify_all();
@@ -156,12 +158,12 @@ impl<T> State<T> {
     }
 }
 
-/// What [`Queue::pop`] found.
+/// Result of [`Queue::pop`].
 #[derive(Debug, PartialEq, Eq)]
 pub enum Popped<T> {
     /// The oldest item.
     Item(T),
-    /// Nothing came in time.
+    /// The timeout passed without an item.
     Nothing,
     /// The queue is closed and empty.
     Closed,
@@ -172,11 +174,11 @@ mod tests {
     use super::*;
     use std::sync::Arc;
 
-    /// Reached only when something hangs.
+    /// Reached only if a thread is stuck.
     const LONG: Duration = Duration::from_secs(600);
 
     #[test]
-    fn bounded_in_bytes_and_nothing_is_lost() {
+    fn queue_is_bounded_in_bytes_and_loses_nothing() {
         let queue = Queue::new(10);
         assert_eq!(queue.try_push("large", 100), Ok(()), "one item always fits");
         assert_eq!(queue.try_push("b", 1), Err("b"));
@@ -193,7 +195,7 @@ mod tests {
     }
 
     #[test]
-    fn a_waiting_producer_goes_on_when_there_is_room() {
+    fn waiting_producer_continues_when_there_is_room() {
         let queue = Arc::new(Queue::new(3));
         let producer = {
             let queue = queue.clone();
@@ -218,7 +220,7 @@ mod tests {
     }
 
     #[test]
-    fn a_waiting_consumer_is_woken_for_many_gathered_items_or_for_any_other() {
+    fn waiting_consumer_wakes_for_a_full_gather_or_any_other_item() {
         for other in [false, true] {
             let queue = Arc::new(Queue::new(1 << 20));
             let consumer = {
@@ -226,10 +228,10 @@ mod tests {
                 std::thread::spawn(move || queue.pop(LONG))
             };
             until_waited_for(&queue);
-            for i in 1..GATHERED {
+            for i in 1..GATHER_COUNT {
                 assert_eq!(queue.push_gathered(i, 8), Ok(()));
             }
-            assert_eq!(queue.lock().items.len(), GATHERED - 1, "nobody woke up");
+            assert_eq!(queue.lock().items.len(), GATHER_COUNT - 1, "nobody woke up");
             if other {
                 assert_eq!(queue.try_push(99, 8), Ok(()));
             } else {
@@ -241,11 +243,11 @@ mod tests {
     }
 
     #[test]
-    fn gathered_items_are_found_when_the_time_is_over() {
+    fn gathered_items_are_returned_at_the_timeout() {
         let queue = Arc::new(Queue::new(100));
         let consumer = {
             let queue = queue.clone();
-            // On a busy machine the time may be over before there is anything.
+            // On a busy machine the timeout may pass before an item is pushed.
             std::thread::spawn(move || {
                 loop {
                     match queue.pop(Duration::from_millis(200)) {
@@ -261,9 +263,9 @@ mod tests {
         assert_eq!(queue.bytes(), 0);
     }
 
-    /// Gathering is no way around the bound.
+    /// Gathered items respect the bound too.
     #[test]
-    fn a_gathered_item_waits_for_room() {
+    fn gathered_item_waits_for_room() {
         let queue = Arc::new(Queue::new(3));
         assert_eq!(queue.push_reserved(0, 6), Ok(()));
         let producer = {

@@ -1,27 +1,30 @@
 //! The recorder: keeps the last seconds, opens and closes sessions, accounts for every sample.
 //!
-//! It is handed [`Outgoing`] items in order, and requests; it asks the clock it was given, and it
-//! owns no thread. What it promises:
+//! It receives [`Outgoing`] items in order, and requests; it reads the clock that it was given, and
+//! owns no thread. Contract:
 //!
 //! * *At a press* the session begins with the pre-roll: for every camera with a key frame from
 //!   before it, so nothing has to be waited for. A camera without one, because a session has just
-//!   ended or there is no pre-roll, begins with its next key frame, which is asked for
-//!   ([`Recorder::take_key_wishes`]). Without a pre-roll nothing from before the press is kept but clock maps.
-//! * *At a gap* a gap record names the numbers and the cause. Frames and gaps together are every number
-//!   from a stream's first to its last.
-//! * *At a stop* what was received before it is waited for: [`STOP_LIMIT_NS`], and longer while frames are still being
-//!   encoded or queued, up to [`STOP_MAX_NS`].
-//! * *While samples are lost* an alarm says so within two seconds, with the cause.
-//! * *When the session's folder is removed* the recording ends as failed, at the latest with the next chunk.
-//! * *When the disk is nearly full* it stops cleanly; *when it fails* the session is closed as far as it is
-//!   on disk, what is not known to be there is counted as missing, and the state says so. Nothing here panics or retries for ever.
+//!   ended or there is no pre-roll, begins with its next key frame, which is requested
+//!   ([`Recorder::take_key_frame_requests`]). Without a pre-roll only clock maps are kept from
+//!   before the press.
+//! * *At a gap* a gap record contains the numbers and the cause. Frames and gaps together cover
+//!   every number from a stream's first to its last.
+//! * *At a stop* samples received before it are waited for: [`STOP_LIMIT_NS`], and longer while
+//!   frames are still being encoded or queued, up to [`MAX_STOP_NS`].
+//! * *While samples are lost* an alarm with the cause is active, within two seconds.
+//! * *When the session's folder is removed* the recording ends as failed, at the latest with the
+//!   next chunk.
+//! * *When the disk is nearly full* it stops cleanly; *when it fails* the session is closed as far
+//!   as it is on disk, samples that are not known to be on disk are counted as missing, and the
+//!   state is a fault. Nothing here panics or retries without end.
 
 use std::collections::BTreeMap;
 use std::io;
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
 
-use machine::ladder::{Cause, Change, Ladder, Measures, Pressure, Step};
+use machine::ladder::{Cause, Change, Ladder, Mitigations, Pressure, Step};
 use session_archive::manifest::{Camera, Imu, Stop};
 use session_archive::record::paws::event::Kind;
 use session_archive::record::paws::health::Stream as StreamRecord;
@@ -30,10 +33,10 @@ use session_archive::storage::Storage;
 use session_archive::time::{CivilTime, HostTime, NS_PER_S};
 use session_archive::writer::{Incident, SessionSpec, SessionWriter, WriteError};
 
-use crate::causes::with_causes;
 use crate::clock::Clock;
-use crate::disk::START_MARGIN;
+use crate::disk::START_MARGIN_BYTES;
 use crate::encoding::Encoding;
+use crate::error_chain::with_causes;
 use crate::hub::{Outgoing, StreamHealth};
 use crate::status::{
     Concern, MachineStatus, Progress, Request, Response, State, Status, StreamStatus,
@@ -48,67 +51,68 @@ mod tests;
 mod timed;
 
 use health::{battery_record, clock_record, frame_sync_record};
-use preroll::{LIMIT_BYTES, PreRoll};
+use preroll::{MAX_PRE_ROLL_BYTES, PreRoll};
 use session::{Session, Stopping};
 use timed::TimedStorage;
 
-/// How long a stop waits for streams of which nothing is being encoded or queued.
+/// Time that a stop waits for streams of which nothing is being encoded or queued, ns.
 pub const STOP_LIMIT_NS: i64 = 250_000_000;
-/// The longest that a stop waits for what is being encoded or queued.
-pub const STOP_MAX_NS: i64 = 20 * NS_PER_S;
-/// A warning comes when less than this can still be recorded.
-const WARN_SECONDS: f64 = 600.0;
-/// What alarms about earlier recordings come from: they stand until the next recording begins.
+/// Maximum time that a stop waits for samples that are being encoded or queued, ns.
+pub const MAX_STOP_NS: i64 = 20 * NS_PER_S;
+/// A warning is raised when less than this can still be recorded, s.
+const MIN_SECONDS_LEFT: f64 = 600.0;
+/// Source of alarms about earlier recordings; they are active until the next recording begins.
 pub(crate) const RECOVERY: &str = "recovery";
-/// What alarms about lost samples come from.
+/// Source of alarms about lost samples.
 const LOSSES: &str = "losses";
 const DISK_LOW: &str = "disk: less than 10 minutes can still be recorded";
 const DISK_FULL: &str = "disk: too full to record";
 
-/// Where sessions go.
+/// Storage of sessions.
 pub trait SessionStore: Send {
-    /// A new, empty folder for a session that began at this time, and an identifier for it.
+    /// Creates an empty folder for a session that began at this time, and an identifier for it.
     ///
     /// # Errors
-    /// The disk says no.
+    /// Any I/O error of the underlying file system.
     fn create(&mut self, started: CivilTime) -> io::Result<(PathBuf, Arc<dyn Storage>, String)>;
 
     /// Deletes a session's folder.
     ///
     /// # Errors
-    /// The disk says no.
+    /// Any I/O error of the underlying file system.
     fn discard(&mut self, path: &Path) -> io::Result<()>;
 
-    /// Whether a session's folder is still there.
+    /// Whether a session's folder still exists.
     fn is_there(&self, path: &Path) -> bool;
 
     /// Free space, bytes.
     fn free_bytes(&self) -> Option<u64>;
 
-    /// What the machine says of itself; asked once a second. `recording`: the disk fills.
-    fn machine(&mut self, now: HostTime, recording: bool) -> MachineLook;
+    /// State of the machine; called once a second. `recording`: the disk is being filled by a
+    /// recording.
+    fn machine(&mut self, now: HostTime, recording: bool) -> MachineReading;
 }
 
-/// What lies between the sources and the recorder.
+/// Queues between the sources and the recorder.
 pub struct Queues {
-    /// Bytes waiting to be handed in.
+    /// Number of bytes that wait for the recorder.
     pub bytes: Box<dyn Fn() -> u64 + Send>,
     /// Frames inside the encoders.
     pub encoding: Encoding,
 }
 
-/// One look at the machine.
+/// One reading of the machine's state.
 #[derive(Clone, Debug, Default)]
-pub struct MachineLook {
-    /// For records, page and screen.
+pub struct MachineReading {
+    /// For records, page and terminal.
     pub status: MachineStatus,
-    /// For the ladder of measures.
+    /// Input of the degradation ladder.
     pub pressure: Pressure,
-    /// What has happened to its clocks.
+    /// Events of its clocks.
     pub events: Vec<String>,
 }
 
-/// Everything about the rig and the recording that does not change while the daemon runs.
+/// Properties of the rig and the recording that do not change while the daemon runs.
 #[derive(Clone, Debug)]
 pub struct Setup {
     /// The cameras, as the manifest lists them.
@@ -127,14 +131,14 @@ pub struct Setup {
     pub pre_roll_ns: i64,
     /// Recording ends when less than this is free, bytes.
     pub reserve_bytes: u64,
-    /// Name of sessions that are not given one.
+    /// Default name of sessions.
     pub name: String,
-    /// What records, for the manifest.
+    /// Recording software, for the manifest.
     pub software: String,
 }
 
 impl Setup {
-    /// What its sessions lack, and what mends it.
+    /// Deficiencies of its sessions, each with a remedy.
     pub fn notes(&self) -> Vec<String> {
         let has_lens = |eye: String| self.calibrations.iter().any(|(known, _)| *known == eye);
         let cameras = self.cameras.iter().map(|camera| camera.name.as_str());
@@ -146,14 +150,16 @@ impl Setup {
                     .all(|is| *is)
             })
             .collect();
-        calib::mend::without_lenses(&without).into_iter().collect()
+        calib::remedy::missing_intrinsics(&without)
+            .into_iter()
+            .collect()
     }
 }
 
-/// Told what happens.
+/// Callback for progress.
 pub type OnProgress = Box<dyn FnMut(Progress) + Send>;
 
-/// The recorder. See the module's documentation for what it promises.
+/// The recorder. See the module's documentation for its contract.
 pub struct Recorder {
     setup: Setup,
     clock: Arc<dyn Clock>,
@@ -163,16 +169,16 @@ pub struct Recorder {
     pre_roll: PreRoll,
     session: Option<Session>,
     last_session: Option<PathBuf>,
-    /// What the last session came to: its length in s, and stored and missing samples per stream.
+    /// Result of the last session: its length in s, and stored and missing samples per stream.
     last_totals: (f64, Vec<(u64, u64)>),
     /// Streams that have delivered.
-    seen: Vec<bool>,
+    delivered: Vec<bool>,
     health: Vec<StreamHealth>,
-    /// What is wrong, and what that is about.
+    /// Active alarms, each with its subject.
     alarms: BTreeMap<String, Concern>,
-    /// The one of the disk's alarms that is active.
+    /// The active alarm about the disk.
     disk_alarm: Option<&'static str>,
-    /// What was told of earlier recordings.
+    /// Texts of the alarms about earlier recordings.
     recovered: Vec<String>,
     pre_roll_alarm: bool,
     fault: Option<String>,
@@ -180,13 +186,13 @@ pub struct Recorder {
     seconds_left: Option<f64>,
     machine: MachineStatus,
     ladder: Ladder,
-    /// What the ladder's causes are said to be.
-    tight: BTreeMap<Cause, String>,
-    key_wishes: Vec<usize>,
+    /// Texts of the active alarms of the degradation ladder, by cause.
+    cause_alarms: BTreeMap<Cause, String>,
+    key_frame_requests: Vec<usize>,
 }
 
 impl Recorder {
-    /// A recorder that waits for its sources.
+    /// Creates a recorder that waits for its sources.
     pub fn new(
         setup: Setup,
         clock: Arc<dyn Clock>,
@@ -205,7 +211,7 @@ impl Recorder {
             session: None,
             last_session: None,
             last_totals: (0.0, Vec::new()),
-            seen: vec![false; streams],
+            delivered: vec![false; streams],
             health: Vec::new(),
             alarms: BTreeMap::new(),
             disk_alarm: None,
@@ -215,8 +221,8 @@ impl Recorder {
             seconds_left: None,
             machine: MachineStatus::default(),
             ladder: Ladder::default(),
-            tight: BTreeMap::new(),
-            key_wishes: Vec::new(),
+            cause_alarms: BTreeMap::new(),
+            key_frame_requests: Vec::new(),
             setup,
         }
     }
@@ -229,7 +235,7 @@ impl Recorder {
             }) => State::Stopping,
             Some(_) => State::Recording,
             None if self.fault.is_some() => State::Fault,
-            None if self.seen.iter().all(|s| *s) => State::Armed,
+            None if self.delivered.iter().all(|s| *s) => State::Armed,
             None => State::Idle,
         }
     }
@@ -237,8 +243,8 @@ impl Recorder {
     /// Takes the next item.
     pub fn handle(&mut self, item: Outgoing) {
         match &item {
-            Outgoing::Frame { camera, .. } => self.seen[*camera] = true,
-            Outgoing::Imu { imu, .. } => self.seen[self.setup.cameras.len() + *imu] = true,
+            Outgoing::Frame { camera, .. } => self.delivered[*camera] = true,
+            Outgoing::Imu { imu, .. } => self.delivered[self.setup.cameras.len() + *imu] = true,
             Outgoing::Clock { at, map } if self.session.is_some() => {
                 self.pre_roll.remember(*at, map)
             }
@@ -261,7 +267,7 @@ impl Recorder {
         self.after();
     }
 
-    /// Lets time pass when nothing arrives.
+    /// Lets time pass while nothing arrives.
     pub fn tick(&mut self) {
         let now = self.clock.now();
         if let Some(session) = &mut self.session {
@@ -300,16 +306,16 @@ impl Recorder {
         }
     }
 
-    /// Starts a session: with the pre-roll, and with whatever arrives from now on.
+    /// Starts a session with the pre-roll and the samples that arrive from now on.
     ///
     /// # Errors
-    /// What stands in the way, for people.
+    /// The reason why it cannot start, for people.
     pub fn start(&mut self, name: &str, source: &str) -> Result<(), String> {
         if let Some(session) = &self.session {
             return Err(format!("already recording {}", session.path.display()));
         }
         self.free_bytes = self.store.free_bytes();
-        let needed = self.setup.reserve_bytes.saturating_add(START_MARGIN);
+        let needed = self.setup.reserve_bytes.saturating_add(START_MARGIN_BYTES);
         if let Some(free) = self.free_bytes
             && free < needed
         {
@@ -320,7 +326,7 @@ impl Recorder {
                 self.setup.reserve_bytes >> 20
             ));
         }
-        if self.ladder.measures().stop {
+        if self.ladder.mitigations().stop {
             let reasons = self.ladder.reasons().into_iter();
             let reasons: Vec<String> = reasons
                 .filter(|(_, step, _)| *step == Step::StopCleanly)
@@ -333,7 +339,7 @@ impl Recorder {
             self.on_alarm(at, text, RECOVERY, false);
         }
         let changes = self.ladder.begin_recording(at.0);
-        self.tell_changes(at, changes);
+        self.report_changes(at, changes);
         let beginning = self
             .pre_roll
             .take(at + -self.setup.pre_roll_ns, self.setup.cameras.len());
@@ -361,14 +367,14 @@ impl Recorder {
                 self.pre_roll.remember(*at, map);
             }
             self.sample(item);
-            // Tells of every chunk on the way: with a slow disk this takes a while.
+            // Reports every chunk meanwhile: with a slow disk this takes a while.
             self.after();
         }
         let without_key = self
             .session
             .iter()
             .flat_map(|s| s.without_key.iter().enumerate());
-        self.key_wishes = without_key
+        self.key_frame_requests = without_key
             .filter(|(_, w)| **w)
             .map(|(camera, _)| camera)
             .collect();
@@ -385,12 +391,12 @@ impl Recorder {
     }
 
     /// Cameras whose next frame should be a key frame, since the last call.
-    pub fn take_key_wishes(&mut self) -> Vec<usize> {
-        std::mem::take(&mut self.key_wishes)
+    pub fn take_key_frame_requests(&mut self) -> Vec<usize> {
+        std::mem::take(&mut self.key_frame_requests)
     }
 
-    /// Stops: what was received before now still goes in. The session is closed
-    /// [`STOP_LIMIT_NS`] later, or when nothing from before it is left in encoders and queues, by [`Self::tick`] or
+    /// Stops: samples received before now are still stored. The session is closed [`STOP_LIMIT_NS`]
+    /// later, or when nothing from before it is left in encoders and queues, by [`Self::tick`] or
     /// [`Self::handle`].
     ///
     /// # Errors
@@ -398,7 +404,7 @@ impl Recorder {
     pub fn stop(&mut self, source: &str) -> Result<(), String> {
         let state = self.state();
         let at = self.clock.now();
-        let streams = self.seen.len();
+        let streams = self.delivered.len();
         let Some(session) = &mut self.session else {
             return Err(format!("nothing is being recorded; the state is {state}"));
         };
@@ -413,7 +419,7 @@ impl Recorder {
         Ok(())
     }
 
-    /// Ends a session at once, for when nothing more can come.
+    /// Ends a session immediately, for when nothing more can arrive.
     pub fn close_now(&mut self, source: &str) {
         if self.stop(source).is_ok() {
             self.close(None);
@@ -452,7 +458,8 @@ impl Recorder {
             return Err("there is no last recording that could be discarded".to_owned());
         };
         let discarded = self.store.discard(&path);
-        // One that could not be deleted can be tried again; one that a host has freed meanwhile is gone.
+        // A session that could not be deleted can be deleted later; one that a host has removed
+        // meanwhile no longer exists.
         let is_left = matches!(&discarded, Err(e) if e.kind() != io::ErrorKind::NotFound);
         if !is_left {
             self.last_session = None;
@@ -463,7 +470,7 @@ impl Recorder {
         Ok(())
     }
 
-    /// Everything worth knowing now.
+    /// Complete status of the recorder.
     pub fn status(&self) -> Status {
         let session = self.session.as_ref();
         let cameras = self.setup.cameras.iter().map(|c| &c.name);
@@ -508,7 +515,7 @@ impl Recorder {
                 .map(|c| c.encoder.clone())
                 .collect(),
             machine: self.machine.clone(),
-            sparing: step_name(self.ladder.step()).to_owned(),
+            degradation: step_name(self.ladder.step()).to_owned(),
         }
     }
 
@@ -519,7 +526,7 @@ impl Recorder {
             .filter_map(item_time)
             .min()
             .map_or(at, |t| t.min(at));
-        // The host clock and civil time of one and the same instant.
+        // The host clock and civil time of the same instant.
         let started_civil = CivilTime(self.clock.civil().0 - (self.clock.now() - started));
         let (path, storage, session_id) = self.store.create(started_civil)?;
         let timed = Arc::new(TimedStorage::new(storage, self.clock.clone()));
@@ -539,14 +546,15 @@ impl Recorder {
             rig: setup.rig_files.clone(),
         };
         let writer = SessionWriter::create(timed.clone(), spec).map_err(|e| {
-            // Nothing is in it yet.
+            // It is still empty.
             let _ = self.store.discard(&path);
             io::Error::other(e)
         })?;
         Ok(Session::new(path, writer, timed, setup, started))
     }
 
-    /// What does not change while recording: transforms, calibrations, and the clock maps so far.
+    /// Stores records that do not change during a recording: transforms, calibrations, and the
+    /// clock maps so far.
     fn statics(&mut self, at: HostTime, maps: &[ClockMap]) {
         let Some(session) = &mut self.session else {
             return;
@@ -569,7 +577,7 @@ impl Recorder {
         self.check(written);
     }
 
-    /// A sample, or the word that it will not come: into the session, or into the pre-roll.
+    /// Stores a sample, or the report that it is lost, in the session or in the pre-roll.
     fn sample(&mut self, item: Outgoing) {
         let Some(session) = &mut self.session else {
             return self.keep(item);
@@ -590,10 +598,10 @@ impl Recorder {
         self.check(stored);
     }
 
-    /// Keeps what may become the beginning of the next session.
+    /// Keeps an item that may become the beginning of the next session.
     fn keep(&mut self, item: Outgoing) {
         if self.setup.pre_roll_ns == 0 {
-            // Nothing that follows would push it out: frames that nobody stores are not encoded.
+            // No later item would push it out: frames that nobody stores are not encoded.
             if let Outgoing::Clock { at, map } = &item {
                 self.pre_roll.remember(*at, map);
             }
@@ -605,26 +613,26 @@ impl Recorder {
             self.pre_roll_alarm = cut;
             let text = format!(
                 "pre-roll: {} MB hold less than the {:.1} s of the configuration",
-                LIMIT_BYTES >> 20,
+                MAX_PRE_ROLL_BYTES >> 20,
                 self.setup.pre_roll_ns as f64 / NS_PER_S as f64
             );
             self.on_alarm(self.clock.now(), text, "pre-roll", cut);
         }
     }
 
-    /// A write went well, or ends the session.
+    /// Ends the session if a write failed.
     fn check(&mut self, result: Result<(), WriteError>) {
         if let Err(e) = result {
             self.close(Some(with_causes(&e)));
         }
     }
 
-    /// What follows from what was just done.
+    /// Handles the consequences of the last writes.
     fn after(&mut self) {
         let Some(session) = &mut self.session else {
             return;
         };
-        session.note_incidents();
+        session.record_incidents();
         for incident in std::mem::take(&mut session.incidents) {
             let text = describe(&incident);
             log::error!("{text}");
@@ -642,7 +650,7 @@ impl Recorder {
         let durable = session.writer.durability();
         if durable.chunks != session.chunks_reported {
             session.chunks_reported = durable.chunks;
-            session.note_durable();
+            session.record_durable();
             let (until, messages) = (durable.until, durable.messages);
             (self.on_progress)(Progress::Durable { until, messages });
             if !self.store.is_there(&session.path) {
@@ -655,13 +663,13 @@ impl Recorder {
         }
     }
 
-    /// Whether nothing from before a stop can still come, or it has been waited for long enough.
+    /// Whether all samples from before a stop have arrived, or the limit has passed.
     fn is_stop_over(&self) -> bool {
         let Some(stopping) = self.session.as_ref().and_then(|s| s.stopping.as_ref()) else {
             return false;
         };
         let waited_ns = self.clock.now().since(stopping.at);
-        if stopping.waiting.iter().all(|waits| !waits) || waited_ns >= STOP_MAX_NS {
+        if stopping.waiting.iter().all(|waits| !waits) || waited_ns >= MAX_STOP_NS {
             return true;
         }
         // In this order: frames are queued before they count as encoded.
@@ -671,7 +679,7 @@ impl Recorder {
         waited_ns >= STOP_LIMIT_NS && !is_encoding && (self.queues.bytes)() == 0
     }
 
-    /// Closes the session, after a failure as far as the disk lets it.
+    /// Closes the session; after a failure, as far as the disk permits.
     fn close(&mut self, error: Option<String>) {
         let Some(mut session) = self.session.take() else {
             return;
@@ -761,7 +769,7 @@ impl Recorder {
             log::info!("over: {text}");
             self.alarms.remove(&text);
         }
-        // First: if the event cannot be written the session ends, and with it some alarms.
+        // First: if the event cannot be written, the session ends, and with it some alarms.
         (self.on_progress)(Progress::Alarm {
             text: text.clone(),
             active,
@@ -775,18 +783,18 @@ impl Recorder {
     }
 
     fn on_health(&mut self, at: HostTime, streams: Vec<StreamHealth>) {
-        // While nobody stores frames, this is how they are known to come.
-        for (seen, stream) in self.seen.iter_mut().zip(&streams) {
-            *seen |= stream.received > 0;
+        // While nobody stores frames, this shows that they arrive.
+        for (delivered, stream) in self.delivered.iter_mut().zip(&streams) {
+            *delivered |= stream.received > 0;
         }
         self.health = streams;
         self.free_bytes = self.store.free_bytes();
-        self.look_at_machine(at);
-        self.look_at_losses(at);
+        self.check_machine(at);
+        self.check_losses(at);
         let Some(session) = &mut self.session else {
             return self.guard_disk(at, None);
         };
-        let (write_max_ns, sync_max_ns) = session.timed.take_longest();
+        let (write_max_ns, sync_max_ns) = session.timed.take_max_durations();
         let durability = session.writer.durability();
         let mut written = 0;
         let streams = self
@@ -828,55 +836,55 @@ impl Recorder {
         self.guard_disk(at, Some(written));
     }
 
-    /// Says which streams are losing samples, and which no longer are.
-    fn look_at_losses(&mut self, at: HostTime) {
+    /// Reports streams that are losing samples, and streams that no longer do.
+    fn check_losses(&mut self, at: HostTime) {
         let streams = self.session.iter_mut().flat_map(|s| &mut s.streams);
-        let changes: Vec<_> = streams.flat_map(|s| s.losses.look(&s.name)).collect();
+        let changes: Vec<_> = streams.flat_map(|s| s.losses.check(&s.name)).collect();
         for (text, active) in changes {
-            // To write one may end the session, and with it the alarms that stand.
+            // Writing one may end the session, and with it the active alarms.
             if self.session.is_some() || !active {
                 self.on_alarm(at, text, LOSSES, active);
             }
         }
     }
 
-    /// Asks the machine how it is, and takes the measures that follow.
-    fn look_at_machine(&mut self, at: HostTime) {
-        let look = self.store.machine(at, self.session.is_some());
-        self.machine = look.status;
-        for text in look.events {
+    /// Reads the state of the machine and applies the resulting measures.
+    fn check_machine(&mut self, at: HostTime) {
+        let reading = self.store.machine(at, self.session.is_some());
+        self.machine = reading.status;
+        for text in reading.events {
             log::warn!("{text}");
             self.event(Kind::Warning, at, "clock", &text);
         }
-        let changes = self.ladder.look(at.0, &look.pressure);
-        self.tell_changes(at, changes);
-        if self.ladder.measures().stop && self.session.is_some() {
+        let changes = self.ladder.reading(at.0, &reading.pressure);
+        self.report_changes(at, changes);
+        if self.ladder.mitigations().stop && self.session.is_some() {
             let _ = self.stop("the machine cannot go on");
         }
     }
 
-    /// Says what is tight, each cause in one alarm whose text follows what is done about it.
-    fn tell_changes(&mut self, at: HostTime, changes: Vec<Change>) {
+    /// Reports scarce resources: one alarm per cause, whose text follows the measures taken.
+    fn report_changes(&mut self, at: HostTime, changes: Vec<Change>) {
         for change in changes {
             let source = cause_name(change.cause);
-            if let Some(over) = self.tight.remove(&change.cause) {
+            if let Some(over) = self.cause_alarms.remove(&change.cause) {
                 self.on_alarm(at, over, source, false);
             }
-            // That space runs low is said by the disk's own alarm.
-            let is_said = change.cause == Cause::Disk && change.to == Step::Warn;
-            if change.to > Step::Normal && !is_said {
+            // Low disk space is reported by the disk's own alarm.
+            let is_reported = change.cause == Cause::Disk && change.to == Step::Warn;
+            if change.to > Step::Normal && !is_reported {
                 self.on_alarm(at, change.text.clone(), source, true);
-                self.tight.insert(change.cause, change.text);
+                self.cause_alarms.insert(change.cause, change.text);
             }
         }
     }
 
-    /// What is to be done to spare the machine.
-    pub fn measures(&self) -> Measures {
-        self.ladder.measures()
+    /// Measures against overload of the machine that are in force.
+    pub fn mitigations(&self) -> Mitigations {
+        self.ladder.mitigations()
     }
 
-    /// Warns when space runs low, or is too little to begin; stops, cleanly, when it has run out.
+    /// Warns when free space runs low or is too little to begin; stops cleanly when it has run out.
     fn guard_disk(&mut self, at: HostTime, bytes_per_second: Option<u64>) {
         let Some(free) = self.free_bytes else {
             return;
@@ -885,11 +893,11 @@ impl Recorder {
         self.seconds_left = bytes_per_second.map(|rate| usable as f64 / rate.max(1) as f64);
         let full = match bytes_per_second {
             Some(_) => usable == 0,
-            None => usable < START_MARGIN,
+            None => usable < START_MARGIN_BYTES,
         };
         let alarm = match self.seconds_left {
             _ if full => Some(DISK_FULL),
-            Some(left) if left < WARN_SECONDS => Some(DISK_LOW),
+            Some(left) if left < MIN_SECONDS_LEFT => Some(DISK_LOW),
             _ => None,
         };
         if alarm != self.disk_alarm {
@@ -928,7 +936,7 @@ fn cause_name(cause: Cause) -> &'static str {
     }
 }
 
-/// What an alarm of this source is about.
+/// Subject of an alarm from this source.
 fn concern_of(source: &str) -> Concern {
     match source {
         "disk" | RECOVERY => Concern::Storage,
@@ -938,7 +946,7 @@ fn concern_of(source: &str) -> Concern {
     }
 }
 
-/// What the writer dealt with, for people.
+/// Description of an incident that the writer handled, for people.
 fn describe(incident: &Incident) -> String {
     let what = if incident.lost.is_empty() {
         "nothing is lost"
@@ -951,7 +959,7 @@ fn describe(incident: &Incident) -> String {
     )
 }
 
-/// The time by which an item belongs before or after a stop.
+/// Time that decides whether an item belongs before or after a stop.
 fn item_time(item: &Outgoing) -> Option<HostTime> {
     match item {
         Outgoing::Frame { frame, .. } => Some(HostTime(frame.time)),

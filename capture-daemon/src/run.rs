@@ -1,4 +1,4 @@
-//! Putting the parts together: in real time on threads, or in virtual time in a loop.
+//! Assembly of the parts: in real time on threads, or in virtual time in a loop.
 
 use std::path::PathBuf;
 use std::sync::atomic::{AtomicBool, Ordering};
@@ -13,9 +13,9 @@ use crate::status::Progress;
 
 mod build;
 mod claim;
+mod crash_recovery;
 pub(crate) mod identity;
-mod leftovers;
-mod look;
+mod machine_monitor;
 mod operator;
 mod page;
 mod real_time;
@@ -28,7 +28,7 @@ pub use page::fingerprint;
 pub use real_time::daemon;
 pub use store::FolderStore;
 
-/// Asks a run to end; clones ask the same run.
+/// Request to end a run; clones share the flag.
 #[derive(Clone, Debug, Default)]
 pub struct StopFlag(Arc<AtomicBool>);
 
@@ -38,31 +38,31 @@ impl StopFlag {
         Self::default()
     }
 
-    /// Asks to end.
+    /// Requests the end.
     pub fn set(&self) {
         self.0.store(true, Ordering::SeqCst);
     }
 
-    /// Whether the end was asked for.
+    /// Whether the end was requested.
     pub fn is_set(&self) -> bool {
         self.0.load(Ordering::SeqCst)
     }
 }
 
-/// What to record.
+/// Parameters of a recording.
 #[derive(Clone, Debug)]
 pub struct RecordOptions {
     /// Length of the session; it also ends when all sources have ended.
     pub seconds: f64,
-    /// As fast as the machine can, dropping nothing: the same input gives the same bytes.
+    /// As fast as the machine can, without drops: the same input gives the same bytes.
     pub virtual_time: bool,
     /// Name of the session.
     pub name: String,
-    /// Folder in which the session's folder is made.
+    /// Folder in which the session's folder is created.
     pub out: PathBuf,
 }
 
-/// What came of a recording.
+/// Result of a recording.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Finished {
     /// The session's folder.
@@ -71,23 +71,23 @@ pub struct Finished {
     pub stored: u64,
     /// Samples missing, all streams; each is accounted for in a gap record.
     pub missing: u64,
-    /// Streams of which nothing came at all.
+    /// Streams without any sample.
     pub absent: Vec<String>,
-    /// What failed, if the session was ended by a failure or a source failed during it.
+    /// The failure, if the session was ended by one or a source failed during it.
     pub error: Option<String>,
 }
 
-/// How a recording ends: what its last progress says, and the first source that failed during it.
+/// Result of a recording: its last progress, and the first source that failed during it.
 #[derive(Clone, Default)]
 struct Outcome(Arc<Mutex<(Option<Finished>, Option<String>)>>);
 
 impl Outcome {
-    /// A source has failed: the recording goes on without it, and ends as failed.
+    /// Stores the failure of a source: the recording continues without it, and ends as failed.
     fn source_failed(&self, error: String) {
         self.lock().1.get_or_insert(error);
     }
 
-    /// Hands progress on and keeps the last of it.
+    /// Forwards progress and stores the last of it.
     fn watch(&self, mut on_progress: OnProgress) -> OnProgress {
         let outcome = self.clone();
         Box::new(move |mut progress| {
@@ -130,7 +130,7 @@ impl Outcome {
     }
 }
 
-/// Why a recording is stopped when nothing failed.
+/// Reason for the stop of a recording without failures.
 fn stop_reason(stop: &StopFlag, all_ended: bool) -> &'static str {
     match (stop.is_set(), all_ended) {
         (true, _) => "signal",
@@ -139,12 +139,11 @@ fn stop_reason(stop: &StopFlag, all_ended: bool) -> &'static str {
     }
 }
 
-/// Records one session: starts at once, ends after the time given or when `stop` is set.
+/// Records one session: starts immediately, ends after the given time or when `stop` is set.
 ///
 /// # Errors
-/// The configuration cannot be put to work, or no session could be created. A session that was
-/// ended by a failure, or went on without a source that failed, is not an error: see
-/// [`Finished::error`].
+/// The configuration cannot be applied, or no session could be created. A session that was ended by
+/// a failure, or continued without a source that failed, is not an error: see [`Finished::error`].
 pub fn record(
     config: &Config,
     options: &RecordOptions,
@@ -155,8 +154,8 @@ pub fn record(
     record_built(build, options, stop, on_progress)
 }
 
-/// As [`record`], with sources and set-ups of the caller's: `build` is given the time at which
-/// scheduled sources are to begin.
+/// As [`record`], with the caller's sources and setups: `build` takes the time at which scheduled
+/// sources are to begin.
 ///
 /// # Errors
 /// As for [`record`].

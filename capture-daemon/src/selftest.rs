@@ -1,8 +1,9 @@
-//! `pawsd selftest`: everything that a person with new hardware should try first, in one report to send back.
+//! `pawsd selftest`: all first checks of new hardware, in one report to send back.
 //!
-//! Contract: looks at the machine, at what is plugged in and at the configuration, then makes one short
-//! recording and checks every byte of it. A step that fails is told, and the next one is taken. The recording
-//! is kept only if something is wrong with it. The report is plain text: it is to be read by people and sent by mail.
+//! Contract: inspects the machine, the connected devices and the configuration, then makes one
+//! short recording and checks every byte of it. A failed step is reported, and the next one is run.
+//! The recording is retained only if something is wrong with it. The report is plain text, to be
+//! read by people and sent by mail.
 
 use std::fmt::Write as _;
 use std::fs;
@@ -15,27 +16,27 @@ use session_archive::record::{Health, Record as _};
 use session_archive::storage::DiskStorage;
 use session_archive::verify::verify;
 
-use crate::causes::with_causes;
 use crate::config::{self, Config, Level};
 use crate::devices;
+use crate::error_chain::with_causes;
 use crate::run::{self, RecordOptions, StopFlag};
 
-/// What came of it.
+/// Result of the self test.
 #[derive(Clone, Debug)]
 pub struct Report {
     /// The whole report.
     pub text: String,
-    /// What is wrong, one line each; nothing if all went well.
+    /// Failures, one line each; empty if there are none.
     pub failures: Vec<String>,
 }
 
-/// Does it all. Sessions are made in `folder`, and `seconds` long.
+/// Runs all steps. Sessions are created in `folder`, with a length of `seconds`.
 pub fn run(config: &Config, folder: &Path, seconds: f64, stop: &StopFlag) -> Report {
     let mut report = Writer::default();
     report.part("Machine");
     machine(&mut report);
     report.part("Devices");
-    let inventory = devices::look();
+    let inventory = devices::inventory();
     report.lines(&inventory.to_string());
     for camera in &inventory.cameras {
         for problem in &camera.problems {
@@ -50,7 +51,7 @@ pub fn run(config: &Config, folder: &Path, seconds: f64, stop: &StopFlag) -> Rep
     for element in video::encoder::known_elements() {
         let trial = video::discover::trial(element, 1344, 376);
         report.line(&match trial {
-            Ok(trial) => format!("{element}: {:.0} pictures/s", trial.pictures_per_s),
+            Ok(trial) => format!("{element}: {:.0} frames/s", trial.pictures_per_s),
             Err(reason) => format!("{element}: {reason}"),
         });
     }
@@ -114,32 +115,32 @@ fn machine(report: &mut Writer) {
     let model = read("/proc/device-tree/model");
     let name = read("/etc/os-release");
     let name = name.lines().find_map(|l| l.strip_prefix("PRETTY_NAME="));
-    for told in [
+    for line in [
         model.trim_end_matches('\0'),
         name.unwrap_or_default(),
         read("/etc/nv_tegra_release").trim(),
     ] {
-        if !told.is_empty() {
-            report.line(told);
+        if !line.is_empty() {
+            report.line(line);
         }
     }
     let roots = Roots::default();
     let heat = thermal::Thermometer::new().judge(&thermal::Readings::read(&roots));
     let power = battery::judge(&battery::Readings::read(&roots), None);
-    for told in [
+    for line in [
         serde_json::to_string(&heat),
         serde_json::to_string(&power),
-        serde_json::to_string(&clock::look()),
+        serde_json::to_string(&clock::read()),
         serde_json::to_string(&clock::discipline(&roots)),
     ]
     .into_iter()
     .flatten()
     {
-        report.line(&told);
+        report.line(&line);
     }
 }
 
-/// The report descriptor of a HID device: nobody has written down a real ZED Mini's.
+/// Report descriptor of a HID device, because no descriptor of a real ZED Mini is published.
 fn descriptor(node: &str) -> String {
     let name = Path::new(node).file_name().unwrap_or_default();
     let path = Path::new("/sys/class/hidraw")
@@ -185,7 +186,10 @@ fn record(config: &Config, folder: &Path, seconds: f64, stop: &StopFlag, report:
         Ok(reader) => examine(config, &reader, seconds, report),
     }
     if report.failures.len() > before {
-        report.line(&format!("it is kept: {}", finished.session.display()));
+        report.line(&format!(
+            "the recording is retained: {}",
+            finished.session.display()
+        ));
     } else if let Err(error) = fs::remove_dir_all(&finished.session) {
         report.line(&format!(
             "it could not be deleted: {error}: {}",

@@ -1,14 +1,15 @@
-//! Where pictures and IMU samples come from.
+//! Sources of images and IMU samples.
 //!
-//! A source delivers the samples of one camera and of the IMU in it, in the order of their arrival.
-//! Each source separates bytes → sample (pure, tested on recorded bytes) from I/O, and has fakes
-//! beside it. There are two kinds:
+//! A source delivers the samples of one camera and of its IMU, in the order of their arrival. Each
+//! source separates bytes → sample (pure, tested on recorded bytes) from I/O, and has fakes beside
+//! it. There are two kinds:
 //!
-//! * [`Source`]s need no hardware: [`replay`] of recorded data sets, of a [`bag`] and of a [video file](video_file), a
-//!   [`simulated`] walk and a [`synthetic`] moving picture. They know when each sample is to arrive and leave the waiting to the runner, so that they
-//!   run in real time and in virtual time alike.
-//! * [`Live`] sources wait for devices, each on threads of its own. A device that is not there yet, or no
-//!   longer, is waited for: see [`Live::run`].
+//! * [`Source`]s need no hardware: [`replay`] of recorded data sets, of a [`bag`] and of a [video
+//!   file](video_file), a [`simulated`] walk and a [`synthetic`] moving image. They know the
+//!   arrival time of each sample in advance and leave the waiting to the runner, so that they run
+//!   in real time and in virtual time alike.
+//! * [`Live`] sources wait for devices, each on threads of its own. A device that is absent or
+//!   disconnected is waited for: see [`Live::run`].
 
 use std::path::Path;
 
@@ -29,43 +30,42 @@ pub mod simulated;
 pub mod synthetic;
 pub mod video_file;
 
-/// One stereo frame as a source delivers it: as a [`Picture`], or in its camera's own buffer.
+/// One stereo frame from a source: as a [`Picture`], or in its camera's own buffer.
 #[derive(Clone, Debug)]
 pub struct RawFrame<P = Picture> {
     /// The device's own sequence number.
     pub number: u64,
-    /// Device clock at the instant that the device stamps.
+    /// Device clock at the stamped instant.
     pub device_ticks: i64,
-    /// The driver's time stamp, where there is one.
+    /// The driver's timestamp, if there is one.
     pub kernel_time: Option<HostTime>,
-    /// When the frame arrived.
+    /// Arrival of the frame.
     pub host_time: HostTime,
-    /// Exposure time where the device tells it, ns.
+    /// Exposure time, ns, if the device reports it.
     pub exposure_ns: Option<u32>,
-    /// How much later the right eye's image was taken, ns, where the eyes came separately.
+    /// Delay of the right eye's image, ns, if the eyes were captured separately.
     pub eyes_apart_ns: Option<i64>,
-    /// Left and right side by side; a [`Picture`] is I420 (grey ones with neutral chroma).
-    pub picture: P,
+    /// Left and right side by side; a [`Picture`] is I420 (gray ones with neutral chroma).
+    pub image: P,
 }
 
-/// The pixels of a frame, in the form in which they go into an encoder.
+/// The pixels of a frame, in the form that an encoder takes.
 pub trait Pixels {
-    /// What goes into the encoder.
+    /// Input of the encoder.
     fn input(&self) -> Input<'_>;
 
-    /// A number that tells whether the picture is the same as the one before it; none where the pixels cannot be
-    /// looked at.
+    /// Hash for detecting an unchanged image; `None` if the pixels are not accessible.
     fn digest(&self) -> Option<u64>;
 
-    /// What can be shown small.
-    fn shown(&self) -> Shown<'_>;
+    /// Input of the preview.
+    fn preview_pixels(&self) -> PreviewPixels<'_>;
 }
 
-/// Pixels that are to be shown small.
+/// Pixels for a preview.
 #[derive(Clone, Copy, Debug)]
-pub enum Shown<'a> {
+pub enum PreviewPixels<'a> {
     /// In memory.
-    Picture(&'a Picture),
+    Image(&'a Picture),
     /// In a camera's own buffer.
     Native(&'a NativeFrame),
 }
@@ -79,8 +79,8 @@ impl Pixels for Picture {
         Some(crc32fast::hash(&self.data).into())
     }
 
-    fn shown(&self) -> Shown<'_> {
-        Shown::Picture(self)
+    fn preview_pixels(&self) -> PreviewPixels<'_> {
+        PreviewPixels::Image(self)
     }
 }
 
@@ -93,8 +93,8 @@ impl Pixels for NativeFrame {
         NativeFrame::digest(self)
     }
 
-    fn shown(&self) -> Shown<'_> {
-        Shown::Native(self)
+    fn preview_pixels(&self) -> PreviewPixels<'_> {
+        PreviewPixels::Native(self)
     }
 }
 
@@ -105,17 +105,17 @@ pub struct RawImu {
     pub number: u64,
     /// Device clock.
     pub device_ticks: i64,
-    /// When the sample arrived.
+    /// Arrival of the sample.
     pub host_time: HostTime,
-    /// What was measured.
+    /// The measurement.
     pub values: ImuValues,
     /// Temperature of the IMU, in counts of [`ImuInfo::temperature_scale_c`].
     pub temperature: Option<i32>,
-    /// Whether the device says that a frame was taken with it.
+    /// Whether the device marks the sample as simultaneous with a frame.
     pub frame_sync: bool,
 }
 
-/// A measurement, in the numbers in which the source has it; never converted.
+/// A measurement, in the source's own numbers; never converted.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum ImuValues {
     /// Raw counts; the scales are in [`ImuInfo::scale`].
@@ -134,129 +134,132 @@ pub enum ImuValues {
     },
 }
 
-/// A stereo frame that came while nobody stores frames: without its pixels, which were not fetched or made.
+/// A stereo frame that arrived while nobody stores frames: without its pixels, which were not
+/// fetched or rendered.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub struct Seen {
+pub struct FrameArrival {
     /// The device's own sequence number.
     pub number: u64,
-    /// Device clock at the instant that the device stamps.
+    /// Device clock at the stamped instant.
     pub device_ticks: i64,
-    /// When the frame arrived.
+    /// Arrival of the frame.
     pub host_time: HostTime,
 }
 
-/// What a source delivers.
+/// Output of a source.
 #[derive(Clone, Debug)]
 pub enum Sample {
     /// A frame without its pixels.
-    Seen(Seen),
+    Arrival(FrameArrival),
     /// A stereo frame.
     Frame(RawFrame),
     /// A stereo frame in its camera's own buffer.
     Native(RawFrame<NativeFrame>),
     /// An IMU sample.
     Imu(RawImu),
-    /// The device is gone; samples that follow come from it after it has returned.
-    Gone(Gone),
-    /// A frame that came and cannot be used.
-    Lost(Lost),
-    /// Something happened that is worth keeping.
+    /// The device is disconnected; later samples come from it after it has reconnected.
+    Disconnected(Disconnected),
+    /// A frame that arrived and is unusable.
+    Dropped(DroppedFrame),
+    /// An event worth recording.
     Notice(Notice),
-    /// How the clocks of camera and IMU lie to each other, as the device itself tells it.
+    /// Clock relation of camera and IMU, measured by the device itself.
     FrameSync(FrameSync),
 }
 
-/// Which of a source's devices is meant.
+/// Part of a source's device.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum Part {
+pub enum DevicePart {
     /// The camera alone.
     Camera,
     /// The IMU alone.
     Imu,
-    /// Both, for they are one device.
+    /// Both, if they are one device.
     Both,
 }
 
-/// A device that is gone.
+/// A disconnect of a device.
 #[derive(Clone, Debug, PartialEq, Eq)]
-pub struct Gone {
-    /// When that was noticed.
+pub struct Disconnected {
+    /// Time of the detection.
     pub host_time: HostTime,
-    /// What is gone.
-    pub part: Part,
-    /// What exactly happened, for people.
+    /// The disconnected part.
+    pub part: DevicePart,
+    /// Details, for people.
     pub detail: String,
 }
 
-/// A frame that the device counted and that cannot be used.
+/// A frame that the device counted and that is unusable.
 #[derive(Clone, Debug, PartialEq, Eq)]
-pub struct Lost {
+pub struct DroppedFrame {
     /// The device's own sequence number.
     pub number: u64,
-    /// When it arrived.
+    /// Its arrival.
     pub host_time: HostTime,
-    /// Why it cannot be used.
+    /// Cause of the drop.
     pub cause: Cause,
-    /// What exactly happened, for people.
+    /// Details, for people.
     pub detail: String,
 }
 
-/// Something that happened to a device.
+/// An event of a device.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Notice {
-    /// When.
+    /// Time of the event.
     pub host_time: HostTime,
-    /// To which device.
-    pub part: Part,
-    /// What, for people.
+    /// The affected part.
+    pub part: DevicePart,
+    /// The event, for people.
     pub text: String,
 }
 
-/// Clocks of a camera and its IMU, tied by samples that the device marks as taken with a frame.
+/// Clock relation of a camera and its IMU, from samples that the device marks as simultaneous with
+/// a frame.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct FrameSync {
-    /// When this was found.
+    /// Time of the estimate.
     pub host_time: HostTime,
-    /// Marked samples that belong to a frame, used for it.
+    /// Number of marked samples with a frame, used for the estimate.
     pub pairs: u32,
     /// An instant on the IMU's clock.
     pub ticks: i64,
-    /// The same instant as the camera's driver would stamp it.
+    /// The same instant on the clock of the camera driver's timestamps.
     pub stamp: HostTime,
     /// One standard deviation of that, ns.
     pub sigma_ns: u64,
-    /// By how much the stamps lie above the line through all, ns: half of them by less.
+    /// Median distance of the timestamps above the fitted line, ns.
     pub residual_median_ns: u64,
-    /// The same; 99 of 100 by less.
+    /// 99th percentile of the same, ns.
     pub residual_p99_ns: u64,
-    /// Number of the device's sync counter less that of the frame.
+    /// Device's sync counter minus frame number.
     pub count_minus_number: i64,
 }
 
 impl Sample {
-    /// When it arrived, or is to arrive.
+    /// Arrival time, in the past or in the future.
     pub fn host_time(&self) -> HostTime {
         match self {
-            Self::Seen(s) => s.host_time,
+            Self::Arrival(s) => s.host_time,
             Self::Frame(f) => f.host_time,
             Self::Native(f) => f.host_time,
             Self::Imu(i) => i.host_time,
-            Self::Gone(g) => g.host_time,
-            Self::Lost(l) => l.host_time,
+            Self::Disconnected(g) => g.host_time,
+            Self::Dropped(l) => l.host_time,
             Self::Notice(n) => n.host_time,
             Self::FrameSync(s) => s.host_time,
         }
     }
 
-    /// Bytes that it occupies, for bounding queues.
+    /// Size in bytes, for bounding queues.
     pub fn bytes(&self) -> usize {
         match self {
-            Self::Seen(_) => size_of::<Seen>(),
-            Self::Frame(f) => f.picture.data.len() + size_of::<RawFrame>(),
-            Self::Native(f) => f.picture.bytes() + size_of::<RawFrame<NativeFrame>>(),
+            Self::Arrival(_) => size_of::<FrameArrival>(),
+            Self::Frame(f) => f.image.data.len() + size_of::<RawFrame>(),
+            Self::Native(f) => f.image.bytes() + size_of::<RawFrame<NativeFrame>>(),
             Self::Imu(_) => size_of::<RawImu>(),
-            Self::Gone(Gone { detail, .. }) | Self::Lost(Lost { detail, .. }) => {
-                size_of::<Lost>() + detail.len()
+            Self::Disconnected(Disconnected { detail, .. })
+            | Self::Dropped(DroppedFrame { detail, .. }) => {
+                size_of::<DroppedFrame>() + detail.len()
             }
             Self::Notice(notice) => size_of::<Notice>() + notice.text.len(),
             Self::FrameSync(_) => size_of::<FrameSync>(),
@@ -264,7 +267,7 @@ impl Sample {
     }
 }
 
-/// What is known of a source's camera before the first sample.
+/// Properties of a source's camera, known before the first sample.
 #[derive(Clone, Debug, PartialEq)]
 pub struct CameraInfo {
     /// Width of the stereo frame, pixels, even.
@@ -275,46 +278,46 @@ pub struct CameraInfo {
     pub rate_hz: f64,
     /// Length of a device tick.
     pub tick: TickLength,
-    /// Width of the device's tick counter, where it wraps.
+    /// Width of the device's tick counter in bits, if it wraps.
     pub tick_bits: Option<u8>,
-    /// Width of the device's frame counter, where it wraps.
+    /// Width of the device's frame counter in bits, if it wraps.
     pub number_bits: Option<u8>,
-    /// Whether chroma means anything.
+    /// Whether the images have color.
     pub colour: bool,
-    /// Whether the same picture again and again is what the source is meant to deliver, so that a
-    /// frozen picture is no fault.
+    /// Whether a repeated image is intended, so that a frozen image is no fault.
     pub still: bool,
-    /// Where ticks are ns of the host clock, as drivers stamp them: then there is no clock to be learned.
+    /// Properties of the timestamps, if ticks are ns of the host clock, as from a driver: then no
+    /// clock map is estimated.
     pub stamped: Option<Stamped>,
 }
 
-/// How the host's own stamps lie to the instants that they stand for.
+/// Relation of host timestamps to the instants that they stand for.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Stamped {
-    /// From the instant to the stamp, as far as it is known and constant, ns.
+    /// Known constant delay from the instant to the timestamp, ns.
     pub latency_ns: i64,
-    /// One standard deviation of what remains, ns.
+    /// One standard deviation of the remaining error, ns.
     pub sigma_ns: u64,
 }
 
-/// What is known of a source's IMU before the first sample.
+/// Properties of a source's IMU, known before the first sample.
 #[derive(Clone, Debug, PartialEq)]
 pub struct ImuInfo {
     /// Nominal rate.
     pub rate_hz: f64,
     /// Length of a device tick.
     pub tick: TickLength,
-    /// Width of the device's tick counter, where it wraps.
+    /// Width of the device's tick counter in bits, if it wraps.
     pub tick_bits: Option<u8>,
-    /// Width of the device's sample counter, where it wraps.
+    /// Width of the device's sample counter in bits, if it wraps.
     pub number_bits: Option<u8>,
-    /// rad/s per gyro count and m/s² per accelerometer count, where samples are counts.
+    /// rad/s per gyro count and m/s² per accelerometer count, if samples are counts.
     pub scale: Option<(f64, f64)>,
-    /// °C per count, where samples have a temperature: all of them or none.
+    /// °C per count, if samples have a temperature: all of them or none.
     pub temperature_scale_c: Option<f64>,
 }
 
-/// What is known of a source before the first sample.
+/// Properties of a source, known before the first sample.
 #[derive(Clone, Debug, PartialEq)]
 pub struct SourceInfo {
     /// For people: `replay of KITTI pairs`, `ZED Mini SN…`.
@@ -323,51 +326,53 @@ pub struct SourceInfo {
     pub camera: CameraInfo,
     /// Its IMU, if it has one.
     pub imu: Option<ImuInfo>,
-    /// Name and content of the vendor's calibration files, as they came.
+    /// Name and content of the vendor's calibration files, unmodified.
     pub calibration_files: Vec<(String, Vec<u8>)>,
 }
 
-/// Why a source cannot go on.
+/// Permanent error of a source.
 #[derive(Debug, thiserror::Error)]
 pub enum SourceError {
-    /// The data cannot be used; trying again will not help.
+    /// The data is unusable; a retry will not help.
     #[error("{source_name} cannot be read: {what}")]
     Unusable {
-        /// Which source.
+        /// Name of the source.
         source_name: String,
-        /// What is wrong.
+        /// The error.
         what: String,
     },
 }
 
-/// Most that [`Extent::Head`] reads of a file. 1 MiB.
+/// Maximum number of bytes that [`Extent::Head`] reads of a file. 1 MiB.
 pub const HEAD_BYTES: u64 = 1 << 20;
 
-/// How much of its files a recorded source reads to be opened.
+/// Extent to which a recorded source reads its files when it is opened.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Extent {
-    /// All of lists and bags, so that what cannot be replayed is refused.
+    /// All of lists and bags, so that unusable data is rejected.
     Whole,
-    /// The beginning of each file, up to [`HEAD_BYTES`], as if there were no more: for a look, not to be replayed.
+    /// The beginning of each file, up to [`HEAD_BYTES`], as if there were no more: for a check, not
+    /// for a replay.
     Head,
 }
 
-/// A source of samples that knows beforehand when they are to arrive.
+/// A source of samples with arrival times known in advance.
 pub trait Source: Send {
-    /// What it delivers.
+    /// Its properties.
     fn info(&self) -> &SourceInfo;
 
-    /// The next sample, in the order of arrival; none when there will be no more. It returns at once, with
-    /// an arrival time that may lie in the future and that the caller has to wait for.
+    /// The next sample, in the order of arrival; `None` at the end. It returns immediately, with an
+    /// arrival time that may be in the future and that the caller has to wait for.
     ///
     /// # Errors
     /// See [`SourceError`].
     fn next_sample(&mut self) -> Result<Option<Sample>, SourceError>;
 
-    /// Whether the pixels of the frames that follow are wanted: while nobody stores them a source may deliver
-    /// [`Sample::Seen`] instead. A source of which each frame needs the ones before may ignore it.
-    fn want_pixels(&mut self, wanted: bool) {
-        let _ = wanted;
+    /// Sets whether the pixels of the following frames are needed. While they are not, a source may
+    /// deliver [`Sample::Arrival`] instead. A source whose frames depend on earlier ones may ignore
+    /// it.
+    fn set_pixels_needed(&mut self, needed: bool) {
+        let _ = needed;
     }
 
     /// Moves the schedule so that it begins at `start`; only before the first sample.
@@ -375,70 +380,72 @@ pub trait Source: Send {
         let _ = start;
     }
 
-    /// It is so late that samples which were to arrive before `now` cannot be made any more: a source that
-    /// makes its samples leaves frames out, as a device does that is not read in time. Which ones.
-    fn hurry(&mut self, now: HostTime) -> Vec<Lost> {
+    /// Skips samples that are overdue at `now`: a source that renders its samples leaves frames
+    /// out, like a device that is not read in time. Returns the skipped ones.
+    fn skip_overdue(&mut self, now: HostTime) -> Vec<DroppedFrame> {
         let _ = now;
         Vec::new()
     }
 
-    /// What is true, as files that the session keeps beside the rig's: name and content. Asked for when the
-    /// beginning of the schedule is known.
+    /// Ground truth as files that the session stores beside the rig's: name and content. Called
+    /// when the beginning of the schedule is known.
     fn truth(&self) -> Vec<(String, Vec<u8>)> {
         Vec::new()
     }
 
-    /// The stereo calibration that comes with the source, where there is one.
+    /// The stereo calibration of the source, if there is one.
     fn calibration(&self) -> Option<&StereoCalibration> {
         None
     }
 
-    /// Bytes that are others when what it delivers is something else by its settings or by what it reads, beside what
-    /// [`Source::info`] and [`Source::truth`] say; the same wherever its files lie. Recordings in virtual time are told
-    /// apart by them.
+    /// Digest of the settings and input data that determine its output, beside [`Source::info`] and
+    /// [`Source::truth`]; independent of the folder of its files. It distinguishes recordings in
+    /// virtual time.
     fn digest(&self) -> Vec<u8>;
 }
 
-/// Where a live source puts its samples; used from several threads.
+/// Receiver of a live source's samples; used from several threads.
 pub trait Sink: Sync {
     /// Now, on the host clock.
     fn now(&self) -> HostTime;
 
-    /// Takes a sample. IMU samples wait for room; a frame for which there is none is dropped and accounted for.
+    /// Takes a sample. IMU samples wait for room; a frame without room is dropped and accounted
+    /// for.
     fn put(&self, sample: Sample);
 
-    /// Whether the pixels of a frame are wanted now; if not, [`Sample::Seen`] stands for it.
-    fn wants_pixels(&self) -> bool {
+    /// Whether the pixels of a frame are needed now; if not, [`Sample::Arrival`] is delivered
+    /// instead.
+    fn pixels_needed(&self) -> bool {
         true
     }
 
-    /// Whether the source is to end: looked at several times a second.
+    /// Whether the source has to end: checked several times a second.
     fn is_ending(&self) -> bool;
 }
 
 /// A source that waits for a device.
 pub trait Live: Send {
-    /// What it delivers. Known from the configuration, before the device is there.
+    /// Its properties. Known from the configuration, before the device is present.
     fn info(&self) -> &SourceInfo;
 
-    /// Delivers until the sink says that it is to end. A device that is not there, or that goes away, is told
-    /// once as [`Sample::Gone`] and waited for; its samples follow when it is there.
+    /// Delivers until the sink requests the end. A device that is absent or disconnects is reported
+    /// once as [`Sample::Disconnected`] and waited for; its samples follow when it is present.
     ///
     /// # Errors
-    /// [`SourceError`] when waiting and trying again cannot help.
+    /// [`SourceError`] if waiting and retrying cannot help.
     fn run(self: Box<Self>, sink: &dyn Sink) -> Result<(), SourceError>;
 }
 
 /// A source of either kind.
 pub enum AnySource {
-    /// Knows beforehand when its samples are to arrive.
+    /// Arrival times are known in advance.
     Scheduled(Box<dyn Source>),
     /// Waits for a device.
     Live(Box<dyn Live>),
 }
 
 impl AnySource {
-    /// What it delivers.
+    /// Its properties.
     pub fn info(&self) -> &SourceInfo {
         match self {
             Self::Scheduled(source) => source.info(),
@@ -446,7 +453,7 @@ impl AnySource {
         }
     }
 
-    /// The stereo calibration that comes with the source, where there is one.
+    /// The stereo calibration of the source, if there is one.
     pub fn calibration(&self) -> Option<&StereoCalibration> {
         match self {
             Self::Scheduled(source) => source.calibration(),
@@ -455,8 +462,8 @@ impl AnySource {
     }
 }
 
-/// The name under which a session keeps a calibration file of `camera`: the camera's, then the file's
-/// place below `root` (the file itself or a folder), joined with dots.
+/// Name of a calibration file of `camera` in a session: the camera's name, then the file's path
+/// below `root` (the file itself or a folder), joined with dots.
 pub(crate) fn rig_file_name(camera: &str, root: &Path, file: &Path) -> String {
     let inside = match file.strip_prefix(root) {
         Ok(inside) if inside != Path::new("") => inside,
@@ -472,7 +479,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn calibration_files_are_named_by_camera_and_place() {
+    fn calibration_files_are_named_by_camera_and_path() {
         let name = |root: &str, file: &str| rig_file_name("feet", root.as_ref(), file.as_ref());
         assert_eq!(name("a/SN1.conf", "a/SN1.conf"), "feet.SN1.conf");
         assert_eq!(name("a", "a/K.txt"), "feet.K.txt");

@@ -1,4 +1,4 @@
-//! What the recorder tells about itself: to `pawsd status`, to a button's light, to a log.
+//! Status of the recorder, for `pawsd status`, a button's light and logs.
 
 use std::collections::BTreeSet;
 use std::path::PathBuf;
@@ -13,11 +13,11 @@ use session_archive::time::HostTime;
 pub enum State {
     /// Waiting for the sources: not every stream has delivered yet.
     Idle,
-    /// Ready: a press starts recording at once.
+    /// Ready: a press starts recording immediately.
     Armed,
     /// Recording.
     Recording,
-    /// Asked to stop; the last frames are on their way.
+    /// Stop requested; the last frames are in transit.
     Stopping,
     /// Cannot record, see the alarms.
     Fault,
@@ -50,21 +50,21 @@ pub struct StreamStatus {
     pub missing: u64,
     /// No sample for too long.
     pub silent: bool,
-    /// The same picture for too long.
+    /// The image has not changed for too long.
     pub frozen: bool,
 }
 
-/// What a person can do something about.
+/// Subject of an alarm, for which a person can do something.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case")]
 pub enum Concern {
-    /// A camera or an IMU is silent, gone, frozen or cannot be encoded.
+    /// A camera or an IMU is silent, disconnected, frozen or cannot be encoded.
     Stream,
     /// The disk is slow, or little is free.
     Storage,
     /// The battery or the supply is low.
     Battery,
-    /// The machine is hot, or has slowed itself.
+    /// The machine is hot, or is throttled.
     Heat,
 }
 
@@ -75,35 +75,35 @@ pub struct BatteryStatus {
     pub percent: f64,
     /// Whether it is being charged.
     pub charging: bool,
-    /// How long it lasts at the present load, minutes.
+    /// Remaining time at the present load, minutes.
     pub minutes_left: Option<f64>,
 }
 
 /// The machine's civil clock; no time in a session comes from it.
 #[derive(Clone, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
 pub struct ClockStatus {
-    /// Civil time when this was looked at, ns UTC.
+    /// Civil time of the reading, ns UTC.
     pub civil: i64,
-    /// Whether the system says that its clock follows a reference.
+    /// Whether the system reports that its clock follows a reference.
     pub synchronised: bool,
-    /// What keeps it right, as in `chrony`; empty where that is not known.
+    /// Discipline of the clock, as in `chrony`; empty if unknown.
     pub source: String,
-    /// Offset that is still being slewed away, ns.
+    /// Offset that is still being slewed, ns.
     pub offset_ns: i64,
-    /// Error that the system estimates, ns.
+    /// Error estimated by the system, ns.
     pub error_ns: u64,
-    /// Error that the system does not expect to exceed, ns.
+    /// Maximum error stated by the system, ns.
     pub max_error_ns: u64,
-    /// By how much civil time has leapt since it was last looked at, ns.
+    /// Step of civil time since the last reading, ns.
     pub step_ns: i64,
 }
 
-/// What the machine says of itself.
+/// State of the machine.
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
 pub struct MachineStatus {
     /// Hottest sensor, °C.
     pub temperature_c: Option<f64>,
-    /// Whether it has slowed itself down because of heat.
+    /// Whether it is throttled because of heat.
     pub throttled: Option<bool>,
     /// The battery.
     pub battery: Option<BatteryStatus>,
@@ -111,7 +111,7 @@ pub struct MachineStatus {
     pub clock: Option<ClockStatus>,
 }
 
-/// Everything worth knowing now.
+/// Complete status.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Status {
     /// State.
@@ -128,22 +128,22 @@ pub struct Status {
     pub free_bytes: Option<u64>,
     /// Seconds that can still be recorded at the present rate.
     pub seconds_left: Option<f64>,
-    /// What is wrong now.
+    /// Active alarms.
     pub alarms: Vec<String>,
-    /// What recordings of this configuration lack, and what mends it.
+    /// Deficiencies of recordings with this configuration, each with a remedy.
     #[serde(default)]
     pub notes: Vec<String>,
-    /// What the alarms are about.
+    /// Subjects of the alarms.
     #[serde(default)]
     pub concerns: BTreeSet<Concern>,
     /// The encoder of each camera.
     pub encoders: Vec<String>,
-    /// What the machine says of itself.
+    /// State of the machine.
     #[serde(default)]
     pub machine: MachineStatus,
-    /// What the recorder does to spare the machine; `normal` for nothing.
+    /// Degradation step in force against overload of the machine; `normal` for none.
     #[serde(default)]
-    pub sparing: String,
+    pub degradation: String,
 }
 
 /// Missing samples of one cause.
@@ -151,11 +151,11 @@ pub struct Status {
 pub struct CauseCount {
     /// The cause, for people.
     pub cause: String,
-    /// How many.
+    /// Number of samples.
     pub count: u64,
 }
 
-/// What one stream came to in a session.
+/// Account of one stream in a session.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
 pub struct StreamAccount {
     /// Stream, as gap records name it.
@@ -166,24 +166,24 @@ pub struct StreamAccount {
     pub stored: u64,
     /// Samples missing; each is accounted for in a gap record.
     pub missing: u64,
-    /// Those missing by cause, most first.
+    /// Missing samples by cause, largest count first.
     pub causes: Vec<CauseCount>,
 }
 
 impl StreamAccount {
-    /// Missing samples as a share of all, 0 to 1.
+    /// Fraction of missing samples, 0 to 1.
     pub fn missing_share(&self) -> f64 {
         self.missing as f64 / (self.stored + self.missing).max(1) as f64
     }
 }
 
 impl std::fmt::Display for StreamAccount {
-    /// As `feet: 12.5 % of the frames are missing (15 of 120): the disk is too slow (15)`.
+    /// Formats as `feet: 12.5 % of the frames are missing (15 of 120): the disk is too slow (15)`.
     fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
         let what = if self.is_camera { "frames" } else { "samples" };
         let (missing, all) = (self.missing, self.stored + self.missing);
         let share = 100.0 * self.missing_share();
-        // One of a million is not none.
+        // One of a million must not be shown as zero.
         let share = match share {
             s if s > 0.0 && s < 0.1 => "less than 0.1".to_owned(),
             s => format!("{s:.1}"),
@@ -201,7 +201,7 @@ impl std::fmt::Display for StreamAccount {
     }
 }
 
-/// Something that just happened, for whoever watches a recording.
+/// An event of a recording, for its observers.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(tag = "event", rename_all = "snake_case")]
 pub enum Progress {
@@ -209,9 +209,9 @@ pub enum Progress {
     Started {
         /// Its folder.
         session: PathBuf,
-        /// When it was asked for.
+        /// Time of the request.
         at: HostTime,
-        /// What it will lack, and what mends that.
+        /// Deficiencies of the session, each with a remedy.
         #[serde(default)]
         notes: Vec<String>,
     },
@@ -222,9 +222,9 @@ pub enum Progress {
         /// Messages on disk.
         messages: u64,
     },
-    /// Something needs attention, or no longer does.
+    /// A condition that needs attention began or ended.
     Alarm {
-        /// What.
+        /// The condition.
         text: String,
         /// Whether it began.
         active: bool,
@@ -233,7 +233,7 @@ pub enum Progress {
     Finished {
         /// Its folder.
         session: PathBuf,
-        /// Why.
+        /// Reason.
         reason: String,
         /// Its length, from the first to the last log time, s.
         seconds: f64,
@@ -241,18 +241,18 @@ pub enum Progress {
         stored: u64,
         /// Samples missing, all streams; each is accounted for in a gap record.
         missing: u64,
-        /// Streams of which nothing came at all, so that nobody knows how many samples are missing.
+        /// Streams without any sample, so that the number of missing samples is unknown.
         #[serde(default)]
         absent: Vec<String>,
-        /// What each stream came to, cameras first.
+        /// Account of each stream, cameras first.
         #[serde(default)]
         streams: Vec<StreamAccount>,
-        /// What failed, if the session was ended by a failure or a source failed during it.
+        /// The failure, if the session was ended by one or a source failed during it.
         error: Option<String>,
     },
 }
 
-/// What can be asked of the daemon; one JSON object per line.
+/// Request to the daemon; one JSON object per line.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(tag = "do", rename_all = "snake_case")]
 pub enum Request {
@@ -266,10 +266,10 @@ pub enum Request {
     Stop,
     /// Mark this instant.
     Mark {
-        /// What to write beside it.
+        /// Text of the mark.
         #[serde(default)]
         text: String,
-        /// When; now, if it is left out.
+        /// Time; now, if absent.
         #[serde(default)]
         at: Option<HostTime>,
     },
@@ -277,15 +277,15 @@ pub enum Request {
     Discard,
     /// Delete the last session, while nothing is being recorded.
     DiscardLast,
-    /// Tell the state.
+    /// Return the status.
     Status,
 }
 
 impl Request {
-    /// Checks what people wrote in it: the same for everybody who can ask.
+    /// Checks texts written by people, with the same rules for all clients.
     ///
     /// # Errors
-    /// A name or a mark is too long, or has characters that are no text.
+    /// A name or a mark is too long, or contains characters that are no text.
     pub fn check(&self) -> Result<(), NoteError> {
         match self {
             Self::Start { name } => check_note(name),
@@ -299,14 +299,14 @@ impl Request {
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(tag = "result", rename_all = "snake_case")]
 pub enum Response {
-    /// Done; this is the state now.
+    /// Done; this is the status now.
     Ok {
         /// State.
         status: Box<Status>,
     },
     /// Not done.
     Error {
-        /// Why.
+        /// Reason.
         message: String,
     },
 }

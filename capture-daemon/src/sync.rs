@@ -1,15 +1,15 @@
-//! When things happened, what belongs together, and what is missing.
+//! Times of samples, frame sets, and gaps.
 //!
-//! Three pure parts; none of them starts a thread, reads a clock or does I/O, so each runs the
-//! same on virtual time as on a person's chest:
+//! Three pure parts; none of them starts a thread, reads a clock or does I/O, so each runs the same
+//! in virtual time as on a person's chest:
 //!
-//! * [`clock`]: device ticks → host time with a sigma, from nothing but arrival times;
+//! * [`clock`]: device ticks → host time with a sigma, from arrival times only;
 //! * [`sets`]: frames of several cameras → frame sets;
 //! * [`gaps`]: sequence numbers and drop reports → gap records, so that frames + gaps = expected.
 //!
-//! What they share: integer nanoseconds at every border, memory that does not grow with the
-//! length of a session, and doubt as a result. A time, a set or a number that cannot be vouched
-//! for is marked, never guessed in silence.
+//! They share integer nanoseconds at every interface, memory that does not grow with the length of
+//! a session, and uncertainty as a result: a time, a set or a number that is unreliable is marked,
+//! never guessed silently.
 
 pub mod clock;
 pub mod gaps;

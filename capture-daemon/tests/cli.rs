@@ -14,8 +14,8 @@ use session_archive::text::is_plain;
 const CAMERA: &str = "[[camera]]\nname = \"feet\"\n\
     source = { kind = \"synthetic\", width = 128, height = 64, rate_hz = 20, imu_rate_hz = 100 }\n";
 
-/// What gives lenses to a camera that has none.
-const MENDS: &str = "`paws calib cameras BOARDS --target board.toml --out calibration`";
+/// Remedy for a camera without intrinsics.
+const REMEDY: &str = "`paws calib cameras BOARDS --target board.toml --out calibration`";
 
 fn pawsd(args: &[&str], folder: &Path) -> Command {
     let mut command = Command::new(env!("CARGO_BIN_EXE_pawsd"));
@@ -50,7 +50,7 @@ fn folder_with(config: &str) -> tempfile::TempDir {
     folder
 }
 
-/// A daemon that does not outlive a test which fails: it would hold the test runner's output open.
+/// A daemon that ends with a failing test: otherwise it would hold the test runner's output open.
 struct Daemon(Child);
 
 impl Daemon {
@@ -125,7 +125,7 @@ fn wrong_arguments_end_with_2() {
 }
 
 #[test]
-fn a_wrong_configuration_ends_with_2_and_tells_everything() {
+fn invalid_configuration_ends_with_2_and_reports_every_problem() {
     let folder = folder_with("[session]\nchunk_sm = 500\n[disk]\nreserve_gb = -1\n");
     for command in [
         vec!["check"],
@@ -186,11 +186,11 @@ fn check_finds_errors_of_the_machine() {
         .find(|f| f["about"] == "camera feet")
         .unwrap();
     assert_eq!(camera["level"], "ok", "{camera}");
-    // What takes its time says so before, unless it is to be quiet.
-    let told = text(&output.stderr);
+    // Slow steps are announced before, unless `-q` is given.
+    let messages = text(&output.stderr);
     assert!(
-        told.contains("checking camera feet") && told.contains("trying encoders"),
-        "{told}"
+        messages.contains("checking camera feet") && messages.contains("trying encoders"),
+        "{messages}"
     );
     let quiet = run(&["-q", "check", "--config", "pawsd.toml"], good.path(), 0);
     assert_eq!(text(&quiet.stderr), "");
@@ -204,7 +204,7 @@ fn check_finds_errors_of_the_machine() {
 }
 
 #[test]
-fn control_without_a_daemon_says_what_to_do() {
+fn control_without_a_daemon_reports_what_to_do() {
     let folder = tempfile::tempdir().unwrap();
     fs::write(
         folder.path().join("pawsd.toml"),
@@ -248,16 +248,16 @@ fn names_and_marks_with_control_characters_are_bad_arguments() {
     assert!(!folder.path().join("out").exists());
 }
 
-/// What answers at the socket may be anything.
+/// The server at the socket may be any program.
 #[test]
-fn what_the_other_end_says_does_not_act_on_the_terminal() {
+fn control_characters_of_the_server_are_escaped() {
     let folder = tempfile::tempdir().unwrap();
     let listener = UnixListener::bind(folder.path().join("s")).unwrap();
     let answer = r#"{"result":"error","message":"no\u001b[2J\u009b2J\u202e"}"#;
     let stranger = std::thread::spawn(move || {
         let (mut stream, _) = listener.accept().unwrap();
-        let mut asked = String::new();
-        BufReader::new(&stream).read_line(&mut asked).unwrap();
+        let mut received = String::new();
+        BufReader::new(&stream).read_line(&mut received).unwrap();
         writeln!(stream, "{answer}").unwrap();
     });
     let error = text(&run(&["status", "--socket", "s"], folder.path(), 1).stderr);
@@ -304,23 +304,24 @@ fn record_prints_the_session_last() {
     let session = Path::new(out.lines().last().unwrap());
     let manifest = fs::read_to_string(folder.path().join(session).join("session.json")).unwrap();
     assert!(manifest.contains("\"desk\""), "{manifest}");
-    let told = text(&output.stderr);
-    let lines: Vec<&str> = told.lines().collect();
-    assert_eq!(lines[0], "opening feet", "{told}");
-    assert!(lines[1].starts_with("finding an encoder"), "{told}");
+    let messages = text(&output.stderr);
+    let lines: Vec<&str> = messages.lines().collect();
+    assert_eq!(lines[0], "opening feet", "{messages}");
+    assert!(lines[1].starts_with("finding an encoder"), "{messages}");
     assert!(
-        told.contains("\nrecording: out/") && told.contains("samples stored, 0 missing"),
-        "{told}"
+        messages.contains("\nrecording: out/") && messages.contains("samples stored, 0 missing"),
+        "{messages}"
     );
-    let note = told
+    let note = messages
         .lines()
         .find(|l| l.starts_with("note: "))
         .unwrap_or_default();
     assert!(
-        note.starts_with("note: the lenses of feet are not known") && note.contains(MENDS),
-        "{told}"
+        note.starts_with("note: the lenses of feet are not known") && note.contains(REMEDY),
+        "{messages}"
     );
-    // The same once more elsewhere is the same session; under another name it is another one, and none is a real one.
+    // The same once more elsewhere is the same session; under another name it is another one, and
+    // none is a real one.
     let id = |name: &str, out: &str| {
         let mut args = args;
         (args[4], args[9]) = (out, name);
@@ -340,7 +341,7 @@ fn record_prints_the_session_last() {
 }
 
 #[test]
-fn record_tells_progress_as_json() {
+fn record_reports_progress_as_json() {
     let folder = folder_with(CAMERA);
     let args = [
         "record",
@@ -381,9 +382,9 @@ fn record_tells_progress_as_json() {
     );
 }
 
-/// More than a pipe holds is said on standard output, and read when the recording is over.
+/// More than a pipe holds is printed on standard output, and read when the recording is over.
 #[test]
-fn a_recording_does_not_wait_for_its_reader() {
+fn recording_does_not_wait_for_its_reader() {
     let folder = folder_with(&format!("session.chunk_ms = 100\n{CAMERA}"));
     let args = [
         "record",
@@ -401,8 +402,8 @@ fn a_recording_does_not_wait_for_its_reader() {
         .stderr(Stdio::piped())
         .spawn()
         .unwrap();
-    let told = BufReader::new(child.stderr.take().unwrap()).lines();
-    let finished = told
+    let messages = BufReader::new(child.stderr.take().unwrap()).lines();
+    let finished = messages
         .map(|line| line.unwrap())
         .find(|line| line.starts_with("finished after"));
     assert!(finished.is_some());
@@ -434,7 +435,7 @@ fn a_signal_ends_a_recording_cleanly() {
             .lines()
             .map(|line| line.unwrap());
         assert!(events.next().unwrap().contains("\"event\":\"started\""));
-        // A busy machine may say something else in between.
+        // A busy machine may report other events in between.
         assert!(events.any(|event| event.contains("\"event\":\"durable\"")));
         signal(&child, name);
         let last: Progress = serde_json::from_str(&events.last().unwrap()).unwrap();
@@ -463,9 +464,9 @@ fn a_signal_ends_a_recording_cleanly() {
     }
 }
 
-/// Files that are open go on after their folder is gone, and nothing would be left of them.
+/// Open files remain usable after their folder is removed, and nothing would be left of them.
 #[test]
-fn a_recording_whose_folder_is_removed_fails() {
+fn recording_fails_when_its_folder_is_removed() {
     let folder = folder_with(CAMERA);
     let args = [
         "record",
@@ -492,18 +493,18 @@ fn a_recording_whose_folder_is_removed_fails() {
     fs::remove_dir_all(folder.path().join(session)).unwrap();
     let last = events.last();
     let output = child.wait_with_output().unwrap();
-    let told = text(&output.stderr);
-    assert_eq!(output.status.code(), Some(1), "{told}");
+    let messages = text(&output.stderr);
+    assert_eq!(output.status.code(), Some(1), "{messages}");
     let Some(Progress::Finished {
         error: Some(error), ..
     }) = &last
     else {
-        panic!("{last:?}\n{told}");
+        panic!("{last:?}\n{messages}");
     };
     assert!(error.contains("folder was removed"), "{error}");
     assert!(
-        told.contains("FAILED: the session's folder was removed"),
-        "{told}"
+        messages.contains("FAILED: the session's folder was removed"),
+        "{messages}"
     );
 }
 
@@ -527,14 +528,14 @@ fn the_daemon_is_controlled_through_its_socket() {
         || -> Status { serde_json::from_slice(&control(&["status", "--json"], 0).stdout).unwrap() };
     let error = text(&control(&["stop"], 1).stderr);
     assert!(error.contains("pawsd: "), "{error}");
-    // Each question takes a new process, and fails where the daemon has ended.
+    // Each query takes a new process, and fails if the daemon has ended.
     let wait = |is: fn(&Status) -> bool| while !is(&status()) {};
     wait(|status| status.state == State::Armed);
     let started = control(&["start", "--name", "walk"], 0);
     let session = text(&started.stdout);
     let note = text(&started.stderr);
     assert!(
-        note.starts_with("note: the lenses of feet are not known") && note.contains(MENDS),
+        note.starts_with("note: the lenses of feet are not known") && note.contains(REMEDY),
         "{note}"
     );
     assert!(
@@ -568,52 +569,55 @@ fn the_daemon_is_controlled_through_its_socket() {
     assert!(!here.join("s").exists(), "the socket is left behind");
 }
 
-/// It would take the cameras from a recording, or find them taken.
+/// It would take the cameras from a recording, or find them in use.
 #[test]
-fn a_selftest_leaves_a_daemon_alone() {
+fn selftest_does_not_disturb_a_running_daemon() {
     let folder = folder_with(&format!(
         "session.out = \"out\"\ncontrol.socket = \"socket\"\n{CAMERA}"
     ));
     let _daemon = std::os::unix::net::UnixListener::bind(folder.path().join("socket")).unwrap();
     let args = ["selftest", "--config", "pawsd.toml"];
-    let told = text(&run(&args, folder.path(), 1).stderr);
-    assert!(told.contains("stop it first"), "{told}");
+    let messages = text(&run(&args, folder.path(), 1).stderr);
+    assert!(messages.contains("stop it first"), "{messages}");
     assert!(!folder.path().join("pawsd-selftest.txt").exists());
 }
 
-/// Who starts it at a terminal need not ask whether it is ready.
+/// A user who starts it at a terminal need not query whether it is ready.
 #[test]
-fn a_daemon_says_what_it_waits_for_and_when_it_is_armed() {
+fn daemon_reports_what_it_waits_for_and_when_it_is_armed() {
     let config =
         format!("session.out = \"out\"\ncontrol.socket = \"s\"\ndisk.reserve_gb = 0\n{CAMERA}");
     let folder = folder_with(&config);
     let mut command = pawsd(&["run", "--config", "pawsd.toml"], folder.path());
     let mut daemon = Daemon::start(command.stderr(Stdio::piped()));
     let lines = BufReader::new(daemon.0.stderr.take().unwrap()).lines();
-    let mut told = Vec::new();
+    let mut messages = Vec::new();
     for line in lines.map(|line| line.unwrap()) {
-        told.push(line);
-        if told.last().is_some_and(|line| line.starts_with("armed: ")) {
+        messages.push(line);
+        if messages
+            .last()
+            .is_some_and(|line| line.starts_with("armed: "))
+        {
             break;
         }
     }
     assert_eq!(daemon.end(), Some(0));
     let socket = folder.path().join("s");
     let start = format!("`pawsd start --socket {}`", socket.display());
-    assert!(told.last().unwrap().ends_with(&start), "{told:#?}");
+    assert!(messages.last().unwrap().ends_with(&start), "{messages:#?}");
     for expected in [
         "opening feet",
         "waiting for the first frames of feet",
         "feet delivers",
     ] {
         assert!(
-            told.iter().any(|line| line == expected),
-            "no {expected:?} in {told:#?}"
+            messages.iter().any(|line| line == expected),
+            "no {expected:?} in {messages:#?}"
         );
     }
 }
 
-/// Whoever reads may have seen enough.
+/// The reader may have read enough.
 #[test]
 fn a_closed_pipe_is_no_failure() {
     for args in [&["--help"][..], &["completions", "bash"]] {
@@ -629,8 +633,8 @@ fn a_closed_pipe_is_no_failure() {
     }
 }
 
-/// Eight stereo pictures, but for the one that was `lost`.
-fn pictures(folder: &Path, lost: Option<u8>) {
+/// Eight stereo images, without the one that was `lost`.
+fn images(folder: &Path, lost: Option<u8>) {
     for eye in ["image_0", "image_1"] {
         let eye = folder.join(eye);
         fs::create_dir_all(&eye).unwrap();
@@ -645,14 +649,14 @@ fn pictures(folder: &Path, lost: Option<u8>) {
     }
 }
 
-/// Whether samples were lost is told by the exit code, also to whoever does not read where they are.
+/// The exit code reports lost samples, also without a reader of the messages.
 #[test]
 fn a_closed_pipe_hides_no_loss() {
     for (lost, code) in [(None, 0), (Some(3), 3)] {
         let folder = folder_with(
             "[[camera]]\nname = \"feet\"\nsource = { kind = \"replay\", path = \"walk\", rate_hz = 10 }\n",
         );
-        pictures(&folder.path().join("walk"), lost);
+        images(&folder.path().join("walk"), lost);
         let args = [
             "record",
             "--config",

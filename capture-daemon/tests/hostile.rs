@@ -1,4 +1,4 @@
-//! Things that are no files, and a file without end, wherever `pawsd` takes a file: refused at once, by name.
+//! Non-files, and a file without end, wherever `pawsd` takes a file: rejected immediately, by name.
 
 #![expect(
     clippy::disallowed_methods,
@@ -14,49 +14,49 @@ use std::time::Duration;
 
 use rustix::fs::{CWD, FileType, Mode, mknodat};
 
-/// Most that the program may take, KiB: far more than it needs, far less than what it would read.
+/// Maximum memory of the program, KiB: far more than it needs, far less than it would read.
 const MEMORY_KIB: u32 = 16 << 20;
 
-/// How long it may take; a tenth of a second is usual.
-const LIMIT: Duration = Duration::from_secs(120);
-const LOOK: Duration = Duration::from_millis(20);
+/// Maximum time of the program; a tenth of a second is usual.
+const MAX_RUN_TIME: Duration = Duration::from_secs(120);
+const POLL_INTERVAL: Duration = Duration::from_millis(20);
 
-/// What stands in the place of a file.
-struct Thing {
+/// An object in place of a file.
+struct NonFile {
     make: fn(&Path),
-    /// What is said of it.
-    said: &'static str,
+    /// Expected message.
+    message: &'static str,
 }
 
-/// Bytes of a file without end: more than any limit, and more than there is memory.
+/// Size of a file without end, bytes: more than any limit, and more than the memory.
 const ENDLESS: u64 = 4 << 40;
 
-const ENDLESS_SAID: &str = "found 4398046511104 bytes, expected at most";
+const ENDLESS_MESSAGE: &str = "found 4398046511104 bytes, expected at most";
 
-const THINGS: [Thing; 4] = [
-    Thing {
+const NON_FILES: [NonFile; 4] = [
+    NonFile {
         make: |path| {
             let mode = Mode::from_raw_mode(0o600);
             mknodat(CWD, path, FileType::Fifo, mode, 0).expect("a FIFO");
         },
-        said: "found a FIFO (named pipe)",
+        message: "found a FIFO (named pipe)",
     },
-    Thing {
+    NonFile {
         make: |path| drop(UnixListener::bind(path).expect("a socket")),
-        said: "found a socket",
+        message: "found a socket",
     },
-    Thing {
+    NonFile {
         make: |path| symlink("/dev/zero", path).expect("a link"),
-        said: "found a character device",
+        message: "found a character device",
     },
-    Thing {
+    NonFile {
         make: |path| {
             let file = File::create(path).expect("a file");
             file.set_permissions(Permissions::from_mode(0o600))
                 .expect("a mode");
             file.set_len(ENDLESS).expect("a file with holes");
         },
-        said: ENDLESS_SAID,
+        message: ENDLESS_MESSAGE,
     },
 ];
 
@@ -80,16 +80,16 @@ fn pawsd(args: &[&str], folder: &Path) -> (Option<i32>, String, String) {
         if let Some(ended) = child.try_wait().expect("a program") {
             break ended;
         }
-        if waited >= LIMIT {
+        if waited >= MAX_RUN_TIME {
             child.kill().expect("killed");
             child.wait().expect("killed");
             panic!("{args:?} does not end");
         }
-        std::thread::sleep(LOOK);
-        waited += LOOK;
+        std::thread::sleep(POLL_INTERVAL);
+        waited += POLL_INTERVAL;
     };
-    let said = |name: &str| fs::read_to_string(folder.join(name)).expect("text");
-    (ended.code(), said("stdout"), said("stderr"))
+    let message = |name: &str| fs::read_to_string(folder.join(name)).expect("text");
+    (ended.code(), message("stdout"), message("stderr"))
 }
 
 /// The findings of a check as JSON; it must find errors.
@@ -101,18 +101,18 @@ fn findings(folder: &Path, config: &str) -> Vec<serde_json::Value> {
     report["findings"].as_array().expect("findings").clone()
 }
 
-/// One error about this must say that.
-fn expect(findings: &[serde_json::Value], about: &str, said: &str) {
+/// One error about this must contain that.
+fn expect(findings: &[serde_json::Value], about: &str, message: &str) {
     let says = |finding: &&serde_json::Value| {
         finding["level"] == "error"
             && finding["about"] == about
             && finding["message"]
                 .as_str()
-                .is_some_and(|text| text.contains(said))
+                .is_some_and(|text| text.contains(message))
     };
     assert!(
         findings.iter().any(|finding| says(&finding)),
-        "{about} does not say {said:?}: {findings:#?}"
+        "{about} does not say {message:?}: {findings:#?}"
     );
 }
 
@@ -130,8 +130,8 @@ const CAMERAS: &str = "\
     [[camera]]\nname = \"pair\"\nsource = { kind = \"replay\", path = \"pair\", rate_hz = 10 }\n\
     [[camera]]\nname = \"images\"\nsource = { kind = \"replay\", path = \"images\", rate_hz = 10 }\n";
 
-/// What is looked at, where the thing stands for it, and what is said of a file without end where that is nothing of
-/// its length.
+/// The checked part, the path that the object replaces, and the message for a file without end if
+/// that is not about its length.
 const PLACES: [(&str, &str, Option<&str>); 11] = [
     ("rig", "rig", None),
     ("page", "token", None),
@@ -163,14 +163,14 @@ const PLACES: [(&str, &str, Option<&str>); 11] = [
 ];
 
 #[test]
-fn what_a_configuration_names_is_a_file_or_refused() {
-    for thing in &THINGS {
+fn non_file_in_a_configuration_is_rejected() {
+    for non_file in &NON_FILES {
         let folder = tempfile::tempdir().expect("folder");
         let here = folder.path();
         for (_, place, _) in PLACES {
             let place = here.join(place);
             fs::create_dir_all(place.parent().expect("a folder")).expect("a folder");
-            (thing.make)(&place);
+            (non_file.make)(&place);
         }
         for other in ["pair/right.png", "images/right/0.png"] {
             let other = here.join(other);
@@ -183,43 +183,43 @@ fn what_a_configuration_names_is_a_file_or_refused() {
         );
         let found = findings(here, &config);
         for (about, _, of_endless) in PLACES {
-            let said = match of_endless {
-                Some(other) if thing.said == ENDLESS_SAID => other,
-                _ => thing.said,
+            let message = match of_endless {
+                Some(other) if non_file.message == ENDLESS_MESSAGE => other,
+                _ => non_file.message,
             };
-            expect(&found, about, said);
+            expect(&found, about, message);
         }
     }
 }
 
 #[test]
-fn faults_of_a_simulated_camera_are_a_file_or_refused() {
-    for thing in &THINGS {
+fn non_file_as_fault_list_is_rejected() {
+    for non_file in &NON_FILES {
         let folder = tempfile::tempdir().expect("folder");
         let here = folder.path();
         let rig = include_str!("../../cad-transforms/rigs/example.toml");
         fs::write(here.join("rig.toml"), rig).expect("a rig");
-        (thing.make)(&here.join("faults.toml"));
+        (non_file.make)(&here.join("faults.toml"));
         let config = "control.socket = \"s\"\nrig.file = \"rig.toml\"\n[[camera]]\nname = \"feet\"\n\
             source = { kind = \"sim\", faults = \"faults.toml\" }\n";
-        expect(&findings(here, config), "camera feet", thing.said);
+        expect(&findings(here, config), "camera feet", non_file.message);
     }
 }
 
 #[test]
-fn a_configuration_is_a_file_or_refused() {
-    for thing in &THINGS {
+fn non_file_as_configuration_is_rejected() {
+    for non_file in &NON_FILES {
         let folder = tempfile::tempdir().expect("folder");
-        (thing.make)(&folder.path().join("pawsd.toml"));
+        (non_file.make)(&folder.path().join("pawsd.toml"));
         for command in [
             &["check"][..],
             &["record", "--seconds", "1", "--out", "out"],
             &["run"],
         ] {
             let args = [command, &["--config", "pawsd.toml"]].concat();
-            let (code, _, said) = pawsd(&args, folder.path());
-            assert_eq!(code, Some(2), "{args:?}: {said}");
-            assert!(said.contains(thing.said), "{args:?}: {said}");
+            let (code, _, message) = pawsd(&args, folder.path());
+            assert_eq!(code, Some(2), "{args:?}: {message}");
+            assert!(message.contains(non_file.message), "{args:?}: {message}");
         }
     }
 }

@@ -1,25 +1,25 @@
-//! How regularly the samples of a stream come.
+//! Sampling regularity of a stream: period, jitter and gaps.
 
-use crate::facts::{NO_STEP, Sample};
+use crate::session_stats::{NO_STEP, Sample};
 
-/// The rhythm of one stream. All values are 0 where there are not two samples.
+/// Sampling statistics of one stream. All values are 0 for fewer than two samples.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct Cadence {
-    /// Median distance of neighbouring samples by the device's clock, ns.
+    /// Median interval between consecutive samples on the device clock, ns.
     pub period_ns: f64,
-    /// 99.9 % of neighbouring samples deviate from that by no more than this, ns. By the device's
-    /// clock, so that a refined clock map does not count as an irregular camera.
+    /// 99.9th percentile of the deviation from that median, ns. Measured on the device clock, so
+    /// that a refined clock map does not count as an irregular camera.
     pub deviation_ns: f64,
-    /// Longest distance of one sample from the next, host clock, ns.
+    /// Longest interval between consecutive samples on the host clock, ns.
     pub longest_gap_ns: i64,
-    /// Time of the sample before it.
+    /// Time of the sample before that gap, host clock, ns.
     pub longest_gap_at: i64,
-    /// Samples whose time is not after that of the sample before.
+    /// Samples whose time does not exceed that of the previous sample.
     pub backwards: u64,
 }
 
 impl Cadence {
-    /// The rhythm of samples in the order recorded.
+    /// Statistics of the samples in recorded order.
     pub fn of(samples: impl Iterator<Item = Sample>) -> Self {
         let mut cadence = Self::default();
         let mut steps = Vec::new();
@@ -44,7 +44,7 @@ impl Cadence {
             let period = *steps.select_nth_unstable(middle).1;
             let mut off: Vec<u32> = steps.iter().map(|s| s.abs_diff(period)).collect();
             cadence.period_ns = f64::from(period);
-            cadence.deviation_ns = f64::from(nearly_all(&mut off).unwrap_or(0));
+            cadence.deviation_ns = f64::from(percentile_99_9(&mut off).unwrap_or(0));
         }
         cadence
     }
@@ -59,14 +59,14 @@ impl Cadence {
     }
 }
 
-/// The value that 99.9 % do not exceed (nearest rank): of fewer than 1000 values the greatest.
-pub fn nearly_all<T: Ord + Copy>(values: &mut [T]) -> Option<T> {
+/// 99.9th percentile (nearest rank); the maximum for fewer than 1000 values.
+pub fn percentile_99_9<T: Ord + Copy>(values: &mut [T]) -> Option<T> {
     let rank = (values.len() * 999).div_ceil(1000);
     let index = rank.checked_sub(1)?;
     Some(*values.select_nth_unstable(index).1)
 }
 
-/// The middle value; the upper one of two.
+/// Median; the upper one of the two middle values.
 pub fn median<T: Ord + Copy>(values: &mut [T]) -> Option<T> {
     let middle = values.len() / 2;
     (!values.is_empty()).then(|| *values.select_nth_unstable(middle).1)
@@ -77,7 +77,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn one_outlier_in_a_thousand_is_forgiven_and_two_are_not() {
+    fn one_outlier_in_a_thousand_is_ignored_and_two_are_not() {
         let stream = |odd: usize| {
             let mut time = 0;
             let samples: Vec<Sample> = (0..2001)
@@ -100,7 +100,7 @@ mod tests {
     }
 
     #[test]
-    fn time_that_does_not_rise_is_counted() {
+    fn non_increasing_times_are_counted() {
         let at = |time| Sample {
             time,
             step_ns: NO_STEP,
@@ -112,10 +112,16 @@ mod tests {
     }
 
     #[test]
-    fn ranks() {
-        assert_eq!(nearly_all::<u32>(&mut []), None);
-        assert_eq!(nearly_all(&mut (1..=999).collect::<Vec<u32>>()), Some(999));
-        assert_eq!(nearly_all(&mut (1..=1000).collect::<Vec<u32>>()), Some(999));
+    fn nearest_rank_percentiles() {
+        assert_eq!(percentile_99_9::<u32>(&mut []), None);
+        assert_eq!(
+            percentile_99_9(&mut (1..=999).collect::<Vec<u32>>()),
+            Some(999)
+        );
+        assert_eq!(
+            percentile_99_9(&mut (1..=1000).collect::<Vec<u32>>()),
+            Some(999)
+        );
         assert_eq!(median(&mut [3, 1, 2]), Some(2));
     }
 }

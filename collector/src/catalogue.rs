@@ -1,16 +1,15 @@
 //! The catalogue: one row per session of a library, in SQLite.
 //!
-//! It is a copy. Every fact in it stands in a file of the session's folder, from which
-//! [`Row::of`] reads it, so the catalogue can be deleted or rebuilt at any time. Its library does so: see
-//! [`crate::library`].
+//! The catalogue is a cache. Every field is read by [`Row::of`] from a file of the session's
+//! folder, so the catalogue can be deleted or rebuilt at any time; [`crate::library`] does so.
 //!
-//! * **Read**: nothing is written, so that it works on a full disk and on one that is read-only.
-//! * **Damaged, truncated, empty, of another version, no file at all**: found before a row is used
-//!   (`Catalogue::look`), set aside under another name, and made anew.
-//! * **Not to be written**: the change is made in memory; listing goes on.
+//! * **Reading** writes nothing, so that it works on a full and on a read-only file system.
+//! * **Damaged, truncated, empty, of another version, not a file**: detected before a row is used
+//!   (`Catalogue::inspect`), renamed, and rebuilt.
+//! * **Not writable**: the change is made in memory; listing still works.
 
-mod aside;
-mod health;
+mod database_files;
+mod integrity;
 
 use std::io;
 use std::path::{Path, PathBuf};
@@ -30,10 +29,10 @@ use crate::condition::Condition;
 use crate::import::ImportRecord;
 use crate::validation::Validation;
 
-/// Version of the table below; another one found means: build it anew.
+/// Version of the table below. A catalogue of another version is rebuilt.
 const SCHEMA_VERSION: i64 = 1;
-/// How long to wait for another program that writes; it does so for milliseconds.
-const PATIENCE: Duration = Duration::from_secs(60);
+/// SQLite busy timeout while another program writes, which takes milliseconds.
+const BUSY_TIMEOUT: Duration = Duration::from_secs(60);
 
 const SCHEMA: &str = "
 CREATE TABLE session (
@@ -62,11 +61,11 @@ pub struct Row {
     pub key: String,
     /// The session's identifier.
     pub session_id: String,
-    /// Given by the user; may be empty.
+    /// Name given by the user; may be empty.
     pub name: String,
     /// When recording began.
     pub started_civil: CivilTime,
-    /// From the first sample to the last, ns; 0 where not known.
+    /// From the first sample to the last, ns; 0 if unknown.
     pub duration_ns: i64,
     /// Bytes of the segments.
     pub bytes: u64,
@@ -74,11 +73,11 @@ pub struct Row {
     pub cameras: String,
     /// Names of the IMUs, separated by commas.
     pub imus: String,
-    /// In what condition it is.
+    /// Condition of the session.
     pub condition: Condition,
     /// Samples present in all numbered streams.
     pub samples: u64,
-    /// Samples missing, accounted for or not.
+    /// Samples missing, with or without a gap record.
     pub missing: u64,
     /// Verdict of the last validation.
     pub verdict: Option<Verdict>,
@@ -89,7 +88,7 @@ pub struct Row {
 }
 
 impl Row {
-    /// Reads the facts of a session from its folder.
+    /// Reads the row of a session from its folder.
     ///
     /// # Errors
     /// The folder holds no session, or cannot be read.
@@ -126,7 +125,7 @@ impl Row {
     }
 }
 
-/// What was found last: a validation comes after the import.
+/// The newest verification report: a validation is newer than the import.
 pub(crate) fn newest_report<'a>(
     validation: Option<&'a Validation>,
     record: Option<&'a ImportRecord>,
@@ -139,11 +138,11 @@ fn join<'a>(names: impl Iterator<Item = &'a String>) -> String {
     names.map(String::as_str).collect::<Vec<_>>().join(",")
 }
 
-/// Why the catalogue cannot be used; the library itself is not concerned.
+/// The catalogue cannot be used. The sessions of the library are not affected.
 #[derive(Debug, thiserror::Error)]
 #[error("using the catalogue: {}", .path.display())]
 pub struct CatalogueError {
-    /// What SQLite says.
+    /// Error of SQLite.
     #[source]
     source: SqlError,
     /// The file.
@@ -154,36 +153,37 @@ pub struct CatalogueError {
 pub struct Catalogue {
     connection: Connection,
     path: PathBuf,
-    /// Kept in memory, because the file cannot be used just now.
+    /// Whether it is held in memory because the file cannot be used.
     in_memory: bool,
 }
 
-/// What stands where the catalogue belongs.
-pub(crate) enum Found {
-    /// A catalogue of this version, whole.
+/// State of the catalogue file.
+pub(crate) enum CatalogueFile {
+    /// A complete catalogue of this version.
     Usable(Box<Catalogue>),
     /// Nothing.
     Missing,
-    /// Something that is none: damaged, of another version, no file. With the reason.
+    /// Not a catalogue: damaged, of another version, or not a file. With the reason.
     Unusable(String),
-    /// The disk does not let it be read: no rights, no room for what SQLite needs beside it. With the reason.
+    /// Not readable: no permission, or no space for the files that SQLite needs beside it. With the
+    /// reason.
     Unreachable(String),
 }
 
 impl Catalogue {
-    /// Looks at the catalogue in a file. Nothing is written.
+    /// Checks the catalogue file. Nothing is written.
     ///
     /// # Errors
-    /// Another program has held it for a minute.
-    pub(crate) fn look(path: &Path) -> Result<Found, CatalogueError> {
-        match health::of_file(path) {
+    /// Another program has locked it for a minute.
+    pub(crate) fn inspect(path: &Path) -> Result<CatalogueFile, CatalogueError> {
+        match integrity::of_file(path) {
             Ok(None) => {}
-            Ok(Some(why)) => return Ok(Found::Unusable(why)),
-            Err(e) if e.kind() == io::ErrorKind::NotFound => return Ok(Found::Missing),
-            Err(e) => return Ok(Found::Unreachable(e.to_string())),
+            Ok(Some(why)) => return Ok(CatalogueFile::Unusable(why)),
+            Err(e) if e.kind() == io::ErrorKind::NotFound => return Ok(CatalogueFile::Missing),
+            Err(e) => return Ok(CatalogueFile::Unreachable(e.to_string())),
         }
         let opened = Self::connect(path).and_then(|connection| {
-            let why = health::of_content(&connection, path, SCHEMA_VERSION)?;
+            let why = integrity::of_content(&connection, path, SCHEMA_VERSION)?;
             let catalogue = Self {
                 connection,
                 path: path.to_owned(),
@@ -196,18 +196,18 @@ impl Catalogue {
             read.map(|_| (catalogue, why))
         });
         match opened {
-            Ok((catalogue, None)) => Ok(Found::Usable(Box::new(catalogue))),
-            Ok((_, Some(why))) => Ok(Found::Unusable(why)),
-            Err(e) if health::is_damage(&e) => Ok(Found::Unusable(e.to_string())),
-            Err(e) if health::is_busy(&e) => Err(CatalogueError {
+            Ok((catalogue, None)) => Ok(CatalogueFile::Usable(Box::new(catalogue))),
+            Ok((_, Some(why))) => Ok(CatalogueFile::Unusable(why)),
+            Err(e) if integrity::is_damage(&e) => Ok(CatalogueFile::Unusable(e.to_string())),
+            Err(e) if integrity::is_busy(&e) => Err(CatalogueError {
                 source: e,
                 path: path.to_owned(),
             }),
-            Err(e) => Ok(Found::Unreachable(e.to_string())),
+            Err(e) => Ok(CatalogueFile::Unreachable(e.to_string())),
         }
     }
 
-    /// An empty catalogue in memory, in the place of the one in a file.
+    /// An empty catalogue in memory that replaces the one in a file.
     ///
     /// # Errors
     /// Memory is exhausted.
@@ -227,14 +227,15 @@ impl Catalogue {
         })
     }
 
-    /// Makes the file, with these rows, and opens it. It appears whole, by one rename; what stands in its place is set
-    /// aside, never removed, and where to is given. The caller holds the library's lock.
+    /// Creates the file with these rows and opens it. It appears complete, by one rename; an
+    /// existing file is renamed, never removed, and its new path is returned. The caller holds the
+    /// library's lock.
     ///
     /// # Errors
-    /// The disk says no; what stood there still does.
+    /// An I/O error occurs; the existing file is then unchanged.
     pub(crate) fn make(path: &Path, rows: &[Row]) -> anyhow::Result<(Self, Option<PathBuf>)> {
-        let new = aside::with_suffix(path, ".new");
-        aside::remove(&new)?;
+        let new = database_files::with_suffix(path, ".new");
+        database_files::remove(&new)?;
         let made = Connection::open(&new).and_then(|mut connection| {
             let transaction =
                 connection.transaction_with_behavior(TransactionBehavior::Immediate)?;
@@ -247,11 +248,11 @@ impl Catalogue {
             connection.close().map_err(|(_, e)| e)
         });
         if let Err(e) = made {
-            // A half-made one is of no use to anybody.
-            let _ = aside::remove(&new);
+            // An incomplete file is useless.
+            let _ = database_files::remove(&new);
             return Err(e.into());
         }
-        let old = aside::set_aside(path)?;
+        let old = database_files::set_aside(path)?;
         std::fs::rename(&new, path)?;
         if let Some(folder) = path.parent() {
             crate::library::sync_folder(folder)?;
@@ -264,29 +265,29 @@ impl Catalogue {
         Ok((opened, old))
     }
 
-    /// Opens a file that is there. Readers write nothing then: with a journal that exists only while somebody writes,
-    /// they need nothing but locks, and no room on the disk.
+    /// Opens an existing file. With a rollback journal, which exists only during a write, readers
+    /// write nothing: they need locks, but no disk space.
     fn connect(path: &Path) -> Result<Connection, SqlError> {
         let flags = OpenFlags::SQLITE_OPEN_READ_WRITE | OpenFlags::SQLITE_OPEN_NO_MUTEX;
         let connection = Connection::open_with_flags(path, flags)?;
-        connection.busy_timeout(PATIENCE)?;
+        connection.busy_timeout(BUSY_TIMEOUT)?;
         connection.pragma_update(None, "synchronous", "NORMAL")?;
         Ok(connection)
     }
 
-    /// Whether it is kept in memory only, because the file cannot be used.
+    /// Whether it is held in memory only, because the file cannot be used.
     pub fn is_in_memory(&self) -> bool {
         self.in_memory
     }
 
-    /// Leaves the kind of journal that earlier versions used and that makes readers write. The caller holds the
-    /// library's lock.
-    pub(crate) fn settle(&self) {
+    /// Switches from the write-ahead log of earlier versions, which makes readers write, to a
+    /// rollback journal. The caller holds the library's lock.
+    pub(crate) fn leave_wal_mode(&self) {
         let mode = self
             .connection
             .pragma_query_value(None, "journal_mode", |r| r.get(0));
         if mode.is_ok_and(|mode: String| mode == "wal") {
-            // While another program has it open it stays as it is, and the next one tries again.
+            // Not possible while another program has it open; the next one tries again.
             let left = self
                 .connection
                 .pragma_update(None, "journal_mode", "DELETE");
@@ -296,18 +297,18 @@ impl Catalogue {
         }
     }
 
-    /// Puts a session in, or replaces its row.
+    /// Inserts a session, or replaces its row.
     ///
     /// # Errors
-    /// Neither file nor memory takes it.
+    /// Neither the file nor memory can be written.
     pub fn put(&mut self, row: &Row) -> Result<(), CatalogueError> {
         self.write(|connection| insert(connection, row))
     }
 
-    /// Takes a session out.
+    /// Removes a session.
     ///
     /// # Errors
-    /// Neither file nor memory takes it.
+    /// Neither the file nor memory can be written.
     pub fn remove(&mut self, key: &str) -> Result<(), CatalogueError> {
         self.write(|connection| {
             connection
@@ -316,10 +317,11 @@ impl Catalogue {
         })
     }
 
-    /// Replaces everything at once: whoever reads meanwhile sees the old or the new rows.
+    /// Replaces all rows in one transaction: a concurrent reader sees either the old or the new
+    /// rows.
     ///
     /// # Errors
-    /// Neither file nor memory takes it.
+    /// Neither the file nor memory can be written.
     pub fn replace(&mut self, rows: &[Row]) -> Result<(), CatalogueError> {
         self.write(|connection| {
             let transaction =
@@ -332,15 +334,16 @@ impl Catalogue {
         })
     }
 
-    /// Changes the catalogue. Where the file cannot be written (a full disk, no rights), the change is made in memory;
-    /// the file, which would be wrong from now on, is removed if possible and made again by whoever opens it next.
+    /// Changes the catalogue. If the file cannot be written (full disk, no permission), the change
+    /// is made in memory; the file, now outdated, is removed if possible and rebuilt by the next
+    /// program that opens it.
     fn write(
         &mut self,
         change: impl Fn(&Connection) -> Result<(), SqlError>,
     ) -> Result<(), CatalogueError> {
         let failed = match change(&self.connection) {
             Ok(()) => return Ok(()),
-            Err(e) if self.in_memory || health::is_busy(&e) => return Err(self.failed(e)),
+            Err(e) if self.in_memory || integrity::is_busy(&e) => return Err(self.failed(e)),
             Err(e) => e,
         };
         let mut memory = Self::in_memory(&self.path)?;
@@ -348,10 +351,10 @@ impl Catalogue {
             memory.put(&row)?;
         }
         change(&memory.connection).map_err(|e| self.failed(e))?;
-        // The connection ends before its file does.
+        // Close the connection before its file is removed.
         drop(std::mem::replace(self, memory));
-        let rest = match aside::remove(&self.path) {
-            Ok(()) => "it is made again from the sessions as soon as it can be".to_owned(),
+        let rest = match database_files::remove(&self.path) {
+            Ok(()) => "it is rebuilt from the sessions as soon as possible".to_owned(),
             Err(e) => format!("until `paws rebuild` it may be out of date ({e})"),
         };
         log::warn!(
@@ -364,7 +367,7 @@ impl Catalogue {
     /// All sessions, the oldest first.
     ///
     /// # Errors
-    /// The disk says no.
+    /// An I/O error occurs.
     pub fn rows(&self) -> Result<Vec<Row>, CatalogueError> {
         self.read_rows().map_err(|e| self.failed(e))
     }
@@ -462,20 +465,23 @@ mod tests {
     }
 
     fn opened(path: &Path) -> Catalogue {
-        match Catalogue::look(path).unwrap() {
-            Found::Usable(catalogue) => *catalogue,
-            Found::Missing => panic!("missing"),
-            Found::Unusable(why) | Found::Unreachable(why) => panic!("{why}"),
+        match Catalogue::inspect(path).unwrap() {
+            CatalogueFile::Usable(catalogue) => *catalogue,
+            CatalogueFile::Missing => panic!("missing"),
+            CatalogueFile::Unusable(why) | CatalogueFile::Unreachable(why) => panic!("{why}"),
         }
     }
 
     #[test]
-    fn rows_come_back_as_they_were() {
+    fn rows_round_trip() {
         let folder = tempfile::tempdir().unwrap();
         let path = folder.path().join("catalogue.sqlite");
-        assert!(matches!(Catalogue::look(&path).unwrap(), Found::Missing));
-        let (mut catalogue, aside) = Catalogue::make(&path, &[]).unwrap();
-        assert_eq!(aside, None);
+        assert!(matches!(
+            Catalogue::inspect(&path).unwrap(),
+            CatalogueFile::Missing
+        ));
+        let (mut catalogue, database_files) = Catalogue::make(&path, &[]).unwrap();
+        assert_eq!(database_files, None);
         catalogue.put(&row("b")).unwrap();
         let changed = Row {
             verdict: None,
@@ -491,14 +497,14 @@ mod tests {
         assert_eq!(catalogue.rows().unwrap(), [row("b")]);
         catalogue.replace(&[row("c"), row("d")]).unwrap();
         assert_eq!(catalogue.rows().unwrap(), [row("c"), row("d")]);
-        // Reading and writing leave nothing beside it.
+        // Reading and writing leave no file beside it.
         drop(catalogue);
         let names = std::fs::read_dir(folder.path()).unwrap().count();
         assert_eq!(names, 1);
     }
 
     #[test]
-    fn whatever_is_wrong_with_the_file_is_found_before_a_row_is_used() {
+    fn unusable_catalogue_file_is_detected_before_a_row_is_used() {
         let folder = tempfile::tempdir().unwrap();
         let path = folder.path().join("catalogue.sqlite");
         let rows: Vec<Row> = (0..200).map(|i| row(&format!("session-{i}"))).collect();
@@ -507,11 +513,13 @@ mod tests {
         assert!(whole.len() > 20_000);
         let why = |bytes: &[u8]| {
             std::fs::write(&path, bytes).unwrap();
-            match Catalogue::look(&path).unwrap() {
-                Found::Unusable(why) => why,
-                Found::Usable(catalogue) => panic!("{} rows", catalogue.rows().unwrap().len()),
-                Found::Missing => panic!("missing"),
-                Found::Unreachable(why) => panic!("unreachable: {why}"),
+            match Catalogue::inspect(&path).unwrap() {
+                CatalogueFile::Unusable(why) => why,
+                CatalogueFile::Usable(catalogue) => {
+                    panic!("{} rows", catalogue.rows().unwrap().len())
+                }
+                CatalogueFile::Missing => panic!("missing"),
+                CatalogueFile::Unreachable(why) => panic!("unreachable: {why}"),
             }
         };
         for length in [
@@ -530,19 +538,19 @@ mod tests {
             why(&whole[..length]);
         }
         assert_eq!(why(&[]), "it is empty");
-        assert!(why(b"no database").contains("no SQLite database"));
-        assert!(why(&[0; 8192]).contains("no SQLite database"));
-        // What SQLite would open, and then not write to.
+        assert!(why(b"no database").contains("not an SQLite database"));
+        assert!(why(&[0; 8192]).contains("not an SQLite database"));
+        // A file that SQLite opens but does not write to.
         let mut later = whole.clone();
         later[18] = 9;
         assert!(why(&later).contains("later version"), "{}", why(&later));
-        // Whole pages of something else, the header as it was.
+        // Pages overwritten, header intact.
         let mut garbage = whole.clone();
         garbage[4096..].fill(0x5a);
         why(&garbage);
         std::fs::write(&path, &whole).unwrap();
         assert_eq!(opened(&path).rows().unwrap().len(), 200);
-        // Another version, and other columns under the same one.
+        // Another version, and other columns under the same version.
         let changed = |sql: &str| {
             std::fs::write(&path, &whole).unwrap();
             Connection::open(&path).unwrap().execute_batch(sql).unwrap();
@@ -553,19 +561,19 @@ mod tests {
         let other = changed("ALTER TABLE session RENAME COLUMN missing TO absent");
         assert!(other.contains("no such column"), "{other}");
         assert!(changed("DROP TABLE session").contains("no such table"));
-        // A pipe in its place holds nobody up.
+        // A FIFO in its place does not block.
         std::fs::remove_file(&path).unwrap();
         let mode = rustix::fs::Mode::from_raw_mode(0o644);
         let fifo = rustix::fs::FileType::Fifo;
         rustix::fs::mknodat(rustix::fs::CWD, &path, fifo, mode, 0).unwrap();
-        match Catalogue::look(&path).unwrap() {
-            Found::Unusable(why) => assert!(why.contains("FIFO"), "{why}"),
-            _ => panic!("a FIFO is no catalogue"),
+        match Catalogue::inspect(&path).unwrap() {
+            CatalogueFile::Unusable(why) => assert!(why.contains("FIFO"), "{why}"),
+            _ => panic!("a FIFO is not a catalogue"),
         }
     }
 
     #[test]
-    fn what_stands_in_its_place_is_set_aside_and_never_lost() {
+    fn unusable_catalogue_file_is_renamed_and_never_lost() {
         let folder = tempfile::tempdir().unwrap();
         let path = folder.path().join("catalogue.sqlite");
         let mut expected = Vec::new();
@@ -573,24 +581,24 @@ mod tests {
             let content = format!("garbage {i}");
             std::fs::write(&path, &content).unwrap();
             std::fs::write(folder.path().join("catalogue.sqlite-wal"), "log").unwrap();
-            let (catalogue, aside) = Catalogue::make(&path, &[row("a")]).unwrap();
+            let (catalogue, database_files) = Catalogue::make(&path, &[row("a")]).unwrap();
             assert_eq!(catalogue.rows().unwrap(), [row("a")]);
-            let aside = aside.unwrap();
+            let database_files = database_files.unwrap();
             assert_eq!(
-                aside,
+                database_files,
                 folder.path().join(format!("catalogue.sqlite.{name}"))
             );
-            expected.push((aside, content));
+            expected.push((database_files, content));
         }
-        for (aside, content) in expected {
-            assert_eq!(std::fs::read_to_string(&aside).unwrap(), content);
-            let log = aside::with_suffix(&aside, "-wal");
+        for (database_files, content) in expected {
+            assert_eq!(std::fs::read_to_string(&database_files).unwrap(), content);
+            let log = database_files::with_suffix(&database_files, "-wal");
             assert_eq!(std::fs::read_to_string(log).unwrap(), "log");
         }
     }
 
     #[test]
-    fn a_catalogue_of_before_stops_making_its_readers_write() {
+    fn catalogue_in_wal_mode_is_switched_to_a_rollback_journal() {
         let folder = tempfile::tempdir().unwrap();
         let path = folder.path().join("catalogue.sqlite");
         let (mut catalogue, _) = Catalogue::make(&path, &[row("a")]).unwrap();
@@ -600,10 +608,10 @@ mod tests {
         catalogue.put(&row("b")).unwrap();
         drop(catalogue);
         let catalogue = opened(&path);
-        catalogue.settle();
+        catalogue.leave_wal_mode();
         drop(catalogue);
         let bytes = std::fs::read(&path).unwrap();
-        assert_eq!(bytes[18..20], [1, 1], "the header says: no write-ahead log");
+        assert_eq!(bytes[18..20], [1, 1], "header without write-ahead log");
         assert_eq!(opened(&path).rows().unwrap(), [row("a"), row("b")]);
     }
 }

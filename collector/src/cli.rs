@@ -1,7 +1,7 @@
-//! The command line of `paws`. Every verb has examples in `examples`.
+//! The command line of `paws`. Every command has examples in `examples`.
 //!
-//! Bad arguments end with exit code 2, as does a verb that is neither known here nor a program
-//! `paws-VERB`. Everything else ends with an [`Outcome`].
+//! Invalid arguments end with exit code 2, as does a command that is neither built in nor a program
+//! `paws-COMMAND`. Everything else ends with an [`Outcome`].
 
 use std::ffi::OsString;
 use std::io::{self, IsTerminal, Write};
@@ -18,22 +18,22 @@ use log::LevelFilter;
 use session_archive::handoff::Verdict;
 use session_archive::text::shown_lines;
 
-use crate::calibrate;
+use crate::commands::export::Format;
+use crate::commands::{
+    calibrate, export, handoff, import, index, list, metrics, prune, pull, rebuild, recover,
+    report, rig, show, validate,
+};
 use crate::console::{Clock, Console, Show};
 use crate::examples::EXAMPLES;
-use crate::export::{self, Format};
+use crate::external;
 use crate::limits::Limits;
 use crate::outcome::Outcome;
 use crate::target::Target;
-use crate::{
-    external, handoff, importing, indexing, list, metrics, prune, pull, rebuild, recover,
-    reporting, rig, show, validate,
-};
 
-/// Names the library when `--library` does not.
+/// Environment variable with the library's folder, used without `--library`.
 pub const LIBRARY_VARIABLE: &str = "PAWS_LIBRARY";
 
-/// Stands for standard output where a file could be named.
+/// Placeholder for standard output where a file could be named.
 const STDOUT: &str = "-";
 
 /// Import, validate, index, export and hand over recorded sessions.
@@ -87,7 +87,7 @@ enum Verb {
         #[arg(long)]
         free: bool,
     },
-    /// Judge sessions: PASS, WARN or FAIL, with the reasons
+    /// Validate sessions: PASS, WARN or FAIL, with the reasons
     Validate {
         /// Sessions
         #[arg(required_unless_present = "metrics", value_name = "SESSION")]
@@ -95,7 +95,7 @@ enum Verb {
         /// List the metrics and their limits instead; with --json as a JSON array
         #[arg(long, conflicts_with_all = ["sessions", "deep", "limits", "html"])]
         metrics: bool,
-        /// Decode every picture, and see whether the calibration is still true
+        /// Decode every image, and check that the calibration still holds
         #[arg(long)]
         deep: bool,
         /// Set a limit: METRIC=WARN,FAIL in the unit that --metrics names; `never` for one, or METRIC=never for both
@@ -114,28 +114,28 @@ enum Verb {
         #[arg(required = true, value_name = "SESSION")]
         sessions: Vec<String>,
     },
-    /// Seal a session for whoever works on it next
+    /// Seal a session for the next processing stage
     Handoff {
         /// The session
         session: String,
-        /// The worst verdict to hand over with; WARN is handed over without it. The acceptance stands in the hand-off, in
-        /// scene bundles and in reports
+        /// The worst verdict to hand over with; WARN is handed over without it. The acceptance is
+        /// recorded in the hand-off, in scene bundles and in reports
         #[arg(long, value_name = "VERDICT", ignore_case = true, value_parser = acceptable())]
         accept: Option<Verdict>,
         /// Set a limit, as in `paws validate`
         #[arg(long = "limit", value_name = "LIMIT")]
         limits: Vec<String>,
-        /// Then write its pictures to this folder with paws-reconstruct
+        /// Then write its images to this folder with paws-reconstruct
         #[arg(long, value_name = "OUTDIR")]
         reconstruct: Option<PathBuf>,
     },
-    /// What is in the library
+    /// List the sessions of the library
     List {
         /// Print one JSON document
         #[arg(long)]
         json: bool,
     },
-    /// One session on one screen
+    /// Show a summary of one session
     Show {
         /// The session
         session: String,
@@ -143,7 +143,7 @@ enum Verb {
         #[arg(long)]
         json: bool,
     },
-    /// Make a sound copy of a session that was cut off or damaged
+    /// Make an undamaged copy of a session that was cut off or damaged
     Recover {
         /// The session
         session: String,
@@ -155,14 +155,14 @@ enum Verb {
     Report {
         /// The session
         session: String,
-        /// Decode every picture, and see whether the calibration is still true
+        /// Decode every image, and check that the calibration still holds
         #[arg(long)]
         deep: bool,
         /// The file [default: report.html in the session's folder]
         #[arg(long, value_name = "FILE")]
         out: Option<PathBuf>,
     },
-    /// Write a session in the formats of others
+    /// Export a session to other formats
     Export {
         /// The session
         session: String,
@@ -178,16 +178,16 @@ enum Verb {
         /// Remove the session with this whole identifier, recording and all, instead
         #[arg(long, value_name = "ID")]
         session: Option<String>,
-        /// Really remove the recording
+        /// Confirm the removal of the recording
         #[arg(long, requires = "session")]
         yes: bool,
     },
-    /// Build the catalogue anew from the sessions' folders
+    /// Rebuild the catalogue from the sessions' folders
     Rebuild,
     /// Calibrate from a session
     #[command(subcommand)]
     Calib(calibrate::Command),
-    /// Look at rig files, check, compare and convert them
+    /// Show, check, compare and convert rig files
     #[command(subcommand)]
     Rig(rig::RigVerb),
     #[command(flatten)]
@@ -243,8 +243,8 @@ pub fn run(arguments: Vec<OsString>) -> ExitCode {
     }
 }
 
-/// Reads the command line. `listing` says which programs there are, and is asked for help only: it reads all folders of
-/// PATH.
+/// Parses the command line. `listing` lists the external programs; it is called for help only,
+/// because it reads all folders of PATH.
 fn parse(
     arguments: &[OsString],
     listing: impl FnOnce() -> String,
@@ -266,7 +266,7 @@ fn is_help(kind: ErrorKind) -> bool {
     help.contains(&kind)
 }
 
-/// Marks errors that are about the command line.
+/// An error of the command line.
 #[derive(Debug, thiserror::Error)]
 #[error("{0}")]
 pub(crate) struct BadArguments(pub(crate) String);
@@ -276,7 +276,7 @@ fn command() -> clap::Command {
     command_line::examples::add(Cli::command(), EXAMPLES)
 }
 
-/// The library that is meant: the one named, else that of the environment.
+/// The library: the one named, else that of the environment.
 fn library_of(named: Option<PathBuf>) -> Option<PathBuf> {
     named.or_else(|| {
         std::env::var_os(LIBRARY_VARIABLE)
@@ -292,9 +292,7 @@ fn dispatch(cli: Cli, console: &mut Console<'_>) -> Result<Outcome> {
         sessions.iter().map(|s| Target::find(s, library)).collect()
     };
     match cli.verb {
-        Verb::Import { sources, json } => {
-            importing::run_as(&sources, needed(library)?, json, console)
-        }
+        Verb::Import { sources, json } => import::run_as(&sources, needed(library)?, json, console),
         Verb::Pull {
             rig,
             sessions,
@@ -346,7 +344,7 @@ fn dispatch(cli: Cli, console: &mut Console<'_>) -> Result<Outcome> {
             };
             validate::run(&find(&sessions)?, &options, console)
         }
-        Verb::Index { sessions } => indexing::run(&find(&sessions)?, console),
+        Verb::Index { sessions } => index::run(&find(&sessions)?, console),
         Verb::Handoff {
             session,
             accept,
@@ -379,7 +377,7 @@ fn dispatch(cli: Cli, console: &mut Console<'_>) -> Result<Outcome> {
                 ..validate::Options::default()
             };
             let target = Target::find(&session, library)?;
-            reporting::run(&target, &options, out.as_deref(), console)
+            report::run(&target, &options, out.as_deref(), console)
         }
         Verb::Export {
             session,
@@ -406,13 +404,13 @@ fn needed(library: Option<&Path>) -> Result<&Path> {
     library
         .ok_or_else(|| {
             BadArguments(format!(
-                "which library? say --library DIR, or set {LIBRARY_VARIABLE}"
+                "no library given: use --library DIR, or set {LIBRARY_VARIABLE}"
             ))
         })
         .map_err(Into::into)
 }
 
-/// Verdicts that can be accepted.
+/// Parser of the verdicts that can be accepted.
 fn acceptable() -> impl TypedValueParser<Value = Verdict> {
     PossibleValuesParser::new(["WARN", "FAIL"]).map(|text| {
         match text.eq_ignore_ascii_case("WARN") {
@@ -430,7 +428,7 @@ fn parse_limits(texts: &[String]) -> Result<Limits> {
     Ok(limits)
 }
 
-/// `paws help X` where X is a program: its own help.
+/// `paws help X` where X is an external program: shows the program's own help.
 fn help_of_a_program(arguments: &[OsString]) -> Option<ExitCode> {
     let [_, help, name] = arguments else {
         return None;
@@ -445,13 +443,13 @@ fn help_of_a_program(arguments: &[OsString]) -> Option<ExitCode> {
     Some(Outcome::Failed.into())
 }
 
-/// Becomes `paws-VERB`, or names the nearest verb.
+/// Executes `paws-COMMAND`, or suggests the nearest command.
 fn external_verb(words: &[OsString], verbosity: Verbosity, library: Option<PathBuf>) -> ExitCode {
     let name = words.first().map(|w| w.to_string_lossy().into_owned());
     let name = name.unwrap_or_default();
     if let Some(program) = external::program(&name) {
         let library = library_of(library);
-        match external::hand_on(&name, verbosity, &words[1..], library.as_deref()) {
+        match external::forward_arguments(&name, verbosity, &words[1..], library.as_deref()) {
             Ok(words) => {
                 let error = external::become_program(&program, &words);
                 complain!("paws: starting {}: {error}", program.display());
@@ -470,7 +468,7 @@ fn external_verb(words: &[OsString], verbosity: Verbosity, library: Option<PathB
         _ => "; `paws --help` lists the verbs".to_owned(),
     };
     complain!(
-        "paws: {name:?} is no verb, and no program paws-{name} is beside paws or on PATH{hint}"
+        "paws: {name:?} is not a command, and no program paws-{name} is beside paws or on PATH{hint}"
     );
     ExitCode::from(2)
 }
@@ -480,7 +478,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn programs_are_looked_for_only_where_they_are_listed() {
+    fn programs_are_searched_only_for_help() {
         let words = |text: &str| -> Vec<OsString> { text.split(' ').map(Into::into).collect() };
         for text in ["paws list", "paws lisst", "paws list --wrong"] {
             let _ = parse(&words(text), || panic!("{text}"));
@@ -494,14 +492,14 @@ mod tests {
     }
 
     #[test]
-    fn every_verb_has_examples_that_the_program_takes() {
+    fn every_command_has_valid_examples() {
         command().debug_assert();
         let wrong = command_line::examples::check(&command());
         assert!(wrong.is_empty(), "{}", wrong.join("\n"));
     }
 
     #[test]
-    fn every_help_lists_words_and_names_units() {
+    fn every_help_lists_values_and_names_units() {
         let wrong = command_line::help::check(&command());
         assert!(wrong.is_empty(), "{}", wrong.join("\n"));
     }

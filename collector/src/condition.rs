@@ -1,4 +1,4 @@
-//! In what condition a session is, in one word.
+//! Condition of a session.
 
 use std::fmt;
 
@@ -6,24 +6,24 @@ use serde::{Deserialize, Serialize};
 use session_archive::manifest::State;
 use session_archive::verify::Report;
 
-/// In what condition a session is.
+/// Condition of a session.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case")]
 pub enum Condition {
-    /// Closed, and everything that was recorded is there.
+    /// Closed, and complete.
     Ok,
-    /// The recorder was cut off; everything before the cut is there.
+    /// The recorder was cut off; complete up to the cut.
     Unclosed,
     /// Something that was recorded is missing or cannot be read.
     Damaged,
-    /// A recovered copy of a session that was unclosed or damaged, sound itself.
+    /// An undamaged recovered copy of a session that was unclosed or damaged.
     Recovered,
-    /// Nobody has looked yet.
+    /// Not verified yet.
     Unverified,
 }
 
 impl Condition {
-    /// The condition of a session whose manifest says `state` and whose check gave `report`.
+    /// The condition from the `state` of the manifest and the verification `report`.
     pub fn of(state: State, report: &Report) -> Self {
         if report.is_sound() {
             match state {
@@ -37,12 +37,12 @@ impl Condition {
         }
     }
 
-    /// Whether recovery would give a better session.
+    /// Whether recovery would improve the session.
     pub fn needs_recovery(self) -> bool {
         matches!(self, Self::Unclosed | Self::Damaged)
     }
 
-    /// As it stands in the catalogue.
+    /// Name in the catalogue.
     pub fn as_str(self) -> &'static str {
         match self {
             Self::Ok => "ok",
@@ -53,7 +53,7 @@ impl Condition {
         }
     }
 
-    /// From the word in the catalogue; what is not known is unverified.
+    /// Parses the name in the catalogue; an unknown name is [`Self::Unverified`].
     pub fn from_word(word: &str) -> Self {
         [Self::Ok, Self::Unclosed, Self::Damaged, Self::Recovered]
             .into_iter()
@@ -76,7 +76,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn a_cut_is_no_damage_and_damage_is_no_cut() {
+    fn cut_and_damage_are_different_conditions() {
         let damage = |segment, kind| SegmentDamage {
             segment,
             damage: Damage {

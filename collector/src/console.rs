@@ -1,7 +1,7 @@
-//! What a verb is given of the machine: where to write, and what time it is.
+//! Output and clocks of a command.
 //!
 //! Results go to standard output, so that they can be piped; progress and warnings go to standard
-//! error. Tests pass a buffer and a clock that stands still.
+//! error. Tests pass a buffer and a stopped clock.
 
 use std::fmt;
 use std::io::{self, Write};
@@ -12,17 +12,17 @@ use session_archive::time::CivilTime;
 
 use crate::progress::Progress;
 
-/// The clocks of a host. Civil time is only ever written down; the other one is for rates.
+/// The clocks of a host. Civil time is only recorded; the monotonic clock is for rates.
 #[derive(Clone, Copy, Debug)]
 pub struct Clock {
-    /// Now, UTC, as well as the machine knows it.
+    /// Current time, UTC, by the machine's clock.
     pub civil: fn() -> CivilTime,
     /// Time since some fixed instant.
     pub monotonic: fn() -> Duration,
 }
 
 impl Clock {
-    /// A clock that stands still, for tests.
+    /// A stopped clock, for tests.
     pub const STILL: Self = Self {
         civil: || CivilTime(1_800_000_000_000_000_000),
         monotonic: || Duration::ZERO,
@@ -37,7 +37,7 @@ impl Clock {
 
 #[expect(
     clippy::disallowed_methods,
-    reason = "the one place that asks the machine for civil time"
+    reason = "the only place that reads the civil clock"
 )]
 fn machine_civil() -> CivilTime {
     let t = rustix::time::clock_gettime(rustix::time::ClockId::Realtime);
@@ -46,7 +46,7 @@ fn machine_civil() -> CivilTime {
 
 #[expect(
     clippy::disallowed_methods,
-    reason = "the one place that asks the machine how time passes"
+    reason = "the only place that reads the monotonic clock"
 )]
 fn machine_monotonic() -> Duration {
     let t = rustix::time::clock_gettime(rustix::time::ClockId::Monotonic);
@@ -58,13 +58,13 @@ fn machine_monotonic() -> Duration {
 pub enum Show {
     /// Not at all.
     Nothing,
-    /// A line now and then, where standard error is no terminal.
+    /// A line every few seconds, if standard error is no terminal.
     Lines,
     /// A bar.
     Bar,
 }
 
-/// Where a verb writes, and the clocks.
+/// Output and clocks of a command.
 pub struct Console<'a> {
     /// Results.
     pub out: &'a mut dyn Write,
@@ -78,7 +78,7 @@ impl Console<'_> {
     /// Writes one line of results. Control characters, as in names out of a session, are written as `\u001b`.
     ///
     /// # Errors
-    /// Whoever reads the output is gone.
+    /// The reader of the output has closed it.
     pub fn line(&mut self, text: impl fmt::Display) -> io::Result<()> {
         writeln!(Screen(&mut *self.out), "{text}")
     }

@@ -1,8 +1,9 @@
-//! What `--json` prints: documents with fields that stay.
+//! JSON documents that `--json` prints, with stable fields.
 //!
-//! Fields are added, never renamed and never given another meaning; [`VERSION`] rises if that has to happen after all.
-//! `docs/command-line.md` lists them. Lengths of time are in ns, sizes in bytes, rates in Hz; times of day are RFC 3339
-//! in UTC, with ns since 1970 beside them. What is not known is `null`.
+//! Fields are added, never renamed and never given another meaning; [`VERSION`] rises if that has
+//! to happen after all. `docs/command-line.md` lists them. Lengths of time are in ns, sizes in
+//! bytes, rates in Hz; times of day are RFC 3339 in UTC, with ns since 1970 beside them. Unknown
+//! values are `null`.
 
 use std::io;
 use std::path::Path;
@@ -24,7 +25,7 @@ pub const VERSION: u32 = 1;
 /// Prints a document, in one line or, for reading, in several.
 ///
 /// # Errors
-/// Whoever reads the output is gone.
+/// The reader of the output has closed it.
 pub fn print(
     document: &impl Serialize,
     in_one_line: bool,
@@ -68,19 +69,19 @@ pub struct List {
     pub sessions: Vec<Session>,
 }
 
-/// A session in short.
+/// Summary of a session.
 #[derive(Debug, Serialize)]
 pub struct Session {
-    /// What to call it: its identifier, with `.recovered` behind it for a recovered copy, and `.damaged` for one that made
-    /// way for a better copy.
+    /// Key in the library: the identifier, followed by `.recovered` for a recovered copy and by
+    /// `.damaged` for one that was replaced by a better copy.
     pub key: String,
     /// Its identifier.
     pub session_id: String,
-    /// Given by the user; may be empty.
+    /// Name given by the user; may be empty.
     pub name: String,
     /// Its folder.
     pub folder: String,
-    /// When recording began, as well as the recorder knew.
+    /// Start of the recording, by the recorder's civil clock.
     pub started: Time,
     /// From the first sample to the last, ns.
     pub duration_ns: Option<i64>,
@@ -96,7 +97,7 @@ pub struct Session {
     pub samples: u64,
     /// Samples missing.
     pub missing: u64,
-    /// What is missing of each camera and IMU, by name; empty where nobody has looked.
+    /// Missing samples of each camera and IMU, by name; empty if the session was not verified.
     pub streams: Vec<StreamLoss>,
     /// `PASS`, `WARN` or `FAIL` of the last validation.
     pub verdict: Option<Verdict>,
@@ -107,7 +108,7 @@ pub struct Session {
 }
 
 impl Session {
-    /// Of a row of the catalogue, whose session is in `folder`.
+    /// From a row of the catalogue, whose session is in `folder`.
     pub fn of(row: &Row, folder: &Path) -> Self {
         let names = |text: &str| {
             let names = text.split(',').filter(|name| !name.is_empty());
@@ -141,9 +142,9 @@ pub struct Show {
     pub format: &'static str,
     /// [`VERSION`].
     pub version: u32,
-    /// What `list` has of it.
+    /// Fields as in `list`.
     pub session: Session,
-    /// Why recording ended; none if the recorder was cut off.
+    /// Reason for the end of the recording; `null` if the recorder was cut off.
     pub stopped_by: Option<String>,
     /// Its cameras.
     pub cameras: Vec<Camera>,
@@ -151,14 +152,14 @@ pub struct Show {
     pub imus: Vec<Imu>,
     /// Number of segment files.
     pub segments: u64,
-    /// What is wrong with the files, in words.
+    /// Faults of the files, as text.
     pub faults: Vec<String>,
     /// The last validation.
-    pub validation: Option<Judged>,
-    /// Whether there is an index that fits.
+    pub validation: Option<ValidationSummary>,
+    /// Whether there is an index that matches the segments.
     pub indexed: bool,
-    /// How the hand-off is.
-    pub handoff: HandedOff,
+    /// State of the hand-off.
+    pub handoff: HandOffState,
 }
 
 /// A camera.
@@ -189,7 +190,7 @@ pub struct Camera {
 }
 
 impl Camera {
-    /// Of a manifest's camera, without what was measured.
+    /// From a manifest's camera, without measured values.
     pub fn of(camera: &manifest::Camera) -> Self {
         Self {
             name: camera.name.clone(),
@@ -218,16 +219,16 @@ pub struct Imu {
     pub source: String,
 }
 
-/// A validation in short; `validation.json` in the session's folder has all of it.
+/// Summary of a validation; `validation.json` in the session's folder has all of it.
 #[derive(Debug, Serialize)]
-pub struct Judged {
+pub struct ValidationSummary {
     /// `PASS`, `WARN` or `FAIL`.
     pub verdict: Verdict,
-    /// Whether the session is still as it was then.
+    /// Whether the session is unchanged since then.
     pub fresh: bool,
     /// Whether every frame was decoded.
     pub deep: bool,
-    /// Why the verdict is no better, the worst first.
+    /// Reasons for the verdict, the worst first.
     pub reasons: Vec<String>,
     /// Samples missing by stream and cause.
     pub losses: Vec<Loss>,
@@ -235,15 +236,15 @@ pub struct Judged {
     pub frame_sets: u64,
     /// Frame sets with a frame of every camera.
     pub complete_sets: u64,
-    /// What happened, at most 200.
+    /// Events, at most 200.
     pub events: Vec<EventLine>,
     /// Events left out.
     pub more_events: u64,
 }
 
-/// How the hand-off is.
+/// State of the hand-off.
 #[derive(Debug, Serialize)]
-pub struct HandedOff {
+pub struct HandOffState {
     /// `none`, `sealed`, or `invalid` where the session has changed since.
     pub state: &'static str,
     /// When it was sealed.
@@ -252,7 +253,7 @@ pub struct HandedOff {
     pub problem: Option<String>,
 }
 
-/// One line of `paws import --json`: what became of one session or source.
+/// One line of `paws import --json`: the result for one session or source.
 #[derive(Debug, Default, Serialize)]
 pub struct ImportLine {
     /// `paws-import-line`.
@@ -261,9 +262,10 @@ pub struct ImportLine {
     pub version: u32,
     /// The folder.
     pub source: String,
-    /// `imported`, `resumed` (imported, going on from a stopped import), `already` (in the library before) or `failed`.
+    /// `imported`, `resumed` (imported, continuing a stopped import), `already` (in the library
+    /// before) or `failed`.
     pub result: &'static str,
-    /// What to call it in the library; none if it is not there.
+    /// Key in the library; `null` if it is not there.
     pub key: Option<String>,
     /// As for `list`.
     pub condition: Option<Condition>,
@@ -271,15 +273,15 @@ pub struct ImportLine {
     pub duration_ns: Option<i64>,
     /// Bytes of the segments.
     pub bytes: Option<u64>,
-    /// What is missing of each camera and IMU, by name.
+    /// Missing samples of each camera and IMU, by name.
     pub streams: Vec<StreamLoss>,
     /// Bytes copied this time.
     pub copied_bytes: u64,
     /// Bytes that a stopped import had copied.
     pub resumed_bytes: u64,
-    /// What is wrong with the files, in words.
+    /// Faults of the files, as text.
     pub faults: Vec<String>,
-    /// What lies in the source and was not copied, being no file.
+    /// Entries of the source that were not copied because they are not files.
     pub skipped: Vec<String>,
     /// Why it failed.
     pub error: Option<String>,

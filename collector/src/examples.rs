@@ -1,8 +1,8 @@
-//! The examples at the end of each verb's help.
+//! The examples at the end of each command's help.
 
 use command_line::examples::Table;
 
-/// All verbs of `paws`.
+/// Examples of all commands of `paws`.
 pub(crate) const EXAMPLES: Table = &[
     (
         "import",
@@ -10,7 +10,7 @@ pub(crate) const EXAMPLES: Table = &[
             ("paws import /media/rig", "every session on a mounted disk"),
             (
                 "paws import --json walk-7",
-                "one session; one line of JSON says what became of it",
+                "one session, with its result as a line of JSON",
             ),
         ],
     ),
@@ -108,7 +108,7 @@ pub(crate) const EXAMPLES: Table = &[
             ("paws prune", "derived files and what stopped imports left"),
             (
                 "paws prune --session 0192aa00-0000-7000-8000-000000000001 --yes",
-                "a recording; only its whole identifier will do",
+                "a recording; its whole identifier is required",
             ),
         ],
     ),
@@ -145,13 +145,16 @@ pub(crate) const EXAMPLES: Table = &[
     ),
     (
         "calib verify",
-        &[("paws calib verify latest", "are the lenses still true?")],
+        &[(
+            "paws calib verify latest",
+            "does the calibration still hold?",
+        )],
     ),
     (
         "calib imu",
         &[(
             "paws calib imu still --imu feet/imu",
-            "from a session in which the rig lay still",
+            "from a session with the rig at rest",
         )],
     ),
     (
@@ -173,7 +176,7 @@ pub(crate) const EXAMPLES: Table = &[
         &[
             (
                 "paws rig check rig.toml",
-                "3: look at the warnings; 1: not to be used",
+                "exit code 3: warnings; 1: not to be used",
             ),
             ("paws rig check rig.toml --json", "for programs"),
         ],

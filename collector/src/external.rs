@@ -1,10 +1,11 @@
-//! Programs beside this one: `paws X` starts `paws-X`.
+//! External programs: `paws X` starts `paws-X`.
 //!
-//! Contract: a program is a file `paws-X` that may be executed, beside `paws` or in a folder of PATH; the first one of a
-//! name counts. `paws --help` lists them, those of the toolkit with what they do even where they are missing. Their
-//! arguments are handed on as they are, with two exceptions: where `paws reconstruct` reads a hand-off, a session of the
-//! library may be named as everywhere else ([`hand_on`]), for `paws-reconstruct` knows nothing of libraries; and `-q` and
-//! `-v` before the name of a program of the toolkit are for it, too.
+//! Contract: a program is an executable file `paws-X` beside `paws` or in a folder of PATH; the
+//! first one of a name counts. `paws --help` lists them, those of the toolkit with a description
+//! even if they are missing. Arguments are passed on unchanged, with two exceptions: where `paws
+//! reconstruct` reads a hand-off, a session of the library may be named as everywhere else
+//! ([`forward_arguments`]), because `paws-reconstruct` does not depend on libraries; and `-q` and `-v` before
+//! the name of a program of the toolkit are passed to it.
 
 use std::collections::BTreeMap;
 use std::ffi::{OsStr, OsString};
@@ -21,9 +22,9 @@ use session_archive::layout;
 use crate::outcome::Outcome;
 use crate::target::Target;
 
-/// What programs of `paws` are called, without their own name.
+/// Name prefix of external programs.
 const PREFIX: &str = "paws-";
-/// The programs of this toolkit, and what they do.
+/// The programs of this toolkit, with their descriptions.
 const KNOWN: [(&str, &str); 3] = [
     (
         "reconstruct",
@@ -38,14 +39,14 @@ const KNOWN: [(&str, &str); 3] = [
         "Look into a scene bundle, check it, write it in the formats of others",
     ),
 ];
-/// Those that know `-q` and `-v`.
+/// Programs that accept `-q` and `-v`.
 const HAVE_VERBOSITY: [&str; 2] = ["reconstruct", "scene"];
-/// The verbs of `paws-reconstruct` whose first argument is a hand-off.
+/// The commands of `paws-reconstruct` whose first argument is a hand-off.
 const READ_HANDOFF: [&str; 3] = ["info", "frames", "run"];
 /// Their long options that take no value. All others take one, and no short one does.
-const FLAGS: [&str; 5] = ["--again", "--help", "--json", "--quiet", "--verbose"];
+const FLAGS: [&str; 5] = ["--force", "--help", "--json", "--quiet", "--verbose"];
 
-/// The folders in which programs are looked for, in their order.
+/// The folders that are searched for programs, in this order.
 fn folders() -> Vec<PathBuf> {
     let beside = std::env::current_exe()
         .ok()
@@ -109,18 +110,18 @@ fn listing_of(folders: &[PathBuf]) -> String {
     text
 }
 
-/// Whether a name can be typed, and shown.
+/// Whether a name can be typed and displayed.
 fn is_plain(name: &str) -> bool {
     let plain = |b: u8| b.is_ascii_alphanumeric() || b == b'-' || b == b'_';
     !name.is_empty() && name.bytes().all(plain)
 }
 
-/// The arguments of a program: those of the user, but for a session named to `paws-reconstruct` the folder of it; before
-/// them how much it is to say.
+/// The arguments of a program: the verbosity, then those of the user, with a session named to
+/// `paws-reconstruct` replaced by its folder.
 ///
 /// # Errors
 /// The library has no such session, or it has not been handed over.
-pub fn hand_on(
+pub fn forward_arguments(
     name: &str,
     verbosity: Verbosity,
     words: &[OsString],
@@ -128,7 +129,7 @@ pub fn hand_on(
 ) -> Result<Vec<OsString>> {
     let mut words = words.to_vec();
     let place = match name {
-        "reconstruct" => place_of_handoff(&words),
+        "reconstruct" => handoff_position(&words),
         _ => None,
     };
     if let Some(at) = place
@@ -149,16 +150,16 @@ pub fn hand_on(
     if HAVE_VERBOSITY.contains(&name) {
         let is_quiet = words.iter().any(|word| word == "-q" || word == "--quiet");
         let options = verbosity.options().into_iter();
-        // Said twice it would be refused.
+        // Given twice, it would be rejected.
         let options = options.filter(|option| !is_quiet || *option != "-q");
         words.splice(0..0, options.map(OsString::from));
     }
     Ok(words)
 }
 
-/// Where among the words for `paws-reconstruct` the hand-off is: the first behind the verb that is neither an option
-/// nor the value of one.
-fn place_of_handoff(words: &[OsString]) -> Option<usize> {
+/// Position of the hand-off among the arguments for `paws-reconstruct`: the first after the command
+/// that is neither an option nor the value of one.
+fn handoff_position(words: &[OsString]) -> Option<usize> {
     let mut has_verb = false;
     let mut at = 0;
     while let Some(word) = words.get(at) {
@@ -181,10 +182,10 @@ fn place_of_handoff(words: &[OsString]) -> Option<usize> {
     None
 }
 
-/// Runs `paws-NAME` to its end. Its exit code becomes ours as far as ours have that meaning.
+/// Runs `paws-NAME` and waits for it. Its exit code becomes ours where the meaning is the same.
 ///
 /// # Errors
-/// It is not there, or cannot be started.
+/// It does not exist, or cannot be started.
 pub fn start(name: &str, arguments: &[&OsStr]) -> Result<Outcome> {
     let program = program(name).with_context(|| {
         format!("starting paws-{name}: it is neither beside paws nor on PATH; install it there")
@@ -200,7 +201,7 @@ pub fn start(name: &str, arguments: &[&OsStr]) -> Result<Outcome> {
     })
 }
 
-/// Replaces this program by another one; only comes back with the reason why not.
+/// Replaces this process by another program; returns only on failure, with the error.
 pub fn become_program(program: &Path, arguments: &[OsString]) -> io::Error {
     Command::new(program).args(arguments).exec()
 }
@@ -236,7 +237,7 @@ mod tests {
     }
 
     #[test]
-    fn only_the_place_of_a_handoff_is_looked_up() {
+    fn only_the_hand_off_argument_is_resolved() {
         let quiet = Verbosity::default();
         for (name, text) in [
             ("reconstruct", "evaluate latest"),
@@ -246,22 +247,22 @@ mod tests {
             ("reconstruct", "-q evaluate run latest"),
             ("scene", "show latest"),
         ] {
-            let handed = hand_on(name, quiet, &words(text), None).unwrap();
+            let handed = forward_arguments(name, quiet, &words(text), None).unwrap();
             assert_eq!(handed, words(text), "{name}");
         }
-        let error = hand_on("reconstruct", quiet, &words("run latest --out x"), None);
+        let error = forward_arguments("reconstruct", quiet, &words("run latest --out x"), None);
         let error = error.unwrap_err().to_string();
         assert!(error.contains("PAWS_LIBRARY"), "{error}");
     }
 
     #[test]
-    fn a_handoff_is_found_wherever_it_stands_behind_the_verb() {
+    fn hand_off_argument_is_found_at_any_position() {
         for (text, expected) in [
             ("run HERE --out x", Some(1)),
             ("run --out x HERE", Some(3)),
             ("run --out=x HERE", Some(2)),
             ("-q run HERE", Some(2)),
-            ("--quiet run --json -vv --preset fast HERE --again", Some(6)),
+            ("--quiet run --json -vv --preset fast HERE --force", Some(6)),
             ("frames --from -1.5 --out x HERE", Some(5)),
             ("run --out x -- HERE", Some(4)),
             ("info", None),
@@ -271,7 +272,7 @@ mod tests {
             ("evaluate HERE", None),
             ("--version", None),
         ] {
-            assert_eq!(place_of_handoff(&words(text)), expected, "{text}");
+            assert_eq!(handoff_position(&words(text)), expected, "{text}");
         }
     }
 }

@@ -1,31 +1,33 @@
 //! Importing one session into a library.
 //!
-//! * **Normally**: every file is copied to `.incoming/ID/` and hashed on the way, the copy is made
-//!   durable, checked with [`session_archive::verify`] while it grows, given its [`ImportRecord`],
+//! * **Normally**: every file is copied to `.incoming/ID/` and hashed meanwhile; the copy is
+//!   synced, verified with [`session_archive::verify`] while it grows, given its [`ImportRecord`],
 //!   and appears under `sessions/ID` by one rename.
-//! * **Stopped at any point**, by a signal, a power cut or an error: what is in `.incoming/` stays
-//!   there and is not listed. The next import goes on: a file that is in the journal, unchanged in
-//!   the source and still has its hash is kept; every other one is copied anew (at most one
-//!   segment's worth is copied twice). Where the session is not whole, the kept ones are compared
-//!   with the source (see `again`).
-//! * **Again**: a session that is in the library with the same files is left alone. One that
-//!   differs is refused, unless the library's is damaged or cut off and this one is better (see `there`): then it
-//!   takes its place, and the other one is kept as `ID.damaged`. A worse one never replaces a better one.
-//! * **Damaged**: it is imported all the same, byte for byte, with its report.
-//! * **No files**: a FIFO, a device, a socket or a link in a session's folder is refused at once.
-//! * **Changed while it was copied**, because it is still being recorded: refused before it is
-//!   listed; importing it later goes on from there.
+//! * **Stopped at any point**, by a signal, a power cut or an error: the content of `.incoming/`
+//!   remains and is not listed. The next import resumes: a file that is in the journal, unchanged
+//!   in the source and still has its hash is reused; every other one is copied again (at most one
+//!   segment is copied twice). If the session is incomplete, the reused files are compared with the
+//!   source (see `recheck`).
+//! * **Repeated**: a session that is in the library with the same files is left unchanged. One that
+//!   differs is rejected, unless the library's copy is damaged or cut off and this one is better
+//!   (see `existing`): then it replaces that copy, which is renamed to `ID.damaged`. A worse copy
+//!   never replaces a better one.
+//! * **Damaged**: imported nevertheless, byte for byte, with its report.
+//! * **No files**: a FIFO, a device, a socket or a link in a session's folder is rejected
+//!   immediately.
+//! * **Changed while it was copied**, because it is still being recorded: rejected before it is
+//!   listed; a later import resumes.
 //!
 //! Nothing is ever written to the source.
 
-pub(crate) mod adopt;
-mod again;
 mod copy;
-mod following;
+pub(crate) mod existing;
+mod growing_copy;
 mod journal;
+pub(crate) mod publish;
+mod recheck;
 mod record;
 mod source;
-pub(crate) mod there;
 
 use std::fs;
 use std::io;
@@ -40,20 +42,20 @@ use session_archive::verify::{Report, verify};
 
 pub use self::record::{FileRecord, ImportRecord};
 
-use self::copy::{Copied, copy_all};
-use self::following::{Board, Following};
+use self::copy::{CopyResult, copy_all};
+use self::existing::{CopyQuality, ExistingCopy};
+use self::growing_copy::{CopyProgress, GrowingCopy};
 use self::journal::Journal;
 use self::source::{SourceFile, list_files};
-use self::there::{There, Worth};
 use crate::condition::Condition;
 use crate::console::Clock;
 use crate::library::{INCOMING, Library, SESSIONS, is_key, sync_folder};
 use crate::progress::Progress;
 
-/// What must stay free on the library's disk beside the session.
-const SPARE_BYTES: u64 = 64 << 20;
+/// Free space to leave on the library's disk, bytes.
+const RESERVED_BYTES: u64 = 64 << 20;
 
-/// Where an import is. Tests stop it at each of these in turn.
+/// Steps of an import. Tests stop it at each of them in turn.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub enum Step {
     /// The folder under `.incoming/` is about to be made.
@@ -62,7 +64,7 @@ pub enum Step {
     Write(String),
     /// A file is about to be synced.
     Sync(String),
-    /// A file is about to be noted in the journal.
+    /// A file is about to be recorded in the journal.
     Note(String),
     /// The folders are about to be synced.
     SyncFolders,
@@ -76,39 +78,40 @@ pub enum Step {
     List,
 }
 
-/// Called before each step; an error stops the import there as if it had been killed.
+/// Callback before each step; an error stops the import as if it had been killed.
 pub type Hook<'a> = &'a (dyn Fn(&Step) -> io::Result<()> + Sync);
 
-/// The hook that does nothing.
+/// The hook without effect.
 pub fn no_hook(_: &Step) -> io::Result<()> {
     Ok(())
 }
 
-/// A session that is in the library now.
+/// Result of an import: a session in the library.
 #[derive(Clone, Debug)]
-pub struct Imported {
+pub struct ImportResult {
     /// Its key in the library.
     pub key: String,
-    /// In what condition it is.
+    /// Condition of the session.
     pub condition: Condition,
-    /// What the check found.
+    /// Verification report.
     pub report: Report,
-    /// Bytes copied this time; 0 if it was there already.
+    /// Bytes copied by this import; 0 if the session was in the library already.
     pub copied: u64,
     /// Bytes that an earlier, interrupted import had copied.
     pub resumed: u64,
     /// Whether it was in the library before.
-    pub already: bool,
-    /// What lies in the source and was not copied: names that are not UTF-8, folders in too many folders.
+    pub already_imported: bool,
+    /// Entries of the source that were not copied: names that are not UTF-8, folders nested too
+    /// deeply.
     pub skipped: Vec<String>,
-    /// Under which key the damaged or cut off session is kept that it replaced.
+    /// Key of the damaged or cut off session that it replaced.
     pub replaced: Option<String>,
 }
 
-/// Why a session was not imported. Source and library are as they were, except for `.incoming/`.
+/// A session was not imported. Source and library are unchanged, except for `.incoming/`.
 #[derive(Debug, thiserror::Error)]
 pub enum ImportError {
-    /// Nothing in it can be read as a session, or it was written by a newer version.
+    /// It cannot be read as a session, or was written by a newer version.
     #[error("importing a session: {}", .path.display())]
     Unreadable {
         /// Why.
@@ -117,7 +120,7 @@ pub enum ImportError {
         /// The source.
         path: PathBuf,
     },
-    /// The identifier would not be safe as the name of a folder: the manifest is not ours.
+    /// The identifier is not a safe folder name: the manifest is not from this recorder.
     #[error("its identifier {id:?} cannot be the name of a folder: {}", .path.display())]
     Identifier {
         /// The identifier.
@@ -125,17 +128,17 @@ pub enum ImportError {
         /// The source.
         path: PathBuf,
     },
-    /// The session is another one than was announced: look at what announced it.
-    #[error("it is session {found}, announced as {expected}: {}", .path.display())]
+    /// The session is not the announced one: check the announcement.
+    #[error("found session {found}, expected {expected}: {}", .path.display())]
     Another {
         /// Its identifier.
         found: String,
-        /// The identifier that it was said to have.
+        /// The announced identifier.
         expected: String,
-        /// Where it lies.
+        /// Its folder.
         path: PathBuf,
     },
-    /// Something in the source is no file, and nobody can say what it would be as one. Remove it, or put the file there.
+    /// An entry of the source is not a file. Remove it, or replace it by the file.
     #[error("importing a session: found {found}, expected only files and folders: {}", .path.display())]
     NoFile {
         /// What it is.
@@ -143,8 +146,8 @@ pub enum ImportError {
         /// It.
         path: PathBuf,
     },
-    /// A session with this identifier and other content is there. To replace it, remove it first:
-    /// `paws prune --session ID --yes`.
+    /// The library has a session with this identifier and other content. To replace it, remove it
+    /// first: `paws prune --session ID --yes`.
     #[error("session {key} is in the library already and differs ({what}); nothing was changed: {}", .path.display())]
     Differs {
         /// Its key.
@@ -154,7 +157,7 @@ pub enum ImportError {
         /// The source.
         path: PathBuf,
     },
-    /// The source changed meanwhile, so it is still being recorded: import it again later.
+    /// The source changed during the copy, so it is still being recorded: import it again later.
     #[error("{what} changed while it was copied; is it still being recorded? {}", .path.display())]
     Changed {
         /// What changed.
@@ -165,14 +168,14 @@ pub enum ImportError {
     /// Free the disk, then import again.
     #[error("copying takes {needed} bytes and {free} are free: {}", .path.display())]
     NoSpace {
-        /// Bytes still to be copied, and what must stay free.
+        /// Bytes still to be copied plus the reserve.
         needed: u64,
         /// Bytes free.
         free: u64,
         /// The library.
         path: PathBuf,
     },
-    /// The source or the library's disk says no.
+    /// An I/O error of the source or of the library.
     #[error("{doing}: {}", .path.display())]
     Io {
         /// What was being done.
@@ -183,8 +186,8 @@ pub enum ImportError {
         /// The file or folder.
         path: PathBuf,
     },
-    /// The catalogue could not be brought up to date. The session is in the library; opening
-    /// the library lists it.
+    /// The catalogue could not be updated. The session is in the library; opening the library lists
+    /// it.
     #[error("listing session {key}: {reason}")]
     Catalogue {
         /// Its key.
@@ -211,8 +214,8 @@ pub fn size(source: &Path) -> Result<u64, ImportError> {
     Ok(files.iter().map(|f| f.bytes).sum())
 }
 
-/// Imports the session in the folder `source`. `progress` is told of every byte that need not be
-/// looked at again, copied now or earlier. The caller holds the library's lock.
+/// Imports the session in the folder `source`. `progress` counts every finished byte, copied now or
+/// earlier. The caller holds the library's lock.
 ///
 /// # Errors
 /// See [`ImportError`].
@@ -222,7 +225,7 @@ pub fn import(
     clock: Clock,
     progress: &Progress,
     hook: Hook<'_>,
-) -> Result<Imported, ImportError> {
+) -> Result<ImportResult, ImportError> {
     let unreadable = |error| ImportError::Unreadable {
         source: error,
         path: source.to_owned(),
@@ -237,22 +240,23 @@ pub fn import(
         });
     }
     let (files, skipped) = list_files(source)?;
-    let old = match there::look(library, &key, source, &files)? {
-        There::Nothing => None,
-        There::Same(imported) => {
+    let old = match existing::find_existing(library, &key, source, &files)? {
+        ExistingCopy::Absent => None,
+        ExistingCopy::Same(imported) => {
             progress.add(files.iter().map(|f| f.bytes).sum());
-            // Left behind if an import was stopped just after its rename, which may not be durable.
+            // Remains of an import that was stopped just after its rename, which may not be
+            // durable.
             sync_published(library, &key)?;
             journal::remove(&library.incoming(&key))?;
             return Ok(*imported);
         }
-        There::Worse(old) => Some(old),
+        ExistingCopy::Worse(old) => Some(old),
     };
 
     let mut copy = copy_and_check(library, &key, source, &files, progress, hook)?;
     if copy.condition.needs_recovery() && copy.resumed > 0 {
-        // What an earlier import left may have come from another, damaged copy of the session.
-        let renewed = again::renew(&library.incoming(&key), source, &copy.kept, hook)?;
+        // Files of an earlier import may be from another, damaged copy of the session.
+        let renewed = recheck::refresh_reused(&library.incoming(&key), source, &copy.kept, hook)?;
         if renewed > 0 {
             let (bytes, resumed) = (copy.bytes + renewed, copy.resumed - renewed);
             let hidden = Progress::hidden();
@@ -275,8 +279,8 @@ pub fn import(
         .map_err(failed("writing the import record", &incoming))?;
     let replaced = match old {
         Some(old) => {
-            let new = Worth::of(copy.condition, &copy.report);
-            Some(there::make_way(library, &key, source, old, new)?)
+            let new = CopyQuality::of(copy.condition, &copy.report);
+            Some(existing::set_aside_copy(library, &key, source, old, new)?)
         }
         None => None,
     };
@@ -284,20 +288,20 @@ pub fn import(
     journal::remove(&incoming)?;
     hook(&Step::List).map_err(failed("listing", &incoming))?;
     list(library, &key, replaced.as_deref())?;
-    Ok(Imported {
+    Ok(ImportResult {
         key,
         condition: copy.condition,
         report: copy.report,
         copied: copy.bytes,
         resumed: copy.resumed,
-        already: false,
+        already_imported: false,
         skipped,
         replaced,
     })
 }
 
-/// A session in `.incoming/`, checked and on disk.
-struct CheckedCopy {
+/// A session in `.incoming/`, verified and synced.
+struct VerifiedCopy {
     condition: Condition,
     report: Report,
     records: Vec<FileRecord>,
@@ -305,11 +309,11 @@ struct CheckedCopy {
     bytes: u64,
     /// Bytes that an earlier import had copied.
     resumed: u64,
-    /// The files that they are in.
+    /// The files with these bytes.
     kept: Vec<FileRecord>,
 }
 
-/// Copies what an earlier import has not copied, checking the session on the way, and makes it durable.
+/// Copies what an earlier import has not copied, verifies the session meanwhile, and syncs it.
 fn copy_and_check(
     library: &Library,
     key: &str,
@@ -317,7 +321,7 @@ fn copy_and_check(
     files: &[SourceFile],
     progress: &Progress,
     hook: Hook<'_>,
-) -> Result<CheckedCopy, ImportError> {
+) -> Result<VerifiedCopy, ImportError> {
     let unreadable = |error| ImportError::Unreadable {
         source: error,
         path: source.to_owned(),
@@ -325,16 +329,16 @@ fn copy_and_check(
     let incoming = library.incoming(key);
     hook(&Step::Begin).map_err(failed("beginning", &incoming))?;
     fs::create_dir_all(&incoming).map_err(failed("making the folder", &incoming))?;
-    source::remove_strangers(&incoming, files)?;
+    source::remove_unknown_files(&incoming, files)?;
     let mut journal = Journal::open(&incoming)?;
     let kept = journal.still_good(&incoming, files, progress)?;
     let to_copy: u64 =
         files.iter().map(|f| f.bytes).sum::<u64>() - kept.iter().map(|k| k.bytes).sum::<u64>();
     check_space(library.root(), to_copy)?;
 
-    let board = Board::new(files, &kept);
-    let follow = Following::new(&incoming, &board);
-    // The check reads what has just been written, a few megabytes behind the copy, from memory.
+    let copy_progress = CopyProgress::new(files, &kept);
+    let follow = GrowingCopy::new(&incoming, &copy_progress);
+    // The verification follows a few megabytes behind the copy and reads from the page cache.
     let (copied, report) = thread::scope(|scope| {
         let check = scope.spawn(|| {
             let reader = SessionReader::open(Arc::new(follow))?;
@@ -346,15 +350,15 @@ fn copy_and_check(
             files,
             &kept,
             &mut journal,
-            &board,
+            &copy_progress,
             progress,
             hook,
         );
-        // Whoever still waits for bytes is not to wait for ever.
-        board.close();
+        // Wake readers that still wait for bytes.
+        copy_progress.close();
         (copied, check.join())
     });
-    let Copied { bytes, records } = copied?;
+    let CopyResult { bytes, records } = copied?;
     let (state, report) = match report {
         Ok(checked) => checked.map_err(unreadable)?,
         Err(panic) => std::panic::resume_unwind(panic),
@@ -363,7 +367,7 @@ fn copy_and_check(
     source::unchanged(source, files)?;
     hook(&Step::SyncFolders).map_err(failed("syncing", &incoming))?;
     sync_tree(&incoming).map_err(failed("syncing", &incoming))?;
-    Ok(CheckedCopy {
+    Ok(VerifiedCopy {
         condition: Condition::of(state, &report),
         report,
         records,
@@ -373,7 +377,7 @@ fn copy_and_check(
     })
 }
 
-/// Brings the catalogue up to date with a session that is in the library now, and with the one that made way for it.
+/// Updates the catalogue with a new session of the library, and with the one that it replaced.
 pub(crate) fn list(
     library: &mut Library,
     key: &str,
@@ -388,7 +392,7 @@ pub(crate) fn list(
     Ok(())
 }
 
-/// Makes a finished folder under `.incoming/` durable and a session of the library.
+/// Syncs a finished folder under `.incoming/` and publishes it as a session of the library.
 ///
 /// # Errors
 /// See [`ImportError`]; the folder is then where it was.
@@ -398,7 +402,7 @@ pub(crate) fn publish_folder(library: &Library, key: &str) -> Result<(), ImportE
     publish(library, key, &no_hook)
 }
 
-/// Renames a finished folder from `.incoming/` to where it is listed, and makes that durable.
+/// Renames a finished folder from `.incoming/` to `sessions/`, and syncs the rename.
 fn publish(library: &Library, key: &str, hook: Hook<'_>) -> Result<(), ImportError> {
     let (from, to) = (library.incoming(key), library.folder(key));
     hook(&Step::Publish).map_err(failed("publishing", &to))?;
@@ -407,7 +411,7 @@ fn publish(library: &Library, key: &str, hook: Hook<'_>) -> Result<(), ImportErr
     sync_published(library, key)
 }
 
-/// Makes the rename into the library durable.
+/// Syncs the rename into the library.
 fn sync_published(library: &Library, key: &str) -> Result<(), ImportError> {
     for folder in [SESSIONS, INCOMING] {
         sync_folder(&library.root().join(folder))
@@ -416,12 +420,13 @@ fn sync_published(library: &Library, key: &str) -> Result<(), ImportError> {
     Ok(())
 }
 
-/// Renames a folder to a name that must be free.
+/// Renames a folder to a name that must not exist.
 pub(crate) fn rename_new(from: &Path, to: &Path) -> io::Result<()> {
     let cwd = rustix::fs::CWD;
     match renameat_with(cwd, from, cwd, to, RenameFlags::NOREPLACE) {
         Ok(()) => Ok(()),
-        // Some file systems cannot promise it; a folder is never renamed over one with content.
+        // Some file systems do not support this flag; a folder is never renamed over a non-empty
+        // one.
         Err(rustix::io::Errno::INVAL | rustix::io::Errno::NOSYS) if !to.exists() => {
             fs::rename(from, to)
         }
@@ -429,7 +434,7 @@ pub(crate) fn rename_new(from: &Path, to: &Path) -> io::Result<()> {
     }
 }
 
-/// Makes all names in a folder and the folders in it durable.
+/// Syncs a folder and all folders below it.
 fn sync_tree(folder: &Path) -> io::Result<()> {
     for entry in fs::read_dir(folder)? {
         let entry = entry?;
@@ -440,13 +445,13 @@ fn sync_tree(folder: &Path) -> io::Result<()> {
     sync_folder(folder)
 }
 
-/// Whether `bytes` more fit onto the disk of `path`.
+/// Checks that `bytes` more fit onto the disk of `path`.
 pub(crate) fn check_space(path: &Path, bytes: u64) -> Result<(), ImportError> {
     let disk = statvfs(path)
         .map_err(io::Error::from)
         .map_err(failed("asking for free space", path))?;
     let (needed, free) = (
-        bytes.saturating_add(SPARE_BYTES),
+        bytes.saturating_add(RESERVED_BYTES),
         disk.f_bavail.saturating_mul(disk.f_frsize),
     );
     if needed > free {

@@ -4,22 +4,22 @@
 //! LIBRARY/
 //!   sessions/ID/            one session: what was recorded, import.json, derived files
 //!   sessions/ID.recovered/  its recovered copy, where there is one
-//!   sessions/ID.damaged/    a damaged one that made way for a better one, where there was one
-//!   .incoming/              what is being written; nothing in it is listed
+//!   sessions/ID.damaged/    a damaged copy that was replaced by a better one
+//!   .incoming/              sessions being written; not listed
 //!   catalogue.sqlite        a copy of the facts, for listing; can be rebuilt
 //! ```
 //!
-//! A session appears under `sessions/` by one rename, complete and on disk, or not at all. Opening a
-//! library brings its catalogue up to date with the folders that are there, so a program that was
-//! killed between the rename and the catalogue leaves nothing half listed.
+//! A session appears under `sessions/` by one rename, complete and synced, or not at all. Opening a
+//! library updates its catalogue from the existing folders, so a program killed between the rename
+//! and the catalogue leaves no session unlisted.
 //!
-//! * **Nothing can be written** (a full disk, a read-only one): everything can be read. What the catalogue would have
-//!   to be told is kept in memory.
-//! * **The catalogue is damaged, of another version or not there**: whoever opens the library next sets it aside as
-//!   `catalogue.sqlite.damaged` and makes it again from the sessions; while somebody else changes the library, the
-//!   sessions are listed from their folders.
-//! * **Several programs**: one at a time changes a library, under a lock that the system lets go of when the
-//!   program dies. Making and mending the catalogue is such a change.
+//! * **Nothing can be written** (a full disk, a read-only one): everything can be read. Changes of
+//!   the catalogue are held in memory.
+//! * **The catalogue is damaged, of another version or not there**: the next program that opens the
+//!   library renames it to `catalogue.sqlite.damaged` and rebuilds it from the sessions; while
+//!   another program changes the library, the sessions are listed from their folders.
+//! * **Several programs**: one at a time changes a library, under a lock that the system releases
+//!   when the program dies. Creating and repairing the catalogue is such a change.
 
 mod lock;
 
@@ -32,29 +32,29 @@ use anyhow::{Context, Result, bail, ensure};
 use session_archive::layout;
 use session_archive::storage::{DiskStorage, Storage};
 
-use crate::catalogue::{Catalogue, Found, Row};
-use crate::import::there::made_way;
+use crate::catalogue::{Catalogue, CatalogueFile, Row};
+use crate::import::existing::is_set_aside_copy;
 
 pub use self::lock::Lock;
 
 /// Folder of the sessions.
 pub const SESSIONS: &str = "sessions";
-/// Folder of what is being written.
+/// Folder of sessions being written.
 pub const INCOMING: &str = ".incoming";
 /// The catalogue.
 pub const CATALOGUE: &str = "catalogue.sqlite";
-/// Files that a host makes beside a recording and can make again.
+/// Files that a host derives beside a recording and can derive again.
 pub const DERIVED: [&str; 4] = [
     layout::INDEX,
     layout::VALIDATION,
     layout::HANDOFF,
     crate::validation::REPORT,
 ];
-/// What the session is called that was recorded last; of several recorded at one time, the one imported last.
+/// Name for the last recorded session; of several recorded at one time, the last imported.
 pub const LATEST: &str = "latest";
-/// Bytes of the longest key.
+/// Maximum length of a key, bytes.
 pub(crate) const MAX_KEY: usize = 100;
-/// What a recovered copy's folder has behind the session's identifier.
+/// Suffix of a recovered copy's folder, after the session's identifier.
 pub const RECOVERED: &str = ".recovered";
 
 /// An open library.
@@ -64,14 +64,14 @@ pub struct Library {
 }
 
 impl Library {
-    /// Opens the library in a folder, which is created if need be.
+    /// Opens the library in a folder, which is created if necessary.
     ///
     /// # Errors
-    /// The disk says no.
+    /// An I/O error occurs.
     pub fn create(root: &Path) -> Result<Self> {
         let storage = DiskStorage::new(root);
         for folder in [SESSIONS, INCOMING] {
-            // Unlike the system's own call it makes the names durable, the root's too.
+            // Unlike the system call, it syncs the names, the root's too.
             (storage.create_dir(folder))
                 .with_context(|| format!("making the library: {}", root.join(folder).display()))?;
         }
@@ -81,26 +81,27 @@ impl Library {
     /// Opens the library in a folder.
     ///
     /// # Errors
-    /// The folder is no library, or the disk says no.
+    /// The folder is not a library, or an I/O error occurs.
     pub fn open(root: &Path) -> Result<Self> {
         ensure!(
             root.join(SESSIONS).is_dir(),
-            "this is no library, it has no folder {SESSIONS}/ (`paws import` makes one): {}",
+            "not a library, it has no folder {SESSIONS}/ (`paws import` creates one): {}",
             root.display()
         );
         let root = root
             .canonicalize()
             .with_context(|| format!("opening the library: {}", root.display()))?;
         let path = root.join(CATALOGUE);
-        let catalogue = match Catalogue::look(&path)? {
-            Found::Usable(catalogue) => *catalogue,
-            Found::Unreachable(why) => {
+        let catalogue = match Catalogue::inspect(&path)? {
+            CatalogueFile::Usable(catalogue) => *catalogue,
+            CatalogueFile::Unreachable(why) => {
                 log::debug!("listing from the folders: {why}: {}", path.display());
                 Catalogue::in_memory(&path)?
             }
-            Found::Missing | Found::Unusable(_) => match lock::take(&root, false) {
-                Ok(Some(_lock)) => mended(&root)?,
-                // Whoever changes the library mends it, too. And where no lock is to be had, nothing can be written.
+            CatalogueFile::Missing | CatalogueFile::Unusable(_) => match lock::take(&root, false) {
+                Ok(Some(_lock)) => repair_catalogue(&root)?,
+                // A program that changes the library repairs it, too. Without a lock nothing can be
+                // written.
                 Ok(None) | Err(_) => Catalogue::in_memory(&path)?,
             },
         };
@@ -119,15 +120,15 @@ impl Library {
         self.root.join(SESSIONS).join(key)
     }
 
-    /// Folder in which something called `key` is written before it becomes a session.
+    /// Folder in which the session `key` is written before it is published.
     pub fn incoming(&self, key: &str) -> PathBuf {
         self.root.join(INCOMING).join(key)
     }
 
-    /// Keeps other programs from changing the library.
+    /// Locks the library against changes by other programs.
     ///
     /// # Errors
-    /// Another one is changing it.
+    /// Another program has locked it.
     pub fn lock(&mut self) -> Result<Lock> {
         let locking = || format!("locking the library: {}", self.root.display());
         let Some(lock) = lock::take(&self.root, false).with_context(locking)? else {
@@ -136,15 +137,15 @@ impl Library {
                 self.root.display()
             );
         };
-        self.changed_by_others()?;
+        self.reload_catalogue()?;
         Ok(lock)
     }
 
-    /// Keeps other programs from changing the library, as soon as those that do so have ended. `waiting` is called
-    /// before a wait.
+    /// Locks the library against changes by other programs, and waits for the lock. `waiting` is
+    /// called before a wait.
     ///
     /// # Errors
-    /// The disk says no.
+    /// An I/O error occurs.
     pub fn lock_waiting(&mut self, waiting: impl FnOnce(&Path)) -> Result<Lock> {
         let locking = || format!("locking the library: {}", self.root.display());
         let lock = match lock::take(&self.root, false).with_context(locking)? {
@@ -156,21 +157,21 @@ impl Library {
                     .with_context(locking)?
             }
         };
-        self.changed_by_others()?;
+        self.reload_catalogue()?;
         Ok(lock)
     }
 
-    /// Sees the library as those left it that had the lock before.
-    fn changed_by_others(&mut self) -> Result<()> {
-        self.catalogue = mended(&self.root)?;
-        self.catalogue.settle();
+    /// Reloads the catalogue after changes by previous lock holders.
+    fn reload_catalogue(&mut self) -> Result<()> {
+        self.catalogue = repair_catalogue(&self.root)?;
+        self.catalogue.leave_wal_mode();
         self.catch_up()
     }
 
     /// Names of the sessions' folders, sorted.
     ///
     /// # Errors
-    /// The disk says no.
+    /// An I/O error occurs.
     pub fn keys(&self) -> Result<BTreeSet<String>> {
         keys_of(&self.root)
     }
@@ -178,15 +179,15 @@ impl Library {
     /// All sessions, the oldest first.
     ///
     /// # Errors
-    /// The disk says no.
+    /// An I/O error occurs.
     pub fn rows(&self) -> Result<Vec<Row>> {
         Ok(self.catalogue.rows()?)
     }
 
-    /// Reads a session's facts from its folder into the catalogue again.
+    /// Updates a session's row in the catalogue from its folder.
     ///
     /// # Errors
-    /// The session cannot be read, or the disk says no.
+    /// The session cannot be read, or an I/O error occurs.
     pub fn refresh(&mut self, key: &str) -> Result<Row> {
         let folder = self.folder(key);
         let row = Row::of(key, &folder)
@@ -195,33 +196,33 @@ impl Library {
         Ok(row)
     }
 
-    /// Takes a session out of the catalogue.
+    /// Removes a session from the catalogue.
     ///
     /// # Errors
-    /// The disk says no.
+    /// An I/O error occurs.
     pub fn forget(&mut self, key: &str) -> Result<()> {
         Ok(self.catalogue.remove(key)?)
     }
 
-    /// Builds the catalogue from the folders alone; gives the number of sessions, and the folders
-    /// that are none.
+    /// Rebuilds the catalogue from the folders alone; returns the number of sessions, and the
+    /// folders that hold none.
     ///
     /// # Errors
-    /// The folders cannot be read; the old catalogue stays.
+    /// The folders cannot be read; the old catalogue is then unchanged.
     pub fn rebuild(&mut self) -> Result<(usize, Vec<(String, String)>)> {
         let (rows, failed) = rows_of_folders(&self.root)?;
         self.catalogue.replace(&rows)?;
         Ok((rows.len(), failed))
     }
 
-    /// The session that a user means: its key, a prefix of it that fits no other, its name, or
-    /// the name of the folder that it was imported from. A prefix that fits a session and its
-    /// recovered copy means the copy, unless the session is whole; [`LATEST`] is the one that was recorded last.
+    /// Finds a session by its key, a unique prefix of it, its name, or the name of the folder that
+    /// it was imported from. A prefix that matches a session and its recovered copy selects the
+    /// copy, unless the session is complete; [`LATEST`] selects the last recorded one.
     ///
     /// # Errors
-    /// None or several fit, or the text is empty.
+    /// None or several match, or the text is empty.
     pub fn find(&self, text: &str) -> Result<String> {
-        ensure!(!text.is_empty(), "which session? its name is empty");
+        ensure!(!text.is_empty(), "the session's name is empty");
         let rows = self.rows()?;
         if let Some(row) = rows.iter().find(|r| r.key == text) {
             return Ok(row.key.clone());
@@ -233,7 +234,7 @@ impl Library {
             return match newest {
                 Some(row) => Ok(row.key.clone()),
                 None => bail!(
-                    "looking for the latest session: there is none; `paws import` brings some: {}",
+                    "looking for the latest session: there is none; `paws import` adds sessions: {}",
                     self.root.display()
                 ),
             };
@@ -250,9 +251,9 @@ impl Library {
             .map(|r| r.key.as_str())
             .collect();
         fits.sort_unstable();
-        // What made way for a better one is meant only by its whole key.
-        let has_made_way = |key: &str| fits.iter().any(|other| made_way(key, other));
-        let mut fits: Vec<&str> = fits.iter().copied().filter(|k| !has_made_way(k)).collect();
+        // A replaced copy is found only by its whole key.
+        let was_set_aside = |key: &str| fits.iter().any(|other| is_set_aside_copy(key, other));
+        let mut fits: Vec<&str> = fits.iter().copied().filter(|k| !was_set_aside(k)).collect();
         let is_whole = |key: &str| {
             let mut rows = rows.iter();
             rows.any(|r| r.key == key && !r.condition.needs_recovery())
@@ -260,7 +261,7 @@ impl Library {
         if let [one, copy] = fits[..]
             && copy.strip_prefix(one) == Some(RECOVERED)
         {
-            // The copy of a damaged one is no longer needed where a whole one took its place.
+            // The recovered copy is not needed if a complete session replaced the damaged one.
             fits.remove(if is_whole(one) { 1 } else { 0 });
         }
         match fits[..] {
@@ -272,7 +273,7 @@ impl Library {
                 self.root.display()
             ),
             _ => bail!(
-                "looking for session {text:?}: {} fit, among them {}; give more of the one meant: {}",
+                "looking for session {text:?}: {} fit, among them {}; give a longer prefix: {}",
                 fits.len(),
                 fits[..fits.len().min(3)].join(", "),
                 self.root.display()
@@ -280,7 +281,7 @@ impl Library {
         }
     }
 
-    /// Brings the catalogue up to date with the folders that are there.
+    /// Updates the catalogue from the existing folders.
     fn catch_up(&mut self) -> Result<()> {
         let there = self.keys()?;
         let listed: BTreeSet<String> = self.rows()?.into_iter().map(|r| r.key).collect();
@@ -315,7 +316,7 @@ fn keys_of(root: &Path) -> Result<BTreeSet<String>> {
 /// Folders that hold no session, with the reason.
 type NoSessions = Vec<(String, String)>;
 
-/// The rows of all sessions, and the folders that are none.
+/// The rows of all sessions, and the folders that hold none.
 fn rows_of_folders(root: &Path) -> Result<(Vec<Row>, NoSessions)> {
     let (mut rows, mut failed) = (Vec::new(), Vec::new());
     for key in keys_of(root)? {
@@ -327,18 +328,18 @@ fn rows_of_folders(root: &Path) -> Result<(Vec<Row>, NoSessions)> {
     Ok((rows, failed))
 }
 
-/// The catalogue of a library, made again from the sessions if it is damaged or not there; in memory if that cannot be
-/// written. The caller holds the lock, so nobody else is at it.
-fn mended(root: &Path) -> Result<Catalogue> {
+/// The catalogue of a library, rebuilt from the sessions if it is damaged or missing; in memory if
+/// it cannot be written. The caller holds the lock.
+fn repair_catalogue(root: &Path) -> Result<Catalogue> {
     let path = root.join(CATALOGUE);
-    let why = match Catalogue::look(&path)? {
-        Found::Usable(catalogue) => return Ok(*catalogue),
-        Found::Unreachable(why) => {
+    let why = match Catalogue::inspect(&path)? {
+        CatalogueFile::Usable(catalogue) => return Ok(*catalogue),
+        CatalogueFile::Unreachable(why) => {
             log::debug!("listing from the folders: {why}: {}", path.display());
             return Ok(Catalogue::in_memory(&path)?);
         }
-        Found::Missing => None,
-        Found::Unusable(why) => Some(why),
+        CatalogueFile::Missing => None,
+        CatalogueFile::Unusable(why) => Some(why),
     };
     let (rows, _) = rows_of_folders(root)?;
     let sessions = crate::text::count(rows.len() as u64, "session");
@@ -346,7 +347,7 @@ fn mended(root: &Path) -> Result<Catalogue> {
         (Ok((catalogue, aside)), why) => {
             if let Some(aside) = aside {
                 log::warn!(
-                    "the catalogue could not be used ({}) and was made again, with {sessions}; the old one is now {}",
+                    "the catalogue could not be used ({}) and was rebuilt, with {sessions}; the old one is now {}",
                     why.unwrap_or_default(),
                     aside.display()
                 );
@@ -356,7 +357,7 @@ fn mended(root: &Path) -> Result<Catalogue> {
         (Err(e), why) => {
             if let Some(why) = why {
                 log::warn!(
-                    "the catalogue cannot be used ({why}) and not be made again here ({e:#}); \
+                    "the catalogue cannot be used ({why}) and cannot be rebuilt here ({e:#}); \
                      listing {sessions} from their folders: {}",
                     path.display()
                 );
@@ -368,16 +369,16 @@ fn mended(root: &Path) -> Result<Catalogue> {
     }
 }
 
-/// Whether a session identifier can be the name of a folder here and nowhere else.
+/// Whether a session identifier is a safe folder name inside the library.
 pub fn is_key(text: &str) -> bool {
     let plain = |b: u8| b.is_ascii_alphanumeric() || b"-_.".contains(&b);
     (1..=MAX_KEY).contains(&text.len()) && !text.starts_with('.') && text.bytes().all(plain)
 }
 
-/// Makes the names in a folder durable.
+/// Syncs the names in a folder.
 ///
 /// # Errors
-/// The disk says no.
+/// An I/O error occurs.
 pub fn sync_folder(folder: &Path) -> io::Result<()> {
     File::open(folder)?.sync_all()
 }
@@ -387,7 +388,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn identifiers_cannot_leave_the_library() {
+    fn identifiers_cannot_escape_the_library() {
         for good in ["0192aa00-0000-7000-8000-000000000001", "a", "x_1.recovered"] {
             assert!(is_key(good), "{good}");
         }
@@ -407,7 +408,7 @@ mod tests {
     }
 
     #[test]
-    fn one_at_a_time_may_change_a_library() {
+    fn only_one_program_may_change_a_library() {
         let folder = tempfile::tempdir().unwrap();
         let mut library = Library::create(folder.path()).unwrap();
         let mut other = Library::open(folder.path()).unwrap();
@@ -419,18 +420,20 @@ mod tests {
     }
 
     #[test]
-    fn who_waits_says_so_and_goes_on_when_the_other_ends() {
+    fn waiting_for_the_lock_is_reported_and_ends_with_the_other_program() {
         let folder = tempfile::tempdir().unwrap();
         let mut library = Library::create(folder.path()).unwrap();
-        let lock = library.lock_waiting(|_| panic!("nobody has it")).unwrap();
+        let lock = library
+            .lock_waiting(|_| panic!("it is not locked"))
+            .unwrap();
         let mut other = Library::open(folder.path()).unwrap();
-        let (said, heard) = std::sync::mpsc::sync_channel(1);
+        let (said, reported) = std::sync::mpsc::sync_channel(1);
         std::thread::scope(|scope| {
             let waiting = scope.spawn(|| {
                 let waiting = |root: &Path| said.send(root.to_owned()).unwrap();
                 other.lock_waiting(waiting).map(drop)
             });
-            let root = heard.recv().unwrap();
+            let root = reported.recv().unwrap();
             assert_eq!(root, folder.path().canonicalize().unwrap());
             drop(lock);
             waiting.join().unwrap().unwrap();
@@ -438,7 +441,7 @@ mod tests {
     }
 
     #[test]
-    fn a_catalogue_is_not_made_or_mended_while_another_program_changes_the_library() {
+    fn catalogue_is_not_created_or_repaired_while_the_library_is_locked() {
         let folder = tempfile::tempdir().unwrap();
         let mut library = Library::create(folder.path()).unwrap();
         let path = folder.path().join(CATALOGUE);

@@ -1,38 +1,38 @@
-//! The limits that a session is judged by: one table, each row with its source.
+//! Validation limits: one table, each row with its source.
 //!
-//! A value above `warn` is something to look at, a value above `fail` makes the session unfit for
-//! use. The limits are those of the health check that is published for Aria Gen 2 recordings
-//! (version 1.3.1, profile `AriaGen2_Location`), where it has one. Some of those presuppose a rate: its
-//! longest gap, 160 and 210 ms, lets a 10 Hz camera lose one frame with a warning and not two. Such
-//! a limit has a floor in nominal periods of the stream, chosen so that it says the same to slower
-//! streams: the limit in force is the larger of the two.
+//! A value above `warn` gives a warning, a value above `fail` makes the session unfit for use.
+//! Limits are those of the published health check for Aria Gen 2 recordings (version 1.3.1, profile
+//! `AriaGen2_Location`), where it has one. Some of those depend on a rate: its longest gap, 160 and
+//! 210 ms, allows a 10 Hz camera to lose one frame with a warning and not two. Such a limit has a
+//! floor in nominal periods of the stream, chosen so that it means the same for slower streams: the
+//! effective limit is the larger of the two.
 
 use std::borrow::Cow;
 use std::fmt;
 
-/// What a value is measured in.
+/// Unit of a metric.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Unit {
-    /// A share, 1 being all.
+    /// A fraction from 0 to 1.
     Ratio,
     /// Nanoseconds.
     Time,
-    /// A number of things.
+    /// A count.
     Count,
     /// Degrees.
     Angle,
-    /// 1 if it is so, 0 if not.
+    /// 1 if true, 0 if false.
     Flag,
 }
 
 impl Unit {
-    /// A value with its unit, for people.
+    /// A value with its unit, as text.
     pub fn show(self, value: f64) -> String {
         if value.is_nan() || value.is_infinite() {
             return "n/a".to_owned();
         }
         match self {
-            // Rounding of a clock is no deviation.
+            // A clock's rounding is not a deviation.
             Self::Ratio if value.abs() < 1e-6 => "0 %".to_owned(),
             Self::Ratio => format!("{} %", charts::significant(value * 100.0)),
             Self::Time => charts::si(value * 1e-9, "s"),
@@ -43,7 +43,7 @@ impl Unit {
         }
     }
 
-    /// As it stands in JSON.
+    /// Name in JSON.
     pub fn as_str(self) -> &'static str {
         match self {
             Self::Ratio => "ratio",
@@ -58,19 +58,19 @@ impl Unit {
 /// One row of the table.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Limit {
-    /// What is measured, as in `camera.dropped`.
+    /// Name of the metric, as in `camera.dropped`.
     pub metric: &'static str,
-    /// The same for people.
+    /// Title.
     pub title: &'static str,
-    /// What it is measured in.
+    /// Unit.
     pub unit: Unit,
     /// A value above this is a warning.
     pub warn: f64,
-    /// A value above this is a failure; infinite where nothing fails a session.
+    /// A value above this is a failure; infinite if no value fails a session.
     pub fail: f64,
-    /// Least `warn` and `fail` in nominal periods, for limits that depend on the rate.
+    /// Floors of `warn` and `fail` in nominal periods, for limits that depend on the rate.
     pub periods: Option<(f64, f64)>,
-    /// Where the numbers come from.
+    /// Source of the numbers.
     pub source: Cow<'static, str>,
 }
 
@@ -79,7 +79,8 @@ const US: f64 = 1e3;
 const MS: f64 = 1e6;
 const S: f64 = 1e9;
 const ARIA: &str = "Aria Gen 2 health check";
-/// Values of these are what is left beyond two sigmas of tolerance and the uncertainty of the measurement.
+/// Source of the `calib` limits. Their values are the excess over two sigmas of tolerance and the
+/// measurement uncertainty.
 const VERIFY: &str = "docs/calibration-verify.md: more than tolerance and measurement explain";
 
 macro_rules! limit {
@@ -100,57 +101,57 @@ macro_rules! limit {
 #[rustfmt::skip] // a table
 pub const TABLE: &[Limit] = &[
     limit!("session.damage", "faults in the archive", Count, 0.0, 0.0, None,
-        "what was recorded must be readable and accounted for; recovery makes it so"),
+        "recorded data must be readable and accounted for; recovery restores that"),
     limit!("session.unclosed", "cut off while recording", Flag, 0.0, NEVER, None,
-        "what was durable before the cut is whole"),
-    limit!("session.spared", "recorded with less, to spare the machine", Time, 0.0, NEVER, None,
-        "pictures are coarser or fewer than configured while heat, power or the disk are tight"),
+        "data synced before the cut is complete"),
+    limit!("session.degraded", "recorded in degraded mode (load shedding)", Time, 0.0, NEVER, None,
+        "image quality or rate is reduced while heat, power or the disk are critical"),
     limit!("camera.dropped", "frames missing", Ratio, 0.001, 0.01, None, ARIA),
     limit!("camera.longest_gap", "longest gap", Time, 160.0 * MS, 210.0 * MS, Some((1.6, 2.1)), ARIA),
     limit!("camera.period_deviation", "period deviation (99.9 %)", Time, 250.0 * US, 500.0 * US, None,
         "Aria Gen 2 health check: 250 us, and more than 500 us in at most 0.1 % of frames"),
-    limit!("camera.rate", "rate off nominal", Ratio, 0.02, 0.1, None,
+    limit!("camera.rate", "rate error", Ratio, 0.02, 0.1, None,
         "a camera that falls from 30 to 15 Hz need not skip a number (grand_tour_box issue 378)"),
     limit!("camera.non_monotonic", "times not rising", Count, 0.0, 0.0, None, ARIA),
     limit!("camera.bad", "bad frames", Count, 0.0, 0.0, None, ARIA),
-    limit!("camera.frozen", "longest frozen picture", Time, 0.0, S, None,
+    limit!("camera.frozen", "longest frozen image", Time, 0.0, S, None,
         "the recorder's own alarm comes after two periods and a second"),
-    limit!("camera.eyes_apart", "left and right image apart (99.9 %)", Time, MS, NEVER, None,
+    limit!("camera.eyes_apart", "left-right time offset (99.9 %)", Time, MS, NEVER, None,
         "docs/sources.md: at 1 rad/s, 1 ms moves the smallest images of a ZED Mini by a third of a pixel"),
     limit!("camera.calibration", "eyes without calibration", Count, 0.0, NEVER, None,
         "Aria Gen 2 health check; a warning, since calibration can be made from the recording"),
-    limit!("camera.undecoded", "pictures that cannot be decoded", Count, 0.0, 0.0, None,
-        "every access unit is one picture"),
+    limit!("camera.undecoded", "images that cannot be decoded", Count, 0.0, 0.0, None,
+        "every access unit is one image"),
     limit!("imu.dropped", "samples missing", Ratio, 0.001, 0.01, None, ARIA),
     limit!("imu.longest_gap", "longest gap", Time, 10.0 * MS, 15.0 * MS, Some((2.5, 3.5)),
         "Aria Gen 2 health check; slower IMUs: one sample may be missing, not two"),
     limit!("imu.period_deviation", "period deviation (99.9 %)", Time, 100.0 * US, 200.0 * US, None, ARIA),
-    limit!("imu.rate", "rate off nominal", Ratio, 0.05, NEVER, None,
+    limit!("imu.rate", "rate error", Ratio, 0.05, NEVER, None,
         "IMUs run at 309 Hz where 400 are promised; integration takes the times, not the rate"),
     limit!("imu.non_monotonic", "times not rising", Count, 0.0, 0.0, None, ARIA),
     limit!("imu.bad", "bad batches", Count, 0.0, 0.0, None, ARIA),
-    limit!("imu.repeated", "longest run of equal values", Time, 100.0 * MS, NEVER, None,
+    limit!("imu.stuck_value", "longest run of equal values", Time, 100.0 * MS, NEVER, None,
         "Aria Gen 2 health check, which counts such runs; six axes with noise do not repeat for long"),
-    limit!("imu.frame_sync", "times off the camera's, by frame sync", Time, 8.0 * MS, NEVER, None,
+    limit!("imu.frame_sync", "time offset to the camera, by frame sync", Time, 8.0 * MS, NEVER, None,
         "docs/frame-sync.md: a camera's stamp is at most 8 ms late; more is a clock, or a count that has slipped"),
     limit!("stream.start_offset", "starts after the session", Time, 1.5 * S, 3.0 * S, None, ARIA),
     limit!("stream.end_offset", "ends before the session", Time, 1.5 * S, 3.0 * S, None, ARIA),
     limit!("stream.clock_sigma", "uncertainty of times (median)", Time, 2.0 * MS, 10.0 * MS, None,
         "goal for a camera without trigger: its offset known to 2 ms"),
-    limit!("stream.doubtful", "times not to be trusted", Time, 10.0 * S, NEVER, Some((100.0, NEVER)),
-        "a clock has settled after 64 samples, at the start and after a step; more is one that does not"),
+    limit!("stream.unreliable_time", "unreliable times", Time, 10.0 * S, NEVER, Some((100.0, NEVER)),
+        "a clock map converges within 64 samples, at the start and after a step"),
     limit!("rig.misalignment", "misalignment under one trigger (99.9 %)", Time, 250.0 * US, 500.0 * US, None, ARIA),
     limit!("rig.free_misalignment", "distance to its frame set (99.9 %)", Time, 0.0, 0.0, Some((0.5, 1.0)),
-        "a camera without trigger is at most half a period of the slowest camera away; beyond a whole one it is in the wrong set"),
+        "a camera without trigger is at most half a period of the slowest camera away; beyond a full period it is in the wrong set"),
     limit!("rig.frame_sets", "cameras without frame sets", Count, 0.0, NEVER, None,
         "frames of several cameras are read by set"),
-    limit!("rig.transforms", "cameras without a place", Count, 0.0, NEVER, None,
-        "both eyes, and the camera if a rig file tells of any; a warning, since places can be calibrated from the recording"),
-    limit!("calib.turned", "turned on the plate, beyond tolerance", Angle, 0.0, 1.0, None, VERIFY),
-    limit!("calib.imu_turned", "IMU turned in its camera, beyond tolerance", Angle, 0.0, 1.0, None, VERIFY),
-    limit!("calib.eyes", "right eye turned, beyond tolerance", Angle, 0.0, 0.5, None,
-        "docs/calibration-verify.md; half a degree moves rows by more than matching looks for"),
-    limit!("calib.late", "times off, beyond tolerance", Time, 0.0, 5.0 * MS, None, VERIFY),
+    limit!("rig.transforms", "cameras without extrinsics", Count, 0.0, NEVER, None,
+        "stereo extrinsics, and the pose on the rig if a rig file gives any; a warning, since extrinsics can be calibrated from the recording"),
+    limit!("calib.camera_rotation", "camera rotation on the plate, beyond tolerance", Angle, 0.0, 1.0, None, VERIFY),
+    limit!("calib.imu_rotation", "IMU rotation in its camera, beyond tolerance", Angle, 0.0, 1.0, None, VERIFY),
+    limit!("calib.stereo_rotation", "stereo rotation, beyond tolerance", Angle, 0.0, 0.5, None,
+        "docs/calibration-verify.md; half a degree shifts rows by more than the search range of stereo matching"),
+    limit!("calib.time_offset", "time offset, beyond tolerance", Time, 0.0, 5.0 * MS, None, VERIFY),
 ];
 
 /// The limits in force.
@@ -181,7 +182,7 @@ impl Limits {
         self.0.iter().find(|l| l.metric == metric)
     }
 
-    /// What [`Self::set`] was told, as far as it differs from the table.
+    /// The limits that differ from the table, as [`Self::set`] takes them.
     pub fn moved(&self) -> Vec<String> {
         let moved = self.0.iter().zip(TABLE).filter(|(row, table)| row != table);
         moved
@@ -195,10 +196,10 @@ impl Limits {
     }
 
     /// Sets both limits of a metric from `METRIC=WARN,FAIL`, in the unit of the table (ratio, ns,
-    /// count, deg, flag); `never` for a limit that nothing reaches, and `METRIC=never` for both.
+    /// count, deg, flag); `never` for no limit, and `METRIC=never` for both.
     ///
     /// # Errors
-    /// The text does not say that.
+    /// The text has another form.
     pub fn set(&mut self, text: &str) -> Result<(), BadLimit> {
         let bad = |what: String| BadLimit(format!("limit {text:?}: {what}"));
         let (metric, limits) = text
@@ -218,7 +219,7 @@ impl Limits {
                 .parse::<f64>()
                 .ok()
                 .filter(|v| v.is_finite() && *v >= 0.0)
-                .ok_or_else(|| bad(format!("{text:?} is no number from 0 up"))),
+                .ok_or_else(|| bad(format!("{text:?} is not a number from 0 up"))),
         };
         let (warn, fail) = (number(warn)?, number(fail)?);
         if warn > fail {
@@ -240,7 +241,7 @@ impl Limits {
             })?;
         (row.warn, row.fail, row.periods) = (warn, fail, None);
         row.source = Cow::Borrowed("set on the command line");
-        // A limit of the table that is said is no other limit.
+        // Setting a table limit to its default keeps the source.
         let table = TABLE.iter().find(|table| table.metric == metric);
         if let Some(table) = table
             && (table.warn, table.fail, table.periods) == (warn, fail, None)
@@ -260,12 +261,12 @@ pub(crate) fn number(limit: f64) -> String {
 }
 
 impl Limit {
-    /// Whether only a deep validation measures it.
+    /// Whether it needs a deep validation.
     pub fn is_deep(&self) -> bool {
         self.metric == "camera.undecoded" || self.metric.starts_with("calib.")
     }
 
-    /// Both limits for a stream with this nominal period, ns.
+    /// Effective limits for a stream with this nominal period, ns.
     pub fn in_force(&self, period_ns: f64) -> (f64, f64) {
         let (warn, fail) = self.periods.unwrap_or((0.0, 0.0));
         let at_least = |limit: f64, periods: f64| {
@@ -284,7 +285,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn the_table_holds_the_published_limits() {
+    fn table_has_the_published_limits() {
         let limits = Limits::default();
         let check = |metric: &str, warn: f64, fail: f64| {
             let row = limits.of(metric).unwrap();
@@ -313,7 +314,7 @@ mod tests {
     }
 
     #[test]
-    fn gaps_are_measured_in_periods_where_streams_are_slow() {
+    fn gap_limits_scale_with_the_period_of_slow_streams() {
         let limits = Limits::default();
         let gap = |metric: &str, hz: f64| limits.of(metric).unwrap().in_force(1e9 / hz);
         assert_eq!(gap("camera.longest_gap", 60.0), (160e6, 210e6));
@@ -326,7 +327,7 @@ mod tests {
     }
 
     #[test]
-    fn limits_can_be_set_and_slips_are_told() {
+    fn limits_can_be_set_and_errors_are_reported() {
         let mut limits = Limits::default();
         limits.set("camera.dropped=0.02,0.05").unwrap();
         limits.set("imu.longest_gap=1e7, never").unwrap();
@@ -339,7 +340,7 @@ mod tests {
         limits.set("imu.rate=never").unwrap();
         let row = limits.of("imu.rate").unwrap();
         assert_eq!((row.warn, row.fail), (NEVER, NEVER));
-        // What the table says anyway moves nothing.
+        // Setting a default changes nothing.
         limits.set("imu.rate=0.05,never").unwrap();
         assert_eq!(limits.moved().len(), 2);
         let mut fails = |text: &str, part: &str| {
@@ -351,6 +352,6 @@ mod tests {
         fails("camera.dropped=2,1", "a warning comes before");
         fails("camera.dropped=2", "expected two limits");
         fails("camera.dropped", "expected METRIC=");
-        fails("camera.dropped=-1,2", "no number");
+        fails("camera.dropped=-1,2", "not a number");
     }
 }

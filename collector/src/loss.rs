@@ -1,4 +1,4 @@
-//! How much of what each camera was to record is missing, as a share, and why.
+//! Losses of each camera and IMU, as fractions with causes.
 
 use std::fmt;
 use std::path::Path;
@@ -12,21 +12,21 @@ use crate::import::ImportRecord;
 use crate::text;
 use crate::validation::{Summary, Validation};
 
-/// How much of a camera or IMU is missing, as it is known from the import on. Why, only a validation tells.
+/// Loss of a camera or IMU, known since the import. The causes need a validation.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct StreamLoss {
     /// The camera or IMU.
     pub name: String,
-    /// Samples that were to be recorded: those present and those missing.
+    /// Expected samples: present and missing ones.
     pub expected: u64,
-    /// Samples missing, accounted for or not.
+    /// Samples missing, with or without a gap record.
     pub missing: u64,
-    /// Those missing as a share of those expected, from 0 to 1.
+    /// Missing over expected samples, from 0 to 1.
     pub share: f64,
 }
 
 impl StreamLoss {
-    /// Of every camera and IMU in a report, by name.
+    /// Losses of every camera and IMU in a report, by name.
     pub fn of(report: &Report) -> Vec<Self> {
         let streams = report.streams.iter().map(|(name, stream)| {
             let missing = stream.gaps.saturating_add(stream.lost);
@@ -41,14 +41,14 @@ impl StreamLoss {
         streams.collect()
     }
 
-    /// Of the session in a folder, by what was found last; empty where nobody has looked.
+    /// Losses of the session in a folder, by the newest report; empty without a report.
     pub fn of_folder(folder: &Path) -> Vec<Self> {
         let validation = Validation::read(folder).ok();
         let record = ImportRecord::read(folder);
         newest_report(validation.as_ref(), record.as_ref()).map_or(Vec::new(), Self::of)
     }
 
-    /// Whether it is a camera's: names of IMUs hold a slash.
+    /// Whether it is a camera: names of IMUs contain a slash.
     pub fn is_camera(&self) -> bool {
         !self.name.contains('/')
     }
@@ -59,11 +59,12 @@ impl StreamLoss {
 pub struct CameraLoss {
     /// The camera.
     pub camera: String,
-    /// Frames that were to be recorded: those present and those missing.
+    /// Expected frames: present and missing ones.
     pub expected: u64,
     /// Frames missing.
     pub lost: u64,
-    /// Why, and how many each, most first; as in `encoder overload`, or `no record` where the recorder did not know of it.
+    /// Causes with counts, the most frequent first; as in `encoder overload`, or `no record`
+    /// without a gap record.
     pub causes: Vec<(String, u64)>,
 }
 
@@ -87,12 +88,12 @@ impl CameraLoss {
         cameras.collect()
     }
 
-    /// Missing frames as a share of those expected, from 0 to 1.
+    /// Missing over expected frames, from 0 to 1.
     pub fn share(&self) -> f64 {
         self.lost as f64 / self.expected.max(1) as f64
     }
 
-    /// The causes in words; empty where nothing is missing.
+    /// The causes as text; empty if nothing is missing.
     pub fn why(&self) -> String {
         let causes = self.causes.iter().filter(|(_, frames)| *frames > 0);
         let causes = causes.map(|(cause, frames)| match self.causes.len() {
@@ -137,7 +138,7 @@ mod tests {
     }
 
     #[test]
-    fn a_share_is_of_what_was_to_be_recorded() {
+    fn loss_fraction_is_relative_to_expected_samples() {
         let mut report = Report::default();
         let stream = |samples, gaps, lost| StreamReport {
             samples,
@@ -156,13 +157,13 @@ mod tests {
         assert_eq!((camera.missing, camera.expected), (15, 60));
         assert!((camera.share - 0.25).abs() < 1e-12);
         assert_eq!((imu.missing, imu.expected, imu.share), (0, 0, 0.0));
-        // A folder without a session says nothing of it.
+        // A folder without a session has no losses.
         let folder = tempfile::tempdir().unwrap();
         assert!(StreamLoss::of_folder(folder.path()).is_empty());
     }
 
     #[test]
-    fn a_loss_is_a_share_with_its_causes() {
+    fn loss_text_has_fraction_and_causes() {
         let none = loss(0, &[]);
         assert_eq!(none.to_string(), "feet: none of 60 frames lost");
         let one = loss(3, &[("encoder overload", 3)]);

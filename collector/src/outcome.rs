@@ -1,12 +1,12 @@
-//! How a verb ended, and the exit code that says so.
+//! Outcome of a command, and its exit code.
 
 use std::process::ExitCode;
 
-/// How a verb ended, the better before the worse. An error is always [`Outcome::Failed`]; bad
-/// arguments end with exit code 2 before any verb begins.
+/// Outcome of a command, the better before the worse. An error is always [`Outcome::Failed`];
+/// invalid arguments end with exit code 2 before a command starts.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, PartialOrd, Ord)]
 pub enum Outcome {
-    /// Everything as it should be: 0.
+    /// Success: 0.
     #[default]
     Fine,
     /// The work is done, but something recorded is missing or damaged: 3.

@@ -1,5 +1,5 @@
-//! The charts of a report. Times are seconds after the first sample; a stream keeps its colour from
-//! one chart to the next.
+//! The charts of a report. Times are seconds after the first sample; a stream has the same color in
+//! all charts.
 
 use std::collections::BTreeMap;
 
@@ -9,68 +9,69 @@ use session_archive::record::{ClockMap, paws};
 use session_archive::time::TickLength;
 
 use crate::cadence::Cadence;
-use crate::examine::Examination;
-use crate::facts::{Facts, NO_STEP, Sample};
+use crate::scan_session::SessionScan;
+use crate::session_stats::{NO_STEP, Sample, SessionStats};
 use crate::validation::words;
 
-/// Width of charts of one size, pixels.
+/// Width of charts, pixels.
 pub(crate) const WIDTH: u32 = 820;
-/// Height of most charts on a broad screen, pixels; the page decides on their width.
+/// Height of most charts on a wide screen, pixels; the page decides on their width.
 pub(crate) const HEIGHT: u32 = 230;
-/// Height of charts in which little happens, pixels.
+/// Height of small charts, pixels.
 pub(crate) const LOW: u32 = 180;
-/// Events drawn at most.
-const MOST_MARKS: usize = 60;
-/// Points kept of a long series: twice as many as there are pixels across a page, the extremes of each part.
-const MOST_POINTS: usize = 2 * WIDTH as usize;
+/// Maximum number of drawn events.
+const MAX_EVENT_MARKS: usize = 60;
+/// Maximum number of points of a long series: two per pixel of the width, the extremes of each
+/// interval.
+const MAX_POINTS: usize = 2 * WIDTH as usize;
 
-/// Draws what was found in one session.
+/// Draws the charts of one session.
 pub struct Plots<'a> {
     manifest: &'a Manifest,
-    found: &'a Examination,
+    found: &'a SessionScan,
     start: i64,
 }
 
 impl<'a> Plots<'a> {
-    /// Charts of this examination.
-    pub fn new(manifest: &'a Manifest, found: &'a Examination) -> Self {
+    /// Charts of this scan.
+    pub fn new(manifest: &'a Manifest, found: &'a SessionScan) -> Self {
         Self {
             manifest,
             found,
-            start: found.facts.span().map_or(0, |(start, _)| start),
+            start: found.stats.span().map_or(0, |(start, _)| start),
         }
     }
 
-    /// The same time axis for all pictures.
+    /// The common time axis of all charts.
     fn axis(&self) -> Axis {
-        let end = self.facts().span().map_or(0, |(_, end)| end);
+        let end = self.stats().span().map_or(0, |(_, end)| end);
         Axis::time("time").include(0.0).include(self.seconds(end))
     }
 
-    fn facts(&self) -> &Facts {
-        &self.found.facts
+    fn stats(&self) -> &SessionStats {
+        &self.found.stats
     }
 
     fn seconds(&self, time: i64) -> f64 {
         time.saturating_sub(self.start) as f64 / 1e9
     }
 
-    /// When each stream was recorded, and where something is missing.
+    /// Recorded spans and gaps of each stream.
     pub fn timeline(&self) -> Timeline {
-        let mut timeline = Timeline::new("What was recorded when", self.axis()).kinds([
+        let mut timeline = Timeline::new("Recorded spans and gaps", self.axis()).kinds([
             "recorded",
-            "missing, noted",
-            "missing without a note",
+            "missing, with gap record",
+            "missing, without gap record",
         ]);
-        let cameras = self.manifest.cameras.iter().zip(&self.facts().cameras);
+        let cameras = self.manifest.cameras.iter().zip(&self.stats().cameras);
         for (camera, frames) in cameras {
             let samples: Vec<Sample> = frames.iter().map(|f| f.sample).collect();
             timeline = self.row(timeline, &camera.name, &samples);
         }
-        for (imu, facts) in self.manifest.imus.iter().zip(&self.facts().imus) {
-            timeline = self.row(timeline, &imu.name, &facts.samples);
+        for (imu, stats) in self.manifest.imus.iter().zip(&self.stats().imus) {
+            timeline = self.row(timeline, &imu.name, &stats.samples);
         }
-        for (time, event) in self.facts().events.iter().take(MOST_MARKS) {
+        for (time, event) in self.stats().events.iter().take(MAX_EVENT_MARKS) {
             let kind = paws::event::Kind::try_from(event.kind).unwrap_or_default();
             let label = words(kind.as_str_name(), "KIND_");
             timeline = timeline.mark(self.seconds(time.0), &label);
@@ -80,7 +81,7 @@ impl<'a> Plots<'a> {
 
     fn row(&self, timeline: Timeline, name: &str, samples: &[Sample]) -> Timeline {
         let mut spans = recorded(samples);
-        let gaps = self.facts().gaps.iter().filter(|g| g.stream == name);
+        let gaps = self.stats().gaps.iter().filter(|g| g.stream == name);
         let mut missing = 0_u64;
         for gap in gaps {
             missing = gap.count().saturating_add(missing);
@@ -107,12 +108,12 @@ impl<'a> Plots<'a> {
         timeline.row(name, &note, spans)
     }
 
-    /// Distance of each frame from the one before.
+    /// Interval between consecutive frames.
     pub fn frame_intervals(&self) -> Chart {
-        let mut chart = Chart::new("Time from frame to frame")
+        let mut chart = Chart::new("Frame interval")
             .x_axis(self.axis())
             .y_axis(Axis::linear("interval", "ms").include(0.0));
-        for (camera, frames) in self.manifest.cameras.iter().zip(&self.facts().cameras) {
+        for (camera, frames) in self.manifest.cameras.iter().zip(&self.stats().cameras) {
             let times = frames.iter().map(|f| f.sample.time);
             let points = self.intervals(times, 1e-6);
             chart = chart.series(Series::line(&camera.name, points));
@@ -120,12 +121,12 @@ impl<'a> Plots<'a> {
         chart
     }
 
-    /// How the periods of the cameras spread around their median.
+    /// Distribution of the frame periods around their median.
     pub fn frame_histogram(&self) -> Chart {
         let mut chart = Chart::new("Frame period by the camera's clock, against its median")
             .x_axis(Axis::linear("deviation", "µs"))
             .y_axis(Axis::linear("frames", ""));
-        for (i, frames) in self.facts().cameras.iter().enumerate() {
+        for (i, frames) in self.stats().cameras.iter().enumerate() {
             let samples = || frames.iter().map(|f| f.sample);
             let period = Cadence::of(samples()).period_ns;
             let off = samples()
@@ -137,13 +138,13 @@ impl<'a> Plots<'a> {
         chart
     }
 
-    /// Distance of each IMU sample from the one before.
+    /// Interval between consecutive IMU samples.
     pub fn imu_intervals(&self) -> Chart {
-        let mut chart = Chart::new("Time from IMU sample to sample")
+        let mut chart = Chart::new("IMU sample interval")
             .x_axis(self.axis())
             .y_axis(Axis::linear("interval", "ms").include(0.0));
         for (i, imu) in self.manifest.imus.iter().enumerate() {
-            let times = self.facts().imus[i].samples.iter().map(|s| s.time);
+            let times = self.stats().imus[i].samples.iter().map(|s| s.time);
             let points = self.intervals(times, 1e-6);
             chart = chart.series(Series::line(&imu.name, points).slot(i));
         }
@@ -159,13 +160,13 @@ impl<'a> Plots<'a> {
         thin(points.collect())
     }
 
-    /// How far the frames of a set are from its time.
+    /// Time offset of each frame from its frame set.
     pub fn set_errors(&self) -> Chart {
-        let mut chart = Chart::new("Distance of each frame from the time of its frame set")
+        let mut chart = Chart::new("Time offset of each frame from its frame set")
             .x_axis(self.axis())
             .y_axis(Axis::linear("distance", "ms"));
         for (i, camera) in self.manifest.cameras.iter().enumerate() {
-            let members = self.facts().sets.iter().filter_map(|set| {
+            let members = self.stats().sets.iter().filter_map(|set| {
                 let (_, time) = set.members.iter().find(|m| m.0 == i)?;
                 let off = time.saturating_sub(set.time) as f64 * 1e-6;
                 Some((self.seconds(set.time), off))
@@ -175,10 +176,10 @@ impl<'a> Plots<'a> {
         chart
     }
 
-    /// How far the frames of cameras under one trigger are apart; nothing without such cameras.
+    /// Time spread of cameras with a common trigger; `None` without such cameras.
     pub fn trigger_errors(&self) -> Option<Chart> {
         let cameras = &self.manifest.cameras;
-        let mut chart = Chart::new("Distance of triggered cameras from the first of their trigger")
+        let mut chart = Chart::new("Time offset of triggered cameras from the first one")
             .x_axis(self.axis())
             .y_axis(Axis::linear("distance", "µs").include(0.0));
         let mut any = false;
@@ -189,7 +190,7 @@ impl<'a> Plots<'a> {
             let Some(first) = first.filter(|first| *first != i) else {
                 continue;
             };
-            let points = self.facts().sets.iter().filter_map(|set| {
+            let points = self.stats().sets.iter().filter_map(|set| {
                 let of = |i| set.members.iter().find(|m| m.0 == i).map(|m| m.1);
                 let off = of(i)?.saturating_sub(of(first)?);
                 Some((self.seconds(set.time), off as f64 * 1e-3))
@@ -201,18 +202,18 @@ impl<'a> Plots<'a> {
         any.then_some(chart)
     }
 
-    /// Size of the compressed pictures, second by second.
+    /// Bit rate of the compressed images per second.
     pub fn bitrates(&self) -> Chart {
-        let mut chart = Chart::new("Size of the compressed pictures, second by second")
+        let mut chart = Chart::new("Bit rate of the compressed images")
             .x_axis(self.axis())
             .y_axis(Axis::linear("bit rate", "Mbit/s").include(0.0));
-        for (camera, frames) in self.manifest.cameras.iter().zip(&self.facts().cameras) {
+        for (camera, frames) in self.manifest.cameras.iter().zip(&self.stats().cameras) {
             let mut seconds: BTreeMap<i64, u64> = BTreeMap::new();
             for frame in frames {
                 let second = frame.sample.time.saturating_sub(self.start) / 1_000_000_000;
                 *seconds.entry(second).or_default() += u64::from(frame.bytes);
             }
-            // The last second is rarely a whole one.
+            // The last second is usually incomplete.
             if seconds.len() > 2 {
                 seconds.pop_last();
             }
@@ -223,12 +224,12 @@ impl<'a> Plots<'a> {
         chart
     }
 
-    /// How each device clock has moved against the host's since the first map.
+    /// Drift of each device clock against the host's since the first map.
     pub fn clock_offsets(&self) -> Chart {
         let mut chart = Chart::new("Device clocks against the host's, since their first map")
             .x_axis(self.axis())
             .y_axis(Axis::linear("offset", "ms"));
-        for (clock, maps) in &self.facts().clocks {
+        for (clock, maps) in &self.stats().clocks {
             let first = maps.first().and_then(|(_, map)| offset_ns(map));
             let points = maps.iter().filter_map(|(time, map)| {
                 let moved = offset_ns(map)?.saturating_sub(first?);
@@ -239,12 +240,12 @@ impl<'a> Plots<'a> {
         chart
     }
 
-    /// How well each device clock is known.
+    /// Uncertainty of each clock map.
     pub fn clock_sigmas(&self) -> Chart {
         let mut chart = Chart::new("Uncertainty of the clock maps (one sigma)")
             .x_axis(self.axis())
             .y_axis(Axis::log("sigma", "µs"));
-        for (clock, maps) in &self.facts().clocks {
+        for (clock, maps) in &self.stats().clocks {
             let points = maps.iter().filter_map(|(time, map)| {
                 let own = map.pieces.last()?.sigma_ns as f64;
                 let sigma = own.hypot(map.latency_sigma_ns as f64);
@@ -255,20 +256,20 @@ impl<'a> Plots<'a> {
         chart
     }
 
-    /// A clock is drawn as its stream is: cameras first, then IMUs.
+    /// Color slot of a clock, equal to that of its stream: cameras first, then IMUs.
     fn slot(&self, clock: &str) -> usize {
         let cameras = self.manifest.cameras.iter().map(|c| &c.name);
         let mut names = cameras.chain(self.manifest.imus.iter().map(|i| &i.name));
         names.position(|n| n == clock).unwrap_or_default()
     }
 
-    /// Samples per second as the recorder counted them.
+    /// Samples per second by the recorder's count.
     pub fn health_rates(&self) -> Chart {
         let mut chart = Chart::new("Samples received per second")
             .x_axis(self.axis())
             .y_axis(Axis::log("rate", "Hz"));
         let mut rates: BTreeMap<&str, Vec<(f64, f64)>> = BTreeMap::new();
-        for (time, health) in &self.facts().health {
+        for (time, health) in &self.stats().health {
             for stream in &health.streams {
                 let points = rates.entry(&stream.name).or_default();
                 points.push((self.seconds(time.0), stream.rate_hz));
@@ -283,7 +284,7 @@ impl<'a> Plots<'a> {
 
     /// Bytes waiting for encoders and the disk.
     pub fn health_queues(&self) -> Chart {
-        let health = &self.facts().health;
+        let health = &self.stats().health;
         let writer = health.iter();
         let writer = writer.map(|(t, h)| (self.seconds(t.0), h.writer_queue_bytes as f64 * 1e-6));
         let encoder = health.iter().map(|(t, h)| {
@@ -298,9 +299,9 @@ impl<'a> Plots<'a> {
             .series(Series::line("for the disk", thin(writer.collect())))
     }
 
-    /// Longest write and sync of each second.
+    /// Maximum write and sync latency of each second.
     pub fn health_latency(&self) -> Chart {
-        let health = &self.facts().health;
+        let health = &self.stats().health;
         let write = health
             .iter()
             .map(|(t, h)| (self.seconds(t.0), h.write_max_ns as f64 * 1e-6));
@@ -316,7 +317,7 @@ impl<'a> Plots<'a> {
 
     /// Free space on the recorder's disk.
     pub fn health_space(&self) -> Chart {
-        let health = self.facts().health.iter();
+        let health = self.stats().health.iter();
         let free = health.map(|(t, h)| (self.seconds(t.0), h.free_bytes as f64 * 1e-9));
         Chart::new("Free on the recorder's disk")
             .x_axis(self.axis())
@@ -324,9 +325,9 @@ impl<'a> Plots<'a> {
             .series(Series::line("", thin(free.collect())))
     }
 
-    /// Temperature of the recorder; nothing where it has no sensor.
+    /// Temperature of the recorder; `None` without a sensor.
     pub fn health_temperature(&self) -> Option<Chart> {
-        let health = self.facts().health.iter();
+        let health = self.stats().health.iter();
         let points: Vec<_> = health
             .filter_map(|(t, h)| Some((self.seconds(t.0), h.temperature_c?)))
             .collect();
@@ -338,9 +339,9 @@ impl<'a> Plots<'a> {
         })
     }
 
-    /// One line about the rhythm of the cameras, for a caption.
+    /// One line with rate and longest gap of the cameras, for a caption.
     pub fn rhythm_caption(&self) -> String {
-        let cameras = self.manifest.cameras.iter().zip(&self.facts().cameras);
+        let cameras = self.manifest.cameras.iter().zip(&self.stats().cameras);
         let texts = cameras.map(|(camera, frames)| {
             let cadence = Cadence::of(frames.iter().map(|f| f.sample));
             format!(
@@ -354,7 +355,7 @@ impl<'a> Plots<'a> {
     }
 }
 
-/// Spans without a hole: consecutive samples no further apart than two and a half median steps.
+/// Spans without a gap: consecutive samples at most 2.5 median intervals apart.
 fn recorded(samples: &[Sample]) -> Vec<(i64, i64, usize)> {
     let mut steps: Vec<i64> = samples
         .windows(2)
@@ -373,7 +374,7 @@ fn recorded(samples: &[Sample]) -> Vec<(i64, i64, usize)> {
     spans
 }
 
-/// Host time minus device time by the newest piece of a map, ns.
+/// Host time minus device time by the newest segment of a map, ns.
 fn offset_ns(map: &ClockMap) -> Option<i64> {
     let piece = map.pieces.last()?;
     let tick = TickLength {
@@ -387,18 +388,18 @@ fn offset_ns(map: &ClockMap) -> Option<i64> {
         .checked_sub(map.latency_ns)
 }
 
-/// Keeps the least and the greatest value of each part of a long series.
+/// Keeps the minimum and maximum of each interval of a long series.
 fn thin(points: Vec<(f64, f64)>) -> Vec<(f64, f64)> {
-    if points.len() <= 2 * MOST_POINTS {
+    if points.len() <= 2 * MAX_POINTS {
         return points;
     }
-    let part = points.len().div_ceil(MOST_POINTS);
-    let mut kept = Vec::with_capacity(2 * MOST_POINTS);
+    let part = points.len().div_ceil(MAX_POINTS);
+    let mut kept = Vec::with_capacity(2 * MAX_POINTS);
     for part in points.chunks(part) {
         let by_value = |a: &&(f64, f64), b: &&(f64, f64)| a.1.total_cmp(&b.1);
-        let least = part.iter().min_by(by_value);
-        let greatest = part.iter().max_by(by_value);
-        if let (Some(a), Some(b)) = (least, greatest) {
+        let min = part.iter().min_by(by_value);
+        let max = part.iter().max_by(by_value);
+        if let (Some(a), Some(b)) = (min, max) {
             let (first, second) = if a.0 <= b.0 { (a, b) } else { (b, a) };
             kept.extend([*first, *second]);
         }
@@ -411,18 +412,18 @@ mod tests {
     use super::*;
 
     #[test]
-    fn thinning_keeps_the_extremes() {
+    fn thinning_keeps_minimum_and_maximum() {
         let mut points: Vec<(f64, f64)> = (0..100_000).map(|i| (f64::from(i), 1.0)).collect();
         points[77_777].1 = 9.0;
         points[33_333].1 = -9.0;
         let thinned = thin(points);
-        assert!(thinned.len() <= 2 * MOST_POINTS);
+        assert!(thinned.len() <= 2 * MAX_POINTS);
         assert!(thinned.contains(&(77_777.0, 9.0)) && thinned.contains(&(33_333.0, -9.0)));
         assert!(thinned.windows(2).all(|w| w[0].0 <= w[1].0));
     }
 
     #[test]
-    fn a_hole_splits_a_span() {
+    fn a_gap_splits_a_span() {
         let at = |time| Sample {
             time,
             step_ns: NO_STEP,

@@ -1,5 +1,5 @@
-//! Progress over bytes, with rate and time left: a bar on a terminal, a line every few seconds
-//! elsewhere. Any thread may add to it. It never fails and never holds work up.
+//! Progress over bytes, with rate and remaining time: a bar on a terminal, a line every few seconds
+//! elsewhere. Any thread may add to it. It never fails and never blocks.
 
 use std::sync::atomic::{AtomicU64, Ordering};
 use std::time::Duration;
@@ -9,8 +9,8 @@ use indicatif::{ProgressBar, ProgressStyle};
 
 use crate::console::{Clock, Show};
 
-/// A line is written at most this often.
-const LINE_EVERY: Duration = Duration::from_secs(5);
+/// Minimum interval between lines.
+const LINE_INTERVAL: Duration = Duration::from_secs(5);
 
 /// Progress of one job.
 pub struct Progress(Option<Kind>);
@@ -31,7 +31,7 @@ struct Lines {
 }
 
 impl Progress {
-    /// Progress that is not shown.
+    /// Hidden progress.
     pub const fn hidden() -> Self {
         Self(None)
     }
@@ -46,7 +46,7 @@ impl Progress {
                 done: AtomicU64::new(0),
                 clock,
                 start: (clock.monotonic)(),
-                due_ms: AtomicU64::new(LINE_EVERY.as_millis() as u64),
+                due_ms: AtomicU64::new(LINE_INTERVAL.as_millis() as u64),
             })),
             Show::Bar => {
                 let style = ProgressStyle::with_template(
@@ -62,7 +62,7 @@ impl Progress {
         })
     }
 
-    /// `bytes` more are done.
+    /// Adds finished bytes.
     pub fn add(&self, bytes: u64) {
         match &self.0 {
             None => {}
@@ -83,14 +83,14 @@ impl Drop for Progress {
 impl Lines {
     fn add(&self, bytes: u64) {
         let done = self.done.fetch_add(bytes, Ordering::Relaxed) + bytes;
-        // Messages may be small; the clock is asked once for every MiB.
+        // Messages may be small; the clock is read once per MiB.
         if done >> 20 == (done - bytes) >> 20 {
             return;
         }
         let elapsed = (self.clock.monotonic)().saturating_sub(self.start);
         let now_ms = elapsed.as_millis() as u64;
         let due = self.due_ms.load(Ordering::Relaxed);
-        let next = now_ms + LINE_EVERY.as_millis() as u64;
+        let next = now_ms + LINE_INTERVAL.as_millis() as u64;
         let ours = now_ms >= due
             && self
                 .due_ms
@@ -120,7 +120,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn a_line_says_how_far_how_fast_and_how_long() {
+    fn progress_line_has_fraction_rate_and_remaining_time() {
         let lines = Lines {
             label: "import".to_owned(),
             total: 2_000_000_000,

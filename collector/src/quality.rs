@@ -1,8 +1,9 @@
-//! Judging a session: every metric of [`crate::limits`], measured and compared.
+//! Evaluation of a session: every metric of [`crate::limits`], measured and compared.
 //!
-//! Judging is arithmetic on what [`crate::examine`] found: the same session and limits give the same
-//! findings. A stream without a single sample is a finding of its own (all of it is missing). What
-//! cannot be measured (no frame sets, no clock) is either a finding or left out, never a pass.
+//! Evaluation is arithmetic on the result of [`crate::scan_session`]: the same session and limits
+//! give the same findings. A stream without a single sample is a finding (all samples are missing).
+//! A metric that cannot be measured (no frame sets, no clock) is either a finding or left out,
+//! never a pass.
 
 use std::collections::BTreeSet;
 
@@ -11,75 +12,75 @@ use session_archive::handoff::Verdict;
 use session_archive::manifest::{Camera, Manifest};
 use session_archive::verify::{Report, StreamReport};
 
-use crate::cadence::{Cadence, median, nearly_all};
+use crate::cadence::{Cadence, median, percentile_99_9};
 use crate::condition::Condition;
-use crate::deep::Decoded;
-use crate::examine::Examination;
-use crate::facts::{Facts, FrameFact};
-use crate::frames::Frames;
+use crate::decode_check::DecodeCheck;
+use crate::frame_tree::Frames;
 use crate::limits::{Limits, Unit};
+use crate::scan_session::SessionScan;
+use crate::session_stats::{FrameStats, SessionStats};
 use crate::text;
 
-/// One metric of one stream, measured and judged.
+/// One metric of one stream with its verdict.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Finding {
     /// The metric, as in `camera.dropped`.
     pub metric: String,
-    /// The stream, pair or clock that it is about; `session` for the whole.
+    /// The stream, pair or clock; `session` for the whole.
     pub of: String,
     /// PASS, WARN or FAIL.
     pub verdict: Verdict,
-    /// What was measured, in the metric's unit; `null` in JSON where that is no number.
+    /// Measured value, in the metric's unit; `null` in JSON if it is not finite.
     #[serde(deserialize_with = "number_or_nan")]
     pub value: f64,
-    /// A value above this is a warning; none where nothing is.
+    /// A value above this is a warning; `None` without a limit.
     pub warn: Option<f64>,
-    /// A value above this is a failure; none where nothing is.
+    /// A value above this is a failure; `None` without a limit.
     pub fail: Option<f64>,
     /// The unit: `ratio`, `ns`, `count`, `deg` or `flag`.
     pub unit: String,
-    /// The whole finding in words.
+    /// The whole finding as text.
     pub text: String,
 }
 
-/// JSON has no word for what is no number but `null`.
+/// Reads a number; JSON has only `null` for values that are not finite.
 pub(crate) fn number_or_nan<'a, D: Deserializer<'a>>(input: D) -> Result<f64, D::Error> {
     Ok(Option::deserialize(input)?.unwrap_or(f64::NAN))
 }
 
-/// Judges a session. `decoded` is what decoding every picture gave, where that was asked for.
-pub fn judge(
+/// Evaluates a session. `decoded` is the result of the decode check, if requested.
+pub fn evaluate(
     manifest: &Manifest,
-    found: &Examination,
-    decoded: Option<&[Decoded]>,
+    found: &SessionScan,
+    decoded: Option<&[DecodeCheck]>,
     limits: &Limits,
 ) -> Vec<Finding> {
-    let mut judge = Judge {
+    let mut evaluator = Evaluator {
         manifest,
-        facts: &found.facts,
+        stats: &found.stats,
         report: &found.report,
         limits,
         findings: Vec::new(),
     };
-    judge.session();
+    evaluator.session();
     for (i, camera) in manifest.cameras.iter().enumerate() {
-        judge.camera(i, camera);
+        evaluator.camera(i, camera);
     }
     for i in 0..manifest.imus.len() {
-        judge.imu(i);
+        evaluator.imu(i);
     }
-    judge.offsets();
-    judge.rig();
+    evaluator.offsets();
+    evaluator.rig();
     for decoded in decoded.unwrap_or_default() {
-        let pictures = text::count(decoded.pictures, "picture");
-        let mut detail = format!("{pictures} decoded");
+        let images = text::count(decoded.images, "image");
+        let mut detail = format!("{images} decoded");
         if let Some(problem) = &decoded.first_problem {
             detail.push_str(&format!("; first: {problem}"));
         }
         let missing = decoded.missing as f64;
-        judge.find("camera.undecoded", &decoded.camera, missing, 0.0, &detail);
+        evaluator.find("camera.undecoded", &decoded.camera, missing, 0.0, &detail);
     }
-    judge.findings
+    evaluator.findings
 }
 
 /// The verdict over all findings.
@@ -88,7 +89,7 @@ pub fn overall(findings: &[Finding]) -> Verdict {
     worst.unwrap_or(Verdict::Pass)
 }
 
-/// What is not a pass, the worst first.
+/// Findings that are not a pass, the worst first.
 pub fn reasons(findings: &[Finding]) -> Vec<&Finding> {
     let mut reasons: Vec<_> = findings
         .iter()
@@ -98,8 +99,8 @@ pub fn reasons(findings: &[Finding]) -> Vec<&Finding> {
     reasons
 }
 
-/// `value` against the limits of `metric` for a stream with this nominal period (ns; 0 where there is none); none for a
-/// metric that is in no table.
+/// Compares `value` with the limits of `metric` for a stream with this nominal period (ns; 0 if it
+/// has none); `None` for an unknown metric.
 pub fn finding(
     limits: &Limits,
     metric: &str,
@@ -110,7 +111,7 @@ pub fn finding(
 ) -> Option<Finding> {
     let limit = limits.of(metric)?;
     let (warn, fail) = limit.in_force(period_ns);
-    // A value that is no number is beyond every limit that there is; nothing is beyond `never`.
+    // NaN is beyond every finite limit; nothing is beyond `never`.
     let beyond = |limit: f64| value > limit || (value.is_nan() && limit.is_finite());
     let verdict = if beyond(fail) {
         Verdict::Fail
@@ -141,35 +142,35 @@ pub fn finding(
     })
 }
 
-/// Between two health records, ns.
+/// Period of health records, ns.
 const HEALTH_PERIOD_NS: f64 = 1e9;
 
-struct Judge<'a> {
+struct Evaluator<'a> {
     manifest: &'a Manifest,
-    facts: &'a Facts,
+    stats: &'a SessionStats,
     report: &'a Report,
     limits: &'a Limits,
     findings: Vec<Finding>,
 }
 
-impl Judge<'_> {
-    /// Adds a finding: `value` against the limits of `metric` for a stream with this nominal period
-    /// (ns; 0 where there is none).
+impl Evaluator<'_> {
+    /// Adds a finding: compares `value` with the limits of `metric` for a stream with this nominal
+    /// period (ns; 0 if it has none).
     fn find(&mut self, metric: &str, of: &str, value: f64, period_ns: f64, detail: &str) {
         let found = finding(self.limits, metric, of, value, period_ns, detail);
         self.findings.extend(found);
     }
 
-    /// Soundness of the whole: damage, and whether the recorder closed it.
+    /// Integrity: damage, and whether the recorder closed the session.
     fn session(&mut self) {
         let condition = Condition::of(self.manifest.state, self.report);
         let faults = faults(self.report);
         let damaged = condition == Condition::Damaged;
         let mut detail = faults.join(", ");
         if damaged {
-            detail.push_str("; `paws recover` makes a sound copy");
+            detail.push_str("; `paws recover` makes an undamaged copy");
         }
-        // An unclosed session may end in the middle of a chunk; that is no damage.
+        // An unclosed session may end in the middle of a chunk; this is not damage.
         let count = if damaged { faults.len().max(1) } else { 0 };
         let detail = if damaged { detail } else { String::new() };
         self.find("session.damage", "session", count as f64, 0.0, &detail);
@@ -179,25 +180,25 @@ impl Judge<'_> {
         };
         let open = f64::from(u8::from(!self.report.closed));
         self.find("session.unclosed", "session", open, 0.0, detail);
-        self.spared();
+        self.degraded();
     }
 
-    /// For how long the recorder made do with less than configured. Left out where it does not say.
-    fn spared(&mut self) {
-        let steps = self.facts.health.iter().map(|(_, h)| h.sparing.as_str());
-        let told: Vec<&str> = steps.filter(|step| !step.is_empty()).collect();
+    /// Duration of degraded recording (load shedding). Left out if the recorder does not report it.
+    fn degraded(&mut self) {
+        let steps = self.stats.health.iter().map(|(_, h)| h.sparing.as_str());
+        let steps_reported: Vec<&str> = steps.filter(|step| !step.is_empty()).collect();
         let lowered = |step: &&str| matches!(*step, "lower bitrate" | "lower frame rate");
-        let spared: Vec<&str> = told.iter().copied().filter(lowered).collect();
-        let kinds: BTreeSet<&str> = spared.iter().copied().collect();
+        let degraded: Vec<&str> = steps_reported.iter().copied().filter(lowered).collect();
+        let kinds: BTreeSet<&str> = degraded.iter().copied().collect();
         let detail = kinds.into_iter().collect::<Vec<_>>().join(", ");
-        if !told.is_empty() {
-            let time = spared.len() as f64 * HEALTH_PERIOD_NS;
-            self.find("session.spared", "session", time, 0.0, &detail);
+        if !steps_reported.is_empty() {
+            let time = degraded.len() as f64 * HEALTH_PERIOD_NS;
+            self.find("session.degraded", "session", time, 0.0, &detail);
         }
     }
 
     fn camera(&mut self, i: usize, camera: &Camera) {
-        let (name, frames) = (camera.name.as_str(), &self.facts.cameras[i]);
+        let (name, frames) = (camera.name.as_str(), &self.stats.cameras[i]);
         let period = period_ns(camera.rate_hz);
         let stream = self.stream(name);
         self.missing("camera", name, &stream, "frame");
@@ -208,27 +209,27 @@ impl Judge<'_> {
         self.find("camera.frozen", name, longest_frozen(frames), period, "");
         let sigma = median(&mut frames.iter().map(|f| f.sigma_ns).collect::<Vec<_>>());
         self.sigma(name, sigma);
-        let doubtful = frames.iter().filter(|f| f.time_doubtful).count();
+        let unreliable = frames.iter().filter(|f| f.time_unreliable).count();
         self.find(
-            "stream.doubtful",
+            "stream.unreliable_time",
             name,
-            doubtful as f64 * period,
+            unreliable as f64 * period,
             period,
             "",
         );
         self.eyes_apart(name, frames);
         let eyes = ["left", "right"].map(|eye| format!("{name}/{eye}"));
         let without = eyes.iter().filter(|eye| {
-            let calibration = self.facts.calibrations.get(*eye);
+            let calibration = self.stats.calibrations.get(*eye);
             calibration.is_none_or(|c| c.k.first().is_none_or(|fx| *fx <= 0.0))
         });
         let without: Vec<_> = without.map(String::as_str).collect();
         let detail = match without.is_empty() {
             true => String::new(),
             false => format!(
-                "{}; to mend it: {}",
+                "{}; remedy: {}",
                 without.join(", "),
-                calib::mend::after()
+                calib::remedy::after_recording()
             ),
         };
         self.find(
@@ -240,42 +241,43 @@ impl Judge<'_> {
         );
     }
 
-    /// How far apart left and right images were taken. Left out where one device delivers both.
-    fn eyes_apart(&mut self, name: &str, frames: &[FrameFact]) {
-        let apart = frames.iter().filter_map(|f| f.eyes_apart_ns);
-        let mut apart: Vec<i64> = apart.collect();
-        let Some(middle) = median(&mut apart) else {
+    /// Time offset between left and right images. Left out if one device delivers both.
+    fn eyes_apart(&mut self, name: &str, frames: &[FrameStats]) {
+        let offsets = frames.iter().filter_map(|f| f.eyes_apart_ns);
+        let mut offsets: Vec<i64> = offsets.collect();
+        let Some(middle) = median(&mut offsets) else {
             return;
         };
-        let mut lengths: Vec<u64> = apart.iter().map(|ns| ns.unsigned_abs()).collect();
-        let most = nearly_all(&mut lengths).unwrap_or_default() as f64;
+        let mut lengths: Vec<u64> = offsets.iter().map(|ns| ns.unsigned_abs()).collect();
+        let max = percentile_99_9(&mut lengths).unwrap_or_default() as f64;
         let side = if middle < 0 { "earlier" } else { "later" };
         let middle = Unit::Time.show(middle.unsigned_abs() as f64);
         let detail = format!("right ones {middle} {side} in the median");
-        self.find("camera.eyes_apart", name, most, 0.0, &detail);
+        self.find("camera.eyes_apart", name, max, 0.0, &detail);
     }
 
     fn imu(&mut self, i: usize) {
         let imu = &self.manifest.imus[i];
-        let (name, facts) = (imu.name.as_str(), &self.facts.imus[i]);
+        let (name, stats) = (imu.name.as_str(), &self.stats.imus[i]);
         let stream = self.stream(name);
         self.missing("imu", name, &stream, "sample");
-        let cadence = Cadence::of(facts.samples.iter().copied());
+        let cadence = Cadence::of(stats.samples.iter().copied());
         self.rhythm("imu", name, &cadence, imu.rate_hz);
         let bad = stream.bad_payloads + stream.repeated;
         self.find("imu.bad", name, bad as f64, 0.0, "");
-        let repeated = facts.repeated_ns as f64;
-        self.find("imu.repeated", name, repeated, 0.0, "");
-        self.sigma(name, median(&mut facts.sigmas_ns.clone()));
+        let repeated = stats.stuck_ns as f64;
+        self.find("imu.stuck_value", name, repeated, 0.0, "");
+        self.sigma(name, median(&mut stats.sigmas_ns.clone()));
         let period = period_ns(imu.rate_hz);
-        let doubtful = facts.doubtful as f64 * period;
-        self.find("stream.doubtful", name, doubtful, period, "");
+        let unreliable = stats.unreliable_samples as f64 * period;
+        self.find("stream.unreliable_time", name, unreliable, period, "");
         self.frame_sync(name);
     }
 
-    /// How an IMU's clock lies to that of its camera. Left out where the device does not tell.
+    /// Clock offset between an IMU and its camera, by frame sync. Left out if the device does not
+    /// report it.
     fn frame_sync(&mut self, name: &str) {
-        let streams = self.facts.health.iter().flat_map(|(_, h)| &h.streams);
+        let streams = self.stats.health.iter().flat_map(|(_, h)| &h.streams);
         let ties = streams
             .filter(|s| s.name == name)
             .filter_map(|s| s.frame_sync.as_ref());
@@ -303,16 +305,16 @@ impl Judge<'_> {
         self.report.streams.get(name).cloned().unwrap_or_default()
     }
 
-    /// Share of samples that should be there and are not.
+    /// Fraction of expected samples that are missing.
     fn missing(&mut self, kind: &str, name: &str, stream: &StreamReport, word: &str) {
-        let gone = stream.gaps.saturating_add(stream.lost);
+        let missing = stream.gaps.saturating_add(stream.lost);
         let expected = stream.expected();
         let (ratio, detail) = match (stream.samples, expected) {
             (0, _) => (1.0, format!("not one {word} was recorded")),
-            (_, expected) if gone == 0 => (0.0, format!("{expected} {word}s")),
+            (_, expected) if missing == 0 => (0.0, format!("{expected} {word}s")),
             (_, expected) => (
-                gone as f64 / expected.max(1) as f64,
-                format!("{gone} of {}", text::count(expected, word)),
+                missing as f64 / expected.max(1) as f64,
+                format!("{missing} of {}", text::count(expected, word)),
             ),
         };
         self.find(&format!("{kind}.dropped"), name, ratio, 0.0, &detail);
@@ -320,7 +322,7 @@ impl Judge<'_> {
 
     fn rhythm(&mut self, kind: &str, name: &str, cadence: &Cadence, nominal_hz: f64) {
         let nominal = period_ns(nominal_hz);
-        let start = self.facts.span().map_or(0, |(start, _)| start);
+        let start = self.stats.span().map_or(0, |(start, _)| start);
         let at = cadence.longest_gap_at.saturating_sub(start) as f64 / 1e9;
         let detail = match cadence.longest_gap_ns {
             0 => String::new(),
@@ -348,18 +350,18 @@ impl Judge<'_> {
         }
     }
 
-    /// How much later than the first stream each one starts, and how much earlier it ends.
+    /// Start and end offsets of each stream from the session's span.
     fn offsets(&mut self) {
-        let Some((start, end)) = self.facts.span() else {
+        let Some((start, end)) = self.stats.span() else {
             return;
         };
         let cameras = self.manifest.cameras.iter().map(|c| &c.name);
-        let camera_times = self.facts.cameras.iter().map(|frames| {
+        let camera_times = self.stats.cameras.iter().map(|frames| {
             let times = frames.iter().map(|f| f.sample.time);
             times.clone().min().zip(times.max())
         });
         let imus = self.manifest.imus.iter().map(|i| &i.name);
-        let imu_times = self.facts.imus.iter().map(|imu| {
+        let imu_times = self.stats.imus.iter().map(|imu| {
             let times = imu.samples.iter().map(|s| s.time);
             times.clone().min().zip(times.max())
         });
@@ -374,32 +376,32 @@ impl Judge<'_> {
         }
     }
 
-    /// What concerns several cameras: alignment, frame sets, places.
+    /// Metrics of several cameras: alignment, frame sets, extrinsics.
     fn rig(&mut self) {
         let cameras = &self.manifest.cameras;
         let mut triggers: Vec<&String> =
             cameras.iter().filter_map(|c| c.trigger.as_ref()).collect();
         triggers.sort();
         triggers.dedup();
-        // Times that say themselves that they are not to be trusted are judged as such.
-        let of_camera = |(i, frames): (usize, &Vec<FrameFact>)| {
-            let doubtful = frames.iter().filter(|f| f.time_doubtful);
-            doubtful.map(|f| (i, f.sample.time)).collect::<Vec<_>>()
+        // Times flagged as unreliable are excluded here; they have their own metric.
+        let of_camera = |(i, frames): (usize, &Vec<FrameStats>)| {
+            let unreliable = frames.iter().filter(|f| f.time_unreliable);
+            unreliable.map(|f| (i, f.sample.time)).collect::<Vec<_>>()
         };
-        let cameras_facts = self.facts.cameras.iter().enumerate();
-        let doubtful: BTreeSet<(usize, i64)> = cameras_facts.flat_map(of_camera).collect();
+        let camera_stats = self.stats.cameras.iter().enumerate();
+        let unreliable: BTreeSet<(usize, i64)> = camera_stats.flat_map(of_camera).collect();
         for trigger in triggers {
             let group: Vec<usize> = (0..cameras.len())
                 .filter(|i| cameras[*i].trigger.as_ref() == Some(trigger))
                 .collect();
             let mut spreads: Vec<u64> = self
-                .facts
+                .stats
                 .sets
                 .iter()
-                .filter(|set| !set.members.iter().any(|m| doubtful.contains(m)))
+                .filter(|set| !set.members.iter().any(|m| unreliable.contains(m)))
                 .filter_map(|set| spread(&set.members, &group))
                 .collect();
-            if let Some(spread) = nearly_all(&mut spreads) {
+            if let Some(spread) = percentile_99_9(&mut spreads) {
                 let names: Vec<_> = group.iter().map(|i| cameras[*i].name.as_str()).collect();
                 let of = names.join(" and ");
                 self.find("rig.misalignment", &of, spread as f64, 0.0, "");
@@ -412,58 +414,64 @@ impl Judge<'_> {
             .enumerate()
             .filter(|(_, c)| c.trigger.is_none());
         for (i, camera) in free {
-            let sets = self.facts.sets.iter();
+            let sets = self.stats.sets.iter();
             let mut distances: Vec<u64> = sets
                 .filter_map(|set| {
                     let own = set.members.iter().find(|m| m.0 == i)?;
                     Some(own.1.abs_diff(set.time))
                 })
                 .collect();
-            if let Some(distance) = nearly_all(&mut distances) {
+            if let Some(distance) = percentile_99_9(&mut distances) {
                 let distance = distance as f64;
                 self.find("rig.free_misalignment", &camera.name, distance, slowest, "");
             }
         }
         if cameras.len() > 1 {
-            let without = if self.facts.sets.is_empty() {
+            let without = if self.stats.sets.is_empty() {
                 cameras.len()
             } else {
                 0
             };
-            let detail = text::count(self.facts.sets.len() as u64, "frame set");
+            let detail = text::count(self.stats.sets.len() as u64, "frame set");
             self.find("rig.frame_sets", "rig", without as f64, 0.0, &detail);
         }
-        self.places();
+        self.poses();
     }
 
-    /// Whether both eyes of every camera have their place, and every camera its own on the rig if
-    /// the rig is described at all.
-    fn places(&mut self) {
-        let transforms = self.facts.transforms.clone().unwrap_or_default();
+    /// Whether every camera has stereo extrinsics, and a pose on the rig if the rig is described at
+    /// all.
+    fn poses(&mut self) {
+        let transforms = self.stats.transforms.clone().unwrap_or_default();
         let frames = Frames::of(&transforms);
         let cameras = &self.manifest.cameras;
-        let placed = |name: &str| frames.transform("rig", &format!("{name}/left")).is_some();
-        let described = cameras.iter().any(|c| placed(&c.name));
-        let unplaced: Vec<&str> = cameras
+        let has_pose = |name: &str| frames.transform("rig", &format!("{name}/left")).is_some();
+        let described = cameras.iter().any(|c| has_pose(&c.name));
+        let without_pose: Vec<&str> = cameras
             .iter()
             .map(|c| c.name.as_str())
             .filter(|name| {
                 let [left, right] = ["left", "right"].map(|eye| format!("{name}/{eye}"));
-                frames.transform(&left, &right).is_none() || (described && !placed(name))
+                frames.transform(&left, &right).is_none() || (described && !has_pose(name))
             })
             .collect();
-        let detail = match (unplaced.is_empty(), described) {
+        let detail = match (without_pose.is_empty(), described) {
             (false, _) => {
-                let names = unplaced.join(", ");
-                format!("{names}; to mend it: {}", calib::mend::after())
+                let names = without_pose.join(", ");
+                format!("{names}; remedy: {}", calib::remedy::after_recording())
             }
             (true, true) => "all on the rig".to_owned(),
             (true, false) => format!(
-                "eyes only; no rig file told where the cameras are, which `{}` finds",
-                calib::mend::CALIBRATE
+                "stereo only; no rig file gives poses of the cameras, which `{}` estimates",
+                calib::remedy::CALIBRATE
             ),
         };
-        self.find("rig.transforms", "rig", unplaced.len() as f64, 0.0, &detail);
+        self.find(
+            "rig.transforms",
+            "rig",
+            without_pose.len() as f64,
+            0.0,
+            &detail,
+        );
     }
 }
 
@@ -475,9 +483,8 @@ fn period_ns(rate_hz: f64) -> f64 {
     }
 }
 
-/// Longest time over which the picture stayed what it was, ns: from the last good frame to the
-/// last frozen one.
-fn longest_frozen(frames: &[FrameFact]) -> f64 {
+/// Longest time with an unchanged image, ns: from the last good frame to the last frozen one.
+fn longest_frozen(frames: &[FrameStats]) -> f64 {
     let mut longest = 0;
     let mut fresh = None;
     for frame in frames {
@@ -485,21 +492,21 @@ fn longest_frozen(frames: &[FrameFact]) -> f64 {
             fresh = Some(frame.sample.time);
         }
         if let (true, Some(since)) = (frame.frozen, fresh) {
-            // A recording that begins frozen: one nanosecond says that there is something.
+            // A recording that begins frozen: one nanosecond makes the value nonzero.
             longest = longest.max(frame.sample.time.saturating_sub(since).max(1));
         }
     }
     longest as f64
 }
 
-/// Distance of the earliest from the latest member of a group, if two of them are in the set.
+/// Time spread of the members of a group, ns, if at least two are in the set.
 fn spread(members: &[(usize, i64)], group: &[usize]) -> Option<u64> {
     let times = members.iter().filter(|m| group.contains(&m.0)).map(|m| m.1);
     let (first, last) = (times.clone().min()?, times.clone().max()?);
     (times.count() > 1).then(|| last.abs_diff(first))
 }
 
-/// What is wrong with a session, each fault in words.
+/// Faults of a session, as text.
 pub fn faults(report: &Report) -> Vec<String> {
     let mut faults = Vec::new();
     faults.extend(report.manifest_note.clone());
@@ -516,8 +523,8 @@ pub fn faults(report: &Report) -> Vec<String> {
         .map(|d| d.damage.bytes.end.saturating_sub(d.damage.bytes.start))
         .fold(0, u64::saturating_add);
     if !report.damage.is_empty() {
-        let places = text::count(report.damage.len() as u64, "place");
-        faults.push(format!("{places} with damage ({})", text::bytes(bytes)));
+        let poses = text::count(report.damage.len() as u64, "place");
+        faults.push(format!("{poses} with damage ({})", text::bytes(bytes)));
     }
     if report.undecodable > 0 {
         let messages = text::count(report.undecodable, "message");
@@ -543,23 +550,26 @@ mod tests {
     use super::*;
 
     #[test]
-    fn never_is_never_even_for_what_is_no_number() {
-        let judged = |limit: &str, value: f64| {
+    fn limit_never_holds_even_for_nan() {
+        let verdict_of = |limit: &str, value: f64| {
             let mut limits = Limits::default();
             limits.set(limit).unwrap();
             finding(&limits, "imu.rate", "imu", value, 0.0, "").map(|f| f.verdict)
         };
         for value in [0.0, 1e300, f64::INFINITY, f64::NAN] {
-            assert_eq!(judged("imu.rate=never", value), Some(Verdict::Pass));
+            assert_eq!(verdict_of("imu.rate=never", value), Some(Verdict::Pass));
         }
-        assert_eq!(judged("imu.rate=1,never", f64::NAN), Some(Verdict::Warn));
-        assert_eq!(judged("imu.rate=1,never", 1.0), Some(Verdict::Pass));
-        assert_eq!(judged("imu.rate=1,2", f64::NAN), Some(Verdict::Fail));
-        assert_eq!(judged("imu.rate=1,2", 1.5), Some(Verdict::Warn));
+        assert_eq!(
+            verdict_of("imu.rate=1,never", f64::NAN),
+            Some(Verdict::Warn)
+        );
+        assert_eq!(verdict_of("imu.rate=1,never", 1.0), Some(Verdict::Pass));
+        assert_eq!(verdict_of("imu.rate=1,2", f64::NAN), Some(Verdict::Fail));
+        assert_eq!(verdict_of("imu.rate=1,2", 1.5), Some(Verdict::Warn));
     }
 
     #[test]
-    fn a_finding_that_is_no_number_reads_back() {
+    fn finding_with_nan_round_trips() {
         let limits = Limits::default();
         let found = finding(&limits, "imu.rate", "imu", f64::NAN, 0.0, "").unwrap();
         let text = serde_json::to_string(&found).unwrap();

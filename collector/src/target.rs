@@ -1,4 +1,4 @@
-//! Which session a verb is about: one of the library's, or any folder.
+//! The session that a command works on: one of the library, or any folder.
 
 use std::io::{self, ErrorKind};
 use std::path::{Path, PathBuf};
@@ -8,11 +8,11 @@ use anyhow::{Context, Result, bail, ensure};
 use session_archive::layout;
 
 use crate::catalogue::Row;
-use crate::find::is_session;
 use crate::library::{CATALOGUE, INCOMING, Library, SESSIONS};
+use crate::session_search::is_session;
 use crate::validation::Validation;
 
-/// A session that a verb works on.
+/// A session that a command works on.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Target {
     /// Its folder.
@@ -22,14 +22,13 @@ pub struct Target {
 }
 
 impl Target {
-    /// The session that a user means by `text`: a folder if it is one that holds a session, else
-    /// something that the library knows.
+    /// Finds a session by `text`: a folder that holds a session, else a session of the library.
     ///
     /// # Errors
-    /// It is neither, or no library was given.
+    /// `text` is neither, or no library was given.
     pub fn find(text: &str, library: Option<&Path>) -> Result<Self> {
         let mut folder = Path::new(text);
-        // A file of the session, as `paws handoff` prints one, means the session.
+        // A path of a file of the session, as `paws handoff` prints one, selects the session.
         if let Some(parent) = folder.parent()
             && folder.is_file()
             && is_session(parent)
@@ -53,7 +52,7 @@ impl Target {
         }
         let Some(root) = library else {
             bail!(
-                "{text:?} is no folder, and to look for it in a library, --library or \
+                "{text:?} is not a folder, and to find it in a library, --library or \
                  PAWS_LIBRARY must say which"
             );
         };
@@ -70,11 +69,10 @@ impl Target {
         self.listed.is_some()
     }
 
-    /// Where to put a derived file beside it.
+    /// Path of a derived file in its folder.
     ///
     /// # Errors
-    /// No library lists it, so the folder is the recorder's or somebody else's; `otherwise` says what
-    /// to do.
+    /// No library lists it, so the folder may be the recorder's; `otherwise` states what to do.
     pub fn derived(&self, file: &str, otherwise: &str) -> Result<PathBuf> {
         ensure!(
             self.is_listed(),
@@ -91,7 +89,7 @@ impl Target {
             .map(|(root, key)| (root.as_path(), key.as_str()))
     }
 
-    /// How to call it: its key, or its folder.
+    /// Display name: its key, or its folder.
     pub fn name(&self) -> String {
         match &self.listed {
             Some((_, key)) => key.clone(),
@@ -99,11 +97,12 @@ impl Target {
         }
     }
 
-    /// Puts a verdict beside it if a library lists it, and into the catalogue. Where the library's disk is full or cannot
-    /// be written at all, the verdict is only what was printed, and a warning says so.
+    /// Stores a validation in its folder if a library lists it, and in the catalogue. If the
+    /// library's disk is full or cannot be written, the verdict is only printed, and a warning is
+    /// given.
     ///
     /// # Errors
-    /// The disk fails otherwise.
+    /// Another I/O error occurs.
     pub fn keep(&self, validation: &Validation) -> Result<()> {
         if !self.is_listed() {
             return Ok(());
@@ -111,7 +110,7 @@ impl Target {
         match validation.write(&self.folder) {
             Ok(()) => self.refresh().map(drop),
             Err(e) if cannot_write(&e) => {
-                // What came of it so far is of no use.
+                // The partial file is useless.
                 let half = format!("{}.tmp", layout::VALIDATION);
                 let _ = std::fs::remove_file(self.folder.join(half));
                 log::warn!(
@@ -124,10 +123,10 @@ impl Target {
         }
     }
 
-    /// Brings the catalogue of its library up to date.
+    /// Updates the catalogue of its library.
     ///
     /// # Errors
-    /// The disk says no.
+    /// An I/O error occurs.
     pub fn refresh(&self) -> Result<Option<Row>> {
         match &self.listed {
             Some((root, key)) => Library::open(root)?.refresh(key).map(Some),
@@ -136,7 +135,7 @@ impl Target {
     }
 }
 
-/// Whether nothing can be written there, whatever it is: no room, no rights.
+/// Whether an error means that nothing can be written: no space, no permission.
 fn cannot_write(error: &anyhow::Error) -> bool {
     let kinds = error.chain().filter_map(|e| e.downcast_ref::<io::Error>());
     kinds.map(io::Error::kind).any(|kind| {
@@ -151,12 +150,12 @@ fn cannot_write(error: &anyhow::Error) -> bool {
     })
 }
 
-/// The library in whose `sessions/` a folder lies.
+/// The library whose `sessions/` contains a folder.
 fn listed(folder: &Path) -> Option<(PathBuf, String)> {
     let key = folder.file_name()?.to_str()?;
     let sessions = folder.parent()?;
     let root = sessions.parent()?;
-    // The catalogue may be missing; it is a copy.
+    // The catalogue may be missing; it is a cache.
     let is_library = root.join(CATALOGUE).is_file() || root.join(INCOMING).is_dir();
     (sessions.file_name()? == SESSIONS && is_library).then(|| (root.to_owned(), key.to_owned()))
 }

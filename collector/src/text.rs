@@ -1,4 +1,4 @@
-//! Numbers as people read them.
+//! Human-readable numbers.
 
 use session_archive::time::NS_PER_S;
 
@@ -7,7 +7,7 @@ pub fn bytes(n: u64) -> String {
     charts::si(n as f64, "B")
 }
 
-/// A span of time, ns, as in `20.1 s`, `3 min 05 s`, `1 h 02 min`.
+/// A duration, ns, as in `20.1 s`, `3 min 05 s`, `1 h 02 min`.
 pub fn duration(ns: i64) -> String {
     let ns = ns.max(0);
     let s = ns.saturating_add(NS_PER_S / 2) / NS_PER_S;
@@ -25,7 +25,7 @@ pub fn count(n: u64, word: &str) -> String {
     format!("{n} {word}{}", if n == 1 { "" } else { "s" })
 }
 
-/// A share as percent, with enough digits to tell it from zero.
+/// A fraction as percent, with enough digits to distinguish it from zero.
 pub fn percent(part: u64, whole: u64) -> String {
     if part == 0 || whole == 0 {
         return "0 %".to_owned();
@@ -41,7 +41,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn spans() {
+    fn durations_are_formatted() {
         let cases = [
             (0, "0.0 s"),
             (20_140_000_000, "20.1 s"),

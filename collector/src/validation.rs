@@ -1,8 +1,8 @@
-//! `validation.json`: the verdict on a session, what it rests on, and a summary.
+//! `validation.json`: the verdict on a session, its basis, and a summary.
 //!
-//! It holds no time of its own making, so validating the same session with the same limits gives
-//! the same bytes. It is derived: it can be deleted and made again at any time. A hand-off does not
-//! seal it; it has the verdict itself.
+//! It contains no current time, so validating the same session with the same limits gives the same
+//! bytes. It is derived: it can be deleted and written again at any time. A hand-off does not seal
+//! it; it contains the verdict itself.
 
 use std::collections::BTreeMap;
 use std::io;
@@ -20,41 +20,41 @@ use session_archive::time::HostTime;
 use session_archive::verify::Report;
 
 use crate::cadence::Cadence;
-use crate::examine::Examination;
-use crate::facts::{Facts, Sample};
+use crate::commands::validate::Options;
 use crate::quality::{Finding, number_or_nan, overall, reasons};
-use crate::validate::Options;
+use crate::scan_session::SessionScan;
+use crate::session_stats::{Sample, SessionStats};
 
 /// File name of the HTML report in the session's folder.
 pub const REPORT: &str = "report.html";
 const FORMAT: &str = "paws-validation";
 const VERSION: u32 = 1;
-/// Events listed in a summary; a button that chatters must not fill it.
-const MOST_EVENTS: usize = 200;
+/// Maximum number of events in a summary; a chattering button must not fill it.
+const MAX_EVENTS: usize = 200;
 
-/// What a validation looked at. If this is still so, nobody has written to the segments since; what
-/// the disk has done to their bytes, [`crate::handoff`] finds out.
+/// State of the session at a validation. If it is unchanged, the segments have not been written
+/// since; [`crate::commands::handoff`] detects disk errors in their bytes.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
 pub struct Basis {
-    /// BLAKE3 of the manifest, hex; empty if there is none.
+    /// BLAKE3 of the manifest, hex; empty without a manifest.
     pub manifest_blake3: String,
     /// Number and length of every segment file.
     pub segments: Vec<(u32, u64)>,
 }
 
-/// One numbered stream in short.
+/// Summary of one numbered stream.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct StreamSummary {
     /// The camera or IMU.
     pub name: String,
     /// Samples present.
     pub samples: u64,
-    /// Samples missing, accounted for or not.
+    /// Samples missing, with or without a gap record.
     pub missing: u64,
-    /// Measured rate; `null` in JSON where that is no number.
+    /// Measured rate, Hz; `null` in JSON if it is not finite.
     #[serde(deserialize_with = "number_or_nan")]
     pub rate_hz: f64,
-    /// Bytes of compressed pictures; 0 for an IMU.
+    /// Bytes of compressed images; 0 for an IMU.
     pub bytes: u64,
 }
 
@@ -63,28 +63,28 @@ pub struct StreamSummary {
 pub struct Loss {
     /// The stream.
     pub stream: String,
-    /// Why, as in `encoder overload`; `no record` where the recorder did not know of it.
+    /// Cause, as in `encoder overload`; `no record` without a gap record.
     pub cause: String,
     /// Samples.
     pub samples: u64,
-    /// Gaps that they are in.
+    /// Number of gaps.
     pub gaps: u64,
 }
 
-/// Something that happened.
+/// An event.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
 pub struct EventLine {
-    /// When, ns after the first sample.
+    /// Time, ns after the first sample.
     pub after_ns: i64,
-    /// As in `mark`.
+    /// Kind, as in `mark`.
     pub kind: String,
-    /// Who caused it.
+    /// Source of the event.
     pub source: String,
-    /// For people.
+    /// Text.
     pub text: String,
 }
 
-/// A session in short, for showing it without reading it again.
+/// Summary of a session, to show it without reading it again.
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
 pub struct Summary {
     /// Time of the first sample.
@@ -97,9 +97,9 @@ pub struct Summary {
     pub frame_sets: u64,
     /// Frame sets with a frame of every camera.
     pub complete_sets: u64,
-    /// What is missing, by stream and cause.
+    /// Losses by stream and cause.
     pub losses: Vec<Loss>,
-    /// What happened, at most 200 lines.
+    /// Events, at most 200.
     pub events: Vec<EventLine>,
     /// Events left out.
     pub more_events: u64,
@@ -110,34 +110,34 @@ pub struct Summary {
 pub struct Validation {
     format: String,
     version: u32,
-    /// What validated.
+    /// Software that validated.
     pub software: String,
     /// The session.
     pub session_id: String,
     /// The verdict.
     pub verdict: Verdict,
-    /// Why it is no better, the worst first.
+    /// Reasons for the verdict, the worst first.
     pub reasons: Vec<String>,
-    /// Whether every picture was decoded.
+    /// Whether every image was decoded.
     pub deep: bool,
-    /// The limits that were not those of [`crate::limits::TABLE`], as `METRIC=WARN,FAIL`.
+    /// Limits that differ from [`crate::limits::TABLE`], as `METRIC=WARN,FAIL`.
     #[serde(default)]
     pub limits: Vec<String>,
-    /// What was looked at.
+    /// State of the session that was validated.
     pub basis: Basis,
-    /// The session in short.
+    /// Summary of the session.
     pub summary: Summary,
-    /// Every metric.
+    /// Findings of every metric.
     pub findings: Vec<Finding>,
-    /// The check of every byte.
+    /// Verification of every byte.
     pub report: Report,
 }
 
 impl Basis {
-    /// What a session is now.
+    /// The current state of a session.
     ///
     /// # Errors
-    /// The disk says no.
+    /// An I/O error occurs.
     pub fn of(reader: &SessionReader) -> io::Result<Self> {
         let storage = reader.storage();
         let manifest = match storage::read_all(&**storage, layout::MANIFEST) {
@@ -161,11 +161,11 @@ impl Basis {
 }
 
 impl Validation {
-    /// Puts a document together.
+    /// Assembles a document.
     pub fn new(
         manifest: &Manifest,
         basis: Basis,
-        found: &Examination,
+        found: &SessionScan,
         findings: Vec<Finding>,
         options: &Options,
     ) -> Self {
@@ -188,7 +188,7 @@ impl Validation {
     /// The document in a session's folder.
     ///
     /// # Errors
-    /// There is none, or it is of another version.
+    /// It is missing, or of another version.
     pub fn read(folder: &Path) -> Result<Self> {
         let path = folder.join(layout::VALIDATION);
         let reading = || format!("reading the validation: {}", path.display());
@@ -219,7 +219,7 @@ impl Validation {
     /// Writes the document into a session's folder.
     ///
     /// # Errors
-    /// The disk says no.
+    /// An I/O error occurs.
     pub fn write(&self, folder: &Path) -> Result<()> {
         let storage = DiskStorage::new(folder);
         self.to_bytes()
@@ -227,22 +227,22 @@ impl Validation {
             .with_context(|| format!("writing the validation: {}", folder.display()))
     }
 
-    /// Whether it is about this session as it is now.
+    /// Whether the session is unchanged since this validation.
     pub fn is_fresh(&self, reader: &SessionReader) -> bool {
         self.session_id == reader.manifest().session_id
             && Basis::of(reader).is_ok_and(|basis| basis == self.basis)
     }
 
-    /// Whether anything that was to be recorded is not there.
+    /// Whether any expected sample is missing.
     pub fn has_loss(&self) -> bool {
         !self.report.is_sound() || self.summary.streams.iter().any(|s| s.missing > 0)
     }
 }
 
 impl Summary {
-    fn of(manifest: &Manifest, found: &Examination) -> Self {
-        let (facts, report) = (&found.facts, &found.report);
-        let (start, end) = facts.span().unwrap_or_default();
+    fn of(manifest: &Manifest, found: &SessionScan) -> Self {
+        let (stats, report) = (&found.stats, &found.report);
+        let (start, end) = stats.span().unwrap_or_default();
         let stream = |name: &str, cadence: Cadence, bytes: u64| {
             let counted = report.streams.get(name).cloned().unwrap_or_default();
             StreamSummary {
@@ -253,21 +253,21 @@ impl Summary {
                 bytes,
             }
         };
-        let cameras = manifest.cameras.iter().zip(&facts.cameras);
+        let cameras = manifest.cameras.iter().zip(&stats.cameras);
         let cameras = cameras.map(|(camera, frames)| {
             let samples: Vec<Sample> = frames.iter().map(|f| f.sample).collect();
             let bytes = frames.iter().map(|f| u64::from(f.bytes)).sum();
             stream(&camera.name, Cadence::of(samples.into_iter()), bytes)
         });
-        let imus = manifest.imus.iter().zip(&facts.imus).map(|(imu, facts)| {
-            let samples = facts.samples.iter().copied();
+        let imus = manifest.imus.iter().zip(&stats.imus).map(|(imu, stats)| {
+            let samples = stats.samples.iter().copied();
             stream(&imu.name, Cadence::of(samples), 0)
         });
-        let complete = facts
+        let complete = stats
             .sets
             .iter()
             .filter(|s| s.members.len() == manifest.cameras.len());
-        let events = facts.events.iter().take(MOST_EVENTS).map(|(time, event)| {
+        let events = stats.events.iter().take(MAX_EVENTS).map(|(time, event)| {
             let kind = paws::event::Kind::try_from(event.kind).unwrap_or_default();
             EventLine {
                 after_ns: time.0.saturating_sub(start),
@@ -280,18 +280,18 @@ impl Summary {
             start: HostTime(start),
             end: HostTime(end),
             streams: cameras.chain(imus).collect(),
-            frame_sets: facts.sets.len() as u64,
+            frame_sets: stats.sets.len() as u64,
             complete_sets: complete.count() as u64,
-            losses: losses(facts, report),
+            losses: losses(stats, report),
             events: events.collect(),
-            more_events: facts.events.len().saturating_sub(MOST_EVENTS) as u64,
+            more_events: stats.events.len().saturating_sub(MAX_EVENTS) as u64,
         }
     }
 }
 
-fn losses(facts: &Facts, report: &Report) -> Vec<Loss> {
+fn losses(stats: &SessionStats, report: &Report) -> Vec<Loss> {
     let mut by_cause: BTreeMap<(&str, String), (u64, u64)> = BTreeMap::new();
-    let noted = facts.gaps.iter().map(|gap| {
+    let noted = stats.gaps.iter().map(|gap| {
         let cause = paws::gap::Cause::try_from(gap.cause).unwrap_or_default();
         let cause = words(cause.as_str_name(), "CAUSE_");
         (gap.stream.as_str(), cause, gap.count())

@@ -1,4 +1,4 @@
-//! What the commands do.
+//! Implementation of the commands.
 
 use std::fmt::Display;
 use std::path::Path;
@@ -16,8 +16,8 @@ pub(crate) mod evaluate_depth;
 pub(crate) mod report;
 pub(crate) mod run;
 
-/// Losses that are shown one by one.
-const SHOWN: usize = 20;
+/// Maximum number of losses that are printed one by one.
+const MAX_SHOWN_LOSSES: usize = 20;
 
 pub(crate) fn print_info(handoff: &Path) -> Result<ExitCode> {
     print(crate::info::text(&open(handoff)?).trim_end())?;
@@ -31,7 +31,7 @@ pub(crate) fn frames(handoff: &Path, out: &Path, selection: &Selection) -> Resul
         "writing  {wide_bar} {pos}/{len} frames, {per_sec}, {eta} left",
     )?;
     let summary = export::export(&input, out, selection, &|| bar.inc(1))
-        .with_context(|| format!("writing the pictures to {}", out.display()))?;
+        .with_context(|| format!("writing the images to {}", out.display()))?;
     bar.finish_and_clear();
 
     for (name, count) in &summary.cameras {
@@ -52,7 +52,7 @@ pub(crate) fn frames(handoff: &Path, out: &Path, selection: &Selection) -> Resul
     Ok(code(summary.lost.len(), &input))
 }
 
-/// What was lost, for the last line: of a session that failed it is said that it did.
+/// Losses for the summary line; a failed session is marked as such.
 fn loss(losses: usize, input: &Input) -> String {
     let loss = match losses {
         0 => "nothing lost".to_owned(),
@@ -67,7 +67,8 @@ fn loss(losses: usize, input: &Input) -> String {
     }
 }
 
-/// The exit code: a session that failed its validation is loss, however much of it was used.
+/// The exit code: a session that failed its validation counts as loss, whatever part of it was
+/// used.
 fn code(losses: usize, input: &Input) -> ExitCode {
     let is_fine = losses == 0 && !input.is_failed();
     ExitCode::from(if is_fine { 0 } else { 3 })
@@ -101,10 +102,10 @@ fn progress_bar(length: u64, template: &str) -> Result<ProgressBar> {
 }
 
 fn print_losses(losses: &[impl Display]) {
-    for lost in losses.iter().take(SHOWN) {
+    for lost in losses.iter().take(MAX_SHOWN_LOSSES) {
         complain!("lost: {lost}");
     }
-    if losses.len() > SHOWN {
-        complain!("lost: {} more", losses.len() - SHOWN);
+    if losses.len() > MAX_SHOWN_LOSSES {
+        complain!("lost: {} more", losses.len() - MAX_SHOWN_LOSSES);
     }
 }

@@ -1,19 +1,20 @@
-//! How far an estimated trajectory is from the truth.
+//! Evaluation of an estimated trajectory against ground truth.
 //!
-//! Contract: poses are matched to the nearest true pose in time, without interpolation, as evo does
-//! (github.com/MichaelGrupp/evo), and the numbers are evo's to 1e-6 m ([`Evaluation::absolute`], [`Evaluation::relative`]).
-//! *Lost* poses match nothing. How much of the truth's time was covered stands beside every error
-//! ([`Evaluation::completion`]): an error alone says nothing of a run that gave up early. *Too little* to compare is no
-//! error but a run without an absolute error, which counts as lost. Several runs go into [`runs::Runs`], where lost runs
-//! are never averaged away.
+//! Contract: poses are associated with the nearest ground-truth pose in time, without
+//! interpolation, as evo does (github.com/MichaelGrupp/evo), and the numbers are evo's to 1e-6 m
+//! ([`Evaluation::absolute`], [`Evaluation::relative`]). *Lost* poses are not associated. The
+//! covered part of the ground truth's time accompanies every error ([`Evaluation::completion`]),
+//! since an error alone does not show that a run ended early. *Too few* pairs are not an error of
+//! the function but a run without an absolute error, which counts as lost. Several runs go into
+//! [`runs::Runs`], where lost runs are never averaged away.
 //!
-//! - [`align`]: laying the estimate onto the truth.
-//! - [`associate`]: which poses belong together.
-//! - [`relative`]: drift over distances and times.
-//! - [`completion`]: how much of the truth's time has a pose.
-//! - [`consistency`]: whether stated covariances are true.
-//! - [`depth`]: depth of keyframes against that of a simulated walk.
-//! - [`files`]: trajectories by the content of their files.
+//! - [`align`]: alignment of the estimate with the ground truth.
+//! - [`associate`]: association of poses by time.
+//! - [`relative`]: relative pose error (RPE) over distances and times.
+//! - [`completion`]: part of the ground truth's time that has a pose.
+//! - [`consistency`]: whether stated covariances cover the errors (NEES).
+//! - [`depth`]: depth of keyframes against the ground truth of a simulated walk.
+//! - [`files`]: trajectory files of any supported format.
 //! - [`runs`]: tables of several runs.
 
 use cad_transforms::RigidTransform;
@@ -36,79 +37,80 @@ pub use consistency::Consistency;
 pub use relative::{Delta, Relative};
 pub use statistics::Statistics;
 
-/// How to compare.
+/// Settings of an evaluation.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Settings {
-    /// How the estimate is laid onto the truth.
+    /// Alignment of the estimate with the ground truth.
     pub alignment: Alignment,
-    /// How far apart in time an estimated and a true pose may be that are compared, ns.
+    /// Maximum time difference of an estimated and a ground-truth pose, ns.
     pub tolerance_ns: i64,
-    /// The longest time from one pose to the next that still counts as covered, ns.
-    pub longest_step_ns: i64,
-    /// Over what distances or times drift is measured.
+    /// Maximum time from one pose to the next that counts as covered, ns.
+    pub max_step_ns: i64,
+    /// Lengths of the segments over which drift is measured.
     pub deltas: Vec<Delta>,
-    /// Whether drift is measured from every pose on, and not only from where the stretch before ended.
+    /// Whether segments start at every pose, not only at the end of the previous one.
     pub overlapping: bool,
 }
 
 impl Default for Settings {
-    /// As evo has it: 10 ms, best fit without scale; steps up to a quarter of a second; drift from every pose on over
-    /// 10 m and 5 s.
+    /// As in evo: 10 ms, best fit without scale; steps up to a quarter of a second; drift from
+    /// every pose over 10 m and 5 s.
     fn default() -> Self {
         Self {
             alignment: Alignment::Se3,
             tolerance_ns: 10_000_000,
-            longest_step_ns: 250_000_000,
-            deltas: vec![Delta::Metres(10.0), Delta::Seconds(5.0)],
+            max_step_ns: 250_000_000,
+            deltas: vec![Delta::Meters(10.0), Delta::Seconds(5.0)],
             overlapping: true,
         }
     }
 }
 
-/// What came out.
+/// Result of an evaluation.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct Evaluation {
-    /// How many poses were estimated, by status.
+    /// Number of estimated poses by status.
     pub poses: Counts,
-    /// How many were compared.
+    /// Number of compared poses.
     pub matched: usize,
-    /// Length of the true way from matched pose to matched pose, m.
+    /// Path length of the ground truth from pair to pair, m.
     pub path_m: f64,
-    /// Takes the estimate's world to the truth's; none where too little was matched.
+    /// Takes the estimate's world to that of the ground truth; `None` with too few pairs.
     pub true_from_estimated: Option<Similarity>,
-    /// Errors of the aligned poses; none where nothing could be aligned.
+    /// Errors of the aligned poses (ATE); `None` if alignment failed.
     pub absolute: Option<Absolute>,
-    /// Drift, one entry for each delta asked for.
+    /// Drift (RPE), one entry for each requested delta.
     pub relative: Vec<Relative>,
-    /// How much of the truth's time has a pose.
+    /// Part of the ground truth's time that has a pose.
     pub completion: Completion,
-    /// Whether stated covariances are true; none where no pose has one.
+    /// Consistency of stated covariances; `None` if no pose has one.
     pub consistency: Option<Consistency>,
 }
 
-/// Numbers of estimated poses.
+/// Numbers of estimated poses by status.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize)]
 pub struct Counts {
-    /// Followed by cameras.
+    /// Tracked by cameras.
     pub tracked: usize,
-    /// Carried on by IMUs.
+    /// Propagated by the IMU.
     pub dead_reckoned: usize,
-    /// Found again.
+    /// Tracked again after a loss.
     pub relocalised: usize,
     /// None.
     pub lost: usize,
 }
 
-/// Errors of poses against true ones (ATE, also called APE; Sturm et al. 2012).
+/// Absolute errors of poses (ATE, also called APE; Sturm et al. 2012).
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct Absolute {
     /// Distances, m.
     pub translation_m: Statistics,
-    /// Angles, rad; none where poses on a line, or at one place, leave the alignment's turn open.
+    /// Angles, rad; `None` where poses on a line, or at one position, do not determine the
+    /// alignment's rotation.
     pub rotation_rad: Option<Statistics>,
 }
 
-/// A matched pair: time of the estimated pose, the pose, the true pose.
+/// A pair: time of the estimated pose, the pose, the ground-truth pose.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(crate) struct Pair {
     pub(crate) time_ns: i64,
@@ -116,8 +118,8 @@ pub(crate) struct Pair {
     pub(crate) truth: RigidTransform,
 }
 
-/// Compares an estimate with the truth. All of its poses that are not lost are compared; the truth's are taken as
-/// they are, whatever their status.
+/// Compares an estimate with the ground truth. All its poses that are not lost are compared;
+/// ground-truth poses are used whatever their status.
 pub fn evaluate(estimate: &Trajectory, truth: &Trajectory, settings: &Settings) -> Evaluation {
     let pairs = associate::pairs(estimate, truth, settings.tolerance_ns);
     let true_from_estimated = align::align(&pairs, settings.alignment);
@@ -130,11 +132,11 @@ pub fn evaluate(estimate: &Trajectory, truth: &Trajectory, settings: &Settings) 
     });
     let absolute = aligned.as_deref().and_then(|aligned| {
         let errors = || aligned.iter().map(|p| p.truth.inverse() * p.estimated);
-        let turn_is_known = true_from_estimated.is_some_and(|s| s.turn_is_known);
+        let rotation_is_known = true_from_estimated.is_some_and(|s| s.rotation_is_known);
         let rotation = || Statistics::of(errors().map(|e| e.angle_rad()).collect());
         Some(Absolute {
             translation_m: Statistics::of(errors().map(|e| e.distance_m()).collect())?,
-            rotation_rad: turn_is_known.then(rotation).flatten(),
+            rotation_rad: rotation_is_known.then(rotation).flatten(),
         })
     });
     let deltas = settings.deltas.iter();
@@ -149,14 +151,14 @@ pub fn evaluate(estimate: &Trajectory, truth: &Trajectory, settings: &Settings) 
         true_from_estimated,
         absolute,
         relative: deltas.map(relative).collect(),
-        completion: completion::completion(estimate, truth, settings.longest_step_ns),
+        completion: completion::completion(estimate, truth, settings.max_step_ns),
         consistency: consistency::consistency(estimate, truth, settings.tolerance_ns),
     }
 }
 
-/// The poses of the truth from the first to the last row of a trajectory that has one for every frame set, also where the rig was
-/// lost. A simulated walk goes on after the recording has stopped.
-pub fn while_recorded(truth: &Trajectory, trajectory: &Trajectory) -> Trajectory {
+/// Ground-truth poses from the first to the last row of a trajectory that has a row for every frame
+/// set, lost ones included. A simulated walk continues after the recording has stopped.
+pub fn clip_to_recording(truth: &Trajectory, trajectory: &Trajectory) -> Trajectory {
     let (Some(first), Some(last)) = (trajectory.poses().first(), trajectory.poses().last()) else {
         return truth.clone();
     };

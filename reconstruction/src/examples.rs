@@ -23,15 +23,15 @@ pub(crate) const EXAMPLES: Table = &[
         &[
             (
                 "paws-reconstruct run walk-7 --out scene",
-                "all stages; started again it goes on",
+                "all stages; started again it resumes",
             ),
             (
-                "paws-reconstruct run walk-7 --out scene --preset fast --to mapping",
-                "poses only, soon",
+                "paws-reconstruct run walk-7 --out scene --preset fast --to bundle-adjustment",
+                "poses only, fast",
             ),
             (
                 "paws-reconstruct run walk-7 --out scene --calibration feet=feet.yaml --json",
-                "with lenses of your own; a line of JSON per stage",
+                "with your own intrinsics; a line of JSON per stage",
             ),
         ],
     ),
@@ -39,14 +39,14 @@ pub(crate) const EXAMPLES: Table = &[
         "evaluate",
         &[(
             "paws-reconstruct evaluate scene --truth truth.feet.csv --over 10m,5s",
-            "error and drift against the truth",
+            "error and drift against ground truth",
         )],
     ),
     (
         "evaluate-depth",
         &[(
             "paws-reconstruct evaluate-depth scene --truth simulated",
-            "depth against that of a simulated walk",
+            "depth against the ground truth of a simulated walk",
         )],
     ),
     (

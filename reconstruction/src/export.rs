@@ -1,27 +1,27 @@
-//! A hand-off as plain files: pictures as PNG, everything else as CSV and JSON.
+//! Export of a hand-off to plain files: images as PNG, everything else as CSV and JSON.
 //!
-//! Contract. The folder asked for appears complete or not at all: everything is written to a folder
-//! of the same name with `.partial` behind it, which is renamed at the end. A folder that is not
-//! empty is refused and left alone, and so is one that cannot be replaced (a mount point, a link). A run that fails removes what it wrote; one that is killed
-//! leaves the `.partial` folder, which the next run refuses to touch. *At a gap* there is no row
-//! and no picture. *On failure to read* a frame or an IMU batch it is left out and counted
-//! ([`Summary::lost`]), and the rest is written; on failure to write everything stops. The same
-//! hand-off gives the same bytes.
+//! Contract. The requested folder appears complete or not at all: everything is written to a folder
+//! of the same name with `.partial` appended, which is renamed at the end. A folder that is not
+//! empty is refused and left alone, and so is one that cannot be replaced (a mount point, a link).
+//! A run that fails removes what it wrote; one that is killed leaves the `.partial` folder, which
+//! the next run refuses to touch. *At a gap* there is no row and no image. *On failure to read* a
+//! frame or an IMU batch it is left out and counted ([`Summary::lost`]), and the rest is written;
+//! on failure to write everything stops. The same hand-off gives the same bytes.
 //!
 //! ```text
 //! DIR/CAMERA/left/NNNNNN.png    named by the frame's number, at least six digits
-//! DIR/CAMERA/right/NNNNNN.png   8 bits, grey or RGB
-//! DIR/CAMERA/times.csv          number,time_ns,sigma_ns,time_doubtful,set; set is empty for a frame
-//!                               in none, time_doubtful 1 where sigma_ns is not to be trusted
-//! DIR/sets.csv                  set,time_ns,CAMERA,...; frame numbers, empty where there is none
-//! DIR/imu/NAME.csv              number,ticks,time_ns,gyro_x_rad_s,...,accel_x_m_s2,...,time_doubtful
-//! DIR/calibration.json          lens of every eye, transforms of the rig
+//! DIR/CAMERA/right/NNNNNN.png   8 bits, gray or RGB
+//! DIR/CAMERA/times.csv          number,time_ns,sigma_ns,time_unreliable,set; set is empty for a frame
+//!                               in none, time_unreliable 1 where sigma_ns is not reliable
+//! DIR/sets.csv                  set,time_ns,CAMERA,...; frame numbers, empty if there is none
+//! DIR/imu/NAME.csv              number,ticks,time_ns,gyro_x_rad_s,...,accel_x_m_s2,...,time_unreliable
+//! DIR/calibration.json          intrinsics of every image, transforms of the rig
 //! ```
 //!
-//! Pictures are named by number and not by time because numbers are what gap records and sets refer
-//! to, and stay the same when clock maps are computed again. An IMU named `feet/imu` is written to
-//! `imu/feet/imu.csv`. Floating-point numbers are written with as many digits as give the same
-//! number when read.
+//! Images are named by number and not by time, because gap records and sets refer to numbers, which
+//! do not change when clock maps are computed again. An IMU named `feet/imu` is written to
+//! `imu/feet/imu.csv`. Floating-point numbers are written with the digits that read back to the
+//! same number.
 
 use std::fs;
 use std::io;
@@ -44,7 +44,7 @@ use camera::CameraExport;
 /// What was written.
 #[derive(Clone, Debug, Default, PartialEq, Eq)]
 pub struct Summary {
-    /// Name of each camera and stereo frames written, two pictures each.
+    /// Name of each camera and number of stereo frames written, two images each.
     pub cameras: Vec<(String, u64)>,
     /// Name of each IMU and samples written.
     pub imus: Vec<(String, u64)>,
@@ -63,7 +63,7 @@ pub enum ExportError {
     /// Delete it: it is what an earlier run had written before it was stopped.
     #[error("an earlier run was stopped and left a folder behind; delete it: {}", .0.display())]
     LeftOver(PathBuf),
-    /// The disk says no.
+    /// Any I/O error of the underlying file system.
     #[error("writing {}", .path.display())]
     Write {
         /// What was being written.
@@ -72,12 +72,12 @@ pub enum ExportError {
         #[source]
         error: io::Error,
     },
-    /// Reading cannot even begin.
+    /// Reading cannot start.
     #[error(transparent)]
     Read(#[from] ReadError),
 }
 
-/// How many stereo frames [`export`] will write.
+/// Number of stereo frames that [`export`] will write.
 pub fn count(input: &Input, selection: &Selection) -> u64 {
     let cameras = 0..input.index().cameras.len();
     let selected = cameras.flat_map(|camera| selection.of_camera(input, camera));
@@ -102,7 +102,7 @@ pub fn export(
             .map_err(writing(out))
     });
     if result.is_err() {
-        // It is this run's own. Should removing it fail too, its name says what it is.
+        // It belongs to this run. If removing it fails too, its name shows its origin.
         let _ = fs::remove_dir_all(&partial);
     }
     result
@@ -182,7 +182,7 @@ fn begin(out: &Path) -> Result<PathBuf, ExportError> {
         }
         Err(error) => return Err(writing(&partial)(error)),
     }
-    // Now, and not by the rename: whether it can be replaced is to be known before the work.
+    // Now, and not by the rename: whether it can be replaced must be known before the work.
     if exists && let Err(error) = fs::remove_dir(out) {
         // Just made, and empty.
         let _ = fs::remove_dir(&partial);

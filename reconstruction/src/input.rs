@@ -1,15 +1,15 @@
 //! A hand-off, opened for reading.
 //!
-//! Contract. *Opening* checks the seal, the verdict and every byte that was sealed, and refuses
-//! what is missing, failed its validation without being accepted, was edited or changed
-//! ([`InputError`]); [`Input::notes`] says what was accepted. *Early to late*:
-//! frame sets come in order of time, frames in order of their numbers, each decoded once, cameras
-//! side by side on threads; memory is about one group of pictures per camera. By number or time
-//! they come from the key frame before. Both ways give the same. *At a gap*: a camera that has no
-//! frame in a set is `None`; no picture or sample is made up, repeated or moved. *At the end*:
-//! frames in no set come only by [`Input::frames`], samples behind the last set only by
-//! [`Input::imu`] and [`Input::imu_batches`]. *On failure*: what cannot be read after all is a
-//! [`ReadError`] that names it, and reading goes on behind it.
+//! Contract. *Opening* checks the seal, the verdict and every byte that was sealed, and refuses a
+//! session that is missing, failed its validation without being accepted, was edited or changed
+//! ([`InputError`]); [`Input::notes`] lists what was accepted. *Early to late*: frame sets come in
+//! order of time, frames in order of their numbers, each decoded once, cameras side by side on
+//! threads; memory is about one GOP per camera. Random access by number or time decodes from the
+//! preceding key frame. Both give the same frames. *At a gap*: a camera that has no frame in a set
+//! is `None`; no image or sample is interpolated, repeated or shifted. *At the end*: frames in no
+//! set come only by [`Input::frames`], samples after the last set only by [`Input::imu`] and
+//! [`Input::imu_batches`]. *On failure*: an item that cannot be read is a [`ReadError`] that names
+//! it, and reading continues after it.
 //!
 //! Bytes are checked once more as they are read, against the checksums of the sealed index.
 
@@ -26,17 +26,17 @@ use session_archive::time::HostTime;
 
 mod camera;
 mod error;
-mod greys;
 mod imu;
 mod judgement;
+mod luma_frame_sets;
 mod open;
 mod sequence;
 mod state;
 
 pub use camera::View;
 pub use error::{FrameFault, ImuFault, InputError, ReadError};
-pub use greys::{GreySet, GreySets};
 pub use imu::ImuSample;
+pub use luma_frame_sets::{LumaFrameSet, LumaFrameSets};
 pub use sequence::{Frames, Sets};
 pub use session_archive::handoff::Check;
 
@@ -44,7 +44,8 @@ use camera::{Camera, GopReader};
 use imu::BatchTimes;
 use state::State;
 
-/// The frames of all cameras that belong to one instant, and what the IMUs felt on the way there.
+/// The frames of all cameras that belong to one instant, with the IMU samples since the previous
+/// set.
 #[derive(Clone, Debug, PartialEq)]
 pub struct FrameSet {
     /// Number of the set.
@@ -68,7 +69,7 @@ pub struct Input {
     manifest: Manifest,
     state: State,
     shared: Arc<Shared>,
-    /// For random access, one for each camera; each holds the group of pictures decoded last.
+    /// For random access, one for each camera; each holds the GOP decoded last.
     readers: Vec<Mutex<GopReader>>,
 }
 
@@ -104,7 +105,7 @@ impl Input {
         &self.root
     }
 
-    /// What was sealed, by whom, and with which verdict.
+    /// The hand-off: sealed files, program, verdict.
     pub fn handoff(&self) -> &HandOff {
         &self.handoff
     }
@@ -114,7 +115,7 @@ impl Input {
         &self.manifest
     }
 
-    /// Where everything is: numbers and times of all frames, IMU batches and frame sets.
+    /// Index: numbers and times of all frames, IMU batches and frame sets.
     pub fn index(&self) -> &Index {
         &self.shared.index
     }
@@ -124,13 +125,12 @@ impl Input {
         &self.shared.access
     }
 
-    /// Lens of one eye, as in `feet/left`; `None` where the session has none.
+    /// Calibration of one side, as in `feet/left`; `None` if the session has none.
     pub fn calibration(&self, eye: &str) -> Option<&CameraCalibration> {
         self.state.calibrations.get(eye)
     }
 
-    /// Where the parts of the rig sit, each `parent_from_child`; empty where the session does not
-    /// say.
+    /// Recorded extrinsics, each `parent_from_child`; empty if the session has none.
     pub fn transforms(&self) -> &[FrameTransform] {
         &self.state.transforms
     }
@@ -166,13 +166,16 @@ impl Input {
         start..start + length
     }
 
-    /// The frame sets with a time in `times`, in order, for estimating motion: pictures of luma alone, IMU samples that
-    /// reach to the last picture of each set, and what cannot be read beside what can.
+    /// The frame sets with a time in `times`, in order, for motion estimation: luma images, IMU
+    /// samples up to the last image of each set, and losses along with each set.
     ///
     /// # Errors
     /// [`ReadError::Thread`].
-    pub fn grey_sets(&self, times: impl RangeBounds<HostTime>) -> Result<GreySets, ReadError> {
-        GreySets::start(self.shared.clone(), self.positions_of(times))
+    pub fn luma_frame_sets(
+        &self,
+        times: impl RangeBounds<HostTime>,
+    ) -> Result<LumaFrameSets, ReadError> {
+        LumaFrameSets::start(self.shared.clone(), self.positions_of(times))
     }
 
     /// The frame set with this number.
@@ -218,8 +221,8 @@ impl Input {
         self.frames_where(camera, |_| true)
     }
 
-    /// As [`Self::frames`], only those at positions of the camera's index that `keep` accepts.
-    /// Groups of pictures without any are not decoded.
+    /// As [`Self::frames`], restricted to positions of the camera's index that `keep` accepts. GOPs
+    /// without any are not decoded.
     ///
     /// # Errors
     /// [`ReadError::NoSuch`], [`ReadError::Thread`].
@@ -233,18 +236,18 @@ impl Input {
         Frames::start(self.shared.clone(), camera, positions)
     }
 
-    /// As [`Self::frames_where`], with pictures of luma alone, whatever the camera delivers.
+    /// As [`Self::frames_where`], with luma images, whatever the camera delivers.
     ///
     /// # Errors
     /// [`ReadError::NoSuch`], [`ReadError::Thread`].
-    pub fn grey_frames_where(
+    pub fn luma_frames_where(
         &self,
         camera: &str,
         mut keep: impl FnMut(usize) -> bool,
     ) -> Result<Frames, ReadError> {
         let camera = self.camera(camera)?;
         let positions = self.positions_where(camera, &mut keep);
-        Frames::start_grey(self.shared.clone(), camera, positions)
+        Frames::start_luma(self.shared.clone(), camera, positions)
     }
 
     fn positions_where(&self, camera: usize, keep: &mut dyn FnMut(usize) -> bool) -> Arc<[usize]> {
@@ -253,7 +256,7 @@ impl Input {
     }
 
     /// The samples of one IMU with a time in `times`, in the order of their numbers. They are all
-    /// in memory at once.
+    /// in memory simultaneously.
     ///
     /// # Errors
     /// [`ReadError::NoSuch`], or one of the batches cannot be read.
@@ -290,7 +293,7 @@ impl Input {
     }
 
     fn view(&self, camera: usize, position: usize) -> Result<View, ReadError> {
-        // A reader is as good after a panic as before.
+        // A reader is valid after a panic.
         let mut reader = self.readers[camera]
             .lock()
             .unwrap_or_else(PoisonError::into_inner);
@@ -319,7 +322,7 @@ impl Input {
 }
 
 impl Shared {
-    /// A set from its views, with the IMU samples on the way to it.
+    /// A set from its views, with the IMU samples since the previous set.
     fn set(
         &self,
         position: usize,
@@ -361,7 +364,7 @@ impl Shared {
     }
 }
 
-/// Whether a time lies before the range.
+/// Whether a time is before the range.
 fn is_before(time: HostTime, times: &impl RangeBounds<HostTime>) -> bool {
     match times.start_bound() {
         std::ops::Bound::Included(start) => time < *start,

@@ -1,13 +1,14 @@
-//! The reader's side: a sealed hand-off in; pictures, calibration and IMU samples out.
+//! Reads a sealed hand-off (images, calibration, IMU samples) and reconstructs it to a scene
+//! bundle.
 //!
-//! - [`input`]: opens a hand-off, refuses what is not as it was validated, and gives its content
-//!   in order of time or by number.
-//! - [`picture`]: the decoded pictures.
+//! - [`input`]: opens a hand-off, refuses it if it differs from what was validated, and gives its
+//!   content in order of time or by number.
+//! - [`image`]: decoded images.
 //! - [`pipeline`]: a hand-off to a scene bundle, stage by stage.
-//! - [`evaluate`]: how far an estimated trajectory is from the truth.
-//! - [`seen`]: some small images of what each camera saw.
-//! - [`report`]: a scene bundle as a page of HTML.
-//! - [`export`]: writes them as PNG with their times, for programs in other languages.
+//! - [`evaluate`]: errors of an estimated trajectory against ground truth.
+//! - [`camera_images`]: a few small images of each camera.
+//! - [`report`]: HTML report of a scene bundle.
+//! - [`export`]: writes images as PNG with their times, for programs in other languages.
 //!
 //! ```no_run
 //! use reconstruction::Input;
@@ -22,15 +23,16 @@
 //! # Ok::<(), Box<dyn std::error::Error>>(())
 //! ```
 //!
-//! It knows the hand-off and nothing of the catalogue, of devices, or of how a session came about.
+//! It knows the hand-off and nothing of the catalogue, of devices, or of how a session was
+//! recorded.
 
+pub mod camera_images;
 pub mod evaluate;
 pub mod export;
+pub mod image;
 pub mod input;
-pub mod picture;
 pub mod pipeline;
 pub mod report;
-pub mod seen;
 
+pub use image::Image;
 pub use input::{FrameSet, ImuSample, Input, InputError, ReadError, View};
-pub use picture::Picture;

@@ -1,10 +1,10 @@
-//! What time it is, and how much memory this process uses.
+//! Clocks and memory use of this process.
 
 use std::time::Duration;
 
 use reconstruction::pipeline::Meter;
 
-/// Of this machine.
+/// Clock and memory of this machine.
 pub(crate) const METER: Meter = Meter {
     now: monotonic,
     forget_peak,
@@ -15,7 +15,7 @@ pub(crate) const METER: Meter = Meter {
 pub(crate) fn civil_ns() -> i64 {
     #[expect(
         clippy::disallowed_methods,
-        reason = "the bundle says when it was made; nothing depends on it"
+        reason = "the bundle records when it was made; nothing depends on it"
     )]
     let t = rustix::time::clock_gettime(rustix::time::ClockId::Realtime);
     t.tv_sec * 1_000_000_000 + t.tv_nsec

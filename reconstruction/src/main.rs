@@ -1,7 +1,7 @@
 //! The command line of `paws-reconstruct`.
 //!
-//! Results go to standard output, the last line being a summary; progress and what was lost go to
-//! standard error. Exit codes: 0 fine, 1 failed, 2 bad arguments, 3 finished with loss.
+//! Results go to standard output, the last line being a summary; progress and losses go to standard
+//! error. Exit codes: 0 fine, 1 failed, 2 bad arguments, 3 finished with loss.
 
 use std::num::NonZeroU64;
 use std::path::PathBuf;
@@ -34,7 +34,7 @@ Exit codes: 0 fine, 1 failed, 2 bad arguments, 3 finished with loss.";
 
 #[derive(Subcommand)]
 enum Command {
-    /// Say what a hand-off holds, after checking every byte of it.
+    /// Show the content of a hand-off, after checking every byte of it.
     Info {
         /// The session's folder, or the handoff.json in it.
         handoff: PathBuf,
@@ -46,23 +46,23 @@ enum Command {
         /// Folder to write; must be new or empty.
         #[arg(long, value_name = "DIR")]
         out: PathBuf,
-        /// Pictures of every N-th frame set only. Frames in no set count by their own numbers.
+        /// Images of every N-th frame set only. Frames in no set count by their own numbers.
         #[arg(long, value_name = "N", default_value = "1")]
         every: NonZeroU64,
         /// Seconds after the start of recording to begin with; negative for the pre-roll.
         #[arg(long, value_name = "SECONDS", value_parser = nanoseconds, allow_negative_numbers = true)]
         from: Option<i64>,
-        /// Seconds after the start of recording to end before.
+        /// Seconds after the start of recording to end at.
         #[arg(long, value_name = "SECONDS", value_parser = nanoseconds, allow_negative_numbers = true)]
         to: Option<i64>,
     },
-    /// Reconstruct a hand-off: write a scene bundle, stage by stage, or go on with one.
+    /// Reconstruct a hand-off: write a scene bundle, stage by stage, or resume one.
     Run(commands::run::Arguments),
-    /// Say how far trajectories are from the truth.
+    /// Evaluate trajectories against ground truth.
     Evaluate(commands::evaluate::Arguments),
-    /// Say how far depth is from the truth of a simulated walk.
+    /// Evaluate depth against the ground truth of a simulated walk.
     EvaluateDepth(commands::evaluate_depth::Arguments),
-    /// Write a page of HTML: where the rig was, the cloud, what the stages took.
+    /// Write an HTML report: trajectory, point cloud, time and memory of the stages.
     Report(commands::report::Arguments),
     #[command(flatten)]
     Papers(Papers),
@@ -163,7 +163,7 @@ mod tests {
     /// `paws reconstruct` finds the hand-off among the words by that (`FLAGS` in `collector/src/external.rs`).
     #[test]
     fn all_options_but_these_take_a_value() {
-        let flags = ["again", "help", "json", "quiet", "verbose"];
+        let flags = ["force", "help", "json", "quiet", "verbose"];
         let mut command = command();
         command.build();
         for verb in ["info", "frames", "run"] {

@@ -1,10 +1,11 @@
 //! A scene bundle as one page of HTML that opens without a network.
 //!
-//! Contract: the page shows what the cameras saw; the path from above, coloured by its distance from the truth after the best rigid
-//! fit, or without truth by what the poses say of themselves, and says which; when the rig was tracked; cloud and path in three
-//! dimensions and from two sides; each stage with what it took; and all that stages noted or lost. What the bundle lacks is named
-//! and left out. It is one file of less than 25 MB. Its text is a function of the bundle, of the truth, of what stages took and of
-//! the images beside the bundle.
+//! Contract: the page shows images of the cameras; the path from above, colored by its distance
+//! from the ground truth after the best rigid fit, or without ground truth by the stated sigma,
+//! with a caption; the status of the rig over time; cloud and path in three dimensions and from two
+//! sides; each stage with time and memory; and all notes and losses of stages. Missing outputs are
+//! named and left out. It is one file of less than 25 MB. Its text is a function of the bundle, of
+//! the ground truth, of the stage timings and of the images beside the bundle.
 
 use std::io;
 use std::path::PathBuf;
@@ -14,60 +15,60 @@ use scene_bundle::outputs::cloud::CloudPoint;
 use scene_bundle::outputs::{self, CLOUD, KEYFRAMES, TRAJECTORY, TRAJECTORY_CAUSAL};
 use scene_bundle::{BundleError, Scene, Status, Trajectory};
 
+use crate::camera_images;
 use crate::evaluate::{self, Alignment, Evaluation, Settings, align, associate};
-use crate::pipeline::{self, made, stages};
-use crate::seen;
-use colours::{UNKNOWN, ramp};
-use way::Step;
+use crate::pipeline::{self, stage_timings, stages};
+use colors::{UNKNOWN, ramp};
+use trajectory_map::Step;
 
-mod colours;
+mod colors;
 mod judgement;
-mod sights;
-mod splat;
+mod point_raster;
+mod trajectory_map;
 mod viewer;
-mod way;
+mod views;
 
-/// Why there is no page.
+/// Why no page was written.
 #[derive(Debug, thiserror::Error)]
 pub enum ReportError {
     /// The bundle cannot be read.
     #[error(transparent)]
     Bundle(#[from] BundleError),
-    /// What stages took cannot be read.
-    #[error("reading what stages took: {}", path.display())]
-    Made {
+    /// The stage timings cannot be read.
+    #[error("reading the stage timings: {}", path.display())]
+    StageTimings {
         /// The file.
         path: PathBuf,
-        /// What the system said.
+        /// Error of the operating system.
         source: io::Error,
     },
     /// The images beside the bundle cannot be read.
-    #[error("reading what the cameras saw: {}", path.display())]
-    Seen {
+    #[error("reading the images of the cameras: {}", path.display())]
+    CameraImage {
         /// The file.
         path: PathBuf,
-        /// What the system said.
+        /// Error of the operating system.
         source: io::Error,
     },
-    /// A picture is none: a defect of the program.
-    #[error("encoding a picture of the cloud")]
-    Picture(#[from] png::EncodingError),
+    /// An image cannot be encoded: a defect of the program.
+    #[error("encoding an image of the cloud")]
+    Image(#[from] png::EncodingError),
 }
 
-/// A page and what it says in a line.
+/// A page with its summary line.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Report {
     /// The file.
     pub html: String,
-    /// The most important of it.
+    /// Summary of the page.
     pub summary: String,
 }
 
-/// How large points are drawn, m: a little more than the edge of a voxel, so that surfaces are closed.
-const POINT_M: f64 = 0.06;
+/// Size of rendered points, m: slightly more than the edge of a voxel, so that surfaces are closed.
+const POINT_SIZE_M: f64 = 0.06;
 
-/// Makes the page of a bundle. `truth` is the true trajectory, on the same clock; what it says of times before and after the
-/// session counts for nothing.
+/// Renders the page of a bundle. `truth` is the ground-truth trajectory, on the same clock; its
+/// poses before and after the session are ignored.
 ///
 /// # Errors
 /// [`ReportError`].
@@ -87,7 +88,7 @@ pub fn report(scene: &Scene, truth: Option<&Trajectory>) -> Result<Report, Repor
         true => Some(outputs::cloud::read(&scene.output(CLOUD)?)?),
         false => None,
     };
-    let truth = truth.map(|truth| evaluate::while_recorded(truth, &trajectory));
+    let truth = truth.map(|truth| evaluate::clip_to_recording(truth, &trajectory));
     let truth = truth.as_ref();
     let (steps, evaluation) = steps(&trajectory, truth);
     if let Some(fit) = evaluation.as_ref().and_then(|e| e.true_from_estimated) {
@@ -108,12 +109,12 @@ pub fn report(scene: &Scene, truth: Option<&Trajectory>) -> Result<Report, Repor
         .to_string_lossy();
     let mut page = Page::new(&format!("Reconstruction: {name}"));
     page = judgement::add(page, &scene.manifest().provenance);
-    let dark = way::dark();
+    let dark = trajectory_map::dark();
     page = page.dark(dark.iter().map(|(a, b)| (a.as_str(), b.as_str())));
     page = page.table(&facts(scene, &trajectory, cloud.as_deref())?);
-    page = seen_section(page, scene)?;
-    page = page.section("Where the rig was");
-    page = page.text(&how_far(
+    page = images_section(page, scene)?;
+    page = page.section("Trajectory");
+    page = page.text(&accuracy_note(
         adjusted.is_some(),
         truth.is_some(),
         evaluation.as_ref(),
@@ -131,7 +132,7 @@ pub fn report(scene: &Scene, truth: Option<&Trajectory>) -> Result<Report, Repor
         };
         page = page.table(&errors(rows));
     }
-    // Where nothing could be laid onto the truth, the two are in different worlds.
+    // If alignment failed, the two are in different worlds.
     let fits = evaluation
         .as_ref()
         .is_some_and(|e| e.true_from_estimated.is_some());
@@ -141,16 +142,16 @@ pub fn report(scene: &Scene, truth: Option<&Trajectory>) -> Result<Report, Repor
         .flat_map(|truth| truth.poses())
         .map(|pose| pose.world_from_rig.translation_m())
         .collect();
-    let drawn = way::Map {
+    let drawn = trajectory_map::Map {
         steps: &steps,
         truth: &true_way,
-        largest_m: largest(&steps),
+        largest_m: max_value_m(&steps),
         caption: match truth {
-            Some(_) => "distance from the truth",
-            None => "stated sigma of the place",
+            Some(_) => "distance from ground truth",
+            None => "stated position sigma",
         },
     };
-    page = way_section(page, &drawn);
+    page = map_section(page, &drawn);
     page = page.timeline(&spans(adjusted, causal.as_ref()), "");
     page = cloud_section(page, cloud.as_deref(), &drawn)?;
     page = stages_section(page, scene)?;
@@ -160,7 +161,7 @@ pub fn report(scene: &Scene, truth: Option<&Trajectory>) -> Result<Report, Repor
     })
 }
 
-/// All poses that are not lost, with what they are coloured by.
+/// All poses that are not lost, with the value that they are colored by.
 fn steps(trajectory: &Trajectory, truth: Option<&Trajectory>) -> (Vec<Step>, Option<Evaluation>) {
     let settings = Settings::default();
     let evaluation = truth.map(|truth| evaluate::evaluate(trajectory, truth, &settings));
@@ -241,22 +242,22 @@ fn facts(
     }))
 }
 
-fn how_far(is_adjusted: bool, has_truth: bool, evaluation: Option<&Evaluation>) -> String {
+fn accuracy_note(is_adjusted: bool, has_truth: bool, evaluation: Option<&Evaluation>) -> String {
     let text = match (has_truth, evaluation.and_then(|e| e.absolute.as_ref())) {
         (true, Some(_)) => {
-            "Errors are distances from the truth after the best rigid fit of the whole (SE(3))."
+            "Errors are distances from ground truth after the best rigid fit of the whole (SE(3))."
         }
         (true, None) => {
-            "The truth that was given has too little in common with these poses to compare them."
+            "The given ground truth has too few poses in common with this trajectory to compare them."
         }
         (false, _) => {
-            "No truth was given. Colours are one standard deviation of the place that the poses state themselves, against the \
-             first one; how far off they are is not known."
+            "No ground truth was given. Colors are the position sigma stated with the poses, against the \
+             first one; the actual errors are not known."
         }
     };
     let which = match is_adjusted {
-        true => "Poses are those with everything known.",
-        false => "Nothing is adjusted yet: poses are those that were known at the time.",
+        true => "Poses are those of the bundle adjustment.",
+        false => "There is no bundle adjustment yet: poses are causal.",
     };
     format!("{which} {text}")
 }
@@ -266,7 +267,7 @@ fn errors(rows: &[(&str, &Evaluation)]) -> Table {
         "trajectory",
         "error, RMS",
         "largest",
-        "of the way",
+        "of path length",
         "turn, RMS",
         "complete",
         "beyond 3 sigma",
@@ -295,14 +296,14 @@ fn errors(rows: &[(&str, &Evaluation)]) -> Table {
         })
 }
 
-/// The largest value on the way; 0 where there is none.
-fn largest(steps: &[Step]) -> f64 {
+/// The largest value along the path; 0 if there is none.
+fn max_value_m(steps: &[Step]) -> f64 {
     steps.iter().filter_map(|s| s.value_m).fold(0.0, f64::max)
 }
 
-fn way_section(page: Page, drawn: &way::Map<'_>) -> Page {
+fn map_section(page: Page, drawn: &trajectory_map::Map<'_>) -> Page {
     let caption = match drawn.truth.is_empty() {
-        false => "From above, laid onto the truth; the truth in grey below it.",
+        false => "From above, aligned with ground truth; ground truth in gray below it.",
         true => "From above.",
     };
     let line = drawn
@@ -313,21 +314,21 @@ fn way_section(page: Page, drawn: &way::Map<'_>) -> Page {
         .x_axis(Axis::time("time"))
         .y_axis(Axis::linear(drawn.caption, "cm").include(0.0))
         .series(Series::line("", line));
-    page.drawing(|width| way::svg(drawn, width), caption)
+    page.drawing(|width| trajectory_map::svg(drawn, width), caption)
         .chart(&chart, 240, "")
 }
 
-/// What each camera saw, as far as it lies beside the bundle.
-fn seen_section(page: Page, scene: &Scene) -> Result<Page, ReportError> {
+/// Images of each camera, as far as they are beside the bundle.
+fn images_section(page: Page, scene: &Scene) -> Result<Page, ReportError> {
     let folder = scene.path();
-    let seen = seen::read(&folder).map_err(|source| ReportError::Seen {
-        path: folder.join(seen::FILE),
+    let seen = camera_images::read(&folder).map_err(|source| ReportError::CameraImage {
+        path: folder.join(camera_images::FILE),
         source,
     })?;
-    let mut page = page.section("What the cameras saw");
+    let mut page = page.section("Camera images");
     if seen.is_empty() {
         return Ok(page.text(
-            "No image lies beside the bundle; `paws-reconstruct run` with the same hand-off and --out adds them.",
+            "There is no image beside the bundle; `paws-reconstruct run` with the same hand-off and --out adds them.",
         ));
     }
     page = page.text(
@@ -335,13 +336,13 @@ fn seen_section(page: Page, scene: &Scene) -> Result<Page, ReportError> {
          at. Sharpness is the mean difference between a pixel and its neighbours, in grey levels of 255.",
     );
     for of_camera in seen.chunk_by(|a, b| a.camera == b.camera) {
-        let images: Vec<Image> = of_camera.iter().map(seen_image).collect();
+        let images: Vec<Image> = of_camera.iter().map(camera_image).collect();
         page = page.heading(&of_camera[0].camera).images(&images);
     }
     Ok(page)
 }
 
-fn seen_image(seen: &seen::Seen) -> Image {
+fn camera_image(seen: &camera_images::CameraImage) -> Image {
     let caption = format!(
         "{}: {:.1} s, frame {}, {} eye; sharpness {:.1}, brightness {:.0}, {:.1} % clipped",
         seen.role,
@@ -383,7 +384,7 @@ fn spans(adjusted: Option<&Trajectory>, causal: Option<&Trajectory>) -> Timeline
         });
         timeline.row(name, &format!("{share:.1} % tracked"), spans)
     };
-    let mut timeline = Timeline::new("How poses were come by", Axis::time("time")).kinds([
+    let mut timeline = Timeline::new("Status of poses", Axis::time("time")).kinds([
         "tracked",
         "relocalised",
         "dead reckoned",
@@ -400,47 +401,47 @@ fn spans(adjusted: Option<&Trajectory>, causal: Option<&Trajectory>) -> Timeline
 fn cloud_section(
     page: Page,
     cloud: Option<&[CloudPoint]>,
-    drawn: &way::Map<'_>,
+    drawn: &trajectory_map::Map<'_>,
 ) -> Result<Page, ReportError> {
     let page = page.section("Cloud and path");
     let Some(cloud) = cloud.filter(|cloud| !cloud.is_empty()) else {
-        return Ok(page.text("There is no cloud of points."));
+        return Ok(page.text("There is no point cloud."));
     };
     let steps = drawn.steps;
-    let way: Vec<[f64; 3]> = steps.iter().map(|s| s.x_in_world).collect();
-    let largest = drawn.largest_m.max(f64::MIN_POSITIVE);
+    let rig_path: Vec<[f64; 3]> = steps.iter().map(|s| s.x_in_world).collect();
+    let max_value_m = drawn.largest_m.max(f64::MIN_POSITIVE);
     let dots: Vec<([f64; 3], [u8; 3])> = steps
         .iter()
         .map(|s| {
             (
                 s.x_in_world,
-                s.value_m.map_or(UNKNOWN, |v| ramp(v / largest)),
+                s.value_m.map_or(UNKNOWN, |v| ramp(v / max_value_m)),
             )
         })
         .collect();
-    let shown = sights::shown(cloud, &way);
-    let mut page = viewer_part(page, cloud, &shown, &way, drawn);
+    let shown = views::shown(cloud, &rig_path);
+    let mut page = viewer_part(page, cloud, &shown, &rig_path, drawn);
     let views = [
         (
-            sights::aslant(&shown, &way),
+            views::oblique(&shown, &rig_path),
             "from the side",
             format!(
-                "From the side, up to {} m around the middle of the path, which is coloured as above.",
-                sights::AROUND_M
+                "From the side, up to {} m around the middle of the path, which is colored as above.",
+                views::VIEW_RADIUS_M
             ),
         ),
         (
-            sights::above(&shown, &way),
+            views::above(&shown, &rig_path),
             "from above",
             "From above.".to_owned(),
         ),
     ];
     for (sight, name, caption) in views {
         let Some(sight) = sight else { continue };
-        let pixels = splat::draw(&shown, POINT_M, &dots, &sight);
+        let pixels = point_raster::draw(&shown, POINT_SIZE_M, &dots, &sight);
         let caption = format!(
             "{caption} What is higher than {} m above the rig is left out.",
-            sights::ABOVE_M
+            views::MAX_HEIGHT_M
         );
         let file = png(sight.size, &pixels)?;
         page = page.image(&Image::png(&file, &format!("the cloud {name}"), &caption));
@@ -448,31 +449,34 @@ fn cloud_section(
     Ok(page)
 }
 
-/// The view in three dimensions, and how much of the cloud is in it.
+/// The view in three dimensions, and the part of the cloud that it shows.
 fn viewer_part(
     page: Page,
     cloud: &[CloudPoint],
     shown: &[CloudPoint],
-    way: &[[f64; 3]],
-    drawn: &way::Map<'_>,
+    rig_path: &[[f64; 3]],
+    drawn: &trajectory_map::Map<'_>,
 ) -> Page {
-    let top = way.iter().map(|x| x[2]).fold(f64::NEG_INFINITY, f64::max);
+    let top = rig_path
+        .iter()
+        .map(|x| x[2])
+        .fold(f64::NEG_INFINITY, f64::max);
     let viewer = viewer::viewer(&viewer::Content {
         points: cloud,
         steps: drawn.steps,
         truth: drawn.truth,
         largest_m: drawn.largest_m,
         what: drawn.caption,
-        view: sights::first(shown, way),
+        view: views::first(shown, rig_path),
         top_m: match top.is_finite() {
-            true => top + sights::ABOVE_M,
+            true => top + views::MAX_HEIGHT_M,
             false => f64::MAX,
         },
     });
     let all = cloud.len();
     let share = 100.0 * viewer.points as f64 / all as f64;
     page.text(&format!(
-        "{} of {all} points ({share:.1} %) are in this view. Drag to turn, with two fingers, shift or the right button to move; \
+        "{} of {all} points ({share:.1} %) are in this view. Drag to rotate, with two fingers, shift or the right button to move; \
          pinch or turn the wheel after a click to zoom; or use the arrow keys, + and -.",
         viewer.points
     ))
@@ -492,12 +496,12 @@ fn png([width, height]: [usize; 2], rgba: &[u8]) -> Result<Vec<u8>, ReportError>
 
 fn stages_section(page: Page, scene: &Scene) -> Result<Page, ReportError> {
     let folder = scene.path();
-    let made = made::read(&folder).map_err(|source| ReportError::Made {
-        path: folder.join(made::FILE),
+    let made = stage_timings::read(&folder).map_err(|source| ReportError::StageTimings {
+        path: folder.join(stage_timings::FILE),
         source,
     })?;
     let outputs = &scene.manifest().outputs;
-    let mut table = Table::new(["stage", "version", "time", "most memory", "made"]);
+    let mut table = Table::new(["stage", "version", "time", "peak memory", "outputs"]);
     let mut said = Vec::new();
     for stage in stages::NAMES {
         let of_stage: Vec<_> = outputs.iter().filter(|(_, o)| o.stage == stage).collect();
@@ -531,7 +535,7 @@ fn stages_section(page: Page, scene: &Scene) -> Result<Page, ReportError> {
     let mut page = page.section("Stages").table(&table);
     for (name, input) in scene.manifest().outdated() {
         page = page.text(&format!(
-            "{name} is out of date: {input} was made anew since. What is shown of it does not belong to the rest; run the later \
+            "{name} is out of date: {input} was recomputed since. This output does not belong to the rest; run the later \
              stages again."
         ));
     }
@@ -549,10 +553,10 @@ fn stages_section(page: Page, scene: &Scene) -> Result<Page, ReportError> {
 
 fn summary(evaluation: Option<&Evaluation>, cloud: Option<&[CloudPoint]>) -> String {
     let off = match evaluation.map(|e| e.absolute.as_ref()) {
-        None => "no truth".to_owned(),
-        Some(None) => "not comparable with the truth".to_owned(),
+        None => "no ground truth".to_owned(),
+        Some(None) => "not comparable with ground truth".to_owned(),
         Some(Some(absolute)) => format!(
-            "{} off (root mean square), at most {}",
+            "ATE {} (root mean square), at most {}",
             si(absolute.translation_m.rmse, "m"),
             si(absolute.translation_m.max, "m")
         ),

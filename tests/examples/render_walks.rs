@@ -1,7 +1,7 @@
-//! Renders walks once, so that what runs on them later need not wait:
-//! `cargo run --release -p tests --example render_walks -- FOLDER [NAME...]`.
+//! Renders walks once, so that later runs can reuse them: `cargo run --release -p tests --example
+//! render_walks -- FOLDER [NAME...]`.
 //!
-//! Names are those of `tests::sequences::named`; without any, all that are there for tuning.
+//! Names are those of `tests::sequences::named`; default: all walks for tuning.
 #![expect(
     clippy::disallowed_methods,
     reason = "a program for people at a desk says how long it took"

@@ -1,16 +1,17 @@
-//! Two USB cameras, one for each eye of a simulated walk, without a device: what their drivers would hand over, as a source
-//! of virtual time.
+//! Two USB cameras, one for each eye of a simulated walk, without hardware: driver buffers as a
+//! source in virtual time.
 //!
-//! Buffers are JPEG files as cameras write them: 4:2:2, without Huffman tables, padded. Stamps are in whole microseconds, as
-//! the kernel's are. The daemon's own code makes samples of the buffers ([`taken`]) and pairs of the samples ([`Joined`]);
-//! what is not there is the driver, and the two threads that wait for it.
+//! Buffers are JPEG files as cameras write them: 4:2:2, without Huffman tables, padded. Timestamps
+//! are in whole microseconds, as the kernel's are. The daemon's own code makes samples of the
+//! buffers ([`taken`]) and pairs of the samples ([`Joined`]); only the driver and its two waiting
+//! threads are replaced.
 
 use std::collections::VecDeque;
 use std::sync::{Mutex, MutexGuard, PoisonError};
 
 use anyhow::{Context as _, Result};
 use capture_daemon::config::V4l2Config;
-use capture_daemon::sources::device::{Joined, taken};
+use capture_daemon::sources::device::{StereoJoiner, sample_from_buffer};
 use capture_daemon::sources::{Sample, Sink, Source, SourceError, SourceInfo};
 use jpeg_encoder::{ColorType, Encoder, SamplingFactor};
 use session_archive::time::HostTime;
@@ -20,25 +21,26 @@ use video::capture::Eye;
 
 use crate::footage::Footage;
 
-/// From the stamp to the arrival, ns.
+/// Latency from the timestamp to the arrival, ns.
 const DELAY_NS: i64 = 8_000_000;
-/// The right camera was started so many frames before the left one.
-const RIGHT_AHEAD: usize = 7;
-/// Bytes behind the end of a file.
-const PADDING: usize = 100;
+/// Number of frames by which the right camera started earlier than the left one.
+const RIGHT_AHEAD_FRAMES: usize = 7;
+/// Padding after the end of a file, bytes.
+const PADDING_BYTES: usize = 100;
 
-/// See the module.
+/// Two USB cameras; see the module documentation.
 pub struct TwoCameras {
     info: SourceInfo,
     samples: VecDeque<Sample>,
 }
 
 impl TwoCameras {
-    /// The cameras of `config`, of which `info` is known, from `start` on. The right one is later by `later_us` of the number
-    /// of the frame; where `is_cut` says so of the number of the frame and of the eye (0 or 1) only half of the file came.
+    /// The cameras of `config` with the properties `info`, from `start` on. The right timestamps
+    /// are later by `later_us(frame)`; if `is_cut(frame, eye)` (eye 0 or 1), only half of the file
+    /// arrives.
     ///
     /// # Errors
-    /// `config` is of one camera, or an image cannot be made.
+    /// `config` has only one camera, or an image cannot be encoded.
     pub fn new(
         footage: &Footage,
         config: &V4l2Config,
@@ -48,11 +50,11 @@ impl TwoCameras {
         start: HostTime,
     ) -> Result<Self> {
         let right = config.right.as_ref().context("there is one camera alone")?;
-        let kept = Kept {
+        let kept = SampleSink {
             start,
             samples: Mutex::default(),
         };
-        let joined = Joined::new(right.within_ns, &kept);
+        let joined = StereoJoiner::new(right.within_ns, &kept);
         let settings = config.eyes();
         let first_ns = footage.frames.first().map_or(0, |frame| frame.time_ns);
         for (n, frame) in footage.frames.iter().enumerate() {
@@ -66,7 +68,7 @@ impl TwoCameras {
                 let later_us = [0, later_us(n)][side];
                 let time_ns = start.0 + 1000 * (since_us + later_us);
                 let info = FrameInfo {
-                    sequence: (n + [0, RIGHT_AHEAD][side]) as u32,
+                    sequence: (n + [0, RIGHT_AHEAD_FRAMES][side]) as u32,
                     time_ns,
                     clock: Clock::Monotonic,
                     stamped: Stamped::StartOfExposure,
@@ -77,7 +79,7 @@ impl TwoCameras {
                 let arrival = HostTime(time_ns + DELAY_NS);
                 joined
                     .eye(eye)
-                    .put(taken(config, &info, &bytes, arrival, true));
+                    .put(sample_from_buffer(config, &info, &bytes, arrival, true));
             }
         }
         joined.finish();
@@ -100,19 +102,19 @@ impl Source for TwoCameras {
     }
 }
 
-/// Keeps what it is given; its clock is the arrival of the newest.
-struct Kept {
+/// Stores samples; its clock is the arrival of the newest.
+struct SampleSink {
     start: HostTime,
     samples: Mutex<VecDeque<Sample>>,
 }
 
-impl Kept {
+impl SampleSink {
     fn lock(&self) -> MutexGuard<'_, VecDeque<Sample>> {
         self.samples.lock().unwrap_or_else(PoisonError::into_inner)
     }
 }
 
-impl Sink for Kept {
+impl Sink for SampleSink {
     fn now(&self) -> HostTime {
         self.lock().back().map_or(self.start, Sample::host_time)
     }
@@ -126,7 +128,7 @@ impl Sink for Kept {
     }
 }
 
-/// One eye of a frame as a camera writes it into a buffer.
+/// One eye of a frame as a camera buffer.
 fn buffer(footage: &Footage, n: usize, side: usize) -> Result<Vec<u8>> {
     let [width, height] = footage.eye();
     let size = (u16::try_from(width)?, u16::try_from(height)?);
@@ -136,11 +138,11 @@ fn buffer(footage: &Footage, n: usize, side: usize) -> Result<Vec<u8>> {
     encoder.set_sampling_factor(SamplingFactor::F_2_1);
     encoder.encode(&rgb, size.0, size.1, ColorType::Rgb)?;
     let mut buffer = without_tables(&file);
-    buffer.resize(buffer.len() + PADDING, 0);
+    buffer.resize(buffer.len() + PADDING_BYTES, 0);
     Ok(buffer)
 }
 
-/// The file without its Huffman tables, which are the standard's.
+/// The file without its Huffman tables, which are the standard ones.
 fn without_tables(file: &[u8]) -> Vec<u8> {
     let mut kept = file[..2].to_vec();
     let mut at = 2;

@@ -1,4 +1,4 @@
-//! A whole session in memory, read by the plain reader: for sessions of seconds or minutes.
+//! A whole session in memory, read by the plain reader; for sessions of seconds or minutes.
 
 use std::collections::BTreeMap;
 use std::path::Path;
@@ -32,17 +32,17 @@ pub struct StoredSample {
     pub number: u64,
     /// Device clock.
     pub ticks: i64,
-    /// When it arrived.
+    /// Arrival time.
     pub host_time: HostTime,
     /// Its time.
     pub time: HostTime,
     /// One standard deviation of `time`, ns.
     pub sigma_ns: u64,
-    /// `time` is not to be trusted within its sigma.
-    pub time_doubtful: bool,
+    /// Whether `time` may be outside its sigma.
+    pub time_unreliable: bool,
     /// Version of the clock map that gave the time.
     pub clock_map: u32,
-    /// What was measured.
+    /// Measured values.
     pub values: ImuValues,
 }
 
@@ -51,7 +51,7 @@ pub struct StoredSample {
 pub struct Contents {
     /// The manifest.
     pub manifest: Manifest,
-    /// Messages, without those that say who a segment is.
+    /// Number of messages, without those that identify a segment.
     pub messages: u64,
     /// By camera.
     pub frames: BTreeMap<String, Vec<StoredFrame>>,
@@ -72,18 +72,18 @@ pub struct Contents {
 /// Opens the session in a folder.
 ///
 /// # Errors
-/// It cannot be opened.
+/// The session cannot be opened.
 pub fn open(folder: &Path) -> Result<SessionReader> {
     SessionReader::open(Arc::new(DiskStorage::new(folder)))
         .with_context(|| format!("opening the session {}", folder.display()))
 }
 
 impl Contents {
-    /// Reads the session in a folder. Damage is passed over: it is for `verify` to tell.
+    /// Reads the session in a folder. Damage is skipped; `verify` reports it.
     ///
     /// # Errors
-    /// It cannot be read, a message is not what its schema says, or an access unit does not follow
-    /// its record.
+    /// It cannot be read, a message contradicts its schema, or an access unit does not follow its
+    /// record.
     pub fn read(folder: &Path) -> Result<Self> {
         let reader = open(folder)?;
         let manifest = reader.manifest().clone();
@@ -177,11 +177,11 @@ impl Contents {
         gaps.map(|gap| (gap.first, gap.last, gap.cause)).collect()
     }
 
-    /// Whether the numbers present in a stream and those in its gaps are every number from 0 to the
-    /// last, each once; gives how many are present.
+    /// Checks that the numbers of a stream and those of its gaps are exactly 0 to the last, each
+    /// once; returns the number of stored ones.
     ///
     /// # Errors
-    /// A number is there twice or not at all.
+    /// A number is duplicated or absent.
     pub fn check_numbers(&self, stream: &str) -> Result<u64> {
         let frames = self
             .frames
@@ -205,12 +205,12 @@ impl Contents {
         Ok(present.len() as u64)
     }
 
-    /// Whether every time is what the clock map that its record names makes of the tick. Where that
-    /// would be later than the arrival it is the arrival (a latency must not be configured), and
-    /// where it would not be later than the time before, it is a nanosecond later.
+    /// Checks that every time is the tick mapped by the clock map of its record. It is capped at
+    /// the arrival (a latency need not be configured), and at least a nanosecond after the previous
+    /// time.
     ///
     /// # Errors
-    /// A map is not there, or a time is another.
+    /// A map is absent, or a time differs.
     pub fn check_times(&self) -> Result<()> {
         let check = |clock: &str, rows: &mut dyn Iterator<Item = (u32, i64, i64, i64)>| {
             let mut last = HostTime::MIN;
@@ -240,7 +240,7 @@ impl Contents {
         Ok(())
     }
 
-    /// What a clock's map of some version makes of a tick, by the formula of the format; none if the
+    /// Maps a tick by a version of a clock's map, by the formula of the format; `None` if the
     /// session does not have the map.
     pub fn mapped(&self, clock: &str, version: u32, ticks: i64) -> Option<HostTime> {
         let map = self
@@ -264,10 +264,10 @@ impl Contents {
         ))
     }
 
-    /// Decodes all frames of a camera, a group of pictures at a time.
+    /// Decodes all frames of a camera, one group of pictures at a time.
     ///
     /// # Errors
-    /// A picture does not come out, or `each` says no.
+    /// An image cannot be decoded, or `each` fails.
     pub fn decode(
         &self,
         camera: &str,
@@ -289,7 +289,7 @@ impl Contents {
                 .iter()
                 .zip(0..)
                 .map(|(frame, place)| AccessUnit {
-                    // Their order is all that the decoder needs.
+                    // The decoder needs their order only.
                     pts_ns: place * 1_000_000,
                     data: frame.unit.clone(),
                     key: frame.record.key_frame,
@@ -310,7 +310,7 @@ impl Contents {
 /// The samples of a batch.
 ///
 /// # Errors
-/// Its lists do not fit together.
+/// Its lists have inconsistent lengths.
 fn samples(batch: &ImuBatch) -> Result<Vec<StoredSample>> {
     let n = batch.device_ticks.len();
     let lengths = [batch.host_times.len(), batch.times.len()];
@@ -341,7 +341,7 @@ fn samples(batch: &ImuBatch) -> Result<Vec<StoredSample>> {
                 host_time: HostTime(batch.host_times[k]),
                 time: HostTime(batch.times[k]),
                 sigma_ns: batch.sigma_ns,
-                time_doubtful: batch.time_doubtful,
+                time_unreliable: batch.time_doubtful,
                 clock_map: batch.clock_map,
                 values: values(k)?,
             })

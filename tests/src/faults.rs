@@ -1,8 +1,9 @@
-//! Random schedules of faults against the whole daemon in virtual time: does every session end valid, with every
-//! loss accounted for by its true cause?
+//! Random fault schedules for the whole daemon in virtual time: checks that every session ends
+//! valid, with every loss accounted for by its true cause.
 //!
-//! The devices are those of `rig-sim`, with pictures that cost nothing. A device is a function of its seed, so a
-//! twin of it tells afterwards what really arrived, what was lost and why.
+//! The devices are those of `rig-sim`, with images without rendering cost. A device is a function
+//! of its seed, so a second instance gives afterwards the true arrivals and losses with their
+//! causes.
 
 use std::ops::Range;
 use std::panic::resume_unwind;
@@ -22,8 +23,8 @@ use rig_sim::camera::sensor::Exposure;
 use rig_sim::device::{Delivery, Device, Loss, Stream};
 use rig_sim::faults::{Faults, Kind};
 use rig_sim::imu::ImuModel;
-use rig_sim::scene::{Kind as Place, Time};
-use rig_sim::simulation::{Painter, Settings, Simulation, StereoFrame};
+use rig_sim::scene::{Kind as Place, Lighting};
+use rig_sim::simulation::{FrameSource, Settings, Simulation, StereoFrame};
 use session_archive::record::paws::gap::Cause;
 use session_archive::time::HostTime;
 use session_archive::verify::verify;
@@ -31,7 +32,7 @@ use session_archive::verify::verify;
 use crate::contents::{self, Contents};
 use crate::rig::{CAMERAS, Rig, in_virtual_time};
 
-/// What goes wrong: everything that is not a matter of pictures alone.
+/// Kinds of faults: all that do not affect images only.
 pub const KINDS: [Kind; 12] = [
     Kind::Dropped,
     Kind::Late,
@@ -47,28 +48,28 @@ pub const KINDS: [Kind; 12] = [
     Kind::ImuClipping,
 ];
 
-/// The walk that all schedules disturb.
+/// The walk to which all schedules are applied.
 pub struct Exam {
     walk: Arc<Simulation>,
     seconds: f64,
 }
 
-/// What a schedule came to.
+/// Result of a schedule.
 #[derive(Clone, Copy, Debug, Default)]
 pub struct Tally {
     /// Frames and samples that arrived and are stored.
     pub stored: u64,
-    /// Frames and samples that were lost and lie in a gap record of the true cause.
+    /// Lost frames and samples that are in a gap record with the true cause.
     pub accounted: u64,
-    /// Of the stored ones, how many have a time that says of itself that it is not to be trusted.
-    pub doubtful: u64,
+    /// Number of stored ones whose time is marked as unreliable.
+    pub unreliable: u64,
 }
 
 impl Tally {
     fn add(&mut self, other: &Self) {
         self.stored += other.stored;
         self.accounted += other.accounted;
-        self.doubtful += other.doubtful;
+        self.unreliable += other.unreliable;
     }
 }
 
@@ -77,14 +78,14 @@ const IMU_RATE_HZ: f64 = 50.0;
 const RIG: &str = include_str!("../../cad-transforms/rigs/example.toml");
 
 impl Exam {
-    /// Sessions of so many seconds.
+    /// Sessions of `seconds`.
     ///
     /// # Errors
-    /// The walk cannot be made.
+    /// The walk cannot be prepared.
     pub fn new(seconds: f64) -> Result<Self> {
         let settings = Settings {
             kind: Place::Corridor,
-            time: Time::Day,
+            lighting: Lighting::Day,
             seed: 1,
             seconds,
             rate_hz: RATE_HZ,
@@ -104,8 +105,8 @@ impl Exam {
         })
     }
 
-    /// Runs the schedules of these seeds on all processors, in folders below `out`. Gives what the sound ones
-    /// came to, and the seeds of all others with what is wrong.
+    /// Runs the schedules of these seeds on all processors, in folders below `out`. Returns the sum
+    /// of the valid results, and the seeds of all others with their errors.
     pub fn run_all(&self, seeds: Range<u64>, out: &Path) -> (Tally, Vec<(u64, anyhow::Error)>) {
         let next = AtomicU64::new(seeds.start);
         let work = || {
@@ -136,23 +137,23 @@ impl Exam {
         (tally, failures)
     }
 
-    /// Records under the schedule of a seed, in a folder below `out`, and looks at the session.
+    /// Records with the schedule of a seed, in a folder below `out`, and checks the session.
     ///
     /// # Errors
-    /// Something is not as it should be; says the seed and shows the schedule.
+    /// A check fails; the error contains the seed and the schedule.
     pub fn run(&self, seed: u64, out: &Path) -> Result<Tally> {
         let faults = Faults::random(seed, &KINDS, &CAMERAS, self.seconds);
-        let folder = tempfile::tempdir_in(out).context("making a folder")?;
+        let folder = tempfile::tempdir_in(out).context("creating a folder")?;
         self.examine(&faults, folder.path())
             .with_context(|| format!("schedule of seed {seed}:\n{}", faults.to_toml()))
     }
 
     fn device(&self, camera: usize, faults: &Faults) -> Device {
         let of = faults.of(CAMERAS[camera]);
-        Device::new(&self.walk, self.position(camera), of, Box::new(Plain))
+        Device::new(&self.walk, self.position(camera), of, Box::new(PlainImages))
     }
 
-    /// Of a camera in the walk.
+    /// Index of a camera in the walk.
     fn position(&self, camera: usize) -> usize {
         let mut cameras = self.walk.cameras().iter();
         let position = cameras.position(|c| c.name == CAMERAS[camera]);
@@ -160,7 +161,7 @@ impl Exam {
     }
 
     fn examine(&self, faults: &Faults, folder: &Path) -> Result<Tally> {
-        let made_up = Rig {
+        let synthetic = Rig {
             width: 128,
             rate_hz: RATE_HZ,
             imu_rate_hz: IMU_RATE_HZ,
@@ -169,8 +170,8 @@ impl Exam {
         let mut begin = HostTime(0);
         let building = |start| {
             begin = start;
-            // Set-ups of made-up cameras, sources and clocks of simulated ones.
-            let mut built = build(&made_up.config(folder)?, start)?;
+            // Configurations of synthetic cameras, sources and clocks of simulated ones.
+            let mut built = build(&synthetic.config(folder)?, start)?;
             for camera in 0..CAMERAS.len() {
                 let device = self.device(camera, faults);
                 let source = Simulated::of_device(&self.walk, self.position(camera), device, start);
@@ -198,7 +199,7 @@ impl Exam {
             "the recording failed: {finished:?}"
         );
         let report = verify(&contents::open(&finished.session)?, |_| {})?;
-        ensure!(report.is_sound(), "the session is not sound: {report:?}");
+        ensure!(report.is_sound(), "the session is not valid: {report:?}");
         let contents = Contents::read(&finished.session)?;
         let mut tally = Tally::default();
         for (camera, name) in CAMERAS.into_iter().enumerate() {
@@ -232,11 +233,11 @@ fn clock(
     }
 }
 
-/// Pictures of one grey each, no two in a row alike.
-struct Plain;
+/// Uniform gray images; consecutive ones differ.
+struct PlainImages;
 
-impl Painter for Plain {
-    fn paint(&mut self, number: u64, time_ns: i64) -> StereoFrame {
+impl FrameSource for PlainImages {
+    fn render_frame(&mut self, number: u64, time_ns: i64) -> StereoFrame {
         let (width, height) = (64, 32);
         StereoFrame {
             number,
@@ -252,19 +253,19 @@ impl Painter for Plain {
     }
 }
 
-/// What really happened in one stream, in the order in which it was taken.
+/// Ground truth of one stream, in the order of measurement.
 struct Truth {
-    /// When it was taken and when it arrived, of what arrived before the end, and whether it shows the same as
-    /// what came before it.
+    /// Times of measurement and arrival of everything that arrived before the end, and whether it
+    /// repeats the previous content.
     arrived: Vec<(HostTime, HostTime, bool)>,
-    /// When it would have been taken, and why it never arrived.
+    /// Time of measurement and cause of everything that never arrived.
     lost: Vec<(HostTime, Kind)>,
-    /// When the device was gone.
-    gone: Vec<HostTime>,
+    /// Times of disconnection.
+    disconnected: Vec<HostTime>,
     period_ns: f64,
 }
 
-/// What a session holds of one stream.
+/// Content of a session for one stream.
 struct Found {
     stored: Vec<Stored>,
     /// First, last, cause.
@@ -277,14 +278,14 @@ struct Stored {
     arrival: HostTime,
     time: HostTime,
     sigma_ns: u64,
-    doubtful: bool,
+    unreliable: bool,
     frozen: bool,
 }
 
-/// When a device had gone, ns since the beginning of the walk.
-fn gone_at(delivery: &Delivery) -> Option<i64> {
+/// Time of a disconnection, ns since the beginning of the walk.
+fn disconnected_at(delivery: &Delivery) -> Option<i64> {
     match delivery {
-        Delivery::Gone(at_ns) => Some(*at_ns),
+        Delivery::Disconnected(at_ns) => Some(*at_ns),
         _ => None,
     }
 }
@@ -303,14 +304,14 @@ impl Truth {
         for delivery in arrived {
             let (taken_ns, arrival_ns, frozen) = match (delivery, stream) {
                 (Delivery::Frame(f), Stream::Frames) => {
-                    let before = std::mem::replace(&mut shown, &f.picture.i420);
+                    let before = std::mem::replace(&mut shown, &f.image.i420);
                     (f.taken_ns, f.arrival_ns, before == shown)
                 }
                 (Delivery::Imu(s), Stream::Imu) => (s.taken_ns, s.arrival_ns, false),
                 _ => continue,
             };
             let (taken, arrival) = (begin + taken_ns, begin + arrival_ns);
-            // A frame that came twice is one frame.
+            // A duplicated frame is one frame.
             let again = known.last().is_some_and(|last| last.0 == taken);
             if arrival < end && !again {
                 known.push((taken, arrival, frozen));
@@ -324,9 +325,9 @@ impl Truth {
         Self {
             arrived: known,
             lost: of_stream.map(|l| (begin + l.taken_ns, l.cause)).collect(),
-            gone: arrived
+            disconnected: arrived
                 .iter()
-                .filter_map(gone_at)
+                .filter_map(disconnected_at)
                 .map(|ns| begin + ns)
                 .collect(),
             period_ns: 1e9 / rate_hz,
@@ -341,37 +342,41 @@ impl Truth {
             let kept = stored.arrival;
             ensure!(
                 *arrival == kept,
-                "what arrived at {arrival} is stored as of {kept}"
+                "the arrival at {arrival} is stored as {kept}"
             );
             let off_ns = (stored.time - *taken).unsigned_abs();
             ensure!(
-                stored.doubtful || off_ns <= 6 * stored.sigma_ns + 1_000_000,
-                "what was taken at {taken} has the time {}, with a sigma of {} ns and without doubt",
+                stored.unreliable || off_ns <= 6 * stored.sigma_ns + 1_000_000,
+                "the measurement at {taken} has the time {}, with a sigma of {} ns, and is not marked as unreliable",
                 stored.time,
                 stored.sigma_ns
             );
             ensure!(
                 stored.frozen == *frozen,
-                "what was taken at {taken} shows what was before: {frozen}, and is stored as frozen: {}",
+                "the frame of {taken} repeats the previous image: {frozen}, and is stored as frozen: {}",
                 stored.frozen
             );
-            tally.doubtful += u64::from(stored.doubtful);
+            tally.unreliable += u64::from(stored.unreliable);
         }
         tally.stored += stored.len() as u64;
-        // Between each two that arrived: what was lost, and what the gaps say of it.
+        // Between each two arrivals: true losses, and the gap records.
         for (arrived, stored) in arrived.windows(2).zip(stored.windows(2)) {
             let (before, after) = (arrived[0], arrived[1]);
             let first = self.lost.partition_point(|(taken, _)| *taken < before.0);
             let end = self.lost.partition_point(|(taken, _)| *taken < after.0);
             let lost = &self.lost[first..end];
             let skipped = stored[1].number - stored[0].number - 1;
-            let gone = self.gone.iter().any(|at| (before.0..after.0).contains(at));
-            let cause = match gone {
+            let disconnected = self
+                .disconnected
+                .iter()
+                .any(|at| (before.0..after.0).contains(at));
+            let cause = match disconnected {
                 true => Cause::Disconnected,
                 false => Cause::Device,
             };
-            let expected = match gone {
-                // Nobody counts while a device is gone: the time between arrivals tells.
+            let expected = match disconnected {
+                // There is no counter while a device is disconnected: the time between arrivals
+                // decides.
                 true => ((after.1 - before.1) as f64 / self.period_ns).round() as u64 - 1,
                 false => lost.len() as u64,
             };
@@ -385,7 +390,7 @@ impl Truth {
                 let said = found.cause(number);
                 ensure!(
                     said == Some(cause.into()),
-                    "number {number} is missing after {}, and the gap says {said:?}, expected {cause:?}",
+                    "number {number} is missing after {}, and its gap has cause {said:?}, expected {cause:?}",
                     before.0
                 );
             }
@@ -403,7 +408,7 @@ impl Found {
             arrival: HostTime(f.record.host_time),
             time: HostTime(f.record.time),
             sigma_ns: f.record.sigma_ns,
-            doubtful: f.record.time_doubtful,
+            unreliable: f.record.time_doubtful,
             frozen: f.record.frozen,
         });
         let samples = contents.imu.get(stream).into_iter().flatten();
@@ -412,18 +417,18 @@ impl Found {
             arrival: s.host_time,
             time: s.time,
             sigma_ns: s.sigma_ns,
-            doubtful: s.time_doubtful,
+            unreliable: s.time_unreliable,
             frozen: false,
         });
         let mut stored: Vec<Stored> = frames.chain(samples).collect();
-        // Readers have to apply what later clock maps doubt.
+        // Readers have to apply the unreliable spans of later clock maps.
         let clock = contents.clock_maps.get(stream);
         let doubts = clock
             .and_then(|maps| maps.last())
             .map_or(&[][..], |map| &map.doubts);
         for sample in &mut stored {
             let at = sample.arrival.0;
-            sample.doubtful |= doubts.iter().any(|d| (d.from..=d.to).contains(&at));
+            sample.unreliable |= doubts.iter().any(|d| (d.from..=d.to).contains(&at));
         }
         Self {
             stored,
@@ -431,7 +436,7 @@ impl Found {
         }
     }
 
-    /// Why a number is missing.
+    /// Cause of a missing number.
     fn cause(&self, number: u64) -> Option<i32> {
         let of = |(first, last, _): &&(u64, u64, i32)| (*first..=*last).contains(&number);
         self.gaps.iter().find(of).map(|gap| gap.2)

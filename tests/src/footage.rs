@@ -1,7 +1,8 @@
-//! One camera of a simulated walk as others would have recorded it: what sources that replay are tested with.
+//! One camera of a simulated walk as recorded by other tools: test input for replay sources.
 //!
-//! Nothing here goes through the daemon or its readers: bags are written by the `mcap` crate and an encoding of their
-//! messages put down from the layouts of `sensor_msgs`, video files by GStreamer's own muxers.
+//! This code is independent of the daemon and its readers: bags are written by the `mcap` crate and
+//! an encoding of their messages after the layouts of `sensor_msgs`, video files by GStreamer's own
+//! muxers.
 
 use std::path::Path;
 use std::sync::Arc;
@@ -11,7 +12,7 @@ use cad_transforms::rig::Rig;
 use calib::set::CameraSet;
 use calib::stereo::Format;
 use rig_sim::camera::Quality;
-use rig_sim::scene::{Kind, Time};
+use rig_sim::scene::{Kind, Lighting};
 use rig_sim::simulation::{Settings, Simulation, StereoFrame};
 use video::picture::i420_to_rgb;
 use video::{Picture, PixelFormat};
@@ -19,7 +20,7 @@ use video::{Picture, PixelFormat};
 pub mod bag;
 pub mod film;
 
-/// Text of the rig of which it is a camera.
+/// Rig file of the camera.
 pub const RIG: &str = include_str!("../../cad-transforms/rigs/example.toml");
 /// The camera.
 pub const CAMERA: &str = "left_shoulder";
@@ -38,12 +39,12 @@ impl Footage {
     /// Four seconds over a plaza at 15 Hz, 480x268 per eye.
     ///
     /// # Errors
-    /// There is no such walk.
+    /// The walk cannot be prepared.
     pub fn walk() -> Result<Self> {
         let rig = Rig::parse(RIG).context("reading the example rig")?;
         let settings = Settings {
             kind: Kind::Plaza,
-            time: Time::Day,
+            lighting: Lighting::Day,
             seed: 3,
             seconds: 4.0,
             rate_hz: 15.0,
@@ -56,7 +57,7 @@ impl Footage {
         let cameras = simulation.cameras();
         let camera = cameras.iter().position(|c| c.name == CAMERA);
         let camera = camera.context("the rig has no such camera")?;
-        let frames = simulation.pictures(camera).collect();
+        let frames = simulation.frames(camera).collect();
         let imu = &simulation.imus()[camera];
         let samples = simulation
             .samples(imu)
@@ -69,7 +70,7 @@ impl Footage {
         })
     }
 
-    /// The first frames alone.
+    /// The first frames only.
     #[must_use]
     pub fn first(&self, frames: usize) -> Self {
         let end = self
@@ -90,10 +91,10 @@ impl Footage {
         [settings.width, settings.height]
     }
 
-    /// A frame as a picture, both eyes side by side.
+    /// A frame as an image, both eyes side by side.
     ///
     /// # Errors
-    /// The simulation made none.
+    /// The frame is not a valid image.
     pub fn picture(&self, frame: usize) -> Result<Picture> {
         let of = &self.frames[frame];
         let (width, height) = (of.width as u32, of.height as u32);
@@ -108,7 +109,7 @@ impl Footage {
     /// One eye of a frame as RGB, rows packed.
     ///
     /// # Errors
-    /// The simulation made no picture.
+    /// The frame is not a valid image.
     pub fn rgb(&self, frame: usize, eye: usize) -> Result<Vec<u8>> {
         let both = self.picture(frame)?;
         let rgb = i420_to_rgb(&both)?;
@@ -121,13 +122,13 @@ impl Footage {
     /// One eye of a frame as I420.
     ///
     /// # Errors
-    /// The simulation made no picture.
+    /// The frame is not a valid image.
     pub fn one_eye(&self, frame: usize, eye: usize) -> Result<Picture> {
         let (left, right) = video::picture::split(&self.picture(frame)?)?;
         Ok([left, right][eye].clone())
     }
 
-    /// Writes the camera's true lenses as a file of Kalibr.
+    /// Writes the camera's true intrinsics as a Kalibr file.
     ///
     /// # Errors
     /// It cannot be written.
@@ -139,7 +140,7 @@ impl Footage {
         Ok(())
     }
 
-    /// From the place of the rig at frame `from` to that at frame `to`, as it really was, m.
+    /// True distance between the rig positions at frames `from` and `to`, m.
     pub fn distance_m(&self, from: usize, to: usize) -> f64 {
         let place = |frame: usize| self.simulation.world_from_rig(self.frames[frame].time_ns).0;
         (place(to) - place(from)).norm()

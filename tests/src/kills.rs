@@ -1,10 +1,10 @@
-//! Kills recorders at random instants and looks at what is left.
+//! Kills recorders at random instants and checks what they wrote.
 //!
-//! A recorder is a `pawsd record --json` process with two small synthetic cameras and their IMUs, in
-//! real time. It is killed with SIGKILL at a random time after it began. What it said on its
-//! standard output until then is what it promised; [`check`] holds the folder against that and
-//! against the truth: every picture shows its number, every IMU sample is made anew and compared, and
-//! every time follows from its clock map.
+//! A recorder is a `pawsd record --json` process with two small synthetic cameras and their IMUs,
+//! in real time. It is killed with SIGKILL at a random time after it began. Its progress messages
+//! until then are promises; [`check`] compares the folder with them and with ground truth: every
+//! image shows its number, every IMU sample is regenerated and compared, and every time follows
+//! from its clock map.
 
 #![expect(
     clippy::disallowed_methods,
@@ -36,54 +36,55 @@ use session_archive::verify::{Report, verify};
 use crate::contents::{self, Contents};
 use crate::rig::Rig;
 
-/// What is recorded while it is killed.
+/// The recorded rig.
 pub const RIG: Rig = Rig::small(2);
-/// How long a recorder may take to begin, and until something is on disk.
-const BEGIN_LIMIT: Duration = Duration::from_secs(600);
+/// Maximum time until a recorder starts, and until data is on disk.
+const START_TIMEOUT: Duration = Duration::from_secs(600);
 
-/// How to kill.
+/// Plan of kills.
 #[derive(Clone, Debug)]
 pub struct Plan {
-    /// How often.
+    /// Number of kills.
     pub kills: u32,
-    /// Recorders at the same time.
+    /// Number of concurrent recorders.
     pub parallel: u32,
-    /// Decides the instants.
+    /// Seed of the instants.
     pub seed: u64,
-    /// The earliest and the latest kill after the recorder said that it began, ms; every fifth time after it said that
-    /// something is on disk.
+    /// Minimum and maximum time of the kill after the recorder reported its start, ms; in every
+    /// fifth case after it reported data on disk.
     pub after_ms: (u64, u64),
-    /// The recorder.
+    /// Path of the recorder program.
     pub pawsd: PathBuf,
-    /// An empty folder to work in. Folders of kills that went wrong are left in it.
+    /// An empty working folder. Folders of failed kills are left in it.
     pub folder: PathBuf,
 }
 
-/// What one kill left.
+/// Result of one kill.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Killed {
-    /// Which kill of the plan.
+    /// Index of the kill in the plan.
     pub number: u32,
-    /// When it came after the recorder said that it began, or that something is on disk, ms.
+    /// Time after the recorder reported its start, or data on disk, ms.
     pub after_ms: u64,
-    /// Messages that the recorder had said are on disk.
+    /// Messages that the recorder had reported to be on disk.
     pub promised: u64,
-    /// Messages found, at least as many.
+    /// Messages found, at least the promised number.
     pub messages: u64,
     /// Frames found, every one decoded and its number read.
     pub frames: u64,
     /// IMU samples found, every one compared.
     pub imu_samples: u64,
-    /// Samples missing by gap records.
+    /// Missing samples according to gap records.
     pub missing: u64,
     /// Whether the file ended inside a record.
     pub cut_off: bool,
-    /// From the newest sample that every stream has to the kill, ns; none if a stream has none.
+    /// Time from the newest sample that every stream has to the kill, ns; `None` if a stream has no
+    /// samples.
     pub lost_ns: Option<i64>,
 }
 
-/// Kills as planned. `on_each` is told of every kill, from several threads.
-pub fn run(plan: &Plan, on_each: &(impl Fn(&Result<Killed>) + Sync)) -> Vec<Result<Killed>> {
+/// Runs the plan. `on_kill` is called after every kill, from several threads.
+pub fn run(plan: &Plan, on_kill: &(impl Fn(&Result<Killed>) + Sync)) -> Vec<Result<Killed>> {
     let next = AtomicU32::new(0);
     let work = || {
         let mut done = Vec::new();
@@ -94,7 +95,7 @@ pub fn run(plan: &Plan, on_each: &(impl Fn(&Result<Killed>) + Sync)) -> Vec<Resu
             }
             let killed =
                 kill(plan, number).with_context(|| format!("kill {number} of seed {}", plan.seed));
-            on_each(&killed);
+            on_kill(&killed);
             done.push((number, killed));
         }
     };
@@ -114,15 +115,15 @@ pub fn run(plan: &Plan, on_each: &(impl Fn(&Result<Killed>) + Sync)) -> Vec<Resu
     all.into_iter().map(|(_, killed)| killed).collect()
 }
 
-/// One kill, and the look at what is left.
+/// One kill with its check.
 fn kill(plan: &Plan, number: u32) -> Result<Killed> {
     let (least, most) = plan.after_ms;
     let after_ms = least + random(plan.seed, number) % (most - least + 1);
     let folder = plan.folder.join(format!("kill-{number:04}"));
     let mut recorder = Recorder::start(&plan.pawsd, &folder)?;
-    let session = recorder.begun()?;
+    let session = recorder.wait_until_recording()?;
     if number % 5 == 4 {
-        // However slow the machine is, some kills have a promise to hold.
+        // On any machine, however slow, some kills have a promise to check.
         recorder.wait_for_durable()?;
     }
     thread::sleep(Duration::from_millis(after_ms));
@@ -133,7 +134,7 @@ fn kill(plan: &Plan, number: u32) -> Result<Killed> {
     Ok(killed)
 }
 
-/// A recording process. It is killed at the latest when it is dropped.
+/// A recording process. Dropping it kills it.
 pub struct Recorder {
     child: Child,
     began: Receiver<PathBuf>,
@@ -142,8 +143,8 @@ pub struct Recorder {
 }
 
 impl Recorder {
-    /// Starts `pawsd record --json` on [`RIG`] in a folder, which is made: the configuration, the
-    /// sessions in `out/` and what the recorder says for people go into it.
+    /// Starts `pawsd record --json` on [`RIG`] in a folder, which is created. The folder receives
+    /// the configuration, the sessions in `out/` and the recorder's messages.
     ///
     /// # Errors
     /// It cannot be started.
@@ -175,41 +176,41 @@ impl Recorder {
         })
     }
 
-    /// Waits until it records; gives the session's folder.
+    /// Waits until it records; returns the session's folder.
     ///
     /// # Errors
-    /// It does not begin.
-    pub fn begun(&self) -> Result<PathBuf> {
+    /// It does not start.
+    pub fn wait_until_recording(&self) -> Result<PathBuf> {
         self.began
-            .recv_timeout(BEGIN_LIMIT)
+            .recv_timeout(START_TIMEOUT)
             .context("waiting for the recorder to begin")
     }
 
-    /// Waits until something is on disk.
+    /// Waits until data is on disk.
     ///
     /// # Errors
-    /// Nothing gets there.
+    /// No data is written.
     pub fn wait_for_durable(&self) -> Result<()> {
         self.durable
-            .recv_timeout(BEGIN_LIMIT)
+            .recv_timeout(START_TIMEOUT)
             .context("waiting for the first chunk")
     }
 
-    /// The process.
+    /// Process id.
     pub fn id(&self) -> u32 {
         self.child.id()
     }
 
-    /// Waits for its end; gives its exit code and everything it said.
+    /// Waits for its end; returns its exit code and all progress messages.
     ///
     /// # Errors
-    /// What it said is not understood.
+    /// A message cannot be parsed.
     pub fn wait(mut self) -> Result<(Option<i32>, Vec<Progress>)> {
         let status = self.child.wait()?;
-        Ok((status.code(), self.said()?))
+        Ok((status.code(), self.output()?))
     }
 
-    /// Kills it; gives the time and what it had said to be on disk.
+    /// Kills it; returns the time and the last report of data on disk.
     fn kill(&mut self) -> Result<(HostTime, Option<(HostTime, u64)>)> {
         ensure!(
             self.child.try_wait()?.is_none(),
@@ -219,7 +220,7 @@ impl Recorder {
         self.child.kill()?;
         self.child.wait()?;
         let mut promise = None;
-        for progress in self.said()? {
+        for progress in self.output()? {
             if let Progress::Durable { until, messages } = progress {
                 promise = Some((until, messages));
             }
@@ -227,14 +228,11 @@ impl Recorder {
         Ok((at, promise))
     }
 
-    fn said(&mut self) -> Result<Vec<Progress>> {
-        let reader = self
-            .reader
-            .take()
-            .context("what it said was taken already")?;
+    fn output(&mut self) -> Result<Vec<Progress>> {
+        let reader = self.reader.take().context("its output was already taken")?;
         reader
             .join()
-            .map_err(|_| anyhow!("reading what the recorder said panicked"))?
+            .map_err(|_| anyhow!("reading the output of the recorder panicked"))?
     }
 }
 
@@ -245,38 +243,42 @@ impl Drop for Recorder {
     }
 }
 
-/// Reads the recorder's lines to the end. The last one may be cut off by the kill.
+/// Reads the recorder's lines to the end. The kill may truncate the last one.
 fn listen(
     stdout: ChildStdout,
     began: &SyncSender<PathBuf>,
     durable: &SyncSender<()>,
 ) -> Result<Vec<Progress>> {
-    let mut said = Vec::new();
+    let mut output = Vec::new();
     let mut lines = BufReader::new(stdout);
     loop {
         let mut line = Vec::new();
         lines.read_until(b'\n', &mut line)?;
         if line.last() != Some(&b'\n') {
-            return Ok(said);
+            return Ok(output);
         }
-        let progress = serde_json::from_slice(&line)
-            .with_context(|| format!("the recorder said {:?}", String::from_utf8_lossy(&line)))?;
-        // Full or given up: nobody waits for it any more.
+        let progress = serde_json::from_slice(&line).with_context(|| {
+            format!(
+                "parsing a message of the recorder: found {:?}",
+                String::from_utf8_lossy(&line)
+            )
+        })?;
+        // The channel is full or closed: the message is not needed any more.
         match &progress {
             Progress::Started { session, .. } => drop(began.try_send(session.clone())),
             Progress::Durable { .. } => drop(durable.try_send(())),
             _ => {}
         }
-        said.push(progress);
+        output.push(progress);
     }
 }
 
-/// Holds what is left of a session against what was promised (a time and a number of messages) and
-/// against the truth. In virtual time no frame waits in front of an encoder, so that every frame up to the promised
-/// time must be there.
+/// Compares a session with the promise (a time and a number of messages) and with ground truth. In
+/// virtual time no frame waits in front of an encoder, so every frame up to the promised time must
+/// be present.
 ///
 /// # Errors
-/// Something promised is missing, or something is wrong.
+/// A promise is broken, or data is wrong.
 pub fn check(
     session: &Path,
     promise: Option<(HostTime, u64)>,
@@ -285,7 +287,7 @@ pub fn check(
 ) -> Result<Killed> {
     let reader = contents::open(session)?;
     let report = verify(&reader, |_| {})?;
-    let cut_off = only_cut_off(&report)?;
+    let cut_off = check_only_truncated(&report)?;
     let contents = Contents::read(session)?;
     let promised = promise.map_or(0, |(_, messages)| messages);
     let messages = contents.messages;
@@ -326,36 +328,36 @@ pub fn check(
         if let Some((until, _)) = promise
             && is_virtual
         {
-            reaches(&contents, name, until)?;
+            check_reaches(&contents, name, until)?;
         }
-        killed.frames += pictures_are_right(&contents, name)?;
-        killed.imu_samples += samples_are_right(&contents, camera)?;
+        killed.frames += images_are_correct(&contents, name)?;
+        killed.imu_samples += samples_are_correct(&contents, camera)?;
     }
     contents.check_times()?;
-    recovers(session, &report)?;
+    check_recovery(session, &report)?;
     Ok(killed)
 }
 
-/// A kill may cut the end off and do nothing else; whether it did.
-fn only_cut_off(report: &Report) -> Result<bool> {
+/// Checks that the kill caused nothing but a truncated end; returns whether it did.
+fn check_only_truncated(report: &Report) -> Result<bool> {
     let mut sound = report.clone();
     let cuts = sound.damage.len();
     sound.damage.retain(|d| d.damage.kind != DamageKind::CutOff);
     sound.closed = true;
     ensure!(
         cuts <= 1 && sound.is_sound(),
-        "more than an end that is cut off: {report:?}"
+        "more than a truncated end: {report:?}"
     );
     Ok(cuts == 1)
 }
 
-/// Every frame up to `until` is there: numbers have no hole that no gap record explains (verified), so
-/// it is enough that the next frame would come after it.
-fn reaches(contents: &Contents, camera: &str, until: HostTime) -> Result<()> {
+/// Checks that every frame up to `until` is present: numbers have no unexplained gap (verified), so
+/// it suffices that the next frame would be later.
+fn check_reaches(contents: &Contents, camera: &str, until: HostTime) -> Result<()> {
     let last = contents.frames[camera]
         .last()
         .with_context(|| format!("no frame of {camera}"))?;
-    // A young clock map moves from frame to frame, within its sigma.
+    // An early clock map changes from frame to frame, within its sigma.
     let period = (NS_PER_S as f64 / RIG.rate_hz) as i64;
     let next = last.record.time + period + last.record.sigma_ns as i64;
     ensure!(
@@ -366,8 +368,8 @@ fn reaches(contents: &Contents, camera: &str, until: HostTime) -> Result<()> {
     Ok(())
 }
 
-/// Every picture shows its number; how many there are.
-fn pictures_are_right(contents: &Contents, camera: &str) -> Result<u64> {
+/// Checks that every image shows its number; returns the number of images.
+fn images_are_correct(contents: &Contents, camera: &str) -> Result<u64> {
     let mut count = 0;
     contents.decode(camera, |frame, picture| {
         count += 1;
@@ -382,8 +384,8 @@ fn pictures_are_right(contents: &Contents, camera: &str) -> Result<u64> {
     Ok(count)
 }
 
-/// Ticks and values are those that the source makes; how many samples there are.
-fn samples_are_right(contents: &Contents, camera: usize) -> Result<u64> {
+/// Checks ticks and values against the source; returns the number of samples.
+fn samples_are_correct(contents: &Contents, camera: usize) -> Result<u64> {
     let name = RIG.names()[camera];
     let frames: BTreeMap<u64, i64> = contents.frames[name]
         .iter()
@@ -408,7 +410,7 @@ fn samples_are_right(contents: &Contents, camera: usize) -> Result<u64> {
             }
             Sample::Imu(imu) => {
                 next_sample = imu.number + 1;
-                // IMU samples are never dropped, so their place is their number.
+                // IMU samples are never dropped, so their index is their number.
                 let Some(stored) = samples.get(imu.number as usize) else {
                     continue;
                 };
@@ -420,18 +422,20 @@ fn samples_are_right(contents: &Contents, camera: usize) -> Result<u64> {
                 );
                 compared += 1;
             }
-            other => anyhow::bail!("{name}: a made-up device told something else: {other:?}"),
+            other => {
+                anyhow::bail!("{name}: a synthetic device delivered something else: {other:?}")
+            }
         }
     }
     ensure!(
         compared == samples.len() as u64,
-        "{name}/imu: more samples than the source makes"
+        "{name}/imu: more samples than the source delivers"
     );
     Ok(compared)
 }
 
-/// Recovery makes a sound copy with the same samples.
-fn recovers(session: &Path, found: &Report) -> Result<()> {
+/// Recovery writes a valid copy with the same samples.
+fn check_recovery(session: &Path, found: &Report) -> Result<()> {
     let copy = session.with_extension("recovered");
     fs::create_dir(&copy)?;
     let reader = contents::open(session)?;
@@ -443,7 +447,7 @@ fn recovers(session: &Path, found: &Report) -> Result<()> {
     );
     ensure!(
         recovered.copy.is_sound(),
-        "the recovered copy is not sound: {:?}",
+        "the recovered copy is not valid: {:?}",
         recovered.copy
     );
     Ok(())

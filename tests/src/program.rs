@@ -8,7 +8,7 @@ use std::time::SystemTime;
 
 use anyhow::{Context as _, Result, anyhow, ensure};
 
-/// `pawsd` of the same build as the program that asks; built if it is absent or older than its
+/// `pawsd` of the same build as the calling program; built if it is absent or older than its
 /// sources.
 ///
 /// # Errors
@@ -65,7 +65,7 @@ fn once(
 
 fn find(name: &str, package: &str, sources: &[&str]) -> Result<PathBuf> {
     let own = std::env::current_exe().context("finding the own program")?;
-    // A test lies in `target/debug/deps`, a benchmark in `target/release`.
+    // A test is in `target/debug/deps`, a benchmark in `target/release`.
     let folder = own.ancestors().skip(1).find(|f| !f.ends_with("deps"));
     let folder = folder.context("finding the folder of the own program")?;
     let program = folder.join(name);
@@ -96,7 +96,7 @@ fn find(name: &str, package: &str, sources: &[&str]) -> Result<PathBuf> {
     Ok(program)
 }
 
-/// When the newest file in a folder was changed.
+/// Modification time of the newest file in a folder.
 fn newest(folder: &Path) -> Option<SystemTime> {
     let entries = fs::read_dir(folder).ok()?.filter_map(Result::ok);
     let changed = |entry: fs::DirEntry| match entry.file_type() {

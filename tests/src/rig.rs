@@ -1,4 +1,4 @@
-//! Rigs of synthetic cameras: as the text of a configuration, and as what they deliver.
+//! Rigs of synthetic cameras: as the text of a configuration, and as ground truth of their data.
 
 use std::path::Path;
 
@@ -16,7 +16,7 @@ pub fn in_virtual_time(seconds: f64, out: &Path) -> RecordOptions {
     RecordOptions {
         seconds,
         virtual_time: true,
-        name: "made up".to_owned(),
+        name: "synthetic".to_owned(),
         out: out.to_owned(),
     }
 }
@@ -32,22 +32,23 @@ pub fn in_real_time(seconds: f64, out: &Path) -> RecordOptions {
 /// A rig of synthetic cameras of one kind, each with its IMU.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Rig {
-    /// How many of [`CAMERAS`].
+    /// Number of [`CAMERAS`] in use.
     pub cameras: usize,
     /// Width of the stereo frame, pixels.
     pub width: u32,
     /// Height, pixels.
     pub height: u32,
-    /// Pictures per second.
+    /// Frames per second.
     pub rate_hz: f64,
     /// IMU samples per second.
     pub imu_rate_hz: f64,
-    /// The encoder. It is named because finding the best one takes longer than a test's session.
+    /// The encoder. It is fixed because the search for the best one takes longer than a test's
+    /// session.
     pub encoder: &'static str,
 }
 
 impl Rig {
-    /// The smallest pictures that a frame's number can be read from: 64x32 per eye.
+    /// The smallest images from which a frame's number can be read: 64x32 per eye.
     pub const fn small(cameras: usize) -> Self {
         Self {
             cameras,
@@ -83,9 +84,9 @@ impl Rig {
     /// Its configuration; relative paths in it are relative to `folder`.
     ///
     /// # Errors
-    /// The text above is no configuration.
+    /// The text above is not a valid configuration.
     pub fn config(&self, folder: &Path) -> Result<Config> {
-        Config::parse(&self.toml(), folder).context("parsing the configuration of a made-up rig")
+        Config::parse(&self.toml(), folder).context("parsing the configuration of a synthetic rig")
     }
 
     /// Records it.
@@ -105,7 +106,7 @@ impl Rig {
     /// The source of one of its cameras, as the daemon opens it.
     ///
     /// # Errors
-    /// There can be no such camera.
+    /// The camera cannot be created.
     pub fn source(&self, camera: usize, start: HostTime) -> Result<Synthetic> {
         Ok(Synthetic::new(
             CAMERAS[camera],

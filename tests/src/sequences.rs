@@ -1,29 +1,32 @@
-//! Sequences for odometry with their truth: real recordings and simulated walks, behind one face.
+//! Sequences for odometry with ground truth: real recordings and simulated walks, with one
+//! interface.
 //!
-//! Contract: a [`Sequence`] knows its rig as files tell of it, all IMU samples, and the true pose of the rig at any time
-//! that it covers. Pictures come in frame sets, in order of time, a few at once in memory ([`Sequence::frame_sets`]).
-//! *Early*: what an IMU measured before the first set comes with it. *Late*: with a set come all samples up to
-//! the first one that is not older than the set and its pictures, so that motion is known to the last picture.
-//! *At a gap*: a camera that has no picture is `None`; a set without any picture is given all the same. *At the
-//! end*: IMU samples after the last set are in [`Sequence::imu`] alone. Same settings, same bytes.
+//! Contract: a [`Sequence`] has its nominal rig, all IMU samples, and the true pose of the rig at
+//! any time that it covers. Images come in frame sets, in order of time, a few in memory
+//! simultaneously ([`Sequence::frame_sets`]). *Early*: IMU samples before the first set come with
+//! it. *Late*: a set includes all samples up to the first one that is not older than the set and
+//! its images, so that motion is known to the last image. *At a gap*: a camera without image is
+//! `None`; a set without any image is returned all the same. *At the end*: IMU samples after the
+//! last set are in [`Sequence::imu`] only. The same settings give the same bytes.
 //!
-//! - [`kitti`], [`euroc`]: the real recordings at hand.
-//! - [`walk`]: simulated walks; rendering is slower than tracking, [`Sequence::cached`] renders once.
-//! - [`named`]: walks that are used in more than one place.
+//! - [`kitti`], [`euroc`]: the available real recordings.
+//! - [`walk`]: simulated walks; rendering is slower than tracking, [`Sequence::cached`] renders
+//!   once.
+//! - [`named`]: walks that are used in several tests.
 
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
 
 use anyhow::{Context as _, Result, ensure};
 use cad_transforms::RigidTransform;
-use calib::verify::Grey;
+use calib::verify::ImageView;
 use odometry::input::{FrameSet, ImuSample, View};
 use odometry::rig::Rig;
 
 mod cache;
 mod datasets;
-mod kept;
 pub mod named;
+mod prerendered;
 mod truth;
 mod walk;
 
@@ -31,51 +34,51 @@ pub use self::datasets::{euroc, kitti};
 pub use self::truth::Truth;
 pub use self::walk::{WalkSettings, walk};
 
-/// See the module.
+/// A sequence for odometry; see the module documentation.
 #[derive(Clone, Debug)]
 pub struct Sequence {
     name: String,
     rig: Rig,
     imu: Vec<Vec<ImuSample>>,
     truth: Truth,
-    sets: Vec<Planned>,
-    pictures: Pictures,
+    sets: Vec<PlannedSet>,
+    images: ImageSource,
 }
 
-/// A set before its pictures are read.
+/// A set before its images are read.
 #[derive(Clone, Debug, PartialEq)]
-struct Planned {
+struct PlannedSet {
     time_ns: i64,
-    /// Times of the pictures, one entry for each camera.
+    /// Times of the images, one entry per camera.
     views: Vec<Option<i64>>,
 }
 
-/// Where pictures come from.
+/// Source of images.
 #[derive(Clone, Debug)]
-enum Pictures {
-    /// Left and right picture files of each camera, in order.
+enum ImageSource {
+    /// Left and right image files of each camera, in order.
     Files(Vec<Vec<[PathBuf; 2]>>),
-    /// They are rendered.
+    /// Rendered on demand.
     Rendered(walk::Walk),
-    /// They were.
-    Cached(Vec<cache::Stored>),
+    /// Rendered before.
+    Cached(Vec<cache::CachedCamera>),
 }
 
-/// Gives the pictures of one camera in order: left and right.
+/// Reader of the images of one camera in order: left and right.
 type Reader = Box<dyn FnMut() -> Result<[Vec<u8>; 2]> + Send>;
 
-/// A frame set with its pictures.
+/// A frame set with its images.
 #[derive(Clone, Debug, PartialEq)]
 pub struct OwnedFrameSet {
     /// Time of the set, ns.
     pub time_ns: i64,
     /// One entry for each camera of the rig.
     pub views: Vec<Option<OwnedView>>,
-    /// Of each IMU of the rig, what was measured since the set before.
+    /// Per IMU of the rig, the samples since the previous set.
     pub imu: Vec<Vec<ImuSample>>,
 }
 
-/// The stereo picture of one camera.
+/// Stereo image of one camera.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct OwnedView {
     /// Middle of the exposure of the middle row, ns.
@@ -84,14 +87,14 @@ pub struct OwnedView {
     pub width: usize,
     /// Rows.
     pub height: usize,
-    /// Left eye, rows first, without gaps.
+    /// Left eye, row-major, without gaps.
     pub left: Vec<u8>,
     /// Right eye.
     pub right: Vec<u8>,
 }
 
 impl OwnedFrameSet {
-    /// As odometry takes it.
+    /// Borrows the data for odometry.
     pub fn borrowed(&self) -> FrameSet<'_> {
         let views = self.views.iter();
         FrameSet {
@@ -101,28 +104,28 @@ impl OwnedFrameSet {
     }
 }
 
-/// As odometry takes it.
+/// Borrows the data for odometry.
 impl<'a> From<&'a OwnedView> for View<'a> {
     fn from(view: &'a OwnedView) -> Self {
-        let grey = |pixels: &'a [u8]| {
-            Grey::new(view.width, view.height, view.width, pixels).expect("a whole picture")
+        let gray = |pixels: &'a [u8]| {
+            ImageView::new(view.width, view.height, view.width, pixels).expect("a complete image")
         };
         View {
             time_ns: view.time_ns,
-            left: grey(&view.left),
-            right: grey(&view.right),
-            usable: None,
+            left: gray(&view.left),
+            right: gray(&view.right),
+            mask: None,
         }
     }
 }
 
 impl Sequence {
-    /// For tables: where it comes from.
+    /// Name for tables.
     pub fn name(&self) -> &str {
         &self.name
     }
 
-    /// What files tell of the rig, which need not be true.
+    /// Nominal rig, which may differ from the true one.
     pub fn rig(&self) -> &Rig {
         &self.rig
     }
@@ -132,12 +135,12 @@ impl Sequence {
         &self.imu
     }
 
-    /// What is true.
+    /// Ground truth.
     pub fn truth(&self) -> &Truth {
         &self.truth
     }
 
-    /// `world_from_rig` as it truly was; none beyond the truth's ends.
+    /// True `world_from_rig`; `None` outside the span of the ground truth.
     pub fn world_from_rig(&self, time_ns: i64) -> Option<RigidTransform> {
         self.truth.at(time_ns)
     }
@@ -147,58 +150,59 @@ impl Sequence {
         self.sets.iter().map(|set| set.time_ns)
     }
 
-    /// How many sets there are.
+    /// Number of sets.
     pub fn len(&self) -> usize {
         self.sets.len()
     }
 
-    /// Whether there is no set at all.
+    /// Whether there are no sets.
     pub fn is_empty(&self) -> bool {
         self.sets.is_empty()
     }
 
-    /// The truth at the times of all sets that it covers.
+    /// True poses at the times of all sets that the ground truth covers.
     pub fn truth_at_sets(&self) -> Vec<(i64, RigidTransform)> {
         let at = |time_ns: i64| Some((time_ns, self.truth.at(time_ns)?));
         self.times().filter_map(at).collect()
     }
 
-    /// The first sets alone.
+    /// The first sets only.
     #[must_use]
     pub fn first(mut self, sets: usize) -> Self {
         self.sets.truncate(sets);
         self
     }
 
-    /// The same with another idea of the rig.
+    /// The same with another nominal rig.
     #[must_use]
-    pub fn told(mut self, change: impl FnOnce(&mut Rig)) -> Self {
+    pub fn with_nominal_rig(mut self, change: impl FnOnce(&mut Rig)) -> Self {
         change(&mut self.rig);
         self
     }
 
-    /// The same with the pictures of a walk kept below a folder: rendered now unless they are there already, on two
-    /// threads. Anything else stays as it is.
+    /// The same with the images of a walk cached below a folder: rendered now on two threads unless
+    /// they exist. Other sequences are unchanged.
     ///
     /// # Errors
-    /// The folder cannot be written, or what is there is no whole file of this walk.
+    /// The folder cannot be written, or an existing file is not a complete file of this walk.
     pub fn cached(mut self, folder: &Path) -> Result<Self> {
-        if let Pictures::Rendered(walk) = &self.pictures {
+        if let ImageSource::Rendered(walk) = &self.images {
             let stored = cache::store(walk, folder)
-                .with_context(|| format!("keeping the pictures of {}", self.name))?;
-            self.pictures = Pictures::Cached(stored);
+                .with_context(|| format!("caching the images of {}", self.name))?;
+            self.images = ImageSource::Cached(stored);
         }
         Ok(self)
     }
 
-    /// The same walk with pictures that were taken already, of a sequence of it in which every camera sees every instant.
-    /// What devices do to pictures (lost, late, frozen, torn) is done to these; what light and lenses do is not. Exposure
-    /// goes on while a device is gone, as it would not. Anything but a walk that is not cached stays as it is.
+    /// The same walk with existing images, from a sequence of it in which every camera has every
+    /// frame. Device faults (dropped, late, frozen, torn) are applied to these; faults of light and
+    /// lenses are not. Unlike in a real device, the exposure continues to adapt during a
+    /// disconnection. Sequences other than uncached walks are unchanged.
     ///
     /// # Errors
-    /// A picture is absent.
-    pub fn with_pictures(mut self, sets: &Arc<Vec<OwnedFrameSet>>) -> Result<Self> {
-        if let Pictures::Rendered(walk) = &mut self.pictures {
+    /// An image is absent.
+    pub fn with_images(mut self, sets: &Arc<Vec<OwnedFrameSet>>) -> Result<Self> {
+        if let ImageSource::Rendered(walk) = &mut self.images {
             let whole = |set: &OwnedFrameSet| {
                 set.views.len() == self.rig.cameras.len() && set.views.iter().all(Option::is_some)
             };
@@ -206,9 +210,9 @@ impl Sequence {
             let expected = walk.simulation.settings().frame_count() as usize;
             ensure!(
                 found >= expected,
-                "taking pictures over: found {found} whole sets, expected {expected}"
+                "replacing images: found {found} complete sets, expected {expected}"
             );
-            walk.kept = Some(sets.clone());
+            walk.prerendered = Some(sets.clone());
         }
         Ok(self)
     }
@@ -216,13 +220,13 @@ impl Sequence {
     /// Reads or renders all sets, in order.
     ///
     /// # Errors
-    /// Files that cannot be read. Each set has an error of its own.
+    /// Files that cannot be read. Each set has its own error.
     pub fn frame_sets(&self) -> Result<FrameSets<'_>> {
-        let readers = match &self.pictures {
-            Pictures::Files(files) => files.iter().cloned().map(datasets::reader).collect(),
-            Pictures::Rendered(walk) => walk.readers(),
-            Pictures::Cached(stored) => {
-                let readers = stored.iter().map(cache::Stored::reader);
+        let readers = match &self.images {
+            ImageSource::Files(files) => files.iter().cloned().map(datasets::reader).collect(),
+            ImageSource::Rendered(walk) => walk.readers(),
+            ImageSource::Cached(stored) => {
+                let readers = stored.iter().map(cache::CachedCamera::reader);
                 readers.collect::<Result<_>>()?
             }
         };
@@ -234,10 +238,10 @@ impl Sequence {
         })
     }
 
-    /// Hands out all sets, in order, until `each` fails.
+    /// Calls `each` with all sets, in order, until it fails.
     ///
     /// # Errors
-    /// Of [`Sequence::frame_sets`], or of `each`.
+    /// Those of [`Sequence::frame_sets`] and of `each`.
     pub fn for_each(&self, mut each: impl FnMut(OwnedFrameSet) -> Result<()>) -> Result<()> {
         self.frame_sets()?.try_for_each(|set| each(set?))
     }
@@ -248,7 +252,7 @@ pub struct FrameSets<'a> {
     sequence: &'a Sequence,
     next: usize,
     readers: Vec<Reader>,
-    /// How many samples of each IMU were given.
+    /// Number of samples returned, per IMU.
     given: Vec<usize>,
 }
 
@@ -263,7 +267,7 @@ impl Iterator for FrameSets<'_> {
 }
 
 impl FrameSets<'_> {
-    fn read(&mut self, planned: &Planned) -> Result<OwnedFrameSet> {
+    fn read(&mut self, planned: &PlannedSet) -> Result<OwnedFrameSet> {
         let mut views = Vec::with_capacity(planned.views.len());
         for (camera, time_ns) in planned.views.iter().enumerate() {
             let Some(time_ns) = *time_ns else {
@@ -272,13 +276,13 @@ impl FrameSets<'_> {
             };
             let model = &self.sequence.rig.cameras[camera];
             let [left, right] = (self.readers[camera])()
-                .with_context(|| format!("reading the pictures of {}", model.name))?;
+                .with_context(|| format!("reading the images of {}", model.name))?;
             let (width, height) = (model.left.width as usize, model.left.height as usize);
             for (eye, pixels) in [("left", &left), ("right", &right)] {
                 let (found, expected) = (pixels.len(), width * height);
                 ensure!(
                     found == expected,
-                    "the {eye} picture of {} at {time_ns} ns has {found} pixels, expected {expected}",
+                    "the {eye} image of {} at {time_ns} ns has {found} pixels, expected {expected}",
                     model.name
                 );
             }

@@ -1,6 +1,6 @@
-//! Long recordings in virtual time, with an eye on the memory.
+//! Long recordings in virtual time, with memory monitoring.
 //!
-//! The process that calls this is the one that records, so nothing else may run in it meanwhile.
+//! The calling process does the recording, so nothing else may run in it meanwhile.
 
 #![expect(
     clippy::disallowed_methods,
@@ -23,31 +23,31 @@ use crate::rig::{Rig, in_virtual_time};
 /// Memory of this process.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct Memory {
-    /// Resident now, bytes.
+    /// Current resident size, bytes.
     pub resident: u64,
-    /// The most that was ever resident, bytes.
+    /// Peak resident size, bytes.
     pub peak: u64,
 }
 
-/// One look at the memory.
+/// One measurement of the memory.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Look {
+pub struct MemorySample {
     /// Time in the session, s.
     pub session_s: f64,
-    /// What was seen.
+    /// Measured memory.
     pub memory: Memory,
 }
 
-/// What came of a long recording.
+/// Result of a long recording.
 #[derive(Debug)]
-pub struct Soaked {
+pub struct SoakResult {
     /// The session's folder.
     pub session: PathBuf,
-    /// A look for every chunk.
-    pub looks: Vec<Look>,
-    /// How long it took, s.
+    /// One measurement per chunk.
+    pub samples: Vec<MemorySample>,
+    /// Wall-clock time, s.
     pub wall_s: f64,
-    /// What verification found.
+    /// Report of the verification.
     pub report: Report,
 }
 
@@ -55,21 +55,21 @@ pub struct Soaked {
 ///
 /// # Errors
 /// It cannot be recorded, or not without a failure.
-pub fn soak(rig: &Rig, seconds: u32, out: &Path) -> Result<Soaked> {
+pub fn soak(rig: &Rig, seconds: u32, out: &Path) -> Result<SoakResult> {
     let config = rig.config(out)?;
     let options = in_virtual_time(f64::from(seconds), out);
-    let looks = Arc::new(Mutex::new(Vec::with_capacity(4 * seconds as usize + 16)));
-    let seen = looks.clone();
+    let samples = Arc::new(Mutex::new(Vec::with_capacity(4 * seconds as usize + 16)));
+    let seen = samples.clone();
     let mut began = HostTime(0);
     let watch = Box::new(move |progress| match progress {
         Progress::Started { at, .. } => began = at,
         Progress::Durable { until, .. } => {
             if let Ok(memory) = memory() {
                 let session_s = until.since(began) as f64 / NS_PER_S as f64;
-                let look = Look { session_s, memory };
+                let sample = MemorySample { session_s, memory };
                 seen.lock()
                     .unwrap_or_else(PoisonError::into_inner)
-                    .push(look);
+                    .push(sample);
             }
         }
         _ => {}
@@ -82,28 +82,31 @@ pub fn soak(rig: &Rig, seconds: u32, out: &Path) -> Result<Soaked> {
         "the recording failed: {finished:?}"
     );
     let report = verify(&contents::open(&finished.session)?, |_| {})?;
-    let looks = std::mem::take(&mut *looks.lock().unwrap_or_else(PoisonError::into_inner));
-    Ok(Soaked {
+    let samples = std::mem::take(&mut *samples.lock().unwrap_or_else(PoisonError::into_inner));
+    Ok(SoakResult {
         session: finished.session,
-        looks,
+        samples,
         wall_s,
         report,
     })
 }
 
-impl Soaked {
-    /// By how much the memory grew after `from_s` of the session, bytes: the larger of what was seen
-    /// resident and of the peak between the looks.
+impl SoakResult {
+    /// Growth of the memory after `from_s` of the session, bytes: the larger of the growth of the
+    /// resident size and of the peak between measurements.
     ///
     /// # Errors
-    /// There was no look at or after that time.
+    /// There is no measurement at or after that time.
     pub fn growth(&self, from_s: f64) -> Result<u64> {
-        let at = self.looks.iter().position(|look| look.session_s >= from_s);
-        let later = &self.looks[at.context("the memory was not looked at late enough")?..];
+        let at = self
+            .samples
+            .iter()
+            .position(|sample| sample.session_s >= from_s);
+        let later = &self.samples[at.context("the memory was not measured late enough")?..];
         let (base, last) = (later[0].memory, later[later.len() - 1].memory);
         let highest = later
             .iter()
-            .map(|look| look.memory.resident)
+            .map(|sample| sample.memory.resident)
             .max()
             .unwrap_or_default();
         Ok(highest
@@ -111,12 +114,12 @@ impl Soaked {
             .max(last.peak.saturating_sub(base.peak)))
     }
 
-    /// Whether every sample of the rig is there, none is missing and nothing is damaged.
+    /// Checks that every sample of the rig is present and nothing is damaged.
     ///
     /// # Errors
-    /// What is not as it should be.
+    /// The first failed check.
     pub fn check_counts(&self, rig: &Rig, seconds: u32) -> Result<()> {
-        ensure!(self.report.is_sound(), "not sound: {:?}", self.report);
+        ensure!(self.report.is_sound(), "not valid: {:?}", self.report);
         for (name, stream) in &self.report.streams {
             let rate = if name.ends_with("/imu") {
                 rig.imu_rate_hz
@@ -139,9 +142,10 @@ impl Soaked {
 /// Memory of this process, from `/proc/self/status` (proc_pid_status(5)).
 ///
 /// # Errors
-/// The system does not tell.
+/// The file cannot be read or parsed.
 pub fn memory() -> Result<Memory> {
-    let text = std::fs::read_to_string("/proc/self/status").context("reading the own memory")?;
+    let text = std::fs::read_to_string("/proc/self/status")
+        .context("reading the memory of this process")?;
     let field = |name: &str| {
         let line = text.lines().find_map(|line| line.strip_prefix(name));
         let kib = line.and_then(|line| line.trim().strip_suffix(" kB")?.trim().parse::<u64>().ok());

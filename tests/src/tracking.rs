@@ -1,18 +1,19 @@
-//! Odometry over a sequence, as poses that can be compared with the truth: what tests and benchmarks share.
+//! Odometry over a sequence, as poses that can be compared with ground truth: shared by tests and
+//! benchmarks.
 //!
-//! Contract: [`Tracking`] is fed set by set, so that a caller can measure what each set takes; reading its pictures is
-//! not part of that. Causal poses never change once they are there. What is adjusted afterwards is apart
-//! ([`Tracking::adjust`]): the two are never mixed. *A pose that cannot be written down* (a covariance that is none) is an
-//! error and no pose.
+//! Contract: [`Tracking`] is fed set by set, so that a caller can measure the time of each set;
+//! reading its images is not part of that. Causal poses never change once they exist. Refined poses
+//! are separate ([`Tracking::refine`]): the two are never mixed. *A pose that cannot be stored* (an
+//! invalid covariance) is an error and not a pose.
 //!
 //! - [`drive`]: drift at the end of a drive (KITTI).
-//! - [`still`]: what is found while nothing moves (EuRoC).
+//! - [`still`]: estimates at rest (EuRoC).
 
 use anyhow::{Context as _, Result};
 use cad_transforms::{Covariance, RigidTransform};
 use nalgebra::Matrix6;
-use odometry::mapping::{AdjustedMount, Tie};
-use odometry::{Estimate, Mapping, Odometry, Rig, Settings, Shift};
+use odometry::mapping::{Connectivity, RefinedExtrinsics};
+use odometry::{CameraShift, Config, Estimate, Mapping, Odometry, Rig};
 use scene_bundle::{Pose, Status, Trajectory};
 
 use crate::sequences::{OwnedFrameSet, Sequence};
@@ -20,7 +21,7 @@ use crate::sequences::{OwnedFrameSet, Sequence};
 pub mod drive;
 pub mod still;
 
-/// See the module.
+/// Odometry over a sequence; see the module documentation.
 pub struct Tracking {
     odometry: Odometry,
     mapping: Option<Mapping>,
@@ -28,27 +29,29 @@ pub struct Tracking {
     keyframes: usize,
 }
 
-/// A whole session after everything was seen.
+/// A whole session after bundle adjustment.
 #[derive(Clone, Debug)]
-pub struct Adjusted {
-    /// A pose for each causal one. Keyframes alone have a covariance: that of the causal pose where the way broke and nothing
-    /// ties it ([`Tie`]). The status is that of the causal pose, or relocalised.
+pub struct Refined {
+    /// One pose per causal pose. Only keyframes have a covariance: that of the causal pose where
+    /// tracking was lost and the pose graph is not connected ([`Connectivity`]). The status is that of the
+    /// causal pose, or relocalised.
     pub trajectory: Trajectory,
-    /// Keyframes.
+    /// Number of keyframes.
     pub keyframes: usize,
-    /// Places seen again that were used.
-    pub loops: usize,
-    /// Linearisations.
-    pub rounds: usize,
-    /// Landmarks.
+    /// Number of loop closures used.
+    pub loop_closures: usize,
+    /// Number of iterations.
+    pub iterations: usize,
+    /// Number of landmarks.
     pub landmarks: usize,
-    /// Where cameras were found to sit.
-    pub mounts: Vec<AdjustedMount>,
+    /// Refined extrinsics of the cameras.
+    pub extrinsics: Vec<RefinedExtrinsics>,
 }
 
 impl Tracking {
-    /// For a rig. Without mapping, keyframes are thrown away as they come, and nothing can be adjusted.
-    pub fn new(rig: &Rig, settings: Settings, with_mapping: bool) -> Self {
+    /// Odometry for a rig. Without mapping, keyframes are discarded immediately, and refinement is
+    /// not possible.
+    pub fn new(rig: &Rig, settings: Config, with_mapping: bool) -> Self {
         Self {
             odometry: Odometry::new(rig, settings),
             mapping: with_mapping.then(|| Mapping::new(rig, &settings)),
@@ -60,7 +63,7 @@ impl Tracking {
     /// Takes the next set with its samples.
     ///
     /// # Errors
-    /// The pose is none that a trajectory can hold.
+    /// The pose cannot be stored in a trajectory.
     pub fn add(&mut self, set: &OwnedFrameSet) -> Result<Estimate> {
         for (k, samples) in set.imu.iter().enumerate() {
             for sample in samples {
@@ -74,7 +77,7 @@ impl Tracking {
         self.take_keyframes(false);
         self.keyframes += usize::from(estimate.is_keyframe);
         let pose = pose(&estimate);
-        let pose = pose.with_context(|| format!("looking at the pose at {} ns", set.time_ns))?;
+        let pose = pose.with_context(|| format!("adding the pose at {} ns", set.time_ns))?;
         self.causal.push(pose)?;
         Ok(estimate)
     }
@@ -87,68 +90,68 @@ impl Tracking {
         }
     }
 
-    /// The poses as they became known.
+    /// The causal poses.
     pub fn causal(&self) -> &Trajectory {
         &self.causal
     }
 
-    /// How many keyframes there were.
+    /// Number of keyframes.
     pub fn keyframes(&self) -> usize {
         self.keyframes
     }
 
-    /// Cameras that were moved, as it seemed.
-    pub fn shifts(&self) -> &[Shift] {
-        self.odometry.shifts()
+    /// Detected camera shifts.
+    pub fn camera_shifts(&self) -> &[CameraShift] {
+        self.odometry.camera_shifts()
     }
 
-    /// Adjusts everything; none without mapping.
+    /// Bundle adjustment; `None` without mapping.
     ///
     /// # Errors
-    /// A pose is none that a trajectory can hold.
-    pub fn adjust(mut self) -> Result<Option<Adjusted>> {
+    /// A pose cannot be stored in a trajectory.
+    pub fn refine(mut self) -> Result<Option<Refined>> {
         self.take_keyframes(true);
         let Some(mapping) = &self.mapping else {
             return Ok(None);
         };
-        let adjusted = mapping.solve(|_| {});
-        Ok(Some(Adjusted {
-            trajectory: finished(&self.causal, &adjusted)?,
+        let adjusted = mapping.optimize(|_| {});
+        Ok(Some(Refined {
+            trajectory: refined_trajectory(&self.causal, &adjusted)?,
             keyframes: adjusted.poses.len(),
-            loops: adjusted.loops.len(),
-            rounds: adjusted.rounds,
+            loop_closures: adjusted.loop_closures.len(),
+            iterations: adjusted.iterations,
             landmarks: adjusted.landmarks,
-            mounts: adjusted.mounts,
+            extrinsics: adjusted.extrinsics,
         }))
     }
 }
 
-/// A pose for each causal one, where the adjustment of their keyframes puts it; see [`Adjusted::trajectory`].
+/// One pose per causal pose, moved with its refined keyframes; see [`Refined::trajectory`].
 ///
 /// # Errors
-/// A pose is none that a trajectory can hold.
-pub fn finished(causal: &Trajectory, adjusted: &odometry::Adjusted) -> Result<Trajectory> {
+/// A pose cannot be stored in a trajectory.
+pub fn refined_trajectory(causal: &Trajectory, adjusted: &odometry::Refined) -> Result<Trajectory> {
     let times: Vec<(i64, RigidTransform)> = (causal.poses().iter())
         .map(|p| (p.time_ns, p.world_from_rig))
         .collect();
     let keyframes: Vec<(i64, RigidTransform)> = (adjusted.poses.iter())
         .map(|p| (p.time_ns, p.world_from_rig))
         .collect();
-    let carried = odometry::mapping::between(&times, &keyframes);
+    let carried = odometry::mapping::interpolate_poses(&times, &keyframes);
     let lost: Vec<(i64, bool)> = (causal.poses().iter())
         .map(|p| (p.time_ns, p.status == Status::Lost))
         .collect();
-    let ties = adjusted.ties(&lost);
+    let ties = adjusted.connectivity(&lost);
     let mut poses = Vec::with_capacity(times.len());
     for ((pose, world_from_rig), tie) in causal.poses().iter().zip(carried).zip(ties) {
         let own = (adjusted.poses).binary_search_by_key(&pose.time_ns, |p| p.time_ns);
         let covariance = match (own, tie) {
             (Err(_), _) => None,
-            (Ok(_), Tie::Guessed) => pose.covariance,
+            (Ok(_), Connectivity::Unconstrained) => pose.covariance,
             (Ok(k), _) => Some(covariance(&adjusted.poses[k].covariance)?),
         };
         let status = match (pose.status, tie) {
-            (Status::Tracked, Tie::SeenAgain) => Status::Relocalised,
+            (Status::Tracked, Connectivity::LoopClosed) => Status::Relocalised,
             (status, _) => status,
         };
         poses.push(Pose {
@@ -165,8 +168,8 @@ pub fn finished(causal: &Trajectory, adjusted: &odometry::Adjusted) -> Result<Tr
 /// All sets of a sequence.
 ///
 /// # Errors
-/// Pictures that cannot be read, or of [`Tracking::add`].
-pub fn track(sequence: &Sequence, settings: Settings, with_mapping: bool) -> Result<Tracking> {
+/// Images that cannot be read, and those of [`Tracking::add`].
+pub fn track(sequence: &Sequence, settings: Config, with_mapping: bool) -> Result<Tracking> {
     let mut tracking = Tracking::new(sequence.rig(), settings, with_mapping);
     sequence.for_each(|set| tracking.add(&set).map(drop))?;
     Ok(tracking)
@@ -175,7 +178,7 @@ pub fn track(sequence: &Sequence, settings: Settings, with_mapping: bool) -> Res
 /// The true poses at the times of the sets.
 ///
 /// # Errors
-/// Times that do not rise.
+/// Times that do not increase.
 pub fn truth(sequence: &Sequence) -> Result<Trajectory> {
     let poses = sequence.truth_at_sets().into_iter();
     Ok(Trajectory::new(
@@ -183,10 +186,10 @@ pub fn truth(sequence: &Sequence) -> Result<Trajectory> {
     )?)
 }
 
-/// An estimate as a trajectory holds it.
+/// Converts an estimate to a pose of a trajectory.
 ///
 /// # Errors
-/// Its covariance is none.
+/// Its covariance is not valid.
 pub fn pose(estimate: &Estimate) -> Result<Pose> {
     Ok(Pose {
         time_ns: estimate.time_ns,
@@ -203,5 +206,5 @@ pub fn pose(estimate: &Estimate) -> Result<Pose> {
 
 fn covariance(of: &Matrix6<f64>) -> Result<Covariance> {
     let rows = std::array::from_fn(|i| std::array::from_fn(|j| of[(i, j)]));
-    Covariance::from_rows(rows).context("the covariance that odometry states")
+    Covariance::from_rows(rows).context("the covariance of odometry")
 }

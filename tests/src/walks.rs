@@ -1,7 +1,8 @@
-//! Simulated walks as the verification of a calibration sees them.
+//! Simulated walks as input of the verification of a calibration.
 //!
-//! Only the bursts of a walk are rendered, and what follows corners through them runs once: told numbers that are
-//! wrong afterwards ([`Wrong`]) need no new pictures. A wrong told number is the same as a rig that is not as told.
+//! Only the bursts of a walk are rendered, and features are tracked once: nominal values with
+//! errors that are applied afterwards ([`NominalError`]) need no new images. An error of the
+//! nominal calibration is equivalent to a change of the rig.
 
 use std::sync::Arc;
 use std::thread;
@@ -12,34 +13,34 @@ use cad_transforms::rig::Rig;
 use cad_transforms::transform::RigidTransform;
 use calib::StereoCalibration;
 use calib::verify::{
-    Burst, Camera, CameraFound, Follower, Grey, Gyro, StereoPicture, Tolerances, Verification,
-    choose_bursts, compare, judge,
+    Burst, Camera, CameraEstimate, FeatureTracker, Gyro, ImageView, StereoFrame, Tolerances,
+    Verification, choose_bursts, compare, judge,
 };
 use rig_sim::camera::{Quality, Shutter};
-use rig_sim::scene::{Kind, Time};
+use rig_sim::scene::{Kind, Lighting};
 use rig_sim::simulation::{Settings, Simulation};
 use serde::{Deserialize, Serialize};
 
 const RIG: &str = include_str!("../../cad-transforms/rigs/example.toml");
-/// Pictures before each burst that are thrown away: the exposure finds its way.
-const SETTLING: u64 = 4;
+/// Number of discarded frames before each burst, for the exposure to converge.
+const SETTLING_FRAMES: u64 = 4;
 const SIZE: (u32, u32) = (672, 376);
 
-/// How a walk is looked at.
+/// Plan of a walk.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Plan {
     /// Length of the walk, s.
     pub seconds: f64,
-    /// Pictures per second.
+    /// Frames per second.
     pub rate_hz: f64,
-    /// Bursts, and the length of each, s.
+    /// Number of bursts, and the length of each, s.
     pub bursts: (usize, f64),
-    /// Looks per pixel.
+    /// Rendering quality.
     pub quality: Quality,
 }
 
 impl Plan {
-    /// One minute, at the quality for recordings in real time.
+    /// One minute, at the quality for recording in real time.
     pub const MINUTE: Self = Self {
         seconds: 60.0,
         rate_hz: 15.0,
@@ -48,14 +49,14 @@ impl Plan {
     };
 }
 
-/// One walk.
+/// A walk.
 #[derive(Clone, Debug, Serialize, Deserialize)]
 pub struct Walk {
-    cameras: Vec<Told>,
+    cameras: Vec<NominalCamera>,
 }
 
 #[derive(Clone, Debug, Serialize, Deserialize)]
-struct Told {
+struct NominalCamera {
     name: String,
     calibration: StereoCalibration,
     rig_from_left: RigidTransform,
@@ -66,33 +67,33 @@ struct Told {
     count: f64,
 }
 
-/// What is told wrongly of a camera, given by its number.
+/// Error of the nominal calibration of a camera, given by its index.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub enum Wrong {
-    /// Nothing.
-    Nothing,
-    /// It has turned on the plate, by a rotation vector in its left optical frame, rad.
-    Turned(usize, [f64; 3]),
-    /// Its right eye has turned, by a rotation vector in the right optical frame, rad.
-    Eyes(usize, [f64; 3]),
-    /// Its pictures are stamped late, s.
-    Pictures(usize, f64),
-    /// Its samples are.
-    Samples(usize, f64),
-    /// Both are.
+pub enum NominalError {
+    /// No error.
+    None,
+    /// The camera has rotated on the rig, by a rotation vector in its left optical frame, rad.
+    CameraRotation(usize, [f64; 3]),
+    /// The right eye has rotated, by a rotation vector in the right optical frame, rad.
+    StereoRotation(usize, [f64; 3]),
+    /// Image timestamps are late, s.
+    ImageTime(usize, f64),
+    /// IMU timestamps are late, s.
+    ImuTime(usize, f64),
+    /// Image and IMU timestamps are late, s.
     Clock(usize, f64),
 }
 
 impl Walk {
-    /// Walks, and looks.
+    /// Simulates a walk and tracks features.
     ///
     /// # Errors
-    /// There is no such walk.
-    pub fn make(kind: Kind, light: Time, seed: u64, plan: &Plan) -> Result<Self> {
+    /// The walk cannot be prepared.
+    pub fn make(kind: Kind, light: Lighting, seed: u64, plan: &Plan) -> Result<Self> {
         let rig = Rig::parse(RIG).context("reading the example rig")?;
         let settings = Settings {
             kind,
-            time: light,
+            lighting: light,
             seed,
             seconds: plan.seconds,
             rate_hz: plan.rate_hz,
@@ -109,7 +110,7 @@ impl Walk {
         {
             let left = Frame::of_camera(&camera.name, FramePart::Left)?;
             let samples = simulation.samples(imu);
-            cameras.push(Told {
+            cameras.push(NominalCamera {
                 name: camera.name.clone(),
                 calibration: simulation.calibration(k),
                 rig_from_left: rig.transform(&Frame::rig(), &left)?,
@@ -129,15 +130,16 @@ impl Walk {
         let (count, length_s) = plan.bursts;
         let span = [0, (plan.seconds * 1e9) as i64];
         let times = choose_bursts(&refs, span, count, (length_s * 1e9) as i64);
-        let look = |k: usize| look(&simulation, k, &cameras[k].calibration, &gyros[k], &times);
+        let track_bursts =
+            |k: usize| track_bursts(&simulation, k, &cameras[k].calibration, &gyros[k], &times);
         let bursts: Vec<Vec<Burst>> = thread::scope(|scope| {
-            let look = &look;
+            let track_bursts = &track_bursts;
             let running: Vec<_> = (0..cameras.len())
-                .map(|k| scope.spawn(move || look(k)))
+                .map(|k| scope.spawn(move || track_bursts(k)))
                 .collect();
             running
                 .into_iter()
-                .map(|thread| thread.join().expect("following corners does not panic"))
+                .map(|thread| thread.join().expect("feature tracking does not panic"))
                 .collect()
         });
         for (camera, bursts) in cameras.iter_mut().zip(bursts) {
@@ -151,7 +153,7 @@ impl Walk {
         self.cameras.iter().map(|c| c.name.as_str()).collect()
     }
 
-    /// The same with every `every`-th burst alone.
+    /// The same with every `every`-th burst only.
     #[must_use]
     pub fn thinned(&self, every: usize) -> Self {
         let mut thin = self.clone();
@@ -161,61 +163,64 @@ impl Walk {
         thin
     }
 
-    /// What the cameras' own comparisons give as things are.
-    pub fn compare(&self) -> Vec<CameraFound> {
-        self.with(&Wrong::Nothing, |cameras| {
+    /// Estimates of the cameras without nominal errors.
+    pub fn compare(&self) -> Vec<CameraEstimate> {
+        self.with(&NominalError::None, |cameras| {
             cameras.iter().map(compare).collect()
         })
     }
 
-    /// What verification says if this is told wrongly. `as_it_is` is what [`Walk::compare`] gave, of which that is used
-    /// again that does not depend on it.
-    pub fn verify(&self, wrong: &Wrong, as_it_is: &[CameraFound]) -> Verification {
-        self.with(wrong, |cameras| {
-            let mut found = as_it_is.to_vec();
-            if let Wrong::Eyes(k, _) | Wrong::Pictures(k, _) | Wrong::Samples(k, _) = *wrong {
+    /// Verification with an error of the nominal calibration. `reference` is the result of
+    /// [`Walk::compare`]; its unaffected parts are reused.
+    pub fn verify(&self, error: &NominalError, reference: &[CameraEstimate]) -> Verification {
+        self.with(error, |cameras| {
+            let mut found = reference.to_vec();
+            if let NominalError::StereoRotation(k, _)
+            | NominalError::ImageTime(k, _)
+            | NominalError::ImuTime(k, _) = *error
+            {
                 found[k] = compare(&cameras[k]);
             }
             judge(cameras, found, &Tolerances::default())
         })
     }
 
-    fn with<T>(&self, wrong: &Wrong, run: impl FnOnce(&[Camera<'_>]) -> T) -> T {
-        let mut told = self.cameras.clone();
+    fn with<T>(&self, error: &NominalError, run: impl FnOnce(&[Camera<'_>]) -> T) -> T {
+        let mut nominal = self.cameras.clone();
         let turn = |rad: [f64; 3]| {
             let turn = RigidTransform::from_rotation_vector(rad, [0.0; 3]);
-            turn.expect("a finite turn is a transform").inverse()
+            turn.expect("a finite rotation is a transform").inverse()
         };
-        let mut late_s = vec![0.0; told.len()];
-        match *wrong {
-            Wrong::Nothing => {}
-            Wrong::Turned(k, rad) => {
-                told[k].rig_from_left = told[k].rig_from_left * turn(rad);
+        let mut imu_delay_s = vec![0.0; nominal.len()];
+        match *error {
+            NominalError::None => {}
+            NominalError::CameraRotation(k, rad) => {
+                nominal[k].rig_from_left = nominal[k].rig_from_left * turn(rad);
             }
-            Wrong::Eyes(k, rad) => {
-                let calibration = &mut told[k].calibration;
+            NominalError::StereoRotation(k, rad) => {
+                let calibration = &mut nominal[k].calibration;
                 calibration.right_from_left = turn(rad) * calibration.right_from_left;
             }
-            Wrong::Pictures(k, s) => told[k].stamp_pictures_late(s),
-            Wrong::Samples(k, s) => late_s[k] = s,
-            Wrong::Clock(k, s) => {
-                told[k].stamp_pictures_late(s);
-                late_s[k] = s;
+            NominalError::ImageTime(k, s) => nominal[k].delay_images(s),
+            NominalError::ImuTime(k, s) => imu_delay_s[k] = s,
+            NominalError::Clock(k, s) => {
+                nominal[k].delay_images(s);
+                imu_delay_s[k] = s;
             }
         }
-        let gyros: Vec<Gyro> = (told.iter().zip(&late_s))
+        let gyros: Vec<Gyro> = (nominal.iter().zip(&imu_delay_s))
             .map(|(c, s)| c.gyro(*s))
             .collect();
         let mut cameras = Vec::new();
-        for (told, gyro) in told.iter().zip(&gyros) {
+        for (nominal, gyro) in nominal.iter().zip(&gyros) {
             cameras.push(Camera {
-                name: &told.name,
-                told: &told.calibration,
-                rig_from_left: Some(told.rig_from_left),
+                name: &nominal.name,
+                nominal: &nominal.calibration,
+                rig_from_left: Some(nominal.rig_from_left),
                 joint_sigma_rad: None,
-                // Sessions do not tell it.
+                // Not contained in sessions.
                 line_s: None,
-                bursts: &told.bursts,
+                bursts: &nominal.bursts,
                 gyro: Some(gyro),
             });
         }
@@ -223,24 +228,24 @@ impl Walk {
     }
 }
 
-impl Told {
-    fn gyro(&self, late_s: f64) -> Gyro {
+impl NominalCamera {
+    fn gyro(&self, imu_delay_s: f64) -> Gyro {
         let rate = |c: i16| f64::from(c) * self.count;
         let gyro = Gyro::new(self.gyro.iter().map(|(time, c)| (*time, c.map(rate))));
-        gyro.later_by_ns((late_s * 1e9) as i64)
+        gyro.shifted_by_ns((imu_delay_s * 1e9) as i64)
     }
 
-    fn stamp_pictures_late(&mut self, late_s: f64) {
-        let late_ns = (late_s * 1e9) as i64;
-        for of in self.bursts.iter_mut().flat_map(|b| &mut b.moves) {
+    fn delay_images(&mut self, imu_delay_s: f64) {
+        let late_ns = (imu_delay_s * 1e9) as i64;
+        for of in self.bursts.iter_mut().flat_map(|b| &mut b.segments) {
             of.from_ns += late_ns;
             of.to_ns += late_ns;
         }
     }
 }
 
-/// Renders the bursts of a camera and follows corners through them.
-fn look(
+/// Renders the bursts of a camera and tracks features through them.
+fn track_bursts(
     simulation: &Arc<Simulation>,
     camera: usize,
     calibration: &StereoCalibration,
@@ -249,20 +254,21 @@ fn look(
 ) -> Vec<Burst> {
     let settings = simulation.settings();
     let count = settings.frame_count();
-    let mut follower = Follower::new(calibration, Some(gyro));
-    let mut pictures = simulation.pictures(camera);
+    let mut follower = FeatureTracker::new(calibration, Some(gyro));
+    let mut renderer = simulation.frames(camera);
     let mut burst = |[from, to]: &[i64; 2]| {
         let first = (0..count).find(|n| settings.frame_ns(*n) >= *from);
         let first = first.unwrap_or(count);
-        for n in first.saturating_sub(SETTLING)..first {
-            pictures.expose(n, settings.frame_ns(n));
+        for n in first.saturating_sub(SETTLING_FRAMES)..first {
+            renderer.expose(n, settings.frame_ns(n));
         }
         for n in (first..count).take_while(|n| settings.frame_ns(*n) <= *to) {
-            let frame = pictures.expose(n, settings.frame_ns(n));
-            let (left, right) = (frame.grey(0), frame.grey(1));
+            let frame = renderer.expose(n, settings.frame_ns(n));
+            let (left, right) = (frame.gray(0), frame.gray(1));
             let (width, height) = (frame.width / 2, frame.height);
-            let eye = |pixels| Grey::new(width, height, width, pixels).expect("a whole picture");
-            follower.push(&StereoPicture {
+            let eye =
+                |pixels| ImageView::new(width, height, width, pixels).expect("a complete image");
+            follower.push(&StereoFrame {
                 time_ns: frame.time_ns,
                 left: eye(&left),
                 right: eye(&right),

@@ -1,17 +1,18 @@
-//! Our calibration of real stereo pairs of a chessboard beside OpenCV's, in one run.
+//! Our calibration of real stereo pairs of a chessboard compared with OpenCV's, in one run.
 //!
-//! OpenCV finds its own corners and calibrates in its usual way. Both results are judged alike: lenses and the
-//! pair are held, the board's pose is found for every pair of pictures, and what is left over is the RMS.
+//! OpenCV detects its own corners and calibrates in its usual way. Both results are evaluated
+//! equally: intrinsics and stereo extrinsics are fixed, the board's pose is estimated for every
+//! pair of images, and the remaining residual is the RMS.
 
 use std::path::{Path, PathBuf};
 use std::process::Command;
 
 use cad_transforms::RigidTransform;
-use calib::adjust::{self, LensBlock, PlaceBlock, PlacePrior, Point, Problem, View};
-use calib::cameras::{self, Calibration, Camera, Eye, Input, Sighting};
+use calib::adjust::{self, LensBlock, Point, PoseBlock, PosePrior, Problem, View};
+use calib::cameras::{self, Calibration, Camera, Eye, Input, TargetDetection};
 use calib::epipolar::Epipolar;
 use calib::pnp;
-use calib::target::{self, GreyView, Seen, Target};
+use calib::target::{self, DetectedCorner, ImageView, Target};
 use calib::{CameraModel, Distortion, Provenance, StereoCalibration};
 use serde_json::Value;
 
@@ -35,7 +36,7 @@ type Corners = Vec<[Vec<[f64; 2]>; 2]>;
 fn our_corners(folder: &Path) -> Corners {
     let eye = |side: &str, number: usize| {
         let path = folder.join(format!("{side}{:02}.jpg", number + 1));
-        let bytes = std::fs::read(&path).expect("a picture");
+        let bytes = std::fs::read(&path).expect("an image");
         let options = zune_jpeg::zune_core::options::DecoderOptions::default()
             .jpeg_set_out_colorspace(zune_jpeg::zune_core::colorspace::ColorSpace::Luma);
         let mut decoder =
@@ -43,7 +44,7 @@ fn our_corners(folder: &Path) -> Corners {
         let pixels = decoder.decode().expect("a JPEG file");
         let info = decoder.info().expect("a size");
         let (width, height) = (usize::from(info.width), usize::from(info.height));
-        let view = GreyView::new(width, height, width, &pixels).expect("a whole picture");
+        let view = ImageView::new(width, height, width, &pixels).expect("a complete image");
         let found = target::detect(&view, &board(), &target::Settings::default());
         assert_eq!(
             found.corners.len(),
@@ -58,7 +59,7 @@ fn our_corners(folder: &Path) -> Corners {
         .collect()
 }
 
-/// OpenCV counts from either end of the board; ours from the upper left in the picture.
+/// OpenCV counts from either end of the board; ours from the upper left in the image.
 fn in_our_order(theirs: &Value, ours: &[[f64; 2]]) -> Vec<[f64; 2]> {
     let mut corners: Vec<[f64; 2]> = serde_json::from_value(theirs.clone()).expect("corners");
     let apart = |a: [f64; 2], b: [f64; 2]| (a[0] - b[0]).hypot(a[1] - b[1]);
@@ -80,16 +81,16 @@ fn input(corners: &Corners, pairs: &[usize]) -> Input {
         size: (640, 512),
         factory: None,
     });
-    let mut sightings = Vec::new();
+    let mut detections = Vec::new();
     for (instant, &pair) in pairs.iter().enumerate() {
         for (eye, seen) in corners[pair].iter().enumerate() {
             let corners = seen.iter().zip(0..);
-            let corners = corners.map(|(pixel, id)| Seen {
+            let corners = corners.map(|(pixel, id)| DetectedCorner {
                 id,
                 pixel: *pixel,
                 sigma_px: 0.05,
             });
-            sightings.push(Sighting {
+            detections.push(TargetDetection {
                 instant,
                 eye,
                 target: 0,
@@ -108,18 +109,18 @@ fn input(corners: &Corners, pairs: &[usize]) -> Input {
         }],
         targets: vec![board()],
         times_ns: (0..pairs.len() as i64).map(|i| i * 1_000_000_000).collect(),
-        sightings,
+        detections,
     }
 }
 
-/// Lenses and `left_from_right`.
+/// Intrinsics and `left_from_right`.
 type Stereo = ([CameraModel; 2], RigidTransform);
 
 fn ours(corners: &Corners, pairs: &[usize]) -> (Stereo, Calibration) {
     let settings = cameras::Settings::default();
     let found =
         cameras::calibrate(input(corners, pairs), &settings, &mut |_, _| {}).expect("a result");
-    let pair = found.place(found.places.pairs[0].expect("a pair")).0;
+    let pair = found.pose(found.poses.pairs[0].expect("a pair")).0;
     (([*found.lens(0), *found.lens(1)], pair), found)
 }
 
@@ -150,15 +151,15 @@ fn theirs(found: &Value) -> Stereo {
     ([lens("left"), lens("right")], right_from_left.inverse())
 }
 
-/// RMS over pairs that need not have been calibrated with; px.
+/// RMS over pairs that may be held out from the calibration, px.
 fn left_over((lenses, left_from_right): &Stereo, corners: &Corners, pairs: &[usize]) -> f64 {
     let known = board().corners();
     let mut problem = Problem {
         lenses: lenses.iter().map(|m| LensBlock::fixed("", *m)).collect(),
-        places: vec![PlaceBlock {
+        poses: vec![PoseBlock {
             name: String::new(),
             parent_from_child: *left_from_right,
-            prior: PlacePrior::Fixed,
+            prior: PosePrior::Fixed,
         }],
         ..Problem::default()
     };
@@ -186,7 +187,7 @@ fn left_over((lenses, left_from_right): &Stereo, corners: &Corners, pairs: &[usi
             });
         }
     }
-    // No observation is spared, as in OpenCV.
+    // No robust loss, as in OpenCV.
     let settings = adjust::Settings {
         knee: 1e9,
         covariance: false,
@@ -197,7 +198,7 @@ fn left_over((lenses, left_from_right): &Stereo, corners: &Corners, pairs: &[usi
         .rms_px(|_| true)
 }
 
-/// Mean and 95th percentile of how far the rows of a corner differ, px.
+/// Mean and 95th percentile of the row differences of corners, px.
 fn row_differences(
     lenses: &[CameraModel; 2],
     left_from_right: &RigidTransform,
@@ -226,7 +227,7 @@ fn row_differences(
 }
 
 #[test]
-fn real_chessboard_pairs_beside_opencv() {
+fn real_chessboard_pairs_agree_with_opencv() {
     let Some(python) = std::env::var_os("PAWS_PYTHON").map(PathBuf::from) else {
         eprintln!("skipped: PAWS_PYTHON names no interpreter with OpenCV");
         return;
@@ -243,7 +244,10 @@ fn real_chessboard_pairs_beside_opencv() {
         .output()
         .expect("start python");
     let errors = String::from_utf8_lossy(&output.stderr);
-    assert!(output.status.success(), "the exam says: {errors}");
+    assert!(
+        output.status.success(),
+        "the reference script failed: {errors}"
+    );
     let opencv: Value = serde_json::from_slice(&output.stdout).expect("JSON");
 
     let corners = our_corners(&folder);
@@ -253,7 +257,7 @@ fn real_chessboard_pairs_beside_opencv() {
     let all: Vec<usize> = (0..PAIRS).collect();
     let (even, odd): (Vec<usize>, Vec<usize>) = all.iter().partition(|n| **n % 2 == 0);
 
-    // All pairs: what either calibrates and judges by its own corners, and ours by OpenCV's corners.
+    // All pairs: each method evaluated with its own corners, and ours with OpenCV's corners.
     let (stereo, found) = ours(&corners, &all);
     let our_rms = found.solution.rms_px(|_| true);
     let their_rms = opencv["all"]["rms_px"].as_f64().expect("a number");
@@ -265,13 +269,13 @@ fn real_chessboard_pairs_beside_opencv() {
         "{judged} {their_rms}"
     );
 
-    // Corners of a pair share a row after rectification. The files name the eyes the other way round.
+    // Corners of a pair share a row after rectification. The files name the eyes in reverse.
     let (lenses, left_from_right) = stereo;
     let (by_rows, p95) = row_differences(&lenses, &left_from_right, &corners);
     println!("row difference after rectification: mean {by_rows:.4} px, 95 % below {p95:.4} px");
     assert!(by_rows <= 0.12, "{by_rows}");
 
-    // Halves, judged by the other half.
+    // Halves, evaluated on the other half.
     for (name, train, test) in [("even", &even, &odd), ("odd", &odd, &even)] {
         let (own, _) = ours(&corners, train);
         let other = theirs(&opencv[name]);

@@ -1,36 +1,37 @@
-//! A slice of `cargo xtask bench calib_verify`: one walk of a minute, judged as it is, and with told numbers made wrong.
+//! A slice of `cargo xtask bench calib_verify`: one walk of a minute, evaluated with the correct
+//! nominal calibration and with errors of it.
 
-use calib::verify::{State, What};
-use rig_sim::scene::{Kind, Time};
-use tests::walks::{Plan, Walk, Wrong};
+use calib::verify::{Parameter, Status};
+use rig_sim::scene::{Kind, Lighting};
+use tests::walks::{NominalError, Plan, Walk};
 
 #[test]
-fn a_walk_shows_what_is_told_wrong_and_nothing_else() {
-    let walk = Walk::make(Kind::Stairs, Time::Day, 9, &Plan::MINUTE).expect("a walk");
+fn errors_of_the_nominal_calibration_are_detected_without_false_alarms() {
+    let walk = Walk::make(Kind::Stairs, Lighting::Day, 9, &Plan::MINUTE).expect("a walk");
     let found = walk.compare();
-    let off = |wrong: &Wrong| -> Vec<(What, String, Vec<String>, Vec<f64>)> {
+    let off = |wrong: &NominalError| -> Vec<(Parameter, String, Vec<String>, Vec<f64>)> {
         let all = walk.verify(wrong, &found).findings.into_iter();
-        all.filter(|f| f.state == State::Off)
-            .map(|f| (f.what, f.camera, f.or, f.found))
+        all.filter(|f| f.status == Status::Inconsistent)
+            .map(|f| (f.parameter, f.camera, f.alternatives, f.estimate))
             .collect()
     };
-    assert_eq!(off(&Wrong::Nothing), []);
+    assert_eq!(off(&NominalError::None), []);
 
     let half = 0.5_f64.to_radians();
     let names = walk.names();
     for (k, name) in names.iter().enumerate() {
         let mut turn = [0.0; 3];
         turn[k] = half;
-        let turned = off(&Wrong::Turned(k, turn));
+        let rotated = off(&NominalError::CameraRotation(k, turn));
         assert!(
-            turned
+            rotated
                 .iter()
-                .any(|(what, camera, or, _)| *what == What::Camera
+                .any(|(what, camera, or, _)| *what == Parameter::Camera
                     && (camera == name || or.contains(&(*name).to_owned()))),
-            "{name}: {turned:?}"
+            "{name}: {rotated:?}"
         );
-        let late = off(&Wrong::Pictures(k, 3e-3));
-        let [(What::Pictures, camera, _, by)] = &late[..] else {
+        let late = off(&NominalError::ImageTime(k, 3e-3));
+        let [(Parameter::ImageTime, camera, _, by)] = &late[..] else {
             panic!("{name}: {late:?}");
         };
         assert_eq!(camera, name);

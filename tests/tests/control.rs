@@ -1,4 +1,4 @@
-//! The daemon under control from outside: armed, started, marked, stopped, discarded.
+//! Remote control of the daemon: arm, start, mark, stop, discard.
 
 #![expect(
     clippy::disallowed_methods,
@@ -78,7 +78,7 @@ fn start(name: &str) -> Request {
 }
 
 #[test]
-fn sessions_from_a_press_to_a_stop() {
+fn sessions_last_from_a_button_press_to_a_stop() {
     let folder = tempfile::tempdir().expect("folder");
     let rig = Rig::small(3);
     let daemon = Daemon::start(
@@ -93,7 +93,7 @@ fn sessions_from_a_press_to_a_stop() {
             .is_err_and(|e| e.contains("armed")),
         "a stop of nothing"
     );
-    // So that a whole pre-roll has gone by.
+    // Until a whole pre-roll has passed.
     daemon.wait("two seconds of frames", |s| s.streams[0].received >= 60);
 
     let mut sessions = BTreeSet::new();
@@ -130,7 +130,7 @@ fn sessions_from_a_press_to_a_stop() {
     let unwanted = status.session.expect("a session");
     assert!(unwanted.is_dir());
     daemon.ask(Request::Discard).expect("discard");
-    assert!(!unwanted.exists(), "a discarded session is gone");
+    assert!(!unwanted.exists(), "a discarded session is removed");
 
     let last = daemon
         .ask(start("last"))
@@ -140,27 +140,28 @@ fn sessions_from_a_press_to_a_stop() {
     daemon.wait("some frames", |s| s.seconds > 1.2);
     let socket = daemon.socket.clone();
     daemon.end();
-    assert!(!socket.exists(), "the socket is gone");
+    assert!(!socket.exists(), "the socket is removed");
     let manifest = Contents::read(&last).expect("contents").manifest;
     assert_eq!(manifest.state, manifest::State::Closed);
     assert_eq!(manifest.stopped.expect("an end").reason, "signal");
 }
 
-/// Armed without a pre-roll nothing is encoded; what follows the press is stored from its first frame on, which stands alone.
+/// Armed without a pre-roll nothing is encoded; after the button press frames are stored from the
+/// first one on, which is a key frame.
 #[test]
-fn without_a_pre_roll_the_first_frames_follow_the_press() {
+fn without_a_pre_roll_recording_starts_after_the_button_press() {
     let folder = tempfile::tempdir().expect("folder");
     let mut config = Rig::small(3).config(folder.path()).expect("configuration");
     config.session.pre_roll_ns = 0;
     let daemon = Daemon::start(config, folder.path());
-    // Not the first second alone, in which a frame is shown.
+    // Longer than the first second, in which a frame is shown.
     let armed = daemon.wait("frames of all cameras", |s| {
         s.state == State::Armed && s.streams[..3].iter().all(|s| s.received >= 60)
     });
     assert!(armed.streams.iter().all(|s| s.stored == 0), "{armed:?}");
 
     let pressed = RealClock.now();
-    let session = daemon.ask(start("at once")).expect("start").session;
+    let session = daemon.ask(start("immediately")).expect("start").session;
     let session = session.expect("a session");
     daemon.wait("stored frames of all cameras", |s| {
         s.streams.iter().all(|s| s.stored > 0)
@@ -176,7 +177,7 @@ fn without_a_pre_roll_the_first_frames_follow_the_press() {
     for (camera, frames) in &contents.frames {
         let first = &frames.first().expect("frames").record;
         assert!(first.key_frame, "{camera} begins with a key frame");
-        // They count from 0: what was received before the press was told is not in the session.
+        // They count from 0: frames received before the report of the press are not in the session.
         let stream = armed.streams.iter().find(|s| s.name == *camera);
         let before = stream.expect("its stream").received;
         assert!(
@@ -189,12 +190,13 @@ fn without_a_pre_roll_the_first_frames_follow_the_press() {
     }
 }
 
-/// A session from a press to a stop: sound, accounted for as the daemon says, decodable from its first frame on, and with
-/// nothing from after the stop. How soon it begins and ends is tested in virtual time, with the recorder.
-fn check_session(session: &Path, name: &str, told: &Status) {
+/// A session from a button press to a stop: valid, consistent with the daemon's status, decodable
+/// from its first frame on, and without data after the stop. The latency of start and stop is
+/// tested in virtual time, with the recorder.
+fn check_session(session: &Path, name: &str, status: &Status) {
     let report = verify(&open(session).expect("open"), |_| {}).expect("verify");
     assert!(report.is_sound(), "{report:?}");
-    for stream in &told.streams {
+    for stream in &status.streams {
         let found = &report.streams[&stream.name];
         assert_eq!(
             (stream.stored, stream.missing),
@@ -220,7 +222,7 @@ fn check_session(session: &Path, name: &str, told: &Status) {
             stopped.at
         );
     }
-    // Alarms depend on how busy the machine is.
+    // Alarms depend on the load of the machine.
     let events: Vec<(i32, &str, &str)> = contents
         .events
         .iter()

@@ -1,20 +1,20 @@
 //! Random schedules of faults against the daemon, a minute of session time each.
 //!
-//! `PAWS_FAULT_SEEDS=2000 cargo test --package tests --test faults` runs the whole exam instead of a slice,
-//! `PAWS_FAULT_SEED=N` the schedule of one seed, and says so where one fails.
+//! `PAWS_FAULT_SEEDS=2000 cargo test --package tests --test faults` runs all schedules instead of a
+//! slice, `PAWS_FAULT_SEED=N` the schedule of one seed; a failure prints it.
 
 use std::path::Path;
 
 use tests::faults::Exam;
 
-/// A slice of the exam, which has 2000.
+/// A slice of the 2000 schedules.
 const SCHEDULES: u64 = 60;
 const SECONDS: f64 = 60.0;
 
 #[test]
-fn every_loss_is_told_with_its_cause() {
+fn every_loss_is_recorded_with_its_cause() {
     let exam = Exam::new(SECONDS).expect("a walk");
-    // What a disk makes of it is for other tests; in memory syncing costs nothing.
+    // Disk behavior is covered by other tests; in memory syncing costs nothing.
     let memory = Path::new("/dev/shm");
     let folder = match memory.is_dir() {
         true => tempfile::tempdir_in(memory),
@@ -38,6 +38,6 @@ fn every_loss_is_told_with_its_cause() {
         eprintln!("{error:#}\nPAWS_FAULT_SEED={seed} runs it again\n");
     }
     assert!(failures.is_empty(), "{} schedules failed", failures.len());
-    // Doubting everything would be no account.
-    assert!(tally.doubtful * 3 < tally.stored, "{tally:?}");
+    // Marking everything as unreliable would not be an account.
+    assert!(tally.unreliable * 3 < tally.stored, "{tally:?}");
 }

@@ -1,5 +1,5 @@
-//! The way from devices to a scene of a rig of which nothing is known: boards, calibration, a walk, a scene. As
-//! docs/calibration.md has it, with the programs as a user starts them.
+//! From an uncalibrated rig to a scene: boards, calibration, a walk, a scene. As in
+//! docs/calibration.md, with the programs as a user starts them.
 
 use std::path::Path;
 use std::process::{Command, Output};
@@ -9,7 +9,7 @@ use cad_transforms::{Frame, FramePart, Rig, RigidTransform};
 use rig_sim::camera::Quality;
 use rig_sim::faults::Faults;
 use rig_sim::render::{Job, render_session};
-use rig_sim::scene::{Kind, Time};
+use rig_sim::scene::{Kind, Lighting};
 use rig_sim::simulation::{Settings, Simulation};
 use scene_bundle::Scene;
 use tests::program;
@@ -17,11 +17,11 @@ use tests::program;
 const RIG: &str = include_str!("../../cad-transforms/rigs/example.toml");
 const CALIBRATE: &str = "`paws calib cameras BOARDS --target board.toml --out calibration`";
 
-/// A session that tells of neither lenses nor places; gives the rig as it is.
+/// A session without intrinsics and extrinsics; returns the true rig.
 fn render(kind: Kind, seconds: f64, rate_hz: f64, folder: &Path) -> Rig {
     let settings = Settings {
         kind,
-        time: Time::Day,
+        lighting: Lighting::Day,
         seed: 5,
         seconds,
         rate_hz,
@@ -31,7 +31,7 @@ fn render(kind: Kind, seconds: f64, rate_hz: f64, folder: &Path) -> Rig {
     };
     let rig = Rig::parse(RIG).expect("a rig file");
     let simulation = Simulation::new(&settings, &rig).expect("a simulation");
-    let truth = Rig::parse(&simulation.true_rig_text(&rig)).expect("the truth");
+    let truth = Rig::parse(&simulation.true_rig_toml(&rig)).expect("the truth");
     let job = Job {
         rig: &rig,
         rig_text: RIG,
@@ -40,12 +40,18 @@ fn render(kind: Kind, seconds: f64, rate_hz: f64, folder: &Path) -> Rig {
         truth: false,
         threads: 2,
     };
-    render_session(&Arc::new(simulation.untold()), &job, folder, &|| {}).expect("a session");
+    render_session(
+        &Arc::new(simulation.without_calibration()),
+        &job,
+        folder,
+        &|| {},
+    )
+    .expect("a session");
     truth
 }
 
-/// What a program printed; it must end with this code.
-fn says(program: &Path, folder: &Path, arguments: &[&str], code: i32) -> String {
+/// Output of a program, which must exit with this code.
+fn run_program(program: &Path, folder: &Path, arguments: &[&str], code: i32) -> String {
     let mut command = Command::new(program);
     let Output {
         status,
@@ -63,7 +69,7 @@ fn says(program: &Path, folder: &Path, arguments: &[&str], code: i32) -> String 
 }
 
 #[test]
-fn a_rig_of_which_nothing_is_known_comes_to_a_scene() {
+fn uncalibrated_rig_is_calibrated_and_reconstructed() {
     let (paws, reconstruct) = (
         program::paws().expect("paws"),
         program::reconstruct().expect("paws-reconstruct"),
@@ -73,20 +79,20 @@ fn a_rig_of_which_nothing_is_known_comes_to_a_scene() {
     let truth = render(Kind::Targets, 45.0, 5.0, &here.join("boards"));
     assert!(!here.join("boards/rig/rig.toml").exists());
 
-    // The rig file comes of boards alone, and the screen shows what was found.
-    let said = says(
+    // The rig file is estimated from boards only, and the results are printed.
+    let output = run_program(
         &paws,
         here,
         &["calib", "cameras", "boards", "--out", "calibration"],
         0,
     );
     assert!(
-        said.contains("the origin is the left lens of feet"),
-        "{said}"
+        output.contains("the origin is the left lens of feet"),
+        "{output}"
     );
     assert!(
-        said.contains("pitch\u{b0}") && said.contains("sigma mm"),
-        "{said}"
+        output.contains("pitch\u{b0}") && output.contains("sigma mm"),
+        "{output}"
     );
     let page = std::fs::read_to_string(here.join("calibration/cameras.html")).expect("a page");
     assert!(page.contains("Where cameras and IMUs are") && page.contains("left_shoulder/right"));
@@ -104,7 +110,7 @@ fn a_rig_of_which_nothing_is_known_comes_to_a_scene() {
         let (mm, degrees) = off(&origin, &left(camera), &found);
         assert!(
             mm < 3.0 && degrees < 0.15,
-            "{camera}: {mm} mm, {degrees} degrees\n{said}"
+            "{camera}: {mm} mm, {degrees} degrees\n{output}"
         );
         let sigmas = found.covariance(&Frame::rig(), &left(camera));
         let sigmas = sigmas.expect("frames").expect("a tolerance").sigmas();
@@ -127,15 +133,15 @@ fn a_rig_of_which_nothing_is_known_comes_to_a_scene() {
         &["--line-us", "feet=22.606", "--out", "calibration"],
     ]
     .concat();
-    let said = says(&paws, here, &imus, 0);
-    assert!(said.contains("feet/imu"), "{said}");
+    let output = run_program(&paws, here, &imus, 0);
+    assert!(output.contains("feet/imu"), "{output}");
     let with_imus = Rig::read(&here.join("calibration/rig-imu.toml")).expect("a rig file");
     for camera in ["left_shoulder", "right_shoulder", "feet"] {
         let imu = Frame::of_camera(camera, FramePart::Imu).expect("a frame");
         let (mm, degrees) = off(&left(camera), &imu, &with_imus);
         assert!(
             mm < 4.0 && degrees < 0.3,
-            "{camera}/imu: {mm} mm, {degrees} degrees\n{said}"
+            "{camera}/imu: {mm} mm, {degrees} degrees\n{output}"
         );
     }
     for file in ["calibration/rig.toml", "calibration/rig-imu.toml"] {
@@ -145,14 +151,18 @@ fn a_rig_of_which_nothing_is_known_comes_to_a_scene() {
             check.push(format!("{camera}=calibration/{camera}.yaml"));
         }
         let check: Vec<&str> = check.iter().map(String::as_str).collect();
-        let said = says(&paws, here, &check, 0);
-        assert!(said.contains("the rig's frame is that of feet"), "{said}");
+        let output = run_program(&paws, here, &check, 0);
+        assert!(
+            output.contains("the rig's frame is that of feet"),
+            "{output}"
+        );
     }
 
-    // A walk that was recorded before: told of by import, refused by reconstruction, mended by the folder.
+    // A walk recorded before the calibration: import warns, reconstruction refuses it, and the
+    // calibration folder resolves it.
     render(Kind::Plaza, 3.0, 15.0, &here.join("walk"));
     let library = ["--library", "library"];
-    says(
+    run_program(
         &paws,
         here,
         &[&library[..], &["import", "walk"]].concat(),
@@ -165,30 +175,33 @@ fn a_rig_of_which_nothing_is_known_comes_to_a_scene() {
         .expect("an entry")
         .path();
     let session = session.to_str().expect("UTF-8");
-    let said = says(
+    let output = run_program(
         &paws,
         here,
         &[&library[..], &["validate", session]].concat(),
         0,
     );
-    assert!(said.contains("WARN") && said.contains(CALIBRATE), "{said}");
-    let said = says(
+    assert!(
+        output.contains("WARN") && output.contains(CALIBRATE),
+        "{output}"
+    );
+    let output = run_program(
         &paws,
         here,
         &[&library[..], &["handoff", session]].concat(),
         0,
     );
-    let handoff = said.lines().find(|line| line.ends_with("handoff.json"));
+    let handoff = output.lines().find(|line| line.ends_with("handoff.json"));
     let handoff = handoff.expect("a hand-off").to_owned();
     let run = ["run", &handoff, "--out", "walk.scene", "--preset", "fast"];
-    let said = says(&reconstruct, here, &run, 1);
+    let output = run_program(&reconstruct, here, &run, 1);
     assert!(
-        said.contains("its lenses are not known") && said.contains(CALIBRATE),
-        "{said}"
+        output.contains("its lenses are not known") && output.contains(CALIBRATE),
+        "{output}"
     );
     let mended = [&run[..], &["--calibration", "calibration"]].concat();
-    let said = says(&reconstruct, here, &mended, 0);
-    assert!(said.contains("given beside the session"), "{said}");
+    let output = run_program(&reconstruct, here, &mended, 0);
+    assert!(output.contains("given beside the session"), "{output}");
     let scene = Scene::open(&here.join("walk.scene")).expect("a bundle");
     let manifest = scene.manifest();
     assert_eq!(manifest.provenance.rig.name, "calibrated rig");

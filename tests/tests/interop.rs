@@ -1,5 +1,5 @@
-//! Sessions of the daemon in readers that are not ours: the official Python packages read every
-//! message, and PyAV decodes the video to the same luma as our decoder, bit by bit.
+//! Sessions of the daemon in third-party readers: the official Python packages read every message,
+//! and PyAV decodes the video to the same luma as our decoder, bit by bit.
 
 use std::fs;
 use std::path::{Path, PathBuf};
@@ -10,19 +10,22 @@ use session_archive::record::paws::event::Kind;
 use tests::contents::Contents;
 use tests::rig::{Rig, in_virtual_time};
 
-/// Hashes planes of equal length that lie one after the other in a file.
+/// Hashes consecutive planes of equal length in a file.
 const HASH: &str = "import hashlib, json, sys
 data, size = open(sys.argv[1], 'rb').read(), int(sys.argv[2])
 json.dump([hashlib.sha256(data[i:i + size]).hexdigest() for i in range(0, len(data), size)], sys.stdout)";
 
-/// What a Python program prints as JSON.
+/// JSON output of a Python program.
 fn python(interpreter: &Path, arguments: &[&str]) -> Value {
     let output = Command::new(interpreter)
         .args(arguments)
         .output()
         .expect("start python");
     let errors = String::from_utf8_lossy(&output.stderr);
-    assert!(output.status.success(), "the Python reader says: {errors}");
+    assert!(
+        output.status.success(),
+        "the Python reader failed: {errors}"
+    );
     serde_json::from_slice(&output.stdout).expect("JSON")
 }
 
@@ -56,14 +59,14 @@ fn check(encoder: &'static str, codec: &str) {
     let list = |topic: &str, what: &str| -> Vec<Value> {
         let found = topics
             .get(topic)
-            .unwrap_or_else(|| panic!("{topic} is not there"));
+            .unwrap_or_else(|| panic!("{topic} is absent"));
         found[what].as_array().expect("a list").clone()
     };
     let messages: usize = topics
         .keys()
         .map(|topic| list(topic, "messages").len())
         .sum();
-    // The segment says who it is, and Contents leaves that out.
+    // Contents leaves out the message that identifies the segment.
     assert_eq!(messages as u64, ours.messages + 1);
 
     for name in rig.names() {
@@ -81,7 +84,7 @@ fn check(encoder: &'static str, codec: &str) {
             assert_eq!(unit["bytes"], frame.unit.len());
             assert_eq!(unit["format"], codec);
             assert_eq!(unit["frame_id"], format!("{name}/left"));
-            // 64-bit integers are strings in protobuf's JSON, and what is zero is left out.
+            // 64-bit integers are strings in protobuf's JSON, and zeros are left out.
             let number = theirs
                 .get("number")
                 .map_or("0", |n| n.as_str().expect("a string"));
@@ -98,7 +101,7 @@ fn check(encoder: &'static str, codec: &str) {
             &ours,
             name,
         );
-        pictures_are_the_same(
+        images_are_the_same(
             &interpreter,
             folder.path(),
             &seen["pictures"][&video],
@@ -147,7 +150,7 @@ fn imu_is_the_same(batches: &[Value], ours: &Contents, camera: &str) {
     assert_eq!(concatenated("accel_counts"), accel);
 }
 
-fn pictures_are_the_same(
+fn images_are_the_same(
     interpreter: &Path,
     folder: &Path,
     theirs: &Value,
@@ -179,17 +182,17 @@ fn pictures_are_the_same(
         );
         assert_eq!(
             &theirs["luma_sha256"], hash,
-            "{camera}: picture {i} decodes to another luma"
+            "{camera}: image {i} decodes to another luma"
         );
     }
 }
 
 #[test]
-fn h264_in_the_official_python_packages() {
+fn official_python_packages_read_h264_sessions() {
     check("x264enc", "h264");
 }
 
 #[test]
-fn h265_in_the_official_python_packages() {
+fn official_python_packages_read_h265_sessions() {
     check("x265enc", "h265");
 }

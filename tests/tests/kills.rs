@@ -14,7 +14,7 @@ use tests::program::pawsd;
 use tests::rig::in_virtual_time;
 
 #[test]
-fn nothing_promised_is_lost_whenever_the_recorder_is_killed() {
+fn promised_data_survives_kills_at_random_times() {
     let folder = tempfile::tempdir().expect("folder");
     let named = std::env::var("PAWS_SEED")
         .ok()
@@ -32,7 +32,7 @@ fn nothing_promised_is_lost_whenever_the_recorder_is_killed() {
         run(&plan, &|_| {}).into_iter().partition(Result::is_ok);
     if let Some(Err(first)) = failed.into_iter().next() {
         let kept = folder.keep();
-        panic!("{first:?}\nwhat is left of it is in {}", kept.display());
+        panic!("{first:?}\nits folder is {}", kept.display());
     }
     let killed: Vec<Killed> = killed.into_iter().flatten().collect();
     assert_eq!(killed.len(), 25);
@@ -52,22 +52,22 @@ fn nothing_promised_is_lost_whenever_the_recorder_is_killed() {
 }
 
 #[test]
-fn a_signal_ends_a_recording_with_a_closed_session() {
+fn signal_closes_the_session() {
     let folder = tempfile::tempdir().expect("folder");
     for signal in [rustix::process::Signal::INT, rustix::process::Signal::TERM] {
         let recorder = Recorder::start(&pawsd().expect("pawsd"), folder.path()).expect("start");
-        let session = recorder.begun().expect("begin");
+        let session = recorder.wait_until_recording().expect("begin");
         recorder.wait_for_durable().expect("a chunk on disk");
         let pid = rustix::process::Pid::from_raw(recorder.id() as i32).expect("pid");
         rustix::process::kill_process(pid, signal).expect("signal");
         let (code, said) = recorder.wait().expect("end");
-        assert_eq!(code, Some(closed(&session, &said)));
+        assert_eq!(code, Some(check_closed(&session, &said)));
     }
 }
 
-/// Whether [`check`] can fail: each kind of loss is made on purpose.
+/// Checks that [`check`] can fail: each kind of loss is caused on purpose.
 #[test]
-fn a_broken_promise_does_not_go_unnoticed() {
+fn broken_promises_are_detected() {
     let folder = tempfile::tempdir().expect("folder");
     let config = RIG.config(folder.path()).expect("configuration");
     let promises = Arc::new(Mutex::new(Vec::new()));
@@ -85,7 +85,7 @@ fn a_broken_promise_does_not_go_unnoticed() {
     let segment = finished.session.join("segments/000000.mcap");
     let bytes = fs::read(&segment).expect("segment");
 
-    let told = |name: &str, bytes: &[u8], promise| {
+    let verdict = |name: &str, bytes: &[u8], promise| {
         let copy = folder.path().join(name);
         fs::create_dir_all(copy.join("segments")).expect("folder");
         fs::create_dir_all(copy.join("rig")).expect("folder");
@@ -98,23 +98,23 @@ fn a_broken_promise_does_not_go_unnoticed() {
         fs::write(copy.join("segments/000000.mcap"), bytes).expect("segment");
         check(&copy, Some(promise), until, true).map_err(|e| format!("{e:#}"))
     };
-    let killed = told("whole", &bytes, (until, messages)).expect("nothing is wrong");
+    let killed = verdict("whole", &bytes, (until, messages)).expect("nothing is wrong");
     assert_eq!((killed.messages, killed.frames), (whole.messages, 2 * 90));
-    let error = told("more", &bytes, (until, whole.messages + 1)).expect_err("one more");
+    let error = verdict("more", &bytes, (until, whole.messages + 1)).expect_err("one more");
     assert!(error.contains("promised"), "{error}");
-    let error = told("later", &bytes, (until + 1_000_000_000, messages)).expect_err("later");
+    let error = verdict("later", &bytes, (until + 1_000_000_000, messages)).expect_err("later");
     assert!(error.contains("was promised"), "{error}");
-    let half = told("half", &bytes[..bytes.len() / 2], promises[0]).expect("a cut is no damage");
+    let half = verdict("half", &bytes[..bytes.len() / 2], promises[0]).expect("a cut is no damage");
     assert!(half.cut_off && half.messages < whole.messages, "{half:?}");
-    let error = told("less", &bytes[..bytes.len() / 2], (until, messages)).expect_err("a cut");
+    let error = verdict("less", &bytes[..bytes.len() / 2], (until, messages)).expect_err("a cut");
     assert!(error.contains("promised"), "{error}");
     let mut flipped = bytes.clone();
     flipped[bytes.len() / 2] ^= 1;
-    let error = told("flipped", &flipped, (until, 0)).expect_err("a flipped bit");
+    let error = verdict("flipped", &flipped, (until, 0)).expect_err("a flipped bit");
     assert!(error.contains("more than an end"), "{error}");
 }
 
-/// The manifest as it is while recording: segments and extents as they were at the start.
+/// The manifest during recording: segments and extents as at the start.
 fn manifest(whole: &Contents) -> Manifest {
     let mut manifest = whole.manifest.clone();
     manifest.extents.clear();
@@ -125,8 +125,9 @@ fn manifest(whole: &Contents) -> Manifest {
     manifest
 }
 
-/// The session is closed and what the recorder said last is true of it; the exit code that follows from it.
-fn closed(session: &Path, said: &[Progress]) -> i32 {
+/// Checks that the session is closed and the recorder's last message is correct; returns the exit
+/// code that follows from it.
+fn check_closed(session: &Path, said: &[Progress]) -> i32 {
     let reader = open(session).expect("open");
     assert_eq!(reader.manifest().state, State::Closed);
     assert_eq!(
@@ -140,7 +141,7 @@ fn closed(session: &Path, said: &[Progress]) -> i32 {
     let report = verify(&reader, |_| {}).expect("verify");
     assert!(report.is_sound(), "{report:?}");
     let Some(Progress::Finished {
-        session: told,
+        session: reported,
         reason,
         stored,
         missing,
@@ -149,10 +150,10 @@ fn closed(session: &Path, said: &[Progress]) -> i32 {
         ..
     }) = said.last()
     else {
-        panic!("the last word was {:?}", said.last());
+        panic!("the last message was {:?}", said.last());
     };
     assert_eq!(
-        (told.as_path(), reason.as_str(), error),
+        (reported.as_path(), reason.as_str(), error),
         (session, "signal", &None)
     );
     let samples: u64 = report.streams.values().map(|s| s.samples).sum();

@@ -1,4 +1,5 @@
-//! An encoder that cannot keep up, in real time. Alone in its file: it takes the whole machine.
+//! An encoder that cannot keep up, in real time. The only test of this file, since it uses the
+//! whole machine.
 
 use capture_daemon::run::{StopFlag, record};
 use capture_daemon::sources::synthetic::read_counter;
@@ -8,11 +9,11 @@ use session_archive::verify::verify;
 use tests::contents::{Contents, open};
 use tests::rig::{Rig, in_real_time};
 
-/// Frames wait in front of an encoder that is too slow and are encoded after the stop; what is left out to relieve it
-/// is left out on purpose. None is dropped for want of room.
+/// Frames are queued in front of an encoder that is too slow and encoded after the stop; load
+/// shedding leaves frames out on purpose. None is dropped for lack of memory.
 #[test]
-fn an_encoder_that_is_too_slow_gets_the_frames_that_waited_for_it() {
-    // Several times what one thread can do, and less than what may wait: 182 of 256 MB.
+fn queued_frames_are_encoded_after_the_stop_of_an_overload() {
+    // Several times the capacity of one thread, and less than the queue limit: 182 of 256 MB.
     let rig = Rig {
         width: 1344,
         height: 752,
@@ -25,7 +26,8 @@ fn an_encoder_that_is_too_slow_gets_the_frames_that_waited_for_it() {
     }
     let folder = tempfile::tempdir().expect("folder");
     let mut config = rig.config(folder.path()).expect("configuration");
-    // So fine that a fast machine has several times too much to do as well: hardly a coefficient becomes zero.
+    // At this quality a fast machine is overloaded several times as well: hardly a coefficient
+    // becomes zero.
     config.encoder.quality_db = 50.0;
     let options = in_real_time(2.0, folder.path());
     let finished = record(&config, &options, &StopFlag::new(), Box::new(|_| {}));
@@ -45,7 +47,7 @@ fn an_encoder_that_is_too_slow_gets_the_frames_that_waited_for_it() {
         "{stored} of {} frames are stored",
         stored + finished.missing
     );
-    // It was relieved, and each step is told in the session: a single camera of x265enc has two.
+    // Load was shed, and each step is recorded in the session: a single camera of x265enc has two.
     let steps: Vec<&str> = contents
         .events
         .iter()
@@ -66,10 +68,10 @@ fn an_encoder_that_is_too_slow_gets_the_frames_that_waited_for_it() {
     let newest = frames.last().expect("frames").record.number;
     for (first, last, cause) in &gaps {
         match Cause::try_from(*cause) {
-            Ok(Cause::Spared) => assert!(is_halved, "{first} to {last} were spared: {steps:?}"),
-            // On a very slow machine the stop does not wait for all that are queued.
+            Ok(Cause::Spared) => assert!(is_halved, "{first} to {last} were shed: {steps:?}"),
+            // On a very slow machine the stop does not wait for all queued frames.
             Ok(Cause::Late) => assert!(*first > newest, "{first} to {last} came too late"),
-            // An encoder that gives nothing for two seconds is replaced.
+            // An encoder without output for two seconds is replaced.
             Ok(Cause::EncoderRestart) => {}
             other => panic!("{first} to {last}: {other:?}"),
         }
@@ -78,7 +80,7 @@ fn an_encoder_that_is_too_slow_gets_the_frames_that_waited_for_it() {
         finished.missing,
         gaps.iter().map(|gap| gap.1 - gap.0 + 1).sum::<u64>()
     );
-    // IMU samples never give way.
+    // IMU samples are never shed.
     assert!(contents.gaps_of("left_shoulder/imu").is_empty());
     assert!(stored > 0 && samples > 0, "{stored}, {samples}");
     let checked = contents.decode("left_shoulder", |frame, picture| {

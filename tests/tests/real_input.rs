@@ -1,6 +1,7 @@
-//! The main job on real recordings: a street (KITTI), a room with an IMU (EuRoC) and a desk (one pair,
-//! again and again) are recorded together, imported, validated, indexed, handed off and read back. What
-//! comes back is held against the files of the recordings, which this test reads on its own.
+//! The main pipeline on real recordings: a street (KITTI), a room with an IMU (EuRoC) and a desk
+//! (one pair, repeated) are recorded together, imported, validated, indexed, handed off and read
+//! back. The result is compared with the files of the recordings, which this test reads
+//! independently.
 
 use std::collections::BTreeMap;
 use std::fs::{self, File};
@@ -10,10 +11,10 @@ use std::path::{Path, PathBuf};
 use capture_daemon::config::Config;
 use capture_daemon::run::{RecordOptions, StopFlag, record};
 use capture_daemon::sources::ImuValues;
+use collector::commands::{handoff, import, index, validate};
 use collector::console::{Clock, Console, Show};
 use collector::outcome::Outcome;
 use collector::target::Target;
-use collector::{handoff, importing, indexing, validate};
 use reconstruction::Input;
 use session_archive::handoff::Verdict;
 use session_archive::time::{HostTime, NS_PER_S};
@@ -25,18 +26,18 @@ const EUROC: &str = "03_stereo_imu/euroc_V1_01_micro";
 const DESK: &str = "01_stereo_depth/foundationstereo_demo";
 /// Length of the recording.
 const SECONDS: i64 = 5;
-/// Lowest quality that is good enough.
-const LEAST_DB: f64 = 40.0;
+/// Minimum image quality, dB.
+const MIN_PSNR_DB: f64 = 40.0;
 
-/// What a camera is to deliver.
+/// Expected deliveries of a camera.
 struct Truth {
     /// Device ticks and the two files of each frame, by number.
     frames: Vec<(i64, [PathBuf; 2])>,
     colour: bool,
 }
 
-/// A list of stamped frames, played until the end of the recording, again and again; each round
-/// begins one period after the last frame of the one before.
+/// A list of timestamped frames, repeated until the end of the recording; each repetition begins
+/// one period after the last frame of the previous one.
 fn played(list: &[(i64, [PathBuf; 2])], period_ns: i64) -> Vec<(i64, [PathBuf; 2])> {
     let (first, last) = (list[0].0, list[list.len() - 1].0);
     let round_ns = last - first + period_ns;
@@ -72,11 +73,11 @@ fn euroc(folder: &Path) -> Truth {
             let file = |camera| folder.join("mav0").join(camera).join("data").join(&row[1]);
             (row[0].parse().expect("a stamp"), ["cam0", "cam1"].map(file))
         })
-        // The excerpt lists more pictures than it has.
+        // The excerpt lists more images than it contains.
         .filter(|(_, files): &(i64, [PathBuf; 2])| files.iter().all(|file| file.is_file()))
         .collect();
     assert_eq!(list.len(), 20);
-    // 20 Hz, in stamps that were rounded: their median interval is the period.
+    // 20 Hz, with rounded timestamps: their median interval is the period.
     let mut intervals: Vec<i64> = list.windows(2).map(|w| w[1].0 - w[0].0).collect();
     intervals.sort_unstable();
     Truth {
@@ -128,7 +129,7 @@ fn configuration([kitti, euroc, desk]: &[PathBuf; 3]) -> Config {
     Config::parse(&text.concat(), Path::new("/")).expect("configuration")
 }
 
-/// Imports, validates, indexes and hands off; gives the folder of the session in the library.
+/// Imports, validates, indexes and hands off; returns the folder of the session in the library.
 fn through_the_collector(session: &Path, library: &Path) -> PathBuf {
     let mut said = Vec::new();
     let mut console = Console {
@@ -136,7 +137,7 @@ fn through_the_collector(session: &Path, library: &Path) -> PathBuf {
         show: Show::Nothing,
         clock: Clock::STILL,
     };
-    let imported = importing::run(&[session.to_owned()], library, &mut console).expect("import");
+    let imported = import::run(&[session.to_owned()], library, &mut console).expect("import");
     assert_eq!(imported, Outcome::Fine);
     let name = session
         .file_name()
@@ -149,13 +150,14 @@ fn through_the_collector(session: &Path, library: &Path) -> PathBuf {
         ..validate::Options::default()
     };
     let validated = validate::run(&targets, &options, &mut console).expect("validate");
-    let indexed = indexing::run(&targets, &mut console).expect("index");
+    let indexed = index::run(&targets, &mut console).expect("index");
     let handed = handoff::run(&targets[0], None, &mut console).expect("hand off");
     let said = String::from_utf8(said).expect("text");
     println!("{said}");
     assert_eq!([validated, indexed, handed], [Outcome::Fine; 3], "{said}");
-    // The rows of the street's rectified pairs disagree in the corners by up to 1.6 px, as if the right eye were turned by
-    // 0.6 degrees: it is so in the pictures, by any matcher, and the only thing to be warned of.
+    // The rows of the street's rectified pairs differ in the corners by up to 1.6 px, as if the
+    // right eye were rotated by 0.6 degrees: any matcher finds this in the images, and it is the
+    // only expected warning.
     let warnings: Vec<&str> = said.lines().filter(|l| l.starts_with("  WARN")).collect();
     assert!(
         matches!(warnings[..], [one] if one.contains("left_shoulder: right eye turned")),
@@ -165,7 +167,7 @@ fn through_the_collector(session: &Path, library: &Path) -> PathBuf {
 }
 
 #[test]
-fn real_recordings_come_back_as_they_were() {
+fn real_recordings_are_read_back_unchanged() {
     let sets = match data::sets([KITTI, EUROC, DESK]) {
         Ok(sets) => sets,
         Err(reason) => return eprintln!("{reason}"),
@@ -201,14 +203,14 @@ fn real_recordings_come_back_as_they_were() {
     let begin = recorded.manifest.started;
     for (camera, truth) in &truths {
         times_are_exact(&recorded, &input, camera, truth, begin);
-        pictures_are_good(&recorded, &input, camera, truth);
+        images_have_quality(&recorded, &input, camera, truth);
     }
     imu_is_bit_equal(&recorded, &input, &sets[1], begin);
     sets_are_whole(&input, &recorded);
 }
 
-/// Ticks are the stamps of the recording, arrivals keep their distances, and the times that were
-/// recorded are those that are read back.
+/// Ticks are the timestamps of the recording, arrivals keep their intervals, and recorded times are
+/// read back unchanged.
 fn times_are_exact(
     recorded: &Contents,
     input: &Input,
@@ -242,12 +244,12 @@ fn times_are_exact(
     }
 }
 
-fn pictures_are_good(recorded: &Contents, input: &Input, camera: &str, truth: &Truth) {
+fn images_have_quality(recorded: &Contents, input: &Input, camera: &str, truth: &Truth) {
     let mut sources: BTreeMap<PathBuf, Png> = BTreeMap::new();
     let (mut lowest_luma, mut lowest_rgb) = (f64::INFINITY, f64::INFINITY);
     let mut luma = BTreeMap::new();
     if truth.colour {
-        // The reader gives RGB; luma is what the decoder gives.
+        // The reader gives RGB, the decoder gives luma.
         let decoded = recorded.decode(camera, |frame, picture| {
             let (left, right) = video::picture::split(picture)?;
             luma.insert(
@@ -262,7 +264,7 @@ fn pictures_are_good(recorded: &Contents, input: &Input, camera: &str, truth: &T
     assert_eq!(views.len(), truth.frames.len());
     for (view, (frame, (_, files))) in views.zip(recorded.frames[camera].iter().zip(&truth.frames))
     {
-        let view = view.expect("a picture");
+        let view = view.expect("an image");
         assert_eq!(
             (view.number, view.time.0),
             (frame.record.number, frame.record.time)
@@ -298,17 +300,17 @@ fn pictures_are_good(recorded: &Contents, input: &Input, camera: &str, truth: &T
         String::new()
     };
     println!(
-        "{camera}: {} pictures, {encoder}, {:.2} Mbit/s; the worst eye has luma {lowest_luma:.2} dB{rgb}",
+        "{camera}: {} images, {encoder}, {:.2} Mbit/s; the worst eye has luma {lowest_luma:.2} dB{rgb}",
         2 * truth.frames.len(),
         8e-6 * bytes as f64 / SECONDS as f64
     );
     assert!(
-        lowest_luma >= LEAST_DB,
+        lowest_luma >= MIN_PSNR_DB,
         "{camera}: luma {lowest_luma:.2} dB"
     );
 }
 
-/// Every sample from the first picture on, with the ticks, and values with the very bits, of the CSV.
+/// Every sample from the first image on, with the ticks and bit-exact values of the CSV.
 fn imu_is_bit_equal(recorded: &Contents, input: &Input, folder: &Path, begin: HostTime) {
     const NAME: &str = "right_shoulder/imu";
     let first = recorded.frames["right_shoulder"][0].record.device_ticks;
@@ -326,7 +328,7 @@ fn imu_is_bit_equal(recorded: &Contents, input: &Input, folder: &Path, begin: Ho
     let stored = &recorded.imu[NAME];
     let read = input.imu(NAME, ..).expect("samples");
     assert_eq!((stored.len(), read.len()), (expected.len(), expected.len()));
-    // 200 Hz, the first one together with the first picture.
+    // 200 Hz, the first one together with the first image.
     assert_eq!(expected.len(), 200 * SECONDS as usize);
     for (i, (stamp, values)) in expected.iter().enumerate() {
         let (kept, back) = (&stored[i], &read[i]);
@@ -388,7 +390,7 @@ fn sets_are_whole(input: &Input, recorded: &Contents) {
     assert!(count >= 50, "a set for each frame of the slowest camera");
 }
 
-/// A picture of a recording, read by the `png` crate alone.
+/// An image of a recording, read by the `png` crate only.
 struct Png {
     width: u32,
     height: u32,
@@ -398,7 +400,7 @@ struct Png {
 
 impl Png {
     fn read(path: &Path) -> Self {
-        let file = BufReader::new(File::open(path).expect("a picture"));
+        let file = BufReader::new(File::open(path).expect("an image"));
         let mut reader = png::Decoder::new(file).read_info().expect("a PNG file");
         let mut data = vec![0; reader.output_buffer_size().expect("a size")];
         let info = reader.next_frame(&mut data).expect("a PNG file");
@@ -426,7 +428,7 @@ impl Png {
     }
 }
 
-/// Peak signal-to-noise ratio of two pictures of 8 bits, dB.
+/// Peak signal-to-noise ratio of two images of 8 bits, dB.
 fn psnr(a: &[u8], b: &[u8]) -> f64 {
     assert_eq!(a.len(), b.len());
     let squares = a

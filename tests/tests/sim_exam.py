@@ -3,7 +3,7 @@ reference AprilTag detector read the files and compute everything again from the
 
     sim_exam.py WALK
 
-prints one JSON object with a section per exam. Lengths on pictures are px, depth errors relative.
+prints one JSON object with a section per check. Lengths on images are px, depth errors relative.
 """
 
 import csv
@@ -23,7 +23,7 @@ def numbers(text, key):
 
 
 class Eye:
-    """Calibration and pictures of one eye, as its folder has them."""
+    """Calibration and images of one eye, as its folder has them."""
 
     def __init__(self, root, number):
         folder = root / f"cam{number}"
@@ -38,9 +38,9 @@ class Eye:
         self.root, self.number = root, number
 
     def layer(self, layer, name):
-        picture = cv2.imread(str(self.root / f"{layer}{self.number}/data" / name), cv2.IMREAD_UNCHANGED)
-        assert picture is not None, (layer, name)
-        return picture
+        image = cv2.imread(str(self.root / f"{layer}{self.number}/data" / name), cv2.IMREAD_UNCHANGED)
+        assert image is not None, (layer, name)
+        return image
 
     def rays(self):
         """Directions of all pixels' centres, (rows, columns, 3)."""
@@ -51,7 +51,7 @@ class Eye:
         return np.dstack([flat.reshape(*u.shape, 2), np.ones_like(u)])
 
 
-def pictures(root):
+def images(root):
     return sorted((p.name for p in (root / "cam0/data").glob("*.png")), key=lambda name: int(name[:-4]))
 
 
@@ -79,10 +79,10 @@ def tags(root):
     visible = found = hidden = 0
     off = {"linear": [], "delivered": []}
     for (time, eye), expected in truth.items():
-        picture = cv2.imread(str(root / f"cam{eye}/data/{time}.png"), cv2.IMREAD_GRAYSCALE)
-        light = linear[picture]
+        image = cv2.imread(str(root / f"cam{eye}/data/{time}.png"), cv2.IMREAD_GRAYSCALE)
+        light = linear[image]
         light = (light * (255 / light.max()) + 0.5).astype(np.uint8)
-        for kind, seen in (("linear", light), ("delivered", picture)):
+        for kind, seen in (("linear", light), ("delivered", image)):
             detected = {d.tag_id: d.corners for d in detector.detect(seen)}
             for tag, is_visible, corners in expected:
                 if kind == "linear":
@@ -100,7 +100,7 @@ def tags(root):
 
 
 def rows(left, right, names):
-    """Rows of the same features in pictures that OpenCV rectifies."""
+    """Rows of the same features in images that OpenCV rectifies."""
     right_from_left = np.linalg.inv(right.body_from_eye) @ left.body_from_eye
     turn_left, turn_right, new_left, new_right, *_ = cv2.stereoRectify(
         left.matrix, left.distortion, right.matrix, right.distortion, left.size,
@@ -214,7 +214,7 @@ def mesh(walk, eye, names):
 
 
 def flow(eye, names):
-    """The next picture, brought back by the true flow, against this one; grey levels."""
+    """The next image, brought back by the true flow, against this one; gray levels."""
     v, u = np.indices(eye.size[::-1], dtype=np.float32)
     plain, warped, moved, shares = [], [], [], []
     for a, b in zip(names, names[1:]):
@@ -244,7 +244,7 @@ def flow(eye, names):
 def main():
     walk = Path(sys.argv[1])
     shoulder, feet = walk / "left_shoulder/mav0", walk / "feet/mav0"
-    names = pictures(shoulder)
+    names = images(shoulder)
     report = {"tags": tags(feet), "flow": {}, "depth": {}}
     for name, root in (("shoulder", shoulder), ("feet", feet)):
         left, right = Eye(root, 0), Eye(root, 1)

@@ -1,5 +1,6 @@
-//! The simulated rig's truth, examined by means that are not ours: a short walk is rendered to files, and
-//! OpenCV, the reference AprilTag detector and a ray caster in numpy compute everything again from them.
+//! Ground truth of the simulated rig, checked by independent tools: a short walk is rendered to
+//! files, and OpenCV, the reference AprilTag detector and a ray caster in numpy recompute
+//! everything from them.
 
 use std::path::{Path, PathBuf};
 use std::process::Command;
@@ -8,13 +9,13 @@ use std::sync::Arc;
 use rig_sim::camera::Quality;
 use rig_sim::faults::Faults;
 use rig_sim::render::{Job, render};
-use rig_sim::scene::{Kind, Time};
+use rig_sim::scene::{Kind, Lighting};
 use rig_sim::simulation::{Settings, Simulation};
 use serde_json::Value;
 
 const RIG: &str = include_str!("../../cad-transforms/rigs/example.toml");
 
-/// The example rig without its right shoulder, which would show nothing new.
+/// The example rig without its right shoulder camera, which would add nothing.
 fn two_cameras() -> String {
     let mut tables = RIG.split("\n[[");
     let head = tables.next().unwrap_or_default().to_owned();
@@ -23,18 +24,18 @@ fn two_cameras() -> String {
 }
 
 #[test]
-fn what_a_render_says_is_true_is_found_true_by_others() {
+fn rendered_ground_truth_agrees_with_independent_tools() {
     let Some(interpreter) = std::env::var_os("PAWS_PYTHON").map(PathBuf::from) else {
         eprintln!("skipped: PAWS_PYTHON names no interpreter with OpenCV and pupil-apriltags");
         return;
     };
     let rig_text = two_cameras();
     let rig = cad_transforms::rig::Rig::parse(&rig_text).expect("rig");
-    // People cross the view, and the light is even: nothing white is overexposed, which would move its
-    // edges. At 10 Hz frames coincide with samples of the IMU, whose true pose is in the files.
+    // People cross the view, and the light is uniform: nothing white is overexposed, which would
+    // shift its edges. At 10 Hz frames coincide with IMU samples, whose true pose is in the files.
     let settings = Settings {
         kind: Kind::Plaza,
-        time: Time::Day,
+        lighting: Lighting::Day,
         seed: 1,
         seconds: 2.5,
         rate_hz: 10.0,
@@ -60,7 +61,10 @@ fn what_a_render_says_is_true_is_found_true_by_others() {
         .output()
         .expect("start python");
     let errors = String::from_utf8_lossy(&output.stderr);
-    assert!(output.status.success(), "the exam says: {errors}");
+    assert!(
+        output.status.success(),
+        "the reference script failed: {errors}"
+    );
     let found: Value = serde_json::from_slice(&output.stdout).expect("JSON");
     println!("{found:#}");
 
@@ -75,9 +79,10 @@ fn what_a_render_says_is_true_is_found_true_by_others() {
         assert!(number(pointer) > least, "{pointer}: {}", number(pointer));
     };
 
-    // Tags: all that the truth calls visible are read, and none that it calls hidden. With the tone
-    // curve undone corners agree. As delivered they move inwards, but nowhere on the whole: in pictures
-    // that numpy draws the curve alone makes 0.2 px, and with a lens as soft as half a pixel 0.32 px.
+    // Tags: all that are visible by ground truth are detected, and no hidden one. With the tone
+    // curve inverted corners agree. In delivered images they are shifted inwards, with zero mean:
+    // in images drawn by numpy the curve alone causes 0.2 px, and with a blur of half a pixel 0.32
+    // px.
     above("/tags/visible", 50.0);
     above("/tags/found", 0.95 * number("/tags/visible"));
     below("/tags/found though hidden", 3.0);
@@ -91,13 +96,13 @@ fn what_a_render_says_is_true_is_found_true_by_others() {
         }
     }
 
-    // Rows that OpenCV makes level from the written calibration.
+    // Rows after rectification by OpenCV with the written calibration.
     above("/rows/count", 5000.0);
     below("/rows/median", 0.05);
     below("/rows/middle", 0.02);
     above("/rows/middle", -0.02);
 
-    // Depth from eye to eye, and against the written mesh.
+    // Depth between the eyes, and compared with the written mesh.
     for camera in ["shoulder", "feet"] {
         above(&format!("/depth/{camera}/count"), 500_000.0);
         below(&format!("/depth/{camera}/median"), 3e-4);
@@ -108,7 +113,7 @@ fn what_a_render_says_is_true_is_found_true_by_others() {
     above("/mesh/same class", 0.99 * number("/mesh/count") - 1e-9);
     below("/mesh/at edges", 0.02 * number("/mesh/count"));
 
-    // Flow: what is left after warping is noise, and the texture that resampling blurs.
+    // Flow: the residual after warping is noise, and texture that is blurred by resampling.
     for camera in ["shoulder", "feet"] {
         for eye in ["left", "right"] {
             let at = |what: &str| format!("/flow/{camera}/{eye}/{what}");

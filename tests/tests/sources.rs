@@ -1,6 +1,7 @@
-//! What people have, from the simulator to a scene: two USB cameras as a pair with Motion-JPEG, bags of ROS 2 with images and
-//! IMU, and video files. Each is written by tools of others, or put into a driver's buffers where there is no file; recorded
-//! by the daemon in virtual time with the lenses in a file, validated, handed over, and reconstructed up to the cloud.
+//! Common sources, from the simulator to a scene: two USB cameras as a pair with Motion-JPEG, ROS 2
+//! bags with images and IMU, and video files. Each is written by third-party tools, or put into
+//! driver buffers where there is no file; recorded by the daemon in virtual time with intrinsics
+//! from a file, validated, handed off, and reconstructed up to the cloud.
 
 use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
@@ -10,15 +11,15 @@ use anyhow::bail;
 use capture_daemon::config::{Config, SourceConfig};
 use capture_daemon::run::{Finished, RecordOptions, StopFlag, build, record, record_built};
 use capture_daemon::sources::{AnySource, ImuValues};
+use collector::commands::{handoff, import, validate};
 use collector::console::{Clock, Console, Show};
 use collector::outcome::Outcome;
 use collector::target::Target;
 use collector::validation::Validation;
-use collector::{handoff, importing, validate};
 use reconstruction::Input;
 use reconstruction::evaluate::files;
+use reconstruction::pipeline::observer::NoObserver;
 use reconstruction::pipeline::stages::{self, Options, Preset, rig};
-use reconstruction::pipeline::watch::Unwatched;
 use reconstruction::pipeline::{Meter, Selection, Sources};
 use scene_bundle::{Bundle, Provenance, outputs};
 use session_archive::handoff::Verdict;
@@ -29,17 +30,17 @@ use tests::footage::bag::{self, BEGAN_NS, Images};
 use tests::footage::film::{self, Film};
 use tests::footage::{CAMERA, Footage, RIG};
 
-/// Off the true length of the way from the first pose to the last, at most.
-const OFF: f64 = 0.03;
-/// Points of a cloud, at least: the four keyframes of the walk give some thousand.
-const POINTS: usize = 1000;
+/// Maximum relative error of the distance between the first and the last pose.
+const MAX_DISTANCE_ERROR: f64 = 0.03;
+/// Minimum number of points of a cloud: the four keyframes of the walk give some thousand.
+const MIN_POINTS: usize = 1000;
 
 fn walk() -> &'static Footage {
     static WALK: OnceLock<Footage> = OnceLock::new();
     WALK.get_or_init(|| Footage::walk().expect("a walk"))
 }
 
-/// A folder with the rig and the lenses in it.
+/// A folder with the rig file and the intrinsics.
 fn desk() -> tempfile::TempDir {
     let folder = tempfile::tempdir().expect("folder");
     std::fs::write(folder.path().join("rig.toml"), RIG).expect("a rig file");
@@ -48,8 +49,8 @@ fn desk() -> tempfile::TempDir {
     folder
 }
 
-/// What it takes to record a source in virtual time; `source` are the keys of its section.
-fn asked(folder: &Path, source: &str) -> (Config, RecordOptions) {
+/// Configuration to record a source in virtual time; `source` are the keys of its section.
+fn configure(folder: &Path, source: &str) -> (Config, RecordOptions) {
     let text = format!(
         "[disk]\nreserve_gb = 0.01\n[encoder]\nelement = \"x264enc\"\n[rig]\nfile = \"rig.toml\"\n[[camera]]\n\
          name = {CAMERA:?}\ncalibration = \"lenses\"\n[camera.source]\n{source}\n"
@@ -58,23 +59,23 @@ fn asked(folder: &Path, source: &str) -> (Config, RecordOptions) {
     let options = RecordOptions {
         seconds: 60.0,
         virtual_time: true,
-        name: "what people have".to_owned(),
-        // Sessions of virtual time have one name: each source has a folder of its own.
+        name: "a common source".to_owned(),
+        // Sessions of virtual time have the same name: each source has its own folder.
         out: folder.join(format!("recorded-{}", source.len())),
     };
     (config, options)
 }
 
-/// Records a source, however that ends.
-fn ended(folder: &Path, source: &str) -> Finished {
-    let (config, options) = asked(folder, source);
+/// Records a source, with any outcome.
+fn record_source(folder: &Path, source: &str) -> Finished {
+    let (config, options) = configure(folder, source);
     let finished = record(&config, &options, &StopFlag::new(), Box::new(|_| {}));
     finished.expect("recording")
 }
 
-/// Records a source that does not fail.
-fn recorded(folder: &Path, source: &str) -> Finished {
-    let finished = ended(folder, source);
+/// Records a source; it must not fail.
+fn record_source_ok(folder: &Path, source: &str) -> Finished {
+    let finished = record_source(folder, source);
     assert_eq!(finished.error, None);
     finished
 }
@@ -83,14 +84,18 @@ fn recorded(folder: &Path, source: &str) -> Finished {
 const PAIR: &str = "kind = \"v4l2\"\ndevice = \"/dev/video0\"\nright_device = \"/dev/video2\"\nwidth = 960\nheight = 268\n\
                     rate_hz = 15\nformat = \"MJPG\"";
 
-/// By how much the right one of two cameras is later that nothing synchronises, us: they drift by 45 ppm.
-fn later_us(n: usize) -> i64 {
+/// Delay of the right one of two unsynchronized cameras, µs: they drift by 45 ppm.
+fn right_delay_us(n: usize) -> i64 {
     300 + 3 * n as i64
 }
 
-/// Records the footage by [`PAIR`]; only half came of the files of which `is_cut` says so by frame and eye.
-fn paired(folder: &Path, footage: &Footage, is_cut: impl Fn(usize, usize) -> bool) -> Finished {
-    let (config, options) = asked(folder, PAIR);
+/// Records the footage with [`PAIR`]; only half of a file arrives if `is_cut(frame, eye)`.
+fn record_pair(
+    folder: &Path,
+    footage: &Footage,
+    is_cut: impl Fn(usize, usize) -> bool,
+) -> Finished {
+    let (config, options) = configure(folder, PAIR);
     let finished = record_built(
         |start| {
             let mut built = build(&config, start)?;
@@ -98,7 +103,7 @@ fn paired(folder: &Path, footage: &Footage, is_cut: impl Fn(usize, usize) -> boo
             let SourceConfig::V4l2(of) = &config.cameras[0].source else {
                 bail!("found another source, expected the pair");
             };
-            let cameras = TwoCameras::new(footage, of, info, later_us, is_cut, start)?;
+            let cameras = TwoCameras::new(footage, of, info, right_delay_us, is_cut, start)?;
             built.sources = vec![AnySource::Scheduled(Box::new(cameras))];
             Ok(built)
         },
@@ -111,15 +116,15 @@ fn paired(folder: &Path, footage: &Footage, is_cut: impl Fn(usize, usize) -> boo
     finished
 }
 
-/// Imports, validates and hands over; gives the session's folder in the library.
-fn handed(session: &Path, library: &Path) -> PathBuf {
+/// Imports, validates and hands off; returns the session's folder in the library.
+fn hand_off(session: &Path, library: &Path) -> PathBuf {
     let mut said = Vec::new();
     let mut console = Console {
         out: &mut said,
         show: Show::Nothing,
         clock: Clock::STILL,
     };
-    let imported = importing::run(&[session.to_owned()], library, &mut console);
+    let imported = import::run(&[session.to_owned()], library, &mut console);
     assert_eq!(imported.expect("import"), Outcome::Fine);
     let name = session
         .file_name()
@@ -133,16 +138,16 @@ fn handed(session: &Path, library: &Path) -> PathBuf {
     target.folder
 }
 
-/// What was reconstructed.
+/// Result of a reconstruction.
 struct Found {
-    /// From the first pose to the last, by odometry alone.
+    /// Distance from the first pose to the last, by odometry only.
     distance_m: f64,
     poses: usize,
     points: usize,
 }
 
-/// Makes a scene of it, as `paws-reconstruct run` does.
-fn reconstructed(session: &Path, scene: &Path) -> Found {
+/// Reconstructs a scene, as `paws-reconstruct run` does.
+fn reconstruct(session: &Path, scene: &Path) -> Found {
     let input = Input::open(session).expect("the hand-off");
     let options = Options {
         preset: Preset::Fast,
@@ -151,7 +156,7 @@ fn reconstructed(session: &Path, scene: &Path) -> Found {
     let provenance = Provenance {
         session_id: input.handoff().session_id.clone(),
         handoff_blake3: input.handoff().seal.clone(),
-        rig: rig::revision(&input, &options.told),
+        rig: rig::revision(&input, &options.rig_overrides),
         program: "tests".to_owned(),
         program_version: "0".to_owned(),
         started_civil_ns: 0,
@@ -165,7 +170,7 @@ fn reconstructed(session: &Path, scene: &Path) -> Found {
     let pipeline = stages::pipeline(options).expect("stages");
     let bundle = Bundle::create_or_open(scene, provenance).expect("a bundle");
     let selection = Selection::default();
-    let outcomes = pipeline.run(&sources, &bundle, &selection, &Unwatched, &Meter::STILL);
+    let outcomes = pipeline.run(&sources, &bundle, &selection, &NoObserver, &Meter::STILL);
     let outcomes = outcomes.expect("all stages");
     assert_eq!(outcomes.len(), stages::NAMES.len());
     for outcome in outcomes {
@@ -185,17 +190,17 @@ fn reconstructed(session: &Path, scene: &Path) -> Found {
     }
 }
 
-/// The whole way of a source that brings every frame of the walk: see [`to_the_cloud`].
-fn whole_way(source: &str, folder: &Path, least_db: f64) -> (Contents, Validation) {
-    to_the_cloud(source, &recorded(folder, source), folder, least_db)
+/// Records and reconstructs a source that delivers every frame of the walk: see [`to_the_cloud`].
+fn record_to_the_cloud(source: &str, folder: &Path, min_db: f64) -> (Contents, Validation) {
+    to_the_cloud(source, &record_source_ok(folder, source), folder, min_db)
 }
 
-/// What was recorded of the whole walk: frames, times, images, verdict, poses, cloud.
+/// Checks the recording of the whole walk: frames, times, images, verdict, poses, cloud.
 fn to_the_cloud(
     source: &str,
     finished: &Finished,
     folder: &Path,
-    least_db: f64,
+    min_db: f64,
 ) -> (Contents, Validation) {
     let footage = walk();
     assert_eq!(finished.missing, 0, "{finished:?}");
@@ -210,9 +215,9 @@ fn to_the_cloud(
     });
     decoded.expect("decoding");
     println!("{source}: luma {lowest_db:.1} dB");
-    assert!(lowest_db >= least_db, "{lowest_db} dB");
+    assert!(lowest_db >= min_db, "{lowest_db} dB");
 
-    let session = handed(&finished.session, &folder.join("library"));
+    let session = hand_off(&finished.session, &folder.join("library"));
     let validation = Validation::read(&session).expect("a validation");
     assert_ne!(
         validation.verdict,
@@ -220,53 +225,53 @@ fn to_the_cloud(
         "{:?}",
         validation.reasons
     );
-    let found = reconstructed(&session, &folder.join("walk.scene"));
+    let found = reconstruct(&session, &folder.join("walk.scene"));
     let (found_m, points) = (found.distance_m, found.points);
     let true_m = footage.distance_m(0, footage.frames.len() - 1);
     println!(
-        "{source}: {} poses, {found_m:.3} m, really {true_m:.3} m, {points} points",
+        "{source}: {} poses, {found_m:.3} m, true {true_m:.3} m, {points} points",
         found.poses
     );
     assert_eq!(found.poses, footage.frames.len());
-    assert!(points >= POINTS, "{points} points");
+    assert!(points >= MIN_POINTS, "{points} points");
     assert!(
-        (found_m / true_m - 1.0).abs() <= OFF,
-        "{found_m} m, really {true_m} m"
+        (found_m / true_m - 1.0).abs() <= MAX_DISTANCE_ERROR,
+        "{found_m} m, true {true_m} m"
     );
     (contents, validation)
 }
 
-/// By how much the validation says that the eyes are apart, ns, and its verdict on that.
-fn eyes_apart(validation: &Validation) -> Option<(f64, Verdict)> {
+/// Time difference of the eyes by the validation, ns, and its verdict.
+fn stereo_time_difference(validation: &Validation) -> Option<(f64, Verdict)> {
     let mut findings = validation.findings.iter();
     let found = findings.find(|f| f.metric == "camera.eyes_apart")?;
     Some((found.value, found.verdict))
 }
 
 #[test]
-fn two_usb_cameras_of_motion_jpeg_as_a_pair() {
+fn two_usb_cameras_with_motion_jpeg_are_paired() {
     let folder = desk();
-    let finished = paired(folder.path(), walk(), |_, _| false);
+    let finished = record_pair(folder.path(), walk(), |_, _| false);
     let (contents, validation) = to_the_cloud(PAIR, &finished, folder.path(), 34.0);
     assert!(contents.imu.is_empty());
     for stored in &contents.frames[CAMERA] {
         let frame = &stored.record;
-        let later_ns = 1000 * later_us(frame.number as usize);
+        let later_ns = 1000 * right_delay_us(frame.number as usize);
         assert_eq!(frame.eyes_apart_ns, Some(later_ns));
-        // It has the time of the left one's stamp, in whole microseconds.
+        // It has the left timestamp, in whole microseconds.
         assert_eq!(frame.kernel_time, Some(frame.device_ticks));
         assert_eq!(frame.device_ticks % 1000, 0);
     }
-    let (apart_ns, verdict) = eyes_apart(&validation).expect("two cameras");
+    let (apart_ns, verdict) = stereo_time_difference(&validation).expect("two cameras");
     assert_eq!(verdict, Verdict::Pass);
     assert!((300_000.0..=477_000.0).contains(&apart_ns), "{apart_ns} ns");
 }
 
 #[test]
-fn a_damaged_image_of_one_of_two_cameras_is_a_gap_and_the_recording_goes_on() {
+fn damaged_image_of_one_camera_is_a_gap_and_recording_continues() {
     let folder = desk();
     let short = walk().first(12);
-    let finished = paired(folder.path(), &short, |n, eye| {
+    let finished = record_pair(folder.path(), &short, |n, eye| {
         [(5, 0), (8, 1)].contains(&(n, eye))
     });
     assert_eq!((finished.stored, finished.missing), (10, 2));
@@ -285,7 +290,7 @@ fn a_damaged_image_of_one_of_two_cameras_is_a_gap_and_the_recording_goes_on() {
 }
 
 #[test]
-fn a_bag_with_images_and_imu() {
+fn bag_with_images_and_imu_is_reconstructed() {
     let (folder, footage) = (desk(), walk());
     bag::write(
         footage,
@@ -295,12 +300,15 @@ fn a_bag_with_images_and_imu() {
     )
     .expect("a bag");
     let source = "kind = \"bag\"\npath = \"walk.mcap\"";
-    let (contents, validation) = whole_way(source, folder.path(), 40.0);
+    let (contents, validation) = record_to_the_cloud(source, folder.path(), 40.0);
     for (stored, truth) in contents.frames[CAMERA].iter().zip(&footage.frames) {
         assert_eq!(stored.record.device_ticks, BEGAN_NS + truth.time_ns);
         assert_eq!(stored.record.eyes_apart_ns, Some(300_000));
     }
-    assert_eq!(eyes_apart(&validation), Some((300_000.0, Verdict::Pass)));
+    assert_eq!(
+        stereo_time_difference(&validation),
+        Some((300_000.0, Verdict::Pass))
+    );
     // Samples from the first image on, to the bit.
     let first = footage.frames[0].time_ns;
     let truths = footage.samples.iter().filter(|(time, ..)| *time >= first);
@@ -314,23 +322,26 @@ fn a_bag_with_images_and_imu() {
 }
 
 #[test]
-fn a_bag_of_compressed_images_whose_eyes_are_too_far_apart_is_warned_of() {
+fn bag_with_large_stereo_time_difference_causes_a_warning() {
     let folder = desk();
     let bag = folder.path().join("bag");
     std::fs::create_dir(&bag).expect("a folder");
     bag::write(walk(), Images::Jpeg, 2_500_000, &bag.join("bag_0.mcap")).expect("a bag");
     let source = "kind = \"bag\"\npath = \"bag\"\nleft_topic = \"/left/image\"\n\
                   right_topic = \"/right/image\"\nimu_topic = \"/imu\"";
-    let (_, validation) = whole_way(source, folder.path(), 34.0);
-    assert_eq!(eyes_apart(&validation), Some((2_500_000.0, Verdict::Warn)));
+    let (_, validation) = record_to_the_cloud(source, folder.path(), 34.0);
+    assert_eq!(
+        stereo_time_difference(&validation),
+        Some((2_500_000.0, Verdict::Warn))
+    );
 }
 
 #[test]
-fn a_bag_whose_eyes_never_pair_is_refused_before_anything_is_recorded() {
+fn bag_without_stereo_pairs_is_refused_before_recording() {
     let folder = desk();
     let bag = folder.path().join("walk.mcap");
     bag::write(&walk().first(6), Images::Mono, 30_000_000, &bag).expect("a bag");
-    let (config, options) = asked(folder.path(), "kind = \"bag\"\npath = \"walk.mcap\"");
+    let (config, options) = configure(folder.path(), "kind = \"bag\"\npath = \"walk.mcap\"");
     let refused = record(&config, &options, &StopFlag::new(), Box::new(|_| {}));
     let said = format!("{:#}", refused.expect_err("no pair"));
     for part in [
@@ -346,12 +357,12 @@ fn a_bag_whose_eyes_never_pair_is_refused_before_anything_is_recorded() {
 }
 
 #[test]
-fn every_encoding_of_a_bag_is_the_same_walk() {
+fn all_image_encodings_of_a_bag_give_the_same_walk() {
     let short = walk().first(6);
     for (images, colour) in [(Images::Bgr, "yuv420"), (Images::Mono, "grey")] {
         let folder = desk();
         bag::write(&short, images, 0, &folder.path().join("walk.mcap")).expect("a bag");
-        let finished = recorded(
+        let finished = record_source_ok(
             folder.path(),
             "kind = \"bag\"\npath = \"walk.mcap\"\nimu = false",
         );
@@ -368,13 +379,13 @@ fn every_encoding_of_a_bag_is_the_same_walk() {
     }
 }
 
-/// All pictures of the walk with their times from 0.
-fn pictures(eye: Option<usize>) -> Vec<(i64, video::Picture)> {
+/// All images of the walk with their times from 0.
+fn images(eye: Option<usize>) -> Vec<(i64, video::Picture)> {
     let footage = walk();
     let first = footage.frames[0].time_ns;
     let picture = |n: usize| match eye {
-        None => footage.picture(n).expect("a picture"),
-        Some(eye) => footage.one_eye(n, eye).expect("a picture"),
+        None => footage.picture(n).expect("an image"),
+        Some(eye) => footage.one_eye(n, eye).expect("an image"),
     };
     let frames = footage.frames.iter().enumerate();
     frames
@@ -383,42 +394,37 @@ fn pictures(eye: Option<usize>) -> Vec<(i64, video::Picture)> {
 }
 
 #[test]
-fn a_video_file_with_both_eyes_side_by_side() {
+fn video_file_with_side_by_side_images_is_reconstructed() {
     let folder = desk();
-    film::write(
-        Film::Mp4,
-        15,
-        pictures(None),
-        &folder.path().join("walk.mp4"),
-    )
-    .expect("a film");
+    film::write(Film::Mp4, 15, images(None), &folder.path().join("walk.mp4")).expect("a film");
     let source = "kind = \"video\"\npath = \"walk.mp4\"";
-    let (contents, validation) = whole_way(source, folder.path(), 34.0);
+    let (contents, validation) = record_to_the_cloud(source, folder.path(), 34.0);
     assert!(contents.imu.is_empty());
-    assert_eq!(eyes_apart(&validation), None);
+    assert_eq!(stereo_time_difference(&validation), None);
 }
 
 #[test]
-fn a_film_of_motion_jpeg() {
+fn motion_jpeg_video_is_reconstructed() {
     let folder = desk();
     film::write(
         Film::MjpegAvi,
         15,
-        pictures(None),
+        images(None),
         &folder.path().join("walk.avi"),
     )
     .expect("a film");
-    whole_way("kind = \"video\"\npath = \"walk.avi\"", folder.path(), 34.0);
+    record_to_the_cloud("kind = \"video\"\npath = \"walk.avi\"", folder.path(), 34.0);
 }
 
-/// Matroska rounds them; a whole walk by it is beyond the limits of `paws validate`, as docs/sources.md tells.
+/// Matroska rounds times; a whole walk in it is beyond the limits of `paws validate`, see
+/// docs/sources.md.
 #[test]
-fn a_film_in_matroska_has_times_of_whole_milliseconds() {
+fn matroska_video_has_times_in_whole_milliseconds() {
     let folder = desk();
     let frames = 6;
-    let pictures = pictures(None).into_iter().take(frames);
+    let pictures = images(None).into_iter().take(frames);
     film::write(Film::Mkv, 15, pictures, &folder.path().join("walk.mkv")).expect("a film");
-    let finished = recorded(folder.path(), "kind = \"video\"\npath = \"walk.mkv\"");
+    let finished = record_source_ok(folder.path(), "kind = \"video\"\npath = \"walk.mkv\"");
     assert_eq!((finished.stored, finished.missing), (frames as u64, 0));
     let contents = Contents::read(&finished.session).expect("contents");
     let ticks = contents.frames[CAMERA]
@@ -433,30 +439,34 @@ fn a_film_in_matroska_has_times_of_whole_milliseconds() {
 }
 
 #[test]
-fn two_video_files_one_for_each_eye() {
+fn two_video_files_one_per_eye_are_paired() {
     let folder = desk();
     for (eye, name) in ["left.mp4", "right.mp4"].into_iter().enumerate() {
         let path = folder.path().join(name);
-        film::write(Film::Mp4, 15, pictures(Some(eye)), &path).expect("a film");
+        film::write(Film::Mp4, 15, images(Some(eye)), &path).expect("a film");
     }
     let source = "kind = \"video\"\npath = \"left.mp4\"\nright_path = \"right.mp4\"";
-    let (_, validation) = whole_way(source, folder.path(), 34.0);
-    assert_eq!(eyes_apart(&validation), Some((0.0, Verdict::Pass)));
+    let (_, validation) = record_to_the_cloud(source, folder.path(), 34.0);
+    assert_eq!(
+        stereo_time_difference(&validation),
+        Some((0.0, Verdict::Pass))
+    );
 }
 
 #[test]
-fn two_video_files_that_never_pair_end_with_an_error() {
+fn two_video_files_without_pairs_end_with_an_error() {
     let folder = desk();
     let frames = 12;
     for (eye, name) in ["left.mp4", "right.mp4"].into_iter().enumerate() {
         let path = folder.path().join(name);
-        let pictures = pictures(Some(eye)).into_iter().take(frames);
+        let pictures = images(Some(eye)).into_iter().take(frames);
         film::write(Film::Mp4, 15, pictures, &path).expect("a film");
     }
-    // The right camera was started 30 ms later, which is beyond two fifths of a period: nothing is a pair.
+    // The right camera starts 30 ms later, which is more than two fifths of a period: nothing is
+    // paired.
     let source =
         "kind = \"video\"\npath = \"left.mp4\"\nright_path = \"right.mp4\"\nright_later_ms = 30";
-    let finished = ended(folder.path(), source);
+    let finished = record_source(folder.path(), source);
     let error = finished.error.as_deref().expect("no pair is an error");
     for part in [
         "left_shoulder cannot be read: no image of the right file was taken within 26.7 ms of one of the left file",
@@ -467,7 +477,7 @@ fn two_video_files_that_never_pair_end_with_an_error() {
     ] {
         assert!(error.contains(part), "{error}");
     }
-    // There is a session, and it says why there is nothing in it.
+    // There is a session, which states why it is empty.
     assert_eq!(
         (finished.stored, &*finished.absent),
         (0, &[CAMERA.to_owned()][..])

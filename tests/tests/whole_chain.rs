@@ -1,5 +1,5 @@
-//! Synthetic cameras through the whole daemon: every loss accounted for, every picture the one that
-//! its record says, and the same input the same bytes.
+//! Synthetic cameras through the whole daemon: every loss is accounted for, every image is that of
+//! its record, and the same input gives the same bytes.
 
 use std::collections::{BTreeMap, BTreeSet};
 use std::fs;
@@ -43,8 +43,8 @@ fn record_faulty(
     (finished.expect("recording"), began)
 }
 
-/// What a kill may take is the chunk in the making, whatever lies in front of the writer: a stage
-/// that held samples back would keep the writer's promise and break the recorder's.
+/// A kill may lose only the current chunk, including all data in front of the writer: a stage that
+/// held samples back would satisfy the writer's promise and break the recorder's.
 fn no_more_than_a_chunk_waits(contents: &Contents) {
     assert!(contents.health.len() >= 9, "{}", contents.health.len());
     for (time, health) in &contents.health {
@@ -83,7 +83,7 @@ fn every_fault_is_accounted_for() {
     assert!(report.is_sound(), "{report:?}");
     let contents = Contents::read(&finished.session).expect("contents");
 
-    // What is missing, and why.
+    // Missing samples, and causes.
     let device = Cause::Device as i32;
     let gaps = [
         (
@@ -107,7 +107,7 @@ fn every_fault_is_accounted_for() {
     }
     assert_eq!((finished.stored, finished.missing), (3360, 280));
 
-    // Every picture shows its number, but the frozen ones, which are marked.
+    // Every image shows its number, except the frozen ones, which are marked.
     for name in rig.names() {
         let mut seen = 0;
         let checked = contents.decode(name, |frame, picture| {
@@ -127,8 +127,8 @@ fn every_fault_is_accounted_for() {
         assert_eq!(seen, contents.frames[*name].len());
     }
 
-    // No time is further from the truth than its sigma says, nor, once the clocks have settled, than
-    // a fifth of a millisecond.
+    // No time error exceeds its sigma, nor, once the clocks have converged, a fifth of a
+    // millisecond.
     for (camera, name) in rig.names().iter().enumerate() {
         let truth = rig.source(camera, start).expect("source");
         for StoredFrame { record, .. } in &contents.frames[*name] {
@@ -223,7 +223,7 @@ fn alarms_come_in_time(contents: &Contents, rig: &Rig, start: HostTime) {
     );
 }
 
-/// A stream that lost samples which nobody had announced raised an alarm, not later than two seconds after the loss was
+/// A stream with unannounced losses raised an alarm, at most two seconds after the loss was
 /// noticed, and no other stream did.
 fn losses_are_alarms(contents: &Contents) {
     let alarms = contents
@@ -247,7 +247,7 @@ fn losses_are_alarms(contents: &Contents) {
         .iter()
         .filter(|gap| gap.cause() == Cause::Device)
     {
-        // What is missing at the end is only known when the session is closed.
+        // Losses at the end are only known when the session is closed.
         let Some(after) = gap.time_after else {
             continue;
         };
@@ -259,8 +259,8 @@ fn losses_are_alarms(contents: &Contents) {
     assert_eq!(of_stream.into_keys().collect::<BTreeSet<_>>(), lost);
 }
 
-/// Each set's frames are in the session with the time that it says, each frame is in one set at most,
-/// and a camera is either in a set or named as missing.
+/// Each set's frames are in the session with the stated time, each frame is in at most one set, and
+/// a camera is either in a set or listed as missing.
 fn sets_are_of_stored_frames(contents: &Contents) {
     let stored: BTreeMap<(&str, u64), i64> = contents
         .frames
@@ -288,14 +288,14 @@ fn sets_are_of_stored_frames(contents: &Contents) {
             *without.entry(camera.as_str()).or_insert(0) += 1;
         }
     }
-    // Every instant at which any camera has a frame, and who has none there.
+    // Every instant at which any camera has a frame, and the cameras without one.
     assert_eq!(contents.sets.len(), 300);
     let expected = [("left_shoulder", 5), ("right_shoulder", 75), ("feet", 60)];
     assert_eq!(without, BTreeMap::from(expected));
 }
 
 #[test]
-fn the_same_input_gives_the_same_bytes() {
+fn same_input_gives_the_same_bytes() {
     let folder = tempfile::tempdir().expect("folder");
     let rig = Rig::small(3);
     let run = |out: &str| {

@@ -1,14 +1,17 @@
-//! How sure the found numbers are.
+//! Covariance of the estimates.
 //!
-//! Contract: two estimates are made, and of what is asked for the larger variance is told. The first is the
-//! inverse of the information, which is right when all corners err independently. The second leaves out each stay in turn and
-//! sees how far the result moves (the jackknife of Quenouille and Tukey, one linear step for each stay), which is right when
-//! the corners of one picture err together, as they do under blur, and pictures of one view alike, as they do by
-//! pixels and compression. Few stays carry much of what joins cameras: summing their pulls without leaving them out
-//! (Huber's sandwich) takes errors for small that they have fitted away.
+//! Contract: there are two estimates, and for each requested quantity the larger variance is
+//! returned. The first is the inverse of the information matrix, which is right if all corner
+//! errors are independent. The second is a leave-one-cluster-out jackknife (Quenouille and Tukey,
+//! one linear step for each cluster), which is right if the corners of one image have common
+//! errors, as with blur, and if near-identical views have common errors, as from pixels and
+//! compression. Few clusters contribute much of the constraints between cameras: summing their
+//! scores without leaving them out (Huber's sandwich) underestimates errors that the fit has
+//! absorbed.
 //!
-//! The larger one is taken of what is asked for, such as the place of one camera in another, not of the numbers that it
-//! follows from: where the rig's frame is, is known from the rig file alone and hides what the places say of each other.
+//! The larger one is taken for the requested quantity, such as the pose of one camera in another,
+//! not for the parameters it is computed from: the pose of the rig frame is known from the rig file
+//! alone and would hide the relative poses.
 
 use std::collections::BTreeMap;
 
@@ -16,34 +19,36 @@ use nalgebra::{DMatrix, DVector, Matrix6, SMatrix, SVector, Vector6};
 
 use super::normal::{Layout, Loss, Normal, build};
 use super::solve::unit_diagonal;
-use super::{AdjustError, Parameter, PlacePrior, Prior, Problem};
+use super::{AdjustError, Parameter, PosePrior, Prior, Problem};
 
-/// Smallest eigenvalue of the information, scaled to ones on its diagonal, of what is determined.
-const LEAST_EIGENVALUE: f64 = 1e-13;
+/// Minimum eigenvalue of the information matrix, scaled to a unit diagonal, of a determined
+/// parameter.
+const MIN_EIGENVALUE: f64 = 1e-13;
 
-/// A number with a larger sigma than this is not determined: places in m and rad, coefficients of a
-/// lens; of focal lengths and principal points it is the width of the picture.
-const UNDETERMINED: (f64, f64, f64) = (10.0, 1.0, 100.0);
+/// Maximum sigma of a determined parameter: poses in m and rad, coefficients of a lens; for focal
+/// lengths and principal points it is the image width.
+const UNDETERMINED_SIGMA: (f64, f64, f64) = (10.0, 1.0, 100.0);
 
-/// How sure the free numbers of a problem are.
+/// Covariance of the free parameters of a problem.
 #[derive(Clone, Debug)]
 pub struct Covariance {
-    /// Which numbers, in the order of rows and columns.
+    /// The parameters, in the order of rows and columns.
     pub parameters: Vec<Parameter>,
-    /// Where all corners err independently.
+    /// With independent corner errors.
     independent: DMatrix<f64>,
-    /// Where those of a stay err together.
-    by_stay: DMatrix<f64>,
+    /// With common errors within view clusters.
+    by_cluster: DMatrix<f64>,
 }
 
 impl Covariance {
-    /// Standard deviation of a number; 0 for one that is fixed.
+    /// Standard deviation of a parameter; 0 for a fixed one.
     pub fn sigma(&self, parameter: Parameter) -> f64 {
-        let variance = |i| self.independent[(i, i)].max(self.by_stay[(i, i)]);
+        let variance = |i| self.independent[(i, i)].max(self.by_cluster[(i, i)]);
         self.column(parameter).map_or(0.0, |i| variance(i).sqrt())
     }
 
-    /// Covariance of `N` numbers, each parameter with how they change with it. What is fixed does not change.
+    /// Covariance of `N` quantities, given their derivatives with respect to each parameter. Fixed
+    /// parameters do not contribute.
     pub fn of<const N: usize>(&self, by: &[(Parameter, SVector<f64, N>)]) -> SMatrix<f64, N, N> {
         let columns: Vec<(usize, &SVector<f64, N>)> = by
             .iter()
@@ -58,18 +63,18 @@ impl Covariance {
             }
             sum
         };
-        let (independent, by_stay) = (carried(&self.independent), carried(&self.by_stay));
+        let (independent, by_cluster) = (carried(&self.independent), carried(&self.by_cluster));
         // Correlations are those of the first estimate, which is never singular.
         let inflation = SVector::<f64, N>::from_fn(|i, _| {
-            let ratio = by_stay[(i, i)] / independent[(i, i)];
+            let ratio = by_cluster[(i, i)] / independent[(i, i)];
             if ratio > 1.0 { ratio.sqrt() } else { 1.0 }
         });
         SMatrix::from_fn(|i, j| independent[(i, j)] * inflation[i] * inflation[j])
     }
 
-    /// Covariance `[v, ω]` of a place, by its number; 0 for one that is held.
-    pub fn of_place(&self, place: usize) -> Matrix6<f64> {
-        self.of(&place_by(place, &Matrix6::identity()))
+    /// Covariance of `[v, ω]` of a pose, by its index; 0 for a fixed one.
+    pub fn of_pose(&self, place: usize) -> Matrix6<f64> {
+        self.of(&pose_jacobian(place, &Matrix6::identity()))
     }
 
     fn column(&self, parameter: Parameter) -> Option<usize> {
@@ -84,21 +89,22 @@ impl Covariance {
         let normal = build(problem, layout, loss, 0.0);
         let parameters = problem.parameters();
         let independent = invert(problem, &parameters, &normal)?;
-        let by_stay = jackknife(problem, layout, &normal, &independent);
+        let by_cluster = jackknife(problem, layout, &normal, &independent);
         Ok(Self {
             parameters,
             independent,
-            by_stay,
+            by_cluster,
         })
     }
 }
 
-/// What [`Covariance::of`] takes of numbers that change by `by` times the `[v, ω]` of a place.
-pub(crate) fn place_by(place: usize, by: &Matrix6<f64>) -> [(Parameter, Vector6<f64>); 6] {
-    std::array::from_fn(|k| (Parameter::Place(place, k), by.column(k).into_owned()))
+/// Input of [`Covariance::of`] for quantities with the Jacobian `by` with respect to `[v, ω]` of a
+/// pose.
+pub(crate) fn pose_jacobian(place: usize, by: &Matrix6<f64>) -> [(Parameter, Vector6<f64>); 6] {
+    std::array::from_fn(|k| (Parameter::Pose(place, k), by.column(k).into_owned()))
 }
 
-/// How far the numbers spread that would be found without one stay, for each stay; with what priors leave open.
+/// Spread of the parameters over the leave-one-cluster-out solutions, plus the prior uncertainty.
 fn jackknife(
     problem: &Problem,
     layout: &Layout,
@@ -106,14 +112,14 @@ fn jackknife(
     independent: &DMatrix<f64>,
 ) -> DMatrix<f64> {
     let n = layout.count;
-    let mut stays: BTreeMap<usize, (DVector<f64>, DMatrix<f64>)> = BTreeMap::new();
-    for (instant, share) in normal.shares.iter().enumerate() {
+    let mut clusters: BTreeMap<usize, (DVector<f64>, DMatrix<f64>)> = BTreeMap::new();
+    for (instant, share) in normal.instant_blocks.iter().enumerate() {
         if share.columns.is_empty() {
             continue;
         }
-        let stay = problem.stays.get(instant).copied().unwrap_or(instant);
-        let (score, information) = stays
-            .entry(stay)
+        let cluster = problem.clusters.get(instant).copied().unwrap_or(instant);
+        let (score, information) = clusters
+            .entry(cluster)
             .or_insert_with(|| (DVector::zeros(n), DMatrix::zeros(n, n)));
         for (i, &row) in share.columns.iter().enumerate() {
             score[row] += share.score[i];
@@ -125,12 +131,12 @@ fn jackknife(
     let mut prior = DMatrix::zeros(n, n);
     add_prior_information(problem, layout, &mut prior);
     let mut spread = independent * prior * independent;
-    let k = stays.len() as f64;
-    for (score, information) in stays.values() {
+    let k = clusters.len() as f64;
+    for (score, information) in clusters.values() {
         let rest = unit_diagonal(&(&normal.matrix - information));
         let step = match rest.and_then(|(rest, by)| Some((rest.cholesky()?, by))) {
             Some((rest, by)) => rest.solve(&score.component_mul(&by)).component_mul(&by),
-            // Without this stay there would be no result.
+            // Without this cluster there would be no solution.
             _ => independent * score,
         };
         spread.ger((k - 1.0) / k, &step, &step, 1.0);
@@ -153,7 +159,7 @@ fn invert(
     };
     let eigen = scaled.clone().symmetric_eigen();
     let least = eigen.eigenvalues.imin();
-    if eigen.eigenvalues[least] < LEAST_EIGENVALUE {
+    if eigen.eigenvalues[least] < MIN_EIGENVALUE {
         return Err(undetermined(eigen.eigenvectors.column(least).icamax()));
     }
     let inverse = scaled
@@ -161,13 +167,13 @@ fn invert(
         .ok_or_else(|| undetermined(eigen.eigenvectors.column(least).icamax()))?
         .inverse();
     let inverse = DMatrix::from_fn(by.len(), by.len(), |i, j| inverse[(i, j)] * by[i] * by[j]);
-    let (metres, radians, coefficient) = UNDETERMINED;
+    let (metres, radians, coefficient) = UNDETERMINED_SIGMA;
     let too_wide = |i: &usize| {
         let most = match parameters[*i] {
             Parameter::Lens(lens, 0..4) => f64::from(problem.lenses[lens].model.width),
             Parameter::Lens(..) => coefficient,
-            Parameter::Place(_, 0..3) => metres,
-            Parameter::Place(..) => radians,
+            Parameter::Pose(_, 0..3) => metres,
+            Parameter::Pose(..) => radians,
         };
         inverse[(*i, *i)] > most * most
     };
@@ -177,7 +183,7 @@ fn invert(
     }
 }
 
-/// A prior pulls as far as it says that it may be off.
+/// Contribution of the priors, with their stated uncertainty.
 fn add_prior_information(problem: &Problem, layout: &Layout, pulls: &mut DMatrix<f64>) {
     for (lens, columns) in problem.lenses.iter().zip(&layout.lenses) {
         for (prior, column) in lens.priors.iter().zip(columns) {
@@ -186,8 +192,8 @@ fn add_prior_information(problem: &Problem, layout: &Layout, pulls: &mut DMatrix
             }
         }
     }
-    for (place, column) in problem.places.iter().zip(&layout.places) {
-        if let (PlacePrior::Near { covariance, .. }, Some(c)) = (&place.prior, column) {
+    for (place, column) in problem.poses.iter().zip(&layout.poses) {
+        if let (PosePrior::Near { covariance, .. }, Some(c)) = (&place.prior, column) {
             let Some(inverse) = covariance.try_inverse() else {
                 continue;
             };

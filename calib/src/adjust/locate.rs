@@ -1,7 +1,7 @@
-//! One pose alone: where an eye was when it saw known points, everything else held.
+//! Pose of a single eye from known points, everything else fixed.
 //!
-//! The same cost as the whole adjustment has, by the same method, without its bookkeeping: this runs for
-//! every picture of a recording.
+//! Same cost and method as the full adjustment, without its bookkeeping: this runs for every image
+//! of a recording.
 
 use cad_transforms::RigidTransform;
 use nalgebra::{Matrix6, SMatrix, Vector3, Vector6};
@@ -12,18 +12,18 @@ use super::{AdjustError, Point, Settings};
 use crate::camera::CameraModel;
 use crate::lens::Lens;
 
-/// Most steps.
+/// Maximum number of steps.
 const STEPS: usize = 40;
-/// A step that lowers the cost by a smaller share than this is the last.
+/// Relative decrease of the cost below which the iteration ends.
 const TOLERANCE: f64 = 1e-9;
-/// Least share of points that must be projected from the start.
-const SEEN_SHARE: f64 = 0.6;
-/// A point that cannot be projected counts as this many sigmas off.
-const LOST: f64 = 30.0;
-/// Least scale: exact observations must not divide by 0.
-const LEAST_SCALE: f64 = 1e-6;
+/// Minimum fraction of points that can be projected at the initial pose.
+const MIN_PROJECTED_RATIO: f64 = 0.6;
+/// Residual, in sigmas, of a point that cannot be projected.
+const UNPROJECTED_SIGMAS: f64 = 30.0;
+/// Minimum scale: exact observations must not divide by 0.
+const MIN_SCALE: f64 = 1e-6;
 
-/// Where an eye was when it saw these points, and the RMS length of the residuals, px.
+/// Pose of an eye from its observation of these points, and the RMS residual, px.
 ///
 /// # Errors
 /// [`AdjustError::Start`].
@@ -35,7 +35,7 @@ pub fn locate(
     let lens = Lens::new(model);
     let mut pose = *start_eye_from_target;
     let seen = residuals(&lens, points, &pose).iter().flatten().count();
-    if (seen as f64) < SEEN_SHARE * points.len() as f64 || seen == 0 {
+    if (seen as f64) < MIN_PROJECTED_RATIO * points.len() as f64 || seen == 0 {
         let all = points.len();
         return Err(AdjustError::Start { seen, all });
     }
@@ -65,17 +65,20 @@ fn residuals(lens: &Lens, points: &[Point], pose: &RigidTransform) -> Vec<Option
     points.iter().map(of).collect()
 }
 
-/// How far off points are, in their own sigmas, by their median.
+/// Median residual scale of the points, in their own sigmas.
 fn scale(points: &[Point], residuals: &[Option<[f64; 2]>]) -> f64 {
     let lengths = residuals.iter().zip(points);
     let lengths = lengths.map(|(r, p)| r.map_or(f64::INFINITY, |[x, y]| x.hypot(y)) / p.sigma_px);
-    super::solve::median_scale(lengths.collect()).max(LEAST_SCALE)
+    super::solve::median_scale(lengths.collect()).max(MIN_SCALE)
 }
 
 fn cost(lens: &Lens, points: &[Point], pose: &RigidTransform, loss: &Loss) -> f64 {
     let residuals = residuals(lens, points, pose);
     let of = |(r, p): (Option<[f64; 2]>, &Point)| match r {
-        None => loss.of(LOST * LOST * loss.scale * loss.scale).0,
+        None => {
+            loss.of(UNPROJECTED_SIGMAS * UNPROJECTED_SIGMAS * loss.scale * loss.scale)
+                .0
+        }
         Some([x, y]) => loss.of((x * x + y * y) / (p.sigma_px * p.sigma_px)).0,
     };
     residuals.into_iter().zip(points).map(of).sum()
@@ -121,8 +124,8 @@ fn normal(
     let pose = Pose::new(pose);
     let (mut matrix, mut gradient) = (Matrix6::zeros(), Vector6::zeros());
     for point in points {
-        let turned = pose.rotation * Vector3::from(point.x_in_target);
-        let at = turned + pose.translation;
+        let rotated = pose.rotation * Vector3::from(point.x_in_target);
+        let at = rotated + pose.translation;
         let Some(projected) = lens.project_with_jacobians(at.into()) else {
             continue;
         };
@@ -136,7 +139,7 @@ fn normal(
         let mut by = SMatrix::<f64, 2, 6>::zeros();
         by.fixed_view_mut::<2, 3>(0, 0)
             .copy_from(&projected.by_point);
-        let by_turn = -projected.by_point * turned.cross_matrix();
+        let by_turn = -projected.by_point * rotated.cross_matrix();
         by.fixed_view_mut::<2, 3>(0, 3).copy_from(&by_turn);
         matrix += by.transpose() * by * weight;
         gradient += by.transpose() * nalgebra::Vector2::new(dx, dy) * weight;

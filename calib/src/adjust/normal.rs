@@ -1,61 +1,60 @@
-//! The normal equations: what every view says of lenses and places once the pose of its instant is
-//! eliminated.
+//! The normal equations of lenses and constant poses, with the poses of the instants eliminated.
 
 use std::num::NonZero;
 
 use nalgebra::{DMatrix, DVector, Matrix2x3, Matrix6, MatrixXx6, SMatrix, Vector3, Vector6};
 
 use super::pose::{Pose, cross, step_between};
-use super::{PlacePrior, Prior, Problem, View};
+use super::{PosePrior, Prior, Problem, View};
 use crate::camera::CameraModel;
 use crate::lens::Lens;
 
-/// A pixel that cannot be projected counts as this many sigmas off, so that steps that lose points
-/// are refused.
-const LOST: f64 = 30.0;
-/// Work is cut into so many pieces, whatever the number of threads, so that sums come out alike.
-const PIECES: usize = 16;
+/// Residual, in sigmas, of a point that cannot be projected, so that steps that lose points are
+/// rejected.
+const UNPROJECTED_SIGMAS: f64 = 30.0;
+/// Number of work chunks, independent of the number of threads, so that sums are reproducible.
+const CHUNKS: usize = 16;
 
-/// Where the numbers of each block begin in the vector of free ones; `None` for fixed ones.
+/// Offset of each block in the vector of free parameters; `None` for fixed ones.
 #[derive(Clone, Debug)]
 pub(super) struct Layout {
     pub(super) lenses: Vec<Vec<Option<usize>>>,
-    pub(super) places: Vec<Option<usize>>,
+    pub(super) poses: Vec<Option<usize>>,
     pub(super) count: usize,
-    /// Views of each instant, by number.
+    /// Views of each instant, by index.
     pub(super) views: Vec<Vec<usize>>,
 }
 
-/// What the loss makes of residuals.
+/// Robust loss.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Loss {
-    /// How far all observations are off, in their own sigmas.
+    /// Common scale of the residuals, in their own sigmas.
     pub(super) scale: f64,
-    /// From how many sigmas on they count less.
+    /// Huber threshold, in sigmas.
     pub(super) knee: f64,
 }
 
-/// One instant's share.
-pub(super) struct Share {
-    /// Inverse of the pose's own block, damped.
+/// Contribution of one instant.
+pub(super) struct InstantBlock {
+    /// Inverse of the damped block of the pose.
     pub(super) inverse: Matrix6<f64>,
-    /// Pose's gradient.
+    /// Gradient of the pose.
     pub(super) gradient: Vector6<f64>,
-    /// Between the free numbers and the pose, only rows in `columns`.
+    /// Block between the free parameters and the pose, only rows in `columns`.
     pub(super) mixed: MatrixXx6<f64>,
-    /// Which free numbers its views touch.
+    /// Free parameters that its views depend on.
     pub(super) columns: Vec<usize>,
     /// Gradient of those with the pose eliminated: the instant's score.
     pub(super) score: DVector<f64>,
-    /// What the instant tells of those, with the pose eliminated.
+    /// Information matrix of those with the pose eliminated.
     pub(super) information: DMatrix<f64>,
 }
 
-/// The whole, with the poses eliminated.
+/// Normal equations with the poses of all instants eliminated.
 pub(super) struct Normal {
     pub(super) matrix: DMatrix<f64>,
     pub(super) gradient: DVector<f64>,
-    pub(super) shares: Vec<Share>,
+    pub(super) instant_blocks: Vec<InstantBlock>,
     pub(super) cost: f64,
 }
 
@@ -72,9 +71,9 @@ impl Layout {
                 .collect()
         });
         let lenses = lenses.collect();
-        let places = problem.places.iter();
-        let places = places
-            .map(|place| (place.prior != PlacePrior::Fixed).then(|| next(6)))
+        let poses = problem.poses.iter();
+        let poses = poses
+            .map(|place| (place.prior != PosePrior::Fixed).then(|| next(6)))
             .collect();
         let mut views = vec![Vec::new(); problem.instants.len()];
         for (i, view) in problem.views.iter().enumerate() {
@@ -82,24 +81,24 @@ impl Layout {
         }
         Self {
             lenses,
-            places,
+            poses,
             count,
             views,
         }
     }
 
-    /// The free numbers that a view touches, in the order of its columns.
+    /// The free parameters that a view depends on, in the order of its columns.
     fn columns(&self, view: &View) -> Vec<usize> {
         let lens = self.lenses[view.lens].iter().flatten().copied();
         let placed = view.path.iter().chain(&view.target);
-        let placed = placed.filter_map(|&p| self.places[p]);
+        let placed = placed.filter_map(|&p| self.poses[p]);
         lens.chain(placed.flat_map(|begin| begin..begin + 6))
             .collect()
     }
 }
 
 impl Loss {
-    /// Half the loss and the weight of a squared residual in own sigmas.
+    /// Half the loss and the weight for a squared residual in sigmas.
     pub(super) fn of(&self, square: f64) -> (f64, f64) {
         let s = square / (self.scale * self.scale);
         if s <= self.knee * self.knee {
@@ -111,7 +110,7 @@ impl Loss {
     }
 }
 
-/// The chain of poses of a view, at its present values.
+/// The chain of poses of a view at the current values.
 pub(super) struct Chain {
     lens: Lens,
     world_from_target: Option<Pose>,
@@ -122,7 +121,7 @@ pub(super) struct Chain {
 
 impl Chain {
     pub(super) fn new(problem: &Problem, lenses: &[Lens], view: &View) -> Self {
-        let place = |i: &usize| Pose::new(&problem.places[*i].parent_from_child);
+        let place = |i: &usize| Pose::new(&problem.poses[*i].parent_from_child);
         Self {
             lens: lenses[view.lens],
             world_from_target: view.target.as_ref().map(place),
@@ -131,7 +130,7 @@ impl Chain {
         }
     }
 
-    /// Where the point is in the eye, m.
+    /// The point in the eye's frame, m.
     pub(super) fn in_eye(&self, x_in_target: [f64; 3]) -> Vector3<f64> {
         let x = Vector3::from(x_in_target);
         let x = self.world_from_target.map_or(x, |pose| pose.apply(&x));
@@ -142,7 +141,7 @@ impl Chain {
         x
     }
 
-    /// Derivatives of the pixel by the point in the target, px/m.
+    /// Jacobian of the pixel with respect to the point in the target, px/m.
     pub(super) fn by_target(&self, x_in_target: [f64; 3]) -> Option<Matrix2x3<f64>> {
         let x_in_eye = self.in_eye(x_in_target);
         let mut by_point = self.lens.project_with_jacobians(x_in_eye.into())?.by_point;
@@ -161,11 +160,11 @@ impl Chain {
     }
 }
 
-/// Derivatives of one pixel in the order: free numbers of the lens, places of the path, the target's
-/// place, the pose of the instant.
+/// Jacobians of one pixel, in the order: free parameters of the lens, poses of the path, pose of
+/// the target, pose of the instant.
 struct Row {
     residual: [f64; 2],
-    lens: SMatrix<f64, 2, { CameraModel::MOST }>,
+    lens: SMatrix<f64, 2, { CameraModel::MAX_PARAMETERS }>,
     path: Vec<SMatrix<f64, 2, 6>>,
     target: SMatrix<f64, 2, 6>,
     instant: SMatrix<f64, 2, 6>,
@@ -181,16 +180,17 @@ fn beside(a: &SMatrix<f64, 2, 3>, b: &SMatrix<f64, 2, 3>) -> SMatrix<f64, 2, 6> 
 impl Chain {
     fn row(&self, x_in_target: [f64; 3], pixel: [f64; 2]) -> Option<Row> {
         let x_in_target = Vector3::from(x_in_target);
-        let turned = self
+        let rotated = self
             .world_from_target
             .map(|pose| pose.rotation * x_in_target);
-        let x_in_world = match (&self.world_from_target, &turned) {
-            (Some(pose), Some(turned)) => turned + pose.translation,
+        let x_in_world = match (&self.world_from_target, &rotated) {
+            (Some(pose), Some(rotated)) => rotated + pose.translation,
             _ => x_in_target,
         };
-        let turned_to_rig = self.rig_from_world.rotation * x_in_world;
-        let x_in_rig = turned_to_rig + self.rig_from_world.translation;
-        // Forward along the path; `arms` are the points from the child's origin, in the parent's axes.
+        let rotated_to_rig = self.rig_from_world.rotation * x_in_world;
+        let x_in_rig = rotated_to_rig + self.rig_from_world.translation;
+        // Forward along the path; `arms` are the points from the child's origin, in the parent's
+        // axes.
         let mut x = x_in_rig;
         let mut arms = Vec::with_capacity(self.path.len());
         for pose in &self.path {
@@ -199,7 +199,7 @@ impl Chain {
             x = pose.rotation.tr_mul(&arm);
         }
         let projected = self.lens.project_with_jacobians(x.into())?;
-        // Backward: by the point in ever earlier frames.
+        // Backward: Jacobian with respect to the point in ever earlier frames.
         let mut by_point = projected.by_point;
         let mut path = vec![SMatrix::zeros(); self.path.len()];
         for (i, (pose, arm)) in self.path.iter().zip(&arms).enumerate().rev() {
@@ -207,12 +207,12 @@ impl Chain {
             path[i] = beside(&-by_parent, &(by_parent * cross(arm)));
             by_point = by_parent;
         }
-        let instant = beside(&by_point, &(-by_point * cross(&turned_to_rig)));
-        let target = match &turned {
+        let instant = beside(&by_point, &(-by_point * cross(&rotated_to_rig)));
+        let target = match &rotated {
             None => SMatrix::zeros(),
-            Some(turned) => {
+            Some(rotated) => {
                 let by_world: SMatrix<f64, 2, 3> = by_point * self.rig_from_world.rotation;
-                beside(&by_world, &(-by_world * cross(turned)))
+                beside(&by_world, &(-by_world * cross(rotated)))
             }
         };
         Some(Row {
@@ -225,7 +225,7 @@ impl Chain {
     }
 }
 
-/// A view's rows, weighted, side by side: free numbers, then the pose, then the residual.
+/// The weighted rows of a view, side by side: free parameters, pose, residual.
 fn rows(
     problem: &Problem,
     layout: &Layout,
@@ -238,16 +238,18 @@ fn rows(
     let free_places: Vec<bool> = view
         .path
         .iter()
-        .map(|&p| layout.places[p].is_some())
+        .map(|&p| layout.poses[p].is_some())
         .collect();
-    let free_target = view.target.is_some_and(|t| layout.places[t].is_some());
+    let free_target = view.target.is_some_and(|t| layout.poses[t].is_some());
     let width = layout.columns(view).len();
     // Column by column in memory, so transposed: one column per equation.
     let mut all = DMatrix::zeros(width + 7, 2 * view.points.len());
     let mut cost = 0.0;
     for (n, point) in view.points.iter().enumerate() {
         let Some(row) = chain.row(point.x_in_target, point.pixel) else {
-            cost += loss.of(LOST * LOST * loss.scale * loss.scale).0;
+            cost += loss
+                .of(UNPROJECTED_SIGMAS * UNPROJECTED_SIGMAS * loss.scale * loss.scale)
+                .0;
             continue;
         };
         let [dx, dy] = row.residual;
@@ -280,27 +282,27 @@ fn rows(
     (all, cost)
 }
 
-/// What one instant gives.
-struct Piece {
+/// Accumulated contributions of a chunk of instants.
+struct Chunk {
     matrix: DMatrix<f64>,
     gradient: DVector<f64>,
-    shares: Vec<Share>,
+    instant_blocks: Vec<InstantBlock>,
     cost: f64,
 }
 
-fn piece(
+fn accumulate(
     problem: &Problem,
     layout: &Layout,
     lenses: &[Lens],
     loss: &Loss,
     damping: f64,
     instants: std::ops::Range<usize>,
-) -> Piece {
+) -> Chunk {
     let n = layout.count;
-    let mut sum = Piece {
+    let mut sum = Chunk {
         matrix: DMatrix::zeros(n, n),
         gradient: DVector::zeros(n),
-        shares: Vec::with_capacity(instants.len()),
+        instant_blocks: Vec::with_capacity(instants.len()),
         cost: 0.0,
     };
     for instant in instants {
@@ -312,12 +314,12 @@ fn piece(
             }
         }
         sum.cost += cost;
-        sum.shares.push(share);
+        sum.instant_blocks.push(share);
     }
     sum
 }
 
-/// One instant's share and its cost.
+/// Contribution and cost of one instant.
 fn share(
     problem: &Problem,
     layout: &Layout,
@@ -325,7 +327,7 @@ fn share(
     loss: &Loss,
     damping: f64,
     instant: usize,
-) -> (Share, f64) {
+) -> (InstantBlock, f64) {
     let mut columns: Vec<usize> = Vec::new();
     let mut own = Matrix6::zeros();
     let mut gradient = Vector6::zeros();
@@ -371,14 +373,14 @@ fn share(
     for k in 0..6 {
         damped[(k, k)] += damping * own[(k, k)] + f64::MIN_POSITIVE;
     }
-    // An instant without a determined pose says nothing of the rest.
+    // An instant without a determined pose contributes nothing.
     let inverse = damped
         .cholesky()
         .map_or_else(Matrix6::zeros, |c| c.inverse());
     let through: MatrixXx6<f64> = &mixed * inverse;
     score -= &through * gradient;
     information -= &through * mixed.transpose();
-    let share = Share {
+    let share = InstantBlock {
         inverse,
         gradient,
         mixed,
@@ -389,25 +391,25 @@ fn share(
     (share, cost_sum)
 }
 
-/// The normal equations at the present values. `damping` is Levenberg's and Marquardt's, and is added
-/// in proportion to the diagonal; the caller adds it to the free numbers.
+/// The normal equations at the current values. `damping` (Levenberg–Marquardt) is proportional to
+/// the diagonal; here it applies to the poses, the caller adds it to the free parameters.
 pub(super) fn build(problem: &Problem, layout: &Layout, loss: &Loss, damping: f64) -> Normal {
     let lenses = lenses(problem);
-    let pieces = in_pieces(problem.instants.len(), |instants| {
-        piece(problem, layout, &lenses, loss, damping, instants)
+    let pieces = in_chunks(problem.instants.len(), |instants| {
+        accumulate(problem, layout, &lenses, loss, damping, instants)
     });
     let n = layout.count;
     let mut normal = Normal {
         matrix: DMatrix::zeros(n, n),
         gradient: DVector::zeros(n),
-        shares: Vec::with_capacity(problem.instants.len()),
+        instant_blocks: Vec::with_capacity(problem.instants.len()),
         cost: 0.0,
     };
-    for piece in pieces {
-        normal.matrix += piece.matrix;
-        normal.gradient += piece.gradient;
-        normal.cost += piece.cost;
-        normal.shares.extend(piece.shares);
+    for accumulate in pieces {
+        normal.matrix += accumulate.matrix;
+        normal.gradient += accumulate.gradient;
+        normal.cost += accumulate.cost;
+        normal.instant_blocks.extend(accumulate.instant_blocks);
     }
     add_priors(problem, layout, &mut normal);
     normal
@@ -421,7 +423,10 @@ pub(super) fn cost(problem: &Problem, loss: &Loss) -> f64 {
         let points = view.points.iter();
         points
             .map(|point| match chain.pixel(point.x_in_target) {
-                None => loss.of(LOST * LOST * loss.scale * loss.scale).0,
+                None => {
+                    loss.of(UNPROJECTED_SIGMAS * UNPROJECTED_SIGMAS * loss.scale * loss.scale)
+                        .0
+                }
                 Some([x, y]) => {
                     let (dx, dy) = (x - point.pixel[0], y - point.pixel[1]);
                     loss.of((dx * dx + dy * dy) / (point.sigma_px * point.sigma_px))
@@ -430,7 +435,7 @@ pub(super) fn cost(problem: &Problem, loss: &Loss) -> f64 {
             })
             .sum()
     };
-    let pieces = in_pieces(problem.views.len(), |views| {
+    let pieces = in_chunks(problem.views.len(), |views| {
         problem.views[views].iter().map(of).sum::<f64>()
     });
     pieces.into_iter().sum::<f64>() + prior_cost(problem)
@@ -444,13 +449,12 @@ pub(super) fn lenses(problem: &Problem) -> Vec<Lens> {
         .collect()
 }
 
-/// Runs over `0..count` in a fixed number of pieces, on as many threads as there are cores; results
-/// come in order.
-pub(crate) fn in_pieces<T: Send>(
+/// Runs over `0..count` in a fixed number of chunks, on one thread per core; results are in order.
+pub(crate) fn in_chunks<T: Send>(
     count: usize,
     work: impl Fn(std::ops::Range<usize>) -> T + Sync,
 ) -> Vec<T> {
-    let pieces = PIECES.min(count);
+    let pieces = CHUNKS.min(count);
     let range = |i: usize| i * count / pieces..(i + 1) * count / pieces;
     let threads = std::thread::available_parallelism()
         .map_or(1, NonZero::get)
@@ -489,8 +493,8 @@ fn add_priors(problem: &Problem, layout: &Layout, normal: &mut Normal) {
             }
         }
     }
-    for (place, column) in problem.places.iter().zip(&layout.places) {
-        if let (PlacePrior::Near { mean, covariance }, Some(c)) = (&place.prior, column) {
+    for (place, column) in problem.poses.iter().zip(&layout.poses) {
+        if let (PosePrior::Near { mean, covariance }, Some(c)) = (&place.prior, column) {
             let information = information(covariance);
             let off = step_between(mean, &place.parent_from_child);
             let gradient = information * off;
@@ -505,7 +509,7 @@ fn add_priors(problem: &Problem, layout: &Layout, normal: &mut Normal) {
     normal.cost += prior_cost(problem);
 }
 
-/// A covariance that cannot be inverted says nothing.
+/// A covariance that cannot be inverted contributes nothing.
 fn information(covariance: &Matrix6<f64>) -> Matrix6<f64> {
     covariance
         .cholesky()
@@ -524,12 +528,12 @@ fn prior_cost(problem: &Problem) -> f64 {
                 Prior::Fixed | Prior::Free => 0.0,
             })
     });
-    let places = problem.places.iter().map(|place| match &place.prior {
-        PlacePrior::Near { mean, covariance } => {
+    let poses = problem.poses.iter().map(|place| match &place.prior {
+        PosePrior::Near { mean, covariance } => {
             let off = step_between(mean, &place.parent_from_child);
             0.5 * (off.transpose() * information(covariance) * off)[0]
         }
-        PlacePrior::Fixed | PlacePrior::Free => 0.0,
+        PosePrior::Fixed | PosePrior::Free => 0.0,
     });
-    lenses.chain(places).sum()
+    lenses.chain(poses).sum()
 }

@@ -1,4 +1,4 @@
-//! Poses as matrices, for speed, and how they change.
+//! Poses as matrices, for speed, and their updates.
 
 use cad_transforms::RigidTransform;
 use nalgebra::{Matrix3, UnitQuaternion, Vector3, Vector6};

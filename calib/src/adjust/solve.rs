@@ -1,30 +1,30 @@
-//! Levenberg's and Marquardt's method on the reduced system (Triggs, McLauchlan, Hartley and Fitzgibbon
-//! 2000, "Bundle Adjustment: A Modern Synthesis").
+//! Levenberg–Marquardt on the reduced system (Triggs, McLauchlan, Hartley and Fitzgibbon 2000,
+//! "Bundle Adjustment: A Modern Synthesis").
 
 use nalgebra::{DMatrix, DVector, Matrix2x3, Vector6};
 
 use super::covariance::Covariance;
 use super::normal::{Chain, Layout, Loss, Normal, build, cost, lenses};
 use super::pose::moved;
-use super::{AdjustError, PlacePrior, Prior, Problem, View};
+use super::{AdjustError, PosePrior, Prior, Problem, View};
 
-/// Damping to begin with, and where it may go.
+/// Initial damping and its limits.
 const DAMPING: (f64, f64, f64) = (1e-4, 1e-14, 1e10);
-/// Least share of points that must be projected from the start.
-const SEEN_SHARE: f64 = 0.6;
-/// Median of the length of a 2D residual whose coordinates have sigma 1.
+/// Minimum fraction of points that can be projected at the initial values.
+const MIN_PROJECTED_RATIO: f64 = 0.6;
+/// Median of the norm of a two-dimensional standard normal vector.
 const RAYLEIGH_MEDIAN: f64 = 1.177_410_022_515_475;
 
-/// How to solve.
+/// Solver settings.
 #[derive(Clone, Copy, Debug)]
 pub struct Settings {
-    /// From how many sigmas on an observation counts less.
+    /// Huber threshold, in sigmas.
     pub knee: f64,
-    /// Most steps per round; there are three, each with a better scale.
+    /// Maximum number of steps per round; there are three rounds, each with a better scale.
     pub steps: usize,
-    /// A step that lowers the cost by a smaller share than this is the last.
+    /// Relative decrease of the cost below which the iteration ends.
     pub tolerance: f64,
-    /// Whether covariances are wanted: they cost about as much as a step.
+    /// Whether covariances are computed: they cost about as much as a step.
     pub covariance: bool,
 }
 
@@ -39,25 +39,26 @@ impl Default for Settings {
     }
 }
 
-/// What came out.
+/// Solution of a problem.
 #[derive(Clone, Debug)]
 pub struct Solution {
-    /// The problem with all values found.
+    /// The problem at the solution.
     pub problem: Problem,
-    /// Half the sum of squares of residuals in sigmas after the loss, priors included.
+    /// Half the sum of squared residuals in sigmas after the loss, priors included.
     pub cost: f64,
-    /// How far observations are off in their own sigmas (median, over the median that it should be).
+    /// Scale of the residuals in their own sigmas (median, over its expectation).
     pub scale: f64,
-    /// Pixels found less pixels seen, by view and point; none for points without a pixel.
+    /// Predicted minus observed pixel, by view and point; `None` for points that cannot be
+    /// projected.
     pub residuals: Vec<Vec<Option<[f64; 2]>>>,
-    /// Of the free numbers, if it was wanted.
+    /// Covariance of the free parameters, if requested.
     pub covariance: Option<Covariance>,
-    /// How many steps were taken.
+    /// Number of steps.
     pub steps: usize,
 }
 
 impl Solution {
-    /// Root mean square of the length of residuals, pixels; over views that `of` takes.
+    /// RMS residual, pixels, over the views selected by `of`.
     pub fn rms_px(&self, of: impl Fn(&View) -> bool) -> f64 {
         let views = self.problem.views.iter().zip(&self.residuals);
         let chosen = views
@@ -85,14 +86,14 @@ pub fn solve(problem: &Problem, settings: &Settings) -> Result<Solution, AdjustE
     let start = residuals(&problem);
     let all = problem.points();
     let seen = start.iter().flatten().flatten().count();
-    if (seen as f64) < SEEN_SHARE * all as f64 {
+    if (seen as f64) < MIN_PROJECTED_RATIO * all as f64 {
         return Err(AdjustError::Start { seen, all });
     }
     let mut steps = 0;
     for round in 0..3 {
         let residuals = residuals(&problem);
         loss.scale = scale(&problem, &layout, &residuals);
-        // The first two only have to come near.
+        // The first two rounds are approximate.
         let tolerance = if round == 2 { settings.tolerance } else { 1e-4 };
         steps += descend(&mut problem, &layout, &loss, settings.steps, tolerance);
     }
@@ -112,29 +113,29 @@ pub fn solve(problem: &Problem, settings: &Settings) -> Result<Solution, AdjustE
     })
 }
 
-/// What one instant says of the free numbers, its pose eliminated.
+/// Normal equations of one instant, reduced by its pose (Schur complement).
 #[derive(Clone, Debug)]
-pub(crate) struct Told {
-    /// Which, by their position among [`Problem::parameters`], ascending.
+pub(crate) struct ReducedEquations {
+    /// Indices among [`Problem::parameters`], ascending.
     pub(crate) columns: Vec<usize>,
-    /// Gradient of its cost.
+    /// Gradient.
     pub(crate) score: DVector<f64>,
-    /// Its information.
+    /// Information matrix.
     pub(crate) information: DMatrix<f64>,
 }
 
-/// What every instant says at the problem's present values, when observations are `scale` of their own
-/// sigmas off.
-pub(crate) fn told(problem: &Problem, scale: f64) -> Vec<Told> {
+/// Reduced normal equations of every instant at the current values, with residuals scaled by
+/// `scale`.
+pub(crate) fn reduced_equations(problem: &Problem, scale: f64) -> Vec<ReducedEquations> {
     let loss = Loss {
         scale,
         knee: Settings::default().knee,
     };
-    let shares = build(problem, &Layout::new(problem), &loss, 0.0)
-        .shares
+    let instant_blocks = build(problem, &Layout::new(problem), &loss, 0.0)
+        .instant_blocks
         .into_iter();
-    shares
-        .map(|share| Told {
+    instant_blocks
+        .map(|share| ReducedEquations {
             columns: share.columns,
             score: share.score,
             information: share.information,
@@ -142,7 +143,8 @@ pub(crate) fn told(problem: &Problem, scale: f64) -> Vec<Told> {
         .collect()
 }
 
-/// Derivatives of the pixels of a view by its points, px/m; none for points without a pixel.
+/// Jacobians of the pixels of a view with respect to its points, px/m; `None` for points that
+/// cannot be projected.
 pub(crate) fn by_points(problem: &Problem, view: &View) -> Vec<Option<Matrix2x3<f64>>> {
     let chain = Chain::new(problem, &lenses(problem), view);
     view.points
@@ -151,7 +153,7 @@ pub(crate) fn by_points(problem: &Problem, view: &View) -> Vec<Option<Matrix2x3<
         .collect()
 }
 
-/// Steps until the cost hardly falls any more; how many there were.
+/// Iterates until the cost hardly decreases; returns the number of steps.
 fn descend(
     problem: &mut Problem,
     layout: &Layout,
@@ -190,7 +192,7 @@ fn descend(
     most
 }
 
-/// The step of the free numbers; none where the equations cannot be solved.
+/// Step of the free parameters; `None` if the equations are singular.
 fn free_step(normal: &Normal, damping: f64) -> Option<DVector<f64>> {
     let n = normal.gradient.len();
     if n == 0 {
@@ -207,7 +209,7 @@ fn free_step(normal: &Normal, damping: f64) -> Option<DVector<f64>> {
     Some(-solution.component_mul(&by))
 }
 
-/// The matrix with rows and columns scaled to a diagonal of ones, and by what.
+/// The matrix scaled to a unit diagonal, and the scale factors.
 pub(super) fn unit_diagonal(matrix: &DMatrix<f64>) -> Option<(DMatrix<f64>, DVector<f64>)> {
     let diagonal = matrix.diagonal();
     if diagonal.iter().any(|d| !(*d > 0.0 && d.is_finite())) {
@@ -220,7 +222,7 @@ pub(super) fn unit_diagonal(matrix: &DMatrix<f64>) -> Option<(DMatrix<f64>, DVec
     Some((scaled, by))
 }
 
-/// The problem one step on.
+/// The problem after a step.
 fn changed(problem: &Problem, layout: &Layout, normal: &Normal, by: &DVector<f64>) -> Problem {
     let mut next = problem.clone();
     for (lens, columns) in next.lenses.iter_mut().zip(&layout.lenses) {
@@ -230,13 +232,13 @@ fn changed(problem: &Problem, layout: &Layout, normal: &Normal, by: &DVector<f64
         }
         lens.model = lens.model.with_parameters(&values);
     }
-    for (place, column) in next.places.iter_mut().zip(&layout.places) {
+    for (place, column) in next.poses.iter_mut().zip(&layout.poses) {
         if let Some(c) = *column {
             let step = Vector6::from_fn(|k, _| by[c + k]);
             place.parent_from_child = moved(&place.parent_from_child, &step);
         }
     }
-    for (pose, share) in next.instants.iter_mut().zip(&normal.shares) {
+    for (pose, share) in next.instants.iter_mut().zip(&normal.instant_blocks) {
         let mut gradient = share.gradient;
         for (row, &c) in share.columns.iter().enumerate() {
             gradient += share.mixed.row(row).transpose() * by[c];
@@ -246,7 +248,7 @@ fn changed(problem: &Problem, layout: &Layout, normal: &Normal, by: &DVector<f64
     next
 }
 
-/// Pixels found less pixels seen.
+/// Predicted minus observed pixel.
 fn residuals(problem: &Problem) -> Vec<Vec<Option<[f64; 2]>>> {
     let lenses = lenses(problem);
     let of = |view: &View| {
@@ -262,7 +264,7 @@ fn residuals(problem: &Problem) -> Vec<Vec<Option<[f64; 2]>>> {
     problem.views.iter().map(of).collect()
 }
 
-/// How far observations are off in sigmas, from the lengths of their residuals in sigmas; 1 for none.
+/// Residual scale in sigmas, from the norms of the residuals in sigmas; 1 if empty.
 pub(crate) fn median_scale(mut lengths: Vec<f64>) -> f64 {
     if lengths.is_empty() {
         return 1.0;
@@ -272,7 +274,7 @@ pub(crate) fn median_scale(mut lengths: Vec<f64>) -> f64 {
     *median / RAYLEIGH_MEDIAN
 }
 
-/// How far observations are off, in their own sigmas.
+/// Residual scale, in their own sigmas.
 fn scale(problem: &Problem, layout: &Layout, residuals: &[Vec<Option<[f64; 2]>>]) -> f64 {
     let mut lengths = Vec::new();
     for (view, residuals) in problem.views.iter().zip(residuals) {
@@ -282,16 +284,16 @@ fn scale(problem: &Problem, layout: &Layout, residuals: &[Vec<Option<[f64; 2]>>]
         }
     }
     let median = median_scale(lengths);
-    // Fitted numbers take their share of what the residuals had.
+    // Fitted parameters absorb a part of the residuals.
     let with_prior = |prior: &Prior| !matches!(prior, Prior::Free);
     let lens_count = problem.lenses.iter().flat_map(|lens| &lens.priors);
-    let place_count = problem.places.iter();
+    let place_count = problem.poses.iter();
     let fitted = 6 * layout.views.iter().filter(|v| !v.is_empty()).count()
         + lens_count.filter(|prior| !with_prior(prior)).count()
-        + 6 * place_count.filter(|p| p.prior == PlacePrior::Free).count();
+        + 6 * place_count.filter(|p| p.prior == PosePrior::Free).count();
     let equations = 2 * problem.points();
     let left = equations.saturating_sub(fitted).max(1);
     let scale = median * (equations as f64 / left as f64).sqrt();
-    // Exact observations, as tests have them, must not divide by 0.
+    // Exact observations, as in tests, must not divide by 0.
     scale.clamp(1e-6, 1e6)
 }

@@ -37,8 +37,8 @@ fn model(distortion: Distortion) -> CameraModel {
     }
 }
 
-/// A stereo camera that sees a board of 7 x 5 corners in `instants` poses, with noise of `sigma` px;
-/// the values of the problem are the truth.
+/// A stereo camera with a board of 7 x 5 corners in `instants` poses, with noise of `sigma` px; the
+/// values of the problem are the ground truth.
 fn stereo(instants: usize, sigma: f64, seed: u64) -> Problem {
     let mut noise = Noise::new(seed);
     let distortion = Distortion::RadTan4 {
@@ -62,13 +62,13 @@ fn stereo(instants: usize, sigma: f64, seed: u64) -> Problem {
                 },
             ),
         ],
-        places: vec![PlaceBlock {
+        poses: vec![PoseBlock {
             name: "right".to_owned(),
             parent_from_child: left_from_right,
-            prior: PlacePrior::Free,
+            prior: PosePrior::Free,
         }],
         instants: Vec::new(),
-        stays: Vec::new(),
+        clusters: Vec::new(),
         views: Vec::new(),
     };
     for instant in 0..instants {
@@ -97,7 +97,7 @@ fn stereo(instants: usize, sigma: f64, seed: u64) -> Problem {
     problem
 }
 
-/// Gives every view the points of the board that fall into its picture.
+/// Gives every view the points of the board that project into its image.
 fn fill(problem: &mut Problem, sigma: f64, noise: &mut Noise) {
     let lenses = super::normal::lenses(problem);
     let snapshot = problem.clone();
@@ -121,7 +121,7 @@ fn fill(problem: &mut Problem, sigma: f64, noise: &mut Noise) {
     problem.views.retain(|view| view.points.len() >= 6);
 }
 
-/// The problem started elsewhere.
+/// The problem with disturbed initial values.
 fn disturbed(truth: &Problem, seed: u64) -> Problem {
     let mut noise = Noise::new(seed ^ 0xabcd);
     let mut start = truth.clone();
@@ -136,7 +136,7 @@ fn disturbed(truth: &Problem, seed: u64) -> Problem {
         let step = Vector6::from_fn(|_, _| 0.01 * noise.normal());
         moved(pose, &step)
     };
-    for place in &mut start.places {
+    for place in &mut start.poses {
         place.parent_from_child = shake(&place.parent_from_child);
     }
     for instant in &mut start.instants {
@@ -146,7 +146,7 @@ fn disturbed(truth: &Problem, seed: u64) -> Problem {
 }
 
 #[test]
-fn finds_the_truth_where_there_is_no_noise() {
+fn recovers_ground_truth_without_noise() {
     let truth = stereo(12, 0.0, 1);
     let found = solve(&disturbed(&truth, 1), &Settings::default()).unwrap();
     for (a, b) in found.problem.lenses.iter().zip(&truth.lenses) {
@@ -155,15 +155,15 @@ fn finds_the_truth_where_there_is_no_noise() {
         }
     }
     let off = step_between(
-        &truth.places[0].parent_from_child,
-        &found.problem.places[0].parent_from_child,
+        &truth.poses[0].parent_from_child,
+        &found.problem.poses[0].parent_from_child,
     );
     assert!(off.amax() < 1e-9, "{off}");
     assert!(found.rms_px(|_| true) < 1e-8);
 }
 
 #[test]
-fn ninety_five_of_a_hundred_errors_are_within_two_sigma() {
+fn ninety_five_percent_of_errors_are_within_two_sigma() {
     let (mut inside, mut all) = (0, 0);
     for seed in 0..20 {
         let truth = stereo(15, 0.15, 100 + seed);
@@ -173,9 +173,9 @@ fn ninety_five_of_a_hundred_errors_are_within_two_sigma() {
         for parameter in &covariance.parameters {
             let value = |problem: &Problem| match *parameter {
                 Parameter::Lens(i, k) => problem.lenses[i].model.parameters()[k],
-                Parameter::Place(i, k) => {
-                    let at = &problem.places[i].parent_from_child;
-                    step_between(&truth.places[i].parent_from_child, at)[k]
+                Parameter::Pose(i, k) => {
+                    let at = &problem.poses[i].parent_from_child;
+                    step_between(&truth.poses[i].parent_from_child, at)[k]
                 }
             };
             let off = value(&found.problem) - value(&truth);
@@ -183,27 +183,28 @@ fn ninety_five_of_a_hundred_errors_are_within_two_sigma() {
             all += 1;
         }
     }
-    // 440 numbers, correlated within a run: 95.4 % are expected, 3 % is three of their deviations.
+    // 440 values, correlated within a run: 95.4 % are expected, 3 % is three of their deviations.
     let share = inside as f64 / all as f64;
     assert!((0.92..=0.995).contains(&share), "{share} of {all}");
 }
 
-/// Pictures of a rig that rests repeat each other with their errors: here six of them, in each of twelve stays. Where
-/// the rig is, is known from priors alone, and must not hide how far its eyes are turned from each other.
+/// Images of a rig at rest repeat each other with their errors: here six of them in each of twelve
+/// clusters. The pose of the rig is known from priors alone, and must not hide the rotation between
+/// the eyes.
 #[test]
-fn stays_count_once() {
-    let share_inside = |told: bool| {
+fn view_clusters_count_once() {
+    let share_inside = |clustered: bool| {
         let mut inside = 0;
         for seed in 0..30 {
             let mut truth = stereo(12, 0.15, 300 + seed);
-            let on_the_rig = |name: &str, at: RigidTransform| PlaceBlock {
+            let on_the_rig = |name: &str, at: RigidTransform| PoseBlock {
                 name: name.to_owned(),
                 parent_from_child: at,
-                prior: PlacePrior::near(at, 1e-3, 5e-3),
+                prior: PosePrior::near(at, 1e-3, 5e-3),
             };
-            let right = truth.places[0].parent_from_child;
+            let right = truth.poses[0].parent_from_child;
             let left = RigidTransform::identity();
-            truth.places = vec![on_the_rig("right", right), on_the_rig("left", left)];
+            truth.poses = vec![on_the_rig("right", right), on_the_rig("left", left)];
             for view in &mut truth.views {
                 view.path = vec![1 - view.lens];
             }
@@ -217,20 +218,20 @@ fn stays_count_once() {
                         ..view
                     }));
             }
-            if told {
-                truth.stays = (0..truth.instants.len()).map(|i| i % 12).collect();
+            if clustered {
+                truth.clusters = (0..truth.instants.len()).map(|i| i % 12).collect();
             }
             let found = solve(&disturbed(&truth, seed), &Settings::default()).unwrap();
-            let turned = |place: usize| -> Vector3<f64> {
-                let at = |problem: &Problem| problem.places[place].parent_from_child;
+            let rotated = |place: usize| -> Vector3<f64> {
+                let at = |problem: &Problem| problem.poses[place].parent_from_child;
                 let step = step_between(&at(&truth), &at(&found.problem));
                 step.fixed_rows::<3>(3).into()
             };
-            let off = turned(0) - turned(1);
+            let off = rotated(0) - rotated(1);
             let by: Vec<(Parameter, Vector3<f64>)> = [(0, 1.0), (1, -1.0)]
                 .into_iter()
                 .flat_map(|(place, sign)| {
-                    (0..3).map(move |k| (Parameter::Place(place, 3 + k), Vector3::ith(k, sign)))
+                    (0..3).map(move |k| (Parameter::Pose(place, 3 + k), Vector3::ith(k, sign)))
                 })
                 .collect();
             let covariance = found.covariance.as_ref().unwrap().of(&by);
@@ -239,13 +240,13 @@ fn stays_count_once() {
         }
         inside as f64 / 90.0
     };
-    let (told, untold) = (share_inside(true), share_inside(false));
-    assert!(told > 0.9, "{told}");
-    assert!(untold < 0.8, "{untold}");
+    let (clustered, unclustered) = (share_inside(true), share_inside(false));
+    assert!(clustered > 0.9, "{clustered}");
+    assert!(unclustered < 0.8, "{unclustered}");
 }
 
 #[test]
-fn gross_errors_hardly_matter() {
+fn outliers_hardly_change_the_solution() {
     let clean = stereo(15, 0.1, 7);
     let mut spoilt = clean.clone();
     for (i, view) in spoilt.views.iter_mut().enumerate() {
@@ -255,17 +256,17 @@ fn gross_errors_hardly_matter() {
     let covariance = found.covariance.as_ref().unwrap();
     for k in 0..6 {
         let off = step_between(
-            &clean.places[0].parent_from_child,
-            &found.problem.places[0].parent_from_child,
+            &clean.poses[0].parent_from_child,
+            &found.problem.poses[0].parent_from_child,
         )[k];
-        let sigma = covariance.sigma(Parameter::Place(0, k));
+        let sigma = covariance.sigma(Parameter::Pose(0, k));
         assert!(off.abs() < 4.0 * sigma, "{k}: {off} of {sigma}");
     }
 }
 
 #[test]
-fn what_no_view_tells_is_named() {
-    // One view of a board straight ahead tells neither focal length nor depth.
+fn undetermined_parameter_is_named() {
+    // One view of a board straight ahead determines neither focal length nor depth.
     let mut problem = stereo(1, 0.1, 3);
     problem.instants[0] = RigidTransform::from_translation_m([-0.3, -0.2, 0.8]).unwrap();
     for view in &mut problem.views {
@@ -279,7 +280,7 @@ fn what_no_view_tells_is_named() {
     let text = "fx of left is not determined by 2 views";
     assert!(error.to_string().contains(text), "{error}");
 
-    // A prior on each is enough, and what is not determined stays where the prior has it.
+    // A prior on each is enough; parameters that are not determined keep their prior.
     let mut with_priors = again.clone();
     for lens in &mut with_priors.lenses {
         let values = lens.model.parameters().into_iter();
@@ -290,15 +291,15 @@ fn what_no_view_tells_is_named() {
             })
             .collect();
     }
-    let place = &mut with_priors.places[0];
-    place.prior = PlacePrior::near(place.parent_from_child, 1e-3, 2e-3);
+    let place = &mut with_priors.poses[0];
+    place.prior = PosePrior::near(place.parent_from_child, 1e-3, 2e-3);
     let found = solve(&with_priors, &Settings::default()).unwrap();
     let sigma = found.covariance.unwrap().sigma(Parameter::Lens(0, 0));
     assert!(sigma < 3.6 && sigma > 1.0, "{sigma}");
 }
 
 #[test]
-fn threads_and_repeats_give_the_same_bits() {
+fn result_is_bit_identical_for_any_number_of_threads() {
     let start = disturbed(&stereo(9, 0.2, 4), 4);
     let once = solve(&start, &Settings::default()).unwrap();
     let again = solve(&start, &Settings::default()).unwrap();
@@ -307,16 +308,16 @@ fn threads_and_repeats_give_the_same_bits() {
 }
 
 proptest! {
-    /// The gradient is that of the cost: by differences, over all kinds of numbers.
+    /// The gradient is that of the cost: by differences, over all kinds of parameters.
     #[test]
-    fn the_gradient_is_the_costs(seed in 0u64..1000) {
+    fn gradient_agrees_with_differences_of_the_cost(seed in 0u64..1000) {
         let problem = disturbed(&stereo(2, 0.3, seed), seed);
         let layout = super::normal::Layout::new(&problem);
         let loss = super::normal::Loss { scale: 1.0, knee: 1e9 };
-        // With the poses held: what elimination takes off the gradient is given back.
+        // With the poses fixed: the part of the gradient removed by the elimination is added back.
         let normal = super::normal::build(&problem, &layout, &loss, 0.0);
         let mut gradient = normal.gradient.clone();
-        for share in &normal.shares {
+        for share in &normal.instant_blocks {
             let through = &share.mixed * share.inverse * share.gradient;
             for (row, &c) in share.columns.iter().enumerate() {
                 gradient[c] += through[row];
@@ -332,10 +333,10 @@ proptest! {
                         p[k] += by;
                         moved_problem.lenses[i].model = problem.lenses[i].model.with_parameters(&p);
                     }
-                    Parameter::Place(i, k) => {
+                    Parameter::Pose(i, k) => {
                         let mut step = Vector6::zeros();
                         step[k] = by;
-                        let place = &mut moved_problem.places[i];
+                        let place = &mut moved_problem.poses[i];
                         place.parent_from_child = moved(&place.parent_from_child, &step);
                     }
                 }
@@ -349,7 +350,7 @@ proptest! {
 }
 
 #[test]
-fn one_view_locates_an_eye() {
+fn pose_of_a_single_view_is_recovered() {
     let truth = stereo(3, 0.1, 9);
     let view = &truth.views[0];
     let start = moved(

@@ -1,4 +1,4 @@
-//! How the points of a curve of overlapping Allan variances scatter together.
+//! Covariance of the points of a curve of overlapping Allan variances.
 //!
 //! A point is the mean of squares of second differences of phase. For Gaussian noise the covariance of two
 //! such means is twice the sum of the squared covariances of their differences over all pairs (the fourth
@@ -36,10 +36,11 @@ const PAIRS: [(usize, usize); 10] = [
 ];
 /// Weights of a second difference.
 const WEIGHTS: [f64; 3] = [1.0, -2.0, 1.0];
-/// Up to this factor sums over lags are made term by term; beyond it they are integrals.
+/// Maximum factor for which sums over lags are exact; beyond it they are integrals.
 const EXACT: usize = 24;
-/// Nodes and weights of Gauss and Legendre with five points on -1 to 1, exact up to degree 9: without
-/// flicker, what is integrated is of degree 7 between the lags where two ends of the differences meet.
+/// Nodes and weights of Gauss–Legendre quadrature with five points on -1 to 1, exact up to degree
+/// 9: without flicker, the integrand is of degree 7 between the lags at which two ends of the
+/// differences meet.
 const GAUSS: [(f64, f64); 5] = [
     (-0.906_179_845_938_664, 0.236_926_885_056_189_1),
     (-0.538_469_310_105_683_1, 0.478_628_670_499_366_47),
@@ -48,7 +49,7 @@ const GAUSS: [(f64, f64); 5] = [
     (0.906_179_845_938_664, 0.236_926_885_056_189_1),
 ];
 
-/// The quadratic form of a curve's shape.
+/// The quadratic form for the shape of a curve.
 #[derive(Clone, Debug)]
 pub(crate) struct Covariances {
     forms: [DMatrix<f64>; 10],
@@ -92,7 +93,7 @@ fn pair(curve: &Curve, i: usize, j: usize) -> [f64; 10] {
     let runs: Vec<[f64; 2]> = curve
         .runs
         .iter()
-        .filter(|&&n| n >= super::LEAST_LENGTHS * m1.max(m2))
+        .filter(|&&n| n >= super::MIN_LENGTHS * m1.max(m2))
         .map(|&n| [m1, m2].map(|m| (n + 1 - 2 * m) as f64))
         .collect();
     // Pairs of differences that are `lag` apart, in all runs.
@@ -112,7 +113,7 @@ fn pair(curve: &Curve, i: usize, j: usize) -> [f64; 10] {
         }
     };
     if m1.max(m2) <= EXACT as f64 {
-        // Flicker is the only one that reaches beyond the differences themselves, and it falls off fast.
+        // Flicker alone has covariance beyond the differences themselves, and it decays fast.
         let reach = 8.0 * (m1 + m2);
         let mut lag = low.max(-2.0 * m2 - reach);
         while lag <= high.min(2.0 * m1 + reach) {
@@ -139,7 +140,7 @@ fn pair(curve: &Curve, i: usize, j: usize) -> [f64; 10] {
                 );
             }
         }
-        // Quantisation is there only at single lags.
+        // Quantization contributes at single lags only.
         let mut single = meets.to_vec();
         single.sort_by(f64::total_cmp);
         single.dedup();

@@ -1,11 +1,11 @@
 //! Deviations of phase: Allan, overlapping Allan, modified Allan, Hadamard, overlapping Hadamard, total.
 //!
-//! Formulas from Riley and Howe, *Handbook of Frequency Stability Analysis*, NIST SP 1065 (2008), chapter
-//! 5. Each takes phase `x` at a constant period τ₀ in seconds and an averaging factor `m`, and gives the
-//! deviation at τ = m τ₀; none where the phase is too short for a single term.
+//! Formulas from Riley and Howe, *Handbook of Frequency Stability Analysis*, NIST SP 1065 (2008),
+//! chapter 5. Each takes phase `x` at a constant period τ₀ in seconds and an averaging factor `m`,
+//! and returns the deviation at τ = m τ₀; `None` if the phase is too short for a single term.
 
-/// Phase of a rate: its running sum, in units of rate times samples, one longer than the rate. The mean
-/// rate is taken out first; no deviation here depends on it, and the sum stays small.
+/// Phase of a rate: its running sum, in units of rate times samples, one longer than the rate. The
+/// mean rate is removed first; no deviation here depends on it, and the sum remains small.
 pub fn phase(rate: &[f64]) -> Vec<f64> {
     let mean = rate.iter().sum::<f64>() / rate.len().max(1) as f64;
     let mut phase = Vec::with_capacity(rate.len() + 1);
@@ -43,7 +43,7 @@ pub fn oadev(x: &[f64], period_s: f64, m: usize) -> Option<f64> {
 pub fn mdev(x: &[f64], period_s: f64, m: usize) -> Option<f64> {
     let terms = count(x, 3, m)? + 1.0;
     let tau = m as f64 * period_s;
-    // The sum over m neighbouring second differences, moved on by one each time.
+    // The sum over m neighbouring second differences, updated recursively.
     let second = |i: usize| x[i + 2 * m] - 2.0 * x[i + m] + x[i];
     let mut inner: f64 = (0..m).map(second).sum();
     let mut sum = inner * inner;
@@ -98,7 +98,7 @@ fn every(x: &[f64], m: usize) -> Option<Vec<f64>> {
     (m > 0).then(|| x.iter().step_by(m).copied().collect())
 }
 
-/// How many differences over `order` averages there are.
+/// Number of differences over `order` averages.
 fn count(x: &[f64], order: usize, m: usize) -> Option<f64> {
     let terms = x.len().checked_sub(order.checked_mul(m)?)?;
     (m > 0 && terms > 0).then_some(terms as f64)

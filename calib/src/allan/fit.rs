@@ -1,40 +1,43 @@
-//! The noise coefficients behind a curve of Allan variances.
+//! Noise coefficients of a curve of Allan variances.
 //!
-//! Method: the model is linear in Q², N², B² and K², so each choice of terms is fitted by generalised least
-//! squares to the variances, weighted by the covariance that this very model gives the points
-//! (`covariance.rs`: neighbours overlap and scatter together), a few times over until it no longer changes. Of
-//! the choices whose powers all come out positive the likeliest is taken; quantisation has to lower the Bayesian information
-//! criterion as well. Should the shortest averaging times not fit, as where a sensor filters its output,
-//! the fit begins behind them, up to 2 s. A curve that follows no such model has [`Fit::misfit`] above zero: this share
-//! of each point is then added to its uncertainty, as large as the likelihood asks for.
+//! Method: the model is linear in Q², N², B² and K². Each choice of terms is fitted to the
+//! variances by generalized least squares, weighted by the covariance of the points under this
+//! model (`covariance.rs`: neighbouring points overlap and are correlated), repeated until it no
+//! longer changes. Of the choices with positive powers, the most likely is taken; quantization must
+//! lower the Bayesian information criterion as well. If the shortest averaging times do not fit,
+//! for example because the sensor filters its output, the fit begins after them, at 2 s at the
+//! latest. A curve that does not follow the model has [`Fit::misfit`] above zero: this fraction of
+//! each point is then added to its uncertainty, with the value of maximum likelihood.
 //!
-//! Uncertainties: one standard deviation from the fit, and an interval of 95 % that treats each power as
-//! chi-squared with the degrees of freedom that fit its variance. They are those of the model with bias
-//! instability *and* random walk, also where one of the two came out as nothing: a short curve can be
-//! bent upwards by either, and to rule one out because the other alone will do makes the other too large and its
-//! uncertainty too small. The interval also holds two standard deviations either way. A power less than three standard deviations above zero is not determined.
+//! Uncertainties: one standard deviation from the fit, and an interval of 95 % that treats each
+//! power as chi-squared with the degrees of freedom that match its variance. They are those of the
+//! model with bias instability *and* random walk, even if one of the two is estimated as zero:
+//! either can raise the end of a short curve, and excluding one because the other is sufficient
+//! makes the other too large and its uncertainty too small. The interval also contains two standard
+//! deviations on either side. A power less than three standard deviations above zero is not
+//! determined.
 
 use nalgebra::{DMatrix, DVector};
 
 use super::covariance::{Covariances, Powers};
-use super::{Curve, PER_OCTAVE, chi2};
+use super::{Curve, POINTS_PER_OCTAVE, chi2};
 
-/// A curve needs at least this many points.
-const LEAST_POINTS: usize = 8;
-/// The fit begins no later than this.
-const LATEST_START_S: f64 = 2.0;
-/// A fit is doubted when its residuals were this unlikely.
-const DOUBT: f64 = 1e-4;
-/// Shares of misfit that are tried.
+/// Minimum number of points of a curve.
+const MIN_POINTS: usize = 8;
+/// Maximum averaging time at which the fit begins, s.
+const MAX_START_S: f64 = 2.0;
+/// Probability of the residuals below which a fit counts as misfit.
+const MAX_MISFIT_PROBABILITY: f64 = 1e-4;
+/// Misfit fractions that are tried.
 const MISFITS: [f64; 12] = [
     0.005, 0.01, 0.02, 0.03, 0.05, 0.07, 0.1, 0.15, 0.2, 0.3, 0.5, 0.8,
 ];
-/// A power must be this many of its standard deviations above zero.
-const DETERMINED: f64 = 3.0;
-/// A limit is where a power would come out as small as it did with this probability, 2.6 standard deviations
-/// of a normal variable. In name that is more than the 95 % that are stated: estimates of bias
-/// instability beside a random walk are skewed downwards, and with 1.6 deviations one limit in four was too low
-/// in simulations where the two can hardly be told apart.
+/// Minimum significance of a determined power, in standard deviations.
+const MIN_DETERMINED_SIGMAS: f64 = 3.0;
+/// Upper limits: the power at which an estimate would be as small as it is with this probability,
+/// 2.6 standard deviations of a normal variable. This is nominally more than the stated 95 %:
+/// estimates of bias instability beside a random walk are skewed downwards, and with 1.6 deviations
+/// one limit in four was too low in simulations where the two are hard to separate.
 const LOW: (f64, f64) = (2.6, 0.0047);
 
 /// The four kinds of noise.
@@ -51,7 +54,7 @@ pub enum Coefficient {
 }
 
 impl Coefficient {
-    /// All, in the order of a model's powers.
+    /// All coefficients, in the order of a model's powers.
     pub const ALL: [Self; 4] = [
         Self::Quantisation,
         Self::White,
@@ -70,24 +73,24 @@ impl Coefficient {
     }
 }
 
-/// What a curve says of a coefficient.
+/// Estimate of a coefficient.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum Value {
-    /// It is known.
+    /// It is determined.
     Known {
         /// The best estimate.
         value: f64,
         /// One standard deviation.
         sigma: f64,
-        /// Where it is with 95 %.
+        /// 95 % confidence interval.
         interval: [f64; 2],
     },
-    /// It is not determined; with 95 % it is below this.
+    /// Not determined; upper limit at 95 %.
     Below(f64),
 }
 
 impl Value {
-    /// The value, where it is known.
+    /// The value, if it is determined.
     pub fn known(self) -> Option<f64> {
         match self {
             Self::Known { value, .. } => Some(value),
@@ -103,9 +106,9 @@ pub struct Scatter {
     pub tau_s: f64,
     /// Equivalent degrees of freedom of the Allan variance, under the fitted model.
     pub freedom: f64,
-    /// Allan deviation as measured, and where the true one is with 95 %.
+    /// Measured Allan deviation.
     pub deviation: f64,
-    /// The interval.
+    /// Its 95 % confidence interval.
     pub interval: [f64; 2],
 }
 
@@ -116,14 +119,15 @@ pub struct Fit {
     powers: Powers,
     /// The shortest averaging time that was used, s.
     pub from_s: f64,
-    /// Share by which points are off the model beyond their scatter; 0 for a curve that follows it.
+    /// Fraction by which points deviate from the model beyond their scatter; 0 for a curve that
+    /// follows it.
     pub misfit: f64,
     /// Every point of the curve with its uncertainty.
     pub points: Vec<Scatter>,
 }
 
 impl Fit {
-    /// What the curve says of a coefficient.
+    /// Estimate of a coefficient.
     pub fn value(&self, coefficient: Coefficient) -> Value {
         self.values[coefficient as usize]
     }
@@ -133,26 +137,26 @@ impl Fit {
         model(&self.powers, tau_s).sqrt()
     }
 
-    /// The terms of the model, each with its part of the deviation at τ; none for one that is not there.
+    /// Contribution of a term of the model to the deviation at τ; `None` for a term that is absent.
     pub fn part(&self, coefficient: Coefficient, tau_s: f64) -> Option<f64> {
         let power = self.powers[coefficient as usize];
         (power > 0.0).then(|| (power * coefficient.variance(tau_s)).sqrt())
     }
 }
 
-/// Fits the noise model to a curve. None if there are fewer than eight points or one of them is not above
-/// zero: a sensor whose values do not change has no noise to measure.
+/// Fits the noise model to a curve. `None` with fewer than eight points or if one of them is not
+/// above zero: a sensor with constant values has no measurable noise.
 pub fn fit(curve: &Curve) -> Option<Fit> {
     Fitter::new(curve).fit(curve)
 }
 
-/// Fits curves that have the same factors and runs, as the axes of one sensor have.
+/// Fits curves with the same factors and runs, such as the axes of one sensor.
 pub struct Fitter {
     covariances: Covariances,
 }
 
 impl Fitter {
-    /// For curves of this shape.
+    /// Prepares curves of this shape.
     pub fn new(curve: &Curve) -> Self {
         Self {
             covariances: Covariances::new(curve),
@@ -162,15 +166,15 @@ impl Fitter {
     /// As [`fit`].
     ///
     /// # Panics
-    /// If the curve has another number of points than the one that this was made for.
+    /// If the number of points differs from the curve given to [`Self::new`].
     pub fn fit(&self, curve: &Curve) -> Option<Fit> {
         let taus: Vec<f64> = curve.points.iter().map(|p| p.tau_s).collect();
         let variances: Vec<f64> = curve.points.iter().map(|p| p.variance).collect();
         let usable = |v: &f64| v.is_finite() && *v > 0.0;
-        if taus.len() < LEAST_POINTS || !variances.iter().all(usable) {
+        if taus.len() < MIN_POINTS || !variances.iter().all(usable) {
             return None;
         }
-        let starts = (0..=taus.len() - LEAST_POINTS).take_while(|&i| taus[i] <= LATEST_START_S);
+        let starts = (0..=taus.len() - MIN_POINTS).take_while(|&i| taus[i] <= MAX_START_S);
         let at = |from: usize| Job {
             covariances: &self.covariances,
             taus: &taus,
@@ -178,14 +182,14 @@ impl Fitter {
             from,
             price: (curve.runs.iter().sum::<usize>() as f64).ln(),
         };
-        let sound = |job: &Job<'_>| job.best(&[0.0]).filter(|found| !job.is_doubtful(found));
+        let sound = |job: &Job<'_>| job.best(&[0.0]).filter(|found| !job.is_misfit(found));
         let whole = at(0);
         if let Some(solution) = sound(&whole) {
             return Some(whole.report(&solution));
         }
-        // Something is wrong with the shortest averages. A filter is felt far beyond its own length, so
-        // the white noise must be the same an octave later.
-        let octave = PER_OCTAVE as usize;
+        // The shortest averages deviate. A filter has an effect far beyond its own length, so the
+        // white noise must be the same an octave later.
+        let octave = POINTS_PER_OCTAVE as usize;
         let starts: Vec<usize> = starts.collect();
         for &from in starts
             .iter()
@@ -212,13 +216,13 @@ fn model(powers: &Powers, tau_s: f64) -> f64 {
     parts.map(|(c, power)| power * c.variance(tau_s)).sum()
 }
 
-/// A curve, from one of its points on.
+/// A curve from one of its points on.
 struct Job<'a> {
     covariances: &'a Covariances,
     taus: &'a [f64],
     variances: &'a [f64],
     from: usize,
-    /// What quantisation costs: the logarithm of the number of samples (Schwarz 1978).
+    /// Penalty of quantization: the logarithm of the number of samples (Schwarz 1978).
     price: f64,
 }
 
@@ -231,7 +235,7 @@ struct Solution {
     misfit: f64,
     /// Sum of the squared, weighted residuals.
     residual: f64,
-    /// What is to be least: twice the negative log likelihood, and the price of the terms.
+    /// Criterion to minimize: twice the negative log likelihood plus the penalty of the terms.
     criterion: f64,
 }
 
@@ -244,7 +248,7 @@ impl Solution {
 }
 
 impl Job<'_> {
-    /// The best choice of terms, with one of these shares of misfit.
+    /// The best choice of terms, with one of these misfit fractions.
     fn best(&self, misfits: &[f64]) -> Option<Solution> {
         let mut best: Option<Solution> = None;
         for subset in 0..8_usize {
@@ -271,27 +275,27 @@ impl Job<'_> {
         best
     }
 
-    /// Whether the residuals of a fit are too large to be chance.
-    fn is_doubtful(&self, solution: &Solution) -> bool {
+    /// Whether the residuals of a fit are significantly too large.
+    fn is_misfit(&self, solution: &Solution) -> bool {
         let freedom = (self.taus.len() - self.from - solution.terms.len()) as f64;
-        solution.residual > chi2::quantile(1.0 - DOUBT, freedom)
+        solution.residual > chi2::quantile(1.0 - MAX_MISFIT_PROBABILITY, freedom)
     }
 
-    /// Covariance of the points under a model, with a share of misfit.
+    /// Covariance of the points under a model, with a misfit fraction.
     fn scatter(&self, powers: &Powers, misfit: f64) -> DMatrix<f64> {
         let n = self.taus.len() - self.from;
         let whole = self.covariances.of(powers);
         let mut part = whole.view((self.from, self.from), (n, n)).clone_owned();
         for i in 0..n {
             let variance = model(powers, self.taus[self.from + i]);
-            // Shares of the deviation; the variance is off by twice as much. The tiny rest keeps the matrix
-            // positive where sums over lags were integrals.
+            // Fractions of the deviation; the error of the variance is twice as large. The small
+            // rest keeps the matrix positive where sums over lags were integrals.
             part[(i, i)] += (2.0 * misfit * variance).powi(2) + 1e-6 * part[(i, i)];
         }
         part
     }
 
-    /// Fits these terms; none if one of them comes out negative.
+    /// Fits these terms; `None` if one of them becomes negative.
     fn solve(&self, terms: &[usize], misfit: f64) -> Option<Solution> {
         let (taus, n) = (&self.taus[self.from..], self.taus.len() - self.from);
         let measured = DVector::from_row_slice(&self.variances[self.from..]);
@@ -302,7 +306,8 @@ impl Job<'_> {
             let mut next = [0.0; 4];
             let mut change: f64 = 0.0;
             for (k, &term) in terms.iter().enumerate() {
-                // A step to zero or below is cut short; a term that goes on falling is refused in the end.
+                // A step to zero or below is shortened; a term that keeps decreasing is rejected in
+                // the end.
                 next[term] = found[k].max(0.1 * powers[term]);
                 change = change.max((next[term] / powers[term] - 1.0).abs());
             }
@@ -314,7 +319,7 @@ impl Job<'_> {
         let (found, covariance, residual, log_determinant) =
             self.step(&design, &measured, &powers, misfit)?;
         let negligible = |(k, term): (usize, &usize)| {
-            // Less than a thousandth of the curve everywhere is as good as nothing.
+            // A contribution below a thousandth of the curve everywhere counts as zero.
             let share = |i: usize| found[k] * design[(i, k)] / model(&powers, taus[i]);
             found[k] < 0.5 * powers[*term] || (0..n).all(|i| share(i) < 1e-3)
         };
@@ -333,7 +338,8 @@ impl Job<'_> {
         })
     }
 
-    /// Each term as large as the curve allows it alone, so that none begins from nothing.
+    /// Initial guess: each term as large as the curve allows it alone, so that none starts from
+    /// zero.
     fn first_guess(&self, terms: &[usize]) -> Powers {
         let mut powers = [0.0; 4];
         for &term in terms {
@@ -344,8 +350,8 @@ impl Job<'_> {
         powers
     }
 
-    /// One round of generalised least squares, weighted as `powers` say: powers, their covariance, the
-    /// weighted residual and the log determinant of the weights.
+    /// One iteration of generalized least squares, weighted by `powers`: powers, their covariance,
+    /// the weighted residual and the log determinant of the weights.
     fn step(
         &self,
         design: &DMatrix<f64>,
@@ -422,7 +428,7 @@ impl Job<'_> {
         let Some((_, sigma)) = self.with_all(term, &solution.powers, solution.misfit) else {
             return Value::Below(f64::INFINITY);
         };
-        if power > 0.0 && power >= DETERMINED * sigma {
+        if power > 0.0 && power >= MIN_DETERMINED_SIGMAS * sigma {
             let freedom = 2.0 * (power / sigma).powi(2);
             let at = |p: f64| (power * freedom / chi2::quantile(p, freedom)).sqrt();
             let (value, sigma) = (power.sqrt(), sigma / (2.0 * power.sqrt()));
@@ -438,8 +444,8 @@ impl Job<'_> {
         Value::Below(self.limit(term, solution).sqrt())
     }
 
-    /// What the model with bias instability and random walk says of a term, with its standard deviation,
-    /// where the curve scatters as these powers say.
+    /// Estimate and standard deviation of a term in the model with bias instability and random
+    /// walk, with the scatter of these powers.
     fn with_all(&self, term: usize, powers: &Powers, misfit: f64) -> Option<(f64, f64)> {
         let mut terms = vec![1, 2, 3];
         if term == 0 || powers[0] > 0.0 {
@@ -451,9 +457,9 @@ impl Job<'_> {
         Some((found[k].max(0.0), covariance[(k, k)].sqrt()))
     }
 
-    /// The least power of a term that would come out larger than it did, nearly always. How an estimate scatters
-    /// depends on the power itself, so powers are tried, from one that is lost in the others upwards; each
-    /// time the others are what they would be beside it.
+    /// Upper limit of a term: the smallest power whose estimate would almost always be larger than
+    /// the one found. The scatter of an estimate depends on the power itself, so powers are tried
+    /// in ascending order; the others are refitted each time.
     fn limit(&self, term: usize, solution: &Solution) -> f64 {
         let misfit = solution.misfit;
         let mut powers = solution.powers;
@@ -482,7 +488,7 @@ impl Job<'_> {
         f64::INFINITY
     }
 
-    /// Fits the other terms beside one that is held; one that would be negative is nothing.
+    /// Fits the other terms beside a fixed one; negative ones are set to zero.
     fn refit_others(&self, term: usize, powers: &mut Powers, solution: &Solution) {
         let held = powers[term];
         let rest = self.taus[self.from..]
@@ -498,7 +504,7 @@ impl Job<'_> {
                 return;
             };
             for (k, &other) in others.iter().enumerate() {
-                // White noise never goes away, whatever is held.
+                // White noise is always present.
                 let least = if other == 1 { 0.1 * powers[1] } else { 0.0 };
                 powers[other] = found[k].max(least);
             }

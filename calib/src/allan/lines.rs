@@ -1,9 +1,10 @@
-//! Noise coefficients by lines of a fixed slope in the log-log plot, as they are commonly read off.
+//! Noise coefficients by lines of a fixed slope in the log-log plot, the common graphical method.
 //!
-//! N is where a line of slope -1/2 through the beginning of the curve passes τ = 1 s, K is where a line of
-//! slope +1/2 passes τ = 3 s. The ROS package `allan_variance_ros` fits the first to all points below 10 s and
-//! the second to *all* points, evenly spaced in τ, whether or not the curve has that slope there. [`mod@super::fit`] asks
-//! the curve what it holds; these are here to compare with files that were made in the common way.
+//! N is the value at τ = 1 s of a line of slope -1/2 through the beginning of the curve, K the
+//! value at τ = 3 s of a line of slope +1/2. The ROS package `allan_variance_ros` fits the first to
+//! all points below 10 s and the second to *all* points, evenly spaced in τ, whether or not the
+//! curve has that slope there. [`mod@super::fit`] estimates which terms the curve contains; these
+//! functions are for comparison with files made by the common method.
 
 /// The height at `at` of the line of this slope that fits the points (τ, σ) best in the least squares of
 /// the logarithms; none without points. Those that are not above zero are left out.

@@ -57,7 +57,7 @@ fn whole(rate: &[f64], period: f64) -> Curve {
 fn slow(rate: &[f64], runs: &[Range<usize>], factor: usize) -> (f64, u64) {
     let (mut sum, mut terms) = (0.0, 0);
     for run in runs {
-        if run.len() < LEAST_LENGTHS * factor {
+        if run.len() < MIN_LENGTHS * factor {
             continue;
         }
         for i in run.start..=run.end - 2 * factor {
@@ -70,9 +70,9 @@ fn slow(rate: &[f64], runs: &[Range<usize>], factor: usize) -> (f64, u64) {
 }
 
 #[test]
-fn a_curve_is_what_the_definition_says_and_never_crosses_a_gap() {
+fn curve_agrees_with_the_definition_and_never_crosses_a_gap() {
     let mut rate = Noise::new(3).rate(700, 0.01, [1.0, 0.0, 0.5]);
-    // What lies between two runs is no part of any.
+    // The samples between two runs belong to neither.
     rate[200..230].fill(1e6);
     let runs = [0..200, 230..690];
     let found = curve(&rate, &runs, 0.01);
@@ -96,7 +96,7 @@ fn table(path: &std::path::Path) -> Vec<Vec<f64>> {
 }
 
 #[test]
-fn deviations_are_those_of_stable32() {
+fn deviations_agree_with_stable32() {
     let Some(folder) = shared("06_calibration/allan_reference/phasedat") else {
         return;
     };
@@ -147,7 +147,7 @@ fn handbook(n: f64, m: f64) -> [f64; 3] {
 }
 
 #[test]
-fn degrees_of_freedom_are_those_of_the_handbook() {
+fn degrees_of_freedom_agree_with_the_handbook() {
     let samples = 100_000;
     let curve = curve(
         &vec![0.0; samples],
@@ -179,9 +179,9 @@ fn degrees_of_freedom_are_those_of_the_handbook() {
     );
 }
 
-/// The scatter of the points, and of pairs of points, against many made-up recordings.
+/// Scatter of the points, and of pairs of points, against many simulated recordings.
 #[test]
-fn points_scatter_as_computed() {
+fn scatter_of_points_agrees_with_their_covariance() {
     let (samples, period, seeds) = (2000, 0.02, 300);
     for truth in [[1.0, 0.0, 0.0], [0.1, 1.0, 0.0], [0.2, 0.0, 1.0]] {
         let curves: Vec<Curve> = (0..seeds)
@@ -193,7 +193,7 @@ fn points_scatter_as_computed() {
         let mean = |i: usize| {
             curves.iter().map(|c| c.points[i].variance).sum::<f64>() / f64::from(seeds as u32)
         };
-        // The shortest averages see that made-up flicker ends somewhere.
+        // The shortest averages show the cut-off of the simulated flicker.
         for i in (8..n).step_by(4) {
             for j in [i, (i + 2).min(n - 1), (i + 6).min(n - 1)] {
                 let (a, b) = (mean(i), mean(j));
@@ -203,7 +203,8 @@ fn points_scatter_as_computed() {
                 let measured = products.sum::<f64>() / (seeds - 1) as f64;
                 let scale = (computed[(i, i)] * computed[(j, j)]).sqrt();
                 let off = (measured - computed[(i, j)]) / scale;
-                // 300 recordings tell a correlation to about 0.08; variances, skewed, to 0.1 or more.
+                // 300 recordings determine a correlation to about 0.08; variances, which are
+                // skewed, to 0.1 or more.
                 assert!(
                     off.abs() < 0.35,
                     "{truth:?} {i} {j}: {measured:e} {:e}",
@@ -214,7 +215,8 @@ fn points_scatter_as_computed() {
     }
 }
 
-/// How often the truth lies within two sigma and within the interval, and how often a term is seen.
+/// How often the ground truth is within two sigma and within the interval, and how often a term is
+/// determined.
 #[derive(Default)]
 struct Tally {
     known: u32,
@@ -245,9 +247,9 @@ impl Tally {
 }
 
 impl Tally {
-    /// Of 100 statements some 95 are to be true; of [`SEEDS`] seven or more are wrong by chance once in 1700 times
-    /// (binomial).
-    fn assert_honest(&self, name: &str) {
+    /// Of 100 intervals about 95 contain the ground truth; of [`SEEDS`], seven or more miss it by
+    /// chance once in 1700 times (binomial).
+    fn assert_calibrated(&self, name: &str) {
         let (all, right) = (self.known + self.below, self.in_interval + self.below_right);
         assert!(all - right <= 6, "{name}: {right} of {all}");
     }
@@ -281,46 +283,46 @@ fn trial(samples: usize, period: f64, truth: [f64; 3]) -> [Tally; 4] {
 #[test]
 fn stated_uncertainties_hold_white_and_walk() {
     let [q, n, b, k] = trial(40_000, 0.01, [1e-3, 0.0, 1e-3]);
-    n.assert_honest("N");
+    n.assert_calibrated("N");
     assert_eq!(n.below, 0);
     assert!(k.known >= 15, "{}", k.known);
-    k.assert_honest("K");
+    k.assert_calibrated("K");
     assert!(q.known <= 2 && b.known <= 2, "{} {}", q.known, b.known);
 }
 
 #[test]
 fn stated_uncertainties_hold_with_flicker() {
     let [q, n, b, k] = trial(30_000, 0.01, [1e-3, 1e-3, 0.0]);
-    n.assert_honest("N");
+    n.assert_calibrated("N");
     assert_eq!(n.below, 0);
     assert!(b.known >= 25, "{}", b.known);
-    b.assert_honest("B");
+    b.assert_calibrated("B");
     assert!(q.known <= 2 && k.known <= 2, "{} {}", q.known, k.known);
 }
 
 #[test]
 fn stated_uncertainties_hold_with_all_three() {
     let [q, n, b, k] = trial(60_000, 0.01, [1e-3, 5e-4, 1e-4]);
-    n.assert_honest("N");
+    n.assert_calibrated("N");
     assert_eq!(n.below, 0);
-    // Bias instability and random walk can hardly be told apart here. What is stated has to be right all the
-    // same.
-    b.assert_honest("B");
-    k.assert_honest("K");
+    // Bias instability and random walk are hard to separate here. The stated uncertainties must
+    // hold all the same.
+    b.assert_calibrated("B");
+    k.assert_calibrated("K");
     assert!(q.known <= 2, "{}", q.known);
 }
 
 #[test]
-fn a_short_recording_gives_a_limit_and_no_number() {
+fn short_recording_gives_an_upper_limit() {
     let [_, n, b, k] = trial(6_000, 0.01, [1e-3, 1e-5, 1e-5]);
-    n.assert_honest("N");
+    n.assert_calibrated("N");
     assert_eq!(n.below, 0);
     assert!(k.known <= 2 && b.known <= 2, "{} {}", k.known, b.known);
     assert!(k.below - k.below_right <= 1, "{}", k.below_right);
 }
 
 #[test]
-fn coarse_counts_are_seen_as_quantisation_and_a_filter_is_passed_by() {
+fn coarse_counts_are_quantization_and_filtered_averages_are_skipped() {
     // An angle in coarse steps: each rate is the difference of two rounded angles.
     let mut noise = Noise::new(5);
     let (period, step) = (0.01, 1e-3);
@@ -354,12 +356,12 @@ fn coarse_counts_are_seen_as_quantisation_and_a_filter_is_passed_by() {
 }
 
 #[test]
-fn what_has_no_noise_has_no_fit() {
+fn constant_signal_has_no_fit() {
     assert_eq!(fit(&whole(&vec![0.1; 5000], 0.01)), None);
     assert_eq!(fit(&whole(&[1.0, 2.0, 3.0], 0.01)), None);
 }
 
-/// Curves and noise of an Alphasense's IMU over 36 hours (GrandTour), against the file that was made from
+/// Curves and noise of an Alphasense's IMU over 36 hours (GrandTour), against the file made from
 /// them with `allan_variance_ros`. There is no curve of the ZED 2i beside its file.
 #[test]
 fn curves_of_a_real_imu() {

@@ -39,7 +39,7 @@ fn frames_order_and_units() {
 }
 
 #[test]
-fn traps() {
+fn invalid_files_are_rejected() {
     let folder = Folder::new();
     let check = |from: &str, to: &str, expected: &str| {
         let good = text(UCM);
@@ -106,7 +106,7 @@ fn the_real_files() {
 }
 
 #[test]
-fn what_cannot_be_is_named_by_its_key() {
+fn impossible_value_is_named_by_its_key() {
     let folder = Folder::new();
     let check = |from: &str, to: &str, expected: &str| {
         let path = folder.file("calibration.json", &text(UCM).replacen(from, to, 1));

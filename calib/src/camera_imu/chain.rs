@@ -1,37 +1,38 @@
-//! Least squares over a chain of states and a few parameters that all of them share.
+//! Least squares over a chain of states with shared parameters.
 //!
-//! The normal equations are block tridiagonal with a border: state `i` meets `i + 1` and the `B`
-//! shared parameters, nothing else. Block Cholesky eliminates the states in order; what remains is the
-//! information on the shared parameters. Time and memory grow with the number of states, not faster.
-//! Covariances of single states, of neighbours and of states with parameters come from the factor by
-//! the recursion of Takahashi, Fagan and Chin (1973), in the same time.
+//! The normal equations are block tridiagonal with a border: state `i` is connected with `i + 1`
+//! and the `B` shared parameters, with nothing else. Block Cholesky eliminates the states in order;
+//! what remains is the information matrix of the shared parameters. Time and memory grow linearly
+//! with the number of states. Covariances of single states, of neighbours and of states with
+//! parameters come from the factor by the recursion of Takahashi, Fagan and Chin (1973), in linear
+//! time.
 
 use nalgebra::{Cholesky, Const, SMatrix, SVector};
 
-/// Normal equations `H x = -g` of `n` states of `N` numbers and `B` shared ones.
+/// Normal equations `H x = -g` of `n` states of dimension `N` and `B` shared parameters.
 #[derive(Clone, Debug)]
 pub(super) struct Chain<const N: usize, const B: usize> {
-    /// State with itself.
+    /// Diagonal blocks of the states.
     pub own: Vec<SMatrix<f64, N, N>>,
-    /// State `i` with `i + 1`; one fewer.
+    /// Blocks of state `i` with `i + 1`; one fewer.
     pub next: Vec<SMatrix<f64, N, N>>,
-    /// State with the shared parameters.
+    /// Blocks of the states with the shared parameters.
     pub border: Vec<SMatrix<f64, N, B>>,
-    /// Shared parameters with themselves.
+    /// Block of the shared parameters.
     pub shared: SMatrix<f64, B, B>,
-    /// Gradient by the states.
+    /// Gradients with respect to the states.
     pub own_gradient: Vec<SVector<f64, N>>,
-    /// Gradient by the shared parameters.
+    /// Gradient with respect to the shared parameters.
     pub shared_gradient: SVector<f64, B>,
 }
 
-/// A step: of each state, and of the shared parameters.
+/// Step of each state and of the shared parameters.
 pub(super) struct Step<const N: usize, const B: usize> {
     pub own: Vec<SVector<f64, N>>,
     pub shared: SVector<f64, B>,
 }
 
-/// Covariances, as far as factors need them.
+/// Covariance blocks that the factors need.
 pub(super) struct Covariance<const N: usize, const B: usize> {
     pub own: Vec<SMatrix<f64, N, N>>,
     /// State `i` with `i + 1`.
@@ -40,7 +41,7 @@ pub(super) struct Covariance<const N: usize, const B: usize> {
     pub shared: SMatrix<f64, B, B>,
 }
 
-/// The factor: rows `[C', U, V]` of each state and what remains for the shared parameters.
+/// Cholesky factor: rows `[C', U, V]` of each state and the remainder for the shared parameters.
 pub(super) struct Factor<const N: usize, const B: usize> {
     own: Vec<Cholesky<f64, Const<N>>>,
     next: Vec<SMatrix<f64, N, N>>,
@@ -62,8 +63,8 @@ impl<const N: usize, const B: usize> Chain<N, B> {
         }
     }
 
-    /// Adds a residual of `M` numbers, already divided by its noise: its derivatives by state `i`, by state
-    /// `i + 1` if it has one, and by the shared parameters.
+    /// Adds a whitened residual of dimension `M` with its Jacobians with respect to state `i`,
+    /// state `i + 1` if there is one, and the shared parameters.
     pub(super) fn add<const M: usize>(
         &mut self,
         i: usize,
@@ -88,7 +89,7 @@ impl<const N: usize, const B: usize> Chain<N, B> {
         self.shared_gradient += shared * residual;
     }
 
-    /// The factor of `H + damping diag(H)`; none if that is not positive definite.
+    /// Factorizes `H + damping diag(H)`; `None` if that is not positive definite.
     pub(super) fn factor(&self, damping: f64) -> Option<Factor<N, B>> {
         let n = self.own.len();
         let mut factor = Factor {
@@ -121,9 +122,9 @@ impl<const N: usize, const B: usize> Chain<N, B> {
                 lower.solve_lower_triangular_mut(&mut next);
                 factor.next.push(next);
             }
-            let turned = border.transpose();
-            shared -= turned * border;
-            shared_right -= turned * right;
+            let transposed = border.transpose();
+            shared -= transposed * border;
+            shared_right -= transposed * right;
             factor.own.push(own);
             factor.border.push(border);
             factor.own_right.push(right);
@@ -143,7 +144,7 @@ fn damped<const K: usize>(matrix: &SMatrix<f64, K, K>, damping: f64) -> SMatrix<
 }
 
 impl<const N: usize, const B: usize> Factor<N, B> {
-    /// The solution of the normal equations.
+    /// Solution of the normal equations.
     pub(super) fn step(&self) -> Step<N, B> {
         let shared = self.shared.solve(&self.shared_right);
         let n = self.own.len();
@@ -161,7 +162,7 @@ impl<const N: usize, const B: usize> Factor<N, B> {
         Step { own, shared }
     }
 
-    /// Covariances.
+    /// Covariance blocks.
     pub(super) fn covariance(&self) -> Covariance<N, B> {
         let n = self.own.len();
         let shared = self.shared.inverse();
@@ -195,7 +196,7 @@ impl<const N: usize, const B: usize> Factor<N, B> {
 }
 
 impl<const N: usize, const B: usize> Covariance<N, B> {
-    /// How much of a residual of `M` numbers the fit takes up: the trace of `J P J'`.
+    /// Leverage of a residual of dimension `M`: the trace of `J P J'`.
     pub(super) fn leverage<const M: usize>(
         &self,
         i: usize,
@@ -230,7 +231,7 @@ mod tests {
     const N: usize = 3;
     const B: usize = 2;
 
-    /// A chain of made-up residuals, and the same as one dense matrix.
+    /// A chain of synthetic residuals, and the same as one dense matrix.
     fn example(states: usize) -> (Chain<N, B>, DMatrix<f64>, DVector<f64>) {
         let size = states * N + B;
         let mut chain = Chain::new(states);

@@ -1,93 +1,93 @@
-//! From a recording to a result: check, start, fit, weigh the noise, fit again, compare the halves.
+//! The estimation: check, initialize, fit, reweight the noise, fit again, compare the halves.
 
 use cad_transforms::RigidTransform;
 use nalgebra::{Matrix3, Rotation3, SMatrix, SVector, UnitQuaternion, Vector3};
 
-use super::excite;
-use super::judge::{self, Evidence};
+use super::gates::{self, Evidence};
+use super::initialization::{self, GravityEstimate};
+use super::observability;
 use super::problem::{
-    BOARD, DOWN, DRIFT, Factors, Fitted, OFFSET, Prior, Problem, ROTATION, SHAPES, SHARED, Shared,
-    State, Sum, TRANSLATION,
+    BOARD, DOWN, DRIFT, Factors, FitResult, OFFSET, Prior, Problem, ROTATION, ResidualSum, SHAPES,
+    SHARED, Shared, State, TRANSLATION,
 };
-use super::start::{self, Pulled};
 use super::track::Track;
-use super::view::{Fit, Moving, Pose, View};
+use super::view::{CameraMotion, Fit, Pose, View};
 use super::{
-    CameraImu, CameraImuError, Cameras, GRAVITY, Noise, Noises, Recording, Residual, Sigmas, Told,
-    so3,
+    CameraImu, CameraImuError, Cameras, GRAVITY, Noise, NoiseEstimates, Priors, Recording,
+    Residual, Sigmas, so3,
 };
 
-/// Fewest pictures with a pose, and intervals between them with inertial samples.
-const FEWEST: usize = 20;
-/// Longest time between two pictures that the IMU bridges, s.
-const LONGEST_BRIDGE_S: f64 = 1.0;
-/// How far the offset may move after the start without running into a gap, s.
-const MARGIN_S: f64 = 0.01;
-/// Error of corners, in sigmas, beyond which a picture's pose is none.
-const WORST_PICTURE: f64 = 20.0;
-/// How often the noise is weighed.
+/// Minimum number of views with a pose, and of intervals between them with IMU samples.
+const MIN_VIEWS: usize = 20;
+/// Maximum interval between two views that the IMU bridges, s.
+const MAX_INTERVAL_S: f64 = 1.0;
+/// Margin for changes of the time offset during the fit without reaching a gap, s.
+const OFFSET_MARGIN_S: f64 = 0.01;
+/// Maximum corner error of a view, in sigmas; above it the view has no pose.
+const MAX_VIEW_SCALE: f64 = 20.0;
+/// Number of noise reweighting rounds.
 const ROUNDS: usize = 4;
-/// Fewest intervals in a half for a comparison.
-const FEWEST_IN_PART: usize = 60;
+/// Minimum number of intervals in a half for the comparison.
+const MIN_INTERVALS_PER_PART: usize = 60;
 
-/// What calibration leaves of the errors of a lens, px: all pictures share it.
-const LENS_PX: f64 = 0.03;
+/// Residual lens error after intrinsic calibration, px; common to all views.
+const LENS_ERROR_PX: f64 = 0.03;
 
-/// Finds everything. `told` is what is known beforehand; see the [module](super).
+/// Runs the calibration with these `priors`; see the [module](super).
 ///
 /// # Errors
-/// What makes a result impossible: [`CameraImuError`]. A doubtful result is no error but a
-/// [gate](CameraImu::gates) or a [weak direction](CameraImu::weak).
-pub fn estimate(recording: &Recording, told: &Told) -> Result<CameraImu, CameraImuError> {
+/// Reasons for a missing result: [`CameraImuError`]. A questionable result is not an error but has
+/// a failed [gate](CameraImu::gates) or an [unobservable direction](CameraImu::unobservable).
+pub fn estimate(recording: &Recording, priors: &Priors) -> Result<CameraImu, CameraImuError> {
     check(recording)?;
-    let mut seen = Seen::of(recording)?;
+    let mut posed_views = PosedViews::of(recording)?;
     if recording.cameras.line_s == 0.0 {
-        return Ok(seen.work(recording, told).run()?.0);
+        return Ok(posed_views.work(recording, priors).run()?.0);
     }
-    // How a camera moves while rows are read is not known well from its pictures alone: at 10 Hz a swing of 1 Hz seems
-    // slower by a tenth. With an IMU found it is.
-    seen.set_motions(&recording.cameras, &seen.motions());
-    let (_, motions) = seen.work(recording, told).run()?;
-    seen.set_motions(&recording.cameras, &motions);
-    Ok(seen.work(recording, told).run()?.0)
+    // The motion of the camera during readout is poorly known from its views alone: at 10 Hz, an
+    // oscillation of 1 Hz appears slower by a tenth. With a calibrated IMU it is known.
+    posed_views.set_motions(&recording.cameras, &posed_views.motions());
+    let (_, motions) = posed_views.work(recording, priors).run()?;
+    posed_views.set_motions(&recording.cameras, &motions);
+    Ok(posed_views.work(recording, priors).run()?.0)
 }
 
-/// The samples, and the pictures with a pose.
-struct Seen<'a> {
+/// IMU track and views with a pose.
+struct PosedViews<'a> {
     track: Track,
     views: Vec<View<'a>>,
     poses: Vec<Pose>,
     fits: Vec<Fit>,
 }
 
-impl<'a> Seen<'a> {
+impl<'a> PosedViews<'a> {
     fn of(recording: &'a Recording) -> Result<Self, CameraImuError> {
-        let zero_ns = recording.pictures.first().map_or(0, |p| p.time_ns);
+        let zero_ns = recording.observations.first().map_or(0, |p| p.time_ns);
         let track = Track::new(&recording.imu, zero_ns, recording.range);
         let mut views = Vec::new();
         let mut poses = Vec::new();
         let mut fits = Vec::new();
-        for picture in &recording.pictures {
+        for observation in &recording.observations {
             let mut view = View {
-                time_s: (picture.time_ns - zero_ns) as f64 * 1e-9,
-                time_ns: picture.time_ns,
-                corners: &picture.corners,
-                corners_kept: 0,
-                motion: Moving::NONE,
+                time_s: (observation.time_ns - zero_ns) as f64 * 1e-9,
+                time_ns: observation.time_ns,
+                corners: &observation.corners,
+                inlier_corners: 0,
+                motion: CameraMotion::NONE,
             };
             let found = view.pose(&recording.cameras);
-            if let Some((pose, fit)) = found.filter(|(_, fit)| fit.scale < WORST_PICTURE) {
-                view.corners_kept = fit.corners;
+            if let Some((pose, fit)) = found.filter(|(_, fit)| fit.scale < MAX_VIEW_SCALE) {
+                view.inlier_corners = fit.corners;
                 views.push(view);
                 poses.push(pose);
                 fits.push(fit);
             }
         }
-        if views.len() < FEWEST {
-            return Err(CameraImuError::FewPictures {
-                given: recording.pictures.len(),
+        if views.len() < MIN_VIEWS {
+            return Err(CameraImuError::TooFewViews {
+                given: recording.observations.len(),
                 found: views.len(),
-                expected: FEWEST,
+                expected: MIN_VIEWS,
             });
         }
         Ok(Self {
@@ -98,10 +98,10 @@ impl<'a> Seen<'a> {
         })
     }
 
-    fn work(&'a self, recording: &'a Recording, told: &'a Told) -> Work<'a> {
-        Work {
+    fn work(&'a self, recording: &'a Recording, priors: &'a Priors) -> Estimator<'a> {
+        Estimator {
             recording,
-            told,
+            priors,
             track: &self.track,
             views: &self.views,
             poses: &self.poses,
@@ -109,19 +109,19 @@ impl<'a> Seen<'a> {
         }
     }
 
-    /// How the camera moves at each picture, from its neighbours.
-    fn motions(&self) -> Vec<Moving> {
+    /// Camera motion at each view, from the neighbouring views.
+    fn motions(&self) -> Vec<CameraMotion> {
         let time_s = |i: usize| self.views[i].time_s;
         let of = |i: usize| {
             let near = |k: &usize| (time_s(*k) - time_s(i)).abs() < 0.15;
             let a = i.checked_sub(1).filter(near).unwrap_or(i);
             let b = (i + 1..self.views.len()).next().filter(near).unwrap_or(i);
             if a == b {
-                return Moving::NONE;
+                return CameraMotion::NONE;
             }
             let seconds = time_s(b) - time_s(a);
             let (from, to) = (&self.poses[a], &self.poses[b]);
-            Moving {
+            CameraMotion {
                 rate: so3::log(&(from.rotation.transpose() * to.rotation)) / seconds,
                 velocity: (to.position - from.position) / seconds,
             }
@@ -129,14 +129,14 @@ impl<'a> Seen<'a> {
         (0..self.views.len()).map(of).collect()
     }
 
-    /// The poses of a camera that moves like this, from what they were.
-    fn set_motions(&mut self, cameras: &Cameras, motions: &[Moving]) {
+    /// Refines the poses for a camera with this motion.
+    fn set_motions(&mut self, cameras: &Cameras, motions: &[CameraMotion]) {
         for (i, motion) in motions.iter().enumerate() {
             self.views[i].motion = *motion;
             let refined = self.views[i].refine(cameras, self.poses[i]);
-            if let Some((pose, fit)) = refined.filter(|(_, fit)| fit.scale < WORST_PICTURE) {
+            if let Some((pose, fit)) = refined.filter(|(_, fit)| fit.scale < MAX_VIEW_SCALE) {
                 (self.poses[i], self.fits[i]) = (pose, fit);
-                self.views[i].corners_kept = fit.corners;
+                self.views[i].inlier_corners = fit.corners;
             }
         }
     }
@@ -144,17 +144,17 @@ impl<'a> Seen<'a> {
 
 fn check(recording: &Recording) -> Result<(), CameraImuError> {
     let mut last = i64::MIN;
-    for (index, picture) in recording.pictures.iter().enumerate() {
-        let what = "picture";
-        if picture.time_ns <= last && index > 0 {
+    for (index, observation) in recording.observations.iter().enumerate() {
+        let what = "view";
+        if observation.time_ns <= last && index > 0 {
             return Err(CameraImuError::Order { what, index });
         }
-        last = picture.time_ns;
+        last = observation.time_ns;
         let fine = |c: &super::Corner| {
             let finite = c.x_in_target.iter().chain(&c.pixel).all(|v| v.is_finite());
             finite && c.sigma_px.is_finite() && c.sigma_px > 0.0
         };
-        if !picture.corners.iter().all(fine) {
+        if !observation.corners.iter().all(fine) {
             return Err(CameraImuError::NotFinite { what, index });
         }
     }
@@ -177,105 +177,109 @@ fn check(recording: &Recording) -> Result<(), CameraImuError> {
     Ok(())
 }
 
-struct Work<'a> {
+struct Estimator<'a> {
     recording: &'a Recording,
-    told: &'a Told,
+    priors: &'a Priors,
     track: &'a Track,
     views: &'a [View<'a>],
     poses: &'a [Pose],
     fits: &'a [Fit],
 }
 
-impl Work<'_> {
-    /// The result, and how the camera moves at each picture.
-    fn run(&self) -> Result<(CameraImu, Vec<Moving>), CameraImuError> {
+impl Estimator<'_> {
+    /// The result, and the camera motion at each view.
+    fn run(&self) -> Result<(CameraImu, Vec<CameraMotion>), CameraImuError> {
         let times: Vec<f64> = self.views.iter().map(|v| v.time_s).collect();
-        let told_rotation = self
-            .told
+        let nominal_rotation = self
+            .priors
             .imu_from_left
             .map(|t| *t.rotation().to_rotation_matrix().matrix());
-        let reach_s = 3.0 * self.told.time_offset_sigma_s;
-        let turned = start::from_rates(
+        let reach_s = 3.0 * self.priors.time_offset_sigma_s;
+        let rotation_estimate = initialization::from_rates(
             &times,
             self.poses,
             self.track,
-            told_rotation.as_ref(),
-            self.told.time_offset_s,
+            nominal_rotation.as_ref(),
+            self.priors.time_offset_s,
             reach_s,
         );
-        let links = self.links(turned.time_offset_s);
+        let links = self.links(rotation_estimate.time_offset_s);
         let linked = links.iter().filter(|&&linked| linked).count();
-        if linked < FEWEST {
+        if linked < MIN_VIEWS {
             return Err(CameraImuError::NoOverlap {
                 given: times.len() - 1,
                 found: linked,
-                expected: FEWEST,
+                expected: MIN_VIEWS,
                 searched_s: reach_s,
             });
         }
-        if let Some(ratio) = turned.rate_ratio
+        if let Some(ratio) = rotation_estimate.rate_ratio
             && !(0.5..2.0).contains(&ratio)
         {
-            return Err(CameraImuError::Rates { ratio });
+            return Err(CameraImuError::RateMismatch { ratio });
         }
         let lever = self
-            .told
+            .priors
             .imu_from_left
             .map_or(Vector3::zeros(), |t| *t.translation());
-        let lever_told = (lever, self.told.translation_sigma_m);
-        let pulled: Option<(Matrix3<f64>, Pulled)> = turned
+        let lever_prior = (lever, self.priors.translation_sigma_m);
+        let gravity_estimate: Option<(Matrix3<f64>, GravityEstimate)> = rotation_estimate
             .rotations
             .iter()
             .filter_map(|rotation| {
-                let pulled = start::from_forces(
+                let gravity_estimate = initialization::from_forces(
                     &times,
                     self.poses,
                     self.track,
-                    &turned,
+                    &rotation_estimate,
                     rotation,
-                    lever_told,
-                    self.told.bias_sigma[1],
+                    lever_prior,
+                    self.priors.bias_sigma[1],
                 )?;
-                Some((*rotation, pulled))
+                Some((*rotation, gravity_estimate))
             })
             .min_by(|a, b| a.1.error.total_cmp(&b.1.error));
-        let Some((rotation, pulled)) = pulled else {
+        let Some((rotation, gravity_estimate)) = gravity_estimate else {
             return Err(CameraImuError::NoOverlap {
                 given: times.len() - 1,
                 found: linked,
-                expected: FEWEST,
+                expected: MIN_VIEWS,
                 searched_s: reach_s,
             });
         };
-        let gravity = pulled.gravity.norm();
+        let gravity = gravity_estimate.gravity.norm();
         if !(0.7 * GRAVITY..1.4 * GRAVITY).contains(&gravity) {
             return Err(CameraImuError::Gravity { found: gravity });
         }
-        let held = excite::held(
+        let fixed = observability::fixed_directions(
             &times,
             self.poses,
             self.track,
-            &turned,
+            &rotation_estimate,
             &rotation,
             &self.recording.noise,
-            self.told,
+            self.priors,
         );
         let mut shared = Shared {
             rotation,
-            translation: pulled.lever,
-            offset_s: turned.time_offset_s,
+            translation: gravity_estimate.lever,
+            offset_s: rotation_estimate.time_offset_s,
             drift: 0.0,
-            gravity: pulled.gravity * (GRAVITY / gravity),
+            gravity: gravity_estimate.gravity * (GRAVITY / gravity),
             board_scale: 1.0,
             gyro_shape: Matrix3::identity(),
             accel_shape: Matrix3::identity(),
         };
-        let prior = self.prior(&shared, held);
-        for direction in &prior.held.translation {
+        let prior = self.prior(&shared, fixed);
+        for direction in &prior.fixed.translation {
             let off = direction.dot(&(shared.translation - prior.shared.translation));
             shared.translation -= direction * off;
         }
-        let states = self.states(&shared, turned.gyro_bias, pulled.accel_bias);
+        let states = self.states(
+            &shared,
+            rotation_estimate.gyro_bias,
+            gravity_estimate.accel_bias,
+        );
         let (first, last) = (times[0], times[times.len() - 1]);
         let mut scales: Vec<f64> = self.fits.iter().map(|fit| fit.scale).collect();
         scales.sort_by(f64::total_cmp);
@@ -294,39 +298,39 @@ impl Work<'_> {
         };
         let no_end = |iterations| CameraImuError::NoEnd { iterations };
         let rough = problem.fit(states, shared).map_err(no_end)?;
-        problem.factors = coarse(&problem.factors, &rough.medians);
+        problem.factors = initial_factors(&problem.factors, &rough.medians);
         problem.robust = true;
         let mut fitted = problem.fit(rough.states, rough.shared).map_err(no_end)?;
         for _ in 1..ROUNDS {
-            let Some(factors) = weighed(&problem.factors, &fitted.sums) else {
+            let Some(factors) = reweighted(&problem.factors, &fitted.sums) else {
                 break;
             };
             problem.factors = factors;
             fitted = problem.fit(fitted.states, fitted.shared).map_err(no_end)?;
         }
-        let halves = self.halves(&problem, &fitted);
+        let halves = self.halves_chi2(&problem, &fitted);
         let motions = problem.motions(&fitted);
         Ok((
-            self.result(&problem, &fitted, halves, turned.correlation),
+            self.result(&problem, &fitted, halves, rotation_estimate.correlation),
             motions,
         ))
     }
 
-    /// Which pictures the IMU joins to the next one.
+    /// Whether the IMU connects each view with the next one.
     fn links(&self, offset_s: f64) -> Vec<bool> {
         let mut raw = Vec::new();
         let mut link = |pair: &[View<'_>]| {
             let (a, b) = (pair[0].time_s + offset_s, pair[1].time_s + offset_s);
-            let near = b - a <= LONGEST_BRIDGE_S;
+            let near = b - a <= MAX_INTERVAL_S;
             near && self
                 .track
-                .between(a - MARGIN_S, b + MARGIN_S, &mut raw)
+                .between(a - OFFSET_MARGIN_S, b + OFFSET_MARGIN_S, &mut raw)
                 .is_some()
         };
         self.views.windows(2).map(&mut link).collect()
     }
 
-    /// States on the pictures' own poses; velocities from the neighbours.
+    /// States at the poses of the views; velocities from the neighbours.
     fn states(
         &self,
         shared: &Shared,
@@ -349,17 +353,17 @@ impl Work<'_> {
             .collect()
     }
 
-    fn prior(&self, start: &Shared, held: excite::Held) -> Prior {
-        let told = self.told;
+    fn prior(&self, start: &Shared, fixed: observability::FixedDirections) -> Prior {
+        let priors = self.priors;
         let mut sigmas = SVector::<f64, SHARED>::repeat(f64::INFINITY);
-        let [scale, skew] = told.scale_and_skew_sigma;
+        let [scale, skew] = priors.scale_and_skew_sigma;
         for k in 0..3 {
-            sigmas[ROTATION + k] = told.rotation_sigma_rad;
-            sigmas[TRANSLATION + k] = told.translation_sigma_m;
+            sigmas[ROTATION + k] = priors.rotation_sigma_rad;
+            sigmas[TRANSLATION + k] = priors.translation_sigma_m;
         }
-        sigmas[OFFSET] = told.time_offset_sigma_s;
-        sigmas[DRIFT] = told.time_drift_sigma;
-        sigmas[BOARD] = told.board_scale_sigma;
+        sigmas[OFFSET] = priors.time_offset_sigma_s;
+        sigmas[DRIFT] = priors.time_drift_sigma;
+        sigmas[BOARD] = priors.board_scale_sigma;
         for k in 0..9 {
             let sigma = if k % 4 == 0 { scale } else { skew };
             sigmas[SHAPES + k] = sigma;
@@ -367,25 +371,26 @@ impl Work<'_> {
         }
         let mut shared = *start;
         shared.translation = Vector3::zeros();
-        if let Some(imu_from_left) = &told.imu_from_left {
+        if let Some(imu_from_left) = &priors.imu_from_left {
             shared.rotation = *imu_from_left.rotation().to_rotation_matrix().matrix();
             shared.translation = *imu_from_left.translation();
         }
-        shared.offset_s = told.time_offset_s;
+        shared.offset_s = priors.time_offset_s;
         Prior {
             shared,
             sigmas,
-            held,
-            biases: told.bias_sigma,
+            fixed,
+            biases: priors.bias_sigma,
         }
     }
 
-    /// Parts of the recording by themselves, with size of the board, drift, scale and skew as all of it has them: rotation,
-    /// translation and offset of each, less those of all, with their covariance. None where a part says too little.
-    fn parts(
+    /// Deviations of parts of the recording: rotation, translation and offset of each part minus
+    /// those of all, with their covariance. Board size, drift, scale and skew are fixed to the
+    /// values of all. `None` if a part has too little data.
+    fn part_deviations(
         &self,
         problem: &Problem<'_>,
-        fitted: &Fitted,
+        fitted: &FitResult,
         count: usize,
     ) -> Option<Vec<(SVector<f64, 7>, SMatrix<f64, 7, 7>)>> {
         let links = problem.links;
@@ -400,7 +405,7 @@ impl Work<'_> {
         let part = |k: usize| {
             let [begin, end] = [k, k + 1].map(|k| k * self.views.len() / count);
             let links = &links[begin..end - 1];
-            if links.iter().filter(|linked| **linked).count() < FEWEST_IN_PART {
+            if links.iter().filter(|linked| **linked).count() < MIN_INTERVALS_PER_PART {
                 return None;
             }
             let part = Problem {
@@ -424,17 +429,17 @@ impl Work<'_> {
         (0..count).map(part).collect()
     }
 
-    /// How unlikely the difference of both halves is, as a squared normal vector of seven numbers.
-    fn halves(&self, problem: &Problem<'_>, fitted: &Fitted) -> Option<f64> {
-        let [(a, of_a), (b, of_b)] = self.parts(problem, fitted, 2)?.try_into().ok()?;
+    /// Chi-squared of the difference of both halves, with seven degrees of freedom.
+    fn halves_chi2(&self, problem: &Problem<'_>, fitted: &FitResult) -> Option<f64> {
+        let [(a, of_a), (b, of_b)] = self.part_deviations(problem, fitted, 2)?.try_into().ok()?;
         let apart = b - a;
         Some(apart.dot(&(of_a + of_b).cholesky()?.solve(&apart)))
     }
 
-    /// Variance of a turn and of a shift that lenses leave, rad² and m².
-    fn of_lenses(&self) -> [f64; 2] {
+    /// Variances of rotation and translation due to lens errors, rad² and m².
+    fn lens_error_variances(&self) -> [f64; 2] {
         let model = self.recording.cameras.left.model();
-        let angle = LENS_PX / (0.5 * (model.fx + model.fy));
+        let angle = LENS_ERROR_PX / (0.5 * (model.fx + model.fy));
         let distance_m = |(view, pose): (&View<'_>, &Pose)| {
             let sum: Vector3<f64> = view
                 .corners
@@ -451,33 +456,37 @@ impl Work<'_> {
     fn result(
         &self,
         problem: &Problem<'_>,
-        fitted: &Fitted,
+        fitted: &FitResult,
         halves: Option<f64>,
         correlation: Vec<[f64; 2]>,
     ) -> CameraImu {
         let shared = &fitted.shared;
-        // What is held is known as well as it was told, and says nothing of the rest.
+        // Fixed directions have the uncertainty of their prior and add nothing to the rest.
         let mut covariance = fitted.covariance.shared;
         let prior = &problem.prior;
-        for (at, held) in [
-            (ROTATION, &prior.held.rotation),
-            (TRANSLATION, &prior.held.translation),
+        for (at, fixed) in [
+            (ROTATION, &prior.fixed.rotation),
+            (TRANSLATION, &prior.fixed.translation),
         ] {
-            for direction in held {
+            for direction in fixed {
                 let mut block = covariance.fixed_view_mut::<3, 3>(at, at);
                 block += direction * direction.transpose() * prior.sigmas[at].powi(2);
             }
         }
-        for axis in &prior.held.rotation {
-            // A lever arm that pictures gave turns with the IMU's frame.
-            let turned = (shared.rotation * axis).cross(&shared.translation);
+        for axis in &prior.fixed.rotation {
+            // A lever arm from the views rotates with the IMU frame.
+            let rotation_estimate = (shared.rotation * axis).cross(&shared.translation);
             let mut block = covariance.fixed_view_mut::<3, 3>(TRANSLATION, TRANSLATION);
-            block += turned * turned.transpose() * prior.sigmas[ROTATION].powi(2);
+            block +=
+                rotation_estimate * rotation_estimate.transpose() * prior.sigmas[ROTATION].powi(2);
         }
-        if prior.held.offset {
+        if prior.fixed.offset {
             covariance[(OFFSET, OFFSET)] += prior.sigmas[OFFSET].powi(2);
         }
-        for (at, variance) in [ROTATION, TRANSLATION].into_iter().zip(self.of_lenses()) {
+        for (at, variance) in [ROTATION, TRANSLATION]
+            .into_iter()
+            .zip(self.lens_error_variances())
+        {
             for k in at..at + 3 {
                 covariance[(k, k)] += variance;
             }
@@ -510,7 +519,7 @@ impl Work<'_> {
                 accel: local.accel.map(f64::sqrt),
             })
             .collect();
-        let doubtful = fitted.locals.iter().filter(|l| l.weight < 0.5).count();
+        let outliers = fitted.locals.iter().filter(|l| l.weight < 0.5).count();
         let evidence = Evidence {
             noises: &noises,
             covariance,
@@ -518,12 +527,12 @@ impl Work<'_> {
             shared,
             halves,
             seconds: self.views[self.views.len() - 1].time_s - self.views[0].time_s,
-            pictures: self.views.len(),
-            doubtful,
+            views: self.views.len(),
+            outliers,
             linked: problem.links.iter().filter(|&&l| l).count(),
         };
-        let weak = judge::weak(&evidence);
-        let gates = judge::gates(&evidence, &weak);
+        let unobservable = gates::unobservable(&evidence);
+        let gates = gates::gates(&evidence, &unobservable);
         CameraImu {
             imu_from_left: transform(shared),
             time_offset_s: shared.offset_s,
@@ -536,12 +545,16 @@ impl Work<'_> {
             accel_shape: rows(&shared.accel_shape),
             sigmas,
             covariance: covariance.fixed_view::<7, 7>(0, 0).into(),
-            weak,
+            unobservable,
             gates,
             noises,
             correlation,
             residuals,
-            pictures: [self.recording.pictures.len(), self.views.len(), doubtful],
+            views: [
+                self.recording.observations.len(),
+                self.views.len(),
+                outliers,
+            ],
         }
     }
 }
@@ -557,9 +570,9 @@ fn transform(shared: &Shared) -> RigidTransform {
         .expect("a fit that ended is finite")
 }
 
-/// Before anything is taken for an outlier: noise so large that half of all residuals fit. Their median is
-/// below 1 even where all is as told, since the fit takes up a part.
-fn coarse(factors: &Factors, medians: &[f64; 3]) -> Factors {
+/// Initial noise factors before outlier rejection: so large that half of all residuals fit. Their
+/// median is below 1 even with nominal noise, since the fit absorbs a part.
+fn initial_factors(factors: &Factors, medians: &[f64; 3]) -> Factors {
     let [poses, gyro, accel] = medians.map(|m| if m > 2.0 { (2.0 * m).sqrt() } else { 1.0 });
     Factors {
         poses: factors.poses * poses,
@@ -569,9 +582,9 @@ fn coarse(factors: &Factors, medians: &[f64; 3]) -> Factors {
     }
 }
 
-/// Standard deviations brought to what the residuals say (variance components: Förstner 1979); none if
-/// they agree already. Walks only grow: a bias that happens not to walk proves nothing.
-fn weighed(factors: &Factors, sums: &[Sum; 5]) -> Option<Factors> {
+/// Noise factors adjusted to the residuals (variance components: Förstner 1979); `None` if they
+/// agree already. Bias random walks only grow: a small bias change proves nothing.
+fn reweighted(factors: &Factors, sums: &[ResidualSum; 5]) -> Option<Factors> {
     let ratio = |s: usize, least: f64, factor: f64| {
         let sum = &sums[s];
         if sum.redundancy < 10.0 {
@@ -594,16 +607,16 @@ fn weighed(factors: &Factors, sums: &[Sum; 5]) -> Option<Factors> {
     (next != *factors).then_some(next)
 }
 
-fn noises(problem: &Problem<'_>, sums: &[Sum; 5], fits: &[Fit]) -> Noises {
-    let noise = |found_over_told: f64, s: usize| Noise {
-        found_over_told,
+fn noises(problem: &Problem<'_>, sums: &[ResidualSum; 5], fits: &[Fit]) -> NoiseEstimates {
+    let noise = |ratio_to_nominal: f64, s: usize| Noise {
+        ratio_to_nominal,
         redundancy: sums[s].redundancy,
     };
     let corners: usize = fits.iter().map(|f| 2 * f.corners - 6).sum();
     let f = &problem.factors;
-    Noises {
+    NoiseEstimates {
         corners: Noise {
-            found_over_told: problem.corner_scale,
+            ratio_to_nominal: problem.corner_scale,
             redundancy: corners as f64,
         },
         poses: noise(f.poses, 0),
@@ -614,4 +627,4 @@ fn noises(problem: &Problem<'_>, sums: &[Sum; 5], fits: &[Fit]) -> Noises {
     }
 }
 
-pub(super) mod twin;
+pub(super) mod reference;

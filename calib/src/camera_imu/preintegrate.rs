@@ -1,24 +1,26 @@
-//! The motion between two instants as the inertial sensor alone saw it, and what it depends on.
+//! Preintegration: the motion between two instants as measured by the IMU alone, with its
+//! Jacobians.
 //!
-//! On-manifold preintegration (Forster, Carlone, Dellaert and Scaramuzza, On-Manifold Preintegration for
-//! Real-Time Visual-Inertial Odometry, 2017): turn, change of velocity and displacement in the frame of
-//! the first instant, without gravity and without the first velocity. The derivatives are exact for
-//! the sums that are made here, by biases and by scale and skew. Those by the two instants hold for the
-//! motion itself and let a time offset be estimated without shifting any sample (the idea of Qin and
-//! Shen, Online Temporal Calibration for Monocular Visual-Inertial Systems, 2018).
+//! On-manifold preintegration (Forster, Carlone, Dellaert and Scaramuzza, On-Manifold
+//! Preintegration for Real-Time Visual-Inertial Odometry, 2017): rotation, velocity change and
+//! displacement in the frame of the first instant, without gravity and without the initial
+//! velocity. The Jacobians with respect to biases, scale and skew are exact for the discrete sums.
+//! Those with respect to the two instants hold for the motion itself and allow estimating a time
+//! offset without resampling (the idea of Qin and Shen, Online Temporal Calibration for Monocular
+//! Visual-Inertial Systems, 2018).
 //!
-//! One step: the turn to fourth order for a rate that runs straight (Bortz 1971), the specific force
-//! turned at both ends and taken to run straight between them.
+//! One step: rotation to fourth order for a linearly varying rate (Bortz 1971); specific force
+//! rotated at both ends and taken as linear between them.
 
 use nalgebra::{Matrix3, SMatrix, Vector3};
 
 use super::so3;
 use super::track::{Correction, Raw};
 
-/// Parameters of the sensor: gyroscope bias 3, accelerometer bias 3, gyroscope's scale and skew 9 (rows
-/// first), accelerometer's 9.
+/// Sensor parameters: gyroscope bias 3, accelerometer bias 3, gyroscope scale and skew 9
+/// (row-major), accelerometer's 9.
 pub(super) const SENSOR: usize = 24;
-/// Where they start.
+/// Index of each group.
 pub(super) const GYRO_BIAS: usize = 0;
 pub(super) const ACCEL_BIAS: usize = 3;
 pub(super) const GYRO_SHAPE: usize = 6;
@@ -26,27 +28,28 @@ pub(super) const ACCEL_SHAPE: usize = 15;
 
 type BySensor = SMatrix<f64, 3, SENSOR>;
 
-/// See the module. Rows of nine: turn, velocity, displacement.
+/// Preintegrated motion; see the module. Order of the nine rows: rotation, velocity, displacement.
 #[derive(Clone, Debug)]
 pub(super) struct Preintegrated {
     pub seconds: f64,
-    /// First from last.
+    /// `first_from_last`.
     pub turn: Matrix3<f64>,
     /// m/s.
     pub velocity: Vector3<f64>,
     /// m.
     pub displacement: Vector3<f64>,
-    /// Derivatives by the sensor's parameters; the turn's as a small turn on its right.
+    /// Jacobian with respect to the sensor parameters; that of the rotation as a small rotation on
+    /// its right.
     pub by_sensor: SMatrix<f64, 9, SENSOR>,
-    /// Derivatives by the first and by the last instant, per second.
+    /// Jacobians with respect to the first and the last instant, per second.
     pub by_time: [SMatrix<f64, 9, 1>; 2],
-    /// Covariance through the noise of the gyroscope.
+    /// Covariance due to gyroscope noise.
     pub gyro_noise: SMatrix<f64, 9, 9>,
-    /// Covariance through the noise of the accelerometer.
+    /// Covariance due to accelerometer noise.
     pub accel_noise: SMatrix<f64, 9, 9>,
 }
 
-/// Derivative of a corrected value by bias (at `bias`) and by scale and skew (at `shape`).
+/// Jacobian of a corrected value with respect to bias (at `bias`) and scale and skew (at `shape`).
 fn by_sensor(
     value: &Vector3<f64>,
     shape_inverse: &Matrix3<f64>,
@@ -65,8 +68,8 @@ fn by_sensor(
     out
 }
 
-/// Of values at two instants and at the samples between them, at least two. `densities` are those of white
-/// noise, rad/s/√Hz and m/s²/√Hz.
+/// Preintegrates the values at two instants and the samples between them, at least two. `densities`
+/// are the noise densities, rad/s/√Hz and m/s²/√Hz.
 pub(super) fn preintegrate(
     raw: &[Raw],
     correction: &Correction,
@@ -89,9 +92,9 @@ pub(super) fn preintegrate(
     let mut rate = correction.gyro(first);
     let mut force = correction.accel(first);
     let mut rate_changes = rate_by(&rate);
-    // The specific force in the frame of the first instant, and its derivative.
-    let mut turned = force;
-    let mut turned_by = force_by(&force);
+    // Specific force in the frame of the first instant, and its Jacobian.
+    let mut rotated = force;
+    let mut rotated_by = force_by(&force);
 
     for pair in raw.windows(2) {
         let h = pair[1].time_s - pair[0].time_s;
@@ -109,11 +112,11 @@ pub(super) fn preintegrate(
         let next_turn = turn * step;
         let back = step.transpose();
         let next_turn_by = back * turn_by + jacobian * angle_by;
-        let next_turned = next_turn * next_force;
+        let next_rotated = next_turn * next_force;
         let lean: Matrix3<f64> = next_turn * so3::cross(&next_force);
-        let next_turned_by = next_turn * force_by(&next_force) - lean * next_turn_by;
+        let next_rotated_by = next_turn * force_by(&next_force) - lean * next_turn_by;
 
-        // Noise: as if constant within a step.
+        // Noise as constant within a step.
         let mut carry = SMatrix::<f64, 9, 9>::identity();
         carry.fixed_view_mut::<3, 3>(0, 0).copy_from(&back);
         let tilt: Matrix3<f64> = turn * so3::cross(&force);
@@ -147,14 +150,14 @@ pub(super) fn preintegrate(
             accel_noise[(6 + k, 6 + k)] += q * h * h * h / 3.0;
         }
 
-        displacement += velocity * h + (turned * 2.0 + next_turned) * (h * h / 6.0);
-        displacement_by += velocity_by * h + (turned_by * 2.0 + next_turned_by) * (h * h / 6.0);
-        velocity += (turned + next_turned) * (0.5 * h);
-        velocity_by += (turned_by + next_turned_by) * (0.5 * h);
+        displacement += velocity * h + (rotated * 2.0 + next_rotated) * (h * h / 6.0);
+        displacement_by += velocity_by * h + (rotated_by * 2.0 + next_rotated_by) * (h * h / 6.0);
+        velocity += (rotated + next_rotated) * (0.5 * h);
+        velocity_by += (rotated_by + next_rotated_by) * (0.5 * h);
         turn = next_turn;
         turn_by = next_turn_by;
         (rate, force, rate_changes) = (next_rate, next_force, next_rate_changes);
-        (turned, turned_by) = (next_turned, next_turned_by);
+        (rotated, rotated_by) = (next_rotated, next_rotated_by);
     }
 
     let seconds = last.time_s - first.time_s;
@@ -171,7 +174,7 @@ pub(super) fn preintegrate(
         .copy_from(&(-start_force * seconds - start_rate.cross(&displacement)));
     let mut by_end = SMatrix::<f64, 9, 1>::zeros();
     by_end.fixed_rows_mut::<3>(0).copy_from(&rate);
-    by_end.fixed_rows_mut::<3>(3).copy_from(&turned);
+    by_end.fixed_rows_mut::<3>(3).copy_from(&rotated);
     by_end.fixed_rows_mut::<3>(6).copy_from(&velocity);
 
     let mut by_sensor = SMatrix::<f64, 9, SENSOR>::zeros();
@@ -252,7 +255,7 @@ mod tests {
     }
 
     #[test]
-    fn derivatives_by_the_sensor() {
+    fn jacobians_with_respect_to_the_sensor_agree_with_differences() {
         let track = track(400.0);
         let parameters = parameters();
         let found = of(&track, 0.3012, 0.3671, &parameters);
@@ -271,8 +274,8 @@ mod tests {
     }
 
     #[test]
-    fn derivatives_by_the_instants() {
-        // Straight lines between samples make steps in the derivatives; more samples, smaller ones.
+    fn jacobians_with_respect_to_the_instants_agree_with_differences() {
+        // Linear interpolation makes steps in the derivatives; they shrink with the sample period.
         let track = track(20_000.0);
         let parameters = parameters();
         let (from, to) = (0.3012, 0.3671);
@@ -291,7 +294,7 @@ mod tests {
     }
 
     #[test]
-    fn coarse_samples_come_near_fine_ones() {
+    fn coarse_samples_approximate_fine_ones() {
         let parameters = parameters();
         let fine = of(&track(20_000.0), 0.25, 0.35, &parameters);
         for (rate_hz, most) in [(200.0, 1e-4), (400.0, 3e-5), (800.0, 1e-5)] {
@@ -302,7 +305,7 @@ mod tests {
     }
 
     #[test]
-    fn noise_is_as_large_as_that_of_many_draws() {
+    fn noise_covariance_agrees_with_monte_carlo() {
         let parameters = parameters();
         let track = track(400.0);
         let mut raw = Vec::new();

@@ -1,21 +1,22 @@
-//! The joint problem: all pictures, the IMU between them, and what is told; its fit.
+//! The joint problem: all views, the IMU between them, and the priors; and its solver.
 //!
-//! States are the IMU's pose and velocity in the target's frame and its biases, at each picture. All else is
-//! shared: `imu_from_left`, the offset and drift of time, the direction of gravity, the size of the board,
-//! scale and skew of the sensors. Gauss-Newton with damping; each iteration integrates the IMU anew at
-//! the offset and biases it has come to, so nothing is approximated but the second derivatives.
+//! States, one per view: pose and velocity of the IMU in the target's frame, and its biases. All
+//! other parameters are shared: `imu_from_left`, time offset and drift, direction of gravity, size
+//! of the board, scale and skew of the sensors. Damped Gauss–Newton; each iteration preintegrates
+//! the IMU again at the current offset and biases, so that nothing is approximated but the second
+//! derivatives.
 
 use nalgebra::{Cholesky, Matrix3, SMatrix, SVector, Vector3};
 
 use super::chain::{Chain, Covariance};
-use super::excite::Held;
+use super::observability::FixedDirections;
 use super::preintegrate::{ACCEL_SHAPE, GYRO_SHAPE, SENSOR, preintegrate};
 use super::track::{Correction, Raw, Track};
-use super::view::{Moving, Pose, Quadric, VIEW, View};
+use super::view::{CameraMotion, Pose, Quadric, VIEW, View};
 use super::{Cameras, GRAVITY, so3};
 use crate::stereo::ImuNoise;
 
-/// Turn 3, position 3, velocity 3, gyroscope bias 3, accelerometer bias 3.
+/// Error state: rotation 3, position 3, velocity 3, gyroscope bias 3, accelerometer bias 3.
 pub(super) const STATE: usize = 15;
 const VELOCITY: usize = 6;
 const BIAS: usize = 9;
@@ -30,19 +31,20 @@ pub(super) const DOWN: usize = 8;
 pub(super) const BOARD: usize = 10;
 pub(super) const SHAPES: usize = 11;
 
-/// Beyond so many sigmas (of seven or nine numbers together) a picture or an interval counts less.
-const HUBER: f64 = 5.5;
-/// How hard directions are held: rad, m, s.
-const HOLD: [f64; 3] = [1e-6, 1e-6, 1e-7];
-/// No hand moves a camera faster, m/s: holds velocities that nothing measures.
-const FASTEST: f64 = 10.0;
-const LEAST_DAMPING: f64 = 1e-9;
-const MOST_ITERATIONS: usize = 30;
-/// What a step may still promise then, squared sigmas: along directions that are not determined the way is
-/// long, flat, and of no use.
-const FLAT: f64 = 10.0;
+/// Huber threshold, in sigmas (norm of seven or nine components), for a view or an interval.
+const HUBER_SIGMAS: f64 = 5.5;
+/// Sigmas of fixed directions: rad, m, s.
+const FIXED_SIGMA: [f64; 3] = [1e-6, 1e-6, 1e-7];
+/// Velocity prior, m/s: no hand moves a camera faster. Constrains velocities that nothing measures.
+const MAX_SPEED_M_S: f64 = 10.0;
+const MIN_DAMPING: f64 = 1e-9;
+const MAX_ITERATIONS: usize = 30;
+/// Maximum predicted decrease, in squared sigmas, at which the fit may stop after
+/// [`MAX_ITERATIONS`]: along directions that are not determined the descent is long, flat and of no
+/// use.
+const MAX_STALLED_GAIN: f64 = 10.0;
 
-/// One instant. Coordinates of the IMU in the target's frame.
+/// State of one instant: coordinates of the IMU in the target's frame.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct State {
     pub rotation: Matrix3<f64>,
@@ -52,10 +54,10 @@ pub(super) struct State {
     pub accel_bias: Vector3<f64>,
 }
 
-/// What all instants share.
+/// Parameters shared by all instants.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Shared {
-    /// imu_from_left.
+    /// Rotation of `imu_from_left`.
     pub rotation: Matrix3<f64>,
     pub translation: Vector3<f64>,
     pub offset_s: f64,
@@ -67,17 +69,17 @@ pub(super) struct Shared {
     pub accel_shape: Matrix3<f64>,
 }
 
-/// What is told of the shared parameters: values, and one sigma for each (infinite for none).
+/// Prior on the shared parameters: values, and one sigma for each (infinite for none).
 #[derive(Clone, Debug)]
 pub(super) struct Prior {
     pub shared: Shared,
     pub sigmas: SVector<f64, SHARED>,
-    /// Directions that are held, whatever their sigma.
-    pub held: Held,
+    /// Directions that are fixed, whatever their sigma.
+    pub fixed: FixedDirections,
     pub biases: [f64; 2],
 }
 
-/// Kinds of measurements, as factors on their standard deviations.
+/// Noise factors: factors on the standard deviations of each kind of measurement.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(super) struct Factors {
     pub poses: f64,
@@ -97,36 +99,36 @@ impl Factors {
     };
 }
 
-/// All that is given.
+/// Input of the fit.
 pub(super) struct Problem<'a> {
     pub cameras: &'a Cameras,
     pub views: &'a [View<'a>],
-    /// The pose that fits each picture best by itself.
+    /// The pose that fits each view alone.
     pub poses: &'a [Pose],
     pub track: &'a Track,
-    /// Whether the IMU measured all the way from picture `i` to the next.
+    /// Whether IMU samples are complete from view `i` to the next.
     pub links: &'a [bool],
     pub noise: ImuNoise,
     pub prior: Prior,
     pub corner_scale: f64,
     pub factors: Factors,
-    /// Whether what does not fit counts less.
+    /// Whether the robust loss is used.
     pub robust: bool,
-    /// Where the drift has no effect.
+    /// Time at which the drift has no effect.
     pub middle_s: f64,
 }
 
-/// A quadric as a residual: `root x + offset`.
-struct Rooted {
+/// A quadric as a whitened residual: `root x + offset`.
+struct WhitenedView {
     pose: Pose,
     board_scale: f64,
     root: SMatrix<f64, VIEW, VIEW>,
     offset: SVector<f64, VIEW>,
-    /// Numbers that it fixes: 6 for one eye.
+    /// Rank: 6 for a single eye.
     rank: usize,
 }
 
-impl Rooted {
+impl WhitenedView {
     fn new(quadric: &Quadric) -> Option<Self> {
         let mut information = quadric.information;
         let six: SMatrix<f64, 6, 6> = information.fixed_view::<6, 6>(0, 0).into();
@@ -146,56 +148,56 @@ impl Rooted {
     }
 }
 
-/// Sums over one kind of measurement.
+/// Residual sums of one kind of measurement.
 #[derive(Clone, Copy, Debug, Default)]
-pub(super) struct Sum {
+pub(super) struct ResidualSum {
     pub squares: f64,
-    /// Numbers, less what the fit takes up.
+    /// Number of residuals minus their leverage.
     pub redundancy: f64,
 }
 
-/// Residuals in sigmas of one picture and of what follows it.
+/// Residuals of one view and of the interval that follows it, in sigmas.
 #[derive(Clone, Copy, Debug, Default)]
-pub(super) struct Local {
+pub(super) struct IntervalResiduals {
     /// Mean squares.
     pub pose: f64,
     pub gyro: Option<f64>,
     pub accel: Option<f64>,
-    /// How much the picture counts.
+    /// Weight of the view in the robust loss.
     pub weight: f64,
 }
 
-/// A fit.
-pub(super) struct Fitted {
+/// Result of the fit.
+pub(super) struct FitResult {
     pub states: Vec<State>,
     pub shared: Shared,
     pub covariance: Covariance<STATE, SHARED>,
-    /// Poses, gyroscope, accelerometer, walk of the first, walk of the second.
-    pub sums: [Sum; 5],
-    /// Medians over pictures and intervals of the mean squares of the first three kinds.
+    /// Poses, gyroscope, accelerometer, gyroscope bias walk, accelerometer bias walk.
+    pub sums: [ResidualSum; 5],
+    /// Medians over views and intervals of the mean squares of the first three kinds.
     pub medians: [f64; 3],
-    pub locals: Vec<Local>,
+    pub locals: Vec<IntervalResiduals>,
 }
 
-/// Residual and derivatives of one factor, divided by its noise.
+/// Whitened residual and Jacobians of one factor.
 struct Whitened<const M: usize> {
     residual: SVector<f64, M>,
     own: SMatrix<f64, M, STATE>,
     next: Option<SMatrix<f64, M, STATE>>,
     shared: SMatrix<f64, M, SHARED>,
-    /// From the robust loss.
+    /// Weight from the robust loss.
     weight: f64,
 }
 
 impl<const M: usize> Whitened<M> {
-    /// Applies the loss; gives its cost.
-    fn lose(&mut self, robust: bool) -> f64 {
+    /// Applies the robust loss; returns the cost.
+    fn apply_loss(&mut self, robust: bool) -> f64 {
         let length = self.residual.norm();
-        if length <= HUBER || !robust {
+        if length <= HUBER_SIGMAS || !robust {
             return length * length;
         }
-        self.weight = HUBER / length;
-        2.0 * HUBER * length - HUBER * HUBER
+        self.weight = HUBER_SIGMAS / length;
+        2.0 * HUBER_SIGMAS * length - HUBER_SIGMAS * HUBER_SIGMAS
     }
 
     fn add(&self, i: usize, chain: &mut Chain<STATE, SHARED>) {
@@ -217,7 +219,7 @@ impl<const M: usize> Whitened<M> {
 }
 
 impl Shared {
-    /// The pose of the left camera at a state.
+    /// Pose of the left camera at a state.
     pub(super) fn camera(&self, state: &State) -> Pose {
         Pose {
             rotation: state.rotation * self.rotation,
@@ -225,14 +227,14 @@ impl Shared {
         }
     }
 
-    /// The state's pose from that of the left camera.
+    /// Pose of the IMU from that of the left camera.
     pub(super) fn imu(&self, camera: &Pose) -> (Matrix3<f64>, Vector3<f64>) {
         let rotation = camera.rotation * self.rotation.transpose();
         (rotation, camera.position - rotation * self.translation)
     }
 
-    /// Two directions normal to gravity.
-    fn across(&self) -> SMatrix<f64, 3, 2> {
+    /// Basis of the tangent plane of gravity.
+    fn gravity_tangent(&self) -> SMatrix<f64, 3, 2> {
         let down = self.gravity.normalize();
         let other = match down.x.abs() < 0.7 {
             true => Vector3::x(),
@@ -245,13 +247,14 @@ impl Shared {
     fn moved(&self, step: &SVector<f64, SHARED>) -> Self {
         let three = |k: usize| -> Vector3<f64> { step.fixed_rows::<3>(k).into() };
         let nine = |k: usize| Matrix3::from_row_slice(&step.as_slice()[k..k + 9]);
-        let across = self.across() * SVector::<f64, 2>::new(step[DOWN], step[DOWN + 1]);
+        let gravity_tangent =
+            self.gravity_tangent() * SVector::<f64, 2>::new(step[DOWN], step[DOWN + 1]);
         Self {
             rotation: so3::tidy(&(self.rotation * so3::exp(&three(ROTATION)))),
             translation: self.translation + three(TRANSLATION),
             offset_s: self.offset_s + step[OFFSET],
             drift: self.drift + step[DRIFT],
-            gravity: (self.gravity.normalize() + across).normalize() * GRAVITY,
+            gravity: (self.gravity.normalize() + gravity_tangent).normalize() * GRAVITY,
             board_scale: self.board_scale + step[BOARD],
             gyro_shape: self.gyro_shape + nine(SHAPES),
             accel_shape: self.accel_shape + nine(SHAPES + 9),
@@ -287,19 +290,19 @@ impl State {
 
 impl Prior {
     fn factor(&self, shared: &Shared) -> Whitened<SHARED> {
-        let told = &self.shared;
-        let turn = so3::log(&(told.rotation.transpose() * shared.rotation));
+        let nominal = &self.shared;
+        let turn = so3::log(&(nominal.rotation.transpose() * shared.rotation));
         let mut residual = SVector::<f64, SHARED>::zeros();
         residual.fixed_rows_mut::<3>(ROTATION).copy_from(&turn);
         residual
             .fixed_rows_mut::<3>(TRANSLATION)
-            .copy_from(&(shared.translation - told.translation));
-        residual[OFFSET] = shared.offset_s - told.offset_s;
-        residual[DRIFT] = shared.drift - told.drift;
-        residual[BOARD] = shared.board_scale - told.board_scale;
+            .copy_from(&(shared.translation - nominal.translation));
+        residual[OFFSET] = shared.offset_s - nominal.offset_s;
+        residual[DRIFT] = shared.drift - nominal.drift;
+        residual[BOARD] = shared.board_scale - nominal.board_scale;
         let shapes = [
-            shared.gyro_shape - told.gyro_shape,
-            shared.accel_shape - told.accel_shape,
+            shared.gyro_shape - nominal.gyro_shape,
+            shared.accel_shape - nominal.accel_shape,
         ];
         for (s, shape) in shapes.iter().enumerate() {
             for k in 0..9 {
@@ -311,17 +314,18 @@ impl Prior {
             .fixed_view_mut::<3, 3>(ROTATION, ROTATION)
             .copy_from(&so3::right_jacobian_inverse(&turn));
         let mut root = SMatrix::<f64, SHARED, SHARED>::from_diagonal(&self.sigmas.map(|s| 1.0 / s));
-        for (at, held) in [
-            (ROTATION, &self.held.rotation),
-            (TRANSLATION, &self.held.translation),
+        for (at, fixed) in [
+            (ROTATION, &self.fixed.rotation),
+            (TRANSLATION, &self.fixed.translation),
         ] {
-            for direction in held {
+            for direction in fixed {
                 let mut block = root.fixed_view_mut::<3, 3>(at, at);
-                block += direction * direction.transpose() * (1.0 / HOLD[usize::from(at > 0)]);
+                block +=
+                    direction * direction.transpose() * (1.0 / FIXED_SIGMA[usize::from(at > 0)]);
             }
         }
-        if self.held.offset {
-            root[(OFFSET, OFFSET)] = 1.0 / HOLD[2];
+        if self.fixed.offset {
+            root[(OFFSET, OFFSET)] = 1.0 / FIXED_SIGMA[2];
         }
         let residual = root * residual;
         let by_shared = root * by_shared;
@@ -336,8 +340,8 @@ impl Prior {
 }
 
 impl Problem<'_> {
-    /// How the left camera moves at each picture of a fit, by the IMU where it measured then.
-    pub(super) fn motions(&self, fitted: &Fitted) -> Vec<Moving> {
+    /// Motion of the left camera at each view of a fit, by the IMU where it has samples.
+    pub(super) fn motions(&self, fitted: &FitResult) -> Vec<CameraMotion> {
         let shared = &fitted.shared;
         let readout_s = self.cameras.line_s.abs() * f64::from(self.cameras.left.model().height);
         let half_s = (0.5 * readout_s).max(self.track.period_s);
@@ -354,7 +358,7 @@ impl Problem<'_> {
                 accel,
             };
             let rate = correction.gyro(&raw);
-            Moving {
+            CameraMotion {
                 rate: shared.rotation.transpose() * rate,
                 velocity: state.velocity + state.rotation * rate.cross(&shared.translation),
             }
@@ -362,7 +366,7 @@ impl Problem<'_> {
         self.views.iter().zip(&fitted.states).map(of).collect()
     }
 
-    fn picture(&self, rooted: &Rooted, state: &State, shared: &Shared) -> Whitened<VIEW> {
+    fn view_factor(&self, rooted: &WhitenedView, state: &State, shared: &Shared) -> Whitened<VIEW> {
         let camera = shared.camera(state);
         let turn = so3::log(&(rooted.pose.rotation.transpose() * camera.rotation));
         let mut x = SVector::<f64, VIEW>::zeros();
@@ -412,7 +416,7 @@ impl Problem<'_> {
         Some(plain)
     }
 
-    /// In rad, m/s and m, with its covariance.
+    /// Residual in rad, m/s and m, with its covariance.
     fn inertial_plain(
         &self,
         i: usize,
@@ -431,8 +435,8 @@ impl Problem<'_> {
         let t = moved.seconds;
         let gravity = &shared.gravity;
         let back = a.rotation.transpose();
-        let turned = back * b.rotation;
-        let turn = so3::log(&(moved.turn.transpose() * turned));
+        let rotated = back * b.rotation;
+        let turn = so3::log(&(moved.turn.transpose() * rotated));
         let gained = back * (b.velocity - a.velocity - gravity * t);
         let shifted = back * (b.position - a.position - a.velocity * t - gravity * (0.5 * t * t));
         let mut residual = SVector::<f64, 9>::zeros();
@@ -450,7 +454,7 @@ impl Problem<'_> {
         let mut put = |row: usize, column: usize, block: Matrix3<f64>| {
             own.fixed_view_mut::<3, 3>(row, column).copy_from(&block);
         };
-        put(0, 0, -bent * turned.transpose());
+        put(0, 0, -bent * rotated.transpose());
         put(3, 0, so3::cross(&gained));
         put(6, 0, so3::cross(&shifted));
         put(3, VELOCITY, -back);
@@ -463,7 +467,8 @@ impl Problem<'_> {
         put(3, VELOCITY, back);
         put(6, 3, back);
 
-        // By what the integral depends on: a turn on its right goes through the logarithm.
+        // Jacobian of the logarithm for a small rotation on the right of the preintegrated
+        // rotation.
         let through = -bent * so3::exp(&turn).transpose();
         let mut by_sensor = -moved.by_sensor;
         let of_turn = moved.by_sensor.fixed_rows::<3>(0).into_owned();
@@ -491,7 +496,7 @@ impl Problem<'_> {
         by_shared.set_column(OFFSET, &(by_time[0] + by_time[1]));
         let [from, to] = [i, i + 1].map(|k| self.views[k].time_s - self.middle_s);
         by_shared.set_column(DRIFT, &(by_time[0] * from + by_time[1] * to));
-        let by_down = back * shared.across() * GRAVITY;
+        let by_down = back * shared.gravity_tangent() * GRAVITY;
         by_shared
             .fixed_view_mut::<3, 2>(3, DOWN)
             .copy_from(&(by_down * -t));
@@ -537,14 +542,14 @@ impl Problem<'_> {
         }
     }
 
-    /// What holds a state by itself: its velocity, and the biases of the first.
-    fn alone(&self, i: usize, state: &State) -> Whitened<9> {
+    /// Prior of a state: its velocity, and the biases of the first.
+    fn isolated(&self, i: usize, state: &State) -> Whitened<9> {
         let mut residual = SVector::<f64, 9>::zeros();
         let mut own = SMatrix::<f64, 9, STATE>::zeros();
         let [gyro, accel] = self.prior.biases;
         for k in 0..3 {
-            residual[k] = state.velocity[k] / FASTEST;
-            own[(k, VELOCITY + k)] = 1.0 / FASTEST;
+            residual[k] = state.velocity[k] / MAX_SPEED_M_S;
+            own[(k, VELOCITY + k)] = 1.0 / MAX_SPEED_M_S;
             if i == 0 {
                 residual[3 + k] = state.gyro_bias[k] / gyro;
                 own[(3 + k, BIAS + k)] = 1.0 / gyro;
@@ -561,10 +566,10 @@ impl Problem<'_> {
         }
     }
 
-    /// Normal equations and cost; none where the IMU does not reach.
+    /// Normal equations and cost; `None` where IMU samples are missing.
     fn equations(
         &self,
-        rooted: &[Rooted],
+        rooted: &[WhitenedView],
         states: &[State],
         shared: &Shared,
     ) -> Option<(Chain<STATE, SHARED>, f64)> {
@@ -576,10 +581,10 @@ impl Problem<'_> {
         chain.shared_gradient += prior.shared.transpose() * prior.residual;
         let mut cost = prior.residual.norm_squared();
         for i in 0..n {
-            let mut picture = self.picture(&rooted[i], &states[i], shared);
-            cost += picture.lose(self.robust);
-            picture.add(i, &mut chain);
-            let alone = self.alone(i, &states[i]);
+            let mut view_factor = self.view_factor(&rooted[i], &states[i], shared);
+            cost += view_factor.apply_loss(self.robust);
+            view_factor.add(i, &mut chain);
+            let alone = self.isolated(i, &states[i]);
             cost += alone.residual.norm_squared();
             alone.add(i, &mut chain);
             if i + 1 == n {
@@ -590,20 +595,24 @@ impl Problem<'_> {
             walk.add(i, &mut chain);
             if self.links[i] {
                 let mut inertial = self.inertial(i, states, shared, &mut raw)?;
-                cost += inertial.lose(self.robust);
+                cost += inertial.apply_loss(self.robust);
                 inertial.add(i, &mut chain);
             }
         }
         cost.is_finite().then_some((chain, cost))
     }
 
-    /// The best fit from a start; the number of iterations if there is none.
-    pub(super) fn fit(&self, mut states: Vec<State>, mut shared: Shared) -> Result<Fitted, usize> {
+    /// Fits from initial values. Error: the number of iterations without convergence.
+    pub(super) fn fit(
+        &self,
+        mut states: Vec<State>,
+        mut shared: Shared,
+    ) -> Result<FitResult, usize> {
         let mut iterations = 0;
         for round in 0.. {
-            // The first time around, and wherever the motion contradicts a picture, the pose that fits it
-            // best by itself: far from it all corners would look like outliers.
-            let rooted: Option<Vec<Rooted>> = (0..states.len())
+            // In the first round, and wherever the motion contradicts a view, linearize at the pose
+            // that fits the view alone: far from it all corners would appear as outliers.
+            let rooted: Option<Vec<WhitenedView>> = (0..states.len())
                 .map(|i| {
                     let at = |pose: &Pose, size: f64| {
                         self.views[i].linearise(self.cameras, pose, size, self.corner_scale)
@@ -612,14 +621,14 @@ impl Problem<'_> {
                     let quadric = match round {
                         0 => own(),
                         _ => Some(at(&shared.camera(&states[i]), shared.board_scale))
-                            .filter(|q| 10 * q.corners >= 9 * self.views[i].corners_kept)
+                            .filter(|q| 10 * q.corners >= 9 * self.views[i].inlier_corners)
                             .unwrap_or_else(own),
                     };
-                    Rooted::new(&quadric)
+                    WhitenedView::new(&quadric)
                 })
                 .collect();
             let rooted = rooted.ok_or(iterations)?;
-            let promised = self.descend(&rooted, &mut states, &mut shared, &mut iterations)?;
+            let promised = self.optimize(&rooted, &mut states, &mut shared, &mut iterations)?;
             if (round > 0 && promised < 1e-2) || round == if self.robust { 4 } else { 1 } {
                 return self.fitted(&rooted, states, shared, iterations);
             }
@@ -627,10 +636,10 @@ impl Problem<'_> {
         unreachable!("the loop has no other end")
     }
 
-    /// Goes down to the minimum; gives what the first step promised to gain.
-    fn descend(
+    /// Descends to the minimum; returns the predicted decrease of the first step.
+    fn optimize(
         &self,
-        rooted: &[Rooted],
+        rooted: &[WhitenedView],
         states: &mut Vec<State>,
         shared: &mut Shared,
         iterations: &mut usize,
@@ -644,7 +653,7 @@ impl Problem<'_> {
             let Some(step) = stepped else {
                 damping *= 10.0;
                 if damping > 1e8 {
-                    return self.given_up(first, *iterations);
+                    return self.stop(first, *iterations);
                 }
                 continue;
             };
@@ -654,15 +663,15 @@ impl Problem<'_> {
                     .sum::<f64>());
             first.get_or_insert(promised);
             // In units of a squared sigma.
-            let enough = match tries < MOST_ITERATIONS {
+            let enough = match tries < MAX_ITERATIONS {
                 true => 1e-4,
-                false => FLAT.max(1e-3 * cost),
+                false => MAX_STALLED_GAIN.max(1e-3 * cost),
             };
             if promised < enough {
                 return Ok(first.unwrap_or(promised));
             }
-            if tries > MOST_ITERATIONS {
-                return self.given_up(first, *iterations);
+            if tries > MAX_ITERATIONS {
+                return self.stop(first, *iterations);
             }
             let tried: Vec<State> = (states.iter().zip(&step.own))
                 .map(|(state, step)| state.moved(step))
@@ -673,27 +682,28 @@ impl Problem<'_> {
                     (*states, *shared, chain) = (tried, tried_shared, next);
                     let gained = cost - lower;
                     cost = lower;
-                    // Steps that hold what they promised may be longer.
+                    // Steps that achieve their prediction may be longer.
                     damping *= match gained / promised {
-                        held if held > 0.75 => 0.1,
-                        held if held > 0.25 => 1.0,
+                        fixed if fixed > 0.75 => 0.1,
+                        fixed if fixed > 0.25 => 1.0,
                         _ => 4.0,
                     };
-                    damping = damping.max(LEAST_DAMPING);
-                    // The loss makes the last steps small ones.
+                    damping = damping.max(MIN_DAMPING);
+                    // With the robust loss the last steps are small.
                     if gained < 1e-3 && gained < 1e-8 * cost {
                         return Ok(first.unwrap_or(promised));
                     }
                 }
-                _ if damping > 1e8 => return self.given_up(first, *iterations),
+                _ if damping > 1e8 => return self.stop(first, *iterations),
                 _ => damping *= 10.0,
             }
         }
         unreachable!("the loop has no other end")
     }
 
-    /// Without loss a fit need not end: what does not fit keeps it going. It is only a start.
-    fn given_up(&self, first: Option<f64>, iterations: usize) -> Result<f64, usize> {
+    /// Without the robust loss a fit need not converge because of outliers. It only gives initial
+    /// values.
+    fn stop(&self, first: Option<f64>, iterations: usize) -> Result<f64, usize> {
         match self.robust {
             true => Err(iterations),
             false => Ok(first.unwrap_or(0.0)),
@@ -702,30 +712,30 @@ impl Problem<'_> {
 
     fn fitted(
         &self,
-        rooted: &[Rooted],
+        rooted: &[WhitenedView],
         states: Vec<State>,
         shared: Shared,
         iterations: usize,
-    ) -> Result<Fitted, usize> {
+    ) -> Result<FitResult, usize> {
         let (chain, _) = self.equations(rooted, &states, &shared).ok_or(iterations)?;
         let covariance = chain.factor(0.0).ok_or(iterations)?.covariance();
-        let mut sums = [Sum::default(); 5];
+        let mut sums = [ResidualSum::default(); 5];
         let mut locals = Vec::with_capacity(states.len());
         let mut raw = Vec::new();
-        let sum_up = |sum: &mut Sum, squares: f64, taken: &[f64], weight: f64| {
+        let sum_up = |sum: &mut ResidualSum, squares: f64, taken: &[f64], weight: f64| {
             sum.squares += squares * weight;
             sum.redundancy += weight * taken.len() as f64 - taken.iter().sum::<f64>();
         };
         for i in 0..states.len() {
-            let mut local = Local::default();
-            let mut picture = self.picture(&rooted[i], &states[i], &shared);
-            picture.lose(self.robust);
+            let mut local = IntervalResiduals::default();
+            let mut view_factor = self.view_factor(&rooted[i], &states[i], &shared);
+            view_factor.apply_loss(self.robust);
             let rank = rooted[i].rank;
-            let taken = picture.leverage(i, &covariance);
-            let squares = picture.residual.norm_squared();
-            sum_up(&mut sums[0], squares, &taken[..rank], picture.weight);
+            let taken = view_factor.leverage(i, &covariance);
+            let squares = view_factor.residual.norm_squared();
+            sum_up(&mut sums[0], squares, &taken[..rank], view_factor.weight);
             local.pose = squares / rank as f64;
-            local.weight = picture.weight;
+            local.weight = view_factor.weight;
             if i + 1 < states.len() {
                 let walk = self.walk(i, &states);
                 let taken = walk.leverage(i, &covariance);
@@ -737,7 +747,7 @@ impl Problem<'_> {
             if i + 1 < states.len() && self.links[i] {
                 let inertial = self.inertial(i, &states, &shared, &mut raw);
                 let mut inertial = inertial.ok_or(iterations)?;
-                inertial.lose(self.robust);
+                inertial.apply_loss(self.robust);
                 let taken = inertial.leverage(i, &covariance);
                 let gyro = inertial.residual.rows(0, 3).norm_squared();
                 let accel = inertial.residual.rows(3, 6).norm_squared();
@@ -748,7 +758,7 @@ impl Problem<'_> {
             }
             locals.push(local);
         }
-        let median = |of: &dyn Fn(&Local) -> Option<f64>| {
+        let median = |of: &dyn Fn(&IntervalResiduals) -> Option<f64>| {
             let mut values: Vec<f64> = locals.iter().filter_map(of).collect();
             values.sort_by(f64::total_cmp);
             values.get(values.len() / 2).copied().unwrap_or(0.0)
@@ -758,7 +768,7 @@ impl Problem<'_> {
             median(&|local| local.gyro),
             median(&|local| local.accel),
         ];
-        Ok(Fitted {
+        Ok(FitResult {
             medians,
             states,
             shared,

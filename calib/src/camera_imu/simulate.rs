@@ -1,21 +1,21 @@
-//! Recordings before a board with known truth, for tests and benchmarks of the estimator.
+//! Simulated recordings of a board with ground truth, for tests and benchmarks of the estimator.
 //!
-//! The IMU moves on sums of sines, in position and in the rotation vector, so that rate and acceleration
-//! are exact. Corners are projected and get normal noise; the sensor gets white noise, walking biases,
-//! scale, skew and a time offset. No pictures are drawn: that is the work of the simulated rig. What is
-//! drawn by chance is a function of the seed.
+//! The IMU moves on sums of sines, in position and in the rotation vector, so that rate and
+//! acceleration are exact. Corners are projected and get normal noise; the sensor gets white noise,
+//! random-walk biases, scale, skew and a time offset. No images are rendered: that is the task of
+//! the simulated rig. Random values are a function of the seed.
 
 use cad_transforms::RigidTransform;
 use nalgebra::{Matrix3, Vector3};
 
-use super::{Cameras, Corner, ImuSample, Picture, Recording, so3};
+use super::{Cameras, Corner, ImuSample, Recording, TargetObservation, so3};
 use crate::camera::{CameraModel, Distortion};
 use crate::stereo::{Eye, ImuNoise};
 
 /// Standard gravity, m/s².
 const GRAVITY: f64 = super::GRAVITY;
 
-/// Normal numbers from a seed (SplitMix64 and the polar method's older sibling, Box and Muller 1958).
+/// Random numbers from a seed (SplitMix64; normal values by Box and Muller 1958).
 #[derive(Clone, Debug)]
 pub struct Random(u64);
 
@@ -46,50 +46,50 @@ impl Random {
     }
 }
 
-/// What is recorded.
+/// Settings of a simulated recording.
 #[derive(Clone, Debug)]
 pub struct Scene {
     /// Length, s.
     pub seconds: f64,
-    /// Pictures per second.
-    pub picture_hz: f64,
-    /// Inertial samples per second.
+    /// Frame rate, Hz.
+    pub frame_hz: f64,
+    /// IMU rate, Hz.
     pub imu_hz: f64,
     /// Noise of a corner, pixels, per axis.
     pub corner_px: f64,
-    /// What the corner's sigma is said to be, pixels.
-    pub told_corner_px: f64,
-    /// Whether the right eye sees the board too.
+    /// Nominal sigma of a corner, pixels.
+    pub nominal_corner_px: f64,
+    /// Whether the right eye observes the board too.
     pub stereo: bool,
-    /// Corners along x and y, and their distance, m.
+    /// Corners along x and y, and their spacing, m.
     pub board: ([usize; 2], f64),
-    /// The board's true size over what is told.
+    /// True size of the board over its nominal size.
     pub board_scale: f64,
-    /// Noise of the sensor, and what is told of it.
+    /// True noise of the sensor.
     pub noise: ImuNoise,
-    /// See above.
-    pub told_noise: ImuNoise,
-    /// Bias when switched on, standard deviation, rad/s and m/s².
+    /// Nominal noise of the sensor.
+    pub nominal_noise: ImuNoise,
+    /// Turn-on bias, standard deviation, rad/s and m/s².
     pub turn_on_bias: [f64; 2],
     /// Scale and skew, standard deviation.
     pub scale_and_skew: [f64; 2],
-    /// Largest turn about each axis of the IMU's frame, rad.
+    /// Largest rotation about each axis of the IMU frame, rad.
     pub turn_rad: [f64; 3],
-    /// Largest shift along each axis of the target's frame, m.
+    /// Largest translation along each axis of the target's frame, m.
     pub shift_m: [f64; 3],
     /// Takes the left optical frame to the IMU's.
     pub imu_from_left: RigidTransform,
     /// IMU time minus camera time in the middle of the recording, s.
     pub time_offset_s: f64,
-    /// How it grows, seconds per second.
+    /// Drift of the time offset, seconds per second.
     pub time_drift: f64,
-    /// From row to row, s; 0 for a global shutter.
+    /// Line time, s; 0 for a global shutter.
     pub line_s: f64,
-    /// Share of corners that are somewhere else by up to 20 px.
+    /// Fraction of corners displaced by up to 20 px.
     pub corner_outliers: f64,
 }
 
-/// Noise as of the sensor of a ZED Mini.
+/// Noise of the sensor in a ZED Mini.
 pub const ZED_NOISE: ImuNoise = ImuNoise {
     gyro_noise_density: 1.2e-4,
     gyro_random_walk: 2e-6,
@@ -98,19 +98,19 @@ pub const ZED_NOISE: ImuNoise = ImuNoise {
 };
 
 impl Scene {
-    /// A lively recording of a good camera.
+    /// A recording with strong excitation and a good camera.
     pub fn lively(seconds: f64) -> Self {
         Self {
             seconds,
-            picture_hz: 20.0,
+            frame_hz: 20.0,
             imu_hz: 400.0,
             corner_px: 0.15,
-            told_corner_px: 0.15,
+            nominal_corner_px: 0.15,
             stereo: true,
             board: ([8, 6], 0.08),
             board_scale: 1.0,
             noise: ZED_NOISE,
-            told_noise: ZED_NOISE,
+            nominal_noise: ZED_NOISE,
             turn_on_bias: [5e-3, 4e-2],
             scale_and_skew: [0.0, 0.0],
             turn_rad: [0.35, 0.35, 0.45],
@@ -164,17 +164,17 @@ impl Sines {
     }
 }
 
-/// A recording and what is true of it.
+/// A recording and its ground truth.
 pub struct Simulated {
-    /// What an estimator is given.
+    /// Input of an estimator.
     pub recording: Recording,
     /// Gravity in the target's frame, m/s².
     pub gravity_in_target: Vector3<f64>,
-    /// Gyroscope's and accelerometer's bias in the middle of the recording.
+    /// Gyroscope and accelerometer bias in the middle of the recording.
     pub biases: [Vector3<f64>; 2],
 }
 
-/// Makes a recording.
+/// Simulates a recording.
 pub fn simulate(scene: &Scene, seed: u64) -> Simulated {
     let mut random = Random::new(seed);
     let turns = Sines::new(&mut random, scene.turn_rad, 0.15, 1.3);
@@ -189,16 +189,16 @@ pub fn simulate(scene: &Scene, seed: u64) -> Simulated {
         .collect();
     let middle = Vector3::new((columns - 1) as f64, (rows - 1) as f64, 0.0) * (0.5 * spacing);
 
-    // The board stands upright and a little askew; its y axis points down as in pictures.
+    // The board is upright and slightly inclined; its y axis points down as in images.
     let lean = so3::exp(&(random.vector() * 0.05));
     let gravity_in_target = lean * Vector3::new(0.0, GRAVITY, 0.0);
-    // The camera looks at the board from 0.7 m: optical axes as the board's.
+    // The camera faces the board from 0.7 m: optical axes parallel to the board's.
     let left_from_imu = scene.imu_from_left.inverse();
     let resting = left_from_imu.rotation().to_rotation_matrix().into_inner();
     let imu_at = |t: f64| {
         let [turn, turning, _] = turns.at(t);
         let [shift, velocity, acceleration] = shifts.at(t);
-        // Truth is in the target's true size.
+        // The ground truth is in the board's true size.
         let position = middle * scene.board_scale + Vector3::new(0.0, 0.0, -0.7) + shift;
         let rotation = resting * so3::exp(&turn);
         let rate = so3::right_jacobian(&turn) * turning;
@@ -223,7 +223,7 @@ pub fn simulate(scene: &Scene, seed: u64) -> Simulated {
     let noise = &scene.noise;
     let mut imu = Vec::with_capacity(count);
     for k in 0..count {
-        // The sensor starts a little before and is read a little after the pictures.
+        // IMU samples start a little before the views and end a little after them.
         let t = k as f64 * dt;
         let (_, rotation, _, acceleration, rate) = imu_at(t);
         let force = rotation.transpose() * (acceleration - gravity_in_target);
@@ -244,15 +244,15 @@ pub fn simulate(scene: &Scene, seed: u64) -> Simulated {
         }
     }
 
-    let mut pictures = Vec::new();
-    for k in 0..(scene.seconds * scene.picture_hz) as usize {
-        let t = (k as f64 + 0.37) / scene.picture_hz;
+    let mut observations = Vec::new();
+    for k in 0..(scene.seconds * scene.frame_hz) as usize {
+        let t = (k as f64 + 0.37) / scene.frame_hz;
         let mut corners = Vec::new();
         let eyes = [Eye::Left, Eye::Right];
         for eye in &eyes[..1 + usize::from(scene.stereo)] {
             for x_in_target in &board {
-                let seen = |late_s: f64| {
-                    let (position, rotation, ..) = imu_at(t + late_s);
+                let seen = |row_delay_s: f64| {
+                    let (position, rotation, ..) = imu_at(t + row_delay_s);
                     let x_in_imu =
                         rotation.transpose() * (x_in_target * scene.board_scale - position);
                     let x_in_left = left_from_imu.apply(x_in_imu.into());
@@ -268,7 +268,7 @@ pub fn simulate(scene: &Scene, seed: u64) -> Simulated {
                 let middle_row = 0.5 * (f64::from(lens.model().height) - 1.0);
                 let mut pixel = seen(0.0);
                 if scene.line_s != 0.0 {
-                    // The row depends on where the corner is, which depends on the row.
+                    // The exposure time depends on the row of the corner, and the row on the time.
                     for _ in 0..4 {
                         pixel = pixel.and_then(|p| seen(scene.line_s * (p[1] - middle_row)));
                     }
@@ -293,13 +293,13 @@ pub fn simulate(scene: &Scene, seed: u64) -> Simulated {
                 corners.push(Corner {
                     x_in_target: (*x_in_target).into(),
                     pixel,
-                    sigma_px: scene.told_corner_px,
+                    sigma_px: scene.nominal_corner_px,
                     eye: *eye,
                 });
             }
         }
         let offset = scene.time_offset_s + scene.time_drift * (t - half);
-        pictures.push(Picture {
+        observations.push(TargetObservation {
             time_ns: ((t - offset) * 1e9).round() as i64,
             corners,
         });
@@ -307,9 +307,9 @@ pub fn simulate(scene: &Scene, seed: u64) -> Simulated {
     Simulated {
         recording: Recording {
             cameras,
-            pictures,
+            observations,
             imu,
-            noise: scene.told_noise,
+            noise: scene.nominal_noise,
             range: [f64::INFINITY; 2],
         },
         gravity_in_target,

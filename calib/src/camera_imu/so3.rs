@@ -1,14 +1,14 @@
-//! Rotations and rotation vectors, with the derivatives between them.
+//! Rotations and rotation vectors, with their Jacobians.
 //!
-//! A small turn is always on the right: `R exp(d)`. The right Jacobian says what a change of a rotation
-//! vector is as such a turn, `exp(v + d) = exp(v) exp(J d)`. Formulas: Chirikjian, Stochastic Models,
-//! Information Theory, and Lie Groups 2 (2012), as in Forster et al., On-Manifold Preintegration (2017),
-//! equations 7 and 8.
+//! A small rotation is always on the right: `R exp(d)`. The right Jacobian maps a change of a
+//! rotation vector to such a rotation, `exp(v + d) = exp(v) exp(J d)`. Formulas: Chirikjian,
+//! Stochastic Models, Information Theory, and Lie Groups 2 (2012), as in Forster et al.,
+//! On-Manifold Preintegration (2017), equations 7 and 8.
 
 use nalgebra::{Matrix3, UnitQuaternion, Vector3};
 
 /// Squared angle below which series are used, rad².
-const SMALL: f64 = 1e-6;
+const SMALL_ANGLE_SQUARED: f64 = 1e-6;
 
 /// The matrix of `v ×`.
 pub(super) fn cross(v: &Vector3<f64>) -> Matrix3<f64> {
@@ -18,7 +18,7 @@ pub(super) fn cross(v: &Vector3<f64>) -> Matrix3<f64> {
 /// The rotation by `|v|` rad about `v`.
 pub(super) fn exp(v: &Vector3<f64>) -> Matrix3<f64> {
     let square = v.norm_squared();
-    let (a, b) = if square < SMALL {
+    let (a, b) = if square < SMALL_ANGLE_SQUARED {
         (1.0 - square / 6.0, 0.5 - square / 24.0)
     } else {
         let angle = square.sqrt();
@@ -34,7 +34,7 @@ pub(super) fn log(r: &Matrix3<f64>) -> Vector3<f64> {
     UnitQuaternion::from_rotation_matrix(&rotation).scaled_axis()
 }
 
-/// The rotation nearest to a matrix that is one but for rounding.
+/// The rotation nearest to a matrix that is a rotation but for rounding.
 pub(super) fn tidy(r: &Matrix3<f64>) -> Matrix3<f64> {
     r * (Matrix3::identity() * 3.0 - r.transpose() * r) * 0.5
 }
@@ -42,7 +42,7 @@ pub(super) fn tidy(r: &Matrix3<f64>) -> Matrix3<f64> {
 /// The right Jacobian at a rotation vector.
 pub(super) fn right_jacobian(v: &Vector3<f64>) -> Matrix3<f64> {
     let square = v.norm_squared();
-    let (a, b) = if square < SMALL {
+    let (a, b) = if square < SMALL_ANGLE_SQUARED {
         (0.5 - square / 24.0, 1.0 / 6.0 - square / 120.0)
     } else {
         let angle = square.sqrt();
@@ -58,7 +58,7 @@ pub(super) fn right_jacobian(v: &Vector3<f64>) -> Matrix3<f64> {
 /// Its inverse, for angles up to π.
 pub(super) fn right_jacobian_inverse(v: &Vector3<f64>) -> Matrix3<f64> {
     let square = v.norm_squared();
-    let b = if square < SMALL {
+    let b = if square < SMALL_ANGLE_SQUARED {
         1.0 / 12.0 + square / 720.0
     } else {
         let angle = square.sqrt();
@@ -73,7 +73,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn jacobians_are_those_of_the_exponential() {
+    fn jacobians_agree_with_the_exponential() {
         for v in [
             Vector3::new(0.0, 0.0, 0.0),
             Vector3::new(2e-4, -5e-4, 1e-4),

@@ -1,4 +1,4 @@
-//! The estimator on recordings whose truth is known.
+//! The estimator on recordings with ground truth.
 
 use std::thread;
 
@@ -16,9 +16,9 @@ struct Errors {
 }
 
 fn errors(scene: &Scene, truth: &Simulated, found: &CameraImu) -> Errors {
-    let told = &scene.imu_from_left;
-    let turn = (told.rotation().inverse() * found.imu_from_left.rotation()).scaled_axis();
-    let shift = found.imu_from_left.translation() - told.translation();
+    let priors = &scene.imu_from_left;
+    let turn = (priors.rotation().inverse() * found.imu_from_left.rotation()).scaled_axis();
+    let shift = found.imu_from_left.translation() - priors.translation();
     let offset = found.time_offset_s - scene.time_offset_s;
     let s = &found.sigmas;
     let bias = |k: usize, i: usize| {
@@ -42,12 +42,12 @@ fn errors(scene: &Scene, truth: &Simulated, found: &CameraImu) -> Errors {
     }
 }
 
-/// Many recordings, on two threads.
+/// Several recordings, on two threads.
 fn many(count: u64, scene: impl Fn(u64) -> Scene + Sync) -> Vec<(Errors, CameraImu)> {
     let one = |seed: u64| {
         let scene = scene(seed);
         let truth = simulate(&scene, seed);
-        let found = estimate(&truth.recording, &Told::default()).expect("a good recording");
+        let found = estimate(&truth.recording, &Priors::default()).expect("a good recording");
         (errors(&scene, &truth, &found), found)
     };
     thread::scope(|scope| {
@@ -77,18 +77,18 @@ fn any(seed: u64, seconds: f64) -> Scene {
         time_offset_s: three(0.03)[0],
         stereo: seed % 4 < 2,
         imu_hz: [200.0, 400.0, 800.0][seed as usize % 3],
-        picture_hz: [15.0, 20.0, 30.0][seed as usize / 3 % 3],
+        frame_hz: [15.0, 20.0, 30.0][seed as usize / 3 % 3],
         board: ([6, 5], 0.11),
         ..Scene::lively(seconds)
     }
 }
 
 #[test]
-fn errors_are_small_and_as_large_as_stated() {
+fn errors_are_small_and_consistent_with_their_sigmas() {
     let all = many(16, |seed| any(seed, 6.0));
     let mut within = 0;
     for (errors, found) in &all {
-        // Six seconds; the targets are for half a minute.
+        // Six seconds; the requirements are for half a minute.
         assert!(errors.turn_deg < 0.08, "{errors:?}");
         assert!(errors.shift_mm < 2.0, "{errors:?}");
         assert!(errors.offset_ms < 0.2, "{errors:?}");
@@ -98,8 +98,8 @@ fn errors_are_small_and_as_large_as_stated() {
     // Of 208, 95.4 % are expected; 21 or more are outside by chance once in 1700 times (binomial).
     let outside = all.len() * 13 - within;
     assert!(outside <= 20, "{outside}");
-    // And no larger: a sigma of a kilometre would pass, too. The sum of 16 squares (chi-square) is below 3.2 once in 3500
-    // times and above 43.6 once in 4300 times.
+    // The sigmas are not too large either: a sigma of a kilometre would pass, too. The sum of 16
+    // squares (chi-square) is below 3.2 once in 3500 times and above 43.6 once in 4300 times.
     for k in 3..13 {
         let squares = all.iter().map(|(e, _)| e.over_sigma[k].powi(2));
         let rms = (squares.sum::<f64>() / all.len() as f64).sqrt();
@@ -107,9 +107,9 @@ fn errors_are_small_and_as_large_as_stated() {
     }
 }
 
-/// Sensors whose axes are askew: the frame of the IMU is only as well defined as they are.
+/// Sensors with misaligned axes: the IMU frame is only as well defined as they are.
 #[test]
-fn rotation_is_as_sure_as_the_axes_of_the_sensors() {
+fn rotation_sigma_covers_sensor_misalignment() {
     let all = many(12, |seed| Scene {
         scale_and_skew: [5e-3, 1e-3],
         ..any(seed, 6.0)
@@ -127,23 +127,23 @@ fn rotation_is_as_sure_as_the_axes_of_the_sensors() {
     }
 }
 
-/// A short scene, and what is told of it: all of the truth, loosely.
-fn short() -> (Scene, Told) {
+/// A short scene, with loose priors around the ground truth.
+fn short() -> (Scene, Priors) {
     let scene = Scene {
         board: ([6, 5], 0.11),
         ..Scene::lively(8.0)
     };
-    let told = Told {
+    let priors = Priors {
         imu_from_left: Some(scene.imu_from_left),
-        ..Told::default()
+        ..Priors::default()
     };
-    (scene, told)
+    (scene, priors)
 }
 
-fn found(scene: &Scene, told: &Told, change: impl Fn(&mut Recording)) -> (Errors, CameraImu) {
+fn found(scene: &Scene, priors: &Priors, change: impl Fn(&mut Recording)) -> (Errors, CameraImu) {
     let mut truth = simulate(scene, 7);
     change(&mut truth.recording);
-    let found = estimate(&truth.recording, told).expect("a result");
+    let found = estimate(&truth.recording, priors).expect("a result");
     (errors(scene, &truth, &found), found)
 }
 
@@ -153,22 +153,22 @@ fn verdict(found: &CameraImu, name: &str) -> Verdict {
 }
 
 #[test]
-fn what_a_recording_does_not_determine_is_named_and_stays() {
-    let (good, told) = short();
+fn unobservable_direction_is_named_and_keeps_its_prior() {
+    let (good, priors) = short();
     let weak = |turn_rad: [f64; 3], shift_m: [f64; 3]| {
         let scene = Scene {
             turn_rad,
             shift_m,
             ..good.clone()
         };
-        let (errors, found) = found(&scene, &told, |_| ());
+        let (errors, found) = found(&scene, &priors, |_| ());
         assert_eq!(verdict(&found, "observability"), Verdict::Warn);
         let mut counts = [0; 3];
-        for weak in &found.weak {
+        for weak in &found.unobservable {
             counts[match weak {
-                Weak::Rotation { .. } => 0,
-                Weak::Translation { .. } => 1,
-                Weak::TimeOffset { .. } => 2,
+                UnobservableDirection::Rotation { .. } => 0,
+                UnobservableDirection::Translation { .. } => 1,
+                UnobservableDirection::TimeOffset { .. } => 2,
             }] += 1;
         }
         (counts, errors, found)
@@ -181,16 +181,17 @@ fn what_a_recording_does_not_determine_is_named_and_stays() {
         "{errors:?}"
     );
 
-    // Moved but not turned: the accelerometer gives the rotation, nothing gives the lever arm.
+    // Translation without rotation: the accelerometer determines the rotation, nothing determines
+    // the lever arm.
     let (counts, errors, _) = weak(still, good.shift_m);
     assert_eq!(counts[1], 3);
     assert!(errors.shift_mm < 1e-2, "{errors:?}");
 
-    // Turned about y alone: the lever arm along y stays.
+    // Rotation about y alone: the lever arm along y keeps its prior.
     let (counts, errors, found) = weak([0.0, 0.4, 0.0], good.shift_m);
-    assert_eq!(counts[1], 1, "{:?}", found.weak);
-    let direction = found.weak.iter().find_map(|weak| match weak {
-        Weak::Translation { direction, .. } => Some(direction[1]),
+    assert_eq!(counts[1], 1, "{:?}", found.unobservable);
+    let direction = found.unobservable.iter().find_map(|weak| match weak {
+        UnobservableDirection::Translation { direction, .. } => Some(direction[1]),
         _ => None,
     });
     assert!(direction.is_some_and(|y| y > 0.99), "{direction:?}");
@@ -198,10 +199,10 @@ fn what_a_recording_does_not_determine_is_named_and_stays() {
 }
 
 #[test]
-fn what_is_not_as_told_is_flagged() {
-    let (good, told) = short();
+fn deviation_from_nominal_values_is_flagged() {
+    let (good, priors) = short();
     let check = |name: &str, scene: Scene, change: &dyn Fn(&mut Recording)| {
-        let (errors, found) = found(&scene, &told, change);
+        let (errors, found) = found(&scene, &priors, change);
         let worst = verdict(&found, name);
         assert!(
             worst > Verdict::Pass,
@@ -240,17 +241,17 @@ fn what_is_not_as_told_is_flagged() {
         ..good.clone()
     };
     check("corner noise", blurred, &as_it_is);
-    check("pictures left out", good.clone(), &|r| {
-        for picture in r.pictures.iter_mut().step_by(9) {
-            picture.time_ns += 20_000_000;
+    check("outlier views", good.clone(), &|r| {
+        for observation in r.observations.iter_mut().step_by(9) {
+            observation.time_ns += 20_000_000;
         }
     });
     check("first half against second", good.clone(), &|r| {
-        for picture in &mut r.pictures[80..] {
-            picture.time_ns += 3_000_000;
+        for observation in &mut r.observations[80..] {
+            observation.time_ns += 3_000_000;
         }
     });
-    // Cut off at a value that nobody told.
+    // Saturation at an undeclared range.
     check("gyroscope noise", good.clone(), &|r| {
         for sample in &mut r.imu {
             sample.gyro = sample.gyro.map(|v| v.clamp(-0.8, 0.8));
@@ -259,10 +260,10 @@ fn what_is_not_as_told_is_flagged() {
 }
 
 #[test]
-fn holes_and_outliers_do_no_harm() {
+fn gaps_and_outliers_do_no_harm() {
     let (good, _) = short();
     let check = |change: &dyn Fn(&mut Recording)| {
-        let (errors, found) = found(&good, &Told::default(), change);
+        let (errors, found) = found(&good, &Priors::default(), change);
         assert!(
             errors.turn_deg < 0.05 && errors.shift_mm < 2.0,
             "{errors:?}"
@@ -275,7 +276,7 @@ fn holes_and_outliers_do_no_harm() {
         r.imu.remove(2000);
     });
     check(&|r| {
-        r.pictures[60..90]
+        r.observations[60..90]
             .iter_mut()
             .for_each(|p| p.corners.clear())
     });
@@ -287,7 +288,7 @@ fn holes_and_outliers_do_no_harm() {
     });
     check(&|r| {
         let mut random = Random::new(1);
-        for corner in r.pictures.iter_mut().flat_map(|p| &mut p.corners) {
+        for corner in r.observations.iter_mut().flat_map(|p| &mut p.corners) {
             if random.uniform() < 0.03 {
                 corner.pixel[0] += 15.0;
             }
@@ -296,49 +297,57 @@ fn holes_and_outliers_do_no_harm() {
 }
 
 #[test]
-fn a_rolling_shutter_that_is_told_does_no_harm() {
-    let (good, told) = short();
+fn rolling_shutter_with_known_line_time_does_no_harm() {
+    let (good, priors) = short();
     let scene = Scene {
         line_s: 2e-5,
         ..good.clone()
     };
-    let (errors, told_of) = found(&scene, &told, |_| ());
+    let (errors, compensated) = found(&scene, &priors, |_| ());
     assert!(
         errors.turn_deg < 0.05 && errors.shift_mm < 2.0,
         "{errors:?}"
     );
-    assert!(told_of.verdict() < Verdict::Fail, "{:#?}", told_of.gates);
-    // With few pictures a second they alone do not say how the camera moves while rows are read.
+    assert!(
+        compensated.verdict() < Verdict::Fail,
+        "{:#?}",
+        compensated.gates
+    );
+    // At a low frame rate the views alone do not determine the motion during readout.
     let slow = Scene {
-        picture_hz: 8.0,
+        frame_hz: 8.0,
         line_s: 2.3e-5,
         seconds: 16.0,
         ..good
     };
-    let (errors, _) = found(&slow, &told, |_| ());
+    let (errors, _) = found(&slow, &priors, |_| ());
     let over = errors.over_sigma[..7]
         .iter()
         .fold(0.0, |most: f64, z| most.max(z.abs()));
     assert!(over < 3.0 && errors.offset_ms < 0.05, "{errors:?}");
-    // One that is not told bends the board in every picture.
-    let (_, untold) = found(&scene, &told, |r| r.cameras.line_s = 0.0);
-    assert!(untold.verdict() > Verdict::Pass, "{:#?}", untold.gates);
+    // A line time that is not given distorts the board in every view.
+    let (_, uncompensated) = found(&scene, &priors, |r| r.cameras.line_s = 0.0);
+    assert!(
+        uncompensated.verdict() > Verdict::Pass,
+        "{:#?}",
+        uncompensated.gates
+    );
 }
 
-/// A board that is nearly out of the picture has no pose to speak of; the rest of the recording has.
+/// A board that is nearly outside the image has no usable pose; the rest of the recording has.
 #[test]
-fn pictures_of_one_row_do_no_harm() {
-    let (good, told) = short();
+fn views_of_a_single_row_do_no_harm() {
+    let (good, priors) = short();
     for line_s in [0.0, 2e-5] {
         let scene = Scene {
             line_s,
             board: ([12, 5], 0.06),
             ..good.clone()
         };
-        let (errors, _) = found(&scene, &told, |r| {
-            for (n, picture) in r.pictures.iter_mut().enumerate().step_by(3) {
+        let (errors, _) = found(&scene, &priors, |r| {
+            for (n, observation) in r.observations.iter_mut().enumerate().step_by(3) {
                 let rows = [0.0, 0.06 * (n % 2) as f64];
-                picture
+                observation
                     .corners
                     .retain(|c| rows.iter().any(|y| (c.x_in_target[1] - y).abs() < 1e-6));
             }
@@ -351,16 +360,16 @@ fn pictures_of_one_row_do_no_harm() {
 }
 
 #[test]
-fn any_start_will_do() {
-    let (good, told) = short();
-    let (plain, first) = found(&good, &Told::default(), |_| ());
+fn result_does_not_depend_on_initial_values() {
+    let (good, priors) = short();
+    let (plain, first) = found(&good, &Priors::default(), |_| ());
     let wrong = RigidTransform::from_rotation_vector([3.1, 0.0, 0.2], [0.1, 0.0, -0.1]).unwrap();
-    let told = Told {
-        imu_from_left: told.imu_from_left.map(|t| t * wrong),
+    let priors = Priors {
+        imu_from_left: priors.imu_from_left.map(|t| t * wrong),
         time_offset_s: -0.05,
-        ..told
+        ..priors
     };
-    let (errors, second) = found(&good, &told, |_| ());
+    let (errors, second) = found(&good, &priors, |_| ());
     assert!(
         errors.turn_deg < 0.05 && errors.shift_mm < 2.0,
         "{errors:?}"
@@ -369,7 +378,7 @@ fn any_start_will_do() {
     let apart = first.imu_from_left.inverse() * second.imu_from_left;
     assert!(apart.distance_m() < 1e-4, "{apart:?}");
     // Same input, same bits.
-    let (_, again) = found(&good, &told, |_| ());
+    let (_, again) = found(&good, &priors, |_| ());
     assert_eq!(format!("{again:?}"), format!("{second:?}"));
 }
 
@@ -379,7 +388,7 @@ fn impossible_input_is_an_error() {
     let fails = |change: &dyn Fn(&mut Recording)| {
         let mut recording = simulate(&good, 7).recording;
         change(&mut recording);
-        estimate(&recording, &Told::default()).expect_err("no result")
+        estimate(&recording, &Priors::default()).expect_err("no result")
     };
     use CameraImuError as E;
     let error = fails(&|r| {
@@ -393,12 +402,12 @@ fn impossible_input_is_an_error() {
             .iter_mut()
             .for_each(|s| s.gyro = s.gyro.map(f64::to_degrees))
     });
-    assert!(matches!(error, E::Rates { .. }), "{error}");
-    let error = fails(&|r| r.pictures[3].corners[2].pixel[1] = f64::NAN);
+    assert!(matches!(error, E::RateMismatch { .. }), "{error}");
+    let error = fails(&|r| r.observations[3].corners[2].pixel[1] = f64::NAN);
     assert_eq!(
         error,
         E::NotFinite {
-            what: "picture",
+            what: "view",
             index: 3
         }
     );
@@ -416,15 +425,19 @@ fn impossible_input_is_an_error() {
             .for_each(|s| s.time_ns += 3_600_000_000_000)
     });
     assert!(matches!(error, E::NoOverlap { .. }), "{error}");
-    let error = fails(&|r| r.pictures.iter_mut().for_each(|p| p.corners.truncate(5)));
-    assert!(matches!(error, E::FewPictures { found: 0, .. }), "{error}");
+    let error = fails(&|r| {
+        r.observations
+            .iter_mut()
+            .for_each(|p| p.corners.truncate(5))
+    });
+    assert!(matches!(error, E::TooFewViews { found: 0, .. }), "{error}");
     let swap = |eye: Eye| match eye {
         Eye::Left => Eye::Right,
         Eye::Right => Eye::Left,
     };
     let error = fails(&|r| {
-        let corners = r.pictures.iter_mut().flat_map(|p| &mut p.corners);
+        let corners = r.observations.iter_mut().flat_map(|p| &mut p.corners);
         corners.for_each(|c| c.eye = swap(c.eye));
     });
-    assert!(matches!(error, E::FewPictures { .. }), "{error}");
+    assert!(matches!(error, E::TooFewViews { .. }), "{error}");
 }

@@ -1,14 +1,14 @@
-//! What the inertial sensor measured, as a function of time.
+//! IMU measurements as a function of time.
 //!
-//! Between two samples values are taken to run straight. A gap is where a sample is missing or where a
-//! value stands at the end of the sensor's range: nothing is integrated across one.
+//! Values are interpolated linearly between two samples. A gap is a missing sample or a saturated
+//! value: nothing is integrated across it.
 
 use nalgebra::{Matrix3, Vector3};
 
 use super::ImuSample;
 
-/// How many sample periods may lie between two samples.
-const LONGEST_STEP: f64 = 2.5;
+/// Maximum interval between two samples, in sample periods.
+const MAX_STEP_PERIODS: f64 = 2.5;
 
 /// A measurement, s, rad/s and m/s².
 #[derive(Clone, Copy, Debug)]
@@ -18,20 +18,21 @@ pub(super) struct Raw {
     pub accel: Vector3<f64>,
 }
 
-/// All measurements in order of time.
+/// All samples in order of time.
 #[derive(Clone, Debug)]
 pub(super) struct Track {
     samples: Vec<Raw>,
-    /// How many gaps end at or before sample `i`.
+    /// Number of gaps that end at or before sample `i`.
     gaps: Vec<u32>,
     /// Integrals of angular rate and specific force up to sample `i`.
     sums: Vec<[Vector3<f64>; 2]>,
-    /// The usual time between two samples, s.
+    /// Median interval between two samples, s.
     pub period_s: f64,
 }
 
 impl Track {
-    /// Of samples in strict order of time. `range` is that of the gyroscope and of the accelerometer.
+    /// Builds the track from samples in strict order of time. `range` is that of the gyroscope and
+    /// of the accelerometer.
     pub(super) fn new(samples: &[ImuSample], zero_ns: i64, range: [f64; 2]) -> Self {
         let samples: Vec<Raw> = samples
             .iter()
@@ -56,7 +57,7 @@ impl Track {
         for i in 1..samples.len() {
             let (a, b) = (&samples[i - 1], &samples[i]);
             let step = b.time_s - a.time_s;
-            let broken = step > LONGEST_STEP * period_s || cut_off(a) || cut_off(b);
+            let broken = step > MAX_STEP_PERIODS * period_s || cut_off(a) || cut_off(b);
             gaps[i] = gaps[i - 1] + u32::from(broken);
             sums[i][0] = sums[i - 1][0] + (a.gyro + b.gyro) * (0.5 * step);
             sums[i][1] = sums[i - 1][1] + (a.accel + b.accel) * (0.5 * step);
@@ -69,7 +70,7 @@ impl Track {
         }
     }
 
-    /// The last sample at or before a time that has another behind it.
+    /// The last sample at or before a time that has a successor.
     fn before(&self, time_s: f64) -> Option<usize> {
         let after = self.samples.partition_point(|s| s.time_s <= time_s);
         (after > 0 && after < self.samples.len()).then(|| after - 1)
@@ -85,8 +86,7 @@ impl Track {
         }
     }
 
-    /// Values at two times and at all samples between them; none if the track does not reach so far, or
-    /// there is a gap.
+    /// Values at two times and at all samples between them; `None` beyond the ends or across a gap.
     pub(super) fn between(&self, from_s: f64, to_s: f64, out: &mut Vec<Raw>) -> Option<()> {
         out.clear();
         let (first, last) = (self.before(from_s)?, self.before(to_s)?);
@@ -100,7 +100,7 @@ impl Track {
         Some(())
     }
 
-    /// The mean angular rate and specific force between two times; none as in [`Self::between`].
+    /// Mean angular rate and specific force between two times; `None` as in [`Self::between`].
     pub(super) fn means(&self, from_s: f64, to_s: f64) -> Option<[Vector3<f64>; 2]> {
         let (first, last) = (self.before(from_s)?, self.before(to_s)?);
         if self.gaps[first] != self.gaps[last + 1] {
@@ -119,7 +119,7 @@ impl Track {
     }
 }
 
-/// What makes measurements true values: `shape⁻¹ (measured - bias)`.
+/// Correction of measurements: `shape⁻¹ (measured - bias)`.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Correction {
     pub gyro_bias: Vector3<f64>,

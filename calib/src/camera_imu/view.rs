@@ -1,25 +1,26 @@
-//! One picture of the board: where the camera stood, and how surely.
+//! One view of the board: the camera pose and its information.
 //!
-//! With the lenses known, all that a picture says to the rest of the problem is a pose of the left optical
-//! frame and the size of the board. [`View::linearise`] sums its corners, some hundred, to a quadric
-//! in seven numbers; the joint problem then costs the same for any number of corners. It is linearised again
-//! after the joint solution, so nothing is lost by it.
+//! With known lenses, a view constrains the rest of the problem only by the pose of the left
+//! optical frame and the size of the board. [`View::linearise`] reduces its corners, about a
+//! hundred, to a quadric in seven parameters; the cost of the joint problem then does not depend on
+//! the number of corners. The view is linearized again after the joint solution, so that nothing is
+//! lost.
 
 use nalgebra::{Matrix3, SMatrix, SVector, SymmetricEigen, Vector2, Vector3};
 
 use super::{Cameras, Corner, so3};
 use crate::stereo::Eye;
 
-/// Numbers of a picture: small turn 3, shift in the target's frame 3, size of the board.
+/// Parameters of a view: small rotation 3, translation in the target's frame 3, size of the board.
 pub(super) const VIEW: usize = 7;
 
-/// Beyond so many sigmas a corner counts less, beyond the second not at all.
-const HUBER: f64 = 3.0;
-const OUTLIER: f64 = 10.0;
-/// Fewest corners of a picture.
-pub(super) const FEWEST_CORNERS: usize = 8;
-/// Median of the length of a normal vector in two dimensions.
-const MEDIAN_LENGTH: f64 = 1.177_41;
+/// Huber threshold and rejection threshold of a corner, in sigmas.
+const HUBER_SIGMAS: f64 = 3.0;
+const OUTLIER_SIGMAS: f64 = 10.0;
+/// Minimum number of corners of a view.
+pub(super) const MIN_CORNERS: usize = 8;
+/// Median of the norm of a two-dimensional standard normal vector.
+const RAYLEIGH_MEDIAN: f64 = 1.177_41;
 
 /// A pose: takes coordinates in the left optical frame to the target's.
 #[derive(Clone, Copy, Debug)]
@@ -28,51 +29,51 @@ pub(super) struct Pose {
     pub position: Vector3<f64>,
 }
 
-/// What a picture says near a pose: `e(x) = e(0) + 2 g'x + x'Hx`.
+/// Quadratic approximation of a view's cost near a pose: `e(x) = e(0) + 2 g'x + x'Hx`.
 #[derive(Clone, Debug)]
 pub(super) struct Quadric {
-    /// Where.
+    /// Linearization point.
     pub pose: Pose,
     pub board_scale: f64,
     pub information: SMatrix<f64, VIEW, VIEW>,
     pub gradient: SVector<f64, VIEW>,
-    /// Corners that counted.
+    /// Number of inlier corners.
     pub corners: usize,
 }
 
-/// How the corners lie about a pose.
+/// Residuals of the corners at a pose.
 #[derive(Clone, Copy, Debug, Default)]
 pub(super) struct Fit {
     pub corners: usize,
-    /// Corners that were left out.
+    /// Number of outlier corners.
     pub outliers: usize,
-    /// Sum over the others of the squared error over its variance, as told.
+    /// Sum over the inliers of the squared error over its nominal variance.
     pub squares: f64,
-    /// Median length of an error over its sigma, over that of a normal one.
+    /// Median norm of an error over its sigma, relative to that of a normal distribution.
     pub scale: f64,
 }
 
-/// A picture.
+/// A view of the board.
 pub(super) struct View<'a> {
     pub time_s: f64,
     pub time_ns: i64,
     pub corners: &'a [Corner],
-    /// Corners that fit its own pose.
-    pub corners_kept: usize,
-    /// Where rows are not exposed at once.
-    pub motion: Moving,
+    /// Number of inliers of its own pose.
+    pub inlier_corners: usize,
+    /// Camera motion, for a rolling shutter.
+    pub motion: CameraMotion,
 }
 
-/// How the left camera moves.
+/// Motion of the left camera.
 #[derive(Clone, Copy, Debug)]
-pub(super) struct Moving {
-    /// In its own axes, rad/s.
+pub(super) struct CameraMotion {
+    /// Angular rate in its own axes, rad/s.
     pub rate: Vector3<f64>,
-    /// In the target's, m/s.
+    /// Velocity in the target's frame, m/s.
     pub velocity: Vector3<f64>,
 }
 
-impl Moving {
+impl CameraMotion {
     pub(super) const NONE: Self = Self {
         rate: Vector3::new(0.0, 0.0, 0.0),
         velocity: Vector3::new(0.0, 0.0, 0.0),
@@ -85,20 +86,20 @@ struct Linear {
 }
 
 impl View<'_> {
-    /// The pose in the middle of the exposure of a corner's row.
+    /// Pose at mid-exposure of a corner's row.
     fn at_row(&self, cameras: &Cameras, pose: &Pose, c: &Corner) -> Pose {
         if cameras.line_s == 0.0 {
             return *pose;
         }
         let rows = f64::from(cameras.left.model().height);
-        let late_s = cameras.line_s * (c.pixel[1] - 0.5 * (rows - 1.0));
+        let row_delay_s = cameras.line_s * (c.pixel[1] - 0.5 * (rows - 1.0));
         Pose {
-            rotation: pose.rotation * so3::exp(&(self.motion.rate * late_s)),
-            position: pose.position + self.motion.velocity * late_s,
+            rotation: pose.rotation * so3::exp(&(self.motion.rate * row_delay_s)),
+            position: pose.position + self.motion.velocity * row_delay_s,
         }
     }
 
-    /// The error of one corner over its sigma; none where the lens cannot see the point.
+    /// Residual of one corner over its sigma; `None` if the lens cannot project the point.
     fn error(&self, cameras: &Cameras, pose: &Pose, size: f64, c: &Corner) -> Option<Vector2<f64>> {
         let pose = self.at_row(cameras, pose, c);
         let x_in_left =
@@ -140,7 +141,7 @@ impl View<'_> {
         })
     }
 
-    /// How far the corners lie from where they belong; `scale` times their sigma is what is expected.
+    /// Residual statistics of the corners; `scale` is their expected noise factor.
     pub(super) fn fit(&self, cameras: &Cameras, pose: &Pose, size: f64, scale: f64) -> Fit {
         let mut lengths: Vec<f64> = self
             .corners
@@ -148,21 +149,21 @@ impl View<'_> {
             .filter_map(|c| Some(self.error(cameras, pose, size, c)?.norm()))
             .collect();
         let seen = lengths.len();
-        let kept = lengths.iter().filter(|&&e| e < OUTLIER * scale);
+        let kept = lengths.iter().filter(|&&e| e < OUTLIER_SIGMAS * scale);
         let (count, squares) = kept.fold((0_usize, 0.0), |(n, sum), e| (n + 1, sum + e * e));
         lengths.sort_by(f64::total_cmp);
         let median = lengths.get(seen / 2).copied().unwrap_or(f64::INFINITY);
-        // Six numbers were fitted to two per corner.
+        // Six parameters were fitted to two residuals per corner.
         let free = (2 * count) as f64 / (2 * count).saturating_sub(6).max(1) as f64;
         Fit {
             corners: count,
             outliers: self.corners.len() - count,
             squares,
-            scale: median / MEDIAN_LENGTH * free.sqrt(),
+            scale: median / RAYLEIGH_MEDIAN * free.sqrt(),
         }
     }
 
-    /// The quadric at a pose, where sigmas are `scale` times those told.
+    /// The quadric at a pose, with sigmas of `scale` times the nominal ones.
     pub(super) fn linearise(
         &self,
         cameras: &Cameras,
@@ -178,13 +179,13 @@ impl View<'_> {
                 continue;
             };
             let length = linear.residual.norm() / scale;
-            if length >= OUTLIER {
+            if length >= OUTLIER_SIGMAS {
                 continue;
             }
-            let weight = (HUBER / length).min(1.0) / (scale * scale);
-            let turned = linear.by_view.transpose() * weight;
-            information += turned * linear.by_view;
-            gradient += turned * linear.residual;
+            let weight = (HUBER_SIGMAS / length).min(1.0) / (scale * scale);
+            let transposed = linear.by_view.transpose() * weight;
+            information += transposed * linear.by_view;
+            gradient += transposed * linear.residual;
             corners += 1;
         }
         Quadric {
@@ -196,10 +197,10 @@ impl View<'_> {
         }
     }
 
-    /// The pose from this picture alone, for a board of the size told; none if corners are too few, or do not
-    /// fit any.
+    /// Pose from this view alone, for a board of nominal size; `None` if corners are too few or do
+    /// not fit.
     pub(super) fn pose(&self, cameras: &Cameras) -> Option<(Pose, Fit)> {
-        if self.corners.len() < FEWEST_CORNERS {
+        if self.corners.len() < MIN_CORNERS {
             return None;
         }
         let start = self.homography(cameras)?;
@@ -214,10 +215,10 @@ impl View<'_> {
             best = other.unwrap_or(best);
         }
         let most_outliers = best.1.corners / 4;
-        (best.1.corners >= FEWEST_CORNERS && best.1.outliers <= most_outliers).then_some(best)
+        (best.1.corners >= MIN_CORNERS && best.1.outliers <= most_outliers).then_some(best)
     }
 
-    /// The pose that fits best, from one that is near.
+    /// Refines a nearby pose.
     pub(super) fn refine(&self, cameras: &Cameras, mut pose: Pose) -> Option<(Pose, Fit)> {
         let mut fit = self.fit(cameras, &pose, 1.0, f64::INFINITY);
         for _ in 0..12 {
@@ -237,8 +238,8 @@ impl View<'_> {
         fit.scale.is_finite().then_some((pose, fit))
     }
 
-    /// A pose from the homography of the corners of one eye (Zhang 2000, section 3.1), on the plane of
-    /// the board.
+    /// Pose from the homography of the corners of one eye (Zhang 2000, section 3.1), on the plane
+    /// of the board.
     fn homography(&self, cameras: &Cameras) -> Option<Pose> {
         let of = |eye: Eye| self.corners.iter().filter(move |c| c.eye == eye);
         let eye = match of(Eye::Left).count() >= of(Eye::Right).count() {
@@ -310,7 +311,7 @@ impl View<'_> {
         let svd = rough.svd(true, true);
         let camera_from_target = svd.u? * svd.v_t?;
         let middle_in_camera = Vector3::from(h.column(2)) * (stretch * spread);
-        // The board's middle was the origin, and its spread the unit.
+        // The homography was normalized: origin at the board's middle, unit its spread.
         let middle = Vector3::new(middle.x, middle.y, 0.0);
         let shift = middle_in_camera - camera_from_target * middle;
         let (rotation, shift) = match (eye, &cameras.right) {
@@ -330,8 +331,7 @@ impl View<'_> {
         })
     }
 
-    /// The other pose from which a small flat board looks nearly the same: tilted the other way about the
-    /// line of sight.
+    /// The second pose of the planar ambiguity: tilted the other way about the line to the camera.
     fn flipped(&self, pose: &Pose) -> Option<Pose> {
         let count = self.corners.len() as f64;
         let sum: Vector3<f64> = self

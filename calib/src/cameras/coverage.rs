@@ -1,37 +1,37 @@
-//! What of a picture was seen, and from how many sides.
+//! Image coverage: which parts of the image have observations, and from which directions.
 
 use cad_transforms::RigidTransform;
 
 use crate::adjust::Point;
 
-/// Columns and rows of the map.
+/// Columns and rows of the coverage map.
 pub const CELLS: (usize, usize) = (12, 8);
-/// Width of the border that must be seen, as a share of the picture's width or height.
+/// Width of the border that must be covered, as a fraction of the image's width or height.
 const BORDER: f64 = 0.1;
-/// In how many views each border must have corners.
-const LEAST_VIEWS: usize = 3;
-/// Views tilted by at least this are needed, degrees: they tell focal length from distance.
-const LEAST_TILT_DEG: f64 = 20.0;
+/// Minimum number of views with corners in each border, and of tilted views.
+const MIN_VIEWS: usize = 3;
+/// Minimum tilt of a tilted view, degrees. Tilted views separate focal length from distance.
+const MIN_TILT_DEG: f64 = 20.0;
 
-/// What one eye saw.
+/// Coverage of one eye.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Coverage {
-    /// How many views were used.
+    /// Number of views used.
     pub views: usize,
-    /// Corners per cell of the picture, rows first.
+    /// Corners per cell of the image, rows first.
     pub cells: Vec<u32>,
-    /// Views with corners near the left, right, upper and lower border.
+    /// Number of views with corners near the left, right, upper and lower border.
     pub borders: [usize; 4],
-    /// Largest tilt of a target against the picture's plane, degrees.
+    /// Largest tilt of a target against the image plane, degrees.
     pub largest_tilt_deg: f64,
-    /// Views tilted by more than 20 degrees.
+    /// Number of views tilted by more than 20 degrees.
     pub tilted: usize,
     /// Nearest and farthest target, m.
     pub distances_m: (f64, f64),
 }
 
 impl Coverage {
-    /// Of views with poses `eye_from_target`.
+    /// Coverage by views with poses `eye_from_target`.
     pub fn of<'a>(
         (width, height): (u32, u32),
         views: impl IntoIterator<Item = (RigidTransform, &'a [Point])>,
@@ -69,21 +69,21 @@ impl Coverage {
             let normal = eye_from_target.rotate([0.0, 0.0, 1.0]);
             let tilt = normal[2].abs().min(1.0).acos().to_degrees();
             all.largest_tilt_deg = all.largest_tilt_deg.max(tilt);
-            all.tilted += usize::from(tilt > LEAST_TILT_DEG);
+            all.tilted += usize::from(tilt > MIN_TILT_DEG);
             all.distances_m.0 = all.distances_m.0.min(distance);
             all.distances_m.1 = all.distances_m.1.max(distance);
         }
         all
     }
 
-    /// What is missing, in words that tell what to do.
+    /// What is missing, as instructions for the user.
     pub fn missing(&self) -> Vec<String> {
         let mut missing = Vec::new();
         let names = ["left", "right", "upper", "lower"];
         let absent: Vec<&str> = names
             .iter()
             .zip(self.borders)
-            .filter(|(_, views)| *views < LEAST_VIEWS)
+            .filter(|(_, views)| *views < MIN_VIEWS)
             .map(|(name, _)| *name)
             .collect();
         if !absent.is_empty() {
@@ -92,9 +92,9 @@ impl Coverage {
                 absent.join(", ")
             ));
         }
-        if self.tilted < LEAST_VIEWS {
+        if self.tilted < MIN_VIEWS {
             missing.push(format!(
-                "only {} views with the target tilted by more than {LEAST_TILT_DEG:.0} degrees (the largest is {:.0}): \
+                "only {} views with the target tilted by more than {MIN_TILT_DEG:.0} degrees (the largest is {:.0}): \
                  tilt it to all sides",
                 self.tilted, self.largest_tilt_deg
             ));

@@ -2,10 +2,10 @@ use super::*;
 use crate::adjust::tests::Noise;
 use crate::camera::Distortion;
 use crate::lens::Lens;
-use crate::target::{self, GreyView};
+use crate::target::{self, ImageView};
 use crate::test_data::{grey, shared};
 
-/// The sightings of the real infrared pairs: 12 pairs of 640x512, 9 x 6 inner corners.
+/// Detections of the real infrared pairs: 12 pairs of 640x512, 9 x 6 inner corners.
 fn chessboard_pairs() -> Option<Input> {
     let folder = shared("06_calibration/stereo_chessboard_rigB")?;
     let board = Target::Chessboard {
@@ -30,16 +30,16 @@ fn chessboard_pairs() -> Option<Input> {
         }],
         targets: vec![board],
         times_ns: (0..12).map(|i| i * 1_000_000_000).collect(),
-        sightings: Vec::new(),
+        detections: Vec::new(),
     };
     for instant in 0..12 {
         for (eye, name) in ["left", "right"].into_iter().enumerate() {
             let path = folder.join(format!("{name}{:02}.jpg", instant + 1));
             let (width, height, pixels) = grey(&path);
-            let view = GreyView::new(width, height, width, &pixels).unwrap();
+            let view = ImageView::new(width, height, width, &pixels).unwrap();
             let found = target::detect(&view, &input.targets[0], &target::Settings::default());
             assert_eq!(found.corners.len(), 54, "{}", path.display());
-            input.sightings.push(Sighting {
+            input.detections.push(TargetDetection {
                 instant,
                 eye,
                 target: 0,
@@ -60,34 +60,34 @@ fn real_chessboard_pairs() {
     let rms = found.solution.rms_px(|_| true);
     assert!(rms < 0.15, "{rms}");
     assert!((found.lens(0).fx - found.lens(1).fx).abs() < 8.0);
-    // These files name the eyes the other way round.
+    // These files have left and right exchanged.
     assert!(failures(&found)[0].contains("left and right are swapped"));
 }
 
-/// A rig of three cameras before two boards, as [`crate::cameras`] would get it from a recording, and the
-/// truth.
+/// A rig of three cameras in front of two boards, as [`crate::cameras`] would get it from a
+/// recording, and its ground truth.
 struct Simulated {
     input: Input,
     /// `rig_from_left` and `left_from_right` by camera.
     cameras: Vec<(RigidTransform, RigidTransform)>,
 }
 
-/// What is different from a good recording.
+/// Deviations from a good recording.
 #[derive(Clone, Copy)]
-struct Trouble {
+struct Imperfections {
     noise_px: f64,
     instants: usize,
-    /// The boards are larger than told by this factor.
+    /// Scale of the boards relative to their nominal size.
     size: f64,
-    /// The middle of the first board is this much under its rim, m.
+    /// Sagitta of the first board, m: its middle under its rim.
     sagitta_m: f64,
-    /// The first camera turns by this in the middle, rad.
+    /// Rotation of the first camera in the middle of the recording, rad.
     knock_rad: f64,
-    /// No tilt, no roll.
+    /// Without tilt or roll.
     straight: bool,
 }
 
-const GOOD: Trouble = Trouble {
+const GOOD: Imperfections = Imperfections {
     noise_px: 0.1,
     instants: 120,
     size: 1.0,
@@ -100,8 +100,8 @@ fn transform(rotation: [f64; 3], at: [f64; 3]) -> RigidTransform {
     RigidTransform::from_rotation_vector(rotation, at).unwrap()
 }
 
-/// An optical frame (x right, y down) that looks along x of the rig (z up), turned left by `yaw` and down
-/// by `pitch`.
+/// An optical frame (x right, y down) that looks along x of the rig (z up), rotated left by `yaw`
+/// and down by `pitch`.
 fn looking(yaw: f64, pitch: f64, at: [f64; 3]) -> RigidTransform {
     let forward = RigidTransform::from_wxyz([0.5, -0.5, 0.5, -0.5], [0.0; 3]).unwrap();
     transform([0.0; 3], at)
@@ -110,7 +110,7 @@ fn looking(yaw: f64, pitch: f64, at: [f64; 3]) -> RigidTransform {
         * forward
 }
 
-fn simulate(seed: u64, trouble: Trouble) -> Simulated {
+fn simulate(seed: u64, trouble: Imperfections) -> Simulated {
     let mut noise = Noise::new(seed);
     let mut lens = || CameraModel {
         width: 672,
@@ -128,7 +128,7 @@ fn simulate(seed: u64, trouble: Trouble) -> Simulated {
         },
     };
     let lenses: Vec<CameraModel> = (0..6).map(|_| lens()).collect();
-    let told = [
+    let nominal = [
         looking(0.5, 0.1, [0.02, 0.15, 0.1]),
         looking(-0.5, 0.1, [0.02, -0.15, 0.1]),
         looking(0.0, 1.2, [0.08, 0.0, -0.12]),
@@ -139,7 +139,7 @@ fn simulate(seed: u64, trouble: Trouble) -> Simulated {
         *mean * turn * transform([0.0; 3], [m * by[0], m * by[1], m * by[2]])
     };
     let baselines = [0.05, 0.05, 0.063].map(|b| transform([0.0; 3], [b, 0.0, 0.0]));
-    let cameras: Vec<(RigidTransform, RigidTransform)> = told
+    let cameras: Vec<(RigidTransform, RigidTransform)> = nominal
         .iter()
         .zip(&baselines)
         .map(|(rig_from_left, pair)| (shake(rig_from_left, 1e-3, 3e-3), shake(pair, 5e-5, 2e-3)))
@@ -181,12 +181,12 @@ fn simulate(seed: u64, trouble: Trouble) -> Simulated {
                 name: names[c].to_owned(),
                 left: 2 * c,
                 right: Some(2 * c + 1),
-                left_from_right: Some(Told {
+                left_from_right: Some(ExtrinsicsPrior {
                     transform: baselines[c],
                     covariance: tolerance(1e-4, 2e-3),
                 }),
-                rig_from_left: Some(Told {
-                    transform: told[c],
+                rig_from_left: Some(ExtrinsicsPrior {
+                    transform: nominal[c],
                     covariance: tolerance(1e-3, 3e-3),
                 }),
             })
@@ -195,9 +195,9 @@ fn simulate(seed: u64, trouble: Trouble) -> Simulated {
         times_ns: (0..trouble.instants as i64)
             .map(|i| i * 500_000_000)
             .collect(),
-        sightings: Vec::new(),
+        detections: Vec::new(),
     };
-    // One board ahead, one on the floor, x of the world where the wearer looks, z up.
+    // One board ahead, one on the floor; x of the world along the view, z up.
     let world_from_board = [
         looking(0.0, 0.0, [1.1, 0.0, 1.2]) * transform([0.0; 3], [-0.36, -0.36, 0.0]),
         looking(0.0, 1.5, [0.5, 0.0, 0.15]) * transform([0.0; 3], [-0.36, -0.36, 0.0]),
@@ -224,7 +224,7 @@ fn simulate(seed: u64, trouble: Trouble) -> Simulated {
             for (target, board) in world_from_board.iter().enumerate() {
                 let eye_from_board = eye_from_world * *board;
                 let seen = Lens::new(&lenses[eye]);
-                let corners: Vec<Seen> = input.targets[target]
+                let corners: Vec<DetectedCorner> = input.targets[target]
                     .corners()
                     .iter()
                     .filter_map(|corner| {
@@ -234,11 +234,11 @@ fn simulate(seed: u64, trouble: Trouble) -> Simulated {
                         let z = bend * (1.0 - 0.5 * (u * u + v * v));
                         let [px, py] = seen.project(eye_from_board.apply([x, y, z]))?;
                         let inside = (2.0..669.0).contains(&px) && (2.0..373.0).contains(&py);
-                        // From behind nothing is seen.
+                        // The back of a board shows nothing.
                         let normal = eye_from_board.rotate([0.0, 0.0, 1.0]);
                         let at = eye_from_board.apply([x, y, z]);
                         let front: f64 = normal.iter().zip(at).map(|(a, b)| a * b).sum();
-                        (inside && front > 0.1).then(|| Seen {
+                        (inside && front > 0.1).then(|| DetectedCorner {
                             id: corner.id,
                             pixel: [
                                 px + trouble.noise_px * noise.normal(),
@@ -249,7 +249,7 @@ fn simulate(seed: u64, trouble: Trouble) -> Simulated {
                     })
                     .collect();
                 if corners.len() >= 12 {
-                    input.sightings.push(Sighting {
+                    input.detections.push(TargetDetection {
                         instant,
                         eye,
                         target,
@@ -262,7 +262,7 @@ fn simulate(seed: u64, trouble: Trouble) -> Simulated {
     Simulated { input, cameras }
 }
 
-/// Errors of one run: places of cameras in the first one, `(m, rad, in sigmas)` per coordinate.
+/// Errors of one run: poses of cameras in the first one, `(m, rad, in sigmas)` per coordinate.
 fn rig_errors(truth: &Simulated, found: &Calibration) -> Vec<(f64, f64)> {
     let mut errors = Vec::new();
     let mut add = |truth: RigidTransform, found: RigidTransform, covariance: Matrix6<f64>| {
@@ -270,7 +270,7 @@ fn rig_errors(truth: &Simulated, found: &Calibration) -> Vec<(f64, f64)> {
         errors.extend((0..6).map(|k| (off[k], covariance[(k, k)].sqrt())));
     };
     for camera in 0..3 {
-        let (place, covariance) = found.place(found.places.pairs[camera].unwrap());
+        let (place, covariance) = found.pose(found.poses.pairs[camera].unwrap());
         add(truth.cameras[camera].1, place, covariance);
     }
     for camera in 1..3 {
@@ -301,7 +301,7 @@ fn failures(found: &Calibration) -> Vec<&str> {
 }
 
 #[test]
-fn a_good_recording_gives_the_rig_within_what_it_says() {
+fn good_recording_gives_the_rig_within_its_sigmas() {
     let (mut inside, mut all) = (0, 0);
     for seed in 0..3 {
         let truth = simulate(seed, GOOD);
@@ -313,7 +313,8 @@ fn a_good_recording_gives_the_rig_within_what_it_says() {
         for (k, (off, sigma)) in rig_errors(&truth, &found).into_iter().enumerate() {
             inside += usize::from(off.abs() <= 2.0 * sigma);
             all += 1;
-            // The first 18 are of the pairs, whose turn about their own baseline the lenses blur.
+            // The first 18 belong to the pairs, whose rotation about their own baseline is
+            // correlated with the lenses.
             let limit = if k % 6 < 3 {
                 1e-3
             } else {
@@ -330,10 +331,10 @@ fn a_good_recording_gives_the_rig_within_what_it_says() {
 }
 
 #[test]
-fn the_lens_model_is_the_simplest_that_predicts() {
+fn simplest_lens_model_that_predicts_is_selected() {
     let truth = simulate(
         1,
-        Trouble {
+        Imperfections {
             instants: 60,
             ..GOOD
         },
@@ -351,28 +352,28 @@ fn the_lens_model_is_the_simplest_that_predicts() {
 }
 
 #[test]
-fn what_is_wrong_with_a_recording_is_found() {
-    let check = |name: &str, trouble: Trouble, expected: &str| {
+fn defective_recording_gives_a_finding() {
+    let check = |name: &str, trouble: Imperfections, expected: &str| {
         let found = quiet(&simulate(3, trouble).input);
         let all: Vec<&str> = found.findings.iter().map(|f| f.text.as_str()).collect();
         assert!(all.iter().any(|t| t.contains(expected)), "{name}: {all:#?}");
     };
     check(
         "size",
-        Trouble { size: 1.01, ..GOOD },
+        Imperfections { size: 1.01, ..GOOD },
         "is the target's size what its file says",
     );
     check(
-        "bent",
-        Trouble {
+        "not flat",
+        Imperfections {
             sagitta_m: 0.003,
             ..GOOD
         },
-        "target 0 is bent",
+        "target 0 is not flat",
     );
     check(
         "knocked",
-        Trouble {
+        Imperfections {
             knock_rad: 0.009,
             ..GOOD
         },
@@ -380,7 +381,7 @@ fn what_is_wrong_with_a_recording_is_found() {
     );
     check(
         "straight",
-        Trouble {
+        Imperfections {
             straight: true,
             ..GOOD
         },
@@ -389,28 +390,28 @@ fn what_is_wrong_with_a_recording_is_found() {
 }
 
 #[test]
-fn too_few_pictures_are_an_error_that_names_the_eye() {
+fn too_few_views_are_an_error_that_names_the_eye() {
     let mut input = simulate(
         0,
-        Trouble {
+        Imperfections {
             instants: 30,
             ..GOOD
         },
     )
     .input;
-    input.sightings.retain(|s| s.eye != 3 || s.instant < 2);
+    input.detections.retain(|s| s.eye != 3 || s.instant < 2);
     let error = calibrate(input, &Settings::default(), &mut |_, _| {})
         .map(|c| c.used)
         .unwrap_err();
     let text = error.to_string();
     assert!(
-        text.starts_with("calibrating right_shoulder/right: a target was seen in"),
+        text.starts_with("calibrating right_shoulder/right: a target was detected in"),
         "{text}"
     );
 }
 
 #[test]
-fn another_cameras_factory_file_is_noticed() {
+fn factory_file_of_another_camera_is_detected() {
     let mut truth = simulate(5, GOOD);
     for eye in 0..2 {
         let factory = truth.input.eyes[eye].factory.as_mut().unwrap();
@@ -421,33 +422,33 @@ fn another_cameras_factory_file_is_noticed() {
 }
 
 #[test]
-fn an_origin_that_is_told_without_a_tolerance_stays_where_it_is() {
+fn nominal_pose_without_tolerance_is_fixed() {
     let mut truth = simulate(3, GOOD);
     let origin = RigidTransform::body_from_optical();
     let rig_from_rig = origin * truth.cameras[0].0.inverse();
     for (camera, (place, _)) in truth.input.cameras.iter_mut().zip(&truth.cameras) {
         camera.rig_from_left.as_mut().unwrap().transform = rig_from_rig * *place;
     }
-    truth.input.cameras[0].rig_from_left = Some(Told {
+    truth.input.cameras[0].rig_from_left = Some(ExtrinsicsPrior {
         transform: origin,
         covariance: Matrix6::zeros(),
     });
     let found = quiet(&truth.input);
-    let place = found.place(found.places.cameras[0].unwrap());
+    let place = found.pose(found.poses.cameras[0].unwrap());
     assert_eq!(place, (origin, Matrix6::zeros()));
-    let (_, covariance) = found.place(found.places.cameras[1].unwrap());
+    let (_, covariance) = found.pose(found.poses.cameras[1].unwrap());
     assert!(covariance.trace() > 0.0);
 }
 
 #[test]
-fn cameras_that_are_not_connected_with_the_origin_are_told_of_it() {
+fn camera_not_connected_with_the_origin_gives_a_finding() {
     let mut input = simulate(3, GOOD).input;
     for camera in &mut input.cameras {
         camera.rig_from_left = None;
     }
     // The first camera sees boards when the others see none.
     input
-        .sightings
+        .detections
         .retain(|s| (s.eye < 2) == (s.instant % 2 == 0));
     let found = quiet(&input);
     let expected = "right_shoulder, feet could not be connected with left_shoulder, the origin";
@@ -458,9 +459,9 @@ fn cameras_that_are_not_connected_with_the_origin_are_told_of_it() {
     );
 }
 
-/// Boards alone: no lens, no baseline, no place of a camera is told.
+/// Boards alone: no lens, no baseline and no camera pose is given.
 #[test]
-fn with_nothing_told_the_first_camera_is_the_origin() {
+fn without_nominal_poses_the_first_camera_is_the_origin() {
     let mut truth = simulate(2, GOOD);
     for eye in &mut truth.input.eyes {
         eye.factory = None;
@@ -468,17 +469,17 @@ fn with_nothing_told_the_first_camera_is_the_origin() {
     for camera in &mut truth.input.cameras {
         (camera.left_from_right, camera.rig_from_left) = (None, None);
     }
-    // The first of the list, whichever board it sees.
+    // The origin is the first of the list, whichever board it observes.
     truth.input.cameras.reverse();
     truth.cameras.reverse();
     assert_eq!(truth.input.origin(), Some(0));
     let found = calibrate(truth.input.clone(), &Settings::default(), &mut |_, _| {}).unwrap();
     assert_eq!(failures(&found), Vec::<&str>::new());
-    let (origin, covariance) = found.place(found.places.cameras[0].unwrap());
+    let (origin, covariance) = found.pose(found.poses.cameras[0].unwrap());
     assert_eq!(origin, RigidTransform::body_from_optical());
     assert_eq!(covariance, Matrix6::zeros());
     for camera in 1..3 {
-        let (rig_from_left, covariance) = found.place(found.places.cameras[camera].unwrap());
+        let (rig_from_left, covariance) = found.pose(found.poses.cameras[camera].unwrap());
         let true_place = RigidTransform::body_from_optical()
             * truth.cameras[0].0.inverse()
             * truth.cameras[camera].0;
@@ -488,13 +489,13 @@ fn with_nothing_told_the_first_camera_is_the_origin() {
             mm < 2.0 && degrees < 0.1,
             "{camera}: {mm} mm, {degrees} degrees"
         );
-        // What the sigmas say is of the size of what is off.
+        // The stated sigmas are of the size of the errors.
         let sigma_mm = 1e3 * (covariance.trace()).sqrt();
         assert!((0.01..2.0).contains(&sigma_mm), "{camera}: {sigma_mm} mm");
     }
-    let mut told = simulate(2, GOOD).input;
-    assert_eq!(told.origin(), None);
-    told.cameras.truncate(1);
-    told.cameras[0].rig_from_left = None;
-    assert_eq!(told.origin(), Some(0));
+    let mut nominal = simulate(2, GOOD).input;
+    assert_eq!(nominal.origin(), None);
+    nominal.cameras.truncate(1);
+    nominal.cameras[0].rig_from_left = None;
+    assert_eq!(nominal.origin(), Some(0));
 }

@@ -7,12 +7,12 @@ const TEXT: &str = "# Camera list with one line of data per camera:\n#   CAMERA_
                     0.002\n7 OPENCV_FISHEYE 640 480 300 300 320 240 0.01 0.02 0.03 0.04\n";
 
 #[test]
-fn half_a_pixel_lies_between_the_conventions() {
+fn pixel_conventions_differ_by_half_a_pixel() {
     let folder = Folder::new();
     let (set, notes) = read(&folder.file("cameras.txt", TEXT)).unwrap();
     assert_eq!(set.names(), ["3", "1", "7"]);
     let m = &set.cameras[0].model;
-    // The middle of a picture of 640 columns is 320 in COLMAP's coordinates and 319.5 in ours.
+    // The centre of an image of 640 columns is 320 in COLMAP's coordinates and 319.5 in ours.
     assert_eq!((m.cx, m.cy, m.fx, m.fy), (319.5, 239.5, 500.0, 500.0));
     let axis = Lens::new(m).project([0.0, 0.0, 1.0]).unwrap();
     assert_eq!(axis, [0.5 * (640.0 - 1.0), 0.5 * (480.0 - 1.0)]);
@@ -100,7 +100,7 @@ fn text_and_binary_hold_the_same() {
 }
 
 #[test]
-fn traps() {
+fn invalid_files_are_rejected() {
     let folder = Folder::new();
     for (text, expected) in [
         (
@@ -135,7 +135,7 @@ fn traps() {
 }
 
 #[test]
-fn a_file_that_was_cut_off_is_noted() {
+fn truncated_file_is_noted() {
     let folder = Folder::new();
     let camera = |id: u32| format!("{id} PINHOLE 640 480 500 500 320 240\n");
     let text = format!("# Number of cameras: 2\n{}", camera(1));

@@ -34,7 +34,7 @@ fn larger_models_of_the_family_are_exact() {
         assert_eq!(LensModel::of(&found.model.distortion), target);
         model = found.model;
     }
-    // And back, since all coefficients are 0.
+    // And the reverse, since all coefficients are 0.
     assert_eq!(
         convert(&model, LensModel::None).unwrap().model,
         camera(Distortion::None)
@@ -47,7 +47,7 @@ fn larger_models_of_the_family_are_exact() {
         Some(EUROC)
     );
     assert_eq!(exactly(&EUROC, LensModel::Radial2), None);
-    // The carried coefficients give the same pixels.
+    // The copied coefficients give the same pixels.
     let (a, b) = (Lens::new(&camera(EUROC)), Lens::new(&wide.model));
     assert_eq!(a.project([0.4, -0.2, 1.0]), b.project([0.4, -0.2, 1.0]));
 }
@@ -103,8 +103,8 @@ fn a_moderate_lens_in_every_model() {
 }
 
 #[test]
-fn there_and_back() {
-    // A lens without tangential terms: what one model says, a flexible one repeats closely.
+fn conversion_and_inverse_agree() {
+    // A lens without tangential terms: a flexible model approximates another closely.
     let ds = camera(Distortion::DoubleSphere {
         xi: -0.24,
         alpha: 0.567,
@@ -138,7 +138,7 @@ fn a_fisheye_loses_its_edge_in_a_pinhole_model() {
     println!("{found}");
     assert!(found.lost > 0.1 && found.lost < 0.6, "{found}");
     assert!(found.lost_from_rad.unwrap() > 50_f64.to_radians());
-    // Less is asked for, so what remains is better.
+    // A smaller range gives a smaller error.
     let middle = convert_within(&wide, LensModel::RadTan5, 50_f64.to_radians()).unwrap();
     println!("{middle}");
     assert!(
@@ -155,7 +155,7 @@ fn a_fisheye_loses_its_edge_in_a_pinhole_model() {
 }
 
 #[test]
-fn the_same_lens_as_others_fitted_it() {
+fn conversion_agrees_with_independent_fits() {
     // Basalt calibrated the same TUM-VI camera twice: a double sphere and an EUCM.
     for (from, to, target) in [
         ("tumvi_512_ds", "tumvi_512_eucm", LensModel::Eucm),
@@ -169,7 +169,8 @@ fn the_same_lens_as_others_fitted_it() {
         let (source, theirs) = (model(&from), model(&to));
         let ours = convert(&source, target).unwrap();
         println!("{ours}");
-        // Their fit to corners of a board and ours to their other fit agree where a board was seen.
+        // Their fit to corners of a board and ours to their other fit agree in the area where the
+        // board was observed.
         let (source, ours, theirs) = (
             Lens::new(&source),
             Lens::new(&ours.model),

@@ -57,7 +57,7 @@ fn pairs() -> [StereoCalibration; 3] {
     .map(pair)
 }
 
-/// Matched pixels of points that both see.
+/// Matched pixels of points in the common field of view.
 fn matches(pair: &StereoCalibration) -> Vec<([f64; 2], [f64; 2])> {
     let (left, right) = (Lens::new(&pair.left), Lens::new(&pair.right));
     (0..200_u32)
@@ -72,7 +72,7 @@ fn matches(pair: &StereoCalibration) -> Vec<([f64; 2], [f64; 2])> {
 }
 
 #[test]
-fn true_matches_are_off_by_nothing() {
+fn true_matches_have_no_epipolar_error() {
     for pair in pairs() {
         let epipolar = Epipolar::new(&pair).unwrap();
         for (l, r) in matches(&pair) {
@@ -83,8 +83,8 @@ fn true_matches_are_off_by_nothing() {
     }
 }
 
-/// The distance by trying: both directions are moved on the plane z = 1 until they are of one point,
-/// by Newton steps along the constraint's own differences.
+/// The distance by search: both directions are moved on the plane z = 1 until they satisfy the
+/// constraint, by Newton steps with finite differences.
 fn least_move(pair: &StereoCalibration, l: [f64; 2], r: [f64; 2], focal_px: f64) -> f64 {
     let plane = |model: &CameraModel, pixel| {
         let [x, y, z] = Lens::new(model).unproject(pixel).unwrap();
@@ -92,7 +92,7 @@ fn least_move(pair: &StereoCalibration, l: [f64; 2], r: [f64; 2], focal_px: f64)
     };
     let (l, r) = (plane(&pair.left, l), plane(&pair.right, r));
     let start = [l[0], l[1], r[0], r[1]];
-    // Triple product of the left ray, turned, the right ray and the baseline.
+    // Triple product of the rotated left ray, the right ray and the baseline.
     let miss = |v: &[f64; 4]| {
         let a = Vector3::from(pair.right_from_left.rotate([v[0], v[1], 1.0]));
         let b = Vector3::new(v[2], v[3], 1.0);
@@ -107,7 +107,7 @@ fn least_move(pair: &StereoCalibration, l: [f64; 2], r: [f64; 2], focal_px: f64)
             down[i] -= H;
             (miss(&up) - miss(&down)) / (2.0 * H)
         });
-        // Nearest point to the start on the constraint as it is around v.
+        // Nearest point to the start on the constraint linearized at v.
         let norm: f64 = slope.iter().map(|s| s * s).sum();
         let along: f64 = (0..4).map(|i| slope[i] * (start[i] - v[i])).sum();
         let step = (miss(&v) + along) / norm;
@@ -122,7 +122,7 @@ fn least_move(pair: &StereoCalibration, l: [f64; 2], r: [f64; 2], focal_px: f64)
 }
 
 #[test]
-fn wrong_matches_agree_with_brute_force() {
+fn sampson_distance_agrees_with_brute_force() {
     for pair in pairs() {
         let epipolar = Epipolar::new(&pair).unwrap();
         for (i, (l, mut r)) in matches(&pair).into_iter().enumerate() {
@@ -130,7 +130,7 @@ fn wrong_matches_agree_with_brute_force() {
             let before = epipolar.row_difference(l, r).unwrap();
             r[1] += off;
             let after = epipolar.row_difference(l, r).unwrap();
-            // A pixel down in the right picture is about a row down, more or less where the lens bends.
+            // A pixel down in the right image is about a row down, scaled by the local distortion.
             assert!((after - before) * off >= 0.0);
             assert!((after - before).abs() <= 2.5 * off.abs() + 1e-9);
 
@@ -140,10 +140,10 @@ fn wrong_matches_agree_with_brute_force() {
                 (sampson.abs() - tried).abs() < 1e-3 * tried + 1e-8,
                 "{sampson} {tried}"
             );
-            // Of a rectified pair it is the row difference over the square root of 2.
+            // For a rectified pair it is the row difference over the square root of 2.
             assert!((sampson.abs() * 2_f64.sqrt() - after.abs()).abs() < 0.15 * after.abs() + 1e-9);
 
-            // Rows by the rectified pictures themselves.
+            // Rows in the rectified images themselves.
             let view = crate::View::Focal(epipolar.focal_px());
             let rectified = crate::Rectification::new(&pair, view).unwrap();
             let row = |eye, px| rectified.new_pixel(eye, px).unwrap()[1];

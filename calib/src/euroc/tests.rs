@@ -2,7 +2,8 @@ use super::*;
 use crate::read_stereo;
 use crate::test_data::{Folder, shared};
 
-/// Body frame of these made-up files: the left camera turned so that the body's x looks along z.
+/// Body frame of these synthetic files: the left camera rotated so that the body's x is along its
+/// z.
 const LEFT: &str = "%YAML:1.0\nsensor_type: camera\nT_BS:\n  cols: 4\n  rows: 4\n  data: [0.0, 0.0, 1.0, 0.1,\n         \
                     -1.0, 0.0, 0.0, 0.05,\n         0.0, -1.0, 0.0, 0.0,\n         0.0, 0.0, 0.0, 1.0]\nrate_hz: 20\n\
                     resolution: [640, 480]\ncamera_model: pinhole\nintrinsics: [400.0, 401.0, 320.0, 240.0] #fu\n\
@@ -77,7 +78,7 @@ fn the_real_sequence() {
 
     let error = read_stereo(&path, 376, 240).unwrap_err().to_string();
     assert!(
-        error.contains("pictures of 376x240: found 752x480"),
+        error.contains("images of 376x240: found 752x480"),
         "{error}"
     );
 }
@@ -150,7 +151,7 @@ fn models_and_an_absent_imu() {
 }
 
 #[test]
-fn traps() {
+fn invalid_files_are_rejected() {
     let check = |left: String, right: &str, imu: Option<&str>, expected: &str| {
         let folder = folder(&left, right, imu);
         let error = read_stereo(folder.path(), 640, 480)

@@ -1,21 +1,21 @@
-//! Small gaps.
+//! Bridging of small gaps.
 //!
-//! A sample lost now and then would cut a long recording into pieces too short for any long average. A short
-//! gap that leaves the clock's grid as it is, is filled with the mean of the second around it; what the fill lacks in noise
-//! is no more than its share of the samples.
+//! A single dropped sample now and then would cut a long recording into runs too short for long
+//! averages. A short gap that is a whole number of periods is filled with the mean of the second
+//! around it; the noise missing in the fill is no more than its fraction of the samples.
 
-use super::{Remark, Series, Weight};
+use super::{Finding, Series, Severity};
 
-/// Gaps up to this long are filled, s.
-const LONGEST_S: f64 = 0.1;
-/// As long as all fills together are no more than this share of the samples.
-const SHARE: f64 = 1e-3;
-/// The gap must be a whole number of periods, to this part of one.
-const GRID: f64 = 0.25;
+/// Maximum length of a gap that is filled, s.
+const MAX_GAP_S: f64 = 0.1;
+/// Maximum fraction of filled samples.
+const MAX_BRIDGED_RATIO: f64 = 1e-3;
+/// Maximum deviation of a gap from a whole number of periods, in periods.
+const MAX_GRID_DEVIATION: f64 = 0.25;
 
 impl Series {
-    /// The series with its small gaps filled, and a remark that says so; unchanged if there are none, or if they
-    /// are too many.
+    /// The series with its small gaps filled, and a finding about it; unchanged if there are none
+    /// or too many.
     #[must_use]
     pub fn bridged(self) -> Self {
         let Some(fills) = self.fills() else {
@@ -74,15 +74,15 @@ impl Series {
             1 => "1 short gap".to_owned(),
             n => format!("{n} short gaps"),
         };
-        filled.bridged.push(Remark {
-            weight: Weight::Note,
+        filled.bridged.push(Finding {
+            severity: Severity::Note,
             kind: "bridged",
             text: format!("{gaps} of {missing} samples in all filled with the mean around"),
         });
         filled
     }
 
-    /// The runs that a small gap follows, with the samples that it lacks.
+    /// Runs followed by a small gap, with the number of missing samples.
     fn fills(&self) -> Option<Vec<(usize, usize)>> {
         let mut steps: Vec<f64> = self
             .runs
@@ -98,13 +98,13 @@ impl Series {
         for (i, pair) in self.runs.windows(2).enumerate() {
             let gap = self.times_s[pair[1].start] - self.times_s[pair[0].end - 1];
             let periods = gap / period;
-            let on_grid = (periods - periods.round()).abs() < GRID && periods >= 1.5;
-            if on_grid && gap <= LONGEST_S.max(1.5 * period) + period {
+            let on_grid = (periods - periods.round()).abs() < MAX_GRID_DEVIATION && periods >= 1.5;
+            if on_grid && gap <= MAX_GAP_S.max(1.5 * period) + period {
                 fills.push((i, periods.round() as usize - 1));
             }
         }
         let missing: usize = fills.iter().map(|fill| fill.1).sum();
-        let few = missing as f64 <= SHARE * self.times_s.len() as f64;
+        let few = missing as f64 <= MAX_BRIDGED_RATIO * self.times_s.len() as f64;
         (missing > 0 && few).then_some(fills)
     }
 }

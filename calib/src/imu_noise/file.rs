@@ -34,7 +34,7 @@ pub(super) fn kalibr_yaml(found: &Measurement, topic: &str, origin: &str) -> Str
                     text,
                     "# {key}: not determined by this recording; below {limit:.2e} {unit} with 95 %"
                 ),
-                Worst::Refused => writeln!(text, "# {key}: an axis gave nothing to measure"),
+                Worst::Unavailable => writeln!(text, "# {key}: an axis gave nothing to measure"),
             };
             for axis in found.axes.iter().filter(|axis| axis.index / 3 == index) {
                 let value = axis.fit.as_ref().map(|fit| fit.value(coefficient));

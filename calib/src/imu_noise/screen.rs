@@ -1,55 +1,58 @@
-//! Is this a recording of a still IMU, and which parts of it?
+//! Screening: which parts of a recording are static.
 //!
-//! The samples are looked at in blocks of a second. Noise is the same in all of them, so a block whose
-//! spread or mean stands out is not noise. All thresholds are against the medians of the recording itself,
-//! except for the last line: no IMU worth calibrating is as noisy as one that is carried.
+//! The samples are processed in blocks of a second. Noise is the same in all of them, so that a
+//! block whose spread or mean deviates is not noise. All thresholds are relative to the medians of
+//! the recording itself, except for the last: no IMU worth calibrating is as noisy as one that is
+//! carried.
 
 use std::ops::Range;
 
-use super::{AXES, LEAST_STILL_S, Remark, Series, Weight};
+use super::{AXES, Finding, MIN_STATIC_S, Series, Severity};
 
 /// Length of a block, s.
 const BLOCK_S: f64 = 1.0;
-/// A block's spread may be this many times the median spread.
-const SPREAD: f64 = 4.0;
-/// A block's mean may be off the median mean by this much, rad/s and m/s², or [`SPREAD`] times the median
-/// spread if that is more. Biases move less, attitudes more: 0.05 m/s² is a tilt of 0.3°.
-const MEANS: [f64; 2] = [0.02, 0.3];
-/// And off the mean of the block before by this much.
-const STEPS: [f64; 2] = [0.01, 0.05];
-/// Median spreads, rad/s and m/s², that only a moving IMU has.
-const CARRIED: [f64; 2] = [0.05, 0.5];
-/// Left out on both sides of a motion, s.
-const MARGIN_S: f64 = 2.0;
-/// Values this many spreads from the median of their block are wild, if there are no more than
-/// [`FEW_WILD`] in it.
-const WILD: f64 = 10.0;
-const FEW_WILD: usize = 3;
-/// A value must be repeated at least this often to count as frozen, whatever the chances.
-const LEAST_FROZEN: usize = 20;
-/// This share of values at one end of the range is clipped.
-const CLIPPED: f64 = 1e-3;
-/// Fewer levels than this between least and greatest are coarse.
-const FEW_LEVELS: usize = 12;
-/// Rates may differ from what was promised by this share.
-const RATE_OFF: f64 = 0.01;
-/// A sample this share of a period off its place is jitter, and this share of such samples a doubt.
-const JITTER: (f64, f64) = (0.2, 0.01);
-/// Temperatures may differ by this, K, over a recording.
-const WARM_K: f32 = 3.0;
+/// Maximum spread of a block relative to the median spread.
+const OUTLIER_SPREAD_RATIO: f64 = 4.0;
+/// Maximum deviation of a block's mean from the median mean, rad/s and m/s², or
+/// [`OUTLIER_SPREAD_RATIO`] times the median spread if that is larger. Biases change less,
+/// attitudes more: 0.05 m/s² is a tilt of 0.3°.
+const MAX_MEAN_CHANGE: [f64; 2] = [0.02, 0.3];
+/// Maximum step of a block's mean from the previous block.
+const MAX_STEP: [f64; 2] = [0.01, 0.05];
+/// Median spreads, rad/s and m/s², above which the IMU moved throughout.
+const MAX_MOTION: [f64; 2] = [0.05, 0.5];
+/// Margin excluded on both sides of a motion, s.
+const MOTION_MARGIN_S: f64 = 2.0;
+/// Outlier threshold, in spreads from the median of the block, if there are no more than
+/// [`MAX_OUTLIERS`] in it.
+const OUTLIER_SIGMAS: f64 = 10.0;
+const MAX_OUTLIERS: usize = 3;
+/// Minimum number of repetitions of a frozen value, whatever its probability.
+const MIN_FROZEN_SAMPLES: usize = 20;
+/// Fraction of values at one end of the range above which the axis is saturated.
+const MAX_CLIPPED_RATIO: f64 = 1e-3;
+/// Minimum number of levels between minimum and maximum; fewer are coarse.
+const MIN_LEVELS: usize = 12;
+/// Maximum relative deviation of the rate from its nominal value.
+const MAX_RATE_DEVIATION: f64 = 0.01;
+/// Jitter: deviation of a sample from its nominal time, in periods, and the fraction of such
+/// samples above which it is reported.
+const MAX_JITTER: (f64, f64) = (0.2, 0.01);
+/// Maximum temperature change over a recording, K.
+const MAX_TEMPERATURE_CHANGE_K: f32 = 3.0;
 
-/// What can be used.
+/// Result of the screening.
 pub(super) struct Screened {
-    /// Time from sample to sample, s.
+    /// Sample period, s.
     pub(super) period_s: f64,
-    /// Runs without gap, motion or anything else.
+    /// Static runs without gap.
     pub(super) still: Vec<Range<usize>>,
     /// Axes that never change.
     pub(super) dead: [bool; 6],
-    pub(super) remarks: Vec<Remark>,
+    pub(super) findings: Vec<Finding>,
 }
 
-/// A span that is left out.
+/// An excluded span.
 #[derive(Clone, Copy, Debug, PartialEq)]
 struct Span {
     from: usize,
@@ -59,7 +62,7 @@ struct Span {
 struct Screen<'a> {
     series: &'a Series,
     period_s: f64,
-    remarks: Vec<Remark>,
+    findings: Vec<Finding>,
     spans: Vec<Span>,
     dead: [bool; 6],
 }
@@ -73,14 +76,14 @@ pub(super) fn screen(series: &Series) -> Screened {
     let mut screen = Screen {
         series,
         period_s: seconds / samples as f64,
-        remarks: Vec::new(),
+        findings: Vec::new(),
         spans: Vec::new(),
         dead: [false; 6],
     };
     let usable = screen.period_s.is_finite() && screen.period_s > 0.0;
     if !usable {
-        screen.remark(
-            Weight::Refusal,
+        screen.finding(
+            Severity::Fail,
             "short",
             "there are no two samples whose times differ".to_owned(),
         );
@@ -101,13 +104,17 @@ pub(super) fn screen(series: &Series) -> Screened {
         period_s: screen.period_s,
         still,
         dead: screen.dead,
-        remarks: screen.remarks,
+        findings: screen.findings,
     }
 }
 
 impl Screen<'_> {
-    fn remark(&mut self, weight: Weight, kind: &'static str, text: String) {
-        self.remarks.push(Remark { weight, kind, text });
+    fn finding(&mut self, severity: Severity, kind: &'static str, text: String) {
+        self.findings.push(Finding {
+            severity,
+            kind,
+            text,
+        });
     }
 
     fn seconds(&self, at: usize) -> f64 {
@@ -120,31 +127,31 @@ impl Screen<'_> {
         format!("between {from:.1} s and {to:.1} s")
     }
 
-    /// Whether the samples come as often and as evenly as promised.
+    /// Checks rate and jitter of the samples.
     fn rate(&mut self) {
         let (rate, nominal) = (1.0 / self.period_s, self.series.nominal_rate_hz);
-        if (rate / nominal - 1.0).abs() > RATE_OFF {
+        if (rate / nominal - 1.0).abs() > MAX_RATE_DEVIATION {
             let text = format!("samples come at {rate:.2} Hz, and {nominal:.2} Hz were promised");
-            self.remark(Weight::Note, "rate", text);
+            self.finding(Severity::Note, "rate", text);
         }
         let (mut steps, mut off, mut worst) = (0_u64, 0_u64, 0.0_f64);
         for run in &self.series.runs {
             for pair in self.series.times_s[run.clone()].windows(2) {
                 let away = ((pair[1] - pair[0]) / self.period_s - 1.0).abs();
                 steps += 1;
-                off += u64::from(away > JITTER.0);
+                off += u64::from(away > MAX_JITTER.0);
                 worst = worst.max(away);
             }
         }
         let share = off as f64 / steps.max(1) as f64;
-        if share > JITTER.1 {
+        if share > MAX_JITTER.1 {
             let text = format!(
                 "{:.1} % of the samples come more than a fifth of a period early or late, the worst by {:.1} \
                  periods: averages over a fixed number of samples are not over a fixed time",
                 100.0 * share,
                 worst
             );
-            self.remark(Weight::Doubt, "jitter", text);
+            self.finding(Severity::Warn, "jitter", text);
         }
     }
 
@@ -162,7 +169,7 @@ impl Screen<'_> {
                 },
                 longest as f64 * self.period_s
             );
-            self.remark(Weight::Note, "gaps", text);
+            self.finding(Severity::Note, "gaps", text);
         }
     }
 
@@ -176,13 +183,13 @@ impl Screen<'_> {
                 bad.len(),
                 self.seconds(*first)
             );
-            self.remark(Weight::Doubt, "not finite", text);
+            self.finding(Severity::Warn, "not finite", text);
             self.spans
                 .extend(bad.iter().map(|&i| Span { from: i, to: i + 1 }));
         }
     }
 
-    /// Frozen, clipped and coarse values of one axis.
+    /// Checks one axis for frozen, saturated and coarse values.
     fn values(&mut self, index: usize) {
         let (axis, name) = (&self.series.axes[index], AXES[index]);
         let all: Vec<f64> = axis.iter().copied().filter(|v| v.is_finite()).collect();
@@ -196,14 +203,15 @@ impl Screen<'_> {
         if least == greatest {
             self.dead[index] = true;
             let text = format!("{name} never changes: it is always {least} {unit}");
-            self.remark(Weight::Doubt, "frozen", text);
+            self.finding(Severity::Warn, "frozen", text);
             return;
         }
-        // A repeat has some chance, which the recording itself tells; a run of n repeats has its power.
+        // A repetition has a probability that the recording itself gives; a run of n repetitions
+        // has its power.
         let equal = all.windows(2).filter(|w| w[0] == w[1]).count();
         let chance = (equal as f64 / all.len() as f64).clamp(1e-6, 0.999_999);
         let unlikely = ((1e6 * all.len() as f64).ln() / -chance.ln()).ceil() as usize;
-        let long = unlikely.max(LEAST_FROZEN);
+        let long = unlikely.max(MIN_FROZEN_SAMPLES);
         let mut frozen: Vec<Span> = Vec::new();
         let mut from = 0;
         for i in 1..=axis.len() {
@@ -225,39 +233,39 @@ impl Screen<'_> {
                 },
                 samples as f64 * self.period_s
             );
-            self.remark(Weight::Doubt, "frozen", text);
+            self.finding(Severity::Warn, "frozen", text);
             self.spans.extend(frozen);
         }
         let mut levels: Vec<f64> = Vec::new();
         for value in &all {
-            if levels.len() > FEW_LEVELS {
+            if levels.len() > MIN_LEVELS {
                 break;
             }
             if !levels.contains(value) {
                 levels.push(*value);
             }
         }
-        if levels.len() < FEW_LEVELS {
+        if levels.len() < MIN_LEVELS {
             let text = format!(
                 "{name} takes only {} different values: its counts are coarser than its noise",
                 levels.len()
             );
-            self.remark(Weight::Doubt, "coarse", text);
+            self.finding(Severity::Warn, "coarse", text);
             return;
         }
         for end in [least, greatest] {
             let there = all.iter().filter(|v| **v == end).count() as f64 / all.len() as f64;
-            if there > CLIPPED {
+            if there > MAX_CLIPPED_RATIO {
                 let text = format!(
                     "{name}: {:.2} % of the values are exactly {end} {unit}, the end of its range: clipped",
                     100.0 * there
                 );
-                self.remark(Weight::Doubt, "clipped", text);
+                self.finding(Severity::Warn, "clipped", text);
             }
         }
     }
 
-    /// Samples in which nothing is new.
+    /// Checks for repeated samples.
     fn repeats(&mut self) {
         let n = self.series.times_s.len();
         let live: Vec<&Vec<f64>> = (0..6)
@@ -272,11 +280,11 @@ impl Screen<'_> {
                 100.0 * repeated,
                 (1.0 - repeated) / self.period_s
             );
-            self.remark(Weight::Doubt, "repeated", text);
+            self.finding(Severity::Warn, "repeated", text);
         }
     }
 
-    /// Blocks that are not noise.
+    /// Finds blocks with motion.
     fn motion(&mut self) {
         let size = ((BLOCK_S / self.period_s).round() as usize).max(8);
         let whole = |run: &Range<usize>| {
@@ -299,33 +307,35 @@ impl Screen<'_> {
                 .collect();
             let of = |pick: fn(&(f64, f64)) -> f64| median(blocks.iter().map(pick).collect());
             let (usual_mean, usual) = (of(|b| b.0), of(|b| b.1));
-            if usual > CARRIED[sensor] {
+            if usual > MAX_MOTION[sensor] {
                 let text = format!(
                     "the IMU moved all the time: {} spreads by {usual:.2} {} within a second",
                     AXES[index],
                     if sensor == 0 { "rad/s" } else { "m/s²" }
                 );
-                self.remark(Weight::Refusal, "moved", text);
+                self.finding(Severity::Fail, "moved", text);
                 return;
             }
             for (i, &(mean, spread)) in blocks.iter().enumerate() {
-                let away = (mean - usual_mean).abs() > MEANS[sensor].max(SPREAD * usual);
-                // The first quiet block after a motion is a step too, and no motion.
+                let away = (mean - usual_mean).abs()
+                    > MAX_MEAN_CHANGE[sensor].max(OUTLIER_SPREAD_RATIO * usual);
+                // The first quiet block after a motion is also a step, but no motion.
                 let follows = i > 0 && starts[i] == starts[i - 1] + size && !moved[i - 1];
-                let step =
-                    follows && (mean - blocks[i - 1].0).abs() > STEPS[sensor].max(SPREAD * usual);
-                // Frozen values do not spread; they are found elsewhere.
-                let hot = spread > SPREAD * usual && usual > 0.0;
+                let step = follows
+                    && (mean - blocks[i - 1].0).abs()
+                        > MAX_STEP[sensor].max(OUTLIER_SPREAD_RATIO * usual);
+                // Frozen values have no spread; they are found elsewhere.
+                let hot = spread > OUTLIER_SPREAD_RATIO * usual && usual > 0.0;
                 if !(away || step || hot) {
                     continue;
                 }
                 let block = &axis[starts[i]..starts[i] + size];
                 let middle = median(block.to_vec());
-                let is_wild = |v: &&f64| (**v - middle).abs() > WILD * usual;
+                let is_wild = |v: &&f64| (**v - middle).abs() > OUTLIER_SIGMAS * usual;
                 let count = block.iter().filter(is_wild).count();
                 if hot
-                    && (1..=FEW_WILD).contains(&count)
-                    && (middle - usual_mean).abs() < MEANS[sensor]
+                    && (1..=MAX_OUTLIERS).contains(&count)
+                    && (middle - usual_mean).abs() < MAX_MEAN_CHANGE[sensor]
                 {
                     wild.push((starts[i], index));
                 } else {
@@ -337,20 +347,20 @@ impl Screen<'_> {
         wild.sort_unstable();
         if let Some(&(first, index)) = wild.first() {
             let text = format!(
-                "single values stand out by more than {WILD:.0} times the usual spread in {} s, first of {} at {:.1} s; \
+                "single values stand out by more than {OUTLIER_SIGMAS:.0} times the usual spread in {} s, first of {} at {:.1} s; \
                  these seconds are left out",
                 wild.len(),
                 AXES[index],
                 self.seconds(first)
             );
-            self.remark(Weight::Doubt, "outliers", text);
+            self.finding(Severity::Warn, "outliers", text);
             let spans = wild.iter().map(|&(at, _)| Span {
                 from: at,
                 to: at + size,
             });
             self.spans.extend(spans);
         }
-        let margin = (MARGIN_S / self.period_s).round() as usize;
+        let margin = (MOTION_MARGIN_S / self.period_s).round() as usize;
         let end = self.series.times_s.len();
         let mut motions: Vec<(Span, Span)> = Vec::new();
         for (&at, _) in starts.iter().zip(&moved).filter(|(_, moved)| **moved) {
@@ -372,11 +382,11 @@ impl Screen<'_> {
         }
         for (seen, _) in motions.iter().take(3) {
             let text = format!("the IMU moved {}; left out", self.between(*seen));
-            self.remark(Weight::Doubt, "moved", text);
+            self.finding(Severity::Warn, "moved", text);
         }
         if motions.len() > 3 {
             let text = format!("the IMU moved {} times more", motions.len() - 3);
-            self.remark(Weight::Doubt, "moved", text);
+            self.finding(Severity::Warn, "moved", text);
         }
         self.spans.extend(motions.iter().map(|m| m.1));
     }
@@ -397,16 +407,16 @@ impl Screen<'_> {
             known().next().unwrap_or(least),
             known().next_back().unwrap_or(least),
         );
-        if greatest - least > WARM_K {
+        if greatest - least > MAX_TEMPERATURE_CHANGE_K {
             let text = format!(
                 "the temperature went from {first:.1} to {last:.1} °C, between {least:.1} and {greatest:.1} °C: \
                  biases follow it, and B and K come out larger than at rest"
             );
-            self.remark(Weight::Doubt, "temperature", text);
+            self.finding(Severity::Warn, "temperature", text);
         }
     }
 
-    /// The runs without the spans that are left out.
+    /// The runs without the excluded spans.
     fn left(&mut self) -> Vec<Range<usize>> {
         self.spans.sort_by_key(|span| (span.from, span.to));
         let mut still = Vec::new();
@@ -427,11 +437,11 @@ impl Screen<'_> {
             }
         }
         let longest = still.iter().map(Range::len).max().unwrap_or(0) as f64 * self.period_s;
-        if longest < LEAST_STILL_S {
+        if longest < MIN_STATIC_S {
             let text = format!(
-                "the longest stretch that can be used is {longest:.1} s, and at least {LEAST_STILL_S:.0} s are needed"
+                "the longest stretch that can be used is {longest:.1} s, and at least {MIN_STATIC_S:.0} s are needed"
             );
-            self.remark(Weight::Refusal, "short", text);
+            self.finding(Severity::Fail, "short", text);
         }
         still
     }

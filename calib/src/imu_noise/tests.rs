@@ -5,7 +5,7 @@ const RATE: f64 = 100.0;
 /// N and K of gyroscope and accelerometer.
 const TRUTH: [[f64; 2]; 2] = [[2e-4, 2e-5], [2e-3, 2e-4]];
 
-/// An IMU on a table for `seconds`.
+/// A static IMU for `seconds`.
 fn still(seconds: f64, seed: u64) -> Series {
     let n = (seconds * RATE) as usize;
     let axis = |i: usize| {
@@ -26,24 +26,28 @@ fn still(seconds: f64, seed: u64) -> Series {
 }
 
 fn kinds(found: &Measurement) -> Vec<&'static str> {
-    let mut kinds: Vec<&str> = found.remarks.iter().map(|r| r.kind).collect();
+    let mut kinds: Vec<&str> = found.findings.iter().map(|r| r.kind).collect();
     kinds.sort_unstable();
     kinds.dedup();
     kinds
 }
 
-/// Spoils a good recording, and expects the result with exactly this kind of remark.
+/// Degrades a good recording, and expects the result with exactly this kind of finding.
 fn check(kind: &'static str, refused: bool, spoil: impl FnOnce(&mut Series)) -> Measurement {
     let mut series = still(400.0, 1);
     spoil(&mut series);
     let found = measure(&series);
-    assert!(kinds(&found).contains(&kind), "{kind}: {:?}", found.remarks);
-    assert_eq!(found.is_refused(), refused, "{kind}: {:?}", found.remarks);
+    assert!(
+        kinds(&found).contains(&kind),
+        "{kind}: {:?}",
+        found.findings
+    );
+    assert_eq!(found.is_rejected(), refused, "{kind}: {:?}", found.findings);
     found
 }
 
 fn text<'a>(found: &'a Measurement, kind: &str) -> &'a str {
-    &found.remarks.iter().find(|r| r.kind == kind).unwrap().text
+    &found.findings.iter().find(|r| r.kind == kind).unwrap().text
 }
 
 /// Whether N of all axes that have a fit is right within four sigma or 3 %.
@@ -63,10 +67,15 @@ fn assert_right(found: &Measurement) {
 }
 
 #[test]
-fn a_good_recording_gives_the_truth_without_a_doubt() {
+fn good_recording_gives_ground_truth_without_findings() {
     let found = measure(&still(1500.0, 7));
-    let doubts = || found.remarks.iter().filter(|r| r.weight != Weight::Note);
-    assert_eq!(doubts().count(), 0, "{:?}", found.remarks);
+    let fit_findings = || {
+        found
+            .findings
+            .iter()
+            .filter(|r| r.severity != Severity::Note)
+    };
+    assert_eq!(fit_findings().count(), 0, "{:?}", found.findings);
     assert_eq!(found.used_s.len(), 1);
     assert_right(&found);
     let noise = found.noise().unwrap();
@@ -76,23 +85,23 @@ fn a_good_recording_gives_the_truth_without_a_doubt() {
         (noise.accel_noise_density, TRUTH[1][0]),
         (noise.accel_random_walk, TRUTH[1][1]),
     ] {
-        // The worst of three axes; a random walk is known to some 10 % after 25 minutes.
+        // The worst of three axes; a random walk is determined to some 10 % after 25 minutes.
         assert!(
             value > 0.9 * truth && value < 1.5 * truth,
             "{value:e} {truth:e}"
         );
     }
-    let yaml = found.kalibr_yaml("/feet/imu", "made up");
+    let yaml = found.kalibr_yaml("/feet/imu", "synthetic");
     assert!(yaml.contains("\ngyroscope_random_walk: "), "{yaml}");
     assert!(yaml.contains("\nupdate_rate: 100.000\n"), "{yaml}");
     assert_eq!(
         yaml,
-        measure(&still(1500.0, 7)).kalibr_yaml("/feet/imu", "made up")
+        measure(&still(1500.0, 7)).kalibr_yaml("/feet/imu", "synthetic")
     );
 }
 
 #[test]
-fn a_motion_is_named_and_left_out() {
+fn motion_is_reported_and_excluded() {
     let found = check("moved", false, |series| {
         for i in 1200..4000 {
             let t = i as f64 / RATE;
@@ -107,7 +116,7 @@ fn a_motion_is_named_and_left_out() {
     assert_eq!(found.used_s.len(), 2);
     assert_right(&found);
 
-    // Put down anew: the tilt is another one, which is seen even where the rate was not.
+    // Put down again: the tilt differs, which is detected even if the rate was not.
     let found = check("moved", false, |series| {
         series.axes[3][20_000..].iter_mut().for_each(|v| *v += 0.2);
     });
@@ -115,7 +124,7 @@ fn a_motion_is_named_and_left_out() {
 }
 
 #[test]
-fn a_walk_is_refused() {
+fn moving_imu_is_rejected() {
     let found = check("moved", true, |series| {
         for i in 0..series.times_s.len() {
             let t = i as f64 / RATE;
@@ -124,14 +133,14 @@ fn a_walk_is_refused() {
         }
     });
     assert_eq!(found.noise(), None);
-    let yaml = found.kalibr_yaml("/imu", "made up");
+    let yaml = found.kalibr_yaml("/imu", "synthetic");
     assert!(!yaml.contains("\naccelerometer_noise_density:"), "{yaml}");
     check("short", true, |series| *series = still(50.0, 2));
     check("short", true, |series| *series = Series::default());
 }
 
 #[test]
-fn bad_values_are_named() {
+fn bad_values_are_reported() {
     let found = check("frozen", false, |series| {
         let value = series.axes[2][5000];
         series.axes[2][5000..9000].fill(value);
@@ -148,7 +157,7 @@ fn bad_values_are_named() {
         text(&found, "frozen"),
         "accel y never changes: it is always 0 m/s²"
     );
-    assert_eq!(found.worst(1, Coefficient::White), Worst::Refused);
+    assert_eq!(found.worst(1, Coefficient::White), Worst::Unavailable);
     assert!(matches!(
         found.worst(0, Coefficient::White),
         Worst::Known(_)
@@ -188,7 +197,7 @@ fn bad_values_are_named() {
 }
 
 #[test]
-fn bad_times_and_gaps_are_named() {
+fn bad_times_and_gaps_are_reported() {
     let found = check("rate", false, |series| series.nominal_rate_hz = 200.0);
     assert_right(&found);
     let found = check("jitter", false, |series| {
@@ -242,7 +251,7 @@ fn short_gaps_are_filled_and_long_ones_are_not() {
     );
     assert!(kinds(&found).contains(&"gaps"));
     assert_right(&found);
-    // Four samples of 40000 change nothing that can be seen.
+    // Four samples of 40000 have no visible effect.
     let white = |found: &Measurement| found.axes[0].fit.as_ref().unwrap().deviation(0.1);
     assert!((white(&found) / white(&whole) - 1.0).abs() < 0.01);
 
@@ -253,7 +262,7 @@ fn short_gaps_are_filled_and_long_ones_are_not() {
 }
 
 #[test]
-fn warmth_and_drift_are_named() {
+fn temperature_change_and_drift_are_reported() {
     check("temperature", false, |series| {
         for (i, t) in series.temperature_c.iter_mut().enumerate() {
             *t += i as f32 * 2e-4;
@@ -271,8 +280,8 @@ fn warmth_and_drift_are_named() {
     let said = text(&found, "drift");
     assert!(said.starts_with("gyro x: the halves"), "{said}");
     assert!(
-        found.remarks.iter().all(|r| !r.text.starts_with("gyro y")),
+        found.findings.iter().all(|r| !r.text.starts_with("gyro y")),
         "{:?}",
-        found.remarks
+        found.findings
     );
 }

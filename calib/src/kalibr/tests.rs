@@ -63,14 +63,14 @@ fn a_chain_with_its_imu() {
         set.cameras[1].model.distortion,
         Distortion::KannalaBrandt4 { k4: 0.04, .. }
     ));
-    // T_cn_cnm1 takes cam0's points to cam1: a point on cam0's axis lies to the left in cam1.
+    // T_cn_cnm1 takes cam0's points to cam1: a point on cam0's axis is to the left in cam1.
     let (stereo, _) = set.stereo(None, &path).unwrap();
     assert_eq!(
         stereo.right_from_left.apply([0.0, 0.0, 2.0]),
         [-0.11, 0.0, 2.0]
     );
     let imu = set.imu.unwrap();
-    // T_cam_imu takes the IMU's points to the camera: its x axis looks along the optical axis.
+    // T_cam_imu takes the IMU's points to the camera: its x axis is along the optical axis.
     let in_imu = imu.imu_from_first.rotate([0.0, 0.0, 1.0]);
     assert!((in_imu[0] - 1.0).abs() < 1e-12, "{in_imu:?}");
     assert_eq!(imu.time_offset_s, Some(0.0052));
@@ -107,7 +107,7 @@ fn an_omni_camera_is_an_extended_unified_one() {
 }
 
 #[test]
-fn traps() {
+fn invalid_files_are_rejected() {
     let folder = Folder::new();
     let check = |from: &str, to: &str, expected: &str| {
         assert!(CHAIN.contains(from), "{from}");
@@ -232,7 +232,7 @@ fn a_camera_is_never_dropped() {
         cut.contains("line 16: found nothing, expected a block of keys as cam1"),
         "{cut}"
     );
-    // Cut before it, only the other camera tells.
+    // Truncated before it, only the other camera shows it.
     let (set, notes) = read(&folder.file("camchain.yaml", first)).unwrap();
     assert_eq!(set.names(), ["cam0"]);
     assert!(
@@ -246,11 +246,11 @@ fn a_camera_is_never_dropped() {
     let twice = error(&format!("{CHAIN}cam01: {{}}\n"));
     assert!(twice.contains("cam2 is missing"), "{twice}");
     // The order in the file does not matter, other keys are not cameras.
-    let turned = format!(
+    let rotated = format!(
         "calibrated: true\ncam1:{}{first}",
         CHAIN.split_once("cam1:").unwrap().1
     );
-    let (set, _) = read(&folder.file("camchain.yaml", &turned)).unwrap();
+    let (set, _) = read(&folder.file("camchain.yaml", &rotated)).unwrap();
     assert_eq!(set.names(), ["cam0", "cam1"]);
     assert_eq!(
         set.cameras[1].camera_from_first.unwrap().translation_m(),
@@ -259,7 +259,7 @@ fn a_camera_is_never_dropped() {
 }
 
 #[test]
-fn what_cannot_be_is_named_by_its_key() {
+fn impossible_value_is_named_by_its_key() {
     let folder = Folder::new();
     let check = |from: &str, to: &str, expected: &str| {
         let path = folder.file("camchain.yaml", &CHAIN.replacen(from, to, 1));

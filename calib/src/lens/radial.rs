@@ -1,31 +1,31 @@
-//! Pinhole with radial and tangential distortion: none, radial, radial-tangential, rational
-//! (Brown 1966; OpenCV's `calib3d`).
+//! Pinhole with radial and tangential distortion: none, radial, radial-tangential, rational (Brown
+//! 1966; OpenCV's `calib3d`).
 //!
-//! The domain ends where the distorted radius stops growing with the radius, at the latest 89.4 degrees
-//! off the axis. Tangential terms, which are small, are left out of that.
+//! The domain ends where the distorted radius is no longer increasing with the radius, at the
+//! latest 89.4 degrees off the axis. The small tangential terms are ignored for that.
 
 use nalgebra::Matrix2x3;
 
-use super::{Bent, ByCoefficients, end_of_domain, unit};
+use super::{ByCoefficients, Distorted, end_of_domain, unit};
 use crate::camera::Rational;
 
-/// Widest angle that is looked at, rad.
-const WIDEST_RAD: f64 = 1.56;
-/// Newton's method has converged when the residual on the plane z = 1 is this small.
-const CONVERGED: f64 = 1e-14;
-/// A direction that Newton's method misses by more, in parts of the distance from the axis, has none.
-const MISSED: f64 = 1e-10;
+/// Maximum angle off the axis, rad.
+const MAX_ANGLE_RAD: f64 = 1.56;
+/// Newton's method has converged when the residual on the plane z = 1 is below this.
+const CONVERGENCE: f64 = 1e-14;
+/// Maximum residual of a valid inverse, relative to the distance from the axis.
+const MAX_INVERSION_ERROR: f64 = 1e-10;
 
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Radial {
     model: Rational,
-    /// How many coefficients the model has in OpenCV's order.
+    /// Number of coefficients of the model in OpenCV's order.
     count: usize,
     /// Squared radius on the plane z = 1 where the domain ends.
     limit: f64,
 }
 
-/// The radial factor `over / under` at a squared radius, with its derivative by that.
+/// The radial factor `over / under` at a squared radius, with its derivative.
 struct Factor {
     over: f64,
     under: f64,
@@ -40,7 +40,7 @@ impl Radial {
             count: coefficients.len(),
             limit: f64::INFINITY,
         };
-        let widest = end_of_domain(WIDEST_RAD, |angle| {
+        let widest = end_of_domain(MAX_ANGLE_RAD, |angle| {
             let tangent = angle.tan();
             let s = tangent * tangent;
             let factor = radial.factor(s);
@@ -68,13 +68,13 @@ impl Radial {
         }
     }
 
-    /// On the plane z = 1, where the point is inside the domain.
+    /// The point on the plane z = 1, if it is inside the domain.
     fn on_plane(&self, [x, y, z]: [f64; 3]) -> Option<[f64; 2]> {
         let (a, b) = (x / z, y / z);
         (z > 0.0 && a * a + b * b <= self.limit).then_some([a, b])
     }
 
-    fn distort(&self, [a, b]: [f64; 2], factor: &Factor) -> [f64; 2] {
+    fn apply_coefficients(&self, [a, b]: [f64; 2], factor: &Factor) -> [f64; 2] {
         let s = a * a + b * b;
         let [p1, p2] = self.model.tangential;
         [
@@ -83,7 +83,7 @@ impl Radial {
         ]
     }
 
-    /// Derivatives of the distorted point by the point on the plane, rows first.
+    /// Jacobian of the distorted point with respect to the point on the plane, row-major.
     fn by_plane(&self, [a, b]: [f64; 2], factor: &Factor) -> [[f64; 2]; 2] {
         let [p1, p2] = self.model.tangential;
         let (g, h) = (factor.value, 2.0 * factor.slope);
@@ -94,12 +94,12 @@ impl Radial {
         ]
     }
 
-    pub(super) fn bend(&self, x_in_camera: [f64; 3]) -> Option<[f64; 2]> {
+    pub(super) fn distort(&self, x_in_camera: [f64; 3]) -> Option<[f64; 2]> {
         let on_plane @ [a, b] = self.on_plane(x_in_camera)?;
-        Some(self.distort(on_plane, &self.factor(a * a + b * b)))
+        Some(self.apply_coefficients(on_plane, &self.factor(a * a + b * b)))
     }
 
-    pub(super) fn bend_with_jacobians(&self, x_in_camera: [f64; 3]) -> Option<Bent> {
+    pub(super) fn distort_with_jacobians(&self, x_in_camera: [f64; 3]) -> Option<Distorted> {
         let on_plane @ [a, b] = self.on_plane(x_in_camera)?;
         let s = a * a + b * b;
         let factor = self.factor(s);
@@ -132,22 +132,22 @@ impl Radial {
             by_coefficients[(0, k)] = x;
             by_coefficients[(1, k)] = y;
         }
-        Some(Bent {
-            at: self.distort(on_plane, &factor),
+        Some(Distorted {
+            at: self.apply_coefficients(on_plane, &factor),
             by_point,
             by_coefficients,
         })
     }
 
-    pub(super) fn unbend(&self, at: [f64; 2]) -> Option<[f64; 3]> {
+    pub(super) fn undistort(&self, at: [f64; 2]) -> Option<[f64; 3]> {
         let [mut a, mut b] = self.first_guess(at);
         let mut miss = f64::INFINITY;
         for _ in 0..30 {
             let factor = self.factor(a * a + b * b);
-            let [da, db] = self.distort([a, b], &factor);
+            let [da, db] = self.apply_coefficients([a, b], &factor);
             let (ea, eb) = (at[0] - da, at[1] - db);
             miss = ea.abs().max(eb.abs());
-            if miss < CONVERGED {
+            if miss < CONVERGENCE {
                 break;
             }
             let [[xx, xy], [yx, yy]] = self.by_plane([a, b], &factor);
@@ -155,13 +155,13 @@ impl Radial {
             a += (ea * yy - eb * xy) / determinant;
             b += (eb * xx - ea * yx) / determinant;
         }
-        (miss < MISSED * (1.0 + at[0].hypot(at[1])) && a * a + b * b <= self.limit)
+        (miss < MAX_INVERSION_ERROR * (1.0 + at[0].hypot(at[1])) && a * a + b * b <= self.limit)
             .then(|| unit([a, b, 1.0]))
             .flatten()
     }
 
-    /// The radial part alone, undone by halving intervals, so that Newton's method starts on the right
-    /// side of where the distortion turns back.
+    /// Inverse of the radial part alone, by bisection, so that Newton's method starts on the right
+    /// side of the end of the domain.
     fn first_guess(&self, [x, y]: [f64; 2]) -> [f64; 2] {
         let goal = (x * x + y * y).sqrt();
         let distorted = |r: f64| r * self.factor(r * r).value;
@@ -169,7 +169,7 @@ impl Radial {
         if distorted(high) <= goal {
             low = high;
         }
-        // A twentieth of a percent is near enough for Newton's method.
+        // A twentieth of a percent is accurate enough as a start for Newton's method.
         while high - low > 5e-4 * high {
             let middle = 0.5 * (low + high);
             if distorted(middle) < goal {

@@ -3,7 +3,7 @@
 
 use nalgebra::Matrix2x3;
 
-use super::{Bent, ByCoefficients, unit};
+use super::{ByCoefficients, Distorted, unit};
 
 #[derive(Clone, Copy, Debug)]
 pub(super) struct DoubleSphere {
@@ -26,8 +26,14 @@ fn weight(alpha: f64) -> f64 {
     }
 }
 
-/// The quotient `(x, y) / n` with the derivatives of `n` by the point and by two coefficients.
-fn quotient([x, y]: [f64; 2], n: f64, n_by_point: [f64; 3], n_by_coefficients: [f64; 2]) -> Bent {
+/// The quotient `(x, y) / n` with the derivatives of `n` with respect to the point and two
+/// coefficients.
+fn quotient(
+    [x, y]: [f64; 2],
+    n: f64,
+    n_by_point: [f64; 3],
+    n_by_coefficients: [f64; 2],
+) -> Distorted {
     let (a, b) = (x / n, y / n);
     let [nx, ny, nz] = n_by_point.map(|d| d / n);
     let by_point = Matrix2x3::new(
@@ -43,7 +49,7 @@ fn quotient([x, y]: [f64; 2], n: f64, n_by_point: [f64; 3], n_by_coefficients: [
         by_coefficients[(0, k)] = -a * d / n;
         by_coefficients[(1, k)] = -b * d / n;
     }
-    Bent {
+    Distorted {
         at: [a, b],
         by_point,
         by_coefficients,
@@ -66,12 +72,12 @@ impl DoubleSphere {
         (n > 0.0).then_some((d1, d2, depth, n))
     }
 
-    pub(super) fn bend(&self, point: [f64; 3]) -> Option<[f64; 2]> {
+    pub(super) fn distort(&self, point: [f64; 3]) -> Option<[f64; 2]> {
         let (.., n) = self.distances(point)?;
         Some([point[0] / n, point[1] / n])
     }
 
-    pub(super) fn bend_with_jacobians(&self, point: [f64; 3]) -> Option<Bent> {
+    pub(super) fn distort_with_jacobians(&self, point: [f64; 3]) -> Option<Distorted> {
         let [x, y, z] = point;
         let (d1, d2, depth, n) = self.distances(point)?;
         let rest = 1.0 - self.alpha;
@@ -85,7 +91,7 @@ impl DoubleSphere {
         Some(quotient([x, y], n, by_point, [along * d1, d2 - depth]))
     }
 
-    pub(super) fn unbend(&self, [x, y]: [f64; 2]) -> Option<[f64; 3]> {
+    pub(super) fn undistort(&self, [x, y]: [f64; 2]) -> Option<[f64; 3]> {
         let s = x * x + y * y;
         let under_root = 1.0 - (2.0 * self.alpha - 1.0) * s;
         if under_root.is_nan() || under_root < 0.0 {
@@ -117,12 +123,12 @@ impl Eucm {
         (d > 0.0 && z > -weight(self.alpha) * d && n > 0.0).then_some((d, n))
     }
 
-    pub(super) fn bend(&self, point: [f64; 3]) -> Option<[f64; 2]> {
+    pub(super) fn distort(&self, point: [f64; 3]) -> Option<[f64; 2]> {
         let (_, n) = self.distances(point)?;
         Some([point[0] / n, point[1] / n])
     }
 
-    pub(super) fn bend_with_jacobians(&self, point: [f64; 3]) -> Option<Bent> {
+    pub(super) fn distort_with_jacobians(&self, point: [f64; 3]) -> Option<Distorted> {
         let [x, y, z] = point;
         let (d, n) = self.distances(point)?;
         let side = self.alpha * self.beta / d;
@@ -131,7 +137,7 @@ impl Eucm {
         Some(quotient([x, y], n, by_point, [d - z, by_beta]))
     }
 
-    pub(super) fn unbend(&self, [x, y]: [f64; 2]) -> Option<[f64; 3]> {
+    pub(super) fn undistort(&self, [x, y]: [f64; 2]) -> Option<[f64; 3]> {
         let s = x * x + y * y;
         let under_root = 1.0 - (2.0 * self.alpha - 1.0) * self.beta * s;
         if under_root.is_nan() || under_root < 0.0 {

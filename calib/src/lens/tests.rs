@@ -2,7 +2,7 @@ use proptest::prelude::*;
 
 use super::*;
 
-/// Lenses of every family: mild, strong, and some that turn back inside a wide picture.
+/// Lenses of every family: mild, strong, and some that are not monotonic inside a wide image.
 fn models() -> Vec<CameraModel> {
     let (p1, p2) = (3e-4, -2e-4);
     let distortions = [
@@ -14,7 +14,7 @@ fn models() -> Vec<CameraModel> {
             p1,
             p2,
         },
-        // A ZED Mini's own factory values turn back at 58 degrees.
+        // A ZED Mini's factory values are not monotonic beyond 58 degrees.
         Distortion::RadTan5 {
             k1: -0.17,
             k2: 0.026,
@@ -68,28 +68,28 @@ fn models() -> Vec<CameraModel> {
 
 proptest! {
     #[test]
-    fn the_twin_agrees_with_its_derivatives(x in -2.0..2.0, y in -2.0..2.0, z in 0.2..3.0) {
+    fn projection_and_jacobians_agree_with_dual_numbers(x in -2.0..2.0, y in -2.0..2.0, z in 0.2..3.0) {
         for model in models() {
             let lens = Lens::new(&model);
             let Some(found) = lens.project_with_jacobians([x, y, z]) else { continue };
             prop_assert_eq!(Some(found.pixel), lens.project([x, y, z]));
-            for (row, twin) in twin::project(&model, [x, y, z]).into_iter().enumerate() {
+            for (row, dual) in dual::project(&model, [x, y, z]).into_iter().enumerate() {
                 let off = |a: f64, b: f64| (a - b).abs() / (1.0 + b.abs());
                 // Both are f64; what differs is the order of operations.
-                prop_assert!(off(found.pixel[row], twin.value) < 1e-12, "{model:?}");
+                prop_assert!(off(found.pixel[row], dual.value) < 1e-12, "{model:?}");
                 for i in 0..3 {
-                    prop_assert!(off(found.by_point[(row, i)], twin.by[i]) < 1e-10, "{model:?}");
+                    prop_assert!(off(found.by_point[(row, i)], dual.by[i]) < 1e-10, "{model:?}");
                 }
-                for i in 0..CameraModel::MOST {
+                for i in 0..CameraModel::MAX_PARAMETERS {
                     let own = found.by_parameters[(row, i)];
-                    prop_assert!(off(own, twin.by[3 + i]) < 1e-10, "{model:?} {i}");
+                    prop_assert!(off(own, dual.by[3 + i]) < 1e-10, "{model:?} {i}");
                 }
             }
         }
     }
 
     #[test]
-    fn differences_agree(x in -1.0..1.0, y in -1.0..1.0, z in 0.8..3.0) {
+    fn jacobians_agree_with_differences(x in -1.0..1.0, y in -1.0..1.0, z in 0.8..3.0) {
         const H: f64 = 1e-6;
         for model in models() {
             let lens = Lens::new(&model);
@@ -120,11 +120,11 @@ proptest! {
     }
 
     #[test]
-    fn every_pixel_that_has_a_direction_comes_back(u in -0.5..751.5, v in -0.5..479.5) {
+    fn unproject_then_project_returns_the_pixel(u in -0.5..751.5, v in -0.5..479.5) {
         for model in models() {
             let lens = Lens::new(&model);
             let Some(direction) = lens.unproject([u, v]) else {
-                prop_assert!(!lens.covers_picture(), "{model:?}");
+                prop_assert!(!lens.covers_image(), "{model:?}");
                 continue;
             };
             let length: f64 = direction.iter().map(|d| d * d).sum();
@@ -135,7 +135,7 @@ proptest! {
     }
 
     #[test]
-    fn every_point_that_has_a_pixel_comes_back(angle in 0.0..3.1f64, around in 0.0..std::f64::consts::TAU) {
+    fn project_then_unproject_returns_the_direction(angle in 0.0..3.1f64, around in 0.0..std::f64::consts::TAU) {
         for model in models() {
             let lens = Lens::new(&model);
             // At the very end of the domain the inverse loses its digits.
@@ -155,8 +155,8 @@ proptest! {
 }
 
 #[test]
-fn domains_end_where_the_picture_would_fold() {
-    // k1 alone turns back where 1 + 3 k1 r² = 0.
+fn domain_ends_before_the_image_folds() {
+    // With k1 alone, the distortion has its maximum where 1 + 3 k1 r² = 0.
     let model = CameraModel {
         distortion: Distortion::Radial2 { k1: -0.3, k2: 0.0 },
         ..models()[0]
@@ -171,7 +171,7 @@ fn domains_end_where_the_picture_would_fold() {
     let pixel = |r: f64| [model.fx * r + model.cx, model.cy];
     assert!(lens.unproject(pixel(edge * 0.999)).is_some());
     assert_eq!(lens.unproject(pixel(edge * 1.001)), None);
-    // Behind a pinhole there is nothing; a fisheye sees more than half of the world.
+    // A pinhole has nothing behind it; a fisheye sees more than half of the world.
     assert_eq!(Lens::new(&models()[0]).project([0.1, 0.1, -1.0]), None);
     let wide = Distortion::KannalaBrandt4 {
         k1: 0.0,
@@ -188,7 +188,7 @@ fn domains_end_where_the_picture_would_fold() {
 }
 
 #[test]
-fn nothing_comes_of_nothing() {
+fn points_without_direction_have_no_pixel() {
     for model in models() {
         let lens = Lens::new(&model);
         assert_eq!(lens.project([0.0; 3]), None, "{model:?}");

@@ -10,7 +10,7 @@ fn poses(path: &Path) -> Vec<RigidTransform> {
     frames.iter().map(|frame| pose(frame).unwrap()).collect()
 }
 
-/// All frames of a walk, longer than anything that people write.
+/// All frames of a recording, longer than any handwritten file.
 #[test]
 fn a_file_of_many_frames_is_read() {
     let folder = Folder::new();
@@ -26,7 +26,7 @@ fn a_file_of_many_frames_is_read() {
 }
 
 #[test]
-fn a_file_that_is_too_long_says_what_to_do() {
+fn too_long_file_is_an_error_with_advice() {
     let folder = Folder::new();
     for (name, limit) in [
         ("transforms.json", plain_file::DOCUMENT_LIMIT),
@@ -63,8 +63,8 @@ fn axes_and_half_pixels() {
         }
     ));
     let world_from_camera = poses(&path)[0];
-    // This camera looks along OpenGL's -z, which the matrix takes to the world's +y, and its y (up) to
-    // the world's +z: a picture taken upright, northwards.
+    // This camera faces along OpenGL's -z, which the matrix takes to the world's +y, and its y (up)
+    // to the world's +z: an upright image, facing north.
     let ahead = world_from_camera.apply([0.0, 0.0, 2.0]);
     let down = world_from_camera.rotate([0.0, 1.0, 0.0]);
     for (found, expected) in [(ahead, [5.0, 8.0, 7.0]), (down, [0.0, 0.0, -1.0])] {
@@ -113,7 +113,7 @@ fn the_fox() {
     ));
     let poses = poses(&path);
     assert_eq!(poses.len(), 67);
-    // Pictures taken around one thing look towards each other's middle.
+    // Images taken around one object face its middle.
     let mut middle = [0.0; 3];
     for pose in &poses {
         let at = pose.translation_m();
@@ -124,11 +124,11 @@ fn the_fox() {
     for a in &ahead {
         (0..3).for_each(|i| mean[i] += a[i] / 67.0);
     }
-    // Nobody photographs with the camera on its head: down in the picture is down in the world.
+    // Nobody photographs with the camera upside down: down in the image is down in the world.
     assert!(poses.iter().all(|p| p.rotate([0.0, 1.0, 0.0])[2] < 0.0));
 }
 
-/// A pair whose lens is said once for both.
+/// A pair with shared intrinsics.
 const SHARED_LENS: &str = "{\"fl_x\": 500, \"fl_y\": 501, \"cx\": 320, \"cy\": 240, \"w\": 640, \"h\": 480, \"k1\": 0.1,
  \"frames\": [
  {\"file_path\": \"left.png\", \"transform_matrix\": [[1, 0, 0, 0.5], [0, 1, 0, 0], [0, 0, 1, 0], [0, 0, 0, 1]]},
@@ -143,7 +143,7 @@ fn a_pair_may_share_its_lens() {
     assert_eq!(set.cameras[0].model, set.cameras[1].model);
     let placed = set.cameras[1].camera_from_first.unwrap();
     assert_eq!(placed.translation_m(), [-0.125, 0.0, 0.0]);
-    // What a frame says itself counts more.
+    // Values of the frame take precedence.
     let own = SHARED_LENS.replace("\"right.png\"", "\"right.png\", \"fl_x\": 510, \"k1\": 0.2");
     let (set, _) = read(&folder.file("t.json", &own)).unwrap();
     let right = &set.cameras[1].model;
@@ -158,7 +158,7 @@ fn a_pair_may_share_its_lens() {
 }
 
 #[test]
-fn what_cannot_be_is_named_by_its_key() {
+fn impossible_value_is_named_by_its_key() {
     let folder = Folder::new();
     let check = |from: &str, to: &str, expected: &str| {
         let path = folder.file("t.json", &SHARED_LENS.replacen(from, to, 1));

@@ -110,7 +110,7 @@ fn four_coefficients_mean_what_the_file_says() {
 }
 
 #[test]
-fn traps() {
+fn invalid_files_are_rejected() {
     let folder = Folder::new();
     let check = |from: &str, to: &str, expected: &str| {
         assert!(MONO.contains(from), "{from}");
@@ -140,7 +140,7 @@ fn traps() {
     check(
         "320.",
         "3200.",
-        "principal point (3200, 240) outside the picture",
+        "principal point (3200, 240) outside the image",
     );
     check(
         "distortion_coefficients",
@@ -169,7 +169,7 @@ fn traps() {
 }
 
 #[test]
-fn what_cannot_be_is_named_by_its_key() {
+fn impossible_value_is_named_by_its_key() {
     let folder = Folder::new();
     folder.file("extrinsics.yml", EXTRINSICS);
     let error = |name: &str, text: &str| {

@@ -1,26 +1,27 @@
-//! For every pixel of a new picture, its place in the old one.
+//! Rectification maps: the source position of every rectified pixel.
 //!
-//! Lenses bend smoothly, so exact places are computed only at the nodes of a grid of 16 pixels, and
-//! between four of them by a cubic, along columns first, then along rows (Lagrange's form). In the middle
-//! of a tile, where such a cubic is worst, the exact place is computed too: a tile that is off there by
-//! more than a fifth of the bound, or that touches a node without a place, is computed exactly.
+//! Distortion is smooth, so that exact positions are computed only at the nodes of a grid of 16
+//! pixels, and interpolated between four of them by a cubic, along columns first, then along rows
+//! (Lagrange's form). In the middle of a tile, where such a cubic is worst, the exact position is
+//! computed too: a tile with an error of more than a fifth of the bound there, or with a node
+//! without a source, is computed exactly.
 
-/// Places in an old picture for the pixels of a new one, row by row.
+/// Source positions of the pixels of a rectified image, row-major.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Map {
-    /// Width of the new picture, pixels.
+    /// Width of the rectified image, pixels.
     pub width: u32,
-    /// Height of the new picture, pixels.
+    /// Height of the rectified image, pixels.
     pub height: u32,
-    /// x in the old picture, pixels; NaN where there is none.
+    /// x in the source image, pixels; NaN without a source.
     pub x: Vec<f32>,
-    /// y in the old picture, pixels; NaN where there is none.
+    /// y in the source image, pixels; NaN without a source.
     pub y: Vec<f32>,
 }
 
 /// Pixels between two nodes.
 const STEP: usize = 16;
-/// A tile whose middle is off by more is computed exactly, pixels.
+/// Maximum error in the middle of an interpolated tile, pixels.
 const MIDDLE_PX: f64 = 0.002;
 
 /// A row of interpolated nodes: columns of x and of y.
@@ -30,10 +31,10 @@ struct NodeRow {
 }
 
 impl Map {
-    /// How far a map may be from the exact one, pixels.
+    /// Error bound of a map against the exact one, pixels.
     pub const BOUND_PX: f32 = 0.01;
 
-    /// Every place computed on its own.
+    /// Every position computed exactly.
     pub(super) fn exact(
         width: u32,
         height: u32,
@@ -55,7 +56,7 @@ impl Map {
         let (columns, rows) = (width as usize, height as usize);
         let mut map = Self::empty(width, height);
         let (tiles_x, tiles_y) = (columns.div_ceil(STEP), rows.div_ceil(STEP));
-        // One node before the first pixel and two behind the last tile's beginning.
+        // One node before the first pixel and two after the start of the last tile.
         let nodes_x = tiles_x + 3;
         let at = |i: usize| (i as f64 - 1.0) * STEP as f64;
         let nodes: Vec<Option<[f64; 2]>> = (0..nodes_x * (tiles_y + 3))
@@ -101,7 +102,7 @@ impl Map {
         map
     }
 
-    /// Of the right size; every place is still to be set.
+    /// A map of the right size without values.
     fn empty(width: u32, height: u32) -> Self {
         let count = width as usize * height as usize;
         Self {
@@ -131,7 +132,7 @@ fn weights() -> [[f64; 4]; STEP] {
     })
 }
 
-/// Between four nodes; NaN where one has no place.
+/// Interpolation between four nodes; NaN if one has no source.
 fn along(nodes: &[Option<[f64; 2]>; 4], weights: &[f64; 4]) -> [f64; 2] {
     let mut sum = [0.0; 2];
     for (node, weight) in nodes.iter().zip(weights) {
@@ -142,7 +143,7 @@ fn along(nodes: &[Option<[f64; 2]>; 4], weights: &[f64; 4]) -> [f64; 2] {
     sum
 }
 
-/// Whether the cubics are good in a tile.
+/// Whether interpolation is accurate in a tile.
 fn is_smooth(
     band: &[&[Option<[f64; 2]>]; 4],
     tile_x: usize,
@@ -162,7 +163,7 @@ fn fill(out: &mut [f32], nodes: &[f32], by_node: &[[f32; STEP]; 4]) {
     let [a, b, c, d] = [nodes[0], nodes[1], nodes[2], nodes[3]];
     let at =
         |j: usize| a * by_node[0][j] + b * by_node[1][j] + c * by_node[2][j] + d * by_node[3][j];
-    // A whole tile has a length that the compiler knows.
+    // A whole tile has a length known to the compiler.
     if let Ok(out) = <&mut [f32; STEP]>::try_from(&mut *out) {
         for (j, out) in out.iter_mut().enumerate() {
             *out = at(j);

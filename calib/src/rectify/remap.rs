@@ -1,18 +1,18 @@
-//! Moving 8-bit pictures through a map, bilinear.
+//! Bilinear remapping of 8-bit images.
 //!
-//! Contract: a place up to 0.02 px outside the old picture counts as on its edge, since a map is that
-//! exact; farther out, and where there is none, the new pixel gets the fill value. Weights are whole 256ths,
-//! so a new pixel is within 2 grey levels of its twin in `f64` and within 1 where neighbours differ by
-//! less than 128.
+//! Contract: a position up to 0.02 px outside the source image counts as on its edge, since a map
+//! has that accuracy; farther out, and without a source, the pixel gets the fill value. Weights are
+//! whole 256ths, so that a pixel is within 2 grey levels of the reference implementation in `f64`
+//! and within 1 where neighbours differ by less than 128.
 
 use super::Map;
 
-/// How far outside the old picture still is its edge, pixels.
+/// Tolerance outside the edge of the source image, pixels.
 const EDGE_PX: f32 = 0.02;
 const ONE: u32 = 256;
 const NOWHERE: u32 = u32::MAX;
 
-/// A map made ready for pictures of one size.
+/// A map prepared for images of one size.
 #[derive(Clone, Debug)]
 pub struct Remap {
     old: [usize; 2],
@@ -20,7 +20,7 @@ pub struct Remap {
     places: Vec<Place>,
 }
 
-/// The top left of four old pixels and the weights of the right and the lower ones, in 256ths.
+/// The top left of four source pixels and the weights of the right and the lower ones, in 256ths.
 #[derive(Clone, Copy, Debug)]
 struct Place {
     index: u32,
@@ -29,13 +29,13 @@ struct Place {
 }
 
 impl Remap {
-    /// For old pictures of `width` x `height` pixels, at least 2 x 2.
+    /// Prepares a map for source images of `width` x `height` pixels, at least 2 x 2.
     ///
     /// # Panics
-    /// With smaller pictures, or more than 2^31 pixels.
+    /// With smaller images, or more than 2^31 pixels.
     pub fn new(map: &Map, width: u32, height: u32) -> Self {
-        assert!(width >= 2 && height >= 2, "a picture of at least 2 x 2");
-        assert!(u64::from(width) * u64::from(height) < 1 << 31, "a picture");
+        assert!(width >= 2 && height >= 2, "an image of at least 2 x 2");
+        assert!(u64::from(width) * u64::from(height) < 1 << 31, "an image");
         let places = map
             .x
             .iter()
@@ -47,7 +47,7 @@ impl Remap {
                     if !(-EDGE_PX..=last + EDGE_PX).contains(&c) {
                         return None;
                     }
-                    // Rounded: not below 0, so cutting off is enough.
+                    // Not below 0, so that truncation rounds.
                     let fixed = (c.clamp(0.0, last) * ONE as f32 + 0.5) as u32;
                     let whole = (fixed / ONE).min(size - 2);
                     Some((whole, (fixed - whole * ONE) as u16))
@@ -73,15 +73,15 @@ impl Remap {
         }
     }
 
-    /// Width and height of the new picture.
+    /// Width and height of the rectified image.
     pub fn size(&self) -> [u32; 2] {
         self.new
     }
 
-    /// The new picture, row by row.
+    /// The rectified image, row-major.
     ///
     /// # Panics
-    /// When `old` is not of the old size.
+    /// If `old` has another size than the source.
     pub fn apply(&self, old: &[u8], fill: u8) -> Vec<u8> {
         let mut new = vec![0; self.places.len()];
         self.apply_to(old, fill, &mut new);
@@ -91,14 +91,14 @@ impl Remap {
     /// The same into a buffer.
     ///
     /// # Panics
-    /// When a buffer is not of its size.
+    /// If a buffer has another size.
     pub fn apply_to(&self, old: &[u8], fill: u8, new: &mut [u8]) {
         let [width, height] = self.old;
-        assert_eq!(old.len(), width * height, "the old picture");
-        assert_eq!(new.len(), self.places.len(), "the new picture");
+        assert_eq!(old.len(), width * height, "the source image");
+        assert_eq!(new.len(), self.places.len(), "the rectified image");
         for (new, place) in new.iter_mut().zip(&self.places) {
             let i = place.index as usize;
-            // Also false for a pixel that is nowhere.
+            // Also `None` for a pixel without a source.
             *new = match (old.get(i..i + 2), old.get(i + width..i + width + 2)) {
                 (Some(&[a, b]), Some(&[c, d])) => {
                     let [right, below] = [u32::from(place.right), u32::from(place.below)];
@@ -112,7 +112,7 @@ impl Remap {
     }
 }
 
-/// The slow twin of [`Remap::apply`]: everything in `f64`.
+/// Reference implementation of [`Remap::apply`] in `f64`.
 pub fn remap_exact(map: &Map, old: &[u8], [width, height]: [u32; 2], fill: u8) -> Vec<u8> {
     let inside = |c: f32, size: u32| {
         let last = f64::from(size - 1);

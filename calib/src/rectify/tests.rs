@@ -1,7 +1,7 @@
 use super::*;
 use crate::test_data::shared;
 
-/// The EuRoC pair: turned, distorted, and one camera a little higher.
+/// The EuRoC pair: rotated, distorted, and one camera a little higher.
 fn euroc() -> StereoCalibration {
     let lens = |fx, fy, cx, cy, k1, k2, p1, p2| CameraModel {
         width: 752,
@@ -85,7 +85,7 @@ fn a_point_has_one_row_and_the_disparity_of_its_depth() {
                 let depth = r.rectified_from_left.apply(x_in_left)[2];
                 let disparity = r.camera.fx * pair.baseline_m() / depth;
                 assert!((l[0] - r_px[0] - disparity).abs() < 1e-8);
-                // The projections say the same.
+                // The projection matrices agree.
                 let p = r.right_projection();
                 let [x, y, z] = r.rectified_from_left.apply(x_in_left);
                 let u = (p[0] * x + p[2] * z + p[3]) / z;
@@ -100,17 +100,17 @@ fn a_point_has_one_row_and_the_disparity_of_its_depth() {
 }
 
 #[test]
-fn views_show_what_they_say() {
+fn views_have_the_stated_field_of_view() {
     for pair in [euroc(), fisheye()] {
         let filled = Rectification::new(&pair, View::Filled).unwrap();
         for eye in [Eye::Left, Eye::Right] {
             let map = filled.exact_map(eye);
-            // Between the points tried on the edge; a remap takes this for the edge of the picture.
+            // Between the tested points of the edge; a remap counts this as the edge of the image.
             let inside = |c: f32, size: f32| c >= -0.02 && c <= size - 1.0 + 0.02;
             assert!(map.x.iter().all(|x| inside(*x, 752.0)));
             assert!(map.y.iter().all(|y| inside(*y, 480.0)));
         }
-        // A little shorter focal length would show something empty.
+        // A slightly shorter focal length would include empty pixels.
         let wider = Rectification::new(&pair, View::Focal(0.99 * filled.camera.fx)).unwrap();
         let empty = [Eye::Left, Eye::Right].iter().any(|eye| {
             let map = wider.exact_map(*eye);
@@ -135,26 +135,26 @@ fn views_show_what_they_say() {
                     let [x, y] = all.new_pixel(eye, old).unwrap();
                     let c = &all.camera;
                     let off_axis = (x - c.cx).hypot(y - c.cy) / c.fx;
-                    // Just inside the limit, the picture may end between two points that were tried.
-                    if off_axis > 0.95 * WIDEST_RAD.tan() {
+                    // Just inside the limit, the image may end between two tested points.
+                    if off_axis > 0.95 * MAX_ANGLE_RAD.tan() {
                         limited = true;
                         continue;
                     }
                     let inside = |c: f64, size: f64| (c + 0.5).min(size - 0.5 - c);
                     let room = inside(x, 752.0).min(inside(y, 480.0));
-                    // The extreme points of a bent border lie between those tried.
+                    // The extreme points of a distorted border are between the tested ones.
                     assert!(room > -0.1, "{x} {y}");
                     at_the_border = at_the_border.min(room);
                 }
             }
         }
-        // Of the fisheye the corners are too far off the axis, so that its border is elsewhere.
+        // The corners of the fisheye are too far off the axis, so that its border is elsewhere.
         assert!(limited || at_the_border < 0.1, "{at_the_border}");
     }
 }
 
 #[test]
-fn old_and_new_pixels_are_inverse() {
+fn source_and_rectified_pixels_are_inverse() {
     for pair in [euroc(), fisheye()] {
         let r = Rectification::new(&pair, View::All).unwrap();
         for old in [[0.0, 0.0], [751.0, 479.0], [300.5, 17.25]] {
@@ -181,7 +181,7 @@ fn the_fast_map_keeps_its_bound() {
     };
     for pair in [euroc(), fisheye(), strong] {
         for view in VIEWS {
-            // Sizes that are no multiple of a tile, smaller and larger than the old one.
+            // Sizes that are no multiple of a tile, smaller and larger than the source.
             for size in [[752, 480], [201, 133], [1283, 730], [7, 3]] {
                 let r = Rectification::with_size(&pair, view, size).unwrap();
                 for eye in [Eye::Left, Eye::Right] {
@@ -205,8 +205,8 @@ fn the_fast_map_keeps_its_bound() {
     assert!(worst <= Map::BOUND_PX, "{worst}");
 }
 
-/// A picture with edges and slopes.
-fn picture(width: usize, height: usize) -> Vec<u8> {
+/// An image with edges and slopes.
+fn image(width: usize, height: usize) -> Vec<u8> {
     (0..width * height)
         .map(|i| {
             let (x, y) = (i % width, i / width);
@@ -217,8 +217,8 @@ fn picture(width: usize, height: usize) -> Vec<u8> {
 }
 
 #[test]
-fn the_fast_remap_is_near_its_twin() {
-    let old = picture(752, 480);
+fn remap_agrees_with_the_reference_implementation() {
+    let old = image(752, 480);
     for view in VIEWS {
         let r = Rectification::new(&euroc(), view).unwrap();
         let map = r.map(Eye::Left);
@@ -234,7 +234,7 @@ fn the_fast_remap_is_near_its_twin() {
             / fast.len() as f64;
         assert!(mean < 0.2, "{mean}");
     }
-    // Through the identity a picture stays itself to the last edge, and outside is fill.
+    // The identity map keeps an image up to the last edge, and gives fill outside.
     let identity = Map::exact(754, 480, |[x, y]| (x < 753.0).then_some([x, y]));
     let moved = Remap::new(&identity, 752, 480).apply(&old, 7);
     for (row, new) in moved.chunks(754).enumerate() {
@@ -245,7 +245,7 @@ fn the_fast_remap_is_near_its_twin() {
 }
 
 #[test]
-fn pairs_that_cannot_be_rectified() {
+fn pairs_that_cannot_be_rectified_are_an_error() {
     let mut pair = euroc();
     pair.right_from_left = RigidTransform::from_translation_m([0.0, -0.1, 0.0]).unwrap();
     let error = Rectification::new(&pair, View::All).unwrap_err();
@@ -267,7 +267,7 @@ fn the_factory_file_of_a_zed_mini() {
     };
     let (pair, _) = crate::read_stereo(&path, 1280, 720).unwrap();
     let r = Rectification::new(&pair, View::Filled).unwrap();
-    // The maker's principal points differ by 47 rows between the eyes, which rectification takes out.
+    // The factory principal points differ by 47 rows between the eyes, which rectification removes.
     assert!((r.camera.fx - 700.0).abs() < 150.0, "{:?}", r.camera);
     let (l, right) = ([640.0, 382.0], [600.0, 334.0]);
     let rows = crate::epipolar::row_difference(&pair, l, right).unwrap();

@@ -16,9 +16,9 @@ const STRAIGHT: &str = "1., 0., 0., 0., 1., 0., 0., 0., 1.";
 const FIVE: &str = "-0.337586, 0.111612, -0.000218, -0.000030, 0.0";
 
 #[test]
-fn a_pair_is_placed_by_its_rectification() {
+fn pair_extrinsics_follow_from_rectification() {
     let folder = Folder::new();
-    // Both eyes are turned about the optical axis, the left by a quarter turn more.
+    // Both eyes are rotated about the optical axis, the left by a quarter turn more.
     let quarter = "0., -1., 0., 1., 0., 0., 0., 0., 1.";
     let left = folder.file("left.yaml", &text("plumb_bob", FIVE, quarter, 0.0));
     let right = folder.file("right.yaml", &text("plumb_bob", FIVE, STRAIGHT, -25.2));
@@ -35,7 +35,7 @@ fn a_pair_is_placed_by_its_rectification() {
 }
 
 #[test]
-fn models_and_traps() {
+fn models_are_read_and_invalid_files_rejected() {
     let folder = Folder::new();
     let model = |name: &str, d: &str| {
         let path = folder.file("camera.yaml", &text(name, d, STRAIGHT, 0.0));
@@ -65,13 +65,13 @@ fn models_and_traps() {
     assert!(error("plumb_bob", "1, 2, 3").contains("3 coefficients, expected 4 or 5 of plumb_bob"));
     assert!(error("brown", FIVE).contains("expected distortion_model to be plumb_bob or"));
     assert!(error("plumb_bob", "1, x, 3, 4, 5").contains("distortion_coefficients.data[1]"));
-    let turned = text(
+    let rotated = text(
         "plumb_bob",
         FIVE,
         "1., 0., 0., 0., 1., 0., 0., 0., -1.",
         0.0,
     );
-    let error = read(&folder.file("camera.yaml", &turned))
+    let error = read(&folder.file("camera.yaml", &rotated))
         .unwrap_err()
         .to_string();
     assert!(
@@ -106,19 +106,19 @@ fn the_real_pair_of_a_zed_2i() {
     assert_eq!(set.cameras[1].camera_from_first, None);
     let said = |what: &str| assert!(notes.iter().any(|n| n.0.contains(what)), "{notes:?}");
     said("no baseline");
-    // The file says 1280 rows; this camera's mode with 1920 columns has 1080.
+    // The file has 1280 rows; this camera's mode with 1920 columns has 1080.
     said("is the size right?");
     let error = crate::read_stereo(&path, 1920, 1280)
         .unwrap_err()
         .to_string();
     assert!(
-        error.contains("the place of camera right is missing"),
+        error.contains("the pose of camera right is missing"),
         "{error}"
     );
 }
 
 #[test]
-fn no_model_is_no_way_to_lose_coefficients() {
+fn coefficients_without_a_model_are_rejected() {
     let folder = Folder::new();
     for name in ["none", "\"\""] {
         let model = |d: &str| {
@@ -166,7 +166,7 @@ fn siblings_differ_in_the_last_word_of_their_names() {
 }
 
 #[test]
-fn what_cannot_be_is_named_by_its_key() {
+fn impossible_value_is_named_by_its_key() {
     let folder = Folder::new();
     let sound = text("plumb_bob", FIVE, STRAIGHT, 0.0);
     let path = folder.file("camera.yaml", &sound.replace("311.71339", "3117.1339"));

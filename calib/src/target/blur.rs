@@ -1,13 +1,13 @@
-//! How noisy a picture is and how sharp the borders of a board are.
+//! Image noise and sharpness of the borders of a board.
 
 use super::detect::Blur;
-use super::image::{GreyView, Smooth};
+use super::image::{ImageView, Smooth};
 use super::saddle;
 
-/// Noise of a picture, grey values: the median size of a second difference along both axes, which
-/// leaves slopes and straight borders out (Immerkær 1996; the median instead of the mean, so that
-/// texture counts less). At least what rounding to whole grey values makes.
-pub(super) fn noise(image: &GreyView<'_>) -> f64 {
+/// Image noise, grey values: the median of second differences along both axes, which cancel slopes
+/// and straight borders (Immerkær 1996; median instead of mean, to reduce the influence of
+/// texture). At least the quantization noise of whole grey values.
+pub(super) fn noise(image: &ImageView<'_>) -> f64 {
     let mut counts = vec![0u32; 256 * 16];
     let mut total = 0u32;
     for y in (1..image.height().saturating_sub(1)).step_by(3) {
@@ -15,7 +15,7 @@ pub(super) fn noise(image: &GreyView<'_>) -> f64 {
         for x in (1..image.width().saturating_sub(1)).step_by(2) {
             let v = |row: &[u8], dx: usize| i32::from(row[x + dx - 1]);
             let along = |row: &[u8]| v(row, 0) - 2 * v(row, 1) + v(row, 2);
-            // Saturated pixels have no noise to show.
+            // Saturated pixels have no noise.
             if b[x] == 0 || b[x] == 255 {
                 continue;
             }
@@ -31,36 +31,38 @@ pub(super) fn noise(image: &GreyView<'_>) -> f64 {
             2 * seen >= total
         })
         .unwrap_or(0);
-    // The mask's weights have a root sum square of 6; half of normal values lie within 0.6745 sigma.
+    // The mask's weights have a root sum square of 6; half of normal values are within 0.6745
+    // sigma.
     (median as f64 / (6.0 * 0.6745)).max(0.3)
 }
 
-/// Widths of less reach than this tell nothing, pixels.
-const SHORTEST_REACH: f64 = 2.5;
+/// Minimum reach of a border for measuring its width, pixels.
+const MIN_REACH: f64 = 2.5;
 
 /// A border on a board.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Border {
     /// The crossings at its ends.
     pub(super) ends: [[f64; 2]; 2],
-    /// How far it is plain black and plain white to its sides, pixels.
+    /// Distance to both sides that is plain black and plain white, pixels.
     pub(super) clear: f64,
 }
 
-/// Blur over all borders and crossings; the latter by place and how far they are clear.
+/// Blur from all borders and crossings; the latter by position and clear distance.
 ///
-/// Blur as a matrix S of variances makes a border of normal n as wide as `nᵀ S n`. The borders of a board have
-/// little more than two directions, which leaves a movement along a diagonal unseen; what tells is the crossing
-/// itself. For `I = m - (C / 2) sgn(a·x) sgn(b·x)` (dark where both have one sign) under normal blur, the value
-/// at x = 0 is `m - (C / 2) (2 / π) asin ρ` with `ρ = aᵀ S b / √(aᵀ S a · bᵀ S b)`. A tone curve adds the same
-/// to all crossings, an unknown of its own: crossings of both kinds, dark one way and the other, tell them apart.
+/// A blur with covariance S gives a border of normal n the variance `nᵀ S n`. The borders of a
+/// board have little more than two directions, so that motion along a diagonal is not observable;
+/// the crossings resolve it. For `I = m - (C / 2) sgn(a·x) sgn(b·x)` (dark where both have one
+/// sign) under normal blur, the value at x = 0 is `m - (C / 2) (2 / π) asin ρ` with `ρ = aᵀ S b /
+/// √(aᵀ S a · bᵀ S b)`. A tone curve adds the same unknown to all crossings: crossings of both
+/// polarities separate it.
 pub(super) fn measure(
-    image: &GreyView<'_>,
+    image: &ImageView<'_>,
     smooth: &Smooth,
     borders: &[Border],
     crossings: &[([f64; 2], f64)],
 ) -> Option<Blur> {
-    // Unknowns: xx, xy, yy of S, and the tone curve's share.
+    // Unknowns: xx, xy, yy of S, and the tone curve's contribution.
     let mut equations = Equations::default();
     let mut sum = 0.0;
     let mut count = 0;
@@ -69,7 +71,7 @@ pub(super) fn measure(
         let along = [b[0] - a[0], b[1] - a[1]];
         let length = (along[0] * along[0] + along[1] * along[1]).sqrt();
         let reach = border.clear.min(0.35 * length).min(12.0);
-        if reach < SHORTEST_REACH {
+        if reach < MIN_REACH {
             continue;
         }
         let normal = [-along[1] / length, along[0] / length];
@@ -90,13 +92,14 @@ pub(super) fn measure(
     let variance = sum / f64::from(count);
     for (at, clear) in crossings {
         if let Some((a, b, level)) = crossing_level(image, smooth, *at, *clear) {
-            // The two variances under the root are near the mean one: this needs only their product's size.
+            // The two variances under the root are near their mean: only the size of their product
+            // is needed.
             let scale = 0.5 * std::f64::consts::PI * variance;
             let row = [a[0] * b[0], a[0] * b[1] + a[1] * b[0], a[1] * b[1], -scale];
             equations.add(row, -scale * level);
         }
     }
-    // A hair of "round, and no tone curve" for boards that show too little.
+    // Weak regularization to round blur and no tone curve, for boards with too few crossings.
     let little = 1e-3 * f64::from(count);
     equations.add([little, 0.0, -little, 0.0], 0.0);
     equations.add([0.0, little, 0.0, 0.0], 0.0);
@@ -124,23 +127,24 @@ pub(super) fn measure(
     })
 }
 
-/// Normals of the two borders at a crossing, pointing so that it is dark where both are positive or both
-/// negative, and the level at the crossing: -1 as dark as the dark sectors, +1 as bright as the bright ones.
+/// Normals of the two borders at a crossing, oriented so that it is dark where both are positive or
+/// both negative, and the level at the crossing: -1 as dark as the dark sectors, +1 as bright as
+/// the bright ones.
 fn crossing_level(
-    image: &GreyView<'_>,
+    image: &ImageView<'_>,
     smooth: &Smooth,
     at: [f64; 2],
     clear: f64,
 ) -> Option<([f64; 2], [f64; 2], f64)> {
-    if clear < SHORTEST_REACH {
+    if clear < MIN_REACH {
         return None;
     }
-    let crossing = saddle::look_around(smooth, at, 3.0)?;
+    let crossing = saddle::fit_rays(smooth, at, 3.0)?;
     let [d0, d1, d2, d3] = crossing.rays.map(|r| {
         let (sin, cos) = libm::sincos(r);
         [cos, sin]
     });
-    // The plain middle of the four sectors.
+    // The middle of the four sectors.
     let sector = |a: [f64; 2], b: [f64; 2]| {
         let middle = [a[0] + b[0], a[1] + b[1]];
         let length = (middle[0] * middle[0] + middle[1] * middle[1]).sqrt();
@@ -182,7 +186,7 @@ impl Equations {
         }
     }
 
-    /// Elimination with the largest pivot of each column.
+    /// Gaussian elimination with column pivoting.
     fn solve(mut self) -> Option<[f64; 4]> {
         for k in 0..4 {
             let pivot = (k..4).max_by(|a, b| {
@@ -213,8 +217,8 @@ impl Equations {
     }
 }
 
-/// Half the way from 16 % to 84 % of a step across a border.
-fn width(image: &GreyView<'_>, middle: [f64; 2], normal: [f64; 2], reach: f64) -> Option<f64> {
+/// Half the distance from 16 % to 84 % of a step across a border.
+fn width(image: &ImageView<'_>, middle: [f64; 2], normal: [f64; 2], reach: f64) -> Option<f64> {
     let steps = (4.0 * reach) as usize;
     let sample = |i: usize| {
         let o = 0.5 * (i as f64 - 0.5 * steps as f64);

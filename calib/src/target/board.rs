@@ -1,27 +1,27 @@
-//! The three boards as geometry: where their corners are and what is black.
+//! Geometry of the three boards: corners and black areas.
 //!
-//! Contract: the board's frame has its origin at the top left of the pattern (the outermost point that is
-//! printed black or would be), x right, y down, z into the board, away from who looks at it; metres. Every
-//! kind is drawn upright in it, so that no coordinate in the pattern is negative.
+//! Contract: the board's frame has its origin at the top left of the pattern (the outermost point
+//! that is printed black or would be), x right, y down, z into the board, away from the viewer;
+//! metres. Every board is upright in it, so that no coordinate in the pattern is negative.
 //!
 //! - **Chessboard**: squares side by side, the top left one black. Corner `row * columns + column`, row by
-//!   row from the top left. A board of which both sides, or neither, count an even number of inner corners
-//!   looks the same after half a turn; [`Target::looks_the_same_turned`] says so.
+//!   row from the top left. A board on which both sides, or neither, have an even number of inner corners
+//!   is symmetric under half a turn; see [`Target::is_rotationally_symmetric`].
 //! - **AprilGrid**, as Kalibr's `kalibr_create_target_pdf` draws it: tags of family 36h11 with a border two
 //!   cells wide, black squares in the crossings of the gaps, so that every corner of a tag is a crossing of
 //!   black and white. Tag `first_id` is at the **bottom** left, ids grow to the right and then upwards.
 //!   Corner `4 * tag id + k` with `k` 0 bottom left, 1 bottom right, 2 top right, 3 top left of the tag. This
-//!   is the order in which Kalibr keeps a tag's corners; Kalibr's own y axis points up from the bottom left.
+//!   is Kalibr's order of a tag's corners; Kalibr's own y axis points up from the bottom left.
 //! - **ChArUco**, as OpenCV draws it since 4.6 (no legacy pattern): a chessboard with the top left square
 //!   black and ArUco markers in the white squares, ids row by row from the top left. Corner
 //!   `row * (columns - 1) + column` of the inner corners, row by row from the top left.
 
 use super::codes::Dictionary;
 
-/// Cells of an AprilGrid's tag along a side: 6 bits and on either side a border of two.
+/// Cells of an AprilGrid tag along a side: 6 bits and a border of two cells on either side.
 const TAG_CELLS: u32 = 10;
 
-/// A flat board to calibrate with.
+/// A planar calibration target.
 #[derive(Clone, Debug, PartialEq)]
 pub enum Target {
     /// A plain chessboard.
@@ -63,12 +63,12 @@ pub enum Target {
     },
 }
 
-/// A point of a board that a picture can show exactly.
+/// A corner of a board.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Corner {
-    /// The same number for the same point in every picture; see the module.
+    /// Id of the corner, the same in every image; see the module.
     pub id: u32,
-    /// Place in the board's frame, metres; z is 0.
+    /// Position in the board's frame, metres; z is 0.
     pub at_m: [f64; 2],
 }
 
@@ -95,7 +95,7 @@ impl Rectangle {
     }
 }
 
-/// A marker on a board: id and the square it fills with its border.
+/// A marker on a board: its id and its square with border.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Marker {
     /// Id in the board's dictionary.
@@ -105,7 +105,7 @@ pub struct Marker {
 }
 
 impl Target {
-    /// Every point that detection can give, ascending by id.
+    /// All detectable corners, ascending by id.
     pub fn corners(&self) -> Vec<Corner> {
         match *self {
             Self::Chessboard {
@@ -133,7 +133,7 @@ impl Target {
         }
     }
 
-    /// The markers, ascending by id; none on a chessboard.
+    /// The markers, ascending by id; empty for a chessboard.
     pub fn markers(&self) -> Vec<Marker> {
         match *self {
             Self::Chessboard { .. } => Vec::new(),
@@ -177,10 +177,11 @@ impl Target {
         }
     }
 
-    /// Black rectangles, none over another; everything else on the sheet is white.
+    /// Black rectangles, without overlap; everything else on the sheet is white.
     ///
     /// # Panics
-    /// For a board whose [`objection`](Self::objection) is that its dictionary has too few markers.
+    /// For a board whose [`invalid_reason`](Self::invalid_reason) is that its dictionary has too
+    /// few markers.
     pub fn black(&self) -> Vec<Rectangle> {
         let chessboard = |columns, rows, square_m: f64| {
             squares(columns, rows)
@@ -260,7 +261,8 @@ impl Target {
         }
     }
 
-    /// The markers' dictionary and the width of their black border in cells; none on a chessboard.
+    /// The markers' dictionary and the width of their black border in cells; `None` for a
+    /// chessboard.
     pub fn dictionary(&self) -> Option<(Dictionary, u32)> {
         match *self {
             Self::Chessboard { .. } => None,
@@ -272,16 +274,17 @@ impl Target {
         }
     }
 
-    /// Whether the pattern looks the same after half a turn, so that no picture tells which end is which.
-    /// Views of two cameras, or of two times, then cannot be matched corner by corner without more care.
-    pub fn looks_the_same_turned(&self) -> bool {
-        // A square (x, y) goes to (columns - x, rows - y) for inner corners columns, rows: the colour stays
-        // where their sum is even.
+    /// Whether the pattern is symmetric under half a turn, so that its orientation is ambiguous.
+    /// Views of two cameras, or of two times, then cannot be matched corner by corner without
+    /// additional information.
+    pub fn is_rotationally_symmetric(&self) -> bool {
+        // With columns, rows inner corners, square (x, y) maps to (columns - x, rows - y): the
+        // colour is the same if their sum is even.
         matches!(self, Self::Chessboard { columns, rows, .. } if (columns + rows) % 2 == 0)
     }
 
-    /// What makes this board impossible to draw or to find, if anything does; starts with the key's name.
-    pub fn objection(&self) -> Option<(&'static str, String)> {
+    /// Reason why this board cannot be printed or detected, if any, with the key in question.
+    pub fn invalid_reason(&self) -> Option<(&'static str, String)> {
         let count = |key, found: u32, least: u32| {
             (found < least || found > 100)
                 .then(|| (key, format!("{found}, expected {least} to 100")))

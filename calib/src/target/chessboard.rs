@@ -4,14 +4,15 @@ use super::blur::Border;
 use super::board::Target;
 use super::codes::Dictionary;
 use super::decode::{self, Book, Layout};
-use super::detect::{Found, Rough, Scene, Settings};
-use super::image::GreyView;
+use super::detect::{CornerCandidate, Found, Scene, Settings};
+use super::image::ImageView;
 use super::lattice::{self, Lattice};
 use super::refine::{self, Window};
 use super::saddle;
 use super::square::{Square, distance};
 
-/// How the board's axes lie in a lattice: `lattice = origin + turned by quarter turns (board)`.
+/// Placement of the board's axes in a lattice: `lattice = origin + rotated by quarter turns
+/// (board)`.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 struct Placement {
     /// Lattice coordinates of the board's corner (0, 0).
@@ -22,17 +23,17 @@ struct Placement {
 
 impl Placement {
     fn lattice_at(&self, [x, y]: [i32; 2]) -> [i32; 2] {
-        let [u, v] = turned([x, y], self.turns);
+        let [u, v] = rotated([x, y], self.turns);
         [self.origin[0] + u, self.origin[1] + v]
     }
 
     fn board_at(&self, [x, y]: [i32; 2]) -> [i32; 2] {
-        turned([x - self.origin[0], y - self.origin[1]], 4 - self.turns)
+        rotated([x - self.origin[0], y - self.origin[1]], 4 - self.turns)
     }
 }
 
-/// Quarter turns clockwise, x to y.
-fn turned([x, y]: [i32; 2], turns: usize) -> [i32; 2] {
+/// Rotation by quarter turns clockwise, x to y.
+fn rotated([x, y]: [i32; 2], turns: usize) -> [i32; 2] {
     match turns % 4 {
         0 => [x, y],
         1 => [-y, x],
@@ -41,7 +42,7 @@ fn turned([x, y]: [i32; 2], turns: usize) -> [i32; 2] {
     }
 }
 
-/// A chessboard as a whole.
+/// Finds a whole chessboard.
 pub(super) fn find(scene: &Scene, target: &Target, columns: i32, rows: i32) -> Found {
     let needed = (columns * rows) as usize;
     let mut found: Option<Found> = None;
@@ -79,7 +80,8 @@ pub(super) fn find(scene: &Scene, target: &Target, columns: i32, rows: i32) -> F
     })
 }
 
-/// Rows and columns at the edge with only a crossing or two, which a shadow or a thing beside the board made.
+/// Removes rows and columns at the edge with only one or two crossings, caused by a shadow or an
+/// object beside the board.
 fn cut_fringe(lattice: &mut Lattice) {
     for _ in 0..8 {
         if lattice.nodes.is_empty() {
@@ -98,7 +100,7 @@ fn cut_fringe(lattice: &mut Lattice) {
     }
 }
 
-/// Looks again, with less demanded, where a corner is missing between others.
+/// Searches for missing inner corners again with lower thresholds.
 fn fill(scene: &Scene, lattice: &mut Lattice, places: &mut Vec<[f64; 2]>) {
     let (low, high) = lattice.extent();
     for _ in 0..3 {
@@ -113,12 +115,12 @@ fn fill(scene: &Scene, lattice: &mut Lattice, places: &mut Vec<[f64; 2]>) {
                 };
                 let near = (0.2 * step).clamp(1.0, 4.0);
                 let reach = (0.4 * step).clamp(2.6, 4.0);
-                let Some(at) = refine::settle(&scene.smooth, guess, &Window::round(reach), near)
+                let Some(at) =
+                    refine::refine_corner(&scene.smooth, guess, &Window::round(reach), near)
                 else {
                     continue;
                 };
-                if saddle::look_around(&scene.smooth, at, 3.0_f32.min(0.4 * step as f32)).is_some()
-                {
+                if saddle::fit_rays(&scene.smooth, at, 3.0_f32.min(0.4 * step as f32)).is_some() {
                     more.push(((y, x), at));
                 }
             }
@@ -142,7 +144,7 @@ fn place_chessboard(
     low: [i32; 2],
     high: [i32; 2],
 ) -> Found {
-    // Where the board's corner (0, 0) can be: one for each quarter turn.
+    // Possible positions of the board's corner (0, 0): one for each quarter turn.
     let origins = [low, [high[0], low[1]], high, [low[0], high[1]]];
     let fits = |turns: usize| {
         let size = [high[0] - low[0] + 1, high[1] - low[1] + 1];
@@ -152,13 +154,13 @@ fn place_chessboard(
             size == [rows, columns]
         }
     };
-    // The square beyond corner (0, 0) towards the board's top left is black, so the one below to the right
-    // of it, across the crossing, is black too.
+    // The square beyond corner (0, 0) towards the board's top left is black, so the one diagonally
+    // opposite is black too.
     let is_black = |turns: usize| {
         // Sector of the lattice's directions between board x and board y.
         let known = lattice.nodes.iter().find_map(|((y, x), _)| {
             let dark = lattice.is_dark((*y, *x))?;
-            // Colour alternates with every step, and with every quarter turn.
+            // The colour alternates with every step and with every quarter turn.
             let steps = (x - origins[turns][0]) + (y - origins[turns][1]) + turns as i32;
             Some(dark == (steps.rem_euclid(2) == 0))
         });
@@ -167,7 +169,7 @@ fn place_chessboard(
     let all: Vec<usize> = (0..4).filter(|t| fits(*t)).collect();
     let right: Vec<usize> = all.iter().copied().filter(|t| is_black(*t)).collect();
     let candidates = if right.is_empty() { all } else { right };
-    // Of those that look alike the one whose diagonal points most to the right and down.
+    // Of symmetric placements, the one whose diagonal points most to the right and down.
     let at = |p: &Placement, x: i32, y: i32| {
         let [u, v] = p.lattice_at([x, y]);
         places[lattice.nodes[&(v, u)]]
@@ -187,11 +189,11 @@ fn place_chessboard(
         })
         .expect("the lattice has the board's size one way or the other");
     let mut found = collect(lattice, places, &placement, [columns, rows], 0.5);
-    found.half_turn = target.looks_the_same_turned();
+    found.half_turn = target.is_rotationally_symmetric();
     found
 }
 
-/// Corners and borders of a placed lattice. `room` is the share of a step that nothing else is printed in.
+/// Corners and borders of a placed lattice. `room` is the fraction of a step without other print.
 fn collect(
     lattice: &Lattice,
     places: &[[f64; 2]],
@@ -206,7 +208,7 @@ fn collect(
             continue;
         }
         let at = places[*node];
-        // Along each axis the shorter one of the two steps.
+        // The shorter of the two steps along each axis.
         let mut sides: [Option<[f64; 2]>; 2] = [None; 2];
         for (dx, dy) in [(1, 0), (0, 1), (-1, 0), (0, -1)] {
             let Some(other) = lattice.nodes.get(&(y + dy, x + dx)) else {
@@ -223,14 +225,14 @@ fn collect(
                 found.borders.push(Border { ends, clear });
             }
         }
-        // A crossing with neighbours along one axis only is as far from the others as that.
-        let turned = |s: [f64; 2]| [-s[1], s[0]];
+        // A crossing with neighbours along one axis only has the same distance to the others.
+        let rotated = |s: [f64; 2]| [-s[1], s[0]];
         let sides = match sides {
             [Some(a), Some(b)] => [a, b],
-            [Some(a), None] | [None, Some(a)] => [a, turned(a)],
+            [Some(a), None] | [None, Some(a)] => [a, rotated(a)],
             [None, None] => continue,
         };
-        found.corners.push(Rough {
+        found.corners.push(CornerCandidate {
             id: (row * size[0] + column) as u32,
             at,
             sides,
@@ -244,9 +246,9 @@ fn collect(
     found
 }
 
-/// A ChArUco board, whatever part of it is seen.
+/// Finds a ChArUco board, of which any part may be visible.
 pub(super) fn find_with_markers(
-    image: &GreyView<'_>,
+    image: &ImageView<'_>,
     scene: &Scene,
     target: &Target,
     settings: &Settings,
@@ -267,9 +269,7 @@ pub(super) fn find_with_markers(
         rows: rows as i32,
         book: Book::of(dictionary),
         layout: layout(dictionary, marker_m / square_m),
-        most_errors: settings
-            .most_bit_errors
-            .min((dictionary.distance() - 1) / 2),
+        max_errors: settings.max_bit_errors.min((dictionary.distance() - 1) / 2),
         own_id: own_ids(target),
     };
     let mut found = Found::default();
@@ -289,7 +289,11 @@ pub(super) fn find_with_markers(
             (1.3 * margin).min(0.5),
         );
         for corner in part.corners {
-            match found.corners.iter().any(|c: &Rough| c.id == corner.id) {
+            match found
+                .corners
+                .iter()
+                .any(|c: &CornerCandidate| c.id == corner.id)
+            {
                 true => twice.push(corner.id),
                 false => found.corners.push(corner),
             }
@@ -298,7 +302,7 @@ pub(super) fn find_with_markers(
     }
     if !twice.is_empty() {
         found.corners.retain(|c| !twice.contains(&c.id));
-        found.remark = Some("some ids are in the picture twice");
+        found.remark = Some("some ids occur twice in the image");
     }
     found
 }
@@ -337,17 +341,17 @@ struct Board {
     rows: i32,
     book: Book,
     layout: Layout,
-    most_errors: u32,
+    max_errors: u32,
     own_id: Vec<((i32, i32), u32)>,
 }
 
 impl Board {
-    /// The placement that the markers agree on. It must have at least two markers without contradiction, or
-    /// more than three for each one that says otherwise; and no square that should hold a marker may hold
-    /// another one.
+    /// The placement that the markers agree on. It needs at least two markers without
+    /// contradiction, or more than three for each contradicting one; and no square that should have
+    /// a marker may have another one.
     fn vote(
         &self,
-        image: &GreyView<'_>,
+        image: &ImageView<'_>,
         lattice: &Lattice,
         places: &[[f64; 2]],
     ) -> Option<Placement> {
@@ -373,7 +377,7 @@ impl Board {
             if reading.border_errors > 2 {
                 continue;
             }
-            let Some(found) = self.book.find(reading.code, self.most_errors) else {
+            let Some(found) = self.book.find(reading.code, self.max_errors) else {
                 continue;
             };
             let Some(((column, row), _)) = self.own_id.iter().find(|(_, id)| *id == found.id)
@@ -402,7 +406,7 @@ impl Board {
         if best.origin[0] == i32::MAX || count < 2 || count < 3 * (all - count) || errors > count {
             return None;
         }
-        // Every square that was read says whether it is the one that belongs there.
+        // Every decoded square confirms or contradicts the placement.
         let mut wrong = 0;
         for ([x, y], code) in &readings {
             let [u, v] = square_at(&best, [*x, *y]);
@@ -419,7 +423,7 @@ impl Board {
     }
 }
 
-/// As [`Lattice::is_dark`], by way of a neighbour where a crossing was filled in later.
+/// As [`Lattice::is_dark`], by a neighbour if a crossing was added later.
 fn lattice_is_dark(lattice: &Lattice, (y, x): (i32, i32)) -> Option<bool> {
     lattice.is_dark((y, x)).or_else(|| {
         let even = |u: i32, v: i32| (x - u + y - v).rem_euclid(2) == 0;
@@ -430,21 +434,21 @@ fn lattice_is_dark(lattice: &Lattice, (y, x): (i32, i32)) -> Option<bool> {
     })
 }
 
-/// The placement that follows when the square at lattice (x, y) (its crossing of least x and y) is the
-/// board's square (column, row), turned clockwise by quarters.
+/// The placement that follows if the square at lattice (x, y) (its crossing of least x and y) is
+/// the board's square (column, row), rotated clockwise by quarter turns.
 fn placement(turns: usize, [x, y]: [i32; 2], [column, row]: [i32; 2]) -> Placement {
-    // The board's inner corner (c, r) is the crossing between squares (c, r) and (c + 1, r + 1): the
-    // square's own top left crossing is corner (column - 1, row - 1). In the lattice that crossing is the
-    // corner of the square to which `turns` quarter turns bring the top left.
+    // The board's inner corner (c, r) is the crossing between squares (c, r) and (c + 1, r + 1):
+    // the square's own top left crossing is corner (column - 1, row - 1). In the lattice that
+    // crossing is the corner of the square to which `turns` quarter turns rotate the top left.
     let at = [[x, y], [x + 1, y], [x + 1, y + 1], [x, y + 1]][turns % 4];
-    let [u, v] = turned([column - 1, row - 1], turns);
+    let [u, v] = rotated([column - 1, row - 1], turns);
     Placement {
         origin: [at[0] - u, at[1] - v],
         turns: turns % 4,
     }
 }
 
-/// The board's square that the lattice's square (x, y) is.
+/// The board's square at the lattice's square (x, y).
 fn square_at(placement: &Placement, [x, y]: [i32; 2]) -> [i32; 2] {
     let corners = [[x, y], [x + 1, y], [x + 1, y + 1], [x, y + 1]];
     let [c, r] = placement.board_at(corners[placement.turns % 4]);

@@ -1,8 +1,8 @@
-//! The codes of the markers: AprilTag family 36h11 and the ArUco dictionaries a ChArUco board uses.
+//! Codes of the markers: AprilTag family 36h11 and the ArUco dictionaries of ChArUco boards.
 //!
-//! Contract: a code is read row by row from the top left of the upright marker, most significant bit
-//! first; a set bit is white. How each kind of board holds its markers upright is said where the board
-//! is drawn ([`super::board`]).
+//! Contract: a code is read row by row from the top left of the upright marker, most significant
+//! bit first; a set bit is white. The orientation of the markers on each kind of board is
+//! documented with its geometry ([`super::board`]).
 
 mod tables;
 
@@ -15,22 +15,22 @@ pub enum Dictionary {
     AprilTag36h11,
     /// The first `count` (50, 100 or 250) ArUco markers of 4 x 4 bits; at least 4, 3, 3 bits apart.
     Aruco4x4 {
-        /// How many markers.
+        /// Number of markers.
         count: u32,
     },
     /// The first `count` (50, 100 or 250) ArUco markers of 5 x 5 bits; at least 8, 7, 6 bits apart.
     Aruco5x5 {
-        /// How many markers.
+        /// Number of markers.
         count: u32,
     },
     /// The first `count` (50, 100 or 250) ArUco markers of 6 x 6 bits; at least 13, 12, 11 bits apart.
     Aruco6x6 {
-        /// How many markers.
+        /// Number of markers.
         count: u32,
     },
 }
 
-/// Names a ChArUco file may give, without OpenCV's `DICT_`.
+/// Dictionary names accepted in a ChArUco file, without OpenCV's `DICT_`.
 pub(super) const ARUCO_NAMES: [&str; 9] = [
     "4X4_50", "4X4_100", "4X4_250", "5X5_50", "5X5_100", "5X5_250", "6X6_50", "6X6_100", "6X6_250",
 ];
@@ -69,7 +69,7 @@ impl Dictionary {
         }
     }
 
-    /// How many markers there are.
+    /// Number of markers.
     pub fn count(self) -> u32 {
         match self {
             Self::AprilTag36h11 => TAG36H11.len() as u32,
@@ -77,7 +77,7 @@ impl Dictionary {
         }
     }
 
-    /// The code of a marker; none for an id that is not below [`count`](Self::count).
+    /// The code of a marker; `None` for an id that is not below [`count`](Self::count).
     pub fn code(self, id: u32) -> Option<u64> {
         if id >= self.count() {
             return None;
@@ -91,7 +91,8 @@ impl Dictionary {
         }
     }
 
-    /// The smallest number of bits in which two markers differ, over all rotations, itself included.
+    /// The minimum Hamming distance of two markers, over all rotations, including rotations of one
+    /// marker.
     pub fn distance(self) -> u32 {
         let by_count =
             |count: u32, of: [u32; 3]| of[usize::from(count > 50) + usize::from(count > 100)];
@@ -104,24 +105,24 @@ impl Dictionary {
     }
 }
 
-/// The code of a marker of `bits` bits along a side, as it reads after a quarter turn clockwise.
+/// The code of a marker of `bits` bits along a side after a quarter turn clockwise.
 pub(super) fn quarter_turn(code: u64, bits: u32) -> u64 {
-    let mut turned = 0;
+    let mut rotated = 0;
     for row in 0..bits {
         for column in 0..bits {
-            // What comes to (row, column) was at (last - column, row).
+            // The bit at (row, column) comes from (last - column, row).
             let from = (bits - 1 - column) * bits + row;
-            turned = turned << 1 | code >> (bits * bits - 1 - from) & 1;
+            rotated = rotated << 1 | code >> (bits * bits - 1 - from) & 1;
         }
     }
-    turned
+    rotated
 }
 
 #[cfg(test)]
 mod tests {
     use super::*;
 
-    /// Distances say that a table is what it should be: one wrong digit brings two markers together.
+    /// The distances verify the tables: one wrong digit reduces the distance of two markers.
     #[test]
     fn markers_are_as_far_apart_as_their_makers_say() {
         let mut all = vec![Dictionary::AprilTag36h11];
@@ -136,16 +137,16 @@ mod tests {
             let codes: Vec<u64> = (0..count).map(|id| dictionary.code(id).unwrap()).collect();
             let mut closest = u32::MAX;
             for (i, &code) in codes.iter().enumerate() {
-                let mut turned = code;
+                let mut rotated = code;
                 for _ in 0..3 {
-                    turned = quarter_turn(turned, bits);
-                    closest = closest.min((turned ^ code).count_ones());
+                    rotated = quarter_turn(rotated, bits);
+                    closest = closest.min((rotated ^ code).count_ones());
                 }
                 for &other in &codes[..i] {
-                    let mut turned = code;
+                    let mut rotated = code;
                     for _ in 0..4 {
-                        turned = quarter_turn(turned, bits);
-                        closest = closest.min((turned ^ other).count_ones());
+                        rotated = quarter_turn(rotated, bits);
+                        closest = closest.min((rotated ^ other).count_ones());
                     }
                 }
             }
@@ -156,7 +157,7 @@ mod tests {
 
     #[test]
     fn a_quarter_turn_is_clockwise() {
-        // A set bit at the top left goes to the top right, then to the bottom right.
+        // A set bit at the top left moves to the top right, then to the bottom right.
         let top_left = 1 << 8;
         assert_eq!(quarter_turn(top_left, 3), 1 << 6);
         assert_eq!(quarter_turn(quarter_turn(top_left, 3), 3), 1);

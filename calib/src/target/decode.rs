@@ -1,17 +1,18 @@
-//! Reading a marker's bits out of a square in the picture.
+//! Decoding of a marker in a square of the image.
 //!
-//! Contract: a reading is given only where the marker's border is black all around but for a few cells, and
-//! dark and bright are clearly apart. Which marker it is, is the nearest code of the dictionary in any of
-//! four rotations, when it is near enough and no other is as near. A mirrored marker reads as noise.
+//! Contract: a square is decoded only if the marker's border is black all around except for a few
+//! cells, and if dark and bright are clearly separated. The marker is the nearest code of the
+//! dictionary in any of four rotations, if it is close enough and no other is as close. A mirrored
+//! marker decodes as noise.
 
 use super::codes::{Dictionary, quarter_turn};
-use super::image::GreyView;
+use super::image::ImageView;
 use super::square::Square;
 
-/// Least grey values between the border and white.
-const LEAST_CONTRAST: f64 = 8.0;
+/// Minimum contrast between the border and white, grey values.
+const MIN_CONTRAST: f64 = 8.0;
 
-/// How a marker sits in the square that is looked at.
+/// Position of a marker in its square.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Layout {
     /// The marker's edges along both axes of the unit square.
@@ -21,7 +22,7 @@ pub(super) struct Layout {
     pub(super) bits: u32,
     /// Cells of the border on each side.
     pub(super) border: u32,
-    /// How far outside the marker's edge it is white, in units of the square.
+    /// Width of the white area outside the marker's edge, in units of the square.
     pub(super) white: f64,
 }
 
@@ -29,16 +30,16 @@ pub(super) struct Layout {
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Reading {
     pub(super) code: u64,
-    /// Cells of the border that look white.
+    /// Number of border cells that are white.
     pub(super) border_errors: u32,
 }
 
-/// Reads a square; none where there is no contrast or the square leaves the picture.
-pub(super) fn read(image: &GreyView<'_>, square: &Square, layout: &Layout) -> Option<Reading> {
+/// Decodes a square; `None` without contrast or if the square leaves the image.
+pub(super) fn read(image: &ImageView<'_>, square: &Square, layout: &Layout) -> Option<Reading> {
     let cells = (layout.bits + 2 * layout.border) as usize;
     let side = (layout.to - layout.from) / cells as f64;
     let place = |i: f64| layout.from + i * side;
-    // Cells of many pixels are averaged, small ones are as blurred as they need to be.
+    // Large cells are averaged; small ones are already blurred.
     let [across, down] = [[0.5 + side, 0.5], [0.5, 0.5 + side]]
         .map(|uv| super::square::distance(square.at([0.5, 0.5]), square.at(uv)));
     let offsets: &[f64] = if across.min(down) > 3.5 {
@@ -67,7 +68,7 @@ pub(super) fn read(image: &GreyView<'_>, square: &Square, layout: &Layout) -> Op
         .map(|i| (uv(i), values[i]))
         .collect();
     let black = Plane::of(&border);
-    // White next to the four sides. Near a picture's edge some of it may be missing.
+    // White next to the four sides. Near the image edge some of it may be missing.
     let mut outside = Vec::new();
     let out = 0.5 * layout.white;
     for i in 0..cells {
@@ -91,10 +92,10 @@ pub(super) fn read(image: &GreyView<'_>, square: &Square, layout: &Layout) -> Op
         }
         white.slope = black.slope;
     }
-    if white.mean - black.mean < LEAST_CONTRAST {
+    if white.mean - black.mean < MIN_CONTRAST {
         return None;
     }
-    // In small cells the neighbours shine in: take a part of them out again.
+    // Small cells are blurred with their neighbours: a part of them is subtracted.
     let share = if across.min(down) < 5.0 { 0.25 } else { 0.0 };
     let mut code = 0;
     let mut border_errors = 0;
@@ -119,14 +120,14 @@ pub(super) fn read(image: &GreyView<'_>, square: &Square, layout: &Layout) -> Op
     })
 }
 
-/// A level that changes evenly over the marker.
+/// A level that varies linearly over the marker.
 struct Plane {
     mean: f64,
     slope: [f64; 2],
 }
 
 impl Plane {
-    /// Fits places that are symmetric about the origin.
+    /// Fits samples that are symmetric about the origin.
     fn of(values: &[([f64; 2], f64)]) -> Self {
         let count = values.len().max(1) as f64;
         let mean = values.iter().map(|(_, v)| v).sum::<f64>() / count;
@@ -144,13 +145,13 @@ impl Plane {
     }
 }
 
-/// A marker recognised.
+/// A decoded marker.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(super) struct Match {
     pub(super) id: u32,
-    /// Quarter turns clockwise by which the marker is turned in the square.
+    /// Rotation of the marker in the square, quarter turns clockwise.
     pub(super) turns: usize,
-    /// Bits that are wrong.
+    /// Number of wrong bits.
     pub(super) errors: u32,
 }
 
@@ -172,12 +173,12 @@ impl Book {
         Self { codes }
     }
 
-    /// The nearest marker with at most `most` wrong bits; none where another is as near.
+    /// The nearest marker with at most `most` wrong bits; `None` if another is as close.
     pub(super) fn find(&self, code: u64, most: u32) -> Option<Match> {
         let mut best: Option<Match> = None;
         let mut alone = true;
-        for (id, turned) in (0..).zip(&self.codes) {
-            for (turns, other) in turned.iter().enumerate() {
+        for (id, rotated) in (0..).zip(&self.codes) {
+            for (turns, other) in rotated.iter().enumerate() {
                 let errors = (other ^ code).count_ones();
                 if errors > best.map_or(most, |b| b.errors) {
                     continue;
@@ -189,9 +190,9 @@ impl Book {
         best.filter(|_| alone)
     }
 
-    /// Wrong bits of a reading, were it this marker turned by so many quarters.
+    /// Number of wrong bits for this marker at this rotation.
     pub(super) fn errors(&self, code: u64, id: u32, turns: usize) -> Option<u32> {
-        let turned = self.codes.get(id as usize)?;
-        Some((turned[turns % 4] ^ code).count_ones())
+        let rotated = self.codes.get(id as usize)?;
+        Some((rotated[turns % 4] ^ code).count_ones())
     }
 }

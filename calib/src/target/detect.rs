@@ -1,127 +1,133 @@
-//! Finding a board's corners in a picture.
+//! Detection of boards in an image.
 //!
-//! Contract: what is given is right or absent. Every corner is a crossing of black and white whose borders
-//! lead to its neighbours on the board, with an id that markers, or the whole of a chessboard, prove. A
-//! board that cannot be told apart from another placement of itself gives nothing, with the reason in
-//! [`Detection::remark`]. The same picture gives the same numbers on every machine.
+//! Contract: every returned corner is correct; uncertain ones are absent. A corner is a crossing of
+//! black and white whose borders lead to its neighbours on the board, with an id confirmed by
+//! markers or by the whole chessboard. A board with an ambiguous placement gives no corners, with
+//! the reason in [`Detection::remark`]. The same image gives the same numbers on every machine.
 //!
-//! - A **chessboard** must be in the picture as a whole, with nothing of its kind around it. Where it looks
-//!   the same after half a turn, corner 0 is the one nearer to the picture's top left along the board's
-//!   diagonal, and [`Detection::half_turn`] says so. Mirrored or inverted pictures of a chessboard are pictures of
-//!   a chessboard: nothing can tell.
-//! - Of an **AprilGrid** or a **ChArUco** board any part may be seen. Mirrored or inverted pictures give nothing.
-//! - Several boards in one picture: [`detect_all`], each with ids of its own. Two boards with the same ids
-//!   are refused as far as their ids clash.
+//! - A **chessboard** must be completely inside the image, with nothing similar around it. If it is
+//!   symmetric under half a turn, corner 0 is the one nearer to the top left of the image along the
+//!   board's diagonal, and [`Detection::half_turn`] is set. Mirrored or inverted images of a chessboard
+//!   cannot be distinguished from a chessboard.
+//! - Of an **AprilGrid** or a **ChArUco** board any part may be visible. Mirrored or inverted images give
+//!   nothing.
+//! - Several boards in one image: [`detect_all`], each with ids of its own. Of two boards with the same
+//!   ids, the conflicting ids are dropped.
 //!
-//! Pictures are 8 bits of one channel, any tone curve that keeps dark below bright. Lines need not be straight
-//! over the board, only over about one square.
+//! Images are 8 bits of one channel, with any monotonic tone curve. Lines may be curved over the
+//! board, but must be straight over about one square.
 
 use super::blur::{self, Border};
 use super::board::Target;
-use super::image::{GreyView, Smooth};
+use super::image::{ImageView, Smooth};
 use super::link::{self, Links};
 use super::refine::{self, Window};
 use super::saddle::{self, Saddle};
 use super::square::distance;
 use super::{chessboard, grid};
 
-/// What may be changed about detection.
+/// Detector settings.
 #[derive(Clone, Copy, Debug)]
 pub struct Settings {
-    /// Wrong bits that a tag or marker may have at most; never more than its dictionary can tell apart.
-    pub most_bit_errors: u32,
-    /// Widest window of the refinement, pixels from its middle to its end. Wider is less noise; narrower is
-    /// less harm from a lens that bends borders. It is narrowed anyway where squares are small.
-    pub widest_window_px: f64,
-    /// Look at half the size too when the picture itself does not show the whole board: blurred pictures.
+    /// Maximum number of wrong bits of a tag or marker; limited by the distance of its dictionary.
+    pub max_bit_errors: u32,
+    /// Maximum radius of the refinement window, pixels. A wider one reduces noise; a narrower one
+    /// reduces the error from a lens that curves borders. It is narrowed for small squares anyway.
+    pub max_window_px: f64,
+    /// Also detect at half the size if the full image does not show the whole board: for blurred
+    /// images.
     pub half_size: bool,
 }
 
 impl Default for Settings {
     fn default() -> Self {
         Self {
-            most_bit_errors: 2,
-            widest_window_px: 7.0,
+            max_bit_errors: 2,
+            max_window_px: 7.0,
             half_size: true,
         }
     }
 }
 
-/// A corner in a picture.
+/// A detected corner.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Seen {
-    /// As in [`Target::corners`].
+pub struct DetectedCorner {
+    /// Id as in [`Target::corners`].
     pub id: u32,
-    /// Place, pixels; integers are pixel centres.
+    /// Position, pixels; integers are pixel centres.
     pub pixel: [f64; 2],
-    /// Standard deviation of the place along its worst direction, pixels: noise and sharpness of this corner.
-    /// What the lens, the paper or a moving camera add is not in it.
+    /// Standard deviation of the position along its worst direction, pixels, from noise and
+    /// sharpness of this corner. Errors of the lens, the paper and motion are not included.
     pub sigma_px: f64,
 }
 
-/// What was found of one board.
+/// Detection of one board.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct Detection {
     /// Corners, ascending by id, each once.
-    pub corners: Vec<Seen>,
-    /// How sharp the board's borders are; none where there are too few long enough.
+    pub corners: Vec<DetectedCorner>,
+    /// Blur of the board's borders; `None` with too few long borders.
     pub blur: Option<Blur>,
-    /// Noise of the picture, grey values, one standard deviation.
+    /// Image noise, grey values, one standard deviation.
     pub noise_grey: f64,
-    /// The board looks the same after half a turn, and which end is which was a guess.
+    /// Whether the board is symmetric under half a turn, so that its orientation is a guess.
     pub half_turn: bool,
-    /// Why there is nothing, or less than there might be.
+    /// Reason for missing corners.
     pub remark: Option<&'static str>,
 }
 
-/// Blur of a view, from the width of the borders: half the distance from 16 % to 84 % of the step, which
-/// is one standard deviation of a Gaussian blur; the pixel's own size is in it.
+/// Blur of a view, from the width of the borders: half the distance from 16 % to 84 % of the step,
+/// which is one standard deviation of a Gaussian blur; includes the pixel's own size.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Blur {
     /// In the most blurred direction, pixels.
     pub major_px: f64,
     /// Across it, pixels.
     pub minor_px: f64,
-    /// The most blurred direction, a unit vector in the picture.
+    /// The most blurred direction, a unit vector in the image.
     pub direction: [f64; 2],
 }
 
 impl Blur {
-    /// Length of an even movement during the exposure that makes the difference between the directions,
-    /// pixels: what is left when the blur across is taken out.
+    /// Length of a uniform motion during the exposure that explains the difference between the
+    /// directions, pixels: the blur that remains after removing the minor one.
     pub fn motion_px(&self) -> f64 {
-        // 68 % of an even movement of this length lie between 16 % and 84 %.
+        // 68 % of a uniform motion of this length are between 16 % and 84 %.
         let extra = self.major_px * self.major_px - self.minor_px * self.minor_px;
         2.0 / 0.68 * extra.max(0.0).sqrt()
     }
 }
 
-/// Finds one board. Nothing found is an empty detection.
-pub fn detect(image: &GreyView<'_>, target: &Target, settings: &Settings) -> Detection {
+/// Detects one board. Without a board the detection is empty.
+pub fn detect(image: &ImageView<'_>, target: &Target, settings: &Settings) -> Detection {
     let mut all = detect_all(image, std::slice::from_ref(target), settings);
     all.pop().unwrap_or_default()
 }
 
-/// Finds several boards in one picture; the crossings are looked for once.
-pub fn detect_all(image: &GreyView<'_>, targets: &[Target], settings: &Settings) -> Vec<Detection> {
+/// Detects several boards in one image; the crossings are computed once.
+pub fn detect_all(
+    image: &ImageView<'_>,
+    targets: &[Target],
+    settings: &Settings,
+) -> Vec<Detection> {
     let scene = Scene::of(Smooth::of(image));
     let noise = blur::noise(image);
     let mut found: Vec<Found> = targets
         .iter()
-        .map(|t| look(image, &scene, t, settings))
+        .map(|t| find_board(image, &scene, t, settings))
         .collect();
     let complete = |found: &Found, target: &Target| found.corners.len() >= target.corners().len();
     let incomplete = targets.iter().zip(&found).any(|(t, f)| !complete(f, t));
     if settings.half_size && incomplete && image.width().min(image.height()) >= 64 {
         let pixels = image.halved();
         let (width, height) = (image.width() / 2, image.height() / 2);
-        let half = GreyView::new(width, height, width, &pixels).expect("halved() fills it");
+        let half = ImageView::new(width, height, width, &pixels).expect("halved() fills it");
         let half_scene = Scene::of(Smooth::of(&half));
         for (target, found) in targets.iter().zip(&mut found) {
             if complete(found, target) {
                 continue;
             }
-            let mut other = look(&half, &half_scene, target, settings);
+            let mut other = find_board(&half, &half_scene, target, settings);
             if other.corners.len() > found.corners.len() {
                 other.enlarge();
                 *found = other;
@@ -134,7 +140,7 @@ pub fn detect_all(image: &GreyView<'_>, targets: &[Target], settings: &Settings)
         .collect()
 }
 
-/// The crossings of a picture and what joins them.
+/// The crossings of an image and their links.
 pub(super) struct Scene {
     pub(super) smooth: Smooth,
     pub(super) saddles: Vec<Saddle>,
@@ -153,28 +159,28 @@ impl Scene {
     }
 }
 
-/// A corner before its last refinement.
+/// A corner before the final refinement.
 #[derive(Clone, Copy, Debug)]
-pub(super) struct Rough {
+pub(super) struct CornerCandidate {
     pub(super) id: u32,
     pub(super) at: [f64; 2],
-    /// Along the two borders, how far nothing else is printed, pixels.
+    /// Along the two borders, the distance without other print, pixels.
     pub(super) sides: [[f64; 2]; 2],
     /// Distance to the nearest other corner along a border, pixels.
     pub(super) gap: f64,
 }
 
-/// A board before its last refinement.
+/// A board before the final refinement.
 #[derive(Clone, Debug, Default)]
 pub(super) struct Found {
-    pub(super) corners: Vec<Rough>,
+    pub(super) corners: Vec<CornerCandidate>,
     pub(super) borders: Vec<Border>,
     pub(super) half_turn: bool,
     pub(super) remark: Option<&'static str>,
 }
 
 impl Found {
-    /// From a picture of half the size to the picture itself.
+    /// Converts from half the image size to full size.
     fn enlarge(&mut self) {
         let up = |at: [f64; 2]| at.map(|v| 2.0 * v + 0.5);
         for corner in &mut self.corners {
@@ -188,8 +194,8 @@ impl Found {
     }
 }
 
-fn look(image: &GreyView<'_>, scene: &Scene, target: &Target, settings: &Settings) -> Found {
-    if target.objection().is_some() {
+fn find_board(image: &ImageView<'_>, scene: &Scene, target: &Target, settings: &Settings) -> Found {
+    if target.invalid_reason().is_some() {
         return Found {
             remark: Some("the board itself is impossible"),
             ..Found::default()
@@ -204,29 +210,32 @@ fn look(image: &GreyView<'_>, scene: &Scene, target: &Target, settings: &Setting
     }
 }
 
-/// Refines, drops what does not settle, measures blur.
+/// Refines corners, drops those that do not converge, measures blur.
 fn finish(
-    image: &GreyView<'_>,
+    image: &ImageView<'_>,
     smooth: &Smooth,
     found: Found,
     noise: f64,
     settings: &Settings,
 ) -> Detection {
-    let mut corners: Vec<Seen> = found
+    let mut corners: Vec<DetectedCorner> = found
         .corners
         .iter()
         .filter_map(|corner| {
-            // Near the picture's edge a narrower window may still fit.
+            // Near the image edge a narrower window may still fit.
             let (pixel, window) = [0.75, 0.45].into_iter().find_map(|share| {
                 let sides = corner.sides.map(|side| side.map(|v| share * v));
-                let window = Window::along(sides, settings.widest_window_px * share / 0.75);
-                Some((refine::settle(smooth, corner.at, &window, 1.0)?, window))
+                let window = Window::along(sides, settings.max_window_px * share / 0.75);
+                Some((
+                    refine::refine_corner(smooth, corner.at, &window, 1.0)?,
+                    window,
+                ))
             })?;
             let sigma_px = refine::sigma(smooth, pixel, &window, noise)?;
             let crowded = CROWDED.0 * libm::exp(-corner.gap / CROWDED.1);
             let inside = |v: f64, size: usize| v > 0.0 && v < size as f64 - 1.0;
             let [x, y] = pixel;
-            (inside(x, image.width()) && inside(y, image.height())).then_some(Seen {
+            (inside(x, image.width()) && inside(y, image.height())).then_some(DetectedCorner {
                 id: corner.id,
                 pixel,
                 sigma_px: (sigma_px * sigma_px + FLOOR * FLOOR + crowded * crowded).sqrt(),
@@ -244,14 +253,14 @@ fn finish(
     }
 }
 
-/// What rounding to 8 bits and the finite window leave, pixels.
+/// Sigma floor from quantization and the finite window, pixels.
 const FLOOR: f64 = 0.005;
-/// What another corner `gap` pixels away does, pixels: `CROWDED.0 * exp(-gap / CROWDED.1)`. From rendered
-/// AprilGrids at 60 degrees and of small tags: 0.15 at a gap of 3.3, 0.01 at 5.
+/// Error from another corner `gap` pixels away, pixels: `CROWDED.0 * exp(-gap / CROWDED.1)`. From
+/// rendered AprilGrids at 60 degrees and of small tags: 0.15 at a gap of 3.3, 0.01 at 5.
 const CROWDED: (f64, f64) = (60.0, 0.55);
 
-/// How far nothing else is printed around a corner, pixels.
-fn clear(corner: &Rough) -> f64 {
+/// Distance around a corner without other print, pixels.
+fn clear(corner: &CornerCandidate) -> f64 {
     let [a, b] = corner.sides.map(|side| distance(side, [0.0; 2]));
     a.min(b)
 }

@@ -1,8 +1,16 @@
-//! Boards as files: our own TOML, and the YAML that Kalibr reads.
+//! Files of boards: our own TOML, and the YAML of Kalibr.
 //!
-//! Contract: every key is known and every number is checked, so that a misspelt key, a size in millimetres
-//! or a decimal comma is an error that names file, line and key. Nothing is guessed and nothing defaults
+//! Contract: every key is known and every number is checked, so that a misspelt key, a size in
+//! millimetres or a decimal comma is an error that names file, line and key. Nothing has a default
 //! but `first_id`, which is 0.
+//!
+//! ```toml
+//! kind = "aprilgrid"   # or "chessboard", "charuco"
+//! columns = 6          # tags; of a chessboard inner corners, of a ChArUco board squares
+//! rows = 6
+//! tag_m = 0.088        # of the others: square_m, and of a ChArUco board marker_m
+//! spacing = 0.3        # gap over tag size
+//! ```
 //!
 //! ```toml
 //! kind = "aprilgrid"   # or "chessboard", "charuco"
@@ -23,7 +31,7 @@ use crate::text::Source;
 use crate::tree::{At, yaml};
 
 impl Target {
-    /// Reads a board: Kalibr's YAML where the name ends in `.yaml` or `.yml`, else our TOML.
+    /// Reads a board: Kalibr's YAML if the name ends in `.yaml` or `.yml`, otherwise our TOML.
     ///
     /// # Errors
     /// [`CalibError`] naming file, line and key.
@@ -31,7 +39,7 @@ impl Target {
         Self::of(&Source::read(path)?)
     }
 
-    /// The same from a text that is not in a file of its own; `path` is for messages and tells the kind.
+    /// Parses the same from a text; `path` is for messages and selects the format.
     ///
     /// # Errors
     /// [`CalibError`] naming path, line and key.
@@ -84,7 +92,8 @@ impl Target {
         }
     }
 
-    /// Kalibr's YAML; none for what Kalibr cannot describe: a ChArUco board, or ids that do not start at 0.
+    /// Kalibr's YAML; `None` for boards that Kalibr cannot describe: a ChArUco board, or ids that
+    /// do not start at 0.
     pub fn to_kalibr(&self) -> Option<String> {
         match self {
             Self::Chessboard {
@@ -178,25 +187,21 @@ fn from_toml(source: &Source) -> Result<Target, CalibError> {
             ));
         }
     };
-    match target.objection() {
-        Some((key, objection)) => {
+    match target.invalid_reason() {
+        Some((key, reason)) => {
             let line = table.line(key).unwrap_or(line);
-            Err(source.malformed(
-                line,
-                &format!("{key} = {}", before_comma(&objection)),
-                &objection,
-            ))
+            Err(source.malformed(line, &format!("{key} = {}", before_comma(&reason)), &reason))
         }
         None => Ok(target),
     }
 }
 
-/// An objection begins with what was found.
-fn before_comma(objection: &str) -> &str {
-    objection.split([',', ' ']).next().unwrap_or(objection)
+/// The part of a reason that names what was found.
+fn before_comma(reason: &str) -> &str {
+    reason.split([',', ' ']).next().unwrap_or(reason)
 }
 
-/// A table of plain values, with the lines they stand in.
+/// A table of plain values, with their lines.
 struct Table<'a> {
     source: &'a Source,
     line_of: &'a dyn Fn(usize) -> usize,
@@ -262,7 +267,7 @@ impl<'a> Table<'a> {
         }
     }
 
-    /// Refuses keys that this kind does not have.
+    /// Rejects keys that this kind does not have.
     fn only(&self, known: &[&str]) -> Result<(), CalibError> {
         let unknown = self
             .values
@@ -300,7 +305,7 @@ fn from_kalibr(source: &Source) -> Result<Target, CalibError> {
     };
     let number = |key: &str| -> Result<(usize, f64), CalibError> {
         let (line, text) = text_of(key)?;
-        // The line alone does not say which of the keys it was.
+        // The line alone does not identify the key.
         let number = source.number(line, text).map_err(|error| match error {
             CalibError::Malformed {
                 path,
@@ -371,18 +376,14 @@ fn from_kalibr(source: &Source) -> Result<Target, CalibError> {
             return Err(source.malformed(line, other, expected));
         }
     };
-    match target.objection() {
-        Some((key, objection)) => {
+    match target.invalid_reason() {
+        Some((key, reason)) => {
             let name = names
                 .iter()
                 .find(|(ours, _)| *ours == key)
                 .map_or("tagCols", |(_, name)| name);
             let line = text_of(name).map_or(line, |(line, _)| line);
-            Err(source.malformed(
-                line,
-                &format!("{name}: {}", before_comma(&objection)),
-                &objection,
-            ))
+            Err(source.malformed(line, &format!("{name}: {}", before_comma(&reason)), &reason))
         }
         None => Ok(target),
     }

@@ -1,39 +1,40 @@
-//! AprilGrids: dark squares between four crossings, read as tags, held against their neighbours.
+//! AprilGrids: dark squares between four crossings, decoded as tags and checked against their
+//! neighbours.
 //!
-//! Contract: a tag is taken when borders join its four crossings around a dark square, its border is black,
-//! its code is a tag of the board, and no neighbour that is reached across a gap says otherwise. Around
-//! tags that are sure, missing ones are looked for where they should be.
+//! Contract: a tag is accepted if borders connect its four crossings around a dark square, its
+//! border is black, its code is a tag of the board, and no neighbour across a gap contradicts it.
+//! Missing tags are searched around accepted ones.
 
 use std::collections::{BTreeMap, BTreeSet};
 
 use super::blur::Border;
 use super::board::Target;
 use super::decode::{self, Book, Layout};
-use super::detect::{Found, Rough, Scene, Settings};
-use super::image::GreyView;
+use super::detect::{CornerCandidate, Found, Scene, Settings};
+use super::image::ImageView;
 use super::refine::{self, Window};
 use super::saddle;
 use super::square::{Square, distance};
 
-/// Cells of the border that may look white, of 64.
-const MOST_BORDER_ERRORS: u32 = 4;
-/// Wrong bits of a tag whose id its neighbours tell.
-const MOST_EXPECTED_ERRORS: u32 = 4;
+/// Maximum number of white cells in the border, of 64.
+const MAX_BORDER_ERRORS: u32 = 4;
+/// Maximum number of wrong bits of a tag whose id is known from its neighbours.
+const MAX_EXPECTED_ERRORS: u32 = 4;
 
-/// A tag in the picture.
+/// A tag in the image.
 #[derive(Clone, Debug)]
 struct Tag {
     id: u32,
-    /// Its corners top left, top right, bottom right, bottom left, as the tag itself has them.
+    /// Its corners top left, top right, bottom right, bottom left, in the tag's own orientation.
     corners: [[f64; 2]; 4],
-    /// The crossings at these corners, with the ray that leaves clockwise along the tag's side; none for a tag
-    /// that was looked for where it should be.
+    /// The crossings at these corners, with the ray that leaves clockwise along the tag's side;
+    /// `None` for a tag found at its predicted position.
     nodes: Option<[(usize, usize); 4]>,
     errors: u32,
 }
 
 pub(super) fn find(
-    image: &GreyView<'_>,
+    image: &ImageView<'_>,
     scene: &Scene,
     target: &Target,
     settings: &Settings,
@@ -64,15 +65,13 @@ pub(super) fn find(
             border,
             white: spacing,
         },
-        most_errors: settings
-            .most_bit_errors
-            .min((dictionary.distance() - 1) / 2),
+        max_errors: settings.max_bit_errors.min((dictionary.distance() - 1) / 2),
     };
     let (tags, doubles) = grid.consistent(scene, grid.read_squares(image, scene));
-    let tags = grid.look_for_missing(image, scene, tags);
+    let tags = grid.find_missing(image, scene, tags);
     let mut found = Found::default();
     if doubles {
-        found.remark = Some("some ids are in the picture twice");
+        found.remark = Some("some ids occur twice in the image");
     }
     for tag in &tags {
         let sides = [0, 1, 2, 3].map(|i| distance(tag.corners[i], tag.corners[(i + 1) % 4]));
@@ -88,7 +87,7 @@ pub(super) fn find(
             // The bits begin two cells from both sides; the crossing square ends a gap away.
             let share = spacing.min(0.28);
             let side = |to: usize| [0, 1].map(|k| share * (tag.corners[to][k] - tag.corners[i][k]));
-            found.corners.push(Rough {
+            found.corners.push(CornerCandidate {
                 id: 4 * tag.id + k as u32,
                 at: tag.corners[i],
                 sides: [side((i + 1) % 4), side((i + 3) % 4)],
@@ -107,12 +106,12 @@ struct Grid {
     first_id: u32,
     book: Book,
     layout: Layout,
-    most_errors: u32,
+    max_errors: u32,
 }
 
 impl Grid {
-    /// Every dark square that reads as a tag of this board.
-    fn read_squares(&self, image: &GreyView<'_>, scene: &Scene) -> Vec<Tag> {
+    /// All dark squares that decode as a tag of this board.
+    fn read_squares(&self, image: &ImageView<'_>, scene: &Scene) -> Vec<Tag> {
         let mut seen = BTreeSet::new();
         let mut tags = Vec::new();
         for start in 0..scene.saddles.len() {
@@ -132,10 +131,10 @@ impl Grid {
                 let Some(reading) = decode::read(image, &square, &self.layout) else {
                     continue;
                 };
-                if reading.border_errors > MOST_BORDER_ERRORS {
+                if reading.border_errors > MAX_BORDER_ERRORS {
                     continue;
                 }
-                let Some(found) = self.book.find(reading.code, self.most_errors) else {
+                let Some(found) = self.book.find(reading.code, self.max_errors) else {
                     continue;
                 };
                 if self.place(found.id).is_none() {
@@ -170,7 +169,7 @@ impl Grid {
         inside.then(|| self.first_id + (row * i64::from(self.columns) + column) as u32)
     }
 
-    /// Leaves out tags that neighbours contradict, and tags that are there twice; whether there were such.
+    /// Removes tags that neighbours contradict, and duplicate tags; returns whether there were any.
     fn consistent(&self, scene: &Scene, tags: Vec<Tag>) -> (Vec<Tag>, bool) {
         let mut owner: BTreeMap<usize, usize> = BTreeMap::new();
         for (t, tag) in tags.iter().enumerate() {
@@ -183,7 +182,8 @@ impl Grid {
         const UP: [i64; 2] = [0, 1];
         const RIGHT: [i64; 2] = [1, 0];
         const DOWN: [i64; 2] = [0, -1];
-        // From each corner of a tag two rays lead on across the gaps: the leaving ray's other end and the next.
+        // From each corner of a tag two rays continue across the gaps: the leaving ray's other end
+        // and the next.
         const ONWARD: [[[i64; 2]; 2]; 4] = [[LEFT, UP], [UP, RIGHT], [RIGHT, DOWN], [DOWN, LEFT]];
         let mut agree = vec![0u32; tags.len()];
         let mut differ = vec![0u32; tags.len()];
@@ -211,7 +211,7 @@ impl Grid {
         let kept: Vec<Tag> = (0..tags.len())
             .filter(|&t| {
                 let other = (0..tags.len()).find(|&o| o != t && tags[o].id == tags[t].id);
-                // Of two with one id the one that neighbours confirm.
+                // Of two tags with one id, the one confirmed by neighbours.
                 let double = other.is_some_and(|o| agree[o] >= agree[t]);
                 doubles |= other.is_some();
                 let lone = agree[t] == 0 && tags[t].errors > 1;
@@ -222,13 +222,8 @@ impl Grid {
         (kept, doubles)
     }
 
-    /// Looks where neighbours of the tags should be, until nothing more comes.
-    fn look_for_missing(
-        &self,
-        image: &GreyView<'_>,
-        scene: &Scene,
-        mut tags: Vec<Tag>,
-    ) -> Vec<Tag> {
+    /// Searches for missing neighbours of the tags until none is found.
+    fn find_missing(&self, image: &ImageView<'_>, scene: &Scene, mut tags: Vec<Tag>) -> Vec<Tag> {
         let mut known: BTreeSet<u32> = tags.iter().map(|t| t.id).collect();
         let mut next = 0;
         while next < tags.len() {
@@ -248,7 +243,7 @@ impl Grid {
                 }
                 // Rows count upwards, v downwards.
                 let shift = [dx, -dy].map(|d| d as f64 * (1.0 + self.spacing));
-                if let Some(found) = self.look_at(image, scene, &square, shift, id) {
+                if let Some(found) = self.read_expected(image, scene, &square, shift, id) {
                     known.insert(id);
                     tags.push(found);
                 }
@@ -257,9 +252,9 @@ impl Grid {
         tags
     }
 
-    fn look_at(
+    fn read_expected(
         &self,
-        image: &GreyView<'_>,
+        image: &ImageView<'_>,
         scene: &Scene,
         from: &Square,
         shift: [f64; 2],
@@ -277,13 +272,13 @@ impl Grid {
         for corner in &mut corners {
             let near = (0.09 * side).clamp(1.2, 6.0);
             let reach = (0.2 * side).clamp(2.6, 5.0);
-            *corner = refine::settle(&scene.smooth, *corner, &Window::round(reach), near)?;
+            *corner = refine::refine_corner(&scene.smooth, *corner, &Window::round(reach), near)?;
             let radius = (0.15 * side as f32).clamp(2.0, 3.0);
-            saddle::look_around(&scene.smooth, *corner, radius)?;
+            saddle::fit_rays(&scene.smooth, *corner, radius)?;
         }
         let reading = decode::read(image, &Square::new(corners)?, &self.layout)?;
         let errors = self.book.errors(reading.code, id, 0)?;
-        (reading.border_errors <= MOST_BORDER_ERRORS && errors <= MOST_EXPECTED_ERRORS).then_some(
+        (reading.border_errors <= MAX_BORDER_ERRORS && errors <= MAX_EXPECTED_ERRORS).then_some(
             Tag {
                 id,
                 corners,
@@ -294,15 +289,15 @@ impl Grid {
     }
 }
 
-/// Walks around the dark square that lies clockwise of a crossing's even ray: its corners clockwise as the
-/// picture shows them, each with the ray that leaves to the next one. One of the four sides may be missing,
-/// if both its ends know of nothing else there.
+/// Walks around the dark square clockwise of a crossing's even ray: its corners clockwise in the
+/// image, each with the ray that leaves to the next one. One of the four sides may be missing, if
+/// both its ends have no other link.
 fn around(scene: &Scene, start: usize, ray: usize) -> Option<[(usize, usize); 4]> {
     let mut corners = [(start, ray); 4];
     for i in 1..4 {
         let (node, leaving) = corners[i - 1];
         let (to, arriving) = scene.links[node][leaving]?;
-        // Dark lies between the ray before the arriving one and that.
+        // The dark sector is between the previous ray and the arriving one.
         corners[i] = (to, (arriving + 3) % 4);
     }
     let (last, leaving) = corners[3];

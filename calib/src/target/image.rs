@@ -1,16 +1,16 @@
-//! Pictures as detection takes them, and the one filter that everything reads through.
+//! Images for detection, and the smoothing filter.
 
-/// A picture of one channel of 8 bits, by reference. Integer coordinates are pixel centres.
+/// A borrowed 8-bit image of one channel. Integer coordinates are pixel centres.
 #[derive(Clone, Copy, Debug)]
-pub struct GreyView<'a> {
+pub struct ImageView<'a> {
     width: usize,
     height: usize,
     stride: usize,
     pixels: &'a [u8],
 }
 
-impl<'a> GreyView<'a> {
-    /// Rows of `width` pixels that begin `stride` bytes apart; none where `pixels` is too short for that.
+impl<'a> ImageView<'a> {
+    /// Rows of `width` pixels that begin `stride` bytes apart; `None` if `pixels` is too short.
     pub fn new(width: usize, height: usize, stride: usize, pixels: &'a [u8]) -> Option<Self> {
         let needed = match height {
             0 => 0,
@@ -38,7 +38,7 @@ impl<'a> GreyView<'a> {
         &self.pixels[y * self.stride..y * self.stride + self.width]
     }
 
-    /// Grey value between pixel centres, linear; none outside.
+    /// Grey value between pixel centres, bilinear; `None` outside.
     pub(super) fn sample(&self, [x, y]: [f64; 2]) -> Option<f64> {
         let (x, y) = (x as f32, y as f32);
         if !(x >= 0.0 && y >= 0.0) {
@@ -57,8 +57,8 @@ impl<'a> GreyView<'a> {
         Some(f64::from(top + v * (bottom - top)))
     }
 
-    /// The picture at half the size: means of 2 x 2 pixels, rounded. Pixel (x, y) of the result lies at
-    /// (2 x + 0.5, 2 y + 0.5) of this picture.
+    /// The image at half the size: means of 2 x 2 pixels, rounded. Pixel (x, y) of the result is at
+    /// (2 x + 0.5, 2 y + 0.5) of this image.
     pub(super) fn halved(&self) -> Vec<u8> {
         let mut half = Vec::with_capacity(self.width / 2 * (self.height / 2));
         for y in 0..self.height / 2 {
@@ -72,9 +72,9 @@ impl<'a> GreyView<'a> {
     }
 }
 
-/// A picture after the binomial filter 1 4 6 4 1 along both axes (standard deviation 1 pixel), in 1/256 of
-/// a grey value: exact integers, so that every way to compute it gives the same. Beyond the edge the last
-/// pixel repeats.
+/// An image after the binomial filter 1 4 6 4 1 along both axes (standard deviation 1 pixel), in
+/// 1/256 of a grey value: exact integers, so that every implementation gives the same. The last
+/// pixel is repeated beyond the edge.
 pub(super) struct Smooth {
     pub(super) width: usize,
     pub(super) height: usize,
@@ -85,7 +85,7 @@ pub(super) struct Smooth {
 pub(super) const UNIT: f32 = 1.0 / 256.0;
 
 impl Smooth {
-    pub(super) fn of(image: &GreyView<'_>) -> Self {
+    pub(super) fn of(image: &ImageView<'_>) -> Self {
         let (width, height) = (image.width, image.height);
         // Sums along x, one row after the other; then sums of five of these rows.
         let mut along_x = vec![0u16; width * height];
@@ -129,7 +129,7 @@ impl Smooth {
         }
     }
 
-    /// Grey value between pixel centres, linear; none outside.
+    /// Grey value between pixel centres, bilinear; `None` outside.
     pub(super) fn sample(&self, x: f32, y: f32) -> Option<f32> {
         if !(x >= 0.0 && y >= 0.0) {
             return None;
@@ -154,10 +154,10 @@ mod tests {
     #[test]
     fn a_view_has_all_its_rows() {
         let pixels = [0; 10];
-        assert!(GreyView::new(4, 2, 6, &pixels).is_some());
-        assert!(GreyView::new(5, 2, 6, &pixels).is_none());
-        assert!(GreyView::new(7, 1, 6, &pixels).is_none());
-        assert!(GreyView::new(0, 0, 0, &[]).is_some());
+        assert!(ImageView::new(4, 2, 6, &pixels).is_some());
+        assert!(ImageView::new(5, 2, 6, &pixels).is_none());
+        assert!(ImageView::new(7, 1, 6, &pixels).is_none());
+        assert!(ImageView::new(0, 0, 0, &[]).is_some());
     }
 
     /// Against the definition: a weighted mean of 25 pixels, the last ones repeated beyond the edge.
@@ -167,7 +167,7 @@ mod tests {
         let pixels: Vec<u8> = (0..stride * height)
             .map(|i| (i * i * 31 % 251) as u8)
             .collect();
-        let image = GreyView::new(width, height, stride, &pixels).unwrap();
+        let image = ImageView::new(width, height, stride, &pixels).unwrap();
         let smooth = Smooth::of(&image);
         let weights = [1u16, 4, 6, 4, 1];
         for y in 0..height {

@@ -1,9 +1,9 @@
-//! Crossings in rows and columns.
+//! Lattices of crossings.
 //!
-//! Contract: a lattice gives integer coordinates to crossings that borders join, x and y clockwise from one
-//! another as in the picture's own axes, so that a lattice is never mirrored. It grows from link to link, so
-//! the board may be bent by any lens. Neighbouring steps must be alike in length, which an AprilGrid's are
-//! not, and a crossing must lie between its neighbours.
+//! Contract: a lattice assigns integer coordinates to crossings connected by borders, with y
+//! clockwise from x as in the image axes, so that a lattice is never mirrored. It grows from link
+//! to link, so that any lens distortion is allowed. Neighbouring steps must have similar lengths,
+//! which those of an AprilGrid have not, and a crossing must be between its neighbours.
 
 use std::collections::{BTreeMap, VecDeque};
 
@@ -14,12 +14,12 @@ use super::square::distance;
 /// Steps along x and y: directions 0 +x, 1 +y, 2 -x, 3 -y.
 const STEPS: [[i32; 2]; 4] = [[1, 0], [0, 1], [-1, 0], [0, -1]];
 
-/// Crossings with coordinates.
+/// Crossings with lattice coordinates.
 #[derive(Clone, Debug, Default)]
 pub(super) struct Lattice {
-    /// Crossing by (y, x): row by row.
+    /// Crossing by (y, x), row-major.
     pub(super) nodes: BTreeMap<(i32, i32), usize>,
-    /// By how much a crossing's ray numbers lag behind the directions.
+    /// Offset of a crossing's ray indices against the directions.
     pub(super) offset: BTreeMap<usize, usize>,
 }
 
@@ -70,7 +70,7 @@ fn grow_from(saddles: &[Saddle], links: &Links, root: usize, taken: &mut [bool])
     lattice
 }
 
-/// Whether the step along a ray is about as long as the one before it and the one after it.
+/// Whether the step along a ray has a similar length as the previous and the next one.
 fn alike(saddles: &[Saddle], links: &Links, node: usize, ray: usize) -> bool {
     let Some((other, back)) = links[node][ray] else {
         return false;
@@ -85,7 +85,7 @@ fn alike(saddles: &[Saddle], links: &Links, node: usize, ray: usize) -> bool {
         .all(|l| l < 1.8 * length && length < 1.8 * l)
 }
 
-/// Leaves out crossings that are not between their neighbours, and what is then alone.
+/// Removes crossings that are not between their neighbours, and crossings that are then isolated.
 fn without_strays(saddles: &[Saddle], mut lattice: Lattice) -> Lattice {
     let place = |nodes: &BTreeMap<(i32, i32), usize>, y: i32, x: i32| {
         nodes.get(&(y, x)).map(|n| saddles[*n].at)
@@ -129,15 +129,15 @@ impl Lattice {
         (low, high)
     }
 
-    /// Whether the square between a crossing and its neighbour diagonally down (+x, +y) is dark. None where
-    /// there is no crossing, or one that links do not reach.
+    /// Whether the square between a crossing and its neighbour diagonally down (+x, +y) is dark.
+    /// `None` without a crossing, or for one without links.
     pub(super) fn is_dark(&self, (y, x): (i32, i32)) -> Option<bool> {
-        // Sector k lies between rays k and k + 1, even ones are dark; direction 0 is ray `-offset`.
+        // Sector k is between rays k and k + 1, even ones are dark; direction 0 is ray `-offset`.
         let node = self.nodes.get(&(y, x))?;
         Some(self.offset.get(node)? % 2 == 0)
     }
 
-    /// Where a place without a crossing should be, from the crossings around it; and the length of a step there.
+    /// Predicted position of a missing crossing from those around it; and the local step length.
     pub(super) fn guess(
         &self,
         at: impl Fn(usize) -> [f64; 2],

@@ -1,29 +1,30 @@
-//! Which crossings a border joins.
+//! Links between crossings along borders.
 //!
-//! Contract: from each crossing the border between dark and bright is followed along each of its four rays,
-//! staying on the border pixel by pixel, so that it may be curved as a fisheye lens makes it. Where it runs
-//! into another crossing whose own border comes back this way, with dark on the same side, the two are
-//! joined. A border is never followed through a crossing: its dark side changes there. A link is kept when
-//! both ends found each other, or one did and the other found nothing.
+//! Contract: from each crossing the border between dark and bright is followed along each of its
+//! four rays, pixel by pixel, so that it may be curved by a fisheye lens. If it reaches another
+//! crossing whose own border returns to the first, with dark on the same side, the two are linked.
+//! A border is never followed through a crossing: its dark side changes there. A link is accepted
+//! if both ends found each other, or if one did and the other found nothing.
 
 use super::image::Smooth;
 use super::saddle::Saddle;
 
-/// The other end of a link: crossing and its ray that comes back.
+/// The other end of a link: crossing and its returning ray.
 pub(super) type End = (usize, usize);
 
 /// Links of every crossing along its four rays.
 pub(super) type Links = Vec<[Option<End>; 4]>;
 
-/// How far a border is followed on faith, pixels, where blur or another corner leaves no contrast.
-const ON_FAITH: f32 = 6.5;
-/// A crossing this near to the border's way is on it, pixels.
+/// Maximum distance without contrast over which a border is followed, pixels, because of blur or
+/// another corner.
+const MAX_UNSUPPORTED_PX: f32 = 6.5;
+/// Maximum distance of a crossing from the border that reaches it, pixels.
 const NEAR: f32 = 2.0;
-/// Share of the crossing's contrast that its borders must have.
-const LEAST_SHARE: f32 = 0.3;
+/// Minimum contrast of a border relative to its crossing.
+const MIN_CONTRAST_RATIO: f32 = 0.3;
 
-/// Joins crossings. Rays are sharpened on the way: a border of some length has a better direction than the
-/// circle gave.
+/// Links crossings. Rays are refined at the same time: a border of some length has a better
+/// direction than the circle gave.
 pub(super) fn join(smooth: &Smooth, saddles: &[Saddle]) -> Links {
     let buckets = Buckets::of(smooth, saddles);
     let found: Links = (0..saddles.len())
@@ -44,7 +45,7 @@ pub(super) fn join(smooth: &Smooth, saddles: &[Saddle]) -> Links {
             }
         }
     }
-    // Two borders that ran into the same ray: neither is to be trusted.
+    // Two borders that reached the same ray: neither is accepted.
     for a in 0..links.len() {
         for k in 0..4 {
             if let Some((b, j)) = links[a][k]
@@ -65,7 +66,7 @@ fn follow(
     ray: usize,
 ) -> Option<End> {
     let saddle = &saddles[from];
-    // The dark side lies clockwise (towards larger angles) of an even ray.
+    // The dark side is clockwise (towards larger angles) of an even ray.
     let polarity = if ray.is_multiple_of(2) { 1.0 } else { -1.0 };
     let start = saddle.at.map(|v| v as f32);
     let (sin, cos) = libm::sincosf(saddle.rays[ray] as f32);
@@ -73,11 +74,11 @@ fn follow(
     let mut at = [start[0] + 2.0 * cos, start[1] + 2.0 * sin];
     let mut travelled = 2.0f32;
     let mut unsure = 2.0f32;
-    // The last place that was surely on the border, and one well before it: they give the direction.
+    // The last reliable position on the border, and one well before it: they give the direction.
     let mut trail = [start; 6];
     let mut steps = 0usize;
     let longest = smooth.width.max(smooth.height) as f32;
-    let least = LEAST_SHARE * saddle.contrast;
+    let least = MIN_CONTRAST_RATIO * saddle.contrast;
     loop {
         if let Some((to, distance)) = buckets.nearest(saddles, at, from)
             && distance < NEAR
@@ -100,7 +101,7 @@ fn follow(
             sample(1.0)?,
             sample(2.0)?,
         ];
-        // Falls from the bright to the dark side, between neighbouring samples.
+        // Decreases from the bright to the dark side, between neighbouring samples.
         let falls = [0, 1, 2, 3].map(|i| (polarity * (values[i] - values[i + 1])).max(0.0));
         let contrast = polarity * (values[0] - values[4]);
         if contrast > least {
@@ -108,7 +109,7 @@ fn follow(
             let offset = (-1.5 * falls[0] - 0.5 * falls[1] + 0.5 * falls[2] + 1.5 * falls[3]) / sum;
             at = [at[0] + offset * normal[0], at[1] + offset * normal[1]];
             unsure = 0.0;
-            // From the sixth last place, or the crossing itself.
+            // From the sixth last position, or the crossing itself.
             let back = trail[steps % trail.len()];
             trail[steps % trail.len()] = at;
             steps += 1;
@@ -126,16 +127,16 @@ fn follow(
         at = [at[0] + pace * direction[0], at[1] + pace * direction[1]];
         travelled += pace;
         unsure += pace;
-        if unsure > ON_FAITH || travelled > longest {
+        if unsure > MAX_UNSUPPORTED_PX || travelled > longest {
             return None;
         }
     }
 }
 
-/// The ray of a crossing along which a border arrives that left along `ray`.
+/// The ray of a crossing that matches a border which left along `ray`.
 fn arrive(saddles: &[Saddle], to: usize, ray: usize, direction: [f32; 2]) -> Option<End> {
     let best = (0..4)
-        // Dark stays on its side: an even ray ends in an odd one.
+        // The dark side is preserved: an even ray ends in an odd one.
         .filter(|j| (j + ray) % 2 == 1)
         .map(|j| {
             let (sin, cos) = libm::sincos(saddles[to].rays[j]);
@@ -148,11 +149,11 @@ fn arrive(saddles: &[Saddle], to: usize, ray: usize, direction: [f32; 2]) -> Opt
     (best.1 > 0.8).then_some((to, best.0))
 }
 
-/// Crossings by place.
+/// Crossings by position.
 struct Buckets {
     columns: usize,
     rows: usize,
-    /// Where each bucket begins in `members`; one more than there are buckets.
+    /// Start of each bucket in `members`; one more than there are buckets.
     begins: Vec<u32>,
     members: Vec<u32>,
 }
@@ -190,7 +191,7 @@ impl Buckets {
         }
     }
 
-    /// The nearest crossing but `except` within a few pixels, and its distance.
+    /// The nearest crossing other than `except` within a few pixels, and its distance.
     fn nearest(&self, saddles: &[Saddle], at: [f32; 2], except: usize) -> Option<(usize, f32)> {
         let low = at.map(|v| (v - NEAR).max(0.0) as usize >> SHIFT);
         let high = at.map(|v| (v + NEAR).max(0.0) as usize >> SHIFT);

@@ -1,17 +1,18 @@
 //! A board as a PDF page at its true size.
 //!
-//! Contract: one page, the pattern as one filled path (no seams between its cells), lengths exact to 0.001 mm.
-//! Two rulers of 100 mm, one along each axis, say after printing whether the printer kept the size. The same
-//! board and paper give the same bytes. What does not fit is an error that says what would.
+//! Contract: one page, the pattern as one filled path (no seams between its cells), lengths exact
+//! to 0.001 mm. Two rulers of 100 mm, one along each axis, show after printing whether the printer
+//! kept the size. The same board and paper give the same bytes. A board that does not fit is an
+//! error that states the available room.
 //!
-//! The subset of PDF 1.4 (ISO 32000-1) used: one page, one stream without compression, one of the 14
-//! fonts that every reader has.
+//! The subset of PDF 1.4 (ISO 32000-1) used: one page, one stream without compression, one of the
+//! 14 fonts that every reader has.
 
 use std::fmt::Write as _;
 
 use super::board::Target;
 
-/// Kept free at the left and the bottom for rulers and text, mm.
+/// Strip at the left and the bottom for rulers and text, mm.
 const STRIP_MM: f64 = 14.0;
 /// PDF's unit per millimetre.
 const POINTS: f64 = 72.0 / 25.4;
@@ -36,7 +37,7 @@ const SHEETS: [(&str, f64, f64); 6] = [
 ];
 
 impl Paper {
-    /// `A4` to `A0`, `Letter`, or `WIDTHxHEIGHT` in millimetres. None for anything else.
+    /// Parses `A4` to `A0`, `Letter`, or `WIDTHxHEIGHT` in millimetres. `None` for anything else.
     pub fn parse(text: &str) -> Option<Self> {
         if let Some((_, width_mm, height_mm)) = SHEETS
             .iter()
@@ -59,8 +60,8 @@ impl Paper {
         })
     }
 
-    /// The same sheet on its other side.
-    pub fn turned(self) -> Self {
+    /// The same sheet rotated by 90 degrees.
+    pub fn rotated(self) -> Self {
         Self {
             width_mm: self.height_mm,
             height_mm: self.width_mm,
@@ -79,10 +80,10 @@ impl Paper {
     }
 }
 
-/// Why a board cannot be drawn.
+/// Reasons for a missing page.
 #[derive(Clone, Debug, PartialEq, thiserror::Error)]
 pub enum PdfError {
-    /// The board itself is impossible: correct the key.
+    /// The board itself is invalid: correct the key.
     #[error("drawing a board: {key} is {found}")]
     Board {
         /// The key of the board's file.
@@ -108,7 +109,7 @@ pub enum PdfError {
 /// # Errors
 /// [`PdfError`].
 pub fn draw(target: &Target, paper: Paper) -> Result<Vec<u8>, PdfError> {
-    if let Some((key, found)) = target.objection() {
+    if let Some((key, found)) = target.invalid_reason() {
         return Err(PdfError::Board { key, found });
     }
     let sheet = target.sheet_m();
@@ -117,7 +118,7 @@ pub fn draw(target: &Target, paper: Paper) -> Result<Vec<u8>, PdfError> {
     if !paper.fits(target) {
         return Err(PdfError::TooLarge { size_mm, room_mm });
     }
-    // Where the board's origin is on the page, mm from the page's top left: in the middle of the room.
+    // Position of the board's origin on the page, mm from the page's top left: centred in the room.
     let corner = [
         STRIP_MM + 0.5 * (room_mm[0] - size_mm[0]),
         0.5 * (room_mm[1] - size_mm[1]),
@@ -182,7 +183,8 @@ impl Page {
         writeln!(self.content, "{x0:.4} {y0:.4} m {x1:.4} {y1:.4} l").expect("text grows");
     }
 
-    /// 100 mm along the bottom from the left, and along the left from the bottom; less on a small sheet is left out.
+    /// 100 mm along the bottom from the left, and along the left from the bottom; omitted on a
+    /// smaller sheet.
     fn rulers(&mut self, paper: Paper) {
         self.content.push_str("0.3 w\n");
         let [x, y] = [STRIP_MM + 2.0, paper.height_mm - STRIP_MM - 2.0];
@@ -222,7 +224,7 @@ impl Page {
         }
     }
 
-    /// Text of `size_mm`, its base line's beginning at a place.
+    /// Text of `size_mm`, its base line starting at `at`.
     fn text(&mut self, at: [f64; 2], size_mm: f64, text: &str) {
         let [x, y] = self.place(at);
         let escaped = text
@@ -238,7 +240,7 @@ impl Page {
     }
 }
 
-/// One line about the board.
+/// One-line description of the board.
 pub fn describe(target: &Target) -> String {
     let mm = |m: f64| {
         format!("{:.3}", 1000.0 * m)
@@ -283,7 +285,7 @@ pub fn describe(target: &Target) -> String {
     }
 }
 
-/// The objects, and the table of where each begins.
+/// The objects and the cross-reference table.
 fn file(paper: Paper, content: &str) -> Vec<u8> {
     let [width, height] = [paper.width_mm, paper.height_mm].map(|v| v * POINTS);
     let objects = [
@@ -373,7 +375,7 @@ mod tests {
     }
 
     #[test]
-    fn the_table_tells_where_objects_begin() {
+    fn xref_table_has_the_object_offsets() {
         let page = text(&BOARD, "Letter");
         let table = page.rfind("\nxref\n").unwrap() + 1;
         let start: usize = page.lines().rev().nth(1).unwrap().parse().unwrap();
@@ -397,7 +399,7 @@ mod tests {
     }
 
     #[test]
-    fn what_does_not_fit_says_so() {
+    fn board_larger_than_the_paper_is_an_error() {
         let large = Target::Chessboard {
             columns: 9,
             rows: 6,

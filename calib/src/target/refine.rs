@@ -1,28 +1,27 @@
-//! Where exactly two borders cross.
+//! Subpixel refinement of a crossing of two borders.
 //!
-//! Contract: around a crossing of two straight borders a picture is the same after half a turn about it. The
-//! place given is the one about which it is most so: it minimises `Σ w (I(q) - I(2c - q))²` over the
-//! pixels q of a round window, by Gauss-Newton steps.
+//! Contract: an image of two crossing straight borders is symmetric under half a turn about the
+//! crossing. The refined position is the centre of best symmetry: it minimizes `Σ w (I(q) - I(2c -
+//! q))²` over the pixels q of a round window, by Gauss–Newton steps.
 //!
-//! Symmetric blur, defocus, an even movement of the camera, any tone curve and any tilt of the board keep
-//! that symmetry, so none of them moves the place. What does: a border that the lens bends within the
-//! window, another corner inside it, the edge of a shadow.
+//! Symmetric blur, defocus, uniform camera motion, any tone curve and any tilt of the board
+//! preserve that symmetry, so that none of them biases the position. Sources of bias are: a border
+//! that the lens curves within the window, another corner inside it, the edge of a shadow.
 //!
-//! The usual equation of gradients that point past the corner (Förstner and Gülch 1987) under a window that
-//! moves with it was tried first: where the blur is as wide as the window, its fixed point is not stable (for
-//! a picture `I = x y` a step doubles the distance), and real corners were lost.
+//! The usual equation of gradients that point past the corner (Förstner and Gülch 1987) under a
+//! window that moves with it was tried first: if the blur is as wide as the window, its fixed point
+//! is not stable (for an image `I = x y` a step doubles the distance), and real corners were lost.
 
 use super::image::{Smooth, UNIT};
 use super::square::distance;
 
-/// The narrowest round window that still holds enough pixels around a crossing, pixels from its middle to
-/// its end.
-pub(super) const NARROWEST: f64 = 2.6;
-/// The widest window, pixels from its middle to its end.
-pub(super) const WIDEST: f64 = 12.0;
+/// Minimum radius of a round window with enough pixels around a crossing, pixels.
+pub(super) const MIN_WINDOW_PX: f64 = 2.6;
+/// Maximum radius of a window, pixels.
+pub(super) const MAX_WINDOW_PX: f64 = 12.0;
 
-/// Which pixels around a crossing count, and how much: `(1 - |M r|²)²` for the way r from the crossing,
-/// which is smooth at its end.
+/// Weights of the pixels around a crossing: `(1 - |M r|²)²` for the displacement r from the
+/// crossing, which is smooth at its end.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Window {
     m: [[f32; 2]; 2],
@@ -30,9 +29,9 @@ pub(super) struct Window {
 }
 
 impl Window {
-    /// Ends `reach` pixels away in every direction.
+    /// A round window of radius `reach`.
     pub(super) fn round(reach: f64) -> Self {
-        let reach = reach.clamp(NARROWEST, WIDEST);
+        let reach = reach.clamp(MIN_WINDOW_PX, MAX_WINDOW_PX);
         let m = (1.0 / reach) as f32;
         Self {
             m: [[m, 0.0], [0.0, m]],
@@ -40,62 +39,63 @@ impl Window {
         }
     }
 
-    /// The ellipse that ends at `sides` and their opposites. A board seen at a slant has room along its one
-    /// axis where it has none along the other.
+    /// The ellipse through `sides` and their opposites. A board in an oblique view has room along
+    /// one axis where it has none along the other.
     pub(super) fn along(sides: [[f64; 2]; 2], widest: f64) -> Self {
         let [a, b] = sides.map(|side| {
             let length = (side[0] * side[0] + side[1] * side[1]).sqrt();
-            let wanted = length.clamp(LEAST_ALONG, widest.clamp(NARROWEST, WIDEST));
-            side.map(|v| v * wanted / length.max(f64::MIN_POSITIVE))
+            let reach = length.clamp(MIN_ALONG_PX, widest.clamp(MIN_WINDOW_PX, MAX_WINDOW_PX));
+            side.map(|v| v * reach / length.max(f64::MIN_POSITIVE))
         });
         let determinant = a[0] * b[1] - a[1] * b[0];
         let product = ((a[0] * a[0] + a[1] * a[1]) * (b[0] * b[0] + b[1] * b[1])).sqrt();
         // Sides nearly on one line leave no ellipse.
         if determinant.abs() < 0.15 * product {
-            return Self::round(NARROWEST);
+            return Self::round(MIN_WINDOW_PX);
         }
         let m = [[b[1], -b[0]], [-a[1], a[0]]].map(|row| row.map(|v| (v / determinant) as f32));
         let far = |k: usize| (a[k] * a[k] + b[k] * b[k]).sqrt();
         Self {
             m,
-            far: far(0).max(far(1)).min(WIDEST).ceil() as usize,
+            far: far(0).max(far(1)).min(MAX_WINDOW_PX).ceil() as usize,
         }
     }
 }
 
-/// Least reach of a window along a side, pixels.
-const LEAST_ALONG: f64 = 1.9;
-/// Steps after which the place must have settled.
-const MOST_STEPS: usize = 20;
-/// A smaller step ends the search, pixels.
-const SETTLED: f64 = 5e-4;
+/// Minimum reach of a window along a side, pixels.
+const MIN_ALONG_PX: f64 = 1.9;
+/// Maximum number of steps to convergence.
+const MAX_ITERATIONS: usize = 20;
+/// Step length at convergence, pixels.
+const CONVERGENCE_PX: f64 = 5e-4;
 
-/// Where the crossing near `start` is, under a window. None where it is further than `furthest` from the start, too near the picture's edge, or does not settle.
-pub(super) fn settle(
+/// Position of the crossing near `start`, under a window. `None` if it is further than `furthest`
+/// from the start, too close to the image edge, or does not converge.
+pub(super) fn refine_corner(
     smooth: &Smooth,
     start: [f64; 2],
     window: &Window,
     furthest: f64,
 ) -> Option<[f64; 2]> {
     let mut at = start;
-    for i in 0..MOST_STEPS {
+    for i in 0..MAX_ITERATIONS {
         let to = step(smooth, at, window)?.to;
         let moved = distance(to, at);
-        // A step that keeps going to and fro over the place is too long.
+        // A step that oscillates is too long.
         let share = if i < 6 { 1.0 } else { 0.5 };
         at = [0, 1].map(|k| at[k] + share * (to[k] - at[k]));
         if distance(at, start) > furthest {
             return None;
         }
-        if moved < SETTLED {
+        if moved < CONVERGENCE_PX {
             return Some(at);
         }
     }
     None
 }
 
-/// As [`settle`], to a few hundredths of a pixel.
-pub(super) fn settle_roughly(
+/// As [`refine_corner`], to a few hundredths of a pixel.
+pub(super) fn refine_coarsely(
     smooth: &Smooth,
     start: [f64; 2],
     window: &Window,
@@ -116,8 +116,8 @@ pub(super) fn settle_roughly(
     Some(at)
 }
 
-/// Standard deviation of the place along its worst direction, pixels, when every grey value has an
-/// independent error of `noise` grey values: the matrix of the steps on both sides of the noise's own.
+/// Standard deviation of the position along its worst direction, pixels, for independent noise of
+/// `noise` grey values: the inverse of the step matrix on both sides of the noise matrix.
 pub(super) fn sigma(smooth: &Smooth, at: [f64; 2], window: &Window, noise: f64) -> Option<f64> {
     let Step {
         matrix: [a, b, c],
@@ -130,16 +130,16 @@ pub(super) fn sigma(smooth: &Smooth, at: [f64; 2], window: &Window, noise: f64) 
     let yy = b * b * p - 2.0 * a * b * q + a * a * r;
     let xy = -b * c * p + (a * c + b * b) * q - a * b * r;
     let largest = 0.5 * (xx + yy) + (0.25 * (xx - yy) * (xx - yy) + xy * xy).sqrt();
-    Some(NOISE_LEFT * noise * largest.max(0.0).sqrt() / determinant)
+    Some(SMOOTHED_NOISE_RATIO * noise * largest.max(0.0).sqrt() / determinant)
 }
 
-/// The binomial filter spreads a pixel's noise over its neighbours, whose gradients are nearly, not quite,
-/// the same. Measured: see the test `stated_sigma_is_what_happens`.
-const NOISE_LEFT: f64 = 0.8;
+/// The binomial filter spreads a pixel's noise over its neighbours, whose gradients are nearly, not
+/// quite, the same. Measured: see the test `stated_sigma_agrees_with_errors`.
+const SMOOTHED_NOISE_RATIO: f64 = 0.8;
 
-/// What the pixels in a window say.
+/// Result of one step.
 struct Step {
-    /// Where to go from here.
+    /// New position.
     to: [f64; 2],
     /// xx, xy, yy of `Σ w g gᵀ`.
     matrix: [f64; 3],
@@ -147,9 +147,9 @@ struct Step {
     noise: [f64; 3],
 }
 
-const SIDE: usize = 2 * WIDEST as usize + 1;
+const SIDE: usize = 2 * MAX_WINDOW_PX as usize + 1;
 
-/// One step, with the window here.
+/// One step, with the window at the current position.
 fn step(smooth: &Smooth, at: [f64; 2], window: &Window) -> Option<Step> {
     let far = window.far;
     let side = 2 * far + 1;
@@ -222,11 +222,11 @@ fn step(smooth: &Smooth, at: [f64; 2], window: &Window) -> Option<Step> {
     );
     let [xx, xy, yy] = matrix;
     let determinant = xx * yy - xy * xy;
-    // One direction only, or nothing at all.
+    // A single direction, or no gradient at all.
     if determinant <= 0.003 * (xx + yy) * (xx + yy) || xx + yy < 1.0 {
         return None;
     }
-    // I(q) - I(2c - q) changes by 2 g per step, since the gradient at the mirrored place is -g.
+    // I(q) - I(2c - q) changes by 2 g per step, since the gradient at the mirrored position is -g.
     let x = at[0] - 0.5 * (yy * bx - xy * by) / determinant;
     let y = at[1] - 0.5 * (xx * by - xy * bx) / determinant;
     Some(Step {

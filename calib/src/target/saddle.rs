@@ -1,25 +1,27 @@
-//! Crossings of black and white: the points where a smoothed picture is a saddle.
+//! Crossings of black and white: saddle points of the smoothed image.
 //!
 //! Contract: every pixel whose Hessian has a clearly negative determinant, more so than its eight
-//! neighbours, is a candidate; a candidate is kept when a small circle around it sees dark, bright, dark,
-//! bright in turn, with both pairs of borders nearly straight through. What comes out is sorted by row,
-//! then column, and has a place good to a fraction of a pixel, four rays along the borders, and contrast.
+//! neighbours, is a candidate; a candidate is accepted if a small circle around it is alternately
+//! dark, bright, dark and bright, with both pairs of borders nearly straight. The result is sorted
+//! by row, then column; each crossing has a position accurate to a fraction of a pixel, four rays
+//! along the borders, and a contrast.
 //!
-//! The Hessian of the picture smoothed by 1 pixel comes from differences over 2 pixels; its determinant
-//! does not depend on the direction of the crossing (Lucchese and Mitra 2002 use the same criterion).
+//! The Hessian of the image smoothed by 1 pixel comes from differences over 2 pixels; its
+//! determinant does not depend on the direction of the crossing (Lucchese and Mitra 2002 use the
+//! same criterion).
 
 use super::image::{Smooth, UNIT};
-use super::refine::{self, NARROWEST, Window};
+use super::refine::{self, MIN_WINDOW_PX, Window};
 
-/// Least square root of the negated determinant, grey values per square pixel: an ideal crossing of
-/// contrast A blurred by s has `A / (π s²)`, so that 20 grey values pass up to a blur of 2.5.
-const LEAST_CURVATURE: f32 = 1.0;
+/// Minimum square root of the negated determinant, grey values per square pixel: an ideal crossing
+/// of contrast A blurred by s has `A / (π s²)`, so that 20 grey values pass up to a blur of 2.5.
+const MIN_CURVATURE: f32 = 1.0;
 
-/// Least contrast between the bright and the dark sectors, grey values.
-const LEAST_CONTRAST: f32 = 8.0;
+/// Minimum contrast between the bright and the dark sectors, grey values.
+const MIN_CONTRAST: f32 = 8.0;
 
-/// Candidates beyond this many are left out, weakest first: a picture of gravel must not take minutes.
-const MOST: usize = 6000;
+/// Maximum number of candidates, strongest first: an image of gravel must not take minutes.
+const MAX_SADDLES: usize = 6000;
 
 /// Samples around the circle.
 const SAMPLES: usize = 32;
@@ -27,36 +29,36 @@ const SAMPLES: usize = 32;
 /// A crossing of black and white.
 #[derive(Clone, Debug)]
 pub(super) struct Saddle {
-    /// Place in the picture, pixels.
+    /// Position in the image, pixels.
     pub(super) at: [f64; 2],
     /// Directions of the borders, radians from x towards y, ascending around the circle from one in
     /// `0..2π`: between rays 0 and 1 and between 2 and 3 it is dark, between 1 and 2 and between 3 and 0 bright.
     pub(super) rays: [f64; 4],
-    /// Grey values between dark and bright near the crossing.
+    /// Contrast near the crossing, grey values.
     pub(super) contrast: f32,
 }
 
 /// Finds the crossings.
 pub(super) fn find(smooth: &Smooth) -> Vec<Saddle> {
     let mut peaks = peaks(smooth);
-    if peaks.len() > MOST {
-        // By strength, then by place, so that equals do not depend on the sort.
+    if peaks.len() > MAX_SADDLES {
+        // By strength, then by position, so that equal ones do not depend on the sort.
         peaks.sort_by(|a, b| b.2.total_cmp(&a.2).then((a.1, a.0).cmp(&(b.1, b.0))));
-        peaks.truncate(MOST);
+        peaks.truncate(MAX_SADDLES);
         peaks.sort_by_key(|&(x, y, _)| (y, x));
     }
     let mut saddles: Vec<Saddle> = Vec::new();
-    let window = Window::round(NARROWEST);
+    let window = Window::round(MIN_WINDOW_PX);
     for (x, y, _) in peaks {
         if !may_cross(smooth, x, y) {
             continue;
         }
-        let Some(at) = refine::settle_roughly(smooth, [x as f64, y as f64], &window, 2.0) else {
+        let Some(at) = refine::refine_coarsely(smooth, [x as f64, y as f64], &window, 2.0) else {
             continue;
         };
         if let Some(saddle) = [3.0, 2.2]
             .into_iter()
-            .find_map(|radius| look_around(smooth, at, radius))
+            .find_map(|radius| fit_rays(smooth, at, radius))
         {
             saddles.push(saddle);
         }
@@ -64,8 +66,8 @@ pub(super) fn find(smooth: &Smooth) -> Vec<Saddle> {
     drop_doubles(saddles)
 }
 
-/// A first look by whole pixels: around a crossing it gets brighter and darker than its middle twice. Most
-/// of what texture and noise bring ends here.
+/// A quick test with whole pixels: around a crossing the image is brighter and darker than its
+/// middle twice. Rejects most of texture and noise.
 fn may_cross(smooth: &Smooth, x: usize, y: usize) -> bool {
     /// Circles of 3 and 2 pixels.
     const OUTER: [(isize, isize); 16] = [
@@ -113,12 +115,12 @@ fn may_cross(smooth: &Smooth, x: usize, y: usize) -> bool {
             changes += i32::from((here < 0) != (last < 0));
             (low, high, last) = (low.min(here), high.max(here), here);
         }
-        changes == 4 && (high - low) as f32 * UNIT >= 0.7 * LEAST_CONTRAST
+        changes == 4 && (high - low) as f32 * UNIT >= 0.7 * MIN_CONTRAST
     };
     crosses(&OUTER) || crosses(&INNER)
 }
 
-/// Of crossings less than 1.5 pixels apart the one of higher contrast stays.
+/// Of crossings less than 1.5 pixels apart, keeps the one of higher contrast.
 fn drop_doubles(mut saddles: Vec<Saddle>) -> Vec<Saddle> {
     saddles.sort_by(|a, b| {
         a.at[1]
@@ -157,7 +159,7 @@ fn response(smooth: &Smooth, y: usize, out: &mut [f32]) {
     let (up2, up, here, down, down2) = (row(y - 2), row(y - 1), row(y), row(y + 1), row(y + 2));
     let count = width - 4;
     let out = &mut out[2..2 + count];
-    // Slices of one length each, so that the loop below needs no bounds and becomes vectors.
+    // Slices of equal length, so that the loop below needs no bounds checks and is vectorized.
     let (left2, mid, right2) = (&here[..count], &here[2..2 + count], &here[4..4 + count]);
     let (north, south) = (&up2[2..2 + count], &down2[2..2 + count]);
     let (nw, ne) = (&up[1..1 + count], &up[3..3 + count]);
@@ -182,8 +184,8 @@ fn peaks(smooth: &Smooth) -> Vec<(usize, usize, f32)> {
     if width < 9 || height < 9 {
         return peaks;
     }
-    let least = LEAST_CURVATURE * LEAST_CURVATURE / RESPONSE_UNIT;
-    // Three rows of responses take turns.
+    let least = MIN_CURVATURE * MIN_CURVATURE / RESPONSE_UNIT;
+    // Ring buffer of three rows of responses.
     let mut rows = [
         vec![0.0f32; width],
         vec![0.0f32; width],
@@ -200,7 +202,7 @@ fn peaks(smooth: &Smooth) -> Vec<(usize, usize, f32)> {
             if value < least {
                 continue;
             }
-            // Of equals the first one counts.
+            // Of equal values the first one counts.
             let first = value > above[x - 1]
                 && value > above[x]
                 && value > above[x + 1]
@@ -213,8 +215,8 @@ fn peaks(smooth: &Smooth) -> Vec<(usize, usize, f32)> {
     peaks
 }
 
-/// Looks at a circle around a place. None where it is not a crossing.
-pub(super) fn look_around(smooth: &Smooth, at: [f64; 2], radius: f32) -> Option<Saddle> {
+/// Analyses a circle around a position. `None` if it is not a crossing.
+pub(super) fn fit_rays(smooth: &Smooth, at: [f64; 2], radius: f32) -> Option<Saddle> {
     let (x, y) = (at[0] as f32, at[1] as f32);
     let level = smooth.sample(x, y)?;
     let mut values = [0.0f32; SAMPLES];
@@ -245,8 +247,8 @@ pub(super) fn look_around(smooth: &Smooth, at: [f64; 2], radius: f32) -> Option<
         let k = into_dark + k;
         borders[k % 4] + if k >= 4 { std::f64::consts::TAU } else { 0.0 }
     });
-    // A border comes out on the other side: to about 35 degrees, since a ring of few pixels next to other
-    // corners is a rough guess.
+    // A border continues on the other side: to about 35 degrees, since a ring of few pixels next to
+    // other corners is a rough estimate.
     let straight = |a: f64, b: f64| (b - a - std::f64::consts::PI).abs() < 0.6;
     let apart = (0..4).all(|k| {
         let next = if k == 3 {
@@ -274,8 +276,9 @@ pub(super) fn look_around(smooth: &Smooth, at: [f64; 2], radius: f32) -> Option<
     let bright = extremes[1].min(extremes[3]);
     let dark = extremes[0].max(extremes[2]);
     let contrast = bright - dark;
-    // Where one side of the level is far flatter than the other it is the end of a line, not a crossing.
-    if contrast < LEAST_CONTRAST || bright < 0.12 * contrast || -dark < 0.12 * contrast {
+    // If one side of the level is far flatter than the other, it is the end of a line, not a
+    // crossing.
+    if contrast < MIN_CONTRAST || bright < 0.12 * contrast || -dark < 0.12 * contrast {
         return None;
     }
     for ray in &mut rays {

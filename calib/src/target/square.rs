@@ -1,12 +1,12 @@
-//! The unit square seen in perspective, and distances.
+//! Perspective mapping of the unit square, and distances.
 
-/// Takes (u, v) of the unit square to the picture: (0, 0), (1, 0), (1, 1), (0, 1) go to the four corners.
-/// Heckbert (1989), section 2.2.3.
+/// Maps (u, v) of the unit square to the image: (0, 0), (1, 0), (1, 1), (0, 1) go to the four
+/// corners. Heckbert (1989), section 2.2.3.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Square([f64; 8]);
 
 impl Square {
-    /// None for corners of which three lie on a line, or that are not convex.
+    /// `None` for corners of which three are on a line, or that are not convex.
     pub(super) fn new(corners: [[f64; 2]; 4]) -> Option<Self> {
         let [p0, p1, p2, p3] = corners;
         let turns = [0, 1, 2, 3].map(|i| {
@@ -28,7 +28,8 @@ impl Square {
         all.iter().all(|v| v.is_finite()).then_some(Self(all))
     }
 
-    /// Where (u, v) is in the picture; also beyond the square, as long as that is before the camera.
+    /// Position of (u, v) in the image; also outside the square, as long as it is in front of the
+    /// camera.
     pub(super) fn at(&self, [u, v]: [f64; 2]) -> [f64; 2] {
         let [a, b, c, d, e, f, g, h] = self.0;
         let w = g * u + h * v + 1.0;
@@ -47,7 +48,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn corners_go_to_corners_and_lines_stay_lines() {
+    fn perspective_map_preserves_corners_and_lines() {
         let corners = [[10.0, 12.0], [50.0, 8.0], [61.0, 44.0], [7.0, 39.0]];
         let square = Square::new(corners).unwrap();
         for (uv, corner) in [[0.0, 0.0], [1.0, 0.0], [1.0, 1.0], [0.0, 1.0]]
@@ -66,7 +67,7 @@ mod tests {
     }
 
     #[test]
-    fn refuses_what_is_no_square() {
+    fn invalid_quadrilateral_is_rejected() {
         assert!(
             Square::new([[0.0, 0.0], [0.0, 1.0], [1.0, 1.0], [1.0, 0.0]]).is_none(),
             "mirrored"

@@ -1,5 +1,5 @@
 use super::*;
-use render::{Lens, Look, Picture, Random, View};
+use render::{Degradation, Lens, Random, RenderedImage, View};
 
 mod real;
 mod render;
@@ -25,7 +25,7 @@ const CHARUCO: Target = Target::Charuco {
     first_id: 0,
 };
 
-/// Root mean square and largest error, mean error along x and y, pixels; and how many were found.
+/// RMS and largest error, mean error along x and y, pixels; and the number of corners found.
 #[derive(Clone, Copy, Debug)]
 struct Errors {
     rms: f64,
@@ -34,7 +34,7 @@ struct Errors {
     found: usize,
 }
 
-/// Every corner found must be one of the board's and within a pixel of the truth: none may be wrong.
+/// Every corner found must belong to the board and be within a pixel of the ground truth.
 fn errors(found: &Detection, truth: &[(u32, [f64; 2])], what: &str) -> Errors {
     let mut sum = [0.0; 2];
     let (mut squares, mut largest) = (0.0, 0.0f64);
@@ -59,14 +59,15 @@ fn errors(found: &Detection, truth: &[(u32, [f64; 2])], what: &str) -> Errors {
     }
 }
 
-fn see(target: &Target, view: View, look: &Look, what: &str) -> (Detection, Errors) {
-    let picture = View::picture(&[(target, view)], look);
-    let found = detect(&picture.view(), target, &Settings::default());
+fn see(target: &Target, view: View, look: &Degradation, what: &str) -> (Detection, Errors) {
+    let image = View::render(&[(target, view)], look);
+    let found = detect(&image.view(), target, &Settings::default());
     let errors = errors(&found, &view.truth(target), what);
     (found, errors)
 }
 
-/// How many corners can be found: those of tags that are wholly in the picture, a few pixels from its edge.
+/// Number of detectable corners: those of tags that are completely inside the image, a few pixels
+/// from its edge.
 fn in_view(target: &Target, view: &View) -> usize {
     let inside = |at: &[f64; 2]| (0..2).all(|k| at[k] > 5.0 && at[k] < view.size[k] as f64 - 6.0);
     let truth = view.truth(target);
@@ -91,7 +92,7 @@ fn middling() -> View {
 #[test]
 fn every_board_is_found_whole() {
     for target in [GRID, CHESS, CHARUCO] {
-        let (found, errors) = see(&target, middling(), &Look::default(), "whole");
+        let (found, errors) = see(&target, middling(), &Degradation::default(), "whole");
         println!("{errors:?} {:?} noise {:.2}", found.blur, found.noise_grey);
         assert_eq!(
             errors.found,
@@ -103,22 +104,27 @@ fn every_board_is_found_whole() {
     }
 }
 
-/// The figures of docs/calibration-targets.md. Small pictures, several of each kind, every one at another
-/// place and angle.
+/// The figures of docs/calibration-targets.md. Small images, several of each kind, each at another
+/// position and angle.
 #[test]
 fn accuracy() {
     let small = [420, 320];
     let mut random = Random(7);
     let mut table = Vec::new();
-    let base = Look::default();
+    let base = Degradation::default();
     let mut kinds = Vec::new();
     for blur in [0.5, 0.7, 1.0, 1.5, 2.0] {
-        kinds.push((format!("blur {blur} px"), Look { blur, ..base }, 0.4, 1.0));
+        kinds.push((
+            format!("blur {blur} px"),
+            Degradation { blur, ..base },
+            0.4,
+            1.0,
+        ));
     }
     for noise in [0.0, 5.0, 10.0] {
         kinds.push((
             format!("noise {noise} grey"),
-            Look { noise, ..base },
+            Degradation { noise, ..base },
             0.4,
             1.0,
         ));
@@ -131,7 +137,7 @@ fn accuracy() {
     }
     kinds.push((
         "sRGB curve, blur 1.5".to_owned(),
-        Look {
+        Degradation {
             srgb: true,
             blur: 1.5,
             levels: [8.0, 180.0],
@@ -142,7 +148,7 @@ fn accuracy() {
     ));
     kinds.push((
         "motion 4 px".to_owned(),
-        Look {
+        Degradation {
             motion: [3.2, 2.4],
             ..base
         },
@@ -151,13 +157,13 @@ fn accuracy() {
     ));
     kinds.push((
         "shade 80 %".to_owned(),
-        Look { shade: 0.8, ..base },
+        Degradation { shade: 0.8, ..base },
         0.4,
         1.0,
     ));
     kinds.push((
         "contrast 40 grey".to_owned(),
-        Look {
+        Degradation {
             levels: [60.0, 100.0],
             ..base
         },
@@ -183,7 +189,7 @@ fn accuracy() {
                 let (detection, e) = see(
                     &target,
                     view,
-                    &Look {
+                    &Degradation {
                         seed: i as u64 + 1,
                         ..look
                     },
@@ -224,7 +230,7 @@ fn accuracy() {
             );
         }
         println!();
-        // What is asked of sharp pictures with little noise; the others have room for what they are.
+        // Requirement for sharp images with little noise; the others have larger limits.
         let hard = ["noise 5", "noise 10", "contrast", "tilt 1.05", "blur 2"]
             .iter()
             .any(|h| name.starts_with(h));
@@ -239,16 +245,16 @@ fn accuracy() {
     }
 }
 
-/// Nothing wrong comes from pictures that show no such board.
+/// No false detections in images without such a board.
 #[test]
 fn mirrored_and_inverted_markers_give_nothing() {
     for target in [GRID, CHARUCO] {
-        let picture = View::picture(&[(&target, middling())], &Look::default());
-        for (what, picture) in [
-            ("mirrored", picture.mirrored()),
-            ("inverted", picture.inverted()),
+        let image = View::render(&[(&target, middling())], &Degradation::default());
+        for (what, image) in [
+            ("mirrored", image.mirrored()),
+            ("inverted", image.inverted()),
         ] {
-            let found = detect(&picture.view(), &target, &Settings::default());
+            let found = detect(&image.view(), &target, &Settings::default());
             assert!(
                 found.corners.is_empty(),
                 "{what} {target:?}: {:?}",
@@ -256,11 +262,11 @@ fn mirrored_and_inverted_markers_give_nothing() {
             );
         }
     }
-    // Of a chessboard they are pictures of a chessboard, which half a turn brings over it.
-    let picture = View::picture(&[(&CHESS, middling())], &Look::default());
-    for picture in [picture.mirrored(), picture.inverted()] {
+    // For a chessboard they are images of a chessboard, rotated by half a turn.
+    let image = View::render(&[(&CHESS, middling())], &Degradation::default());
+    for image in [image.mirrored(), image.inverted()] {
         assert_eq!(
-            detect(&picture.view(), &CHESS, &Settings::default())
+            detect(&image.view(), &CHESS, &Settings::default())
                 .corners
                 .len(),
             54
@@ -268,7 +274,7 @@ fn mirrored_and_inverted_markers_give_nothing() {
     }
 }
 
-/// Every board looked for in pictures of the others, and of other sizes of itself.
+/// Every board is searched in images of the others, and of other sizes of itself.
 #[test]
 fn other_boards_give_nothing() {
     let other_grid = Target::AprilGrid {
@@ -303,7 +309,7 @@ fn other_boards_give_nothing() {
     };
     let view = View::new(VGA, 360.0, [0.0, 0.0, 0.72], [0.2, -0.3, 0.1]);
     for shown in [GRID, CHESS, CHARUCO] {
-        let picture = View::picture(&[(&shown, view)], &Look::default());
+        let image = View::render(&[(&shown, view)], &Degradation::default());
         for sought in [
             &GRID,
             &CHESS,
@@ -313,7 +319,7 @@ fn other_boards_give_nothing() {
             &as_tags,
             &other_charuco,
         ] {
-            let found = detect(&picture.view(), sought, &Settings::default());
+            let found = detect(&image.view(), sought, &Settings::default());
             assert_eq!(
                 !found.corners.is_empty(),
                 *sought == shown,
@@ -321,10 +327,10 @@ fn other_boards_give_nothing() {
             );
         }
     }
-    // A ChArUco board has the crossings of a chessboard, and is one for who looks for one.
-    let picture = View::picture(&[(&CHARUCO, view)], &Look::default());
+    // A ChArUco board has the crossings of a chessboard, and is detected as one.
+    let image = View::render(&[(&CHARUCO, view)], &Degradation::default());
     assert_eq!(
-        detect(&picture.view(), &as_charuco, &Settings::default())
+        detect(&image.view(), &as_charuco, &Settings::default())
             .corners
             .len(),
         35
@@ -332,7 +338,7 @@ fn other_boards_give_nothing() {
 }
 
 #[test]
-fn two_boards_in_one_picture() {
+fn two_boards_in_one_image_are_found() {
     let small = |first_id| Target::AprilGrid {
         columns: 3,
         rows: 3,
@@ -343,20 +349,16 @@ fn two_boards_in_one_picture() {
     let (a, b) = (small(0), small(20));
     let left = View::new(VGA, 360.0, [-0.2, 0.0, 0.5], [0.2, 0.3, 0.0]);
     let right = View::new(VGA, 360.0, [0.2, 0.0, 0.5], [-0.2, 0.0, 0.4]);
-    let picture = View::picture(&[(&a, left), (&b, right)], &Look::default());
-    let found = detect_all(
-        &picture.view(),
-        &[a.clone(), b.clone()],
-        &Settings::default(),
-    );
+    let image = View::render(&[(&a, left), (&b, right)], &Degradation::default());
+    let found = detect_all(&image.view(), &[a.clone(), b.clone()], &Settings::default());
     for (found, (target, view)) in found.iter().zip([(&a, left), (&b, right)]) {
         let e = errors(found, &view.truth(target), "two boards");
         assert_eq!(e.found, 36);
     }
-    // The same board twice: no id may be given to either, if it is there twice.
-    let picture = View::picture(&[(&a, left), (&a, right)], &Look::default());
-    let found = detect(&picture.view(), &a, &Settings::default());
-    let near = |truth: &[(u32, [f64; 2])], seen: &Seen| {
+    // The same board twice: an id that occurs twice must not be assigned to either.
+    let image = View::render(&[(&a, left), (&a, right)], &Degradation::default());
+    let found = detect(&image.view(), &a, &Settings::default());
+    let near = |truth: &[(u32, [f64; 2])], seen: &DetectedCorner| {
         truth
             .iter()
             .any(|(id, at)| *id == seen.id && square::distance(*at, seen.pixel) < 1.0)
@@ -371,8 +373,8 @@ fn two_boards_in_one_picture() {
         rows: 4,
         square_m: 0.04,
     };
-    let picture = View::picture(&[(&chess, left), (&chess, right)], &Look::default());
-    let found = detect(&picture.view(), &chess, &Settings::default());
+    let image = View::render(&[(&chess, left), (&chess, right)], &Degradation::default());
+    let found = detect(&image.view(), &chess, &Settings::default());
     assert!(
         found.corners.is_empty() && found.remark == Some("two chessboards of this size"),
         "{found:?}"
@@ -386,7 +388,7 @@ fn boards_partly_outside() {
         let at = [0.25 * angle.cos(), 0.18 * angle.sin(), 0.5];
         let view = View::new(VGA, 360.0, at, [0.3, 0.2, angle]);
         for target in [GRID, CHARUCO] {
-            let (_, e) = see(&target, view, &Look::default(), "partly outside");
+            let (_, e) = see(&target, view, &Degradation::default(), "partly outside");
             let expected = in_view(&target, &view);
             assert!(
                 e.found + 2 >= expected && e.found > 8,
@@ -396,41 +398,41 @@ fn boards_partly_outside() {
             assert!(e.rms < 0.03, "{e:?}");
         }
         // A chessboard is found as a whole or not at all.
-        let (found, e) = see(&CHESS, view, &Look::default(), "partly outside");
+        let (found, e) = see(&CHESS, view, &Degradation::default(), "partly outside");
         assert!(e.found == 0 || e.found == 54, "{found:?}");
     }
 }
 
-/// Every quarter of a turn, and a bit: ids stay with the board.
+/// Every quarter of a turn, and a bit more: ids follow the board.
 #[test]
-fn turned_boards_keep_their_ids() {
+fn rotated_boards_keep_their_ids() {
     for i in 0..8 {
         let turn = f64::from(i) * 0.8;
         let view = View::new([420, 400], 360.0, [0.0, 0.0, 0.72], [0.3, 0.1, turn]);
         for target in [GRID, CHESS, CHARUCO] {
-            let (found, e) = see(&target, view, &Look::default(), "turned");
+            let (found, e) = see(&target, view, &Degradation::default(), "rotated");
             assert_eq!(e.found, in_view(&target, &view), "{i} {:?}", found.remark);
         }
     }
-    // What looks the same after half a turn has the right places and says that it does not know.
+    // A board symmetric under half a turn has correct positions and a flagged orientation.
     let even = Target::Chessboard {
         columns: 6,
         rows: 4,
         square_m: 0.06,
     };
     let view = View::new(VGA, 360.0, [0.0, 0.0, 0.6], [0.3, 0.1, 0.4]);
-    let (found, e) = see(&even, view, &Look::default(), "even");
+    let (found, e) = see(&even, view, &Degradation::default(), "even");
     assert!(found.half_turn && e.found == 24);
 }
 
 #[test]
-fn fisheye_lines_may_bend() {
+fn boards_are_found_under_fisheye_distortion() {
     for target in [GRID, CHESS, CHARUCO] {
         let view = View {
             lens: Lens::Fisheye,
             ..View::new([640, 480], 190.0, [0.1, 0.05, 0.3], [0.2, -0.2, 0.3])
         };
-        let (found, e) = see(&target, view, &Look::default(), "fisheye");
+        let (found, e) = see(&target, view, &Degradation::default(), "fisheye");
         println!("{e:?} of {} {:?}", in_view(&target, &view), found.remark);
         assert!(
             e.found * 10 >= in_view(&target, &view) * 9,
@@ -441,7 +443,7 @@ fn fisheye_lines_may_bend() {
     }
 }
 
-/// Gaussian blur comes out as it went in; a movement as a movement, also along the diagonal of the board.
+/// Gaussian blur is recovered; motion is recovered as motion, also along the diagonal of the board.
 #[test]
 fn blur_is_measured() {
     let view = View::new(VGA, 360.0, [0.0, 0.0, 0.62], [0.2, 0.1, 0.0]);
@@ -450,9 +452,9 @@ fn blur_is_measured() {
             let (found, _) = see(
                 &target,
                 view,
-                &Look {
+                &Degradation {
                     blur: sigma,
-                    ..Look::default()
+                    ..Degradation::default()
                 },
                 "blur",
             );
@@ -474,9 +476,9 @@ fn blur_is_measured() {
             let (found, e) = see(
                 &target,
                 view,
-                &Look {
+                &Degradation {
                     motion,
-                    ..Look::default()
+                    ..Degradation::default()
                 },
                 "motion",
             );
@@ -494,15 +496,15 @@ fn blur_is_measured() {
     }
 }
 
-/// What is stated as one standard deviation is: errors in its units have a root mean square near one.
+/// The stated standard deviations hold: errors in their units have an RMS near one.
 #[test]
-fn stated_sigma_is_what_happens() {
+fn stated_sigma_agrees_with_errors() {
     for (noise, blur) in [(3.0, 0.6), (6.0, 1.0), (8.0, 1.5)] {
         for target in [GRID, CHESS, CHARUCO] {
-            let look = Look {
+            let look = Degradation {
                 noise,
                 blur,
-                ..Look::default()
+                ..Degradation::default()
             };
             let (found, _) = see(&target, middling(), &look, "sigma");
             let truth = middling().truth(&target);
@@ -524,12 +526,12 @@ fn stated_sigma_is_what_happens() {
 }
 
 #[test]
-fn small_and_odd_pictures_do_no_harm() {
+fn small_and_odd_images_do_no_harm() {
     for (width, height) in [(0, 0), (1, 1), (5, 300), (9, 9), (64, 64)] {
         let pixels: Vec<u8> = (0..width * height)
             .map(|i| (i * i * 31 % 256) as u8)
             .collect();
-        let view = GreyView::new(width, height, width, &pixels).unwrap();
+        let view = ImageView::new(width, height, width, &pixels).unwrap();
         for target in [GRID, CHESS, CHARUCO] {
             assert!(
                 detect(&view, &target, &Settings::default())

@@ -6,7 +6,7 @@ use std::fmt;
 use serde::de::{Deserialize, Deserializer, MapAccess, Visitor};
 use serde_json::value::RawValue;
 
-use super::{DEEPEST, Node, Value};
+use super::{MAX_DEPTH, Node, Value};
 use crate::error::CalibError;
 use crate::text::Source;
 
@@ -27,7 +27,7 @@ pub(crate) fn parse(source: &Source) -> Result<Node, CalibError> {
 struct Whole<'a> {
     source: &'a Source,
     text: &'a str,
-    /// Where its lines end.
+    /// Line ends of the file.
     breaks: Vec<usize>,
 }
 
@@ -37,11 +37,11 @@ fn node(whole: &Whole<'_>, raw: &str, depth: usize) -> Result<Node, CalibError> 
         text,
         breaks,
     } = whole;
-    // `raw` is a part of `text`, so that its place is the difference of the two addresses.
+    // `raw` is a part of `text`, so that its offset is the difference of the two addresses.
     let before = raw.as_ptr() as usize - text.as_ptr() as usize;
     let line = 1 + breaks.partition_point(|at| *at < before);
-    if depth > DEEPEST {
-        let found = format!("more than {DEEPEST} values inside each other");
+    if depth > MAX_DEPTH {
+        let found = format!("more than {MAX_DEPTH} values inside each other");
         return Err(source.unexpected(line, &found, "a calibration"));
     }
     let inner = |e: serde_json::Error| source.unexpected(line, &e.to_string(), "valid JSON");
@@ -72,7 +72,7 @@ fn node(whole: &Whole<'_>, raw: &str, depth: usize) -> Result<Node, CalibError> 
     Ok(Node { line, value })
 }
 
-/// A syntax error with what stands on its line.
+/// A syntax error with the text of its line.
 fn syntax(source: &Source, text: &str, error: &serde_json::Error) -> CalibError {
     let line = error.line().max(1);
     let content = text.lines().nth(line - 1).unwrap_or_default().trim();
@@ -89,7 +89,7 @@ fn syntax(source: &Source, text: &str, error: &serde_json::Error) -> CalibError 
     source.malformed(line, &shown, &expected)
 }
 
-/// An object in the order of the file, with keys that come twice.
+/// An object in the order of the file, with duplicate keys.
 struct Entries<'a>(Vec<(String, &'a RawValue)>);
 
 impl<'de> Deserialize<'de> for Entries<'de> {

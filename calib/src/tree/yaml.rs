@@ -1,11 +1,11 @@
-//! The part of YAML that calibration files use: blocks of `key: value` and of `- item` by indentation,
-//! lists and maps in brackets over any number of lines, quotes, comments, and tags such as
-//! `!!opencv-matrix`, which are passed over. One document. Anchors, text blocks and words that go on
-//! over lines are refused with their line, so that a file is never half understood.
+//! The subset of YAML that calibration files use: blocks of `key: value` and of `- item` by
+//! indentation, lists and maps in brackets over any number of lines, quotes, comments, and tags
+//! such as `!!opencv-matrix`, which are ignored. One document. Anchors, text blocks and scalars
+//! over several lines are rejected with their line, so that a file is never half understood.
 //!
-//! OpenCV writes `%YAML:1.0` where YAML has `%YAML 1.0`; lines that begin with `%` are passed over.
+//! OpenCV writes `%YAML:1.0` where YAML has `%YAML 1.0`; lines that begin with `%` are ignored.
 
-use super::{DEEPEST, Node, Value};
+use super::{MAX_DEPTH, Node, Value};
 use crate::error::CalibError;
 use crate::text::Source;
 
@@ -68,7 +68,7 @@ fn lines(source: &Source) -> Result<Vec<Line<'_>>, CalibError> {
     Ok(lines)
 }
 
-/// A comment starts with `#` at the beginning or behind a blank, and not in quotes.
+/// A comment starts with `#` at the beginning or after a blank, and not in quotes.
 fn without_comment(line: &str) -> &str {
     let mut quote = None;
     let mut before = ' ';
@@ -102,10 +102,10 @@ impl<'s> Parser<'s> {
     /// The block whose first line is the current one.
     fn block(&mut self, indent: usize, depth: usize) -> Result<Node, CalibError> {
         let first = self.lines[self.at];
-        if depth > DEEPEST {
+        if depth > MAX_DEPTH {
             return Err(self.wrong(
                 &first,
-                &format!("at most {DEEPEST} blocks inside each other"),
+                &format!("at most {MAX_DEPTH} blocks inside each other"),
             ));
         }
         let value = if is_item(first.text) {
@@ -161,7 +161,7 @@ impl<'s> Parser<'s> {
                 self.at += 1;
                 self.below(line, depth)?
             } else if is_item(value) || (split_key(value).is_some() && !opens(value)) {
-                // A block that begins behind the dash: as if on a line of its own.
+                // A block that begins after the dash: as if on a line of its own.
                 let inner = indent + (line.text.len() - value.len());
                 self.lines[self.at] = Line {
                     number: line.number,
@@ -176,10 +176,10 @@ impl<'s> Parser<'s> {
         Ok(items)
     }
 
-    /// What stands below a key or a dash that has nothing behind it.
+    /// The value below a key or a dash without an inline value.
     fn below(&mut self, above: Line<'s>, depth: usize) -> Result<Node, CalibError> {
         match self.lines.get(self.at) {
-            // A sequence may stand at the indentation of its key.
+            // A sequence may have the indentation of its key.
             Some(next)
                 if next.indent > above.indent
                     || (next.indent == above.indent
@@ -196,7 +196,7 @@ impl<'s> Parser<'s> {
         }
     }
 
-    /// A value behind its key or dash, which may go on over more lines if it is in brackets.
+    /// A value after its key or dash, which may continue over more lines if it is in brackets.
     fn inline(&mut self, line: Line<'s>, value: &'s str, depth: usize) -> Result<Node, CalibError> {
         if opens(value) {
             let mut flow = Flow {
@@ -287,8 +287,8 @@ impl<'s> Flow<'_, 's> {
     fn value(&mut self, depth: usize) -> Result<Node, CalibError> {
         let open = self.peek()?;
         let line = self.line();
-        if depth > DEEPEST {
-            let expected = format!("at most {DEEPEST} brackets inside each other");
+        if depth > MAX_DEPTH {
+            let expected = format!("at most {MAX_DEPTH} brackets inside each other");
             return Err(self.source.malformed(line, self.rest, &expected));
         }
         let value = match open {
@@ -324,7 +324,7 @@ impl<'s> Flow<'_, 's> {
         Ok(Node { line, value })
     }
 
-    /// Elements with commas between them, up to the closing bracket. A comma may stand before it.
+    /// Elements separated by commas, up to the closing bracket. A trailing comma is allowed.
     fn elements(
         &mut self,
         close: u8,
@@ -355,7 +355,7 @@ impl<'s> Flow<'_, 's> {
         Ok(())
     }
 
-    /// A plain word, up to what ends it.
+    /// A plain scalar, up to its end.
     fn word(&mut self) -> Result<String, CalibError> {
         if let quote @ (b'"' | b'\'') = self.peek()? {
             return self.quoted(quote);
@@ -415,7 +415,7 @@ fn split_key(text: &str) -> Option<(&str, &str)> {
     (!key.is_empty() && !key.starts_with(['[', '{'])).then(|| (key, text[at + 1..].trim()))
 }
 
-/// A tag says of what kind a value is; the reader knows already.
+/// Removes a tag: the reader knows the type already.
 fn without_tag(value: &str) -> &str {
     match value.strip_prefix('!') {
         Some(tag) => tag
@@ -425,7 +425,7 @@ fn without_tag(value: &str) -> &str {
     }
 }
 
-/// Where a quotation ends.
+/// End of a quotation.
 fn closing_quote(inside: &str, quote: u8) -> Option<usize> {
     let bytes = inside.as_bytes();
     let mut i = 0;

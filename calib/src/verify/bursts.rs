@@ -1,18 +1,19 @@
-//! Which parts of a session are worth decoding.
+//! Selection of the bursts of a session that are decoded.
 //!
-//! Contract: bursts are spread over the whole session, one in each of equal parts of it, and within its part each lies where the
-//! body turns most, but not so fast that pictures blur. The choice depends on the gyroscopes alone; without any, each lies
-//! in the middle of its part.
+//! Contract: the session is divided into equal parts with one burst each. Within its part, a burst
+//! is placed where the rotation rate changes most, but not so fast that images blur. The selection
+//! depends on the gyroscopes alone; without them, each burst is in the middle of its part.
 
 use super::gyro::Gyro;
 
-/// Steps by which places are tried, and by which rates are looked at, ns.
+/// Step between candidate times, and sample interval of the rates, ns.
 const STEP_NS: i64 = 100_000_000;
-const LOOK_NS: i64 = 10_000_000;
-/// Faster turns smear pictures, rad/s.
-const FAST_RAD_S: f64 = 2.0;
+const RATE_STEP_NS: i64 = 10_000_000;
+/// Rate above which motion blur is expected, rad/s.
+const MAX_RATE_RAD_S: f64 = 2.0;
 
-/// First and last time of `count` bursts of a length in a session, ns; fewer where it is short.
+/// First and last time of `count` bursts of a given length in a session, ns; fewer in a short
+/// session.
 pub fn choose_bursts(
     gyros: &[&Gyro],
     span_ns: [i64; 2],
@@ -28,8 +29,8 @@ pub fn choose_bursts(
         let middle = first + (last - first) / 2;
         let places = (0..=(last - first) / STEP_NS).map(|i| first + i * STEP_NS);
         let best = places
-            .map(|at| (richness(gyros, at, at + length_ns), at))
-            .filter(|(rich, _)| *rich > 0.0)
+            .map(|at| (rate_variance(gyros, at, at + length_ns), at))
+            .filter(|(variance, _)| *variance > 0.0)
             .max_by(|a, b| a.0.total_cmp(&b.0).then(b.1.cmp(&a.1)));
         let from = best.map_or(middle, |(_, at)| at);
         [from, from + length_ns]
@@ -37,19 +38,19 @@ pub fn choose_bursts(
     (0..count).map(burst).collect()
 }
 
-/// How much the rate changes, (rad/s)².
-fn richness(gyros: &[&Gyro], from: i64, to: i64) -> f64 {
+/// Variance of the rate, (rad/s)².
+fn rate_variance(gyros: &[&Gyro], from: i64, to: i64) -> f64 {
     let Some(gyro) = gyros.first() else {
         return 0.0;
     };
     let (mut count, mut sum, mut square, mut next) = (0.0, nalgebra::Vector3::zeros(), 0.0, from);
     for (time, rate) in gyro.between_ns(from, to) {
         if time >= next {
-            let rate = rate * (FAST_RAD_S / rate.norm().max(FAST_RAD_S)).powi(3);
+            let rate = rate * (MAX_RATE_RAD_S / rate.norm().max(MAX_RATE_RAD_S)).powi(3);
             count += 1.0;
             sum += rate;
             square += rate.norm_squared();
-            next = time + LOOK_NS;
+            next = time + RATE_STEP_NS;
         }
     }
     if count < 2.0 {

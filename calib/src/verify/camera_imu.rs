@@ -1,228 +1,253 @@
-//! A camera's turns against those of its own gyroscope: how the two are turned against each other, and how late pictures
-//! are stamped.
+//! Camera against its own gyroscope: rotation between the two, and time offset of the images.
 //!
-//! With `imu_from_left = told exp(w)`, the turn of a move is `imu_from_left⁻¹ G imu_from_left`, where `G` is the gyroscope's
-//! turn between the picture times less `late`. Found are `w` (in the left optical frame), `late`, the bias and a
-//! scale of each axis. Turns about one axis alone leave `w` about that axis open; turns that are steady leave `late` open;
-//! both show as large variances.
+//! With `imu_from_left = nominal exp(w)`, the rotation of a track segment is `imu_from_left⁻¹ G
+//! imu_from_left`, where `G` is the gyroscope's rotation between the image times minus
+//! `time_offset`. Estimated are `w` (in the left optical frame), the time offset, the bias and a
+//! scale of each axis. Rotation about a single axis leaves `w` about that axis open; a constant
+//! rate leaves the time offset open; both appear as large variances.
 
 use nalgebra::{Matrix3, SMatrix, SVector, UnitQuaternion, Vector3};
 
 use serde::Serialize;
 
-use super::eyes::{Eyes, Pair};
 use super::gyro::{Gyro, Integrated};
-use super::motion::{ByLine, DISPARITY_PX, Seen, Start, Turned, solve};
+use super::motion::{ByLine, DISPARITY_SIGMA_PX, RotationEstimate, SegmentFeature, Start, solve};
 use super::robust::{Grouped, median, sigmas_of, tukey};
-use super::tracks::{Burst, Move};
+use super::stereo::{StereoAlignment, StereoPair};
+use super::tracks::{Burst, TrackSegment};
 use crate::lens::Lens;
 use crate::stereo::StereoCalibration;
 
-/// Fewest moves that say anything.
-const FEWEST: usize = 12;
-/// What a move's turn may be off besides what its corners say, rad: corners slide with shadows and shapes.
-const FLOOR_RAD: f64 = 1.5e-4;
+/// Minimum number of segments.
+const MIN_SEGMENTS: usize = 12;
+/// Sigma floor of a segment's rotation, rad: features slide with shadows and contours.
+const ROTATION_SIGMA_FLOOR_RAD: f64 = 1.5e-4;
 const ROUNDS: usize = 8;
-/// Standard deviations before anything is seen: of `w`, rad; of biases, rad/s; of `late`, s; of scales.
-const SIGMAS: [f64; 4] = [0.1, 0.03, 0.03, 0.01];
-/// Times are seen where noise makes up less of how the gyroscope's rate changes during moves.
-const LEAST_TURNED: f64 = 0.5;
-/// Offset of inverse distances, before and between moves: yaw of an eye over the baseline, rad.
-const YAW_RAD: f64 = 2e-3;
+/// Prior sigmas: of `w`, rad; of biases, rad/s; of the time offset, s; of scales.
+const PRIOR_SIGMAS: [f64; 4] = [0.1, 0.03, 0.03, 0.01];
+/// Minimum fraction of the gyroscope's rate change during segments that is not noise, for the time
+/// offset to be observable.
+const MIN_SIGNAL_RATIO: f64 = 0.5;
+/// Prior sigma of the inverse-distance offset, before and between segments: yaw of an eye over the
+/// baseline, rad.
+const YAW_SIGMA_RAD: f64 = 2e-3;
 
-/// See the module.
+/// Result; see the module.
 #[derive(Clone, Debug, Serialize)]
 pub struct CameraImu {
     /// `w`, rad.
-    pub turned_rad: [f64; 3],
+    pub rotation_rad: [f64; 3],
     /// Standard deviation about each axis, rad.
     pub sigma_rad: [f64; 3],
-    /// Covariance of it, rad².
+    /// Its covariance, rad².
     #[serde(skip)]
     pub(super) covariance: Matrix3<f64>,
-    /// How much later pictures are stamped than the gyroscope's samples, s.
-    pub late_s: f64,
+    /// Time offset, s: positive if images are stamped later than the gyroscope's samples.
+    pub time_offset_s: f64,
     /// Its standard deviation, s.
-    pub late_sigma_s: f64,
-    /// Of the gyroscope, rad/s.
+    pub time_offset_sigma_s: f64,
+    /// Gyroscope bias, rad/s.
     pub bias_rad_s: [f64; 3],
-    /// Time from the exposure of a row to that of the next, as told or found, s.
+    /// Line time: from the exposure of a row to that of the next, nominal or estimated, s.
     pub line_s: f64,
-    /// Moves used.
-    pub moves: usize,
-    /// Moves looked at.
+    /// Number of segments used.
+    pub segments: usize,
+    /// Number of segments available.
     pub of: usize,
-    /// Turns of moves as rates about the axes of the left optical frame, for a plot: middle of the move (s since the first
-    /// one), by the pictures, by the gyroscope as told (bias as found), rad/s.
+    /// Rotations of segments as rates about the axes of the left optical frame, for a plot: middle
+    /// of the segment (s since the first one), rate by the images, rate by the gyroscope with
+    /// nominal extrinsics (estimated bias), rad/s.
     #[serde(skip)]
     pub rates: Vec<(f64, [f64; 3], [f64; 3])>,
-    /// Yaw of the right eye that distances ask for besides that of [`super::Eyes`], rad, and its standard deviation.
+    /// Additional yaw of the right eye implied by the distances, beyond that of
+    /// [`super::StereoAlignment`], rad, and its standard deviation.
     pub yaw_rad: [f64; 2],
 }
 
-/// What is estimated.
+/// Estimated parameters.
 #[derive(Clone, Copy)]
 struct State {
     /// `imu_from_left`.
     imu_from_left: UnitQuaternion<f64>,
     bias: Vector3<f64>,
-    late_s: f64,
+    time_offset_s: f64,
     scale: Vector3<f64>,
 }
 
-/// A move whose turn is known.
-struct Known {
+/// A segment with its rotation.
+struct SegmentRotation {
     group: usize,
     times_ns: [f64; 2],
-    turned: Turned,
+    rotation: RotationEstimate,
 }
 
 struct Camera<'a> {
-    pair: Pair,
+    pair: StereoPair,
     line_s: f64,
-    told: UnitQuaternion<f64>,
+    nominal: UnitQuaternion<f64>,
     gyro: &'a Gyro,
     bursts: &'a [Burst],
 }
 
-/// Time that a sensor may take to read a picture, s, standard deviation, where nothing is told; how much is left open of it once it
-/// was found; and how many sigmas it must be from 0 to be believed.
-const READOUT_S: f64 = 0.015;
-const FOUND_S: f64 = 5e-4;
-const BELIEVED: f64 = 3.0;
-/// What a second of unknown readout does to the times of pictures (s) and to turns (rad): of the simulated camera that
-/// looks down, whose 8.5 ms left out make pictures 1.5 to 2.3 ms late and turn it by 0.2 to 0.4 degrees.
-const LATE_BY_READOUT: f64 = 0.25;
-const TURN_BY_READOUT: f64 = 0.6;
+/// Without a nominal line time: prior sigma of the readout time, s; its sigma once estimated; and
+/// the significance above which the estimate is used.
+const READOUT_SIGMA_S: f64 = 0.015;
+const ESTIMATED_READOUT_SIGMA_S: f64 = 5e-4;
+const MIN_READOUT_SIGMAS: f64 = 3.0;
+/// Error of the image times (s) and of the rotation (rad) per second of unknown readout: from the
+/// simulated camera that faces down, where ignoring its 8.5 ms shifts image times by 1.5 to 2.3 ms
+/// and rotates it by 0.2 to 0.4 degrees.
+const TIME_ERROR_PER_READOUT: f64 = 0.25;
+const ROTATION_ERROR_PER_READOUT: f64 = 0.6;
 
-/// Estimates; none with too little to see. `line_s` is the time from a row to the next, found out if it is not told.
+/// Runs the estimation; `None` without enough data. `line_s` is the line time, estimated if `None`.
 pub(super) fn estimate(
-    told: &StereoCalibration,
-    eyes: &Eyes,
+    nominal: &StereoCalibration,
+    eyes: &StereoAlignment,
     line_s: Option<f64>,
     gyro: &Gyro,
     bursts: &[Burst],
 ) -> Option<CameraImu> {
-    let mut pair = Pair::new(told);
+    let mut pair = StereoPair::new(nominal);
     (pair.turn, pair.origin) = eyes.right_from_left;
     let mut camera = Camera {
         pair,
         line_s: line_s.unwrap_or(0.0),
-        told: *told.imu.as_ref()?.imu_from_left.rotation(),
+        nominal: *nominal.imu.as_ref()?.imu_from_left.rotation(),
         gyro,
         bursts,
     };
     let mut state = State {
-        imu_from_left: camera.told,
+        imu_from_left: camera.nominal,
         bias: Vector3::zeros(),
-        late_s: 0.0,
+        time_offset_s: 0.0,
         scale: Vector3::repeat(1.0),
     };
-    let baseline = told.right_from_left.distance_m();
-    let mut offset = [0.0, YAW_RAD / baseline];
-    let rows = f64::from(told.left.height);
-    // A told line is left a little room, so that nothing is divided by zero.
+    let baseline = nominal.right_from_left.distance_m();
+    let mut offset = [0.0, YAW_SIGMA_RAD / baseline];
+    let rows = f64::from(nominal.left.height);
+    // A nominal line time gets a tiny sigma, so that nothing is divided by zero.
     let mut line_sigma_s = if line_s.is_some() {
         1e-9
     } else {
-        READOUT_S / rows
+        READOUT_SIGMA_S / rows
     };
     let mut unknown_s = 0.0;
     let mut last = None;
-    for (round, off_px) in [6.0, 6.0, 2.0, 2.0].into_iter().enumerate() {
-        let known = camera.known(&state, off_px, offset, line_sigma_s);
-        if known.len() < FEWEST {
+    for (round, error_px) in [6.0, 6.0, 2.0, 2.0].into_iter().enumerate() {
+        let rotations = camera.rotations(&state, error_px, offset, line_sigma_s);
+        if rotations.len() < MIN_SEGMENTS {
             return None;
         }
         if round < 2 {
-            offset = common(&known, |k| k.turned.offset, [0.0, YAW_RAD / baseline]);
+            offset = combine(
+                &rotations,
+                |k| k.rotation.offset,
+                [0.0, YAW_SIGMA_RAD / baseline],
+            );
             if line_s.is_none() {
                 let so_far = camera.line_s;
-                let of = |k: &Known| [so_far + k.turned.line_s[0], k.turned.line_s[1]];
-                let [line_s, sigma] = common(&known, of, [so_far, line_sigma_s]);
-                let is_seen = line_s.abs() > BELIEVED * sigma;
+                let of =
+                    |k: &SegmentRotation| [so_far + k.rotation.line_s[0], k.rotation.line_s[1]];
+                let [line_s, sigma] = combine(&rotations, of, [so_far, line_sigma_s]);
+                let is_seen = line_s.abs() > MIN_READOUT_SIGMAS * sigma;
                 camera.line_s = if is_seen { line_s } else { 0.0 };
                 let left = if is_seen { 0.0 } else { line_s };
                 unknown_s = rows * (sigma * sigma + left * left).sqrt();
-                line_sigma_s = FOUND_S / rows;
+                line_sigma_s = ESTIMATED_READOUT_SIGMA_S / rows;
             }
             if round == 0 {
                 continue;
             }
         }
-        let found = camera.align(&mut state, &known)?;
-        last = Some((known, found));
+        let found = camera.align(&mut state, &rotations)?;
+        last = Some((rotations, found));
     }
-    let (known, (covariance, moves)) = last?;
-    let turned = (camera.told.inverse() * state.imu_from_left).scaled_axis();
-    let (late, turn) = (LATE_BY_READOUT * unknown_s, TURN_BY_READOUT * unknown_s);
+    let (rotations, (covariance, segments)) = last?;
+    let rotation = (camera.nominal.inverse() * state.imu_from_left).scaled_axis();
+    let (late, turn) = (
+        TIME_ERROR_PER_READOUT * unknown_s,
+        ROTATION_ERROR_PER_READOUT * unknown_s,
+    );
     let of_turn =
         covariance.fixed_view::<3, 3>(0, 0).into_owned() + Matrix3::identity() * (turn * turn);
-    let as_told = State {
-        imu_from_left: camera.told,
-        late_s: 0.0,
+    let nominal_state = State {
+        imu_from_left: camera.nominal,
+        time_offset_s: 0.0,
         ..state
     };
     Some(CameraImu {
-        turned_rad: turned.into(),
+        rotation_rad: rotation.into(),
         sigma_rad: sigmas_of(&of_turn),
         covariance: of_turn,
-        late_s: state.late_s,
-        late_sigma_s: (covariance[(6, 6)] + late * late).sqrt(),
+        time_offset_s: state.time_offset_s,
+        time_offset_sigma_s: (covariance[(6, 6)] + late * late).sqrt(),
         bias_rad_s: state.bias.into(),
         line_s: camera.line_s,
-        moves,
-        of: bursts.iter().map(|b| b.moves.len()).sum(),
-        rates: camera.rates(&as_told, &known),
+        segments,
+        of: bursts.iter().map(|b| b.segments.len()).sum(),
+        rates: camera.rates(&nominal_state, &rotations),
         yaw_rad: offset.map(|o| o * baseline),
     })
 }
 
 impl Camera<'_> {
-    /// Turns of all moves that have one.
-    fn known(&self, state: &State, off_px: f64, offset: [f64; 2], line_sigma_s: f64) -> Vec<Known> {
+    /// Rotations of all segments with enough features.
+    fn rotations(
+        &self,
+        state: &State,
+        error_px: f64,
+        offset: [f64; 2],
+        line_sigma_s: f64,
+    ) -> Vec<SegmentRotation> {
         let gyro = self.gyro.integrate(state.scale, state.bias);
-        let mut known = Vec::new();
+        let mut rotations = Vec::new();
         for (group, burst) in self.bursts.iter().enumerate() {
-            for of in &burst.moves {
+            for of in &burst.segments {
                 let times_ns = [of.from_ns, of.to_ns].map(|t| t as f64);
                 let Some(turn) = predicted(state, &gyro, times_ns) else {
                     continue;
                 };
-                let seen = self.seen(of, state, &gyro);
+                let seen = self.segment_features(of, state, &gyro);
                 let start = Start {
-                    turn,
-                    off_px,
+                    rotation: turn,
+                    error_px,
                     offset,
                     line_sigma_s,
                 };
-                known.extend(solve(&seen, &start).map(|turned| Known {
+                rotations.extend(solve(&seen, &start).map(|rotation| SegmentRotation {
                     group,
                     times_ns,
-                    turned,
+                    rotation,
                 }));
             }
         }
-        known
+        rotations
     }
 
-    fn seen(&self, of: &Move, state: &State, gyro: &Integrated<'_>) -> Vec<Seen> {
+    fn segment_features(
+        &self,
+        of: &TrackSegment,
+        state: &State,
+        gyro: &Integrated<'_>,
+    ) -> Vec<SegmentFeature> {
         let lens = &self.pair.lenses[0];
         let middle = 0.5 * f64::from(lens.model().height - 1);
         let seconds = (of.to_ns - of.from_ns) as f64 * 1e-9;
         let seen = of.features.iter().filter_map(|feature| {
             let later = feature.later?;
             let first = Vector3::from(lens.unproject(feature.left)?);
-            let placed = self.pair.place(&first, feature.right?)?;
+            let placed = self.pair.triangulate(&first, feature.right?)?;
             let px_per_rad = px_per_rad(lens, later)?;
             let ray = Vector3::from(lens.unproject(later)?);
             let rows = [feature.left[1], later[1]].map(|row| row - middle);
-            // Takes a ray from when its row was exposed to the middle row, and says how fast that changes with the line.
+            // Transfers a ray from the exposure of its row to that of the middle row; with the
+            // derivative with respect to the line time.
             let at_once = |ray: Vector3<f64>, time_ns: i64, row: f64| {
                 let time_ns = time_ns as f64;
                 let row_ns = row * self.line_s * 1e9;
                 let turn = predicted(state, gyro, [time_ns + row_ns, time_ns])?;
-                let rate = gyro.rate(time_ns - state.late_s * 1e9)?;
+                let rate = gyro.rate(time_ns - state.time_offset_s * 1e9)?;
                 let rate = state.imu_from_left.inverse() * rate;
                 let at_once = turn * ray;
                 Some((at_once, rate.cross(&at_once) * row))
@@ -232,16 +257,16 @@ impl Camera<'_> {
             let by_line = ByLine {
                 ray: first_by_line,
                 later: later_by_line,
-                way: (rows[1] - rows[0]) / seconds,
+                motion_ratio: (rows[1] - rows[0]) / seconds,
                 after_s: 0.5 * (rows[0] + rows[1]),
             };
-            Some(Seen {
+            Some(SegmentFeature {
                 ray: first,
                 per_metre: placed.per_metre,
-                sigma_per_metre: DISPARITY_PX / placed.px_per,
+                sigma_per_metre: DISPARITY_SIGMA_PX / placed.px_per,
                 later: ray,
                 px_per_rad,
-                way: 1.0 + by_line.way * self.line_s,
+                motion_ratio: 1.0 + by_line.motion_ratio * self.line_s,
                 after_s: by_line.after_s * self.line_s,
                 by_line,
             })
@@ -249,35 +274,42 @@ impl Camera<'_> {
         seen.collect()
     }
 
-    /// Moves the state to where the gyroscope fits the known turns best. Gives the covariance and the moves used.
-    fn align(&self, state: &mut State, known: &[Known]) -> Option<(SMatrix<f64, 10, 10>, usize)> {
-        let [w, bias, late, scale] = SIGMAS;
+    /// Aligns the state with the measured rotations. Returns the covariance and the number of
+    /// segments used.
+    fn align(
+        &self,
+        state: &mut State,
+        rotations: &[SegmentRotation],
+    ) -> Option<(SMatrix<f64, 10, 10>, usize)> {
+        let [w, bias, late, scale] = PRIOR_SIGMAS;
         let sigmas =
             SVector::<f64, 10>::from([w, w, w, bias, bias, bias, late, scale, scale, scale]);
-        // Noise changes from sample to sample like a rate that does, and would tell of times where nothing turns.
+        // Noise varies from sample to sample like a changing rate, and would appear to determine
+        // the time offset at rest.
         let noise = 2.0 * self.gyro.noise().powi(2);
-        let mut is_late_seen = true;
+        let mut is_offset_observable = true;
         let mut last = None;
         for _ in 0..ROUNDS {
             let mut towards = SVector::<f64, 10>::zeros();
-            let w = (self.told.inverse() * state.imu_from_left).scaled_axis();
+            let w = (self.nominal.inverse() * state.imu_from_left).scaled_axis();
             towards.fixed_rows_mut::<3>(0).copy_from(&-w);
             towards.fixed_rows_mut::<3>(3).copy_from(&-state.bias);
-            towards[6] = -state.late_s;
+            towards[6] = -state.time_offset_s;
             let off = Vector3::repeat(1.0) - state.scale;
             towards.fixed_rows_mut::<3>(7).copy_from(&off);
             let mut sum = Grouped::<10>::new(self.bursts.len(), &sigmas, &towards);
             let gyro = self.gyro.integrate(state.scale, state.bias);
-            let compared = |known: &Known| {
-                let (error, by) = residual(state, &gyro, known)?;
-                let floor = Matrix3::identity() * (FLOOR_RAD * FLOOR_RAD);
-                let weight = (known.turned.covariance + floor).try_inverse()?;
+            let compared = |segment: &SegmentRotation| {
+                let (error, by) = residual(state, &gyro, segment)?;
+                let floor =
+                    Matrix3::identity() * (ROTATION_SIGMA_FLOOR_RAD * ROTATION_SIGMA_FLOOR_RAD);
+                let weight = (segment.rotation.covariance + floor).try_inverse()?;
                 let size = (error.transpose() * weight * error)[0].sqrt();
-                Some((known.group, error, by, weight, size))
+                Some((segment.group, error, by, weight, size))
             };
-            let compared: Vec<_> = known.iter().filter_map(compared).collect();
+            let compared: Vec<_> = rotations.iter().filter_map(compared).collect();
             let mut sizes: Vec<f64> = compared.iter().map(|c| c.4).collect();
-            // The median of the length of three normal numbers is 1.538.
+            // The median norm of a three-dimensional standard normal vector is 1.538.
             let scale = (median(&mut sizes) / 1.538).max(0.7);
             let mut used = 0;
             let (mut changes, mut by_noise) = (0.0, 0.0);
@@ -291,16 +323,16 @@ impl Camera<'_> {
                     sum.add(group, &error, &by, &weight);
                 }
             }
-            if used < FEWEST || used * 2 < known.len() {
+            if used < MIN_SEGMENTS || used * 2 < rotations.len() {
                 return None;
             }
             let step = sum.step()?;
             let turn = UnitQuaternion::from_scaled_axis(step.fixed_rows::<3>(0).into_owned());
             state.imu_from_left *= turn;
             state.bias += step.fixed_rows::<3>(3);
-            is_late_seen = changes * LEAST_TURNED > by_noise;
-            state.late_s = if is_late_seen {
-                state.late_s + step[6]
+            is_offset_observable = changes * MIN_SIGNAL_RATIO > by_noise;
+            state.time_offset_s = if is_offset_observable {
+                state.time_offset_s + step[6]
             } else {
                 0.0
             };
@@ -310,49 +342,54 @@ impl Camera<'_> {
         let (sum, used) = last?;
         let (covariance, larger) = sum.covariance(&[0, 1, 2, 6])?;
         let mut covariance = covariance * larger;
-        if !is_late_seen {
-            covariance[(6, 6)] = SIGMAS[2] * SIGMAS[2];
+        if !is_offset_observable {
+            covariance[(6, 6)] = PRIOR_SIGMAS[2] * PRIOR_SIGMAS[2];
         }
         Some((covariance, used))
     }
 
-    fn rates(&self, as_told: &State, known: &[Known]) -> Vec<(f64, [f64; 3], [f64; 3])> {
-        let gyro = self.gyro.integrate(as_told.scale, as_told.bias);
-        let first = known.first().map_or(0.0, |k| k.times_ns[0]);
-        let rate = |known: &Known| {
-            let [from, to] = known.times_ns;
+    fn rates(
+        &self,
+        nominal_state: &State,
+        rotations: &[SegmentRotation],
+    ) -> Vec<(f64, [f64; 3], [f64; 3])> {
+        let gyro = self.gyro.integrate(nominal_state.scale, nominal_state.bias);
+        let first = rotations.first().map_or(0.0, |k| k.times_ns[0]);
+        let rate = |segment: &SegmentRotation| {
+            let [from, to] = segment.times_ns;
             let seconds = (to - from) * 1e-9;
-            let expected = predicted(as_told, &gyro, known.times_ns)?;
+            let expected = predicted(nominal_state, &gyro, segment.times_ns)?;
             let rate = |turn: &UnitQuaternion<f64>| (-turn.scaled_axis() / seconds).into();
             let middle = (0.5 * (from + to) - first) * 1e-9;
-            Some((middle, rate(&known.turned.turn), rate(&expected)))
+            Some((middle, rate(&segment.rotation.rotation), rate(&expected)))
         };
-        known.iter().filter_map(rate).collect()
+        rotations.iter().filter_map(rate).collect()
     }
 }
 
-/// `later_from_first` of the left optical frame between two picture times, by the gyroscope.
+/// `later_from_first` of the left optical frame between two image times, predicted by the
+/// gyroscope.
 fn predicted(
     state: &State,
     gyro: &Integrated<'_>,
     [from_ns, to_ns]: [f64; 2],
 ) -> Option<UnitQuaternion<f64>> {
-    let late_ns = state.late_s * 1e9;
+    let late_ns = state.time_offset_s * 1e9;
     let turn = gyro.to_from(to_ns - late_ns, from_ns - late_ns)?;
     Some(state.imu_from_left.inverse() * turn * state.imu_from_left)
 }
 
-/// How far a move's turn is off, and the derivatives of the predicted turn.
+/// Residual of a segment's rotation, and the Jacobian of the predicted rotation.
 fn residual(
     state: &State,
     gyro: &Integrated<'_>,
-    known: &Known,
+    segment: &SegmentRotation,
 ) -> Option<(Vector3<f64>, SMatrix<f64, 3, 10>)> {
-    let [from, to] = known.times_ns.map(|t| t - state.late_s * 1e9);
+    let [from, to] = segment.times_ns.map(|t| t - state.time_offset_s * 1e9);
     let turn = gyro.to_from(to, from)?;
     let left_from_imu = state.imu_from_left.inverse();
     let expected = left_from_imu * turn * state.imu_from_left;
-    let error = (known.turned.turn * expected.inverse()).scaled_axis();
+    let error = (segment.rotation.rotation * expected.inverse()).scaled_axis();
     let left_from_imu = left_from_imu.to_rotation_matrix();
     let left_from_imu = left_from_imu.matrix();
     let half = UnitQuaternion::from_scaled_axis(turn.scaled_axis() * 0.5);
@@ -372,24 +409,28 @@ fn residual(
     Some((error, by))
 }
 
-/// What all moves share of something that each of them found, with its variance, and of which so much was known before; and
-/// its standard deviation.
-fn common(known: &[Known], of: impl Fn(&Known) -> [f64; 2], before: [f64; 2]) -> [f64; 2] {
-    let mut values: Vec<f64> = known.iter().map(|k| of(k)[0]).collect();
+/// Combines the estimates of a common parameter from all segments, given its prior mean and sigma;
+/// returns the value and its standard deviation.
+fn combine(
+    rotations: &[SegmentRotation],
+    of: impl Fn(&SegmentRotation) -> [f64; 2],
+    before: [f64; 2],
+) -> [f64; 2] {
+    let mut values: Vec<f64> = rotations.iter().map(|k| of(k)[0]).collect();
     let middle = median(&mut values);
     let [expected, sigma] = before;
     let prior = 1.0 / (sigma * sigma);
     let (mut weights, mut sum) = (prior, prior * expected);
-    for k in known {
+    for k in rotations {
         let [value, variance] = of(k);
-        // What was known before took part in each of them.
+        // Every estimate contains the prior; it is removed.
         let own = (1.0 / variance - prior).max(0.0);
         let weight = own * tukey(0.5 * (value - middle) / variance.sqrt());
         let free = (value / variance - prior * expected) / own.max(1e-9 * prior);
         weights += weight;
         sum += weight * free;
     }
-    // Moves are not as independent as that.
+    // Inflated: segments are correlated.
     [sum / weights, 2.0 / weights.sqrt()]
 }
 
@@ -397,7 +438,7 @@ fn common(known: &[Known], of: impl Fn(&Known) -> [f64; 2], before: [f64; 2]) ->
 fn px_per_rad(lens: &Lens, pixel: [f64; 2]) -> Option<f64> {
     let ray = lens.unproject(pixel)?;
     let by_point = lens.project_with_jacobians(ray)?.by_point;
-    // Both singular values of it are of directions across the ray, which is of length 1.
+    // Both singular values belong to directions normal to the ray, which has length 1.
     Some(
         (by_point * by_point.transpose())
             .determinant()

@@ -1,20 +1,20 @@
-//! Places in a picture that can be found again: corners.
+//! Corner detection (Shi and Tomasi 1994).
 //!
-//! The least eigenvalue of the gradients' second moments (Shi and Tomasi 1994) says how well a place is held in both
-//! directions. One corner per cell of a grid, so that they cover the picture.
+//! The response is the smaller eigenvalue of the second moments of the gradients. One corner per
+//! cell of a grid, so that they cover the image.
 
-use super::picture::Level;
+use super::pyramid::Level;
 
 /// Side of a cell, pixels.
 const CELL: usize = 22;
-/// Half the side of the window of second moments.
-const HALF: usize = 3;
-/// Corners stay away from the border so far.
+/// Radius of the window of second moments.
+const WINDOW_RADIUS: usize = 3;
+/// Margin to the image border, pixels.
 const MARGIN: usize = 10;
-/// Least eigenvalue per pixel of the window, squared grey levels per pixel.
-const LEAST: f32 = 12.0;
-/// And as a share of the strong ones of the picture.
-const SHARE: f32 = 0.01;
+/// Minimum response: eigenvalue per pixel of the window, squared grey levels per pixel.
+const MIN_RESPONSE: f32 = 12.0;
+/// Minimum response relative to the strong corners of the image.
+const MIN_RESPONSE_RATIO: f32 = 0.01;
 
 /// Corners of a level, the strongest of each cell, at most `most`, in the order of cells.
 pub(super) fn corners(level: &Level, most: usize) -> Vec<[f32; 2]> {
@@ -23,7 +23,7 @@ pub(super) fn corners(level: &Level, most: usize) -> Vec<[f32; 2]> {
         return Vec::new();
     }
     let moments = moments(level);
-    let side = (2 * HALF + 1) as f32;
+    let side = (2 * WINDOW_RADIUS + 1) as f32;
     let strength = |x: usize, y: usize| {
         let [a, b, c] = moments[y * width + x].map(|m| m / (side * side));
         0.5 * (a + c - ((a - c) * (a - c) + 4.0 * b * b).sqrt())
@@ -31,7 +31,7 @@ pub(super) fn corners(level: &Level, most: usize) -> Vec<[f32; 2]> {
     let mut found: Vec<(f32, [f32; 2])> = Vec::new();
     for top in (MARGIN..height - MARGIN).step_by(CELL) {
         for left in (MARGIN..width - MARGIN).step_by(CELL) {
-            let mut best = (LEAST, None);
+            let mut best = (MIN_RESPONSE, None);
             for y in top..(top + CELL).min(height - MARGIN) {
                 for x in left..(left + CELL).min(width - MARGIN) {
                     let s = strength(x, y);
@@ -46,7 +46,11 @@ pub(super) fn corners(level: &Level, most: usize) -> Vec<[f32; 2]> {
     let mut order: Vec<f32> = found.iter().map(|f| f.0).collect();
     order.sort_by(|a, b| b.total_cmp(a));
     let strong = order.get(order.len() / 10).copied().unwrap_or(0.0);
-    let least = order.get(most).copied().unwrap_or(0.0).max(SHARE * strong);
+    let least = order
+        .get(most)
+        .copied()
+        .unwrap_or(0.0)
+        .max(MIN_RESPONSE_RATIO * strong);
     let kept = found.into_iter().filter(|f| f.0 > least);
     kept.map(|f| f.1).collect()
 }
@@ -67,10 +71,10 @@ fn moments(level: &Level) -> Vec<[f32; 3]> {
         slide(&products, &mut rows[y * width..(y + 1) * width]);
     }
     let mut sums = vec![[0.0_f32; 3]; width * height];
-    for y in HALF..height - HALF {
+    for y in WINDOW_RADIUS..height - WINDOW_RADIUS {
         for x in 0..width {
             let mut sum = [0.0; 3];
-            for k in y - HALF..=y + HALF {
+            for k in y - WINDOW_RADIUS..=y + WINDOW_RADIUS {
                 let row = &rows[k * width + x];
                 (0..3).for_each(|i| sum[i] += row[i]);
             }
@@ -80,11 +84,11 @@ fn moments(level: &Level) -> Vec<[f32; 3]> {
     sums
 }
 
-/// Sums over `2 HALF + 1` neighbours along a row.
+/// Sums over `2 WINDOW_RADIUS + 1` neighbours along a row.
 fn slide(values: &[[f32; 3]], out: &mut [[f32; 3]]) {
-    for x in HALF..values.len() - HALF {
+    for x in WINDOW_RADIUS..values.len() - WINDOW_RADIUS {
         let mut sum = [0.0; 3];
-        for value in &values[x - HALF..=x + HALF] {
+        for value in &values[x - WINDOW_RADIUS..=x + WINDOW_RADIUS] {
             (0..3).for_each(|i| sum[i] += value[i]);
         }
         out[x] = sum;

@@ -1,84 +1,87 @@
-//! From comparisons to findings: what is off, in words and numbers.
+//! Findings: decisions on nominal parameters, as numbers and as text.
 
 use nalgebra::{DMatrix, DVector, Matrix3, UnitQuaternion, Vector3};
 use serde::Serialize;
 
-use super::gyros::Gyros;
-use super::judge::{Estimate, Judged, Measured, SHORT, TOLERATED, Thing};
-use super::{Camera, CameraFound, Tolerances};
+use super::decision::{Decision, Estimate, Measured, POWER_SIGMA, ParameterBlock, TOLERANCE_SIGMA};
+use super::gyro_pairs::GyroAlignment;
+use super::{Camera, CameraEstimate, Tolerances};
 
-/// Turns and delays that a walk must be able to show, so that not having seen one says something: rad and s.
-const WANTED_RAD: f64 = 0.5 * std::f64::consts::PI / 180.0;
-const WANTED_S: f64 = 3e-3;
-/// Comparisons of each two of three are not independent: each counts for two thirds, of `n` for `2 / n`.
-const SHARED: f64 = 0.5;
+/// Rotation and time offset that a recording must be able to detect to confirm a parameter: rad and
+/// s.
+const REQUIRED_ROTATION_RAD: f64 = 0.5 * std::f64::consts::PI / 180.0;
+const REQUIRED_TIME_S: f64 = 3e-3;
+/// Covariance factor for pairwise comparisons, which are not independent: with three gyroscopes
+/// each counts for two thirds, with `n` for `2 / n`.
+const PAIR_COVARIANCE_FACTOR: f64 = 0.5;
 
-/// A told number.
+/// A nominal parameter.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Serialize)]
 #[serde(rename_all = "snake_case")]
-pub enum What {
-    /// How the right eye of a camera is turned against the left one.
-    Eyes,
-    /// How a camera, with the IMU in it, is turned on the plate.
+pub enum Parameter {
+    /// Rotation of the right eye against the left one.
+    StereoRotation,
+    /// Rotation of a camera, with its IMU, on the plate.
     Camera,
-    /// How an IMU is turned in its camera.
+    /// Rotation of an IMU in its camera.
     Imu,
-    /// When a camera's pictures were taken.
-    Pictures,
-    /// When an IMU's samples were taken.
-    Samples,
-    /// What the clock of a camera and its IMU shows against the others'.
+    /// Timestamps of a camera's images.
+    ImageTime,
+    /// Timestamps of an IMU's samples.
+    ImuTime,
+    /// Clock of a camera and its IMU against the others.
     Clock,
 }
 
-/// What the walk says of it.
+/// Decision on a parameter.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize)]
 #[serde(rename_all = "snake_case")]
-pub enum State {
-    /// As told, as far as tolerance and measurement go.
-    Fine,
-    /// Not as told.
-    Off,
-    /// This walk does not tell.
+pub enum Status {
+    /// Nominal value confirmed, within tolerance and measurement uncertainty.
+    Consistent,
+    /// Nominal value contradicted.
+    Inconsistent,
+    /// The recording does not constrain the parameter.
     Undetermined,
 }
 
-/// A told number and what was found of it.
+/// Finding on one nominal parameter.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct Finding {
     /// Which number.
-    pub what: What,
+    pub parameter: Parameter,
     /// The camera.
     pub camera: String,
-    /// What became of it.
-    pub state: State,
-    /// What is found against what is told: turns in rad about the axes of the left optical frame (eyes: of the right one),
-    /// delays in s, positive where stamps are late. Relative to all others where nothing else can be known. None where nothing was seen.
-    pub found: Vec<f64>,
-    /// Standard deviation of the length of that by the measurement, rad or s.
+    /// Decision.
+    pub status: Status,
+    /// Deviation from the nominal value: rotation in rad about the axes of the left optical frame
+    /// (stereo: of the right one), time offset in s, positive if timestamps are late. Relative to
+    /// all others if nothing else is observable. Empty without a measurement.
+    pub estimate: Vec<f64>,
+    /// Measurement sigma along `estimate`, rad or s.
     pub sigma: f64,
-    /// Tolerance along it, one standard deviation, rad or s.
-    pub tolerated: f64,
-    /// What would be noticed 39 times in 40, whatever its direction, rad or s.
-    pub noticed: f64,
-    /// By how much it is beyond tolerance and measurement together, rad or s; 0 where it is not off.
-    pub beyond: f64,
-    /// Cameras one of which it may be instead.
-    pub or: Vec<String>,
-    /// In words.
+    /// Tolerance along `estimate`, one standard deviation, rad or s.
+    pub tolerance_sigma: f64,
+    /// Minimum detectable deviation, in any direction with a probability of 39/40, rad or s.
+    pub min_detectable: f64,
+    /// Excess over tolerance and measurement uncertainty together, rad or s; 0 if consistent.
+    pub excess: f64,
+    /// Cameras that may be the cause instead.
+    pub alternatives: Vec<String>,
+    /// Description.
     pub text: String,
 }
 
 pub(super) fn judge(
     cameras: &[Camera<'_>],
-    found: &[CameraFound],
-    pairs: &[(usize, usize, Gyros)],
+    found: &[CameraEstimate],
+    pairs: &[(usize, usize, GyroAlignment)],
     tolerances: &Tolerances,
 ) -> Vec<Finding> {
     let mut findings = eyes(found, tolerances);
-    findings.extend(turns(cameras, found, pairs, tolerances));
-    findings.extend(delays(cameras, found, pairs, tolerances));
-    findings.sort_by_key(|f| f.what);
+    findings.extend(rotations(cameras, found, pairs, tolerances));
+    findings.extend(time_offsets(cameras, found, pairs, tolerances));
+    findings.sort_by_key(|f| f.parameter);
     findings
 }
 
@@ -86,37 +89,44 @@ fn square(m: &Matrix3<f64>) -> DMatrix<f64> {
     DMatrix::from_iterator(3, 3, m.iter().copied())
 }
 
-fn eyes(found: &[CameraFound], tolerances: &Tolerances) -> Vec<Finding> {
-    let of = |camera: &CameraFound| {
+fn eyes(found: &[CameraEstimate], tolerances: &Tolerances) -> Vec<Finding> {
+    let of = |camera: &CameraEstimate| {
         let mut measured = Measured::default();
         if let Some(eyes) = &camera.eyes {
             measured.add(
                 DMatrix::identity(3, 3),
-                DVector::from_column_slice(&eyes.turned_rad),
+                DVector::from_column_slice(&eyes.rotation_rad),
                 square(&eyes.covariance),
             );
         }
-        let thing = Thing {
+        let block = ParameterBlock {
             first: 0,
             size: 3,
             sigma: tolerances.eyes_rad,
         };
-        let judged = measured.judge(&[thing]).remove(0);
-        finding(What::Eyes, &camera.name, judged, &[], |v| v)
+        let decision = measured.judge(&[block]).remove(0);
+        finding(
+            Parameter::StereoRotation,
+            &camera.name,
+            decision,
+            &[],
+            |v| v,
+        )
     };
     found.iter().map(of).collect()
 }
 
-/// Cameras on the plate, and IMUs in cameras.
-fn turns(
+/// Rotations of cameras on the plate, and of IMUs in cameras.
+fn rotations(
     cameras: &[Camera<'_>],
-    found: &[CameraFound],
-    pairs: &[(usize, usize, Gyros)],
+    found: &[CameraEstimate],
+    pairs: &[(usize, usize, GyroAlignment)],
     tolerances: &Tolerances,
 ) -> Vec<Finding> {
     let count = cameras.len();
     let columns = 6 * count;
-    // Column 3k: camera k on the plate, about the rig's axes; 3 (count + k): IMU k in its camera, about the left eye's.
+    // Column 3k: camera k on the plate, about the rig's axes; 3 (count + k): IMU k in its camera,
+    // about the left eye's.
     let mut measured = Measured::default();
     for (k, camera) in found.iter().enumerate() {
         let Some(imu) = &camera.imu else { continue };
@@ -125,25 +135,29 @@ fn turns(
             .fill_with_identity();
         measured.add(
             by,
-            DVector::from_column_slice(&imu.turned_rad),
+            DVector::from_column_slice(&imu.rotation_rad),
             square(&imu.covariance),
         );
     }
     let rig_from_left =
         |k: usize| -> Option<UnitQuaternion<f64>> { Some(*cameras[k].rig_from_left?.rotation()) };
     let on_plate = pairs.iter().flat_map(|p| [p.0, p.1]);
-    let share = SHARED * on_plate.collect::<std::collections::BTreeSet<_>>().len() as f64;
+    let share =
+        PAIR_COVARIANCE_FACTOR * on_plate.collect::<std::collections::BTreeSet<_>>().len() as f64;
     for (a, b, gyros) in pairs {
-        let (Some(rig_a), Some(rig_b), Some(imu)) =
-            (rig_from_left(*a), rig_from_left(*b), &cameras[*b].told.imu)
-        else {
+        let (Some(rig_a), Some(rig_b), Some(imu)) = (
+            rig_from_left(*a),
+            rig_from_left(*b),
+            &cameras[*b].nominal.imu,
+        ) else {
             continue;
         };
         let rig_from_imu = rig_b * imu.imu_from_left.rotation().inverse();
         let rotate = rig_from_imu.to_rotation_matrix();
         let covariance = rotate.matrix() * gyros.covariance * rotate.matrix().transpose();
-        let value = rig_from_imu * Vector3::from(gyros.turned_rad);
-        // Camera a turned, camera b turned the other way, IMU b and IMU a in theirs.
+        let value = rig_from_imu * Vector3::from(gyros.rotation_rad);
+        // Rotation of camera a, negative rotation of camera b, rotations of IMU b and IMU a in
+        // their cameras.
         let mut by = DMatrix::zeros(3, columns);
         let mut put = |column: usize, m: &Matrix3<f64>| {
             by.view_mut((0, column), (3, 3)).copy_from(m);
@@ -158,8 +172,8 @@ fn turns(
             square(&covariance) * share.max(1.0),
         );
     }
-    let things: Vec<Thing> = (0..2 * count)
-        .map(|k| Thing {
+    let blocks: Vec<ParameterBlock> = (0..2 * count)
+        .map(|k| ParameterBlock {
             first: 3 * k,
             size: 3,
             sigma: match k < count {
@@ -169,192 +183,215 @@ fn turns(
         })
         .collect();
     let names: Vec<&str> = cameras.iter().map(|c| c.name).collect();
-    let judged = measured.judge(&things).into_iter().enumerate();
-    let finding = |(k, judged): (usize, Judged)| {
+    let decision = measured.judge(&blocks).into_iter().enumerate();
+    let finding = |(k, decision): (usize, Decision)| {
         let own = k % count;
-        let what = if k < count { What::Camera } else { What::Imu };
-        if what == What::Camera && cameras[own].rig_from_left.is_none() {
+        let parameter = if k < count {
+            Parameter::Camera
+        } else {
+            Parameter::Imu
+        };
+        if parameter == Parameter::Camera && cameras[own].rig_from_left.is_none() {
             return None;
         }
-        if what == What::Imu && cameras[own].gyro.is_none() {
+        if parameter == Parameter::Imu && cameras[own].gyro.is_none() {
             return None;
         }
         let into_left = rig_from_left(own).filter(|_| k < count).unwrap_or_default();
-        Some(finding(what, names[own], judged, &names, |v| {
+        Some(finding(parameter, names[own], decision, &names, |v| {
             let v = into_left.inverse() * Vector3::new(v[0], v[1], v[2]);
             vec![v.x, v.y, v.z]
         }))
     };
-    judged.filter_map(finding).collect()
+    decision.filter_map(finding).collect()
 }
 
-/// Clocks.
-fn delays(
+/// Time offsets.
+fn time_offsets(
     cameras: &[Camera<'_>],
-    found: &[CameraFound],
-    pairs: &[(usize, usize, Gyros)],
+    found: &[CameraEstimate],
+    pairs: &[(usize, usize, GyroAlignment)],
     tolerances: &Tolerances,
 ) -> Vec<Finding> {
     let count = cameras.len();
     let columns = 3 * count;
     let one = |variance: f64| DMatrix::from_element(1, 1, variance);
     let mut measured = Measured::default();
-    // Column k: pictures, count + k: samples, 2 count + k: the clock of both.
+    // Column k: images, count + k: samples, 2 count + k: the clock of both.
     for (k, camera) in found.iter().enumerate() {
         let Some(imu) = &camera.imu else { continue };
         let mut by = DMatrix::zeros(1, columns);
         by[(0, k)] = 1.0;
         by[(0, count + k)] = -1.0;
-        let value = DVector::from_element(1, imu.late_s);
-        measured.add(by, value, one(imu.late_sigma_s.powi(2)));
+        let value = DVector::from_element(1, imu.time_offset_s);
+        measured.add(by, value, one(imu.time_offset_sigma_s.powi(2)));
     }
     let compared = pairs.iter().flat_map(|p| [p.0, p.1]);
-    let share = SHARED * compared.collect::<std::collections::BTreeSet<_>>().len() as f64;
+    let share =
+        PAIR_COVARIANCE_FACTOR * compared.collect::<std::collections::BTreeSet<_>>().len() as f64;
     for (a, b, gyros) in pairs {
         let mut by = DMatrix::zeros(1, columns);
         for offset in [count, 2 * count] {
             by[(0, offset + b)] = 1.0;
             by[(0, offset + a)] = -1.0;
         }
-        let value = DVector::from_element(1, gyros.late_s);
-        let variance = gyros.late_sigma_s.powi(2) * share.max(1.0);
+        let value = DVector::from_element(1, gyros.time_offset_s);
+        let variance = gyros.time_offset_sigma_s.powi(2) * share.max(1.0);
         measured.add(by, value, one(variance));
     }
-    let things: Vec<Thing> = (0..columns)
-        .map(|first| Thing {
+    let blocks: Vec<ParameterBlock> = (0..columns)
+        .map(|first| ParameterBlock {
             first,
             size: 1,
             sigma: tolerances.clock_s,
         })
         .collect();
     let names: Vec<&str> = cameras.iter().map(|c| c.name).collect();
-    let judged = measured.judge(&things).into_iter().enumerate();
-    let finding = |(k, judged): (usize, Judged)| {
-        let what = [What::Pictures, What::Samples, What::Clock][k / count];
+    let decision = measured.judge(&blocks).into_iter().enumerate();
+    let finding = |(k, decision): (usize, Decision)| {
+        let parameter = [Parameter::ImageTime, Parameter::ImuTime, Parameter::Clock][k / count];
         cameras[k % count].gyro?;
-        Some(finding(what, names[k % count], judged, &names, |v| v))
+        Some(finding(
+            parameter,
+            names[k % count],
+            decision,
+            &names,
+            |v| v,
+        ))
     };
-    judged.filter_map(finding).collect()
+    decision.filter_map(finding).collect()
 }
 
-/// A finding of what was judged. `names` are those of things, by their number modulo their count.
+/// The finding of a decision. `names` are those of the blocks, by index modulo their count.
 fn finding(
-    what: What,
+    parameter: Parameter,
     camera: &str,
-    judged: Judged,
+    decision: Decision,
     names: &[&str],
     shown: impl Fn(Vec<f64>) -> Vec<f64>,
 ) -> Finding {
-    let (state, estimate, close) = match judged {
-        Judged::Unseen => (State::Undetermined, None, Vec::new()),
-        Judged::Off(estimate, close) => (State::Off, Some(estimate), close),
-        Judged::Within(estimate) => {
-            let wanted = what.wanted();
-            // Who tolerates more wants to see less.
-            let wanted = f64::max(wanted, 2.0 * TOLERATED * estimate.loosest);
-            let is_seen = estimate.bound + SHORT * estimate.largest <= wanted;
-            let state = if is_seen {
-                State::Fine
+    let (status, estimate, close) = match decision {
+        Decision::Unmeasured => (Status::Undetermined, None, Vec::new()),
+        Decision::Inconsistent(estimate, close) => (Status::Inconsistent, Some(estimate), close),
+        Decision::Consistent(estimate) => {
+            let required = parameter.required();
+            // A larger tolerance lowers the requirement.
+            let required = f64::max(required, 2.0 * TOLERANCE_SIGMA * estimate.loosest);
+            let is_detectable = estimate.bound + POWER_SIGMA * estimate.largest <= required;
+            let status = if is_detectable {
+                Status::Consistent
             } else {
-                State::Undetermined
+                Status::Undetermined
             };
-            (state, Some(estimate), Vec::new())
+            (status, Some(estimate), Vec::new())
         }
     };
-    let mut or: Vec<String> = close
+    let mut alternatives: Vec<String> = close
         .iter()
         .map(|k| names[k % names.len()].to_owned())
         .filter(|name| name != camera)
         .collect();
-    or.dedup();
+    alternatives.dedup();
     let number = |of: fn(&Estimate) -> f64| estimate.as_ref().map_or(0.0, of);
     let mut finding = Finding {
-        what,
+        parameter,
         camera: camera.to_owned(),
-        state,
+        status,
         sigma: number(|e| e.sigma),
-        tolerated: number(|e| e.tolerated),
-        noticed: number(|e| e.noticed),
-        beyond: match state {
-            State::Off => number(Estimate::beyond),
+        tolerance_sigma: number(|e| e.tolerated),
+        min_detectable: number(|e| e.min_detectable),
+        excess: match status {
+            Status::Inconsistent => number(Estimate::excess),
             _ => 0.0,
         },
-        found: estimate.map(|e| shown(e.off)).unwrap_or_default(),
-        or,
+        estimate: estimate.map(|e| shown(e.error)).unwrap_or_default(),
+        alternatives,
         text: String::new(),
     };
-    finding.text = finding.words();
+    finding.text = finding.describe();
     finding
 }
 
-impl What {
-    /// Whether it is a turn; a delay if not.
-    pub fn is_turn(self) -> bool {
-        matches!(self, Self::Eyes | Self::Camera | Self::Imu)
+impl Parameter {
+    /// Whether the parameter is a rotation; otherwise a time offset.
+    pub fn is_rotation(self) -> bool {
+        matches!(self, Self::StereoRotation | Self::Camera | Self::Imu)
     }
 
-    /// What a walk should be able to show, rad or s.
-    fn wanted(self) -> f64 {
-        if self.is_turn() { WANTED_RAD } else { WANTED_S }
+    /// Deviation that a recording should be able to detect, rad or s.
+    fn required(self) -> f64 {
+        if self.is_rotation() {
+            REQUIRED_ROTATION_RAD
+        } else {
+            REQUIRED_TIME_S
+        }
     }
 }
 
 impl Finding {
-    /// Length of what was found, rad or s; none where nothing was seen.
+    /// Norm of the deviation, rad or s; `None` without a measurement.
     pub fn size(&self) -> Option<f64> {
-        let square = self.found.iter().map(|v| v * v).sum::<f64>();
-        (!self.found.is_empty()).then_some(square.sqrt())
+        let square = self.estimate.iter().map(|v| v * v).sum::<f64>();
+        (!self.estimate.is_empty()).then_some(square.sqrt())
     }
 
-    fn words(&self) -> String {
+    fn describe(&self) -> String {
         let camera = &self.camera;
-        let shown = |v: f64| match self.what.is_turn() {
+        let shown = |v: f64| match self.parameter.is_rotation() {
             true => format!("{:.2}\u{b0}", v.to_degrees()),
             false => format!("{:.1} ms", v * 1e3),
         };
-        let thing = match self.what {
-            What::Eyes => format!("{camera}: right eye against left"),
-            What::Camera => format!("{camera} on the plate"),
-            What::Imu => format!("{camera}: IMU in the camera"),
-            What::Pictures => format!("{camera}: times of pictures"),
-            What::Samples => format!("{camera}: times of IMU samples"),
-            What::Clock => format!("{camera}: clock"),
+        let block = match self.parameter {
+            Parameter::StereoRotation => format!("{camera}: right eye against left"),
+            Parameter::Camera => format!("{camera} on the plate"),
+            Parameter::Imu => format!("{camera}: IMU in the camera"),
+            Parameter::ImageTime => format!("{camera}: timestamps of images"),
+            Parameter::ImuTime => format!("{camera}: timestamps of IMU samples"),
+            Parameter::Clock => format!("{camera}: clock"),
         };
         let Some(size) = self.size() else {
-            return format!("{thing}: not determined by this walk, too little was seen");
+            return format!("{block}: not determined by this recording, too few observations");
         };
         let sigma = shown(self.sigma);
-        match self.state {
-            State::Fine if 2.0 * self.tolerated > self.what.wanted() => format!(
-                "{thing}: as told within {} (sigma {sigma}), and within its tolerance of {}",
-                shown(size),
-                shown(2.0 * self.tolerated)
+        match self.status {
+            Status::Consistent if 2.0 * self.tolerance_sigma > self.parameter.required() => {
+                format!(
+                    "{block}: nominal within {} (sigma {sigma}), and within its tolerance of {}",
+                    shown(size),
+                    shown(2.0 * self.tolerance_sigma)
+                )
+            }
+            Status::Consistent => {
+                format!("{block}: nominal within {} (sigma {sigma})", shown(size))
+            }
+            Status::Undetermined => format!(
+                "{block}: not determined by this recording, minimum detectable {}",
+                shown(self.min_detectable)
             ),
-            State::Fine => format!("{thing}: as told within {} (sigma {sigma})", shown(size)),
-            State::Undetermined => format!(
-                "{thing}: not determined by this walk, which would have shown no less than {}",
-                shown(self.noticed)
-            ),
-            State::Off => {
-                let mut text = match self.what.is_turn() {
-                    true => format!("{thing}: turned by {}{}", shown(size), self.axis(size)),
+            Status::Inconsistent => {
+                let mut text = match self.parameter.is_rotation() {
+                    true => format!("{block}: rotated by {}{}", shown(size), self.axis(size)),
                     false => {
-                        let late = if self.found[0] > 0.0 { "late" } else { "early" };
-                        format!("{thing}: {} {late}", shown(size))
+                        let late = if self.estimate[0] > 0.0 {
+                            "late"
+                        } else {
+                            "early"
+                        };
+                        format!("{block}: {} {late}", shown(size))
                     }
                 };
                 text.push_str(&format!(" (sigma {sigma})"));
-                if !self.or.is_empty() {
-                    text.push_str(&format!(", or it is {}", self.or.join(" or ")));
+                if !self.alternatives.is_empty() {
+                    text.push_str(&format!(", or it is {}", self.alternatives.join(" or ")));
                 }
                 text
             }
         }
     }
 
-    /// About which axis.
+    /// Description of the rotation axis.
     fn axis(&self, size: f64) -> String {
-        let [x, y, z] = [0, 1, 2].map(|k| self.found[k] / size);
+        let [x, y, z] = [0, 1, 2].map(|k| self.estimate[k] / size);
         for (value, name) in [(x, "x"), (y, "y"), (z, "z")] {
             if value.abs() > 0.9 {
                 let sign = if value < 0.0 { "-" } else { "" };

@@ -1,16 +1,16 @@
-//! A gyroscope's samples as rotations between any two times.
+//! Gyroscope samples as rotations between any two times.
 //!
-//! Contract: between samples the rate is taken as linear in time. Beyond the ends and across gaps longer than
-//! [`LONGEST_GAP_S`] nothing is known, and the answer is `None`.
+//! Contract: the rate is interpolated linearly between samples. Beyond the ends and across gaps
+//! longer than [`MAX_GAP_S`] the result is `None`.
 
 use nalgebra::{UnitQuaternion, Vector3};
 
 use super::robust::median;
 
-/// Longest time between two samples that is bridged, s.
-const LONGEST_GAP_S: f64 = 0.03;
+/// Maximum interval between two samples, s.
+const MAX_GAP_S: f64 = 0.03;
 
-/// Samples of a gyroscope in the order of time.
+/// Samples of a gyroscope, in order of time.
 #[derive(Clone, Debug, Default)]
 pub struct Gyro {
     times_ns: Vec<i64>,
@@ -18,7 +18,7 @@ pub struct Gyro {
     rates: Vec<Vector3<f64>>,
 }
 
-/// A gyroscope with a bias taken away, integrated.
+/// A gyroscope with its bias removed, integrated.
 #[derive(Clone, Debug)]
 pub(super) struct Integrated<'a> {
     gyro: &'a Gyro,
@@ -26,13 +26,13 @@ pub(super) struct Integrated<'a> {
     bias: Vector3<f64>,
     /// `start_from_imu` at each sample.
     start_from_imu: Vec<UnitQuaternion<f64>>,
-    /// Sum of the rates over time since the start, rad, for what is linear in them.
+    /// Integral of the rates since the start, rad, for quantities that are linear in them.
     sums: Vec<Vector3<f64>>,
 }
 
 impl Gyro {
-    /// Samples with times in ns and rates in rad/s in the frame of the IMU. Samples whose time is not after that of the
-    /// sample before, and such that are no numbers, are left out.
+    /// Samples with times in ns and rates in rad/s in the frame of the IMU. Samples that are not
+    /// finite, or whose time does not increase, are dropped.
     pub fn new(samples: impl IntoIterator<Item = (i64, [f64; 3])>) -> Self {
         let mut new = Self::default();
         for (time_ns, rate) in samples {
@@ -50,17 +50,17 @@ impl Gyro {
         Some([*self.times_ns.first()?, *self.times_ns.last()?])
     }
 
-    /// The same samples, stamped so much later.
+    /// The same samples, stamped later by `ns`.
     #[must_use]
-    pub fn later_by_ns(&self, ns: i64) -> Self {
+    pub fn shifted_by_ns(&self, ns: i64) -> Self {
         Self {
             times_ns: self.times_ns.iter().map(|t| t + ns).collect(),
             rates: self.rates.clone(),
         }
     }
 
-    /// Standard deviation of a sample's noise, rad/s, by how little three samples in a row lie on a line. A body is slow against
-    /// that; the median leaves out steps.
+    /// Noise standard deviation of a sample, rad/s, from the second differences of consecutive
+    /// samples. The motion of a body is slow against it; the median rejects steps.
     pub(super) fn noise(&self) -> f64 {
         let bend = |w: &[Vector3<f64>]| {
             (w[0] - w[1] * 2.0 + w[2])
@@ -70,7 +70,8 @@ impl Gyro {
                 / 3.0
         };
         let mut bends: Vec<f64> = self.rates.windows(3).map(bend).collect();
-        // The mean of three absolute normal numbers has its median near their mean, 0.798; the bend's variance is 6.
+        // The mean of three absolute normal values has its median near their mean, 0.798; the
+        // variance of a second difference is 6.
         median(&mut bends) / (0.798 * 6.0_f64.sqrt())
     }
 
@@ -81,7 +82,7 @@ impl Gyro {
         (first..last.max(first)).map(|i| (self.times_ns[i], self.rates[i]))
     }
 
-    /// Integrates `scale * rate - bias`, each axis by itself.
+    /// Integrates `scale * rate - bias`, per axis.
     pub(super) fn integrate(&self, scale: Vector3<f64>, bias: Vector3<f64>) -> Integrated<'_> {
         let count = self.rates.len();
         let (mut attitudes, mut sums) = (Vec::with_capacity(count), Vec::with_capacity(count));
@@ -110,18 +111,18 @@ impl Gyro {
 }
 
 impl Integrated<'_> {
-    /// The sample before a time, and the rest of the time, s; none where nothing is known.
+    /// The sample before a time, and the remaining time, s; `None` where nothing is known.
     fn before(&self, time_ns: f64) -> Option<(usize, f64)> {
         let times = &self.gyro.times_ns;
         let next = times.partition_point(|t| (*t as f64) <= time_ns);
         let (i, next) = (next.checked_sub(1)?, next.min(times.len() - 1));
         let gap_s = (times[next] - times[i]) as f64 * 1e-9;
         let rest_s = (time_ns - times[i] as f64) * 1e-9;
-        (gap_s <= LONGEST_GAP_S && rest_s <= gap_s).then_some((i, rest_s))
+        (gap_s <= MAX_GAP_S && rest_s <= gap_s).then_some((i, rest_s))
     }
 
-    /// Angle turned since sample `i`.
-    fn turned(&self, i: usize, rest_s: f64) -> Vector3<f64> {
+    /// Rotation since sample `i`.
+    fn rotation_after(&self, i: usize, rest_s: f64) -> Vector3<f64> {
         (self.rate_after(i, 0.5 * rest_s)) * rest_s
     }
 
@@ -147,30 +148,30 @@ impl Integrated<'_> {
     pub(super) fn to_from(&self, to_ns: f64, from_ns: f64) -> Option<UnitQuaternion<f64>> {
         let attitude = |time_ns: f64| {
             let (i, rest_s) = self.before(time_ns)?;
-            let rest = UnitQuaternion::from_scaled_axis(self.turned(i, rest_s));
+            let rest = UnitQuaternion::from_scaled_axis(self.rotation_after(i, rest_s));
             Some(self.start_from_imu[i] * rest)
         };
-        self.is_whole(from_ns, to_ns)
+        self.is_continuous(from_ns, to_ns)
             .then(|| Some(attitude(to_ns)?.inverse() * attitude(from_ns)?))?
     }
 
-    /// The rates summed up from one time to another, rad: no rotation, but linear in the rates.
+    /// Integral of the rates between two times, rad: not a rotation, but linear in the rates.
     pub(super) fn sum(&self, from_ns: f64, to_ns: f64) -> Option<Vector3<f64>> {
         let until = |time_ns: f64| {
             let (i, rest_s) = self.before(time_ns)?;
-            Some(self.sums[i] + self.turned(i, rest_s))
+            Some(self.sums[i] + self.rotation_after(i, rest_s))
         };
-        self.is_whole(from_ns, to_ns)
+        self.is_continuous(from_ns, to_ns)
             .then(|| Some(until(to_ns)? - until(from_ns)?))?
     }
 
     /// Whether there is no gap between two times.
-    fn is_whole(&self, a_ns: f64, b_ns: f64) -> bool {
+    fn is_continuous(&self, a_ns: f64, b_ns: f64) -> bool {
         let (from, to) = (a_ns.min(b_ns), a_ns.max(b_ns));
         let times = &self.gyro.times_ns;
         let first = times.partition_point(|t| (*t as f64) <= from);
         let last = times.partition_point(|t| (*t as f64) < to);
-        let longest = (LONGEST_GAP_S * 1e9) as i64;
+        let longest = (MAX_GAP_S * 1e9) as i64;
         (first.saturating_sub(1)..last.min(times.len().saturating_sub(1)))
             .all(|i| times[i + 1] - times[i] <= longest)
     }
@@ -185,7 +186,7 @@ mod tests {
     }
 
     #[test]
-    fn a_steady_rate_turns_by_rate_times_time() {
+    fn constant_rate_rotates_by_rate_times_time() {
         let gyro = steady([0.1, -0.5, 2.0]);
         let bias = Vector3::new(0.1, 0.0, 0.0);
         let integrated = gyro.integrate(Vector3::repeat(1.0), bias);
@@ -198,7 +199,7 @@ mod tests {
     }
 
     #[test]
-    fn nothing_is_known_beyond_the_ends_and_across_gaps() {
+    fn integration_stops_at_the_ends_and_at_gaps() {
         let samples = (0..400).filter(|n| !(100..120).contains(n));
         let gyro = Gyro::new(samples.map(|n| (n * 2_500_000, [0.0, 0.0, 1.0])));
         let integrated = gyro.integrate(Vector3::repeat(1.0), Vector3::zeros());
@@ -211,7 +212,7 @@ mod tests {
     }
 
     #[test]
-    fn samples_out_of_order_or_no_numbers_are_left_out() {
+    fn samples_out_of_order_or_not_finite_are_dropped() {
         let gyro = Gyro::new([
             (0, [0.0; 3]),
             (10, [f64::NAN, 0.0, 0.0]),

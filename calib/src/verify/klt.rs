@@ -1,39 +1,39 @@
-//! Following a patch from one picture to another.
+//! KLT tracking of a patch from one image to another.
 //!
-//! Iterative image alignment by translation (Lucas and Kanade 1981, in the inverse compositional form of Baker and Matthews
-//! 2004), from coarse to fine, on patches brought to mean 0 and equal contrast, so that exposure may differ. A place is
-//! found only if following it back leads to where it came from.
+//! Iterative image alignment by translation (Lucas and Kanade 1981, in the inverse compositional
+//! form of Baker and Matthews 2004), coarse to fine, on patches normalized to mean 0 and equal
+//! contrast, so that the exposure may differ. A result must pass the forward–backward check.
 
-use super::picture::{Level, Pyramid};
+use super::pyramid::{Level, Pyramid};
 
-/// Half the side of a patch.
+/// Radius of a patch.
 const RADIUS: usize = 5;
 const SIDE: usize = 2 * RADIUS + 1;
 const AREA: usize = SIDE * SIDE;
-/// Side with one pixel more all around, for gradients.
-const WIDE: usize = SIDE + 2;
-/// Steps per level, and the step at which they end, pixels.
-const STEPS: usize = 12;
-const SMALL: f32 = 0.01;
-/// Farthest from where it came from that the way back may end, pixels of the first level.
-const BACK: f32 = 0.4;
-/// Least correlation of the two patches.
-const ALIKE: f32 = 0.8;
+/// Side with one more pixel all around, for gradients.
+const PADDED_SIDE: usize = SIDE + 2;
+/// Maximum number of iterations per level, and the step at convergence, pixels.
+const MAX_ITERATIONS: usize = 12;
+const CONVERGENCE_PX: f32 = 0.01;
+/// Maximum forward–backward error, pixels of the first level.
+const MAX_FORWARD_BACKWARD_PX: f32 = 0.4;
+/// Minimum correlation of the two patches.
+const MIN_NCC: f32 = 0.8;
 
-/// A patch with what aligning to it needs.
+/// A patch with the quantities needed for alignment.
 struct Template {
     values: [f32; AREA],
     gx: [f32; AREA],
     gy: [f32; AREA],
     /// Inverse of the second moments.
     inverse: [f32; 3],
-    /// Root of the sum of squares.
+    /// Norm of the patch.
     norm: f32,
 }
 
 impl Template {
     fn new(level: &Level, x: f32, y: f32) -> Option<Self> {
-        let mut wide = [0.0; WIDE * WIDE];
+        let mut wide = [0.0; PADDED_SIDE * PADDED_SIDE];
         if !level.patch(x, y, RADIUS + 1, &mut wide) {
             return None;
         }
@@ -47,10 +47,10 @@ impl Template {
         let (mut a, mut b, mut c) = (0.0, 0.0, 0.0);
         for row in 0..SIDE {
             for column in 0..SIDE {
-                let (i, w) = (row * SIDE + column, (row + 1) * WIDE + column + 1);
+                let (i, w) = (row * SIDE + column, (row + 1) * PADDED_SIDE + column + 1);
                 new.values[i] = wide[w];
                 let gx = 0.5 * (wide[w + 1] - wide[w - 1]);
-                let gy = 0.5 * (wide[w + WIDE] - wide[w - WIDE]);
+                let gy = 0.5 * (wide[w + PADDED_SIDE] - wide[w - PADDED_SIDE]);
                 (new.gx[i], new.gy[i]) = (gx, gy);
                 a += gx * gx;
                 b += gx * gy;
@@ -66,7 +66,8 @@ impl Template {
         Some(new)
     }
 
-    /// Aligns, starting at a place in the other level. Gives the place and the correlation there.
+    /// Aligns the template from a start position in the other level. Returns position and
+    /// correlation.
     fn align(&self, level: &Level, mut x: f32, mut y: f32) -> Option<([f32; 2], f32)> {
         let mut patch = [0.0; AREA];
         for step in 0.. {
@@ -88,10 +89,10 @@ impl Template {
             let alike = product / (norm * self.norm);
             let dx = self.inverse[0] * ex + self.inverse[1] * ey;
             let dy = self.inverse[1] * ex + self.inverse[2] * ey;
-            if step == STEPS || dx * dx + dy * dy < SMALL * SMALL {
+            if step == MAX_ITERATIONS || dx * dx + dy * dy < CONVERGENCE_PX * CONVERGENCE_PX {
                 return Some(([x, y], alike));
             }
-            // A step farther than the patch says only that nothing fits.
+            // A step longer than the patch means that nothing fits.
             let length = (dx * dx + dy * dy).sqrt();
             let most = (0.5 * RADIUS as f32 / length).min(1.0);
             x -= dx * most;
@@ -101,7 +102,7 @@ impl Template {
     }
 }
 
-/// Takes the mean away; gives the root of the sum of squares.
+/// Removes the mean; returns the norm.
 fn centre(values: &mut [f32; AREA]) -> f32 {
     let mean = values.iter().sum::<f32>() / AREA as f32;
     let mut square = 0.0;
@@ -112,29 +113,31 @@ fn centre(values: &mut [f32; AREA]) -> f32 {
     square.sqrt()
 }
 
-/// Where a place of `from` is in `to`, pixels of the first level, starting the search at `guess` on the level `coarsest`.
-pub(super) fn follow(
+/// Tracks a position of `from` into `to`, pixels of the first level, from `guess` on the level
+/// `coarsest`.
+pub(super) fn track(
     from: &Pyramid,
     to: &Pyramid,
     at: [f32; 2],
     guess: [f32; 2],
     coarsest: usize,
 ) -> Option<[f32; 2]> {
-    let (found, alike) = one_way(from, to, at, guess, coarsest)?;
-    if alike < ALIKE {
+    let (found, alike) = track_forward(from, to, at, guess, coarsest)?;
+    if alike < MIN_NCC {
         return None;
     }
-    // Back from near, since only a slip is to be found out; from the far guess it would cost as much again.
+    // The backward search starts nearby, since it only has to detect a slip; from the far guess it
+    // would cost as much again.
     let back = [
         at[0] + (guess[0] - found[0]).clamp(-1.0, 1.0),
         at[1] + (guess[1] - found[1]).clamp(-1.0, 1.0),
     ];
-    let (back, _) = one_way(to, from, found, back, 0)?;
+    let (back, _) = track_forward(to, from, found, back, 0)?;
     let off = (back[0] - at[0]).hypot(back[1] - at[1]);
-    (off < BACK).then_some(found)
+    (off < MAX_FORWARD_BACKWARD_PX).then_some(found)
 }
 
-fn one_way(
+fn track_forward(
     from: &Pyramid,
     to: &Pyramid,
     at: [f32; 2],
@@ -146,7 +149,7 @@ fn one_way(
     for level in (0..=coarsest.min(from.levels.len() - 1)).rev() {
         let scale = (1_u32 << level) as f32;
         let [x, y] = at.map(|v| v / scale);
-        // A coarse level may not reach as near to the border.
+        // A coarse level may not reach as close to the border.
         let aligned = Template::new(&from.levels[level], x, y).and_then(|template| {
             let (u, v) = (x + offset[0] / scale, y + offset[1] / scale);
             template.align(&to.levels[level], u, v)

@@ -1,86 +1,87 @@
-//! How a camera turned in one move, by what its two eyes saw.
+//! Rotation of a camera in one track segment, from its two eyes.
 //!
-//! Corners have an inverse distance from the match of the eyes. With `x` the ray of a corner at the beginning and `r`
-//! its inverse distance, it is seen at the end along `exp(w) R x + s (r + c) t`; `R` is where the search starts,
-//! `t` the movement, `c` an offset of all inverse distances (a yaw of the right eye too small to be seen
-//! in rows makes one, and would look like a turn). For a rolling shutter `s` says how much longer or shorter the way is
-//! between rows, and a change of speed during the move adds to `t` what differs from row to row. What
-//! the distance leaves uncertain makes an observation less certain along its epipolar line and nowhere else.
-//! The movement is found first, by samples of two corners; what moves otherwise than most is left out.
+//! Stereo matches give features an inverse distance. With `x` the ray of a feature at the start and
+//! `r` its inverse distance, it is observed at the end along `exp(w) R x + s (r + c) t`; `R` is the
+//! initial rotation, `t` the translation, `c` a common offset of the inverse distances (caused by a
+//! yaw of the right eye too small to be observed in rows; without it, it would appear as a
+//! rotation). For a rolling shutter `s` is the ratio of the exposure intervals of the rows, and a
+//! change of speed during the segment adds a term to `t` that differs from row to row. The
+//! uncertainty of the distance makes an observation less certain along its epipolar line only. The
+//! translation is initialized by RANSAC over samples of two features; outliers are rejected.
 
 use nalgebra::{Matrix2, Matrix2x3, Matrix3, SMatrix, SVector, UnitQuaternion, Vector2, Vector3};
 
 use super::robust::{median, tukey};
 
-/// Fewest corners that agree, and their least share.
-const FEWEST: usize = 30;
-const LEAST_SHARE: f64 = 0.4;
-/// Samples of two corners.
-const SAMPLES: u64 = 80;
-/// Standard deviation of a followed corner, px, and of a disparity.
-const CORNER_PX: f64 = 0.2;
-pub(super) const DISPARITY_PX: f64 = 0.2;
+/// Minimum number of inliers, and their minimum fraction.
+const MIN_CORNERS: usize = 30;
+const MIN_RATIO: f64 = 0.4;
+/// Number of samples of two features.
+const RANSAC_SAMPLES: u64 = 80;
+/// Standard deviation of a tracked feature, px, and of a disparity.
+const CORNER_SIGMA_PX: f64 = 0.2;
+pub(super) const DISPARITY_SIGMA_PX: f64 = 0.2;
 const ROUNDS: usize = 10;
-/// Change of speed during a move, m/s, standard deviation: a walker's chest in a third of a second.
-const SPEED_M_S: f64 = 0.6;
+/// Prior sigma of the speed change during a segment, m/s: a walker's chest in a third of a second.
+const SPEED_CHANGE_SIGMA_M_S: f64 = 0.6;
 const PARAMETERS: usize = 11;
 
-/// A corner at both ends of a move.
+/// A feature at both ends of a segment.
 #[derive(Clone, Copy, Debug)]
-pub(super) struct Seen {
-    /// Ray at the beginning, as if all rows were exposed at once.
+pub(super) struct SegmentFeature {
+    /// Ray at the start, transferred to the exposure of the middle row.
     pub(super) ray: Vector3<f64>,
     /// Inverse distance, 1/m, and its standard deviation.
     pub(super) per_metre: f64,
     pub(super) sigma_per_metre: f64,
     /// Ray at the end.
     pub(super) later: Vector3<f64>,
-    /// Pixels per radian there.
+    /// Pixels per radian at the end.
     pub(super) px_per_rad: f64,
-    /// How long the corner's way was against that of the middle row.
-    pub(super) way: f64,
-    /// Mean of how much later than the middle row its two rows were exposed, s.
+    /// Interval between the two exposures of the feature over that of the middle row.
+    pub(super) motion_ratio: f64,
+    /// Mean exposure offset of its two rows against the middle row, s.
     pub(super) after_s: f64,
-    /// How all these change with the time from a row to the next.
+    /// Derivatives of all these with respect to the line time.
     pub(super) by_line: ByLine,
 }
 
-/// Changes per second of the time from a row to the next.
+/// Derivatives with respect to the line time.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct ByLine {
     pub(super) ray: Vector3<f64>,
     pub(super) later: Vector3<f64>,
-    pub(super) way: f64,
+    pub(super) motion_ratio: f64,
     pub(super) after_s: f64,
 }
 
-/// What is known before.
+/// Initial values and priors.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Start {
     /// `later_from_first`.
-    pub(super) turn: UnitQuaternion<f64>,
-    /// How far off that may let corners be, px.
-    pub(super) off_px: f64,
+    pub(super) rotation: UnitQuaternion<f64>,
+    /// Pixel error that its uncertainty may cause, px.
+    pub(super) error_px: f64,
     /// Offset of inverse distances, 1/m, and its standard deviation.
     pub(super) offset: [f64; 2],
-    /// By how much the time from a row to the next may be off, s, standard deviation.
+    /// Prior sigma of the line time, s.
     pub(super) line_sigma_s: f64,
 }
 
-/// What a move gave.
+/// Result for one segment.
 #[derive(Clone, Copy, Debug)]
-pub(super) struct Turned {
+pub(super) struct RotationEstimate {
     /// `later_from_first`.
-    pub(super) turn: UnitQuaternion<f64>,
-    /// Covariance of a small turn after it, rad².
+    pub(super) rotation: UnitQuaternion<f64>,
+    /// Covariance of a small rotation applied after it, rad².
     pub(super) covariance: Matrix3<f64>,
     /// Offset of inverse distances, 1/m, and its variance.
     pub(super) offset: [f64; 2],
-    /// What the time from a row to the next is longer, s, and its variance.
+    /// Correction of the line time, s, and its variance.
     pub(super) line_s: [f64; 2],
 }
 
-/// The two directions across a ray, as rows.
+/// Two directions normal to a ray, as rows.
 fn across(ray: &Vector3<f64>) -> Matrix2x3<f64> {
     let aside = if ray.x.abs() < 0.6 {
         Vector3::x()
@@ -91,20 +92,20 @@ fn across(ray: &Vector3<f64>) -> Matrix2x3<f64> {
     Matrix2x3::from_rows(&[first.transpose(), ray.cross(&first).transpose()])
 }
 
-/// The turn of a move; none if too few corners agree.
-pub(super) fn solve(seen: &[Seen], start: &Start) -> Option<Turned> {
-    if seen.len() < FEWEST {
+/// Estimates the rotation of a segment; `None` with too few inliers.
+pub(super) fn solve(seen: &[SegmentFeature], start: &Start) -> Option<RotationEstimate> {
+    if seen.len() < MIN_CORNERS {
         return None;
     }
     let bases: Vec<Matrix2x3<f64>> = seen.iter().map(|s| across(&s.later)).collect();
     let mut shift = first_shift(seen, &bases, start);
     let mut nearness: Vec<f64> = seen.iter().map(|s| s.per_metre).collect();
-    let mut turn = start.turn;
+    let mut turn = start.rotation;
     let [expected, sigma] = start.offset;
     let mut offset = expected;
     let mut faster = Vector3::<f64>::zeros();
     let mut line = 0.0;
-    let mut scale = (start.off_px / CORNER_PX / 2.0).max(1.0);
+    let mut scale = (start.error_px / CORNER_SIGMA_PX / 2.0).max(1.0);
     let mut last = None;
     for round in 0..ROUNDS {
         let mut information = SMatrix::<f64, PARAMETERS, PARAMETERS>::zeros();
@@ -115,21 +116,21 @@ pub(super) fn solve(seen: &[Seen], start: &Start) -> Option<Turned> {
         information[(10, 10)] = line_weight;
         gradient[10] = -line * line_weight;
         for k in 7..10 {
-            information[(k, k)] = 1.0 / (SPEED_M_S * SPEED_M_S);
-            gradient[k] = -faster[k - 7] / (SPEED_M_S * SPEED_M_S);
+            information[(k, k)] = 1.0 / (SPEED_CHANGE_SIGMA_M_S * SPEED_CHANGE_SIGMA_M_S);
+            gradient[k] = -faster[k - 7] / (SPEED_CHANGE_SIGMA_M_S * SPEED_CHANGE_SIGMA_M_S);
         }
         let mut sizes = Vec::with_capacity(seen.len());
         let mut agree = 0;
         for ((s, basis), near) in seen.iter().zip(&bases).zip(&mut nearness) {
-            let turned = turn * (s.ray + s.by_line.ray * line);
-            let (way, after_s) = (
-                s.way + s.by_line.way * line,
+            let rotated = turn * (s.ray + s.by_line.ray * line);
+            let (motion_ratio, after_s) = (
+                s.motion_ratio + s.by_line.motion_ratio * line,
                 s.after_s + s.by_line.after_s * line,
             );
-            let moved = shift * way + faster * after_s;
+            let moved = shift * motion_ratio + faster * after_s;
             let later = s.by_line.later * line;
             let seen_at = |near: f64| {
-                let point = turned + moved * (near + offset);
+                let point = rotated + moved * (near + offset);
                 let length = point.norm();
                 let unit = point / length;
                 let by_point = basis * (Matrix3::identity() - unit * unit.transpose()) / length;
@@ -139,15 +140,15 @@ pub(super) fn solve(seen: &[Seen], start: &Start) -> Option<Turned> {
             if unit.dot(&s.later) < 0.5 {
                 continue;
             }
-            let corner = CORNER_PX / s.px_per_rad;
-            // Both the match and the way that it went since say how near a corner is. To keep to the match alone would make
-            // movements too short, as regression on a noisy variable does.
+            let corner = CORNER_SIGMA_PX / s.px_per_rad;
+            // Both the match and the observed parallax determine the distance. Using the match
+            // alone would bias translations towards zero, as regression on a noisy variable does.
             let by_near = by_point * moved;
-            let [seen_weight, told_weight] =
+            let [seen_weight, nominal_weight] =
                 [corner, s.sigma_per_metre].map(|sigma| 1.0 / (sigma * sigma));
             let pull = by_near.dot(&(basis * (later - unit))) * seen_weight
-                + (s.per_metre - *near) * told_weight;
-            *near += pull / (by_near.norm_squared() * seen_weight + told_weight);
+                + (s.per_metre - *near) * nominal_weight;
+            *near += pull / (by_near.norm_squared() * seen_weight + nominal_weight);
             let (unit, by_point) = seen_at(*near);
             let by_near = by_point * moved;
             let error: Vector2<f64> = basis * (later - unit) - by_near * (s.per_metre - *near);
@@ -163,20 +164,21 @@ pub(super) fn solve(seen: &[Seen], start: &Start) -> Option<Turned> {
             agree += usize::from(size < 3.0 * scale);
             let mut by = SMatrix::<f64, 2, PARAMETERS>::zeros();
             by.fixed_columns_mut::<3>(0)
-                .copy_from(&(-by_point * turned.cross_matrix()));
+                .copy_from(&(-by_point * rotated.cross_matrix()));
             by.fixed_columns_mut::<3>(3)
-                .copy_from(&(by_point * (way * (*near + offset))));
+                .copy_from(&(by_point * (motion_ratio * (*near + offset))));
             by.set_column(6, &(by_point * moved));
             by.fixed_columns_mut::<3>(7)
                 .copy_from(&(by_point * (after_s * (*near + offset))));
-            let moved_by_line = shift * s.by_line.way + faster * s.by_line.after_s;
+            let moved_by_line = shift * s.by_line.motion_ratio + faster * s.by_line.after_s;
             let point_by_line = turn * s.by_line.ray + moved_by_line * (*near + offset);
             by.set_column(10, &(by_point * point_by_line - basis * s.by_line.later));
             let weighted = by.transpose() * weight * kept;
             information += weighted * by;
             gradient += weighted * error;
         }
-        // A tenth of a metre to each side, so that a camera at rest, or one that sees only far things, has an answer.
+        // A prior of a tenth of a metre per axis, so that a camera at rest, or one that observes
+        // only far points, has a solution.
         for k in 3..6 {
             information[(k, k)] += 1e-2;
         }
@@ -190,33 +192,33 @@ pub(super) fn solve(seen: &[Seen], start: &Start) -> Option<Turned> {
         offset += step[6];
         faster += step.fixed_rows::<3>(7);
         line += step[10];
-        // The median of the length of two normal numbers is 1.177.
+        // The median norm of a two-dimensional standard normal vector is 1.177.
         let spread = median(&mut sizes) / 1.177;
         scale = spread.max(0.4).min(scale.max(1.0));
     }
     let (information, scale, agree) = last?;
-    if agree < FEWEST || (agree as f64) < LEAST_SHARE * seen.len() as f64 {
+    if agree < MIN_CORNERS || (agree as f64) < MIN_RATIO * seen.len() as f64 {
         return None;
     }
     let covariance = information.cholesky()?.inverse() * (scale * scale);
-    Some(Turned {
-        turn,
+    Some(RotationEstimate {
+        rotation: turn,
         covariance: covariance.fixed_view::<3, 3>(0, 0).into_owned(),
         offset: [offset, covariance[(6, 6)]],
         line_s: [line, covariance[(10, 10)]],
     })
 }
 
-/// The movement that most corners agree with if the camera turned as expected, m.
-fn first_shift(seen: &[Seen], bases: &[Matrix2x3<f64>], start: &Start) -> Vector3<f64> {
-    let turned: Vec<Vector3<f64>> = seen.iter().map(|s| start.turn * s.ray).collect();
+/// Translation with most inliers under the predicted rotation, m.
+fn first_shift(seen: &[SegmentFeature], bases: &[Matrix2x3<f64>], start: &Start) -> Vector3<f64> {
+    let rotated: Vec<Vector3<f64>> = seen.iter().map(|s| start.rotation * s.ray).collect();
     let cost = |shift: &Vector3<f64>| -> f64 {
         let of = |i: usize| {
             let s = &seen[i];
-            let point = turned[i] + shift * (s.way * s.per_metre);
+            let point = rotated[i] + shift * (s.motion_ratio * s.per_metre);
             let error = bases[i] * point / point.norm();
             let blur = (bases[i] * shift).norm() * s.sigma_per_metre;
-            let allowed = start.off_px / s.px_per_rad + 2.0 * blur;
+            let allowed = start.error_px / s.px_per_rad + 2.0 * blur;
             let facing = point.dot(&s.later) > 0.0;
             if facing {
                 (error.norm_squared() / (allowed * allowed)).min(1.0)
@@ -229,22 +231,22 @@ fn first_shift(seen: &[Seen], bases: &[Matrix2x3<f64>], start: &Start) -> Vector
     let mut best = (cost(&Vector3::zeros()), Vector3::zeros());
     let mut state = 0x9e37_79b9_7f4a_7c15_u64;
     let mut draw = || {
-        // An LCG of Knuth's; its high bits are good enough for choosing.
+        // An LCG by Knuth; its high bits are good enough for sampling.
         state = state
             .wrapping_mul(6_364_136_223_846_793_005)
             .wrapping_add(1_442_695_040_888_963_407);
         (state >> 33) as usize % seen.len()
     };
-    for _ in 0..SAMPLES {
+    for _ in 0..RANSAC_SAMPLES {
         let pair = [draw(), draw()];
         if pair[0] == pair[1] {
             continue;
         }
         let (mut a, mut b) = (Matrix3::identity() * 1e-9, Vector3::zeros());
         for i in pair {
-            let by = bases[i] * (seen[i].way * seen[i].per_metre);
+            let by = bases[i] * (seen[i].motion_ratio * seen[i].per_metre);
             a += by.transpose() * by;
-            b -= by.transpose() * (bases[i] * turned[i]);
+            b -= by.transpose() * (bases[i] * rotated[i]);
         }
         let Some(shift) = a.cholesky().map(|c| c.solve(&b)) else {
             continue;

@@ -1,8 +1,8 @@
-//! Small statistics that do not mind outliers.
+//! Robust statistics.
 
 use nalgebra::{Matrix3, SMatrix, SVector};
 
-/// The median; 0 of nothing.
+/// The median; 0 if empty.
 pub(super) fn median(values: &mut [f64]) -> f64 {
     if values.is_empty() {
         return 0.0;
@@ -16,8 +16,8 @@ pub(super) fn sigmas_of(covariance: &Matrix3<f64>) -> [f64; 3] {
     [0, 1, 2].map(|k| covariance[(k, k)].sqrt())
 }
 
-/// Weight of an observation that is so many standard deviations off (Tukey's biweight; 4.685 keeps 95 % of the
-/// efficiency for normal errors).
+/// Weight of an observation with a residual of `off` standard deviations (Tukey's biweight; 4.685
+/// keeps 95 % of the efficiency for normal errors).
 pub(super) fn tukey(off: f64) -> f64 {
     let ratio = off / 4.685;
     if ratio.abs() >= 1.0 {
@@ -26,11 +26,12 @@ pub(super) fn tukey(off: f64) -> f64 {
     (1.0 - ratio * ratio).powi(2)
 }
 
-/// Weighted least squares with errors that are alike within groups (here bursts).
+/// Weighted least squares with cluster-robust errors (clusters are bursts).
 ///
-/// Adds up `JᵀWJ` and `JᵀWr` in total and per group. The covariance is the inverse of the former times the scale, made
-/// larger by how much the groups differ more than independent errors would (the sandwich estimate with groups,
-/// Liang and Zeger 1986, taken as one factor, which few groups can bear).
+/// Accumulates `JᵀWJ` and `JᵀWr` in total and per cluster. The covariance is the inverse of the
+/// former times the scale, inflated by the ratio of the spread between clusters to that of
+/// independent errors (the sandwich estimate with clusters, Liang and Zeger 1986, reduced to one
+/// factor, which works with few clusters).
 #[derive(Clone, Debug)]
 pub(super) struct Grouped<const N: usize> {
     pub(super) information: SMatrix<f64, N, N>,
@@ -39,7 +40,8 @@ pub(super) struct Grouped<const N: usize> {
 }
 
 impl<const N: usize> Grouped<N> {
-    /// With prior standard deviations of the parameters about `expected - now`; infinite for none.
+    /// With prior standard deviations of the parameters about `expected - now`; infinite for no
+    /// prior.
     pub(super) fn new(groups: usize, sigmas: &SVector<f64, N>, towards: &SVector<f64, N>) -> Self {
         let mut new = Self {
             information: SMatrix::zeros(),
@@ -54,7 +56,7 @@ impl<const N: usize> Grouped<N> {
         new
     }
 
-    /// Adds residuals, their derivatives by the parameters' prediction, and their weight.
+    /// Adds residuals, the Jacobian of their prediction, and their weight.
     pub(super) fn add<const M: usize>(
         &mut self,
         group: usize,
@@ -74,8 +76,8 @@ impl<const N: usize> Grouped<N> {
         Some(self.information.cholesky()?.solve(&self.gradient))
     }
 
-    /// Covariance where observations have unit variance, and by how much groups enlarge it. `which` are the parameters
-    /// that are of interest.
+    /// Covariance for observations of unit variance, and its inflation by clusters. `which` are the
+    /// parameters of interest.
     pub(super) fn covariance(&self, which: &[usize]) -> Option<(SMatrix<f64, N, N>, f64)> {
         let inverse = self.information.cholesky()?.inverse();
         let used = self.groups.iter().filter(|g| g.norm_squared() > 0.0);

@@ -1,4 +1,4 @@
-//! A made-up rig that walks among points, its corners found with an error of a fifth of a pixel.
+//! A synthetic rig that moves among points, with a corner error of a fifth of a pixel.
 
 use cad_transforms::RigidTransform;
 use nalgebra::{UnitQuaternion, Vector3};
@@ -8,7 +8,7 @@ use crate::camera::{CameraModel, Distortion};
 use crate::lens::Lens;
 use crate::stereo::{ImuCalibration, Provenance};
 
-/// The same numbers each time, from -1 to 1.
+/// Reproducible values from -1 to 1.
 struct Draw(u64);
 
 impl Draw {
@@ -20,7 +20,7 @@ impl Draw {
         (self.0 >> 33) as f64 / f64::from(1_u32 << 30) - 1.0
     }
 
-    /// Standard deviation 1, near normal.
+    /// Standard deviation 1, approximately normal.
     fn bell(&mut self) -> f64 {
         (0..6).map(|_| self.next()).sum::<f64>() / 2.0_f64.sqrt()
     }
@@ -30,19 +30,19 @@ impl Draw {
     }
 }
 
-/// How the rig moves.
+/// Motion of the rig.
 #[derive(Clone, Copy, PartialEq)]
 enum Gait {
-    /// As a walker who looks about.
+    /// As a walker who looks around.
     Walk,
-    /// Straight on without a turn.
+    /// Straight on without rotation.
     Glide,
 }
 
 impl Gait {
     fn pose(self, t: f64) -> (UnitQuaternion<f64>, Vector3<f64>) {
         let s = |hz: f64, phase: f64| (std::f64::consts::TAU * hz * t + phase).sin();
-        let turn = match self {
+        let rotation = match self {
             Self::Walk => Vector3::new(
                 0.04 * s(0.95, 0.0) + 0.05 * s(0.21, 1.0),
                 0.03 * s(1.9, 0.5) + 0.06 * s(0.33, 2.0),
@@ -51,21 +51,21 @@ impl Gait {
             Self::Glide => Vector3::zeros(),
         };
         let place = Vector3::new(1.2 * t, 0.03 * s(0.95, 0.2), 0.02 * s(1.9, 0.0));
-        (UnitQuaternion::from_scaled_axis(turn), place)
+        (UnitQuaternion::from_scaled_axis(rotation), place)
     }
 }
 
-/// A camera as it is, and what it saw.
+/// A camera with its actual and nominal calibration, and its observations.
 struct Made {
     name: &'static str,
-    told: StereoCalibration,
+    nominal: StereoCalibration,
     rig_from_left: RigidTransform,
     bursts: Vec<Burst>,
     gyro: Gyro,
 }
 
-fn transform(turn: [f64; 3], place: [f64; 3]) -> RigidTransform {
-    RigidTransform::from_rotation_vector(turn, place).unwrap()
+fn transform(rotation: [f64; 3], place: [f64; 3]) -> RigidTransform {
+    RigidTransform::from_rotation_vector(rotation, place).unwrap()
 }
 
 fn stereo() -> StereoCalibration {
@@ -100,7 +100,7 @@ fn stereo() -> StereoCalibration {
     }
 }
 
-/// Share of corners on things that move by themselves.
+/// `moving` is the fraction of features on moving objects.
 fn make(gait: Gait, moving: f64, seed: u64) -> Vec<Made> {
     // Optical axes to the rig's: x right, y down, z forward.
     let ahead = RigidTransform::from_wxyz([0.5, -0.5, 0.5, -0.5], [0.0; 3]).unwrap();
@@ -113,16 +113,16 @@ fn make(gait: Gait, moving: f64, seed: u64) -> Vec<Made> {
         ("right_shoulder", out(-0.5, 0.0, -0.15)),
     ];
     let camera = |(k, (name, rig_from_left)): (usize, (&'static str, RigidTransform))| {
-        let told = stereo();
+        let nominal = stereo();
         let mut draw = Draw(seed * 10 + k as u64);
         Made {
             name,
-            gyro: gyro(gait, &told, &rig_from_left, &mut draw),
+            gyro: gyro(gait, &nominal, &rig_from_left, &mut draw),
             bursts: (0..8)
                 .map(|b| {
                     burst(
                         gait,
-                        &told,
+                        &nominal,
                         &rig_from_left,
                         1.0 + 3.5 * f64::from(b),
                         moving,
@@ -130,7 +130,7 @@ fn make(gait: Gait, moving: f64, seed: u64) -> Vec<Made> {
                     )
                 })
                 .collect(),
-            told,
+            nominal,
             rig_from_left,
         }
     };
@@ -139,11 +139,11 @@ fn make(gait: Gait, moving: f64, seed: u64) -> Vec<Made> {
 
 fn gyro(
     gait: Gait,
-    told: &StereoCalibration,
+    nominal: &StereoCalibration,
     rig_from_left: &RigidTransform,
     draw: &mut Draw,
 ) -> Gyro {
-    let imu = told.imu.unwrap().imu_from_left.rotation() * rig_from_left.rotation().inverse();
+    let imu = nominal.imu.unwrap().imu_from_left.rotation() * rig_from_left.rotation().inverse();
     let bias = draw.vector() * 3e-3;
     let sample = |n: i64| {
         let t = n as f64 / 400.0;
@@ -154,22 +154,22 @@ fn gyro(
     Gyro::new((0..12_400).map(sample))
 }
 
-/// One second: four moves of a third of one, which overlap.
+/// One second: four overlapping segments of a third of a second.
 fn burst(
     gait: Gait,
-    told: &StereoCalibration,
+    nominal: &StereoCalibration,
     rig_from_left: &RigidTransform,
     start_s: f64,
     moving: f64,
     draw: &mut Draw,
 ) -> Burst {
-    let lenses = [Lens::new(&told.left), Lens::new(&told.right)];
+    let lenses = [Lens::new(&nominal.left), Lens::new(&nominal.right)];
     let world_from_left = |t: f64| {
-        let (turn, place) = gait.pose(t);
+        let (rotation, place) = gait.pose(t);
         let t = rig_from_left.translation();
-        (turn * rig_from_left.rotation(), place + turn * t)
+        (rotation * rig_from_left.rotation(), place + rotation * t)
     };
-    let moves = (0..5).map(|k| {
+    let segments = (0..5).map(|k| {
         let from_ns = ((start_s + 0.15 * f64::from(k)) * 1e9) as i64;
         let to_ns = from_ns + 300_000_000;
         let (first, second) = (
@@ -187,7 +187,7 @@ fn burst(
                 false => Vector3::zeros(),
             };
             let later = second.0.inverse() * (first.0 * x + first.1 + own - second.1);
-            let right = told.right_from_left.apply(x.into());
+            let right = nominal.right_from_left.apply(x.into());
             let mut seen = |lens: &Lens, x: [f64; 3]| {
                 let [u, v] = lens.project(x)?;
                 let inside = (0.0..671.0).contains(&u) && (0.0..375.0).contains(&v);
@@ -199,21 +199,21 @@ fn burst(
                 later: seen(&lenses[0], later.into()),
             });
         }
-        Move {
+        TrackSegment {
             from_ns,
             to_ns,
             features,
         }
     });
     Burst {
-        moves: moves.collect(),
+        segments: segments.collect(),
     }
 }
 
 fn camera(made: &Made) -> Camera<'_> {
     Camera {
         name: made.name,
-        told: &made.told,
+        nominal: &made.nominal,
         rig_from_left: Some(made.rig_from_left),
         joint_sigma_rad: None,
         line_s: Some(0.0),
@@ -229,63 +229,71 @@ fn verified(made: &[Made]) -> Verification {
 
 fn off(found: &Verification) -> Vec<&Finding> {
     let all = found.findings.iter();
-    all.filter(|f| f.state == State::Off).collect()
+    all.filter(|f| f.status == Status::Inconsistent).collect()
 }
 
-/// The one thing that is off.
-fn only<'a>(found: &'a Verification, what: What, camera: &str) -> &'a Finding {
+/// The only inconsistent finding.
+fn only<'a>(found: &'a Verification, parameter: Parameter, camera: &str) -> &'a Finding {
     let off = off(found);
     let [one] = off[..] else {
         panic!("expected one finding: {off:#?}");
     };
-    assert_eq!((one.what, one.camera.as_str()), (what, camera), "{one:#?}");
+    assert_eq!(
+        (one.parameter, one.camera.as_str()),
+        (parameter, camera),
+        "{one:#?}"
+    );
     one
 }
 
 #[test]
-fn a_true_rig_is_fine_in_every_number() {
+fn correct_rig_is_consistent_in_every_parameter() {
     let found = verified(&make(Gait::Walk, 0.0, 1));
     for finding in &found.findings {
-        assert_eq!(finding.state, State::Fine, "{finding:#?}");
+        assert_eq!(finding.status, Status::Consistent, "{finding:#?}");
     }
-    // Three turns and three times per camera.
+    // Three rotations and three time offsets per camera.
     assert_eq!(found.findings.len(), 18);
     for camera in &found.cameras {
         let (eyes, imu) = (camera.eyes.as_ref().unwrap(), camera.imu.as_ref().unwrap());
-        assert!(eyes.told_rms_px < 0.17, "{eyes:?}");
+        assert!(eyes.nominal_rms_px < 0.17, "{eyes:?}");
         for k in 0..3 {
             assert!(
-                eyes.turned_rad[k].abs() < 4.0 * eyes.sigma_rad[k],
+                eyes.rotation_rad[k].abs() < 4.0 * eyes.sigma_rad[k],
                 "{eyes:?}"
             );
-            assert!(imu.turned_rad[k].abs() < 4.0 * imu.sigma_rad[k], "{imu:?}");
+            assert!(
+                imu.rotation_rad[k].abs() < 4.0 * imu.sigma_rad[k],
+                "{imu:?}"
+            );
             assert!(imu.sigma_rad[k] < 1.2e-3, "{imu:?}");
         }
         assert!(
-            imu.late_s.abs() < 4.0 * imu.late_sigma_s && imu.late_sigma_s < 3e-4,
+            imu.time_offset_s.abs() < 4.0 * imu.time_offset_sigma_s
+                && imu.time_offset_sigma_s < 3e-4,
             "{imu:?}"
         );
     }
 }
 
 #[test]
-fn a_camera_that_turned_is_named_with_its_angle_and_axis() {
+fn rotated_camera_is_identified_with_angle_and_axis() {
     for (k, axis, degrees) in [(0, 0, 0.6_f64), (1, 1, -0.6), (2, 2, 2.0)] {
         let mut made = make(Gait::Walk, 0.0, 2);
-        let mut turn = [0.0; 3];
-        turn[axis] = degrees.to_radians();
-        // Told is what was before the turn.
-        made[k].rig_from_left = made[k].rig_from_left * transform(turn, [0.0; 3]).inverse();
+        let mut rotation = [0.0; 3];
+        rotation[axis] = degrees.to_radians();
+        // The nominal value is the pose before the rotation.
+        made[k].rig_from_left = made[k].rig_from_left * transform(rotation, [0.0; 3]).inverse();
         let found = verified(&made);
-        let one = only(&found, What::Camera, made[k].name);
+        let one = only(&found, Parameter::Camera, made[k].name);
         assert!(
-            (one.found[axis].to_degrees() - degrees).abs() < 0.15,
+            (one.estimate[axis].to_degrees() - degrees).abs() < 0.15,
             "{one:#?}"
         );
-        assert!(one.or.is_empty(), "{one:#?}");
+        assert!(one.alternatives.is_empty(), "{one:#?}");
         let letter = ["x", "y", "z"][axis];
         assert!(
-            one.text.contains(letter) && one.text.contains("turned by"),
+            one.text.contains(letter) && one.text.contains("rotated by"),
             "{}",
             one.text
         );
@@ -293,92 +301,94 @@ fn a_camera_that_turned_is_named_with_its_angle_and_axis() {
 }
 
 #[test]
-fn of_two_cameras_nobody_knows_which_one_turned() {
+fn rotation_between_two_cameras_names_both() {
     let mut made = make(Gait::Walk, 0.0, 3);
     made.truncate(2);
     made[0].rig_from_left = made[0].rig_from_left * transform([0.02, 0.0, 0.0], [0.0; 3]);
     let found = verified(&made);
     let off = off(&found);
     assert_eq!(off.len(), 1, "{off:#?}");
-    assert_eq!(off[0].what, What::Camera);
-    assert_eq!(off[0].or.len(), 1, "{off:#?}");
+    assert_eq!(off[0].parameter, Parameter::Camera);
+    assert_eq!(off[0].alternatives.len(), 1, "{off:#?}");
 }
 
 #[test]
-fn an_imu_that_sits_otherwise_in_its_camera_is_no_turned_camera() {
+fn rotated_imu_is_distinguished_from_a_rotated_camera() {
     let mut made = make(Gait::Walk, 0.0, 4);
-    let imu = made[1].told.imu.as_mut().unwrap();
+    let imu = made[1].nominal.imu.as_mut().unwrap();
     imu.imu_from_left = imu.imu_from_left * transform([0.0, 0.0, 0.02], [0.0; 3]);
     let one = verified(&made);
-    let one = only(&one, What::Imu, "left_shoulder");
-    assert!((one.found[2] + 0.02).abs() < 2e-3, "{one:#?}");
+    let one = only(&one, Parameter::Imu, "left_shoulder");
+    assert!((one.estimate[2] + 0.02).abs() < 2e-3, "{one:#?}");
 }
 
 #[test]
-fn late_pictures_late_samples_and_a_clock_that_is_off_are_told_apart() {
+fn image_imu_and_clock_time_offsets_are_distinguished() {
     let late_ns = 3_000_000;
     let pictures = |made: &mut Made| {
-        for of in made.bursts.iter_mut().flat_map(|b| &mut b.moves) {
+        for of in made.bursts.iter_mut().flat_map(|b| &mut b.segments) {
             of.from_ns += late_ns;
             of.to_ns += late_ns;
         }
     };
-    let check = |made: &[Made], what: What| {
+    let check = |made: &[Made], parameter: Parameter| {
         let found = verified(made);
-        let one = only(&found, what, "right_shoulder");
-        assert!((one.found[0] - 3e-3).abs() < 6e-4, "{one:#?}");
+        let one = only(&found, parameter, "right_shoulder");
+        assert!((one.estimate[0] - 3e-3).abs() < 6e-4, "{one:#?}");
         assert!(one.text.contains("late"), "{}", one.text);
     };
     let mut made = make(Gait::Walk, 0.0, 5);
     pictures(&mut made[2]);
-    check(&made, What::Pictures);
-    made[2].gyro = made[2].gyro.later_by_ns(late_ns);
-    check(&made, What::Clock);
+    check(&made, Parameter::ImageTime);
+    made[2].gyro = made[2].gyro.shifted_by_ns(late_ns);
+    check(&made, Parameter::Clock);
     let mut made = make(Gait::Walk, 0.0, 5);
-    made[2].gyro = made[2].gyro.later_by_ns(late_ns);
-    check(&made, What::Samples);
+    made[2].gyro = made[2].gyro.shifted_by_ns(late_ns);
+    check(&made, Parameter::ImuTime);
 }
 
 #[test]
-fn a_turned_right_eye_is_measured() {
+fn rotation_of_the_right_eye_is_measured() {
     let mut made = make(Gait::Walk, 0.0, 6);
-    let turned = [0.4_f64, -0.3, 0.2].map(f64::to_radians);
-    let told = &mut made[0].told;
-    told.right_from_left = transform(turned, [0.0; 3]).inverse() * told.right_from_left;
+    let predicted = [0.4_f64, -0.3, 0.2].map(f64::to_radians);
+    let nominal = &mut made[0].nominal;
+    nominal.right_from_left = transform(predicted, [0.0; 3]).inverse() * nominal.right_from_left;
     let found = verified(&made);
-    let one = only(&found, What::Eyes, "feet");
+    let one = only(&found, Parameter::StereoRotation, "feet");
     #[expect(clippy::needless_range_loop, reason = "three vectors go side by side")]
     for k in 0..3 {
-        assert!((one.found[k] - turned[k]).abs() < 1e-3, "{one:#?}");
+        assert!((one.estimate[k] - predicted[k]).abs() < 1e-3, "{one:#?}");
     }
     let eyes = found.cameras[0].eyes.as_ref().unwrap();
-    assert!(eyes.told_rms_px > 5.0 * eyes.found_rms_px, "{eyes:?}");
+    assert!(eyes.nominal_rms_px > 5.0 * eyes.found_rms_px, "{eyes:?}");
 }
 
 #[test]
-fn things_that_move_by_themselves_are_left_out() {
+fn moving_objects_are_rejected() {
     let made = make(Gait::Walk, 0.3, 7);
     let found = verified(&made);
     assert!(off(&found).is_empty(), "{:#?}", off(&found));
     for camera in &found.cameras {
         let imu = camera.imu.as_ref().unwrap();
-        assert!(imu.late_s.abs() < 1e-3, "{imu:?}");
+        assert!(imu.time_offset_s.abs() < 1e-3, "{imu:?}");
     }
 }
 
 #[test]
-fn who_never_turns_learns_nothing_of_turns_and_times() {
+fn without_rotation_rotations_and_times_are_undetermined() {
     let found = verified(&make(Gait::Glide, 0.0, 8));
     for finding in &found.findings {
-        match finding.what {
-            What::Eyes => assert_eq!(finding.state, State::Fine, "{finding:#?}"),
-            _ => assert_eq!(finding.state, State::Undetermined, "{finding:#?}"),
+        match finding.parameter {
+            Parameter::StereoRotation => {
+                assert_eq!(finding.status, Status::Consistent, "{finding:#?}")
+            }
+            _ => assert_eq!(finding.status, Status::Undetermined, "{finding:#?}"),
         }
     }
 }
 
 #[test]
-fn without_pictures_or_samples_nothing_is_determined() {
+fn without_images_or_samples_everything_is_undetermined() {
     let mut made = make(Gait::Walk, 0.0, 9);
     for camera in &mut made {
         camera.bursts.clear();
@@ -393,13 +403,13 @@ fn without_pictures_or_samples_nothing_is_determined() {
     );
     assert!(found.pairs.is_empty());
     for finding in &found.findings {
-        assert_eq!(finding.state, State::Undetermined, "{finding:#?}");
+        assert_eq!(finding.status, Status::Undetermined, "{finding:#?}");
         assert!(finding.text.contains("not determined"), "{}", finding.text);
     }
     assert!(verify(&[], &Tolerances::default()).findings.is_empty());
 }
 
-/// Texture without an end, from sums of waves.
+/// Aperiodic texture from sums of waves.
 fn texture(x: f64, y: f64) -> f64 {
     let wave = |a: f64, b: f64, c: f64| (a * x + b * y + c).sin();
     128.0
@@ -415,23 +425,24 @@ fn picture(width: usize, height: usize, of: impl Fn(f64, f64) -> f64) -> Vec<u8>
     (0..width * height).map(pixel).collect()
 }
 
-/// What is followed and matched in pictures is where it is, to a tenth of a pixel, in bright and dim ones.
+/// Tracked and matched features are accurate to a tenth of a pixel, in bright and dim images.
 #[test]
-fn corners_are_followed_and_matched_in_pictures() {
-    let told = stereo();
+fn corners_are_tracked_and_matched_in_images() {
+    let nominal = stereo();
     let lens = CameraModel {
         distortion: Distortion::None,
-        ..told.left
+        ..nominal.left
     };
-    let told = StereoCalibration {
+    let nominal = StereoCalibration {
         left: lens,
         right: lens,
         right_from_left: transform([0.0; 3], [-0.06, 0.0, 0.0]),
-        ..told
+        ..nominal
     };
     let (width, height) = (672, 376);
-    let mut follower = Follower::new(&told, None);
-    // The right eye sees 2 m away, and 3.3 rows off, as if it were turned.
+    let mut follower = FeatureTracker::new(&nominal, None);
+    // The right image: a distance of 2 m, and 3.3 rows of vertical offset, as if the eye were
+    // rotated.
     let disparity = 0.06 * 300.0 / 2.0;
     for n in 0..6 {
         let (dx, dy) = (4.3 * f64::from(n), -2.6 * f64::from(n));
@@ -439,14 +450,14 @@ fn corners_are_followed_and_matched_in_pictures() {
         let right = picture(width, height, |x, y| {
             20.0 + 0.8 * texture(x + disparity - dx, y - 3.3 - dy)
         });
-        follower.push(&StereoPicture {
+        follower.push(&StereoFrame {
             time_ns: i64::from(n) * 66_666_667,
-            left: Grey::new(width, height, width, &left).unwrap(),
-            right: Grey::new(width, height, width, &right).unwrap(),
+            left: ImageView::new(width, height, width, &left).unwrap(),
+            right: ImageView::new(width, height, width, &right).unwrap(),
         });
     }
     let burst = follower.end();
-    let first = &burst.moves[0];
+    let first = &burst.segments[0];
     assert_eq!(first.to_ns - first.from_ns, 5 * 66_666_667);
     let off = |found: fn(&Feature) -> Option<[f64; 2]>, by: [f64; 2]| -> Vec<f64> {
         let of = |f: &Feature| {
@@ -457,42 +468,48 @@ fn corners_are_followed_and_matched_in_pictures() {
         off.sort_by(f64::total_cmp);
         off
     };
-    let matched = off(|f| f.right, [-disparity, 3.3]);
-    let followed = off(|f| f.later, [21.5, -13.0]);
+    let match_stereo = off(|f| f.right, [-disparity, 3.3]);
+    let tracked = off(|f| f.later, [21.5, -13.0]);
     assert!(
-        matched.len() > 100 && followed.len() > 150,
+        match_stereo.len() > 100 && tracked.len() > 150,
         "{} {} of {}",
-        matched.len(),
-        followed.len(),
+        match_stereo.len(),
+        tracked.len(),
         first.features.len()
     );
-    for off in [matched, followed] {
-        // Waves nearly repeat themselves, so a few may slip.
+    for off in [match_stereo, tracked] {
+        // The waves nearly repeat, so that a few matches may slip.
         let (middle, most) = (off[off.len() / 2], off[off.len() * 97 / 100]);
         assert!(middle < 0.07 && most < 0.3, "{middle} {most}");
     }
 }
 
 #[test]
-fn blank_pictures_give_no_corners() {
+fn blank_images_give_no_corners() {
     let blank = vec![90; 672 * 376];
-    let mut follower = Follower::new(&stereo(), None);
-    let eye = Grey::new(672, 376, 672, &blank).unwrap();
+    let mut follower = FeatureTracker::new(&stereo(), None);
+    let eye = ImageView::new(672, 376, 672, &blank).unwrap();
     for n in 0..6 {
-        follower.push(&StereoPicture {
+        follower.push(&StereoFrame {
             time_ns: n * 66_666_667,
             left: eye,
             right: eye,
         });
     }
-    assert!(follower.end().moves.iter().all(|m| m.features.is_empty()));
-    assert!(Grey::new(672, 376, 600, &blank).is_none());
-    assert!(Grey::new(672, 377, 672, &blank).is_none());
+    assert!(
+        follower
+            .end()
+            .segments
+            .iter()
+            .all(|m| m.features.is_empty())
+    );
+    assert!(ImageView::new(672, 376, 600, &blank).is_none());
+    assert!(ImageView::new(672, 377, 672, &blank).is_none());
 }
 
 #[test]
-fn bursts_are_spread_and_lie_where_it_turns() {
-    // It turns about at 3 to 4 s and at 13 to 14 s.
+fn bursts_are_spread_and_placed_at_rotations() {
+    // The rate changes at 3 to 4 s and at 13 to 14 s.
     let rate = |n: i64| {
         let t = n as f64 * 2.5e-3;
         match (3.0..4.0).contains(&(t % 10.0)) {

@@ -1,107 +1,108 @@
-//! From the pictures of a burst to places: where corners of the left picture are in the right one, and where a third of a
-//! second later.
+//! Feature tracks of a burst: corners of the left image, matched in the right image and tracked for
+//! a third of a second.
 //!
-//! Contract: what comes out depends on the pictures and, but for where searches begin, not on the told calibration: eyes
-//! that are turned against each other by up to 1.5° are matched, and a gyroscope only says where to begin to
-//! look. A place that cannot be found for sure is left out; none is invented.
+//! Contract: the result depends on the images alone; the nominal calibration only sets the start of
+//! searches. Eyes rotated against each other by up to 1.5° are matched, and a gyroscope only
+//! predicts positions. A feature that cannot be found reliably is dropped.
 
 use nalgebra::{UnitQuaternion, Vector3};
 use serde::{Deserialize, Serialize};
 
-use super::band::{self, Area};
 use super::corners::corners;
+use super::epipolar_search::{self, Area};
 use super::gyro::{Gyro, Integrated};
-use super::klt::follow;
-use super::picture::{Grey, Pyramid};
+use super::klt::track;
+use super::pyramid::{ImageView, Pyramid};
 use crate::lens::Lens;
 use crate::stereo::StereoCalibration;
 
-/// Most corners followed at a time.
-const MOST_CORNERS: usize = 260;
-/// How long corners are followed, s: about half a step of a walker, over which the body turns most.
-const MOVE_S: f64 = 0.3;
-/// New ones are looked for so often, s: moves overlap.
-const EVERY_S: f64 = 0.12;
-/// With a smaller share left of those that both eyes saw a move ends: what stays longest in a camera that looks down is
-/// the wearer. It counts if it is at least so long, s.
-const LEAST_SHARE: f64 = 0.6;
-const SHORTEST_S: f64 = 0.1;
-/// Nearest thing that eyes are matched on, m.
-const NEAREST_M: f64 = 0.35;
-/// How far eyes may be turned against each other, rad, for matches to be found.
-const BAND_RAD: f64 = 0.026;
-/// Level on which matches are searched.
-const SEARCH: usize = 1;
-/// Coarsest level from which a corner is followed in time.
-const COARSEST: usize = 3;
+/// Maximum number of corners tracked at a time.
+const MAX_CORNERS: usize = 260;
+/// Length of a track segment, s: about half a step of a walker, over which the body rotates most.
+const SEGMENT_S: f64 = 0.3;
+/// Interval between detections of new corners, s: segments overlap.
+const DETECTION_INTERVAL_S: f64 = 0.12;
+/// Minimum fraction of the stereo-matched corners still tracked; below it a segment ends, because
+/// in a camera that faces down the longest tracks are those on the wearer. Minimum length of a
+/// segment, s.
+const MIN_TRACKED_RATIO: f64 = 0.6;
+const MIN_SEGMENT_S: f64 = 0.1;
+/// Minimum distance for stereo matching, m.
+const MIN_DISTANCE_M: f64 = 0.35;
+/// Maximum rotation between the eyes for stereo matching, rad.
+const MAX_STEREO_ROTATION_RAD: f64 = 0.026;
+/// Pyramid level of the stereo search.
+const SEARCH_LEVEL: usize = 1;
+/// Coarsest pyramid level of temporal tracking.
+const MAX_LEVEL: usize = 3;
 
-/// One stereo picture.
+/// One stereo frame.
 #[derive(Clone, Copy, Debug)]
-pub struct StereoPicture<'a> {
-    /// Middle of the exposure of the middle row, ns.
+pub struct StereoFrame<'a> {
+    /// Mid-exposure of the middle row, ns.
     pub time_ns: i64,
-    /// Left eye.
-    pub left: Grey<'a>,
-    /// Right eye.
-    pub right: Grey<'a>,
+    /// Left image.
+    pub left: ImageView<'a>,
+    /// Right image.
+    pub right: ImageView<'a>,
 }
 
-/// A corner, pixels.
+/// A feature, pixels.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Feature {
-    /// In the left picture.
+    /// Position in the left image.
     pub left: [f64; 2],
-    /// In the right one, where it was found.
+    /// Position in the right image, if matched.
     pub right: Option<[f64; 2]>,
-    /// In the left picture at the end of the move, where it was found.
+    /// Position in the left image at the end of the segment, if tracked.
     pub later: Option<[f64; 2]>,
 }
 
-/// Corners from one picture to a later one.
+/// Feature tracks between two frames.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
-pub struct Move {
-    /// Time of the first picture, ns.
+pub struct TrackSegment {
+    /// Time of the first frame, ns.
     pub from_ns: i64,
-    /// Time of the later one, ns.
+    /// Time of the last frame, ns.
     pub to_ns: i64,
-    /// The corners.
+    /// The features.
     pub features: Vec<Feature>,
 }
 
-/// What a burst of pictures gave.
+/// Feature tracks of a burst of frames.
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
 pub struct Burst {
-    /// In the order of time.
-    pub moves: Vec<Move>,
+    /// In order of time.
+    pub segments: Vec<TrackSegment>,
 }
 
-/// Follows corners through the pictures of one burst of one camera.
-pub struct Follower<'a> {
+/// Tracks features through the frames of one burst of one camera.
+pub struct FeatureTracker<'a> {
     lenses: [Lens; 2],
     right_from_left: (UnitQuaternion<f64>, Vector3<f64>),
-    /// Where a gyroscope helps: its frame, and what it measured.
+    /// Gyroscope for prediction, with its extrinsics.
     gyro: Option<(UnitQuaternion<f64>, Integrated<'a>)>,
-    before: Option<Before>,
+    previous: Option<PreviousFrame>,
     burst: Burst,
 }
 
-/// The picture before, and what is being followed.
-struct Before {
+/// The previous frame and the features being tracked.
+struct PreviousFrame {
     left: Pyramid,
     time_ns: i64,
-    /// The oldest first.
+    /// Oldest first.
     sets: Vec<Set>,
 }
 
-/// The corners of one picture.
+/// Features detected in one frame.
 struct Set {
     from_ns: i64,
-    features: Vec<Followed>,
+    features: Vec<TrackedFeature>,
 }
 
 impl Set {
-    /// How many both eyes saw, and how many of them are still there.
-    fn alive(&self) -> (usize, usize) {
+    /// Number of stereo-matched features, and of those still tracked.
+    fn tracked_counts(&self) -> (usize, usize) {
         let both = self.features.iter().filter(|f| f.feature.right.is_some());
         (
             both.clone().count(),
@@ -110,16 +111,16 @@ impl Set {
     }
 }
 
-struct Followed {
+struct TrackedFeature {
     feature: Feature,
-    /// Where it is now, pixels of the pyramid's first level; none once it is lost.
+    /// Current position, pixels of the pyramid's first level; `None` once it is lost.
     now: Option<[f32; 2]>,
-    /// By how much the last guess was off.
+    /// Error of the last prediction.
     off: [f32; 2],
 }
 
-impl<'a> Follower<'a> {
-    /// For a camera with this calibration; `gyro` is that of the camera itself.
+impl<'a> FeatureTracker<'a> {
+    /// Tracker for a camera with this calibration; `gyro` is the camera's own.
     pub fn new(calibration: &StereoCalibration, gyro: Option<&'a Gyro>) -> Self {
         let right_from_left = &calibration.right_from_left;
         let imu = calibration.imu.as_ref().zip(gyro);
@@ -134,26 +135,26 @@ impl<'a> Follower<'a> {
             lenses: [Lens::new(&calibration.left), Lens::new(&calibration.right)],
             right_from_left: (*right_from_left.rotation(), *right_from_left.translation()),
             gyro,
-            before: None,
+            previous: None,
             burst: Burst::default(),
         }
     }
 
-    /// Takes the next picture of the burst.
-    pub fn push(&mut self, picture: &StereoPicture<'_>) {
-        let left = Pyramid::new(&picture.left);
-        let (time_ns, scale) = (picture.time_ns, left.scale());
+    /// Adds the next frame of the burst.
+    pub fn push(&mut self, frame: &StereoFrame<'_>) {
+        let left = Pyramid::new(&frame.left);
+        let (time_ns, scale) = (frame.time_ns, left.scale());
         let mut sets = Vec::new();
-        if let Some(before) = self.before.take() {
-            let turn = self.turn(time_ns, before.time_ns);
+        if let Some(before) = self.previous.take() {
+            let rotation = self.rotation(time_ns, before.time_ns);
             for mut set in before.sets {
-                for followed in &mut set.features {
-                    self.follow(followed, &before.left, &left, &turn);
+                for tracked in &mut set.features {
+                    self.track(tracked, &before.left, &left, &rotation);
                 }
                 let seconds = (time_ns - set.from_ns) as f64 * 1e-9;
-                let (both, alive) = set.alive();
-                let is_thin = (alive as f64) < LEAST_SHARE * both as f64;
-                if is_thin || seconds >= MOVE_S - 1e-3 {
+                let (both, tracked_counts) = set.tracked_counts();
+                let is_thin = (tracked_counts as f64) < MIN_TRACKED_RATIO * both as f64;
+                if is_thin || seconds >= SEGMENT_S - 1e-3 {
                     self.finish(set, time_ns, scale);
                 } else {
                     sets.push(set);
@@ -161,10 +162,10 @@ impl<'a> Follower<'a> {
             }
         }
         let newest = sets.last().map(|s| (time_ns - s.from_ns) as f64 * 1e-9);
-        if newest.is_none_or(|age_s| age_s >= EVERY_S - 1e-3) {
-            sets.push(self.start(&left, picture));
+        if newest.is_none_or(|age_s| age_s >= DETECTION_INTERVAL_S - 1e-3) {
+            sets.push(self.start(&left, frame));
         }
-        self.before = Some(Before {
+        self.previous = Some(PreviousFrame {
             left,
             time_ns,
             sets,
@@ -173,7 +174,7 @@ impl<'a> Follower<'a> {
 
     /// Ends the burst.
     pub fn end(&mut self) -> Burst {
-        if let Some(before) = self.before.take() {
+        if let Some(before) = self.previous.take() {
             let scale = before.left.scale();
             for set in before.sets {
                 self.finish(set, before.time_ns, scale);
@@ -182,26 +183,26 @@ impl<'a> Follower<'a> {
         std::mem::take(&mut self.burst)
     }
 
-    /// Follows one corner into the next picture.
-    fn follow(
+    /// Tracks one feature into the next frame.
+    fn track(
         &self,
-        followed: &mut Followed,
+        tracked: &mut TrackedFeature,
         before: &Pyramid,
         left: &Pyramid,
-        turn: &UnitQuaternion<f64>,
+        rotation: &UnitQuaternion<f64>,
     ) {
-        let Some(at) = followed.now else { return };
-        let turned = self.turned(at, turn, left.scale());
-        let guess = [turned[0] + followed.off[0], turned[1] + followed.off[1]];
-        followed.now = follow(before, left, at, guess, COARSEST);
-        if let Some(now) = followed.now {
-            followed.off = [now[0] - turned[0], now[1] - turned[1]];
+        let Some(at) = tracked.now else { return };
+        let predicted = self.predict(at, rotation, left.scale());
+        let guess = [predicted[0] + tracked.off[0], predicted[1] + tracked.off[1]];
+        tracked.now = track(before, left, at, guess, MAX_LEVEL);
+        if let Some(now) = tracked.now {
+            tracked.off = [now[0] - predicted[0], now[1] - predicted[1]];
         }
     }
 
-    /// Makes a move of corners that are followed no further.
+    /// Finishes the segment of a feature set.
     fn finish(&mut self, set: Set, time_ns: i64, scale: f64) {
-        let is_long = (time_ns - set.from_ns) as f64 * 1e-9 >= SHORTEST_S;
+        let is_long = (time_ns - set.from_ns) as f64 * 1e-9 >= MIN_SEGMENT_S;
         let features = set.features.into_iter().map(|f| Feature {
             later: f
                 .now
@@ -209,25 +210,25 @@ impl<'a> Follower<'a> {
                 .map(|at| at.map(|v| f64::from(v) * scale)),
             ..f.feature
         });
-        self.burst.moves.push(Move {
+        self.burst.segments.push(TrackSegment {
             from_ns: set.from_ns,
             to_ns: time_ns,
             features: features.collect(),
         });
     }
 
-    /// Finds corners, and those of them that the right eye sees.
-    fn start(&self, left: &Pyramid, picture: &StereoPicture<'_>) -> Set {
-        let right = Pyramid::new(&picture.right);
+    /// Detects features and matches them in the right image.
+    fn start(&self, left: &Pyramid, frame: &StereoFrame<'_>) -> Set {
+        let right = Pyramid::new(&frame.right);
         let scale = left.scale();
-        let found = corners(&left.levels[0], MOST_CORNERS);
+        let found = corners(&left.levels[0], MAX_CORNERS);
         let features = found.into_iter().map(|at| {
             let pixel = at.map(|v| f64::from(v) * scale);
-            let matched = self.matched(left, &right, at, pixel);
-            Followed {
+            let match_stereo = self.match_stereo(left, &right, at, pixel);
+            TrackedFeature {
                 feature: Feature {
                     left: pixel,
-                    right: matched.map(|at| at.map(|v| f64::from(v) * scale)),
+                    right: match_stereo.map(|at| at.map(|v| f64::from(v) * scale)),
                     later: None,
                 },
                 now: Some(at),
@@ -235,12 +236,12 @@ impl<'a> Follower<'a> {
             }
         });
         Set {
-            from_ns: picture.time_ns,
+            from_ns: frame.time_ns,
             features: features.collect(),
         }
     }
 
-    fn matched(
+    fn match_stereo(
         &self,
         left: &Pyramid,
         right: &Pyramid,
@@ -248,20 +249,23 @@ impl<'a> Follower<'a> {
         pixel: [f64; 2],
     ) -> Option<[f32; 2]> {
         let ray = Vector3::from(self.lenses[0].unproject(pixel)?);
-        let (turn, origin) = self.right_from_left;
+        let (rotation, origin) = self.right_from_left;
         let seen = |per_metre: f64| {
-            let x = turn * ray + origin * per_metre;
+            let x = rotation * ray + origin * per_metre;
             self.lenses[1].project([x.x, x.y, x.z])
         };
         let far = seen(0.0)?;
-        let near = seen(1.0 / NEAREST_M).unwrap_or(far);
+        let near = seen(1.0 / MIN_DISTANCE_M).unwrap_or(far);
         let model = self.lenses[1].model();
         let (reach_x, reach_y) = {
             let side = f64::from(model.width.max(model.height));
-            let tilt = 0.5 * side * BAND_RAD;
-            (model.fx * BAND_RAD, model.fy * BAND_RAD + 0.5 * tilt)
+            let tilt = 0.5 * side * MAX_STEREO_ROTATION_RAD;
+            (
+                model.fx * MAX_STEREO_ROTATION_RAD,
+                model.fy * MAX_STEREO_ROTATION_RAD + 0.5 * tilt,
+            )
         };
-        let level = SEARCH.min(left.levels.len() - 1);
+        let level = SEARCH_LEVEL.min(left.levels.len() - 1);
         let per_level = left.scale() * f64::from(1_u32 << level);
         let area = Area {
             x: [
@@ -274,28 +278,29 @@ impl<'a> Follower<'a> {
             ],
         };
         let coarse = at.map(|v| v / (1_u32 << level) as f32);
-        let found = band::search(&left.levels[level], &right.levels[level], coarse, &area)?;
-        // The patch is around a place between whole pixels on the left as well.
+        let found =
+            epipolar_search::search(&left.levels[level], &right.levels[level], coarse, &area)?;
+        // The patch is at subpixel positions in the left image as well.
         let guess = found.map(|v| v * (1_u32 << level) as f32);
-        follow(left, right, at, guess, level)
+        track(left, right, at, guess, level)
     }
 
-    /// How the camera turned between two pictures, as far as the gyroscope knows.
-    fn turn(&self, to_ns: i64, from_ns: i64) -> UnitQuaternion<f64> {
-        let turn = self.gyro.as_ref().and_then(|(imu_from_left, gyro)| {
-            let turn = gyro.to_from(to_ns as f64, from_ns as f64)?;
-            Some(imu_from_left.inverse() * turn * imu_from_left)
+    /// Rotation between two frames by the gyroscope, identity if unknown.
+    fn rotation(&self, to_ns: i64, from_ns: i64) -> UnitQuaternion<f64> {
+        let rotation = self.gyro.as_ref().and_then(|(imu_from_left, gyro)| {
+            let rotation = gyro.to_from(to_ns as f64, from_ns as f64)?;
+            Some(imu_from_left.inverse() * rotation * imu_from_left)
         });
-        turn.unwrap_or_default()
+        rotation.unwrap_or_default()
     }
 
-    /// Where a far thing would be after that turn, pixels of the first level.
-    fn turned(&self, at: [f32; 2], turn: &UnitQuaternion<f64>, scale: f64) -> [f32; 2] {
+    /// Predicted position of a far point after a rotation, pixels of the first level.
+    fn predict(&self, at: [f32; 2], rotation: &UnitQuaternion<f64>, scale: f64) -> [f32; 2] {
         let lens = &self.lenses[0];
         let moved = || {
             let pixel = at.map(|v| f64::from(v) * scale);
             let ray = Vector3::from(lens.unproject(pixel)?);
-            let (was, x) = (lens.project(ray.into())?, turn * ray);
+            let (was, x) = (lens.project(ray.into())?, rotation * ray);
             let is = lens.project(x.into())?;
             Some([0, 1].map(|k| at[k] + ((is[k] - was[k]) / scale) as f32))
         };

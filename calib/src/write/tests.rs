@@ -139,7 +139,7 @@ fn samples() -> Vec<CameraSet> {
     all
 }
 
-/// Writes, reads back, compares. False where the format refused for a reason other than the lens.
+/// Writes, reads back, compares. False if the format rejected it for a reason other than the lens.
 fn round_trip(set: &CameraSet, format: Format) -> bool {
     let folder = Folder::new();
     let out = folder.path().join("out");
@@ -148,7 +148,7 @@ fn round_trip(set: &CameraSet, format: Format) -> bool {
         Err(WriteError::Lens {
             camera, nearest, ..
         }) => {
-            // What it refuses it does not hold, and the way it names leads on.
+            // A rejected model is not in the format, and the suggested one is accepted.
             assert!(!out.exists());
             let nearest = LensModel::from_name(nearest).unwrap();
             let refused = set.cameras.iter().find(|c| c.name == camera).unwrap();
@@ -158,7 +158,7 @@ fn round_trip(set: &CameraSet, format: Format) -> bool {
             let mut converted = set.clone();
             for camera in &mut converted.cameras {
                 let conversion = convert(&camera.model, nearest).unwrap();
-                // The nearest is near, except for a pinhole without distortion.
+                // The nearest model is close, except for a pinhole without distortion.
                 assert!(
                     nearest == LensModel::None || conversion.rms_px < 1.5,
                     "{} {conversion}",
@@ -241,9 +241,9 @@ fn every_sample_through_every_format() {
             .count();
         println!("{}: {count}", format.name());
         let least = match format {
-            // Rectified pairs alone.
+            // Rectified pairs only.
             Format::Kitti | Format::Pair | Format::Middlebury => 1,
-            // Pairs alone, and without an IMU there is no body.
+            // Pairs only, and without an IMU there is no body.
             Format::ZedConf | Format::Euroc => 11,
             _ => 19,
         };
@@ -323,7 +323,7 @@ fn nothing_is_overwritten() {
     let error = write_cameras(&set, Format::Basalt, &path).unwrap_err();
     assert!(matches!(error, WriteError::Exists { .. }), "{error}");
     assert_eq!(fs::read_to_string(&path).unwrap(), "precious");
-    // The same where it appears between the look and the writing.
+    // The same if it appears between the check and the write.
     let error = new_file(&path, b"other").unwrap_err();
     assert!(matches!(error, WriteError::Exists { .. }), "{error}");
     assert_eq!(fs::read_to_string(&path).unwrap(), "precious");
@@ -341,7 +341,7 @@ fn nothing_is_overwritten() {
     );
     let error = write_cameras(&set, Format::Basalt, &folder.path().join("no/where.json"));
     assert!(matches!(error, Err(WriteError::Write { .. })));
-    // Nothing half-made is left.
+    // No incomplete file remains.
     let mut names: Vec<_> = fs::read_dir(folder.path())
         .unwrap()
         .map(|entry| entry.unwrap().file_name().into_string().unwrap())
@@ -351,7 +351,7 @@ fn nothing_is_overwritten() {
 }
 
 #[test]
-fn what_a_format_cannot_hold_is_said() {
+fn values_a_format_cannot_represent_are_noted() {
     let folder = Folder::new();
     let error = |set: &CameraSet, format| {
         write_cameras(set, format, &folder.path().join("out"))
@@ -380,7 +380,7 @@ fn what_a_format_cannot_hold_is_said() {
     .unwrap();
     assert_eq!(
         notes[0].0,
-        "ros has no place for the IMU's placement, rate, noise, time offset, biases: not written"
+        "ros has no field for the IMU's placement, rate, noise, time offset, biases: not written"
     );
 }
 
@@ -401,7 +401,7 @@ fn all_files() -> Vec<(Format, Files)> {
     all
 }
 
-/// Reads a file with other bytes, beside sound ones. An error must name a path and a line that there is.
+/// Reads a modified file beside intact ones. An error must name a path and an existing line.
 fn read_changed(
     folder: &Folder,
     files: &[(String, Vec<u8>)],
@@ -411,7 +411,7 @@ fn read_changed(
     fs::write(folder.path().join(&files[which].0), bytes).unwrap();
     let path = folder.path().join(&files[0].0);
     match read_cameras(&path, Some([1280, 720])) {
-        Ok((set, notes)) => Some((set.checked(&path).unwrap(), notes)),
+        Ok((set, notes)) => Some((set.validate(&path).unwrap(), notes)),
         Err(error) => {
             let text = error.to_string();
             assert!(
@@ -427,8 +427,8 @@ fn read_changed(
     }
 }
 
-/// Whether a cut goes through the last number of a file. What is left is a number too, and nobody can
-/// tell: the end of the line and a comment are no part of any of these formats.
+/// Whether a cut is within the last number of a file. The rest is a valid number too, which cannot
+/// be detected: the end of the line and a comment are not part of any of these formats.
 fn cuts_the_last_number(bytes: &[u8], end: usize) -> bool {
     let in_number = |b: u8| b.is_ascii_digit() || b"+-.e".contains(&b);
     let rest = String::from_utf8_lossy(&bytes[end..]);
@@ -462,7 +462,7 @@ fn files_cut_anywhere() {
                 (cameras, set.imu)
             };
             for end in 0..bytes.len() {
-                // What is there is all there was, or the reader says what is not.
+                // The content is complete, or the reader reports what is missing.
                 if let Some((set, notes)) = read_changed(&folder, &files, which, &bytes[..end])
                     && parts(&set) != parts(&whole)
                     && notes.iter().all(|note| all_notes.contains(note))
@@ -520,7 +520,7 @@ fn files_with_random_damage() {
 }
 
 #[test]
-fn decimal_commas_are_never_taken() {
+fn decimal_commas_are_rejected() {
     for (format, files) in all_files() {
         if format == Format::ColmapBin {
             continue;
@@ -553,7 +553,7 @@ fn decimal_commas_are_never_taken() {
 }
 
 #[test]
-fn another_cameras_file_is_noticed() {
+fn file_of_another_camera_is_detected() {
     let path = Path::new("settings/SN10028708.conf");
     assert_eq!(zed_conf::serial_in_name(path), Some("10028708"));
     assert!(zed_conf::expect_serial(path, "10028708").is_ok());

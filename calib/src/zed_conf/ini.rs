@@ -18,7 +18,7 @@ pub(super) struct Section<'s> {
 }
 
 impl<'s> Ini<'s> {
-    /// Values stay text until they are asked for: what is not used may be anything.
+    /// Values are parsed only when they are used: others may be anything.
     pub(super) fn parse(source: &'s Source) -> Result<Self, CalibError> {
         let mut sections: BTreeMap<String, Section<'s>> = BTreeMap::new();
         let mut current: Option<String> = None;
@@ -33,7 +33,7 @@ impl<'s> Ini<'s> {
                 else {
                     return Err(source.malformed(line, text, "[SECTION]"));
                 };
-                // A section that comes twice goes on.
+                // A section that occurs twice is continued.
                 sections.entry(name.clone()).or_insert_with(|| Section {
                     source,
                     name: name.clone(),
@@ -92,12 +92,12 @@ impl<'s> Section<'s> {
         })
     }
 
-    /// An error about a number that can be read but cannot be true.
-    pub(super) fn implausible(&self, key: &str, objection: &str) -> CalibError {
+    /// An error about a value that can be read but is invalid.
+    pub(super) fn implausible(&self, key: &str, reason: &str) -> CalibError {
         let line = self.values.get(key).map_or(0, |(line, _)| *line);
         CalibError::Implausible {
             path: self.source.path.clone(),
-            objection: format!("line {line}: {key} in [{}]: {objection}", self.name),
+            reason: format!("line {line}: {key} in [{}]: {reason}", self.name),
         }
     }
 

@@ -23,7 +23,7 @@ fn read_text(
     Ok((calibration, notes.into_iter().map(|note| note.0).collect()))
 }
 
-/// Takes each numeric line of the file on its own: a slow, obvious twin of the reader.
+/// Parses each numeric line of the file independently: a reference implementation of the reader.
 fn value(text: &str, section: &str, key: &str) -> f64 {
     let (_, rest) = text.split_once(&format!("[{section}]\n")).unwrap();
     let body = rest.split('[').next().unwrap();
@@ -94,7 +94,7 @@ fn the_real_zed_mini_at_every_resolution() {
     );
     let error = read(&path, 2560, 720).unwrap_err().to_string();
     assert!(
-        error.contains("pictures of 2560x720: found no such resolution"),
+        error.contains("images of 2560x720: found no such resolution"),
         "{error}"
     );
 }
@@ -107,8 +107,8 @@ fn signs_and_units_of_the_pair() {
         calibration.right_from_left.translation_m(),
         [-62.8 / 1000.0, -0.08 / 1000.0, -0.03 / 1000.0]
     );
-    // CV is the rotation about y: the right camera converges, so what is straight ahead of the left
-    // one moves along +x by CV, beside the shift by the baseline.
+    // CV is the rotation about y: the right camera converges, so that a point straight ahead of the
+    // left one moves along +x by CV, in addition to the displacement by the baseline.
     let [x, _, z] = calibration.right_from_left.rotate([0.0, 0.0, 1.0]);
     assert!((x / z - 0.01).abs() < 1e-5);
     let (plain, _) = read_text(
@@ -206,7 +206,7 @@ fn shared_distortion_and_derived_resolutions() {
     );
     assert_eq!(svga.right.distortion, full.right.distortion);
 
-    // A file that has them is taken at its word.
+    // A file that contains them is used as it is.
     let with_fhd = format!(
         "{GMSL}CV_FHD = 0.5\n[LEFT_CAM_FHD]\nfx=1\nfy=2\ncx=3\ncy=4\n[RIGHT_CAM_FHD]\nfx=5\nfy=6\ncx=7\ncy=8\n"
     );
@@ -276,7 +276,7 @@ fn fewer_coefficients_and_fisheye_lenses() {
 }
 
 #[test]
-fn traps() {
+fn invalid_files_are_rejected() {
     let check = |from: &str, to: &str, expected: &str| {
         assert!(USB.contains(from), "{from}");
         let error = read_text(&USB.replacen(from, to, 1), 1280, 720)
@@ -344,7 +344,7 @@ fn traps() {
     check(
         "cx=640",
         "cx=1400",
-        "line 4: CX in [LEFT_CAM_HD]: principal point (1400, 360) outside the picture of 1280x720",
+        "line 4: CX in [LEFT_CAM_HD]: principal point (1400, 360) outside the image of 1280x720",
     );
     check(
         "fy=701",
@@ -391,7 +391,7 @@ fn a_file_cut_anywhere_is_no_panic() {
 }
 
 #[test]
-fn what_cannot_be_is_named_by_section_and_key() {
+fn impossible_value_is_named_by_section_and_key() {
     let check = |text: &str, from: &str, to: &str, size: (u32, u32), expected: &str| {
         assert!(text.contains(from), "{from}");
         let error = read_text(&text.replacen(from, to, 1), size.0, size.1).unwrap_err();
@@ -424,7 +424,7 @@ fn what_cannot_be_is_named_by_section_and_key() {
         "TZ=-30000",
         "line 24: found \"-30000\", expected TZ in [STEREO]",
     );
-    // Of a derived resolution the key is the one in the file.
+    // For a derived resolution the key is the one in the file.
     check(
         GMSL,
         "cy = 630.481",

@@ -1,12 +1,12 @@
-//! What a configuration needs from the machine, for `pawsd check`.
+//! Checks of a configuration against the machine, for `pawsd check`.
 //!
-//! Contract: looks at everything and stops at nothing, so that one run tells all. It finds what would
-//! keep a recording from starting here and now, for the user who runs it: folder and space, socket, page with its
-//! address and token, rig, cameras that are not there, encoders. It records nothing and
-//! leaves nothing behind, but it occupies the encoders for some seconds, and a recording beside it
-//! would feel that. Of bags, lists and whatever people write it reads at most 1 MiB a file, of pictures the header; only
-//! GStreamer reads of a video file what it needs for two images. Each part is announced before it begins (see
-//! [`crate::announce`]).
+//! Contract: inspects everything and stops at nothing, so that one run reports all problems. It
+//! finds whatever would keep a recording from starting here and now, for the user who runs it:
+//! folder and space, socket, page with its address and token, rig, absent cameras, encoders. It
+//! records nothing and leaves nothing behind, but it occupies the encoders for some seconds, which
+//! would disturb a simultaneous recording. Of bags, lists and text files it reads at most 1 MiB
+//! each, of images the header; only GStreamer reads of a video file what it needs for two images.
+//! Each part is announced before it begins (see [`crate::announce`]).
 
 use std::collections::BTreeMap;
 use std::fmt;
@@ -22,8 +22,8 @@ use session_archive::time::HostTime;
 
 use super::{Camera, Config, DEFAULT_SOCKET, SourceConfig};
 use crate::announce::step;
-use crate::causes::with_causes;
 use crate::disk;
+use crate::error_chain::with_causes;
 use crate::run::choose_encoder;
 use crate::sources::bag::{Bag, BagError};
 use crate::sources::datasets::DatasetError;
@@ -38,26 +38,26 @@ use crate::sources::{Live, Source, SourceInfo};
 mod device;
 mod page;
 
-/// How bad a finding is.
+/// Severity of a finding.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Serialize)]
 #[serde(rename_all = "snake_case")]
 pub enum Level {
-    /// As it should be.
+    /// Correct.
     Ok,
-    /// A recording can be made, but may not be what is wanted.
+    /// A recording is possible, but may differ from what is intended.
     Warning,
-    /// No recording can be made.
+    /// No recording is possible.
     Error,
 }
 
-/// One thing that was looked at.
+/// Result of one check.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize)]
 pub struct Finding {
-    /// How bad it is.
+    /// Severity.
     pub level: Level,
     /// Part of the configuration: `session`, `camera feet`.
     pub about: String,
-    /// What was found and, where that is not enough, what to do.
+    /// What was found and, if that is not sufficient, a remedy.
     pub message: String,
 }
 
@@ -72,7 +72,7 @@ impl fmt::Display for Finding {
     }
 }
 
-/// Looks at everything that `config` needs from this machine.
+/// Checks everything that `config` needs from this machine.
 pub fn check(config: &Config) -> Vec<Finding> {
     let mut report = Report::default();
     step("checking folder, space, socket and page");
@@ -82,7 +82,7 @@ pub fn check(config: &Config) -> Vec<Finding> {
     rig(config, &mut report);
     triggers(config, &mut report);
     let mut cameras = Vec::new();
-    // What is wrong with the file was told above.
+    // Problems of the file were reported above.
     let rig = config.rig.as_deref().and_then(|path| Rig::read(path).ok());
     let mut walks = Walks::default();
     for camera in &config.cameras {
@@ -97,7 +97,8 @@ pub fn check(config: &Config) -> Vec<Finding> {
     report.findings
 }
 
-/// Whether the cameras of a configuration, as far as they are plugged in, fit on their USB controllers.
+/// Whether the cameras of a configuration, as far as they are connected, fit on their USB
+/// controllers.
 pub fn usb_budget(config: &Config) -> Vec<Finding> {
     let findings = device::usb_budget(config).into_iter();
     findings
@@ -140,16 +141,12 @@ impl Report {
 fn out(config: &Config, report: &mut Report) {
     report.about = "session".to_owned();
     let Some(out) = &config.session.out else {
-        report
-            .warning("out is not set; `pawsd run` needs it, `pawsd record` can be told with --out");
+        report.warning("out is not set; `pawsd run` needs it, `pawsd record` takes --out");
         return;
     };
-    // A folder that is not there yet is made by the first recording.
+    // An absent folder is created by the first recording.
     let Some(folder) = out.ancestors().find(|folder| folder.exists()) else {
-        report.error(format!(
-            "no folder on the way to it exists: {}",
-            out.display()
-        ));
+        report.error(format!("no parent folder exists: {}", out.display()));
         return;
     };
     match writable(folder) {
@@ -159,7 +156,7 @@ fn out(config: &Config, report: &mut Report) {
         )),
         Ok(()) if folder == out => report.ok(format!("sessions go to {}", out.display())),
         Ok(()) => report.ok(format!(
-            "sessions go to {}, which will be made",
+            "sessions go to {}, which will be created",
             out.display()
         )),
     }
@@ -169,16 +166,18 @@ fn out(config: &Config, report: &mut Report) {
     let gb = |bytes: u64| format!("{:.1} GB", bytes as f64 / 1e9);
     match disk::free_bytes(folder) {
         Err(error) => report.error(format!(
-            "free space cannot be told: {error}: {}",
+            "reading the free space: {error}: {}",
             folder.display()
         )),
-        Ok(free) if free < reserve.saturating_add(disk::START_MARGIN) => report.error(format!(
-            "{} free, expected at least {}: the reserve of {} and room to begin: {}",
-            gb(free),
-            gb(reserve.saturating_add(disk::START_MARGIN)),
-            gb(reserve),
-            folder.display()
-        )),
+        Ok(free) if free < reserve.saturating_add(disk::START_MARGIN_BYTES) => {
+            report.error(format!(
+                "{} free, expected at least {}: the reserve of {} and room to begin: {}",
+                gb(free),
+                gb(reserve.saturating_add(disk::START_MARGIN_BYTES)),
+                gb(reserve),
+                folder.display()
+            ))
+        }
         Ok(free) if free < reserve.saturating_mul(2) => {
             report.warning(format!(
                 "only {} free, a recording ends at {}: {}",
@@ -195,7 +194,7 @@ fn out(config: &Config, report: &mut Report) {
     }
 }
 
-/// Whether a daemon answers there.
+/// Returns whether a daemon answers at the socket.
 fn socket(config: &Config, report: &mut Report) -> bool {
     report.about = "control".to_owned();
     let socket = &config.control.socket;
@@ -206,11 +205,12 @@ fn socket(config: &Config, report: &mut Report) -> bool {
         report.warning(format!("a daemon answers already: {}", socket.display()));
     } else if kind.is_ok_and(|kind| !kind.is_socket()) {
         report.error(format!(
-            "something that is no socket lies in its place; remove it, or name another place: {}",
+            "a file that is not a socket exists at its path; remove it, or configure another path: {}",
             socket.display()
         ));
     } else if socket == Path::new(DEFAULT_SOCKET) && !folder.exists() {
-        // systemd makes this folder when it starts the daemon, and `pawsd record` does without.
+        // systemd creates this folder when it starts the daemon, and `pawsd record` does not need
+        // it.
         report.warning(format!(
             "only the service makes the folder of its socket; `pawsd run` by hand needs [control] socket elsewhere: {}",
             folder.display()
@@ -232,7 +232,7 @@ fn rig(config: &Config, report: &mut Report) {
         report.warning(format!(
             "no rig file: sessions will not tell how the cameras are placed; `{}` makes one of boards alone: \
              file = \"calibration/rig.toml\" in [rig]",
-            calib::mend::CALIBRATE
+            calib::remedy::CALIBRATE
         ));
         return;
     };
@@ -278,7 +278,7 @@ fn triggers(config: &Config, report: &mut Report) {
     }
 }
 
-/// What a source says of itself, if it can be opened.
+/// Description of a source, if it can be opened.
 fn source(
     camera: &Camera,
     rig: Option<&Rig>,
@@ -365,7 +365,7 @@ fn source(
             }
         }
         SourceConfig::V4l2(config) => {
-            let found = device::look(config);
+            let found = device::inspect(config);
             for (level, message) in found {
                 report.add(level, message);
             }
@@ -391,7 +391,7 @@ fn source(
 
     match &camera.calibration {
         Some(path) => {
-            // A file that is named takes the place of what lies with the data.
+            // A configured file replaces the one of the data set.
             notes.retain(|note| !note.contains("calibration"));
             calibration(path, of.width / 2, of.height, report);
         }
@@ -400,7 +400,7 @@ fn source(
             .warning("a synthetic camera has no lenses: what it records cannot be reconstructed"),
         None => report.warning(format!(
             "its lenses are not known: {}",
-            calib::mend::before(&camera.name)
+            calib::remedy::before_recording(&camera.name)
         )),
     }
     for note in notes {
@@ -409,7 +409,7 @@ fn source(
     Some(info)
 }
 
-/// Says that there is more of the source's files than was read.
+/// Notes that only the beginning of the source's files was read.
 fn heads(are_heads: bool, report: &mut Report) {
     if are_heads {
         report.ok(
@@ -418,7 +418,7 @@ fn heads(are_heads: bool, report: &mut Report) {
     }
 }
 
-/// `width` and `height` are those of one eye.
+/// `width` and `height` are the size of one eye's image.
 fn calibration(path: &Path, width: u32, height: u32, report: &mut Report) {
     match calib::read_stereo(path, width, height) {
         Err(error) => report.error(with_causes(&error)),
@@ -435,7 +435,7 @@ fn calibration(path: &Path, width: u32, height: u32, report: &mut Report) {
     }
 }
 
-/// Finds the encoder of the cameras as a run does.
+/// Selects the encoder of the cameras as a run does.
 fn encoders(config: &Config, cameras: &[SourceInfo], report: &mut Report) {
     if cameras.is_empty() {
         return;

@@ -1,4 +1,4 @@
-//! Settings of cameras that are devices, and how the file writes them.
+//! Settings of device cameras, and their syntax in the file.
 
 use std::path::{Path, PathBuf};
 
@@ -9,26 +9,26 @@ use crate::sources::pairing;
 use super::file::{MAX_IMU_RATE_HZ, MAX_RATE_HZ, ns, one_of, pixels};
 use super::section::Section;
 
-/// A camera on the kernel's video interface, both eyes side by side in its picture; or one for each eye.
+/// A V4L2 camera with both eyes side by side in its image, or one for each eye.
 #[derive(Clone, Debug, PartialEq)]
 pub struct V4l2Config {
-    /// Which one; of two, that of the left eye.
+    /// The device; of two, the one of the left eye.
     pub device: DeviceChoice,
-    /// The right eye, where it is a device of its own.
+    /// Device of the right eye, if it is a separate one.
     pub right: Option<RightDevice>,
     /// Width of the stereo frame (both eyes), pixels, a multiple of 4.
     pub width: u32,
     /// Height, pixels, even.
     pub height: u32,
-    /// Pictures per second.
+    /// Frames per second.
     pub rate_hz: f64,
     /// Layout of the pixels.
     pub format: PixelLayout,
-    /// Pictures that the driver can fill before one has been taken.
+    /// Number of driver buffers.
     pub buffers: u32,
-    /// Controls to be written at the start, by the driver's names, and read back.
+    /// Controls to be written at the start, under the driver's names, and read back.
     pub controls: Vec<(String, i64)>,
-    /// The microcontroller with the IMU that belongs to the camera.
+    /// The microcontroller with the camera's IMU.
     pub imu: Option<ZedImuConfig>,
 }
 
@@ -37,7 +37,7 @@ pub struct V4l2Config {
 pub struct RightDevice {
     /// Which one.
     pub device: DeviceChoice,
-    /// Images that are further apart by the driver's stamps are no pair, ns.
+    /// Maximum difference of the driver's timestamps of a pair, ns.
     pub within_ns: i64,
 }
 
@@ -57,23 +57,23 @@ impl V4l2Config {
     }
 }
 
-/// How a device is found.
+/// Selection of a device.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub enum DeviceChoice {
     /// By its node.
     Path(PathBuf),
     /// A ZED over USB.
     Zed {
-        /// Serial number; none takes the only one there is.
+        /// Serial number; `None` selects the only device present.
         serial: Option<String>,
     },
-    /// By what it says on the bus.
+    /// By its USB identifiers.
     Usb {
         /// Vendor.
         vendor: u16,
         /// Product.
         product: u16,
-        /// Serial number, where several may be plugged in.
+        /// Serial number, if several are connected.
         serial: Option<String>,
     },
 }
@@ -83,7 +83,7 @@ pub enum DeviceChoice {
 pub enum PixelLayout {
     /// Y U Y V, 4:2:2.
     Yuyv,
-    /// Luma, then U and V in turn, 4:2:0.
+    /// Luma, then U and V interleaved, 4:2:0.
     Nv12,
     /// Luma alone.
     Grey,
@@ -92,7 +92,7 @@ pub enum PixelLayout {
 }
 
 impl PixelLayout {
-    /// The four letters that the kernel has for it.
+    /// FourCC of the layout.
     pub fn fourcc(self) -> [u8; 4] {
         match self {
             Self::Yuyv => *b"YUYV",
@@ -106,9 +106,9 @@ impl PixelLayout {
 /// The microcontroller of a Stereolabs USB camera.
 #[derive(Clone, Debug, PartialEq)]
 pub struct ZedImuConfig {
-    /// Serial number; none takes the only one there is.
+    /// Serial number; `None` selects the only device present.
     pub serial: Option<String>,
-    /// Samples per second that are to be expected, until they have been counted.
+    /// Nominal samples per second, used until the rate is measured.
     pub rate_hz: f64,
 }
 
@@ -117,17 +117,18 @@ pub struct ZedImuConfig {
 pub struct GstreamerConfig {
     /// Elements as for gst-launch-1.0, without a sink: of the stereo frame, or of the left eye.
     pub chain: String,
-    /// The right eye, where it is a stream of its own.
+    /// Elements of the right eye, if it is a stream of its own.
     pub right_chain: Option<String>,
     /// Width of the stereo frame (both eyes), pixels, a multiple of 4.
     pub width: u32,
     /// Height, pixels, even.
     pub height: u32,
-    /// Pictures per second.
+    /// Frames per second.
     pub rate_hz: f64,
-    /// Wait before the start, ns: cameras behind one driver may have to be started one after another.
+    /// Delay before the start, ns: cameras behind one driver may have to be started one after
+    /// another.
     pub start_after_ns: i64,
-    /// The microcontroller with the IMU that belongs to the camera.
+    /// The microcontroller with the camera's IMU.
     pub imu: Option<ZedImuConfig>,
 }
 
@@ -158,7 +159,7 @@ pub(super) fn v4l2(section: &mut Section<'_>, folder: &Path) -> Option<V4l2Confi
     }
     let right = right.map(|device| RightDevice {
         device,
-        // A limit that is refused was noted.
+        // A rejected limit has been reported.
         within_ns: pairing::limit_ns(rate_hz, within_ns).unwrap_or_default(),
     });
     Some(V4l2Config {
@@ -174,7 +175,7 @@ pub(super) fn v4l2(section: &mut Section<'_>, folder: &Path) -> Option<V4l2Confi
     })
 }
 
-/// How far two images of a pair may be apart, ns; checked against the rate where that is known.
+/// Maximum time difference of two images of a pair, ns; checked against the rate if that is known.
 pub(super) fn pair_within(section: &mut Section<'_>, rate_hz: Option<f64>) -> Option<i64> {
     let within_ms = section.number("pair_within_ms", 0.001..=1000.0)?;
     let within_ns = ns(1e6, within_ms);
@@ -196,7 +197,7 @@ pub(super) fn zed(section: &mut Section<'_>) -> Option<V4l2Config> {
         .iter()
         .map(|mode| (mode.name, *mode))
         .collect();
-    // The one that is meant where none is named comes first.
+    // The default mode comes first.
     modes.sort_by_key(|(name, _)| *name != "HD720");
     let mode = one_of(section, "mode", &modes);
     let fastest = mode
@@ -243,7 +244,7 @@ pub(super) fn zed(section: &mut Section<'_>) -> Option<V4l2Config> {
 pub(super) fn gstreamer(section: &mut Section<'_>) -> Option<GstreamerConfig> {
     let a_chain = "elements as for gst-launch-1.0, without a sink and without control characters";
     section.must_have("chain", a_chain);
-    // It may be written over several lines.
+    // The value may extend over several lines.
     let is_chain = |text: &str| {
         let plain = text.split(['\n', '\r', '\t']).all(is_plain);
         !text.trim().is_empty() && plain
@@ -279,7 +280,7 @@ fn buffers(section: &mut Section<'_>) -> u32 {
     section.integer("buffers", 2..=32).unwrap_or(8) as u32
 }
 
-/// `imu = "zed"`, with its serial number where several are plugged in.
+/// `imu = "zed"`, with its serial number if several are connected.
 fn zed_imu(
     section: &mut Section<'_>,
     key: &'static str,
@@ -301,15 +302,15 @@ fn zed_imu(
     is_zed.then_some(ZedImuConfig { serial, rate_hz })
 }
 
-/// Keys that say nothing without another one.
+/// Rejects keys that are meaningless without another one.
 fn refuse_without(section: &Section<'_>, keys: &[&str], expected: &str) {
     for key in keys.iter().filter(|key| section.has(key)) {
         section.refuse(key, format_args!("is given, expected {expected} beside it"));
     }
 }
 
-/// `device = "/dev/video0"`, or `usb = "2b03:f682"`, and `usb_serial` where several are plugged in; or the same by other
-/// keys.
+/// `device = "/dev/video0"`, or `usb = "2b03:f682"`, and `usb_serial` if several are connected; or
+/// the same with other keys.
 fn device(
     section: &mut Section<'_>,
     folder: &Path,

@@ -6,7 +6,7 @@ use std::path::Path;
 
 use cad_transforms::frame::{MAX_CAMERA_NAME, is_camera_name};
 use rig_sim::camera::Quality;
-use rig_sim::scene::{Kind, Time};
+use rig_sim::scene::{Kind, Lighting};
 use rig_sim::simulation::Settings;
 use session_archive::text::{MAX_NOTE, check_note};
 use toml::de::DeTable;
@@ -19,13 +19,13 @@ use super::{
 };
 use super::{device, operator, recorded};
 
-/// Longest path of a Unix socket, bytes: `sun_path` of unix(7) less the closing zero.
+/// Maximum length of a Unix socket path, bytes: `sun_path` of unix(7) less the terminating zero.
 const MAX_SOCKET_PATH: usize = 107;
-/// Longest latency that can be meant, ms.
+/// Maximum plausible latency, ms.
 const MAX_LATENCY_MS: f64 = 1000.0;
-/// Fastest camera, pictures per second.
+/// Maximum camera rate, frames per second.
 pub(super) const MAX_RATE_HZ: f64 = 1000.0;
-/// Fastest IMU, samples per second.
+/// Maximum IMU rate, samples per second.
 pub(super) const MAX_IMU_RATE_HZ: f64 = 10_000.0;
 
 pub(super) fn parse(text: &str, folder: &Path) -> Result<Config, Problems> {
@@ -37,7 +37,7 @@ pub(super) fn parse(text: &str, folder: &Path) -> Result<Config, Problems> {
             format!("not TOML: {}", error.message()),
         );
     }
-    // What could be read of a broken document may not be what was meant.
+    // Values read from a broken document may not be the intended ones.
     let config = if errors.is_empty() {
         config(Section::root(document.get_ref(), &log), folder)
     } else {
@@ -49,7 +49,7 @@ pub(super) fn parse(text: &str, folder: &Path) -> Result<Config, Problems> {
         .ok_or(Problems(problems))
 }
 
-/// Never nothing without a problem noted.
+/// Returns `None` only with a reported problem.
 fn config(mut root: Section<'_>, folder: &Path) -> Option<Config> {
     let session = session(root.section("session", "[session]"), folder);
     let disk = disk(root.section("disk", "[disk]"));
@@ -190,9 +190,9 @@ fn camera(section: &mut Section<'_>, folder: &Path, position: usize) -> Option<C
 }
 
 fn source(mut section: Section<'_>, folder: &Path, position: usize) -> Option<SourceConfig> {
-    const KINDS: &str = "\"zed\" (a ZED Mini over USB), \"v4l2\" (a camera of the kernel's), \"gstreamer\" (elements), \
+    const KINDS: &str = "\"zed\" (a ZED Mini over USB), \"v4l2\" (a V4L2 camera), \"gstreamer\" (elements), \
          \"sim\" (a simulated walk), \"replay\" (a recorded data set), \"bag\" (of ROS 2), \"video\" (a file or two) or \
-         \"synthetic\" (a made-up picture)";
+         \"synthetic\" (a generated image sequence)";
     section.must_have("kind", KINDS);
     let kind = section.text("kind", KINDS, |_| true)?;
     let source = match kind.as_str() {
@@ -218,7 +218,7 @@ fn source(mut section: Section<'_>, folder: &Path, position: usize) -> Option<So
         "v4l2" => device::v4l2(&mut section, folder).map(SourceConfig::V4l2),
         "zed" => device::zed(&mut section).map(SourceConfig::V4l2),
         "gstreamer" => device::gstreamer(&mut section).map(SourceConfig::Gstreamer),
-        // Its other keys are those of another kind, so nothing is said of them.
+        // Its other keys belong to another kind, so they are not checked.
         unknown => {
             let hint = nearest(
                 unknown,
@@ -285,15 +285,20 @@ pub(super) fn choice<T: Copy>(
     found.map(|(_, value)| *value)
 }
 
-/// By default ten minutes over a pavement by day, seen by cameras of a ZED Mini's smallest size at 15 Hz.
+/// Default: ten minutes over a pavement by day, with cameras of a ZED Mini's smallest size at 15
+/// Hz.
 fn simulated(section: &mut Section<'_>, folder: &Path) -> SimulatedConfig {
     let kind = one_of(section, "scene", &Kind::ALL.map(|kind| (kind.name(), kind)));
-    let time = one_of(section, "light", &Time::ALL.map(|time| (time.name(), time)));
+    let lighting = one_of(
+        section,
+        "light",
+        &Lighting::ALL.map(|time| (time.name(), time)),
+    );
     let qualities = [("fast", Quality::FAST), ("accurate", Quality::ACCURATE)];
     let quality = one_of(section, "quality", &qualities);
     let walk = Settings {
         kind,
-        time,
+        lighting,
         seed: section
             .integer("seed", 0..=i64::MAX)
             .map_or(1, i64::unsigned_abs),
@@ -309,7 +314,7 @@ fn simulated(section: &mut Section<'_>, folder: &Path) -> SimulatedConfig {
     }
 }
 
-/// By default the size and rates of a ZED Mini in its smallest mode.
+/// Default: size and rates of a ZED Mini in its smallest mode.
 fn synthetic(section: &mut Section<'_>, position: usize) -> SyntheticConfig {
     let width = pixels(section, "width", 128..=16_384, 1344, 4);
     let height = pixels(section, "height", 32..=8192, 376, 2);
@@ -322,7 +327,7 @@ fn synthetic(section: &mut Section<'_>, position: usize) -> SyntheticConfig {
         imu_rate_hz: section
             .number("imu_rate_hz", 0.0..=MAX_IMU_RATE_HZ)
             .unwrap_or(400.0),
-        // Cameras that show the same picture are hard to tell apart in a recording.
+        // Cameras with identical images are hard to distinguish in a recording.
         seed: section
             .integer("seed", 0..=i64::MAX)
             .map_or(position as u64, i64::unsigned_abs),

@@ -1,4 +1,4 @@
-//! Settings of buttons, lights, beepers and the phone's page, and how the file writes them.
+//! Settings of buttons, lights, beepers and the phone's page, and their syntax in the file.
 
 use std::net::SocketAddr;
 use std::path::{Path, PathBuf};
@@ -7,25 +7,25 @@ use operator::spec::{BeeperSpec, ButtonSpec, LightSpec};
 
 use super::section::Section;
 
-/// `[operator]`: what a person without a screen has.
+/// `[operator]`: devices of an operator without a screen.
 #[derive(Clone, Debug, Default, PartialEq, Eq)]
 pub struct Operator {
     /// Any of them starts and stops.
     pub buttons: Vec<ButtonSpec>,
-    /// All of them show the same.
+    /// All of them show the same state.
     pub lights: Vec<LightSpec>,
     /// All of them sound the same.
     pub beepers: Vec<BeeperSpec>,
 }
 
-/// `[page]`: the page for the phone, and the way by which a host fetches sessions.
+/// `[page]`: the page for the phone, through which a host also fetches sessions.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Page {
-    /// Where it listens.
+    /// Listening address.
     pub listen: SocketAddr,
-    /// File with the token that opens it; needed everywhere but on loopback.
+    /// File with the access token; required everywhere but on loopback.
     pub token_file: Option<PathBuf>,
-    /// Folder in which the certificate is kept.
+    /// Folder of the certificate.
     pub folder: PathBuf,
 }
 
@@ -53,7 +53,9 @@ pub(super) fn page(mut section: Section<'_>, folder: &Path) -> Option<Page> {
     {
         section.refuse(
             "listen",
-            format_args!("is {listen}, which others can reach, expected token_file beside it"),
+            format_args!(
+                "is {listen}, which is reachable from other machines, expected token_file beside it"
+            ),
         );
     }
     section.finish();

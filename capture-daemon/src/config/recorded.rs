@@ -1,4 +1,5 @@
-//! Settings of sources that replay what others have recorded, and how the file writes them: bags and video files.
+//! Settings of sources that replay foreign recordings, bags and video files, and their syntax in
+//! the file.
 
 use std::path::{Path, PathBuf};
 
@@ -13,13 +14,13 @@ use super::section::Section;
 pub struct BagConfig {
     /// Its folder, or a file.
     pub path: PathBuf,
-    /// Which topics the images come from.
+    /// Topics of the images.
     pub images: BagImages,
     /// Whether its IMU is replayed too, if it has one.
     pub imu: bool,
-    /// Topic of the IMU; none for the only one.
+    /// Topic of the IMU; `None` for the only one.
     pub imu_topic: Option<String>,
-    /// Images that are further apart are no pair, ns; none for the most that is possible.
+    /// Maximum time difference of a pair, ns; `None` for the largest possible one.
     pub pair_within_ns: Option<i64>,
 }
 
@@ -44,11 +45,11 @@ pub enum BagImages {
 pub struct VideoConfig {
     /// Both eyes side by side, or the left eye.
     pub path: PathBuf,
-    /// The right eye, where it has a file of its own.
+    /// The right eye, if it has a file of its own.
     pub right_path: Option<PathBuf>,
-    /// How much later the right file begins, ns.
+    /// Delay of the right file's beginning, ns.
     pub right_later_ns: i64,
-    /// Images that are further apart are no pair, ns; none for the most that is possible.
+    /// Maximum time difference of a pair, ns; `None` for the largest possible one.
     pub pair_within_ns: Option<i64>,
 }
 

@@ -1,8 +1,9 @@
-//! Reading a TOML table key by key.
+//! Access to a TOML table key by key.
 //!
-//! Contract: asking a [`Section`] for a key gives its value, or nothing where it is absent or not what
-//! was asked for; the latter is noted with its line. Nothing stops at a problem. [`Section::finish`]
-//! notes every key that was never asked for. So the code that reads a key is the one list of known keys.
+//! Contract: reading a key of a [`Section`] returns its value, or `None` if it is absent or
+//! invalid; the latter is reported with its line. Parsing never stops at a problem.
+//! [`Section::finish`] reports every key that was never read. So the code that reads a key is the
+//! single list of known keys.
 
 use std::cell::RefCell;
 use std::fmt::Display;
@@ -47,15 +48,16 @@ impl<'t> Log<'t> {
 /// A table that is being read.
 pub(super) struct Section<'d> {
     log: &'d Log<'d>,
-    /// None when the file has no such table or something else in its place: then every key is absent.
+    /// `None` if the file has no such table or something else instead of it: then every key is
+    /// absent.
     table: Option<&'d DeTable<'d>>,
-    /// Where it begins.
+    /// Its position in the text.
     at: usize,
-    /// As the file writes it: `[session]`.
+    /// Its name in the file: `[session]`.
     name: String,
-    /// The keys asked for so far.
+    /// The keys read so far.
     known: Vec<&'static str>,
-    /// Any key is known.
+    /// Every key is accepted.
     is_open: bool,
 }
 
@@ -130,7 +132,7 @@ impl<'d> Section<'d> {
         self.read(key, "true or false", |_, value| value.as_bool())
     }
 
-    /// Every key of this table with its integer: for tables whose keys are another's names.
+    /// All keys of this table with their integers: for tables with foreign keys.
     pub(super) fn integers(mut self) -> Vec<(String, i64)> {
         self.is_open = true;
         let mut found = Vec::new();
@@ -200,7 +202,7 @@ impl<'d> Section<'d> {
             .map(|path| folder.join(path))
     }
 
-    /// Notes a problem when `key` is absent.
+    /// Reports a problem if `key` is absent.
     pub(super) fn must_have(&self, key: &str, expected: &str) {
         if self.table.is_some_and(|table| !table.contains_key(key)) {
             self.log.add(
@@ -210,13 +212,13 @@ impl<'d> Section<'d> {
         }
     }
 
-    /// Notes a problem with the value of `key`.
+    /// Reports a problem with the value of `key`.
     pub(super) fn refuse(&self, key: &str, reason: impl Display) {
         let at = self.value(key).map_or(self.at, |value| value.span().start);
         self.log.add(at, format!("{key} in {} {reason}", self.name));
     }
 
-    /// Notes every key that was never asked for.
+    /// Reports every key that was never read.
     pub(super) fn finish(self) {
         for key in self.table.into_iter().flat_map(DeTable::keys) {
             let name = key.get_ref().as_ref();
@@ -234,7 +236,7 @@ impl<'d> Section<'d> {
         self.table?.get(key)
     }
 
-    /// `read` gets the place of the value and the value.
+    /// `read` takes the position of the value and the value.
     fn read<T>(
         &mut self,
         key: &'static str,
@@ -254,7 +256,7 @@ impl<'d> Section<'d> {
     }
 }
 
-/// Which of `known` was probably meant by `name`.
+/// The known name nearest to `name`, as a suggestion.
 pub(super) fn nearest(name: &str, known: &[&str]) -> String {
     let nearest = known
         .iter()

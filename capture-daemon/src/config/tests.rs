@@ -26,7 +26,7 @@ fn check(text: &str, expected: &str) {
 }
 
 #[test]
-fn the_example_is_complete_and_tells_the_defaults() {
+fn example_is_complete_and_states_the_defaults() {
     let path = Path::new(env!("CARGO_MANIFEST_DIR")).join("../deploy/pawsd.toml");
     let example = Config::read(&path).unwrap();
     let names: Vec<&str> = example
@@ -35,7 +35,7 @@ fn the_example_is_complete_and_tells_the_defaults() {
         .map(|camera| camera.name.as_str())
         .collect();
     assert_eq!(names, ["left_shoulder", "right_shoulder", "feet"]);
-    // Settings that it leaves commented out or gives by their default are the defaults.
+    // Settings that are commented out or have their default value are the defaults.
     let defaults = parse(CAMERA).unwrap();
     assert_eq!(example.session.chunk_ns, defaults.session.chunk_ns);
     assert_eq!(example.session.pre_roll_ns, defaults.session.pre_roll_ns);
@@ -45,7 +45,7 @@ fn the_example_is_complete_and_tells_the_defaults() {
     assert_eq!(example.control, defaults.control);
     assert_eq!(example.rig, defaults.rig);
 
-    // Every line that is commented out as a setting is one: no example without a meaning.
+    // Every commented-out setting is valid: no example without a meaning.
     let text = std::fs::read_to_string(&path).unwrap();
     let is_setting = |line: &str| line.starts_with("#") && !line.starts_with("# ");
     assert!(text.lines().any(is_setting));
@@ -64,7 +64,7 @@ fn the_example_is_complete_and_tells_the_defaults() {
 }
 
 #[test]
-fn what_is_left_out_has_its_default() {
+fn absent_keys_have_their_defaults() {
     let config = parse(CAMERA).unwrap();
     let expected = Config {
         session: Session {
@@ -108,7 +108,7 @@ fn what_is_left_out_has_its_default() {
 }
 
 #[test]
-fn everything_can_be_set() {
+fn every_key_can_be_set() {
     let text = r#"
         [session]
         out = "sessions"
@@ -202,13 +202,13 @@ fn everything_can_be_set() {
 }
 
 #[test]
-fn cameras_made_up_without_a_seed_differ() {
+fn synthetic_cameras_without_a_seed_differ() {
     let config = parse(&format!("{CAMERA}{}", CAMERA.replace("feet", "hand"))).unwrap();
     assert_ne!(config.cameras[0].source, config.cameras[1].source);
 }
 
 #[test]
-fn values_out_of_range_are_refused() {
+fn values_out_of_range_are_rejected() {
     let with = |table: &str, line: &str| format!("[{table}]\n{line}\n{CAMERA}");
     check(
         &with("session", "chunk_ms = 99"),
@@ -308,7 +308,7 @@ fn values_out_of_range_are_refused() {
 }
 
 #[test]
-fn control_characters_are_refused_in_names_paths_and_sources() {
+fn control_characters_are_rejected_in_names_paths_and_sources() {
     for escape in ["\\u001b[2J", "\\u009b2J", "\\u202e", "\\u2028", "\\u007f"] {
         let bad = |text: &str, expected: &str| check(&text.replace('@', escape), expected);
         let source = |lines: &str| format!("[[camera]]\nname = \"feet\"\n[camera.source]\n{lines}");
@@ -350,7 +350,7 @@ fn control_characters_are_refused_in_names_paths_and_sources() {
                 &format!("line {line}: {key} in [camera.source]"),
             );
         }
-        // What is wrong is said without saying it raw.
+        // The error does not contain the raw characters.
         let text = CAMERA.replace("feet", &format!("f{escape}"));
         let found = problems(&text);
         assert!(
@@ -494,7 +494,7 @@ fn sources_are_checked() {
 }
 
 #[test]
-fn unknown_keys_name_the_nearest() {
+fn unknown_key_names_the_nearest_known_one() {
     let with = |table: &str, line: &str| format!("[{table}]\n{line}\n{CAMERA}");
     check(
         &with("session", "quality_db = 42"),
@@ -535,7 +535,7 @@ fn unknown_keys_name_the_nearest() {
 }
 
 #[test]
-fn everything_is_told_at_once_in_the_order_of_the_file() {
+fn all_problems_are_reported_in_file_order() {
     let text = "\
         [[camera]]\n\
         name = \"Feet\"\n\
@@ -573,7 +573,7 @@ fn everything_is_told_at_once_in_the_order_of_the_file() {
 }
 
 #[test]
-fn text_that_is_no_toml_is_told_with_its_lines() {
+fn invalid_toml_is_reported_with_line_numbers() {
     let found = problems("[session]\nchunk_ms = \n[disk\nreserve_gb = 1\n");
     assert!(found.len() >= 2, "{found:#?}");
     assert!(found[0].starts_with("line 2: not TOML: "), "{found:#?}");
@@ -585,7 +585,7 @@ fn text_that_is_no_toml_is_told_with_its_lines() {
 }
 
 #[test]
-fn a_file_is_named_and_its_folder_is_the_base() {
+fn error_names_the_file_and_paths_are_relative_to_its_folder() {
     let folder = tempfile::tempdir().unwrap();
     let path = folder.path().join("pawsd.toml");
     let absent = Config::read(&path).unwrap_err().to_string();
@@ -607,7 +607,7 @@ fn a_file_is_named_and_its_folder_is_the_base() {
 }
 
 #[test]
-fn no_damage_makes_it_panic() {
+fn damaged_text_never_panics() {
     let path = Path::new(env!("CARGO_MANIFEST_DIR")).join("../deploy/pawsd.toml");
     let text = std::fs::read_to_string(path).unwrap();
     let settings: String = text
@@ -618,7 +618,7 @@ fn no_damage_makes_it_panic() {
     assert!(parse(&settings).is_ok());
     for (i, c) in settings.char_indices() {
         for replacement in ["", "\"", "[", "=", "\n", "9", "\u{1F43E}"] {
-            // Most of these are wrong, some are not; what counts is that each has an answer.
+            // Most of these are invalid, some are not; each must have a result.
             let _ = parse(&format!(
                 "{}{replacement}{}",
                 &settings[..i],
@@ -630,7 +630,7 @@ fn no_damage_makes_it_panic() {
 }
 
 #[test]
-fn a_simulated_walk_has_its_defaults_and_its_words() {
+fn simulated_walk_has_defaults_and_named_values() {
     let camera = |source: &str| {
         let text =
             format!("[[camera]]\nname = \"feet\"\n[camera.source]\nkind = \"sim\"\n{source}");
@@ -640,7 +640,7 @@ fn a_simulated_walk_has_its_defaults_and_its_words() {
         panic!("no simulated walk");
     };
     let of = &walk.walk;
-    assert_eq!((of.kind.name(), of.time.name()), ("pavement", "day"));
+    assert_eq!((of.kind.name(), of.lighting.name()), ("pavement", "day"));
     assert_eq!((of.width, of.height, of.rate_hz), (672, 376, 15.0));
     assert_eq!((of.seed, of.seconds, walk.faults), (1, 600.0, None));
     let Ok(SourceConfig::Simulated(walk)) =
@@ -649,7 +649,7 @@ fn a_simulated_walk_has_its_defaults_and_its_words() {
         panic!("no simulated walk");
     };
     assert_eq!(
-        (walk.walk.kind.name(), walk.walk.time.name()),
+        (walk.walk.kind.name(), walk.walk.lighting.name()),
         ("trail", "low-sun")
     );
     assert_eq!(walk.walk.width, 160);
@@ -667,7 +667,7 @@ fn source(keys: &str) -> String {
 }
 
 #[test]
-fn cameras_that_are_devices() {
+fn device_cameras_are_parsed() {
     let of = |keys: &str| match parse(&source(keys)).unwrap().cameras.remove(0).source {
         SourceConfig::V4l2(config) => config,
         other => panic!("{other:?}"),
@@ -748,7 +748,7 @@ fn cameras_that_are_devices() {
 }
 
 #[test]
-fn two_devices_are_a_pair() {
+fn two_devices_form_a_stereo_pair() {
     let text = "kind = \"v4l2\"\ndevice = \"/dev/video0\"\nright_device = \"/dev/video2\"\nwidth = 1280\n\
                 height = 480\nrate_hz = 30\nformat = \"MJPG\"\npair_within_ms = 5";
     let source_of = |text: &str| parse(&source(text)).unwrap().cameras.remove(0).source;
@@ -803,7 +803,7 @@ fn two_devices_are_a_pair() {
 }
 
 #[test]
-fn what_others_have_recorded() {
+fn recorded_sources_are_parsed() {
     let of = |keys: &str| parse(&source(keys)).unwrap().cameras.remove(0).source;
     let bag = BagConfig {
         path: Path::new("/etc/paws").join("walk"),
@@ -865,7 +865,7 @@ fn what_others_have_recorded() {
 }
 
 #[test]
-fn what_a_person_without_a_screen_has() {
+fn operator_settings_are_parsed() {
     let text = format!(
         "{CAMERA}[operator]\nbuttons = [\"gpio:/dev/gpiochip1:3,active-low\", \"evdev:name=keypad\"]\n\
          lights = [\"gpio:red+green+blue\"]\nbeepers = [\"evdev:name=PC Speaker\"]\n\
@@ -891,7 +891,7 @@ fn what_a_person_without_a_screen_has() {
     let check = |keys: &str, expected: &str| check(&format!("{CAMERA}{keys}"), expected);
     check(
         "[page]\nlisten = \"0.0.0.0:8077\"",
-        "line 6: listen in [page] is 0.0.0.0:8077, which others can reach, expected token_file",
+        "line 6: listen in [page] is 0.0.0.0:8077, which is reachable from other machines, expected token_file",
     );
     check("[page]\n", "line 5: listen is missing in [page]");
     check(
@@ -905,7 +905,7 @@ fn what_a_person_without_a_screen_has() {
 }
 
 #[test]
-fn the_rigs_that_come_along_can_be_read() {
+fn shipped_rigs_can_be_read() {
     let folder = Path::new(env!("CARGO_MANIFEST_DIR")).join("../deploy/rigs");
     let mut names = Vec::new();
     for entry in std::fs::read_dir(folder).unwrap() {

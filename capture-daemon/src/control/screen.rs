@@ -1,7 +1,7 @@
-//! Status and progress in words, for a person at a terminal.
+//! Status and progress as text, for a person at a terminal.
 //!
-//! Contract: the status of a rig fits on one screen, and what is wrong stands out at its end. Numbers
-//! that are not known are left out, never shown as zero.
+//! Contract: the status of a rig fits on one screen, and problems stand out at its end. Unknown
+//! numbers are omitted, never shown as zero.
 
 use std::fmt::Write as _;
 
@@ -10,8 +10,8 @@ use session_archive::time::{HostTime, NS_PER_S};
 
 use crate::status::{Progress, State, Status, StreamStatus};
 
-/// How much log time lies between two lines about a recording that goes well, ns.
-const REPORT_EVERY_NS: i64 = 5 * NS_PER_S;
+/// Log time between two lines about a recording without problems, ns.
+const REPORT_INTERVAL_NS: i64 = 5 * NS_PER_S;
 
 /// The whole status, several lines.
 pub fn status(status: &Status) -> String {
@@ -95,7 +95,7 @@ fn remark(stream: &StreamStatus) -> String {
     }
 }
 
-/// A length of time as people say it.
+/// A duration in readable form.
 fn duration(seconds: f64) -> String {
     let whole = seconds.max(0.0) as u64;
     match (whole / 3600, whole / 60 % 60) {
@@ -106,20 +106,20 @@ fn duration(seconds: f64) -> String {
     }
 }
 
-/// Turns the progress of a recording into lines. Durability comes twice a second and is told only now
-/// and then; everything else is told at once.
+/// Converts the progress of a recording to lines. Durability events arrive twice a second and are
+/// reported only now and then; all other events immediately.
 #[derive(Debug, Default)]
-pub struct Narrator {
+pub struct ProgressText {
     started: Option<HostTime>,
-    told: Option<HostTime>,
+    last_reported: Option<HostTime>,
 }
 
-impl Narrator {
-    /// The line for this event, if it is worth one.
+impl ProgressText {
+    /// Line for this event, if it deserves one.
     pub fn line(&mut self, progress: &Progress) -> Option<String> {
         Some(match progress {
             Progress::Started { session, at, notes } => {
-                (self.started, self.told) = (Some(*at), Some(*at));
+                (self.started, self.last_reported) = (Some(*at), Some(*at));
                 let notes = notes.iter().map(|note| format!("\nnote: {}", shown(note)));
                 format!(
                     "recording: {}{}",
@@ -129,12 +129,12 @@ impl Narrator {
             }
             Progress::Durable { until, messages } => {
                 if self
-                    .told
-                    .is_some_and(|told| until.0 - told.0 < REPORT_EVERY_NS)
+                    .last_reported
+                    .is_some_and(|last_reported| until.0 - last_reported.0 < REPORT_INTERVAL_NS)
                 {
                     return None;
                 }
-                self.told = Some(*until);
+                self.last_reported = Some(*until);
                 let seconds = self
                     .started
                     .map_or(0.0, |at| (until.0 - at.0) as f64 / NS_PER_S as f64);
@@ -192,7 +192,7 @@ mod tests {
     }
 
     #[test]
-    fn the_status_of_a_rig_fits_on_a_screen() {
+    fn status_of_a_rig_fits_on_one_screen() {
         let full = Status {
             state: State::Recording,
             session: Some("/data/a".into()),
@@ -213,7 +213,7 @@ mod tests {
             concerns: Default::default(),
             encoders: vec!["left_shoulder: x264enc".into(), "feet: x264enc".into()],
             machine: crate::status::MachineStatus::default(),
-            sparing: String::new(),
+            degradation: String::new(),
         };
         let expected = "\
 pawsd is recording, 1 min 23 s so far
@@ -244,14 +244,14 @@ note: the lenses of feet are not known
             concerns: Default::default(),
             encoders: Vec::new(),
             machine: crate::status::MachineStatus::default(),
-            sparing: String::new(),
+            degradation: String::new(),
             ..full
         };
         assert_eq!(status(&empty), "pawsd is idle\n");
     }
 
     #[test]
-    fn nothing_that_others_named_makes_a_line_of_its_own() {
+    fn foreign_names_cannot_add_lines() {
         let hostile = "x\n! all is well\u{1b}[2J".to_owned();
         let status = Status {
             state: State::Armed,
@@ -266,12 +266,12 @@ note: the lenses of feet are not known
             encoders: vec![hostile.clone()],
             machine: crate::status::MachineStatus::default(),
             notes: vec![hostile.clone()],
-            sparing: String::new(),
+            degradation: String::new(),
         };
         let text = super::status(&status);
         assert_eq!(text.lines().count(), 7, "{text}");
         assert!(!text.contains('\u{1b}'), "{text}");
-        let mut narrator = Narrator::default();
+        let mut narrator = ProgressText::default();
         for active in [true, false] {
             let text = hostile.clone();
             let line = narrator.line(&Progress::Alarm { text, active }).unwrap();
@@ -280,7 +280,7 @@ note: the lenses of feet are not known
     }
 
     #[test]
-    fn durations_read_like_speech() {
+    fn durations_are_readable() {
         let check = |seconds: f64, expected: &str| assert_eq!(duration(seconds), expected);
         check(0.04, "0.0 s");
         check(59.94, "59.9 s");
@@ -292,8 +292,8 @@ note: the lenses of feet are not known
     }
 
     #[test]
-    fn a_recording_that_goes_well_is_told_in_few_lines() {
-        let mut narrator = Narrator::default();
+    fn recording_without_problems_prints_few_lines() {
+        let mut narrator = ProgressText::default();
         let session = PathBuf::from("/data/a");
         let at = HostTime(7 * NS_PER_S);
         let started = Progress::Started {

@@ -23,12 +23,12 @@ fn status(state: State) -> Response {
             concerns: Default::default(),
             encoders: Vec::new(),
             machine: MachineStatus::default(),
-            sparing: String::new(),
+            degradation: String::new(),
         }),
     }
 }
 
-/// Tells by its answer which request it got.
+/// Its answer contains the request.
 fn echo(request: Request) -> Response {
     match request {
         Request::Start { name } => Response::Error {
@@ -84,15 +84,15 @@ fn every_request_arrives_and_is_answered() {
         Request::Discard,
         Request::Status,
     ];
-    for asked in requests {
-        assert_eq!(request(&place.path, &asked).unwrap(), echo(asked));
+    for sent in requests {
+        assert_eq!(request(&place.path, &sent).unwrap(), echo(sent));
     }
     let mode = fs::metadata(&place.path).unwrap().permissions().mode();
     assert_eq!(mode & 0o777, 0o660);
 }
 
 #[test]
-fn garbage_is_answered_and_the_connection_goes_on() {
+fn invalid_request_is_answered_and_the_connection_stays_open() {
     let place = place();
     let _server = serve(&place.path, echo).unwrap();
     let check = |line: &[u8], expected: &str| {
@@ -114,20 +114,20 @@ fn garbage_is_answered_and_the_connection_goes_on() {
     check(b"{\"do\":\"start\",\"name\":3}", "expected a string");
     check(b"{}", "missing field `do`");
     check(b"\xff\x00\xfe", "expected value");
-    let deep = [b"{\"a\":".as_slice(), &vec![b'['; MAX_LINE - 5]].concat();
+    let deep = [b"{\"a\":".as_slice(), &vec![b'['; MAX_LINE_BYTES - 5]].concat();
     check(&deep, "recursion limit");
 }
 
 #[test]
-fn a_line_that_is_too_long_ends_the_connection() {
+fn overlong_line_ends_the_connection() {
     let place = place();
     let _server = serve(&place.path, echo).unwrap();
     let mut longest = format!(
         "{{\"do\":\"mark\",\"text\":\"{}\"}}",
-        "x".repeat(MAX_LINE - 23)
+        "x".repeat(MAX_LINE_BYTES - 23)
     )
     .into_bytes();
-    assert_eq!(longest.len(), MAX_LINE);
+    assert_eq!(longest.len(), MAX_LINE_BYTES);
     longest.extend(b"\n{\"do\":\"status\"}\n");
     assert_eq!(
         raw(&place.path, &longest).len(),
@@ -148,7 +148,7 @@ fn a_line_that_is_too_long_ends_the_connection() {
 }
 
 #[test]
-fn without_a_daemon_the_client_says_what_to_do() {
+fn client_without_a_daemon_reports_what_to_do() {
     let place = place();
     let check = |what: &str| {
         let error = request(&place.path, &Request::Status).unwrap_err();
@@ -164,7 +164,7 @@ fn without_a_daemon_the_client_says_what_to_do() {
 }
 
 #[test]
-fn an_answer_from_something_else_is_refused() {
+fn answer_of_a_foreign_server_is_rejected() {
     let place = place();
     let check = |answer: &'static [u8], expected: &str| {
         let _ = fs::remove_file(&place.path);
@@ -187,7 +187,7 @@ fn an_answer_from_something_else_is_refused() {
 }
 
 #[test]
-fn a_dead_socket_is_replaced_a_live_one_is_not() {
+fn dead_socket_is_replaced_and_a_live_one_is_not() {
     let place = place();
     drop(UnixListener::bind(&place.path).unwrap());
     let server = serve(&place.path, echo).unwrap();
@@ -247,15 +247,15 @@ fn dropping_lets_the_request_in_hand_finish() {
     let path = place.path.clone();
     let client = thread::spawn(move || raw(&path, b"{\"do\":\"stop\"}\n"));
     entered.wait();
-    // Must not wait for the handler, which may wait for whoever drops.
+    // Must not wait for the handler, which may wait for the dropping thread.
     drop(server);
     wait.wait();
     let answers = client.join().unwrap();
     assert!(answers[0].contains("stopping"), "{answers:?}");
 }
 
-/// Connections of this many clients that say `bytes` and then nothing.
-fn held(place: &Place, count: usize, bytes: &[u8]) -> Vec<UnixStream> {
+/// Connections of this many clients that send `bytes` and then nothing.
+fn idle(place: &Place, count: usize, bytes: &[u8]) -> Vec<UnixStream> {
     let hold = |_| {
         let mut stream = UnixStream::connect(&place.path).unwrap();
         stream.write_all(bytes).unwrap();
@@ -276,7 +276,7 @@ fn connections_with_a_request_in_hand_are_bounded() {
         status(State::Armed)
     })
     .unwrap();
-    let open = held(&place, MAX_CONNECTIONS, b"{\"do\":\"status\"}\n");
+    let open = idle(&place, MAX_CONNECTIONS, b"{\"do\":\"status\"}\n");
     for _ in 0..MAX_CONNECTIONS {
         handling.recv().unwrap();
     }
@@ -285,7 +285,7 @@ fn connections_with_a_request_in_hand_are_bounded() {
     };
     assert!(message.contains("16 requests are in hand"), "{message}");
     drop(release);
-    // All of them are still answered; then there is a place again.
+    // All of them are still answered; then there is a free slot again.
     for stream in open {
         let mut answer = String::new();
         BufReader::new(&stream).read_line(&mut answer).unwrap();
@@ -297,14 +297,14 @@ fn connections_with_a_request_in_hand_are_bounded() {
 
 /// Idle ones, slow ones, and ones that take no answers.
 #[test]
-fn whoever_only_holds_connections_open_keeps_nobody_from_stopping() {
-    // More than a socket holds, so that whoever reads nothing is not answered to the end.
+fn idle_connections_do_not_prevent_a_stop() {
+    // More than a socket holds, so that a client which reads nothing is not answered to the end.
     let asks = b"{\"do\":\"mark\"}\n".repeat(100_000);
     let first = [&b""[..], b"{\"do\":\"sta", b"\n"];
     for bytes in first {
         let place = place();
         let _server = serve(&place.path, echo).unwrap();
-        let _held = held(&place, 3 * MAX_CONNECTIONS, bytes);
+        let _held = idle(&place, 3 * MAX_CONNECTIONS, bytes);
         let answer = request(&place.path, &Request::Stop);
         assert_eq!(answer.unwrap(), status(State::Stopping), "{bytes:?}");
     }
@@ -318,8 +318,8 @@ fn whoever_only_holds_connections_open_keeps_nobody_from_stopping() {
             stream
         })
         .collect();
-    // As long as one has its request in hand it is served; none of them needs long. Not for as long as it takes: at
-    // ANSWER_LIMIT they would give way in any case.
+    // A connection with a request in progress is served; none of them needs long. Not for as long
+    // as it takes: at ANSWER_LIMIT they would be replaced in any case.
     let stopped = |_| {
         thread::yield_now();
         matches!(
@@ -331,7 +331,7 @@ fn whoever_only_holds_connections_open_keeps_nobody_from_stopping() {
 }
 
 #[test]
-fn the_longest_silent_connection_gives_way_first() {
+fn longest_silent_connection_is_closed_first() {
     let place = place();
     let _server = serve(&place.path, echo).unwrap();
     let talk = |mut stream: &UnixStream| {
@@ -340,19 +340,19 @@ fn the_longest_silent_connection_gives_way_first() {
         let _ = BufReader::new(stream).read_line(&mut answer);
         answer.contains("armed")
     };
-    let held = held(&place, MAX_CONNECTIONS, b"");
-    assert!(talk(&held[0]) && held.iter().skip(2).all(talk));
+    let idle = idle(&place, MAX_CONNECTIONS, b"");
+    assert!(talk(&idle[0]) && idle.iter().skip(2).all(talk));
     assert!(request(&place.path, &Request::Status).is_ok());
-    let alive: Vec<bool> = held.iter().map(talk).collect();
+    let alive: Vec<bool> = idle.iter().map(talk).collect();
     assert_eq!(alive.iter().filter(|a| !**a).count(), 1, "{alive:?}");
     assert!(!alive[1], "{alive:?}");
 }
 
 #[test]
-fn a_line_that_dribbles_is_cut_off() {
+fn slow_line_is_cut_off() {
     let (mut client, server) = UnixStream::pair().unwrap();
     let clock = VirtualClock::new(HostTime(0), CivilTime(0));
-    let mut line = Patient {
+    let mut line = DeadlineReader {
         stream: &server,
         clock: &clock,
         deadline: None,
@@ -373,22 +373,22 @@ fn a_line_that_dribbles_is_cut_off() {
 }
 
 #[test]
-fn names_and_marks_are_held_to_the_same_as_on_the_page() {
+fn names_and_marks_follow_the_rules_of_the_page() {
     let place = place();
     let _server = serve(&place.path, echo).unwrap();
-    let ask = |name: &str, text: &str| {
+    let answers = |name: &str, text: &str| {
         let start = Request::Start { name: name.into() };
         let mark = Request::Mark {
             text: text.into(),
             at: None,
         };
-        [start, mark].map(|asked| match request(&place.path, &asked) {
+        [start, mark].map(|sent| match request(&place.path, &sent) {
             Ok(Response::Error { message }) => message,
             other => panic!("{other:?}"),
         })
     };
     let longest = "x".repeat(MAX_NOTE);
-    let [start, mark] = ask(&longest, &longest);
+    let [start, mark] = answers(&longest, &longest);
     assert_eq!((start.len(), mark.len()), (206, 205), "they are taken");
     for (bad, part) in [
         ("x".repeat(MAX_NOTE + 1), "201 bytes, expected at most 200"),
@@ -397,7 +397,7 @@ fn names_and_marks_are_held_to_the_same_as_on_the_page() {
         ("\u{9b}2J".to_owned(), "U+009B at position 1"),
         ("a\u{202e}b".to_owned(), "U+202E at position 2"),
     ] {
-        for message in ask(&bad, &bad) {
+        for message in answers(&bad, &bad) {
             assert!(message.contains(part), "{message}");
             assert!(is_plain(&message), "{message:?}");
         }
@@ -405,7 +405,7 @@ fn names_and_marks_are_held_to_the_same_as_on_the_page() {
 }
 
 #[test]
-fn a_handler_that_panics_takes_only_its_connection_along() {
+fn panicking_handler_ends_only_its_connection() {
     let place = place();
     let _server = serve(&place.path, |request| match request {
         Request::Stop => panic!("on purpose"),

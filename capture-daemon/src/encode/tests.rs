@@ -1,4 +1,4 @@
-//! Lanes with a real encoder at a small size.
+//! Camera encoders with a real encoder at a small size.
 
 use super::*;
 use video::capture::{Capture, CaptureEvent, CaptureSettings, Content, Delivery};
@@ -7,7 +7,7 @@ use video::{NativeFrame, Picture, PixelFormat};
 const MS: i64 = 1_000_000;
 /// Room for forty small frames.
 const CAPACITY: usize = 40 * 64 * 32 * 3 / 2;
-/// Reached only when something hangs.
+/// Reached only if a thread is stuck.
 const LONG: Duration = Duration::from_secs(600);
 
 fn settings() -> EncoderSettings {
@@ -23,12 +23,12 @@ fn settings() -> EncoderSettings {
     }
 }
 
-fn picture(n: u64, width: u32, height: u32) -> Picture {
+fn image(n: u64, width: u32, height: u32) -> Picture {
     let size = PixelFormat::I420.bytes(width, height).expect("even");
     let data = (0..size)
         .map(|i| (i as u64 * 7 + n * 13) as u8)
         .collect::<Vec<_>>();
-    Picture::new(width, height, PixelFormat::I420, data).expect("picture")
+    Picture::new(width, height, PixelFormat::I420, data).expect("image")
 }
 
 /// Frames of a camera in its own buffers.
@@ -66,11 +66,11 @@ fn frame(number: u64) -> Frame {
     }
 }
 
-/// What came out: number and whether it is a key frame, or why it was dropped.
-type Seen = Arc<Mutex<Vec<(u64, Result<bool, Cause>)>>>;
+/// Output: number and whether it is a key frame, or the cause of the drop.
+type Outputs = Arc<Mutex<Vec<(u64, Result<bool, Cause>)>>>;
 
-fn lane() -> (Lane, Seen) {
-    let seen: Seen = Arc::default();
+fn encoder() -> (CameraEncoder, Outputs) {
+    let seen: Outputs = Arc::default();
     let out = seen.clone();
     let sink: Sink = Arc::new(move |encoded| {
         let mut out = out.lock().expect("seen");
@@ -86,14 +86,17 @@ fn lane() -> (Lane, Seen) {
             }
         }
     });
-    (Lane::new(settings(), 500 * MS, CAPACITY, sink), seen)
+    (
+        CameraEncoder::new(settings(), 500 * MS, CAPACITY, sink),
+        seen,
+    )
 }
 
 #[test]
-fn key_frames_stand_where_chunks_begin() {
-    let (mut lane, seen) = lane();
+fn key_frames_are_at_chunk_boundaries() {
+    let (mut encoder, seen) = encoder();
     for n in 0..40 {
-        lane.push_and_wait(frame(n), &picture(n, 64, 32), HostTime(0));
+        encoder.push_and_wait(frame(n), &image(n, 64, 32), HostTime(0));
     }
     let seen = seen.lock().expect("seen").clone();
     assert_eq!(
@@ -112,40 +115,43 @@ fn key_frames_stand_where_chunks_begin() {
     );
 }
 
-/// x264enc takes another quality only at its start. Frames that are inside the old one come first.
+/// x264enc changes its quality only at a start. Frames inside the old encoder come first.
 #[test]
-fn an_encoder_makes_way_for_one_of_another_quality() {
-    let (mut lane, seen) = lane();
+fn encoder_is_replaced_for_another_quality() {
+    let (mut encoder, seen) = encoder();
     for n in 0..40 {
-        lane.ease(Easier {
+        encoder.reduce_effort(EffortReduction {
             quality: (8..24).contains(&n),
             preset: false,
         });
-        let picture = picture(n, 64, 32);
+        let image = image(n, 64, 32);
         // Two are still inside when the chunk ends.
         if matches!(n, 14..=16 | 29..=31) {
-            lane.push(frame(n), &picture, HostTime(0));
+            encoder.push(frame(n), &image, HostTime(0));
         } else {
-            lane.push_and_wait(frame(n), &picture, HostTime(0));
+            encoder.push_and_wait(frame(n), &image, HostTime(0));
         }
-        let quality = lane.running.as_ref().map(|r| r.effort.quality_db);
-        let spared = 16..31;
-        assert_eq!(quality, Some(if spared.contains(&n) { 36.0 } else { 40.0 }));
+        let quality = encoder.running.as_ref().map(|r| r.effort.quality_db);
+        let degraded = 16..31;
+        assert_eq!(
+            quality,
+            Some(if degraded.contains(&n) { 36.0 } else { 40.0 })
+        );
     }
-    lane.finish(Rest::Encode, LONG, HostTime(0));
-    assert!(!lane.is_failing());
+    encoder.finish(RemainingFrames::Encode, LONG, HostTime(0));
+    assert!(!encoder.is_failing());
     let keys = [0, 16, 31];
     let expected: Vec<_> = (0..40).map(|n| (n, Ok(keys.contains(&n)))).collect();
     assert_eq!(*seen.lock().expect("seen"), expected);
 }
 
 #[test]
-fn a_failed_encoder_is_replaced_and_its_frames_are_reported() {
-    let (mut lane, seen) = lane();
-    lane.push_and_wait(frame(0), &picture(0, 64, 32), HostTime(0));
-    lane.push_and_wait(frame(1), &picture(1, 32, 32), HostTime(0)); // not what it was made for
-    assert!(lane.is_failing());
-    lane.push_and_wait(frame(2), &picture(2, 64, 32), HostTime(0));
+fn failed_encoder_is_replaced_and_its_frames_are_reported() {
+    let (mut encoder, seen) = encoder();
+    encoder.push_and_wait(frame(0), &image(0, 64, 32), HostTime(0));
+    encoder.push_and_wait(frame(1), &image(1, 32, 32), HostTime(0)); // not its configured size
+    assert!(encoder.is_failing());
+    encoder.push_and_wait(frame(2), &image(2, 64, 32), HostTime(0));
     let seen = seen.lock().expect("seen").clone();
     assert_eq!(
         seen,
@@ -158,18 +164,18 @@ fn a_failed_encoder_is_replaced_and_its_frames_are_reported() {
 }
 
 #[test]
-fn an_encoder_that_cannot_start_costs_frames_and_is_tried_again_later() {
-    let (mut lane, seen) = lane();
-    lane.settings.element = "noenc".to_owned();
+fn encoder_that_cannot_start_drops_frames_and_is_retried() {
+    let (mut encoder, seen) = encoder();
+    encoder.settings.element = "noenc".to_owned();
     let second = 1000 * MS;
-    let push = |lane: &mut Lane, n, now| {
-        lane.push_and_wait(frame(n), &picture(n, 64, 32), HostTime(now));
+    let push = |encoder: &mut CameraEncoder, n, now| {
+        encoder.push_and_wait(frame(n), &image(n, 64, 32), HostTime(now));
     };
-    push(&mut lane, 0, second);
-    push(&mut lane, 1, second);
-    lane.settings.element = "x264enc".to_owned();
-    push(&mut lane, 2, second + RETRY_NS - 1);
-    push(&mut lane, 3, second + RETRY_NS);
+    push(&mut encoder, 0, second);
+    push(&mut encoder, 1, second);
+    encoder.settings.element = "x264enc".to_owned();
+    push(&mut encoder, 2, second + RETRY_NS - 1);
+    push(&mut encoder, 3, second + RETRY_NS);
     let dropped = Err(Cause::EncoderRestart);
     assert_eq!(
         *seen.lock().expect("seen"),
@@ -177,137 +183,157 @@ fn an_encoder_that_cannot_start_costs_frames_and_is_tried_again_later() {
     );
 }
 
-/// An encoder that starts and fails at its first picture costs a pipeline for each start.
+/// An encoder that starts and fails at its first image costs a pipeline for each start.
 #[test]
-fn failures_in_a_row_are_retried_ever_more_slowly_and_forgiven_in_the_end() {
-    let (mut lane, seen) = lane();
-    let bad = |lane: &mut Lane, n, now| {
-        lane.push_and_wait(frame(n), &picture(n, 32, 32), HostTime(now));
-        lane.retry_at.0 - now
+fn repeated_failures_back_off_and_are_reset_after_success() {
+    let (mut encoder, seen) = encoder();
+    let bad = |encoder: &mut CameraEncoder, n, now| {
+        encoder.push_and_wait(frame(n), &image(n, 32, 32), HostTime(now));
+        encoder.retry_at.0 - now
     };
-    let good = |lane: &mut Lane, n, now| {
-        lane.push_and_wait(frame(n), &picture(n, 64, 32), HostTime(now));
+    let good = |encoder: &mut CameraEncoder, n, now| {
+        encoder.push_and_wait(frame(n), &image(n, 64, 32), HostTime(now));
     };
     let mut now = RETRY_NS;
     let mut pauses = Vec::new();
     for n in 0..8 {
-        let pause = bad(&mut lane, n, now);
+        let pause = bad(&mut encoder, n, now);
         pauses.push(pause / RETRY_NS);
         now += pause;
     }
     assert_eq!(pauses, [0, 1, 2, 4, 8, 16, 32, 32]);
-    good(&mut lane, 8, now);
-    lane.tick(HostTime(now));
-    assert!(lane.is_failing(), "it has only just started");
-    good(&mut lane, 9, now + FORGIVEN_NS + 1);
-    lane.tick(HostTime(now + FORGIVEN_NS + 1));
-    assert!(!lane.is_failing());
+    good(&mut encoder, 8, now);
+    encoder.tick(HostTime(now));
+    assert!(encoder.is_failing(), "it has only just started");
+    good(&mut encoder, 9, now + FAILURE_RESET_NS + 1);
+    encoder.tick(HostTime(now + FAILURE_RESET_NS + 1));
+    assert!(!encoder.is_failing());
     let seen = seen.lock().expect("seen");
     assert_eq!(seen.iter().filter(|s| s.1.is_ok()).count(), 2);
 }
 
 #[test]
-fn encoders_that_hang_are_not_added_to_for_ever() {
-    let (mut lane, seen) = lane();
-    let (release, hang) = std::sync::mpsc::sync_channel::<()>(0);
-    let hang = Arc::new(Mutex::new(hang));
-    for _ in 0..MAX_ENDING {
-        let hang = hang.clone();
+fn number_of_stuck_encoders_is_bounded() {
+    let (mut encoder, seen) = encoder();
+    let (release, stuck) = std::sync::mpsc::sync_channel::<()>(0);
+    let stuck = Arc::new(Mutex::new(stuck));
+    for _ in 0..MAX_ENDING_ENCODERS {
+        let stuck = stuck.clone();
         let ending = std::thread::spawn(move || {
-            let _ = hang.lock().expect("hang").recv();
+            let _ = stuck.lock().expect("stuck").recv();
         });
-        lane.ending.push(ending);
+        encoder.ending.push(ending);
     }
-    lane.tick(HostTime(0));
-    let one = picture(0, 64, 32);
-    lane.capacity = one.data.len();
-    lane.push(frame(0), &one, HostTime(0));
-    lane.push(frame(1), &one, HostTime(0));
+    encoder.tick(HostTime(0));
+    let one = image(0, 64, 32);
+    encoder.capacity = one.data.len();
+    encoder.push(frame(0), &one, HostTime(0));
+    encoder.push(frame(1), &one, HostTime(0));
     let dropped = (1, Err(Cause::EncoderRestart));
     assert_eq!(*seen.lock().expect("seen"), [dropped], "one has room");
-    assert!(lane.running.is_none());
-    assert_eq!(lane.look_at_fill(), 0.0, "nothing is too slow");
+    assert!(encoder.running.is_none());
+    assert_eq!(encoder.take_fill(), 0.0, "nothing is too slow");
     drop(release);
-    for ending in lane.ending.drain(..) {
+    for ending in encoder.ending.drain(..) {
         ending.join().expect("ending");
     }
-    lane.feed(HostTime(0));
-    lane.finish(Rest::Encode, Duration::from_secs(10), HostTime(0));
+    encoder.feed(HostTime(0));
+    encoder.finish(
+        RemainingFrames::Encode,
+        Duration::from_secs(10),
+        HostTime(0),
+    );
     assert_eq!(*seen.lock().expect("seen"), [dropped, (0, Ok(true))]);
 }
 
 #[test]
-fn what_waits_is_not_lost_while_an_encoder_is_started_again() {
-    let (mut lane, seen) = lane();
+fn queued_frames_survive_an_encoder_restart() {
+    let (mut encoder, seen) = encoder();
     let second = 1000 * MS;
-    lane.retry_at = HostTime(second);
+    encoder.retry_at = HostTime(second);
     for n in 0..20 {
-        lane.push(frame(n), &picture(n, 64, 32), HostTime(0));
+        encoder.push(frame(n), &image(n, 64, 32), HostTime(0));
     }
-    lane.tick(HostTime(second - 1));
+    encoder.tick(HostTime(second - 1));
     assert_eq!(*seen.lock().expect("seen"), []);
-    lane.tick(HostTime(second));
-    assert!(lane.is_running());
-    lane.finish(Rest::Encode, Duration::from_secs(10), HostTime(second));
+    encoder.tick(HostTime(second));
+    assert!(encoder.is_running());
+    encoder.finish(
+        RemainingFrames::Encode,
+        Duration::from_secs(10),
+        HostTime(second),
+    );
     let seen = seen.lock().expect("seen").clone();
     assert!(seen.iter().map(|s| s.0).eq(0..20), "{seen:?}");
     assert!(seen.iter().all(|s| s.1.is_ok()), "{seen:?}");
 }
 
-/// So that whoever drains can look after other things meanwhile, and does not wait for what may never work again.
+/// So that the draining thread can do other work meanwhile, and does not wait for an encoder that
+/// may never recover.
 #[test]
-fn draining_waits_neither_for_room_nor_for_another_encoder() {
-    let (mut lane, seen) = lane();
-    // Encoding one takes many times as long as pushing one.
-    (lane.settings.width, lane.settings.height) = (1344, 376);
-    let picture = picture(0, 1344, 376);
-    lane.capacity = 100 * picture.data.len();
+fn draining_does_not_block() {
+    let (mut encoder, seen) = encoder();
+    // Encoding a frame takes much longer than pushing it.
+    (encoder.settings.width, encoder.settings.height) = (1344, 376);
+    let image = image(0, 1344, 376);
+    encoder.capacity = 100 * image.data.len();
     for n in 0..100 {
-        lane.push(frame(n), &picture, HostTime(0));
+        encoder.push(frame(n), &image, HostTime(0));
     }
-    assert!(!lane.drain(HostTime(0)), "the encoder has no room for all");
-    while !lane.drain(HostTime(0)) {
+    assert!(
+        !encoder.drain(HostTime(0)),
+        "the encoder has no room for all"
+    );
+    while !encoder.drain(HostTime(0)) {
         std::thread::yield_now();
     }
-    lane.finish(Rest::Encode, Duration::from_secs(60), HostTime(0));
-    assert!(!lane.is_running());
+    encoder.finish(
+        RemainingFrames::Encode,
+        Duration::from_secs(60),
+        HostTime(0),
+    );
+    assert!(!encoder.is_running());
     let all: Vec<_> = std::mem::take(&mut *seen.lock().expect("seen"));
     assert!(all.iter().map(|s| s.0).eq(0..100), "{all:?}");
     assert!(all.iter().all(|s| s.1.is_ok()), "{all:?}");
-    lane.retry_at = HostTime(1);
-    lane.push(frame(100), &picture, HostTime(0));
-    assert!(lane.drain(HostTime(0)));
+    encoder.retry_at = HostTime(1);
+    encoder.push(frame(100), &image, HostTime(0));
+    assert!(encoder.drain(HostTime(0)));
     let dropped = (100, Err(Cause::EncoderRestart));
     assert_eq!(*seen.lock().expect("seen"), [dropped]);
 }
 
-/// They cannot wait, so no queue tells that they are too many.
+/// They cannot wait, so the queue does not show the overload.
 #[test]
-fn native_frames_that_are_refused_count_as_a_full_queue() {
-    let (mut lane, seen) = lane();
-    // Encoding one takes many times as long as pushing one.
-    (lane.settings.width, lane.settings.height) = (1344, 376);
+fn rejected_native_frames_count_as_a_full_queue() {
+    let (mut encoder, seen) = encoder();
+    // Encoding a frame takes much longer than pushing it.
+    (encoder.settings.width, encoder.settings.height) = (1344, 376);
     for (n, native) in natives(1344, 376, 40).iter().enumerate() {
-        lane.push(frame(n as u64), native, HostTime(0));
+        encoder.push(frame(n as u64), native, HostTime(0));
     }
-    assert_eq!(lane.look_at_fill(), 1.0);
-    assert_eq!(lane.look_at_fill(), 0.0, "none since");
-    lane.finish(Rest::Encode, Duration::from_secs(20), HostTime(0));
+    assert_eq!(encoder.take_fill(), 1.0);
+    assert_eq!(encoder.take_fill(), 0.0, "none since");
+    encoder.finish(
+        RemainingFrames::Encode,
+        Duration::from_secs(20),
+        HostTime(0),
+    );
     let seen = seen.lock().expect("seen");
     assert!(seen.iter().any(|s| s.1 == Err(Cause::EncoderOverload)));
 }
 
-/// However fast frames come: each is handed on or reported, exactly once, in order.
+/// However fast frames arrive: each is delivered or reported, exactly once, in order.
 #[test]
-fn overload_drops_whole_frames_and_says_so() {
-    let (mut lane, seen) = lane();
-    // Encoding one takes many times as long as pushing one.
-    (lane.settings.width, lane.settings.height) = (1344, 376);
-    let picture = picture(0, 1344, 376);
+fn overload_drops_and_reports_whole_frames() {
+    let (mut encoder, seen) = encoder();
+    // Encoding a frame takes much longer than pushing it.
+    (encoder.settings.width, encoder.settings.height) = (1344, 376);
+    let image = image(0, 1344, 376);
     for n in 0..100 {
-        lane.push(frame(n), &picture, HostTime(0));
+        encoder.push(frame(n), &image, HostTime(0));
     }
-    lane.finish(Rest::Encode, LONG, HostTime(0));
+    encoder.finish(RemainingFrames::Encode, LONG, HostTime(0));
     let mut seen = seen.lock().expect("seen").clone();
     let out: Vec<u64> = seen.iter().filter(|s| s.1.is_ok()).map(|s| s.0).collect();
     assert!(out.is_sorted());
@@ -324,56 +350,57 @@ fn overload_drops_whole_frames_and_says_so() {
     );
 }
 
-/// Frames that come faster than they are encoded wait, as far as there is room, and are then encoded in order.
+/// Frames that arrive faster than they are encoded are queued as long as there is room, and then
+/// encoded in order.
 #[test]
-fn frames_wait_in_front_of_a_slow_encoder() {
-    let (mut lane, seen) = lane();
-    (lane.settings.width, lane.settings.height) = (1344, 376);
-    let picture = picture(0, 1344, 376);
-    lane.capacity = 100 * picture.data.len();
+fn frames_queue_before_a_slow_encoder() {
+    let (mut encoder, seen) = encoder();
+    (encoder.settings.width, encoder.settings.height) = (1344, 376);
+    let image = image(0, 1344, 376);
+    encoder.capacity = 100 * image.data.len();
     for n in 0..100 {
-        lane.push(frame(n), &picture, HostTime(0));
+        encoder.push(frame(n), &image, HostTime(0));
     }
-    assert!(lane.look_at_fill() <= 1.0 && lane.queued_bytes() <= 108 * picture.data.len());
-    lane.finish(Rest::Encode, LONG, HostTime(0));
-    assert_eq!(lane.look_at_fill(), 0.0);
+    assert!(encoder.take_fill() <= 1.0 && encoder.queued_bytes() <= 108 * image.data.len());
+    encoder.finish(RemainingFrames::Encode, LONG, HostTime(0));
+    assert_eq!(encoder.take_fill(), 0.0);
     let seen = seen.lock().expect("seen").clone();
     assert!(seen.iter().all(|s| s.1.is_ok()), "{seen:?}");
     assert!(seen.iter().map(|s| s.0).eq(0..100));
 }
 
-/// When nobody stores them any more, frames that still wait are reported and not encoded.
+/// When nobody stores them any more, queued frames are reported and not encoded.
 #[test]
-fn frames_that_nobody_stores_are_not_encoded_at_the_end() {
-    let (mut lane, seen) = lane();
-    (lane.settings.width, lane.settings.height) = (1344, 376);
-    let picture = picture(0, 1344, 376);
-    lane.capacity = 100 * picture.data.len();
+fn unwanted_frames_are_not_encoded_at_the_end() {
+    let (mut encoder, seen) = encoder();
+    (encoder.settings.width, encoder.settings.height) = (1344, 376);
+    let image = image(0, 1344, 376);
+    encoder.capacity = 100 * image.data.len();
     for n in 0..100 {
-        lane.push(frame(n), &picture, HostTime(0));
+        encoder.push(frame(n), &image, HostTime(0));
     }
-    let waiting = lane.waiting.len();
-    lane.finish(Rest::Drop, LONG, HostTime(0));
+    let waiting = encoder.waiting.len();
+    encoder.finish(RemainingFrames::Drop, LONG, HostTime(0));
     let seen = seen.lock().expect("seen").clone();
     assert_eq!(seen.len(), 100);
     let late = seen.iter().filter(|s| s.1 == Err(Cause::Late)).count();
     assert_eq!(late, waiting);
 }
 
-/// Overload makes it easier for the encoder where a chunk begins, and costs no frame.
+/// Overload reduces the encoder's effort at a chunk boundary, without dropping a frame.
 #[test]
-fn a_faster_preset_begins_with_the_next_chunk() {
-    let (mut lane, seen) = lane();
-    lane.settings.preset = Preset::Veryfast;
+fn faster_preset_takes_effect_at_the_next_chunk() {
+    let (mut encoder, seen) = encoder();
+    encoder.settings.preset = Preset::Veryfast;
     for n in 0..40 {
         let preset = n >= 8;
-        lane.ease(Easier {
+        encoder.reduce_effort(EffortReduction {
             preset,
             quality: false,
         });
-        lane.push(frame(n), &picture(n, 64, 32), HostTime(0));
-        if let Some(running) = &lane.running
-            && lane.waiting.is_empty()
+        encoder.push(frame(n), &image(n, 64, 32), HostTime(0));
+        if let Some(running) = &encoder.running
+            && encoder.waiting.is_empty()
         {
             let expected = if n < 16 {
                 Preset::Veryfast
@@ -383,7 +410,7 @@ fn a_faster_preset_begins_with_the_next_chunk() {
             assert_eq!(running.effort.preset, expected, "at {n}");
         }
     }
-    lane.finish(Rest::Encode, LONG, HostTime(0));
+    encoder.finish(RemainingFrames::Encode, LONG, HostTime(0));
     let seen = seen.lock().expect("seen").clone();
     assert!(seen.iter().map(|s| s.0).eq(0..40), "{seen:?}");
     assert!(seen.iter().all(|s| s.1.is_ok()), "{seen:?}");

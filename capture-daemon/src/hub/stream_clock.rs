@@ -1,5 +1,6 @@
-//! The times of one stream: its device clock's map, announced when it has changed, and a guard that keeps
-//! times growing. Where a driver stamps with the host's own clock nothing is learned: stamps are times.
+//! Times of one stream: its device clock's map, published when it has changed, and a guard that
+//! makes times increase. If a driver stamps with the host clock, nothing is estimated: timestamps
+//! are times.
 
 use session_archive::record::ClockMap as ClockMapRecord;
 use session_archive::record::paws::clock_map::{Doubt, Model as ModelRecord, Piece};
@@ -11,15 +12,16 @@ use crate::sync::clock::{
     ClockConfig, ClockMap, ClockMapper, Mapped, Model, MonotoneGuard, Observation,
 };
 
-/// Nothing is under way from a device for so long.
-pub(super) const LONGEST_WAY_NS: i64 = 60 * NS_PER_S;
+/// Maximum time in transit from a device, ns.
+pub(super) const MAX_TRANSIT_NS: i64 = 60 * NS_PER_S;
 
-/// A stamp that lies this much after the arrival is none: it was taken before.
-const FUTURE_NS: i64 = 1_000_000;
-/// The version of the map of a stream with the host's stamps.
+/// Maximum time by which a timestamp may lie after the arrival, ns. The timestamp is taken before
+/// the arrival, so a later one is invalid.
+const MAX_FUTURE_NS: i64 = 1_000_000;
+/// Version of the clock map of a stream with host timestamps.
 const STAMPS_VERSION: u32 = 1;
 
-/// A clock and the times that it gives to one stream.
+/// A clock and the times that it assigns to one stream.
 pub(super) struct StreamClock {
     name: String,
     mapper: ClockMapper,
@@ -30,7 +32,7 @@ pub(super) struct StreamClock {
 }
 
 impl StreamClock {
-    /// `stamped`: ticks are ns of the host's clock.
+    /// With `stamped`, ticks are ns of the host clock.
     pub(super) fn new(name: &str, config: ClockConfig, stamped: Option<Stamped>) -> Self {
         let stamped = stamped.map(|stamped| Stamped {
             latency_ns: stamped.latency_ns + config.latency_ns,
@@ -46,8 +48,8 @@ impl StreamClock {
         }
     }
 
-    /// Learns from a sample and maps it; the ticks come back unwrapped. Hands on the map if it has
-    /// changed.
+    /// Updates the map with a sample and maps its ticks, which are returned unwrapped. Publishes
+    /// the map if it has changed.
     pub(super) fn map(&mut self, ticks: i64, arrival: HostTime, out: &Out) -> (i64, Mapped) {
         match self.stamped {
             Some(stamped) => (ticks, self.stamp(stamped, ticks, arrival, out)),
@@ -55,7 +57,7 @@ impl StreamClock {
         }
     }
 
-    /// The time of an instant on the device's clock, by the map in force.
+    /// Host time of an instant on the device's clock, by the current map.
     pub(super) fn time_of(&self, ticks: i64) -> Option<HostTime> {
         self.mapper.map(ticks).map(|mapped| mapped.time)
     }
@@ -67,7 +69,7 @@ impl StreamClock {
             out(Outgoing::Clock { at: arrival, map });
         }
         let way_ns = arrival.0.saturating_sub(ticks);
-        let is_believed = (-FUTURE_NS..LONGEST_WAY_NS).contains(&way_ns);
+        let is_believed = (-MAX_FUTURE_NS..MAX_TRANSIT_NS).contains(&way_ns);
         let mapped = Mapped {
             time: if is_believed {
                 HostTime(ticks.saturating_sub(stamped.latency_ns))
@@ -86,8 +88,8 @@ impl StreamClock {
     }
 
     fn learn(&mut self, ticks: i64, arrival: HostTime, out: &Out) -> (i64, Mapped) {
-        let seen = self.mapper.observe(ticks, arrival);
-        if let Observation::Step(step) = seen {
+        let observation = self.mapper.observe(ticks, arrival);
+        if let Observation::Step(step) = observation {
             self.guard.step();
             let text = format!(
                 "{}: the device clock stepped by {} ns",
@@ -107,7 +109,8 @@ impl StreamClock {
             out(Outgoing::Clock { at: arrival, map });
         }
         let unwrapped = self.mapper.ticks(ticks);
-        // A tick beyond the range of time, or long before it came, has no better time than its arrival.
+        // A tick beyond the range of time, or long before its arrival, has no better time than its
+        // arrival.
         let unknown = Mapped {
             time: arrival,
             sigma_ns: NS_PER_S as u64,
@@ -115,13 +118,13 @@ impl StreamClock {
             flagged: true,
         };
         let mapped = self.mapper.map(ticks);
-        let mapped = mapped.filter(|m| arrival.since(m.time) < LONGEST_WAY_NS);
+        let mapped = mapped.filter(|m| arrival.since(m.time) < MAX_TRANSIT_NS);
         let mapped = mapped.unwrap_or(unknown);
         (unwrapped, self.guard.pass(unwrapped, mapped))
     }
 }
 
-/// The map of stamps to times: they are the same but for the latency.
+/// Clock map from timestamps to times: identical but for the latency.
 fn stamps_record(clock: &str, tick: TickLength, stamped: Stamped, since: i64) -> ClockMapRecord {
     ClockMapRecord {
         clock: clock.to_owned(),
@@ -170,7 +173,7 @@ fn clock_record(clock: &str, tick: TickLength, map: &ClockMap) -> ClockMapRecord
         residual_median_ns: map.residuals.median_ns,
         residual_p99_ns: map.residuals.p99_ns,
         doubts: map
-            .doubts
+            .unreliable_spans
             .iter()
             .map(|d| Doubt {
                 from: d.from.0,

@@ -1,12 +1,12 @@
-//! Hand-made samples through a hub with a real encoder at a small size.
+//! Hand-written samples through a hub with a real encoder at a small size.
 
 use std::sync::{Mutex, MutexGuard};
 
 use session_archive::time::TickLength;
 
-use super::stream_clock::LONGEST_WAY_NS;
+use super::stream_clock::MAX_TRANSIT_NS;
 use super::*;
-use crate::sources::{Part, RawImu};
+use crate::sources::{DevicePart, RawImu};
 use video::{Picture, PixelFormat};
 
 const MS: i64 = 1_000_000;
@@ -15,7 +15,7 @@ const START: HostTime = HostTime(1_000_000 * MS);
 struct Bench {
     hub: Hub,
     encoding: Encoding,
-    seen: Arc<Mutex<Vec<Outgoing>>>,
+    frame_arrival: Arc<Mutex<Vec<Outgoing>>>,
 }
 
 /// A hub for one camera at 20 Hz with an IMU at 200 Hz.
@@ -68,14 +68,14 @@ fn camera(name: &str) -> CameraSetup {
 }
 
 fn bench_of(cameras: Vec<CameraSetup>) -> Bench {
-    let seen: Arc<Mutex<Vec<Outgoing>>> = Arc::default();
-    let into = seen.clone();
+    let frame_arrival: Arc<Mutex<Vec<Outgoing>>> = Arc::default();
+    let into = frame_arrival.clone();
     let out: Out = Arc::new(move |item| into.lock().expect("seen").push(item));
     let encoding = Encoding::new(cameras.len());
     Bench {
         hub: Hub::new(cameras, 500 * MS, true, &encoding, &out),
         encoding,
-        seen,
+        frame_arrival,
     }
 }
 
@@ -94,7 +94,7 @@ impl Bench {
             host_time: at,
             exposure_ns: None,
             eyes_apart_ns: None,
-            picture: Picture::new(64, 32, PixelFormat::I420, data).expect("picture"),
+            image: Picture::new(64, 32, PixelFormat::I420, data).expect("image"),
         };
         self.hub.sample(0, Sample::Frame(frame), at);
     }
@@ -114,13 +114,13 @@ impl Bench {
         self.hub.sample(0, Sample::Imu(sample), now);
     }
 
-    fn seen(&self) -> MutexGuard<'_, Vec<Outgoing>> {
-        self.seen.lock().expect("seen")
+    fn frame_arrival(&self) -> MutexGuard<'_, Vec<Outgoing>> {
+        self.frame_arrival.lock().expect("seen")
     }
 
-    /// What was done and taken back because encoders could not keep up.
+    /// Alarms about encoders that are too slow, with their beginnings and ends.
     fn relieved(&self) -> Vec<(String, bool)> {
-        let alarms = self.seen();
+        let alarms = self.frame_arrival();
         let alarms = alarms.iter().filter_map(|item| match item {
             Outgoing::Alarm {
                 text,
@@ -137,7 +137,7 @@ impl Bench {
     }
 
     fn notices(&self) -> Vec<String> {
-        self.seen()
+        self.frame_arrival()
             .iter()
             .filter_map(|item| match item {
                 Outgoing::Notice { text, .. } => Some(text.clone()),
@@ -147,18 +147,18 @@ impl Bench {
     }
 }
 
-/// Were it encoded, the frames that are stored after it would refer to a frame that is not.
+/// If it were encoded, the frames stored after it would refer to a frame that is not stored.
 #[test]
-fn a_late_or_repeated_frame_never_reaches_the_encoder() {
+fn late_or_repeated_frame_never_reaches_the_encoder() {
     let mut bench = bench();
-    // The camera starts to count anew after its second frame.
+    // The camera restarts its counter after its second frame.
     for (i, number) in [29, 30, 30, 0, 1, 2, 3, 4].into_iter().enumerate() {
         bench.frame(number, START + i as i64 * 50 * MS);
     }
-    bench.hub.finish(Rest::Encode, START + 400 * MS);
+    bench.hub.finish(RemainingFrames::Encode, START + 400 * MS);
     assert!(!bench.encoding.is_busy(0), "each frame is counted out once");
     let frames: Vec<u64> = bench
-        .seen()
+        .frame_arrival()
         .iter()
         .filter_map(|item| match item {
             Outgoing::Frame { frame, .. } => Some(frame.number),
@@ -167,23 +167,20 @@ fn a_late_or_repeated_frame_never_reaches_the_encoder() {
         .collect();
     assert_eq!(frames, [29, 30, 31, 32]);
     let notices = bench.notices();
-    assert!(notices[0].contains("counts anew from 3"), "{notices:?}");
-    assert_eq!(
-        notices[1],
-        "feet: samples that came late or twice, left out: 4"
-    );
+    assert!(notices[0].contains("counter restarted at 3"), "{notices:?}");
+    assert_eq!(notices[1], "feet: late or repeated samples, rejected: 4");
 }
 
 #[test]
-fn a_repeated_imu_sample_costs_no_other() {
+fn repeated_imu_sample_drops_no_other_sample() {
     let mut bench = bench();
     for (i, number) in (0..13).chain(12..40).enumerate() {
         let at = START + i as i64 * 5 * MS;
         bench.imu(number, at, at);
     }
-    bench.hub.finish(Rest::Encode, START + 400 * MS);
+    bench.hub.finish(RemainingFrames::Encode, START + 400 * MS);
     let mut next = 0;
-    for item in bench.seen().iter() {
+    for item in bench.frame_arrival().iter() {
         if let Outgoing::Imu { batch, .. } = item {
             assert_eq!(batch.first_number, next);
             next += batch.times.len() as u64;
@@ -192,12 +189,12 @@ fn a_repeated_imu_sample_costs_no_other() {
     assert_eq!(next, 40);
     assert_eq!(
         bench.notices(),
-        ["feet/imu: samples that came late or twice, left out: 1"]
+        ["feet/imu: late or repeated samples, rejected: 1"]
     );
 }
 
 #[test]
-fn a_stream_that_comes_late_is_not_silent() {
+fn late_stream_is_not_silent() {
     let mut bench = bench();
     for i in 0..100 {
         let at = START + i * 50 * MS;
@@ -207,7 +204,7 @@ fn a_stream_that_comes_late_is_not_silent() {
         bench.hub.tick(now);
     }
     let alarms = bench
-        .seen()
+        .frame_arrival()
         .iter()
         .filter(|item| matches!(item, Outgoing::Alarm { .. }))
         .count();
@@ -215,10 +212,10 @@ fn a_stream_that_comes_late_is_not_silent() {
 }
 
 #[test]
-fn a_failing_encoder_is_an_alarm() {
+fn failing_encoder_raises_an_alarm() {
     let mut bench = bench();
     bench.hub.cameras[0].setup.encoder.element = "noenc".to_owned();
-    bench.hub.cameras[0].lane = Lane::new(
+    bench.hub.cameras[0].encoder = CameraEncoder::new(
         bench.hub.cameras[0].setup.encoder.clone(),
         500 * MS,
         1,
@@ -229,7 +226,7 @@ fn a_failing_encoder_is_an_alarm() {
     bench.frame(1, START + 50 * MS);
     bench.hub.tick(START + 50 * MS);
     let alarms: Vec<String> = bench
-        .seen()
+        .frame_arrival()
         .iter()
         .filter_map(|item| match item {
             Outgoing::Alarm { text, active, .. } => Some(format!("{active} {text}")),
@@ -243,35 +240,35 @@ fn a_failing_encoder_is_an_alarm() {
 }
 
 #[test]
-fn what_a_device_missed_while_it_was_gone_has_that_cause() {
+fn samples_missed_while_disconnected_have_that_cause() {
     let mut bench = bench();
     let at = |i: i64| START + i * 50 * MS;
-    let gone = |bench: &mut Bench, i: i64| {
+    let disconnect = |bench: &mut Bench, i: i64| {
         let host_time = at(i) + 10 * MS;
         let detail = "unplugged".to_owned();
-        let part = Part::Both;
-        let gone = Sample::Gone(Gone {
+        let part = DevicePart::Both;
+        let disconnect = Sample::Disconnected(Disconnected {
             host_time,
             part,
             detail,
         });
-        bench.hub.sample(0, gone, host_time);
+        bench.hub.sample(0, disconnect, host_time);
     };
     for i in 0..10 {
         bench.frame(i as u64, at(i));
     }
-    gone(&mut bench, 9);
-    // Eight periods later it counts anew.
+    disconnect(&mut bench, 9);
+    // Eight periods later its counter restarts.
     for i in 18..22 {
         bench.frame(i as u64 - 18, at(i));
     }
-    gone(&mut bench, 21);
-    // Once more, and its counter has gone on: the device knows better than the clock.
+    disconnect(&mut bench, 21);
+    // Once more, with a counter that continued: the device's count is better than the clock's.
     bench.frame(9, at(26));
-    gone(&mut bench, 26);
-    bench.hub.finish(Rest::Encode, at(30));
-    let seen = bench.seen();
-    let frames: Vec<u64> = seen
+    disconnect(&mut bench, 26);
+    bench.hub.finish(RemainingFrames::Encode, at(30));
+    let frame_arrival = bench.frame_arrival();
+    let frames: Vec<u64> = frame_arrival
         .iter()
         .filter_map(|item| match item {
             Outgoing::Frame { frame, .. } => Some(frame.number),
@@ -282,7 +279,7 @@ fn what_a_device_missed_while_it_was_gone_has_that_cause() {
         frames,
         (0..10).chain(18..22).chain([27]).collect::<Vec<_>>()
     );
-    let dropped: Vec<(u64, u64, Cause)> = seen
+    let dropped: Vec<(u64, u64, Cause)> = frame_arrival
         .iter()
         .filter_map(|item| match item {
             Outgoing::Dropped {
@@ -293,11 +290,11 @@ fn what_a_device_missed_while_it_was_gone_has_that_cause() {
         .collect();
     let expected = [(10, 17), (22, 26), (28, 30)].map(|(a, b)| (a, b, Cause::Disconnected));
     assert_eq!(dropped, expected);
-    let alarms: Vec<bool> = seen
+    let alarms: Vec<bool> = frame_arrival
         .iter()
         .filter_map(|item| match item {
             Outgoing::Alarm { text, active, .. }
-                if text.starts_with("feet: the device is gone (") =>
+                if text.starts_with("feet: the device is disconnected (") =>
             {
                 Some(*active)
             }
@@ -307,27 +304,27 @@ fn what_a_device_missed_while_it_was_gone_has_that_cause() {
     assert_eq!(alarms, [true, false, true, false, true]);
 }
 
-/// Else a recording that ends before the device is back would not know why there is nothing.
+/// Otherwise a recording that ends before the device reconnects would lack the cause.
 #[test]
-fn what_a_device_misses_is_told_while_it_is_gone() {
+fn missed_samples_are_reported_during_the_disconnect() {
     let mut bench = bench();
     let at = |i: i64| START + i * 50 * MS;
     for i in 0..10 {
         bench.frame(i as u64, at(i));
     }
-    let gone = Sample::Gone(Gone {
+    let disconnect = Sample::Disconnected(Disconnected {
         host_time: at(9),
-        part: Part::Camera,
+        part: DevicePart::Camera,
         detail: "unplugged".to_owned(),
     });
-    bench.hub.sample(0, gone, at(9));
+    bench.hub.sample(0, disconnect, at(9));
     bench.hub.tick(at(10));
     bench.hub.tick(at(15));
     bench.hub.tick(at(20));
     bench.frame(0, at(22));
     bench.hub.tick(at(24));
     let dropped: Vec<(HostTime, u64, u64)> = bench
-        .seen()
+        .frame_arrival()
         .iter()
         .filter_map(|item| match item {
             Outgoing::Dropped {
@@ -342,9 +339,10 @@ fn what_a_device_misses_is_told_while_it_is_gone() {
     );
 }
 
-/// Else a device that is set to another day would end the recording: no message may lie before the clock's zero.
+/// Otherwise a device with another date would end the recording: no message may be before the
+/// clock's zero.
 #[test]
-fn a_tick_from_long_ago_has_no_better_time_than_its_arrival() {
+fn tick_far_in_the_past_is_timed_by_its_arrival() {
     let mut bench = bench();
     for i in 0..80 {
         let at = START + i * 50 * MS;
@@ -356,26 +354,25 @@ fn a_tick_from_long_ago_has_no_better_time_than_its_arrival() {
             host_time: at,
             exposure_ns: None,
             eyes_apart_ns: None,
-            picture: Picture::new(64, 32, PixelFormat::I420, vec![i as u8; 64 * 48])
-                .expect("picture"),
+            image: Picture::new(64, 32, PixelFormat::I420, vec![i as u8; 64 * 48]).expect("image"),
         };
         bench.hub.sample(0, Sample::Frame(raw), at);
     }
-    bench.hub.finish(Rest::Encode, START + 4000 * MS);
+    bench.hub.finish(RemainingFrames::Encode, START + 4000 * MS);
     let mut count = 0;
-    for item in bench.seen().iter() {
+    for item in bench.frame_arrival().iter() {
         if let Outgoing::Frame { frame, .. } = item {
             let off = frame.host_time - frame.time;
-            assert!(off.abs() < LONGEST_WAY_NS, "{frame:?}");
+            assert!(off.abs() < MAX_TRANSIT_NS, "{frame:?}");
             count += 1;
         }
     }
     assert_eq!(count, 80);
 }
 
-/// What a driver stamps with the host's clock is a time, unless it cannot be one.
+/// A driver's timestamp on the host clock is a time, unless it is impossible.
 #[test]
-fn stamps_of_the_host_are_times() {
+fn host_timestamps_are_used_as_times() {
     let mut bench = bench_with(Some(Stamped {
         latency_ns: 2 * MS,
         sigma_ns: 50_000,
@@ -385,8 +382,8 @@ fn stamps_of_the_host_are_times() {
         let stamp = arrival(i) + -age;
         bench.stamped_frame(i as u64, stamp, arrival(i));
     }
-    let seen = bench.seen();
-    let times: Vec<(i64, u64, bool)> = seen
+    let frame_arrival = bench.frame_arrival();
+    let times: Vec<(i64, u64, bool)> = frame_arrival
         .iter()
         .filter_map(|item| match item {
             Outgoing::Frame { frame, .. } => {
@@ -397,56 +394,58 @@ fn stamps_of_the_host_are_times() {
         .collect();
     assert_eq!(times[0], (-10 * MS, 50_000, false));
     assert_eq!(times[1], (50 * MS - 32 * MS, 50_000, false));
-    // It cannot have been stamped after it came.
+    // It cannot have been stamped after its arrival.
     assert!(times[2].2 && times[2].0 == 100 * MS, "{times:?}");
     assert_eq!((times[3].0, times[3].2), (150 * MS - 11 * MS, false));
-    let maps = seen
+    let maps = frame_arrival
         .iter()
         .filter(|item| matches!(item, Outgoing::Clock { map, .. } if map.latency_ns == 2 * MS));
-    assert_eq!(maps.count(), 1, "the map is told once");
+    assert_eq!(maps.count(), 1, "the map is published once");
 }
 
 #[test]
-fn a_machine_is_spared_by_leaving_out_every_other_picture() {
+fn frame_rate_mitigation_drops_every_other_frame() {
     let mut bench = bench();
     let at = |i: i64| START + i * 50 * MS;
     for i in 0..10 {
-        bench.hub.spare(Measures {
+        bench.hub.set_mitigations(Mitigations {
             lower_frame_rate: i >= 4,
-            ..Measures::default()
+            ..Mitigations::default()
         });
         bench.frame(i as u64, at(i));
     }
     let mut kept = Vec::new();
-    let mut spared = Vec::new();
-    for item in bench.seen().iter() {
+    let mut decimated = Vec::new();
+    for item in bench.frame_arrival().iter() {
         match item {
             Outgoing::Frame { frame, .. } => kept.push(frame.number),
             Outgoing::Dropped {
                 first,
                 cause: Cause::Spared,
                 ..
-            } => spared.push(*first),
+            } => decimated.push(*first),
             _ => {}
         }
     }
     assert_eq!(kept, [0, 1, 2, 3, 4, 6, 8]);
-    assert_eq!(spared, [5, 7, 9]);
+    assert_eq!(decimated, [5, 7, 9]);
 }
 
-/// The hub may be behind when recording begins. Else what comes without pixels behind the frame that is shown would be a
-/// gap in the recording.
+/// The hub may lag when recording begins. Otherwise frames without pixels behind the previewed one
+/// would be a gap in the recording.
 #[test]
-fn what_arrived_before_somebody_stores_frames_is_not_encoded() {
+fn frames_that_arrived_before_recording_are_not_encoded() {
     let mut bench = bench();
     let at = |i: u64| START + i as i64 * 50 * MS;
     let without_pixels = |bench: &mut Bench, number: u64| {
-        let seen = Seen {
+        let frame_arrival = FrameArrival {
             number,
             device_ticks: at(number).0,
             host_time: at(number),
         };
-        bench.hub.sample(0, Sample::Seen(seen), at(number));
+        bench
+            .hub
+            .sample(0, Sample::Arrival(frame_arrival), at(number));
     };
     bench.hub.idle(true, START);
     without_pixels(&mut bench, 0);
@@ -457,7 +456,7 @@ fn what_arrived_before_somebody_stores_frames_is_not_encoded() {
     bench.frame(4, at(4));
     bench.frame(5, at(5));
     let encoded: Vec<(u64, bool)> = bench
-        .seen()
+        .frame_arrival()
         .iter()
         .filter_map(|item| match item {
             Outgoing::Frame { frame, key, .. } => Some((frame.number, *key)),
@@ -467,21 +466,21 @@ fn what_arrived_before_somebody_stores_frames_is_not_encoded() {
     assert_eq!(encoded, [(4, true), (5, false)]);
 }
 
-/// What waits when a recording is over is not what the next one begins with.
+/// Frames queued at the end of a recording are not the beginning of the next one.
 #[test]
-fn what_waits_is_dropped_when_nobody_stores_it() {
+fn queued_frames_are_dropped_when_not_recording() {
     let mut bench = bench();
     bench.hub.waits = false;
     // An encoder that cannot be started for now.
     bench.hub.cameras[0].setup.encoder.element = "noenc".to_owned();
-    let (settings, seen) = (
+    let (settings, frame_arrival) = (
         bench.hub.cameras[0].setup.encoder.clone(),
-        bench.seen.clone(),
+        bench.frame_arrival.clone(),
     );
     let sink = Arc::new(move |encoded: Encoded| match encoded {
         Encoded::Dropped {
             at, first, last, ..
-        } => seen.lock().expect("seen").push(Outgoing::Dropped {
+        } => frame_arrival.lock().expect("seen").push(Outgoing::Dropped {
             at,
             stream: String::new(),
             first,
@@ -491,14 +490,14 @@ fn what_waits_is_dropped_when_nobody_stores_it() {
         }),
         Encoded::Frame { .. } => panic!("there is no such encoder"),
     });
-    bench.hub.cameras[0].lane = Lane::new(settings, 500 * MS, 1 << 20, sink);
+    bench.hub.cameras[0].encoder = CameraEncoder::new(settings, 500 * MS, 1 << 20, sink);
     for i in 0..10 {
         bench.frame(i, START + i as i64 * MS);
     }
     let dropped = |bench: &Bench| {
-        let seen = bench.seen();
+        let frame_arrival = bench.frame_arrival();
         let is_dropped = |item: &&Outgoing| matches!(item, Outgoing::Dropped { .. });
-        seen.iter().filter(is_dropped).count()
+        frame_arrival.iter().filter(is_dropped).count()
     };
     assert_eq!(dropped(&bench), 2, "two tries");
     bench.hub.idle(true, START);
@@ -506,7 +505,7 @@ fn what_waits_is_dropped_when_nobody_stores_it() {
 }
 
 #[test]
-fn draining_hands_on_everything_and_is_no_silence() {
+fn draining_delivers_everything_without_a_silence_alarm() {
     let mut bench = bench();
     bench.hub.waits = false;
     let at = |i: u64| START + i as i64 * 50 * MS;
@@ -522,41 +521,41 @@ fn draining_hands_on_everything_and_is_no_silence() {
         bench.hub.tick(at(i));
         assert!(bench.hub.drain(at(i)));
     }
-    bench.hub.finish(Rest::Encode, at(200));
-    let seen = bench.seen();
-    let frames = seen.iter().filter_map(|item| match item {
+    bench.hub.finish(RemainingFrames::Encode, at(200));
+    let frame_arrival = bench.frame_arrival();
+    let frames = frame_arrival.iter().filter_map(|item| match item {
         Outgoing::Frame { frame, .. } => Some(frame.number),
         _ => None,
     });
     assert!(frames.eq(0..30));
-    let alarms = seen
+    let alarms = frame_arrival
         .iter()
         .filter(|item| matches!(item, Outgoing::Alarm { .. }));
     assert_eq!(alarms.count(), 0);
 }
 
-/// The camera goes on while its IMU is gone, and the other way round.
+/// The camera continues while its IMU is disconnected, and vice versa.
 #[test]
-fn camera_and_imu_are_gone_each_by_itself() {
+fn camera_and_imu_disconnect_independently() {
     let mut bench = bench();
     let at = |i: i64| START + i * 50 * MS;
-    let gone = |bench: &mut Bench, part, i: i64| {
-        let gone = Sample::Gone(Gone {
+    let disconnect = |bench: &mut Bench, part, i: i64| {
+        let disconnect = Sample::Disconnected(Disconnected {
             host_time: at(i),
             part,
             detail: "unplugged".to_owned(),
         });
-        bench.hub.sample(0, gone, at(i));
+        bench.hub.sample(0, disconnect, at(i));
     };
     bench.frame(0, at(0));
     bench.imu(0, at(0), at(0));
-    gone(&mut bench, Part::Imu, 1);
+    disconnect(&mut bench, DevicePart::Imu, 1);
     bench.frame(1, at(1));
-    gone(&mut bench, Part::Camera, 2);
+    disconnect(&mut bench, DevicePart::Camera, 2);
     bench.imu(20, at(2), at(2));
     bench.frame(3, at(3));
     let alarms: Vec<String> = bench
-        .seen()
+        .frame_arrival()
         .iter()
         .filter_map(|item| match item {
             Outgoing::Alarm { text, active, .. } => Some(format!("{active} {text}")),
@@ -566,28 +565,29 @@ fn camera_and_imu_are_gone_each_by_itself() {
     assert_eq!(
         alarms,
         [
-            "true feet/imu: the device is gone (unplugged)",
-            "true feet: the device is gone (unplugged)",
-            "false feet/imu: the device is gone (unplugged)",
-            "false feet: the device is gone (unplugged)",
+            "true feet/imu: the device is disconnected (unplugged)",
+            "true feet: the device is disconnected (unplugged)",
+            "false feet/imu: the device is disconnected (unplugged)",
+            "false feet: the device is disconnected (unplugged)",
         ]
     );
 }
 
-/// Queues that grow cost quality before they cost frames, and when they are empty everything comes back.
+/// Growing queues reduce quality before frames are lost, and when they are empty everything is
+/// restored.
 #[test]
-fn a_machine_that_is_too_slow_is_relieved_step_by_step() {
+fn slow_machine_sheds_load_step_by_step() {
     let mut bench = bench();
     bench.hub.waits = false;
     let mut now = START;
     let mut run = |bench: &mut Bench, seconds: i64, fill: &dyn Fn(i64) -> f64| {
         for tick in 0..10 * seconds {
             now = now + TICK_NS;
-            bench.hub.note_inbox(fill(tick));
+            bench.hub.set_inbox_fill(fill(tick));
             bench.hub.tick(now);
         }
     };
-    // The queue grows by a twentieth of its capacity in a second, then stays empty.
+    // The queue grows by a twentieth of its capacity per second, then remains empty.
     run(&mut bench, 8, &|tick| tick as f64 / 200.0);
     let rate_lowered = bench.hub.rate_lowered(0).is_some();
     run(&mut bench, 60, &|_| 0.0);
@@ -608,7 +608,7 @@ fn a_machine_that_is_too_slow_is_relieved_step_by_step() {
 
 /// With several cameras, and a preset that can be faster, there are four steps.
 #[test]
-fn the_last_camera_gives_up_its_rate_before_the_others_do() {
+fn last_camera_loses_its_frame_rate_before_the_others() {
     let mut cameras = vec![camera("left_shoulder"), camera("feet")];
     for camera in &mut cameras {
         camera.encoder.preset = Preset::Veryfast;
@@ -617,10 +617,10 @@ fn the_last_camera_gives_up_its_rate_before_the_others_do() {
     bench.hub.waits = false;
     let mut now = START;
     let mut lowered = Vec::new();
-    // The queue grows by a twentieth of its capacity in a second, until nothing is left to be given up.
+    // The queue grows by a twentieth of its capacity per second, until all steps are taken.
     for tick in 0..120 {
         now = now + TICK_NS;
-        bench.hub.note_inbox(f64::from(tick) / 200.0);
+        bench.hub.set_inbox_fill(f64::from(tick) / 200.0);
         bench.hub.tick(now);
         let of = [0, 1].map(|camera| bench.hub.rate_lowered(camera).is_some());
         if lowered.last() != Some(&of) {
@@ -641,13 +641,13 @@ fn the_last_camera_gives_up_its_rate_before_the_others_do() {
     assert_eq!(lowered, [[false, false], [false, true], [true, true]]);
 }
 
-/// Armed without a pre-roll: what nobody stores is counted and timed, and no more.
+/// Armed without a pre-roll: frames are counted and timed, and no more.
 #[test]
-fn while_nobody_stores_frames_they_are_counted_and_the_first_one_afterwards_stands_alone() {
+fn idle_frames_are_counted_and_the_first_recorded_frame_is_a_key_frame() {
     let mut bench = bench();
     let at = |i: i64| START + i * 50 * MS;
     let frames = |bench: &Bench| -> Vec<(u64, bool)> {
-        let items = bench.seen();
+        let items = bench.frame_arrival();
         let frames = items.iter().filter_map(|item| match item {
             Outgoing::Frame { frame, key, .. } => Some((frame.number, *key)),
             _ => None,
@@ -657,14 +657,14 @@ fn while_nobody_stores_frames_they_are_counted_and_the_first_one_afterwards_stan
     let stage = |bench: &mut Bench, is_idle: bool, numbers: std::ops::Range<i64>| {
         bench.hub.idle(is_idle, at(numbers.start));
         for i in numbers {
-            // A source may leave the pixels out, and need not.
+            // A source may omit the pixels, but need not.
             if is_idle && i % 2 == 1 {
-                let seen = Seen {
+                let frame_arrival = FrameArrival {
                     number: i as u64,
                     device_ticks: at(i).0,
                     host_time: at(i),
                 };
-                bench.hub.sample(0, Sample::Seen(seen), at(i));
+                bench.hub.sample(0, Sample::Arrival(frame_arrival), at(i));
             } else {
                 bench.frame(i as u64, at(i));
             }
@@ -674,25 +674,29 @@ fn while_nobody_stores_frames_they_are_counted_and_the_first_one_afterwards_stan
     stage(&mut bench, true, 0..33);
     assert_eq!(frames(&bench), []);
     assert!(!bench.encoding.is_busy(0), "nothing is being encoded");
-    let received = bench.seen().iter().rev().find_map(|item| match item {
-        Outgoing::Health { streams, .. } => Some(streams[0].received),
-        _ => None,
-    });
-    // Health is told once a second, the last time with the 21st frame.
+    let received = bench
+        .frame_arrival()
+        .iter()
+        .rev()
+        .find_map(|item| match item {
+            Outgoing::Health { streams, .. } => Some(streams[0].received),
+            _ => None,
+        });
+    // Health is reported once a second, the last time with the 21st frame.
     assert_eq!(received, Some(21));
 
-    // None of them begins a chunk, which would be reason enough for a key frame.
+    // None of them begins a chunk, which would also require a key frame.
     stage(&mut bench, false, 33..36);
     stage(&mut bench, true, 36..38);
     stage(&mut bench, false, 38..39);
-    bench.hub.finish(Rest::Encode, at(39));
+    bench.hub.finish(RemainingFrames::Encode, at(39));
     assert_eq!(
         frames(&bench),
         [(33, true), (34, false), (35, false), (38, true)]
     );
     let is_dropped = |item: &Outgoing| matches!(item, Outgoing::Dropped { .. });
     assert!(
-        !bench.seen().iter().any(is_dropped),
-        "what nobody wanted is not missing"
+        !bench.frame_arrival().iter().any(is_dropped),
+        "frames that were not requested are not missing"
     );
 }

@@ -1,4 +1,4 @@
-//! What is known of machine and clocks, as health records hold it.
+//! State of machine and clocks in the form of health records.
 
 use session_archive::record::paws::health::{Battery, Clock, FrameSync as FrameSyncRecord};
 

@@ -1,10 +1,10 @@
-//! What each stream has lost in a session, by cause, and the alarm while it goes on losing.
+//! Losses of each stream in a session, by cause, and the alarm while samples are being lost.
 //!
-//! Contract: every number that a gap record names, or that was reported and will be named by one, is counted once
-//! for the alarm when it becomes known, and once for the account when the gap is written. *While a stream loses
-//! samples* one alarm stands, from at most a second after the first loss until [`CALM_LOOKS`] looks without one.
-//! Frames that were left out on purpose are in the account and raise no alarm: what leaves them out has its own. The
-//! same goes for devices that are disconnected.
+//! Contract: every number in a gap record, or reported to be in a future one, is counted once for
+//! the alarm when the loss becomes known, and once for the account when the gap is written. *While
+//! a stream loses samples* one alarm is active, from at most a second after the first loss until
+//! [`CALM_CHECKS`] checks without one. Frames dropped on purpose are in the account and raise no
+//! alarm, because load shedding raises its own. The same holds for disconnected devices.
 
 use std::collections::BTreeMap;
 
@@ -12,15 +12,15 @@ use session_archive::record::paws::gap::Cause;
 
 use crate::status::CauseCount;
 
-/// Looks, one a second, without a loss after which the alarm is over.
-const CALM_LOOKS: u32 = 5;
+/// Number of checks, one a second, without a loss after which the alarm ends.
+const CALM_CHECKS: u32 = 5;
 
 /// Losses of one stream.
 #[derive(Debug, Default)]
 pub(super) struct Losses {
-    /// Missing samples by cause, as gap records name them.
+    /// Missing samples by cause, as in gap records.
     account: BTreeMap<i32, u64>,
-    /// Losses that became known since the last look, and the cause of the newest.
+    /// Losses since the last check, with the cause of the newest.
     recent: Option<Cause>,
     alarm: Option<Alarm>,
 }
@@ -32,29 +32,29 @@ struct Alarm {
 }
 
 impl Losses {
-    /// A gap record names `count` samples.
+    /// Counts `count` samples of a gap record.
     pub(super) fn gap(&mut self, cause: Cause, count: u64) {
         *self.account.entry(cause.into()).or_default() += count;
-        // Nobody reported these before.
+        // These were not reported before.
         if cause == Cause::Device {
             self.report(cause);
         }
     }
 
-    /// Samples will not come.
+    /// Counts samples that are reported as lost.
     pub(super) fn report(&mut self, cause: Cause) {
         if !matches!(cause, Cause::Spared | Cause::Disconnected) {
             self.recent = Some(cause);
         }
     }
 
-    /// By cause, most first.
+    /// Missing samples by cause, largest count first.
     pub(super) fn by_cause(&self) -> Vec<CauseCount> {
         let mut counts: Vec<CauseCount> = self
             .account
             .iter()
             .map(|(cause, count)| CauseCount {
-                cause: words(Cause::try_from(*cause).unwrap_or_default()).to_owned(),
+                cause: cause_text(Cause::try_from(*cause).unwrap_or_default()).to_owned(),
                 count: *count,
             })
             .collect();
@@ -62,12 +62,13 @@ impl Losses {
         counts
     }
 
-    /// Once a second: the alarms of the stream `name` that are over and begin, each with its text.
-    pub(super) fn look(&mut self, name: &str) -> Vec<(String, bool)> {
+    /// To be called once a second: the alarms of the stream `name` that end and begin, each with
+    /// its text.
+    pub(super) fn check(&mut self, name: &str) -> Vec<(String, bool)> {
         let mut changes = Vec::new();
         match self.recent.take() {
             Some(cause) => {
-                let text = format!("{name}: samples are being lost: {}", words(cause));
+                let text = format!("{name}: samples are being lost: {}", cause_text(cause));
                 match &mut self.alarm {
                     Some(alarm) if alarm.text == text => alarm.calm = 0,
                     alarm => {
@@ -80,7 +81,7 @@ impl Losses {
             None => {
                 if let Some(alarm) = &mut self.alarm {
                     alarm.calm += 1;
-                    if alarm.calm >= CALM_LOOKS {
+                    if alarm.calm >= CALM_CHECKS {
                         changes.extend(self.end());
                     }
                 }
@@ -89,14 +90,14 @@ impl Losses {
         changes
     }
 
-    /// The session ends, and the alarm with it.
+    /// Ends the alarm with the session.
     pub(super) fn end(&mut self) -> Option<(String, bool)> {
         self.alarm.take().map(|over| (over.text, false))
     }
 }
 
-/// A cause, for people.
-fn words(cause: Cause) -> &'static str {
+/// Description of a cause, for people.
+fn cause_text(cause: Cause) -> &'static str {
     match cause {
         Cause::Unknown => "cause not known",
         Cause::Device => "the device skipped them",
@@ -107,7 +108,7 @@ fn words(cause: Cause) -> &'static str {
         Cause::Storage => "the disk failed",
         Cause::Damaged => "found damaged",
         Cause::Late => "came too late",
-        Cause::Spared => "left out to spare the machine",
+        Cause::Spared => "dropped to reduce the load on the machine",
         Cause::MachineOverload => "the machine is too slow to take them",
     }
 }
@@ -117,45 +118,45 @@ mod tests {
     use super::*;
 
     #[test]
-    fn an_alarm_stands_while_samples_are_lost_and_no_longer() {
+    fn alarm_is_active_exactly_while_samples_are_lost() {
         let mut losses = Losses::default();
-        assert_eq!(losses.look("feet"), []);
+        assert_eq!(losses.check("feet"), []);
         losses.report(Cause::EncoderOverload);
         losses.report(Cause::EncoderOverload);
         let text = "feet: samples are being lost: the machine is too slow to encode them";
-        assert_eq!(losses.look("feet"), [(text.to_owned(), true)]);
-        for _ in 1..CALM_LOOKS {
-            assert_eq!(losses.look("feet"), []);
+        assert_eq!(losses.check("feet"), [(text.to_owned(), true)]);
+        for _ in 1..CALM_CHECKS {
+            assert_eq!(losses.check("feet"), []);
         }
         losses.report(Cause::EncoderOverload);
-        assert_eq!(losses.look("feet"), [], "it stands already");
-        for _ in 1..CALM_LOOKS {
-            assert_eq!(losses.look("feet"), []);
+        assert_eq!(losses.check("feet"), [], "it stands already");
+        for _ in 1..CALM_CHECKS {
+            assert_eq!(losses.check("feet"), []);
         }
-        assert_eq!(losses.look("feet"), [(text.to_owned(), false)]);
+        assert_eq!(losses.check("feet"), [(text.to_owned(), false)]);
     }
 
     #[test]
-    fn another_cause_is_another_alarm() {
+    fn each_cause_has_its_own_alarm() {
         let mut losses = Losses::default();
         losses.report(Cause::WriterOverload);
-        let first = losses.look("feet");
+        let first = losses.check("feet");
         losses.gap(Cause::Device, 3);
-        let then = losses.look("feet");
+        let then = losses.check("feet");
         assert_eq!(then[0], (first[0].0.clone(), false));
         assert!(then[1].1 && then[1].0.contains("device"), "{then:?}");
         assert_eq!(losses.end(), Some((then[1].0.clone(), false)));
-        assert_eq!(losses.look("feet"), []);
+        assert_eq!(losses.check("feet"), []);
     }
 
     #[test]
-    fn what_is_left_out_on_purpose_is_counted_and_raises_no_alarm() {
+    fn shed_samples_are_counted_without_an_alarm() {
         let mut losses = Losses::default();
         losses.report(Cause::Spared);
         losses.gap(Cause::Spared, 7);
         losses.gap(Cause::Late, 9);
         losses.gap(Cause::Late, 1);
-        assert_eq!(losses.look("feet"), []);
+        assert_eq!(losses.check("feet"), []);
         let counts: Vec<u64> = losses.by_cause().iter().map(|c| c.count).collect();
         assert_eq!(counts, [10, 7]);
     }

@@ -1,32 +1,32 @@
-//! The last seconds, kept while nothing is recorded.
+//! Pre-roll: the last seconds, kept while nothing is recorded.
 
 use std::collections::{BTreeMap, VecDeque};
 
 use session_archive::record::ClockMap;
 use session_archive::time::HostTime;
 
-use super::STOP_MAX_NS;
+use super::MAX_STOP_NS;
 use crate::hub::Outgoing;
 
-/// However long the pre-roll, no more than this is kept.
-pub(super) const LIMIT_BYTES: usize = 256 << 20;
+/// Maximum size of the pre-roll, whatever its length, bytes.
+pub(super) const MAX_PRE_ROLL_BYTES: usize = 256 << 20;
 
-/// What was received in the last seconds, and the clock maps that its times came from.
+/// Items received in the last seconds, and the clock maps of their times.
 pub(super) struct PreRoll {
     items: VecDeque<Outgoing>,
     bytes: usize,
-    /// Kept behind the newest time: the pre-roll, and the GOP that its beginning lies in.
+    /// Time span kept before the newest item: the pre-roll, and the GOP in which it begins, ns.
     span_ns: i64,
     pre_roll_ns: i64,
-    /// What may be kept holds less than the pre-roll.
+    /// The byte limit holds less than the pre-roll.
     cut: bool,
     newest: HostTime,
-    /// Maps of each clock from before the items, and when each came: the newest, and those that it
-    /// replaced so lately that a sample on its way may still name one.
+    /// Maps of each clock from before the items, with their arrival: the newest, and maps replaced
+    /// so recently that a sample in transit may still refer to one.
     maps: BTreeMap<String, VecDeque<(HostTime, ClockMap)>>,
 }
 
-/// What a session begins with.
+/// Beginning of a session.
 pub(super) struct Beginning {
     /// Clock maps from before the first item, the newest of each clock last.
     pub(super) maps: Vec<ClockMap>,
@@ -57,7 +57,7 @@ impl PreRoll {
         let mut full = false;
         while let Some(front) = self.items.front() {
             let old = sample_time(front).is_none_or(|t| self.newest.since(t) > self.span_ns);
-            if !old && self.bytes <= LIMIT_BYTES {
+            if !old && self.bytes <= MAX_PRE_ROLL_BYTES {
                 break;
             }
             full |= !old;
@@ -79,23 +79,24 @@ impl PreRoll {
         }
     }
 
-    /// Whether less than the pre-roll is kept because it takes too many bytes.
+    /// Whether less than the pre-roll is kept because of the byte limit.
     pub(super) fn is_cut(&self) -> bool {
         self.cut
     }
 
-    /// Takes back what [`Self::take`] gave, for the next try.
+    /// Puts back the result of [`Self::take`], for the next attempt.
     pub(super) fn put_back(&mut self, beginning: Beginning) {
         self.bytes = beginning.items.iter().map(Outgoing::bytes).sum();
         self.items = beginning.items.into();
     }
 
-    /// Takes out what a session whose pre-roll begins at `from` starts with. The clock maps among the items are
-    /// the caller's to [`Self::remember`] when the session has begun.
+    /// Takes out the beginning of a session whose pre-roll begins at `from`. The caller has to
+    /// [`Self::remember`] the clock maps among the items when the session has begun.
     pub(super) fn take(&mut self, from: HostTime, cameras: usize) -> Beginning {
         let now = from + self.pre_roll_ns;
-        // Nothing has pushed out what came before a silence. Encoders may be as far behind as a stop waits for them.
-        let limit_ns = self.span_ns + STOP_MAX_NS;
+        // Items from before a silence have not been pushed out. Encoders may lag by as much as a
+        // stop waits for them.
+        let limit_ns = self.span_ns + MAX_STOP_NS;
         let is_stale = |t: HostTime| now.since(t) > limit_ns;
         while self
             .items
@@ -157,7 +158,7 @@ impl PreRoll {
         Beginning { maps, items: kept }
     }
 
-    /// Remembers a clock map although something is being recorded: the next session needs it.
+    /// Stores a clock map during a recording, because the next session needs it.
     pub(super) fn remember(&mut self, at: HostTime, map: &ClockMap) {
         let maps = self.maps.entry(map.clock.clone()).or_default();
         maps.push_back((at, map.clone()));
@@ -165,7 +166,7 @@ impl PreRoll {
     }
 }
 
-/// Forgets the maps that were replaced longer than `span_ns` ago.
+/// Removes the maps that were replaced more than `span_ns` ago.
 fn forget(maps: &mut VecDeque<(HostTime, ClockMap)>, now: HostTime, span_ns: i64) {
     while maps
         .get(1)

@@ -1,4 +1,4 @@
-//! One session while it is being recorded: what goes into the archive, and the account of it.
+//! One session while it is being recorded: its archive and its account.
 
 use std::collections::VecDeque;
 use std::path::PathBuf;
@@ -28,7 +28,7 @@ pub(super) struct Session {
     pub(super) streams: Vec<Stream>,
     cameras: usize,
     sets: FrameSetBuilder,
-    /// Cameras without a key frame so far: what comes before it could not be decoded.
+    /// Cameras without a key frame so far: frames before it could not be decoded.
     pub(super) without_key: Vec<bool>,
     /// When recording began, pre-roll included.
     pub(super) started: HostTime,
@@ -36,13 +36,13 @@ pub(super) struct Session {
     pub(super) last: HostTime,
     pub(super) stopping: Option<Stopping>,
     pub(super) chunks_reported: u64,
-    /// What the writer dealt with and nobody was told of yet.
+    /// Incidents that the writer handled and that have not been reported.
     pub(super) incidents: Vec<Incident>,
     /// Log time, stream and number of the samples that are not known to be on disk.
     pending: VecDeque<(HostTime, usize, u64)>,
 }
 
-/// What a stream has come to in this session.
+/// State of a stream in this session.
 pub(super) struct Stream {
     pub(super) name: String,
     tracker: SequenceTracker,
@@ -54,11 +54,11 @@ pub(super) struct Stream {
     pub(super) losses: Losses,
 }
 
-/// A stop that was asked for.
+/// A stop that was requested.
 pub(super) struct Stopping {
     pub(super) at: HostTime,
     pub(super) reason: String,
-    /// Streams whose last samples may still be on their way.
+    /// Streams whose last samples may still be in transit.
     pub(super) waiting: Vec<bool>,
 }
 
@@ -103,7 +103,7 @@ impl Session {
         }
     }
 
-    /// What each stream came to, cameras first.
+    /// Account of each stream, cameras first.
     pub(super) fn account(&self) -> Vec<StreamAccount> {
         let account = |(position, stream): (usize, &Stream)| StreamAccount {
             name: stream.name.clone(),
@@ -122,13 +122,13 @@ impl Session {
         })
     }
 
-    /// Streams of which nothing came.
+    /// Streams without samples.
     pub(super) fn absent(&self) -> Vec<String> {
         let absent = self.streams.iter().filter(|s| s.stored + s.missing == 0);
         absent.map(|s| s.name.clone()).collect()
     }
 
-    /// Puts an item into the archive, with the gap records and frame sets that follow from it.
+    /// Stores an item in the archive, with the resulting gap records and frame sets.
     pub(super) fn store(&mut self, item: Outgoing) -> Result<(), WriteError> {
         match item {
             Outgoing::Frame {
@@ -149,8 +149,8 @@ impl Session {
                 let stream = &mut self.streams[camera];
                 stream.bytes += unit.len() as u64;
                 self.writer.append_frame(&stream.name, frame, &unit, key)?;
-                // What was lost just now must not get into a set.
-                self.note_incidents();
+                // A frame that was just lost must not get into a set.
+                self.record_incidents();
                 for set in self.sets.push(camera, number, time) {
                     self.frame_set(&set, host)?;
                 }
@@ -190,7 +190,7 @@ impl Session {
         }
     }
 
-    /// Takes samples into account; false if they are late or repeated and must not be stored.
+    /// Accounts for samples; false if they are late or repeated and must not be stored.
     fn place(
         &mut self,
         stream: usize,
@@ -202,7 +202,7 @@ impl Session {
     ) -> Result<bool, WriteError> {
         let tally = &mut self.streams[stream];
         let Some(gaps) = tally.tracker.samples(first, count, start, end) else {
-            log::warn!("{}: samples from {first} came late or twice", tally.name);
+            log::warn!("{}: samples from {first} were late or repeated", tally.name);
             return Ok(false);
         };
         tally.stored += count;
@@ -228,17 +228,18 @@ impl Session {
         self.writer.append("", at, host, gap)
     }
 
-    /// What the writer had to give up is missing too; it has written the gap records itself.
-    pub(super) fn note_incidents(&mut self) {
+    /// Counts samples that the writer could not store as missing; it has written the gap records
+    /// itself.
+    pub(super) fn record_incidents(&mut self) {
         for incident in self.writer.take_incidents() {
             for gap in &incident.lost {
-                self.note_lost(gap);
+                self.record_loss(gap);
             }
             self.incidents.push(incident);
         }
     }
 
-    fn note_lost(&mut self, gap: &Gap) {
+    fn record_loss(&mut self, gap: &Gap) {
         let Some(position) = self.streams.iter().position(|s| s.name == gap.stream) else {
             return;
         };
@@ -252,14 +253,14 @@ impl Session {
         }
     }
 
-    /// The session ends, and with it the alarms about what it loses: those that stand.
+    /// Ends the active alarms about losses with the session.
     pub(super) fn end_losses(&mut self) -> Vec<(String, bool)> {
         let losses = self.streams.iter_mut().map(|stream| &mut stream.losses);
         losses.filter_map(Losses::end).collect()
     }
 
-    /// What is on disk by now can no longer be lost.
-    pub(super) fn note_durable(&mut self) {
+    /// Marks samples that are on disk now.
+    pub(super) fn record_durable(&mut self) {
         let until = self.writer.durability().until;
         self.pending.retain(|(time, ..)| *time > until);
     }
@@ -280,8 +281,8 @@ impl Session {
         self.writer.append("", set.time, host, &record)
     }
 
-    /// Nothing more comes: the last frame sets, and gaps for what was reported behind the last
-    /// samples. Goes through to its end even if the disk fails, for the account.
+    /// At the end of all samples: stores the last frame sets, and gaps for losses reported behind
+    /// the last samples. Runs to its end even if the disk fails, for the account.
     pub(super) fn settle(&mut self) -> Result<(), WriteError> {
         let mut result = Ok(());
         for set in self.sets.flush() {
@@ -295,16 +296,17 @@ impl Session {
         result
     }
 
-    /// Ends the session; whether everything is on disk.
+    /// Ends the session; returns whether everything is on disk.
     pub(super) fn close(&mut self, stop: Stop) -> Result<(), WriteError> {
         let closed = self.writer.close(stop);
-        self.note_incidents();
+        self.record_incidents();
         closed.map(|_| ())
     }
 
-    /// The disk has failed for good: what is not known to be on it is missing.
+    /// After a permanent failure of the disk: counts samples that are not known to be on it as
+    /// missing.
     pub(super) fn write_off(&mut self) {
-        self.note_durable();
+        self.record_durable();
         for (_, stream, count) in std::mem::take(&mut self.pending) {
             let stream = &mut self.streams[stream];
             let lost = count.min(stream.stored);

@@ -1,4 +1,4 @@
-//! The recorder on hand-made items, virtual time and a disk that fails on demand.
+//! The recorder with hand-written items, virtual time and a disk that fails on demand.
 
 use std::sync::Mutex;
 use std::sync::atomic::{AtomicU64, Ordering};
@@ -20,18 +20,18 @@ use crate::clock::VirtualClock;
 const MS: i64 = 1_000_000;
 const START: HostTime = HostTime(1_000_000 * MS);
 
-/// What a test looks at afterwards.
+/// Results that a test inspects.
 #[derive(Clone, Default)]
 struct Bench {
     disks: Arc<Mutex<Vec<FaultStorage>>>,
     progress: Arc<Mutex<Vec<Progress>>>,
     free: Arc<Mutex<Option<u64>>>,
-    machine: Arc<Mutex<MachineLook>>,
-    /// Nothing can be deleted.
+    machine: Arc<Mutex<MachineReading>>,
+    /// Deleting fails.
     keeps: Arc<Mutex<bool>>,
-    /// Somebody has removed the folder of the session.
+    /// The folder of the session was removed.
     is_removed: Arc<Mutex<bool>>,
-    /// Of the first disk.
+    /// Faults of the first disk.
     faults: Vec<Fault>,
 }
 
@@ -60,14 +60,14 @@ impl SessionStore for Bench {
         *self.free.lock().expect("free")
     }
 
-    fn machine(&mut self, _: HostTime, _: bool) -> MachineLook {
-        let mut look = self.machine.lock().expect("machine").clone();
-        look.status.temperature_c = Some(41.5);
-        look
+    fn machine(&mut self, _: HostTime, _: bool) -> MachineReading {
+        let mut reading = self.machine.lock().expect("machine").clone();
+        reading.status.temperature_c = Some(41.5);
+        reading
     }
 }
 
-/// A recorder for two cameras and an IMU, fed with made-up samples in virtual time.
+/// A recorder for two cameras and an IMU, fed with synthetic samples in virtual time.
 struct Rig {
     recorder: Recorder,
     clock: Arc<VirtualClock>,
@@ -93,7 +93,7 @@ fn rig(pre_roll_ns: i64, bench: Bench) -> Rig {
         rate_hz: 20.0,
         tick: TickLength::NANOSECOND,
         trigger: None,
-        source: "made up".to_owned(),
+        source: "synthetic".to_owned(),
         encoder: "none".to_owned(),
     };
     let setup = Setup {
@@ -102,7 +102,7 @@ fn rig(pre_roll_ns: i64, bench: Bench) -> Rig {
             name: "feet/imu".to_owned(),
             rate_hz: 200.0,
             tick: TickLength::NANOSECOND,
-            source: "made up".to_owned(),
+            source: "synthetic".to_owned(),
         }],
         calibrations: Vec::new(),
         transforms: FrameTransforms::default(),
@@ -113,7 +113,7 @@ fn rig(pre_roll_ns: i64, bench: Bench) -> Rig {
         name: "walk".to_owned(),
         software: "tests".to_owned(),
     };
-    let seen = bench.progress.clone();
+    let delivered = bench.progress.clone();
     let (encoding, queued) = (Encoding::new(2), Arc::<AtomicU64>::default());
     let of_queue = queued.clone();
     let queues = Queues {
@@ -125,7 +125,7 @@ fn rig(pre_roll_ns: i64, bench: Bench) -> Rig {
         clock.clone(),
         Box::new(bench.clone()),
         queues,
-        Box::new(move |p| seen.lock().expect("progress").push(p)),
+        Box::new(move |p| delivered.lock().expect("progress").push(p)),
     );
     Rig {
         recorder,
@@ -226,15 +226,15 @@ impl Rig {
         });
     }
 
-    /// Samples stored and missing, as the user was told at the end.
+    /// Samples stored and missing, as reported at the end.
     fn account(&self) -> (u64, u64) {
-        let told = self.progress().into_iter().find_map(|p| match p {
+        let reported = self.progress().into_iter().find_map(|p| match p {
             Progress::Finished {
                 stored, missing, ..
             } => Some((stored, missing)),
             _ => None,
         });
-        told.expect("the session ended")
+        reported.expect("the session ended")
     }
 
     fn progress(&self) -> Vec<Progress> {
@@ -289,19 +289,22 @@ fn idle_armed_recording_stopping_armed() {
 }
 
 #[test]
-fn right_after_a_stop_a_camera_begins_with_the_key_frame_that_is_asked_for() {
+fn camera_begins_with_a_requested_key_frame_right_after_a_stop() {
     let mut rig = rig(1000 * MS, Bench::default());
     rig.steps(13);
     started(&mut rig);
     assert!(
-        rig.recorder.take_key_wishes().is_empty(),
+        rig.recorder.take_key_frame_requests().is_empty(),
         "there is a pre-roll"
     );
     rig.recorder.close_now("button");
     rig.steps(2);
     started(&mut rig);
-    assert_eq!(rig.recorder.take_key_wishes(), [0, 1]);
-    assert!(rig.recorder.take_key_wishes().is_empty(), "once is enough");
+    assert_eq!(rig.recorder.take_key_frame_requests(), [0, 1]);
+    assert!(
+        rig.recorder.take_key_frame_requests().is_empty(),
+        "once is enough"
+    );
     rig.steps(10);
     rig.recorder.close_now("button");
     for camera in ["left_shoulder", "feet"] {
@@ -321,7 +324,7 @@ fn right_after_a_stop_a_camera_begins_with_the_key_frame_that_is_asked_for() {
 }
 
 #[test]
-fn samples_on_their_way_over_a_stop_keep_their_clock_maps() {
+fn samples_in_transit_during_a_stop_keep_their_clock_maps() {
     let mut rig = rig(1000 * MS, Bench::default());
     let map = |rig: &mut Rig, version| {
         let map = ClockMap {
@@ -348,7 +351,7 @@ fn samples_on_their_way_over_a_stop_keep_their_clock_maps() {
     rig.steps(2);
     started(&mut rig);
     rig.recorder.close_now("button");
-    // A frame of version 2 may have been in the encoder while version 3 came.
+    // A frame of version 2 may have been in the encoder when version 3 arrived.
     assert_eq!(versions(&rig), [1, 2, 3]);
     rig.steps(100);
     map(&mut rig, 4);
@@ -384,7 +387,7 @@ fn the_pre_roll_begins_with_key_frames_from_before_the_press() {
 }
 
 #[test]
-fn without_a_pre_roll_a_session_begins_at_the_press_with_key_frames_that_are_asked_for() {
+fn session_without_pre_roll_begins_at_the_press_with_requested_key_frames() {
     let mut rig = rig(0, Bench::default());
     let map = ClockMap {
         clock: "feet".to_owned(),
@@ -396,7 +399,7 @@ fn without_a_pre_roll_a_session_begins_at_the_press_with_key_frames_that_are_ask
     let press = rig.now();
     started(&mut rig);
     assert_eq!(rig.messages::<Event>("").len(), 0, "nothing is on disk yet");
-    assert_eq!(rig.recorder.take_key_wishes(), [0, 1]);
+    assert_eq!(rig.recorder.take_key_frame_requests(), [0, 1]);
     rig.steps(6);
     rig.recorder.close_now("button");
     let frames: Vec<Frame> = rig.messages("feet");
@@ -404,14 +407,15 @@ fn without_a_pre_roll_a_session_begins_at_the_press_with_key_frames_that_are_ask
     let batches: Vec<ImuBatch> = rig.messages("feet/imu");
     assert_eq!(batches[0].times[0], press.0);
     let maps: Vec<ClockMap> = rig.messages("feet");
-    assert_eq!(maps.len(), 1, "its times can be told by it");
+    assert_eq!(maps.len(), 1, "its times can be mapped with it");
 }
 
-/// What the cameras still deliver after a stop, on a rig whose IMU never does, must not be there an hour later.
+/// Samples that cameras deliver after a stop, on a rig whose IMU never delivers, must not be in a
+/// session an hour later.
 #[test]
-fn what_came_after_a_stop_is_not_in_the_next_session() {
+fn samples_after_a_stop_are_not_in_the_next_session() {
     let mut rig = rig(0, Bench::default());
-    let pictures = |rig: &mut Rig, periods| {
+    let images = |rig: &mut Rig, periods| {
         for _ in 0..periods {
             rig.frame(0);
             rig.frame(1);
@@ -420,10 +424,10 @@ fn what_came_after_a_stop_is_not_in_the_next_session() {
         }
     };
     started(&mut rig);
-    pictures(&mut rig, 15);
+    images(&mut rig, 15);
     rig.recorder.stop("button").expect("stop");
     // Number 20 is a key frame.
-    pictures(&mut rig, 10);
+    images(&mut rig, 10);
     assert_eq!(rig.recorder.state(), State::Idle, "the stop is over");
     rig.clock.advance_to(rig.now() + 60 * NS_PER_S);
     rig.next = [1300; 2];
@@ -431,14 +435,14 @@ fn what_came_after_a_stop_is_not_in_the_next_session() {
     started(&mut rig);
     let begun = rig.recorder.session.as_ref().map(|s| s.started);
     assert_eq!(begun, Some(press));
-    pictures(&mut rig, 10);
+    images(&mut rig, 10);
     rig.recorder.close_now("button");
     assert_eq!(rig.messages::<Gap>(""), []);
     assert_eq!(rig.messages::<Frame>("feet")[0].number, 1300);
 }
 
 #[test]
-fn a_pre_roll_is_not_taken_from_before_a_silence() {
+fn pre_roll_excludes_samples_before_a_silence() {
     let mut rig = rig(1000 * MS, Bench::default());
     rig.steps(50);
     rig.clock.advance_to(rig.now() + 60 * NS_PER_S);
@@ -446,16 +450,16 @@ fn a_pre_roll_is_not_taken_from_before_a_silence() {
     started(&mut rig);
     let begun = rig.recorder.session.as_ref().map(|s| s.started);
     assert_eq!(begun, Some(press));
-    assert_eq!(rig.recorder.take_key_wishes(), [0, 1]);
+    assert_eq!(rig.recorder.take_key_frame_requests(), [0, 1]);
 }
 
 #[test]
-fn a_stop_waits_for_frames_that_were_received_before_it_and_not_for_ever() {
+fn stop_waits_for_frames_received_before_it_with_a_limit() {
     let mut rig = rig(0, Bench::default());
     rig.steps(20);
     started(&mut rig);
     rig.steps(10);
-    // A frame taken before the press is still in the encoder.
+    // A frame captured before the press is still in the encoder.
     let late = Frame {
         number: rig.next[0],
         time: rig.now().0,
@@ -513,7 +517,7 @@ fn every_loss_becomes_a_gap_with_its_cause() {
         rig.next[1] + 1,
         Cause::EncoderOverload,
     ));
-    // Two are reported, two only the device knows of.
+    // Two are reported, two only the device counted.
     for _ in 0..4 {
         rig.next[1] += 1;
         rig.frame(0);
@@ -544,7 +548,7 @@ fn every_loss_becomes_a_gap_with_its_cause() {
 }
 
 #[test]
-fn a_full_disk_ends_in_a_closed_session() {
+fn full_disk_ends_in_a_closed_session() {
     let bench = Bench::default();
     *bench.free.lock().expect("free") = Some(10 << 30);
     let mut rig = rig(0, bench);
@@ -568,10 +572,10 @@ fn a_full_disk_ends_in_a_closed_session() {
     assert!(refused.contains("900 MB are free"), "{refused}");
 }
 
-/// Whatever write or sync fails, for good or once: the session can be opened, is accounted for, and
-/// the user is told.
+/// Whatever write or sync fails, permanently or once: the session can be opened, is accounted for,
+/// and the failure is reported.
 #[test]
-fn a_failing_disk_ends_in_a_valid_session_and_a_clear_message() {
+fn failing_disk_ends_in_a_valid_session_and_a_clear_message() {
     let run = |fault: Option<Fault>| {
         let mut rig = rig(
             0,
@@ -597,7 +601,7 @@ fn a_failing_disk_ends_in_a_valid_session_and_a_clear_message() {
         ] {
             let rig = run(Some(Fault { at, kind, keep: 17 }));
             let progress = rig.progress();
-            let told = progress.iter().any(|p| {
+            let reported = progress.iter().any(|p| {
                 matches!(p, Progress::Finished { error: Some(_), .. })
                     || matches!(p, Progress::Alarm { active: true, .. })
             });
@@ -630,7 +634,7 @@ fn a_failing_disk_ends_in_a_valid_session_and_a_clear_message() {
             } else {
                 let whole = report.streams["feet"].samples == 40;
                 assert!(
-                    told || whole || rig.recorder.fault.is_some(),
+                    reported || whole || rig.recorder.fault.is_some(),
                     "{kind:?} at {at}"
                 );
             }
@@ -692,7 +696,7 @@ fn marks_health_and_alarms_are_in_the_session() {
 }
 
 #[test]
-fn a_discarded_session_is_gone() {
+fn discarded_session_is_deleted() {
     let mut rig = rig(0, Bench::default());
     rig.steps(10);
     started(&mut rig);
@@ -704,7 +708,7 @@ fn a_discarded_session_is_gone() {
 }
 
 #[test]
-fn alarms_about_the_disk_end_with_their_cause() {
+fn disk_alarms_end_with_their_cause() {
     let bench = Bench::default();
     let free = bench.free.clone();
     let set = |bytes| *free.lock().expect("free") = Some(bytes);
@@ -727,10 +731,10 @@ fn alarms_about_the_disk_end_with_their_cause() {
     assert_eq!(rig.recorder.status().alarms, [DISK_FULL], "before a press");
 }
 
-/// Two failures in a row cost the last chunk; that the gap records in its place could be written must
-/// not hide it.
+/// Two failures in a row lose the last chunk; the gap records written instead of it must not hide
+/// this.
 #[test]
-fn what_is_lost_while_closing_is_told() {
+fn losses_while_closing_are_reported() {
     let run = |faults: Vec<Fault>| {
         let bench = Bench {
             faults,
@@ -750,7 +754,7 @@ fn what_is_lost_while_closing_is_told() {
         .iter()
         .position(|o| matches!(o, Operation::Append(_)))
         .expect("a chunk") as u64;
-    // The chunk, and after cutting it back the segment that it was to go into instead.
+    // The chunk, and after cutting it back the segment into which it was to go instead.
     let faults = [0, 2].map(|later| Fault {
         at: before + append + later,
         kind: FaultKind::InputOutput,
@@ -771,7 +775,7 @@ fn what_is_lost_while_closing_is_told() {
 }
 
 #[test]
-fn after_a_failed_start_the_pre_roll_is_still_there_and_the_folder_is_not() {
+fn failed_start_keeps_the_pre_roll_and_removes_the_folder() {
     let fault = Fault {
         at: 3,
         kind: FaultKind::InputOutput,
@@ -794,9 +798,9 @@ fn after_a_failed_start_the_pre_roll_is_still_there_and_the_folder_is_not() {
 }
 
 #[test]
-fn a_pre_roll_that_takes_too_many_bytes_is_an_alarm() {
+fn pre_roll_over_the_byte_limit_is_an_alarm() {
     let mut rig = rig(10_000 * MS, Bench::default());
-    let unit = Bytes::from(vec![0; LIMIT_BYTES / 20]);
+    let unit = Bytes::from(vec![0; MAX_PRE_ROLL_BYTES / 20]);
     for number in 0..30 {
         let time = rig.now().0;
         let frame = Frame {
@@ -821,9 +825,9 @@ fn a_pre_roll_that_takes_too_many_bytes_is_an_alarm() {
     assert!(rig.recorder.status().alarms.is_empty());
 }
 
-/// Else a camera that was never there would leave a recording of which nothing is missing.
+/// Otherwise a camera that was never present would leave a recording without any missing sample.
 #[test]
-fn streams_of_which_nothing_came_are_named() {
+fn streams_without_samples_are_named() {
     let mut rig = rig(0, Bench::default());
     let absent = |rig: &Rig| {
         let progress = rig.bench.progress.lock().expect("progress");
@@ -847,14 +851,14 @@ fn the_last_recording_can_be_discarded_once() {
     let discard = |rig: &mut Rig| rig.recorder.request(Request::DiscardLast, "button");
     assert!(
         matches!(discard(&mut rig), Response::Error { .. }),
-        "none was made"
+        "none was created"
     );
     rig.steps(5);
     started(&mut rig);
     rig.steps(5);
     assert!(
         matches!(discard(&mut rig), Response::Error { .. }),
-        "it is being made"
+        "it is being created"
     );
     rig.recorder.close_now("button");
     assert_eq!(rig.bench.disks.lock().expect("disks").len(), 1);
@@ -868,17 +872,18 @@ fn the_last_recording_can_be_discarded_once() {
     assert!(rig.bench.disks.lock().expect("disks").is_empty());
     assert!(
         matches!(discard(&mut rig), Response::Error { .. }),
-        "it is gone"
+        "it no longer exists"
     );
 }
 
-/// A hot machine is told, spared, stopped before the kernel switches it off, and does not start again.
+/// A hot machine raises an alarm, is relieved, is stopped before the kernel switches it off, and
+/// does not start again.
 #[test]
-fn a_machine_that_gets_too_hot_is_spared_and_then_stopped() {
+fn overheating_degrades_and_then_stops_the_recording() {
     let mut rig = rig(0, Bench::default());
     rig.steps(5);
     started(&mut rig);
-    let mut seen = Vec::new();
+    let mut delivered = Vec::new();
     for second in 0..240 {
         let margin_c = 20.0 - f64::from(second) * 0.2;
         rig.bench.machine.lock().expect("machine").pressure.heat = Some(Heat {
@@ -894,14 +899,14 @@ fn a_machine_that_gets_too_hot_is_spared_and_then_stopped() {
             streams: Vec::new(),
         });
         let status = rig.recorder.status();
-        if seen.last() != Some(&status.sparing) {
-            seen.push(status.sparing.clone());
+        if delivered.last() != Some(&status.degradation) {
+            delivered.push(status.degradation.clone());
         }
         let is_hot = status.concerns.contains(&Concern::Heat);
-        assert_eq!(is_hot, status.sparing != "normal", "{status:?}");
+        assert_eq!(is_hot, status.degradation != "normal", "{status:?}");
     }
     assert_eq!(
-        seen,
+        delivered,
         [
             "normal",
             "warn",
@@ -915,9 +920,10 @@ fn a_machine_that_gets_too_hot_is_spared_and_then_stopped() {
     assert!(refused.starts_with("not now: "), "{refused}");
 }
 
-/// A press right after another: the encoder of a camera has not given its first frame yet.
+/// A press immediately after another: the encoder of a camera has not delivered its first frame
+/// yet.
 #[test]
-fn a_short_recording_waits_for_the_first_frame() {
+fn short_recording_waits_for_the_first_frame() {
     let mut rig = rig(0, Bench::default());
     rig.steps(20);
     started(&mut rig);
@@ -946,9 +952,10 @@ fn a_short_recording_waits_for_the_first_frame() {
     assert_eq!(stored.last().map(|f| f.number), Some(rig.next[0]));
 }
 
-/// Encoders that are behind at the stop: what they still give belongs to the session, but not for ever.
+/// Encoders that lag at the stop: the frames that they still deliver belong to the session, up to a
+/// limit.
 #[test]
-fn a_stop_waits_for_encoders_that_are_behind() {
+fn stop_waits_for_lagging_encoders() {
     let mut rig = rig(0, Bench::default());
     rig.steps(20);
     started(&mut rig);
@@ -961,7 +968,7 @@ fn a_stop_waits_for_encoders_that_are_behind() {
     let mut given = 0;
     while rig.recorder.state() == State::Stopping {
         assert!(
-            rig.now() <= at + STOP_MAX_NS + 2 * NS_PER_S,
+            rig.now() <= at + MAX_STOP_NS + 2 * NS_PER_S,
             "it never ends"
         );
         rig.clock.advance_to(rig.now() + NS_PER_S);
@@ -984,12 +991,13 @@ fn a_stop_waits_for_encoders_that_are_behind() {
     let stored: Vec<Frame> = rig.messages("left_shoulder");
     let late = stored.iter().filter(|f| f.number >= first).count() as i64;
     assert_eq!(late, given, "all that came is stored");
-    assert!(given >= STOP_MAX_NS / NS_PER_S - 1, "{given}");
+    assert!(given >= MAX_STOP_NS / NS_PER_S - 1, "{given}");
 }
 
-/// Loss is an alarm within two seconds, says why, and is told at the end as a share of the frames.
+/// A loss raises an alarm with its cause within two seconds, and is reported at the end as a
+/// fraction of the frames.
 #[test]
-fn loss_is_an_alarm_and_a_share_of_the_frames_of_its_camera() {
+fn loss_is_an_alarm_and_a_fraction_of_the_cameras_frames() {
     let mut rig = rig(0, Bench::default());
     rig.steps(10);
     started(&mut rig);
@@ -997,7 +1005,7 @@ fn loss_is_an_alarm_and_a_share_of_the_frames_of_its_camera() {
     rig.step();
     for step in 0..60 {
         if step < 30 {
-            // Every other frame of one camera does not get through its encoder.
+            // Every other frame of one camera is lost in its encoder.
             rig.recorder.handle(Outgoing::Dropped {
                 at: rig.now(),
                 stream: "feet".to_owned(),
@@ -1013,7 +1021,7 @@ fn loss_is_an_alarm_and_a_share_of_the_frames_of_its_camera() {
             rig.health();
         }
         if step == 29 {
-            // From here page and lights have it.
+            // Page and lights use this status.
             let status = rig.recorder.status();
             assert_eq!(status.concerns, [Concern::Stream].into());
             assert!(
@@ -1059,7 +1067,7 @@ fn loss_is_an_alarm_and_a_share_of_the_frames_of_its_camera() {
     assert_eq!(streams[0].missing, 0);
 }
 
-/// A frame of each of these streams that did not get through its encoder.
+/// A frame of each of these streams that is lost in its encoder.
 fn lose(rig: &mut Rig, streams: &[&str]) {
     for stream in streams {
         rig.recorder.handle(Outgoing::Dropped {
@@ -1074,7 +1082,7 @@ fn lose(rig: &mut Rig, streams: &[&str]) {
 }
 
 #[test]
-fn a_discarded_session_takes_its_alarms_along() {
+fn discarding_a_session_clears_its_alarms() {
     let mut rig = rig(0, Bench::default());
     rig.steps(10);
     started(&mut rig);
@@ -1092,9 +1100,10 @@ fn a_discarded_session_takes_its_alarms_along() {
     assert_eq!(rig.progress().pop(), Some(over));
 }
 
-/// The disk fails while the first of two alarms is written, which ends the session and both of them.
+/// The disk fails while the first of two alarms is written, which ends the session and both of
+/// them.
 #[test]
-fn no_alarm_about_losses_outlives_the_session() {
+fn loss_alarms_end_with_the_session() {
     let run = |faults: Vec<Fault>| {
         let bench = Bench {
             faults,
@@ -1126,13 +1135,13 @@ fn no_alarm_about_losses_outlives_the_session() {
         alarms.len() == 1 && alarms[0].contains("ended by a failure"),
         "{alarms:?}"
     );
-    let mut told: BTreeMap<String, bool> = BTreeMap::new();
+    let mut reported: BTreeMap<String, bool> = BTreeMap::new();
     for progress in rig.progress() {
         if let Progress::Alarm { text, active } = progress {
-            told.insert(text, active);
+            reported.insert(text, active);
         }
     }
-    let standing: Vec<String> = told
+    let standing: Vec<String> = reported
         .into_iter()
         .filter_map(|(text, active)| active.then_some(text))
         .filter(|text| text.contains("samples are being lost"))
@@ -1141,7 +1150,7 @@ fn no_alarm_about_losses_outlives_the_session() {
 }
 
 #[test]
-fn a_session_whose_folder_is_removed_ends_with_the_next_chunk() {
+fn session_ends_with_the_next_chunk_after_its_folder_is_removed() {
     let bench = Bench::default();
     let mut rig = rig(0, bench.clone());
     rig.steps(10);
@@ -1153,7 +1162,7 @@ fn a_session_whose_folder_is_removed_ends_with_the_next_chunk() {
         rig.step();
         assert!(
             rig.now().since(removed) <= 1_000 * MS + PERIOD,
-            "it goes on"
+            "it continues"
         );
     }
     assert_eq!(rig.recorder.state(), State::Fault);
@@ -1165,23 +1174,23 @@ fn a_session_whose_folder_is_removed_ends_with_the_next_chunk() {
 }
 
 #[test]
-fn a_recording_without_lenses_says_so_when_it_starts() {
+fn recording_without_intrinsics_is_noted_at_the_start() {
     let bench = Bench::default();
     let mut rig = rig(0, bench);
     rig.recorder.start("walk", "test").expect("a session");
     let notes = rig.recorder.status().notes;
     let progress = rig.bench.progress.lock().expect("progress").clone();
-    let told = progress.iter().find_map(|p| match p {
+    let reported = progress.iter().find_map(|p| match p {
         Progress::Started { notes, .. } => Some(notes.clone()),
         _ => None,
     });
-    assert_eq!(told.as_ref(), Some(&notes));
+    assert_eq!(reported.as_ref(), Some(&notes));
     assert!(
         notes[0].starts_with("the lenses of left_shoulder, feet are not known")
             && notes[0].contains("`paws calib cameras "),
         "{notes:?}"
     );
-    // Both eyes have to be known, and then there is nothing to say.
+    // Both eyes must be calibrated, and then there is no note.
     let mut setup = rig.recorder.setup.clone();
     let lens = |eye: &str| (eye.to_owned(), CameraCalibration::default());
     let eyes = ["feet/left", "left_shoulder/left", "left_shoulder/right"];

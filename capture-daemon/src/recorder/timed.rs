@@ -1,4 +1,4 @@
-//! A storage that tells how long its writes and syncs took.
+//! Storage wrapper that measures the duration of writes and syncs.
 
 use std::io;
 use std::sync::Arc;
@@ -8,9 +8,9 @@ use session_archive::storage::{ReadAt, Storage, WriteFile};
 
 use crate::clock::Clock;
 
-/// Longest write and sync since they were last asked for.
+/// Maximum durations of a write and of a sync since they were last taken.
 #[derive(Default)]
-struct Longest {
+struct MaxDurations {
     write_ns: AtomicI64,
     sync_ns: AtomicI64,
 }
@@ -19,7 +19,7 @@ struct Longest {
 pub(super) struct TimedStorage {
     inner: Arc<dyn Storage>,
     clock: Arc<dyn Clock>,
-    longest: Arc<Longest>,
+    max_durations: Arc<MaxDurations>,
 }
 
 impl TimedStorage {
@@ -27,32 +27,35 @@ impl TimedStorage {
         Self {
             inner,
             clock,
-            longest: Arc::default(),
+            max_durations: Arc::default(),
         }
     }
 
-    /// Longest write and longest sync since the last call, ns.
-    pub(super) fn take_longest(&self) -> (u64, u64) {
+    /// Maximum durations of a write and of a sync since the last call, ns.
+    pub(super) fn take_max_durations(&self) -> (u64, u64) {
         let take = |a: &AtomicI64| a.swap(0, Ordering::Relaxed).max(0) as u64;
-        (take(&self.longest.write_ns), take(&self.longest.sync_ns))
+        (
+            take(&self.max_durations.write_ns),
+            take(&self.max_durations.sync_ns),
+        )
     }
 }
 
 struct TimedFile {
     inner: Box<dyn WriteFile>,
     clock: Arc<dyn Clock>,
-    longest: Arc<Longest>,
+    max_durations: Arc<MaxDurations>,
 }
 
 impl TimedFile {
     fn measure(
         &mut self,
-        which: fn(&Longest) -> &AtomicI64,
+        which: fn(&MaxDurations) -> &AtomicI64,
         call: impl FnOnce(&mut dyn WriteFile) -> io::Result<()>,
     ) -> io::Result<()> {
         let before = self.clock.now();
         let result = call(&mut *self.inner);
-        which(&self.longest).fetch_max(self.clock.now() - before, Ordering::Relaxed);
+        which(&self.max_durations).fetch_max(self.clock.now() - before, Ordering::Relaxed);
         result
     }
 }
@@ -60,11 +63,11 @@ impl TimedFile {
 impl Storage for TimedStorage {
     fn create(&self, path: &str) -> io::Result<Box<dyn WriteFile>> {
         let inner = self.inner.create(path)?;
-        let (clock, longest) = (self.clock.clone(), self.longest.clone());
+        let (clock, max_durations) = (self.clock.clone(), self.max_durations.clone());
         Ok(Box::new(TimedFile {
             inner,
             clock,
-            longest,
+            max_durations,
         }))
     }
 

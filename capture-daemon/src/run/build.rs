@@ -1,4 +1,4 @@
-//! From a configuration to sources, hub and recorder set-ups.
+//! Construction of sources, hub setup and recorder setup from a configuration.
 
 use std::fmt;
 use std::path::Path;
@@ -30,21 +30,22 @@ use crate::sources::video_file::VideoReplay;
 use crate::sources::{AnySource, CameraInfo, Source, SourceInfo, rig_file_name};
 use crate::sync::clock::ClockConfig;
 
-/// Everything that a run needs.
+/// All parts of a run.
 pub struct Built {
     /// One source per camera, in the order of the configuration.
     pub sources: Vec<AnySource>,
-    /// For the hub.
+    /// Setup of the hub.
     pub cameras: Vec<CameraSetup>,
-    /// For the recorder.
+    /// Setup of the recorder.
     pub setup: Setup,
 }
 
 impl Built {
-    /// Lets scheduled sources begin at `start`; from then on the session's files hold what they know to be true.
+    /// Lets scheduled sources begin at `start`; from then on the session's files contain their
+    /// ground truth.
     ///
     /// # Errors
-    /// Two sources have different truths of one name.
+    /// Two sources have different ground truth under one name.
     pub(super) fn begin_at(&mut self, start: HostTime) -> anyhow::Result<()> {
         for source in &mut self.sources {
             if let AnySource::Scheduled(source) = source {
@@ -56,11 +57,11 @@ impl Built {
     }
 }
 
-/// Opens the sources, finds an encoder for them, reads rig and calibrations.
-/// Scheduled sources begin at `start`.
+/// Opens the sources, selects an encoder for them, reads rig and calibrations. Scheduled sources
+/// begin at `start`.
 ///
 /// # Errors
-/// What cannot be opened, found or read, with the camera's name.
+/// A part that cannot be opened, found or read, with the camera's name.
 pub fn build(config: &Config, start: HostTime) -> anyhow::Result<Built> {
     video::init()?;
     let rig = read_rig(config.rig.as_deref())?;
@@ -168,7 +169,7 @@ fn open(
     Ok(AnySource::Scheduled(scheduled))
 }
 
-/// The encoder of all cameras of a run.
+/// Encoder of all cameras of a run.
 #[derive(Clone, Debug, PartialEq)]
 pub(crate) struct ChosenEncoder {
     /// Luma pixels per second of all cameras together.
@@ -179,7 +180,7 @@ pub(crate) struct ChosenEncoder {
 }
 
 impl fmt::Display for ChosenEncoder {
-    /// As `x264enc, ultrafast`.
+    /// Formats as `x264enc, ultrafast`.
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         f.write_str(&self.element)?;
         if self.element == "x264enc" {
@@ -189,7 +190,7 @@ impl fmt::Display for ChosenEncoder {
     }
 }
 
-/// The encoder that the configuration names, if it works; or the best that does at every camera's size.
+/// The configured encoder, if it works, or else the best one that works at every camera's size.
 pub(crate) fn choose_encoder<'a>(
     config: &Config,
     cameras: impl Iterator<Item = &'a CameraInfo>,
@@ -217,7 +218,7 @@ pub(crate) fn choose_encoder<'a>(
     })
 }
 
-/// A camera for the manifest, and for the hub.
+/// Descriptions of a camera for the manifest and for the hub.
 fn describe(
     config: &Config,
     camera: &config::Camera,
@@ -232,7 +233,7 @@ fn describe(
         rate_hz: info.camera.rate_hz,
         quality_db: config.encoder.quality_db,
         threads: config.encoder.threads,
-        // Key frames are forced at the chunks' boundaries; this only catches what forcing misses.
+        // Key frames are forced at the chunk boundaries; this only covers missed ones.
         max_key_interval_frames: (2.0 * chunk_s * info.camera.rate_hz).ceil().max(1.0) as u32,
         preset: chosen.preset,
     };
@@ -283,7 +284,7 @@ fn describe(
     (listed, of_hub)
 }
 
-/// The calibration file that was named, or what came with the source.
+/// Stereo calibration from the configured file, or else from the source.
 fn stereo_calibration(
     camera: &config::Camera,
     info: &SourceInfo,
@@ -347,7 +348,8 @@ fn add_files(
 ) -> anyhow::Result<()> {
     for (name, content) in found {
         match files.iter().find(|(n, _)| *n == name) {
-            // The data set's own file named as the calibration too, or the truth about one walk.
+            // The data set's own file configured as the calibration too, or the ground truth of one
+            // walk.
             Some((_, kept)) if *kept == content => {}
             Some(_) => bail!("two different files would be kept as rig/{name}"),
             None => files.push((name, content)),
@@ -378,8 +380,8 @@ fn read(path: &Path) -> anyhow::Result<Vec<u8>> {
         .with_context(|| format!("reading {}", path.display()))
 }
 
-/// The transforms of the session: what the rig file says, and for frames that it does not have,
-/// what the calibrations say.
+/// Transforms of the session: those of the rig file, and those of the calibrations for frames that
+/// it does not contain.
 struct Transforms {
     at: HostTime,
     known: Vec<Frame>,

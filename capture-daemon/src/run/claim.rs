@@ -1,8 +1,10 @@
-//! Whose a session is while it is written: a lock on its folder, for programs that know nothing of each other.
+//! Ownership of a session while it is written: a lock on its folder, for programs that know nothing
+//! of each other.
 //!
-//! Contract: whoever records or closes a session holds its [`Claim`], from before there is anything in it until the
-//! last byte is written. The system lets it go when the program ends, however that ends. A file system without
-//! locks has no claims: then sessions are safe from each other only within one program.
+//! Contract: a program that records or closes a session holds its [`Claim`], from before there is
+//! anything in it until the last byte is written. The system releases it when the program ends,
+//! however that happens. A file system without locks has no claims: then sessions are protected
+//! only within one program.
 
 use std::fs::File;
 use std::io;
@@ -10,17 +12,17 @@ use std::path::Path;
 
 use session_archive::storage::{DiskStorage, ReadAt, Storage, WriteFile};
 
-/// A session's folder is ours until this is dropped.
+/// A session's folder belongs to this program until this is dropped.
 #[derive(Debug)]
 pub(super) struct Claim {
     _folder: File,
 }
 
 impl Claim {
-    /// Claims the session in this folder; waits for whoever has it.
+    /// Claims the session in this folder; waits for the present owner.
     ///
     /// # Errors
-    /// The folder is not there, or its file system has no locks.
+    /// The folder does not exist, or its file system has no locks.
     pub(super) fn wait(session: &Path) -> io::Result<Self> {
         let folder = File::open(session)?;
         folder.lock()?;
@@ -28,21 +30,21 @@ impl Claim {
     }
 }
 
-/// Whether somebody has claimed the session in this folder.
+/// Whether another program has claimed the session in this folder.
 pub(super) fn is_claimed(session: &Path) -> bool {
-    // Shared, so that those who look do not see each other.
-    let looked = File::open(session).map(|folder| folder.try_lock_shared());
-    matches!(looked, Ok(Err(std::fs::TryLockError::WouldBlock)))
+    // Shared, so that several checks do not see each other.
+    let lock = File::open(session).map(|folder| folder.try_lock_shared());
+    matches!(lock, Ok(Err(std::fs::TryLockError::WouldBlock)))
 }
 
-/// A session's folder with the claim to it.
-pub(super) struct Claimed {
+/// Storage in a session's folder, with the claim to it.
+pub(super) struct ClaimedStorage {
     storage: DiskStorage,
     _claim: Option<Claim>,
 }
 
-impl Claimed {
-    /// A folder that is new, so that nobody can have claimed it for longer than a look takes.
+impl ClaimedStorage {
+    /// Claims a new folder, which another program can hold only for the duration of a check.
     pub(super) fn new(session: &Path) -> Self {
         let claim = Claim::wait(session)
             .inspect_err(|error| log::warn!("claiming a session: {error}: {}", session.display()));
@@ -53,7 +55,7 @@ impl Claimed {
     }
 }
 
-impl Storage for Claimed {
+impl Storage for ClaimedStorage {
     fn create(&self, path: &str) -> io::Result<Box<dyn WriteFile>> {
         self.storage.create(path)
     }
@@ -88,10 +90,10 @@ mod tests {
     use super::*;
 
     #[test]
-    fn a_session_is_claimed_until_its_storage_is_gone() {
+    fn session_is_claimed_until_its_storage_is_dropped() {
         let folder = tempfile::tempdir().expect("folder");
         assert!(!is_claimed(folder.path()));
-        let claimed = Claimed::new(folder.path());
+        let claimed = ClaimedStorage::new(folder.path());
         assert!(is_claimed(folder.path()) && is_claimed(folder.path()));
         drop(claimed);
         assert!(!is_claimed(folder.path()));

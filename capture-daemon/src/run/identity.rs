@@ -1,13 +1,15 @@
 //! Identifiers of recordings in virtual time.
 //!
-//! A recording in virtual time happens at no time, so its identifier cannot be made of the time as those of real ones are
-//! (UUID version 7). It is a UUID of version 8, made of everything that decides what comes out: the program's version, the
-//! configuration as far as it shows in a session, name and length, and what the sources read. So the same recording has
-//! the same identifier on every machine, in every folder; recordings that differ in any of this have others and lie side
-//! by side in a library; and none is taken for a real one.
+//! A recording in virtual time has no date, so its identifier cannot be derived from the time like
+//! those of real recordings (UUID version 7). It is a UUID of version 8, a digest of all inputs:
+//! the program's version, the configuration as far as it affects a session, name and length, and
+//! the data read by the sources. So the same recording has the same identifier on every machine, in
+//! every folder; recordings that differ in any input have different ones and can be stored in the
+//! same library; and none can be confused with a real one.
 //!
-//! Where sessions go, and where files lie, does not count. Files of frames, bags and videos count by their names, lengths,
-//! first and last [`EDGE`] bytes, calibration files and truth by all their bytes.
+//! The folders of sessions and files are not part of the digest. Image files, bags and videos
+//! contribute their names, lengths, first and last [`EDGE_BYTES`] bytes; calibration files and
+//! ground truth all their bytes.
 
 use std::fmt::Debug;
 use std::fs::File;
@@ -17,10 +19,12 @@ use std::path::Path;
 use super::{Built, RecordOptions};
 use crate::sources::AnySource;
 
-/// Bytes at both ends of a large file that count: the end of a PNG holds the checksum of its pixels.
-const EDGE: u64 = 4096;
+/// Number of bytes at both ends of a large file that enter the digest: the end of a PNG contains
+/// the checksum of its pixels.
+const EDGE_BYTES: u64 = 4096;
 
-/// What an identifier is made of; each part with its length, so that no two ways of cutting the same bytes are alike.
+/// Input of an identifier. Each part is preceded by its length, so that different partitions of the
+/// same bytes differ.
 pub(crate) struct Digest(blake3::Hasher);
 
 impl Digest {
@@ -35,12 +39,14 @@ impl Digest {
         self.0.update(bytes);
     }
 
-    /// A value by its fields; floating-point numbers print as the shortest text that reads back the same.
+    /// Adds a value by its fields; floating-point numbers are printed as the shortest text that
+    /// parses to the same value.
     pub(crate) fn value(&mut self, value: &impl Debug) {
         self.bytes(format!("{value:?}").as_bytes());
     }
 
-    /// A file by name, length and both ends; what cannot be read counts by its name alone, and fails where it is used.
+    /// Adds a file by name, length and both ends. An unreadable file contributes its name only, and
+    /// fails where it is used.
     pub(crate) fn file(&mut self, path: &Path) {
         let name = path.file_name().unwrap_or_default();
         self.bytes(name.as_encoded_bytes());
@@ -63,15 +69,17 @@ fn edges(path: &Path) -> io::Result<(u64, Vec<u8>)> {
     let mut file = File::open(path)?;
     let length = file.metadata()?.len();
     let mut bytes = Vec::new();
-    Read::by_ref(&mut file).take(EDGE).read_to_end(&mut bytes)?;
-    if length > EDGE {
-        file.seek(SeekFrom::Start((length - EDGE).max(EDGE)))?;
-        file.take(EDGE).read_to_end(&mut bytes)?;
+    Read::by_ref(&mut file)
+        .take(EDGE_BYTES)
+        .read_to_end(&mut bytes)?;
+    if length > EDGE_BYTES {
+        file.seek(SeekFrom::Start((length - EDGE_BYTES).max(EDGE_BYTES)))?;
+        file.take(EDGE_BYTES).read_to_end(&mut bytes)?;
     }
     Ok((length, bytes))
 }
 
-/// The bytes of the identifier; the caller sets those that make it a UUID.
+/// Bytes of the identifier; the caller sets the bits that make it a UUID.
 pub(super) fn of(built: &Built, options: &RecordOptions) -> [u8; 16] {
     let Built {
         sources,
@@ -120,7 +128,7 @@ mod tests {
     }
 
     #[test]
-    fn a_file_counts_by_name_length_and_both_ends_wherever_it_lies() {
+    fn file_digest_covers_name_length_and_both_ends_but_not_the_folder() {
         let [a, b] = [(); 2].map(|()| tempfile::tempdir().expect("folder"));
         let put = |folder: &tempfile::TempDir, name: &str, bytes: &[u8]| {
             let path = folder.path().join(name);
@@ -144,7 +152,7 @@ mod tests {
     }
 
     #[test]
-    fn parts_are_told_apart() {
+    fn parts_are_delimited() {
         let of = |parts: [&[u8]; 2]| {
             let mut digest = Digest::new("test");
             for part in parts {

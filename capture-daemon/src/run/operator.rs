@@ -1,8 +1,8 @@
-//! The operator's button, light and beeper, and what they have to do with the recorder.
+//! The operator's buttons, lights and beepers, connected to the recorder.
 //!
-//! Contract: a wish is carried out as soon as it is made; what came of it is shown at once. What lasts is shown
-//! whenever [`Operator::show`] is called. A light that fails or a button that is gone is logged and waited for; neither
-//! stops a recording.
+//! Contract: a command is executed as soon as it is given; its result is shown immediately. Lasting
+//! states are shown whenever [`Operator::show`] is called. A failing light or a disconnected button
+//! is logged and waited for; neither stops a recording.
 
 use std::collections::BTreeSet;
 use std::sync::atomic::{AtomicBool, Ordering};
@@ -10,42 +10,42 @@ use std::sync::{Arc, Mutex, PoisonError};
 
 use anyhow::Context as _;
 use operator::button::DevPort;
-use operator::gesture::{Settings, Target, Wish, Wished};
-use operator::listener::{Heard, Listener};
+use operator::gesture::{Command, Settings, Target, TimedCommand};
+use operator::listener::{ButtonEvent, Listener};
 use operator::panel::Panel;
 use operator::signal::{Once, Phase, Status as Shown, Warning};
 use operator::{Clock, beeper, light};
 use session_archive::time::HostTime;
 
-use super::real_time::{Shared, ask};
-use crate::causes::with_causes;
+use super::real_time::{Shared, send_request};
 use crate::config;
+use crate::error_chain::with_causes;
 use crate::status::{Concern, Request, Response, State, Status};
 
-/// Who asks, in sessions.
+/// Source of its requests, in sessions.
 const SOURCE: &str = "button";
 
-/// Everything that the operator has.
+/// All devices of the operator.
 pub(super) struct Operator {
-    hand: Arc<Hand>,
-    /// They listen until they are dropped.
+    actions: Arc<OperatorActions>,
+    /// Button threads; they run until they are dropped.
     _listeners: Vec<Listener>,
 }
 
-/// What the buttons' threads share.
-struct Hand {
+/// State shared by the buttons' threads.
+struct OperatorActions {
     shared: Arc<Shared>,
     panel: Panel,
-    /// It was asked whether to discard.
+    /// The operator was prompted whether to discard.
     question: AtomicBool,
     shown: Mutex<Option<Shown>>,
 }
 
 impl Operator {
-    /// Opens lights and beepers, and listens to the buttons.
+    /// Opens lights and beepers, and starts listening to the buttons.
     ///
     /// # Errors
-    /// The system has no thread left.
+    /// The system provides no thread.
     pub(super) fn start(config: &config::Operator, shared: &Arc<Shared>) -> anyhow::Result<Self> {
         let clock: Clock = {
             let shared = shared.clone();
@@ -65,7 +65,7 @@ impl Operator {
         });
         let panel = Panel::start(clock.clone(), lights.collect(), beepers.collect())
             .context("starting the lights")?;
-        let hand = Arc::new(Hand {
+        let actions = Arc::new(OperatorActions {
             shared: shared.clone(),
             panel,
             question: AtomicBool::new(false),
@@ -75,73 +75,76 @@ impl Operator {
         for spec in &config.buttons {
             let port = DevPort::new(spec.clone(), clock.clone())
                 .with_context(|| format!("watching for the button {spec}"))?;
-            let (of_state, of_hand, name) = (shared.clone(), hand.clone(), spec.to_string());
+            let (of_state, of_actions, name) = (shared.clone(), actions.clone(), spec.to_string());
             let listener = Listener::start(
                 Box::new(port),
                 Settings::default(),
                 clock.clone(),
                 move || of_state.is_recording(),
-                move |heard| of_hand.hear(&name, heard),
+                move |event| of_actions.handle(&name, event),
             );
             listeners.push(listener.with_context(|| format!("listening to the button {spec}"))?);
         }
         Ok(Self {
-            hand,
+            actions,
             _listeners: listeners,
         })
     }
 
-    /// Shows how the recorder is now.
+    /// Shows the present state of the recorder.
     pub(super) fn show(&self) {
-        self.hand.show();
+        self.actions.show();
     }
 }
 
-impl Hand {
-    fn hear(&self, button: &str, heard: Heard) {
-        match heard {
-            Heard::Wished(wished) => self.fulfil(wished),
-            Heard::Gone(error) => {
-                log::warn!("the button {button} is gone: {}", with_causes(&error));
+impl OperatorActions {
+    fn handle(&self, button: &str, event: ButtonEvent) {
+        match event {
+            ButtonEvent::Command(command) => self.execute(command),
+            ButtonEvent::Disconnected(error) => {
+                log::warn!(
+                    "the button {button} is disconnected: {}",
+                    with_causes(&error)
+                );
             }
-            Heard::Back(device) => log::info!("the button {button} is {device}"),
+            ButtonEvent::Reconnected(device) => log::info!("the button {button} is {device}"),
         }
         self.show();
     }
 
-    fn fulfil(&self, wished: Wished) {
-        let at = HostTime(wished.at_ns);
+    fn execute(&self, command: TimedCommand) {
+        let at = HostTime(command.at_ns);
         self.question
-            .store(matches!(wished.wish, Wish::Ask(_)), Ordering::SeqCst);
-        let (request, done) = match wished.wish {
-            // That it began is shown by the state.
-            Wish::Start => (
+            .store(matches!(command.command, Command::Ask(_)), Ordering::SeqCst);
+        let (request, done) = match command.command {
+            // The start is shown by the state.
+            Command::Start => (
                 Request::Start {
                     name: String::new(),
                 },
                 None,
             ),
-            Wish::Stop => (Request::Stop, None),
-            Wish::Mark => (
+            Command::Stop => (Request::Stop, None),
+            Command::Mark => (
                 Request::Mark {
                     text: String::new(),
                     at: Some(at),
                 },
                 Some(Once::Marked),
             ),
-            Wish::Discard(Target::This) => (Request::Discard, Some(Once::Discarded)),
-            Wish::Discard(Target::Last) => (Request::DiscardLast, Some(Once::Discarded)),
-            Wish::Ask(_) | Wish::Cancelled | Wish::Freed => return,
-            Wish::Stuck => return log::warn!("the button is held down, or stuck"),
+            Command::Discard(Target::This) => (Request::Discard, Some(Once::Discarded)),
+            Command::Discard(Target::Last) => (Request::DiscardLast, Some(Once::Discarded)),
+            Command::Ask(_) | Command::Cancelled | Command::Freed => return,
+            Command::Stuck => return log::warn!("the button is held down, or stuck"),
         };
-        match ask(&self.shared, request, SOURCE) {
+        match send_request(&self.shared, request, SOURCE) {
             Response::Ok { .. } => {
                 if let Some(done) = done {
                     self.panel.play(done);
                 }
             }
             Response::Error { message } => {
-                log::warn!("the button was pressed in vain: {message}");
+                log::warn!("a press of the button was rejected: {message}");
                 self.panel.play(Once::Refused);
             }
         }
@@ -160,11 +163,11 @@ impl Hand {
     }
 }
 
-/// What lights say of a recorder in this state.
+/// Indication of a recorder in this state.
 fn shown(status: &Status, question: bool) -> Shown {
     let warnings: BTreeSet<Warning> = status.concerns.iter().map(warning).collect();
     let phase = match status.state {
-        // A camera that is missing is a warning, not a start that takes long.
+        // A missing camera is a warning, not a slow start.
         State::Idle if !warnings.contains(&Warning::Stream) => Phase::Starting,
         State::Idle | State::Armed | State::Fault => Phase::Ready,
         State::Recording => Phase::Recording,
@@ -192,7 +195,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn a_missing_camera_is_a_warning_and_no_long_start() {
+    fn missing_camera_is_a_warning_and_not_a_slow_start() {
         let status = |state, concerns: &[Concern]| Status {
             state,
             session: None,
@@ -206,7 +209,7 @@ mod tests {
             concerns: concerns.iter().copied().collect(),
             encoders: Vec::new(),
             machine: crate::status::MachineStatus::default(),
-            sparing: String::new(),
+            degradation: String::new(),
         };
         let phase = |state, concerns: &[Concern]| shown(&status(state, concerns), false).phase;
         assert_eq!(phase(State::Idle, &[]), Phase::Starting);

@@ -1,4 +1,5 @@
-//! The phone's page and the host's way to the sessions: the recorder as [`rig_link`] wants to see it.
+//! The phone's page and the host's access to the sessions: the recorder behind the interface of
+//! [`rig_link`].
 
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
@@ -14,46 +15,46 @@ use rig_link::token::Token;
 use session_archive::time::{HostTime, NS_PER_S};
 
 use super::claim::is_claimed;
-use super::real_time::{Running, Shared, ask};
+use super::real_time::{Running, Shared, send_request};
 use crate::config;
 use crate::preview::Newest;
 use crate::status::{Request, Response, State, Status};
 
-/// Who asks, in sessions.
+/// Source of its requests, in sessions.
 const SOURCE: &str = "page";
-/// Width of the small pictures, pixels.
-const PREVIEW_WIDTH: u32 = 320;
+/// Width of the previews, pixels.
+const PREVIEW_WIDTH_PX: u32 = 320;
 
-/// File beside the certificate in which is kept which logins have ended.
+/// File beside the certificate that lists the ended logins.
 const ENDED_LOGINS: &str = "ended-logins";
-/// How long until the next try to serve it.
+/// Delay between attempts to serve the page, ns.
 const RETRY_NS: i64 = 10 * NS_PER_S;
 
-/// The page as soon as it can be served, until this is dropped. Nobody waits for it: an address that comes with a
-/// network that is not there yet must not keep the rig from recording.
-pub(super) struct Keeper<'a> {
+/// Serves the page as soon as possible, until this is dropped. Nothing waits for it: an address of
+/// a network that is not up yet must not keep the rig from recording.
+pub(super) struct PageSupervisor<'a> {
     page: Option<&'a config::Page>,
     out: PathBuf,
     server: Option<Server>,
     next: HostTime,
-    /// Why it is not served, as was last said.
-    told: String,
+    /// Last reported reason why it is not served.
+    last_error: String,
 }
 
-impl<'a> Keeper<'a> {
-    /// Of this page, where there is to be one, with the sessions in `out`.
+impl<'a> PageSupervisor<'a> {
+    /// Creates the supervisor of this page, if there is one, with the sessions in `out`.
     pub(super) fn new(page: Option<&'a config::Page>, out: &Path) -> Self {
         Self {
             page,
             out: out.to_owned(),
             server: None,
             next: HostTime::MIN,
-            told: String::new(),
+            last_error: String::new(),
         }
     }
 
-    /// Serves it if it is not served and it is time for another try.
-    pub(super) fn look(&mut self, running: &Running) {
+    /// Serves the page if it is not served and the next attempt is due.
+    pub(super) fn supervise(&mut self, running: &Running) {
         let now = running.shared.now();
         let (Some(page), None) = (self.page, &self.server) else {
             return;
@@ -66,9 +67,9 @@ impl<'a> Keeper<'a> {
             Ok(server) => self.server = Some(server),
             Err(error) => {
                 let text = format!("no page, trying again: {error:#}");
-                if text != self.told {
+                if text != self.last_error {
                     log::error!("{text}");
-                    self.told = text;
+                    self.last_error = text;
                 }
             }
         }
@@ -78,7 +79,7 @@ impl<'a> Keeper<'a> {
 /// Serves the page until the server is dropped.
 ///
 /// # Errors
-/// The certificate cannot be kept, the token cannot be read, or the address is taken.
+/// The certificate cannot be stored, the token cannot be read, or the address is in use.
 fn serve(page: &config::Page, out: &Path, running: &Running) -> anyhow::Result<Server> {
     let is_loopback = page.listen.ip().is_loopback();
     let identity = match is_loopback {
@@ -134,7 +135,7 @@ impl Rig for PageRig {
             Action::Discard if is_recording => Request::Discard,
             Action::Discard => Request::DiscardLast,
         };
-        match ask(&self.shared, request, SOURCE) {
+        match send_request(&self.shared, request, SOURCE) {
             Response::Ok { .. } => Ok(()),
             Response::Error { message } => Err(message),
         }
@@ -142,8 +143,8 @@ impl Rig for PageRig {
 
     fn preview(&self, camera: usize) -> Option<Preview> {
         let (sequence, newest) = self.shared.preview(camera)?;
-        let picture = match newest {
-            Newest::Picture(picture) => picture,
+        let image = match newest {
+            Newest::Image(image) => image,
             Newest::Jpeg(bytes) => {
                 return Some(Preview {
                     jpeg: bytes[..].into(),
@@ -152,12 +153,12 @@ impl Rig for PageRig {
             }
         };
         let planes = Planes {
-            width: picture.width,
-            height: picture.height,
-            data: &picture.data,
+            width: image.width,
+            height: image.height,
+            data: &image.data,
         };
-        let small = jpeg(planes, Eyes::Left, PREVIEW_WIDTH)
-            .inspect_err(|error| log::debug!("making a small picture: {error}"))
+        let small = jpeg(planes, Eyes::Left, PREVIEW_WIDTH_PX)
+            .inspect_err(|error| log::debug!("encoding a preview: {error}"))
             .ok()?;
         Some(Preview {
             jpeg: small.into(),
@@ -170,7 +171,8 @@ impl Rig for PageRig {
     }
 
     fn is_recording(&self, session: &str) -> bool {
-        // A session that has just been asked for has no name yet, so while one is begun or ended none is free.
+        // A session that was just requested has no name yet, so while one is being started or ended
+        // all count as being recorded.
         let is_ours = self.shared.latest().is_none_or(|status| {
             let is_open = matches!(status.state, State::Recording | State::Stopping);
             (is_open || self.shared.is_recording())
@@ -180,7 +182,8 @@ impl Rig for PageRig {
                     .and_then(Path::file_name)
                     .is_none_or(|name| name == session || !is_open)
         });
-        // `pawsd record` may write one into the same folder, and one that was cut off may be about to be closed.
+        // `pawsd record` may write a session into the same folder, and an interrupted one may be
+        // about to be closed.
         is_ours || is_claimed(&self.out.join(session))
     }
 }
@@ -235,10 +238,10 @@ fn page_status(status: &Status, cameras: &[(String, f64)]) -> PageStatus {
     }
 }
 
-/// The fingerprint of the certificate with which the page is served, made if there is none yet.
+/// Fingerprint of the page's certificate, which is created if it does not exist.
 ///
 /// # Errors
-/// It cannot be kept, or the configuration has no page.
+/// It cannot be stored, or the configuration has no page.
 pub fn fingerprint(config: &config::Config) -> anyhow::Result<String> {
     let page = config
         .page
@@ -256,9 +259,9 @@ mod tests {
 
     use super::*;
 
-    /// Else a daemon that starts before its network could not record.
+    /// Otherwise a daemon that starts before its network could not record.
     #[test]
-    fn a_page_that_cannot_be_served_yet_is_served_later() {
+    fn page_is_served_once_its_address_exists() {
         let taken = TcpListener::bind("127.0.0.1:0").expect("an address");
         let page = config::Page {
             listen: taken.local_addr().expect("address"),
@@ -267,19 +270,23 @@ mod tests {
         };
         let running = Running::idle();
         let folder = tempfile::tempdir().expect("folder");
-        let mut keeper = Keeper::new(Some(&page), folder.path());
-        keeper.look(&running);
-        assert!(keeper.told.contains("listening on"), "{}", keeper.told);
+        let mut supervisor = PageSupervisor::new(Some(&page), folder.path());
+        supervisor.supervise(&running);
+        assert!(
+            supervisor.last_error.contains("listening on"),
+            "{}",
+            supervisor.last_error
+        );
         drop(taken);
-        keeper.look(&running);
-        assert!(keeper.server.is_none(), "not yet");
-        keeper.next = HostTime::MIN;
-        keeper.look(&running);
-        assert!(keeper.server.is_some());
+        supervisor.supervise(&running);
+        assert!(supervisor.server.is_none(), "not yet");
+        supervisor.next = HostTime::MIN;
+        supervisor.supervise(&running);
+        assert!(supervisor.server.is_some());
     }
 
     #[test]
-    fn with_a_token_that_others_can_read_it_is_not_served() {
+    fn page_is_not_served_with_a_token_readable_by_others() {
         let folder = tempfile::tempdir().expect("folder");
         let token = folder.path().join("token");
         std::fs::write(&token, "0123456789abcdef").expect("token");
@@ -289,17 +296,25 @@ mod tests {
             folder: folder.path().to_owned(),
         };
         let running = Running::idle();
-        let mut keeper = Keeper::new(Some(&page), folder.path());
+        let mut supervisor = PageSupervisor::new(Some(&page), folder.path());
         let mode = |mode| std::fs::set_permissions(&token, Permissions::from_mode(mode));
         mode(0o644).expect("mode");
-        keeper.look(&running);
-        assert!(keeper.server.is_none());
-        let mend = format!("mend it with chmod 600 {}", token.display());
-        assert!(keeper.told.contains("mode 0644"), "{}", keeper.told);
-        assert!(keeper.told.ends_with(&mend), "{}", keeper.told);
+        supervisor.supervise(&running);
+        assert!(supervisor.server.is_none());
+        let remedy = format!("mend it with chmod 600 {}", token.display());
+        assert!(
+            supervisor.last_error.contains("mode 0644"),
+            "{}",
+            supervisor.last_error
+        );
+        assert!(
+            supervisor.last_error.ends_with(&remedy),
+            "{}",
+            supervisor.last_error
+        );
         mode(0o600).expect("mode");
-        keeper.next = HostTime::MIN;
-        keeper.look(&running);
-        assert!(keeper.server.is_some());
+        supervisor.next = HostTime::MIN;
+        supervisor.supervise(&running);
+        assert!(supervisor.server.is_some());
     }
 }

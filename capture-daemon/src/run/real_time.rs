@@ -1,12 +1,13 @@
 //! Real time: a thread per source, one for the hub, one for the recorder.
 //!
-//! Between them are two queues bounded in bytes. When the inbox is full a frame is dropped before the
-//! hub; when the way to the recorder is full, frames are dropped behind the encoder up to the
-//! next key frame, which is asked for until one gets through. Both are reported with their cause. IMU
-//! samples wait instead, and gather on the way so that the hub is not woken for each. Hub, recorder and the daemon's
-//! own loop sleep until something comes or is due. When a source fails, everything goes on without it, with an alarm. When hub or
-//! recorder does not come round for [`STUCK_NS`], the run ends with an error; the session is closed
-//! before, if the recorder still can.
+//! Between them are two queues bounded in bytes. When the inbox is full a frame is dropped before
+//! the hub; when the outbox to the recorder is full, frames are dropped behind the encoder up to
+//! the next key frame, which is requested until one is delivered. Both are reported with their
+//! cause. IMU samples wait instead, and are gathered so that the hub is not woken for each. Hub,
+//! recorder and the daemon's own loop sleep until something arrives or is due. When a source fails,
+//! everything continues without it, with an alarm. When the loop of hub or recorder stalls for
+//! [`WATCHDOG_NS`], the run ends with an error; the session is closed before, if the recorder still
+//! can.
 
 use std::path::Path;
 use std::sync::atomic::{AtomicBool, AtomicI64, Ordering};
@@ -16,100 +17,102 @@ use std::thread::JoinHandle;
 use std::time::Duration;
 
 use anyhow::{Context as _, anyhow, bail};
-use machine::ladder::Measures;
+use machine::ladder::Mitigations;
 use session_archive::record::paws::gap::Cause;
 use session_archive::time::{HostTime, NS_PER_S};
 
 use super::build::{Built, build};
-use super::leftovers;
+use super::crash_recovery;
 use super::operator::Operator;
 use super::page;
 use super::store::FolderStore;
 use super::{Finished, Outcome, RecordOptions, StopFlag, stop_reason};
-use crate::announce::{self, Firsts};
-use crate::causes::with_causes;
+use crate::announce::{self, FirstFrames};
 use crate::clock::{Clock, RealClock};
 use crate::config::{Config, DEFAULT_SOCKET};
 use crate::control;
-use crate::encode::Rest;
+use crate::encode::RemainingFrames;
 use crate::encoding::Encoding;
+use crate::error_chain::with_causes;
 use crate::hub::{Hub, Out, Outgoing, TICK_NS};
 use crate::notify::Notify;
 use crate::preview::{Newest, Previews};
 use crate::queue::{Popped, Queue};
+use crate::realtime_priority;
 use crate::recorder::{OnProgress, Queues, RECOVERY, Recorder};
 use crate::sources::{AnySource, RawFrame, Sample, Sink, Source, SourceError};
 use crate::status::{Progress, Request, Response, State, Status};
-use crate::urgent;
 
-/// Raw frames waiting for the hub.
-const INBOX_BYTES: usize = 128 << 20;
-/// Of those, frames in their cameras' own buffers, of all cameras together.
-const NATIVE_WAITING: usize = 6;
-/// Encoded frames and IMU samples waiting for the recorder.
-const OUTBOX_BYTES: usize = 64 << 20;
-/// Longest wait before a thread looks whether the end was asked for, and the recorder whether a session is closed.
-const PATIENCE: Duration = Duration::from_millis(20);
-/// Replays begin this much after the program, so that all of them are ready.
-const LEAD_NS: i64 = 200_000_000;
-/// While nobody stores frames, one in so long is shown and looked at; the others are only counted and timed.
-const SHOWN_NS: i64 = NS_PER_S;
-/// A source that is so far behind its schedule has to leave samples out.
-const BEHIND_NS: i64 = NS_PER_S / 2;
-/// A thread that has not come round for this long is stuck.
-const STUCK_NS: i64 = 10 * NS_PER_S;
-/// A recording that cannot be closed within this is given up.
-const CLOSE_LIMIT_NS: i64 = 4 * STUCK_NS;
-/// How old what others know of the recorder may be.
-const NOTE_NS: i64 = 200_000_000;
-/// How long a request may take.
+/// Capacity of the queue of raw frames for the hub, bytes.
+const INBOX_CAPACITY_BYTES: usize = 128 << 20;
+/// Maximum number of frames in their cameras' own buffers in that queue, of all cameras together.
+const MAX_NATIVE_FRAMES: usize = 6;
+/// Capacity of the queue of encoded frames and IMU samples for the recorder, bytes.
+const OUTBOX_CAPACITY_BYTES: usize = 64 << 20;
+/// Maximum wait before a thread checks whether the end was requested, and the recorder whether a
+/// session is closed.
+const POLL_TIMEOUT: Duration = Duration::from_millis(20);
+/// Delay between program start and start of replays, so that all of them are ready, ns.
+const REPLAY_LEAD_NS: i64 = 200_000_000;
+/// While nobody stores frames, one frame per this interval is previewed and checked, ns; the others
+/// are only counted and timed.
+const IDLE_PREVIEW_PERIOD_NS: i64 = NS_PER_S;
+/// Maximum lag of a source behind its schedule, ns. With more it has to skip samples.
+const MAX_LAG_NS: i64 = NS_PER_S / 2;
+/// Maximum time between two iterations of a thread's loop, ns. With more it is stuck.
+const WATCHDOG_NS: i64 = 10 * NS_PER_S;
+/// Maximum time for closing a recording, ns. After it the recording is abandoned.
+const CLOSE_LIMIT_NS: i64 = 4 * WATCHDOG_NS;
+/// Maximum age of the published status, ns.
+const STATUS_MAX_AGE_NS: i64 = 200_000_000;
+/// Maximum time for a request.
 const REQUEST_LIMIT: Duration = Duration::from_secs(5);
-/// How long a stop may take: what waits for the encoders goes in first (`recorder::STOP_MAX_NS`). Whoever asks waits
+/// Maximum time for a stop: queued frames are encoded first (`recorder::MAX_STOP_NS`). Clients wait
 /// longer ([`control::answer_limit`], the page), and so does systemd (`deploy/pawsd.service`).
 const STOP_REQUEST_LIMIT: Duration = Duration::from_secs(30);
 
-/// To the hub.
-enum In {
+/// Item of the hub's queue.
+enum HubInput {
     Sample(usize, Sample),
     /// Camera, device's number and arrival.
     Dropped(usize, u64, HostTime),
-    /// A source delivers no more; why, if it failed.
+    /// A source delivers no more samples; with the reason, if it failed.
     Ended(usize, Option<String>),
 }
 
-/// To the recorder.
+/// Item of the recorder's queue.
 enum ToRecorder {
     Item(Outgoing),
     Request(Request, &'static str, SyncSender<Response>),
 }
 
-/// What all threads share.
+/// State shared by all threads.
 pub(super) struct Shared {
     clock: Arc<RealClock>,
-    inbox: Queue<In>,
+    inbox: Queue<HubInput>,
     outbox: Queue<ToRecorder>,
-    /// Set when everything is to end.
+    /// Set when everything has to end.
     ending: StopFlag,
-    /// When hub and recorder last came round.
+    /// Time of the last loop iteration of hub and recorder, ns.
     hub_beat: AtomicI64,
     recorder_beat: AtomicI64,
     /// Cameras that need a key frame.
-    key_wanted: Vec<AtomicBool>,
-    /// Set when no source will deliver any more.
+    key_frame_needed: Vec<AtomicBool>,
+    /// Set when all sources have ended.
     all_ended: StopFlag,
-    /// How the recorder was when it last changed, for whoever must not wait for it.
+    /// Last published status of the recorder, for threads that must not wait for it.
     latest: Mutex<Option<Arc<Status>>>,
-    /// Told when that changes.
-    noted: Condvar,
+    /// Notified when the status changes.
+    status_changed: Condvar,
     /// Whether a session is open.
     recording: AtomicBool,
-    /// Since when, if one is.
+    /// Start of the open session.
     recording_since: AtomicI64,
     /// Whether frames are kept before a session begins.
     has_pre_roll: bool,
-    /// What is done to spare the machine.
-    measures: Mutex<Measures>,
-    /// The newest picture of each camera.
+    /// Measures against overload of the machine that are in force.
+    mitigations: Mutex<Mitigations>,
+    /// Newest image of each camera.
     previews: Arc<Previews>,
     outcome: Outcome,
 }
@@ -120,25 +123,25 @@ impl Shared {
         let now = clock.now().0;
         Self {
             clock,
-            inbox: Queue::new(INBOX_BYTES),
+            inbox: Queue::new(INBOX_CAPACITY_BYTES),
             outbox: Queue::new(outbox_bytes),
             ending: StopFlag::new(),
             hub_beat: AtomicI64::new(now),
             recorder_beat: AtomicI64::new(now),
-            key_wanted: (0..cameras).map(|_| AtomicBool::new(false)).collect(),
+            key_frame_needed: (0..cameras).map(|_| AtomicBool::new(false)).collect(),
             all_ended: StopFlag::new(),
             latest: Mutex::default(),
-            noted: Condvar::new(),
+            status_changed: Condvar::new(),
             recording: AtomicBool::new(false),
             recording_since: AtomicI64::new(now),
             has_pre_roll,
-            measures: Mutex::default(),
+            mitigations: Mutex::default(),
             previews: Arc::new(Previews::new(cameras)),
             outcome,
         }
     }
 
-    /// How the recorder was a moment ago; none before it has come round once.
+    /// Recent status of the recorder; `None` before its first iteration.
     pub(super) fn latest(&self) -> Option<Arc<Status>> {
         lock(&self.latest).clone()
     }
@@ -147,7 +150,7 @@ impl Shared {
         self.recording.load(Ordering::SeqCst)
     }
 
-    /// Called by the recorder's thread alone once it runs.
+    /// Once the recorder's thread runs, called by it alone.
     fn set_recording(&self, is_recording: bool) {
         if is_recording && !self.is_recording() {
             let now = self.clock.now().0;
@@ -156,7 +159,7 @@ impl Shared {
         self.recording.store(is_recording, Ordering::SeqCst);
     }
 
-    /// Whether nobody stores frames, now or later.
+    /// Whether frames are stored neither now nor later.
     fn is_idle(&self) -> bool {
         !self.has_pre_roll && !self.is_recording()
     }
@@ -169,23 +172,23 @@ impl Shared {
         self.previews.newest(camera, self.clock.now())
     }
 
-    /// Keeps what others are to know of the recorder.
-    fn note(&self, recorder: &Recorder) {
+    /// Publishes the status of the recorder.
+    fn publish_status(&self, recorder: &Recorder) {
         let is_recording = matches!(recorder.state(), State::Recording | State::Stopping);
         self.set_recording(is_recording);
-        *lock(&self.measures) = recorder.measures();
+        *lock(&self.mitigations) = recorder.mitigations();
         *lock(&self.latest) = Some(Arc::new(recorder.status()));
-        self.noted.notify_all();
+        self.status_changed.notify_all();
     }
 
-    /// Waits for something newer than `seen` of the recorder, up to `limit`.
-    fn wait_for_news(&self, seen: Option<&Arc<Status>>, limit: Duration) {
+    /// Waits up to `limit` for a status newer than `seen`.
+    fn wait_for_status(&self, seen: Option<&Arc<Status>>, limit: Duration) {
         let is_seen = |latest: &mut Option<Arc<Status>>| match (latest, seen) {
             (Some(latest), Some(seen)) => Arc::ptr_eq(latest, seen),
             (latest, seen) => latest.is_none() && seen.is_none(),
         };
         let waited = self
-            .noted
+            .status_changed
             .wait_timeout_while(lock(&self.latest), limit, is_seen);
         drop(waited);
     }
@@ -213,7 +216,7 @@ impl Running {
     ) -> anyhow::Result<Self> {
         let clock = Arc::new(RealClock);
         let mut built = build(clock.now())?;
-        built.begin_at(clock.now() + LEAD_NS)?;
+        built.begin_at(clock.now() + REPLAY_LEAD_NS)?;
         let Built {
             sources,
             cameras,
@@ -227,7 +230,7 @@ impl Running {
         let names: Vec<String> = cameras.iter().map(|c| c.name.clone()).collect();
         let shared = Arc::new(Shared::new(
             cameras.len(),
-            OUTBOX_BYTES,
+            OUTBOX_CAPACITY_BYTES,
             setup.pre_roll_ns > 0,
             outcome,
         ));
@@ -273,11 +276,16 @@ impl Running {
         })
     }
 
-    /// One in which nothing runs.
+    /// A daemon without threads.
     #[cfg(test)]
     pub(super) fn idle() -> Self {
         Self {
-            shared: Arc::new(Shared::new(0, OUTBOX_BYTES, false, Outcome::default())),
+            shared: Arc::new(Shared::new(
+                0,
+                OUTBOX_CAPACITY_BYTES,
+                false,
+                Outcome::default(),
+            )),
             cameras: Vec::new(),
             threads: Vec::new(),
         }
@@ -288,10 +296,10 @@ impl Running {
     }
 
     fn request(&self, request: Request, source: &'static str) -> Response {
-        ask(&self.shared, request, source)
+        send_request(&self.shared, request, source)
     }
 
-    /// Ends all threads; a session that is still open is closed.
+    /// Ends all threads; an open session is closed.
     fn end(self) {
         self.shared.ending.set();
         self.shared.inbox.close();
@@ -300,11 +308,11 @@ impl Running {
         }
     }
 
-    /// A thread that does not come round any more, if there is one.
-    fn stuck(&self) -> Option<&'static str> {
+    /// Name of a thread whose loop has stalled, if there is one.
+    fn stalled_thread(&self) -> Option<&'static str> {
         let now = self.shared.clock.now();
-        let late = |beat: &AtomicI64| now.0 - beat.load(Ordering::Relaxed) > STUCK_NS;
-        // A stuck recorder makes the hub wait, not the other way round.
+        let late = |beat: &AtomicI64| now.0 - beat.load(Ordering::Relaxed) > WATCHDOG_NS;
+        // A stuck recorder makes the hub wait, and not vice versa.
         if late(&self.shared.recorder_beat) {
             Some("recorder")
         } else if late(&self.shared.hub_beat) {
@@ -314,9 +322,10 @@ impl Running {
         }
     }
 
-    /// Whether everything still moves. If not, and the recorder can, it closes the session first.
+    /// Checks that all threads make progress. If not, the session is closed first, if the recorder
+    /// can.
     fn check(&self) -> anyhow::Result<()> {
-        let Some(thread) = self.stuck() else {
+        let Some(thread) = self.stalled_thread() else {
             return Ok(());
         };
         if thread != "recorder" {
@@ -324,7 +333,7 @@ impl Running {
         }
         bail!(
             "the thread {thread} has been stuck for {} s",
-            STUCK_NS / NS_PER_S
+            WATCHDOG_NS / NS_PER_S
         )
     }
 }
@@ -340,7 +349,7 @@ fn spawn(name: &str, run: impl FnOnce() + Send + 'static) -> anyhow::Result<Join
         .with_context(|| format!("starting the thread {name}"))
 }
 
-pub(super) fn ask(shared: &Shared, request: Request, source: &'static str) -> Response {
+pub(super) fn send_request(shared: &Shared, request: Request, source: &'static str) -> Response {
     let failed = |message: &str| Response::Error {
         message: message.to_owned(),
     };
@@ -361,63 +370,63 @@ pub(super) fn ask(shared: &Shared, request: Request, source: &'static str) -> Re
         .unwrap_or_else(|_| failed("the recorder does not answer"))
 }
 
-/// A source's thread: hands everything to the hub.
+/// Thread of a source: passes everything to the hub.
 fn pump(i: usize, source: AnySource, shared: &Shared) {
-    let inlet = Inlet {
+    let hub_sink = HubSink {
         source: i,
         shared,
         shown: AtomicI64::new(i64::MIN),
     };
     let ended = match source {
-        AnySource::Scheduled(source) => replay(source, &inlet),
+        AnySource::Scheduled(source) => replay(source, &hub_sink),
         AnySource::Live(source) => {
-            urgent::this_thread();
-            source.run(&inlet)
+            realtime_priority::this_thread();
+            source.run(&hub_sink)
         }
     };
     let failure = ended.err().map(|error| with_causes(&error));
-    let _ = shared.inbox.push_reserved(In::Ended(i, failure), 0);
+    let _ = shared.inbox.push_reserved(HubInput::Ended(i, failure), 0);
 }
 
-/// Waits for each sample until it is to arrive.
-fn replay(mut source: Box<dyn Source>, inlet: &Inlet<'_>) -> Result<(), SourceError> {
+/// Waits for the arrival time of each sample.
+fn replay(mut source: Box<dyn Source>, hub_sink: &HubSink<'_>) -> Result<(), SourceError> {
     loop {
-        source.want_pixels(inlet.wants_pixels());
+        source.set_pixels_needed(hub_sink.pixels_needed());
         let Some(sample) = source.next_sample()? else {
             break;
         };
-        if !wait_until(sample.host_time(), inlet.shared) {
+        if !wait_until(sample.host_time(), hub_sink.shared) {
             break;
         }
-        let now = inlet.now();
-        let is_behind = now.since(sample.host_time()) > BEHIND_NS;
-        inlet.put(sample);
+        let now = hub_sink.now();
+        let is_behind = now.since(sample.host_time()) > MAX_LAG_NS;
+        hub_sink.put(sample);
         if is_behind {
             // They follow it in the order of their numbers.
-            for lost in source.hurry(now) {
-                inlet.put(Sample::Lost(lost));
+            for lost in source.skip_overdue(now) {
+                hub_sink.put(Sample::Dropped(lost));
             }
         }
     }
     Ok(())
 }
 
-/// The way of one source's samples to the hub.
-struct Inlet<'a> {
+/// Sink of one source's samples, into the hub's queue.
+struct HubSink<'a> {
     source: usize,
     shared: &'a Shared,
-    /// When the newest frame with pixels was put in.
+    /// Time of the newest frame with pixels.
     shown: AtomicI64,
 }
 
-impl Sink for Inlet<'_> {
+impl Sink for HubSink<'_> {
     fn now(&self) -> HostTime {
         self.shared.clock.now()
     }
 
-    fn wants_pixels(&self) -> bool {
+    fn pixels_needed(&self) -> bool {
         let shown = self.shown.load(Ordering::Relaxed);
-        !self.shared.is_idle() || self.now().0.saturating_sub(shown) >= SHOWN_NS
+        !self.shared.is_idle() || self.now().0.saturating_sub(shown) >= IDLE_PREVIEW_PERIOD_NS
     }
 
     fn put(&self, sample: Sample) {
@@ -425,12 +434,13 @@ impl Sink for Inlet<'_> {
             self.shown.store(self.now().0, Ordering::Relaxed);
         }
         let (i, inbox) = (self.source, &self.shared.inbox);
-        // Cameras lend few of their own buffers: so many may wait, however small they are.
+        // Cameras lend few of their own buffers, so the number of waiting ones is limited, however
+        // small they are.
         let bytes = match &sample {
-            Sample::Native(_) => sample.bytes().max(INBOX_BYTES / NATIVE_WAITING),
+            Sample::Native(_) => sample.bytes().max(INBOX_CAPACITY_BYTES / MAX_NATIVE_FRAMES),
             _ => sample.bytes(),
         };
-        // Nothing is refused but at the end.
+        // A push is rejected only at the end.
         let _ = match &sample {
             Sample::Frame(RawFrame {
                 number, host_time, ..
@@ -438,14 +448,16 @@ impl Sink for Inlet<'_> {
             | Sample::Native(RawFrame {
                 number, host_time, ..
             }) => {
-                let dropped = In::Dropped(i, *number, *host_time);
+                let dropped = HubInput::Dropped(i, *number, *host_time);
                 inbox
-                    .try_push(In::Sample(i, sample), bytes)
+                    .try_push(HubInput::Sample(i, sample), bytes)
                     .or_else(|_| inbox.push_reserved(dropped, 0))
             }
-            // Their times are taken, and the hub gathers them anyway.
-            Sample::Imu(_) | Sample::Seen(_) => inbox.push_gathered(In::Sample(i, sample), bytes),
-            _ => inbox.push_reserved(In::Sample(i, sample), bytes),
+            // Their times are already taken, and the hub gathers them anyway.
+            Sample::Imu(_) | Sample::Arrival(_) => {
+                inbox.push_gathered(HubInput::Sample(i, sample), bytes)
+            }
+            _ => inbox.push_reserved(HubInput::Sample(i, sample), bytes),
         };
     }
 
@@ -468,42 +480,42 @@ fn wait_until(time: HostTime, shared: &Shared) -> bool {
             clippy::disallowed_methods,
             reason = "this is the clock of the replayed devices"
         )]
-        std::thread::sleep(Duration::from_nanos(left as u64).min(PATIENCE));
+        std::thread::sleep(Duration::from_nanos(left as u64).min(POLL_TIMEOUT));
     }
 }
 
-/// From now until then; nothing if it has come.
+/// Time from `now` until `then`; zero if it has passed.
 fn span(now: HostTime, then: HostTime) -> Duration {
     Duration::from_nanos(then.since(now).max(0) as u64)
 }
 
 fn run_hub(mut hub: Hub, sources: usize, shared: &Shared) {
     let mut running = sources;
-    // Every source has ended, and frames may still wait for their encoders.
+    // All sources have ended, and frames may still wait for their encoders.
     let mut draining = false;
     let mut now = shared.clock.now();
     let mut next_tick = now;
     loop {
-        let patience = match draining {
-            true => PATIENCE.min(span(now, next_tick)),
+        let timeout = match draining {
+            true => POLL_TIMEOUT.min(span(now, next_tick)),
             false => span(now, next_tick),
         };
-        let popped = shared.inbox.pop(patience);
+        let popped = shared.inbox.pop(timeout);
         now = shared.clock.now();
         shared.beat(&shared.hub_beat);
-        hub.spare(*lock(&shared.measures));
+        hub.set_mitigations(*lock(&shared.mitigations));
         let is_idle = shared.is_idle();
         let since = HostTime(shared.recording_since.load(Ordering::SeqCst));
         hub.idle(is_idle, since);
-        for (camera, wanted) in shared.key_wanted.iter().enumerate() {
-            if wanted.swap(false, Ordering::Relaxed) {
+        for (camera, needed) in shared.key_frame_needed.iter().enumerate() {
+            if needed.swap(false, Ordering::Relaxed) {
                 hub.request_key(camera);
             }
         }
         match popped {
-            Popped::Item(In::Sample(i, sample)) => hub.sample(i, sample, now),
-            Popped::Item(In::Dropped(i, number, at)) => hub.dropped(i, number, at, now),
-            Popped::Item(In::Ended(i, failure)) => {
+            Popped::Item(HubInput::Sample(i, sample)) => hub.sample(i, sample, now),
+            Popped::Item(HubInput::Dropped(i, number, at)) => hub.dropped(i, number, at, now),
+            Popped::Item(HubInput::Ended(i, failure)) => {
                 if let Some(error) = failure {
                     hub.source_failed(i, &error, now);
                     shared.outcome.source_failed(error);
@@ -515,22 +527,22 @@ fn run_hub(mut hub: Hub, sources: usize, shared: &Shared) {
             Popped::Closed => break,
         }
         if now >= next_tick {
-            hub.note_inbox(shared.inbox.bytes() as f64 / INBOX_BYTES as f64);
+            hub.set_inbox_fill(shared.inbox.bytes() as f64 / INBOX_CAPACITY_BYTES as f64);
             hub.tick(now);
             next_tick = now + TICK_NS;
         }
-        // Round by round: a slow machine takes longer than a thread may that is not stuck.
+        // In rounds: on a slow machine this takes longer than the watchdog allows a thread.
         if draining && hub.drain(now) {
             draining = false;
-            hub.finish(Rest::Encode, now);
+            hub.finish(RemainingFrames::Encode, now);
             shared.all_ended.set();
         }
     }
-    hub.finish(Rest::Drop, shared.clock.now());
+    hub.finish(RemainingFrames::Drop, shared.clock.now());
     shared.outbox.close();
 }
 
-/// The way from the hub and the encoders to the recorder.
+/// Output of the hub and the encoders, into the recorder's queue.
 fn to_recorder(shared: Arc<Shared>, names: Vec<String>) -> Out {
     let skipping: Vec<AtomicBool> = names.iter().map(|_| AtomicBool::new(false)).collect();
     Arc::new(move |item: Outgoing| {
@@ -544,7 +556,7 @@ fn to_recorder(shared: Arc<Shared>, names: Vec<String>) -> Out {
                 return;
             }
         };
-        // Once a frame is dropped behind the encoder, those that follow refer to it.
+        // After a frame is dropped behind the encoder, the following ones refer to it.
         let skip = skipping[camera].load(Ordering::Relaxed) && !key;
         if !skip
             && shared
@@ -555,9 +567,9 @@ fn to_recorder(shared: Arc<Shared>, names: Vec<String>) -> Out {
             skipping[camera].store(false, Ordering::Relaxed);
             return;
         }
-        // Again if the key frame that was asked for did not fit either.
+        // Again if the requested key frame did not fit either.
         if !skipping[camera].swap(true, Ordering::Relaxed) || key {
-            shared.key_wanted[camera].store(true, Ordering::Relaxed);
+            shared.key_frame_needed[camera].store(true, Ordering::Relaxed);
         }
         let dropped = Outgoing::Dropped {
             at,
@@ -572,26 +584,28 @@ fn to_recorder(shared: Arc<Shared>, names: Vec<String>) -> Out {
 }
 
 fn run_recorder(mut recorder: Recorder, shared: &Shared) {
-    // Whoever asked to stop is answered when the session is closed.
+    // Stop requests are answered when the session is closed.
     let mut stopping: Vec<SyncSender<Response>> = Vec::new();
-    let mut noted: Option<(HostTime, State)> = None;
+    let mut status_changed: Option<(HostTime, State)> = None;
     loop {
-        let patience = match noted {
-            // What the disk has done is looked for as often as samples come.
-            Some((at, state)) if state != State::Stopping => span(shared.clock.now(), at + NOTE_NS),
-            _ => PATIENCE,
+        let timeout = match status_changed {
+            // The results of the disk are checked as often as samples arrive.
+            Some((at, state)) if state != State::Stopping => {
+                span(shared.clock.now(), at + STATUS_MAX_AGE_NS)
+            }
+            _ => POLL_TIMEOUT,
         };
-        let popped = shared.outbox.pop(patience);
+        let popped = shared.outbox.pop(timeout);
         shared.beat(&shared.recorder_beat);
         match popped {
             Popped::Item(ToRecorder::Item(item)) => recorder.handle(item),
             Popped::Item(ToRecorder::Request(request, source, reply)) => {
                 let is_stop = request == Request::Stop;
                 if matches!(request, Request::Start { .. }) {
-                    // Before there is a folder that could be taken for one that has ended.
+                    // Before there is a folder that could be taken for an ended session.
                     shared.set_recording(true);
                 }
-                noted = None;
+                status_changed = None;
                 let answer = recorder.request(request, source);
                 if is_stop && recorder.state() == State::Stopping {
                     stopping.push(reply);
@@ -609,13 +623,14 @@ fn run_recorder(mut recorder: Recorder, shared: &Shared) {
             }
         }
         let (now, state) = (shared.clock.now(), recorder.state());
-        let is_new = noted.is_none_or(|(at, was)| was != state || now.since(at) >= NOTE_NS);
+        let is_new = status_changed
+            .is_none_or(|(at, was)| was != state || now.since(at) >= STATUS_MAX_AGE_NS);
         if is_new {
-            noted = Some((now, state));
-            shared.note(&recorder);
+            status_changed = Some((now, state));
+            shared.publish_status(&recorder);
         }
-        for camera in recorder.take_key_wishes() {
-            shared.key_wanted[camera].store(true, Ordering::Relaxed);
+        for camera in recorder.take_key_frame_requests() {
+            shared.key_frame_needed[camera].store(true, Ordering::Relaxed);
         }
     }
     recorder.close_now("shutdown");
@@ -636,21 +651,21 @@ pub(super) fn record(
         outcome.clone(),
     )?;
     let shared = running.shared.clone();
-    let mut firsts = Firsts::wait(running.names());
-    let end = shared.clock.now() + LEAD_NS + (options.seconds * NS_PER_S as f64) as i64;
-    let mut asked = false;
+    let mut first_frames = FirstFrames::wait(running.names());
+    let end = shared.clock.now() + REPLAY_LEAD_NS + (options.seconds * NS_PER_S as f64) as i64;
+    let mut stop_requested = false;
     let mut give_up = HostTime::MAX;
     while !outcome.is_finished() {
         let now = shared.clock.now();
-        if !asked && (stop.is_set() || now >= end || shared.all_ended.is_set()) {
-            asked = true;
+        if !stop_requested && (stop.is_set() || now >= end || shared.all_ended.is_set()) {
+            stop_requested = true;
             give_up = now + CLOSE_LIMIT_NS;
             let reason = stop_reason(stop, shared.all_ended.is_set());
             running.request(Request::Stop, reason);
         }
         running.check()?;
         if let Some(status) = shared.latest() {
-            firsts.look(&status);
+            first_frames.update(&status);
         }
         if now > give_up {
             bail!(
@@ -658,17 +673,17 @@ pub(super) fn record(
                 CLOSE_LIMIT_NS / NS_PER_S
             );
         }
-        wait_until(now + PATIENCE.as_nanos() as i64, &shared);
+        wait_until(now + POLL_TIMEOUT.as_nanos() as i64, &shared);
     }
     running.end();
     outcome.take()
 }
 
-/// Runs the daemon until `stop` is set: armed, answering on the control socket, telling systemd how
-/// it is.
+/// Runs the daemon until `stop` is set: armed, answering on the control socket, reporting to
+/// systemd.
 ///
 /// # Errors
-/// The configuration cannot be put to work, or a thread got stuck.
+/// The configuration cannot be applied, or a thread is stuck.
 pub fn daemon(config: &Config, stop: &StopFlag) -> anyhow::Result<()> {
     let out =
         config.session.out.clone().ok_or_else(|| {
@@ -679,7 +694,9 @@ pub fn daemon(config: &Config, stop: &StopFlag) -> anyhow::Result<()> {
     let log_progress: OnProgress = Box::new(|progress| match progress {
         Progress::Started { session, notes, .. } => {
             log::info!("recording {}", session.display());
-            notes.iter().for_each(|note| log::warn!("{note}"));
+            notes
+                .iter()
+                .for_each(|publish_status| log::warn!("{publish_status}"));
         }
         Progress::Finished {
             session,
@@ -702,7 +719,7 @@ pub fn daemon(config: &Config, stop: &StopFlag) -> anyhow::Result<()> {
     });
     let out_folder = out.clone();
     // Before the first press could begin a new one.
-    let cut_off = leftovers::find(&out);
+    let cut_off = crash_recovery::find(&out);
     let running = Running::start(
         |start| build(config, start),
         out,
@@ -712,7 +729,7 @@ pub fn daemon(config: &Config, stop: &StopFlag) -> anyhow::Result<()> {
     )?;
     let of_control = running.shared.clone();
     let server = control::serve(&config.control.socket, move |request| {
-        ask(&of_control, request, "control")
+        send_request(&of_control, request, "control")
     })
     .with_context(|| {
         format!(
@@ -721,7 +738,7 @@ pub fn daemon(config: &Config, stop: &StopFlag) -> anyhow::Result<()> {
         )
     })?;
     let shared = running.shared.clone();
-    let tell = move |text: String| {
+    let report = move |text: String| {
         let alarm = Outgoing::Alarm {
             at: shared.clock.now(),
             text,
@@ -730,18 +747,18 @@ pub fn daemon(config: &Config, stop: &StopFlag) -> anyhow::Result<()> {
         };
         let _ = shared.outbox.push_reserved(ToRecorder::Item(alarm), 0);
     };
-    leftovers::close(out_folder.clone(), cut_off, tell)
+    crash_recovery::close(out_folder.clone(), cut_off, report)
         .context("looking after earlier recordings")?;
     let operator = Operator::start(&config.operator, &running.shared)?;
-    let mut page = page::Keeper::new(config.page.as_ref(), &out_folder);
-    page.look(&running);
-    urgent::lock_memory();
+    let mut page = page::PageSupervisor::new(config.page.as_ref(), &out_folder);
+    page.supervise(&running);
+    realtime_priority::lock_memory();
     let notify = Notify::from_env();
     notify.ready();
     let shared = running.shared.clone();
-    let mut firsts = Firsts::wait(running.names());
+    let mut first_frames = FirstFrames::wait(running.names());
     let mut is_armed = false;
-    // Twice as often as asked for: the loop sleeps between its rounds.
+    // Twice as often as required, because the loop sleeps between its iterations.
     let watchdog_ns = notify
         .watchdog_interval()
         .map_or(NS_PER_S, |interval| interval.as_nanos() as i64 / 2)
@@ -752,20 +769,20 @@ pub fn daemon(config: &Config, stop: &StopFlag) -> anyhow::Result<()> {
         if stop.is_set() {
             break Ok(());
         }
-        if let Err(stuck) = running.check() {
-            break Err(stuck);
+        if let Err(stalled_thread) = running.check() {
+            break Err(stalled_thread);
         }
         let now = shared.clock.now();
         let seen = shared.latest();
         if let Some(status) = &seen {
-            firsts.look(status);
+            first_frames.update(status);
             if status.state == State::Armed && !is_armed {
                 is_armed = true;
                 announce::step(armed(config));
             }
         }
         operator.show();
-        page.look(&running);
+        page.supervise(&running);
         if now >= next_status {
             next_status = now + NS_PER_S;
             if let Some(status) = &seen {
@@ -776,9 +793,9 @@ pub fn daemon(config: &Config, stop: &StopFlag) -> anyhow::Result<()> {
             next_watchdog = now + watchdog_ns;
             notify.watchdog();
         }
-        // It comes five times a second while the recorder moves, so the end is seen soon.
+        // It is published five times a second while the recorder runs, so the end is detected soon.
         let due = next_status.min(next_watchdog);
-        shared.wait_for_news(seen.as_ref(), span(now, due));
+        shared.wait_for_status(seen.as_ref(), span(now, due));
     };
     notify.stopping();
     drop(page);
@@ -790,7 +807,7 @@ pub fn daemon(config: &Config, stop: &StopFlag) -> anyhow::Result<()> {
     result
 }
 
-/// Closes what is being recorded and ends all threads, and tells the watchdog meanwhile that it is being done.
+/// Closes the open recording and ends all threads, and notifies the watchdog meanwhile.
 fn stop_under_watchdog(
     running: Running,
     notify: &Notify,
@@ -809,7 +826,7 @@ fn stop_under_watchdog(
     Ok(())
 }
 
-/// What a person is to do once all cameras and IMUs deliver.
+/// Instruction for the operator once all cameras and IMUs deliver.
 fn armed(config: &Config) -> String {
     let button = match config.operator.buttons.is_empty() {
         true => "",
@@ -834,35 +851,37 @@ mod tests {
 
     use super::*;
     use crate::hub::{CameraSetup, FINISH_LIMIT};
-    use crate::recorder::STOP_MAX_NS;
+    use crate::recorder::MAX_STOP_NS;
     use crate::sync::clock::ClockConfig;
 
-    /// Neither is something new missed that came before the waiting, nor does the wait end for what was seen.
+    /// A status published before the wait is not missed, and the status already seen does not end
+    /// the wait.
     #[test]
-    fn news_of_the_recorder_end_the_wait() {
+    fn status_change_ends_the_wait() {
         const LONG: Duration = Duration::from_secs(3600);
         const STATUS: &str =
             r#"{"state": "idle", "seconds": 0, "streams": [], "alarms": [], "encoders": []}"#;
         let status = || Arc::new(serde_json::from_str(STATUS).expect("a status"));
         let shared = Arc::new(Shared::new(0, 0, false, Outcome::default()));
-        shared.wait_for_news(None, Duration::from_millis(1));
+        shared.wait_for_status(None, Duration::from_millis(1));
         *lock(&shared.latest) = Some(status());
-        shared.wait_for_news(None, LONG);
+        shared.wait_for_status(None, LONG);
         let seen = shared.latest();
-        shared.wait_for_news(seen.as_ref(), Duration::from_millis(1));
+        shared.wait_for_status(seen.as_ref(), Duration::from_millis(1));
         let waiting = {
             let shared = shared.clone();
-            std::thread::spawn(move || shared.wait_for_news(seen.as_ref(), LONG))
+            std::thread::spawn(move || shared.wait_for_status(seen.as_ref(), LONG))
         };
         *lock(&shared.latest) = Some(status());
-        shared.noted.notify_all();
+        shared.status_changed.notify_all();
         waiting.join().expect("it ends");
     }
 
-    /// Else a stop on a slow machine would be called a failure, or killed, while it goes on.
+    /// Otherwise a stop on a slow machine would be reported as a failure, or killed, while it is in
+    /// progress.
     #[test]
-    fn whoever_asks_for_a_stop_waits_longer_than_it_takes() {
-        let recorder = Duration::from_nanos(STOP_MAX_NS as u64);
+    fn stop_clients_wait_longer_than_a_stop_takes() {
+        let recorder = Duration::from_nanos(MAX_STOP_NS as u64);
         let client = control::answer_limit(&Request::Stop);
         assert!(recorder < STOP_REQUEST_LIMIT && STOP_REQUEST_LIMIT < client);
         assert!(REQUEST_LIMIT < control::answer_limit(&Request::Status));
@@ -879,15 +898,20 @@ mod tests {
         assert!(STOP_REQUEST_LIMIT < page);
     }
 
-    /// Else the end of a replay on a slow machine would be taken for a thread that is stuck.
+    /// Otherwise the end of a replay on a slow machine would be taken for a stuck thread.
     #[test]
-    fn the_hub_comes_round_while_the_last_frames_are_encoded() {
-        const { assert!(FINISH_LIMIT.as_nanos() < STUCK_NS as u128) };
-        let shared = Arc::new(Shared::new(1, OUTBOX_BYTES, false, Outcome::default()));
+    fn hub_loop_keeps_running_while_the_last_frames_are_encoded() {
+        const { assert!(FINISH_LIMIT.as_nanos() < WATCHDOG_NS as u128) };
+        let shared = Arc::new(Shared::new(
+            1,
+            OUTBOX_CAPACITY_BYTES,
+            false,
+            Outcome::default(),
+        ));
         shared.set_recording(true);
-        // The number of each frame that comes out or is reported, and when the hub had last come round.
-        let told: Arc<Mutex<Vec<(u64, i64)>>> = Arc::default();
-        let (into, of_hub) = (told.clone(), shared.clone());
+        // Number of each delivered or reported frame, and time of the hub's last loop iteration.
+        let reported: Arc<Mutex<Vec<(u64, i64)>>> = Arc::default();
+        let (into, of_hub) = (reported.clone(), shared.clone());
         let out: Out = Arc::new(move |item| {
             let number = match item {
                 Outgoing::Frame { frame, .. } => frame.number,
@@ -921,7 +945,7 @@ mod tests {
         let encoding = Encoding::new(1);
         let mut hub = Hub::new(vec![setup], NS_PER_S, false, &encoding, &out);
         let bytes = PixelFormat::I420.bytes(width, height).expect("even");
-        // Noise: encoding one takes many times as long as pushing one.
+        // Noise: encoding a frame takes much longer than pushing it.
         let noise = |mut state: u64| {
             let mut next = || {
                 state = state.wrapping_mul(6_364_136_223_846_793_005);
@@ -929,10 +953,10 @@ mod tests {
                 (state >> 56) as u8
             };
             let data: Vec<u8> = (0..bytes).map(|_| next()).collect();
-            Picture::new(width, height, PixelFormat::I420, data).expect("a picture")
+            Picture::new(width, height, PixelFormat::I420, data).expect("an image")
         };
-        let pictures = [noise(1), noise(2)];
-        // Many more than have room in an encoder.
+        let images = [noise(1), noise(2)];
+        // Many more than fit into an encoder.
         for number in 0..24 {
             let now = shared.now();
             let frame = RawFrame {
@@ -942,29 +966,29 @@ mod tests {
                 host_time: now,
                 exposure_ns: None,
                 eyes_apart_ns: None,
-                picture: pictures[number as usize % 2].clone(),
+                image: images[number as usize % 2].clone(),
             };
             hub.sample(0, Sample::Frame(frame), now);
         }
-        let _ = shared.inbox.push_reserved(In::Ended(0, None), 0);
+        let _ = shared.inbox.push_reserved(HubInput::Ended(0, None), 0);
         let of_hub = shared.clone();
         let hub = std::thread::spawn(move || run_hub(hub, 1, &of_hub));
         while !shared.all_ended.is_set() {
-            wait_until(shared.now() + PATIENCE.as_nanos() as i64, &shared);
+            wait_until(shared.now() + POLL_TIMEOUT.as_nanos() as i64, &shared);
         }
         shared.inbox.close();
         hub.join().expect("the hub");
         assert!(!encoding.is_busy(0));
-        let mut told = lock(&told).clone();
-        told.sort_unstable();
-        assert!(told.iter().map(|(number, _)| *number).eq(0..24));
-        let beats: BTreeSet<i64> = told.iter().map(|(_, beat)| *beat).collect();
+        let mut reported = lock(&reported).clone();
+        reported.sort_unstable();
+        assert!(reported.iter().map(|(number, _)| *number).eq(0..24));
+        let beats: BTreeSet<i64> = reported.iter().map(|(_, beat)| *beat).collect();
         assert!(beats.len() > 3, "{beats:?}");
     }
 
-    /// A full outbox refuses the key frame too that was asked for: then the next one must be one.
+    /// A full outbox also rejects the requested key frame: then the next frame must be one.
     #[test]
-    fn a_key_frame_is_asked_for_until_one_gets_through() {
+    fn key_frame_is_requested_until_one_is_delivered() {
         let shared = Arc::new(Shared::new(1, 1000, false, Outcome::default()));
         let out = to_recorder(shared.clone(), vec!["feet".to_owned()]);
         let frame = |number, key| {
@@ -977,14 +1001,14 @@ mod tests {
                 unit: Bytes::from(vec![0; 500]),
                 key,
             });
-            shared.key_wanted[0].swap(false, Ordering::Relaxed)
+            shared.key_frame_needed[0].swap(false, Ordering::Relaxed)
         };
         assert!(!frame(0, true), "there is room");
         assert!(frame(1, false));
-        assert!(!frame(2, false), "it was asked for");
+        assert!(!frame(2, false), "it was requested");
         assert!(frame(3, true), "it did not fit");
         while let Popped::Item(_) = shared.outbox.pop(Duration::ZERO) {}
-        assert!(!frame(4, false), "nothing to refer to, and asked for");
+        assert!(!frame(4, false), "no reference frame, and requested");
         assert!(!frame(5, true));
         let mut numbers = Vec::new();
         while let Popped::Item(item) = shared.outbox.pop(Duration::ZERO) {

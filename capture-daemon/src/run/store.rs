@@ -1,4 +1,4 @@
-//! Sessions as folders below one folder.
+//! Storage of sessions as folders below one folder.
 
 use std::ffi::OsString;
 use std::fs;
@@ -10,46 +10,47 @@ use session_archive::layout;
 use session_archive::storage::Storage;
 use session_archive::time::{CivilTime, HostTime};
 
-use super::claim::Claimed;
-use super::look::Looker;
+use super::claim::ClaimedStorage;
+use super::machine_monitor::MachineMonitor;
 use crate::disk;
-use crate::recorder::{MachineLook, SessionStore};
+use crate::recorder::{MachineReading, SessionStore};
 
-/// What the folder of a session is called while it is being deleted.
+/// Prefix of a session's folder while it is being deleted.
 const DISCARDED: &str = ".discarded-";
 
-/// Makes session folders named by their time: `2026-11-21T02-03-17Z_1a2b3c4d`.
+/// Creates session folders named by their time: `2026-11-21T02-03-17Z_1a2b3c4d`.
 pub struct FolderStore {
     out: PathBuf,
-    /// None where the same input is to give the same session, byte for byte.
-    looker: Option<Looker>,
-    /// Of the one session that is made then.
+    /// `None` if the same input must give the same session, byte for byte.
+    machine_monitor: Option<MachineMonitor>,
+    /// Identity of the only session in that case.
     identity: [u8; 16],
 }
 
 impl FolderStore {
-    /// Sessions go into `out` and leave `reserve_bytes` free; identifiers are made from their time and the
-    /// machine's randomness.
+    /// Sessions are written to `out` and leave `reserve_bytes` free; identifiers are derived from
+    /// their time and the machine's randomness.
     pub fn random(out: PathBuf, reserve_bytes: u64) -> Self {
         Self {
-            looker: Some(Looker::new(out.clone(), reserve_bytes)),
+            machine_monitor: Some(MachineMonitor::new(out.clone(), reserve_bytes)),
             identity: [0; 16],
             out,
         }
     }
 
-    /// A session goes into `out`; its identifier is made of these bytes (a UUID of version 8), and nothing of the
-    /// machine is known: nothing that changes from run to run gets into the session.
+    /// A session is written to `out`; its identifier is made of these bytes (a UUID of version 8),
+    /// and the machine is not monitored: nothing that changes from run to run gets into the
+    /// session.
     pub fn reproducible(out: PathBuf, identity: [u8; 16]) -> Self {
         Self {
             out,
-            looker: None,
+            machine_monitor: None,
             identity,
         }
     }
 
     fn identifier(&self, started: CivilTime) -> io::Result<uuid::Uuid> {
-        if self.looker.is_none() {
+        if self.machine_monitor.is_none() {
             return Ok(uuid::Builder::from_custom_bytes(self.identity).into_uuid());
         }
         let millis = (started.0 / 1_000_000).max(0) as u64;
@@ -69,23 +70,24 @@ impl SessionStore for FolderStore {
             .out
             .join(format!("{time}Z_{}", &text[text.len() - 8..]));
         fs::create_dir(&path)?;
-        let storage = Claimed::new(&path);
+        let storage = ClaimedStorage::new(&path);
         // The session is found after a power cut only if its name is on disk.
         fs::File::open(&self.out)?.sync_all()?;
         Ok((path, Arc::new(storage), text))
     }
 
-    /// The session disappears by one rename; an hour of video takes its time to go, which nobody waits for.
+    /// The session disappears by one rename; deleting an hour of video takes time, for which nobody
+    /// waits.
     fn discard(&mut self, path: &Path) -> io::Result<()> {
         let name = path.file_name().unwrap_or_default();
-        let mut gone = OsString::from(DISCARDED);
-        gone.push(name);
-        let gone = path.with_file_name(gone);
-        fs::rename(path, &gone)?;
+        let mut removed = OsString::from(DISCARDED);
+        removed.push(name);
+        let removed = path.with_file_name(removed);
+        fs::rename(path, &removed)?;
         fs::File::open(&self.out)?.sync_all()?;
         let removing = std::thread::Builder::new().name("discard".to_owned());
-        // Without a thread it goes at the next start.
-        let _ = removing.spawn(move || remove(&gone));
+        // Without a thread it is deleted at the next start.
+        let _ = removing.spawn(move || remove(&removed));
         Ok(())
     }
 
@@ -94,21 +96,21 @@ impl SessionStore for FolderStore {
     }
 
     fn free_bytes(&self) -> Option<u64> {
-        self.looker
+        self.machine_monitor
             .is_some()
             .then(|| disk::free_bytes(&self.out).ok())
             .flatten()
     }
 
-    fn machine(&mut self, now: HostTime, recording: bool) -> MachineLook {
-        match &mut self.looker {
-            Some(looker) => looker.look(now, recording),
-            None => MachineLook::default(),
+    fn machine(&mut self, now: HostTime, recording: bool) -> MachineReading {
+        match &mut self.machine_monitor {
+            Some(machine_monitor) => machine_monitor.read(now, recording),
+            None => MachineReading::default(),
         }
     }
 }
 
-/// Deletes what is left of discarded sessions, as by a power cut in the middle.
+/// Deletes the remains of discarded sessions, as after a power cut in between.
 pub(super) fn finish_discards(out: &Path) {
     let entries = fs::read_dir(out).into_iter().flatten().flatten();
     for entry in entries {
@@ -121,10 +123,10 @@ pub(super) fn finish_discards(out: &Path) {
     }
 }
 
-fn remove(gone: &Path) {
-    match fs::remove_dir_all(gone) {
+fn remove(removed: &Path) {
+    match fs::remove_dir_all(removed) {
         Err(e) if e.kind() != io::ErrorKind::NotFound => {
-            log::warn!("deleting {}: {e}", gone.display());
+            log::warn!("deleting {}: {e}", removed.display());
         }
         _ => {}
     }
@@ -134,9 +136,10 @@ fn remove(gone: &Path) {
 mod tests {
     use super::*;
 
-    /// Whoever records does not notice by itself: files that are open go on after their folder is gone.
+    /// The recorder does not notice by itself: open files remain usable after their folder is
+    /// removed.
     #[test]
-    fn a_session_whose_folder_was_removed_is_not_there() {
+    fn removed_session_folder_is_detected() {
         let folder = tempfile::tempdir().expect("folder");
         let mut store = FolderStore::random(folder.path().to_owned(), 0);
         let mut begun = || {
@@ -156,7 +159,7 @@ mod tests {
     }
 
     #[test]
-    fn a_discarded_session_is_gone_at_once_and_its_rest_later() {
+    fn discarded_session_disappears_immediately_and_is_deleted_later() {
         let folder = tempfile::tempdir().expect("folder");
         let mut store = FolderStore::random(folder.path().to_owned(), 0);
         let (path, storage, _) = store.create(CivilTime(0)).expect("session");
@@ -164,7 +167,7 @@ mod tests {
         fs::write(path.join("video"), b"a walk").expect("file");
         store.discard(&path).expect("discarded");
         assert!(!path.exists());
-        assert!(store.discard(&path).is_err(), "it is gone already");
+        assert!(store.discard(&path).is_err(), "it no longer exists");
 
         let cut = folder.path().join(".discarded-walk");
         fs::create_dir_all(cut.join("segments")).expect("folder");

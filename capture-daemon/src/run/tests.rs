@@ -3,7 +3,7 @@
 use super::*;
 use crate::sources::{AnySource, Sample, Source, SourceError, SourceInfo};
 
-/// Delivers so many samples, then fails.
+/// Delivers a number of samples, then fails.
 struct Failing {
     inner: Box<dyn Source>,
     samples: u32,
@@ -51,7 +51,7 @@ fn run(cameras: usize, virtual_time: bool) -> (Finished, String, Vec<Progress>) 
     );
     let config = Config::parse(&text, folder.path()).expect("configuration");
     let options = RecordOptions {
-        // In real time the failure comes first, however slow the machine is.
+        // In real time the failure comes first, however slow the machine.
         seconds: if virtual_time { 2.0 } else { 600.0 },
         virtual_time,
         name: String::new(),
@@ -63,7 +63,7 @@ fn run(cameras: usize, virtual_time: bool) -> (Finished, String, Vec<Progress>) 
         |start| {
             let mut built = build(&config, start)?;
             let AnySource::Scheduled(inner) = built.sources.remove(0) else {
-                panic!("a made-up camera has a schedule");
+                panic!("a synthetic camera has a schedule");
             };
             let failing = Box::new(Failing { inner, samples: 5 });
             built.sources.insert(0, AnySource::Scheduled(failing));
@@ -94,7 +94,7 @@ fn check_failed(finished: &Finished, progress: &[Progress]) {
 }
 
 #[test]
-fn a_recording_whose_only_source_fails_has_failed() {
+fn recording_fails_with_its_only_source() {
     for virtual_time in [false, true] {
         let (finished, manifest, progress) = run(1, virtual_time);
         check_failed(&finished, &progress);
@@ -105,16 +105,17 @@ fn a_recording_whose_only_source_fails_has_failed() {
 }
 
 #[test]
-fn a_recording_goes_on_without_a_source_that_fails() {
+fn recording_continues_without_a_failed_source() {
     let (finished, manifest, progress) = run(2, true);
     check_failed(&finished, &progress);
     assert_eq!(finished.stored, 5 + 40);
     assert!(manifest.contains("\"duration\""), "{manifest}");
 }
 
-/// Codec and preset are chosen once, by the pixels of all cameras together. Alone, each of these would get another preset.
+/// Codec and preset are selected once, by the pixels of all cameras together. Alone, each of these
+/// would get another preset.
 #[test]
-fn cameras_of_different_sizes_have_one_encoder() {
+fn cameras_of_different_sizes_share_one_encoder_choice() {
     let folder = tempfile::tempdir().expect("folder");
     let sizes = [(128, 64, 20), (960, 480, 30)];
     let cameras = CAMERAS.iter().zip(sizes).map(|(name, of)| {

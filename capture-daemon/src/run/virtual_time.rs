@@ -1,8 +1,8 @@
 //! Virtual time: one loop, as fast as the machine can.
 //!
-//! Samples are taken in the order of their arrival times, the clock is set to each, and each frame is
-//! encoded before the next sample is taken. Nothing is dropped, and the same input gives the
-//! same bytes. When a source fails, the recording goes on without it.
+//! Samples are taken in the order of their arrival times, the clock is set to each, and each frame
+//! is encoded before the next sample is taken. Nothing is dropped, and the same input gives the
+//! same bytes. When a source fails, the recording continues without it.
 
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 
@@ -13,15 +13,15 @@ use super::build::Built;
 use super::store::FolderStore;
 use super::{Finished, Outcome, RecordOptions, StopFlag, identity, stop_reason};
 use crate::clock::VirtualClock;
-use crate::encode::Rest;
+use crate::encode::RemainingFrames;
 use crate::encoding::Encoding;
 use crate::hub::{Hub, Out, Outgoing, TICK_NS};
 use crate::recorder::{OnProgress, Queues, Recorder};
 use crate::sources::{AnySource, Sample, Source};
 
-/// Virtual time begins here: late enough for a pre-roll before it.
+/// Start of virtual time: late enough for a pre-roll before it.
 const START: HostTime = HostTime(1000 * NS_PER_S);
-/// And is called 2026-01-01T00:00:00Z, whenever it is.
+/// Civil time of the start, always 2026-01-01T00:00:00Z.
 const CIVIL: CivilTime = CivilTime(1_767_225_600 * NS_PER_S);
 
 pub(super) fn record(
@@ -107,7 +107,7 @@ pub(super) fn record(
     if !all_ended && !stop.is_set() {
         clock.advance_to(end);
     }
-    hub.finish(Rest::Encode, end);
+    hub.finish(RemainingFrames::Encode, end);
     lock(&recorder).close_now(stop_reason(stop, all_ended));
     outcome.take()
 }

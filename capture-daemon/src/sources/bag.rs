@@ -1,26 +1,28 @@
 //! Replay of bags: rosbag2 recordings in MCAP, and MCAP files with ROS 2 messages.
 //!
-//! Contract: images of `sensor_msgs/Image` or `CompressedImage` and samples of `sensor_msgs/Imu`, each at the time in its
-//! header, which is its device time; when it was recorded is not used but for the order. Two topics, one for each eye, are
-//! paired by time alone (`pairing`): the frame has the left image's time, and by how much later the right
-//! one was taken is recorded with it. Values of samples are those of the message.
+//! Contract: images of `sensor_msgs/Image` or `CompressedImage` and samples of `sensor_msgs/Imu`,
+//! each at the time in its header, which is its device time; the recording time is used only for
+//! the order. Two topics, one for each eye, are paired by time alone (`pairing`): the frame has the
+//! left image's time, and the delay of the right one is recorded with it. Values of samples are
+//! those of the message.
 //!
-//! *Early*: [`Bag::open`] goes through the whole bag once, so that what cannot be replayed is refused before anything is
-//! recorded: storage of another kind, topics that are not there, images without times, cameras that do not expose
-//! together, an encoding that is not read. *At a gap*: a left image without a partner, without a time that rises, damaged, or
-//! of another size keeps its number and is lost with the reason; a sample without a usable time keeps its number and is
-//! left out. Right images without a partner are counted in a notice. *At the end* there is no more of either. *On
-//! failure* of the disk the source is unusable.
+//! *Early*: [`Bag::open`] reads the whole bag once, so that unusable data is rejected before
+//! anything is recorded: another kind of storage, absent topics, images without times, cameras that
+//! do not expose simultaneously, an unsupported encoding. *At a gap*: a left image without a
+//! partner, without an increasing time, damaged, or of another size keeps its number and is dropped
+//! with the reason; a sample without a usable time keeps its number and is skipped. Right images
+//! without a partner are counted in a notice. *At the end* there is no more of either. *On failure*
+//! of the disk the source is unusable.
 
 use session_archive::record::paws::gap::Cause;
 use session_archive::time::{HostTime, TickLength};
 
 use super::{
-    CameraInfo, Extent, ImuInfo, ImuValues, Lost, Notice, Part, RawFrame, RawImu, Sample, Seen,
-    Source, SourceError, SourceInfo,
+    CameraInfo, DevicePart, DroppedFrame, Extent, FrameArrival, ImuInfo, ImuValues, Notice,
+    RawFrame, RawImu, Sample, Source, SourceError, SourceInfo,
 };
-use crate::causes::with_causes;
 use crate::config::BagConfig;
+use crate::error_chain::with_causes;
 use crate::run::identity::Digest;
 
 mod cdr;
@@ -35,10 +37,10 @@ mod topics;
 pub use cdr::CdrError;
 pub use error::BagError;
 
-use container::{Container, Place};
+use container::{Container, RecordLocation};
 use image::BagImage;
 use messages::Kind;
-use plan::{Plan, Planned, What};
+use plan::{Outcome, Plan, Planned};
 
 /// rosbag2's other storage, and how to convert it.
 const SQLITE: (&str, &str) = (
@@ -47,26 +49,26 @@ const SQLITE: (&str, &str) = (
      storage_id: mcap, all: true}]`",
 );
 
-/// A bag as a source. See the module for what it promises.
+/// A bag as a source. See the module for the contract.
 pub struct Bag {
     name: String,
     info: SourceInfo,
     files: Vec<Container>,
     /// Of the left topic and of the right one.
     kinds: [Kind; 2],
-    /// Columns and rows of the first frame as the messages have them, which all have.
+    /// Columns and rows of the first frame in the messages; the same for all frames.
     size: (u32, u32),
     plan: Plan,
     notes: Vec<String>,
-    /// What the session is to know.
+    /// Notices for the session.
     notices: Vec<String>,
     start: HostTime,
     notices_out: usize,
     frames_out: usize,
     imu_out: usize,
     /// Whether images are read and decoded, or only counted.
-    wants_pixels: bool,
-    /// Files go on behind what was read of them.
+    pixels_needed: bool,
+    /// The files continue behind the part that was read.
     is_head: bool,
 }
 
@@ -80,15 +82,15 @@ impl Bag {
         Self::of_scan(name, config, start, scanned)
     }
 
-    /// Opens the beginning of each file as if it were all of the bag: for a look.
+    /// Opens the beginning of each file as if it were all of the bag: for a check.
     ///
     /// # Errors
-    /// [`BagError`], naming the file; [`BagError::Head`] where more of it might do.
+    /// [`BagError`], naming the file; [`BagError::Head`] if more of it might suffice.
     pub fn open_head(name: &str, config: &BagConfig) -> Result<Self, BagError> {
         let scanned = scan::scan(&config.path, Extent::Head)?;
         let is_head = scanned.is_head;
         Self::of_scan(name, config, HostTime(0), scanned).map_err(|error| {
-            match is_head && error.may_be_mended_by_more() {
+            match is_head && error.needs_more_data() {
                 true => BagError::Head {
                     source: Box::new(error),
                 },
@@ -120,15 +122,15 @@ impl Bag {
             what,
         };
         let first = plan.frames.iter().find_map(|planned| match &planned.what {
-            What::Frame { left, right } => Some((*left, right.map(|(place, _)| place))),
-            What::Lost(_) => None,
+            Outcome::Frame { left, right } => Some((*left, right.map(|(location, _)| location))),
+            Outcome::Dropped(_) => None,
         });
         let (first_left, first_right) = first.ok_or_else(|| fail("there is none".to_owned()))?;
         let image = load(&mut files, kinds, first_left, first_right)?.map_err(fail)?;
-        if chosen.right.is_none() && !image.picture.width.is_multiple_of(4) {
+        if chosen.right.is_none() && !image.image.width.is_multiple_of(4) {
             return Err(fail(format!(
                 "it is {} wide, expected a multiple of four for both eyes side by side",
-                image.picture.width
+                image.image.width
             )));
         }
         let topics = match chosen.right {
@@ -141,8 +143,8 @@ impl Bag {
         let info = SourceInfo {
             description: format!("bag {folder}: {topics}"),
             camera: CameraInfo {
-                width: image.picture.width,
-                height: image.picture.height,
+                width: image.image.width,
+                height: image.image.height,
                 rate_hz: plan.rate_hz,
                 tick: ns,
                 tick_bits: None,
@@ -174,17 +176,17 @@ impl Bag {
             notices_out: 0,
             frames_out: 0,
             imu_out: 0,
-            wants_pixels: true,
+            pixels_needed: true,
             is_head,
         })
     }
 
-    /// What is wrong with the bag and can be lived with, to be shown.
+    /// Tolerable problems of the bag, to be shown.
     pub fn notes(&self) -> &[String] {
         &self.notes
     }
 
-    /// Whether there is more of it than was read.
+    /// Whether the bag continues behind the part that was read.
     pub fn is_head(&self) -> bool {
         self.is_head
     }
@@ -197,7 +199,7 @@ impl Bag {
         } = self.plan.frames[position];
         let host_time = self.start + offset_ns;
         let lost = |detail| {
-            Ok(Sample::Lost(Lost {
+            Ok(Sample::Dropped(DroppedFrame {
                 number,
                 host_time,
                 cause: Cause::Device,
@@ -205,19 +207,19 @@ impl Bag {
             }))
         };
         let (left, right) = match what {
-            What::Frame { left, right } => (*left, *right),
-            What::Lost(why) => return lost(why.clone()),
+            Outcome::Frame { left, right } => (*left, *right),
+            Outcome::Dropped(why) => return lost(why.clone()),
         };
         let device_ticks = self.plan.first_ns + offset_ns;
-        if !self.wants_pixels {
-            return Ok(Sample::Seen(Seen {
+        if !self.pixels_needed {
+            return Ok(Sample::Arrival(FrameArrival {
                 number,
                 device_ticks,
                 host_time,
             }));
         }
-        let places = (left, right.map(|(place, _)| place));
-        let loaded = load(&mut self.files, self.kinds, places.0, places.1);
+        let locations = (left, right.map(|(location, _)| location));
+        let loaded = load(&mut self.files, self.kinds, locations.0, locations.1);
         let loaded = loaded.map_err(|error| SourceError::Unusable {
             source_name: self.name.clone(),
             what: with_causes(&error),
@@ -239,20 +241,20 @@ impl Bag {
             host_time,
             exposure_ns: None,
             eyes_apart_ns: right.map(|(_, apart_ns)| apart_ns),
-            picture: image.picture,
+            image: image.image,
         }))
     }
 }
 
-/// The stereo frame of these images, or why there is none.
+/// The stereo frame of these images, or the reason why there is none.
 fn load(
     files: &mut [Container],
     [left_kind, right_kind]: [Kind; 2],
-    left: (usize, Place),
-    right: Option<(usize, Place)>,
+    left: (usize, RecordLocation),
+    right: Option<(usize, RecordLocation)>,
 ) -> Result<Result<BagImage, String>, BagError> {
-    let mut one = |kind, (file, place): (usize, Place)| -> Result<_, BagError> {
-        Ok(image::decode(kind, &files[file].load(place)?))
+    let mut one = |kind, (file, location): (usize, RecordLocation)| -> Result<_, BagError> {
+        Ok(image::decode(kind, &files[file].load(location)?))
     };
     let left = one(left_kind, left)?;
     let Some(right) = right else {
@@ -269,7 +271,7 @@ impl Source for Bag {
 
     fn digest(&self) -> Vec<u8> {
         let mut digest = Digest::new("bag");
-        // What the settings chose.
+        // Result of the settings.
         digest.value(&(self.kinds, self.plan.first_ns));
         for frame in &self.plan.frames {
             digest.value(frame);
@@ -286,7 +288,7 @@ impl Source for Bag {
             self.notices_out += 1;
             return Ok(Some(Sample::Notice(Notice {
                 host_time: self.start,
-                part: Part::Camera,
+                part: DevicePart::Camera,
                 text: text.clone(),
             })));
         }
@@ -315,8 +317,8 @@ impl Source for Bag {
         self.frame(self.frames_out - 1).map(Some)
     }
 
-    fn want_pixels(&mut self, wanted: bool) {
-        self.wants_pixels = wanted;
+    fn set_pixels_needed(&mut self, needed: bool) {
+        self.pixels_needed = needed;
     }
 
     fn begin_at(&mut self, start: HostTime) {

@@ -1,16 +1,15 @@
 //! Recorded data sets as lists of stereo frames and IMU samples.
 //!
-//! Contract: [`open`] only lists and reads text; pictures are read one at a time by [`load_png`] when
-//! they are due. A list that is given out is in strictly rising time, every frame has a left and a
-//! right picture that were on disk, and times are the recorded integers, never rounded through
-//! floating point. Pictures that a data set announces but does not have are left out and noted, and
-//! leave a hole in the numbers and times: no frame is invented, none is moved. A picture with one
-//! eye only is an error.
+//! Contract: [`open`] only lists and reads text; images are read one at a time by [`load_png`] when
+//! they are due. A returned list has strictly increasing times, every frame has a left and a right
+//! image on disk, and times are the recorded integers, never rounded through floating point. Listed
+//! images that do not exist are skipped and noted, and leave a gap in numbers and times: no frame
+//! is invented, none is moved. An image of one eye only is an error.
 //!
 //! Three layouts are known:
 //! - ASL / EuRoC: `mav0/cam0`, `mav0/cam1` with `data.csv`, and `mav0/imu0/data.csv`;
-//! - KITTI: `image_0` and `image_1`, `image_2` and `image_3`, or `image_l` and `image_r`, with numbered
-//!   pictures and perhaps `times.txt`;
+//! - KITTI: `image_0` and `image_1`, `image_2` and `image_3`, or `image_l` and `image_r`, with
+//!   numbered images and perhaps `times.txt`;
 //! - plain: folders `left` and `right`, or one pair `left.png` and `right.png`.
 
 use std::path::{Path, PathBuf};
@@ -34,19 +33,19 @@ pub use png_file::{DecodedPng, MAX_PIXELS, PngShape, Samples, decode_png, load_p
 pub struct StereoDataset {
     /// Its layout.
     pub kind: DatasetKind,
-    /// The folder that was opened. The calibration reader takes it as it is.
+    /// The opened folder. The calibration reader takes it unchanged.
     pub root: PathBuf,
-    /// Stereo frames in strictly rising time, at least one.
+    /// Stereo frames in strictly increasing time, at least one.
     pub frames: Vec<StereoFrameRef>,
-    /// IMU samples in strictly rising time; none where the data set has no IMU.
+    /// IMU samples in strictly increasing time; empty if the data set has no IMU.
     pub imu: Vec<ImuSample>,
-    /// Calibration files that lie with the data set, to be copied into the session byte by byte.
+    /// Calibration files in the data set, to be copied into the session byte by byte.
     pub calibration_files: Vec<PathBuf>,
-    /// Frame rate in Hz: from the median interval of the stamps, or as given.
+    /// Frame rate in Hz: from the median interval of the timestamps, or as given.
     pub rate_hz: f64,
-    /// What is absent or was ignored, to be shown.
+    /// Absent or ignored parts, to be shown.
     pub notes: Vec<String>,
-    /// Lists go on behind what was read of them: see [`open_head`].
+    /// The lists continue behind the part that was read: see [`open_head`].
     pub is_head: bool,
 }
 
@@ -55,7 +54,7 @@ pub struct StereoDataset {
 pub enum DatasetKind {
     /// ASL / EuRoC folder.
     Asl,
-    /// KITTI-style folders with numbered pictures.
+    /// KITTI-style folders with numbered images.
     Kitti,
     /// Folders `left` and `right`.
     Folders,
@@ -66,13 +65,13 @@ pub enum DatasetKind {
 /// One stereo frame of a data set.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct StereoFrameRef {
-    /// Number in the recording's own count. A number that is skipped is a frame the data set lost.
+    /// Number in the recording's own count. A skipped number is a frame that the data set lost.
     pub number: u64,
     /// Time on the recording's clock, ns.
     pub device_time_ns: i64,
-    /// The left picture.
+    /// The left image.
     pub left: PathBuf,
-    /// The right picture.
+    /// The right image.
     pub right: PathBuf,
 }
 
@@ -87,7 +86,7 @@ pub struct ImuSample {
     pub accel_m_s2: [f64; 3],
 }
 
-/// Highest rate that may be given, Hz: frames must not fall on one nanosecond.
+/// Maximum rate that may be given, Hz: frames must have different times in ns.
 pub const MAX_RATE_HZ: f64 = 1e6;
 
 /// The layout of the data set in `path`.
@@ -110,21 +109,21 @@ pub fn detect(path: &Path) -> Result<DatasetKind, DatasetError> {
         [kind] => Ok(*kind),
         [] => Err(DatasetError::Unrecognised {
             path: path.to_owned(),
-            found: what_is(path),
+            found: describe_contents(path),
             expected: "mav0/cam0 and cam1, image_0 and image_1, image_2 and image_3, image_l and image_r, left and \
                        right, or left.png and right.png"
                 .to_owned(),
         }),
         several => Err(DatasetError::Unrecognised {
             path: path.to_owned(),
-            found: format!("the layouts {several:?} at once"),
+            found: format!("the layouts {several:?} simultaneously"),
             expected: "one data set in the folder".to_owned(),
         }),
     }
 }
 
-/// What is there instead of a data set.
-fn what_is(path: &Path) -> String {
+/// Description of a folder that is no data set.
+fn describe_contents(path: &Path) -> String {
     match std::fs::metadata(path).map(|data| Kind::of(data.file_type())) {
         Err(_) => "no folder".to_owned(),
         Ok(Some(Kind::Folder)) => "a folder without any of them".to_owned(),
@@ -135,8 +134,8 @@ fn what_is(path: &Path) -> String {
 
 /// Lists the data set in `path`.
 ///
-/// `rate_hz` gives the times of a data set that has none: frame `n` is at `n / rate_hz`, rounded to
-/// the nearest ns. Where the data set has times it is ignored and that is noted.
+/// `rate_hz` gives the times of a data set without times: frame `n` is at `n / rate_hz`, rounded to
+/// the nearest ns. If the data set has times it is ignored and that is noted.
 ///
 /// # Errors
 /// [`DatasetError`], naming file and line.
@@ -144,10 +143,10 @@ pub fn open(path: &Path, rate_hz: Option<f64>) -> Result<StereoDataset, DatasetE
     open_as_far(path, rate_hz, Extent::Whole)
 }
 
-/// The same of the beginning of each list, as if there were no more of it: for a look.
+/// As [`open`], with the beginning of each list only: for a check.
 ///
 /// # Errors
-/// As [`open`], and [`DatasetError::Head`] where more of a list might do.
+/// As [`open`], and [`DatasetError::Head`] if more of a list might suffice.
 pub fn open_head(path: &Path, rate_hz: Option<f64>) -> Result<StereoDataset, DatasetError> {
     open_as_far(path, rate_hz, Extent::Head)
 }
@@ -177,7 +176,8 @@ pub(super) fn time_at(number: u64, rate_hz: f64) -> i64 {
     (number as f64 * 1e9 / rate_hz).round() as i64
 }
 
-/// Rate from the median interval of stamped frames, Hz. One frame has no interval and needs `given`.
+/// Rate from the median interval of timestamped frames, Hz. One frame has no interval and needs
+/// `given`.
 fn rate_of(
     frames: &[StereoFrameRef],
     given: Option<f64>,
@@ -185,7 +185,7 @@ fn rate_of(
 ) -> Result<f64, DatasetError> {
     let mut intervals_ns: Vec<i64> = frames
         .windows(2)
-        // Stamps may be any integers; what cannot be a time is for the user of the list to refuse.
+        // Timestamps may be any integers; the user of the list rejects impossible times.
         .map(|pair| {
             pair[1]
                 .device_time_ns
@@ -201,7 +201,7 @@ fn rate_of(
     }
 }
 
-/// Calibration files that lie in the folder itself, sorted by name.
+/// Calibration files in the folder itself, sorted by name.
 fn calibration_files(root: &Path) -> Result<Vec<PathBuf>, DatasetError> {
     let names = text::file_names(root)?;
     let is_calibration = |name: &&String| {

@@ -1,15 +1,18 @@
-//! A camera of the kernel's, with the IMU of a ZED's microcontroller where it has one; or two cameras, one for each eye.
+//! A V4L2 camera, with the IMU of a ZED's microcontroller if it has one; or two cameras, one for
+//! each eye.
 //!
-//! Contract: frames carry the driver's own sequence number and its time stamp on the host's clock; what the driver
-//! calls damaged, or is shorter than a picture, is lost with its number and a cause. Camera and IMU are waited for
-//! on a thread each, so that neither holds up the other. *A device that is not there* yet, or no longer, is told
-//! once and waited for; its settings are written again when it is back. *A mode that the camera does not
-//! have* is told in the same way. IMU and camera are tied by the samples that the IMU marks as taken with a frame, once a
-//! second ([`FrameSync`](super::FrameSync)). Run on the kernel's own drivers in a virtual machine (docs/vm-tests.md),
-//! never with a real camera.
+//! Contract: frames carry the driver's own sequence number and its timestamp on the host clock. A
+//! frame that the driver reports as damaged, or that is shorter than an image, is dropped with its
+//! number and a cause. Camera and IMU are waited for on a thread each, so that neither blocks the
+//! other. *An absent or disconnected device* is reported once and waited for; its settings are
+//! written again when it has reconnected. *An unsupported mode* is reported in the same manner. The
+//! clocks of IMU and camera are related by the samples that the IMU marks as simultaneous with a
+//! frame, once a second ([`FrameSync`](super::FrameSync)). Tested on the kernel's own drivers in a
+//! virtual machine (docs/vm-tests.md), never with a real camera.
 //!
-//! What lies between driver and sink is pure and can be driven without a device: a buffer becomes a sample ([`taken`]), and
-//! those of two cameras become one camera's ([`Joined`]).
+//! The processing between driver and sink is pure and can be tested without a device: a buffer
+//! becomes a sample ([`sample_from_buffer`]), and the samples of two cameras are joined into one
+//! camera's ([`StereoJoiner`]).
 
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::sync::{Mutex, MutexGuard, PoisonError};
@@ -21,34 +24,35 @@ use v4l2::hotplug::Watch;
 use zed::report::{ACCEL_M_PER_S2, GYRO_DEG_PER_S, TEMPERATURE_C};
 
 use super::{
-    CameraInfo, Gone, ImuInfo, Live, Part, Sample, Sink, SourceError, SourceInfo, Stamped,
+    CameraInfo, DevicePart, Disconnected, ImuInfo, Live, Sample, Sink, SourceError, SourceInfo,
+    Stamped,
 };
 use crate::config::{DeviceChoice, PixelLayout, V4l2Config, ZedImuConfig};
 
 pub(crate) mod camera;
+mod frame_sync;
 mod imu;
 mod pair;
-mod tie;
 mod zed_camera;
 
-pub use camera::taken;
-pub use pair::Joined;
-pub(super) use tie::Ties;
+pub use camera::sample_from_buffer;
+pub(super) use frame_sync::FrameSyncTracker;
+pub use pair::StereoJoiner;
 
-/// A driver's stamp is taken in an interrupt; this is how far it may be off.
-const STAMP_SIGMA_NS: u64 = 50_000;
+/// Uncertainty of a driver's timestamp, which is taken in an interrupt, ns.
+const TIMESTAMP_SIGMA_NS: u64 = 50_000;
 
-/// Longest wait before the end is looked for.
-const PATIENCE: Duration = Duration::from_millis(100);
+/// Maximum wait before the end is checked.
+const POLL_TIMEOUT: Duration = Duration::from_millis(100);
 
-/// A camera of the kernel's. See the module.
+/// A V4L2 camera. See the module.
 pub struct Device {
     info: SourceInfo,
     config: V4l2Config,
 }
 
 impl Device {
-    /// The camera of these settings, which need not be there yet.
+    /// The camera of these settings, which need not be present yet.
     pub fn new(config: &V4l2Config) -> Self {
         let camera = CameraInfo {
             width: config.width,
@@ -61,7 +65,7 @@ impl Device {
             still: false,
             stamped: Some(Stamped {
                 latency_ns: 0,
-                sigma_ns: STAMP_SIGMA_NS,
+                sigma_ns: TIMESTAMP_SIGMA_NS,
             }),
         };
         let imu = config.imu.as_ref().map(|imu| imu_info(imu.rate_hz));
@@ -98,7 +102,9 @@ impl Live for Device {
                 Err(error) => failed(format!("its right eye gets no thread: {error}")),
             };
         }
-        let camera = |ties: Option<&Mutex<Ties>>| camera::run(&self.config, ties, sink);
+        let camera = |sync_tracker: Option<&Mutex<FrameSyncTracker>>| {
+            camera::run(&self.config, sync_tracker, sink)
+        };
         match beside_imu(self.config.imu.as_ref(), sink, camera) {
             Ok(()) => Ok(()),
             Err(error) => failed(no_thread(&error)),
@@ -106,45 +112,46 @@ impl Live for Device {
     }
 }
 
-/// Runs a camera and beside it, on a thread of its own, its IMU if it has one, which ends when the camera does.
+/// Runs a camera and, on a thread of its own, its IMU if it has one, which ends when the camera
+/// does.
 ///
 /// # Errors
-/// The system gives no thread.
+/// The system provides no thread.
 pub(super) fn beside_imu<T>(
     imu: Option<&ZedImuConfig>,
     sink: &dyn Sink,
-    camera: impl FnOnce(Option<&Mutex<Ties>>) -> T,
+    camera: impl FnOnce(Option<&Mutex<FrameSyncTracker>>) -> T,
 ) -> std::io::Result<T> {
     let Some(imu) = imu else {
         return Ok(camera(None));
     };
-    let ties = Mutex::default();
-    let until = Until {
+    let sync_tracker = Mutex::default();
+    let until = EndableSink {
         sink,
         is_over: AtomicBool::new(false),
     };
     std::thread::scope(|scope| {
         std::thread::Builder::new()
             .name("imu".to_owned())
-            .spawn_scoped(scope, || imu::run(imu, &ties, &until))?;
-        let ended = camera(Some(&ties));
+            .spawn_scoped(scope, || imu::run(imu, &sync_tracker, &until))?;
+        let ended = camera(Some(&sync_tracker));
         until.is_over.store(true, Ordering::Relaxed);
         Ok(ended)
     })
 }
 
-/// Why a source has no IMU.
+/// Reason why a source has no IMU.
 pub(super) fn no_thread(error: &std::io::Error) -> String {
     format!("its IMU gets no thread: {error}")
 }
 
-/// A sink that is to end sooner than others.
-struct Until<'a> {
+/// A sink that can be ended earlier than its inner one.
+struct EndableSink<'a> {
     sink: &'a dyn Sink,
     is_over: AtomicBool,
 }
 
-impl Sink for Until<'_> {
+impl Sink for EndableSink<'_> {
     fn now(&self) -> HostTime {
         self.sink.now()
     }
@@ -153,8 +160,8 @@ impl Sink for Until<'_> {
         self.sink.put(sample);
     }
 
-    fn wants_pixels(&self) -> bool {
-        self.sink.wants_pixels()
+    fn pixels_needed(&self) -> bool {
+        self.sink.pixels_needed()
     }
 
     fn is_ending(&self) -> bool {
@@ -162,7 +169,7 @@ impl Sink for Until<'_> {
     }
 }
 
-/// What is known of a ZED's IMU before it is there.
+/// Properties of a ZED's IMU before it is present.
 pub(super) fn imu_info(rate_hz: f64) -> ImuInfo {
     ImuInfo {
         rate_hz,
@@ -206,41 +213,46 @@ fn name(device: &DeviceChoice) -> String {
     }
 }
 
-/// Says once why a device is not there, and again when the reason changes.
-pub(super) fn tell_gone(told: &mut Option<String>, part: Part, detail: String, sink: &dyn Sink) {
-    if sink.is_ending() || told.as_ref() == Some(&detail) {
+/// Reports once why a device is not available, and again when the reason changes.
+pub(super) fn report_disconnect(
+    reported: &mut Option<String>,
+    part: DevicePart,
+    detail: String,
+    sink: &dyn Sink,
+) {
+    if sink.is_ending() || reported.as_ref() == Some(&detail) {
         return;
     }
-    sink.put(Sample::Gone(Gone {
+    sink.put(Sample::Disconnected(Disconnected {
         host_time: sink.now(),
         part,
         detail: detail.clone(),
     }));
-    *told = Some(detail);
+    *reported = Some(detail);
 }
 
-/// Waits until something changes in the folder of devices, or `limit` is over, or the end.
+/// Waits until the folder of devices changes, `limit` has passed, or the end.
 pub(super) fn wait(watch: std::io::Result<Watch>, limit: Duration, sink: &dyn Sink) {
     let until = sink.now() + limit.as_nanos() as i64;
     let mut watch = watch.ok();
     while !sink.is_ending() && sink.now() < until {
-        match watch.as_mut().map(|watch| watch.next(PATIENCE)) {
+        match watch.as_mut().map(|watch| watch.next(POLL_TIMEOUT)) {
             Some(Ok(None)) => {}
             Some(Ok(Some(_))) => return,
             Some(Err(_)) | None => {
                 watch = None;
                 #[expect(
                     clippy::disallowed_methods,
-                    reason = "the system has no watches left to give, and trying again at once would never end"
+                    reason = "no inotify watch is available, and an immediate retry would loop forever"
                 )]
-                std::thread::sleep(PATIENCE);
+                std::thread::sleep(POLL_TIMEOUT);
             }
         }
     }
 }
 
-pub(super) fn lock(ties: &Mutex<Ties>) -> MutexGuard<'_, Ties> {
-    ties.lock().unwrap_or_else(PoisonError::into_inner)
+pub(super) fn lock(sync_tracker: &Mutex<FrameSyncTracker>) -> MutexGuard<'_, FrameSyncTracker> {
+    sync_tracker.lock().unwrap_or_else(PoisonError::into_inner)
 }
 
 #[cfg(test)]
@@ -262,9 +274,9 @@ mod tests {
         }
     }
 
-    /// Else a thread that goes before all others would try without end.
+    /// Otherwise a real-time thread would retry in a busy loop.
     #[test]
-    fn without_a_watch_time_is_waited_for_all_the_same() {
+    fn wait_without_inotify_still_takes_its_time() {
         let before = Clock.now();
         let limit = Duration::from_millis(150);
         wait(Err(std::io::ErrorKind::Other.into()), limit, &Clock);

@@ -1,10 +1,11 @@
-//! A camera behind GStreamer elements, with the IMU of a ZED's microcontroller where it has one.
+//! A camera behind GStreamer elements, with the IMU of a ZED's microcontroller if it has one.
 //!
-//! Contract: frames carry the numbers and times that [`video::capture`] finds, on the host's clock; what their times are
-//! worth follows from the element ([`video::capture::policy`]). Frames of one stream go to the encoder in
-//! the camera's own buffers, without a copy; those of two eyes are joined. *A camera that is gone*, or a chain that
-//! fails or ends, is told once and started again every few seconds. *A chain that cannot be built* ends the
-//! source. Run with GStreamer's own test source and with `v4l2src` in a virtual machine, never on a Jetson.
+//! Contract: frames carry the numbers and times that [`video::capture`] determines, on the host
+//! clock; the uncertainty of the times follows from the element ([`video::capture::policy`]).
+//! Frames of one stream go to the encoder in the camera's own buffers, without a copy; those of two
+//! eyes are joined. *A disconnected camera*, or a chain that fails or ends, is reported once and
+//! restarted every few seconds. *A chain that cannot be built* ends the source. Tested with
+//! GStreamer's own test source and with `v4l2src` in a virtual machine, never on a Jetson.
 
 use std::sync::{Arc, Mutex};
 use std::time::Duration;
@@ -15,17 +16,20 @@ use v4l2::hotplug::Watch;
 use video::capture::{CaptureError, Cause, Content, Delivery, Eye, Lost as LostFrames, policy};
 use video::{Capture, CaptureEvent, CaptureSettings, CapturedFrame};
 
-use super::device::{Ties, beside_imu, imu_info, lock, no_thread, tell_gone, wait};
-use super::{
-    CameraInfo, Live, Lost, Part, RawFrame, Sample, Seen, Sink, SourceError, SourceInfo, Stamped,
+use super::device::{
+    FrameSyncTracker, beside_imu, imu_info, lock, no_thread, report_disconnect, wait,
 };
-use crate::causes::with_causes;
+use super::{
+    CameraInfo, DevicePart, DroppedFrame, FrameArrival, Live, RawFrame, Sample, Sink, SourceError,
+    SourceInfo, Stamped,
+};
 use crate::clock::{Clock as _, RealClock};
 use crate::config::GstreamerConfig;
+use crate::error_chain::with_causes;
 
-/// Longest wait before the end is looked for.
-const PATIENCE: Duration = Duration::from_millis(100);
-/// A chain that failed is started again after so long, or when a device appears.
+/// Maximum wait before the end is checked.
+const POLL_TIMEOUT: Duration = Duration::from_millis(100);
+/// Delay before a failed chain is restarted, unless a device appears.
 const RETRY: Duration = Duration::from_secs(3);
 
 /// A camera behind GStreamer elements. See the module.
@@ -35,7 +39,7 @@ pub struct Gstreamer {
 }
 
 impl Gstreamer {
-    /// The camera of these settings, which need not be there yet.
+    /// The camera of these settings, which need not be present yet.
     pub fn new(config: &GstreamerConfig) -> Self {
         let worth = worth(&config.chain);
         let camera = CameraInfo {
@@ -53,7 +57,7 @@ impl Gstreamer {
             }),
         };
         let eyes = config.right_chain.as_ref().map_or("", |_| ", two eyes");
-        // One line, however it is written.
+        // One line, whatever its line breaks.
         let chain: Vec<&str> = config.chain.split_whitespace().collect();
         Self {
             info: SourceInfo {
@@ -70,7 +74,7 @@ impl Gstreamer {
         let config = &self.config;
         CaptureSettings {
             right_chain: config.right_chain.clone(),
-            // Two eyes are joined in memory; one stream stays where its camera put it.
+            // Two eyes are joined in memory; one stream remains in its camera's buffers.
             delivery: match config.right_chain {
                 Some(_) => Delivery::Pictures,
                 None => Delivery::Native,
@@ -80,16 +84,16 @@ impl Gstreamer {
         }
     }
 
-    /// Whether the chain can be built here.
+    /// Whether the chain can be built on this machine.
     ///
     /// # Errors
-    /// What stands in the way.
+    /// The reason why it cannot.
     pub fn check(&self) -> Result<(), CaptureError> {
         video::capture::check(&self.settings())
     }
 }
 
-/// What the times of the first known element of a chain are worth.
+/// Timestamp policy of the first known element of a chain.
 fn worth(chain: &str) -> policy::Policy {
     let mut words = chain.split_whitespace();
     words
@@ -103,7 +107,8 @@ impl Live for Gstreamer {
     }
 
     fn run(self: Box<Self>, sink: &dyn Sink) -> Result<(), SourceError> {
-        let frames = |ties: Option<&Mutex<Ties>>| self.frames(ties, sink);
+        let frames =
+            |sync_tracker: Option<&Mutex<FrameSyncTracker>>| self.frames(sync_tracker, sink);
         match beside_imu(self.config.imu.as_ref(), sink, frames) {
             Ok(ended) => ended,
             Err(error) => Err(self.unusable(no_thread(&error))),
@@ -112,57 +117,61 @@ impl Live for Gstreamer {
 }
 
 impl Gstreamer {
-    fn frames(&self, ties: Option<&Mutex<Ties>>, sink: &dyn Sink) -> Result<(), SourceError> {
+    fn frames(
+        &self,
+        sync_tracker: Option<&Mutex<FrameSyncTracker>>,
+        sink: &dyn Sink,
+    ) -> Result<(), SourceError> {
         let settings = self.settings();
-        let mut told = None;
+        let mut reported = None;
         while !sink.is_ending() {
             let before = Watch::new(["/dev"]);
             let reason = match Capture::start(&settings, Arc::new(host_clock)) {
-                Ok(capture) => self.read(capture, ties, sink, &mut told),
+                Ok(capture) => self.read(capture, sync_tracker, sink, &mut reported),
                 Err(error) => return Err(self.unusable(with_causes(&error))),
             };
-            tell_gone(&mut told, Part::Camera, reason, sink);
-            if let Some(ties) = ties {
-                lock(ties).restart();
+            report_disconnect(&mut reported, DevicePart::Camera, reason, sink);
+            if let Some(sync_tracker) = sync_tracker {
+                lock(sync_tracker).restart();
             }
             wait(before, RETRY, sink);
         }
         Ok(())
     }
 
-    /// Hands frames on until the chain ends; why it did.
+    /// Delivers frames until the chain ends; returns the reason.
     fn read(
         &self,
         mut capture: Capture,
-        ties: Option<&Mutex<Ties>>,
+        sync_tracker: Option<&Mutex<FrameSyncTracker>>,
         sink: &dyn Sink,
-        told: &mut Option<String>,
+        reported: &mut Option<String>,
     ) -> String {
         while !sink.is_ending() {
-            match capture.next(PATIENCE) {
+            match capture.next(POLL_TIMEOUT) {
                 None => {}
                 Some(CaptureEvent::Frame(frame)) => {
-                    *told = None;
-                    if let Some(ties) = ties {
+                    *reported = None;
+                    if let Some(sync_tracker) = sync_tracker {
                         let (stamp, arrival) =
                             (HostTime(frame.clock_time_ns), HostTime(frame.host_time_ns));
-                        // The counter of the driver, which is what wraps.
-                        let tied = lock(ties).frame(frame.number as u32, stamp, arrival);
+                        // The counter of the driver, which wraps.
+                        let tied = lock(sync_tracker).frame(frame.number as u32, stamp, arrival);
                         if let Some(sync) = tied {
                             sink.put(Sample::FrameSync(sync));
                         }
                     }
-                    if sink.wants_pixels() {
+                    if sink.pixels_needed() {
                         sink.put(sample(frame));
                     } else {
-                        sink.put(Sample::Seen(Seen {
+                        sink.put(Sample::Arrival(FrameArrival {
                             number: frame.number,
                             device_ticks: frame.clock_time_ns,
                             host_time: HostTime(frame.host_time_ns),
                         }));
                     }
                 }
-                Some(CaptureEvent::Lost(lost)) => tell_lost(&lost, sink),
+                Some(CaptureEvent::Lost(lost)) => report_dropped(&lost, sink),
                 Some(
                     CaptureEvent::Gone { element, reason }
                     | CaptureEvent::Failed { element, reason },
@@ -181,13 +190,13 @@ impl Gstreamer {
     }
 }
 
-/// The capture asks for the time on the camera's own thread.
+/// The capture reads the time on the camera's own thread.
 fn host_clock() -> i64 {
     RealClock.now().0
 }
 
 fn sample(frame: CapturedFrame) -> Sample {
-    fn raw<P>(frame: &CapturedFrame, picture: P) -> RawFrame<P> {
+    fn raw<P>(frame: &CapturedFrame, image: P) -> RawFrame<P> {
         RawFrame {
             number: frame.number,
             device_ticks: frame.clock_time_ns,
@@ -195,16 +204,16 @@ fn sample(frame: CapturedFrame) -> Sample {
             host_time: HostTime(frame.host_time_ns),
             exposure_ns: None,
             eyes_apart_ns: frame.eyes_apart_ns,
-            picture,
+            image,
         }
     }
     match frame.content.clone() {
-        Content::Picture(picture) => Sample::Frame(raw(&frame, picture)),
+        Content::Picture(image) => Sample::Frame(raw(&frame, image)),
         Content::Native(native) => Sample::Native(raw(&frame, native)),
     }
 }
 
-fn tell_lost(lost: &LostFrames, sink: &dyn Sink) {
+fn report_dropped(lost: &LostFrames, sink: &dyn Sink) {
     let (cause, detail) = match lost.cause {
         Cause::Overrun => (
             gap::Cause::MachineOverload,
@@ -213,13 +222,13 @@ fn tell_lost(lost: &LostFrames, sink: &dyn Sink) {
         Cause::NoPartner(eye) => (
             gap::Cause::Device,
             match eye {
-                Eye::Left => "the left eye's picture did not come".to_owned(),
-                Eye::Right => "the right eye's picture did not come".to_owned(),
+                Eye::Left => "the left eye's image did not arrive".to_owned(),
+                Eye::Right => "the right eye's image did not arrive".to_owned(),
             },
         ),
     };
     for number in lost.first..=lost.last {
-        sink.put(Sample::Lost(Lost {
+        sink.put(Sample::Dropped(DroppedFrame {
             number,
             host_time: sink.now(),
             cause,
@@ -234,14 +243,14 @@ mod tests {
 
     use super::*;
 
-    /// Keeps what it is given, and ends after so many frames.
-    struct Kept {
+    /// Stores its samples, and ends after a number of frames.
+    struct RecordingSink {
         samples: Mutex<Vec<Sample>>,
         ending: AtomicBool,
         frames: usize,
     }
 
-    impl Sink for Kept {
+    impl Sink for RecordingSink {
         fn now(&self) -> HostTime {
             RealClock.now()
         }
@@ -249,8 +258,12 @@ mod tests {
         fn put(&self, sample: Sample) {
             let mut samples = self.samples.lock().expect("samples");
             samples.push(sample);
-            let is_frame =
-                |s: &&Sample| matches!(s, Sample::Frame(_) | Sample::Native(_) | Sample::Gone(_));
+            let is_frame = |s: &&Sample| {
+                matches!(
+                    s,
+                    Sample::Frame(_) | Sample::Native(_) | Sample::Disconnected(_)
+                )
+            };
             if samples.iter().filter(is_frame).count() >= self.frames {
                 self.ending.store(true, Ordering::SeqCst);
             }
@@ -271,7 +284,7 @@ mod tests {
             start_after_ns: 0,
             imu: None,
         };
-        let sink = Kept {
+        let sink = RecordingSink {
             samples: Mutex::default(),
             ending: AtomicBool::new(false),
             frames,
@@ -281,7 +294,7 @@ mod tests {
     }
 
     #[test]
-    fn frames_come_with_the_hosts_own_times() {
+    fn frames_carry_host_times() {
         let caps = "video/x-raw,format=NV12,width=64,height=32,framerate=30/1";
         let samples = run(&format!("videotestsrc is-live=true ! {caps}"), None, 5).expect("frames");
         let (mut before, mut count) = (None, 0);
@@ -289,7 +302,7 @@ mod tests {
             let frame = match sample {
                 Sample::Native(frame) => frame,
                 // On a busy machine this test itself may be late.
-                Sample::Lost(_) => continue,
+                Sample::Dropped(_) => continue,
                 other => panic!("{other:?}"),
             };
             assert!(frame.device_ticks <= frame.host_time.0, "{frame:?}");
@@ -301,22 +314,22 @@ mod tests {
     }
 
     #[test]
-    fn two_eyes_are_one_picture() {
+    fn two_eyes_are_joined_into_one_frame() {
         let eye =
             "videotestsrc is-live=true ! video/x-raw,format=I420,width=32,height=32,framerate=30/1";
         let samples = run(eye, Some(eye), 3).expect("frames");
         let frames = samples.iter().filter_map(|sample| match sample {
-            Sample::Frame(frame) => Some(frame.picture.width),
+            Sample::Frame(frame) => Some(frame.image.width),
             _ => None,
         });
         assert_eq!(frames.collect::<Vec<_>>(), [64; 3]);
     }
 
     #[test]
-    fn a_chain_that_ends_is_told_and_one_that_cannot_be_is_an_error() {
+    fn ended_chain_is_reported_and_invalid_chain_is_an_error() {
         let samples = run("videotestsrc num-buffers=0 is-live=true", None, 1).expect("an end");
         assert!(
-            matches!(&samples[..], [Sample::Gone(gone)] if gone.detail == "the chain has come to its end"),
+            matches!(&samples[..], [Sample::Disconnected(disconnected)] if disconnected.detail == "the chain has come to its end"),
             "{samples:?}"
         );
         let error = run("nosuchelement", None, 1)
@@ -325,10 +338,10 @@ mod tests {
         assert!(error.contains("nosuchelement"), "{error}");
     }
 
-    /// The camera is not to blame for a reader that is too slow, and the reader not for an eye that sends nothing.
+    /// A slow reader is not the camera's fault, and an eye that sends nothing is not the reader's.
     #[test]
-    fn lost_frames_have_their_true_cause() {
-        let sink = Kept {
+    fn dropped_frames_have_their_true_cause() {
+        let sink = RecordingSink {
             samples: Mutex::default(),
             ending: AtomicBool::new(false),
             frames: 1,
@@ -338,16 +351,16 @@ mod tests {
             (7, 7, Cause::NoPartner(Eye::Left)),
             (8, 8, Cause::NoPartner(Eye::Right)),
         ] {
-            tell_lost(&LostFrames { first, last, cause }, &sink);
+            report_dropped(&LostFrames { first, last, cause }, &sink);
         }
         let samples = sink.samples.into_inner().expect("samples");
-        let told = samples.iter().map(|sample| match sample {
-            Sample::Lost(lost) => (lost.number, lost.cause),
+        let reported = samples.iter().map(|sample| match sample {
+            Sample::Dropped(lost) => (lost.number, lost.cause),
             other => panic!("{other:?}"),
         });
         let (machine, device) = (gap::Cause::MachineOverload, gap::Cause::Device);
         assert_eq!(
-            told.collect::<Vec<_>>(),
+            reported.collect::<Vec<_>>(),
             [
                 (3, machine),
                 (4, machine),
@@ -359,7 +372,7 @@ mod tests {
     }
 
     #[test]
-    fn the_first_known_element_says_what_times_are_worth() {
+    fn first_known_element_determines_the_timestamp_policy() {
         assert_eq!(
             worth("foo ! zedsrc camera-sn=1 ! x"),
             policy::Policy::of("zedsrc")

@@ -1,10 +1,11 @@
 //! JPEG images to I420: those of cameras that deliver Motion-JPEG, and those in bags.
 //!
-//! Contract: values are those of the file, full range BT.601 as in every [`Picture`]; chroma is the mean of each 2x2
-//! block; a grey file has neutral chroma. I420 has even sizes only: an odd last column or row is repeated once. *Damage*:
-//! a file that is cut off or does not follow the format is an error, never half an image. *Size*: what the header claims
-//! is compared with [`MAX_PIXELS`] before anything is allocated. Cameras may leave out the Huffman tables, as Motion-JPEG
-//! allows: then they are those of the standard (ITU-T T.81, annex K.3).
+//! Contract: values are those of the file, full range BT.601 as in every [`Picture`]; chroma is the
+//! mean of each 2x2 block; a gray file has neutral chroma. I420 has even sizes only: an odd last
+//! column or row is repeated once. *Damage*: a truncated or malformed file is an error, never half
+//! an image. *Size*: the size in the header is compared with [`MAX_PIXELS`] before anything is
+//! allocated. Cameras may omit the Huffman tables, as Motion-JPEG allows: then those of the
+//! standard are used (ITU-T T.81, annex K.3).
 
 use std::io::Cursor;
 
@@ -15,13 +16,13 @@ use zune_jpeg::zune_core::options::DecoderOptions;
 
 use super::datasets::MAX_PIXELS;
 
-/// Why a JPEG image cannot be used.
+/// Error of decoding a JPEG image.
 #[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
 pub(super) enum JpegError {
     /// The bytes are not a whole JPEG file.
     #[error("the JPEG image is damaged: {0}")]
     Damaged(String),
-    /// The header claims a size that is refused.
+    /// The header has a size above the maximum.
     #[error("the JPEG image is {width}x{height}, expected at most {MAX_PIXELS} pixels")]
     TooLarge {
         /// Columns found.
@@ -29,12 +30,12 @@ pub(super) enum JpegError {
         /// Rows found.
         height: u32,
     },
-    /// There can be no such image.
+    /// The decoded size is invalid.
     #[error(transparent)]
-    Picture(#[from] PictureError),
+    Image(#[from] PictureError),
 }
 
-/// A decoded image and the size that the file has.
+/// A decoded image and its size in the file.
 #[derive(Clone, Debug, PartialEq)]
 pub(super) struct Decoded {
     /// Columns and rows in the file, which may be odd.
@@ -42,10 +43,10 @@ pub(super) struct Decoded {
     /// Whether the file has chroma.
     pub(super) colour: bool,
     /// As I420, with even sizes.
-    pub(super) picture: Picture,
+    pub(super) image: Picture,
 }
 
-/// Decodes one image. Bytes behind its end are passed over, as cameras pad their buffers.
+/// Decodes one image. Bytes behind its end are ignored, because cameras pad their buffers.
 ///
 /// # Errors
 /// See [`JpegError`].
@@ -83,11 +84,11 @@ pub(super) fn decode(bytes: &[u8]) -> Result<Decoded, JpegError> {
         let found = pixels.len();
         return Err(PictureError::WrongLength { found, expected }.into());
     }
-    let picture = i420(width as usize, height as usize, samples, &pixels)?;
+    let image = i420(width as usize, height as usize, samples, &pixels)?;
     Ok(Decoded {
         size: (width, height),
         colour,
-        picture,
+        image,
     })
 }
 
@@ -138,8 +139,8 @@ fn i420(
     )
 }
 
-/// The file marked as Motion-JPEG where it has no Huffman table before its first scan: the decoder takes the standard's
-/// for such files.
+/// The file marked as Motion-JPEG if it has no Huffman table before its first scan: for such files
+/// the decoder uses the standard's.
 fn with_tables(bytes: &[u8]) -> Option<Vec<u8>> {
     const SOI: usize = 2;
     let mut at = SOI;
@@ -148,7 +149,7 @@ fn with_tables(bytes: &[u8]) -> Option<Vec<u8>> {
             return None;
         };
         match marker {
-            // DHT: it has its own.
+            // DHT: it has its own tables.
             0xc4 => return None,
             // SOS: here the data begins.
             0xda => break,
@@ -169,7 +170,7 @@ mod tests {
 
     use super::*;
 
-    /// A soft gradient in every channel, so that little is lost in encoding.
+    /// A soft gradient in every channel, so that the encoding loss is small.
     fn ycbcr(width: usize, height: usize) -> Vec<u8> {
         let pixel = |i: usize| {
             let (x, y) = (i % width, i / width);
@@ -207,10 +208,10 @@ mod tests {
         kept
     }
 
-    /// Luma and chroma of the middle of each block, within what encoding at 95 takes.
-    fn looks_like(picture: &Picture, width: usize, height: usize, colour: bool) {
+    /// Luma and chroma in the middle of each block, within the loss of encoding at quality 95.
+    fn looks_like(image: &Picture, width: usize, height: usize, colour: bool) {
         let truth = ycbcr(width, height);
-        let (luma, chroma) = picture.data.split_at(width * height);
+        let (luma, chroma) = image.data.split_at(width * height);
         let (cb, cr) = chroma.split_at(chroma.len() / 2);
         for y in (0..height).step_by(3) {
             for x in (0..width).step_by(3) {
@@ -230,7 +231,7 @@ mod tests {
     }
 
     #[test]
-    fn every_sampling_gives_the_image() {
+    fn every_chroma_subsampling_decodes_to_the_image() {
         for sampling in [
             SamplingFactor::F_1_1,
             SamplingFactor::F_2_1,
@@ -238,12 +239,12 @@ mod tests {
         ] {
             let decoded = decode(&encode(64, 48, ColorType::Ycbcr, sampling)).expect("an image");
             assert_eq!((decoded.size, decoded.colour), ((64, 48), true));
-            looks_like(&decoded.picture, 64, 48, true);
+            looks_like(&decoded.image, 64, 48, true);
         }
         let grey = encode(64, 48, ColorType::Luma, SamplingFactor::F_1_1);
         let decoded = decode(&grey).expect("an image");
         assert!(!decoded.colour);
-        looks_like(&decoded.picture, 64, 48, false);
+        looks_like(&decoded.image, 64, 48, false);
     }
 
     #[test]
@@ -251,12 +252,12 @@ mod tests {
         let file = encode(33, 17, ColorType::Ycbcr, SamplingFactor::F_2_1);
         let decoded = decode(&file).expect("an image");
         assert_eq!(decoded.size, (33, 17));
-        assert_eq!((decoded.picture.width, decoded.picture.height), (34, 18));
-        looks_like(&decoded.picture, 34, 18, true);
+        assert_eq!((decoded.image.width, decoded.image.height), (34, 18));
+        looks_like(&decoded.image, 34, 18, true);
     }
 
     #[test]
-    fn tables_may_be_left_out_as_cameras_do() {
+    fn huffman_tables_may_be_absent() {
         let file = encode(64, 48, ColorType::Ycbcr, SamplingFactor::F_2_1);
         let bare = without_tables(&file);
         assert!(bare.len() + 400 < file.len(), "nothing was taken out");
@@ -264,7 +265,7 @@ mod tests {
     }
 
     #[test]
-    fn what_is_cut_off_is_an_error_and_padding_is_not() {
+    fn truncated_file_is_an_error_and_padding_is_not() {
         let file = encode(64, 48, ColorType::Ycbcr, SamplingFactor::F_2_1);
         for length in (0..file.len() - 12).step_by(7) {
             let found = decode(&file[..length]);
@@ -279,7 +280,7 @@ mod tests {
     }
 
     #[test]
-    fn a_header_alone_allocates_nothing() {
+    fn header_alone_allocates_nothing() {
         let mut file = encode(16, 16, ColorType::Luma, SamplingFactor::F_1_1);
         let sof = file
             .windows(2)
@@ -291,7 +292,7 @@ mod tests {
 
     proptest::proptest! {
         #[test]
-        fn no_bytes_make_it_panic(at in 0_usize..2000, value: u8, cut in 0_usize..2000) {
+        fn arbitrary_bytes_never_panic(at in 0_usize..2000, value: u8, cut in 0_usize..2000) {
             let mut file = encode(32, 16, ColorType::Ycbcr, SamplingFactor::F_2_2);
             let at = at % file.len();
             file[at] = value;

@@ -1,63 +1,66 @@
-//! Two streams of one eye each into pairs, by time alone: for cameras that count apart from each other.
+//! Pairing of two streams of one eye each, by time alone: for cameras with independent counters.
 //!
-//! Contract: each stream comes in its own order, with rising times; pairs come out in that order. Two images are a pair
-//! when their times are within a limit that is less than half a period ([`limit_ns`]), so an image has one partner at
-//! most. Nothing is moved and nothing invented: an image without a partner comes out alone, as soon as one of the other eye
-//! is later than it by more than the limit, at the latest when [`DEPTH`] later ones of its own eye have come. Cameras that
-//! run freely drift through each other; while they are further apart than the limit every image comes out alone.
+//! Contract: each stream comes in its own order, with increasing times; pairs come out in that
+//! order. Two images are a pair if their times are within a limit that is less than half a period
+//! ([`limit_ns`]), so an image has at most one partner. Nothing is moved and nothing invented: an
+//! image without a partner comes out unpaired, as soon as an image of the other eye is later than
+//! it by more than the limit, at the latest when [`MAX_WAITING_IMAGES`] later images of its own eye
+//! have arrived. Free-running cameras drift relative to each other; while their difference exceeds
+//! the limit every image comes out unpaired.
 
 use std::collections::VecDeque;
 
 use video::capture::Eye;
 
-/// Images of one eye that wait for the other.
-const DEPTH: usize = 3;
+/// Maximum number of images of one eye that wait for the other.
+const MAX_WAITING_IMAGES: usize = 3;
 
 /// An image of one eye.
 #[derive(Debug)]
-pub(super) struct Half<T> {
-    /// When it was taken, ns; on one clock for both eyes.
+pub(super) struct TimedImage<T> {
+    /// Capture time, ns; on one clock for both eyes.
     pub(super) time_ns: i64,
     /// The image.
     pub(super) of: T,
 }
 
-/// What comes out.
+/// Output of the pairing.
 #[derive(Debug)]
 pub(super) enum Paired<T> {
     /// Left and right.
-    Both(Half<T>, Half<T>),
-    /// One without the other.
-    Alone(Eye, Half<T>),
+    Both(TimedImage<T>, TimedImage<T>),
+    /// An image of one eye without a partner.
+    Unpaired(Eye, TimedImage<T>),
 }
 
-/// See the module.
+/// Pairs images. See the module.
 #[derive(Debug)]
-pub(super) struct Pairs<T> {
+pub(super) struct ImagePairer<T> {
     within_ns: i64,
-    left: VecDeque<Half<T>>,
-    right: VecDeque<Half<T>>,
+    left: VecDeque<TimedImage<T>>,
+    right: VecDeque<TimedImage<T>>,
 }
 
-/// The most that two images may be apart: what was asked for, else half a period less a tenth of one.
+/// Maximum time difference of a pair: the configured one, else half a period less a tenth of one.
 ///
 /// # Errors
-/// More was asked for; the message says what is allowed.
-pub(crate) fn limit_ns(rate_hz: f64, asked_ns: Option<i64>) -> Result<i64, String> {
-    let most = (0.4e9 / rate_hz).round() as i64;
-    match asked_ns {
-        Some(asked) if asked > most => Err(format!(
+/// The configured one is too large; the message contains the maximum.
+pub(crate) fn limit_ns(rate_hz: f64, configured_ns: Option<i64>) -> Result<i64, String> {
+    let max = (0.4e9 / rate_hz).round() as i64;
+    match configured_ns {
+        Some(configured) if configured > max => Err(format!(
             "pair_within_ms is {:.1}, expected at most {:.1}, which is half a period at {rate_hz:.1} Hz less a tenth \
              of one: with more, an image could belong to two others",
-            asked as f64 * 1e-6,
-            most as f64 * 1e-6
+            configured as f64 * 1e-6,
+            max as f64 * 1e-6
         )),
-        Some(asked) => Ok(asked),
-        None => Ok(most),
+        Some(configured) => Ok(configured),
+        None => Ok(max),
     }
 }
 
-/// Why an image of `eye` is not recorded: one sentence for every image of the stream, so that gap records can be joined.
+/// Reason why an image of `eye` is not recorded: the same sentence for every image of the stream,
+/// so that gap records can be merged.
 pub(super) fn alone(eye: Eye, within_ns: i64) -> String {
     let (here, missing) = match eye {
         Eye::Left => ("left", "right"),
@@ -69,7 +72,7 @@ pub(super) fn alone(eye: Eye, within_ns: i64) -> String {
     )
 }
 
-impl<T> Pairs<T> {
+impl<T> ImagePairer<T> {
     pub(super) fn new(within_ns: i64) -> Self {
         Self {
             within_ns,
@@ -78,14 +81,14 @@ impl<T> Pairs<T> {
         }
     }
 
-    /// The most that two images of a pair are apart, ns.
+    /// Maximum time difference of a pair, ns.
     pub(super) fn within_ns(&self) -> i64 {
         self.within_ns
     }
 
-    /// Takes an image and gives out what can be said now.
-    pub(super) fn push(&mut self, eye: Eye, half: Half<T>, mut out: impl FnMut(Paired<T>)) {
-        self.side(eye).push_back(half);
+    /// Takes an image and outputs the decided ones.
+    pub(super) fn push(&mut self, eye: Eye, image: TimedImage<T>, mut out: impl FnMut(Paired<T>)) {
+        self.side(eye).push_back(image);
         while let (Some(left), Some(right)) = (self.left.front(), self.right.front()) {
             let later_ns = right.time_ns.saturating_sub(left.time_ns);
             if later_ns.saturating_abs() <= self.within_ns {
@@ -98,13 +101,13 @@ impl<T> Pairs<T> {
             self.give_up(eye, &mut out);
         }
         for eye in [Eye::Left, Eye::Right] {
-            while self.side(eye).len() > DEPTH {
+            while self.side(eye).len() > MAX_WAITING_IMAGES {
                 self.give_up(eye, &mut out);
             }
         }
     }
 
-    /// Gives out what still waits.
+    /// Outputs the waiting images.
     pub(super) fn finish(&mut self, mut out: impl FnMut(Paired<T>)) {
         for eye in [Eye::Left, Eye::Right] {
             while !self.side(eye).is_empty() {
@@ -113,17 +116,17 @@ impl<T> Pairs<T> {
         }
     }
 
-    fn side(&mut self, eye: Eye) -> &mut VecDeque<Half<T>> {
+    fn side(&mut self, eye: Eye) -> &mut VecDeque<TimedImage<T>> {
         match eye {
             Eye::Left => &mut self.left,
             Eye::Right => &mut self.right,
         }
     }
 
-    /// The oldest of `eye` has no partner.
+    /// Outputs the oldest image of `eye` as unpaired.
     fn give_up(&mut self, eye: Eye, out: &mut impl FnMut(Paired<T>)) {
-        if let Some(half) = self.side(eye).pop_front() {
-            out(Paired::Alone(eye, half));
+        if let Some(image) = self.side(eye).pop_front() {
+            out(Paired::Unpaired(eye, image));
         }
     }
 }
@@ -134,18 +137,18 @@ mod tests {
 
     use super::*;
 
-    /// Times of pairs, and of images alone, in the order in which they come out.
+    /// Times of pairs, and of unpaired images, in output order.
     type Sorted = (Vec<(i64, i64)>, Vec<(Eye, i64)>);
 
     fn pair(within_ns: i64, images: &[(Eye, i64)]) -> Sorted {
-        let mut pairs = Pairs::new(within_ns);
+        let mut pairs = ImagePairer::new(within_ns);
         let (mut both, mut alone) = (Vec::new(), Vec::new());
         let mut out = |paired: Paired<()>| match paired {
             Paired::Both(left, right) => both.push((left.time_ns, right.time_ns)),
-            Paired::Alone(eye, half) => alone.push((eye, half.time_ns)),
+            Paired::Unpaired(eye, image) => alone.push((eye, image.time_ns)),
         };
         for &(eye, time_ns) in images {
-            pairs.push(eye, Half { time_ns, of: () }, &mut out);
+            pairs.push(eye, TimedImage { time_ns, of: () }, &mut out);
         }
         pairs.finish(&mut out);
         (both, alone)
@@ -160,7 +163,7 @@ mod tests {
     }
 
     #[test]
-    fn what_is_lost_on_one_side_is_alone_on_the_other() {
+    fn image_lost_on_one_side_leaves_the_other_unpaired() {
         let images: Vec<(Eye, i64)> = (0..30)
             .flat_map(|n| [(Eye::Left, n * 100), (Eye::Right, n * 100 + 7)])
             .filter(|image| !matches!(image, (Eye::Left, 300) | (Eye::Right, 507 | 607)))
@@ -176,7 +179,7 @@ mod tests {
 
     #[test]
     fn cameras_that_run_freely_pair_while_they_are_close() {
-        // 1 % apart: they drift through each other once in a hundred images.
+        // 1 % difference of the periods: they drift through each other once in a hundred images.
         let mut images: Vec<(Eye, i64)> = (0..300).map(|n| (Eye::Left, n * 1000)).collect();
         images.extend((0..300).map(|n| (Eye::Right, n * 1010)));
         images.sort_by_key(|image| image.1);
@@ -185,27 +188,27 @@ mod tests {
             both.iter()
                 .all(|(left, right)| left.abs_diff(*right) <= 400)
         );
-        // Four fifths of a turn are within the limit.
+        // Four fifths of a cycle are within the limit.
         assert!((220..=260).contains(&both.len()), "{}", both.len());
         assert_eq!(2 * both.len() + alone.len(), 600);
     }
 
     #[test]
-    fn few_images_wait_for_an_eye_that_is_silent() {
-        let mut pairs = Pairs::new(40);
+    fn few_images_wait_for_a_silent_eye() {
+        let mut pairs = ImagePairer::new(40);
         let mut alone = 0;
         for n in 0..10 {
-            let half = Half {
+            let image = TimedImage {
                 time_ns: n * 100,
                 of: (),
             };
-            pairs.push(Eye::Left, half, |_| alone += 1);
-            assert_eq!(alone, (n as usize + 1).saturating_sub(DEPTH));
+            pairs.push(Eye::Left, image, |_| alone += 1);
+            assert_eq!(alone, (n as usize + 1).saturating_sub(MAX_WAITING_IMAGES));
         }
     }
 
     proptest! {
-        /// Whatever comes: every image comes out once, and pairs are within the limit and in order.
+        /// For any input, every image comes out once, and pairs are within the limit and in order.
         #[test]
         fn every_image_comes_out_once(steps in prop::collection::vec((any::<bool>(), 1_i64..150), 0..200)) {
             let mut times = [0, 0];

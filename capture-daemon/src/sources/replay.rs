@@ -1,18 +1,18 @@
 //! Replay of recorded data sets.
 //!
-//! Contract: sample `k` arrives at `start` plus its distance from the data set's first picture, to
-//! the nanosecond, and its device ticks are the data set's own stamps, so that ticks and arrival keep
-//! one constant offset. Values are those of the data set, never converted; each stream counts from 0,
-//! and a number that the data set skips stays skipped, as a frame that was lost.
+//! Contract: sample `k` arrives at `start` plus its distance from the data set's first image, to
+//! the nanosecond, and its device ticks are the data set's own timestamps, so that ticks and
+//! arrival have one constant offset. Values are those of the data set, never converted; each stream
+//! counts from 0, and a number that the data set skips remains skipped, as a lost frame.
 //!
-//! *Early*: [`Replay::open`] reads every list and the header of every picture, so that what cannot be
-//! replayed is refused before anything is recorded; pictures are decoded when they are due.
-//! *Order*: by arrival; of an IMU sample and a picture of the same instant the IMU sample comes first.
-//! *At the end* of the pictures there are no more pictures, or, with `repeat`, they start again with
-//! numbers and ticks going on; the first comes one nominal period after the last.
-//! *IMU* samples run once, from the first picture's instant to their own end, and are not repeated:
-//! joined at the seam they would be a motion that nobody made. So pictures may go on without an IMU,
-//! and an IMU without pictures. *On failure* the source is unusable, with the file in the message.
+//! *Early*: [`Replay::open`] reads every list and the header of every image, so that an unusable
+//! data set is rejected before anything is recorded; images are decoded when they are due. *Order*:
+//! by arrival; of an IMU sample and an image of the same instant the IMU sample comes first. *At
+//! the end* of the images there are no more images, or, with `repeat`, they start again with
+//! continuing numbers and ticks; the first comes one nominal period after the last. *IMU* samples
+//! run once, from the first image's instant to their own end, and are not repeated: joined at the
+//! seam they would be a motion that never happened. So images may continue without an IMU, and an
+//! IMU without images. *On failure* the source is unusable, with the file in the message.
 
 use std::path::{Path, PathBuf};
 
@@ -20,69 +20,70 @@ use calib::StereoCalibration;
 use session_archive::time::{HostTime, TickLength};
 use video::{Picture, PictureError};
 
-use crate::causes::with_causes;
+use crate::error_chain::with_causes;
 use crate::run::identity::Digest;
 
 use super::datasets::{self, DatasetError, DatasetKind, ImuSample, Samples, StereoDataset};
 use super::{
-    CameraInfo, ImuInfo, ImuValues, RawFrame, RawImu, Sample, Seen, Source, SourceError, SourceInfo,
+    CameraInfo, FrameArrival, ImuInfo, ImuValues, RawFrame, RawImu, Sample, Source, SourceError,
+    SourceInfo,
 };
 
-pub(super) mod eyes;
+pub(super) mod stereo_image;
 
-use eyes::EyeSize;
+use stereo_image::EyeSize;
 
-/// Pictures that are repeated are kept decoded when all of them together take at most this much.
-const CACHE_BYTES: usize = 256 << 20;
+/// Maximum size of all decoded images together for which repeated images stay decoded, bytes.
+const MAX_CACHE_BYTES: usize = 256 << 20;
 
-/// Why a data set cannot be replayed. None of these goes away by trying again.
+/// Error of replaying a data set. A retry will not help.
 #[derive(Debug, thiserror::Error)]
 pub enum ReplayError {
     /// The data set itself cannot be read.
     #[error(transparent)]
     Dataset(#[from] DatasetError),
-    /// A camera has one size of picture: replay the others as data sets of their own.
+    /// A camera has one image size: replay the others as data sets of their own.
     #[error(
-        "replaying pictures: found {}x{}, expected {}x{} like the first one: {}",
+        "replaying images: found {}x{}, expected {}x{} like the first one: {}",
         found.0, found.1, expected.0, expected.1, path.display()
     )]
     Size {
-        /// The picture.
+        /// The image.
         path: PathBuf,
         /// Its width and height.
         found: (u32, u32),
-        /// Width and height of the first left picture.
+        /// Width and height of the first left image.
         expected: (u32, u32),
     },
-    /// The picture cannot be brought into the form that encoders take.
-    #[error("converting a picture: {}", path.display())]
+    /// The image cannot be converted to an encoder's input.
+    #[error("converting an image: {}", path.display())]
     Convert {
-        /// The picture.
+        /// The image.
         path: PathBuf,
-        /// Why.
+        /// The conversion error.
         source: PictureError,
     },
-    /// The stamps cannot be times on one clock: correct them.
+    /// The timestamps cannot be times on one clock: correct them.
     #[error("replaying a data set: its stamps run from {first_ns} ns to {last_ns} ns, expected less than a century: {}", path.display())]
     Span {
         /// The data set.
         path: PathBuf,
-        /// First stamp.
+        /// First timestamp.
         first_ns: i64,
-        /// Last stamp.
+        /// Last timestamp.
         last_ns: i64,
     },
-    /// A calibration file that was listed cannot be read: check its permissions.
+    /// A listed calibration file cannot be read: check its permissions.
     #[error("reading a calibration file: {}", path.display())]
     CalibrationFile {
         /// The file.
         path: PathBuf,
-        /// What the system said.
+        /// The system's error.
         source: std::io::Error,
     },
 }
 
-/// A data set as a source. See the module for what it promises.
+/// A data set as a source. See the module for the contract.
 pub struct Replay {
     name: String,
     info: SourceInfo,
@@ -91,21 +92,22 @@ pub struct Replay {
     start: HostTime,
     repeat: bool,
     eye: EyeSize,
-    /// Frames handed out so far, over all rounds.
+    /// Number of frames delivered, over all rounds.
     frames_out: u64,
-    /// IMU samples handed out so far.
+    /// Number of IMU samples delivered.
     imu_out: usize,
     /// Whether frames are decoded, or only counted.
-    wants_pixels: bool,
-    /// Decoded pictures by position in the data set; empty when they are not kept.
+    pixels_needed: bool,
+    /// Decoded images by position in the data set; empty if they are not kept.
     cache: Vec<Option<Picture>>,
 }
 
 impl Replay {
-    /// Opens the data set in `path` as camera `name`, the first picture to arrive at `start`.
+    /// Opens the data set in `path` as camera `name`, the first image to arrive at `start`.
     ///
-    /// `rate_hz` gives the times of a data set that has none. `repeat` lets the pictures start again
-    /// after the last one, for ever. `imu` is whether the data set's IMU is replayed too, if it has one.
+    /// `rate_hz` gives the times of a data set without times. With `repeat` the images start again
+    /// after the last one, for ever. `imu` is whether the data set's IMU is replayed too, if it has
+    /// one.
     ///
     /// # Errors
     /// [`ReplayError`], naming the file.
@@ -120,7 +122,7 @@ impl Replay {
         Self::of_dataset(name, datasets::open(path, rate_hz)?, repeat, imu, start)
     }
 
-    /// Opens the beginning of each list as if there were no more of it: for a look.
+    /// Opens the beginning of each list as if there were no more of it: for a check.
     ///
     /// # Errors
     /// As [`Self::open`], and [`DatasetError::Head`].
@@ -151,7 +153,7 @@ impl Replay {
             false => dataset.imu.clear(),
         }
         check_span(&dataset)?;
-        let (eye, samples) = eyes::probe(&dataset.frames)?;
+        let (eye, samples) = stereo_image::probe(&dataset.frames)?;
 
         let (calibration, note) = read_calibration(&dataset, eye);
         dataset.notes.extend(note);
@@ -161,7 +163,7 @@ impl Replay {
         }
         if imu && imu_recorded && imu_info.is_none() {
             dataset.notes.push(
-                "no IMU is replayed: fewer than two samples from the first picture on".to_owned(),
+                "no IMU is replayed: fewer than two samples from the first image on".to_owned(),
             );
         }
         let info = SourceInfo {
@@ -180,7 +182,8 @@ impl Replay {
             imu: imu_info,
             calibration_files: calibration_files(name, &dataset)?,
         };
-        let kept = repeat && dataset.frames.len().saturating_mul(eye.stereo_bytes()) <= CACHE_BYTES;
+        let kept =
+            repeat && dataset.frames.len().saturating_mul(eye.stereo_bytes()) <= MAX_CACHE_BYTES;
         Ok(Self {
             name: name.to_owned(),
             info,
@@ -192,11 +195,11 @@ impl Replay {
             eye,
             frames_out: 0,
             imu_out: 0,
-            wants_pixels: true,
+            pixels_needed: true,
         })
     }
 
-    /// What the data set lacks and what was ignored, to be shown.
+    /// Absent and ignored parts of the data set, to be shown.
     pub fn notes(&self) -> &[String] {
         &self.dataset.notes
     }
@@ -206,7 +209,7 @@ impl Replay {
         self.dataset.is_head
     }
 
-    /// Position in the data set, round, and distance from the first picture in ns, of the next frame.
+    /// Position in the data set, round, and distance from the first image in ns, of the next frame.
     fn next_frame(&self) -> Option<(usize, u64, i64)> {
         let frames = &self.dataset.frames;
         let round = self.frames_out / frames.len() as u64;
@@ -239,16 +242,16 @@ impl Replay {
         let number = round * numbers + frames[position].number - first.number;
         let device_ticks = first.device_time_ns.saturating_add(offset_ns);
         let host_time = self.start + offset_ns;
-        if !self.wants_pixels {
+        if !self.pixels_needed {
             self.frames_out += 1;
-            return Ok(Sample::Seen(Seen {
+            return Ok(Sample::Arrival(FrameArrival {
                 number,
                 device_ticks,
                 host_time,
             }));
         }
-        let picture = self
-            .picture(position)
+        let image = self
+            .image(position)
             .map_err(|error| SourceError::Unusable {
                 source_name: self.name.clone(),
                 what: with_causes(&error),
@@ -261,19 +264,19 @@ impl Replay {
             host_time,
             exposure_ns: None,
             eyes_apart_ns: None,
-            picture,
+            image,
         }))
     }
 
-    fn picture(&mut self, position: usize) -> Result<Picture, ReplayError> {
-        if let Some(Some(picture)) = self.cache.get(position) {
-            return Ok(picture.clone());
+    fn image(&mut self, position: usize) -> Result<Picture, ReplayError> {
+        if let Some(Some(image)) = self.cache.get(position) {
+            return Ok(image.clone());
         }
-        let picture = eyes::load(&self.dataset.frames[position], self.eye)?;
+        let image = stereo_image::load(&self.dataset.frames[position], self.eye)?;
         if let Some(kept) = self.cache.get_mut(position) {
-            *kept = Some(picture.clone());
+            *kept = Some(image.clone());
         }
-        Ok(picture)
+        Ok(image)
     }
 }
 
@@ -319,22 +322,22 @@ impl Source for Replay {
             .transpose()
     }
 
-    fn want_pixels(&mut self, wanted: bool) {
-        self.wants_pixels = wanted;
+    fn set_pixels_needed(&mut self, needed: bool) {
+        self.pixels_needed = needed;
     }
 
     fn begin_at(&mut self, start: HostTime) {
         self.start = start;
     }
 
-    /// Its picture size is that of the files; an odd one is delivered with one more column or row,
+    /// Its image size is that of the files; an odd image is delivered with one more column or row,
     /// which moves no coordinate.
     fn calibration(&self) -> Option<&StereoCalibration> {
         self.calibration.as_ref()
     }
 }
 
-/// Differences of stamps are taken all over the replay; here is where they are made safe.
+/// Differences of timestamps are used all over the replay; this check makes them safe.
 fn check_span(dataset: &StereoDataset) -> Result<(), ReplayError> {
     const CENTURY_NS: i64 = 100 * 365 * 86_400 * 1_000_000_000;
     let first_ns = dataset.frames[0].device_time_ns;
@@ -353,7 +356,7 @@ fn check_span(dataset: &StereoDataset) -> Result<(), ReplayError> {
     }
 }
 
-/// Rate from the median interval; none without an interval.
+/// Rate from the median interval; `None` without an interval.
 fn imu_info(samples: &[ImuSample]) -> Option<ImuInfo> {
     let mut intervals_ns: Vec<i64> = samples
         .windows(2)
@@ -371,8 +374,8 @@ fn imu_info(samples: &[ImuSample]) -> Option<ImuInfo> {
     })
 }
 
-/// The calibration, or a note on why there is none. The files are recorded as they are either way, so
-/// a calibration that cannot be understood now is not lost.
+/// The calibration, or a note on why there is none. The files are recorded unchanged either way, so
+/// a calibration that cannot be parsed now is not lost.
 fn read_calibration(
     dataset: &StereoDataset,
     eye: EyeSize,
@@ -380,7 +383,7 @@ fn read_calibration(
     if dataset.calibration_files.is_empty() {
         return (
             None,
-            vec!["no calibration lies with the data set".to_owned()],
+            vec!["the data set contains no calibration".to_owned()],
         );
     }
     match calib::read_stereo(&dataset.root, eye.width, eye.height) {

@@ -1,9 +1,10 @@
-//! A simulated walk with the rig on: the crate [`rig_sim`] as a source.
+//! A simulated walk with the rig: the crate [`rig_sim`] as a source.
 //!
-//! Contract: frames and IMU samples are those of [`rig_sim::device::Device`], pixels in the layout in which the
-//! device delivers them brought into I420; the same settings give the same samples. The walk begins at `start`.
-//! *When made too slowly*, in real time, frames are left out and reported as lost to the slow machine. *At the end* of the
-//! walk there is nothing more. *Truth* goes with the session: see [`Device::truth`].
+//! Contract: frames and IMU samples are those of [`rig_sim::device::Device`], with pixels converted
+//! to I420 from the device's layout; the same settings give the same samples. The walk begins at
+//! `start`. *If rendering is too slow*, in real time, frames are skipped and reported as dropped by
+//! overload. *At the end* of the walk there is nothing more. *Ground truth* is stored with the
+//! session: see [`Device::truth`].
 
 use std::path::Path;
 use std::sync::Arc;
@@ -22,49 +23,49 @@ use video::{Picture, PictureError};
 use crate::run::identity::Digest;
 
 use super::{
-    CameraInfo, Gone, ImuInfo, ImuValues, Lost, Part, RawFrame, RawImu, Sample, Source,
-    SourceError, SourceInfo,
+    CameraInfo, DevicePart, Disconnected, DroppedFrame, ImuInfo, ImuValues, RawFrame, RawImu,
+    Sample, Source, SourceError, SourceInfo,
 };
 
-/// Why there is no such source. None of these goes away by trying again.
+/// Error of creating the source. A retry will not help.
 #[derive(Debug, thiserror::Error)]
 pub enum SimulatedError {
-    /// What is simulated is a rig: name its file.
+    /// The simulation needs a rig: configure its file.
     #[error("simulating {camera}: there is no rig file, expected one with this camera in [rig]")]
     NoRig {
         /// The camera.
         camera: String,
     },
-    /// The rig file has other cameras.
+    /// The camera is not in the rig file.
     #[error("simulating {camera}: the rig has no such camera, expected one of {known}")]
     NotOnRig {
         /// The camera.
         camera: String,
-        /// Those of the rig.
+        /// The cameras of the rig.
         known: String,
     },
-    /// The walk cannot be made.
+    /// The walk cannot be simulated.
     #[error(transparent)]
     Simulation(#[from] SimulationError),
-    /// The faults cannot be read.
+    /// The faults are invalid.
     #[error("in {path}")]
     Faults {
         /// The file.
         path: String,
-        /// What is wrong.
+        /// The error in it.
         source: FaultError,
     },
-    /// The faults' file cannot be read.
+    /// The file with faults cannot be read.
     #[error("reading the faults {path}")]
     Read {
         /// The file.
         path: String,
-        /// What the system said.
+        /// The system's error.
         source: std::io::Error,
     },
 }
 
-/// Walks that were made, so that cameras of one walk share it.
+/// Existing walks, so that cameras of one walk share it.
 #[derive(Debug, Default)]
 pub struct Walks(Vec<Arc<Simulation>>);
 
@@ -93,12 +94,12 @@ pub struct Simulated {
     calibration: StereoCalibration,
     device: Device,
     start: HostTime,
-    /// Of the walk's settings and of what goes wrong.
+    /// Digest of the walk's settings and of the faults.
     digest: Vec<u8>,
 }
 
 impl Simulated {
-    /// The camera of this name on a rig that is carried through a walk, which begins at `start`.
+    /// The camera of this name on a simulated rig in a walk that begins at `start`.
     ///
     /// # Errors
     /// [`SimulatedError`].
@@ -165,7 +166,7 @@ impl Simulated {
                 "simulated {}, {}, {}, seed {}",
                 walk.cameras()[position].name,
                 settings.kind.name(),
-                settings.time.name(),
+                settings.lighting.name(),
                 settings.seed
             ),
             camera: CameraInfo {
@@ -204,9 +205,9 @@ impl Simulated {
             device_ticks: frame.ticks,
             kernel_time: None,
             host_time: self.start + frame.arrival_ns,
-            exposure_ns: Some((frame.picture.exposure.seconds * 1e9) as u32),
+            exposure_ns: Some((frame.image.exposure.seconds * 1e9) as u32),
             eyes_apart_ns: None,
-            picture: i420(frame)?,
+            image: i420(frame)?,
         })
     }
 
@@ -225,10 +226,10 @@ impl Simulated {
     }
 }
 
-/// The picture as encoders take it, from the bytes that the device delivers.
+/// The image as encoders take it, from the device's bytes.
 fn i420(frame: &DeviceFrame) -> Result<Picture, PictureError> {
-    let pixels = frame.picture.pixels(frame.format);
-    let (width, height) = (frame.picture.width as u32, frame.picture.height as u32);
+    let pixels = frame.image.pixels(frame.format);
+    let (width, height) = (frame.image.width as u32, frame.image.height as u32);
     match frame.format {
         PixelFormat::Yuyv => yuyv_to_i420(width, height, &pixels),
         PixelFormat::Nv12 => nv12_to_i420(width, height, &pixels),
@@ -250,9 +251,9 @@ impl Source for Simulated {
         };
         let sample = match delivery {
             Delivery::Imu(sample) => Sample::Imu(self.imu(&sample)),
-            Delivery::Gone(at_ns) => Sample::Gone(Gone {
+            Delivery::Disconnected(at_ns) => Sample::Disconnected(Disconnected {
                 host_time: self.start + at_ns,
-                part: Part::Both,
+                part: DevicePart::Both,
                 detail: "the simulated device was unplugged".to_owned(),
             }),
             Delivery::Frame(frame) => {
@@ -270,9 +271,9 @@ impl Source for Simulated {
         self.start = start;
     }
 
-    fn hurry(&mut self, now: HostTime) -> Vec<Lost> {
+    fn skip_overdue(&mut self, now: HostTime) -> Vec<DroppedFrame> {
         let skipped = self.device.skip_frames_to(now - self.start);
-        let lost = skipped.into_iter().map(|number| Lost {
+        let lost = skipped.into_iter().map(|number| DroppedFrame {
             number,
             host_time: now,
             cause: Cause::MachineOverload,
@@ -296,7 +297,7 @@ impl Source for Simulated {
 #[cfg(test)]
 mod tests {
     use rig_sim::camera::Quality;
-    use rig_sim::scene::{Kind, Time};
+    use rig_sim::scene::{Kind, Lighting};
     use session_archive::time::NS_PER_S;
 
     use super::*;
@@ -314,12 +315,13 @@ mod tests {
         None
     }
 
-    /// What cannot be rendered in time is the machine's loss, not the device's, and no number is told twice or never.
+    /// Frames that cannot be rendered in time are dropped by the machine, not by the device, and
+    /// each number is reported exactly once.
     #[test]
-    fn frames_that_come_too_late_are_lost_to_the_slow_machine_one_after_the_other() {
+    fn frames_rendered_too_late_are_dropped_as_overload_in_order() {
         let settings = Settings {
             kind: Kind::Corridor,
-            time: Time::Day,
+            lighting: Lighting::Day,
             seed: 1,
             seconds: 1.5,
             rate_hz: 10.0,
@@ -333,16 +335,16 @@ mod tests {
         let mut source = source.expect("a source");
         assert_eq!(next_frame(&mut source), Some(0));
 
-        // Frames are taken in the middle of each tenth of a second.
+        // Frames are captured in the middle of each tenth of a second.
         let now = START + NS_PER_S;
-        let lost = source.hurry(now);
+        let lost = source.skip_overdue(now);
         let numbers: Vec<u64> = lost.iter().map(|lost| lost.number).collect();
         assert_eq!(numbers, (1..=9).collect::<Vec<u64>>());
         for one in &lost {
             assert_eq!((one.cause, one.host_time), (Cause::MachineOverload, now));
             assert!(one.detail.contains("the machine is too slow"), "{one:?}");
         }
-        assert_eq!(source.hurry(now), [], "they are lost once");
+        assert_eq!(source.skip_overdue(now), [], "they are lost once");
         for number in 10..15 {
             assert_eq!(next_frame(&mut source), Some(number));
         }

@@ -1,18 +1,19 @@
-//! A moving picture and its IMU, made up from a seed.
+//! A synthetic moving image with its IMU, generated from a seed.
 //!
-//! Contract: the same arguments give the same samples, byte for byte, on every machine: pictures are
-//! made of integers, and what needs fractions uses only operations that IEEE 754 fixes. A textured
-//! wall moves as the camera turns left and right, up and down; the right eye sees it shifted by a
-//! constant disparity; a bar of black and white blocks at the top of each eye holds the frame's number
-//! ([`read_counter`]). The IMU measures the same turning, gravity and the bobbing of a walk, which the
-//! picture does not show.
+//! Contract: the same arguments give the same samples, byte for byte, on every machine: images are
+//! computed with integers, and fractions only with operations that IEEE 754 specifies exactly. A
+//! textured wall moves as the camera rotates left and right, up and down; the right image shows it
+//! with a constant disparity; a bar of black and white blocks at the top of each eye's image
+//! contains the frame's number ([`read_counter`]). The IMU measures the same rotation, gravity and
+//! the bobbing of a walk, which the image does not show.
 //!
-//! Frame `n` is taken at `start + n / rate`, sample `n` of the IMU at `start + n / imu_rate`. Device
-//! clocks stamp these instants with an offset and a drift of their own ([`CAMERA_DRIFT_PPM`],
-//! [`IMU_DRIFT_PPM`]); arrival comes later by an exponential delay of 0.2 ms in the mean and 2 ms at
-//! most. *Order*: by arrival, in each stream also by number. *At the end*: there is none, unless a
-//! [`FaultPlan`] sets it. *On a planned fault*: what is lost is lost like on a real device, numbers and
-//! ticks go on. *While pixels are not wanted* nothing is drawn; times and numbers are the same.
+//! Frame `n` is captured at `start + n / rate`, sample `n` of the IMU at `start + n / imu_rate`.
+//! Device clocks stamp these instants with an offset and a drift of their own
+//! ([`CAMERA_DRIFT_PPM`], [`IMU_DRIFT_PPM`]); arrival is later by an exponential delay with a mean
+//! of 0.2 ms and a maximum of 2 ms. *Order*: by arrival, in each stream also by number. *At the
+//! end*: there is none, unless a [`FaultPlan`] sets it. *On a planned fault*: samples are lost as
+//! on a real device, numbers and ticks continue. *While pixels are not needed* nothing is rendered;
+//! times and numbers are the same.
 
 use std::ops::Range;
 
@@ -24,14 +25,15 @@ use crate::run::identity::Digest;
 
 use super::datasets::time_at;
 use super::{
-    CameraInfo, ImuInfo, ImuValues, RawFrame, RawImu, Sample, Seen, Source, SourceError, SourceInfo,
+    CameraInfo, FrameArrival, ImuInfo, ImuValues, RawFrame, RawImu, Sample, Source, SourceError,
+    SourceInfo,
 };
 
 mod counter;
 mod motion;
 mod texture;
 
-/// Streams of random numbers: what they are for.
+/// Streams of random numbers, by purpose.
 mod streams {
     pub(super) const TEXTURE: u64 = 0x100;
     pub(super) const PHASES: u64 = 0x200;
@@ -44,13 +46,13 @@ pub use counter::{COUNTER_MODULUS, read_counter, read_eye_counter};
 use motion::Motion;
 use texture::Wall;
 
-/// How much faster than the host's the camera's clock runs.
+/// Rate deviation of the camera's clock from the host's, parts in 1e6.
 pub const CAMERA_DRIFT_PPM: i64 = 20;
-/// How much faster than the host's the IMU's clock runs.
+/// Rate deviation of the IMU's clock from the host's, parts in 1e6.
 pub const IMU_DRIFT_PPM: i64 = -35;
-/// What the camera's clock shows at `start`, ns.
+/// Reading of the camera's clock at `start`, ns.
 pub const CAMERA_TICKS_AT_START: i64 = 3_600 * NS_PER_S;
-/// What the IMU's clock shows at `start`, ticks of 1/25600 s.
+/// Reading of the IMU's clock at `start`, ticks of 1/25600 s.
 pub const IMU_TICKS_AT_START: i64 = 1_000 * 25_600;
 
 /// rad/s per gyro count and m/s² per accelerometer count: the ZED Mini's ranges of 1000 °/s and 8 g
@@ -62,16 +64,16 @@ pub const IMU_SCALE: (f64, f64) = (
 
 const EXPOSURE_NS: u32 = 4_000_000;
 const MEAN_DELAY_NS: f64 = 200_000.0;
-const LONGEST_DELAY_NS: f64 = 2_000_000.0;
-/// Samples this long after the start never come; keeps sums of times in range.
+const MAX_DELAY_NS: f64 = 2_000_000.0;
+/// Time after the start from which no sample is delivered, ns; keeps sums of times in range.
 const NEVER_NS: i64 = i64::MAX / 4;
 
-/// Why there can be no such source: correct the arguments.
+/// Error of creating the source: correct the arguments.
 #[derive(Clone, Copy, Debug, PartialEq, thiserror::Error)]
 pub enum SyntheticError {
-    /// The counter bar needs room, and each eye an even size.
+    /// The counter bar needs a minimum width, and each eye an even size.
     #[error(
-        "making up pictures: the stereo frame is {width}x{height}, expected a width that is a multiple of 4 and at \
+        "generating images: the stereo frame is {width}x{height}, expected a width that is a multiple of 4 and at \
          least 128, and an even height of at least 32"
     )]
     Size {
@@ -80,34 +82,34 @@ pub enum SyntheticError {
         /// Height as given.
         height: u32,
     },
-    /// A rate is impossible.
-    #[error("making up {what}: the rate is {rate_hz} Hz, expected at most 10000 and {least}")]
+    /// A rate is out of range.
+    #[error("making up {what}: the rate is {rate_hz} Hz, expected at most 10000 and {min}")]
     Rate {
-        /// Pictures or IMU samples.
+        /// Frames or IMU samples.
         what: &'static str,
         /// The rate as given.
         rate_hz: f64,
-        /// The lower end.
-        least: &'static str,
+        /// Lower limit.
+        min: &'static str,
     },
 }
 
-/// Faults on purpose, for tests. Times are ns after the start. The default is none.
+/// Intentional faults, for tests. Times are ns after the start. The default is none.
 #[derive(Clone, Debug, Default, PartialEq, Eq)]
 pub struct FaultPlan {
-    /// Numbers of frames that get lost.
+    /// Numbers of lost frames.
     pub drop_frames: Vec<u64>,
-    /// Frames taken at these times get lost.
+    /// Frames captured in this span are lost.
     pub camera_silence: Option<Range<i64>>,
-    /// IMU samples taken at these times get lost.
+    /// IMU samples taken in this span are lost.
     pub imu_silence: Option<Range<i64>>,
-    /// Frames with these numbers show, bit by bit, the picture before them.
+    /// Frames with these numbers repeat the image before them, bit by bit.
     pub frozen: Option<Range<u64>>,
     /// The source ends before the frame of this number, the IMU at the same instant.
     pub end_after_frames: Option<u64>,
 }
 
-/// A made-up stereo camera. See the module for what it promises.
+/// A synthetic stereo camera. See the module for the contract.
 pub struct Synthetic {
     info: SourceInfo,
     seed: u64,
@@ -119,8 +121,8 @@ pub struct Synthetic {
     faults: FaultPlan,
     camera: Stream,
     imu: Stream,
-    /// Whether pictures are drawn, or frames only counted.
-    wants_pixels: bool,
+    /// Whether images are rendered, or frames only counted.
+    pixels_needed: bool,
 }
 
 impl Synthetic {
@@ -149,16 +151,16 @@ impl Synthetic {
         }
         if !(rate_hz > 0.0 && rate_hz <= 10_000.0) {
             return Err(SyntheticError::Rate {
-                what: "pictures",
+                what: "frames",
                 rate_hz,
-                least: "above 0",
+                min: "above 0",
             });
         }
         if !(0.0..=10_000.0).contains(&imu_rate_hz) {
             return Err(SyntheticError::Rate {
                 what: "IMU samples",
                 rate_hz: imu_rate_hz,
-                least: "at least 0",
+                min: "at least 0",
             });
         }
         let info = SourceInfo {
@@ -195,7 +197,7 @@ impl Synthetic {
             faults: FaultPlan::default(),
             camera: Stream::default(),
             imu: Stream::default(),
-            wants_pixels: true,
+            pixels_needed: true,
         })
     }
 
@@ -206,21 +208,21 @@ impl Synthetic {
         self
     }
 
-    /// When frame `number` is taken: the truth that clock maps are to find.
+    /// Capture time of frame `number`: the ground truth of clock maps.
     pub fn frame_time(&self, number: u64) -> HostTime {
         self.start + time_at(number, self.rate_hz)
     }
 
-    /// When sample `number` of the IMU is taken.
+    /// Time of sample `number` of the IMU.
     pub fn imu_time(&self, number: u64) -> HostTime {
         self.start + time_at(number, self.imu_rate_hz)
     }
 
-    /// The picture of frame `number`, without faults.
+    /// The image of frame `number`, without faults.
     ///
     /// # Errors
     /// None in practice: the size was checked.
-    fn picture(&self, number: u64) -> Result<Picture, PictureError> {
+    fn image(&self, number: u64) -> Result<Picture, PictureError> {
         let (x, y) = self.motion.shift_px(time_at(number, self.rate_hz));
         let mut data = self.wall.draw(x, y);
         let (width, height) = (self.info.camera.width, self.info.camera.height);
@@ -240,7 +242,7 @@ impl Synthetic {
             host_time: slot.arrival,
             exposure_ns: Some(EXPOSURE_NS),
             eyes_apart_ns: None,
-            picture: self.picture(shown)?,
+            image: self.image(shown)?,
         })
     }
 
@@ -313,9 +315,9 @@ impl Source for Synthetic {
                 self.imu.next = None;
                 Ok(Some(Sample::Imu(self.imu_sample(imu))))
             }
-            (Some(frame), _) if !self.wants_pixels => {
+            (Some(frame), _) if !self.pixels_needed => {
                 self.camera.next = None;
-                Ok(Some(Sample::Seen(Seen {
+                Ok(Some(Sample::Arrival(FrameArrival {
                     number: frame.number,
                     device_ticks: camera_ticks(frame),
                     host_time: frame.arrival,
@@ -333,8 +335,8 @@ impl Source for Synthetic {
         }
     }
 
-    fn want_pixels(&mut self, wanted: bool) {
-        self.wants_pixels = wanted;
+    fn set_pixels_needed(&mut self, needed: bool) {
+        self.pixels_needed = needed;
     }
 
     fn begin_at(&mut self, start: HostTime) {
@@ -346,23 +348,23 @@ impl Source for Synthetic {
 #[derive(Clone, Copy, Debug)]
 struct Slot {
     number: u64,
-    /// After the start.
+    /// ns after the start.
     taken_ns: i64,
     arrival: HostTime,
 }
 
-/// When a stream's samples are taken and which never arrive.
+/// Sampling times of a stream, and the samples that never arrive.
 struct Schedule<'a> {
     rate_hz: f64,
     seed: u64,
-    /// Which random numbers the delays are.
+    /// Random stream of the delays.
     delays: u64,
     silence: &'a Option<Range<i64>>,
     start: HostTime,
     end_ns: i64,
 }
 
-/// How far a stream has come.
+/// Progress of a stream.
 #[derive(Debug, Default)]
 struct Stream {
     next: Option<Slot>,
@@ -371,7 +373,7 @@ struct Stream {
 }
 
 impl Stream {
-    /// The next sample that arrives; stays the next one until `next` is taken away.
+    /// The next sample that arrives; it remains the next one until `next` is taken.
     fn peek(&mut self, schedule: &Schedule<'_>, is_lost: impl Fn(u64) -> bool) -> Option<Slot> {
         while self.next.is_none() {
             let number = self.next_number;
@@ -382,7 +384,7 @@ impl Stream {
             self.next_number += 1;
             match schedule.silence {
                 Some(silence) if silence.contains(&taken_ns) => {
-                    // Not one by one: a silence may be without end.
+                    // Not one at a time: a silence may be endless.
                     let after = (silence.end as f64 * schedule.rate_hz / 1e9).floor() as u64;
                     self.next_number = self.next_number.max(after);
                     continue;
@@ -391,7 +393,7 @@ impl Stream {
                 _ => {}
             }
             let delay = random::exponential(schedule.seed, schedule.delays, number);
-            let delay_ns = (delay * MEAN_DELAY_NS).min(LONGEST_DELAY_NS) as i64;
+            let delay_ns = (delay * MEAN_DELAY_NS).min(MAX_DELAY_NS) as i64;
             let arrival = schedule.start + (taken_ns + delay_ns);
             let arrival = self.last_arrival.map_or(arrival, |last| last.max(arrival));
             self.last_arrival = Some(arrival);
@@ -405,7 +407,7 @@ impl Stream {
     }
 }
 
-/// What the camera's clock shows when a frame is taken.
+/// Reading of the camera's clock when a frame is captured.
 fn camera_ticks(slot: Slot) -> i64 {
     CAMERA_TICKS_AT_START + drifted(slot.taken_ns, CAMERA_DRIFT_PPM)
 }

@@ -1,16 +1,19 @@
 //! Replay of video files: both eyes side by side in one, or one file for each eye.
 //!
-//! Contract: frames carry the container's own times as device time, and the first one arrives at the start; a file has no
-//! IMU and does not say when it was recorded. Images count from 0 in each file: which ones a camera lost before the file was
-//! made cannot be known. Two files are paired by time alone (`pairing`), each time counted from the
-//! beginning of its own file; by how much later the right one began is a setting.
+//! Contract: frames carry the container's own times as device time, and the first one arrives at
+//! the start; a file has no IMU and no date of recording. Images count from 0 in each file: images
+//! lost by a camera before the file was written are unknown. Two files are paired by time alone
+//! (`pairing`), each time counted from the beginning of its own file; the delay of the right file's
+//! beginning is a setting.
 //!
-//! *Early*: files that cannot be decoded, whose first image has no time, or that differ in size or rate are refused before
-//! anything is recorded. *At a gap*: an image without a time, with a time that does not rise, called damaged by its decoder,
-//! of another size than the first one or (on the left) without a partner keeps its number and is lost with the reason; right images without a partner are
-//! counted in a notice at the end. *At the end* of one file the other's images are alone. *Two files of which no image has
-//! found a partner* when both have ended are unusable: the error says when their images were taken and what mends it. *On
-//! failure* in the middle the source is unusable.
+//! *Early*: files that cannot be decoded, whose first image has no time, or that differ in size or
+//! rate are rejected before anything is recorded. *At a gap*: an image without a time, with a time
+//! that does not increase, reported as damaged by its decoder, of another size than the first one
+//! or (on the left) without a partner keeps its number and is dropped with the reason; right images
+//! without a partner are counted in a notice at the end. *At the end* of one file the other's
+//! images are unpaired. *Two files without any pair* when both have ended are unusable: the error
+//! contains the times of their images and a remedy. *On failure* in the middle the source is
+//! unusable.
 
 use std::collections::VecDeque;
 use std::path::{Path, PathBuf};
@@ -22,50 +25,53 @@ use video::file::{FileError, FileFrame, VideoFile};
 use video::picture::side_by_side;
 use video::{Picture, PictureError};
 
-use super::pairing::{Half, Paired, Pairs, alone, limit_ns};
-use super::{CameraInfo, Lost, Notice, Part, RawFrame, Sample, Source, SourceError, SourceInfo};
-use crate::causes::with_causes;
+use super::pairing::{ImagePairer, Paired, TimedImage, alone, limit_ns};
+use super::{
+    CameraInfo, DevicePart, DroppedFrame, Notice, RawFrame, Sample, Source, SourceError, SourceInfo,
+};
 use crate::config::VideoConfig;
+use crate::error_chain::with_causes;
 use crate::run::identity::Digest;
 
-/// Rates of two files of one rig that differ by more are of two kinds of camera.
-const RATES_APART: f64 = 0.01;
+/// Maximum relative difference of the rates of two files. With more they are from different kinds
+/// of cameras.
+const MAX_RATE_DIFFERENCE: f64 = 0.01;
 
-/// Why a video file cannot be replayed. None of these goes away by trying again.
+/// Error of replaying a video file. A retry will not help.
 #[derive(Debug, thiserror::Error)]
 pub enum VideoError {
     /// It cannot be opened or decoded.
     #[error(transparent)]
     File(#[from] FileError),
-    /// There are no times to replay it by: write it with times, for example as MKV or MP4.
+    /// There are no usable times: write the file with times, for example as MKV or MP4.
     #[error("replaying a video file: found {found}, expected a time for every image: {}", path.display())]
     Times {
         /// The file.
         path: PathBuf,
-        /// What is there instead.
+        /// Content found instead.
         found: &'static str,
     },
-    /// The two files are not of one pair of cameras.
+    /// The two files are not from one pair of cameras.
     #[error("replaying two video files: found {found}, expected the same of both: {} and {}", left.display(), right.display())]
     Differ {
-        /// What differs.
+        /// The difference.
         found: String,
         /// File of the left eye.
         left: PathBuf,
         /// File of the right eye.
         right: PathBuf,
     },
-    /// The images cannot be two eyes.
+    /// The width is not possible for a stereo image.
     #[error("replaying a video file: found images that are {width} wide, expected {expected}: {}", path.display())]
     Width {
         /// The file.
         path: PathBuf,
         /// Columns found.
         width: u32,
-        /// What a width can be.
+        /// Possible widths.
         expected: &'static str,
     },
-    /// A setting does not fit to the file.
+    /// A setting does not match the file.
     #[error("replaying a video file: {what}: {}", path.display())]
     Setting {
         /// The file.
@@ -75,7 +81,7 @@ pub enum VideoError {
     },
 }
 
-/// Video files as a source. See the module for what it promises.
+/// Video files as a source. See the module for the contract.
 pub struct VideoReplay {
     name: String,
     info: SourceInfo,
@@ -101,10 +107,10 @@ struct Times {
     newest_ns: Option<i64>,
 }
 
-/// What a file gives.
+/// Next step of a file.
 enum Step {
     Image(Image),
-    /// The number and why there is no image.
+    /// The number and the reason why there is no image.
     Bad(u64, &'static str),
     End,
 }
@@ -112,35 +118,35 @@ enum Step {
 struct Image {
     number: u64,
     time_ns: i64,
-    picture: Picture,
+    image: Picture,
 }
 
-/// What is to be handed on, in the order of the left file's numbers.
+/// Samples to be delivered, in the order of the left file's numbers.
 struct Account {
-    pairs: Pairs<(u64, Picture)>,
+    pairs: ImagePairer<(u64, Picture)>,
     start: HostTime,
     /// Time of the first frame, ns.
     first_ns: i64,
     newest_ns: i64,
-    /// Left images that cannot be used, which wait for those before them.
+    /// Unusable left images that wait for those before them.
     bad: VecDeque<(u64, &'static str)>,
     out: VecDeque<Sample>,
     apart_ns: Vec<i64>,
     without_left: u64,
     bad_right: u64,
-    /// By eye: what there was to be paired.
-    seen: [Seen; 2],
-    /// The least by which a left image and a right one were apart, ns.
+    /// By eye: the images available for pairing.
+    spans: [FileSpan; 2],
+    /// Minimum time difference of a left and a right image, ns.
     nearest_ns: Option<i64>,
-    /// The most that a pair may be apart at this rate, ns.
-    most_within_ns: i64,
-    /// Columns and rows of a frame, which all have.
+    /// Largest pairing limit that this rate permits, ns.
+    max_within_ns: i64,
+    /// Columns and rows, the same for all frames.
     size: (u32, u32),
 }
 
-/// The images of one file that have a time.
+/// The images of one file with a time.
 #[derive(Clone, Copy, Default)]
-struct Seen {
+struct FileSpan {
     count: u64,
     first_ns: i64,
     newest_ns: i64,
@@ -178,14 +184,14 @@ impl VideoReplay {
                 },
             });
         }
-        let limit = |asked_ns| {
-            limit_ns(rate_hz, asked_ns).map_err(|what| VideoError::Setting {
+        let limit = |configured_ns| {
+            limit_ns(rate_hz, configured_ns).map_err(|what| VideoError::Setting {
                 path: config.path.clone(),
                 what,
             })
         };
         let within_ns = limit(config.pair_within_ns)?;
-        let most_within_ns = limit(None)?;
+        let max_within_ns = limit(None)?;
         let first_ns = left.first_ns(&config.path)?;
         if let (Some(right), Some(path)) = (&right, &config.right_path) {
             right.first_ns(path)?;
@@ -213,13 +219,13 @@ impl VideoReplay {
             info,
             left,
             right,
-            account: Account::new(within_ns, most_within_ns, start, first_ns, size),
+            account: Account::new(within_ns, max_within_ns, start, first_ns, size),
             ended: false,
             config: config.clone(),
         })
     }
 
-    /// Takes the next image of the file that is behind, or of the only one.
+    /// Takes the next image of the file that lags, or of the only one.
     fn step(&mut self) -> Result<(), FileError> {
         let Some(right) = &mut self.right else {
             match self.left.next()? {
@@ -305,7 +311,7 @@ impl EyeFile {
             self.ended = true;
             return Ok(Step::End);
         };
-        Ok(self.times.judge(frame))
+        Ok(self.times.classify(frame))
     }
 }
 
@@ -318,17 +324,17 @@ impl Times {
         }
     }
 
-    /// Time of the first image, ns; `told` is what the container says.
-    fn first_ns(&self, told: Option<i64>, path: &Path) -> Result<i64, VideoError> {
-        let first = told.ok_or_else(|| VideoError::Times {
+    /// Time of the first image, ns; `container_ns` is the time that the container states.
+    fn first_ns(&self, container_ns: Option<i64>, path: &Path) -> Result<i64, VideoError> {
+        let first = container_ns.ok_or_else(|| VideoError::Times {
             path: path.to_owned(),
             found: "a first image without a time",
         })?;
         Ok(first.saturating_add(self.later_ns))
     }
 
-    /// The next image, or why it cannot be used.
-    fn judge(&mut self, frame: FileFrame) -> Step {
+    /// The next image, or the reason why it is unusable.
+    fn classify(&mut self, frame: FileFrame) -> Step {
         let number = self.next;
         self.next += 1;
         if frame.damaged {
@@ -345,12 +351,12 @@ impl Times {
         Step::Image(Image {
             number,
             time_ns,
-            picture: frame.picture,
+            image: frame.picture,
         })
     }
 }
 
-impl Seen {
+impl FileSpan {
     fn add(&mut self, time_ns: i64) {
         if self.count == 0 {
             self.first_ns = time_ns;
@@ -381,13 +387,13 @@ impl Seen {
 impl Account {
     fn new(
         within_ns: i64,
-        most_within_ns: i64,
+        max_within_ns: i64,
         start: HostTime,
         first_ns: i64,
         size: (u32, u32),
     ) -> Self {
         Self {
-            pairs: Pairs::new(within_ns),
+            pairs: ImagePairer::new(within_ns),
             start,
             first_ns,
             newest_ns: first_ns,
@@ -396,9 +402,9 @@ impl Account {
             apart_ns: Vec::new(),
             without_left: 0,
             bad_right: 0,
-            seen: [Seen::default(); 2],
+            spans: [FileSpan::default(); 2],
             nearest_ns: None,
-            most_within_ns,
+            max_within_ns,
             size,
         }
     }
@@ -407,9 +413,9 @@ impl Account {
         let Image {
             number,
             time_ns,
-            picture,
+            image,
         } = image;
-        self.frame(number, time_ns, None, Ok(picture));
+        self.frame(number, time_ns, None, Ok(image));
     }
 
     fn push(&mut self, eye: Eye, image: Image) {
@@ -417,19 +423,19 @@ impl Account {
             Eye::Left => [0, 1],
             Eye::Right => [1, 0],
         };
-        self.seen[own].add(image.time_ns);
-        // The file that is behind is read, so the newest of the other one is next to this one.
-        if self.seen[other].count > 0 {
-            let apart_ns = image.time_ns.saturating_sub(self.seen[other].newest_ns);
+        self.spans[own].add(image.time_ns);
+        // The lagging file is read, so the newest image of the other one is nearest to this one.
+        if self.spans[other].count > 0 {
+            let apart_ns = image.time_ns.saturating_sub(self.spans[other].newest_ns);
             let apart_ns = apart_ns.saturating_abs();
             self.nearest_ns = Some(self.nearest_ns.map_or(apart_ns, |n| n.min(apart_ns)));
         }
-        let half = Half {
+        let image = TimedImage {
             time_ns: image.time_ns,
-            of: (image.number, image.picture),
+            of: (image.number, image.image),
         };
         let mut paired = Vec::new();
-        self.pairs.push(eye, half, |one| paired.push(one));
+        self.pairs.push(eye, image, |one| paired.push(one));
         paired.into_iter().for_each(|one| self.paired(one));
     }
 
@@ -438,16 +444,16 @@ impl Account {
             Paired::Both(left, right) => {
                 let apart_ns = right.time_ns - left.time_ns;
                 self.apart_ns.push(apart_ns);
-                let (number, picture) = left.of;
-                let joined = side_by_side(&picture, &right.of.1);
+                let (number, image) = left.of;
+                let joined = side_by_side(&image, &right.of.1);
                 self.frame(number, left.time_ns, Some(apart_ns), joined);
             }
-            Paired::Alone(Eye::Left, left) => {
+            Paired::Unpaired(Eye::Left, left) => {
                 self.newest_ns = left.time_ns;
                 let why = alone(Eye::Left, self.pairs.within_ns());
                 self.lost(left.of.0, why);
             }
-            Paired::Alone(Eye::Right, _) => self.without_left += 1,
+            Paired::Unpaired(Eye::Right, _) => self.without_left += 1,
         }
     }
 
@@ -456,18 +462,18 @@ impl Account {
         number: u64,
         time_ns: i64,
         eyes_apart_ns: Option<i64>,
-        picture: Result<Picture, PictureError>,
+        image: Result<Picture, PictureError>,
     ) {
         self.newest_ns = time_ns;
-        match picture {
-            Ok(picture) if (picture.width, picture.height) != self.size => {
+        match image {
+            Ok(image) if (image.width, image.height) != self.size => {
                 let why = format!(
                     "it is {}x{}, expected {}x{} like the first one",
-                    picture.width, picture.height, self.size.0, self.size.1
+                    image.width, image.height, self.size.0, self.size.1
                 );
                 self.lost(number, why);
             }
-            Ok(picture) => {
+            Ok(image) => {
                 self.bad_before(number);
                 self.out.push_back(Sample::Frame(RawFrame {
                     number,
@@ -476,7 +482,7 @@ impl Account {
                     host_time: self.now(),
                     exposure_ns: None,
                     eyes_apart_ns,
-                    picture,
+                    image,
                 }));
             }
             Err(error) => self.lost(number, error.to_string()),
@@ -485,7 +491,7 @@ impl Account {
 
     fn lost(&mut self, number: u64, detail: String) {
         self.bad_before(number);
-        self.out.push_back(Sample::Lost(Lost {
+        self.out.push_back(Sample::Dropped(DroppedFrame {
             number,
             host_time: self.now(),
             cause: Cause::Device,
@@ -493,10 +499,10 @@ impl Account {
         }));
     }
 
-    /// Says of unusable images before `number` that they are lost.
+    /// Reports unusable images before `number` as dropped.
     fn bad_before(&mut self, number: u64) {
         while let Some((bad, why)) = self.bad.pop_front_if(|(bad, _)| *bad < number) {
-            self.out.push_back(Sample::Lost(Lost {
+            self.out.push_back(Sample::Dropped(DroppedFrame {
                 number: bad,
                 host_time: self.now(),
                 cause: Cause::Device,
@@ -521,13 +527,13 @@ impl Account {
         self.apart_ns.sort_unstable();
         let ms = |ns: i64| ns as f64 * 1e-6;
         let middle = self.apart_ns.get(self.apart_ns.len() / 2).copied();
-        let most = self.apart_ns.iter().map(|apart| apart.abs()).max();
-        if let (Some(middle), Some(most)) = (middle, most) {
+        let max_abs = self.apart_ns.iter().map(|apart| apart.abs()).max();
+        if let (Some(middle), Some(max_abs)) = (middle, max_abs) {
             self.notice(format!(
                 "left and right images are paired by their times: right ones are {:.3} ms later in the median, at most \
                  {:.3} ms apart",
                 ms(middle),
-                ms(most)
+                ms(max_abs)
             ));
         }
         if self.without_left + self.bad_right > 0 {
@@ -540,25 +546,25 @@ impl Account {
         }
     }
 
-    /// What is wrong with two files of which no image has found a partner, and what mends it.
+    /// Problem of two files without any pair, with a remedy.
     fn never_paired(&self) -> Option<String> {
         if !self.apart_ns.is_empty() {
             return None;
         }
         let ms = |ns: i64| ns as f64 * 1e-6;
-        let (within_ns, most_ns) = (self.pairs.within_ns(), self.most_within_ns);
+        let (within_ns, max_ns) = (self.pairs.within_ns(), self.max_within_ns);
         let nearest = self
             .nearest_ns
             .map(|nearest_ns| format!("; the nearest two are {:.1} ms apart", ms(nearest_ns)));
         let nearest = nearest.unwrap_or_default();
-        let more = match within_ns < most_ns {
+        let more = match within_ns < max_ns {
             true => format!(
                 "allow more with pair_within_ms (up to {:.1} at this rate), ",
-                ms(most_ns)
+                ms(max_ns)
             ),
             false => String::new(),
         };
-        let [left, right] = self.seen.map(|seen| seen.text());
+        let [left, right] = self.spans.map(|span| span.text());
         Some(format!(
             "no image of the right file was taken within {:.1} ms of one of the left file{nearest} (left images: {left}; \
              right images: {right}); {more}say by right_later_ms how much later the right file began, or name two files of \
@@ -570,13 +576,13 @@ impl Account {
     fn notice(&mut self, text: String) {
         self.out.push_back(Sample::Notice(Notice {
             host_time: self.now(),
-            part: Part::Camera,
+            part: DevicePart::Camera,
             text,
         }));
     }
 }
 
-/// Refuses two files that cannot be a pair.
+/// Rejects two files that cannot be a pair.
 fn check_alike(
     left: &EyeFile,
     right: &video::file::FileInfo,
@@ -598,7 +604,7 @@ fn check_alike(
         ));
     }
     if let (Some(a), Some(b)) = (left.rate_hz, right.rate_hz)
-        && (a / b - 1.0).abs() > RATES_APART
+        && (a / b - 1.0).abs() > MAX_RATE_DIFFERENCE
     {
         return differ(format!("{a:.2} Hz and {b:.2} Hz"));
     }
@@ -642,27 +648,27 @@ mod tests {
 
     fn image_of(number: u64, time_ns: i64, height: u32) -> Image {
         let data = vec![number as u8; 3 * height as usize];
-        let picture = Picture::new(2, height, PixelFormat::I420, data);
+        let image = Picture::new(2, height, PixelFormat::I420, data);
         Image {
             number,
             time_ns,
-            picture: picture.expect("a picture"),
+            image: image.expect("an image"),
         }
     }
 
-    /// What comes out: number, arrival, and the distance of the eyes or the reason.
-    fn told(account: &Account) -> Vec<String> {
-        let told = |sample: &Sample| match sample {
+    /// Output: number, arrival, and the time difference of the eyes or the reason.
+    fn outputs(account: &Account) -> Vec<String> {
+        let outputs = |sample: &Sample| match sample {
             Sample::Frame(f) => format!("{} {} {:?}", f.number, f.host_time.0, f.eyes_apart_ns),
-            Sample::Lost(l) => format!("{} {} {}", l.number, l.host_time.0, l.detail),
+            Sample::Dropped(l) => format!("{} {} {}", l.number, l.host_time.0, l.detail),
             Sample::Notice(n) => n.text.clone(),
             other => panic!("{other:?}"),
         };
-        account.out.iter().map(told).collect()
+        account.out.iter().map(outputs).collect()
     }
 
     #[test]
-    fn what_cannot_be_used_is_lost_in_its_place() {
+    fn unusable_image_is_dropped_at_its_number() {
         let mut account = account(40);
         account.bad.push_back((0, "no time"));
         account.single(image(1, 50));
@@ -671,7 +677,7 @@ mod tests {
         account.bad.push_back((4, "no time"));
         account.finish(false);
         assert_eq!(
-            told(&account),
+            outputs(&account),
             [
                 "0 1000 no time",
                 "1 1000 None",
@@ -684,14 +690,14 @@ mod tests {
 
     /// The encoder could not take it, and the recording would end with it.
     #[test]
-    fn an_image_of_another_size_is_lost_alone() {
+    fn image_of_another_size_is_dropped_alone() {
         let mut account = account(40);
         account.single(image(0, 50));
         account.single(image_of(1, 150, 4));
         account.single(image(2, 250));
         account.finish(false);
         assert_eq!(
-            told(&account),
+            outputs(&account),
             [
                 "0 1000 None",
                 "1 1100 it is 2x4, expected 2x2 like the first one",
@@ -712,7 +718,7 @@ mod tests {
             account.push(Eye::Right, image(n, time + later));
         }
         account.finish(true);
-        let found = told(&account);
+        let found = outputs(&account);
         assert_eq!(found[0], "0 1000 Some(-10)");
         assert!(
             found[1].starts_with("1 1100 no right image was taken within"),
@@ -727,11 +733,11 @@ mod tests {
     }
 
     #[test]
-    fn two_files_that_never_pair_say_when_their_images_were_taken_and_what_mends_it() {
+    fn files_without_pairs_report_their_time_spans_and_a_remedy() {
         const MS: i64 = 1_000_000;
         let account = |within_ns: i64, later_ns: i64| {
-            let most_ns = 40 * MS;
-            let mut account = Account::new(within_ns, most_ns, HostTime(0), 0, (2, 2));
+            let max_ns = 40 * MS;
+            let mut account = Account::new(within_ns, max_ns, HostTime(0), 0, (2, 2));
             for n in 0..5 {
                 account.push(Eye::Left, image(n, n as i64 * 100 * MS));
                 account.push(Eye::Right, image(n, n as i64 * 100 * MS + later_ns));
@@ -740,59 +746,60 @@ mod tests {
             account.never_paired()
         };
         assert_eq!(account(40 * MS, 30 * MS), None);
-        let said = account(40 * MS, 45 * MS).expect("no pair");
+        let text = account(40 * MS, 45 * MS).expect("no pair");
         for part in [
             "no image of the right file was taken within 40.0 ms of one of the left file; the nearest two are 45.0 ms apart",
             "(left images: 5 at 10.00 Hz from 0.000 s to 0.400 s; right images: 5 at 10.00 Hz from 0.045 s to 0.445 s)",
             "say by right_later_ms how much later the right file began",
         ] {
-            assert!(said.contains(part), "{said}");
+            assert!(text.contains(part), "{text}");
         }
-        // Nothing more can be allowed.
-        assert!(!said.contains("pair_within_ms"), "{said}");
-        let said = account(2 * MS, 30 * MS).expect("no pair");
+        // No larger limit is possible.
+        assert!(!text.contains("pair_within_ms"), "{text}");
+        let text = account(2 * MS, 30 * MS).expect("no pair");
         let more = "allow more with pair_within_ms (up to 40.0 at this rate)";
-        assert!(said.contains(more), "{said}");
+        assert!(text.contains(more), "{text}");
     }
 
     #[test]
-    fn a_right_file_of_which_nothing_can_be_used_is_no_partner() {
+    fn unusable_right_file_pairs_with_nothing() {
         let mut account = account(40);
         account.push(Eye::Left, image(0, 50));
         account.bad_right += 1;
         account.finish(true);
-        let said = account.never_paired().expect("no pair");
-        assert!(said.contains("right images: none)"), "{said}");
+        let text = account.never_paired().expect("no pair");
+        assert!(text.contains("right images: none)"), "{text}");
     }
 
     #[test]
-    fn what_has_no_usable_time_keeps_its_number_and_says_why() {
+    fn image_without_usable_time_keeps_its_number_and_reports_the_reason() {
         let frame = |time_ns, damaged| FileFrame {
             time_ns,
             damaged,
-            picture: image(0, 0).picture,
+            picture: image(0, 0).image,
         };
         let mut times = Times::new(7);
-        let mut judge = |time_ns, damaged| match times.judge(frame(time_ns, damaged)) {
+        let mut classify = |time_ns, damaged| match times.classify(frame(time_ns, damaged)) {
             Step::Image(image) => format!("{} {}", image.number, image.time_ns),
             Step::Bad(number, why) => format!("{number} {why}"),
             Step::End => "end".to_owned(),
         };
-        assert_eq!(judge(Some(0), false), "0 7");
+        assert_eq!(classify(Some(0), false), "0 7");
         let untimed = "the container gives no time for the image";
-        assert_eq!(judge(None, false), format!("1 {untimed}"));
+        assert_eq!(classify(None, false), format!("1 {untimed}"));
         let falling = "its time is not after that of the one before";
-        assert_eq!(judge(Some(0), false), format!("2 {falling}"));
-        assert_eq!(judge(Some(-100), false), format!("3 {falling}"));
+        assert_eq!(classify(Some(0), false), format!("2 {falling}"));
+        assert_eq!(classify(Some(-100), false), format!("3 {falling}"));
         let damaged = "its decoder says that the image is damaged";
-        assert_eq!(judge(Some(100), true), format!("4 {damaged}"));
-        assert_eq!(judge(Some(100), false), "5 107");
+        assert_eq!(classify(Some(100), true), format!("4 {damaged}"));
+        assert_eq!(classify(Some(100), false), "5 107");
     }
 
     #[test]
-    fn a_file_without_times_is_refused() {
+    fn file_without_times_is_rejected() {
         let folder = tempfile::tempdir().expect("folder");
-        // JPEG files one after another, as some cameras write them: no rate, and a time for the first image alone.
+        // JPEG files one after another, as some cameras write them: no rate, and a time for the
+        // first image only.
         let mut bytes = Vec::new();
         for grey in [40, 80, 120] {
             jpeg_encoder::Encoder::new(&mut bytes, 90)
@@ -810,26 +817,26 @@ mod tests {
         let opened = VideoReplay::open("feet", &config, HostTime(0));
         let error = opened.err().expect("an error");
         assert!(matches!(error, VideoError::Times { .. }), "{error}");
-        let said = error.to_string();
+        let text = error.to_string();
         assert!(
-            said.contains(
+            text.contains(
                 "found neither a rate nor times that rise, expected a time for every image"
-            ) && said.ends_with("walk.mjpeg"),
-            "{said}"
+            ) && text.ends_with("walk.mjpeg"),
+            "{text}"
         );
 
         let times = Times::new(3);
         assert_eq!(times.first_ns(Some(4), &path).expect("a time"), 7);
         let error = times.first_ns(None, &path).expect_err("no time");
-        let said = error.to_string();
+        let text = error.to_string();
         assert!(
-            said.contains("found a first image without a time"),
-            "{said}"
+            text.contains("found a first image without a time"),
+            "{text}"
         );
     }
 
     #[test]
-    fn recordings_of_other_files_or_settings_are_told_apart() {
+    fn digest_differs_for_other_files_or_settings() {
         let folder = tempfile::tempdir().expect("folder");
         let (left, right) = (folder.path().join("l.mp4"), folder.path().join("r.mp4"));
         std::fs::write(&left, b"left").expect("a file");
@@ -853,7 +860,7 @@ mod tests {
     }
 
     #[test]
-    fn what_is_no_video_is_refused() {
+    fn non_video_file_is_rejected() {
         let folder = tempfile::tempdir().expect("folder");
         let path = folder.path().join("walk.mp4");
         std::fs::write(&path, b"not a video").expect("a file");

@@ -1,34 +1,34 @@
-//! Clock maps: what a device's ticks mean on the host's clock.
+//! Clock maps: host time of a device's ticks.
 //!
-//! A [`ClockMapper`] is fed one pair of (device tick, host arrival) per sample and keeps a
+//! A [`ClockMapper`] takes one pair of (device tick, host arrival) per sample and maintains a
 //! [`ClockMap`]. Arrivals are late by a latency that is never less than some minimum, so the
-//! earliest possible arrivals form a line: offset + rate × device time. The mapper finds that line
-//! from below (how: `fit.rs`), notices when the device clock steps, and says how far its times can
-//! be trusted.
+//! earliest possible arrivals form a line: offset + rate × device time. The mapper fits that line
+//! from below (how: `fit.rs`), detects steps of the device clock, and states the uncertainty of its
+//! times.
 //!
 //! * **Early.** There is a map from the first sample on. Until some 64 samples (and 2 s) have
-//!   been seen its sigma is mostly the expected jitter, and everything is flagged.
+//!   arrived its sigma is mostly the expected jitter, and everything is flagged.
 //! * **Refined.** Later versions of the map move by less than the earlier sigma. [`MonotoneGuard`]
-//!   keeps the times of a stream growing meanwhile, and says where it had to.
-//! * **Lost, repeated, overtaken samples** do no harm: a lost one is one chance less, a repeated
-//!   tick is ignored, one that was overtaken is mapped but not learned from. A clock that stands
-//!   still is flagged as soon as its times fall behind.
-//! * **A burst of late arrivals** is left out. While it lasts the clock may also have stepped
-//!   back, so times are flagged, with a sigma as large as the step would be. If the old line is
-//!   reached again it was a burst. If it is not for `burst_ns`, it was a step.
+//!   keeps the times of a stream increasing meanwhile, and marks the corrections.
+//! * **Lost, repeated, reordered samples** are tolerated: a lost one is one chance less, a repeated
+//!   tick is ignored, a reordered one is mapped but not learned from. A clock that has stopped is
+//!   flagged as soon as its times fall behind.
+//! * **A burst of late arrivals** is not learned from. While it lasts the clock may also have
+//!   stepped back, so times are flagged, with a sigma as large as the step would be. If the old
+//!   line is reached again it was a burst. If it is not for `burst_ns`, it was a step.
 //! * **A step** (the device restarts, its clock is set, it or the host slept) begins a new epoch:
-//!   [`Observation::Step`] says from when on times are in doubt, which may be before now, and the
-//!   times that follow are flagged until the new line has settled.
+//!   [`Observation::Step`] states from when on times are unreliable, which may be before now, and
+//!   the times that follow are flagged until the new line has settled.
 //! * **A small step**, within the jitter, is found only after many samples, and a rate that changes
 //!   fast is followed late. Every claim of the last minute is therefore checked whenever the map
-//!   changes; where one turns out to have been wrong, its time joins [`ClockMap::doubts`].
-//! * **Not seen at all**: the constant part of the latency. It is configured, with a sigma, and
-//!   comes from calibration. And a latency whose minimum shifts for longer than `burst_ns` cannot
-//!   be told from a step of the clock; it is reported as one. How small a step can be and still be
-//!   noticed, and what else was measured: `docs/decisions/0004-clock-maps.md`.
-//! * **Memory** is bounded (some 80 KiB). A sample costs O(1) amortised.
+//!   changes; the time of a wrong one is added to [`ClockMap::unreliable_spans`].
+//! * **Not observable**: the constant part of the latency. It is configured, with a sigma, and
+//!   comes from calibration. And a latency whose minimum changes for longer than `burst_ns` cannot
+//!   be distinguished from a step of the clock; it is reported as one. The minimum step that is
+//!   detected, and other measurements: `docs/decisions/0004-clock-maps.md`.
+//! * **Memory** is bounded (some 80 KiB). A sample costs O(1) amortized.
 //!
-//! Whoever stores times should store a map whenever [`ClockMapper::version`] has changed.
+//! Code that stores times should store a map whenever [`ClockMapper::version`] has changed.
 
 mod epoch;
 mod fit;
@@ -44,28 +44,28 @@ use session_archive::time::{HostTime, NS_PER_S, TickLength};
 use self::epoch::{Epoch, Sample, ticks_at};
 use self::fit::{Line, RatePrior, Terms};
 pub use self::guard::MonotoneGuard;
-pub use self::map::{ClockMap, Doubt, Mapped, Model, Residuals, Segment};
+pub use self::map::{ClockMap, Mapped, Model, Residuals, Segment, UnreliableSpan};
 use self::tail::Tail;
 
-/// What is known of a device's clock and of the way to the host.
+/// Prior knowledge of a device's clock and of the latency to the host.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct ClockConfig {
     /// Length of a device tick.
     pub tick: TickLength,
-    /// Width of the counter where it wraps round (1 to 63 bits). Half a turn must be longer than
-    /// any latency.
+    /// Width of the counter if it wraps (1 to 63 bits). Half of its range must be longer than any
+    /// latency.
     pub tick_bits: Option<u8>,
-    /// Least latency from the instant that a time means to its arrival, ns. Arrivals cannot tell.
+    /// Minimum latency from the instant of a time to its arrival, ns. Not observable from arrivals.
     pub latency_ns: i64,
     /// One sigma of `latency_ns`.
     pub latency_sigma_ns: u64,
-    /// The device's rate is within ± this of the host's, parts in 1e6. Crystals: 100.
+    /// Maximum rate deviation of the device's clock from the host's, parts in 1e6. Crystals: 100.
     pub max_rate_ppm: f64,
-    /// Latency jitter to expect until it has been measured, ns.
+    /// Latency jitter to assume until it has been measured, ns.
     pub jitter_ns: u64,
-    /// Longest time for which all arrivals may be late, ns. A longer one is a step of the clock.
+    /// Maximum time for which all arrivals may be late, ns. A longer one is a step of the clock.
     pub burst_ns: i64,
-    /// How fast the rate may change while there are no samples, parts in 1e9 per second.
+    /// Rate change without samples, parts in 1e9 per second.
     pub wander_ppb_per_s: f64,
 }
 
@@ -85,17 +85,17 @@ impl ClockConfig {
     }
 }
 
-/// What became of a sample.
+/// Classification of a sample.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Observation {
-    /// Part of the map, now or as soon as it is refined.
+    /// Part of the map, now or at its next refinement.
     Accepted,
-    /// The tick of the sample before, again. Not learned from; if the clock stands still, its
-    /// times are flagged as soon as they fall behind.
+    /// Repeats the previous tick. Not learned from; if the clock has stopped, its times are flagged
+    /// as soon as they fall behind.
     Duplicate,
-    /// The tick lies before one already seen. Mapped, but nothing is learned from it.
+    /// The tick is before an earlier sample's. Mapped, but not learned from.
     OutOfOrder,
-    /// Does not fit the map: a late arrival or the beginning of a step. Held back until known.
+    /// Does not fit the map: a late arrival or the beginning of a step. Held until decided.
     Suspect,
     /// This and earlier samples show that the device clock has stepped. A new epoch has begun.
     Step(Step),
@@ -106,40 +106,40 @@ pub enum Observation {
 /// A step of the device clock, or of the host's.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Step {
-    /// Arrivals whose times are in doubt. Begins where the old map was last confirmed; times that
-    /// were given since then without a flag are to be flagged now.
-    pub doubt: Doubt,
-    /// How much later than by the old map the samples now arrive, ns: positive if the device clock
-    /// fell back.
+    /// Arrivals with unreliable times. Begins where the old map was last confirmed; unflagged times
+    /// given since then have to be flagged now.
+    pub mark_unreliable: UnreliableSpan,
+    /// Delay of the samples' arrival against the old map, ns: positive if the device clock stepped
+    /// back.
     pub shift_ns: i64,
 }
 
-/// Samples below the map this many sigmas are no refinement.
+/// Number of sigmas below the map from which a sample is no refinement.
 const STEP_SIGMAS: f64 = 4.0;
-/// A single sample is suspicious where it is later than the 99th percentile by this factor.
-const VERY_LATE: f64 = 3.0;
-/// A sample is on time where it is no later than this share of all.
-const ON_TIME: f64 = 0.5;
-/// Samples held at most before a few early ones are judged.
-const EARLY_HELD: usize = 16;
-/// Early ones among them that make a step.
-const EARLY_STEP: usize = 3;
-/// Consecutive samples behind the newest tick that make a restarted counter.
-const RESTART_SAMPLES: usize = 4;
-/// Samples of a burst before it can be a step.
-const LATE_STEP: u64 = 32;
-/// No claim is better than this, ns: host stamps are rounded, some to 1 us.
-const FLOOR_NS: f64 = 250.0;
-/// Five sigmas are at least as much as a step that can go unnoticed for this long, ns.
-const UNNOTICED_NS: f64 = 10.0 * NS_PER_S as f64;
-/// The map is published at least this often, in device ns.
-const PUBLISH_NS: f64 = 10.0 * NS_PER_S as f64;
-/// Claims that are checked again, one for each time the line is fitted.
+/// Factor on the 99th percentile of lateness above which a single sample is suspicious.
+const SUSPECT_LATENESS_RATIO: f64 = 3.0;
+/// Quantile of lateness up to which a sample is on time.
+const ON_TIME_QUANTILE: f64 = 0.5;
+/// Maximum number of samples held before early ones are judged.
+const MAX_EARLY_SAMPLES: usize = 16;
+/// Minimum number of early samples among them for a step.
+const MIN_EARLY_STEP_SAMPLES: usize = 3;
+/// Number of consecutive samples behind the newest tick that indicate a restarted counter.
+const MIN_RESTART_SAMPLES: usize = 4;
+/// Minimum number of samples in a burst for a step.
+const MIN_LATE_STEP_SAMPLES: u64 = 32;
+/// Lower bound of every sigma, ns: host timestamps are rounded, some to 1 us.
+const SIGMA_FLOOR_NS: f64 = 250.0;
+/// Five sigmas are at least the size of a step that can remain undetected for this long, ns.
+const UNNOTICED_STEP_NS: f64 = 10.0 * NS_PER_S as f64;
+/// Maximum device time between published maps, ns.
+const MAX_PUBLISH_INTERVAL_NS: f64 = 10.0 * NS_PER_S as f64;
+/// Maximum number of claims that are checked later, one for each fit of the line.
 const MAX_CLAIMS: usize = 256;
-/// A claim that misses what is known later by more of its sigmas than this was wrong.
-const WRONG_SIGMAS: f64 = 3.0;
-/// Spans of doubt remembered; older ones are joined.
-const MAX_DOUBTS: usize = 64;
+/// Maximum error of a claim against later knowledge, in its sigmas.
+const MAX_CLAIM_ERROR_SIGMAS: f64 = 3.0;
+/// Maximum number of unreliable spans stored; older ones are merged.
+const MAX_UNRELIABLE_SPANS: usize = 64;
 
 /// Learns a device clock from arrivals, one sample at a time. See the [module](self).
 #[derive(Clone, Debug)]
@@ -151,17 +151,17 @@ pub struct ClockMapper {
     suspicion: Option<Suspicion>,
     /// Consecutive samples behind the newest tick.
     behind: Vec<Sample>,
-    last: Option<Seen>,
-    /// Arrival of the newest sample that was as early as most are: until then there was no step.
+    last: Option<LatestSample>,
+    /// Arrival of the newest sample that was on time: until then there was no step.
     on_time: i64,
     map: ClockMap,
     published: Line,
-    least_sigma: f64,
-    /// What was claimed lately.
+    min_sigma: f64,
+    /// Recent claims.
     claims: VecDeque<Claim>,
 }
 
-/// The line that times were given by at device time `x`, to be checked against what is known later.
+/// Line by which times were given at device time `x`, to be checked against later knowledge.
 #[derive(Clone, Copy, Debug)]
 struct Claim {
     x: f64,
@@ -171,7 +171,7 @@ struct Claim {
 }
 
 #[derive(Clone, Copy, Debug)]
-struct Seen {
+struct LatestSample {
     ticks: i64,
     arrival: i64,
     /// Height above the line, ns.
@@ -181,11 +181,11 @@ struct Seen {
 /// Samples that may be the beginning of a new epoch.
 #[derive(Clone, Debug)]
 enum Suspicion {
-    /// Too many in a row arrived too late: a burst, or the device clock fell back.
+    /// Consecutive late arrivals: a burst, or the device clock stepped back.
     Late { next: Box<Epoch>, since: i64 },
-    /// Some arrived before they could have been sent: the device clock leapt, or a tick is wrong,
-    /// or the least latency had not been seen yet.
-    Early { held: Vec<Early> },
+    /// Samples that arrived before they could have been sent: the device clock stepped forward, or
+    /// a tick is wrong, or the minimum latency had not been observed yet.
+    Early { early_samples: Vec<Early> },
 }
 
 #[derive(Clone, Copy, Debug)]
@@ -196,7 +196,7 @@ struct Early {
 }
 
 impl ClockMapper {
-    /// A mapper that has seen nothing.
+    /// A mapper without samples.
     pub fn new(config: ClockConfig) -> Self {
         let map = ClockMap {
             version: 0,
@@ -211,7 +211,7 @@ impl ClockMapper {
             wander_ppb_per_s: config.wander_ppb_per_s,
             samples_used: 0,
             residuals: Residuals::default(),
-            doubts: Vec::new(),
+            unreliable_spans: Vec::new(),
         };
         Self {
             config,
@@ -224,13 +224,13 @@ impl ClockMapper {
             on_time: i64::MIN,
             map,
             published: Line::default(),
-            least_sigma: 0.0,
+            min_sigma: 0.0,
             claims: VecDeque::with_capacity(MAX_CLAIMS),
         }
     }
 
-    /// Learns from a sample. Where samples come in batches, only the last one of a batch arrives
-    /// when it is read; observe that one.
+    /// Learns from a sample. If samples come in batches, only the last one of a batch arrives when
+    /// it is read; observe that one.
     pub fn observe(&mut self, ticks: i64, arrival: HostTime) -> Observation {
         let arrival = arrival.ns();
         let ticks = self.unwrap_at(ticks, arrival);
@@ -246,7 +246,7 @@ impl ClockMapper {
         if let Some(last) = &mut self.last
             && last.ticks == ticks
         {
-            // A clock that stands still falls ever farther back; its times are suspect soon.
+            // A stopped clock falls ever farther behind; its times become suspicious soon.
             if let Some(epoch) = &self.epoch {
                 let p = epoch.point(sample);
                 last.height = p.lag - epoch.line().lag(p.x);
@@ -255,12 +255,12 @@ impl ClockMapper {
             return Observation::Duplicate;
         }
         let Some(epoch) = &self.epoch else {
-            self.last = Some(Seen {
+            self.last = Some(LatestSample {
                 ticks,
                 arrival,
                 height: 0.0,
             });
-            self.map.doubts.push(Doubt {
+            self.map.unreliable_spans.push(UnreliableSpan {
                 from: HostTime(arrival),
                 to: HostTime::MAX,
             });
@@ -274,7 +274,7 @@ impl ClockMapper {
         let line = epoch.line();
         let height = p.lag - line.lag(p.x);
         let tolerance = STEP_SIGMAS * line.sigma(p.x, self.wander);
-        self.last = Some(Seen {
+        self.last = Some(LatestSample {
             ticks,
             arrival,
             height,
@@ -283,7 +283,8 @@ impl ClockMapper {
             return self.observe_behind(sample, height);
         }
         self.behind.clear();
-        // Before it has settled the least latency is not known, but no latency is longer than a burst.
+        // Before the line has settled the minimum latency is unknown, but no latency is longer than
+        // a burst.
         let possible = -(self.config.burst_ns as f64);
         let low = height < -tolerance && (epoch.settled() || height < possible);
         if low || matches!(self.suspicion, Some(Suspicion::Early { .. })) {
@@ -300,7 +301,7 @@ impl ClockMapper {
             return self.observe_late(sample, alarm);
         }
         self.suspicion = None;
-        if height <= self.tail.quantile(ON_TIME) + tolerance {
+        if height <= self.tail.quantile(ON_TIME_QUANTILE) + tolerance {
             self.on_time = arrival;
         }
         self.tail.learn(height);
@@ -321,11 +322,11 @@ impl ClockMapper {
         let mut mapped = self.map.map(ticks)?;
         let suspected = self.suspicion.is_some()
             || !self.behind.is_empty()
-            || last.height > VERY_LATE * self.map.residuals.p99_ns as f64;
+            || last.height > SUSPECT_LATENESS_RATIO * self.map.residuals.p99_ns as f64;
         mapped.flagged = self.unsettled() || suspected;
         if suspected && last.height > self.config.burst_ns as f64 {
-            // No latency is that long: the counter began anew, or stands still. All that is
-            // known of the sample is when it came.
+            // No latency is that long: the counter restarted, or has stopped. The only information
+            // on the sample is its arrival.
             mapped.time = mapped.time.saturating_add(last.height.round() as i64);
             mapped.sigma_ns = mapped.sigma_ns.max(self.config.burst_ns.unsigned_abs());
         } else if suspected {
@@ -341,30 +342,30 @@ impl ClockMapper {
         Some(mapped)
     }
 
-    /// A delivered tick with its turns counted: equal to `ticks` modulo 2^`tick_bits`, and the
-    /// same as `ticks` where the counter does not wrap. This is what maps and archives hold.
+    /// A delivered tick unwrapped: equal to `ticks` modulo 2^`tick_bits`, and the same as `ticks`
+    /// if the counter does not wrap. Maps and archives contain these.
     pub fn ticks(&self, ticks: i64) -> i64 {
         let near = self.last.map_or(0, |last| last.ticks);
         unwrap(ticks, near, self.config.tick_bits)
     }
 
-    /// The map as it is now, to be stored.
+    /// Copy of the present map, to be stored.
     pub fn snapshot(&self) -> ClockMap {
         self.map.clone()
     }
 
-    /// The map as it is now.
+    /// The present map.
     pub fn current(&self) -> &ClockMap {
         &self.map
     }
 
-    /// Whether samples that arrived then have times in doubt, as far as is known now.
-    pub fn is_doubtful(&self, arrival: HostTime) -> bool {
-        self.map.is_doubtful(arrival)
+    /// Whether samples that arrived then have unreliable times, by present knowledge.
+    pub fn is_unreliable(&self, arrival: HostTime) -> bool {
+        self.map.is_unreliable(arrival)
     }
 
-    /// Version of the map as it is now; it changes when the map has changed by a good part of its
-    /// sigma, at a step, when the clock has settled, and every 10 s. 0 before the first sample.
+    /// Version of the present map. It increases when the map has changed by a considerable part of
+    /// its sigma, at a step, when the clock has settled, and every 10 s. 0 before the first sample.
     pub fn version(&self) -> u32 {
         self.map.version
     }
@@ -377,8 +378,8 @@ impl ClockMapper {
                 limit,
             },
             jitter: self.config.jitter_ns as f64,
-            floor: FLOOR_NS,
-            least_sigma: 0.0,
+            floor: SIGMA_FLOOR_NS,
+            min_sigma: 0.0,
         }
     }
 
@@ -392,7 +393,7 @@ impl ClockMapper {
         unwrap(ticks, near, self.config.tick_bits)
     }
 
-    /// The tick is not beyond the newest: overtaken on the way, or the counter began anew.
+    /// The tick is not beyond the newest: reordered in transit, or the counter restarted.
     fn observe_behind(&mut self, sample: Sample, height: f64) -> Observation {
         if self
             .behind
@@ -402,7 +403,7 @@ impl ClockMapper {
             self.behind.clear();
         }
         self.behind.push(sample);
-        if self.behind.len() < RESTART_SAMPLES {
+        if self.behind.len() < MIN_RESTART_SAMPLES {
             return Observation::OutOfOrder;
         }
         let samples = std::mem::take(&mut self.behind);
@@ -411,38 +412,57 @@ impl ClockMapper {
         self.step(next, after, height)
     }
 
-    /// An arrival earlier than possible, or one that came while such a one is being judged.
+    /// An arrival earlier than possible, or one that came while such an arrival is being judged.
     fn observe_early(&mut self, early: Early, tolerance: f64) -> Observation {
-        let mut held = match self.suspicion.take() {
-            Some(Suspicion::Early { held }) => held,
-            _ => Vec::with_capacity(EARLY_HELD),
+        let mut early_samples = match self.suspicion.take() {
+            Some(Suspicion::Early { early_samples }) => early_samples,
+            _ => Vec::with_capacity(MAX_EARLY_SAMPLES),
         };
-        held.push(early);
-        let newest = held.iter().rev().find(|e| e.low).map_or(0.0, |e| e.height);
+        early_samples.push(early);
+        let newest = early_samples
+            .iter()
+            .rev()
+            .find(|e| e.low)
+            .map_or(0.0, |e| e.height);
         let reach = 3.0 * self.tail.quantile(0.99) + tolerance;
         let agrees = |e: &&Early| (e.height - newest).abs() <= reach;
-        let low_and_agreeing = held.iter().filter(|e| e.low).filter(agrees).count();
-        if early.low && low_and_agreeing >= EARLY_STEP {
-            let first = held.iter().position(|e| e.low && agrees(&e)).unwrap_or(0);
-            let lowest = held
+        let low_and_agreeing = early_samples
+            .iter()
+            .filter(|e| e.low)
+            .filter(agrees)
+            .count();
+        if early.low && low_and_agreeing >= MIN_EARLY_STEP_SAMPLES {
+            let first = early_samples
+                .iter()
+                .position(|e| e.low && agrees(&e))
+                .unwrap_or(0);
+            let lowest = early_samples
                 .iter()
                 .filter(agrees)
                 .map(|e| e.height)
                 .fold(0.0, f64::min);
-            let next = self.epoch_of(held[first..].iter().filter(agrees).map(|e| e.sample));
+            let next = self.epoch_of(
+                early_samples[first..]
+                    .iter()
+                    .filter(agrees)
+                    .map(|e| e.sample),
+            );
             let unnoticed =
                 self.tail.overdue(-lowest) as f64 * self.epoch.as_ref().map_or(0.0, Epoch::period);
-            let after = held[first].sample.arrival.saturating_sub(unnoticed as i64);
+            let after = early_samples[first]
+                .sample
+                .arrival
+                .saturating_sub(unnoticed as i64);
             return self.step(next, HostTime(after).max(self.map.since), lowest);
         }
-        if held.len() < EARLY_HELD {
-            self.suspicion = Some(Suspicion::Early { held });
+        if early_samples.len() < MAX_EARLY_SAMPLES {
+            self.suspicion = Some(Suspicion::Early { early_samples });
             return Observation::Suspect;
         }
-        // No step. Far below the usual spread it is a wrong tick, else the least latency yet.
+        // No step. Far below the usual spread it is a wrong tick, else a new minimum latency.
         let wrong = 10.0 * self.tail.quantile(0.5) + tolerance;
         if let Some(epoch) = &mut self.epoch {
-            for e in held.iter().filter(|e| e.height >= -wrong) {
+            for e in early_samples.iter().filter(|e| e.height >= -wrong) {
                 let p = epoch.point(e.sample);
                 if p.x > epoch.newest_x() {
                     epoch.push(p);
@@ -475,8 +495,10 @@ impl ClockMapper {
             return Observation::Suspect;
         };
         let burst = self.config.burst_ns;
-        let lasted = sample.arrival.saturating_sub(*since) >= burst && next.samples() >= LATE_STEP;
-        let impossible = alarm.height > burst as f64 && next.samples() >= EARLY_STEP as u64;
+        let lasted = sample.arrival.saturating_sub(*since) >= burst
+            && next.samples() >= MIN_LATE_STEP_SAMPLES;
+        let impossible =
+            alarm.height > burst as f64 && next.samples() >= MIN_EARLY_STEP_SAMPLES as u64;
         if !lasted && !impossible {
             return Observation::Suspect;
         }
@@ -488,7 +510,7 @@ impl ClockMapper {
         self.step(*next, after, alarm.height)
     }
 
-    /// An epoch of samples in order; those whose tick does not grow are left out.
+    /// An epoch of samples in order; samples whose tick does not increase are skipped.
     fn epoch_of(&self, mut samples: impl Iterator<Item = Sample>) -> Option<Epoch> {
         let terms = self
             .epoch
@@ -505,26 +527,26 @@ impl ClockMapper {
         Some(epoch)
     }
 
-    /// The clock has stepped: `next` replaces the epoch. Nothing after `after` was certain.
+    /// The clock has stepped: `next` replaces the epoch. Times after `after` are unreliable.
     fn step(&mut self, next: impl Into<Option<Epoch>>, after: HostTime, shift: f64) -> Observation {
         let (Some(next), Some(last)) = (next.into(), self.last) else {
             return Observation::Suspect;
         };
         let now = HostTime(last.arrival);
-        // Samples that were all late may have come from either side of it.
+        // Samples that were all late may be from either side of it.
         let after = after.min(HostTime(self.on_time)).max(self.map.since);
-        let doubt = Doubt {
+        let mark_unreliable = UnreliableSpan {
             from: after,
             to: if next.settled() { now } else { HostTime::MAX },
         };
-        self.doubt(doubt);
+        self.mark_unreliable(mark_unreliable);
         self.suspicion = None;
         self.behind.clear();
         self.map.epoch += 1;
         let since = next.arrival(0.0);
         self.begin(next, since);
         Observation::Step(Step {
-            doubt,
+            mark_unreliable,
             shift_ns: shift.round() as i64,
         })
     }
@@ -538,33 +560,33 @@ impl ClockMapper {
         self.publish();
     }
 
-    /// For how long a step of `height` can pass unnoticed, ns of host time.
+    /// Time for which a step of `height` can remain undetected, ns of host time.
     fn unnoticed(&self, height: f64) -> i64 {
         let period = self.epoch.as_ref().map_or(0.0, Epoch::period);
         (self.tail.overdue(height) as f64 * period) as i64
     }
 
-    /// Adds a span of doubt, joined with those it touches.
-    fn doubt(&mut self, doubt: Doubt) {
-        let doubts = &mut self.map.doubts;
-        doubts.push(doubt);
-        doubts.sort_by_key(|d| d.from);
-        doubts.dedup_by(|next, first| {
+    /// Adds an unreliable span, merged with overlapping ones.
+    fn mark_unreliable(&mut self, mark_unreliable: UnreliableSpan) {
+        let unreliable_spans = &mut self.map.unreliable_spans;
+        unreliable_spans.push(mark_unreliable);
+        unreliable_spans.sort_by_key(|d| d.from);
+        unreliable_spans.dedup_by(|next, first| {
             let joined = next.from <= first.to;
             if joined {
                 first.to = first.to.max(next.to);
             }
             joined
         });
-        if doubts.len() > MAX_DOUBTS {
-            doubts[1].from = doubts[0].from;
-            doubts.remove(0);
+        if unreliable_spans.len() > MAX_UNRELIABLE_SPANS {
+            unreliable_spans[1].from = unreliable_spans[0].from;
+            unreliable_spans.remove(0);
         }
     }
 
     fn unsettled(&self) -> bool {
         self.map
-            .doubts
+            .unreliable_spans
             .last()
             .is_some_and(|d| d.to == HostTime::MAX)
     }
@@ -574,19 +596,22 @@ impl ClockMapper {
         let (Some(epoch), Some(last)) = (&mut self.epoch, self.last) else {
             return;
         };
-        epoch.refit(self.least_sigma);
+        epoch.refit(self.min_sigma);
         let line = *epoch.line();
         let settles = epoch.settled();
         self.tail.follow(&line);
-        self.least_sigma = self.tail.unnoticed(UNNOTICED_NS / epoch.period().max(1.0)) / 5.0;
+        self.min_sigma = self
+            .tail
+            .unnoticed(UNNOTICED_STEP_NS / epoch.period().max(1.0))
+            / 5.0;
         let (x, old) = (line.to_x, self.published);
         let (sigma, old_sigma) = (line.sigma(x, self.wander), old.sigma(x, self.wander));
         let moved = (line.lag(x) - old.lag(x)).abs();
         let settles = settles && self.unsettled();
-        if settles && let Some(doubt) = self.map.doubts.last_mut() {
-            doubt.to = HostTime(last.arrival);
+        if settles && let Some(mark_unreliable) = self.map.unreliable_spans.last_mut() {
+            mark_unreliable.to = HostTime(last.arrival);
         }
-        let outdated = x - old.to_x > PUBLISH_NS;
+        let outdated = x - old.to_x > MAX_PUBLISH_INTERVAL_NS;
         if settles
             || moved > 0.5 * old_sigma
             || !(0.7..1.4).contains(&(sigma / old_sigma))
@@ -608,34 +633,37 @@ impl ClockMapper {
         });
     }
 
-    /// Puts in doubt what was claimed and is now known to have been wrong.
+    /// Marks the times of claims that proved wrong as unreliable.
     fn audit(&mut self) {
         let Some(epoch) = &self.epoch else { return };
         let mut before: Option<&Claim> = None;
-        let mut doubts = Vec::new();
+        let mut unreliable_spans = Vec::new();
         for (i, claim) in self.claims.iter().enumerate() {
             let next = self.claims.get(i + 1);
-            // Times were given by it until the next one, so it is asked at both ends.
+            // It gave times until the next one, so it is checked at both ends.
             let wrong = |x: f64| {
                 let (lag, sigma) = epoch.best(x);
                 let off = (lag - claim.line.lag(x)).abs();
-                (off > sigma.hypot(WRONG_SIGMAS * claim.sigma)).then_some(off)
+                (off > sigma.hypot(MAX_CLAIM_ERROR_SIGMAS * claim.sigma)).then_some(off)
             };
             let to = HostTime(next.unwrap_or(claim).arrival);
             if let Some(off) = wrong(claim.x) {
-                // Wrong since the line was last confirmed, or since it could have been noticed.
+                // Wrong since the line was last confirmed, or since the error could have been
+                // detected.
                 let confirmed = epoch.last_touch(&claim.line, claim.x, 0.5 * off);
                 let noticed = HostTime(claim.arrival.saturating_sub(self.unnoticed(off)));
                 let from = before.map_or(claim.arrival, |b| b.arrival);
                 let from = confirmed.max(noticed).min(HostTime(from));
-                doubts.push(Doubt { from, to });
+                unreliable_spans.push(UnreliableSpan { from, to });
             } else if next.is_some_and(|next| wrong(next.x).is_some()) {
                 let from = HostTime(claim.arrival);
-                doubts.push(Doubt { from, to });
+                unreliable_spans.push(UnreliableSpan { from, to });
             }
             before = Some(claim);
         }
-        doubts.into_iter().for_each(|doubt| self.doubt(doubt));
+        unreliable_spans
+            .into_iter()
+            .for_each(|mark_unreliable| self.mark_unreliable(mark_unreliable));
     }
 
     fn publish(&mut self) {
@@ -658,11 +686,11 @@ fn unwrap(ticks: i64, near: i64, bits: Option<u8>) -> i64 {
     let Some(bits @ 1..=63) = bits else {
         return ticks;
     };
-    let turn = 1_i128 << bits;
-    let ahead = (i128::from(ticks) - i128::from(near)).rem_euclid(turn);
+    let modulus = 1_i128 << bits;
+    let ahead = (i128::from(ticks) - i128::from(near)).rem_euclid(modulus);
     let nearest = i128::from(near)
-        + if ahead >= turn / 2 {
-            ahead - turn
+        + if ahead >= modulus / 2 {
+            ahead - modulus
         } else {
             ahead
         };

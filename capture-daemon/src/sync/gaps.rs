@@ -1,11 +1,11 @@
-//! Sequence numbers, and what is missing between them.
+//! Sequence numbers, and the gaps between them.
 //!
-//! A [`SequenceTracker`] is told of every sample that is stored and of every one that will not come,
-//! and gives the gap records that account for the rest: from the first sample stored, samples and
-//! gaps together are every number exactly once. *Late or repeated* samples are refused; a gap
-//! record for them may already be written. *A hole that nobody reported* is the device's; *at the
-//! end*, where what is not reported may only be on its way, it came too late.
-//! [`Renumber`] comes before it, where devices restart their counters or let them wrap.
+//! A [`SequenceTracker`] takes every sample that is stored and every one that is reported as lost,
+//! and returns the gap records that account for the rest: from the first sample stored, samples and
+//! gaps together cover every number exactly once. *Late or repeated* samples are rejected; a gap
+//! record for them may already be written. *A gap that nobody reported* is attributed to the
+//! device; *at the end*, where an unreported sample may only be in transit, it counts as late.
+//! [`Renumber`] comes before it, for devices that restart their counters or let them wrap.
 
 use std::collections::BTreeMap;
 
@@ -13,7 +13,7 @@ use session_archive::record::Gap;
 use session_archive::record::paws::gap::Cause;
 use session_archive::time::HostTime;
 
-/// What was reported about numbers that will not come.
+/// Report of numbers that will not arrive.
 #[derive(Clone, Debug)]
 struct Report {
     last: u64,
@@ -33,7 +33,7 @@ pub struct SequenceTracker {
 }
 
 impl SequenceTracker {
-    /// A tracker for a stream, named as gap records name it.
+    /// A tracker for a stream, named as in gap records.
     pub fn new(stream: &str) -> Self {
         let stream = stream.to_owned();
         Self {
@@ -44,8 +44,8 @@ impl SequenceTracker {
         }
     }
 
-    /// Samples `first..first + count` are to be stored. Gives the gaps before them, or nothing
-    /// if they are late or repeated and must not be stored.
+    /// Samples `first..first + count` are to be stored. Returns the gaps before them, or `None` if
+    /// they are late or repeated and must not be stored.
     pub fn samples(
         &mut self,
         first: u64,
@@ -67,12 +67,12 @@ impl SequenceTracker {
         Some(gaps)
     }
 
-    /// Numbers `first..=last` will not come.
+    /// Numbers `first..=last` will not arrive.
     pub fn dropped(&mut self, first: u64, last: u64, cause: Cause, detail: &str) {
         if first > last || self.next.is_some_and(|next| last < next) {
             return;
         }
-        // A stream that only drops makes one report that grows.
+        // Consecutive drops extend one report.
         if let Some((_, before)) = self.reports.range_mut(..=first).next_back()
             && before.cause == cause
             && before.detail == detail
@@ -94,7 +94,7 @@ impl SequenceTracker {
         }
     }
 
-    /// The stream has ended: gaps for what was reported behind the last sample.
+    /// The stream has ended: returns gaps for losses reported behind the last sample.
     pub fn finish(&mut self) -> Vec<Gap> {
         let Some(next) = self.next else {
             return Vec::new();
@@ -110,8 +110,8 @@ impl SequenceTracker {
         }
     }
 
-    /// Gaps for `from..to`: each number by the report that covers it, else by the device, or, where no
-    /// sample follows at `after`, for coming too late.
+    /// Gaps for `from..to`: each number by the report that covers it, else by the device, or, if no
+    /// sample follows at `after`, as late.
     fn fill(&mut self, mut from: u64, to: u64, after: Option<HostTime>) -> Vec<Gap> {
         let mut gaps: Vec<Gap> = Vec::new();
         let (otherwise, why) = match after {
@@ -160,47 +160,47 @@ impl SequenceTracker {
     }
 }
 
-/// A number that falls back by more than this did not come late: the device counts anew.
-const REORDER: u64 = 64;
-/// So it does if this many in a row fall back but follow each other.
-const RESTART_RUN: u32 = 4;
-/// A number that leaps ahead by more than this is no loss, which would have lasted for hours, but
-/// a wrong number or a new count.
-const LEAP: u64 = 1 << 20;
+/// Maximum decrease of a late number. With more, the device has restarted its counter.
+const MAX_REORDER: u64 = 64;
+/// Number of consecutive numbers behind the newest that indicate a restart.
+const MIN_RESTART_RUN: u32 = 4;
+/// Maximum increase of a number by loss, which would have lasted for hours. With more, the number
+/// is wrong or the counter was restarted.
+const MAX_COUNTER_JUMP: u64 = 1 << 20;
 
-/// Unwraps a device's counter into numbers that only grow, whatever the device does to it.
+/// Unwraps a device's counter into increasing numbers, whatever the device does to it.
 ///
-/// A *late or repeated* number comes out as it is, not above the newest. After a *restart* the
-/// numbers go on right behind the newest, for nobody knows how many are missing.
+/// A *late or repeated* number comes out unchanged, not above the newest. After a *restart* the
+/// numbers continue right behind the newest, because the number of missing samples is unknown.
 #[derive(Clone, Debug, Default)]
 pub struct Renumber {
     bits: Option<u8>,
     newest: Option<Numbers>,
-    /// The last number that fell back, and how many in a row did.
+    /// The last number that decreased, and the length of that run.
     behind: Option<(u64, u32)>,
 }
 
-/// The device's number and ours.
+/// The device's number and the stream's.
 #[derive(Clone, Copy, Debug)]
 struct Numbers {
     raw: u64,
     ours: u64,
 }
 
-/// A number that came out of [`Renumber`].
+/// A number returned by [`Renumber`].
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Numbered {
     /// The stream's number.
     pub number: u64,
-    /// The device restarted its counter: how many samples are missing here cannot be known.
+    /// The device restarted its counter: the number of samples missing here is unknown.
     pub restarted: bool,
     /// Late or repeated: not above the newest.
     pub late: bool,
 }
 
 impl Renumber {
-    /// For a counter of `bits` bits (none: it never wraps). A wrap is seen if fewer than half a
-    /// turn is lost.
+    /// For a counter of `bits` bits (`None`: it never wraps). A wrap is detected if fewer than half
+    /// of the range is lost.
     pub fn new(bits: Option<u8>) -> Self {
         Self {
             bits: bits.filter(|b| (1..64).contains(b)),
@@ -208,25 +208,25 @@ impl Renumber {
         }
     }
 
-    /// The stream's number of the device's number.
+    /// The stream's number for the device's number.
     pub fn number(&mut self, raw: u64) -> Numbered {
         let Some(newest) = self.newest else {
-            return self.goes_on(raw, raw, false);
+            return self.advance(raw, raw, false);
         };
         let ahead = raw.wrapping_sub(newest.raw);
         let ahead = self.bits.map_or(ahead, |bits| ahead & ((1 << bits) - 1));
-        let turn = self.bits.map_or(0, |bits| 1 << bits);
-        let back = u64::wrapping_sub(turn, ahead);
-        if ahead != 0 && ahead <= LEAP && (turn == 0 || ahead < turn / 2) {
-            return self.goes_on(raw, newest.ours.saturating_add(ahead), false);
+        let modulus = self.bits.map_or(0, |bits| 1 << bits);
+        let back = u64::wrapping_sub(modulus, ahead);
+        if ahead != 0 && ahead <= MAX_COUNTER_JUMP && (modulus == 0 || ahead < modulus / 2) {
+            return self.advance(raw, newest.ours.saturating_add(ahead), false);
         }
-        if ahead == 0 || back < REORDER {
+        if ahead == 0 || back < MAX_REORDER {
             let run = match self.behind {
                 Some((last, run)) if raw == last.wrapping_add(1) => run + 1,
                 _ => 1,
             };
             self.behind = Some((raw, run));
-            if run < RESTART_RUN {
+            if run < MIN_RESTART_RUN {
                 let back = if ahead == 0 { 0 } else { back };
                 let number = newest.ours.saturating_sub(back);
                 return Numbered {
@@ -236,28 +236,28 @@ impl Renumber {
                 };
             }
         }
-        self.goes_on(raw, newest.ours.saturating_add(1), true)
+        self.advance(raw, newest.ours.saturating_add(1), true)
     }
 
-    /// Our number of the newest sample.
+    /// The stream's number of the newest sample.
     pub fn newest(&self) -> Option<u64> {
         self.newest.map(|n| n.ours)
     }
 
-    /// The stream's number of the first sample from a device that was away and missed some `missed`
-    /// samples. A counter that went on is believed, any other has begun anew.
+    /// The stream's number of the first sample from a reconnected device that missed about `missed`
+    /// samples. A counter that continued is accepted, any other has restarted.
     pub fn resume(&mut self, raw: u64, missed: u64) -> u64 {
         let Some(newest) = self.newest else {
-            return self.goes_on(raw, raw, false).number;
+            return self.advance(raw, raw, false).number;
         };
         let skipped = raw.checked_sub(newest.raw.saturating_add(1));
         let is_likely = |n: &u64| n.abs_diff(missed) <= 2 + missed / 10;
         let skipped = skipped.filter(is_likely).unwrap_or(missed);
         let ours = newest.ours.saturating_add(skipped).saturating_add(1);
-        self.goes_on(raw, ours, false).number
+        self.advance(raw, ours, false).number
     }
 
-    fn goes_on(&mut self, raw: u64, ours: u64, restarted: bool) -> Numbered {
+    fn advance(&mut self, raw: u64, ours: u64, restarted: bool) -> Numbered {
         self.newest = Some(Numbers { raw, ours });
         self.behind = None;
         Numbered {
@@ -283,7 +283,7 @@ mod tests {
     }
 
     #[test]
-    fn holes_have_the_causes_that_were_reported() {
+    fn gaps_have_the_reported_causes() {
         let mut tracker = SequenceTracker::new("feet");
         assert_eq!(tracker.samples(10, 1, t(10), t(10)), Some(vec![]));
         tracker.dropped(12, 13, Cause::EncoderOverload, "full");
@@ -308,7 +308,7 @@ mod tests {
     }
 
     #[test]
-    fn what_was_dropped_before_the_first_sample_is_no_gap() {
+    fn drops_before_the_first_sample_are_no_gap() {
         let mut tracker = SequenceTracker::new("feet");
         tracker.dropped(0, 4, Cause::EncoderRestart, "starting");
         assert_eq!(tracker.samples(5, 3, t(5), t(7)), Some(vec![]));
@@ -316,14 +316,14 @@ mod tests {
     }
 
     proptest! {
-        /// Whatever is stored, dropped, late or repeated: from the first sample on, every number
-        /// is either stored or in exactly one gap.
+        /// Whatever is stored, dropped, late or repeated: from the first sample on, every number is
+        /// either stored or in exactly one gap.
         #[test]
-        fn samples_and_gaps_are_every_number(
+        fn samples_and_gaps_cover_every_number(
             steps in prop::collection::vec((0_u64..60, 1_u64..5, prop::bool::ANY), 1..80)
         ) {
             let mut tracker = SequenceTracker::new("s");
-            let mut seen: BTreeMap<u64, u32> = BTreeMap::new();
+            let mut counts: BTreeMap<u64, u32> = BTreeMap::new();
             let mut first_stored = None;
             let mut gaps = Vec::new();
             for (first, count, stored) in steps {
@@ -332,7 +332,7 @@ mod tests {
                         gaps.extend(new);
                         first_stored.get_or_insert(first);
                         for n in first..first + count {
-                            *seen.entry(n).or_default() += 1;
+                            *counts.entry(n).or_default() += 1;
                         }
                     }
                 } else {
@@ -342,18 +342,18 @@ mod tests {
             gaps.extend(tracker.finish());
             for gap in &gaps {
                 for n in gap.first..=gap.last {
-                    *seen.entry(n).or_default() += 1;
+                    *counts.entry(n).or_default() += 1;
                 }
             }
-            prop_assert!(seen.values().all(|n| *n == 1), "{seen:?}");
-            if let (Some(first), Some((&last, _))) = (first_stored, seen.iter().next_back()) {
-                prop_assert_eq!(seen.len() as u64, last - first + 1);
+            prop_assert!(counts.values().all(|n| *n == 1), "{counts:?}");
+            if let (Some(first), Some((&last, _))) = (first_stored, counts.iter().next_back()) {
+                prop_assert_eq!(counts.len() as u64, last - first + 1);
             }
         }
     }
 
     #[test]
-    fn a_stream_that_only_drops_makes_one_report() {
+    fn stream_of_drops_produces_one_report() {
         let mut tracker = SequenceTracker::new("feet");
         tracker.samples(0, 1, t(0), t(0));
         for n in 1..10_000 {
@@ -364,7 +364,7 @@ mod tests {
         assert_eq!(ranges(&tracker.finish()), expected);
     }
 
-    /// Feeds raw numbers; numbers as they come out, restarts negated.
+    /// Passes raw numbers in; returns the numbers, restarts negated.
     fn renumbered(bits: Option<u8>, raw: &[u64]) -> Vec<i64> {
         let mut numbers = Renumber::new(bits);
         let number = |&raw| {
@@ -399,7 +399,7 @@ mod tests {
     }
 
     #[test]
-    fn after_an_absence_a_likely_counter_is_believed() {
+    fn plausible_counter_is_accepted_after_a_disconnect() {
         let resumed = |raw, missed| {
             let mut numbers = Renumber::new(None);
             numbers.number(1000);
@@ -407,7 +407,7 @@ mod tests {
             assert_eq!(numbers.number(raw + 1).number, first + 1);
             first
         };
-        assert_eq!(resumed(0, 400), 1401, "counts anew");
+        assert_eq!(resumed(0, 400), 1401, "counter restarted");
         assert_eq!(
             resumed(1400, 400),
             1400,
@@ -422,9 +422,9 @@ mod tests {
     }
 
     proptest! {
-        /// New numbers only grow, whatever the device counts.
+        /// New numbers only increase, whatever the device counts.
         #[test]
-        fn new_numbers_only_grow(
+        fn new_numbers_are_monotonic(
             bits in prop::option::of(0_u8..=64),
             raw in prop::collection::vec(prop_oneof![0_u64..300, any::<u64>()], 1..200),
         ) {

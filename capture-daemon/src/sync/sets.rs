@@ -1,28 +1,28 @@
 //! Frame sets: the stereo frames of all cameras that belong to one instant.
 //!
-//! One camera is the reference; each of its frames makes one set. Another camera's frame joins it
-//! if the two are each other's nearest: no frame is used twice, and none is invented. Nearest is not
-//! enough: the distance must be at most half of the slower camera's period, and for cameras on
-//! the same trigger as the reference a quarter of a period, for their exposures coincide and only
-//! their times are uncertain. A camera without such a frame is named as missing.
+//! One camera is the reference; each of its frames forms one set. Another camera's frame joins it
+//! if the two are each other's nearest: no frame is used twice, and none is invented. The distance
+//! must be at most half of the slower camera's period; for cameras on the same trigger as the
+//! reference at most a quarter of a period, because their exposures coincide and only their times
+//! are uncertain. A camera without such a frame is listed as missing.
 //!
-//! Where the reference itself lost a frame or died, another camera's frame makes the set, and the
-//! reference is named as missing: a frame that is at least three quarters of the slower camera's
-//! period away from every instant of the reference. Frames in between, of a camera that is faster
-//! than the reference or half a period off, belong to no instant and to no set.
+//! If the reference itself lost a frame or failed, another camera's frame forms the set, and the
+//! reference is listed as missing: a frame that is at least three quarters of the slower camera's
+//! period from every instant of the reference. Frames in between, of a camera that is faster than
+//! the reference or half a period apart, belong to no instant and to no set.
 //!
-//! *Early*: a set is given as soon as no nearer frame can come. *At a gap* or when a camera falls
-//! silent: after [`HORIZON_NS`], without it. *At the end*: [`FrameSetBuilder::flush`]. Sets come in
-//! the order of their time, and do not depend on the order in which the cameras' frames come in
-//! unless one is later than the horizon. *What turns out to be lost* before its set is given is
-//! forgotten ([`FrameSetBuilder::forget`]). Frames must come in the order of their numbers for each
+//! *Early*: a set is returned as soon as no nearer frame can arrive. *At a gap* or when a camera
+//! falls silent: after [`HORIZON_NS`], without it. *At the end*: [`FrameSetBuilder::flush`]. Sets
+//! are in the order of their time, and do not depend on the order in which the cameras' frames
+//! arrive unless one is later than the horizon. *A frame lost* before its set is returned is
+//! removed ([`FrameSetBuilder::forget`]). Frames must be in the order of their numbers for each
 //! camera.
 
 use std::collections::VecDeque;
 
 use session_archive::time::HostTime;
 
-/// A set is given at the latest when some camera is this far ahead of it.
+/// Maximum lead of some camera over a set that has not been returned, ns.
 pub const HORIZON_NS: i64 = 1_000_000_000;
 
 /// A camera.
@@ -50,21 +50,20 @@ pub struct Member {
 pub struct FrameSet {
     /// Counts up from 0.
     pub number: u64,
-    /// Time of the reference camera's frame; where that is missing, of the frame that took its
-    /// place.
+    /// Time of the reference camera's frame; if that is missing, of the frame used instead of it.
     pub time: HostTime,
     /// The frames, in the order of the cameras.
     pub members: Vec<Member>,
-    /// Positions of the cameras that have none.
+    /// Positions of the cameras without a frame.
     pub missing: Vec<usize>,
 }
 
-/// Builds frame sets. See the module's documentation for what it promises.
+/// Builds frame sets. See the module's documentation for the contract.
 #[derive(Clone, Debug)]
 pub struct FrameSetBuilder {
     cameras: Vec<CameraSpec>,
     reference: usize,
-    /// Frames that may still belong to a set to come, per camera.
+    /// Frames that may still belong to a future set, per camera.
     frames: Vec<VecDeque<(u64, HostTime)>>,
     newest: Vec<HostTime>,
     /// Time of the newest set.
@@ -73,7 +72,7 @@ pub struct FrameSetBuilder {
 }
 
 /// The reference: the first camera of the largest trigger group with at least two cameras, else the
-/// slowest camera, for a set should not wait for what comes less often.
+/// slowest camera, because a set should not wait for a rarer frame.
 fn reference(cameras: &[CameraSpec]) -> usize {
     let group = |c: &CameraSpec| match &c.trigger {
         Some(t) => cameras
@@ -114,31 +113,31 @@ impl FrameSetBuilder {
         self.reference
     }
 
-    /// Takes the next frame of a camera; gives the sets that are complete now.
+    /// Takes the next frame of a camera; returns the completed sets.
     pub fn push(&mut self, camera: usize, number: u64, time: HostTime) -> Vec<FrameSet> {
         self.frames[camera].push_back((number, time));
         self.newest[camera] = self.newest[camera].max(time);
         self.take(false)
     }
 
-    /// These frames of a camera are lost after all: no set to come names them.
+    /// These frames of a camera are lost after all: no future set contains them.
     pub fn forget(&mut self, camera: usize, first: u64, last: u64) {
         self.frames[camera].retain(|(number, _)| !(first..=last).contains(number));
     }
 
-    /// No more frames: gives all sets that are left.
+    /// No more frames: returns all remaining sets.
     pub fn flush(&mut self) -> Vec<FrameSet> {
         self.take(true)
     }
 
-    /// Gives all sets that are settled, at the end all that are left.
+    /// Returns all settled sets, at the end all remaining ones.
     fn take(&mut self, end: bool) -> Vec<FrameSet> {
         let mut sets = Vec::new();
         while let Some((camera, time)) = self.leader() {
             if !end && !self.is_settled(camera, time) {
                 break;
             }
-            if camera == self.reference || self.stands_alone(camera, time) {
+            if camera == self.reference || self.is_own_instant(camera, time) {
                 sets.extend(self.settle(camera));
             } else {
                 self.frames[camera].pop_front();
@@ -147,8 +146,8 @@ impl FrameSetBuilder {
         sets
     }
 
-    /// The frame that makes the next set, if it makes one: the reference's, or an earlier one that
-    /// is out of its reach.
+    /// The frame that forms the next set, if there is one: the reference's, or an earlier one
+    /// beyond its reach.
     fn leader(&self) -> Option<(usize, HostTime)> {
         let front = |camera: usize| self.frames[camera].front().map(|f| f.1);
         let reference = front(self.reference);
@@ -160,8 +159,8 @@ impl FrameSetBuilder {
         orphan.or(reference.map(|time| (self.reference, time)))
     }
 
-    /// Whether a frame is so far from every instant of the reference that it is one of its own.
-    fn stands_alone(&self, camera: usize, time: HostTime) -> bool {
+    /// Whether a frame is far enough from every instant of the reference to form its own set.
+    fn is_own_instant(&self, camera: usize, time: HostTime) -> bool {
         let apart = self.slower(camera) / 4 * 3;
         let next = self.frames[self.reference].front().map(|f| f.1);
         self.previous.is_none_or(|p| time.since(p) >= apart)
@@ -175,7 +174,7 @@ impl FrameSetBuilder {
             .max(self.cameras[self.reference].period_ns)
     }
 
-    /// How far a camera's frame may be from the reference's.
+    /// Maximum distance of a camera's frame from the reference's, ns.
     fn tolerance(&self, camera: usize) -> i64 {
         let (c, r) = (&self.cameras[camera], &self.cameras[self.reference]);
         if c.trigger.is_some() && c.trigger == r.trigger {
@@ -185,7 +184,7 @@ impl FrameSetBuilder {
         }
     }
 
-    /// Whether nothing that can still come changes what becomes of a leader's frame.
+    /// Whether no future frame can change the set of a leader's frame.
     fn is_settled(&self, leader: usize, time: HostTime) -> bool {
         let latest = self.newest.iter().copied().max().unwrap_or(time);
         let known_to = |camera: usize, span: i64| self.newest[camera] >= time + span;
@@ -298,7 +297,7 @@ mod tests {
     }
 
     #[test]
-    fn the_reference_is_triggered_or_slow() {
+    fn reference_is_the_triggered_or_slowest_camera() {
         let free = vec![camera(None, 33), camera(None, 100), camera(None, 50)];
         assert_eq!(FrameSetBuilder::new(free).reference(), 1);
         let triggered = vec![
@@ -310,7 +309,7 @@ mod tests {
     }
 
     #[test]
-    fn what_is_lost_is_in_no_set() {
+    fn lost_frames_are_in_no_set() {
         let mut builder = FrameSetBuilder::new(vec![camera(None, 40), camera(None, 40)]);
         let mut sets = Vec::new();
         for n in 0..4 {
@@ -336,7 +335,7 @@ mod tests {
     }
 
     #[test]
-    fn triggered_pairs_and_a_free_camera() {
+    fn triggered_pairs_and_a_free_running_camera_form_sets() {
         let cameras = vec![
             camera(Some("a"), 40),
             camera(Some("a"), 40),
@@ -355,7 +354,7 @@ mod tests {
     }
 
     #[test]
-    fn a_lost_frame_is_missing_and_not_replaced() {
+    fn lost_frame_is_missing_and_not_replaced() {
         let cameras = vec![camera(Some("a"), 40), camera(Some("a"), 40)];
         let frames = [
             (0, 0, 0),
@@ -377,7 +376,7 @@ mod tests {
     }
 
     #[test]
-    fn other_cameras_go_on_when_the_reference_dies() {
+    fn sets_continue_without_the_reference_camera() {
         let cameras = vec![
             camera(Some("a"), 40),
             camera(Some("a"), 40),
@@ -405,7 +404,7 @@ mod tests {
     }
 
     #[test]
-    fn frames_between_instants_make_no_sets() {
+    fn frames_between_instants_form_no_sets() {
         // Twice as fast; the reference loses a frame at 200 ms.
         let cameras = vec![camera(None, 40), camera(None, 20)];
         let mut frames: Vec<_> = (0..10)
@@ -422,7 +421,7 @@ mod tests {
     }
 
     #[test]
-    fn a_silent_camera_is_waited_for_up_to_the_horizon() {
+    fn silent_camera_is_waited_for_up_to_the_horizon() {
         let cameras = vec![camera(None, 100), camera(None, 100)];
         let mut builder = FrameSetBuilder::new(cameras);
         builder.push(1, 0, HostTime(0));
@@ -436,8 +435,8 @@ mod tests {
     }
 
     proptest! {
-        /// No frame is in two sets, every reference frame is in one, sets are ordered by time, and every
-        /// member is within tolerance.
+        /// No frame is in two sets, every reference frame is in one, sets are ordered by time, and
+        /// every member is within tolerance.
         #[test]
         fn no_frame_is_used_twice_or_invented(
             periods in prop::collection::vec(20_i64..120, 2..4),
@@ -474,7 +473,7 @@ mod tests {
 
         /// Sets do not depend on which camera's frames come first.
         #[test]
-        fn delays_between_cameras_change_nothing(
+        fn sets_do_not_depend_on_delays_between_cameras(
             periods in prop::collection::vec(20_i64..120, 2..4),
             drops in prop::collection::vec((0_usize..4, 0_u64..40), 0..20),
             delays in prop::collection::vec(0_i64..400, 4),

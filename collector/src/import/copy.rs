@@ -1,8 +1,8 @@
 //! Copying the files of a session.
 //!
-//! Two threads: one reads, hashes and writes; the other makes durable what has been written and
-//! notes finished files in the journal. At most [`AHEAD`] syncs are outstanding, so the copy never
-//! runs far ahead of the disk, and the disk never waits for the end of a file.
+//! Two threads: one reads, hashes and writes; the other syncs and records finished files in the
+//! journal. At most [`MAX_OUTSTANDING_SYNCS`] syncs are outstanding, so the copy never runs far
+//! ahead of the disk, and the disk never waits for the end of a file.
 
 use std::fs::{self, File};
 use std::io::{self, Read, Write};
@@ -14,7 +14,7 @@ use std::thread;
 
 use rustix::fs::{Advice, fadvise};
 
-use super::following::Board;
+use super::growing_copy::CopyProgress;
 use super::journal::Journal;
 use super::record::FileRecord;
 use super::source::SourceFile;
@@ -23,32 +23,32 @@ use crate::progress::Progress;
 
 /// Bytes read, hashed and written at a time.
 const BLOCK: usize = 1 << 20;
-/// How far ahead of the copy the source is asked for, so that its disk reads while we hash and write.
-const PREFETCH: u64 = 16 << 20;
-/// Bytes asked for at a time.
-const PREFETCH_STEP: u64 = 4 << 20;
-/// Bytes after which a growing file is synced, so that the disk is busy all the time.
-const SYNC_EVERY: u64 = 32 << 20;
-/// Syncs that may be outstanding.
-const AHEAD: usize = 2;
+/// Read-ahead of the source, bytes, so that its disk reads while this program hashes and writes.
+const PREFETCH_BYTES: u64 = 16 << 20;
+/// Bytes per read-ahead request.
+const PREFETCH_STEP_BYTES: u64 = 4 << 20;
+/// Bytes after which a growing file is synced, so that the disk is always busy.
+const SYNC_INTERVAL_BYTES: u64 = 32 << 20;
+/// Maximum number of outstanding syncs.
+const MAX_OUTSTANDING_SYNCS: usize = 2;
 
-/// What a copy did.
-pub(super) struct Copied {
+/// Result of a copy.
+pub(super) struct CopyResult {
     /// Bytes copied.
     pub(super) bytes: u64,
-    /// All files of the session, kept and copied, in order.
+    /// All files of the session, reused and copied, in order.
     pub(super) records: Vec<FileRecord>,
 }
 
-/// What the syncing thread is to do.
+/// Job of the sync thread.
 enum Job {
-    /// Make what is in the file so far durable.
+    /// Sync the file as written so far.
     Flush(Arc<File>),
-    /// The file is complete: make it durable and note it.
+    /// The file is complete: sync it and record it.
     Finish(Arc<File>, FileRecord),
 }
 
-/// Copies all files that are not kept. What had been copied stays when it fails.
+/// Copies all files that are not reused. Copied files remain if it fails.
 #[expect(
     clippy::too_many_arguments,
     reason = "one call, and a struct would only repeat the names"
@@ -59,18 +59,18 @@ pub(super) fn copy_all(
     files: &[SourceFile],
     kept: &[FileRecord],
     journal: &mut Journal,
-    board: &Board,
+    copy_progress: &CopyProgress,
     progress: &Progress,
     hook: Hook<'_>,
-) -> Result<Copied, ImportError> {
+) -> Result<CopyResult, ImportError> {
     thread::scope(|scope| {
-        let (jobs, queue) = sync_channel(AHEAD);
+        let (jobs, queue) = sync_channel(MAX_OUTSTANDING_SYNCS);
         let syncing = scope.spawn(|| sync(queue, incoming, journal, hook));
         let mut copy = Copy {
             source,
             incoming,
             jobs,
-            board,
+            copy_progress,
             progress,
             hook,
             block: vec![0; BLOCK],
@@ -83,7 +83,7 @@ pub(super) fn copy_all(
             }
             match copy.file(file) {
                 Ok(true) => bytes += file.bytes,
-                // The syncing thread has ended; it says why.
+                // The sync thread has ended with an error.
                 Ok(false) => break,
                 Err(e) => {
                     result = Err(e);
@@ -100,7 +100,7 @@ pub(super) fn copy_all(
         let mut records = finished?;
         records.extend_from_slice(kept);
         records.sort_by_key(|r| files.iter().position(|f| f.path == r.path));
-        Ok(Copied { bytes, records })
+        Ok(CopyResult { bytes, records })
     })
 }
 
@@ -108,14 +108,14 @@ struct Copy<'a> {
     source: &'a Path,
     incoming: &'a Path,
     jobs: SyncSender<Job>,
-    board: &'a Board,
+    copy_progress: &'a CopyProgress,
     progress: &'a Progress,
     hook: Hook<'a>,
     block: Vec<u8>,
 }
 
 impl Copy<'_> {
-    /// Copies one file; false if nobody takes it any more.
+    /// Copies one file; false if the sync thread has ended.
     fn file(&mut self, file: &SourceFile) -> Result<bool, ImportError> {
         let (from, to) = (self.source.join(&file.path), self.incoming.join(&file.path));
         if let Some(folder) = to.parent() {
@@ -125,19 +125,19 @@ impl Copy<'_> {
             .map_err(failed("reading", &from))?;
         let mut asked = 0;
         let output = Arc::new(File::create(&to).map_err(failed("creating", &to))?);
-        self.board.ready(&file.path, 0);
+        self.copy_progress.ready(&file.path, 0);
         let mut hasher = blake3::Hasher::new();
         let (mut at, mut synced) = (0, 0);
         loop {
-            while asked < file.bytes.min(at + PREFETCH) {
-                // Only a hint; a file system that does not take it reads all the same.
+            while asked < file.bytes.min(at + PREFETCH_BYTES) {
+                // Only a hint; file systems without support ignore it.
                 let _ = fadvise(
                     &input,
                     asked,
-                    NonZeroU64::new(PREFETCH_STEP),
+                    NonZeroU64::new(PREFETCH_STEP_BYTES),
                     Advice::WillNeed,
                 );
-                asked += PREFETCH_STEP;
+                asked += PREFETCH_STEP_BYTES;
             }
             let n = match input.read(&mut self.block) {
                 Ok(0) => break,
@@ -151,10 +151,10 @@ impl Copy<'_> {
                 .write_all(block)
                 .map_err(failed("writing", &to))?;
             at += n as u64;
-            self.board.ready(&file.path, at.min(file.bytes));
+            self.copy_progress.ready(&file.path, at.min(file.bytes));
             hasher.update(block);
             self.progress.add(n as u64);
-            if at - synced >= SYNC_EVERY {
+            if at - synced >= SYNC_INTERVAL_BYTES {
                 synced = at;
                 if self.jobs.send(Job::Flush(output.clone())).is_err() {
                     return Ok(false);

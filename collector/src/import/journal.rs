@@ -1,7 +1,6 @@
-//! Which files of an interrupted import are finished: one JSON line for each, written after the
-//! file is on disk. A line that was torn is no line; a file without one is copied again. It lies
-//! beside the folder that it is about (`.incoming/ID.journal`), so that that holds the session and
-//! nothing else.
+//! Journal of finished files of an import: one JSON line each, written after the file is synced. A
+//! torn line is ignored; a file without a line is copied again. The journal is beside the session's
+//! folder (`.incoming/ID.journal`), so that the folder holds the session and nothing else.
 
 use std::collections::BTreeMap;
 use std::fs::{self, File, OpenOptions};
@@ -21,7 +20,7 @@ pub(super) struct Journal {
 }
 
 impl Journal {
-    /// Opens the journal of the folder `incoming`; it is new if there is none.
+    /// Opens or creates the journal of the folder `incoming`.
     pub(super) fn open(incoming: &Path) -> Result<Self, ImportError> {
         let path = path_for(incoming);
         let text = match plain_file::read(&path, plain_file::DOCUMENT_LIMIT) {
@@ -39,14 +38,14 @@ impl Journal {
             .create(true)
             .open(&path)
             .map_err(failed("opening the journal", &path))?;
-        // A torn last line must not swallow the next one.
+        // A torn last line must not merge with the next one.
         file.write_all(b"\n")
             .map_err(failed("writing the journal", &path))?;
         Ok(Self { file, finished })
     }
 
-    /// The files that need not be copied again: noted, unchanged in the source since, and with the
-    /// noted hash on disk.
+    /// The files that need not be copied again: recorded, unchanged in the source since, and with
+    /// the recorded hash on disk.
     pub(super) fn still_good(
         &self,
         incoming: &Path,
@@ -75,7 +74,7 @@ impl Journal {
         Ok(good)
     }
 
-    /// Notes a file that is on disk.
+    /// Records a synced file.
     pub(super) fn note(&mut self, record: &FileRecord) -> io::Result<()> {
         let mut line = serde_json::to_vec(record).map_err(io::Error::other)?;
         line.push(b'\n');
@@ -83,10 +82,10 @@ impl Journal {
     }
 }
 
-/// Removes the journal of the folder `incoming`, if there is one, and what else lies beside it: its session is in the
-/// library.
+/// Removes the journal of the folder `incoming` and other files beside it, after its session was
+/// published.
 pub(super) fn remove(incoming: &Path) -> Result<(), ImportError> {
-    super::again::clear(incoming)?;
+    super::recheck::clear(incoming)?;
     let path = path_for(incoming);
     match fs::remove_file(&path) {
         Err(e) if e.kind() != io::ErrorKind::NotFound => {

@@ -1,5 +1,4 @@
-//! `import.json`: where an imported session came from, what it consists of, and in what condition it
-//! was.
+//! `import.json`: origin, files and condition of an imported session.
 
 use std::io;
 use std::path::Path;
@@ -18,40 +17,40 @@ pub(crate) const RECORD: &str = "import.json";
 const FORMAT: &str = "paws-import";
 const VERSION: u32 = 1;
 
-/// One file of a session as it was copied.
+/// One copied file of a session.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
 pub struct FileRecord {
     /// Path below the session's folder.
     pub path: String,
     /// Length.
     pub bytes: u64,
-    /// When the source was last changed, ns since 1970.
+    /// Modification time of the source, ns since 1970.
     pub modified_ns: i64,
     /// BLAKE3 of the bytes read from the source, hex.
     pub blake3: String,
 }
 
-/// How a session came into the library.
+/// Record of an import.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
 pub struct ImportRecord {
     format: String,
     version: u32,
-    /// What imported it.
+    /// Software that imported it.
     pub software: String,
     /// The session.
     pub session_id: String,
     /// The folder that it was copied from.
     pub source: String,
-    /// When.
+    /// Time of the import.
     pub imported: CivilTime,
-    /// What was copied.
+    /// The copied files.
     pub files: Vec<FileRecord>,
-    /// What the check of the copy found.
+    /// Verification report of the copy.
     pub report: Report,
 }
 
 impl ImportRecord {
-    /// A record of an import that has just been done.
+    /// A record of a finished import.
     pub fn new(
         session_id: &str,
         source: &Path,
@@ -72,8 +71,8 @@ impl ImportRecord {
         }
     }
 
-    /// A record of a session that was made in `folder` from the one in `source`, its files hashed
-    /// where they lie.
+    /// A record of a session in `folder` that was derived from the one in `source`; hashes the
+    /// files.
     ///
     /// # Errors
     /// The folder cannot be read.
@@ -99,7 +98,7 @@ impl ImportRecord {
         Ok(Self::new(session_id, source, imported, records, report))
     }
 
-    /// The record in a session's folder; none if it has none that can be read.
+    /// The record in a session's folder; `None` if it is missing or unreadable.
     pub fn read(folder: &Path) -> Option<Self> {
         let limit = plain_file::DOCUMENT_LIMIT;
         let text = plain_file::read_below(folder, Path::new(RECORD), limit).ok()?;
@@ -107,10 +106,10 @@ impl ImportRecord {
         (record.format == FORMAT && record.version == VERSION).then_some(record)
     }
 
-    /// Writes the record into a session's folder, whole or not at all.
+    /// Writes the record into a session's folder, atomically.
     ///
     /// # Errors
-    /// The disk says no.
+    /// An I/O error occurs.
     pub fn write(&self, folder: &Path) -> io::Result<()> {
         let text = serde_json::to_vec_pretty(self).map_err(io::Error::other)?;
         storage::replace(&DiskStorage::new(folder), RECORD, &text)

@@ -1,4 +1,4 @@
-//! What is to be copied from a session's folder.
+//! Listing of the files of a session's folder.
 
 use std::fs;
 use std::os::unix::fs::MetadataExt;
@@ -10,31 +10,31 @@ use super::record::RECORD;
 use super::{ImportError, failed};
 use crate::library::DERIVED;
 
-/// Folders in folders are followed this deep; a session has one level.
+/// Maximum depth of nested folders; a session has one level.
 const DEPTH: usize = 8;
 
-/// A file of the source, as it was when the import began.
+/// A file of the source, at the start of the import.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub(super) struct SourceFile {
     /// Path below the session's folder, `/` between names.
     pub(super) path: String,
     /// Length.
     pub(super) bytes: u64,
-    /// When it was last changed, ns since 1970.
+    /// Modification time, ns since 1970.
     pub(super) modified_ns: i64,
 }
 
-/// Whether a file was made by a host, not recorded. Such files are never copied: the library makes
-/// its own.
-fn made_here(path: &str) -> bool {
+/// Whether a file was derived by a host, not recorded. Such files are never copied: the library
+/// derives its own.
+fn is_derived(path: &str) -> bool {
     path == RECORD || DERIVED.contains(&path)
 }
 
-/// The files of a session in the order in which they are copied, the manifest first, so that the
-/// check can begin; and the names of what cannot be copied: those that are not UTF-8, and folders in too many folders.
+/// The files of a session in copy order, the manifest first, so that the verification can begin;
+/// and the entries that cannot be copied: names that are not UTF-8, and folders nested too deeply.
 ///
 /// # Errors
-/// [`ImportError::NoFile`] for a link, a FIFO, a device or a socket, or the disk says no.
+/// [`ImportError::NoFile`] for a link, a FIFO, a device or a socket, or an I/O error occurs.
 pub(super) fn list_files(source: &Path) -> Result<(Vec<SourceFile>, Vec<String>), ImportError> {
     let (mut files, mut skipped) = (Vec::new(), Vec::new());
     list(source, "", DEPTH, &mut files, &mut skipped)?;
@@ -66,7 +66,7 @@ fn list(
         let path = format!("{below}{name}");
         if kind.is_dir() && depth > 0 {
             list(root, &format!("{path}/"), depth - 1, files, skipped)?;
-        } else if kind.is_file() && !made_here(&path) {
+        } else if kind.is_file() && !is_derived(&path) {
             let data = entry.metadata().map_err(reading())?;
             files.push(SourceFile {
                 path,
@@ -91,7 +91,7 @@ fn modified_ns(data: &fs::Metadata) -> i64 {
         .saturating_add(data.mtime_nsec())
 }
 
-/// Makes sure that the source is still what was listed.
+/// Checks that the source is unchanged since the listing.
 pub(super) fn unchanged(source: &Path, files: &[SourceFile]) -> Result<(), ImportError> {
     let (now, _) = list_files(source)?;
     let changed = |what: &str| ImportError::Changed {
@@ -107,16 +107,21 @@ pub(super) fn unchanged(source: &Path, files: &[SourceFile]) -> Result<(), Impor
     }
 }
 
-/// Removes from a folder what an earlier import copied and the source no longer has.
-pub(super) fn remove_strangers(incoming: &Path, files: &[SourceFile]) -> Result<(), ImportError> {
-    let (there, _) = list_files(incoming)?;
-    for stranger in there
+/// Removes files of an earlier import that the source no longer has.
+pub(super) fn remove_unknown_files(
+    incoming: &Path,
+    files: &[SourceFile],
+) -> Result<(), ImportError> {
+    let (existing, _) = list_files(incoming)?;
+    for stranger in existing
         .iter()
         .filter(|t| files.iter().all(|f| f.path != t.path))
     {
         let path = incoming.join(&stranger.path);
-        fs::remove_file(&path)
-            .map_err(failed("removing what is no longer in the source", &path))?;
+        fs::remove_file(&path).map_err(failed(
+            "removing a file that is no longer in the source",
+            &path,
+        ))?;
     }
     Ok(())
 }

@@ -1,8 +1,9 @@
-//! The lock of whoever changes a library.
+//! The lock for changes of a library.
 //!
-//! Two things are locked: the library's folder, which takes no room and can be locked where nothing can be written,
-//! and the file `.lock` in it, because network file systems lock only files that are open for writing, and earlier
-//! versions lock only that. One of them is enough; whoever has neither does not change the library.
+//! Two objects are locked: the library's folder, which needs no space and can be locked on a
+//! read-only file system, and the file `.lock` in it, because network file systems lock only files
+//! that are open for writing, and earlier versions lock only that. One of them is sufficient;
+//! without either the library is not changed.
 
 use std::fs::{File, OpenOptions};
 use std::io;
@@ -12,17 +13,18 @@ use std::path::Path;
 use rustix::fs::{FlockOperation, OFlags, flock};
 use rustix::io::Errno;
 
-/// The file.
+/// Name of the lock file.
 const LOCK: &str = ".lock";
 
-/// While it exists no other program changes the library. Let go of when it is dropped, and by the
+/// While it exists no other program changes the library. Released when it is dropped, and by the
 /// system when the program dies.
 pub struct Lock {
     _folder: Option<File>,
     _file: Option<File>,
 }
 
-/// Takes the lock of the library in the folder `root`; none if another program has it, and `wait` is not said.
+/// Takes the lock of the library in the folder `root`; `None` if another program has it and `wait`
+/// is false.
 ///
 /// # Errors
 /// Neither the folder nor the file can be locked.
@@ -32,7 +34,7 @@ pub(super) fn take(root: &Path, wait: bool) -> io::Result<Option<Lock>> {
         Err(Errno::WOULDBLOCK) => return Ok(None),
         other => other.ok(),
     };
-    // Without waiting: what stands there may be a pipe.
+    // Non-blocking: the file may be a FIFO.
     let flags = OFlags::NONBLOCK | OFlags::NOFOLLOW;
     let file = OpenOptions::new()
         .write(true)

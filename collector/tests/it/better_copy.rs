@@ -1,4 +1,5 @@
-//! Copies of one session in different condition, in either order: the better one ends in its place, and none is lost.
+//! Copies of one session in different condition, in either order: the better one is published, and
+//! none is lost.
 
 use std::fs;
 use std::io;
@@ -7,7 +8,7 @@ use std::sync::Arc;
 
 use collector::condition::Condition;
 use collector::console::Clock;
-use collector::import::{Hook, ImportError, Imported, Step, import, no_hook};
+use collector::import::{Hook, ImportError, ImportResult, Step, import, no_hook};
 use collector::library::Library;
 use collector::progress::Progress;
 use session_archive::reader::SessionReader;
@@ -16,7 +17,7 @@ use session_archive::storage::DiskStorage;
 
 use crate::support::{ID, Session, tree};
 
-fn import_with(root: &Path, source: &Path, hook: Hook<'_>) -> Result<Imported, ImportError> {
+fn import_with(root: &Path, source: &Path, hook: Hook<'_>) -> Result<ImportResult, ImportError> {
     let mut library = Library::create(root).unwrap();
     let _lock = library.lock().unwrap();
     let hidden = Progress::hidden();
@@ -30,7 +31,7 @@ fn rows(root: &Path) -> Vec<(String, Condition)> {
     rows
 }
 
-/// The session under this key is the one in `source`, byte for byte.
+/// Checks that the session under this key equals the one in `source`, byte for byte.
 fn assert_is(root: &Path, key: &str, source: &Path) {
     let mut there = tree(&root.join("sessions").join(key));
     there.remove("import.json").expect("it has a record");
@@ -46,12 +47,12 @@ fn copy(from: &Path, to: &Path) {
     }
 }
 
-/// A whole session, and copies of it that something happened to, with the condition that they are in.
+/// A complete session, and damaged copies of it, with their condition.
 fn copies(folder: &Path) -> Vec<(&'static str, Condition)> {
     let whole = folder.join("whole");
     Session::with_units(2.0, 2000).write(&whole);
     let segment = |name: &str| folder.join(name).join("segments/000000.mcap");
-    // The lengths of all files stay as they are.
+    // The lengths of all files are unchanged.
     copy(&whole, &folder.join("flipped"));
     let mut bytes = fs::read(segment("flipped")).unwrap();
     let middle = bytes.len() / 2;
@@ -73,7 +74,7 @@ fn copies(folder: &Path) -> Vec<(&'static str, Condition)> {
 }
 
 #[test]
-fn a_damaged_copy_never_shadows_the_whole_one_that_comes_later() {
+fn damaged_copy_never_shadows_a_later_complete_one() {
     let folder = tempfile::tempdir().unwrap();
     let at = |name: &str| folder.path().join(name);
     let aside = format!("{ID}.damaged");
@@ -82,7 +83,7 @@ fn a_damaged_copy_never_shadows_the_whole_one_that_comes_later() {
         let first = import_with(&root, &at(name), &no_hook).unwrap();
         assert_eq!(first.condition, condition, "{name}");
         let again = import_with(&root, &at(name), &no_hook).unwrap();
-        assert!(again.already, "{name}");
+        assert!(again.already_imported, "{name}");
 
         let whole = import_with(&root, &at("whole"), &no_hook).unwrap();
         assert_eq!(whole.condition, Condition::Ok, "{name}");
@@ -91,7 +92,7 @@ fn a_damaged_copy_never_shadows_the_whole_one_that_comes_later() {
         assert_is(&root, &aside, &at(name));
         let both = [(ID.to_owned(), Condition::Ok), (aside.clone(), condition)];
         assert_eq!(rows(&root), both, "{name}");
-        // What is meant is the whole one, however it is called.
+        // Every name selects the complete copy.
         let library = Library::open(&root).unwrap();
         for text in [ID, &ID[..8], "walk"] {
             assert_eq!(library.find(text).unwrap(), ID, "{text}");
@@ -100,8 +101,12 @@ fn a_damaged_copy_never_shadows_the_whole_one_that_comes_later() {
         drop(library);
         assert_eq!(tree(&root.join(".incoming")).len(), 0);
 
-        // And once more, whatever comes: nothing changes.
-        assert!(import_with(&root, &at("whole"), &no_hook).unwrap().already);
+        // Importing again changes nothing.
+        assert!(
+            import_with(&root, &at("whole"), &no_hook)
+                .unwrap()
+                .already_imported
+        );
         let _ = import_with(&root, &at(name), &no_hook);
         assert_eq!(rows(&root), both, "{name}");
         assert_is(&root, ID, &at("whole"));
@@ -109,15 +114,15 @@ fn a_damaged_copy_never_shadows_the_whole_one_that_comes_later() {
 }
 
 #[test]
-fn a_damaged_copy_never_replaces_a_whole_one() {
+fn damaged_copy_never_replaces_a_complete_one() {
     let folder = tempfile::tempdir().unwrap();
     let at = |name: &str| folder.path().join(name);
     for (name, _) in copies(folder.path()) {
         let root = at(&format!("library {name}"));
         import_with(&root, &at("whole"), &no_hook).unwrap();
         match import_with(&root, &at(name), &no_hook) {
-            // With the same lengths and the same manifest it is the same session, and the whole one is there.
-            Ok(imported) => assert!(imported.already && name == "flipped", "{name}"),
+            // With the same lengths and the same manifest it counts as the same session.
+            Ok(imported) => assert!(imported.already_imported && name == "flipped", "{name}"),
             Err(e) => assert!(matches!(e, ImportError::Differs { .. }), "{name}: {e}"),
         }
         assert_eq!(rows(&root), [(ID.to_owned(), Condition::Ok)], "{name}");
@@ -126,7 +131,7 @@ fn a_damaged_copy_never_replaces_a_whole_one() {
 }
 
 #[test]
-fn a_damaged_copy_neither_replaces_another_nor_is_lost() {
+fn damaged_copy_neither_replaces_another_nor_is_lost() {
     let folder = tempfile::tempdir().unwrap();
     let at = |name: &str| folder.path().join(name);
     copies(folder.path());
@@ -138,7 +143,7 @@ fn a_damaged_copy_neither_replaces_another_nor_is_lost() {
 }
 
 #[test]
-fn a_cut_one_replaces_a_damaged_one_and_a_whole_one_the_cut_one() {
+fn cut_off_replaces_damaged_and_complete_replaces_cut_off() {
     let folder = tempfile::tempdir().unwrap();
     let at = |name: &str| folder.path().join(name);
     let mut session = Session::with_units(2.0, 2000);
@@ -167,8 +172,8 @@ fn a_cut_one_replaces_a_damaged_one_and_a_whole_one_the_cut_one() {
     assert_eq!(Library::open(&root).unwrap().find(&ID[..8]).unwrap(), ID);
 }
 
-/// A session that was cut off, one that was damaged beside that, one that the rig closed, and one that was saved from
-/// the damaged one.
+/// A session that was cut off, one that was also damaged, one that the rig closed, and one
+/// recovered from the damaged one.
 fn cut_off(folder: &Path) {
     let at = |name: &str| folder.join(name);
     let mut session = Session::with_units(2.0, 2000);
@@ -190,7 +195,7 @@ fn cut_off(folder: &Path) {
 }
 
 #[test]
-fn one_that_the_rig_closed_is_better_than_its_cut_off_copy_in_either_order() {
+fn closed_session_is_better_than_its_cut_off_copy_in_either_order() {
     let folder = tempfile::tempdir().unwrap();
     let at = |name: &str| folder.path().join(name);
     cut_off(folder.path());
@@ -216,7 +221,7 @@ fn one_that_the_rig_closed_is_better_than_its_cut_off_copy_in_either_order() {
 }
 
 #[test]
-fn what_was_saved_from_a_damaged_one_does_not_replace_a_cut_off_one_with_more() {
+fn recovered_copy_does_not_replace_a_cut_off_one_with_more_samples() {
     let folder = tempfile::tempdir().unwrap();
     let at = |name: &str| folder.path().join(name);
     cut_off(folder.path());
@@ -236,7 +241,7 @@ fn what_was_saved_from_a_damaged_one_does_not_replace_a_cut_off_one_with_more() 
 }
 
 #[test]
-fn stopped_at_any_step_of_replacing_both_copies_are_there() {
+fn both_copies_survive_a_stop_at_any_step_of_replacing() {
     let folder = tempfile::tempdir().unwrap();
     let at = |name: &str| folder.path().join(name);
     copies(folder.path());
@@ -281,7 +286,7 @@ fn stopped_at_any_step_of_replacing_both_copies_are_there() {
 }
 
 #[test]
-fn what_a_stopped_import_of_a_damaged_copy_left_does_not_spoil_the_whole_one() {
+fn remains_of_a_damaged_copy_do_not_corrupt_the_complete_one() {
     let folder = tempfile::tempdir().unwrap();
     let at = |name: &str| folder.path().join(name);
     copies(folder.path());
@@ -300,7 +305,7 @@ fn what_a_stopped_import_of_a_damaged_copy_left_does_not_spoil_the_whole_one() {
         _ => Ok(()),
     };
     import_with(&root, &at("flipped"), &stop).unwrap_err();
-    // All that is copied now is what differs; it is not given up before the other is there.
+    // Only differing files are copied; the old one is not removed before the new one is complete.
     let stop = |step: &Step| match step {
         Step::Note(_) => Err(io::Error::other("killed")),
         _ => Ok(()),
@@ -318,7 +323,7 @@ fn what_a_stopped_import_of_a_damaged_copy_left_does_not_spoil_the_whole_one() {
 }
 
 #[test]
-fn what_a_stopped_import_of_a_cut_off_session_saved_is_kept_when_its_disk_dies() {
+fn copied_files_are_kept_when_the_source_disk_fails() {
     let folder = tempfile::tempdir().unwrap();
     let at = |name: &str| folder.path().join(name);
     cut_off(folder.path());
@@ -330,7 +335,7 @@ fn what_a_stopped_import_of_a_cut_off_session_saved_is_kept_when_its_disk_dies()
     import_with(&root, &at("cut"), &stop).unwrap_err();
     let recorded = tree(&at("cut"));
     let bytes: usize = recorded.values().map(Vec::len).sum();
-    // From here on the segment cannot be read any more.
+    // From here on the segment is unreadable.
     let die = |step: &Step| match step {
         Step::SyncFolders => fs::remove_file(at("cut/segments/000000.mcap")),
         _ => Ok(()),
@@ -344,7 +349,7 @@ fn what_a_stopped_import_of_a_cut_off_session_saved_is_kept_when_its_disk_dies()
 }
 
 #[test]
-fn one_with_the_longest_identifier_that_makes_way_is_listed() {
+fn replaced_copy_with_the_longest_identifier_is_listed() {
     let folder = tempfile::tempdir().unwrap();
     let at = |name: &str| folder.path().join(name);
     let id = "x".repeat(100);
@@ -372,7 +377,7 @@ fn one_with_the_longest_identifier_that_makes_way_is_listed() {
 }
 
 #[test]
-fn a_session_that_rotted_in_the_library_is_replaced_once_that_is_known() {
+fn session_corrupted_in_the_library_is_replaced_once_detected() {
     let folder = tempfile::tempdir().unwrap();
     let at = |name: &str| folder.path().join(name);
     copies(folder.path());
@@ -385,12 +390,13 @@ fn a_session_that_rotted_in_the_library_is_replaced_once_that_is_known() {
     )
     .unwrap();
     let target = collector::target::Target::find(ID, Some(&root)).unwrap();
-    let options = collector::validate::Options::default();
-    let (outcome, text) =
-        crate::support::capture(|console| collector::validate::run(&[target], &options, console));
+    let options = collector::commands::validate::Options::default();
+    let (outcome, text) = crate::support::capture(|console| {
+        collector::commands::validate::run(&[target], &options, console)
+    });
     outcome.unwrap();
     assert_eq!(rows(&root), [(ID.to_owned(), Condition::Damaged)], "{text}");
     let imported = import_with(&root, &at("whole"), &no_hook).unwrap();
-    assert!(!imported.already && imported.replaced.is_some());
+    assert!(!imported.already_imported && imported.replaced.is_some());
     assert_is(&root, ID, &at("whole"));
 }

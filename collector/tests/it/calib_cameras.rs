@@ -1,24 +1,25 @@
-//! `paws calib cameras` on a rendered session of boards, of a rig that is not quite what its files say: what comes
-//! out is the rig as it is, within what is stated, and nothing is written over.
+//! `paws calib cameras` on a rendered session of boards, of a rig that deviates from its nominal
+//! calibration: the result is the ground truth within the stated tolerance, and nothing is
+//! overwritten.
 
 use std::fs;
 use std::path::Path;
 
 use cad_transforms::{Frame, FramePart, Rig, RigidTransform};
 use nalgebra::Vector3;
+use rig_sim::calibration_error::CalibrationError;
 use rig_sim::camera::Quality;
-use rig_sim::deviation::Deviation;
-use rig_sim::scene::{Kind, Time};
+use rig_sim::scene::{Kind, Lighting};
 use rig_sim::simulation::Settings;
 use serde_json::Value;
 
 use crate::rendered::{self, paws};
 
-/// Writes the session; gives the rig as it is.
+/// Writes the session; returns the ground-truth rig.
 fn write(folder: &Path) -> Rig {
     let settings = Settings {
         kind: Kind::Targets,
-        time: Time::Day,
+        lighting: Lighting::Day,
         seed: 5,
         seconds: 45.0,
         rate_hz: 5.0,
@@ -26,16 +27,16 @@ fn write(folder: &Path) -> Rig {
         height: 376,
         quality: Quality::FAST,
     };
-    let mut deviation = Deviation::default();
-    deviation.of_mut("left_shoulder").turned = Vector3::new(2e-3, -3e-3, 1e-3);
-    deviation.of_mut("feet").moved = Vector3::new(5e-4, 0.0, -8e-4);
+    let mut deviation = CalibrationError::default();
+    deviation.of_mut("left_shoulder").rotation = Vector3::new(2e-3, -3e-3, 1e-3);
+    deviation.of_mut("feet").translation = Vector3::new(5e-4, 0.0, -8e-4);
     deviation.of_mut("right_shoulder").focal_px = [1.5, 1.5];
-    deviation.of_mut("left_shoulder").imu_turned = Vector3::new(0.01, -0.02, 0.0);
+    deviation.of_mut("left_shoulder").imu_rotation = Vector3::new(0.01, -0.02, 0.0);
     rendered::write(folder, &settings, &deviation)
 }
 
 #[test]
-fn a_rig_is_found_as_it_is() {
+fn calibration_recovers_the_ground_truth_rig() {
     let folder = tempfile::tempdir().unwrap();
     let session = folder.path().join("targets");
     let truth = write(&session);
@@ -64,7 +65,7 @@ fn a_rig_is_found_as_it_is() {
             "{a} {b}: {m} m, {d} degrees\n{text}"
         );
     };
-    // Fewer views than a real recording has, at half its rate; full ones are in the benchmark.
+    // Fewer views than a real recording, at half its rate; full ones are in the benchmark.
     for camera in ["left_shoulder", "right_shoulder", "feet"] {
         let right = Frame::of_camera(camera, FramePart::Right).unwrap();
         check(&left(camera), &right, 1e-3, 0.05);
@@ -78,7 +79,7 @@ fn a_rig_is_found_as_it_is() {
     }
     let page = fs::read_to_string(out.join("cameras.html")).unwrap();
     assert!(page.contains("left_shoulder/right in left_shoulder/left") && page.contains("<svg"));
-    // The cameras' own files are calibrations that can be read again.
+    // The cameras' files are valid calibrations.
     let (stereo, _) = calib::read_stereo(&out.join("feet.yaml"), 672, 376).unwrap();
     assert!((stereo.baseline_m() - 0.063).abs() < 5e-4);
 
@@ -87,10 +88,10 @@ fn a_rig_is_found_as_it_is() {
     let before = fs::read(out.join("rig.toml")).unwrap();
     let (code, text) = paws(&arguments);
     assert_eq!(code, Some(1), "{text}");
-    assert!(text.contains("there already"), "{text}");
+    assert!(text.contains("exists already"), "{text}");
     assert_eq!(fs::read(out.join("rig.toml")).unwrap(), before);
 
-    // A board that is not there.
+    // A board that was not shown.
     let board = folder.path().join("other.toml");
     fs::write(
         &board,
@@ -108,11 +109,12 @@ fn a_rig_is_found_as_it_is() {
         other.to_str().unwrap(),
     ]);
     assert_eq!(code, Some(1), "{text}");
-    assert!(text.contains("none of 1 target was seen"), "{text}");
+    assert!(text.contains("none of 1 target was detected"), "{text}");
     assert!(!other.exists());
 }
 
-/// `paws calib camera-imu` with what `paws calib cameras` found: its rig file has the cameras from there and the IMUs as they are.
+/// `paws calib camera-imu` with the results of `paws calib cameras`: its rig file has the cameras
+/// from there and the ground-truth IMUs.
 fn imus_are_found(out: &Path, session: &str, calibration: &Path, truth: &Rig) {
     let (code, text) = paws(&[
         "calib",

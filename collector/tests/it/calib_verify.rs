@@ -1,22 +1,23 @@
-//! `paws calib verify` on rendered walks: of a rig as its file says, and of one with a camera that has turned since.
+//! `paws calib verify` on rendered walks: of a rig as its file states, and of one with a camera
+//! that was rotated since.
 
 use std::fs;
 use std::path::Path;
 
 use nalgebra::Vector3;
+use rig_sim::calibration_error::CalibrationError;
 use rig_sim::camera::Quality;
-use rig_sim::deviation::Deviation;
-use rig_sim::scene::{Kind, Time};
+use rig_sim::scene::{Kind, Lighting};
 use rig_sim::simulation::Settings;
 use serde_json::Value;
 
 use crate::rendered::{self, paws};
 
-/// A short walk in small pictures, with the left shoulder turned by so much, rad.
+/// A short walk in small images, with the left shoulder rotated by this rotation vector, rad.
 fn write(folder: &Path, turned: Vector3<f64>) {
     let settings = Settings {
         kind: Kind::Pavement,
-        time: Time::Day,
+        lighting: Lighting::Day,
         seed: 3,
         seconds: 12.0,
         rate_hz: 15.0,
@@ -24,8 +25,8 @@ fn write(folder: &Path, turned: Vector3<f64>) {
         height: 188,
         quality: Quality::FAST,
     };
-    let mut deviation = Deviation::default();
-    deviation.of_mut("left_shoulder").turned = turned;
+    let mut deviation = CalibrationError::default();
+    deviation.of_mut("left_shoulder").rotation = turned;
     rendered::write(folder, &settings, &deviation);
 }
 
@@ -35,7 +36,7 @@ fn verify(session: &Path, more: &[&str]) -> (Option<i32>, String) {
 }
 
 #[test]
-fn a_rig_as_told_passes_and_a_turned_camera_fails() {
+fn nominal_rig_passes_and_rotated_camera_fails() {
     let folder = tempfile::tempdir().unwrap();
     let [good, turned] = ["good", "turned"].map(|name| folder.path().join(name));
     write(&good, Vector3::zeros());

@@ -1,4 +1,4 @@
-//! The catalogue: damaged, made again, and used by several programs at a time.
+//! The catalogue: damaged, rebuilt, and used by several programs at a time.
 
 use std::fs;
 use std::path::Path;
@@ -15,7 +15,7 @@ fn paws(folder: &Path, arguments: &[&str]) -> Command {
     command
 }
 
-/// Runs it; gives its results and what it said besides.
+/// Runs it; returns standard output and standard error.
 fn run(folder: &Path, arguments: &[&str]) -> (String, String) {
     let output = paws(folder, arguments).output().unwrap();
     let [out, err] = [output.stdout, output.stderr].map(|b| String::from_utf8(b).unwrap());
@@ -28,7 +28,7 @@ fn other_id(n: usize) -> String {
 }
 
 #[test]
-fn a_damaged_catalogue_is_set_aside_and_made_again() {
+fn damaged_catalogue_is_renamed_and_rebuilt() {
     let folder = tempfile::tempdir().unwrap();
     let at = folder.path();
     Session::good(1.0).write(&at.join("disk/walk"));
@@ -48,7 +48,7 @@ fn a_damaged_catalogue_is_set_aside_and_made_again() {
     overwritten[4096..].fill(0xff);
     let cases: [(&str, Vec<u8>); 5] = [
         ("it is empty", Vec::new()),
-        ("no SQLite database", b"garbage".repeat(999)),
+        ("not an SQLite database", b"garbage".repeat(999)),
         ("", whole[..whole.len() - 4096].to_vec()),
         ("version 7", other_version),
         ("", overwritten),
@@ -57,7 +57,7 @@ fn a_damaged_catalogue_is_set_aside_and_made_again() {
         fs::write(&catalogue, content).unwrap();
         let (out, err) = run(at, &["list"]);
         assert_eq!(out, listed.0, "case {i}");
-        assert!(err.contains(why) && err.contains("was made again"), "{err}");
+        assert!(err.contains(why) && err.contains("was rebuilt"), "{err}");
         let name = match i {
             0 => "catalogue.sqlite.damaged".to_owned(),
             i => format!("catalogue.sqlite.damaged-{}", i + 1),
@@ -66,16 +66,16 @@ fn a_damaged_catalogue_is_set_aside_and_made_again() {
         assert_eq!(fs::read(at.join("library").join(name)).unwrap(), *content);
         assert_eq!(run(at, &["list"]), listed, "case {i}");
     }
-    // An import finds it damaged just as well.
+    // An import detects the damage, too.
     fs::write(&catalogue, b"garbage").unwrap();
     let (out, err) = run(at, &["import", "disk"]);
     assert!(out.contains("imported already"), "{out}");
-    assert!(err.contains("was made again"), "{err}");
+    assert!(err.contains("was rebuilt"), "{err}");
     assert_eq!(run(at, &["list"]), listed);
 }
 
 #[test]
-fn imports_into_a_new_library_at_the_same_time_all_succeed() {
+fn simultaneous_imports_into_a_new_library_all_succeed() {
     const PROGRAMS: usize = 4;
     let folder = tempfile::tempdir().unwrap();
     for n in 0..PROGRAMS {
@@ -86,7 +86,7 @@ fn imports_into_a_new_library_at_the_same_time_all_succeed() {
     let mut waited = 0;
     for round in 0..15 {
         let at = folder.path();
-        // Every other time all of them import the same session, too.
+        // Every other round all of them also import the same session.
         let same = format!("disk-{}", round % PROGRAMS);
         let programs: Vec<_> = (0..PROGRAMS)
             .map(|n| {
@@ -136,7 +136,7 @@ fn imports_into_a_new_library_at_the_same_time_all_succeed() {
 }
 
 #[test]
-fn programs_that_only_read_do_so_while_others_make_the_library() {
+fn readers_work_while_the_library_is_created() {
     let folder = tempfile::tempdir().unwrap();
     let at = folder.path();
     for n in 0..3 {
@@ -151,7 +151,7 @@ fn programs_that_only_read_do_so_while_others_make_the_library() {
             .stderr(Stdio::null())
             .spawn()
             .unwrap();
-        // As many as come to an end before the import does, and one more.
+        // List until the import has ended, and once more.
         loop {
             let ended = import.try_wait().unwrap();
             run(at, &["list"]);

@@ -32,7 +32,7 @@ fn check(folder: &Path, arguments: &[&str], code: i32, part: &str) -> String {
 }
 
 #[test]
-fn the_main_job() {
+fn import_validate_and_hand_off_work() {
     let folder = tempfile::tempdir().unwrap();
     let at = folder.path();
     Session::good(2.0).write(&at.join("disk/day/walk-7"));
@@ -74,13 +74,13 @@ fn the_main_job() {
         check(at, &["prune", "--session", text, "--yes"], 1, "session");
         assert!(at.join(format!("library/sessions/{ID}")).is_dir());
     }
-    check(at, &["show", ""], 1, "its name is empty");
+    check(at, &["show", ""], 1, "name is empty");
     check(at, &["prune", "--session", ID, "--yes"], 0, "removed");
     check(at, &["list"], 0, "no sessions");
 }
 
 #[test]
-fn exit_codes_tell_loss_from_failure_from_slips() {
+fn exit_codes_distinguish_loss_failure_and_invalid_arguments() {
     let folder = tempfile::tempdir().unwrap();
     let at = folder.path();
     let mut session = Session::good(10.0);
@@ -147,7 +147,7 @@ fn exit_codes_tell_loss_from_failure_from_slips() {
 }
 
 #[test]
-fn an_unknown_verb_is_a_program_or_a_slip() {
+fn unknown_command_is_a_program_or_an_error() {
     let folder = tempfile::tempdir().unwrap();
     let at = folder.path();
     check(at, &["validat"], 2, "did you mean validate?");
@@ -168,7 +168,7 @@ fn an_unknown_verb_is_a_program_or_a_slip() {
 }
 
 #[test]
-fn metrics_are_listed_as_limits_take_them() {
+fn metrics_are_listed_in_the_form_of_limits() {
     let folder = tempfile::tempdir().unwrap();
     let at = folder.path();
     let text = check(at, &["validate", "--metrics"], 0, "METRIC");
@@ -176,7 +176,7 @@ fn metrics_are_listed_as_limits_take_them() {
         let line = text.lines().find(|line| line.starts_with(row.metric));
         let words: Vec<&str> = line.unwrap().split_whitespace().collect();
         assert!(line.unwrap().contains(row.title), "{line:?}");
-        // What is listed can be set as it stands there.
+        // Listed limits can be set in the same form.
         let mut limits = collector::limits::Limits::default();
         let limit = format!("{}={},{}", words[0], words[2], words[3]);
         limits.set(&limit).unwrap();
@@ -212,7 +212,7 @@ fn metrics_are_listed_as_limits_take_them() {
 }
 
 #[test]
-fn a_failure_is_handed_over_only_if_that_is_said() {
+fn failed_session_is_handed_over_only_with_accept() {
     let folder = tempfile::tempdir().unwrap();
     let at = folder.path();
     let mut session = Session::good(4.0);
@@ -269,7 +269,7 @@ fn json(folder: &Path, arguments: &[&str], code: i32) -> Vec<serde_json::Value> 
 }
 
 #[test]
-fn documents_say_what_the_tables_say() {
+fn json_documents_agree_with_the_tables() {
     let folder = tempfile::tempdir().unwrap();
     let at = folder.path();
     let mut session = Session::good(4.0);
@@ -369,9 +369,9 @@ fn documents_say_what_the_tables_say() {
     assert!(rig["errors"].as_u64().unwrap() > 0);
 }
 
-/// By what it was recorded last, wherever a session is named.
+/// `latest` is accepted wherever a session is named.
 #[test]
-fn the_latest_session_and_paths_are_found_by_every_verb() {
+fn latest_and_paths_are_accepted_by_every_command() {
     let folder = tempfile::tempdir().unwrap();
     let at = folder.path();
     check(at, &["import", "."], 1, "no session here");
@@ -405,7 +405,7 @@ fn the_latest_session_and_paths_are_found_by_every_verb() {
         1,
         "whole identifier",
     );
-    // A folder, or what lies in it.
+    // A folder, or a file in it.
     let inside = format!("library/sessions/{late}/handoff.json");
     let listed = format!("library/sessions/{late}/");
     for (path, expected) in [
@@ -418,9 +418,9 @@ fn the_latest_session_and_paths_are_found_by_every_verb() {
     }
 }
 
-/// What there is to refuse names the session that was found.
+/// The error names the session that was found.
 #[test]
-fn the_latest_session_is_found_by_every_calibration() {
+fn latest_is_accepted_by_every_calibration() {
     let folder = tempfile::tempdir().unwrap();
     let at = folder.path();
     let late = "0192aa00-0000-7000-8000-000000000002";
@@ -450,9 +450,9 @@ fn the_latest_session_is_found_by_every_calibration() {
     }
 }
 
-/// `paws-reconstruct` knows nothing of libraries; this is where a session of one becomes a folder.
+/// `paws-reconstruct` does not depend on libraries; `paws` replaces a session by its folder.
 #[test]
-fn a_reconstruction_takes_a_session_of_the_library() {
+fn reconstruct_accepts_a_session_of_the_library() {
     let folder = tempfile::tempdir().unwrap();
     let at = folder.path();
     Session::good(2.0).write(&at.join("walk-7"));
@@ -461,7 +461,7 @@ fn a_reconstruction_takes_a_session_of_the_library() {
     let program = at.join("bin/paws-reconstruct");
     fs::write(&program, "#!/bin/sh\necho \"$@\"\n").unwrap();
     fs::set_permissions(&program, fs::Permissions::from_mode(0o755)).unwrap();
-    // Beside itself no other one must be found.
+    // No other program must be found beside it.
     let paws = at.join("bin/paws");
     fs::copy(env!("CARGO_BIN_EXE_paws"), &paws).unwrap();
     let run = |arguments: &[&str]| {
@@ -522,9 +522,9 @@ fn a_reconstruction_takes_a_session_of_the_library() {
     );
 }
 
-/// Whoever reads may have seen enough; that is no failure and no panic.
+/// A reader may close the pipe; this is not a failure or panic.
 #[test]
-fn a_closed_pipe_is_no_failure() {
+fn closed_pipe_is_not_a_failure() {
     let folder = tempfile::tempdir().unwrap();
     let at = folder.path();
     Session::good(2.0).write(&at.join("walk-7"));
@@ -550,23 +550,23 @@ fn a_closed_pipe_is_no_failure() {
 }
 
 #[test]
-fn quiet_says_nothing_but_failures() {
+fn quiet_prints_only_failures() {
     let folder = tempfile::tempdir().unwrap();
     let at = folder.path();
-    // Refused before anything is sent: without encryption only this machine is asked.
+    // Rejected before anything is sent: without encryption only this machine is allowed.
     let pull = |options: &[&str]| {
         let arguments = [&["pull", "http://192.0.2.1:1"], options].concat();
         let output = paws(at, &arguments);
         assert_eq!(output.status.code(), Some(1), "{output:?}");
         String::from_utf8(output.stderr).unwrap()
     };
-    let told = pull(&[]);
+    let output = pull(&[]);
     let first = "connecting to http://192.0.2.1:1 (gives up after 10 s)";
-    assert_eq!(told.lines().next(), Some(first), "{told}");
-    let told = pull(&["-q"]);
+    assert_eq!(output.lines().next(), Some(first), "{output}");
+    let output = pull(&["-q"]);
     assert!(
-        told.starts_with("paws: http://192.0.2.1:1 is not on"),
-        "{told}"
+        output.starts_with("paws: http://192.0.2.1:1 is not on"),
+        "{output}"
     );
-    assert_eq!(told.lines().count(), 1, "{told}");
+    assert_eq!(output.lines().count(), 1, "{output}");
 }

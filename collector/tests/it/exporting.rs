@@ -1,20 +1,20 @@
-//! Exports: what is in the files is what was recorded.
+//! Exports: the files contain the recorded data.
 
 use std::fs;
 use std::path::Path;
 use std::sync::Arc;
 
 use calib::{Distortion, read_stereo};
-use collector::export::{self, Format};
+use collector::commands::export::{self, Format};
+use collector::commands::validate::{Options, validate};
 use collector::outcome::Outcome;
 use collector::target::Target;
-use collector::validate::{Options, validate};
 use session_archive::handoff::Verdict;
 use session_archive::index::{Access, Index};
 use session_archive::reader::SessionReader;
 use session_archive::storage::DiskStorage;
 
-use crate::pictures::picture;
+use crate::images::image;
 use crate::support::{MS, START, Session, capture};
 
 fn export(session: &Path, format: Format, out: &Path) -> (Outcome, String) {
@@ -79,7 +79,7 @@ fn tables_hold_every_sample_in_si_units() {
 }
 
 #[test]
-fn euroc_folders_hold_both_eyes_the_imu_and_the_calibration() {
+fn euroc_folders_have_stereo_images_imu_and_calibration() {
     let folder = tempfile::tempdir().unwrap();
     let (source, out) = (folder.path().join("s"), folder.path().join("out"));
     let mut session = Session::decodable(1.0);
@@ -88,7 +88,7 @@ fn euroc_folders_hold_both_eyes_the_imu_and_the_calibration() {
     let (outcome, text) = export(&source, Format::Euroc, &out);
     assert_eq!(outcome, Outcome::Fine, "{text}");
 
-    // Our own reader of such folders takes it back.
+    // Our own reader of such folders reads it.
     let (stereo, _) = read_stereo(&out.join("feet"), 64, 48).unwrap();
     assert_eq!((stereo.left.fx, stereo.left.fy), (50.0, 51.0));
     assert_eq!((stereo.left.cx, stereo.left.cy), (32.0, 24.0));
@@ -106,8 +106,8 @@ fn euroc_folders_hold_both_eyes_the_imu_and_the_calibration() {
         assert!(off.fold(0.0, f64::max) < 1e-9, "{found:?} {expected:?}");
     };
     near(stereo.right_from_left.translation_m(), [-0.063, 0.0, 0.0]);
-    // The IMU is turned by a quarter about z: its x axis is the eye's y axis. Stored as w x y z; in
-    // any other order this would be another turn.
+    // The IMU is rotated by 90 degrees about z: its x axis is the eye's y axis. Stored as w x y z;
+    // in any other order this would be another rotation.
     let imu = stereo.imu.unwrap();
     near(imu.imu_from_left.rotate([0.0, 1.0, 0.0]), [1.0, 0.0, 0.0]);
     near(
@@ -131,8 +131,8 @@ fn euroc_folders_hold_both_eyes_the_imu_and_the_calibration() {
         "{last}"
     );
 
-    // What was seen is what is there, left and right not swapped.
-    let whole = picture(2, 1, 128, 48);
+    // The images are the recorded ones, left and right not swapped.
+    let whole = image(2, 1, 128, 48);
     for (cam, side) in [("cam0", 0), ("cam1", 64)] {
         let path = out.join(format!("feet/mav0/{cam}/data/{second}.png"));
         let (pixels, kind) = decode(&path);
@@ -141,7 +141,7 @@ fn euroc_folders_hold_both_eyes_the_imu_and_the_calibration() {
         let worst = (0..48 * 64)
             .map(|i| seen[i / 64 * 128 + side + i % 64].abs_diff(pixels[i]))
             .max();
-        assert!(worst.unwrap() <= 6, "{cam} is off by {worst:?}");
+        assert!(worst.unwrap() <= 6, "{cam} has the error {worst:?}");
     }
     let (pixels, kind) = decode(&out.join(format!(
         "right_shoulder/mav0/cam0/data/{}.png",
@@ -161,7 +161,7 @@ fn decode(path: &Path) -> (Vec<u8>, png::ColorType) {
 }
 
 #[test]
-fn mp4_files_hold_the_access_units_as_they_are() {
+fn mp4_files_contain_the_access_units_unchanged() {
     let folder = tempfile::tempdir().unwrap();
     let (source, out) = (folder.path().join("s"), folder.path().join("out"));
     let session = Session::decodable(1.0);
@@ -174,9 +174,9 @@ fn mp4_files_hold_the_access_units_as_they_are() {
         line.ends_with(&format!("15 frames, 0 in the file is {origin} ns")),
         "{text}"
     );
-    // Without encoding again every slice is in the file byte for byte, behind its length.
+    // Without re-encoding every slice is in the file byte for byte, after its length.
     let file = fs::read(out.join("feet.mp4")).unwrap();
-    for p in session.pictures.iter().filter(|p| p.camera == 2) {
+    for p in session.stereo_frames.iter().filter(|p| p.camera == 2) {
         let nals = video::annexb::nals(&p.unit);
         for nal in nals.filter(|n| n.is_slice(video::Codec::H264)) {
             let found = file.windows(nal.bytes.len()).any(|w| w == nal.bytes);
@@ -185,9 +185,9 @@ fn mp4_files_hold_the_access_units_as_they_are() {
     }
 }
 
-/// What is damaged cannot be exported, and that is told whatever the format.
+/// Damaged data cannot be exported, and every format reports it.
 #[test]
-fn damage_is_told_in_every_format() {
+fn damage_is_reported_by_every_format() {
     let folder = tempfile::tempdir().unwrap();
     let source = folder.path().join("s");
     Session::decodable(2.0).write(&source);
@@ -208,7 +208,7 @@ fn damage_is_told_in_every_format() {
 }
 
 #[test]
-fn streams_that_would_share_a_file_are_refused() {
+fn streams_with_colliding_file_names_are_rejected() {
     let folder = tempfile::tempdir().unwrap();
     for (i, (camera, imu)) in [("feet_imu", "feet/imu"), ("feet", "events")]
         .iter()
@@ -232,7 +232,7 @@ fn streams_that_would_share_a_file_are_refused() {
 }
 
 #[test]
-fn decoding_everything_finds_what_checksums_cannot() {
+fn decode_check_finds_errors_that_checksums_cannot() {
     let folder = tempfile::tempdir().unwrap();
     let deep = |session: &Session, name: &str| {
         let path = folder.path().join(name);
@@ -252,9 +252,9 @@ fn decoding_everything_finds_what_checksums_cannot() {
         findings.map(|f| f.value).collect()
     };
     assert_eq!(of(&good), [0.0; 3]);
-    // What the encoder gave was wrong, and the checksums are of what it gave.
+    // The encoder's output was wrong, and the checksums match it.
     let bad = session
-        .pictures
+        .stereo_frames
         .iter_mut()
         .rfind(|p| p.camera == 2)
         .unwrap();
@@ -262,7 +262,7 @@ fn decoding_everything_finds_what_checksums_cannot() {
     let found = deep(&session, "bad");
     assert_eq!(of(&found), [0.0, 0.0, 1.0]);
     assert_eq!(found.verdict, Verdict::Fail);
-    // And the size is not what the manifest says.
+    // The size differs from the manifest.
     let mut session = Session::decodable(1.0);
     session.spec.cameras[2].width = 96;
     let found = deep(&session, "size");
@@ -283,7 +283,7 @@ fn an_index_leads_to_every_access_unit() {
     let reader = SessionReader::open(storage.clone()).unwrap();
     let index = Index::build(&reader, |_| {}).unwrap();
     let access = Access::open(&*storage, &index).unwrap();
-    for p in &session.pictures {
+    for p in &session.stereo_frames {
         let frame = index.cameras[p.camera].frame(p.frame.number).unwrap();
         assert_eq!(access.unit(frame).unwrap(), p.unit);
     }

@@ -1,4 +1,4 @@
-//! A library into which nothing can be written: it can be read, and room can be made in it.
+//! A library that cannot be written: it can be read, and pruned.
 
 use std::fs;
 use std::path::Path;
@@ -45,7 +45,7 @@ fn text(output: &Output) -> String {
     format!("{out}{err}")
 }
 
-/// No file can become longer than it is by anything that the program writes: what a full disk does, without one.
+/// No file can grow by writes of the program: simulates a full disk.
 const NO_GROWTH: &str = "trap '' XFSZ; ulimit -f 0 && exec \"$0\" \"$@\"";
 
 fn check(folder: &Path, line: &str, arguments: &[&str], code: i32, part: &str) -> String {
@@ -58,10 +58,10 @@ fn check(folder: &Path, line: &str, arguments: &[&str], code: i32, part: &str) -
 }
 
 #[test]
-fn where_no_file_can_grow_everything_is_read_and_pruned() {
+fn library_is_readable_and_prunable_if_no_file_can_grow() {
     let folder = library();
     let at = folder.path();
-    // The limit is one: nobody can write a byte.
+    // Check that the limit works: no byte can be written.
     let write = "trap '' XFSZ; ulimit -f 0 && echo x > written";
     let done = Command::new("sh")
         .args(["-c", write])
@@ -84,7 +84,7 @@ fn where_no_file_can_grow_everything_is_read_and_pruned() {
         }
         let said = check(at, NO_GROWTH, &["list"], 0, "PASS");
         assert_eq!(
-            said.contains("cannot be used") && said.contains("not be made again"),
+            said.contains("cannot be used") && said.contains("cannot be rebuilt"),
             state == "damaged",
             "{said}"
         );
@@ -99,7 +99,7 @@ fn where_no_file_can_grow_everything_is_read_and_pruned() {
             "<!DOCTYPE html>",
         );
         if state == "damaged" {
-            // What cannot be replaced is not touched.
+            // A file that cannot be replaced is unchanged.
             assert_eq!(fs::read(&catalogue).unwrap(), whole[..whole.len() / 2]);
         }
         assert!(!at.join("library/catalogue.sqlite.new").exists(), "{state}");
@@ -116,7 +116,7 @@ fn where_no_file_can_grow_everything_is_read_and_pruned() {
     );
     let said = check(at, NO_GROWTH, &["list"], 0, ID);
     assert!(!said.contains(OTHER), "{said}");
-    // With room again, everything is as if nothing had been.
+    // With free space again, everything works as before.
     let free = "exec \"$0\" \"$@\"";
     let said = check(at, free, &["list"], 0, ID);
     assert!(!said.contains(OTHER) && !said.contains("PASS"), "{said}");
@@ -126,7 +126,7 @@ fn where_no_file_can_grow_everything_is_read_and_pruned() {
 }
 
 #[test]
-fn a_disk_that_is_really_full_and_one_that_is_read_only() {
+fn library_works_on_a_full_and_on_a_read_only_disk() {
     let folder = library();
     let at = folder.path();
     let script = r#"

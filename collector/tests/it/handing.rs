@@ -1,14 +1,14 @@
-//! Handing over: on request in spite of a failure, again and again, and with validations in between.
+//! Hand-off: with an accepted failure, repeated, and with validations in between.
 
 use std::fs;
 use std::path::PathBuf;
 
-use collector::handoff::{self, Options};
+use collector::commands::handoff::{self, Options};
+use collector::commands::{import, report, show, validate};
 use collector::limits::Limits;
 use collector::outcome::Outcome;
 use collector::target::Target;
 use collector::validation::Validation;
-use collector::{importing, reporting, show, validate};
 use session_archive::handoff::{Check, HandOff, HandOffError, SealedFile, Verdict};
 use session_archive::layout;
 use session_archive::storage::DiskStorage;
@@ -27,7 +27,7 @@ impl Desk {
         session.write(&source);
         let desk = Self { folder };
         let root = desk.folder.path().join("library");
-        let imported = capture(|console| importing::run(&[source], &root, console)).0;
+        let imported = capture(|console| import::run(&[source], &root, console)).0;
         assert_ne!(imported.unwrap(), Outcome::Failed);
         desk
     }
@@ -85,7 +85,7 @@ fn set(texts: &[&str]) -> Limits {
 }
 
 #[test]
-fn a_failure_is_handed_over_on_request_and_marked() {
+fn failed_session_is_handed_over_on_request_and_marked() {
     let desk = Desk::failing();
     for accept in [None, Some(Verdict::Warn)] {
         let (outcome, text) = desk.hand_over(accept, &[]);
@@ -113,10 +113,10 @@ fn a_failure_is_handed_over_on_request_and_marked() {
     assert_eq!(acceptance.metrics[0].value, Some(3.0 / 121.0));
     assert_eq!(acceptance.metrics[0].fail, Some(0.01));
 
-    // It stands in the report and on the screen, and the acceptance holds for the same recording.
+    // It is in the report and in `paws show`, and the acceptance is valid for the same recording.
     let default = validate::Options::default();
     let report = desk.folder.path().join("report.html");
-    capture(|console| reporting::run(&desk.target(), &default, Some(&report), console))
+    capture(|console| report::run(&desk.target(), &default, Some(&report), console))
         .0
         .unwrap();
     let page = fs::read_to_string(report).unwrap();
@@ -132,10 +132,10 @@ fn a_failure_is_handed_over_on_request_and_marked() {
 }
 
 #[test]
-fn an_acceptance_does_not_cover_what_comes_to_light_later() {
+fn acceptance_does_not_cover_later_findings() {
     let desk = Desk::failing();
     desk.hand_over(Some(Verdict::Fail), &[]);
-    // A bit rots: another recording, with a failure more.
+    // A flipped bit: another recording, with one more failure.
     let segment = desk.session().join("segments/000000.mcap");
     let seal = desk.open().unwrap().seal;
     let mut bytes = fs::read(&segment).unwrap();
@@ -152,7 +152,7 @@ fn an_acceptance_does_not_cover_what_comes_to_light_later() {
 }
 
 #[test]
-fn handing_over_again_and_validating_in_between_change_nothing() {
+fn repeated_hand_off_with_validations_in_between_changes_nothing() {
     let desk = Desk::with(&Session::decodable(1.0));
     assert_eq!(desk.hand_over(None, &[]).0, Outcome::Fine);
     let (first, bytes) = (desk.open().unwrap(), desk.bytes());
@@ -162,7 +162,7 @@ fn handing_over_again_and_validating_in_between_change_nothing() {
             deep,
             ..validate::Options::default()
         };
-        capture(|console| reporting::run(&desk.target(), &options, None, console))
+        capture(|console| report::run(&desk.target(), &options, None, console))
             .0
             .unwrap();
     };
@@ -181,10 +181,10 @@ fn handing_over_again_and_validating_in_between_change_nothing() {
 }
 
 #[test]
-fn a_verdict_that_changes_is_said_with_the_reason() {
+fn changed_verdict_is_reported_with_the_reason() {
     let mut session = Session::decodable(1.0);
-    // What the encoder gave was wrong, which only decoding finds.
-    let bad = session.pictures.iter_mut().rfind(|p| p.camera == 2);
+    // The encoder's output was wrong, which only decoding finds.
+    let bad = session.stereo_frames.iter_mut().rfind(|p| p.camera == 2);
     bad.unwrap().unit = vec![0, 0, 0, 1, 0x41, 0xFF, 0xFF, 0xFF];
     let desk = Desk::with(&session);
     let (_, text) = desk.validate(false, &[]);
@@ -193,34 +193,37 @@ fn a_verdict_that_changes_is_said_with_the_reason() {
     let (outcome, text) = desk.validate(true, &[]);
     assert_eq!(outcome, Outcome::Failed);
     for part in [
-        "verdict PASS \u{2192} FAIL since the last validation: every picture was decoded this time",
-        "feet: pictures that cannot be decoded: 1",
+        "verdict PASS \u{2192} FAIL since the last validation: every image was decoded this time",
+        "feet: images that cannot be decoded: 1",
         "handed over as PASS",
-        "now FAIL: that hand-off stays as it is",
+        "now FAIL: that hand-off is unchanged",
     ] {
         assert!(text.contains(part), "{part:?} is not in {text}");
     }
     assert_eq!(desk.open().unwrap().verdict, Verdict::Pass);
     let (_, text) = capture(|console| show::run(&desk.target(), console));
-    assert!(text.contains("now FAIL: that hand-off stays"), "{text}");
+    assert!(
+        text.contains("now FAIL: that hand-off is unchanged"),
+        "{text}"
+    );
 
-    // Handing over does not forget what the deep look found, not even with other limits.
+    // A hand-off keeps the findings of the deep validation, even with other limits.
     let (outcome, text) = desk.hand_over(None, &["camera.rate=0.5,0.6"]);
     assert_eq!(outcome, Outcome::Failed, "{text}");
     let (outcome, _) = desk.hand_over(Some(Verdict::Fail), &[]);
     assert_eq!(outcome, Outcome::Loss);
-    // A look that is less deep says why it finds less.
+    // A validation without decoding states why it finds less.
     let (_, text) = desk.validate(false, &[]);
     for part in [
-        "verdict FAIL \u{2192} PASS since the last validation: pictures were not decoded this time",
-        "not measured now, before FAIL: feet: pictures that cannot be decoded: 1",
+        "verdict FAIL \u{2192} PASS since the last validation: images were not decoded this time",
+        "not measured now, before FAIL: feet: images that cannot be decoded: 1",
     ] {
         assert!(text.contains(part), "{part:?} is not in {text}");
     }
 }
 
 #[test]
-fn limits_count_in_a_hand_off_as_in_a_validation() {
+fn limits_apply_to_a_hand_off_as_to_a_validation() {
     let desk = Desk::failing();
     let limits = ["camera.dropped=never", "camera.longest_gap=never,never"];
     let (outcome, _) = desk.validate(false, &limits);
@@ -239,11 +242,11 @@ fn limits_count_in_a_hand_off_as_in_a_validation() {
     assert_eq!(Validation::read(&desk.session()).unwrap().limits, expected);
     assert!(opened.acceptance.is_none(), "nothing had to be accepted");
 
-    // Without them it is judged by the table, and that is said.
+    // Without them the default limits apply, and this is reported.
     let (outcome, text) = desk.hand_over(None, &[]);
     assert_eq!(outcome, Outcome::Failed, "{text}");
     assert!(
-        text.contains("PASS \u{2192} FAIL since the last validation: limits are those of the table, before camera.dropped=never"),
+        text.contains("PASS \u{2192} FAIL since the last validation: limits are the defaults, before camera.dropped=never"),
         "{text}"
     );
     let stricter = ["camera.rate=0,0"];
@@ -276,12 +279,12 @@ fn version1(desk: &Desk) -> String {
 }
 
 #[test]
-fn a_hand_off_of_version_1_is_written_again_and_keeps_its_seal_beside() {
+fn version_1_hand_off_is_rewritten_and_keeps_its_seal() {
     let desk = Desk::with(&Session::good(1.0));
     desk.hand_over(None, &[]);
     let new = desk.open().unwrap();
     let old = version1(&desk);
-    // The validation that it names is replaced.
+    // The validation that it refers to is replaced.
     desk.validate(false, &["camera.rate=0.5,0.6"]);
     assert_eq!(desk.open().unwrap().seal, old);
     let (_, text) = capture(|console| show::run(&desk.target(), console));
@@ -292,7 +295,7 @@ fn a_hand_off_of_version_1_is_written_again_and_keeps_its_seal_beside() {
         assert_eq!(opened.seal, new.seal);
         assert!(opened.is_known_as(&old));
     }
-    // Of another recording it is not.
+    // The seal of another recording is not kept.
     version1(&desk);
     let rig = desk.session().join("rig/rig.toml");
     fs::write(&rig, b"revision = 2\n").unwrap();

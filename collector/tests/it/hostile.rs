@@ -1,4 +1,5 @@
-//! Folders and files from strangers: FIFOs, sockets, devices and links in the place of files, and sizes that are lies.
+//! Malicious folders and files: FIFOs, sockets, devices and links in place of files, and false
+//! sizes.
 
 use std::fs::{self, File};
 use std::io::{Seek, SeekFrom, Write};
@@ -11,7 +12,7 @@ use rustix::fs::{CWD, FileType, Mode, mknodat};
 
 use crate::support::{ID, Session};
 
-/// `paws`, ended if it hangs, with at most 512 MiB of addresses.
+/// `paws` with a timeout, and with at most 512 MiB of address space.
 fn paws(folder: &Path, arguments: &[&str]) -> Output {
     Command::new("timeout")
         .args(["--kill-after=1", "300", "sh", "-c"])
@@ -32,7 +33,7 @@ fn text(output: &Output) -> String {
     format!("{out}{err}")
 }
 
-/// It ends by itself, with one of these codes; gives what it said.
+/// Checks that it ends by itself with one of these codes; returns its output.
 fn ends(folder: &Path, arguments: &[&str], codes: &[i32]) -> String {
     let output = paws(folder, arguments);
     let said = text(&output);
@@ -50,7 +51,7 @@ fn fifo(path: &Path) {
     mknodat(CWD, path, FileType::Fifo, Mode::from_raw_mode(0o644), 0).unwrap();
 }
 
-/// Puts each kind of thing that is no file to a path that is free, and runs the check.
+/// Creates each kind of non-file at a free path, and runs the check.
 fn each_kind(path: &Path, check: &mut dyn FnMut(&str)) {
     fifo(path);
     check("a FIFO (named pipe)");
@@ -67,7 +68,7 @@ fn each_kind(path: &Path, check: &mut dyn FnMut(&str)) {
 }
 
 #[test]
-fn what_is_no_file_in_a_session_is_refused_at_once_and_named() {
+fn non_files_in_a_session_are_rejected_and_named() {
     let folder = tempfile::tempdir().unwrap();
     // Paths of sockets are short.
     let at = folder.path();
@@ -87,7 +88,7 @@ fn what_is_no_file_in_a_session_is_refused_at_once_and_named() {
             let said = ends(at, &["import", "s"], &[1]);
             assert!(said.contains(kind), "import, {name}: {said}");
             assert!(!at.join("library/sessions").join(ID).exists());
-            // Nobody reads notes.
+            // Notes are not read.
             if name == "notes" {
                 return;
             }
@@ -108,7 +109,7 @@ fn what_is_no_file_in_a_session_is_refused_at_once_and_named() {
             fs::write(&path, old).unwrap();
         }
     }
-    // A folder elsewhere in the place of one of its own.
+    // A link to a folder elsewhere in place of a folder of the session.
     fs::rename(at.join("s/segments"), at.join("elsewhere")).unwrap();
     symlink("../elsewhere", at.join("s/segments")).unwrap();
     for verb in ["import", "validate", "show"] {
@@ -124,7 +125,7 @@ fn what_is_no_file_in_a_session_is_refused_at_once_and_named() {
 }
 
 #[test]
-fn what_is_no_file_is_refused_where_a_rig_or_a_calibration_is_read() {
+fn non_files_are_rejected_as_rig_or_calibration() {
     let folder = tempfile::tempdir().unwrap();
     let at = folder.path();
     fs::write(at.join("rig.toml"), "revision = 1\n").unwrap();
@@ -132,7 +133,7 @@ fn what_is_no_file_is_refused_where_a_rig_or_a_calibration_is_read() {
     fifo(&at.join("p.step"));
     fifo(&at.join("p.yaml"));
     let _listener = UnixListener::bind(at.join("s.toml")).unwrap();
-    // The user may name a link; what it leads to is what counts.
+    // The user may name a link; its target counts.
     symlink("/dev/zero", at.join("z.toml")).unwrap();
     let huge = File::create(at.join("h.toml")).unwrap();
     huge.set_len(1 << 42).unwrap();
@@ -173,7 +174,7 @@ fn patch(path: &Path, offset: u64, bytes: &[u8]) {
 }
 
 #[test]
-fn sizes_that_are_lies_cost_no_memory() {
+fn false_sizes_allocate_no_memory() {
     let folder = tempfile::tempdir().unwrap();
     let at = folder.path();
     let limited = ends(at, &["--version"], &[0]);
@@ -205,7 +206,7 @@ fn sizes_that_are_lies_cost_no_memory() {
             .open(at.join(name));
         file.unwrap().set_len(length).unwrap();
     };
-    // Documents as long as a disk.
+    // Documents of the size of a disk.
     for name in [
         "session.json",
         "import.json",
@@ -223,7 +224,7 @@ fn sizes_that_are_lies_cost_no_memory() {
         new();
         let segment = at.join("s/segments/000000.mcap");
         let bytes = fs::read(&segment).unwrap();
-        // Behind the magic and the header record stands the first chunk.
+        // The first chunk follows the magic and the header record.
         let header = u64::from_le_bytes(bytes[9..17].try_into().unwrap());
         let chunk = 17 + header;
         assert_eq!(bytes[chunk as usize], 6, "a chunk");

@@ -1,4 +1,4 @@
-//! Import: whole, again, stopped at every step, damaged, changed.
+//! Import: complete, repeated, stopped at every step, damaged, changed.
 
 use std::fs;
 use std::io;
@@ -7,13 +7,13 @@ use std::sync::Mutex;
 
 use collector::condition::Condition;
 use collector::console::Clock;
-use collector::import::{Hook, ImportError, ImportRecord, Imported, Step, import, no_hook};
+use collector::import::{Hook, ImportError, ImportRecord, ImportResult, Step, import, no_hook};
 use collector::library::Library;
 use collector::progress::Progress;
 
 use crate::support::{ID, Session, tree};
 
-fn import_with(root: &Path, source: &Path, hook: Hook<'_>) -> Result<Imported, ImportError> {
+fn import_with(root: &Path, source: &Path, hook: Hook<'_>) -> Result<ImportResult, ImportError> {
     let mut library = Library::create(root).unwrap();
     import(
         &mut library,
@@ -24,11 +24,11 @@ fn import_with(root: &Path, source: &Path, hook: Hook<'_>) -> Result<Imported, I
     )
 }
 
-fn import_plainly(root: &Path, source: &Path) -> Result<Imported, ImportError> {
+fn import_plainly(root: &Path, source: &Path) -> Result<ImportResult, ImportError> {
     import_with(root, source, &no_hook)
 }
 
-/// What a listed session's folder must hold: the source byte for byte, and the record.
+/// Checks a listed session's folder: the source byte for byte, and the record.
 fn assert_is_copy(root: &Path, source: &Path) {
     let mut copy = tree(&root.join("sessions").join(ID));
     let record = copy.remove("import.json").expect("it has a record");
@@ -37,13 +37,13 @@ fn assert_is_copy(root: &Path, source: &Path) {
 }
 
 #[test]
-fn a_session_is_copied_checked_and_listed() {
+fn session_is_copied_verified_and_listed() {
     let folder = tempfile::tempdir().unwrap();
     let (root, source) = (folder.path().join("library"), folder.path().join("walk-1"));
     Session::good(2.0).write(&source);
     fs::write(source.join("notes.txt"), b"rain").unwrap();
     let before = tree(&source);
-    // What another host derived is not part of the recording.
+    // Files derived by another host are not part of the recording.
     fs::write(source.join("index.bin"), b"old").unwrap();
 
     let imported = import_plainly(&root, &source).unwrap();
@@ -55,7 +55,7 @@ fn a_session_is_copied_checked_and_listed() {
         imported.copied,
         before.values().map(|v| v.len() as u64).sum::<u64>()
     );
-    assert!(imported.report.is_sound() && !imported.already);
+    assert!(imported.report.is_sound() && !imported.already_imported);
     fs::remove_file(source.join("index.bin")).unwrap();
     assert_is_copy(&root, &source);
     assert_eq!(tree(&source), before);
@@ -82,20 +82,20 @@ fn a_session_is_copied_checked_and_listed() {
 }
 
 #[test]
-fn importing_again_changes_nothing() {
+fn repeated_import_changes_nothing() {
     let folder = tempfile::tempdir().unwrap();
     let (root, source) = (folder.path().join("library"), folder.path().join("a"));
     Session::good(1.0).write(&source);
     import_plainly(&root, &source).unwrap();
     let sessions = tree(&root.join("sessions"));
     let again = import_plainly(&root, &source).unwrap();
-    assert!(again.already);
+    assert!(again.already_imported);
     assert_eq!((again.copied, again.condition), (0, Condition::Ok));
     assert_eq!(tree(&root.join("sessions")), sessions);
 }
 
 #[test]
-fn a_session_that_differs_is_refused_and_nothing_is_overwritten() {
+fn differing_session_is_rejected_and_nothing_is_overwritten() {
     let folder = tempfile::tempdir().unwrap();
     let root = folder.path().join("library");
     let source = folder.path().join("first");
@@ -129,12 +129,12 @@ fn a_session_that_differs_is_refused_and_nothing_is_overwritten() {
         let mut session = Session::good(1.0);
         session.spec.name = "talk".to_owned();
         session.write(other);
-        // The name stands in the segment's head, too, with the same length.
+        // The name is also in the segment's header, with the same length.
     });
 }
 
 #[test]
-fn stopped_at_any_step_it_is_whole_or_not_there_and_goes_on() {
+fn import_stopped_at_any_step_is_atomic_and_resumes() {
     let folder = tempfile::tempdir().unwrap();
     let source = folder.path().join("source");
     Session::with_units(1.0, 40_000).write(&source);
@@ -187,7 +187,7 @@ fn stopped_at_any_step_it_is_whole_or_not_there_and_goes_on() {
         drop(library);
 
         let again = import_plainly(&root, &source).unwrap();
-        assert_eq!(again.already, !rows.is_empty(), "step {stop_at}");
+        assert_eq!(again.already_imported, !rows.is_empty(), "step {stop_at}");
         resumed += u64::from(again.resumed > 0);
         assert_is_copy(&root, &source);
         assert_eq!(Library::open(&root).unwrap().rows().unwrap().len(), 1);
@@ -197,7 +197,7 @@ fn stopped_at_any_step_it_is_whole_or_not_there_and_goes_on() {
 }
 
 #[test]
-fn what_an_interrupted_import_left_is_not_trusted_blindly() {
+fn remains_of_an_interrupted_import_are_verified() {
     let folder = tempfile::tempdir().unwrap();
     let (root, source) = (folder.path().join("library"), folder.path().join("source"));
     Session::with_units(1.0, 20_000).write(&source);
@@ -207,7 +207,7 @@ fn what_an_interrupted_import_left_is_not_trusted_blindly() {
     };
     import_with(&root, &source, &stop).unwrap_err();
     let incoming = root.join(".incoming").join(ID);
-    // A byte of the copy is wrong, the journal has a torn line, and a file came from nowhere.
+    // A byte of the copy is wrong, the journal has a torn line, and there is an unknown file.
     let segment = incoming.join("segments/000000.mcap");
     let mut bytes = fs::read(&segment).unwrap();
     bytes[5000] ^= 1;
@@ -263,7 +263,7 @@ fn damaged_and_unclosed_sessions_are_imported_as_such() {
 }
 
 #[test]
-fn what_is_still_being_recorded_is_not_listed() {
+fn session_still_being_recorded_is_not_listed() {
     let folder = tempfile::tempdir().unwrap();
     let (root, source) = (folder.path().join("library"), folder.path().join("source"));
     Session::with_units(1.0, 20_000).write(&source);
@@ -283,7 +283,7 @@ fn what_is_still_being_recorded_is_not_listed() {
 }
 
 #[test]
-fn an_identifier_that_is_a_path_is_refused() {
+fn identifier_that_is_a_path_is_rejected() {
     let folder = tempfile::tempdir().unwrap();
     let (root, source) = (folder.path().join("library"), folder.path().join("source"));
     let mut session = Session::good(1.0);

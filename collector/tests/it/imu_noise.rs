@@ -1,4 +1,4 @@
-//! `paws calib imu` on a simulated IMU that lies still: what comes out is what the simulation was given.
+//! `paws calib imu` on a simulated IMU at rest: the estimates match the simulated noise.
 
 use std::fs;
 use std::path::Path;
@@ -6,8 +6,8 @@ use std::process::{Command, Output};
 use std::sync::Arc;
 
 use cad_transforms::RigidTransform;
-use rig_sim::imu::{Imu, ImuModel, ImuTrouble};
-use rig_sim::scene::{Kind, Scene, Time};
+use rig_sim::imu::{Imu, ImuFaults, ImuModel};
+use rig_sim::scene::{Kind, Lighting, Scene};
 use rig_sim::walker::Walker;
 use serde_json::Value;
 use session_archive::manifest::{self, Stop};
@@ -21,7 +21,7 @@ use crate::support::{ID, START};
 const RATE: i64 = 100;
 const PERIOD: i64 = NS_PER_S / RATE;
 
-/// As in a ZED Mini, slower, and warm already.
+/// As in a ZED Mini, slower, and at constant temperature.
 fn model() -> ImuModel {
     ImuModel {
         rate_hz: RATE as f64,
@@ -31,10 +31,10 @@ fn model() -> ImuModel {
     }
 }
 
-/// Writes a session of an IMU that lies on a table, and is carried between `carried`. Samples in `lost` are
-/// missing.
+/// Writes a session of an IMU at rest on a table, and carried during `carried`. Samples in `lost`
+/// are missing.
 fn write(folder: &Path, model: ImuModel, seconds: i64, carried: [i64; 2], lost: [i64; 2]) {
-    let scene = Scene::new(Kind::Corridor, Time::Day, 1);
+    let scene = Scene::new(Kind::Corridor, Lighting::Day, 1);
     let walker = Walker::new(&scene, 1, 30.0);
     let imu = Imu::new(model, RigidTransform::identity(), seconds as f64, 11);
     let spec = SessionSpec {
@@ -75,14 +75,14 @@ fn write(folder: &Path, model: ImuModel, seconds: i64, carried: [i64; 2], lost: 
         let moving = (carried[0]..carried[1]).contains(&second);
         let mut counts = [Vec::new(), Vec::new()];
         for n in numbers.clone() {
-            // The walker stands at first; the walk is on from 10 s after.
+            // The walker stands at first; the walk starts after 10 s.
             let walked = (n - carried[0] * RATE) as f64 / RATE as f64;
             let at = if moving {
                 (10.0 + walked).min(30.0)
             } else {
                 0.0
             };
-            let sample = imu.sample(&walker, n as usize, at, &ImuTrouble::NONE);
+            let sample = imu.sample(&walker, n as usize, at, &ImuFaults::NONE);
             for (to, from) in counts.iter_mut().zip(imu.counts(&sample)) {
                 to.extend(from.map(i32::from));
             }
@@ -124,7 +124,7 @@ fn paws(arguments: &[&str]) -> (Option<i32>, String) {
 }
 
 #[test]
-fn noise_is_what_the_simulation_was_given() {
+fn estimated_noise_matches_the_simulation() {
     let folder = tempfile::tempdir().unwrap();
     let (session, out) = (folder.path().join("s"), folder.path().join("out"));
     write(&session, model(), 3 * 3600, [0, 0], [0, 0]);
@@ -159,7 +159,7 @@ fn noise_is_what_the_simulation_was_given() {
             inside += u32::from(off < 2.0 * sigma);
         }
     }
-    // Three hours are just enough for the walk of the gyroscope.
+    // Three hours are just enough to determine the random walk of the gyroscope.
     assert!(
         known >= 10 && inside + 2 >= known,
         "{inside} of {known} within two sigma"
@@ -177,11 +177,11 @@ fn noise_is_what_the_simulation_was_given() {
         assert!(out.join(file).is_file(), "{file}");
     }
 
-    // Nothing is overwritten unasked, and asked for it comes out the same.
+    // Nothing is overwritten without `--force`, and with it the result is the same.
     let before = crate::support::tree(&out);
     let (code, text) = paws(&["calib", "imu", session, "--out", to]);
     assert!(
-        code == Some(1) && text.contains("--force was not said"),
+        code == Some(1) && text.contains("--force was not given"),
         "{text}"
     );
     let (code, _) = paws(&["calib", "imu", session, "--out", to, "--force"]);
@@ -190,7 +190,7 @@ fn noise_is_what_the_simulation_was_given() {
 }
 
 #[test]
-fn motion_and_gaps_are_told_of_and_a_walk_is_refused() {
+fn motion_and_gaps_are_reported_and_a_walk_is_rejected() {
     let folder = tempfile::tempdir().unwrap();
     let (session, out) = (folder.path().join("s"), folder.path().join("out"));
     write(&session, model(), 900, [12, 30], [500, 540]);
@@ -233,7 +233,7 @@ fn motion_and_gaps_are_told_of_and_a_walk_is_refused() {
     );
     let (code, text) = paws(&["calib", "imu", path]);
     assert!(
-        code == Some(1) && text.contains("--out names another place"),
+        code == Some(1) && text.contains("--out names another path"),
         "{text}"
     );
 }

@@ -1,4 +1,4 @@
-//! Tests of `paws` on made-up sessions, through the library and through the program.
+//! Tests of `paws` on synthetic sessions, through the library and through the program.
 
 mod better_copy;
 mod calib_cameras;
@@ -9,9 +9,9 @@ mod exporting;
 mod full_disk;
 mod handing;
 mod hostile;
+mod images;
 mod importing;
 mod imu_noise;
-mod pictures;
 mod pulling;
 mod rendered;
 mod reports;

@@ -1,4 +1,4 @@
-//! `paws pull` from a rig that is a server in this process, over connections that break.
+//! `paws pull` from a rig server in this process, over connections that break.
 
 #![expect(
     clippy::disallowed_methods,
@@ -14,10 +14,10 @@ use std::process::{Command, Output, Stdio};
 use std::sync::Arc;
 use std::time::{Duration, Instant};
 
+use collector::commands::pull::{self, Options};
 use collector::library::Library;
 use collector::outcome::Outcome;
-use collector::pull::{self, Options};
-use rig_link::client::Patience;
+use rig_link::client::RetryPolicy;
 use rig_link::fake::{FakeRig, Scene};
 use rig_link::identity::Identity;
 use rig_link::server::{Limits, Server, Settings, serve};
@@ -28,7 +28,7 @@ use crate::support::{ID, Session, capture, tree};
 const OTHER: &str = "0192aa00-0000-7000-8000-000000000002";
 const TOKEN: &str = "correct-horse-battery";
 
-/// A rig with two sessions, and a place for a library.
+/// A rig with two sessions, and a folder for a library.
 struct Rig {
     folder: tempfile::TempDir,
     rig: Arc<FakeRig>,
@@ -76,13 +76,13 @@ impl Rig {
         options(self.server.address())
     }
 
-    /// Pulls, and gives how it ended and what it said.
+    /// Pulls; returns outcome and output.
     fn pull(&self, options: &Options) -> (Outcome, String) {
         let (result, text) = capture(|console| pull::run(options, &self.library(), console));
         (result.unwrap(), text)
     }
 
-    /// The library holds the session byte for byte, and the rig's receipt is for it.
+    /// Checks that the library has the session byte for byte, and that the rig's receipt matches.
     fn assert_pulled(&self, name: &str, key: &str) {
         let mut copy = tree(&self.library().join("sessions").join(key));
         assert!(copy.remove("import.json").is_some());
@@ -117,12 +117,12 @@ impl Rig {
 
 fn options(address: SocketAddr) -> Options {
     Options {
-        patience: Patience {
-            connect: Duration::from_secs(60),
-            silence: Duration::from_secs(60),
-            tries: 5,
-            pause: Duration::from_millis(10),
-            longest_pause: Duration::from_millis(100),
+        retry: RetryPolicy {
+            connect_timeout: Duration::from_secs(60),
+            read_timeout: Duration::from_secs(60),
+            max_attempts: 5,
+            first_pause: Duration::from_millis(10),
+            max_pause: Duration::from_millis(100),
         },
         ..Options::parse(&format!("http://{address}"), None, None).unwrap()
     }
@@ -133,8 +133,8 @@ fn text(output: &Output) -> String {
     format!("{out}{err}")
 }
 
-/// Hands on what goes by; cuts the connection after `cut` bytes of the server's, and changes every
-/// `spoil`-th byte of them.
+/// Forwards a connection; cuts it after `cut` bytes of the server, and changes every `spoil`-th
+/// byte of them.
 fn proxy(to: SocketAddr, cut: usize, spoil: usize) -> SocketAddr {
     let listener = TcpListener::bind("127.0.0.1:0").unwrap();
     let address = listener.local_addr().unwrap();
@@ -171,7 +171,7 @@ fn carry(mut client: TcpStream, to: SocketAddr, cut: usize, spoil: usize) {
 }
 
 #[test]
-fn sessions_are_pulled_received_and_freed() {
+fn sessions_are_pulled_acknowledged_and_freed() {
     let rig = Rig::new();
     let (outcome, text) = rig.pull(&rig.options());
     assert_eq!(outcome, Outcome::Fine, "{text}");
@@ -185,8 +185,8 @@ fn sessions_are_pulled_received_and_freed() {
     rig.assert_pulled("walk-1", ID);
     rig.assert_pulled("run-1", OTHER);
 
-    // Again: nothing is fetched. Then the rig may free them, one by one, even if it was started anew and
-    // knows no hashes any more.
+    // Repeated: nothing is downloaded. Then the rig may free them, one by one, even if it was
+    // restarted and has no hashes any more.
     let sessions = tree(&rig.library().join("sessions"));
     let (outcome, text) = rig.pull(&rig.options());
     assert_eq!(outcome, Outcome::Fine);
@@ -210,7 +210,7 @@ fn sessions_are_pulled_received_and_freed() {
 }
 
 #[test]
-fn several_at_a_time_over_connections_that_break() {
+fn parallel_pulls_survive_broken_connections() {
     let rig = Rig::new();
     let address = proxy(rig.server.address(), 400_000, usize::MAX);
     let options = Options {
@@ -224,7 +224,7 @@ fn several_at_a_time_over_connections_that_break() {
 }
 
 #[test]
-fn killed_again_and_again_it_is_whole_or_not_there_and_goes_on() {
+fn repeatedly_killed_pull_is_atomic_and_resumes() {
     let limits = Limits {
         recording_bytes_per_s: 4_000_000,
         ..Limits::default()
@@ -235,7 +235,7 @@ fn killed_again_and_again_it_is_whole_or_not_there_and_goes_on() {
     };
     let rig = Rig::with(settings, 30_000);
     let url = rig.server.url();
-    // Slow enough to be killed in the middle of it.
+    // Slow enough to be killed during the download.
     rig.rig.show(Scene::Recording);
     let mut killed = 0;
     for n in 0_u64.. {
@@ -282,7 +282,7 @@ fn killed_again_and_again_it_is_whole_or_not_there_and_goes_on() {
 }
 
 #[test]
-fn bytes_that_change_on_the_way_are_noticed() {
+fn bytes_changed_in_transit_are_detected() {
     let rig = Rig::new();
     let address = proxy(rig.server.address(), usize::MAX, 100_000);
     let (outcome, text) = rig.pull(&options(address));
@@ -290,14 +290,14 @@ fn bytes_that_change_on_the_way_are_noticed() {
     assert!(text.contains("not pulled: walk-1"), "{text}");
     assert!(!rig.receipt("walk-1").exists());
     assert!(!rig.library().join("sessions").join(ID).exists());
-    // Over a good connection it goes on.
+    // Over a good connection it resumes.
     let (outcome, _) = rig.pull(&rig.options());
     assert_eq!(outcome, Outcome::Fine);
     rig.assert_pulled("walk-1", ID);
 }
 
 #[test]
-fn the_one_that_is_being_recorded_is_left_alone() {
+fn session_being_recorded_is_not_pulled() {
     let rig = Rig::new();
     rig.rig.record(Some("walk-1"));
     let (outcome, text) = rig.pull(&rig.options());
@@ -314,9 +314,9 @@ fn the_one_that_is_being_recorded_is_left_alone() {
     rig.assert_pulled("walk-1", ID);
 }
 
-/// `latest` on a rig is the session that was recorded last, of those that are ended.
+/// `latest` on a rig is the last recorded session of those that have ended.
 #[test]
-fn the_latest_is_pulled_alone() {
+fn latest_pulls_only_the_last_session() {
     const NEWEST: &str = "0192aa00-0000-7000-8000-000000000003";
     let rig = Rig::new();
     let mut newest = Session::good(1.0);
@@ -330,35 +330,38 @@ fn the_latest_is_pulled_alone() {
         assert_eq!(output.status.code(), Some(code), "{text}");
         text
     };
-    let told = pull(0);
+    let output = pull(0);
     assert!(
-        told.contains(&format!("a-new-one {NEWEST}: imported, 1.0 s")),
-        "{told}"
+        output.contains(&format!("a-new-one {NEWEST}: imported, 1.0 s")),
+        "{output}"
     );
     rig.assert_pulled("a-new-one", NEWEST);
     assert_eq!(rig.listed(), 1);
     // Of two recorded at one time it is the one whose name comes last.
     rig.rig.record(Some("a-new-one"));
-    let told = pull(0);
-    assert!(told.contains(&format!("walk-1 {ID}: imported")), "{told}");
+    let output = pull(0);
+    assert!(
+        output.contains(&format!("walk-1 {ID}: imported")),
+        "{output}"
+    );
     assert_eq!(rig.listed(), 2);
     for name in ["walk-1", "run-1"] {
         fs::remove_dir_all(rig.sessions().join(name)).unwrap();
     }
-    let told = pull(1);
-    assert!(told.contains("no session that is ended"), "{told}");
+    let output = pull(1);
+    assert!(output.contains("no session that is ended"), "{output}");
     assert_eq!(rig.listed(), 2);
 }
 
-/// The system takes connections for a program that never looks at them.
+/// The system accepts connections for a program that never handles them.
 #[test]
-fn a_rig_that_says_nothing_is_given_up() {
+fn silent_rig_times_out() {
     let folder = tempfile::tempdir().unwrap();
     let library = folder.path().join("library");
     let listener = TcpListener::bind("127.0.0.1:0").unwrap();
     let address = listener.local_addr().unwrap();
     for (url, connect, why) in [
-        // A handshake that nobody answers is no connection.
+        // A handshake without response is not a connection.
         (
             format!("https://{address}"),
             Duration::from_millis(300),
@@ -371,11 +374,11 @@ fn a_rig_that_says_nothing_is_given_up() {
         ),
     ] {
         let options = Options {
-            patience: Patience {
-                connect,
-                silence: Duration::from_millis(200),
-                tries: 2,
-                ..options(address).patience
+            retry: RetryPolicy {
+                connect_timeout: connect,
+                read_timeout: Duration::from_millis(200),
+                max_attempts: 2,
+                ..options(address).retry
             },
             ..Options::parse(&url, None, None).unwrap()
         };
@@ -391,7 +394,7 @@ fn a_rig_that_says_nothing_is_given_up() {
 }
 
 #[test]
-fn what_is_cut_off_is_pulled_as_such_and_what_is_damaged_stays_on_the_rig() {
+fn cut_off_session_is_pulled_and_damaged_one_is_kept_on_the_rig() {
     let rig = Rig::new();
     let mut cut = Session::good(2.0);
     cut.closed = false;
@@ -424,7 +427,7 @@ fn what_is_cut_off_is_pulled_as_such_and_what_is_damaged_stays_on_the_rig() {
 }
 
 #[test]
-fn a_damaged_copy_in_the_library_makes_way_for_the_whole_one_on_the_rig() {
+fn damaged_copy_in_the_library_is_replaced_by_the_complete_one_of_the_rig() {
     let rig = Rig::new();
     let from_disk = rig.folder.path().join("disk/walk-1");
     for (path, content) in tree(&rig.sessions().join("walk-1")) {
@@ -439,19 +442,22 @@ fn a_damaged_copy_in_the_library_makes_way_for_the_whole_one_on_the_rig() {
     fs::write(&segment, bytes).unwrap();
     let sources = [from_disk.clone()];
     let import = |console: &mut collector::console::Console<'_>| {
-        collector::importing::run(&sources, &rig.library(), console)
+        collector::commands::import::run(&sources, &rig.library(), console)
     };
     assert_eq!(capture(import).0.unwrap(), Outcome::Loss);
 
     let (outcome, text) = rig.pull(&rig.options());
     assert_eq!(outcome, Outcome::Fine, "{text}");
-    assert!(text.contains(&format!("is kept as {ID}.damaged")), "{text}");
+    assert!(
+        text.contains(&format!("was renamed to {ID}.damaged")),
+        "{text}"
+    );
     rig.assert_pulled("walk-1", ID);
     let mut aside = tree(&rig.library().join(format!("sessions/{ID}.damaged")));
     aside.remove("import.json");
     assert!(aside == tree(&from_disk));
 
-    // What the library's disk does to it later is found when the rig asks whether it may free it.
+    // Later damage on the library's disk is found before the rig frees the session.
     let copy = rig
         .library()
         .join(format!("sessions/{ID}/segments/000000.mcap"));
@@ -461,17 +467,17 @@ fn a_damaged_copy_in_the_library_makes_way_for_the_whole_one_on_the_rig() {
     assert_eq!(outcome, Outcome::Fine, "{text}");
     rig.assert_pulled("walk-1", ID);
     assert!(
-        text.contains(&format!("is kept as {ID}.damaged-2")),
+        text.contains(&format!("was renamed to {ID}.damaged-2")),
         "{text}"
     );
 }
 
 #[test]
-fn a_session_that_differs_is_refused_on_both_sides() {
+fn differing_session_is_rejected_by_library_and_rig() {
     let rig = Rig::new();
     rig.pull(&rig.options());
     let before = tree(&rig.library().join("sessions"));
-    // The rig has more than what was pulled: no receipt for that, and nothing is freed.
+    // The rig has more files than were pulled: no receipt, and nothing is freed.
     fs::write(rig.sessions().join("run-1/notes.txt"), "rain").unwrap();
     fs::remove_file(rig.receipt("run-1")).unwrap();
     let free = Options {
@@ -482,7 +488,7 @@ fn a_session_that_differs_is_refused_on_both_sides() {
     let (outcome, text) = rig.pull(&free);
     assert_eq!(outcome, Outcome::Failed);
     assert!(text.contains("not pulled: run-1"), "{text}");
-    // With the old receipt still there the rig itself sees that it does not fit.
+    // With the old receipt the rig itself detects that it does not match.
     fs::remove_file(rig.sessions().join("run-1/notes.txt")).unwrap();
     assert_eq!(rig.pull(&rig.options()).0, Outcome::Fine);
     fs::write(rig.sessions().join("run-1/notes.txt"), "rain").unwrap();
@@ -494,7 +500,7 @@ fn a_session_that_differs_is_refused_on_both_sides() {
 }
 
 #[test]
-fn what_a_library_lost_is_pulled_again_before_it_sends_a_receipt() {
+fn session_missing_in_the_library_is_pulled_again_before_a_receipt() {
     let rig = Rig::new();
     rig.pull(&rig.options());
     fs::remove_file(rig.receipt("run-1")).unwrap();
@@ -513,7 +519,7 @@ fn what_a_library_lost_is_pulled_again_before_it_sends_a_receipt() {
 
 /// The rig has a receipt for the session all the time.
 #[test]
-fn what_rotted_in_the_library_is_pulled_again_before_the_rig_frees_its_own() {
+fn session_corrupted_in_the_library_is_pulled_again_before_freeing() {
     for is_validated in [true, false] {
         let rig = Rig::new();
         rig.pull(&rig.options());
@@ -525,9 +531,9 @@ fn what_rotted_in_the_library_is_pulled_again_before_the_rig_frees_its_own() {
         fs::write(&segment, &bytes).unwrap();
         if is_validated {
             let target = collector::target::Target::find(OTHER, Some(&rig.library())).unwrap();
-            let options = collector::validate::Options::default();
+            let options = collector::commands::validate::Options::default();
             let validate = |console: &mut collector::console::Console<'_>| {
-                collector::validate::run(&[target], &options, console)
+                collector::commands::validate::run(&[target], &options, console)
             };
             capture(validate).0.unwrap();
         }
@@ -540,7 +546,7 @@ fn what_rotted_in_the_library_is_pulled_again_before_the_rig_frees_its_own() {
         let (outcome, text) = rig.pull(&free);
         assert_eq!(outcome, Outcome::Fine, "{text}");
         assert!(
-            text.contains(&format!("is kept as {OTHER}.damaged")),
+            text.contains(&format!("was renamed to {OTHER}.damaged")),
             "{text}"
         );
         let mut copy = tree(&there);
@@ -554,9 +560,10 @@ fn what_rotted_in_the_library_is_pulled_again_before_the_rig_frees_its_own() {
     }
 }
 
-/// A rig that closes a session after it was pulled has a better one from then on, whatever the receipt says.
+/// A rig that closes a session after it was pulled has the better copy from then on, whatever the
+/// receipt states.
 #[test]
-fn a_cut_off_session_makes_way_for_the_one_that_the_rig_closed_since() {
+fn cut_off_session_is_replaced_after_the_rig_closed_it() {
     let rig = Rig::new();
     let at = rig.sessions().join("walk-1");
     fs::remove_dir_all(&at).unwrap();
@@ -587,15 +594,15 @@ fn a_cut_off_session_makes_way_for_the_one_that_the_rig_closed_since() {
 }
 
 #[test]
-fn import_and_pull_take_over_from_each_other() {
+fn import_and_pull_resume_each_other() {
     let rig = Rig::new();
     // Pulled as far as the connection carries, then imported from the rig's disk.
     let address = proxy(rig.server.address(), 1_000_000, usize::MAX);
     let hopeless = Options {
         sessions: vec!["walk-1".to_owned()],
-        patience: Patience {
-            tries: 1,
-            ..rig.options().patience
+        retry: RetryPolicy {
+            max_attempts: 1,
+            ..rig.options().retry
         },
         ..options(address)
     };
@@ -607,7 +614,7 @@ fn import_and_pull_take_over_from_each_other() {
     let library = rig.library();
     let import = |source: &Path| {
         let sources = [source.to_owned()];
-        capture(|console| collector::importing::run(&sources, &library, console)).0
+        capture(|console| collector::commands::import::run(&sources, &library, console)).0
     };
     assert_eq!(import(&disk).unwrap(), Outcome::Fine);
     let (outcome, text) = rig.pull(&rig.options());
@@ -620,7 +627,7 @@ fn import_and_pull_take_over_from_each_other() {
 }
 
 #[test]
-fn over_tls_the_rig_is_known_by_its_fingerprint() {
+fn rig_is_authenticated_by_fingerprint_over_tls() {
     let folder = tempfile::tempdir().unwrap();
     let identity = Identity::load_or_create(folder.path()).unwrap();
     let right = identity.fingerprint().to_string();
@@ -671,15 +678,15 @@ fn over_tls_the_rig_is_known_by_its_fingerprint() {
     check(
         &[&url, "--fingerprint", "AA:BB", "--token-file", &token],
         2,
-        "no fingerprint",
+        "not a fingerprint",
     );
     check(
         &[&url, "--fingerprint", &right, "--token-file", &short],
         1,
         "5 characters",
     );
-    check(&["rig:8077"], 2, "no address of a rig");
-    check(&["http://192.0.2.1:8077"], 1, "with https only");
+    check(&["rig:8077"], 2, "not a rig address");
+    check(&["http://192.0.2.1:8077"], 1, "only https is allowed");
     check(&[&url, "--jobs", "0"], 2, "jobs");
     assert_eq!(rig.listed(), 0);
     std::thread::sleep(Duration::from_millis(1100));
@@ -708,7 +715,7 @@ fn over_tls_the_rig_is_known_by_its_fingerprint() {
 }
 
 #[test]
-fn what_a_host_makes_is_the_same_on_both_ends() {
+fn derived_file_names_agree_on_both_ends() {
     for name in collector::library::DERIVED {
         assert!(rig_link::link::DERIVED.contains(&name), "{name}");
     }

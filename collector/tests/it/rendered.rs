@@ -5,19 +5,19 @@ use std::process::Command;
 use std::sync::Arc;
 
 use cad_transforms::Rig;
-use rig_sim::deviation::Deviation;
+use rig_sim::calibration_error::CalibrationError;
 use rig_sim::faults::Faults;
 use rig_sim::render::{Job, render_session};
 use rig_sim::simulation::{Settings, Simulation};
 
 const RIG: &str = include_str!("../../../cad-transforms/rigs/example.toml");
 
-/// Writes a session of the example rig that deviates like this; gives the rig as it is.
-pub(crate) fn write(folder: &Path, settings: &Settings, deviation: &Deviation) -> Rig {
+/// Writes a session of the example rig with this deviation; returns the ground-truth rig.
+pub(crate) fn write(folder: &Path, settings: &Settings, deviation: &CalibrationError) -> Rig {
     let rig = Rig::parse(RIG).unwrap();
     let simulation = Simulation::new(settings, &rig).unwrap();
-    let simulation = simulation.with_deviation(&rig, deviation).unwrap();
-    let truth = Rig::parse(&simulation.true_rig_text(&rig)).unwrap();
+    let simulation = simulation.with_calibration_error(&rig, deviation).unwrap();
+    let truth = Rig::parse(&simulation.true_rig_toml(&rig)).unwrap();
     let job = Job {
         rig: &rig,
         rig_text: RIG,

@@ -1,11 +1,11 @@
-//! The HTML report: self-contained, bounded, and with what the cameras saw.
+//! The HTML report: self-contained, bounded, and with camera images.
 
 use std::process::Command;
 
 use browser::Browser;
+use collector::commands::validate::{Options, validate};
 use collector::limits::Limits;
-use collector::page;
-use collector::validate::{Options, validate};
+use collector::report_page;
 
 use crate::support::{Session, capture};
 
@@ -14,7 +14,7 @@ fn html(session: &Session) -> String {
     session.write(folder.path());
     let options = Options::default();
     let validated = capture(|console| validate(folder.path(), &options, console)).0;
-    page::html(&validated.unwrap(), &Limits::default())
+    report_page::html(&validated.unwrap(), &Limits::default())
 }
 
 #[test]
@@ -30,14 +30,14 @@ fn the_verdict_and_its_reasons_come_first() {
         at("badge fail"),
         at("Not fit for use"),
         at("feet: frames missing: 5 %, limit 1 % (3 of 60 frames)"),
-        at("What was recorded when"),
+        at("Recorded spans and gaps"),
         at("encoder overload"),
         at("the &quot;stairs&quot;, up"),
-        at("Time from frame to frame"),
+        at("Frame interval"),
         at("Frame period by the camera"),
-        at("Distance of each frame from the time of its frame set"),
-        at("Size of the compressed pictures"),
-        at("Time from IMU sample to sample"),
+        at("Time offset of each frame from its frame set"),
+        at("Bit rate of the compressed images"),
+        at("IMU sample interval"),
         at("Device clocks against the host"),
         at("Uncertainty of the clock maps"),
         at("Waiting in the recorder"),
@@ -50,7 +50,7 @@ fn the_verdict_and_its_reasons_come_first() {
 }
 
 #[test]
-fn nothing_is_fetched_from_elsewhere() {
+fn report_loads_no_external_resources() {
     let page = html(&Session::good(1.0));
     for foreign in ["src=", "href=", "url(", "<script", "@import"] {
         assert!(!page.contains(foreign), "{foreign} is in the page");
@@ -67,7 +67,7 @@ fn frames_of_every_camera_are_shown() {
     let cameras = session.spec.cameras.len();
     // Three or four each: the least sharp may be one of the others.
     assert!((3 * cameras..=4 * cameras).contains(&images), "{images}");
-    let start = page.find("What the cameras saw").expect("a section");
+    let start = page.find("Camera images").expect("a section");
     for camera in &session.spec.cameras {
         let at = page[start..].find(&format!("<h3>{}</h3>", camera.name));
         let at = start + at.unwrap_or_else(|| panic!("{} is not there", camera.name));
@@ -75,14 +75,14 @@ fn frames_of_every_camera_are_shown() {
         for role in ["start", "middle", "end", "least sharp"] {
             assert!(part.contains(role), "{}: no {role}", camera.name);
         }
-        assert!(part.contains("frames looked at."), "{}", camera.name);
+        assert!(part.contains("frames examined."), "{}", camera.name);
     }
     assert!(page.len() < 25_000_000, "{}", page.len());
     assert!(page == html(&session), "the same session, another page");
 }
 
 #[test]
-fn it_fits_a_phone_and_a_screen() {
+fn report_fits_a_phone_and_a_desktop() {
     let Some(mut browser) = Browser::start(360, 780) else {
         return;
     };
@@ -107,25 +107,25 @@ fn it_fits_a_phone_and_a_screen() {
 }
 
 #[test]
-fn a_camera_without_images_is_no_failure() {
+fn camera_without_images_does_not_fail_the_report() {
     let mut session = Session::decodable(2.0);
     session.spec.cameras[0].codec = "av1".to_owned();
-    session.pictures.retain(|p| p.camera != 1);
+    session.stereo_frames.retain(|p| p.camera != 1);
     let page = html(&session);
     for why in [
         "No image can be shown: found the codec &quot;av1&quot;, expected h264 or h265.",
-        "No image can be shown: there is no frame that can be decoded.",
+        "No image can be shown: no frame can be decoded.",
     ] {
         assert!(page.contains(why), "{why}");
     }
     assert!(page.contains("data:image/jpeg"), "the third camera");
-    // Bytes that are no video.
+    // Bytes that are not video.
     let page = html(&Session::good(2.0));
-    assert!(page.contains("none of the frames that were looked at could be decoded"));
+    assert!(page.contains("none of the examined frames could be decoded"));
 }
 
 #[test]
-fn the_loss_of_a_camera_is_a_share_with_its_cause() {
+fn camera_loss_has_fraction_and_cause() {
     let mut session = Session::good(4.0);
     session.drop_frames(2, 120, 122, true);
     let page = html(&session);
@@ -147,7 +147,7 @@ fn the_loss_of_a_camera_is_a_share_with_its_cause() {
 fn strange_names_are_escaped_and_missing_streams_drawn() {
     let mut session = Session::good(1.0);
     session.spec.name = "<script>alert(1)</script>".to_owned();
-    session.pictures.retain(|p| p.camera == 0);
+    session.stereo_frames.retain(|p| p.camera == 0);
     session.imu.clear();
     session.health.clear();
     session.clocks.clear();
@@ -157,7 +157,7 @@ fn strange_names_are_escaped_and_missing_streams_drawn() {
 }
 
 #[test]
-fn impossible_values_are_drawn_and_judged_without_a_panic() {
+fn invalid_values_are_drawn_and_evaluated_without_a_panic() {
     let mut session = Session::good(2.0);
     for (i, batch) in session.imu.iter_mut().enumerate() {
         batch.times[3] = [i64::MIN, i64::MAX, 0][i % 3];
@@ -192,7 +192,7 @@ fn impossible_values_are_drawn_and_judged_without_a_panic() {
             ..Default::default()
         })
         .collect();
-    // A gap is written at its time, which the archive wants to be one.
+    // A gap is written at its time, which the archive requires to be valid.
     session.gaps.iter_mut().for_each(|g| g.time_before = None);
     for (_, map) in &mut session.clocks {
         map.tick_den = 0;
@@ -213,7 +213,7 @@ fn impossible_values_are_drawn_and_judged_without_a_panic() {
 }
 
 #[test]
-fn the_page_does_not_grow_with_the_session() {
+fn report_size_does_not_grow_with_the_session() {
     let (short, long) = (html(&Session::good(20.0)), html(&Session::good(100.0)));
     assert!(
         long.len() < 2 * short.len(),

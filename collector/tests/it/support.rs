@@ -1,6 +1,6 @@
-//! A made-up session of a made-up rig, written through the archive's own writer: two cameras under
-//! one trigger, a slower one that runs free, an IMU. [`Session::good`] passes every check; tests
-//! spoil it in one way each.
+//! A synthetic session of a synthetic rig, written by the archive's own writer: two cameras with a
+//! common trigger, a slower free-running one, an IMU. [`Session::good`] passes every check; tests
+//! introduce one fault each.
 
 use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
@@ -22,18 +22,18 @@ pub(crate) const ID: &str = "0192aa00-0000-7000-8000-000000000001";
 
 /// One stereo frame.
 #[derive(Clone)]
-pub(crate) struct Picture {
+pub(crate) struct StereoFrame {
     pub(crate) camera: usize,
     pub(crate) frame: Frame,
     pub(crate) unit: Vec<u8>,
     pub(crate) key: bool,
 }
 
-/// Everything that goes into a session.
+/// Content of a session.
 #[derive(Clone)]
 pub(crate) struct Session {
     pub(crate) spec: SessionSpec,
-    pub(crate) pictures: Vec<Picture>,
+    pub(crate) stereo_frames: Vec<StereoFrame>,
     pub(crate) imu: Vec<ImuBatch>,
     pub(crate) sets: Vec<FrameSet>,
     pub(crate) gaps: Vec<Gap>,
@@ -55,12 +55,12 @@ pub(crate) fn camera(name: &str, rate_hz: f64, trigger: Option<&str>) -> Camera 
         rate_hz,
         tick: TickLength::NANOSECOND,
         trigger: trigger.map(str::to_owned),
-        source: "made up".to_owned(),
+        source: "synthetic".to_owned(),
         encoder: "none".to_owned(),
     }
 }
 
-/// Bytes that stand for an access unit; different for every frame.
+/// Placeholder bytes of an access unit; different for every frame.
 pub(crate) fn unit(camera: usize, number: u64, bytes: usize) -> Vec<u8> {
     let mut x = (camera as u64 + 1).wrapping_mul(0x9E37_79B9_7F4A_7C15)
         ^ number.wrapping_mul(0xD1B5_4A32_D192_ED03);
@@ -127,7 +127,7 @@ impl Session {
         Self::with_units(seconds, 200)
     }
 
-    /// The same with access units of this size.
+    /// A session without fault with access units of this size.
     pub(crate) fn with_units(seconds: f64, unit_bytes: usize) -> Self {
         let cameras = vec![
             camera("left_shoulder", 30.0, Some("gmsl")),
@@ -135,7 +135,7 @@ impl Session {
             camera("feet", 15.0, None),
         ];
         let end = (seconds * 1e9) as i64;
-        let mut pictures = Vec::new();
+        let mut stereo_frames = Vec::new();
         // The trigger reaches the second camera 20 us late; the free camera runs 12 ms behind.
         for (camera, period, phase) in [
             (0, 33_333_333, 0),
@@ -151,7 +151,7 @@ impl Session {
                 let key = t / (500 * MS) != epoch;
                 epoch = t / (500 * MS);
                 let number = 100 + i as u64;
-                pictures.push(Picture {
+                stereo_frames.push(StereoFrame {
                     camera,
                     frame: Frame {
                         number,
@@ -159,7 +159,7 @@ impl Session {
                         host_time: START + t + 3 * MS,
                         time: START + t,
                         sigma_ns: 20_000,
-                        // The feet are seen by two cameras that are not tied.
+                        // The feet are observed by two cameras without a common trigger.
                         eyes_apart_ns: (camera == 2).then_some(-40_000),
                         clock_map: 1,
                         ..Frame::default()
@@ -169,7 +169,7 @@ impl Session {
                 });
             }
         }
-        let sets = sets(&pictures, &cameras);
+        let sets = sets(&stereo_frames, &cameras);
         let eyes = cameras.iter().flat_map(|c| {
             ["left", "right"].map(|eye| (format!("{}/{eye}", c.name), calibration()))
         });
@@ -188,11 +188,11 @@ impl Session {
                     name: "feet/imu".to_owned(),
                     rate_hz: 200.0,
                     tick: TickLength::ZED_MINI,
-                    source: "made up".to_owned(),
+                    source: "synthetic".to_owned(),
                 }],
                 rig: vec![("rig.toml".to_owned(), b"revision = 1\n".to_vec())],
             },
-            pictures,
+            stereo_frames,
             imu: (0..(seconds * 10.0) as i64).map(batch).collect(),
             sets,
             gaps: Vec::new(),
@@ -228,7 +228,7 @@ impl Session {
                     transform(
                         "feet/left",
                         "feet/imu",
-                        // A quarter turn about z.
+                        // A rotation of 90 degrees about z.
                         [0.5_f64.sqrt(), 0.0, 0.0, 0.5_f64.sqrt()],
                         [0.01, 0.02, 0.03],
                     ),
@@ -242,13 +242,14 @@ impl Session {
         }
     }
 
-    /// Takes out frames `first..=last` of a camera; a gap record tells of them if `noted`.
+    /// Removes frames `first..=last` of a camera; with a gap record if `noted`.
     pub(crate) fn drop_frames(&mut self, camera: usize, first: u64, last: u64, noted: bool) {
         let name = self.spec.cameras[camera].name.clone();
-        let gone = |p: &Picture| p.camera == camera && (first..=last).contains(&p.frame.number);
+        let dropped =
+            |p: &StereoFrame| p.camera == camera && (first..=last).contains(&p.frame.number);
         let time = |number: u64| {
-            let mut pictures = self.pictures.iter();
-            pictures
+            let mut stereo_frames = self.stereo_frames.iter();
+            stereo_frames
                 .find(|p| p.camera == camera && p.frame.number == number)
                 .map(|p| p.frame.time)
         };
@@ -263,14 +264,14 @@ impl Session {
                 detail: "too slow".to_owned(),
             });
         }
-        self.pictures.retain(|p| !gone(p));
-        self.sets = sets(&self.pictures, &self.spec.cameras);
+        self.stereo_frames.retain(|p| !dropped(p));
+        self.sets = sets(&self.stereo_frames, &self.spec.cameras);
     }
 
     /// The frames of a camera.
     pub(crate) fn frames(&mut self, camera: usize) -> impl Iterator<Item = &mut Frame> {
-        let pictures = self.pictures.iter_mut();
-        pictures
+        let stereo_frames = self.stereo_frames.iter_mut();
+        stereo_frames
             .filter(move |p| p.camera == camera)
             .map(|p| &mut p.frame)
     }
@@ -278,7 +279,7 @@ impl Session {
     /// Writes the session into a folder.
     pub(crate) fn write(&self, folder: &Path) {
         enum Item<'a> {
-            Picture(&'a Picture),
+            StereoFrame(&'a StereoFrame),
             Imu(&'a ImuBatch),
             Set(&'a FrameSet),
             Gap(&'a Gap),
@@ -296,11 +297,11 @@ impl Session {
             writer.append("", start, start, transforms).unwrap();
         }
         let mut items: Vec<(i64, Item<'_>)> = Vec::new();
-        // By arrival, which faults in a frame's own time do not change.
+        // Ordered by arrival, which faults in a frame's time do not change.
         items.extend(
-            self.pictures
+            self.stereo_frames
                 .iter()
-                .map(|p| (p.frame.host_time, Item::Picture(p))),
+                .map(|p| (p.frame.host_time, Item::StereoFrame(p))),
         );
         items.extend(self.imu.iter().map(|b| (b.host_times[19], Item::Imu(b))));
         items.extend(self.sets.iter().map(|s| (s.time + 4 * MS, Item::Set(s))));
@@ -316,7 +317,7 @@ impl Session {
         for (time, item) in items {
             let at = HostTime(time);
             match item {
-                Item::Picture(p) => {
+                Item::StereoFrame(p) => {
                     let name = &self.spec.cameras[p.camera].name;
                     writer.append_frame(name, p.frame, &p.unit, p.key).unwrap();
                 }
@@ -343,8 +344,8 @@ impl Session {
 }
 
 /// Sets at the times of the first camera, with the nearest frame of the others within 20 ms.
-fn sets(pictures: &[Picture], cameras: &[Camera]) -> Vec<FrameSet> {
-    let of = |camera| pictures.iter().filter(move |p| p.camera == camera);
+fn sets(stereo_frames: &[StereoFrame], cameras: &[Camera]) -> Vec<FrameSet> {
+    let of = |camera| stereo_frames.iter().filter(move |p| p.camera == camera);
     let sets = of(0).zip(0..).map(|(reference, number)| {
         let time = reference.frame.time;
         let (mut members, mut missing) = (Vec::new(), Vec::new());
@@ -469,7 +470,7 @@ fn clock_map(clock: &str, second: i64) -> (i64, ClockMap) {
     (START + device, map)
 }
 
-/// Runs something that writes to a console, and gives what it wrote.
+/// Runs a function that writes to a console, and returns the output.
 pub(crate) fn capture<T>(run: impl FnOnce(&mut Console<'_>) -> T) -> (T, String) {
     let mut out = Vec::new();
     let mut console = Console {

@@ -1,22 +1,23 @@
-//! Validation: a good session passes, and every fault is found, named and weighed.
+//! Validation: a good session passes, and every fault is found with metric and verdict.
 
 use std::fs;
 use std::path::Path;
 
+use collector::commands::validate::{Options, ValidatedSession, validate};
 use collector::limits::TABLE;
-use collector::validate::{Options, Validated, validate};
 use session_archive::handoff::Verdict::{Fail, Pass, Warn};
 
 use crate::support::{MS, Session, capture};
 
-fn validated(folder: &Path) -> Validated {
+fn validated(folder: &Path) -> ValidatedSession {
     let options = Options::default();
     capture(|console| validate(folder, &options, console))
         .0
         .unwrap()
 }
 
-/// Validates a spoiled session; gives what is not a pass, as (verdict, metric, stream).
+/// Validates a session with a fault; returns the findings that are not a pass, as (verdict, metric,
+/// stream).
 fn beyond(
     seconds: f64,
     spoil: impl FnOnce(&mut Session),
@@ -54,7 +55,7 @@ fn a_good_session_passes_with_every_metric_measured() {
     Session::good(3.0).write(folder.path());
     let validation = validated(folder.path()).validation;
     assert_eq!(validation.verdict, Pass, "{:?}", validation.reasons);
-    // Those of a calibration need a walk, and decoded pictures.
+    // Those of a calibration need a walk, and decoded images.
     let needs_more = |metric: &str| metric == "camera.undecoded" || metric.starts_with("calib.");
     for row in TABLE.iter().filter(|row| !needs_more(row.metric)) {
         let measured = validation.findings.iter().any(|f| f.metric == row.metric);
@@ -77,7 +78,7 @@ fn a_good_session_passes_with_every_metric_measured() {
 }
 
 #[test]
-fn the_same_session_gives_the_same_bytes() {
+fn validation_is_deterministic() {
     let folder = tempfile::tempdir().unwrap();
     Session::good(1.0).write(folder.path());
     let bytes = || validated(folder.path()).validation.to_bytes().unwrap();
@@ -85,7 +86,7 @@ fn the_same_session_gives_the_same_bytes() {
 }
 
 #[test]
-fn missing_frames_are_weighed() {
+fn missing_frames_warn_or_fail_by_fraction() {
     // 1 of 300 is more than 0.1 %, and the gap of two periods is fine.
     let found = beyond(10.0, |s| s.drop_frames(0, 200, 200, true));
     expect(&found, &[(Warn, "camera.dropped", "left_shoulder")]);
@@ -109,7 +110,7 @@ fn missing_frames_are_weighed() {
 }
 
 #[test]
-fn eyes_that_are_too_far_apart_are_warned_of() {
+fn left_right_time_offset_above_the_limit_warns() {
     let apart = |ns: i64| {
         beyond(5.0, move |s| {
             let feet = s.frames(2).zip([1, -1].into_iter().cycle());
@@ -121,7 +122,7 @@ fn eyes_that_are_too_far_apart_are_warned_of() {
 }
 
 #[test]
-fn frames_lost_without_a_note_are_damage() {
+fn frames_lost_without_a_gap_record_are_damage() {
     let found = beyond(10.0, |s| s.drop_frames(0, 200, 200, false));
     expect(
         &found,
@@ -133,8 +134,8 @@ fn frames_lost_without_a_note_are_damage() {
 }
 
 #[test]
-fn a_camera_that_gave_nothing_fails() {
-    let found = beyond(2.0, |s| s.pictures.retain(|p| p.camera != 2));
+fn camera_without_frames_fails() {
+    let found = beyond(2.0, |s| s.stereo_frames.retain(|p| p.camera != 2));
     assert!(
         found.contains(&(Fail, "camera.dropped".into(), "feet".into())),
         "{found:?}"
@@ -142,7 +143,7 @@ fn a_camera_that_gave_nothing_fails() {
 }
 
 #[test]
-fn irregular_frames() {
+fn irregular_frame_periods_are_found() {
     // Every tenth frame of the device is late.
     let jitter = |late: i64| {
         beyond(5.0, move |s| {
@@ -161,7 +162,7 @@ fn irregular_frames() {
         &jitter(600_000),
         &[(Fail, "camera.period_deviation", "feet")],
     );
-    // A clock map that is refined moves times, not the camera.
+    // A refined clock map changes times, not the camera's regularity.
     let refined = beyond(5.0, |s| {
         for frame in s.frames(2).filter(|f| f.number > 110) {
             frame.time -= MS;
@@ -179,7 +180,7 @@ fn a_camera_at_half_its_rate_fails() {
 }
 
 #[test]
-fn times_that_do_not_rise() {
+fn non_increasing_times_fail() {
     let found = beyond(3.0, |s| {
         let frame = s.frames(2).nth(5).unwrap();
         frame.time -= 67 * MS;
@@ -190,7 +191,7 @@ fn times_that_do_not_rise() {
 }
 
 #[test]
-fn frozen_pictures() {
+fn frozen_images_are_found() {
     let freeze = |n: u64| {
         beyond(4.0, move |s| {
             for frame in s.frames(2).filter(|f| (110..110 + n).contains(&f.number)) {
@@ -206,9 +207,9 @@ fn frozen_pictures() {
 fn a_bad_payload_is_found() {
     let folder = tempfile::tempdir().unwrap();
     let mut session = Session::good(2.0);
-    // The same number twice: the second is refused.
-    let twice = session.pictures[7].clone();
-    session.pictures.insert(8, twice);
+    // The same number twice: the second is rejected.
+    let twice = session.stereo_frames[7].clone();
+    session.stereo_frames.insert(8, twice);
     session.write(folder.path());
     let found = beyond_in(folder.path());
     assert!(
@@ -218,7 +219,7 @@ fn a_bad_payload_is_found() {
 }
 
 #[test]
-fn damage_and_a_cut_are_told_apart() {
+fn damage_and_a_cut_are_distinguished() {
     let folder = tempfile::tempdir().unwrap();
     let mut session = Session::with_units(3.0, 1000);
     session.closed = false;
@@ -251,7 +252,7 @@ fn an_altered_rig_file_is_damage() {
 }
 
 #[test]
-fn cameras_that_are_not_aligned() {
+fn misaligned_cameras_are_found() {
     let late = |ns: i64| {
         beyond(3.0, move |s| {
             for frame in s.frames(1) {
@@ -287,16 +288,16 @@ fn cameras_that_are_not_aligned() {
 }
 
 #[test]
-fn imu_faults() {
+fn imu_faults_are_found() {
     let without = |numbers: std::ops::Range<usize>| {
         beyond(4.0, move |s| {
-            let gone = s.imu.drain(numbers).collect::<Vec<_>>();
+            let lost = s.imu.drain(numbers).collect::<Vec<_>>();
             s.gaps.push(session_archive::record::Gap {
                 stream: "feet/imu".to_owned(),
-                first: gone[0].first_number,
-                last: gone[gone.len() - 1].first_number + 19,
+                first: lost[0].first_number,
+                last: lost[lost.len() - 1].first_number + 19,
                 cause: 1,
-                time_before: Some(gone[0].times[0] - 5 * MS),
+                time_before: Some(lost[0].times[0] - 5 * MS),
                 ..Default::default()
             });
         })
@@ -327,7 +328,7 @@ fn imu_faults() {
             batch.accel_counts = vec![9; 60];
         }
     });
-    expect(&found, &[(Warn, "imu.repeated", "feet/imu")]);
+    expect(&found, &[(Warn, "imu.stuck_value", "feet/imu")]);
     let found = beyond(4.0, |s| s.imu[3].first_number = 0);
     assert!(
         found.contains(&(Fail, "imu.bad".into(), "feet/imu".into())),
@@ -336,9 +337,9 @@ fn imu_faults() {
 }
 
 #[test]
-fn streams_that_start_late_or_end_early() {
+fn late_starts_and_early_ends_are_found() {
     let found = beyond(5.0, |s| {
-        s.pictures
+        s.stereo_frames
             .retain(|p| p.camera != 2 || p.frame.number >= 130);
     });
     assert!(
@@ -346,23 +347,24 @@ fn streams_that_start_late_or_end_early() {
         "{found:?}"
     );
     let found = beyond(5.0, |s| {
-        s.pictures.retain(|p| p.camera != 2 || p.frame.number < 125);
+        s.stereo_frames
+            .retain(|p| p.camera != 2 || p.frame.number < 125);
     });
     expect(&found, &[(Fail, "stream.end_offset", "feet")]);
 }
 
 #[test]
-fn what_the_recorder_told_each_second() {
-    let spared = |step: &'static str| {
+fn health_records_are_evaluated() {
+    let degraded = |step: &'static str| {
         beyond(4.0, move |s| {
             s.health[2].1.sparing = step.to_owned();
         })
     };
-    expect(&spared("normal"), &[]);
-    // Only the phone sees less.
-    expect(&spared("lower preview"), &[]);
+    expect(&degraded("normal"), &[]);
+    // Only the phone's preview is affected.
+    expect(&degraded("lower preview"), &[]);
     for step in ["lower bitrate", "lower frame rate"] {
-        expect(&spared(step), &[(Warn, "session.spared", "session")]);
+        expect(&degraded(step), &[(Warn, "session.degraded", "session")]);
     }
     let tied = |offset_ns: i64| {
         beyond(4.0, move |s| {
@@ -378,17 +380,20 @@ fn what_the_recorder_told_each_second() {
 }
 
 #[test]
-fn doubtful_clocks_and_missing_descriptions() {
+fn unreliable_clocks_and_missing_calibration_warn() {
     let sigma = |ns: u64| beyond(2.0, move |s| s.frames(2).for_each(|f| f.sigma_ns = ns));
     expect(&sigma(3_000_000), &[(Warn, "stream.clock_sigma", "feet")]);
     expect(&sigma(30_000_000), &[(Fail, "stream.clock_sigma", "feet")]);
     let found = beyond(12.0, |s| s.frames(1).for_each(|f| f.time_doubtful = true));
-    expect(&found, &[(Warn, "stream.doubtful", "right_shoulder")]);
+    expect(
+        &found,
+        &[(Warn, "stream.unreliable_time", "right_shoulder")],
+    );
     let found = beyond(12.0, |s| {
         s.imu.iter_mut().for_each(|b| b.time_doubtful = true)
     });
-    expect(&found, &[(Warn, "stream.doubtful", "feet/imu")]);
-    // Until a clock has settled it may be so.
+    expect(&found, &[(Warn, "stream.unreliable_time", "feet/imu")]);
+    // Times may be unreliable until a clock has converged.
     let found = beyond(12.0, |s| {
         s.frames(1).take(64).for_each(|f| f.time_doubtful = true)
     });
@@ -412,7 +417,7 @@ fn doubtful_clocks_and_missing_descriptions() {
 }
 
 #[test]
-fn a_recording_without_lenses_is_told_what_mends_it() {
+fn missing_calibration_names_the_remedy() {
     let folder = tempfile::tempdir().unwrap();
     let mut session = Session::good(2.0);
     session.calibrations.remove("feet/right");
@@ -441,7 +446,7 @@ fn a_recording_without_lenses_is_told_what_mends_it() {
 }
 
 #[test]
-fn limits_can_be_moved() {
+fn limits_can_be_changed() {
     let folder = tempfile::tempdir().unwrap();
     let mut session = Session::good(10.0);
     session.drop_frames(0, 200, 200, true);
@@ -453,7 +458,7 @@ fn limits_can_be_moved() {
 }
 
 #[test]
-fn the_summary_tells_losses_by_cause_and_events() {
+fn summary_lists_losses_by_cause_and_events() {
     let folder = tempfile::tempdir().unwrap();
     let mut session = Session::good(4.0);
     session.drop_frames(0, 120, 121, true);

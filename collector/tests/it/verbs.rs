@@ -1,16 +1,16 @@
-//! The verbs around a library: list, show, recover, prune, rebuild, index, hand off.
+//! The commands of a library: list, show, recover, prune, rebuild, index, hand off.
 
 use std::fs;
 use std::path::{Path, PathBuf};
 
+use collector::commands::validate::Options;
+use collector::commands::{
+    handoff, import, index, list, prune, rebuild, recover, report, show, validate,
+};
 use collector::condition::Condition;
 use collector::library::Library;
 use collector::outcome::Outcome;
 use collector::target::Target;
-use collector::validate::Options;
-use collector::{
-    handoff, importing, indexing, list, prune, rebuild, recover, reporting, show, validate,
-};
 use session_archive::handoff::{Check, HandOff, HandOffError, Verdict};
 use session_archive::index::Index;
 use session_archive::storage::DiskStorage;
@@ -18,7 +18,7 @@ use session_archive::text::{is_hidden, is_plain};
 
 use crate::support::{ID, Session, capture, tree};
 
-/// A library with what `sessions` writes into its sources.
+/// A library with the sessions that `sessions` writes.
 struct Desk {
     folder: tempfile::TempDir,
 }
@@ -38,7 +38,7 @@ impl Desk {
 
     fn import(&self, source: &Path) -> (Outcome, String) {
         let sources = [source.to_owned()];
-        let (outcome, text) = capture(|console| importing::run(&sources, &self.root(), console));
+        let (outcome, text) = capture(|console| import::run(&sources, &self.root(), console));
         (outcome.unwrap(), text)
     }
 
@@ -72,7 +72,7 @@ fn spoilt(folder: &Path, cut: bool) {
 }
 
 #[test]
-fn the_catalogue_can_be_rebuilt_from_the_folders() {
+fn catalogue_can_be_rebuilt_from_the_folders() {
     let mut other = Session::good(1.0);
     other.spec.session_id = "0192aa00-0000-7000-8000-000000000002".to_owned();
     other.spec.started_civil.0 -= 5;
@@ -86,7 +86,7 @@ fn the_catalogue_can_be_rebuilt_from_the_folders() {
     assert_eq!(rows[0].session_id, other.spec.session_id);
     assert_eq!(rows[1].verdict, Some(Verdict::Pass));
 
-    // Made up rows, a missing row, no catalogue at all: the folders decide.
+    // Synthetic rows, a missing row, no catalogue: the folders decide.
     let catalogue = desk.root().join("catalogue.sqlite");
     let rebuilt = || {
         let (outcome, text) = capture(|console| rebuild::run(&desk.root(), console));
@@ -102,13 +102,13 @@ fn the_catalogue_can_be_rebuilt_from_the_folders() {
     fs::write(&catalogue, b"not a database".repeat(100)).unwrap();
     assert_eq!(Library::open(&desk.root()).unwrap().rows().unwrap(), rows);
 
-    // A session that somebody removed by hand is not listed any more.
+    // A session that was removed manually is no longer listed.
     fs::remove_dir_all(desk.session(ID)).unwrap();
     assert_eq!(
         Library::open(&desk.root()).unwrap().rows().unwrap().len(),
         1
     );
-    // A folder that is no session is told.
+    // A folder that is not a session is reported.
     fs::create_dir(desk.root().join("sessions/junk")).unwrap();
     let (outcome, text) = capture(|console| rebuild::run(&desk.root(), console));
     assert_eq!(outcome.unwrap(), Outcome::Failed);
@@ -118,11 +118,11 @@ fn the_catalogue_can_be_rebuilt_from_the_folders() {
     );
 }
 
-/// Clears the screen, turns the writing, and forges a line.
+/// Clears the screen, reverses the text direction, and forges a line.
 const HOSTILE: &str = "walk\u{1b}[2J\u{9b}2J\u{202e}\nverdict    PASS";
 
 #[test]
-fn what_a_session_says_of_itself_does_not_act_on_the_terminal() {
+fn session_texts_are_escaped_on_the_terminal() {
     let mut session = Session::good(1.0);
     session.spec.name = HOSTILE.to_owned();
     session.spec.software = HOSTILE.to_owned();
@@ -135,7 +135,7 @@ fn what_a_session_says_of_itself_does_not_act_on_the_terminal() {
     for (_, event) in &mut session.events {
         (event.source, event.text) = (HOSTILE.to_owned(), HOSTILE.to_owned());
     }
-    // It was recorded so, by a recorder that took it: it is brought in, and looked at safely.
+    // A recorder accepted this name: the session is imported, and displayed safely.
     let desk = Desk::with(&[&session]);
     let target = desk.target(ID);
     let check = |what: &str, text: &str| {
@@ -152,7 +152,7 @@ fn what_a_session_says_of_itself_does_not_act_on_the_terminal() {
     check("show", &text);
     let html = desk.folder.path().join("report.html");
     let (outcome, _) =
-        capture(|console| reporting::run(&target, &Options::default(), Some(&html), console));
+        capture(|console| report::run(&target, &Options::default(), Some(&html), console));
     assert!(outcome.is_ok());
     let page = fs::read_to_string(html).unwrap();
     let bad = page.chars().find(|c| is_hidden(*c) && *c != '\n');
@@ -160,7 +160,7 @@ fn what_a_session_says_of_itself_does_not_act_on_the_terminal() {
 }
 
 #[test]
-fn list_and_show_tell_the_essentials() {
+fn list_and_show_print_the_essentials() {
     let mut session = Session::good(4.0);
     session.drop_frames(0, 120, 122, true);
     let desk = Desk::with(&[&session]);
@@ -207,7 +207,7 @@ fn list_and_show_tell_the_essentials() {
 }
 
 #[test]
-fn recovery_makes_a_sound_copy_and_leaves_the_original() {
+fn recovery_writes_an_undamaged_copy_and_keeps_the_original() {
     for cut in [true, false] {
         let desk = Desk::with(&[]);
         let source = desk.folder.path().join("source");
@@ -226,7 +226,7 @@ fn recovery_makes_a_sound_copy_and_leaves_the_original() {
         assert_eq!(rows[1].key, format!("{ID}.recovered"));
         assert_eq!(rows[1].condition, Condition::Recovered);
         assert_eq!(tree(&desk.root().join(".incoming")).len(), 0);
-        // A prefix means the copy, the whole identifier the original.
+        // A prefix selects the copy, the whole identifier the original.
         assert_eq!(desk.target(&ID[..8]).name(), rows[1].key);
         assert_eq!(desk.target(ID).name(), ID);
 
@@ -236,12 +236,12 @@ fn recovery_makes_a_sound_copy_and_leaves_the_original() {
         let copy = desk.target(&rows[1].key);
         let (outcome, text) = capture(|console| recover::run(&copy, None, console));
         assert_eq!(outcome.unwrap(), Outcome::Fine);
-        assert!(text.contains("sound, nothing to recover"), "{text}");
+        assert!(text.contains("undamaged, nothing to recover"), "{text}");
     }
 }
 
 #[test]
-fn recovery_outside_a_library_goes_beside_the_original() {
+fn recovery_outside_a_library_writes_beside_the_original() {
     let folder = tempfile::tempdir().unwrap();
     let source = folder.path().join("walk");
     spoilt(&source, true);
@@ -260,16 +260,14 @@ fn recovery_outside_a_library_goes_beside_the_original() {
 }
 
 #[test]
-fn prune_removes_what_can_be_made_again_and_nothing_else() {
+fn prune_removes_only_derived_files() {
     let desk = Desk::with(&[&Session::good(1.0)]);
     let recorded = tree(&desk.session(ID));
     let targets = [desk.target(ID)];
     capture(|console| validate::run(&targets, &Options::default(), console))
         .0
         .unwrap();
-    capture(|console| indexing::run(&targets, console))
-        .0
-        .unwrap();
+    capture(|console| index::run(&targets, console)).0.unwrap();
     fs::create_dir_all(desk.root().join(".incoming/stopped/segments")).unwrap();
     fs::write(
         desk.root().join(".incoming/stopped/segments/000000.mcap"),
@@ -277,7 +275,7 @@ fn prune_removes_what_can_be_made_again_and_nothing_else() {
     )
     .unwrap();
     fs::write(desk.root().join(".incoming/stopped.journal"), b"{}").unwrap();
-    // Nothing that can be read, and it sorts before the session.
+    // An unreadable folder that sorts before the session.
     fs::create_dir(desk.root().join("sessions/0-junk")).unwrap();
     assert_eq!(tree(&desk.session(ID)).len(), recorded.len() + 2);
     let (outcome, text) = capture(|console| prune::derived(&desk.root(), console));
@@ -335,14 +333,14 @@ fn a_hand_off_is_sealed_renewed_and_withdrawn() {
     );
     assert_eq!(sealed.derived[0].path, "index.bin");
     assert_eq!(sealed.verdict, Verdict::Pass);
-    // A validation does not concern the seal.
+    // A validation does not affect the seal.
     let targets = [desk.target(ID)];
     capture(|console| validate::run(&targets, &Options::default(), console))
         .0
         .unwrap();
     opened().unwrap();
 
-    // A changed session is noticed, judged anew and not handed over.
+    // A changed session is detected, validated again and not handed over.
     let segment = desk.session(ID).join("segments/000000.mcap");
     let mut bytes = fs::read(&segment).unwrap();
     bytes.truncate(bytes.len() / 2);
@@ -354,9 +352,9 @@ fn a_hand_off_is_sealed_renewed_and_withdrawn() {
     assert!(!path.exists());
 }
 
-/// A bit that rots after the validation, and a rig file that is edited: lengths tell of neither.
+/// A bit flipped after the validation, and an edited rig file: lengths show neither.
 #[test]
-fn nothing_is_sealed_that_changed_since_it_was_validated() {
+fn session_changed_since_validation_is_not_sealed() {
     let change = |path: &Path| {
         let mut bytes = fs::read(path).unwrap();
         let middle = bytes.len() / 2;
@@ -384,14 +382,12 @@ fn nothing_is_sealed_that_changed_since_it_was_validated() {
         let (outcome, text) = capture(|console| handoff::run(&targets[0], None, console));
         assert_eq!(outcome.unwrap(), Outcome::Failed, "{file}: {text}");
         assert!(!desk.session(ID).join("handoff.json").exists());
-        // What the import found is older than that.
+        // The import's report is older.
         assert_eq!(listed().condition, Condition::Damaged);
         let (_, text) = capture(|console| show::run(&targets[0], console));
         assert!(text.contains("condition  damaged"), "{text}");
-        // An index of the damaged session does not stay once it is mended.
-        capture(|console| indexing::run(&targets, console))
-            .0
-            .unwrap();
+        // An index of the damaged session is replaced after the repair.
+        capture(|console| index::run(&targets, console)).0.unwrap();
         change(&desk.session(ID).join(file));
         assert_eq!(validate(), Outcome::Fine);
         let (outcome, text) = capture(|console| handoff::run(&targets[0], None, console));
@@ -402,9 +398,9 @@ fn nothing_is_sealed_that_changed_since_it_was_validated() {
     }
 }
 
-/// Limits of one's own are for looking; what is handed over was judged by the table.
+/// Custom limits are for inspection; hand-offs are validated by the default limits.
 #[test]
-fn limits_of_ones_own_do_not_reach_a_hand_off() {
+fn custom_limits_do_not_apply_to_a_hand_off() {
     let desk = Desk::with(&[]);
     let source = desk.folder.path().join("source");
     spoilt(&source, false);
@@ -428,18 +424,18 @@ fn limits_of_ones_own_do_not_reach_a_hand_off() {
     assert_ne!(outcome.unwrap(), Outcome::Failed, "{text}");
     let path = desk.session(ID).join("validation.json");
     let moved = fs::read(&path).unwrap();
-    // A report shows what was found with them, and leaves it.
+    // A report shows the validation with them, and does not change it.
     let default = Options::default();
-    let (outcome, _) = capture(|console| reporting::run(&targets[0], &default, None, console));
+    let (outcome, _) = capture(|console| report::run(&targets[0], &default, None, console));
     assert_ne!(outcome.unwrap(), Outcome::Failed);
     assert_eq!(fs::read(&path).unwrap(), moved);
     let (outcome, text) = capture(|console| handoff::run(&targets[0], None, console));
     assert_eq!(outcome.unwrap(), Outcome::Failed, "{text}");
 }
 
-/// The recorder's card is only read.
+/// The recorder's disk is only read.
 #[test]
-fn derived_files_go_into_libraries_only() {
+fn derived_files_are_written_only_in_libraries() {
     let folder = tempfile::tempdir().unwrap();
     Session::good(1.0).write(folder.path());
     let before = tree(folder.path());
@@ -447,9 +443,9 @@ fn derived_files_go_into_libraries_only() {
     let targets = [target.clone()];
     let default = Options::default();
     let results = [
-        capture(|console| indexing::run(&targets, console)).0,
+        capture(|console| index::run(&targets, console)).0,
         capture(|console| handoff::run(&target, None, console)).0,
-        capture(|console| reporting::run(&target, &default, None, console)).0,
+        capture(|console| report::run(&target, &default, None, console)).0,
     ];
     for result in results {
         let error = result.unwrap_err().to_string();
@@ -459,9 +455,9 @@ fn derived_files_go_into_libraries_only() {
 }
 
 #[test]
-fn an_index_is_made_once_and_again_when_it_no_longer_fits() {
+fn index_is_built_once_and_again_when_outdated() {
     let desk = Desk::with(&[&Session::good(1.0)]);
-    let index = || capture(|console| indexing::run(&[desk.target(ID)], console)).1;
+    let index = || capture(|console| index::run(&[desk.target(ID)], console)).1;
     assert!(
         index().ends_with("3 cameras, 31 frame sets, indexed\n"),
         "{}",

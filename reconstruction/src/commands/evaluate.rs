@@ -7,39 +7,40 @@ use anyhow::{Context, Result};
 use clap::{Args, CommandFactory, ValueEnum};
 use command_line::output::print;
 use reconstruction::evaluate::runs::{Cost, Run, Runs};
-use reconstruction::evaluate::{Alignment, Delta, Settings, evaluate, files, while_recorded};
+use reconstruction::evaluate::{Alignment, Delta, Settings, clip_to_recording, evaluate, files};
 use serde_json::Value;
 
 #[derive(Args)]
 pub(crate) struct Arguments {
-    /// Trajectories: TUM, KITTI or EuRoC files, or scene bundles. Of a bundle the truth counts from its first row to its last.
+    /// Trajectories: TUM, KITTI or EuRoC files, or scene bundles. For a bundle the ground truth is
+    /// used from its first row to its last.
     #[arg(required = true, value_name = "ESTIMATE")]
     estimates: Vec<PathBuf>,
-    /// The true one, or the truth of a simulated session (truth.CAMERA.csv).
+    /// Ground-truth trajectory, or the truth of a simulated session (truth.CAMERA.csv).
     #[arg(long, value_name = "FILE")]
     truth: PathBuf,
-    /// How an estimate is laid onto the truth.
+    /// Alignment of an estimate with the ground truth.
     #[arg(long, value_enum, default_value_t = AlignmentName::Se3)]
     align: AlignmentName,
-    /// How far apart in time poses may be that are compared, milliseconds.
+    /// Maximum time difference of poses that are compared, milliseconds.
     #[arg(long, value_name = "MS", default_value_t = 10.0, value_parser = positive)]
     tolerance_ms: f64,
-    /// Longest time from pose to pose that is no gap, milliseconds.
+    /// Maximum time between poses that is not a gap, milliseconds.
     #[arg(long, value_name = "MS", default_value_t = 250.0, value_parser = positive)]
     longest_step_ms: f64,
-    /// Part of the truth's time below which a run counts as lost, percent.
+    /// Covered part of the ground truth's time below which a run counts as lost, percent.
     #[arg(long, value_name = "PERCENT", default_value_t = 95.0, value_parser = positive)]
     least_completion: f64,
-    /// Lengths over which drift is measured, as in 10m or 5s.
+    /// Lengths of the segments over which drift is measured, as in 10m or 5s.
     #[arg(long, value_name = "LENGTH", value_delimiter = ',', default_value = "10m,5s", value_parser = delta)]
     over: Vec<Delta>,
-    /// Measure drift from where the last stretch ended, as evo does, not from every pose on.
+    /// Measure drift over consecutive segments, as evo does, not from every pose.
     #[arg(long)]
     consecutive: bool,
     /// Which trajectory of a bundle: `trajectory`, `trajectory-causal`. Default: the first of these that is there.
     #[arg(long, value_name = "OUTPUT")]
     output: Option<String>,
-    /// What `run --json` printed when a trajectory was made, for time and memory; one for each, in the same order.
+    /// Output of `run --json` for each trajectory, for time and memory; in the same order.
     #[arg(long, value_name = "FILE")]
     cost: Vec<PathBuf>,
     /// Print JSON.
@@ -49,13 +50,13 @@ pub(crate) struct Arguments {
 
 #[derive(Clone, Copy, Debug, ValueEnum)]
 enum AlignmentName {
-    /// Best rigid fit.
+    /// Best rigid fit
     Se3,
-    /// Best fit with scale.
+    /// Best fit with scale
     Sim3,
-    /// Not at all.
+    /// No alignment
     None,
-    /// By the first poses.
+    /// By the first poses
     First,
 }
 
@@ -70,7 +71,7 @@ fn delta(text: &str) -> Result<Delta, String> {
             .ok()
             .filter(|n: &f64| *n > 0.0 && n.is_finite())
     };
-    let metres = || Some(Delta::Metres(number(text.strip_suffix('m')?)?));
+    let metres = || Some(Delta::Meters(number(text.strip_suffix('m')?)?));
     let seconds = || Some(Delta::Seconds(number(text.strip_suffix('s')?)?));
     let found = metres().or_else(seconds);
     found.ok_or_else(|| "expected metres or seconds, as in 10m or 5s".to_owned())
@@ -92,7 +93,7 @@ pub(crate) fn run(arguments: &Arguments) -> Result<ExitCode> {
             AlignmentName::First => Alignment::First,
         },
         tolerance_ns: (1e6 * arguments.tolerance_ms).round() as i64,
-        longest_step_ns: (1e6 * arguments.longest_step_ms).round() as i64,
+        max_step_ns: (1e6 * arguments.longest_step_ms).round() as i64,
         deltas: arguments.over.clone(),
         overlapping: !arguments.consecutive,
     };
@@ -102,8 +103,8 @@ pub(crate) fn run(arguments: &Arguments) -> Result<ExitCode> {
         let estimate = files::load(path, arguments.output.as_deref())?;
         files::check(&estimate, &truth, path)?;
         let recorded = estimate
-            .is_whole
-            .then(|| while_recorded(&truth.trajectory, &estimate.trajectory));
+            .has_row_per_set
+            .then(|| clip_to_recording(&truth.trajectory, &estimate.trajectory));
         let truth = recorded.as_ref().unwrap_or(&truth.trajectory);
         let cost = arguments.cost.get(k).map(|path| cost(path)).transpose()?;
         runs.push(Run {
@@ -121,7 +122,7 @@ pub(crate) fn run(arguments: &Arguments) -> Result<ExitCode> {
     Ok(ExitCode::from(if runs.lost == 0 { 0 } else { 3 }))
 }
 
-/// The name of its file or folder, where no other has the same; else the path.
+/// The name of its file or folder if that is unique; else the path.
 fn name(path: &Path, all: &[PathBuf]) -> String {
     let same = all.iter().filter(|p| p.file_name() == path.file_name());
     let short = path.file_name().filter(|_| same.count() == 1);
@@ -131,7 +132,7 @@ fn name(path: &Path, all: &[PathBuf]) -> String {
         .into_owned()
 }
 
-/// Time and memory of the stages that make trajectories, of lines of JSON.
+/// Time and memory of the stages that compute trajectories, from lines of JSON.
 fn cost(path: &Path) -> Result<Cost> {
     let shown = path.display();
     let text = plain_file::read_to_string(path, plain_file::DOCUMENT_LIMIT)
@@ -140,8 +141,13 @@ fn cost(path: &Path) -> Result<Cost> {
     for line in text.lines().filter(|line| !line.trim().is_empty()) {
         let stage: Value = serde_json::from_str(line)
             .with_context(|| format!("expected what run --json prints in {shown}"))?;
-        let is_made = stage["state"] == "made";
-        if !is_made || !matches!(stage["stage"].as_str(), Some("odometry" | "mapping")) {
+        let has_run = stage["state"] == "ran";
+        if !has_run
+            || !matches!(
+                stage["stage"].as_str(),
+                Some("odometry" | "bundle-adjustment")
+            )
+        {
             continue;
         }
         seconds = stage["seconds"]

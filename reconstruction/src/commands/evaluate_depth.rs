@@ -15,7 +15,7 @@ use super::progress_bar;
 pub(crate) struct Arguments {
     /// The scene bundle.
     scene: PathBuf,
-    /// The folder that `paws-rig-sim render --truth` made with the session.
+    /// The folder that `paws-rig-sim render --truth` wrote with the session.
     #[arg(long, value_name = "FOLDER")]
     truth: PathBuf,
     /// Print JSON.
@@ -37,7 +37,7 @@ pub(crate) fn run(arguments: &Arguments) -> Result<ExitCode> {
     }
     print(format_args!(
         "{:16} {:>8} {:>8} {:>7} {:>7} {:>7} {:>7} {:>8} {:>9}",
-        "camera", "pictures", "density", "bad-1", "bad-2", "bad-3", "EPE px", "2 sigma", "invented"
+        "camera", "images", "density", "bad-1", "bad-2", "bad-3", "EPE px", "2 sigma", "invented"
     ))?;
     for row in &rows {
         print(line(row))?;

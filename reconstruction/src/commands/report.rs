@@ -6,7 +6,7 @@ use std::process::ExitCode;
 use anyhow::{Context, Result};
 use clap::Args;
 use command_line::output::print;
-use reconstruction::evaluate::files::{self, Loaded};
+use reconstruction::evaluate::files::{self, LoadedTrajectory};
 use reconstruction::report::report;
 use scene_bundle::outputs::{TRAJECTORY, TRAJECTORY_CAUSAL};
 use scene_bundle::{Scene, layout};
@@ -15,7 +15,8 @@ use scene_bundle::{Scene, layout};
 pub(crate) struct Arguments {
     /// The scene bundle.
     scene: PathBuf,
-    /// The true trajectory: TUM, KITTI or EuRoC, or the truth of a simulated session (truth.CAMERA.csv).
+    /// Ground-truth trajectory: TUM, KITTI or EuRoC, or the truth of a simulated session
+    /// (truth.CAMERA.csv).
     #[arg(long, value_name = "FILE")]
     truth: Option<PathBuf>,
     /// The page to write. Default: report.html in the bundle.
@@ -28,12 +29,12 @@ pub(crate) fn run(arguments: &Arguments) -> Result<ExitCode> {
     let truth = match &arguments.truth {
         Some(path) => {
             let truth = files::load(path, None)?;
-            // A bundle has times; a truth without any cannot be compared with it.
+            // A bundle has timestamps; a ground truth without any cannot be compared with it.
             if scene.has(TRAJECTORY) || scene.has(TRAJECTORY_CAUSAL) {
-                let estimate = Loaded {
+                let estimate = LoadedTrajectory {
                     trajectory: scene_bundle::Trajectory::default(),
                     is_numbered: false,
-                    is_whole: true,
+                    has_row_per_set: true,
                 };
                 files::check(&estimate, &truth, &arguments.scene)?;
             }

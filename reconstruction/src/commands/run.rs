@@ -11,16 +11,16 @@ use command_line::complain;
 use command_line::output::{is_quiet, print};
 use indicatif::ProgressBar;
 use reconstruction::Input;
+use reconstruction::camera_images;
 use reconstruction::pipeline::stages::networks::Networks;
 use reconstruction::pipeline::stages::{self, Options, Preset, rig};
-use reconstruction::pipeline::{Outcome, Selection, Sources, State, Watch, made};
-use reconstruction::seen;
+use reconstruction::pipeline::{Observer, Outcome, Selection, Sources, State, stage_timings};
 use scene_bundle::{Bundle, Provenance, Scene};
 
 use super::{code, loss, open, print_losses, progress_bar};
 use crate::machine;
 
-mod given;
+mod overrides;
 
 #[derive(Args)]
 pub(crate) struct Arguments {
@@ -29,32 +29,33 @@ pub(crate) struct Arguments {
     /// Folder of the bundle; new, empty, or a bundle of the same hand-off.
     #[arg(long, value_name = "BUNDLE")]
     out: PathBuf,
-    /// How much work to do.
+    /// Trade-off of accuracy against time.
     #[arg(long, value_enum, default_value_t = PresetName::Balanced)]
     preset: PresetName,
-    /// First stage; what those before made is taken as it is.
+    /// First stage; outputs of earlier stages are used as they are.
     #[arg(long, value_name = "STAGE", value_parser = PossibleValuesParser::new(stages::NAMES))]
     from: Option<String>,
     /// Last stage.
     #[arg(long, value_name = "STAGE", value_parser = PossibleValuesParser::new(stages::NAMES))]
     to: Option<String>,
-    /// Make stages again whose outputs are there and up to date.
+    /// Re-run stages even if their outputs are up to date.
     #[arg(long)]
-    again: bool,
+    force: bool,
     /// A rig file instead of the session's, for example of `paws calib cameras`.
     #[arg(long, value_name = "FILE")]
     rig: Option<PathBuf>,
-    /// Calibration instead of the recorded one: the folder that `paws calib cameras` wrote, or a camera's file; again
-    /// for more.
+    /// Calibration instead of the recorded one: the folder that `paws calib cameras` wrote, or a
+    /// camera's file; may be repeated.
     #[arg(long, value_name = "DIR|CAMERA=FILE", value_parser = calibration)]
     calibration: Vec<Calibration>,
-    /// Time from row to row of a rolling shutter, microseconds; may be given for each camera.
+    /// Readout line time of a rolling shutter, microseconds; may be given for each camera.
     #[arg(long, value_name = "CAMERA=US", value_parser = named)]
     line_us: Vec<(String, String)>,
-    /// A stereo network in place of our matcher (docs/learned.md); ORT_DYLIB_PATH names ONNX Runtime.
+    /// A stereo network instead of the built-in matcher (docs/learned.md); ORT_DYLIB_PATH names
+    /// ONNX Runtime.
     #[arg(long, value_name = "MODEL.onnx")]
     depth_network: Option<PathBuf>,
-    /// A segmentation network; what can move has no depth (docs/learned.md).
+    /// A segmentation network; movable objects get no depth (docs/learned.md).
     #[arg(long, value_name = "MODEL.onnx")]
     segmentation_network: Option<PathBuf>,
     /// Print a JSON object per stage, one in a line, and no progress.
@@ -64,28 +65,28 @@ pub(crate) struct Arguments {
 
 #[derive(Clone, Copy, Debug, ValueEnum)]
 enum PresetName {
-    /// Least work
+    /// Least time
     Fast,
-    /// The usual one
+    /// The default
     Balanced,
-    /// Most work
+    /// Least error
     Accurate,
 }
 
-/// What is told by `--calibration`.
+/// Value of `--calibration`.
 #[derive(Clone, Debug)]
 enum Calibration {
-    /// What `paws calib` wrote: rig file and lenses.
+    /// Folder written by `paws calib`: rig file and intrinsics.
     Folder(PathBuf),
     /// A camera and its file.
-    Of(String, PathBuf),
+    Camera(String, PathBuf),
 }
 
 fn calibration(text: &str) -> Result<Calibration, String> {
     if !text.contains('=') || Path::new(text).is_dir() {
         return Ok(Calibration::Folder(text.into()));
     }
-    named(text).map(|(camera, file)| Calibration::Of(camera, file.into()))
+    named(text).map(|(camera, file)| Calibration::Camera(camera, file.into()))
 }
 
 fn named(text: &str) -> Result<(String, String), String> {
@@ -108,28 +109,28 @@ pub(crate) fn run(arguments: &Arguments) -> Result<ExitCode> {
         let kind = clap::error::ErrorKind::ValueValidation;
         crate::Arguments::command().error(kind, message).exit();
     }
-    // The rig is that of the bundle where its stage does not run.
-    let keeps_rig = place(&arguments.from).is_some_and(|from| from > 0);
-    let tells_rig = arguments.rig.is_some()
+    // The bundle's rig is used where the stage `rig` does not run.
+    let rig_is_fixed = place(&arguments.from).is_some_and(|from| from > 0);
+    let has_overrides = arguments.rig.is_some()
         || !arguments.calibration.is_empty()
         || !arguments.line_us.is_empty();
-    if keeps_rig && tells_rig {
+    if rig_is_fixed && has_overrides {
         let message =
             "--rig, --calibration and --line-us are for the stage rig, which --from leaves out";
         let kind = clap::error::ErrorKind::ArgumentConflict;
         crate::Arguments::command().error(kind, message).exit();
     }
     let input = open(&arguments.handoff)?;
-    let told = told(arguments, &input)?;
+    let rig_overrides = overrides(arguments, &input)?;
     let there = Scene::open(&arguments.out).ok();
     let there = there.as_ref().map(|scene| &scene.manifest().provenance);
-    let kept = there.filter(|_| keeps_rig).map(|made| made.rig.clone());
+    let kept = there.filter(|_| rig_is_fixed).map(|made| made.rig.clone());
     let seal = seal(&input, there);
     let provenance = Provenance {
         session_id: input.handoff().session_id.clone(),
         handoff_blake3: seal.clone(),
         judgement: Some(input.judgement()),
-        rig: kept.unwrap_or_else(|| rig::revision(&input, &told)),
+        rig: kept.unwrap_or_else(|| rig::revision(&input, &rig_overrides)),
         program: env!("CARGO_BIN_NAME").to_owned(),
         program_version: env!("CARGO_PKG_VERSION").to_owned(),
         started_civil_ns: machine::civil_ns(),
@@ -145,7 +146,7 @@ pub(crate) fn run(arguments: &Arguments) -> Result<ExitCode> {
             PresetName::Balanced => Preset::Balanced,
             PresetName::Accurate => Preset::Accurate,
         },
-        told,
+        rig_overrides,
         networks: Networks::open(
             arguments.depth_network.as_deref(),
             arguments.segmentation_network.as_deref(),
@@ -155,10 +156,10 @@ pub(crate) fn run(arguments: &Arguments) -> Result<ExitCode> {
     let selection = Selection {
         from: arguments.from.clone(),
         to: arguments.to.clone(),
-        again: arguments.again,
+        force: arguments.force,
     };
     let bundle = Bundle::create_or_open(&arguments.out, provenance)?;
-    let watch = Shown {
+    let observer = ProgressReporter {
         bar: match arguments.json {
             true => ProgressBar::hidden(),
             false => progress_bar(0, "{prefix:>20}  {wide_bar} {pos}/{len}, {eta} left")?,
@@ -166,16 +167,16 @@ pub(crate) fn run(arguments: &Arguments) -> Result<ExitCode> {
         is_json: arguments.json,
         folder: bundle.path(),
     };
-    let outcomes = pipeline.run(&sources, &bundle, &selection, &watch, &machine::METER);
-    watch.bar.finish_and_clear();
+    let outcomes = pipeline.run(&sources, &bundle, &selection, &observer, &machine::METER);
+    observer.bar.finish_and_clear();
     let outcomes =
         outcomes.with_context(|| format!("reconstructing into {}", arguments.out.display()))?;
-    let is_new = outcomes.iter().any(|o| o.state == State::Made);
-    if is_new || !bundle.path().join(seen::FILE).exists() {
-        // They are no part of the bundle, which is as good without.
-        if let Err(error) = seen::write(&bundle.path(), &input) {
+    let is_new = outcomes.iter().any(|o| o.state == State::Ran);
+    if is_new || !bundle.path().join(camera_images::FILE).exists() {
+        // They are not part of the bundle, which is valid without them.
+        if let Err(error) = camera_images::write(&bundle.path(), &input) {
             log::warn!(
-                "writing images of what the cameras saw: {error}: {}",
+                "writing images of the cameras: {error}: {}",
                 arguments.out.display()
             );
         }
@@ -184,10 +185,10 @@ pub(crate) fn run(arguments: &Arguments) -> Result<ExitCode> {
 
     let losses: usize = outcomes.iter().map(|o| o.report.losses.len()).sum();
     if !arguments.json {
-        let made = outcomes.iter().filter(|o| o.state == State::Made).count();
+        let made = outcomes.iter().filter(|o| o.state == State::Ran).count();
         let loss = loss(losses, &input);
         print(format_args!(
-            "{made} stages made, {} kept, {loss}: {}",
+            "{made} stages run, {} up to date, {loss}: {}",
             outcomes.len() - made,
             arguments.out.display()
         ))?;
@@ -195,8 +196,8 @@ pub(crate) fn run(arguments: &Arguments) -> Result<ExitCode> {
     Ok(code(losses, &input))
 }
 
-/// The seal that stands for the recording in this bundle: an earlier one where the bundle was made of that, so that what
-/// is there stays.
+/// The seal that identifies the recording in this bundle: an earlier one if the bundle was made
+/// from that, so that its outputs remain valid.
 fn seal(input: &Input, there: Option<&Provenance>) -> String {
     let handoff = input.handoff();
     let made_of = there.map(|made| &made.handoff_blake3);
@@ -204,26 +205,26 @@ fn seal(input: &Input, there: Option<&Provenance>) -> String {
     known.unwrap_or(&handoff.seal).clone()
 }
 
-fn told(arguments: &Arguments, input: &Input) -> Result<rig::Told> {
-    let mut told = rig::Told::default();
+fn overrides(arguments: &Arguments, input: &Input) -> Result<rig::RigOverrides> {
+    let mut rig_overrides = rig::RigOverrides::default();
     let mut named = BTreeSet::new();
     for given in &arguments.calibration {
-        let Calibration::Of(camera, path) = given else {
+        let Calibration::Camera(camera, path) = given else {
             continue;
         };
         ensure!(
             named.insert(camera.as_str()),
             "taking a calibration: camera {camera} has two, expected one"
         );
-        given::lenses(&mut told, camera, path, input)?;
+        overrides::lenses(&mut rig_overrides, camera, path, input)?;
     }
     if let Some(path) = &arguments.rig {
-        given::rig(&mut told, path)?;
+        overrides::rig(&mut rig_overrides, path)?;
     }
-    // What is named by itself goes before what a folder has.
+    // Files given individually take precedence over a folder.
     for given in &arguments.calibration {
         if let Calibration::Folder(folder) = given {
-            given::folder(&mut told, folder, input)?;
+            overrides::folder(&mut rig_overrides, folder, input)?;
         }
     }
     for (camera, us) in &arguments.line_us {
@@ -233,23 +234,25 @@ fn told(arguments: &Arguments, input: &Input) -> Result<rig::Told> {
             .filter(|us: &f64| *us >= 0.0 && us.is_finite());
         let line_us = line_us.with_context(|| {
             format!(
-                "taking the time from row to row of {camera}: found {us:?}, expected microseconds"
+                "setting the readout line time of {camera}: found {us:?}, expected microseconds"
             )
         })?;
-        told.lines_s.insert(camera.clone(), 1e-6 * line_us);
+        rig_overrides
+            .line_times_s
+            .insert(camera.clone(), 1e-6 * line_us);
     }
-    Ok(told)
+    Ok(rig_overrides)
 }
 
-/// Progress for people, or a line of JSON per stage.
-struct Shown {
+/// Reports progress: a progress bar, or a line of JSON per stage.
+struct ProgressReporter {
     bar: ProgressBar,
     is_json: bool,
-    /// The bundle's.
+    /// Folder of the bundle.
     folder: PathBuf,
 }
 
-impl Watch for Shown {
+impl Observer for ProgressReporter {
     fn begin(&self, stage: &str, number: usize, of: usize) {
         self.bar.reset();
         self.bar.set_position(0);
@@ -263,16 +266,16 @@ impl Watch for Shown {
     }
 
     fn end(&self, outcome: &Outcome) {
-        // At once: a later stage may fail.
-        if let Err(error) = made::write(&self.folder, std::slice::from_ref(outcome)) {
+        // Immediately, since a later stage may fail.
+        if let Err(error) = stage_timings::write(&self.folder, std::slice::from_ref(outcome)) {
             log::warn!(
-                "writing what {} took to {}: {error}",
+                "writing the timing of {} to {}: {error}",
                 outcome.stage,
                 self.folder.display()
             );
         }
         if self.is_json {
-            // The work goes on although nobody listens any more.
+            // The work continues even if nobody reads the output.
             let _ = print(serde_json::to_string(outcome).unwrap_or_default());
             return;
         }
@@ -285,8 +288,8 @@ impl Watch for Shown {
             print_losses(&outcome.report.losses);
             let Outcome { stage, seconds, .. } = outcome;
             let _ = match outcome.state {
-                State::Made => print(format_args!("{stage}: made in {seconds:.1} s")),
-                State::Kept => print(format_args!("{stage}: there already")),
+                State::Ran => print(format_args!("{stage}: ran in {seconds:.1} s")),
+                State::UpToDate => print(format_args!("{stage}: up to date")),
             };
         });
     }

@@ -1,4 +1,4 @@
-//! Laying an estimate onto the truth.
+//! Alignment of an estimate with the ground truth.
 
 use cad_transforms::RigidTransform;
 use nalgebra::{Matrix3, Rotation3, UnitQuaternion, Vector3};
@@ -6,17 +6,17 @@ use serde::Serialize;
 
 use super::Pair;
 
-/// How an estimate is laid onto the truth.
+/// Alignment of an estimate with the ground truth.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize)]
 #[serde(rename_all = "snake_case")]
 pub enum Alignment {
-    /// Not at all: both are in one world.
+    /// None: both are in the same world.
     None,
     /// By the rigid transform with the least sum of squared distances.
     Se3,
-    /// By turn, shift and scale with the least sum: for estimates that do not know the scale.
+    /// By rotation, translation and scale with the least sum: for estimates of unknown scale.
     Sim3,
-    /// By the first matched poses: they become one. What follows is drift alone.
+    /// By the first pair of poses, which become equal. All later error is drift.
     First,
 }
 
@@ -38,16 +38,17 @@ impl Alignment {
 /// A similarity transform: `x_in_truth = scale * rotation * x_in_estimate + translation`.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize)]
 pub struct Similarity {
-    /// Turn and shift, m.
+    /// Rotation and translation, m.
     pub rigid: RigidTransform,
-    /// How much larger the truth is; 1 unless the scale was asked for.
+    /// Scale from estimate to ground truth; 1 unless the scale is estimated.
     pub scale: f64,
-    /// Whether poses settle the turn: not where they lie on one line or at one place.
-    pub turn_is_known: bool,
+    /// Whether the poses determine the rotation: not if they are on one line or at one position.
+    #[serde(rename = "turn_is_known")]
+    pub rotation_is_known: bool,
 }
 
 impl Similarity {
-    /// An estimated pose in the truth's world.
+    /// An estimated pose in the world of the ground truth.
     pub fn apply(&self, world_from_rig: &RigidTransform) -> RigidTransform {
         let place = self.scale * (self.rigid.rotation() * world_from_rig.translation())
             + self.rigid.translation();
@@ -55,12 +56,12 @@ impl Similarity {
     }
 }
 
-/// None for no pairs, and for a fit of fewer than three.
+/// `None` without pairs, and for a fit of fewer than three.
 pub(crate) fn align(pairs: &[Pair], alignment: Alignment) -> Option<Similarity> {
     let rigid = |rigid: RigidTransform| Similarity {
         rigid,
         scale: 1.0,
-        turn_is_known: true,
+        rotation_is_known: true,
     };
     let first = pairs.first()?;
     match alignment {
@@ -71,8 +72,8 @@ pub(crate) fn align(pairs: &[Pair], alignment: Alignment) -> Option<Similarity> 
     }
 }
 
-/// Least squares over the places (Umeyama, Least-squares estimation of transformation parameters between two point
-/// patterns, PAMI 1991; equation numbers are his).
+/// Least squares over the positions (Umeyama, Least-squares estimation of transformation parameters
+/// between two point patterns, PAMI 1991; equation numbers are his).
 fn umeyama(pairs: &[Pair], with_scale: bool) -> Option<Similarity> {
     if pairs.len() < 3 {
         return None;
@@ -92,8 +93,8 @@ fn umeyama(pairs: &[Pair], with_scale: bool) -> Option<Similarity> {
     }
     let svd = covariance.svd(true, true);
     let (u, v_t, d) = (svd.u?, svd.v_t?, svd.singular_values);
-    // Two directions settle the third.
-    let turn_is_known = d[1] > 1e-12 * d[0] && d[0] > 0.0;
+    // Two directions determine the third.
+    let rotation_is_known = d[1] > 1e-12 * d[0] && d[0] > 0.0;
     let mut sign = Vector3::new(1.0, 1.0, 1.0); // (43)
     if u.determinant() * v_t.determinant() < 0.0 {
         sign.z = -1.0;
@@ -108,7 +109,7 @@ fn umeyama(pairs: &[Pair], with_scale: bool) -> Option<Similarity> {
     Some(Similarity {
         rigid: transform(UnitQuaternion::from_rotation_matrix(&turn), translation),
         scale,
-        turn_is_known,
+        rotation_is_known,
     })
 }
 

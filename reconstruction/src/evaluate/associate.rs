@@ -1,13 +1,14 @@
-//! Which estimated and true poses belong together.
+//! Association of estimated and ground-truth poses by time.
 //!
-//! Contract, as evo has it: each pose of the shorter trajectory goes with the nearest in time of the longer one (of two
-//! as near the earlier), if it is within the tolerance. Of the longer one a pose may go with two.
+//! Contract, as in evo: each pose of the shorter trajectory is paired with the nearest in time of
+//! the longer one (the earlier of two equally near), if it is within the tolerance. A pose of the
+//! longer one may be in two pairs.
 
 use scene_bundle::{Pose, Trajectory};
 
 use super::Pair;
 
-/// Pairs in the order of time. Lost poses of the estimate are left out before anything else.
+/// Pairs in the order of time. Lost poses of the estimate are removed first.
 pub(crate) fn pairs(estimate: &Trajectory, truth: &Trajectory, tolerance_ns: i64) -> Vec<Pair> {
     let estimated: Vec<&Pose> = estimate.usable().collect();
     let truth: Vec<&Pose> = truth.poses().iter().collect();
@@ -29,7 +30,7 @@ pub(crate) fn pairs(estimate: &Trajectory, truth: &Trajectory, tolerance_ns: i64
     }
 }
 
-/// The pose nearest in time, the earlier of two; none of none.
+/// Index of the pose nearest in time, the earlier of two; `None` without poses.
 fn nearest(poses: &[&Pose], time_ns: i64) -> Option<usize> {
     let after = poses.partition_point(|p| p.time_ns <= time_ns);
     let distance = |k: usize| poses[k].time_ns.abs_diff(time_ns);

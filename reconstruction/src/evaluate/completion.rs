@@ -1,20 +1,20 @@
-//! How much of the truth's time has a pose.
+//! Completion: part of the ground truth's time that has a pose.
 //!
-//! Contract: from one pose of the estimate to the next the time counts as covered if neither is lost and they are not
-//! too far apart; nothing else does. What is not covered, from the truth's first pose to its last, is a list of gaps. The
-//! time until the first pose is one, and so is that after the last.
+//! Contract: from one pose of the estimate to the next the time counts as covered if neither is
+//! lost and they are not too far apart. Uncovered time between the ground truth's first and last
+//! pose is a list of gaps, including the time before the first and after the last estimated pose.
 
 use scene_bundle::{Pose, Status, Trajectory};
 use serde::Serialize;
 
-/// How much of the truth's time has a pose.
+/// Completion: part of the ground truth's time that has a pose.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct Completion {
-    /// Covered over all; 0 where the truth has no length.
+    /// Ratio of covered to total time; 0 if the ground truth has no duration.
     pub share: f64,
-    /// From the truth's first pose to its last, s.
+    /// From the ground truth's first pose to its last, s.
     pub truth_s: f64,
-    /// What is not covered, in order.
+    /// Uncovered times, in order.
     pub gaps: Vec<Gap>,
 }
 
@@ -41,11 +41,11 @@ impl Completion {
     }
 }
 
-/// How much of the truth's time the estimate covers.
+/// Part of the ground truth's time that the estimate covers.
 pub(crate) fn completion(
     estimate: &Trajectory,
     truth: &Trajectory,
-    longest_step_ns: i64,
+    max_step_ns: i64,
 ) -> Completion {
     let (Some(first), Some(last)) = (truth.poses().first(), truth.poses().last()) else {
         return Completion {
@@ -57,7 +57,7 @@ pub(crate) fn completion(
     let (begin, end) = (first.time_ns, last.time_ns);
     let is_covered = |pair: &&[Pose]| {
         let step = pair[1].time_ns - pair[0].time_ns;
-        step <= longest_step_ns && pair.iter().all(|p| p.status != Status::Lost)
+        step <= max_step_ns && pair.iter().all(|p| p.status != Status::Lost)
     };
     let mut gaps = Vec::new();
     let mut reached = begin;

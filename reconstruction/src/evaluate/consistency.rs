@@ -1,12 +1,15 @@
-//! Whether stated covariances are true.
+//! Consistency: whether stated covariances cover the errors.
 //!
-//! Contract: an estimate's world is laid onto the truth's by place and heading of its first usable pose, from which its
-//! doubt is counted; tilt is not given away. True poses between two of the truth's are interpolated, since a walker moves a
-//! centimetre in the time that matching allows. The error of a pose is what takes it to the true one, in the rig's axes,
-//! as [`cad_transforms::covariance`] has it; its square in sigmas (NEES; Bar-Shalom et al., Estimation with Applications to
-//! Tracking and Navigation, section 5.4) is on the average the number of its dimensions where the covariances are right:
-//! much more is over-confident, much less is timid. *Silently wrong* is a pose that is not lost and off by more than 3
-//! sigmas, in place or in turn, in the sense that a right covariance is exceeded as rarely as 3 sigmas in one dimension.
+//! Contract: the estimate is aligned with the ground truth by position and heading of its first
+//! usable pose, the origin of its uncertainty; tilt is not aligned. Ground-truth poses are
+//! interpolated, since a walker moves a centimetre within the tolerance of association. The error
+//! of a pose takes it to the true pose, in the rig's axes, as defined in
+//! [`cad_transforms::covariance`]; its normalized square (NEES; Bar-Shalom et al., Estimation with
+//! Applications to Tracking and Navigation, section 5.4) has the number of its dimensions as mean
+//! if the covariances are right: much more is over-confident, much less is conservative. *Silently
+//! wrong* is a pose that is not lost and has an error of more than 3 sigmas in position or
+//! rotation, with the quantile that a right covariance exceeds as rarely as 3 sigmas in one
+//! dimension.
 
 use cad_transforms::{Covariance, RigidTransform};
 use nalgebra::{UnitQuaternion, Vector3};
@@ -15,40 +18,40 @@ use serde::Serialize;
 
 use super::align::transform;
 
-/// What the chi-square distribution exceeds with a probability of 0.27 %, as a normal one does 3 sigmas: for three
-/// dimensions and for six.
-const THREE_SIGMAS: [f64; 2] = [14.156_413_609_126_7, 20.062_086_165_714_0];
-/// True poses further apart are not interpolated, ns.
-const LONGEST_NS: i64 = 150_000_000;
+/// Chi-square quantiles exceeded with a probability of 0.27 %, as 3 sigmas of a normal
+/// distribution: for three and for six dimensions.
+const CHI2_THREE_SIGMA: [f64; 2] = [14.156_413_609_126_7, 20.062_086_165_714_0];
+/// Maximum time between ground-truth poses that are interpolated, ns.
+const MAX_INTERPOLATION_NS: i64 = 150_000_000;
 
-/// Whether stated covariances are true.
+/// Consistency: whether stated covariances cover the errors.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct Consistency {
     /// Poses with a covariance that were compared.
     pub count: usize,
-    /// Usable poses that state none.
+    /// Usable poses without a covariance.
     pub without: usize,
-    /// Mean of squares in sigmas of place; 3 is right.
+    /// Mean NEES of position; 3 is right.
     pub nees_translation: f64,
-    /// Of turn; 3 is right.
+    /// Mean NEES of rotation; 3 is right.
     pub nees_rotation: f64,
-    /// Of both; 6 is right.
+    /// Mean NEES of both; 6 is right.
     pub nees: f64,
-    /// Share of poses whose place is within 3 sigmas; 0.9973 is right.
+    /// Ratio of poses whose position is within 3 sigmas; 0.9973 is right.
     pub within_translation: f64,
-    /// Of turn.
+    /// Ratio of poses whose rotation is within 3 sigmas.
     pub within_rotation: f64,
-    /// Of both.
+    /// Ratio of poses with both within 3 sigmas.
     pub within: f64,
-    /// Poses beyond 3 sigmas in place or in turn though they are not lost.
+    /// Poses beyond 3 sigmas in position or rotation although they are not lost.
     pub silently_wrong: usize,
-    /// Of which the cameras saw nothing.
+    /// Dead reckoned poses among them.
     pub silently_wrong_dead_reckoned: usize,
     /// Time of the first of them, ns.
     pub first_wrong_ns: Option<i64>,
 }
 
-/// None where no pose states a covariance or none can be compared.
+/// `None` if no pose has a covariance or none can be compared.
 pub(crate) fn consistency(
     estimate: &Trajectory,
     truth: &Trajectory,
@@ -70,7 +73,7 @@ pub(crate) fn consistency(
         count += 1;
         let error = (anchor * pose.world_from_rig).inverse() * truth;
         let squares = squares(&error, covariance);
-        let [few, many] = THREE_SIGMAS;
+        let [few, many] = CHI2_THREE_SIGMA;
         let limits = [few, few, many];
         for k in 0..3 {
             sums[k] += squares[k];
@@ -102,7 +105,7 @@ pub(crate) fn consistency(
     })
 }
 
-/// Squares in sigmas: of place alone, of turn alone, of both.
+/// NEES: of position, of rotation, of both.
 fn squares(error: &RigidTransform, covariance: &Covariance) -> [f64; 3] {
     let ([x, y, z], [a, b, c]) = (error.translation_m(), error.rotation_vector());
     let motions = [
@@ -112,7 +115,7 @@ fn squares(error: &RigidTransform, covariance: &Covariance) -> [f64; 3] {
     ];
     let parts = [0..3, 3..6, 0..6];
     std::array::from_fn(|k| {
-        // A direction that is left out has no variance and no motion.
+        // An excluded direction has no variance and no motion.
         let is_used = |i: usize| parts[k].contains(&i);
         let rows = covariance.rows();
         let rows = std::array::from_fn(|i| {
@@ -129,7 +132,7 @@ fn squares(error: &RigidTransform, covariance: &Covariance) -> [f64; 3] {
     })
 }
 
-/// Place and heading of a pose: the turn about the vertical that is nearest to its turn.
+/// Position and heading of a pose: the rotation about the vertical that is nearest to its rotation.
 fn upright(pose: &RigidTransform) -> RigidTransform {
     let q = pose.rotation().quaternion();
     let heading = match q.w.hypot(q.k) > 1e-12 {
@@ -139,7 +142,8 @@ fn upright(pose: &RigidTransform) -> RigidTransform {
     transform(heading, *pose.translation())
 }
 
-/// The true pose at a time, or, where it is between two that are far apart, the nearest one within the tolerance.
+/// The ground-truth pose at a time, or, between two that are far apart, the nearest one within the
+/// tolerance.
 fn interpolated(truth: &[Pose], time_ns: i64, tolerance_ns: i64) -> Option<RigidTransform> {
     let after = truth.partition_point(|p| p.time_ns < time_ns);
     let to = truth.get(after);
@@ -148,11 +152,11 @@ fn interpolated(truth: &[Pose], time_ns: i64, tolerance_ns: i64) -> Option<Rigid
     }
     let from = after.checked_sub(1).map(|before| &truth[before]);
     if let (Some(from), Some(to)) = (from, to)
-        && to.time_ns - from.time_ns <= LONGEST_NS
+        && to.time_ns - from.time_ns <= MAX_INTERPOLATION_NS
     {
         let share = (time_ns - from.time_ns) as f64 / (to.time_ns - from.time_ns) as f64;
         let [a, b] = [from, to].map(|p| &p.world_from_rig);
-        // Half a turn in that time has no way between.
+        // A rotation by 180 degrees has no unique interpolation.
         let turn = a.rotation().try_slerp(b.rotation(), share, 1e-9)?;
         return Some(transform(
             turn,

@@ -1,30 +1,31 @@
-//! How far the depth of a bundle is from the truth of a simulated walk.
+//! Evaluation of a bundle's depth against the ground truth of a simulated walk.
 //!
-//! Contract: the truth is what `paws-rig-sim render --truth` writes, the depth of each pixel of the recorded pictures of both eyes, and
-//! the n-th line of its list is the frame of number n. Depths are compared as disparities of the rectified pair, so that
-//! near and far count alike. A pixel counts where its truth is known and the right eye sees the same place; where the
-//! truth jumps between neighbours, the nearest one counts. Where the truth is sky, or farther than files can say, depth that is
-//! there nevertheless is counted as invented and not as an error.
+//! Contract: the ground truth is the output of `paws-rig-sim render --truth`, the depth of each
+//! pixel of the recorded images of both sides, and the n-th line of its list is the frame of number
+//! n. Depths are compared as disparities of the rectified pair, so that near and far count alike. A
+//! pixel counts where its true depth is known and the right image shows the same surface; at depth
+//! discontinuities the nearest neighbour counts. Depth where the truth is sky, or beyond the range
+//! of the files, is counted as invented and not as an error.
 
 use std::io::BufReader;
 use std::path::{Path, PathBuf};
 
 use calib::rectify::{Map, Rectification, RectifyError, View};
 use calib::{Eye, Lens};
-use depth::evaluate::{Scores, Truth};
+use depth::evaluate::{GroundTruth, Scores};
 use depth::{DepthError, DisparityMap};
 use rayon::prelude::*;
-use scene_bundle::outputs::depth::{DepthKey, DepthPicture, DepthView};
+use scene_bundle::outputs::depth::{DepthImage, DepthKey, DepthView};
 use scene_bundle::outputs::{self, DEPTH, RIG};
 use scene_bundle::{BundleError, Scene};
 use serde::Serialize;
 
 use crate::pipeline::stages::rig;
 
-/// Neighbours whose disparities differ by more lie on two surfaces, px.
-const ONE_SURFACE_PX: f32 = 1.0;
-/// Both eyes see the same place when their disparities agree to this, px.
-const AGREE_PX: f32 = 1.0;
+/// Maximum disparity step between neighbours on one surface, px.
+const MAX_SURFACE_STEP_PX: f32 = 1.0;
+/// Maximum left–right difference of disparities for a pixel visible in both images, px.
+const MAX_LR_DIFFERENCE_PX: f32 = 1.0;
 
 /// Why depth could not be compared.
 #[derive(Debug, thiserror::Error)]
@@ -32,7 +33,8 @@ pub enum DepthTruthError {
     /// The bundle cannot be read.
     #[error(transparent)]
     Bundle(#[from] BundleError),
-    /// The depth is of a camera that the rig of the bundle does not have, or of another view of it: make it again.
+    /// The depth is of a camera that the rig of the bundle does not have, or of another view of it:
+    /// run the stage again.
     #[error(
         "comparing depth: found depth of {0}, which is not the view that the rig of the bundle gives"
     )]
@@ -40,60 +42,61 @@ pub enum DepthTruthError {
     /// The pair of the bundle cannot be rectified.
     #[error(transparent)]
     Rectify(#[from] RectifyError),
-    /// The folder is not that of a walk with truth: give the folder that `paws-rig-sim render --truth` made.
+    /// The folder has no ground truth: give the folder that `paws-rig-sim render --truth` wrote.
     #[error("reading the truth of depth: {}", path.display())]
     Read {
         /// The file.
         path: PathBuf,
-        /// What the system said.
+        /// Error of the operating system.
         source: std::io::Error,
     },
-    /// A picture or list is not as such walks have them.
+    /// An image or list does not follow the format of such walks.
     #[error("reading the truth of depth: found {found}, expected {expected}: {}", path.display())]
     Malformed {
         /// The file.
         path: PathBuf,
-        /// What is in it.
+        /// What was found.
         found: String,
-        /// What should be.
+        /// What was expected.
         expected: String,
     },
-    /// Pictures of another size.
+    /// Images of another size.
     #[error(transparent)]
     Depth(#[from] DepthError),
 }
 
-/// Depth of one camera against the truth.
+/// Depth of one camera against the ground truth.
 #[derive(Clone, Debug, Default, PartialEq, Serialize)]
 pub struct CameraDepth {
     /// Its name.
     pub camera: String,
     /// Keyframes compared.
     pub pictures: usize,
-    /// Pixels that both eyes see and whose truth is known.
+    /// Pixels visible in both images whose true depth is known.
     pub pixels: u64,
-    /// Share of those that have depth.
+    /// Ratio of those that have depth.
     pub density: f64,
-    /// Share of the depths that are off by more than 1, 2 and 3 px of disparity.
+    /// Ratio of depths with a disparity error of more than 1, 2 and 3 px.
     pub bad: [f64; 3],
     /// Mean error of disparity, px.
     pub mean_error_px: f64,
-    /// Share of the depths that are within two sigma of the truth.
+    /// Ratio of depths within two sigma of the truth.
     pub within_2_sigma: f64,
-    /// Share of the pixels without a true depth, sky above all, that have one nevertheless.
+    /// Ratio of pixels without true depth, mostly sky, that have an estimated one.
     pub invented: f64,
 }
 
-/// Sums over pictures.
+/// Sums over images.
 #[derive(Clone, Copy, Debug, Default)]
 struct Sums {
     pictures: usize,
     scores: Scores,
-    /// Pixels without a true depth, and those of them that have one.
+    /// Pixels without true depth, and those of them with an estimated one.
     sky: [u64; 2],
 }
 
-/// Compares all depth of a bundle with the truth in a folder: a line per camera, then one of all.
+/// Compares all depth of a bundle with the ground truth in a folder: a row per camera, then one for
+/// all.
 ///
 /// # Errors
 /// [`DepthTruthError`].
@@ -113,17 +116,17 @@ pub fn evaluate(
         if rectification.camera != view.model {
             return Err(DepthTruthError::OtherRig(view.camera.clone()));
         }
-        let eyes = Eyes::new(
+        let eyes = RectifiedPair::new(
             &rectification,
             [camera.left, camera.right].map(|m| Lens::new(&m)),
         );
-        let walk = Walk::open(truth, &view.camera)?;
+        let walk = GroundTruthDepth::open(truth, &view.camera)?;
         let mut sums = Sums::default();
-        for key in index.pictures.iter().filter(|key| key.view == number) {
+        for key in index.images.iter().filter(|key| key.view == number) {
             let picture = outputs::depth::read(&reader, &index, key)?;
             eyes.compare(&picture, view, &walk, key, &mut sums)?;
             done += 1;
-            progress(done, index.pictures.len() as u64);
+            progress(done, index.images.len() as u64);
         }
         rows.push(sums.row(&view.camera));
         all.pictures += sums.pictures;
@@ -142,21 +145,21 @@ impl Sums {
             pictures: self.pictures,
             pixels: scores.pixels,
             density: scores.density(),
-            bad: [1, 2, 3].map(|k| scores.bad(k)),
+            bad: [1, 2, 3].map(|k| scores.bad_ratio(k)),
             mean_error_px: scores.mean_error_px(),
-            within_2_sigma: scores.inside(),
+            within_2_sigma: scores.coverage(),
             invented: self.sky[1] as f64 / self.sky[0].max(1) as f64,
         }
     }
 }
 
-/// Files of one camera's truth, by the number of the frame.
-struct Walk {
+/// Ground-truth files of one camera, by frame number.
+struct GroundTruthDepth {
     root: PathBuf,
     names: Vec<String>,
 }
 
-impl Walk {
+impl GroundTruthDepth {
     fn open(folder: &Path, camera: &str) -> Result<Self, DepthTruthError> {
         let root = folder.join(camera).join("mav0");
         let path = root.join("depth0/data.csv");
@@ -170,13 +173,13 @@ impl Walk {
         })
     }
 
-    /// Depths of an eye, mm; 0 is none.
+    /// Depths of one side, mm; 0 is none.
     fn depth(&self, eye: usize, frame: u64, size: [u32; 2]) -> Result<Vec<u16>, DepthTruthError> {
         let list = self.root.join("depth0/data.csv");
         let name = usize::try_from(frame).ok().and_then(|k| self.names.get(k));
         let name = name.ok_or_else(|| DepthTruthError::Malformed {
             path: list,
-            found: format!("{} pictures", self.names.len()),
+            found: format!("{} images", self.names.len()),
             expected: format!("one of frame {frame}"),
         })?;
         let path = self.root.join(format!("depth{eye}/data")).join(name);
@@ -191,7 +194,7 @@ impl Walk {
         };
         let decoder = png::Decoder::new(BufReader::new(file));
         let mut reader = decoder.read_info().map_err(|e| malformed(e.to_string()))?;
-        // A picture of another size is not decoded, however large it says it is.
+        // An image of another size is not decoded, however large its header claims it is.
         let info = reader.info();
         let kind = (info.color_type, info.bit_depth, [info.width, info.height]);
         if kind != (png::ColorType::Grayscale, png::BitDepth::Sixteen, size) {
@@ -212,8 +215,8 @@ impl Walk {
     }
 }
 
-/// A pair of eyes, ready for its truth.
-struct Eyes {
+/// A rectified pair, prepared for its ground truth.
+struct RectifiedPair {
     /// Focal length times baseline, px m.
     scale: f32,
     maps: [Map; 2],
@@ -222,7 +225,7 @@ struct Eyes {
     stretch: [Vec<f32>; 2],
 }
 
-impl Eyes {
+impl RectifiedPair {
     fn new(rectification: &Rectification, lenses: [Lens; 2]) -> Self {
         let turns = [
             rectification.rectified_from_left,
@@ -250,7 +253,7 @@ impl Eyes {
         }
     }
 
-    /// True disparities of the rectified picture of an eye, px; 0 is sky.
+    /// True disparities of the rectified image of one side, px; 0 is sky.
     fn disparities(&self, eye: usize, depth_mm: &[u16]) -> Vec<f32> {
         let of = |(depth, stretch): (&u16, &f32)| match depth {
             0 => 0.0,
@@ -266,9 +269,9 @@ impl Eyes {
 
     fn compare(
         &self,
-        picture: &DepthPicture,
+        picture: &DepthImage,
         view: &DepthView,
-        walk: &Walk,
+        walk: &GroundTruthDepth,
         key: &DepthKey,
         sums: &mut Sums,
     ) -> Result<(), DepthTruthError> {
@@ -310,7 +313,7 @@ impl Eyes {
             disparity,
             sigma,
         };
-        let truth = Truth {
+        let truth = GroundTruth {
             disparity: &left,
             visible: &visible,
         };
@@ -320,7 +323,7 @@ impl Eyes {
     }
 }
 
-/// The value of a place between four pixels: between them on one surface, else that of the nearest.
+/// Value between four pixels: interpolated on one surface, else that of the nearest.
 fn between(values: &[f32], [width, height]: [u32; 2], [x, y]: [f32; 2]) -> f32 {
     let last = [width - 1, height - 1].map(|n| n as f32);
     // NaN is in no range.
@@ -332,7 +335,7 @@ fn between(values: &[f32], [width, height]: [u32; 2], [x, y]: [f32; 2]) -> f32 {
     let [a, b] = [at(left, top), at(left + 1.0, top)];
     let [c, d] = [at(left, top + 1.0), at(left + 1.0, top + 1.0)];
     let (least, most) = (a.min(b).min(c).min(d), a.max(b).max(c).max(d));
-    if most - least > ONE_SURFACE_PX || least == 0.0 {
+    if most - least > MAX_SURFACE_STEP_PX || least == 0.0 {
         return at(x.round(), y.round());
     }
     let (u, v) = (x - left, y - top);
@@ -340,13 +343,13 @@ fn between(values: &[f32], [width, height]: [u32; 2], [x, y]: [f32; 2]) -> f32 {
     upper + (lower - upper) * v
 }
 
-/// Whether the right eye sees what has this disparity in the left one.
+/// Whether the right image shows the surface that has this disparity in the left one.
 fn is_seen(right: &[f32], x: usize, disparity: f32) -> bool {
     let there = x as f32 - disparity;
     let near = [there.floor(), there.ceil()];
     let inside = |c: f32| c >= 0.0 && c < right.len() as f32;
     near.iter()
-        .any(|c| inside(*c) && (right[*c as usize] - disparity).abs() <= AGREE_PX)
+        .any(|c| inside(*c) && (right[*c as usize] - disparity).abs() <= MAX_LR_DIFFERENCE_PX)
 }
 
 #[cfg(test)]
@@ -354,7 +357,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn on_one_surface_truth_is_between_pixels_and_else_of_the_nearest() {
+    fn truth_is_interpolated_on_one_surface_and_nearest_at_edges() {
         let values = [10.0, 10.4, 10.2, 10.6, 30.0, 0.0];
         let size = [2, 3];
         assert!((between(&values, size, [0.5, 0.5]) - 10.3).abs() < 1e-6);
@@ -367,7 +370,7 @@ mod tests {
     }
 
     #[test]
-    fn what_the_right_eye_does_not_see_does_not_count() {
+    fn pixels_occluded_in_the_right_image_do_not_count() {
         let right = [5.0, 5.0, 2.0, 2.0, 2.0];
         assert!(is_seen(&right, 4, 2.3));
         assert!(!is_seen(&right, 4, 3.5), "hidden");

@@ -1,8 +1,9 @@
-//! Trajectories by the content of their files.
+//! Trajectory files, recognized by their content.
 //!
-//! Contract: TUM, KITTI, EuRoC and the truth of a simulated session (`truth.CAMERA.csv`) are told apart by their first
-//! line of numbers, a scene bundle by being a folder or a `scene.json`. KITTI poses take their times from a `times.txt`
-//! beside them; without one they are numbered, at 10 Hz, and compared with numbered ones only.
+//! Contract: TUM, KITTI, EuRoC and the truth of a simulated session (`truth.CAMERA.csv`) are
+//! distinguished by their first line of numbers, a scene bundle by being a folder or a
+//! `scene.json`. KITTI poses take their times from a `times.txt` in the same folder; without one
+//! they are numbered, at 10 Hz, and compared with numbered ones only.
 
 use std::path::{Path, PathBuf};
 
@@ -10,23 +11,24 @@ use scene_bundle::formats::{euroc, kitti, tum};
 use scene_bundle::outputs::{self, TRAJECTORY, TRAJECTORY_CAUSAL};
 use scene_bundle::{BundleError, FormatError, Pose, Scene, Trajectory};
 
-/// Times between numbered poses, ns: KITTI's cameras take 10 pictures a second.
-const NUMBERED_NS: i64 = 100_000_000;
+/// Period of numbered poses, ns: KITTI's cameras take 10 frames per second.
+const NUMBERED_PERIOD_NS: i64 = 100_000_000;
 /// Times of the poses of a KITTI sequence, in the folder of the poses.
 const TIMES: &str = "times.txt";
 
 /// A trajectory from a file.
 #[derive(Clone, Debug, PartialEq)]
-pub struct Loaded {
+pub struct LoadedTrajectory {
     /// The poses.
     pub trajectory: Trajectory,
     /// The file has no times: poses are numbered.
     pub is_numbered: bool,
-    /// It has a row for every frame set, also where the rig was lost, as a scene bundle's has: outside of it nothing was recorded.
-    pub is_whole: bool,
+    /// Whether it has a row for every frame set, lost ones included, as in a scene bundle: nothing
+    /// was recorded outside of its time range.
+    pub has_row_per_set: bool,
 }
 
-/// Why there is no trajectory.
+/// Error of reading a trajectory.
 #[derive(Debug, thiserror::Error)]
 pub enum FileError {
     /// The file could not be read: check the path and its permissions.
@@ -34,7 +36,7 @@ pub enum FileError {
     Read {
         /// The file.
         path: PathBuf,
-        /// What the system said.
+        /// Error of the operating system.
         source: std::io::Error,
     },
     /// Neither of the formats.
@@ -68,7 +70,7 @@ pub enum FileError {
         /// The file without.
         path: PathBuf,
     },
-    /// As [`FileError::Numbered`], the other way round.
+    /// As [`FileError::Numbered`], reversed.
     #[error("comparing trajectories: found poses with times, expected none, as the truth has: {}", path.display())]
     Timed {
         /// The file with times.
@@ -81,7 +83,7 @@ pub enum FileError {
 ///
 /// # Errors
 /// [`FileError`].
-pub fn load(path: &Path, output: Option<&str>) -> Result<Loaded, FileError> {
+pub fn load(path: &Path, output: Option<&str>) -> Result<LoadedTrajectory, FileError> {
     if path.is_dir() || path.extension().is_some_and(|e| e == "json") {
         return of_bundle(path, output);
     }
@@ -89,10 +91,10 @@ pub fn load(path: &Path, output: Option<&str>) -> Result<Loaded, FileError> {
         path: path.to_owned(),
         source,
     })?;
-    let timed = |trajectory| Loaded {
+    let timed = |trajectory| LoadedTrajectory {
         trajectory,
         is_numbered: false,
-        is_whole: false,
+        has_row_per_set: false,
     };
     let lines = text.trim_start_matches('\u{feff}').lines().map(str::trim);
     let first = lines.clone().find(|l| !l.is_empty() && !l.starts_with('#'));
@@ -106,7 +108,8 @@ pub fn load(path: &Path, output: Option<&str>) -> Result<Loaded, FileError> {
         return match fields {
             8 | 11 | 17 => Ok(timed(euroc::parse(&text, path)?.trajectory)),
             9 => {
-                // The first field is the device's own clock. Lines stay, so that errors name the right one.
+                // The first field is the device clock. Line numbers are preserved, so that errors
+                // name the right line.
                 let rest = text.lines().map(|line| match line.split_once(',') {
                     Some((_, rest)) if !line.starts_with('#') => rest,
                     _ => "#",
@@ -128,7 +131,11 @@ pub fn load(path: &Path, output: Option<&str>) -> Result<Loaded, FileError> {
 ///
 /// # Errors
 /// [`FileError::Numbered`], [`FileError::Timed`].
-pub fn check(estimate: &Loaded, truth: &Loaded, path: &Path) -> Result<(), FileError> {
+pub fn check(
+    estimate: &LoadedTrajectory,
+    truth: &LoadedTrajectory,
+    path: &Path,
+) -> Result<(), FileError> {
     let path = path.to_owned();
     match (estimate.is_numbered, truth.is_numbered) {
         (true, false) => Err(FileError::Numbered { path }),
@@ -137,7 +144,7 @@ pub fn check(estimate: &Loaded, truth: &Loaded, path: &Path) -> Result<(), FileE
     }
 }
 
-fn of_bundle(path: &Path, output: Option<&str>) -> Result<Loaded, FileError> {
+fn of_bundle(path: &Path, output: Option<&str>) -> Result<LoadedTrajectory, FileError> {
     let scene = Scene::open(path)?;
     let wanted = match output {
         Some(output) => vec![output],
@@ -149,27 +156,27 @@ fn of_bundle(path: &Path, output: Option<&str>) -> Result<Loaded, FileError> {
             expected: wanted.join(" or "),
         });
     };
-    Ok(Loaded {
+    Ok(LoadedTrajectory {
         trajectory: outputs::trajectory::read(&scene.output(name)?)?,
         is_numbered: false,
-        is_whole: true,
+        has_row_per_set: true,
     })
 }
 
-fn of_kitti(path: &Path, text: &str) -> Result<Loaded, FileError> {
+fn of_kitti(path: &Path, text: &str) -> Result<LoadedTrajectory, FileError> {
     let times = path.with_file_name(TIMES);
     if times.is_file() {
-        return Ok(Loaded {
+        return Ok(LoadedTrajectory {
             trajectory: kitti::read(path, &times)?,
             is_numbered: false,
-            is_whole: false,
+            has_row_per_set: false,
         });
     }
     let poses = kitti::parse_poses(text, path)?.into_iter().enumerate();
-    let poses = poses.map(|(n, pose)| Pose::new(n as i64 * NUMBERED_NS, pose));
-    Ok(Loaded {
+    let poses = poses.map(|(n, pose)| Pose::new(n as i64 * NUMBERED_PERIOD_NS, pose));
+    Ok(LoadedTrajectory {
         trajectory: Trajectory::new(poses.collect()).expect("numbers rise"),
         is_numbered: true,
-        is_whole: false,
+        has_row_per_set: false,
     })
 }

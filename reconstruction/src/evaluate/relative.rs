@@ -1,20 +1,22 @@
-//! Drift: how wrong motion is over a distance or a time.
+//! Drift: relative pose error (RPE) over a distance or a time.
 //!
-//! Contract: a stretch goes from one matched pose to the first one that is at least the delta further, by the length of
-//! the true way or by time; its error is what takes the true motion to the estimated one (RPE; Sturm et al. 2012, Geiger et
-//! al. 2012). The next stretch begins where the last one ended, as evo has it (`pairs_from_reference`), or, overlapping,
-//! at every pose. A stretch may lead over poses that were lost: the way on then counts as well.
+//! Contract: a segment goes from one pair to the first one that is at least the delta further, by
+//! true path length or by time; its error takes the true motion to the estimated one (RPE; Sturm et
+//! al. 2012, Geiger et al. 2012). The next segment begins where the last one ended, as in evo
+//! (`pairs_from_reference`), or, overlapping, at every pose. A segment may contain lost poses;
+//! their path length counts as well.
 
 use serde::Serialize;
 
 use super::{Pair, Statistics};
 
-/// How long a stretch is.
+/// Length of a segment.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize)]
 #[serde(rename_all = "snake_case")]
 pub enum Delta {
-    /// Of the true way, m.
-    Metres(f64),
+    /// True path length, m.
+    #[serde(rename = "metres")]
+    Meters(f64),
     /// Of time, s.
     Seconds(f64),
     /// Matched poses.
@@ -24,27 +26,27 @@ pub enum Delta {
 impl std::fmt::Display for Delta {
     fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
         match self {
-            Self::Metres(metres) => write!(f, "{metres} m"),
+            Self::Meters(metres) => write!(f, "{metres} m"),
             Self::Seconds(seconds) => write!(f, "{seconds} s"),
             Self::Poses(poses) => write!(f, "{poses} poses"),
         }
     }
 }
 
-/// Drift over stretches of one length. All statistics are none where no stretch is as long.
+/// Drift over segments of one length. All statistics are `None` if no segment is that long.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct Relative {
-    /// How long.
+    /// Length of the segments.
     pub delta: Delta,
     /// m.
     pub translation_m: Option<Statistics>,
     /// rad.
     pub rotation_rad: Option<Statistics>,
-    /// Of the true way's length, 1 is all of it; stretches on which nothing moved are left out.
+    /// Translation error as a ratio of the true path length; segments without motion are left out.
     pub share: Option<Statistics>,
 }
 
-/// Length of the true way up to each pair, m.
+/// True path length up to each pair, m.
 pub(crate) fn path_m(pairs: &[Pair]) -> Vec<f64> {
     let steps = pairs.windows(2).map(|pair| {
         let [from, to] = [&pair[0], &pair[1]].map(|p| p.truth.translation());
@@ -83,9 +85,10 @@ pub(crate) fn relative(pairs: &[Pair], delta: Delta, overlapping: bool) -> Relat
 
 fn stretches(pairs: &[Pair], path: &[f64], delta: Delta, overlapping: bool) -> Vec<(usize, usize)> {
     let reached = |from: usize, to: usize| match delta {
-        Delta::Metres(metres) => path[to] - path[from] >= metres,
+        Delta::Meters(metres) => path[to] - path[from] >= metres,
         Delta::Seconds(seconds) => {
-            // Half a microsecond of rounding in the recording's times is no reason to take a whole pose more.
+            // Half a microsecond of rounding in the recording's times must not extend the segment
+            // by a pose.
             (pairs[to].time_ns - pairs[from].time_ns) as f64 * 1e-9 >= seconds - 5e-7
         }
         Delta::Poses(poses) => to - from >= poses,
@@ -93,7 +96,7 @@ fn stretches(pairs: &[Pair], path: &[f64], delta: Delta, overlapping: bool) -> V
     let mut stretches = Vec::new();
     let (mut from, mut to) = (0, 0);
     while from < pairs.len() {
-        // Reached later from a later start, so that the end only goes forward.
+        // A later start reaches the delta later, so the end only moves forward.
         to = to.max(from + 1);
         while to < pairs.len() && !reached(from, to) {
             to += 1;

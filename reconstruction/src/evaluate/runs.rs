@@ -1,8 +1,9 @@
 //! Several runs in one table, with error, time, memory and completion side by side.
 //!
-//! Contract: a run is *lost* if too little of the truth's time has a pose, or nothing could be compared. Where a run is
-//! lost there is no mean, but a count: an average over those that came through would flatter. The worst run is always
-//! named: a lost one, the least complete of them, before any other; else that with the largest error.
+//! Contract: a run is *lost* if too little of the ground truth's time has a pose, or nothing could
+//! be compared. If a run is lost there is no mean, but a count: an average over the others would be
+//! biased. The worst run is always named: the least complete of the lost ones, else the one with
+//! the largest error.
 
 use serde::Serialize;
 
@@ -13,21 +14,21 @@ mod table;
 /// One run.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct Run {
-    /// What it is called in tables.
+    /// Its name in tables.
     pub name: String,
-    /// How far it was from the truth.
+    /// Its errors.
     #[serde(flatten)]
     pub evaluation: Evaluation,
-    /// What it took.
+    /// Time and memory.
     pub cost: Cost,
 }
 
-/// What a run took, as far as it is known.
+/// Time and memory of a run, as far as they are known.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Serialize)]
 pub struct Cost {
     /// Time, s.
     pub seconds: Option<f64>,
-    /// Most memory, bytes.
+    /// Peak memory, bytes.
     pub peak_bytes: Option<u64>,
 }
 
@@ -36,29 +37,29 @@ pub struct Cost {
 pub struct Runs {
     /// In the order given.
     pub runs: Vec<Run>,
-    /// Share of the truth's time below which a run is lost.
+    /// Ratio of the ground truth's time below which a run is lost.
     pub least_completion: f64,
-    /// How many are lost.
+    /// Number of lost runs.
     pub lost: usize,
-    /// Name of the worst; none of no runs.
+    /// Name of the worst; `None` without runs.
     pub worst: Option<String>,
-    /// Means over all runs; none where one is lost.
+    /// Means over all runs; `None` if one is lost.
     pub mean: Option<Mean>,
 }
 
 /// Means over runs.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize)]
 pub struct Mean {
-    /// Of the roots of mean squares, m.
+    /// Mean of the RMSE, m.
     pub translation_rmse_m: f64,
-    /// rad; none where a run has none.
+    /// rad; `None` if a run has none.
     pub rotation_rmse_rad: Option<f64>,
-    /// Of the shares.
+    /// Mean of the ratios.
     pub completion: f64,
 }
 
 impl Runs {
-    /// Puts runs together; one whose completion is below `least_completion` is lost.
+    /// Collects runs; one whose completion is below `least_completion` is lost.
     pub fn new(runs: Vec<Run>, least_completion: f64) -> Self {
         let is_lost = |run: &&Run| run.is_lost(least_completion);
         let lost = runs.iter().filter(is_lost).count();
@@ -98,7 +99,7 @@ impl Runs {
         }
     }
 
-    /// One line: how far off the worst run is.
+    /// Summary line: error of the worst run.
     pub(super) fn summary(&self) -> String {
         let worst = self
             .runs
@@ -110,7 +111,7 @@ impl Runs {
         let complete = 100.0 * worst.evaluation.completion.share;
         let off = match &worst.evaluation.absolute {
             Some(absolute) => format!(
-                "{:.4} m off (root mean square), at most {:.4} m",
+                "ATE {:.4} m (root mean square), at most {:.4} m",
                 absolute.translation_m.rmse, absolute.translation_m.max
             ),
             None => "not comparable".to_owned(),
@@ -135,7 +136,7 @@ impl Run {
         absolute.is_none() || completion.share < least_completion
     }
 
-    /// Drift over a length of way or time, if it was asked for.
+    /// Drift over a path length or time, if it was requested.
     fn relative(&self, delta: super::Delta) -> Option<&Relative> {
         let mut relative = self.evaluation.relative.iter();
         relative.find(|r| r.delta == delta)

@@ -1,24 +1,24 @@
-//! Many errors in a few numbers.
+//! Statistics of errors.
 
 use serde::Serialize;
 
-/// Of errors that are not negative, in their unit.
+/// Statistics of non-negative errors, in their unit.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize)]
 pub struct Statistics {
-    /// How many.
+    /// Number of errors.
     pub count: usize,
     /// Root of the mean square.
     pub rmse: f64,
     /// Mean.
     pub mean: f64,
-    /// Middle one; of an even number the mean of the two.
+    /// Median; for an even number the mean of the middle two.
     pub median: f64,
     /// Largest.
     pub max: f64,
 }
 
 impl Statistics {
-    /// None of none.
+    /// `None` without errors.
     pub fn of(mut errors: Vec<f64>) -> Option<Self> {
         errors.sort_by(f64::total_cmp);
         let max = *errors.last()?;

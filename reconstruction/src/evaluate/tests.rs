@@ -6,7 +6,7 @@ use test_data::shared;
 
 use super::*;
 
-/// A walker's way with turns, at 10 Hz.
+/// A walker's path with rotations, at 10 Hz.
 fn truth(count: usize) -> Trajectory {
     let poses = (0..count).map(|i| {
         let s = i as f64 * 0.1;
@@ -38,7 +38,7 @@ fn with(alignment: Alignment) -> Settings {
 }
 
 #[test]
-fn a_moved_turned_and_scaled_copy_is_laid_back() {
+fn a_transformed_and_scaled_copy_is_aligned() {
     let truth = truth(200);
     let away = RigidTransform::from_rotation_vector([0.3, -1.0, 2.0], [5.0, 6.0, 7.0]);
     let away = away.expect("finite");
@@ -49,7 +49,7 @@ fn a_moved_turned_and_scaled_copy_is_laid_back() {
         let found = evaluate(&moved, &truth, &with(alignment));
         let absolute = found.absolute.expect("enough");
         assert!(absolute.translation_m.max < 1e-12, "{alignment:?}");
-        // Angles of a hair are known to the root of the precision.
+        // Tiny angles are accurate to the square root of the precision.
         assert!(absolute.rotation_rad.expect("turns").max < 1e-7);
     }
     let none = evaluate(&moved, &truth, &with(Alignment::None));
@@ -68,7 +68,7 @@ fn a_moved_turned_and_scaled_copy_is_laid_back() {
 }
 
 #[test]
-fn a_mirrored_copy_is_not_laid_on_by_a_mirror() {
+fn a_mirrored_copy_is_not_aligned_by_a_reflection() {
     let truth = truth(100);
     let mirrored = changed(&truth, |_, pose| {
         let [x, y, z] = pose.world_from_rig.translation_m();
@@ -83,7 +83,7 @@ fn a_mirrored_copy_is_not_laid_on_by_a_mirror() {
 }
 
 #[test]
-fn a_line_leaves_the_turn_open_and_no_way_at_all_too() {
+fn poses_on_a_line_or_at_one_position_do_not_determine_the_rotation() {
     let line = changed(&truth(50), |i, pose| {
         pose.world_from_rig =
             RigidTransform::from_translation_m([0.1 * i as f64, 0.0, 0.0]).expect("finite");
@@ -95,8 +95,8 @@ fn a_line_leaves_the_turn_open_and_no_way_at_all_too() {
         }),
     ] {
         let found = evaluate(&estimate, &line, &with(Alignment::Se3));
-        assert!(!found.true_from_estimated.expect("enough").turn_is_known);
-        let absolute = found.absolute.expect("places are compared all the same");
+        assert!(!found.true_from_estimated.expect("enough").rotation_is_known);
+        let absolute = found.absolute.expect("positions are compared nevertheless");
         assert_eq!(absolute.rotation_rad, None);
         let first = evaluate(&estimate, &line, &with(Alignment::First));
         assert!(first.absolute.expect("enough").rotation_rad.is_some());
@@ -117,7 +117,7 @@ fn the_nearest_in_time_within_the_tolerance_is_matched() {
     assert_eq!(matched(&shifted(10_000_000)), 11);
     assert_eq!(matched(&shifted(10_000_001)), 0);
     assert_eq!(matched(&shifted(-10_000_000)), 11);
-    // A longer estimate: each true pose takes one of it.
+    // A longer estimate: each ground-truth pose takes one of it.
     let mut poses = Vec::new();
     for pose in truth.poses() {
         for ns in [-30_000_000, 4_000_000, 30_000_000] {
@@ -131,8 +131,8 @@ fn the_nearest_in_time_within_the_tolerance_is_matched() {
 }
 
 #[test]
-fn drift_is_measured_over_ways_and_times() {
-    // Straight on at 1 m/s; the estimate is 2 % long and turns by 1 mrad a pose.
+fn drift_is_measured_over_path_length_and_time() {
+    // Straight motion at 1 m/s; the estimate is 2 % too long and rotates by 1 mrad per pose.
     let straight = changed(&truth(101), |i, pose| {
         let place = [0.1 * i as f64, 0.0, 0.0];
         pose.world_from_rig = RigidTransform::from_translation_m(place).expect("finite");
@@ -151,21 +151,24 @@ fn drift_is_measured_over_ways_and_times() {
         };
         evaluate(&estimate, &straight, &settings).relative.remove(0)
     };
-    // Rounding makes some ten steps of 0.1 m a hair less than 1 m.
-    let way = drift(Delta::Metres(0.95), false);
+    // Rounding makes some ten steps of 0.1 m slightly less than 1 m.
+    let way = drift(Delta::Meters(0.95), false);
     assert_eq!(way.translation_m.expect("10 stretches").count, 10);
-    assert!((way.share.expect("a way").mean - 0.02).abs() < 1e-9);
-    assert!((way.translation_m.expect("a way").max - 0.02).abs() < 1e-9);
-    assert!((way.rotation_rad.expect("a way").max - 0.01).abs() < 1e-9);
+    assert!((way.share.expect("a path").mean - 0.02).abs() < 1e-9);
+    assert!((way.translation_m.expect("a path").max - 0.02).abs() < 1e-9);
+    assert!((way.rotation_rad.expect("a path").max - 0.01).abs() < 1e-9);
     assert_eq!(
-        drift(Delta::Metres(0.95), true).share.expect("a way").count,
+        drift(Delta::Meters(0.95), true)
+            .share
+            .expect("a path")
+            .count,
         91
     );
     let time = drift(Delta::Seconds(2.0), false);
     assert_eq!(time.translation_m.expect("2 s").count, 5);
     assert!((time.translation_m.expect("2 s").mean - 0.04).abs() < 1e-9);
     assert_eq!(drift(Delta::Poses(25), false).share.expect("25").count, 4);
-    let far = drift(Delta::Metres(11.0), true);
+    let far = drift(Delta::Meters(11.0), true);
     assert_eq!((far.translation_m, far.share), (None, None));
     let standing = changed(&straight, |_, pose| {
         pose.world_from_rig = RigidTransform::identity()
@@ -182,7 +185,7 @@ fn drift_is_measured_over_ways_and_times() {
 }
 
 #[test]
-fn what_has_no_pose_is_a_gap() {
+fn time_without_a_pose_is_a_gap() {
     let truth = truth(101);
     let whole = evaluate(&truth, &truth, &with(Alignment::Se3)).completion;
     assert_eq!(
@@ -190,7 +193,7 @@ fn what_has_no_pose_is_a_gap() {
         (1.0, 10.0, 0)
     );
 
-    // Lost for poses 20 to 29: nothing is known from 19 to 30, which is 1.1 s.
+    // Lost for poses 20 to 29: no pose is usable from 19 to 30, which is 1.1 s.
     let lost = changed(&truth, |i, pose| {
         if (20..30).contains(&i) {
             pose.status = Status::Lost;
@@ -206,14 +209,14 @@ fn what_has_no_pose_is_a_gap() {
     assert!((found.completion.share - 0.89).abs() < 1e-12);
     assert!((found.completion.longest_gap_s() - 1.1).abs() < 1e-12);
 
-    // Poses that are not there at all count the same, and so does what is missing at both ends.
+    // Missing poses count the same, also at both ends.
     let kept = lost.usable().skip(5).cloned().collect::<Vec<_>>();
     let some = Trajectory::new(kept[..kept.len() - 10].to_vec()).expect("rising");
     let completion = evaluate(&some, &truth, &with(Alignment::Se3)).completion;
     assert_eq!(completion.gaps.len(), 3);
     assert!((completion.share - (1.0 - 0.05 - 0.11 - 0.1)).abs() < 1e-12);
 
-    // What is estimated beyond the truth is no credit.
+    // Poses outside of the ground truth's time do not count.
     let half = Trajectory::new(truth.poses()[..51].to_vec()).expect("rising");
     assert_eq!(
         evaluate(&truth, &half, &with(Alignment::Se3))
@@ -223,7 +226,7 @@ fn what_has_no_pose_is_a_gap() {
     );
 }
 
-/// Errors drawn from the stated covariance; `factor` times as large as stated.
+/// Errors drawn from the stated covariance, scaled by `factor`.
 fn with_errors(truth: &Trajectory, factor: f64) -> Trajectory {
     let [shift, turn] = [0.02, 0.01];
     let covariance = Covariance::from_sigmas([shift; 3], [turn; 3]).expect("sigmas");
@@ -251,7 +254,7 @@ fn with_errors(truth: &Trajectory, factor: f64) -> Trajectory {
 }
 
 #[test]
-fn covariances_that_are_true_are_found_true_and_others_not() {
+fn consistent_covariances_are_recognized_and_others_not() {
     let truth = truth(3000);
     let found = |factor: f64| {
         let estimate = with_errors(&truth, factor);
@@ -266,7 +269,7 @@ fn covariances_that_are_true_are_found_true_and_others_not() {
     assert!((right.nees_translation - 3.0).abs() < 0.27, "{right:?}");
     assert!((right.nees_rotation - 3.0).abs() < 0.27, "{right:?}");
     assert!((right.nees - 6.0).abs() < 0.38, "{right:?}");
-    // Sums of twelve uniform numbers have thinner tails than normal ones.
+    // Sums of twelve uniform numbers have lighter tails than a normal distribution.
     assert!(right.within > 0.995, "{right:?}");
     assert!(right.silently_wrong < 30, "{right:?}");
     let twice = found(2.0);
@@ -276,7 +279,7 @@ fn covariances_that_are_true_are_found_true_and_others_not() {
 }
 
 #[test]
-fn place_and_heading_are_given_tilt_is_not() {
+fn position_and_heading_are_aligned_tilt_is_not() {
     let truth = truth(50);
     let covariance = Covariance::from_sigmas([0.01; 3], [0.01; 3]).expect("sigmas");
     let stated = changed(&truth, |_, pose| pose.covariance = Some(covariance));
@@ -297,8 +300,9 @@ fn place_and_heading_are_given_tilt_is_not() {
     assert_eq!(none.consistency, None);
 }
 
-/// What evo 1.38.1 gives: RMSE, mean, median, max of the absolute error in m, then of the turn in rad, with the
-/// number of poses; then RMSE over 1 m of the true way and over 10 poses, m and rad, with the number of stretches.
+/// Results of evo 1.38.1: RMSE, mean, median, max of the absolute error in m, then of the rotation
+/// in rad, with the number of poses; then RMSE over 1 m of true path and over 10 poses, m and rad,
+/// with the number of segments.
 struct Evo {
     estimate: &'static str,
     truth: &'static str,
@@ -403,7 +407,7 @@ fn real_trajectories_have_the_errors_that_evo_gives() {
         let (estimate, truth) = (load(evo.estimate), load(evo.truth));
         files::check(&estimate, &truth, &folder).expect("of one kind");
         let settings = Settings {
-            deltas: vec![Delta::Metres(1.0), Delta::Poses(10)],
+            deltas: vec![Delta::Meters(1.0), Delta::Poses(10)],
             overlapping: false,
             ..with(evo.alignment)
         };
@@ -411,7 +415,8 @@ fn real_trajectories_have_the_errors_that_evo_gives() {
         assert_eq!(found.matched, evo.poses);
         let absolute = found.absolute.expect("enough");
         let numbers = |s: &Statistics| [s.rmse, s.mean, s.median, s.max];
-        // The goal is 1e-6 m; printed matrices of single precision differ a little in how they are made rotations.
+        // The goal is 1e-6 m; printed matrices of single precision differ slightly in how they are
+        // orthonormalized.
         let check = |found: f64, expected: f64, what: &str| {
             let name = (evo.estimate, evo.alignment);
             assert!(
@@ -419,7 +424,7 @@ fn real_trajectories_have_the_errors_that_evo_gives() {
                 "{what} of {name:?}: {found}, {expected}"
             );
         };
-        let rotation = absolute.rotation_rad.expect("a way with turns");
+        let rotation = absolute.rotation_rad.expect("a path with rotations");
         for k in 0..4 {
             check(
                 numbers(&absolute.translation_m)[k],
@@ -435,14 +440,14 @@ fn real_trajectories_have_the_errors_that_evo_gives() {
             check(
                 relative.rotation_rad.expect("stretches").rmse,
                 rad,
-                "RPE turn",
+                "RPE rotation",
             );
         }
     }
 }
 
 #[test]
-fn formats_are_told_by_content() {
+fn formats_are_recognized_by_content() {
     let folder = tempfile::tempdir().expect("a folder");
     let write = |name: &str, text: &str| {
         let path = folder.path().join(name);
@@ -451,9 +456,9 @@ fn formats_are_told_by_content() {
     };
     let load = |path: &Path| files::load(path, None);
     let walk = truth(20);
-    let (rows, times) = scene_bundle::formats::kitti::written(&walk);
-    let tum = write("tum", &scene_bundle::formats::tum::written(&walk));
-    let euroc = write("euroc", &scene_bundle::formats::euroc::written(&walk, None));
+    let (rows, times) = scene_bundle::formats::kitti::to_text(&walk);
+    let tum = write("tum", &scene_bundle::formats::tum::to_text(&walk));
+    let euroc = write("euroc", &scene_bundle::formats::euroc::to_text(&walk, None));
     let kitti = write("kitti", &rows);
     assert_eq!(load(&tum).expect("TUM").trajectory, walk);
     assert_eq!(load(&euroc).expect("EuRoC").trajectory, walk);

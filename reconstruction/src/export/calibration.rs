@@ -1,4 +1,4 @@
-//! `calibration.json`: what the session says about the rig, in plain JSON.
+//! `calibration.json`: calibration and transforms of the session, in plain JSON.
 //!
 //! Conventions: integer pixel coordinates are pixel centres; `K` and `R` are 3x3 and `P` is 3x4,
 //! row by row; a transform `parent_from_child` takes coordinates in the child frame to the parent
@@ -9,7 +9,7 @@ use session_archive::record::{CameraCalibration, FrameTransform, Quaternion, Vec
 
 use crate::input::Input;
 
-/// The content of the file. An eye without a calibration is `null`.
+/// The content of the file. A side without a calibration is `null`.
 pub(super) fn json(input: &Input) -> Value {
     let manifest = input.manifest();
     let cameras: Map<String, Value> = manifest
@@ -46,7 +46,8 @@ fn lens(calibration: &CameraCalibration) -> Value {
 }
 
 fn transform(transform: &FrameTransform) -> Value {
-    // Absent in protobuf means zero; a quaternion of zeros is no rotation and is shown as it is.
+    // Absent in protobuf means zero; a quaternion of zeros is not a rotation and is written
+    // unchanged.
     let Vector3 { x, y, z } = transform.translation.unwrap_or_default();
     let q: Quaternion = transform.rotation.unwrap_or_default();
     json!({

@@ -1,4 +1,4 @@
-//! The pictures of one camera, on a thread of its own.
+//! Images of one camera, on a thread of its own.
 
 use std::fs::{self, File};
 use std::io::{self, BufWriter};
@@ -7,10 +7,10 @@ use std::sync::atomic::{AtomicBool, Ordering};
 
 use super::text::Text;
 use super::{ExportError, Selection, writing};
+use crate::image::{Color, Image};
 use crate::input::{Input, View};
-use crate::picture::{Colour, Picture};
 
-/// What one camera's thread does.
+/// Work of one camera's thread.
 pub(super) struct CameraExport<'a> {
     pub(super) input: &'a Input,
     pub(super) name: &'a str,
@@ -20,7 +20,7 @@ pub(super) struct CameraExport<'a> {
 }
 
 impl CameraExport<'_> {
-    /// Stereo frames written, and what was lost.
+    /// Number of stereo frames written, and losses.
     pub(super) fn write(
         &self,
         selection: &Selection,
@@ -28,7 +28,7 @@ impl CameraExport<'_> {
     ) -> Result<(u64, Vec<String>), ExportError> {
         let result = self.write_frames(selection, progress);
         if result.is_err() {
-            // The others need not go on: nothing of this will be kept.
+            // The other threads stop: the partial folder will be removed.
             self.stop.store(true, Ordering::Relaxed);
         }
         result
@@ -44,7 +44,7 @@ impl CameraExport<'_> {
             fs::create_dir_all(&folder).map_err(writing(&folder))?;
         }
         let mut times = Text::create(self.folder.join("times.csv"))?;
-        times.line(format_args!("number,time_ns,sigma_ns,time_doubtful,set"))?;
+        times.line(format_args!("number,time_ns,sigma_ns,time_unreliable,set"))?;
         let selected = selection.of_camera(self.input, self.position);
         let sets = selected
             .iter()
@@ -65,15 +65,17 @@ impl CameraExport<'_> {
                         number,
                         time,
                         sigma_ns,
-                        time_doubtful,
+                        time_unreliable,
                         ..
                     } = view;
-                    let (time, doubtful) = (time.ns(), u8::from(time_doubtful));
+                    let (time, unreliable) = (time.ns(), u8::from(time_unreliable));
                     let set = set.map_or(String::new(), |set| set.to_string());
-                    times.line(format_args!("{number},{time},{sigma_ns},{doubtful},{set}"))?;
+                    times.line(format_args!(
+                        "{number},{time},{sigma_ns},{unreliable},{set}"
+                    ))?;
                     written += 1;
                 }
-                Err(error) => lost.push(scene_bundle::chain(&error)),
+                Err(error) => lost.push(scene_bundle::error_chain(&error)),
             }
             progress();
         }
@@ -97,15 +99,15 @@ impl CameraExport<'_> {
     }
 }
 
-fn write_png(path: &Path, picture: &Picture) -> io::Result<()> {
+fn write_png(path: &Path, picture: &Image) -> io::Result<()> {
     let file = BufWriter::new(File::create_new(path)?);
     let mut encoder = png::Encoder::new(file, picture.width, picture.height);
-    encoder.set_color(match picture.colour {
-        Colour::Grey => png::ColorType::Grayscale,
-        Colour::Rgb => png::ColorType::Rgb,
+    encoder.set_color(match picture.color {
+        Color::Grey => png::ColorType::Grayscale,
+        Color::Rgb => png::ColorType::Rgb,
     });
     encoder.set_depth(png::BitDepth::Eight);
-    // Half the time of the default, and a tenth more bytes.
+    // Half the time of the default, with ten percent more bytes.
     encoder.set_compression(png::Compression::Fast);
     let mut writer = encoder.write_header()?;
     writer.write_image_data(&picture.data)?;

@@ -1,4 +1,4 @@
-//! Which part of a hand-off is to be written.
+//! Selection of the part of a hand-off to write.
 
 use std::num::NonZeroU64;
 
@@ -6,10 +6,10 @@ use session_archive::time::HostTime;
 
 use crate::input::Input;
 
-/// What to write.
+/// Selection of frames and samples.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Selection {
-    /// Pictures of frame sets whose number is a multiple of this, and of frames in no set whose own
+    /// Images of frame sets whose number is a multiple of this, and of frames in no set whose own
     /// number is.
     pub every: NonZeroU64,
     /// Nothing before this time after the start of recording, ns.

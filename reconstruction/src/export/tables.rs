@@ -1,4 +1,4 @@
-//! What is not pictures: frame sets, IMU samples, calibration.
+//! Tables: frame sets, IMU samples, calibration.
 
 use std::fs;
 use std::path::Path;
@@ -9,7 +9,7 @@ use super::text::Text;
 use super::{ExportError, Selection, Summary, calibration, writing};
 use crate::input::Input;
 
-/// Writes everything but pictures; of the summary it fills what is not of cameras.
+/// Writes everything except images; fills the summary except for cameras.
 pub(super) fn write(
     input: &Input,
     folder: &Path,
@@ -49,20 +49,20 @@ pub(super) fn write(
         let mut text = Text::create(path)?;
         text.line(format_args!(
             "number,ticks,time_ns,gyro_x_rad_s,gyro_y_rad_s,gyro_z_rad_s,\
-             accel_x_m_s2,accel_y_m_s2,accel_z_m_s2,time_doubtful"
+             accel_x_m_s2,accel_y_m_s2,accel_z_m_s2,time_unreliable"
         ))?;
         let mut written = 0;
         for batch in input.imu_batches(&imu.name)? {
             let samples = batch.unwrap_or_else(|error| {
-                summary.lost.push(scene_bundle::chain(&error));
+                summary.lost.push(scene_bundle::error_chain(&error));
                 Vec::new()
             });
             for s in samples.iter().filter(|s| selection.holds(input, s.time)) {
                 let ([gx, gy, gz], [ax, ay, az]) = (s.gyro, s.accel);
                 let (number, ticks, time) = (s.number, s.ticks, s.time.ns());
-                let doubtful = u8::from(s.time_doubtful);
+                let unreliable = u8::from(s.time_unreliable);
                 text.line(format_args!(
-                    "{number},{ticks},{time},{gx},{gy},{gz},{ax},{ay},{az},{doubtful}"
+                    "{number},{ticks},{time},{gx},{gy},{gz},{ax},{ay},{az},{unreliable}"
                 ))?;
                 written += 1;
             }

@@ -1,7 +1,8 @@
-//! Frames of one camera: from access units, a group of pictures at a time, to left and right.
+//! Frames of one camera: decoded from access units, one GOP at a time, and split into left and
+//! right.
 //!
-//! A [`GopReader`] holds the group that it decoded last, and nothing else that grows. The old one
-//! is released before a new one is decoded, so memory is one decoded group and its access units.
+//! A [`GopReader`] holds the GOP that it decoded last, and nothing else that grows. The old one is
+//! released before a new one is decoded, so memory is one decoded GOP and its access units.
 
 use std::ops::Range;
 use std::sync::Arc;
@@ -12,7 +13,7 @@ use video::{AccessUnit, Codec, DecodeError, Decoder};
 
 use super::Shared;
 use super::error::{FrameFault, InputError, ReadError};
-use crate::picture::{Colour, Picture};
+use crate::image::{Color, Image};
 
 /// One frame of one camera.
 #[derive(Clone, Debug, PartialEq)]
@@ -25,20 +26,20 @@ pub struct View {
     pub time: HostTime,
     /// One standard deviation of it, ns.
     pub sigma_ns: u64,
-    /// Whether the time is not to be trusted within its sigma.
-    pub time_doubtful: bool,
-    /// What the left eye saw.
-    pub left: Picture,
-    /// What the right eye saw.
-    pub right: Picture,
+    /// Whether the time is unreliable: its sigma may not hold.
+    pub time_unreliable: bool,
+    /// Left image.
+    pub left: Image,
+    /// Right image.
+    pub right: Image,
 }
 
-/// What is known of a camera's pictures before one is decoded.
+/// Image format of a camera.
 #[derive(Debug)]
 pub(super) struct Camera {
     pub(super) name: Arc<str>,
     codec: Codec,
-    colour: Colour,
+    color: Color,
     width: u32,
     height: u32,
 }
@@ -55,9 +56,9 @@ impl Camera {
             expected,
             path: path.to_owned(),
         };
-        let colour = match camera.colour.as_str() {
-            "grey" => Colour::Grey,
-            "yuv420" => Colour::Rgb,
+        let color = match camera.colour.as_str() {
+            "grey" => Color::Grey,
+            "yuv420" => Color::Rgb,
             other => return Err(unknown("colour", other, "grey or yuv420")),
         };
         let codec = Codec::from_foxglove_format(&camera.codec)
@@ -65,24 +66,24 @@ impl Camera {
         Ok(Self {
             name: camera.name.as_str().into(),
             codec,
-            colour,
+            color,
             width: camera.width,
             height: camera.height,
         })
     }
 }
 
-/// Decodes frames of one camera in any order; fast where they come in the order of their numbers.
+/// Decodes frames of one camera in any order; fast in the order of their numbers.
 #[derive(Debug)]
 pub(super) struct GopReader {
     shared: Arc<Shared>,
     camera: usize,
-    colour: Colour,
+    color: Color,
     decoder: Decoder,
     gop: Option<Gop>,
 }
 
-/// A group of pictures, decoded.
+/// A decoded GOP.
 #[derive(Debug)]
 struct Gop {
     /// Positions in the camera's index.
@@ -96,7 +97,7 @@ impl GopReader {
         let codec = shared.cameras[camera].codec;
         let decoder = Decoder::with_threads(codec, shared.threads_per_camera);
         Self {
-            colour: shared.cameras[camera].colour,
+            color: shared.cameras[camera].color,
             shared,
             camera,
             decoder,
@@ -104,9 +105,9 @@ impl GopReader {
         }
     }
 
-    /// The same with pictures of luma alone, whatever the camera delivers.
-    pub(super) fn grey(mut self) -> Self {
-        self.colour = Colour::Grey;
+    /// The same with luma images, whatever the camera delivers.
+    pub(super) fn luma(mut self) -> Self {
+        self.color = Color::Grey;
         self
     }
 
@@ -115,7 +116,7 @@ impl GopReader {
         let camera = &self.shared.cameras[self.camera];
         let entry = self.shared.index.cameras[self.camera].frames[position];
         let name = camera.name.clone();
-        let (width, height, colour) = (camera.width, camera.height, self.colour);
+        let (width, height, color) = (camera.width, camera.height, self.color);
         let halves = self.picture(position).and_then(|both| {
             if (both.width, both.height) != (width, height) {
                 return Err(FrameFault::Size {
@@ -125,7 +126,7 @@ impl GopReader {
                     height,
                 });
             }
-            Picture::halves(&both, colour).map_err(FrameFault::Picture)
+            Image::halves(&both, color).map_err(FrameFault::Image)
         });
         match halves {
             Ok((left, right)) => Ok(View {
@@ -133,7 +134,7 @@ impl GopReader {
                 number: entry.number,
                 time: HostTime(entry.time_ns),
                 sigma_ns: entry.sigma_ns,
-                time_doubtful: entry.time_doubtful,
+                time_unreliable: entry.time_doubtful,
                 left,
                 right,
             }),
@@ -156,7 +157,7 @@ impl GopReader {
         picture
     }
 
-    /// Decodes the group of pictures that `position` is in.
+    /// Decodes the GOP that contains `position`.
     fn decode(&mut self, position: usize) -> Gop {
         let index = &self.shared.index.cameras[self.camera];
         let positions = index.gop(position);
@@ -170,24 +171,22 @@ impl GopReader {
                     key: place == 0,
                 }),
                 Err(error) => {
-                    // Whatever follows builds on this one.
+                    // Later frames depend on this one.
                     unread = Some(FrameFault::Bytes(Arc::new(error)));
                     break;
                 }
             }
         }
         let (decoded, fault) = match self.decoder.decode(&units) {
-            Ok(pictures) => (pictures, FrameFault::NoPicture),
-            Err(DecodeError::Incomplete { pictures, .. }) => (pictures, FrameFault::NoPicture),
+            Ok(pictures) => (pictures, FrameFault::NoImage),
+            Err(DecodeError::Incomplete { pictures, .. }) => (pictures, FrameFault::NoImage),
             Err(error) => (Vec::new(), FrameFault::Decoder(error)),
         };
         let mut decoded = decoded.into_iter().peekable();
         let pictures = (0..positions.len()).map(|place| {
             match decoded.next_if(|(pts_ns, _)| *pts_ns == place_to_pts(place)) {
                 Some((_, picture)) => Ok(picture),
-                None if place >= units.len() => {
-                    Err(unread.clone().unwrap_or(FrameFault::NoPicture))
-                }
+                None if place >= units.len() => Err(unread.clone().unwrap_or(FrameFault::NoImage)),
                 None => Err(fault.clone()),
             }
         });
@@ -198,8 +197,8 @@ impl GopReader {
     }
 }
 
-/// The decoder is given places in the group instead of times: they tell the pictures apart just as
-/// well, and rise even where mapped times do not.
+/// The decoder gets positions in the GOP instead of times: they identify the images as well, and
+/// increase even where mapped times do not.
 fn place_to_pts(place: usize) -> i64 {
     place as i64 * 1_000_000
 }

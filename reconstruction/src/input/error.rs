@@ -26,7 +26,7 @@ pub enum InputError {
     HandOff {
         /// The session's folder.
         path: PathBuf,
-        /// What is wrong with it.
+        /// The error.
         #[source]
         error: HandOffError,
     },
@@ -38,7 +38,7 @@ pub enum InputError {
         /// The session's folder.
         path: PathBuf,
     },
-    /// The manifest belongs to another session, or is none: hand over again.
+    /// The manifest belongs to another session, or is invalid: hand over again.
     #[error("the hand-off is of session {sealed}, the manifest of {found}: {}", .path.display())]
     OtherSession {
         /// The session that was handed over.
@@ -62,16 +62,16 @@ pub enum InputError {
     Index {
         /// The session's folder.
         path: PathBuf,
-        /// What is wrong with it.
+        /// The error.
         #[source]
         error: IndexError,
     },
-    /// Pictures of a kind that this program does not know: update it.
+    /// Image format that this program does not know: update it.
     #[error("camera {camera} has {what} {found:?}, expected {expected}: {}", .path.display())]
     Unknown {
         /// The camera.
         camera: String,
-        /// `codec` or `colour`.
+        /// `codec` or `color`.
         what: &'static str,
         /// The value found.
         found: String,
@@ -82,8 +82,8 @@ pub enum InputError {
     },
 }
 
-/// Why something in a hand-off that was accepted cannot be read. Other parts of it may be fine:
-/// asking for something else, or the next item, is allowed.
+/// Why an item of an accepted hand-off cannot be read. Other parts of it may be intact: reading
+/// other items, or the next one, is allowed.
 #[derive(Clone, Debug, thiserror::Error)]
 pub enum ReadError {
     /// The session has no camera or IMU of this name: a defect of the caller.
@@ -121,17 +121,17 @@ pub enum ReadError {
 /// Why a frame cannot be read.
 #[derive(Clone, Debug, thiserror::Error)]
 pub enum FrameFault {
-    /// Its bytes, or those of a frame that it builds on, changed since the hand-off was checked,
-    /// or the disk fails: open the hand-off again.
+    /// Its bytes, or those of a frame that it depends on, changed since the hand-off was checked,
+    /// or reading fails: open the hand-off again.
     #[error("reading its bytes")]
     Bytes(#[source] Arc<IndexError>),
-    /// The decoder failed on the whole group of pictures. On another machine it may not.
+    /// The decoder failed on the whole GOP. On another machine it may not.
     #[error("decoding it")]
     Decoder(#[source] DecodeError),
-    /// The decoder gave the pictures around it but not this one: it is lost.
-    #[error("the decoder gave no picture for it")]
-    NoPicture,
-    /// The decoded picture has not the size that the manifest says.
+    /// The decoder returned the images around it but not this one: it is lost.
+    #[error("the decoder returned no image for it")]
+    NoImage,
+    /// The size of the decoded image differs from the manifest.
     #[error("it is {found_width}x{found_height}, the manifest says {width}x{height}")]
     Size {
         /// Columns found.
@@ -143,10 +143,10 @@ pub enum FrameFault {
         /// Rows in the manifest.
         height: u32,
     },
-    /// The decoded picture cannot be cut in two.
+    /// The decoded image cannot be split in two.
     #[error("cutting it into left and right")]
-    Picture(#[source] PictureError),
-    /// The thread that decodes ended before it came to this frame: a defect of this program.
+    Image(#[source] PictureError),
+    /// The decoding thread ended before this frame: a defect of this program.
     #[error("its decoding thread ended early")]
     Ended,
 }
@@ -154,17 +154,17 @@ pub enum FrameFault {
 /// Why a batch of IMU samples cannot be read.
 #[derive(Clone, Debug, thiserror::Error)]
 pub enum ImuFault {
-    /// Its bytes changed since the hand-off was checked, or the disk fails: open it again.
+    /// Its bytes changed since the hand-off was checked, or reading fails: open it again.
     #[error("reading their bytes")]
     Bytes(#[source] Arc<IndexError>),
     /// The record contradicts itself.
     #[error("{found} {what} for {samples} samples")]
     Lengths {
-        /// What the numbers are.
+        /// Name of the values.
         what: &'static str,
-        /// How many there are.
+        /// Their number.
         found: usize,
-        /// How many samples the batch has.
+        /// Number of samples of the batch.
         samples: usize,
     },
 }

@@ -1,6 +1,6 @@
 //! IMU samples by time and by number.
 //!
-//! A sample is where its own time says, whatever the order in which batches were stored: where a
+//! Samples are ordered by their own times, whatever the order in which batches were stored: where a
 //! clock map was replaced, times of neighbouring batches may overlap.
 
 use std::ops::{Bound, Range, RangeBounds};
@@ -21,8 +21,8 @@ pub struct ImuSample {
     pub ticks: i64,
     /// Host clock.
     pub time: HostTime,
-    /// Whether the time is not to be trusted within its sigma.
-    pub time_doubtful: bool,
+    /// Whether the time is unreliable: its sigma may not hold.
+    pub time_unreliable: bool,
     /// Angular rate, rad/s: the stored value, or stored counts times the stored scale.
     pub gyro: [f64; 3],
     /// Specific force, m/s²: the stored value, or stored counts times the stored scale.
@@ -58,7 +58,7 @@ impl BatchTimes {
         times
     }
 
-    /// Positions of the batches that may hold samples in `range`, as far as their ends tell.
+    /// Positions of the batches that may hold samples in `range`, judged by their ends.
     pub(super) fn candidates(&self, range: &impl RangeBounds<HostTime>) -> Range<usize> {
         let bound = |bound: Bound<&HostTime>, open: i64| match bound {
             Bound::Included(t) | Bound::Excluded(t) => t.0,
@@ -120,7 +120,7 @@ fn convert(batch: &ImuBatch) -> Result<Vec<ImuSample>, ImuFault> {
             number,
             ticks,
             time: HostTime(time),
-            time_doubtful: batch.time_doubtful,
+            time_unreliable: batch.time_doubtful,
             gyro,
             accel,
         })
@@ -136,7 +136,7 @@ fn vectors(
     si: &[f64],
 ) -> Result<Vec<[f64; 3]>, ImuFault> {
     let found = counts.len() + si.len();
-    // Both kinds at once are caught by the first test, both empty by the second.
+    // Both kinds present are caught by the first test, both empty by the second.
     if found != 3 * samples || (!counts.is_empty() && !si.is_empty()) {
         return Err(ImuFault::Lengths {
             what,
@@ -195,7 +195,7 @@ mod tests {
             number: 8,
             ticks: 2,
             time: HostTime(200),
-            time_doubtful: true,
+            time_unreliable: true,
             gyro: [4.0 * 0.1, 5.0 * 0.1, -6.0 * 0.1],
             accel: [0.1, 0.2, 0.3],
         };
@@ -212,7 +212,7 @@ mod tests {
             ..ImuBatch::default()
         };
         assert!(convert(&whole).is_ok());
-        // Numbers that no device comes to are odd, and no reason to panic.
+        // Numbers that no device reaches are odd, but must not panic.
         let last = ImuBatch {
             first_number: u64::MAX,
             ..whole.clone()

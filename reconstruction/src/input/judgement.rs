@@ -1,7 +1,7 @@
-//! What a hand-off says of the verdict, for the provenance of a bundle and for those who read it.
+//! Verdict of a hand-off, for the provenance of a bundle and for messages.
 
 use scene_bundle::Judgement;
-use scene_bundle::judgement::{Acceptance, Beyond};
+use scene_bundle::judgement::{Acceptance, ExceededLimit};
 use session_archive::handoff::{self, HandOff, later_verdict};
 use session_archive::storage::Storage;
 
@@ -18,7 +18,7 @@ impl Input {
         }
     }
 
-    /// What has to be said of the hand-off before anything is made of it, a sentence each.
+    /// Warnings about the hand-off to print before it is processed, a sentence each.
     pub fn notes(&self) -> &[String] {
         &self.notes
     }
@@ -29,12 +29,12 @@ impl Input {
     }
 }
 
-/// Notes on a hand-off, among them that the session was judged again since.
+/// Warnings about a hand-off, among them that the session was validated again since.
 pub(super) fn notes(handoff: &HandOff, storage: &dyn Storage) -> Vec<String> {
     let mut notes = handoff.notes();
     if let Some(later) = later_verdict(storage).filter(|later| *later != handoff.verdict) {
         notes.push(format!(
-            "the session was handed over as {}, and a validation since says {later}; `paws show` says why, `paws handoff` \
+            "the session was handed over as {}, and a later validation has the verdict {later}; `paws show` says why, `paws handoff` \
              judges it again",
             handoff.verdict
         ));
@@ -43,7 +43,7 @@ pub(super) fn notes(handoff: &HandOff, storage: &dyn Storage) -> Vec<String> {
 }
 
 fn acceptance(acceptance: &handoff::Acceptance) -> Acceptance {
-    let beyond = |beyond: &handoff::Beyond| Beyond {
+    let beyond = |beyond: &handoff::Beyond| ExceededLimit {
         metric: beyond.metric.clone(),
         of: beyond.of.clone(),
         verdict: beyond.verdict.to_string(),

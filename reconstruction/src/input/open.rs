@@ -1,4 +1,4 @@
-//! Opening a hand-off: everything that has to be true before anything is read.
+//! Opening a hand-off: all checks before anything is read.
 
 use std::io;
 use std::path::{Path, PathBuf};
@@ -47,7 +47,7 @@ impl Input {
             .map_err(refused)?;
         }
 
-        // Before they are read: what nobody vouches for is not parsed.
+        // Before they are read: unsealed files are not parsed.
         for file in [layout::MANIFEST, layout::INDEX] {
             sealed(&handoff, file.to_owned(), &root)?;
         }
@@ -75,7 +75,7 @@ impl Input {
         }
         for file in &manifest.rig {
             let file = layout::rig_file(&file.name);
-            // One that is missing cost the verdict, and that was accepted; it cannot be read either.
+            // A missing segment affected the verdict, which was accepted; it cannot be read.
             let is_missed = handoff.is_accepted() && !root.join(&file).exists();
             if !is_missed {
                 sealed(&handoff, file, &root)?;
@@ -112,7 +112,7 @@ impl Input {
     }
 }
 
-/// The session's folder that a path means.
+/// Session folder of a path.
 fn session_folder(path: &Path) -> Result<PathBuf, InputError> {
     let failed = |error| InputError::Path {
         path: path.to_owned(),
@@ -147,7 +147,7 @@ fn sealed(handoff: &HandOff, file: String, root: &Path) -> Result<(), InputError
     })
 }
 
-/// Whether the index can be followed without looking again: everything it refers to exists.
+/// Checks that everything the index refers to exists, so that later accesses need no checks.
 fn check_index(index: &Index, manifest: &Manifest) -> Result<(), IndexError> {
     let cameras = index.cameras.iter().map(|c| &c.name);
     let imus = index.imus.iter().map(|i| &i.name);
@@ -173,7 +173,7 @@ fn check_index(index: &Index, manifest: &Manifest) -> Result<(), IndexError> {
         Ok(())
     } else {
         Err(IndexError::Stale(
-            "it refers to what the session does not have".to_owned(),
+            "it refers to items that the session does not have".to_owned(),
         ))
     }
 }

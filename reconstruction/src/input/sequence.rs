@@ -1,9 +1,9 @@
-//! Frames and frame sets in order, each group of pictures decoded once.
+//! Frames and frame sets in order, each GOP decoded once.
 //!
-//! Every camera has a thread of its own that decodes ahead of its reader: by [`AHEAD`] frames,
-//! which is by how many frame sets the key frames of two cameras may be apart and still be decoded
-//! at the same time. What comes out does not depend on the threads. Dropping an iterator ends its
-//! threads, after the group that each is decoding.
+//! Every camera has a thread of its own that decodes [`AHEAD`] frames ahead of its reader: the key
+//! frames of two cameras may be that many frame sets apart and still be decoded in parallel. The
+//! result does not depend on the threads. Dropping an iterator ends its threads, after the group
+//! that each is decoding.
 
 use std::iter::FusedIterator;
 use std::ops::Range;
@@ -15,7 +15,7 @@ use super::camera::{GopReader, View};
 use super::error::{FrameFault, ReadError};
 use super::{FrameSet, Shared};
 
-/// Frames that wait for the reader, per camera.
+/// Number of frames decoded ahead of the reader, per camera.
 const AHEAD: usize = 2;
 
 /// Frames of one camera. A frame that cannot be read is an error, and the next one follows.
@@ -42,12 +42,12 @@ impl Frames {
     }
 
     /// The same, of luma alone.
-    pub(super) fn start_grey(
+    pub(super) fn start_luma(
         shared: Arc<Shared>,
         camera: usize,
         positions: Arc<[usize]>,
     ) -> Result<Self, ReadError> {
-        let reader = GopReader::new(shared.clone(), camera).grey();
+        let reader = GopReader::new(shared.clone(), camera).luma();
         Self::of(reader, shared, camera, positions)
     }
 
@@ -107,7 +107,7 @@ impl FusedIterator for Frames {}
 
 impl Drop for Frames {
     fn drop(&mut self) {
-        // The worker notices that nobody listens.
+        // The worker notices that the receiver was dropped.
         self.views = None;
         if let Some(worker) = self.worker.take() {
             // If it panicked, its message is out and its frames came as errors.
@@ -150,7 +150,7 @@ impl Iterator for Sets {
     fn next(&mut self) -> Option<Self::Item> {
         let position = self.sets.next()?;
         let members = &self.shared.index.sets[position].frames;
-        // Every camera goes on by its member, also behind one that fails.
+        // Every camera advances by its member, also after one that fails.
         let views: Vec<_> = members
             .iter()
             .zip(&mut self.cameras)

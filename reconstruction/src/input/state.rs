@@ -1,10 +1,9 @@
-//! What a session says about the rig rather than about an instant: calibrations, transforms and
-//! clock maps.
+//! State of the rig in a session: calibrations, transforms and clock maps.
 //!
-//! The format repeats the newest of each at the head of every segment, so what is read is the heads,
-//! and all from the last head on: the last segment, and the one before if that was given up or
-//! never filled. What comes out: of calibrations and transforms the newest; of clock maps those in
-//! force at the heads and all behind the last one, which includes the newest.
+//! The format repeats the newest of each at the head of every segment, so the heads are read, and
+//! everything from the last head on: the last segment, and the one before if that was given up or
+//! never filled. Result: of calibrations and transforms the newest; of clock maps those in force at
+//! the heads and all after the last one, which includes the newest.
 
 use std::collections::BTreeMap;
 use std::io;
@@ -19,7 +18,7 @@ use session_archive::scan::{Item, VerifiedChunk};
 /// The state of a session, by the name of what it belongs to.
 #[derive(Debug, Default)]
 pub(super) struct State {
-    /// By eye, as in `feet/left`.
+    /// By camera side, as in `feet/left`.
     pub(super) calibrations: BTreeMap<String, CameraCalibration>,
     pub(super) transforms: Vec<FrameTransform>,
     /// By clock, then by version.
@@ -29,7 +28,7 @@ pub(super) struct State {
 impl State {
     pub(super) fn read(reader: &SessionReader) -> Result<Self, SessionError> {
         let mut state = Self::default();
-        // Backwards until a head was found; from there on everything.
+        // Backwards until a head is found; from there everything.
         let mut numbers: Vec<u32> = reader.segment_numbers().collect();
         let mut whole = Vec::new();
         while let Some(number) = numbers.pop() {
@@ -62,7 +61,7 @@ impl State {
         let Some(stream) = reader.stream(channel).filter(|s| is_state(s)) else {
             return;
         };
-        // What does not decode was shown by the validation; there is nothing to read in it.
+        // Records that do not decode were reported by the validation; they are skipped.
         match stream.schema.as_str() {
             name if name == CameraCalibration::SCHEMA.name => {
                 if let Ok(calibration) = CameraCalibration::decode(data) {
@@ -88,8 +87,7 @@ impl State {
     }
 }
 
-/// Calls `take` with the chunks of a segment until it has enough; a segment that is not there has
-/// none.
+/// Calls `take` with the chunks of a segment until it returns true; a missing segment has none.
 fn each_chunk(
     reader: &SessionReader,
     number: u32,
@@ -126,7 +124,7 @@ fn first_chunk(reader: &SessionReader, number: u32) -> Result<Option<VerifiedChu
     Ok(first)
 }
 
-/// Whether a chunk is a segment's head, which says who the segment is.
+/// Whether a chunk is a segment's head, which identifies the segment.
 fn is_head(reader: &SessionReader, chunk: &VerifiedChunk) -> bool {
     let own = reader.manifest().stream::<Segment>("").map(|s| s.id);
     let first = chunk.messages().next();

@@ -1,4 +1,4 @@
-//! What a stage has to say: a file of its first output.
+//! Report of a stage: a file of its first output.
 
 use scene_bundle::{BundleError, Draft, Scene};
 use serde::{Deserialize, Serialize};
@@ -6,13 +6,13 @@ use serde::{Deserialize, Serialize};
 /// The file.
 const FILE: &str = "report.json";
 
-/// What a stage has to say.
+/// Notes and losses of a stage.
 #[derive(Clone, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct Report {
-    /// What was assumed, or is worth knowing; a sentence each.
+    /// Assumptions and other facts, a sentence each.
     pub notes: Vec<String>,
-    /// What of the input could not be used; a sentence each.
+    /// Unusable parts of the input, a sentence each.
     pub losses: Vec<String>,
 }
 
@@ -29,7 +29,7 @@ pub(super) fn read(scene: &Scene, output: &str) -> Result<Report, BundleError> {
         return Ok(Report::default());
     }
     serde_json::from_slice(&output.read(FILE)?).map_err(|e| BundleError::Malformed {
-        path: output.place(FILE),
+        path: output.file_path(FILE),
         place: format!("line {}", e.line()),
         found: format!("JSON where {e}"),
         expected: "notes and losses of a stage".to_owned(),

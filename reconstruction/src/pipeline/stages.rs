@@ -1,31 +1,31 @@
 //! The stages from a hand-off to a scene bundle, in order.
 //!
-//! | stage | reads | makes |
+//! | stage | reads | writes |
 //! |---|---|---|
-//! | `rig` | hand-off, files given instead | `rig` |
+//! | `rig` | hand-off, overrides | `rig` |
 //! | `odometry` | hand-off, `rig` | `trajectory-causal`, `tracks` |
-//! | `mapping` | hand-off, `rig`, `trajectory-causal`, `tracks` | `trajectory`, `rig-adjusted` |
-//! | `depth` | hand-off, `rig-adjusted`, `trajectory` | `keyframes`, `depth` |
-//! | `cloud` | hand-off, `rig-adjusted`, `trajectory`, `keyframes`, `depth` | `cloud`, `masks` |
+//! | `bundle-adjustment` | hand-off, `rig`, `trajectory-causal`, `tracks` | `trajectory`, `rig-refined` |
+//! | `depth` | hand-off, `rig-refined`, `trajectory` | `keyframes`, `depth` |
+//! | `cloud` | hand-off, `rig-refined`, `trajectory`, `keyframes`, `depth` | `cloud`, `masks` |
 
 use super::{Pipeline, PipelineError, Stage};
 use crate::input::Input;
 
+mod bundle_adjustment;
 mod cloud;
 mod depth;
-pub mod feed;
-mod mapping;
+pub mod frame_set_reader;
 pub mod networks;
 mod odometry;
-mod place;
+mod pose_interpolation;
 pub mod rig;
 
 /// Names of the stages, in order.
-pub const NAMES: [&str; 5] = ["rig", "odometry", "mapping", "depth", "cloud"];
+pub const NAMES: [&str; 5] = ["rig", "odometry", "bundle-adjustment", "depth", "cloud"];
 /// Name of the hand-off among the sources; its hash is its seal.
 pub const HANDOFF: &str = "handoff";
 
-/// How much work is done: points on the curve of error against time.
+/// Trade-off of error against time.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub enum Preset {
     /// Least time.
@@ -37,14 +37,14 @@ pub enum Preset {
     Accurate,
 }
 
-/// What the stages are told.
+/// Options of the stages.
 #[derive(Clone, Debug, Default)]
 pub struct Options {
-    /// How much work is done.
+    /// Trade-off of error against time.
     pub preset: Preset,
-    /// What is told of the rig instead of what the session says.
-    pub told: rig::Told,
-    /// Networks of the user's.
+    /// Calibration that overrides that of the session.
+    pub rig_overrides: rig::RigOverrides,
+    /// The user's networks.
     pub networks: networks::Networks,
 }
 
@@ -55,9 +55,11 @@ pub struct Options {
 pub fn pipeline(options: Options) -> Result<Pipeline<Input>, PipelineError> {
     let preset = options.preset;
     let stages: Vec<Box<dyn Stage<Input>>> = vec![
-        Box::new(rig::RigStage { told: options.told }),
+        Box::new(rig::RigStage {
+            rig_overrides: options.rig_overrides,
+        }),
         Box::new(odometry::OdometryStage { preset }),
-        Box::new(mapping::MappingStage { preset }),
+        Box::new(bundle_adjustment::BundleAdjustmentStage { preset }),
         Box::new(depth::DepthStage {
             preset,
             networks: options.networks.clone(),
@@ -74,7 +76,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn the_table_is_good_and_its_names_are_known() {
+    fn the_table_is_valid_and_its_names_are_known() {
         let pipeline = pipeline(Options::default()).expect("a good table");
         assert_eq!(pipeline.names(), NAMES);
     }

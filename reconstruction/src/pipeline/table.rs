@@ -1,4 +1,4 @@
-//! Whether a table of stages makes sense, and which of them are to run.
+//! Validation of a table of stages, and selection of those that run.
 
 use std::collections::BTreeSet;
 use std::ops::Range;
@@ -17,20 +17,22 @@ pub(super) fn check<S: ?Sized>(
         let name = stage.name();
         let wrong = |what: String| Err(PipelineError::Table(format!("stage {name} {what}")));
         if !names.insert(name) {
-            return wrong("is there twice".to_owned());
+            return wrong("is listed twice".to_owned());
         }
         if stage.outputs().is_empty() {
-            return wrong("makes nothing".to_owned());
+            return wrong("writes nothing".to_owned());
         }
         if let Some(input) = stage.inputs().iter().find(|i| !known.contains(**i)) {
-            return wrong(format!("reads {input}, which nothing before it makes"));
+            return wrong(format!("reads {input}, which no earlier stage writes"));
         }
         for output in stage.outputs() {
             if !layout::is_output_name(output) {
-                return wrong(format!("makes {output:?}, which is no name of an output"));
+                return wrong(format!(
+                    "writes {output:?}, which is not a valid name of an output"
+                ));
             }
             if !known.insert(output) {
-                return wrong(format!("makes {output}, which is there already"));
+                return wrong(format!("writes {output}, which exists already"));
             }
         }
     }

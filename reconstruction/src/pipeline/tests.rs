@@ -7,13 +7,13 @@ use serde_json::json;
 
 use super::*;
 
-/// What a toy does besides writing its outputs.
+/// Failure of a toy stage.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
-enum Trouble {
+enum Failure {
     #[default]
     None,
     /// Fails before it writes anything.
-    AtOnce,
+    Immediate,
     /// Fails after its first file.
     HalfWay,
     /// Leaves a file unfinished, so that its first output cannot be committed though others are.
@@ -27,7 +27,7 @@ struct Toy {
     inputs: &'static [&'static str],
     outputs: &'static [&'static str],
     setting: String,
-    trouble: Trouble,
+    failure: Failure,
     runs: Rc<Cell<usize>>,
 }
 
@@ -49,7 +49,7 @@ impl Stage<str> for Toy {
     }
     fn run(&self, work: &Work<'_, str>) -> Result<(), StageError> {
         self.runs.set(self.runs.get() + 1);
-        if self.trouble == Trouble::AtOnce {
+        if self.failure == Failure::Immediate {
             return Err("it was to fail".into());
         }
         let mut text = self.setting.clone();
@@ -64,16 +64,16 @@ impl Stage<str> for Toy {
             work.draft(output)
                 .write("text", format!("{output}({text})").as_bytes())?;
             work.progress(1, 2);
-            if self.trouble == Trouble::HalfWay {
+            if self.failure == Failure::HalfWay {
                 return Err("it was to fail half-way".into());
             }
         }
-        if self.trouble == Trouble::Unfinished {
+        if self.failure == Failure::Unfinished {
             drop(work.draft(self.outputs[0]).create("more")?);
         }
         work.note(format!("{} ran", self.name));
         if self.setting == "lossy" {
-            work.lose("a frame");
+            work.record_loss("a frame");
         }
         Ok(())
     }
@@ -84,9 +84,9 @@ struct Bench {
     folder: tempfile::TempDir,
     settings: [String; 3],
     versions: [u32; 3],
-    trouble: [Trouble; 3],
+    failure: [Failure; 3],
     source: String,
-    again: bool,
+    force: bool,
 }
 
 const STAGES: [(&str, &[&str], &[&str]); 3] = [
@@ -105,9 +105,9 @@ impl Bench {
             folder: tempfile::tempdir().expect("a folder"),
             settings: ["a", "b", "c"].map(str::to_owned),
             versions: [1; 3],
-            trouble: [Trouble::None; 3],
+            failure: [Failure::None; 3],
             source: "walk".to_owned(),
-            again: false,
+            force: false,
         }
     }
 
@@ -147,7 +147,7 @@ impl Bench {
                 inputs,
                 outputs,
                 setting: self.settings[k].clone(),
-                trouble: self.trouble[k],
+                failure: self.failure[k],
                 runs: runs[k].clone(),
             });
             toy
@@ -161,14 +161,14 @@ impl Bench {
         let selection = Selection {
             from: from.map(str::to_owned),
             to: to.map(str::to_owned),
-            again: self.again,
+            force: self.force,
         };
         let bundle = self.bundle();
         let found = pipeline.run(
             &sources,
             &bundle,
             &selection,
-            &watch::Unwatched,
+            &observer::NoObserver,
             &Meter::STILL,
         );
         (found, runs.map(|r| r.get()))
@@ -176,11 +176,11 @@ impl Bench {
 
     fn run(&self) -> [usize; 3] {
         let (found, runs) = self.run_only(None, None);
-        found.expect("a run without trouble");
+        found.expect("a run without failure");
         runs
     }
 
-    /// What every output holds.
+    /// Content of every output.
     fn content(&self) -> BTreeMap<String, String> {
         let scene = self.bundle().scene();
         let outputs = scene.manifest().outputs.keys().cloned();
@@ -194,7 +194,7 @@ impl Bench {
         outputs.map(text).collect()
     }
 
-    /// What a bundle holds that was made at once, without any trouble.
+    /// Content of a bundle written in one run without failure.
     fn expected(&self) -> BTreeMap<String, String> {
         let mut fresh = Self::new();
         fresh.settings.clone_from(&self.settings);
@@ -206,7 +206,7 @@ impl Bench {
 }
 
 fn blake3_of(text: &str) -> String {
-    // Stands for a hash: 64 digits that differ with the text.
+    // Placeholder for a hash: 64 digits that depend on the text.
     let sum = text.bytes().fold(7_u64, |sum, b| {
         sum.wrapping_mul(31).wrapping_add(u64::from(b))
     });
@@ -214,12 +214,12 @@ fn blake3_of(text: &str) -> String {
 }
 
 #[test]
-fn what_is_done_is_not_done_again() {
+fn stages_that_are_up_to_date_do_not_run() {
     let bench = Bench::new();
     let (first, runs) = bench.run_only(None, None);
     let first = first.expect("a run");
     assert_eq!(runs, [1, 1, 1]);
-    assert!(first.iter().all(|o| o.state == State::Made));
+    assert!(first.iter().all(|o| o.state == State::Ran));
     let content = bench.content();
     assert_eq!(content["depth"], "depth(c+keyframes(b+walk+rig(a+walk)))");
 
@@ -227,7 +227,7 @@ fn what_is_done_is_not_done_again() {
     let second = second.expect("a run");
     assert_eq!(runs, [0, 0, 0]);
     for (before, after) in first.iter().zip(&second) {
-        assert_eq!(after.state, State::Kept);
+        assert_eq!(after.state, State::UpToDate);
         assert_eq!(
             (&before.outputs, &before.report),
             (&after.outputs, &after.report)
@@ -238,7 +238,7 @@ fn what_is_done_is_not_done_again() {
 }
 
 #[test]
-fn a_changed_setting_or_version_makes_a_stage_and_what_depends_on_it_again() {
+fn a_changed_setting_or_version_runs_the_stage_and_its_dependents() {
     let mut bench = Bench::new();
     bench.run();
     bench.settings[2] = "d".to_owned();
@@ -251,12 +251,12 @@ fn a_changed_setting_or_version_makes_a_stage_and_what_depends_on_it_again() {
     // The same bytes come out of another version of the rig, so nothing after it changes.
     bench.versions[0] = 2;
     assert_eq!(bench.run(), [1, 0, 0]);
-    bench.again = true;
+    bench.force = true;
     assert_eq!(bench.run(), [1, 1, 1]);
 }
 
 #[test]
-fn a_changed_input_makes_what_reads_it_again() {
+fn a_changed_input_runs_the_stages_that_read_it() {
     let mut bench = Bench::new();
     bench.run();
     bench.source = "another walk".to_owned();
@@ -265,52 +265,52 @@ fn a_changed_input_makes_what_reads_it_again() {
 }
 
 #[test]
-fn an_output_whose_files_are_gone_or_cut_is_made_again() {
+fn an_output_with_missing_or_truncated_files_is_recomputed() {
     let bench = Bench::new();
     bench.run();
     let content = bench.content();
-    let place = |output: &str, file: &str| {
+    let file_path = |output: &str, file: &str| {
         let scene = bench.bundle().scene();
-        scene.output(output).expect("an output").place(file)
+        scene.output(output).expect("an output").file_path(file)
     };
-    std::fs::remove_file(place("keyframes", "text")).expect("a file");
+    std::fs::remove_file(file_path("keyframes", "text")).expect("a file");
     assert_eq!(bench.run(), [0, 1, 0]);
-    std::fs::write(place("rig", "text"), "").expect("a file");
+    std::fs::write(file_path("rig", "text"), "").expect("a file");
     assert_eq!(bench.run(), [1, 0, 0]);
     assert_eq!(bench.content(), content);
 }
 
 #[test]
-fn a_failure_costs_the_stage_in_progress_alone() {
-    for trouble in [Trouble::AtOnce, Trouble::HalfWay, Trouble::Unfinished] {
+fn a_failure_affects_only_the_stage_in_progress() {
+    for failure in [Failure::Immediate, Failure::HalfWay, Failure::Unfinished] {
         for (k, (name, _, outputs)) in STAGES.iter().enumerate() {
             let mut bench = Bench::new();
-            bench.trouble[k] = trouble;
+            bench.failure[k] = failure;
             let (found, runs) = bench.run_only(None, None);
             let error = found.expect_err("trouble");
             assert!(error.to_string().contains(name), "{error}");
             assert!(matches!(
-                (&error, trouble),
-                (PipelineError::Bundle { .. }, Trouble::Unfinished)
+                (&error, failure),
+                (PipelineError::Bundle { .. }, Failure::Unfinished)
                     | (
                         PipelineError::Stage { .. },
-                        Trouble::AtOnce | Trouble::HalfWay
+                        Failure::Immediate | Failure::HalfWay
                     )
             ));
             assert_eq!(runs, std::array::from_fn(|i| usize::from(i <= k)));
-            assert_eq!(no_drafts(&bench.path()), 0, "{trouble:?} in stage {k}");
-            // Its first output is the one that is not there.
+            assert_eq!(no_drafts(&bench.path()), 0, "{failure:?} in stage {k}");
+            // Its first output is the missing one.
             let content = bench.content();
-            assert!(!content.contains_key(outputs[0]), "{trouble:?} {content:?}");
+            assert!(!content.contains_key(outputs[0]), "{failure:?} {content:?}");
 
-            bench.trouble[k] = Trouble::None;
+            bench.failure[k] = Failure::None;
             assert_eq!(bench.run(), std::array::from_fn(|i| usize::from(i >= k)));
             assert_eq!(bench.content(), bench.expected());
         }
     }
 }
 
-/// Folders of drafts that are left.
+/// Number of remaining draft folders.
 fn no_drafts(path: &Path) -> usize {
     let entries = std::fs::read_dir(path).expect("a bundle");
     let names = entries.map(|e| e.expect("an entry").file_name());
@@ -320,15 +320,15 @@ fn no_drafts(path: &Path) -> usize {
 }
 
 #[test]
-fn a_failure_leaves_what_was_there_before() {
+fn a_failure_keeps_the_previous_outputs() {
     let mut bench = Bench::new();
     bench.run();
     let content = bench.content();
     bench.settings[1] = "new".to_owned();
-    bench.trouble[1] = Trouble::HalfWay;
+    bench.failure[1] = Failure::HalfWay;
     assert!(bench.run_only(None, None).0.is_err());
     assert_eq!(bench.content(), content);
-    bench.trouble[1] = Trouble::None;
+    bench.failure[1] = Failure::None;
     assert_eq!(bench.run(), [0, 1, 1]);
     assert_eq!(bench.content(), bench.expected());
 }
@@ -351,10 +351,10 @@ fn stages_are_chosen_by_name() {
     );
     assert_eq!(
         error(Some("depth"), None),
-        "beginning with stage depth: output keyframes is not there, expected it of stage odometry"
+        "beginning with stage depth: output keyframes is missing, expected it of stage odometry"
     );
     assert_eq!(bench.run_only(None, Some("odometry")).1, [1, 1, 0]);
-    // What is before the first is taken as it is, changed settings or not.
+    // Stages before the first are used as they are, changed settings or not.
     bench.settings[0] = "changed".to_owned();
     assert_eq!(bench.run_only(Some("depth"), Some("depth")).1, [0, 0, 1]);
     assert_eq!(bench.run_only(Some("odometry"), None).1, [0, 0, 0]);
@@ -362,10 +362,10 @@ fn stages_are_chosen_by_name() {
 }
 
 #[test]
-fn losses_are_told_whether_or_not_a_stage_runs() {
+fn losses_are_reported_whether_or_not_a_stage_runs() {
     let mut bench = Bench::new();
     bench.settings[1] = "lossy".to_owned();
-    for state in [State::Made, State::Kept] {
+    for state in [State::Ran, State::UpToDate] {
         let outcomes = bench.run_only(None, None).0.expect("a run");
         assert_eq!(outcomes[1].state, state);
         assert_eq!(outcomes[1].report.losses, ["a frame"]);
@@ -382,7 +382,7 @@ fn a_table_that_contradicts_itself_is_refused() {
             inputs,
             outputs,
             setting: String::new(),
-            trouble: Trouble::None,
+            failure: Failure::None,
             runs: Rc::default(),
         })
     };
@@ -398,41 +398,41 @@ fn a_table_that_contradicts_itself_is_refused() {
     };
     check(
         vec![toy("a", &["b"], &["a"])],
-        "a reads b, which nothing before it makes",
+        "a reads b, which no earlier stage writes",
     );
-    check(vec![toy("a", &[], &[])], "a makes nothing");
+    check(vec![toy("a", &[], &[])], "a writes nothing");
     check(
         vec![toy("a", &[], &["A"])],
-        "a makes \"A\", which is no name of an output",
+        "a writes \"A\", which is not a valid name of an output",
     );
     check(
         vec![toy("a", &[], &["a"]), toy("a", &[], &["b"])],
-        "a is there twice",
+        "a is listed twice",
     );
     check(
         vec![toy("a", &[], &["a"]), toy("b", &["a"], &["handoff"])],
-        "b makes handoff, which is there already",
+        "b writes handoff, which exists already",
     );
 }
 
 #[test]
-fn progress_is_told_in_order() {
+fn progress_is_reported_in_order() {
     #[derive(Default)]
-    struct Told(std::sync::Mutex<RefCell<Vec<String>>>);
-    impl Told {
-        fn tell(&self, what: String) {
-            self.0.lock().expect("told").borrow_mut().push(what);
+    struct Recorder(std::sync::Mutex<RefCell<Vec<String>>>);
+    impl Recorder {
+        fn record(&self, what: String) {
+            self.0.lock().expect("recorder").borrow_mut().push(what);
         }
     }
-    impl Watch for Told {
+    impl Observer for Recorder {
         fn begin(&self, stage: &str, number: usize, of: usize) {
-            self.tell(format!("{number}/{of} {stage}"));
+            self.record(format!("{number}/{of} {stage}"));
         }
         fn progress(&self, done: u64, total: u64) {
-            self.tell(format!("{done}/{total}"));
+            self.record(format!("{done}/{total}"));
         }
         fn end(&self, outcome: &Outcome) {
-            self.tell(format!("{:?} {}", outcome.state, outcome.outputs.len()));
+            self.record(format!("{:?} {}", outcome.state, outcome.outputs.len()));
         }
     }
     let bench = Bench::new();
@@ -444,7 +444,7 @@ fn progress_is_told_in_order() {
             inputs,
             outputs,
             setting: if *name == "rig" { "a" } else { "b" }.to_owned(),
-            trouble: Trouble::None,
+            failure: Failure::None,
             runs: Rc::default(),
         });
         toy
@@ -454,15 +454,22 @@ fn progress_is_told_in_order() {
         source: "walk",
         hashes: BTreeMap::from([("handoff".to_owned(), blake3_of("walk"))]),
     };
-    let told = Told::default();
+    let recorder = Recorder::default();
     let selection = Selection::default();
     let meter = Meter::STILL;
     pipeline
-        .run(&sources, &bench.bundle(), &selection, &told, &meter)
+        .run(&sources, &bench.bundle(), &selection, &recorder, &meter)
         .expect("a run");
-    let told = told.0.into_inner().expect("told").into_inner();
+    let recorder = recorder.0.into_inner().expect("recorder").into_inner();
     assert_eq!(
-        told,
-        ["1/2 rig", "Kept 1", "2/2 odometry", "1/2", "1/2", "Made 2"]
+        recorder,
+        [
+            "1/2 rig",
+            "UpToDate 1",
+            "2/2 odometry",
+            "1/2",
+            "1/2",
+            "Ran 2"
+        ]
     );
 }

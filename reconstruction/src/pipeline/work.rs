@@ -1,13 +1,13 @@
-//! What a running stage has in its hands.
+//! Context of a running stage.
 
 use std::sync::{Mutex, PoisonError};
 
 use scene_bundle::{Bundle, BundleError, Draft, OutputReader, Scene};
 
-use super::{Report, Stage, Watch};
+use super::{Observer, Report, Stage};
 
-/// What a running stage has in its hands: its source, outputs of earlier stages, and drafts of its own. May be used from
-/// several threads.
+/// Context of a running stage: its source, outputs of earlier stages, and drafts of its own. May be
+/// used from several threads.
 pub struct Work<'a, S: ?Sized> {
     source: &'a S,
     scene: Scene,
@@ -15,7 +15,7 @@ pub struct Work<'a, S: ?Sized> {
     outputs: &'static [&'static str],
     drafts: Vec<Draft>,
     report: Mutex<Report>,
-    watch: &'a dyn Watch,
+    observer: &'a dyn Observer,
 }
 
 impl<'a, S: ?Sized> Work<'a, S> {
@@ -23,7 +23,7 @@ impl<'a, S: ?Sized> Work<'a, S> {
         stage: &dyn Stage<S>,
         source: &'a S,
         bundle: &Bundle,
-        watch: &'a dyn Watch,
+        observer: &'a dyn Observer,
     ) -> Result<Self, BundleError> {
         let drafts = stage.outputs().iter().map(|output| bundle.begin(output));
         Ok(Self {
@@ -33,11 +33,11 @@ impl<'a, S: ?Sized> Work<'a, S> {
             outputs: stage.outputs(),
             drafts: drafts.collect::<Result<_, _>>()?,
             report: Mutex::default(),
-            watch,
+            observer,
         })
     }
 
-    /// What all stages read.
+    /// Source that all stages read.
     pub fn source(&self) -> &'a S {
         self.source
     }
@@ -48,7 +48,7 @@ impl<'a, S: ?Sized> Work<'a, S> {
     /// As [`Scene::output`].
     ///
     /// # Panics
-    /// If the table does not name it as an input of this stage: what it depends on would not be known.
+    /// If the table does not name it as an input of this stage: the dependency would be unknown.
     pub fn read(&self, output: &str) -> Result<OutputReader, BundleError> {
         assert!(
             self.inputs.contains(&output),
@@ -66,24 +66,24 @@ impl<'a, S: ?Sized> Work<'a, S> {
         &self.drafts[position.expect("an output of this stage")]
     }
 
-    /// Something worth knowing that was assumed or found. Sentences are kept in their order: say them from one thread.
+    /// Adds a note on an assumption or finding. Notes are kept in order: add them from one thread.
     pub fn note(&self, sentence: impl Into<String>) {
         self.report(|report| report.notes.push(sentence.into()));
     }
 
-    /// Something of the input that could not be used. The program ends with 3 then.
-    pub fn lose(&self, sentence: impl Into<String>) {
+    /// Adds a loss: a part of the input that could not be used. The program then exits with 3.
+    pub fn record_loss(&self, sentence: impl Into<String>) {
         self.report(|report| report.losses.push(sentence.into()));
     }
 
-    /// A part of the input that could not be read, with the causes.
-    pub fn lose_for(&self, error: &dyn std::error::Error) {
-        self.lose(scene_bundle::chain(error));
+    /// Adds a loss from an error, with its causes.
+    pub fn record_loss_from(&self, error: &dyn std::error::Error) {
+        self.record_loss(scene_bundle::error_chain(error));
     }
 
-    /// So much is done, of so much.
+    /// Reports progress: `done` of `total`.
     pub fn progress(&self, done: u64, total: u64) {
-        self.watch.progress(done, total);
+        self.observer.progress(done, total);
     }
 
     fn report(&self, change: impl FnOnce(&mut Report)) {

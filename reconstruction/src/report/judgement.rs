@@ -1,7 +1,7 @@
-//! What the page says of the session's verdict.
+//! The session's verdict on the page.
 //!
-//! Contract: a session that was handed over in spite of its verdict is marked at the top, with everything that was beyond a
-//! limit; a bundle that does not say with which verdict its session was handed over says that it does not.
+//! Contract: a session that was handed over in spite of its verdict is marked at the top, with all
+//! metrics that exceeded a limit; if the bundle does not contain the verdict, the page states that.
 
 use charts::{Page, Verdict as Badge};
 use scene_bundle::Provenance;
@@ -15,7 +15,7 @@ pub(super) fn in_short(provenance: &Provenance) -> String {
     }
 }
 
-/// Adds what the session was accepted in spite of; nothing where it did not have to be.
+/// Adds the exceeded limits of an accepted session; nothing otherwise.
 pub(super) fn add(page: Page, provenance: &Provenance) -> Page {
     let judgement = provenance.judgement.as_ref();
     let Some(acceptance) = judgement.and_then(|judgement| judgement.acceptance.as_ref()) else {

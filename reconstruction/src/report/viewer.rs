@@ -1,42 +1,43 @@
 //! The view of cloud and path in three dimensions: WebGL2, with everything it needs in the page.
 //!
-//! Contract: the page opens it from a file, without a network; where WebGL2 is missing a sentence stands in its place.
-//! What is embedded takes at most [`MOST_BYTES`]: the path first, of the cloud every so many points, evenly in their order, so that the same
-//! cloud gives the same bytes; how many are shown is said. Places of points are 16-bit steps within the box that holds
-//! everything, a step being a 65535th of its edge: 1.5 mm in a scene of 100 m.
+//! Contract: the page opens it from a file, without a network; if WebGL2 is missing, a message is
+//! shown instead. Embedded data take at most [`MAX_BYTES`]: the path first, then every n-th point
+//! of the cloud in order, so that the same cloud gives the same bytes; the number of shown points
+//! is stated. Positions are 16-bit steps within the bounding box, a step being a 65535th of its
+//! edge: 1.5 mm in a scene of 100 m.
 //!
-//! A layer is a name, a kind and a blob of numbers, little-endian, in base64; `viewer.js` has a function for each kind and
-//! says how its numbers lie. Splats will be one more.
+//! A layer is a name, a kind and a blob of numbers, little-endian, in base64; `viewer.js` has a
+//! function for each kind that documents its layout. Splats will be one more.
 
 use charts::base64;
 use scene_bundle::outputs::cloud::CloudPoint;
 use serde_json::{Value, json};
 
-use super::POINT_M;
-use super::colours;
-use super::sights;
-use super::way::Step;
+use super::POINT_SIZE_M;
+use super::colors;
+use super::trajectory_map::Step;
+use super::views;
 
-/// The frame of the view: style, canvas, controls.
+/// HTML of the view: style, canvas, controls.
 const HTML: &str = include_str!("viewer.html");
 /// The program.
 const SCRIPT: &str = include_str!("viewer.js");
-/// Most text for layers: with charts and images a report stays well below 25 MB.
-pub(super) const MOST_BYTES: usize = 14_000_000;
-/// Numbers of a point, bytes.
+/// Maximum text for layers: with charts and images a report is well below 25 MB.
+pub(super) const MAX_BYTES: usize = 14_000_000;
+/// Bytes per point.
 const POINT_BYTES: usize = 9;
-/// Places of a line, at most; an hour's walk at every 7 cm.
-const MOST_PLACES: usize = 60_000;
-/// Pieces of a line, at most; each has its two ends beside those places.
-const MOST_PIECES: usize = 10_000;
-/// Places nearer to the one before are left out, m.
-const SHORTEST_M: f64 = 0.02;
-/// What a line is coloured by where that is not known.
-const UNKNOWN: u8 = 255;
-/// Largest coordinate that is shown, m.
-const FARTHEST_M: f32 = 1e6;
+/// Maximum number of points of a line; an hour's walk at every 7 cm.
+const MAX_LINE_POINTS: usize = 60_000;
+/// Maximum number of pieces of a line; each has its two ends in addition to those points.
+const MAX_LINE_PIECES: usize = 10_000;
+/// Minimum distance of consecutive points of a line, m.
+const MIN_STEP_M: f64 = 0.02;
+/// Color level where the value is not known.
+const UNKNOWN_LEVEL: u8 = 255;
+/// Maximum coordinate that is shown, m.
+const MAX_COORDINATE_M: f32 = 1e6;
 
-/// What is to be seen.
+/// Content of the view.
 pub(super) struct Content<'a> {
     /// The cloud.
     pub(super) points: &'a [CloudPoint],
@@ -44,50 +45,50 @@ pub(super) struct Content<'a> {
     pub(super) steps: &'a [Step],
     /// The true path in the same world; empty where it is not known.
     pub(super) truth: &'a [[f64; 3]],
-    /// What has the last colour, m.
+    /// Value of the last color, m.
     pub(super) largest_m: f64,
-    /// What the path is coloured by.
+    /// Name of the value that the path is colored by.
     pub(super) what: &'a str,
-    /// Where the eye is at first, and what it looks at, m.
+    /// Initial camera position and target, m.
     pub(super) view: [[f64; 3]; 2],
-    /// What is higher is hidden at first, m.
+    /// Initial maximum height of shown points, m.
     pub(super) top_m: f64,
 }
 
-/// The view as HTML, and how many points are in it.
+/// The view as HTML, and the number of points in it.
 pub(super) struct Viewer {
     pub(super) html: String,
     pub(super) points: usize,
 }
 
-/// Makes the view.
+/// Renders the view.
 pub(super) fn viewer(content: &Content<'_>) -> Viewer {
     let Content { steps, truth, .. } = content;
-    let is_near = |p: &&CloudPoint| p.x_in_world.iter().all(|c| c.abs() <= FARTHEST_M);
+    let is_near = |p: &&CloudPoint| p.x_in_world.iter().all(|c| c.abs() <= MAX_COORDINATE_M);
     let points: Vec<&CloudPoint> = content.points.iter().filter(is_near).collect();
-    let places = points.iter().map(|p| p.x_in_world.map(f64::from));
-    let places = places.chain(steps.iter().map(|s| s.x_in_world));
-    let [low, high] = around(places.chain(truth.iter().copied()));
+    let positions = points.iter().map(|p| p.x_in_world.map(f64::from));
+    let positions = positions.chain(steps.iter().map(|s| s.x_in_world));
+    let [low, high] = around(positions.chain(truth.iter().copied()));
 
     let largest_m = content.largest_m.max(f64::MIN_POSITIVE);
     let level = |value_m: f64| (254.0 * (value_m / largest_m).clamp(0.0, 1.0)).round() as u8;
     let path = line(
-        steps.iter().map(|s| Place {
+        steps.iter().map(|s| LinePoint {
             x: s.x_in_world,
-            level: s.value_m.map_or(UNKNOWN, level),
+            level: s.value_m.map_or(UNKNOWN_LEVEL, level),
             follows: s.follows,
         }),
         low,
     );
     let truth = line(
-        truth.iter().enumerate().map(|(k, x)| Place {
+        truth.iter().enumerate().map(|(k, x)| LinePoint {
             x: *x,
-            level: UNKNOWN,
+            level: UNKNOWN_LEVEL,
             follows: k > 0,
         }),
         low,
     );
-    let room = MOST_BYTES.saturating_sub(text_bytes(path.bytes.len() + truth.bytes.len()));
+    let room = MAX_BYTES.saturating_sub(text_bytes(path.bytes.len() + truth.bytes.len()));
     let shown = thin(&points, room / text_bytes(POINT_BYTES));
     let numbers = cloud(&shown, low, high);
 
@@ -97,7 +98,7 @@ pub(super) fn viewer(content: &Content<'_>) -> Viewer {
         layers.push((of, bytes));
     };
     layer(
-        json!({"kind": "points", "name": "points", "count": shown.len(), "size_m": POINT_M}),
+        json!({"kind": "points", "name": "points", "count": shown.len(), "size_m": POINT_SIZE_M}),
         numbers,
     );
     if truth.count > 0 {
@@ -116,8 +117,8 @@ pub(super) fn viewer(content: &Content<'_>) -> Viewer {
         "view": {"eye": eye, "target": target},
         "cut": ((content.top_m - low[2]) / height).clamp(0.0, 1.0),
         "ramp": {
-            "light": colours::ANCHORS,
-            "dark": colours::DARK,
+            "light": colors::ANCHORS,
+            "dark": colors::DARK,
             "what": content.what,
             "most": charts::si(content.largest_m, "m"),
         },
@@ -146,15 +147,15 @@ fn embedded(header: &Value, layers: &[(Value, Vec<u8>)]) -> String {
         .replace("<!--DATA-->", data.trim_end())
 }
 
-/// Length of so many bytes in base64.
+/// Length of `bytes` bytes in base64.
 fn text_bytes(bytes: usize) -> usize {
     bytes.div_ceil(3) * 4
 }
 
-/// The box that holds all places, at least a metre along each edge.
-fn around(places: impl Iterator<Item = [f64; 3]>) -> [[f64; 3]; 2] {
+/// Bounding box of all positions, at least a metre along each edge.
+fn around(positions: impl Iterator<Item = [f64; 3]>) -> [[f64; 3]; 2] {
     let nowhere = [(f64::INFINITY, f64::NEG_INFINITY); 3];
-    let ends = places
+    let ends = positions
         .filter(|x| x.iter().all(|c| c.is_finite()))
         .fold(nowhere, |ends, x| {
             [0, 1, 2].map(|k| (ends[k].0.min(x[k]), ends[k].1.max(x[k])))
@@ -170,16 +171,16 @@ fn around(places: impl Iterator<Item = [f64; 3]>) -> [[f64; 3]; 2] {
     [ends.map(|end| end.0), ends.map(|end| end.1)]
 }
 
-/// The box that holds nearly all points.
+/// Bounding box of nearly all points.
 fn core(points: &[&CloudPoint], low: [f64; 3], high: [f64; 3]) -> [[f64; 3]; 2] {
     let all = [0, 1, 2].map(|k| {
         let values = points.iter().map(|p| f64::from(p.x_in_world[k]));
-        sights::range(values).unwrap_or((low[k], high[k]))
+        views::range(values).unwrap_or((low[k], high[k]))
     });
     [all.map(|(low, _)| low), all.map(|(_, high)| high)]
 }
 
-/// At most so many, evenly.
+/// At most `most` points, evenly sampled.
 fn thin<'a>(points: &[&'a CloudPoint], most: usize) -> Vec<&'a CloudPoint> {
     let all = points.len();
     let count = all.min(most);
@@ -195,62 +196,63 @@ fn cloud(points: &[&CloudPoint], low: [f64; 3], high: [f64; 3]) -> Vec<u8> {
         });
         bytes.extend(steps.iter().flat_map(|s| s.to_le_bytes()));
     }
-    bytes.extend(points.iter().flat_map(|p| p.colour));
+    bytes.extend(points.iter().flat_map(|p| p.color));
     bytes
 }
 
-/// A place of a line.
-struct Place {
+/// A point of a line.
+struct LinePoint {
     x: [f64; 3],
     level: u8,
     follows: bool,
 }
 
-/// The numbers of a line.
+/// Encoded line.
 struct Line {
     count: usize,
     bytes: Vec<u8>,
 }
 
-/// Places too near to the one before are left out, and of too many every so many; ends and breaks stay. Of too many pieces
-/// between breaks every so many stay. A place that is no number breaks the line.
-fn line(places: impl Iterator<Item = Place>, low: [f64; 3]) -> Line {
-    let mut kept: Vec<Place> = Vec::new();
-    let mut skipped: Option<Place> = None;
+/// Points too near to the previous one are left out, and too many are thinned to every n-th; ends
+/// and breaks are kept. Too many pieces between breaks are thinned to every n-th. A point that is
+/// not finite breaks the line.
+fn line(positions: impl Iterator<Item = LinePoint>, low: [f64; 3]) -> Line {
+    let mut kept: Vec<LinePoint> = Vec::new();
+    let mut skipped: Option<LinePoint> = None;
     let mut is_broken = false;
-    for mut place in places {
-        if !place.x.iter().all(|c| c.is_finite()) {
+    for mut point in positions {
+        if !point.x.iter().all(|c| c.is_finite()) {
             is_broken = true;
             continue;
         }
-        place.follows &= !is_broken;
+        point.follows &= !is_broken;
         is_broken = false;
         let is_near = kept.last().is_some_and(|last| {
-            let off = [0, 1, 2].map(|k| place.x[k] - last.x[k]);
-            off.iter().map(|c| c * c).sum::<f64>() < SHORTEST_M * SHORTEST_M
+            let off = [0, 1, 2].map(|k| point.x[k] - last.x[k]);
+            off.iter().map(|c| c * c).sum::<f64>() < MIN_STEP_M * MIN_STEP_M
         });
-        if place.follows && is_near {
-            skipped = Some(place);
+        if point.follows && is_near {
+            skipped = Some(point);
             continue;
         }
-        if !place.follows {
+        if !point.follows {
             kept.extend(skipped.take());
         }
         skipped = None;
-        kept.push(place);
+        kept.push(point);
     }
     kept.extend(skipped);
     let pieces = kept.iter().filter(|p| !p.follows).count();
-    let every_piece = pieces.div_ceil(MOST_PIECES).max(1);
+    let every_piece = pieces.div_ceil(MAX_LINE_PIECES).max(1);
     let mut piece = 0_usize;
-    kept.retain(|place| {
-        piece += usize::from(!place.follows);
+    kept.retain(|point| {
+        piece += usize::from(!point.follows);
         piece.saturating_sub(1).is_multiple_of(every_piece)
     });
-    let every = kept.len().div_ceil(MOST_PLACES).max(1);
+    let every = kept.len().div_ceil(MAX_LINE_POINTS).max(1);
     let last = kept.len().saturating_sub(1);
     let is_break = |k: usize| kept.get(k).is_some_and(|p| !p.follows);
-    let of_line: Vec<&Place> = (0..kept.len())
+    let of_line: Vec<&LinePoint> = (0..kept.len())
         .filter(|k| k % every == 0 || *k == last || is_break(*k) || is_break(k + 1))
         .map(|k| &kept[k])
         .collect();
@@ -272,7 +274,7 @@ mod tests {
     fn point(x: [f32; 3]) -> CloudPoint {
         CloudPoint {
             x_in_world: x,
-            colour: [1, 2, 3],
+            color: [1, 2, 3],
             sigma_m: 0.01,
         }
     }
@@ -317,7 +319,7 @@ mod tests {
         for marker in ["<!--", "error < 1"] {
             assert!(!viewer.html.contains(marker), "{marker}");
         }
-        // Without WebGL2 or scripts a sentence is there.
+        // Without WebGL2 or scripts there is a message.
         assert!(
             viewer.html.contains("data-none=\"\"")
                 && viewer.html.contains("needs JavaScript and WebGL2")
@@ -326,7 +328,7 @@ mod tests {
     }
 
     #[test]
-    fn points_are_where_they_were_to_a_step() {
+    fn points_are_quantized_to_a_step() {
         let points = [
             point([-10.0, 0.0, 2.0]),
             point([30.0, 5.0, 2.5]),
@@ -334,7 +336,7 @@ mod tests {
         ];
         let near: Vec<&CloudPoint> = points[..2].iter().collect();
         let [low, high] = around(near.iter().map(|p| p.x_in_world.map(f64::from)));
-        // An edge is a metre at least.
+        // An edge is at least a metre.
         assert_eq!((low, high), ([-10.0, 0.0, 1.75], [30.0, 5.0, 2.75]));
         let bytes = cloud(&near, low, high);
         assert_eq!(bytes.len(), 18);
@@ -352,7 +354,7 @@ mod tests {
     }
 
     #[test]
-    fn many_points_stay_within_the_room_and_are_the_same_twice() {
+    fn many_points_fit_the_size_limit_deterministically() {
         let points: Vec<CloudPoint> = (0..1_500_000_u32)
             .map(|k| point([k as f32 * 1e-3, (k % 977) as f32, (k % 31) as f32]))
             .collect();
@@ -363,19 +365,15 @@ mod tests {
         let of = content(&points, &steps, &truth);
         let first = viewer(&of);
         let rest = HTML.len() + SCRIPT.len() + 4096;
+        assert!(first.html.len() <= MAX_BYTES + rest, "{}", first.html.len());
         assert!(
-            first.html.len() <= MOST_BYTES + rest,
-            "{}",
-            first.html.len()
-        );
-        assert!(
-            first.html.len() > MOST_BYTES * 9 / 10,
+            first.html.len() > MAX_BYTES * 9 / 10,
             "{}",
             first.html.len()
         );
         assert!(first.points > 500_000 && first.points < points.len());
         assert!(first.html == viewer(&of).html);
-        // Evenly: the first and nearly the last are there.
+        // Evenly: the first and nearly the last are included.
         let all: Vec<&CloudPoint> = points.iter().collect();
         let thinned = thin(&all, 1000);
         assert_eq!(thinned.len(), 1000);
@@ -388,12 +386,12 @@ mod tests {
         let steps: Vec<Step> = (0..1000)
             .map(|k| step(f64::from(k) * 1e-3, k != 500))
             .collect();
-        let places = steps.iter().map(|s| Place {
+        let positions = steps.iter().map(|s| LinePoint {
             x: s.x_in_world,
             level: 7,
             follows: s.follows,
         });
-        let made = line(places, [0.0; 3]);
+        let made = line(positions, [0.0; 3]);
         assert_eq!(made.bytes.len(), 14 * made.count);
         assert!(made.count > 44 && made.count < 60, "{}", made.count);
         let x =
@@ -405,33 +403,33 @@ mod tests {
         };
         assert_eq!((x(broken - 1), x(broken)), (0.499, 0.5));
         assert_eq!((x(0), x(made.count - 1)), (0.0, 0.999));
-        // Nothing at all is no panic.
+        // Empty input does not panic.
         assert_eq!(line(std::iter::empty(), [0.0; 3]).count, 0);
         assert_eq!(viewer(&content(&[], &[], &[])).points, 0);
     }
 
     #[test]
-    fn what_is_no_number_breaks_a_line() {
-        let places = [0.0, 1.0, f64::NAN, 2.0, 3.0].map(|x| Place {
+    fn a_point_that_is_not_finite_breaks_a_line() {
+        let positions = [0.0, 1.0, f64::NAN, 2.0, 3.0].map(|x| LinePoint {
             x: [x, 0.0, 0.0],
             level: 7,
             follows: x > 0.0 || x.is_nan(),
         });
-        let made = line(places.into_iter(), [0.0; 3]);
+        let made = line(positions.into_iter(), [0.0; 3]);
         assert_eq!(made.count, 4);
         assert_eq!(made.bytes[48..], [7, 0, 7, 1, 7, 0, 7, 1]);
     }
 
     #[test]
     fn breaks_everywhere_do_not_make_a_line_longer() {
-        let most = MOST_PLACES + 2 * MOST_PIECES + 1;
+        let most = MAX_LINE_POINTS + 2 * MAX_LINE_PIECES + 1;
         for every in [1, 2, 3, 50] {
-            let places = (0..400_000).map(|k| Place {
+            let positions = (0..400_000).map(|k| LinePoint {
                 x: [f64::from(k), 0.0, 0.0],
                 level: 7,
                 follows: k % every != 0,
             });
-            let made = line(places, [0.0; 3]);
+            let made = line(positions, [0.0; 3]);
             assert!(made.count <= most, "{every}: {}", made.count);
             assert!(made.count > 5_000, "{every}: {}", made.count);
         }

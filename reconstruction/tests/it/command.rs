@@ -1,4 +1,4 @@
-//! The program: what it writes, prints and refuses, and with which exit code.
+//! The program: its output files, messages, refusals and exit codes.
 
 use std::collections::BTreeMap;
 use std::fs::{self, File};
@@ -6,8 +6,8 @@ use std::io::BufReader;
 use std::path::{Path, PathBuf};
 use std::process::{Command, Output};
 
+use reconstruction::image::Color;
 use reconstruction::input::Input;
-use reconstruction::picture::Colour;
 use session_archive::handoff::Verdict;
 use session_archive::layout;
 
@@ -65,7 +65,7 @@ fn files(folder: &Path) -> BTreeMap<PathBuf, Vec<u8>> {
 }
 
 #[test]
-fn frames_writes_all_that_the_session_holds() {
+fn frames_writes_the_whole_session() {
     let (folder, recorded) = session();
     let out = folder.path().join("deep/frames");
     let output = frames(folder.path(), &out, &[]);
@@ -81,7 +81,7 @@ fn frames_writes_all_that_the_session_holds() {
     let input = Input::open(folder.path()).expect("open");
     for camera in ["left_shoulder", "feet"] {
         let (head, rows) = csv(&out.join(camera).join("times.csv"));
-        assert_eq!(head, "number,time_ns,sigma_ns,time_doubtful,set");
+        assert_eq!(head, "number,time_ns,sigma_ns,time_unreliable,set");
         let sources = recorded.camera(camera);
         assert_eq!(rows.len(), sources.len());
         for (row, source) in rows.iter().zip(sources) {
@@ -94,7 +94,7 @@ fn frames_writes_all_that_the_session_holds() {
                 source.number.to_string(),
                 source.time.ns().to_string(),
                 source.sigma_ns.to_string(),
-                u8::from(source.time_doubtful).to_string(),
+                u8::from(source.time_unreliable).to_string(),
                 set.map_or(String::new(), |s| s.number.to_string()),
             ];
             assert_eq!(row[..], expected);
@@ -107,12 +107,12 @@ fn frames_writes_all_that_the_session_holds() {
                 let mut reader = png::Decoder::new(file).read_info().expect("png");
                 let mut pixels = vec![0; reader.output_buffer_size().expect("size")];
                 let info = reader.next_frame(&mut pixels).expect("png");
-                let colour = match picture.colour {
-                    Colour::Grey => png::ColorType::Grayscale,
-                    Colour::Rgb => png::ColorType::Rgb,
+                let color = match picture.color {
+                    Color::Grey => png::ColorType::Grayscale,
+                    Color::Rgb => png::ColorType::Rgb,
                 };
                 assert_eq!((info.width, info.height), (picture.width, picture.height));
-                assert_eq!(info.color_type, colour);
+                assert_eq!(info.color_type, color);
                 assert!(pixels == picture.data[..], "{camera} {eye} {}", view.number);
             }
         }
@@ -145,7 +145,7 @@ fn frames_writes_all_that_the_session_holds() {
             .map(|n| n.parse().expect("integer"))
             .collect();
         assert_eq!(found, integers);
-        assert_eq!(row[9], u8::from(s.time_doubtful).to_string());
+        assert_eq!(row[9], u8::from(s.time_unreliable).to_string());
         let found: Vec<f64> = row[3..9]
             .iter()
             .map(|n| n.parse().expect("number"))
@@ -181,7 +181,7 @@ fn the_same_hand_off_gives_the_same_bytes() {
 }
 
 #[test]
-fn a_part_can_be_chosen() {
+fn a_part_can_be_selected() {
     let (folder, recorded) = session();
     let out = folder.path().join("every");
     check_code(&frames(folder.path(), &out, &["--every", "5"]), 0);
@@ -213,7 +213,7 @@ fn a_part_can_be_chosen() {
 }
 
 #[test]
-fn what_is_there_already_is_left_alone() {
+fn existing_files_are_left_alone() {
     let (folder, _) = session();
     let out = folder.path().join("frames");
     fs::create_dir(&out).expect("folder");
@@ -235,7 +235,7 @@ fn what_is_there_already_is_left_alone() {
     assert!(!partial.exists());
 }
 
-/// What cannot be replaced in the end is refused before the work, and left as it was.
+/// An output that could not be replaced in the end is refused before the work, and not changed.
 #[test]
 fn a_link_to_an_empty_folder_is_refused() {
     let (folder, _) = session();
@@ -251,7 +251,7 @@ fn a_link_to_an_empty_folder_is_refused() {
 }
 
 #[test]
-fn a_run_that_fails_leaves_nothing_that_looks_whole() {
+fn a_failed_run_leaves_no_output_that_looks_complete() {
     let (folder, _) = session();
     seal(folder.path(), Verdict::Fail);
     let out = folder.path().join("frames");
@@ -262,13 +262,13 @@ fn a_run_that_fails_leaves_nothing_that_looks_whole() {
 }
 
 #[test]
-fn loss_is_counted_and_has_a_code_of_its_own() {
+fn loss_is_counted_and_has_its_own_exit_code() {
     let folder = tempfile::tempdir().expect("folder");
     hand_over_with(folder.path(), |camera, number, unit| {
         match (camera, number) {
-            // Not the key frame that it should be: what builds on it cannot be decoded.
+            // Not marked as key frame: frames that depend on it cannot be decoded.
             ("left_shoulder", 100) => AccessUnit { key: false, ..unit },
-            // A start code and nothing that a decoder could use.
+            // A start code and no data that a decoder could use.
             ("feet", 121) => AccessUnit {
                 data: vec![0, 0, 0, 1, 0x3f, 0x55, 0x55].into(),
                 ..unit
@@ -294,7 +294,7 @@ fn loss_is_counted_and_has_a_code_of_its_own() {
         "{printed}"
     );
 
-    // What is left is as it should be, and nothing stands in for what is lost.
+    // The remaining frames are correct, and lost ones are not replaced.
     let (_, rows) = csv(&out.join("feet/times.csv"));
     let numbers: Vec<&str> = rows.iter().map(|row| &*row[0]).collect();
     assert!(!numbers.contains(&"121") && numbers.contains(&"100") && numbers.contains(&"130"));
@@ -307,13 +307,13 @@ fn loss_is_counted_and_has_a_code_of_its_own() {
     }
     let (_, rows) = csv(&out.join("left_shoulder/times.csv"));
     assert!(rows.len() < 50 && rows.len() > 35, "{}", rows.len());
-    // Sets with a member that cannot be decoded have an empty place for it.
+    // Sets with a member that cannot be decoded have an empty field for it.
     let (_, rows) = csv(&out.join("sets.csv"));
     assert!(rows[0][2].is_empty());
 }
 
 #[test]
-fn bad_arguments_have_a_code_of_their_own() {
+fn bad_arguments_have_their_own_exit_code() {
     let (folder, _) = session();
     let session = text(folder.path());
     for arguments in [
@@ -338,7 +338,7 @@ fn bad_arguments_have_a_code_of_their_own() {
 }
 
 #[test]
-fn info_says_what_there_is() {
+fn info_prints_the_content() {
     let (folder, _) = session();
     let output = run(&["info", text(&folder.path().join(layout::HANDOFF))]);
     check_code(&output, 0);
@@ -358,9 +358,9 @@ fn info_says_what_there_is() {
     check_code(&run(&["info", text(folder.path())]), 1);
 }
 
-/// Nothing on standard error where nothing failed; what is said there never mixes with results.
+/// Nothing on standard error where nothing failed; messages never mix with results.
 #[test]
-fn quiet_says_only_what_failed() {
+fn quiet_prints_only_errors() {
     let (folder, _) = session();
     let session = text(folder.path());
     let usual = run(&["info", session]);

@@ -1,4 +1,4 @@
-//! Trajectories against the truth, by the program, and by evo where it is installed.
+//! Trajectories against ground truth, by the program, and by evo where it is installed.
 
 use std::collections::BTreeMap;
 use std::fs;
@@ -33,7 +33,7 @@ fn uniform(state: &mut u64) -> f64 {
     (*state >> 11) as f64 / (1_u64 << 53) as f64
 }
 
-/// Some 40 m of a way with turns, at 20 Hz.
+/// Some 40 m of a path with rotations, at 20 Hz.
 fn truth() -> Trajectory {
     let poses = (0..600).map(|i| {
         let s = f64::from(i) * 0.05;
@@ -49,7 +49,7 @@ fn truth() -> Trajectory {
     Trajectory::new(poses.collect()).expect("rising")
 }
 
-/// The way as something estimated it: elsewhere, drifting, shaking, at other times, with poses left out.
+/// An estimate of the path: in another world, with drift, jitter, other times and missing poses.
 fn estimated(seed: u64) -> Trajectory {
     let mut state = seed;
     let away = RigidTransform::from_rotation_vector([0.4, -0.2, 1.9], [3.0, -8.0, 0.5]);
@@ -80,19 +80,19 @@ fn estimated(seed: u64) -> Trajectory {
 }
 
 #[test]
-fn a_table_says_what_was_found_and_which_run_is_the_worst() {
+fn the_table_has_the_errors_and_names_the_worst_run() {
     let folder = tempfile::tempdir().expect("folder");
     let write = |name: &str, text: &str| {
         let path = folder.path().join(name);
         fs::write(&path, text).expect("a file");
         path.to_str().expect("UTF-8").to_owned()
     };
-    let truth_file = write("truth.tum", &tum::written(&truth()));
-    let good = write("good.tum", &tum::written(&truth()));
-    let bad = write("bad.tum", &tum::written(&estimated(1)));
+    let truth_file = write("truth.tum", &tum::to_text(&truth()));
+    let good = write("good.tum", &tum::to_text(&truth()));
+    let bad = write("bad.tum", &tum::to_text(&estimated(1)));
     let half = truth().into_poses();
     let half = Trajectory::new(half[..300].to_vec()).expect("rising");
-    let half = write("half.tum", &tum::written(&half));
+    let half = write("half.tum", &tum::to_text(&half));
 
     let output = run(&[&good, &bad, "--truth", &truth_file]);
     assert_eq!(output.status.code(), Some(0), "{output:?}");
@@ -113,9 +113,9 @@ fn a_table_says_what_was_found_and_which_run_is_the_worst() {
 
     let cost = write(
         "cost.jsonl",
-        "{\"stage\":\"rig\",\"state\":\"made\",\"seconds\":9.0,\"peak_bytes\":9}\n\
-         {\"stage\":\"odometry\",\"state\":\"made\",\"seconds\":12.5,\"peak_bytes\":1000000}\n\
-         {\"stage\":\"mapping\",\"state\":\"made\",\"seconds\":2.5,\"peak_bytes\":3000000}\n",
+        "{\"stage\":\"rig\",\"state\":\"ran\",\"seconds\":9.0,\"peak_bytes\":9}\n\
+         {\"stage\":\"odometry\",\"state\":\"ran\",\"seconds\":12.5,\"peak_bytes\":1000000}\n\
+         {\"stage\":\"bundle-adjustment\",\"state\":\"ran\",\"seconds\":2.5,\"peak_bytes\":3000000}\n",
     );
     let arguments = [
         &good,
@@ -140,7 +140,7 @@ fn a_table_says_what_was_found_and_which_run_is_the_worst() {
             < 1e-9
     );
 
-    let rows = write("rows.txt", &kitti::written(&truth()).0);
+    let rows = write("rows.txt", &kitti::to_text(&truth()).0);
     let output = run(&[&rows, "--truth", &truth_file]);
     assert_eq!(output.status.code(), Some(1));
     let errors = String::from_utf8_lossy(&output.stderr).into_owned();
@@ -164,12 +164,13 @@ fn a_table_says_what_was_found_and_which_run_is_the_worst() {
     }
 }
 
-/// A simulated walk goes on after its recording has stopped; a recording without poses is still a gap.
+/// A simulated walk continues after its recording has stopped; a recording without poses is still a
+/// gap.
 #[test]
 fn a_bundle_is_complete_where_it_was_recorded() {
     let folder = tempfile::tempdir().expect("folder");
     let truth_file = folder.path().join("truth.tum");
-    fs::write(&truth_file, tum::written(&truth())).expect("a file");
+    fs::write(&truth_file, tum::to_text(&truth())).expect("a file");
     let truth_file = truth_file.to_str().expect("UTF-8");
     let mut recorded = truth().into_poses();
     recorded.truncate(300);
@@ -196,7 +197,7 @@ fn a_bundle_is_complete_where_it_was_recorded() {
     let draft = bundle.begin(TRAJECTORY).expect("a draft");
     trajectory::write(&draft, &recorded).expect("written");
     let record = Record {
-        stage: "mapping".to_owned(),
+        stage: "bundle-adjustment".to_owned(),
         stage_version: 1,
         settings: serde_json::json!({}),
         inputs: BTreeMap::from([("handoff".to_owned(), "ab".repeat(32))]),
@@ -215,16 +216,17 @@ fn a_bundle_is_complete_where_it_was_recorded() {
     assert_eq!(code, Some(0));
     assert!((share - (1.0 - 21.0 / 299.0)).abs() < 1e-9, "{share}");
 
-    // A file does not say when the recording stopped.
+    // A file does not contain the end of the recording.
     let file = folder.path().join("walk.tum");
-    fs::write(&file, tum::written(&recorded)).expect("a file");
+    fs::write(&file, tum::to_text(&recorded)).expect("a file");
     let (code, share) = completion(&[file.to_str().expect("UTF-8")]);
     assert_eq!(code, Some(3));
     assert!(share < 0.5, "{share}");
 }
 
-/// What evo says of two TUM files: for each alignment RMSE, mean, median and maximum of the absolute errors of places
-/// and turns, and number, RMSE and maximum of the relative ones, of places and turns, over 2 m and over 7 poses.
+/// Script with evo's results for two TUM files: for each alignment RMSE, mean, median and maximum
+/// of the absolute errors of positions and rotations, and number, RMSE and maximum of the relative
+/// ones, of positions and rotations, over 2 m and over 7 poses.
 const EVO: &str = "
 import copy, json, sys
 import numpy as np
@@ -286,7 +288,7 @@ fn evo_finds_the_same() {
     let folder = tempfile::tempdir().expect("folder");
     let write = |name: &str, trajectory: &Trajectory| {
         let path = folder.path().join(name);
-        fs::write(&path, tum::written(trajectory)).expect("a file");
+        fs::write(&path, tum::to_text(trajectory)).expect("a file");
         path
     };
     let truth_file = write("truth.tum", &truth());
@@ -296,7 +298,7 @@ fn evo_finds_the_same() {
         for alignment in Alignment::ALL {
             let settings = Settings {
                 alignment,
-                deltas: vec![Delta::Metres(2.0), Delta::Poses(7)],
+                deltas: vec![Delta::Meters(2.0), Delta::Poses(7)],
                 overlapping: false,
                 ..Settings::default()
             };

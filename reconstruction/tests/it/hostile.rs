@@ -1,5 +1,5 @@
-//! Files from strangers: FIFOs, sockets, devices and lengths that are lies in the place of what is read. Each ends with an
-//! error that says what was found, and nothing waits.
+//! Files from strangers: FIFOs, sockets, devices and false lengths instead of regular files. Each
+//! ends with an error that names what was found, and nothing blocks.
 
 use std::fs::{self, File};
 use std::os::unix::fs::symlink;
@@ -12,7 +12,7 @@ use session_archive::layout;
 
 use crate::session::hand_over;
 
-/// What may stand where a link is followed: the user named it.
+/// Things at a path where links are followed, since the user named it.
 const NAMED: [(Thing, &str); 4] = [
     (Thing::Fifo, "found a FIFO (named pipe)"),
     (Thing::Socket, "found a socket"),
@@ -29,7 +29,7 @@ enum Thing {
     Socket,
     /// A link to a device that never ends.
     Zero,
-    /// A file of 4 TiB that takes no room.
+    /// A sparse file of 4 TiB.
     Sparse,
 }
 
@@ -58,7 +58,7 @@ impl Thing {
     }
 }
 
-/// The program fails by itself, soon, and says why.
+/// The program fails promptly, with the cause.
 fn fails(folder: &Path, arguments: &[&str], why: &str) {
     let output = Command::new("timeout")
         .args(["--kill-after=1", "120"])
@@ -77,7 +77,7 @@ fn fails(folder: &Path, arguments: &[&str], why: &str) {
 }
 
 #[test]
-fn a_hand_off_that_is_no_file_is_refused_at_once() {
+fn a_hand_off_that_is_not_a_regular_file_is_refused_immediately() {
     let folder = tempfile::tempdir().expect("folder");
     let at = folder.path();
     hand_over(&at.join("s"));
@@ -104,7 +104,7 @@ fn a_hand_off_that_is_no_file_is_refused_at_once() {
 }
 
 #[test]
-fn a_calibration_that_is_no_file_is_refused_at_once() {
+fn a_calibration_that_is_not_a_regular_file_is_refused_immediately() {
     let folder = tempfile::tempdir().expect("folder");
     let at = folder.path();
     hand_over(&at.join("s"));
@@ -127,7 +127,7 @@ fn a_calibration_that_is_no_file_is_refused_at_once() {
 }
 
 #[test]
-fn a_trajectory_that_is_no_file_is_refused_at_once() {
+fn a_trajectory_that_is_not_a_regular_file_is_refused_immediately() {
     let folder = tempfile::tempdir().expect("folder");
     let at = folder.path();
     let poses = "0 0 0 0 0 0 0 1\n1 1 0 0 0 0 0 1\n2 2 0 0 0 0 0 1\n";

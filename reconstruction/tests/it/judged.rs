@@ -1,5 +1,6 @@
-//! A session that failed and was accepted, one that is handed over or judged again, and one of version 1: what the program
-//! says, what the bundle and the page keep, and that no stage is made again for it.
+//! A session that failed and was accepted, one that is handed over or validated again, and one of
+//! version 1: messages of the program, content of the bundle and the page, and that no stage runs
+//! again.
 
 use std::fs;
 use std::path::{Path, PathBuf};
@@ -55,7 +56,7 @@ impl Desk {
         handoff.write(&storage).expect("write");
     }
 
-    /// Runs all stages; they have to be there already.
+    /// Runs all stages; they must be up to date.
     fn run(&self) -> Output {
         let (session, scene) = (self.session(), self.scene());
         let output = program(&[
@@ -68,7 +69,7 @@ impl Desk {
         ]);
         let text = String::from_utf8_lossy(&output.stdout).into_owned();
         assert!(
-            text.contains("0 stages made, 5 kept"),
+            text.contains("0 stages run, 5 up to date"),
             "{text}{}",
             said(&output)
         );
@@ -173,7 +174,7 @@ fn an_accepted_failure_is_reconstructed_and_marked() {
         assert!(page.contains(part), "{part:?} is not on the page");
     }
 
-    // Judged again: the mark goes, the stages stay.
+    // Validated again: the mark is removed, the outputs are kept.
     desk.hand_over(|_| {});
     let output = desk.run();
     assert_eq!(output.status.code(), Some(0), "{}", said(&output));
@@ -193,7 +194,7 @@ fn an_accepted_failure_is_reconstructed_and_marked() {
 }
 
 #[test]
-fn a_validation_since_is_said_and_breaks_nothing() {
+fn a_later_validation_is_reported_and_breaks_nothing() {
     let desk = Desk::new();
     let path = desk.session().join(layout::VALIDATION);
     fs::write(&path, "{\"verdict\": \"FAIL\"}").expect("write");
@@ -201,15 +202,15 @@ fn a_validation_since_is_said_and_breaks_nothing() {
     assert_eq!(output.status.code(), Some(0), "{}", said(&output));
     let errors = said(&output);
     assert!(
-        errors.contains("handed over as PASS, and a validation since says FAIL"),
+        errors.contains("handed over as PASS, and a later validation has the verdict FAIL"),
         "{errors}"
     );
 }
 
 #[test]
-fn a_bundle_of_an_earlier_seal_of_the_same_recording_goes_on() {
+fn a_bundle_of_an_earlier_seal_of_the_same_recording_is_continued() {
     let desk = Desk::new();
-    // What version 1 had as its seal is any hash to the bundle.
+    // The seal of version 1 is just a hash for the bundle.
     let made_of = Scene::open(&desk.scene()).expect("a bundle");
     let made_of = made_of.manifest().provenance.handoff_blake3.clone();
     fs::write(desk.session().join("rig/more.txt"), "more").expect("write");
@@ -242,7 +243,7 @@ fn a_bundle_of_an_earlier_seal_of_the_same_recording_goes_on() {
     let scene = Scene::open(&desk.scene()).expect("a bundle");
     assert_eq!(scene.manifest().provenance.handoff_blake3, made_of);
 
-    // A seal that nobody knows is another recording.
+    // An unknown seal means another recording.
     renew(Vec::new());
     let (session, scene) = (desk.session(), desk.scene());
     let refused = program(&[
@@ -278,7 +279,7 @@ fn a_rig_file_that_is_missing_is_only_accepted_with_the_failure() {
     handoff.write(&storage).expect("write");
     let input = Input::open(folder.path()).expect("accepted");
     assert!(input.is_failed() && input.notes().len() == 1);
-    // One that came from somewhere else is still not read.
+    // A rig file from another source is still not read.
     fs::write(folder.path().join("rig/rig.toml"), "revision = 9").expect("write");
     assert!(Input::open(folder.path()).is_err());
     seal(folder.path(), Verdict::Pass);

@@ -1,9 +1,9 @@
-//! The crate and its program as their users see them, on sessions made here: encoded, written,
-//! indexed and sealed by the crates that do it in earnest.
+//! The crate and its program from outside, on sessions created here: encoded, written, indexed and
+//! sealed by the production crates.
 
 mod command;
 mod evaluate;
-mod feed;
+mod frame_set_reader;
 mod hostile;
 mod judged;
 mod read_back;

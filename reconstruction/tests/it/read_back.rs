@@ -1,8 +1,8 @@
-//! Everything that went in comes out: counts, times to the ns, pictures, IMU samples bit by bit, in
+//! All recorded data are read back: counts, times to the ns, images, IMU samples bit by bit, in
 //! order and by number.
 
+use reconstruction::image::{Color, Image};
 use reconstruction::input::{Input, ReadError, View};
-use reconstruction::picture::{Colour, Picture};
 use reconstruction::{FrameSet, ImuSample};
 use session_archive::time::HostTime;
 use video::picture::{i420_to_rgb, psnr};
@@ -25,19 +25,19 @@ fn decibel(a: &[u8], b: &[u8]) -> f64 {
     assert_eq!(a.len(), b.len());
     let grey = |bytes: &[u8]| {
         let width = bytes.len() as u32;
-        video::Picture::new(width, 1, video::PixelFormat::Grey8, bytes.to_vec()).expect("picture")
+        video::Picture::new(width, 1, video::PixelFormat::Grey8, bytes.to_vec()).expect("image")
     };
     psnr(&grey(a), &grey(b))
 }
 
-/// Left and right half of the source's pixels, cut here the slow way.
-fn halves(source: &Source, colour: Colour) -> [Vec<u8>; 2] {
+/// Left and right half of the source's pixels, by a reference implementation.
+fn halves(source: &Source, color: Color) -> [Vec<u8>; 2] {
     let picture = &source.picture;
-    let pixels = match colour {
-        Colour::Grey => picture.luma().expect("luma").to_vec(),
-        Colour::Rgb => i420_to_rgb(picture).expect("rgb"),
+    let pixels = match color {
+        Color::Grey => picture.luma().expect("luma").to_vec(),
+        Color::Rgb => i420_to_rgb(picture).expect("rgb"),
     };
-    let (width, channels) = (picture.width as usize, colour.channels());
+    let (width, channels) = (picture.width as usize, color.channels());
     [0, width / 2].map(|from| {
         let mut half = Vec::new();
         for y in 0..picture.height as usize {
@@ -48,26 +48,26 @@ fn halves(source: &Source, colour: Colour) -> [Vec<u8>; 2] {
     })
 }
 
-fn check_view(view: &View, source: &Source, colour: Colour) {
+fn check_view(view: &View, source: &Source, color: Color) {
     assert_eq!(
-        (view.number, view.time, view.sigma_ns, view.time_doubtful),
+        (view.number, view.time, view.sigma_ns, view.time_unreliable),
         (
             source.number,
             source.time,
             source.sigma_ns,
-            source.time_doubtful
+            source.time_unreliable
         )
     );
     for (found, expected) in [&view.left, &view.right]
         .into_iter()
-        .zip(halves(source, colour))
+        .zip(halves(source, color))
     {
-        let Picture { width, height, .. } = *found;
+        let Image { width, height, .. } = *found;
         assert_eq!(
             (2 * width, height),
             (source.picture.width, source.picture.height)
         );
-        assert_eq!(found.colour, colour);
+        assert_eq!(found.color, color);
         let quality = decibel(&found.data, &expected);
         assert!(
             quality >= 40.0,
@@ -76,9 +76,9 @@ fn check_view(view: &View, source: &Source, colour: Colour) {
             view.number
         );
     }
-    // Had the halves been exchanged, or the pictures of two frames, this would not hold.
-    let other = decibel(&view.right.data, &halves(source, colour)[0]);
-    assert!(other < 30.0, "the eyes differ: {other:.1} dB");
+    // This would fail if the halves, or the images of two frames, were exchanged.
+    let other = decibel(&view.right.data, &halves(source, color)[0]);
+    assert!(other < 30.0, "the sides differ: {other:.1} dB");
 }
 
 #[test]
@@ -97,7 +97,7 @@ fn sets_in_order_hold_what_was_recorded() {
             (found.number, found.time.ns()),
             (expected.number, expected.time)
         );
-        for ((camera, colour), view) in [("left_shoulder", Colour::Grey), ("feet", Colour::Rgb)]
+        for ((camera, color), view) in [("left_shoulder", Color::Grey), ("feet", Color::Rgb)]
             .into_iter()
             .zip(&found.views)
         {
@@ -111,7 +111,7 @@ fn sets_in_order_hold_what_was_recorded() {
                 assert_eq!(*view.camera, *camera);
                 let mut sources = recorded.camera(camera).iter();
                 let source = sources.find(|s| s.number == view.number).expect("source");
-                check_view(view, source, colour);
+                check_view(view, source, color);
             }
         }
         match found.views.iter().flatten().count() {
@@ -138,7 +138,7 @@ fn imu_samples_are_bit_equal_and_come_once() {
                 number: batch.first_number + k as u64,
                 ticks: batch.device_ticks[k],
                 time: HostTime(batch.times[k]),
-                time_doubtful: batch.time_doubtful,
+                time_unreliable: batch.time_doubtful,
                 gyro: vector(&batch.gyro_counts, batch.gyro_scale, &batch.gyro),
                 accel: vector(&batch.accel_counts, batch.accel_scale, &batch.accel),
             });
@@ -150,7 +150,7 @@ fn imu_samples_are_bit_equal_and_come_once() {
     let batches: Vec<_> = batches.flat_map(|b| b.expect("batch")).collect();
     assert_eq!(batches, expected);
 
-    // Between the sets, each sample once, and what comes behind the last set separately.
+    // Between the sets, each sample once, and samples after the last set separately.
     let mut found = Vec::new();
     let mut before = HostTime::MIN;
     for set in input.sets().expect("sets") {
@@ -173,14 +173,14 @@ fn imu_samples_are_bit_equal_and_come_once() {
 }
 
 #[test]
-fn every_frame_of_a_camera_comes_also_those_in_no_set() {
+fn all_frames_of_a_camera_are_returned_also_those_in_no_set() {
     let (_folder, recorded, input) = open();
-    for (camera, colour) in [("left_shoulder", Colour::Grey), ("feet", Colour::Rgb)] {
+    for (camera, color) in [("left_shoulder", Color::Grey), ("feet", Color::Rgb)] {
         let sources = recorded.camera(camera);
         let frames = input.frames(camera).expect("frames");
         assert_eq!(frames.len(), sources.len());
         for (view, source) in frames.zip(sources) {
-            check_view(&view.expect("view"), source, colour);
+            check_view(&view.expect("view"), source, color);
         }
     }
     let odd = input
@@ -199,7 +199,7 @@ fn random_access_gives_the_same_as_the_sequence() {
         .expect("sets")
         .map(|s| s.expect("set"))
         .collect();
-    // Back and forth, over groups of pictures and within them.
+    // Back and forth, across GOPs and within them.
     for step in 0..sets.len() {
         let place = step * 17 % sets.len();
         let expected = &sets[place];
@@ -247,14 +247,14 @@ fn part_of_a_session_is_the_same_as_that_part_of_the_whole() {
         .collect();
     assert!(part == sets[13..31]);
     assert_eq!(input.sets_in(to..from).expect("sets").len(), 0);
-    // An iterator may be given up at any time.
+    // An iterator may be dropped at any time.
     let mut given_up = input.sets().expect("sets");
     assert!(given_up.next().is_some());
     drop(given_up);
 }
 
 #[test]
-fn what_is_known_of_the_rig_is_the_newest() {
+fn the_newest_state_of_the_rig_is_returned() {
     let (folder, _recorded, input) = open();
     assert_eq!(input.root(), folder.path().canonicalize().expect("path"));
     for eye in ["left_shoulder/left", "left_shoulder/right"] {
@@ -269,7 +269,7 @@ fn what_is_known_of_the_rig_is_the_newest() {
     assert_eq!(input.manifest().started, START);
 }
 
-/// The state is in the first segment only: in the one behind it nothing arrived any more.
+/// The state is in the first segment only: the next one is empty.
 #[test]
 fn state_is_found_where_the_last_segments_are_empty() {
     for there in [true, false] {

@@ -1,4 +1,4 @@
-//! What is not as it was validated is refused, and what changes after that is noticed.
+//! Sessions that differ from what was validated are refused, and later changes are detected.
 
 use std::error::Error;
 use std::fs;
@@ -130,7 +130,7 @@ fn any_changed_file_is_refused() {
 }
 
 #[test]
-fn what_is_not_sealed_is_not_read() {
+fn unsealed_files_are_not_read() {
     let all = [
         layout::MANIFEST.to_owned(),
         layout::INDEX.to_owned(),
@@ -154,7 +154,7 @@ fn what_is_not_sealed_is_not_read() {
 fn an_index_of_another_session_is_refused() {
     let folder = session();
     let other = session();
-    // The other session has a longer segment; its index is sealed with this one all the same.
+    // The other session has a longer segment; its index is sealed with this one nevertheless.
     let segment = other.path().join(layout::segment(0));
     let mut bytes = fs::read(&segment).expect("read");
     bytes.extend([0; 8]);
@@ -168,7 +168,7 @@ fn an_index_of_another_session_is_refused() {
 }
 
 #[test]
-fn bytes_that_change_after_the_check_are_noticed_where_they_matter() {
+fn bytes_that_change_after_the_check_are_detected_where_they_are_used() {
     let folder = session();
     let input = Input::open(folder.path()).expect("open");
     let frames = &input
@@ -176,7 +176,7 @@ fn bytes_that_change_after_the_check_are_noticed_where_they_matter() {
         .camera("left_shoulder")
         .expect("camera")
         .frames;
-    // In the middle of the second group of pictures.
+    // In the middle of the second GOP.
     let start = frames
         .iter()
         .position(|f| f.key > 0)
@@ -191,7 +191,7 @@ fn bytes_that_change_after_the_check_are_noticed_where_they_matter() {
 
     let error = refused(folder.path());
     assert!(matches!(error, InputError::HandOff { .. }), "{error:?}");
-    // Whoever trusts an earlier check still gets nothing wrong.
+    // Skipping the check of content still never returns corrupt data.
     let input = Input::open_with(folder.path(), Check::Lengths, |_, _| {}).expect("open");
     let views: Vec<_> = input.frames("left_shoulder").expect("frames").collect();
     for (position, (view, frame)) in views.iter().zip(frames).enumerate() {
@@ -215,7 +215,7 @@ fn bytes_that_change_after_the_check_are_noticed_where_they_matter() {
             ..
         })
     ));
-    // Sets with something lost are errors, and the ones behind them come as before.
+    // Sets with a loss are errors, and later ones are returned as before.
     let sets: Vec<_> = input.sets().expect("sets").collect();
     let good = sets.iter().filter(|s| s.is_ok()).count();
     assert!(good > 20 && good < 45, "{good}");

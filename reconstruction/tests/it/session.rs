@@ -28,7 +28,7 @@ use video::{AccessUnit, Encoder, EncoderEvent, EncoderSettings, Picture, PixelFo
 
 pub(crate) const START: HostTime = HostTime(86_400_000_000_007);
 const MS: i64 = 1_000_000;
-/// The time and the sigma of samples are odd numbers: they must not be rounded on the way.
+/// The time and the sigma of samples are odd numbers: they must not be rounded in transit.
 const CHUNK_NS: i64 = 500 * MS;
 
 /// A frame as it went in.
@@ -37,7 +37,7 @@ pub(crate) struct Source {
     pub(crate) number: u64,
     pub(crate) time: HostTime,
     pub(crate) sigma_ns: u64,
-    pub(crate) time_doubtful: bool,
+    pub(crate) time_unreliable: bool,
     /// Left and right side by side, I420.
     pub(crate) picture: Picture,
 }
@@ -125,12 +125,12 @@ pub(crate) fn seal_only(folder: &Path, verdict: Verdict, files: &[String]) {
 }
 
 fn spec() -> SessionSpec {
-    let camera = |name: &str, (width, height), colour: &str, codec: &str, rate_hz| Camera {
+    let camera = |name: &str, (width, height), color: &str, codec: &str, rate_hz| Camera {
         name: name.to_owned(),
         width,
         height,
         codec: codec.to_owned(),
-        colour: colour.to_owned(),
+        colour: color.to_owned(),
         rate_hz,
         tick: TickLength::NANOSECOND,
         trigger: None,
@@ -159,7 +159,7 @@ fn spec() -> SessionSpec {
 }
 
 /// Waves that move, steeper in one eye than in the other.
-fn picture(width: u32, height: u32, number: u64, colour: bool) -> Picture {
+fn picture(width: u32, height: u32, number: u64, color: bool) -> Picture {
     let phase = number as f64 * 0.13;
     let wave = |x: u32, y: u32, seed: f64| {
         let eye = if x < width / 2 { 1.0 } else { 1.7 };
@@ -175,7 +175,7 @@ fn picture(width: u32, height: u32, number: u64, colour: bool) -> Picture {
     for seed in [1.0, 2.0] {
         for y in 0..height / 2 {
             let chroma = |x| {
-                if colour {
+                if color {
                     (wave(2 * x, 2 * y, seed) / 2.0 + 64.0) as u8
                 } else {
                     128
@@ -184,7 +184,7 @@ fn picture(width: u32, height: u32, number: u64, colour: bool) -> Picture {
             data.extend((0..width / 2).map(chroma));
         }
     }
-    Picture::new(width, height, PixelFormat::I420, data).expect("whole picture")
+    Picture::new(width, height, PixelFormat::I420, data).expect("complete image")
 }
 
 fn sources(camera: &Camera, count: u64, first_ns: i64, skip: &[u64]) -> Vec<Source> {
@@ -196,7 +196,7 @@ fn sources(camera: &Camera, count: u64, first_ns: i64, skip: &[u64]) -> Vec<Sour
             time: START + first_ns + n as i64 * period + (n * n * 7_919 % 100_003) as i64,
             sigma_ns: 20_001 + n,
             // As while a clock has not settled.
-            time_doubtful: n < 3,
+            time_unreliable: n < 3,
             picture: picture(camera.width, camera.height, n, camera.colour != "grey"),
         })
         .collect()
@@ -327,11 +327,11 @@ enum Sample<'a> {
 
 fn record(folder: &Path, change: impl Fn(&str, u64, AccessUnit) -> AccessUnit) -> Recorded {
     let spec = spec();
-    let (grey, colour) = (&spec.cameras[0], &spec.cameras[1]);
+    let (grey, color) = (&spec.cameras[0], &spec.cameras[1]);
     let recorded = Recorded {
         // The first frame has the time of an IMU sample.
         left_shoulder: sources(grey, 50, 10 * MS + 26, &[]),
-        feet: sources(colour, 31, 3 * MS, &[12, 13, 14]),
+        feet: sources(color, 31, 3 * MS, &[12, 13, 14]),
         imu: batches(),
         sets: Vec::new(),
     };
@@ -365,7 +365,7 @@ fn record(folder: &Path, change: impl Fn(&str, u64, AccessUnit) -> AccessUnit) -
                     host_time: time.ns() + 3 * MS,
                     time: time.ns(),
                     sigma_ns: source.sigma_ns,
-                    time_doubtful: source.time_doubtful,
+                    time_doubtful: source.time_unreliable,
                     clock_map: 1,
                     ..Frame::default()
                 };

@@ -1,4 +1,4 @@
-//! Stages by the program: what they write and print, skip and refuse; and what is left when it is killed.
+//! Stages by the program: their outputs, messages, skips and refusals; and the state after a kill.
 
 use std::collections::BTreeMap;
 use std::fs;
@@ -12,12 +12,12 @@ use calib::{CameraSet, Format};
 use reconstruction::input::Input;
 use reconstruction::pipeline::stages::rig;
 use reconstruction::pipeline::{
-    Meter, Pipeline, Selection, Sources, Stage, StageError, State, Work, watch,
+    Meter, Pipeline, Selection, Sources, Stage, StageError, State, Work, observer,
 };
 use scene_bundle::{Bundle, Provenance, RigRevision, Scene, outputs};
 use serde_json::{Value, json};
 
-use crate::feed::{RIG, told};
+use crate::frame_set_reader::{RIG, rig_overrides};
 use crate::session::{hand_over, lens};
 
 fn run(arguments: &[&str]) -> Output {
@@ -30,7 +30,7 @@ fn errors(output: &Output) -> String {
 }
 
 #[test]
-fn a_rig_that_nobody_knows_is_an_error_that_says_what_is_missing() {
+fn an_unknown_rig_is_an_error_that_names_what_is_missing() {
     let folder = tempfile::tempdir().expect("folder");
     hand_over(folder.path());
     let out = folder.path().join("bundle");
@@ -45,11 +45,11 @@ fn a_rig_that_nobody_knows_is_an_error_that_says_what_is_missing() {
     assert_eq!(output.status.code(), Some(1));
     let errors = errors(&output);
     assert!(
-        errors.contains("camera feet: its lenses are not known"),
+        errors.contains("camera feet: its intrinsics are not known"),
         "{errors}"
     );
     assert!(
-        errors.contains("camera left_shoulder: it is not known where"),
+        errors.contains("camera left_shoulder: its pose on the rig is not known"),
         "{errors}"
     );
     for mends in [
@@ -69,13 +69,13 @@ fn a_rig_that_nobody_knows_is_an_error_that_says_what_is_missing() {
 }
 
 #[test]
-fn the_rig_is_made_of_what_is_told_and_recorded_and_is_not_made_twice() {
+fn the_rig_combines_overrides_and_recorded_values_and_runs_once() {
     let folder = tempfile::tempdir().expect("folder");
     hand_over(folder.path());
-    let told = told(folder.path());
+    let rig_overrides = rig_overrides(folder.path());
     let place = |name: &str| folder.path().join(name).to_str().expect("UTF-8").to_owned();
-    fs::write(place("told.toml"), RIG).expect("a file");
-    let (session, out, rig_file) = (place("."), place("bundle"), place("told.toml"));
+    fs::write(place("given.toml"), RIG).expect("a file");
+    let (session, out, rig_file) = (place("."), place("bundle"), place("given.toml"));
     let calibration = format!("feet={}", place("K.txt"));
     let arguments = [
         &*session,
@@ -101,7 +101,7 @@ fn the_rig_is_made_of_what_is_told_and_recorded_and_is_not_made_twice() {
     let first = stage(&arguments);
     assert_eq!(
         (&first["stage"], &first["state"]),
-        (&json!("rig"), &json!("made"))
+        (&json!("rig"), &json!("ran"))
     );
     assert!(
         first["peak_bytes"]
@@ -116,7 +116,7 @@ fn the_rig_is_made_of_what_is_told_and_recorded_and_is_not_made_twice() {
         .collect();
     assert!(
         notes.contains(
-            &"IMU feet/imu: its noise is taken to be that of data sheets of parts in ZED cameras"
+            &"IMU feet/imu: its noise is assumed to be that of data sheets of parts in ZED cameras"
         ),
         "{notes:?}"
     );
@@ -135,9 +135,12 @@ fn the_rig_is_made_of_what_is_told_and_recorded_and_is_not_made_twice() {
         let left = example.transform(&Frame::rig(), &part).expect("a place");
         assert_eq!(camera.rig_from_left, left);
     }
-    // Recorded lenses of the one, told ones of the other, with the baseline that was told.
+    // Recorded intrinsics of one camera, given ones of the other, with the given baseline.
     assert_eq!(model.cameras[0].left.fx, lens("left_shoulder/left").k[0]);
-    assert_eq!(model.cameras[1].left, told.calibrations["feet"].left);
+    assert_eq!(
+        model.cameras[1].left,
+        rig_overrides.calibrations["feet"].left
+    );
     assert_eq!(
         model.cameras[1].right_from_left.translation_m(),
         [-0.063, 0.0, 0.0]
@@ -145,27 +148,27 @@ fn the_rig_is_made_of_what_is_told_and_recorded_and_is_not_made_twice() {
     assert_eq!(model.imus[0].rate_hz, Some(200.0));
     assert!(model.imus[0].noise.is_some() && model.imus[0].range.is_some());
     let input = Input::open(folder.path()).expect("open");
-    assert_eq!(rig::model(&input, &told).expect("a rig").0, model);
-    let of_odometry = rig::of_odometry(&model);
-    assert_eq!(of_odometry.cameras[1].name, "feet");
+    assert_eq!(rig::model(&input, &rig_overrides).expect("a rig").0, model);
+    let odometry_rig = rig::odometry_rig(&model);
+    assert_eq!(odometry_rig.cameras[1].name, "feet");
 
     let second = stage(&arguments);
-    assert_eq!(second["state"], "kept");
+    assert_eq!(second["state"], "up_to_date");
     assert_eq!(second["outputs"], first["outputs"]);
     assert_eq!(second["notes"], first["notes"]);
     let mut more = arguments.to_vec();
-    more.push("--again");
-    // Images of what was seen are no part of the bundle: it is made although they cannot be written.
+    more.push("--force");
+    // Camera images are not part of the bundle: it is written although they cannot be.
     let seen = Path::new(&out).join("seen.jsonl");
     fs::remove_file(&seen).expect("it was written");
     fs::create_dir(&seen).expect("a folder");
-    assert_eq!(stage(&more)["state"], "made");
+    assert_eq!(stage(&more)["state"], "ran");
     assert!(!Path::new(&out).join("seen.jsonl.new").exists());
     fs::remove_dir(&seen).expect("empty");
     more.truncate(arguments.len());
     more.extend(["--line-us", "feet=22.5"]);
     let third = stage(&more);
-    assert_eq!(third["state"], "made");
+    assert_eq!(third["state"], "ran");
     assert_ne!(third["outputs"], first["outputs"]);
     let scene = Scene::open(out.as_ref()).expect("a bundle");
     let reader = scene.output("rig").expect("an output");
@@ -196,12 +199,12 @@ fn the_rig_is_made_of_what_is_told_and_recorded_and_is_not_made_twice() {
 }
 
 #[test]
-fn the_folder_of_a_calibration_gives_a_session_lenses_and_places() {
+fn the_folder_of_a_calibration_gives_a_session_intrinsics_and_extrinsics() {
     let folder = tempfile::tempdir().expect("folder");
     hand_over(folder.path());
     let before = fs::read(folder.path().join("handoff.json")).expect("a hand-off");
-    let told = told(folder.path());
-    let set = CameraSet::of_stereo(&told.calibrations["feet"]);
+    let rig_overrides = rig_overrides(folder.path());
+    let set = CameraSet::of_stereo(&rig_overrides.calibrations["feet"]);
     let [(_, feet)] = &contents(&set, Format::OpenCv).expect("a file")[..] else {
         panic!("several files");
     };
@@ -224,7 +227,7 @@ fn the_folder_of_a_calibration_gives_a_session_lenses_and_places() {
         &given,
     ];
 
-    // Nothing of a calibration is in it yet.
+    // It has no calibration yet.
     let output = run(&mended);
     assert_eq!(output.status.code(), Some(1));
     let said = errors(&output);
@@ -240,7 +243,7 @@ fn the_folder_of_a_calibration_gives_a_session_lenses_and_places() {
     assert_eq!(output.status.code(), Some(0), "{}", errors(&output));
     let said = errors(&output);
     let hash = blake3::hash(feet).to_hex();
-    let note = format!("taken before what it holds: feet.yaml, blake3 {hash}");
+    let note = format!("with precedence over its content: feet.yaml, blake3 {hash}");
     assert!(said.contains(&note), "{said}");
     let scene = Scene::open(out.as_ref()).expect("a bundle");
     let settings = &scene.manifest().outputs["rig"].settings;
@@ -250,8 +253,8 @@ fn the_folder_of_a_calibration_gives_a_session_lenses_and_places() {
     let model = outputs::rig::read(&reader).expect("a rig");
     let feet = model.cameras.iter().find(|c| c.name == "feet");
     let fx = feet.expect("feet").left.fx;
-    assert!((fx - told.calibrations["feet"].left.fx).abs() < 1e-9);
-    // The session is what it was.
+    assert!((fx - rig_overrides.calibrations["feet"].left.fx).abs() < 1e-9);
+    // The session is unchanged.
     let after = fs::read(folder.path().join("handoff.json")).expect("a hand-off");
     assert_eq!(after, before);
 
@@ -271,16 +274,16 @@ fn the_folder_of_a_calibration_gives_a_session_lenses_and_places() {
     assert_eq!(output.status.code(), Some(1));
     let said = errors(&output);
     assert!(
-        said.contains("feet in different places") && said.contains("`paws calib camera-imu "),
+        said.contains("different poses of feet") && said.contains("`paws calib camera-imu "),
         "{said}"
     );
 }
 
-/// Where a toy stage dies.
+/// Where a toy stage aborts.
 const DIES: &str = "PAWS_TEST_DIES";
 const FOLDER: &str = "PAWS_TEST_FOLDER";
 
-/// Writes many files, and dies before the one that it is told of.
+/// Writes many files, and aborts before the given one.
 struct Toy {
     name: &'static str,
     inputs: &'static [&'static str],
@@ -370,13 +373,13 @@ fn run_toys(folder: &Path) -> Vec<State> {
         &sources,
         &bundle,
         &selection,
-        &watch::Unwatched,
+        &observer::NoObserver,
         &Meter::STILL,
     );
     outcomes.expect("toys").iter().map(|o| o.state).collect()
 }
 
-/// Not a test by itself: the process that dies, started by the one below.
+/// Not a test: the process that aborts, started by the test below.
 #[test]
 fn dying() {
     if let Some(folder) = std::env::var_os(FOLDER) {
@@ -385,18 +388,18 @@ fn dying() {
 }
 
 #[test]
-fn what_a_disk_has_changed_is_made_again() {
+fn damaged_outputs_are_recomputed() {
     let folder = tempfile::tempdir().expect("folder");
-    assert_eq!(run_toys(folder.path()), [State::Made; 3]);
+    assert_eq!(run_toys(folder.path()), [State::Ran; 3]);
     let scene = Scene::open(folder.path()).expect("a bundle");
-    let file = scene.output("c").expect("an output").place("1");
+    let file = scene.output("c").expect("an output").file_path("1");
     let mut bytes = fs::read(&file).expect("a file");
     bytes[3] ^= 1;
     fs::write(&file, bytes).expect("damaged");
-    // What comes after it was made of the same bytes.
+    // Later stages were computed from the same bytes.
     assert_eq!(
         run_toys(folder.path()),
-        [State::Kept, State::Made, State::Kept]
+        [State::UpToDate, State::Ran, State::UpToDate]
     );
     let scene = Scene::open(folder.path()).expect("a bundle");
     let checked = scene_bundle::verify::verify(&scene, |_| {}).expect("a bundle");
@@ -404,9 +407,9 @@ fn what_a_disk_has_changed_is_made_again() {
 }
 
 #[test]
-fn killed_at_any_step_the_next_run_goes_on_with_the_stage_in_progress() {
+fn after_a_kill_at_any_step_the_next_run_resumes_the_stage_in_progress() {
     let whole = tempfile::tempdir().expect("folder");
-    assert_eq!(run_toys(whole.path()), [State::Made; 3]);
+    assert_eq!(run_toys(whole.path()), [State::Ran; 3]);
     let hashes = |folder: &Path| -> BTreeMap<String, String> {
         let scene = Scene::open(folder).expect("a bundle");
         let outputs = scene.manifest().outputs.iter();
@@ -427,13 +430,13 @@ fn killed_at_any_step_the_next_run_goes_on_with_the_stage_in_progress() {
                 .expect("start")
                 .status;
             assert!(!status.success(), "{name}{step} did not die");
-            // What was committed is whole.
+            // Committed outputs are intact.
             let scene = Scene::open(folder.path()).expect("a bundle");
             let checked = scene_bundle::verify::verify(&scene, |_| {}).expect("a bundle");
             assert!(checked.is_whole());
             assert_eq!(checked.outputs.len(), [0, 1, 3][number]);
             let states = run_toys(folder.path());
-            let made: Vec<bool> = states.iter().map(|s| *s == State::Made).collect();
+            let made: Vec<bool> = states.iter().map(|s| *s == State::Ran).collect();
             let expected_made: Vec<bool> = (0..3).map(|k| k >= number).collect();
             assert_eq!(made, expected_made, "{name}{step}");
             assert_eq!(hashes(folder.path()), expected);

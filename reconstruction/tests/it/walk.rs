@@ -1,5 +1,5 @@
-//! A simulated walk through the whole program: every stage, what they make against what is true, and that neither the number of
-//! threads nor a second run changes anything.
+//! A simulated walk through the whole program: every stage, its results against ground truth, and
+//! that neither the number of threads nor a second run changes anything.
 
 use std::collections::{BTreeMap, BTreeSet};
 use std::fs;
@@ -16,22 +16,22 @@ use reconstruction::evaluate::{Evaluation, Settings, evaluate, files};
 use rig_sim::camera::Quality;
 use rig_sim::faults::Faults;
 use rig_sim::render::{Job, render_session};
-use rig_sim::scene::{Kind, Time};
+use rig_sim::scene::{Kind, Lighting};
 use rig_sim::simulation::{self, Simulation};
 use scene_bundle::outputs::cloud::CloudPoint;
 use scene_bundle::{Scene, outputs};
 use serde_json::{Value, json};
 use session_archive::handoff::Verdict;
 
-use crate::feed::RIG;
+use crate::frame_set_reader::RIG;
 use crate::session::{index, seal_session};
 
-const STAGES: [&str; 5] = ["rig", "odometry", "mapping", "depth", "cloud"];
+const STAGES: [&str; 5] = ["rig", "odometry", "bundle-adjustment", "depth", "cloud"];
 
 struct Walk {
     simulation: Arc<Simulation>,
     session: PathBuf,
-    /// The bundle that one thread made.
+    /// The bundle written with one thread.
     scene: PathBuf,
     _folder: tempfile::TempDir,
 }
@@ -43,7 +43,7 @@ fn walk() -> &'static Walk {
         let folder = tempfile::tempdir().expect("folder");
         let settings = simulation::Settings {
             kind: Kind::Plaza,
-            time: Time::Day,
+            lighting: Lighting::Day,
             seed: 3,
             seconds: 4.0,
             rate_hz: 15.0,
@@ -69,7 +69,7 @@ fn walk() -> &'static Walk {
         let states = run(&session, &scene, "1");
         assert_eq!(
             states,
-            STAGES.map(|stage| (stage.to_owned(), "made".to_owned()))
+            STAGES.map(|stage| (stage.to_owned(), "ran".to_owned()))
         );
         Walk {
             simulation,
@@ -80,7 +80,7 @@ fn walk() -> &'static Walk {
     })
 }
 
-/// The session and the bundle that was made of it, for copying.
+/// The session and its bundle, for copying.
 pub(crate) fn made() -> (&'static Path, &'static Path) {
     (&walk().session, &walk().scene)
 }
@@ -136,21 +136,21 @@ fn threads_and_second_runs_change_nothing() {
     let again = run(&walk.session, &two, "2");
     assert_eq!(
         again,
-        STAGES.map(|stage| (stage.to_owned(), "kept".to_owned()))
+        STAGES.map(|stage| (stage.to_owned(), "up_to_date".to_owned()))
     );
     assert_eq!(hashes(&two), expected);
 }
 
 #[test]
-fn poses_are_near_the_truth() {
+fn poses_are_near_ground_truth() {
     let evaluation = evaluation(walk());
     let absolute = evaluation.absolute.expect("something to compare");
     assert!(absolute.translation_m.rmse < 0.03, "{absolute:?}");
     assert_eq!(evaluation.completion.share, 1.0);
 }
 
-/// How far points are from the surface that is truly there, m: from the plane of the pixels that show it, for each the least of all
-/// looks that could have seen it; and the sigma of the point, m.
+/// Distance of points from the true surface, m: from the plane of the pixels that show it, for each
+/// the minimum over all views that could have seen it; and the sigma of the point, m.
 fn off_surface(
     walk: &Walk,
     points: &[CloudPoint],
@@ -159,7 +159,7 @@ fn off_surface(
     let mut off = vec![f64::INFINITY; points.len()];
     let settings = walk.simulation.settings();
     let [width, height] = [settings.width as usize, settings.height as usize];
-    // Cameras whose rows are all exposed at once.
+    // Cameras with a global shutter.
     for camera in ["left_shoulder", "right_shoulder"] {
         let cameras = walk.simulation.cameras();
         let number = cameras
@@ -167,7 +167,7 @@ fn off_surface(
             .position(|c| c.name == camera)
             .expect("a camera");
         let lens = Lens::new(&walk.simulation.calibration(number).left);
-        let mut truths = walk.simulation.truths(number);
+        let mut truths = walk.simulation.ground_truth(number);
         for frame in (0..settings.frame_count()).step_by(6) {
             let time_ns = settings.frame_ns(frame);
             let rig = walk.simulation.walker().rig(time_ns as f64 * 1e-9);
@@ -176,7 +176,7 @@ fn off_surface(
             let world_from_eye = RigidTransform::from_wxyz([q.w, q.i, q.j, q.k], place.into());
             let eye_from_estimated =
                 world_from_eye.expect("a pose").inverse() * true_from_estimated;
-            let depth = truths.see(0, time_ns).depth;
+            let depth = truths.render(0, time_ns).depth;
             let seen = |x: usize, y: usize| {
                 let z = f64::from(depth[y * width + x]);
                 let ray = Vector3::from(lens.unproject([x as f64, y as f64])?);
@@ -212,13 +212,13 @@ fn off_surface(
 }
 
 #[test]
-fn the_cloud_lies_on_what_is_there() {
+fn the_cloud_is_on_the_true_surfaces() {
     let walk = walk();
     let scene = Scene::open(&walk.scene).expect("a bundle");
     let points = outputs::cloud::read(&scene.output("cloud").expect("a cloud")).expect("points");
     assert!(points.len() > 10_000, "{}", points.len());
-    // In colour.
-    let is_coloured = |p: &&CloudPoint| p.colour[0].abs_diff(p.colour[2]) > 8;
+    // In color.
+    let is_coloured = |p: &&CloudPoint| p.color[0].abs_diff(p.color[2]) > 8;
     assert!(points.iter().filter(is_coloured).count() > points.len() / 20);
     let fit = evaluation(walk).true_from_estimated.expect("an alignment");
     let mut off = off_surface(walk, &points, fit.rigid);
@@ -237,22 +237,23 @@ fn the_cloud_lies_on_what_is_there() {
     let inside = inside / off.len() as f64;
     let [half, most] = [share(0.5), share(0.95)];
     println!(
-        "{} points, off by {half:.3} m (half), {most:.3} m (95 %), {inside:.3} inside",
+        "{} points, error {half:.3} m (median), {most:.3} m (95 %), {inside:.3} inside",
         points.len()
     );
     assert!(half < 0.05 && most < 0.2, "{half} m, {most} m");
     assert!(inside > 0.9, "{inside}");
 }
 
-/// Writes what is true of the frames that have depth, as `paws-rig-sim render --truth` writes it of all frames.
+/// Writes the true depth of the frames that have depth, as `paws-rig-sim render --truth` does for
+/// all frames.
 fn write_true_depth(walk: &Walk, scene: &Scene, folder: &Path) {
     let settings = walk.simulation.settings();
     let reader = scene.output("depth").expect("depth");
     let index = outputs::depth::read_index(&reader).expect("an index");
     for (number, camera) in walk.simulation.cameras().iter().enumerate() {
         let view = index.views.iter().position(|v| v.camera == camera.name);
-        let keys = index.pictures.iter().filter(|key| Some(key.view) == view);
-        let mut truths = walk.simulation.truths(number);
+        let keys = index.images.iter().filter(|key| Some(key.view) == view);
+        let mut truths = walk.simulation.ground_truth(number);
         let root = folder.join(&camera.name).join("mav0");
         for eye in 0..2 {
             fs::create_dir_all(root.join(format!("depth{eye}/data"))).expect("a folder");
@@ -267,7 +268,7 @@ fn write_true_depth(walk: &Walk, scene: &Scene, folder: &Path) {
         for key in keys {
             let time_ns = settings.frame_ns(key.frame);
             for eye in 0..2 {
-                let truth = truths.see(eye, time_ns);
+                let truth = truths.render(eye, time_ns);
                 let millimetres = |depth: &f32| match (1e3 * depth).round() {
                     mm if mm <= 65535.0 => mm as u16,
                     _ => 0,
@@ -280,14 +281,14 @@ fn write_true_depth(walk: &Walk, scene: &Scene, folder: &Path) {
                 encoder.set_color(png::ColorType::Grayscale);
                 encoder.set_depth(png::BitDepth::Sixteen);
                 let mut writer = encoder.write_header().expect("a header");
-                writer.write_image_data(&bytes).expect("a picture");
+                writer.write_image_data(&bytes).expect("an image");
             }
         }
     }
 }
 
 #[test]
-fn depth_is_near_the_truth_and_says_how_near() {
+fn depth_is_near_ground_truth_within_its_sigma() {
     let walk = walk();
     let scene = Scene::open(&walk.scene).expect("a bundle");
     let folder = walk.scene.with_file_name("truth");
@@ -315,7 +316,7 @@ fn depth_is_near_the_truth_and_says_how_near() {
     assert!(number("mean_error_px") < 0.6, "{all}");
     assert!(number("within_2_sigma") > 0.9, "{all}");
 
-    // Without truth it says what it looked for.
+    // Without ground truth it names the missing file.
     let mut command = Command::new(env!("CARGO_BIN_EXE_paws-reconstruct"));
     command
         .arg("evaluate-depth")
@@ -329,7 +330,7 @@ fn depth_is_near_the_truth_and_says_how_near() {
 }
 
 #[test]
-fn the_report_says_whether_it_knows_the_truth() {
+fn the_report_states_whether_it_has_ground_truth() {
     let walk = walk();
     let report = |arguments: &[&Path]| {
         let mut command = Command::new(env!("CARGO_BIN_EXE_paws-reconstruct"));
@@ -345,22 +346,26 @@ fn the_report_says_whether_it_knows_the_truth() {
         (line, fs::read_to_string(out).expect("a page"))
     };
     let (line, page) = report(&[]);
-    assert!(line.starts_with("no truth, "), "{line}");
-    assert!(page.contains("No truth was given"), "no word of the truth");
+    assert!(line.starts_with("no ground truth, "), "{line}");
+    assert!(
+        page.contains("No ground truth was given"),
+        "no word of ground truth"
+    );
     let truth = truth(walk);
     let (line, page) = report(&[Path::new("--truth"), &truth]);
     assert!(
-        line.contains(" mm off (root mean square), ") && line.contains("100.0 % complete"),
+        line.contains(" mm (root mean square), ") && line.contains("100.0 % complete"),
         "{line}"
     );
     for expected in [
-        "distance from the truth",
+        "distance from ground truth",
         "<h2>Stages</h2>",
-        "keyframes, of whose pixels",
+        "% of their pixels have depth",
     ] {
         assert!(page.contains(expected), "{expected}");
     }
-    // Two images of the cloud, the view in three dimensions, and what each camera saw, in the page itself.
+    // Two images of the cloud, the view in three dimensions, and images of each camera, in the page
+    // itself.
     assert_eq!(charts::inspect(&page), Ok(()));
     assert_eq!(page.matches("src=\"data:image/png;base64,").count(), 2);
     for expected in [
@@ -383,17 +388,18 @@ fn the_report_says_whether_it_knows_the_truth() {
         page == report(&[Path::new("--truth"), &truth]).1,
         "another page"
     );
-    // A bundle of before has no such images and is as good.
+    // An older bundle has no such images and is valid.
     let seen = walk.scene.join("seen.jsonl");
     let kept = walk.scene.with_file_name("seen.kept");
     fs::rename(&seen, &kept).expect("moved");
     let (_, page) = report(&[]);
     fs::rename(&kept, &seen).expect("moved");
-    assert!(page.contains("No image lies beside the bundle"));
+    assert!(page.contains("There is no image beside the bundle"));
     assert_eq!(charts::inspect(&page), Ok(()));
 }
 
-/// In a browser, on a phone and on a screen; where it has no WebGL2 the sentence stands in place of the view.
+/// In a browser, on a phone and on a screen; without WebGL2 the message is shown instead of the
+/// view.
 #[test]
 fn the_report_fits_and_its_view_draws() {
     let Some(mut browser) = Browser::start_with_webgl(360, 780) else {
@@ -411,9 +417,9 @@ fn the_report_fits_and_its_view_draws() {
         assert_eq!(browser.overflow(width), 0, "at {width}");
         let none = browser.value("document.getElementById('viewer').hasAttribute('data-none')");
         let words = browser.value("document.getElementById('viewer-none').checkVisibility()");
-        assert_eq!(words, none, "the sentence or the view");
+        assert_eq!(words, none, "the message or the view");
         if none == json!(true) {
-            println!("skipped: no WebGL2 in this browser, so the view is not looked at");
+            println!("skipped: no WebGL2 in this browser, so the view is not checked");
             let words = browser.value("document.getElementById('viewer-none').innerText");
             assert!(words.to_string().contains("needs JavaScript and WebGL2"));
         } else {
@@ -430,16 +436,17 @@ fn draws(browser: &mut Browser) {
             "(() => { const e = document.getElementById('viewer-canvas'); e.scrollIntoView({block: 'center'}); \
              const r = e.getBoundingClientRect(); return [r.left, r.top, r.right, r.bottom]; })()",
         );
-        if colours(&browser.screenshot(false), &place) > 1 {
+        if colors(&browser.screenshot(false), &place) > 1 {
             return;
         }
         browser.value("new Promise((done) => setTimeout(done, 250))");
     }
-    panic!("the view stays empty");
+    panic!("the view remains empty");
 }
 
-/// How many colours a picture of the screen has within a place of the page, which has two pixels for one of its own.
-fn colours(picture: &[u8], place: &Value) -> usize {
+/// Number of colors of a screenshot within an area of the page, with two pixels for each of the
+/// page's.
+fn colors(picture: &[u8], place: &Value) -> usize {
     let decoder = png::Decoder::new(Cursor::new(picture));
     let mut reader = decoder.read_info().expect("png");
     let mut pixels = vec![0; reader.output_buffer_size().expect("size")];

@@ -11,10 +11,10 @@ use mcap::{WriteOptions, Writer};
 
 use super::Footage;
 
-/// When the walk began, ns since 1970, as a camera's driver would stamp it.
+/// Begin of the walk, ns since 1970, as a camera driver would stamp it.
 pub const BEGAN_NS: i64 = 1_700_000_000_123_456_789;
 
-/// How the images are stored.
+/// Encoding of the images.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Images {
     /// `sensor_msgs/Image`, `rgb8`, rows padded to a multiple of 64.
@@ -27,8 +27,8 @@ pub enum Images {
     Jpeg,
 }
 
-/// Writes the walk: topics `/left/image`, `/right/image` and `/imu`. Right images are stamped `apart_ns` later than left
-/// ones.
+/// Writes the walk: topics `/left/image`, `/right/image` and `/imu`. Right timestamps are
+/// `apart_ns` later than left ones.
 ///
 /// # Errors
 /// It cannot be written.
@@ -49,7 +49,7 @@ pub fn write(footage: &Footage, images: Images, apart_ns: i64, path: &Path) -> R
     ];
     let imu = channel("/imu", "sensor_msgs/msg/Imu")?;
 
-    // By the time at which they were taken, samples first.
+    // By time of measurement, samples first.
     let mut messages: Vec<(i64, u16, Vec<u8>)> = Vec::new();
     for (time, gyro, accel) in &footage.samples {
         messages.push((*time, imu, sample(BEGAN_NS + time, gyro, accel)));
@@ -127,7 +127,7 @@ fn image(
 
 fn sample(stamp_ns: i64, gyro: &[f64; 3], accel: &[f64; 3]) -> Vec<u8> {
     let mut message = header(stamp_ns);
-    // No orientation, as the message says it.
+    // No orientation, as defined by the message.
     let orientation = [
         0.0, 0.0, 0.0, 1.0, -1.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0,
     ];
@@ -140,7 +140,7 @@ fn sample(stamp_ns: i64, gyro: &[f64; 3], accel: &[f64; 3]) -> Vec<u8> {
     message
 }
 
-/// The representation, and a header.
+/// The CDR representation, and a header.
 fn header(stamp_ns: i64) -> Vec<u8> {
     let mut message = vec![0, 1, 0, 0];
     let seconds = stamp_ns.div_euclid(1_000_000_000) as i32;
@@ -151,7 +151,7 @@ fn header(stamp_ns: i64) -> Vec<u8> {
     message
 }
 
-/// A number at a multiple of its size behind the representation.
+/// A number, aligned to its size after the representation.
 fn number(message: &mut Vec<u8>, value: &[u8]) {
     let at = message.len() - 4;
     message.resize(4 + at.next_multiple_of(value.len()), 0);

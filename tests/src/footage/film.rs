@@ -8,7 +8,7 @@ use gstreamer::prelude::*;
 use gstreamer_app as gst_app;
 use video::Picture;
 
-/// How a film is encoded and in what container.
+/// Encoding and container of a film.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Film {
     /// H.264 in MP4.
@@ -29,10 +29,10 @@ impl Film {
     }
 }
 
-/// Writes pictures of one size at these times, ns from 0.
+/// Writes images of one size at these times, ns from 0.
 ///
 /// # Errors
-/// An element is not there, or fails.
+/// An element is absent or fails.
 pub fn write(
     film: Film,
     rate_hz: i32,
@@ -59,7 +59,7 @@ pub fn write(
     let mut last = 0;
     pipeline.set_state(gst::State::Playing)?;
     for (time_ns, picture) in pictures {
-        // Else GStreamer has rows with something behind them.
+        // Otherwise GStreamer pads rows.
         ensure!(picture.width.is_multiple_of(8), "{} columns", picture.width);
         if caps.is_none() {
             let made = gst::Caps::builder("video/x-raw")

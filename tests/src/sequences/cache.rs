@@ -1,9 +1,10 @@
-//! Pictures of walks, rendered once and kept.
+//! Cache of rendered images of walks.
 //!
-//! Contract: `FOLDER/HASH/CAMERA.grey` holds the frames of one camera that get into sets, each the left eye's rows and then
-//! the right eye's, without header or gaps; `HASH/walk.txt` what the hash is of. The hash is of everything that a picture
-//! depends on: settings, faults, rig, and the sources of the simulator. *On failure* half a file is under another name, and is
-//! written anew. Two programs may render the same walk at once: the file is the same whoever is first.
+//! Contract: `FOLDER/HASH/CAMERA.grey` has the frames of one camera that are in sets, each the left
+//! eye's rows and then the right eye's, without header or gaps; `HASH/walk.txt` is the hashed text.
+//! The hash covers all inputs of an image: settings, faults, rig, and the sources of the simulator.
+//! *On failure* a partial file has another name, and is rewritten. Two programs may render the same
+//! walk simultaneously: the file is the same whichever finishes first.
 
 use std::collections::VecDeque;
 use std::fs::{self, File};
@@ -19,21 +20,21 @@ use super::walk::{Walk, WalkCamera};
 
 /// Rendering threads.
 const THREADS: usize = 2;
-/// Of the simulator, beside this crate.
+/// Sources of the simulator, relative to this crate.
 const SOURCES: &str = concat!(
     env!("CARGO_MANIFEST_DIR"),
     "/../crates/synthetic/rig-sim/src"
 );
 
-/// The kept pictures of one camera.
+/// The cached images of one camera.
 #[derive(Clone, Debug)]
-pub(super) struct Stored {
+pub(super) struct CachedCamera {
     path: PathBuf,
-    /// Bytes of one eye's picture.
+    /// Size of one eye's image, bytes.
     eye: usize,
 }
 
-impl Stored {
+impl CachedCamera {
     /// Reads pairs in order.
     pub(super) fn reader(&self) -> Result<Reader> {
         let path = self.path.clone();
@@ -51,8 +52,8 @@ impl Stored {
     }
 }
 
-/// Renders what is not there yet.
-pub(super) fn store(walk: &Walk, folder: &Path) -> Result<Vec<Stored>> {
+/// Renders images that are not in the cache.
+pub(super) fn store(walk: &Walk, folder: &Path) -> Result<Vec<CachedCamera>> {
     let mut key = walk.key.clone();
     key += &format!("\n{} {}\n", env!("CARGO_PKG_VERSION"), sources()?);
     let hash = blake3::hash(key.as_bytes()).to_hex();
@@ -60,7 +61,7 @@ pub(super) fn store(walk: &Walk, folder: &Path) -> Result<Vec<Stored>> {
     fs::create_dir_all(&folder).with_context(|| format!("making {}", folder.display()))?;
     let settings = walk.simulation.settings();
     let eye = settings.width as usize * settings.height as usize;
-    let stored = |camera: &WalkCamera| Stored {
+    let stored = |camera: &WalkCamera| CachedCamera {
         path: folder.join(format!("{}.grey", camera.name)),
         eye,
     };
@@ -96,16 +97,16 @@ pub(super) fn store(walk: &Walk, folder: &Path) -> Result<Vec<Stored>> {
         let expected = (camera.frames.len() * 2 * eye) as u64;
         ensure!(
             found == expected,
-            "found {found} bytes of pictures, expected {expected}: remove {}",
+            "found {found} bytes of images, expected {expected}: remove {}",
             path.display()
         );
     }
     Ok(walk.cameras.iter().map(stored).collect())
 }
 
-/// Writes a file beside its place, and then moves it there.
+/// Writes a file under a temporary name, and then renames it.
 fn replace(path: &Path, write: impl FnOnce(&mut dyn std::io::Write) -> Result<()>) -> Result<()> {
-    let folder = path.parent().context("a file is in a folder")?;
+    let folder = path.parent().context("a file has a parent folder")?;
     let beside = tempfile::NamedTempFile::new_in(folder)?;
     let mut file = BufWriter::with_capacity(1 << 20, beside);
     write(&mut file).with_context(|| format!("writing {}", path.display()))?;
@@ -119,8 +120,12 @@ fn sources() -> Result<String> {
     let mut hasher = blake3::Hasher::new();
     let mut folders = vec![PathBuf::from(SOURCES)];
     while let Some(folder) = folders.pop() {
-        let entries = fs::read_dir(&folder)
-            .with_context(|| format!("looking at the simulator in {}", folder.display()))?;
+        let entries = fs::read_dir(&folder).with_context(|| {
+            format!(
+                "reading the sources of the simulator in {}",
+                folder.display()
+            )
+        })?;
         let mut paths = (entries.map(|e| e.map(|e| e.path()))).collect::<Result<Vec<_>, _>>()?;
         paths.sort();
         for path in paths {

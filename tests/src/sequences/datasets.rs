@@ -1,4 +1,4 @@
-//! Recordings of others as sequences.
+//! Public datasets as sequences.
 
 use std::fs::File;
 use std::io::BufReader;
@@ -9,26 +9,27 @@ use cad_transforms::RigidTransform;
 use odometry::input::ImuSample;
 use odometry::rig::{Imu, Rig, StereoCamera};
 
-use super::{Pictures, Planned, Reader, Sequence, Truth};
+use super::{ImageSource, PlannedSet, Reader, Sequence, Truth};
 
-/// Time between the pictures of KITTI, ns.
+/// Frame period of KITTI, ns.
 const KITTI_PERIOD_NS: i64 = 100_000_000;
 /// Range of the ADIS16448 of EuRoC's VI sensor (data sheet): 1000 deg/s, 18 g.
 const ADIS_RANGE: [f64; 2] = [1000.0 * std::f64::consts::PI / 180.0, 18.0 * 9.806_65];
-/// The optical axes as rig axes: forward is optical z, left is -x, up is -y. Rows.
+/// Rotation from optical to rig axes: forward is optical z, left is -x, up is -y. Rows.
 const RIG_FROM_OPTICAL: [f64; 9] = [0.0, 0.0, 1.0, -1.0, 0.0, 0.0, 0.0, -1.0, 0.0];
 
-/// A folder with `calib.txt`, `poses.txt`, `image_l` and `image_r`, as KITTI odometry has them: rectified, 10 Hz, no IMU.
+/// A folder with `calib.txt`, `poses.txt`, `image_l` and `image_r`, as in KITTI odometry:
+/// rectified, 10 Hz, no IMU.
 ///
-/// The rig sits in the left camera, and looks forward with it; so does the world, which is the first camera's with
-/// x forward and z up.
+/// The rig frame has its origin in the left camera and faces forward with it; so does the world,
+/// which is the first camera's frame with x forward and z up.
 ///
 /// # Errors
-/// Files that are absent or not as KITTI has them.
+/// Files that are absent or not in KITTI's format.
 pub fn kitti(folder: &Path) -> Result<Sequence> {
-    let named = |side: &str| pictures(&folder.join(side));
+    let named = |side: &str| images(&folder.join(side));
     let (left, right) = (named("image_l")?, named("image_r")?);
-    let first = left.first().context("there is no picture")?;
+    let first = left.first().context("there is no image")?;
     let (width, height) = size(first)?;
     let (calibration, _) = calib::kitti::read(&folder.join("calib.txt"), width, height)?;
     let rig_from_left = RigidTransform::from_rotation_rows(RIG_FROM_OPTICAL, [0.0; 3])?;
@@ -42,10 +43,10 @@ pub fn kitti(folder: &Path) -> Result<Sequence> {
     let (l, r, poses) = (left.len(), right.len(), truth.len());
     ensure!(
         l == r && l <= poses,
-        "{l} left pictures, {r} right ones and {poses} poses, expected as many of each, or more poses, in {}",
+        "{l} left images, {r} right images and {poses} poses, expected equal numbers, or more poses, in {}",
         folder.display()
     );
-    let sets = (truth.iter().take(l)).map(|(time_ns, _)| Planned {
+    let sets = (truth.iter().take(l)).map(|(time_ns, _)| PlannedSet {
         time_ns: *time_ns,
         views: vec![Some(*time_ns)],
     });
@@ -66,31 +67,32 @@ pub fn kitti(folder: &Path) -> Result<Sequence> {
         imu: Vec::new(),
         sets: sets.collect(),
         truth: Truth::Measured(truth),
-        pictures: Pictures::Files(vec![
+        images: ImageSource::Files(vec![
             left.into_iter().zip(right).map(|(l, r)| [l, r]).collect(),
         ]),
     })
 }
 
-/// A folder with `mav0` as EuRoC has it and a file of true states. The rig is the body, which is the IMU.
+/// A folder with `mav0` as in EuRoC and a file of true states. The rig is the body, which is the
+/// IMU.
 ///
-/// `seconds` are given from the first picture on. Sets go on without pictures, at the same rate, where there are none any
-/// more and the IMU still measures; `None` ends with the pictures.
+/// The sequence has `seconds` from the first image on. After the last image, while the IMU still
+/// measures, sets continue without images at the same rate; `None` ends with the images.
 ///
 /// # Errors
-/// Files that are absent or not as EuRoC has them.
+/// Files that are absent or not in EuRoC's format.
 pub fn euroc(folder: &Path, truth: &Path, seconds: Option<f64>) -> Result<Sequence> {
     let mav = folder.join("mav0");
     let lists = [
-        euroc_pictures(&mav.join("cam0"))?,
-        euroc_pictures(&mav.join("cam1"))?,
+        euroc_images(&mav.join("cam0"))?,
+        euroc_images(&mav.join("cam1"))?,
     ];
     let [left, right] = lists;
-    let (_, first) = left.first().context("there is no picture")?;
+    let (_, first) = left.first().context("there is no image")?;
     let (width, height) = size(first)?;
     let (calibration, _) = calib::euroc::read(&mav, width, height)?;
-    let told = calibration.imu.context("there is no imu0/sensor.yaml")?;
-    let noise = told.noise.context("imu0/sensor.yaml has no noise")?;
+    let nominal = calibration.imu.context("there is no imu0/sensor.yaml")?;
+    let noise = nominal.noise.context("imu0/sensor.yaml has no noise")?;
     let path = mav.join("imu0/data.csv");
     let mut imu = Vec::new();
     for row in rows(&path)? {
@@ -107,7 +109,7 @@ pub fn euroc(folder: &Path, truth: &Path, seconds: Option<f64>) -> Result<Sequen
     for (time_ns, left) in left {
         while other.next_if(|(t, _)| *t < time_ns).is_some() {}
         let pair = other.next_if(|(t, _)| *t == time_ns);
-        sets.push(Planned {
+        sets.push(PlannedSet {
             time_ns,
             views: vec![pair.is_some().then_some(time_ns)],
         });
@@ -120,10 +122,10 @@ pub fn euroc(folder: &Path, truth: &Path, seconds: Option<f64>) -> Result<Sequen
         let end = end.min(imu.last().map_or(begin, |s| s.time_ns));
         let period = (imu.len() > 1 && sets.len() > 1).then(|| sets[1].time_ns - begin);
         let last = sets.last().map_or(begin, |set| set.time_ns);
-        for time_ns in (last..=end).step_by(period.context("there is one picture")? as usize) {
+        for time_ns in (last..=end).step_by(period.context("there is one image")? as usize) {
             if time_ns > last {
                 let views = vec![None];
-                sets.push(Planned { time_ns, views });
+                sets.push(PlannedSet { time_ns, views });
             }
         }
     }
@@ -135,7 +137,7 @@ pub fn euroc(folder: &Path, truth: &Path, seconds: Option<f64>) -> Result<Sequen
         poses.push((time_ns, pose));
     }
     // The body is the IMU.
-    let imu_from_left = told.imu_from_left;
+    let imu_from_left = nominal.imu_from_left;
     Ok(Sequence {
         name: name(folder),
         rig: Rig {
@@ -152,23 +154,23 @@ pub fn euroc(folder: &Path, truth: &Path, seconds: Option<f64>) -> Result<Sequen
                 name: "imu".to_owned(),
                 rig_from_imu: RigidTransform::identity(),
                 noise,
-                rate_hz: told.rate_hz,
+                rate_hz: nominal.rate_hz,
                 range: ADIS_RANGE,
             }],
         },
         imu: vec![imu],
         sets,
         truth: Truth::Measured(poses),
-        pictures: Pictures::Files(vec![files]),
+        images: ImageSource::Files(vec![files]),
     })
 }
 
-/// Reads pairs of picture files.
+/// Reads pairs of image files.
 pub(super) fn reader(files: Vec<[PathBuf; 2]>) -> Reader {
     let mut files = files.into_iter();
     Box::new(move || {
-        let [left, right] = files.next().context("there is no further picture")?;
-        Ok([grey(&left)?, grey(&right)?])
+        let [left, right] = files.next().context("there is no further image")?;
+        Ok([gray(&left)?, gray(&right)?])
     })
 }
 
@@ -191,7 +193,7 @@ fn kitti_row(row: &str) -> Result<RigidTransform> {
     Ok(RigidTransform::from_rows_3x4(rows)?)
 }
 
-/// Times and values of a table with commas whose comments begin with `#`.
+/// Times and values of a CSV table with comments that begin with `#`.
 fn rows(path: &Path) -> Result<impl Iterator<Item = Result<(i64, Vec<f64>)>>> {
     let text = text(path)?;
     let lines: Vec<String> = (text.lines())
@@ -210,7 +212,7 @@ fn rows(path: &Path) -> Result<impl Iterator<Item = Result<(i64, Vec<f64>)>>> {
 }
 
 /// Times and files of a camera.
-fn euroc_pictures(camera: &Path) -> Result<Vec<(i64, PathBuf)>> {
+fn euroc_images(camera: &Path) -> Result<Vec<(i64, PathBuf)>> {
     let path = camera.join("data.csv");
     let mut list = Vec::new();
     for line in text(&path)?.lines().filter(|line| !line.starts_with('#')) {
@@ -222,15 +224,15 @@ fn euroc_pictures(camera: &Path) -> Result<Vec<(i64, PathBuf)>> {
         })?;
         list.push((time_ns, camera.join("data").join(file)));
     }
-    // An excerpt has the list of the whole.
+    // An excerpt has the list of the whole recording.
     list.retain(|(_, file)| file.exists());
     Ok(list)
 }
 
 /// The files of a folder by name.
-fn pictures(folder: &Path) -> Result<Vec<PathBuf>> {
+fn images(folder: &Path) -> Result<Vec<PathBuf>> {
     let entries = std::fs::read_dir(folder)
-        .with_context(|| format!("looking for pictures in {}", folder.display()))?;
+        .with_context(|| format!("searching images in {}", folder.display()))?;
     let mut files =
         (entries.map(|entry| entry.map(|e| e.path()))).collect::<Result<Vec<_>, _>>()?;
     files.retain(|path| path.extension().is_some_and(|e| e == "png"));
@@ -249,8 +251,8 @@ fn size(path: &Path) -> Result<(u32, u32)> {
     Ok(open(path)?.info().size())
 }
 
-/// The pixels of a grey picture.
-fn grey(path: &Path) -> Result<Vec<u8>> {
+/// Pixels of a gray image.
+fn gray(path: &Path) -> Result<Vec<u8>> {
     let mut reader = open(path)?;
     let found = reader.output_color_type();
     ensure!(
@@ -258,7 +260,9 @@ fn grey(path: &Path) -> Result<Vec<u8>> {
         "found {found:?}, expected 8-bit grey: {}",
         path.display()
     );
-    let size = reader.output_buffer_size().context("a picture too large")?;
+    let size = reader
+        .output_buffer_size()
+        .context("an image that is too large")?;
     let mut pixels = vec![0; size];
     let info = reader.next_frame(&mut pixels);
     let info = info.with_context(|| format!("reading {}", path.display()))?;

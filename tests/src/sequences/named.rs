@@ -1,11 +1,11 @@
 //! Walks by name, `PLACE-LIGHT-SEED-SECONDS`: `plaza-low-sun-7-60`.
 
 use anyhow::{Context as _, Result};
-use rig_sim::scene::{Kind, Time};
+use rig_sim::scene::{Kind, Lighting};
 
 use super::WalkSettings;
 
-/// Walks to tune a method on: every place, and every light somewhere.
+/// Walks for tuning: every scene, and every lighting at least once.
 pub const TUNING: [&str; 8] = [
     "pavement-day-1-60",
     "stairs-day-1-60",
@@ -17,7 +17,7 @@ pub const TUNING: [&str; 8] = [
     "corridor-flicker-2-60",
 ];
 
-/// Walks to examine it on, which nobody tunes on: other seeds are other places.
+/// Walks for evaluation, not for tuning: other seeds are other scenes.
 pub const EXAM: [&str; 8] = [
     "pavement-day-11-60",
     "stairs-day-11-60",
@@ -29,8 +29,8 @@ pub const EXAM: [&str; 8] = [
     "trail-low-sun-12-60",
 ];
 
-/// Walks to examine odometry on: 100 to 300 m each, all places, by day and at night, under a low sun and lamps that
-/// flicker. Nobody tunes on them: other seeds are other places.
+/// Walks for the evaluation of odometry: 100 to 300 m each, all scenes, by day and at night, with a
+/// low sun and flickering lamps. Not for tuning: other seeds are other scenes.
 pub const ODOMETRY_EXAM: [&str; 10] = [
     "pavement-day-21-110",
     "room-day-21-140",
@@ -44,15 +44,17 @@ pub const ODOMETRY_EXAM: [&str; 10] = [
     "pavement-night-22-110",
 ];
 
-/// The settings that a name stands for; all else is as [`WalkSettings::new`] has it.
+/// The settings of a name; other settings are those of [`WalkSettings::new`].
 ///
 /// # Errors
-/// It is no such name.
+/// The name is not valid.
 pub fn settings(name: &str) -> Result<WalkSettings> {
     let parsed = || {
         let kind = Kind::ALL.into_iter().find(|k| name.starts_with(k.name()))?;
         let rest = name[kind.name().len()..].strip_prefix('-')?;
-        let light = Time::ALL.into_iter().find(|t| rest.starts_with(t.name()))?;
+        let light = Lighting::ALL
+            .into_iter()
+            .find(|t| rest.starts_with(t.name()))?;
         let rest = rest[light.name().len()..].strip_prefix('-')?;
         let (seed, seconds) = rest.split_once('-')?;
         let (seed, seconds) = (seed.parse().ok()?, seconds.parse().ok()?);
@@ -71,7 +73,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn names_are_walks_and_exams_are_in_other_places() {
+    fn names_are_valid_and_evaluation_walks_differ_from_tuning_walks() {
         let seed = |name: &&str| settings(name).expect("a walk's name").seed;
         let tuned: Vec<u64> = TUNING.iter().map(seed).collect();
         for name in EXAM.iter().chain(&ODOMETRY_EXAM) {

@@ -1,16 +1,16 @@
 use rig_sim::faults::{Fault, Faults, Kind as FaultKind};
-use rig_sim::scene::{Kind, Time};
+use rig_sim::scene::{Kind, Lighting};
 
 use super::*;
 use crate::data;
 
-/// Two seconds, small and quick to render.
+/// Two seconds, small and fast to render.
 fn small() -> WalkSettings {
     WalkSettings {
         size: [160, 96],
         rate_hz: 5.0,
         quality: rig_sim::camera::Quality::FAST,
-        ..WalkSettings::new(Kind::Room, Time::Day, 3, 2.0)
+        ..WalkSettings::new(Kind::Room, Lighting::Day, 3, 2.0)
     }
 }
 
@@ -26,18 +26,18 @@ fn fault(kind: FaultKind, strength: f64, from_s: f64, to_s: f64, camera: &str) -
 
 fn all(sequence: &Sequence) -> Vec<OwnedFrameSet> {
     let sets = sequence.frame_sets().expect("sets");
-    sets.collect::<Result<_>>().expect("pictures")
+    sets.collect::<Result<_>>().expect("images")
 }
 
 #[test]
-fn a_walk_is_the_same_rendered_and_kept_and_with_fewer_cameras() {
+fn walk_is_identical_if_rendered_cached_or_with_fewer_cameras() {
     let rendered = walk(&small()).expect("a walk");
     let sets = all(&rendered);
     assert_eq!(sets.len(), 10);
     assert!(sets.iter().all(|s| s.views.iter().all(Option::is_some)));
     let folder = tempfile::tempdir().expect("a folder");
-    let kept = rendered.cached(folder.path()).expect("room on the disk");
-    assert_eq!(all(&kept), sets);
+    let prerendered = rendered.cached(folder.path()).expect("room on the disk");
+    assert_eq!(all(&prerendered), sets);
     let again = walk(&small()).and_then(|w| w.cached(folder.path()));
     assert_eq!(all(&again.expect("a walk")), sets);
     assert_eq!(
@@ -64,7 +64,7 @@ fn a_walk_is_the_same_rendered_and_kept_and_with_fewer_cameras() {
 }
 
 #[test]
-fn every_sample_comes_once_and_reaches_to_its_set() {
+fn every_imu_sample_is_delivered_once_and_up_to_its_set() {
     let sequence = walk(&small()).expect("a walk");
     let mut given = vec![Vec::new(); 3];
     sequence
@@ -83,7 +83,7 @@ fn every_sample_comes_once_and_reaches_to_its_set() {
         .expect("a walk");
     for (given, all) in given.iter().zip(sequence.imu()) {
         assert_eq!(given[..], all[..given.len()]);
-        // The walk goes on for half a period after its last picture.
+        // The walk continues for half a period after its last image.
         assert!(
             all.len() - given.len() <= 41,
             "{} of {}",
@@ -94,12 +94,13 @@ fn every_sample_comes_once_and_reaches_to_its_set() {
 }
 
 #[test]
-fn truth_is_that_of_the_walk_and_is_what_the_imu_felt() {
+fn ground_truth_agrees_with_the_walk_and_the_imu() {
     let sequence = walk(&small()).expect("a walk");
     assert_eq!(sequence.truth_at_sets().len(), sequence.len());
     assert!(sequence.world_from_rig(-1).is_none());
     let imu = &sequence.rig().imus[0];
-    // Turns of the IMU from two true poses against the mean of what it measured meanwhile: its bias is below 2e-2 rad/s.
+    // Rotation of the IMU between two true poses, compared with the mean of its measurements: its
+    // bias is below 2e-2 rad/s.
     let (from, to) = (1_000_000_000, 1_050_000_000);
     let pose = |t| sequence.world_from_rig(t).expect("within") * imu.rig_from_imu;
     let turned = (pose(from).inverse() * pose(to)).rotation_vector();
@@ -115,7 +116,7 @@ fn truth_is_that_of_the_walk_and_is_what_the_imu_felt() {
 }
 
 #[test]
-fn faults_take_pictures_and_samples_away() {
+fn faults_remove_images_and_samples() {
     let list = vec![
         fault(FaultKind::Dropped, 1.0, 0.4, 0.8, "feet"),
         fault(FaultKind::Frozen, 1.0, 1.0, 1.4, "feet"),
@@ -137,11 +138,11 @@ fn faults_take_pictures_and_samples_away() {
     // Frames at 0.1, 0.3, 0.5 s and so on.
     let expected: Vec<bool> = (0..10).map(|n| ![2, 3].contains(&n)).collect();
     assert_eq!(has(feet), expected);
-    let feet_at = |n: usize| sets[n].views[feet].as_ref().expect("a picture");
+    let feet_at = |n: usize| sets[n].views[feet].as_ref().expect("an image");
     assert_eq!(feet_at(5).left, feet_at(4).left);
     assert_eq!(feet_at(6).left, feet_at(4).left);
     assert_ne!(feet_at(7).left, feet_at(4).left);
-    // One frame that is 5 s late holds up all behind it.
+    // One frame that is 5 s late delays all later ones.
     let first_late = has(left).iter().position(|there| !there);
     if let Some(first) = first_late {
         assert!(has(left)[first..].iter().all(|there| !there));
@@ -157,9 +158,9 @@ fn faults_take_pictures_and_samples_away() {
 }
 
 #[test]
-fn devices_do_to_kept_pictures_what_they_do_to_rendered_ones() {
+fn device_faults_are_equal_for_prerendered_and_rendered_images() {
     let clean = walk(&small()).expect("a walk");
-    let kept = std::sync::Arc::new(all(&clean));
+    let prerendered = std::sync::Arc::new(all(&clean));
     let list = vec![
         fault(FaultKind::Dropped, 0.5, 0.4, 2.0, "feet"),
         fault(FaultKind::Frozen, 0.5, 0.0, 2.0, "left_shoulder"),
@@ -168,26 +169,29 @@ fn devices_do_to_kept_pictures_what_they_do_to_rendered_ones() {
     let faults = Faults { list, seed: 2 };
     let settings = WalkSettings { faults, ..small() };
     let rendered = all(&walk(&settings).expect("a walk"));
-    let taken_over = walk(&settings).and_then(|w| w.with_pictures(&kept));
+    let taken_over = walk(&settings).and_then(|w| w.with_images(&prerendered));
     assert_eq!(all(&taken_over.expect("whole sets")), rendered);
-    assert_ne!(rendered, *kept);
-    let short = std::sync::Arc::new(kept[..3].to_vec());
-    assert!(clean.with_pictures(&short).is_err());
+    assert_ne!(rendered, *prerendered);
+    let short = std::sync::Arc::new(prerendered[..3].to_vec());
+    assert!(clean.with_images(&short).is_err());
 }
 
 #[test]
-fn names_of_walks_are_read() {
+fn walk_names_are_parsed() {
     for name in named::TUNING.into_iter().chain(named::EXAM) {
         named::settings(name).expect(name);
     }
     let settings = named::settings("plaza-low-sun-7-12.5").expect("a name");
-    assert_eq!((settings.kind, settings.light), (Kind::Plaza, Time::LowSun));
+    assert_eq!(
+        (settings.kind, settings.light),
+        (Kind::Plaza, Lighting::LowSun)
+    );
     assert_eq!((settings.seed, settings.seconds), (7, 12.5));
     assert!(named::settings("plaza-noon-7-60").is_err());
 }
 
 #[test]
-fn kitti_goes_forward_along_x() {
+fn kitti_moves_forward_along_x() {
     let sets = data::sets(["02_stereo_odometry_kitti/KITTI_sequence_1"]);
     let folder = match sets {
         Ok([folder]) => folder,
@@ -201,13 +205,13 @@ fn kitti_goes_forward_along_x() {
     let baseline = sequence.rig().cameras[0].right_from_left.distance_m();
     assert!((baseline - 0.537).abs() < 1e-3);
     let sets = all(&sequence.first(2));
-    let view = sets[1].views[0].as_ref().expect("a picture");
+    let view = sets[1].views[0].as_ref().expect("an image");
     assert_eq!((view.width, view.height), (1226, 370));
     assert!(view.left != view.right && sets[0].borrowed().views[0].is_some());
 }
 
 #[test]
-fn euroc_stands_still_and_goes_on_without_pictures() {
+fn euroc_is_at_rest_and_continues_without_images() {
     let paths = [
         "03_stereo_imu/euroc_V1_01_micro",
         "03_stereo_imu/euroc_groundtruth/V1_01_easy.csv",
@@ -228,12 +232,12 @@ fn euroc_stands_still_and_goes_on_without_pictures() {
     assert!(moved.distance_m() < 0.01);
 
     let longer = euroc(&folder, &truth, Some(10.0)).expect("a sequence");
-    // Its periods are not all alike.
+    // Its periods vary.
     assert!((200..=201).contains(&longer.len()), "{}", longer.len());
     let sets = all(&longer);
     let with = sets.iter().filter(|s| s.views[0].is_some()).count();
     assert_eq!(with, 20);
     assert!(sets[1..].iter().all(|s| (9..=11).contains(&s.imu[0].len())));
-    // Truth ends before the IMU does, but not within ten seconds.
+    // Ground truth ends before the IMU data, but not within ten seconds.
     assert_eq!(longer.truth_at_sets().len(), longer.len());
 }

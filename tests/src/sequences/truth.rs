@@ -1,22 +1,22 @@
-//! Where the rig truly was.
+//! True poses of the rig.
 
 use std::sync::Arc;
 
 use cad_transforms::RigidTransform;
 use rig_sim::simulation::Simulation;
 
-/// True poses of the rig.
+/// Source of true poses.
 #[derive(Clone, Debug)]
 pub enum Truth {
-    /// As measured at times, ns, ascending.
+    /// Measured poses at times, ns, ascending.
     Measured(Vec<(i64, RigidTransform)>),
-    /// Of a walk, at any time of it.
+    /// Poses of a walk, at any time.
     Walk(Arc<Simulation>),
 }
 
 impl Truth {
-    /// `world_from_rig`: between measured poses on the straight way with an even turn; none before the first, after
-    /// the last, and where there is half a turn between two.
+    /// `world_from_rig`, interpolated linearly in position and rotation between measured poses;
+    /// `None` before the first, after the last, and for a rotation of 180° between two.
     pub fn at(&self, time_ns: i64) -> Option<RigidTransform> {
         match self {
             Self::Walk(simulation) => {
@@ -42,7 +42,7 @@ impl Truth {
         }
     }
 
-    /// All poses that were measured; none of a walk, which is known at any time.
+    /// All measured poses; empty for a walk, which is known at any time.
     pub fn measured(&self) -> &[(i64, RigidTransform)] {
         match self {
             Self::Measured(poses) => poses,
@@ -50,7 +50,7 @@ impl Truth {
         }
     }
 
-    /// The walk, with everything that is true of it.
+    /// The walk, with all ground truth.
     pub fn simulation(&self) -> Option<&Arc<Simulation>> {
         match self {
             Self::Walk(simulation) => Some(simulation),

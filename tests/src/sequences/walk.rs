@@ -1,9 +1,10 @@
 //! Simulated walks as sequences.
 //!
-//! What goes wrong goes through [`rig_sim::device`], as in the recorder's simulated source: frames and samples are lost
-//! there, repeated, torn and late. What the recorder sorts out is taken as sorted out: times are the true ones of the device's
-//! samples (its clocks are mapped without error, whatever they show), and the second of a frame that came
-//! twice is left out. A frame that arrives later than [`HORIZON_NS`] is in no set, as in the recorder.
+//! Faults are applied by [`rig_sim::device`], as in the recorder's simulated source: frames and
+//! samples are dropped, repeated, torn and late. Corrections of the recorder are taken as given:
+//! times are the true ones of the device's samples (its clocks are mapped without error, whatever
+//! they show), and duplicated frames are removed. A frame that arrives later than [`HORIZON_NS`] is
+//! in no set, as in the recorder.
 
 use std::sync::Arc;
 use std::sync::mpsc::sync_channel;
@@ -14,48 +15,48 @@ use cad_transforms::RigidTransform;
 use cad_transforms::frame::{Frame, FramePart};
 use odometry::input::ImuSample;
 use odometry::rig::{Imu, Rig, StereoCamera};
+use rig_sim::calibration_error::CalibrationError;
 use rig_sim::camera::sensor::Exposure;
 use rig_sim::camera::{Quality, Shutter};
-use rig_sim::deviation::Deviation;
 use rig_sim::device::{Delivery, Device, DeviceFrame};
 use rig_sim::faults::Faults;
-use rig_sim::scene::{Kind, Time};
-use rig_sim::simulation::{Imaging, Painter, Settings, Simulation, StereoFrame};
+use rig_sim::scene::{Kind, Lighting};
+use rig_sim::simulation::{FrameSource, Imaging, Settings, Simulation, StereoFrame};
 
-use super::kept::Kept;
-use super::{OwnedFrameSet, Pictures, Planned, Reader, Sequence, Truth};
+use super::prerendered::Prerendered;
+use super::{ImageSource, OwnedFrameSet, PlannedSet, Reader, Sequence, Truth};
 
-/// The rig of walks that name no other.
+/// Default rig of walks.
 const EXAMPLE_RIG: &str = include_str!("../../../cad-transforms/rigs/example.toml");
-/// How long the recorder waits for a camera (`capture-daemon/src/sync/sets.rs`).
+/// Time for which the recorder waits for a camera (`capture-daemon/src/sync/sets.rs`), ns.
 const HORIZON_NS: i64 = capture_daemon::sync::sets::HORIZON_NS;
-/// Rendered pictures that wait, for each camera.
-const WAITING: usize = 3;
+/// Maximum number of queued rendered images per camera.
+const MAX_QUEUED_IMAGES: usize = 3;
 
-/// What to walk through, and what goes wrong.
+/// Settings of a walk, with faults.
 #[derive(Clone, Debug)]
 pub struct WalkSettings {
-    /// Which place.
+    /// Scene.
     pub kind: Kind,
-    /// Which light.
-    pub light: Time,
-    /// All randomness comes from it.
+    /// Lighting.
+    pub light: Lighting,
+    /// Seed of all random numbers.
     pub seed: u64,
     /// Length, s.
     pub seconds: f64,
-    /// Pictures per second.
+    /// Frames per second.
     pub rate_hz: f64,
     /// Columns and rows of one eye.
     pub size: [u32; 2],
-    /// How much trouble a picture is worth.
+    /// Rendering quality.
     pub quality: Quality,
-    /// How sensors turn light into numbers.
+    /// Sensor response.
     pub imaging: Imaging,
-    /// What goes wrong.
+    /// Faults.
     pub faults: Faults,
-    /// How the rig is not as told.
-    pub deviation: Deviation,
-    /// Names of the cameras that are used, in this order; none for all. Rendering does not depend on it.
+    /// Errors of the nominal rig.
+    pub calibration_error: CalibrationError,
+    /// Names of the cameras in use, in this order; empty for all. Rendering does not depend on it.
     pub cameras: Vec<String>,
     /// Whether these cameras' IMUs are used.
     pub with_imu: bool,
@@ -64,8 +65,9 @@ pub struct WalkSettings {
 }
 
 impl WalkSettings {
-    /// A faultless walk of the example rig with everything that sensors do: at the quality for exams, 15 Hz, 672x376.
-    pub fn new(kind: Kind, light: Time, seed: u64, seconds: f64) -> Self {
+    /// A walk of the example rig without faults and with all sensor effects: quality for
+    /// evaluation, 15 Hz, 672x376.
+    pub fn new(kind: Kind, light: Lighting, seed: u64, seconds: f64) -> Self {
         Self {
             kind,
             light,
@@ -76,7 +78,7 @@ impl WalkSettings {
             quality: Quality::ACCURATE,
             imaging: Imaging::USUAL,
             faults: Faults::default(),
-            deviation: Deviation::default(),
+            calibration_error: CalibrationError::default(),
             cameras: Vec::new(),
             with_imu: true,
             rig: EXAMPLE_RIG.to_owned(),
@@ -86,7 +88,7 @@ impl WalkSettings {
     fn settings(&self) -> Settings {
         Settings {
             kind: self.kind,
-            time: self.light,
+            lighting: self.light,
             seed: self.seed,
             seconds: self.seconds,
             rate_hz: self.rate_hz,
@@ -96,14 +98,14 @@ impl WalkSettings {
         }
     }
 
-    /// Everything that a picture depends on, as text.
+    /// All inputs of an image, as text.
     fn key(&self) -> String {
         format!(
             "{:?}\n{:?}\n{:?}\n{:?}\n{}",
             self.settings(),
             self.imaging,
             self.faults,
-            self.deviation,
+            self.calibration_error,
             self.rig
         )
     }
@@ -116,19 +118,19 @@ pub(super) struct Walk {
     pub(super) key: String,
     faults: Faults,
     pub(super) cameras: Vec<WalkCamera>,
-    /// Pictures that are there already.
-    pub(super) kept: Option<Arc<Vec<OwnedFrameSet>>>,
+    /// Existing images.
+    pub(super) prerendered: Option<Arc<Vec<OwnedFrameSet>>>,
 }
 
 /// One camera of a walk.
 #[derive(Clone, Debug)]
 pub(super) struct WalkCamera {
     pub(super) name: String,
-    /// In the simulation.
+    /// Index in the simulation.
     position: usize,
-    /// In the sequence.
+    /// Index in the sequence.
     number: usize,
-    /// Which frames of the walk are in sets, in order.
+    /// Indices of the frames of the walk that are in sets, in order.
     pub(super) frames: Vec<u64>,
 }
 
@@ -140,7 +142,7 @@ pub fn walk(settings: &WalkSettings) -> Result<Sequence> {
     let rig = cad_transforms::rig::Rig::parse(&settings.rig)?;
     let simulation = Simulation::new(&settings.settings(), &rig)?
         .with_imaging(settings.imaging)?
-        .with_deviation(&rig, &settings.deviation)?;
+        .with_calibration_error(&rig, &settings.calibration_error)?;
     let simulation = Arc::new(simulation);
     let all: Vec<&str> = simulation
         .cameras()
@@ -152,14 +154,14 @@ pub fn walk(settings: &WalkSettings) -> Result<Sequence> {
         false => settings.cameras.iter().map(String::as_str).collect(),
     };
     let frames = simulation.settings().frame_count() as usize;
-    let mut sets: Vec<Planned> = (0..frames as u64)
-        .map(|n| Planned {
+    let mut sets: Vec<PlannedSet> = (0..frames as u64)
+        .map(|n| PlannedSet {
             time_ns: simulation.settings().frame_ns(n),
             views: vec![None; used.len()],
         })
         .collect();
     let (mut cameras, mut imu, mut seen) = (Vec::new(), Vec::new(), Vec::new());
-    let mut told = Rig {
+    let mut nominal = Rig {
         cameras: Vec::new(),
         imus: Vec::new(),
     };
@@ -175,7 +177,7 @@ pub fn walk(settings: &WalkSettings) -> Result<Sequence> {
         let part = |part| -> Result<RigidTransform> {
             Ok(rig.transform(&Frame::rig(), &Frame::of_camera(name, part)?)?)
         };
-        told.cameras.push(StereoCamera {
+        nominal.cameras.push(StereoCamera {
             name: (*name).to_owned(),
             left: calibration.left,
             right: calibration.right,
@@ -201,7 +203,7 @@ pub fn walk(settings: &WalkSettings) -> Result<Sequence> {
         if settings.with_imu {
             let model = simulation.imus()[position].imu.model();
             let noise = calibration.imu.and_then(|imu| imu.noise);
-            told.imus.push(Imu {
+            nominal.imus.push(Imu {
                 name: Frame::of_camera(name, FramePart::Imu)?.as_str().to_owned(),
                 rig_from_imu: part(FramePart::Imu)?,
                 noise: noise.context("a simulated calibration has the IMU's noise")?,
@@ -219,25 +221,25 @@ pub fn walk(settings: &WalkSettings) -> Result<Sequence> {
     );
     Ok(Sequence {
         name,
-        rig: told,
+        rig: nominal,
         imu,
         truth: Truth::Walk(simulation.clone()),
         sets,
-        pictures: Pictures::Rendered(Walk {
+        images: ImageSource::Rendered(Walk {
             simulation,
             key: settings.key(),
             faults: settings.faults.clone(),
             cameras,
-            kept: None,
+            prerendered: None,
         }),
     })
 }
 
-/// Paints nothing: what a device delivers and when does not depend on what its pictures show.
+/// Renders nothing: the deliveries of a device and their times do not depend on image content.
 struct Blank;
 
-impl Painter for Blank {
-    fn paint(&mut self, number: u64, time_ns: i64) -> StereoFrame {
+impl FrameSource for Blank {
+    fn render_frame(&mut self, number: u64, time_ns: i64) -> StereoFrame {
         StereoFrame {
             number,
             time_ns,
@@ -252,12 +254,12 @@ impl Painter for Blank {
     }
 }
 
-/// Whether a frame is in the set of its instant; `last` is the frame of the walk that came before it.
+/// Whether a frame is in the set of its instant; `last` is the previous frame of the walk.
 fn is_used(frame: &DeviceFrame, last: Option<u64>) -> bool {
     last.is_none_or(|last| frame.index > last) && frame.arrival_ns - frame.taken_ns <= HORIZON_NS
 }
 
-/// The frames that get into sets, and the IMU's samples, without any picture.
+/// The frames that are in sets, and the IMU's samples, without any image.
 fn dry_run(
     simulation: &Arc<Simulation>,
     camera: usize,
@@ -282,20 +284,20 @@ fn dry_run(
                     accel: si.accel.into(),
                 });
             }
-            Delivery::Gone(_) => {}
+            Delivery::Disconnected(_) => {}
         }
     }
     (frames, samples)
 }
 
 impl Walk {
-    /// Renders the frames of a camera that get into sets, in order: left and right.
+    /// Renders the frames of a camera that are in sets, in order: left and right.
     pub(super) fn frames(&self, camera: &WalkCamera) -> impl Iterator<Item = [Vec<u8>; 2]> + use<> {
         let faults = self.faults.of(&camera.name);
-        let mut device = match &self.kept {
+        let mut device = match &self.prerendered {
             None => Device::rendered(&self.simulation, camera.position, faults),
             Some(sets) => {
-                let painter = Kept {
+                let painter = Prerendered {
                     sets: sets.clone(),
                     camera: camera.number,
                 };
@@ -309,26 +311,26 @@ impl Walk {
                     && is_used(&frame, last)
                 {
                     last = Some(frame.index);
-                    return Some([frame.picture.grey(0), frame.picture.grey(1)]);
+                    return Some([frame.image.gray(0), frame.image.gray(1)]);
                 }
             }
         })
     }
 
-    /// Renders each camera on a thread of its own, a few pictures ahead.
+    /// Renders each camera on its own thread, a few images ahead.
     pub(super) fn readers(&self) -> Vec<Reader> {
         let reader = |camera: &WalkCamera| -> Reader {
             let (walk, camera) = (self.clone(), camera.clone());
-            let (sender, receiver) = sync_channel(WAITING);
+            let (sender, receiver) = sync_channel(MAX_QUEUED_IMAGES);
             thread::spawn(move || {
-                // Nobody listens any more once the sets are dropped.
+                // The receiver is dropped with the sets.
                 let mut frames = walk.frames(&camera);
                 while frames
                     .next()
                     .is_some_and(|frame| sender.send(frame).is_ok())
                 {}
             });
-            Box::new(move || receiver.recv().context("the walk has no further picture"))
+            Box::new(move || receiver.recv().context("the walk has no further image"))
         };
         self.cameras.iter().map(reader).collect()
     }

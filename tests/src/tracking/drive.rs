@@ -1,8 +1,8 @@
-//! Drift at the end of a drive, told in three ways.
+//! Drift at the end of a drive, by three alignments.
 //!
-//! How an estimate is laid onto the truth decides what the drift at the end says: laid on by the first pose, every
-//! error of the truth's first turn counts with the length of the way; laid on by the best fit of all places, it counts
-//! the least; laid on by a later pose, the drive before it counts nothing.
+//! The alignment with ground truth determines the drift at the end: aligned at the first pose, an
+//! error of the true initial rotation is multiplied by the path length; aligned by the best fit of
+//! all positions, it counts the least; aligned at a later pose, the drive before it does not count.
 
 use anyhow::{Context as _, Result, ensure};
 use cad_transforms::RigidTransform;
@@ -10,31 +10,32 @@ use reconstruction::evaluate::{self, Alignment, evaluate};
 use scene_bundle::Trajectory;
 use serde::Serialize;
 
-/// Off at the last pose.
+/// Error at the last pose.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize)]
 pub struct Drift {
-    /// Length of the true way from where both are one to the last pose, or of all of it for a best fit, m.
+    /// True path length from the alignment to the last pose, or of the whole path for a best fit,
+    /// m.
     pub path_m: f64,
-    /// Distance at the last pose, m.
+    /// Position error at the last pose, m.
     pub off_m: f64,
-    /// Share of the way, percent.
+    /// Position error over path length, percent.
     pub percent: f64,
-    /// Turn at the last pose, degrees.
+    /// Rotation error at the last pose, degrees.
     pub turn_deg: f64,
 }
 
-/// Both trajectories made one at pose `from`, counted from 0.
+/// Drift with alignment at pose `from`, counted from 0.
 ///
 /// # Errors
 /// The poses are not at the same times, or there are fewer.
 pub fn from_pose(estimate: &Trajectory, truth: &Trajectory, from: usize) -> Result<Drift> {
     let pairs = pairs(estimate, truth)?;
     let (first, last) = (pairs.get(from), pairs.last());
-    let (first, last) = (first.zip(last)).context("a drive has no such pose")?;
+    let (first, last) = (first.zip(last)).context("the drive has no such pose")?;
     drift(&pairs[from..], first.1 * first.0.inverse(), last)
 }
 
-/// The best fit of all places, without scale.
+/// Drift with the best fit of all positions, without scale.
 ///
 /// # Errors
 /// The poses are not at the same times, or too few.
@@ -44,7 +45,7 @@ pub fn best_fit(estimate: &Trajectory, truth: &Trajectory) -> Result<Drift> {
         ..evaluate::Settings::default()
     };
     let fit = evaluate(estimate, truth, &settings).true_from_estimated;
-    let fit = fit.context("too few poses to lay a drive onto another")?;
+    let fit = fit.context("too few poses to align two drives")?;
     let pairs = pairs(estimate, truth)?;
     let last = pairs.last().context("a drive without poses")?;
     drift(&pairs, fit.rigid, last)
@@ -86,8 +87,8 @@ fn drift(pairs: &[Pair], true_from_estimated: RigidTransform, last: &Pair) -> Re
     })
 }
 
-/// How far the turns between neighbouring true poses differ from the mean of them, over the first `poses`: the largest
-/// difference, rad. What was measured is never even; what was interpolated is.
+/// Variation of the rotations between neighboring true poses, over the first `poses`: the largest
+/// difference from their mean, rad. Measured rotations vary; interpolated ones do not.
 pub fn unevenness(truth: &Trajectory, poses: usize) -> f64 {
     let poses: Vec<_> = truth.poses().iter().take(poses).collect();
     let turns = poses.windows(2).map(|p| {
@@ -105,7 +106,7 @@ mod tests {
 
     use super::*;
 
-    /// A drive along x whose estimate turns by an angle at the first pose.
+    /// A drive along x whose estimate is rotated by an angle at the first pose.
     fn drives(angle: f64) -> [Trajectory; 2] {
         let way = |turn: f64| {
             let start = RigidTransform::from_rotation_vector([0.0, 0.0, turn], [1.0, 2.0, 3.0]);
@@ -120,7 +121,7 @@ mod tests {
     }
 
     #[test]
-    fn a_drive_in_another_world_has_no_drift() {
+    fn rigidly_transformed_drive_has_no_drift() {
         let [estimate, truth] = drives(0.3);
         let drift = from_pose(&estimate, &truth, 0).expect("poses");
         assert!((drift.path_m - 10.0).abs() < 1e-9 && drift.off_m < 1e-9);
@@ -130,7 +131,7 @@ mod tests {
     }
 
     #[test]
-    fn a_turn_at_the_first_pose_counts_with_the_way_unless_it_is_fitted() {
+    fn initial_rotation_error_grows_with_path_length_unless_fitted() {
         let [_, truth] = drives(0.0);
         let bent: Vec<Pose> = (truth.poses().iter().enumerate())
             .map(|(k, pose)| {
@@ -153,7 +154,7 @@ mod tests {
     }
 
     #[test]
-    fn even_turns_are_even() {
+    fn uniform_rotations_have_no_unevenness() {
         let [_, truth] = drives(0.0);
         assert!(unevenness(&truth, 11) < 1e-12);
     }

@@ -1,46 +1,48 @@
-//! What odometry finds while nothing moves: biases and which way is up.
+//! Estimates of odometry at rest: biases and the vertical.
 
 use std::path::Path;
 
 use anyhow::{Context as _, Result, ensure};
 use nalgebra::Vector3;
-use odometry::Settings;
+use odometry::Config;
 use serde::Serialize;
 
 use crate::sequences;
 
-/// How far off, after a second of standing still.
+/// Errors after a second at rest.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize)]
 pub struct Still {
-    /// Frame sets.
+    /// Number of frame sets.
     pub sets: usize,
-    /// From the first to the last, s.
+    /// Time from the first to the last set, s.
     pub seconds: f64,
-    /// Bias of the gyroscope against the truth's, length of the difference, rad/s.
+    /// Norm of the error of the gyroscope bias, rad/s.
     pub gyro_bias_off: f64,
-    /// Bias of the accelerometer against the truth's, length of the difference, m/s². At rest it cannot be told from a tilt.
+    /// Norm of the error of the accelerometer bias, m/s². At rest it cannot be separated from a
+    /// tilt.
     pub accel_bias_off: f64,
-    /// Up in the body against up by the truth's orientation, degrees.
+    /// Angle between the estimated vertical and that of the true orientation, degrees.
     pub up_off_orientation_deg: f64,
-    /// Up in the body against the mean specific force less the truth's accelerometer bias, degrees.
+    /// Angle between the estimated vertical and the mean specific force minus the true
+    /// accelerometer bias, degrees.
     pub up_off_force_deg: f64,
-    /// The truth's two ways to tell up against one another, degrees.
+    /// Angle between the two true verticals, degrees.
     pub truth_off_itself_deg: f64,
-    /// The farthest that a pose is from the first one, m.
+    /// Maximum distance of a pose from the first one, m.
     pub moved_m: f64,
-    /// The same of the true poses, m.
+    /// Maximum distance of a true pose from the first one, m.
     pub truth_moved_m: f64,
 }
 
-/// Tracks the still pictures in the beginning of a recording as EuRoC has it.
+/// Runs odometry on the images at rest in the beginning of a recording in EuRoC's format.
 ///
 /// # Errors
-/// Files that are absent or not as expected.
-pub fn still(folder: &Path, truth: &Path, settings: Settings) -> Result<Still> {
+/// Files that are absent or not in the expected format.
+pub fn still(folder: &Path, truth: &Path, settings: Config) -> Result<Still> {
     let sequence = sequences::euroc(folder, truth, None)?;
     let times: Vec<i64> = sequence.times().collect();
     let (first, last) = (times.first(), times.last());
-    let (first, last) = first.zip(last).context("there is no picture")?;
+    let (first, last) = first.zip(last).context("there is no image")?;
     let mut tracking = super::Tracking::new(sequence.rig(), settings, false);
     let mut estimates = Vec::new();
     sequence.for_each(|set| {
@@ -58,7 +60,7 @@ pub fn still(folder: &Path, truth: &Path, settings: Settings) -> Result<Still> {
     let force = forces.iter().sum::<Vector3<f64>>() / forces.len() as f64 - accel_bias;
     let true_pose = sequence
         .world_from_rig(*last)
-        .context("there is no truth")?;
+        .context("there is no ground truth")?;
     let up = |pose: &cad_transforms::RigidTransform| pose.rotation().inverse() * Vector3::z();
     let (own, oriented) = (up(&end.world_from_rig), up(&true_pose));
     let apart = |a: &Vector3<f64>, b: &Vector3<f64>| a.angle(b).to_degrees();
@@ -68,7 +70,7 @@ pub fn still(folder: &Path, truth: &Path, settings: Settings) -> Result<Still> {
         .map(|e| (start.inverse() * e.world_from_rig).distance_m());
     let true_start = sequence
         .world_from_rig(*first)
-        .context("there is no truth")?;
+        .context("there is no ground truth")?;
     let truth_moved = (sequence.truth_at_sets().into_iter())
         .map(|(_, pose)| (true_start.inverse() * pose).distance_m());
     Ok(Still {
@@ -84,14 +86,14 @@ pub fn still(folder: &Path, truth: &Path, settings: Settings) -> Result<Still> {
     })
 }
 
-/// The truth's biases of gyroscope and accelerometer at the row nearest to a time.
+/// True biases of gyroscope and accelerometer at the row nearest to a time.
 fn biases(truth: &Path, time_ns: i64) -> Result<[Vector3<f64>; 2]> {
     let text = std::fs::read_to_string(truth);
     let text = text.with_context(|| format!("reading {}", truth.display()))?;
     let rows = text.lines().filter(|l| !l.starts_with('#'));
     let time = |row: &&str| row.split(',').next().and_then(|t| t.parse::<i64>().ok());
     let nearest = rows.min_by_key(|row| time(row).map_or(u64::MAX, |t| t.abs_diff(time_ns)));
-    let row = nearest.context("there is no truth")?;
+    let row = nearest.context("there is no ground truth")?;
     let values: Vec<f64> = (row.split(',').skip(11).take(6))
         .filter_map(|v| v.trim().parse().ok())
         .collect();

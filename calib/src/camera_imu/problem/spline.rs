@@ -1,16 +1,17 @@
-//! The other formulation, as a slow twin: the motion is a cubic B-spline, every inertial sample a residual.
+//! Reference implementation: the motion is a cubic B-spline, every IMU sample a residual.
 //!
-//! Positions and cumulative rotations on uniform knots (Furgale, Barfoot and Sibley, Continuous-time batch
-//! estimation using temporal basis functions, 2012; rotations as Kim, Kim and Shin 1995). Derivatives by rotations are
-//! finite differences. Biases are constant. Three controls make a state of a chain, since a residual
-//! touches four. See docs/decisions/0006-camera-imu.md for what came out.
+//! Positions and cumulative rotations on uniform knots (Furgale, Barfoot and Sibley,
+//! Continuous-time batch estimation using temporal basis functions, 2012; rotations as Kim, Kim and
+//! Shin 1995). Jacobians with respect to rotations are finite differences. Biases are constant.
+//! Three control points form a state of a chain, since a residual depends on four. Results:
+//! docs/decisions/0006-camera-imu.md.
 
 use super::*;
 
-/// Controls to a state.
+/// Control points per state.
 const GROUP: usize = 3;
 const GROUPED: usize = 6 * GROUP;
-/// The shared parameters, and two biases.
+/// The shared parameters and two biases.
 const SPLINE_SHARED: usize = SHARED + 6;
 
 #[derive(Clone)]
@@ -29,7 +30,7 @@ pub(in crate::camera_imu) struct Body {
 }
 
 impl Motion {
-    /// Near poses at times; straight between them.
+    /// A spline near poses at given times; linear between them.
     pub(in crate::camera_imu) fn near(
         knot_s: f64,
         poses: &[(f64, Matrix3<f64>, Vector3<f64>)],
@@ -40,7 +41,7 @@ impl Motion {
         let count = ((end_s - start_s) / knot_s).ceil() as usize + 4;
         let controls = (0..count)
             .map(|k| {
-                // The middle of a control's basis is one knot behind its number.
+                // The basis of a control point peaks one knot before its index.
                 let t = start_s + (k as f64 - 1.0) * knot_s;
                 let after = poses.partition_point(|p| p.0 < t).clamp(1, poses.len() - 1);
                 let (a, b) = (&poses[after - 1], &poses[after]);
@@ -56,7 +57,7 @@ impl Motion {
         }
     }
 
-    /// The first of four controls at a time, and where between its knots.
+    /// Index of the first of four control points at a time, and the time within the knot interval.
     fn place(&self, time_s: f64) -> Option<(usize, f64)> {
         let at = (time_s - self.start_s) / self.knot_s;
         let first = at.floor();
@@ -86,7 +87,7 @@ impl Motion {
     }
 }
 
-/// Cumulative basis of the three differences, and its first two derivatives by time.
+/// Cumulative basis of the three differences, with first and second time derivative.
 fn basis(s: f64, knot_s: f64) -> ([f64; 3], [f64; 3], [f64; 3]) {
     let value = [
         (5.0 + s * (3.0 + s * (-3.0 + s))) / 6.0,
@@ -106,7 +107,7 @@ fn basis(s: f64, knot_s: f64) -> ([f64; 3], [f64; 3], [f64; 3]) {
     )
 }
 
-/// What is estimated.
+/// Estimated parameters.
 #[derive(Clone)]
 pub(in crate::camera_imu) struct Whole {
     pub(in crate::camera_imu) motion: Motion,
@@ -140,7 +141,7 @@ impl Whole {
 }
 
 impl Problem<'_> {
-    /// What a picture says, and what a sample says, at a body.
+    /// Residual of a sample at a body state.
     fn sample_error(
         &self,
         body: &Body,
@@ -160,7 +161,7 @@ impl Problem<'_> {
 
     fn spline_equations(
         &self,
-        rooted: &[Rooted],
+        rooted: &[WhitenedView],
         raw: &[Raw],
         whole: &Whole,
     ) -> (Chain<GROUPED, SPLINE_SHARED>, f64, usize) {
@@ -168,7 +169,7 @@ impl Problem<'_> {
         let shared = &whole.shared;
         let groups = motion.controls.len().div_ceil(GROUP);
         let mut chain = Chain::new(groups);
-        // A control that nothing touches stays.
+        // A control point without residuals keeps its value.
         for own in &mut chain.own {
             *own += SMatrix::<f64, GROUPED, GROUPED>::identity() * 1e-6;
         }
@@ -185,8 +186,8 @@ impl Problem<'_> {
         let mut cost = prior.residual.norm_squared();
         let mut count = 0;
         const H: f64 = 1e-6;
-        // Turns of one control at a time, both ways: bodies at the same place.
-        let turned = |first: usize, s: f64, k: usize, axis: usize| {
+        // Rotates one control point at a time, in both directions: body states at the same time.
+        let rotated = |first: usize, s: f64, k: usize, axis: usize| {
             let mut part = Motion {
                 knot_s: motion.knot_s,
                 start_s: 0.0,
@@ -213,7 +214,7 @@ impl Problem<'_> {
                 false => next.set_column(at, by),
             }
         };
-        // Positions: how much each control counts.
+        // Positions: weight of each control point.
         let shares = |of: &[f64; 3]| [1.0 - of[0], of[0] - of[1], of[1] - of[2], of[2]];
         let bends = |of: &[f64; 3]| [-of[0], of[0] - of[1], of[1] - of[2], of[2]];
         for (i, view) in self.views.iter().enumerate() {
@@ -228,8 +229,8 @@ impl Problem<'_> {
                 gyro_bias: Vector3::zeros(),
                 accel_bias: Vector3::zeros(),
             };
-            let mut found = self.picture(&rooted[i], &state(&body), shared);
-            cost += found.lose(self.robust);
+            let mut found = self.view_factor(&rooted[i], &state(&body), shared);
+            cost += found.apply_loss(self.robust);
             count += VIEW;
             let root = found.weight.sqrt();
             let mut own = SMatrix::<f64, VIEW, GROUPED>::zeros();
@@ -238,7 +239,7 @@ impl Problem<'_> {
             for (k, share) in shares(&value).into_iter().enumerate() {
                 let mut block = SMatrix::<f64, VIEW, 6>::zeros();
                 for axis in 0..3 {
-                    let (low, high) = turned(first, s, k, axis);
+                    let (low, high) = rotated(first, s, k, axis);
                     let turn = so3::log(&(low.rotation.transpose() * high.rotation)) / (2.0 * H);
                     block.set_column(axis, &(found.own.fixed_columns::<3>(0) * turn));
                 }
@@ -283,7 +284,7 @@ impl Problem<'_> {
             let by_acceleration = shared.accel_shape * body.rotation.transpose() * weights[1];
             for (k, share) in bends(&bend).into_iter().enumerate() {
                 for axis in 0..3 {
-                    let (low, high) = turned(first, s, k, axis);
+                    let (low, high) = rotated(first, s, k, axis);
                     let by = (self.sample_error(&high, whole, raw, weights)
                         - self.sample_error(&low, whole, raw, weights))
                         / (2.0 * H);
@@ -309,7 +310,7 @@ impl Problem<'_> {
                 );
             }
             let force = body.rotation.transpose() * (body.acceleration - shared.gravity);
-            let down = -(by_acceleration * shared.across() * GRAVITY);
+            let down = -(by_acceleration * shared.gravity_tangent() * GRAVITY);
             wide.fixed_view_mut::<3, 2>(3, DOWN).copy_from(&down);
             for row in 0..3 {
                 for column in 0..3 {
@@ -326,14 +327,14 @@ impl Problem<'_> {
         (chain, cost, count)
     }
 
-    /// The best fit from a start, damped as the other formulation is.
+    /// Fits from initial values, damped as the other formulation is.
     pub(in crate::camera_imu) fn fit_spline(
         &self,
         raw: &[Raw],
         mut whole: Whole,
     ) -> Option<SplineFit> {
         for round in 0..3 {
-            let rooted: Option<Vec<Rooted>> = (0..self.views.len())
+            let rooted: Option<Vec<WhitenedView>> = (0..self.views.len())
                 .map(|i| {
                     let view = &self.views[i];
                     let (pose, size) = match round {
@@ -348,7 +349,7 @@ impl Problem<'_> {
                             (camera, whole.shared.board_scale)
                         }
                     };
-                    Rooted::new(&view.linearise(self.cameras, &pose, size, self.corner_scale))
+                    WhitenedView::new(&view.linearise(self.cameras, &pose, size, self.corner_scale))
                 })
                 .collect();
             let rooted = rooted?;

@@ -1,4 +1,4 @@
-//! Analytic derivatives of the factors against finite differences.
+//! Analytic Jacobians of the factors against finite differences.
 
 use super::super::ImuSample;
 use super::super::simulate::{Random, ZED_NOISE};
@@ -9,7 +9,7 @@ fn random_vector(random: &mut Random, size: f64) -> Vector3<f64> {
     Vector3::new(random.normal(), random.normal(), random.normal()) * size
 }
 
-/// Two states and all else, nowhere near a solution.
+/// Two states and all other parameters, far from a solution.
 fn example() -> (Vec<State>, Shared, Track) {
     let mut random = Random::new(5);
     let states = (0..2)
@@ -31,7 +31,7 @@ fn example() -> (Vec<State>, Shared, Track) {
         gyro_shape: Matrix3::identity() + Matrix3::from_fn(|_, _| 0.01 * random.normal()),
         accel_shape: Matrix3::identity() + Matrix3::from_fn(|_, _| 0.01 * random.normal()),
     };
-    // Samples so close that straight lines between them make no steps worth noting.
+    // Samples so dense that the steps of linear interpolation are negligible.
     let samples: Vec<ImuSample> = (0..8000)
         .map(|k| {
             let t = f64::from(k) * 5e-5;
@@ -90,7 +90,7 @@ fn check<const M: usize>(
 }
 
 #[test]
-fn derivatives_of_all_factors() {
+fn jacobians_of_all_factors_agree_with_differences() {
     let (states, shared, track) = example();
     let model = CameraModel {
         width: 640,
@@ -106,8 +106,8 @@ fn derivatives_of_all_factors() {
         time_s,
         time_ns: 0,
         corners: &[],
-        corners_kept: 0,
-        motion: Moving::NONE,
+        inlier_corners: 0,
+        motion: CameraMotion::NONE,
     };
     let views = [view(0.1), view(0.15)];
     let prior = Prior {
@@ -115,12 +115,12 @@ fn derivatives_of_all_factors() {
             rotation: shared.rotation * so3::exp(&Vector3::new(0.3, -0.2, 0.5)),
             ..shared
         },
-        // Nothing is ever told of the direction of gravity.
+        // There is no prior on the direction of gravity.
         sigmas: SVector::from_fn(|k, _| match k {
             DOWN..BOARD => f64::INFINITY,
             _ => 0.1 + 0.01 * k as f64,
         }),
-        held: Held {
+        fixed: FixedDirections {
             rotation: vec![Vector3::new(0.6, 0.0, 0.8)],
             translation: vec![Vector3::y()],
             offset: true,
@@ -150,7 +150,7 @@ fn derivatives_of_all_factors() {
     let mut root = SMatrix::<f64, VIEW, VIEW>::identity();
     root[(2, 5)] = 0.3;
     let camera = shared.camera(&states[0]);
-    let rooted = Rooted {
+    let rooted = WhitenedView {
         pose: Pose {
             rotation: camera.rotation * so3::exp(&Vector3::new(0.1, 0.2, -0.1)),
             position: Vector3::new(0.1, -0.3, 0.2),
@@ -160,8 +160,8 @@ fn derivatives_of_all_factors() {
         offset: SVector::repeat(0.2),
         rank: 7,
     };
-    let picture = |s: &[State], shared: &Shared| problem.picture(&rooted, &s[0], shared);
-    check("picture", &picture(at.0, at.1), picture, at);
+    let picture = |s: &[State], shared: &Shared| problem.view_factor(&rooted, &s[0], shared);
+    check("view", &picture(at.0, at.1), picture, at);
     let inertial = |s: &[State], shared: &Shared| {
         let mut raw = Vec::new();
         problem.inertial_plain(0, s, shared, &mut raw).unwrap().0
@@ -169,7 +169,7 @@ fn derivatives_of_all_factors() {
     check("inertial", &inertial(at.0, at.1), inertial, at);
     let walk = |s: &[State], _: &Shared| problem.walk(0, s);
     check("walk", &walk(at.0, at.1), walk, at);
-    let alone = |s: &[State], _: &Shared| problem.alone(0, &s[0]);
+    let alone = |s: &[State], _: &Shared| problem.isolated(0, &s[0]);
     check("alone", &alone(at.0, at.1), alone, at);
     let prior = |_: &[State], shared: &Shared| problem.prior.factor(shared);
     let found = prior(at.0, at.1);

@@ -120,17 +120,17 @@ fn charuco_is_opencvs() {
 }
 
 #[test]
-fn half_a_turn() {
-    let turned = |columns, rows| {
+fn symmetry_under_half_a_turn_is_detected() {
+    let symmetric = |columns, rows| {
         Target::Chessboard {
             columns,
             rows,
             square_m: 0.1,
         }
-        .looks_the_same_turned()
+        .is_rotationally_symmetric()
     };
-    assert!(!turned(9, 6) && turned(8, 6) && turned(7, 7));
-    assert!(!GRID.looks_the_same_turned());
+    assert!(!symmetric(9, 6) && symmetric(8, 6) && symmetric(7, 7));
+    assert!(!GRID.is_rotationally_symmetric());
 }
 
 #[test]

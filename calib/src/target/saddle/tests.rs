@@ -1,4 +1,4 @@
-use super::super::image::GreyView;
+use super::super::image::ImageView;
 use super::*;
 
 /// The same numbers, one pixel at a time, from the definition.
@@ -14,12 +14,12 @@ fn slow_response(smooth: &Smooth, x: usize, y: usize) -> f32 {
 
 /// Integers below 2^24 are exact in f32, so there is no tolerance.
 #[test]
-fn the_fast_response_is_the_slow_one() {
+fn fast_response_agrees_with_the_reference() {
     for (width, height) in [(8, 8), (37, 21), (64, 9)] {
         let pixels: Vec<u8> = (0..width * height)
             .map(|i| (i * i * 37 / 5 % 256) as u8)
             .collect();
-        let smooth = Smooth::of(&GreyView::new(width, height, width, &pixels).unwrap());
+        let smooth = Smooth::of(&ImageView::new(width, height, width, &pixels).unwrap());
         let mut row = vec![0.0; width];
         for y in 2..height - 2 {
             response(&smooth, y, &mut row);
@@ -58,7 +58,7 @@ fn rays_begin_before_a_dark_sector() {
             }
         })
         .collect();
-    let smooth = Smooth::of(&GreyView::new(width, height, width, &pixels).unwrap());
+    let smooth = Smooth::of(&ImageView::new(width, height, width, &pixels).unwrap());
     let found = find(&smooth);
     assert_eq!(found.len(), 1);
     let quarter = std::f64::consts::FRAC_PI_2;

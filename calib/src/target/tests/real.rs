@@ -1,8 +1,8 @@
 use super::*;
 use crate::test_data::shared;
 
-/// A picture file as grey.
-fn load(path: &std::path::Path) -> Picture {
+/// An image file as grey.
+fn load(path: &std::path::Path) -> RenderedImage {
     let bytes = std::fs::read(path).unwrap();
     let (size, channels, data) = if path.extension().is_some_and(|e| e == "png") {
         let mut decoder = png::Decoder::new(std::io::Cursor::new(bytes));
@@ -29,7 +29,7 @@ fn load(path: &std::path::Path) -> Picture {
         }
         _ => p[0],
     };
-    Picture {
+    RenderedImage {
         size,
         pixels: data.chunks_exact(channels).map(grey).collect(),
     }
@@ -48,11 +48,12 @@ fn the_real_aprilgrids() {
             spacing: 0.3,
             first_id: 0,
         };
-        let picture = load(&folder.join(name));
-        let found = detect(&picture.view(), &target, &Settings::default());
+        let image = load(&folder.join(name));
+        let found = detect(&image.view(), &target, &Settings::default());
         assert_eq!(found.corners.len(), target.corners().len(), "{name}");
         if name == "iphone.png" {
-            // Tag 0 at the bottom left, read off the picture by eye: bottom left, bottom right, top right, top left.
+            // Tag 0 at the bottom left, measured by hand: bottom left, bottom right, top right, top
+            // left.
             for (seen, by_eye) in
                 found
                     .corners
@@ -79,11 +80,12 @@ fn the_real_chessboards() {
     for side in ["left", "right"] {
         for i in 1..=12 {
             let name = format!("{side}{i:02}.jpg");
-            let picture = load(&folder.join(&name));
-            let found = detect(&picture.view(), &target, &Settings::default());
+            let image = load(&folder.join(&name));
+            let found = detect(&image.view(), &target, &Settings::default());
             assert_eq!(found.corners.len(), 54, "{name}: {:?}", found.remark);
-            // Equal steps along a row, seen in perspective, keep their cross ratio: for four corners
-            // (|ac| |bd|) / (|ad| |bc|) is 4/3. A corner a pixel off its place would change it by more than this.
+            // Equal steps along a row keep their cross ratio in perspective: for four corners (|ac|
+            // |bd|) / (|ad| |bc|) is 4/3. A corner with an error of a pixel would change it by more
+            // than this.
             for row in found.corners.chunks(9) {
                 for four in row.windows(4) {
                     let d = |i: usize, j: usize| square::distance(four[i].pixel, four[j].pixel);
@@ -99,9 +101,9 @@ fn the_real_chessboards() {
     }
 }
 
-/// Pictures without any of these boards, with the names of those that were looked at.
+/// Images without any of these boards, with the names of those that were tested.
 #[test]
-fn other_real_pictures_give_nothing() {
+fn other_real_images_give_nothing() {
     let folders = [
         ("02_stereo_odometry_kitti/KITTI_sequence_1", "png"),
         ("03_stereo_imu/euroc_V1_01_micro", "png"),
@@ -140,7 +142,7 @@ fn other_real_pictures_give_nothing() {
             square_m: 0.05,
         },
     ];
-    let mut looked_at = 0;
+    let mut tested = 0;
     for (folder, extension) in folders {
         let Some(folder) = shared(folder) else {
             continue;
@@ -148,15 +150,15 @@ fn other_real_pictures_give_nothing() {
         let mut files = Vec::new();
         collect(&folder, extension, &mut files);
         files.sort();
-        // Pictures that follow one another show the same.
+        // Consecutive images show the same.
         let every = (files.len() / 12).max(1);
         for file in files.iter().step_by(every) {
-            let picture = load(file);
-            looked_at += 1;
+            let image = load(file);
+            tested += 1;
             for (target, found) in
                 targets
                     .iter()
-                    .zip(detect_all(&picture.view(), &targets, &Settings::default()))
+                    .zip(detect_all(&image.view(), &targets, &Settings::default()))
             {
                 assert!(
                     found.corners.is_empty(),
@@ -167,7 +169,7 @@ fn other_real_pictures_give_nothing() {
             }
         }
     }
-    println!("{looked_at} pictures");
+    println!("{tested} images");
 }
 
 fn collect(folder: &std::path::Path, extension: &str, files: &mut Vec<std::path::PathBuf>) {

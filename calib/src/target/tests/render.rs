@@ -1,20 +1,20 @@
-//! Pictures of boards with known corners, by sampling the board many times in each pixel.
+//! Images of boards with known corners, by supersampling the board.
 
-use crate::target::{GreyView, Target};
+use crate::target::{ImageView, Target};
 
 /// Samples per pixel along each axis.
 const DENSE: usize = 5;
 
-/// Where the board is and how the camera sees.
+/// Pose of the board and model of the camera.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct View {
     pub(crate) size: [usize; 2],
-    /// Focal length, pixels; the principal point is the picture's middle.
+    /// Focal length, pixels; the principal point is the image centre.
     pub(crate) focal: f64,
     pub(crate) lens: Lens,
     /// Middle of the board in the camera, metres.
     pub(crate) at: [f64; 3],
-    /// Turns about the camera's x, y, z in this order, radians.
+    /// Rotations about the camera's x, y, z in this order, radians.
     pub(crate) turn: [f64; 3],
 }
 
@@ -25,26 +25,26 @@ pub(crate) enum Lens {
     Fisheye,
 }
 
-/// What happens to the light on its way.
+/// Degradation of the image.
 #[derive(Clone, Copy, Debug)]
-pub(crate) struct Look {
+pub(crate) struct Degradation {
     /// Gaussian blur, pixels.
     pub(crate) blur: f64,
-    /// Even movement, pixels along x and y.
+    /// Uniform motion, pixels along x and y.
     pub(crate) motion: [f64; 2],
-    /// Grey values.
+    /// Noise, grey values.
     pub(crate) noise: f64,
     /// Grey values of black and white.
     pub(crate) levels: [f64; 2],
-    /// Whether levels are of light, to be brought to sRGB.
+    /// Whether levels are linear light, to be converted to sRGB.
     pub(crate) srgb: bool,
-    /// Change of the light from the left to the right edge, as a share.
+    /// Brightness change from the left to the right edge, as a fraction.
     pub(crate) shade: f64,
     pub(crate) background: f64,
     pub(crate) seed: u64,
 }
 
-impl Default for Look {
+impl Default for Degradation {
     fn default() -> Self {
         Self {
             blur: 0.7,
@@ -85,7 +85,7 @@ impl View {
         self.size.map(|n| 0.5 * (n as f64 - 1.0))
     }
 
-    /// The picture of a point given from the board's middle.
+    /// Projection of a point given relative to the board's middle.
     fn project(&self, [x, y]: [f64; 2]) -> [f64; 2] {
         let r = self.rotation();
         let p = [0, 1, 2].map(|i| r[i][0] * x + r[i][1] * y + self.at[i]);
@@ -104,8 +104,8 @@ impl View {
         }
     }
 
-    /// The point from the board's middle that a pixel sees.
-    fn look_at(&self, pixel: [f64; 2], r: &[[f64; 3]; 3]) -> Option<[f64; 2]> {
+    /// The point of a pixel, relative to the board's middle.
+    fn read_expected(&self, pixel: [f64; 2], r: &[[f64; 3]; 3]) -> Option<[f64; 2]> {
         let m = self.middle();
         let [u, v] = [0, 1].map(|k| (pixel[k] - m[k]) / self.focal);
         let ray = match self.lens {
@@ -130,7 +130,7 @@ impl View {
         [0, 1].map(|k| 0.5 * (sheet.min_m[k] + sheet.max_m[k]))
     }
 
-    /// Where every corner of the board is in the picture, also those outside.
+    /// Positions of all corners of the board in the image, also those outside.
     pub(crate) fn truth(&self, target: &Target) -> Vec<(u32, [f64; 2])> {
         let middle = Self::board_middle(target);
         let project = |at: [f64; 2]| self.project([0, 1].map(|k| at[k] - middle[k]));
@@ -141,8 +141,8 @@ impl View {
             .collect()
     }
 
-    /// A picture of boards, each with its own view; the first one lies on top.
-    pub(crate) fn picture(boards: &[(&Target, View)], look: &Look) -> Picture {
+    /// An image of boards, each with its own view; the first one is on top.
+    pub(crate) fn render(boards: &[(&Target, View)], look: &Degradation) -> RenderedImage {
         let size = boards[0].1.size;
         let [width, height] = size.map(|n| n + 2 * PAD);
         let [fine_width, fine_height] = [width * DENSE, height * DENSE];
@@ -154,7 +154,7 @@ impl View {
             let row_at = |j: usize| -> Vec<Option<[f64; 2]>> {
                 let pixel = |n: usize| (n as f64 + 0.5) / DENSE as f64 - 0.5 - PAD as f64;
                 (0..=fine_width)
-                    .map(|i| view.look_at([pixel(i), pixel(j)], &r))
+                    .map(|i| view.read_expected([pixel(i), pixel(j)], &r))
                     .collect()
             };
             let mut next = row_at(0);
@@ -217,21 +217,21 @@ impl View {
                 pixels.push(value.round().clamp(0.0, 255.0) as u8);
             }
         }
-        Picture { size, pixels }
+        RenderedImage { size, pixels }
     }
 }
 
-/// Pixels rendered beyond the edge, so that blur has something to take.
+/// Pixels rendered beyond the edge, for the blur.
 const PAD: usize = 8;
 
-pub(crate) struct Picture {
+pub(crate) struct RenderedImage {
     pub(crate) size: [usize; 2],
     pub(crate) pixels: Vec<u8>,
 }
 
-impl Picture {
-    pub(crate) fn view(&self) -> GreyView<'_> {
-        GreyView::new(self.size[0], self.size[1], self.size[0], &self.pixels).unwrap()
+impl RenderedImage {
+    pub(crate) fn view(&self) -> ImageView<'_> {
+        ImageView::new(self.size[0], self.size[1], self.size[0], &self.pixels).unwrap()
     }
 
     pub(crate) fn mirrored(&self) -> Self {
@@ -254,7 +254,7 @@ impl Picture {
     }
 }
 
-/// What is printed where, by the edges of the black rectangles.
+/// The print, by the edges of the black rectangles.
 struct Ink {
     edges: [Vec<f64>; 2],
     black: Vec<bool>,
@@ -293,12 +293,13 @@ impl Ink {
         }
     }
 
-    /// Share of white around a point, over a box of this half size; none off the sheet.
+    /// Fraction of white around a point, over a box of this half size; `None` off the sheet.
     fn at(&self, at: [f64; 2], half: [f64; 2]) -> Option<f32> {
         if !(0..2).all(|k| self.sheet.min_m[k] <= at[k] && at[k] < self.sheet.max_m[k]) {
             return None;
         }
-        // Along each axis: the cell before the nearest edge, the cell behind it, and the latter's share.
+        // Along each axis: the cell before the nearest edge, the cell behind it, and the latter's
+        // fraction.
         let parts = [0, 1].map(|k| {
             let edges = &self.edges[k];
             let low = edges.partition_point(|e| *e <= at[k] - half[k]);

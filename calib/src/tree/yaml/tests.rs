@@ -61,7 +61,7 @@ fn reads_what_other_programs_write() {
 }
 
 #[test]
-fn refuses_what_it_does_not_know() {
+fn unsupported_yaml_is_rejected() {
     for (text, expected) in [
         (
             "- item\nkey: 1\n",

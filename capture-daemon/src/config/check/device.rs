@@ -1,4 +1,4 @@
-//! Looking at cameras that are devices, without starting them.
+//! Inspection of device cameras, without starting them.
 
 use std::path::Path;
 
@@ -6,19 +6,19 @@ use v4l2::usb::{self, Demand};
 use v4l2::{Camera, Fourcc, Mode};
 
 use super::Level;
-use crate::causes::with_causes;
 use crate::config::{Config, SourceConfig, V4l2Config, ZedImuConfig};
+use crate::error_chain::with_causes;
 use crate::sources::device::camera::{find_node, interval, key};
 
-/// What to do about a device that is not there.
+/// Remedy for an absent device.
 const NOT_THERE: &str = "; plug it in, `pawsd devices` lists what is there";
 
-/// What is found of a camera and its IMU.
-pub(super) fn look(config: &V4l2Config) -> Vec<(Level, String)> {
+/// Findings about a camera and its IMU.
+pub(super) fn inspect(config: &V4l2Config) -> Vec<(Level, String)> {
     let mut findings = Vec::new();
     for config in config.eyes() {
         match find_node(&config.device, None) {
-            // A daemon waits for it, and a recording would be without it.
+            // A daemon waits for it, and a recording would lack it.
             Err(error) => {
                 findings.push((Level::Error, format!("{}{NOT_THERE}", with_causes(&error))));
             }
@@ -29,8 +29,8 @@ pub(super) fn look(config: &V4l2Config) -> Vec<(Level, String)> {
         findings.push((
             Level::Warning,
             format!(
-                "two devices that expose each by itself: images within {:.1} ms of each other are paired, the others are \
-                 gaps; `paws validate` says how far they were apart",
+                "two devices without a common trigger: images within {:.1} ms of each other are paired, the others are \
+                 gaps; `paws validate` reports their time differences",
                 right.within_ns as f64 * 1e-6
             ),
         ));
@@ -52,22 +52,22 @@ fn camera(config: &V4l2Config, path: &Path, findings: &mut Vec<(Level, String)>)
             return findings.push((Level::Error, format!("{}{hint}", with_causes(&error))));
         }
     };
-    let wanted = mode(config);
+    let configured = mode(config);
     match camera.modes() {
         Err(error) => findings.push((Level::Error, with_causes(&error))),
-        Ok(modes) if modes.iter().any(|m| m.offers(&wanted)) => findings.push((
+        Ok(modes) if modes.iter().any(|m| m.offers(&configured)) => findings.push((
             Level::Ok,
             format!(
-                "{} offers {wanted}: {}",
+                "{} offers {configured}: {}",
                 camera.capability().card,
                 path.display()
             ),
         )),
-        // Some drivers scale to more sizes than they list, so it is for the start to find out.
+        // Some drivers scale to more sizes than they list, so only the start can decide.
         Ok(_) => findings.push((
             Level::Warning,
             format!(
-                "{} does not list {wanted}; `pawsd devices` shows what it does: {}",
+                "{} does not list {configured}; `pawsd devices` shows what it does: {}",
                 camera.capability().card,
                 path.display()
             ),
@@ -106,7 +106,7 @@ fn imu(config: &ZedImuConfig) -> (Level, String) {
     }
 }
 
-/// Whether the cameras fit on the USB controllers that they hang on.
+/// Whether the cameras fit on their USB controllers.
 pub(super) fn usb_budget(config: &Config) -> Vec<(Level, String)> {
     let loads = usb::check(&demands(config));
     let finding = |load: &usb::Load| {
@@ -116,7 +116,7 @@ pub(super) fn usb_budget(config: &Config) -> Vec<(Level, String)> {
     loads.iter().map(finding).collect()
 }
 
-/// What the configured cameras need of USB, as far as they are plugged in.
+/// USB bandwidth of the configured cameras that are connected.
 pub(crate) fn demands(config: &Config) -> Vec<Demand> {
     let nodes = v4l2::node::list(Path::new("/sys"), Path::new("/dev")).unwrap_or_default();
     let of = |(camera, config): (&crate::config::Camera, V4l2Config)| {
@@ -125,11 +125,11 @@ pub(crate) fn demands(config: &Config) -> Vec<Demand> {
         let device = nodes.iter().find(|node| node.path == path)?.usb.clone()?;
         let mode = mode(&config);
         let bits = u64::from(mode.fourcc.bits_per_pixel()?);
-        let picture = u64::from(mode.width) * u64::from(mode.height) * bits / 8;
+        let image = u64::from(mode.width) * u64::from(mode.height) * bits / 8;
         Some(Demand {
             camera: camera.name.clone(),
             mode: mode.to_string(),
-            needs: usb::budget::bytes_per_second(picture, mode.interval)?,
+            needs: usb::budget::bytes_per_second(image, mode.interval)?,
             device,
         })
     };

@@ -7,10 +7,11 @@ use std::path::Path;
 use rig_link::token::Token;
 
 use super::{Report, writable};
-use crate::causes::with_causes;
 use crate::config::{Config, Page};
+use crate::error_chain::with_causes;
 
-/// Looks at the page's address, token and folder. `daemon_answers`: one runs, and may have the address.
+/// Checks the page's address, token and folder. `daemon_answers`: a daemon runs, and may use the
+/// address.
 pub(super) fn check(config: &Config, daemon_answers: bool, report: &mut Report) {
     let Some(page) = &config.page else {
         return;
@@ -48,18 +49,18 @@ fn address(page: &Page, daemon_answers: bool, report: &mut Report) {
     }
 }
 
-/// The certificate is made at the first start.
+/// The certificate is created at the first start.
 fn certificate(folder: &Path, report: &mut Report) {
     let Some(there) = folder.ancestors().find(|folder| folder.exists()) else {
         return report.error(format!(
-            "its certificate cannot be kept, no folder on the way exists: {}",
+            "its certificate cannot be stored, no parent folder exists: {}",
             folder.display()
         ));
     };
     match writable(there) {
-        Ok(()) => report.ok(format!("its certificate is kept in {}", folder.display())),
+        Ok(()) => report.ok(format!("its certificate is stored in {}", folder.display())),
         Err(error) => report.error(format!(
-            "its certificate cannot be kept: {error}: {}",
+            "its certificate cannot be stored: {error}: {}",
             folder.display()
         )),
     }

@@ -12,7 +12,8 @@ fn findings(folder: &Path, text: &str) -> Vec<Finding> {
     check(&Config::parse(text, folder).unwrap())
 }
 
-/// Among the findings of `about`, the worst must be `level`, and one of that level say `expected`.
+/// Among the findings of `about`, the worst must be `level`, and one of that level must contain
+/// `expected`.
 fn expect(findings: &[Finding], about: &str, level: Level, expected: &str) {
     let of: Vec<&Finding> = findings
         .iter()
@@ -45,14 +46,14 @@ fn write_pair(folder: &Path, width: u32, height: u32) -> PathBuf {
 }
 
 #[test]
-fn a_good_configuration_has_no_errors() {
+fn valid_configuration_has_no_errors() {
     let folder = tempfile::tempdir().unwrap();
     let text = format!(
         "session.out = \"sessions\"\ncontrol.socket = \"pawsd.sock\"\ndisk.reserve_gb = 0\n{SYNTHETIC}"
     );
     let found = findings(folder.path(), &text);
     assert!(found.iter().all(|f| f.level < Level::Error), "{found:#?}");
-    expect(&found, "session", Level::Ok, "which will be made");
+    expect(&found, "session", Level::Ok, "which will be created");
     expect(&found, "disk", Level::Ok, "a recording ends at 0.0 GB");
     expect(&found, "control", Level::Ok, "pawsd.sock");
     expect(&found, "rig", Level::Warning, "no rig file");
@@ -79,12 +80,13 @@ fn a_good_configuration_has_no_errors() {
     );
 }
 
-/// In a clone, for any user: it needs no folders of an installed daemon.
+/// From a clone, for any user: it needs no folders of an installed daemon.
 #[test]
-fn the_simulated_rig_that_comes_along_has_no_errors() {
+fn shipped_simulated_rig_has_no_errors() {
     let path = Path::new(env!("CARGO_MANIFEST_DIR")).join("../deploy/rigs/simulated.toml");
     let found = check(&Config::read(&path).unwrap());
-    // Whether another program has the page's port, and whether the disk has room, is this machine's business.
+    // Whether another program uses the page's port, and whether the disk has room, depends on this
+    // machine.
     let ours = |f: &&Finding| !["page", "disk"].contains(&f.about.as_str());
     let wrong: Vec<&Finding> = found
         .iter()
@@ -96,33 +98,38 @@ fn the_simulated_rig_that_comes_along_has_no_errors() {
 }
 
 #[test]
-fn a_token_that_others_can_read_is_an_error() {
+fn token_readable_by_others_is_an_error() {
     let folder = tempfile::tempdir().unwrap();
     let token = folder.path().join("token");
     fs::write(&token, "0123456789abcdef").unwrap();
     let text = format!("[page]\nlisten = \"127.0.0.1:0\"\ntoken_file = \"token\"\n{SYNTHETIC}");
     let config = Config::parse(&text, folder.path()).unwrap();
-    let look = || {
+    let check_page = || {
         let mut report = Report::default();
         page::check(&config, false, &mut report);
         report.findings
     };
     let mode = |mode| fs::set_permissions(&token, fs::Permissions::from_mode(mode)).unwrap();
     mode(0o644);
-    expect(&look(), "page", Level::Error, "mode 0644, expected 0600");
-    expect(&look(), "page", Level::Error, "chmod 600 ");
+    expect(
+        &check_page(),
+        "page",
+        Level::Error,
+        "mode 0644, expected 0600",
+    );
+    expect(&check_page(), "page", Level::Error, "chmod 600 ");
     mode(0o600);
-    expect(&look(), "page", Level::Ok, "its token is in");
+    expect(&check_page(), "page", Level::Ok, "its token is in");
     fs::remove_file(&token).unwrap();
-    expect(&look(), "page", Level::Error, "reading the token");
+    expect(&check_page(), "page", Level::Error, "reading the token");
 }
 
-/// What is behind the head of a bag may be good, or not: a check does not read it.
+/// The bag behind its head may be valid or not: a check does not read it.
 #[test]
-fn a_bag_that_a_look_does_not_suffice_for_is_a_warning() {
+fn bag_whose_head_is_insufficient_is_a_warning() {
     let folder = tempfile::tempdir().unwrap();
     let mut bytes = session_archive::mcap::MAGIC.to_vec();
-    // A record of a kind that nobody knows, longer than is looked at.
+    // A record of an unknown kind, longer than the head.
     bytes.push(0xf0);
     bytes.extend((1_u64 << 30).to_le_bytes());
     let bag = folder.path().join("walk.mcap");
@@ -140,7 +147,7 @@ fn a_bag_that_a_look_does_not_suffice_for_is_a_warning() {
 }
 
 #[test]
-fn everything_wrong_is_told_at_once() {
+fn all_findings_are_reported_in_one_run() {
     let folder = tempfile::tempdir().unwrap();
     let here = folder.path();
     fs::write(here.join("file"), "").unwrap();
@@ -186,7 +193,7 @@ fn everything_wrong_is_told_at_once() {
         &found,
         "camera plain",
         Level::Warning,
-        "no calibration lies with the data set",
+        "the data set contains no calibration",
     );
     expect(
         &found,
@@ -211,7 +218,7 @@ fn everything_wrong_is_told_at_once() {
 }
 
 #[test]
-fn the_rig_has_to_know_the_cameras() {
+fn cameras_missing_from_the_rig_file_are_an_error() {
     let rig = Path::new(env!("CARGO_MANIFEST_DIR")).join("../cad-transforms/rigs/example.toml");
     let folder = tempfile::tempdir().unwrap();
     let with_rig =
@@ -227,7 +234,7 @@ fn the_rig_has_to_know_the_cameras() {
 }
 
 #[test]
-fn a_running_daemon_is_noticed() {
+fn running_daemon_is_detected() {
     let folder = tempfile::tempdir().unwrap();
     let _daemon = std::os::unix::net::UnixListener::bind(folder.path().join("s")).unwrap();
     let found = findings(
@@ -243,7 +250,7 @@ fn a_running_daemon_is_noticed() {
 }
 
 #[test]
-fn a_finding_is_one_line() {
+fn finding_is_one_line() {
     let finding = Finding {
         level: Level::Warning,
         about: "camera feet".into(),
@@ -252,9 +259,9 @@ fn a_finding_is_one_line() {
     assert_eq!(finding.to_string(), "warning  camera feet: no calibration");
 }
 
-/// Without it, a start would find out.
+/// Otherwise the error would appear only at the start.
 #[test]
-fn a_page_that_could_not_be_served_is_an_error() {
+fn page_that_cannot_be_served_is_an_error() {
     let folder = tempfile::tempdir().unwrap();
     let here = folder.path();
     let taken = std::net::TcpListener::bind("127.0.0.1:0").unwrap();
@@ -270,7 +277,7 @@ fn a_page_that_could_not_be_served_is_an_error() {
     let found = page("s", "absent");
     expect(&found, "page", Level::Error, "end what uses this one");
     expect(&found, "page", Level::Error, "absent");
-    // A daemon that runs has it.
+    // A running daemon uses the address.
     let _daemon = std::os::unix::net::UnixListener::bind(here.join("running")).unwrap();
     fs::write(
         here.join("token"),
@@ -288,7 +295,7 @@ fn a_page_that_could_not_be_served_is_an_error() {
 }
 
 #[test]
-fn a_socket_that_could_not_be_made_is_an_error() {
+fn socket_that_cannot_be_created_is_an_error() {
     let folder = tempfile::tempdir().unwrap();
     let here = folder.path();
     fs::write(here.join("file"), "").unwrap();
@@ -297,13 +304,13 @@ fn a_socket_that_could_not_be_made_is_an_error() {
         &socket("file"),
         "control",
         Level::Error,
-        "no socket lies in its place",
+        "a file that is not a socket exists at its path",
     );
 }
 
-/// A recording would be without it, however long a daemon would wait.
+/// A recording would lack it, however long a daemon would wait.
 #[test]
-fn a_camera_that_is_not_there_is_an_error() {
+fn absent_camera_is_an_error() {
     let folder = tempfile::tempdir().unwrap();
     let text = "[[camera]]\nname = \"feet\"\n\
         source = { kind = \"v4l2\", device = \"/dev/video-that-is-not-there\", width = 128, height = 64, rate_hz = 15 }\n";

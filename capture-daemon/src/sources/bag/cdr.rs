@@ -1,26 +1,27 @@
 //! CDR, the encoding of ROS 2 messages, as far as `sensor_msgs` needs it. Pure.
 //!
-//! OMG's DDS-XTypes and RTPS: four bytes say the representation, then every number lies at a multiple of its own size,
-//! counted from behind those four bytes; a string has its length with the closing zero in front, a sequence the number of
-//! its elements. Here only the plain representation of XCDR1 is read, which is what ROS 2 writes. Every length is compared
-//! with what is left before anything is taken; nothing is allocated.
+//! OMG's DDS-XTypes and RTPS: four bytes give the representation, then every number is aligned to
+//! its own size, counted from behind those four bytes; a string is preceded by its length with the
+//! terminating zero, a sequence by the number of its elements. Only the plain representation of
+//! XCDR1 is read, which is what ROS 2 writes. Every length is compared with the remaining bytes
+//! before anything is taken; nothing is allocated.
 
-/// Why bytes are not the message that they should be.
+/// Error of decoding a message.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, thiserror::Error)]
 pub enum CdrError {
-    /// The representation is none that is read here.
+    /// Unsupported representation.
     #[error("its representation is {0:#06x}, expected plain CDR (0x0000 or 0x0001)")]
     Representation(u16),
     /// It ends too soon.
     #[error("it ends {missing} bytes too soon")]
     Short {
-        /// Bytes that are not there.
+        /// Number of missing bytes.
         missing: usize,
     },
-    /// A string is not UTF-8 or has no closing zero.
+    /// A string is not UTF-8 or has no terminating zero.
     #[error("a text in it is not UTF-8 with a closing zero")]
     Text,
-    /// A number cannot be what it stands for.
+    /// An invalid value of this field.
     #[error("{0}")]
     Value(&'static str),
 }
@@ -105,7 +106,7 @@ impl<'a> Reader<'a> {
         let bytes = self.take(length)?;
         let text = match bytes.split_last() {
             Some((0, text)) => text,
-            // Some writers leave the closing zero of an empty text off.
+            // Some writers omit the terminating zero of an empty text.
             None => &[],
             Some(_) => return Err(CdrError::Text),
         };
@@ -123,7 +124,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn numbers_lie_at_multiples_of_their_size_in_both_orders() {
+    fn numbers_are_aligned_in_both_byte_orders() {
         let little = [
             0, 1, 0, 0, // little-endian
             7, 0xff, 0xff, 0xff, // a byte and padding
@@ -145,7 +146,7 @@ mod tests {
     }
 
     #[test]
-    fn what_does_not_fit_is_an_error() {
+    fn truncated_value_is_an_error() {
         assert_eq!(
             Reader::new(&[0, 1]).err(),
             Some(CdrError::Short { missing: 2 })

@@ -1,10 +1,12 @@
-//! MCAP files of others: every message of a file once, and any of them again by its place.
+//! Access to foreign MCAP files: a scan of every message, and random access to any of them by its
+//! location.
 //!
-//! Contract: [`Container::scan`] goes through the file from its beginning, one record in memory at a time, and needs no
-//! index or summary, so a recording that was cut off is read up to the cut. Chunks may be compressed with zstd; one whose
-//! checksum does not hold is passed over and noted. *Sizes* that a file claims are compared with what is left of it and
-//! with [`LARGEST`] before anything is allocated. *Only plain files* are opened. *Of a head* ([`Extent::Head`]) nothing behind its end
-//! is read, and a record that reaches beyond it is none.
+//! Contract: [`Container::scan`] reads a file from its beginning, one record in memory at a time,
+//! and needs no index or summary, so a truncated recording is read up to the cut. Chunks may be
+//! compressed with zstd; a chunk with a wrong checksum is skipped and noted. *Sizes* in a file are
+//! compared with its remaining length and with [`MAX_RECORD_BYTES`] before anything is allocated.
+//! *Only plain files* are opened. *With [`Extent::Head`]* nothing behind the end of the head is
+//! read, and a record that extends beyond it is ignored.
 
 use std::collections::HashMap;
 use std::fs::File;
@@ -19,16 +21,17 @@ use session_archive::mcap::{
 use super::error::BagError;
 use crate::sources::{Extent, HEAD_BYTES};
 
-/// Largest record, and largest chunk when it is unpacked, bytes: an image of the largest accepted size is half of it.
-const LARGEST: u64 = 512 << 20;
+/// Maximum size of a record, and of an unpacked chunk, bytes: twice an image of the maximum size.
+const MAX_RECORD_BYTES: u64 = 512 << 20;
 
-/// Unpacked chunks that are kept: left and right images of one instant may lie in different ones.
-const KEPT: usize = 2;
+/// Maximum number of unpacked chunks kept: left and right images of one instant may be in different
+/// ones.
+const MAX_UNPACKED_CHUNKS: usize = 2;
 
-/// Where a message is.
+/// Location of a message.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
-pub(super) struct Place {
-    /// Beginning of the chunk, or of the message where it lies in none.
+pub(super) struct RecordLocation {
+    /// Beginning of the chunk, or of the message if it is in no chunk.
     record: u64,
     /// Beginning of the message's record in the unpacked chunk.
     inside: Option<usize>,
@@ -38,26 +41,26 @@ pub(super) struct Place {
 pub(super) struct Container {
     path: PathBuf,
     file: File,
-    /// What is behind this is not read.
+    /// Length of the part that is read.
     length: u64,
-    /// Whether the file goes on there.
-    goes_on: bool,
+    /// Whether the file continues there.
+    continues: bool,
     /// By the beginning of the chunk, the newest last.
     unpacked: Vec<(u64, Arc<Vec<u8>>)>,
 }
 
-/// What the scan finds, besides messages.
+/// Result of the scan, besides messages.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub(super) struct Scanned {
-    /// Chunks whose checksum does not hold or that cannot be unpacked.
+    /// Number of chunks with a wrong checksum or that cannot be unpacked.
     pub(super) damaged: u64,
-    /// The file ends, or makes no sense any more, at this byte.
+    /// Byte at which the file ends or becomes invalid.
     pub(super) cut_at: Option<u64>,
-    /// What was to be read of the file ends before the file does.
+    /// The part to be read ends before the file does.
     pub(super) is_head: bool,
 }
 
-/// A channel as messages see it: its topic, the name of its schema, and how its messages are encoded.
+/// A channel: its topic, the name of its schema, and the encoding of its messages.
 #[derive(Clone, Debug)]
 pub(super) struct Topic {
     pub(super) name: String,
@@ -85,7 +88,7 @@ impl Container {
             path: path.to_owned(),
             file,
             length,
-            goes_on: length < whole,
+            continues: length < whole,
             unpacked: Vec::new(),
         })
     }
@@ -97,12 +100,12 @@ impl Container {
     /// Calls `each` with every message, in the order of the file.
     pub(super) fn scan(
         &mut self,
-        mut each: impl FnMut(&Topic, &Message<'_>, Place),
+        mut each: impl FnMut(&Topic, &Message<'_>, RecordLocation),
     ) -> Result<Scanned, BagError> {
         let mut scanned = Scanned::default();
         let mut schemas: HashMap<u16, String> = HashMap::new();
         let mut topics: HashMap<u16, Topic> = HashMap::new();
-        let mut take = |record: Record<'_>, place: Place| match record {
+        let mut take = |record: Record<'_>, location: RecordLocation| match record {
             Record::Schema(schema) => {
                 schemas.insert(schema.id, schema.name.to_owned());
             }
@@ -111,7 +114,7 @@ impl Container {
             }
             Record::Message(message) => {
                 if let Some(topic) = topics.get(&message.channel_id) {
-                    each(topic, &message, place);
+                    each(topic, &message, location);
                 }
             }
             _ => {}
@@ -120,7 +123,7 @@ impl Container {
         loop {
             let (opcode, body) = match self.header(at) {
                 Ok(Some(header)) => header,
-                Ok(None) if self.goes_on => {
+                Ok(None) if self.continues => {
                     scanned.is_head = true;
                     return Ok(scanned);
                 }
@@ -139,7 +142,9 @@ impl Container {
                         loop {
                             let inside = Some(records.len() - iter.remaining());
                             match iter.next() {
-                                Some(Ok(record)) => take(record, Place { record: at, inside }),
+                                Some(Ok(record)) => {
+                                    take(record, RecordLocation { record: at, inside })
+                                }
                                 Some(Err(_)) => {
                                     scanned.damaged += 1;
                                     break;
@@ -159,7 +164,7 @@ impl Container {
                             source,
                         })?;
                     let inside = None;
-                    take(record, Place { record: at, inside });
+                    take(record, RecordLocation { record: at, inside });
                 }
                 _ => {}
             }
@@ -167,28 +172,28 @@ impl Container {
         }
     }
 
-    /// The payload of the message at a place that the scan has given.
-    pub(super) fn load(&mut self, place: Place) -> Result<Vec<u8>, BagError> {
+    /// The payload of the message at a location returned by the scan.
+    pub(super) fn load(&mut self, location: RecordLocation) -> Result<Vec<u8>, BagError> {
         let damaged = |path: &Path, source| BagError::Damaged {
             path: path.to_owned(),
-            at: place.record,
+            at: location.record,
             source,
         };
         let changed = ParseError::Malformed {
             opcode: op::MESSAGE,
             what: "the file has changed since it was opened",
         };
-        let header = self.header(place.record).map_err(|e| self.failed(e))?;
+        let header = self.header(location.record).map_err(|e| self.failed(e))?;
         let Some((opcode, body)) = header else {
             return Err(damaged(&self.path, changed));
         };
-        let (records, from) = match place.inside {
-            Some(inside) => match self.unpack(place.record, body)? {
+        let (records, from) = match location.inside {
+            Some(inside) => match self.unpack(location.record, body)? {
                 Some(records) => (records, inside),
                 None => return Err(damaged(&self.path, changed)),
             },
             None => {
-                let bytes = self.read(place.record + RECORD_HEADER as u64, body)?;
+                let bytes = self.read(location.record + RECORD_HEADER as u64, body)?;
                 return match Record::parse(opcode, &bytes) {
                     Ok(Record::Message(message)) => Ok(message.data.to_vec()),
                     Ok(_) => Err(damaged(&self.path, changed)),
@@ -203,8 +208,8 @@ impl Container {
         }
     }
 
-    /// Opcode and length of the record at `at`; none where the file ends before the record does, or the record claims to
-    /// be larger than any can be.
+    /// Opcode and length of the record at `at`; `None` if the file ends before the record does, or
+    /// the record claims to be larger than the maximum.
     fn header(&self, at: u64) -> Result<Option<(u8, u64)>, std::io::Error> {
         let mut header = [0; RECORD_HEADER];
         if at.saturating_add(RECORD_HEADER as u64) > self.length {
@@ -220,7 +225,7 @@ impl Container {
     }
 
     fn read(&self, at: u64, length: u64) -> Result<Vec<u8>, BagError> {
-        if length > LARGEST {
+        if length > MAX_RECORD_BYTES {
             return Err(BagError::Damaged {
                 path: self.path.clone(),
                 at,
@@ -237,16 +242,16 @@ impl Container {
         Ok(bytes)
     }
 
-    /// The records of the chunk at `at`; none where it is damaged.
+    /// The records of the chunk at `at`; `None` if it is damaged.
     fn unpack(&mut self, at: u64, body: u64) -> Result<Option<Arc<Vec<u8>>>, BagError> {
-        if let Some((_, records)) = self.unpacked.iter().find(|(place, _)| *place == at) {
+        if let Some((_, records)) = self.unpacked.iter().find(|(location, _)| *location == at) {
             return Ok(Some(records.clone()));
         }
         let bytes = self.read(at + RECORD_HEADER as u64, body)?;
         let Ok(chunk) = PackedChunk::parse(&bytes) else {
             return Ok(None);
         };
-        if chunk.uncompressed_size > LARGEST {
+        if chunk.uncompressed_size > MAX_RECORD_BYTES {
             return Ok(None);
         }
         let records = match chunk.compression {
@@ -267,13 +272,13 @@ impl Container {
         };
         let crc = chunk.uncompressed_crc;
         let is_whole = records.len() as u64 == chunk.uncompressed_size
-            // Writers may leave the checksum off.
+            // Writers may omit the checksum.
             && (crc == 0 || crc == crc32fast::hash(&records));
         if !is_whole {
             return Ok(None);
         }
         let records = Arc::new(records);
-        if self.unpacked.len() == KEPT {
+        if self.unpacked.len() == MAX_UNPACKED_CHUNKS {
             self.unpacked.remove(0);
         }
         self.unpacked.push((at, records.clone()));
@@ -296,9 +301,9 @@ fn topic(schemas: &HashMap<u16, String>, channel: Channel) -> Topic {
     }
 }
 
-/// What a file is by its first bytes, and how to make MCAP of it.
+/// Detects the file type by its first bytes, and names the conversion to MCAP.
 fn check_magic(path: &Path, head: &[u8]) -> Result<(), BagError> {
-    let (found, mend) = if head.starts_with(&MAGIC) {
+    let (found, remedy) = if head.starts_with(&MAGIC) {
         return Ok(());
     } else if head.starts_with(b"SQLite format 3") {
         super::SQLITE
@@ -321,6 +326,6 @@ fn check_magic(path: &Path, head: &[u8]) -> Result<(), BagError> {
     Err(BagError::Storage {
         path: path.to_owned(),
         found,
-        mend,
+        remedy,
     })
 }

@@ -1,10 +1,10 @@
-//! Why a bag cannot be replayed.
+//! Errors of replaying a bag.
 
 use std::path::PathBuf;
 
 use session_archive::mcap::ParseError;
 
-/// Why a bag cannot be replayed. None of these goes away by trying again.
+/// Error of replaying a bag. A retry will not help.
 #[derive(Debug, thiserror::Error)]
 pub enum BagError {
     /// A file or folder cannot be read: check the path and its permissions.
@@ -12,20 +12,20 @@ pub enum BagError {
     Read {
         /// The file or folder.
         path: PathBuf,
-        /// What the system said.
+        /// The system's error.
         source: std::io::Error,
     },
-    /// It is not an MCAP file, and the message says how to make one of it.
-    #[error("opening a bag: found {found}, expected MCAP; {mend}: {}", path.display())]
+    /// It is not an MCAP file; the message contains a command for conversion.
+    #[error("opening a bag: found {found}, expected MCAP; {remedy}: {}", path.display())]
     Storage {
         /// The file or folder.
         path: PathBuf,
-        /// What it is.
+        /// The storage found.
         found: &'static str,
         /// The command that converts it.
-        mend: &'static str,
+        remedy: &'static str,
     },
-    /// A chunk is compressed in a way that is not read here.
+    /// A chunk has an unsupported compression.
     #[error(
         "opening a bag: found chunks compressed with {compression:?}, expected zstd or none; convert it with `mcap \
          compress --compression zstd IN.mcap -o OUT.mcap`: {}", path.display()
@@ -33,7 +33,7 @@ pub enum BagError {
     Compression {
         /// The file.
         path: PathBuf,
-        /// What the chunk says.
+        /// The compression found.
         compression: String,
     },
     /// The file is damaged before its first chunk.
@@ -43,20 +43,20 @@ pub enum BagError {
         path: PathBuf,
         /// Where the record begins.
         at: u64,
-        /// What does not fit.
+        /// The mismatch.
         source: ParseError,
     },
-    /// Say which topics are meant.
+    /// Configure the topics.
     #[error("choosing topics of a bag: {what}; it has {}: {}", list(topics), path.display())]
     Topics {
         /// The bag.
         path: PathBuf,
-        /// What was looked for.
+        /// The topic searched for.
         what: String,
         /// Its image and IMU topics, with their types.
         topics: Vec<String>,
     },
-    /// The messages cannot be placed in time: record the bag with stamps from the device's driver.
+    /// The messages have no usable times: record the bag with timestamps from the device's driver.
     #[error(
         "timing a bag: of {total} messages on {topic}, {missing} have no time in their header, {falling} one that is not \
          after that of the message before, and {damaged} cannot be read; expected two or more, and at least half of them \
@@ -69,38 +69,38 @@ pub enum BagError {
         topic: String,
         /// Messages on it.
         total: usize,
-        /// Those without a stamp.
+        /// Number of messages without a timestamp.
         missing: usize,
-        /// Those with a stamp that does not rise.
+        /// Number of messages whose timestamp does not increase.
         falling: usize,
-        /// Those whose message is damaged.
+        /// Number of damaged messages.
         damaged: usize,
     },
-    /// The two cameras do not expose together: no stereo can be had of them.
+    /// The two cameras do not expose simultaneously: their images are no stereo pairs.
     #[error(
         "pairing images of a bag: of {total} left images, {paired} have a right one within {within_ms:.1} ms, expected \
          half of them or more; the nearest one is {apart_ms:.1} ms away in the median, so the two cameras are not \
          synchronised ({topics}); {}name the topics of one stereo camera as left_topic and right_topic, or record \
          cameras that are triggered together: {}",
-        allow_more(*within_ms, *most_ms), path.display()
+        allow_more(*within_ms, *max_ms), path.display()
     )]
     Unsynchronised {
         /// The bag.
         path: PathBuf,
         /// Topics of left and right images, with their rates.
         topics: String,
-        /// Left images that have a time.
+        /// Number of left images with a time.
         total: usize,
-        /// Those with a partner.
+        /// Number of left images with a partner.
         paired: usize,
-        /// The most that partners may be apart, ms.
+        /// Maximum time difference of partners, ms.
         within_ms: f64,
-        /// The most that can be allowed at this rate, ms.
-        most_ms: f64,
-        /// From a left image to the nearest right one, median, ms.
+        /// Largest limit that this rate permits, ms.
+        max_ms: f64,
+        /// Median time difference from a left image to the nearest right one, ms.
         apart_ms: f64,
     },
-    /// The first image cannot be used, so no other can.
+    /// The first image is unusable, so all are.
     #[error("opening a bag: the first image of {topic}: {what}: {}", path.display())]
     Image {
         /// The bag.
@@ -110,13 +110,13 @@ pub enum BagError {
         /// What was found and what was expected.
         what: String,
     },
-    /// What was looked at does not suffice to tell; a recording reads all of it.
+    /// The head of the bag is not sufficient; a recording reads all of it.
     #[error("looking at the first 1 MiB of each file of a bag, which is all that a check reads")]
     Head {
-        /// What could not be found in it.
+        /// The error in the head.
         source: Box<BagError>,
     },
-    /// A setting does not fit to the bag.
+    /// A setting does not match the bag.
     #[error("opening a bag: {what}: {}", path.display())]
     Setting {
         /// The bag.
@@ -127,8 +127,8 @@ pub enum BagError {
 }
 
 impl BagError {
-    /// Whether more of the bag could make it good.
-    pub(super) fn may_be_mended_by_more(&self) -> bool {
+    /// Whether the rest of the bag could resolve the error.
+    pub(super) fn needs_more_data(&self) -> bool {
         matches!(
             self,
             Self::Topics { .. }
@@ -140,10 +140,10 @@ impl BagError {
     }
 }
 
-/// What more can be allowed, where less is.
-fn allow_more(within_ms: f64, most_ms: f64) -> String {
-    match within_ms < most_ms {
-        true => format!("allow more with pair_within_ms (up to {most_ms:.1} at this rate), "),
+/// Advice to increase the limit, if it is below the largest one.
+fn allow_more(within_ms: f64, max_ms: f64) -> String {
+    match within_ms < max_ms {
+        true => format!("allow more with pair_within_ms (up to {max_ms:.1} at this rate), "),
         false => String::new(),
     }
 }

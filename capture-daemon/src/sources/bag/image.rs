@@ -1,4 +1,4 @@
-//! An image message as an I420 picture.
+//! Decoding of an image message to I420.
 
 use std::path::Path;
 
@@ -6,10 +6,10 @@ use video::Picture;
 use video::picture::{side_by_side, yuyv_to_i420};
 
 use super::messages::{self, Kind};
-use crate::causes::with_causes;
+use crate::error_chain::with_causes;
 use crate::sources::datasets::{DecodedPng, MAX_PIXELS, Samples, decode_png};
 use crate::sources::jpeg;
-use crate::sources::replay::eyes;
+use crate::sources::replay::stereo_image;
 
 /// An image of a bag.
 #[derive(Clone, Debug, PartialEq)]
@@ -19,10 +19,11 @@ pub(super) struct BagImage {
     /// Whether it has chroma.
     pub(super) colour: bool,
     /// With even sizes: an odd last column or row is repeated once.
-    pub(super) picture: Picture,
+    pub(super) image: Picture,
 }
 
-/// Names of encodings with their layout: the bytes of a pixel, and where red, green and blue are in it.
+/// Names of encodings with their layout: the bytes of a pixel, and where red, green and blue are in
+/// it.
 const LAYOUTS: [(&str, usize, Option<[usize; 3]>); 8] = [
     ("mono8", 1, None),
     ("8UC1", 1, None),
@@ -52,10 +53,10 @@ pub(super) fn decode(kind: Kind, message: &[u8]) -> Result<BagImage, String> {
     }
 }
 
-/// Both eyes beside each other.
+/// Both eyes side by side.
 ///
 /// # Errors
-/// They do not fit together.
+/// They do not match.
 pub(super) fn join(left: &BagImage, right: &BagImage) -> Result<BagImage, String> {
     if left.size != right.size {
         return Err(format!(
@@ -63,11 +64,11 @@ pub(super) fn join(left: &BagImage, right: &BagImage) -> Result<BagImage, String
             left.size.0, left.size.1, right.size.0, right.size.1
         ));
     }
-    let picture = side_by_side(&left.picture, &right.picture).map_err(|e| e.to_string())?;
+    let image = side_by_side(&left.image, &right.image).map_err(|e| e.to_string())?;
     Ok(BagImage {
         size: (2 * left.size.0, left.size.1),
         colour: left.colour || right.colour,
-        picture,
+        image,
     })
 }
 
@@ -95,7 +96,7 @@ fn plain(image: &messages::Image<'_>) -> Result<BagImage, String> {
     };
     let row = width as usize * bytes;
     let step = image.step as usize;
-    // The last row may end where its pixels do.
+    // The last row may end with its pixels.
     let needed = step
         .checked_mul(height as usize - 1)
         .and_then(|all| all.checked_add(row));
@@ -115,11 +116,11 @@ fn plain(image: &messages::Image<'_>) -> Result<BagImage, String> {
     let (samples, data) = match (is_yuyv, place) {
         (true, _) => {
             let packed: Vec<u8> = rows.flatten().copied().collect();
-            let picture = yuyv_to_i420(width, height, &packed).map_err(|e| e.to_string())?;
+            let image = yuyv_to_i420(width, height, &packed).map_err(|e| e.to_string())?;
             return Ok(BagImage {
                 size: (width, height),
                 colour: true,
-                picture,
+                image,
             });
         }
         (false, None) => (Samples::Grey8, rows.flatten().copied().collect()),
@@ -140,13 +141,13 @@ fn plain(image: &messages::Image<'_>) -> Result<BagImage, String> {
 }
 
 fn compressed(image: &messages::CompressedImage<'_>) -> Result<BagImage, String> {
-    // The text says many things; the bytes say what they are.
+    // The format text is ambiguous; the bytes are decisive.
     if image.data.starts_with(&[0xff, 0xd8]) {
         let decoded = jpeg::decode(image.data).map_err(|e| e.to_string())?;
         return Ok(BagImage {
             size: decoded.size,
             colour: decoded.colour,
-            picture: decoded.picture,
+            image: decoded.image,
         });
     }
     if image.data.starts_with(b"\x89PNG") {
@@ -164,11 +165,11 @@ fn of_samples(decoded: DecodedPng) -> Result<BagImage, String> {
         (decoded.width, decoded.height),
         decoded.samples == Samples::Rgb8,
     );
-    let picture = eyes::i420(decoded);
+    let image = stereo_image::i420(decoded);
     Ok(BagImage {
         size,
         colour,
-        picture: picture.map_err(|e| e.to_string())?,
+        image: image.map_err(|e| e.to_string())?,
     })
 }
 
@@ -190,7 +191,7 @@ mod tests {
 
     /// One red and three black pixels.
     #[test]
-    fn every_layout_is_the_same_image() {
+    fn every_layout_decodes_to_the_same_image() {
         let red = rgb_to_i420(2, 2, &[200, 10, 10, 0, 0, 0, 0, 0, 0, 0, 0, 0]).expect("an image");
         let rgb = [200, 10, 10, 0, 0, 0, 9, 9, 0, 0, 0, 0, 0, 0];
         let bgr = [10, 10, 200, 0, 0, 0, 9, 9, 0, 0, 0, 0, 0, 0];
@@ -202,18 +203,18 @@ mod tests {
             ("bgra8", 8, &bgra),
         ] {
             let image = plain(&of(encoding, step, data)).expect(encoding);
-            assert_eq!(image.picture, red, "{encoding}");
+            assert_eq!(image.image, red, "{encoding}");
             assert!(image.colour);
         }
         let grey = plain(&of("mono8", 3, &[1, 2, 9, 3, 4])).expect("mono8");
-        assert_eq!(&grey.picture.data[..], [1, 2, 3, 4, 128, 128]);
+        assert_eq!(&grey.image.data[..], [1, 2, 3, 4, 128, 128]);
         assert!(!grey.colour);
         let yuyv = plain(&of("yuv422_yuy2", 4, &[1, 100, 2, 200, 3, 100, 4, 200])).expect("yuyv");
-        assert_eq!(&yuyv.picture.data[..], [1, 2, 3, 4, 100, 200]);
+        assert_eq!(&yuyv.image.data[..], [1, 2, 3, 4, 100, 200]);
     }
 
     #[test]
-    fn what_cannot_be_used_says_so() {
+    fn unusable_image_reports_the_reason() {
         let error =
             |encoding, step, data: &[u8]| plain(&of(encoding, step, data)).expect_err("no image");
         let bayer = error("bayer_rggb8", 2, &[0; 4]);

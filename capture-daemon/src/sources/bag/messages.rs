@@ -1,10 +1,11 @@
-//! The three messages of `sensor_msgs` that are read, out of their bytes. Pure.
+//! Parsers of the three supported messages of `sensor_msgs`. Pure.
 //!
-//! The layouts are those of the package's `.msg` files: `Image`, `CompressedImage`, `Imu`, each behind a `std_msgs/Header`.
+//! The layouts are those of the package's `.msg` files: `Image`, `CompressedImage`, `Imu`, each
+//! behind a `std_msgs/Header`.
 
 use super::cdr::{CdrError, Reader};
 
-/// What a message is, by the name of its type.
+/// Type of a message.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(super) enum Kind {
     Image,
@@ -38,7 +39,7 @@ impl Kind {
     }
 }
 
-/// An image as it is.
+/// An uncompressed image.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(super) struct Image<'a> {
     pub(super) height: u32,
@@ -49,10 +50,10 @@ pub(super) struct Image<'a> {
     pub(super) data: &'a [u8],
 }
 
-/// An image as a file.
+/// An image as a compressed file.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(super) struct CompressedImage<'a> {
-    /// What the publisher calls it, `jpeg` or `rgb8; jpeg compressed bgr8` for example.
+    /// The publisher's format text, `jpeg` or `rgb8; jpeg compressed bgr8` for example.
     pub(super) format: &'a str,
     pub(super) data: &'a [u8],
 }
@@ -64,7 +65,7 @@ pub(super) struct Imu {
     pub(super) accel_m_s2: [f64; 3],
 }
 
-/// The time of a message by its header, ns; none where it was never set.
+/// The time in a message's header, ns; `None` if it was never set.
 pub(super) fn stamp(message: &[u8]) -> Result<Option<i64>, CdrError> {
     header(&mut Reader::new(message)?)
 }
@@ -141,7 +142,7 @@ mod tests {
 
     use super::*;
 
-    /// Bytes as `ros2 bag record` has them, put down by hand from the layout.
+    /// Bytes as written by `ros2 bag record`, composed by hand from the layout.
     fn image_bytes() -> Vec<u8> {
         let mut bytes = vec![0, 1, 0, 0];
         bytes.extend(5_i32.to_le_bytes());
@@ -175,7 +176,7 @@ mod tests {
     }
 
     #[test]
-    fn layouts_are_those_of_the_package() {
+    fn message_layouts_match_sensor_msgs() {
         let bytes = image_bytes();
         assert_eq!(stamp(&bytes), Ok(Some(5_000_000_007)));
         let expected = Image {
@@ -196,7 +197,7 @@ mod tests {
     }
 
     #[test]
-    fn what_is_not_there_is_said() {
+    fn absent_values_are_errors() {
         let mut bytes = image_bytes();
         bytes[4..12].fill(0);
         assert_eq!(stamp(&bytes), Ok(None));
@@ -209,9 +210,9 @@ mod tests {
     }
 
     proptest! {
-        /// Any bytes give a message or an error, and what is given lies within them.
+        /// Arbitrary bytes give a message or an error, and returned slices are within the input.
         #[test]
-        fn any_bytes_are_read_without_harm(mut bytes in prop::collection::vec(any::<u8>(), 0..400), plain: bool) {
+        fn arbitrary_bytes_never_panic(mut bytes in prop::collection::vec(any::<u8>(), 0..400), plain: bool) {
             if let (true, [a, b, ..]) = (plain, &mut bytes[..]) {
                 (*a, *b) = (0, 1);
             }
@@ -222,7 +223,7 @@ mod tests {
         }
 
         #[test]
-        fn damaged_messages_are_read_without_harm(at in 0_usize..60, value: u8) {
+        fn damaged_messages_never_panic(at in 0_usize..60, value: u8) {
             let mut bytes = image_bytes();
             let at = at % bytes.len();
             bytes[at] = value;

@@ -1,20 +1,20 @@
-//! From what is in a bag to what is replayed: times that rise, pairs, and what is lost. Pure.
+//! Replay plan of a bag: increasing times, pairs, and dropped frames. Pure.
 
 use std::path::Path;
 
 use video::capture::Eye;
 
-use super::container::Place;
+use super::container::RecordLocation;
 use super::error::BagError;
 use super::messages::Imu;
-use super::scan::{Seen, Stream};
-use super::topics::Chosen;
-use crate::sources::pairing::{Half, Paired, Pairs, alone, limit_ns};
+use super::scan::{IndexedMessage, Stream};
+use super::topics::TopicSelection;
+use crate::sources::pairing::{ImagePairer, Paired, TimedImage, alone, limit_ns};
 
-/// A century, ns: differences of times are taken all over the replay.
+/// A century, ns: bound that makes differences of times safe.
 const CENTURY_NS: i64 = 100 * 365 * 86_400 * 1_000_000_000;
 
-/// What is replayed.
+/// The replay plan.
 #[derive(Debug)]
 pub(super) struct Plan {
     /// Every left image from the first frame on, in order.
@@ -22,35 +22,35 @@ pub(super) struct Plan {
     /// Every usable sample from the first frame on.
     pub(super) imu: Vec<PlannedImu>,
     pub(super) rate_hz: f64,
-    /// Rate of the samples, where there are two or more.
+    /// Rate of the samples, if there are two or more.
     pub(super) imu_rate_hz: Option<f64>,
     /// Time of the first frame, ns.
     pub(super) first_ns: i64,
-    /// How far left and right images are apart, for people.
+    /// Time differences of left and right images, for people.
     pub(super) apart: Option<String>,
-    /// What is left out, for people.
+    /// Skipped messages, for people.
     pub(super) notices: Vec<String>,
 }
 
-/// A left image and what becomes of it.
+/// A left image and its outcome.
 #[derive(Debug)]
 pub(super) struct Planned {
     /// From 0.
     pub(super) number: u64,
-    /// From the first frame, ns; that of the newest one before where it has no time itself.
+    /// From the first frame, ns; the newest earlier one for an image without a time.
     pub(super) offset_ns: i64,
-    pub(super) what: What,
+    pub(super) what: Outcome,
 }
 
 #[derive(Debug)]
-pub(super) enum What {
-    /// Left image and, where it has a topic of its own, right one with how much later it was taken.
+pub(super) enum Outcome {
+    /// Left image and, if it has a topic of its own, right one with its delay.
     Frame {
-        left: (usize, Place),
-        right: Option<((usize, Place), i64)>,
+        left: (usize, RecordLocation),
+        right: Option<((usize, RecordLocation), i64)>,
     },
-    /// Why there is no frame.
-    Lost(String),
+    /// Reason why there is no frame.
+    Dropped(String),
 }
 
 /// A sample.
@@ -62,7 +62,7 @@ pub(super) struct PlannedImu {
     pub(super) values: Imu,
 }
 
-/// When messages were taken, or why that cannot be said; and how many of each.
+/// Times of messages, or why they are unusable, with the number of each kind.
 struct Times {
     of: Vec<Result<i64, &'static str>>,
     missing: usize,
@@ -72,7 +72,7 @@ struct Times {
 
 impl Times {
     /// # Errors
-    /// Fewer than half can be used, or fewer than two.
+    /// Fewer than half of the messages are usable, or fewer than two.
     fn of(stream: &Stream, path: &Path) -> Result<Self, BagError> {
         let mut times = Self {
             of: Vec::with_capacity(stream.messages.len()),
@@ -81,8 +81,8 @@ impl Times {
             damaged: 0,
         };
         let mut newest = None;
-        for seen in &stream.messages {
-            let time = times.judge(seen, newest);
+        for message in &stream.messages {
+            let time = times.classify(message, newest);
             if let Ok(time) = time {
                 newest = Some(time);
             }
@@ -102,8 +102,12 @@ impl Times {
         Ok(times)
     }
 
-    fn judge(&mut self, seen: &Seen, newest: Option<i64>) -> Result<i64, &'static str> {
-        match (seen.stamp_ns, &seen.imu) {
+    fn classify(
+        &mut self,
+        message: &IndexedMessage,
+        newest: Option<i64>,
+    ) -> Result<i64, &'static str> {
+        match (message.stamp_ns, &message.imu) {
             (Err(_), _) | (_, Some(Err(_))) => {
                 self.damaged += 1;
                 Err("its message is damaged")
@@ -120,14 +124,14 @@ impl Times {
         }
     }
 
-    /// Positions and times of what can be used.
+    /// Positions and times of usable messages.
     fn good(&self) -> impl Iterator<Item = (usize, i64)> {
         let usable = self.of.iter().enumerate();
         usable.filter_map(|(i, time)| time.ok().map(|time| (i, time)))
     }
 
-    /// What is left out, for people.
-    fn left_out(&self) -> Option<String> {
+    /// Description of the unusable messages, for people.
+    fn rejection_text(&self) -> Option<String> {
         let parts = [
             (self.missing, "without a time"),
             (self.falling, "with a time that does not rise"),
@@ -141,39 +145,39 @@ impl Times {
     }
 }
 
-/// The right image of a left one, and how much later it was taken.
+/// The right image of a left one, and its delay.
 type Partner = Option<(usize, i64)>;
 
 pub(super) fn plan(
     path: &Path,
     streams: &[Stream],
-    chosen: &Chosen,
+    chosen: &TopicSelection,
     pair_within_ns: Option<i64>,
 ) -> Result<Plan, BagError> {
     let left = &streams[chosen.left];
     let times = Times::of(left, path)?;
     let rate_hz = rate_of(times.good().map(|(_, time)| time));
     let mut notices = Vec::new();
-    let limit = |asked_ns| {
-        limit_ns(rate_hz, asked_ns).map_err(|what| BagError::Setting {
+    let limit = |configured_ns| {
+        limit_ns(rate_hz, configured_ns).map_err(|what| BagError::Setting {
             path: path.to_owned(),
             what,
         })
     };
-    let (within_ns, most_ns) = (limit(pair_within_ns)?, limit(None)?);
+    let (within_ns, max_ns) = (limit(pair_within_ns)?, limit(None)?);
     let mut apart = None;
     let partners = match chosen.right {
         Some(right) => {
             let right = &streams[right];
             let right_times = Times::of(right, path)?;
-            if let Some(what) = right_times.left_out() {
+            if let Some(what) = right_times.rejection_text() {
                 notices.push(format!("{}: left out: {what}", right.topic));
             }
             let found = pairs(
                 path,
                 [left, right],
                 [&times, &right_times],
-                [within_ns, most_ns],
+                [within_ns, max_ns],
                 &mut notices,
             )?;
             apart = Some(found.1);
@@ -184,23 +188,23 @@ pub(super) fn plan(
     let mut frames = Vec::new();
     let mut first = None;
     let mut newest_ns = 0;
-    for (i, seen) in left.messages.iter().enumerate() {
+    for (i, message) in left.messages.iter().enumerate() {
         let partner: Option<Partner> = partners.as_ref().map(|partners| partners[i]);
         let what = match (times.of[i], partner) {
-            (Err(why), _) => What::Lost(why.to_owned()),
-            (Ok(_), Some(None)) => What::Lost(alone(Eye::Left, within_ns)),
-            (Ok(_), None) => What::Frame {
-                left: seen.place,
+            (Err(why), _) => Outcome::Dropped(why.to_owned()),
+            (Ok(_), Some(None)) => Outcome::Dropped(alone(Eye::Left, within_ns)),
+            (Ok(_), None) => Outcome::Frame {
+                left: message.location,
                 right: None,
             },
-            (Ok(_), Some(Some((right, apart_ns)))) => What::Frame {
-                left: seen.place,
+            (Ok(_), Some(Some((right, apart_ns)))) => Outcome::Frame {
+                left: message.location,
                 right: chosen
                     .right
-                    .map(|of| (streams[of].messages[right].place, apart_ns)),
+                    .map(|of| (streams[of].messages[right].location, apart_ns)),
             },
         };
-        if let (None, What::Frame { .. }, Ok(time)) = (first, &what, times.of[i]) {
+        if let (None, Outcome::Frame { .. }, Ok(time)) = (first, &what, times.of[i]) {
             first = Some((i, time));
         }
         let Some((first_position, first_ns)) = first else {
@@ -244,13 +248,13 @@ pub(super) fn plan(
     })
 }
 
-/// The partner of each left image, and how far they are apart in words. Partners are apart by what is allowed at most, which
-/// stands beside what could be allowed.
+/// The partner of each left image, and a text with their time differences, beside the limit and the
+/// largest possible limit.
 fn pairs(
     path: &Path,
     [left, right]: [&Stream; 2],
     [left_times, right_times]: [&Times; 2],
-    [within_ns, most_ns]: [i64; 2],
+    [within_ns, max_ns]: [i64; 2],
     notices: &mut Vec<String>,
 ) -> Result<(Vec<Partner>, String), BagError> {
     let of = |eye, times: &Times| -> Vec<(i64, Eye, usize)> {
@@ -274,12 +278,12 @@ fn pairs(
             later.push(apart);
             partners[a.of] = Some((b.of, apart));
         }
-        Paired::Alone(Eye::Right, _) => without_left += 1,
-        Paired::Alone(Eye::Left, _) => {}
+        Paired::Unpaired(Eye::Right, _) => without_left += 1,
+        Paired::Unpaired(Eye::Left, _) => {}
     };
-    let mut pairs = Pairs::new(within_ns);
+    let mut pairs = ImagePairer::new(within_ns);
     for (time_ns, eye, of) in images {
-        pairs.push(eye, Half { time_ns, of }, &mut out);
+        pairs.push(eye, TimedImage { time_ns, of }, &mut out);
     }
     pairs.finish(&mut out);
 
@@ -297,15 +301,15 @@ fn pairs(
             total,
             paired: later.len(),
             within_ms: ms(within_ns),
-            most_ms: ms(most_ns),
+            max_ms: ms(max_ns),
             apart_ms: ms(median(&mut nearest)),
         });
     }
-    let most = later.iter().map(|apart| apart.abs()).max().unwrap_or(0);
+    let max_abs = later.iter().map(|apart| apart.abs()).max().unwrap_or(0);
     let apart = format!(
         "left and right images are paired by their times: right ones are {:.3} ms later in the median, at most {:.3} ms apart",
         ms(median(&mut later)),
-        ms(most)
+        ms(max_abs)
     );
     if without_left > 0 {
         notices.push(format!(
@@ -335,7 +339,7 @@ fn samples(
     notices: &mut Vec<String>,
 ) -> Result<(Vec<PlannedImu>, Option<f64>), BagError> {
     let times = Times::of(stream, path)?;
-    if let Some(what) = times.left_out() {
+    if let Some(what) = times.rejection_text() {
         notices.push(format!("{}: left out: {what}", stream.topic));
     }
     let usable = times.good().filter(|(_, time)| *time >= first_ns);

@@ -1,10 +1,10 @@
-//! What is in a bag: its topics with images and IMU samples, and when each message was taken.
+//! Content of a bag: its topics with images and IMU samples, and the time of each message.
 
 use std::path::{Path, PathBuf};
 
 use super::SQLITE;
 use super::cdr::CdrError;
-use super::container::{Container, Place};
+use super::container::{Container, RecordLocation};
 use super::error::BagError;
 use super::messages::{self, Imu, Kind};
 use crate::sources::Extent;
@@ -15,17 +15,17 @@ pub(super) struct Stream {
     pub(super) topic: String,
     pub(super) kind: Kind,
     /// Its messages, in the order in which they were recorded.
-    pub(super) messages: Vec<Seen>,
+    pub(super) messages: Vec<IndexedMessage>,
 }
 
 /// One message.
 #[derive(Debug)]
-pub(super) struct Seen {
-    /// When it was recorded; only for the order.
+pub(super) struct IndexedMessage {
+    /// Recording time; only for the order.
     log_time: u64,
-    /// Which of the bag's files, and where in it.
-    pub(super) place: (usize, Place),
-    /// When it was taken by its header, ns; none where that was never set.
+    /// Index of the file in the bag, and the location in it.
+    pub(super) location: (usize, RecordLocation),
+    /// Time in its header, ns; `None` if it was never set.
     pub(super) stamp_ns: Result<Option<i64>, CdrError>,
     /// Its values, if it is an IMU sample.
     pub(super) imu: Option<Result<Imu, CdrError>>,
@@ -40,7 +40,7 @@ impl Stream {
         }
     }
 
-    /// For people.
+    /// Description for people.
     pub(super) fn describe(&self) -> String {
         format!(
             "{} ({}, {} messages)",
@@ -51,17 +51,17 @@ impl Stream {
     }
 }
 
-/// A bag that was gone through once.
+/// A scanned bag.
 pub(super) struct Bag {
     pub(super) files: Vec<Container>,
     pub(super) streams: Vec<Stream>,
-    /// What is wrong with it and can be lived with, for people.
+    /// Tolerable problems, for people.
     pub(super) notes: Vec<String>,
-    /// Files go on behind what was read of them.
+    /// The files continue behind the part that was read.
     pub(super) is_head: bool,
 }
 
-/// Goes through all files of a bag.
+/// Scans all files of a bag.
 pub(super) fn scan(path: &Path, extent: Extent) -> Result<Bag, BagError> {
     let mut files = Vec::new();
     let mut streams: Vec<Stream> = Vec::new();
@@ -70,7 +70,7 @@ pub(super) fn scan(path: &Path, extent: Extent) -> Result<Bag, BagError> {
     let mut is_head = false;
     for (number, file) in files_of(path)?.into_iter().enumerate() {
         let mut container = Container::open(&file, extent)?;
-        let scanned = container.scan(|topic, message, place| {
+        let scanned = container.scan(|topic, message, location| {
             let Some(kind) = Kind::of(&topic.schema) else {
                 return;
             };
@@ -85,9 +85,9 @@ pub(super) fn scan(path: &Path, extent: Extent) -> Result<Bag, BagError> {
                 streams.push(Stream::new(&topic.name, kind));
                 streams.len() - 1
             });
-            streams[known].messages.push(Seen {
+            streams[known].messages.push(IndexedMessage {
                 log_time: message.log_time,
-                place: (number, place),
+                location: (number, location),
                 stamp_ns: messages::stamp(message.data),
                 imu: (kind == Kind::Imu).then(|| messages::imu(message.data)),
             });
@@ -117,7 +117,7 @@ pub(super) fn scan(path: &Path, extent: Extent) -> Result<Bag, BagError> {
     for stream in &mut streams {
         stream
             .messages
-            .sort_by_key(|seen| (seen.log_time, seen.place));
+            .sort_by_key(|message| (message.log_time, message.location));
     }
     Ok(Bag {
         files,
@@ -157,14 +157,14 @@ fn files_of(path: &Path) -> Result<Vec<PathBuf>, BagError> {
         }
     }
     if files.is_empty() {
-        let (found, mend) = other.unwrap_or((
+        let (found, remedy) = other.unwrap_or((
             "a folder without .mcap files",
             "name the folder that `ros2 bag record --storage mcap` made, or a file",
         ));
         return Err(BagError::Storage {
             path: path.to_owned(),
             found,
-            mend,
+            remedy,
         });
     }
     files.sort();

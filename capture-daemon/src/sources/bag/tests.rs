@@ -1,4 +1,4 @@
-//! Bags put down by hand: what is replayed, what is lost and why, what is refused at the start.
+//! Hand-written bags: replayed samples, dropped frames with their reasons, and rejected bags.
 
 use std::path::Path;
 
@@ -11,7 +11,7 @@ const MS: i64 = 1_000_000;
 const IMAGE: &str = "sensor_msgs/msg/Image";
 const IMU: &str = "sensor_msgs/msg/Imu";
 
-/// A file in the making; channels are numbered from 1.
+/// A file under construction; channels are numbered from 1.
 struct File {
     bytes: Vec<u8>,
     channels: u16,
@@ -106,7 +106,7 @@ fn header(stamp_ns: i64) -> Vec<u8> {
     bytes
 }
 
-/// An image of one grey.
+/// A uniform gray image.
 fn image(stamp_ns: i64, encoding: &str, [width, height]: [u32; 2], grey: u8) -> Vec<u8> {
     let mut bytes = header(stamp_ns);
     bytes.extend(height.to_le_bytes());
@@ -169,7 +169,7 @@ fn open(file: File) -> Result<Bag, BagError> {
     let folder = tempfile::tempdir().expect("folder");
     let path = folder.path().join("walk.mcap");
     file.write(&path);
-    // The file stays open.
+    // The file remains open.
     Bag::open("feet", &config(&path), HostTime(1_000_000 * MS))
 }
 
@@ -181,9 +181,9 @@ fn samples(mut bag: Bag) -> Vec<Sample> {
     samples
 }
 
-/// What tells recordings of bags in virtual time apart.
+/// Digest that distinguishes recordings of bags in virtual time.
 #[test]
-fn bags_are_told_apart_by_what_is_in_them() {
+fn digest_of_a_bag_depends_on_its_content() {
     let [here, there] = [(); 2].map(|()| tempfile::tempdir().expect("folder"));
     let digest = |folder: &tempfile::TempDir, file: File, change: &dyn Fn(&mut BagConfig)| {
         let path = folder.path().join("walk.mcap");
@@ -205,13 +205,13 @@ fn bags_are_told_apart_by_what_is_in_them() {
     assert_ne!(digest(&there, walk(|_, _| None), &without_imu), usual);
 }
 
-/// Numbers of frames, and of what is lost with its reason.
+/// Numbers of frames, and of dropped frames with their reasons.
 fn frames(samples: &[Sample]) -> (Vec<u64>, Vec<(u64, String)>) {
     let (mut numbers, mut lost) = (Vec::new(), Vec::new());
     for sample in samples {
         match sample {
             Sample::Frame(f) => numbers.push(f.number),
-            Sample::Lost(l) => lost.push((l.number, l.detail.clone())),
+            Sample::Dropped(l) => lost.push((l.number, l.detail.clone())),
             _ => {}
         }
     }
@@ -219,7 +219,7 @@ fn frames(samples: &[Sample]) -> (Vec<u64>, Vec<(u64, String)>) {
 }
 
 #[test]
-fn everything_comes_at_its_own_time() {
+fn samples_arrive_at_their_recorded_times() {
     let bag = open(walk(|_, _| None)).expect("a bag");
     let info = bag.info().clone();
     assert_eq!((info.camera.width, info.camera.height), (16, 4));
@@ -237,7 +237,7 @@ fn everything_comes_at_its_own_time() {
         notice.text
     );
     let mut newest = HostTime::MIN;
-    let mut seen = [0, 0];
+    let mut counts = [0, 0];
     for sample in &samples[1..] {
         assert!(sample.host_time() >= newest);
         newest = sample.host_time();
@@ -248,20 +248,20 @@ fn everything_comes_at_its_own_time() {
                 assert_eq!(f.device_ticks, 100_000 * MS + offset_ns);
                 assert_eq!(f.eyes_apart_ns, Some(2 * MS));
                 let value = 10 * f.number as u8;
-                assert_eq!(f.picture.data[7..9], [value, 100 + value]);
-                seen[0] += 1;
+                assert_eq!(f.image.data[7..9], [value, 100 + value]);
+                counts[0] += 1;
             }
             Sample::Imu(s) => {
                 let gyro = [s.number as f64, 0.0, 0.0];
                 let accel = [0.0, 0.0, 9.8];
                 assert_eq!(s.values, ImuValues::Si { gyro, accel });
                 assert_eq!(s.device_ticks, 100_000 * MS + offset_ns);
-                seen[1] += 1;
+                counts[1] += 1;
             }
             other => panic!("{other:?}"),
         }
     }
-    assert_eq!(seen, [10, 100]);
+    assert_eq!(counts, [10, 100]);
 }
 
 /// While nobody stores frames their images are neither read nor decoded.
@@ -270,14 +270,14 @@ fn without_pixels_numbers_and_times_are_the_same() {
     let of = |samples: &[Sample]| -> Vec<(u64, i64, HostTime)> {
         let of = samples.iter().filter_map(|sample| match sample {
             Sample::Frame(f) => Some((f.number, f.device_ticks, f.host_time)),
-            Sample::Seen(s) => Some((s.number, s.device_ticks, s.host_time)),
+            Sample::Arrival(s) => Some((s.number, s.device_ticks, s.host_time)),
             _ => None,
         });
         of.collect()
     };
     let with = samples(open(walk(|_, _| None)).expect("a bag"));
     let mut bag = open(walk(|_, _| None)).expect("a bag");
-    bag.want_pixels(false);
+    bag.set_pixels_needed(false);
     let without = samples(bag);
     assert!(!without.iter().any(|s| matches!(s, Sample::Frame(_))));
     assert_eq!(of(&without), of(&with));
@@ -285,7 +285,7 @@ fn without_pixels_numbers_and_times_are_the_same() {
 }
 
 #[test]
-fn what_cannot_be_used_keeps_its_number_and_says_why() {
+fn unusable_image_keeps_its_number_and_reports_the_reason() {
     let at = |n: i64| 100_000 * MS + n * 100 * MS;
     let bag = open(walk(|topic, n| match (topic, n) {
         ("left", 2) => Some(grey(0, 0)),
@@ -339,7 +339,7 @@ fn what_cannot_be_used_keeps_its_number_and_says_why() {
 }
 
 #[test]
-fn what_is_known_at_the_start_is_refused_at_the_start() {
+fn unusable_bag_is_rejected_when_opened() {
     let at = |n: i64| 100_000 * MS + n * 100 * MS;
     let error = |file| open(file).err().expect("an error").to_string();
     let missing = error(walk(|topic, _| (topic == "left").then(|| grey(0, 0))));
@@ -416,7 +416,7 @@ fn other_storages_name_the_command_that_converts_them() {
 }
 
 #[test]
-fn chunks_may_be_packed_and_damaged_ones_are_left_out() {
+fn compressed_chunks_are_read_and_damaged_ones_skipped() {
     let at = |n: i64| 100_000 * MS + n * 100 * MS;
     let build = |pack: &dyn Fn(usize, &[u8]) -> Vec<u8>| {
         let mut file = File::new();
@@ -455,7 +455,7 @@ fn chunks_may_be_packed_and_damaged_ones_are_left_out() {
         lz4.contains("\"lz4\", expected zstd or none") && lz4.contains("mcap compress"),
         "{lz4}"
     );
-    // A size that nothing can have is not believed.
+    // An impossible size is not accepted.
     let huge = open(build(&|k, records| {
         let mut chunk = chunk("zstd", records, 0, &zstd(records));
         if k == 1 {
@@ -467,7 +467,7 @@ fn chunks_may_be_packed_and_damaged_ones_are_left_out() {
 }
 
 #[test]
-fn a_file_that_is_cut_off_is_replayed_up_to_the_cut() {
+fn truncated_file_is_replayed_up_to_the_cut() {
     let folder = tempfile::tempdir().expect("folder");
     let path = folder.path().join("walk.mcap");
     walk(|_, _| None).write(&path);
@@ -486,14 +486,15 @@ fn a_file_that_is_cut_off_is_replayed_up_to_the_cut() {
     );
 }
 
-/// A check looks at the head of a file alone: what is behind it is neither read nor judged.
+/// A check reads the head of a file only: the rest is neither read nor judged.
 #[test]
-fn the_head_of_a_bag_is_opened_as_if_it_were_all() {
+fn head_of_a_bag_is_opened_like_a_whole_bag() {
     use std::os::unix::fs::FileExt as _;
 
     let folder = tempfile::tempdir().expect("folder");
     let path = folder.path().join("walk.mcap");
-    // Behind the walk a record of a kind that nobody knows, all hole, and then a chunk that cannot be unpacked.
+    // Behind the walk a record of an unknown kind, all hole, and then a chunk that cannot be
+    // unpacked.
     let hole: u64 = 1 << 30;
     let mut bytes = walk(|_, _| None).bytes;
     bytes.push(0xf0);
@@ -513,7 +514,7 @@ fn the_head_of_a_bag_is_opened_as_if_it_were_all() {
     assert_eq!((bag.info().camera.width, bag.info().camera.height), (16, 4));
     assert_eq!(frames(&samples(bag)).0, (0..10).collect::<Vec<u64>>());
 
-    // What has nothing behind it is judged as a recording does.
+    // A file with nothing behind its head is judged like in a recording.
     walk(|_, _| None).write(&path);
     let bag = Bag::open_head("feet", &config(&path)).expect("a bag");
     assert!(!bag.is_head());
@@ -525,9 +526,9 @@ fn the_head_of_a_bag_is_opened_as_if_it_were_all() {
     );
 }
 
-/// Whether images that a head does not reach can be used, it cannot tell.
+/// It cannot decide whether images beyond the head are usable.
 #[test]
-fn a_head_without_images_says_that_it_is_one() {
+fn head_without_images_is_reported_as_a_head() {
     let folder = tempfile::tempdir().expect("folder");
     let path = folder.path().join("walk.mcap");
     let mut file = File::new();
@@ -550,7 +551,7 @@ fn a_head_without_images_says_that_it_is_one() {
 }
 
 #[test]
-fn what_is_no_plain_file_is_refused_at_once() {
+fn non_plain_file_is_rejected_immediately() {
     let error = Bag::open("feet", &config(Path::new("/dev/null")), HostTime(0));
     let error = with_causes(&error.err().expect("an error"));
     assert!(
@@ -560,9 +561,9 @@ fn what_is_no_plain_file_is_refused_at_once() {
 }
 
 proptest::proptest! {
-    /// A byte that is another one costs a message at most, or the bag; never the program.
+    /// A changed byte loses a message at most, or the bag; it never ends the program.
     #[test]
-    fn a_damaged_file_is_replayed_or_refused(at in 0_usize..100_000, value: u8) {
+    fn damaged_file_is_replayed_or_rejected(at in 0_usize..100_000, value: u8) {
         let folder = tempfile::tempdir().expect("folder");
         let path = folder.path().join("walk.mcap");
         walk(|_, _| None).write(&path);

@@ -1,4 +1,4 @@
-//! Which topics of a bag are the eyes and the IMU.
+//! Selection of a bag's topics for the eyes and the IMU.
 
 use std::path::Path;
 
@@ -9,15 +9,15 @@ use crate::config::{BagConfig, BagImages};
 
 /// Positions of the chosen topics among the streams of a bag.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub(super) struct Chosen {
-    /// Images of the left eye, or of both beside each other.
+pub(super) struct TopicSelection {
+    /// Images of the left eye, or of both side by side.
     pub(super) left: usize,
-    /// Images of the right eye, where they have a topic of their own.
+    /// Images of the right eye, if they have a topic of their own.
     pub(super) right: Option<usize>,
     pub(super) imu: Option<usize>,
 }
 
-/// Words by which names of the left topic and of the right one differ.
+/// Name parts that distinguish the left topic from the right one.
 const SIDES: [(&str, &str); 4] = [
     ("left", "right"),
     ("cam0", "cam1"),
@@ -25,12 +25,12 @@ const SIDES: [(&str, &str); 4] = [
     ("infra1", "infra2"),
 ];
 
-/// The topics that the configuration names, or those that can be meant.
+/// Selects the configured topics, or else the unambiguous ones.
 pub(super) fn choose(
     config: &BagConfig,
     path: &Path,
     streams: &[Stream],
-) -> Result<Chosen, BagError> {
+) -> Result<TopicSelection, BagError> {
     let fail = |what: String| BagError::Topics {
         path: path.to_owned(),
         what,
@@ -77,7 +77,7 @@ pub(super) fn choose(
             ));
         }
     };
-    Ok(Chosen { left, right, imu })
+    Ok(TopicSelection { left, right, imu })
 }
 
 /// The only image topic, or the only pair of them.
@@ -123,7 +123,7 @@ mod tests {
     }
 
     #[test]
-    fn what_can_only_be_meant_is_found() {
+    fn unambiguous_topics_are_found() {
         let of = |topics: &[(&str, Kind)]| {
             choose(
                 &config(BagImages::Found, None),
@@ -166,7 +166,7 @@ mod tests {
     }
 
     #[test]
-    fn what_is_named_must_be_there_and_of_its_kind() {
+    fn named_topic_must_exist_and_have_the_right_type() {
         let streams = streams(&[
             ("/a", Kind::Image),
             ("/b", Kind::Image),

@@ -1,9 +1,10 @@
-//! ASL / EuRoC folders: `cam0` (left) and `cam1` (right) with `data.csv` and `data/`, `imu0/data.csv`.
+//! ASL / EuRoC folders: `cam0` (left) and `cam1` (right) with `data.csv` and `data/`,
+//! `imu0/data.csv`.
 //!
-//! Contract: `data.csv` says which picture belongs to which stamp, in ns. Pictures are paired where the
-//! stamps are equal, not where they are near. Rows whose picture is not on disk are left out and
-//! counted in a note (excerpts of data sets come with the whole list); a stamp with one picture only
-//! is an error. IMU values are taken digit by digit to the nearest `f64`.
+//! Contract: `data.csv` assigns images to timestamps in ns. Images are paired if the timestamps are
+//! equal, not if they are near. Rows whose image is not on disk are skipped and counted in a note
+//! (excerpts of data sets contain the whole list); a timestamp with one image only is an error. IMU
+//! values are parsed to the nearest `f64`.
 
 use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
@@ -27,12 +28,12 @@ pub(super) fn open(
     let mut notes = Vec::new();
     let mut left = Camera::read(&root.join("cam0"), extent, &mut notes)?;
     let mut right = Camera::read(&root.join("cam1"), extent, &mut notes)?;
-    // Two heads need not end with the same frame.
+    // Two heads may end with different frames.
     let ends = [left.known_until, right.known_until].into_iter().flatten();
     let until = ends.min();
     if let Some(until) = until {
         for camera in [&mut left, &mut right] {
-            camera.pictures.retain(|time_ns, _| *time_ns <= until);
+            camera.images.retain(|time_ns, _| *time_ns <= until);
         }
     }
     let frames = pair(&left, &right)?;
@@ -76,11 +77,11 @@ pub(super) fn open(
     })
 }
 
-/// The pictures of one eye that are on disk, by stamp in ns, with their row in the list.
+/// The images of one eye that are on disk, by timestamp in ns, with their row in the list.
 struct Camera {
     folder: PathBuf,
-    pictures: BTreeMap<i64, (u64, PathBuf)>,
-    /// Of a head, the stamp of its last row, ns.
+    images: BTreeMap<i64, (u64, PathBuf)>,
+    /// With a head, the timestamp of its last row, ns.
     known_until: Option<i64>,
 }
 
@@ -90,7 +91,7 @@ impl Camera {
         let text = Text::read(&list, extent)?;
         let data = folder.join("data");
         let on_disk = file_names(&data)?;
-        let mut pictures = BTreeMap::new();
+        let mut images = BTreeMap::new();
         let mut absent: Vec<&str> = Vec::new();
         let mut last_ns = None;
         let mut rows = 0;
@@ -103,7 +104,7 @@ impl Camera {
             }
             match on_disk.contains(name) {
                 true => {
-                    pictures.insert(time_ns, (rows, data.join(name)));
+                    images.insert(time_ns, (rows, data.join(name)));
                 }
                 false => absent.push(name),
             }
@@ -112,11 +113,11 @@ impl Camera {
         if let [first, ..] = absent.as_slice() {
             let camera = folder.file_name().unwrap_or_default().display();
             notes.push(format!(
-                "{camera}/data.csv lists {rows} pictures, {} of them are not on disk and left out, the first is {first}",
+                "{camera}/data.csv lists {rows} images, {} of them are not on disk and left out, the first is {first}",
                 absent.len()
             ));
         }
-        if pictures.is_empty() {
+        if images.is_empty() {
             return Err(match text.is_head {
                 true => DatasetError::Head { path: list },
                 false => DatasetError::Empty { path: list },
@@ -124,7 +125,7 @@ impl Camera {
         }
         Ok(Self {
             folder: folder.to_owned(),
-            pictures,
+            images,
             known_until: last_ns.filter(|_| text.is_head),
         })
     }
@@ -132,9 +133,9 @@ impl Camera {
 
 fn pair(left: &Camera, right: &Camera) -> Result<Vec<StereoFrameRef>, DatasetError> {
     let only = |a: &Camera, b: &Camera| -> Vec<i64> {
-        a.pictures
+        a.images
             .keys()
-            .filter(|stamp| !b.pictures.contains_key(stamp))
+            .filter(|stamp| !b.images.contains_key(stamp))
             .copied()
             .collect()
     };
@@ -153,7 +154,7 @@ fn pair(left: &Camera, right: &Camera) -> Result<Vec<StereoFrameRef>, DatasetErr
             right: right.folder.clone(),
         });
     }
-    let both = left.pictures.iter().zip(right.pictures.values());
+    let both = left.images.iter().zip(right.images.values());
     Ok(both
         .map(|((stamp, (row, left)), (_, right))| StereoFrameRef {
             number: *row,
@@ -164,7 +165,7 @@ fn pair(left: &Camera, right: &Camera) -> Result<Vec<StereoFrameRef>, DatasetErr
         .collect())
 }
 
-/// The samples, and whether the list has more.
+/// The samples, and whether the list continues.
 fn read_imu(list: &Path, extent: Extent) -> Result<(Vec<ImuSample>, bool), DatasetError> {
     let text = Text::read(list, extent)?;
     let mut samples = Vec::new();

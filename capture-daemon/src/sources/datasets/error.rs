@@ -1,10 +1,10 @@
-//! Why a data set cannot be read.
+//! Errors of reading a data set.
 
 use std::path::PathBuf;
 
 use super::MAX_RATE_HZ;
 
-/// Why a data set cannot be read.
+/// Error of reading a data set.
 #[derive(Debug, thiserror::Error)]
 pub enum DatasetError {
     /// The file or folder could not be read: check the path and its permissions.
@@ -12,19 +12,19 @@ pub enum DatasetError {
     Read {
         /// The file or folder.
         path: PathBuf,
-        /// What the system said.
+        /// The system's error.
         source: std::io::Error,
     },
-    /// A line is not what belongs there: the file is damaged or of another kind.
+    /// A line has invalid content: the file is damaged or of another kind.
     #[error("reading a data set: line {line}: found {found:?}, expected {expected}: {}", path.display())]
     Malformed {
         /// The file.
         path: PathBuf,
         /// The line, from 1.
         line: usize,
-        /// What is there.
+        /// Content found.
         found: String,
-        /// What belongs there.
+        /// Content expected.
         expected: String,
     },
     /// The folder is not a data set of a known layout.
@@ -32,36 +32,36 @@ pub enum DatasetError {
     Unrecognised {
         /// The folder.
         path: PathBuf,
-        /// What is there.
+        /// Content found.
         found: String,
-        /// What the layouts have.
+        /// Content of the known layouts.
         expected: String,
     },
-    /// Pictures of one eye have none of the other: complete the data set or remove them.
+    /// Images of one eye have no counterpart: complete the data set or remove them.
     #[error(
-        "pairing pictures: {left_only} only on the left and {right_only} only on the right, the first is {first}; \
-         expected every picture on both sides: {} and {}", left.display(), right.display()
+        "pairing images: {left_only} only on the left and {right_only} only on the right, the first is {first}; \
+         expected every image on both sides: {} and {}", left.display(), right.display()
     )]
     Unpaired {
-        /// Pictures without a right one.
+        /// Number of images without a right one.
         left_only: usize,
-        /// Pictures without a left one.
+        /// Number of images without a left one.
         right_only: usize,
-        /// Stamp, number or name of the first of them.
+        /// Timestamp, number or name of the first of them.
         first: String,
-        /// Folder of the left pictures.
+        /// Folder of the left images.
         left: PathBuf,
-        /// Folder of the right pictures.
+        /// Folder of the right images.
         right: PathBuf,
     },
-    /// There is no picture to replay.
-    #[error("listing pictures: found none, expected at least one: {}", path.display())]
+    /// There is no image to replay.
+    #[error("listing images: found none, expected at least one: {}", path.display())]
     Empty {
         /// The folder or list.
         path: PathBuf,
     },
-    /// What was looked at does not suffice to tell; a recording reads all of it.
-    #[error("looking at the first 1 MiB of a list, which is all that a check reads: found no picture on disk: {}", path.display())]
+    /// The head of the list is not sufficient; a recording reads all of it.
+    #[error("reading the first 1 MiB of a list, which is all that a check reads: found no image on disk: {}", path.display())]
     Head {
         /// The list.
         path: PathBuf,
@@ -80,14 +80,14 @@ pub enum DatasetError {
         /// The rate as given.
         rate_hz: f64,
     },
-    /// The picture cannot be used: convert it or restore the file.
-    #[error("loading a picture: found {found}, expected {expected}: {}", path.display())]
-    Picture {
+    /// The image is unusable: convert it or restore the file.
+    #[error("loading an image: found {found}, expected {expected}: {}", path.display())]
+    Image {
         /// The file.
         path: PathBuf,
-        /// What is there.
+        /// Content found.
         found: String,
-        /// What can be used.
+        /// Content expected.
         expected: String,
     },
 }

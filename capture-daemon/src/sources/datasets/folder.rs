@@ -1,8 +1,8 @@
-//! Plain pictures: folders `left` and `right`, or one pair `left.png` and `right.png`.
+//! Plain images: folders `left` and `right`, or one pair `left.png` and `right.png`.
 //!
-//! Contract: in folders, the n-th name of either side, sorted, makes frame n; there must be equally
-//! many. Names need not agree, so a picture lost on each side cannot be noticed here: data sets with
-//! numbers or stamps have layouts of their own. Times follow from the rate.
+//! Contract: in folders, the n-th name of either side, sorted, forms frame n; the numbers of images
+//! must be equal. Names need not match, so an image lost on each side cannot be detected here: data
+//! sets with numbers or timestamps have layouts of their own. Times follow from the rate.
 
 use std::path::{Path, PathBuf};
 
@@ -22,8 +22,8 @@ pub(super) fn open_folders(
     rate_hz: Option<f64>,
 ) -> Result<StereoDataset, DatasetError> {
     let (left_folder, right_folder) = (path.join("left"), path.join("right"));
-    let left = pictures(&left_folder)?;
-    let right = pictures(&right_folder)?;
+    let left = images(&left_folder)?;
+    let right = images(&right_folder)?;
     if left.len() != right.len() {
         let shared = left.len().min(right.len());
         let first = left
@@ -81,18 +81,18 @@ fn list(
     })
 }
 
-/// The pictures of one folder in the order of their names.
-fn pictures(folder: &Path) -> Result<Vec<PathBuf>, DatasetError> {
+/// The images of one folder in the order of their names.
+fn images(folder: &Path) -> Result<Vec<PathBuf>, DatasetError> {
     let names = file_names(folder)?;
-    let pictures: Vec<PathBuf> = names
+    let images: Vec<PathBuf> = names
         .into_iter()
         .filter(|name| name.ends_with(".png"))
         .map(|name| folder.join(name))
         .collect();
-    if pictures.is_empty() {
+    if images.is_empty() {
         return Err(DatasetError::Empty {
             path: folder.to_owned(),
         });
     }
-    Ok(pictures)
+    Ok(images)
 }

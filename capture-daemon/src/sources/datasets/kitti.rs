@@ -1,8 +1,8 @@
-//! KITTI-style folders: pictures named by their number, `000000.png`, in one folder per eye.
+//! KITTI-style folders: images named by their number, `000000.png`, in one folder per eye.
 //!
-//! Contract: the number in the name is the frame's number and decides its time: the line of that index
-//! in `times.txt` (seconds), or the number divided by the given rate. A number that is absent on both
-//! sides stays a hole in numbers and times; absent on one side it is an error.
+//! Contract: the number in the name is the frame's number and determines its time: the line of that
+//! index in `times.txt` (seconds), or the number divided by the given rate. A number that is absent
+//! on both sides is a gap in numbers and times; absent on one side it is an error.
 
 use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
@@ -13,7 +13,7 @@ use super::{
     time_at,
 };
 
-/// Folder names, left and right. Of the official four cameras the grey pair comes first, as in the
+/// Folder names, left and right. Of the official four cameras the gray pair comes first, as in the
 /// reader of its calibration.
 const FOLDERS: [(&str, &str); 3] = [
     ("image_0", "image_1"),
@@ -39,8 +39,8 @@ pub(super) fn open(
             path: path.to_owned(),
         });
     };
-    let mut left = pictures(&left_folder)?;
-    let mut right = pictures(&right_folder)?;
+    let mut left = images(&left_folder)?;
+    let mut right = images(&right_folder)?;
     let only = |a: &BTreeMap<u64, PathBuf>, b: &BTreeMap<u64, PathBuf>| -> Vec<u64> {
         a.keys()
             .filter(|number| !b.contains_key(number))
@@ -69,7 +69,7 @@ pub(super) fn open(
         && last - first + 1 != left.len() as u64
     {
         notes.push(format!(
-            "of the pictures {first} to {last}, {} are absent",
+            "of the images {first} to {last}, {} are absent",
             last - first + 1 - left.len() as u64
         ));
     }
@@ -97,7 +97,7 @@ pub(super) fn open(
                 path: times_file.clone(),
                 line: times_ns.len() + 1,
                 found: "the end of the file".to_owned(),
-                expected: format!("a time for picture {number}"),
+                expected: format!("a time for image {number}"),
             }),
         (None, Some(rate_hz)) => Ok(time_at(number, rate_hz)),
         (None, None) => Err(DatasetError::NeedsRate {
@@ -139,9 +139,9 @@ pub(super) fn open(
     })
 }
 
-/// The numbered pictures of one eye.
-fn pictures(folder: &Path) -> Result<BTreeMap<u64, PathBuf>, DatasetError> {
-    let mut pictures = BTreeMap::new();
+/// The numbered images of one eye.
+fn images(folder: &Path) -> Result<BTreeMap<u64, PathBuf>, DatasetError> {
+    let mut images = BTreeMap::new();
     for name in file_names(folder)? {
         let Some(stem) = name.strip_suffix(".png") else {
             continue;
@@ -151,25 +151,25 @@ fn pictures(folder: &Path) -> Result<BTreeMap<u64, PathBuf>, DatasetError> {
             .ok()
             .filter(|_| stem.bytes().all(|b| b.is_ascii_digit()));
         let fresh =
-            number.is_some_and(|number| pictures.insert(number, folder.join(&name)).is_none());
+            number.is_some_and(|number| images.insert(number, folder.join(&name)).is_none());
         if !fresh {
             return Err(DatasetError::Unrecognised {
                 path: folder.to_owned(),
                 found: name,
-                expected: "pictures named by their number, each number once, as in 000000.png"
+                expected: "images named by their number, each number once, as in 000000.png"
                     .to_owned(),
             });
         }
     }
-    if pictures.is_empty() {
+    if images.is_empty() {
         return Err(DatasetError::Empty {
             path: folder.to_owned(),
         });
     }
-    Ok(pictures)
+    Ok(images)
 }
 
-/// The times, and whether the file has more.
+/// The times, and whether the file continues.
 fn read_times(file: &Path, extent: Extent) -> Result<(Vec<i64>, bool), DatasetError> {
     let text = Text::read(file, extent)?;
     let mut times_ns = Vec::new();

@@ -1,11 +1,11 @@
 //! One PNG file as raw samples.
 //!
-//! Contract: gives what the file holds as 8-bit grey or 8-bit RGB and nothing else. Palettes are
-//! resolved and 1, 2 and 4-bit grey is spread over 0..=255; an alpha channel is left off without
-//! blending, the colours below it unchanged, because a camera records no alpha. 16-bit pictures are
-//! refused: bringing them to 8 bits throws samples away and is for the user to do knowingly. Damage is
-//! an error (checksums are verified), and nothing larger than [`MAX_PIXELS`] is allocated, whatever the
-//! header says.
+//! Contract: returns the content of the file as 8-bit gray or 8-bit RGB and nothing else. Palettes
+//! are resolved and 1, 2 and 4-bit gray is expanded to 0..=255; an alpha channel is removed without
+//! blending, the colors below it unchanged, because a camera records no alpha. 16-bit images are
+//! rejected: a conversion to 8 bits loses information and must be an explicit decision of the user.
+//! Damage is an error (checksums are verified), and nothing larger than [`MAX_PIXELS`] is
+//! allocated, whatever the header claims.
 
 use std::fs::File;
 use std::io::{BufRead, BufReader, Cursor, Seek};
@@ -15,17 +15,17 @@ use png::{BitDepth, ColorType, Transformations};
 
 use super::DatasetError;
 
-/// Largest accepted picture, pixels: 8192 x 8192.
+/// Maximum size of an image, pixels: 8192 x 8192.
 pub const MAX_PIXELS: u64 = 1 << 26;
 
-/// A decoded picture, rows from the top, no padding.
+/// A decoded image, rows from the top, no padding.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct DecodedPng {
     /// Width, pixels.
     pub width: u32,
     /// Height, pixels.
     pub height: u32,
-    /// What `data` holds.
+    /// Sample format of `data`.
     pub samples: Samples,
     /// `width * height * samples.per_pixel()` bytes.
     pub data: Vec<u8>,
@@ -50,21 +50,21 @@ impl Samples {
     }
 }
 
-/// What the header of a PNG file promises.
+/// Information from the header of a PNG file.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct PngShape {
     /// Width, pixels.
     pub width: u32,
     /// Height, pixels.
     pub height: u32,
-    /// What [`load_png`] will give.
+    /// Sample format of [`load_png`]'s result.
     pub samples: Samples,
 }
 
 /// Reads the header of a PNG file, some 30 bytes.
 ///
 /// # Errors
-/// As [`load_png`], as far as the header tells.
+/// As [`load_png`], as far as the header is concerned.
 pub fn probe_png(path: &Path) -> Result<PngShape, DatasetError> {
     open(path).map(|(shape, _)| shape)
 }
@@ -72,14 +72,14 @@ pub fn probe_png(path: &Path) -> Result<PngShape, DatasetError> {
 /// Loads a PNG file.
 ///
 /// # Errors
-/// [`DatasetError::Read`] when it cannot be opened, [`DatasetError::Picture`] when it is damaged, has
-/// 16 bits per sample, or is too large.
+/// [`DatasetError::Read`] if it cannot be opened, [`DatasetError::Image`] if it is damaged, has 16
+/// bits per sample, or is too large.
 pub fn load_png(path: &Path) -> Result<DecodedPng, DatasetError> {
     let (shape, decoder) = open(path)?;
     decode(path, shape, decoder)
 }
 
-/// Decodes a PNG file that is in memory; `name` is what errors call it.
+/// Decodes a PNG file in memory; `name` is its name in errors.
 ///
 /// # Errors
 /// As [`load_png`].
@@ -147,7 +147,7 @@ fn begin<R: BufRead + Seek>(
         return Err(refuse(
             path,
             "16 bits per sample".to_owned(),
-            "8 bits (convert the picture first)",
+            "8 bits (convert the image first)",
         ));
     }
     if u64::from(width) * u64::from(height) > MAX_PIXELS {
@@ -159,7 +159,7 @@ fn begin<R: BufRead + Seek>(
     }
     let samples = match header.color_type {
         ColorType::Grayscale | ColorType::GrayscaleAlpha => Samples::Grey8,
-        // A palette holds colours and is resolved by EXPAND.
+        // A palette contains colors and is resolved by EXPAND.
         ColorType::Rgb | ColorType::Rgba | ColorType::Indexed => Samples::Rgb8,
     };
     let shape = PngShape {
@@ -171,7 +171,7 @@ fn begin<R: BufRead + Seek>(
 }
 
 fn refuse(path: &Path, found: String, expected: &str) -> DatasetError {
-    DatasetError::Picture {
+    DatasetError::Image {
         path: path.to_owned(),
         found,
         expected: expected.to_owned(),
@@ -269,7 +269,7 @@ mod tests {
     }
 
     #[test]
-    fn sixteen_bits_and_damage_are_refused() {
+    fn sixteen_bits_and_damage_are_rejected() {
         let sixteen = encode(1, 1, ColorType::Grayscale, BitDepth::Sixteen, &[1, 2]);
         let error = load(&sixteen).unwrap_err().to_string();
         assert!(
@@ -280,23 +280,23 @@ mod tests {
         let good = encode(16, 16, ColorType::Grayscale, BitDepth::Eight, &[9; 256]);
         for length in 0..good.len() - 12 {
             assert!(
-                matches!(load(&good[..length]), Err(DatasetError::Picture { .. })),
+                matches!(load(&good[..length]), Err(DatasetError::Image { .. })),
                 "cut to {length}"
             );
         }
-        // A byte of the picture's own data: its checksum notices.
+        // A byte of the image data: its checksum detects the change.
         let mut flipped = good.clone();
         let data = good.windows(4).position(|w| w == b"IDAT").unwrap() + 8;
         flipped[data] ^= 1;
-        assert!(matches!(load(&flipped), Err(DatasetError::Picture { .. })));
+        assert!(matches!(load(&flipped), Err(DatasetError::Image { .. })));
         assert!(matches!(
             load(b"not a png"),
-            Err(DatasetError::Picture { .. })
+            Err(DatasetError::Image { .. })
         ));
     }
 
     #[test]
-    fn a_header_alone_allocates_nothing() {
+    fn header_alone_allocates_nothing() {
         let mut bytes = encode(1, 1, ColorType::Grayscale, BitDepth::Eight, &[1]);
         bytes[16..24].copy_from_slice(&[0x00, 0x10, 0, 0, 0x00, 0x10, 0, 0]); // 1048576 x 1048576
         let crc = crc32fast::hash(&bytes[12..29]);

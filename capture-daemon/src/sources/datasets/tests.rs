@@ -4,7 +4,7 @@ use test_data::shared;
 
 use super::*;
 
-/// A folder of made-up files.
+/// A folder of synthetic files.
 struct Folder(tempfile::TempDir);
 
 impl Folder {
@@ -47,7 +47,7 @@ fn times(dataset: &StereoDataset) -> Vec<(u64, i64)> {
 }
 
 #[test]
-fn real_euroc_pictures_and_imu() {
+fn real_euroc_images_and_imu() {
     let Some(path) = shared("03_stereo_imu/euroc_V1_01_micro") else {
         return;
     };
@@ -64,11 +64,11 @@ fn real_euroc_pictures_and_imu() {
     assert_eq!(dataset.notes.len(), 2);
     assert_contains(
         &dataset.notes[0],
-        "cam0/data.csv lists 95 pictures, 75 of them are not on disk",
+        "cam0/data.csv lists 95 images, 75 of them are not on disk",
     );
     assert_contains(
         &dataset.notes[1],
-        "cam1/data.csv lists 99 pictures, 79 of them are not on disk",
+        "cam1/data.csv lists 99 images, 79 of them are not on disk",
     );
     let names: Vec<_> = dataset
         .calibration_files
@@ -83,7 +83,7 @@ fn real_euroc_pictures_and_imu() {
     ];
     assert_eq!(names, expected.map(Path::new));
 
-    // Every line of the list, its digits and nothing but them.
+    // Every line of the list, with its exact digits.
     let list = fs::read_to_string(path.join("mav0/imu0/data.csv")).unwrap();
     let lines: Vec<&str> = list.lines().filter(|line| !line.starts_with('#')).collect();
     assert_eq!((lines.len(), dataset.imu.len()), (29_120, 29_120));
@@ -103,14 +103,13 @@ fn real_euroc_pictures_and_imu() {
         assert_eq!(found, expected, "{line}");
     }
 
-    let picture = load_png(&dataset.frames[7].right).unwrap();
+    let image = load_png(&dataset.frames[7].right).unwrap();
     assert_eq!(
-        (picture.width, picture.height, picture.samples),
+        (image.width, image.height, image.samples),
         (752, 480, Samples::Grey8)
     );
-    assert_eq!(picture.data.len(), 752 * 480);
-    let (calibration, _) =
-        calib::read_stereo(&dataset.root, picture.width, picture.height).unwrap();
+    assert_eq!(image.data.len(), 752 * 480);
+    let (calibration, _) = calib::read_stereo(&dataset.root, image.width, image.height).unwrap();
     assert_eq!(calibration.imu.unwrap().rate_hz, 200.0);
 }
 
@@ -132,9 +131,9 @@ fn real_kitti_pairs() {
     assert_eq!(dataset.calibration_files, [path.join("calib.txt")]);
     assert!(dataset.imu.is_empty() && dataset.notes.is_empty());
     for file in [&dataset.frames[0].left, &dataset.frames[29].right] {
-        let picture = load_png(file).unwrap();
+        let image = load_png(file).unwrap();
         assert_eq!(
-            (picture.width, picture.height, picture.samples),
+            (image.width, image.height, image.samples),
             (1226, 370, Samples::Grey8)
         );
     }
@@ -162,12 +161,12 @@ fn real_desk_pair() {
         load_png(&dataset.frames[0].left).unwrap(),
         load_png(&dataset.frames[0].right).unwrap(),
     );
-    for picture in [&left, &right] {
+    for image in [&left, &right] {
         assert_eq!(
-            (picture.width, picture.height, picture.samples),
+            (image.width, image.height, image.samples),
             (960, 540, Samples::Rgb8)
         );
-        assert_eq!(picture.data.len(), 960 * 540 * 3);
+        assert_eq!(image.data.len(), 960 * 540 * 3);
     }
     assert_ne!(left.data, right.data);
     assert!(
@@ -211,7 +210,7 @@ fn asl_pairs_by_equal_stamps() {
         ]
     );
 
-    // What neither side has leaves a hole in the numbers; what one side has is an error.
+    // Images absent on both sides are a gap in the numbers; absent on one side they are an error.
     let some = ["100", "400"];
     let dataset = open(asl((&all, &some), (&some, &some)).path(), None).unwrap();
     assert_eq!(times(&dataset), [(0, 100), (3, 400)]);
@@ -239,7 +238,7 @@ fn asl_pairs_by_equal_stamps() {
 }
 
 #[test]
-fn asl_names_the_line() {
+fn asl_error_names_the_line() {
     let good = ["100", "200"];
     let check = |file: &str, text: &str, expected: &str| {
         let folder = asl((&good, &good), (&good, &good)).with(&[(file, text)]);
@@ -296,7 +295,7 @@ fn asl_names_the_line() {
 
 #[test]
 fn kitti_times_follow_the_numbers() {
-    let pictures = |numbers: &[&str], sides: (&str, &str)| {
+    let images = |numbers: &[&str], sides: (&str, &str)| {
         numbers.iter().fold(Folder::new(), |folder, number| {
             folder.with(&[
                 (&format!("{}/{number}.png", sides.0), ""),
@@ -304,11 +303,11 @@ fn kitti_times_follow_the_numbers() {
             ])
         })
     };
-    let with_hole = pictures(&["000000", "000001", "000003"], ("image_2", "image_3"))
+    let with_hole = images(&["000000", "000001", "000003"], ("image_2", "image_3"))
         .with(&[("image_2/notes.txt", "")]);
     let dataset = open(with_hole.path(), Some(30.0)).unwrap();
     assert_eq!(times(&dataset), [(0, 0), (1, 33_333_333), (3, 100_000_000)]);
-    assert_eq!(dataset.notes, ["of the pictures 0 to 3, 1 are absent"]);
+    assert_eq!(dataset.notes, ["of the images 0 to 3, 1 are absent"]);
 
     let stamped = with_hole.with(&[(
         "times.txt",
@@ -322,7 +321,7 @@ fn kitti_times_follow_the_numbers() {
     let short = stamped.with(&[("times.txt", "0\n0.1\n0.2\n")]);
     assert_contains(
         &message(open(short.path(), None)),
-        "line 4: found \"the end of the file\", expected a time for picture 3",
+        "line 4: found \"the end of the file\", expected a time for image 3",
     );
     let falling = short.with(&[("times.txt", "0\n0.2\n0.1\n0.3\n")]);
     assert_contains(
@@ -330,19 +329,18 @@ fn kitti_times_follow_the_numbers() {
         "line 3: found \"100000000\", expected a time after 200000000 ns",
     );
 
-    let one_sided =
-        pictures(&["000000"], ("image_0", "image_1")).with(&[("image_1/000007.png", "")]);
+    let one_sided = images(&["000000"], ("image_0", "image_1")).with(&[("image_1/000007.png", "")]);
     let error = message(open(one_sided.path(), Some(10.0)));
     assert_contains(
         &error,
         "0 only on the left and 1 only on the right, the first is number 7",
     );
-    let named = pictures(&["000000", "left"], ("image_l", "image_r"));
+    let named = images(&["000000", "left"], ("image_l", "image_r"));
     assert_contains(
         &message(open(named.path(), Some(10.0))),
-        "found left.png, expected pictures named by their number",
+        "found left.png, expected images named by their number",
     );
-    let doubled = pictures(&["000001", "01"], ("image_l", "image_r"));
+    let doubled = images(&["000001", "01"], ("image_l", "image_r"));
     assert_contains(
         &message(open(doubled.path(), Some(10.0))),
         "each number once",
@@ -350,7 +348,7 @@ fn kitti_times_follow_the_numbers() {
 }
 
 #[test]
-fn plain_folders_pair_in_order() {
+fn plain_folders_are_paired_in_order() {
     let folder = Folder::new().with(&[
         ("left/b.png", ""),
         ("left/a.png", ""),
@@ -392,11 +390,11 @@ fn plain_folders_pair_in_order() {
     ));
 }
 
-/// A check reads the head of each list: what a list says behind it is neither read nor missed.
+/// A check reads the head of each list: the rest is neither read nor reported as absent.
 #[test]
-fn of_long_lists_a_head_is_enough_for_a_look() {
+fn head_of_a_long_list_is_sufficient_for_a_check() {
     const LINES: u64 = 100_000;
-    // Behind the head a line that makes no sense.
+    // Behind the head an invalid line.
     let list = |line: &dyn Fn(u64) -> String| -> String {
         let mut text: String = (0..LINES).map(line).collect();
         text.push_str("nonsense\n");
@@ -423,7 +421,7 @@ fn of_long_lists_a_head_is_enough_for_a_look() {
     assert_eq!(times(&dataset), [(0, 0), (50, 50)]);
     assert!(dataset.imu.len() > 10_000 && dataset.imu.len() < LINES as usize);
 
-    // Where no picture is within the head, it cannot tell.
+    // If no image is within the head, it cannot decide.
     for stamp in [0, 50] {
         for name in names(stamp) {
             fs::remove_file(folder.path().join(name)).unwrap();
@@ -448,7 +446,7 @@ fn of_long_lists_a_head_is_enough_for_a_look() {
     assert!(dataset.is_head);
     assert_eq!(times(&dataset), [(7, 7_000_000_000), (8, 8_000_000_000)]);
 
-    // A list that a head holds is all of it.
+    // A list that fits into a head is complete.
     let short = Folder::new().with(&[
         ("times.txt", "0.0\n0.1\n"),
         ("image_0/0.png", ""),
@@ -460,7 +458,7 @@ fn of_long_lists_a_head_is_enough_for_a_look() {
 }
 
 #[test]
-fn layouts_are_told_apart() {
+fn layouts_are_distinguished() {
     let error = message(open(Path::new("no/such/folder"), Some(10.0)));
     assert_contains(
         &error,
@@ -478,7 +476,7 @@ fn layouts_are_told_apart() {
     ]);
     assert_contains(
         &message(open(both.path(), Some(10.0))),
-        "found the layouts [Folders, Pair] at once",
+        "found the layouts [Folders, Pair] simultaneously",
     );
     for rate in [0.0, -1.0, 1e7, f64::NAN, f64::INFINITY] {
         assert!(matches!(

@@ -9,11 +9,11 @@ use plain_file::{Kind, NotPlain, TooLong};
 use super::DatasetError;
 use crate::sources::{Extent, HEAD_BYTES};
 
-/// The text of one file and where it came from.
+/// The text of one file and its path.
 pub(super) struct Text {
     path: PathBuf,
     text: String,
-    /// Whether the file goes on behind the text.
+    /// Whether the file continues behind the text.
     pub(super) is_head: bool,
 }
 
@@ -25,7 +25,8 @@ pub(super) struct Line<'t> {
     pub(super) text: &'t str,
 }
 
-/// Most that is read of a table of a data set. An hour of an IMU at 200 Hz takes 110 MB as EuRoC writes it.
+/// Maximum size of a table of a data set, bytes. An hour of an IMU at 200 Hz takes 110 MB in
+/// EuRoC's format.
 const MAX_BYTES: u64 = 1 << 30;
 
 impl Text {
@@ -60,7 +61,7 @@ impl Text {
     }
 }
 
-/// The whole lines at the beginning of a file, and whether it goes on.
+/// The complete lines at the beginning of a file, and whether it continues.
 fn head(path: &Path) -> io::Result<(String, bool)> {
     let file = plain_file::open(path)?;
     let found = file.metadata()?.len();
@@ -71,12 +72,12 @@ fn head(path: &Path) -> io::Result<(String, bool)> {
     }
     let mut bytes = Vec::new();
     file.take(HEAD_BYTES).read_to_end(&mut bytes)?;
-    let goes_on = found > bytes.len() as u64;
-    if goes_on {
+    let continues = found > bytes.len() as u64;
+    if continues {
         let last = bytes.iter().rposition(|byte| *byte == b'\n');
         bytes.truncate(last.map_or(0, |last| last + 1));
     }
-    Ok((plain_file::text(bytes)?, goes_on))
+    Ok((plain_file::text(bytes)?, continues))
 }
 
 impl<'t> Line<'t> {
@@ -114,13 +115,13 @@ impl<'t> Line<'t> {
         }
     }
 
-    /// A time in seconds, exactly as its digits say, rounded to the nearest ns.
+    /// A time in seconds, exactly by its digits, rounded to the nearest ns.
     pub(super) fn seconds_as_ns(&self, field: &str) -> Result<i64, DatasetError> {
         seconds_as_ns(field).ok_or_else(|| self.malformed(field, "a time in seconds"))
     }
 }
 
-/// Fails when `time_ns` does not come after `*last_ns`, then takes its place.
+/// Fails if `time_ns` is not after `*last_ns`, then replaces it.
 pub(super) fn check_rising(
     last_ns: &mut Option<i64>,
     time_ns: i64,
@@ -134,13 +135,13 @@ pub(super) fn check_rising(
     }
 }
 
-/// Whether something is there that claims to be a file. What is none, as a pipe, is refused by whoever opens it.
+/// Whether something exists at the path. A non-file, such as a pipe, is rejected when it is opened.
 pub(super) fn is_there(path: &Path) -> bool {
     std::fs::metadata(path).is_ok_and(|data| !data.is_dir())
 }
 
-/// Names of the files in a folder. Names that are not UTF-8 are no data set's and are passed over, and so are folders and
-/// links to nothing; anything else that is no file is an error.
+/// Names of the files in a folder. Names that are not UTF-8 belong to no data set and are skipped,
+/// and so are folders and dangling links; any other non-file is an error.
 pub(super) fn file_names(folder: &Path) -> Result<BTreeSet<String>, DatasetError> {
     let unreadable = |source| DatasetError::Read {
         path: folder.to_owned(),
@@ -172,8 +173,8 @@ pub(super) fn file_names(folder: &Path) -> Result<BTreeSet<String>, DatasetError
     Ok(names)
 }
 
-/// A decimal number of seconds, with or without an exponent, in ns. Never through floating point: an
-/// `f64` of seconds since 1970 steps by 238 ns.
+/// A decimal number of seconds, with or without an exponent, in ns. Never through floating point:
+/// an `f64` of seconds since 1970 steps by 238 ns.
 fn seconds_as_ns(text: &str) -> Option<i64> {
     let (mantissa, exponent) = match text.split_once(['e', 'E']) {
         Some((mantissa, exponent)) => (
@@ -241,7 +242,7 @@ mod tests {
         ] {
             assert_eq!(seconds_as_ns(text), None, "{text}");
         }
-        // What the detour through f64 would have given.
+        // Result of a conversion through f64.
         let naive = ("1403715273.262143".parse::<f64>().unwrap() * 1e9) as i64;
         assert_ne!(Some(naive), seconds_as_ns("1403715273.262143"));
     }

@@ -1,4 +1,4 @@
-//! The camera of a device: found, set, read, lost, waited for.
+//! The camera of a device: search, configuration, reading, disconnects.
 
 use std::collections::BTreeSet;
 use std::path::{Path, PathBuf};
@@ -14,80 +14,84 @@ use video::picture::{grey_to_i420, nv12_to_i420, yuyv_to_i420};
 use video::{Picture, PictureError, PixelFormat};
 
 use super::zed_camera::{self, FindZedError};
-use super::{PATIENCE, Ties, lock, tell_gone, wait};
-use crate::causes::with_causes;
+use super::{FrameSyncTracker, POLL_TIMEOUT, lock, report_disconnect, wait};
 use crate::config::{DeviceChoice, PixelLayout, V4l2Config};
+use crate::error_chain::with_causes;
 use crate::sources::jpeg::{self, JpegError};
-use crate::sources::{Lost, Notice, Part, RawFrame, Sample, Seen, Sink};
+use crate::sources::{DevicePart, DroppedFrame, FrameArrival, Notice, RawFrame, Sample, Sink};
 
-/// A device that is there and cannot be used is tried again so often.
+/// Retry interval for a device that is present and unusable.
 const RETRY: Duration = Duration::from_secs(1);
 
-/// Delivers frames until the sink says that it is to end. A camera that does not do what is asked of it, as behind a
-/// slower port, is told and waited for like one that is gone.
-pub(super) fn run(config: &V4l2Config, ties: Option<&Mutex<Ties>>, sink: &dyn Sink) {
-    let mut told = None;
-    let starting = Once {
+/// Delivers frames until the sink requests the end. A camera that does not accept its settings, as
+/// behind a slower port, is reported and waited for like a disconnected one.
+pub(super) fn run(
+    config: &V4l2Config,
+    sync_tracker: Option<&Mutex<FrameSyncTracker>>,
+    sink: &dyn Sink,
+) {
+    let mut reported = None;
+    let starting = NoticeFilter {
         sink,
-        told: Mutex::default(),
+        reported: Mutex::default(),
     };
     while !sink.is_ending() {
         let before = Watch::new(["/dev"]);
         match start(config, &starting) {
             Ok(stream) => {
                 let began = sink.now();
-                let reason = read(stream, config, ties, sink);
-                if let Some(ties) = ties {
-                    lock(ties).restart();
+                let reason = read(stream, config, sync_tracker, sink);
+                if let Some(sync_tracker) = sync_tracker {
+                    lock(sync_tracker).restart();
                 }
-                tell_gone(&mut None, Part::Camera, reason, sink);
-                // One that fails as soon as it is started is given time.
+                report_disconnect(&mut None, DevicePart::Camera, reason, sink);
+                // Delay for a camera that fails as soon as it is started.
                 if sink.now().since(began) < RETRY.as_nanos() as i64 {
                     wait(before, RETRY, sink);
                 } else {
                     starting.forget();
                 }
-                told = None;
+                reported = None;
             }
             Err(error) => {
-                tell_gone(&mut told, Part::Camera, with_causes(&error), sink);
-                // One that is there may be let go by another program, which nothing tells of.
+                report_disconnect(&mut reported, DevicePart::Camera, with_causes(&error), sink);
+                // A present device may be released by another program, without any event.
                 wait(before, RETRY, sink);
             }
         }
     }
 }
 
-/// Passes each notice on once: a camera that fails as soon as it is started is started each second.
-struct Once<'a> {
+/// Forwards each notice once: a camera that fails as soon as it is started is started every second.
+struct NoticeFilter<'a> {
     sink: &'a dyn Sink,
-    told: Mutex<BTreeSet<String>>,
+    reported: Mutex<BTreeSet<String>>,
 }
 
-impl Once<'_> {
-    fn told(&self) -> MutexGuard<'_, BTreeSet<String>> {
-        self.told.lock().unwrap_or_else(PoisonError::into_inner)
+impl NoticeFilter<'_> {
+    fn reported(&self) -> MutexGuard<'_, BTreeSet<String>> {
+        self.reported.lock().unwrap_or_else(PoisonError::into_inner)
     }
 
     fn forget(&self) {
-        self.told().clear();
+        self.reported().clear();
     }
 }
 
-impl Sink for Once<'_> {
+impl Sink for NoticeFilter<'_> {
     fn now(&self) -> HostTime {
         self.sink.now()
     }
 
     fn put(&self, sample: Sample) {
         match &sample {
-            Sample::Notice(notice) if !self.told().insert(notice.text.clone()) => {}
+            Sample::Notice(notice) if !self.reported().insert(notice.text.clone()) => {}
             _ => self.sink.put(sample),
         }
     }
 
-    fn wants_pixels(&self) -> bool {
-        self.sink.wants_pixels()
+    fn pixels_needed(&self) -> bool {
+        self.sink.pixels_needed()
     }
 
     fn is_ending(&self) -> bool {
@@ -95,7 +99,7 @@ impl Sink for Once<'_> {
     }
 }
 
-/// Why there is no stream.
+/// Error of starting a stream.
 #[derive(Debug, thiserror::Error)]
 pub(crate) enum StartError {
     #[error(transparent)]
@@ -108,7 +112,7 @@ pub(crate) enum StartError {
     Camera(#[from] CameraError),
 }
 
-/// The node that is meant. Without a sink no camera is asked for its number.
+/// The node of the configured device. Without a sink no camera is queried for its serial number.
 pub(crate) fn find_node(
     choice: &DeviceChoice,
     sink: Option<&dyn Sink>,
@@ -125,12 +129,12 @@ pub(crate) fn find_node(
         } => (*vendor, *product, serial.clone()),
     };
     let nodes = node::list(Path::new("/sys"), Path::new("/dev"))?;
-    let wanted = Wanted::Usb {
+    let configured = Wanted::Usb {
         vendor,
         product,
         serial,
     };
-    Ok(node::find(&nodes, &wanted)?.path.clone())
+    Ok(node::find(&nodes, &configured)?.path.clone())
 }
 
 fn start(config: &V4l2Config, sink: &dyn Sink) -> Result<Stream, StartError> {
@@ -151,7 +155,7 @@ fn start(config: &V4l2Config, sink: &dyn Sink) -> Result<Stream, StartError> {
     let stream = Stream::start(&camera, config.buffers)?;
     if is_zed
         && config.imu.is_some()
-        && let Some(text) = zed_camera::tie(&camera, sink)
+        && let Some(text) = zed_camera::enable_frame_sync(&camera, sink)
     {
         notice(sink, text);
     }
@@ -159,7 +163,7 @@ fn start(config: &V4l2Config, sink: &dyn Sink) -> Result<Stream, StartError> {
         notice(
             sink,
             format!(
-                "the driver gives {} buffers, asked for {}",
+                "the driver provides {} buffers, expected {}",
                 stream.buffers(),
                 config.buffers
             ),
@@ -168,7 +172,7 @@ fn start(config: &V4l2Config, sink: &dyn Sink) -> Result<Stream, StartError> {
     Ok(stream)
 }
 
-/// The rate as a fraction: exact for whole ones and for thousandths of 1001.
+/// The rate as a fraction: exact for integers and for thousandths of 1001.
 pub(crate) fn interval(rate_hz: f64) -> Interval {
     let whole = rate_hz.round();
     if (rate_hz - whole).abs() < 1e-9 {
@@ -180,18 +184,18 @@ pub(crate) fn interval(rate_hz: f64) -> Interval {
     }
 }
 
-/// Writes controls by the driver's names for them, and says what did not take.
+/// Writes controls by the driver's names, and reports those that were not accepted.
 fn set_controls(
     camera: &Camera,
-    wanted: &[(String, i64)],
+    configured: &[(String, i64)],
     sink: &dyn Sink,
 ) -> Result<(), CameraError> {
-    if wanted.is_empty() {
+    if configured.is_empty() {
         return Ok(());
     }
     let known = camera.controls()?;
     let mut values = Vec::new();
-    for (name, value) in wanted {
+    for (name, value) in configured {
         match known.iter().find(|control| key(&control.name) == *name) {
             Some(control) => values.push((control.id, *value)),
             None => {
@@ -231,42 +235,42 @@ pub(crate) fn key(name: &str) -> String {
 fn notice(sink: &dyn Sink, text: String) {
     sink.put(Sample::Notice(Notice {
         host_time: sink.now(),
-        part: Part::Camera,
+        part: DevicePart::Camera,
         text,
     }));
 }
 
-/// Hands frames on until the camera is gone or fails; why.
+/// Delivers frames until the camera disconnects or fails; returns the reason.
 fn read(
     mut stream: Stream,
     config: &V4l2Config,
-    ties: Option<&Mutex<Ties>>,
+    sync_tracker: Option<&Mutex<FrameSyncTracker>>,
     sink: &dyn Sink,
 ) -> String {
-    let mut behind = Behind::new(stream.buffers(), config.rate_hz);
+    let mut overruns = OverrunDetector::new(stream.buffers(), config.rate_hz);
     while !sink.is_ending() {
-        let sample = match stream.next(PATIENCE) {
+        let sample = match stream.next(POLL_TIMEOUT) {
             Ok(Next::Nothing) => continue,
             Ok(Next::Frame(buffer)) => {
                 let arrival = sink.now();
                 let info = *buffer.info();
                 let age_ns = arrival.0 - info.time_ns;
-                for number in behind.frame(info.sequence, age_ns) {
-                    sink.put(Sample::Lost(Lost {
+                for number in overruns.frame(info.sequence, age_ns) {
+                    sink.put(Sample::Dropped(DroppedFrame {
                         number: number.into(),
                         host_time: arrival,
                         cause: Cause::MachineOverload,
                         detail: "all of the driver's buffers were full".to_owned(),
                     }));
                 }
-                if let (Some(ties), None) = (ties, fault(&info)) {
+                if let (Some(sync_tracker), None) = (sync_tracker, fault(&info)) {
                     let kernel_time = HostTime(info.time_ns);
-                    let tied = lock(ties).frame(info.sequence, kernel_time, arrival);
+                    let tied = lock(sync_tracker).frame(info.sequence, kernel_time, arrival);
                     if let Some(sync) = tied {
                         sink.put(Sample::FrameSync(sync));
                     }
                 }
-                taken(config, &info, buffer.bytes(), arrival, sink.wants_pixels())
+                sample_from_buffer(config, &info, buffer.bytes(), arrival, sink.pixels_needed())
             }
             Err(error) => return with_causes(&error),
         };
@@ -275,17 +279,17 @@ fn read(
     "the daemon ends".to_owned()
 }
 
-/// Whether frames that a driver skipped were skipped because nobody took those before them in time: then all of its
+/// Detects frames that a driver skipped because no buffer was dequeued in time: then all of its
 /// buffers were waiting, and the frame before the skipped ones is as old as most of them together.
-struct Behind {
-    /// A frame of this age has waited in the driver.
+struct OverrunDetector {
+    /// Age from which a frame has waited in the driver, ns.
     old_ns: i64,
     before: Option<(u32, bool)>,
 }
 
-impl Behind {
-    /// More skipped numbers than this are a counter that began again.
-    const MOST: u32 = 10_000;
+impl OverrunDetector {
+    /// Maximum number of skipped frames. With more, the counter has restarted.
+    const MAX_SKIPPED: u32 = 10_000;
 
     fn new(buffers: usize, rate_hz: f64) -> Self {
         let waiting = buffers.saturating_sub(1).max(1) as f64;
@@ -295,11 +299,12 @@ impl Behind {
         }
     }
 
-    /// The next frame, and how long ago it was taken; the numbers before it that were skipped for want of buffers.
+    /// Takes the next frame and its age; returns the numbers before it that were skipped for lack
+    /// of buffers.
     fn frame(&mut self, sequence: u32, age_ns: i64) -> std::ops::Range<u32> {
         let before = self.before.replace((sequence, age_ns > self.old_ns));
         match before {
-            Some((number, true)) if sequence > number && sequence - number <= Self::MOST => {
+            Some((number, true)) if sequence > number && sequence - number <= Self::MAX_SKIPPED => {
                 number + 1..sequence
             }
             _ => sequence..sequence,
@@ -307,12 +312,15 @@ impl Behind {
     }
 }
 
-/// Why a buffer cannot be used, by what the driver says of it.
+/// Reason why a buffer is unusable according to the driver, if there is one.
 fn fault(info: &FrameInfo) -> Option<String> {
     if info.corrupt {
-        Some("the driver says that the picture is damaged".to_owned())
+        Some("the driver reports a damaged image".to_owned())
     } else if info.short {
-        Some(format!("only {} bytes of a picture came", info.bytes_used))
+        Some(format!(
+            "only {} bytes of an image arrived",
+            info.bytes_used
+        ))
     } else if info.time_ns <= 0 {
         Some("the driver gives no time stamp".to_owned())
     } else {
@@ -320,17 +328,18 @@ fn fault(info: &FrameInfo) -> Option<String> {
     }
 }
 
-/// What a buffer that a driver has filled is: a frame, one without its pixels where those are not wanted, or one that is
-/// lost with the reason. Pure: `bytes` are the buffer's, `arrival` is when it was taken from the driver.
-pub fn taken(
+/// Converts a buffer filled by a driver to a sample: a frame, a frame without its pixels if those
+/// are not needed, or a dropped frame with the reason. Pure: `bytes` are the buffer's, `arrival` is
+/// the time at which it was dequeued.
+pub fn sample_from_buffer(
     config: &V4l2Config,
     info: &FrameInfo,
     bytes: &[u8],
     arrival: HostTime,
-    wants_pixels: bool,
+    pixels_needed: bool,
 ) -> Sample {
     let lost = |detail| {
-        Sample::Lost(Lost {
+        Sample::Dropped(DroppedFrame {
             number: info.sequence.into(),
             host_time: arrival,
             cause: Cause::Device,
@@ -340,32 +349,32 @@ pub fn taken(
     if let Some(detail) = fault(info) {
         return lost(detail);
     }
-    if !wants_pixels {
-        return Sample::Seen(Seen {
+    if !pixels_needed {
+        return Sample::Arrival(FrameArrival {
             number: info.sequence.into(),
             device_ticks: info.time_ns,
             host_time: arrival,
         });
     }
-    match picture(config, bytes) {
-        Ok(picture) => Sample::Frame(RawFrame {
+    match image(config, bytes) {
+        Ok(image) => Sample::Frame(RawFrame {
             number: info.sequence.into(),
             device_ticks: info.time_ns,
             kernel_time: Some(HostTime(info.time_ns)),
             host_time: arrival,
             exposure_ns: None,
             eyes_apart_ns: None,
-            picture,
+            image,
         }),
         Err(error) => lost(error.to_string()),
     }
 }
 
-/// Why a buffer is no picture.
+/// Error of converting a buffer.
 #[derive(Debug, thiserror::Error)]
 enum BufferError {
     #[error(transparent)]
-    Picture(#[from] PictureError),
+    Image(#[from] PictureError),
     #[error(transparent)]
     Jpeg(#[from] JpegError),
     #[error("the JPEG image is {}x{}, expected {}x{} as the camera was set to", found.0, found.1, expected.0, expected.1)]
@@ -375,7 +384,7 @@ enum BufferError {
     },
 }
 
-fn picture(config: &V4l2Config, bytes: &[u8]) -> Result<Picture, BufferError> {
+fn image(config: &V4l2Config, bytes: &[u8]) -> Result<Picture, BufferError> {
     let (width, height) = (config.width, config.height);
     Ok(match config.format {
         PixelLayout::Yuyv => yuyv_to_i420(width, height, bytes)?,
@@ -392,7 +401,7 @@ fn picture(config: &V4l2Config, bytes: &[u8]) -> Result<Picture, BufferError> {
                     expected: (width, height),
                 });
             }
-            decoded.picture
+            decoded.image
         }
     })
 }
@@ -417,16 +426,16 @@ mod tests {
 
     /// Three of four buffers at 10 Hz: 150 ms.
     #[test]
-    fn frames_that_were_not_taken_in_time_are_the_machines_fault() {
-        let mut behind = Behind::new(4, 10.0);
+    fn frames_not_dequeued_in_time_are_dropped_as_overload() {
+        let mut overruns = OverrunDetector::new(4, 10.0);
         const MS: i64 = 1_000_000;
-        assert!(behind.frame(7, 5 * MS).is_empty());
-        assert!(behind.frame(9, 5 * MS).is_empty(), "the device's");
-        assert!(behind.frame(10, 290 * MS).is_empty());
-        assert_eq!(behind.frame(14, 5 * MS), 11..14);
-        assert!(behind.frame(15, 290 * MS).is_empty());
+        assert!(overruns.frame(7, 5 * MS).is_empty());
+        assert!(overruns.frame(9, 5 * MS).is_empty(), "the device's");
+        assert!(overruns.frame(10, 290 * MS).is_empty());
+        assert_eq!(overruns.frame(14, 5 * MS), 11..14);
+        assert!(overruns.frame(15, 290 * MS).is_empty());
         assert!(
-            behind.frame(2, 5 * MS).is_empty(),
+            overruns.frame(2, 5 * MS).is_empty(),
             "it counts from the beginning"
         );
     }
@@ -460,7 +469,7 @@ mod tests {
 
     const ARRIVAL: HostTime = HostTime(5_010_000_000);
 
-    /// One grey as a JPEG file.
+    /// A gray image as a JPEG file.
     fn grey_file(width: u16, height: u16, grey: u8) -> Vec<u8> {
         let samples = vec![grey; usize::from(width) * usize::from(height)];
         let mut bytes = Vec::new();
@@ -470,10 +479,10 @@ mod tests {
         bytes
     }
 
-    /// Why frame 7 is lost.
-    fn why_lost(sample: Sample) -> String {
+    /// Reason why frame 7 is dropped.
+    fn loss_reason(sample: Sample) -> String {
         match sample {
-            Sample::Lost(lost) => {
+            Sample::Dropped(lost) => {
                 let found = (lost.number, lost.host_time, lost.cause);
                 assert_eq!(found, (7, ARRIVAL, Cause::Device));
                 lost.detail
@@ -483,39 +492,48 @@ mod tests {
     }
 
     #[test]
-    fn a_buffer_of_motion_jpeg_is_a_frame() {
+    fn motion_jpeg_buffer_is_a_frame() {
         let file = grey_file(64, 48, 90);
         let config = config(PixelLayout::Mjpeg, 64, 48);
-        // Padded, as drivers hand it over.
+        // With padding, as drivers deliver it.
         let mut buffer = file.clone();
         buffer.resize(file.len() + 100, 0);
         for bytes in [&file, &buffer] {
-            match taken(&config, &info(bytes), bytes, ARRIVAL, true) {
+            match sample_from_buffer(&config, &info(bytes), bytes, ARRIVAL, true) {
                 Sample::Frame(frame) => {
                     assert_eq!(
                         (frame.number, frame.device_ticks, frame.host_time),
                         (7, 5_000_000_000, ARRIVAL)
                     );
                     assert_eq!(frame.kernel_time, Some(HostTime(5_000_000_000)));
-                    let picture = frame.picture;
-                    assert_eq!((picture.width, picture.height), (64, 48));
-                    let luma = picture.luma().expect("luma");
+                    let image = frame.image;
+                    assert_eq!((image.width, image.height), (64, 48));
+                    let luma = image.luma().expect("luma");
                     assert!(luma.iter().all(|value| value.abs_diff(90) <= 2));
                 }
                 other => panic!("{other:?}"),
             }
         }
-        let seen = taken(&config, &info(&file), &file, ARRIVAL, false);
-        assert!(matches!(seen, Sample::Seen(Seen { number: 7, .. })));
+        let seen = sample_from_buffer(&config, &info(&file), &file, ARRIVAL, false);
+        assert!(matches!(
+            seen,
+            Sample::Arrival(FrameArrival { number: 7, .. })
+        ));
     }
 
     #[test]
-    fn motion_jpeg_of_another_size_or_damaged_is_a_lost_frame() {
+    fn motion_jpeg_of_another_size_or_damaged_is_a_dropped_frame() {
         let file = grey_file(64, 48, 90);
         for (width, height) in [(32, 48), (64, 46), (128, 48)] {
             let config = config(PixelLayout::Mjpeg, width, height);
             assert_eq!(
-                why_lost(taken(&config, &info(&file), &file, ARRIVAL, true)),
+                loss_reason(sample_from_buffer(
+                    &config,
+                    &info(&file),
+                    &file,
+                    ARRIVAL,
+                    true
+                )),
                 format!(
                     "the JPEG image is 64x48, expected {width}x{height} as the camera was set to"
                 )
@@ -525,49 +543,55 @@ mod tests {
         let cut = &file[..file.len() / 2];
         let noise = [0x5a; 500];
         for bytes in [cut, &noise[..], &[]] {
-            let why = why_lost(taken(&config, &info(bytes), bytes, ARRIVAL, true));
+            let why = loss_reason(sample_from_buffer(
+                &config,
+                &info(bytes),
+                bytes,
+                ARRIVAL,
+                true,
+            ));
             assert!(why.starts_with("the JPEG image is damaged: "), "{why}");
         }
-        // What comes after it is a frame again: nothing is kept from one buffer to the next.
-        let next = taken(&config, &info(&file), &file, ARRIVAL, true);
+        // The following buffer is a frame again: no state is carried over.
+        let next = sample_from_buffer(&config, &info(&file), &file, ARRIVAL, true);
         assert!(matches!(next, Sample::Frame(_)), "{next:?}");
     }
 
     #[test]
-    fn what_the_driver_says_of_a_buffer_comes_first() {
+    fn driver_flags_take_precedence() {
         let bytes = [90; 64 * 48 * 2];
         let config = config(PixelLayout::Yuyv, 64, 48);
-        let of = |change: fn(&mut FrameInfo), wants_pixels| {
+        let of = |change: fn(&mut FrameInfo), pixels_needed| {
             let mut info = info(&bytes);
             change(&mut info);
-            taken(&config, &info, &bytes, ARRIVAL, wants_pixels)
+            sample_from_buffer(&config, &info, &bytes, ARRIVAL, pixels_needed)
         };
         assert!(matches!(of(|_| {}, true), Sample::Frame(_)));
-        // Whether somebody wants the pixels or not.
-        for wants_pixels in [true, false] {
+        // With and without pixels.
+        for pixels_needed in [true, false] {
             let unstamped: [fn(&mut FrameInfo); 2] =
                 [|info| info.time_ns = 0, |info| info.time_ns = -1];
             for unstamped in unstamped {
                 assert_eq!(
-                    why_lost(of(unstamped, wants_pixels)),
+                    loss_reason(of(unstamped, pixels_needed)),
                     "the driver gives no time stamp"
                 );
             }
             assert_eq!(
-                why_lost(of(|info| info.corrupt = true, wants_pixels)),
-                "the driver says that the picture is damaged"
+                loss_reason(of(|info| info.corrupt = true, pixels_needed)),
+                "the driver reports a damaged image"
             );
             let short: fn(&mut FrameInfo) = |info| (info.short, info.bytes_used) = (true, 12);
             assert_eq!(
-                why_lost(of(short, wants_pixels)),
-                "only 12 bytes of a picture came"
+                loss_reason(of(short, pixels_needed)),
+                "only 12 bytes of an image arrived"
             );
         }
     }
 
     /// As v4l2-ctl has them.
     #[test]
-    fn controls_are_called_as_in_the_configuration() {
+    fn control_names_match_the_configuration() {
         for (name, expected) in [
             ("Brightness", "brightness"),
             ("White Balance, Automatic", "white_balance_automatic"),

@@ -7,27 +7,27 @@ use session_archive::time::{HostTime, NS_PER_S};
 use v4l2::hotplug::Watch;
 use zed::imu::{Arrival, Event, HidPort, Imu};
 
-use super::{Ties, lock, tell_gone, wait};
-use crate::causes::with_causes;
+use super::{FrameSyncTracker, lock, report_disconnect, wait};
 use crate::config::ZedImuConfig;
-use crate::sources::{ImuValues, Notice, Part, RawImu, Sample, Sink};
-use crate::urgent;
+use crate::error_chain::with_causes;
+use crate::realtime_priority;
+use crate::sources::{DevicePart, ImuValues, Notice, RawImu, Sample, Sink};
 
-/// Longest wait before the end is looked for, ns.
-const PATIENCE_NS: i64 = 100_000_000;
-/// A device that is there and cannot be used is tried again so often.
+/// Maximum wait before the end is checked, ns.
+const POLL_TIMEOUT_NS: i64 = 100_000_000;
+/// Retry interval for a device that is present and unusable.
 const RETRY: Duration = Duration::from_secs(1);
-/// Damaged reports are told at most so often.
-const TELL_NS: i64 = NS_PER_S;
+/// Minimum interval between notices about damaged reports, ns.
+const REPORT_INTERVAL_NS: i64 = NS_PER_S;
 
-/// Delivers samples until the sink says that it is to end.
-pub(super) fn run(config: &ZedImuConfig, ties: &Mutex<Ties>, sink: &dyn Sink) {
-    urgent::this_thread();
+/// Delivers samples until the sink requests the end.
+pub(super) fn run(config: &ZedImuConfig, sync_tracker: &Mutex<FrameSyncTracker>, sink: &dyn Sink) {
+    realtime_priority::this_thread();
     let port = HidPort {
         model: None,
         serial: config.serial.clone(),
     };
-    let mut told = None;
+    let mut reported = None;
     let mut imu = loop {
         if sink.is_ending() {
             return;
@@ -36,24 +36,24 @@ pub(super) fn run(config: &ZedImuConfig, ties: &Mutex<Ties>, sink: &dyn Sink) {
         match Imu::open(port.clone(), sink.now().0) {
             Ok(imu) => break imu,
             Err(error) => {
-                tell_gone(&mut told, Part::Imu, with_causes(&error), sink);
+                report_disconnect(&mut reported, DevicePart::Imu, with_causes(&error), sink);
                 wait(before, RETRY, sink);
             }
         }
     };
     let mut opened = sink.now();
-    let mut told_malformed = HostTime::MIN;
+    let mut malformed_reported = HostTime::MIN;
     while !sink.is_ending() {
-        let event = imu.next(&|| sink.now().0, sink.now().0 + PATIENCE_NS);
+        let event = imu.next(&|| sink.now().0, sink.now().0 + POLL_TIMEOUT_NS);
         match event {
             Event::Nothing => {}
             Event::Sample(arrival) => {
-                told = None;
-                take(&arrival, ties, sink);
+                reported = None;
+                take(&arrival, sync_tracker, sink);
             }
             Event::Malformed(error) => {
-                if sink.now().since(told_malformed) >= TELL_NS {
-                    told_malformed = sink.now();
+                if sink.now().since(malformed_reported) >= REPORT_INTERVAL_NS {
+                    malformed_reported = sink.now();
                     notice(sink, format!("a report that is none: {error}"));
                 }
             }
@@ -66,9 +66,9 @@ pub(super) fn run(config: &ZedImuConfig, ties: &Mutex<Ties>, sink: &dyn Sink) {
             }
             Event::Reopened => notice(sink, "closed and opened, because it was silent".to_owned()),
             Event::Gone { detail } => {
-                tell_gone(&mut told, Part::Imu, detail, sink);
-                lock(ties).restart();
-                // One that fails as soon as it is opened is given time.
+                report_disconnect(&mut reported, DevicePart::Imu, detail, sink);
+                lock(sync_tracker).restart();
+                // Delay for a device that fails as soon as it is opened.
                 if sink.now().since(opened) < RETRY.as_nanos() as i64 {
                     wait(Watch::new(["/dev"]), RETRY, sink);
                 }
@@ -82,12 +82,12 @@ pub(super) fn run(config: &ZedImuConfig, ties: &Mutex<Ties>, sink: &dyn Sink) {
     }
 }
 
-fn take(arrival: &Arrival, ties: &Mutex<Ties>, sink: &dyn Sink) {
+fn take(arrival: &Arrival, sync_tracker: &Mutex<FrameSyncTracker>, sink: &dyn Sink) {
     let sample = &arrival.sample;
     let host_time = HostTime(arrival.host_ns);
-    lock(ties).imu(sample, host_time);
+    lock(sync_tracker).imu(sample, host_time);
     if !sample.valid {
-        // It has a number of its own, so the hole that it leaves is seen.
+        // It has a number of its own, so the resulting gap is detected.
         return;
     }
     sink.put(Sample::Imu(RawImu {
@@ -106,7 +106,7 @@ fn take(arrival: &Arrival, ties: &Mutex<Ties>, sink: &dyn Sink) {
 fn notice(sink: &dyn Sink, text: String) {
     sink.put(Sample::Notice(Notice {
         host_time: sink.now(),
-        part: Part::Imu,
+        part: DevicePart::Imu,
         text,
     }));
 }

@@ -1,12 +1,15 @@
-//! Two cameras, one for each eye, that expose each by itself.
+//! Two cameras, one for each eye, without a common trigger.
 //!
-//! Contract: each camera is run as if it were alone ([`camera::run`]), on a thread of its own; their frames are paired by
-//! the driver's time stamps, which are of one clock ([`pairing`](crate::sources::pairing)). A frame has the number, the time
-//! and the stamp of the left one, and says by how much later the right one was taken. Nothing synchronises the two: a left
-//! frame without a right one near enough is lost with that reason, right ones without a left one are counted in a notice
-//! about once a minute and at the end. *A stamp that does not rise* makes a lost frame. *While one camera is gone* the other's
-//! frames are neither recorded nor counted: what is missed is told by the camera that is gone. *While pixels are not wanted*
-//! pairs are found all the same and are only counted and timed; so is one of which an eye came without them.
+//! Contract: each camera runs as if it were alone ([`camera::run`]), on a thread of its own; their
+//! frames are paired by the driver's timestamps, which are on one clock
+//! ([`pairing`](crate::sources::pairing)). A frame has the number, the time and the timestamp of
+//! the left one, and contains the delay of the right one. The cameras are not synchronized: a left
+//! frame without a right one within the limit is dropped with that reason, right frames without a
+//! left one are counted in a notice about once a minute and at the end. *A timestamp that does not
+//! increase* gives a dropped frame. *While one camera is disconnected* the other's frames are
+//! neither recorded nor counted: the missed frames are reported by the disconnected camera. *While
+//! pixels are not needed* pairs are formed all the same and only counted and timed; so is a pair of
+//! which one image has no pixels.
 
 use std::collections::VecDeque;
 use std::sync::{Mutex, MutexGuard, PoisonError};
@@ -19,80 +22,85 @@ use video::picture::side_by_side;
 
 use super::camera;
 use crate::config::V4l2Config;
-use crate::sources::pairing::{Half, Paired, Pairs, alone};
-use crate::sources::{Gone, Lost, Notice, Part, RawFrame, Sample, Seen, Sink};
+use crate::sources::pairing::{ImagePairer, Paired, TimedImage, alone};
+use crate::sources::{
+    DevicePart, Disconnected, DroppedFrame, FrameArrival, Notice, RawFrame, Sample, Sink,
+};
 
-/// Right frames without a left one are told of this often, ns.
-const TELL_NS: i64 = 60_000_000_000;
+/// Interval between notices about right frames without a left one, ns.
+const REPORT_INTERVAL_NS: i64 = 60_000_000_000;
 
-/// A frame of one eye; without its pixels where nobody wanted them.
+/// A frame of one eye; without its pixels if they were not needed.
 type EyeFrame = RawFrame<Option<Picture>>;
 
-/// Delivers pairs until the sink says that it is to end.
+/// Delivers pairs until the sink requests the end.
 ///
 /// # Errors
-/// The system gives no thread.
+/// The system provides no thread.
 pub(super) fn run(
     [left, right]: [&V4l2Config; 2],
     within_ns: i64,
     sink: &dyn Sink,
 ) -> std::io::Result<()> {
-    let joined = Joined::new(within_ns, sink);
+    let joiner = StereoJoiner::new(within_ns, sink);
     std::thread::scope(|scope| {
         std::thread::Builder::new()
             .name("right eye".to_owned())
-            .spawn_scoped(scope, || camera::run(right, None, &joined.eye(Eye::Right)))?;
-        camera::run(left, None, &joined.eye(Eye::Left));
+            .spawn_scoped(scope, || camera::run(right, None, &joiner.eye(Eye::Right)))?;
+        camera::run(left, None, &joiner.eye(Eye::Left));
         Ok::<(), std::io::Error>(())
     })?;
-    joined.finish();
+    joiner.finish();
     Ok(())
 }
 
-/// Joins what two cameras deliver: each puts its samples into the sink of its eye, and pairs go on to one sink. What has no
-/// partner is lost with the reason, or counted.
-pub struct Joined<'a> {
+/// Joins the samples of two cameras: each camera puts its samples into the sink of its eye, and
+/// pairs are forwarded to one sink. Frames without a partner are dropped with the reason, or
+/// counted.
+pub struct StereoJoiner<'a> {
     sink: &'a dyn Sink,
     state: Mutex<State>,
 }
 
 struct State {
-    pairs: Pairs<EyeFrame>,
-    /// Left frames that cannot be used and wait for those before them.
-    bad: VecDeque<Lost>,
+    pairs: ImagePairer<EyeFrame>,
+    /// Unusable left frames that wait for those before them.
+    bad: VecDeque<DroppedFrame>,
     /// By eye.
-    gone: [bool; 2],
+    disconnected: [bool; 2],
     newest_ns: [Option<i64>; 2],
-    /// Right frames without a left one that nobody was told of, and when that was.
+    /// Number of right frames without a left one since the last notice, and the time of that
+    /// notice.
     without_left: u64,
-    told: Option<HostTime>,
+    reported: Option<HostTime>,
 }
 
-/// See [`Joined::eye`].
+/// See [`StereoJoiner::eye`].
 struct EyeSink<'a> {
-    joined: &'a Joined<'a>,
+    joiner: &'a StereoJoiner<'a>,
     eye: Eye,
 }
 
-impl<'a> Joined<'a> {
-    /// Hands pairs on to `sink`; images that are further apart than `within_ns` by their stamps are none.
+impl<'a> StereoJoiner<'a> {
+    /// Forwards pairs to `sink`; images whose timestamps differ by more than `within_ns` are no
+    /// pair.
     pub fn new(within_ns: i64, sink: &'a dyn Sink) -> Self {
         Self {
             sink,
             state: Mutex::new(State {
-                pairs: Pairs::new(within_ns),
+                pairs: ImagePairer::new(within_ns),
                 bad: VecDeque::new(),
-                gone: [false; 2],
+                disconnected: [false; 2],
                 newest_ns: [None; 2],
                 without_left: 0,
-                told: None,
+                reported: None,
             }),
         }
     }
 
-    /// Where the camera of one eye puts its samples.
+    /// Sink for the camera of one eye.
     pub fn eye(&'a self, eye: Eye) -> impl Sink + 'a {
-        EyeSink { joined: self, eye }
+        EyeSink { joiner: self, eye }
     }
 
     fn lock(&self) -> MutexGuard<'_, State> {
@@ -102,8 +110,8 @@ impl<'a> Joined<'a> {
     fn frame(&self, eye: Eye, frame: EyeFrame) {
         let mut state = self.lock();
         let [own, other] = positions(eye);
-        state.gone[own] = false;
-        if state.gone[other] {
+        state.disconnected[own] = false;
+        if state.disconnected[other] {
             return;
         }
         let time_ns = frame.device_ticks;
@@ -111,7 +119,7 @@ impl<'a> Joined<'a> {
             let detail = "its time stamp is not after that of the one before".to_owned();
             return state.unusable(
                 eye,
-                Lost {
+                DroppedFrame {
                     number: frame.number,
                     host_time: frame.host_time,
                     cause: Cause::Device,
@@ -121,117 +129,117 @@ impl<'a> Joined<'a> {
         }
         state.newest_ns[own] = Some(time_ns);
         let mut paired = Vec::new();
-        let half = Half { time_ns, of: frame };
-        state.pairs.push(eye, half, |one| paired.push(one));
+        let image = TimedImage { time_ns, of: frame };
+        state.pairs.push(eye, image, |one| paired.push(one));
         for one in paired {
-            state.hand_on(one, self.sink);
+            state.forward(one, self.sink);
         }
     }
 
-    fn lost(&self, eye: Eye, lost: Lost) {
+    fn lost(&self, eye: Eye, lost: DroppedFrame) {
         let mut state = self.lock();
         let [own, other] = positions(eye);
-        state.gone[own] = false;
-        if !state.gone[other] {
+        state.disconnected[own] = false;
+        if !state.disconnected[other] {
             state.unusable(eye, lost);
         }
     }
 
-    fn gone(&self, eye: Eye, gone: Gone) {
+    fn disconnected(&self, eye: Eye, disconnected: Disconnected) {
         let mut state = self.lock();
         let within_ns = state.pairs.within_ns();
-        state.gone[positions(eye)[0]] = true;
-        // Its counter and its stamps may begin again, and what waits has no partner any more.
-        state.pairs = Pairs::new(within_ns);
+        state.disconnected[positions(eye)[0]] = true;
+        // Its counter and its timestamps may restart, and waiting frames have no partner any more.
+        state.pairs = ImagePairer::new(within_ns);
         state.newest_ns = [None; 2];
         state.bad.clear();
-        self.sink.put(Sample::Gone(Gone {
-            part: Part::Camera,
-            detail: format!("{}: {}", name(eye), gone.detail),
-            ..gone
+        self.sink.put(Sample::Disconnected(Disconnected {
+            part: DevicePart::Camera,
+            detail: format!("{}: {}", name(eye), disconnected.detail),
+            ..disconnected
         }));
     }
 
-    /// Hands on what still waits for a partner, when both cameras have ended.
+    /// Forwards the frames that still wait for a partner, when both cameras have ended.
     pub fn finish(&self) {
         let mut state = self.lock();
         let mut paired = Vec::new();
         state.pairs.finish(|one| paired.push(one));
         for one in paired {
-            state.hand_on(one, self.sink);
+            state.forward(one, self.sink);
         }
         state.bad_before(u64::MAX, self.sink);
-        state.tell_without_left(self.sink);
+        state.report_without_left(self.sink);
     }
 }
 
 impl State {
-    /// A frame of this eye cannot be used.
-    fn unusable(&mut self, eye: Eye, lost: Lost) {
+    /// Handles an unusable frame of this eye.
+    fn unusable(&mut self, eye: Eye, lost: DroppedFrame) {
         match eye {
             Eye::Left => self.bad.push_back(lost),
-            // The left one is alone then.
+            // The left one is then unpaired.
             Eye::Right => {}
         }
     }
 
-    fn hand_on(&mut self, paired: Paired<EyeFrame>, sink: &dyn Sink) {
+    fn forward(&mut self, paired: Paired<EyeFrame>, sink: &dyn Sink) {
         match paired {
             Paired::Both(left, right) => {
                 let apart_ns = right.time_ns - left.time_ns;
                 let (left, right) = (left.of, right.of);
                 self.bad_before(left.number, sink);
                 let host_time = left.host_time.max(right.host_time);
-                let (Some(of_left), Some(of_right)) = (&left.picture, &right.picture) else {
-                    return sink.put(Sample::Seen(Seen {
+                let (Some(of_left), Some(of_right)) = (&left.image, &right.image) else {
+                    return sink.put(Sample::Arrival(FrameArrival {
                         number: left.number,
                         device_ticks: left.device_ticks,
                         host_time,
                     }));
                 };
                 match side_by_side(of_left, of_right) {
-                    Ok(picture) => sink.put(Sample::Frame(RawFrame {
+                    Ok(image) => sink.put(Sample::Frame(RawFrame {
                         number: left.number,
                         device_ticks: left.device_ticks,
                         kernel_time: left.kernel_time,
                         host_time,
                         exposure_ns: left.exposure_ns,
                         eyes_apart_ns: Some(apart_ns),
-                        picture,
+                        image,
                     })),
                     Err(error) => sink.put(lost(&left, error.to_string())),
                 }
             }
-            Paired::Alone(Eye::Left, left) => {
+            Paired::Unpaired(Eye::Left, left) => {
                 self.bad_before(left.of.number, sink);
                 sink.put(lost(&left.of, alone(Eye::Left, self.pairs.within_ns())));
             }
-            Paired::Alone(Eye::Right, right) => {
+            Paired::Unpaired(Eye::Right, right) => {
                 self.without_left += 1;
                 let now = right.of.host_time;
-                let told = *self.told.get_or_insert(now);
-                if now.since(told) >= TELL_NS {
-                    self.told = Some(now);
-                    self.tell_without_left(sink);
+                let reported = *self.reported.get_or_insert(now);
+                if now.since(reported) >= REPORT_INTERVAL_NS {
+                    self.reported = Some(now);
+                    self.report_without_left(sink);
                 }
             }
         }
     }
 
-    /// Says of unusable left frames before `number` that they are lost.
+    /// Reports unusable left frames before `number` as dropped.
     fn bad_before(&mut self, number: u64, sink: &dyn Sink) {
-        // A counter that has begun again is not compared with what was before: that was thrown away.
+        // A restarted counter is not compared with earlier numbers: those were discarded.
         while let Some(bad) = self.bad.pop_front_if(|bad| bad.number < number) {
-            sink.put(Sample::Lost(bad));
+            sink.put(Sample::Dropped(bad));
         }
     }
 
-    fn tell_without_left(&mut self, sink: &dyn Sink) {
+    fn report_without_left(&mut self, sink: &dyn Sink) {
         let count = std::mem::take(&mut self.without_left);
         if count > 0 {
             sink.put(Sample::Notice(Notice {
                 host_time: sink.now(),
-                part: Part::Camera,
+                part: DevicePart::Camera,
                 text: format!(
                     "{count} frames of the right camera have no left one within {:.1} ms",
                     self.pairs.within_ns() as f64 * 1e-6
@@ -243,30 +251,30 @@ impl State {
 
 impl Sink for EyeSink<'_> {
     fn now(&self) -> HostTime {
-        self.joined.sink.now()
+        self.joiner.sink.now()
     }
 
     fn put(&self, sample: Sample) {
         match sample {
-            Sample::Frame(frame) => self.joined.frame(self.eye, with_pixels(frame)),
-            Sample::Seen(seen) => self.joined.frame(self.eye, without_pixels(seen)),
-            Sample::Lost(lost) => self.joined.lost(self.eye, lost),
-            Sample::Gone(gone) => self.joined.gone(self.eye, gone),
-            Sample::Notice(notice) => self.joined.sink.put(Sample::Notice(Notice {
+            Sample::Frame(frame) => self.joiner.frame(self.eye, with_pixels(frame)),
+            Sample::Arrival(seen) => self.joiner.frame(self.eye, without_pixels(seen)),
+            Sample::Dropped(lost) => self.joiner.lost(self.eye, lost),
+            Sample::Disconnected(disconnected) => self.joiner.disconnected(self.eye, disconnected),
+            Sample::Notice(notice) => self.joiner.sink.put(Sample::Notice(Notice {
                 text: format!("{}: {}", name(self.eye), notice.text),
                 ..notice
             })),
-            // Cameras of the kernel's give no others.
+            // V4L2 cameras deliver no others.
             Sample::Native(_) | Sample::Imu(_) | Sample::FrameSync(_) => {}
         }
     }
 
-    fn wants_pixels(&self) -> bool {
-        self.joined.sink.wants_pixels()
+    fn pixels_needed(&self) -> bool {
+        self.joiner.sink.pixels_needed()
     }
 
     fn is_ending(&self) -> bool {
-        self.joined.sink.is_ending()
+        self.joiner.sink.is_ending()
     }
 }
 
@@ -293,11 +301,11 @@ fn with_pixels(frame: RawFrame) -> EyeFrame {
         host_time: frame.host_time,
         exposure_ns: frame.exposure_ns,
         eyes_apart_ns: frame.eyes_apart_ns,
-        picture: Some(frame.picture),
+        image: Some(frame.image),
     }
 }
 
-fn without_pixels(seen: Seen) -> EyeFrame {
+fn without_pixels(seen: FrameArrival) -> EyeFrame {
     EyeFrame {
         number: seen.number,
         device_ticks: seen.device_ticks,
@@ -305,12 +313,12 @@ fn without_pixels(seen: Seen) -> EyeFrame {
         host_time: seen.host_time,
         exposure_ns: None,
         eyes_apart_ns: None,
-        picture: None,
+        image: None,
     }
 }
 
 fn lost(frame: &EyeFrame, detail: String) -> Sample {
-    Sample::Lost(Lost {
+    Sample::Dropped(DroppedFrame {
         number: frame.number,
         host_time: frame.host_time,
         cause: Cause::Device,

@@ -1,7 +1,8 @@
-//! What a ZED over USB needs besides what any camera needs: its serial number, its settings, its frame sync.
+//! Requirements of a ZED over USB beyond those of any camera: its serial number, its settings, its
+//! frame sync.
 //!
-//! Never run on a real camera: what the video chip answers is known from the vendor's own library alone, so
-//! everything here that fails is told and nothing ends because of it.
+//! Never run on a real camera: the protocol of the video chip is known from the vendor's own
+//! library only, so every failure here is reported and nothing ends because of it.
 
 use std::path::{Path, PathBuf};
 use std::time::Duration;
@@ -13,10 +14,10 @@ use zed::camera::{Identity, SETTINGS};
 
 use crate::sources::Sink;
 
-/// How long a camera that has just been plugged in may take to know its own number, ns.
-const SERIAL_NS: i64 = 500_000_000;
+/// Time that a newly connected camera may take until it knows its serial number, ns.
+const SERIAL_TIMEOUT_NS: i64 = 500_000_000;
 
-/// The clock of exchanges with the video chip.
+/// Clock for exchanges with the video chip.
 struct Waiting<'a>(&'a dyn Sink);
 
 impl Time for Waiting<'_> {
@@ -33,21 +34,21 @@ impl Time for Waiting<'_> {
     }
 }
 
-/// Why no ZED was found.
+/// Error of finding a ZED.
 #[derive(Debug, thiserror::Error)]
 pub(crate) enum FindZedError {
-    /// Plug it in.
+    /// Connect it.
     #[error("no ZED camera is there")]
     None,
-    /// Say which.
+    /// Configure a serial number.
     #[error("there are {0} ZED cameras, expected serial in the configuration to say which")]
     Several(usize),
-    /// Another one is plugged in.
-    #[error("no ZED camera with serial number {wanted} is there, found {found}")]
+    /// Another one is connected.
+    #[error("no ZED camera with serial number {configured} is there, found {found}")]
     Other {
-        /// The number in the configuration.
-        wanted: String,
-        /// Those that are there.
+        /// The configured number.
+        configured: String,
+        /// The numbers present.
         found: String,
     },
 }
@@ -55,10 +56,10 @@ pub(crate) enum FindZedError {
 /// The node of the ZED with this serial number, or of the only one.
 ///
 /// # Errors
-/// There is none, or not one alone.
+/// There is no such ZED, or several.
 pub(super) fn find(
     nodes: &[Node],
-    wanted: Option<&str>,
+    configured: Option<&str>,
     number_of: impl Fn(&Path) -> Result<u32, String>,
 ) -> Result<PathBuf, FindZedError> {
     let is_zed = |node: &&Node| {
@@ -67,33 +68,33 @@ pub(super) fn find(
         identity.is_some_and(|zed| !zed.old_firmware) && !matches!(node.captures, Ok(false))
     };
     let zeds: Vec<&Node> = nodes.iter().filter(is_zed).collect();
-    match (zeds.as_slice(), wanted) {
+    match (zeds.as_slice(), configured) {
         ([], _) => Err(FindZedError::None),
         ([only], None) => Ok(only.path.clone()),
         (several, None) => Err(FindZedError::Several(several.len())),
-        (several, Some(wanted)) => {
+        (several, Some(configured)) => {
             let mut found = Vec::new();
             for node in several {
                 match number_of(&node.path) {
-                    Ok(number) if number.to_string() == wanted => return Ok(node.path.clone()),
+                    Ok(number) if number.to_string() == configured => return Ok(node.path.clone()),
                     Ok(number) => found.push(number.to_string()),
                     Err(error) => found.push(format!("{} ({error})", node.path.display())),
                 }
             }
             Err(FindZedError::Other {
-                wanted: wanted.to_owned(),
+                configured: configured.to_owned(),
                 found: found.join(", "),
             })
         }
     }
 }
 
-/// Finds it among what is plugged in.
+/// Finds it among the connected devices.
 ///
 /// # Errors
-/// As [`find`], or the system does not tell.
+/// As [`find`], or the system cannot list the devices.
 pub(super) fn find_plugged(
-    wanted: Option<&str>,
+    configured: Option<&str>,
     sink: Option<&dyn Sink>,
 ) -> Result<PathBuf, super::camera::StartError> {
     let nodes = node::list(Path::new("/sys"), Path::new("/dev"))?;
@@ -102,18 +103,19 @@ pub(super) fn find_plugged(
             return Err("its number is read when it is started".to_owned());
         };
         let mut camera = Camera::open(path).map_err(|error| error.to_string())?;
-        let until = sink.now().0 + SERIAL_NS;
+        let until = sink.now().0 + SERIAL_TIMEOUT_NS;
         serial(&mut camera, &mut Waiting(sink), until).map_err(|error| error.to_string())
     };
-    Ok(find(&nodes, wanted, number_of)?)
+    Ok(find(&nodes, configured, number_of)?)
 }
 
-/// Writes what a ZED should have at every start, for it keeps what an earlier program has set; what did not take.
+/// Writes the settings that a ZED needs at every start, because it keeps those of an earlier
+/// program; returns the failures.
 ///
 /// # Errors
-/// The camera is gone.
+/// The camera is disconnected.
 pub(super) fn prepare(camera: &Camera, sink: &dyn Sink) -> Result<Vec<String>, CameraError> {
-    let mut told = Vec::new();
+    let mut failures = Vec::new();
     let known = camera.controls()?;
     let mut values = Vec::new();
     for setting in SETTINGS {
@@ -122,17 +124,18 @@ pub(super) fn prepare(camera: &Camera, sink: &dyn Sink) -> Result<Vec<String>, C
         }
     }
     for refused in camera.write_and_check(&values)? {
-        told.push(refused.to_string());
+        failures.push(refused.to_string());
     }
     let (mut unit, mut time) = (camera.clone(), Waiting(sink));
     if let Err(error) = set_auto_exposure(&mut unit, &mut time, true) {
-        told.push(format!("exposure was not made automatic: {error}"));
+        failures.push(format!("setting automatic exposure: {error}"));
     }
-    Ok(told)
+    Ok(failures)
 }
 
-/// Lets the camera tell its microcontroller of each frame; to be done when it streams. What went wrong.
-pub(super) fn tie(camera: &Camera, sink: &dyn Sink) -> Option<String> {
+/// Lets the camera signal each frame to its microcontroller; to be called when it streams. Returns
+/// the failure, if there is one.
+pub(super) fn enable_frame_sync(camera: &Camera, sink: &dyn Sink) -> Option<String> {
     let mut unit = camera.clone();
     let error = activate_frame_sync(&mut unit, &mut Waiting(sink)).err()?;
     Some(format!(
@@ -166,14 +169,14 @@ mod tests {
     }
 
     #[test]
-    fn the_one_that_is_meant_is_found() {
+    fn configured_camera_is_found() {
         let numbers = |path: &Path| match path.to_str() {
             Some("/dev/video0") => Ok(111),
             Some("/dev/video2") => Ok(222),
             _ => Err("it does not answer".to_owned()),
         };
-        let check = |nodes: &[Node], wanted: Option<&str>, expected: &str| {
-            let found = match find(nodes, wanted, numbers) {
+        let check = |nodes: &[Node], configured: Option<&str>, expected: &str| {
+            let found = match find(nodes, configured, numbers) {
                 Ok(path) => path.display().to_string(),
                 Err(error) => error.to_string(),
             };
@@ -182,7 +185,7 @@ mod tests {
         let (one, two) = (node(0, 0xf682), node(2, 0xf682));
         let other = node(1, 0xc270);
         check(&[], None, "no ZED camera is there");
-        // With firmware that is too old, or no ZED at all.
+        // With firmware that is too old, or not a ZED.
         check(&[node(4, 0xf680), other], None, "no ZED camera is there");
         let nodes = [one, node(1, 0xc270), two];
         check(&nodes[..2], None, "/dev/video0");

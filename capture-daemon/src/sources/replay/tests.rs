@@ -6,7 +6,7 @@ use super::*;
 
 const START: HostTime = HostTime(5_000_000_000);
 
-/// A folder of made-up files.
+/// A folder of synthetic files.
 struct Folder(tempfile::TempDir);
 
 impl Folder {
@@ -37,12 +37,12 @@ impl Folder {
         self.write(name, &bytes);
     }
 
-    /// An all grey picture of 4 x 2.
+    /// A uniform gray image of 4 x 2.
     fn flat(&self, name: &str, value: u8) {
         self.png(name, png::ColorType::Grayscale, 4, &[value; 8]);
     }
 
-    /// ASL lists with a row per stamp, and pictures for those with a value.
+    /// ASL lists with a row per timestamp, and images for those with a value.
     fn asl(rows: &[(i64, Option<u8>)], imu: &str) -> Self {
         let folder = Self::new();
         for camera in ["cam0", "cam1"] {
@@ -127,8 +127,8 @@ fn real_kitti_pairs() {
     let frames = frames(&samples);
     let at = |n: i64| (n as u64, n * 100_000_000, n * 100_000_000);
     assert_eq!(times(&frames), (0..30).map(at).collect::<Vec<_>>());
-    let picture = &frames[29].picture;
-    let luma = picture.luma().unwrap();
+    let image = &frames[29].image;
+    let luma = image.luma().unwrap();
     for (eye, file) in ["image_l/000029.png", "image_r/000029.png"]
         .iter()
         .enumerate()
@@ -138,15 +138,11 @@ fn real_kitti_pairs() {
             assert_eq!(&row[eye * 1226..][..1226], expected);
         }
     }
-    assert!(
-        picture.data[luma.len()..]
-            .iter()
-            .all(|&chroma| chroma == 128)
-    );
+    assert!(image.data[luma.len()..].iter().all(|&chroma| chroma == 128));
 }
 
 #[test]
-fn real_euroc_pictures_and_imu() {
+fn real_euroc_images_and_imu() {
     let Some(path) = shared("03_stereo_imu/euroc_V1_01_micro") else {
         return;
     };
@@ -183,13 +179,13 @@ fn real_euroc_pictures_and_imu() {
         assert_eq!(frame.device_ticks - first_ns, frame.host_time.since(START));
         let file = path.join(format!("mav0/cam1/data/{}.png", frame.device_ticks));
         let right = datasets::load_png(&file).unwrap();
-        let last_row = &frame.picture.luma().unwrap()[479 * 1504 + 752..];
+        let last_row = &frame.image.luma().unwrap()[479 * 1504 + 752..];
         assert_eq!(last_row, &right.data[479 * 752..]);
     }
-    // The first picture and the first IMU sample are of one instant.
+    // The first image and the first IMU sample are of one instant.
     assert!(matches!(samples[0], Sample::Imu(_)) && matches!(samples[1], Sample::Frame(_)));
 
-    // Every digit of the list, and nothing but them.
+    // Every line of the list, with its exact digits.
     let list = fs::read_to_string(path.join("mav0/imu0/data.csv")).unwrap();
     let lines: Vec<&str> = list.lines().filter(|line| !line.starts_with('#')).collect();
     let imu = imu(&samples);
@@ -229,16 +225,16 @@ fn real_desk_pair_repeats() {
     let at = |n: i64| (n as u64, n * 66_666_667, n * 66_666_667);
     assert_eq!(times(&frames), (0..100).map(at).collect::<Vec<_>>());
     // Decoded once, shared by all.
-    let shared = frames[0].picture.data.as_ptr();
+    let shared = frames[0].image.data.as_ptr();
     assert!(
         frames
             .iter()
-            .all(|frame| frame.picture.data.as_ptr() == shared)
+            .all(|frame| frame.image.data.as_ptr() == shared)
     );
 }
 
 #[test]
-fn numbers_and_ticks_go_on_when_pictures_repeat() {
+fn numbers_and_ticks_continue_when_images_repeat() {
     // Row 2 was never on disk: a lost frame. Intervals are 10, 20, 10: the median is 10.
     let rows = [
         (100, Some(1)),
@@ -264,7 +260,7 @@ fn numbers_and_ticks_go_on_when_pictures_repeat() {
         (11, 210, 110),
     ];
     assert_eq!(times(&frames), expected);
-    let shades: Vec<u8> = frames.iter().map(|frame| frame.picture.data[0]).collect();
+    let shades: Vec<u8> = frames.iter().map(|frame| frame.image.data[0]).collect();
     assert_eq!(shades, [1, 2, 4, 5, 1, 2, 4, 5, 1, 2]);
 
     let samples = take(&mut folder.replay(None, false), 10);
@@ -272,7 +268,7 @@ fn numbers_and_ticks_go_on_when_pictures_repeat() {
 }
 
 #[test]
-fn rows_before_the_first_picture_are_no_loss() {
+fn rows_before_the_first_image_are_no_loss() {
     let folder = Folder::asl(
         &[(100, None), (110, None), (120, Some(3)), (130, Some(4))],
         "",
@@ -282,7 +278,7 @@ fn rows_before_the_first_picture_are_no_loss() {
 }
 
 #[test]
-fn imu_runs_once_from_the_first_picture() {
+fn imu_runs_once_from_the_first_image() {
     let line = |stamp: i64| format!("{stamp},0.1,-2.5e-3,3,4,-0,9.81\n");
     let list: String = (0..10).map(|i| line(80 + 5 * i)).collect();
     let folder = Folder::asl(&[(100, Some(1)), (110, Some(2))], &list);
@@ -311,7 +307,7 @@ fn imu_runs_once_from_the_first_picture() {
     };
     assert_eq!(imu(&samples)[0].values, values);
 
-    // Pictures once: the IMU goes on alone, to its end.
+    // Images once: the IMU continues alone, to its end.
     let samples = take(&mut folder.replay(None, false), 100);
     assert_eq!((frames(&samples).len(), imu(&samples).len()), (2, 6));
 
@@ -332,7 +328,7 @@ fn imu_runs_once_from_the_first_picture() {
 }
 
 #[test]
-fn begins_where_it_is_told() {
+fn begins_at_the_configured_start() {
     let folder = Folder::asl(&[(100, Some(1)), (110, Some(2))], "");
     let mut replay = folder.replay(None, false);
     replay.begin_at(HostTime(-7));
@@ -345,7 +341,7 @@ fn begins_where_it_is_told() {
 }
 
 #[test]
-fn odd_sizes_are_made_even_by_repeating() {
+fn odd_sizes_are_padded_by_repetition() {
     let folder = Folder::new();
     folder.png("left.png", png::ColorType::Grayscale, 3, &[1, 2, 3]);
     folder.png("right.png", png::ColorType::Grayscale, 3, &[4, 5, 6]);
@@ -355,20 +351,20 @@ fn odd_sizes_are_made_even_by_repeating() {
     let samples = take(&mut replay, 1);
     let row = [1, 2, 3, 3, 4, 5, 6, 6];
     let expected: Vec<u8> = [&row[..], &row, &[128; 8]].concat();
-    assert_eq!(frames(&samples)[0].picture.data, expected);
+    assert_eq!(frames(&samples)[0].image.data, expected);
 
-    // Colour: the repeated column is a pixel, not a byte.
+    // Color: the repeated column is a pixel, not a byte.
     let folder = Folder::new();
     let pixels = [255, 255, 255, 0, 0, 0, 255, 255, 255];
     folder.png("left.png", png::ColorType::Rgb, 1, &pixels);
     folder.png("right.png", png::ColorType::Rgb, 1, &pixels);
     let samples = take(&mut folder.replay(Some(1.0), false), 1);
-    let luma = frames(&samples)[0].picture.luma().unwrap().to_vec();
+    let luma = frames(&samples)[0].image.luma().unwrap().to_vec();
     assert_eq!(luma, [[255; 4], [0; 4], [255; 4], [255; 4]].concat());
 }
 
 #[test]
-fn colour_if_any_picture_is() {
+fn color_if_any_image_has_color() {
     let folder = Folder::new();
     folder.flat("left/0.png", 7);
     folder.flat("right/0.png", 7);
@@ -378,10 +374,7 @@ fn colour_if_any_picture_is() {
     let mut replay = folder.replay(Some(30.0), false);
     assert!(replay.info().camera.colour && !replay.info().camera.still);
     let samples = take(&mut replay, 10);
-    let data: Vec<&[u8]> = frames(&samples)
-        .iter()
-        .map(|f| &f.picture.data[..])
-        .collect();
+    let data: Vec<&[u8]> = frames(&samples).iter().map(|f| &f.image.data[..]).collect();
     let grey: Vec<u8> = [&[7; 16][..], &[128; 8]].concat();
     assert_eq!(data[0], grey);
     // JFIF: red is 76, 85, 255.
@@ -391,7 +384,7 @@ fn colour_if_any_picture_is() {
 }
 
 #[test]
-fn what_cannot_be_replayed_is_refused_at_the_door() {
+fn unusable_data_set_is_rejected_when_opened() {
     let check = |folder: &Folder, rate_hz: Option<f64>, expected: &str, file: &str| {
         let error = Replay::open("cam", folder.path(), rate_hz, false, true, START)
             .err()
@@ -417,7 +410,7 @@ fn what_cannot_be_replayed_is_refused_at_the_door() {
         "found 2x4, expected 4x2 like the first one",
         "right.png",
     );
-    pair.write("right.png", b"no picture");
+    pair.write("right.png", b"no image");
     check(&pair, Some(1.0), "expected a whole PNG file", "right.png");
 
     let ages = Folder::asl(&[(i64::MIN, Some(1)), (i64::MAX, Some(2))], "");
@@ -432,7 +425,7 @@ fn what_cannot_be_replayed_is_refused_at_the_door() {
 }
 
 #[test]
-fn damage_found_late_names_camera_and_file() {
+fn late_damage_names_camera_and_file() {
     let folder = Folder::new();
     folder.flat("left/0.png", 1);
     folder.flat("right/0.png", 1);
@@ -454,7 +447,7 @@ fn damage_found_late_names_camera_and_file() {
         assert!(text.ends_with(&damaged.display().to_string()), "{text}");
     }
 
-    // A file that changes after it was looked at.
+    // A file that changes after it was probed.
     let folder = Folder::new();
     folder.flat("left.png", 1);
     folder.flat("right.png", 1);
@@ -468,12 +461,12 @@ fn damage_found_late_names_camera_and_file() {
 }
 
 #[test]
-fn a_calibration_that_cannot_be_read_is_noted_and_kept() {
+fn unreadable_calibration_is_noted_and_stored() {
     let folder = Folder::new();
     folder.flat("left.png", 1);
     folder.flat("right.png", 1);
     let replay = folder.replay(Some(1.0), false);
-    assert_eq!(replay.notes(), ["no calibration lies with the data set"]);
+    assert_eq!(replay.notes(), ["the data set contains no calibration"]);
 
     folder.write("K.txt", b"no matrix");
     let replay = folder.replay(Some(1.0), false);
@@ -487,7 +480,8 @@ fn a_calibration_that_cannot_be_read_is_noted_and_kept() {
     assert_eq!(replay.info().calibration_files, [kept]);
 }
 
-/// While nobody stores frames they are counted and timed as ever, and no file is decoded: not even a damaged one.
+/// While nobody stores frames they are counted and timed as usual, and no file is decoded: not even
+/// a damaged one.
 #[test]
 fn without_pixels_numbers_and_times_are_the_same() {
     let rows: Vec<(i64, Option<u8>)> = [0, 50, 100, 250]
@@ -505,12 +499,12 @@ fn without_pixels_numbers_and_times_are_the_same() {
     let mut bytes = fs::read(&damaged).unwrap();
     bytes.truncate(bytes.len() - 20);
     fs::write(&damaged, bytes).unwrap();
-    replay.want_pixels(false);
+    replay.set_pixels_needed(false);
     let without = take(&mut replay, 14);
     let seen: Vec<(u64, i64, i64)> = without
         .iter()
         .filter_map(|sample| match sample {
-            Sample::Seen(s) => Some((s.number, s.device_ticks, s.host_time.since(START))),
+            Sample::Arrival(s) => Some((s.number, s.device_ticks, s.host_time.since(START))),
             Sample::Imu(_) => None,
             other => panic!("{other:?}"),
         })
@@ -518,7 +512,7 @@ fn without_pixels_numbers_and_times_are_the_same() {
     assert_eq!(seen, times(&frames(&with)));
     assert_eq!((seen.len(), imu(&without)), (12, imu(&with)));
 
-    replay.want_pixels(true);
+    replay.set_pixels_needed(true);
     let after = take(&mut replay, 1);
     assert!(matches!(&after[..], [Sample::Frame(_)]), "{after:?}");
 }

@@ -1,12 +1,13 @@
-//! A frame's number written into the picture, to be read back after compression.
+//! A frame's number encoded in the image, to be read back after compression.
 //!
-//! Layout: at the top left of each eye, two rows of 16 cells, black for 0 and white for 1, the upper
-//! row first and the left bit highest. The upper 28 bits are the number modulo [`COUNTER_MODULUS`], the
-//! lower 4 a check. A cell is at least 4 x 4 pixels; what the eye is wider than 16 cells is left alone.
+//! Layout: at the top left of each eye's image, two rows of 16 cells, black for 0 and white for 1,
+//! the upper row first and the left bit highest. The upper 28 bits are the number modulo
+//! [`COUNTER_MODULUS`], the lower 4 a check. A cell is at least 4 x 4 pixels; columns beyond 16
+//! cells are not changed.
 
 use video::Picture;
 
-/// Numbers in the picture start again after this many frames: 51 days at 60 Hz.
+/// Modulus of the numbers in the image: 51 days at 60 Hz.
 pub const COUNTER_MODULUS: u64 = 1 << 28;
 
 const COLUMNS: usize = 16;
@@ -14,18 +15,18 @@ const ROWS: usize = 2;
 const BLACK: u8 = 16;
 const WHITE: u8 = 235;
 
-/// The number in the left half of a stereo frame. None where there is no bar, or it cannot be read
-/// without doubt.
-pub fn read_counter(picture: &Picture) -> Option<u64> {
-    read(picture, picture.width / 2)
+/// The number in the left half of a stereo frame. `None` if there is no bar, or it cannot be read
+/// unambiguously.
+pub fn read_counter(image: &Picture) -> Option<u64> {
+    read(image, image.width / 2)
 }
 
-/// The number in the picture of one eye.
-pub fn read_eye_counter(picture: &Picture) -> Option<u64> {
-    read(picture, picture.width)
+/// The number in the image of one eye.
+pub fn read_eye_counter(image: &Picture) -> Option<u64> {
+    read(image, image.width)
 }
 
-/// Width and height of a cell; none where an eye is too small for the bar.
+/// Width and height of a cell; `None` if an eye is too small for the bar.
 pub(super) fn cell(eye_width: u32, height: u32) -> Option<(usize, usize)> {
     if eye_width < 64 || height < 32 {
         return None;
@@ -62,15 +63,15 @@ pub(super) fn draw(data: &mut [u8], width: u32, height: u32, number: u64) {
     }
 }
 
-fn read(picture: &Picture, eye_width: u32) -> Option<u64> {
-    let (cell_width, cell_height) = cell(eye_width, picture.height)?;
-    let luma = picture.luma().ok()?;
+fn read(image: &Picture, eye_width: u32) -> Option<u64> {
+    let (cell_width, cell_height) = cell(eye_width, image.height)?;
+    let luma = image.luma().ok()?;
     let mut word = 0;
     for index in 0..ROWS * COLUMNS {
         let (left, top) = (index % COLUMNS * cell_width, index / COLUMNS * cell_height);
-        // The outermost pixels take colour from the neighbours when compressed.
+        // The outermost pixels take color from their neighbors when compressed.
         let rows = (top + 1..top + cell_height - 1)
-            .map(|y| &luma[y * picture.width as usize + left + 1..][..cell_width - 2]);
+            .map(|y| &luma[y * image.width as usize + left + 1..][..cell_width - 2]);
         let sum: usize = rows.flatten().map(|&value| usize::from(value)).sum();
         let bit = match sum / ((cell_width - 2) * (cell_height - 2)) {
             0..=95 => 0,
@@ -83,7 +84,7 @@ fn read(picture: &Picture, eye_width: u32) -> Option<u64> {
     (encode(number) == word).then_some(number)
 }
 
-/// Number and check: the sum by bits of the number's seven half bytes, inverted in part so that an
+/// Number and check: the bitwise sum of the number's seven half bytes, inverted in part so that an
 /// all black and an all white bar are no numbers.
 fn encode(number: u64) -> u32 {
     let number = (number % COUNTER_MODULUS) as u32;
@@ -97,7 +98,7 @@ mod tests {
 
     use super::*;
 
-    fn picture(width: u32, height: u32, fill: u8) -> Vec<u8> {
+    fn image(width: u32, height: u32, fill: u8) -> Vec<u8> {
         vec![fill; PixelFormat::I420.bytes(width, height).unwrap()]
     }
 
@@ -118,7 +119,7 @@ mod tests {
                 123_456_789,
                 COUNTER_MODULUS - 1,
             ] {
-                let mut data = picture(width, height, 90);
+                let mut data = image(width, height, 90);
                 draw(&mut data, width, height, number);
                 assert_eq!(
                     read_bytes(width, height, data),
@@ -127,23 +128,19 @@ mod tests {
                 );
             }
         }
-        let mut data = picture(640, 240, 90);
+        let mut data = image(640, 240, 90);
         draw(&mut data, 640, 240, COUNTER_MODULUS + 5);
         assert_eq!(read_bytes(640, 240, data), Some(5));
     }
 
     #[test]
-    fn no_bar_no_number() {
+    fn image_without_a_bar_has_no_number() {
         for fill in [0, 100, 128, 255] {
-            assert_eq!(
-                read_bytes(640, 240, picture(640, 240, fill)),
-                None,
-                "{fill}"
-            );
+            assert_eq!(read_bytes(640, 240, image(640, 240, fill)), None, "{fill}");
         }
-        assert_eq!(read_bytes(120, 32, picture(120, 32, 0)), None);
-        // One cell the other way round.
-        let mut data = picture(128, 32, 90);
+        assert_eq!(read_bytes(120, 32, image(120, 32, 0)), None);
+        // One inverted cell.
+        let mut data = image(128, 32, 90);
         draw(&mut data, 128, 32, 77);
         for y in 0..4 {
             for value in &mut data[y * 128 + 20..][..4] {

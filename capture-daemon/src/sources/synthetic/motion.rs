@@ -1,7 +1,7 @@
-//! How the made-up camera moves, and what its IMU measures of that.
+//! Motion of the synthetic camera, and the IMU's measurements of it.
 //!
-//! Contract: smooth and periodic for ever, without loss of precision however long it runs: phases are
-//! taken from integer times. Angles are small; picture and gyro agree to first order.
+//! Contract: smooth and periodic for ever, without loss of precision at any time: phases are
+//! computed from integer times. Angles are small; image and gyro agree to first order.
 
 use std::f64::consts::TAU;
 
@@ -12,7 +12,7 @@ use super::streams;
 /// Standard gravity, m/s².
 const GRAVITY_M_S2: f64 = 9.806_65;
 
-/// Turning right and left (yaw), up and down (pitch), and bobbing.
+/// Rotation right and left (yaw), up and down (pitch), and bobbing.
 pub(super) struct Motion {
     yaw: Wave,
     pitch: Wave,
@@ -21,7 +21,8 @@ pub(super) struct Motion {
 }
 
 impl Motion {
-    /// For pictures `eye_width` wide; the focal length is as long, a view of 53°.
+    /// For images `eye_width` wide; the focal length is the same number of pixels, a field of view
+    /// of 53°.
     pub(super) fn new(seed: u64, eye_width: u32) -> Self {
         let wave = |amplitude, period_ms: i64, index| Wave {
             amplitude,
@@ -37,9 +38,9 @@ impl Motion {
         }
     }
 
-    /// What pixel (0, 0) sees, in pixels of the wall right of and below where it would be at rest.
+    /// Position of pixel (0, 0) on the wall, in pixels right of and below its position at rest.
     pub(super) fn shift_px(&self, t_ns: i64) -> (i64, i64) {
-        // Turning right shows what is further right; turning up, what is higher.
+        // A rotation to the right shows the wall further right; a rotation upwards, further up.
         let right = self.focal_px * self.yaw.value(t_ns);
         let down = -self.focal_px * self.pitch.value(t_ns);
         (right.round() as i64, down.round() as i64)
@@ -48,10 +49,10 @@ impl Motion {
     /// Angular rate in rad/s and specific force in m/s², in the optical frame (x right, y down, z
     /// forward).
     pub(super) fn measured(&self, t_ns: i64) -> ([f64; 3], [f64; 3]) {
-        // Positive about x (right) turns the view up, positive about y (down) turns it right.
+        // A positive rate about x (right) rotates the view up, about y (down) to the right.
         let gyro = [self.pitch.rate(t_ns), self.yaw.rate(t_ns), 0.0];
         let pitch = self.pitch.value(t_ns) / TAU;
-        let up = [0.0, -sin_turns(pitch + 0.25), sin_turns(pitch)];
+        let up = [0.0, -sin_cycles(pitch + 0.25), sin_cycles(pitch)];
         let force = GRAVITY_M_S2 + self.bob.acceleration(t_ns);
         (gyro, up.map(|x| x * force))
     }
@@ -60,12 +61,12 @@ impl Motion {
 struct Wave {
     amplitude: f64,
     period_ns: i64,
-    /// In turns.
+    /// In cycles.
     phase: f64,
 }
 
 impl Wave {
-    fn turns(&self, t_ns: i64) -> f64 {
+    fn cycles(&self, t_ns: i64) -> f64 {
         t_ns.rem_euclid(self.period_ns) as f64 / self.period_ns as f64 + self.phase
     }
 
@@ -75,11 +76,11 @@ impl Wave {
     }
 
     fn value(&self, t_ns: i64) -> f64 {
-        self.amplitude * sin_turns(self.turns(t_ns))
+        self.amplitude * sin_cycles(self.cycles(t_ns))
     }
 
     fn rate(&self, t_ns: i64) -> f64 {
-        self.amplitude * self.omega() * sin_turns(self.turns(t_ns) + 0.25)
+        self.amplitude * self.omega() * sin_cycles(self.cycles(t_ns) + 0.25)
     }
 
     fn acceleration(&self, t_ns: i64) -> f64 {
@@ -87,14 +88,14 @@ impl Wave {
     }
 }
 
-/// Sine of an angle in turns, to 1e-9, the same on every machine (the library's is not): Taylor's
-/// series after folding into a quarter turn.
-fn sin_turns(turns: f64) -> f64 {
-    let turns = turns - turns.round();
-    let quarter = if turns.abs() > 0.25 {
-        0.5_f64.copysign(turns) - turns
+/// Sine of an angle in cycles, to 1e-9, the same on every machine (the library's is not): Taylor's
+/// series after folding into a quarter cycle.
+fn sin_cycles(cycles: f64) -> f64 {
+    let cycles = cycles - cycles.round();
+    let quarter = if cycles.abs() > 0.25 {
+        0.5_f64.copysign(cycles) - cycles
     } else {
-        turns
+        cycles
     };
     let x = TAU * quarter;
     let square = x * x;
@@ -111,17 +112,17 @@ mod tests {
     #[test]
     fn sine_agrees_with_the_library() {
         for i in -3000..3000 {
-            let turns = f64::from(i) / 1000.0;
-            let (found, expected) = (sin_turns(turns), (TAU * turns).sin());
+            let cycles = f64::from(i) / 1000.0;
+            let (found, expected) = (sin_cycles(cycles), (TAU * cycles).sin());
             assert!(
                 (found - expected).abs() < 1e-8,
-                "{turns}: {found} {expected}"
+                "{cycles}: {found} {expected}"
             );
         }
     }
 
     #[test]
-    fn gyro_is_the_rate_of_the_picture() {
+    fn gyro_is_the_rate_of_the_image_motion() {
         let motion = Motion::new(5, 100_000);
         let (t, dt) = (3_600_000_000_000 + 1_234_567_890, 1_000_000);
         let (before, after) = (motion.shift_px(t - dt), motion.shift_px(t + dt));

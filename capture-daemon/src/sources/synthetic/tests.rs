@@ -35,7 +35,7 @@ fn take(source: &mut Synthetic, count: usize) -> (Vec<RawFrame>, Vec<RawImu>) {
     (frames, imu)
 }
 
-/// Of every picture, number, time and measurement.
+/// Checksum of every image, number, time and measurement.
 fn checksum(source: &mut Synthetic, count: usize) -> u32 {
     let (frames, imu) = take(source, count);
     let mut crc = crc32fast::Hasher::new();
@@ -52,7 +52,7 @@ fn checksum(source: &mut Synthetic, count: usize) -> u32 {
         add(accel.map(i64::from));
     }
     for f in &frames {
-        crc.update(&f.picture.data);
+        crc.update(&f.image.data);
     }
     crc.finalize()
 }
@@ -62,30 +62,30 @@ fn numbers(frames: &[RawFrame]) -> Vec<u64> {
 }
 
 #[test]
-fn the_seed_decides_every_byte() {
+fn seed_determines_every_byte() {
     let new = |seed| Synthetic::new("cam", 320, 64, 30.0, 400.0, seed, START).unwrap();
     let one = checksum(&mut new(1), 300);
     assert_eq!(one, checksum(&mut new(1), 300));
     assert_ne!(one, checksum(&mut new(2), 300));
-    // The same on every machine, and with every version: recordings of it can be compared.
+    // The same on every machine, and with every version: recordings of it are comparable.
     assert_eq!(
         one, 3_792_005_239,
-        "changing the made-up camera changes everything that was made with it"
+        "changing the synthetic camera changes every recording made with it"
     );
 }
 
-/// While nobody stores frames nothing is drawn, and what is drawn afterwards is what it would have been.
+/// While nobody stores frames nothing is rendered, and later images are unaffected.
 #[test]
 fn without_pixels_numbers_and_times_are_the_same() {
     let (frames, imu) = take(&mut camera(FaultPlan::default()), 200);
     let mut source = camera(FaultPlan::default());
     let (mut numbers, mut of_imu) = (Vec::new(), Vec::new());
     for i in 0..200 {
-        source.want_pixels(i >= 100);
+        source.set_pixels_needed(i >= 100);
         match source.next_sample().unwrap().unwrap() {
-            Sample::Seen(s) if i < 100 => numbers.push((s.number, s.device_ticks, s.host_time)),
+            Sample::Arrival(s) if i < 100 => numbers.push((s.number, s.device_ticks, s.host_time)),
             Sample::Frame(f) if i >= 100 => {
-                assert_eq!(f.picture, frames[numbers.len()].picture);
+                assert_eq!(f.image, frames[numbers.len()].image);
                 numbers.push((f.number, f.device_ticks, f.host_time));
             }
             Sample::Imu(sample) => of_imu.push(sample),
@@ -121,21 +121,17 @@ fn every_frame_shows_its_number() {
     for (width, height) in [(128, 32), (640, 240), (2560, 720)] {
         let mut source = Synthetic::new("cam", width, height, 60.0, 0.0, 9, START).unwrap();
         for frame in take(&mut source, 20).0 {
-            let picture = &frame.picture;
-            assert_eq!((picture.width, picture.height), (width, height));
-            assert_eq!(
-                read_counter(picture),
-                Some(frame.number),
-                "{width}x{height}"
-            );
-            let (left, right) = video::picture::split(picture).unwrap();
+            let image = &frame.image;
+            assert_eq!((image.width, image.height), (width, height));
+            assert_eq!(read_counter(image), Some(frame.number), "{width}x{height}");
+            let (left, right) = video::picture::split(image).unwrap();
             assert_eq!(read_eye_counter(&left), Some(frame.number));
             assert_eq!(read_eye_counter(&right), Some(frame.number));
         }
     }
 }
 
-/// At a quality that nobody would record with, and in the smallest picture that has a bar.
+/// At a quality too low for recordings, and in the smallest image with a bar.
 #[test]
 fn the_number_survives_compression() {
     for (width, height) in [(128, 32), (640, 240)] {
@@ -167,16 +163,16 @@ fn the_number_survives_compression() {
         let mut source = Synthetic::new("cam", width, height, 30.0, 0.0, 4, START).unwrap();
         for frame in take(&mut source, 30).0 {
             encoder
-                .push(frame.number as i64, &frame.picture, frame.number == 0)
+                .push(frame.number as i64, &frame.image, frame.number == 0)
                 .unwrap();
         }
         encoder.finish(Duration::from_secs(20)).unwrap();
         let units = units.lock().unwrap();
-        let pictures = Decoder::new(codec).decode(&units).unwrap();
-        assert_eq!(pictures.len(), 30);
-        for (number, picture) in pictures {
+        let images = Decoder::new(codec).decode(&units).unwrap();
+        assert_eq!(images.len(), 30);
+        for (number, image) in images {
             assert_eq!(
-                read_counter(&picture),
+                read_counter(&image),
                 Some(number as u64),
                 "{width}x{height}"
             );
@@ -185,9 +181,9 @@ fn the_number_survives_compression() {
 }
 
 #[test]
-fn pictures_move_smoothly() {
+fn images_move_smoothly() {
     let (frames, _) = take(&mut camera(FaultPlan::default()), 900);
-    let luma = |i: usize| &frames[i].picture.luma().unwrap()[640 * 120..];
+    let luma = |i: usize| &frames[i].image.luma().unwrap()[640 * 120..];
     let change = |a: &[u8], b: &[u8]| {
         let sum: u64 = a
             .iter()
@@ -240,7 +236,7 @@ fn clocks_drift_and_arrivals_are_late() {
 }
 
 #[test]
-fn imu_feels_gravity() {
+fn imu_measures_gravity() {
     let (_, imu) = take(&mut camera(FaultPlan::default()), 4_300);
     let mut force = [0.0; 3];
     for sample in &imu {
@@ -259,7 +255,7 @@ fn imu_feels_gravity() {
 }
 
 #[test]
-fn lost_frames_move_nothing_else() {
+fn dropped_frames_leave_the_others_unchanged() {
     let plan = |faults: FaultPlan| {
         let faults = FaultPlan {
             end_after_frames: Some(30),
@@ -278,7 +274,7 @@ fn lost_frames_move_nothing_else() {
     assert_eq!(imu, whole_imu);
     for frame in &frames {
         let same = &whole[frame.number as usize];
-        assert_eq!(frame.picture, same.picture);
+        assert_eq!(frame.image, same.image);
         assert_eq!(
             (frame.device_ticks, frame.host_time),
             (same.device_ticks, same.host_time)
@@ -304,7 +300,7 @@ fn lost_frames_move_nothing_else() {
 }
 
 #[test]
-fn silence_without_end() {
+fn endless_silence_is_supported() {
     let mut source = camera(FaultPlan {
         camera_silence: Some(100_000_000..i64::MAX),
         ..FaultPlan::default()
@@ -314,7 +310,7 @@ fn silence_without_end() {
 }
 
 #[test]
-fn frozen_pictures_are_equal_bit_by_bit() {
+fn frozen_images_are_bit_identical() {
     let (frames, _) = take(
         &mut camera(FaultPlan {
             frozen: Some(5..9),
@@ -326,19 +322,19 @@ fn frozen_pictures_are_equal_bit_by_bit() {
     assert_eq!(numbers(&frames), (0..12).collect::<Vec<_>>());
     let shown: Vec<u64> = frames
         .iter()
-        .map(|frame| read_counter(&frame.picture).unwrap())
+        .map(|frame| read_counter(&frame.image).unwrap())
         .collect();
     assert_eq!(shown, [0, 1, 2, 3, 4, 4, 4, 4, 4, 9, 10, 11]);
     assert!(
         frames[5..9]
             .iter()
-            .all(|frame| frame.picture == frames[4].picture)
+            .all(|frame| frame.image == frames[4].image)
     );
     assert!(frames.is_sorted_by(|a, b| a.device_ticks < b.device_ticks));
 }
 
 #[test]
-fn impossible_arguments_are_refused() {
+fn impossible_arguments_are_rejected() {
     let new = |width, height, rate_hz, imu_rate_hz| {
         Synthetic::new("cam", width, height, rate_hz, imu_rate_hz, 1, START).map(|_| ())
     };

@@ -1,16 +1,16 @@
-//! The wall that the made-up camera looks at.
+//! Texture of the wall in front of the synthetic camera.
 //!
-//! Contract: a tile of 1/f noise that joins at its edges, made once from integers alone; drawing only
-//! copies rows of it. Values stay away from black and white.
+//! Contract: a tile of 1/f noise that is continuous across its edges, generated once from integers
+//! only; rendering only copies rows of it. Values avoid black and white.
 
 use rig_sim::random;
 
 use super::streams;
 
-/// Rows and columns of the luma tile. Chroma has half as many.
+/// Rows and columns of the luma tile. Chroma has half of that.
 const TILE: usize = 512;
-/// Cell sizes of the noise in luma pixels and their share of the contrast: near 1/f, with enough in
-/// the finest for block matching.
+/// Cell sizes of the noise in luma pixels and their fraction of the contrast: near 1/f, with enough
+/// in the finest for block matching.
 const LUMA: [(usize, u32); 8] = [
     (128, 40),
     (64, 32),
@@ -53,12 +53,12 @@ impl Wall {
         }
     }
 
-    /// Pixels that the right eye sees the wall further right: an even number.
+    /// Disparity of the wall in the right image, pixels: an even number.
     pub(super) fn disparity_px(&self) -> usize {
         (self.width / 80).max(2) & !1
     }
 
-    /// I420 bytes of the stereo frame whose left eye has pixel (x, y) of the tile in its corner.
+    /// I420 bytes of the stereo frame whose left image has pixel (x, y) of the tile in its corner.
     pub(super) fn draw(&self, x: i64, y: i64) -> Vec<u8> {
         let mut data = Vec::with_capacity(self.width * self.height * 3 / 2);
         let planes = [(&self.luma, 1), (&self.cb, 2), (&self.cr, 2)];
@@ -91,8 +91,8 @@ fn extend_wrapped(data: &mut Vec<u8>, row: &[u8], start: usize, count: usize) {
     }
 }
 
-/// A `size` x `size` tile of value noise: random values at the corners of cells, smoothly interpolated,
-/// summed over cell sizes and spread over `low..=high`.
+/// A `size` x `size` tile of value noise: random values at the corners of cells, smoothly
+/// interpolated, summed over cell sizes and spread over `low..=high`.
 fn noise(
     seed: u64,
     stream: u64,
@@ -143,7 +143,7 @@ mod tests {
             (tile.iter().min(), tile.iter().max()),
             (Some(&32), Some(&224))
         );
-        // Neighbours across the edge differ no more than neighbours within.
+        // Neighbors across the edge differ no more than neighbors within.
         let step = |a: u8, b: u8| a.abs_diff(b);
         let within = (0..128 * 127).map(|i| step(tile[i], tile[i + 128])).max();
         let across = (0..128).map(|i| step(tile[i], tile[127 * 128 + i])).max();
@@ -151,7 +151,7 @@ mod tests {
     }
 
     #[test]
-    fn right_eye_sees_the_left_one_shifted() {
+    fn right_image_is_the_left_one_with_constant_disparity() {
         let wall = Wall::new(3, 640, 240);
         let d = wall.disparity_px();
         assert_eq!(d, 8);

@@ -1,5 +1,5 @@
-//! One run of a device clock without a step: its samples, the line that holds now, and the
-//! vertices of the lines that held before.
+//! One run of a device clock without a step: its samples, the present line, and the vertices of
+//! earlier lines.
 
 use std::collections::VecDeque;
 
@@ -9,14 +9,14 @@ use super::fit::{Fit, Line, MIN_BLOCKS, Scratch, Terms, fit};
 use super::hull::{Block, Point};
 use super::map::{Model, Segment};
 
-/// Blocks kept, which bounds memory (40 KiB) and the longest window that one line can span.
+/// Maximum number of blocks, which bounds memory (40 KiB) and the longest window of one line.
 const MAX_BLOCKS: usize = 256;
-/// A block closes with at least this many samples …
+/// Minimum number of samples in a closed block …
 const BLOCK_SAMPLES: u32 = 8;
-/// … and at least this long after its first one, so that fast streams are not fitted more often
+/// … and minimum duration of a closed block, ns, so that fast streams are not fitted more often
 /// than slow ones.
 const BLOCK_NS: f64 = 0.25 * NS_PER_S as f64;
-/// Vertices of the past kept.
+/// Maximum number of past vertices.
 const MAX_VERTICES: usize = 512;
 
 /// One pair of device time and arrival, ns.
@@ -26,7 +26,7 @@ pub(super) struct Sample {
     pub arrival: i64,
 }
 
-/// A point of the polyline that the map is, with its sigma.
+/// A vertex of the map's polyline, with its sigma.
 #[derive(Clone, Copy, Debug)]
 struct Vertex {
     x: f64,
@@ -47,7 +47,7 @@ pub(super) struct Epoch {
 }
 
 impl Epoch {
-    /// Starts with one sample; its offset is as uncertain as the expected jitter.
+    /// Starts with one sample; the sigma of its offset is the expected jitter.
     pub(super) fn starting(origin: Sample, terms: Terms) -> Self {
         let mut epoch = Self {
             origin,
@@ -94,9 +94,9 @@ impl Epoch {
         true
     }
 
-    /// Fits the line to the samples there are. At most some 1000 points are looked at.
-    pub(super) fn refit(&mut self, least_sigma: f64) {
-        self.terms.least_sigma = least_sigma;
+    /// Fits the line to the present samples. At most some 1000 points are used.
+    pub(super) fn refit(&mut self, min_sigma: f64) {
+        self.terms.min_sigma = min_sigma;
         let old = self.fit.line;
         self.fit = fit(&self.blocks, &self.terms, &mut self.scratch);
         if self.samples > 1 {
@@ -104,7 +104,7 @@ impl Epoch {
         }
     }
 
-    /// Where the line no longer reaches, the lines before it are kept as vertices.
+    /// Keeps earlier lines as vertices, where the new line does not reach.
     fn keep_past(&mut self, old: &Line) {
         let new = &self.fit.line;
         if new.from_x <= 0.0 {
@@ -115,8 +115,8 @@ impl Epoch {
         if self.past.is_empty() {
             self.past.push(vertex(old, 0.0));
         }
-        // Vertices stay behind the middle of the window, where a line is best known, and give way
-        // where the new line knows better: after a small step, say.
+        // Vertices stay behind the middle of the window, where a line is best determined, and are
+        // replaced where the new line is better: after a small step, for example.
         let refuted = |v: &Vertex| {
             let sigma = new.sigma(v.x, 0.0);
             let apart = (v.lag - new.lag(v.x)).abs();
@@ -144,7 +144,7 @@ impl Epoch {
         }
     }
 
-    /// Lag and its sigma at any device time, as far as is known by now.
+    /// Lag and its sigma at any device time, by present knowledge.
     pub(super) fn best(&self, x: f64) -> (f64, f64) {
         let line = &self.fit.line;
         let next = self.past.partition_point(|v| v.x <= x);
@@ -164,8 +164,8 @@ impl Epoch {
         (before.lag + along * (after.lag - before.lag), sigma)
     }
 
-    /// When samples last came within `height` of a line, up to device time `x`: the last arrival
-    /// that confirms it.
+    /// Last arrival that confirms a line: the last time samples were within `height` of it, up to
+    /// device time `x`.
     pub(super) fn last_touch(&self, line: &Line, x: f64, height: f64) -> HostTime {
         let at_zero = line.lag(0.0);
         let touch = |b: &&Block| b.first_x() < x && b.lowest_above(at_zero, line.rate) < height;
@@ -178,7 +178,7 @@ impl Epoch {
         )
     }
 
-    /// The line that holds now.
+    /// The present line.
     pub(super) fn line(&self) -> &Line {
         &self.fit.line
     }
@@ -188,7 +188,7 @@ impl Epoch {
         self.blocks.back().map_or(0.0, Block::last_x)
     }
 
-    /// Enough samples that the line's sigma is measured and no longer assumed.
+    /// Whether there are enough samples that the line's sigma is measured and no longer assumed.
     pub(super) fn settled(&self) -> bool {
         self.blocks.len() > MIN_BLOCKS
     }
@@ -203,7 +203,7 @@ impl Epoch {
         self.newest_x() / self.samples.saturating_sub(1).max(1) as f64
     }
 
-    /// What later epochs of this clock may expect.
+    /// Terms for later epochs of this clock.
     pub(super) fn terms_for_next(&self) -> Terms {
         let mut terms = self.terms;
         if self.settled() {
@@ -228,7 +228,7 @@ impl Epoch {
             .saturating_sub(lag.round() as i64)
     }
 
-    /// What the samples support.
+    /// Model that the samples support.
     pub(super) fn model(&self) -> Model {
         match (self.past.is_empty(), self.fit.constant) {
             (false, _) => Model::Piecewise,
@@ -299,10 +299,10 @@ pub(super) fn ticks_at(tick: TickLength, device_ns: i64) -> i64 {
     ticks.clamp(i128::from(i64::MIN), i128::from(i64::MAX)) as i64
 }
 
-/// Leaves out every vertex that a straight line between its neighbours replaces within its sigma.
+/// Removes every vertex that a straight line between its neighbors replaces within its sigma.
 ///
-/// From a kept vertex the next one is the farthest that all vertices between let through: each
-/// narrows the cone of slopes to its own sigma. One pass.
+/// From a kept vertex the next one is the farthest that all vertices between permit: each narrows
+/// the cone of slopes to its own sigma. One pass.
 fn simplify(vertices: &[Vertex]) -> Vec<Vertex> {
     let mut kept = Vec::with_capacity(vertices.len());
     let mut next = 0;

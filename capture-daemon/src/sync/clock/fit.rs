@@ -1,56 +1,56 @@
-//! A line under the points: what the samples say about a clock, and how surely.
+//! Fit of a line below the points: clock offset and rate with their uncertainty.
 //!
 //! An arrival is late, never early. Near the line of the fastest possible arrivals the samples
-//! therefore look like a Poisson process above a sharp edge, with some density per ns of height;
-//! how the latencies are distributed further up does not matter. Under that model, with a flat
-//! prior on the offset and on the rate within its limits, the posterior of the line is known in
-//! closed form: the probability of a rate falls exponentially with how far the best line of that
-//! rate must lie below the best line of all (measured above the samples' mean time), and only
-//! points on the lower convex hull enter. One pass over the hull gives mean, variance and evidence.
+//! therefore resemble a Poisson process above a sharp edge, with some density per ns of height; the
+//! distribution of the latencies further up does not matter. Under that model, with a flat prior on
+//! the offset and on the rate within its limits, the posterior of the line has a closed form: the
+//! probability of a rate falls exponentially with the distance of the best line of that rate below
+//! the best line of all (measured above the samples' mean time), and only points on the lower
+//! convex hull enter. One pass over the hull gives mean, variance and evidence.
 //!
 //! * The estimate is the posterior mean: the maximum (the hull's edge above the mean time, the
-//!   linear programme of Moon, Skelly and Towsley, INFOCOM 1999) always lies too high, the mean
-//!   does not.
+//!   linear program of Moon, Skelly and Towsley, INFOCOM 1999) is always too high, the mean is not.
 //! * *Constant or affine* is decided by the ratio of their marginal likelihoods.
-//! * *How far back one line holds* is decided by Lepski's rule: of the windows that end now, each
+//! * *The length of a line's window* is decided by Lepski's rule: of the windows that end now, each
 //!   twice as long as the last, take the longest one that agrees with every shorter one.
 //! * The density is measured from the lowest samples of the window's blocks, at three depths, and
-//!   the most cautious of the three counts, as does the gap that must be expected below the lowest
-//!   sample: latencies that come near their minimum only rarely get a wide sigma.
+//!   the most conservative of the three is used, as is the gap that must be expected below the
+//!   lowest sample: latencies that are rarely near their minimum get a wide sigma.
 
 use std::collections::VecDeque;
 
 use super::hull::{Block, Point, extend};
 
-/// Sigma reported, in posterior standard deviations. The errors of an envelope are exponential,
-/// not normal, and their scale is itself estimated from few samples; with this factor an error
-/// of 5 sigma is as rare (below one in 10^5 fits) as a normal distribution would make one expect
-/// of a large deviation, at the price of a sigma that is wider than the usual error.
-const CAUTION: f64 = 2.8;
+/// Covariance inflation: factor from posterior standard deviations to reported sigmas. The errors
+/// of an envelope are exponential, not normal, and their scale is itself estimated from few
+/// samples; with this factor an error of 5 sigma is as rare (below one in 10^5 fits) as a normal
+/// distribution would make one expect of a large deviation, at the price of a sigma that is wider
+/// than the usual error.
+const SIGMA_INFLATION: f64 = 2.8;
 
-/// The scale at the edge is taken larger by the ratio of this to the number of blocks.
-const FEW_BLOCKS: f64 = 16.0;
+/// The scale at the edge is increased by the ratio of this to the number of blocks.
+const SMALL_SAMPLE_BLOCKS: f64 = 16.0;
 
-/// Shortest window, in closed blocks; with fewer there is nothing to choose.
+/// Minimum length of a window, in closed blocks; with fewer there is no choice.
 pub(super) const MIN_BLOCKS: usize = 8;
 
-/// A longer window agrees with a shorter one if it stays within this many of its sigmas.
-const AGREEMENT: f64 = 2.0;
+/// Maximum distance of a longer window from a shorter one, in sigmas of the latter, for the two to
+/// agree.
+const AGREEMENT_SIGMAS: f64 = 2.0;
 
-/// A rate must be this much better supported than none (natural logarithm), or noise decides
-/// while there is nothing to see.
-const EVIDENCE: f64 = 1.0;
+/// Minimum log evidence for a rate against none (natural logarithm); with less, noise would decide.
+const MIN_LOG_EVIDENCE: f64 = 1.0;
 
-/// What is known of a clock's rate before any sample, or from before a step.
+/// Prior of a clock's rate: without samples, or from before a step.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct RatePrior {
-    /// The rate that holds unless the samples say otherwise. Host ns per device ns, minus 1.
+    /// Expected rate. Host ns per device ns, minus 1.
     pub expected: f64,
-    /// The rate lies within ± this.
+    /// Maximum deviation of the rate from zero.
     pub limit: f64,
 }
 
-/// `lag(x) = lag_ref + rate * (x - x_ref)`, resting on samples from `from_x` to `to_x`.
+/// `lag(x) = lag_ref + rate * (x - x_ref)`, fitted to samples from `from_x` to `to_x`.
 #[derive(Clone, Copy, Debug, Default)]
 pub(super) struct Line {
     pub x_ref: f64,
@@ -58,7 +58,7 @@ pub(super) struct Line {
     pub rate: f64,
     /// Sigma of `lag_ref`, ns.
     pub sigma_ref: f64,
-    /// Sigma of `rate`, independent of the former.
+    /// Sigma of `rate`, independent of `sigma_ref`.
     pub sigma_rate: f64,
     pub from_x: f64,
     pub to_x: f64,
@@ -85,19 +85,19 @@ pub(super) struct Fit {
     pub constant: bool,
 }
 
-/// What a fit needs to know besides the samples.
+/// Parameters of a fit.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Terms {
     pub prior: RatePrior,
-    /// Latency jitter to expect while there are too few samples to measure it, ns.
+    /// Latency jitter to assume while there are too few samples to measure it, ns.
     pub jitter: f64,
     /// Rounding of ticks and arrivals, ns.
     pub floor: f64,
-    /// No time is claimed to be known better than this, ns.
-    pub least_sigma: f64,
+    /// Lower bound of the sigma of a time, ns.
+    pub min_sigma: f64,
 }
 
-/// Fits the line that holds now. `blocks` run from old to new and are not empty.
+/// Fits the present line. `blocks` run from old to new and are not empty.
 pub(super) fn fit(blocks: &VecDeque<Block>, terms: &Terms, scratch: &mut Scratch) -> Fit {
     let Scratch { hull, minima } = scratch;
     hull.clear();
@@ -132,7 +132,7 @@ pub(super) fn fit(blocks: &VecDeque<Block>, terms: &Terms, scratch: &mut Scratch
         let agrees = |shorter: &Fit| {
             [to_x, shorter.line.from_x].into_iter().all(|x| {
                 let apart = (longer.line.lag(x) - shorter.line.lag(x)).abs();
-                apart <= AGREEMENT * shorter.line.sigma(x, 0.0)
+                apart <= AGREEMENT_SIGMAS * shorter.line.sigma(x, 0.0)
             })
         };
         if !accepted.iter().all(agrees) {
@@ -144,8 +144,8 @@ pub(super) fn fit(blocks: &VecDeque<Block>, terms: &Terms, scratch: &mut Scratch
     let Some((mut chosen, shorter)) = accepted.split_last().map(|(c, rest)| (*c, rest)) else {
         unreachable!("the shortest window agrees with itself");
     };
-    // What still separates it from half the window, or from shorter ones beyond their own doubt,
-    // is a curve or a step that it does not model.
+    // The remaining distance from half the window, or from shorter ones beyond their own
+    // uncertainty, is a curve or a step that the line does not model.
     let unmodelled = shorter.iter().rev().enumerate().map(|(i, s)| {
         let apart = (chosen.line.lag(to_x) - s.line.lag(to_x)).abs();
         if i == 0 {
@@ -156,11 +156,11 @@ pub(super) fn fit(blocks: &VecDeque<Block>, terms: &Terms, scratch: &mut Scratch
     });
     let unmodelled = unmodelled.fold(0.0, f64::max);
     let sigma = chosen.line.sigma_ref.hypot(2.0 * unmodelled);
-    chosen.line.sigma_ref = sigma.max(terms.least_sigma);
+    chosen.line.sigma_ref = sigma.max(terms.min_sigma);
     chosen
 }
 
-/// Buffers that are used again by every fit.
+/// Buffers reused by every fit.
 #[derive(Clone, Debug, Default)]
 pub(super) struct Scratch {
     hull: Vec<Point>,
@@ -189,13 +189,14 @@ impl Window<'_> {
         let at_zero = height - rate * self.x_mean;
         minima.extend(blocks.map(|b| b.lowest_above(at_zero, rate)));
         let scale = if minima.len() < MIN_BLOCKS {
-            // Too few for the edge alone: as if the latencies were exponential. The expected
-            // jitter counts as much as one sample.
+            // Too few for the edge alone: as if the latencies were exponential. The expected jitter
+            // counts as one sample.
             let heights = self.count * (self.lag_mean - height) + terms.jitter;
             heights / (self.count - 1.0).max(1.0) / self.count
         } else {
-            // The fewer blocks, the sooner a lucky few of them look like a sharp edge.
-            edge_scale(minima) * (1.0 + FEW_BLOCKS / minima.len() as f64)
+            // With fewer blocks, it is more likely that some of them look like a sharp edge by
+            // chance.
+            edge_scale(minima) * (1.0 + SMALL_SAMPLE_BLOCKS / minima.len() as f64)
         };
         let scale = scale.max(terms.floor);
         self.posterior(rate, height, scale, terms)
@@ -245,7 +246,7 @@ impl Window<'_> {
         let log_affine = (sums.mass / (2.0 * limit)).ln();
         let constant_height = self.height(expected);
         let log_constant = (constant_height - best_height) / scale;
-        let constant = log_constant + EVIDENCE >= log_affine;
+        let constant = log_constant + MIN_LOG_EVIDENCE >= log_affine;
 
         let mean_height = best_height - mean_drop - scale;
         let (rate, height) = if constant {
@@ -268,8 +269,8 @@ impl Window<'_> {
             x_ref,
             lag_ref: height + rate * shift,
             rate,
-            sigma_ref: CAUTION * (var_ref + model_ref * model_ref).sqrt() + terms.floor,
-            sigma_rate: CAUTION * (var_rate + model_rate * model_rate).sqrt(),
+            sigma_ref: SIGMA_INFLATION * (var_ref + model_ref * model_ref).sqrt() + terms.floor,
+            sigma_rate: SIGMA_INFLATION * (var_rate + model_rate * model_rate).sqrt(),
             from_x: self.from_x,
             to_x: self.to_x,
         };
@@ -294,9 +295,9 @@ fn edge_scale(minima: &mut [f64]) -> f64 {
         }
     }
     if n >= 64 {
-        // Heights grow as the depth's power 1/a; where a is more than 1 the density falls
-        // towards the edge, and below the lowest sample there is a gap of this size (the
-        // estimator of Pickands 1975, at depths that are four times each other).
+        // Heights grow as the depth's power 1/a; if a is more than 1 the density falls towards the
+        // edge, and below the lowest sample there is a gap of this size (the estimator of Pickands
+        // 1975, at depths that are four times each other).
         let (low, middle, high) = (kth(n / 64), kth(n / 16), kth(n / 4));
         let growth = (high - middle) / (middle - low).max(f64::MIN_POSITIVE);
         let gap = (middle - low) * growth / (growth - 1.0).max(0.05) - middle;
@@ -305,7 +306,7 @@ fn edge_scale(minima: &mut [f64]) -> f64 {
     widest
 }
 
-/// Unnormalised moments of (rate, drop), rate counted from the best one.
+/// Unnormalized moments of (rate, drop), rate relative to the best one.
 #[derive(Default)]
 struct Moments {
     mass: f64,
@@ -363,7 +364,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn closed_forms_of_the_moments_meet_where_they_change() {
+    fn closed_forms_of_the_moments_agree_at_the_switch() {
         let numeric = |z: f64, j: i32| {
             let n = 20_000;
             let at = |i: usize| (i as f64 + 0.5) / f64::from(n);
@@ -383,9 +384,9 @@ mod tests {
         }
     }
 
-    /// The slow twin: the same posterior summed over a grid of rates and heights.
+    /// Reference implementation: the same posterior summed over a grid of rates and heights.
     #[test]
-    fn posterior_equals_a_sum_over_a_grid() {
+    fn posterior_equals_the_reference_sum_over_a_grid() {
         let points = [
             (0.0, 900.0),
             (1e6, 350.0),
@@ -412,7 +413,7 @@ mod tests {
             prior,
             jitter: 0.0,
             floor: 0.0,
-            least_sigma: 0.0,
+            min_sigma: 0.0,
         };
         let (rate, height) = window.highest(limit);
         let fit = window.posterior(rate, height, scale, &terms).line;
@@ -435,7 +436,7 @@ mod tests {
         }
         let (mean, sd) = (r / mass, (rr / mass - (r / mass).powi(2)).sqrt());
         assert!((fit.rate - mean).abs() < 0.01 * sd, "{} {}", fit.rate, mean);
-        assert!((fit.sigma_rate / CAUTION - sd).abs() < 0.01 * sd);
+        assert!((fit.sigma_rate / SIGMA_INFLATION - sd).abs() < 0.01 * sd);
         let (mean, sd) = (end / mass, (end2 / mass - (end / mass).powi(2)).sqrt());
         assert!(
             (fit.lag(9e6) - mean).abs() < 0.02 * sd,
@@ -443,6 +444,6 @@ mod tests {
             fit.lag(9e6),
             mean
         );
-        assert!((fit.sigma(9e6, 0.0) / CAUTION - sd).abs() < 0.02 * sd);
+        assert!((fit.sigma(9e6, 0.0) / SIGMA_INFLATION - sd).abs() < 0.02 * sd);
     }
 }

@@ -1,4 +1,4 @@
-//! Times of one stream that only grow.
+//! Monotonic times of one stream.
 
 use session_archive::time::HostTime;
 
@@ -6,18 +6,18 @@ use super::map::Mapped;
 
 /// Keeps the mapped times of one stream strictly increasing while its map is being refined.
 ///
-/// A refined map may place a new sample before the time that an older version gave to the
-/// previous one, by about the old sigma. The guard then puts the new sample 1 ns after the
-/// previous one, widens its sigma by the shift and flags it if the shift is more than a sigma: it
-/// never moves a time in silence, and it holds nothing back. A sample whose tick is not beyond
-/// the last one's is let through as it is: it really is older.
+/// A refined map may put a new sample before the time that an older version gave to the previous
+/// one, by about the old sigma. The guard then puts the new sample 1 ns after the previous one,
+/// increases its sigma by the correction and flags it if the correction is more than a sigma: it
+/// never moves a time silently, and it delays nothing. A sample whose tick is not beyond the last
+/// one's passes unchanged, because it really is older.
 #[derive(Clone, Debug, Default)]
 pub struct MonotoneGuard {
     last: Option<(i64, HostTime)>,
 }
 
 impl MonotoneGuard {
-    /// The mapped time of the next sample, moved if it must be.
+    /// The mapped time of the next sample, corrected if necessary.
     pub fn pass(&mut self, ticks: i64, mut mapped: Mapped) -> Mapped {
         if let Some((last_ticks, last_time)) = self.last {
             if ticks <= last_ticks {
@@ -34,7 +34,7 @@ impl MonotoneGuard {
         mapped
     }
 
-    /// The device clock stepped: ticks count anew, times still only grow.
+    /// The device clock stepped: ticks restart, times still only increase.
     pub fn step(&mut self) {
         if let Some((ticks, _)) = &mut self.last {
             *ticks = i64::MIN;

@@ -1,8 +1,8 @@
 //! Lower convex hulls of (device time, lag) points, in blocks.
 //!
-//! Only points on the lower convex hull can ever touch a line that runs below all points, so a
-//! block of samples may forget all the others: whatever line is fitted later, the lowest sample
-//! of the block above it is still known exactly.
+//! Only points on the lower convex hull can touch a line that is below all points, so a block of
+//! samples may discard all the others: for any line fitted later, the lowest sample of the block
+//! above it is still known exactly.
 
 /// One sample: device time since the epoch's first sample, and how much later than that it
 /// arrived. Both ns. Within a session both are exact in an `f64` (below 2^53 ns = 104 days).
@@ -32,16 +32,16 @@ pub(super) fn extend(hull: &mut Vec<Point>, p: Point) {
     hull.push(p);
 }
 
-/// Most hull points that a block keeps. Of n samples with random latencies about ln n are on the
-/// hull; a block that fills up closes early.
-const BLOCK_HULL: usize = 8;
+/// Maximum number of hull points in a block. Of n samples with random latencies about ln n are on
+/// the hull; a block that fills up closes early.
+const MAX_BLOCK_HULL: usize = 8;
 
-/// A run of consecutive samples, of which only the lower hull is kept.
+/// A run of consecutive samples, of which only the lower hull is stored.
 #[derive(Clone, Debug, Default)]
 pub(super) struct Block {
-    hull: [Point; BLOCK_HULL],
+    hull: [Point; MAX_BLOCK_HULL],
     len: usize,
-    /// Samples seen.
+    /// Number of samples.
     pub count: u32,
     x_sum: f64,
     lag_sum: f64,
@@ -75,7 +75,7 @@ impl Block {
 
     /// Whether another sample might not find room.
     pub(super) fn is_full(&self) -> bool {
-        self.len == BLOCK_HULL
+        self.len == MAX_BLOCK_HULL
     }
 
     /// The lower hull, from left to right.

@@ -1,12 +1,12 @@
-//! The map itself: a few pieces of straight line, plain data that maps ticks without its maker.
+//! The clock map: a few line segments, plain data that maps ticks without its mapper.
 
 use session_archive::time::{HostTime, TickLength};
 
-/// How one device clock's ticks become host time, as far as the samples up to now tell.
+/// Host time of one device clock's ticks, as estimated from the samples up to now.
 ///
-/// A map holds for one *epoch*: a stretch in which the device clock ran through without a step.
-/// A later version of the same epoch replaces an earlier one; the map of a new epoch says nothing
-/// about ticks of the old one.
+/// A map holds for one *epoch*: a time in which the device clock ran without a step. A later
+/// version of the same epoch replaces an earlier one; the map of a new epoch does not apply to
+/// ticks of the old one.
 #[derive(Clone, Debug, PartialEq)]
 pub struct ClockMap {
     /// Counts up from 1; 0 before the first sample.
@@ -15,45 +15,45 @@ pub struct ClockMap {
     pub epoch: u32,
     /// First arrival of the epoch.
     pub since: HostTime,
-    /// What the samples support.
+    /// Model that the samples support.
     pub model: Model,
     /// Length of a device tick.
     pub tick: TickLength,
-    /// Latency from the instant that a time means to its arrival, as configured; subtracted. ns.
+    /// Latency from the instant of a time to its arrival, as configured; subtracted. ns.
     pub latency_ns: i64,
     /// One sigma of `latency_ns`; part of every mapped sigma.
     pub latency_sigma_ns: u64,
     /// In the order of `ticks_from`; empty before the first sample.
     pub segments: Vec<Segment>,
-    /// Last tick that the map rests on; sigma grows beyond.
+    /// Last tick of the samples used; sigma grows beyond.
     pub ticks_to: i64,
-    /// How fast the rate may change where there are no samples, parts in 1e9 per second.
+    /// Rate change without samples, parts in 1e9 per second.
     pub wander_ppb_per_s: f64,
-    /// Samples that the map rests on.
+    /// Number of samples used.
     pub samples_used: u64,
-    /// How late the samples usually are.
+    /// Distribution of the samples' lateness.
     pub residuals: Residuals,
-    /// Spans of arrival time in which times were or are not to be trusted, of all epochs.
-    pub doubts: Vec<Doubt>,
+    /// Spans of arrival time with unreliable times, of all epochs.
+    pub unreliable_spans: Vec<UnreliableSpan>,
 }
 
 /// Number of parameters that the samples justify.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub enum Model {
-    /// An offset. The device's rate cannot be told from the one expected.
+    /// An offset. The rate does not differ significantly from the expected one.
     #[default]
     Constant,
     /// An offset and a rate.
     Affine,
-    /// The rate changed; several lines, joined.
+    /// Several joined lines, because the rate changed.
     Piecewise,
 }
 
-/// A piece of the map:
-/// `host(ticks) = host_ref + d + d * rate_ppb / 1e9 - latency` with `d` the ns from `ticks_ref`.
+/// A segment of the map: `host(ticks) = host_ref + d + d * rate_ppb / 1e9 - latency` with `d` the
+/// ns from `ticks_ref`.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Segment {
-    /// First tick that the piece holds for. The first piece also holds for ticks before it.
+    /// First tick of the segment. The first segment also holds for ticks before it.
     pub ticks_from: i64,
     /// Reference point, device side.
     pub ticks_ref: i64,
@@ -61,9 +61,9 @@ pub struct Segment {
     pub host_ref: HostTime,
     /// Host ns gained per device ns, parts in 1e9.
     pub rate_ppb: f64,
-    /// Sigma at the reference point, latency's own not included, ns.
+    /// Sigma at the reference point without the latency's, ns.
     pub sigma_ns: u64,
-    /// Sigma of `rate_ppb`, independent of the former.
+    /// Sigma of `rate_ppb`, independent of `sigma_ns`.
     pub rate_sigma_ppb: f64,
 }
 
@@ -76,13 +76,13 @@ pub struct Residuals {
     pub p99_ns: u64,
 }
 
-/// A span of arrival time whose samples have no trustworthy time: a clock that had not settled
-/// yet, or the surroundings of a step.
+/// A span of arrival time whose samples have unreliable times: a clock that had not settled yet, or
+/// the surroundings of a step.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub struct Doubt {
-    /// First arrival in doubt.
+pub struct UnreliableSpan {
+    /// First arrival.
     pub from: HostTime,
-    /// Last arrival in doubt; [`HostTime::MAX`] while it lasts.
+    /// Last arrival; [`HostTime::MAX`] while it lasts.
     pub to: HostTime,
 }
 
@@ -91,21 +91,21 @@ pub struct Doubt {
 pub struct Mapped {
     /// The instant.
     pub time: HostTime,
-    /// One sigma of the instant that the device stamped with this tick, ns: of the clock map, of the
-    /// latency, and of a tick's length.
+    /// One sigma, ns, of the instant that the device stamped with this tick: of the clock map, of
+    /// the latency, and of a tick's length.
     pub sigma_ns: u64,
-    /// Version of the map that gave it.
+    /// Version of the map used.
     pub map_version: u32,
-    /// Not to be trusted within its sigma: the clock has not settled, or a step is suspected.
+    /// Not reliable within its sigma: the clock has not settled, or a step is suspected.
     pub flagged: bool,
 }
 
 impl ClockMap {
-    /// Host time of a tick of this epoch (unwrapped, as [`super::ClockMapper::ticks`] gives it).
+    /// Host time of a tick of this epoch (unwrapped, as from [`super::ClockMapper::ticks`]).
     ///
-    /// Grows with the tick: strictly, for ticks that are at least 2 ns apart. `None` before the
-    /// first sample and for ticks beyond the range of `i64` ns. Never `flagged`: whether a tick is
-    /// in doubt depends on when it arrived, see [`ClockMap::is_doubtful`].
+    /// Increases with the tick: strictly, for ticks that are at least 2 ns apart. `None` before the
+    /// first sample and for ticks beyond the range of `i64` ns. Never `flagged`: whether a tick's
+    /// time is unreliable depends on its arrival, see [`ClockMap::is_unreliable`].
     pub fn map(&self, ticks: i64) -> Option<Mapped> {
         let after = self.segments.partition_point(|s| s.ticks_from <= ticks);
         let segment = self.segments.get(after.saturating_sub(1))?;
@@ -125,7 +125,7 @@ impl ClockMap {
         let statistical = (segment.sigma_ns as f64)
             .hypot(segment.rate_sigma_ppb * device_ns as f64 * 1e-9)
             + 0.5 * self.wander_ppb_per_s * beyond * beyond;
-        // The instant lies anywhere in the tick; a calibrated latency counts from its middle.
+        // The instant is anywhere in the tick; a calibrated latency counts from its middle.
         let granularity = f64::from(self.tick.num) / f64::from(self.tick.den) / 12_f64.sqrt();
         let sigma = statistical
             .hypot(self.latency_sigma_ns as f64)
@@ -138,9 +138,9 @@ impl ClockMap {
         })
     }
 
-    /// Whether samples that arrived then have times in doubt.
-    pub fn is_doubtful(&self, arrival: HostTime) -> bool {
-        self.doubts
+    /// Whether samples that arrived then have unreliable times.
+    pub fn is_unreliable(&self, arrival: HostTime) -> bool {
+        self.unreliable_spans
             .iter()
             .any(|d| d.from <= arrival && arrival <= d.to)
     }

@@ -1,24 +1,24 @@
-//! Is it late samples, or is the line too low? Watches the heights of samples above the line.
+//! Distinguishes late samples from a line that is too low, by the heights of samples above the
+//! line.
 //!
-//! After a device clock has fallen back, every sample lies above the old line, as every sample
-//! does during a burst of late arrivals. Neither assumes a distribution here: the heights seen so
-//! far are kept as a histogram, and a run of k samples none of which came lower than m has the
-//! probability S(m)^k, where S is the share of samples that usually lie above m. A run that is
-//! too improbable raises an alarm; it ends when a sample comes low enough to make the run
-//! probable again.
+//! After a device clock has stepped back, every sample is above the old line, as every sample is
+//! during a burst of late arrivals. No distribution is assumed: past heights are stored as a
+//! histogram, and a run of k samples none of which was lower than m has the probability S(m)^k,
+//! where S is the fraction of samples that are usually above m. A run that is too improbable raises
+//! an alarm; it ends when a sample is low enough to make the run probable again.
 
 use super::fit::Line;
 use super::hull::Point;
 
 /// Histogram bins: four per factor of two, from 100 ns up to minutes.
 const BINS: usize = 128;
-const LOWEST_NS: f64 = 100.0;
-/// Beyond this many samples the older ones count half.
-const MEMORY: u32 = 20_000;
-/// A run this improbable (natural logarithm) is an alarm: once in hours at 400 Hz.
+const MIN_HEIGHT_NS: f64 = 100.0;
+/// Number of samples after which the weight of older ones is halved.
+const HALVING_SAMPLES: u32 = 20_000;
+/// Improbability of a run that raises an alarm (natural logarithm): once in hours at 400 Hz.
 const ALARM_NATS: f64 = 16.0;
-/// Runs followed at a time, from the longest to the newest.
-const RUNS: usize = 24;
+/// Maximum number of runs followed, from the longest to the newest.
+const MAX_RUNS: usize = 24;
 
 /// Heights of samples above the line, and the runs of high ones.
 #[derive(Clone, Debug)]
@@ -30,12 +30,12 @@ pub(super) struct Tail {
     runs: Vec<Run>,
     /// The last sample before all runs.
     start: Option<Before>,
-    seen: u64,
-    /// Nine in ten samples are not higher, ns.
+    count: u64,
+    /// 90th percentile of the height, ns.
     usual: f64,
 }
 
-/// All samples since some sample, the lowest of which is `lowest`.
+/// All samples since some sample, with their lowest height `lowest`.
 #[derive(Clone, Copy, Debug)]
 struct Run {
     lowest: Point,
@@ -67,7 +67,7 @@ impl Run {
 /// A run of samples that are all too high.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Alarm {
-    /// Arrival of the last sample that was not.
+    /// Arrival of the last sample before the run.
     pub after: Option<i64>,
     /// Height of the lowest sample of the run, ns.
     pub height: f64,
@@ -79,14 +79,15 @@ impl Tail {
             bins: [0; BINS],
             total: 0,
             above: [0; BINS],
-            runs: Vec::with_capacity(RUNS + 1),
+            runs: Vec::with_capacity(MAX_RUNS + 1),
             start: None,
-            seen: 0,
+            count: 0,
             usual: 0.0,
         }
     }
 
-    /// Takes note of a sample; alarm if a run of samples higher than `tolerance` is improbable.
+    /// Processes a sample; returns an alarm if a run of samples higher than `tolerance` is
+    /// improbable.
     pub(super) fn watch(
         &mut self,
         lowest: Point,
@@ -94,21 +95,21 @@ impl Tail {
         arrival: i64,
         tolerance: f64,
     ) -> Option<Alarm> {
-        self.seen += 1;
+        self.count += 1;
         self.push(Run {
             lowest,
             height,
-            at: self.seen,
+            at: self.count,
             arrival,
             after: self.start,
         });
         let improbable = |run: &&Run| {
-            // Who has to wait makes those behind him wait: samples closer together than a usual
-            // delay are not independent of each other.
+            // A delayed sample delays those behind it: samples closer together than a usual delay
+            // are not independent of each other.
             let (at, since) = run.after.map_or((0, f64::INFINITY), |before| {
                 (before.at, arrival.saturating_sub(before.arrival) as f64)
             });
-            let length = ((self.seen - at) as f64).min(since / self.usual.max(1.0));
+            let length = ((self.count - at) as f64).min(since / self.usual.max(1.0));
             run.height > tolerance && length * self.nats(run.height) > ALARM_NATS
         };
         let run = self.runs.iter().find(improbable)?;
@@ -118,7 +119,7 @@ impl Tail {
         })
     }
 
-    /// Adds the run that starts with a sample; it takes over all runs that are not lower.
+    /// Adds the run that starts with a sample; it replaces all runs that are not lower.
     fn push(&mut self, mut run: Run) {
         if let Some(last) = self.runs.last() {
             run.after = Some(last.as_before());
@@ -126,23 +127,23 @@ impl Tail {
         while let Some(last) = self.runs.pop_if(|last| last.height >= run.height) {
             run.after = last.after;
         }
-        if self.runs.len() == RUNS {
+        if self.runs.len() == MAX_RUNS {
             self.start = Some(self.runs.remove(0).as_before());
         }
         self.runs.push(run);
     }
 
-    /// Counts a height as usual.
+    /// Adds a height to the histogram.
     pub(super) fn learn(&mut self, height: f64) {
         self.bins[bin(height)] += 1;
         self.total += 1;
-        if self.total >= MEMORY {
+        if self.total >= HALVING_SAMPLES {
             self.bins.iter_mut().for_each(|b| *b /= 2);
             self.total = self.bins.iter().sum();
         }
     }
 
-    /// The line has changed: heights of the runs are measured again.
+    /// The line has changed: heights of the runs are recomputed.
     pub(super) fn follow(&mut self, line: &Line) {
         let mut sum = 0;
         for (above, count) in self.above.iter_mut().zip(self.bins).rev() {
@@ -152,7 +153,7 @@ impl Tail {
         self.usual = self.quantile(0.9);
         for mut run in std::mem::take(&mut self.runs) {
             if run.lowest.x < line.from_x {
-                // The line does not say how low that was.
+                // The line gives no height for it.
                 self.start = Some(run.as_before());
                 continue;
             }
@@ -164,14 +165,14 @@ impl Tail {
         }
     }
 
-    /// Forgets the runs but not what is usual: the line has been replaced.
+    /// Discards the runs but not the histogram: the line has been replaced.
     pub(super) fn restart(&mut self) {
         self.runs.clear();
         self.start = None;
-        self.seen = 0;
+        self.count = 0;
     }
 
-    /// How many samples must pass before one lower than `height` is overdue.
+    /// Number of samples after which one lower than `height` is overdue.
     pub(super) fn overdue(&self, height: f64) -> u64 {
         (ALARM_NATS / self.nats(height).max(1e-3)).ceil() as u64
     }
@@ -184,13 +185,13 @@ impl Tail {
         self.above.iter().position(below).map_or(0.0, upper_edge)
     }
 
-    /// -ln of the share of samples that are as high or higher.
+    /// -ln of the fraction of samples that are as high or higher.
     fn nats(&self, height: f64) -> f64 {
         let [total, above] = [self.above[0], self.above[bin(height)]].map(|n| f64::from(n) + 1.0);
         (total / above).ln()
     }
 
-    /// Height that this share of the samples do not exceed, ns, rounded up to a bin's edge.
+    /// Height that this fraction of the samples does not exceed, ns, rounded up to a bin's edge.
     pub(super) fn quantile(&self, share: f64) -> f64 {
         let rank = (f64::from(self.total) * share).ceil() as u32;
         let mut below = 0;
@@ -206,13 +207,13 @@ impl Tail {
 
 /// Bin of a height: the exponent and the first two bits of the mantissa.
 fn bin(height: f64) -> usize {
-    let scaled = (height / LOWEST_NS).max(1.0);
+    let scaled = (height / MIN_HEIGHT_NS).max(1.0);
     let index = (scaled.to_bits() >> 50).saturating_sub(1023 << 2);
     (index as usize).min(BINS - 1)
 }
 
 fn upper_edge(bin: usize) -> f64 {
-    LOWEST_NS * f64::from_bits((bin as u64 + 1 + (1023 << 2)) << 50)
+    MIN_HEIGHT_NS * f64::from_bits((bin as u64 + 1 + (1023 << 2)) << 50)
 }
 
 #[cfg(test)]
@@ -224,7 +225,7 @@ mod tests {
         for height in [0.0, 99.0, 100.0, 124.9, 125.1, 1e4, 3.3e6, 1e9, 1e15] {
             let edge = upper_edge(bin(height));
             assert!(edge > height || bin(height) == BINS - 1, "{height} {edge}");
-            assert!(edge <= 1.26 * height.max(LOWEST_NS) || bin(height) == BINS - 1);
+            assert!(edge <= 1.26 * height.max(MIN_HEIGHT_NS) || bin(height) == BINS - 1);
         }
     }
 
@@ -249,7 +250,7 @@ mod tests {
         }
         let quiet = (0..100).position(|_| next(&mut tail, 0.8e6).is_some());
         assert!((8..16).contains(&quiet.expect("an alarm")), "{quiet:?}");
-        let alarm = next(&mut tail, 0.9e6).expect("the run goes on");
+        let alarm = next(&mut tail, 0.9e6).expect("the run continues");
         assert_eq!(alarm.after, Some(1000 * 10_000_000));
         assert!(next(&mut tail, 1e4).is_none());
     }

@@ -1,4 +1,4 @@
-//! `archive`: how fast sessions are written and read, what a power cut takes, how long stopping takes.
+//! `archive`: speed of writing and reading sessions, loss by a power cut, time to stop.
 //!
 //! 1. Writing: three cameras' access units of 60 to 100 kB through `SessionWriter`, into the page
 //!    cache (syncs are counted and left out), onto the disk (with syncs), and into nothing (what
@@ -6,11 +6,12 @@
 //!    same payloads, no compression, all its checksums on. The runs alternate.
 //! 2. Reading the same session from the page cache, all checksums checked: every entry, `verify`, and
 //!    the crate's own reader that lends its bytes, on a segment loaded into memory that it may keep.
-//! 3. Loss: power cuts at random instants, for chunk lengths from 0.1 to 1 s: the span of each stream
-//!    that had arrived at the writer and is not on disk; and what chunks cost in bytes and syncs. What
-//!    is still in an encoder, and a sync that has not come back, are no part of it.
+//! 3. Loss: power cuts at random instants, for chunk lengths from 0.1 to 1 s: the span of each
+//!    stream that had arrived at the writer and is not on disk; and what chunks cost in bytes and
+//!    syncs. What is still in an encoder, and a sync that has not come back, are not included.
 //! 4. Closing the session's files: after sessions of different lengths in virtual time, on a real
-//!    disk, with syncs. What `pawsd stop` does before that, such as draining encoders, is no part of it.
+//!    disk, with syncs. What `pawsd stop` does before that, such as draining encoders, is not
+//!    included.
 
 use std::fs;
 use std::path::PathBuf;
@@ -30,14 +31,14 @@ const TARGET: f64 = 1e9;
 /// Time that stopping may take, seconds.
 const STOP_LIMIT_S: f64 = 0.5;
 
-/// How much is measured.
+/// Amount of work.
 struct Plan {
     /// Seconds of video per throughput run, about 14 MB each.
     write_s: f64,
     repetitions: usize,
     loss_s: f64,
     cuts: usize,
-    /// Length of the sessions that are stopped, s, and how many of each.
+    /// Length of the sessions that are stopped, s, and number of each.
     stops: &'static [(f64, usize)],
 }
 
@@ -61,7 +62,7 @@ const QUICK: Plan = Plan {
 /// folder unless `--disk` names another.
 ///
 /// # Errors
-/// Bad arguments, a folder that is in memory, or a disk that says no. A target that is missed is a result and no error.
+/// Bad arguments, a folder that is in memory, or an I/O error. A target that is missed is a result and no error.
 pub(crate) fn run(args: &[String]) -> Result<()> {
     let mut plan = FULL;
     let mut out = PathBuf::from("docs/benchmarks");

@@ -4,7 +4,7 @@ use std::path::PathBuf;
 
 use anyhow::{Context, Result, bail};
 
-/// How much to do, and where results go.
+/// Amount of work, and output folder.
 #[derive(Debug, PartialEq)]
 pub(crate) struct Arguments {
     /// A short slice of it.

@@ -1,17 +1,18 @@
-//! `calib`: how good calibrations from targets are, and whether they say so when they are not.
+//! `calib`: accuracy of calibrations from targets, and whether bad ones are flagged.
 //!
-//! The rig is never quite what its files say: cameras sit a millimetre and a third of a degree off, lenses are
-//! a few pixels off the factory's. Corners are where the simulated cameras see them, with noise; a few
-//! sessions are rendered and go through detection too.
+//! The rig deviates from its files: cameras by a millimetre and a third of a degree, lenses by a
+//! few pixels from the factory calibration. Corners are where the simulated cameras see them, with
+//! noise; a few sessions are rendered and go through detection too.
 //!
 //! 1. Error against number of views against time, for one stereo camera, ours beside OpenCV's on the same
 //!    corners in the same run.
-//! 2. Which lens model is chosen against how much distortion there is and how many views.
-//! 3. Error against the strength of everything that spoils a recording. A point is *ok* when cameras are within
-//!    1 mm and 0.05 degrees of each other's true place, or within three of the sigmas that are stated; *flagged* when
-//!    they are not and a finding warns; *silently wrong* otherwise. The third kind must not exist.
-//! 4. How many errors of good sessions are within two of the stated sigmas.
-//! 5. Rendered sessions from pictures to the rig and the places and clocks of its IMUs.
+//! 2. Selected lens model against the amount of distortion and the number of views.
+//! 3. Error against the strength of each impairment of a recording. A point is *ok* when cameras
+//!    are within 1 mm and 0.05 degrees of their true relative pose, or within three of the sigmas
+//!    that are stated; *flagged* when they are not and a finding warns; *silently wrong* otherwise.
+//!    The third kind must not exist.
+//! 4. Ratio of errors of good sessions within two of the stated sigmas.
+//! 5. Rendered sessions from images to the rig with the extrinsics and time offsets of its IMUs.
 
 use std::fs;
 
@@ -21,22 +22,22 @@ use rig_sim::targets::{Motion, Plan};
 use serde_json::{Value, json};
 
 mod charts;
+mod end_to_end;
 mod opencv;
 mod rendered;
 mod scenario;
-mod whole;
 
 use crate::arguments::Arguments;
 use crate::meter::timed;
 use crate::{python, stamp};
-use scenario::{Recording, Trouble};
+use scenario::{Impairments, Recording};
 
-/// Two cameras may be off each other's true place by this: m and degrees.
-const LIMIT: (f64, f64) = (1e-3, 0.05);
-/// Beyond this many of its own sigmas an error was not announced.
-const SIGMAS: f64 = 3.0;
+/// Maximum error of the relative pose of two cameras: m and degrees.
+const MAX_ERROR: (f64, f64) = (1e-3, 0.05);
+/// An error beyond this many stated sigmas is not covered by them.
+const FLAG_SIGMAS: f64 = 3.0;
 
-/// How a point ended.
+/// Outcome of a point.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 enum Verdict {
     Ok,
@@ -54,86 +55,86 @@ impl Verdict {
     }
 }
 
-/// One spoilt recording.
+/// One impaired recording.
 struct Point {
     pub(crate) kind: &'static str,
     pub(crate) strength: f64,
     pub(crate) seed: u64,
-    /// Worst error between cameras: m, degrees; none where there was no result.
+    /// Worst error between cameras: m, degrees; `None` without a result.
     pub(crate) error: Option<(f64, f64)>,
     pub(crate) verdict: Verdict,
     pub(crate) finding: String,
     pub(crate) rms_px: f64,
 }
 
-/// Kinds of trouble, their unit, and strengths from little to much.
+/// Kinds of impairments, their units, and rising strengths.
 type Kind = (
     &'static str,
     &'static str,
     &'static [f64],
-    fn(f64) -> Trouble,
+    fn(f64) -> Impairments,
 );
 
 const KINDS: &[Kind] = &[
     ("noise of corners", "px", &[0.05, 0.1, 0.3, 1.0, 3.0], |s| {
-        Trouble {
+        Impairments {
             sigma_px: s,
-            ..Trouble::default()
+            ..Impairments::default()
         }
     }),
     (
         "number of views",
         "views",
         &[4.0, 8.0, 16.0, 32.0, 64.0],
-        |s| Trouble {
+        |s| Impairments {
             plan: Plan {
                 views: Some(s as usize),
                 ..Plan::GOOD
             },
-            ..Trouble::default()
+            ..Impairments::default()
         },
     ),
     (
         "views all fronto-parallel, number",
         "views",
         &[8.0, 32.0, 64.0],
-        |s| Trouble {
+        |s| Impairments {
             plan: Plan {
                 motion: Motion::Parallel,
                 views: Some(s as usize),
                 ..Plan::GOOD
             },
-            ..Trouble::default()
+            ..Impairments::default()
         },
     ),
-    ("bent boards", "mm", &[0.3, 1.0, 3.0, 10.0, 30.0], |s| {
-        Trouble {
+    ("bowed boards", "mm", &[0.3, 1.0, 3.0, 10.0, 30.0], |s| {
+        Impairments {
             plan: Plan {
-                bend_m: 1e-3 * s,
+                bow_m: 1e-3 * s,
                 ..Plan::GOOD
             },
-            ..Trouble::default()
+            ..Impairments::default()
         }
     }),
     (
-        "boards larger than told",
+        "boards larger than nominal",
         "%",
         &[0.1, 0.3, 1.0, 3.0, 10.0],
-        |s| Trouble {
+        |s| Impairments {
             plan: Plan {
-                larger: 1e-2 * s,
+                scale_error: 1e-2 * s,
                 ..Plan::GOOD
             },
-            ..Trouble::default()
+            ..Impairments::default()
         },
     ),
     (
         "camera knocked half-way",
         "degrees",
         &[0.02, 0.05, 0.1, 0.3, 1.0, 3.0],
-        |s| Trouble {
+        |s| Impairments {
             knock_deg: s,
-            ..Trouble::default()
+            ..Impairments::default()
         },
     ),
 ];
@@ -141,7 +142,7 @@ const KINDS: &[Kind] = &[
 /// Runs the benchmark: `[--quick] [--out DIR]`.
 ///
 /// # Errors
-/// Bad arguments, no interpreter in `PAWS_PYTHON`, or a disk that says no. Wrong results are results.
+/// Bad arguments, no interpreter in `PAWS_PYTHON`, or an I/O error. Wrong results are results.
 pub(crate) fn run(args: &[String]) -> Result<()> {
     let Arguments { quick, out } = Arguments::parse(args)?;
     fs::create_dir_all(&out).with_context(|| format!("making {}", out.display()))?;
@@ -153,20 +154,20 @@ pub(crate) fn run(args: &[String]) -> Result<()> {
     let views = against_views(quick)?;
     let models = against_distortion(quick)?;
     let mut points = Vec::new();
-    for (kind, unit, strengths, trouble) in KINDS {
+    for (kind, unit, strengths, impairments) in KINDS {
         for (i, &strength) in strengths.iter().enumerate() {
             if quick && i % 2 == 1 {
                 continue;
             }
             for seed in 0..seeds {
                 eprintln!("{kind}: {strength} {unit} ...");
-                points.push(spoilt(kind, strength, seed, &trouble(strength))?);
+                points.push(impaired(kind, strength, seed, &impairments(strength))?);
             }
         }
     }
     points.extend(rendered::points(quick)?);
     let good = good(if quick { 4 } else { 20 })?;
-    let whole = whole::sessions(if quick { 1 } else { 8 })?;
+    let whole = end_to_end::sessions(if quick { 1 } else { 8 })?;
 
     let silent = points
         .iter()
@@ -214,9 +215,14 @@ fn quiet() -> Settings {
     }
 }
 
-fn spoilt(kind: &'static str, strength: f64, seed: u64, trouble: &Trouble) -> Result<Point> {
-    let recording = Recording::new(seed, trouble)?;
-    let input = recording.input(trouble.sigma_px);
+fn impaired(
+    kind: &'static str,
+    strength: f64,
+    seed: u64,
+    impairments: &Impairments,
+) -> Result<Point> {
+    let recording = Recording::new(seed, impairments)?;
+    let input = recording.input(impairments.sigma_px);
     Ok(judge(
         kind,
         strength,
@@ -226,7 +232,7 @@ fn spoilt(kind: &'static str, strength: f64, seed: u64, trouble: &Trouble) -> Re
     ))
 }
 
-/// How a result ended.
+/// Outcome of a result.
 fn judge(
     kind: &'static str,
     strength: f64,
@@ -252,9 +258,9 @@ fn judge(
     let errors = recording.errors(&found);
     let worst = |part: fn(&scenario::Error) -> f64| errors.iter().map(part).fold(0.0, f64::max);
     let error = (worst(|e| e.metres), worst(|e| e.degrees));
-    let within = errors.iter().all(|e| e.sigmas <= SIGMAS);
+    let within = errors.iter().all(|e| e.sigmas <= FLAG_SIGMAS);
     let flagged = found.findings.iter().find(|f| f.severity >= Severity::Warn);
-    let verdict = match (error.0 <= LIMIT.0 && error.1 <= LIMIT.1) || within {
+    let verdict = match (error.0 <= MAX_ERROR.0 && error.1 <= MAX_ERROR.1) || within {
         true if flagged.is_none_or(|f| f.severity < Severity::Fail) => Verdict::Ok,
         _ if flagged.is_some() => Verdict::Flagged,
         _ => Verdict::SilentlyWrong,
@@ -281,14 +287,14 @@ fn against_views(quick: bool) -> Result<Value> {
     for &count in counts {
         for seed in 0..if quick { 1 } else { 3 } {
             eprintln!("{count} views ...");
-            let trouble = Trouble::default();
-            let recording = Recording::new(100 + seed, &trouble)?;
-            let input = recording.one_camera(trouble.sigma_px, count);
+            let impairments = Impairments::default();
+            let recording = Recording::new(100 + seed, &impairments)?;
+            let input = recording.one_camera(impairments.sigma_px, count);
             let (found, took) = timed(|| calibrate(input.clone(), &quiet(), &mut |_, _| {}));
             let ours = match found {
                 Ok(found) => recording.pair_errors(
                     found.lens(0),
-                    &found.place(found.places.pairs[0].expect("a pair")).0,
+                    &found.pose(found.poses.pairs[0].expect("a pair")).0,
                 ),
                 Err(_) => continue,
             };
@@ -317,13 +323,13 @@ fn against_distortion(quick: bool) -> Result<Value> {
     for &strength in strengths {
         for &count in counts {
             eprintln!("distortion {strength}, {count} views ...");
-            let trouble = Trouble {
+            let impairments = Impairments {
                 distortion: strength,
-                ..Trouble::default()
+                ..Impairments::default()
             };
-            let recording = Recording::new(7, &trouble)?;
-            let mut input = recording.one_camera(trouble.sigma_px, count);
-            // What the factory says would be an answer.
+            let recording = Recording::new(7, &impairments)?;
+            let mut input = recording.one_camera(impairments.sigma_px, count);
+            // The factory calibration would reveal the result.
             input.eyes.iter_mut().for_each(|eye| eye.factory = None);
             let Ok(found) = calibrate(input, &Settings::default(), &mut |_, _| {}) else {
                 rows.push(json!({ "distortion": strength, "views": count, "chosen": null }));
@@ -344,15 +350,19 @@ fn against_distortion(quick: bool) -> Result<Value> {
     Ok(Value::Array(rows))
 }
 
-/// Good sessions: how many errors are within two sigma, and the worst ones.
+/// Good sessions: number of errors within two sigma, and the worst ones.
 fn good(sessions: u64) -> Result<Value> {
     let (mut inside, mut all, mut metres, mut degrees) = (0, 0, 0.0f64, 0.0f64);
     let mut flagged = 0;
     for seed in 0..sessions {
         eprintln!("good session {seed} ...");
-        let trouble = Trouble::default();
-        let recording = Recording::new(1000 + seed, &trouble)?;
-        let found = calibrate(recording.input(trouble.sigma_px), &quiet(), &mut |_, _| {})?;
+        let impairments = Impairments::default();
+        let recording = Recording::new(1000 + seed, &impairments)?;
+        let found = calibrate(
+            recording.input(impairments.sigma_px),
+            &quiet(),
+            &mut |_, _| {},
+        )?;
         flagged += usize::from(found.severity() == Some(Severity::Fail));
         for error in recording.errors(&found) {
             inside += error.inside;

@@ -1,42 +1,44 @@
-//! `calib_verify`: what the verification of a calibration finds in ordinary walks, and what it does not.
+//! `calib_verify`: detection of calibration errors in ordinary walks.
 //!
-//! Walks of one minute through all scenes in all lights, with the noise of cameras and IMUs. The first 24 were looked at when tolerances
-//! were set, the others were not. Each is judged as it is (what is off then is a false alarm) and with told numbers made wrong one at a time: each
-//! camera turned on the plate, right eyes turned, pictures stamped late, clocks off. Every such point is one of:
+//! Walks of one minute through all scenes in all lights, with the noise of cameras and IMUs. The
+//! first 24 were used to set the tolerances, the others were not. Each is evaluated as it is (an
+//! inconsistency is then a false alarm) and with one nominal value falsified at a time: each camera
+//! rotated on the plate, right cameras rotated, images stamped late, clocks shifted. Every such
+//! point is one of:
 //!
-//! - *named*: off, and the right camera;
-//! - *flagged*: off, but another camera, or one of several;
-//! - *undetermined*: verification says that this walk does not tell;
-//! - *within*: fine, and smaller than what it says would be noticed;
-//! - *silent*: fine, though larger than that. There should be none.
+//! - *named*: inconsistent, with the right camera;
+//! - *flagged*: inconsistent, but another camera, or one of several;
+//! - *undetermined*: the walk does not constrain the parameter;
+//! - *within*: consistent, and smaller than the stated minimum detectable error;
+//! - *silent*: consistent, although larger than that. There should be none.
 //!
-//! Walks take most of the time. With `--cache DIR` what was seen of them is kept there.
+//! Walks take most of the time. With `--cache DIR` their observations are stored there.
 
 use std::fs;
 use std::path::{Path, PathBuf};
 
 use anyhow::{Context, Result, bail};
-use calib::verify::{CameraFound, Finding, State, Verification, What};
-use rig_sim::scene::{Kind, Time};
+use calib::verify::{CameraEstimate, Finding, Parameter, Status, Verification};
+use rig_sim::scene::{Kind, Lighting};
 use serde::Serialize;
 use serde_json::json;
-use tests::walks::{Plan, Walk, Wrong};
+use tests::walks::{NominalError, Plan, Walk};
 
 mod charts;
 
 use crate::meter::timed;
 use crate::stamp;
 
-/// Walks of the exam, and the seed of the first.
+/// Number of walks, and the seed of the first.
 const WALKS: usize = 100;
-const QUICK: usize = 6;
+const QUICK_WALKS: usize = 6;
 const FIRST_SEED: u64 = 5000;
-/// Turns of cameras, of right eyes (degrees), delays (ms).
-const TURNS: [f64; 9] = [0.1, 0.2, 0.3, 0.4, 0.5, 0.7, 1.0, 1.5, 2.0];
-const EYES: [f64; 5] = [0.05, 0.1, 0.2, 0.5, 1.0];
-const DELAYS: [f64; 6] = [0.5, 1.0, 2.0, 3.0, 5.0, 10.0];
+/// Rotations of cameras and of right cameras (degrees), time offsets (ms).
+const ROTATIONS_DEG: [f64; 9] = [0.1, 0.2, 0.3, 0.4, 0.5, 0.7, 1.0, 1.5, 2.0];
+const STEREO_ROTATIONS_DEG: [f64; 5] = [0.05, 0.1, 0.2, 0.5, 1.0];
+const TIME_OFFSETS_MS: [f64; 6] = [0.5, 1.0, 2.0, 3.0, 5.0, 10.0];
 
-/// What became of a point.
+/// Outcome of a point.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 enum Outcome {
     Named,
@@ -46,31 +48,31 @@ enum Outcome {
     Silent,
 }
 
-/// One number made wrong in one walk.
+/// One falsified value in one walk.
 #[derive(Clone, Debug)]
 struct Point {
     walk: usize,
-    what: What,
+    what: Parameter,
     camera: String,
     /// Degrees or ms.
     size: f64,
     outcome: Outcome,
 }
 
-/// One walk as it is.
+/// One unmodified walk.
 #[derive(Clone, Debug, Serialize)]
 struct Clean {
     scene: &'static str,
     light: &'static str,
     seed: u64,
-    /// Findings that are off: false alarms.
+    /// Inconsistent findings: false alarms.
     alarms: Vec<String>,
-    /// Per camera: whether its turn is determined, and whether the times of its pictures are.
+    /// Per camera: whether its rotation is determined, and whether its image times are.
     determined: Vec<[bool; 2]>,
-    /// Errors over their sigmas: of eyes and of IMUs (three axes each), of delays.
+    /// Errors over their sigmas: of stereo and of IMU rotations (three axes each), of time offsets.
     scores: [Vec<f64>; 3],
-    /// Sigma of a camera's turn against its IMU (worst axis, degrees), of its delay (ms) and its error, per camera, with all, half
-    /// and a quarter of the bursts.
+    /// Sigma of a camera's rotation against its IMU (worst axis, degrees), of its time offset (ms)
+    /// and its error, per camera, with all, half and a quarter of the bursts.
     by_bursts: Vec<Vec<[f64; 3]>>,
     seconds: f64,
 }
@@ -78,7 +80,7 @@ struct Clean {
 /// Runs the benchmark: `[--quick] [--walks N] [--cache DIR] [--out DIR]`.
 ///
 /// # Errors
-/// Bad arguments, or a disk that says no. What is found is a result and no error.
+/// Bad arguments, or an I/O error. Findings are a result and not an error.
 pub(crate) fn run(args: &[String]) -> Result<()> {
     let mut walks = WALKS;
     let mut out = PathBuf::from("docs/benchmarks");
@@ -86,7 +88,7 @@ pub(crate) fn run(args: &[String]) -> Result<()> {
     let mut rest = args.iter();
     while let Some(argument) = rest.next() {
         match argument.as_str() {
-            "--quick" => walks = QUICK,
+            "--quick" => walks = QUICK_WALKS,
             "--walks" => walks = rest.next().context("--walks needs a number")?.parse()?,
             "--cache" => {
                 cache = Some(PathBuf::from(
@@ -103,7 +105,7 @@ pub(crate) fn run(args: &[String]) -> Result<()> {
     let mut clean = Vec::new();
     let mut points = Vec::new();
     for number in 0..walks {
-        let (kind, light) = place(number);
+        let (kind, light) = scene_and_light(number);
         let seed = FIRST_SEED + number as u64;
         let walk = walk(kind, light, seed, cache.as_deref())?;
         let (found, took) = timed(|| walk.compare());
@@ -135,14 +137,14 @@ pub(crate) fn run(args: &[String]) -> Result<()> {
     Ok(())
 }
 
-/// Scenes and lights in turn, so that each meets each.
-fn place(number: usize) -> (Kind, Time) {
+/// Scenes and lights cycled, so that all combinations occur.
+fn scene_and_light(number: usize) -> (Kind, Lighting) {
     let kinds = Kind::ALL.len();
-    let light = (number + number / kinds) % Time::ALL.len();
-    (Kind::ALL[number % kinds], Time::ALL[light])
+    let light = (number + number / kinds) % Lighting::ALL.len();
+    (Kind::ALL[number % kinds], Lighting::ALL[light])
 }
 
-fn walk(kind: Kind, light: Time, seed: u64, cache: Option<&Path>) -> Result<Walk> {
+fn walk(kind: Kind, light: Lighting, seed: u64, cache: Option<&Path>) -> Result<Walk> {
     let file = cache.map(|dir| dir.join(format!("{}-{}-{seed}.json", kind.name(), light.name())));
     if let Some(path) = &file
         && let Ok(bytes) = fs::read(path)
@@ -159,31 +161,31 @@ fn walk(kind: Kind, light: Time, seed: u64, cache: Option<&Path>) -> Result<Walk
     Ok(walk)
 }
 
-fn clean_walk(walk: &Walk, found: &[CameraFound]) -> Clean {
-    let verification = walk.verify(&Wrong::Nothing, found);
+fn clean_walk(walk: &Walk, found: &[CameraEstimate]) -> Clean {
+    let verification = walk.verify(&NominalError::None, found);
     let off = verification
         .findings
         .iter()
-        .filter(|f| f.state == State::Off);
+        .filter(|f| f.status == Status::Inconsistent);
     let mut scores = [Vec::new(), Vec::new(), Vec::new()];
     for camera in found {
         if let Some(eyes) = &camera.eyes {
-            scores[0].extend((0..3).map(|k| eyes.turned_rad[k] / eyes.sigma_rad[k]));
+            scores[0].extend((0..3).map(|k| eyes.rotation_rad[k] / eyes.sigma_rad[k]));
         }
         if let Some(imu) = &camera.imu {
-            scores[1].extend((0..3).map(|k| imu.turned_rad[k] / imu.sigma_rad[k]));
-            scores[2].push(imu.late_s / imu.late_sigma_s);
+            scores[1].extend((0..3).map(|k| imu.rotation_rad[k] / imu.sigma_rad[k]));
+            scores[2].push(imu.time_offset_s / imu.time_offset_sigma_s);
         }
     }
-    let is_seen = |name: &str, what: What| {
+    let is_seen = |name: &str, what: Parameter| {
         let of = verification
             .findings
             .iter()
-            .find(|f| f.camera == name && f.what == what);
-        of.is_some_and(|f| f.state != State::Undetermined)
+            .find(|f| f.camera == name && f.parameter == what);
+        of.is_some_and(|f| f.status != Status::Undetermined)
     };
-    let sigmas = |found: &[CameraFound]| -> Vec<[f64; 3]> {
-        let of = |camera: &CameraFound| match &camera.imu {
+    let sigmas = |found: &[CameraEstimate]| -> Vec<[f64; 3]> {
+        let of = |camera: &CameraEstimate| match &camera.imu {
             None => [f64::NAN; 3],
             Some(imu) => [
                 imu.sigma_rad
@@ -191,8 +193,8 @@ fn clean_walk(walk: &Walk, found: &[CameraFound]) -> Clean {
                     .copied()
                     .fold(0.0, f64::max)
                     .to_degrees(),
-                imu.late_sigma_s * 1e3,
-                imu.late_s * 1e3,
+                imu.time_offset_sigma_s * 1e3,
+                imu.time_offset_s * 1e3,
             ],
         };
         found.iter().map(of).collect()
@@ -207,7 +209,7 @@ fn clean_walk(walk: &Walk, found: &[CameraFound]) -> Clean {
         determined: walk
             .names()
             .iter()
-            .map(|name| [What::Camera, What::Pictures].map(|what| is_seen(name, what)))
+            .map(|name| [Parameter::Camera, Parameter::ImageTime].map(|what| is_seen(name, what)))
             .collect(),
         scores,
         by_bursts,
@@ -215,8 +217,9 @@ fn clean_walk(walk: &Walk, found: &[CameraFound]) -> Clean {
     }
 }
 
-/// Everything that is made wrong in one walk. The axis of a turn changes from walk to walk and camera to camera.
-fn wrong_points(walk: &Walk, found: &[CameraFound], number: usize) -> Vec<Point> {
+/// All falsified values of one walk. The axis of a rotation changes from walk to walk and camera to
+/// camera.
+fn wrong_points(walk: &Walk, found: &[CameraEstimate], number: usize) -> Vec<Point> {
     let mut points = Vec::new();
     for (k, name) in walk.names().into_iter().enumerate() {
         let axis = (number + k) % 3;
@@ -226,11 +229,30 @@ fn wrong_points(walk: &Walk, found: &[CameraFound], number: usize) -> Vec<Point>
             rad[axis] = sign * deg.to_radians();
             rad
         };
-        let turns = TURNS.map(|deg| (What::Camera, deg, Wrong::Turned(k, about(deg))));
-        let eyes = EYES.map(|deg| (What::Eyes, deg, Wrong::Eyes(k, about(deg))));
+        let turns = ROTATIONS_DEG.map(|deg| {
+            (
+                Parameter::Camera,
+                deg,
+                NominalError::CameraRotation(k, about(deg)),
+            )
+        });
+        let eyes = STEREO_ROTATIONS_DEG.map(|deg| {
+            (
+                Parameter::StereoRotation,
+                deg,
+                NominalError::StereoRotation(k, about(deg)),
+            )
+        });
         let late = |ms: f64| sign * ms * 1e-3;
-        let pictures = DELAYS.map(|ms| (What::Pictures, ms, Wrong::Pictures(k, late(ms))));
-        let clocks = DELAYS.map(|ms| (What::Clock, ms, Wrong::Clock(k, late(ms))));
+        let pictures = TIME_OFFSETS_MS.map(|ms| {
+            (
+                Parameter::ImageTime,
+                ms,
+                NominalError::ImageTime(k, late(ms)),
+            )
+        });
+        let clocks =
+            TIME_OFFSETS_MS.map(|ms| (Parameter::Clock, ms, NominalError::Clock(k, late(ms))));
         let all = turns.into_iter().chain(eyes).chain(pictures).chain(clocks);
         points.extend(all.map(|(what, size, wrong)| Point {
             walk: number,
@@ -243,27 +265,29 @@ fn wrong_points(walk: &Walk, found: &[CameraFound], number: usize) -> Vec<Point>
     points
 }
 
-fn outcome(verification: &Verification, what: What, camera: &str, size: f64) -> Outcome {
-    let off = |f: &&Finding| f.state == State::Off;
+fn outcome(verification: &Verification, what: Parameter, camera: &str, size: f64) -> Outcome {
+    let off = |f: &&Finding| f.status == Status::Inconsistent;
     let own = verification.findings.iter();
-    let own = own.clone().find(|f| f.what == what && f.camera == camera);
-    let noticed = |f: &Finding| match what.is_turn() {
-        true => f.noticed.to_degrees(),
-        false => f.noticed * 1e3,
+    let own = own
+        .clone()
+        .find(|f| f.parameter == what && f.camera == camera);
+    let noticed = |f: &Finding| match what.is_rotation() {
+        true => f.min_detectable.to_degrees(),
+        false => f.min_detectable * 1e3,
     };
     match own {
-        Some(f) if f.state == State::Off && f.or.is_empty() => Outcome::Named,
+        Some(f) if f.status == Status::Inconsistent && f.alternatives.is_empty() => Outcome::Named,
         _ if verification.findings.iter().any(|f| off(&f)) => Outcome::Flagged,
-        Some(f) if f.state == State::Fine && size > noticed(f) => Outcome::Silent,
-        Some(f) if f.state == State::Fine => Outcome::Within,
+        Some(f) if f.status == Status::Consistent && size > noticed(f) => Outcome::Silent,
+        Some(f) if f.status == Status::Consistent => Outcome::Within,
         _ => Outcome::Undetermined,
     }
 }
 
-/// How many points became what, of one size.
+/// Number of points by outcome, of one size.
 #[derive(Serialize)]
 struct Row {
-    what: What,
+    what: Parameter,
     /// Degrees or ms.
     size: f64,
     named: usize,
@@ -277,7 +301,7 @@ struct Row {
 
 impl Row {
     fn line(&self) -> String {
-        let unit = if self.what.is_turn() { "deg" } else { "ms" };
+        let unit = if self.what.is_rotation() { "deg" } else { "ms" };
         format!(
             "{:?} {} {unit}: named {}, flagged {}, undetermined {}, within {}, silent {}",
             self.what,
@@ -291,14 +315,14 @@ impl Row {
     }
 }
 
-/// Outcomes by what is wrong and by how much.
+/// Outcomes by falsified parameter and size.
 fn table(points: &[Point]) -> Vec<Row> {
     let mut rows = Vec::new();
     for (what, sizes) in [
-        (What::Camera, &TURNS[..]),
-        (What::Eyes, &EYES),
-        (What::Pictures, &DELAYS),
-        (What::Clock, &DELAYS),
+        (Parameter::Camera, &ROTATIONS_DEG[..]),
+        (Parameter::StereoRotation, &STEREO_ROTATIONS_DEG),
+        (Parameter::ImageTime, &TIME_OFFSETS_MS),
+        (Parameter::Clock, &TIME_OFFSETS_MS),
     ] {
         for size in sizes {
             let [named, flagged, undetermined, within, silent] = counts(points, what, *size);
@@ -324,8 +348,8 @@ fn table(points: &[Point]) -> Vec<Row> {
     rows
 }
 
-/// How many points became what, in the order of [`Outcome`].
-fn counts(points: &[Point], what: What, size: f64) -> [usize; 5] {
+/// Number of points by outcome, in the order of [`Outcome`].
+fn counts(points: &[Point], what: Parameter, size: f64) -> [usize; 5] {
     let all = [
         Outcome::Named,
         Outcome::Flagged,

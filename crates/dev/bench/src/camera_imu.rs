@@ -1,15 +1,16 @@
-//! `camera_imu`: where the IMU sits behind the camera, by integration between pictures and by a spline.
+//! `camera_imu`: camera–IMU extrinsics and time offset, by preintegration between images and by a
+//! spline.
 //!
-//! Corners and samples are simulated (20 s, 20 pictures a second, six recordings for each rate of samples); both
-//! formulations begin at the same place with the same noise told. Then a minute with 144 corners in each eye, for the
-//! time that it takes. Figures of docs/decisions/0006-camera-imu.md.
+//! Corners and samples are simulated (20 s, 20 frames per second, six recordings for each sample
+//! rate); both formulations start from the same values with the same nominal noise. Then a minute
+//! with 144 corners in each image, for the run time. Figures of docs/decisions/0006-camera-imu.md.
 
 use std::fmt::Write as _;
 use std::fs;
 
 use anyhow::{Context, Result};
 use calib::camera_imu::simulate::{Scene, simulate};
-use calib::camera_imu::{Formulated, Formulations, Told, estimate};
+use calib::camera_imu::{FormulationResult, Formulations, Priors, estimate};
 use nalgebra::{Rotation3, Vector3};
 use serde_json::{Value, json};
 
@@ -20,7 +21,7 @@ use crate::stamp;
 /// Knots of splines, s.
 const KNOTS_S: &[f64] = &[0.01, 0.02, 0.05, 0.1, 0.2];
 
-/// What one formulation made of some recordings: sums of squares.
+/// Result of one formulation on some recordings: sums of squares.
 #[derive(Clone, Copy, Default)]
 struct Sums {
     runs: f64,
@@ -35,7 +36,7 @@ struct Sums {
 /// Runs the benchmark: `[--quick] [--out DIR]`.
 ///
 /// # Errors
-/// Bad arguments, or a disk that says no. A target that is missed is a result and no error.
+/// Bad arguments, or an I/O error. A target that is missed is a result and no error.
 pub(crate) fn run(args: &[String]) -> Result<()> {
     let Arguments { quick, out } = Arguments::parse(args)?;
     fs::create_dir_all(&out).with_context(|| format!("making {}", out.display()))?;
@@ -92,7 +93,7 @@ fn formulations(scene: &Scene, seeds: u64) -> Result<Vec<(String, Sums)>> {
 }
 
 impl Sums {
-    fn add(&mut self, scene: &Scene, found: &Formulated, seconds: f64) {
+    fn add(&mut self, scene: &Scene, found: &FormulationResult, seconds: f64) {
         let told = scene.imu_from_left.rotation().to_rotation_matrix();
         let turn = Rotation3::from_matrix_unchecked(told.matrix().transpose() * found.rotation);
         let shift: Vector3<f64> = found.translation - scene.imu_from_left.translation();
@@ -142,14 +143,14 @@ fn table(rows: &[(String, Sums)]) -> String {
     text
 }
 
-/// A recording with 144 corners in each eye, as `paws` has it to do.
+/// A recording with 144 corners in each image, as in practice.
 fn minute(seconds: f64) -> Result<Value> {
     let scene = Scene {
         board: ([12, 12], 0.05),
         ..Scene::lively(seconds)
     };
     let recording = simulate(&scene, 1).recording;
-    let (found, took) = timed(|| estimate(&recording, &Told::default()));
+    let (found, took) = timed(|| estimate(&recording, &Priors::default()));
     let found = found?;
     let shift: Vector3<f64> = found.imu_from_left.translation() - scene.imu_from_left.translation();
     Ok(json!({

@@ -1,15 +1,18 @@
-//! `depth`: stereo depth, ours beside OpenCV's matchers, in one run on the same pictures with the same disparities to look for.
+//! `depth`: stereo depth, ours beside OpenCV's matchers, in one run on the same images with the
+//! same disparity range.
 //!
-//! 1. `motorcycle`: a real pair (Middlebury). Errors over time, of every mode of OpenCV's BM and SGBM and of our presets and
-//!    what lies between them. A point of OpenCV's is *beaten* when one of ours takes no longer, answers for at least as many
-//!    pixels, and has fewer of them off by more than 2 px ("bad-2").
-//! 2. `simulated`: the same on frames of simulated walks that nothing was fitted on, by day and at night.
+//! 1. `motorcycle`: a real pair (Middlebury). Errors over time, of every mode of OpenCV's BM and
+//!    SGBM and of our presets and settings between them. A point of OpenCV's is *beaten* if one of
+//!    ours takes no longer, has at least the same density, and fewer pixels with an error of more
+//!    than 2 px ("bad-2").
+//! 2. `simulated`: the same on held-out frames of simulated walks, by day and at night.
 //! 3. `rate`: pairs of 640x480 with 128 disparities per second.
-//! 4. `bands`: what it spares to look for no more disparities than a scene needs, and what is lost by it.
-//! 5. `sigma`: how many errors are within two of the stated sigmas.
+//! 4. `bands`: time saved by restricting the disparity range to the needs of a scene, and the loss
+//!    of answers.
+//! 5. `sigma`: ratio of errors within two of the stated sigmas.
 //!
-//! All use two threads. Times are medians; ours and theirs take turns. `--fit` fits the sigmas of the presets anew on other
-//! walks, and prints their tables (`crates/vision/depth/src/sigma/tables.rs`).
+//! All use two threads. Times are medians; ours and theirs alternate. `--fit` refits the sigmas of
+//! the presets on other walks, and prints their tables (`crates/vision/depth/src/sigma/tables.rs`).
 
 use std::fs;
 use std::path::{Path, PathBuf};
@@ -19,12 +22,12 @@ use serde_json::{Map, Value, json};
 
 mod bands;
 mod charts;
-mod exam;
 pub(crate) mod frames;
 mod peers;
 pub(crate) mod race;
 mod real;
 mod sigma;
+mod test_set;
 
 use crate::stamp;
 use frames::Frame;
@@ -36,8 +39,8 @@ const PARTS: [&str; 5] = ["motorcycle", "simulated", "rate", "bands", "sigma"];
 /// Runs the benchmark: `[--quick] [--only PART,...] [--fit] [--out DIR]`.
 ///
 /// # Errors
-/// Bad arguments, no interpreter in `PAWS_PYTHON`, pictures that cannot be read, or a disk that says no. A missed target is a
-/// result and no error.
+/// Bad arguments, no interpreter in `PAWS_PYTHON`, images that cannot be read, or an I/O error. A
+/// missed target is a result and no error.
 pub(crate) fn run(args: &[String]) -> Result<()> {
     let options = Options::parse(args)?;
     if options.fits {
@@ -47,13 +50,13 @@ pub(crate) fn run(args: &[String]) -> Result<()> {
     fs::create_dir_all(&options.out)
         .with_context(|| format!("making {}", options.out.display()))?;
     let stamp = stamp::stamp("depth", args)?;
-    // What other runs found stays.
+    // Results of other runs are kept.
     let path = options.out.join("depth.json");
     let mut report = read(&path)?;
     let needs = |part: &str| options.parts.iter().any(|p| p == part);
-    let places = exam::held_out(options.quick);
+    let places = test_set::held_out(options.quick);
     let held_out = match needs("simulated") || needs("sigma") {
-        true => exam::render(&places)?,
+        true => test_set::render(&places)?,
         false => Vec::new(),
     };
     for part in &options.parts {
@@ -96,7 +99,7 @@ pub(crate) fn run(args: &[String]) -> Result<()> {
     Ok(())
 }
 
-/// The real pair; none, with a line that says why, where it is not there.
+/// The real pair; `None`, with a printed reason, if it is missing.
 fn motorcycle() -> Result<Option<Frame>> {
     match tests::data::sets([real::MOTORCYCLE]) {
         Ok([folder]) => real::motorcycle(&folder).map(Some),
@@ -154,7 +157,7 @@ impl Options {
         Ok(parsed)
     }
 
-    /// Times that each pair is matched.
+    /// Number of times that each pair is matched.
     fn runs(&self) -> usize {
         if self.quick { 1 } else { 7 }
     }

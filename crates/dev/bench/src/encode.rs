@@ -1,19 +1,19 @@
-//! `encode`: what quality costs, in bits and in processor time, and what the daemon adds to it.
+//! `encode`: cost of quality in bits and processor time, and overhead of the daemon.
 //!
-//! 1. Every encoder that passes its trial on this machine, at several quality targets, on real stereo
-//!    pictures side by side at their own size (KITTI and EuRoC, where the data is there) and on
-//!    made-up ones: luma PSNR of the decoded pictures, Mbit/s at the nominal rate, CPU time per
-//!    picture, and whether the target was met. As in a recording: one thread per encoder, a key
+//! 1. Every encoder that passes its trial on this machine, at several quality targets, on real
+//!    stereo images side by side at their own size (KITTI and EuRoC, where the data are available)
+//!    and on synthetic ones: luma PSNR of the decoded images, Mbit/s at the nominal rate, CPU time
+//!    per frame, and whether the target was met. As in a recording: one thread per encoder, a key
 //!    frame each half second. Times are those of a clip twice over less those of the clip once, so
-//!    that starting and draining the encoder is no part of them.
+//!    that starting and draining the encoder are excluded.
 //! 2. The processor time of a whole recording (three cameras, real time) against the same encoder
-//!    with the same settings on the same pictures in a bare `gst-launch-1.0` pipeline. The daemon
+//!    with the same settings on the same images in a bare `gst-launch-1.0` pipeline. The daemon
 //!    writes its sessions to a disk and syncs them; the peer throws its video away. Both run
-//!    alternately in this run, short and long: the difference is free of everything that
-//!    happens once, such as starting and reading the pictures.
+//!    alternately in this run, short and long: the difference is free of everything that happens
+//!    once, such as starting and reading the images.
 //!
-//! Processor time is what processes used, waiting not counted, so it stands a busy machine better than
-//! frames per second do; numbers to be kept should come from a quiet one all the same.
+//! Processor time is what processes used, waiting not counted, so it depends less on the load of
+//! the machine than frames per second; published numbers should come from an idle one nevertheless.
 
 use std::fs;
 use std::path::{Path, PathBuf};
@@ -30,10 +30,10 @@ use crate::{recording, stamp};
 use curve::Point;
 use material::Clip;
 
-/// How much is measured.
+/// Amount of work.
 struct Plan {
     targets_db: &'static [f64],
-    /// Pictures of each clip at most.
+    /// Maximum number of frames of each clip.
     pictures: usize,
     repetitions: usize,
     daemon: daemon::Plan,
@@ -64,7 +64,7 @@ const QUICK: Plan = Plan {
 /// Runs the benchmark: `[--quick] [--out DIR]`.
 ///
 /// # Errors
-/// Bad arguments, an encoder that fails half-way, or a disk that says no. A target that is missed is a
+/// Bad arguments, an encoder that fails half-way, or an I/O error. A target that is missed is a
 /// result and no error.
 pub(crate) fn run(args: &[String]) -> Result<()> {
     let mut plan = FULL;
@@ -101,7 +101,7 @@ pub(crate) fn run(args: &[String]) -> Result<()> {
     Ok(())
 }
 
-/// All encoders on all clips; and those that are of no use here, with the reason.
+/// All encoders on all clips; and the unusable ones, with the reason.
 fn measure_encoders(clips: &[Clip], plan: &Plan) -> Result<(Vec<Point>, Vec<Value>)> {
     let (mut points, mut refused) = (Vec::new(), Vec::new());
     println!("{}", Point::HEADING);

@@ -1,12 +1,14 @@
-//! `frames_kept`: how much of a recording is there when the machine has other things to do.
+//! `frames_kept`: completeness of a recording under load.
 //!
-//! Three cameras of 1344x376 at 15 Hz are recorded in real time beside 0 to 6 busy loops. Their frames are rendered
-//! once, before, and replayed from memory: what is measured is the recorder, not a renderer. Each run is a process of
-//! its own: this program, started again with [`RECORD`], which calls what `pawsd record` calls, or another build of
-//! `pawsd` (`--pawsd PATH`), to compare with an earlier state.
+//! Three cameras of 1344x376 at 15 Hz are recorded in real time beside 0 to 6 busy loops. Their
+//! frames are rendered once, before, and replayed from memory: this measures the recorder, not a
+//! renderer. Each run is a process of its own: this program, started again with [`RECORD`], which
+//! calls what `pawsd record` calls, or another build of `pawsd` (`--pawsd PATH`), to compare with
+//! an earlier state.
 //!
-//! The same cameras then wait armed, without a pre-roll, beside nothing: what a second of waiting costs, against a second
-//! of recording. Of both a short and a long run are taken, so that starting, stopping and reading the frames do not count.
+//! The same cameras then wait armed, without a pre-roll, beside nothing: the cost of a second of
+//! waiting, against a second of recording. Both use a short and a long run, so that starting,
+//! stopping and reading the frames do not count.
 
 use std::collections::BTreeMap;
 use std::fs::{self, File};
@@ -24,7 +26,7 @@ use capture_daemon::sources::simulated::{Simulated, Walks};
 use capture_daemon::sources::{Sample, Source as _};
 use charts::{Axis, Chart, Series};
 use rig_sim::camera::Quality;
-use rig_sim::scene::{Kind, Time};
+use rig_sim::scene::{Kind, Lighting};
 use rig_sim::simulation::Settings;
 use serde_json::{Value, json};
 use session_archive::reader::{Entry, SessionReader};
@@ -43,17 +45,18 @@ const ARMED: &str = "--armed";
 const CAMERAS: [&str; 3] = ["left_shoulder", "right_shoulder", "feet"];
 const SIZE: (u32, u32) = (1344, 376);
 const RATE_HZ: f64 = 15.0;
-/// Frames that are replayed over and over: two seconds.
+/// Number of frames that are replayed repeatedly: two seconds.
 const FRAMES: usize = 30;
-/// Up to this many busy loops no frame may be lost.
-const GOAL_LOOPS: usize = 4;
-/// While the cameras wait one frame in a second is shown; after so many seconds each of them has been read from its file.
+/// Number of busy loops up to which no frame may be lost.
+const TARGET_LOOPS: usize = 4;
+/// Time after which all frames have been read from their files, s: armed cameras show one frame per
+/// second.
 const ALL_SHOWN_S: u32 = 45;
-/// What waiting may cost, of what recording costs.
-const ARMED_LIMIT: f64 = 0.1;
+/// Maximum ratio of the cost of waiting to that of recording.
+const MAX_ARMED_RATIO: f64 = 0.1;
 
-/// What came of a recording beside so many busy loops.
-struct Kept {
+/// Result of a recording beside `loops` busy loops.
+struct RecordingResult {
     loops: usize,
     stored: u64,
     /// Missing frames by cause.
@@ -61,17 +64,17 @@ struct Kept {
     cpu_s: f64,
 }
 
-impl Kept {
+impl RecordingResult {
     fn all(&self) -> u64 {
         self.stored + self.missing.values().sum::<u64>()
     }
 
-    /// Frames that are there, of all, 0 to 1.
+    /// Ratio of stored frames, 0 to 1.
     fn share(&self) -> f64 {
         self.stored as f64 / self.all().max(1) as f64
     }
 
-    /// Frames that are missing and were not left out on purpose.
+    /// Missing frames that were not left out on purpose.
     fn lost(&self) -> u64 {
         let spared = |cause: &&String| cause.contains("SPARED");
         let causes = self.missing.iter().filter(|(cause, _)| !spared(cause));
@@ -119,7 +122,7 @@ pub(crate) fn run(args: &[String]) -> Result<()> {
     let disk = meter::on_disk(None)?;
     let disk = tempfile::tempdir_in(&disk).context("making a folder for sessions")?;
     let config = prepare(disk.path())?;
-    let mut kept = Vec::new();
+    let mut result = Vec::new();
     for &loops in loads {
         let one = recording(
             &config,
@@ -135,15 +138,15 @@ pub(crate) fn run(args: &[String]) -> Result<()> {
             one.lost(),
             one.cpu_s
         );
-        kept.push(one);
+        result.push(one);
     }
     let armed = match pawsd {
         Some(_) => None,
-        None => Some(Waiting::measure(&config, disk.path(), seconds)?),
+        None => Some(ArmedCost::measure(&config, disk.path(), seconds)?),
     };
     if let Some(armed) = &armed {
         println!(
-            "a second costs {:.1} ms of processor time armed, {:.1} ms recording: {:.3} of it (limit {ARMED_LIMIT})",
+            "a second costs {:.1} ms of processor time armed, {:.1} ms recording: ratio {:.3} (limit {MAX_ARMED_RATIO})",
             1e3 * armed.armed,
             1e3 * armed.recording,
             armed.share()
@@ -158,7 +161,7 @@ pub(crate) fn run(args: &[String]) -> Result<()> {
         "height": SIZE.1,
         "rate_hz": RATE_HZ,
         "seconds": seconds,
-        "runs": kept.iter().map(Kept::json).collect::<Vec<_>>(),
+        "runs": result.iter().map(RecordingResult::json).collect::<Vec<_>>(),
         "armed": armed.map(|armed| armed.json()),
     });
     // A comparison does not replace the record of this state.
@@ -170,25 +173,25 @@ pub(crate) fn run(args: &[String]) -> Result<()> {
     fs::create_dir_all(&out).with_context(|| format!("making {}", out.display()))?;
     for (file, text) in [
         (format!("{name}.json"), format!("{report:#}\n")),
-        (format!("{name}.svg"), chart(&kept, &stamp::line(&stamp))),
+        (format!("{name}.svg"), chart(&result, &stamp::line(&stamp))),
     ] {
         let path = out.join(file);
         fs::write(&path, text).with_context(|| format!("writing {}", path.display()))?;
         println!("wrote {}", path.display());
     }
-    let within_goal = kept.iter().filter(|k| k.loops <= GOAL_LOOPS);
-    let lost: u64 = within_goal.map(Kept::lost).sum();
-    println!("lost beside up to {GOAL_LOOPS} busy loops: {lost} (goal: none)");
+    let within_goal = result.iter().filter(|k| k.loops <= TARGET_LOOPS);
+    let lost: u64 = within_goal.map(RecordingResult::lost).sum();
+    println!("lost beside up to {TARGET_LOOPS} busy loops: {lost} (goal: none)");
     Ok(())
 }
 
 /// Processor time of a second, s.
-struct Waiting {
+struct ArmedCost {
     armed: f64,
     recording: f64,
 }
 
-impl Waiting {
+impl ArmedCost {
     fn measure(config: &Path, folder: &Path, seconds: u32) -> Result<Self> {
         let sessions = folder.join("sessions");
         let per_second = |mode: &str, short: u32| {
@@ -218,8 +221,8 @@ impl Waiting {
             "armed_cpu_s_per_s": self.armed,
             "recording_cpu_s_per_s": self.recording,
             "share": self.share(),
-            "limit": ARMED_LIMIT,
-            "within_limit": self.share() <= ARMED_LIMIT,
+            "limit": MAX_ARMED_RATIO,
+            "within_limit": self.share() <= MAX_ARMED_RATIO,
         })
     }
 }
@@ -231,7 +234,7 @@ fn prepare(folder: &Path) -> Result<PathBuf> {
     let rig = Rig::read(&rig).context("reading the example rig")?;
     let walk = Settings {
         kind: Kind::Pavement,
-        time: Time::Day,
+        lighting: Lighting::Day,
         seed: 1,
         seconds: FRAMES as f64 / RATE_HZ + 1.0,
         rate_hz: RATE_HZ,
@@ -251,7 +254,7 @@ fn prepare(folder: &Path) -> Result<PathBuf> {
         while count < FRAMES {
             match source.next_sample()? {
                 Some(Sample::Frame(frame)) => {
-                    write_eyes(&eyes, count, &frame.picture)?;
+                    write_eyes(&eyes, count, &frame.image)?;
                     count += 1;
                 }
                 Some(_) => {}
@@ -269,7 +272,7 @@ fn prepare(folder: &Path) -> Result<PathBuf> {
     Ok(config)
 }
 
-/// Writes the luma of both eyes as PNG files.
+/// Writes the luma of both images as PNG files.
 fn write_eyes(folder: &Path, number: usize, picture: &Picture) -> Result<()> {
     let (width, height) = (picture.width as usize, picture.height as usize);
     for (eye, first) in [("left", 0), ("right", width / 2)] {
@@ -318,14 +321,14 @@ impl Drop for BusyLoops {
     }
 }
 
-/// One recording beside so many busy loops.
+/// One recording beside `loops` busy loops.
 fn recording(
     config: &Path,
     sessions: &Path,
     seconds: u32,
     loops: usize,
     pawsd: Option<&Path>,
-) -> Result<Kept> {
+) -> Result<RecordingResult> {
     let mut command = match pawsd {
         Some(program) => {
             let mut command = Command::new(program);
@@ -346,7 +349,7 @@ fn recording(
         matches!(status.code(), Some(0 | 3)),
         "{command:?} ended with {status}"
     );
-    let mut kept = Kept {
+    let mut result = RecordingResult {
         loops,
         stored: 0,
         missing: BTreeMap::new(),
@@ -356,11 +359,11 @@ fn recording(
         let session = entry.context("looking for the session")?.path();
         let reader = SessionReader::open(Arc::new(DiskStorage::new(&session)))
             .with_context(|| format!("opening {}", session.display()))?;
-        count(&reader, &mut kept)?;
+        count(&reader, &mut result)?;
     }
     fs::remove_dir_all(sessions).context("removing the session")?;
-    ensure!(kept.stored > 0, "the recording holds no frame");
-    Ok(kept)
+    ensure!(result.stored > 0, "the recording holds no frame");
+    Ok(result)
 }
 
 /// This very program, even if its file was replaced since it started.
@@ -382,7 +385,7 @@ fn quiet(command: &mut Command) -> Result<ExitStatus> {
 }
 
 /// Adds up frames and gaps of the cameras.
-fn count(reader: &SessionReader, kept: &mut Kept) -> Result<()> {
+fn count(reader: &SessionReader, result: &mut RecordingResult) -> Result<()> {
     let streams: BTreeMap<_, _> = reader
         .manifest()
         .streams
@@ -395,12 +398,12 @@ fn count(reader: &SessionReader, kept: &mut Kept) -> Result<()> {
         };
         let schema = streams.get(&message.stream).map(String::as_str);
         if schema == Some(Frame::SCHEMA.name) {
-            kept.stored += 1;
+            result.stored += 1;
         } else if schema == Some(Gap::SCHEMA.name) {
             let gap: Gap = message.decode().context("decoding a gap record")?;
             if CAMERAS.contains(&gap.stream.as_str()) {
                 let cause = gap.cause().as_str_name().to_owned();
-                *kept.missing.entry(cause).or_default() += gap.count();
+                *result.missing.entry(cause).or_default() += gap.count();
             }
         }
     }
@@ -431,9 +434,9 @@ fn wait_armed(arguments: &[String]) -> Result<()> {
     Ok(())
 }
 
-fn chart(kept: &[Kept], footnote: &str) -> String {
-    let line = |name: &str, of: &dyn Fn(&Kept) -> u64| {
-        let points: Vec<(f64, f64)> = kept
+fn chart(result: &[RecordingResult], footnote: &str) -> String {
+    let line = |name: &str, of: &dyn Fn(&RecordingResult) -> u64| {
+        let points: Vec<(f64, f64)> = result
             .iter()
             .map(|k| (k.loops as f64, 100.0 * of(k) as f64 / k.all().max(1) as f64))
             .collect();
@@ -445,6 +448,6 @@ fn chart(kept: &[Kept], footnote: &str) -> String {
         .x_axis(Axis::linear("busy loops", "").include(0.0))
         .y_axis(Axis::linear("share of the frames", "%").include(0.0))
         .series(line("stored", &|k| k.stored))
-        .series(line("lost", &Kept::lost))
+        .series(line("lost", &RecordingResult::lost))
         .to_svg(720, 320)
 }

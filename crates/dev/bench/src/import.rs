@@ -1,16 +1,16 @@
-//! `bench import`: what importing and validating a session costs, beside a plain copy.
+//! `bench import`: cost of importing and validating a session, beside a plain copy.
 //!
-//! * *Import* against `cp -r` and then `sync -f` of the same session onto the same disk, in turns,
-//!   the page cache dropped before each. An import also hashes every byte, checks every checksum and
-//!   lists the session. Target: at least 80 % of the speed of the copy.
+//! * *Import* against `cp -r` and then `sync -f` of the same session onto the same disk,
+//!   alternating, with the page cache dropped before each. An import also hashes every byte, checks
+//!   every checksum and lists the session. Target: at least 80 % of the speed of the copy.
 //! * *Validate* without decoding, from the disk and from memory. Target: at least 1 GB/s from memory.
-//! * *Validate* with decoding of every picture, on a session with real pictures.
+//! * *Validate* with decoding of every frame, on a session with real images.
 //!
-//! Only root may drop the page cache. For others everything is read from memory: the results say so,
-//! and there are none from the disk.
+//! Only root may drop the page cache. For others everything is read from memory: the results state
+//! that, and have none from the disk.
 //!
-//! The session is made up: three cameras of 30 Hz with access units of the sizes that 8 Mbit/s give,
-//! and an IMU of 400 Hz each.
+//! The session is generated: three cameras of 30 Hz with access units of the sizes that 8 Mbit/s
+//! give, and an IMU of 400 Hz each.
 
 use std::fs;
 use std::path::{Path, PathBuf};
@@ -20,11 +20,11 @@ use std::time::Duration;
 
 use anyhow::{Context, Result, bail, ensure};
 use charts::{Axis, Chart, Series};
+use collector::commands::validate::{Options, ValidatedSession, validate};
 use collector::console::{Clock, Console, Show};
 use collector::import::{import, no_hook};
 use collector::library::Library;
 use collector::progress::Progress;
-use collector::validate::{Options, Validated, validate};
 use serde_json::{Value, json};
 use session_archive::handoff::Verdict;
 use session_archive::storage::DiskStorage;
@@ -33,13 +33,13 @@ use session_archive::writer::SessionWriter;
 use video::{AccessUnit, Encoder, EncoderEvent, EncoderSettings, Picture, PixelFormat};
 
 use crate::load::{self, Arrival};
-use crate::meter::{self, Took, children_cpu_s, median, timed};
+use crate::meter::{self, Timing, children_cpu_s, median, timed};
 use crate::stamp;
 
-/// Ours at least this share of the speed of cp and sync.
-const TARGET_SHARE: f64 = 0.8;
+/// Minimum speed relative to cp and sync.
+const MIN_COPY_SPEED_RATIO: f64 = 0.8;
 /// Validation without decoding, bytes per second at least.
-const TARGET_VALIDATE: f64 = 1e9;
+const MIN_VALIDATE_BYTES_PER_S: f64 = 1e9;
 const PERIOD: i64 = 33_333_333;
 const CHUNK_NS: i64 = NS_PER_S / 2;
 
@@ -82,7 +82,7 @@ pub(crate) fn run(args: &[String]) -> Result<()> {
     let (mut copies, mut imports) = (Vec::new(), Vec::new());
     let (mut copies_cpu, mut imports_cpu) = (Vec::new(), Vec::new());
     for turn in 0..turns {
-        // In turns, and each first as often as second.
+        // Alternating, each first as often as second.
         for second in [false, true] {
             if (turn % 2 == 0) == second {
                 let took = time_import(&source, &work.path().join("library"))?;
@@ -113,7 +113,7 @@ pub(crate) fn run(args: &[String]) -> Result<()> {
         }
         from_memory.push(time_validate(&source, false)?.0);
     }
-    let decoded = with_decode(&work.path().join("pictures"), if quick { 2 } else { 10 })?;
+    let decoded = with_decode(&work.path().join("images"), if quick { 2 } else { 10 })?;
 
     let speed = |times: &[f64]| bytes as f64 / middle(times);
     let result = json!({
@@ -140,11 +140,11 @@ pub(crate) fn run(args: &[String]) -> Result<()> {
             "validate_from_memory": speed(&from_memory),
         },
         "import_share_of_cp": share,
-        "import_share_target": TARGET_SHARE,
-        "validate_target_bytes_per_second": TARGET_VALIDATE,
+        "import_share_target": MIN_COPY_SPEED_RATIO,
+        "validate_target_bytes_per_second": MIN_VALIDATE_BYTES_PER_S,
         "targets_met": {
-            "import": share >= TARGET_SHARE,
-            "validate": speed(&from_memory) >= TARGET_VALIDATE,
+            "import": share >= MIN_COPY_SPEED_RATIO,
+            "validate": speed(&from_memory) >= MIN_VALIDATE_BYTES_PER_S,
         },
         "deep": decoded,
     });
@@ -162,7 +162,7 @@ pub(crate) fn run(args: &[String]) -> Result<()> {
         speed(&imports) / 1e9,
         share * 100.0,
         speed(&copies) / 1e9,
-        TARGET_SHARE * 100.0
+        MIN_COPY_SPEED_RATIO * 100.0
     );
     println!(
         "validate {:.2} GB/s from memory (target 1)",
@@ -189,7 +189,7 @@ fn chart(stamp: &str, runs: &[(&str, &Vec<f64>)], bytes: u64, cold: bool) -> Str
         let place = i as f64;
         times.iter().map(move |time| (place, speed(*time)))
     });
-    let limit = medians[0] * TARGET_SHARE;
+    let limit = medians[0] * MIN_COPY_SPEED_RATIO;
     let from = if cold { "disk" } else { "memory" };
     Chart::new("Importing and validating a session")
         .subtitle(&format!(
@@ -201,13 +201,13 @@ fn chart(stamp: &str, runs: &[(&str, &Vec<f64>)], bytes: u64, cold: bool) -> Str
         .series(Series::bars("median", medians))
         .series(Series::scatter("one run", points))
         .hline(limit, "80 % of cp and sync")
-        .hline(TARGET_VALIDATE * 1e-9, "target of validate")
+        .hline(MIN_VALIDATE_BYTES_PER_S * 1e-9, "target of validate")
         .footnote(stamp)
         .to_svg(760, 380)
 }
 
-/// What `cp -r` and a `sync` of that disk take.
-fn time_copy(source: &Path, target: &Path) -> Result<Took> {
+/// Time of `cp -r` and a `sync` of that disk.
+fn time_copy(source: &Path, target: &Path) -> Result<Timing> {
     clear(target)?;
     let cpu = children_cpu_s()?;
     let (done, mut took) = timed(|| {
@@ -220,8 +220,8 @@ fn time_copy(source: &Path, target: &Path) -> Result<Took> {
     Ok(took)
 }
 
-/// What an import into a new library takes.
-fn time_import(source: &Path, root: &Path) -> Result<Took> {
+/// Time of an import into a new library.
+fn time_import(source: &Path, root: &Path) -> Result<Timing> {
     clear(root)?;
     let (sound, took) = timed(|| -> Result<bool> {
         let mut library = Library::create(root)?;
@@ -265,7 +265,7 @@ fn drop_caches() -> bool {
     fs::write("/proc/sys/vm/drop_caches", "3").is_ok()
 }
 
-fn time_validate(folder: &Path, deep: bool) -> Result<(f64, Validated)> {
+fn time_validate(folder: &Path, deep: bool) -> Result<(f64, ValidatedSession)> {
     let options = Options {
         deep,
         ..Options::default()
@@ -286,31 +286,31 @@ fn time_validate(folder: &Path, deep: bool) -> Result<(f64, Validated)> {
     Ok((took.wall_s, validated))
 }
 
-/// Validates a session of real pictures with decoding.
+/// Validates a session of real images with decoding.
 fn with_decode(folder: &Path, seconds: i64) -> Result<Value> {
     const WIDTH: u32 = 1344;
     const HEIGHT: u32 = 376;
-    eprintln!("encoding {seconds} s of pictures ...");
+    eprintln!("encoding {seconds} s of images ...");
     let frames = (seconds * NS_PER_S / PERIOD) as usize + 1;
     let units = encode(WIDTH, HEIGHT, frames)?;
     write_session(folder, seconds, Some((WIDTH, HEIGHT, units)))?;
     let (took, validated) = time_validate(folder, true)?;
-    let pictures: usize = validated.found.facts.cameras.iter().map(Vec::len).sum();
+    let images: usize = validated.found.stats.cameras.iter().map(Vec::len).sum();
     let bytes = size(folder)?;
     Ok(json!({
-        "pictures": pictures,
+        "frames": frames,
         "width": WIDTH,
         "height": HEIGHT,
         "codec": "h264",
         "bytes": bytes,
         "seconds": took,
-        "pictures_per_second": pictures as f64 / took,
+        "frames_per_second": frames as f64 / took,
         "bytes_per_second": bytes as f64 / took,
         "times_real_time": seconds as f64 / took,
     }))
 }
 
-/// A made-up session. Without `pictures` the access units are noise of plausible sizes.
+/// A generated session. Without `pictures` the access units are noise of plausible sizes.
 fn write_session(
     folder: &Path,
     seconds: i64,
@@ -345,7 +345,7 @@ fn write_session(
     Ok(())
 }
 
-/// Pictures of a texture that moves, with noise, as access units; a key frame every half second.
+/// Images of a moving texture, with noise, as access units; a key frame every half second.
 fn encode(width: u32, height: u32, frames: usize) -> Result<Vec<AccessUnit>> {
     let settings = EncoderSettings {
         element: "x264enc".to_owned(),

@@ -1,12 +1,13 @@
-//! `kills`: a recorder is killed a thousand times. Is all there that it had said to be on disk, and
-//! how much is lost?
+//! `kills`: a recorder is killed a thousand times. Checks that everything reported durable is on
+//! disk, and measures the loss.
 //!
-//! Each kill is a `pawsd record` process with two small synthetic cameras and their IMUs in real time,
-//! ended by SIGKILL at a random instant. The session that is left must open, hold everything that
-//! was promised, show the right number in every picture and the right values in every IMU sample, and
-//! be recovered to a sound copy. What is lost is the time from the newest sample that every stream has
-//! to the kill; the length of a chunk, the way through the encoder and that of an IMU batch bound it. A
-//! kill leaves what the system has cached; what a power cut takes is measured by `archive`.
+//! Each kill is a `pawsd record` process with two small synthetic cameras and their IMUs in real
+//! time, ended by SIGKILL at a random instant. The session that is left must open, hold everything
+//! that was promised, show the right number in every frame and the right values in every IMU
+//! sample, and be recovered to a sound copy. What is lost is the time from the newest sample that
+//! every stream has to the kill; it is bounded by the length of a chunk, the latency of the encoder
+//! and that of an IMU batch. A kill leaves what the system has cached; loss by a power cut is
+//! measured by `archive`.
 
 use std::fs;
 use std::path::{Path, PathBuf};

@@ -1,5 +1,5 @@
-//! A made-up recording: three stereo cameras at 30 Hz (two triggered together, one free) with an IMU
-//! each, in virtual time; and the storages that it is written to.
+//! A generated recording: three stereo cameras at 30 Hz (two triggered together, one free) with an
+//! IMU each, in virtual time; and the storages that it is written to.
 
 use std::io;
 use std::sync::Arc;
@@ -12,7 +12,7 @@ use session_archive::time::{CivilTime, HostTime, NS_PER_S, TickLength};
 use session_archive::writer::{SessionSpec, SessionWriter, WriteError};
 
 pub(crate) const CAMERAS: [&str; 3] = ["left_shoulder", "right_shoulder", "feet"];
-/// Between frames, and by how much the free camera is late, ns.
+/// Frame period, and phases of the cameras, ns.
 const PERIOD: i64 = 33_333_333;
 const PHASES: [i64; 3] = [0, 0, 11_000_000];
 /// IMU samples per batch of a tenth of a second.
@@ -74,7 +74,7 @@ impl Arrival {
     }
 }
 
-/// Everything that arrives in so many seconds, in order; key frames at the chunks' boundaries.
+/// Everything that arrives within `seconds`, in order; key frames at chunk boundaries.
 pub(crate) fn arrivals(seconds: f64, chunk_ns: i64) -> impl Iterator<Item = Arrival> {
     let end = (seconds * 1e9) as i64;
     let mut epochs = [i64::MIN; 3];
@@ -103,7 +103,7 @@ pub(crate) fn arrivals(seconds: f64, chunk_ns: i64) -> impl Iterator<Item = Arri
         .flatten()
 }
 
-/// Access units to choose from: bytes that no checksum finds easy.
+/// Access units to choose from: incompressible bytes.
 pub(crate) fn units(from: usize, to: usize) -> Vec<Vec<u8>> {
     let mut noise = Noise::new();
     (0..61)
@@ -201,7 +201,7 @@ pub(crate) fn stop(at: HostTime) -> Stop {
     }
 }
 
-/// What the storage does with what it is given.
+/// Destination of written bytes.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(crate) enum Destination {
     /// Written and synced.
@@ -213,7 +213,7 @@ pub(crate) enum Destination {
 }
 
 /// A folder that counts bytes and syncs.
-pub(crate) struct Counted {
+pub(crate) struct CountingStorage {
     disk: DiskStorage,
     to: Destination,
     counts: Arc<Counts>,
@@ -235,7 +235,7 @@ impl Counts {
     }
 }
 
-impl Counted {
+impl CountingStorage {
     pub(crate) fn new(disk: DiskStorage, to: Destination) -> (Arc<Self>, Arc<Counts>) {
         let counts = Arc::<Counts>::default();
         let storage = Self {
@@ -247,19 +247,19 @@ impl Counted {
     }
 }
 
-struct CountedFile {
+struct CountingFile {
     file: Option<Box<dyn WriteFile>>,
     to: Destination,
     counts: Arc<Counts>,
 }
 
-impl Storage for Counted {
+impl Storage for CountingStorage {
     fn create(&self, path: &str) -> io::Result<Box<dyn WriteFile>> {
         let file = match self.to {
             Destination::Nothing => None,
             _ => Some(self.disk.create(path)?),
         };
-        Ok(Box::new(CountedFile {
+        Ok(Box::new(CountingFile {
             file,
             to: self.to,
             counts: self.counts.clone(),
@@ -298,7 +298,7 @@ impl Storage for Counted {
     }
 }
 
-impl WriteFile for CountedFile {
+impl WriteFile for CountingFile {
     fn append(&mut self, bytes: &[u8]) -> io::Result<()> {
         let n = bytes.len() as u64;
         self.counts.bytes.fetch_add(n, Ordering::Relaxed);

@@ -1,6 +1,6 @@
-//! What `cargo xtask bench` runs: speed and accuracy, measured together, ours beside its peers.
+//! What `cargo xtask bench` runs: speed and accuracy, measured together, ours beside peers.
 //!
-//! `bench NAME [--quick] [--out DIR]` writes `NAME.json` and pictures into DIR (default
+//! `bench NAME [--quick] [--out DIR]` writes `NAME.json` and charts into DIR (default
 //! `docs/benchmarks`). Each benchmark is one module with a `run` function.
 
 mod archive;

@@ -1,8 +1,8 @@
-//! Wall time and processor time of a piece of work, statistics of several, and where to write.
+//! Wall time and processor time of a task, statistics, and the output folder.
 
 #![expect(
     clippy::disallowed_methods,
-    reason = "the time that this machine takes is the question"
+    reason = "the time that this machine takes is measured"
 )]
 
 use std::fs;
@@ -12,19 +12,19 @@ use std::time::Instant;
 use anyhow::{Context, Result, ensure};
 use rustix::time::{ClockId, clock_gettime};
 
-/// What one run took.
+/// Wall and processor time of one run.
 #[derive(Clone, Copy, Debug)]
-pub(crate) struct Took {
+pub(crate) struct Timing {
     pub(crate) wall_s: f64,
     /// Processor time of this whole process, the kernel's on its behalf included.
     pub(crate) cpu_s: f64,
 }
 
 /// Runs `work` and measures it.
-pub(crate) fn timed<T>(work: impl FnOnce() -> T) -> (T, Took) {
+pub(crate) fn timed<T>(work: impl FnOnce() -> T) -> (T, Timing) {
     let (cpu, wall) = (cpu_s(), Instant::now());
     let result = work();
-    let took = Took {
+    let took = Timing {
         wall_s: wall.elapsed().as_secs_f64(),
         cpu_s: cpu_s() - cpu,
     };

@@ -1,29 +1,33 @@
-//! `odometry`: how far poses are off, and what they cost.
+//! `odometry`: pose errors and cost.
 //!
 //! 1. `kitti`: 30 stereo pairs of a drive, without IMU: drift at the end.
-//! 2. `euroc`: a second of standing still with an IMU: biases, which way is up, how much a pose creeps.
-//! 3. `walks`: ten simulated walks of 100 to 300 m (`tests::sequences::named::ODOMETRY_EXAM`) in `balanced`. Causal poses and
-//!    those that were adjusted afterwards stand in tables of their own; each row has error, time per stereo pair, peak memory
-//!    and completion, and the worst run is named.
+//! 2. `euroc`: a second of standing still with an IMU: biases, gravity direction, creep of the
+//!    pose.
+//! 3. `walks`: ten simulated walks of 100 to 300 m (`tests::sequences::named::ODOMETRY_EXAM`) in
+//!    `balanced`. Causal and refined poses are in separate tables; each row has error, time per
+//!    stereo pair, peak memory and completion, and the worst run is named.
 //! 4. `presets`: the same walks in `fast` and `accurate`.
-//! 5. `settings`: presets, and corners, frames and rounds one at a time, on the first 40 s of four of the walks.
-//! 6. `cameras`: one, two and three stereo cameras, with and without IMU, on the first 60 s of six, one in each place.
-//! 7. `mounts`: a camera whose calibration is off by up to 4 degrees, on the first 40 s of two.
+//! 5. `settings`: presets, and corners, frames and rounds one at a time, on the first 40 s of four
+//!    of the walks.
+//! 6. `cameras`: one, two and three stereo cameras, with and without IMU, on the first 60 s of six,
+//!    one in each scene.
+//! 7. `mounts`: a camera with a calibration error of up to 4 degrees, on the first 40 s of two.
 //!
-//! Each run is a process of its own with two threads, so that its peak memory is its own; what lay in memory before odometry
-//! began (the simulated world above all) is taken off. Reading pictures is not timed. Runs whose poses are adjusted are run
-//! twice, once without keeping anything: both must give the same poses to the bit, and the shorter time counts. Processor
-//! time stands beside wall time, since it bears a busy machine better; the machine's load is in each row.
+//! Each run is a process of its own with two threads, so that its peak memory is its own; memory in
+//! use before odometry starts (mostly the simulated world) is subtracted. Reading images is not
+//! timed. Runs with bundle adjustment are run twice, once without storing keyframes: both must give
+//! the same poses to the bit, and the shorter time counts. Processor time is given beside wall
+//! time, since it depends less on the load; the machine's load is in each row.
 //!
-//! Pictures of walks are rendered once, at the quality of exams, into the folder that `PAWS_WALKS` or `--walks` names
-//! (default `target/walks`; 2.5 GB each). Results are merged into what the output folder holds: a run replaces the one of the
-//! same walk and settings, so that parts can be run by themselves.
+//! Images of walks are rendered once, at the quality for tests, into the folder that `PAWS_WALKS`
+//! or `--walks` names (default `target/walks`; 2.5 GB each). Results are merged into what the
+//! output folder holds: a run replaces the one of the same walk and settings, so that parts can be
+//! run separately.
 
 use anyhow::Result;
 
 mod charts;
 pub(crate) mod encoding;
-mod exam;
 pub(crate) mod faults;
 mod figures;
 pub(crate) mod length;
@@ -35,6 +39,7 @@ mod run;
 mod settings;
 mod sweeps;
 mod table;
+mod test_walks;
 
 use options::Options;
 use results::Results;
@@ -47,8 +52,8 @@ const PARTS: [&str; 7] = [
 /// Runs the benchmark: `[--quick] [--only PART,...] [--name WALK,...] [--walks DIR] [--out DIR]`.
 ///
 /// # Errors
-/// Bad arguments, pictures that cannot be read, a disk that says no, or runs that differ. A missed target is a result and
-/// no error.
+/// Bad arguments, images that cannot be read, an I/O error, or runs that differ. A missed target is
+/// a result and no error.
 pub(crate) fn run(args: &[String]) -> Result<()> {
     if let Some(answer) = run::answer(args) {
         return answer;
@@ -60,13 +65,13 @@ pub(crate) fn run(args: &[String]) -> Result<()> {
         match part.as_str() {
             "kitti" => results.kitti = real::kitti()?.or(results.kitti),
             "euroc" => results.euroc = real::euroc()?.or(results.euroc),
-            "walks" => exam::walks(&options, &["balanced"], &mut results)?,
-            "presets" => exam::walks(&options, &["fast", "accurate"], &mut results)?,
+            "walks" => test_walks::walks(&options, &["balanced"], &mut results)?,
+            "presets" => test_walks::walks(&options, &["fast", "accurate"], &mut results)?,
             "settings" => sweeps::settings(&options, &mut results)?,
             "mounts" => sweeps::mounts(&options, &mut results)?,
             _ => sweeps::cameras(&options, &mut results)?,
         }
-        // What was found so far stays when a later part fails.
+        // Results so far are kept if a later part fails.
         results.write(&options.out)?;
     }
     Ok(())

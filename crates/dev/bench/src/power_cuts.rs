@@ -1,9 +1,10 @@
-//! `power_cuts`: what a power cut takes on a real file system, against the length of chunks.
+//! `power_cuts`: loss by a power cut on a real file system, against the length of chunks.
 //!
-//! `pawsd` records in a virtual machine onto ext4, through a log of all writes. Every disk that a cut may have left can
-//! be made of it; some are mounted by the kernel of the machine and examined, half of them with torn caches. Whether
-//! anything is missing that was reported durable is judged too, and fails the benchmark; `cargo xtask vm-test power-cuts`
-//! does that with many more cuts. `archive` measures the same of the writer alone, without a kernel.
+//! `pawsd` records in a virtual machine onto ext4, through a log of all writes. Every disk state
+//! that a cut may leave can be reconstructed from it; some are mounted by the kernel of the machine
+//! and examined, half of them with torn caches. Missing data that were reported durable fail the
+//! benchmark; `cargo xtask vm-test power-cuts` does that with many more cuts. `archive` measures
+//! the same of the writer alone, without a kernel.
 
 use std::fs;
 use std::path::{Path, PathBuf};
@@ -130,7 +131,7 @@ fn write(out: &Path, losses: &[Loss], stamp: &Value) -> Result<()> {
     let line = |name: &str, of: fn(&Loss) -> f64| {
         Series::line(name, losses.iter().map(|loss| (loss.chunk_s(), of(loss))))
     };
-    let chart = Chart::new("What a power cut takes on ext4")
+    let chart = Chart::new("Loss by a power cut on ext4")
         .subtitle(
             "from the last sample on disk to the last one that had arrived, per stream and cut",
         )

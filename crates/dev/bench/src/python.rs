@@ -1,4 +1,5 @@
-//! OpenCV beside us, in the same run: a script that takes JSON on its standard input and gives JSON back.
+//! OpenCV as a peer, in the same run: a script that takes JSON on its standard input and gives JSON
+//! back.
 
 use std::ffi::OsString;
 use std::io::Write;
@@ -11,13 +12,13 @@ use serde_json::Value;
 /// The interpreter with OpenCV.
 ///
 /// # Errors
-/// None is named.
+/// No interpreter is named.
 pub(crate) fn interpreter() -> Result<OsString> {
     std::env::var_os("PAWS_PYTHON")
         .context("PAWS_PYTHON names no interpreter with OpenCV; `cargo xtask bench` makes one")
 }
 
-/// What a script, by its path from `crates/dev/bench/src`, answers to a question.
+/// Answer of a script, by its path from `crates/dev/bench/src`, to a question.
 ///
 /// # Errors
 /// It does not start, fails, or answers in no JSON.

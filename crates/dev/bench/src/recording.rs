@@ -5,10 +5,11 @@ use anyhow::{Context, Result, bail, ensure};
 use capture_daemon::config::Config;
 use capture_daemon::run::{self, RecordOptions, StopFlag};
 
-/// First argument of the process, behind the benchmark's name: then follow configuration, folder and seconds.
+/// First argument of the process, after the benchmark's name, followed by configuration, folder and
+/// seconds.
 pub(crate) const RECORD: &str = "--record";
 
-/// What the process does.
+/// Work of the process.
 ///
 /// # Errors
 /// Bad arguments, or the recording fails.

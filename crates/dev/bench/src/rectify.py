@@ -26,9 +26,9 @@ rotation, distortion = np.float64(job["rotation"]).reshape(3, 3), np.float64(job
 make = lambda: cv2.initUndistortRectifyMap(old, distortion, rotation, new, size, cv2.CV_32FC1)
 x, y = make()
 columns, rows = np.meshgrid(np.arange(size[0]), np.arange(size[1]))
-picture = ((3 * columns + 2 * rows) % 160).astype(np.uint8)
+image = ((3 * columns + 2 * rows) % 160).astype(np.uint8)
 print(json.dumps({
     "map_ms": best(make),
-    "remap_ms": best(lambda: cv2.remap(picture, x, y, cv2.INTER_LINEAR)),
+    "remap_ms": best(lambda: cv2.remap(image, x, y, cv2.INTER_LINEAR)),
     "version": cv2.__version__,
 }))

@@ -1,4 +1,4 @@
-//! `rectify`: how long rectification of one eye takes, ours and OpenCV's, both on one thread.
+//! `rectify`: time of rectifying one image, ours and OpenCV's, both on one thread.
 //!
 //! With the ZED Mini's factory file among the recordings; the best of many runs, since another program on the machine can only
 //! make one slower. Figures of docs/calibration-files.md.
@@ -21,7 +21,7 @@ const RUNS: usize = 200;
 /// Runs the benchmark: `[--quick] [--out DIR]`.
 ///
 /// # Errors
-/// Bad arguments, no interpreter in `PAWS_PYTHON`, no factory file in `PAWS_DATA`, or a disk that says no.
+/// Bad arguments, no interpreter in `PAWS_PYTHON`, no factory file in `PAWS_DATA`, or an I/O error.
 pub(crate) fn run(args: &[String]) -> Result<()> {
     let Arguments { quick, out } = Arguments::parse(args)?;
     fs::create_dir_all(&out).with_context(|| format!("making {}", out.display()))?;
@@ -75,7 +75,7 @@ fn one(file: &Path, (width, height): (u32, u32), runs: usize) -> Result<Value> {
     Ok(json!({ "width": width, "height": height, "ours_ms": ours, "opencv": opencv }))
 }
 
-/// A picture with edges and slopes.
+/// An image with edges and slopes.
 fn picture(width: usize, height: usize) -> Vec<u8> {
     (0..width * height)
         .map(|i| {

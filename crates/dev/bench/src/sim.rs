@@ -1,14 +1,16 @@
-//! `sim`: how fast the simulated cameras are, and how good their pictures.
+//! `sim`: speed of the simulated cameras, and quality of their images.
 //!
-//! 1. Frame sets per second of all three cameras, two eyes each, 672x376 per eye, on two threads, in each
-//!    scene by day, for several qualities: from one look per picture to the many of exams. As in a
-//!    source in real time: each camera's frames in order, developed, side by side, with noise.
-//! 2. What that costs: the difference of the same pictures without noise from ones that are averaged
-//!    over many more looks. Motion blur is part of it, and where edges lie within a pixel.
+//! 1. Frame sets per second of all three stereo cameras, 672x376 per eye, on two threads, in each
+//!    scene by day, for several qualities: from one sample per pixel to the many of the test
+//!    quality. As in a source in real time: each camera's frames in order, developed, side by side,
+//!    with noise.
+//! 2. Their error: the difference of the same images without noise from ones averaged over many
+//!    more samples. Motion blur is part of it, and the position of edges within a pixel.
 //! 3. Where the time of a stereo frame goes, at the quality for real time: poses, visibility, shading,
 //!    developing.
 //!
-//! Frame sets per second are wall time and need a quiet machine; processor time stands a busy one better.
+//! Frame sets per second are wall time and need an idle machine; processor time depends less on the
+//! load.
 
 use std::fs;
 use std::sync::atomic::{AtomicUsize, Ordering};
@@ -18,7 +20,7 @@ use std::thread;
 use anyhow::{Context, Result};
 use cad_transforms::rig::Rig;
 use rig_sim::camera::Quality;
-use rig_sim::scene::{Kind, Time};
+use rig_sim::scene::{Kind, Lighting};
 use rig_sim::simulation::{Settings, Simulation};
 use serde_json::{Value, json};
 
@@ -26,11 +28,11 @@ mod charts;
 mod stages;
 
 use crate::arguments::Arguments;
-use crate::meter::{Took, timed};
+use crate::meter::{Timing, timed};
 use crate::stamp;
 use stages::Stages;
 
-/// Frame sets per second that the quality for real time must reach, and that for exams.
+/// Frame sets per second that the real-time quality must reach, and the test quality.
 const TARGET_FAST: f64 = 15.0;
 const TARGET_ACCURATE: f64 = 2.0;
 /// Threads, as the machine has cores that records in real time.
@@ -45,15 +47,15 @@ const QUALITIES: [(&str, Quality); 4] = [
     ("accurate", Quality::ACCURATE),
 ];
 
-const fn looks(samples: u32, most_samples: u32) -> Quality {
+const fn looks(samples: u32, max_samples: u32) -> Quality {
     Quality {
         samples,
-        most_samples,
+        max_samples,
         noise: true,
     }
 }
 
-/// How much is measured.
+/// Amount of work.
 struct Plan {
     kinds: &'static [Kind],
     width: u32,
@@ -61,7 +63,7 @@ struct Plan {
     /// Frame sets per quality and scene at the quality for real time; as long as that, but at least
     /// one, at others.
     sets: u64,
-    /// Pictures that are compared, per scene and camera, and looks of those they are compared with.
+    /// Compared images, per scene and camera, and samples per pixel of the reference.
     instants: u32,
     looks: u32,
 }
@@ -89,7 +91,7 @@ struct Point {
     sets_per_s: f64,
     /// Per stereo frame.
     cpu_ms: f64,
-    /// Of luma, grey levels.
+    /// RMS error of luma, gray levels.
     rms: f64,
 }
 
@@ -104,7 +106,7 @@ struct Place {
 /// Runs the benchmark: `[--quick] [--out DIR]`.
 ///
 /// # Errors
-/// Bad arguments, or a disk that says no. A target that is missed is a result and no error.
+/// Bad arguments, or an I/O error. A target that is missed is a result and no error.
 pub(crate) fn run(args: &[String]) -> Result<()> {
     let Arguments { quick, out } = Arguments::parse(args)?;
     let plan = if quick { QUICK } else { FULL };
@@ -148,9 +150,9 @@ fn place(plan: &Plan, kind: Kind, rig: &Rig) -> Result<Place> {
     let rate_hz = 15.0;
     let settings = Settings {
         kind,
-        time: Time::Day,
+        lighting: Lighting::Day,
         seed: 1,
-        // Standing still is no measure: the first step follows within a second.
+        // The walker rests first: the first step follows within a second.
         seconds: (plan.sets as f64 / rate_hz).max(8.0),
         rate_hz,
         width: plan.width,
@@ -160,16 +162,16 @@ fn place(plan: &Plan, kind: Kind, rig: &Rig) -> Result<Place> {
     let mut simulation = Simulation::new(&settings, rig).context("preparing the walk")?;
     let triangles = simulation.scene().fixed.triangles.len();
     let stages = stages::measure(&simulation, plan.sets.min(30));
-    let silent = |samples, most_samples| Quality {
+    let silent = |samples, max_samples| Quality {
         samples,
-        most_samples,
+        max_samples,
         noise: false,
     };
     let (reference, expected) = pictures(simulation, silent(plan.looks, plan.looks), plan);
     simulation = reference;
     let mut points: Vec<Point> = Vec::new();
     for (name, quality) in QUALITIES {
-        let (samples, most) = (quality.samples, quality.most_samples);
+        let (samples, most) = (quality.samples, quality.max_samples);
         let (silent, found) = pictures(simulation, silent(samples, most), plan);
         let loud = Arc::new(silent.with_quality(quality));
         let sets = (plan.sets / u64::from(most)).max(2);
@@ -191,12 +193,12 @@ fn place(plan: &Plan, kind: Kind, rig: &Rig) -> Result<Place> {
     })
 }
 
-/// Luma of both eyes of all cameras at a few instants of the walk.
+/// Luma of both images of all cameras at a few instants of the walk.
 fn pictures(simulation: Simulation, quality: Quality, plan: &Plan) -> (Simulation, Vec<Vec<u8>>) {
     let simulation = Arc::new(simulation.with_quality(quality));
     let mut found = Vec::new();
     for camera in 0..simulation.cameras().len() {
-        let mut pictures = simulation.pictures(camera);
+        let mut pictures = simulation.frames(camera);
         for k in 0..plan.instants {
             let part = (f64::from(k) + 0.7) / f64::from(plan.instants);
             let time_ns = (part * 1e9 * simulation.settings().seconds) as i64;
@@ -209,12 +211,12 @@ fn pictures(simulation: Simulation, quality: Quality, plan: &Plan) -> (Simulatio
     (Arc::unwrap_or_clone(simulation), found)
 }
 
-/// Takes so many frame sets on [`THREADS`] threads. Each camera's frames come in order, and only one
-/// thread works on it at a time.
-fn stream(simulation: &Arc<Simulation>, sets: u64) -> Took {
+/// Renders `sets` frame sets on [`THREADS`] threads. Each camera's frames come in order, and only
+/// one thread works on it at a time.
+fn stream(simulation: &Arc<Simulation>, sets: u64) -> Timing {
     let count = simulation.cameras().len();
     let cameras: Vec<_> = (0..count)
-        .map(|camera| Mutex::new(simulation.pictures(camera)))
+        .map(|camera| Mutex::new(simulation.frames(camera)))
         .collect();
     let next = AtomicUsize::new(0);
     let work = || {
@@ -296,9 +298,9 @@ impl std::fmt::Display for Place {
 mod tests {
     use super::*;
 
-    /// The whole way of a measurement, small: more looks come nearer to many.
+    /// A small measurement end to end: more samples come nearer to the reference.
     #[test]
-    fn more_looks_are_nearer_to_many() {
+    fn more_samples_are_nearer_to_the_reference() {
         let plan = Plan {
             kinds: &[Kind::Corridor],
             width: 64,
@@ -309,7 +311,7 @@ mod tests {
         };
         let places = measure(&plan).unwrap();
         let [place] = &places[..] else {
-            panic!("one scene was asked for");
+            panic!("one scene was requested");
         };
         let points = &place.points;
         assert_eq!(points.len(), QUALITIES.len());

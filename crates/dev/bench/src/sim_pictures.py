@@ -1,22 +1,22 @@
-"""Statistics of simulated pictures beside those of real ones.
+"""Statistics of simulated images beside those of real ones.
 
     sim_pictures.py WALKS DATA OUT.json
 
 WALKS holds one folder per walk, as `paws-rig-sim render --truth` writes it; DATA is the folder of real
 recordings. OUT.json gets every number, OUT.md beside it the table.
 
-What is measured, of every picture, pair or sequence, with the same code for real and simulated ones:
+What is measured, of every image, pair or sequence, with the same code for real and simulated ones:
 
-- gradient: length of the luma's gradient (Scharr, per pixel) over the picture's mean luma, percentiles;
+- gradient: length of the luma's gradient (Scharr, per pixel) over the image's mean luma, percentiles;
 - slope: exponent of the power spectrum over the spatial frequency, 0.02 to 0.3 cycles per pixel, of a
-  square under a Hann window; pictures of nature have about -2;
+  square under a Hann window; images of nature have about -2;
 - noise: standard deviation of the noise in grey levels (Immerkaer 1996);
 - matched: share of pixels whose disparity from OpenCV's SGBM is confirmed by the match from right to
   left within 1 px; apart: mean difference of those two, px;
 - error: median error of the confirmed disparities, px, and the share of them wrong by more than 2 px,
   where there is truth;
 - corners: how many Shi-Tomasi corners there are per 100 000 pixels; kept: share of tracks that pyramidal
-  Lucas-Kanade takes to the next picture and back within 0.5 px; length: median number of pictures a track
+  Lucas-Kanade takes to the next image and back within 0.5 px; length: median number of images a track
   lives, among the first 10.
 """
 
@@ -32,18 +32,18 @@ cv2.setNumThreads(1)
 
 
 def grey(path):
-    picture = cv2.imread(str(path), cv2.IMREAD_GRAYSCALE)
-    if picture is None:
-        raise SystemExit(f"reading a picture: {path}")
-    return picture
+    image = cv2.imread(str(path), cv2.IMREAD_GRAYSCALE)
+    if image is None:
+        raise SystemExit(f"reading an image: {path}")
+    return image
 
 
 # --- what is measured ---------------------------------------------------------------------------
 
 
-def of_picture(picture):
+def of_image(image):
     """Gradient, spectrum and noise."""
-    luma = picture.astype(np.float64)
+    luma = image.astype(np.float64)
     gradient = np.hypot(cv2.Scharr(luma, -1, 1, 0), cv2.Scharr(luma, -1, 0, 1)) / 32
     inner = gradient[1:-1, 1:-1] / max(luma.mean(), 1)
     found = {f"gradient p{p}": np.percentile(inner, p) for p in (50, 90, 99)}
@@ -97,9 +97,9 @@ def of_pair(left, right, most, truth=None, inside=None):
     return found
 
 
-def of_sequence(pictures):
+def of_sequence(images):
     """How many corners there are, and how long they can be tracked."""
-    first = pictures[0]
+    first = images[0]
     corners = cv2.goodFeaturesToTrack(first, 0, 0.01, 5)
     if corners is None:
         return {"corners": 0.0}
@@ -108,7 +108,7 @@ def of_sequence(pictures):
     alive = np.arange(count)
     kept = []
     options = dict(winSize=(21, 21), maxLevel=3)
-    for a, b in zip(pictures, pictures[1:TRACKED]):
+    for a, b in zip(images, images[1:TRACKED]):
         if not len(alive):
             break
         there, fine, _ = cv2.calcOpticalFlowPyrLK(a, b, corners, None, **options)
@@ -126,11 +126,11 @@ def of_sequence(pictures):
     }
 
 
-# --- where pictures come from ---------------------------------------------------------------------
+# --- where images come from ---------------------------------------------------------------------
 
 
 class Source:
-    """Rectified pictures of one camera and what was measured of them."""
+    """Rectified images of one camera and what was measured of them."""
 
     def __init__(self, name, real):
         self.name, self.real, self.values = name, real, {}
@@ -141,7 +141,7 @@ class Source:
 
     def measure(self, lefts, rights=(), most=64, truths=None, inside=None, sequence=False, every=1):
         for k in range(0, len(lefts), every):
-            self.add(of_picture(lefts[k]))
+            self.add(of_image(lefts[k]))
             if rights:
                 self.add(of_pair(lefts[k], rights[k], most, truths[k] if truths else None, inside))
         if sequence:
@@ -165,7 +165,7 @@ def sensor(folder):
 
 
 class Rectifier:
-    """OpenCV's, from the calibration beside the pictures."""
+    """OpenCV's, from the calibration beside the images."""
 
     def __init__(self, root):
         (ka, da, body_from_a, self.size), (kb, db, body_from_b, _) = sensor(root / "cam0"), sensor(root / "cam1")
@@ -233,7 +233,7 @@ def real(data):
     camvid = sorted((data / "10_segmentation/camvid/train").glob("*.png"))
     yield Source("CamVid, street", True).measure([grey(p) for p in camvid], every=3)
 
-    # From hand-held cameras; the phone's pictures are brought to the size of the others.
+    # From hand-held cameras; the phone's images are brought to the size of the others.
     kinect = sorted((data / "08_rgbd_mesh/tsdf_fusion_kinect50/rgbd-frames").glob("*.color.png"))
     yield Source("Kinect, room", True).measure([grey(p) for p in kinect], sequence=True, every=3)
     fox = sorted((data / "07_multiview/fox/images").glob("*.jpg"))
@@ -267,11 +267,11 @@ MEASURES = {
 }
 
 
-HEAD = """# Simulated pictures beside real ones
+HEAD = """# Simulated images beside real ones
 
-Made by `cargo xtask bench sim_pictures`; what each column is stands at the head of `crates/dev/bench/src/sim_pictures.py`. Values are
-medians over pictures, pairs or sequences. A simulated one in bold lies outside of what all real ones span, below (<) or above (>).
-No real picture here looks down at the ground as the feet camera does. What the error of matching is, is known of one real pair only.
+Made by `cargo xtask bench sim_pictures`; the columns are documented at the head of `crates/dev/bench/src/sim_pictures.py`. Values are
+medians over images, pairs or sequences. A simulated one in bold is outside of the range of all real ones, below (<) or above (>).
+No real image here shows the ground from above as the feet camera does. The matching error is known of one real pair only.
 
 """
 
@@ -282,7 +282,7 @@ def table(sources):
         spanned = [v for s in sources if s.real for v in s.values.get(key, [])]
         if len(spanned) > 1:
             ranges[key] = (min(spanned), max(spanned))
-    text.append("| picture | " + " | ".join(MEASURES) + " |")
+    text.append("| image | " + " | ".join(MEASURES) + " |")
     text.append("|---" * (len(MEASURES) + 1) + "|")
 
     def cell(source, key):

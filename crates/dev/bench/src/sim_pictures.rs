@@ -1,10 +1,10 @@
-//! `sim_pictures`: whether simulated pictures are like real ones, by numbers.
+//! `sim_pictures`: similarity of simulated and real images, in numbers.
 //!
-//! A walk through each scene by day is rendered with its truth, at the quality for exams. A Python
-//! program (`sim_pictures.py` beside this file, whose head says what is measured) computes the same
-//! statistics of these pictures and of the real ones of the data folder: gradients, spectrum, noise, how
-//! well OpenCV matches left and right, how long features can be tracked. The table says which of the
-//! simulated ones lie within what the real ones span.
+//! A walk through each scene by day is rendered with its ground truth, at the quality for tests. A
+//! Python program (`sim_pictures.py` beside this file, whose head documents the measures) computes
+//! the same statistics of these images and of the real ones of the data folder: gradients,
+//! spectrum, noise, stereo matching by OpenCV, length of feature tracks. The table marks which of
+//! the simulated ones are within the range of the real ones.
 
 use std::fs;
 use std::path::Path;
@@ -16,7 +16,7 @@ use cad_transforms::rig::Rig;
 use rig_sim::camera::Quality;
 use rig_sim::faults::Faults;
 use rig_sim::render::{Job, render};
-use rig_sim::scene::{Kind, Time};
+use rig_sim::scene::{Kind, Lighting};
 use rig_sim::simulation::{Settings, Simulation};
 use serde_json::Value;
 
@@ -28,11 +28,11 @@ const RIG: &str = include_str!("../../../../cad-transforms/rigs/example.toml");
 /// Runs the benchmark: `[--quick] [--out DIR]`.
 ///
 /// # Errors
-/// Bad arguments, no interpreter in `PAWS_PYTHON`, no real pictures in `PAWS_DATA`, or a disk that says
-/// no. Pictures unlike real ones are a result and no error.
+/// Bad arguments, no interpreter in `PAWS_PYTHON`, no real images in `PAWS_DATA`, or an I/O error.
+/// Images unlike real ones are a result and not an error.
 pub(crate) fn run(args: &[String]) -> Result<()> {
     let Arguments { quick, out } = Arguments::parse(args)?;
-    // Quick is as many frames as features are followed through.
+    // A quick run has the number of frames through which features are tracked.
     let seconds = if quick { 0.67 } else { 2.0 };
     let python = python::interpreter()?;
     let data = std::env::var_os("PAWS_DATA")
@@ -69,7 +69,7 @@ fn walk(kind: Kind, seconds: f64, folder: &Path) -> Result<()> {
     let rig = Rig::parse(RIG)?;
     let settings = Settings {
         kind,
-        time: Time::Day,
+        lighting: Lighting::Day,
         seed: 1,
         seconds,
         rate_hz: 15.0,

@@ -1,9 +1,9 @@
-//! `soak`: an hour in virtual time. Is the memory flat, and is every sample there?
+//! `soak`: an hour in virtual time. Checks that memory is constant and every sample is stored.
 //!
-//! Three small synthetic cameras (64x32 per eye, 30 Hz) with their IMUs (200 Hz) go through the whole
-//! daemon: clock maps, encoders, recorder, archive with its syncs. Small pictures make an hour short
-//! and take nothing away from the question: what would grow grows with the number of samples. The
-//! memory of the process is looked at with every chunk.
+//! Three small synthetic cameras (64x32 per eye, 30 Hz) with their IMUs (200 Hz) go through the
+//! whole daemon: clock maps, encoders, recorder, archive with its syncs. Small images make an hour
+//! short and do not affect the result: growth would depend on the number of samples. The memory of
+//! the process is read with every chunk.
 
 use std::fs;
 
@@ -11,12 +11,12 @@ use anyhow::{Context as _, Result, ensure};
 use charts::{Axis, Chart, Series};
 use serde_json::json;
 use tests::rig::Rig;
-use tests::soak::{Soaked, soak};
+use tests::soak::{SoakResult, soak};
 
 use crate::arguments::Arguments;
 use crate::stamp;
 
-/// By how much the peak of the memory may grow after the first minute, bytes.
+/// Maximum growth of the peak memory after the first minute, bytes.
 const GROWTH_LIMIT: u64 = 10 << 20;
 
 /// Runs the benchmark: `[--quick] [--out DIR]`.
@@ -46,9 +46,9 @@ pub(crate) fn run(args: &[String]) -> Result<()> {
     let samples: serde_json::Map<_, _> = streams
         .map(|(name, stream)| (name.clone(), stream.samples.into()))
         .collect();
-    // A hundred and twenty looks tell as much as seven thousand.
-    let step = soaked.looks.len().div_ceil(120).max(1);
-    let looks = soaked.looks.iter().step_by(step);
+    // A hundred and twenty readings are as informative as seven thousand.
+    let step = soaked.samples.len().div_ceil(120).max(1);
+    let looks = soaked.samples.iter().step_by(step);
     let report = json!({
         "benchmark": "soak",
         "stamp": stamp,
@@ -87,9 +87,9 @@ pub(crate) fn run(args: &[String]) -> Result<()> {
     Ok(())
 }
 
-fn chart(soaked: &Soaked, footnote: &str) -> String {
+fn chart(soaked: &SoakResult, footnote: &str) -> String {
     const MIB: f64 = (1 << 20) as f64;
-    let looks = &soaked.looks;
+    let looks = &soaked.samples;
     let at_minute = looks.iter().find(|look| look.session_s >= 60.0);
     let base = at_minute.map_or(0.0, |look| look.memory.resident as f64 / MIB);
     let line = |name, of: fn(&tests::soak::Memory) -> u64| {

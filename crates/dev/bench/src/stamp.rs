@@ -1,4 +1,4 @@
-//! Where, when and from which source a measurement was made.
+//! Provenance of a measurement: machine, date, commit, command.
 
 use std::fs;
 use std::process::Command;
@@ -21,7 +21,7 @@ pub(crate) fn stamp(name: &str, args: &[String]) -> Result<Value> {
     let date = CivilTime(now.as_nanos() as i64).to_string();
     let cpus = thread::available_parallelism().map_or(1, usize::from);
     let mut command = vec![format!("cargo xtask bench {name}")];
-    // Where the results go is of no interest, and is a path of this machine.
+    // The output folder is left out: it is a path of this machine.
     command.extend(args.iter().filter(|a| *a == "--quick").cloned());
     Ok(json!({
         "machine": format!("{cpus} CPUs, {}", processor()),
@@ -40,7 +40,7 @@ pub(crate) fn line(stamp: &Value) -> String {
     parts.join("; ")
 }
 
-/// The processor's name, as the kernel tells it.
+/// The processor's name, as reported by the kernel.
 fn processor() -> String {
     let text = fs::read_to_string("/proc/cpuinfo").unwrap_or_default();
     let name = text
@@ -56,8 +56,8 @@ fn first_line(path: &str) -> String {
     text.lines().next().unwrap_or("unknown").to_owned()
 }
 
-/// The commit, with a note if the tree has changes or new files in it. Results are not counted: in a
-/// run of several benchmarks those of the first lie there when the second begins.
+/// The commit, with a note if the tree has changes or new files in it. Results are not counted: in
+/// a run of several benchmarks those of the first exist when the second begins.
 fn commit() -> String {
     let git = |arguments: &[&str]| {
         let output = Command::new("git")

@@ -1,25 +1,25 @@
-//! `bench sync`: how far device clocks can be read from arrival times.
+//! `bench sync`: accuracy of clock mapping from arrival times.
 //!
-//! Devices with known clocks send samples through latencies of known shape; four methods turn
-//! ticks into times: [`methods`] says which. For each it is measured how far the times are off,
-//! whether the method warned of it, and what it costs: against the number of samples, against the
-//! strength of everything that can go wrong ([`faults`]), and error against cost.
+//! Devices with known clocks send samples through latencies of known shape; four methods map ticks
+//! to times ([`methods`]). For each this measures the errors of the times, whether the method
+//! flagged them, and the cost: against the number of samples, against the strength of each fault
+//! ([`faults`]), and error against cost.
 //!
 //! An error is that of a time against the instant at which the sample was taken, the device's tick
 //! (39 us) rounded down included.
 //!
-//! A method that gives a sigma is *silently wrong* where a time is off by more than 5 of them and
-//! neither was nor is flagged; one that gives none, where it is off by more than 1 ms.
+//! A method that gives a sigma is *silently wrong* where the error of a time is more than 5 of them
+//! and it neither was nor is flagged; one that gives none, where the error is more than 1 ms.
 
 #![expect(
     clippy::disallowed_methods,
-    reason = "a benchmark measures how long things take, and says when it did"
+    reason = "a benchmark measures durations, and records its date"
 )]
 
-mod exam;
 mod faults;
 mod methods;
 mod report;
+mod scoring;
 mod world;
 
 use std::path::PathBuf;
@@ -28,16 +28,16 @@ use std::time::Instant;
 use anyhow::{Context, bail};
 use serde_json::{Value, json};
 
-use self::exam::{Class, Score, run as examine};
 use self::faults::Fault;
+use self::scoring::{Class, Score, run as score_run};
 use self::world::{LATENCY_NS, Sample, US, World};
 use crate::meter::quantile;
 
 /// Sample rates: a camera and an IMU, Hz.
 const RATES: [f64; 2] = [30.0, 400.0];
-/// Seeds from here on; the method was tuned on smaller ones.
+/// First seed; the method was tuned on smaller ones.
 const FIRST_SEED: u64 = 20_000;
-/// Lower ends of the windows of sample numbers in which errors are gathered.
+/// Lower ends of the windows of sample numbers in which errors are collected.
 const COUNTS: [usize; 9] = [3, 10, 30, 100, 300, 1000, 3000, 10_000, 30_000];
 
 /// Runs the benchmark; `--quick` for a few seeds only, `--out DIR` for another folder.
@@ -68,7 +68,7 @@ pub(crate) fn run(args: &[String]) -> anyhow::Result<()> {
     report::write(&results, seeds, args, &out)
 }
 
-/// Everything that was measured.
+/// All results.
 #[derive(Default)]
 struct Results {
     by_samples: Vec<BySamples>,
@@ -96,14 +96,14 @@ struct Point {
     score: Score,
 }
 
-/// One method's speed and what it buys.
+/// Cost of one method.
 struct Cost {
     method: &'static str,
     rate_hz: f64,
     cost_ns: f64,
 }
 
-/// The mean latency above the least one, which the averaging methods are told.
+/// Mean latency above the minimum, which the averaging methods are given.
 fn mean_latency(samples: &[Sample]) -> f64 {
     let late = |s: &Sample| s.arrival as f64 - s.taken - LATENCY_NS as f64;
     samples.iter().map(late).sum::<f64>() / samples.len().max(1) as f64
@@ -173,7 +173,7 @@ fn point(fault: &Fault, strength: f64, rate_hz: f64, seeds: u64) -> Vec<Point> {
                 scores.push(Vec::new());
                 names.push(method.name());
             }
-            scores[m].push(examine(method.as_mut(), &samples));
+            scores[m].push(score_run(method.as_mut(), &samples));
         }
     }
     names

@@ -1,7 +1,8 @@
 //! `vm_cost`: wake-ups and processor time of the daemon's threads, against cameras, IMU, operator's devices and page.
 //!
-//! `pawsd` runs in virtual machines with the kernel's own drivers; see [`vm::cases::cost`] for what is counted, and how far the
-//! processor time can be believed. The load of the host before and after is kept beside it.
+//! `pawsd` runs in virtual machines with the kernel's own drivers; see [`vm::cases::cost`] for the
+//! counters, and the accuracy of the processor time. The load of the host before and after is kept
+//! beside it.
 
 use std::fs;
 use std::path::Path;
@@ -17,15 +18,16 @@ use vm::machine::Machine;
 use crate::arguments::Arguments;
 use crate::{power_cuts, stamp};
 
-/// Kinds of threads as they stand in the table.
+/// Kinds of threads, as in the table.
 const KINDS: [&str; 10] = [
     "source", "imu", "hub", "encoder", "recorder", "main", "light", "button", "page", "control",
 ];
 /// Rigs in the chart.
-const DRAWN: usize = 6;
-/// A rig that got less of its samples is measured again, so often at most: the host was too busy.
-const SERVED: f64 = 0.95;
-const TRIES: usize = 4;
+const DRAWN_RIGS: usize = 6;
+/// Minimum ratio of samples that a rig must get, and maximum number of attempts: below it the host
+/// was too busy.
+const MIN_SERVED_RATIO: f64 = 0.95;
+const MAX_TRIES: usize = 4;
 
 /// Runs the benchmark: `[--quick] [--out DIR]`.
 ///
@@ -68,8 +70,8 @@ pub(crate) fn run(args: &[String]) -> Result<()> {
 /// The first measurement in which the guest had its time, or else the best.
 fn best(bench: &Bench, setup: Setup, window_s: u32) -> Result<Cost> {
     let mut best = measure(bench, setup, window_s)?;
-    for _ in 1..TRIES {
-        if best.served() >= SERVED {
+    for _ in 1..MAX_TRIES {
+        if best.served() >= MIN_SERVED_RATIO {
             break;
         }
         println!("{}: served {:.2}, again", setup.name, best.served());
@@ -127,9 +129,9 @@ fn write(out: &Path, costs: &[Cost], window_s: u32, stamp: &Value) -> Result<()>
     Ok(())
 }
 
-/// What is drawn.
+/// A charted quantity.
 struct Drawn {
-    /// As it stands in the report.
+    /// Key in the report.
     key: &'static str,
     title: &'static str,
     quantity: &'static str,
@@ -138,7 +140,7 @@ struct Drawn {
 
 const WAKES: Drawn = Drawn {
     key: "wakes_per_s",
-    title: "How often the daemon's threads wake up",
+    title: "Wake-ups of the daemon's threads",
     quantity: "wake-ups",
     unit: "1/s",
 };
@@ -151,12 +153,12 @@ const CPU: Drawn = Drawn {
     unit: "%",
 };
 
-/// What a report says of each kind of thread while it records. Where nothing is recorded, while it waits.
+/// Value of each kind of thread while recording; if nothing is recorded, while waiting.
 fn chart(report: &Value, drawn: &Drawn) -> String {
     let rigs = || {
         let rigs = report["rigs"].as_array().into_iter().flatten();
         let rigs = rigs.filter(|rig| rig["size"][0].as_u64().is_some_and(|width| width < 1000));
-        rigs.filter(|rig| rig["operator"] == false).take(DRAWN)
+        rigs.filter(|rig| rig["operator"] == false).take(DRAWN_RIGS)
     };
     let names = rigs().map(|rig| rig["name"].as_str().unwrap_or_default());
     let mut chart = Chart::new(drawn.title)

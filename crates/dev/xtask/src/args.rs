@@ -6,6 +6,7 @@ use std::ffi::OsString;
 use std::path::PathBuf;
 
 use crate::deb::Architecture;
+use crate::tidy::Mode;
 
 /// What `cargo xtask help` prints.
 pub(crate) const HELP: &str = "\
@@ -18,8 +19,13 @@ cargo xtask VERB: set-up and developer verbs
         validate, index, hand off, read back, reconstruct. Works in target/demo, emptied first, or in DIR,
         which must be new or empty.
   test [--no-install] [--quick]
-        Format check, clippy, tests, documentation, cargo deny. --quick: format check, clippy
-        and the unit tests only.
+        What `tidy` checks, format check, clippy, tests, documentation, cargo deny. --quick: tidy, format
+        check, clippy and the unit tests only.
+  tidy [--write | --list [CRATE]]
+        Compare the counts of dropped words, breaches of the layers, circles of modules, long files and public
+        items with docs/tidy.txt, and fail where one rose. --write: lower the counts there that fell, and add
+        new ones. --list: print every place that counts, of all or of CRATE (or of the pages, `markdown`, or the charts,
+        `svg`).
   bench NAME [--no-install] [ARGS...]
         Run a benchmark (archive, sync, frame_sync, frames_kept, encode, import, soak, kills, power_cuts, vm_cost, sim, sim_pictures,
         calib, camera_imu, rectify, calib_verify, depth, odometry, odometry_faults, odometry_encoding, odometry_length,
@@ -76,8 +82,8 @@ pub(crate) const BENCHMARKS: [&str; 21] = [
     "odometry_length",
 ];
 
-const VERBS: [&str; 10] = [
-    "setup", "demo", "test", "bench", "vm-test", "fuzz", "guide", "schemas", "deb", "help",
+const VERBS: [&str; 11] = [
+    "setup", "demo", "test", "tidy", "bench", "vm-test", "fuzz", "guide", "schemas", "deb", "help",
 ];
 
 /// What the command line asks for.
@@ -85,6 +91,9 @@ const VERBS: [&str; 10] = [
 pub(crate) enum Verb {
     Help,
     Schemas,
+    Tidy {
+        mode: Mode,
+    },
     Guide {
         install: bool,
     },
@@ -148,6 +157,9 @@ pub(crate) fn parse(words: impl IntoIterator<Item = OsString>) -> Result<Verb, S
             words.end("test", &["--no-install", "--quick"])?;
             Ok(Verb::Test { install, quick })
         }
+        "tidy" => Ok(Verb::Tidy {
+            mode: tidy_mode(&mut words)?,
+        }),
         "demo" => {
             let install = !words.take_flag("--no-install");
             let seconds = match words.take_value("--seconds")? {
@@ -276,6 +288,24 @@ impl Words {
     }
 }
 
+fn tidy_mode(words: &mut Words) -> Result<Mode, String> {
+    let write = words.take_flag("--write");
+    let list = words.take_flag("--list");
+    let is_name = |word: &OsString| !word.to_string_lossy().starts_with('-');
+    let of = if list && words.0.first().is_some_and(is_name) {
+        Some(words.0.remove(0).to_string_lossy().into_owned())
+    } else {
+        None
+    };
+    words.end("tidy", &["--write", "--list"])?;
+    match (write, list) {
+        (false, false) => Ok(Mode::Check),
+        (true, false) => Ok(Mode::Write),
+        (false, true) => Ok(Mode::List(of)),
+        (true, true) => Err("tidy: --write and --list exclude each other.".into()),
+    }
+}
+
 fn whole_seconds(word: &OsString, what: &str) -> Result<u32, String> {
     word.to_str()
         .and_then(|text| text.parse().ok())
@@ -370,6 +400,18 @@ mod tests {
     }
 
     #[test]
+    fn tidy_checks_unless_it_is_to_write_or_to_list() {
+        for (line, mode) in [
+            ("tidy", Mode::Check),
+            ("tidy --write", Mode::Write),
+            ("tidy --list", Mode::List(None)),
+            ("tidy --list calib", Mode::List(Some("calib".into()))),
+        ] {
+            assert_eq!(parse_line(line), Ok(Verb::Tidy { mode }), "{line}");
+        }
+    }
+
+    #[test]
     fn benchmark_arguments_pass_through_untouched() {
         assert_eq!(
             parse_line("bench sync --no-install --seconds 3"),
@@ -412,6 +454,8 @@ mod tests {
             ("test --quik", "--quick"),
             ("deb --arch arm46", "arm64"),
             ("deb --chek", "--check"),
+            ("tydi", "tidy"),
+            ("tidy --lits", "--list"),
         ] {
             let message = parse_line(line).expect_err(line);
             let named = format!("nearest known one is {nearest:?}");
@@ -431,6 +475,9 @@ mod tests {
             "fuzz soon",
             "fuzz 5 5",
             "deb --arch",
+            "tidy calib",
+            "tidy --write --list",
+            "tidy --list calib depth",
         ] {
             assert!(parse_line(line).is_err(), "{line:?} was taken");
         }

@@ -21,6 +21,7 @@ mod process;
 mod schemas;
 mod setup;
 mod test;
+mod tidy;
 mod vm;
 
 use std::process::ExitCode;
@@ -86,6 +87,7 @@ fn run(verb: Verb) -> anyhow::Result<Ending> {
             names,
         } => vm::run(install, quick, qemu, cached, None, &names).map(|_| ()),
         Verb::Schemas => schemas::run(),
+        Verb::Tidy { mode } => tidy::run(mode),
         Verb::Guide { install } => guide::whole(install),
         Verb::Fuzz { install, seconds } => fuzz::run(install, seconds),
         Verb::Deb {

@@ -18,6 +18,7 @@ use anyhow::{Context, Result, bail};
 use crate::guide;
 use crate::process::{self, cargo, human};
 use crate::setup::{self, Purpose};
+use crate::tidy;
 use crate::vm;
 use runner::Report;
 
@@ -46,7 +47,11 @@ pub(crate) fn run(install: bool, quick: bool) -> Result<()> {
 
     let mut report = Report::default();
     let mut python = None;
-    let mut steps = vec![step("format", format_check), step("clippy", clippy)];
+    let mut steps = vec![
+        step("tidy", || Ok(Ending::Passed(tidy::check()?))),
+        step("format", format_check),
+        step("clippy", clippy),
+    ];
     if !quick {
         steps.push(step("python readers", || {
             Ok(match python::interpreter() {

@@ -33,9 +33,9 @@ fn everything() -> serde_json::Value {
     let heat = Thermometer::new().judge(&heat_readings);
     let power_readings = battery::Readings::read(&roots);
     let power = battery::judge(&power_readings, None);
-    let look = clock::look();
-    let space = disk::look(Path::new("."));
-    let disk = disk::DiskWatch::new(0).judge(look.monotonic_ns, &space);
+    let reading = clock::read();
+    let space = disk::reading(Path::new("."));
+    let disk = disk::DiskWatch::new(0).judge(reading.monotonic_ns, &space);
     let pressure = Pressure {
         heat: Some(heat.clone()),
         power: Some(power.clone()),
@@ -45,7 +45,7 @@ fn everything() -> serde_json::Value {
     let mut ladder = Ladder::new(Limits::default()).expect("the defaults agree with themselves");
     // The same reading for a minute: where the ladder would be if it stayed so.
     for second in 0..60 {
-        ladder.look(look.monotonic_ns + second * NS_PER_S, &pressure);
+        ladder.reading(reading.monotonic_ns + second * NS_PER_S, &pressure);
     }
     let lock = realtime::lock_memory(&roots);
     let locked = realtime::locked_bytes(&roots);
@@ -56,9 +56,9 @@ fn everything() -> serde_json::Value {
         "power": power,
         "power_readings": power_readings,
         "disk_here": disk,
-        "clock": ClockWatch::new().judge(&look).0,
+        "clock": ClockWatch::new().judge(&reading).0,
         "clock_kept_by": clock::discipline(&roots),
-        "ladder": { "step": ladder.step(), "measures": ladder.measures(), "reasons": ladder.reasons() },
+        "ladder": { "step": ladder.step(), "measures": ladder.mitigations(), "reasons": ladder.reasons() },
         "real_time": realtime::this_thread(realtime::PRIORITY),
         "memory_lock": lock,
         "memory_locked_bytes": locked,
@@ -93,30 +93,30 @@ fn as_text(value: &serde_json::Value, depth: usize) -> String {
 fn watch(seconds: i64) -> Result<(), Box<dyn std::error::Error>> {
     let alarm = StepAlarm::new()?;
     let mut watch = ClockWatch::new();
-    let begun = clock::look().monotonic_ns;
+    let begun = clock::read().monotonic_ns;
     let mut next = begun;
     loop {
-        let look = clock::look();
-        let (state, events) = watch.judge(&look);
-        let since_ms = (look.monotonic_ns - begun) / 1_000_000;
+        let reading = clock::read();
+        let (state, events) = watch.judge(&reading);
+        let since_ms = (reading.monotonic_ns - begun) / 1_000_000;
         for event in &events {
             println!("{since_ms:7} ms  EVENT {event}");
         }
-        if look.monotonic_ns >= next {
+        if reading.monotonic_ns >= next {
             next += NS_PER_S;
             println!(
                 "{since_ms:7} ms  civil = monotonic + {} ns, read within {} ns, synchronised: {:?}",
                 state.civil_offset_ns, state.apart_ns, state.synchronised
             );
         }
-        if look.monotonic_ns - begun >= seconds * NS_PER_S {
+        if reading.monotonic_ns - begun >= seconds * NS_PER_S {
             return Ok(());
         }
-        let left = u64::try_from(next - look.monotonic_ns).unwrap_or(0);
+        let left = u64::try_from(next - reading.monotonic_ns).unwrap_or(0);
         if alarm.wait(Duration::from_nanos(left))? {
             println!(
                 "{:7} ms  ALARM",
-                (clock::look().monotonic_ns - begun) / 1_000_000
+                (clock::read().monotonic_ns - begun) / 1_000_000
             );
         }
     }

@@ -7,21 +7,21 @@
 //!
 //! Contract: [`ClockWatch::judge`] is pure. It reports each step once, at the first look after it, with its
 //! size; two steps between two looks are one. A suspension is distinguished by `CLOCK_BOOTTIME`, which goes on
-//! through it. [`look`] reads the clocks, [`StepAlarm`] wakes a thread at the very step, and a machine whose
+//! through it. [`reading`] reads the clocks, [`StepAlarm`] wakes a thread at the very step, and a machine whose
 //! kernel refuses either only tells less.
 
 use serde::Serialize;
 
 mod read;
 
-pub use read::{Discipline, StepAlarm, discipline, look};
+pub use read::{Discipline, StepAlarm, discipline, read};
 
 /// Smaller changes are not told, ns: the clocks are read one after the other.
 pub const LEAST_STEP_NS: i64 = 10_000;
 
 /// What the clocks said at one look.
 #[derive(Clone, Debug, PartialEq, Serialize)]
-pub struct Look {
+pub struct ClockReading {
     /// `CLOCK_MONOTONIC`, ns.
     pub monotonic_ns: i64,
     /// `CLOCK_REALTIME` at that instant, ns since 1970, UTC.
@@ -128,7 +128,7 @@ impl std::fmt::Display for ClockEvent {
 /// Compares looks.
 #[derive(Clone, Debug, Default)]
 pub struct ClockWatch {
-    last: Option<Look>,
+    last: Option<ClockReading>,
 }
 
 impl ClockWatch {
@@ -138,21 +138,21 @@ impl ClockWatch {
     }
 
     /// What a look means, and what happened since the one before.
-    pub fn judge(&mut self, look: &Look) -> (ClockState, Vec<ClockEvent>) {
+    pub fn judge(&mut self, reading: &ClockReading) -> (ClockState, Vec<ClockEvent>) {
         let state = ClockState {
-            at_ns: look.monotonic_ns,
-            civil_offset_ns: look.realtime_ns.saturating_sub(look.monotonic_ns),
-            suspended_ns: look.boottime_ns.saturating_sub(look.monotonic_ns),
-            apart_ns: look.apart_ns,
-            synchronised: look.kernel.as_ref().map(|kernel| kernel.synchronised),
-            kernel: look.kernel.clone(),
+            at_ns: reading.monotonic_ns,
+            civil_offset_ns: reading.realtime_ns.saturating_sub(reading.monotonic_ns),
+            suspended_ns: reading.boottime_ns.saturating_sub(reading.monotonic_ns),
+            apart_ns: reading.apart_ns,
+            synchronised: reading.kernel.as_ref().map(|kernel| kernel.synchronised),
+            kernel: reading.kernel.clone(),
         };
         let mut events = Vec::new();
-        if let Some(last) = self.last.replace(look.clone()) {
+        if let Some(last) = self.last.replace(reading.clone()) {
             let noise = LEAST_STEP_NS
                 .saturating_add(last.apart_ns)
-                .saturating_add(look.apart_ns);
-            let change = |of: fn(&Look) -> i64| of(look).saturating_sub(of(&last));
+                .saturating_add(reading.apart_ns);
+            let change = |of: fn(&ClockReading) -> i64| of(reading).saturating_sub(of(&last));
             // Both clocks go on through a suspension, so that only a step parts them.
             let by_ns = change(|l| l.realtime_ns.saturating_sub(l.boottime_ns));
             let for_ns = change(|l| l.boottime_ns.saturating_sub(l.monotonic_ns));
@@ -162,8 +162,8 @@ impl ClockWatch {
             if by_ns.saturating_abs() > noise {
                 events.push(ClockEvent::Step { by_ns });
             }
-            let synchronised = |l: &Look| l.kernel.as_ref().map(|k| k.synchronised);
-            if let (Some(before), Some(now)) = (synchronised(&last), synchronised(look))
+            let synchronised = |l: &ClockReading| l.kernel.as_ref().map(|k| k.synchronised);
+            if let (Some(before), Some(now)) = (synchronised(&last), synchronised(reading))
                 && before != now
             {
                 events.push(ClockEvent::Synchronised { now });

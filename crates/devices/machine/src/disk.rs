@@ -1,8 +1,8 @@
 //! The disk: what is free, for how long it lasts, and whether it is still there.
 //!
-//! Contract: [`look`] asks the file system afresh; on a disk that hangs it hangs too. [`DiskWatch::judge`] is pure.
+//! Contract: [`reading`] asks the file system afresh; on a disk that hangs it hangs too. [`DiskWatch::judge`] is pure.
 //! The rate is what the free space has fallen by in the last [`WINDOW_NS`], whoever wrote; what is freed
-//! meanwhile neither hides it nor makes it negative. Until it has been watched for [`HONEST_NS`] there is
+//! meanwhile neither hides it nor makes it negative. Until it has been watched for [`MIN_RATE_WINDOW_NS`] there is
 //! no rate and no time left, rather than a guess. Free space is what an ordinary user may still
 //! write, without the blocks that are held back for root. How long writes take is known by who writes.
 
@@ -19,9 +19,9 @@ use crate::NS_PER_S;
 /// How far back the rate looks. Long enough for writes that come in bursts.
 pub const WINDOW_NS: i64 = 30 * NS_PER_S;
 /// How long must be watched before there is a rate.
-pub const HONEST_NS: i64 = 5 * NS_PER_S;
+pub const MIN_RATE_WINDOW_NS: i64 = 5 * NS_PER_S;
 /// With fewer inodes left there may be none for the next session's files.
-pub const FEW_INODES: u64 = 1000;
+pub const LOW_INODES: u64 = 1000;
 
 /// A slower loss of free space is a log file, not a recording, bytes per second.
 const LEAST_RATE: f64 = 1000.0;
@@ -63,7 +63,7 @@ pub enum DiskError {
 /// What is wrong with the disk.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize)]
 #[serde(rename_all = "snake_case")]
-pub enum Trouble {
+pub enum DiskFault {
     /// It has become read-only.
     ReadOnly,
     /// Another file system is in its place.
@@ -84,16 +84,16 @@ pub struct DiskState {
     /// Until only the reserve is left, at this rate; `None` before it is known and while nothing is written.
     pub seconds_left: Option<f64>,
     /// Whether there are too few inodes for another session.
-    pub few_inodes: bool,
+    pub low_inodes: bool,
     /// What is wrong.
-    pub trouble: Option<Trouble>,
+    pub fault: Option<DiskFault>,
 }
 
 /// Asks the file system that holds the folder `path`.
 ///
 /// # Errors
 /// The folder is not there, or the file system reports an I/O error.
-pub fn look(path: &Path) -> Result<Space, DiskError> {
+pub fn reading(path: &Path) -> Result<Space, DiskError> {
     let failed = |source: io::Error| {
         let path = path.to_owned();
         match source.kind() {
@@ -139,14 +139,14 @@ impl DiskWatch {
     }
 
     /// What a look at `at_ns` means.
-    pub fn judge(&mut self, at_ns: i64, look: &Result<Space, DiskError>) -> DiskState {
-        let space = match look {
+    pub fn judge(&mut self, at_ns: i64, reading: &Result<Space, DiskError>) -> DiskState {
+        let space = match reading {
             Ok(space) => space,
             Err(error) => {
                 let source = std::error::Error::source(error);
                 let said = source.map_or_else(|| error.to_string(), ToString::to_string);
                 return DiskState {
-                    trouble: Some(Trouble::Unreachable(said)),
+                    fault: Some(DiskFault::Unreachable(said)),
                     ..DiskState::default()
                 };
             }
@@ -154,7 +154,7 @@ impl DiskWatch {
         if *self.device.get_or_insert(space.device) != space.device {
             self.window.clear();
             return DiskState {
-                trouble: Some(Trouble::MountLost),
+                fault: Some(DiskFault::MountLost),
                 ..DiskState::default()
             };
         }
@@ -168,8 +168,8 @@ impl DiskWatch {
             seconds_left: bytes_per_s
                 .filter(|rate| *rate >= LEAST_RATE)
                 .map(|rate| usable as f64 / rate),
-            few_inodes: space.free_inodes.is_some_and(|free| free < FEW_INODES),
-            trouble: space.read_only.then_some(Trouble::ReadOnly),
+            low_inodes: space.free_inodes.is_some_and(|free| free < LOW_INODES),
+            fault: space.read_only.then_some(DiskFault::ReadOnly),
         }
     }
 
@@ -195,7 +195,7 @@ impl DiskWatch {
                 lost += fallen;
             }
         }
-        (span_ns >= HONEST_NS).then(|| lost as f64 * NS_PER_S as f64 / span_ns as f64)
+        (span_ns >= MIN_RATE_WINDOW_NS).then(|| lost as f64 * NS_PER_S as f64 / span_ns as f64)
     }
 }
 
@@ -218,8 +218,8 @@ mod tests {
     /// Looks once a second at these free spaces, MB; the last meaning.
     fn watch(free_mb: impl IntoIterator<Item = u64>) -> DiskState {
         let mut watch = DiskWatch::new(100 * MB);
-        let looks = free_mb.into_iter().enumerate();
-        let states = looks.map(|(s, mb)| watch.judge(s as i64 * NS_PER_S, &space(mb * MB)));
+        let readings = free_mb.into_iter().enumerate();
+        let states = readings.map(|(s, mb)| watch.judge(s as i64 * NS_PER_S, &space(mb * MB)));
         states.last().unwrap()
     }
 
@@ -291,38 +291,38 @@ mod tests {
     #[test]
     fn trouble_is_told() {
         let mut watch = DiskWatch::new(0);
-        let mut judge = |look| watch.judge(0, &look);
-        assert_eq!(judge(space(MB)).trouble, None);
+        let mut judge = |reading| watch.judge(0, &reading);
+        assert_eq!(judge(space(MB)).fault, None);
         let changed = |change: fn(&mut Space)| {
             let mut space = space(MB).unwrap();
             change(&mut space);
             Ok(space)
         };
         let read_only = judge(changed(|s| s.read_only = true));
-        assert_eq!(read_only.trouble, Some(Trouble::ReadOnly));
+        assert_eq!(read_only.fault, Some(DiskFault::ReadOnly));
         let other = judge(changed(|s| s.device = 8));
-        assert_eq!(other.trouble, Some(Trouble::MountLost));
+        assert_eq!(other.fault, Some(DiskFault::MountLost));
         assert_eq!(other.free_bytes, None, "of another disk");
-        assert!(judge(changed(|s| s.free_inodes = Some(3))).few_inodes);
-        assert!(!judge(changed(|s| s.free_inodes = None)).few_inodes);
+        assert!(judge(changed(|s| s.free_inodes = Some(3))).low_inodes);
+        assert!(!judge(changed(|s| s.free_inodes = None)).low_inodes);
         let broken = judge(Err(DiskError::Io {
             path: "/recordings".into(),
             source: io::Error::from_raw_os_error(libc::EIO),
         }));
-        let Some(Trouble::Unreachable(said)) = broken.trouble else {
+        let Some(DiskFault::Unreachable(said)) = broken.fault else {
             panic!("{broken:?}");
         };
         assert!(said.contains("Input/output"), "{said}");
-        assert_eq!(judge(space(MB)).trouble, None, "it came back");
+        assert_eq!(judge(space(MB)).fault, None, "it came back");
     }
 
     #[test]
     fn a_real_disk_answers() {
         let folder = tempfile::tempdir().unwrap();
-        let space = look(folder.path()).unwrap();
+        let space = reading(folder.path()).unwrap();
         assert!(0 < space.free_bytes && space.free_bytes <= space.size_bytes);
         assert!(!space.read_only);
-        let absent = look(&folder.path().join("absent"));
+        let absent = reading(&folder.path().join("absent"));
         assert!(
             matches!(absent, Err(DiskError::Absent { .. })),
             "{absent:?}"

@@ -1,7 +1,7 @@
 //! What to do when the machine gets tight: a ladder of measures, each taken early enough to help and
 //! given back late enough not to flap.
 //!
-//! Contract: [`Ladder::look`] is pure but for what it remembers. It is handed what the other modules found,
+//! Contract: [`Ladder::reading`] is pure but for what it remembers. It is handed what the other modules found,
 //! about once a second, and returns what changed, with the reason in words. A rung is entered when its
 //! reading has been beyond the threshold for its dwell time, and left when the reading has been
 //! better than a second, easier threshold for much longer. Of the last [`READINGS`] the middle one counts,
@@ -107,7 +107,7 @@ pub struct Change {
 
 /// What is to be done now. Each stands alone: a full disk lowers the bitrate and leaves the preview.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize)]
-pub struct Measures {
+pub struct Mitigations {
     /// The operator is to be told.
     pub warn: bool,
     /// Show fewer or no live frames.
@@ -155,10 +155,10 @@ impl Ladder {
     }
 
     /// The pressure at `at_ns`, which does not go back; what it changes.
-    pub fn look(&mut self, at_ns: i64, pressure: &Pressure) -> Vec<Change> {
+    pub fn reading(&mut self, at_ns: i64, pressure: &Pressure) -> Vec<Change> {
         let before = self.causes();
         for rung in &mut self.rungs {
-            rung.look(at_ns, rung.quantity.of(pressure));
+            rung.reading(at_ns, rung.quantity.of(pressure));
         }
         self.last = pressure.clone();
         self.changes(at_ns, &before)
@@ -182,9 +182,9 @@ impl Ladder {
     }
 
     /// What is to be done.
-    pub fn measures(&self) -> Measures {
+    pub fn mitigations(&self) -> Mitigations {
         let any = |step| self.entered().any(|rung| rung.step == step);
-        Measures {
+        Mitigations {
             warn: self.step() > Step::Normal,
             lower_preview: any(Step::LowerPreview),
             lower_bitrate: any(Step::LowerBitrate),

@@ -15,8 +15,8 @@ use std::time::Duration;
 
 use operator::Clock;
 use operator::button::DevPort;
-use operator::gesture::{Settings, Wish};
-use operator::listener::{Heard, Listener};
+use operator::gesture::{Command, Settings};
+use operator::listener::{ButtonEvent, Listener};
 use operator::panel::Panel;
 use operator::signal::{Once, Phase, Status, Warning};
 use operator::{beeper, light};
@@ -32,18 +32,18 @@ fn clock() -> Clock {
     })
 }
 
-/// What a recorder would do with a wish: the status that follows, and the answer.
-fn obey(wish: Wish, status: &mut Status) -> Option<Once> {
-    status.question = matches!(wish, Wish::Ask(_));
-    match wish {
-        Wish::Start => status.phase = Phase::Recording,
-        Wish::Stop => status.phase = Phase::Ready,
-        Wish::Mark => return Some(Once::Marked),
-        Wish::Discard(_) => {
+/// What a recorder would do with a command: the status that follows, and the answer.
+fn obey(command: Command, status: &mut Status) -> Option<Once> {
+    status.question = matches!(command, Command::Ask(_));
+    match command {
+        Command::Start => status.phase = Phase::Recording,
+        Command::Stop => status.phase = Phase::Ready,
+        Command::Mark => return Some(Once::Marked),
+        Command::Discard(_) => {
             status.phase = Phase::Ready;
             return Some(Once::Discarded);
         }
-        Wish::Ask(_) | Wish::Cancelled | Wish::Stuck | Wish::Freed => {}
+        Command::Ask(_) | Command::Cancelled | Command::Stuck | Command::Freed => {}
     }
     None
 }
@@ -102,23 +102,23 @@ fn main() -> Result<(), Box<dyn Error>> {
             let now = clock();
             let since = |at_ns: i64| (at_ns - begun) as f64 / 1e9;
             match heard {
-                Heard::Back(what) => {
+                ButtonEvent::Reconnected(what) => {
                     println!("{:8.3} hears {what}", since(now));
                     status.warnings.remove(&Warning::Stream);
                 }
-                Heard::Gone(error) => {
+                ButtonEvent::Disconnected(error) => {
                     println!("{:8.3} deaf: {error}", since(now));
                     status.warnings.insert(Warning::Stream);
                 }
-                Heard::Wished(wished) => {
-                    let late = (now - wished.at_ns) / 1_000_000;
+                ButtonEvent::Command(timed) => {
+                    let late = (now - timed.at_ns) / 1_000_000;
                     println!(
                         "{:8.3} {:?}, known {late} ms after, at_ns {}",
-                        since(wished.at_ns),
-                        wished.wish,
-                        wished.at_ns
+                        since(timed.at_ns),
+                        timed.command,
+                        timed.at_ns
                     );
-                    if let Some(once) = obey(wished.wish, &mut status) {
+                    if let Some(once) = obey(timed.command, &mut status) {
                         panel.play(once);
                     }
                 }

@@ -1,19 +1,19 @@
-//! What a person means by pressing: edges and time in, wishes out. Pure.
+//! What a person means by pressing: edges and time in, commands out. Pure.
 //!
 //! | | while not recording | while recording |
 //! |---|---|---|
-//! | short press | [`Wish::Start`], at the release | [`Wish::Stop`], once no second press has come for 350 ms |
-//! | two presses within 350 ms | as one press | [`Wish::Mark`], at the second press |
-//! | held for 1.5 s | [`Wish::Ask`] about the last recording | [`Wish::Ask`] about this one |
-//! | short press within 5 s of that | [`Wish::Discard`] | [`Wish::Discard`] |
+//! | short press | [`Command::Start`], at the release | [`Command::Stop`], once no second press has come for 350 ms |
+//! | two presses within 350 ms | as one press | [`Command::Mark`], at the second press |
+//! | held for 1.5 s | [`Command::Ask`] about the last recording | [`Command::Ask`] about this one |
+//! | short press within 5 s of that | [`Command::Discard`] | [`Command::Discard`] |
 //!
 //! Contract: whether it records is looked at when a press begins, so a press that was meant to start
 //! never stops. A start needs no waiting for a second press, because the recorder keeps the second before. A
-//! gesture gives one wish; presses that follow its end within 350 ms still belong to it and mean nothing.
-//! A question that nobody confirms is [`Wish::Cancelled`], as is one that is answered with another long press or
+//! gesture gives one command; presses that follow its end within 350 ms still belong to it and mean nothing.
+//! A question that nobody confirms is [`Command::Cancelled`], as is one that is answered with another long press or
 //! whose recording began or ended meanwhile: nothing is discarded on an answer to another question. A
-//! level that lasts less than the debounce time is nobody's. A button held for 10 s is [`Wish::Stuck`] and
-//! means nothing until it is released ([`Wish::Freed`]).
+//! level that lasts less than the debounce time is nobody's. A button held for 10 s is [`Command::Stuck`] and
+//! means nothing until it is released ([`Command::Freed`]).
 //!
 //! Late: [`Gesture::look`] may come at any time after [`Gesture::deadline`]; what it says carries the right times, and
 //! edges that are handed in late are sorted out by their own times. They must come in order.
@@ -34,9 +34,9 @@ pub enum Target {
     Last,
 }
 
-/// What the person wishes, or what there is to know about the button.
+/// A command of the operator, or a state of the button.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum Wish {
+pub enum Command {
     /// Start recording.
     Start,
     /// Stop recording.
@@ -55,14 +55,14 @@ pub enum Wish {
     Freed,
 }
 
-/// A wish and its time.
+/// A command and its time.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub struct Wished {
-    /// When the press that it came from began, the first of two. For [`Wish::Cancelled`] and [`Wish::Freed`]: when
+pub struct TimedCommand {
+    /// When the press that it came from began, the first of two. For [`Command::Cancelled`] and [`Command::Freed`]: when
     /// that happened.
     pub at_ns: i64,
-    /// The wish.
-    pub wish: Wish,
+    /// The command.
+    pub command: Command,
 }
 
 /// How long is long. All in nanoseconds.
@@ -144,24 +144,24 @@ impl Gesture {
     }
 
     /// The button went down or up. `recording`: whether it records now.
-    pub fn edge(&mut self, edge: Edge, recording: bool) -> Vec<Wished> {
-        let mut wishes = self.look(edge.at_ns, recording);
+    pub fn edge(&mut self, edge: Edge, recording: bool) -> Vec<TimedCommand> {
+        let mut commands = self.look(edge.at_ns, recording);
         self.debounce.note(edge);
-        wishes.append(&mut self.look(edge.at_ns, recording));
-        wishes
+        commands.append(&mut self.look(edge.at_ns, recording));
+        commands
     }
 
     /// Time has come to `now_ns`, and there was no edge before it that has not been handed in.
-    pub fn look(&mut self, now_ns: i64, recording: bool) -> Vec<Wished> {
-        let mut wishes = Vec::new();
+    pub fn look(&mut self, now_ns: i64, recording: bool) -> Vec<TimedCommand> {
+        let mut commands = Vec::new();
         if let Some(edge) = self.debounce.settled(now_ns) {
-            self.pass(edge.at_ns, recording, &mut wishes);
-            wishes.extend(self.apply(edge, recording));
+            self.pass(edge.at_ns, recording, &mut commands);
+            commands.extend(self.apply(edge, recording));
         }
         // While a level is on trial, nothing after its beginning is decided.
         let sure = self.debounce.trial().map_or(now_ns, |at| at.min(now_ns));
-        self.pass(sure, recording, &mut wishes);
-        wishes
+        self.pass(sure, recording, &mut commands);
+        commands
     }
 
     /// When to look again, if nothing is heard before.
@@ -171,19 +171,20 @@ impl Gesture {
 
     /// The button was unplugged. A press that was going on is forgotten, a question is taken away; a stop
     /// that waits for a second press is kept.
-    pub fn gone(&mut self, now_ns: i64) -> Vec<Wished> {
+    pub fn gone(&mut self, now_ns: i64) -> Vec<TimedCommand> {
         self.debounce = Debounce::new(self.settings.debounce_ns);
-        let wish = match self.state {
+        let command = match self.state {
             State::Between { .. } => return Vec::new(),
             State::Asking { .. } | State::Asked { .. } | State::Answering { .. } => {
-                Some(Wish::Cancelled)
+                Some(Command::Cancelled)
             }
-            State::Stuck => Some(Wish::Freed),
+            State::Stuck => Some(Command::Freed),
             State::Idle | State::Down { .. } | State::Spent { .. } | State::After { .. } => None,
         };
         self.state = State::Idle;
         let at_ns = now_ns;
-        wish.map(|wish| Wished { at_ns, wish })
+        command
+            .map(|command| TimedCommand { at_ns, command })
             .into_iter()
             .collect()
     }
@@ -202,17 +203,17 @@ impl Gesture {
     }
 
     /// What happens by itself up to `to`.
-    fn pass(&mut self, to: i64, recording: bool, wishes: &mut Vec<Wished>) {
+    fn pass(&mut self, to: i64, recording: bool, commands: &mut Vec<TimedCommand>) {
         while let Some(due) = self.timeout().filter(|due| *due <= to) {
-            let (state, wished) = self.expired(due, recording);
+            let (state, timed) = self.expired(due, recording);
             self.state = state;
-            wishes.extend(wished);
+            commands.extend(timed);
         }
     }
 
     /// The present state ended by itself at `due`.
-    fn expired(&self, due: i64, recording: bool) -> (State, Option<Wished>) {
-        let said = |at_ns, wish| Some(Wished { at_ns, wish });
+    fn expired(&self, due: i64, recording: bool) -> (State, Option<TimedCommand>) {
+        let said = |at_ns, command| Some(TimedCommand { at_ns, command });
         match self.state {
             State::Down {
                 at,
@@ -223,34 +224,36 @@ impl Gesture {
                     return (State::Spent { at }, None);
                 }
                 let target = if began { Target::This } else { Target::Last };
-                (State::Asking { at, target }, said(at, Wish::Ask(target)))
+                (State::Asking { at, target }, said(at, Command::Ask(target)))
             }
-            State::Between { first, .. } => (State::Idle, said(first, Wish::Stop)),
-            State::Asked { .. } => (State::Idle, said(due, Wish::Cancelled)),
-            State::Answering { at, .. } => (State::Spent { at }, said(due, Wish::Cancelled)),
-            State::Asking { at, .. } | State::Spent { at } => (State::Stuck, said(at, Wish::Stuck)),
+            State::Between { first, .. } => (State::Idle, said(first, Command::Stop)),
+            State::Asked { .. } => (State::Idle, said(due, Command::Cancelled)),
+            State::Answering { at, .. } => (State::Spent { at }, said(due, Command::Cancelled)),
+            State::Asking { at, .. } | State::Spent { at } => {
+                (State::Stuck, said(at, Command::Stuck))
+            }
             State::Idle | State::After { .. } | State::Stuck => (self.state, None),
         }
     }
 
     /// An edge that is no bouncing.
-    fn apply(&mut self, edge: Edge, recording: bool) -> Option<Wished> {
+    fn apply(&mut self, edge: Edge, recording: bool) -> Option<TimedCommand> {
         let at = edge.at_ns;
-        let (state, wished) = if edge.pressed {
+        let (state, timed) = if edge.pressed {
             self.pressed(at, recording)
         } else {
             self.released(at, recording)
         };
         self.state = state;
-        wished
+        timed
     }
 
-    fn pressed(&self, at: i64, recording: bool) -> (State, Option<Wished>) {
+    fn pressed(&self, at: i64, recording: bool) -> (State, Option<TimedCommand>) {
         match self.state {
             State::Between { first, .. } => {
-                let mark = Wished {
+                let mark = TimedCommand {
                     at_ns: first,
-                    wish: Wish::Mark,
+                    command: Command::Mark,
                 };
                 (State::Spent { at }, Some(mark))
             }
@@ -264,7 +267,7 @@ impl Gesture {
         }
     }
 
-    fn released(&self, at: i64, recording: bool) -> (State, Option<Wished>) {
+    fn released(&self, at: i64, recording: bool) -> (State, Option<TimedCommand>) {
         let double = at.saturating_add(self.settings.double_ns);
         let after = State::After { until: double };
         match self.state {
@@ -282,8 +285,8 @@ impl Gesture {
                 at: at_ns,
                 recording: false,
             } => {
-                let wish = Wish::Start;
-                (after, Some(Wished { at_ns, wish }))
+                let command = Command::Start;
+                (after, Some(TimedCommand { at_ns, command }))
             }
             State::Asking { target, .. } => {
                 let until = at.saturating_add(self.settings.confirm_ns);
@@ -298,23 +301,23 @@ impl Gesture {
                 )
             }
             State::Answering { at: began, target } => {
-                let wished = if recording == (target == Target::This) {
-                    Wished {
+                let timed = if recording == (target == Target::This) {
+                    TimedCommand {
                         at_ns: began,
-                        wish: Wish::Discard(target),
+                        command: Command::Discard(target),
                     }
                 } else {
-                    Wished {
+                    TimedCommand {
                         at_ns: at,
-                        wish: Wish::Cancelled,
+                        command: Command::Cancelled,
                     }
                 };
-                (after, Some(wished))
+                (after, Some(timed))
             }
             State::Spent { .. } => (after, None),
             State::Stuck => {
-                let wish = Wish::Freed;
-                (after, Some(Wished { at_ns: at, wish }))
+                let command = Command::Freed;
+                (after, Some(TimedCommand { at_ns: at, command }))
             }
             // A release whose press nobody saw.
             state => (state, None),

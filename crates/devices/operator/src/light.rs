@@ -7,7 +7,7 @@
 use std::io;
 
 use crate::DeviceError;
-use crate::pattern::Look;
+use crate::pattern::LightState;
 use crate::spec::LightSpec;
 
 pub mod fake;
@@ -20,7 +20,7 @@ pub trait Light: Send {
     ///
     /// # Errors
     /// What the system said.
-    fn show(&mut self, look: Look) -> io::Result<()>;
+    fn show(&mut self, state: LightState) -> io::Result<()>;
 
     /// Which light it is, in words.
     fn describe(&self) -> &str;

@@ -1,7 +1,7 @@
-//! A button on a thread: wishes are reported as they are made.
+//! A button on a thread: commands are reported as they are made.
 //!
-//! Contract: each wish is reported once, in order, from the listener's own thread, which waits for the callback; be quick. A
-//! button that goes, or is not there, is reported once ([`Heard::Gone`]), and so is its return ([`Heard::Back`]). While it is
+//! Contract: each command is reported once, in order, from the listener's own thread, which waits for the callback; be quick. A
+//! button that goes, or is not there, is reported once ([`ButtonEvent::Disconnected`]), and so is its return ([`ButtonEvent::Reconnected`]). While it is
 //! away the thread waits for device nodes to appear or to change their permissions, and tries at least every
 //! 10 s for what shows no such change. Without presses the thread never wakes. Dropping the listener ends it;
 //! a stop that waits for a second press at that moment is not told.
@@ -13,22 +13,22 @@ use std::thread::JoinHandle;
 use std::time::Duration;
 
 use crate::button::{Button, Next, Port};
-use crate::gesture::{Gesture, Settings, Wished};
+use crate::gesture::{Gesture, Settings, TimedCommand};
 use crate::wait::Waker;
 use crate::{Clock, DeviceError};
 
 /// The longest wait between two tries to open a button that is away.
 const RETRY: Duration = Duration::from_secs(10);
 
-/// What the listener tells.
+/// Event of the button thread.
 #[derive(Debug)]
-pub enum Heard {
-    /// The person wishes something.
-    Wished(Wished),
-    /// The button cannot be heard any more, and why.
-    Gone(DeviceError),
-    /// The button can be heard, for the first time or again: which device it is.
-    Back(String),
+pub enum ButtonEvent {
+    /// A command of the operator.
+    Command(TimedCommand),
+    /// The button is disconnected, and why.
+    Disconnected(DeviceError),
+    /// The button is connected, for the first time or again: which device it is.
+    Reconnected(String),
 }
 
 /// A running listener.
@@ -49,11 +49,11 @@ impl Listener {
         settings: Settings,
         clock: Clock,
         recording: impl Fn() -> bool + Send + 'static,
-        tell: impl FnMut(Heard) + Send + 'static,
+        tell: impl FnMut(ButtonEvent) + Send + 'static,
     ) -> io::Result<Self> {
         let stop = Arc::new(AtomicBool::new(false));
         let waker = Waker::new()?;
-        let ear = Ear {
+        let button_thread = ButtonThread {
             gesture: Gesture::new(settings),
             settings,
             clock,
@@ -64,7 +64,7 @@ impl Listener {
         };
         let thread = std::thread::Builder::new()
             .name("button".into())
-            .spawn(move || ear.run(port))?;
+            .spawn(move || button_thread.run(port))?;
         Ok(Self {
             stop,
             waker,
@@ -87,7 +87,7 @@ impl Drop for Listener {
 }
 
 /// What runs on the thread.
-struct Ear<R, T> {
+struct ButtonThread<R, T> {
     gesture: Gesture,
     settings: Settings,
     clock: Clock,
@@ -97,7 +97,7 @@ struct Ear<R, T> {
     stop: Arc<AtomicBool>,
 }
 
-impl<R: Fn() -> bool, T: FnMut(Heard)> Ear<R, T> {
+impl<R: Fn() -> bool, T: FnMut(ButtonEvent)> ButtonThread<R, T> {
     fn run(mut self, mut port: Box<dyn Port>) {
         // What was reported last, so that it is reported once. Nothing at first.
         let mut told_gone = false;
@@ -116,7 +116,7 @@ impl<R: Fn() -> bool, T: FnMut(Heard)> Ear<R, T> {
                 log::debug!("still without the button: {error}");
             } else {
                 told_gone = true;
-                (self.tell)(Heard::Gone(error));
+                (self.tell)(ButtonEvent::Disconnected(error));
             }
             self.wait_for_return(&mut *port);
         }
@@ -130,7 +130,7 @@ impl<R: Fn() -> bool, T: FnMut(Heard)> Ear<R, T> {
             self.settings.debounce_ns
         };
         self.gesture.opened(debounce_ns);
-        (self.tell)(Heard::Back(button.describe().to_owned()));
+        (self.tell)(ButtonEvent::Reconnected(button.describe().to_owned()));
         loop {
             let heard = button.next(self.until_deadline(), &self.waker);
             if self.is_stopped() {
@@ -138,13 +138,13 @@ impl<R: Fn() -> bool, T: FnMut(Heard)> Ear<R, T> {
             }
             match heard {
                 Ok(Next::Edge(edge)) => {
-                    let wishes = self.gesture.edge(edge, (self.recording)());
-                    self.say(wishes);
+                    let commands = self.gesture.edge(edge, (self.recording)());
+                    self.say(commands);
                 }
                 Ok(Next::Time | Next::Called) => self.look(),
                 Err(error) => {
-                    let wishes = self.gesture.gone((self.clock)());
-                    self.say(wishes);
+                    let commands = self.gesture.gone((self.clock)());
+                    self.say(commands);
                     return Some(error);
                 }
             }
@@ -164,8 +164,8 @@ impl<R: Fn() -> bool, T: FnMut(Heard)> Ear<R, T> {
     fn look(&mut self) {
         // Not looked at without need: a clock may count its readers.
         if self.gesture.deadline().is_some() {
-            let wishes = self.gesture.look((self.clock)(), (self.recording)());
-            self.say(wishes);
+            let commands = self.gesture.look((self.clock)(), (self.recording)());
+            self.say(commands);
         }
     }
 
@@ -175,9 +175,9 @@ impl<R: Fn() -> bool, T: FnMut(Heard)> Ear<R, T> {
         Some(Duration::from_nanos(left.unsigned_abs()))
     }
 
-    fn say(&mut self, wishes: Vec<Wished>) {
-        for wished in wishes {
-            (self.tell)(Heard::Wished(wished));
+    fn say(&mut self, commands: Vec<TimedCommand>) {
+        for timed in commands {
+            (self.tell)(ButtonEvent::Command(timed));
         }
     }
 
@@ -193,7 +193,7 @@ mod tests {
     use super::*;
     use crate::button::Edge;
     use crate::button::fake::{Scripted, Step, Time};
-    use crate::gesture::Wish;
+    use crate::gesture::Command;
 
     const MS: i64 = crate::NS_PER_MS;
 
@@ -203,9 +203,9 @@ mod tests {
         let (sender, heard) = sync_channel(64);
         let told = move |heard| {
             let text = match heard {
-                Heard::Wished(w) => format!("{:?} {}", w.wish, w.at_ns / MS),
-                Heard::Gone(error) => format!("gone: {error}"),
-                Heard::Back(what) => format!("back: {what}"),
+                ButtonEvent::Command(w) => format!("{:?} {}", w.command, w.at_ns / MS),
+                ButtonEvent::Disconnected(error) => format!("gone: {error}"),
+                ButtonEvent::Reconnected(what) => format!("back: {what}"),
             };
             sender.send(text).unwrap();
         };
@@ -238,8 +238,8 @@ mod tests {
             edge(3300, false),
         ]);
         assert_eq!(heard.recv().unwrap(), "back: scripted button");
-        assert_eq!(heard.recv().unwrap(), format!("{:?} 100", Wish::Stop));
-        assert_eq!(heard.recv().unwrap(), format!("{:?} 3000", Wish::Mark));
+        assert_eq!(heard.recv().unwrap(), format!("{:?} 100", Command::Stop));
+        assert_eq!(heard.recv().unwrap(), format!("{:?} 3000", Command::Mark));
     }
 
     #[test]
@@ -258,8 +258,8 @@ mod tests {
             heard.recv().unwrap(),
             "gone: scripted button is disconnected"
         );
-        assert_eq!(heard.recv().unwrap(), format!("{:?} 100", Wish::Stop));
+        assert_eq!(heard.recv().unwrap(), format!("{:?} 100", Command::Stop));
         assert_eq!(heard.recv().unwrap(), "back: scripted button");
-        assert_eq!(heard.recv().unwrap(), format!("{:?} 60100", Wish::Stop));
+        assert_eq!(heard.recv().unwrap(), format!("{:?} 60100", Command::Stop));
     }
 }

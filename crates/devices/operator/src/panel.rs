@@ -1,6 +1,6 @@
 //! Shows what there is to tell on every light and beeper.
 //!
-//! Contract: [`Face`] is pure: it takes states and events with times, and returns what to show at a time and when that changes next. A
+//! Contract: [`Indicator`] is pure: it takes states and events with times, and returns what to show at a time and when that changes next. A
 //! [`Panel`] runs one on a thread. [`Panel::set`] and [`Panel::play`] never wait for a device. Only the latest
 //! status and the latest answer are kept, so nothing queues up and nothing newer is lost behind something
 //! older. The thread wakes at a new state and when a pattern steps: never while the light is
@@ -15,14 +15,14 @@ use std::time::Duration;
 use crate::Clock;
 use crate::beeper::Beeper;
 use crate::light::Light;
-use crate::pattern::{self, Look, Pattern, Sound};
+use crate::pattern::{self, LightState, Pattern, Sound};
 use crate::signal::{Once, Phase, Signal, Status};
 
 /// What shows at a moment.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub struct Showing {
+pub struct IndicatorOutput {
     /// On every light.
-    pub look: Look,
+    pub state: LightState,
     /// On every beeper; none is silence.
     pub tone_hz: Option<u16>,
     /// When that changes by itself; none: never.
@@ -49,13 +49,13 @@ impl Running {
     }
 
     /// None once it is over.
-    fn at(&self, now_ns: i64) -> Option<Showing> {
+    fn at(&self, now_ns: i64) -> Option<IndicatorOutput> {
         let since = now_ns.saturating_sub(self.since_ns);
-        let (look, step) = self.light.at(since);
+        let (state, step) = self.light.at(since);
         let (tone_hz, beep) = self.sound.as_ref().map_or((None, None), |s| s.at(since));
         let next = step.into_iter().chain(beep).min();
-        Some(Showing {
-            look: look?,
+        Some(IndicatorOutput {
+            state: state?,
             tone_hz,
             next_ns: next.map(|next| self.since_ns.saturating_add(next)),
         })
@@ -64,13 +64,13 @@ impl Running {
 
 /// What the panel shows as time passes.
 #[derive(Debug)]
-pub struct Face {
+pub struct Indicator {
     phase: Phase,
     lasting: Running,
     once: Option<Running>,
 }
 
-impl Face {
+impl Indicator {
     /// A panel that is switched on.
     pub fn new(now_ns: i64) -> Self {
         let status = Status::default();
@@ -100,14 +100,14 @@ impl Face {
     }
 
     /// What shows now.
-    pub fn at(&mut self, now_ns: i64) -> Showing {
+    pub fn at(&mut self, now_ns: i64) -> IndicatorOutput {
         match self.once.as_ref().and_then(|once| once.at(now_ns)) {
             Some(showing) => return showing,
             None => self.once = None,
         }
         // Patterns that last never end.
-        self.lasting.at(now_ns).unwrap_or(Showing {
-            look: Look::DARK,
+        self.lasting.at(now_ns).unwrap_or(IndicatorOutput {
+            state: LightState::DARK,
             tone_hz: None,
             next_ns: None,
         })
@@ -259,19 +259,19 @@ fn run(told: &Told, clock: &Clock, lights: Vec<Box<dyn Light>>, beepers: Vec<Box
     let mut lights: Vec<_> = lights.into_iter().map(Output::new).collect();
     let mut beepers: Vec<_> = beepers.into_iter().map(Output::new).collect();
     let has_some = !(lights.is_empty() && beepers.is_empty());
-    let mut show = |look: Look, tone: Option<u16>| {
+    let mut show = |state: LightState, tone: Option<u16>| {
         for light in &mut lights {
-            light.show(look, |l, look| l.show(look), |l| l.describe());
+            light.show(state, |l, state| l.show(state), |l| l.describe());
         }
         for beeper in &mut beepers {
             beeper.show(tone, |b, tone| b.sound(tone), |b| b.describe());
         }
     };
     let mut now = clock();
-    let mut face = Face::new(now);
+    let mut indicator = Indicator::new(now);
     loop {
-        let showing = face.at(now);
-        show(showing.look, showing.tone_hz);
+        let showing = indicator.at(now);
+        show(showing.state, showing.tone_hz);
         let timeout = showing.next_ns.filter(|_| has_some).map(|next| {
             let left = next.saturating_sub(clock()).max(0);
             Duration::from_nanos(left.unsigned_abs())
@@ -279,14 +279,14 @@ fn run(told: &Told, clock: &Clock, lights: Vec<Box<dyn Light>>, beepers: Vec<Box
         let news = told.take(timeout);
         now = clock();
         if news.end {
-            show(Look::DARK, None);
+            show(LightState::DARK, None);
             return;
         }
         if let Some(status) = news.status {
-            face.set(&status, now);
+            indicator.set(&status, now);
         }
         if let Some(once) = news.once {
-            face.play(once, now);
+            indicator.play(once, now);
         }
     }
 }

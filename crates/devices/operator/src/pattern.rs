@@ -64,14 +64,14 @@ impl Colour {
 
 /// What a light shows at a moment.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
-pub struct Look {
+pub struct LightState {
     /// For a light of one colour.
     pub lit: bool,
     /// For a light of many.
     pub colour: Colour,
 }
 
-impl Look {
+impl LightState {
     /// No light.
     pub const DARK: Self = Self {
         lit: false,
@@ -83,7 +83,7 @@ impl Look {
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Pattern {
     /// What is shown, and for how many milliseconds.
-    pub steps: Vec<(Look, u32)>,
+    pub steps: Vec<(LightState, u32)>,
     /// Again from the start after the last step.
     pub repeats: bool,
 }
@@ -116,8 +116,8 @@ fn step_at<T: Copy>(steps: &[(T, u32)], period_ms: Option<u32>, since_ns: i64) -
 }
 
 impl Pattern {
-    fn steady(look: Look) -> Self {
-        let steps = vec![(look, 1000)];
+    fn steady(state: LightState) -> Self {
+        let steps = vec![(state, 1000)];
         Self {
             steps,
             repeats: true,
@@ -131,9 +131,9 @@ impl Pattern {
 
     /// What is shown `since_ns` after its start (none once it is over), and when after its start that changes
     /// (none: never).
-    pub fn at(&self, since_ns: i64) -> (Option<Look>, Option<i64>) {
-        if let ([(look, _)], true) = (&self.steps[..], self.repeats) {
-            return (Some(*look), None);
+    pub fn at(&self, since_ns: i64) -> (Option<LightState>, Option<i64>) {
+        if let ([(state, _)], true) = (&self.steps[..], self.repeats) {
+            return (Some(*state), None);
         }
         step_at(
             &self.steps,
@@ -169,13 +169,13 @@ fn code(warning: Warning) -> &'static [u32] {
 /// The light pattern of a signal.
 pub fn light(signal: Signal) -> Pattern {
     use Colour::{Blue, Cyan, Green, Magenta, Off, Orange, Red, White};
-    let on = |colour, ms| (Look { lit: true, colour }, ms);
+    let on = |colour, ms| (LightState { lit: true, colour }, ms);
     let off = |ms| {
         let colour = Off;
-        (Look { lit: false, colour }, ms)
+        (LightState { lit: false, colour }, ms)
     };
     // Dark in one colour, of another colour in many.
-    let other = |colour, ms| (Look { lit: false, colour }, ms);
+    let other = |colour, ms| (LightState { lit: false, colour }, ms);
     let repeats = !matches!(signal, Signal::Once(_));
     let steps = match signal {
         Signal::Phase(Phase::Recording) => return Pattern::steady(on(White, 0).0),

@@ -56,7 +56,7 @@ pub enum Once {
     Marked,
     /// The recording is discarded.
     Discarded,
-    /// The wish cannot be fulfilled now.
+    /// The command cannot be fulfilled now.
     Refused,
 }
 

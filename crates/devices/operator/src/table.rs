@@ -6,7 +6,7 @@
 use std::fmt::Write;
 
 use crate::NS_PER_MS;
-use crate::pattern::{Colour, Look, light, sound};
+use crate::pattern::{Colour, LightState, light, sound};
 use crate::signal::{Once, Phase, Signal, Warning};
 
 /// Rows that belong together.
@@ -155,7 +155,12 @@ impl Page {
         self.rect((SAYS_X, y + ROW - 1), (WIDTH - 2 * SAYS_X, 1), "#dddddd");
     }
 
-    fn bar(&mut self, (x, y): (u32, u32), signal: Signal, fill: impl Fn(Look) -> &'static str) {
+    fn bar(
+        &mut self,
+        (x, y): (u32, u32),
+        signal: Signal,
+        fill: impl Fn(LightState) -> &'static str,
+    ) {
         const HIGH: u32 = 23;
         let pattern = light(signal);
         let units = |ms: u32| f64::from(ms * PER_SECOND) / 1000.0;
@@ -263,7 +268,7 @@ fn name(colour: Colour) -> &'static str {
     }
 }
 
-fn in_words(signal: Signal, name: impl Fn(Look) -> &'static str) -> String {
+fn in_words(signal: Signal, name: impl Fn(LightState) -> &'static str) -> String {
     let steps = light(signal).steps;
     if let [(look, _)] = steps[..] {
         return format!("{}, steady", name(look));

@@ -1,7 +1,7 @@
-//! The phone's page without a rig: `cargo run -p rig-link --example demo -- recording`, then open
-//! <http://127.0.0.1:8077> in a browser. The scenes are idle, armed, recording, stopping, warning and fault; a
-//! second word is the address to listen at, which with anything but loopback makes an identity and asks
-//! for the token that the variable `RIG_TOKEN` holds.
+//! The phone's page with a fake rig: `cargo run -p rig-link --example demo -- recording`, then open
+//! <http://127.0.0.1:8077> in a browser. The scenes are idle, armed, recording, stopping, warning
+//! and fault; the second argument is the address to listen on; off loopback an identity is created
+//! and the token of the variable `RIG_TOKEN` is required.
 
 use std::io::Read;
 use std::net::SocketAddr;
@@ -30,7 +30,7 @@ fn run() -> Result<(), Error> {
     let mut arguments = std::env::args().skip(1);
     let word = arguments.next().unwrap_or_else(|| "armed".to_owned());
     let scene = Scene::ALL.into_iter().find(|s| s.word() == word);
-    let scene = scene.ok_or_else(|| format!("{word:?} is no scene"))?;
+    let scene = scene.ok_or_else(|| format!("{word:?} is not a scene"))?;
     let bind: SocketAddr = match arguments.next() {
         Some(address) => address.parse()?,
         None => DEFAULT_BIND,
@@ -67,7 +67,7 @@ fn run() -> Result<(), Error> {
     if let Some(fingerprint) = server.fingerprint() {
         println!("fingerprint {fingerprint}");
     }
-    println!("Enter ends it.");
+    println!("Press Enter to stop.");
     let _ = std::io::stdin().read(&mut [0]);
     Ok(())
 }

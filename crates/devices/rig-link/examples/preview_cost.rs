@@ -1,4 +1,4 @@
-//! What a small picture costs: `cargo run --release -p rig-link --example preview_cost`.
+//! Benchmark of previews: `cargo run --release -p rig-link --example preview_cost`.
 
 use std::time::Instant;
 
@@ -9,7 +9,7 @@ use rig_link::preview::{Eyes, Planes, jpeg};
     reason = "measures how long something takes on this machine"
 )]
 fn main() {
-    println!("stereo picture  shown  JPEG          time");
+    println!("stereo image    shown  JPEG          time");
     for (width, height) in [(1344, 376), (2560, 720), (3840, 1200), (4416, 1242)] {
         let bytes = (width * height) as usize * 3 / 2;
         // A gradient with texture: neither flat nor noise.

@@ -1,13 +1,13 @@
-//! The host's end: what a rig has, and its files.
+//! The host's end: a rig's sessions and their files.
 //!
-//! Contract. Every call waits for its answer. Until a client has been connected once, it gives up after
-//! [`Patience::connect`], all tries together: most likely nobody is at the address. After that a connection that is lost,
-//! refused or silent is made anew, with pauses that double, until [`Patience::tries`] in a row brought nothing; a download
-//! goes on where it was. Each of these tries is logged as a warning.
-//! What the rig refuses is not tried again, except when it says that it was asked too often. Over HTTPS
-//! the rig is known by the fingerprint of its certificate and by nothing else; plain HTTP goes to this
-//! machine only. Nothing the rig says is trusted beyond that: names are checked, lengths and hashes
-//! compared, and an answer that is none of *rig link v1* is an error.
+//! Contract. Every call waits for its response. Before the first connection, it gives up after
+//! [`RetryPolicy::connect_timeout`] for all attempts: most likely there is no server. After that a
+//! connection that is lost, refused or silent is reopened, with pauses that double, until
+//! [`RetryPolicy::max_attempts`] in a row made no progress; a download resumes. Each retry is
+//! logged as a warning. Requests that the rig rejects are not repeated, except after `too_many`.
+//! Over HTTPS the rig is authenticated by the fingerprint of its certificate only; plain HTTP goes
+//! to this machine only. Data from the rig is not trusted beyond that: names are checked, lengths
+//! and hashes compared, and a response that does not follow *rig link v1* is an error.
 
 mod address;
 mod connection;
@@ -39,45 +39,45 @@ use crate::link::{
 use crate::token::Token;
 
 pub use self::address::Address;
-pub use self::download::Downloaded;
+pub use self::download::DownloadStats;
 pub use self::error::LinkError;
 
-/// Longest answer other than a file or a manifest, bytes.
+/// Maximum length of a response other than a file or a manifest, bytes.
 const MAX_ANSWER: usize = 16 << 20;
-/// Longest pause that a rig may ask for.
+/// Maximum `Retry-After` that is respected.
 const MAX_RETRY_AFTER: Duration = Duration::from_secs(60);
 
-/// How long to wait for a rig.
+/// Timeouts and retries.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub struct Patience {
-    /// For a connection. For the first one this is the time for all tries together.
-    pub connect: Duration,
-    /// For the next byte.
-    pub silence: Duration,
-    /// Tries in a row that bring nothing.
-    pub tries: u32,
-    /// Pause after the first of them.
-    pub pause: Duration,
-    /// Longest pause.
-    pub longest_pause: Duration,
+pub struct RetryPolicy {
+    /// Timeout of a connection attempt. For the first connection, of all attempts together.
+    pub connect_timeout: Duration,
+    /// Timeout for the next byte.
+    pub read_timeout: Duration,
+    /// Maximum attempts in a row without progress.
+    pub max_attempts: u32,
+    /// Pause after the first failed attempt; it doubles.
+    pub first_pause: Duration,
+    /// Maximum pause.
+    pub max_pause: Duration,
 }
 
-impl Default for Patience {
+impl Default for RetryPolicy {
     fn default() -> Self {
         Self {
-            connect: Duration::from_secs(10),
-            silence: Duration::from_secs(30),
-            tries: 8,
-            pause: Duration::from_millis(250),
-            longest_pause: Duration::from_secs(15),
+            connect_timeout: Duration::from_secs(10),
+            read_timeout: Duration::from_secs(30),
+            max_attempts: 8,
+            first_pause: Duration::from_millis(250),
+            max_pause: Duration::from_secs(15),
         }
     }
 }
 
-/// How one try ended.
+/// Failure of one attempt.
 enum Failure {
-    /// Trying again may help; how long the rig asked to wait, if it did.
-    Again(String, Option<Duration>),
+    /// A retry may help; with the `Retry-After` of the rig, if any.
+    Retry(String, Option<Duration>),
     Final(LinkError),
 }
 
@@ -87,37 +87,37 @@ impl From<LinkError> for Failure {
     }
 }
 
-/// A connection to a rig, made when it is needed.
+/// A client of a rig; connects when needed.
 pub struct Client {
     address: Address,
     token: Option<Token>,
-    patience: Patience,
+    retry: RetryPolicy,
     tls: Option<Arc<Tls>>,
     connection: Option<Connection>,
-    contact: Contact,
+    contact: ContactState,
     runtime: Background,
 }
 
-/// Whether there has ever been a connection.
+/// Whether there was a connection before.
 #[derive(Default)]
-struct Contact {
-    /// When the first one was first tried.
+struct ContactState {
+    /// Time of the first attempt.
     begun: Option<Instant>,
     made: bool,
 }
 
-impl Contact {
-    /// How long a connection may take that is tried now.
-    fn limit(&mut self, patience: &Patience) -> Duration {
+impl ContactState {
+    /// Timeout of the next connection attempt.
+    fn limit(&mut self, retry: &RetryPolicy) -> Duration {
         let begun = *self.begun.get_or_insert_with(Instant::now);
         match self.made {
-            true => patience.connect,
-            false => patience.connect.saturating_sub(begun.elapsed()),
+            true => retry.connect_timeout,
+            false => retry.connect_timeout.saturating_sub(begun.elapsed()),
         }
     }
 }
 
-/// A runtime that is let go of at once: a name that the network does not resolve is no reason to wait.
+/// A runtime that is dropped without waiting for its threads, which may still resolve a name.
 struct Background(Option<Runtime>);
 
 impl Background {
@@ -136,8 +136,8 @@ impl Drop for Background {
 }
 
 impl Client {
-    /// A client for the rig at `address`. Nothing is sent yet. With https and no fingerprint every call
-    /// ends with [`LinkError::NoFingerprint`], which tells the rig's.
+    /// A client for the rig at `address`. Nothing is sent yet. With https and no fingerprint every
+    /// call fails with [`LinkError::NoFingerprint`], which contains the rig's.
     ///
     /// # Errors
     /// [`LinkError::System`].
@@ -145,7 +145,7 @@ impl Client {
         address: Address,
         fingerprint: Option<Fingerprint>,
         token: Option<Token>,
-        patience: Patience,
+        retry: RetryPolicy,
     ) -> Result<Self, LinkError> {
         let runtime = runtime::Builder::new_current_thread()
             .enable_all()
@@ -157,10 +157,10 @@ impl Client {
         Ok(Self {
             address,
             token,
-            patience,
+            retry,
             tls: tls.map(Arc::new),
             connection: None,
-            contact: Contact::default(),
+            contact: ContactState::default(),
             runtime: Background(Some(runtime)),
         })
     }
@@ -170,7 +170,7 @@ impl Client {
         &self.address
     }
 
-    /// What sessions the rig has.
+    /// The sessions of the rig.
     ///
     /// # Errors
     /// See [`LinkError`].
@@ -179,20 +179,20 @@ impl Client {
         let list: Sessions = self.ask(doing, Method::GET, "/api/sessions", None)?;
         if (list.format.as_str(), list.version) != (FORMAT, VERSION) {
             let reason = format!("format {:?}, version {}", list.format, list.version);
-            return Err(self.garbled(doing, reason));
+            return Err(self.malformed(doing, reason));
         }
         let odd = list
             .sessions
             .iter()
             .find(|s| !link::is_session_name(&s.name));
         if let Some(odd) = odd {
-            return Err(self.garbled(doing, format!("{:?} is no name of a session", odd.name)));
+            return Err(self.malformed(doing, format!("{:?} is not a session name", odd.name)));
         }
         Ok(list.sessions)
     }
 
-    /// The files of a session with their hashes; `on_file` is told of each as it comes, from the start again
-    /// if the connection is lost. The rig may have to read the whole session for it.
+    /// The files of a session with their hashes; `on_file` is called for each as it arrives, from
+    /// the start again if the connection is lost. The rig may have to read the whole session.
     ///
     /// # Errors
     /// See [`LinkError`].
@@ -203,7 +203,7 @@ impl Client {
     ) -> Result<Manifest, LinkError> {
         let doing = format!("asking for the files of {session}");
         let path = format!("/api/sessions/{}/manifest", link::to_address(session));
-        let mut tries = Tries::default();
+        let mut tries = FailedAttempts::default();
         loop {
             let result = block(&self.runtime, async {
                 let response = send(
@@ -211,34 +211,36 @@ impl Client {
                     &self.address,
                     self.tls.as_deref(),
                     self.token.as_ref(),
-                    &self.patience,
+                    &self.retry,
                     &doing,
                     (Method::GET, &path, None, None),
                 )
                 .await?;
-                let response = accepted(response, &doing, &self.patience).await?;
-                let lines = Lines::new(response.into_body(), self.patience.silence);
+                let response = check_status(response, &doing, &self.retry).await?;
+                let lines = Lines::new(response.into_body(), self.retry.read_timeout);
                 read_manifest(lines, &mut on_file).await
             });
             match result {
                 Ok(manifest) => {
-                    return check(manifest).map_err(|reason| self.garbled(&doing, reason));
+                    return check(manifest).map_err(|reason| self.malformed(&doing, reason));
                 }
                 Err(ManifestFailure::Failure(failure)) => {
-                    self.again(&mut tries, &doing, failure)?
+                    self.retry_or_fail(&mut tries, &doing, failure)?
                 }
-                Err(ManifestFailure::Garbled(reason)) => return Err(self.garbled(&doing, reason)),
+                Err(ManifestFailure::Malformed(reason)) => {
+                    return Err(self.malformed(&doing, reason));
+                }
                 Err(ManifestFailure::Refused(problem)) => {
-                    return Err(LinkError::Refused { doing, problem });
+                    return Err(LinkError::Rejected { doing, problem });
                 }
             }
         }
     }
 
-    /// Bytes `from..length` of a file of `length` bytes, handed to `sink` as they come.
+    /// Bytes `from..length` of a file of `length` bytes, passed to `sink` as they arrive.
     ///
     /// # Errors
-    /// See [`LinkError`]; an error of `sink` ends it at once.
+    /// See [`LinkError`]; an error of `sink` aborts the download.
     pub fn fetch(
         &mut self,
         session: &str,
@@ -253,7 +255,7 @@ impl Client {
             link::to_address(session),
             link::to_address(file)
         );
-        let mut tries = Tries::default();
+        let mut tries = FailedAttempts::default();
         let mut at = from;
         while at < length {
             let before = at;
@@ -264,17 +266,17 @@ impl Client {
                     &self.address,
                     self.tls.as_deref(),
                     self.token.as_ref(),
-                    &self.patience,
+                    &self.retry,
                     &doing,
                     (Method::GET, &path, None, Some(&range)),
                 )
                 .await?;
-                let response = accepted(response, &doing, &self.patience).await?;
+                let response = check_status(response, &doing, &self.retry).await?;
                 let found = response.headers().get(CONTENT_RANGE);
                 let found = found.and_then(|v| v.to_str().ok()).unwrap_or("none");
                 let expected = format!("bytes {at}-{}/{length}", length - 1);
                 if response.status() != StatusCode::PARTIAL_CONTENT || found != expected {
-                    return Err(LinkError::Garbled {
+                    return Err(LinkError::Malformed {
                         doing: doing.clone(),
                         reason: format!(
                             "the rig sends {found:?}, expected {expected:?}; did the file change?"
@@ -284,12 +286,9 @@ impl Client {
                     .into());
                 }
                 let mut body = response.into_body();
-                while let Some(piece) = next(&mut body, self.patience.silence).await? {
+                while let Some(piece) = next(&mut body, self.retry.read_timeout).await? {
                     if piece.len() as u64 > length - at {
-                        return Err(Failure::Again(
-                            "more came than was asked for".to_owned(),
-                            None,
-                        ));
+                        return Err(Failure::Retry("more bytes than requested".to_owned(), None));
                     }
                     at += piece.len() as u64;
                     sink(&piece)?;
@@ -297,21 +296,21 @@ impl Client {
                 Ok(())
             });
             if at > before {
-                tries = Tries::default();
+                tries = FailedAttempts::default();
             }
             match result {
                 Ok(()) if at == length => {}
                 Ok(()) => {
-                    let short = Failure::Again("less came than was asked for".to_owned(), None);
-                    self.again(&mut tries, &doing, short)?;
+                    let short = Failure::Retry("fewer bytes than requested".to_owned(), None);
+                    self.retry_or_fail(&mut tries, &doing, short)?;
                 }
-                Err(failure) => self.again(&mut tries, &doing, failure)?,
+                Err(failure) => self.retry_or_fail(&mut tries, &doing, failure)?,
             }
         }
         Ok(())
     }
 
-    /// Gives the rig the host's word that it holds a session, checked and on disk.
+    /// Sends a receipt: the host holds the session, verified and synced.
     ///
     /// # Errors
     /// See [`LinkError`].
@@ -322,7 +321,7 @@ impl Client {
         self.order(&doing, &path, Some(body.into()))
     }
 
-    /// Asks the rig to free a session for which it has a receipt.
+    /// Requests to free a session for which the rig has a receipt.
     ///
     /// # Errors
     /// See [`LinkError`].
@@ -344,10 +343,10 @@ impl Client {
         body: Option<Bytes>,
     ) -> Result<T, LinkError> {
         let text = self.answer(doing, method, path, body)?;
-        serde_json::from_slice(&text).map_err(|e| self.garbled(doing, e.to_string()))
+        serde_json::from_slice(&text).map_err(|e| self.malformed(doing, e.to_string()))
     }
 
-    /// A whole answer.
+    /// Requests a complete response.
     fn answer(
         &mut self,
         doing: &str,
@@ -355,7 +354,7 @@ impl Client {
         path: &str,
         body: Option<Bytes>,
     ) -> Result<Bytes, LinkError> {
-        let mut tries = Tries::default();
+        let mut tries = FailedAttempts::default();
         loop {
             let result = block(&self.runtime, async {
                 let response = send(
@@ -363,38 +362,43 @@ impl Client {
                     &self.address,
                     self.tls.as_deref(),
                     self.token.as_ref(),
-                    &self.patience,
+                    &self.retry,
                     doing,
                     (method.clone(), path, body.clone(), None),
                 )
                 .await?;
-                let response = accepted(response, doing, &self.patience).await?;
-                whole(response.into_body(), &self.patience).await
+                let response = check_status(response, doing, &self.retry).await?;
+                read_all(response.into_body(), &self.retry).await
             });
             match result {
                 Ok(bytes) => return Ok(bytes),
-                Err(failure) => self.again(&mut tries, doing, failure)?,
+                Err(failure) => self.retry_or_fail(&mut tries, doing, failure)?,
             }
         }
     }
 
-    /// Pauses before the next try, or gives up.
-    fn again(&mut self, tries: &mut Tries, doing: &str, failure: Failure) -> Result<(), LinkError> {
-        let (reason, asked) = match failure {
+    /// Pauses before the next attempt, or gives up.
+    fn retry_or_fail(
+        &mut self,
+        tries: &mut FailedAttempts,
+        doing: &str,
+        failure: Failure,
+    ) -> Result<(), LinkError> {
+        let (reason, requested) = match failure {
             Failure::Final(error) => return Err(error),
-            Failure::Again(reason, asked) => (reason, asked),
+            Failure::Retry(reason, requested) => (reason, requested),
         };
         self.connection = None;
         tries.0 += 1;
         let doubled = self
-            .patience
-            .pause
+            .retry
+            .first_pause
             .saturating_mul(1 << (tries.0 - 1).min(16));
-        let pause = doubled.min(self.patience.longest_pause);
-        let pause = pause.max(asked.unwrap_or_default().min(MAX_RETRY_AFTER));
-        let is_hopeless = !self.contact.made && pause >= self.contact.limit(&self.patience);
-        if tries.0 >= self.patience.tries || is_hopeless {
-            return Err(LinkError::Lost {
+        let pause = doubled.min(self.retry.max_pause);
+        let pause = pause.max(requested.unwrap_or_default().min(MAX_RETRY_AFTER));
+        let is_hopeless = !self.contact.made && pause >= self.contact.limit(&self.retry);
+        if tries.0 >= self.retry.max_attempts || is_hopeless {
+            return Err(LinkError::NoResponse {
                 doing: doing.to_owned(),
                 tries: tries.0,
                 reason,
@@ -404,15 +408,15 @@ impl Client {
         log::warn!(
             "{doing}: {reason}; try {} of {} in {:.1} s",
             tries.0 + 1,
-            self.patience.tries,
+            self.retry.max_attempts,
             pause.as_secs_f64()
         );
         self.runtime.block_on(async { sleep(pause).await });
         Ok(())
     }
 
-    fn garbled(&self, doing: &str, reason: String) -> LinkError {
-        LinkError::Garbled {
+    fn malformed(&self, doing: &str, reason: String) -> LinkError {
+        LinkError::Malformed {
             doing: doing.to_owned(),
             reason,
             address: self.address.clone(),
@@ -420,50 +424,50 @@ impl Client {
     }
 }
 
-/// Tries in a row that brought nothing.
+/// Number of failed attempts in a row.
 #[derive(Default)]
-struct Tries(u32);
+struct FailedAttempts(u32);
 
 fn block<T>(runtime: &Background, future: impl Future<Output = T>) -> T {
     runtime.block_on(future)
 }
 
-type Asked<'a> = (Method, &'a str, Option<Bytes>, Option<&'a str>);
+type RequestParts<'a> = (Method, &'a str, Option<Bytes>, Option<&'a str>);
 
-/// Sends a request over the connection that there is, or over a new one.
+/// Sends a request over the open connection, or over a new one.
 async fn send(
-    (connection, contact): (&mut Option<Connection>, &mut Contact),
+    (connection, contact): (&mut Option<Connection>, &mut ContactState),
     address: &Address,
     tls: Option<&Tls>,
     token: Option<&Token>,
-    patience: &Patience,
+    retry: &RetryPolicy,
     doing: &str,
-    (method, path, body, range): Asked<'_>,
+    (method, path, body, range): RequestParts<'_>,
 ) -> Result<Response<Incoming>, Failure> {
     log::debug!("{doing}: {method} {path}");
     let open = match connection.take().filter(Connection::is_open) {
         Some(open) => open,
-        None => connection::connect(address, tls, contact.limit(patience)).await?,
+        None => connection::connect(address, tls, contact.limit(retry)).await?,
     };
     contact.made = true;
     let open = connection.insert(open);
     let sent = open.send(address, token, method, path, body, range);
-    match timeout(patience.silence, sent).await {
+    match timeout(retry.read_timeout, sent).await {
         Ok(Ok(response)) => Ok(response),
-        Ok(Err(e)) => Err(Failure::Again(connection::describe(&*e), None)),
-        Err(_) => Err(silent(patience.silence)),
+        Ok(Err(e)) => Err(Failure::Retry(connection::describe(&*e), None)),
+        Err(_) => Err(silent(retry.read_timeout)),
     }
 }
 
 fn silent(limit: Duration) -> Failure {
-    Failure::Again(format!("silent for {} s", limit.as_secs_f64()), None)
+    Failure::Retry(format!("silent for {} s", limit.as_secs_f64()), None)
 }
 
-/// The answer, unless it is an error.
-async fn accepted(
+/// The response, unless it is an error.
+async fn check_status(
     response: Response<Incoming>,
     doing: &str,
-    patience: &Patience,
+    retry: &RetryPolicy,
 ) -> Result<Response<Incoming>, Failure> {
     let status = response.status();
     if status.is_success() {
@@ -471,7 +475,7 @@ async fn accepted(
     }
     let after = response.headers().get(RETRY_AFTER);
     let after = after.and_then(|v| v.to_str().ok()?.parse().ok());
-    let body = whole(response.into_body(), patience).await?;
+    let body = read_all(response.into_body(), retry).await?;
     let problem = match serde_json::from_slice::<ErrorBody>(&body) {
         Ok(body) => body.error,
         Err(_) => Problem {
@@ -480,24 +484,24 @@ async fn accepted(
         },
     };
     if problem.code == Code::TooMany {
-        return Err(Failure::Again(
+        return Err(Failure::Retry(
             problem.message,
             after.map(Duration::from_secs),
         ));
     }
-    Err(Failure::Final(LinkError::Refused {
+    Err(Failure::Final(LinkError::Rejected {
         doing: doing.to_owned(),
         problem,
     }))
 }
 
-/// The next piece of a body; none at its end.
+/// The next piece of a body; `None` at its end.
 async fn next(body: &mut Incoming, silence: Duration) -> Result<Option<Bytes>, Failure> {
     loop {
         match timeout(silence, body.frame()).await {
             Err(_) => return Err(silent(silence)),
             Ok(None) => return Ok(None),
-            Ok(Some(Err(e))) => return Err(Failure::Again(connection::describe(&e), None)),
+            Ok(Some(Err(e))) => return Err(Failure::Retry(connection::describe(&e), None)),
             Ok(Some(Ok(frame))) => match frame.into_data() {
                 Ok(data) => return Ok(Some(data)),
                 Err(_trailers) => {}
@@ -506,10 +510,10 @@ async fn next(body: &mut Incoming, silence: Duration) -> Result<Option<Bytes>, F
     }
 }
 
-async fn whole(body: Incoming, patience: &Patience) -> Result<Bytes, Failure> {
-    match timeout(patience.silence, Limited::new(body, MAX_ANSWER).collect()).await {
-        Err(_) => Err(silent(patience.silence)),
-        Ok(Err(e)) => Err(Failure::Again(e.to_string(), None)),
+async fn read_all(body: Incoming, retry: &RetryPolicy) -> Result<Bytes, Failure> {
+    match timeout(retry.read_timeout, Limited::new(body, MAX_ANSWER).collect()).await {
+        Err(_) => Err(silent(retry.read_timeout)),
+        Ok(Err(e)) => Err(Failure::Retry(e.to_string(), None)),
         Ok(Ok(body)) => Ok(body.to_bytes()),
     }
 }

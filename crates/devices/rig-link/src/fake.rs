@@ -1,7 +1,7 @@
-//! A rig without hardware: what it shows is set by hand, and it remembers what it was asked to do. For
-//! tests, and for looking at the page (`cargo run -p rig-link --example demo`).
+//! A fake rig without hardware: its status is set explicitly, and it records requested actions. For
+//! tests, and for viewing the page (`cargo run -p rig-link --example demo`).
 //!
-//! Its pictures move with its clock. Its sessions are real ones, made by [`write_session`].
+//! Its images change with its clock. Its sessions are real ones, written by [`write_session`].
 
 use std::path::{Path, PathBuf};
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
@@ -16,7 +16,7 @@ use session_archive::writer::{SessionSpec, SessionWriter};
 use crate::preview::{Eyes, Planes, jpeg};
 use crate::rig::{Action, Battery, ClockStatus, PageStatus, Preview, Rig, State, StreamStatus};
 
-/// What the fake shows.
+/// State of the fake rig.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Scene {
     /// Two of three cameras deliver.
@@ -25,11 +25,11 @@ pub enum Scene {
     Armed,
     /// Recording, all well.
     Recording,
-    /// The last frames are on their way.
+    /// The last frames are being written.
     Stopping,
     /// Recording, with drops and a disk that fills up.
     Warning,
-    /// A camera is gone and it cannot record.
+    /// A camera is disconnected and it cannot record.
     Fault,
 }
 
@@ -44,7 +44,7 @@ impl Scene {
         Self::Fault,
     ];
 
-    /// As it is chosen on a command line.
+    /// Name on the command line.
     pub fn word(self) -> &'static str {
         match self {
             Self::Idle => "idle",
@@ -71,7 +71,7 @@ impl Scene {
 const EYE: (usize, usize) = (320, 188);
 const CAMERAS: [&str; 3] = ["left_shoulder", "right_shoulder", "feet"];
 
-/// The fake.
+/// The fake rig.
 pub struct FakeRig {
     root: PathBuf,
     clock: Box<dyn Fn() -> Duration + Send + Sync>,
@@ -80,16 +80,16 @@ pub struct FakeRig {
 
 struct Inner {
     scene: Scene,
-    /// When the scene began.
+    /// Start time of the scene.
     since: Duration,
     /// Folder of the session that is "being recorded".
     session: Option<String>,
     actions: Vec<Action>,
-    refusal: Option<String>,
+    rejection: Option<String>,
 }
 
 impl FakeRig {
-    /// A fake with the sessions in `root` and this clock.
+    /// A fake rig with the sessions in `root` and this clock.
     pub fn new(
         root: impl Into<PathBuf>,
         scene: Scene,
@@ -100,7 +100,7 @@ impl FakeRig {
             since: clock(),
             session: None,
             actions: Vec::new(),
-            refusal: None,
+            rejection: None,
         };
         Self {
             root: root.into(),
@@ -113,24 +113,24 @@ impl FakeRig {
         self.inner.lock().unwrap_or_else(PoisonError::into_inner)
     }
 
-    /// Shows another scene.
+    /// Sets the scene.
     pub fn show(&self, scene: Scene) {
         let now = (self.clock)();
         let mut inner = self.lock();
         (inner.scene, inner.since) = (scene, now);
     }
 
-    /// Says that the session in this folder is being recorded, or that none is.
+    /// Sets the folder of the session that is being recorded, or none.
     pub fn record(&self, session: Option<&str>) {
         self.lock().session = session.map(str::to_owned);
     }
 
-    /// Refuses what it is asked for with this text, or no longer.
+    /// Rejects all actions with this text, or no longer.
     pub fn refuse(&self, why: Option<&str>) {
-        self.lock().refusal = why.map(str::to_owned);
+        self.lock().rejection = why.map(str::to_owned);
     }
 
-    /// What it was asked to do so far.
+    /// The requested actions so far.
     pub fn actions(&self) -> Vec<Action> {
         self.lock().actions.clone()
     }
@@ -146,7 +146,7 @@ impl Rig for FakeRig {
     fn act(&self, action: Action) -> Result<(), String> {
         let mut inner = self.lock();
         inner.actions.push(action.clone());
-        if let Some(why) = &inner.refusal {
+        if let Some(why) = &inner.rejection {
             return Err(why.clone());
         }
         let recording = matches!(inner.scene, Scene::Recording | Scene::Warning);
@@ -177,7 +177,7 @@ impl Rig for FakeRig {
             return None;
         }
         let tick = ((self.clock)().as_millis() / 200) as usize;
-        let data = picture(camera, tick);
+        let data = image(camera, tick);
         let planes = Planes {
             width: EYE.0 as u32,
             height: EYE.1 as u32,
@@ -198,7 +198,7 @@ impl Rig for FakeRig {
     }
 }
 
-/// What the fake says in a scene, so many seconds after it began.
+/// Status in a scene, `elapsed` seconds after its start.
 fn status(scene: Scene, session: Option<String>, elapsed: f64) -> PageStatus {
     let recording = matches!(scene, Scene::Recording | Scene::Warning | Scene::Stopping);
     let seconds = match scene {
@@ -264,15 +264,15 @@ fn status(scene: Scene, session: Option<String>, elapsed: f64) -> PageStatus {
         source: if scene == Scene::Fault { "" } else { "chrony" }.to_owned(),
     });
     status.alarms = match scene {
-        Scene::Idle => vec!["feet: no picture yet".to_owned()],
+        Scene::Idle => vec!["feet: no image yet".to_owned()],
         Scene::Warning => vec![
             "disk: 21 minutes left".to_owned(),
             "right_shoulder: the encoder is too slow, 143 frames dropped".to_owned(),
-            "86 °C: previews are made less often".to_owned(),
+            "86 °C: fewer previews".to_owned(),
         ],
         Scene::Fault => vec![
-            "right_shoulder: camera is gone (unplugged?)".to_owned(),
-            "clock: nothing keeps it right".to_owned(),
+            "right_shoulder: camera is disconnected (unplugged?)".to_owned(),
+            "clock: not synchronized".to_owned(),
         ],
         _ => Vec::new(),
     };
@@ -280,8 +280,8 @@ fn status(scene: Scene, session: Option<String>, elapsed: f64) -> PageStatus {
     status
 }
 
-/// A street that goes by, I420.
-fn picture(camera: usize, tick: usize) -> Vec<u8> {
+/// A moving street, I420.
+fn image(camera: usize, tick: usize) -> Vec<u8> {
     let (width, height) = EYE;
     let horizon = [height * 2 / 5, height * 2 / 5, height / 6][camera.min(2)];
     let shift = tick * 7 + camera * 91;
@@ -299,7 +299,7 @@ fn picture(camera: usize, tick: usize) -> Vec<u8> {
             } else if y < horizon {
                 225 - y / 4
             } else {
-                // Joints of the pavement come nearer.
+                // Joints of the pavement approach.
                 let depth = y - horizon + 6;
                 let row = (6000 / depth + tick * 9) / 40 % 2;
                 let column =
@@ -325,11 +325,11 @@ fn picture(camera: usize, tick: usize) -> Vec<u8> {
     luma
 }
 
-/// Writes a session of one camera and one IMU into `root/NAME`, sound but for its pictures, which are only
-/// bytes. Its content is a function of `seed`; a second is about 60 kB.
+/// Writes a session of one camera and one IMU into `root/NAME`, valid except for the images, which
+/// are arbitrary bytes. Its content is a function of `seed`; a second is about 60 kB.
 ///
 /// # Panics
-/// The disk says no. This is for tests.
+/// An I/O error occurs. For tests only.
 pub fn write_session(root: &Path, name: &str, seed: u64, seconds: u32) {
     let folder = root.join(name);
     std::fs::create_dir_all(&folder).expect("make the session's folder");
@@ -350,14 +350,14 @@ pub fn write_session(root: &Path, name: &str, seed: u64, seconds: u32) {
             rate_hz: 30.0,
             tick: TickLength::NANOSECOND,
             trigger: None,
-            source: "made up".to_owned(),
+            source: "synthetic".to_owned(),
             encoder: "none".to_owned(),
         }],
         imus: vec![Imu {
             name: "feet/imu".to_owned(),
             rate_hz: 200.0,
             tick: TickLength::ZED_MINI,
-            source: "made up".to_owned(),
+            source: "synthetic".to_owned(),
         }],
         rig: vec![(
             "rig.toml".to_owned(),

@@ -1,9 +1,10 @@
-//! Who the rig is: a self-signed certificate that is made once and known by its fingerprint.
+//! Identity of the rig: a self-signed certificate that is created once and pinned by its
+//! fingerprint.
 //!
-//! Nobody vouches for the certificate, so whoever connects compares the fingerprint with the one that
-//! `pawsd` shows. Key and certificate lie in one file, `identity.pem`, readable by its owner only and
-//! written whole or not at all. A file that cannot be used is an error: a new identity in its
-//! place would look like an attack to every host that knows the old one.
+//! No authority certifies it, so clients compare the fingerprint with the one that `pawsd` shows.
+//! Key and certificate are in one file, `identity.pem`, readable by its owner only and written
+//! atomically. An unusable file is an error: a new identity would look like an attack to every host
+//! that knows the old one.
 
 use std::fmt;
 use std::fs::{self, File, OpenOptions};
@@ -19,7 +20,7 @@ use subtle::ConstantTimeEq;
 
 /// File name in the folder.
 pub const FILE: &str = "identity.pem";
-/// Name in the certificate. Hosts go by the fingerprint and do not look at it.
+/// Name in the certificate. Hosts check the fingerprint and ignore it.
 const NAME: &str = "paws-rig";
 
 /// SHA-256 of a certificate (its DER form), written `AA:BB:…`, 32 bytes.
@@ -35,7 +36,7 @@ impl Fingerprint {
         Self(bytes)
     }
 
-    /// Whether both are the same, in constant time.
+    /// Constant-time comparison.
     pub fn is(&self, other: &Self) -> bool {
         self.0.ct_eq(&other.0).into()
     }
@@ -57,10 +58,10 @@ impl fmt::Debug for Fingerprint {
     }
 }
 
-/// A text is no fingerprint.
+/// A text is not a fingerprint.
 #[derive(Debug, PartialEq, Eq, thiserror::Error)]
 #[error(
-    "{found:?} is no fingerprint; expected 32 bytes in hex, as in 0A:1B:…, as `pawsd` shows them"
+    "{found:?} is not a fingerprint; expected 32 bytes in hex, as in 0A:1B:…, as `pawsd` shows them"
 )]
 pub struct FingerprintError {
     /// The text.
@@ -70,7 +71,7 @@ pub struct FingerprintError {
 impl FromStr for Fingerprint {
     type Err = FingerprintError;
 
-    /// Takes hex digits of either case, with or without colons or spaces between the bytes.
+    /// Accepts hex digits of either case, with or without colons or spaces between the bytes.
     fn from_str(text: &str) -> Result<Self, FingerprintError> {
         let wrong = || FingerprintError {
             found: text.chars().take(120).collect(),
@@ -86,7 +87,7 @@ impl FromStr for Fingerprint {
     }
 }
 
-/// Why there is no identity.
+/// The identity cannot be loaded or created.
 #[derive(Debug, thiserror::Error)]
 pub enum IdentityError {
     /// The folder or the file cannot be read or written.
@@ -100,7 +101,8 @@ pub enum IdentityError {
         /// The file or folder.
         path: PathBuf,
     },
-    /// Others could have read the key: remove the file, a new identity is made at the next start.
+    /// Others could have read the key: remove the file; a new identity is created at the next
+    /// start.
     #[error("the rig's key may be used by others than its owner: mode {found:04o}, expected 0600: {}", .path.display())]
     Open {
         /// Mode found.
@@ -108,7 +110,7 @@ pub enum IdentityError {
         /// The file.
         path: PathBuf,
     },
-    /// Damaged: remove the file; hosts must be told the new fingerprint.
+    /// Damaged: remove the file; hosts then need the new fingerprint.
     #[error("the rig's identity cannot be used: {reason}: {}", .path.display())]
     Damaged {
         /// What is wrong with it.
@@ -116,7 +118,7 @@ pub enum IdentityError {
         /// The file.
         path: PathBuf,
     },
-    /// The machine gave no randomness.
+    /// The machine provides no random numbers.
     #[error("making a certificate: {reason}")]
     Make {
         /// Why.
@@ -132,7 +134,7 @@ pub struct Identity {
 }
 
 impl Identity {
-    /// The identity in `folder`; made, and the folder with it, if there is none yet.
+    /// The identity in `folder`; created, with the folder, if it does not exist.
     ///
     /// # Errors
     /// See [`IdentityError`].
@@ -166,7 +168,7 @@ impl Identity {
             .map_err(|e| format!("no certificate in it ({e})"))?;
         let key = PrivateKeyDer::from_pem_slice(pem).map_err(|e| format!("no key in it ({e})"))?;
         let identity = Self { certificate, key };
-        // Tells a key that belongs to another certificate.
+        // Detects a key of another certificate.
         identity.server_config().map_err(|e| e.to_string())?;
         Ok(identity)
     }
@@ -193,7 +195,7 @@ impl Identity {
         Ok(identity)
     }
 
-    /// The fingerprint that hosts and phones are to find.
+    /// The fingerprint that hosts and phones must find.
     pub fn fingerprint(&self) -> Fingerprint {
         Fingerprint::of(&self.certificate)
     }
@@ -210,7 +212,7 @@ impl Identity {
     }
 }
 
-/// Key and certificate as text.
+/// Generates key and certificate as PEM text.
 fn make() -> Result<String, IdentityError> {
     let failed = |e: rcgen::Error| IdentityError::Make {
         reason: e.to_string(),
@@ -221,7 +223,7 @@ fn make() -> Result<String, IdentityError> {
     params
         .distinguished_name
         .push(rcgen::DnType::CommonName, NAME);
-    // Fixed, because a rig without a clock of its own may not know what year it is.
+    // Fixed dates, because a rig without a real-time clock may not know the year.
     params.not_before = rcgen::date_time_ymd(2020, 1, 1);
     params.not_after = rcgen::date_time_ymd(2120, 1, 1);
     params.extended_key_usages = vec![rcgen::ExtendedKeyUsagePurpose::ServerAuth];
@@ -250,7 +252,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn it_is_made_once_and_kept_to_its_owner() {
+    fn identity_is_created_once_and_private() {
         let folder = tempfile::tempdir().unwrap();
         let folder = folder.path().join("state/identity");
         let first = Identity::load_or_create(&folder).unwrap().fingerprint();
@@ -279,9 +281,9 @@ mod tests {
         assert!(error.contains("mode 0640, expected 0600"), "{error}");
     }
 
-    /// A FIFO that nobody writes to must not hold up the start, and is not replaced.
+    /// A FIFO without writer must not block the start, and is not replaced.
     #[test]
-    fn what_is_no_file_is_refused_at_once() {
+    fn non_file_is_rejected_without_blocking() {
         let folder = tempfile::tempdir().unwrap();
         let path = folder.path().join(FILE);
         let mode = Mode::from_raw_mode(0o600);
@@ -300,7 +302,7 @@ mod tests {
     }
 
     #[test]
-    fn a_damaged_one_is_not_replaced() {
+    fn damaged_identity_is_not_replaced() {
         let folder = tempfile::tempdir().unwrap();
         Identity::load_or_create(folder.path()).unwrap();
         let path = folder.path().join(FILE);

@@ -1,17 +1,19 @@
-//! The way to the rig, both ends: the phone's page, and sessions pulled over the network.
+//! Both ends of the network link to the rig: the phone's page, and sessions pulled by hosts.
 //!
-//! * [`server`] is a small HTTPS server on a thread of its own. It shows a [`rig::Rig`] to a phone and
-//!   its sessions to a host, and knows nothing of recording: the daemon implements the trait.
+//! * [`server`] is a small HTTPS server on a thread of its own. It serves a [`rig::Rig`] to a phone
+//!   and its sessions to a host. It does not depend on the recorder: the daemon implements the
+//!   trait.
 //! * [`client`] is the host's end: certificate pinning, resumption, verification.
-//! * [`link`] is what goes over the wire, *rig link v1*, written down in `docs/rig-link.md`.
-//! * [`store`] is the folder of sessions as the server shows it: listing, hashes, receipts, freeing.
-//! * [`identity`] and [`token`] say who is who: a self-signed certificate known by its fingerprint, and
-//!   a shared secret.
-//! * [`preview`] makes the small pictures, [`fake`] a rig without hardware for tests and for the demo.
+//! * [`link`] is the protocol, *rig link v1*, specified in `docs/rig-link.md`.
+//! * [`store`] is the folder of sessions as served: listing, hashes, receipts, freeing.
+//! * [`identity`] and [`token`] authenticate both ends: a self-signed certificate pinned by its
+//!   fingerprint, and a shared secret.
+//! * [`preview`] computes preview images, [`fake`] is a rig without hardware for tests and for the
+//!   demo.
 //!
-//! What the server promises: it never serves the session that is being recorded, never a file that is
-//! not in its own listing, never frees a session without a stored receipt that fits what is on disk,
-//! and never makes the recorder wait. Off the machine itself it speaks TLS 1.3 and asks for the token.
+//! Guarantees of the server: it never serves the session that is being recorded, never a file that
+//! is not in its own listing, never frees a session without a stored receipt that matches the files
+//! on disk, and never blocks the recorder. Off loopback it uses TLS 1.3 and requires the token.
 
 pub mod client;
 pub mod fake;

@@ -1,27 +1,28 @@
-//! What goes over the wire: *rig link v1*. The page `docs/rig-link.md` is the contract, this its types.
+//! Types of the protocol *rig link v1*, specified in `docs/rig-link.md`.
 //!
-//! Everything is JSON, unknown fields are ignored, and a field that may be missing is an `Option`. A
-//! session's *list* is the set of its files with length and hash; its [`list_hash`] stands for the
-//! whole content of the session in one line of text.
+//! Everything is JSON, unknown fields are ignored, and a field that may be missing is an `Option`.
+//! A session's *list* is the set of its files with length and hash; its [`list_hash`] identifies
+//! the whole content of the session in one line of text.
 
 use serde::{Deserialize, Serialize};
 
-/// Version of the contract. It goes up only when an old end would misunderstand a new one.
+/// Version of the contract. It is incremented only if an old end would misunderstand a new one.
 pub const VERSION: u32 = 1;
 /// Value of [`Sessions::format`].
 pub const FORMAT: &str = "rig-link";
 /// Value of [`Receipt::format`].
 pub const RECEIPT_FORMAT: &str = "rig-link-receipt";
-/// Header that a program without a browser's `Origin` sends with every POST; the value is [`VERSION`].
+/// Header that a client without a browser's `Origin` sends with every POST; the value is
+/// [`VERSION`].
 pub const HEADER: &str = "x-rig-link";
-/// Longest path of a file below a session's folder, bytes.
+/// Maximum length of a file's path below a session's folder, bytes.
 pub const MAX_PATH: usize = 512;
-/// Folders in folders are followed this deep; a session has one level.
+/// Maximum depth of nested folders; a session has one level.
 pub const MAX_DEPTH: usize = 8;
-/// Longest line of a manifest, bytes.
+/// Maximum length of a manifest's line, bytes.
 pub const MAX_LINE: usize = 4096;
 
-/// Files at the top of a session's folder that a host makes and can make again; never listed.
+/// Files at the top of a session's folder that a host derives and can derive again; never listed.
 pub const DERIVED: [&str; 5] = [
     "import.json",
     "index.bin",
@@ -30,44 +31,45 @@ pub const DERIVED: [&str; 5] = [
     "report.html",
 ];
 
-/// In what state a session is.
+/// State of a session.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case")]
 pub enum SessionState {
-    /// Being recorded now: it can be seen, not pulled.
+    /// Being recorded now: listed, but cannot be pulled.
     Recording,
     /// Stopped and closed by the recorder.
     Closed,
-    /// Rebuilt after it was cut off.
+    /// Recovered after it was cut off.
     Recovered,
-    /// Cut off while it was recorded, and not rebuilt.
+    /// Cut off while it was recorded, and not recovered.
     Interrupted,
     /// Its `session.json` cannot be read.
     Damaged,
 }
 
-/// One session, as the list shows it.
+/// One session of the list.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
 pub struct SessionSummary {
-    /// Name of its folder, which is its name in addresses.
+    /// Name of its folder, used in addresses.
     pub name: String,
-    /// Its identifier, unique among all sessions of all rigs; none if its manifest cannot be read.
+    /// Its identifier, unique among all sessions of all rigs; `None` if its manifest cannot be
+    /// read.
     pub session_id: Option<String>,
-    /// What the operator called it, on one line (a control character is `\u001b`); may be empty.
+    /// Title given by the operator, on one line (a control character is `\u001b`); may be empty.
     pub title: String,
     /// State.
     pub state: SessionState,
-    /// When it began, ns since 1970, UTC, as well as the recorder knew.
+    /// Start time by the recorder's civil clock, ns since 1970, UTC.
     pub started_ns: Option<i64>,
     /// Bytes of its files.
     pub bytes: u64,
     /// Number of its files.
     pub files: u64,
-    /// The receipt that is stored for it. Whether it still fits is decided when the session is freed.
+    /// The stored receipt. Whether it still matches is checked when the session is freed.
     pub receipt: Option<Receipt>,
 }
 
-/// Answer to `GET /api/sessions`.
+/// Response to `GET /api/sessions`.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
 pub struct Sessions {
     /// [`FORMAT`].
@@ -85,13 +87,13 @@ pub struct FileEntry {
     pub path: String,
     /// Length.
     pub bytes: u64,
-    /// When it was last changed, ns since 1970 by the rig's clock.
+    /// Modification time, ns since 1970 by the rig's clock.
     pub modified_ns: i64,
     /// BLAKE3 of the content, 64 hex digits.
     pub blake3: String,
 }
 
-/// Last line of a manifest; without it the manifest is not whole.
+/// Last line of a manifest; without it the manifest is incomplete.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
 pub struct Total {
     /// [`list_hash`] of the files.
@@ -110,20 +112,21 @@ pub enum Line {
     File(FileEntry),
     /// The end.
     Total(Total),
-    /// The rig cannot go on; nothing follows.
+    /// The rig cannot continue; nothing follows.
     Error(Problem),
 }
 
-/// A whole manifest.
+/// A complete manifest.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Manifest {
     /// The files, by path.
     pub files: Vec<FileEntry>,
-    /// What stands for them.
+    /// Their totals.
     pub total: Total,
 }
 
-/// A host's word that it holds a session, checked and on disk. The rig may free the session then.
+/// A host's confirmation that it holds a session, verified and synced. The rig may then free the
+/// session.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
 pub struct Receipt {
     /// [`RECEIPT_FORMAT`].
@@ -132,73 +135,73 @@ pub struct Receipt {
     pub version: u32,
     /// The session's identifier.
     pub session_id: String,
-    /// [`list_hash`] of what the host holds.
+    /// [`list_hash`] of the files that the host holds.
     pub list: String,
     /// Number of files it holds.
     pub files: u64,
     /// Their bytes.
     pub bytes: u64,
-    /// Name of the host, for people.
+    /// Name of the host, for display.
     pub host: String,
-    /// When it was verified, ns since 1970 by the host's clock.
+    /// Time of the verification, ns since 1970 by the host's clock.
     pub verified_ns: i64,
 }
 
-/// What went wrong, for programs and for people.
+/// An error, for programs and for display.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
 pub struct Problem {
-    /// What to do about it.
+    /// Kind of the error, which determines the client's action.
     pub code: Code,
-    /// What was found and what was expected.
+    /// What was found and expected.
     pub message: String,
 }
 
-/// Body of every answer that is an error.
+/// Body of every error response.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
 pub struct ErrorBody {
     /// The problem.
     pub error: Problem,
 }
 
-/// Kinds of problems.
+/// Error codes.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case")]
 pub enum Code {
-    /// The request is not one of this contract.
+    /// The request does not follow this protocol.
     BadRequest,
     /// The token is missing or wrong.
     Unauthorised,
     /// The request comes from another site's page, or names another host.
     Forbidden,
-    /// There is no such thing.
+    /// The resource does not exist.
     NotFound,
-    /// The address is right, the method is not.
+    /// The resource exists, but not for this method.
     WrongMethod,
     /// The session is being recorded.
     Recording,
     /// There is no receipt for the session.
     NoReceipt,
-    /// The list hash is not that of what is on disk.
+    /// The list hash does not match the files on disk.
     ListDiffers,
-    /// Hashes are not known (any more): fetch the manifest, then ask again.
+    /// Hashes are not known (any more): fetch the manifest, then repeat the request.
     ManifestFirst,
-    /// The session's folder holds something that is not in its list, so it is not removed.
+    /// The session's folder contains entries that are not listed, so it is not removed.
     NotListed,
-    /// The rig refuses what was asked of the recorder.
+    /// The recorder rejects the action.
     Refused,
-    /// Too often; wait as long as `Retry-After` says.
+    /// Too many requests; wait for `Retry-After`.
     TooMany,
     /// The range is not in the file.
     Range,
-    /// The disk says no.
+    /// An I/O error occurs.
     Io,
-    /// A kind that this version does not know.
+    /// A code unknown to this version.
     #[serde(other)]
     Unknown,
 }
 
-/// One line that stands for the content of a session: BLAKE3, in hex, over `PATH NUL LENGTH NUL HASH LF`
-/// for each file in ascending order of the bytes of `PATH`, with `LENGTH` in decimal and `HASH` in
+/// Identifies the content of a session: BLAKE3, in hex, over `PATH NUL LENGTH NUL HASH LF` for each
+/// file in ascending order of the bytes of `PATH`, with `LENGTH` in decimal and `HASH` in
 /// lower-case hex.
 pub fn list_hash<'a>(files: impl IntoIterator<Item = (&'a str, u64, &'a str)>) -> String {
     let mut files: Vec<_> = files.into_iter().collect();
@@ -223,7 +226,7 @@ pub fn total(files: &[FileEntry]) -> Total {
     }
 }
 
-/// Whether a text can be the path of a file below a session's folder, with no way out of it: names
+/// Whether a text is a valid path of a file below a session's folder, without leaving it: names
 /// without control characters and backslashes, none of them `.` or `..`, `/` between them.
 pub fn is_file_path(path: &str) -> bool {
     let name = |name: &str| {
@@ -248,7 +251,7 @@ pub fn is_hash(text: &str) -> bool {
     text.len() == 64 && text.bytes().all(digit)
 }
 
-/// A file's path as it stands in an address: everything but letters, digits, `-_.~` and `/` as `%XX`.
+/// A file's path as in an address: everything but letters, digits, `-_.~` and `/` as `%XX`.
 pub fn to_address(path: &str) -> String {
     let mut out = String::with_capacity(path.len());
     for byte in path.bytes() {
@@ -261,8 +264,8 @@ pub fn to_address(path: &str) -> String {
     out
 }
 
-/// The path that stands in an address, decoded once; none if it is no UTF-8 or a `%` is not followed
-/// by two hex digits.
+/// Decodes the path in an address, once; `None` if it is not UTF-8 or a `%` is not followed by two
+/// hex digits.
 pub fn from_address(text: &str) -> Option<String> {
     let mut out = Vec::with_capacity(text.len());
     let mut bytes = text.bytes();
@@ -283,7 +286,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn the_list_hash_is_what_the_page_says() {
+    fn list_hash_matches_the_specification() {
         let a = "a".repeat(64);
         let b = "b".repeat(64);
         let text = format!("rig/x\0{}\0{b}\nsession.json\0{}\0{a}\n", 7, 12);
@@ -296,7 +299,7 @@ mod tests {
     }
 
     #[test]
-    fn paths_of_files_stay_below_the_folder() {
+    fn file_paths_are_confined_to_the_folder() {
         for good in ["session.json", "segments/000000.mcap", "rig/a b\u{e4}.yaml"] {
             assert!(is_file_path(good), "{good}");
         }
@@ -323,7 +326,7 @@ mod tests {
     }
 
     #[test]
-    fn addresses_are_decoded_once_and_only_if_whole() {
+    fn paths_are_decoded_once_and_only_if_valid() {
         for text in ["rig/a b%2f\u{e4}.yaml", "", "100%"] {
             assert_eq!(from_address(&to_address(text)).as_deref(), Some(text));
         }
@@ -334,7 +337,7 @@ mod tests {
     }
 
     #[test]
-    fn codes_of_a_later_version_are_understood_as_unknown() {
+    fn codes_of_a_later_version_are_unknown() {
         let body: ErrorBody =
             serde_json::from_str(r#"{"error":{"code":"new_kind","message":"m"}}"#).unwrap();
         assert_eq!(body.error.code, Code::Unknown);

@@ -1,29 +1,29 @@
-//! Small pictures for the phone, made cheaply: the mean of each square of pixels, then JPEG.
+//! Preview images for the phone: box-filter downsampling, then JPEG.
 //!
-//! Contract: the picture is what the encoder gets (planes tightly packed, top row first, full-range
-//! BT.601 as in JFIF), and is only read. The result is at least one square wide; rows and columns that
-//! fill no whole square are left out. The cost is one pass over the luma and chroma samples and the
-//! coding of a small picture; `cargo run -p rig-link --example preview_cost` measures it.
+//! Contract: the input is the encoder's (planes tightly packed, top row first, full-range BT.601 as
+//! in JFIF), and is only read. The result is at least one box wide; rows and columns of incomplete
+//! boxes are left out. The cost is one pass over the luma and chroma samples and the encoding of a
+//! small image; `cargo run -p rig-link --example preview_cost` measures it.
 
 use jpeg_encoder::{Encoder, ImageBuffer, JpegColorType, SamplingFactor};
 
-/// Quality, 1 to 100: enough to see what a camera sees.
+/// JPEG quality, 1 to 100: sufficient to check a camera's view.
 const QUALITY: u8 = 60;
-/// Largest side of a picture that is made smaller, pixels.
+/// Maximum side of an input image, pixels.
 const MAX_SIDE: u32 = 1 << 15;
 
-/// A picture as it lies in memory.
+/// An image in memory.
 #[derive(Clone, Copy, Debug)]
 pub struct Planes<'a> {
-    /// Columns; for left and right side by side those of both.
+    /// Columns; for side-by-side stereo those of both.
     pub width: u32,
     /// Rows.
     pub height: u32,
-    /// Luma, then for I420 Cb and Cr of half width and height; luma alone is grey.
+    /// Luma, then for I420 Cb and Cr of half width and height; luma alone is gray.
     pub data: &'a [u8],
 }
 
-/// Which part of a stereo picture to show.
+/// Part of a stereo image to show.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Eyes {
     /// The left half.
@@ -32,12 +32,12 @@ pub enum Eyes {
     Both,
 }
 
-/// Why there is no small picture.
+/// A preview cannot be computed.
 #[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
 pub enum PreviewError {
-    /// The bytes do not belong to the size that goes with them.
+    /// The number of bytes does not match the size.
     #[error(
-        "a picture of {width}x{height} has {found} bytes, expected {grey} (grey) or {i420} (I420)"
+        "an image of {width}x{height} has {found} bytes, expected {gray} (gray) or {i420} (I420)"
     )]
     WrongLength {
         /// Columns.
@@ -46,30 +46,30 @@ pub enum PreviewError {
         height: u32,
         /// Bytes found.
         found: usize,
-        /// Bytes of a grey picture of this size.
-        grey: usize,
-        /// Bytes of an I420 picture of this size.
+        /// Bytes of a gray image of this size.
+        gray: usize,
+        /// Bytes of an I420 image of this size.
         i420: usize,
     },
-    /// No picture, or none that a camera makes.
-    #[error("a picture of {width}x{height} cannot be made smaller")]
+    /// The size is zero or too large.
+    #[error("an image of {width}x{height} cannot be downsampled")]
     Size {
         /// Columns.
         width: u32,
         /// Rows.
         height: u32,
     },
-    /// The coder refuses.
-    #[error("coding a picture as JPEG: {0}")]
+    /// The JPEG encoder fails.
+    #[error("encoding an image as JPEG: {0}")]
     Jpeg(String),
 }
 
-/// A JPEG of the picture, at most `width` pixels wide but for rounding, in colour if it has any.
+/// A JPEG of the image, at most `width` pixels wide (up to rounding), in color if it has chroma.
 ///
 /// # Errors
 /// See [`PreviewError`].
-pub fn jpeg(picture: Planes<'_>, eyes: Eyes, width: u32) -> Result<Vec<u8>, PreviewError> {
-    let small = Small::of(picture, eyes, width)?;
+pub fn jpeg(image: Planes<'_>, eyes: Eyes, width: u32) -> Result<Vec<u8>, PreviewError> {
+    let small = Small::of(image, eyes, width)?;
     let mut out = Vec::with_capacity(32 << 10);
     let mut encoder = Encoder::new(&mut out, QUALITY);
     encoder.set_sampling_factor(SamplingFactor::F_2_2);
@@ -78,7 +78,7 @@ pub fn jpeg(picture: Planes<'_>, eyes: Eyes, width: u32) -> Result<Vec<u8>, Prev
     Ok(out)
 }
 
-/// A picture made smaller: luma and, at half its size, chroma.
+/// A downsampled image: luma and, at half its size, chroma.
 struct Small {
     width: usize,
     height: usize,
@@ -87,12 +87,12 @@ struct Small {
 }
 
 impl Small {
-    fn of(picture: Planes<'_>, eyes: Eyes, width: u32) -> Result<Self, PreviewError> {
+    fn of(image: Planes<'_>, eyes: Eyes, width: u32) -> Result<Self, PreviewError> {
         let Planes {
             width: w,
             height: h,
             data,
-        } = picture;
+        } = image;
         let size = PreviewError::Size {
             width: w,
             height: h,
@@ -101,34 +101,34 @@ impl Small {
             return Err(size);
         }
         let (columns, rows) = (w as usize, h as usize);
-        let grey = columns * rows;
+        let gray = columns * rows;
         let chroma = columns.div_ceil(2) * rows.div_ceil(2);
-        let is_grey = data.len() == grey;
-        if !is_grey && data.len() != grey + 2 * chroma {
+        let is_gray = data.len() == gray;
+        if !is_gray && data.len() != gray + 2 * chroma {
             return Err(PreviewError::WrongLength {
                 width: w,
                 height: h,
                 found: data.len(),
-                grey,
-                i420: grey + 2 * chroma,
+                gray,
+                i420: gray + 2 * chroma,
             });
         }
         let seen = match eyes {
             Eyes::Left => columns / 2,
             Eyes::Both => columns,
         };
-        // Chroma is made smaller by the same factor, so the small picture is I420 again: both its
-        // sides are even.
+        // Chroma is downsampled by the same factor, so the result is I420 again: both sides are
+        // even.
         let factor = seen
             .div_ceil(width.max(2) as usize)
             .min(rows / 2)
             .min(seen / 2);
         let (small_w, small_h) = (seen / factor / 2 * 2, rows / factor / 2 * 2);
-        let luma = means(&data[..grey], columns, factor, small_w, small_h);
-        let chroma = (!is_grey).then(|| {
+        let luma = means(&data[..gray], columns, factor, small_w, small_h);
+        let chroma = (!is_gray).then(|| {
             let stride = columns.div_ceil(2);
             [0, 1].map(|i| {
-                let plane = &data[grey + i * chroma..][..chroma];
+                let plane = &data[gray + i * chroma..][..chroma];
                 means(plane, stride, factor, small_w / 2, small_h / 2)
             })
         });
@@ -141,8 +141,8 @@ impl Small {
     }
 }
 
-/// The mean of each square of `factor` x `factor` samples, rounded. Rows are added up first, sample by
-/// sample, because that is what processors do many at a time.
+/// The rounded mean of each box of `factor` x `factor` samples. Rows are summed first, sample by
+/// sample, which vectorizes well.
 fn means(plane: &[u8], stride: usize, factor: usize, width: usize, height: usize) -> Vec<u8> {
     let mut out = Vec::with_capacity(width * height);
     let mut columns = vec![0_u32; width * factor];
@@ -220,8 +220,8 @@ mod tests {
         data
     }
 
-    fn decode(jpeg: &[u8], colour: ColorSpace) -> (usize, usize, Vec<u8>) {
-        let options = DecoderOptions::default().jpeg_set_out_colorspace(colour);
+    fn decode(jpeg: &[u8], color: ColorSpace) -> (usize, usize, Vec<u8>) {
+        let options = DecoderOptions::default().jpeg_set_out_colorspace(color);
         let mut decoder = JpegDecoder::new_with_options(ZCursor::new(jpeg), options);
         let pixels = decoder.decode().unwrap();
         let (width, height) = decoder.dimensions().unwrap();
@@ -229,14 +229,14 @@ mod tests {
     }
 
     #[test]
-    fn it_shows_the_eye_in_its_colours_at_the_asked_size() {
+    fn preview_has_the_requested_eye_colors_and_size() {
         let data = stereo(1344, 376);
-        let picture = Planes {
+        let image = Planes {
             width: 1344,
             height: 376,
             data: &data,
         };
-        let left = jpeg(picture, Eyes::Left, 320).unwrap();
+        let left = jpeg(image, Eyes::Left, 320).unwrap();
         let (width, height, pixels) = decode(&left, ColorSpace::YCbCr);
         assert_eq!((width, height), (224, 124));
         let at = |x: usize, y: usize| &pixels[(y * width + x) * 3..][..3];
@@ -248,20 +248,20 @@ mod tests {
                 assert!(f.abs_diff(e) <= 6, "{found:?} is not {expected:?}");
             }
         }
-        let both = jpeg(picture, Eyes::Both, 320).unwrap();
+        let both = jpeg(image, Eyes::Both, 320).unwrap();
         assert_eq!(decode(&both, ColorSpace::YCbCr).0, 268);
 
-        let grey = Planes {
+        let gray = Planes {
             data: &data[..1344 * 376],
-            ..picture
+            ..image
         };
-        let grey = jpeg(grey, Eyes::Left, 320).unwrap();
-        let (_, _, pixels) = decode(&grey, ColorSpace::Luma);
+        let gray = jpeg(gray, Eyes::Left, 320).unwrap();
+        let (_, _, pixels) = decode(&gray, ColorSpace::Luma);
         assert!(pixels[width * 10 + 10].abs_diff(150) <= 6);
     }
 
     #[test]
-    fn the_mean_is_the_slow_obvious_one() {
+    fn box_mean_matches_the_reference() {
         let (stride, height, factor) = (37, 23, 5);
         let plane: Vec<u8> = (0..stride * height)
             .map(|i| (i * 7919 % 251) as u8)
@@ -282,36 +282,36 @@ mod tests {
     }
 
     #[test]
-    fn any_size_and_any_length_is_a_picture_or_an_error() {
+    fn any_size_and_length_gives_an_image_or_an_error() {
         let data = vec![7; 64 * 64 * 2];
         for width in 0..40_u32 {
             for height in [0_u32, 1, 2, 3, 4, 5, 7, 16, 33] {
-                let grey = (width * height) as usize;
+                let gray = (width * height) as usize;
                 let chroma = 2 * (width.div_ceil(2) * height.div_ceil(2)) as usize;
-                for length in [grey, grey + chroma] {
-                    let picture = Planes {
+                for length in [gray, gray + chroma] {
+                    let image = Planes {
                         width,
                         height,
                         data: &data[..length],
                     };
                     for eyes in [Eyes::Left, Eyes::Both] {
                         for target in [0, 1, 8, 1000] {
-                            let made = jpeg(picture, eyes, target);
+                            let made = jpeg(image, eyes, target);
                             assert_eq!(made.is_ok(), width >= 4 && height >= 4, "{width}x{height}");
                         }
                     }
                 }
             }
         }
-        let picture = Planes {
+        let image = Planes {
             width: 64,
             height: 32,
             data: &data[..100],
         };
-        let error = jpeg(picture, Eyes::Left, 100).unwrap_err().to_string();
+        let error = jpeg(image, Eyes::Left, 100).unwrap_err().to_string();
         assert_eq!(
             error,
-            "a picture of 64x32 has 100 bytes, expected 2048 (grey) or 3072 (I420)"
+            "an image of 64x32 has 100 bytes, expected 2048 (gray) or 3072 (I420)"
         );
         let huge = Planes {
             width: u32::MAX,

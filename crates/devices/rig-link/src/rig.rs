@@ -1,40 +1,40 @@
-//! What the server asks of the recorder.
+//! Interface of the server to the recorder.
 //!
-//! Contract of a [`Rig`]: [`Rig::status`], [`Rig::preview`] and [`Rig::is_recording`] answer from what is
-//! known and wait for nothing; [`Rig::act`] may take as long as the recorder needs. All are called from the
-//! server's own threads, several at once, and must not panic. A panic is caught and answered as an
-//! error.
+//! Contract of a [`Rig`]: [`Rig::status`], [`Rig::preview`] and [`Rig::is_recording`] return cached
+//! values and never block; [`Rig::act`] may block until the recorder has finished. All are called
+//! from the server's own threads, concurrently, and must not panic. A panic is caught and becomes
+//! an error response.
 
 use std::path::PathBuf;
 use std::sync::Arc;
 
 use serde::{Deserialize, Serialize};
 
-/// The recorder, as the server sees it.
+/// The recorder, as used by the server.
 pub trait Rig: Send + Sync + 'static {
-    /// Everything worth knowing now.
+    /// Current status.
     fn status(&self) -> PageStatus;
 
-    /// Does what the operator asks for; the text of an error is shown on the phone.
+    /// Executes an operator's action; the text of an error is shown on the phone.
     ///
     /// # Errors
-    /// The recorder refuses, or could not do it.
+    /// The recorder rejects the action, or it failed.
     fn act(&self, action: Action) -> Result<(), String>;
 
-    /// The newest small picture of the camera with this position in [`PageStatus::cameras`]; none if
-    /// there is no such camera or no picture yet. It is called only while somebody looks, so pictures
-    /// need not be made at other times.
+    /// The newest preview of the camera with this position in [`PageStatus::cameras`]; `None` if
+    /// there is no such camera or no image yet. It is called only while a page is open, so previews
+    /// need not be computed at other times.
     fn preview(&self, camera: usize) -> Option<Preview>;
 
     /// The folder with one folder per session.
     fn sessions_root(&self) -> PathBuf;
 
-    /// Whether the session in the folder with this name is being recorded. True from before the folder
-    /// exists until its last byte is on disk: while this is true, nothing of it is served.
+    /// Whether the session in the folder with this name is being recorded. True from before the
+    /// folder exists until its last byte is synced; meanwhile nothing of it is served.
     fn is_recording(&self, session: &str) -> bool;
 }
 
-/// What an operator can ask for.
+/// Actions of an operator.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(tag = "do", rename_all = "snake_case")]
 pub enum Action {
@@ -48,20 +48,20 @@ pub enum Action {
     Stop,
     /// Mark this instant.
     Mark {
-        /// What to write beside it; may be empty.
+        /// Text of the mark; may be empty.
         #[serde(default)]
         text: String,
     },
-    /// Delete the recording: stop and throw away, or throw the last one away.
+    /// Delete the recording: stop and discard it, or discard the last one.
     Discard,
 }
 
-/// A small picture.
+/// A preview image.
 #[derive(Clone, Debug)]
 pub struct Preview {
-    /// A whole JPEG file.
+    /// A complete JPEG file.
     pub jpeg: Arc<[u8]>,
-    /// Differs from picture to picture; a phone that has this one is not sent it again.
+    /// Sequence number of the image; a phone that has this one does not receive it again.
     pub sequence: u64,
 }
 
@@ -71,11 +71,11 @@ pub struct Preview {
 pub enum State {
     /// Waiting for the sources: not every stream has delivered yet.
     Idle,
-    /// Ready: a press starts recording at once.
+    /// Ready: a press starts recording immediately.
     Armed,
     /// Recording.
     Recording,
-    /// Asked to stop; the last frames are on their way.
+    /// Stop requested; the last frames are being written.
     Stopping,
     /// Cannot record, see the alarms.
     Fault,
@@ -84,11 +84,11 @@ pub enum State {
 /// One stream.
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
 pub struct StreamStatus {
-    /// Stream, as gap records name it.
+    /// Name of the stream, as in gap records.
     pub name: String,
     /// Samples per second received in the last second.
     pub rate_hz: f64,
-    /// Samples per second that it should deliver, where known.
+    /// Nominal samples per second, if known.
     pub nominal_hz: Option<f64>,
     /// Samples received since the daemon started.
     pub received: u64,
@@ -98,7 +98,7 @@ pub struct StreamStatus {
     pub missing: u64,
     /// No sample for too long.
     pub silent: bool,
-    /// The same picture for too long.
+    /// The image is frozen.
     pub frozen: bool,
 }
 
@@ -109,22 +109,22 @@ pub struct Battery {
     pub percent: f64,
     /// Whether it is being charged.
     pub charging: bool,
-    /// Minutes left at the present load, where known.
+    /// Minutes left at the present load, if known.
     pub minutes_left: Option<f64>,
 }
 
 /// The machine's civil clock. Recorded time does not depend on it.
 #[derive(Clone, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
 pub struct ClockStatus {
-    /// Whether something keeps it right.
+    /// Whether it is synchronized.
     pub synchronised: bool,
-    /// How far it is off by what the source says, ns.
+    /// Clock offset reported by the source, ns.
     pub offset_ns: Option<i64>,
-    /// What keeps it right, as in `chrony` or `ptp`; empty if nothing does.
+    /// Time source, as in `chrony` or `ptp`; empty if there is none.
     pub source: String,
 }
 
-/// Everything worth knowing now.
+/// Current status.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct PageStatus {
     /// State.
@@ -133,28 +133,28 @@ pub struct PageStatus {
     pub session: Option<String>,
     /// Seconds recorded so far, or length of the last session.
     pub seconds: f64,
-    /// The cameras of which there are previews, in this order.
+    /// The cameras with previews, in this order.
     pub cameras: Vec<String>,
     /// The streams.
     pub streams: Vec<StreamStatus>,
-    /// Free space where sessions go, bytes.
+    /// Free space for sessions, bytes.
     pub free_bytes: Option<u64>,
-    /// Seconds that can still be recorded at the present rate.
+    /// Remaining recording time at the present rate, s.
     pub seconds_left: Option<f64>,
-    /// Hottest part of the machine, °C.
+    /// Highest temperature of the machine, °C.
     pub temperature_c: Option<f64>,
-    /// Battery, where readable.
+    /// Battery, if readable.
     pub battery: Option<Battery>,
-    /// Clock, where known.
+    /// Clock, if known.
     pub clock: Option<ClockStatus>,
-    /// What is wrong now, the worst first.
+    /// Active alarms, the worst first.
     pub alarms: Vec<String>,
     /// The encoder of each camera.
     pub encoders: Vec<String>,
 }
 
 impl PageStatus {
-    /// The status of a recorder of which nothing is known but its state.
+    /// A status with only the state known.
     pub fn new(state: State) -> Self {
         Self {
             state,

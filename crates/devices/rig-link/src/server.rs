@@ -1,29 +1,30 @@
 //! The server: the phone's page, and sessions for hosts.
 //!
-//! Contract. On a loopback address it may speak plain HTTP and ask for no token; on every other address it
-//! needs an [`Identity`] (TLS 1.3) and a [`Token`], and without them does not start. It runs on one thread
-//! of its own, at low priority, with a few more for what may block (disk, recorder); the recorder never waits
-//! for it. Whoever connects is limited in connections, in requests per second, in the time that a head, a
-//! body or a pause may take, and in wrong tokens ([`Limits`]); beyond that he is answered with an error or cut off,
-//! and the others are served as before. Who has not been let in takes no place from who has (`server/places.rs`). A fault in one request ends that request. Dropping the server
-//! ends it at once; what it was sending is cut off.
+//! Contract. On a loopback address it may use plain HTTP without a token; on every other address it
+//! needs an [`Identity`] (TLS 1.3) and a [`Token`], and does not start without them. It runs on its
+//! own thread, at low priority, with a few more for blocking work (disk, recorder); the recorder
+//! never waits for it. Clients are limited in connections, in requests per second, in the time of a
+//! head, a body or a stall, and in wrong tokens ([`Limits`]); beyond that they get an error or are
+//! disconnected, and others are served as before. Unauthenticated clients take no connection from
+//! authenticated ones (`server/connection_slots.rs`). A fault in one request ends that request.
+//! Dropping the server stops it immediately; responses in transit are cut off.
 //!
-//! Which requests there are: `server/route.rs`. Who may ask: `server/guard.rs`. What a session's files are:
+//! Requests: `server/route.rs`. Authorization: `server/guard.rs`. Files of a session:
 //! [`crate::store`].
 
 mod actions;
-mod answer;
 mod body;
+mod connection_slots;
 mod connections;
 mod cookies;
 mod guard;
 mod limits;
-mod pace;
 mod page;
-mod patient;
-mod places;
+mod read_rate;
+mod response;
 mod route;
 mod sessions;
+mod stall_timeout;
 
 use std::io;
 use std::net::{SocketAddr, TcpListener};
@@ -38,39 +39,39 @@ use tokio::time::Instant;
 use tokio_rustls::TlsAcceptor;
 
 use self::guard::Guard;
-use self::pace::Pace;
+use self::read_rate::ReadRateLimiter;
 use crate::identity::{Fingerprint, Identity};
 use crate::rig::Rig;
 use crate::store::Store;
 use crate::token::Token;
 
-/// Where the server listens unless told otherwise.
+/// Default address of the server.
 pub const DEFAULT_BIND: SocketAddr =
     SocketAddr::new(std::net::IpAddr::V4(std::net::Ipv4Addr::LOCALHOST), 8077);
-/// How much less urgent than others the server's threads are (nice).
+/// Nice value of the server's threads.
 const NICE: i32 = 10;
-/// Threads for what may block.
-const BLOCKING: usize = 16;
-/// Files read at once, for sending and for hashing.
-const READS: usize = 4;
-/// Files hashed at once.
-const HASHES: usize = 2;
-/// Actions and looks at the recorder at once.
-const ASKS: usize = 8;
+/// Threads for blocking work.
+const BLOCKING_THREADS: usize = 16;
+/// Maximum number of files read simultaneously, for sending and for hashing.
+const MAX_CONCURRENT_READS: usize = 4;
+/// Maximum number of files hashed simultaneously.
+const MAX_CONCURRENT_HASHES: usize = 2;
+/// Maximum number of simultaneous calls to the recorder.
+const MAX_RECORDER_CALLS: usize = 8;
 
-/// How the server is to listen.
+/// Settings of the server.
 #[derive(Debug)]
 pub struct Settings {
-    /// Address and port; port 0 takes a free one.
+    /// Address and port; port 0 selects a free one.
     pub bind: SocketAddr,
-    /// For TLS. None: plain HTTP, on loopback only.
+    /// Certificate for TLS. `None`: plain HTTP, on loopback only.
     pub identity: Option<Identity>,
-    /// Who asks must know it. None: everybody on this machine may, on loopback only.
+    /// Token that clients need. `None`: open to all of this machine, on loopback only.
     pub token: Option<Token>,
-    /// File in which is kept which logins have ended before their time; it is made when the first one does.
-    /// None: a login that was ended holds again when the server starts again.
+    /// File with the logins that were ended by a logout; created with the first one. `None`: ended
+    /// logins are valid again after a restart.
     pub ended_logins: Option<PathBuf>,
-    /// What whoever connects is limited to.
+    /// Limits of clients.
     pub limits: Limits,
 }
 
@@ -86,30 +87,30 @@ impl Default for Settings {
     }
 }
 
-/// What whoever connects is limited to.
+/// Limits of clients.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Limits {
-    /// Connections at once. When they are taken, those over which nobody was let in give way, unfinished
-    /// handshakes first.
+    /// Maximum number of connections. When all are in use, unauthenticated ones are evicted,
+    /// unfinished handshakes first.
     pub connections: usize,
-    /// Connections at once from one address (of IPv6: from one /64 network).
+    /// Maximum number of connections from one address (of IPv6: from one /64 network).
     pub connections_per_peer: usize,
-    /// Time for the TLS handshake.
+    /// Timeout of the TLS handshake.
     pub handshake_time: Duration,
-    /// Time for the head of a request (from the end of the one before), and for a body.
+    /// Timeout of a request's head (from the end of the previous request), and of a body.
     pub head_time: Duration,
-    /// How long a peer may take nothing of what is sent to it.
+    /// Timeout of a peer that does not receive.
     pub stall_time: Duration,
-    /// Requests per second from one address, in the long run.
+    /// Sustained rate of requests from one address, Hz.
     pub requests_per_s: u32,
-    /// Requests at once from one address.
+    /// Burst of requests from one address.
     pub request_burst: u32,
-    /// Longest body of a request, bytes.
+    /// Maximum length of a request's body, bytes.
     pub body_bytes: usize,
     /// First pause after a wrong token; it doubles with each further one, up to five minutes.
     pub wrong_token_pause: Duration,
-    /// Wrong tokens in a row from all addresses together before those that never gave the right one wait;
-    /// one is forgiven each ten pauses.
+    /// Wrong tokens in a row from all addresses before unknown addresses have to wait; one is
+    /// forgiven every ten pauses.
     pub wrong_tokens: u32,
     /// Bytes read from disk per second while the rig records.
     pub recording_bytes_per_s: u64,
@@ -133,7 +134,7 @@ impl Default for Limits {
     }
 }
 
-/// Why the server does not start.
+/// The server cannot start.
 #[derive(Debug, thiserror::Error)]
 pub enum ServeError {
     /// Configure a token, or stay on loopback.
@@ -152,21 +153,21 @@ pub enum ServeError {
         /// Address.
         bind: SocketAddr,
     },
-    /// The identity cannot be used: remove it, so that a new one is made.
+    /// The identity cannot be used: remove it, so that a new one is created.
     #[error("setting up TLS")]
     Tls(#[from] rustls::Error),
-    /// The address is taken, not ours, or the system refuses.
+    /// The address is in use, not of this machine, or not permitted.
     #[error("listening on {bind}")]
     Listen {
         /// Address.
         bind: SocketAddr,
-        /// What the system said.
+        /// Error of the system.
         #[source]
         source: io::Error,
     },
 }
 
-/// A running server. Dropping it ends it.
+/// A running server. Dropping it stops it.
 #[derive(Debug)]
 pub struct Server {
     address: SocketAddr,
@@ -176,17 +177,17 @@ pub struct Server {
 }
 
 impl Server {
-    /// Where it listens.
+    /// Address on which it listens.
     pub fn address(&self) -> SocketAddr {
         self.address
     }
 
-    /// The fingerprint that phones and hosts find; none with plain HTTP.
+    /// The fingerprint of its certificate; `None` with plain HTTP.
     pub fn fingerprint(&self) -> Option<Fingerprint> {
         self.fingerprint
     }
 
-    /// The address to type into a phone.
+    /// URL for the phone.
     pub fn url(&self) -> String {
         let scheme = if self.fingerprint.is_some() {
             "https"
@@ -206,17 +207,17 @@ impl Drop for Server {
     }
 }
 
-/// What every request needs.
+/// State shared by all requests.
 struct Shared {
     rig: Arc<dyn Rig>,
     store: Store,
     guard: Guard,
     limits: Limits,
-    pace: Pace,
+    read_rate: ReadRateLimiter,
     reads: Semaphore,
     hashes: Semaphore,
     asks: Semaphore,
-    /// Time of the server is counted from here.
+    /// Start time of the server.
     start: Instant,
 }
 
@@ -255,14 +256,14 @@ pub fn serve(settings: Settings, rig: Arc<dyn Rig>) -> Result<Server, ServeError
     let address = listener.local_addr().map_err(listen)?;
     let runtime = runtime::Builder::new_current_thread()
         .enable_all()
-        .max_blocking_threads(BLOCKING)
+        .max_blocking_threads(BLOCKING_THREADS)
         .thread_name("rig-link-disk")
-        .on_thread_start(less_urgent)
+        .on_thread_start(lower_priority)
         .build()
         .map_err(listen)?;
     let (stop, stopped) = oneshot::channel();
     let serving = move || {
-        less_urgent();
+        lower_priority();
         let ended = runtime.block_on(async {
             let guard = Guard::new(
                 token,
@@ -274,10 +275,10 @@ pub fn serve(settings: Settings, rig: Arc<dyn Rig>) -> Result<Server, ServeError
             let shared = Arc::new(Shared {
                 store: Store::new(rig.sessions_root()),
                 guard,
-                pace: Pace::new(limits.recording_bytes_per_s),
-                reads: Semaphore::new(READS),
-                hashes: Semaphore::new(HASHES),
-                asks: Semaphore::new(ASKS),
+                read_rate: ReadRateLimiter::new(limits.recording_bytes_per_s),
+                reads: Semaphore::new(MAX_CONCURRENT_READS),
+                hashes: Semaphore::new(MAX_CONCURRENT_HASHES),
+                asks: Semaphore::new(MAX_RECORDER_CALLS),
                 start: Instant::now(),
                 rig,
                 limits,
@@ -290,7 +291,7 @@ pub fn serve(settings: Settings, rig: Arc<dyn Rig>) -> Result<Server, ServeError
         if let Err(e) = ended {
             log::error!("serving the rig's page: {e}");
         }
-        // What blocks may be waiting for whoever drops the server.
+        // Blocking work may wait for the thread that drops the server.
         runtime.shutdown_background();
     };
     let thread = thread::Builder::new()
@@ -305,9 +306,9 @@ pub fn serve(settings: Settings, rig: Arc<dyn Rig>) -> Result<Server, ServeError
     })
 }
 
-/// Makes the calling thread less urgent than those that record. Only matters under load, so a refusal
-/// is no error.
-fn less_urgent() {
+/// Lowers the priority of the calling thread. It matters only under load, so a failure is not an
+/// error.
+fn lower_priority() {
     if let Err(e) = rustix::process::setpriority_process(None, NICE) {
         log::debug!("lowering the priority of the page's threads: {e}");
     }

@@ -1,19 +1,19 @@
-//! The folder of sessions, as the server shows it.
+//! The folder of sessions, as served.
 //!
 //! ```text
 //! ROOT/NAME/            a session: it has a folder segments/
-//! ROOT/receipts/        the hosts' receipts, one file per session; they stay when the session goes
-//! ROOT/.freeing-NAME/   a session that is being removed; what a power cut leaves of it goes at the next start
+//! ROOT/receipts/        the hosts' receipts, one file per session; kept when the session is removed
+//! ROOT/.freeing-NAME/   a session that is being removed; finished at the next start after a power cut
 //! ```
 //!
-//! Contract: a session and a file are found by their whole name in a listing, never by putting together a
-//! path out of what a client said. Links are not followed and not listed. Hashes are made by reading
-//! a file once and kept in memory until the file changes (length, times or inode). A session goes only
-//! if its stored receipt has the list hash of what is on disk, every file still being the one that
-//! was hashed, and nothing else in its folder. What is being recorded is not this module's
-//! concern: the server asks before it comes here.
+//! Contract: a session and a file are found by their whole name in a listing, never by a path
+//! composed of client input. Links are not followed and not listed. Hashes are computed by reading
+//! a file once and cached in memory until the file changes (length, times or inode). A session is
+//! removed only if its stored receipt has the list hash of the files on disk, every file is still
+//! the one that was hashed, and its folder contains nothing else. Sessions being recorded are
+//! excluded by the server, not here.
 //!
-//! Everything here reads the disk and may block.
+//! All functions access the disk and may block.
 
 mod free;
 mod hashes;
@@ -34,7 +34,7 @@ use session_archive::text::shown;
 use self::hashes::Hashes;
 use crate::link::{self, Code, FileEntry, Problem, SessionState, SessionSummary, Total};
 
-pub use self::listing::{Listed, Listing, Stamp};
+pub use self::listing::{ListedFile, Listing, Stamp};
 pub use self::receipts::RECEIPTS;
 
 /// The folder of sessions.
@@ -43,17 +43,17 @@ pub struct Store {
     hashes: Hashes,
 }
 
-/// A session that is there.
+/// An existing session.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Session {
-    /// Its name, as it was found in the folder.
+    /// Its name, as found in the folder.
     pub name: String,
     /// Its folder.
     pub folder: PathBuf,
 }
 
 impl Store {
-    /// The sessions below `root`. What an interrupted removal left behind is removed.
+    /// The sessions below `root`. Finishes interrupted removals.
     pub fn new(root: PathBuf) -> Self {
         free::finish(&root);
         Self {
@@ -67,10 +67,10 @@ impl Store {
         &self.root
     }
 
-    /// All sessions, by name; none if the folder is not there yet.
+    /// All sessions, by name; empty if the folder does not exist yet.
     ///
     /// # Errors
-    /// The disk says no.
+    /// An I/O error occurs.
     pub fn sessions(&self) -> io::Result<Vec<Session>> {
         let entries = match fs::read_dir(&self.root) {
             Ok(entries) => entries,
@@ -93,28 +93,28 @@ impl Store {
             }
         }
         sessions.sort_by(|a, b| a.name.cmp(&b.name));
-        self.hashes.keep(&sessions);
+        self.hashes.retain(&sessions);
         Ok(sessions)
     }
 
     /// The session with exactly this name.
     ///
     /// # Errors
-    /// There is none, or the disk says no.
+    /// It does not exist, or an I/O error occurs.
     pub fn session(&self, name: &str) -> Result<Session, Problem> {
         let sessions = self.sessions().map_err(|e| unreadable(&e))?;
         let found = sessions.into_iter().find(|s| s.name == name);
         found.ok_or_else(|| problem(Code::NotFound, "there is no session with this name"))
     }
 
-    /// What the list says of a session.
+    /// The list entry of a session.
     ///
     /// # Errors
-    /// The disk says no.
+    /// An I/O error occurs.
     pub fn summary(&self, session: &Session, recording: bool) -> io::Result<SessionSummary> {
         let listing = listing::list(&session.folder)?;
         let storage = Arc::new(DiskStorage::new(&session.folder));
-        // Without a readable manifest the segments still know whose they are.
+        // Without a readable manifest the segments still contain the identifier.
         let (manifest, readable) = match Manifest::read(&*storage) {
             Ok(manifest) => (Some(manifest), true),
             Err(ManifestError::TooNew { .. }) => (None, false),
@@ -149,8 +149,8 @@ impl Store {
     /// The files of a session.
     ///
     /// # Errors
-    /// The disk says no.
-    pub fn files(&self, session: &Session) -> Result<Vec<Listed>, Problem> {
+    /// An I/O error occurs.
+    pub fn files(&self, session: &Session) -> Result<Vec<ListedFile>, Problem> {
         let listing = listing::list(&session.folder).map_err(|e| unreadable(&e))?;
         Ok(listing.files)
     }
@@ -158,39 +158,39 @@ impl Store {
     /// The file of a session with exactly this path, opened.
     ///
     /// # Errors
-    /// There is none, or the disk says no.
-    pub fn open(&self, session: &Session, path: &str) -> Result<(fs::File, Listed), Problem> {
+    /// It does not exist, or an I/O error occurs.
+    pub fn open(&self, session: &Session, path: &str) -> Result<(fs::File, ListedFile), Problem> {
         let listed = self.files(session)?.into_iter().find(|f| f.path == path);
         let listed = listed
             .ok_or_else(|| problem(Code::NotFound, "the session has no file with this path"))?;
         let (file, stamp) =
             listing::open(&session.folder, &listed.path).map_err(|e| unreadable(&e))?;
-        Ok((file, Listed { stamp, ..listed }))
+        Ok((file, ListedFile { stamp, ..listed }))
     }
 
-    /// A file with its hash; reads the file unless the hash is known. `pace` is told of the bytes of each
-    /// read, and may take its time.
+    /// A file with its hash; reads the file unless the hash is known. `pace` is called with the
+    /// bytes of each read, and may block.
     ///
     /// # Errors
-    /// The disk says no, or the file changes while it is read.
+    /// An I/O error occurs, or the file changes while it is read.
     pub fn hash(
         &self,
         session: &Session,
-        listed: &Listed,
+        listed: &ListedFile,
         pace: &dyn Fn(usize),
     ) -> Result<FileEntry, Problem> {
         let entry = self.hashes.of(session, listed, pace);
         entry.map_err(|e| unreadable(&e))
     }
 
-    /// What stands for the session as it is on disk now.
+    /// Totals of the session's current files.
     ///
     /// # Errors
-    /// [`Code::ManifestFirst`] if a hash is not known, [`Code::NotListed`] if the folder holds
-    /// something that has none, or the disk says no.
+    /// [`Code::ManifestFirst`] if a hash is not known, [`Code::NotListed`] if the folder contains
+    /// an unlistable entry, or an I/O error occurs.
     pub fn known_total(&self, session: &Session) -> Result<Total, Problem> {
         let listing = listing::list(&session.folder).map_err(|e| unreadable(&e))?;
-        if let Some(stranger) = listing.strangers.first() {
+        if let Some(stranger) = listing.unlistable.first() {
             return Err(problem(
                 Code::NotListed,
                 &format!("the session's folder holds {stranger:?}, which cannot be listed"),
@@ -217,10 +217,10 @@ pub(crate) fn problem(code: Code, message: &str) -> Problem {
     }
 }
 
-/// The disk says no. The path stays in the log: it is not the client's business.
+/// Response to an I/O error. The path is only logged, not sent to the client.
 fn unreadable(error: &io::Error) -> Problem {
     log::warn!("serving a session: {error}");
-    problem(Code::Io, &format!("the rig's disk says no: {error}"))
+    problem(Code::Io, &format!("the rig reports an I/O error: {error}"))
 }
 
 #[cfg(test)]

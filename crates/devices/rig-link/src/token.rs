@@ -1,4 +1,4 @@
-//! The secret that phone and host share with the rig.
+//! The secret shared by phone, host and rig.
 //!
 //! It is compared in constant time, over hashes, so that neither length nor content leaks through
 //! time. It is never printed and never logged.
@@ -10,25 +10,25 @@ use std::path::{Path, PathBuf};
 
 use subtle::ConstantTimeEq;
 
-/// Fewest characters.
+/// Minimum length, characters.
 pub const MIN_LENGTH: usize = 16;
-/// Most characters.
+/// Maximum length, characters.
 pub const MAX_LENGTH: usize = 256;
-/// Most that is read of a file with a token, white space around it included.
+/// Maximum length of a token file, with surrounding white space, bytes.
 const MAX_FILE: u64 = 4096;
-/// Fewest different characters: `aaaaaaaaaaaaaaaa` is no secret.
+/// Minimum number of different characters: `aaaaaaaaaaaaaaaa` is no secret.
 const MIN_DIFFERENT: usize = 6;
 
 /// A secret of [`MIN_LENGTH`] to [`MAX_LENGTH`] visible ASCII characters.
 #[derive(Clone)]
 pub struct Token(String);
 
-/// Why a text is no token. The text is not repeated.
+/// A text is not a valid token. The error does not contain the text.
 #[derive(Debug, thiserror::Error)]
 pub enum TokenError {
-    /// Make a longer one, as with `openssl rand -hex 16`.
+    /// Create a longer one, as with `openssl rand -hex 16`.
     #[error(
-        "the token has {found} characters, expected {MIN_LENGTH} to {MAX_LENGTH} (`openssl rand -hex 16` makes one)"
+        "the token has {found} characters, expected {MIN_LENGTH} to {MAX_LENGTH} (`openssl rand -hex 16` creates one)"
     )]
     Length {
         /// Characters found.
@@ -40,17 +40,17 @@ pub enum TokenError {
         /// Position, from 1.
         position: usize,
     },
-    /// Make a better one, as with `openssl rand -hex 16`.
+    /// Create a better one, as with `openssl rand -hex 16`.
     #[error(
-        "the token is made of {found} different characters, expected at least {MIN_DIFFERENT} (`openssl rand -hex 16` makes one)"
+        "the token is made of {found} different characters, expected at least {MIN_DIFFERENT} (`openssl rand -hex 16` creates one)"
     )]
     Simple {
         /// Different characters found.
         found: usize,
     },
-    /// Others on this machine can read it: take their permission away.
+    /// Others on this machine can read it: remove their permission.
     #[error(
-        "the token can be read by others than its owner: mode {found:04o}, expected 0600; mend it with chmod 600 {}",
+        "the token can be read by others than its owner: mode {found:04o}, expected 0600; fix it with chmod 600 {}",
         .path.display()
     )]
     Open {
@@ -71,7 +71,7 @@ pub enum TokenError {
 }
 
 impl Token {
-    /// The token in a text; line breaks and spaces around it do not count.
+    /// Parses a token; surrounding line breaks and spaces are ignored.
     ///
     /// # Errors
     /// See [`TokenError`].
@@ -94,8 +94,8 @@ impl Token {
         Ok(Self(text.to_owned()))
     }
 
-    /// The token in a regular file, which nobody but its owner may read. A pipe, a device or a socket in its place is
-    /// refused at once.
+    /// Reads a token from a regular file that only its owner may read. A FIFO, a device or a socket
+    /// in its place is rejected immediately.
     ///
     /// # Errors
     /// See [`TokenError`].
@@ -122,13 +122,13 @@ impl Token {
         hash(self.0.as_bytes()).ct_eq(&hash(given)).into()
     }
 
-    /// The key of the page's cookies: derived from the token, so that they live as long as it does, and the
-    /// token cannot be had from it.
+    /// The key of the page's cookies: derived from the token, so that they are valid as long as it
+    /// is, and the token cannot be recovered from it.
     pub(crate) fn cookie_key(&self) -> [u8; 32] {
         blake3::derive_key("rig link v1, cookies of the page", self.0.as_bytes())
     }
 
-    /// The secret itself, to be sent over a connection whose other end is known.
+    /// The secret itself, to be sent over an authenticated connection.
     pub(crate) fn secret(&self) -> &str {
         &self.0
     }
@@ -148,7 +148,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn tokens_are_long_and_visible_and_kept_to_themselves() {
+    fn tokens_are_long_visible_and_not_printed() {
         let good = "0123456789abcdef";
         let token = Token::new(&format!(" {good}\n")).unwrap();
         assert!(token.is(good.as_bytes()));
@@ -175,7 +175,7 @@ mod tests {
     }
 
     #[test]
-    fn a_file_that_others_can_read_is_refused() {
+    fn token_file_readable_by_others_is_rejected() {
         let folder = tempfile::tempdir().unwrap();
         let path = folder.path().join("token");
         fs::write(&path, "0123456789abcdef\n").unwrap();

@@ -2,30 +2,30 @@
 //!
 //! The camera tells the microcontroller of each frame; the first sample behind it carries a flag and a count. The camera's driver
 //! stamps each frame with the host's clock and a sequence number. So both clocks see the same events: the
-//! frames. [`FrameSync`] is fed both streams as they come and keeps a [`Tie`], the line that turns ticks into the time of
+//! frames. [`FrameSync`] is fed both streams as they come and keeps a [`FrameSyncEstimate`], the line that turns ticks into the time of
 //! the camera's stamps.
 //!
 //! **How.** Frames come in equal steps, so that each stream by itself is a line over its own counter.
-//! The IMU's flag is late by anything up to one sample period, so its points lie in a strip of that width; the true line is half a
-//! period before the middle of that strip. The driver's stamps are late by a latency that is never less than some minimum; their line is the
+//! The IMU's flag is late by anything up to one sample period, so its points lie in a band of that width; the true line is half a
+//! period before the middle of that band. The driver's stamps are late by a latency that is never less than some minimum; their line is the
 //! lower edge. Laying the one on the other takes a whole number: which count is which sequence number. Arrivals of samples never
 //! enter the lines, however late they are; they only decide that number.
 //!
 //! **The whole number.** A wrong one shifts all times by one frame period, and both lines fit as well as before. What tells
 //! is that a sample cannot arrive before it was taken, and that the fastest of thousands arrive soon: their latency against
-//! the tie has to lie within [`Bounds`]. One number that fits is taken, several are [`Undetermined::Ambiguous`], none is
-//! [`Undetermined::OutOfBounds`]. Once taken it remains, however late arrivals become; only an arrival that would be too early
-//! unseats it, and [`Tie::revision`] changes.
+//! the estimate has to lie within [`Bounds`]. One number that fits is taken, several are [`NoEstimate::Ambiguous`], none is
+//! [`NoEstimate::OutOfBounds`]. Once taken it remains, however late arrivals become; only an arrival that would be too early
+//! unseats it, and [`FrameSyncEstimate::revision`] changes.
 //!
 //! **Bias of the flag.** It is half a sample period where all delays are as likely. Nothing is assumed of that: every line that is
 //! before each flag by 0 to one sample period may be the true one. Where the delay sweeps through the whole period (it
 //! does unless the two rates are in a simple ratio) these lines are as good as one. Where it does not, they are a band:
-//! [`Tie::unresolved_ns`] is its width, its middle is taken, and the width is part of sigma.
+//! [`FrameSyncEstimate::unresolved_ns`] is its width, its middle is taken, and the width is part of sigma.
 //!
-//! * *Early.* Nothing until [`MIN_PAIRS`] frames were seen by both. Then a tie whose sigma shrinks.
+//! * *Early.* Nothing until [`MIN_PAIRS`] frames were seen by both. Then an estimate whose sigma shrinks.
 //! * *Lost samples, dropped frames* leave holes in the counters, which are counted and do no harm.
 //! * *A stream that restarts*, or a counter that slips, is noticed within [`SLIPPED`] events; all begins again.
-//! * *Frames in unequal steps* (exposure that sets the frame rate) are [`Undetermined::Irregular`].
+//! * *Frames in unequal steps* (exposure that sets the frame rate) are [`NoEstimate::Irregular`].
 //! * *Not seen at all*: the least latency of the camera's stamps and any constant delay of the flag. They are constants of the
 //!   device, to be calibrated.
 //! * *Memory* is bounded by [`WINDOW`] events of each stream.
@@ -41,13 +41,13 @@ use crate::report::{Sample, TICKS_PER_S, ticks_ns};
 mod line;
 mod track;
 
-use line::{Floor, Strip, floor, slope_of, strip};
+use line::{LowerEnvelope, SlopeBand, lower_envelope, slope_band, slope_of};
 use track::{Seen, Track};
 
 /// Events of each stream that are held: a minute at 30 frames per second, in which oscillators that warm up stay within some 10 us
 /// of a line.
 pub const WINDOW: usize = 2048;
-/// Frames seen by both before there is a tie.
+/// Frames seen by both before there is an estimate.
 pub const MIN_PAIRS: usize = 32;
 /// So many events in a row that do not fit mean that the counter slipped.
 pub const SLIPPED: u32 = 8;
@@ -83,7 +83,7 @@ impl Default for Bounds {
 
 /// A line from the IMU's ticks to the time of the camera's stamps.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub struct Tie {
+pub struct FrameSyncEstimate {
     /// Where the line is anchored: at the newest frame.
     pub at_ticks: u64,
     /// Time of the camera's stamps at `at_ticks`, ns.
@@ -109,11 +109,11 @@ pub struct Tie {
     pub frame_period_ns: i64,
     /// From a measurement to its arrival, the least by this line, ns.
     pub least_latency_ns: i64,
-    /// Changes when an earlier tie was wrong by whole frames, or a stream restarted.
+    /// Changes when an earlier estimate was wrong by whole frames, or a stream restarted.
     pub revision: u64,
 }
 
-impl Tie {
+impl FrameSyncEstimate {
     /// Time of the camera's stamps at these ticks, ns. None beyond the range of an `i64`.
     pub fn host_ns(&self, ticks: u64) -> Option<i64> {
         let device = i128::from(ticks_ns(ticks)?) - i128::from(ticks_ns(self.at_ticks)?);
@@ -122,9 +122,9 @@ impl Tie {
     }
 }
 
-/// Why there is no tie.
+/// Why there is no estimate.
 #[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
-pub enum Undetermined {
+pub enum NoEstimate {
     /// The camera does not tell the microcontroller of its frames: switch frame sync on.
     #[error("the IMU says that frame sync is not active")]
     NotActive,
@@ -218,7 +218,7 @@ pub struct FrameSync {
     number: Option<i64>,
     revision: u64,
     restarts: u64,
-    result: Result<Tie, Undetermined>,
+    result: Result<FrameSyncEstimate, NoEstimate>,
 }
 
 impl fmt::Debug for FrameSync {
@@ -244,7 +244,7 @@ impl FrameSync {
             number: None,
             revision: 0,
             restarts: 0,
-            result: Err(Undetermined::TooFew {
+            result: Err(NoEstimate::TooFew {
                 syncs: 0,
                 frames: 0,
             }),
@@ -283,11 +283,11 @@ impl FrameSync {
         }
     }
 
-    /// The tie as of the last few frames.
+    /// The estimate as of the last few frames.
     ///
     /// # Errors
     /// Why there is none.
-    pub fn tie(&self) -> Result<&Tie, &Undetermined> {
+    pub fn estimate(&self) -> Result<&FrameSyncEstimate, &NoEstimate> {
         self.result.as_ref()
     }
 
@@ -309,7 +309,7 @@ impl FrameSync {
         self.number = None;
         self.restarts += 1;
         self.since_fit = 0;
-        self.result = Err(Undetermined::TooFew {
+        self.result = Err(NoEstimate::TooFew {
             syncs: 0,
             frames: 0,
         });
@@ -334,12 +334,12 @@ impl FrameSync {
         }
     }
 
-    fn fit(&mut self) -> Result<Tie, Undetermined> {
+    fn fit(&mut self) -> Result<FrameSyncEstimate, NoEstimate> {
         if !self.active && self.syncs.points().is_empty() && !self.blocks.is_empty() {
-            return Err(Undetermined::NotActive);
+            return Err(NoEstimate::NotActive);
         }
         let (syncs, frames) = (self.syncs.points().len(), self.frames.points().len());
-        let too_few = Undetermined::TooFew { syncs, frames };
+        let too_few = NoEstimate::TooFew { syncs, frames };
         let period_ns = self.numbers.period_ns().ok_or(too_few.clone())?;
         if syncs.min(frames) < MIN_PAIRS {
             return Err(too_few);
@@ -353,33 +353,33 @@ impl FrameSync {
     }
 
     /// The frames by the IMU's flags, half a sample period early.
-    fn fit_flags(&self, period_ns: i64) -> Result<Option<Strip>, Undetermined> {
+    fn fit_flags(&self, period_ns: i64) -> Result<Option<SlopeBand>, NoEstimate> {
         let points = self.syncs.points();
         let Some(slope) = slope_of(points) else {
             return Ok(None);
         };
-        let Some(mut strip) = strip(points, slope, period_ns as f64) else {
+        let Some(mut slope_band) = slope_band(points, slope, period_ns as f64) else {
             return Ok(None);
         };
         // Ticks are whole numbers.
-        if strip.width > period_ns as f64 + 2.0 * TICK_NS {
-            return Err(Undetermined::Irregular {
-                spread_ns: strip.width as i64,
+        if slope_band.width > period_ns as f64 + 2.0 * TICK_NS {
+            return Err(NoEstimate::Irregular {
+                spread_ns: slope_band.width as i64,
                 period_ns,
             });
         }
-        strip.line.value -= period_ns as f64 / 2.0;
-        Ok(Some(strip))
+        slope_band.line.value -= period_ns as f64 / 2.0;
+        Ok(Some(slope_band))
     }
 
     /// The frames by the driver's stamps, at the least latency.
-    fn fit_stamps(&self, flags: &Strip) -> Result<Option<Floor>, Undetermined> {
+    fn fit_stamps(&self, flags: &SlopeBand) -> Result<Option<LowerEnvelope>, NoEstimate> {
         let points = self.frames.points();
         let Some(slope) = slope_of(points) else {
             return Ok(None);
         };
         let frame_ns = flags.line.slope;
-        let rates = |camera: f64| Undetermined::Rates {
+        let rates = |camera: f64| NoEstimate::Rates {
             camera_ns: camera as i64,
             imu_ns: frame_ns as i64,
         };
@@ -388,16 +388,16 @@ impl FrameSync {
             return Err(rates(slope));
         }
         let within = frame_ns * CLOCKS_AGREE;
-        Ok(floor(points, frame_ns, within))
+        Ok(lower_envelope(points, frame_ns, within))
     }
 
     /// Which count is which sequence number.
-    fn choose(&mut self, flags: &Strip, stamps: &Floor) -> Result<i64, Undetermined> {
+    fn choose(&mut self, flags: &SlopeBand, stamps: &LowerEnvelope) -> Result<i64, NoEstimate> {
         let period = stamps.line.slope;
         let least = self.least_latency(flags, stamps, 0);
         let lowest = (self.bounds.imu_ns.0 - self.bounds.camera_ns.1) as f64;
         let highest = (self.bounds.imu_ns.1 - self.bounds.camera_ns.0) as f64;
-        // A number greater by one moves the tie one period back, and arrivals one period away from it.
+        // A number greater by one moves the estimate one period back, and arrivals one period away from it.
         if let Some(number) = self.number
             && least + number as f64 * period >= lowest - stamps.sigma
         {
@@ -415,20 +415,20 @@ impl FrameSync {
                 self.number = Some(first);
                 Ok(first)
             }
-            more if more > 0 => Err(Undetermined::Ambiguous {
+            more if more > 0 => Err(NoEstimate::Ambiguous {
                 numbers: (first..=last).collect(),
                 least_latency_ns: least_latency_ns(first),
                 period_ns,
             }),
-            _ => Err(Undetermined::OutOfBounds {
+            _ => Err(NoEstimate::OutOfBounds {
                 least_latency_ns: least_latency_ns(first),
                 period_ns,
             }),
         }
     }
 
-    /// Least latency of samples by the tie with this number, ns.
-    fn least_latency(&self, flags: &Strip, stamps: &Floor, number: i64) -> f64 {
+    /// Least latency of samples by the estimate with this number, ns.
+    fn least_latency(&self, flags: &SlopeBand, stamps: &LowerEnvelope, number: i64) -> f64 {
         let latency = |f: &Fastest| {
             let count = flags.line.inverse(f.device_ns) - number as f64;
             stamps.line.above(f.host_ns, count)
@@ -439,7 +439,12 @@ impl FrameSync {
             .fold(f64::INFINITY, f64::min)
     }
 
-    fn tie_of(&self, flags: &Strip, stamps: &Floor, number: i64) -> Result<Tie, Undetermined> {
+    fn tie_of(
+        &self,
+        flags: &SlopeBand,
+        stamps: &LowerEnvelope,
+        number: i64,
+    ) -> Result<FrameSyncEstimate, NoEstimate> {
         let frames = self.frames.points();
         let syncs = self.syncs.points();
         let mut residuals: Vec<f64> = Vec::with_capacity(frames.len());
@@ -453,7 +458,7 @@ impl FrameSync {
             }
         }
         let (Some(newest), true) = (frames.back(), residuals.len() >= MIN_PAIRS) else {
-            return Err(Undetermined::TooFew {
+            return Err(NoEstimate::TooFew {
                 syncs: syncs.len(),
                 frames: frames.len(),
             });
@@ -470,7 +475,7 @@ impl FrameSync {
         let rate = stamps.line.slope / flags.line.slope - 1.0;
         let unresolved = flags.unresolved;
         let spread = unresolved.max(TICK_NS) / 12_f64.sqrt();
-        Ok(Tie {
+        Ok(FrameSyncEstimate {
             at_ticks,
             host_ns,
             offset_ns: host_ns - device_ns,

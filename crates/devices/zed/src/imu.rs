@@ -32,7 +32,7 @@ pub use hid::{Found, HidLink, HidPort, list};
 pub use link::{Link, LinkError, OpenError, Port};
 pub use watchdog::{PATIENCE_NS, SILENT_NS};
 
-use watchdog::{Duty, Watchdog};
+use watchdog::{Watchdog, WatchdogAction};
 
 /// Longest read: a report with a number in front, and room to notice that it is longer.
 const READ_BYTES: usize = 80;
@@ -199,10 +199,10 @@ impl<P: Port> Imu<P> {
         self.counters
     }
 
-    fn fulfil(&mut self, duty: Duty) -> Option<Event> {
+    fn fulfil(&mut self, duty: WatchdogAction) -> Option<Event> {
         let link = self.link.as_mut()?;
         match duty {
-            Duty::Ping => {
+            WatchdogAction::Ping => {
                 // If it is disconnected the next read says so.
                 if let Err(error) = link.set_feature(Command::Ping.report()) {
                     self.counters.pings_refused += 1;
@@ -210,10 +210,10 @@ impl<P: Port> Imu<P> {
                 }
                 None
             }
-            Duty::Tell => Some(Event::Silent {
-                since_ns: self.watchdog.heard(),
+            WatchdogAction::ReportSilence => Some(Event::Silent {
+                since_ns: self.watchdog.last_report(),
             }),
-            Duty::Restart => {
+            WatchdogAction::Restart => {
                 self.counters.restarts += 1;
                 let commands = [Command::Stop, Command::Start, Command::Ping];
                 for command in commands {
@@ -225,7 +225,7 @@ impl<P: Port> Imu<P> {
                     streaming: ask(link),
                 })
             }
-            Duty::Reopen => {
+            WatchdogAction::Reopen => {
                 self.link = None;
                 match self.port.open().and_then(start) {
                     Ok(link) => {

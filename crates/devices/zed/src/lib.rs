@@ -1,7 +1,7 @@
 //! ZED cameras over USB: what Stereolabs' USB cameras have that other cameras do not.
 //!
 //! A ZED Mini is two USB devices: a camera, which any V4L2 program can read, and a microcontroller with an IMU, which speaks
-//! HID. Here is the second one, and what ties the two together:
+//! HID. Here is the second one, and what estimates the two together:
 //!
 //! * [`report`], [`command`]: the microcontroller's bytes, pure;
 //! * [`number`]: numbers for samples that come without one, so that a lost one is seen;

@@ -1,9 +1,9 @@
 //! Writing a bundle.
 //!
-//! Contract: a [`Bundle`] is the only writer of its folder; a second one is refused. Outputs are made in drafts and
-//! appear whole or not at all. A process killed or a power cut at any instant leaves a bundle that opens and whose
-//! outputs are what was committed: the output that was being replaced is the old one or the new one. What a killed
-//! writer leaves behind is removed by the next one.
+//! Contract: a [`Bundle`] is the only writer of its folder; a second one is refused. Outputs are
+//! written in drafts and appear complete or not at all. A process killed or a power cut at any
+//! instant leaves a bundle that opens with its committed outputs: the output that was being
+//! replaced is the old one or the new one. Remains of a killed writer are removed by the next one.
 
 use std::collections::BTreeSet;
 use std::fs::{File, TryLockError};
@@ -23,20 +23,20 @@ pub struct Bundle {
     shared: Arc<Shared>,
 }
 
-/// What a bundle and its drafts have in common.
+/// State shared by a bundle and its drafts.
 pub(crate) struct Shared {
     pub(crate) storage: Arc<dyn Storage>,
     pub(crate) manifest: Mutex<Manifest>,
-    /// Names of outputs that are being made.
+    /// Names of outputs that are being written.
     pub(crate) drafts: Mutex<BTreeSet<String>>,
     /// Held as long as the bundle or one of its drafts lives.
     _lock: Option<File>,
 }
 
 impl Bundle {
-    /// Opens the bundle in a folder for writing, or makes one. The folder and those above it are made where they are not
-    /// there. What an earlier writer left unfinished is removed. An existing bundle must be of the same hand-off; what
-    /// the rest of the provenance says of it (program, times, rig) is replaced.
+    /// Opens the bundle in a folder for writing, or creates one, with missing parent folders.
+    /// Unfinished work of an earlier writer is removed. An existing bundle must be of the same
+    /// hand-off; the rest of its provenance (program, times, rig) is replaced.
     ///
     /// # Errors
     /// [`BundleError::Locked`], [`BundleError::OtherSource`], [`BundleError::NotABundle`] (also for a folder that holds
@@ -106,11 +106,12 @@ impl Bundle {
         Ok(bundle)
     }
 
-    /// Begins an output. It is nowhere to be seen until it is committed, and what was there before stays until then.
+    /// Begins an output. It is invisible until it is committed; the previous version remains until
+    /// then.
     ///
     /// # Errors
-    /// [`BundleError::Refused`] for a name that the format does not allow, or an output that is already being made;
-    /// [`BundleError::Io`].
+    /// [`BundleError::Refused`] for a name that the format does not allow, or an output that is
+    /// already being written; [`BundleError::Io`].
     pub fn begin(&self, output: &str) -> Result<Draft, BundleError> {
         Draft::begin(&self.shared, output)
     }
@@ -120,13 +121,13 @@ impl Bundle {
         self.shared.manifest().clone()
     }
 
-    /// The bundle for reading, as it is now. Outputs committed later are not in it, and one that is replaced can no
-    /// longer be read through it.
+    /// The bundle for reading, in its current state. Outputs committed later are not in it, and one
+    /// that is replaced can no longer be read through it.
     pub fn scene(&self) -> Scene {
         Scene::of(self.shared.storage.clone(), self.manifest())
     }
 
-    /// Writes down when the program was done, ns of UTC since 1970.
+    /// Records the time at which the program ended, ns of UTC since 1970.
     ///
     /// # Errors
     /// [`BundleError::Io`].
@@ -153,12 +154,12 @@ impl Shared {
 
     pub(crate) fn replace_manifest(&self, manifest: &Manifest) -> Result<(), BundleError> {
         let path = self.storage.root().join(layout::MANIFEST);
-        storage::replace(&*self.storage, layout::MANIFEST, &manifest.written())
+        storage::replace(&*self.storage, layout::MANIFEST, &manifest.to_json())
             .map_err(doing("writing the manifest of a scene bundle", path))
     }
 }
 
-/// A folder without a manifest may hold nothing but what a killed writer leaves.
+/// A folder without a manifest may hold nothing but remains of a killed writer.
 fn refuse_others(disk: &Disk) -> Result<(), BundleError> {
     let root = disk.root();
     let entries = disk

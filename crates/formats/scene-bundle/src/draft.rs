@@ -1,8 +1,9 @@
-//! An output in the making.
+//! An output that is being written.
 //!
-//! Contract: files are written into a folder of their own, hashed on the way, and synced when they are finished. Several
-//! threads may write files of one draft. [`Draft::commit`] makes them the output, all at once; a draft that is dropped
-//! without it leaves nothing behind. After a failed write the draft cannot be committed.
+//! Contract: files are written into a folder of their own, hashed while they are written, and
+//! synced when they are finished. Several threads may write files of one draft. [`Draft::commit`]
+//! makes them the output in one atomic step; a draft that is dropped without it leaves nothing
+//! behind. After a failed write the draft cannot be committed.
 
 use std::collections::{BTreeMap, BTreeSet};
 use std::io::{self, Read, Write};
@@ -16,7 +17,7 @@ use crate::manifest::{FileEntry, Output, Record};
 use crate::scene::Scene;
 use crate::storage::{self, StoredFile};
 
-/// An output in the making.
+/// An output that is being written.
 pub struct Draft {
     inner: Arc<Inner>,
 }
@@ -32,32 +33,33 @@ struct Inner {
 #[derive(Default)]
 struct Content {
     folders: BTreeSet<String>,
-    /// By path: nothing while the file is being written, then what it is and whether the manifest names it.
-    files: BTreeMap<String, Option<(FileEntry, Named)>>,
+    /// By path: `None` while the file is being written, then its entry and whether the manifest
+    /// names it.
+    files: BTreeMap<String, Option<(FileEntry, HashLocation)>>,
 }
 
-/// Where a file's hash is written down.
+/// Where a file's hash is recorded.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-enum Named {
-    InManifest,
-    InListing,
+enum HashLocation {
+    Manifest,
+    Listing,
 }
 
 /// A file of a draft. It counts once it is [finished](DraftFile::finish).
 pub struct DraftFile {
     inner: Arc<Inner>,
     path: String,
-    named: Named,
+    hash_location: HashLocation,
     file: Box<dyn StoredFile>,
     waiting: Vec<u8>,
     bytes: u64,
-    /// Of what was written; nothing once the start was written over.
+    /// Hash of the bytes written; `None` once the start was overwritten.
     hasher: Option<blake3::Hasher>,
     /// A write failed: what the file holds is unknown.
     failed: bool,
 }
 
-/// Small writes are put together up to this size, bytes.
+/// Size of the write buffer, bytes.
 const BUFFER: usize = 1 << 17;
 
 impl Draft {
@@ -80,7 +82,7 @@ impl Draft {
             ));
         }
         let folder = layout::draft(name);
-        // From here on dropping it gives the name free and removes the folder.
+        // From here on dropping it releases the name and removes the folder.
         let draft = Self {
             inner: Arc::new(Inner {
                 shared: shared.clone(),
@@ -99,8 +101,8 @@ impl Draft {
         &self.inner.name
     }
 
-    /// A file's place while it is made, for messages.
-    pub(crate) fn place(&self, path: &str) -> PathBuf {
+    /// Path of a file while it is written, for messages.
+    pub(crate) fn file_path(&self, path: &str) -> PathBuf {
         self.inner.full(&format!("{}/{path}", self.inner.folder))
     }
 
@@ -110,7 +112,7 @@ impl Draft {
     /// # Errors
     /// [`BundleError::Refused`] for such a path or one that is taken, [`BundleError::Io`].
     pub fn create(&self, path: &str) -> Result<DraftFile, BundleError> {
-        self.create_named(path, Named::InManifest)
+        self.create_named(path, HashLocation::Manifest)
     }
 
     /// Begins a file that the output's listing will name, not the manifest: for outputs of very many files.
@@ -118,7 +120,7 @@ impl Draft {
     /// # Errors
     /// As [`Self::create`].
     pub fn create_listed(&self, path: &str) -> Result<DraftFile, BundleError> {
-        self.create_named(path, Named::InListing)
+        self.create_named(path, HashLocation::Listing)
     }
 
     /// Writes a whole file that the manifest will name.
@@ -137,7 +139,11 @@ impl Draft {
         self.create_listed(path)?.whole(bytes)
     }
 
-    fn create_named(&self, path: &str, named: Named) -> Result<DraftFile, BundleError> {
+    fn create_named(
+        &self,
+        path: &str,
+        hash_location: HashLocation,
+    ) -> Result<DraftFile, BundleError> {
         let inner = &self.inner;
         let refused = |expected: &str| BundleError::Refused {
             path: inner.shared.storage.root().join(&inner.folder),
@@ -170,7 +176,7 @@ impl Draft {
         Ok(DraftFile {
             inner: inner.clone(),
             path: path.to_owned(),
-            named,
+            hash_location,
             file,
             waiting: Vec::new(),
             bytes: 0,
@@ -179,7 +185,7 @@ impl Draft {
         })
     }
 
-    /// Makes the files the output, in place of an older one. When this returns, it is durable.
+    /// Publishes the files as the output, replacing an older one. It is durable when this returns.
     ///
     /// The order: folders synced, draft renamed, bundle's folder synced, manifest replaced, older version removed. Should
     /// the removal fail, the next writer does it.
@@ -204,7 +210,7 @@ impl Draft {
 
         let files: Vec<FileEntry> = files
             .into_iter()
-            .filter(|(_, named)| *named == Named::InManifest)
+            .filter(|(_, hash_location)| *hash_location == HashLocation::Manifest)
             .map(|(file, _)| file)
             .collect();
         let output = Output::new(record, files);
@@ -213,7 +219,7 @@ impl Draft {
         let mut manifest = inner.shared.manifest();
         let old = manifest.outputs.get(&inner.name);
         let old = old.map(|old| layout::folder(&inner.name, &old.hash));
-        // The same content again. It stays where it is, unless it was damaged since.
+        // The same content again. Its folder is not moved, unless it was damaged since.
         let stays = old.as_ref() == Some(&folder)
             && Scene::of(inner.shared.storage.clone(), manifest.clone()).is_whole(&inner.name);
         if !stays {
@@ -237,7 +243,9 @@ impl Draft {
 
     fn write_listing(&self) -> Result<(), BundleError> {
         let files = self.inner.finished()?;
-        let listed = files.iter().filter(|(_, named)| *named == Named::InListing);
+        let listed = files
+            .iter()
+            .filter(|(_, hash_location)| *hash_location == HashLocation::Listing);
         let text: String = listed
             .map(|(file, _)| format!("{}  {}\n", file.blake3, file.path))
             .collect();
@@ -258,7 +266,7 @@ impl Draft {
         let file = DraftFile {
             inner: inner.clone(),
             path: layout::LISTING.to_owned(),
-            named: Named::InManifest,
+            hash_location: HashLocation::Manifest,
             file,
             waiting: Vec::new(),
             bytes: 0,
@@ -304,7 +312,7 @@ impl Inner {
     }
 
     /// All files, sorted by path.
-    fn finished(&self) -> Result<Vec<(FileEntry, Named)>, BundleError> {
+    fn finished(&self) -> Result<Vec<(FileEntry, HashLocation)>, BundleError> {
         let content = self.content();
         let files = content.files.iter().map(|(path, file)| {
             file.clone()
@@ -323,11 +331,11 @@ impl Drop for Inner {
 }
 
 impl DraftFile {
-    /// Writes over bytes at the beginning of the file, which must have been written before: for headers that say how
-    /// much follows.
+    /// Writes over bytes at the beginning of the file, which must have been written before: for
+    /// headers that state the length of what follows.
     ///
     /// # Errors
-    /// The disk says no, or not as many bytes were written yet.
+    /// Any I/O error, or fewer bytes were written so far.
     pub fn overwrite_start(&mut self, bytes: &[u8]) -> io::Result<()> {
         self.flush()?;
         if self.bytes < bytes.len() as u64 {
@@ -363,7 +371,7 @@ impl DraftFile {
         self.inner
             .content()
             .files
-            .insert(self.path, Some((entry, self.named)));
+            .insert(self.path, Some((entry, self.hash_location)));
         Ok(())
     }
 
@@ -376,8 +384,8 @@ impl DraftFile {
         self.finish()
     }
 
-    /// The file's place, for messages.
-    pub(crate) fn place(&self) -> PathBuf {
+    /// The file's path, for messages.
+    pub(crate) fn file_path(&self) -> PathBuf {
         self.inner
             .full(&format!("{}/{}", self.inner.folder, self.path))
     }

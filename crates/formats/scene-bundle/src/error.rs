@@ -1,4 +1,4 @@
-//! What can go wrong with a bundle.
+//! Errors of reading and writing a bundle.
 
 use std::io;
 use std::path::{Path, PathBuf};
@@ -6,25 +6,26 @@ use std::path::{Path, PathBuf};
 /// Why a bundle could not be read or written.
 #[derive(Debug, thiserror::Error)]
 pub enum BundleError {
-    /// The disk says no: check the path, its permissions, and the room.
+    /// Any I/O error of the underlying file system: check the path, its permissions and the free
+    /// space.
     #[error("{doing}: {}", path.display())]
     Io {
-        /// What was being done.
+        /// Operation that failed.
         doing: &'static str,
         /// The file or folder.
         path: PathBuf,
-        /// What the system said.
+        /// Error of the operating system.
         #[source]
         error: io::Error,
     },
-    /// There is no bundle, or not one that this version reads.
+    /// No bundle, or one that this version does not read.
     #[error("opening a scene bundle: found {found}, expected {expected}: {}", path.display())]
     NotABundle {
         /// The folder or its manifest.
         path: PathBuf,
-        /// What is there.
+        /// What was found.
         found: String,
-        /// What belongs there.
+        /// What was expected.
         expected: String,
     },
     /// Another program is writing to it: wait for that one.
@@ -33,14 +34,14 @@ pub enum BundleError {
         /// The bundle.
         path: PathBuf,
     },
-    /// The bundle was made out of something else: write to another folder.
+    /// The bundle is of another source: write to another folder.
     #[error("opening a scene bundle for writing: it is of {found}, expected {expected}; name another folder: {}", path.display())]
     OtherSource {
         /// The bundle.
         path: PathBuf,
-        /// What it was made of.
+        /// Source of the bundle.
         found: String,
-        /// What is to be written to it.
+        /// Source to be written.
         expected: String,
     },
     /// A defect of the caller: a name, a hash or a number that the format does not allow.
@@ -48,7 +49,7 @@ pub enum BundleError {
     Refused {
         /// The bundle or the file in it.
         path: PathBuf,
-        /// What was given.
+        /// Value that was given.
         found: String,
         /// What the format allows.
         expected: String,
@@ -58,17 +59,17 @@ pub enum BundleError {
     NoOutput {
         /// The bundle.
         path: PathBuf,
-        /// What was asked for.
+        /// The output that was requested.
         name: String,
         /// The outputs that are there.
         found: String,
     },
-    /// A file is not what was written: make the output again.
+    /// A file differs from what was written: run the stage again.
     #[error("reading a scene bundle: found {found}, expected {expected}: {}", path.display())]
     Changed {
         /// The file.
         path: PathBuf,
-        /// What is there.
+        /// What was found.
         found: String,
         /// What was written.
         expected: String,
@@ -80,14 +81,14 @@ pub enum BundleError {
         path: PathBuf,
         /// Where in it.
         place: String,
-        /// What is there.
+        /// What was found.
         found: String,
-        /// What belongs there.
+        /// What was expected.
         expected: String,
     },
 }
 
-/// Adds what was being done, to what.
+/// Adds the operation and its path to an I/O error.
 pub(crate) fn doing(
     doing: &'static str,
     path: impl AsRef<Path>,

@@ -7,16 +7,16 @@ pub(crate) const EXAMPLES: Table = &[
     (
         "show",
         &[
-            (
-                "paws-scene show scene",
-                "what it was made of, and what it holds",
-            ),
+            ("paws-scene show scene", "its provenance and content"),
             ("paws-scene show scene --json", "for programs"),
         ],
     ),
     (
         "verify",
-        &[("paws-scene verify scene", "every byte against its hash")],
+        &[(
+            "paws-scene verify scene",
+            "checks every byte against its hash",
+        )],
     ),
     (
         "export",
@@ -30,7 +30,7 @@ pub(crate) const EXAMPLES: Table = &[
                 "the trajectory",
             ),
             (
-                "paws-scene export scene --format nerfstudio --pictures frames --out nerf",
+                "paws-scene export scene --format nerfstudio --images frames --out nerf",
                 "with the images that `paws-reconstruct frames` wrote",
             ),
         ],

@@ -1,8 +1,9 @@
-//! A bundle in the formats of others.
+//! Export of a bundle to other formats.
 //!
-//! Contract: nothing that exists is overwritten. A file appears whole or not at all; a folder is made under its name with
-//! `.partial` behind it and renamed when it is whole. What cannot be in the format is told ([`Summary::notes`]), and what
-//! should have been and could not be is counted ([`Summary::lost`]). The same bundle gives the same bytes.
+//! Contract: nothing that exists is overwritten. A file appears whole or not at all; a folder is
+//! written under its name with `.partial` appended and renamed when it is complete. What the format
+//! cannot hold is reported ([`Summary::notes`]); content that should have been written and could
+//! not be is counted ([`Summary::lost`]). The same bundle gives the same bytes.
 
 use std::fs;
 use std::io;
@@ -17,12 +18,12 @@ use crate::scene::Scene;
 use crate::trajectory::{Status, Trajectory};
 
 mod colmap;
+mod depth_warp;
 mod folder;
 mod las;
 mod lenses;
 mod nerfstudio;
-mod redraw;
-mod shots;
+mod posed_images;
 
 use folder::NewFolder;
 
@@ -78,13 +79,13 @@ impl Format {
         }
     }
 
-    /// Outputs of a bundle that it is made of.
+    /// Outputs of a bundle that it needs.
     fn outputs(self, is_causal: bool) -> &'static [&'static str] {
         match self {
             Self::Tum | Self::Kitti | Self::Euroc if is_causal => &[outputs::TRAJECTORY_CAUSAL],
             Self::Tum | Self::Kitti | Self::Euroc => &[outputs::TRAJECTORY],
             Self::Nerfstudio | Self::ColmapText | Self::ColmapBinary => &[
-                outputs::RIG_ADJUSTED,
+                outputs::RIG_REFINED,
                 outputs::KEYFRAMES,
                 outputs::DEPTH,
                 outputs::MASKS,
@@ -103,23 +104,24 @@ impl Format {
 /// How to write it.
 #[derive(Clone, Debug, Default, PartialEq, Eq)]
 pub struct Options {
-    /// The causal trajectory in place of the offline one. Of no effect on keyframes, which have poses of their own.
+    /// Whether the causal trajectory is exported instead of the offline one. No effect on
+    /// keyframes, which have their own poses.
     pub causal: bool,
-    /// Where the pictures lie, as `paws-reconstruct frames` writes them: `CAMERA/left/NNNNNN.png`, named by the number of
-    /// the frame. With it, keyframes without a picture are left out.
-    pub pictures: Option<PathBuf>,
-    /// Right pictures too.
+    /// Folder of the images, as `paws-reconstruct frames` writes them: `CAMERA/left/NNNNNN.png`,
+    /// named by the number of the frame. With it, keyframes without an image are left out.
+    pub images: Option<PathBuf>,
+    /// Whether right images are included.
     pub right: bool,
     /// Only these cameras; all where it is empty.
     pub cameras: Vec<String>,
 }
 
-/// What was written.
+/// Summary of an export.
 #[derive(Clone, Debug, Default, PartialEq, Eq)]
 pub struct Summary {
-    /// What it is, in words.
-    pub written: String,
-    /// What the format has no place for, and what was changed to fit it.
+    /// Description of what was written.
+    pub description: String,
+    /// Content that the format cannot represent, and what was changed to fit it.
     pub notes: Vec<String>,
     /// What should have been written and was not.
     pub lost: Vec<String>,
@@ -131,19 +133,19 @@ pub enum ExportError {
     /// The bundle cannot be read.
     #[error(transparent)]
     Bundle(#[from] BundleError),
-    /// There is something at this path, or the disk says no.
+    /// The path exists already, or writing fails.
     #[error(transparent)]
     File(#[from] WriteError),
-    /// There is something at this path: give another.
+    /// The path exists already: give another.
     #[error("writing an export: it exists already and is not overwritten: {}", .0.display())]
     Exists(PathBuf),
     /// Delete it: it is what an earlier run had written before it was stopped.
     #[error("writing an export: an earlier run was stopped and left a folder behind; delete it: {}", .0.display())]
     LeftOver(PathBuf),
-    /// The disk says no.
+    /// Any I/O error of the underlying file system.
     #[error("writing an export: {}", path.display())]
     Write {
-        /// What was being written.
+        /// Path that was being written.
         path: PathBuf,
         /// What failed.
         #[source]
@@ -171,7 +173,7 @@ pub fn export(
     options: &Options,
     out: &Path,
 ) -> Result<Summary, ExportError> {
-    // Known before the work.
+    // Checked before the work.
     if out.symlink_metadata().is_ok() {
         return Err(ExportError::Exists(out.to_owned()));
     }
@@ -184,7 +186,7 @@ pub fn export(
             let bytes = cloud::read_file(&scene.output(outputs::CLOUD)?)?;
             write(out, &bytes, Existing::Refuse)?;
             Summary {
-                written: "the points as they are".to_owned(),
+                description: "the points as they are".to_owned(),
                 ..Summary::default()
             }
         }
@@ -194,7 +196,7 @@ pub fn export(
     for name in format.outputs(options.causal) {
         if let Some(input) = outdated.get(name) {
             summary.lost.push(format!(
-                "{name} is out of date: {input} was made anew since, and the rest does not belong to it"
+                "{name} is out of date: {input} was recomputed since, and the rest does not belong to it"
             ));
         }
     }
@@ -215,7 +217,7 @@ fn trajectory(
     let trajectory = outputs::trajectory::read(&scene.output(name)?)?;
     match format {
         Format::Kitti => {
-            let (poses, times) = kitti::written(&trajectory);
+            let (poses, times) = kitti::to_text(&trajectory);
             let folder = NewFolder::begin(out)?;
             folder.write("poses.txt", poses.as_bytes())?;
             folder.write("times.txt", times.as_bytes())?;
@@ -223,20 +225,20 @@ fn trajectory(
         }
         Format::Euroc => write(
             out,
-            euroc::written(&trajectory, None).as_bytes(),
+            euroc::to_text(&trajectory, None).as_bytes(),
             Existing::Refuse,
         )?,
-        _ => write(out, tum::written(&trajectory).as_bytes(), Existing::Refuse)?,
+        _ => write(out, tum::to_text(&trajectory).as_bytes(), Existing::Refuse)?,
     }
     Ok(Summary {
-        written: format!("{} poses of the rig", trajectory.usable().count()),
-        notes: unsaid(&trajectory, format),
+        description: format!("{} poses of the rig", trajectory.usable().count()),
+        notes: omitted_fields(&trajectory, format),
         lost: Vec::new(),
     })
 }
 
-/// What the text formats do not say.
-fn unsaid(trajectory: &Trajectory, format: Format) -> Vec<String> {
+/// Content that the text formats cannot represent.
+fn omitted_fields(trajectory: &Trajectory, format: Format) -> Vec<String> {
     let has = |what: &str, there: bool| there.then(|| what.to_owned());
     let poses = trajectory.poses();
     let lost = trajectory.len() - trajectory.usable().count();
@@ -258,7 +260,7 @@ fn unsaid(trajectory: &Trajectory, format: Format) -> Vec<String> {
     let mut notes = Vec::new();
     if !left_out.is_empty() {
         notes.push(format!(
-            "{} has no place for {}",
+            "{} cannot represent {}",
             format.name(),
             left_out.join(", ")
         ));
@@ -274,23 +276,23 @@ fn writing(path: &Path) -> impl FnOnce(io::Error) -> ExportError + use<> {
     move |error| ExportError::Write { path, error }
 }
 
-/// The folder of the pictures as a program sees it that reads a file in `out`: a relative path where the two have one.
-fn seen_from(out: &Path, pictures: &Path) -> Result<PathBuf, ExportError> {
+/// Path of the image folder for a program that reads a file in `out`: relative where possible.
+fn relative_path(out: &Path, images: &Path) -> Result<PathBuf, ExportError> {
     let parent = match out.parent() {
         Some(parent) if !parent.as_os_str().is_empty() => parent,
         _ => Path::new("."),
     };
     fs::create_dir_all(parent).map_err(writing(parent))?;
     let whole = |path: &Path| fs::canonicalize(path).map_err(writing(path));
-    let (parent, pictures) = (whole(parent)?, whole(pictures)?);
+    let (parent, images) = (whole(parent)?, whole(images)?);
     let out = parent.join(out.file_name().unwrap_or_default());
     let common = out
         .components()
-        .zip(pictures.components())
+        .zip(images.components())
         .take_while(|(a, b)| a == b)
         .count();
     let up = out.components().skip(common).map(|_| "..");
     let mut path: PathBuf = up.collect();
-    path.extend(pictures.components().skip(common));
+    path.extend(images.components().skip(common));
     Ok(path)
 }

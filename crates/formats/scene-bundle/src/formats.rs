@@ -1,11 +1,12 @@
-//! Trajectories in the text formats of others.
+//! Trajectories in other text formats.
 //!
-//! Contract: times are integers of nanoseconds on both sides; the decimals of a file are taken as they stand, never
-//! through a floating-point number. Digits below a nanosecond are rounded to the nearest, halves away from zero.
-//! Numbers are written with as many digits as read back to the same bits. What cannot be read is an error that names
-//! the line, what was found and what was expected. Written is what can be used: poses that are
-//! [`Lost`](crate::Status::Lost) are left out, since none of these formats can say that a pose is none. Status and
-//! covariance are not kept; what is read is [`Tracked`](crate::Status::Tracked).
+//! Contract: times are integers of nanoseconds on both sides; decimals are parsed exactly, never
+//! through a floating-point number. Digits below a nanosecond are rounded to the nearest, halves
+//! away from zero. Numbers are written with the digits that read back to the same bits. What cannot
+//! be read is an error that names the line, what was found and what was expected.
+//! [`Lost`](crate::Status::Lost) poses are not written, since none of these formats can mark a pose
+//! as invalid. Status and covariance are lost; poses that are read are
+//! [`Tracked`](crate::Status::Tracked).
 
 pub mod euroc;
 pub mod kitti;
@@ -14,7 +15,7 @@ pub mod tum;
 mod seconds;
 mod text;
 
-pub use seconds::{parse_seconds, written_seconds};
+pub use seconds::{format_seconds, parse_seconds};
 pub use text::FormatError;
 
 #[cfg(test)]
@@ -23,7 +24,7 @@ mod tests {
 
     use crate::trajectory::{Pose, Status, Trajectory};
 
-    /// A walk that turns all the way round, with every status and numbers of many digits.
+    /// A walk with a full rotation, every status and numbers of many digits.
     pub(super) fn walk() -> Trajectory {
         let poses = (0..200).map(|i| {
             let s = f64::from(i);
@@ -40,7 +41,8 @@ mod tests {
         Trajectory::new(poses.collect()).unwrap()
     }
 
-    /// What time and place alone can keep: no lost poses, all tracked, no covariance, no velocity.
+    /// The part that time and pose alone represent: no lost poses, all tracked, no covariance, no
+    /// velocity.
     pub(super) fn bare(trajectory: &Trajectory) -> Trajectory {
         let poses = trajectory.usable();
         Trajectory::new(

@@ -1,7 +1,7 @@
-//! What was known of the session when it was handed over: its verdict, and that it was accepted in spite of it.
+//! Verdict on the session when it was handed over, and its acceptance in spite of that verdict.
 //!
-//! Contract: a copy of what the hand-off says. Nothing of it is hashed, and no stage depends on it: the same recording that
-//! is judged again keeps its outputs.
+//! Contract: a copy from the hand-off. It is not hashed, and no stage depends on it: a recording
+//! that is validated again keeps its outputs.
 
 use serde::{Deserialize, Serialize};
 
@@ -13,11 +13,11 @@ pub struct Judgement {
     pub verdict: String,
     /// The limits that were not those of the validator's own table, as `METRIC=WARN,FAIL`.
     pub limits: Vec<String>,
-    /// That it was handed over in spite of the verdict.
+    /// Acceptance in spite of the verdict, if there was one.
     pub acceptance: Option<Acceptance>,
 }
 
-/// That a session was handed over in spite of its verdict.
+/// Acceptance of a session in spite of its verdict.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct Acceptance {
@@ -27,31 +27,31 @@ pub struct Acceptance {
     pub accepted_civil_ns: i64,
     /// The verdict that it was given for.
     pub verdict: String,
-    /// Everything that was beyond a limit then, the worst first.
-    pub metrics: Vec<Beyond>,
+    /// All metrics that exceeded a limit then, the worst first.
+    pub metrics: Vec<ExceededLimit>,
     /// The limits then, as [`Judgement::limits`].
     pub limits: Vec<String>,
 }
 
-/// A metric that was beyond a limit.
+/// A metric that exceeded a limit.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
-pub struct Beyond {
+pub struct ExceededLimit {
     /// The metric, as in `camera.dropped`.
     pub metric: String,
-    /// The stream, pair or clock that it is about; `session` for the whole.
+    /// The stream, pair or clock that it concerns; `session` for the whole.
     pub of: String,
     /// `WARN` or `FAIL`.
     pub verdict: String,
-    /// What was measured, in the metric's unit; none where that is no number.
+    /// Measured value in the metric's unit; absent where it is not finite.
     pub value: Option<f64>,
-    /// A value above this is a warning; none where nothing is.
+    /// A value above this is a warning; absent if there is no such limit.
     pub warn: Option<f64>,
-    /// A value above this is a failure; none where nothing is.
+    /// A value above this is a failure; absent if there is no such limit.
     pub fail: Option<f64>,
     /// The unit: `ratio`, `ns`, `count`, `deg` or `flag`.
     pub unit: String,
-    /// The whole in words.
+    /// Description of the metric and its value.
     pub text: String,
 }
 

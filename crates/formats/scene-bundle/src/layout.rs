@@ -2,46 +2,46 @@
 
 /// The manifest.
 pub const MANIFEST: &str = "scene.json";
-/// Most that is read of a manifest, bytes.
+/// Maximum size of a manifest, bytes.
 pub const MANIFEST_LIMIT: u64 = plain_file::DOCUMENT_LIMIT;
-/// Held by whoever writes to the bundle.
+/// Lock file, held by the process that writes to the bundle.
 pub const LOCK: &str = "lock";
-/// How long stages took; no part of the bundle.
-pub const MADE: &str = "made.jsonl";
-/// Small images of what the cameras saw; no part of the bundle.
-pub const SEEN: &str = "seen.jsonl";
-/// A page about the bundle; no part of it.
+/// Time and memory of the stages; not part of the bundle.
+pub const STAGE_TIMINGS: &str = "stage_timings.jsonl";
+/// Small images of each camera; not part of the bundle.
+pub const CAMERA_IMAGES: &str = "seen.jsonl";
+/// Report page of the bundle; not part of it.
 pub const PAGE: &str = "report.html";
-/// In an output's folder: files with their hashes that are too many for the manifest.
+/// In an output's folder: hashes of files that are too many for the manifest.
 pub const LISTING: &str = "files.b3";
 
-/// Begins the names of folders in the making.
-const DRAFT: &str = ".draft-";
-/// Digits of the hash in a folder's name.
-const DIGITS: usize = 16;
+/// Prefix of the folders of drafts.
+const DRAFT_PREFIX: &str = ".draft-";
+/// Number of digits of the hash in a folder's name.
+const HASH_DIGITS: usize = 16;
 
 /// Folder of an output of this content: `NAME.` and the first 16 digits of its hash.
 pub fn folder(name: &str, hash: &str) -> String {
-    format!("{name}.{}", hash.get(..DIGITS).unwrap_or(hash))
+    format!("{name}.{}", hash.get(..HASH_DIGITS).unwrap_or(hash))
 }
 
 /// Folder in which an output is made.
 pub fn draft(name: &str) -> String {
-    format!("{DRAFT}{name}")
+    format!("{DRAFT_PREFIX}{name}")
 }
 
 /// Whether a name in the bundle's folder is one that only a writer makes: a draft, a version of an output, or a
 /// manifest that was being written.
 pub fn is_ours(name: &str) -> bool {
-    let is_hash = |text: &str| text.len() == DIGITS && is_hex(text);
+    let is_hash = |text: &str| text.len() == HASH_DIGITS && is_hex(text);
     name == temporary(MANIFEST)
-        || name.strip_prefix(DRAFT).is_some_and(is_output_name)
+        || name.strip_prefix(DRAFT_PREFIX).is_some_and(is_output_name)
         || name
             .split_once('.')
             .is_some_and(|(output, hash)| is_output_name(output) && is_hash(hash))
 }
 
-/// What a file is called while it is written beside the old one.
+/// Name of a file while it is written beside the old one.
 pub fn temporary(path: &str) -> String {
     format!("{path}.tmp")
 }
@@ -74,7 +74,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn names_lead_nowhere_else() {
+    fn names_do_not_lead_out_of_the_bundle() {
         for name in ["rig", "trajectory-causal", "depth2"] {
             assert!(is_output_name(name), "{name}");
         }
@@ -92,7 +92,7 @@ mod tests {
     }
 
     #[test]
-    fn only_what_a_writer_makes_is_ours_to_remove() {
+    fn only_names_that_a_writer_creates_may_be_removed() {
         let hash = "0123456789abcdef".repeat(4);
         for name in [
             folder("trajectory-causal", &hash),

@@ -1,8 +1,9 @@
-//! Contract 3: what was reconstructed, and out of what.
+//! Contract 3: reconstruction results with their provenance.
 //!
-//! A bundle is a folder: a manifest, and one folder for each output of a stage. `FORMAT.md` beside this crate is the
-//! contract; the crate is its writer ([`Bundle`]), reader ([`Scene`]) and verifier, and knows the formats of others that
-//! it can be exported to. It knows nothing of how anything was reconstructed, nor of sessions or the catalogue.
+//! A bundle is a folder: a manifest, and one folder for each output of a stage. `FORMAT.md` beside
+//! this crate is the contract; the crate is its writer ([`Bundle`]), reader ([`Scene`]) and
+//! verifier, and exports to other formats. It knows nothing of how anything was reconstructed, nor
+//! of sessions or the catalogue.
 
 pub mod bundle;
 pub mod draft;
@@ -17,14 +18,14 @@ pub mod scene;
 pub mod trajectory;
 pub mod verify;
 
-mod chain;
+mod error_chain;
 mod npy;
 mod storage;
 
 pub use bundle::Bundle;
-pub use chain::chain;
 pub use draft::{Draft, DraftFile};
 pub use error::BundleError;
+pub use error_chain::error_chain;
 pub use formats::FormatError;
 pub use judgement::Judgement;
 pub use manifest::{Manifest, Output, Provenance, Record, RigRevision};

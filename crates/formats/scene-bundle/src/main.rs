@@ -1,7 +1,7 @@
 //! The command line of `paws-scene`, which `paws scene` starts.
 //!
-//! Results go to standard output, the last line being a summary; progress, notes and what was lost go to standard error.
-//! Exit codes: 0 fine, 1 failed, 2 bad arguments, 3 finished with loss.
+//! Results go to standard output, the last line being a summary; progress, notes and losses go to
+//! standard error. Exit codes: 0 fine, 1 failed, 2 bad arguments, 3 finished with loss.
 
 use std::path::{Path, PathBuf};
 use std::process::ExitCode;
@@ -23,7 +23,7 @@ mod show;
 /// Exit code of a run that finished and left something out.
 const LOSS: u8 = 3;
 
-/// Looks into a scene bundle, checks it, and writes it in the formats of others.
+/// Shows a scene bundle, verifies it, and exports it to other formats.
 #[derive(Parser)]
 #[command(name = "paws-scene", version, after_help = AFTER)]
 struct Arguments {
@@ -39,7 +39,7 @@ Exit codes: 0 fine, 1 failed, 2 bad arguments, 3 finished with loss.";
 
 #[derive(Subcommand)]
 enum Command {
-    /// Say what a bundle was made of and what it holds.
+    /// Show the provenance and the content of a bundle.
     Show {
         /// The bundle's folder, or the scene.json in it.
         bundle: PathBuf,
@@ -56,21 +56,22 @@ enum Command {
     Export {
         /// The bundle's folder, or the scene.json in it.
         bundle: PathBuf,
-        /// tum, kitti, euroc: the trajectory; nerfstudio, colmap-text, colmap-binary: pictures with poses, and points;
-        /// ply, las, laz: points.
+        /// tum, kitti, euroc: the trajectory; nerfstudio, colmap-text, colmap-binary: images with
+        /// poses, and points; ply, las, laz: points.
         #[arg(long, value_parser = format_parser())]
         format: Format,
         /// File to write; a folder for kitti, nerfstudio and colmap. Must not exist.
         #[arg(long, value_name = "PATH")]
         out: PathBuf,
         /// Which trajectory; for tum, kitti and euroc.
-        #[arg(long, value_enum, default_value_t = Which::Offline)]
-        trajectory: Which,
-        /// Folder that `paws-reconstruct frames` wrote, for nerfstudio and colmap. Keyframes whose picture is not there
-        /// are left out. Without it pictures are named as in that folder, below `images` for nerfstudio.
+        #[arg(long, value_enum, default_value_t = TrajectoryKind::Offline)]
+        trajectory: TrajectoryKind,
+        /// Folder that `paws-reconstruct frames` wrote, for nerfstudio and colmap. Keyframes
+        /// without an image are left out. Without this option images are named as in that folder,
+        /// below `images` for nerfstudio.
         #[arg(long, value_name = "DIR")]
-        pictures: Option<PathBuf>,
-        /// Pictures of the right eyes too.
+        images: Option<PathBuf>,
+        /// Include the images of the right side.
         #[arg(long)]
         right: bool,
         /// Only this camera; can be given several times.
@@ -82,10 +83,10 @@ enum Command {
 }
 
 #[derive(Clone, Copy, ValueEnum)]
-enum Which {
-    /// Computed with knowledge of the whole recording.
+enum TrajectoryKind {
+    /// Each pose computed from the whole recording
     Offline,
-    /// Computed from what was before each pose alone.
+    /// Each pose computed from the data before it only
     Causal,
 }
 
@@ -102,13 +103,13 @@ fn main() -> ExitCode {
             format,
             out,
             trajectory,
-            pictures,
+            images,
             right,
             camera,
         } => {
             let options = Options {
-                causal: matches!(trajectory, Which::Causal),
-                pictures,
+                causal: matches!(trajectory, TrajectoryKind::Causal),
+                images,
                 right,
                 cameras: camera,
             };
@@ -128,7 +129,7 @@ fn command() -> clap::Command {
 
 fn show(bundle: &Path, json: bool) -> Result<ExitCode> {
     let scene = Scene::open(bundle)?;
-    let shown = show::Shown::of(&scene);
+    let shown = show::BundleSummary::of(&scene);
     let text = if json { shown.json()? } else { shown.text() };
     print(text.trim_end()).context("writing to standard output")?;
     for problem in &shown.problems {
@@ -210,7 +211,7 @@ fn write_export(bundle: &Path, format: Format, options: &Options, out: &Path) ->
     print(format_args!(
         "{}: {}{loss}: {}",
         format.name(),
-        summary.written,
+        summary.description,
         out.display()
     ))?;
     Ok(ExitCode::from(if summary.lost.is_empty() {

@@ -1,4 +1,4 @@
-//! `scene.json`: what the bundle was made of, and its outputs with their hashes.
+//! `scene.json`: provenance of the bundle, and its outputs with their hashes.
 //!
 //! Contract: a manifest that was read is of this version and leads to no file outside the bundle. Unknown fields are an
 //! error, so that writing a manifest again never loses anything of it.
@@ -14,7 +14,7 @@ use crate::layout;
 
 /// Value of [`Manifest::format`].
 pub const FORMAT: &str = "paws-scene";
-/// The version that this crate writes. It reads version 1 too, which says nothing of the session's verdict.
+/// The version that this crate writes. It reads version 1 too, which has no verdict on the session.
 pub const VERSION: u32 = 2;
 
 /// The manifest of a bundle.
@@ -25,21 +25,22 @@ pub struct Manifest {
     pub format: String,
     /// [`VERSION`], or 1 as long as it was not written to again.
     pub version: u32,
-    /// What it was made of, and by what.
+    /// Source of the bundle, and the program that wrote it.
     pub provenance: Provenance,
     /// Outputs by name.
     pub outputs: BTreeMap<String, Output>,
 }
 
-/// What a bundle was made of, and by what.
+/// Source of a bundle, and the program that wrote it.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct Provenance {
     /// The session.
     pub session_id: String,
-    /// BLAKE3 that stands for all of the session's files, hex: the seal of its hand-off.
+    /// BLAKE3 of all of the session's files, hex: the seal of its hand-off.
     pub handoff_blake3: String,
-    /// The verdict that the session was handed over with; none in version 1, or where whoever wrote did not know.
+    /// Verdict that the session was handed over with; absent in version 1, or where it is not
+    /// known.
     #[serde(default)]
     pub judgement: Option<Judgement>,
     /// The rig that recorded it.
@@ -50,7 +51,7 @@ pub struct Provenance {
     pub program_version: String,
     /// When that program began, ns of UTC since 1970, as well as the host knew.
     pub started_civil_ns: i64,
-    /// When it was done; nothing while it runs, and after it was stopped.
+    /// When it ended; absent while it runs, and after it was stopped.
     pub ended_civil_ns: Option<i64>,
 }
 
@@ -64,10 +65,10 @@ pub struct RigRevision {
     pub revision: String,
 }
 
-/// How an output was made.
+/// Provenance of an output.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Record {
-    /// The stage that made it.
+    /// The stage that wrote it.
     pub stage: String,
     /// The stage's version. A stage counts it up when the same input gives another output.
     pub stage_version: u32,
@@ -77,7 +78,7 @@ pub struct Record {
     pub inputs: BTreeMap<String, String>,
 }
 
-/// An output: how it was made and what it holds.
+/// An output: its provenance and its files.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct Output {
@@ -119,8 +120,8 @@ impl Output {
         }
     }
 
-    /// Whether it was made just so, and making it again would give the same.
-    pub fn was_made_by(&self, record: &Record) -> bool {
+    /// Whether it was made with this record, so that running the stage again would give the same.
+    pub fn is_made_by(&self, record: &Record) -> bool {
         self.stage == record.stage
             && self.stage_version == record.stage_version
             && self.settings == record.settings
@@ -128,7 +129,7 @@ impl Output {
     }
 }
 
-/// The hash that stands for the content of an output: BLAKE3, hex, of a line `HASH BYTES PATH\n` for each file, in the
+/// Content hash of an output: BLAKE3, hex, of a line `HASH BYTES PATH\n` for each file, in the
 /// order of the bytes of their paths.
 pub fn content_hash(files: &[FileEntry]) -> String {
     let mut files: Vec<&FileEntry> = files.iter().collect();
@@ -150,10 +151,12 @@ impl Manifest {
         }
     }
 
-    /// Outputs that were made of something that has been made anew since, and of what: they do not belong to the others.
+    /// Outputs made from an input that was recomputed since, with the name of that input: they do
+    /// not belong to the others.
     pub fn outdated(&self) -> BTreeMap<&str, &str> {
         let mut outdated = BTreeMap::new();
-        // What is made of an outdated output is itself outdated: each round finds at least one more, or it is over.
+        // An output made from an outdated one is itself outdated: each round finds at least one
+        // more, or ends.
         for _ in 0..self.outputs.len() {
             for (name, output) in &self.outputs {
                 let other = output.inputs.iter().find(|(input, hash)| {
@@ -169,10 +172,10 @@ impl Manifest {
         outdated
     }
 
-    /// Of the bytes of a file. `path` is for messages.
+    /// Parses the bytes of a file. `path` is for messages.
     pub(crate) fn parse(bytes: &[u8], path: &Path) -> Result<Self, BundleError> {
         #[derive(Deserialize)]
-        struct Which {
+        struct Header {
             format: String,
             version: u32,
         }
@@ -182,10 +185,10 @@ impl Manifest {
             expected: expected.to_owned(),
         };
         let expected = format!("a manifest of {FORMAT} version 1 or {VERSION}");
-        let which: Which = serde_json::from_slice(bytes)
+        let header: Header = serde_json::from_slice(bytes)
             .map_err(|e| wrong(format!("JSON where {e}"), &expected))?;
-        if which.format != FORMAT || !(1..=VERSION).contains(&which.version) {
-            let found = format!("{} version {}", which.format, which.version);
+        if header.format != FORMAT || !(1..=VERSION).contains(&header.version) {
+            let found = format!("{} version {}", header.format, header.version);
             return Err(wrong(found, &format!("{FORMAT} version 1 or {VERSION}")));
         }
         let manifest: Self = serde_json::from_slice(bytes)
@@ -212,7 +215,7 @@ impl Manifest {
         Ok(manifest)
     }
 
-    pub(crate) fn written(&self) -> Vec<u8> {
+    pub(crate) fn to_json(&self) -> Vec<u8> {
         let mut text = serde_json::to_vec_pretty(self).unwrap_or_default();
         text.push(b'\n');
         text
@@ -257,7 +260,7 @@ mod tests {
     }
 
     #[test]
-    fn what_is_made_of_what_is_made_anew_is_outdated() {
+    fn outputs_of_recomputed_inputs_are_outdated() {
         let mut manifest = Manifest::new(provenance());
         let make = |manifest: &mut Manifest, name: &str, of: &[&str], content: &[u8]| {
             let hash = |input: &&str| {
@@ -295,18 +298,18 @@ mod tests {
     }
 
     #[test]
-    fn what_is_written_reads_back() {
+    fn a_written_manifest_reads_back() {
         let manifest = manifest();
         let path = Path::new("scene.json");
         assert_eq!(
-            Manifest::parse(&manifest.written(), path).unwrap(),
+            Manifest::parse(&manifest.to_json(), path).unwrap(),
             manifest
         );
     }
 
     #[test]
-    fn what_is_wrong_is_refused_and_named() {
-        let good = String::from_utf8(manifest().written()).unwrap();
+    fn a_malformed_manifest_is_refused_with_its_cause() {
+        let good = String::from_utf8(manifest().to_json()).unwrap();
         let check = |from: &str, to: &str, expected: &str| {
             assert!(good.contains(from), "{from}");
             let text = good.replacen(from, to, 1);

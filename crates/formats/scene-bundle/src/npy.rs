@@ -1,8 +1,10 @@
-//! Tables as NumPy arrays of records (`.npy`; NumPy enhancement proposal 1 and `numpy.lib.format`): a header in text
-//! that says what the columns are, then rows of fixed size, little-endian, without padding between fields.
+//! Tables as NumPy arrays of records (`.npy`; NumPy enhancement proposal 1 and `numpy.lib.format`):
+//! a text header with the columns, then rows of fixed size, little-endian, without padding between
+//! fields.
 //!
-//! Contract: the header is as long whatever the number of rows, so a table can be written row by row and the number put
-//! in at the end. Reading takes what was written here or saved again by NumPy with the same columns, and nothing else.
+//! Contract: the length of the header does not depend on the number of rows, so a table can be
+//! written row by row and the number filled in at the end. The reader takes tables written here or
+//! saved again by NumPy with the same columns, and nothing else.
 
 use std::io::{self, Write};
 use std::path::Path;
@@ -10,7 +12,7 @@ use std::path::Path;
 use crate::draft::{Draft, DraftFile};
 use crate::error::{BundleError, doing};
 
-/// What a field of a row is.
+/// Type of a field of a row.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(crate) enum Kind {
     I64,
@@ -21,7 +23,7 @@ pub(crate) enum Kind {
     Bool,
 }
 
-/// A column: its name, and how many numbers of which kind each row has in it.
+/// A column: its name, type, and number of values per row.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct Column(pub(crate) &'static str, pub(crate) Kind, pub(crate) usize);
 
@@ -47,7 +49,7 @@ impl Kind {
 }
 
 const MAGIC: &[u8] = b"\x93NUMPY\x01\x00";
-/// Room for the largest number of rows.
+/// Digits of the largest number of rows.
 const COUNT_DIGITS: usize = 20;
 /// NumPy aligns what follows the header.
 const ALIGNMENT: usize = 64;
@@ -99,7 +101,7 @@ impl TableWriter {
         columns: &'static [Column],
     ) -> Result<Self, BundleError> {
         let mut file = draft.create(path)?;
-        let place = file.place();
+        let place = file.file_path();
         file.write_all(&header(columns, 0))
             .map_err(doing("writing a table", place))?;
         Ok(Self {
@@ -122,12 +124,12 @@ impl TableWriter {
         self.rows += 1;
         self.file
             .write_all(&self.row)
-            .map_err(|e: io::Error| doing("writing a table", self.file.place())(e))
+            .map_err(|e: io::Error| doing("writing a table", self.file.file_path())(e))
     }
 
     pub(crate) fn finish(mut self) -> Result<(), BundleError> {
         let header = header(self.columns, self.rows);
-        let place = self.file.place();
+        let place = self.file.file_path();
         self.file
             .overwrite_start(&header)
             .map_err(doing("writing a table", place))?;
@@ -264,7 +266,7 @@ mod tests {
     ];
 
     #[test]
-    fn the_header_is_as_long_whatever_the_number_of_rows() {
+    fn the_length_of_the_header_does_not_depend_on_the_number_of_rows() {
         let empty = header(&COLUMNS, 0);
         assert_eq!(empty.len() % ALIGNMENT, 0);
         assert_eq!(header(&COLUMNS, u64::MAX).len(), empty.len());

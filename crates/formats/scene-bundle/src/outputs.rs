@@ -1,8 +1,8 @@
 //! The outputs that the format defines, each with its writer and reader.
 //!
-//! Contract: a writer puts the files of its output into a [`Draft`] and leaves the commit to the caller; a
-//! reader takes an [`OutputReader`], so every byte was checked against its hash before it is
-//! looked at. `FORMAT.md` has the layouts.
+//! Contract: a writer puts the files of its output into a [`Draft`] and leaves the commit to the
+//! caller; a reader takes an [`OutputReader`], so every byte is checked against its hash before it
+//! is used. `FORMAT.md` has the layouts.
 
 pub mod cloud;
 pub mod depth;
@@ -12,7 +12,7 @@ pub mod rig;
 pub mod tracks;
 pub mod trajectory;
 
-pub(crate) mod picture;
+pub(crate) mod gray_png;
 
 use serde::Serialize;
 use serde::de::DeserializeOwned;
@@ -21,23 +21,23 @@ use crate::draft::Draft;
 use crate::error::BundleError;
 use crate::scene::OutputReader;
 
-/// The rig: lenses and places of cameras and IMUs.
+/// The rig: intrinsics and extrinsics of cameras and IMUs.
 pub const RIG: &str = "rig";
-/// The rig with its cameras where they were found to sit.
-pub const RIG_ADJUSTED: &str = "rig-adjusted";
-/// Poses of the rig, each computed with knowledge of the whole recording.
+/// The rig with the camera extrinsics refined by the bundle adjustment.
+pub const RIG_REFINED: &str = "rig-refined";
+/// Poses of the rig, each computed from the whole recording.
 pub const TRAJECTORY: &str = "trajectory";
-/// Poses of the rig, each computed from what was before it alone, as a robot would have them.
+/// Causal poses of the rig, each computed from the data before it only, as a robot would have them.
 pub const TRAJECTORY_CAUSAL: &str = "trajectory-causal";
-/// What odometry followed from keyframe to keyframe.
+/// Keyframes of the odometry with their feature tracks and keypoints.
 pub const TRACKS: &str = "tracks";
-/// Frames that stand for the others, with their poses.
+/// Keyframes of each camera, with their poses.
 pub const KEYFRAMES: &str = "keyframes";
-/// Which pixels of each camera do not show the person who wears it.
+/// Pixels of each camera that may be used: wearer masks and dynamic masks.
 pub const MASKS: &str = "masks";
 /// Depth of keyframes.
 pub const DEPTH: &str = "depth";
-/// Points of the world.
+/// Point cloud.
 pub const CLOUD: &str = "cloud";
 
 pub(crate) fn write_json(
@@ -55,7 +55,7 @@ pub(crate) fn read_json<T: DeserializeOwned>(
     path: &str,
 ) -> Result<T, BundleError> {
     serde_json::from_slice(&reader.read(path)?).map_err(|e| BundleError::Malformed {
-        path: reader.place(path),
+        path: reader.file_path(path),
         place: format!("line {}", e.line()),
         found: format!("JSON where {e}"),
         expected: format!("what the format has in {path}"),
@@ -65,7 +65,7 @@ pub(crate) fn read_json<T: DeserializeOwned>(
 /// A value that the caller gave and the format does not allow.
 pub(crate) fn refused(draft: &Draft, file: &str, found: String, expected: &str) -> BundleError {
     BundleError::Refused {
-        path: draft.place(file),
+        path: draft.file_path(file),
         found,
         expected: expected.to_owned(),
     }

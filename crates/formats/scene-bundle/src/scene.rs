@@ -1,7 +1,8 @@
 //! Reading a bundle.
 //!
-//! Contract: nothing wrong is returned. Every file is checked against its hash when it is read. Reading takes no lock: an
-//! output that a writer replaces meanwhile can no longer be read through a [`Scene`] opened before, and says so.
+//! Contract: corrupt data is never returned. Every file is checked against its hash when it is
+//! read. Reading takes no lock: an output that a writer replaces meanwhile can no longer be read
+//! through a [`Scene`] opened before; this is an error.
 
 use std::collections::BTreeMap;
 use std::io::{self, Read};
@@ -13,7 +14,7 @@ use crate::layout;
 use crate::manifest::{FileEntry, Manifest, Output};
 use crate::storage::{self, Disk, Storage};
 
-/// Most that is read of one file of an output, bytes.
+/// Maximum size of one file of an output, bytes.
 const FILE_LIMIT: u64 = 16 << 30;
 
 /// A bundle open for reading.
@@ -113,12 +114,12 @@ impl Scene {
         };
         if output.files.iter().any(|f| f.path == layout::LISTING) {
             let text = reader.read(layout::LISTING)?;
-            reader.listed = parse_listing(&text, &reader.place(layout::LISTING))?;
+            reader.listed = parse_listing(&text, &reader.file_path(layout::LISTING))?;
         }
         Ok(reader)
     }
 
-    /// Whether every file of an output is what was written.
+    /// Whether every file of an output is intact.
     pub fn is_whole(&self, name: &str) -> bool {
         let Ok(output) = self.output(name) else {
             return false;
@@ -128,7 +129,7 @@ impl Scene {
             .all(|path| output.check(path, &mut |_| {}).is_ok())
     }
 
-    /// Names in the folder, or in one below it; for finding what nothing names.
+    /// Names in the folder, or in one below it; for finding files that nothing names.
     pub(crate) fn list(&self, dir: &str) -> Result<Vec<(String, bool)>, BundleError> {
         let path = self.storage.root().join(dir);
         self.storage
@@ -163,7 +164,7 @@ impl OutputReader {
         &self.name
     }
 
-    /// How it was made, and its files.
+    /// Its provenance and files.
     pub fn output(&self) -> &Output {
         &self.output
     }
@@ -179,8 +180,8 @@ impl OutputReader {
         &self.folder
     }
 
-    /// A file's place, for messages and for programs that read it themselves, unchecked.
-    pub fn place(&self, path: &str) -> PathBuf {
+    /// Path of a file, for messages and for programs that read it themselves, unchecked.
+    pub fn file_path(&self, path: &str) -> PathBuf {
         self.storage.root().join(&self.folder).join(path)
     }
 
@@ -189,7 +190,7 @@ impl OutputReader {
     /// # Errors
     /// [`BundleError::Changed`] when it is not what was written, or the output has no such file; [`BundleError::Io`].
     pub fn read(&self, path: &str) -> Result<Vec<u8>, BundleError> {
-        let (bytes, hash) = self.written(path)?;
+        let (bytes, hash) = self.expected_content(path)?;
         let full = format!("{}/{path}", self.folder);
         let content = match storage::read_all(
             &*self.storage,
@@ -197,7 +198,7 @@ impl OutputReader {
             bytes.unwrap_or(FILE_LIMIT).min(FILE_LIMIT),
         ) {
             Err(e) => match (too_long(&e), bytes) {
-                // Longer than it was written: it is not read at all.
+                // Longer than written: it is not read at all.
                 (Some(found), Some(bytes)) => {
                     let found = format!("{found} bytes");
                     return Err(self.changed(path, &found, &bytes.to_string()));
@@ -221,7 +222,7 @@ impl OutputReader {
         path: &str,
         progress: &mut dyn FnMut(u64),
     ) -> Result<u64, BundleError> {
-        let (bytes, hash) = self.written(path)?;
+        let (bytes, hash) = self.expected_content(path)?;
         let full = format!("{}/{path}", self.folder);
         let mut file = self
             .storage
@@ -249,7 +250,7 @@ impl OutputReader {
     }
 
     /// Length, where it is known, and hash of a file as it was written.
-    fn written(&self, path: &str) -> Result<(Option<u64>, &str), BundleError> {
+    fn expected_content(&self, path: &str) -> Result<(Option<u64>, &str), BundleError> {
         let named = self.output.files.iter().find(|f| f.path == path);
         let named = named.map(|f| (Some(f.bytes), f.blake3.as_str()));
         let listed = || Some((None, self.listed.get(path)?.as_str()));
@@ -282,7 +283,7 @@ impl OutputReader {
 
     fn changed(&self, path: &str, found: &str, expected: &str) -> BundleError {
         BundleError::Changed {
-            path: self.place(path),
+            path: self.file_path(path),
             found: found.to_owned(),
             expected: expected.to_owned(),
         }
@@ -292,7 +293,7 @@ impl OutputReader {
         if error.kind() == io::ErrorKind::NotFound {
             return self.changed(path, "no file", "the one that was written");
         }
-        doing("reading a file of a scene bundle", self.place(path))(error)
+        doing("reading a file of a scene bundle", self.file_path(path))(error)
     }
 }
 

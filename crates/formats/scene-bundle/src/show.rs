@@ -1,4 +1,4 @@
-//! What a bundle holds, for people and as JSON.
+//! Content of a bundle, as text and as JSON.
 
 use std::collections::BTreeMap;
 use std::fmt::Write;
@@ -8,16 +8,16 @@ use scene_bundle::outputs::{self, cloud, depth, keyframes, rig, trajectory};
 use scene_bundle::{BundleError, Scene, Status, Trajectory};
 use serde_json::{Value, json};
 
-/// What a bundle holds.
-pub(crate) struct Shown<'a> {
+/// Content of a bundle.
+pub(crate) struct BundleSummary<'a> {
     scene: &'a Scene,
-    /// Of each output what is worth telling, as JSON; nothing of outputs that only later versions know.
+    /// Key figures of each output, as JSON; none for outputs that only later versions know.
     facts: BTreeMap<&'a str, Value>,
-    /// What could not be read.
+    /// Errors of outputs that could not be read.
     pub(crate) problems: Vec<String>,
 }
 
-impl<'a> Shown<'a> {
+impl<'a> BundleSummary<'a> {
     pub(crate) fn of(scene: &'a Scene) -> Self {
         let (mut facts, mut problems) = (BTreeMap::new(), Vec::new());
         for name in scene.manifest().outputs.keys() {
@@ -39,8 +39,8 @@ impl<'a> Shown<'a> {
     pub(crate) fn json(&self) -> Result<String> {
         let manifest =
             serde_json::to_value(self.scene.manifest()).context("writing the manifest as JSON")?;
-        let shown = json!({ "manifest": manifest, "facts": self.facts, "outdated": self.scene.manifest().outdated(), "problems": self.problems });
-        Ok(format!("{shown:#}\n"))
+        let summary = json!({ "manifest": manifest, "facts": self.facts, "outdated": self.scene.manifest().outdated(), "problems": self.problems });
+        Ok(format!("{summary:#}\n"))
     }
 
     pub(crate) fn text(&self) -> String {
@@ -93,7 +93,7 @@ impl<'a> Shown<'a> {
                 ),
             );
             if let Some(input) = outdated.get(name.as_str()) {
-                line("", format!("out of date: {input} was made anew since"));
+                line("", format!("out of date: {input} was recomputed since"));
             }
             match self.facts.get(name.as_str()) {
                 Some(Value::Object(facts)) => {
@@ -104,7 +104,7 @@ impl<'a> Shown<'a> {
                         line("", format!("{}: {value}", key.replace('_', " ")));
                     }
                 }
-                _ => line("", "nothing more is known of it here".to_owned()),
+                _ => line("", "no further details of this output are known".to_owned()),
             }
         }
         let _ = writeln!(
@@ -117,19 +117,19 @@ impl<'a> Shown<'a> {
     }
 }
 
-/// How many files an output has, those in its listing too, and their bytes as they lie there.
+/// Number of files of an output, listed ones included, and their size on disk, bytes.
 fn size(scene: &Scene, name: &str) -> (usize, u64) {
     let Ok(reader) = scene.output(name) else {
         return (0, 0);
     };
-    let bytes = |path| std::fs::metadata(reader.place(path)).map_or(0, |m| m.len());
+    let bytes = |path| std::fs::metadata(reader.file_path(path)).map_or(0, |m| m.len());
     (reader.paths().count(), reader.paths().map(bytes).sum())
 }
 
 fn facts_of(scene: &Scene, name: &str) -> Result<Value, BundleError> {
     let reader = scene.output(name)?;
     Ok(match name {
-        outputs::RIG | outputs::RIG_ADJUSTED => {
+        outputs::RIG | outputs::RIG_REFINED => {
             let rig = rig::read(&reader)?;
             let cameras: Vec<&str> = rig.cameras.iter().map(|c| c.name.as_str()).collect();
             let imus: Vec<&str> = rig.imus.iter().map(|i| i.name.as_str()).collect();
@@ -157,7 +157,7 @@ fn facts_of(scene: &Scene, name: &str) -> Result<Value, BundleError> {
                 .views
                 .iter()
                 .map(|v| format!("{} {}x{}", v.camera, v.model.width, v.model.height));
-            json!({ "pictures": index.pictures.len(), "views": views.collect::<Vec<_>>().join(", ") })
+            json!({ "images": index.images.len(), "views": views.collect::<Vec<_>>().join(", ") })
         }
         outputs::CLOUD => json!({ "points": cloud::read(&reader)?.len() }),
         _ => Value::Null,

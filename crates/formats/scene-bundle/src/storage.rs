@@ -1,5 +1,5 @@
-//! Where a bundle's bytes go, behind a small trait, so that a test can cut it off at every step: [`Disk`] is a folder,
-//! and the tests have one in memory that forgets what was not synced.
+//! Storage of a bundle behind a small trait, so that a test can cut it off at every step: [`Disk`]
+//! is a folder, and the tests have one in memory that loses unsynced data.
 //!
 //! What the trait promises is what POSIX promises and no more: bytes are durable after [`StoredFile::sync`], names after
 //! [`Storage::sync_dir`] of the folder they are in; until then a power cut may keep any part of either.
@@ -15,7 +15,7 @@ pub(crate) use disk::Disk;
 
 /// A folder with relative `/`-separated paths in it; `""` is the folder itself.
 pub(crate) trait Storage: Send + Sync {
-    /// Where it is, for messages.
+    /// Path of the folder, for messages.
     fn root(&self) -> &Path;
 
     /// Creates a file that must not exist yet.
@@ -58,7 +58,7 @@ pub(crate) trait StoredFile: Send {
     fn sync(&mut self) -> io::Result<()>;
 }
 
-/// Everything in a file of at most `limit` bytes. Its length is weighed before memory is taken.
+/// Everything in a file of at most `limit` bytes. Its length is checked before memory is allocated.
 pub(crate) fn read_all(storage: &dyn Storage, path: &str, limit: u64) -> io::Result<Vec<u8>> {
     let length = storage.length(path)?;
     plain_file::read_known(storage.open(path)?, length, limit)
@@ -80,7 +80,7 @@ pub(crate) fn replace(storage: &dyn Storage, path: &str, bytes: &[u8]) -> io::Re
     storage.sync_dir("")
 }
 
-/// Removes a folder and what is in it; fine if it is not there.
+/// Removes a folder and its content; succeeds if it does not exist.
 pub(crate) fn remove_all(storage: &dyn Storage, dir: &str) -> io::Result<()> {
     let entries = match storage.list(dir) {
         Err(e) if e.kind() == io::ErrorKind::NotFound => return Ok(()),

@@ -1,24 +1,27 @@
-//! Where the rig was: poses over time.
+//! Trajectory: poses of the rig over time.
 //!
-//! Contract: a [`Trajectory`] that exists has strictly rising times and finite numbers. Nothing is filled in: where
-//! the rig was lost there are poses that say so, or none. Times are those of the recording (i64 ns, CLOCK_MONOTONIC
-//! of the recorder); a trajectory read from a peer's file has that file's times.
+//! Contract: a [`Trajectory`] that exists has strictly rising times and finite numbers. Nothing is
+//! interpolated: during tracking loss there are poses with status [`Status::Lost`], or none. Times
+//! are those of the recording (i64 ns, CLOCK_MONOTONIC of the recorder); a trajectory read from a
+//! peer's file has that file's times.
 
 use cad_transforms::{Covariance, RigidTransform};
 use serde::{Deserialize, Serialize};
 
-/// How a pose was come by.
+/// How a pose was obtained.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, PartialOrd, Ord, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case")]
 pub enum Status {
-    /// The cameras saw the world at this time and the pose follows it from before.
+    /// Tracked by the cameras, continuously from before.
     Tracked,
-    /// The cameras did not see enough; the pose is carried on by the IMUs, and doubt grows.
+    /// Dead reckoning: too few visual observations; the pose is propagated by the IMU, and its
+    /// uncertainty grows.
     DeadReckoned,
-    /// Seen by the cameras again after having been lost: as good as tracked within its span, tied to what was before
-    /// the loss only by a place that was recognised.
+    /// Tracked again after tracking loss: as accurate as tracked within its span; tied to the poses
+    /// before the loss only by a loop closure.
     Relocalised,
-    /// No usable pose. The transform is the last one known and stands there only so that the time is not missing.
+    /// No usable pose. The transform is the last known one and must not be used; the row keeps the
+    /// time.
     Lost,
 }
 
@@ -31,7 +34,7 @@ impl Status {
         Self::Lost,
     ];
 
-    /// The number it has in tables: 0 tracked, 1 dead reckoned, 2 relocalised, 3 lost.
+    /// Its code in tables: 0 tracked, 1 dead reckoned, 2 relocalised, 3 lost.
     pub fn code(self) -> u8 {
         self as u8
     }
@@ -41,7 +44,7 @@ impl Status {
         Self::ALL.get(usize::from(code)).copied()
     }
 
-    /// As it is written in JSON.
+    /// Its name in JSON.
     pub fn name(self) -> &'static str {
         match self {
             Self::Tracked => "tracked",
@@ -52,14 +55,14 @@ impl Status {
     }
 }
 
-/// Where the rig was at one time.
+/// Pose of the rig at one time.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Pose {
     /// Time in nanoseconds.
     pub time_ns: i64,
     /// Takes points in the rig's frame (or the body's, of a peer's file) to the world, metres.
     pub world_from_rig: RigidTransform,
-    /// How far it may be off: of a small motion of the rig in its own axes, see [`cad_transforms::covariance`].
+    /// Covariance of a small motion of the rig in its own axes, see [`cad_transforms::covariance`].
     pub covariance: Option<Covariance>,
     /// Velocity of the rig's origin along the world's axes, m/s.
     pub velocity_in_world: Option<[f64; 3]>,
@@ -121,11 +124,11 @@ pub struct Span {
     pub status: Status,
     /// Number of the first pose, from 0.
     pub first: usize,
-    /// How many poses, at least 1.
+    /// Number of poses, at least 1.
     pub count: usize,
     /// Time of the first pose, ns.
     pub from_ns: i64,
-    /// Time of the last pose, ns. Up to the next span's first pose nothing is said.
+    /// Time of the last pose, ns. No status is stated between it and the next span's first pose.
     pub to_ns: i64,
 }
 
@@ -157,12 +160,12 @@ impl Trajectory {
         &self.poses
     }
 
-    /// Gives the poses away.
+    /// Returns the poses by value.
     pub fn into_poses(self) -> Vec<Pose> {
         self.poses
     }
 
-    /// How many poses.
+    /// Number of poses.
     pub fn len(&self) -> usize {
         self.poses.len()
     }
@@ -200,9 +203,9 @@ impl Trajectory {
         spans
     }
 
-    /// Length of the way of the rig's origin, metres: straight from pose to pose. A step from or to a lost pose does
-    /// not count, since nobody knows how far it was. Small shaking counts in full, so the sum grows with the rate of
-    /// the poses.
+    /// Path length of the rig's origin, metres: straight from pose to pose. A step from or to a
+    /// lost pose does not count, since its length is not known. Jitter counts in full, so the sum
+    /// grows with the rate of the poses.
     pub fn path_length_m(&self) -> f64 {
         let steps = self.poses.windows(2);
         steps
@@ -232,7 +235,7 @@ pub(crate) fn append_span(spans: &mut Vec<Span>, index: usize, pose: &Pose) {
     }
 }
 
-/// What is wrong with a pose after one at `previous_ns`.
+/// Checks a pose that follows one at `previous_ns`.
 pub(crate) fn check(
     index: usize,
     pose: &Pose,

@@ -2,35 +2,35 @@
 
 use std::collections::BTreeSet;
 
-use crate::chain;
 use crate::error::BundleError;
+use crate::error_chain;
 use crate::layout;
 use crate::scene::{OutputReader, Scene};
 
-/// What was found.
+/// Result of a verification.
 #[derive(Clone, Debug, Default, PartialEq, Eq)]
-pub struct Checked {
+pub struct VerifyReport {
     /// Every output, by name.
-    pub outputs: Vec<CheckedOutput>,
-    /// Files and folders that nothing names: drafts and old versions that a writer left, or somebody's own. No harm is
-    /// done by them.
+    pub outputs: Vec<OutputReport>,
+    /// Files and folders that nothing names: drafts and old versions left by a writer, or foreign
+    /// files. They are harmless.
     pub unnamed: Vec<String>,
 }
 
-/// What was found of one output.
+/// Result of the verification of one output.
 #[derive(Clone, Debug, PartialEq, Eq)]
-pub struct CheckedOutput {
+pub struct OutputReport {
     /// Its name.
     pub name: String,
-    /// Files that are as they were written.
+    /// Number of intact files.
     pub files: u64,
     /// Their bytes.
     pub bytes: u64,
-    /// What is wrong with the others, a sentence each.
+    /// Problems of the others, a sentence each.
     pub problems: Vec<String>,
 }
 
-impl Checked {
+impl VerifyReport {
     /// Whether everything is as it was written.
     pub fn is_whole(&self) -> bool {
         self.outputs.iter().all(|o| o.problems.is_empty())
@@ -40,13 +40,19 @@ impl Checked {
 /// Checks every file of every output, those in listings too. `progress` is called with the bytes read.
 ///
 /// # Errors
-/// [`BundleError::Io`] when the bundle's folder cannot be listed. What is wrong with files is in the result.
-pub fn verify(scene: &Scene, mut progress: impl FnMut(u64)) -> Result<Checked, BundleError> {
-    let mut checked = Checked::default();
-    let known = [layout::MANIFEST, layout::LOCK, layout::MADE, layout::PAGE];
+/// [`BundleError::Io`] when the bundle's folder cannot be listed. Problems of files are in the
+/// result.
+pub fn verify(scene: &Scene, mut progress: impl FnMut(u64)) -> Result<VerifyReport, BundleError> {
+    let mut checked = VerifyReport::default();
+    let known = [
+        layout::MANIFEST,
+        layout::LOCK,
+        layout::STAGE_TIMINGS,
+        layout::PAGE,
+    ];
     let mut named = BTreeSet::from(known.map(str::to_owned));
     for (name, output) in &scene.manifest().outputs {
-        let mut found = CheckedOutput {
+        let mut found = OutputReport {
             name: name.clone(),
             files: 0,
             bytes: 0,
@@ -57,14 +63,14 @@ pub fn verify(scene: &Scene, mut progress: impl FnMut(u64)) -> Result<Checked, B
             Ok(reader) => {
                 check(&reader, &mut found, &mut progress);
                 named.extend(reader.paths().map(|path| format!("{folder}/{path}")));
-                // An output may be of no files.
+                // An output may have no files.
                 if reader.paths().next().is_none() {
                     named.insert(folder);
                 }
             }
             Err(error) => {
-                found.problems.push(chain(&error));
-                // Its files cannot be told from others.
+                found.problems.push(error_chain(&error));
+                // Its files cannot be distinguished from others.
                 named.insert(folder);
             }
         }
@@ -74,19 +80,19 @@ pub fn verify(scene: &Scene, mut progress: impl FnMut(u64)) -> Result<Checked, B
     Ok(checked)
 }
 
-fn check(reader: &OutputReader, found: &mut CheckedOutput, progress: &mut dyn FnMut(u64)) {
+fn check(reader: &OutputReader, found: &mut OutputReport, progress: &mut dyn FnMut(u64)) {
     for path in reader.paths() {
         match reader.check(path, progress) {
             Ok(bytes) => {
                 found.files += 1;
                 found.bytes += bytes;
             }
-            Err(error) => found.problems.push(chain(&error)),
+            Err(error) => found.problems.push(error_chain(&error)),
         }
     }
 }
 
-/// Of a folder that holds nothing that is named, the folder alone is given.
+/// If a folder holds no named file, only the folder is listed.
 fn find_unnamed(
     scene: &Scene,
     dir: &str,

@@ -1,5 +1,5 @@
-//! Draws the pictures of the documentation: for each scene what the cameras see by day, with the way from
-//! above, and one sheet of the other lights, a row each.
+//! Draws the images of the documentation: for each scene the camera images by day with the map of
+//! the path, and one sheet of the other lightings, one row each.
 //!
 //! `cargo run --release -p rig-sim --example sheets -- docs/images`
 
@@ -11,11 +11,11 @@ use cad_transforms::rig::Rig;
 use rig_sim::camera::Quality;
 use rig_sim::preview::canvas::Canvas;
 use rig_sim::preview::{instants, sheet};
-use rig_sim::scene::{Kind, Time};
+use rig_sim::scene::{Kind, Lighting};
 use rig_sim::simulation::{Settings, Simulation};
 
 const RIG: &str = include_str!("../../../../cad-transforms/rigs/example.toml");
-const OTHER_LIGHTS: [Time; 3] = [Time::Night, Time::LowSun, Time::Flicker];
+const OTHER_LIGHTS: [Lighting; 3] = [Lighting::Night, Lighting::LowSun, Lighting::Flicker];
 /// One eye by day and in other lights, pixels.
 const DAY: [u32; 2] = [256, 144];
 const OTHER: [u32; 2] = [216, 122];
@@ -26,32 +26,33 @@ fn main() -> Result<()> {
     std::fs::create_dir_all(&folder).with_context(|| format!("making {}", folder.display()))?;
     let rig = Rig::parse(RIG)?;
     for kind in Kind::ALL {
-        let drawn = |time: Time, [width, height]: [u32; 2], count: usize| -> Result<Canvas> {
-            let settings = Settings {
-                kind,
-                time,
-                seed: 1,
-                seconds: 12.0,
-                rate_hz: 30.0,
-                width,
-                height,
-                quality: Quality::ACCURATE,
+        let drawn =
+            |lighting: Lighting, [width, height]: [u32; 2], count: usize| -> Result<Canvas> {
+                let settings = Settings {
+                    kind,
+                    lighting,
+                    seed: 1,
+                    seconds: 12.0,
+                    rate_hz: 30.0,
+                    width,
+                    height,
+                    quality: Quality::ACCURATE,
+                };
+                let simulation = Arc::new(Simulation::new(&settings, &rig)?);
+                let instants = instants(&simulation, count);
+                Ok(sheet(&simulation, &instants, &|| {}))
             };
-            let simulation = Arc::new(Simulation::new(&settings, &rig)?);
-            let instants = instants(&simulation, count);
-            Ok(sheet(&simulation, &instants, &|| {}))
-        };
         let save = |canvas: &Canvas, name: &str| {
             let path = folder.join(format!("sim-{}{name}.png", kind.name()));
             canvas
                 .save(&path)
                 .with_context(|| format!("writing {}", path.display()))
         };
-        save(&drawn(Time::Day, DAY, 2)?, "")?;
+        save(&drawn(Lighting::Day, DAY, 2)?, "")?;
 
         let mut rows = Vec::new();
-        for time in OTHER_LIGHTS {
-            rows.push(drawn(time, OTHER, 1)?);
+        for lighting in OTHER_LIGHTS {
+            rows.push(drawn(lighting, OTHER, 1)?);
         }
         let (width, height) = (rows[0].width, OTHER[1] as usize + 4);
         let mut lights = Canvas::new(width, rows.len() * height - 4, [255; 3]);

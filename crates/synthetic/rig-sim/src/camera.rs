@@ -1,8 +1,8 @@
-//! A simulated stereo camera: what its two sensors see, and how they see it.
+//! A simulated stereo camera: rendering of both images.
 //!
-//! Contract: a picture is a function of scene, walk, camera, seed and frame number, whatever was rendered
-//! before, except for the exposure, which follows the pictures before as in a device. A camera's time
-//! is the middle of the exposure of its middle row.
+//! Contract: an image is a function of scene, walk, camera, seed and frame number, independent of
+//! what was rendered before, except for the exposure, which follows the previous images as in a
+//! device. A camera's timestamp is the middle of the exposure of its middle row.
 
 pub mod glass;
 pub mod optics;
@@ -21,26 +21,26 @@ pub use self::placed::{Motion, Placed, placed};
 use self::raster::{View, Visibility};
 use self::rows::Rows;
 use self::sensor::{AutoExposure, Exposure, Sensor, SensorModel};
-use self::shade::{Radiance, Seen};
+use self::shade::{Radiance, VisibleBody};
 use crate::lens::Lens;
 use crate::random;
 use crate::scene::Scene;
 use crate::so3;
 
-/// When the rows of a picture are exposed.
+/// Shutter: exposure times of the rows of an image.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum Shutter {
-    /// All at once.
+    /// All rows simultaneously.
     Global,
-    /// One after the other.
+    /// One row after the other.
     Rolling {
-        /// Time from one row to the next, s.
+        /// Readout line time, s.
         line_s: f64,
     },
 }
 
 impl Shutter {
-    /// When a row is exposed, s after the middle of the picture.
+    /// Exposure time of a row relative to the middle of the image, s.
     pub fn row_s(self, row: usize, height: usize) -> f64 {
         match self {
             Self::Global => 0.0,
@@ -49,85 +49,85 @@ impl Shutter {
     }
 }
 
-/// How much trouble a picture is worth.
+/// Rendering quality.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Quality {
-    /// Pictures averaged per picture where nothing moves: each is taken at another place within the
-    /// pixel, so edges are smooth from some 4 on.
+    /// Samples per image without motion, at different positions within the pixel; from about 4 on
+    /// edges are smooth.
     pub samples: u32,
-    /// Most pictures averaged over an exposure in which things move.
-    pub most_samples: u32,
+    /// Maximum samples over an exposure with motion.
+    pub max_samples: u32,
     /// Whether sensors have noise.
     pub noise: bool,
 }
 
 impl Quality {
-    /// For recordings in real time.
+    /// For recording in real time.
     pub const FAST: Self = Self {
         samples: 1,
-        most_samples: 1,
+        max_samples: 1,
         noise: true,
     };
-    /// For exams.
+    /// For evaluation.
     pub const ACCURATE: Self = Self {
         samples: 4,
-        most_samples: 12,
+        max_samples: 12,
         noise: true,
     };
 }
 
-/// One of a camera's two eyes.
+/// Renderer of one eye of a stereo camera.
 #[derive(Debug)]
-pub struct Eye {
+pub struct MonoCamera {
     lens: Lens,
     shutter: Shutter,
-    /// For the pixel's centre and as many places within it as there are samples.
+    /// Ray grids: the pixel center, and one per sample.
     grids: Vec<Grid>,
     sensor: Sensor,
     visibility: Visibility,
-    /// The nearest panes; [`glass`].
+    /// Visibility of the nearest panes; [`glass`].
     panes: Visibility,
     radiance: Radiance,
-    /// One picture of those that are averaged, where panes need it by itself.
+    /// A single sample, where panes have to be blended before averaging.
     sample: Radiance,
 }
 
-/// What taking a picture is made of.
+/// Stages of rendering an image.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Stage {
-    /// Where eye and bodies are.
+    /// Poses of eye and bodies.
     Poses,
-    /// Which triangle each pixel sees.
+    /// Visible triangle of each pixel.
     Visibility,
-    /// What light comes from there.
+    /// Light of each pixel.
     Shading,
 }
 
-/// One picture to take.
+/// Parameters of one image.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Shot {
     /// Middle of the exposure of the middle row, s.
     pub time_s: f64,
-    /// How long and how amplified.
+    /// Exposure time and gain.
     pub exposure: Exposure,
-    /// How much trouble it is worth.
+    /// Rendering quality.
     pub quality: Quality,
-    /// Different for every picture.
+    /// Seed of the noise; different for every image.
     pub noise: u64,
 }
 
-/// Directions of all pixels' centres, moved by the same part of a pixel.
+/// Rays of all pixel centers, offset by the same fraction of a pixel.
 #[derive(Debug)]
 struct Grid {
-    /// px.
+    /// Offset, px.
     shift: (f32, f32),
-    /// Rows first.
+    /// Row-major.
     rays: Vec<[f32; 2]>,
 }
 
-/// Places within a pixel: its centre, then pairs on opposite sides of it, spread evenly (Roberts' R2
-/// sequence, 2018). The mean of an even number of them from 1 on is the centre, so that pictures do not
-/// shift with the number of samples.
+/// Sample offsets within a pixel: its center, then pairs on opposite sides of it, evenly spread
+/// (Roberts' R2 sequence, 2018). The mean of an even number of them from 1 on is the center, so
+/// images do not shift with the number of samples.
 fn shift(k: u32) -> (f32, f32) {
     if k == 0 {
         return (0.0, 0.0);
@@ -140,8 +140,8 @@ fn shift(k: u32) -> (f32, f32) {
     (part(0.754_877_666_246_693), part(0.569_840_290_998_053))
 }
 
-impl Eye {
-    /// An eye with this lens and shutter.
+impl MonoCamera {
+    /// A camera with this lens model and shutter.
     pub fn new(
         model: &CameraModel,
         shutter: Shutter,
@@ -154,7 +154,7 @@ impl Eye {
             let rays = lens.rays((f64::from(shift.0), f64::from(shift.1)));
             Grid { shift, rays }
         };
-        let shifted = match quality.samples.max(quality.most_samples) {
+        let shifted = match quality.samples.max(quality.max_samples) {
             0 | 1 => 0,
             most => most,
         };
@@ -178,13 +178,13 @@ impl Eye {
         }
     }
 
-    /// The lens.
+    /// The lens model.
     pub fn lens(&self) -> &Lens {
         &self.lens
     }
 
-    /// The light that the sensor gathers in a shot. `eye_pose` is that of the optical frame in
-    /// the world; the first body is [`Scene::fixed`], at the world's origin.
+    /// Renders the light of a shot. `eye_pose` is the pose of the optical frame in the world; the
+    /// first body is [`Scene::fixed`], at the world origin.
     pub fn expose(
         &mut self,
         scene: &Scene,
@@ -195,7 +195,7 @@ impl Eye {
         self.expose_in_stages(scene, placed, eye_pose, shot, &mut |_| {})
     }
 
-    /// As [`Eye::expose`]; `done` is called after each stage of each picture that is averaged.
+    /// As [`MonoCamera::expose`]; `done` is called after each stage of each sample.
     pub fn expose_in_stages(
         &mut self,
         scene: &Scene,
@@ -211,7 +211,7 @@ impl Eye {
             let at = shot.time_s + shot.exposure.seconds * part;
             let views = self.views_of_seen(placed, eye_pose, at);
             done(Stage::Poses);
-            // One sample alone is taken at the centre.
+            // A single sample is at the center.
             let grid = match self.grids.len() - 1 {
                 0 => 0,
                 _ if samples == 1 => 0,
@@ -224,10 +224,10 @@ impl Eye {
                     .draw(body.body, body.first, &self.lens, *shift, views);
             }
             done(Stage::Visibility);
-            let seen: Vec<Seen<'_>> = placed
+            let seen: Vec<VisibleBody<'_>> = placed
                 .iter()
                 .zip(&views)
-                .map(|(p, views)| Seen {
+                .map(|(p, views)| VisibleBody {
                     first: p.first,
                     surfaces: &p.body.surfaces,
                     views,
@@ -265,9 +265,9 @@ impl Eye {
         &self.radiance
     }
 
-    /// What the lens makes of the light that [`Eye::expose`] gathered last, in a shot from `eye_pose`;
+    /// Applies flare, dirt, blur and covers to the last exposed light, in a shot from `eye_pose`;
     /// `which` is 0 for a left eye, 1 for a right one.
-    pub fn spoil(
+    pub fn degrade(
         &mut self,
         scene: &Scene,
         eye_pose: &(Vector3<f64>, UnitQuaternion<f64>),
@@ -275,14 +275,14 @@ impl Eye {
         which: u64,
     ) {
         if let Some(sun) = optics::sun(scene, eye_pose) {
-            let at = sun.place(&self.lens);
+            let at = sun.position(&self.lens);
             self.radiance.flare(&sun, &self.grids[0].rays, at);
         }
         self.radiance.soften();
-        self.radiance.spoil(conditions, which);
+        self.radiance.degrade(conditions, which);
     }
 
-    /// Numbers of the light that [`Eye::expose`] gathered last; see [`Sensor::develop`].
+    /// Converts the last exposed light to pixel values; see [`Sensor::develop`].
     pub fn develop(
         &self,
         exposure: &Exposure,
@@ -295,8 +295,8 @@ impl Eye {
             .develop(&self.radiance, exposure, noise, luma, chroma, stride)
     }
 
-    /// How many pictures an exposure is made of: so many that nothing moves by more than some 0.7 px
-    /// between two, judged by the camera's own motion and things 1.5 m away.
+    /// Number of samples of an exposure, such that nothing moves by more than about 0.7 px between
+    /// two, by the camera's own motion and a scene 1.5 m away.
     fn samples(
         &self,
         eye_pose: &dyn Fn(f64) -> (Vector3<f64>, UnitQuaternion<f64>),
@@ -305,20 +305,20 @@ impl Eye {
         let half = 0.5 * shot.exposure.seconds;
         let quality = &shot.quality;
         let (a, b) = (eye_pose(shot.time_s - half), eye_pose(shot.time_s + half));
-        let turned = so3::log(&(a.1.inverse() * b.1)).norm();
+        let rotation = so3::log(&(a.1.inverse() * b.1)).norm();
         let moved = (a.0 - b.0).norm() / 1.5;
-        let px = self.lens.model().fx * (turned + moved);
+        let px = self.lens.model().fx * (rotation + moved);
         let wanted = (px / 0.7).ceil() as u32;
-        let most = quality.most_samples.max(quality.samples).max(1);
+        let most = quality.max_samples.max(quality.samples).max(1);
         match wanted.clamp(quality.samples.max(1), most) {
             1 => 1,
-            // Of pairs: see `shift`.
+            // Pairs: see `shift`.
             several => several.next_multiple_of(2).min(most),
         }
     }
 
-    /// Where the eye is in each body's frame: once, or for each row, but no more than a few for what is not
-    /// seen.
+    /// Pose of the camera in each body's frame: once, or for each row; only a few rows for bodies
+    /// outside the view.
     fn views_of_seen(
         &self,
         placed: &[Placed<'_>],
@@ -336,7 +336,7 @@ impl Eye {
         placed.iter().map(of).collect()
     }
 
-    /// Light that flickers is brighter in some rows, or in some frames.
+    /// Flicker varies brightness by row, or by frame.
     fn flicker(&mut self, scene: &Scene, time_s: f64, exposure: &Exposure) {
         if scene.light.flicker.is_none() {
             return;
@@ -354,7 +354,7 @@ impl Eye {
             }
             if row % 2 == 0 {
                 let half = width / 2;
-                for c in &mut self.radiance.colour[row / 2 * half..(row / 2 + 1) * half] {
+                for c in &mut self.radiance.color[row / 2 * half..(row / 2 + 1) * half] {
                     *c = c.map(|v| v * factor);
                 }
             }
@@ -362,9 +362,9 @@ impl Eye {
     }
 }
 
-/// Exposure control of a camera; both eyes share it.
-pub fn auto_exposure(longest_s: f64) -> AutoExposure {
-    AutoExposure::new(longest_s)
+/// Automatic exposure of a camera, shared by both eyes.
+pub fn auto_exposure(max_s: f64) -> AutoExposure {
+    AutoExposure::new(max_s)
 }
 
 #[cfg(test)]
@@ -372,7 +372,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn samples_lie_evenly_about_the_pixel_s_centre() {
+    fn sample_offsets_are_balanced_about_the_pixel_center() {
         assert_eq!(shift(0), (0.0, 0.0));
         for count in [2, 4, 8, 12] {
             let all: Vec<(f32, f32)> = (1..=count).map(shift).collect();
@@ -381,7 +381,7 @@ mod tests {
                 .fold((0.0, 0.0), |sum, s| (sum.0 + s.0, sum.1 + s.1));
             assert_eq!(sum, (0.0, 0.0), "{count}");
             assert!(all.iter().all(|s| s.0.abs() <= 0.5 && s.1.abs() <= 0.5));
-            // No two in one place.
+            // All offsets differ.
             let far = |a: &(f32, f32), b: &(f32, f32)| (a.0 - b.0).abs() + (a.1 - b.1).abs() > 0.05;
             assert!((1..all.len()).all(|i| all[..i].iter().all(|other| far(&all[i], other))));
         }

@@ -1,96 +1,97 @@
-//! A stereo camera with its IMU, as the device delivers what it takes: numbered, stamped by its own
-//! clocks, some time later, and with the faults that were planned.
+//! A simulated device: a stereo camera with its IMU, delivering numbered samples with timestamps of
+//! its own clocks, latency, and planned faults.
 //!
-//! Contract: a device is a function of simulation, camera, faults and seed. It delivers in the order of arrival;
-//! frames arrive in the order of their numbers, and so do samples of the IMU, as on a USB or GMSL link.
-//! Frame `n` is taken in the middle of the `n`-th period, whatever the device's clock shows; IMU sample `n` when
-//! the IMU's own oscillator says so. *What is lost* is listed with its cause in [`Device::losses`]. *While the
-//! device is gone* nothing is taken; back again it counts from 0 and its clocks start anew. *At the end
-//! of the walk* there is nothing more.
+//! Contract: a device is a function of simulation, camera, faults and seed. It delivers in the
+//! order of arrival; frames arrive in the order of their numbers, and so do IMU samples, as on a
+//! USB or GMSL link. Frame `n` is exposed in the middle of the `n`-th period, whatever the device
+//! clock shows; IMU sample `n` is timed by the IMU's own oscillator. *Losses* are listed with their
+//! cause in [`Device::losses`]. *While the device is disconnected* nothing is delivered; after
+//! reconnecting it counts from 0 and its clocks restart. *At the end of the walk* delivery ends.
 
 use std::sync::Arc;
 
 use crate::camera::optics::Conditions;
 use crate::faults::{CameraFaults, Kind};
-use crate::imu::{ImuSample, ImuTrouble};
+use crate::imu::{ImuFaults, ImuSample};
 use crate::random;
 use crate::rig::PixelFormat;
-use crate::simulation::{Painter, Simulation, StereoFrame, seconds};
+use crate::simulation::{FrameSource, Simulation, StereoFrame, seconds};
 
 pub mod clock;
-mod gone;
+mod disconnects;
 pub mod pixels;
 pub mod report;
 mod truth;
 
 use self::clock::DeviceClock;
-use self::gone::Absences;
+use self::disconnects::Disconnects;
 
-/// Mean and longest time from exposure or measurement to arrival, beyond what is constant, ns.
-const DELAY_NS: (f64, f64) = (200_000.0, 2_000_000.0);
-/// One frame in so many is late, where frames are.
-const LATE_SHARE: f64 = 0.1;
-/// How far oscillators are off, ppm.
-const OFF_PPM: f64 = 25.0;
-/// Temperature of an IMU when it is switched on, how much warmer it gets, degC, and in what time by half, s.
+/// Mean and maximum random latency from exposure or measurement to arrival, ns; without the
+/// constant part.
+const MEAN_MAX_DELAY_NS: (f64, f64) = (200_000.0, 2_000_000.0);
+/// Fraction of frames that are delayed while the fault `late` acts.
+const LATE_RATIO: f64 = 0.1;
+/// Standard deviation of the oscillator rate error, ppm.
+const CLOCK_ERROR_SIGMA_PPM: f64 = 25.0;
+/// IMU warm-up: initial temperature, total rise, °C, and half time, s.
 const WARMING_C: (f64, f64, f64) = (24.0, 14.0, 120.0);
 
-/// What the device hands over.
+/// What the device delivers.
 #[derive(Clone, Debug, PartialEq)]
 pub enum Delivery {
     /// A stereo frame.
     Frame(DeviceFrame),
     /// An IMU sample.
     Imu(DeviceImu),
-    /// The device has gone; the link noticed it at this time, ns.
-    Gone(i64),
+    /// The device has disconnected; the link noticed it at this time, ns.
+    Disconnected(i64),
 }
 
 /// A stereo frame from a device.
 #[derive(Clone, Debug, PartialEq)]
 pub struct DeviceFrame {
-    /// Sequence number, from 0 since the device is there.
+    /// Sequence number, from 0 since the device connected.
     pub number: u64,
-    /// The device's clock in the middle of the exposure.
+    /// Device clock in the middle of the exposure, ticks.
     pub ticks: i64,
-    /// When it arrived, ns since the beginning of the walk.
+    /// Arrival time, ns since the beginning of the walk.
     pub arrival_ns: i64,
-    /// When it was really taken, ns.
+    /// True time of the measurement, ns.
     pub taken_ns: i64,
-    /// Which frame of the walk it is.
+    /// Index of the frame in the walk.
     pub index: u64,
-    /// How the device lays out its pixels.
+    /// Pixel layout.
     pub format: PixelFormat,
-    /// What it shows.
-    pub picture: StereoFrame,
+    /// The image.
+    pub image: StereoFrame,
 }
 
 /// An IMU sample from a device.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct DeviceImu {
-    /// Sequence number, from 0 since the device is there.
+    /// Sequence number, from 0 since the device connected.
     pub number: u64,
-    /// Which sample of the walk it is.
+    /// Index of the sample in the walk.
     pub index: u64,
-    /// The IMU's clock.
+    /// IMU clock, ticks.
     pub ticks: i64,
-    /// When it arrived, ns since the beginning of the walk.
+    /// Arrival time, ns since the beginning of the walk.
     pub arrival_ns: i64,
-    /// When it was really taken, ns.
+    /// True time of the measurement, ns.
     pub taken_ns: i64,
-    /// What was measured, in counts.
+    /// Angular rate, counts.
     pub gyro: [i16; 3],
-    /// See `gyro`.
+    /// Specific force, counts.
     pub accel: [i16; 3],
-    /// Hundredths of a degree Celsius.
+    /// Temperature, 0.01 °C.
     pub temperature: i16,
-    /// Whether a frame was taken since the sample before.
+    /// Whether a frame was exposed since the previous sample.
     pub frame_sync: bool,
-    /// How many frames were since the device is there.
+    /// Number of frames since the device connected.
     pub frame_sync_count: u32,
 }
 
-/// Which of a device's two streams.
+/// The two streams of a device.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
 pub enum Stream {
     /// Stereo frames.
@@ -99,52 +100,52 @@ pub enum Stream {
     Imu,
 }
 
-/// Something that was taken, or would have been, and never arrived.
+/// A frame or sample that never arrived.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Loss {
-    /// Of which stream.
+    /// Stream.
     pub stream: Stream,
-    /// Which frame or sample of the walk.
+    /// Index of the frame or sample in the walk.
     pub index: u64,
-    /// When, ns since the beginning of the walk.
+    /// Time of the measurement, ns since the beginning of the walk.
     pub taken_ns: i64,
-    /// Why.
+    /// Cause.
     pub cause: Kind,
 }
 
-/// See the module.
+/// A simulated device; see the module documentation.
 pub struct Device {
     simulation: Arc<Simulation>,
     camera: usize,
     faults: CameraFaults,
-    painter: Box<dyn Painter>,
+    source: Box<dyn FrameSource>,
     seed: u64,
-    absences: Absences,
+    disconnects: Disconnects,
     clocks: [DeviceClock; 2],
     frames: Queue,
     samples: Queue,
-    /// Frames that the IMU has been told of since the device is there.
+    /// Frames that the IMU has reported since the device connected.
     synced: u32,
-    /// The picture before, for frames that show it again.
+    /// Previous image, for frozen and torn frames.
     before: Option<StereoFrame>,
     again: Option<DeviceFrame>,
     losses: Vec<Loss>,
 }
 
-/// How far a stream has come.
+/// Progress of one stream.
 #[derive(Clone, Debug, Default)]
 struct Queue {
-    /// The next that is taken.
+    /// Index of the next measurement.
     index: u64,
-    /// The first since the device is there.
+    /// Index of the first measurement since the device connected.
     first: u64,
-    /// Which of the times that the device was there.
+    /// Connection epoch.
     epoch: usize,
     arrival_ns: i64,
     next: Option<Slot>,
 }
 
-/// Something that will arrive.
+/// A measurement that will arrive.
 #[derive(Clone, Copy, Debug)]
 struct Slot {
     index: u64,
@@ -153,26 +154,26 @@ struct Slot {
 }
 
 impl Device {
-    /// A camera of the simulation, by its position, with pictures by `painter`.
+    /// Device of the camera with index `camera`, with images from `source`.
     pub fn new(
         simulation: &Arc<Simulation>,
         camera: usize,
         faults: CameraFaults,
-        painter: Box<dyn Painter>,
+        source: Box<dyn FrameSource>,
     ) -> Self {
         let seed = random::bits(simulation.settings().seed, random::DEVICE, camera as u64);
         let clock = |k: u64, tick| {
-            let off = OFF_PPM * random::bell(seed, random::DEVICE, k);
+            let off = CLOCK_ERROR_SIGMA_PPM * random::bell(seed, random::DEVICE, k);
             let hours = 2.0 + 20.0 * random::uniform(seed, random::DEVICE + 1, k);
             DeviceClock::new(tick, (hours * 3.6e12) as i64, off, &faults)
         };
         Self {
             clocks: [clock(0, clock::CAMERA_TICK), clock(1, clock::IMU_TICK)],
-            absences: Absences::of(&faults),
+            disconnects: Disconnects::of(&faults),
             simulation: simulation.clone(),
             camera,
             faults,
-            painter,
+            source,
             seed,
             frames: Queue::default(),
             samples: Queue::default(),
@@ -183,29 +184,29 @@ impl Device {
         }
     }
 
-    /// The same with pictures of the scene.
+    /// Device whose images are rendered from the scene.
     pub fn rendered(simulation: &Arc<Simulation>, camera: usize, faults: CameraFaults) -> Self {
-        let pictures = simulation.pictures(camera).with_faults(faults.clone());
-        Self::new(simulation, camera, faults, Box::new(pictures))
+        let frame_renderer = simulation.frames(camera).with_faults(faults.clone());
+        Self::new(simulation, camera, faults, Box::new(frame_renderer))
     }
 
-    /// The clock that stamps frames and the one that stamps IMU samples.
+    /// Clocks of frames and of IMU samples.
     pub fn clocks(&self) -> &[DeviceClock; 2] {
         &self.clocks
     }
 
-    /// When the device is gone: begin and end, ns since the beginning of the walk, in order.
-    pub fn absences(&self) -> &[(i64, i64)] {
-        self.absences.spans()
+    /// Times of disconnection: begin and end, ns since the beginning of the walk, ascending.
+    pub fn disconnects(&self) -> &[(i64, i64)] {
+        self.disconnects.spans()
     }
 
-    /// What was lost so far.
+    /// Losses so far.
     pub fn losses(&self) -> &[Loss] {
         &self.losses
     }
 
-    /// Leaves out frames that would arrive before this time: they are lost as on a device that is not read
-    /// in time. ns since the beginning of the walk. The numbers of those frames.
+    /// Drops frames that would arrive before `time_ns` (ns since the beginning of the walk), as on
+    /// a device that is not read in time. Returns the sequence numbers of those frames.
     pub fn skip_frames_to(&mut self, time_ns: i64) -> Vec<u64> {
         let mut skipped = Vec::new();
         while let Some(slot) = self.next_frame().filter(|s| s.arrival_ns < time_ns) {
@@ -216,7 +217,7 @@ impl Device {
         skipped
     }
 
-    /// What arrives next.
+    /// Next delivery.
     pub fn deliver(&mut self) -> Option<Delivery> {
         if let Some(again) = self.again.take() {
             return Some(Delivery::Frame(again));
@@ -225,8 +226,8 @@ impl Device {
         let sample = self.next_sample();
         let first = [frame, sample].into_iter().flatten();
         let first = first.map(|s| s.arrival_ns).min();
-        if let Some(gone_ns) = self.absences.next_before(first) {
-            return Some(Delivery::Gone(gone_ns));
+        if let Some(disconnected_ns) = self.disconnects.next_before(first) {
+            return Some(Delivery::Disconnected(disconnected_ns));
         }
         match (frame, sample) {
             (frame, Some(sample)) if frame.is_none_or(|f| sample.arrival_ns <= f.arrival_ns) => {
@@ -251,14 +252,14 @@ impl Device {
             let taken_ns = settings.frame_ns(index);
             let time_s = seconds(taken_ns);
             let late_s = self.faults.strength(Kind::Late, time_s);
-            let is_late = random::uniform(self.seed, random::DEVICE + 2, index) < LATE_SHARE;
+            let is_late = random::uniform(self.seed, random::DEVICE + 2, index) < LATE_RATIO;
             let late_ns = if is_late { late_s * 1e9 } else { 0.0 };
             let lost = self.faults.hits(Kind::Dropped, index, time_s);
             let lost = lost.then_some(Kind::Dropped);
             self.enqueue(Stream::Frames, taken_ns, late_ns as i64, lost);
             if lost.is_some() {
-                // It was taken, and the exposure learned from it.
-                self.before = Some(self.painter.paint(index, taken_ns));
+                // The frame was exposed, so the exposure control adapts to it.
+                self.before = Some(self.source.render_frame(index, taken_ns));
             }
         }
         self.frames.next
@@ -278,9 +279,9 @@ impl Device {
         self.samples.next
     }
 
-    /// Takes the next of a stream and finds out when, and whether, it arrives.
+    /// Takes the next measurement of a stream and computes its arrival time, or records its loss.
     fn enqueue(&mut self, stream: Stream, taken_ns: i64, late_ns: i64, lost: Option<Kind>) {
-        let epoch = self.absences.epoch(taken_ns);
+        let epoch = self.disconnects.epoch(taken_ns);
         let (queue, of_delay) = match stream {
             Stream::Frames => (&mut self.frames, random::DEVICE + 3),
             Stream::Imu => (&mut self.samples, random::DEVICE + 4),
@@ -299,14 +300,14 @@ impl Device {
             self.lose(stream, index, taken_ns, cause);
             return;
         }
-        let (mean, most) = DELAY_NS;
+        let (mean, most) = MEAN_MAX_DELAY_NS;
         let delay = (mean * random::exponential(self.seed, of_delay, index)).min(most);
         let burst_s = self.faults.strength(Kind::LatencyBurst, seconds(taken_ns));
         let burst = burst_s * 1e9 * random::exponential(self.seed, of_delay + 2, index);
         let arrival_ns = taken_ns + delay as i64 + burst as i64 + late_ns;
         queue.arrival_ns = queue.arrival_ns.max(arrival_ns);
         let arrival_ns = queue.arrival_ns;
-        if self.absences.epoch(arrival_ns) != Some(epoch) {
+        if self.disconnects.epoch(arrival_ns) != Some(epoch) {
             self.lose(stream, index, taken_ns, Kind::Disconnect);
             return;
         }
@@ -333,17 +334,17 @@ impl Device {
             arrival_ns,
         } = slot;
         let time_s = seconds(taken_ns);
-        let mut picture = self.painter.paint(index, taken_ns);
+        let mut image = self.source.render_frame(index, taken_ns);
         if let Some(before) = &self.before {
             if self.faults.hits(Kind::Frozen, index, time_s) {
-                picture.i420.clone_from(&before.i420);
+                image.i420.clone_from(&before.i420);
             }
             if self.faults.hits(Kind::Torn, index, time_s) {
                 let at = random::uniform(self.seed, random::DEVICE + 7, index);
-                picture.tear(before, at);
+                image.tear(before, at);
             }
         }
-        self.before = Some(picture.clone());
+        self.before = Some(image.clone());
         let frame = DeviceFrame {
             number: index - self.frames.first,
             ticks: self.ticks(Stream::Frames, self.frames.epoch, taken_ns),
@@ -351,7 +352,7 @@ impl Device {
             taken_ns,
             index,
             format: self.simulation.cameras()[self.camera].format,
-            picture,
+            image,
         };
         if self.faults.hits(Kind::Duplicated, index, time_s) {
             self.again = Some(frame.clone());
@@ -367,19 +368,19 @@ impl Device {
         } = slot;
         let time_s = seconds(taken_ns);
         let settings = self.simulation.settings();
-        // Frames are taken in the middle of their periods.
+        // Frames are exposed in the middle of their periods.
         let taken_by = |ns: i64| (seconds(ns) * settings.rate_hz + 0.5).floor().max(0.0) as u64;
-        let begin = self.absences.began(self.samples.epoch);
+        let begin = self.disconnects.began(self.samples.epoch);
         let synced = (taken_by(taken_ns) - taken_by(begin).min(taken_by(taken_ns))) as u32;
         let frame_sync = std::mem::replace(&mut self.synced, synced) != synced;
-        let turned = Conditions::of(&self.faults, time_s).turned;
-        let trouble = ImuTrouble {
+        let rotation = Conditions::of(&self.faults, time_s).rotation;
+        let faults = ImuFaults {
             range_share: 1.0 - self.faults.strength(Kind::ImuClipping, time_s),
-            slip: self.simulation.cameras()[self.camera].slip(&turned),
+            slip: self.simulation.cameras()[self.camera].slip(&rotation),
         };
         let imu = &self.simulation.imus()[self.camera].imu;
         let walker = self.simulation.walker();
-        let measured = imu.sample(walker, index as usize, time_s, &trouble);
+        let measured = imu.sample(walker, index as usize, time_s, &faults);
         let [gyro, accel] = imu.counts(&measured);
         let (cold, warmer, half_s) = WARMING_C;
         let warmth = cold + warmer * (1.0 - libm::exp2(-time_s / half_s));
@@ -397,12 +398,12 @@ impl Device {
         }
     }
 
-    /// What a stream's clock shows at a time in an epoch of the device.
+    /// Clock value of a stream at a time in a connection epoch, ticks.
     fn ticks(&self, stream: Stream, epoch: usize, taken_ns: i64) -> i64 {
         let clock = &self.clocks[stream as usize];
         match epoch {
             0 => clock.ticks(taken_ns),
-            _ => clock.ticks_since(self.absences.began(epoch), taken_ns),
+            _ => clock.ticks_since(self.disconnects.began(epoch), taken_ns),
         }
     }
 }

@@ -13,7 +13,7 @@ pub(crate) const EXAMPLES: Table = &[
             ),
             (
                 "paws-rig-sim render --scene trail --seed 7 --seconds 20 --truth --session --out trail",
-                "folders of pictures with everything that is true, and a session beside them",
+                "folders of images with all ground truth, and a session beside them",
             ),
             (
                 "paws-rig-sim render --scene targets --seconds 75 --session-only --out targets",
@@ -21,7 +21,7 @@ pub(crate) const EXAMPLES: Table = &[
             ),
             (
                 "paws-rig-sim render --scene plaza --time-offset feet=12 --session-only --out late",
-                "a camera that is late, and does not say so",
+                "a camera with an unreported time offset",
             ),
         ],
     ),
@@ -30,7 +30,7 @@ pub(crate) const EXAMPLES: Table = &[
         &[
             (
                 "paws-rig-sim preview --scene stairs --out stairs.png",
-                "what the cameras see, and the way from above",
+                "camera images, and a map of the path",
             ),
             (
                 "paws-rig-sim preview --scene plaza --light low-sun --out plaza.png --film plaza.mp4",

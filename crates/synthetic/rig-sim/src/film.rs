@@ -1,4 +1,4 @@
-//! Pictures into compressed video, one after the other.
+//! Encodes images to video, synchronously.
 
 use std::path::PathBuf;
 use std::sync::mpsc::{Receiver, RecvTimeoutError, sync_channel};
@@ -11,43 +11,43 @@ use video::{PictureError, mp4};
 
 use crate::preview::canvas::Canvas;
 
-/// A software encoder that every machine with GStreamer's usual plugins has, so that bytes are the same.
+/// A software encoder of GStreamer's common plugins, so that bytes are the same on all machines.
 pub(crate) const ELEMENT: &str = "x264enc";
-/// Luma PSNR of real pictures, dB.
+/// Luma PSNR of encoded images, dB.
 pub(crate) const QUALITY_DB: f64 = 42.0;
-/// How long an encoder may think about a picture.
-const PATIENCE: Duration = Duration::from_secs(60);
+/// Maximum time to encode one image.
+const ENCODE_TIMEOUT: Duration = Duration::from_secs(60);
 
-/// Why there is no video.
+/// Error of encoding video.
 #[derive(Debug, thiserror::Error)]
 pub enum FilmError {
-    /// The encoder did not start or failed: look whether GStreamer and its plugins are installed.
-    #[error("encoding pictures")]
+    /// The encoder did not start or failed: check the installation of GStreamer and its plugins.
+    #[error("encoding images")]
     Encode(#[from] EncodeError),
-    /// The encoder failed or gives nothing.
-    #[error("encoding pictures: {0}")]
+    /// The encoder failed or timed out.
+    #[error("encoding images: {0}")]
     Encoder(String),
-    /// A size that cannot be encoded.
-    #[error("encoding pictures")]
+    /// Unsupported image size.
+    #[error("encoding images")]
     Picture(#[from] PictureError),
     /// The file could not be written.
     #[error("writing a film to {}", path.display())]
     Write {
-        /// Which.
+        /// Path of the file.
         path: PathBuf,
-        /// Why.
+        /// Cause.
         source: mp4::Mp4Error,
     },
 }
 
-/// An encoder whose every picture is waited for.
+/// Encoder that returns each access unit before the next image.
 pub(crate) struct Film {
     encoder: Encoder,
     events: Receiver<EncoderEvent>,
 }
 
 impl Film {
-    /// For pictures of this size, of which one in `keys` stands alone at the least.
+    /// For images of this size, with at least one key frame in `keys` images.
     pub(crate) fn new(size: [u32; 2], rate_hz: f64, keys: u32) -> Result<Self, FilmError> {
         let settings = EncoderSettings {
             element: ELEMENT.to_owned(),
@@ -60,7 +60,7 @@ impl Film {
             preset: video::encoder::Preset::default(),
         };
         let (sender, events) = sync_channel(MAX_IN_FLIGHT);
-        // Nobody listens any more once the film is dropped.
+        // The receiver no longer exists once the film is dropped.
         let on_output = move |event| drop(sender.send(event));
         let encoder = Encoder::start(&settings, Box::new(on_output))?;
         Ok(Self { encoder, events })
@@ -70,26 +70,26 @@ impl Film {
         self.encoder.codec()
     }
 
-    /// The access unit of a picture; times rise from picture to picture.
+    /// Access unit of an image; timestamps must increase.
     pub(crate) fn encode(
         &mut self,
         time_ns: i64,
-        picture: &Picture,
+        image: &Picture,
         key: bool,
     ) -> Result<AccessUnit, FilmError> {
-        self.encoder.push(time_ns, picture, key)?;
-        match self.events.recv_timeout(PATIENCE) {
+        self.encoder.push(time_ns, image, key)?;
+        match self.events.recv_timeout(ENCODE_TIMEOUT) {
             Ok(EncoderEvent::AccessUnit(unit)) => Ok(unit),
             Ok(EncoderEvent::Failed(reason)) => Err(FilmError::Encoder(reason)),
             Err(RecvTimeoutError::Timeout | RecvTimeoutError::Disconnected) => {
-                Err(FilmError::Encoder(format!("{ELEMENT} gives nothing")))
+                Err(FilmError::Encoder(format!("{ELEMENT} returned nothing")))
             }
         }
     }
 }
 
 impl Canvas {
-    /// As an encoder takes it; an odd row or column at the end is left out.
+    /// I420 image for the encoder; an odd last row or column is cropped.
     pub(crate) fn i420(&self) -> Result<Picture, PictureError> {
         let (width, height) = (self.width & !1, self.height & !1);
         let rows = self.pixels.chunks_exact(self.width).take(height);

@@ -1,9 +1,9 @@
-//! What an inertial sensor on the rig measures.
+//! Simulated IMU on the rig.
 //!
-//! Contract: sample `n` is a function of walk, model, seed and `n`. Without noise ([`ImuModel::PERFECT`]) it
-//! is the exact specific force and angular rate at the sensor's place, from the spline's derivatives.
-//! Biases walk at random: their steps are independent normal numbers, one per sample, summed up when
-//! the sensor is made.
+//! Contract: sample `n` is a function of walk, model, seed and `n`. Without noise
+//! ([`ImuModel::PERFECT`]) it is the exact specific force and angular rate at the sensor's
+//! position, from the spline's derivatives. Biases are random walks: independent normal steps, one
+//! per sample, summed when the sensor is created.
 
 use cad_transforms::RigidTransform;
 use nalgebra::Vector3;
@@ -14,29 +14,29 @@ use crate::walker::Walker;
 /// Standard gravity, m/s², along -z of the world.
 pub const GRAVITY: f64 = 9.806_65;
 
-/// How good a sensor is.
+/// Error model of an IMU.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct ImuModel {
     /// Samples per second.
     pub rate_hz: f64,
-    /// White noise, rad/s/√Hz and m/s²/√Hz.
+    /// White noise density, rad/s/√Hz and m/s²/√Hz.
     pub noise_density: [f64; 2],
-    /// Random walk of the bias, rad/s²/√Hz and m/s³/√Hz.
+    /// Bias random walk, rad/s²/√Hz and m/s³/√Hz.
     pub random_walk: [f64; 2],
-    /// Bias when switched on, standard deviation, rad/s and m/s².
+    /// Turn-on bias, standard deviation, rad/s and m/s².
     pub turn_on_bias: [f64; 2],
-    /// Error of scale per axis and of the angle between axes, standard deviation.
+    /// Scale error per axis and misalignment between axes, standard deviation.
     pub scale_and_skew: [f64; 2],
-    /// Drift of the bias per second of warming up, rad/s² and m/s³; falls by half each two minutes.
+    /// Bias drift rate while warming up, rad/s² and m/s³; halves every two minutes.
     pub warming: [f64; 2],
-    /// Largest value, rad/s and m/s².
+    /// Range (saturation), rad/s and m/s².
     pub range: [f64; 2],
-    /// Value of one count, rad/s and m/s²; 0 for no rounding.
+    /// Quantization step, rad/s and m/s²; 0 for none.
     pub count: [f64; 2],
 }
 
 impl ImuModel {
-    /// No error at all.
+    /// Ideal sensor without errors.
     pub const PERFECT: Self = Self {
         rate_hz: 400.0,
         noise_density: [0.0; 2],
@@ -48,8 +48,8 @@ impl ImuModel {
         count: [0.0; 2],
     };
 
-    /// A sensor of the kind in a ZED Mini: its ranges and counts (zed-open-capture), noise as data sheets
-    /// of such parts give it.
+    /// IMU of a ZED Mini: ranges and quantization from zed-open-capture, noise as in data sheets of
+    /// such parts.
     pub const ZED_MINI: Self = Self {
         rate_hz: 400.0,
         noise_density: [1.2e-4, 1.6e-3],
@@ -68,7 +68,7 @@ impl ImuModel {
 /// One measurement.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct ImuSample {
-    /// When, s.
+    /// Time, s.
     pub time_s: f64,
     /// Angular rate in the sensor's frame, rad/s.
     pub gyro: Vector3<f64>,
@@ -76,24 +76,24 @@ pub struct ImuSample {
     pub accel: Vector3<f64>,
 }
 
-/// What is wrong with a sensor at a time.
+/// Faults of an IMU at one time.
 #[derive(Clone, Debug, PartialEq)]
-pub struct ImuTrouble {
-    /// Values are cut off beyond this share of the range.
+pub struct ImuFaults {
+    /// Fraction of the range at which values saturate.
     pub range_share: f64,
-    /// How its camera has slipped: [`crate::rig::SimCamera::slip`].
+    /// Displacement of its camera on the rig: [`crate::rig::SimCamera::slip`].
     pub slip: Option<RigidTransform>,
 }
 
-impl ImuTrouble {
-    /// Nothing.
+impl ImuFaults {
+    /// No faults.
     pub const NONE: Self = Self {
         range_share: 1.0,
         slip: None,
     };
 }
 
-/// Angular rate and specific force at a place on the rig, in its frame.
+/// Angular rate and specific force at a pose on the rig, in the sensor frame.
 fn measured(walker: &Walker, time_s: f64, imu_from_rig: &RigidTransform) -> [Vector3<f64>; 2] {
     let rig = walker.rig(time_s);
     let arm = *imu_from_rig.inverse().translation();
@@ -105,7 +105,7 @@ fn measured(walker: &Walker, time_s: f64, imu_from_rig: &RigidTransform) -> [Vec
     [turn * rig.angular_rate, turn * force]
 }
 
-/// A sensor on the rig, for as long as a walk.
+/// A sensor on the rig for the length of a walk.
 #[derive(Clone, Debug)]
 pub struct Imu {
     model: ImuModel,
@@ -113,12 +113,12 @@ pub struct Imu {
     imu_from_rig: RigidTransform,
     /// Gyro and accelerometer bias at each sample.
     biases: Vec<[Vector3<f64>; 2]>,
-    /// Scale on the diagonal, skew beside it; rows.
+    /// Scale on the diagonal, misalignment off it; rows.
     shapes: [[Vector3<f64>; 3]; 2],
 }
 
 impl Imu {
-    /// A sensor at a place for `seconds`. `seed` is its own, another for each sensor.
+    /// A sensor at a pose on the rig for `seconds`. Each sensor has its own `seed`.
     pub fn new(model: ImuModel, imu_from_rig: RigidTransform, seconds: f64, seed: u64) -> Self {
         let normal = |k: u64, i: u64| random::bell(seed, random::IMU + k, i);
         let vector = |k: u64, i: u64| {
@@ -132,7 +132,7 @@ impl Imu {
                 shape
             })
         });
-        // A little more than the walk: the oscillator of a device may run fast.
+        // Slightly longer than the walk: the oscillator of a device may run fast.
         let count = (seconds * model.rate_hz * 1.001).ceil() as usize + 2;
         let dt = 1.0 / model.rate_hz;
         let mut walked = [0, 1].map(|s| vector(4 + s, 0) * model.turn_on_bias[s as usize]);
@@ -155,28 +155,22 @@ impl Imu {
         }
     }
 
-    /// How good it is.
+    /// Error model.
     pub fn model(&self) -> &ImuModel {
         &self.model
     }
 
-    /// What is true at a time, s: angular rate and specific force.
+    /// True angular rate and specific force at a time, s.
     pub fn truth(&self, walker: &Walker, time_s: f64) -> [Vector3<f64>; 2] {
         measured(walker, time_s, &self.imu_from_rig)
     }
 
-    /// Sample `n`, taken at `n / rate` of the device's seconds; `time_s` is what time that is.
+    /// Sample `n`, at `n / rate` of the device's own seconds; `time_s` is the true time.
     ///
     /// # Panics
-    /// Beyond the seconds that it was made for.
-    pub fn sample(
-        &self,
-        walker: &Walker,
-        n: usize,
-        time_s: f64,
-        trouble: &ImuTrouble,
-    ) -> ImuSample {
-        let imu_from_rig = match &trouble.slip {
+    /// If `n` is beyond the length of the sensor's walk.
+    pub fn sample(&self, walker: &Walker, n: usize, time_s: f64, faults: &ImuFaults) -> ImuSample {
+        let imu_from_rig = match &faults.slip {
             None => self.imu_from_rig,
             Some(slip) => self.imu_from_rig * slip.inverse(),
         };
@@ -197,7 +191,7 @@ impl Imu {
                     n as u64,
                 );
                 value[axis] += draw * self.model.noise_density[s] * per_root;
-                let range = self.model.range[s] * trouble.range_share;
+                let range = self.model.range[s] * faults.range_share;
                 value[axis] = value[axis].clamp(-range, range);
                 if self.model.count[s] > 0.0 {
                     value[axis] = (value[axis] / self.model.count[s]).round() * self.model.count[s];
@@ -215,7 +209,7 @@ impl Imu {
     /// The sample in counts, gyro and accelerometer.
     ///
     /// # Panics
-    /// If the model has none.
+    /// If the model has no quantization.
     pub fn counts(&self, sample: &ImuSample) -> [[i16; 3]; 2] {
         let of = |values: &Vector3<f64>, count: f64| {
             assert!(count > 0.0, "a model that is not digital has no counts");
@@ -225,7 +219,7 @@ impl Imu {
         [of(&sample.gyro, gyro), of(&sample.accel, accel)]
     }
 
-    /// The bias that sample `n` has: gyro and accelerometer.
+    /// Bias of sample `n`: gyro and accelerometer.
     pub fn bias(&self, n: usize) -> [Vector3<f64>; 2] {
         self.biases[n]
     }

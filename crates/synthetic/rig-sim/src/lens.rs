@@ -1,42 +1,44 @@
-//! How a camera's lens maps directions to pixels and back.
+//! Lens model: projection from directions to pixels and back.
 //!
-//! Contract: [`Lens::project`] is exact (f64) inside the picture and a margin around it. Farther out,
-//! where a polynomial distortion turns back and would bring the outside in, it goes on radially, so
-//! that what is outside stays outside. [`Lens::project_f32`] is the same for drawing, to 1e-3 px within
-//! the picture. [`Lens::rays`] is the inverse at every pixel centre.
+//! Contract: [`Lens::project`] is exact (f64) inside the image and a margin around it. Farther out,
+//! where a polynomial distortion is not monotonic and would fold outside directions into the image,
+//! it is continued radially, so directions outside remain outside. [`Lens::project_f32`] is the
+//! same for rasterization, to 1e-3 px within the image. [`Lens::rays`] is the inverse at every
+//! pixel center.
 
 use calib::{CameraModel, Distortion, Rational};
 
-/// How far beyond the picture's farthest corner the distortion is used, as a ratio of radii.
-const MARGIN: f64 = 1.05;
+/// Maximum radius at which the distortion model is used, relative to that of the farthest image
+/// corner.
+const MAX_RADIUS_RATIO: f64 = 1.05;
 
-/// Least growth of the distorted radius with the radius where the distortion is used beyond the corner.
-const STIFF: f64 = 0.2;
+/// Minimum derivative of the distorted radius where the distortion model is used beyond the corner.
+const MIN_RADIAL_SLOPE: f64 = 0.2;
 
-/// A camera model, ready for projection.
+/// A camera model prepared for projection.
 #[derive(Clone, Debug)]
 pub struct Lens {
     model: CameraModel,
-    bend: Bend,
-    /// Radius on the plane z = 1 up to which the distortion is used.
+    distortion: DistortionModel,
+    /// Maximum radius on the plane z = 1 at which the distortion model is used.
     limit: f64,
-    quick: Quick,
+    fast: FastProjection,
     bounds: [f64; 4],
 }
 
-/// The models that can be drawn.
+/// Supported distortion models.
 #[derive(Clone, Copy, Debug)]
-enum Bend {
+enum DistortionModel {
     Rational(Rational),
     Fisheye([f64; 4]),
 }
 
-/// A lens in f32: all distortions but the fisheye's are a ratio of polynomials.
+/// Projection in f32: all distortion models except the fisheye are a ratio of polynomials.
 #[derive(Clone, Copy, Debug)]
-struct Quick {
+struct FastProjection {
     limit: f32,
     focal: [f32; 2],
-    centre: [f32; 2],
+    center: [f32; 2],
     over: [f32; 3],
     under: [f32; 3],
     tangential: [f32; 2],
@@ -44,22 +46,23 @@ struct Quick {
 }
 
 impl Lens {
-    /// Whether a lens with this distortion can be drawn.
+    /// Whether a distortion model is supported.
     pub fn can_draw(distortion: &Distortion) -> bool {
-        Bend::of(distortion).is_some()
+        DistortionModel::of(distortion).is_some()
     }
 
-    /// For a model.
+    /// Prepares a camera model.
     ///
     /// # Panics
-    /// For a distortion that [`Self::can_draw`] does not know.
+    /// If [`Self::can_draw`] does not support the distortion.
     pub fn new(model: &CameraModel) -> Self {
-        let bend = Bend::of(&model.distortion).expect("a distortion that can be drawn");
+        let distortion =
+            DistortionModel::of(&model.distortion).expect("a distortion that can be drawn");
         let mut lens = Self {
             model: *model,
-            bend,
+            distortion,
             limit: f64::INFINITY,
-            quick: Quick::of(model, &bend, f64::INFINITY),
+            fast: FastProjection::of(model, &distortion, f64::INFINITY),
             bounds: [0.0; 4],
         };
         let (w, h) = (f64::from(model.width), f64::from(model.height));
@@ -74,24 +77,24 @@ impl Lens {
             (x * x + y * y).sqrt()
         });
         let reach = reach.into_iter().fold(0.0, f64::max);
-        // Not so far that the polynomial turns back.
-        let bent = |r: f64| {
-            let (x, y) = distort(&bend, 0.8 * r, 0.6 * r);
+        // Only as far as the polynomial is monotonic.
+        let distorted = |r: f64| {
+            let (x, y) = distort(&distortion, 0.8 * r, 0.6 * r);
             (x * x + y * y).sqrt()
         };
         let steps = 20;
-        let step = (MARGIN - 1.0) * reach / f64::from(steps);
+        let step = (MAX_RADIUS_RATIO - 1.0) * reach / f64::from(steps);
         let grows = (0..steps)
             .map(|k| reach + step * f64::from(k))
-            .take_while(|&r| bent(r + step) - bent(r) > STIFF * step);
+            .take_while(|&r| distorted(r + step) - distorted(r) > MIN_RADIAL_SLOPE * step);
         lens.limit = grows.last().map_or(reach, |r| r + step);
-        lens.quick = Quick::of(model, &bend, lens.limit);
+        lens.fast = FastProjection::of(model, &distortion, lens.limit);
         lens.bounds = lens.border();
         lens
     }
 
-    /// What the picture and one pixel around it see lies between these on the plane z = 1: least x and
-    /// y, greatest x and y.
+    /// Bounds of the image, extended by one pixel, on the plane z = 1: minimum x and y, maximum x
+    /// and y.
     pub fn bounds(&self) -> [f64; 4] {
         self.bounds
     }
@@ -108,18 +111,19 @@ impl Lens {
         })
     }
 
-    /// [`Lens::project`] for drawing. The same direction gives the same bits wherever it is asked for.
+    /// [`Lens::project`] for rasterization. The same direction always gives the same bits.
     #[inline(always)]
     pub fn project_f32(&self, x: f32, y: f32) -> (f32, f32) {
-        self.quick.project(x, y)
+        self.fast.project(x, y)
     }
 
-    /// Size and numbers.
+    /// Image size and intrinsics.
     pub fn model(&self) -> &CameraModel {
         &self.model
     }
 
-    /// Whether the model is used for the direction `(x, y, 1)`, and not what it is continued by.
+    /// Whether the distortion model is used for the direction `(x, y, 1)`, rather than its radial
+    /// continuation.
     #[inline]
     pub fn is_known(&self, x: f64, y: f64) -> bool {
         x * x + y * y <= self.limit * self.limit
@@ -130,10 +134,10 @@ impl Lens {
     pub fn project(&self, x: f64, y: f64) -> (f64, f64) {
         let square = x * x + y * y;
         let (x, y) = if square <= self.limit * self.limit {
-            distort(&self.bend, x, y)
+            distort(&self.distortion, x, y)
         } else {
             let beyond = square.sqrt() / self.limit;
-            let (x, y) = distort(&self.bend, x / beyond, y / beyond);
+            let (x, y) = distort(&self.distortion, x / beyond, y / beyond);
             (x * beyond, y * beyond)
         };
         (
@@ -142,7 +146,7 @@ impl Lens {
         )
     }
 
-    /// The direction `(x, y, 1)` that a pixel sees, to 1e-12 where the distortion can be inverted.
+    /// Direction `(x, y, 1)` of a pixel, to 1e-12 where the distortion is invertible.
     pub fn unproject(&self, u: f64, v: f64) -> (f64, f64) {
         let (goal_x, goal_y) = (
             (u - self.model.cx) / self.model.fx,
@@ -150,15 +154,15 @@ impl Lens {
         );
         let (mut x, mut y) = (goal_x, goal_y);
         for _ in 0..30 {
-            let (dx, dy) = distort(&self.bend, x, y);
+            let (dx, dy) = distort(&self.distortion, x, y);
             let (ex, ey) = (goal_x - dx, goal_y - dy);
             if ex.abs().max(ey.abs()) < 1e-13 {
                 break;
             }
-            // Newton's step, its derivatives by differences.
+            // Newton step with numerical derivatives.
             let h = 1e-6;
-            let (ax, ay) = distort(&self.bend, x + h, y);
-            let (bx, by) = distort(&self.bend, x, y + h);
+            let (ax, ay) = distort(&self.distortion, x + h, y);
+            let (bx, by) = distort(&self.distortion, x, y + h);
             let (xx, yx) = ((ax - dx) / h, (ay - dy) / h);
             let (xy, yy) = ((bx - dx) / h, (by - dy) / h);
             let determinant = xx * yy - xy * yx;
@@ -168,7 +172,7 @@ impl Lens {
         (x, y)
     }
 
-    /// The directions of all pixel centres, moved by `shift` pixels; rows first.
+    /// Directions of all pixel centers, offset by `shift` px; row-major.
     pub fn rays(&self, shift: (f64, f64)) -> Vec<[f32; 2]> {
         let rows = 0..self.model.height;
         rows.flat_map(|v| (0..self.model.width).map(move |u| (u, v)))
@@ -180,7 +184,7 @@ impl Lens {
     }
 }
 
-impl Bend {
+impl DistortionModel {
     fn of(distortion: &Distortion) -> Option<Self> {
         match *distortion {
             Distortion::KannalaBrandt4 { k1, k2, k3, k4 } => Some(Self::Fisheye([k1, k2, k3, k4])),
@@ -189,16 +193,16 @@ impl Bend {
     }
 }
 
-impl Quick {
-    fn of(model: &CameraModel, bend: &Bend, limit: f64) -> Self {
-        let (rational, fisheye) = match *bend {
-            Bend::Rational(rational) => (rational, None),
-            Bend::Fisheye(k) => (Rational::default(), Some(k.map(|k| k as f32))),
+impl FastProjection {
+    fn of(model: &CameraModel, distortion: &DistortionModel, limit: f64) -> Self {
+        let (rational, fisheye) = match *distortion {
+            DistortionModel::Rational(rational) => (rational, None),
+            DistortionModel::Fisheye(k) => (Rational::default(), Some(k.map(|k| k as f32))),
         };
         Self {
             limit: limit as f32,
             focal: [model.fx as f32, model.fy as f32],
-            centre: [model.cx as f32, model.cy as f32],
+            center: [model.cx as f32, model.cy as f32],
             over: rational.over.map(|k| k as f32),
             under: rational.under.map(|k| k as f32),
             tangential: rational.tangential.map(|p| p as f32),
@@ -216,20 +220,20 @@ impl Quick {
         };
         let (x, y) = (x / beyond, y / beyond);
         let (x, y) = match &self.fisheye {
-            None => self.bent(x, y),
+            None => self.distorted(x, y),
             Some(k) => {
                 let radial = radial_f32(k, x * x + y * y);
                 (x * radial, y * radial)
             }
         };
         (
-            self.focal[0] * (x * beyond) + self.centre[0],
-            self.focal[1] * (y * beyond) + self.centre[1],
+            self.focal[0] * (x * beyond) + self.center[0],
+            self.focal[1] * (y * beyond) + self.center[1],
         )
     }
 
     #[inline(always)]
-    fn bent(&self, x: f32, y: f32) -> (f32, f32) {
+    fn distorted(&self, x: f32, y: f32) -> (f32, f32) {
         let r2 = x * x + y * y;
         let poly = |[a, b, c]: [f32; 3]| 1.0 + r2 * (a + r2 * (b + r2 * c));
         let radial = poly(self.over) / poly(self.under);
@@ -241,7 +245,7 @@ impl Quick {
     }
 }
 
-/// A fisheye's stretching of the squared radius on the plane z = 1.
+/// Radial factor of a fisheye by the squared radius on the plane z = 1.
 fn radial_f32(k: &[f32; 4], r2: f32) -> f32 {
     let r = r2.sqrt();
     if r < 1e-5 {
@@ -254,10 +258,10 @@ fn radial_f32(k: &[f32; 4], r2: f32) -> f32 {
 
 /// OpenCV's models (documentation of `calib3d` and `fisheye`).
 #[inline]
-fn distort(bend: &Bend, x: f64, y: f64) -> (f64, f64) {
+fn distort(distortion: &DistortionModel, x: f64, y: f64) -> (f64, f64) {
     let r2 = x * x + y * y;
-    match bend {
-        Bend::Rational(rational) => {
+    match distortion {
+        DistortionModel::Rational(rational) => {
             let poly = |[a, b, c]: [f64; 3]| 1.0 + r2 * (a + r2 * (b + r2 * c));
             let radial = poly(rational.over) / poly(rational.under);
             let [p1, p2] = rational.tangential;
@@ -266,15 +270,15 @@ fn distort(bend: &Bend, x: f64, y: f64) -> (f64, f64) {
                 y * radial + (p1 * (r2 + 2.0 * y * y) + 2.0 * p2 * x * y),
             )
         }
-        Bend::Fisheye([k1, k2, k3, k4]) => {
+        DistortionModel::Fisheye([k1, k2, k3, k4]) => {
             let r = r2.sqrt();
             if r < 1e-9 {
                 return (x, y);
             }
             let angle = libm::atan(r);
             let a2 = angle * angle;
-            let bent = angle * (1.0 + a2 * (k1 + a2 * (k2 + a2 * (k3 + a2 * k4))));
-            (x * (bent / r), y * (bent / r))
+            let distorted = angle * (1.0 + a2 * (k1 + a2 * (k2 + a2 * (k3 + a2 * k4))));
+            (x * (distorted / r), y * (distorted / r))
         }
     }
 }
@@ -322,9 +326,9 @@ mod tests {
         ]
     }
 
-    /// f32 has 24 bits: some 1e-4 px after the few operations that there are.
+    /// f32 has 24 bits: about 1e-4 px after these few operations.
     #[test]
-    fn the_quick_projection_is_the_exact_one_to_a_thousandth_of_a_pixel() {
+    fn f32_projection_agrees_to_a_thousandth_of_a_pixel() {
         for distortion in distortions() {
             let lens = Lens::new(&model(distortion));
             let [x0, y0, x1, y1] = lens.bounds();
@@ -342,7 +346,7 @@ mod tests {
     }
 
     #[test]
-    fn what_the_picture_sees_is_within_bounds() {
+    fn image_rays_are_within_bounds() {
         for distortion in distortions() {
             let lens = Lens::new(&model(distortion));
             let [x0, y0, x1, y1] = lens.bounds();
@@ -354,7 +358,7 @@ mod tests {
     }
 
     #[test]
-    fn projection_and_its_inverse_agree_for_every_model() {
+    fn unproject_inverts_project_for_every_model() {
         for distortion in distortions() {
             let lens = Lens::new(&model(distortion));
             for (u, v) in [(0.0, 0.0), (671.0, 375.0), (330.0, 190.0), (12.5, 300.25)] {
@@ -369,8 +373,8 @@ mod tests {
     }
 
     #[test]
-    fn what_is_outside_stays_outside() {
-        // This polynomial turns back at a radius of 1.8 and is zero again at 3.2.
+    fn directions_outside_project_outside() {
+        // This polynomial has its maximum at a radius of 1.8 and is zero again at 3.2.
         let lens = Lens::new(&model(Distortion::RadTan4 {
             k1: -0.1,
             k2: 0.0,

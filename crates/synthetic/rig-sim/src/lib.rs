@@ -1,15 +1,15 @@
-//! A simulated chest rig that knows the truth.
+//! A simulated chest rig with exact ground truth.
 //!
-//! A person walks through a scene with three stereo cameras and their IMUs on the chest; what the sensors
-//! would have seen is rendered, and everything that later code estimates is known exactly.
+//! A person walks through a scene with three stereo cameras and their IMUs on the chest. The sensor
+//! data is rendered, and every quantity that later code estimates is known exactly.
 //!
-//! The data flow: [`scene`] (geometry, light, a route) → [`walker`] (poses of rig and feet) →
-//! [`camera`] (pictures and their truth) and IMU samples; [`simulation`] puts them together, [`render`]
-//! and [`preview`] write what comes out. All of it is a function of names and a
-//! seed: nothing is loaded, no clock is read, and the same seed gives the same bytes on any machine.
+//! Data flow: [`scene`] (geometry, light, a route) → [`walker`] (poses of rig and feet) →
+//! [`camera`] (images and their ground truth) and IMU samples. [`simulation`] combines them;
+//! [`render`] and [`preview`] write the results. Everything is a function of names and a seed:
+//! nothing is loaded, no clock is read, and the same seed gives the same bytes on any machine.
 
+pub mod calibration_error;
 pub mod camera;
-pub mod deviation;
 pub mod device;
 pub mod faults;
 pub mod film;

@@ -1,7 +1,7 @@
 //! The command line of `paws-rig-sim`.
 //!
-//! Results go to standard output, everything else to standard error. Exit codes: 0 fine, 1 failed, 2 bad
-//! arguments.
+//! Results go to standard output, everything else to standard error. Exit codes: 0 success, 1
+//! failure, 2 invalid arguments.
 
 use std::num::NonZeroUsize;
 use std::path::{Path, PathBuf};
@@ -18,19 +18,19 @@ use command_line::output::{self, is_quiet, print};
 use command_line::{Papers, Verbosity, complain};
 use indicatif::{ProgressBar, ProgressStyle};
 use log::LevelFilter;
+use rig_sim::calibration_error::CalibrationError;
 use rig_sim::camera::Quality;
 use rig_sim::camera::sensor::Tone;
-use rig_sim::deviation::Deviation;
 use rig_sim::faults::Faults;
 use rig_sim::preview;
 use rig_sim::render::{Job, render, render_session};
-use rig_sim::scene::{Kind, Time};
+use rig_sim::scene::{Kind, Lighting};
 use rig_sim::simulation::{Imaging, Settings, Simulation, SimulationError};
 use rig_sim::targets::{Motion, Plan, april_grid};
 
 mod examples;
 
-/// The rig that is simulated unless another is named.
+/// Default rig.
 const EXAMPLE_RIG: &str = include_str!("../../../../cad-transforms/rigs/example.toml");
 
 /// Simulates a walk with the chest rig, with exact ground truth.
@@ -49,20 +49,20 @@ Exit codes: 0 fine, 1 failed, 2 bad arguments.";
 
 #[derive(Debug, Subcommand)]
 enum Command {
-    /// Write what cameras and IMUs record as EuRoC/ASL folders, and what is true.
+    /// Write camera and IMU data as EuRoC/ASL folders, with ground truth.
     Render(Render),
-    /// Draw what the cameras see at a few instants, and the way from above, as one PNG.
+    /// Draw the camera images at a few instants and a map of the path as one PNG.
     Preview {
-        /// Instants to show.
+        /// Number of instants to show.
         #[arg(long, value_name = "N", default_value = "4")]
         instants: NonZeroUsize,
         /// PNG file to write.
         #[arg(long, value_name = "FILE")]
         out: PathBuf,
-        /// Frames per second of a film; the instants are those of frames.
+        /// Frames per second of a film; the instants are frame times.
         #[arg(long, value_name = "HZ", default_value = "30")]
         rate: f64,
-        /// Also film the whole walk into this MP4 file.
+        /// Also write the whole walk as a film to this MP4 file.
         #[arg(long, value_name = "FILE")]
         film: Option<PathBuf>,
         #[command(flatten)]
@@ -80,38 +80,38 @@ struct Render {
     /// Folder to write; must be new or empty.
     #[arg(long, value_name = "DIR")]
     out: PathBuf,
-    /// Also write what every pixel really sees.
+    /// Also write ground truth of every pixel: depth, class, instance and flow.
     #[arg(long)]
     truth: bool,
-    /// Also write a session archive, as if a recorder without fault had recorded: DIR/session.
+    /// Also write a session archive, as a recorder without faults would: DIR/session.
     #[arg(long)]
     session: bool,
     /// Write a session archive and nothing else: DIR is the session.
     #[arg(long, conflicts_with_all = ["session", "truth"])]
     session_only: bool,
-    /// The session has neither lenses nor a rig file, as that of a rig that was never calibrated.
+    /// The session has neither intrinsics nor a rig file, as of an uncalibrated rig.
     #[arg(long)]
-    untold: bool,
-    /// TOML file of what goes wrong: with lenses and light in the folders, with everything in the session.
+    uncalibrated: bool,
+    /// TOML file with faults: the folders have those of lenses and light, the session has all.
     #[arg(long, value_name = "FILE")]
     faults: Option<PathBuf>,
     /// Cameras rendered at a time [default: all]
     #[arg(long, value_name = "N")]
     threads: Option<NonZeroUsize>,
-    // Last: it ends with headings of its own.
+    // Last, since it ends with its own headings.
     #[command(flatten)]
     walk: Walk,
 }
 
 #[derive(Debug, Args)]
 struct Walk {
-    /// Place to walk through.
+    /// Scene.
     #[arg(long, value_name = "SCENE", value_parser = scene())]
     scene: Kind,
-    /// Light.
-    #[arg(long, default_value = Time::Day.name(), value_parser = light())]
-    light: Time,
-    /// All randomness follows from it.
+    /// Lighting.
+    #[arg(long, default_value = Lighting::Day.name(), value_parser = lighting())]
+    light: Lighting,
+    /// Seed of all random numbers.
     #[arg(long, value_name = "N", default_value = "1")]
     seed: u64,
     /// Length of the walk.
@@ -128,67 +128,69 @@ struct Walk {
     /// Rows.
     #[arg(long, value_name = "PIXELS", default_value = "376")]
     height: u32,
-    /// fast: one look per picture; accurate: smooth edges and motion blur.
+    /// fast: one sample per image; accurate: smooth edges and motion blur.
     #[arg(long, default_value = "accurate", value_parser = quality())]
     quality: Quality,
     /// Rig file [default: the example rig]
     #[arg(long, value_name = "FILE")]
     rig: Option<PathBuf>,
-    /// Lenses of a camera, from a calibration file or folder; may be given for each camera [default: nominal ones]
-    #[arg(long, value_name = "CAMERA=FILE", value_parser = of_camera)]
+    /// Intrinsics of a camera, from a calibration file or folder; may be given for each camera
+    /// [default: nominal ones]
+    #[arg(long, value_name = "CAMERA=FILE", value_parser = camera_file)]
     calibration: Vec<(String, PathBuf)>,
     #[command(flatten)]
-    differs: Differs,
+    ground_truth: GroundTruthArguments,
     #[command(flatten)]
     boards: Boards,
     #[command(flatten)]
     sensors: Sensors,
 }
 
-/// What is true and not told.
+/// Ground truth that differs from the recorded calibration.
 #[derive(Debug, Args)]
-#[command(next_help_heading = "What is true and not told")]
-struct Differs {
-    /// Rig file of the rig as it is; what is recorded says --rig.
+#[command(next_help_heading = "Ground truth that differs from the recorded calibration")]
+struct GroundTruthArguments {
+    /// Rig file with the true extrinsics; the recording contains --rig.
     #[arg(long, value_name = "FILE", conflicts_with = "deviation")]
     true_rig: Option<PathBuf>,
-    /// Lenses of a camera as they are; what is recorded says --calibration, or the nominal ones.
-    #[arg(long, value_name = "CAMERA=FILE", value_parser = of_camera)]
+    /// True intrinsics of a camera; the recording contains --calibration, or the nominal ones.
+    #[arg(long, value_name = "CAMERA=FILE", value_parser = camera_file)]
     true_calibration: Vec<(String, PathBuf)>,
-    /// A camera's pictures were taken so many milliseconds earlier than they say.
-    #[arg(long, value_name = "CAMERA=MS", value_parser = late)]
+    /// Frame timestamp minus true exposure time of a camera, in milliseconds.
+    #[arg(long, value_name = "CAMERA=MS", value_parser = time_offset)]
     time_offset: Vec<(String, f64)>,
-    /// TOML file of what has turned, moved and is late: see docs/rig-sim.md.
+    /// TOML file with errors of rotation, translation, time offset and intrinsics: see
+    /// docs/rig-sim.md.
     #[arg(long, value_name = "FILE")]
     deviation: Option<PathBuf>,
 }
 
-/// For the scene of calibration boards.
+/// Options of the scene with calibration boards.
 #[derive(Debug, Args)]
 #[command(next_help_heading = "Scene targets")]
 struct Boards {
-    /// How the plate is carried before the boards.
+    /// Motion of the rig in front of the boards.
     #[arg(long, default_value = Motion::Varied.name(), value_parser = motion())]
     motion: Motion,
-    /// Views after which the plate rests for good [default: as many as there is time for]
+    /// Number of views, after which the rig is at rest [default: as time allows]
     #[arg(long, value_name = "N")]
     views: Option<usize>,
-    /// How far the middle of each board is behind its edges, mm.
+    /// Distance of the middle of each board behind its edges, mm.
     #[arg(
         long,
         value_name = "MM",
         default_value = "0",
         allow_negative_numbers = true
     )]
-    bend: f64,
-    /// How much larger boards are than their files say, percent.
+    board_bow: f64,
+    /// Size of the boards relative to their files, minus one, percent.
     #[arg(
         long,
         value_name = "PERCENT",
         default_value = "0",
         allow_negative_numbers = true
     )]
-    larger: f64,
+    board_scale_error: f64,
     /// File of a board; may be given for each camera [default: AprilGrids of 6 x 6 tags for all]
     #[arg(long, value_name = "FILE")]
     target: Vec<PathBuf>,
@@ -197,21 +199,22 @@ struct Boards {
 #[derive(Debug, Args)]
 #[command(next_help_heading = "Sensors")]
 struct Sensors {
-    /// Milliseconds that every picture is exposed [default: by the light]
+    /// Exposure time of every image, in milliseconds [default: automatic]
     #[arg(long, value_name = "MS")]
     exposure: Option<f64>,
-    /// How much noise pictures have, as a multiple of the usual.
+    /// Factor on the image noise; 1 is nominal.
     #[arg(long, value_name = "X", default_value = "1")]
     noise: f64,
-    /// Numbers in proportion to light, without the tone curve of sRGB.
+    /// Linear pixel values, without the sRGB tone curve.
     #[arg(long)]
     linear: bool,
-    /// All rows of all cameras exposed at once; else the feet camera rolls.
+    /// Expose all rows of all cameras simultaneously; otherwise the feet camera has a rolling
+    /// shutter.
     #[arg(long)]
     global_shutter: bool,
 }
 
-/// A word for each of these values.
+/// Parser of one word per value.
 fn one_of<T>(values: Vec<(&'static str, T)>) -> impl TypedValueParser<Value = T>
 where
     T: Copy + Send + Sync + 'static,
@@ -231,8 +234,12 @@ fn motion() -> impl TypedValueParser<Value = Motion> {
     one_of(Motion::ALL.map(|motion| (motion.name(), motion)).to_vec())
 }
 
-fn light() -> impl TypedValueParser<Value = Time> {
-    one_of(Time::ALL.map(|time| (time.name(), time)).to_vec())
+fn lighting() -> impl TypedValueParser<Value = Lighting> {
+    one_of(
+        Lighting::ALL
+            .map(|lighting| (lighting.name(), lighting))
+            .to_vec(),
+    )
 }
 
 fn quality() -> impl TypedValueParser<Value = Quality> {
@@ -243,7 +250,7 @@ fn quality() -> impl TypedValueParser<Value = Quality> {
 }
 
 fn main() -> ExitCode {
-    // Bad arguments end here, with 2.
+    // Invalid arguments exit here with code 2.
     let arguments = Arguments::from_arg_matches(&command().get_matches());
     let arguments = arguments.unwrap_or_else(|error| error.exit());
     arguments.verbosity.logger(LevelFilter::Warn).init();
@@ -273,7 +280,7 @@ fn command() -> clap::Command {
     command_line::examples::add(Arguments::command(), examples::EXAMPLES)
 }
 
-/// The text of a file that was named.
+/// Reads a text file.
 fn text_of(path: &Path, what: &str) -> Result<String> {
     plain_file::read_to_string(path, plain_file::TEXT_LIMIT)
         .with_context(|| format!("reading {what} {}", path.display()))
@@ -291,7 +298,7 @@ fn simulate(walk: &Walk, rate_hz: f64) -> Result<(Arc<Simulation>, Rig, String)>
     };
     let settings = Settings {
         kind: walk.scene,
-        time: walk.light,
+        lighting: walk.light,
         seed: walk.seed,
         seconds: walk.seconds,
         rate_hz,
@@ -300,7 +307,7 @@ fn simulate(walk: &Walk, rate_hz: f64) -> Result<(Arc<Simulation>, Rig, String)>
         quality: walk.quality,
     };
     let mut simulation = match walk.scene {
-        Kind::Targets => before_boards(&settings, &rig, &walk.boards)?,
+        Kind::Targets => target_session(&settings, &rig, &walk.boards)?,
         _ => Simulation::new(&settings, &rig)?,
     };
     let stereo = |camera: &str, path: &Path| {
@@ -314,31 +321,31 @@ fn simulate(walk: &Walk, rate_hz: f64) -> Result<(Arc<Simulation>, Rig, String)>
     for (camera, path) in &walk.calibration {
         simulation = simulation.with_lenses(camera, &stereo(camera, path)?)?;
     }
-    let differs = &walk.differs;
-    for (camera, path) in &differs.true_calibration {
+    let ground_truth = &walk.ground_truth;
+    for (camera, path) in &ground_truth.true_calibration {
         simulation = simulation.with_true_lenses(camera, &stereo(camera, path)?)?;
     }
-    if let Some(path) = &differs.true_rig {
+    if let Some(path) = &ground_truth.true_rig {
         simulation = simulation.with_true_rig(&Rig::read(path)?)?;
     }
-    let mut deviation = match &differs.deviation {
-        None => Deviation::default(),
+    let mut calibration_error = match &ground_truth.deviation {
+        None => CalibrationError::default(),
         Some(path) => {
-            let text = text_of(path, "how the rig deviates:")?;
-            Deviation::parse(&text, &rig.cameras())
+            let text = text_of(path, "the calibration errors")?;
+            CalibrationError::parse(&text, &rig.cameras())
                 .with_context(|| format!("in {}", path.display()))?
         }
     };
-    for (camera, ms) in &differs.time_offset {
+    for (camera, ms) in &ground_truth.time_offset {
         if !rig.cameras().contains(&camera.as_str()) {
             anyhow::bail!(
-                "giving a camera a time offset: found {camera:?}, expected one of {}",
+                "setting the time offset of a camera: found {camera:?}, expected one of {}",
                 rig.cameras().join(", ")
             );
         }
-        deviation.of_mut(camera).late_ns = (ms * 1e6).round() as i64;
+        calibration_error.of_mut(camera).time_offset_ns = (ms * 1e6).round() as i64;
     }
-    simulation = simulation.with_deviation(&rig, &deviation)?;
+    simulation = simulation.with_calibration_error(&rig, &calibration_error)?;
     let sensors = &walk.sensors;
     simulation = simulation.with_imaging(Imaging {
         exposure_s: sensors.exposure.map(|ms| 1e-3 * ms),
@@ -353,16 +360,16 @@ fn simulate(walk: &Walk, rate_hz: f64) -> Result<(Arc<Simulation>, Rig, String)>
     Ok((Arc::new(simulation), rig, text))
 }
 
-fn before_boards(settings: &Settings, rig: &Rig, boards: &Boards) -> Result<Simulation> {
+fn target_session(settings: &Settings, rig: &Rig, boards: &Boards) -> Result<Simulation> {
     let plan = Plan {
         motion: boards.motion,
         views: boards.views,
-        bend_m: 1e-3 * boards.bend,
-        larger: 1e-2 * boards.larger,
+        bow_m: 1e-3 * boards.board_bow,
+        scale_error: 1e-2 * boards.board_scale_error,
     };
     let read = |path: &PathBuf| {
         let target = Target::read(path)?;
-        match target.objection() {
+        match target.invalid_reason() {
             None => anyhow::Ok(target),
             Some((key, why)) => anyhow::bail!("{key} is {why}: {}", path.display()),
         }
@@ -376,7 +383,7 @@ fn before_boards(settings: &Settings, rig: &Rig, boards: &Boards) -> Result<Simu
 }
 
 /// `CAMERA=MS`
-fn late(text: &str) -> Result<(String, f64), String> {
+fn time_offset(text: &str) -> Result<(String, f64), String> {
     let parts = text
         .split_once('=')
         .filter(|(camera, _)| !camera.is_empty());
@@ -386,7 +393,7 @@ fn late(text: &str) -> Result<(String, f64), String> {
 }
 
 /// `CAMERA=FILE`
-fn of_camera(text: &str) -> Result<(String, PathBuf), String> {
+fn camera_file(text: &str) -> Result<(String, PathBuf), String> {
     match text.split_once('=') {
         Some((camera, file)) if !camera.is_empty() && !file.is_empty() => {
             Ok((camera.to_owned(), file.into()))
@@ -398,8 +405,8 @@ fn of_camera(text: &str) -> Result<(String, PathBuf), String> {
 fn render_to(arguments: &Render) -> Result<()> {
     let walk = &arguments.walk;
     let (mut simulation, rig, rig_text) = simulate(walk, arguments.rate)?;
-    if arguments.untold {
-        simulation = Arc::new(Arc::unwrap_or_clone(simulation).untold());
+    if arguments.uncalibrated {
+        simulation = Arc::new(Arc::unwrap_or_clone(simulation).without_calibration());
     }
     let faults = match &arguments.faults {
         None => Faults::default(),
@@ -448,7 +455,7 @@ fn preview_to(
     let instants = preview::instants(&simulation, instants);
     let cameras = simulation.cameras().len() as u64;
     let filmed = film.map_or(0, |_| simulation.settings().frame_count());
-    let bar = progress_bar((instants.len() as u64 + filmed) * cameras, "pictures")?;
+    let bar = progress_bar((instants.len() as u64 + filmed) * cameras, "images")?;
     let sheet = preview::sheet(&simulation, &instants, &|| bar.inc(1));
     sheet
         .save(out)
@@ -473,7 +480,7 @@ fn preview_to(
     Ok(())
 }
 
-/// Shown only where standard error is a terminal, and not with `-q`.
+/// Shown only if standard error is a terminal, and not with `-q`.
 fn progress_bar(length: u64, what: &str) -> Result<ProgressBar> {
     if is_quiet() {
         return Ok(ProgressBar::hidden());
@@ -496,13 +503,13 @@ mod tests {
     }
 
     #[test]
-    fn every_help_lists_words_and_names_units() {
+    fn help_lists_values_and_units() {
         let wrong = command_line::help::check(&command());
         assert!(wrong.is_empty(), "{}", wrong.join("\n"));
     }
 
     #[test]
-    fn an_unknown_scene_is_answered_with_those_there_are() {
+    fn unknown_scene_is_rejected_with_the_known_ones() {
         let words = [
             "paws-rig-sim",
             "preview",

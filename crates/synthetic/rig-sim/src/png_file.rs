@@ -1,4 +1,4 @@
-//! Pictures as PNG files.
+//! Images as PNG files.
 
 use std::fs::File;
 use std::io::{self, BufWriter, Write};
@@ -6,23 +6,23 @@ use std::path::Path;
 
 use png::{BitDepth, ColorType, Compression};
 
-/// Writes grey of eight bits, rows first.
-pub(crate) fn grey8(path: &Path, size: [usize; 2], pixels: &[u8]) -> io::Result<()> {
+/// Writes 8-bit gray, row-major.
+pub(crate) fn gray8(path: &Path, size: [usize; 2], pixels: &[u8]) -> io::Result<()> {
     write(path, size, ColorType::Grayscale, BitDepth::Eight, pixels)
 }
 
-/// Writes grey of sixteen bits, rows first.
-pub(crate) fn grey16(
+/// Writes 16-bit gray, row-major.
+pub(crate) fn gray16(
     path: &Path,
     size: [usize; 2],
     pixels: impl Iterator<Item = u16>,
 ) -> io::Result<()> {
-    // A PNG file has the high byte first.
+    // PNG is big endian.
     let bytes: Vec<u8> = pixels.flat_map(u16::to_be_bytes).collect();
     write(path, size, ColorType::Grayscale, BitDepth::Sixteen, &bytes)
 }
 
-/// Writes red, green, blue of sixteen bits each, rows first.
+/// Writes 16-bit RGB, row-major.
 pub(crate) fn rgb16(
     path: &Path,
     size: [usize; 2],
@@ -32,7 +32,7 @@ pub(crate) fn rgb16(
     write(path, size, ColorType::Rgb, BitDepth::Sixteen, &bytes)
 }
 
-/// Writes red, green, blue of eight bits each, rows first.
+/// Writes 8-bit RGB, row-major.
 pub(crate) fn rgb8(path: &Path, size: [usize; 2], pixels: &[[u8; 3]]) -> io::Result<()> {
     let bytes = pixels.as_flattened();
     write(path, size, ColorType::Rgb, BitDepth::Eight, bytes)

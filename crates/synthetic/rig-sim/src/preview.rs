@@ -1,9 +1,9 @@
-//! A simulated walk on one sheet: for a few instants what the cameras see, and below it the place from
-//! above with the way and every footprint, the left ones blue.
+//! A simulated walk on one sheet: the camera images at a few instants, and below them a map of the
+//! scene with the path and every footprint, the left ones blue.
 //!
-//! Contract: one row per instant, one column per camera, from the wearer's left to the right, each the
-//! left eye's picture in colour. At each instant the exposure has settled. The same simulation and the same
-//! instants give the same sheet.
+//! Contract: one row per instant, one column per camera, from the wearer's left to the right, each
+//! the color image of the left eye. At each instant the exposure has converged. The same simulation
+//! and the same instants give the same sheet.
 
 use std::panic::resume_unwind;
 use std::sync::Arc;
@@ -16,13 +16,13 @@ pub mod canvas;
 pub mod film;
 mod map;
 
-use self::canvas::{Canvas, Colour};
+use self::canvas::{Canvas, Color};
 
-/// Between pictures, px.
+/// Gap between images, px.
 const GAP: usize = 4;
-const PAPER: Colour = [255, 255, 255];
-const LABEL: Colour = [255, 230, 0];
-const SHADE: Colour = [0, 0, 0];
+const PAPER: Color = [255, 255, 255];
+const LABEL: Color = [255, 230, 0];
+const SHADE: Color = [0, 0, 0];
 
 /// `count` instants, ns, spread evenly over the walk.
 pub fn instants(simulation: &Simulation, count: usize) -> Vec<i64> {
@@ -32,7 +32,7 @@ pub fn instants(simulation: &Simulation, count: usize) -> Vec<i64> {
     (0..count).map(frame).collect()
 }
 
-/// Draws the sheet. `done` is called after each picture, from any thread.
+/// Draws the sheet. `done` is called after each image, from any thread.
 pub fn sheet(simulation: &Arc<Simulation>, instants: &[i64], done: &(dyn Fn() + Sync)) -> Canvas {
     let order = left_to_right(simulation);
     let columns = thread::scope(|scope| {
@@ -53,8 +53,8 @@ pub fn sheet(simulation: &Arc<Simulation>, instants: &[i64], done: &(dyn Fn() + 
     let (map, _) = map::draw(simulation, sheet_width, instants);
     let mut sheet = Canvas::new(sheet_width, rows_height + map.height, PAPER);
     for (i, column) in columns.iter().enumerate() {
-        for (j, picture) in column.iter().enumerate() {
-            sheet.paste([i * (width + GAP), j * (height + GAP)], width, picture);
+        for (j, image) in column.iter().enumerate() {
+            sheet.paste([i * (width + GAP), j * (height + GAP)], width, image);
         }
     }
     for (j, &time_ns) in instants.iter().enumerate() {
@@ -77,17 +77,17 @@ fn left_to_right(simulation: &Simulation) -> Vec<usize> {
     order
 }
 
-/// What the left eye of a camera sees at each instant.
+/// Left images of a camera at each instant.
 fn column(
     simulation: &Arc<Simulation>,
     camera: usize,
     instants: &[i64],
     done: &(dyn Fn() + Sync),
-) -> Vec<Vec<Colour>> {
-    let mut pictures = simulation.pictures(camera);
+) -> Vec<Vec<Color>> {
+    let mut images = simulation.frames(camera);
     let mut take = |(number, &time_ns)| {
-        pictures.settle(time_ns);
-        let frame = pictures.expose(number, time_ns);
+        images.settle(time_ns);
+        let frame = images.expose(number, time_ns);
         done();
         frame.rgb(0)
     };

@@ -1,10 +1,10 @@
-//! Random numbers by position: the same `(seed, stream, index)` gives the same number, whatever was
-//! drawn before, so that a lost frame moves nothing else.
+//! Counter-based random numbers: the same `(seed, stream, index)` gives the same number,
+//! independent of previous draws, so a lost frame changes nothing else.
 //!
 //! Everything here is exact integer arithmetic or IEEE 754 basic operations, hence the same on every
 //! machine; the logarithm of the standard library is not.
 
-/// Streams of random numbers: what they are for.
+/// Streams of random numbers by purpose.
 pub(crate) const TEXTURE: u64 = 0x100;
 pub(crate) const SCENE: u64 = 0x600;
 pub(crate) const WALK: u64 = 0x700;
@@ -13,7 +13,7 @@ pub(crate) const IMU: u64 = 0x900;
 pub(crate) const FAULT: u64 = 0xa00;
 pub(crate) const DEVICE: u64 = 0xb00;
 
-/// 64 random bits (the finaliser of SplitMix64, Steele, Lea and Flood 2014, applied twice).
+/// 64 random bits (the finalizer of SplitMix64, Steele, Lea and Flood 2014, applied twice).
 pub fn bits(seed: u64, stream: u64, index: u64) -> u64 {
     let mix = |x: u64| {
         let x = (x ^ (x >> 30)).wrapping_mul(0xbf58_476d_1ce4_e5b9);
@@ -65,7 +65,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn logarithm_agrees_with_the_library() {
+    fn logarithm_agrees_with_the_standard_library() {
         for x in [
             1e-16, 0.001, 0.3, 0.5, 0.999_999, 1.0, 1.999_999, 2.0, 12345.6,
         ] {
@@ -75,7 +75,7 @@ mod tests {
     }
 
     #[test]
-    fn moments() {
+    fn distributions_have_their_moments() {
         let draw = |f: fn(u64, u64, u64) -> f64| -> Vec<f64> {
             (0..100_000).map(|i| f(7, 3, i)).collect()
         };

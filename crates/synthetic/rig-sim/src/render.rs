@@ -1,53 +1,54 @@
-//! A simulated walk as files that others read.
+//! A simulated walk as files in common formats.
 //!
-//! Contract: the folder appears whole or not at all; it is built beside its place under the name
-//! `NAME.unfinished`, and a folder that holds something is never touched. The same [`Simulation`]
-//! gives the same bytes on any number of threads.
+//! Contract: the folder appears complete or not at all; it is built in a sibling folder
+//! `NAME.unfinished`, and a nonempty folder is never modified. The same [`Simulation`] gives the
+//! same bytes on any number of threads.
 //!
 //! ```text
-//! OUT/simulation.toml                 what was asked for
-//! OUT/rig.toml                        the rig file, as it was read
+//! OUT/simulation.toml                 the settings
+//! OUT/rig.toml                        the recorded rig file
 //! OUT/rig.tum                         world_from_rig at each frame: time, position, quaternion x y z w
 //! OUT/rig.kitti.txt                   the same as rows of 3x4 matrices
-//! OUT/contacts.csv                    which foot was on the ground when and where
-//! OUT/CAMERA/mav0/cam0, cam1          left and right eye as in EuRoC (Burri et al. 2016), grey
+//! OUT/contacts.csv                    times and poses of foot contacts with the ground
+//! OUT/CAMERA/mav0/cam0, cam1          left and right eye as in EuRoC (Burri et al. 2016), gray
 //! OUT/CAMERA/mav0/imu0                the camera's IMU, which is the body
 //! OUT/CAMERA/mav0/state_groundtruth_estimate0   pose and velocity of the body, biases of the IMU
 //! OUT/session                         a session archive, on request
 //! ```
 //!
-//! of a target session, or where the rig is not what its files say, also
+//! For a calibration session, or if the ground truth differs from the recorded calibration, also
 //!
 //! ```text
-//! OUT/target.N.toml                   each board as it was meant
-//! OUT/truth.targets.csv               world_from_target of each board, and where its corners really are
-//! OUT/truth.rig.toml                  the rig as it is, and
-//! OUT/truth.cameras.toml              lenses, shutters and time offsets as they are
-//! OUT/CAMERA/corners.csv              corners of boards in both eyes, at each frame; with the truth of pictures
+//! OUT/target.N.toml                   each board as designed
+//! OUT/truth.targets.csv               world_from_target of each board, and true positions of its corners
+//! OUT/truth.rig.toml                  true extrinsics, and
+//! OUT/truth.cameras.toml              true intrinsics, shutters and time offsets
+//! OUT/CAMERA/corners.csv              corners of boards in both eyes, at each frame; with the ground truth of images
 //! ```
 //!
-//! and what is true of the pictures, on request:
+//! and ground truth of the images, on request:
 //!
 //! ```text
-//! OUT/scene.ply                       all that stands in the scene, with class and whether one walks on it
+//! OUT/scene.ply                       the static scene, with class and whether it is walkable
 //! OUT/CAMERA/tags.csv                 corners of the tags on the shoes, in both eyes, at each frame
-//! OUT/CAMERA/mav0/depth0, depth1      what the left and the right eye really see: depth,
+//! OUT/CAMERA/mav0/depth0, depth1      ground truth of the left and the right eye: depth,
 //! OUT/CAMERA/mav0/class0, class1      class,
-//! OUT/CAMERA/mav0/instance0, instance1   which thing,
-//! OUT/CAMERA/mav0/flow0, flow1        and where it is in the next frame
+//! OUT/CAMERA/mav0/instance0, instance1   instance,
+//! OUT/CAMERA/mav0/flow0, flow1        and optical flow to the next frame
 //! ```
 //!
-//! The PNG files hold for each row at the middle of its exposure, and for the centres of pixels: depth
-//! as 16-bit mm along the optical axis (0: none, or more than 65.535 m); class as 8-bit numbers of
-//! [`Class`]; instance as 16-bit numbers, 0 the sky; flow as KITTI's 16-bit red, green, blue (Menze and
-//! Geiger 2015): 64 times the movement in px plus 2^15, to the right and down, and 0 for no answer, 1 for
-//! shown in the next frame, 2 for hidden there or outside. In `tags.csv` a row is a tag before an eye (0
-//! left, 1 right); `visible` is 1 where all of it, with half its white margin, is in the picture and
-//! nothing is before it. Its corners are those of the black square in the order of AprilTag's detections:
-//! bottom left, bottom right, top right, top left, as who reads the tag upright has them. Whole
-//! numbers are centres of pixels; AprilTag's own coordinates are greater by 0.5.
+//! The PNG files hold values at pixel centers, each row at the middle of its exposure: depth as
+//! 16-bit mm along the optical axis (0: none, or more than 65.535 m); class as 8-bit numbers of
+//! [`Class`]; instance as 16-bit numbers, 0 the sky; flow as KITTI's 16-bit red, green, blue (Menze
+//! and Geiger 2015): 64 times the displacement in px plus 2^15, to the right and down, and 0 for
+//! undefined, 1 for visible in the next frame, 2 for occluded or outside there. In `tags.csv` a row
+//! is a tag in front of an eye (0 left, 1 right); `visible` is 1 if the whole tag, with half its
+//! white margin, is in the image and unoccluded. Its corners are those of the black square in the
+//! order of AprilTag's detections: bottom left, bottom right, top right, top left, for a reader who
+//! sees the tag upright. Integers are pixel centers; AprilTag's own coordinates are greater by 0.5.
 //!
-//! All times are ns since the beginning of the walk. The world is z up; its origin is the scene's.
+//! All times are ns since the beginning of the walk. The world is z up; its origin is that of the
+//! scene.
 //!
 //! [`Class`]: crate::scene::surface::Class
 
@@ -74,46 +75,46 @@ mod yaml;
 
 pub(crate) use self::tables::contacts;
 
-/// How to render.
+/// Options of rendering.
 #[derive(Clone, Copy, Debug)]
 pub struct Job<'a> {
-    /// The rig that is simulated.
+    /// The recorded (nominal) rig.
     pub rig: &'a Rig,
-    /// Text of its file, which is kept beside the pictures.
+    /// Text of its file, which is copied beside the images.
     pub rig_text: &'a str,
     /// Also writes a session archive.
     pub session: bool,
-    /// What goes wrong: with lenses and light in the folders, with everything in the session.
+    /// Faults: the folders have those of lenses and light, the session has all.
     pub faults: &'a Faults,
-    /// Also writes what is true of the pictures.
+    /// Also writes ground truth of the images.
     pub truth: bool,
-    /// Cameras that are rendered at a time, at least 1.
+    /// Number of cameras rendered concurrently, at least 1.
     pub threads: usize,
 }
 
-/// Why there is no folder.
+/// Error of rendering.
 #[derive(Debug, thiserror::Error)]
 pub enum RenderError {
-    /// Something is there: choose another folder.
+    /// The folder is not empty: choose another one.
     #[error("rendering a walk: found something in the folder, expected a new or an empty one: {}", .0.display())]
     Occupied(PathBuf),
-    /// Another run is at work there, or one was cut off: remove it once that is known.
-    #[error("rendering a walk: found what an unfinished run has written, remove it if none is at work: {}", .0.display())]
+    /// Another run is writing there, or was interrupted: remove the folder in the latter case.
+    #[error("rendering a walk: found the output of an unfinished run, remove it if no run is active: {}", .0.display())]
     Unfinished(PathBuf),
-    /// A file or folder could not be made.
+    /// A file or folder could not be created.
     #[error("writing a rendered walk: {}", path.display())]
     Write {
-        /// Which.
+        /// Path.
         path: PathBuf,
-        /// What the system said.
+        /// I/O error.
         source: io::Error,
     },
     /// The session archive could not be written.
     #[error(transparent)]
     Session(#[from] session::SessionError),
-    /// EuRoC files have no form for this lens: use another lens model.
+    /// EuRoC files cannot represent this lens model: use another one.
     #[error(
-        "writing the calibration of {camera}: found a lens that sensor.yaml cannot hold, expected none, radial-tangential without k3, or equidistant"
+        "writing the calibration of {camera}: found a lens model that sensor.yaml cannot represent, expected none, radial-tangential without k3, or equidistant"
     )]
     Lens {
         /// Name of the camera.
@@ -121,7 +122,7 @@ pub enum RenderError {
     },
 }
 
-/// Attaches the path to what the system says.
+/// Attaches the path to an I/O error.
 fn at(path: &Path) -> impl FnOnce(io::Error) -> RenderError {
     let path = path.to_owned();
     move |source| RenderError::Write { path, source }
@@ -135,7 +136,7 @@ fn write(path: &Path, text: &str) -> Result<(), RenderError> {
 /// thread.
 ///
 /// # Errors
-/// [`RenderError`]; `out` is then as it was.
+/// [`RenderError`]; `out` is then unchanged.
 pub fn render(
     simulation: &Arc<Simulation>,
     job: &Job<'_>,
@@ -146,7 +147,7 @@ pub fn render(
     let result = fill(simulation, job, &unfinished, done)
         .and_then(|()| fs::rename(&unfinished, out).map_err(at(out)));
     if result.is_err() {
-        // What went wrong is told already; a folder that cannot be removed says so next time.
+        // The first error is reported; if removing the folder fails, the next run reports it.
         let _ = fs::remove_dir_all(&unfinished);
     }
     result
@@ -155,7 +156,7 @@ pub fn render(
 /// Writes only the session archive, into the folder `out`; as [`render`].
 ///
 /// # Errors
-/// [`RenderError`]; `out` is then as it was.
+/// [`RenderError`]; `out` is then unchanged.
 pub fn render_session(
     simulation: &Arc<Simulation>,
     job: &Job<'_>,
@@ -174,7 +175,7 @@ pub fn render_session(
     result
 }
 
-/// Makes the folder that becomes `out`.
+/// Creates the folder that is renamed to `out`.
 fn begin(out: &Path) -> Result<PathBuf, RenderError> {
     match fs::read_dir(out) {
         Ok(mut entries) => {

@@ -1,4 +1,4 @@
-//! The rig that is simulated: which cameras sit where and how they are made.
+//! The simulated rig: cameras, their extrinsics and their models.
 
 use cad_transforms::RigidTransform;
 use cad_transforms::frame::{Frame, FramePart};
@@ -17,21 +17,21 @@ use crate::walker::Side;
 pub struct SimCamera {
     /// `left_shoulder`, `right_shoulder`, `feet`.
     pub name: String,
-    /// Left and right lens.
+    /// Intrinsics of left and right eye.
     pub models: [CameraModel; 2],
     /// Takes points in the left and the right optical frame to the rig's.
     pub rig_from_eye: [RigidTransform; 2],
-    /// When rows are exposed.
+    /// Shutter.
     pub shutter: Shutter,
-    /// Longest exposure, s.
-    pub longest_exposure_s: f64,
-    /// How it lays out the pixels that it delivers.
+    /// Maximum exposure, s.
+    pub max_exposure_s: f64,
+    /// Pixel layout of delivered frames.
     pub format: PixelFormat,
-    /// How much later than the middle of the exposure it says that a picture was taken, ns.
-    pub late_ns: i64,
+    /// Frame timestamp minus true middle of the exposure, ns.
+    pub time_offset_ns: i64,
 }
 
-/// How a device lays out pixels, left and right eye side by side.
+/// Pixel layout of a device, left and right eye side by side.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum PixelFormat {
     /// Y Cb Y Cr for two pixels each (4:2:2): USB cameras.
@@ -41,12 +41,13 @@ pub enum PixelFormat {
 }
 
 impl SimCamera {
-    /// When a picture is really taken that is said to be from a time, ns since the beginning: s.
+    /// True middle of the exposure of a frame with timestamp `said_ns` (ns since the beginning), s.
     pub fn taken_s(&self, said_ns: i64) -> f64 {
-        (said_ns - self.late_ns) as f64 * 1e-9
+        (said_ns - self.time_offset_ns) as f64 * 1e-9
     }
 
-    /// Pose of an eye's optical frame in the world, where the rig is so and the camera has slipped so.
+    /// Pose of an eye's optical frame in the world for a state of the rig and a displacement of the
+    /// camera on it.
     pub fn world_from_eye(
         &self,
         eye: usize,
@@ -63,14 +64,14 @@ impl SimCamera {
         )
     }
 
-    /// Where on the rig the parts of a camera are that has turned on its plate about its left eye: takes a point
-    /// from where the rig file has it to where it is. `turned` takes the left optical frame as it is to where it
-    /// should be; none is no turn at all.
-    pub fn slip(&self, turned: &UnitQuaternion<f64>) -> Option<RigidTransform> {
-        if *turned == UnitQuaternion::identity() {
+    /// Displacement on the rig of a camera that has rotated about its left eye: maps a point from
+    /// its position by the rig file to its true position. `rotation` maps the true left optical
+    /// frame to the nominal one; `None` for the identity.
+    pub fn slip(&self, rotation: &UnitQuaternion<f64>) -> Option<RigidTransform> {
+        if *rotation == UnitQuaternion::identity() {
             return None;
         }
-        let q = turned.quaternion();
+        let q = rotation.quaternion();
         let turn = RigidTransform::from_wxyz([q.w, q.i, q.j, q.k], [0.0; 3])
             .expect("a rotation is a rigid transform");
         let left = self.rig_from_eye[0];
@@ -78,7 +79,7 @@ impl SimCamera {
     }
 }
 
-/// Vertical share of a ZED's 16:9 picture.
+/// Vertical part of a ZED's 16:9 image.
 fn model(
     width: u32,
     height: u32,
@@ -97,7 +98,7 @@ fn model(
     }
 }
 
-/// The tags on the wearer's shoes, or the number of one that cannot be drawn.
+/// The shoe tags, or the id of one that cannot be drawn.
 pub(crate) fn shoe_tags(rig: &Rig) -> Result<Vec<ShoeTag>, u32> {
     let tags = rig.shoe_tags().iter().map(|tag| {
         let TagFamily::Tag36h11 = tag.family;
@@ -116,12 +117,13 @@ pub(crate) fn shoe_tags(rig: &Rig) -> Result<Vec<ShoeTag>, u32> {
     tags.collect()
 }
 
-/// The cameras of a rig file: those called `feet` are ZED Minis with a rolling shutter, all others
-/// ZED X Minis with a global one. Lenses are nominal: focal lengths of the makers' example files
-/// (ZED X Mini 736.9 px at 1920 columns, ZED Mini 700 px at 1280), and distortions of their usual size.
+/// The cameras of a rig file: those named `feet` are ZED Minis with a rolling shutter, all others
+/// ZED X Minis with a global one. Intrinsics are nominal: focal lengths of the vendors' example
+/// files (ZED X Mini 736.9 px at 1920 columns, ZED Mini 700 px at 1280), and distortions of typical
+/// size.
 ///
 /// # Errors
-/// [`RigError`] where the rig lacks an eye of a camera it names.
+/// [`RigError`] if the rig lacks an eye of a camera that it names.
 pub fn cameras(rig: &Rig, width: u32, height: u32) -> Result<Vec<SimCamera>, RigError> {
     let scale = f64::from(width);
     let mut cameras = Vec::new();
@@ -188,12 +190,12 @@ pub fn cameras(rig: &Rig, width: u32, height: u32) -> Result<Vec<SimCamera>, Rig
                 },
                 false => Shutter::Global,
             },
-            longest_exposure_s: 0.012,
+            max_exposure_s: 0.012,
             format: match is_mini {
                 true => PixelFormat::Yuyv,
                 false => PixelFormat::Nv12,
             },
-            late_ns: 0,
+            time_offset_ns: 0,
         });
     }
     Ok(cameras)

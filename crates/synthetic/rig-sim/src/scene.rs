@@ -1,8 +1,8 @@
-//! Places to walk through, made from a seed.
+//! Scenes to walk through, generated from a seed.
 //!
-//! Contract: metric, z up, the same for the same `(kind, light, seed)` on every machine; nothing is
-//! loaded from outside. Every triangle says what it is ([`surface::Class`]) and whether people walk on
-//! it. Light that does not move is computed once, at the corners of triangles ([`light`]).
+//! Contract: metric, z up, the same for the same `(kind, lighting, seed)` on every machine; nothing
+//! is loaded from outside. Every triangle has a class ([`surface::Class`]) and states whether
+//! people walk on it. Static light is computed once, at the corners of triangles ([`light`]).
 
 use std::panic::resume_unwind;
 use std::thread;
@@ -38,7 +38,7 @@ mod targets;
 mod trail;
 
 use self::body::Body;
-use self::build::{Builder, Made};
+use self::build::{Builder, SceneParts};
 use self::bvh::Bvh;
 use self::light::Light;
 use self::mesh::Mesh;
@@ -50,7 +50,7 @@ use self::texture::Texture;
 use self::wearer::{ShoeTag, Wearer};
 use crate::targets::board::Board;
 
-/// Which place.
+/// Kind of scene.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
 pub enum Kind {
     /// A pavement with a kerb, a crosswalk and a road.
@@ -70,7 +70,7 @@ pub enum Kind {
 }
 
 impl Kind {
-    /// All that one walks through.
+    /// All scenes to walk through.
     pub const ALL: [Self; 6] = [
         Self::Pavement,
         Self::Stairs,
@@ -80,8 +80,8 @@ impl Kind {
         Self::Room,
     ];
 
-    /// Makes it.
-    fn build(self, builder: &mut Builder) -> Made {
+    /// Builds the scene.
+    fn build(self, builder: &mut Builder) -> SceneParts {
         match self {
             Self::Pavement => pavement::build(builder),
             Self::Stairs => stairs::build(builder),
@@ -93,7 +93,7 @@ impl Kind {
         }
     }
 
-    /// As the command line calls it.
+    /// Name on the command line.
     pub fn name(self) -> &'static str {
         match self {
             Self::Pavement => "pavement",
@@ -107,24 +107,24 @@ impl Kind {
     }
 }
 
-/// Which light.
+/// Lighting of a scene.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
-pub enum Time {
+pub enum Lighting {
     /// Sun and sky, or all lamps on.
     Day,
     /// A few lamps.
     Night,
-    /// The sun low in the way, with flare.
+    /// Low sun ahead, with flare.
     LowSun,
     /// Lamps on alternating current.
     Flicker,
 }
 
-impl Time {
-    /// All of them.
+impl Lighting {
+    /// All lightings.
     pub const ALL: [Self; 4] = [Self::Day, Self::Night, Self::LowSun, Self::Flicker];
 
-    /// As the command line calls it.
+    /// Name on the command line.
     pub fn name(self) -> &'static str {
         match self {
             Self::Day => "day",
@@ -135,34 +135,34 @@ impl Time {
     }
 }
 
-/// A place, lit.
+/// A scene with its light.
 #[derive(Clone, Debug)]
 pub struct Scene {
-    /// Which.
+    /// Kind of scene.
     pub kind: Kind,
-    /// Which light.
-    pub time: Time,
-    /// What things are made of.
+    /// Lighting of a scene.
+    pub lighting: Lighting,
+    /// Materials.
     pub materials: Vec<Material>,
-    /// What they look like close up.
+    /// Textures.
     pub textures: Vec<Texture>,
-    /// All that does not move.
+    /// Static geometry.
     pub fixed: Body,
-    /// What the wearer sees of himself.
+    /// Body parts of the wearer that his cameras see.
     pub wearer: Wearer,
-    /// Panes, which one looks through. Light passes them as if they were not there.
+    /// Panes. Light passes them without attenuation.
     pub glass: Body,
-    /// All that moves.
+    /// Moving bodies.
     pub moving: Vec<Moving>,
-    /// Where light comes from.
+    /// Light sources.
     pub light: Light,
-    /// What is seen beyond.
+    /// Background.
     pub sky: Sky,
-    /// Where one walks.
+    /// Route of the walker.
     pub route: Route,
-    /// Everything fixed, by the numbers of `fixed.triangles`.
+    /// Ray queries against static geometry, by the numbers of `fixed.triangles`.
     solid: Bvh,
-    /// What can be walked on, by position in `walkable_triangles`.
+    /// Ray queries against walkable geometry, by index in `walkable_triangles`.
     walkable: Bvh,
     walkable_triangles: Vec<u32>,
 }
@@ -179,34 +179,34 @@ pub struct Ground {
 }
 
 impl Scene {
-    /// Makes a place, for a wearer without tags on his shoes.
-    pub fn new(kind: Kind, time: Time, seed: u64) -> Self {
-        Self::with_tags(kind, time, seed, &[])
+    /// Builds a scene for a wearer without tags on his shoes.
+    pub fn new(kind: Kind, lighting: Lighting, seed: u64) -> Self {
+        Self::with_tags(kind, lighting, seed, &[])
     }
 
-    /// Makes a place, for a wearer with these tags on his shoes.
+    /// Builds a scene for a wearer with these tags on his shoes.
     ///
     /// # Panics
-    /// For a tag whose `id` is not below [`tag::COUNT`].
-    pub fn with_tags(kind: Kind, time: Time, seed: u64, tags: &[ShoeTag]) -> Self {
-        Self::make(kind, time, seed, tags, &[])
+    /// If the `id` of a tag is not below [`tag::COUNT`].
+    pub fn with_tags(kind: Kind, lighting: Lighting, seed: u64, tags: &[ShoeTag]) -> Self {
+        Self::make(kind, lighting, seed, tags, &[])
     }
 
-    /// The room for calibration with these boards; nobody is seen in it.
-    pub fn with_boards(time: Time, seed: u64, boards: &[Board]) -> Self {
-        let mut scene = Self::make(Kind::Targets, time, seed, &[], boards);
+    /// The calibration room with these boards, without people.
+    pub fn with_boards(lighting: Lighting, seed: u64, boards: &[Board]) -> Self {
+        let mut scene = Self::make(Kind::Targets, lighting, seed, &[], boards);
         scene.wearer.parts.clear();
         scene
     }
 
-    fn make(kind: Kind, time: Time, seed: u64, tags: &[ShoeTag], boards: &[Board]) -> Self {
+    fn make(kind: Kind, lighting: Lighting, seed: u64, tags: &[ShoeTag], boards: &[Board]) -> Self {
         let mut builder = Builder::new(seed);
         let made = kind.build(&mut builder);
         targets::stand(&mut builder, boards);
         let wearer = Wearer::make(&mut builder, tags);
         let clouds = builder.texture(&palette::CLOUDS);
-        let light = made.lights.at(time);
-        // What moves has no shadows; in a room the sun rarely reaches it.
+        let light = made.lights.at(lighting);
+        // Moving bodies have no shadows; indoors the sun rarely reaches them.
         let mut around = light.clone();
         around.sun = around.sun.filter(|_| !made.lights.indoors);
         let Builder {
@@ -217,9 +217,9 @@ impl Scene {
             parts,
             ..
         } = builder;
-        let lit = made.lights.lamps_on(time);
+        let lit = made.lights.lamps_on(lighting);
         materials.iter_mut().for_each(|m| m.glow *= lit as f32);
-        // Two works of like length that know nothing of each other.
+        // Two independent tasks of similar length.
         let (textures, fixed, glass) = thread::scope(|scope| {
             let textures = scope.spawn(|| build::textures(&recipes, seed));
             let solid = bvh_of(&mesh);
@@ -243,7 +243,7 @@ impl Scene {
         );
         Self {
             kind,
-            time,
+            lighting,
             materials,
             textures,
             solid: Bvh::new(
@@ -255,7 +255,7 @@ impl Scene {
             fixed,
             glass,
             moving: parts.into_iter().map(|part| part.lit(&around)).collect(),
-            sky: Sky::new(time, &light, clouds),
+            sky: Sky::new(lighting, &light, clouds),
             wearer: wearer.lit(&around),
             light,
             route: made.route,
@@ -281,25 +281,25 @@ impl Scene {
         })
     }
 
-    /// What does not move and is nearest along a ray: distance in lengths of `direction`, and number of
-    /// the triangle. The slow twin of the rasteriser.
+    /// Nearest static surface along a ray: distance in lengths of `direction`, and number of the
+    /// triangle. Reference implementation of the rasterizer.
     pub fn first_hit(&self, origin: &Vector3<f64>, direction: &Vector3<f64>) -> Option<bvh::Hit> {
         self.solid.hit(origin, direction, 1e-6, f64::INFINITY)
     }
 }
 
-/// Places by day that tests share, since it takes seconds to make one.
+/// Daylight scenes that tests share, since building one takes seconds.
 #[cfg(test)]
 pub(crate) fn by_day(kind: Kind, seed: u64) -> std::sync::Arc<Scene> {
     use std::collections::BTreeMap;
     use std::sync::{Arc, Mutex, OnceLock, PoisonError};
-    type Made = Arc<OnceLock<Arc<Scene>>>;
-    static MADE: Mutex<BTreeMap<(&str, u64), Made>> = Mutex::new(BTreeMap::new());
-    let mut made = MADE.lock().unwrap_or_else(PoisonError::into_inner);
+    type CachedScene = Arc<OnceLock<Arc<Scene>>>;
+    static CACHE: Mutex<BTreeMap<(&str, u64), CachedScene>> = Mutex::new(BTreeMap::new());
+    let mut made = CACHE.lock().unwrap_or_else(PoisonError::into_inner);
     let slot = made.entry((kind.name(), seed)).or_default().clone();
-    // Others may be made meanwhile.
+    // Other scenes may be built meanwhile.
     drop(made);
-    let new = || Arc::new(Scene::new(kind, Time::Day, seed));
+    let new = || Arc::new(Scene::new(kind, Lighting::Day, seed));
     slot.get_or_init(new).clone()
 }
 

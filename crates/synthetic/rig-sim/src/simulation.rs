@@ -1,10 +1,11 @@
-//! A walk with the rig on, as its sensors record it, and what is true meanwhile.
+//! A walk with the rig: sensor data and ground truth.
 //!
-//! Contract: everything follows from [`Settings`] and the rig. A camera's pictures depend on its own
-//! earlier ones, through the exposure, and on no other camera, so that cameras may be rendered side
-//! by side on threads without any effect on the result. Times are whole ns since the beginning of
-//! the walk: frame `n` is taken in the middle of the `n`-th period, by all cameras at one instant, and IMU
-//! sample `n` at `n` over the rate. Clocks that run differently are added by whoever plays a device.
+//! Contract: everything is a function of [`Settings`] and the rig. The images of a camera depend on
+//! its own earlier images, through the exposure control, and on no other camera, so cameras may be
+//! rendered on parallel threads without any effect on the result. Times are integer ns since the
+//! beginning of the walk: frame `n` is exposed in the middle of the `n`-th period, by all cameras
+//! simultaneously, and IMU sample `n` is taken at `n` over the rate. Clock offsets and drifts are
+//! added by the simulated device.
 
 use std::sync::{Arc, OnceLock};
 
@@ -15,48 +16,48 @@ use calib::target::Target;
 use calib::{CameraModel, ImuCalibration, ImuNoise, Provenance, StereoCalibration};
 use nalgebra::{UnitQuaternion, Vector3};
 
+use crate::calibration_error::{CalibrationError, true_rig_toml};
 use crate::camera::placed::{Motion, Placed, placed};
 use crate::camera::sensor::{SensorModel, Tone};
 use crate::camera::{Quality, Shutter};
-use crate::deviation::{Deviation, true_rig_text};
-use crate::imu::{Imu, ImuModel, ImuSample, ImuTrouble};
+use crate::imu::{Imu, ImuFaults, ImuModel, ImuSample};
 use crate::lens::Lens;
 use crate::random;
 use crate::rig::{SimCamera, cameras, shoe_tags};
 use crate::scene::body::Body;
 use crate::scene::tag;
 use crate::scene::wearer::{Part, Wearer};
-use crate::scene::{Kind, Scene, Time};
+use crate::scene::{Kind, Lighting, Scene};
 use crate::targets::board::{Board, Sheet};
-use crate::targets::sight::Sights;
+use crate::targets::observations::TargetObservations;
 use crate::targets::{self, Plan};
 use crate::walker::Walker;
 
-mod pictures;
-mod truths;
+mod frame_renderer;
+mod ground_truth;
 
-pub use self::pictures::{Painter, Pictures, StereoFrame};
-pub use self::truths::{SeenTag, Truths};
+pub use self::frame_renderer::{FrameRenderer, FrameSource, StereoFrame};
+pub use self::ground_truth::{GroundTruth, TagObservation};
 
-/// Seeds of IMUs, apart from the streams that they use themselves.
+/// Random streams that seed the IMUs; distinct from the streams that the IMUs use themselves.
 const IMU_SEEDS: u64 = random::IMU + 0x80;
-/// Longest walk, s: the truth of a whole walk is kept in memory.
-const LONGEST_S: f64 = 3600.0;
-/// Fastest cameras, Hz: the rolling shutter reads a picture in less than this period.
-const FASTEST_HZ: f64 = 100.0;
-/// Sizes that the renderer can do, pixels per side of one eye.
-const SIZES: std::ops::RangeInclusive<u32> = 16..=4096;
-/// How much of a period light may be gathered: the rest is the device's.
-const SHUTTER_SHARE: f64 = 0.9;
+/// Maximum length of a walk, s: the ground truth of a whole walk is held in memory.
+const MAX_LENGTH_S: f64 = 3600.0;
+/// Maximum frame rate, Hz: the rolling shutter reads an image in less than this period.
+const MAX_RATE_HZ: f64 = 100.0;
+/// Supported image sizes, pixels per side of one eye.
+const SIDE_RANGE_PX: std::ops::RangeInclusive<u32> = 16..=4096;
+/// Maximum exposure as a fraction of the frame period; the rest is readout.
+const MAX_EXPOSURE_RATIO: f64 = 0.9;
 
 /// What to simulate.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Settings {
-    /// Which place.
+    /// Scene.
     pub kind: Kind,
-    /// Which light.
-    pub time: Time,
-    /// All randomness comes from it.
+    /// Lighting.
+    pub lighting: Lighting,
+    /// Seed of all random numbers.
     pub seed: u64,
     /// Length of the walk, s.
     pub seconds: f64,
@@ -66,35 +67,35 @@ pub struct Settings {
     pub width: u32,
     /// Rows, even.
     pub height: u32,
-    /// How much trouble a picture is worth.
+    /// Rendering quality.
     pub quality: Quality,
 }
 
-/// Why nothing was simulated.
+/// Error of preparing a simulation.
 #[derive(Debug, thiserror::Error)]
 pub enum SimulationError {
     /// A setting that cannot be simulated: choose another.
     #[error("preparing a simulated walk: {what} is {found}, expected {expected}")]
     Setting {
-        /// Which.
+        /// Name of the setting.
         what: &'static str,
         /// Its value.
         found: String,
-        /// What is possible.
+        /// The supported values.
         expected: String,
     },
-    /// A tag on a shoe that cannot be drawn: use one of the first of its family.
+    /// A shoe tag that cannot be drawn: use one of the first of its family.
     #[error("preparing the wearer of a simulated rig: tag {id} is on a shoe, expected 0 to {last}")]
     Tag {
-        /// Its number.
+        /// Id of the tag.
         id: u32,
-        /// The last one that can be drawn.
+        /// Highest id that can be drawn.
         last: usize,
     },
-    /// A calibration is of a camera that the rig does not have, or of pictures of another size.
-    #[error("giving a simulated camera the lenses of a calibration: {0}")]
+    /// A calibration belongs to a camera that the rig does not have, or to another image size.
+    #[error("applying a calibration to a simulated camera: {0}")]
     Lenses(String),
-    /// The rig lacks an eye or the IMU of a camera: complete its file.
+    /// The rig file lacks an eye or the IMU of a camera: complete it.
     #[error("preparing the cameras of a simulated walk")]
     Rig(#[from] RigError),
 }
@@ -102,55 +103,55 @@ pub enum SimulationError {
 /// An IMU on the rig.
 #[derive(Clone, Debug)]
 pub struct RigImu {
-    /// What it measures.
+    /// Sensor model.
     pub imu: Imu,
-    /// Where it is.
+    /// Extrinsics.
     pub imu_from_rig: RigidTransform,
 }
 
-/// See the module.
+/// A simulated walk; see the module documentation.
 #[derive(Clone, Debug)]
 pub struct Simulation {
     settings: Settings,
-    /// Made when it is first looked at, where the walk does not need it.
+    /// Created on first use if the walk does not depend on it.
     scene: OnceLock<Scene>,
     walker: Walker,
     boards: Vec<Board>,
     plan: Option<Plan>,
-    /// As they are.
+    /// True camera models and extrinsics.
     cameras: Vec<SimCamera>,
-    /// Of each camera.
+    /// One IMU per camera.
     imus: Vec<RigImu>,
-    /// What files say of each camera.
-    told: Vec<Told>,
-    /// Whether a session is given files and records of lenses and places at all.
-    tells: bool,
+    /// Nominal calibration of each camera, as recorded.
+    nominal: Vec<NominalCamera>,
+    /// Whether a session contains intrinsics and extrinsics at all.
+    has_calibration: bool,
     imaging: Imaging,
 }
 
-/// What files say of a camera.
+/// Nominal intrinsics and extrinsics of one camera: those that the recording contains.
 #[derive(Clone, Debug, PartialEq)]
-struct Told {
+struct NominalCamera {
     models: [CameraModel; 2],
     rig_from_eye: [RigidTransform; 2],
     imu_from_rig: RigidTransform,
 }
 
-/// How sensors turn light into numbers.
+/// Sensor response.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Imaging {
-    /// How long all pictures are exposed, s; none for an exposure that follows the light.
+    /// Fixed exposure time of all images, s; `None` for automatic exposure.
     pub exposure_s: Option<f64>,
-    /// How much more noise there is than usual; 1 is as usual.
+    /// Factor on the noise standard deviation; 1 is nominal.
     pub noise: f64,
-    /// From light to numbers.
+    /// Tone curve.
     pub tone: Tone,
-    /// Whether cameras that read their rows one after the other expose them all at once.
+    /// Whether rolling-shutter cameras expose all rows simultaneously.
     pub global_shutter: bool,
 }
 
 impl Imaging {
-    /// As cameras are.
+    /// Sensors as modelled: automatic exposure, nominal noise, sRGB, each camera's own shutter.
     pub const USUAL: Self = Self {
         exposure_s: None,
         noise: 1.0,
@@ -176,24 +177,24 @@ impl Settings {
                 expected,
             })
         };
-        // Not a number is in no range.
-        if !(self.seconds > 0.0 && self.seconds <= LONGEST_S) {
-            let expected = format!("above 0 and at most {LONGEST_S} s");
+        // NaN is in no range.
+        if !(self.seconds > 0.0 && self.seconds <= MAX_LENGTH_S) {
+            let expected = format!("above 0 and at most {MAX_LENGTH_S} s");
             return wrong("the length of the walk", &self.seconds, expected);
         }
-        if !(self.rate_hz > 0.0 && self.rate_hz <= FASTEST_HZ) {
-            let expected = format!("above 0 and at most {FASTEST_HZ} Hz");
+        if !(self.rate_hz > 0.0 && self.rate_hz <= MAX_RATE_HZ) {
+            let expected = format!("above 0 and at most {MAX_RATE_HZ} Hz");
             return wrong("the rate of the cameras", &self.rate_hz, expected);
         }
         for (what, size) in [
             ("the width of an eye", self.width),
             ("the height", self.height),
         ] {
-            if !SIZES.contains(&size) || size % 2 == 1 {
+            if !SIDE_RANGE_PX.contains(&size) || size % 2 == 1 {
                 let expected = format!(
                     "an even number of pixels from {} to {}",
-                    SIZES.start(),
-                    SIZES.end()
+                    SIDE_RANGE_PX.start(),
+                    SIDE_RANGE_PX.end()
                 );
                 return wrong(what, &size, expected);
             }
@@ -205,19 +206,19 @@ impl Settings {
         Ok(())
     }
 
-    /// Frames of each camera: the whole periods of the walk.
+    /// Number of frames of each camera: the whole periods of the walk.
     pub fn frame_count(&self) -> u64 {
-        // A length of whole periods may be a hair less in floating point.
+        // A length of whole periods may be slightly less in floating point.
         (self.seconds * self.rate_hz + 1e-6).floor() as u64
     }
 
-    /// When frame `n` is taken, ns.
+    /// Time of frame `n`: middle of the exposure, ns.
     pub fn frame_ns(&self, n: u64) -> i64 {
         ((n as f64 + 0.5) / self.rate_hz * 1e9).round() as i64
     }
 }
 
-/// Nanoseconds as the seconds that motion is a function of.
+/// Converts nanoseconds to seconds, the argument of the motion.
 pub fn seconds(time_ns: i64) -> f64 {
     time_ns as f64 * 1e-9
 }
@@ -225,10 +226,10 @@ pub fn seconds(time_ns: i64) -> f64 {
 impl Plan {
     fn check(&self) -> Result<(), SimulationError> {
         let ranges = [
-            ("the bend of the boards, m,", self.bend_m, 0.1),
-            ("how much larger the boards are", self.larger, 0.2),
+            ("the bow of the boards, m,", self.bow_m, 0.1),
+            ("the scale error of the boards", self.scale_error, 0.2),
         ];
-        // Not a number is in no range.
+        // NaN is in no range.
         let is_wrong = |(_, found, most): &&(_, f64, f64)| !(-*most..=*most).contains(found);
         match ranges.iter().find(is_wrong) {
             None => Ok(()),
@@ -242,7 +243,8 @@ impl Plan {
 }
 
 impl Simulation {
-    /// Makes the place, the walk and the sensors; for [`Kind::Targets`] a session as it should be done.
+    /// Creates scene, walk and sensors; for [`Kind::Targets`] the recommended calibration session
+    /// ([`Plan::GOOD`]).
     ///
     /// # Errors
     /// [`SimulationError`].
@@ -256,9 +258,9 @@ impl Simulation {
             id,
             last: tag::COUNT - 1,
         })?;
-        let scene = Scene::with_tags(settings.kind, settings.time, settings.seed, &tags);
+        let scene = Scene::with_tags(settings.kind, settings.lighting, settings.seed, &tags);
         let walker = Walker::new(&scene, settings.seed, settings.seconds);
-        let told = told(&cameras, &imus);
+        let nominal = nominal_cameras(&cameras, &imus);
         Ok(Self {
             settings: *settings,
             scene: OnceLock::from(scene),
@@ -267,15 +269,16 @@ impl Simulation {
             plan: None,
             cameras,
             imus,
-            told,
-            tells: true,
+            nominal,
+            has_calibration: true,
             imaging: Imaging::USUAL,
         })
     }
 
-    /// Makes a room with boards, the first of which is `target(0)`, and the way on which the plate is carried
-    /// before them. A camera for which there is none left looks at that of the camera beside it. [`Settings::kind`] must be [`Kind::Targets`]. The room itself is made when somebody looks at it:
-    /// truth of corners and IMU samples need none.
+    /// Creates a room with boards, the first of which is `target(0)`, and the path on which the rig
+    /// is carried before them. A camera without a board of its own faces the board of the
+    /// neighboring camera. [`Settings::kind`] must be [`Kind::Targets`]. The room itself is created
+    /// on first use: corner observations and IMU samples do not need it.
     ///
     /// # Errors
     /// [`SimulationError`].
@@ -308,7 +311,7 @@ impl Simulation {
         }
         let (seed, seconds) = (settings.seed, settings.seconds);
         let spline = targets::motion::spline(&cameras, &boards, &facing, plan, seconds, seed);
-        let told = told(&cameras, &imus);
+        let nominal = nominal_cameras(&cameras, &imus);
         Ok(Self {
             settings: *settings,
             scene: OnceLock::new(),
@@ -317,13 +320,14 @@ impl Simulation {
             plan: Some(*plan),
             cameras,
             imus,
-            told,
-            tells: true,
+            nominal,
+            has_calibration: true,
             imaging: Imaging::USUAL,
         })
     }
 
-    /// The same walk with the lenses of a calibration in a camera; where its eyes sit is the rig file's to say.
+    /// The same walk with the intrinsics of a calibration in one camera. Extrinsics remain those of
+    /// the rig file.
     ///
     /// # Errors
     /// [`SimulationError::Lenses`].
@@ -334,11 +338,11 @@ impl Simulation {
     ) -> Result<Self, SimulationError> {
         let (at, models) = self.lenses(camera, calibration)?;
         self.cameras[at].models = models;
-        self.told[at].models = models;
+        self.nominal[at].models = models;
         Ok(self)
     }
 
-    /// The same recording with other lenses in a camera than its files say.
+    /// The same recording with true intrinsics that differ from the recorded ones in one camera.
     ///
     /// # Errors
     /// [`SimulationError::Lenses`].
@@ -352,8 +356,8 @@ impl Simulation {
         Ok(self)
     }
 
-    /// The same recording of a rig that is as this one, while its files say what they did. The rig has the same cameras.
-    /// Call it after [`Simulation::with_imus`].
+    /// The same recording with the true extrinsics of `rig`, while the recorded rig file is
+    /// unchanged. Both rigs have the same cameras. Call it after [`Simulation::with_imus`].
     ///
     /// # Errors
     /// [`SimulationError::Rig`].
@@ -374,43 +378,45 @@ impl Simulation {
         Ok(self)
     }
 
-    /// The same recording of a rig that deviates from what its files say, of which `rig` was made. Call it last.
+    /// The same recording of a rig that differs from its recorded calibration, which was made from
+    /// `rig`. Call it last.
     ///
     /// # Errors
     /// [`SimulationError::Rig`].
-    pub fn with_deviation(
+    pub fn with_calibration_error(
         mut self,
         rig: &Rig,
-        deviation: &Deviation,
+        calibration_error: &CalibrationError,
     ) -> Result<Self, SimulationError> {
-        let moved: Vec<_> = deviation
+        let displaced: Vec<_> = calibration_error
             .cameras
             .iter()
-            .filter(|c| !c.is_placed_as_told())
+            .filter(|c| !c.has_nominal_extrinsics())
             .collect();
-        if !moved.is_empty() {
-            let text = true_rig_text(rig, &|frame, placed, left| {
+        if !displaced.is_empty() {
+            let text = true_rig_toml(rig, &|frame, placed, left| {
                 let (camera, part) = frame.camera()?;
-                Some(deviation.of(camera).placed(part, left, placed))
+                Some(calibration_error.of(camera).true_pose(part, left, placed))
             });
             self = self.with_true_rig(&Rig::parse(&text)?)?;
         }
         for camera in &mut self.cameras {
-            let own = deviation.of(&camera.name);
-            camera.late_ns = own.late_ns;
-            camera.models = camera.models.map(|model| own.lens(&model));
+            let own = calibration_error.of(&camera.name);
+            camera.time_offset_ns = own.time_offset_ns;
+            camera.models = camera.models.map(|model| own.true_lens(&model));
         }
         Ok(self)
     }
 
-    /// Whether anything is not as files say.
-    pub fn deviates(&self) -> bool {
-        self.told != told(&self.cameras, &self.imus) || self.cameras.iter().any(|c| c.late_ns != 0)
+    /// Whether the ground truth differs from the recorded calibration.
+    pub fn differs_from_calibration(&self) -> bool {
+        self.nominal != nominal_cameras(&self.cameras, &self.imus)
+            || self.cameras.iter().any(|c| c.time_offset_ns != 0)
     }
 
-    /// The text of a rig file of the rig as it is; `told` is the one that the recording knows.
-    pub fn true_rig_text(&self, told: &Rig) -> String {
-        true_rig_text(told, &|frame, _, _| {
+    /// Rig file (TOML) with the true extrinsics; `nominal` is the recorded rig.
+    pub fn true_rig_toml(&self, nominal: &Rig) -> String {
+        true_rig_toml(nominal, &|frame, _, _| {
             let (name, part) = frame.camera()?;
             let at = self.cameras.iter().position(|c| c.name == name)?;
             Some(match part {
@@ -421,12 +427,13 @@ impl Simulation {
         })
     }
 
-    /// The same recording through sensors that are so.
+    /// The same recording with another sensor response.
     ///
     /// # Errors
-    /// [`SimulationError::Setting`] for an exposure that is no time or longer than a period, or for noise below 0.
+    /// [`SimulationError::Setting`] for an exposure that is not positive or longer than a period,
+    /// or for noise outside 0 to 100.
     pub fn with_imaging(mut self, imaging: Imaging) -> Result<Self, SimulationError> {
-        let most = SHUTTER_SHARE / self.settings.rate_hz;
+        let most = MAX_EXPOSURE_RATIO / self.settings.rate_hz;
         let is_time = |s: f64| s > 0.0 && s <= most;
         if let Some(found) = imaging.exposure_s.filter(|s| !is_time(*s)) {
             return Err(SimulationError::Setting {
@@ -439,7 +446,7 @@ impl Simulation {
             return Err(SimulationError::Setting {
                 what: "the noise",
                 found: imaging.noise.to_string(),
-                expected: "0 to 100 times the usual".to_owned(),
+                expected: "0 to 100".to_owned(),
             });
         }
         if imaging.global_shutter {
@@ -450,13 +457,13 @@ impl Simulation {
         Ok(self)
     }
 
-    /// Where a calibration finds its camera, and its lenses.
+    /// Index of a camera, and the validated intrinsics of its calibration.
     fn lenses(
         &self,
         camera: &str,
         calibration: &StereoCalibration,
     ) -> Result<(usize, [CameraModel; 2]), SimulationError> {
-        let wanted = (self.settings.width, self.settings.height);
+        let expected = (self.settings.width, self.settings.height);
         let Some(of) = self.cameras.iter().position(|c| c.name == camera) else {
             let known: Vec<&str> = self.cameras.iter().map(|c| c.name.as_str()).collect();
             return Err(SimulationError::Lenses(format!(
@@ -473,10 +480,10 @@ impl Simulation {
                     model.distortion.name()
                 )));
             }
-            if (model.width, model.height) != wanted {
+            if (model.width, model.height) != expected {
                 return Err(SimulationError::Lenses(format!(
                     "the calibration of {camera} is for {}x{}, expected {}x{}",
-                    model.width, model.height, wanted.0, wanted.1
+                    model.width, model.height, expected.0, expected.1
                 )));
             }
         }
@@ -489,40 +496,41 @@ impl Simulation {
     /// [`SimulationError::Rig`].
     pub fn with_imus(mut self, model: ImuModel, rig: &Rig) -> Result<Self, SimulationError> {
         self.imus = imus(model, &self.cameras, &self.settings, rig)?;
-        for (told, imu) in self.told.iter_mut().zip(&self.imus) {
-            told.imu_from_rig = imu.imu_from_rig;
+        for (nominal, imu) in self.nominal.iter_mut().zip(&self.imus) {
+            nominal.imu_from_rig = imu.imu_from_rig;
         }
         Ok(self)
     }
 
-    /// The same recording of a rig that was never calibrated: its session has neither a rig file nor lenses.
+    /// The same recording of an uncalibrated rig: its session has neither a rig file nor
+    /// intrinsics.
     #[must_use]
-    pub fn untold(mut self) -> Self {
-        self.tells = false;
+    pub fn without_calibration(mut self) -> Self {
+        self.has_calibration = false;
         self
     }
 
-    /// Whether a session of it has a rig file and lenses.
-    pub fn tells(&self) -> bool {
-        self.tells
+    /// Whether a session contains a rig file and intrinsics.
+    pub fn has_calibration(&self) -> bool {
+        self.has_calibration
     }
 
-    /// The same walk in pictures of another quality.
+    /// The same walk with another rendering quality.
     #[must_use]
     pub fn with_quality(mut self, quality: Quality) -> Self {
         self.settings.quality = quality;
         self
     }
 
-    /// What was asked for.
+    /// The settings.
     pub fn settings(&self) -> &Settings {
         &self.settings
     }
 
-    /// The place.
+    /// The scene.
     pub fn scene(&self) -> &Scene {
-        let Settings { time, seed, .. } = self.settings;
-        let new = || Scene::with_boards(time, seed, &self.boards);
+        let Settings { lighting, seed, .. } = self.settings;
+        let new = || Scene::with_boards(lighting, seed, &self.boards);
         self.scene.get_or_init(new)
     }
 
@@ -531,19 +539,19 @@ impl Simulation {
         &self.boards
     }
 
-    /// How the boards are shown; none on a walk.
+    /// Plan of the calibration session; none on a walk.
     pub fn plan(&self) -> Option<&Plan> {
         self.plan.as_ref()
     }
 
-    /// How sensors turn light into numbers.
+    /// Sensor response.
     pub fn imaging(&self) -> &Imaging {
         &self.imaging
     }
 
-    /// Where corners of boards are in a camera's pictures, without a picture.
-    pub fn sights(&self, camera: usize) -> Sights<'_> {
-        Sights::new(self, camera)
+    /// Corner observations of a camera, computed without rendering.
+    pub fn target_observations(&self, camera: usize) -> TargetObservations<'_> {
+        TargetObservations::new(self, camera)
     }
 
     /// The walk.
@@ -561,37 +569,38 @@ impl Simulation {
         &self.imus
     }
 
-    /// What files say of a camera: the truth, unless the rig deviates from it.
+    /// Nominal calibration of a camera, as recorded; equal to the ground truth unless an error was
+    /// set.
     pub fn calibration(&self, camera: usize) -> StereoCalibration {
-        calibration_of(&self.told[camera], self.imus[camera].imu.model())
+        calibration_of(&self.nominal[camera], self.imus[camera].imu.model())
     }
 
-    /// What a calibration of a camera that finds everything exactly says of it.
+    /// Ground-truth calibration of a camera.
     pub fn true_calibration(&self, camera: usize) -> StereoCalibration {
-        let is = told(&self.cameras, &self.imus).swap_remove(camera);
+        let is = nominal_cameras(&self.cameras, &self.imus).swap_remove(camera);
         calibration_of(&is, self.imus[camera].imu.model())
     }
 
-    /// What files say of an eye: its lens, and what takes its optical frame to the IMU's.
-    pub(crate) fn told_eye(&self, camera: usize, eye: usize) -> (&CameraModel, RigidTransform) {
-        let told = &self.told[camera];
+    /// Nominal intrinsics of an eye, and the transform from its optical frame to the IMU frame.
+    pub(crate) fn nominal_eye(&self, camera: usize, eye: usize) -> (&CameraModel, RigidTransform) {
+        let nominal = &self.nominal[camera];
         (
-            &told.models[eye],
-            told.imu_from_rig * told.rig_from_eye[eye],
+            &nominal.models[eye],
+            nominal.imu_from_rig * nominal.rig_from_eye[eye],
         )
     }
 
     /// All frames of a camera, in order.
-    pub fn pictures(self: &Arc<Self>, camera: usize) -> Pictures {
-        Pictures::new(self, camera)
+    pub fn frames(self: &Arc<Self>, camera: usize) -> FrameRenderer {
+        FrameRenderer::new(self, camera)
     }
 
-    /// What a camera's eyes really see.
-    pub fn truths(&self, camera: usize) -> Truths<'_> {
-        Truths::new(self, camera)
+    /// Ground truth of a camera's images.
+    pub fn ground_truth(&self, camera: usize) -> GroundTruth<'_> {
+        GroundTruth::new(self, camera)
     }
 
-    /// All samples of an IMU in order, each with its number and its time in ns.
+    /// All samples of an IMU in order, each with its index and its time, ns.
     pub fn samples<'a>(
         &'a self,
         imu: &'a RigImu,
@@ -604,7 +613,7 @@ impl Simulation {
                 n,
                 time_ns,
                 imu.imu
-                    .sample(&self.walker, n, seconds(time_ns), &ImuTrouble::NONE),
+                    .sample(&self.walker, n, seconds(time_ns), &ImuFaults::NONE),
             )
         })
     }
@@ -615,7 +624,7 @@ impl Simulation {
         (state.position, state.rotation)
     }
 
-    /// The wearer's limbs, which move with the walk.
+    /// The wearer's limbs, which move during the walk.
     fn limbs(&self) -> Vec<Limb<'_>> {
         let parts = self.scene().wearer.parts.iter();
         parts
@@ -627,7 +636,7 @@ impl Simulation {
             .collect()
     }
 
-    /// Everything that can be seen: the scene, then the wearer.
+    /// All bodies to draw: the scene, then the wearer.
     fn placed<'a>(&'a self, limbs: &'a [Limb<'a>]) -> Vec<Placed<'a>> {
         let mut placed = placed(self.scene());
         for limb in limbs {
@@ -642,7 +651,7 @@ impl Simulation {
     }
 }
 
-/// Cameras and IMUs of a rig, once settings are known to be possible.
+/// Cameras and IMUs of a rig, after validation of the settings.
 fn sensors(
     settings: &Settings,
     rig: &Rig,
@@ -651,15 +660,15 @@ fn sensors(
     let mut cameras = cameras(rig, settings.width, settings.height)?;
     for camera in &mut cameras {
         let period_s = 1.0 / settings.rate_hz;
-        camera.longest_exposure_s = camera.longest_exposure_s.min(SHUTTER_SHARE * period_s);
+        camera.max_exposure_s = camera.max_exposure_s.min(MAX_EXPOSURE_RATIO * period_s);
     }
     let imus = imus(ImuModel::ZED_MINI, &cameras, settings, rig)?;
     Ok((cameras, imus))
 }
 
-/// What files say that say the truth.
-fn told(cameras: &[SimCamera], imus: &[RigImu]) -> Vec<Told> {
-    let of = |(camera, imu): (&SimCamera, &RigImu)| Told {
+/// Nominal calibration without error: equal to the ground truth.
+fn nominal_cameras(cameras: &[SimCamera], imus: &[RigImu]) -> Vec<NominalCamera> {
+    let of = |(camera, imu): (&SimCamera, &RigImu)| NominalCamera {
         models: camera.models,
         rig_from_eye: camera.rig_from_eye,
         imu_from_rig: imu.imu_from_rig,
@@ -667,14 +676,14 @@ fn told(cameras: &[SimCamera], imus: &[RigImu]) -> Vec<Told> {
     cameras.iter().zip(imus).map(of).collect()
 }
 
-fn calibration_of(told: &Told, model: &ImuModel) -> StereoCalibration {
-    let [left, right] = told.rig_from_eye;
+fn calibration_of(nominal: &NominalCamera, model: &ImuModel) -> StereoCalibration {
+    let [left, right] = nominal.rig_from_eye;
     StereoCalibration {
-        left: told.models[0],
-        right: told.models[1],
+        left: nominal.models[0],
+        right: nominal.models[1],
         right_from_left: right.inverse() * left,
         imu: Some(ImuCalibration {
-            imu_from_left: told.imu_from_rig * left,
+            imu_from_left: nominal.imu_from_rig * left,
             rate_hz: model.rate_hz,
             noise: Some(ImuNoise {
                 gyro_noise_density: model.noise_density[0],
@@ -691,7 +700,7 @@ fn calibration_of(told: &Told, model: &ImuModel) -> StereoCalibration {
     }
 }
 
-/// The IMUs of cameras, each with errors of its own.
+/// The IMUs of the cameras, each with its own errors.
 fn imus(
     model: ImuModel,
     cameras: &[SimCamera],
@@ -709,7 +718,7 @@ fn imus(
     cameras.iter().zip(0..).map(imu).collect()
 }
 
-/// A part of the wearer on his walk.
+/// A body part of the wearer with its motion.
 struct Limb<'a> {
     body: &'a Body,
     part: Part,

@@ -1,7 +1,7 @@
 //! Rotations from and to rotation vectors.
 //!
 //! Contract: the same bits on every machine. The standard library's sine is the system's and may
-//! differ in the last bit from one machine to the next; `libm` is compiled in.
+//! differ in the last bit between machines; `libm` is compiled in.
 
 use nalgebra::{Quaternion, UnitQuaternion, Vector3};
 
@@ -41,7 +41,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn exp_and_log_undo_each_other_and_agree_with_the_library() {
+    fn exp_and_log_are_inverse_and_agree_with_nalgebra() {
         for v in [
             Vector3::new(0.0, 0.0, 0.0),
             Vector3::new(1e-9, -2e-9, 0.0),

@@ -1,20 +1,19 @@
-//! A rigid motion that is twice continuously differentiable, with exact derivatives.
+//! A twice continuously differentiable rigid motion with exact derivatives.
 //!
-//! A cumulative cubic B-spline on uniform knots, of positions in R³ and of rotations in SO(3) (Kim, Kim
-//! and Shin 1995; derivatives by the recursion of Sommer et al., CVPR 2020). The spline passes near
-//! its control poses, not through them: it is itself the truth, and what made the controls is only
-//! where they came from.
+//! A cumulative cubic B-spline on uniform knots, of positions in R³ and of rotations in SO(3) (Kim,
+//! Kim and Shin 1995; derivatives by the recursion of Sommer et al., CVPR 2020). The spline passes
+//! near its control poses, not through them: the spline is the ground truth, not the controls.
 
 use nalgebra::{UnitQuaternion, Vector3};
 
 use crate::so3;
 
-/// A body's pose and how it changes.
+/// Pose of a body with its derivatives.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct State {
     /// Origin of the body in the world, m.
     pub position: Vector3<f64>,
-    /// Takes vectors in the body's frame to the world.
+    /// Maps vectors of the body frame to the world.
     pub rotation: UnitQuaternion<f64>,
     /// Velocity of the origin in the world, m/s.
     pub velocity: Vector3<f64>,
@@ -26,12 +25,12 @@ pub struct State {
     pub angular_acceleration: Vector3<f64>,
 }
 
-/// See the module.
+/// A rigid motion; see the module documentation.
 #[derive(Clone, Debug)]
 pub struct Spline {
     spacing_s: f64,
     controls: Vec<(Vector3<f64>, UnitQuaternion<f64>)>,
-    /// Rotation from each control to the next, in the former's frame.
+    /// Rotation from each control to the next, in the former's frame: rotation vector, rad.
     turns: Vec<Vector3<f64>>,
 }
 
@@ -39,7 +38,7 @@ impl Spline {
     /// Controls at times `0, spacing, 2 spacing, …`; valid from `spacing` to the last but one.
     ///
     /// # Panics
-    /// With fewer than four controls: the caller makes them.
+    /// With fewer than four controls.
     pub fn new(spacing_s: f64, controls: Vec<(Vector3<f64>, UnitQuaternion<f64>)>) -> Self {
         assert!(controls.len() >= 4, "a cubic spline needs four controls");
         let turns = controls
@@ -125,7 +124,7 @@ mod tests {
     }
 
     #[test]
-    fn derivatives_are_those_of_the_poses() {
+    fn derivatives_agree_with_difference_quotients() {
         let spline = wild();
         let h = 1e-5;
         for k in 0..300 {
@@ -136,7 +135,8 @@ mod tests {
             let rate = so3::log(&(a.rotation.inverse() * c.rotation)) / (2.0 * h);
             let angular = (c.angular_rate - a.angular_rate) / (2.0 * h);
             assert!((velocity - b.velocity).norm() < 1e-6, "{t}");
-            // The third derivative jumps at a knot, so that a difference across one is off by a step.
+            // The third derivative jumps at a knot, so a difference quotient across one has an
+            // error.
             assert!((acceleration - b.acceleration).norm() < 2e-2, "{t}");
             assert!((rate - b.angular_rate).norm() < 1e-6, "{t}");
             assert!((angular - b.angular_acceleration).norm() < 2e-2, "{t}");
@@ -144,7 +144,7 @@ mod tests {
     }
 
     #[test]
-    fn second_derivatives_have_no_jump_at_the_knots() {
+    fn second_derivatives_are_continuous_at_the_knots() {
         let spline = wild();
         for k in 2..37 {
             let t = 0.05 * f64::from(k);

@@ -1,8 +1,8 @@
-//! A person walking with the rig on the chest: where the rig and the feet are at any time.
+//! A person walking with the rig on the chest: motion of the rig and the feet.
 //!
-//! Contract: the motion is a function of scene, seed and length. The rig's pose is a spline that is
-//! twice continuously differentiable, so that what an IMU measures is exact ([`Walker::rig`]). Between
-//! [`Footfall`]s' flat phases feet move smoothly; in a flat phase they do not move at all. Time is in
+//! Contract: the motion is a function of scene, seed and length. The rig's pose is a twice
+//! continuously differentiable spline, so IMU measurements are exact ([`Walker::rig`]). Between the
+//! flat phases of [`Footfall`]s feet move smoothly; in a flat phase they are at rest. Time is in
 //! seconds from standing still; the first step follows within a second.
 
 pub mod gait;
@@ -20,45 +20,45 @@ use crate::scene::Scene;
 use crate::so3;
 use crate::spline::{Spline, State};
 
-/// Distance between the spline's controls, s: motion up to some 10 Hz.
+/// Knot spacing of the spline, s: motion up to about 10 Hz.
 pub(crate) const KNOT_S: f64 = 0.025;
 /// Height of the rig's datum above the soles of a standing wearer, m.
 pub const CHEST_HEIGHT_M: f64 = 1.3;
-/// How far the plate is before the line of the hips, m.
+/// Distance of the rig in front of the line of the hips, m.
 const CHEST_AHEAD_M: f64 = 0.14;
-/// Where somebody stands who carries the plate in his hands, m.
+/// Position of a person who carries the rig in his hands, m.
 const CARRIER_X: f64 = -0.6;
 /// From the strike until the whole sole is down, s.
 const ROLL_DOWN_S: f64 = 0.08;
-/// From the heel's lifting until the toe is off, s.
+/// From heel lift until toe-off, s.
 const ROLL_OFF_S: f64 = 0.2;
-/// How far the toe points up at the strike and the heel up at the end, rad, at a usual speed.
+/// Pitch of the toe at the strike and of the heel at the end, rad, at a usual speed.
 const STRIKE_PITCH: f64 = -0.3;
 const OFF_PITCH: f64 = 0.75;
-/// Least height of a swinging foot above what it passes, m.
+/// Minimum clearance of a swinging foot, m.
 const CLEARANCE_M: f64 = 0.025;
 
 /// A walk.
 #[derive(Clone, Debug)]
 pub struct Walker {
     spline: Spline,
-    /// Of each foot, in the order of time.
+    /// Footfalls of each foot, in the order of time.
     falls: [Vec<Footfall>; 2],
-    /// Height that a foot is lifted in the swing after a footfall, m.
+    /// Lift of a foot in the swing after a footfall, m.
     lifts: [Vec<f64>; 2],
     seconds: f64,
 }
 
-/// Where a foot is.
+/// Pose of a foot.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct FootState {
     /// Middle of the sole, in the world, m.
     pub position: Vector3<f64>,
-    /// Takes the foot's axes (x forward, y left, z up from the sole) to the world.
+    /// Maps the foot frame (x forward, y left, z up from the sole) to the world.
     pub rotation: UnitQuaternion<f64>,
-    /// Some of the sole is on the ground.
+    /// Whether a part of the sole is on the ground.
     pub contact: bool,
-    /// The whole sole is on the ground and at rest.
+    /// Whether the whole sole is on the ground and at rest.
     pub flat: bool,
 }
 
@@ -66,7 +66,7 @@ impl Walker {
     /// Walks the scene's route for `seconds`.
     pub fn new(scene: &Scene, seed: u64, seconds: f64) -> Self {
         let path = Path::closed(&scene.route.points);
-        // A little longer than asked for, so that the end is no edge.
+        // Slightly longer than required, so that the end is not an edge.
         let progress = Progress::new(&scene.route.legs, seconds + 2.0);
         let ground = |x: f64, y: f64, below: f64| Some(scene.ground(x, y, below)?.height);
         let all = gait::plan(&path, &progress, &ground, scene.route.start_below);
@@ -87,8 +87,8 @@ impl Walker {
         }
     }
 
-    /// Somebody who stands on the floor behind the rig, and carries it along a spline whose second control is at
-    /// the beginning.
+    /// A person who stands on the floor behind the rig and carries it along a spline whose second
+    /// control is at the beginning.
     pub(crate) fn carrying(spline: Spline, seconds: f64) -> Self {
         let standing = |side| Footfall {
             side,
@@ -106,7 +106,7 @@ impl Walker {
         }
     }
 
-    /// For how long it was made, s.
+    /// Length, s.
     pub fn seconds(&self) -> f64 {
         self.seconds
     }
@@ -121,7 +121,7 @@ impl Walker {
         &self.falls[side as usize]
     }
 
-    /// Where a foot is.
+    /// Pose of a foot.
     pub fn foot(&self, side: Side, time_s: f64) -> FootState {
         let falls = &self.falls[side as usize];
         let next = falls.partition_point(|f| f.strike_s <= time_s).max(1);
@@ -136,7 +136,7 @@ impl Walker {
         swinging(fall, to, self.lifts[side as usize][next - 1], t)
     }
 
-    /// When a footfall's sole is wholly down and at rest, s; empty in a quick run.
+    /// Time span in which a footfall's whole sole is down and at rest, s; empty in a quick run.
     pub fn flat_phase(fall: &Footfall) -> (f64, f64) {
         let length = fall.off_s - fall.strike_s;
         let (down, off) = (
@@ -153,12 +153,12 @@ fn smooth(t: f64) -> f64 {
     t * t * t * (10.0 + t * (6.0 * t - 15.0))
 }
 
-/// How much of the usual roll of a foot a speed brings.
+/// Fraction of the usual roll of a foot at a speed.
 fn vigour(speed: f64) -> f64 {
     (speed / 1.3).clamp(0.0, 1.2)
 }
 
-/// A foot at rest, turned by `pitch` about a point of its sole.
+/// A foot at rest, rotated by `pitch` about a point of its sole.
 fn rolled(fall: &Footfall, pivot_x: f64, pitch: f64) -> (Vector3<f64>, UnitQuaternion<f64>) {
     let turn = so3::exp(Vector3::y() * pitch);
     let pivot = Vector3::new(pivot_x, 0.0, 0.0);
@@ -218,7 +218,7 @@ fn swinging(from: &Footfall, to: &Footfall, lift: f64, t: f64) -> FootState {
     }
 }
 
-/// How high a foot has to be lifted to pass over everything between two footfalls.
+/// Lift that a foot needs to clear everything between two footfalls.
 fn lift(from: &Footfall, to: &Footfall, ground: &gait::GroundFn<'_>) -> f64 {
     let below = from.position.z.max(to.position.z) + 0.5;
     let mut lift: f64 = 0.02 + 0.03 * vigour(to.speed);
@@ -237,18 +237,18 @@ fn lift(from: &Footfall, to: &Footfall, ground: &gait::GroundFn<'_>) -> f64 {
     lift.min(0.45)
 }
 
-/// The motion of the chest over the footfalls.
+/// Motion of the chest over the footfalls.
 fn chest(path: &Path, progress: &Progress, falls: &[Footfall], seed: u64) -> Spline {
     let seconds = progress.seconds();
     let count = (seconds / KNOT_S).ceil() as usize + 4;
-    // How lively the walk is: the speed, smoothed over half a second to both sides.
+    // Intensity of the gait: the speed, smoothed over half a second to both sides.
     let lively = |t: f64| {
         let at = |k: i32| progress.at(t + 0.1 * f64::from(k)).1;
         (-5..=5).map(at).sum::<f64>() / 11.0 / 1.35
     };
     let mut controls = Vec::with_capacity(count);
     for i in 0..count {
-        // The first control lies before the start.
+        // The first control is before the start.
         let t = (i as f64 - 1.0) * KNOT_S;
         let (gone, speed) = progress.at(t);
         let ([x, y], [dx, dy]) = path.at(gone);
@@ -267,7 +267,7 @@ fn chest(path: &Path, progress: &Progress, falls: &[Footfall], seed: u64) -> Spl
         let mut pitch = 0.05 + 0.05 * run + 0.018 * g * libm::cos(turn + 0.6);
         let mut yaw = 0.05 * g * c1;
         let roll = 0.022 * g * s1;
-        // The jolt of a strike: a damped swing of 9 Hz.
+        // Shock of a strike: a damped oscillation of 9 Hz.
         let last = falls.partition_point(|f| f.strike_s <= t);
         for fall in &falls[last.saturating_sub(2)..last] {
             let since = t - fall.strike_s;
@@ -285,7 +285,7 @@ fn chest(path: &Path, progress: &Progress, falls: &[Footfall], seed: u64) -> Spl
                 ahead += 0.1 * shape;
             }
         }
-        // Nobody holds still: slow sways, and looking about.
+        // Slow sway, and looking around.
         let sway = |k: u64, size: f64| {
             (0..3_u64).fold(0.0, |sum, j| {
                 let draw = |n| random::uniform(seed, random::WALK + k, 2 * j + n);
@@ -307,10 +307,10 @@ fn chest(path: &Path, progress: &Progress, falls: &[Footfall], seed: u64) -> Spl
     Spline::new(KNOT_S, controls)
 }
 
-/// Steps so far, with the part of the one under way (even: the right foot stands next), and the mean
-/// height of the feet that carry the body, m.
+/// Steps so far, including the fraction of the current one (even: the right foot lands next), and
+/// the mean height of the feet that carry the body, m.
 fn stride(falls: &[Footfall], t: f64) -> (f64, f64) {
-    // The first two are where one stands before the start.
+    // The first two are the stance before the start.
     let next = falls.partition_point(|f| f.strike_s <= t).max(2);
     let level = |k: usize| 0.5 * (falls[k - 1].position.z + falls[k - 2].position.z);
     let steps = next as f64 - 2.0;
@@ -321,7 +321,7 @@ fn stride(falls: &[Footfall], t: f64) -> (f64, f64) {
         2 => 0.0,
         _ => falls[next - 1].strike_s,
     };
-    // While one stands before a step, the phase waits.
+    // While standing before a step, the phase waits.
     let begin = since.max(fall.strike_s - 0.8);
     let part = ((t - begin) / (fall.strike_s - begin)).clamp(0.0, 1.0);
     let height = level(next) + (level(next + 1) - level(next)) * smooth(part);

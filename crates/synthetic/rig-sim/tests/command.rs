@@ -1,4 +1,4 @@
-//! The program: what it says where, and with which code it ends.
+//! The program: outputs and exit codes.
 
 use std::path::Path;
 use std::process::{Command, Output};
@@ -20,7 +20,7 @@ fn check(folder: &Path, arguments: &[&str], code: i32) -> [String; 2] {
 }
 
 #[test]
-fn quiet_says_nothing_but_what_was_asked_for() {
+fn quiet_prints_only_the_result() {
     let folder = tempfile::tempdir().unwrap();
     let at = folder.path();
     let render =
@@ -34,14 +34,14 @@ fn quiet_says_nothing_but_what_was_asked_for() {
         "{out}"
     );
     assert_eq!(out.lines().count(), 1, "{out}");
-    // What failed is said.
+    // An error is reported.
     let [out, error] = check(at, &arguments, 1);
     assert_eq!(out, "");
     assert!(error.starts_with("error: "), "{error}");
 }
 
 #[test]
-fn it_writes_its_own_papers() {
+fn completions_and_manual_pages_are_written() {
     let folder = tempfile::tempdir().unwrap();
     let at = folder.path();
     for shell in ["bash", "zsh", "fish"] {
@@ -68,7 +68,7 @@ fn it_writes_its_own_papers() {
 }
 
 #[test]
-fn bad_arguments_have_a_code_of_their_own() {
+fn invalid_arguments_exit_with_2() {
     let folder = tempfile::tempdir().unwrap();
     let at = folder.path();
     for arguments in [

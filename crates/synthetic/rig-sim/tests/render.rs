@@ -1,4 +1,4 @@
-//! A rendered walk, read back by others.
+//! A rendered walk, read by other crates.
 
 use std::fs;
 use std::path::{Path, PathBuf};
@@ -9,19 +9,19 @@ use calib::{Distortion, read_stereo};
 use rig_sim::camera::Quality;
 use rig_sim::faults::Faults;
 use rig_sim::render::{Job, RenderError, render};
-use rig_sim::scene::{Kind, Time};
+use rig_sim::scene::{Kind, Lighting};
 use rig_sim::simulation::{Settings, Simulation};
 
 const RIG: &str = include_str!("../../../../cad-transforms/rigs/example.toml");
 
-/// BLAKE3 of all files of the walk below. It changes with everything that changes a picture or a number,
-/// and with the PNG encoder; a change that nobody meant is a machine or a thread that makes a difference.
+/// BLAKE3 of all files of the walk below. It changes with every change of an image or a number, and
+/// with the PNG encoder; an unintended change indicates a dependence on the machine or on threads.
 const HASH: &str = "f78a9a24168429603fc147ba0829853dd0b1a6109dba0e77d2e7a828214ccaa1";
 
 fn simulation() -> Arc<Simulation> {
     let settings = Settings {
         kind: Kind::Pavement,
-        time: Time::Day,
+        lighting: Lighting::Day,
         seed: 1,
         seconds: 1.0,
         rate_hz: 10.0,
@@ -32,7 +32,7 @@ fn simulation() -> Arc<Simulation> {
     Arc::new(Simulation::new(&settings, &Rig::parse(RIG).unwrap()).unwrap())
 }
 
-/// Everything as it should be.
+/// No faults.
 static NO_FAULTS: LazyLock<Faults> = LazyLock::new(Faults::default);
 static EXAMPLE: LazyLock<Rig> = LazyLock::new(|| Rig::parse(RIG).unwrap());
 
@@ -83,7 +83,7 @@ fn rows(path: PathBuf) -> Vec<Vec<f64>> {
 }
 
 #[test]
-fn the_same_bytes_on_any_number_of_threads_and_readable_by_others() {
+fn rendered_bytes_are_independent_of_threads_and_readable() {
     let folder = tempfile::tempdir().unwrap();
     let simulation = simulation();
     let out = folder.path().join("three");
@@ -91,11 +91,7 @@ fn the_same_bytes_on_any_number_of_threads_and_readable_by_others() {
     let one = folder.path().join("one");
     render(&simulation, &job(1), &one, &|| {}).unwrap();
     assert_eq!(hash(&out), hash(&one));
-    assert_eq!(
-        hash(&out),
-        HASH,
-        "the pictures or numbers of a walk have changed"
-    );
+    assert_eq!(hash(&out), HASH, "images or numbers of a walk have changed");
 
     let rig = Rig::parse(RIG).unwrap();
     for (number, camera) in simulation.cameras().iter().enumerate() {
@@ -126,7 +122,7 @@ fn the_same_bytes_on_any_number_of_threads_and_readable_by_others() {
         let samples = rows(root.join("mav0/imu0/data.csv"));
         assert_eq!(samples.len(), 401);
         assert_eq!(samples[400][0], 1e9);
-        // One stands: what is felt is gravity.
+        // At rest the IMU measures gravity.
         let force = samples[0][4..].iter().map(|v| v * v).sum::<f64>().sqrt();
         assert!((force - 9.8).abs() < 1.0, "{force}");
         let state = rows(root.join("mav0/state_groundtruth_estimate0/data.csv"));
@@ -152,8 +148,8 @@ fn the_same_bytes_on_any_number_of_threads_and_readable_by_others() {
                 .collect();
             assert_eq!(names.len(), 10);
             assert_eq!(names[0], "50000000.png");
-            for picture in names {
-                let path = root.join("mav0").join(name).join("data").join(picture);
+            for image in names {
+                let path = root.join("mav0").join(name).join("data").join(image);
                 let file = std::io::BufReader::new(fs::File::open(path).unwrap());
                 let mut reader = png::Decoder::new(file).read_info().unwrap();
                 let mut pixels = vec![0; reader.output_buffer_size().unwrap()];
@@ -161,7 +157,7 @@ fn the_same_bytes_on_any_number_of_threads_and_readable_by_others() {
                 assert_eq!(reader.info().size(), (64, 36));
                 assert!(
                     pixels.iter().any(|&v| v != pixels[0]),
-                    "{name}: {picture} is blank"
+                    "{name}: {image} is blank"
                 );
             }
         }
@@ -184,7 +180,7 @@ fn the_same_bytes_on_any_number_of_threads_and_readable_by_others() {
 }
 
 #[test]
-fn what_is_there_is_left_alone() {
+fn existing_files_are_not_modified() {
     let folder = tempfile::tempdir().unwrap();
     let simulation = simulation();
     let occupied = folder.path().join("occupied");
@@ -200,7 +196,7 @@ fn what_is_there_is_left_alone() {
     assert!(matches!(error, RenderError::Unfinished(_)), "{error}");
     assert!(unfinished.is_dir());
 
-    // An empty folder is as good as none, and nothing is left beside it.
+    // An empty folder is accepted, and nothing is left beside it.
     let empty = folder.path().join("empty");
     fs::create_dir(&empty).unwrap();
     render(&simulation, &job(3), &empty, &|| {}).unwrap();

@@ -4,12 +4,12 @@ use std::sync::Arc;
 
 use cad_transforms::rig::Rig;
 use calib::target::Target;
+use rig_sim::calibration_error::CalibrationError;
 use rig_sim::camera::Quality;
-use rig_sim::deviation::Deviation;
 use rig_sim::faults::{Fault, Faults, Kind as FaultKind};
 use rig_sim::preview::film::film;
 use rig_sim::render::session::{BEGIN, SessionError, write};
-use rig_sim::scene::{Kind, Time};
+use rig_sim::scene::{Kind, Lighting};
 use rig_sim::simulation::{Settings, Simulation};
 use session_archive::reader::{Entry, SessionReader};
 use session_archive::record::{
@@ -28,7 +28,7 @@ fn rig() -> Rig {
 fn walk() -> Arc<Simulation> {
     let settings = Settings {
         kind: Kind::Corridor,
-        time: Time::Day,
+        lighting: Lighting::Day,
         seed: 1,
         seconds: SECONDS,
         rate_hz: 10.0,
@@ -66,7 +66,7 @@ fn records<R: Record + Default>(reader: &SessionReader) -> Vec<R> {
 }
 
 #[test]
-fn a_session_is_sound_and_says_what_is_true() {
+fn session_is_valid_and_contains_ground_truth() {
     let folder = tempfile::tempdir().unwrap();
     let simulation = walk();
     let faults = Faults {
@@ -85,10 +85,10 @@ fn a_session_is_sound_and_says_what_is_true() {
         (s.first, s.samples, s.gaps)
     };
     assert_eq!(of("left_shoulder"), (0, 30, 0));
-    // Five frames while the device was gone, three that were dropped.
+    // Five frames while the device was disconnected, three dropped.
     assert_eq!(of("feet"), (0, 22, 8));
     let (_, samples, gaps) = of("feet/imu");
-    // The oscillator of an IMU is off by some ppm.
+    // The oscillator of an IMU has a rate error of some ppm.
     assert!(
         (1199..=1201).contains(&(samples + gaps)),
         "{samples} {gaps}"
@@ -113,7 +113,7 @@ fn a_session_is_sound_and_says_what_is_true() {
     assert_eq!((sets.len(), complete), (30, 22));
     let batches = records::<ImuBatch>(&reader);
     let synced: usize = batches.iter().map(|b| b.frame_sync.len()).sum();
-    // Every camera's IMU is told of every frame while it is there.
+    // Every camera's IMU counts every frame while the device is connected.
     assert!((80..=86).contains(&synced), "{synced}");
     let names: Vec<&str> = reader
         .manifest()
@@ -137,7 +137,7 @@ fn a_session_is_sound_and_says_what_is_true() {
 }
 
 #[test]
-fn clocks_that_are_disturbed_are_left_to_the_recorder() {
+fn clock_faults_are_rejected() {
     let folder = tempfile::tempdir().unwrap();
     let faults = Faults {
         list: vec![fault(FaultKind::ClockStep, 0.1, 1.0)],
@@ -152,7 +152,7 @@ fn clocks_that_are_disturbed_are_left_to_the_recorder() {
 }
 
 #[test]
-fn a_film_has_every_frame() {
+fn film_contains_every_frame() {
     let folder = tempfile::tempdir().unwrap();
     let path = folder.path().join("walk.mp4");
     let done = std::sync::atomic::AtomicU32::new(0);
@@ -162,7 +162,7 @@ fn a_film_has_every_frame() {
     film(&walk(), &path, &count).unwrap();
     assert_eq!(done.into_inner(), 90);
     let bytes = std::fs::read(&path).unwrap();
-    // ISO base media: the file type comes first; the sample sizes tell how many pictures there are.
+    // ISO base media: the file type comes first; the sample sizes tell how many images there are.
     assert_eq!(&bytes[4..8], b"ftyp");
     let stsz = bytes.windows(4).position(|w| w == b"stsz").unwrap();
     let count = u32::from_be_bytes(bytes[stsz + 12..stsz + 16].try_into().unwrap());
@@ -170,17 +170,22 @@ fn a_film_has_every_frame() {
 }
 
 #[test]
-fn a_target_session_holds_boards_and_truth_beside_what_was_told() {
+fn target_session_contains_boards_and_ground_truth_beside_the_nominal_calibration() {
     let folder = tempfile::tempdir().unwrap();
     let settings = Settings {
         kind: Kind::Targets,
         ..*walk().settings()
     };
-    let mut deviation = Deviation::default();
-    deviation.of_mut("feet").late_ns = 3_000_000;
-    deviation.of_mut("left_shoulder").turned.y = 0.01;
-    let told = Simulation::new(&settings, &rig()).unwrap();
-    let simulation = Arc::new(told.clone().with_deviation(&rig(), &deviation).unwrap());
+    let mut calibration_error = CalibrationError::default();
+    calibration_error.of_mut("feet").time_offset_ns = 3_000_000;
+    calibration_error.of_mut("left_shoulder").rotation.y = 0.01;
+    let nominal = Simulation::new(&settings, &rig()).unwrap();
+    let simulation = Arc::new(
+        nominal
+            .clone()
+            .with_calibration_error(&rig(), &calibration_error)
+            .unwrap(),
+    );
     let faults = Faults::default();
     write(&simulation, &rig(), RIG, &faults, folder.path(), &|| {}).unwrap();
     let reader = SessionReader::open(Arc::new(DiskStorage::new(folder.path()))).unwrap();
@@ -198,7 +203,7 @@ fn a_target_session_holds_boards_and_truth_beside_what_was_told() {
     assert!((off.angle_rad() - 0.01).abs() < 1e-9);
     assert!(file("truth.cameras.toml").contains("late_ns = 3000000"));
     assert!(file("truth.targets.csv").lines().count() > 3 * 144);
-    // Frames say the usual times; truth says when they were taken.
+    // Frames have nominal timestamps; ground truth has the exposure times.
     let frames: Vec<Frame> = records(&reader);
     assert_eq!(frames.len(), 90);
     let truth = |name: &str| -> Vec<i64> {
@@ -213,9 +218,17 @@ fn a_target_session_holds_boards_and_truth_beside_what_was_told() {
         assert_eq!(feet + 3_000_000, shoulder);
         assert_eq!(frames.iter().filter(|f| f.time == shoulder).count(), 3);
     }
-    // What files say of lenses and places is what they said of the rig as told.
+    // Recorded intrinsics and extrinsics are the nominal ones.
     let other = tempfile::tempdir().unwrap();
-    write(&Arc::new(told), &rig(), RIG, &faults, other.path(), &|| {}).unwrap();
+    write(
+        &Arc::new(nominal),
+        &rig(),
+        RIG,
+        &faults,
+        other.path(),
+        &|| {},
+    )
+    .unwrap();
     let other = SessionReader::open(Arc::new(DiskStorage::new(other.path()))).unwrap();
     let statics = |r: &SessionReader| {
         let lenses: Vec<CameraCalibration> = records(r);

@@ -1,6 +1,6 @@
 //! Input of the estimator: frame sets and IMU samples.
 
-use calib::verify::Grey;
+use calib::verify::ImageView;
 
 /// Frame set: the frames of one instant, one entry per camera in the order of the rig; `None` if a
 /// camera has no frame.

@@ -1,10 +1,10 @@
-//! Runs as a table of text.
+//! Text table of runs.
 
 use super::super::{Delta, Statistics};
 use super::{Run, Runs};
 
-/// Shown where there is no number.
-const NOTHING: &str = "-";
+/// Cell without a number.
+const ABSENT: &str = "-";
 
 pub(super) fn text(runs: &Runs) -> String {
     let deltas: Vec<Delta> = (runs.runs.iter().take(1))
@@ -31,11 +31,11 @@ pub(super) fn text(runs: &Runs) -> String {
 }
 
 fn heads(deltas: &[Delta]) -> Vec<String> {
-    let mut heads: Vec<String> = ["run", "ATE m", "max m", "turn deg"]
+    let mut heads: Vec<String> = ["run", "ATE m", "max m", "rotation deg"]
         .map(str::to_owned)
         .into();
     for delta in deltas {
-        let unit = if is_way(*delta) { "%" } else { "m" };
+        let unit = if is_distance(*delta) { "%" } else { "m" };
         heads.push(format!("{delta}: {unit}"));
         heads.push(format!("{delta}: deg"));
     }
@@ -52,8 +52,8 @@ fn heads(deltas: &[Delta]) -> Vec<String> {
     heads
 }
 
-fn is_way(delta: Delta) -> bool {
-    matches!(delta, Delta::Metres(_))
+fn is_distance(delta: Delta) -> bool {
+    matches!(delta, Delta::Meters(_))
 }
 
 fn cells(runs: &Runs, run: &Run, deltas: &[Delta]) -> Vec<String> {
@@ -67,49 +67,49 @@ fn cells(runs: &Runs, run: &Run, deltas: &[Delta]) -> Vec<String> {
     };
     let mut cells = vec![
         format!("{}{lost}", run.name),
-        shown(absolute.map(|a| a.translation_m.rmse), 4),
-        shown(absolute.map(|a| a.translation_m.max), 4),
-        shown(rotation.map(|r| r.rmse.to_degrees()), 3),
+        formatted(absolute.map(|a| a.translation_m.rmse), 4),
+        formatted(absolute.map(|a| a.translation_m.max), 4),
+        formatted(rotation.map(|r| r.rmse.to_degrees()), 3),
     ];
     for delta in deltas {
         let relative = run.relative(*delta);
         let rmse = |of: Option<Statistics>, factor: f64| of.map(|s| factor * s.rmse);
-        let translation = match is_way(*delta) {
+        let translation = match is_distance(*delta) {
             true => relative.and_then(|r| rmse(r.share, 100.0)),
             false => relative.and_then(|r| rmse(r.translation_m, 1.0)),
         };
-        cells.push(shown(translation, 3));
+        cells.push(formatted(translation, 3));
         let rotation = relative.and_then(|r| rmse(r.rotation_rad, 1f64.to_degrees()));
-        cells.push(shown(rotation, 3));
+        cells.push(formatted(rotation, 3));
     }
     let consistency = evaluation.consistency.as_ref();
     let wrong = consistency.map(|c| format!("{} of {}", c.silently_wrong, c.count));
     cells.extend([
         format!("{:.1} %", 100.0 * evaluation.completion.share),
-        shown(Some(evaluation.completion.longest_gap_s()), 2),
+        formatted(Some(evaluation.completion.longest_gap_s()), 2),
         evaluation.matched.to_string(),
-        shown(consistency.map(|c| c.nees / 6.0), 2),
-        wrong.unwrap_or_else(|| NOTHING.to_owned()),
-        shown(run.cost.seconds, 1),
-        shown(run.cost.peak_bytes.map(|b| b as f64 * 1e-6), 0),
+        formatted(consistency.map(|c| c.nees / 6.0), 2),
+        wrong.unwrap_or_else(|| ABSENT.to_owned()),
+        formatted(run.cost.seconds, 1),
+        formatted(run.cost.peak_bytes.map(|b| b as f64 * 1e-6), 0),
     ]);
     cells
 }
 
-fn shown(number: Option<f64>, digits: usize) -> String {
-    number.map_or_else(|| NOTHING.to_owned(), |n| format!("{n:.digits$}"))
+fn formatted(number: Option<f64>, digits: usize) -> String {
+    number.map_or_else(|| ABSENT.to_owned(), |n| format!("{n:.digits$}"))
 }
 
 fn summary(runs: &Runs) -> String {
     let count = runs.runs.len();
-    let worst = runs.worst.as_deref().unwrap_or(NOTHING);
+    let worst = runs.worst.as_deref().unwrap_or(ABSENT);
     let mean = match &runs.mean {
         Some(mean) => {
             let turn = mean.rotation_rmse_rad.map(f64::to_degrees);
             format!(
-                "mean of {count}: ATE {:.4} m, turn {} deg, complete {:.1} %",
+                "mean of {count}: ATE {:.4} m, rotation {} deg, complete {:.1} %",
                 mean.translation_rmse_m,
-                shown(turn, 3),
+                formatted(turn, 3),
                 100.0 * mean.completion
             )
         }

@@ -31,7 +31,7 @@ fn run(name: &str, rmse: Option<f64>, completion: f64) -> Run {
 }
 
 #[test]
-fn whole_runs_have_a_mean_and_the_largest_error_is_the_worst() {
+fn complete_runs_have_a_mean_and_the_largest_error_is_the_worst() {
     let runs = vec![run("a", Some(0.1), 1.0), run("b", Some(0.3), 0.96)];
     let runs = Runs::new(runs, 0.95);
     assert_eq!((runs.lost, runs.worst.as_deref()), (0, Some("b")));
@@ -40,12 +40,12 @@ fn whole_runs_have_a_mean_and_the_largest_error_is_the_worst() {
     assert!((mean.completion - 0.98).abs() < 1e-15);
     let table = runs.table();
     assert!(
-        table.ends_with("worst: b; mean of 2: ATE 0.2000 m, turn 0.573 deg, complete 98.0 %\n")
+        table.ends_with("worst: b; mean of 2: ATE 0.2000 m, rotation 0.573 deg, complete 98.0 %\n")
     );
 }
 
 #[test]
-fn a_lost_run_takes_the_mean_away_and_is_the_worst() {
+fn a_lost_run_removes_the_mean_and_is_the_worst() {
     let runs = vec![
         run("a", Some(9.0), 1.0),
         run("b", Some(0.001), 0.5),
@@ -67,7 +67,7 @@ fn a_lost_run_takes_the_mean_away_and_is_the_worst() {
         table.ends_with("worst: b; mean: none, lost 2 of 4\n"),
         "{table}"
     );
-    // Nothing compared is lost, whatever the completion.
+    // A run without pairs is lost, whatever its completion.
     let nothing = Runs::new(vec![run("a", None, 1.0)], 0.95);
     assert_eq!((nothing.lost, nothing.mean), (1, None));
     assert!(nothing.table().contains("lost 1 of 1"));
@@ -92,5 +92,5 @@ fn rows_have_error_time_memory_and_completion() {
         let end = head.find(title).expect("a column") + title.len();
         assert!(row[..end].ends_with(cell), "{title}\n{table}");
     }
-    assert!(last.starts_with("0.0123 m off"), "{table}");
+    assert!(last.starts_with("ATE 0.0123 m"), "{table}");
 }

@@ -1,25 +1,26 @@
 //! Stage `depth`: depth of keyframes.
 //!
-//! Contract: keyframes are frames of each stereo camera that are apart by motion ([`choose`]), each with its pose at its own
-//! time. Each that can be read has depth with a sigma ([`pair`]); what is too far to tell has none. A
-//! frame that cannot be read, and a camera whose pair cannot be rectified, are losses and have no keyframe. Pictures are decoded
-//! a few at a time, one camera after the other; memory does not grow with the session but by a line per keyframe.
+//! Contract: keyframes are frames of each stereo camera, spaced by motion ([`keyframe_selection`]),
+//! each with its pose at its own time. Each readable one has depth with a sigma ([`stereo_pair`]);
+//! too distant surfaces have none. A frame that cannot be read, and a camera whose pair cannot be
+//! rectified, are losses and have no keyframe. Images are decoded a few at a time, one camera after
+//! the other; memory grows with the session only by one entry per keyframe.
 
 use std::collections::BTreeMap;
 
 use scene_bundle::outputs::depth::{DepthKey, DepthView, DepthWriter};
-use scene_bundle::outputs::{self, DEPTH, KEYFRAMES, RIG_ADJUSTED, TRAJECTORY};
+use scene_bundle::outputs::{self, DEPTH, KEYFRAMES, RIG_REFINED, TRAJECTORY};
 use serde_json::{Value, json};
 
-use self::choose::Apart;
-use self::pair::Pair;
+use self::keyframe_selection::KeyframeSpacing;
+use self::stereo_pair::StereoPair;
 use super::networks::Networks;
 use super::{HANDOFF, Preset};
 use crate::input::{Input, ReadError};
 use crate::pipeline::{Stage, StageError, Work};
 
-mod choose;
-mod pair;
+mod keyframe_selection;
+mod stereo_pair;
 
 /// See the module.
 pub(super) struct DepthStage {
@@ -27,14 +28,14 @@ pub(super) struct DepthStage {
     pub(super) networks: Networks,
 }
 
-/// How far keyframes are apart: by half of a person's step at most, by a step, by two.
-fn apart(preset: Preset) -> Apart {
+/// Keyframe spacing: at most half a person's step, one step, two steps.
+fn keyframe_spacing(preset: Preset) -> KeyframeSpacing {
     let (moved_m, turned_deg) = match preset {
         Preset::Fast => (1.0, 30.0),
         Preset::Balanced => (0.5, 20.0),
         Preset::Accurate => (0.25, 10.0),
     };
-    Apart {
+    KeyframeSpacing {
         moved_m,
         turned_deg,
     }
@@ -58,7 +59,7 @@ impl Stage<Input> for DepthStage {
     }
 
     fn inputs(&self) -> &'static [&'static str] {
-        &[HANDOFF, RIG_ADJUSTED, TRAJECTORY]
+        &[HANDOFF, RIG_REFINED, TRAJECTORY]
     }
 
     fn outputs(&self) -> &'static [&'static str] {
@@ -66,28 +67,28 @@ impl Stage<Input> for DepthStage {
     }
 
     fn settings(&self) -> Value {
-        let Apart {
+        let KeyframeSpacing {
             moved_m,
             turned_deg,
-        } = apart(self.preset);
+        } = keyframe_spacing(self.preset);
         json!({
-            // All of them, so that depth is made anew when what a preset means has changed.
+            // All of them, so that depth is recomputed when the meaning of a preset has changed.
             "matching": format!("{:?}", ::depth::Settings::preset(matching(self.preset))),
             "moved_m": moved_m,
             "turned_deg": turned_deg,
-            "nearest_m": pair::NEAREST_M,
-            "most_relative_sigma": pair::MOST_RELATIVE_SIGMA,
+            "nearest_m": stereo_pair::MIN_DISTANCE_M,
+            "most_relative_sigma": stereo_pair::MAX_RELATIVE_SIGMA,
             "network": self.networks.stereo_hash(),
         })
     }
 
     fn run(&self, work: &Work<'_, Input>) -> Result<(), StageError> {
-        let rig = outputs::rig::read(&work.read(RIG_ADJUSTED)?)?;
+        let rig = outputs::rig::read(&work.read(RIG_REFINED)?)?;
         let trajectory = outputs::trajectory::read(&work.read(TRAJECTORY)?)?;
         let input = work.source();
         let (mut pairs, mut views, mut chosen) = (Vec::new(), Vec::new(), Vec::new());
         for (place, camera) in rig.cameras.iter().enumerate() {
-            match Pair::new(camera, matching(self.preset)) {
+            match StereoPair::new(camera, matching(self.preset)) {
                 Ok(pair) => {
                     views.push(DepthView {
                         camera: camera.name.clone(),
@@ -98,19 +99,19 @@ impl Stage<Input> for DepthStage {
                     let index = input.index();
                     let number = index.cameras.iter().position(|c| c.name == camera.name);
                     let number = number.ok_or_else(|| ReadError::NoSuch(of_camera(camera)))?;
-                    chosen.push(choose::keyframes(
+                    chosen.push(keyframe_selection::keyframes(
                         index,
                         number,
                         (place, camera),
                         &trajectory,
-                        apart(self.preset),
+                        keyframe_spacing(self.preset),
                     ));
                     pairs.push((camera, pair));
                 }
-                Err(error) => work.lose(format!(
+                Err(error) => work.record_loss(format!(
                     "camera {}: {}",
                     camera.name,
-                    scene_bundle::chain(&*error)
+                    scene_bundle::error_chain(&*error)
                 )),
             }
         }
@@ -118,7 +119,7 @@ impl Stage<Input> for DepthStage {
         let all: usize = chosen.iter().map(BTreeMap::len).sum();
         let (mut done, mut keyframes, mut share) = (0, Vec::new(), 0.0);
         for (view, ((camera, mut pair), chosen)) in pairs.into_iter().zip(chosen).enumerate() {
-            let frames = input.grey_frames_where(&camera.name, |p| chosen.contains_key(&p))?;
+            let frames = input.luma_frames_where(&camera.name, |p| chosen.contains_key(&p))?;
             for (frame, keyframe) in frames.zip(chosen.values()) {
                 match frame {
                     Ok(frame) => {
@@ -135,7 +136,7 @@ impl Stage<Input> for DepthStage {
                         writer.write(key, &picture)?;
                         keyframes.push(*keyframe);
                     }
-                    Err(loss) => work.lose_for(&loss),
+                    Err(loss) => work.record_loss_from(&loss),
                 }
                 done += 1;
                 work.progress(done, all as u64);
@@ -144,7 +145,7 @@ impl Stage<Input> for DepthStage {
         writer.finish()?;
         outputs::keyframes::write(work.draft(KEYFRAMES), &keyframes)?;
         work.note(format!(
-            "{} keyframes, of whose pixels {:.0} % have depth",
+            "{} keyframes, {:.0} % of their pixels have depth",
             keyframes.len(),
             100.0 * share / keyframes.len().max(1) as f64
         ));

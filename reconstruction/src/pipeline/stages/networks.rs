@@ -1,7 +1,9 @@
-//! Networks of the user's: one in place of our matcher, one that tells what can move (`docs/learned.md`).
+//! The user's networks: one that replaces the built-in stereo matcher, one that segments movable
+//! objects (`docs/learned.md`).
 //!
-//! Contract: they are opened and checked before the first stage. Their hashes are settings of the stage that uses them, so that another
-//! network makes it anew. A program that was built without the feature `onnx` has none, and says so when it is asked for one.
+//! Contract: they are opened and checked before the first stage. Their hashes are settings of the
+//! stage that uses them, so that another network re-runs it. A program built without the feature
+//! `onnx` has none, and reports an error if one is requested.
 
 use std::path::Path;
 #[cfg(feature = "onnx")]
@@ -13,11 +15,11 @@ use learned::{LearnedError, Runtime, SegmentationNetwork, StereoNetwork};
 use serde_json::{Value, json};
 
 #[cfg(feature = "onnx")]
-use crate::picture::Colour;
-use crate::picture::Picture;
+use crate::image::Color;
+use crate::image::Image;
 use crate::pipeline::StageError;
 
-/// Why there is no such network.
+/// Why a network cannot be used.
 #[derive(Debug, thiserror::Error)]
 pub enum NetworksError {
     /// Build with `--features onnx`.
@@ -25,7 +27,7 @@ pub enum NetworksError {
         "using a network: found a program built without networks, expected one built with `--features onnx`: {0}"
     )]
     NotBuilt(String),
-    /// What the network or ONNX Runtime is not.
+    /// Error of the network or of ONNX Runtime.
     #[cfg(feature = "onnx")]
     #[error(transparent)]
     Learned(#[from] LearnedError),
@@ -66,12 +68,12 @@ impl Networks {
         })
     }
 
-    /// Of that for disparities, for the settings of a stage; null without one.
+    /// Hash of the stereo network, for the settings of a stage; null without one.
     pub(super) fn stereo_hash(&self) -> Value {
         json!(self.stereo.as_deref().map(|n| lock(n).hash().to_owned()))
     }
 
-    /// Of that for segmentation.
+    /// Hash of the segmentation network.
     pub(super) fn segmentation_hash(&self) -> Value {
         json!(
             self.segmentation
@@ -80,7 +82,7 @@ impl Networks {
         )
     }
 
-    /// Disparities of a rectified pair, where there is a network for them.
+    /// Disparities of a rectified pair, if there is a stereo network.
     pub(super) fn disparity(
         &self,
         left: depth::Picture<'_>,
@@ -90,15 +92,15 @@ impl Networks {
         Ok(self.stereo.as_deref().map(run).transpose()?)
     }
 
-    /// Where things that can move are in a picture, rows first, where there is a network for them.
-    pub(super) fn movable(&self, picture: &Picture) -> Result<Option<Vec<bool>>, StageError> {
+    /// Movable pixels of an image, rows first, if there is a segmentation network.
+    pub(super) fn movable(&self, picture: &Image) -> Result<Option<Vec<bool>>, StageError> {
         let Some(network) = self.segmentation.as_deref() else {
             return Ok(None);
         };
         let (width, height) = (picture.width as usize, picture.height as usize);
-        let picture = match picture.colour {
-            Colour::Grey => learned::Picture::grey(width, height, &picture.data)?,
-            Colour::Rgb => learned::Picture::rgb(width, height, &picture.data)?,
+        let picture = match picture.color {
+            Color::Grey => learned::Picture::grey(width, height, &picture.data)?,
+            Color::Rgb => learned::Picture::rgb(width, height, &picture.data)?,
         };
         Ok(Some(lock(network).run(&picture)?.movable))
     }
@@ -111,7 +113,7 @@ fn lock<T>(network: &Mutex<T>) -> std::sync::MutexGuard<'_, T> {
 
 #[cfg(not(feature = "onnx"))]
 impl Networks {
-    /// Nothing, if nothing is given.
+    /// Succeeds only if no network is given.
     ///
     /// # Errors
     /// [`NetworksError::NotBuilt`].
@@ -135,25 +137,29 @@ impl Networks {
     /// None.
     pub(super) fn disparity(
         &self,
-        _left: depth::Picture<'_>,
-        _right: depth::Picture<'_>,
+        _left: depth::ImageView<'_>,
+        _right: depth::ImageView<'_>,
     ) -> Result<Option<DisparityMap>, StageError> {
         Ok(None)
     }
 
     /// None.
-    pub(super) fn movable(&self, _picture: &Picture) -> Result<Option<Vec<bool>>, StageError> {
+    pub(super) fn movable(&self, _picture: &Image) -> Result<Option<Vec<bool>>, StageError> {
         Ok(None)
     }
 }
 
 /// The writer of small networks that the tests of `learned` use.
 #[cfg(all(test, feature = "onnx"))]
-#[allow(dead_code, unreachable_pub, reason = "it has more than is used here")]
+#[allow(
+    dead_code,
+    unreachable_pub,
+    reason = "it has more functions than are used here"
+)]
 #[path = "../../../../crates/vision/learned/tests/it/onnx.rs"]
 mod onnx;
 
-/// Where they find ONNX Runtime.
+/// Location of ONNX Runtime.
 #[cfg(all(test, feature = "onnx"))]
 #[path = "../../../../crates/vision/learned/tests/it/library.rs"]
 mod library;
@@ -165,7 +171,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn without_networks_there_are_no_answers() {
+    fn without_networks_there_are_no_results() {
         let networks = Networks::open(None, None).expect("nothing");
         let [left, right] = [rectified(&[0; 6]), rectified(&[0; 6])];
         assert!(networks.disparity(left, right).expect("none").is_none());
@@ -179,15 +185,15 @@ mod tests {
         assert_eq!(networks.segmentation_hash(), Value::Null);
     }
 
-    fn rectified(pixels: &[u8; 6]) -> depth::Picture<'_> {
-        depth::Picture::new(3, 2, pixels).expect("a picture")
+    fn rectified(pixels: &[u8; 6]) -> depth::ImageView<'_> {
+        depth::ImageView::new(3, 2, pixels).expect("an image")
     }
 
-    fn recorded(pixels: &[u8; 6]) -> Picture {
-        Picture {
+    fn recorded(pixels: &[u8; 6]) -> Image {
+        Image {
             width: 3,
             height: 2,
-            colour: crate::picture::Colour::Grey,
+            color: crate::image::Color::Grey,
             data: pixels.to_vec().into(),
         }
     }
@@ -207,7 +213,7 @@ mod tests {
 
     #[cfg(feature = "onnx")]
     #[test]
-    fn networks_answer_instead() {
+    fn networks_replace_the_built_in_methods() {
         let Some(runtime) = super::library::runtime() else {
             return;
         };
@@ -224,7 +230,7 @@ mod tests {
             "stereo = { factor = 1.0, both_ways = false }",
         )
         .expect("settings");
-        // Class 1 is where the picture is brighter than 0.
+        // Class 1 is where the image is brighter than 0.
         let segmentation = Graph::default()
             .input("image", F32, &picture)
             .output("out", F32, &[1, 2, -1, -1])

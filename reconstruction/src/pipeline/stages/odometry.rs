@@ -1,18 +1,18 @@
-//! Stage `odometry`: poses from what came before alone, and what the adjustment of the whole needs.
+//! Stage `odometry`: causal poses, and the input of the bundle adjustment.
 //!
-//! Contract: a pose for every frame set of the session, in order of time, each a function of what came before it; sets that
-//! cannot be read are losses and are carried by the IMU. Memory does not grow with the
-//! session.
+//! Contract: a pose for every frame set of the session, in order of time, each computed from the
+//! data before it only; sets that cannot be read are losses and are bridged by the IMU. Memory does
+//! not grow with the session.
 
-use ::odometry::{Odometry, Settings, Status};
+use ::odometry::{Config, Odometry, Status};
 use cad_transforms::{Covariance, RigidTransform};
-use scene_bundle::outputs::tracks::{MarkedCorner, SeenCorner, TrackedKeyframe, TracksWriter};
+use scene_bundle::outputs::tracks::{Keypoint, StereoObservation, TrackedKeyframe, TracksWriter};
 use scene_bundle::outputs::trajectory::TrajectoryWriter;
 use scene_bundle::outputs::{RIG, TRACKS, TRAJECTORY_CAUSAL};
 use scene_bundle::{Pose, outputs, trajectory};
 use serde_json::{Value, json};
 
-use super::feed::Feed;
+use super::frame_set_reader::FrameSetReader;
 use super::{HANDOFF, Preset, rig};
 use crate::input::Input;
 use crate::pipeline::{Stage, StageError, Work};
@@ -22,24 +22,24 @@ pub(super) struct OdometryStage {
     pub(super) preset: Preset,
 }
 
-/// Settings of odometry for a preset of the pipeline.
-pub(super) fn settings(preset: Preset) -> Settings {
-    Settings::preset(match preset {
+/// Settings of the odometry for a preset of the pipeline.
+pub(super) fn settings(preset: Preset) -> Config {
+    Config::preset(match preset {
         Preset::Fast => ::odometry::Preset::Fast,
         Preset::Balanced => ::odometry::Preset::Balanced,
         Preset::Accurate => ::odometry::Preset::Accurate,
     })
 }
 
-/// The same as numbers, for the manifest.
-pub(super) fn told(settings: &Settings) -> Value {
+/// The same as JSON, for the manifest.
+pub(super) fn settings_json(settings: &Config) -> Value {
     json!({
-        "corners": settings.corners,
-        "frames": settings.frames,
-        "rounds": settings.rounds,
-        "every": settings.every,
-        "parallax_px": settings.parallax_px,
-        "sigma_px": settings.sigma_px,
+        "corners": settings.max_features,
+        "frames": settings.window_size,
+        "rounds": settings.max_iterations,
+        "every": settings.optimize_every_frame,
+        "parallax_px": settings.keyframe_parallax_px,
+        "sigma_px": settings.observation_sigma_px,
     })
 }
 
@@ -49,7 +49,7 @@ impl Stage<Input> for OdometryStage {
     }
 
     fn version(&self) -> u32 {
-        5
+        6
     }
 
     fn inputs(&self) -> &'static [&'static str] {
@@ -61,34 +61,34 @@ impl Stage<Input> for OdometryStage {
     }
 
     fn settings(&self) -> Value {
-        told(&settings(self.preset))
+        settings_json(&settings(self.preset))
     }
 
     fn run(&self, work: &Work<'_, Input>) -> Result<(), StageError> {
         let model = outputs::rig::read(&work.read(RIG)?)?;
-        if model.cameras.len() > outputs::tracks::CAMERAS {
+        if model.cameras.len() > outputs::tracks::MAX_CAMERAS {
             let found = model.cameras.len();
-            let most = outputs::tracks::CAMERAS;
+            let most = outputs::tracks::MAX_CAMERAS;
             return Err(format!("found {found} cameras, expected at most {most}").into());
         }
-        let mut odometry = Odometry::new(&rig::of_odometry(&model), settings(self.preset));
+        let mut odometry = Odometry::new(&rig::odometry_rig(&model), settings(self.preset));
         let mut poses = TrajectoryWriter::new(work.draft(TRAJECTORY_CAUSAL))?;
         let mut tracks = TracksWriter::new(work.draft(TRACKS))?;
         for camera in &model.cameras {
             let index = work.source().index().camera(&camera.name);
             if let Some(undecodable) = index.map(|i| i.undecodable).filter(|count| *count > 0) {
-                work.lose(format!(
+                work.record_loss(format!(
                     "{undecodable} frames of {} have no key frame",
                     camera.name
                 ));
             }
         }
-        let feed = Feed::new(work.source(), &model)?;
-        let all = feed.len() as u64;
+        let frame_set_reader = FrameSetReader::new(work.source(), &model)?;
+        let all = frame_set_reader.len() as u64;
         let (mut reckoned, mut lost) = (0_u64, 0_u64);
-        for (done, set) in feed.enumerate() {
+        for (done, set) in frame_set_reader.enumerate() {
             for loss in &set.losses {
-                work.lose_for(loss);
+                work.record_loss_from(loss);
             }
             for (imu, samples) in set.imu.iter().enumerate() {
                 for sample in samples {
@@ -103,24 +103,24 @@ impl Stage<Input> for OdometryStage {
             }
             poses.push(&pose(&estimate))?;
             for keyframe in odometry.take_keyframes(false) {
-                tracks.push(&written(&keyframe))?;
+                tracks.push(&to_tracked(&keyframe))?;
             }
             work.progress(done as u64 + 1, all);
         }
         for keyframe in odometry.take_keyframes(true) {
-            tracks.push(&written(&keyframe))?;
+            tracks.push(&to_tracked(&keyframe))?;
         }
         if reckoned > 0 {
             work.note(format!("{reckoned} of {all} poses are dead reckoned"));
         }
         if lost > 0 {
-            work.lose(format!("{lost} of {all} poses are not known"));
+            work.record_loss(format!("{lost} of {all} poses are lost"));
         }
-        for shift in odometry.shifts() {
-            work.lose(format!(
-                "camera {} seems to have been turned by {:.1} degrees on its plate at {} ns",
+        for shift in odometry.camera_shifts() {
+            work.record_loss(format!(
+                "camera {} seems to have rotated by {:.1} degrees on its plate at {} ns",
                 model.cameras[shift.camera].name,
-                shift.turned.to_degrees(),
+                shift.rotation_rad.to_degrees(),
                 shift.time_ns
             ));
         }
@@ -143,15 +143,15 @@ fn pose(estimate: &::odometry::Estimate) -> Pose {
     }
 }
 
-/// As files have it; none if it is none, by rounding.
+/// As stored in files; `None` if rounding makes it invalid.
 pub(super) fn covariance(matrix: &nalgebra::Matrix6<f64>) -> Option<Covariance> {
     let rows = std::array::from_fn(|i| std::array::from_fn(|j| matrix[(i, j)]));
     Covariance::from_rows(rows).ok()
 }
 
-fn written(keyframe: &::odometry::Keyframe) -> TrackedKeyframe {
+fn to_tracked(keyframe: &::odometry::Keyframe) -> TrackedKeyframe {
     let state = &keyframe.state;
-    let q = state.turn;
+    let q = state.rotation;
     let world_from_body = RigidTransform::from_wxyz([q.w, q.i, q.j, q.k], state.position.into())
         .expect("the state of a keyframe is a pose");
     TrackedKeyframe {
@@ -161,57 +161,57 @@ fn written(keyframe: &::odometry::Keyframe) -> TrackedKeyframe {
         velocity: state.velocity.into(),
         gyro_bias: state.gyro_bias.into(),
         accel_bias: state.accel_bias.into(),
-        read_rate: state.read_rate.into(),
-        is_felt: keyframe.is_felt,
-        after_s: keyframe.after_s.clone(),
-        seen: (keyframe.seen.iter())
-            .map(|s| SeenCorner {
+        gyro_rate: state.gyro_rate.into(),
+        imu_valid: keyframe.imu_valid,
+        exposure_offset_s: keyframe.exposure_offset_s.clone(),
+        observations: (keyframe.observations.iter())
+            .map(|s| StereoObservation {
                 track: s.id,
                 camera: s.camera,
                 left_px: s.left,
                 right_px: s.right,
             })
             .collect(),
-        marks: (keyframe.marks.iter())
-            .map(|m| MarkedCorner {
+        keypoints: (keyframe.keypoints.iter())
+            .map(|m| Keypoint {
                 camera: m.camera,
                 left_px: m.left,
                 inverse_range: m.rho,
-                looks: m.looks,
+                descriptor: m.descriptor,
             })
             .collect(),
     }
 }
 
-/// As odometry had it.
-pub(super) fn read(keyframe: TrackedKeyframe) -> ::odometry::Keyframe {
+/// As the odometry had it.
+pub(super) fn from_tracked(keyframe: TrackedKeyframe) -> ::odometry::Keyframe {
     ::odometry::Keyframe {
         number: keyframe.set,
         state: ::odometry::keyframe::BodyState {
             time_ns: keyframe.time_ns,
             position: *keyframe.world_from_body.translation(),
-            turn: *keyframe.world_from_body.rotation(),
+            rotation: *keyframe.world_from_body.rotation(),
             velocity: keyframe.velocity.into(),
             gyro_bias: keyframe.gyro_bias.into(),
             accel_bias: keyframe.accel_bias.into(),
-            read_rate: keyframe.read_rate.into(),
+            gyro_rate: keyframe.gyro_rate.into(),
         },
-        is_felt: keyframe.is_felt,
-        after_s: keyframe.after_s,
-        seen: (keyframe.seen.iter())
-            .map(|s| ::odometry::keyframe::Seen {
+        imu_valid: keyframe.imu_valid,
+        exposure_offset_s: keyframe.exposure_offset_s,
+        observations: (keyframe.observations.iter())
+            .map(|s| ::odometry::keyframe::StereoObservation {
                 id: s.track,
                 camera: s.camera,
                 left: s.left_px,
                 right: s.right_px,
             })
             .collect(),
-        marks: (keyframe.marks.iter())
-            .map(|m| ::odometry::keyframe::Mark {
+        keypoints: (keyframe.keypoints.iter())
+            .map(|m| ::odometry::keyframe::Keypoint {
                 camera: m.camera,
                 left: m.left_px,
                 rho: m.inverse_range,
-                looks: m.looks,
+                descriptor: m.descriptor,
             })
             .collect(),
     }

@@ -1,10 +1,12 @@
-//! Stage `rig`: the rig as later stages take it.
+//! Stage `rig`: the rig as used by later stages.
 //!
-//! Contract: lenses are those of the recorded calibrations, places those of the session's rig file, and of what that does
-//! not name or where there is none that can be read, of the recorded transforms, which have the makers' calibrations; what
-//! is told on the command line goes before both. IMUs that were heard all along come before those that were not. A
-//! camera whose lens or place nobody knows is a loss, an IMU without a place too; a rig without any camera is an error. What
-//! sessions do not hold (noise and range of IMUs, rolling shutters) is told, or that of known devices, with a note.
+//! Contract: intrinsics are those of the recorded calibrations; extrinsics those of the session's
+//! rig file, or, for parts that it does not name or if it cannot be read, of the recorded
+//! transforms, which have the makers' calibrations. Command-line overrides take precedence over
+//! both. IMUs with complete data come before those without. A camera without intrinsics or
+//! extrinsics is a loss, and so is an IMU without extrinsics; a rig without any camera is an error.
+//! Values that sessions do not hold (noise and range of IMUs, rolling shutters) are overrides, or
+//! those of known devices, with a note.
 
 use std::collections::BTreeMap;
 
@@ -23,29 +25,29 @@ use crate::input::Input;
 use crate::pipeline::{Report, Stage, StageError, Work};
 
 mod devices;
-mod places;
+mod part_poses;
 
-use self::places::Places;
+use self::part_poses::PartPoses;
 
-/// Share of the best-heard IMU's time that the one to go by must have been heard.
-const HEARD_SHARE: f64 = 0.9;
+/// Minimum coverage of the primary IMU, as a ratio of the best-covered IMU's time.
+const MIN_IMU_COVERAGE: f64 = 0.9;
 
-/// What is told of the rig instead of what the session says.
+/// Calibration that overrides that of the session.
 #[derive(Clone, Debug, Default)]
-pub struct Told {
+pub struct RigOverrides {
     /// A rig file: its text.
     pub rig: Option<String>,
     /// Calibrations of cameras, by name.
     pub calibrations: BTreeMap<String, StereoCalibration>,
-    /// Times from row to row of cameras, s, by name.
-    pub lines_s: BTreeMap<String, f64>,
-    /// The files that all this was read from.
-    pub files: Vec<GivenFile>,
+    /// Readout line times of cameras, s, by name.
+    pub line_times_s: BTreeMap<String, f64>,
+    /// The files that these values were read from.
+    pub files: Vec<OverrideFile>,
 }
 
-/// A file that was given beside the session.
+/// A file given in addition to the session.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize)]
-pub struct GivenFile {
+pub struct OverrideFile {
     /// Its name, without the folder.
     pub file: String,
     /// BLAKE3 of its bytes, hex.
@@ -54,7 +56,7 @@ pub struct GivenFile {
 
 /// See the module.
 pub(super) struct RigStage {
-    pub(super) told: Told,
+    pub(super) rig_overrides: RigOverrides,
 }
 
 impl Stage<Input> for RigStage {
@@ -75,13 +77,13 @@ impl Stage<Input> for RigStage {
     }
 
     fn settings(&self) -> Value {
-        let Told {
+        let RigOverrides {
             rig,
             calibrations,
-            lines_s,
+            line_times_s,
             files,
-        } = &self.told;
-        // In which folder a calibration was is of no consequence.
+        } = &self.rig_overrides;
+        // The folder of a calibration does not matter.
         let lenses: BTreeMap<&String, Value> = (calibrations.iter())
             .map(|(name, c)| {
                 let place = json!({
@@ -96,9 +98,9 @@ impl Stage<Input> for RigStage {
         let mut settings = json!({
             "rig": rig,
             "calibrations": lenses,
-            "lines_s": lines_s,
+            "lines_s": line_times_s,
         });
-        // Not there where nothing is given, as before there was this key.
+        // Absent if nothing is given, as before this key was introduced.
         if !files.is_empty() {
             settings["given"] = json!(files);
         }
@@ -106,50 +108,58 @@ impl Stage<Input> for RigStage {
     }
 
     fn run(&self, work: &Work<'_, Input>) -> Result<(), StageError> {
-        let (model, report) = model(work.source(), &self.told)?;
+        let (model, report) = model(work.source(), &self.rig_overrides)?;
         report.notes.into_iter().for_each(|note| work.note(note));
-        report.losses.into_iter().for_each(|loss| work.lose(loss));
+        report
+            .losses
+            .into_iter()
+            .for_each(|loss| work.record_loss(loss));
         outputs::rig::write(work.draft(RIG), &model)?;
         Ok(())
     }
 }
 
-/// Why there is no rig.
+/// Error of the stage `rig`.
 #[derive(Debug, thiserror::Error)]
 pub enum RigStageError {
-    /// The file told of is no rig: correct it.
-    #[error("reading the rig file that was told")]
-    Told(#[source] cad_transforms::rig::RigError),
-    /// A camera is told of that the session does not have: correct the name.
-    #[error("taking what was told: the session has no camera {found:?}, expected one of {known}")]
+    /// The given file is not a rig file: correct it.
+    #[error("reading the given rig file")]
+    RigFile(#[source] cad_transforms::rig::RigError),
+    /// An override names a camera that the session does not have: correct the name.
+    #[error(
+        "applying calibration overrides: the session has no camera {found:?}, expected one of {known}"
+    )]
     Unknown {
         /// The name.
         found: String,
         /// All names.
         known: String,
     },
-    /// A lens is for pictures of another size: calibrate at this one.
-    #[error("the lens of {eye} is for {found}, expected {expected}, as the pictures are")]
+    /// The intrinsics are for images of another size: calibrate at this one.
+    #[error("the lens of {eye} is for {found}, expected {expected}, the size of the images")]
     Size {
-        /// Which eye.
+        /// Camera side.
         eye: String,
-        /// Size of the lens.
+        /// Size that the intrinsics are for.
         found: String,
-        /// Size of the pictures.
+        /// Size of the images.
         expected: String,
     },
-    /// Of no camera both lenses and places are known: give calibrations, or record with them.
+    /// No camera has both intrinsics and extrinsics: give calibrations, or record with them.
     #[error(
-        "no camera of the session has lenses and a place on the rig: {}; to mend it: {}",
+        "no camera of the session has intrinsics and a pose on the rig: {}; to fix it: {}",
         .0,
-        calib::mend::after()
+        calib::remedy::after_recording()
     )]
     NoCamera(String),
 }
 
-/// The name and revision of the session's rig, or of the rig that is told.
-pub fn revision(input: &Input, told: &Told) -> scene_bundle::RigRevision {
-    let parsed = told.rig.as_deref().and_then(|text| Rig::parse(text).ok());
+/// Name and revision of the session's rig, or of the given rig file.
+pub fn revision(input: &Input, rig_overrides: &RigOverrides) -> scene_bundle::RigRevision {
+    let parsed = rig_overrides
+        .rig
+        .as_deref()
+        .and_then(|text| Rig::parse(text).ok());
     let rig = parsed.or_else(|| rig_file(input, &mut Report::default()));
     let of = |text: fn(&Rig) -> &str| rig.as_ref().map_or("unknown", text).to_owned();
     scene_bundle::RigRevision {
@@ -158,61 +168,64 @@ pub fn revision(input: &Input, told: &Told) -> scene_bundle::RigRevision {
     }
 }
 
-/// The rig of a session, and what is to be said of it.
+/// The rig of a session, with notes and losses.
 ///
 /// # Errors
 /// [`RigStageError`].
-pub fn model(input: &Input, told: &Told) -> Result<(RigModel, Report), RigStageError> {
-    check_names(input, told)?;
+pub fn model(
+    input: &Input,
+    rig_overrides: &RigOverrides,
+) -> Result<(RigModel, Report), RigStageError> {
+    check_names(input, rig_overrides)?;
     let mut report = Report::default();
-    for GivenFile { file, blake3 } in &told.files {
+    for OverrideFile { file, blake3 } in &rig_overrides.files {
         let note = format!(
-            "given beside the session, and taken before what it holds: {file}, blake3 {blake3}"
+            "given in addition to the session, with precedence over its content: {file}, blake3 {blake3}"
         );
         report.notes.push(note);
     }
-    let parse = |text: &String| Rig::parse(text).map_err(RigStageError::Told);
-    let rig = match told.rig.as_ref().map(parse).transpose()? {
+    let parse = |text: &String| Rig::parse(text).map_err(RigStageError::RigFile);
+    let rig = match rig_overrides.rig.as_ref().map(parse).transpose()? {
         Some(rig) => Some(rig),
         None => rig_file(input, &mut report),
     };
-    let places = Places::new(rig.as_ref(), input, &mut report);
+    let part_poses = PartPoses::new(rig.as_ref(), input, &mut report);
     let mut cameras = Vec::new();
     for camera in &input.manifest().cameras {
         let name = camera.name.as_str();
         let size = [camera.width / 2, camera.height];
-        let calibration = told.calibrations.get(name);
-        let eye = |eye: &str, told: Option<CameraModel>| {
+        let calibration = rig_overrides.calibrations.get(name);
+        let eye = |eye: &str, rig_overrides: Option<CameraModel>| {
             let recorded = || {
                 let c = input.calibration(&format!("{name}/{eye}"))?;
                 foxglove::lens([c.width, c.height], &c.distortion_model, &c.d, &c.k)
             };
-            told.or_else(recorded)
+            rig_overrides.or_else(recorded)
         };
         let left = eye("left", calibration.map(|c| c.left));
         let right = eye("right", calibration.map(|c| c.right));
         let right_from_left = match calibration {
             Some(calibration) => Some(calibration.right_from_left),
-            None => places.transform(name, FramePart::Right, FramePart::Left),
+            None => part_poses.transform(name, FramePart::Right, FramePart::Left),
         };
-        let rig_from_left = places.on_rig(name, FramePart::Left);
+        let rig_from_left = part_poses.on_rig(name, FramePart::Left);
         let (Some(left), Some(right)) = (left, right) else {
             report
                 .losses
-                .push(format!("camera {name}: its lenses are not known"));
+                .push(format!("camera {name}: its intrinsics are not known"));
             continue;
         };
         let (Some(right_from_left), Some((rig_from_left, covariance))) =
             (right_from_left, rig_from_left)
         else {
-            let loss = format!("camera {name}: it is not known where its eyes sit on the rig");
+            let loss = format!("camera {name}: its pose on the rig is not known");
             report.losses.push(loss);
             continue;
         };
         for (eye, lens) in [("left", &left), ("right", &right)] {
             check_size(&format!("{name}/{eye}"), lens, size)?;
         }
-        let line_s = told.lines_s.get(name).copied();
+        let line_s = rig_overrides.line_times_s.get(name).copied();
         let line_s = line_s
             .unwrap_or_else(|| devices::line_s(device(rig.as_ref(), name), camera, &mut report));
         cameras.push(RigCamera {
@@ -231,8 +244,8 @@ pub fn model(input: &Input, told: &Told) -> Result<(RigModel, Report), RigStageE
     }
     if cameras.len() < input.manifest().cameras.len() {
         let note = format!(
-            "cameras without lenses or a place are left out; to have them: {}",
-            calib::mend::after()
+            "cameras without intrinsics or a pose are left out; to use them: {}",
+            calib::remedy::after_recording()
         );
         report.notes.push(note);
     }
@@ -240,15 +253,15 @@ pub fn model(input: &Input, told: &Told) -> Result<(RigModel, Report), RigStageE
     for imu in &input.manifest().imus {
         let name = imu.name.as_str();
         let (camera, _) = name.rsplit_once('/').unwrap_or((name, ""));
-        let told_imu = told.calibrations.get(camera).and_then(|c| c.imu);
+        let told_imu = rig_overrides.calibrations.get(camera).and_then(|c| c.imu);
         let placed = match told_imu {
-            Some(imu) => places
+            Some(imu) => part_poses
                 .on_rig(camera, FramePart::Left)
                 .map(|(rig_from_left, _)| (rig_from_left * imu.imu_from_left.inverse(), None)),
-            None => places.on_rig(camera, FramePart::Imu),
+            None => part_poses.on_rig(camera, FramePart::Imu),
         };
         let Some((rig_from_imu, covariance)) = placed else {
-            let loss = format!("IMU {name}: it is not known where it sits on the rig");
+            let loss = format!("IMU {name}: its pose on the rig is not known");
             report.losses.push(loss);
             continue;
         };
@@ -265,17 +278,17 @@ pub fn model(input: &Input, told: &Told) -> Result<(RigModel, Report), RigStageE
     }
     if imus.len() < input.manifest().imus.len() {
         let note = format!(
-            "IMUs without a place are left out; to have them: `{}`, then `{}`",
-            calib::mend::PLACE_IMUS,
-            calib::mend::RECONSTRUCT
+            "IMUs without a pose are left out; to use them: `{}`, then `{}`",
+            calib::remedy::CALIBRATE_IMUS,
+            calib::remedy::RECONSTRUCT
         );
         report.notes.push(note);
     }
     let heard: BTreeMap<&str, f64> = (input.index().imus.iter())
-        .map(|imu| (imu.name.as_str(), heard_s(imu)))
+        .map(|imu| (imu.name.as_str(), imu_coverage_s(imu)))
         .collect();
-    best_first(&mut imus, &heard, &mut report);
-    let revision = revision(input, told);
+    order_by_coverage(&mut imus, &heard, &mut report);
+    let revision = revision(input, rig_overrides);
     let model = RigModel {
         name: revision.name,
         revision: revision.revision,
@@ -285,33 +298,42 @@ pub fn model(input: &Input, told: &Told) -> Result<(RigModel, Report), RigStageE
     Ok((model, report))
 }
 
-/// For how long an IMU was heard, s.
-fn heard_s(imu: &ImuIndex) -> f64 {
+/// Total time covered by an IMU's samples, s.
+fn imu_coverage_s(imu: &ImuIndex) -> f64 {
     let batches = imu.batches.iter();
     batches.map(|b| (b.end_ns - b.start_ns) as f64 * 1e-9).sum()
 }
 
-/// Odometry goes by the first IMU: one that was heard for less of the session than another comes after it. Else the order of
-/// the rig stays.
-fn best_first(imus: &mut [RigImu], heard_s: &BTreeMap<&str, f64>, report: &mut Report) {
-    let of = |imu: &RigImu| heard_s.get(imu.name.as_str()).copied().unwrap_or(0.0);
+/// The odometry uses the first IMU: one with less coverage of the session than another comes after
+/// it. Otherwise the order of the rig is kept.
+fn order_by_coverage(
+    imus: &mut [RigImu],
+    imu_coverage_s: &BTreeMap<&str, f64>,
+    report: &mut Report,
+) {
+    let of = |imu: &RigImu| {
+        imu_coverage_s
+            .get(imu.name.as_str())
+            .copied()
+            .unwrap_or(0.0)
+    };
     let Some(first) = imus.first().map(|imu| imu.name.clone()) else {
         return;
     };
     let most = imus.iter().map(of).fold(0.0, f64::max);
-    imus.sort_by_key(|imu| of(imu) < HEARD_SHARE * most);
+    imus.sort_by_key(|imu| of(imu) < MIN_IMU_COVERAGE * most);
     if imus[0].name != first {
         report.notes.push(format!(
-            "IMU {} was heard for {:.1} s and {first} for {:.1} s: motion is felt with the former",
+            "IMU {} has samples for {:.1} s and {first} for {:.1} s: the former is used for odometry",
             imus[0].name,
             of(&imus[0]),
-            heard_s.get(first.as_str()).copied().unwrap_or(0.0)
+            imu_coverage_s.get(first.as_str()).copied().unwrap_or(0.0)
         ));
     }
 }
 
-/// As odometry takes it.
-pub fn of_odometry(model: &RigModel) -> odometry::Rig {
+/// The rig as input of the odometry.
+pub fn odometry_rig(model: &RigModel) -> odometry::Rig {
     let camera = |camera: &RigCamera| odometry::rig::StereoCamera {
         name: camera.name.clone(),
         left: camera.left,
@@ -334,7 +356,7 @@ pub fn of_odometry(model: &RigModel) -> odometry::Rig {
     }
 }
 
-/// A stereo camera of it by itself.
+/// Stereo calibration of one camera of it.
 pub fn calibration(camera: &RigCamera) -> StereoCalibration {
     StereoCalibration {
         left: camera.left,
@@ -349,8 +371,8 @@ pub fn calibration(camera: &RigCamera) -> StereoCalibration {
     }
 }
 
-/// A place on the rig and how far it may be off.
-type Placed = (RigidTransform, Option<Covariance>);
+/// A pose on the rig with its covariance.
+type PoseWithCovariance = (RigidTransform, Option<Covariance>);
 
 /// The maker's name of a camera's model, as the rig file has it.
 fn device<'a>(rig: Option<&'a Rig>, camera: &str) -> Option<&'a str> {
@@ -363,7 +385,8 @@ fn device<'a>(rig: Option<&'a Rig>, camera: &str) -> Option<&'a str> {
 fn rig_file(input: &Input, report: &mut Report) -> Option<Rig> {
     for file in &input.manifest().rig {
         let name = &file.name;
-        // What is true of a simulated rig is not what is told of it, and boards are no rigs.
+        // Files with the ground truth of a simulated rig are not its nominal calibration, and board
+        // files are not rigs.
         let is_other = name.starts_with("truth.") || name.starts_with("target.");
         if !name.ends_with(".toml") || is_other {
             continue;
@@ -380,10 +403,14 @@ fn rig_file(input: &Input, report: &mut Report) -> Option<Rig> {
     None
 }
 
-fn check_names(input: &Input, told: &Told) -> Result<(), RigStageError> {
+fn check_names(input: &Input, rig_overrides: &RigOverrides) -> Result<(), RigStageError> {
     let manifest = input.manifest();
     let cameras: Vec<&str> = manifest.cameras.iter().map(|c| c.name.as_str()).collect();
-    for name in told.calibrations.keys().chain(told.lines_s.keys()) {
+    for name in rig_overrides
+        .calibrations
+        .keys()
+        .chain(rig_overrides.line_times_s.keys())
+    {
         if !cameras.contains(&name.as_str()) {
             return Err(RigStageError::Unknown {
                 found: name.clone(),
@@ -414,7 +441,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn an_imu_that_was_hardly_heard_is_not_the_first() {
+    fn an_imu_with_little_coverage_is_not_the_first() {
         let imu = |name: &str| RigImu {
             name: name.to_owned(),
             rig_from_imu: RigidTransform::identity(),
@@ -427,7 +454,7 @@ mod tests {
             let mut imus = ["a", "b", "c"].map(imu);
             let heard = ["a", "b", "c"].into_iter().zip(heard).collect();
             let mut report = Report::default();
-            best_first(&mut imus, &heard, &mut report);
+            order_by_coverage(&mut imus, &heard, &mut report);
             (imus.map(|i| i.name).concat(), report.notes.len())
         };
         assert_eq!(order([59.8, 60.0, 60.0]), ("abc".to_owned(), 0));

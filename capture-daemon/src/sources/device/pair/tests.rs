@@ -8,11 +8,11 @@ use super::*;
 const PERIOD: i64 = NS_PER_S / 30;
 const WITHIN: i64 = PERIOD * 2 / 5;
 
-/// Keeps what it is given.
+/// Stores its samples.
 #[derive(Default)]
-struct Kept(Mutex<Vec<Sample>>);
+struct RecordingSink(Mutex<Vec<Sample>>);
 
-impl Sink for Kept {
+impl Sink for RecordingSink {
     fn now(&self) -> HostTime {
         HostTime(0)
     }
@@ -21,7 +21,7 @@ impl Sink for Kept {
         self.0.lock().expect("samples").push(sample);
     }
 
-    fn wants_pixels(&self) -> bool {
+    fn pixels_needed(&self) -> bool {
         false
     }
 
@@ -30,13 +30,13 @@ impl Sink for Kept {
     }
 }
 
-/// A frame of one grey, which tells its number and eye.
+/// A uniform gray frame that encodes its number and eye.
 fn frame(eye: Eye, number: u64, time_ns: i64) -> Sample {
     let grey = match eye {
         Eye::Left => number as u8,
         Eye::Right => 100 + number as u8,
     };
-    let picture = Picture::new(4, 2, PixelFormat::I420, vec![grey; 12]).expect("a picture");
+    let image = Picture::new(4, 2, PixelFormat::I420, vec![grey; 12]).expect("an image");
     Sample::Frame(RawFrame {
         number,
         device_ticks: time_ns,
@@ -44,36 +44,38 @@ fn frame(eye: Eye, number: u64, time_ns: i64) -> Sample {
         host_time: HostTime(time_ns + 5_000_000),
         exposure_ns: None,
         eyes_apart_ns: None,
-        picture,
+        image,
     })
 }
 
-/// What comes out of these frames: number, grey of the left and of the right eye, distance; or what was lost and why.
+/// Output for these frames: number, gray level of the left and of the right image, time difference;
+/// or the dropped frame with its reason.
 fn join(samples: Vec<(Eye, Sample)>) -> Vec<String> {
-    let kept = Kept::default();
-    let joined = Joined::new(WITHIN, &kept);
+    let recorder = RecordingSink::default();
+    let joined = StereoJoiner::new(WITHIN, &recorder);
     for (eye, sample) in samples {
         joined.eye(eye).put(sample);
     }
     joined.finish();
-    let told = |sample: Sample| match sample {
+    let outputs = |sample: Sample| match sample {
         Sample::Frame(f) => {
-            let (left, right) = (f.picture.data[0], f.picture.data[4]);
+            let (left, right) = (f.image.data[0], f.image.data[4]);
             let apart_us = f.eyes_apart_ns.expect("two eyes") / 1000;
             assert_eq!(f.kernel_time, Some(HostTime(f.device_ticks)));
             format!("{}: {left} {right} {apart_us}", f.number)
         }
-        Sample::Seen(s) => format!("{} seen", s.number),
-        Sample::Lost(l) => format!("{} lost: {}", l.number, l.detail),
-        Sample::Gone(g) => format!("gone: {}", g.detail),
+        Sample::Arrival(s) => format!("{} seen", s.number),
+        Sample::Dropped(l) => format!("{} lost: {}", l.number, l.detail),
+        Sample::Disconnected(g) => format!("disconnected: {}", g.detail),
         Sample::Notice(n) => n.text,
         other => panic!("{other:?}"),
     };
-    kept.0
+    recorder
+        .0
         .into_inner()
         .expect("samples")
         .into_iter()
-        .map(told)
+        .map(outputs)
         .collect()
 }
 
@@ -90,32 +92,33 @@ fn both(numbers: std::ops::Range<u64>, later_ns: i64) -> Vec<(Eye, Sample)> {
 }
 
 #[test]
-fn pairs_are_side_by_side_and_say_how_far_apart_they_are() {
+fn pairs_are_side_by_side_with_their_time_difference() {
     let found = join(both(0..3, 2_000_000));
     assert_eq!(found, ["0: 0 107 2000", "1: 1 108 2000", "2: 2 109 2000"]);
 }
 
-/// While nobody stores frames, pairs are counted and timed; half of one is not shown either.
+/// While nobody stores frames, pairs are counted and timed; a single image of a pair is not
+/// previewed either.
 #[test]
-fn pairs_without_pixels_are_only_seen() {
-    let kept = Kept::default();
-    let joined = Joined::new(WITHIN, &kept);
+fn pairs_without_pixels_are_only_counted() {
+    let recorder = RecordingSink::default();
+    let joined = StereoJoiner::new(WITHIN, &recorder);
     assert!(
-        !joined.eye(Eye::Right).wants_pixels(),
-        "as whoever takes the pairs"
+        !joined.eye(Eye::Right).pixels_needed(),
+        "as the receiver of the pairs"
     );
     let mut samples = both(0..4, 1_000_000);
-    // Of 0 and 1 both eyes come without pixels, of 2 the right one.
+    // Of 0 and 1 both images come without pixels, of 2 the right one.
     for i in [0, 1, 2, 3, 5] {
         let Sample::Frame(frame) = &samples[i].1 else {
             panic!("{:?}", samples[i]);
         };
-        let seen = Seen {
+        let seen = FrameArrival {
             number: frame.number,
             device_ticks: frame.device_ticks,
             host_time: frame.host_time,
         };
-        samples[i].1 = Sample::Seen(seen);
+        samples[i].1 = Sample::Arrival(seen);
     }
     assert_eq!(
         join(samples),
@@ -124,7 +127,7 @@ fn pairs_without_pixels_are_only_seen() {
 }
 
 #[test]
-fn frames_too_far_apart_are_lost_with_the_reason() {
+fn frames_too_far_apart_are_dropped_with_the_reason() {
     // Half a period: neither neighbour is near enough.
     let found = join(both(0..3, PERIOD / 2));
     let lost = "lost: no right image was taken within 13.3 ms of the left one";
@@ -134,10 +137,10 @@ fn frames_too_far_apart_are_lost_with_the_reason() {
 }
 
 #[test]
-fn what_one_camera_loses_is_a_gap_in_its_place() {
+fn frame_dropped_by_one_camera_is_a_gap_at_its_number() {
     let mut samples = both(0..6, 1_000_000);
-    // Left 1 is damaged, right 3 did not come.
-    samples[2].1 = Sample::Lost(Lost {
+    // Left 1 is damaged, right 3 did not arrive.
+    samples[2].1 = Sample::Dropped(DroppedFrame {
         number: 1,
         host_time: HostTime(0),
         cause: Cause::Device,
@@ -156,7 +159,7 @@ fn what_one_camera_loses_is_a_gap_in_its_place() {
 }
 
 #[test]
-fn a_stamp_that_does_not_rise_is_lost() {
+fn non_increasing_timestamp_is_dropped() {
     let mut samples = both(0..4, 0);
     samples[4].1 = frame(Eye::Left, 2, PERIOD + 1);
     let found = join(samples);
@@ -169,21 +172,21 @@ fn a_stamp_that_does_not_rise_is_lost() {
 }
 
 #[test]
-fn a_camera_that_is_gone_takes_the_other_along_and_both_come_back() {
-    let gone = Sample::Gone(Gone {
+fn disconnect_of_one_camera_stops_the_pair_until_it_reconnects() {
+    let disconnected = Sample::Disconnected(Disconnected {
         host_time: HostTime(0),
-        part: Part::Camera,
+        part: DevicePart::Camera,
         detail: "unplugged".to_owned(),
     });
     let mut samples = both(0..2, 1_000_000);
-    samples.push((Eye::Right, gone));
-    // Meanwhile the left one goes on.
+    samples.push((Eye::Right, disconnected));
+    // Meanwhile the left one continues.
     samples.extend(
         both(2..5, 0)
             .into_iter()
             .filter(|(eye, _)| *eye == Eye::Left),
     );
-    // The right one counts and stamps from its own beginning again.
+    // The right one restarts its counter and timestamps.
     samples.push((Eye::Right, frame(Eye::Right, 0, 5 * PERIOD + 2)));
     samples.push((Eye::Left, frame(Eye::Left, 5, 5 * PERIOD + 1)));
     let found = join(samples);
@@ -192,7 +195,7 @@ fn a_camera_that_is_gone_takes_the_other_along_and_both_come_back() {
         [
             "0: 0 107 1000",
             "1: 1 108 1000",
-            "gone: right camera: unplugged",
+            "disconnected: right camera: unplugged",
             "5: 5 100 0"
         ]
     );

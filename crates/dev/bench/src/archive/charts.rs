@@ -1,4 +1,4 @@
-//! The pictures of the results.
+//! Charts of the results.
 
 use charts::{Axis, Chart, Series};
 
@@ -79,7 +79,7 @@ fn loss(losses: &[Loss], stamp: &str) -> Chart {
     let line = |name: &str, of: fn(&Loss) -> f64| {
         Series::line(name, losses.iter().map(|l| (l.chunk_s, of(l))))
     };
-    Chart::new("What a power cut takes")
+    Chart::new("Loss by a power cut")
         .subtitle(
             "from the last sample on disk to the last one that had arrived at the writer, \
              per stream and cut",
@@ -94,7 +94,7 @@ fn loss(losses: &[Loss], stamp: &str) -> Chart {
 }
 
 fn overhead(losses: &[Loss], stamp: &str) -> Chart {
-    Chart::new("What chunks cost")
+    Chart::new("Overhead of chunks")
         .subtitle(
             "bytes on disk beyond the access units of 60 to 100 kB; most of it is IMU samples",
         )
@@ -111,7 +111,7 @@ fn stop(stops: &[Stopping], stamp: &str) -> Chart {
     let points = stops
         .iter()
         .flat_map(|s| s.stops_s.iter().map(|t| (s.session_s / 60.0, 1e3 * t)));
-    Chart::new("How long closing a session's files takes")
+    Chart::new("Time to close a session's files")
         .subtitle("the last chunk, the summary and the manifest, synced; time is virtual, the disk is real")
         .x_axis(Axis::log("length of the session", "min"))
         .y_axis(Axis::linear("close", "ms").include(0.0))

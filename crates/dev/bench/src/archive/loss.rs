@@ -10,7 +10,7 @@ use session_archive::time::HostTime;
 use session_archive::writer::SessionWriter;
 
 use super::Plan;
-use crate::load::{self, Arrival, BATCH_NS, CAMERAS, Counted, Destination};
+use crate::load::{self, Arrival, BATCH_NS, CAMERAS, CountingStorage, Destination};
 use crate::meter::quantile;
 
 /// Chunk lengths, ms.
@@ -147,7 +147,8 @@ fn held(disk: &FaultStorage) -> Result<[HostTime; STREAMS]> {
 /// Bytes beyond the access units as a share of them, and syncs.
 fn cost(arrivals: &[Arrival], chunk_ns: i64, units: &[Vec<u8>]) -> Result<(f64, u64)> {
     let folder = tempfile::tempdir()?;
-    let (storage, counts) = Counted::new(DiskStorage::new(folder.path()), Destination::Nothing);
+    let (storage, counts) =
+        CountingStorage::new(DiskStorage::new(folder.path()), Destination::Nothing);
     let mut writer = SessionWriter::create(storage, load::spec(chunk_ns))?;
     let mut payload = 0;
     for arrival in arrivals {

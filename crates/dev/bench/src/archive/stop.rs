@@ -1,5 +1,5 @@
-//! How long closing a session's files takes: the last chunk, a summary and the manifest, all synced,
-//! after sessions of different lengths. Time is virtual, the disk is real.
+//! Time to close a session's files: the last chunk, a summary and the manifest, all synced, after
+//! sessions of different lengths. Time is virtual, the disk is real.
 
 use std::path::Path;
 
@@ -9,7 +9,7 @@ use session_archive::storage::DiskStorage;
 use session_archive::writer::{DEFAULT_CHUNK_NS, SessionWriter};
 
 use super::{Plan, STOP_LIMIT_S};
-use crate::load::{self, Counted, Destination};
+use crate::load::{self, CountingStorage, Destination};
 use crate::meter::{median, timed};
 
 /// Stopping after sessions of one length.
@@ -64,7 +64,7 @@ pub(super) fn measure(plan: &Plan, disk: &Path) -> Result<Vec<Stopping>> {
 fn record_and_stop(stopping: &mut Stopping, disk: &Path) -> Result<()> {
     let (small, large) = (load::units(150, 250), load::units(60_000, 100_000));
     let folder = tempfile::tempdir_in(disk).context("making a folder to write to")?;
-    let (storage, _) = Counted::new(DiskStorage::new(folder.path()), Destination::Disk);
+    let (storage, _) = CountingStorage::new(DiskStorage::new(folder.path()), Destination::Disk);
     let mut writer = SessionWriter::create(storage, load::spec(DEFAULT_CHUNK_NS))?;
     let near_end = load::START + ((stopping.session_s - 3.0) * 1e9) as i64;
     for arrival in load::arrivals(stopping.session_s, DEFAULT_CHUNK_NS) {

@@ -18,16 +18,16 @@ use session_archive::verify::verify;
 use session_archive::writer::{DEFAULT_CHUNK_NS, SessionWriter};
 
 use super::Plan;
-use crate::load::{self, Arrival, CAMERAS, Counted, Destination};
-use crate::meter::{Took, median, timed};
+use crate::load::{self, Arrival, CAMERAS, CountingStorage, Destination};
+use crate::meter::{Timing, median, timed};
 
-/// One way of writing or reading.
+/// One method of writing or reading.
 pub(super) struct Rate {
     pub(super) name: &'static str,
     /// Bytes of access units, which is what counts.
     payload: u64,
     syncs: u64,
-    runs: Vec<Took>,
+    runs: Vec<Timing>,
 }
 
 impl Rate {
@@ -51,7 +51,7 @@ impl Rate {
     }
 
     fn json(&self) -> Value {
-        let rate = |t: &Took| self.payload as f64 / t.wall_s;
+        let rate = |t: &Timing| self.payload as f64 / t.wall_s;
         json!({
             "name": self.name,
             "bytes_per_s": self.bytes_per_s(),
@@ -98,7 +98,8 @@ pub(super) fn measure(plan: &Plan, disk: &Path) -> Result<Rates> {
         Rate::new("verify"),
         Rate::new("mcap crate"),
     ];
-    // Holds a segment for the crate, which takes its input as one slice: filled anew, never grown anew.
+    // Holds a segment for the crate, which takes its input as one slice: refilled, never
+    // reallocated.
     let mut segment = Vec::new();
     for _ in 0..plan.repetitions {
         let modes = [
@@ -150,7 +151,7 @@ fn write_session(
     arrivals: &[Arrival],
     units: &[Vec<u8>],
 ) -> Result<()> {
-    let (storage, counts) = Counted::new(disk, to);
+    let (storage, counts) = CountingStorage::new(disk, to);
     let (payload, took) = timed(|| -> Result<u64> {
         let mut writer = SessionWriter::create(storage, load::spec(DEFAULT_CHUNK_NS))?;
         let mut payload = 0;

@@ -26,13 +26,13 @@ pub(super) fn draw(out: &Path, views: &Value, models: &Value, points: &[Point]) 
         (
             "calib-views-shift",
             "shift_mm",
-            "Error of the right eye's place",
+            "Error of the right camera's position",
             "mm",
         ),
         (
             "calib-views-turn",
             "turn_deg",
-            "Error of the right eye's turn",
+            "Error of the right camera's rotation",
             "degrees",
         ),
         ("calib-views-time", "seconds", "Processor time", "s"),
@@ -51,7 +51,7 @@ pub(super) fn draw(out: &Path, views: &Value, models: &Value, points: &[Point]) 
     let mut chart = Chart::new("Accuracy against time")
         .subtitle("one stereo camera, the same corners for both; labels are numbers of views")
         .x_axis(Axis::log("processor time", "s"))
-        .y_axis(Axis::log("error of the right eye's place", "mm"));
+        .y_axis(Axis::log("error of the right camera's position", "mm"));
     for (who, label) in [("ours", "ours"), ("opencv", "OpenCV")] {
         let points: Vec<(f64, f64)> = rows
             .iter()
@@ -88,14 +88,14 @@ pub(super) fn draw(out: &Path, views: &Value, models: &Value, points: &[Point]) 
 
     let mut kinds: Vec<(&str, &str)> = KINDS.iter().map(|k| (k.0, k.1)).collect();
     kinds.push(("exposure, rendered", "ms"));
-    kinds.push(("noise of pictures, rendered", "times the usual"));
+    kinds.push(("image noise, rendered", "times the usual"));
     for (number, (kind, unit)) in kinds.into_iter().enumerate() {
         let own: Vec<&Point> = points.iter().filter(|p| p.kind == kind).collect();
         let mut chart = Chart::new(&format!("Error against {kind}"))
-            .subtitle("worst turn between cameras; results that were refused have no error and are not drawn")
+            .subtitle("worst rotation between cameras; results that were refused have no error and are not drawn")
             .x_axis(Axis::log(kind, unit))
             .y_axis(Axis::log("error", "degrees"))
-            .hline(super::LIMIT.1, "wanted");
+            .hline(super::MAX_ERROR.1, "required");
         for (slot, verdict) in [Verdict::Ok, Verdict::Flagged, Verdict::SilentlyWrong]
             .into_iter()
             .enumerate()

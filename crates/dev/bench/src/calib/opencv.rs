@@ -20,9 +20,9 @@ pub(super) struct Found {
 pub(super) fn calibrate(input: &Input) -> Result<Found> {
     let known = input.targets[0].corners();
     let mut views = Vec::new();
-    for left in input.sightings.iter().filter(|s| s.eye == 0) {
-        let same = |s: &&calib::cameras::Sighting| s.eye == 1 && s.instant == left.instant;
-        let Some(right) = input.sightings.iter().find(same) else {
+    for left in input.detections.iter().filter(|s| s.eye == 0) {
+        let same = |s: &&calib::cameras::TargetDetection| s.eye == 1 && s.instant == left.instant;
+        let Some(right) = input.detections.iter().find(same) else {
             continue;
         };
         let (mut points, mut l, mut r) = (Vec::new(), Vec::new(), Vec::new());

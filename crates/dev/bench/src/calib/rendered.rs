@@ -1,14 +1,15 @@
-//! Sessions that are rendered, so that blur and noise are those of pictures and detection takes part.
+//! Sessions that are rendered, so that blur and noise are those of images and detection is
+//! included.
 
 use std::sync::{Arc, Mutex, PoisonError};
 use std::thread;
 
 use anyhow::Result;
-use calib::cameras::{Input, Sighting, calibrate};
-use calib::target::{self, GreyView, Target};
+use calib::cameras::{Input, TargetDetection, calibrate};
+use calib::target::{self, ImageView, Target};
 use rig_sim::simulation::{Imaging, Simulation};
 
-use super::scenario::{Recording, Trouble};
+use super::scenario::{Impairments, Recording};
 use super::{Point, judge, quiet};
 
 /// Exposures, ms, and multiples of the usual noise.
@@ -20,9 +21,9 @@ pub(super) fn points(quick: bool) -> Result<Vec<Point>> {
     let mut points = Vec::new();
     let mut one = |kind: &'static str, strength: f64, imaging: Imaging| -> Result<()> {
         eprintln!("{kind}: {strength} ...");
-        let mut recording = Recording::new(11, &Trouble::default())?;
+        let mut recording = Recording::new(11, &Impairments::default())?;
         recording.simulation = recording.simulation.clone().with_imaging(imaging)?;
-        let input = look(&recording, if quick { 2 } else { 1 });
+        let input = detect(&recording, if quick { 2 } else { 1 });
         let result = calibrate(input, &quiet(), &mut |_, _| {});
         points.push(judge(kind, strength, 11, &recording, result));
         Ok(())
@@ -42,18 +43,18 @@ pub(super) fn points(quick: bool) -> Result<Vec<Point>> {
                 noise,
                 ..Imaging::USUAL
             };
-            one("noise of pictures, rendered", noise, imaging)?;
+            one("image noise, rendered", noise, imaging)?;
         }
     }
     Ok(points)
 }
 
-/// What detection sees in every `every`-th frame.
-pub(super) fn look(recording: &Recording, every: usize) -> Input {
+/// Target detections in every `every`-th frame.
+pub(super) fn detect(recording: &Recording, every: usize) -> Input {
     let mut input = recording.input(0.1);
-    input.sightings.clear();
+    input.detections.clear();
     let simulation = Arc::new(recording.simulation.clone());
-    let found: Mutex<Vec<Sighting>> = Mutex::new(Vec::new());
+    let found: Mutex<Vec<TargetDetection>> = Mutex::new(Vec::new());
     thread::scope(|scope| {
         for camera in 0..simulation.cameras().len() {
             let (simulation, targets, found) = (&simulation, &input.targets, &found);
@@ -66,9 +67,9 @@ pub(super) fn look(recording: &Recording, every: usize) -> Input {
             });
         }
     });
-    input.sightings = found.into_inner().unwrap_or_else(PoisonError::into_inner);
+    input.detections = found.into_inner().unwrap_or_else(PoisonError::into_inner);
     input
-        .sightings
+        .detections
         .sort_by_key(|s| (s.instant, s.eye, s.target));
     input
 }
@@ -78,23 +79,23 @@ fn one_camera(
     camera: usize,
     targets: &[Target],
     every: usize,
-) -> Vec<Sighting> {
+) -> Vec<TargetDetection> {
     let settings = simulation.settings();
     let (width, height) = (settings.width as usize, settings.height as usize);
     let mut found = Vec::new();
-    let mut pictures = simulation.pictures(camera);
+    let mut pictures = simulation.frames(camera);
     for instant in (0..settings.frame_count()).step_by(every) {
         let frame = pictures.expose(instant, settings.frame_ns(instant));
         let instant = instant as usize;
         for side in 0..2 {
             let luma = &frame.i420[side * width..frame.width * height];
-            let Some(view) = GreyView::new(width, height, frame.width, luma) else {
+            let Some(view) = ImageView::new(width, height, frame.width, luma) else {
                 continue;
             };
             let seen = target::detect_all(&view, targets, &target::Settings::default());
             for (target, detection) in seen.into_iter().enumerate() {
                 if !detection.corners.is_empty() {
-                    found.push(Sighting {
+                    found.push(TargetDetection {
                         instant,
                         eye: 2 * camera + side,
                         target,

@@ -1,48 +1,49 @@
-//! Simulated recordings of boards: what calibration is given, and how far its result is from the truth.
+//! Simulated recordings of boards: input of the calibration, and errors of its result against the
+//! truth.
 
 use anyhow::Result;
 use cad_transforms::RigidTransform;
 use cad_transforms::frame::{Frame, FramePart};
 use cad_transforms::rig::Rig;
-use calib::cameras::{Calibration, Camera, Eye, Input, Sighting, Told};
-use calib::target::Seen;
+use calib::cameras::{Calibration, Camera, ExtrinsicsPrior, Eye, Input, TargetDetection};
+use calib::target::DetectedCorner;
 use calib::{CameraModel, Distortion, Lens};
 use nalgebra::{Matrix6, Vector3, Vector6};
+use rig_sim::calibration_error::CalibrationError;
 use rig_sim::camera::Quality;
-use rig_sim::deviation::Deviation;
 use rig_sim::faults::{Fault, Faults, Kind as FaultKind};
 use rig_sim::random;
-use rig_sim::scene::{Kind, Time};
+use rig_sim::scene::{Kind, Lighting};
 use rig_sim::simulation::{Settings, Simulation};
 use rig_sim::targets::{Plan, april_grid};
 
 const RIG: &str = include_str!("../../../../../cad-transforms/rigs/example.toml");
-/// Long enough for one round of everything.
+/// Long enough for one round of all motions.
 const SECONDS: f64 = 72.0;
 const RATE_HZ: f64 = 8.0;
-/// How far plates and lenses are off their files: m, rad, px; and right eyes, m and rad.
-const PLATE: (f64, f64) = (1e-3, 4e-3);
-const LENS_PX: f64 = 2.0;
-const RIGHT: (f64, f64) = (5e-5, 1.5e-3);
-/// What the files say of that.
-const TOLD_PLATE: (f64, f64) = (1.5e-3, 5e-3);
-const TOLD_RIGHT: (f64, f64) = (1e-4, 2e-3);
-/// The stream of random numbers that this takes.
+/// Deviations of plates and lenses from their files: m, rad, px; and of right cameras, m and rad.
+const PLATE_DEVIATION: (f64, f64) = (1e-3, 4e-3);
+const LENS_DEVIATION_PX: f64 = 2.0;
+const RIGHT_DEVIATION: (f64, f64) = (5e-5, 1.5e-3);
+/// Nominal sigmas of these deviations in the files.
+const NOMINAL_PLATE_SIGMA: (f64, f64) = (1.5e-3, 5e-3);
+const NOMINAL_RIGHT_SIGMA: (f64, f64) = (1e-4, 2e-3);
+/// The stream of random numbers that this uses.
 const STREAM: u64 = 0xca11b;
 
-/// What spoils a recording.
+/// Impairments of a recording.
 #[derive(Clone)]
-pub(super) struct Trouble {
+pub(super) struct Impairments {
     pub(super) sigma_px: f64,
     pub(super) plan: Plan,
     pub(super) knock_deg: f64,
     /// Of the true lens, as a multiple of the usual.
     pub(super) distortion: f64,
-    /// By how much pictures of each camera are stamped late.
+    /// Time offset of each camera's timestamps.
     pub(super) late_ms: [f64; 3],
 }
 
-impl Default for Trouble {
+impl Default for Impairments {
     fn default() -> Self {
         Self {
             sigma_px: 0.1,
@@ -61,7 +62,7 @@ pub(super) struct Recording {
     faults: Faults,
 }
 
-/// How far one place is off: its largest coordinates.
+/// Error of a pose: its largest coordinates.
 pub(super) struct Error {
     pub(super) metres: f64,
     pub(super) degrees: f64,
@@ -75,7 +76,7 @@ pub(super) struct Error {
 pub(super) fn settings(seed: u64) -> Settings {
     Settings {
         kind: Kind::Targets,
-        time: Time::Day,
+        lighting: Lighting::Day,
         seed,
         seconds: SECONDS,
         rate_hz: RATE_HZ,
@@ -86,22 +87,23 @@ pub(super) fn settings(seed: u64) -> Settings {
 }
 
 impl Recording {
-    pub(super) fn new(seed: u64, trouble: &Trouble) -> Result<Self> {
+    pub(super) fn new(seed: u64, impairments: &Impairments) -> Result<Self> {
         let rig = Rig::parse(RIG)?;
-        let simulation = Simulation::with_targets(&settings(seed), &rig, &trouble.plan, &|n| {
-            Some(april_grid(n))
-        })?;
-        let simulation = bent_lenses(simulation, trouble.distortion)?;
+        let simulation =
+            Simulation::with_targets(&settings(seed), &rig, &impairments.plan, &|n| {
+                Some(april_grid(n))
+            })?;
+        let simulation = scale_distortion(simulation, impairments.distortion)?;
         let mut deviation = deviation(seed, &rig);
-        for (camera, late_ms) in simulation.cameras().iter().zip(trouble.late_ms) {
-            deviation.of_mut(&camera.name).late_ns = (1e6 * late_ms) as i64;
+        for (camera, late_ms) in simulation.cameras().iter().zip(impairments.late_ms) {
+            deviation.of_mut(&camera.name).time_offset_ns = (1e6 * late_ms) as i64;
         }
-        let simulation = simulation.with_deviation(&rig, &deviation)?;
+        let simulation = simulation.with_calibration_error(&rig, &deviation)?;
         let mut faults = Faults::default();
-        if trouble.knock_deg > 0.0 {
+        if impairments.knock_deg > 0.0 {
             faults.list.push(Fault {
                 kind: FaultKind::ShiftedCamera,
-                strength: trouble.knock_deg,
+                strength: impairments.knock_deg,
                 from_s: 0.5 * SECONDS,
                 to_s: f64::INFINITY,
                 camera: Some("left_shoulder".to_owned()),
@@ -114,9 +116,9 @@ impl Recording {
         })
     }
 
-    /// Everything that is seen.
+    /// All target observations.
     pub(super) fn input(&self, sigma_px: f64) -> Input {
-        let mut input = self.told();
+        let mut input = self.nominal_input();
         let frames = self.simulation.settings().frame_count();
         for number in 0..frames {
             input
@@ -127,13 +129,14 @@ impl Recording {
             let name = &self.simulation.cameras()[camera].name;
             let sights = self
                 .simulation
-                .sights(camera)
+                .target_observations(camera)
                 .with_faults(self.faults.of(name));
             for number in 0..frames {
                 for side in 0..2 {
-                    let mut by_board: Vec<Vec<Seen>> = vec![Vec::new(); input.targets.len()];
+                    let mut by_board: Vec<Vec<DetectedCorner>> =
+                        vec![Vec::new(); input.targets.len()];
                     for corner in sights.observed(side, number, sigma_px) {
-                        by_board[corner.board].push(Seen {
+                        by_board[corner.board].push(DetectedCorner {
                             id: corner.id,
                             pixel: corner.pixel,
                             sigma_px: 0.05,
@@ -141,7 +144,7 @@ impl Recording {
                     }
                     for (target, corners) in by_board.into_iter().enumerate() {
                         if corners.len() >= 8 {
-                            input.sightings.push(Sighting {
+                            input.detections.push(TargetDetection {
                                 instant: number as usize,
                                 eye: 2 * camera + side,
                                 target,
@@ -153,21 +156,22 @@ impl Recording {
             }
         }
         input
-            .sightings
+            .detections
             .sort_by_key(|s| (s.instant, s.eye, s.target));
         input
     }
 
-    /// What the left shoulder alone sees of its own board at `count` instants spread over the recording.
+    /// Observations of its own board by the left shoulder camera alone, at `count` instants spread
+    /// over the recording.
     pub(super) fn one_camera(&self, sigma_px: f64, count: usize) -> Input {
         let mut input = self.input(sigma_px);
         input
-            .sightings
+            .detections
             .retain(|s| s.eye < 2 && s.target == 0 && s.corners.len() >= 40);
         let both: Vec<usize> = {
             let of = |eye: usize| {
                 input
-                    .sightings
+                    .detections
                     .iter()
                     .filter(move |s| s.eye == eye)
                     .map(|s| s.instant)
@@ -179,7 +183,7 @@ impl Recording {
         let kept: Vec<usize> = (0..count.min(both.len()))
             .map(|k| both[(k as f64 * step.max(1.0)) as usize])
             .collect();
-        input.sightings.retain(|s| kept.contains(&s.instant));
+        input.detections.retain(|s| kept.contains(&s.instant));
         input.eyes.truncate(2);
         input.cameras.truncate(1);
         input.cameras[0].rig_from_left = None;
@@ -187,13 +191,13 @@ impl Recording {
         input
     }
 
-    fn told(&self) -> Input {
+    fn nominal_input(&self) -> Input {
         let mut input = Input::default();
         let boards = self.simulation.boards().iter();
         input.targets = boards.map(|b| b.sheet().target().clone()).collect();
         for (number, camera) in self.simulation.cameras().iter().enumerate() {
-            let told = self.simulation.calibration(number);
-            for (side, model) in [("left", told.left), ("right", told.right)] {
+            let nominal = self.simulation.calibration(number);
+            for (side, model) in [("left", nominal.left), ("right", nominal.right)] {
                 input.eyes.push(Eye {
                     name: format!("{}/{side}", camera.name),
                     size: (model.width, model.height),
@@ -210,27 +214,27 @@ impl Recording {
                 name: camera.name.clone(),
                 left: 2 * number,
                 right: Some(2 * number + 1),
-                left_from_right: Some(Told {
-                    transform: told.right_from_left.inverse(),
-                    covariance: even(TOLD_RIGHT),
+                left_from_right: Some(ExtrinsicsPrior {
+                    transform: nominal.right_from_left.inverse(),
+                    covariance: even(NOMINAL_RIGHT_SIGMA),
                 }),
-                rig_from_left: Some(Told {
+                rig_from_left: Some(ExtrinsicsPrior {
                     transform: rig_from_left,
-                    covariance: even(TOLD_PLATE),
+                    covariance: even(NOMINAL_PLATE_SIGMA),
                 }),
             });
         }
         input
     }
 
-    /// How far cameras are off their true place in the first, and right eyes in their left ones.
+    /// Errors of camera poses in the first camera, and of right cameras in their left ones.
     pub(super) fn errors(&self, found: &Calibration) -> Vec<Error> {
         let cameras = self.simulation.cameras();
         let mut errors = Vec::new();
         for (number, camera) in cameras.iter().enumerate() {
             let [left, right] = camera.rig_from_eye;
-            if let Some(place) = found.places.pairs[number] {
-                let (at, covariance) = found.place(place);
+            if let Some(place) = found.poses.pairs[number] {
+                let (at, covariance) = found.pose(place);
                 errors.push(error(&(left.inverse() * right), &at, &covariance));
             }
             if number > 0
@@ -243,7 +247,8 @@ impl Recording {
         errors
     }
 
-    /// Shift of the right eye, m, its turn, degrees, and the focal length of the left one, px: errors.
+    /// Errors of the right camera's position, m, its rotation, degrees, and the focal length of the
+    /// left one, px.
     pub(super) fn pair_errors(
         &self,
         left: &CameraModel,
@@ -259,7 +264,7 @@ impl Recording {
         )
     }
 
-    /// Farthest that a found lens has a direction from the true lens's pixel, anywhere in the picture; px.
+    /// Largest pixel error of an estimated lens against the true lens, anywhere in the image; px.
     pub(super) fn worst_pixel(&self, found: &CameraModel) -> f64 {
         let truth = Lens::new(&self.simulation.cameras()[0].models[0]);
         let found = Lens::new(found);
@@ -295,8 +300,8 @@ fn error(truth: &RigidTransform, found: &RigidTransform, covariance: &Matrix6<f6
     }
 }
 
-/// The same recording with lenses that bend more or less than usual; files say the same.
-fn bent_lenses(mut simulation: Simulation, strength: f64) -> Result<Simulation> {
+/// The same recording with lenses of more or less distortion than usual; the files agree.
+fn scale_distortion(mut simulation: Simulation, strength: f64) -> Result<Simulation> {
     if strength == 1.0 {
         return Ok(simulation);
     }
@@ -324,7 +329,7 @@ fn bent_lenses(mut simulation: Simulation, strength: f64) -> Result<Simulation> 
 }
 
 /// A rig as it comes from the workshop.
-fn deviation(seed: u64, rig: &Rig) -> Deviation {
+fn deviation(seed: u64, rig: &Rig) -> CalibrationError {
     let mut counter = 0;
     let mut normal = |sigma: f64| {
         counter += 1;
@@ -334,16 +339,16 @@ fn deviation(seed: u64, rig: &Rig) -> Deviation {
             .sum();
         sigma * (sum - 6.0)
     };
-    let mut all = Deviation::default();
+    let mut all = CalibrationError::default();
     for camera in rig.cameras() {
         let of = all.of_mut(camera);
         let mut three = |sigma: f64| Vector3::new(normal(sigma), normal(sigma), normal(sigma));
-        of.turned = three(PLATE.1);
-        of.moved = three(PLATE.0);
-        of.right_turned = three(RIGHT.1);
-        of.right_moved = three(RIGHT.0);
-        of.focal_px = [normal(LENS_PX), normal(LENS_PX)];
-        of.centre_px = [normal(LENS_PX), normal(LENS_PX)];
+        of.rotation = three(PLATE_DEVIATION.1);
+        of.translation = three(PLATE_DEVIATION.0);
+        of.right_rotation = three(RIGHT_DEVIATION.1);
+        of.right_translation = three(RIGHT_DEVIATION.0);
+        of.focal_px = [normal(LENS_DEVIATION_PX), normal(LENS_DEVIATION_PX)];
+        of.centre_px = [normal(LENS_DEVIATION_PX), normal(LENS_DEVIATION_PX)];
     }
     all
 }

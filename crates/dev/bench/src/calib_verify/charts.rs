@@ -1,50 +1,56 @@
-//! The pictures of `calib_verify`.
+//! Charts of `calib_verify`.
 
-use calib::verify::What;
+use calib::verify::Parameter;
 use charts::{Axis, Bins, Chart, Series};
 
-use super::{Clean, DELAYS, EYES, Point, TURNS, counts};
+use super::{Clean, Point, ROTATIONS_DEG, STEREO_ROTATIONS_DEG, TIME_OFFSETS_MS, counts};
 
-/// Names and texts of all pictures.
+/// Names and texts of all charts.
 pub(super) fn draw(clean: &[Clean], points: &[Point], stamp: &str) -> Vec<(String, String)> {
     let mut files = Vec::new();
     let mut add = |name: &str, chart: Chart| {
         let svg = chart.footnote(stamp).to_svg(760, 380);
         files.push((format!("calib_verify-{name}.svg"), svg));
     };
-    let turn = || Axis::log("turned by", "\u{b0}");
-    let delay = || Axis::log("late by", "ms");
+    let turn = || Axis::log("rotation", "\u{b0}");
+    let delay = || Axis::log("time offset", "ms");
     add(
         "turned",
         curve(
-            "A camera turned on the plate",
+            "A camera rotated on the plate",
             points,
-            What::Camera,
-            &TURNS,
+            Parameter::Camera,
+            &ROTATIONS_DEG,
             turn(),
         ),
     );
     add(
         "eyes",
-        curve("A right eye turned", points, What::Eyes, &EYES, turn()),
+        curve(
+            "A right camera rotated",
+            points,
+            Parameter::StereoRotation,
+            &STEREO_ROTATIONS_DEG,
+            turn(),
+        ),
     );
     add(
         "pictures",
         curve(
-            "Pictures stamped late",
+            "Images stamped late",
             points,
-            What::Pictures,
-            &DELAYS,
+            Parameter::ImageTime,
+            &TIME_OFFSETS_MS,
             delay(),
         ),
     );
     add(
         "clock",
         curve(
-            "A camera's clock off",
+            "Time offset of a camera's clock",
             points,
-            What::Clock,
-            &DELAYS,
+            Parameter::Clock,
+            &TIME_OFFSETS_MS,
             delay(),
         ),
     );
@@ -53,13 +59,13 @@ pub(super) fn draw(clean: &[Clean], points: &[Point], stamp: &str) -> Vec<(Strin
     files
 }
 
-/// Share of each outcome against how large the error is.
-fn curve(title: &str, points: &[Point], what: What, sizes: &[f64], axis: Axis) -> Chart {
+/// Ratio of each outcome against the size of the error.
+fn curve(title: &str, points: &[Point], what: Parameter, sizes: &[f64], axis: Axis) -> Chart {
     let names = [
         "named",
         "flagged",
         "undetermined",
-        "within what would be noticed",
+        "below the minimum detectable error",
         "silent",
     ];
     let walks = points
@@ -86,7 +92,7 @@ fn scores(clean: &[Clean]) -> Chart {
     let mut chart = Chart::new("Errors over their stated sigmas, clean walks")
         .x_axis(Axis::linear("error over sigma", ""))
         .y_axis(Axis::linear("count", "").include(0.0));
-    for (k, name) in ["eyes", "camera against IMU", "time of pictures"]
+    for (k, name) in ["stereo", "camera against IMU", "image time"]
         .iter()
         .enumerate()
     {
@@ -99,11 +105,11 @@ fn scores(clean: &[Clean]) -> Chart {
 
 /// Median sigma against the number of bursts.
 fn bursts(clean: &[Clean]) -> Chart {
-    let mut chart = Chart::new("How sure, by how much is looked at")
-        .subtitle("median over walks and cameras; each burst is 16 pictures per camera")
+    let mut chart = Chart::new("Sigma against the number of bursts")
+        .subtitle("median over walks and cameras; each burst is 16 images per camera")
         .x_axis(Axis::linear("bursts", "").include(0.0))
         .y_axis(Axis::log("sigma", ""));
-    for (value, name) in [(0, "turn against IMU, \u{b0}"), (1, "time of pictures, ms")] {
+    for (value, name) in [(0, "rotation against IMU, \u{b0}"), (1, "image time, ms")] {
         let median = |part: usize| {
             let of = |c: &Clean| {
                 c.by_bursts[part]

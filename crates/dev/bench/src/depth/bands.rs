@@ -1,15 +1,15 @@
-//! What it spares to look for no more disparities than a scene needs, and what is lost by it.
+//! Time saved by restricting the disparity range to the needs of a scene, and the loss of answers.
 
 use anyhow::Result;
 use depth::band::plan::Plane;
-use depth::{Band, Banded, Matcher, Preset, Settings};
+use depth::{Band, BandedMatcher, Matcher, Preset, Settings};
 use rig_sim::camera::Quality;
-use rig_sim::scene::{Kind, Time};
+use rig_sim::scene::{Kind, Lighting};
 use serde_json::{Value, json};
 
-use super::exam::{SECONDS, SIZE};
 use super::frames::{Frame, Walk};
 use super::race::BAD_2;
+use super::test_set::{SECONDS, SIZE};
 use crate::meter::timed;
 
 /// Frames of each walk, one after the other.
@@ -18,12 +18,12 @@ const FRAMES: std::ops::Range<u64> = 120..140;
 /// Counts over the frames of one camera.
 #[derive(Default)]
 struct Sums {
-    /// Pixels that both eyes see.
+    /// Pixels visible in both images.
     pixels: u64,
-    /// Right answers when all disparities are looked for, and those of them that a band does not have.
+    /// Correct answers with the full disparity range, and those of them that a band loses.
     right: u64,
     lost: u64,
-    /// Right answers that only a band has.
+    /// Correct answers that only a band has.
     gained: u64,
     full_s: f64,
     band_s: f64,
@@ -42,7 +42,7 @@ pub(super) fn bands(quick: bool) -> Result<Value> {
         .collect();
     let mut rows = Vec::new();
     for kind in &kinds[..if quick { 1 } else { kinds.len() }] {
-        let walk = Walk::new(*kind, Time::Day, 8, SECONDS, SIZE, Quality::ACCURATE)?;
+        let walk = Walk::new(*kind, Lighting::Day, 8, SECONDS, SIZE, Quality::ACCURATE)?;
         for camera in 0..walk.cameras() {
             let frames = walk.frames(camera, &numbers)?;
             for preset in Preset::ALL {
@@ -78,7 +78,7 @@ fn compare(frames: &[Frame], preset: Preset) -> Result<Sums> {
     let settings = Settings::preset(preset);
     let band = Band::full(0, first.range, first.height)?;
     let mut matcher = Matcher::new(settings, first.width, first.height)?;
-    let mut banded = Banded::new(settings, first.width, band.clone())?;
+    let mut banded = BandedMatcher::new(settings, first.width, band.clone())?;
     for frame in frames {
         let [left, right] = frame.pictures();
         let (result, took) = timed(|| matcher.run(&left, &right, &band).map(drop));
@@ -89,8 +89,8 @@ fn compare(frames: &[Frame], preset: Preset) -> Result<Sums> {
         let (result, took) = timed(|| banded.run(&left, &right, ground).map(|(_, spared)| spared));
         let spared = result?;
         sums.band_s += took.wall_s;
-        sums.share += spared.share;
-        sums.again += spared.runs_again;
+        sums.share += spared.searched_ratio;
+        sums.again += spared.reruns;
         let maps = [matcher.map(), banded.matcher().map()];
         for i in 0..frame.truth.len() {
             if !frame.visible[i] || frame.truth[i].is_nan() {
@@ -107,7 +107,8 @@ fn compare(frames: &[Frame], preset: Preset) -> Result<Sums> {
     Ok(sums)
 }
 
-/// The height where the walk begins, as the left eye sees it. Stairs lead away from it, which costs nothing but time.
+/// Ground plane at the start of the walk, in the left frame. Stairs deviate from it, which only
+/// costs time.
 fn ground(frame: &Frame) -> Plane {
     let up = frame.world_from_left.inverse().rotate([0.0, 0.0, 1.0]);
     Plane {

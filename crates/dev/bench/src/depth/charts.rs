@@ -1,4 +1,4 @@
-//! The pictures of `depth`, drawn from its report.
+//! Charts of `depth`, drawn from its report.
 
 use anyhow::{Context, Result};
 use charts::{Axis, Chart, Series};
@@ -9,7 +9,7 @@ use super::peers::MODES;
 const WIDTH: u32 = 760;
 const HEIGHT: u32 = 420;
 
-/// Names and texts of all pictures that there are results for.
+/// Names and texts of all charts that there are results for.
 ///
 /// # Errors
 /// The report is not as this version writes it.
@@ -45,7 +45,7 @@ fn number(of: &Value, key: &str) -> f64 {
     of[key].as_f64().unwrap_or(f64::NAN)
 }
 
-/// Errors over time, and over the share of pixels that are answered for.
+/// Errors over time, and over density.
 fn race(found: &Value, what: &str) -> Result<Vec<(String, Chart)>> {
     let points = found["points"].as_array().context("no points")?;
     let of = |kind: &str| {
@@ -53,15 +53,15 @@ fn race(found: &Value, what: &str) -> Result<Vec<(String, Chart)>> {
         own.cloned().collect::<Vec<Value>>()
     };
     let bad = |p: &Value| 100.0 * number(p, "bad_2_or_absent");
-    let mut time = Chart::new("Pixels that are off by more than 2 px or absent, over time")
+    let mut time = Chart::new("Pixels with an error of more than 2 px or absent, against time")
         .subtitle(&format!(
-            "{what}; pixels that both eyes see; two threads; the line joins our best"
+            "{what}; pixels visible in both images; two threads; the line joins our best"
         ))
         .x_axis(Axis::log("time of a pair", "ms"))
         .y_axis(Axis::linear("bad-2 or absent", "%").include(0.0));
-    let mut density = Chart::new("Answers that are off by more than 2 px, over their share")
+    let mut density = Chart::new("Answers with an error of more than 2 px, against density")
         .subtitle(&format!(
-            "{what}; ours: only answers below a limit of sigma count"
+            "{what}; ours: only answers with a sigma below a limit"
         ))
         .x_axis(Axis::linear("pixels with an answer", "%"))
         .y_axis(Axis::linear("bad-2", "%").include(0.0));
@@ -105,7 +105,7 @@ fn race(found: &Value, what: &str) -> Result<Vec<(String, Chart)>> {
     ])
 }
 
-/// Time with bands as a share of that without, and what was lost.
+/// Time with bands relative to that without, and the loss.
 fn bands(found: &Value) -> Chart {
     let rows = found.as_array().map_or(&[][..], Vec::as_slice);
     let series = ["fast", "balanced", "accurate"].map(|preset| {
@@ -116,14 +116,14 @@ fn bands(found: &Value) -> Chart {
         });
         Series::scatter(preset, points)
     });
-    let chart = Chart::new("What a band of disparities spares, and what it loses")
+    let chart = Chart::new("Speedup and loss by a band of disparities")
         .subtitle("each camera of three simulated walks, 20 frames in a row")
         .x_axis(Axis::linear("right answers lost", "% of pixels").include(0.0))
         .y_axis(Axis::linear("times as fast as all disparities", "").include(1.0));
     series.into_iter().fold(chart, Chart::series)
 }
 
-/// Share of errors within two sigmas.
+/// Ratio of errors within two sigmas.
 fn sigma(found: &Value) -> Chart {
     let rows = found.as_array().map_or(&[][..], Vec::as_slice);
     let mut names: Vec<&str> = Vec::new();
@@ -134,7 +134,7 @@ fn sigma(found: &Value) -> Chart {
         }
     }
     let chart = Chart::new("Errors within two of their sigmas")
-        .subtitle("walks and a real pair (Motorcycle) that nothing was fitted on")
+        .subtitle("held-out walks and a real pair (Motorcycle)")
         .x_axis(Axis::categories("", names.clone()))
         .y_axis(Axis::linear("within two sigmas", "%").include(80.0))
         .hline(95.0, "as stated");

@@ -1,9 +1,10 @@
-//! Rectified pairs out of simulated walks, with what is true of them.
+//! Rectified pairs of simulated walks, with ground truth.
 //!
-//! Contract: pictures are rendered at the quality of exams and rectified as a reader would do it. The truth of a rectified
-//! pixel is that of the surface the left eye sees there: between four neighbours that lie on one plane, the inverse depth
-//! is interpolated, which is exact on planes; where they do not, the nearest one counts. A pixel is *visible* when the
-//! right eye sees the same place: what the truth of the right eye says at the other end of the disparity agrees.
+//! Contract: images are rendered at the quality for tests and rectified as a reader would do it.
+//! The truth of a rectified pixel is that of the surface in the left image: between four neighbours
+//! on one plane, the inverse depth is interpolated, which is exact on planes; otherwise the nearest
+//! one counts. A pixel is *visible* if the right image shows the same surface: the truth of the
+//! right image at the other end of the disparity agrees.
 
 use std::sync::Arc;
 
@@ -13,22 +14,22 @@ use cad_transforms::rig::Rig;
 use calib::rectify::{Remap, View};
 use calib::{Eye, Lens, Rectification};
 use depth::Geometry;
-use depth::evaluate::Truth as DepthTruth;
+use depth::evaluate::GroundTruth as DepthTruth;
 use nalgebra::Vector3;
 use rig_sim::camera::Quality;
 use rig_sim::camera::truth::Truth;
-use rig_sim::scene::{Kind, Time};
+use rig_sim::scene::{Kind, Lighting};
 use rig_sim::simulation::{Settings, Simulation};
 
 const RIG: &str = include_str!("../../../../../cad-transforms/rigs/example.toml");
-/// Disparities to look for in pictures of 672 columns: the wearer's knees are no nearer.
-const RANGE: usize = 128;
-/// Neighbours whose inverse depths bend by more than this share do not lie on one plane.
-const BEND: f32 = 0.02;
-/// The two eyes see the same place when their disparities agree to this, px.
-const AGREE_PX: f32 = 1.0;
-/// Neighbours that differ by more are of two surfaces, px: then one of them must agree.
-const STEEPEST_PX: f32 = 3.0;
+/// Disparity range of images of 672 columns: the wearer's knees are no nearer.
+const DISPARITY_RANGE: usize = 128;
+/// Maximum relative second difference of inverse depth of neighbours on one plane.
+const MAX_CURVATURE_RATIO: f32 = 0.02;
+/// Maximum left–right difference of disparities for a visible pixel, px.
+const MAX_LR_DIFFERENCE_PX: f32 = 1.0;
+/// Maximum disparity step between neighbours on one surface, px; beyond it one of them must agree.
+const MAX_SURFACE_STEP_PX: f32 = 3.0;
 
 /// A rectified pair and its truth; all buffers are rows first.
 #[derive(Clone, Debug)]
@@ -39,13 +40,13 @@ pub(crate) struct Frame {
     pub(crate) width: usize,
     /// Rows.
     pub(crate) height: usize,
-    /// Left and right picture.
+    /// Left and right image.
     pub(crate) eyes: [Vec<u8>; 2],
     /// True disparity, px; 0 for the sky, NaN where the lens shows nothing.
     pub(crate) truth: Vec<f32>,
-    /// Whether the right eye sees the same place.
+    /// Whether the pixel is visible in the right image.
     pub(crate) visible: Vec<bool>,
-    /// Disparities to look for, from 0 on.
+    /// Number of disparities to search, from 0 on.
     pub(crate) range: usize,
     /// The rectified pair of cameras.
     pub(crate) geometry: Geometry,
@@ -54,7 +55,7 @@ pub(crate) struct Frame {
 }
 
 impl Frame {
-    /// The truth, as scores want it.
+    /// The ground truth, as input of the scores.
     pub(crate) fn truth(&self) -> DepthTruth<'_> {
         DepthTruth {
             disparity: &self.truth,
@@ -62,16 +63,16 @@ impl Frame {
         }
     }
 
-    /// The left and the right picture.
-    pub(crate) fn pictures(&self) -> [depth::Picture<'_>; 2] {
+    /// The left and the right image.
+    pub(crate) fn pictures(&self) -> [depth::ImageView<'_>; 2] {
         [0, 1].map(|eye| {
-            depth::Picture::new(self.width, self.height, &self.eyes[eye])
+            depth::ImageView::new(self.width, self.height, &self.eyes[eye])
                 .expect("eyes are of the size of the frame")
         })
     }
 }
 
-/// A walk whose cameras are looked at now and then.
+/// A walk whose frames are rendered on demand.
 pub(crate) struct Walk {
     simulation: Arc<Simulation>,
     name: String,
@@ -79,13 +80,13 @@ pub(crate) struct Walk {
 }
 
 impl Walk {
-    /// Prepares a walk of `seconds` with pictures of `size`.
+    /// Prepares a walk of `seconds` with images of `size`.
     ///
     /// # Errors
     /// There is no such walk.
     pub(crate) fn new(
         kind: Kind,
-        light: Time,
+        light: Lighting,
         seed: u64,
         seconds: f64,
         size: [u32; 2],
@@ -94,7 +95,7 @@ impl Walk {
         let rig = Rig::parse(RIG).context("reading the example rig")?;
         let settings = Settings {
             kind,
-            time: light,
+            lighting: light,
             seed,
             seconds,
             rate_hz: 15.0,
@@ -110,15 +111,15 @@ impl Walk {
     pub(crate) fn of(simulation: Arc<Simulation>) -> Self {
         let Settings {
             kind,
-            time,
+            lighting,
             seed,
             width,
             ..
         } = *simulation.settings();
         Self {
-            name: format!("{}-{}-{seed}", kind.name(), time.name()),
+            name: format!("{}-{}-{seed}", kind.name(), lighting.name()),
             // OpenCV takes multiples of 16.
-            range: (RANGE * width as usize / 672).next_multiple_of(16),
+            range: (DISPARITY_RANGE * width as usize / 672).next_multiple_of(16),
             simulation,
         }
     }
@@ -128,7 +129,7 @@ impl Walk {
         self.simulation.cameras().len()
     }
 
-    /// Other pictures of both eyes of a camera, rectified as those of its frames are.
+    /// Other images of both sides of a camera, rectified as those of its frames.
     ///
     /// # Errors
     /// The pair cannot be rectified.
@@ -156,21 +157,21 @@ impl Walk {
             rectification.rectified_from_left,
             rectification.rectified_from_right,
         ];
-        let mut pictures = self.simulation.pictures(camera);
-        let mut truths = self.simulation.truths(camera);
+        let mut pictures = self.simulation.frames(camera);
+        let mut truths = self.simulation.ground_truth(camera);
         let mut frames = Vec::new();
         let mut last = None;
         for &number in numbers {
             let time_ns = self.simulation.settings().frame_ns(number);
-            // Pictures in a row carry their exposure on; after a gap it finds its way anew.
+            // Consecutive images continue the exposure control; after a gap it settles again.
             if last.is_none_or(|last| last + 1 != number) {
                 pictures.settle(time_ns);
             }
             last = Some(number);
             let shot = pictures.expose(number, time_ns);
-            let eyes = [0, 1].map(|eye| remaps[eye].apply(&shot.grey(eye), 0));
+            let eyes = [0, 1].map(|eye| remaps[eye].apply(&shot.gray(eye), 0));
             let disparity = [0, 1].map(|eye| {
-                let seen = truths.see(eye, time_ns);
+                let seen = truths.render(eye, time_ns);
                 let inverse = inverse_depth(&seen, &lenses[eye], &turns[eye], width as usize);
                 let scale = (rectification.camera.fx * rectification.baseline_m) as f32;
                 let of = |(x, y): (&f32, &f32)| scale * sample(&inverse, width as usize, *x, *y);
@@ -194,7 +195,7 @@ impl Walk {
                 range: self.range,
                 geometry: Geometry {
                     focal_px: rectification.camera.fx,
-                    centre: [rectification.camera.cx, rectification.camera.cy],
+                    center: [rectification.camera.cx, rectification.camera.cy],
                     baseline_m: rectification.baseline_m,
                     offset_px: 0.0,
                 },
@@ -205,7 +206,8 @@ impl Walk {
     }
 }
 
-/// Inverse depth along the rectified axis for each pixel of the raw picture, 1/m; NaN where the lens has no direction.
+/// Inverse depth along the rectified axis for each pixel of the raw image, 1/m; NaN where the lens
+/// has no direction.
 fn inverse_depth(seen: &Truth, lens: &Lens, turn: &RigidTransform, width: usize) -> Vec<f32> {
     let of = |(i, depth): (usize, &f32)| {
         let pixel = [(i % width) as f64, (i / width) as f64];
@@ -222,7 +224,7 @@ fn inverse_depth(seen: &Truth, lens: &Lens, turn: &RigidTransform, width: usize)
     seen.depth.iter().enumerate().map(of).collect()
 }
 
-/// What lies at a place between pixels.
+/// Value between pixels.
 fn sample(of: &[f32], width: usize, x: f32, y: f32) -> f32 {
     let height = of.len() / width;
     if !(x >= 0.0 && y >= 0.0 && x <= (width - 1) as f32 && y <= (height - 1) as f32) {
@@ -236,8 +238,9 @@ fn sample(of: &[f32], width: usize, x: f32, y: f32) -> f32 {
     let most = a.max(b).max(c).max(d);
     let least = a.min(b).min(c).min(d);
     let bend = (a + d - b - c).abs();
-    // On a plane the four bend by nothing and differ by little.
-    if bend <= BEND * most * 0.25 && most - least <= BEND * 4.0 * most {
+    // On a plane the four have no second difference and differ by little.
+    if bend <= MAX_CURVATURE_RATIO * most * 0.25 && most - least <= MAX_CURVATURE_RATIO * 4.0 * most
+    {
         let upper = a + (b - a) * u;
         let lower = c + (d - c) * u;
         return upper + (lower - upper) * v;
@@ -252,12 +255,14 @@ fn visible(left: &[f32], right: &[f32], width: usize) -> Vec<bool> {
         if !(there >= 0.0 && there <= (width - 1) as f32) {
             return false;
         }
-        // A surface that is seen aslant changes from pixel to pixel.
+        // The disparity of an oblique surface changes from pixel to pixel.
         let near = [there.floor() as usize, there.ceil() as usize].map(|k| right[row + k]);
         let (low, high) = (near[0].min(near[1]), near[0].max(near[1]));
-        match high - low < STEEPEST_PX {
-            true => low - AGREE_PX < *d && *d < high + AGREE_PX,
-            false => near.iter().any(|other| (other - d).abs() < AGREE_PX),
+        match high - low < MAX_SURFACE_STEP_PX {
+            true => low - MAX_LR_DIFFERENCE_PX < *d && *d < high + MAX_LR_DIFFERENCE_PX,
+            false => near
+                .iter()
+                .any(|other| (other - d).abs() < MAX_LR_DIFFERENCE_PX),
         }
     };
     left.iter().enumerate().map(of).collect()

@@ -25,7 +25,7 @@ pub(super) struct Config {
     pub(super) unique: u32,
     /// Greatest step within a speckle, px.
     pub(super) speckle: u32,
-    /// Whether pictures are smoothed by 3x3 pixels first.
+    /// Whether images are smoothed by 3x3 pixels first.
     pub(super) smooth: bool,
 }
 
@@ -33,7 +33,8 @@ pub(super) struct Config {
 pub(super) const MODES: [&str; 4] = ["SGBM", "HH", "SGBM_3WAY", "HH4"];
 
 impl Config {
-    /// All of their modes, strict and not, on pictures as they are and smoothed, with windows of these sides.
+    /// All of their modes, strict and not, on original and smoothed images, with windows of these
+    /// sizes.
     fn with_windows(bm: &[u32], sgbm: &[u32]) -> Vec<Self> {
         let mut all = Vec::new();
         for smooth in [false, true] {
@@ -107,7 +108,7 @@ impl Peers {
             child,
             input: Some(input),
             output: BufReader::new(output),
-            folder: tempfile::tempdir().context("making a folder for pictures")?,
+            folder: tempfile::tempdir().context("making a folder for images")?,
             version: String::new(),
         };
         let hello = peers.read()?;
@@ -128,18 +129,19 @@ impl Peers {
         serde_json::from_str(&line).context("reading what python says")
     }
 
-    /// Lets these pictures be the pair.
+    /// Sets the pair to match.
     ///
     /// # Errors
-    /// A disk that says no.
+    /// Any I/O error.
     pub(super) fn show(&self, frame: &Frame) -> Result<()> {
         for (name, pixels) in ["left", "right"].iter().zip(&frame.eyes) {
-            fs::write(self.folder.path().join(name), pixels).context("writing a picture")?;
+            fs::write(self.folder.path().join(name), pixels).context("writing an image")?;
         }
         Ok(())
     }
 
-    /// Runs each matcher once on the pair that is shown; gives the times in ms, and on request what was found.
+    /// Runs each matcher once on the pair that is shown; gives the times in ms, and on request the
+    /// disparities.
     ///
     /// # Errors
     /// Python fails.
@@ -160,7 +162,7 @@ impl Peers {
             "out": wants_maps.then_some(&folder),
             "configs": configs,
         });
-        let input = self.input.as_mut().context("python has been told to end")?;
+        let input = self.input.as_mut().context("python was requested to end")?;
         writeln!(input, "{job}").context("writing to python")?;
         let answer = self.read()?;
         let times: Vec<f64> =

@@ -1,10 +1,10 @@
-//! Errors over time: ours and OpenCV's on the same pictures.
+//! Errors over time: ours and OpenCV's on the same images.
 
 use anyhow::{Result, ensure};
 use depth::evaluate::{BAD_PX, Scores};
-use depth::{Band, Census, Half, Matcher, Matching, Paths, Penalties, Preset, Settings};
+use depth::{Band, Census, Downsample, Matcher, Matching, Paths, Penalties, Preset, Settings};
 use rig_sim::camera::Quality;
-use rig_sim::scene::{Kind, Time};
+use rig_sim::scene::{Kind, Lighting};
 use serde_json::{Value, json};
 
 use super::frames::{Frame, Walk};
@@ -15,10 +15,10 @@ use crate::meter::{median, timed};
 pub(super) const THREADS: usize = 2;
 /// Where "bad-2" is among [`BAD_PX`].
 pub(crate) const BAD_2: usize = 2;
-/// Targets on the real pair: at this density, and at most this share of its answers bad.
-const DENSITY: f64 = 0.90;
-const BAD: f64 = 0.035;
-/// Targets of `fast`: pairs per second, of this size and with so many disparities.
+/// Targets on the real pair: this density, with at most this ratio of bad answers.
+const TARGET_DENSITY: f64 = 0.90;
+const MAX_BAD_RATIO: f64 = 0.035;
+/// Targets of `fast`: pairs per second, at this size and number of disparities.
 const RATE_HZ: f64 = 16.0;
 const RATE_SIZE: [u32; 2] = [640, 480];
 const RATE_RANGE: usize = 128;
@@ -45,31 +45,33 @@ pub(super) struct Race {
     frames: usize,
 }
 
-/// Our presets, and what lies beside and between them.
+/// Our presets, and settings between them.
 fn ours() -> Vec<(String, Settings)> {
     let mut all: Vec<(String, Settings)> = (Preset::ALL.iter())
         .map(|preset| (preset.name().to_owned(), Settings::preset(*preset)))
         .collect();
     for (windows, census) in [("5x5", Census::Full5x5), ("7x7", Census::Full7x7)] {
         for (count, paths) in [(3, Paths::Three), (4, Paths::Four), (8, Paths::Eight)] {
-            for (half, what) in [
+            for (downsample, what) in [
                 (None, ""),
-                (Some(Half::Rows), ", half the rows"),
-                (Some(Half::Both), ", halved"),
+                (Some(Downsample::Rows), ", half the rows"),
+                (Some(Downsample::Both), ", halved"),
             ] {
                 let preset = Settings::preset(Preset::Balanced);
                 let clear = Matching {
                     census,
-                    penalties: Penalties::for_costs_up_to(census.bits() + preset.clear.grey),
+                    penalties: Penalties::for_costs_up_to(
+                        census.bits() + preset.clear.max_gray_cost,
+                    ),
                     ..preset.clear
                 };
                 let settings = Settings {
-                    half,
+                    downsample,
                     paths,
                     clear,
                     ..preset
                 };
-                // The presets are there already.
+                // The presets are included already.
                 if all.iter().all(|(_, other)| *other != settings) {
                     all.push((format!("{windows}, {count} paths{what}"), settings));
                 }
@@ -168,7 +170,7 @@ impl Race {
 
     /// Our points that beat one of OpenCV's.
     fn beaten_by(&self, theirs: &Point) -> Option<&Point> {
-        let (density, bad) = (theirs.scores.density(), theirs.scores.bad(BAD_2));
+        let (density, bad) = (theirs.scores.density(), theirs.scores.bad_ratio(BAD_2));
         let ours = self.points.iter().filter(|p| p.kind == "ours");
         let mut fast_enough = ours.filter(|p| p.ms <= theirs.ms);
         fast_enough.find(|p| p.at(density).is_some_and(|at| at < bad))
@@ -185,7 +187,7 @@ impl Race {
             .collect()
     }
 
-    /// For people who wait.
+    /// Progress line.
     pub(super) fn print(&self, part: &str) {
         println!("{part}: {} frames", self.frames);
         let unbeaten = self.unbeaten();
@@ -200,9 +202,9 @@ impl Race {
                 point.name,
                 point.ms,
                 point.scores.density(),
-                100.0 * point.scores.bad(BAD_2),
-                match point.at(DENSITY) {
-                    Some(bad) => format!(", {:.2} % at density {DENSITY}", 100.0 * bad),
+                100.0 * point.scores.bad_ratio(BAD_2),
+                match point.at(TARGET_DENSITY) {
+                    Some(bad) => format!(", {:.2} % at density {TARGET_DENSITY}", 100.0 * bad),
                     None => String::new(),
                 },
                 if here { " NOT BEATEN" } else { "" }
@@ -230,12 +232,12 @@ impl Race {
                 "kind": point.kind,
                 "ms": point.ms,
                 "density": scores.density(),
-                "bad_1": scores.bad(1),
-                "bad_2": scores.bad(BAD_2),
-                "bad_3": scores.bad(3),
-                "bad_2_or_absent": scores.bad_of_all(BAD_2),
+                "bad_1": scores.bad_ratio(1),
+                "bad_2": scores.bad_ratio(BAD_2),
+                "bad_3": scores.bad_ratio(3),
+                "bad_2_or_absent": scores.bad_ratio_of_all(BAD_2),
                 "mean_error_px": scores.mean_error_px(),
-                "bad_2_at_density": point.at(DENSITY),
+                "bad_2_at_density": point.at(TARGET_DENSITY),
                 "curve": point.curve,
                 "beaten_by": beaten_by,
             })
@@ -244,7 +246,7 @@ impl Race {
             "frames": self.frames,
             "threads": THREADS,
             "opencv": self.opencv,
-            "target": { "density": DENSITY, "bad_2": BAD, "ms": hh_ms.map(|ms| ms / 2.0) },
+            "target": { "density": TARGET_DENSITY, "bad_2": MAX_BAD_RATIO, "ms": hh_ms.map(|ms| ms / 2.0) },
             "not_beaten": self.unbeaten().iter().map(|p| &p.name).collect::<Vec<_>>(),
             "points": points.collect::<Vec<_>>(),
         })
@@ -252,7 +254,7 @@ impl Race {
 }
 
 impl Point {
-    /// Share of bad answers when at least this share of pixels has one; none where fewer have.
+    /// Ratio of bad answers at this density; `None` if the density is lower.
     fn at(&self, density: f64) -> Option<f64> {
         let enough = self.curve.iter().filter(|[of, _]| *of >= density);
         enough.map(|[_, bad]| *bad).reduce(f64::min)
@@ -285,7 +287,14 @@ fn curve(mut answers: Vec<(f32, bool)>, pixels: u64) -> Vec<[f64; 2]> {
 /// # Errors
 /// There is no such walk.
 pub(super) fn rate(quick: bool) -> Result<Value> {
-    let walk = Walk::new(Kind::Plaza, Time::Day, 8, 20.0, RATE_SIZE, Quality::FAST)?;
+    let walk = Walk::new(
+        Kind::Plaza,
+        Lighting::Day,
+        8,
+        20.0,
+        RATE_SIZE,
+        Quality::FAST,
+    )?;
     let frames = walk.frames(0, &[90, 150])?;
     let runs = if quick { 3 } else { 25 };
     let mut rows = Vec::new();
@@ -294,7 +303,7 @@ pub(super) fn rate(quick: bool) -> Result<Value> {
         for frame in &frames {
             ensure!(
                 frame.width == RATE_SIZE[0] as usize,
-                "a picture of another size"
+                "an image of another size"
             );
             let [left, right] = frame.pictures();
             let band = Band::full(0, RATE_RANGE, frame.height)?;

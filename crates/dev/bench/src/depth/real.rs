@@ -60,7 +60,7 @@ pub(crate) fn motorcycle(folder: &Path) -> Result<Frame> {
         range: MOTORCYCLE_RANGE,
         geometry: Geometry {
             focal_px: left.fx,
-            centre: [left.cx, left.cy],
+            center: [left.cx, left.cy],
             baseline_m: -right_from_left.translation_m()[0],
             offset_px: right.cx - left.cx,
         },
@@ -68,7 +68,7 @@ pub(crate) fn motorcycle(folder: &Path) -> Result<Frame> {
     })
 }
 
-/// A picture file as grey levels (BT.601).
+/// An image file as gray levels (BT.601).
 fn grey_png(path: &Path) -> Result<Vec<u8>> {
     let mut decoder = png::Decoder::new(std::io::BufReader::new(fs::File::open(path)?));
     decoder.set_transformations(png::Transformations::normalize_to_color8());
@@ -77,7 +77,7 @@ fn grey_png(path: &Path) -> Result<Vec<u8>> {
         0;
         reader
             .output_buffer_size()
-            .context("a picture without a size")?
+            .context("an image without a size")?
     ];
     let info = reader.next_frame(&mut data)?;
     data.truncate(info.buffer_size());

@@ -1,4 +1,4 @@
-//! Whether a sigma is what it says, and where its tables come from.
+//! Test of the stated sigmas, and fit of their tables.
 
 use anyhow::{Context, Result};
 use depth::evaluate::Scores;
@@ -6,15 +6,16 @@ use depth::sigma::{Model, Sample};
 use depth::{Band, Matcher, Preset, Settings};
 use serde_json::{Value, json};
 
-use super::exam::{self, Found, Place};
 use super::frames::Frame;
+use super::test_set::{self, Found, Place};
 
-/// One pixel in so many is a sample.
-const ONE_IN: usize = 8;
+/// Sampling stride, pixels.
+const SAMPLE_STRIDE: usize = 8;
 
-/// Fits the models of the presets and gives their source, as it stands in `crates/vision/depth/src/sigma/tables.rs`.
+/// Fits the models of the presets and returns their source code, as in
+/// `crates/vision/depth/src/sigma/tables.rs`.
 pub(super) fn fit() -> Result<String> {
-    let frames = exam::render(&exam::to_fit())?;
+    let frames = test_set::render(&test_set::to_fit())?;
     let mut text = String::new();
     for (name, presets) in [
         ("THREE", &[Preset::Fast][..]),
@@ -38,17 +39,17 @@ pub(super) fn fit() -> Result<String> {
 
 fn samples_of(preset: Preset, frame: &Frame, number: usize) -> Result<Vec<Sample>> {
     let [left, right] = frame.pictures();
-    // What smaller pictures give is judged by the same model.
+    // Results of smaller images use the same model.
     let settings = Settings {
-        half: None,
+        downsample: None,
         ..Settings::preset(preset)
     };
     let mut matcher = Matcher::new(settings, frame.width, frame.height)?.with_evidence();
     matcher.run(&left, &right, &Band::full(0, frame.range, frame.height)?)?;
     let map = matcher.map();
-    // Every so many pixels, not the same columns in each row.
+    // Every n-th pixel, not the same columns in each row.
     let chosen = (0..map.disparity.len())
-        .filter(|i| (i * 7 + i / frame.width * 3 + number).is_multiple_of(ONE_IN));
+        .filter(|i| (i * 7 + i / frame.width * 3 + number).is_multiple_of(SAMPLE_STRIDE));
     let known = chosen
         .filter(|i| frame.visible[*i] && !frame.truth[*i].is_nan() && !map.disparity[*i].is_nan());
     let sample = |i: usize| Sample {
@@ -58,7 +59,7 @@ fn samples_of(preset: Preset, frame: &Frame, number: usize) -> Result<Vec<Sample
     Ok(known.map(sample).collect())
 }
 
-/// Scores of a preset over all frames of a place.
+/// Scores of a preset over all frames of a walk.
 pub(super) struct Group {
     pub(super) name: String,
     pub(super) preset: Preset,
@@ -72,10 +73,10 @@ impl Group {
             "preset": self.preset.name(),
             "pixels": self.scores.pixels,
             "density": self.scores.density(),
-            "bad_1": self.scores.bad(1),
-            "bad_2": self.scores.bad(2),
+            "bad_1": self.scores.bad_ratio(1),
+            "bad_2": self.scores.bad_ratio(2),
             "mean_error_px": self.scores.mean_error_px(),
-            "within_two_sigma": self.scores.inside(),
+            "within_two_sigma": self.scores.coverage(),
         })
     }
 }
@@ -87,15 +88,15 @@ pub(super) fn json(groups: &[Group]) -> Value {
             "sigma: {:24} {:9} {:.1} % within two, density {:.3}, bad-2 {:.2} %",
             group.name,
             group.preset.name(),
-            100.0 * group.scores.inside(),
+            100.0 * group.scores.coverage(),
             group.scores.density(),
-            100.0 * group.scores.bad(2)
+            100.0 * group.scores.bad_ratio(2)
         );
     }
     Value::Array(groups.iter().map(Group::json).collect())
 }
 
-/// What each preset does at each place.
+/// Scores of each preset on each walk.
 pub(super) fn check(places: &[Place], frames: &[Found]) -> Result<Vec<Group>> {
     let mut groups = Vec::new();
     for preset in Preset::ALL {
@@ -122,7 +123,7 @@ pub(super) fn score(preset: Preset, frame: &Frame) -> Result<Scores> {
     Ok(Scores::of(map, frame.truth())?)
 }
 
-/// What each preset does on one frame.
+/// Scores of each preset on one frame.
 ///
 /// # Errors
 /// A frame that cannot be matched.

@@ -1,4 +1,4 @@
-//! The pictures of the results.
+//! Charts of the results.
 
 use charts::{Axis, Chart, Series};
 
@@ -19,7 +19,7 @@ pub(super) fn draw(
     for clip in clips {
         let picture = &clip.pictures[0];
         let subtitle = format!(
-            "{}: {}, {}x{} at {} Hz; labels: quality asked for, dB",
+            "{}: {}, {}x{} at {} Hz; labels: quality target, dB",
             clip.name,
             clip.shows,
             picture.width,
@@ -58,7 +58,7 @@ pub(super) fn draw(
     charts
 }
 
-/// A line for each encoder, the same colour in every chart.
+/// A line for each encoder, the same color in every chart.
 fn by_encoder(
     chart: Chart,
     points: &[Point],
@@ -79,15 +79,15 @@ fn by_encoder(
         })
 }
 
-/// Quality got over quality asked for, on the clip that gets least of it.
+/// Quality against its target, on the clip with the lowest quality.
 fn target(points: &[Point], stamp: &str) -> String {
-    let chart = Chart::new("Quality got beyond quality asked for")
+    let chart = Chart::new("Quality minus quality target")
         .subtitle(
-            "mean luma PSNR minus target, on the clip that gets least; below zero falls short",
+            "mean luma PSNR minus target, on the clip with the lowest; below zero misses the target",
         )
-        .x_axis(Axis::linear("quality asked for", "dB"))
-        .y_axis(Axis::linear("beyond it", "dB").include(0.0))
-        .hline(0.0, "as asked for")
+        .x_axis(Axis::linear("quality target", "dB"))
+        .y_axis(Axis::linear("quality minus target", "dB").include(0.0))
+        .hline(0.0, "target")
         .footnote(stamp);
     let beyond = |point: &Point| point.psnr_db - point.target_db;
     let is_least = |point: &Point| {
@@ -111,14 +111,14 @@ fn daemon(share: &Share, stamp: &str) -> String {
     let names = [
         "recording daemon",
         "bare gst-launch-1.0",
-        "of it, reading pictures",
+        "of it, reading images",
     ];
     let subtitle = format!(
         "three cameras, x264enc at 42 dB, in real time, written to a disk; the daemon takes {:.3} \
          times the bare pipeline's",
         share.ratio()
     );
-    Chart::new("What the daemon adds to its encoders")
+    Chart::new("Overhead of the daemon over its encoders")
         .subtitle(&subtitle)
         .x_axis(Axis::categories("", names))
         .y_axis(Axis::linear("CPU time per stereo frame", "ms").include(0.0))

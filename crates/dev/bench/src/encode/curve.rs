@@ -10,32 +10,32 @@ use video::picture::psnr;
 use video::{AccessUnit, Decoder, Encoder, EncoderEvent, EncoderSettings};
 
 use super::material::Clip;
-use crate::meter::{Took, median, timed};
+use crate::meter::{Timing, median, timed};
 
-/// How long an encoder may take for a clip.
-const PATIENCE: Duration = Duration::from_secs(120);
+/// Maximum time of an encoder for a clip.
+const ENCODER_TIMEOUT: Duration = Duration::from_secs(120);
 
-/// What came out.
+/// Result.
 pub(super) struct Point {
     pub(super) element: &'static str,
     pub(super) clip: &'static str,
     pub(super) target_db: f64,
     quantiser: u32,
-    /// Luma, mean over the pictures.
+    /// Luma, mean over the frames.
     pub(super) psnr_db: f64,
-    /// Luma, worst picture.
+    /// Luma, worst frame.
     pub(super) psnr_min_db: f64,
     /// At the clip's nominal rate.
     pub(super) mbit_s: f64,
-    /// Processor time of a further picture, all threads.
+    /// Processor time of a further frame, all threads.
     pub(super) cpu_ms: f64,
-    /// Further pictures per second, by the clock on the wall.
-    pictures_per_s: f64,
+    /// Further frames per second, by wall time.
+    frames_per_s: f64,
 }
 
 impl Point {
     pub(super) const HEADING: &'static str =
-        "encoder      clip       target QP   PSNR mean    min   Mbit/s  CPU ms  pictures/s";
+        "encoder      clip       target QP   PSNR mean    min   Mbit/s  CPU ms    frames/s";
 
     pub(super) fn json(&self) -> Value {
         json!({
@@ -47,13 +47,13 @@ impl Point {
             "psnr_min_db": round(self.psnr_min_db),
             "target_met": self.psnr_db >= self.target_db,
             "mbit_per_s": round(self.mbit_s),
-            "cpu_ms_per_picture": round(self.cpu_ms),
-            "pictures_per_s": round(self.pictures_per_s),
+            "cpu_ms_per_frame": round(self.cpu_ms),
+            "frames_per_s": round(self.frames_per_s),
         })
     }
 }
 
-/// Thousandths are below what can be repeated.
+/// Thousandths are below repeatability.
 pub(super) fn round(value: f64) -> f64 {
     (value * 1000.0).round() / 1000.0
 }
@@ -71,7 +71,7 @@ impl fmt::Display for Point {
             self.psnr_min_db,
             self.mbit_s,
             self.cpu_ms,
-            self.pictures_per_s
+            self.frames_per_s
         )
     }
 }
@@ -89,7 +89,7 @@ pub(super) fn measure(
         let (once, short) = timed(|| encode(element, clip, target_db, 1));
         let (twice, long) = timed(|| encode(element, clip, target_db, 2));
         (encoded, _) = (Some(once?), twice?);
-        added.push(Took {
+        added.push(Timing {
             wall_s: long.wall_s - short.wall_s,
             cpu_s: long.cpu_s - short.cpu_s,
         });
@@ -99,7 +99,7 @@ pub(super) fn measure(
     let decoded = Decoder::with_threads(codec, 0).decode(&units)?;
     ensure!(
         decoded.len() == clip.pictures.len(),
-        "{} of {} pictures came back",
+        "{} of {} frames were decoded",
         decoded.len(),
         clip.pictures.len()
     );
@@ -120,11 +120,11 @@ pub(super) fn measure(
         psnr_min_db: each.iter().copied().fold(f64::INFINITY, f64::min),
         mbit_s: bytes as f64 * 8.0 / 1e6 / count * clip.rate_hz,
         cpu_ms: median(added.iter().map(|took| took.cpu_s)) * 1e3 / count,
-        pictures_per_s: count / median(added.iter().map(|took| took.wall_s)),
+        frames_per_s: count / median(added.iter().map(|took| took.wall_s)),
     })
 }
 
-/// So many passes over a clip, from starting the encoder to its end; the quantiser and the video.
+/// `passes` passes over a clip, from starting the encoder to its end; the quantizer and the video.
 fn encode(
     element: &str,
     clip: &Clip,
@@ -161,7 +161,7 @@ fn encode(
         half_second = time_ns / 500_000_000;
         encoder.push(time_ns, picture, key)?;
     }
-    encoder.finish(PATIENCE)?;
+    encoder.finish(ENCODER_TIMEOUT)?;
     let mut output = output.lock().unwrap_or_else(PoisonError::into_inner);
     let (units, failure) = std::mem::take(&mut *output);
     ensure!(failure.is_none(), "the encoder failed: {failure:?}");

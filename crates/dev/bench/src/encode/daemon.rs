@@ -1,13 +1,13 @@
-//! What a recording costs beyond its encoders.
+//! Overhead of a recording over its encoders.
 //!
-//! The daemon records three cameras in real time; the peer is one `gst-launch-1.0` with three branches that
-//! read the same pictures from memory, wait for their time, and run the same encoder element
-//! with the same properties into nothing. The daemon runs as a process of its own: this program, started
-//! again with [`RECORD`], which calls what `pawsd record` calls. Pictures are the KITTI pairs over and
-//! over; the daemon keeps them decoded after the first round, so that in the long run neither
-//! side pays for reading PNG.
+//! The daemon records three cameras in real time; the peer is one `gst-launch-1.0` with three
+//! branches that read the same images from memory, wait for their time, and run the same encoder
+//! element with the same properties into nothing. The daemon runs as a process of its own: this
+//! program, started again with [`RECORD`], which calls what `pawsd record` calls. Images are the
+//! KITTI pairs, repeated; the daemon caches them decoded after the first round, so that in the long
+//! run neither side pays for reading PNG.
 //!
-//! Sessions are written to the disk that the target folder is on, with all syncs; the peer's pictures
+//! Sessions are written to the disk that the target folder is on, with all syncs; the peer's images
 //! are in memory, where the daemon's are too after the first round. Processor time of a process is
 //! read after it has ended, to 10 ms.
 
@@ -35,27 +35,27 @@ const RATE_HZ: u32 = 20;
 /// A key frame each half second, as the daemon forces them.
 const KEY_INTERVAL: u32 = RATE_HZ / 2;
 const QUALITY_DB: f64 = 42.0;
-/// What may come on top of the encoder.
-const LIMIT: f64 = 1.10;
-/// Bytes of video of the daemon's over the peer's lie in here, or they were not set up alike.
-const SAME_BYTES: RangeInclusive<f64> = 0.98..=1.02;
+/// Maximum ratio of processor time against the bare pipeline.
+const MAX_CPU_RATIO: f64 = 1.10;
+/// Accepted ratio of video bytes of daemon and peer; outside of it their settings differ.
+const BYTES_RATIO_RANGE: RangeInclusive<f64> = 0.98..=1.02;
 
-/// How long the runs are and how often they are repeated.
+/// Length and number of the runs.
 pub(super) struct Plan {
     pub(super) short_s: u32,
     pub(super) long_s: u32,
     pub(super) repetitions: usize,
 }
 
-/// What was found.
+/// Result.
 pub(super) struct Share {
     /// Processor time per stereo frame, ms: the daemon's and the bare pipeline's, run side by side.
     pairs_ms: Vec<(f64, f64)>,
-    /// The bare pipeline without its encoder: what reading the pictures costs it, ms per frame.
+    /// The bare pipeline without its encoder: cost of reading the images, ms per frame.
     pub(super) reading_ms: f64,
     /// Frames that the daemon did not store, of all runs.
     missing: u64,
-    /// Bytes of video of the daemon's over the bare pipeline's, for as many frames.
+    /// Bytes of video of the daemon over those of the bare pipeline, for the same number of frames.
     bytes_ratio: f64,
 }
 
@@ -68,7 +68,7 @@ impl Share {
         median(self.pairs_ms.iter().map(|(_, bare)| *bare))
     }
 
-    /// Median over the pairs: whatever else the machine did, it did to both of a pair.
+    /// Median over the pairs: other load of the machine affects both of a pair.
     pub(super) fn ratio(&self) -> f64 {
         median(self.pairs_ms.iter().map(|(daemon, bare)| daemon / bare))
     }
@@ -96,18 +96,18 @@ impl Share {
             "pairs": self.pairs_ms.iter().map(pair).collect::<Vec<_>>(),
             "ratio": round(self.ratio()),
             "ratio_to_encoder_alone": round(self.ratio_to_encoder()),
-            "limit": LIMIT,
-            "within_limit": self.ratio() <= LIMIT,
+            "limit": MAX_CPU_RATIO,
+            "within_limit": self.ratio() <= MAX_CPU_RATIO,
             "missing_frames": self.missing,
             "bytes_ratio": round(self.bytes_ratio),
         })
     }
 }
 
-/// Measures; none where the pictures or `gst-launch-1.0` are absent.
+/// Measures; `None` if the images or `gst-launch-1.0` are absent.
 ///
 /// # Errors
-/// A run fails, or the two do not encode alike: then their times say nothing.
+/// A run fails, or the two encode differently, so that their times are not comparable.
 pub(super) fn measure(plan: &Plan) -> Result<Option<Share>> {
     // All of them: the daemon replays the whole folder.
     let Some((kitti, clip)) = material::kitti(usize::MAX)? else {
@@ -138,7 +138,7 @@ pub(super) fn measure(plan: &Plan) -> Result<Option<Share>> {
         let mut daemon_costs = Vec::new();
         let mut bare_costs = Vec::new();
         for seconds in [plan.short_s, plan.long_s] {
-            // Now one first, now the other, so that a machine that gets busier favours neither.
+            // The order alternates, so that a rising load of the machine favours neither.
             if repetition % 2 == 0 {
                 daemon_costs.push(daemon.run(seconds)?);
                 bare_costs.push(bare.run(seconds, true)?);
@@ -158,7 +158,7 @@ pub(super) fn measure(plan: &Plan) -> Result<Option<Share>> {
             let long = &daemon_costs[1];
             share.bytes_ratio = long.bytes as f64 / bare.bytes(long.frames)? as f64;
             ensure!(
-                SAME_BYTES.contains(&share.bytes_ratio),
+                BYTES_RATIO_RANGE.contains(&share.bytes_ratio),
                 "the daemon's video is {:.3} times as large as the bare pipeline's: their encoders \
                  are not set up alike",
                 share.bytes_ratio
@@ -166,7 +166,7 @@ pub(super) fn measure(plan: &Plan) -> Result<Option<Share>> {
         }
     }
     println!(
-        "daemon over bare pipeline: {:.3} (limit {LIMIT}), over the encoder alone {:.3}; \
+        "daemon over bare pipeline: {:.3} (limit {MAX_CPU_RATIO}), over the encoder alone {:.3}; \
          {} frames missing; {:.3} times the bytes",
         share.ratio(),
         share.ratio_to_encoder(),
@@ -196,7 +196,7 @@ fn memory_folder() -> Result<tempfile::TempDir> {
     if memory.is_dir() {
         tempfile::tempdir_in(memory).context("making a folder in /dev/shm")
     } else {
-        tempfile::tempdir().context("making a folder for pictures")
+        tempfile::tempdir().context("making a folder for images")
     }
 }
 
@@ -277,7 +277,7 @@ impl Daemon {
 
 /// The bare pipeline.
 struct Bare {
-    /// Where the pictures lie, with a place for the number.
+    /// Path pattern of the images, with a placeholder for the number.
     pattern: PathBuf,
     caps: String,
     encoder: String,
@@ -356,7 +356,7 @@ impl Bare {
         })
     }
 
-    /// What reading the pictures costs.
+    /// Cost of reading the images.
     fn per_frame_ms(&self, plan: &Plan) -> Result<f64> {
         Ok(per_frame_ms(&[
             self.run(plan.short_s, false)?,
@@ -364,7 +364,7 @@ impl Bare {
         ]))
     }
 
-    /// Bytes of video for so many frames over all cameras.
+    /// Bytes of video for `frames` frames over all cameras.
     fn bytes(&self, frames: u64) -> Result<u64> {
         let file = |camera| self.pattern.with_file_name(format!("{camera}.h264"));
         let sink = |camera| format!("filesink location={}", file(camera).display());

@@ -1,4 +1,4 @@
-//! What is encoded: real stereo recordings where they are there, and a made-up one.
+//! Material to encode: real stereo recordings where available, and a synthetic one.
 
 use std::path::{Path, PathBuf};
 
@@ -14,7 +14,7 @@ use video::Picture;
 pub(super) struct Clip {
     /// `kitti`, `euroc` or `synthetic`.
     pub(super) name: &'static str,
-    /// What it shows, for people.
+    /// Description of the content.
     pub(super) shows: &'static str,
     pub(super) rate_hz: f64,
     pub(super) pictures: Vec<Picture>,
@@ -28,12 +28,12 @@ impl Clip {
             "width": self.pictures[0].width,
             "height": self.pictures[0].height,
             "rate_hz": self.rate_hz,
-            "pictures": self.pictures.len(),
+            "frames": self.pictures.len(),
         })
     }
 }
 
-/// A folder of the real recordings, or a line that says why something is skipped.
+/// A folder of the real recordings, or a printed reason why it is skipped.
 fn shared(folder: &str) -> Option<PathBuf> {
     match tests::data::sets([folder]) {
         Ok([path]) => Some(path),
@@ -44,7 +44,7 @@ fn shared(folder: &str) -> Option<PathBuf> {
     }
 }
 
-/// The clips, `count` pictures of each at most.
+/// The clips, at most `count` frames of each.
 pub(super) fn clips(count: usize) -> Result<Vec<Clip>> {
     let shows = "a room, the cameras at rest";
     let euroc = match shared("03_stereo_imu/euroc_V1_01_micro") {
@@ -52,8 +52,13 @@ pub(super) fn clips(count: usize) -> Result<Vec<Clip>> {
         None => None,
     };
     let wall = Synthetic::new("synthetic", 1344, 376, 30.0, 0.0, 0, HostTime(0))
-        .context("making up pictures")?;
-    let wall = clip("synthetic", "a made-up textured wall, moving", wall, count)?;
+        .context("generating images")?;
+    let wall = clip(
+        "synthetic",
+        "a synthetic textured wall, moving",
+        wall,
+        count,
+    )?;
     let kitti = kitti(count)?.map(|(_, clip)| clip);
     Ok(kitti.into_iter().chain(euroc).chain([wall]).collect())
 }
@@ -98,12 +103,12 @@ fn clip(
             .next_sample()
             .with_context(|| format!("reading {name}"))?
         {
-            Some(Sample::Frame(frame)) => pictures.push(frame.picture),
+            Some(Sample::Frame(frame)) => pictures.push(frame.image),
             Some(_) => {}
             None => break,
         }
     }
-    anyhow::ensure!(!pictures.is_empty(), "{name} has no pictures");
+    anyhow::ensure!(!pictures.is_empty(), "{name} has no images");
     Ok(Clip {
         name,
         shows,

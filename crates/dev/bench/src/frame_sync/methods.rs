@@ -1,11 +1,11 @@
-//! The tie of crate `zed`, and its peer, behind one face.
+//! The frame-sync estimator of crate `zed`, and its peer, behind one interface.
 
 use zed::frame_sync::{Bounds, FrameSync};
 use zed::report::Sample;
 
 use super::world::{Frame, STAMP_LATENCY};
 
-/// A time and what its maker says about it.
+/// A time with its stated sigma.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct Stamp {
     /// ns on the clock of the method's camera times.
@@ -14,32 +14,33 @@ pub(crate) struct Stamp {
     pub(crate) sigma: Option<f64>,
 }
 
-/// Gives samples times beside the camera's.
+/// Maps samples to camera time.
 pub(crate) trait Method {
     fn name(&self) -> &'static str;
 
     /// Takes a frame.
     fn frame(&mut self, frame: &Frame);
 
-    /// Takes a sample that arrived at `host_ns` and gives it a time, at once.
+    /// Takes a sample that arrived at `host_ns` and returns its time immediately.
     fn sample(&mut self, sample: &Sample, host_ns: i64) -> Option<Stamp>;
 
-    /// What the method's time of a frame is later than the beginning of it, ns: its own zero, and the least latency of stamps.
+    /// Offset of the method's time of a frame against the start of the frame, ns: its own zero, and
+    /// the minimum latency of timestamps.
     fn base(&self) -> f64;
 }
 
 /// [`FrameSync`].
-pub(crate) struct Tied(FrameSync);
+pub(crate) struct FrameSyncMethod(FrameSync);
 
-impl Tied {
+impl FrameSyncMethod {
     pub(crate) fn new() -> Self {
         Self(FrameSync::new(Bounds::default()))
     }
 }
 
-impl Method for Tied {
+impl Method for FrameSyncMethod {
     fn name(&self) -> &'static str {
-        "frame-sync tie (ours)"
+        "frame sync (ours)"
     }
 
     fn frame(&mut self, frame: &Frame) {
@@ -48,7 +49,7 @@ impl Method for Tied {
 
     fn sample(&mut self, sample: &Sample, host_ns: i64) -> Option<Stamp> {
         self.0.sample(sample, host_ns);
-        let tie = self.0.tie().ok()?;
+        let tie = self.0.estimate().ok()?;
         Some(Stamp {
             time: tie.host_ns(sample.ticks)? as f64,
             sigma: Some(tie.sigma_ns as f64),
@@ -60,11 +61,13 @@ impl Method for Tied {
     }
 }
 
-/// What zed-open-capture does (its `sensorcapture.cpp` and `videocapture.cpp` at 9373915), made anew from a description in
-/// four steps. Ticks become nanoseconds in 32-bit floats. The zero of both streams is the host's time when the first frame is taken
-/// from the driver. Of every fifty samples with frame sync the host's span over the device's (of the second half at first, of all
-/// but five later; kept between 0.8 and 1.2) is multiplied into the scale of the ticks that follow. Then the
-/// last of these samples is compared with the next frame that comes, and the mean of three such differences is taken off.
+/// Method of zed-open-capture (its `sensorcapture.cpp` and `videocapture.cpp` at 9373915),
+/// reimplemented from a description in four steps. Ticks become nanoseconds in 32-bit floats. The
+/// zero of both streams is the host's time when the first frame is taken from the driver. Of every
+/// fifty samples with frame sync the host's span over the device's (of the second half at first, of
+/// all but five later; kept between 0.8 and 1.2) is multiplied into the scale of the ticks that
+/// follow. Then the last of these samples is compared with the next frame that comes, and the mean
+/// of three such differences is subtracted.
 #[derive(Default)]
 pub(crate) struct ZedOpenCapture {
     zero: i64,
@@ -75,7 +78,7 @@ pub(crate) struct ZedOpenCapture {
     count_before: u32,
     pairs: Vec<(i64, i64)>,
     rounds: u32,
-    /// The sample that waits for a frame.
+    /// Sample waiting for a frame.
     waiting: Option<i64>,
     differences: Vec<i64>,
     offset: i64,

@@ -1,4 +1,5 @@
-//! A ZED Mini whose truth is known: when frames begin, when samples are taken, what is sent, and when it arrives.
+//! A simulated ZED Mini of known truth: start of frames, times of samples, messages, and their
+//! arrival.
 
 use std::collections::VecDeque;
 
@@ -10,39 +11,40 @@ pub(crate) const S: f64 = 1e9;
 pub(crate) const MS: f64 = 1e6;
 const TICK_NS: f64 = S / TICKS_PER_S as f64;
 
-/// From the beginning of a frame to the driver's stamp at the least: not to be seen by any method, and not held against any.
+/// Minimum latency from the start of a frame to the driver's timestamp: not observable by any
+/// method, and not counted against any.
 pub(crate) const STAMP_LATENCY: f64 = 2.0 * MS;
-/// From a measurement to the host at the least.
+/// Minimum latency from a measurement to the host.
 const REPORT_LATENCY: f64 = 0.6 * MS;
 /// From the beginning of a frame to its last byte.
 const FRAME_LATENCY: f64 = 14.0 * MS;
-/// Bursts begin every so often, and last so long, s.
+/// Period and duration of bursts, s.
 const BURST_S: (f64, f64) = (10.0, 1.0);
-/// The processor is busy for so long at a time, on average, when it is busy.
+/// Mean duration of a busy period of the processor.
 const BUSY_NS: f64 = 8.0 * MS;
-/// The device's clock swings by so much with the temperature, in so long.
+/// Amplitude and period of the device clock's temperature drift.
 const SWING: (f64, f64) = (1e-6, 900.0 * S);
-/// Frames that the microcontroller was told of before the stream began.
+/// Frames counted by the microcontroller before the stream started.
 const COUNTED: u32 = 421;
 
-/// A camera, its IMU, and the way from them.
+/// A camera, its IMU, and their transport to the host.
 #[derive(Clone, Debug)]
 pub(crate) struct World {
     pub(crate) seed: u64,
     pub(crate) seconds: f64,
     pub(crate) imu_hz: f64,
     pub(crate) frame_hz: f64,
-    /// The device has been on for so long at the start.
+    /// Uptime of the device at the start.
     pub(crate) uptime_s: f64,
-    /// The IMU's reader wakes up late by this on average, ns, and then takes all that is there.
+    /// Mean wake-up delay of the IMU's reader, ns; it then reads all pending reports.
     pub(crate) reader_jitter: f64,
-    /// All reports are late by this in a burst, ns.
+    /// Delay of all reports in a burst, ns.
     pub(crate) burst: f64,
-    /// Share of time in which the processor is busy with something else.
+    /// Ratio of time in which the processor is busy otherwise.
     pub(crate) load: f64,
-    /// The driver's stamps are late by this on average, ns.
+    /// Mean delay of the driver's timestamps, ns.
     pub(crate) stamp_jitter: f64,
-    /// Frames are taken from the driver late by this on average, ns.
+    /// Mean delay of reading frames from the driver, ns.
     pub(crate) frame_jitter: f64,
 }
 
@@ -54,7 +56,7 @@ pub(crate) struct Frame {
     pub(crate) host_ns: i64,
 }
 
-/// A sample as it arrives, and when it was really taken, ns.
+/// A sample as it arrives, and its true time, ns.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct Arrival {
     pub(crate) sample: Sample,
@@ -62,7 +64,7 @@ pub(crate) struct Arrival {
     pub(crate) taken: f64,
 }
 
-/// What the host sees next.
+/// Next event at the host.
 #[derive(Clone, Copy, Debug)]
 pub(crate) enum Event {
     Frame(Frame),
@@ -103,15 +105,16 @@ impl World {
         }
     }
 
-    /// Hands over all that the host sees, in its order. Times are ns of the host, from 0.
+    /// Passes all events to `tell` in the host's order. Times are ns of the host, from 0.
     pub(crate) fn run(&self, tell: &mut dyn FnMut(Event)) {
         let mut random = Random(self.seed);
-        // Each crystal is off by up to 50 ppm.
+        // Each crystal has a rate error of up to 50 ppm.
         let mut off = || 1e-4 * (random.uniform() - 0.5);
         let (device_off, frame_off) = (off(), off());
         let phase = 0.2 * S + random.uniform() * S / self.frame_hz;
         let begun = |k: u32| phase + f64::from(k) * S / self.frame_hz * (1.0 + frame_off);
-        // When the device's clock has run so long since the start; its swing is slow, so that one step of iteration does.
+        // Host time of a device time since the start; the drift is slow, so that one iteration
+        // suffices.
         let swing = |t: f64| {
             SWING.0 * SWING.1 / std::f64::consts::TAU * (t / SWING.1 * std::f64::consts::TAU).sin()
         };
@@ -122,7 +125,7 @@ impl World {
         let uptime_ticks = (self.uptime_s * TICKS_PER_S as f64) as u64;
 
         let mut frame = 0_u32;
-        // Frames on their way; they come in their order.
+        // Frames in transit; they arrive in order.
         let mut coming: VecDeque<(f64, Frame)> = VecDeque::new();
         let mut last_frame = 0.0_f64;
         // Until when the reader is asleep, and the processor busy or free.

@@ -1,4 +1,4 @@
-//! The pictures of `odometry`.
+//! Charts of `odometry`.
 
 use charts::{Axis, Chart, Series};
 
@@ -8,15 +8,17 @@ use super::sweeps::{
     CAMERAS, CAMERAS_SETS, MOUNTS_ON, MOUNTS_SETS, PRESETS, SETTINGS_ON, SETTINGS_SETS, SWEEPS,
     balanced_with,
 };
-use super::table::{ADJUSTED_PERCENT, CAUSAL_PERCENT, PAIR_MS, exam};
+use super::table::{
+    MAX_ADJUSTED_ATE_PERCENT, MAX_CAUSAL_ATE_PERCENT, MAX_PAIR_MS, rows_of_test_walks,
+};
 
 const WIDTH: u32 = 760;
 const HEIGHT: u32 = 400;
 
-/// Where walks that were lost are drawn.
+/// ATE at which lost walks are drawn, percent.
 const LOST_PERCENT: f64 = 100.0;
 
-/// Causal poses, or those that were adjusted.
+/// Causal poses, or refined ones.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 enum Poses {
     Causal,
@@ -35,8 +37,8 @@ impl Poses {
 
     fn target(self) -> f64 {
         match self {
-            Self::Causal => CAUSAL_PERCENT,
-            Self::Adjusted => ADJUSTED_PERCENT,
+            Self::Causal => MAX_CAUSAL_ATE_PERCENT,
+            Self::Adjusted => MAX_ADJUSTED_ATE_PERCENT,
         }
     }
 
@@ -47,7 +49,7 @@ impl Poses {
         }
     }
 
-    /// Of a stereo pair, ms; processor time, which bears a busy machine.
+    /// Processor time of a stereo pair, ms, which depends less on the load.
     fn cpu_ms(self, row: &Row) -> f64 {
         let adjusting = row.adjusted.as_ref().map_or(0.0, |a| a.cpu_s);
         match self {
@@ -57,7 +59,7 @@ impl Poses {
     }
 }
 
-/// Names and texts of all pictures that there are results for.
+/// Names and texts of all charts that there are results for.
 pub(crate) fn draw(results: &Results, stamp: &str) -> Vec<(String, String)> {
     let mut files = Vec::new();
     let mut add = |name: String, chart: Option<Chart>| {
@@ -82,13 +84,13 @@ pub(crate) fn draw(results: &Results, stamp: &str) -> Vec<(String, String)> {
 
 /// Error of each walk.
 fn walks(results: &Results, poses: Poses) -> Option<Chart> {
-    let rows = exam(results, "balanced");
+    let rows = rows_of_test_walks(results, "balanced");
     let names: Vec<&str> = rows.iter().map(|r| r.job.walk.as_str()).collect();
     let lost = rows
         .iter()
         .filter_map(|r| poses.figures(r))
         .filter(|f| f.is_lost());
-    let mut chart = Chart::new(&format!("Error over the way, {} poses", poses.name()))
+    let mut chart = Chart::new(&format!("ATE per path length, {} poses", poses.name()))
         .subtitle(&format!(
             "{} simulated walks of {:.0} to {:.0} m, three stereo cameras, best fit without scale; {} lost",
             rows.len(),
@@ -97,10 +99,10 @@ fn walks(results: &Results, poses: Poses) -> Option<Chart> {
             lost.count()
         ))
         .x_axis(Axis::categories("", names.clone()))
-        .y_axis(Axis::linear("ATE", "% of the way").include(0.0))
+        .y_axis(Axis::linear("ATE", "% of path length").include(0.0))
         .hline(poses.target(), "target");
     for preset in PRESETS {
-        let rows = exam(results, preset);
+        let rows = rows_of_test_walks(results, preset);
         if rows.is_empty() {
             continue;
         }
@@ -116,7 +118,7 @@ fn walks(results: &Results, poses: Poses) -> Option<Chart> {
 
 /// Time of a stereo pair on each walk.
 fn time(results: &Results) -> Option<Chart> {
-    let rows = exam(results, "balanced");
+    let rows = rows_of_test_walks(results, "balanced");
     let names: Vec<&str> = rows.iter().map(|r| r.job.walk.as_str()).collect();
     let of = |of: &dyn Fn(&Row) -> f64| rows.iter().map(|r| of(r)).collect::<Vec<_>>();
     let chart = Chart::new("Time of a stereo pair, balanced, causal poses")
@@ -128,13 +130,13 @@ fn time(results: &Results) -> Option<Chart> {
             "processor time of all threads",
             of(&|r| r.ran.cpu_ms),
         ))
-        .hline(PAIR_MS, "target for wall time");
+        .hline(MAX_PAIR_MS, "target for wall time");
     (!names.is_empty()).then_some(chart)
 }
 
 /// Errors in stated sigmas.
 fn sigmas(results: &Results) -> Option<Chart> {
-    let rows = exam(results, "balanced");
+    let rows = rows_of_test_walks(results, "balanced");
     let names: Vec<&str> = rows.iter().map(|r| r.job.walk.as_str()).collect();
     let of = |poses: Poses, k: usize| {
         let value = |row: &&Row| {
@@ -155,7 +157,7 @@ fn sigmas(results: &Results) -> Option<Chart> {
     (!names.is_empty()).then_some(chart)
 }
 
-/// Mean error and time of some rows; none where one is lost or there is none.
+/// Mean error and time of some rows; `None` if one is lost or there is none.
 fn mean(rows: &[&Row], poses: Poses) -> Option<(f64, f64)> {
     let count = rows.len() as f64;
     let errors = rows.iter().map(|row| {
@@ -174,7 +176,7 @@ fn settings(results: &Results, poses: Poses) -> Option<Chart> {
             r.job.sets == Some(SETTINGS_SETS)
                 && (r.job.is_trial || SETTINGS_ON.contains(&r.job.walk.as_str()))
                 && r.job.settings == name
-                && r.job.told_off_deg == 0.0
+                && r.job.rotation_error_deg == 0.0
                 && r.job.cameras.is_empty()
                 && r.job.with_imu
         };
@@ -215,12 +217,12 @@ fn settings(results: &Results, poses: Poses) -> Option<Chart> {
         SETTINGS_ON.join(", ")
     ))
     .x_axis(Axis::log("processor time of a stereo pair", "ms"))
-    .y_axis(Axis::linear("ATE", "% of the way").include(0.0));
+    .y_axis(Axis::linear("ATE", "% of path length").include(0.0));
     let chart = series.into_iter().fold(chart, Chart::series);
     (walks > 0).then_some(chart)
 }
 
-/// Error against how far off a camera was told.
+/// Error against the calibration error of a camera.
 fn mounts(results: &Results) -> Option<Chart> {
     let rows: Vec<&Row> = (results.rows.iter())
         .filter(|r| r.job.sets == Some(MOUNTS_SETS) && r.job.settings == "balanced")
@@ -232,19 +234,19 @@ fn mounts(results: &Results) -> Option<Chart> {
         .iter()
         .filter(|r| r.adjusted.as_ref().is_some_and(|a| !a.moved.is_empty()));
     let least = told
-        .map(|r| r.job.told_off_deg)
+        .map(|r| r.job.rotation_error_deg)
         .fold(f64::INFINITY, f64::min);
-    let mut chart = Chart::new("Error over how far off a camera's turn was told")
+    let mut chart = Chart::new("Error against the calibration error of a camera's rotation")
         .subtitle(&format!(
-            "the first 40 s, balanced, camera feet; told as moved from {least} degrees on"
+            "the first 40 s, balanced, camera feet; reported as rotated from {least} degrees on"
         ))
-        .x_axis(Axis::linear("told off by", "degrees"))
-        .y_axis(Axis::log("ATE", "% of the way"));
+        .x_axis(Axis::linear("calibration error", "degrees"))
+        .y_axis(Axis::log("ATE", "% of path length"));
     for (k, walk) in walks.iter().enumerate() {
         for poses in Poses::ALL {
             let points = rows.iter().filter(|r| r.job.walk == *walk).map(|row| {
                 let error = poses.figures(row).and_then(|f| f.ate_percent);
-                (row.job.told_off_deg, error.unwrap_or(f64::NAN))
+                (row.job.rotation_error_deg, error.unwrap_or(f64::NAN))
             });
             let label = format!("{walk}, {}", poses.name());
             let slot = 2 * k + usize::from(poses == Poses::Adjusted);
@@ -293,7 +295,7 @@ fn cameras(results: &Results, poses: Poses) -> Option<Chart> {
         walks.join(", ")
     ))
     .x_axis(Axis::categories("", names))
-    .y_axis(Axis::log("ATE", "% of the way"))
+    .y_axis(Axis::log("ATE", "% of path length"))
     .series(Series::scatter("with IMU", all.swap_remove(0)))
     .series(Series::scatter("without IMU", all.swap_remove(0)))
     .hline(LOST_PERCENT, "lost");

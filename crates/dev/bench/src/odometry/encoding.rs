@@ -1,13 +1,15 @@
-//! `odometry_encoding`: what the recording's compression costs in poses and in depth.
+//! `odometry_encoding`: effect of the recording's compression on poses and depth.
 //!
-//! Two simulated walks are rendered in colour at the quality of exams, encoded as the daemon encodes them (left and right side
-//! by side, one thread, a key frame each half second), decoded, and tracked. Beside the daemon's encoder at several quality
-//! targets stand the same element at slower speed presets, which the daemon does not offer, through `gst-launch-1.0` with
-//! the daemon's other properties, and the other software encoders that the daemon knows. Errors are against the truth;
-//! pictures that were never encoded stand beside. Errors of single walks jump about from one quality to the next, since any change
-//! of pictures changes which corners are followed; so the sights that agree are told too, which do not.
+//! Two simulated walks are rendered in color at the quality for tests, encoded as the daemon
+//! encodes them (left and right side by side, one thread, a key frame each half second), decoded,
+//! and tracked. The daemon's encoder at several quality targets is compared with the same element
+//! at slower speed presets, which the daemon does not offer, through `gst-launch-1.0` with the
+//! daemon's other properties, and the other software encoders that the daemon knows. Errors are
+//! against the truth; uncompressed images are included for comparison. Errors of single walks vary
+//! irregularly from one quality to the next, since any change of images changes which corners are
+//! tracked; so the number of inliers is given too, which varies smoothly.
 //!
-//! Pictures lie in the folder of rendered walks (2 GB).
+//! Images are in the folder of rendered walks (2 GB).
 
 use std::sync::Arc;
 
@@ -26,7 +28,7 @@ use super::figures::Figures;
 use super::options::Options;
 use super::{results, settings};
 use crate::stamp;
-use codec::{Encoding, Made};
+use codec::{Encoding, EncodingResult};
 use depths::{Depth, Depths};
 use material::Material;
 
@@ -43,14 +45,15 @@ const OTHERS_DB: [f64; 4] = [33.0, 36.0, 39.0, 45.0];
 #[derive(Clone, Debug, Serialize)]
 struct Point {
     walk: &'static str,
-    /// As it is called in charts; `not encoded` for the pictures themselves.
+    /// Its name in charts; `not encoded` for the images themselves.
     encoding: String,
-    /// Quality asked for, dB.
+    /// Quality target, dB.
     target_db: Option<f64>,
-    /// What encoding gave and took.
-    made: Option<Made>,
-    /// Sights that agree, mean of all sets.
-    sights: f64,
+    /// Result and cost of encoding.
+    #[serde(rename = "made")]
+    result: Option<EncodingResult>,
+    /// Number of inliers, mean of all sets.
+    inliers: f64,
     depth: Depth,
     causal: Figures,
     adjusted: Figures,
@@ -59,7 +62,7 @@ struct Point {
 /// Runs the benchmark: `[--quick] [--only PART,...] [--walks DIR] [--out DIR]`; parts are `daemon`, `presets`, `encoders`.
 ///
 /// # Errors
-/// Bad arguments, an encoder that fails, or a disk that says no.
+/// Bad arguments, an encoder that fails, or an I/O error.
 pub(crate) fn run(args: &[String]) -> Result<()> {
     let options = Options::parse(args, &["daemon", "presets", "encoders"])?;
     let stamp = stamp::stamp("odometry_encoding", args)?;
@@ -68,7 +71,7 @@ pub(crate) fn run(args: &[String]) -> Result<()> {
     for walk in walks.iter().copied().filter(|w| options.takes(w)) {
         let (material, sequence) = Material::of(walk, &options.walks)?;
         let depths = Depths::of(&sequence)?;
-        let walked = Walked {
+        let walked = WalkData {
             name: walk,
             sequence,
             depths,
@@ -76,9 +79,13 @@ pub(crate) fn run(args: &[String]) -> Result<()> {
         let sets = Arc::new(material.sets()?);
         points.push(point(&walked, &sets, None)?);
         for encoding in encodings(&options) {
-            let (decoded, made) = (codec::pass(&material, &encoding))
+            let (decoded, result) = (codec::pass(&material, &encoding))
                 .with_context(|| format!("{} on {walk}", encoding.name()))?;
-            points.push(point(&walked, &Arc::new(decoded), Some((&encoding, made)))?);
+            points.push(point(
+                &walked,
+                &Arc::new(decoded),
+                Some((&encoding, result)),
+            )?);
         }
     }
     let report = json!({
@@ -92,7 +99,7 @@ pub(crate) fn run(args: &[String]) -> Result<()> {
     results::write(&options.out, files)
 }
 
-/// What is tried on each walk.
+/// Encodings of each walk.
 fn encodings(options: &Options) -> Vec<Encoding> {
     let mut encodings = Vec::new();
     let of = |target_db: &f64, element: &'static str, preset: Option<&'static str>| Encoding {
@@ -124,36 +131,36 @@ fn encodings(options: &Options) -> Vec<Encoding> {
     encodings
 }
 
-/// A walk and what is true of it.
-struct Walked {
+/// A walk and its ground truth.
+struct WalkData {
     name: &'static str,
     sequence: Sequence,
     depths: Depths,
 }
 
 fn point(
-    walk: &Walked,
+    walk: &WalkData,
     sets: &Arc<Vec<OwnedFrameSet>>,
-    encoded: Option<(&Encoding, Made)>,
+    encoded: Option<(&Encoding, EncodingResult)>,
 ) -> Result<Point> {
-    let sequence = walk.sequence.clone().with_pictures(sets)?;
+    let sequence = walk.sequence.clone().with_images(sets)?;
     let mut tracking = Tracking::new(sequence.rig(), settings::parse("balanced")?, true);
-    let mut sights = 0;
+    let mut inliers = 0;
     sequence.for_each(|set| {
-        sights += tracking.add(&set)?.sights;
+        inliers += tracking.add(&set)?.inliers;
         Ok(())
     })?;
     let truth = tracking::truth(&sequence)?;
     let causal = Figures::of(tracking.causal(), &truth)?;
-    let adjusted = tracking.adjust()?.context("there is a mapping")?;
+    let adjusted = tracking.refine()?.context("there is a mapping")?;
     let point = Point {
         walk: walk.name,
         encoding: encoded
             .as_ref()
             .map_or("not encoded".to_owned(), |(e, _)| e.name()),
         target_db: encoded.as_ref().map(|(e, _)| e.target_db),
-        made: encoded.map(|(_, made)| made),
-        sights: sights as f64 / sequence.len() as f64,
+        result: encoded.map(|(_, result)| result),
+        inliers: inliers as f64 / sequence.len() as f64,
         depth: walk.depths.score(sets)?,
         causal,
         adjusted: Figures::of(&adjusted.trajectory, &truth)?,
@@ -163,17 +170,17 @@ fn point(
             .map_or("lost".to_owned(), |p| format!("{p:.3} %"))
     };
     println!(
-        "{:24} {:18} {:>5} dB: {} causal {}, adjusted {}, {:.0} sights, depth of {:.3} with bad-2 {:.4}",
+        "{:24} {:18} {:>5} dB: {} causal {}, adjusted {}, {:.0} inliers, depth density {:.3} with bad-2 {:.4}",
         point.walk,
         point.encoding,
         point.target_db.map_or(String::new(), |db| db.to_string()),
-        point.made.as_ref().map_or(String::new(), |m| format!(
+        point.result.as_ref().map_or(String::new(), |m| format!(
             "{:.2} Mbit/s, PSNR {:.1} dB, {:.1} ms CPU;",
             m.mbit_s, m.psnr_db, m.cpu_ms
         )),
         percent(&point.causal),
         percent(&point.adjusted),
-        point.sights,
+        point.inliers,
         point.depth.density,
         point.depth.bad_2
     );

@@ -1,18 +1,20 @@
-//! `odometry_faults`: what becomes of poses when something goes wrong.
+//! `odometry_faults`: poses under faults.
 //!
-//! Each kind of fault of the simulator ([docs/rig-sim.md](../../../../../docs/rig-sim.md)) acts for four seconds in the middle of short
-//! walks, on all cameras at once (what moves a camera, on one), at rising strength. Each point ends
+//! Each kind of fault of the simulator ([docs/rig-sim.md](../../../../../docs/rig-sim.md)) acts for
+//! four seconds in the middle of short walks, on all cameras simultaneously (faults that move a
+//! camera: on one), at rising strength. Outcomes of a point:
 //!
-//! - *ok*: every pose is tracked and within 3 of its stated sigmas, in place and in turn;
-//! - *flagged*: some poses are called dead reckoned or lost, or a camera is told to have been moved, and every tracked pose is
-//!   within its sigmas;
-//! - *silently wrong*: a tracked pose is off by more than 3 sigmas (of a right covariance 0.27 % of the poses are, and
-//!   neighbours are off together, so that now and then a right one is called wrong; walks without a fault stand beside).
+//! - *ok*: every pose is tracked and within 3 of its stated sigmas, in position and rotation;
+//! - *flagged*: some poses are dead reckoned or lost, or a camera is reported as moved, and every
+//!   tracked pose is within its sigmas;
+//! - *silently wrong*: the error of a tracked pose is more than 3 sigmas (with a right covariance
+//!   this happens for 0.27 % of the poses, and errors of neighbours are correlated, so that a few
+//!   false alarms occur; walks without a fault are included for comparison).
 //!
-//! Errors are those of the motion from the fault's beginning on, so that what was off before does not count. Faults that light
-//! and lenses make are rendered; what devices do is done to pictures of the same walk that were rendered once
-//! ([`tests::sequences::Sequence::with_pictures`]). Times in a sequence are true ones, so that faults of clocks show only what
-//! they take away.
+//! Errors are those of the motion since the start of the fault, so that earlier errors do not
+//! count. Faults of light and lenses are rendered; faults of devices are applied to images of the
+//! same walk that were rendered once ([`tests::sequences::Sequence::with_pictures`]). Times in a
+//! sequence are true ones, so that faults of clocks show only the loss of data.
 
 use std::sync::Arc;
 
@@ -32,13 +34,13 @@ use super::options::Options;
 use super::{results, settings};
 use crate::stamp;
 
-/// Walks that faults happen on.
+/// Walks with faults.
 const WALKS: [&str; 3] = [
     "pavement-day-31-20",
     "corridor-flicker-32-20",
     "stairs-low-sun-33-20",
 ];
-/// When a fault begins and ends, s.
+/// Start and end of a fault, s.
 const FROM_S: f64 = 6.0;
 const TO_S: f64 = 10.0;
 /// The camera that is shifted; its IMU is the one in use.
@@ -65,7 +67,7 @@ const POINTS: [(Kind, &[f64]); 18] = [
     (Kind::ShiftedCamera, &[0.2, 0.5, 1.0, 3.0]),
 ];
 
-/// What became of a point.
+/// Outcome of a point.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize)]
 #[serde(rename_all = "snake_case")]
 enum Outcome {
@@ -83,10 +85,11 @@ struct Point {
     unit: Option<&'static str>,
     strength: f64,
     outcome: Outcome,
-    /// The largest error of the motion since the fault began, m, and the turn, degrees.
+    /// Largest error of the motion since the start of the fault: translation, m, and rotation,
+    /// degrees.
     off_m: f64,
     off_deg: f64,
-    /// Cameras that were told to have been moved.
+    /// Number of cameras reported as moved.
     shifts: usize,
     /// Both at the end of the walk.
     end_m: f64,
@@ -97,7 +100,7 @@ struct Point {
 /// Runs the benchmark: `[--quick] [--only KIND,...] [--name WALK,...] [--out DIR]`.
 ///
 /// # Errors
-/// Bad arguments, or a disk that says no. What becomes of poses is a result and no error.
+/// Bad arguments, or an I/O error. Outcomes are a result and not an error.
 pub(crate) fn run(args: &[String]) -> Result<()> {
     let kinds = POINTS.map(|(kind, _)| kind.name());
     let options = Options::parse(args, &kinds)?;
@@ -107,13 +110,13 @@ pub(crate) fn run(args: &[String]) -> Result<()> {
         let clean = sequence(walk, Faults::default())?;
         let sets: Result<Vec<OwnedFrameSet>> = clean.frame_sets()?.collect();
         let sets = Arc::new(sets.with_context(|| format!("rendering {walk}"))?);
-        let clean = clean.with_pictures(&sets)?;
+        let clean = clean.with_images(&sets)?;
         add(&mut points, point(walk, None, &clean)?);
         for (kind, strengths) in POINTS {
             if !options.parts.iter().any(|part| part == kind.name()) {
                 continue;
             }
-            // A trial takes the strongest alone.
+            // A quick run uses only the strongest.
             let skipped = if options.quick {
                 strengths.len() - 1
             } else {
@@ -123,7 +126,7 @@ pub(crate) fn run(args: &[String]) -> Result<()> {
                 let faulty = sequence(walk, faults(kind, *strength))?;
                 let faulty = match is_of_light(kind) {
                     true => faulty,
-                    false => faulty.with_pictures(&sets)?,
+                    false => faulty.with_images(&sets)?,
                 };
                 add(&mut points, point(walk, Some((kind, *strength)), &faulty)?);
             }
@@ -171,7 +174,7 @@ fn faults(kind: Kind, strength: f64) -> Faults {
     }
 }
 
-/// Whether pictures have to be rendered with it.
+/// Whether images must be rendered with it.
 fn is_of_light(kind: Kind) -> bool {
     use Kind::{Blur, CoveredLens, Darkness, DirtyLens, Flash, ShiftedCamera};
     [Blur, CoveredLens, Darkness, DirtyLens, Flash, ShiftedCamera].contains(&kind)
@@ -180,7 +183,7 @@ fn is_of_light(kind: Kind) -> bool {
 fn add(points: &mut Vec<Point>, point: Point) {
     let [tracked, carried, lost] = point.figures.poses;
     println!(
-        "{:22} {:14} {:6} {:14} off {:.3} m {:.2} deg, at the end {:.3} m {:.2} deg; {tracked} tracked, {carried} carried, {lost} lost, {} moved, {} silently wrong{}",
+        "{:22} {:14} {:6} {:14} error {:.3} m {:.2} deg, at the end {:.3} m {:.2} deg; {tracked} tracked, {carried} carried, {lost} lost, {} moved, {} silently wrong{}",
         point.walk,
         point.kind.unwrap_or("no fault"),
         point.strength,
@@ -205,7 +208,7 @@ fn point(walk: &'static str, fault: Option<(Kind, f64)>, sequence: &Sequence) ->
     let figures = Figures::of(tracking.causal(), &truth)?;
     let outcome = match figures.poses {
         _ if figures.silently_wrong > 0 => Outcome::SilentlyWrong,
-        [_, 0, 0] if tracking.shifts().is_empty() => Outcome::Ok,
+        [_, 0, 0] if tracking.camera_shifts().is_empty() => Outcome::Ok,
         _ => Outcome::Flagged,
     };
     let since = motion_errors(tracking.causal(), &truth);
@@ -217,7 +220,7 @@ fn point(walk: &'static str, fault: Option<(Kind, f64)>, sequence: &Sequence) ->
         unit: fault.map(|(kind, _)| kind.unit()),
         strength: fault.map_or(0.0, |(_, strength)| strength),
         outcome,
-        shifts: tracking.shifts().len(),
+        shifts: tracking.camera_shifts().len(),
         off_m: most(0),
         off_deg: most(1),
         end_m: end[0],

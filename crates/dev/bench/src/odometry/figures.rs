@@ -1,37 +1,37 @@
-//! How far off one trajectory is, in a row's worth of numbers.
+//! Key figures of one trajectory's errors.
 
 use anyhow::Result;
 use reconstruction::evaluate::{Delta, Settings, evaluate};
 use scene_bundle::{Status, Trajectory};
 use serde::{Deserialize, Serialize};
 
-/// Drift is measured over this way, m.
+/// Path length over which drift is measured, m.
 const DRIFT_M: f64 = 10.0;
 
 /// See the module. Errors are those of the best fit without scale.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub(crate) struct Figures {
-    /// Root of the mean square of distances, m; none where too little was matched.
+    /// RMS of distances (ATE), m; `None` with too few pairs.
     pub(crate) ate_m: Option<f64>,
-    /// The same as a share of the way, percent.
+    /// The same relative to path length, percent.
     pub(crate) ate_percent: Option<f64>,
-    /// Root of the mean square of turns, degrees.
+    /// RMS of rotations, degrees.
     pub(crate) turn_deg: Option<f64>,
     /// The largest distance, m, and when, s.
     pub(crate) worst: Option<[f64; 2]>,
-    /// Mean drift over 10 m of way, percent.
+    /// Mean drift over 10 m of path, percent.
     pub(crate) drift_percent: Option<f64>,
-    /// Share of the time that has a pose.
+    /// Ratio of the time that has a pose.
     pub(crate) completion: f64,
-    /// The longest time without, s.
+    /// Longest gap, s.
     pub(crate) longest_gap_s: f64,
-    /// Poses that cameras support, that the IMU carries, and that are lost.
+    /// Numbers of tracked, dead reckoned and lost poses.
     pub(crate) poses: [usize; 3],
-    /// Root of the mean square of errors in stated sigmas, of place and of turn; 1 is right.
+    /// RMS of errors in stated sigmas, of position and of rotation; 1 is right.
     pub(crate) sigmas: Option<[f64; 2]>,
-    /// Share of poses within 3 sigmas, of place and of turn; 0.9973 is right.
+    /// Ratio of poses within 3 sigmas, of position and of rotation; 0.9973 is right.
     pub(crate) within: Option<[f64; 2]>,
-    /// Tracked poses beyond 3 stated sigmas in place or in turn.
+    /// Tracked poses beyond 3 stated sigmas in position or rotation.
     pub(crate) silently_wrong: usize,
     /// Dead reckoned ones.
     pub(crate) silently_wrong_dead_reckoned: usize,
@@ -43,10 +43,10 @@ impl Figures {
     /// Of a trajectory against the truth at the same times.
     ///
     /// # Errors
-    /// Never, so far as poses are comparable at all.
+    /// Never, if poses are comparable.
     pub(crate) fn of(estimate: &Trajectory, truth: &Trajectory) -> Result<Self> {
         let settings = Settings {
-            deltas: vec![Delta::Metres(DRIFT_M)],
+            deltas: vec![Delta::Meters(DRIFT_M)],
             ..Settings::default()
         };
         let evaluation = evaluate(estimate, truth, &settings);
@@ -96,11 +96,11 @@ impl Figures {
         })
     }
 
-    /// Whether too little of the time has a pose for errors to mean anything.
+    /// Whether too little of the time has a pose for errors to be meaningful.
     pub(crate) fn is_lost(&self) -> bool {
-        self.ate_m.is_none() || self.completion < LEAST_COMPLETION
+        self.ate_m.is_none() || self.completion < MIN_COMPLETION
     }
 }
 
-/// Share of the time below which a run counts as lost.
-pub(crate) const LEAST_COMPLETION: f64 = 0.99;
+/// Minimum completion; below it a run counts as lost.
+pub(crate) const MIN_COMPLETION: f64 = 0.99;

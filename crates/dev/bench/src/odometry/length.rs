@@ -1,13 +1,16 @@
-//! `odometry_length`: an hour. Does a pose cost as much at its end as in the beginning, and what does adjusting all of it cost?
+//! `odometry_length`: one hour. Growth of the cost of poses over time, and cost of the bundle
+//! adjustment of the whole.
 //!
-//! One simulated walk of an hour, round after round of the same closed way among people who go on their own, with all three
-//! stereo cameras and their IMUs. Every picture is rendered (none is used twice), but small and with little trouble: 336x188,
-//! since an hour at full size takes most of a day. Times of single pictures are therefore not those of full size; whether
-//! they grow is the question. Another process renders ([`pipe`]); a minute of its pictures is read and then tracked.
+//! One simulated walk of an hour, repeated rounds of the same closed path among people who walk
+//! independently, with all three stereo cameras and their IMUs. Every image is rendered (none is
+//! used twice), but small and with reduced quality: 336x188, since an hour at full size takes most
+//! of a day. Times of single frames are therefore not those of full size; their growth is measured.
+//! Another process renders ([`pipe`]); a minute of its images is read and then tracked.
 //!
-//! Memory is the most that was resident within a minute beyond what was there before the first pose. Nothing that this benchmark
-//! keeps is among it: the minute of pictures and the poses have their memory from the beginning, keyframes lie in a file. After the
-//! last minute those of the first minutes, of more and of all are adjusted, each time in a mapping that is made anew and thrown away.
+//! Memory is the peak of resident memory within a minute, minus that before the first pose. Data
+//! stored by this benchmark are excluded: the minute of images and the poses are allocated in
+//! advance, keyframes are in a file. After the last minute the keyframes of the first minutes, of
+//! more and of all are adjusted, each time in a new mapping that is dropped afterwards.
 
 use ::odometry::{ImuSample, Keyframe, Mapping, Odometry};
 use anyhow::{Context, Result};
@@ -19,7 +22,7 @@ use serde_json::json;
 use tests::sequences::{self, OwnedFrameSet, Sequence, WalkSettings, named};
 
 mod charts;
-mod kept;
+mod keyframe_store;
 mod pipe;
 
 use super::figures::Figures;
@@ -28,19 +31,19 @@ use super::run::forget_peak;
 use super::{results, settings};
 use crate::meter::{median, timed};
 use crate::stamp;
-use kept::Kept;
+use keyframe_store::KeyframeStore;
 use pipe::Pipe;
 
 const WALK: &str = "plaza-day-51-3600";
 const QUICK: &str = "plaza-day-51-120";
 /// Columns and rows of one eye.
 const SIZE: [u32; 2] = [336, 188];
-/// Minutes after which everything so far is adjusted.
-const MARKS: [usize; 7] = [1, 2, 5, 10, 20, 40, 60];
-/// By how much time and memory of causal poses may grow.
-const GROWTH: f64 = 1.10;
-/// Minutes in the beginning that are not compared: maps fill, the window too.
-const SETTLING: usize = 1;
+/// Minutes after which all keyframes so far are adjusted.
+const CHECKPOINT_MINUTES: [usize; 7] = [1, 2, 5, 10, 20, 40, 60];
+/// Maximum growth of time and memory of causal poses.
+const MAX_GROWTH: f64 = 1.10;
+/// Warm-up minutes that are not compared: maps and window are filling.
+const WARMUP_MINUTES: usize = 1;
 
 /// One minute of causal poses.
 #[derive(Clone, Debug, Serialize)]
@@ -50,15 +53,15 @@ struct Minute {
     /// Time and processor time of tracking it, s.
     wall_s: f64,
     cpu_s: f64,
-    /// Most memory of odometry in it, MB.
+    /// Peak memory of odometry in it, MB.
     memory_mb: f64,
     /// Keyframes in it.
     keyframes: usize,
 }
 
-/// Everything so far, adjusted.
+/// Bundle adjustment of everything so far.
 #[derive(Clone, Debug, Serialize)]
-struct Whole {
+struct Adjustment {
     minutes: usize,
     keyframes: usize,
     landmarks: usize,
@@ -66,7 +69,7 @@ struct Whole {
     rounds: usize,
     wall_s: f64,
     cpu_s: f64,
-    /// The most that adjusting took, keyframes with it, MB.
+    /// Peak memory of the adjustment, including keyframes, MB.
     peak_mb: f64,
     causal: Figures,
     adjusted: Figures,
@@ -75,7 +78,7 @@ struct Whole {
 /// Runs the benchmark: `[--quick] [--out DIR]`.
 ///
 /// # Errors
-/// Bad arguments, or a disk that says no. Growth is a result and no error.
+/// Bad arguments, or an I/O error. Growth is a result and not an error.
 pub(crate) fn run(args: &[String]) -> Result<()> {
     if let Some(answer) = pipe::answer(args, sequence) {
         return answer;
@@ -106,8 +109,8 @@ pub(crate) fn run(args: &[String]) -> Result<()> {
         each.push(done);
     }
     drop(pictures);
-    // Only now, so that what adjusting does to the memory of the process is not in the minutes behind it.
-    for minutes in MARKS.into_iter().filter(|m| *m <= each.len()) {
+    // Only now, so that memory effects of the adjustment do not affect later minutes.
+    for minutes in CHECKPOINT_MINUTES.into_iter().filter(|m| *m <= each.len()) {
         let keyframes = each[..minutes].iter().map(|m| m.keyframes).sum();
         let mark = hour.adjust(minutes, keyframes, minutes * per_minute)?;
         println!(
@@ -137,7 +140,7 @@ pub(crate) fn run(args: &[String]) -> Result<()> {
         "stamp": stamp,
         "walk": name,
         "size": SIZE,
-        "growth": growth.map(|(what, grown)| json!({ "of": what, "last_third_over_first": grown, "within_limit": grown <= GROWTH })),
+        "growth": growth.map(|(what, grown)| json!({ "of": what, "last_third_over_first": grown, "within_limit": grown <= MAX_GROWTH })),
         "minutes": each,
         "adjusted": marks,
     });
@@ -157,7 +160,7 @@ fn sequence(name: &str) -> Result<Sequence> {
 
 /// Median of the last third of the minutes over that of the first, but for the very first minutes.
 fn growth(minutes: &[Minute], of: impl Fn(&Minute) -> f64) -> f64 {
-    let used = &minutes[SETTLING.min(minutes.len())..];
+    let used = &minutes[WARMUP_MINUTES.min(minutes.len())..];
     let third = used.len().div_ceil(3);
     let (first, last) = (&used[..third], &used[used.len() - third..]);
     median(last.iter().map(&of)) / median(first.iter().map(&of))
@@ -166,12 +169,12 @@ fn growth(minutes: &[Minute], of: impl Fn(&Minute) -> f64) -> f64 {
 struct Hour<'a> {
     sequence: &'a Sequence,
     odometry: Odometry,
-    keyframes: Kept,
-    /// Poses and the truth of sets up to `done`; behind them nothing yet.
+    keyframes: KeyframeStore,
+    /// Poses and ground truth of sets up to `done`.
     causal: Vec<Pose>,
     truth: Vec<Pose>,
     done: usize,
-    /// Resident memory with the first pictures there and nothing else, bytes.
+    /// Resident memory with only the first images loaded, bytes.
     base: Option<u64>,
 }
 
@@ -181,8 +184,8 @@ impl<'a> Hour<'a> {
         Ok(Self {
             sequence,
             odometry: Odometry::new(sequence.rig(), balanced),
-            keyframes: Kept::new()?,
-            // All written to, so that their memory is there from the beginning.
+            keyframes: KeyframeStore::new()?,
+            // All written to, so that their memory is resident from the beginning.
             causal: vec![Pose::new(0, RigidTransform::identity()); sequence.len()],
             truth: vec![Pose::new(0, RigidTransform::identity()); sequence.len()],
             done: 0,
@@ -190,7 +193,7 @@ impl<'a> Hour<'a> {
         })
     }
 
-    /// Tracks the pictures of a minute.
+    /// Tracks the images of a minute.
     fn track(&mut self, minute: usize, sets: &[OwnedFrameSet]) -> Result<Minute> {
         let resident = forget_peak()?;
         let base = *self.base.get_or_insert(resident);
@@ -214,7 +217,7 @@ impl<'a> Hour<'a> {
         let peak = tests::soak::memory()?.peak;
         for (set, pose) in sets.iter().zip(&mut self.truth[self.done..]) {
             let truth = self.sequence.world_from_rig(set.time_ns);
-            let truth = truth.context("the truth ends before the pictures")?;
+            let truth = truth.context("the ground truth ends before the images")?;
             *pose = Pose::new(set.time_ns, truth);
         }
         self.done += sets.len();
@@ -227,8 +230,8 @@ impl<'a> Hour<'a> {
         })
     }
 
-    /// Adjusts the first `minutes`: so many keyframes, of so many sets.
-    fn adjust(&mut self, minutes: usize, keyframes: usize, sets: usize) -> Result<Whole> {
+    /// Adjusts the first `minutes`: `keyframes` keyframes of `sets` sets.
+    fn adjust(&mut self, minutes: usize, keyframes: usize, sets: usize) -> Result<Adjustment> {
         let (causal, truth) = (&self.causal[..sets], &self.truth[..sets]);
         let balanced = settings::parse("balanced")?;
         let before = forget_peak()?;
@@ -240,19 +243,19 @@ impl<'a> Hour<'a> {
                 feed(&mut mapping, &self.sequence.imu()[0], &mut next, &keyframe);
                 mapping.add_keyframe(keyframe);
             }
-            anyhow::Ok(mapping.solve(|_| {}))
+            anyhow::Ok(mapping.optimize(|_| {}))
         });
         let adjusted = adjusted?;
         let peak = tests::soak::memory()?.peak.saturating_sub(before);
         let causal = Trajectory::new(causal.to_vec())?;
-        let finished = tests::tracking::finished(&causal, &adjusted)?;
+        let finished = tests::tracking::refined_trajectory(&causal, &adjusted)?;
         let truth = Trajectory::new(truth.to_vec())?;
-        Ok(Whole {
+        Ok(Adjustment {
             minutes,
             keyframes,
             landmarks: adjusted.landmarks,
-            loops: adjusted.loops.len(),
-            rounds: adjusted.rounds,
+            loops: adjusted.loop_closures.len(),
+            rounds: adjusted.iterations,
             wall_s: took.wall_s,
             cpu_s: took.cpu_s,
             peak_mb: peak as f64 * 1e-6,
@@ -262,7 +265,7 @@ impl<'a> Hour<'a> {
     }
 }
 
-/// Hands over the samples up to a keyframe's time, and one more.
+/// Passes the samples up to a keyframe's time, and one more.
 fn feed(mapping: &mut Mapping, samples: &[ImuSample], next: &mut usize, keyframe: &Keyframe) {
     let older = samples.partition_point(|s| s.time_ns < keyframe.state.time_ns);
     let until = (older + 1).min(samples.len()).max(*next);

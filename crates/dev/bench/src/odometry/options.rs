@@ -4,14 +4,14 @@ use std::path::PathBuf;
 
 use anyhow::{Context, Result, bail, ensure};
 
-/// What to run, and where things are.
+/// Parts to run, and folders.
 #[derive(Debug, PartialEq)]
 pub(crate) struct Options {
     /// A short slice of it.
     pub(crate) quick: bool,
     /// The folder of charts and tables; of a short slice below the target folder, unless it is named.
     pub(crate) out: PathBuf,
-    /// The folder of rendered pictures.
+    /// The folder of rendered images.
     pub(crate) walks: PathBuf,
     /// The parts to run, in order.
     pub(crate) parts: Vec<String>,
@@ -26,7 +26,7 @@ impl Options {
         let quick = args.iter().any(|a| a == "--quick");
         let mut parsed = Self {
             quick,
-            // Results are added to what is there: those of a trial do not belong to the others.
+            // Results are added to existing ones: those of a quick run do not belong to the others.
             out: PathBuf::from(if quick {
                 "target/trial"
             } else {
@@ -99,7 +99,7 @@ mod tests {
     }
 
     #[test]
-    fn what_is_unknown_is_refused() {
+    fn unknown_arguments_are_refused() {
         assert!(parse(&["--only", "boats"]).is_err());
         assert!(parse(&["--out"]).is_err());
         assert!(parse(&["fast"]).is_err());

@@ -21,7 +21,7 @@ def disparities(matcher, left, right):
 
 
 def followed(before, now):
-    """Corners of a picture and where they are in the next, as far as the way back ends where it began."""
+    """Corners of an image and their positions in the next, with forward-backward check."""
     corners = cv2.goodFeaturesToTrack(before, CORNERS, 0.005, NEAREST_PX)
     settings = {"winSize": (21, 21), "maxLevel": 4}
     there, found, _ = cv2.calcOpticalFlowPyrLK(before, now, corners, None, **settings)

@@ -1,4 +1,4 @@
-//! KITTI's drive by plain visual odometry, of OpenCV's parts.
+//! KITTI's drive by plain visual odometry, built from OpenCV's functions.
 
 use std::path::Path;
 
@@ -11,7 +11,7 @@ use tests::sequences::Sequence;
 
 use crate::python;
 
-/// What it found.
+/// Result.
 pub(crate) struct Plain {
     /// Poses of the rig, at the times of the pairs.
     pub(crate) trajectory: Trajectory,

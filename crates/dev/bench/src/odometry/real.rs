@@ -9,7 +9,7 @@ use super::{plain, settings};
 use crate::meter::timed;
 use crate::python;
 
-/// Poses of KITTI in the beginning whose truth was not measured but interpolated.
+/// Number of KITTI's first poses whose ground truth was interpolated, not measured.
 pub(crate) const INTERPOLATED: usize = 12;
 /// Presets that are compared.
 const PRESETS: [&str; 3] = ["fast", "balanced", "accurate"];
@@ -19,13 +19,13 @@ const PRESETS: [&str; 3] = ["fast", "balanced", "accurate"];
 pub(crate) struct Drive {
     /// Stereo pairs.
     pub(crate) pairs: usize,
-    /// How far the turns between the first true poses differ from their mean, rad.
+    /// Deviation of the rotations between the first ground-truth poses from their mean, rad.
     pub(crate) first_turns_differ_rad: f64,
-    /// The same of the first turns behind them, of as many poses.
+    /// The same for the next poses, of the same number.
     pub(crate) later_turns_differ_rad: f64,
     /// One for each preset.
     pub(crate) runs: Vec<DriveRun>,
-    /// Plain visual odometry; none where no OpenCV is there.
+    /// Plain visual odometry; `None` without OpenCV.
     #[serde(default)]
     pub(crate) plain: Option<PlainRun>,
 }
@@ -38,7 +38,7 @@ pub(crate) struct PlainRun {
     /// Time of a stereo pair, ms.
     pub(crate) wall_ms: f64,
     /// Drift, as [`DriveRun::causal`].
-    pub(crate) off: [Off; 3],
+    pub(crate) off: [EndDrift; 3],
 }
 
 /// With one preset.
@@ -49,24 +49,24 @@ pub(crate) struct DriveRun {
     /// Time of a stereo pair, ms, and processor time.
     pub(crate) wall_ms: f64,
     pub(crate) cpu_ms: f64,
-    /// Causal drift: laid on by the first pose, by the best fit, and by the first pose that was measured.
-    pub(crate) causal: [Off; 3],
-    /// The same after everything was adjusted.
-    pub(crate) adjusted: [Off; 3],
+    /// Causal drift: aligned by the first pose, by the best fit, and by the first measured pose.
+    pub(crate) causal: [EndDrift; 3],
+    /// The same after bundle adjustment.
+    pub(crate) adjusted: [EndDrift; 3],
 }
 
 /// Drift at the last pose.
 #[derive(Clone, Copy, Debug, Serialize, Deserialize)]
-pub(crate) struct Off {
-    /// Of how long a way, m.
+pub(crate) struct EndDrift {
+    /// Path length, m.
     pub(crate) path_m: f64,
-    /// Percent of the way.
+    /// Percent of path length.
     pub(crate) percent: f64,
     /// Degrees.
     pub(crate) turn_deg: f64,
 }
 
-impl From<drive::Drift> for Off {
+impl From<drive::Drift> for EndDrift {
     fn from(of: drive::Drift) -> Self {
         Self {
             path_m: of.path_m,
@@ -78,38 +78,39 @@ impl From<drive::Drift> for Off {
 
 /// Standing still, EuRoC.
 #[derive(Clone, Debug, Serialize, Deserialize)]
-pub(crate) struct Stand {
-    /// Stereo pairs, and for how long, s.
+pub(crate) struct StandStill {
+    /// Number of stereo pairs, and duration, s.
     pub(crate) pairs: usize,
     pub(crate) seconds: f64,
-    /// The truth's two ways to tell what is up against one another, degrees.
+    /// Angle between the two gravity directions of the ground truth, degrees.
     pub(crate) truth_off_itself_deg: f64,
-    /// How far the true poses move, mm.
+    /// Motion of the ground-truth poses, mm.
     pub(crate) truth_moved_mm: f64,
     /// One for each preset.
-    pub(crate) runs: Vec<StandRun>,
+    pub(crate) runs: Vec<StandStillRun>,
 }
 
 /// With one preset.
 #[derive(Clone, Debug, Serialize, Deserialize)]
-pub(crate) struct StandRun {
+pub(crate) struct StandStillRun {
     /// Preset.
     pub(crate) settings: String,
     /// Bias of the gyroscope against the truth's, rad/s.
     pub(crate) gyro_bias_off: f64,
     /// Bias of the accelerometer against the truth's, m/s².
     pub(crate) accel_bias_off: f64,
-    /// Up against the truth's orientation, and against the specific force less the true bias, degrees.
+    /// Error of the gravity direction against the true orientation, and against the specific force
+    /// minus the true bias, degrees.
     pub(crate) up_off_orientation_deg: f64,
     pub(crate) up_off_force_deg: f64,
-    /// The farthest that a pose is from the first one, mm.
+    /// Maximum distance of a pose from the first one, mm.
     pub(crate) moved_mm: f64,
 }
 
-/// KITTI; none, with a line that says why, where its pictures are not there.
+/// KITTI; `None`, with a printed reason, if its images are missing.
 ///
 /// # Errors
-/// Pictures that cannot be read.
+/// Images that cannot be read.
 pub(crate) fn kitti() -> Result<Option<Drive>> {
     let [folder] = match tests::data::sets(["02_stereo_odometry_kitti/KITTI_sequence_1"]) {
         Ok(sets) => sets,
@@ -121,7 +122,7 @@ pub(crate) fn kitti() -> Result<Option<Drive>> {
     let sequence = sequences::kitti(&folder)?;
     let truth = tracking::truth(&sequence)?;
     let later = scene_bundle::Trajectory::new(truth.poses()[INTERPOLATED..].to_vec())?;
-    let off = |of: &scene_bundle::Trajectory| -> Result<[Off; 3]> {
+    let off = |of: &scene_bundle::Trajectory| -> Result<[EndDrift; 3]> {
         Ok([
             drive::from_pose(of, &truth, 0)?.into(),
             drive::best_fit(of, &truth)?.into(),
@@ -139,7 +140,7 @@ pub(crate) fn kitti() -> Result<Option<Drive>> {
             estimate.map(drop)
         })?;
         let causal = tracking.causal().clone();
-        let adjusted = tracking.adjust()?.context("there is a mapping")?.trajectory;
+        let adjusted = tracking.refine()?.context("there is a mapping")?.trajectory;
         let each = |seconds: f64| 1e3 * seconds / sequence.len() as f64;
         let run = DriveRun {
             settings: name.to_owned(),
@@ -184,11 +185,11 @@ pub(crate) fn kitti() -> Result<Option<Drive>> {
     }))
 }
 
-/// EuRoC; none, with a line that says why, where it is not there.
+/// EuRoC; `None`, with a printed reason, if it is missing.
 ///
 /// # Errors
 /// Files that cannot be read.
-pub(crate) fn euroc() -> Result<Option<Stand>> {
+pub(crate) fn euroc() -> Result<Option<StandStill>> {
     let [folder, truth] = match tests::data::sets([
         "03_stereo_imu/euroc_V1_01_micro",
         "03_stereo_imu/euroc_groundtruth/V1_01_easy.csv",
@@ -199,10 +200,10 @@ pub(crate) fn euroc() -> Result<Option<Stand>> {
             return Ok(None);
         }
     };
-    let mut stand: Option<Stand> = None;
+    let mut stand: Option<StandStill> = None;
     for name in PRESETS {
         let found = still::still(&folder, &truth, settings::parse(name)?)?;
-        let run = StandRun {
+        let run = StandStillRun {
             settings: name.to_owned(),
             gyro_bias_off: found.gyro_bias_off,
             accel_bias_off: found.accel_bias_off,
@@ -211,10 +212,10 @@ pub(crate) fn euroc() -> Result<Option<Stand>> {
             moved_mm: 1e3 * found.moved_m,
         };
         println!(
-            "EuRoC {name:9} gyroscope's bias off {:.5} rad/s, up off {:.3} and {:.3} deg, moved {:.2} mm",
+            "EuRoC {name:9} gyroscope bias error {:.5} rad/s, gravity direction error {:.3} and {:.3} deg, moved {:.2} mm",
             run.gyro_bias_off, run.up_off_orientation_deg, run.up_off_force_deg, run.moved_mm
         );
-        let stand = stand.get_or_insert_with(|| Stand {
+        let stand = stand.get_or_insert_with(|| StandStill {
             pairs: found.sets,
             seconds: found.seconds,
             truth_off_itself_deg: found.truth_off_itself_deg,

@@ -1,4 +1,4 @@
-//! What was found so far: a file that parts of the benchmark add to.
+//! Results so far: a file that parts of the benchmark add to.
 
 use std::collections::BTreeSet;
 use std::fs;
@@ -8,8 +8,8 @@ use anyhow::{Context, Result};
 use serde::{Deserialize, Serialize};
 use serde_json::Value;
 
-use super::real::{Drive, Stand};
-use super::run::{AdjustedRun, Job, Ran};
+use super::real::{Drive, StandStill};
+use super::run::{AdjustedRun, Job, TrackingRun};
 use super::{charts, table};
 
 const FILE: &str = "odometry.json";
@@ -19,10 +19,10 @@ const FILE: &str = "odometry.json";
 pub(crate) struct Results {
     /// Of the last part that was run.
     pub(crate) stamp: Value,
-    /// KITTI, if its pictures were there.
+    /// KITTI, if its images were available.
     pub(crate) kitti: Option<Drive>,
     /// EuRoC.
-    pub(crate) euroc: Option<Stand>,
+    pub(crate) euroc: Option<StandStill>,
     /// Walks.
     pub(crate) rows: Vec<Row>,
 }
@@ -33,19 +33,19 @@ pub(crate) struct Row {
     #[serde(flatten)]
     pub(crate) job: Job,
     #[serde(flatten)]
-    pub(crate) ran: Ran,
-    /// What came of adjusting everything, where it was done.
+    pub(crate) ran: TrackingRun,
+    /// Result of the bundle adjustment, if it was run.
     pub(crate) adjusted: Option<AdjustedRun>,
     /// Source that was run.
     pub(crate) commit: String,
     /// Day of the run.
     pub(crate) date: String,
-    /// Processes that wanted to run when it began, mean of a minute, over the number of processors.
+    /// Load at the start: runnable processes, mean of a minute, over the number of processors.
     pub(crate) load: f64,
 }
 
 impl Results {
-    /// What the folder holds; nothing where there is no file.
+    /// Results in the folder; empty without a file.
     ///
     /// # Errors
     /// A file that cannot be read.
@@ -55,12 +55,15 @@ impl Results {
             Err(e) if e.kind() == std::io::ErrorKind::NotFound => Ok(Self::default()),
             Err(e) => Err(e).with_context(|| format!("reading {}", path.display())),
             Ok(text) => serde_json::from_str(&text).with_context(|| {
-                format!("reading earlier results: remove or mend {}", path.display())
+                format!(
+                    "reading earlier results: remove or repair {}",
+                    path.display()
+                )
             }),
         }
     }
 
-    /// Takes a row in place of an earlier one of the same job.
+    /// Replaces an earlier row of the same job.
     pub(crate) fn add(&mut self, row: Row) {
         match self.rows.iter_mut().find(|r| r.job == row.job) {
             Some(old) => *old = row,
@@ -68,8 +71,8 @@ impl Results {
         }
     }
 
-    /// Where the rows are from: machine, days, sources and command. Parts that were run on different days stand
-    /// side by side, so this is not the stamp of the last part alone.
+    /// Where the rows are from: machine, days, sources and command. Parts that were run on
+    /// different days are combined, so this is not the stamp of the last part alone.
     pub(crate) fn foot(&self) -> String {
         let told = |key: &str| self.stamp[key].as_str().unwrap_or_default().to_owned();
         let several = |of: fn(&Row) -> &str| {
@@ -83,7 +86,7 @@ impl Results {
     /// Writes results, tables and charts.
     ///
     /// # Errors
-    /// A disk that says no.
+    /// Any I/O error.
     pub(crate) fn write(&self, folder: &Path) -> Result<()> {
         let mut report = serde_json::to_value(self)?;
         report["benchmark"] = "odometry".into();
@@ -100,7 +103,7 @@ impl Results {
 /// Writes files into a folder.
 ///
 /// # Errors
-/// A disk that says no.
+/// Any I/O error.
 pub(crate) fn write(folder: &Path, files: Vec<(String, String)>) -> Result<()> {
     fs::create_dir_all(folder).with_context(|| format!("making {}", folder.display()))?;
     for (name, text) in files {
@@ -110,7 +113,7 @@ pub(crate) fn write(folder: &Path, files: Vec<(String, String)>) -> Result<()> {
     Ok(())
 }
 
-/// How busy the machine is: processes that want to run, mean of the last minute, over the number of processors.
+/// Load of the machine: runnable processes, mean of the last minute, over the number of processors.
 pub(crate) fn load() -> f64 {
     let text = fs::read_to_string("/proc/loadavg").unwrap_or_default();
     let first = text.split_whitespace().next();
@@ -125,11 +128,11 @@ mod tests {
     use crate::odometry::figures::Figures;
 
     #[test]
-    fn what_was_written_is_read_again_and_added_to() {
+    fn written_results_are_read_back_and_extended() {
         let trajectory = scene_bundle::Trajectory::default();
         let row = |walk: &str| Row {
             job: Job::whole(walk, "balanced", false),
-            ran: Ran {
+            ran: TrackingRun {
                 stereo_cameras: 3,
                 pairs: 30,
                 seconds: 1.0,

@@ -30,18 +30,19 @@ pub(crate) struct Job {
     pub(crate) cameras: Vec<String>,
     /// Whether their IMUs are.
     pub(crate) with_imu: bool,
-    /// Whether the pictures are those of a short trial, rendered with less trouble.
+    /// Whether the images are those of a quick run, rendered at lower quality.
     pub(crate) is_trial: bool,
     /// Frame sets; none for all.
     pub(crate) sets: Option<usize>,
     /// As [`settings::parse`] has it.
     pub(crate) settings: String,
-    /// How far off the truth the turn of one camera is told, degrees: about x, y and z of its left eye alike.
-    pub(crate) told_off_deg: f64,
+    /// Rotation error of one camera's calibration, degrees, in equal parts about x, y and z of its
+    /// left frame.
+    pub(crate) rotation_error_deg: f64,
 }
 
-/// The camera of which that is told. Its IMU is not in use.
-const TOLD_OFF: &str = "feet";
+/// The camera with this error. Its IMU is not in use.
+const MISCALIBRATED_CAMERA: &str = "feet";
 
 impl Job {
     /// A whole walk with everything that the rig has.
@@ -53,11 +54,11 @@ impl Job {
             is_trial,
             sets: None,
             settings: settings.to_owned(),
-            told_off_deg: 0.0,
+            rotation_error_deg: 0.0,
         }
     }
 
-    /// The walk, with its pictures in a folder; they are rendered where they are not there.
+    /// The walk, with its images in a folder; they are rendered if missing.
     ///
     /// # Errors
     /// There is no such walk, or the folder cannot be written.
@@ -73,43 +74,47 @@ impl Job {
             Some(sets) => sequence.first(sets),
             None => sequence,
         };
-        let each = self.told_off_deg.to_radians() / 3.0_f64.sqrt();
+        let each = self.rotation_error_deg.to_radians() / 3.0_f64.sqrt();
         let off = RigidTransform::from_rotation_vector([each; 3], [0.0; 3])?;
-        Ok(sequence.told(|rig| {
-            for camera in rig.cameras.iter_mut().filter(|c| c.name == TOLD_OFF) {
+        Ok(sequence.with_nominal_rig(|rig| {
+            for camera in rig
+                .cameras
+                .iter_mut()
+                .filter(|c| c.name == MISCALIBRATED_CAMERA)
+            {
                 camera.rig_from_left = camera.rig_from_left * off;
             }
         }))
     }
 }
 
-/// What the process is told.
+/// Request to the process.
 #[derive(Serialize, Deserialize)]
-struct Order {
+struct RunRequest {
     job: Job,
     walks: PathBuf,
     with_mapping: bool,
 }
 
-/// What came out of one process.
+/// Result of one process.
 #[derive(Clone, Debug, Serialize, Deserialize)]
 struct Answer {
-    ran: Ran,
+    ran: TrackingRun,
     /// Checksum of all causal poses.
     poses: u32,
     adjusted: Option<AdjustedRun>,
 }
 
-/// What a run gave and took.
+/// Result and cost of a run.
 #[derive(Clone, Debug, Serialize, Deserialize)]
-pub(crate) struct Ran {
+pub(crate) struct TrackingRun {
     /// Stereo cameras; named apart from the job's, beside which it is written.
     pub(crate) stereo_cameras: usize,
     /// Stereo pairs.
     pub(crate) pairs: usize,
     /// From the first set to the last, s.
     pub(crate) seconds: f64,
-    /// Length of the way, m.
+    /// Path length, m.
     pub(crate) path_m: f64,
     /// Keyframes.
     pub(crate) keyframes: usize,
@@ -117,47 +122,47 @@ pub(crate) struct Ran {
     pub(crate) wall_ms: f64,
     /// Processor time of a stereo pair, all threads, mean, ms.
     pub(crate) cpu_ms: f64,
-    /// The longest that a set took, ms.
+    /// Maximum time of a set, ms.
     pub(crate) longest_set_ms: f64,
-    /// Most memory beyond what was there before, bytes.
+    /// Peak memory beyond the initial one, bytes.
     pub(crate) peak_bytes: u64,
-    /// Cameras that were told to have been moved as it went.
+    /// Number of cameras reported as moved during the run.
     pub(crate) shifts: usize,
-    /// How far off the causal poses are.
+    /// Errors of the causal poses.
     pub(crate) figures: Figures,
 }
 
-/// What adjusting everything gave and took.
+/// Result and cost of the bundle adjustment.
 #[derive(Clone, Debug, Serialize, Deserialize)]
 pub(crate) struct AdjustedRun {
     /// Of the adjustment, s.
     pub(crate) wall_s: f64,
     /// Processor time of it, s.
     pub(crate) cpu_s: f64,
-    /// Most memory of tracking and adjustment beyond what was there before, bytes.
+    /// Peak memory of tracking and adjustment beyond the initial one, bytes.
     pub(crate) peak_bytes: u64,
     /// Keyframes.
     pub(crate) keyframes: usize,
-    /// Places seen again.
+    /// Loop closures.
     pub(crate) loops: usize,
-    /// Linearisations.
+    /// Linearizations.
     pub(crate) rounds: usize,
     /// Landmarks.
     pub(crate) landmarks: usize,
-    /// How far from where they were told to sit cameras were found, m and rad.
+    /// Deviation of refined camera poses from their nominal ones, m and rad.
     pub(crate) mounts_off: Vec<[f64; 2]>,
-    /// Cameras that were found to have been moved.
+    /// Cameras found to have moved.
     pub(crate) moved: Vec<String>,
-    /// How far off the adjusted poses are.
+    /// Errors of the refined poses.
     pub(crate) figures: Figures,
 }
 
-/// How often a job is run.
+/// Number of passes of a job.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(crate) enum Passes {
-    /// Once, with everything kept and adjusted at the end: causal memory is with what is kept.
+    /// Once, with all keyframes stored and adjusted at the end: causal memory includes them.
     One,
-    /// Once without keeping anything and once more with.
+    /// Once without storing keyframes and once with.
     Two,
 }
 
@@ -165,8 +170,12 @@ pub(crate) enum Passes {
 ///
 /// # Errors
 /// A process fails, or two give different causal poses.
-pub(crate) fn run(job: &Job, walks: &Path, passes: Passes) -> Result<(Ran, Option<AdjustedRun>)> {
-    let order = |with_mapping| Order {
+pub(crate) fn run(
+    job: &Job,
+    walks: &Path,
+    passes: Passes,
+) -> Result<(TrackingRun, Option<AdjustedRun>)> {
+    let order = |with_mapping| RunRequest {
         job: job.clone(),
         walks: walks.to_owned(),
         with_mapping,
@@ -191,7 +200,7 @@ pub(crate) fn run(job: &Job, walks: &Path, passes: Passes) -> Result<(Ran, Optio
     Ok((ran, second.adjusted))
 }
 
-fn start(order: &Order) -> Result<Answer> {
+fn start(order: &RunRequest) -> Result<Answer> {
     let program = std::env::current_exe().context("finding this program")?;
     let output = Command::new(program)
         .args(["odometry", RUN])
@@ -211,18 +220,18 @@ fn start(order: &Order) -> Result<Answer> {
     serde_json::from_slice(&output.stdout).context("reading what a run gave")
 }
 
-/// Does what another process asked for; none where none did.
+/// Serves the request of another process; `None` without one.
 pub(crate) fn answer(args: &[String]) -> Option<Result<()>> {
     let [first, order] = args else { return None };
     (first == RUN).then(|| {
-        let order: Order = serde_json::from_str(order).context("reading what is to be run")?;
+        let order: RunRequest = serde_json::from_str(order).context("reading what is to be run")?;
         let answer = serde_json::to_vec(&work(&order)?)?;
         std::io::stdout().write_all(&answer)?;
         Ok(())
     })
 }
 
-fn work(order: &Order) -> Result<Answer> {
+fn work(order: &RunRequest) -> Result<Answer> {
     let sequence = order.job.sequence(&order.walks)?;
     let settings = settings::parse(&order.job.settings)?;
     let truth = tracking::truth(&sequence)?;
@@ -242,7 +251,7 @@ fn work(order: &Order) -> Result<Answer> {
     let causal = tracking.causal().clone();
     let each = |seconds: f64| 1e3 * seconds / pairs.max(1) as f64;
     let steps = truth.poses().windows(2);
-    let ran = Ran {
+    let ran = TrackingRun {
         stereo_cameras: sequence.rig().cameras.len(),
         pairs,
         seconds: causal.duration_ns() as f64 * 1e-9,
@@ -255,10 +264,10 @@ fn work(order: &Order) -> Result<Answer> {
         cpu_ms: each(cpu_s),
         longest_set_ms: 1e3 * longest_s,
         peak_bytes: peak()?,
-        shifts: tracking.shifts().len(),
+        shifts: tracking.camera_shifts().len(),
         figures: Figures::of(&causal, &truth)?,
     };
-    let (adjusted, took) = timed(|| tracking.adjust());
+    let (adjusted, took) = timed(|| tracking.refine());
     let adjusted = match adjusted? {
         None => None,
         Some(adjusted) => Some(AdjustedRun {
@@ -266,11 +275,15 @@ fn work(order: &Order) -> Result<Answer> {
             cpu_s: took.cpu_s,
             peak_bytes: peak()?,
             keyframes: adjusted.keyframes,
-            loops: adjusted.loops,
-            rounds: adjusted.rounds,
+            loops: adjusted.loop_closures,
+            rounds: adjusted.iterations,
             landmarks: adjusted.landmarks,
-            mounts_off: adjusted.mounts.iter().map(|m| m.off).collect(),
-            moved: (sequence.rig().cameras.iter().zip(&adjusted.mounts))
+            mounts_off: adjusted
+                .extrinsics
+                .iter()
+                .map(|m| m.initial_error)
+                .collect(),
+            moved: (sequence.rig().cameras.iter().zip(&adjusted.extrinsics))
                 .filter(|(_, mount)| mount.is_moved)
                 .map(|(camera, _)| camera.name.clone())
                 .collect(),
@@ -284,11 +297,11 @@ fn work(order: &Order) -> Result<Answer> {
     })
 }
 
-/// Gives free memory back to the system, sets the peak of the resident memory to what is resident now, and says how much
-/// that is, bytes: what was made and thrown away before is not there to be used again without being counted.
+/// Gives free memory back to the system, sets the peak of the resident memory to what is resident
+/// now, and returns it, bytes: memory freed before cannot be reused without being counted.
 ///
 /// # Errors
-/// The system does not tell.
+/// The system does not report it.
 pub(crate) fn forget_peak() -> Result<u64> {
     #[cfg(target_env = "gnu")]
     {
@@ -303,7 +316,7 @@ pub(crate) fn forget_peak() -> Result<u64> {
     Ok(tests::soak::memory()?.resident)
 }
 
-/// Of all numbers of all poses.
+/// Checksum of all numbers of all poses.
 pub(crate) fn checksum(trajectory: &Trajectory) -> u32 {
     let mut hasher = crc32fast::Hasher::new();
     for pose in trajectory.poses() {

@@ -2,12 +2,13 @@
 
 use anyhow::Result;
 
-use super::exam::{self, add};
 use super::options::Options;
 use super::results::Results;
 use super::run::{Job, Passes};
+use super::test_walks::{self, add};
 
-/// Walks on which settings are compared: streets by day, stairs, a square at night, lamps that flicker.
+/// Walks on which settings are compared: streets by day, stairs, a square at night, flickering
+/// lamps.
 pub(crate) const SETTINGS_ON: [&str; 4] = [
     "pavement-day-21-110",
     "stairs-day-21-140",
@@ -16,7 +17,7 @@ pub(crate) const SETTINGS_ON: [&str; 4] = [
 ];
 /// Their first sets: 40 s.
 pub(crate) const SETTINGS_SETS: usize = 600;
-/// Walks on which cameras are compared: one in each place.
+/// Walks on which cameras are compared: one in each scene.
 pub(crate) const CAMERAS_ON: [&str; 6] = [
     "pavement-day-21-110",
     "room-day-21-140",
@@ -45,8 +46,8 @@ pub(crate) const CAMERAS: [(&str, &[&str]); 5] = [
     ("all three", &[]),
 ];
 
-/// How far off one camera's turn is told, degrees, and on which walks.
-pub(crate) const TOLD_OFF_DEG: [f64; 8] = [0.0, 0.05, 0.1, 0.2, 0.5, 1.0, 2.0, 4.0];
+/// Rotation errors of one camera's calibration, degrees, and the walks.
+pub(crate) const ROTATION_ERRORS_DEG: [f64; 8] = [0.0, 0.05, 0.1, 0.2, 0.5, 1.0, 2.0, 4.0];
 pub(crate) const MOUNTS_ON: [&str; 2] = ["pavement-day-21-110", "corridor-day-21-110"];
 /// Their first sets: 40 s.
 pub(crate) const MOUNTS_SETS: usize = 600;
@@ -65,7 +66,7 @@ pub(crate) fn settings(options: &Options, results: &mut Results) -> Result<()> {
     for (key, values) in SWEEPS {
         names.extend(values.iter().map(|value| balanced_with(key, *value)));
     }
-    let walks = exam::chosen(options).into_iter();
+    let walks = test_walks::chosen(options).into_iter();
     for walk in walks.filter(|w| options.quick || SETTINGS_ON.contains(w)) {
         for name in &names {
             let mut job = Job::whole(walk, name, options.quick);
@@ -76,17 +77,17 @@ pub(crate) fn settings(options: &Options, results: &mut Results) -> Result<()> {
     Ok(())
 }
 
-/// A camera whose calibration is off.
+/// A camera with a calibration error.
 ///
 /// # Errors
 /// Of a run.
 pub(crate) fn mounts(options: &Options, results: &mut Results) -> Result<()> {
-    let walks = exam::chosen(options).into_iter();
+    let walks = test_walks::chosen(options).into_iter();
     for walk in walks.filter(|w| options.quick || MOUNTS_ON.contains(w)) {
-        for told_off_deg in TOLD_OFF_DEG {
+        for rotation_error_deg in ROTATION_ERRORS_DEG {
             let mut job = Job::whole(walk, "balanced", options.quick);
             job.sets = Some(MOUNTS_SETS);
-            job.told_off_deg = told_off_deg;
+            job.rotation_error_deg = rotation_error_deg;
             add(&job, options, Passes::One, results)?;
         }
     }
@@ -98,7 +99,7 @@ pub(crate) fn mounts(options: &Options, results: &mut Results) -> Result<()> {
 /// # Errors
 /// Of a run.
 pub(crate) fn cameras(options: &Options, results: &mut Results) -> Result<()> {
-    let walks = exam::chosen(options).into_iter();
+    let walks = test_walks::chosen(options).into_iter();
     for walk in walks.filter(|w| options.quick || CAMERAS_ON.contains(w)) {
         for (_, cameras) in CAMERAS {
             for with_imu in [true, false] {

@@ -1,24 +1,24 @@
-//! The results as tables for people: causal and adjusted poses apart.
+//! Results as Markdown tables: causal and refined poses separately.
 
 use std::fmt::Write as _;
 
 use tests::sequences::named::ODOMETRY_EXAM;
 
 use super::figures::Figures;
-use super::real::{Drive, INTERPOLATED, Stand};
+use super::real::{Drive, INTERPOLATED, StandStill};
 use super::results::{Results, Row};
 use super::run::Job;
 use super::sweeps::PRESETS;
 
-/// What is asked for: causal and adjusted errors, percent of the way, and time of a stereo pair, ms.
-pub(crate) const CAUSAL_PERCENT: f64 = 0.3;
-pub(crate) const ADJUSTED_PERCENT: f64 = 0.1;
-pub(crate) const PAIR_MS: f64 = 20.0;
+/// Requirements: causal and refined ATE, percent of path length, and time of a stereo pair, ms.
+pub(crate) const MAX_CAUSAL_ATE_PERCENT: f64 = 0.3;
+pub(crate) const MAX_ADJUSTED_ATE_PERCENT: f64 = 0.1;
+pub(crate) const MAX_PAIR_MS: f64 = 20.0;
 
 /// Markdown.
 pub(crate) fn text(results: &Results) -> String {
     let mut text = format!(
-        "# Odometry, measured\n\nWritten by `cargo xtask bench odometry`; how poses are found stands in [decisions/0010](../decisions/0010-odometry.md). \
+        "# Odometry, measured\n\nWritten by `cargo xtask bench odometry`; the method is described in [decisions/0010](../decisions/0010-odometry.md). \
          Rows: {}.\n",
         results.foot()
     );
@@ -29,12 +29,12 @@ pub(crate) fn text(results: &Results) -> String {
         euroc(&mut text, stand);
     }
     for preset in PRESETS {
-        let rows = exam(results, preset);
+        let rows = rows_of_test_walks(results, preset);
         if rows.is_empty() {
             continue;
         }
         let title = format!("\n## Ten walks, `{preset}`: causal poses\n");
-        walks(&mut text, &title, &rows, CAUSAL_PERCENT, &|row| {
+        walks(&mut text, &title, &rows, MAX_CAUSAL_ATE_PERCENT, &|row| {
             Some(Entry {
                 figures: &row.ran.figures,
                 ms: row.ran.wall_ms,
@@ -44,7 +44,7 @@ pub(crate) fn text(results: &Results) -> String {
             })
         });
         let title = format!("\n## Ten walks, `{preset}`: adjusted afterwards\n");
-        walks(&mut text, &title, &rows, ADJUSTED_PERCENT, &|row| {
+        walks(&mut text, &title, &rows, MAX_ADJUSTED_ATE_PERCENT, &|row| {
             let adjusted = row.adjusted.as_ref()?;
             let each = |seconds: f64| 1e3 * seconds / row.ran.pairs as f64;
             Some(Entry {
@@ -59,8 +59,8 @@ pub(crate) fn text(results: &Results) -> String {
     text
 }
 
-/// Rows of whole walks with a preset, in the order of the exam.
-pub(crate) fn exam<'a>(results: &'a Results, preset: &str) -> Vec<&'a Row> {
+/// Rows of whole walks with a preset, in the order of the test walks.
+pub(crate) fn rows_of_test_walks<'a>(results: &'a Results, preset: &str) -> Vec<&'a Row> {
     let is_whole = |r: &&Row| r.job == Job::whole(&r.job.walk, preset, r.job.is_trial);
     let mut rows: Vec<&Row> = results.rows.iter().filter(is_whole).collect();
     rows.sort_by_key(|r| {
@@ -87,7 +87,7 @@ fn walks<'a>(
 ) {
     text.push_str(title);
     text.push_str(
-        "\n| walk | way, m | error (ATE), m | % of the way | turn, ° | drift over 10 m, % | farthest off | ms per pair | CPU ms | longest set, or adjustment | peak MB | completion | tracked / carried / lost | errors in sigmas, place / turn | silently wrong | load | commit |\n|---|---|---|---|---|---|---|---|---|---|---|---|---|---|---|---|---|\n",
+        "\n| walk | path length, m | ATE, m | % of path length | rotation, ° | drift over 10 m, % | largest error | ms per pair | CPU ms | longest set, or adjustment | peak MB | completion | tracked / dead reckoned / lost | errors in sigmas, position / rotation | silently wrong | load | commit |\n|---|---|---|---|---|---|---|---|---|---|---|---|---|---|---|---|---|\n",
     );
     let entries: Vec<_> = rows.iter().filter_map(|r| Some((*r, of(r)?))).collect();
     for (row, entry) in &entries {
@@ -130,7 +130,7 @@ fn walks<'a>(
     summary(text, &entries, target);
 }
 
-/// The worst run, and means where none is lost.
+/// The worst run, and means if none is lost.
 fn summary(text: &mut String, entries: &[(&Row, Entry<'_>)], target: f64) {
     let error = |e: &Entry<'_>| match e.figures.is_lost() {
         true => f64::INFINITY,
@@ -140,11 +140,11 @@ fn summary(text: &mut String, entries: &[(&Row, Entry<'_>)], target: f64) {
     let Some((row, entry)) = worst else { return };
     let lost = entries.iter().filter(|(_, e)| e.figures.is_lost()).count();
     let met = entries.iter().filter(|(_, e)| error(e) <= target).count();
-    let slow = entries.iter().filter(|(_, e)| e.ms > PAIR_MS).count();
+    let slow = entries.iter().filter(|(_, e)| e.ms > MAX_PAIR_MS).count();
     let count = entries.len();
     let _ = write!(
         text,
-        "\nWorst: **{}**, {}. {met} of {count} within {target} % of the way; {slow} of {count} above {PAIR_MS} ms per pair; {lost} lost",
+        "\nWorst: **{}**, {}. {met} of {count} within {target} % of path length; {slow} of {count} above {MAX_PAIR_MS} ms per pair; {lost} lost",
         row.job.walk,
         entry
             .figures
@@ -170,9 +170,9 @@ fn summary(text: &mut String, entries: &[(&Row, Entry<'_>)], target: f64) {
 fn kitti(text: &mut String, drive: &Drive) {
     let _ = write!(
         text,
-        "\n## KITTI, {} stereo pairs, no IMU: drift at the end\n\nLaid on by the first pose / the best fit / pose {INTERPOLATED}. The turns between the first {INTERPOLATED} true \
-         poses differ by {:.1e} rad from their mean, those of the next {INTERPOLATED} by {:.1e}: the first were not measured but interpolated. A best fit to a nearly straight way leaves the turn about it open, so none is told.\n\n\
-         | preset | poses | from the first, % | best fit, % | from pose {INTERPOLATED}, % | turn from the first / pose {INTERPOLATED}, ° | ms per pair | CPU ms |\n|---|---|---|---|---|---|---|---|\n",
+        "\n## KITTI, {} stereo pairs, no IMU: drift at the end\n\nAligned by the first pose / the best fit / pose {INTERPOLATED}. The rotations between the first {INTERPOLATED} true \
+         poses differ by {:.1e} rad from their mean, those of the next {INTERPOLATED} by {:.1e}: the first were not measured but interpolated. A best fit to a nearly straight path does not determine the rotation about it, so none is given.\n\n\
+         | preset | poses | from the first, % | best fit, % | from pose {INTERPOLATED}, % | rotation from the first / pose {INTERPOLATED}, ° | ms per pair | CPU ms |\n|---|---|---|---|---|---|---|---|\n",
         drive.pairs, drive.first_turns_differ_rad, drive.later_turns_differ_rad
     );
     for run in &drive.runs {
@@ -208,12 +208,12 @@ fn kitti(text: &mut String, drive: &Drive) {
     }
 }
 
-fn euroc(text: &mut String, stand: &Stand) {
+fn euroc(text: &mut String, stand: &StandStill) {
     let _ = write!(
         text,
-        "\n## EuRoC V1_01: {:.2} s of standing still, {} stereo pairs\n\nUp against the truth's orientation / against the specific force less the true bias; these two are {:.2}° apart \
+        "\n## EuRoC V1_01: {:.2} s of standing still, {} stereo pairs\n\nGravity direction against the true orientation / against the specific force minus the true bias; these two differ by {:.2}° \
          themselves. The true poses move by {:.2} mm.\n\n\
-         | preset | gyroscope's bias off, rad/s | accelerometer's bias off, m/s² | up off, ° | moved, mm |\n|---|---|---|---|---|\n",
+         | preset | gyroscope bias error, rad/s | accelerometer bias error, m/s² | gravity direction error, ° | moved, mm |\n|---|---|---|---|---|\n",
         stand.seconds, stand.pairs, stand.truth_off_itself_deg, stand.truth_moved_mm
     );
     for run in &stand.runs {

@@ -1,4 +1,4 @@
-//! The pictures of the results.
+//! Charts of the results.
 
 use charts::{Axis, Chart, Series};
 
@@ -25,9 +25,9 @@ fn quality(places: &[Place], stamp: &str) -> Chart {
         true => least.to_string(),
         false => format!("{least} to {most}"),
     };
-    let chart = Chart::new("Quality of simulated pictures against speed")
+    let chart = Chart::new("Quality of simulated images against speed")
         .subtitle(
-            "three stereo cameras, 672x376 per eye, day, two threads; labels: looks per picture, \
+            "three stereo cameras, 672x376 per eye, day, two threads; labels: samples per pixel, \
              from standing still to moving",
         )
         .x_axis(
@@ -35,7 +35,7 @@ fn quality(places: &[Place], stamp: &str) -> Chart {
                 .include(1.0)
                 .include(100.0),
         )
-        .y_axis(Axis::linear("PSNR against many looks, no noise", "dB"))
+        .y_axis(Axis::linear("PSNR against many samples, no noise", "dB"))
         .vline(TARGET_FAST, "target, 1 look")
         .vline(TARGET_ACCURATE, "target, 4 to 12")
         .footnote(stamp);
@@ -45,7 +45,7 @@ fn quality(places: &[Place], stamp: &str) -> Chart {
             place.kind.name(),
             points.iter().map(|p| (p.sets_per_s, p.psnr_db())),
         );
-        // The same for all: said once.
+        // The same for all: labelled once.
         match i {
             0 => line.labels(points.iter().map(|p| looks(p.looks))),
             _ => line,
@@ -55,8 +55,8 @@ fn quality(places: &[Place], stamp: &str) -> Chart {
 }
 
 fn stages(places: &[Place], stamp: &str) -> Chart {
-    let chart = Chart::new("Where the time of a stereo frame goes")
-        .subtitle("one look per picture, 2 x 672x376, mean of the cameras, one thread")
+    let chart = Chart::new("Time of a stereo frame by stage")
+        .subtitle("one sample per pixel, 2 x 672x376, mean of the cameras, one thread")
         .x_axis(Axis::categories("", places.iter().map(|p| p.kind.name())))
         .y_axis(Axis::linear("CPU time", "ms").include(0.0))
         .footnote(stamp);

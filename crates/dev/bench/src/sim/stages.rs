@@ -1,8 +1,8 @@
-//! Where the time of a stereo frame goes.
+//! Time of a stereo frame by stage.
 
 use rig_sim::camera::optics::Conditions;
 use rig_sim::camera::sensor::{Exposure, SensorModel};
-use rig_sim::camera::{Eye, Quality, Shot, Stage, placed};
+use rig_sim::camera::{MonoCamera, Quality, Shot, Stage, placed};
 use rig_sim::simulation::Simulation;
 use serde_json::{Map, Value, json};
 
@@ -41,8 +41,8 @@ impl std::fmt::Display for Stages {
     }
 }
 
-/// Takes pictures all along the walk, at the quality for real time, one after the other. The wearer is
-/// not in them.
+/// Renders images along the walk, at the real-time quality, one after the other, without the
+/// wearer.
 pub(super) fn measure(simulation: &Simulation, instants: u64) -> Stages {
     let settings = simulation.settings();
     let exposure = Exposure {
@@ -58,7 +58,7 @@ pub(super) fn measure(simulation: &Simulation, instants: u64) -> Stages {
         for k in 0..2 {
             let quality = Quality::FAST;
             let model = &camera.models[k];
-            let mut eye = Eye::new(model, camera.shutter, SensorModel::SMALL, quality);
+            let mut eye = MonoCamera::new(model, camera.shutter, SensorModel::SMALL, quality);
             let pose = |t: f64| camera.world_from_eye(k, &simulation.walker().rig(t), None);
             for instant in 0..instants {
                 let part = (instant as f64 + 0.5) / instants as f64;
@@ -83,10 +83,10 @@ pub(super) fn measure(simulation: &Simulation, instants: u64) -> Stages {
                 });
                 sum.shading += passed();
                 let chroma = [&mut cb[..], &mut cr[..]];
-                eye.spoil(
+                eye.degrade(
                     simulation.scene(),
                     &pose(shot.time_s),
-                    &Conditions::FINE,
+                    &Conditions::NOMINAL,
                     k as u64,
                 );
                 eye.develop(&exposure, instant, &mut luma, chroma, width);

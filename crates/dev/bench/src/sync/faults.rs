@@ -1,14 +1,14 @@
-//! What can go wrong, at rising strength.
+//! Faults at rising strength.
 
 use super::world::{MS, Shape, World};
 
-/// Something that goes wrong with a device or on the way from it.
+/// A fault of a device or of its transport.
 pub(crate) struct Fault {
     pub name: &'static str,
     /// Unit of the strength.
     pub unit: &'static str,
     pub strengths: Vec<f64>,
-    /// A strength in words.
+    /// Label of a strength.
     pub label: fn(f64) -> String,
     /// Length of each run, s.
     pub seconds: f64,
@@ -18,8 +18,8 @@ pub(crate) struct Fault {
 /// Seconds into a run at which a clock steps.
 const STEP_AT: f64 = 40.0;
 
-/// All faults. Where nothing else is said, the jitter is exponential with a mean of 1 ms and the
-/// device's rate is 100 ppm off.
+/// All faults. Unless stated otherwise, the jitter is exponential with a mean of 1 ms and the
+/// device's rate error is 100 ppm.
 pub(crate) fn all() -> Vec<Fault> {
     let plain = |name, unit, strengths: &[f64], make: fn(World, f64) -> World| Fault {
         name,

@@ -1,11 +1,11 @@
-//! The method under test and its peers, behind one face.
+//! The method under test and its peers, behind one interface.
 
 use capture_daemon::sync::clock::{ClockConfig, ClockMapper};
 use session_archive::time::{HostTime, TickLength};
 
 use super::world::{LATENCY_NS, Sample, TICK_NS};
 
-/// A time and what its maker says about it.
+/// A time with its stated sigma and flag.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct Stamp {
     /// ns of host time.
@@ -19,22 +19,22 @@ pub(crate) struct Stamp {
 pub(crate) trait Method {
     fn name(&self) -> &'static str;
 
-    /// Takes a sample and gives it a time, at once.
+    /// Takes a sample and returns its time immediately.
     fn stamp(&mut self, sample: &Sample) -> Option<Stamp>;
 
-    /// At the end: whether samples that arrived then are now known to be doubtful.
+    /// At the end: whether times of samples that arrived then are now flagged as unreliable.
     fn doubtful(&self, _arrival: i64) -> bool {
         false
     }
 
-    /// At the end: maps once more, if the method can.
+    /// At the end: maps again, if the method can.
     fn again(&self, _ticks: i64, _arrival: i64) -> Option<Stamp> {
         None
     }
 }
 
-/// All of them. The peers are helped twice: they are told the mean latency above the least one,
-/// and wide counters, for none of them unwraps.
+/// All of them. The peers get two advantages: the mean latency above the minimum, and wide
+/// counters, since none of them unwraps.
 pub(crate) fn all(mean_latency: f64, bits: Option<u8>) -> Vec<Box<dyn Method>> {
     vec![
         Box::new(Ours::new(bits)),
@@ -82,7 +82,7 @@ impl Method for Ours {
     }
 
     fn doubtful(&self, arrival: i64) -> bool {
-        self.mapper.is_doubtful(HostTime(arrival))
+        self.mapper.is_unreliable(HostTime(arrival))
     }
 
     fn again(&self, ticks: i64, arrival: i64) -> Option<Stamp> {
@@ -94,12 +94,12 @@ impl Method for Ours {
         Some(Stamp {
             time: mapped.time.ns() as f64,
             sigma: Some(mapped.sigma_ns as f64),
-            flagged: map.is_doubtful(HostTime(arrival)),
+            flagged: map.is_unreliable(HostTime(arrival)),
         })
     }
 }
 
-/// What most recorders store: the arrival is the time.
+/// Method of most recorders: the arrival is the time.
 pub(crate) struct ArrivalStamps {
     mean_latency: f64,
 }
@@ -181,11 +181,11 @@ impl Method for LeastSquares {
     }
 }
 
-/// The method that zed-open-capture publishes for its IMU, from its description: the first
-/// sample's host time is the zero point; of every 50 pairs the host's span over the device's span
-/// (of pairs 25 to 49 at first, then 5 to 49) is multiplied into a running scale, kept between 0.8
-/// and 1.2; then the mean difference of three pairs is subtracted from the offset. Integer ticks
-/// here; the original's 32-bit floats are not held against it.
+/// The method that zed-open-capture publishes for its IMU, from its description: the first sample's
+/// host time is the zero point; of every 50 pairs the host's span over the device's span (of pairs
+/// 25 to 49 at first, then 5 to 49) is multiplied into a running scale, kept between 0.8 and 1.2;
+/// then the mean difference of three pairs is subtracted from the offset. Integer ticks here; the
+/// original's 32-bit floats are not reproduced.
 pub(crate) struct ZedOpenCapture {
     mean_latency: f64,
     last_ticks: Option<i64>,

@@ -1,4 +1,4 @@
-//! What was measured, as a table, as JSON and as pictures.
+//! Results as a table, as JSON and as charts.
 
 use std::path::Path;
 
@@ -6,7 +6,7 @@ use anyhow::Context;
 use charts::{Axis, Chart, Series};
 use serde_json::{Value, json};
 
-use super::exam::{Class, SCORED_FROM, SIGMAS, UNCLAIMED_NS, USELESS_NS};
+use super::scoring::{Class, SCORED_FROM, SIGMAS, UNCLAIMED_NS, USELESS_NS};
 use super::world::{TICK_NS, US};
 use super::{Point, RATES, Results};
 use crate::stamp;
@@ -16,7 +16,7 @@ const TARGET_NS: f64 = 1e5;
 /// The method under test comes first.
 const OURS: usize = 0;
 
-/// Prints what matters most.
+/// Prints the main results.
 pub(crate) fn print(results: &Results) {
     println!(
         "errors of a sample's time after {SCORED_FROM:.0} s, us; a tick is {:.0} us\n",
@@ -101,7 +101,7 @@ pub(crate) fn write(
 const STRENGTHS: [(&str, &str, &str); 4] = [
     ("jitter", "jitter", "mean jitter"),
     ("steps", "clock falls back", "step"),
-    ("bursts", "bursts", "lateness in a burst"),
+    ("bursts", "bursts", "delay in a burst"),
     ("swings", "rate swings", "swing of the rate"),
 ];
 
@@ -129,7 +129,7 @@ fn at_target<'a>(results: &'a Results, method: &str, rate_hz: f64) -> Option<&'a
 
 fn samples_chart(results: &Results, rate_hz: f64, foot: &str) -> String {
     let mut chart = Chart::new(&format!("Error of a mapped time, samples at {rate_hz} Hz"))
-        .subtitle("99th percentile; 1 ms of exponential jitter, 100 ppm off")
+        .subtitle("99th percentile; 1 ms of exponential jitter, rate error 100 ppm")
         .x_axis(Axis::log("samples so far", ""))
         .y_axis(Axis::log("error", "us"))
         .hline(TARGET_NS / US, "target for p99 after 10 s")
@@ -159,7 +159,7 @@ fn strength_chart(
     let mut chart = Chart::new(&format!(
         "99th percentile of the error, samples at {rate_hz} Hz"
     ))
-    .subtitle("of the times that nothing warned of, after 10 s; a tick is 39 us")
+    .subtitle("of the times that were not flagged, after 10 s; a tick is 39 us")
     .x_axis(Axis::log(caption, unit))
     .y_axis(Axis::log("error", "us"))
     .footnote(foot);

@@ -1,4 +1,4 @@
-//! Devices whose clocks are known: ticks, arrivals and the truth, made from a seed.
+//! Devices of known clocks: ticks, arrivals and ground truth, generated from a seed.
 
 /// Nanoseconds in a second.
 pub(crate) const S: f64 = 1e9;
@@ -9,11 +9,11 @@ pub(crate) const US: f64 = 1e3;
 
 /// Length of a tick, ns: the ZED Mini's 1/25600 s.
 pub(crate) const TICK_NS: f64 = 39_062.5;
-/// Least latency of all devices. Every method is told, as calibration would.
+/// Minimum latency of all devices. Every method is given it, as by calibration.
 pub(crate) const LATENCY_NS: i64 = 2_000_000;
 /// Host time at which a device begins to send.
 const START: f64 = 60.0 * S;
-/// How long before that its counter began.
+/// Time before that at which its counter started.
 const UPTIME: f64 = 1000.0 * S;
 
 /// SplitMix64 (Steele, Lea and Flood 2014).
@@ -39,7 +39,7 @@ impl Random {
     }
 }
 
-/// How latencies above the least one are distributed; the strength is their mean.
+/// Distribution of latencies above the minimum; the strength is their mean.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(crate) enum Shape {
     /// Queueing.
@@ -95,18 +95,18 @@ impl Shape {
     }
 }
 
-/// Everything that may be wrong with a device and the way from it.
+/// Faults of a device and of its transport.
 #[derive(Clone, Debug)]
 pub(crate) struct World {
     pub seed: u64,
     pub rate_hz: f64,
     pub seconds: f64,
     pub shape: Shape,
-    /// Mean latency above the least one, ns.
+    /// Mean latency above the minimum, ns.
     pub jitter: f64,
     /// Device clock's rate error, parts in 1e6.
     pub drift_ppm: f64,
-    /// The rate swings by ± this, as temperature would have it …
+    /// The rate swings by ± this, as by temperature …
     pub swing_ppm: f64,
     /// … once in this time, s.
     pub swing_s: f64,
@@ -216,7 +216,7 @@ impl World {
                 });
             }
         }
-        // Samples wait for those before them, as they do on a bus, unless they were to overtake.
+        // Samples wait for earlier ones, as on a bus, except those that overtake.
         let mut newest = i64::MIN;
         for sample in samples.iter_mut().filter(|_| self.overtaken == 0.0) {
             newest = newest.max(sample.arrival);
@@ -237,7 +237,7 @@ pub(crate) struct Sample {
     pub taken: f64,
     /// Host time at which it was read, ns.
     pub arrival: i64,
-    /// The tick is wrong; nobody can say when it was, only that it was.
+    /// The tick is wrong; its true time cannot be recovered.
     pub corrupt: bool,
 }
 
@@ -246,7 +246,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn samples_arrive_later_than_they_are_taken_and_lie_anywhere_in_their_ticks() {
+    fn samples_arrive_after_they_are_taken_at_any_phase_of_their_ticks() {
         let world = World {
             drift_ppm: 0.0,
             ..World::new(1, 400.0, 20.0)

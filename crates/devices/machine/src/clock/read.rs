@@ -13,7 +13,7 @@ use rustix::time::{
 };
 use serde::Serialize;
 
-use super::{Kernel, Leap, Look};
+use super::{ClockReading, Kernel, Leap};
 use crate::NS_PER_S;
 use crate::sysfs::{Roots, names, numbered, text};
 
@@ -27,7 +27,7 @@ const TIGHT_NS: i64 = 2_000;
     clippy::disallowed_methods,
     reason = "this is where this crate reads the clocks; everything else is handed what they said"
 )]
-pub fn look() -> Look {
+pub fn read() -> ClockReading {
     let clock = |id| {
         let t = rustix::time::clock_gettime(id);
         t.tv_sec * NS_PER_S + t.tv_nsec
@@ -37,7 +37,7 @@ pub fn look() -> Look {
         let realtime_ns = clock(ClockId::Realtime);
         let boottime_ns = clock(ClockId::Boottime);
         let after = clock(ClockId::Monotonic);
-        Look {
+        ClockReading {
             monotonic_ns: before + (after - before) / 2,
             realtime_ns,
             boottime_ns,
@@ -50,9 +50,9 @@ pub fn look() -> Look {
         if best.apart_ns <= TIGHT_NS {
             break;
         }
-        let look = once();
-        if look.apart_ns < best.apart_ns {
-            best = look;
+        let reading = once();
+        if reading.apart_ns < best.apart_ns {
+            best = reading;
         }
     }
     best.kernel = kernel().ok();

@@ -6,8 +6,8 @@ use crate::sysfs::fake::tree;
 
 const CIVIL: i64 = 1_790_000_000 * NS_PER_S;
 
-fn at(monotonic_ns: i64, civil_offset_ns: i64, suspended_ns: i64) -> Look {
-    Look {
+fn at(monotonic_ns: i64, civil_offset_ns: i64, suspended_ns: i64) -> ClockReading {
+    ClockReading {
         monotonic_ns,
         realtime_ns: monotonic_ns + civil_offset_ns,
         boottime_ns: monotonic_ns + suspended_ns,
@@ -16,19 +16,19 @@ fn at(monotonic_ns: i64, civil_offset_ns: i64, suspended_ns: i64) -> Look {
     }
 }
 
-fn events(looks: &[Look]) -> Vec<ClockEvent> {
+fn events(readings: &[ClockReading]) -> Vec<ClockEvent> {
     let mut watch = ClockWatch::new();
-    let events = looks.iter().flat_map(|look| watch.judge(look).1);
+    let events = readings.iter().flat_map(|reading| watch.judge(reading).1);
     events.collect()
 }
 
 #[test]
 fn a_clock_that_goes_on_is_no_event() {
-    let looks: Vec<Look> = (0..100)
+    let readings: Vec<ClockReading> = (0..100)
         .map(|s| at(s * NS_PER_S, CIVIL + s % 3 * 300, 0))
         .collect();
-    assert_eq!(events(&looks), []);
-    let state = ClockWatch::new().judge(&looks[0]).0;
+    assert_eq!(events(&readings), []);
+    let state = ClockWatch::new().judge(&readings[0]).0;
     assert_eq!(state.civil_offset_ns, CIVIL);
     assert_eq!(state.synchronised, None);
 }
@@ -37,12 +37,12 @@ fn a_clock_that_goes_on_is_no_event() {
 fn steps_are_told_once_with_their_size() {
     let hour = 3600 * NS_PER_S;
     let check = |by_ns: i64| {
-        let looks = [
+        let readings = [
             at(0, CIVIL, 0),
             at(NS_PER_S, CIVIL + by_ns, 0),
             at(2 * NS_PER_S, CIVIL + by_ns, 0),
         ];
-        assert_eq!(events(&looks), [ClockEvent::Step { by_ns }]);
+        assert_eq!(events(&readings), [ClockEvent::Step { by_ns }]);
     };
     check(hour);
     check(-hour);
@@ -61,14 +61,14 @@ fn steps_are_told_once_with_their_size() {
 #[test]
 fn a_suspension_is_no_step() {
     let sleep = 90 * NS_PER_S;
-    let looks = [
+    let readings = [
         at(0, CIVIL, 0),
         at(NS_PER_S, CIVIL + sleep, sleep),
         at(2 * NS_PER_S, CIVIL + sleep, sleep),
     ];
-    assert_eq!(events(&looks), [ClockEvent::Suspended { for_ns: sleep }]);
+    assert_eq!(events(&readings), [ClockEvent::Suspended { for_ns: sleep }]);
     let set_on_waking = [
-        looks[0].clone(),
+        readings[0].clone(),
         at(NS_PER_S, CIVIL + sleep + NS_PER_S, sleep),
     ];
     assert_eq!(
@@ -103,7 +103,7 @@ fn synchronisation_comes_and_goes() {
             leap: Leap::None,
         })
     };
-    let looks: Vec<Look> = [
+    let readings: Vec<ClockReading> = [
         Some(false),
         None,
         Some(false),
@@ -114,13 +114,13 @@ fn synchronisation_comes_and_goes() {
     .iter()
     .enumerate()
     .map(|(s, synchronised)| {
-        let mut look = at(s as i64 * NS_PER_S, CIVIL, 0);
-        look.kernel = synchronised.and_then(kernel);
-        look
+        let mut reading = at(s as i64 * NS_PER_S, CIVIL, 0);
+        reading.kernel = synchronised.and_then(kernel);
+        reading
     })
     .collect();
     assert_eq!(
-        events(&looks),
+        events(&readings),
         [
             ClockEvent::Synchronised { now: true },
             ClockEvent::Synchronised { now: false }
@@ -185,7 +185,7 @@ fn who_keeps_the_clock_is_seen_from_outside() {
 #[test]
 fn the_machines_clocks_agree_with_themselves() {
     let mut watch = ClockWatch::new();
-    let first = look();
+    let first = read();
     assert!(first.realtime_ns > first.monotonic_ns);
     watch.judge(&first);
     let alarm = StepAlarm::new().unwrap();
@@ -194,7 +194,7 @@ fn the_machines_clocks_agree_with_themselves() {
         "nobody sets the clock"
     );
     assert!(!alarm.take().unwrap());
-    let second = look();
+    let second = read();
     assert!(second.monotonic_ns - first.monotonic_ns >= 20_000_000);
     let (state, events) = watch.judge(&second);
     assert_eq!(events, []);

@@ -170,8 +170,8 @@ impl Quantity {
                 (None, None) => None,
             },
             Self::DiskUsable => Some(-(disk?.usable_bytes? as f64)),
-            Self::DiskInodes => Some(yes(disk?.few_inodes)),
-            Self::DiskTrouble => Some(yes(disk?.trouble.is_some())),
+            Self::DiskInodes => Some(yes(disk?.low_inodes)),
+            Self::DiskTrouble => Some(yes(disk?.fault.is_some())),
             Self::EncoderFill => pressure.encoder_fill,
         }
     }

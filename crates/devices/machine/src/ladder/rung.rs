@@ -95,7 +95,7 @@ impl Rung {
     }
 
     /// `badness` grows with the pressure.
-    pub(super) fn look(&mut self, at_ns: i64, badness: Option<f64>) {
+    pub(super) fn reading(&mut self, at_ns: i64, badness: Option<f64>) {
         let state = &mut self.state;
         let Some(badness) = state.middle(at_ns, badness.filter(|b| !b.is_nan())) else {
             return;

@@ -58,7 +58,7 @@ fn encoder(fill: f64) -> Pressure {
 /// Looks once a second for `seconds`, from `from`; what changed.
 fn hold(ladder: &mut Ladder, from: i64, seconds: i64, pressure: &Pressure) -> Vec<Change> {
     (from..from + seconds)
-        .flat_map(|s| ladder.look(s * NS_PER_S, pressure))
+        .flat_map(|s| ladder.reading(s * NS_PER_S, pressure))
         .collect()
 }
 
@@ -67,16 +67,16 @@ fn a_machine_that_tells_nothing_is_normal() {
     let mut ladder = ladder();
     assert_eq!(hold(&mut ladder, 0, 100, &Pressure::default()), []);
     assert_eq!(ladder.step(), Step::Normal);
-    assert_eq!(ladder.measures(), Measures::default());
+    assert_eq!(ladder.mitigations(), Mitigations::default());
     assert!(ladder.reasons().is_empty());
 }
 
 #[test]
 fn each_cause_goes_as_far_as_helps_against_it() {
-    let measures = |pressure: Pressure| {
+    let mitigations = |pressure: Pressure| {
         let mut ladder = ladder();
         hold(&mut ladder, 0, 60, &pressure);
-        let m = ladder.measures();
+        let m = ladder.mitigations();
         let text: String = [
             (m.warn, 'w'),
             (m.lower_preview, 'p'),
@@ -89,50 +89,50 @@ fn each_cause_goes_as_far_as_helps_against_it() {
         .collect();
         text
     };
-    assert_eq!(measures(hot(12.0)), "-----");
-    assert_eq!(measures(hot(8.0)), "w----");
-    assert_eq!(measures(hot(4.0)), "wp---");
-    assert_eq!(measures(hot(0.5)), "wp-f-");
-    assert_eq!(measures(hot(-4.0)), "wp-fs");
-    assert_eq!(measures(disk(3700.0, 6.0)), "-----");
-    assert_eq!(measures(disk(3500.0, 6.0)), "w----");
-    assert_eq!(measures(disk(1000.0, 6.0)), "w-b--");
-    assert_eq!(measures(disk(30.0, 6.0)), "w-b-s");
+    assert_eq!(mitigations(hot(12.0)), "-----");
+    assert_eq!(mitigations(hot(8.0)), "w----");
+    assert_eq!(mitigations(hot(4.0)), "wp---");
+    assert_eq!(mitigations(hot(0.5)), "wp-f-");
+    assert_eq!(mitigations(hot(-4.0)), "wp-fs");
+    assert_eq!(mitigations(disk(3700.0, 6.0)), "-----");
+    assert_eq!(mitigations(disk(3500.0, 6.0)), "w----");
+    assert_eq!(mitigations(disk(1000.0, 6.0)), "w-b--");
+    assert_eq!(mitigations(disk(30.0, 6.0)), "w-b-s");
     assert_eq!(
-        measures(disk(0.0, 0.0)),
+        mitigations(disk(0.0, 0.0)),
         "w---s",
         "full, and nothing is written"
     );
-    assert_eq!(measures(battery(19.0, 60.0, true)), "w----");
-    assert_eq!(measures(battery(10.0, 60.0, true)), "wp---");
-    assert_eq!(measures(battery(4.0, 60.0, true)), "wp--s");
+    assert_eq!(mitigations(battery(19.0, 60.0, true)), "w----");
+    assert_eq!(mitigations(battery(10.0, 60.0, true)), "wp---");
+    assert_eq!(mitigations(battery(4.0, 60.0, true)), "wp--s");
     assert_eq!(
-        measures(battery(50.0, 2.0, true)),
+        mitigations(battery(50.0, 2.0, true)),
         "w----",
         "a gauge that lies: what is recorded outlives a battery that ends"
     );
-    assert_eq!(measures(battery(15.0, 2.0, true)), "w---s");
+    assert_eq!(mitigations(battery(15.0, 2.0, true)), "w---s");
     let mut only_minutes = battery(50.0, 2.0, true);
     only_minutes.power.as_mut().unwrap().percent = None;
-    assert_eq!(measures(only_minutes), "w---s");
+    assert_eq!(mitigations(only_minutes), "w---s");
     assert_eq!(
-        measures(battery(1.0, 0.0, false)),
+        mitigations(battery(1.0, 0.0, false)),
         "-----",
         "it is plugged in"
     );
-    assert_eq!(measures(encoder(0.4)), "-----");
-    assert_eq!(measures(encoder(0.6)), "wp---");
-    assert_eq!(measures(encoder(0.8)), "wpb--");
-    assert_eq!(measures(encoder(1.0)), "wpbf-", "never stops for it");
+    assert_eq!(mitigations(encoder(0.4)), "-----");
+    assert_eq!(mitigations(encoder(0.6)), "wp---");
+    assert_eq!(mitigations(encoder(0.8)), "wpb--");
+    assert_eq!(mitigations(encoder(1.0)), "wpbf-", "never stops for it");
     let mut slowed = hot(20.0);
     slowed.heat.as_mut().unwrap().throttled = Some(true);
-    assert_eq!(measures(slowed), "wp---");
+    assert_eq!(mitigations(slowed), "wp---");
     let mut lost = disk(5000.0, 6.0);
-    lost.disk.as_mut().unwrap().trouble = Some(crate::disk::Trouble::ReadOnly);
-    assert_eq!(measures(lost), "w---s");
+    lost.disk.as_mut().unwrap().fault = Some(crate::disk::DiskFault::ReadOnly);
+    assert_eq!(mitigations(lost), "w---s");
     let mut inodes = disk(5000.0, 6.0);
-    inodes.disk.as_mut().unwrap().few_inodes = true;
-    assert_eq!(measures(inodes), "w----");
+    inodes.disk.as_mut().unwrap().low_inodes = true;
+    assert_eq!(mitigations(inodes), "w----");
 }
 
 #[test]
@@ -193,18 +193,18 @@ fn a_measure_is_given_back_late_and_at_an_easier_threshold() {
 fn what_relieves_its_own_cause_is_kept_until_the_next_recording() {
     let mut ladder = ladder();
     hold(&mut ladder, 0, 60, &disk(1000.0, 6.0));
-    assert!(ladder.measures().lower_bitrate);
+    assert!(ladder.mitigations().lower_bitrate);
     // At half the bitrate twice the time is left.
     hold(&mut ladder, 60, 600, &disk(1000.0, 1.0));
-    assert!(ladder.measures().lower_bitrate);
+    assert!(ladder.mitigations().lower_bitrate);
     let changes = ladder.begin_recording(660 * NS_PER_S);
     assert_eq!(changes.len(), 1);
-    assert!(!ladder.measures().lower_bitrate);
+    assert!(!ladder.mitigations().lower_bitrate);
 
     hold(&mut ladder, 700, 10, &encoder(1.0));
-    assert!(ladder.measures().lower_frame_rate);
+    assert!(ladder.mitigations().lower_frame_rate);
     hold(&mut ladder, 710, 600, &encoder(0.0));
-    assert!(ladder.measures().lower_frame_rate);
+    assert!(ladder.mitigations().lower_frame_rate);
 }
 
 #[test]
@@ -225,7 +225,7 @@ fn a_sensor_that_falls_silent_is_no_news_and_then_gone() {
         } else {
             Pressure::default()
         };
-        ladder.look(s * NS_PER_S, &pressure);
+        ladder.reading(s * NS_PER_S, &pressure);
     }
     assert_eq!(ladder.step(), Step::LowerPreview);
     let mut not_a_number = hot(0.0);
@@ -271,17 +271,17 @@ struct Box {
 }
 
 impl Box {
-    fn second(&mut self, ambient_c: f64, base_w: f64, measures: Measures) {
+    fn second(&mut self, ambient_c: f64, base_w: f64, mitigations: Mitigations) {
         const KELVIN_PER_W: f64 = 2.0;
         const TIME_CONSTANT_S: f64 = 240.0;
         let mut watts = base_w;
-        if measures.lower_preview {
+        if mitigations.lower_preview {
             watts -= 1.5;
         }
-        if measures.lower_frame_rate {
+        if mitigations.lower_frame_rate {
             watts -= 6.0;
         }
-        if measures.stop {
+        if mitigations.stop {
             watts -= 12.0;
         }
         let target = ambient_c + KELVIN_PER_W * watts.max(5.0);
@@ -299,19 +299,19 @@ fn walk(ambient: impl Fn(i64) -> f64, base_w: f64, heeds: bool) -> (f64, Vec<Cha
     let mut machine = Box { celsius: 30.0 };
     let (mut highest, mut changes) = (0.0_f64, Vec::new());
     for s in 0..7200 {
-        let measures = if heeds {
-            ladder.measures()
+        let mitigations = if heeds {
+            ladder.mitigations()
         } else {
-            Measures::default()
+            Mitigations::default()
         };
-        machine.second(ambient(s), base_w, measures);
+        machine.second(ambient(s), base_w, mitigations);
         highest = machine.celsius.max(highest);
         let mut pressure = machine.pressure();
         // A sensor that reads nonsense once in a while.
         if s % 97 == 0 {
             pressure = hot(-40.0);
         }
-        changes.extend(ladder.look(s * NS_PER_S, &pressure));
+        changes.extend(ladder.reading(s * NS_PER_S, &pressure));
     }
     (highest, changes)
 }
@@ -376,8 +376,8 @@ fn fill(free_mb: f64, reserve_mb: f64, mb_per_s: f64, look_ms: i64) -> (f64, f64
     let mut ladder = ladder();
     let mut watch = DiskWatch::new((reserve_mb * 1e6) as u64);
     let mut free = free_mb * 1e6;
-    for look in 0.. {
-        let at_ns = look * look_ms * 1_000_000;
+    for reading in 0.. {
+        let at_ns = reading * look_ms * 1_000_000;
         let space = Space {
             free_bytes: free.max(0.0) as u64,
             size_bytes: 1 << 40,
@@ -389,8 +389,8 @@ fn fill(free_mb: f64, reserve_mb: f64, mb_per_s: f64, look_ms: i64) -> (f64, f64
             disk: Some(watch.judge(at_ns, &Ok(space))),
             ..Pressure::default()
         };
-        ladder.look(at_ns, &pressure);
-        if ladder.measures().stop || free < 0.0 {
+        ladder.reading(at_ns, &pressure);
+        if ladder.mitigations().stop || free < 0.0 {
             break;
         }
         free -= mb_per_s * 1e6 * look_ms as f64 / 1e3;
@@ -426,8 +426,8 @@ proptest! {
         let (mut milder, mut harder) = (ladder(), ladder());
         for (s, (base, more)) in trace.into_iter().enumerate() {
             let at_ns = s as i64 * NS_PER_S;
-            milder.look(at_ns, &all(base));
-            harder.look(at_ns, &all(more));
+            milder.reading(at_ns, &all(base));
+            harder.reading(at_ns, &all(more));
             prop_assert!(milder.step() <= harder.step());
             for ((cause, mild), (_, hard)) in milder.causes().into_iter().zip(harder.causes()) {
                 prop_assert!(mild <= hard, "{cause:?} at {s} s: {mild:?} and {hard:?}");
@@ -448,7 +448,7 @@ proptest! {
                 _ if silent_after && s > at => Pressure::default(),
                 _ => all(0.0),
             };
-            let changes = ladder.look(s as i64 * NS_PER_S, &pressure);
+            let changes = ladder.reading(s as i64 * NS_PER_S, &pressure);
             prop_assert!(changes.is_empty(), "{changes:?}");
         }
     }

@@ -1,7 +1,7 @@
 //! What the ladder says, for people.
 
 use super::{Cause, Limits, Pressure, Step};
-use crate::disk::Trouble;
+use crate::disk::DiskFault;
 
 /// The present reading of a cause: `disk: 4 min left at 6.1 MB/s`.
 pub(super) fn say(cause: Cause, pressure: &Pressure, limits: &Limits) -> String {
@@ -84,15 +84,15 @@ fn supply(pressure: &Pressure) -> Option<String> {
 
 fn disk(pressure: &Pressure) -> Option<String> {
     let disk = pressure.disk.as_ref()?;
-    let trouble = disk.trouble.as_ref().map(|trouble| match trouble {
-        Trouble::ReadOnly => "it has become read-only".to_owned(),
-        Trouble::MountLost => "another file system is in its place: it was unmounted".to_owned(),
-        Trouble::Unreachable(said) => format!("it does not answer: {said}"),
+    let fault = disk.fault.as_ref().map(|fault| match fault {
+        DiskFault::ReadOnly => "it has become read-only".to_owned(),
+        DiskFault::MountLost => "another file system is in its place: it was unmounted".to_owned(),
+        DiskFault::Unreachable(said) => format!("it does not answer: {said}"),
     });
-    if trouble.is_some() {
-        return trouble;
+    if fault.is_some() {
+        return fault;
     }
-    if disk.few_inodes {
+    if disk.low_inodes {
         return Some("hardly any inodes are free, for files of the next session".to_owned());
     }
     let megabytes = |bytes: f64| bytes / 1e6;
@@ -186,7 +186,7 @@ mod tests {
         );
 
         pressure.disk = Some(DiskState {
-            trouble: Some(Trouble::ReadOnly),
+            fault: Some(DiskFault::ReadOnly),
             ..DiskState::default()
         });
         check(&pressure, Cause::Disk, "disk: it has become read-only");

@@ -5,7 +5,7 @@ use super::*;
 const MS: i64 = NS_PER_MS;
 
 /// Presses as (down, up) in milliseconds up to `end`, looked at whenever the machine asks for it and at the end.
-fn wishes(recording: bool, presses: &[(i64, i64)], end: i64) -> Vec<(i64, Wish)> {
+fn commands(recording: bool, presses: &[(i64, i64)], end: i64) -> Vec<(i64, Command)> {
     let edges = presses
         .iter()
         .flat_map(|&(down, up)| [(down, true), (up, false)]);
@@ -16,26 +16,26 @@ fn wishes(recording: bool, presses: &[(i64, i64)], end: i64) -> Vec<(i64, Wish)>
             pressed,
         })
         .collect();
-    let wished = play(&edges, end * MS, |_| recording);
-    wished.iter().map(|w| (w.at_ns / MS, w.wish)).collect()
+    let timed = play(&edges, end * MS, |_| recording);
+    timed.iter().map(|w| (w.at_ns / MS, w.command)).collect()
 }
 
 /// Plays edges and polls at every deadline. `recording` is evaluated at each time.
-fn play(edges: &[Edge], end_ns: i64, recording: impl Fn(i64) -> bool) -> Vec<Wished> {
+fn play(edges: &[Edge], end_ns: i64, recording: impl Fn(i64) -> bool) -> Vec<TimedCommand> {
     let mut gesture = Gesture::new(Settings::default());
-    let mut wished = Vec::new();
-    let idle_until = |gesture: &mut Gesture, wished: &mut Vec<Wished>, to: i64| {
+    let mut timed = Vec::new();
+    let idle_until = |gesture: &mut Gesture, timed: &mut Vec<TimedCommand>, to: i64| {
         while let Some(due) = gesture.deadline().filter(|due| *due < to) {
-            wished.extend(gesture.look(due, recording(due)));
+            timed.extend(gesture.look(due, recording(due)));
         }
     };
     for &edge in edges {
-        idle_until(&mut gesture, &mut wished, edge.at_ns);
-        wished.extend(gesture.edge(edge, recording(edge.at_ns)));
+        idle_until(&mut gesture, &mut timed, edge.at_ns);
+        timed.extend(gesture.edge(edge, recording(edge.at_ns)));
     }
-    idle_until(&mut gesture, &mut wished, end_ns);
-    wished.extend(gesture.look(end_ns, recording(end_ns)));
-    wished
+    idle_until(&mut gesture, &mut timed, end_ns);
+    timed.extend(gesture.look(end_ns, recording(end_ns)));
+    timed
 }
 
 #[test]
@@ -49,9 +49,9 @@ fn a_short_press_starts_at_its_release() {
         pressed,
     };
     assert_eq!(gesture.edge(edge(100, true), false), []);
-    let start = Wished {
+    let start = TimedCommand {
         at_ns: 100 * MS,
-        wish: Wish::Start,
+        command: Command::Start,
     };
     assert_eq!(gesture.edge(edge(250, false), false), [start]);
     assert_eq!(gesture.deadline(), None);
@@ -59,27 +59,27 @@ fn a_short_press_starts_at_its_release() {
 
 #[test]
 fn a_press_while_recording_stops_after_the_window_with_the_time_of_the_press() {
-    assert_eq!(wishes(true, &[(100, 250)], 599), []);
-    assert_eq!(wishes(true, &[(100, 250)], 600), [(100, Wish::Stop)]);
+    assert_eq!(commands(true, &[(100, 250)], 599), []);
+    assert_eq!(commands(true, &[(100, 250)], 600), [(100, Command::Stop)]);
 }
 
 #[test]
 fn two_presses_mark_at_the_first_and_a_third_means_nothing() {
-    let mark = [(100, Wish::Mark)];
-    assert_eq!(wishes(true, &[(100, 200), (400, 500)], 9000), mark);
+    let mark = [(100, Command::Mark)];
+    assert_eq!(commands(true, &[(100, 200), (400, 500)], 9000), mark);
     assert_eq!(
-        wishes(true, &[(100, 200), (400, 500), (700, 800)], 9000),
+        commands(true, &[(100, 200), (400, 500), (700, 800)], 9000),
         mark
     );
     // Later it is a gesture of its own.
     assert_eq!(
-        wishes(true, &[(100, 200), (400, 500), (900, 1000)], 9000),
-        [(100, Wish::Mark), (900, Wish::Stop)]
+        commands(true, &[(100, 200), (400, 500), (900, 1000)], 9000),
+        [(100, Command::Mark), (900, Command::Stop)]
     );
     // The second press began too late.
     assert_eq!(
-        wishes(true, &[(100, 200), (550, 600)], 9000),
-        [(100, Wish::Stop), (550, Wish::Stop)]
+        commands(true, &[(100, 200), (550, 600)], 9000),
+        [(100, Command::Stop), (550, Command::Stop)]
     );
 }
 
@@ -91,57 +91,57 @@ fn a_double_press_by_habit_does_not_stop_what_it_started() {
             pressed,
         })
         .into();
-    let wished = play(&edges, 9000 * MS, |at| at >= 220 * MS);
+    let timed = play(&edges, 9000 * MS, |at| at >= 220 * MS);
     assert_eq!(
-        wished.iter().map(|w| w.wish).collect::<Vec<_>>(),
-        [Wish::Start]
+        timed.iter().map(|w| w.command).collect::<Vec<_>>(),
+        [Command::Start]
     );
 }
 
 #[test]
 fn a_long_press_asks_while_held_and_a_short_one_confirms() {
-    assert_eq!(wishes(false, &[(0, 9000)], 1499), []);
+    assert_eq!(commands(false, &[(0, 9000)], 1499), []);
     assert_eq!(
-        wishes(false, &[(0, 9000)], 1500),
-        [(0, Wish::Ask(Target::Last))]
+        commands(false, &[(0, 9000)], 1500),
+        [(0, Command::Ask(Target::Last))]
     );
     assert_eq!(
-        wishes(false, &[(0, 1600), (3000, 3200)], 20_000),
+        commands(false, &[(0, 1600), (3000, 3200)], 20_000),
         [
-            (0, Wish::Ask(Target::Last)),
-            (3000, Wish::Discard(Target::Last))
+            (0, Command::Ask(Target::Last)),
+            (3000, Command::Discard(Target::Last))
         ]
     );
     assert_eq!(
-        wishes(true, &[(0, 1600), (3000, 3200)], 20_000),
+        commands(true, &[(0, 1600), (3000, 3200)], 20_000),
         [
-            (0, Wish::Ask(Target::This)),
-            (3000, Wish::Discard(Target::This))
+            (0, Command::Ask(Target::This)),
+            (3000, Command::Discard(Target::This))
         ]
     );
 }
 
 #[test]
 fn a_question_without_an_answer_is_cancelled() {
-    let ask = (0, Wish::Ask(Target::Last));
+    let ask = (0, Command::Ask(Target::Last));
     assert_eq!(
-        wishes(false, &[(0, 1600)], 20_000),
-        [ask, (6600, Wish::Cancelled)]
+        commands(false, &[(0, 1600)], 20_000),
+        [ask, (6600, Command::Cancelled)]
     );
     // An answer as long as the question is none.
     assert_eq!(
-        wishes(false, &[(0, 1600), (3000, 5000)], 20_000),
-        [ask, (4500, Wish::Cancelled)]
+        commands(false, &[(0, 1600), (3000, 5000)], 20_000),
+        [ask, (4500, Command::Cancelled)]
     );
     // A finger that bounces off the long press does not answer.
     assert_eq!(
-        wishes(false, &[(0, 1600), (1700, 1800)], 20_000),
-        [ask, (6600, Wish::Cancelled)]
+        commands(false, &[(0, 1600), (1700, 1800)], 20_000),
+        [ask, (6600, Command::Cancelled)]
     );
     // Too late: a gesture of its own.
     assert_eq!(
-        wishes(false, &[(0, 1600), (6600, 6700)], 20_000),
-        [ask, (6600, Wish::Cancelled), (6600, Wish::Start)]
+        commands(false, &[(0, 1600), (6600, 6700)], 20_000),
+        [ask, (6600, Command::Cancelled), (6600, Command::Start)]
     );
 }
 
@@ -153,10 +153,10 @@ fn a_question_about_a_recording_is_void_when_that_changed() {
             pressed,
         })
         .into();
-    let wished = play(&edges, 20_000 * MS, |at| at < 2000 * MS);
+    let timed = play(&edges, 20_000 * MS, |at| at < 2000 * MS);
     assert_eq!(
-        wished.iter().map(|w| w.wish).collect::<Vec<_>>(),
-        [Wish::Ask(Target::This), Wish::Cancelled]
+        timed.iter().map(|w| w.command).collect::<Vec<_>>(),
+        [Command::Ask(Target::This), Command::Cancelled]
     );
 }
 
@@ -172,15 +172,15 @@ fn a_long_press_during_which_a_recording_begins_asks_nothing() {
 
 #[test]
 fn bouncing_is_no_press_and_a_bounced_press_is_one() {
-    assert_eq!(wishes(false, &[(100, 110)], 9000), []);
+    assert_eq!(commands(false, &[(100, 110)], 9000), []);
     assert_eq!(
-        wishes(false, &[(100, 103), (105, 109), (111, 300)], 9000),
-        [(111, Wish::Start)]
+        commands(false, &[(100, 103), (105, 109), (111, 300)], 9000),
+        [(111, Command::Start)]
     );
     // A contact that opens for a moment while held.
     assert_eq!(
-        wishes(true, &[(100, 200), (210, 400)], 9000),
-        [(100, Wish::Stop)]
+        commands(true, &[(100, 200), (210, 400)], 9000),
+        [(100, Command::Stop)]
     );
 }
 
@@ -188,25 +188,25 @@ fn bouncing_is_no_press_and_a_bounced_press_is_one() {
 fn a_press_on_trial_at_the_end_of_the_window_still_marks() {
     // The window ends at 550; the press began at 545 and is sure at 565.
     assert_eq!(
-        wishes(true, &[(100, 200), (545, 700)], 9000),
-        [(100, Wish::Mark)]
+        commands(true, &[(100, 200), (545, 700)], 9000),
+        [(100, Command::Mark)]
     );
     // The same, but it was only bouncing.
     assert_eq!(
-        wishes(true, &[(100, 200), (545, 550)], 9000),
-        [(100, Wish::Stop)]
+        commands(true, &[(100, 200), (545, 550)], 9000),
+        [(100, Command::Stop)]
     );
 }
 
 #[test]
 fn a_stuck_button_is_told_once_and_ignored_until_released() {
     assert_eq!(
-        wishes(true, &[(0, 60_000), (61_000, 61_100)], 70_000),
+        commands(true, &[(0, 60_000), (61_000, 61_100)], 70_000),
         [
-            (0, Wish::Ask(Target::This)),
-            (0, Wish::Stuck),
-            (60_000, Wish::Freed),
-            (61_000, Wish::Stop)
+            (0, Command::Ask(Target::This)),
+            (0, Command::Stuck),
+            (60_000, Command::Freed),
+            (61_000, Command::Stop)
         ]
     );
 }
@@ -220,9 +220,9 @@ fn unplugging_forgets_presses_and_questions_but_not_a_stop() {
     let mut gesture = Gesture::new(Settings::default());
     assert_eq!(gesture.edge(edge(0, true), false), []);
     assert_eq!(gesture.look(1500 * MS, false).len(), 1);
-    let cancelled = Wished {
+    let cancelled = TimedCommand {
         at_ns: 1600 * MS,
-        wish: Wish::Cancelled,
+        command: Command::Cancelled,
     };
     assert_eq!(gesture.gone(1600 * MS), [cancelled]);
     assert_eq!(gesture.deadline(), None);
@@ -231,9 +231,9 @@ fn unplugging_forgets_presses_and_questions_but_not_a_stop() {
     gesture.edge(edge(2100, false), true);
     gesture.look(2130 * MS, true);
     assert_eq!(gesture.gone(2200 * MS), []);
-    let stop = Wished {
+    let stop = TimedCommand {
         at_ns: 2000 * MS,
-        wish: Wish::Stop,
+        command: Command::Stop,
     };
     assert_eq!(gesture.look(2450 * MS, true), [stop]);
 }
@@ -268,34 +268,34 @@ proptest! {
         let mut gesture = Gesture::new(Settings::default());
         let mut asked = None;
         let mut presses = 0;
-        let mut wished = 0;
+        let mut timed = 0;
         for (edge, recording) in steps {
             presses += usize::from(edge.pressed);
             for w in gesture.edge(edge, recording) {
-                match w.wish {
-                    Wish::Ask(target) => {
+                match w.command {
+                    Command::Ask(target) => {
                         prop_assert_eq!(asked.replace((w.at_ns, target)), None);
                     }
-                    Wish::Discard(target) => {
+                    Command::Discard(target) => {
                         let (at, of) = asked.take().expect("a question");
                         prop_assert_eq!(of, target);
                         prop_assert!(at < w.at_ns);
                         // The press refers to the present state.
                         prop_assert_eq!(target == Target::This, recording);
                     }
-                    Wish::Cancelled => prop_assert!(asked.take().is_some()),
-                    Wish::Start | Wish::Stop | Wish::Mark => prop_assert_eq!(asked, None),
-                    Wish::Stuck => asked = None,
-                    Wish::Freed => {}
+                    Command::Cancelled => prop_assert!(asked.take().is_some()),
+                    Command::Start | Command::Stop | Command::Mark => prop_assert_eq!(asked, None),
+                    Command::Stuck => asked = None,
+                    Command::Freed => {}
                 }
-                wished += usize::from(!matches!(
-                    w.wish,
-                    Wish::Cancelled | Wish::Stuck | Wish::Freed
+                timed += usize::from(!matches!(
+                    w.command,
+                    Command::Cancelled | Command::Stuck | Command::Freed
                 ));
             }
         }
-        // At most one wish per press, so at most one per gesture.
-        prop_assert!(wished <= presses, "{} wishes of {} presses", wished, presses);
+        // At most one command per press, so at most one per gesture.
+        prop_assert!(timed <= presses, "{} wishes of {} presses", timed, presses);
     }
 
     #[test]
@@ -305,18 +305,18 @@ proptest! {
         let expected = play(&edges, end, |_| recording);
 
         let mut gesture = Gesture::new(Settings::default());
-        let mut wished = Vec::new();
+        let mut timed = Vec::new();
         let mut now = 0;
         for edge in edges {
             while now < edge.at_ns {
-                wished.extend(gesture.look(now, recording));
+                timed.extend(gesture.look(now, recording));
                 now += period * MS;
             }
-            wished.extend(gesture.edge(edge, recording));
+            timed.extend(gesture.edge(edge, recording));
             now = now.max(edge.at_ns);
         }
-        wished.extend(gesture.look(end, recording));
-        prop_assert_eq!(wished, expected);
+        timed.extend(gesture.look(end, recording));
+        prop_assert_eq!(timed, expected);
     }
 
     #[test]

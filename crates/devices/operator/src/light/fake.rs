@@ -4,12 +4,12 @@ use std::io;
 use std::sync::mpsc::{Receiver, SyncSender, sync_channel};
 
 use super::Light;
-use crate::pattern::Look;
+use crate::pattern::LightState;
 
 /// A light whose looks can be received elsewhere.
 #[derive(Debug)]
 pub struct Recorded {
-    shown: SyncSender<Look>,
+    shown: SyncSender<LightState>,
     /// How many of the next calls fail.
     failures: usize,
 }
@@ -17,15 +17,15 @@ pub struct Recorded {
 impl Recorded {
     /// A light that fails the first `failures` times, and what it showed, failures included. Holds 1024 looks
     /// that nobody has received; more are an error.
-    pub fn new(failures: usize) -> (Self, Receiver<Look>) {
+    pub fn new(failures: usize) -> (Self, Receiver<LightState>) {
         let (shown, looks) = sync_channel(1024);
         (Self { shown, failures }, looks)
     }
 }
 
 impl Light for Recorded {
-    fn show(&mut self, look: Look) -> io::Result<()> {
-        self.shown.try_send(look).map_err(io::Error::other)?;
+    fn show(&mut self, state: LightState) -> io::Result<()> {
+        self.shown.try_send(state).map_err(io::Error::other)?;
         if self.failures > 0 {
             self.failures -= 1;
             return Err(io::Error::other("scripted failure"));

@@ -8,7 +8,7 @@ use gpiocdev::line::Value;
 use super::Light;
 use crate::DeviceError;
 use crate::gpio::{describe, find, from_gpio};
-use crate::pattern::Look;
+use crate::pattern::LightState;
 use crate::spec::{Channels, Line};
 
 /// Lines that are held as outputs.
@@ -91,12 +91,12 @@ impl GpioLight {
 }
 
 impl Light for GpioLight {
-    fn show(&mut self, look: Look) -> io::Result<()> {
+    fn show(&mut self, state: LightState) -> io::Result<()> {
         match &mut self.lines {
-            Channels::One(line) => line.set(look.lit),
+            Channels::One(line) => line.set(state.lit),
             Channels::Three(lines) => lines
                 .iter_mut()
-                .zip(look.colour.lines())
+                .zip(state.colour.lines())
                 .try_for_each(|(line, on)| line.set(on)),
         }
     }

@@ -11,7 +11,7 @@ use std::path::{Path, PathBuf};
 
 use super::Light;
 use crate::DeviceError;
-use crate::pattern::Look;
+use crate::pattern::LightState;
 use crate::spec::Channels;
 
 /// Where the kernel keeps its LEDs.
@@ -147,11 +147,11 @@ fn chosen(triggers: &str) -> Option<String> {
 }
 
 impl Light for SysfsLight {
-    fn show(&mut self, look: Look) -> io::Result<()> {
-        let rgb = look.colour.rgb();
+    fn show(&mut self, state: LightState) -> io::Result<()> {
+        let rgb = state.colour.rgb();
         match &self.leds {
             Channels::One(led) if led.parts.is_some() => led.set(rgb),
-            Channels::One(led) => led.set(if look.lit { [255; 3] } else { [0; 3] }),
+            Channels::One(led) => led.set(if state.lit { [255; 3] } else { [0; 3] }),
             Channels::Three(leds) => leds
                 .iter()
                 .zip(rgb)
@@ -182,7 +182,7 @@ mod tests {
         fs::read_to_string(root.join(file)).unwrap()
     }
 
-    const ORANGE: Look = Look {
+    const ORANGE: LightState = LightState {
         lit: true,
         colour: Colour::Orange,
     };
@@ -206,7 +206,7 @@ mod tests {
         light.show(ORANGE).unwrap();
         assert_eq!(read(root, "status/brightness"), "15");
         light
-            .show(Look {
+            .show(LightState {
                 lit: false,
                 colour: Colour::Orange,
             })
@@ -245,7 +245,7 @@ mod tests {
         light.show(ORANGE).unwrap();
         assert_eq!(read(root, "rgb/multi_intensity"), "110 0 255 0");
         assert_eq!(read(root, "rgb/brightness"), "255");
-        light.show(Look::DARK).unwrap();
+        light.show(LightState::DARK).unwrap();
         assert_eq!(read(root, "rgb/brightness"), "0");
     }
 

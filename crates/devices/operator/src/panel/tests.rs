@@ -16,12 +16,12 @@ fn status(phase: Phase) -> Status {
 }
 
 /// What shows from `from` to `to`, at each change: milliseconds, colour, whether it beeps.
-fn film(face: &mut Face, from: i64, to: i64) -> Vec<(i64, Colour, bool)> {
+fn film(indicator: &mut Indicator, from: i64, to: i64) -> Vec<(i64, Colour, bool)> {
     let mut film = Vec::new();
     let mut now = from * MS;
     loop {
-        let showing = face.at(now);
-        film.push((now / MS, showing.look.colour, showing.tone_hz.is_some()));
+        let showing = indicator.at(now);
+        film.push((now / MS, showing.state.colour, showing.tone_hz.is_some()));
         match showing.next_ns.filter(|next| *next < to * MS) {
             Some(next) => {
                 assert!(next > now, "it would never sleep");
@@ -35,11 +35,11 @@ fn film(face: &mut Face, from: i64, to: i64) -> Vec<(i64, Colour, bool)> {
 #[test]
 fn a_recording_begins_with_a_blink_and_a_beep_and_is_then_steady() {
     use Colour::{Off, White};
-    let mut face = Face::new(0);
-    face.set(&status(Phase::Ready), 0);
-    face.set(&status(Phase::Recording), 5000 * MS);
+    let mut indicator = Indicator::new(0);
+    indicator.set(&status(Phase::Ready), 0);
+    indicator.set(&status(Phase::Recording), 5000 * MS);
     assert_eq!(
-        film(&mut face, 5000, 60_000),
+        film(&mut indicator, 5000, 60_000),
         [
             (5000, White, true),
             (5200, Off, true),
@@ -48,52 +48,52 @@ fn a_recording_begins_with_a_blink_and_a_beep_and_is_then_steady() {
             (6000, White, false),
         ]
     );
-    assert_eq!(face.at(6000 * MS).next_ns, None);
+    assert_eq!(indicator.at(6000 * MS).next_ns, None);
 }
 
 #[test]
 fn what_stays_the_same_keeps_its_rhythm() {
-    let mut face = Face::new(0);
+    let mut indicator = Indicator::new(0);
     let mut now = status(Phase::Ready);
     now.warnings.insert(Warning::Storage);
-    face.set(&now, 0);
-    let before = face.at(50 * MS);
+    indicator.set(&now, 0);
+    let before = indicator.at(50 * MS);
     // A less urgent warning changes nothing.
     now.warnings.insert(Warning::Heat);
-    face.set(&now, 50 * MS);
-    assert_eq!(face.at(50 * MS), before);
+    indicator.set(&now, 50 * MS);
+    assert_eq!(indicator.at(50 * MS), before);
     now.warnings.insert(Warning::Stream);
-    face.set(&now, 50 * MS);
-    assert_ne!(face.at(50 * MS).next_ns, before.next_ns);
+    indicator.set(&now, 50 * MS);
+    assert_ne!(indicator.at(50 * MS).next_ns, before.next_ns);
 }
 
 #[test]
 fn an_answer_comes_first_for_a_second_and_the_newest_counts() {
-    let mut face = Face::new(0);
-    face.set(&status(Phase::Recording), 0);
-    face.at(2000 * MS);
-    face.play(Once::Marked, 3000 * MS);
-    face.play(Once::Refused, 3100 * MS);
-    assert_eq!(face.at(3100 * MS).look.colour, Colour::Red);
-    assert_eq!(face.at(4099 * MS).look.colour, Colour::Off);
-    assert_eq!(face.at(4100 * MS).look.colour, Colour::White);
+    let mut indicator = Indicator::new(0);
+    indicator.set(&status(Phase::Recording), 0);
+    indicator.at(2000 * MS);
+    indicator.play(Once::Marked, 3000 * MS);
+    indicator.play(Once::Refused, 3100 * MS);
+    assert_eq!(indicator.at(3100 * MS).state.colour, Colour::Red);
+    assert_eq!(indicator.at(4099 * MS).state.colour, Colour::Off);
+    assert_eq!(indicator.at(4100 * MS).state.colour, Colour::White);
 }
 
 #[test]
 fn warnings_keep_white_while_recording_and_come_back_with_their_beep() {
-    let mut face = Face::new(0);
+    let mut indicator = Indicator::new(0);
     let mut now = status(Phase::Recording);
-    face.set(&now, 0);
+    indicator.set(&now, 0);
     now.warnings.insert(Warning::Heat);
-    face.set(&now, 10_000 * MS);
-    let film = film(&mut face, 10_000, 41_000);
+    indicator.set(&now, 10_000 * MS);
+    let film = film(&mut indicator, 10_000, 41_000);
     assert!(film.iter().all(|(_, colour, _)| *colour != Colour::Off));
     let beeps: Vec<i64> = film.iter().filter(|f| f.2).map(|f| f.0 / 1000).collect();
     assert!(beeps.contains(&10) && beeps.contains(&40));
     assert!(!beeps.iter().any(|s| (12..40).contains(s)));
 }
 
-fn next(looks: &std::sync::mpsc::Receiver<Look>) -> Colour {
+fn next(looks: &std::sync::mpsc::Receiver<LightState>) -> Colour {
     looks.recv_timeout(Duration::from_secs(60)).unwrap().colour
 }
 
@@ -132,7 +132,7 @@ fn a_failing_light_is_tried_again_and_does_not_disturb_the_other() {
     assert_eq!(next(&good_looks), Colour::Red);
     drop(panel);
     assert_eq!(next(&good_looks), Colour::Off);
-    let mut tried: Vec<Colour> = bad_looks.iter().map(|look| look.colour).collect();
+    let mut tried: Vec<Colour> = bad_looks.iter().map(|state| state.colour).collect();
     tried.dedup();
     assert_eq!(
         tried,

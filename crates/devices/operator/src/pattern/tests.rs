@@ -11,7 +11,7 @@ fn lit(signal: Signal) -> Vec<bool> {
     let ticks = pattern.length_ms() / TICK_MS;
     let at = |tick: u32| i64::from(tick * TICK_MS) * NS_PER_MS;
     (0..ticks)
-        .map(|tick| pattern.at(at(tick)).0.is_some_and(|look| look.lit))
+        .map(|tick| pattern.at(at(tick)).0.is_some_and(|state| state.lit))
         .collect()
 }
 
@@ -92,7 +92,7 @@ fn many_colours_tell_the_meaning_by_colour_too() {
     use std::collections::BTreeSet;
     let colours = |signal: Signal| -> BTreeSet<String> {
         let steps = light(signal).steps;
-        let seen = steps.iter().map(|(look, _)| format!("{:?}", look.colour));
+        let seen = steps.iter().map(|(state, _)| format!("{:?}", state.colour));
         seen.filter(|c| c != "Off").collect()
     };
     for signal in Signal::all() {

@@ -1,17 +1,17 @@
-//! Where a rig is.
+//! Address of a rig.
 
 use std::fmt;
 use std::str::FromStr;
 
 use super::LinkError;
 
-/// Port of a rig's server where none is given.
+/// Default port of a rig's server.
 const PORT: u16 = 8077;
 
 /// The address of a rig's server, as in `https://rig.local:8077`.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Address {
-    /// Whether it speaks TLS.
+    /// Whether to use TLS.
     pub(super) tls: bool,
     /// Name or IP address, an IPv6 address without brackets.
     pub(super) host: String,
@@ -19,7 +19,7 @@ pub struct Address {
 }
 
 impl Address {
-    /// Host and port as they stand in an address.
+    /// Host and port as in an address.
     pub(super) fn authority(&self) -> String {
         if self.host.contains(':') {
             format!("[{}]:{}", self.host, self.port)
@@ -55,24 +55,24 @@ impl FromStr for Address {
         };
         let rest = rest.strip_suffix('/').unwrap_or(rest);
         if rest.contains(['/', '?', '#']) {
-            return Err(wrong("something stands behind host and port"));
+            return Err(wrong("unexpected text after host and port"));
         }
         if rest.contains('@') {
-            return Err(wrong("a user stands in it; the token is given apart"));
+            return Err(wrong("it contains a user; the token is given separately"));
         }
         let (host, port) = match rest.strip_prefix('[') {
             Some(rest) => {
                 let (host, port) = rest
                     .split_once(']')
                     .filter(|(host, _)| host.parse::<std::net::Ipv6Addr>().is_ok())
-                    .ok_or_else(|| wrong("what stands in brackets is no IPv6 address"))?;
+                    .ok_or_else(|| wrong("the text in brackets is not an IPv6 address"))?;
                 (host, port)
             }
             None => rest.split_at(rest.find(':').unwrap_or(rest.len())),
         };
         let plain = |b: u8| b.is_ascii_alphanumeric() || b"-._:".contains(&b);
         if host.is_empty() || !host.bytes().all(plain) {
-            return Err(wrong("its host is no name and no IP address"));
+            return Err(wrong("its host is neither a name nor an IP address"));
         }
         let port = match port.strip_prefix(':') {
             None if port.is_empty() => PORT,
@@ -80,8 +80,8 @@ impl FromStr for Address {
                 .parse()
                 .ok()
                 .filter(|port| *port > 0)
-                .ok_or_else(|| wrong("its port is none"))?,
-            _ => return Err(wrong("its port is none")),
+                .ok_or_else(|| wrong("its port is invalid"))?,
+            _ => return Err(wrong("its port is invalid")),
         };
         Ok(Self {
             tls,
@@ -96,7 +96,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn addresses() {
+    fn addresses_are_parsed() {
         for (text, expected) in [
             ("https://rig.local:8077", "https://rig.local:8077"),
             ("https://rig", "https://rig:8077"),

@@ -21,12 +21,12 @@ use super::{Address, Failure, LinkError};
 use crate::link::{HEADER, VERSION};
 use crate::token::Token;
 
-/// An open connection. It moves only while its client waits for something.
+/// An open connection. It is driven only while its client waits.
 pub(super) struct Connection {
     sender: SendRequest<Full<Bytes>>,
 }
 
-/// Connects, and with TLS makes sure who it is.
+/// Connects; with TLS checks the rig's certificate.
 pub(super) async fn connect(
     address: &Address,
     tls: Option<&Tls>,
@@ -36,28 +36,30 @@ pub(super) async fn connect(
         Ok(connected) => connected,
         Err(_) => {
             let reason = format!("no connection within {:.1} s", limit.as_secs_f64());
-            Err(Failure::Again(reason, None))
+            Err(Failure::Retry(reason, None))
         }
     }
 }
 
 async fn connect_unhurried(address: &Address, tls: Option<&Tls>) -> Result<Connection, Failure> {
-    let again = |e: io::Error| Failure::Again(describe(&e), None);
+    let retry_or_fail = |e: io::Error| Failure::Retry(describe(&e), None);
     let found = tokio::net::lookup_host((address.host.as_str(), address.port)).await;
-    let found: Vec<_> = found.map_err(again)?.collect();
+    let found: Vec<_> = found.map_err(retry_or_fail)?.collect();
     if tls.is_none() && !found.iter().all(|a| a.ip().to_canonical().is_loopback()) {
         let address = address.clone();
         return Err(LinkError::PlainText { address }.into());
     }
-    let stream = TcpStream::connect(&found[..]).await.map_err(again)?;
-    stream.set_nodelay(true).map_err(again)?;
+    let stream = TcpStream::connect(&found[..])
+        .await
+        .map_err(retry_or_fail)?;
+    stream.set_nodelay(true).map_err(retry_or_fail)?;
     let Some(tls) = tls else {
         return handshake(stream).await;
     };
     let name = ServerName::try_from(address.host.clone());
     let name = name.map_err(|_| LinkError::Address {
         found: address.to_string(),
-        reason: "its host is no name and no IP address",
+        reason: "its host is neither a name nor an IP address",
     })?;
     match tls.connector.connect(name, stream).await {
         Ok(stream) => handshake(stream).await,
@@ -73,7 +75,7 @@ async fn connect_unhurried(address: &Address, tls: Option<&Tls>) -> Result<Conne
                 address: address.clone(),
             }
             .into(),
-            (None, _) => again(e),
+            (None, _) => retry_or_fail(e),
         }),
     }
 }
@@ -83,7 +85,7 @@ async fn handshake(
 ) -> Result<Connection, Failure> {
     let (sender, connection) = http1::handshake(TokioIo::new(stream))
         .await
-        .map_err(|e| Failure::Again(describe(&e), None))?;
+        .map_err(|e| Failure::Retry(describe(&e), None))?;
     tokio::spawn(async move {
         if let Err(e) = connection.await {
             log::debug!("a connection to the rig ended: {}", describe(&e));

@@ -1,4 +1,4 @@
-//! One file of a session into one file of the host.
+//! Download of one file of a session.
 
 use std::fs::{File, OpenOptions};
 use std::io::{self, BufWriter, Read, Seek, SeekFrom, Write};
@@ -10,31 +10,31 @@ use crate::link::FileEntry;
 /// Bytes written and hashed at a time.
 const BLOCK: usize = 1 << 20;
 
-/// What a download did.
+/// Result of a download.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
-pub struct Downloaded {
-    /// Bytes that came over the network.
+pub struct DownloadStats {
+    /// Bytes received over the network.
     pub fetched: u64,
-    /// Bytes that an earlier, interrupted download had left.
+    /// Bytes reused from an earlier, interrupted download.
     pub resumed: u64,
-    /// Bytes that were fetched and thrown away because they did not have the right hash.
+    /// Bytes received and discarded because of a wrong hash.
     pub wasted: u64,
 }
 
 impl Client {
-    /// Makes the file at `path` the rig's: what an earlier download left in it is kept, the rest fetched, the
-    /// whole compared with its hash and made durable (the file; not its name). If the hash is wrong, the file is
-    /// fetched once more from the start. `progress` is told of every byte once, those kept too.
+    /// Downloads a file to `path`: reuses the bytes of an earlier download, fetches the rest,
+    /// compares the hash and syncs the file (not its name). If the hash is wrong, the file is
+    /// fetched once more from the start. `progress` counts every byte once, including reused ones.
     ///
     /// # Errors
-    /// See [`LinkError`]; what came stays in the file and is resumed by the next call.
+    /// See [`LinkError`]; received bytes remain in the file and are reused by the next call.
     pub fn download(
         &mut self,
         session: &str,
         entry: &FileEntry,
         path: &Path,
         mut progress: impl FnMut(u64),
-    ) -> Result<Downloaded, LinkError> {
+    ) -> Result<DownloadStats, LinkError> {
         let failed = |doing| {
             move |source| LinkError::Disk {
                 doing,
@@ -49,33 +49,33 @@ impl Client {
             .truncate(false)
             .open(path)
             .map_err(failed("opening"))?;
-        let mut done = Downloaded::default();
-        // Progress that was told already and is not told again for the second try.
-        let mut told = 0;
-        for again in [false, true] {
+        let mut done = DownloadStats::default();
+        // Progress that was reported already and is not repeated for the second attempt.
+        let mut reported = 0;
+        for retry_or_fail in [false, true] {
             let mut hasher = blake3::Hasher::new();
             let there = file.metadata().map_err(failed("reading"))?.len();
-            if there > entry.bytes || again {
+            if there > entry.bytes || retry_or_fail {
                 file.set_len(0).map_err(failed("emptying"))?;
             }
-            let kept = keep(&mut file, &mut hasher).map_err(failed("reading"))?;
+            let kept = hash_existing(&mut file, &mut hasher).map_err(failed("reading"))?;
             let mut at = kept;
-            let mut tell = |at: u64| {
-                if at > told {
-                    progress(at - told);
-                    told = at;
+            let mut report = |at: u64| {
+                if at > reported {
+                    progress(at - reported);
+                    reported = at;
                 }
             };
-            tell(at);
+            report(at);
             let mut out = BufWriter::with_capacity(BLOCK, &file);
             let fetched = self.fetch(session, &entry.path, kept, entry.bytes, |piece| {
                 hasher.update(piece);
                 out.write_all(piece).map_err(failed("writing"))?;
                 at += piece.len() as u64;
-                tell(at);
+                report(at);
                 Ok(())
             });
-            // What came before the connection was lost is worth keeping.
+            // Keep the bytes received before the connection was lost.
             let flushed = out.flush().map_err(failed("writing"));
             drop(out);
             done.fetched += at - kept;
@@ -88,8 +88,8 @@ impl Client {
                 return Ok(done);
             }
             done.wasted += at - kept;
-            log::warn!("{} of {session} came with a wrong hash", entry.path);
-            if again {
+            log::warn!("{} of {session} has a wrong hash", entry.path);
+            if retry_or_fail {
                 file.set_len(0).map_err(failed("emptying"))?;
                 return Err(LinkError::Corrupt {
                     path: entry.path.clone(),
@@ -102,8 +102,8 @@ impl Client {
     }
 }
 
-/// Hashes what is in the file, and leaves it at its end.
-fn keep(file: &mut File, hasher: &mut blake3::Hasher) -> io::Result<u64> {
+/// Hashes the content of the file, and seeks to its end.
+fn hash_existing(file: &mut File, hasher: &mut blake3::Hasher) -> io::Result<u64> {
     file.seek(SeekFrom::Start(0))?;
     let mut block = vec![0; BLOCK];
     let mut kept = 0;

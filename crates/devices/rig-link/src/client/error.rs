@@ -1,4 +1,4 @@
-//! Why a rig could not be asked, or did not do what was asked.
+//! A request to a rig failed.
 
 use std::io;
 use std::path::PathBuf;
@@ -7,88 +7,88 @@ use super::Address;
 use crate::identity::Fingerprint;
 use crate::link::{Problem, VERSION};
 
-/// Why a rig could not be asked, or did not do what was asked.
+/// A request to a rig failed.
 #[derive(Debug, thiserror::Error)]
 pub enum LinkError {
     /// Write it as `https://HOST:8077`.
-    #[error("{found:?} is no address of a rig: {reason}; expected https://HOST[:PORT]")]
+    #[error("{found:?} is not a rig address: {reason}; expected https://HOST[:PORT]")]
     Address {
-        /// What was given.
+        /// The given text.
         found: String,
-        /// What is wrong with it.
+        /// The reason.
         reason: &'static str,
     },
     /// Use https.
-    #[error("{address} is not on this machine; over a network a rig is asked with https only")]
+    #[error("{address} is not on this machine; over a network only https is allowed")]
     PlainText {
         /// The address.
         address: Address,
     },
-    /// Compare it with what `pawsd` shows on the rig, then give it.
+    /// Compare it with the one that `pawsd` shows on the rig, then pass it.
     #[error(
         "the rig's certificate has the fingerprint {found}; if that is what `pawsd` shows on the rig, give it with --fingerprint: {address}"
     )]
     NoFingerprint {
-        /// The fingerprint that the rig showed.
+        /// The fingerprint of the rig's certificate.
         found: Fingerprint,
         /// The address.
         address: Address,
     },
-    /// Something else answers at this address, or the rig has a new identity. Look at what `pawsd` shows
-    /// on the rig.
+    /// Another server is at this address, or the rig has a new identity. Compare with the
+    /// fingerprint that `pawsd` shows on the rig.
     #[error(
-        "this is not the rig that is meant: its certificate has the fingerprint {found}, expected {expected}: {address}"
+        "not the expected rig: its certificate has the fingerprint {found}, expected {expected}: {address}"
     )]
     WrongFingerprint {
-        /// The fingerprint that was shown.
+        /// The fingerprint of the server's certificate.
         found: Fingerprint,
-        /// The one that was given.
+        /// The expected fingerprint.
         expected: Fingerprint,
         /// The address.
         address: Address,
     },
     /// Is the rig on, and in the same network?
     #[error("{doing}: no answer after {tries} tries ({reason}): {address}")]
-    Lost {
+    NoResponse {
         /// What was being done.
         doing: String,
         /// Tries in a row that brought nothing.
         tries: u32,
-        /// How the last one ended.
+        /// Failure of the last attempt.
         reason: String,
         /// The address.
         address: Address,
     },
-    /// The rig says no; its code says what to do.
-    #[error("{doing}: the rig says: {}", .problem.message)]
-    Refused {
+    /// The rig rejects the request; the code states what to do.
+    #[error("{doing}: the rig reports: {}", .problem.message)]
+    Rejected {
         /// What was being done.
         doing: String,
-        /// What the rig says.
+        /// The rig's error.
         problem: Problem,
     },
-    /// What answers is no rig, or one of another version.
+    /// The server is not a rig, or one of another version.
     #[error("{doing}: the answer is not one of rig link v{VERSION}: {reason}: {address}")]
-    Garbled {
+    Malformed {
         /// What was being done.
         doing: String,
-        /// What is wrong with it.
+        /// The reason.
         reason: String,
         /// The address.
         address: Address,
     },
-    /// The file is not what the manifest said, even when fetched again from the start: fetch the manifest
-    /// again. If it happens again, the rig's disk or memory is at fault.
-    #[error("{path} came with the hash {found}, the rig's manifest says {expected}")]
+    /// The file does not match the manifest, even when fetched again from the start: fetch the
+    /// manifest again. If the error persists, the rig's disk or memory is faulty.
+    #[error("{path} has the hash {found}, expected {expected} from the rig's manifest")]
     Corrupt {
         /// The file's path in the session.
         path: String,
-        /// Hash of what came.
+        /// Hash of the received bytes.
         found: String,
         /// Hash in the manifest.
         expected: String,
     },
-    /// The host's disk says no.
+    /// An I/O error of the host.
     #[error("{doing}: {}", .path.display())]
     Disk {
         /// What was being done.
@@ -99,7 +99,7 @@ pub enum LinkError {
         /// The file.
         path: PathBuf,
     },
-    /// The system gives no thread, socket or randomness.
+    /// The system provides no thread, socket or random numbers.
     #[error("preparing to ask a rig")]
     System(#[source] io::Error),
 }

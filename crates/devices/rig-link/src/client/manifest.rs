@@ -1,4 +1,4 @@
-//! Reading a manifest as it comes, line by line, and believing it only if it holds together.
+//! Reads a manifest line by line as it arrives, and checks its consistency.
 
 use std::time::Duration;
 
@@ -8,13 +8,13 @@ use hyper::body::Incoming;
 use super::{Failure, next};
 use crate::link::{self, FileEntry, Line, MAX_LINE, Manifest, Problem};
 
-/// Most files of a session.
+/// Maximum number of files of a session.
 const MAX_FILES: usize = 1 << 20;
 
-/// Why there is no manifest.
+/// Failure of reading a manifest.
 pub(super) enum ManifestFailure {
     Failure(Failure),
-    Garbled(String),
+    Malformed(String),
     Refused(Problem),
 }
 
@@ -24,7 +24,7 @@ impl From<Failure> for ManifestFailure {
     }
 }
 
-/// The lines of a body. An empty one says that the rig is still at it.
+/// The lines of a body. An empty line is a keepalive.
 pub(super) struct Lines {
     body: Incoming,
     buffer: BytesMut,
@@ -51,11 +51,11 @@ impl Lines {
                 let line = serde_json::from_slice(&line);
                 return line
                     .map(Some)
-                    .map_err(|e| ManifestFailure::Garbled(e.to_string()));
+                    .map_err(|e| ManifestFailure::Malformed(e.to_string()));
             }
             if self.buffer.len() > MAX_LINE {
                 let reason = format!("a line of the manifest is longer than {MAX_LINE} bytes");
-                return Err(ManifestFailure::Garbled(reason));
+                return Err(ManifestFailure::Malformed(reason));
             }
             match next(&mut self.body, self.silence).await? {
                 Some(piece) => self.buffer.extend_from_slice(&piece),
@@ -77,32 +77,32 @@ pub(super) async fn read_manifest(
                 files.push(entry);
             }
             Some(Line::File(_)) => {
-                return Err(ManifestFailure::Garbled(format!(
+                return Err(ManifestFailure::Malformed(format!(
                     "more than {MAX_FILES} files"
                 )));
             }
             Some(Line::Total(total)) => return Ok(Manifest { files, total }),
             Some(Line::Error(problem)) => return Err(ManifestFailure::Refused(problem)),
             None => {
-                let cut = Failure::Again("the manifest was cut off".to_owned(), None);
+                let cut = Failure::Retry("the manifest was cut off".to_owned(), None);
                 return Err(cut.into());
             }
         }
     }
 }
 
-/// A manifest that can be worked with: paths that stay in the folder, each once, and the sums are right.
+/// Checks a manifest: paths inside the folder, no duplicates, and correct totals.
 pub(super) fn check(manifest: Manifest) -> Result<Manifest, String> {
     let mut paths: Vec<&str> = manifest.files.iter().map(|f| f.path.as_str()).collect();
     if let Some(odd) = paths.iter().find(|path| !link::is_file_path(path)) {
-        return Err(format!("{odd:?} is no path of a session's file"));
+        return Err(format!("{odd:?} is not a path of a session's file"));
     }
     paths.sort_unstable();
     if let Some(twice) = paths.windows(2).find(|two| two[0] == two[1]) {
         return Err(format!("{:?} is there twice", twice[0]));
     }
     if let Some(odd) = manifest.files.iter().find(|f| !link::is_hash(&f.blake3)) {
-        return Err(format!("{:?} is no hash", odd.blake3));
+        return Err(format!("{:?} is not a hash", odd.blake3));
     }
     let mut bytes = manifest.files.iter().map(|f| f.bytes);
     if bytes.try_fold(0_u64, |sum, b| sum.checked_add(b)).is_none() {
@@ -111,7 +111,7 @@ pub(super) fn check(manifest: Manifest) -> Result<Manifest, String> {
     let total = link::total(&manifest.files);
     if total != manifest.total {
         return Err(format!(
-            "its last line says {:?}, its files make {total:?}",
+            "its last line has {:?}, expected {total:?} from its files",
             manifest.total
         ));
     }

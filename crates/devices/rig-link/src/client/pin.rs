@@ -1,4 +1,4 @@
-//! TLS with a rig that is known by its fingerprint.
+//! TLS with a rig whose certificate is pinned by its fingerprint.
 
 use std::sync::{Arc, Mutex, PoisonError};
 
@@ -11,7 +11,7 @@ use tokio_rustls::TlsConnector;
 use super::LinkError;
 use crate::identity::Fingerprint;
 
-/// How to speak TLS with one rig.
+/// TLS configuration for one rig.
 pub(super) struct Tls {
     pub(super) connector: TlsConnector,
     pub(super) pin: Arc<Pin>,
@@ -32,7 +32,7 @@ impl Tls {
             .with_custom_certificate_verifier(pin.clone())
             .with_no_client_auth();
         config.alpn_protocols = vec![b"http/1.1".to_vec()];
-        // A resumed connection shows no certificate.
+        // A resumed connection sends no certificate.
         config.resumption = rustls::client::Resumption::disabled();
         Ok(Self {
             connector: TlsConnector::from(Arc::new(config)),
@@ -41,18 +41,18 @@ impl Tls {
     }
 }
 
-/// Accepts the certificate with the expected fingerprint and no other. Names and dates in it do not count:
-/// nobody vouches for them. That the other end has the certificate's key is checked as always.
+/// Accepts the certificate with the expected fingerprint and no other. Names and dates in it are
+/// ignored: no authority certifies them. Possession of the certificate's key is verified as usual.
 #[derive(Debug)]
 pub(super) struct Pin {
     pub(super) expected: Option<Fingerprint>,
-    /// The fingerprint that was refused.
+    /// The rejected fingerprint.
     wrong: Mutex<Option<Fingerprint>>,
     provider: Arc<CryptoProvider>,
 }
 
 impl Pin {
-    /// The fingerprint that was refused, if one was.
+    /// The rejected fingerprint, if any.
     pub(super) fn wrong(&self) -> Option<Fingerprint> {
         self.wrong
             .lock()

@@ -1,35 +1,35 @@
-// The phone's page. It asks the rig for its state once a second and for pictures twice a second, only while
-// somebody looks. What it shows is what the last answer said; when answers stop, it says so within seconds and
-// greys everything that may no longer be true. Texts from the rig are only ever set as text.
+// The phone's page. It requests the rig's status once a second and previews twice a second, only while the page
+// is visible. It shows the last response; when responses stop, it reports that within seconds and grays out
+// outdated values. Texts from the rig are only ever set as text.
 "use strict";
 
-const STATUS_EVERY = 1000;
-const PREVIEW_EVERY = 500;
-const SESSIONS_EVERY = 20000;
-const ANSWER_LIMIT = 4000;
-// A stop is answered when the last pictures are written, within 30 s.
+const STATUS_INTERVAL_MS = 1000;
+const PREVIEW_INTERVAL_MS = 500;
+const SESSIONS_INTERVAL_MS = 20000;
+const REQUEST_TIMEOUT_MS = 4000;
+// The response to a stop comes after the last frames are written, within 30 s.
 const ACT_LIMIT = 45000;
-// Without an answer for so long, what is shown counts as old.
-const LOST_AFTER = 3500;
+// Without a response for this time, ms, the shown values are outdated.
+const LOST_AFTER_MS = 3500;
 
 const $ = (id) => document.getElementById(id);
 const NONE = "–";
 
 let status = null;
-let heardAt = 0;
+let receivedAt = 0;
 let refused = false;
 let busy = "";
 let sequences = [];
 let sessionsAt = 0;
 let lastState = "";
 let toastTimer = 0;
-let spokenLast = "";
+let lastSpoken = "";
 
-// ---- asking ----------------------------------------------------------------------------------------
+// ---- requests ---------------------------------------------------------------------------------------
 
 class Refused extends Error {}
 
-async function ask(path, { limit = ANSWER_LIMIT, ...options } = {}) {
+async function ask(path, { limit = REQUEST_TIMEOUT_MS, ...options } = {}) {
   const response = await fetch(path, {
     cache: "no-store",
     credentials: "same-origin",
@@ -37,8 +37,8 @@ async function ask(path, { limit = ANSWER_LIMIT, ...options } = {}) {
     ...options,
   });
   if (response.ok) return response;
-  const said = await response.json().catch(() => ({}));
-  const error = new Refused(said.error?.message ?? `the rig answers with status ${response.status}`);
+  const body = await response.json().catch(() => ({}));
+  const error = new Refused(body.error?.message ?? `the rig responds with status ${response.status}`);
   error.status = response.status;
   throw error;
 }
@@ -55,7 +55,7 @@ function post(path, body) {
 async function askStatus() {
   try {
     status = await (await ask("/api/status")).json();
-    heardAt = performance.now();
+    receivedAt = performance.now();
     if (refused) closeLogin();
     show();
   } catch (error) {
@@ -70,11 +70,11 @@ async function askPreviews() {
     try {
       const have = sequences[i] === undefined ? "" : `?have=${sequences[i]}`;
       const response = await ask(`/api/preview/${i}${have}`);
-      if (response.status === 204) return old(i);
+      if (response.status === 204) return markOutdated(i);
       sequences[i] = Number(response.headers.get("X-Sequence"));
-      picture(i, await response.blob());
+      showImage(i, await response.blob());
     } catch (error) {
-      if (error.status === 404) picture(i, null);
+      if (error.status === 404) showImage(i, null);
     }
   }));
 }
@@ -84,35 +84,35 @@ async function askSessions() {
     const list = await (await ask("/api/sessions")).json();
     sessionsAt = performance.now();
     showSessions(list.sessions);
-  } catch { /* The state tells that the connection is lost. */ }
+  } catch { /* The status panel shows the lost connection. */ }
 }
 
-// Runs for ever, never twice at once, and not while nobody looks.
+// Runs forever, never concurrently, and not while the page is hidden.
 async function every(pause, work) {
   for (;;) {
-    const begun = performance.now();
+    const started = performance.now();
     if (!document.hidden && !$("login").open) await work();
-    const left = Math.max(50, pause - (performance.now() - begun));
+    const left = Math.max(50, pause - (performance.now() - started));
     await new Promise((done) => setTimeout(done, left));
   }
 }
 
-// ---- showing ---------------------------------------------------------------------------------------
+// ---- display --------------------------------------------------------------------------------------
 
-const age = () => (performance.now() - heardAt) / 1000;
-const isLost = () => status !== null && age() * 1000 > LOST_AFTER;
+const age = () => (performance.now() - receivedAt) / 1000;
+const isLost = () => status !== null && age() * 1000 > LOST_AFTER_MS;
 
 const WORDS = {
-  idle: ["Waiting", "Not every stream delivers yet."],
-  armed: ["Ready", "Start records at once."],
+  idle: ["Waiting", "Not all streams deliver yet."],
+  armed: ["Ready", "Start records immediately."],
   recording: ["Recording", ""],
-  stopping: ["Stopping", "The last pictures are being written."],
-  fault: ["Fault", "It cannot record."],
+  stopping: ["Stopping", "The last frames are being written."],
+  fault: ["Fault", "Recording is not possible."],
 };
 
 function show() {
   if (status === null) {
-    if (performance.now() > LOST_AFTER && !refused) panel("lost", "lost", "No signal", "", "The rig does not answer. Is it on, and the phone in its network?");
+    if (performance.now() > LOST_AFTER_MS && !refused) panel("lost", "lost", "No signal", "", "The rig does not respond. Is it on, and the phone in its network?");
     return;
   }
   const { state, alarms, session, seconds } = status;
@@ -122,13 +122,13 @@ function show() {
   document.body.dataset.does = does;
   const time = recording ? clockTime(seconds) : "";
   if (isLost()) {
-    const since = `Last heard ${span(age())} ago: ${word.toLowerCase()}${time ? ` ${time}` : ""}.`;
+    const since = `Last response ${span(age())} ago: ${word.toLowerCase()}${time ? ` ${time}` : ""}.`;
     panel("lost", "lost", "No signal", "", since);
   } else {
     const warned = alarms.length > 0 && state !== "fault" && state !== "idle";
     let detail = what;
     if (alarms.length) detail = alarms[0];
-    else if (state === "recording") detail = "All streams arrive.";
+    else if (state === "recording") detail = "All streams deliver.";
     panel(warned ? "warning" : state, warned ? "warning" : state, word, time, detail);
   }
   text($("session"), recording && session ? session : "");
@@ -151,9 +151,9 @@ function panel(state, sign, word, time, detail) {
   text($("word"), word);
   text($("time"), time);
   text($("detail"), detail);
-  // Spoken once, not every second.
+  // Announced once, not every second.
   const spoken = state === "lost" ? word : `${word}. ${detail}`;
-  if (spoken !== spokenLast) text($("spoken"), (spokenLast = spoken));
+  if (spoken !== lastSpoken) text($("spoken"), (lastSpoken = spoken));
   document.title = time ? `${word} ${time}` : word;
   const colour = getComputedStyle(document.body).getPropertyValue("--panel").trim();
   document.querySelector("meta[name=theme-color]").content = colour;
@@ -175,7 +175,7 @@ function buttons(state, does) {
 
 function showAlarms(alarms) {
   const section = $("alarms");
-  // The first one stands above.
+  // The first one is shown above.
   const rest = isLost() ? alarms : alarms.slice(1);
   section.hidden = rest.length === 0;
   list(section.firstElementChild, rest, (alarm) => element("li", {}, alarm));
@@ -187,7 +187,7 @@ function showPreviews() {
     sequences = [];
     place.replaceChildren(...status.cameras.map((camera, i) => {
       const label = element("span", { className: "label" }, plain(camera));
-      const button = element("button", { type: "button", className: "preview" }, element("span", { className: "none" }, "No picture"), label);
+      const button = element("button", { type: "button", className: "preview" }, element("span", { className: "none" }, "No image"), label);
       button.setAttribute("aria-pressed", "false");
       button.setAttribute("aria-label", `${plain(camera)}: show large`);
       button.addEventListener("click", () => enlarge(i));
@@ -203,7 +203,7 @@ function enlarge(chosen) {
   });
 }
 
-function picture(i, blob) {
+function showImage(i, blob) {
   const button = $("previews").children[i];
   if (!button) return;
   const shown = button.firstElementChild;
@@ -213,7 +213,7 @@ function picture(i, blob) {
     sequences[i] = undefined;
     if (shown.tagName === "IMG") {
       URL.revokeObjectURL(shown.src);
-      shown.replaceWith(element("span", { className: "none" }, "No picture"));
+      shown.replaceWith(element("span", { className: "none" }, "No image"));
     }
     return;
   }
@@ -228,8 +228,8 @@ function picture(i, blob) {
   }
 }
 
-// The rig had nothing newer; after a while the picture counts as old.
-function old(i) {
+// No newer image; after 3 s it is marked as outdated.
+function markOutdated(i) {
   const button = $("previews").children[i];
   if (button && performance.now() - Number(button.dataset.since) > 3000) button.classList.add("old");
 }
@@ -241,7 +241,7 @@ function showTiles() {
   const charge = battery === null ? "not readable" : battery.charging ? "charging" : battery.minutes_left === null ? "" : `${hours(battery.minutes_left * 60)} left`;
   tile("battery", percent === null ? NONE : String(percent), percent === null ? "" : "%", charge, percent !== null && !battery.charging && percent < 25);
   tile("heat", heat === null ? NONE : heat.toFixed(0), heat === null ? "" : "°C", heat === null ? "not readable" : heat >= 85 ? "too hot" : "", heat !== null && heat >= 85);
-  if (clock === null) return tile("clock", NONE, "", "not known", false);
+  if (clock === null) return tile("clock", NONE, "", "unknown", false);
   const offset = clock.offset_ns === null ? "" : nanoseconds(clock.offset_ns);
   tile("clock", clock.synchronised ? "in sync" : "no sync", "", clock.synchronised ? [clock.source, offset].filter(Boolean).join(", ") : "recording is not affected", !clock.synchronised);
 }
@@ -275,7 +275,7 @@ function showStreams() {
 const STATES = {
   recording: "being recorded",
   closed: "",
-  recovered: "rebuilt after a cut",
+  recovered: "recovered after a cut",
   interrupted: "cut off",
   damaged: "damaged",
 };
@@ -286,7 +286,7 @@ function showSessions(sessions) {
     place.replaceChildren(element("li", { className: "empty" }, "None yet."));
     return;
   }
-  // The newest first.
+  // Newest first.
   const rows = [...sessions].sort((a, b) => (b.started_ns ?? 0) - (a.started_ns ?? 0));
   place.replaceChildren(...rows.map((s) => {
     const when = s.started_ns === null ? s.name : new Date(s.started_ns / 1e6).toLocaleString([], { dateStyle: "medium", timeStyle: "short" });
@@ -298,20 +298,20 @@ function showSessions(sessions) {
   }));
 }
 
-// ---- doing -----------------------------------------------------------------------------------------
+// ---- actions ----------------------------------------------------------------------------------------
 
 async function act(action, done) {
   busy = action.do;
   show();
   try {
     status = await (await post("/api/act", action)).json();
-    heardAt = performance.now();
+    receivedAt = performance.now();
     navigator.vibrate?.(60);
     if (done) toast(done);
   } catch (error) {
     navigator.vibrate?.([80, 60, 80]);
     if (error.status === 401) openLogin();
-    else toast(error instanceof Refused ? `Not done: ${error.message}` : "Not done: the rig does not answer.", true);
+    else toast(error instanceof Refused ? `Not done: ${error.message}` : "Not done: the rig does not respond.", true);
   }
   busy = "";
   show();
@@ -342,7 +342,7 @@ $("mark").addEventListener("click", () => {
 
 $("discard").addEventListener("click", () => {
   const length = status.seconds > 0 ? ` of ${span(status.seconds)}` : "";
-  text($("sure-what"), `The recording${length} will be deleted. It cannot be brought back.`);
+  text($("sure-what"), `The recording${length} will be deleted. It cannot be restored.`);
   $("sure").showModal();
   $("keep").focus();
 });
@@ -352,13 +352,13 @@ $("really").addEventListener("click", () => {
   act({ do: "discard" }, "Discarded.");
 });
 
-// ---- the way in ------------------------------------------------------------------------------------
+// ---- login -----------------------------------------------------------------------------------
 
 function openLogin() {
   refused = true;
   $("logout").hidden = true;
   if (!$("login").open) $("login").showModal();
-  panel("unknown", "idle", "Locked", "", "The rig asks for its token.");
+  panel("unknown", "idle", "Locked", "", "The rig requires its token.");
 }
 
 function closeLogin() {
@@ -378,7 +378,7 @@ $("login-form").addEventListener("submit", async (event) => {
     await askStatus();
     askSessions();
   } catch (error) {
-    text($("login-error"), error instanceof Refused ? error.message : "The rig does not answer.");
+    text($("login-error"), error instanceof Refused ? error.message : "The rig does not respond.");
   }
 });
 $("logout").addEventListener("click", async () => {
@@ -403,7 +403,7 @@ function hours(seconds) {
   return `${Math.floor(m / 60)}:${two(m % 60)}`;
 }
 
-// Seconds in words.
+// Seconds as text.
 function span(seconds) {
   const s = Math.round(seconds);
   if (s < 90) return `${s} s`;
@@ -419,12 +419,12 @@ function bytes(n) {
 }
 
 function nanoseconds(n) {
-  const far = Math.abs(n);
+  const size = Math.abs(n);
   const sign = n < 0 ? "−" : "+";
-  if (far < 1e3) return `${sign}${far} ns`;
-  if (far < 1e6) return `${sign}${(far / 1e3).toFixed(0)} µs`;
-  if (far < 1e9) return `${sign}${(far / 1e6).toFixed(0)} ms`;
-  return `${sign}${(far / 1e9).toFixed(0)} s`;
+  if (size < 1e3) return `${sign}${size} ns`;
+  if (size < 1e6) return `${sign}${(size / 1e3).toFixed(0)} µs`;
+  if (size < 1e9) return `${sign}${(size / 1e6).toFixed(0)} ms`;
+  return `${sign}${(size / 1e9).toFixed(0)} s`;
 }
 
 const rateText = (hz) => (hz === null ? NONE : hz >= 99.95 ? hz.toFixed(0) : hz.toFixed(1));
@@ -439,9 +439,9 @@ function text(place, what) {
 }
 
 function element(tag, properties, ...children) {
-  const made = Object.assign(document.createElement(tag), properties);
-  made.append(...children);
-  return made;
+  const created = Object.assign(document.createElement(tag), properties);
+  created.append(...children);
+  return created;
 }
 
 // Replaces the children only if something changed, so that a screen reader is not disturbed.
@@ -452,13 +452,13 @@ function list(place, items, make) {
   place.replaceChildren(...items.map(make));
 }
 
-// ---- going -----------------------------------------------------------------------------------------
+// ---- timers ----------------------------------------------------------------------------------------
 
-every(STATUS_EVERY, askStatus);
-every(PREVIEW_EVERY, askPreviews);
+every(STATUS_INTERVAL_MS, askStatus);
+every(PREVIEW_INTERVAL_MS, askPreviews);
 every(500, async () => { show(); });
 every(1000, async () => {
-  const due = sessionsAt === 0 || performance.now() - sessionsAt > SESSIONS_EVERY;
+  const due = sessionsAt === 0 || performance.now() - sessionsAt > SESSIONS_INTERVAL_MS;
   if (status && !isLost() && due) await askSessions();
 });
 document.addEventListener("visibilitychange", () => {

@@ -1,4 +1,4 @@
-//! What the page asks of the recorder, and the way in.
+//! Requests of the page to the recorder, login and logout.
 
 use std::net::IpAddr;
 use std::sync::Arc;
@@ -16,20 +16,20 @@ use tokio::sync::Semaphore;
 use tokio::time::timeout;
 
 use super::body::Body;
-use super::{Shared, answer};
+use super::{Shared, response};
 use crate::link::{Code, Problem};
 use crate::rig::{Action, Rig};
 use crate::store::problem;
 
 const SEQUENCE: HeaderName = HeaderName::from_static("x-sequence");
 
-/// Runs something that may block, on another thread. A panic in it is an error.
+/// Runs blocking work on another thread. A panic in it is an error.
 pub(super) async fn blocking<T: Send + 'static>(
-    places: &Semaphore,
+    permits: &Semaphore,
     work: impl FnOnce() -> T + Send + 'static,
 ) -> Result<T, Problem> {
-    let failed = || problem(Code::Io, "the rig cannot answer; its log says why");
-    let _place = places.acquire().await.map_err(|_| failed())?;
+    let failed = || problem(Code::Io, "the rig cannot respond; see its log");
+    let _permit = permits.acquire().await.map_err(|_| failed())?;
     tokio::task::spawn_blocking(work).await.map_err(|e| {
         log::error!("answering a request: {e}");
         failed()
@@ -46,10 +46,10 @@ async fn ask<T: Send + 'static>(
 
 pub(super) async fn status(shared: &Arc<Shared>) -> Result<Response<Body>, Problem> {
     let status = ask(shared, |rig| rig.status()).await?;
-    Ok(answer::json(StatusCode::OK, &status))
+    Ok(response::json(StatusCode::OK, &status))
 }
 
-/// A picture; nothing (204) if the page has it already, which it says with `?have=SEQUENCE`.
+/// A preview; 204 if the page has it already, as stated by `?have=SEQUENCE`.
 pub(super) async fn preview(
     shared: &Arc<Shared>,
     camera: usize,
@@ -58,9 +58,9 @@ pub(super) async fn preview(
     let have = query.and_then(|q| q.strip_prefix("have="));
     let have = have.and_then(|n| n.parse::<u64>().ok());
     let preview = ask(shared, move |rig| rig.preview(camera)).await?;
-    let preview = preview.ok_or_else(|| problem(Code::NotFound, "there is no picture"))?;
+    let preview = preview.ok_or_else(|| problem(Code::NotFound, "there is no image"))?;
     if have == Some(preview.sequence) {
-        return Ok(answer::plain(StatusCode::NO_CONTENT));
+        return Ok(response::plain(StatusCode::NO_CONTENT));
     }
     let mut response = Response::new(Body::of(Bytes::from_owner(preview.jpeg)));
     let headers = response.headers_mut();
@@ -83,7 +83,7 @@ pub(super) async fn act(
     check_note(text).map_err(|e| problem(Code::BadRequest, &e.to_string()))?;
     let done = ask(shared, move |rig| rig.act(action).map(|()| rig.status())).await?;
     let status = done.map_err(|why| problem(Code::Refused, &why))?;
-    Ok(answer::json(StatusCode::OK, &status))
+    Ok(response::json(StatusCode::OK, &status))
 }
 
 #[derive(Deserialize)]
@@ -101,11 +101,11 @@ pub(super) async fn login(
     let given = login.token.trim().as_bytes();
     match shared.guard.login(peer, given, shared.now()) {
         Ok(cookie) => Ok(with_cookie(cookie)),
-        Err(refusal) => Ok(answer::refusal(&refusal)),
+        Err(rejection) => Ok(response::rejection(&rejection)),
     }
 }
 
-/// The login has ended when this is answered; that it stays so is on disk then, if the disk takes it.
+/// The login has ended when the response is sent; this is also synced to disk, if possible.
 pub(super) async fn logout(
     shared: &Arc<Shared>,
     headers: &HeaderMap,
@@ -119,7 +119,7 @@ pub(super) async fn logout(
 }
 
 fn with_cookie(cookie: Option<String>) -> Response<Body> {
-    let mut response = answer::plain(StatusCode::NO_CONTENT);
+    let mut response = response::plain(StatusCode::NO_CONTENT);
     if let Some(cookie) = cookie.and_then(|c| HeaderValue::from_str(&c).ok()) {
         response.headers_mut().insert(SET_COOKIE, cookie);
     }

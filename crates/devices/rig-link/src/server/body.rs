@@ -1,4 +1,4 @@
-//! Bodies of answers: bytes that are there, or pieces that are still being read.
+//! Bodies of responses: bytes in memory, or pieces that are still being read.
 
 use std::io;
 use std::pin::Pin;
@@ -8,13 +8,13 @@ use bytes::Bytes;
 use hyper::body::{Frame, SizeHint};
 use tokio::sync::mpsc::{self, Receiver, Sender};
 
-/// Pieces that may wait to be sent.
-const AHEAD: usize = 2;
+/// Maximum number of pieces that wait to be sent.
+const MAX_QUEUED_PIECES: usize = 2;
 
 /// A body.
 pub(super) enum Body {
     Whole(Option<Bytes>),
-    /// Pieces; the number of bytes left, where known.
+    /// Pieces; the number of remaining bytes, if known.
     Pieces(Receiver<io::Result<Bytes>>, Option<u64>),
 }
 
@@ -27,11 +27,11 @@ impl Body {
         Self::Whole(Some(bytes.into()).filter(|b: &Bytes| !b.is_empty()))
     }
 
-    /// A body of `length` bytes, where known, and where to send its pieces. Sending fails when nobody
-    /// wants them any more. An error cuts the connection off, so that a part is never taken for
-    /// the whole.
+    /// A body of `length` bytes, if known, and the sender of its pieces. Sending fails after the
+    /// client has disconnected. An error closes the connection, so that a part is never mistaken
+    /// for the whole.
     pub(super) fn pieces(length: Option<u64>) -> (Self, Sender<io::Result<Bytes>>) {
-        let (sender, receiver) = mpsc::channel(AHEAD);
+        let (sender, receiver) = mpsc::channel(MAX_QUEUED_PIECES);
         (Self::Pieces(receiver, length), sender)
     }
 }
@@ -53,7 +53,7 @@ impl hyper::body::Body for Body {
                     }
                     Frame::data(bytes)
                 })),
-                // Whoever reads them has failed without a word.
+                // The reader has ended without an error.
                 None if left.is_some_and(|left| left > 0) => {
                     Some(Err(io::ErrorKind::UnexpectedEof.into()))
                 }

@@ -19,69 +19,69 @@ use tokio::time::{sleep, timeout};
 use tokio_rustls::TlsAcceptor;
 
 use super::body::Body;
-use super::patient::Patient;
-use super::places::{Places, Stage};
+use super::connection_slots::{ConnectionSlots, Stage};
 use super::route::Route;
-use super::{Limits, Shared, actions, answer, page, sessions};
+use super::stall_timeout::StallTimeoutStream;
+use super::{Limits, Shared, actions, page, response, sessions};
 use crate::link::Code;
 use crate::store::problem;
 
-/// Pause after the system refused to accept a connection (out of file descriptors, say).
-const RETRY: Duration = Duration::from_millis(200);
-/// Longest head of a request, bytes.
+/// Pause after a failed accept (for example, out of file descriptors).
+const ACCEPT_RETRY_DELAY: Duration = Duration::from_millis(200);
+/// Maximum length of a request's head, bytes.
 const MAX_HEAD: usize = 16 << 10;
-/// Most headers of a request.
+/// Maximum number of headers of a request.
 const MAX_HEADERS: usize = 64;
-/// Longest address of a request, bytes.
+/// Maximum length of a request's URI, bytes.
 const MAX_ADDRESS: usize = 4 << 10;
 
-/// The open connections. Each holds the end of a channel: when it has to give way, the end is dropped.
-struct Open(Mutex<Places<oneshot::Sender<()>>>);
+/// The open connections. Each holds the sender of a channel, which is dropped on eviction.
+struct OpenConnections(Mutex<ConnectionSlots<oneshot::Sender<()>>>);
 
-/// One connection's place among those that are open.
-struct Place {
-    open: Arc<Open>,
+/// The slot of one open connection.
+struct SlotGuard {
+    open: Arc<OpenConnections>,
     number: u64,
 }
 
-impl Open {
-    fn lock(&self) -> MutexGuard<'_, Places<oneshot::Sender<()>>> {
+impl OpenConnections {
+    fn lock(&self) -> MutexGuard<'_, ConnectionSlots<oneshot::Sender<()>>> {
         self.0.lock().unwrap_or_else(PoisonError::into_inner)
     }
 
-    /// A place, and what ends when the connection has to give way.
+    /// A slot, and the receiver that ends on eviction.
     fn admit(
         self: &Arc<Self>,
         peer: IpAddr,
         stage: Stage,
         shared: &Shared,
-    ) -> Option<(Place, oneshot::Receiver<()>)> {
+    ) -> Option<(SlotGuard, oneshot::Receiver<()>)> {
         let known = shared.guard.is_known(peer, shared.now());
-        let (held, gives_way) = oneshot::channel();
+        let (held, evicted) = oneshot::channel();
         let admitted = self.lock().admit(peer, known, stage, held)?;
-        let place = Place {
+        let slot = SlotGuard {
             open: self.clone(),
             number: admitted.number,
         };
-        // The one that has to go sees the end of its channel.
-        drop(admitted.gives_way);
-        Some((place, gives_way))
+        // The evicted connection sees the end of its channel.
+        drop(admitted.evicted);
+        Some((slot, evicted))
     }
 }
 
-impl Place {
-    fn reached(&self, stage: Stage) {
-        self.open.lock().reached(self.number, stage);
+impl SlotGuard {
+    fn set_stage(&self, stage: Stage) {
+        self.open.lock().set_stage(self.number, stage);
     }
 }
 
-impl Drop for Place {
+impl Drop for SlotGuard {
     fn drop(&mut self) {
-        self.open.lock().leave(self.number);
+        self.open.lock().remove(self.number);
     }
 }
 
-/// Accepts connections for ever.
+/// Accepts connections forever.
 pub(super) async fn accept(
     listener: std::net::TcpListener,
     tls: Option<TlsAcceptor>,
@@ -93,34 +93,34 @@ pub(super) async fn accept(
         connections_per_peer,
         ..
     } = shared.limits;
-    let places = Places::new(connections, connections_per_peer);
-    let open = Arc::new(Open(Mutex::new(places)));
+    let slots = ConnectionSlots::new(connections, connections_per_peer);
+    let open = Arc::new(OpenConnections(Mutex::new(slots)));
     let stage = match tls {
         Some(_) => Stage::Handshake,
-        None => Stage::Stranger,
+        None => Stage::Unauthenticated,
     };
     loop {
         let (stream, peer) = match listener.accept().await {
             Ok(accepted) => accepted,
             Err(e) => {
                 log::warn!("accepting a connection: {e}");
-                sleep(RETRY).await;
+                sleep(ACCEPT_RETRY_DELAY).await;
                 continue;
             }
         };
-        let Some((place, gives_way)) = open.admit(peer.ip(), stage, &shared) else {
+        let Some((slot, evicted)) = open.admit(peer.ip(), stage, &shared) else {
             log::debug!("too many connections: {peer} is sent away");
             continue;
         };
         let (tls, shared) = (tls.clone(), shared.clone());
         tokio::spawn(async move {
             tokio::select! {
-                ended = converse(stream, peer, tls, shared, Arc::new(place)) => {
+                ended = converse(stream, peer, tls, shared, Arc::new(slot)) => {
                     if let Err(e) = ended {
                         log::debug!("a connection from {peer} ended: {e}");
                     }
                 }
-                _ = gives_way => log::debug!("a connection from {peer} gives way to another one"),
+                _ = evicted => log::debug!("a connection from {peer} gives way to another one"),
             }
         });
     }
@@ -131,17 +131,17 @@ async fn converse(
     peer: SocketAddr,
     tls: Option<TlsAcceptor>,
     shared: Arc<Shared>,
-    place: Arc<Place>,
+    slot: Arc<SlotGuard>,
 ) -> Result<(), Box<dyn std::error::Error + Send + Sync>> {
     stream.set_nodelay(true)?;
-    let stream = Patient::new(stream, shared.limits.stall_time);
+    let stream = StallTimeoutStream::new(stream, shared.limits.stall_time);
     match tls {
-        None => serve(stream, peer.ip(), shared, place).await?,
+        None => serve(stream, peer.ip(), shared, slot).await?,
         Some(tls) => {
             let handshake = timeout(shared.limits.handshake_time, tls.accept(stream)).await;
             let stream = handshake??;
-            place.reached(Stage::Stranger);
-            serve(stream, peer.ip(), shared, place).await?;
+            slot.set_stage(Stage::Unauthenticated);
+            serve(stream, peer.ip(), shared, slot).await?;
         }
     }
     Ok(())
@@ -151,14 +151,14 @@ async fn serve(
     stream: impl AsyncRead + AsyncWrite + Unpin,
     peer: IpAddr,
     shared: Arc<Shared>,
-    place: Arc<Place>,
+    slot: Arc<SlotGuard>,
 ) -> hyper::Result<()> {
     let head_time = shared.limits.head_time;
     let service = service_fn(move |request| {
-        let (shared, place) = (shared.clone(), place.clone());
+        let (shared, slot) = (shared.clone(), slot.clone());
         async move {
-            let response = answer(request, peer, &shared, &place).await;
-            Ok::<_, Infallible>(answer::finish(response))
+            let response = answer(request, peer, &shared, &slot).await;
+            Ok::<_, Infallible>(response::finish(response))
         }
     });
     http1::Builder::new()
@@ -175,27 +175,27 @@ async fn answer(
     request: Request<Incoming>,
     peer: IpAddr,
     shared: &Arc<Shared>,
-    place: &Place,
+    slot: &SlotGuard,
 ) -> Response<Body> {
     let now = shared.now();
     let (head, body) = request.into_parts();
-    let malformed = |why| answer::closing(answer::error(problem(Code::BadRequest, why)));
+    let malformed = |why| response::closing(response::error(problem(Code::BadRequest, why)));
     if head.version != Version::HTTP_11 {
-        return answer::closing(answer::plain(StatusCode::HTTP_VERSION_NOT_SUPPORTED));
+        return response::closing(response::plain(StatusCode::HTTP_VERSION_NOT_SUPPORTED));
     }
-    if let Err(refusal) = shared.guard.admit(peer, &head.headers, now) {
-        return answer::refusal(&refusal);
+    if let Err(rejection) = shared.guard.admit(peer, &head.headers, now) {
+        return response::rejection(&rejection);
     }
     if head.uri.scheme().is_some() || head.uri.authority().is_some() {
-        return malformed("this server is no proxy");
+        return malformed("this server is not a proxy");
     }
     let address = head.uri.path_and_query().map_or(0, |a| a.as_str().len());
     if address > MAX_ADDRESS {
-        return answer::closing(answer::plain(StatusCode::URI_TOO_LONG));
+        return response::closing(response::plain(StatusCode::URI_TOO_LONG));
     }
     let route = match Route::of(&head.method, head.uri.path()) {
         Ok(route) => route,
-        Err(no_route) => return answer::closing(answer::no_route(no_route)),
+        Err(no_route) => return response::closing(response::no_route(no_route)),
     };
     let has_body = head.headers.contains_key(TRANSFER_ENCODING)
         || head.headers.get(CONTENT_LENGTH).is_some_and(|v| v != "0");
@@ -207,21 +207,21 @@ async fn answer(
     } else if matches!(route, Route::Page(_)) {
         Ok(())
     } else {
-        shared.guard.look(&head.headers)
+        shared.guard.check_read(&head.headers)
     };
     let allowed = allowed.and_then(|()| {
         if route.is_open() {
             return Ok(());
         }
         shared.guard.authenticate(peer, &head.headers, now)?;
-        place.reached(Stage::LetIn);
+        slot.set_stage(Stage::Authenticated);
         Ok(())
     });
-    if let Err(refusal) = allowed {
-        let response = answer::refusal(&refusal);
-        // A body that nobody reads must not be taken for the next request.
+    if let Err(rejection) = allowed {
+        let response = response::rejection(&rejection);
+        // An unread body must not be mistaken for the next request.
         return if has_body {
-            answer::closing(response)
+            response::closing(response)
         } else {
             response
         };
@@ -234,7 +234,7 @@ async fn answer(
         Route::Login => {
             let answer = actions::login(shared, peer, &head, body).await;
             if answer.as_ref().is_ok_and(|a| a.status().is_success()) {
-                place.reached(Stage::LetIn);
+                slot.set_stage(Stage::Authenticated);
             }
             answer
         }
@@ -248,5 +248,5 @@ async fn answer(
         Route::Receipt(name) => sessions::receipt(shared, name, &head, body).await,
         Route::Free(name) => sessions::free(shared, name).await,
     };
-    result.unwrap_or_else(answer::error)
+    result.unwrap_or_else(response::error)
 }

@@ -1,10 +1,11 @@
 //! The cookies of the page: one for each login, until its logout or until the token changes.
 //!
-//! A cookie is `ID.CODE`: an identifier of 128 random bits and a code over it (BLAKE3, keyed with what is
-//! derived from the token), so that no list of those that hold has to be kept. A logout puts the identifier on
-//! the list of those that have ended; the list is in a file where there is a place for one, and so outlives
-//! the server. When [`MOST`] have ended, the *generation* goes up, which goes into the code, too: then every cookie has
-//! ended, and the list begins anew. The same happens if the file is there and cannot be read.
+//! A cookie is `ID_HEX_DIGITS.CODE`: an identifier of 128 random bits and a code over it (BLAKE3,
+//! with a key derived from the token), so that no list of valid cookies is needed. A logout puts
+//! the identifier on the list of ended ones; the list is in a file, if one is configured, and so
+//! persists across restarts. After [`MAX_ENDED`] ended cookies the *generation*, which is also part
+//! of the code, changes: then every cookie is invalid, and the list is cleared. The same happens if
+//! the file exists and cannot be read.
 
 use std::collections::BTreeSet;
 use std::fs::{self, File};
@@ -17,34 +18,34 @@ use ring::rand::{SecureRandom as _, SystemRandom};
 
 use crate::token::Token;
 
-/// Cookies that have ended and are remembered one by one.
-const MOST: usize = 1000;
+/// Maximum number of ended cookies in the list.
+const MAX_ENDED: usize = 1000;
 /// First line of the file.
-const HEAD: &str = "rig-link-ended-cookies 1";
+const FILE_HEADER: &str = "rig-link-ended-cookies 1";
 /// Length of an identifier and of a generation, hex digits.
-const ID: usize = 32;
+const ID_HEX_DIGITS: usize = 32;
 
-/// Which cookies hold.
+/// The valid cookies.
 #[derive(Debug)]
 pub(super) struct Cookies {
     key: [u8; 32],
     ended: Mutex<Ended>,
-    /// Where the list is kept.
+    /// File with the list.
     path: Option<PathBuf>,
-    /// Held while the file is written.
+    /// Locked while the file is written.
     writing: Mutex<()>,
 }
 
 #[derive(Clone, Debug, Default, PartialEq, Eq)]
 struct Ended {
-    /// Empty until there is a reason for one.
+    /// Empty until the first change of generation.
     generation: String,
     ids: BTreeSet<String>,
 }
 
 impl Cookies {
-    /// The cookies of this token; the list of those that have ended is in the file `path`, which need not be there
-    /// yet.
+    /// The cookies of this token; the list of ended ones is in the file `path`, which need not
+    /// exist yet.
     pub(super) fn new(token: &Token, path: Option<&Path>) -> Self {
         let ended = path.map_or_else(Ended::default, Ended::read);
         Self {
@@ -63,35 +64,35 @@ impl Cookies {
         blake3::keyed_hash(&self.key, format!("{generation}.{id}").as_bytes())
     }
 
-    /// A new cookie; none if the system gives no random numbers.
+    /// A new cookie; `None` if the system provides no random numbers.
     pub(super) fn issue(&self) -> Option<String> {
         let id = random_id()?;
         let code = self.code(&self.ended().generation, &id);
         Some(format!("{id}.{}", code.to_hex()))
     }
 
-    /// The identifier of a cookie that holds.
-    fn holding<'a>(&self, ended: &Ended, cookie: &'a str) -> Option<&'a str> {
+    /// The identifier of a valid cookie.
+    fn valid_id<'a>(&self, ended: &Ended, cookie: &'a str) -> Option<&'a str> {
         let (id, code) = cookie.split_once('.')?;
         let code = blake3::Hash::from_hex(code).ok()?;
         // Hashes are compared in constant time.
-        let holds = is_id(id) && code == self.code(&ended.generation, id);
-        (holds && !ended.ids.contains(id)).then_some(id)
+        let is_valid = is_id(id) && code == self.code(&ended.generation, id);
+        (is_valid && !ended.ids.contains(id)).then_some(id)
     }
 
-    /// Whether a cookie holds.
-    pub(super) fn holds(&self, cookie: &str) -> bool {
-        self.holding(&self.ended(), cookie).is_some()
+    /// Whether a cookie is valid.
+    pub(super) fn is_valid(&self, cookie: &str) -> bool {
+        self.valid_id(&self.ended(), cookie).is_some()
     }
 
-    /// Ends a cookie; whether it held until now, so that [`Self::save`] has something to do.
+    /// Ends a cookie; returns whether it was valid, so that [`Self::save`] is needed.
     pub(super) fn end(&self, cookie: &str) -> bool {
         let mut ended = self.ended();
-        let Some(id) = self.holding(&ended, cookie).map(str::to_owned) else {
+        let Some(id) = self.valid_id(&ended, cookie).map(str::to_owned) else {
             return false;
         };
         match random_id() {
-            Some(generation) if ended.ids.len() >= MOST => {
+            Some(generation) if ended.ids.len() >= MAX_ENDED => {
                 *ended = Ended {
                     generation,
                     ids: BTreeSet::new(),
@@ -102,10 +103,10 @@ impl Cookies {
         true
     }
 
-    /// Writes the list, where there is a place for it, and waits until it is on disk.
+    /// Writes and syncs the list, if a file is configured.
     ///
     /// # Errors
-    /// The disk says no; until the server ends the list holds all the same.
+    /// An I/O error occurs; the list in memory remains valid until the server stops.
     pub(super) fn save(&self) -> io::Result<()> {
         let Some(path) = &self.path else {
             return Ok(());
@@ -149,12 +150,16 @@ impl Ended {
 
     fn to_text(&self) -> String {
         let ids = self.ids.iter().map(|id| format!("{id}\n"));
-        format!("{HEAD}\n{}\n{}", self.generation, ids.collect::<String>())
+        format!(
+            "{FILE_HEADER}\n{}\n{}",
+            self.generation,
+            ids.collect::<String>()
+        )
     }
 
     fn parse(text: &str) -> Option<Self> {
         let mut lines = text.strip_suffix('\n')?.split('\n');
-        if lines.next() != Some(HEAD) {
+        if lines.next() != Some(FILE_HEADER) {
             return None;
         }
         let generation = lines.next()?.to_owned();
@@ -166,11 +171,11 @@ impl Ended {
 
 fn is_id(text: &str) -> bool {
     let digit = |b: u8| b.is_ascii_digit() || (b'a'..=b'f').contains(&b);
-    text.len() == ID && text.bytes().all(digit)
+    text.len() == ID_HEX_DIGITS && text.bytes().all(digit)
 }
 
 fn random_id() -> Option<String> {
-    let mut bytes = [0; ID / 2];
+    let mut bytes = [0; ID_HEX_DIGITS / 2];
     if let Err(e) = SystemRandom::new().fill(&mut bytes) {
         log::error!("asking the system for random numbers: {e}");
         return None;
@@ -196,14 +201,14 @@ mod tests {
     }
 
     #[test]
-    fn a_logout_ends_its_cookie_and_no_other() {
+    fn logout_ends_only_its_cookie() {
         let cookies = cookies(None);
         let [one, other] = [(); 2].map(|()| cookies.issue().unwrap());
         assert_ne!(one, other);
-        assert!(cookies.holds(&one) && cookies.holds(&other));
+        assert!(cookies.is_valid(&one) && cookies.is_valid(&other));
         assert!(cookies.end(&one));
-        assert!(!cookies.holds(&one), "a replay");
-        assert!(cookies.holds(&other));
+        assert!(!cookies.is_valid(&one), "a replay");
+        assert!(cookies.is_valid(&other));
         assert!(!cookies.end(&one), "it has ended already");
         for forged in [
             String::new(),
@@ -211,36 +216,43 @@ mod tests {
             one.replace('.', ""),
             other.to_uppercase(),
             format!("{other}0"),
-            format!("{}{}", &one[..ID], &other[ID..]),
+            format!("{}{}", &one[..ID_HEX_DIGITS], &other[ID_HEX_DIGITS..]),
             other.replace(char::is_alphanumeric, "0"),
         ] {
-            assert!(!cookies.holds(&forged) && !cookies.end(&forged), "{forged}");
+            assert!(
+                !cookies.is_valid(&forged) && !cookies.end(&forged),
+                "{forged}"
+            );
         }
         let of_another_token = Cookies::new(&token("another-token-than-that"), None);
-        assert!(!of_another_token.holds(&other));
+        assert!(!of_another_token.is_valid(&other));
     }
 
     #[test]
-    fn it_stays_ended_when_the_server_starts_again() {
+    fn logout_persists_across_a_restart() {
         let folder = tempfile::tempdir().unwrap();
         let path = folder.path().join("page/ended-cookies");
         let before = cookies(Some(&path));
         let [one, other] = [(); 2].map(|()| before.issue().unwrap());
-        assert!(cookies(Some(&path)).holds(&one), "a login outlives it, too");
+        assert!(
+            cookies(Some(&path)).is_valid(&one),
+            "a login outlives it, too"
+        );
         before.end(&one);
         before.save().unwrap();
         let after = cookies(Some(&path));
-        assert!(!after.holds(&one) && after.holds(&other));
+        assert!(!after.is_valid(&one) && after.is_valid(&other));
         fs::write(&path, "damaged").unwrap();
         let after = cookies(Some(&path));
-        assert!(!after.holds(&one) && !after.holds(&other));
+        assert!(!after.is_valid(&one) && !after.is_valid(&other));
         let new = after.issue().unwrap();
-        assert!(after.holds(&new));
+        assert!(after.is_valid(&new));
     }
 
-    /// A FIFO that nobody writes to is as a damaged list: all logins have ended, and the server starts.
+    /// A FIFO without writer counts as a damaged list: all logins have ended, and the server
+    /// starts.
     #[test]
-    fn what_is_no_file_holds_nobody_up() {
+    fn non_file_does_not_block() {
         let folder = tempfile::tempdir().unwrap();
         let path = folder.path().join("ended-cookies");
         let before = cookies(None).issue().unwrap();
@@ -250,7 +262,7 @@ mod tests {
             let after = cookies(Some(&path));
             let new = after.issue().unwrap();
             sender
-                .send((after.holds(&before), after.holds(&new)))
+                .send((after.is_valid(&before), after.is_valid(&new)))
                 .unwrap();
         });
         let held = answers.recv_timeout(Duration::from_secs(120)).unwrap();
@@ -258,18 +270,18 @@ mod tests {
     }
 
     #[test]
-    fn the_list_is_bounded_and_what_has_ended_stays_so() {
+    fn list_is_bounded_and_ended_cookies_remain_invalid() {
         let cookies = cookies(None);
         let kept = cookies.issue().unwrap();
         let mut last = String::new();
-        for _ in 0..=MOST {
+        for _ in 0..=MAX_ENDED {
             last = cookies.issue().unwrap();
             cookies.end(&last);
         }
-        assert!(cookies.ended().ids.len() <= MOST);
-        assert!(!cookies.holds(&last));
-        assert!(!cookies.holds(&kept), "all have ended");
-        assert!(cookies.holds(&cookies.issue().unwrap()));
+        assert!(cookies.ended().ids.len() <= MAX_ENDED);
+        assert!(!cookies.is_valid(&last));
+        assert!(!cookies.is_valid(&kept), "all have ended");
+        assert!(cookies.is_valid(&cookies.issue().unwrap()));
         let text = cookies.ended().to_text();
         assert_eq!(Ended::parse(&text).unwrap(), *cookies.ended());
     }

@@ -1,13 +1,13 @@
-//! Who may ask.
+//! Authorization of requests.
 //!
-//! * On loopback the `Host` must be this machine's, so that a page elsewhere whose name was made to lead
-//!   here (DNS rebinding) gets nothing.
-//! * What comes from another site's page is refused: by `Sec-Fetch-Site` and `Origin` where a browser sends
-//!   them; a program that sends neither must send [`HEADER`], which a page can send to its own site only.
-//! * With a token everything but the page itself needs it: as `Authorization: Bearer`, or as the cookie
-//!   that a login with it gave, until its logout.
+//! * On loopback the `Host` must be this machine's, against DNS rebinding by pages of other sites.
+//! * Requests from other sites' pages are rejected: by `Sec-Fetch-Site` and `Origin` if a browser
+//!   sends them; a client that sends neither must send [`HEADER`], which a page can send to its own
+//!   site only.
+//! * With a token, all requests except those for the page itself need it: as `Authorization:
+//!   Bearer`, or as the cookie of a login with it, until its logout.
 //!
-//! Nothing here looks at a clock or a socket; the file of the logins that have ended is read at the start.
+//! This module uses no clock or socket; the file of ended logins is read at the start.
 
 use std::net::IpAddr;
 use std::path::Path;
@@ -24,7 +24,7 @@ use crate::token::Token;
 
 const FETCH_SITE: HeaderName = HeaderName::from_static("sec-fetch-site");
 
-/// The rules of one server.
+/// Access rules of one server.
 #[derive(Debug)]
 pub(super) struct Guard {
     token: Option<(Token, Cookies)>,
@@ -33,16 +33,16 @@ pub(super) struct Guard {
     peers: Mutex<Peers>,
 }
 
-/// Why a request is refused.
+/// Reason for rejecting a request.
 #[derive(Clone, Debug, PartialEq, Eq)]
-pub(super) enum Refusal {
-    /// The head is not one of a proper client.
+pub(super) enum Rejection {
+    /// The head is malformed.
     Malformed(&'static str),
-    /// It is for another host, or from another site.
+    /// The request is for another host, or from another site.
     Foreign(&'static str),
     /// The token is missing or wrong.
     Unauthorised(&'static str),
-    /// Come back later.
+    /// Too many requests; retry later.
     TooMany(Duration),
 }
 
@@ -74,46 +74,46 @@ impl Guard {
         }
     }
 
-    fn peers<T>(&self, f: impl FnOnce(&mut Peers) -> Result<T, Duration>) -> Result<T, Refusal> {
+    fn peers<T>(&self, f: impl FnOnce(&mut Peers) -> Result<T, Duration>) -> Result<T, Rejection> {
         let mut peers = self.peers.lock().unwrap_or_else(PoisonError::into_inner);
-        f(&mut peers).map_err(Refusal::TooMany)
+        f(&mut peers).map_err(Rejection::TooMany)
     }
 
-    /// What every request must pass: it is not one too many, and it is for this host.
+    /// Check of every request: rate limit and host.
     pub(super) fn admit(
         &self,
         peer: IpAddr,
         headers: &HeaderMap,
         now: Duration,
-    ) -> Result<(), Refusal> {
+    ) -> Result<(), Rejection> {
         self.peers(|peers| peers.request(peer, now))?;
-        let host = one(headers, &HOST).map_err(Refusal::Malformed)?;
-        let host = host.ok_or(Refusal::Malformed("the request has no Host"))?;
-        let name = host_name(host).ok_or(Refusal::Malformed("the Host is no host"))?;
+        let host = one(headers, &HOST).map_err(Rejection::Malformed)?;
+        let host = host.ok_or(Rejection::Malformed("the request has no Host"))?;
+        let name = host_name(host).ok_or(Rejection::Malformed("the Host is not a host name"))?;
         let here = || {
             let address = name.trim_matches(['[', ']']).parse::<IpAddr>();
             name.eq_ignore_ascii_case("localhost")
                 || address.is_ok_and(|a| a.to_canonical().is_loopback())
         };
         if self.loopback && !here() {
-            return Err(Refusal::Foreign("this server answers to localhost only"));
+            return Err(Rejection::Foreign("this server answers to localhost only"));
         }
         Ok(())
     }
 
-    /// What a request to look at something must pass: no other site's page may show it.
-    pub(super) fn look(&self, headers: &HeaderMap) -> Result<(), Refusal> {
-        match one(headers, &FETCH_SITE).map_err(Refusal::Malformed)? {
+    /// Check of every read request: not from another site's page.
+    pub(super) fn check_read(&self, headers: &HeaderMap) -> Result<(), Rejection> {
+        match one(headers, &FETCH_SITE).map_err(Rejection::Malformed)? {
             None | Some("same-origin" | "none") => Ok(()),
-            Some(_) => Err(Refusal::Foreign("this is not for other sites' pages")),
+            Some(_) => Err(Rejection::Foreign("this is not for other sites' pages")),
         }
     }
 
-    /// What a request to do something must pass: it comes from our own page, or from no page.
-    pub(super) fn change(&self, headers: &HeaderMap) -> Result<(), Refusal> {
-        let foreign = Refusal::Foreign("this comes from another site's page");
-        let site = one(headers, &FETCH_SITE).map_err(Refusal::Malformed)?;
-        let origin = one(headers, &ORIGIN).map_err(Refusal::Malformed)?;
+    /// Check of every write request: from our own page, or from no page.
+    pub(super) fn change(&self, headers: &HeaderMap) -> Result<(), Rejection> {
+        let foreign = Rejection::Foreign("this comes from another site's page");
+        let site = one(headers, &FETCH_SITE).map_err(Rejection::Malformed)?;
+        let origin = one(headers, &ORIGIN).map_err(Rejection::Malformed)?;
         if site.is_some_and(|site| site != "same-origin") {
             return Err(foreign);
         }
@@ -121,51 +121,51 @@ impl Guard {
             Some(origin) if Some(origin) == self.origin(headers).as_deref() => Ok(()),
             Some(_) => Err(foreign),
             None if site.is_some() || headers.contains_key(HEADER) => Ok(()),
-            None => Err(Refusal::Foreign(
+            None => Err(Rejection::Foreign(
                 "a program that changes something must send the header X-Rig-Link: 1",
             )),
         }
     }
 
-    /// What a browser sends as the origin of our own page.
+    /// The `Origin` of our own page.
     fn origin(&self, headers: &HeaderMap) -> Option<String> {
         let host = one(headers, &HOST).ok()??;
         let scheme = if self.tls { "https" } else { "http" };
         Some(format!("{scheme}://{host}"))
     }
 
-    /// Whether the request knows the token, where there is one.
+    /// Checks the token or cookie of a request, if the server has a token.
     pub(super) fn authenticate(
         &self,
         peer: IpAddr,
         headers: &HeaderMap,
         now: Duration,
-    ) -> Result<(), Refusal> {
+    ) -> Result<(), Rejection> {
         let Some((token, cookies)) = &self.token else {
             return Ok(());
         };
-        if let Some(given) = one(headers, &AUTHORIZATION).map_err(Refusal::Malformed)? {
+        if let Some(given) = one(headers, &AUTHORIZATION).map_err(Rejection::Malformed)? {
             let given = given
                 .split_once(' ')
                 .filter(|(scheme, _)| scheme.eq_ignore_ascii_case("bearer"))
                 .map(|(_, given)| given.trim());
-            let given = given.ok_or(Refusal::Unauthorised(
+            let given = given.ok_or(Rejection::Unauthorised(
                 "expected Authorization: Bearer TOKEN",
             ))?;
             return self.check(token, peer, given.as_bytes(), now);
         }
-        // Guessing a cookie is guessing 256 bits, so wrong ones, as after a change of the token, do not
-        // count against a peer.
-        if !self.given_cookies(headers).any(|c| cookies.holds(c)) {
-            return Err(Refusal::Unauthorised("the token is needed"));
+        // Guessing a cookie means guessing 256 bits, so wrong ones, as after a change of the token,
+        // do not count against a peer.
+        if !self.given_cookies(headers).any(|c| cookies.is_valid(c)) {
+            return Err(Rejection::Unauthorised("the token is needed"));
         }
         self.peers(|peers| {
-            peers.recognised(peer, now);
+            peers.record_cookie(peer, now);
             Ok(())
         })
     }
 
-    /// The cookies of ours in a request, right or wrong.
+    /// Our cookies in a request, valid or not.
     fn given_cookies<'a>(&self, headers: &'a HeaderMap) -> impl Iterator<Item = &'a str> {
         let name = self.cookie_name();
         let all = headers.get_all(COOKIE).iter();
@@ -176,30 +176,30 @@ impl Guard {
             .map(|(_, value)| value)
     }
 
-    /// Whether somebody at this address was let in not long ago.
+    /// Whether a client at this address authenticated recently.
     pub(super) fn is_known(&self, peer: IpAddr, now: Duration) -> bool {
         let peers = self.peers.lock().unwrap_or_else(PoisonError::into_inner);
         peers.is_known(peer, now)
     }
 
-    /// The cookie for whoever gives the right token.
+    /// The cookie of a login with the right token.
     pub(super) fn login(
         &self,
         peer: IpAddr,
         given: &[u8],
         now: Duration,
-    ) -> Result<Option<String>, Refusal> {
+    ) -> Result<Option<String>, Rejection> {
         let Some((token, cookies)) = &self.token else {
             return Ok(None);
         };
         self.check(token, peer, given, now)?;
         let value = cookies.issue();
-        let value = value.ok_or(Refusal::TooMany(Duration::from_secs(1)))?;
+        let value = value.ok_or(Rejection::TooMany(Duration::from_secs(1)))?;
         Ok(Some(self.cookie(&value, 90 * 24 * 3600)))
     }
 
-    /// Ends the logins whose cookies a request brings. The cookie that makes a browser forget, and whether
-    /// [`Self::save`] has something to do.
+    /// Ends the logins of a request's cookies. Returns a cookie that clears the browser's, and
+    /// whether [`Self::save`] is needed.
     pub(super) fn logout(&self, headers: &HeaderMap) -> (String, bool) {
         let mut ended = false;
         if let Some((_, cookies)) = &self.token {
@@ -210,14 +210,12 @@ impl Guard {
         (self.cookie("", 0), ended)
     }
 
-    /// Puts on disk which logins have ended. May block.
+    /// Syncs the list of ended logins to disk. May block.
     pub(super) fn save(&self) {
         if let Some((_, cookies)) = &self.token
             && let Err(e) = cookies.save()
         {
-            log::error!(
-                "keeping which logins have ended; those of now hold again after a restart: {e}"
-            );
+            log::error!("storing the ended logins; they are valid again after a restart: {e}");
         }
     }
 
@@ -227,7 +225,7 @@ impl Guard {
         peer: IpAddr,
         given: &[u8],
         now: Duration,
-    ) -> Result<(), Refusal> {
+    ) -> Result<(), Rejection> {
         self.peers(|peers| peers.may_try(peer, now))?;
         let right = token.is(given);
         self.peers(|peers| {
@@ -242,11 +240,12 @@ impl Guard {
             Ok(())
         } else {
             log::warn!("a wrong token from {peer}");
-            Err(Refusal::Unauthorised("the token is wrong"))
+            Err(Rejection::Unauthorised("the token is wrong"))
         }
     }
 
-    /// With TLS the name makes browsers insist on what the cookie says (RFC 6265bis, section 4.1.3).
+    /// With TLS the name prefix makes browsers enforce the cookie's attributes (RFC 6265bis,
+    /// section 4.1.3).
     fn cookie_name(&self) -> &'static str {
         if self.tls { "__Host-rig" } else { "rig" }
     }
@@ -260,7 +259,7 @@ impl Guard {
     }
 }
 
-/// The only value of a header; none if there is none.
+/// The only value of a header, if present.
 fn one<'a>(headers: &'a HeaderMap, name: &HeaderName) -> Result<Option<&'a str>, &'static str> {
     let mut values = headers.get_all(name).iter();
     let first = values.next().map(|v| v.to_str());
@@ -272,7 +271,7 @@ fn one<'a>(headers: &'a HeaderMap, name: &HeaderName) -> Result<Option<&'a str>,
     }
 }
 
-/// The name in a `Host`, without the port; none if it is neither a name nor an address.
+/// The name in a `Host`, without the port; `None` if it is neither a name nor an address.
 fn host_name(host: &str) -> Option<&str> {
     let (name, port) = match host.rfind(']') {
         Some(end) => host.split_at(end + 1),

@@ -1,23 +1,23 @@
-//! Counting what peers do. Plain code: the time is an argument, counted from the server's start.
+//! Rate limits of peers. Pure code: the time is an argument, counted from the server's start.
 
 use std::collections::HashMap;
 use std::net::IpAddr;
 use std::time::Duration;
 
-/// Peers that are remembered at once; the one not seen for longest is forgotten.
-const PEERS: usize = 1024;
-/// How long an address counts as known after it gave the right token or a cookie that holds.
-pub(super) const KNOWN_FOR: Duration = Duration::from_secs(24 * 3600);
-/// Longest pause after wrong tokens.
-pub(super) const LONGEST_PAUSE: Duration = Duration::from_secs(300);
+/// Maximum number of remembered peers; the least recently seen is forgotten.
+const MAX_PEERS: usize = 1024;
+/// How long an address counts as known after the right token or a valid cookie.
+pub(super) const KNOWN_PEER_TTL: Duration = Duration::from_secs(24 * 3600);
+/// Maximum pause after wrong tokens.
+pub(super) const MAX_PAUSE: Duration = Duration::from_secs(300);
 
-/// Lets through `burst` at once and one per `every` in the long run (the generic cell rate algorithm of
-/// ITU-T I.371, which needs to remember one time only).
+/// Rate limiter with `burst` and a sustained rate of one per `every` (generic cell rate algorithm
+/// of ITU-T I.371, which stores a single time).
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Rate {
     every: Duration,
     burst: u32,
-    /// When the next one would be due if they came evenly.
+    /// Theoretical arrival time of the next one.
     due: Duration,
 }
 
@@ -30,14 +30,14 @@ impl Rate {
         }
     }
 
-    /// Takes one; if there is none, how long until there is.
+    /// Takes one; otherwise returns the time to wait.
     pub(super) fn take(&mut self, now: Duration) -> Result<(), Duration> {
         self.wait(now).map_or(Ok(()), Err)?;
         self.due = self.due.max(now) + self.every;
         Ok(())
     }
 
-    /// How long until there is one; none if there is.
+    /// Time until the next one; `None` if one is available.
     pub(super) fn wait(&self, now: Duration) -> Option<Duration> {
         let ahead = self.due.saturating_sub(now) + self.every;
         let wait = ahead.saturating_sub(self.every * self.burst);
@@ -52,9 +52,9 @@ struct Peer {
     requests: Rate,
     /// Wrong tokens in a row.
     wrong: u32,
-    /// Until when its tokens are not even looked at.
+    /// Until when its tokens are not checked.
     blocked: Duration,
-    /// Until when it is known for the right token or a cookie that holds.
+    /// Until when it is known for the right token or a valid cookie.
     known: Duration,
 }
 
@@ -64,13 +64,13 @@ impl Peer {
     }
 }
 
-/// All peers, by address; of IPv6 by network, because whoever has one address there has 2⁶⁴.
+/// All peers, by address; of IPv6 by network, because a client with one address there has 2⁶⁴.
 #[derive(Debug)]
 pub(super) struct Peers {
     peers: HashMap<IpAddr, Peer>,
     requests: Rate,
     pause: Duration,
-    /// Wrong tokens of all together.
+    /// Wrong tokens of all peers.
     wrong: Rate,
 }
 
@@ -86,7 +86,7 @@ impl Peers {
 
     fn peer(&mut self, address: IpAddr, now: Duration) -> &mut Peer {
         let address = network(address);
-        if self.peers.len() >= PEERS && !self.peers.contains_key(&address) {
+        if self.peers.len() >= MAX_PEERS && !self.peers.contains_key(&address) {
             let oldest = self
                 .peers
                 .iter()
@@ -106,12 +106,12 @@ impl Peers {
         peer
     }
 
-    /// Counts a request; if it is one too many, how long to wait.
+    /// Counts a request; if it exceeds the rate, returns the time to wait.
     pub(super) fn request(&mut self, address: IpAddr, now: Duration) -> Result<(), Duration> {
         self.peer(address, now).requests.take(now)
     }
 
-    /// Whether a token of this peer may be looked at; if not, how long to wait.
+    /// Whether a token of this peer may be checked; if not, the time to wait.
     pub(super) fn may_try(&mut self, address: IpAddr, now: Duration) -> Result<(), Duration> {
         let all = self.wrong.wait(now);
         let peer = self.peer(address, now);
@@ -120,7 +120,7 @@ impl Peers {
             return Err(own);
         }
         match all {
-            // Strangers must not be able to keep out those who know the token.
+            // Unknown peers must not lock out those with the token.
             Some(wait) if !peer.is_known(now) => Err(wait),
             _ => Ok(()),
         }
@@ -133,28 +133,29 @@ impl Peers {
         let peer = self.peer(address, now);
         let doubled = pause.saturating_mul(1 << peer.wrong.min(16));
         peer.wrong = peer.wrong.saturating_add(1);
-        peer.blocked = now + doubled.min(LONGEST_PAUSE);
+        peer.blocked = now + doubled.min(MAX_PAUSE);
     }
 
     /// The peer gave the right token.
     pub(super) fn right(&mut self, address: IpAddr, now: Duration) {
         let peer = self.peer(address, now);
-        (peer.wrong, peer.known) = (0, now + KNOWN_FOR);
+        (peer.wrong, peer.known) = (0, now + KNOWN_PEER_TTL);
     }
 
-    /// The peer gave a cookie that holds. Its wrong tokens still count: whoever guesses may share its address.
-    pub(super) fn recognised(&mut self, address: IpAddr, now: Duration) {
-        self.peer(address, now).known = now + KNOWN_FOR;
+    /// The peer gave a valid cookie. Its wrong tokens still count: an attacker may share its
+    /// address.
+    pub(super) fn record_cookie(&mut self, address: IpAddr, now: Duration) {
+        self.peer(address, now).known = now + KNOWN_PEER_TTL;
     }
 
-    /// Whether somebody at this address was let in not long ago.
+    /// Whether a client at this address authenticated recently.
     pub(super) fn is_known(&self, address: IpAddr, now: Duration) -> bool {
         let peer = self.peers.get(&network(address));
         peer.is_some_and(|peer| peer.is_known(now))
     }
 }
 
-/// What stands for a peer.
+/// Key of a peer: the IPv4 address or the IPv6 /64 network.
 pub(super) fn network(address: IpAddr) -> IpAddr {
     match address.to_canonical() {
         IpAddr::V6(v6) if !v6.is_loopback() => {
@@ -176,7 +177,7 @@ mod tests {
     }
 
     #[test]
-    fn a_rate_lets_a_burst_through_and_then_one_at_a_time() {
+    fn rate_limiter_allows_a_burst_and_then_the_sustained_rate() {
         let mut rate = Rate::new(S / 10, 5);
         let now = 100 * S;
         for _ in 0..5 {
@@ -194,14 +195,14 @@ mod tests {
     }
 
     #[test]
-    fn wrong_tokens_cost_time_that_doubles() {
+    fn pause_doubles_with_wrong_tokens() {
         let mut peers = Peers::new(Rate::new(S, 1), S, 1000);
         let (a, b) = (address("10.0.0.1"), address("10.0.0.2"));
         let mut now = Duration::ZERO;
         for n in 0..12 {
             assert_eq!(peers.may_try(a, now), Ok(()));
             peers.wrong(a, now);
-            let pause = (S * (1 << n)).min(LONGEST_PAUSE);
+            let pause = (S * (1 << n)).min(MAX_PAUSE);
             assert_eq!(peers.may_try(a, now), Err(pause));
             assert_eq!(peers.may_try(b, now), Ok(()));
             now += pause;
@@ -212,7 +213,7 @@ mod tests {
     }
 
     #[test]
-    fn many_peers_together_are_slowed_but_those_who_know_the_token_are_not() {
+    fn wrong_tokens_of_many_peers_do_not_slow_known_peers() {
         let mut peers = Peers::new(Rate::new(S, 1), S, 30);
         let friend = address("10.0.0.1");
         peers.right(friend, S);
@@ -224,31 +225,31 @@ mod tests {
         assert!(peers.may_try(address("10.2.0.1"), S).is_err());
         assert_eq!(peers.may_try(friend, S), Ok(()));
         assert_eq!(peers.may_try(address("10.2.0.1"), 11 * S), Ok(()));
-        // Not even many thousand addresses make it forget the friend, or grow.
+        // Even many thousand addresses do not evict the known peer, or grow the table.
         for i in 0..5000_u32 {
             peers.wrong(IpAddr::V4((0x0b00_0000 + i).into()), 2 * S);
         }
-        assert_eq!(peers.peers.len(), PEERS);
+        assert_eq!(peers.peers.len(), MAX_PEERS);
         assert_eq!(peers.may_try(friend, 2 * S), Ok(()));
     }
 
     #[test]
-    fn an_address_is_known_for_a_day_by_token_or_cookie() {
+    fn address_is_known_for_a_day_after_token_or_cookie() {
         let mut peers = Peers::new(Rate::new(S, 1), S, 30);
         let (a, b) = (address("10.0.0.1"), address("2001:db8::1"));
         assert!(!peers.is_known(a, S) && !peers.is_known(b, S));
         peers.wrong(b, S);
         peers.right(a, S);
-        peers.recognised(b, S);
-        assert!(peers.is_known(a, KNOWN_FOR) && !peers.is_known(a, KNOWN_FOR + S));
-        assert!(peers.is_known(address("2001:db8::2"), KNOWN_FOR));
+        peers.record_cookie(b, S);
+        assert!(peers.is_known(a, KNOWN_PEER_TTL) && !peers.is_known(a, KNOWN_PEER_TTL + S));
+        assert!(peers.is_known(address("2001:db8::2"), KNOWN_PEER_TTL));
         assert_eq!(peers.may_try(b, S), Err(S), "a cookie forgives no guesses");
-        peers.recognised(a, KNOWN_FOR);
-        assert!(peers.is_known(a, KNOWN_FOR + S));
+        peers.record_cookie(a, KNOWN_PEER_TTL);
+        assert!(peers.is_known(a, KNOWN_PEER_TTL + S));
     }
 
     #[test]
-    fn a_network_counts_as_one() {
+    fn ipv6_network_counts_as_one_peer() {
         for (one, other, same) in [
             ("2001:db8::1", "2001:db8::ffff:1", true),
             ("2001:db8::1", "2001:db8:0:1::1", false),

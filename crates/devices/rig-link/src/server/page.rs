@@ -4,8 +4,8 @@ use bytes::Bytes;
 use hyper::header::{CONTENT_TYPE, HeaderValue};
 use hyper::{Response, StatusCode};
 
-use super::answer;
 use super::body::Body;
+use super::response;
 
 /// One file of the page.
 pub(super) struct File {
@@ -46,7 +46,7 @@ pub(super) fn position(path: &str) -> Option<usize> {
 /// The file at a position.
 pub(super) fn file(position: usize) -> Response<Body> {
     let Some(file) = FILES.get(position) else {
-        return answer::plain(StatusCode::NOT_FOUND);
+        return response::plain(StatusCode::NOT_FOUND);
     };
     let mut response = Response::new(Body::of(Bytes::from_static(file.content)));
     let content_type = HeaderValue::from_static(file.content_type);

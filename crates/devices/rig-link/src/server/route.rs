@@ -1,11 +1,11 @@
-//! Which requests there are. Everything that is asked for by name is compared with what is there, so a
-//! name here is any text; see [`crate::store`].
+//! Routes of requests. Names are compared with existing ones, so a name here is any text; see
+//! [`crate::store`].
 
 use hyper::Method;
 
 use crate::link::from_address;
 
-/// What is asked for.
+/// A route.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub(super) enum Route {
     /// A file of the page, by its position in [`super::page::FILES`].
@@ -22,11 +22,11 @@ pub(super) enum Route {
     Free(String),
 }
 
-/// Why nothing is.
+/// Reason for no route.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(super) enum NoRoute {
     Unknown,
-    /// There is something, for these methods.
+    /// The address exists, for these methods.
     Method(&'static str),
 }
 
@@ -34,7 +34,7 @@ const READ: &str = "GET, HEAD";
 const WRITE: &str = "POST";
 
 impl Route {
-    /// What a method and the path of an address ask for.
+    /// The route of a method and a path.
     pub(super) fn of(method: &Method, path: &str) -> Result<Self, NoRoute> {
         let route = Self::of_path(path).ok_or(NoRoute::Unknown)?;
         let allowed = if route.changes() { WRITE } else { READ };
@@ -84,7 +84,7 @@ impl Route {
         }
     }
 
-    /// Whether it changes something.
+    /// Whether it modifies state.
     pub(super) fn changes(&self) -> bool {
         matches!(
             self,
@@ -92,7 +92,7 @@ impl Route {
         )
     }
 
-    /// Whether anybody may ask for it: the page itself, which knows nothing, and the way in.
+    /// Whether it needs no token: the page itself, which contains no data, and the login.
     pub(super) fn is_open(&self) -> bool {
         matches!(self, Self::Page(_) | Self::Login | Self::Logout)
     }
@@ -103,7 +103,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn what_is_asked_for() {
+    fn requests_are_routed() {
         let get = |path| Route::of(&Method::GET, path);
         let post = |path| Route::of(&Method::POST, path);
         assert!(matches!(get("/"), Ok(Route::Page(_))));
@@ -114,7 +114,7 @@ mod tests {
             post("/api/sessions/w/free"),
             Ok(Route::Free("w".to_owned()))
         );
-        // Decoded once: this is the name of a file, compared with the names that are there.
+        // Decoded once: this is a file name, compared with existing names.
         let odd = Route::File("w".to_owned(), "%2e%2e/x".to_owned());
         assert_eq!(get("/api/sessions/w/files/%252e%252e/x"), Ok(odd));
         for path in [

@@ -1,4 +1,4 @@
-//! Sessions for hosts. The contract is `docs/rig-link.md`.
+//! Sessions for hosts, as specified in `docs/rig-link.md`.
 
 use std::fs::File;
 use std::io::{self, Read, Seek, SeekFrom};
@@ -20,15 +20,15 @@ use tokio::time::sleep;
 
 use super::actions::{blocking, read};
 use super::body::Body;
-use super::{Shared, answer};
+use super::{Shared, response};
 use crate::link::{self, Code, FORMAT, FileEntry, Line, Problem, Receipt, Sessions, VERSION};
-use crate::range::{Wanted, wanted};
-use crate::store::{Listed, Session, Store, problem};
+use crate::range::{ByteRange, requested_range};
+use crate::store::{ListedFile, Session, Store, problem};
 
 /// Bytes read and sent at a time.
-const PIECE: usize = 256 << 10;
-/// How often a manifest that is still being made says so, with an empty line.
-const STILL_THERE: Duration = Duration::from_secs(5);
+const PIECE_BYTES: usize = 256 << 10;
+/// Interval of empty lines while a manifest is being computed.
+const KEEPALIVE_INTERVAL: Duration = Duration::from_secs(5);
 
 async fn with_store<T: Send + 'static>(
     shared: &Arc<Shared>,
@@ -73,7 +73,7 @@ pub(super) async fn list(shared: &Arc<Shared>) -> Result<Response<Body>, Problem
         version: VERSION,
         sessions,
     };
-    Ok(answer::json(StatusCode::OK, &body))
+    Ok(response::json(StatusCode::OK, &body))
 }
 
 /// One line for each file as soon as it is hashed, and one at the end.
@@ -95,7 +95,7 @@ pub(super) async fn manifest(
 async fn send_manifest(
     shared: Arc<Shared>,
     session: Session,
-    files: Vec<Listed>,
+    files: Vec<ListedFile>,
     lines: Sender<io::Result<Bytes>>,
 ) {
     let mut entries: Vec<FileEntry> = Vec::with_capacity(files.len());
@@ -104,8 +104,8 @@ async fn send_manifest(
         let hashed = loop {
             tokio::select! {
                 hashed = &mut hashing => break hashed,
-                // A long file takes a while; whoever waits is to know that we are still at it.
-                () = sleep(STILL_THERE) => {
+                // A long file takes a while; the keepalive prevents the client's timeout.
+                () = sleep(KEEPALIVE_INTERVAL) => {
                     if lines.send(Ok(Bytes::from_static(b"\n"))).await.is_err() {
                         return;
                     }
@@ -133,17 +133,21 @@ fn written(line: &Line) -> io::Result<Bytes> {
     Ok(text.into())
 }
 
-async fn hash(shared: &Arc<Shared>, session: Session, file: Listed) -> Result<FileEntry, Problem> {
+async fn hash(
+    shared: &Arc<Shared>,
+    session: Session,
+    file: ListedFile,
+) -> Result<FileEntry, Problem> {
     let own = shared.clone();
     let runtime = Handle::current();
     blocking(&shared.hashes, move || {
-        let pace = |bytes| runtime.block_on(own.pace.after(bytes, &*own.rig));
-        own.store.hash(&session, &file, &pace)
+        let read_rate = |bytes| runtime.block_on(own.read_rate.after(bytes, &*own.rig));
+        own.store.hash(&session, &file, &read_rate)
     })
     .await?
 }
 
-/// A file, or the part of it that is asked for.
+/// A file, or the requested part of it.
 pub(super) async fn file(
     shared: &Arc<Shared>,
     name: String,
@@ -160,14 +164,14 @@ pub(super) async fn file(
             .get(name)
             .and_then(|v: &HeaderValue| v.to_str().ok())
     };
-    // A part of what the file was before is of no use.
+    // A part of a changed file is useless.
     let range = text(RANGE).filter(|_| text(IF_RANGE).is_none_or(|t| t == tag));
-    let (status, first, end) = match wanted(range, length) {
-        Wanted::All => (StatusCode::OK, 0, length),
-        Wanted::Part { first, end } => (StatusCode::PARTIAL_CONTENT, first, end),
-        Wanted::Nothing => {
+    let (status, first, end) = match requested_range(range, length) {
+        ByteRange::All => (StatusCode::OK, 0, length),
+        ByteRange::Part { first, end } => (StatusCode::PARTIAL_CONTENT, first, end),
+        ByteRange::Nothing => {
             let why = format!("the file has {length} bytes");
-            let mut response = answer::error(problem(Code::Range, &why));
+            let mut response = response::error(problem(Code::Range, &why));
             insert(
                 response.headers_mut(),
                 CONTENT_RANGE,
@@ -212,13 +216,15 @@ async fn send_file(
 ) {
     let mut at = first;
     while at < end {
-        let wanted = usize::try_from(end - at).unwrap_or(PIECE).min(PIECE);
+        let requested_range = usize::try_from(end - at)
+            .unwrap_or(PIECE_BYTES)
+            .min(PIECE_BYTES);
         let seek = at == first && first > 0;
         let reading = move || {
             if seek {
                 file.seek(SeekFrom::Start(first))?;
             }
-            let mut piece = BytesMut::zeroed(wanted);
+            let mut piece = BytesMut::zeroed(requested_range);
             file.read_exact(&mut piece)?;
             Ok::<_, io::Error>((file, piece.freeze()))
         };
@@ -238,7 +244,7 @@ async fn send_file(
             }
         };
         at += piece.len() as u64;
-        shared.pace.after(piece.len(), &*shared.rig).await;
+        shared.read_rate.after(piece.len(), &*shared.rig).await;
         if pieces.send(Ok(piece)).await.is_err() {
             return;
         }
@@ -254,11 +260,11 @@ pub(super) async fn receipt(
     let receipt: Receipt = read(shared, head, body).await?;
     let session = finished(shared, name).await?;
     with_store(shared, move |store| store.put_receipt(&session, &receipt)).await?;
-    Ok(answer::plain(StatusCode::NO_CONTENT))
+    Ok(response::plain(StatusCode::NO_CONTENT))
 }
 
 pub(super) async fn free(shared: &Arc<Shared>, name: String) -> Result<Response<Body>, Problem> {
     let session = finished(shared, name).await?;
     with_store(shared, move |store| store.free(&session)).await?;
-    Ok(answer::plain(StatusCode::NO_CONTENT))
+    Ok(response::plain(StatusCode::NO_CONTENT))
 }

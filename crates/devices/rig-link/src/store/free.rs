@@ -1,4 +1,4 @@
-//! Removing a session that a host holds.
+//! Removal of a session that a host holds.
 
 use std::fs;
 use std::io;
@@ -9,17 +9,17 @@ use session_archive::storage::{DiskStorage, Storage};
 use super::{Session, Store, problem, unreadable};
 use crate::link::{Code, Problem};
 
-/// What the folder of a session is called while it is being removed.
+/// Name prefix of a session's folder while it is being removed.
 const FREEING: &str = ".freeing-";
 
 impl Store {
-    /// Removes a session for which a fitting receipt is stored. It disappears by one rename, which is on
-    /// disk before the first byte goes.
+    /// Removes a session with a matching stored receipt. It disappears by one rename, which is
+    /// synced before the first byte is deleted.
     ///
     /// # Errors
     /// [`Code::NoReceipt`], [`Code::ListDiffers`], [`Code::ManifestFirst`], [`Code::NotListed`] or
-    /// [`Code::Io`]; the session is then whole, unless the disk failed in the middle of removing it: then it
-    /// is gone from the list, and the rest goes at the next start.
+    /// [`Code::Io`]; the session is then complete, unless an I/O error interrupted the removal:
+    /// then it is no longer listed, and the rest is removed at the next start.
     pub fn free(&self, session: &Session) -> Result<(), Problem> {
         let receipt = self.receipt(&session.name).ok_or_else(|| {
             problem(
@@ -28,14 +28,14 @@ impl Store {
             )
         })?;
         self.fits(session, &receipt)?;
-        let gone = self.root.join(format!("{FREEING}{}", session.name));
+        let removed = self.root.join(format!("{FREEING}{}", session.name));
         let remove = || {
-            match fs::remove_dir_all(&gone) {
+            match fs::remove_dir_all(&removed) {
                 Err(e) if e.kind() != io::ErrorKind::NotFound => return Err(e),
-                _ => fs::rename(&session.folder, &gone)?,
+                _ => fs::rename(&session.folder, &removed)?,
             }
             DiskStorage::new(&self.root).sync_dir("")?;
-            fs::remove_dir_all(&gone)
+            fs::remove_dir_all(&removed)
         };
         remove().map_err(|e| unreadable(&e))?;
         log::info!(

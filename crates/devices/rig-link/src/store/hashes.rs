@@ -1,30 +1,30 @@
-//! Hashes of files, made by reading them once.
+//! Cache of file hashes.
 
 use std::collections::BTreeMap;
 use std::io::{self, Read};
 use std::sync::{Mutex, MutexGuard, PoisonError};
 
 use super::Session;
-use super::listing::{self, Listed, Stamp};
+use super::listing::{self, ListedFile, Stamp};
 use crate::link::FileEntry;
 
 /// Bytes read and hashed at a time.
 const BLOCK: usize = 1 << 20;
 
-/// What is known, by session and path. A file that changed since counts as not known.
+/// Known hashes by session and path. That of a changed file is ignored.
 #[derive(Default)]
-pub(super) struct Hashes(Mutex<BTreeMap<String, Known>>);
+pub(super) struct Hashes(Mutex<BTreeMap<String, SessionHashes>>);
 
-/// Hashes of one session's files, by path, and what the file was like then.
-type Known = BTreeMap<String, (Stamp, String)>;
+/// Hashes of one session's files by path, each with the file's stamp at that time.
+type SessionHashes = BTreeMap<String, (Stamp, String)>;
 
 impl Hashes {
-    fn lock(&self) -> MutexGuard<'_, BTreeMap<String, Known>> {
+    fn lock(&self) -> MutexGuard<'_, BTreeMap<String, SessionHashes>> {
         self.0.lock().unwrap_or_else(PoisonError::into_inner)
     }
 
-    /// Forgets sessions that are gone.
-    pub(super) fn keep(&self, sessions: &[Session]) {
+    /// Forgets sessions that no longer exist.
+    pub(super) fn retain(&self, sessions: &[Session]) {
         let there = |name: &str| {
             let found = sessions.binary_search_by(|s| s.name.as_str().cmp(name));
             found.is_ok()
@@ -32,18 +32,18 @@ impl Hashes {
         self.lock().retain(|name, _| there(name));
     }
 
-    /// A file with its hash, if that is known.
-    pub(super) fn known(&self, session: &Session, listed: &Listed) -> Option<FileEntry> {
+    /// A file with its hash, if known.
+    pub(super) fn known(&self, session: &Session, listed: &ListedFile) -> Option<FileEntry> {
         let lock = self.lock();
         let (stamp, blake3) = lock.get(&session.name)?.get(&listed.path)?;
         (*stamp == listed.stamp).then(|| entry(listed, blake3.clone()))
     }
 
-    /// A file with its hash; the file is read unless that is known.
+    /// A file with its hash; the file is read unless the hash is known.
     pub(super) fn of(
         &self,
         session: &Session,
-        listed: &Listed,
+        listed: &ListedFile,
         pace: &dyn Fn(usize),
     ) -> io::Result<FileEntry> {
         if let Some(known) = self.known(session, listed) {
@@ -79,7 +79,7 @@ impl Hashes {
     }
 }
 
-fn entry(listed: &Listed, blake3: String) -> FileEntry {
+fn entry(listed: &ListedFile, blake3: String) -> FileEntry {
     FileEntry {
         path: listed.path.clone(),
         bytes: listed.stamp.bytes,

@@ -1,4 +1,4 @@
-//! The files of a session.
+//! Listing of a session's files.
 
 use std::fs::{self, File, Metadata, OpenOptions};
 use std::io;
@@ -9,14 +9,14 @@ use rustix::fs::OFlags;
 
 use crate::link::{DERIVED, MAX_DEPTH, is_file_path};
 
-/// What tells that a file is still the one that it was.
+/// Stamp that changes if a file changes.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Stamp {
     /// Length.
     pub bytes: u64,
-    /// When its content was last changed, ns since 1970.
+    /// Modification time (mtime), ns since 1970.
     pub modified_ns: i64,
-    /// When anything of it was last changed, ns since 1970; cannot be set by a program.
+    /// Status change time (ctime), ns since 1970; cannot be set by a program.
     changed_ns: i64,
     /// Device and inode.
     inode: (u64, u64),
@@ -44,20 +44,20 @@ impl Stamp {
 
 /// One file.
 #[derive(Clone, Debug, PartialEq, Eq)]
-pub struct Listed {
+pub struct ListedFile {
     /// Path below the session's folder, `/` between names.
     pub path: String,
-    /// What it was like.
+    /// Its stamp.
     pub stamp: Stamp,
 }
 
-/// What is in a session's folder.
+/// Content of a session's folder.
 #[derive(Clone, Debug, Default, PartialEq, Eq)]
 pub struct Listing {
     /// Its files, by path. Derived files are in neither list.
-    pub files: Vec<Listed>,
-    /// What is no file, or has a name that cannot stand in an address.
-    pub strangers: Vec<String>,
+    pub files: Vec<ListedFile>,
+    /// Entries that are not files, or have a name that cannot be in an address.
+    pub unlistable: Vec<String>,
 }
 
 /// Lists a session's folder.
@@ -65,7 +65,7 @@ pub(super) fn list(folder: &Path) -> io::Result<Listing> {
     let mut listing = Listing::default();
     walk(folder, "", MAX_DEPTH, &mut listing)?;
     listing.files.sort_by(|a, b| a.path.cmp(&b.path));
-    listing.strangers.sort();
+    listing.unlistable.sort();
     Ok(listing)
 }
 
@@ -80,17 +80,17 @@ fn walk(root: &Path, below: &str, depth: usize, listing: &mut Listing) -> io::Re
             walk(root, &format!("{path}/"), depth - 1, listing)?;
         } else if kind.is_file() && plain && is_file_path(&path) {
             let stamp = Stamp::of(&entry.metadata()?);
-            listing.files.push(Listed { path, stamp });
+            listing.files.push(ListedFile { path, stamp });
         } else if !(kind.is_file() && DERIVED.contains(&path.as_str())) {
-            listing.strangers.push(path);
+            listing.unlistable.push(path);
         }
     }
     Ok(())
 }
 
-/// Opens a listed file, and says what it is like now. Never follows a link.
+/// Opens a listed file, and returns its current stamp. Never follows a link.
 pub(super) fn open(folder: &Path, path: &str) -> io::Result<(File, Stamp)> {
-    // Without waiting: a pipe that took the file's place must not hold us up.
+    // Non-blocking: a FIFO in place of the file must not block.
     let flags = OFlags::NOFOLLOW | OFlags::NONBLOCK;
     let file = OpenOptions::new()
         .read(true)
@@ -98,7 +98,7 @@ pub(super) fn open(folder: &Path, path: &str) -> io::Result<(File, Stamp)> {
         .open(folder.join(path))?;
     let data = file.metadata()?;
     if !data.is_file() {
-        return Err(io::Error::other("it is no file any more"));
+        return Err(io::Error::other("it is no longer a file"));
     }
     Ok((file, Stamp::of(&data)))
 }

@@ -7,12 +7,11 @@ use crate::link::{Code, Problem, RECEIPT_FORMAT, Receipt, VERSION, is_hash, is_s
 
 /// Folder of the receipts, beside the sessions.
 pub const RECEIPTS: &str = "receipts";
-/// Longest name of a host, bytes.
+/// Maximum length of a host's name, bytes.
 const MAX_HOST: usize = 255;
 
 impl Store {
-    /// The stored receipt of a session, if there is one that can be read. It may be of what the session
-    /// was before.
+    /// The stored receipt of a session, if readable. It may be for an earlier content.
     pub fn receipt(&self, name: &str) -> Option<Receipt> {
         if !is_session_name(name) {
             return None;
@@ -22,17 +21,17 @@ impl Store {
         is_valid(&receipt).then_some(receipt)
     }
 
-    /// Stores a host's receipt; it is on disk when this returns. A later one replaces it.
+    /// Stores and syncs a host's receipt. A later one replaces it.
     ///
     /// # Errors
-    /// It is no receipt of this version, not for what is on disk now ([`Code::ListDiffers`],
-    /// [`Code::ManifestFirst`]), or the disk says no.
+    /// It is not a receipt of this version, or not for the files on disk ([`Code::ListDiffers`],
+    /// [`Code::ManifestFirst`]), or an I/O error occurs.
     pub fn put_receipt(&self, session: &Session, receipt: &Receipt) -> Result<(), Problem> {
         if !is_valid(receipt) {
             return Err(problem(
                 Code::BadRequest,
                 &format!(
-                    "this is no receipt; expected format {RECEIPT_FORMAT:?}, version {VERSION}, a list hash of 64 hex digits and the name of the host"
+                    "not a receipt; expected format {RECEIPT_FORMAT:?}, version {VERSION}, a list hash of 64 hex digits and the name of the host"
                 ),
             ));
         }
@@ -53,7 +52,7 @@ impl Store {
         storage::replace(&storage, &path(&session.name), &text).map_err(|e| unreadable(&e))
     }
 
-    /// Whether a receipt is for exactly what is on disk now.
+    /// Whether a receipt matches the files on disk.
     pub(super) fn fits(&self, session: &Session, receipt: &Receipt) -> Result<(), Problem> {
         let total = self.known_total(session)?;
         if (total.list.as_str(), total.files, total.bytes)

@@ -75,7 +75,7 @@ fn only_sessions_and_their_own_files_are_listed() {
             "{name}"
         );
     }
-    // What cannot be listed cannot be pulled, so it keeps the session from being freed.
+    // An unlistable entry cannot be pulled, so it prevents freeing the session.
     assert_eq!(
         store.known_total(&sessions[0]).unwrap_err().code,
         Code::NotListed
@@ -83,7 +83,7 @@ fn only_sessions_and_their_own_files_are_listed() {
 }
 
 #[test]
-fn the_states_of_sessions() {
+fn session_states_are_reported() {
     let folder = tempfile::tempdir().unwrap();
     let root = folder.path();
     let store = Store::new(root.to_owned());
@@ -123,7 +123,7 @@ fn the_states_of_sessions() {
 }
 
 #[test]
-fn a_session_goes_only_with_a_receipt_for_what_is_on_disk() {
+fn session_is_freed_only_with_a_matching_receipt() {
     let folder = tempfile::tempdir().unwrap();
     write_session(folder.path(), "walk-1", 1, 2);
     let store = Store::new(folder.path().to_owned());
@@ -151,27 +151,27 @@ fn a_session_goes_only_with_a_receipt_for_what_is_on_disk() {
 
     store.put_receipt(&session, &good).unwrap();
     assert_eq!(store.receipt("walk-1").as_ref(), Some(&good));
-    // A byte more on disk, and the receipt is for something else; its hash is not even known.
+    // With one byte more on disk the receipt no longer matches; the hash is unknown.
     let notes = session.folder.join("rig/notes.txt");
     fs::write(&notes, "rain").unwrap();
     assert_eq!(code(store.free(&session)), Code::ManifestFirst);
     receipt(&store, &session);
     assert_eq!(code(store.free(&session)), Code::ListDiffers);
     fs::remove_file(&notes).unwrap();
-    // The same content, written again: hashed anew, and the receipt fits again.
+    // The same content, written again: hashed again, and the receipt fits again.
     let segment = session.folder.join("segments/000000.mcap");
     let bytes = fs::read(&segment).unwrap();
     fs::write(&segment, &bytes).unwrap();
     assert_eq!(code(store.free(&session)), Code::ManifestFirst);
     receipt(&store, &session);
-    // A socket lies in the folder: it was not pulled.
+    // A socket in the folder was not pulled.
     let socket = std::os::unix::net::UnixListener::bind(session.folder.join("s")).unwrap();
     assert_eq!(code(store.free(&session)), Code::NotListed);
     drop(socket);
     fs::remove_file(session.folder.join("s")).unwrap();
     assert!(session.folder.exists());
 
-    // After a restart the receipt is still there and the hashes are not.
+    // After a restart the receipt is kept, the hashes are not.
     let store = Store::new(folder.path().to_owned());
     assert_eq!(code(store.free(&session)), Code::ManifestFirst);
     receipt(&store, &session);

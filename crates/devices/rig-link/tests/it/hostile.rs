@@ -1,22 +1,22 @@
-//! Clients that mean harm, and clients that are broken. Whatever they do, they get an error or are cut
-//! off, and the next one is served.
+//! Malicious and broken clients. They get an error or are disconnected, and the next client is
+//! served.
 
 use std::io::{ErrorKind, Read, Write};
 use std::net::TcpStream;
 use std::time::{Duration, Instant};
 
-use rig_link::client::Patience;
+use rig_link::client::RetryPolicy;
 use rig_link::identity::Identity;
 use rig_link::rig::Action;
 use rig_link::server::{Limits, ServeError, Settings, serve};
 use rustix::fs::{CWD, FileType, Mode, mknodat};
 
 use crate::support::{
-    Options, PATIENCE, Setup, TOKEN, bearer, connect_from, raw, read, read_one, start, status,
+    Options, Setup, TEST_TIMEOUT, TOKEN, bearer, connect_from, raw, read, read_one, start, status,
     token,
 };
 
-/// Any of these, and nothing of the file.
+/// An error status, and no content of the file.
 fn refused(setup: &Setup, what: &str, answer: &str) {
     let status = status(answer);
     assert!(matches!(status, 0 | 400..=499 | 505), "{what}: {answer}");
@@ -28,7 +28,7 @@ fn refused(setup: &Setup, what: &str, answer: &str) {
 }
 
 #[test]
-fn off_loopback_it_starts_with_tls_and_token_only() {
+fn server_off_loopback_needs_tls_and_token() {
     let setup = start(Options::default());
     let identity = || Some(Identity::load_or_create(&setup.identity).unwrap());
     for bind in [
@@ -54,7 +54,7 @@ fn off_loopback_it_starts_with_tls_and_token_only() {
         assert!(matches!(error, ServeError::NoIdentity { .. }), "{error}");
         assert!(start(None, None).is_err());
     }
-    // On loopback neither is needed, and the mapped form of it is loopback, too.
+    // On loopback neither is needed; the IPv4-mapped form is loopback, too.
     for bind in ["127.0.0.1:0", "[::ffff:127.0.0.1]:0"] {
         let settings = Settings {
             bind: bind.parse().unwrap(),
@@ -77,7 +77,7 @@ fn off_loopback_it_starts_with_tls_and_token_only() {
 }
 
 #[test]
-fn no_path_leads_out_of_a_session() {
+fn no_path_escapes_a_session() {
     let setup = start(Options::default());
     let good = setup.get("/api/sessions/walk-1/files/rig/rig.toml");
     assert_eq!(status(&good), 200);
@@ -136,7 +136,7 @@ fn no_path_leads_out_of_a_session() {
     }
 }
 
-/// Nothing outside the sessions; `/` and the like may be the page.
+/// Nothing outside the sessions; `/` and similar paths may be the page.
 fn refused_or_page(setup: &Setup, address: &str) {
     let answer = setup.get(address);
     assert!(
@@ -152,7 +152,7 @@ fn refused_or_page(setup: &Setup, address: &str) {
 }
 
 #[test]
-fn heads_that_are_none_or_too_much() {
+fn malformed_and_oversized_heads_are_rejected() {
     let setup = start(Options::default());
     let host = setup.server.address();
     let line = |line: &str| format!("{line}\r\nHost: {host}\r\nConnection: close\r\n\r\n");
@@ -212,7 +212,7 @@ fn heads_that_are_none_or_too_much() {
 }
 
 #[test]
-fn what_follows_garbage_is_not_answered() {
+fn input_after_garbage_is_ignored() {
     let setup = start(Options::default());
     let host = setup.server.address();
     let stop = "{\"do\":\"stop\"}";
@@ -221,7 +221,7 @@ fn what_follows_garbage_is_not_answered() {
         stop.len()
     );
     for first in [
-        // A body that nobody asked for must not be read as a request.
+        // An unexpected body must not be read as a request.
         format!(
             "GET /api/status HTTP/1.1\r\nHost: {host}\r\nContent-Length: {}\r\n\r\n",
             hidden.len()
@@ -248,7 +248,7 @@ fn what_follows_garbage_is_not_answered() {
 }
 
 #[test]
-fn bodies_that_are_no_orders() {
+fn invalid_bodies_are_rejected() {
     let setup = start(Options::default());
     let link = "X-Rig-Link: 1\r\n";
     for body in [
@@ -303,7 +303,7 @@ fn bodies_that_are_no_orders() {
 }
 
 #[test]
-fn other_sites_pages_can_do_and_see_nothing() {
+fn other_sites_pages_have_no_access() {
     let setup = start(Options::default());
     let host = setup.server.address();
     let stop = "{\"do\":\"stop\"}";
@@ -355,7 +355,7 @@ fn other_sites_pages_can_do_and_see_nothing() {
 }
 
 #[test]
-fn every_answer_has_the_headers_that_keep_browsers_in_check() {
+fn every_response_has_security_headers() {
     let setup = start(Options {
         token: true,
         ..Options::default()
@@ -386,7 +386,7 @@ fn every_answer_has_the_headers_that_keep_browsers_in_check() {
 }
 
 #[test]
-fn without_the_token_there_is_the_page_and_nothing_else() {
+fn without_token_only_the_page_is_served() {
     let limits = Limits {
         wrong_token_pause: LONG,
         ..Limits::default()
@@ -448,7 +448,7 @@ fn without_the_token_there_is_the_page_and_nothing_else() {
     );
     assert_eq!(status(&answer), 403);
 
-    // A wrong token costs time; meanwhile not even the right one is looked at.
+    // A wrong token causes a pause; meanwhile not even the right one is checked.
     assert_eq!(status(&login("wrong-wrong-wrong-wrong")), 401);
     let answer = login(TOKEN);
     assert_eq!(status(&answer), 429, "{answer}");
@@ -457,12 +457,12 @@ fn without_the_token_there_is_the_page_and_nothing_else() {
         status(&setup.request("GET /api/status", &bearer(TOKEN), "")),
         429
     );
-    // Who has the cookie is not disturbed.
+    // A client with the cookie is not affected.
     assert_eq!(status(&setup.request("GET /api/status", &cookie, "")), 200);
 }
 
 #[test]
-fn after_a_wrong_token_the_right_one_is_taken_again() {
+fn right_token_is_accepted_after_a_wrong_one() {
     let limits = Limits {
         wrong_token_pause: Duration::from_millis(100),
         ..Limits::default()
@@ -490,7 +490,7 @@ fn login(setup: &Setup) -> String {
 }
 
 #[test]
-fn a_cookie_is_refused_after_its_logout() {
+fn cookie_is_rejected_after_its_logout() {
     let setup = start(Options {
         token: true,
         ..Options::default()
@@ -498,7 +498,7 @@ fn a_cookie_is_refused_after_its_logout() {
     let [phone, other] = [(); 2].map(|()| login(&setup));
     let look = |cookie: &str| status(&setup.request("GET /api/status", cookie, ""));
     assert_eq!((look(&phone), look(&other)), (200, 200));
-    // Another site's page cannot log anybody out.
+    // Another site's page cannot end a login.
     let foreign = format!("{phone}Origin: https://evil.example\r\n");
     assert_eq!(status(&setup.post("/api/logout", &foreign, "")), 403);
     assert_eq!(look(&phone), 200);
@@ -511,7 +511,7 @@ fn a_cookie_is_refused_after_its_logout() {
         "{\"do\":\"stop\"}",
     );
     assert_eq!(status(&act), 401, "{act}");
-    // The list of those that have ended is on disk when the logout is answered.
+    // The list of ended logins is synced before the response to the logout.
     let again = setup.again();
     let look = |cookie: &str| {
         let host = again.address();
@@ -524,7 +524,7 @@ fn a_cookie_is_refused_after_its_logout() {
 }
 
 #[test]
-fn guessing_tokens_gets_slower_and_slower() {
+fn token_guessing_is_slowed_down() {
     let limits = Limits {
         wrong_token_pause: Duration::from_millis(50),
         ..Limits::default()
@@ -550,7 +550,7 @@ fn guessing_tokens_gets_slower_and_slower() {
 }
 
 #[test]
-fn too_many_requests_are_refused_and_then_served_again() {
+fn excess_requests_are_rejected_and_later_served_again() {
     let limits = Limits {
         requests_per_s: 1,
         request_burst: 20,
@@ -571,7 +571,7 @@ fn too_many_requests_are_refused_and_then_served_again() {
 }
 
 #[test]
-fn slow_heads_and_bodies_are_cut_off_and_hold_nobody_up() {
+fn slow_heads_and_bodies_time_out_and_block_nobody() {
     let limits = Limits {
         head_time: Duration::from_millis(700),
         connections_per_peer: 40,
@@ -606,7 +606,7 @@ fn slow_heads_and_bodies_are_cut_off_and_hold_nobody_up() {
         std::thread::sleep(Duration::from_millis(100));
     }
     for mut stream in slow {
-        stream.set_read_timeout(Some(PATIENCE)).unwrap();
+        stream.set_read_timeout(Some(TEST_TIMEOUT)).unwrap();
         let text = String::from_utf8_lossy(&read(&mut stream)).into_owned();
         assert!(matches!(status(&text), 0 | 400 | 408), "{text}");
         assert!(is_closed(&mut stream), "{text}");
@@ -626,10 +626,10 @@ fn an_idle_connection_is_closed() {
     });
     let host = setup.server.address();
     let request = format!("GET /api/status HTTP/1.1\r\nHost: {host}\r\n\r\n");
-    // On a busy machine it may be closed before it has asked.
+    // On a busy machine it may be closed before the request is sent.
     eventually(|| {
         let mut stream = TcpStream::connect(host).unwrap();
-        stream.set_read_timeout(Some(PATIENCE)).unwrap();
+        stream.set_read_timeout(Some(TEST_TIMEOUT)).unwrap();
         let _ = stream.write_all(request.as_bytes());
         let answer = read(&mut stream);
         assert!(is_closed(&mut stream));
@@ -637,7 +637,7 @@ fn an_idle_connection_is_closed() {
     });
 }
 
-/// Whether the server has closed it, after everything that came was read.
+/// Whether the server has closed the connection, after reading all data.
 fn is_closed(stream: &mut TcpStream) -> bool {
     match stream.read(&mut [0]) {
         Ok(n) => n == 0,
@@ -646,7 +646,7 @@ fn is_closed(stream: &mut TcpStream) -> bool {
 }
 
 #[test]
-fn who_takes_nothing_is_cut_off() {
+fn stalled_reader_is_disconnected() {
     let limits = Limits {
         stall_time: Duration::from_millis(700),
         ..Limits::default()
@@ -663,10 +663,10 @@ fn who_takes_nothing_is_cut_off() {
     let ask = || {
         let mut stream = TcpStream::connect(host).unwrap();
         stream.write_all(request.as_bytes()).unwrap();
-        stream.set_read_timeout(Some(PATIENCE)).unwrap();
+        stream.set_read_timeout(Some(TEST_TIMEOUT)).unwrap();
         stream
     };
-    // On a busy machine it takes longer until the server finds out.
+    // On a busy machine it takes longer until the server notices.
     let is_cut_off = |seconds: u64| {
         let mut streams: Vec<TcpStream> = (0..8).map(|_| ask()).collect();
         for _ in 0..10 * seconds {
@@ -683,12 +683,12 @@ fn who_takes_nothing_is_cut_off() {
     );
 }
 
-/// So long that nothing in a test ends because of it.
+/// A timeout that is never reached in a test.
 const LONG: Duration = Duration::from_secs(3600);
 
-/// Sixteen connections from each of three addresses, which is all places; each has said `first`, and its answer has
-/// been read if there is to be one.
-fn besiege(setup: &Setup, first: &str) -> Vec<TcpStream> {
+/// Sixteen connections from each of three addresses, which is all slots; each has sent `first`, and
+/// its response has been read if there is one.
+fn fill_slots(setup: &Setup, first: &str) -> Vec<TcpStream> {
     let from = [2, 3, 4].iter().cycle().take(48);
     from.map(|last| {
         let mut stream = connect_from([127, 0, 0, *last], setup.server.address());
@@ -703,7 +703,7 @@ fn besiege(setup: &Setup, first: &str) -> Vec<TcpStream> {
 }
 
 #[test]
-fn unfinished_handshakes_from_three_addresses_lock_nobody_out() {
+fn unfinished_handshakes_of_three_addresses_exclude_nobody() {
     let limits = Limits {
         handshake_time: LONG,
         head_time: LONG,
@@ -715,14 +715,14 @@ fn unfinished_handshakes_from_three_addresses_lock_nobody_out() {
         limits,
         ..Options::default()
     });
-    let _held = besiege(&setup, "");
+    let _held = fill_slots(&setup, "");
     assert_eq!(setup.client().sessions().unwrap().len(), 2);
-    let _held = besiege(&setup, "");
+    let _held = fill_slots(&setup, "");
     assert_eq!(setup.client().sessions().unwrap().len(), 2);
 }
 
 #[test]
-fn strangers_keep_the_phone_neither_from_the_login_nor_from_its_connection() {
+fn unauthenticated_clients_do_not_affect_the_phone() {
     let limits = Limits {
         head_time: LONG,
         requests_per_s: 10_000,
@@ -736,14 +736,14 @@ fn strangers_keep_the_phone_neither_from_the_login_nor_from_its_connection() {
     });
     let host = setup.server.address();
     let page = format!("GET / HTTP/1.1\r\nHost: {host}\r\n\r\n");
-    // They may look at the page, as the phone does before its login.
-    let _held = besiege(&setup, &page);
+    // They may load the page, as the phone does before its login.
+    let _held = fill_slots(&setup, &page);
     let cookie = login(&setup);
     let request = format!("GET /api/status HTTP/1.1\r\nHost: {host}\r\n{cookie}\r\n");
     let mut phone = TcpStream::connect(host).unwrap();
     phone.write_all(request.as_bytes()).unwrap();
     assert_eq!(status(&read_one(&mut phone)), 200);
-    let _more = besiege(&setup, &page);
+    let _more = fill_slots(&setup, &page);
     phone.write_all(request.as_bytes()).unwrap();
     assert_eq!(
         status(&read_one(&mut phone)),
@@ -754,7 +754,7 @@ fn strangers_keep_the_phone_neither_from_the_login_nor_from_its_connection() {
 }
 
 #[test]
-fn a_handshake_has_three_seconds() {
+fn handshake_times_out_after_three_seconds() {
     assert_eq!(Limits::default().handshake_time, Duration::from_secs(3));
     let limits = Limits {
         handshake_time: Duration::from_millis(100),
@@ -770,13 +770,13 @@ fn a_handshake_has_three_seconds() {
     for begin in [&b""[..], b"\x16\x03\x01\x02\x00\x01\x00\x01\xfc\x03\x03"] {
         let mut stream = TcpStream::connect(setup.server.address()).unwrap();
         stream.write_all(begin).unwrap();
-        stream.set_read_timeout(Some(PATIENCE)).unwrap();
+        stream.set_read_timeout(Some(TEST_TIMEOUT)).unwrap();
         assert!(is_closed(&mut stream));
     }
 }
 
 #[test]
-fn silent_connections_give_way_and_those_let_in_count() {
+fn silent_connections_are_evicted_and_authenticated_ones_are_not() {
     let limits = Limits {
         connections: 12,
         connections_per_peer: 12,
@@ -802,17 +802,17 @@ fn silent_connections_give_way_and_those_let_in_count() {
             stream
         })
         .collect();
-    // Sent away, not left waiting.
+    // Rejected, not left waiting.
     assert_eq!(status(&setup.get("/api/status")), 0);
     used.pop();
     eventually(|| status(&setup.get("/api/status")) == 200);
 }
 
-/// Sooner or later.
+/// Waits until the condition holds.
 fn eventually(done: impl Fn() -> bool) {
     let begin = Instant::now();
     while !done() {
-        assert!(begin.elapsed() < PATIENCE);
+        assert!(begin.elapsed() < TEST_TIMEOUT);
         std::thread::sleep(Duration::from_millis(50));
     }
 }
@@ -858,7 +858,7 @@ fn ranges_are_within_the_file_or_nothing() {
 }
 
 #[test]
-fn what_is_being_recorded_is_seen_and_not_served() {
+fn session_being_recorded_is_listed_and_not_served() {
     let setup = start(Options::default());
     setup.rig.record(Some("walk-1"));
     let list = setup.get("/api/sessions");
@@ -889,7 +889,7 @@ fn what_is_being_recorded_is_seen_and_not_served() {
 }
 
 #[test]
-fn who_speaks_no_tls_to_a_tls_server_gets_nothing() {
+fn plain_client_of_a_tls_server_gets_nothing() {
     let limits = Limits {
         handshake_time: Duration::from_millis(500),
         ..Limits::default()
@@ -912,7 +912,7 @@ fn who_speaks_no_tls_to_a_tls_server_gets_nothing() {
             "{answer}"
         );
     }
-    // Who does speak it is served; on a busy machine that takes longer.
+    // A TLS client is served; on a busy machine that takes longer.
     let limits = Limits {
         handshake_time: LONG,
         ..Limits::default()
@@ -927,7 +927,7 @@ fn who_speaks_no_tls_to_a_tls_server_gets_nothing() {
 }
 
 #[test]
-fn requests_with_random_mistakes_harm_nobody() {
+fn randomly_mutated_requests_are_harmless() {
     let limits = Limits {
         requests_per_s: 10_000,
         request_burst: 10_000,
@@ -977,7 +977,7 @@ fn requests_with_random_mistakes_harm_nobody() {
             }
         }
         let mut stream = TcpStream::connect(host).unwrap();
-        stream.set_read_timeout(Some(PATIENCE)).unwrap();
+        stream.set_read_timeout(Some(TEST_TIMEOUT)).unwrap();
         let _ = stream.write_all(&bytes);
         let _ = stream.shutdown(std::net::Shutdown::Write);
         let answer = String::from_utf8_lossy(&read(&mut stream)).into_owned();
@@ -991,20 +991,20 @@ fn requests_with_random_mistakes_harm_nobody() {
     setup.is_well();
 }
 
-/// A FIFO in the place of a receipt holds nobody up; there is no receipt then.
+/// A FIFO in place of a receipt does not block; it counts as no receipt.
 #[test]
-fn a_receipt_that_is_no_file_is_none() {
+fn non_file_receipt_counts_as_missing() {
     let setup = start(Options::default());
     let receipts = setup.root.join("receipts");
     std::fs::create_dir_all(&receipts).unwrap();
     let path = receipts.join("walk-1.json");
     mknodat(CWD, &path, FileType::Fifo, Mode::from_raw_mode(0o600), 0).unwrap();
-    let patience = Patience {
-        silence: Duration::from_secs(120),
-        tries: 1,
-        ..Patience::default()
+    let retry = RetryPolicy {
+        read_timeout: Duration::from_secs(120),
+        max_attempts: 1,
+        ..RetryPolicy::default()
     };
-    let sessions = setup.client_with(None, None, patience).sessions().unwrap();
+    let sessions = setup.client_with(None, None, retry).sessions().unwrap();
     assert_eq!(sessions.len(), 2);
     assert!(sessions.iter().all(|session| session.receipt.is_none()));
 }

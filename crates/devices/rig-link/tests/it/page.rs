@@ -1,5 +1,5 @@
-//! The page in a browser: it fits, it says what is so, its buttons do what they say, and it knows when the rig
-//! is gone. `RIG_LINK_SCREENSHOTS=FOLDER` keeps pictures of it.
+//! The page in a browser: layout, status, buttons, and detection of a lost connection.
+//! `RIG_LINK_SCREENSHOTS=FOLDER` stores screenshots.
 
 use std::time::Duration;
 
@@ -9,9 +9,9 @@ use rig_link::rig::Action;
 use rig_link::server::{Limits, Settings, serve};
 use serde_json::json;
 
-use crate::support::{Options, PATIENCE, Setup, TOKEN, start};
+use crate::support::{Options, Setup, TEST_TIMEOUT, TOKEN, start};
 
-/// A page that shows a scene, pictures and all.
+/// Opens the page with a scene, and waits for its images.
 fn open(browser: &mut Browser, scene: Scene) -> Setup {
     let setup = start(Options {
         scene,
@@ -19,20 +19,20 @@ fn open(browser: &mut Browser, scene: Scene) -> Setup {
     });
     browser.open(&setup.server.url());
     browser.until("document.readyState === 'complete' && document.querySelectorAll('#streams tbody tr').length === 6");
-    let pictures = if matches!(scene, Scene::Fault | Scene::Idle) {
+    let images = if matches!(scene, Scene::Fault | Scene::Idle) {
         2
     } else {
         3
     };
     browser.until(&format!(
-        "document.querySelectorAll('.preview img').length === {pictures} && \
+        "document.querySelectorAll('.preview img').length === {images} && \
          [...document.querySelectorAll('.preview img')].every(i => i.complete && i.naturalWidth > 0)"
     ));
     browser.until("document.querySelectorAll('#sessions .when').length === 2");
     setup
 }
 
-/// What does not fit, in words.
+/// Elements that do not fit, as text.
 const MISFITS: &str = "(() => {
     const wrong = [];
     const root = document.documentElement;
@@ -51,7 +51,7 @@ const MISFITS: &str = "(() => {
     return wrong;
 })()";
 
-/// The least contrast of any text with what is behind it (WCAG 2.2).
+/// The minimum contrast of any text with its background (WCAG 2.2).
 const CONTRAST: &str = "(() => {
     const numbers = (c) => (c.match(/[\\d.]+/g) ?? []).map(Number);
     const light = ([r, g, b]) => [r, g, b]
@@ -75,7 +75,7 @@ const CONTRAST: &str = "(() => {
 })()";
 
 #[test]
-fn it_fits_a_small_phone_and_a_thumb_and_can_be_read() {
+fn page_fits_a_small_phone_and_is_readable() {
     let Some(mut browser) = Browser::start(360, 780) else {
         return;
     };
@@ -87,11 +87,11 @@ fn it_fits_a_small_phone_and_a_thumb_and_can_be_read() {
         }
         for dark in [false, true] {
             browser.dark(dark);
-            let least = browser.value(CONTRAST);
+            let minimum = browser.value(CONTRAST);
             let limit = 7.0;
             assert!(
-                least[0].as_f64().unwrap() >= limit,
-                "{scene:?}, dark {dark}: {least}"
+                minimum[0].as_f64().unwrap() >= limit,
+                "{scene:?}, dark {dark}: {minimum}"
             );
         }
         let panel = browser.value(
@@ -103,11 +103,11 @@ fn it_fits_a_small_phone_and_a_thumb_and_can_be_read() {
 }
 
 #[test]
-fn each_state_has_its_own_word_sign_and_colour() {
+fn each_state_has_its_own_word_sign_and_color() {
     let Some(mut browser) = Browser::start(360, 780) else {
         return;
     };
-    let mut colours = std::collections::BTreeSet::new();
+    let mut colors = std::collections::BTreeSet::new();
     for (scene, word, main, enabled) in [
         (Scene::Idle, "WAITING", "Start", false),
         (Scene::Armed, "READY", "Start", true),
@@ -135,10 +135,10 @@ fn each_state_has_its_own_word_sign_and_colour() {
             "[...document.querySelectorAll('.sign > *')].filter(e => getComputedStyle(e).display !== 'none').length",
         );
         assert_eq!(signs, json!(1));
-        let colour =
+        let color =
             browser.value("getComputedStyle(document.getElementById('panel')).backgroundColor");
         assert!(
-            colours.insert(colour.to_string()),
+            colors.insert(color.to_string()),
             "{scene:?} looks like another"
         );
         let text = browser.value("document.body.innerText").to_string();
@@ -155,7 +155,8 @@ fn each_state_has_its_own_word_sign_and_colour() {
             ] {
                 assert!(text.contains(part), "{part} is not in {text}");
             }
-            // Of the camera that lost frames also the share; it falls while the recording goes on.
+            // Of the camera that lost frames also the fraction; it falls while the recording
+            // continues.
             let missing = browser.value(
                 "[...document.querySelectorAll('#streams tbody tr')].map(r => r.lastElementChild.textContent)",
             );
@@ -167,7 +168,7 @@ fn each_state_has_its_own_word_sign_and_colour() {
             assert_eq!(missing[0], "0");
         }
         if scene == Scene::Fault {
-            for part in ["camera is gone", "silent", "No picture", "no sync"] {
+            for part in ["camera is disconnected", "silent", "No image", "no sync"] {
                 assert!(text.contains(part), "{part} is not in {text}");
             }
         }
@@ -175,7 +176,7 @@ fn each_state_has_its_own_word_sign_and_colour() {
 }
 
 #[test]
-fn its_buttons_do_what_they_say() {
+fn buttons_trigger_their_actions() {
     let Some(mut browser) = Browser::start(360, 780) else {
         return;
     };
@@ -185,7 +186,7 @@ fn its_buttons_do_what_they_say() {
     browser.until("document.body.dataset.state === 'recording'");
     browser.tap("#mark");
     browser.until("!document.getElementById('toast').hidden && document.getElementById('toast').innerText.startsWith('Marked at')");
-    // Discarding asks first, and what is under the thumb keeps it.
+    // Discarding needs a confirmation, and the focused button keeps the recording.
     browser.until("!document.getElementById('discard').disabled");
     browser.tap("#discard");
     browser.until("document.getElementById('sure').open");
@@ -208,11 +209,11 @@ fn its_buttons_do_what_they_say() {
     browser.tap("#really");
     browser.until("document.getElementById('toast').innerText === 'Discarded.'");
     assert_eq!(setup.rig.actions().last(), Some(&Action::Discard));
-    // What the rig refuses is said.
+    // Rejections by the rig are shown.
     setup.rig.refuse(Some("the disk is full"));
     browser.tap("#main");
     browser.until("document.getElementById('toast').innerText === 'Not done: the disk is full'");
-    // A touch makes a picture large, another makes it small.
+    // A tap enlarges an image, another one restores it.
     browser.tap(".preview:nth-child(3)");
     browser.until("document.querySelector('.preview:nth-child(3)').offsetWidth > 300");
     browser.tap(".preview:nth-child(3)");
@@ -220,7 +221,7 @@ fn its_buttons_do_what_they_say() {
 }
 
 #[test]
-fn it_says_when_the_rig_is_gone_and_when_it_is_back() {
+fn page_reports_a_lost_rig_and_its_return() {
     let Some(mut browser) = Browser::start(360, 780) else {
         return;
     };
@@ -245,7 +246,7 @@ fn it_says_when_the_rig_is_gone_and_when_it_is_back() {
         json!("grayscale(1)")
     );
     assert_eq!(browser.value(MISFITS), json!([]));
-    picture(&mut browser, "lost");
+    image(&mut browser, "lost");
     let settings = Settings {
         bind,
         ..Settings::default()
@@ -259,7 +260,7 @@ fn it_says_when_the_rig_is_gone_and_when_it_is_back() {
 }
 
 #[test]
-fn it_asks_for_the_token() {
+fn page_requests_the_token() {
     let Some(mut browser) = Browser::start(360, 780) else {
         return;
     };
@@ -284,10 +285,11 @@ fn it_asks_for_the_token() {
     };
     enter(&mut browser, "wrong-wrong-wrong-wrong");
     browser.until("document.getElementById('login-error').innerText === 'the token is wrong'");
-    picture(&mut browser, "login");
+    image(&mut browser, "login");
     enter(&mut browser, TOKEN);
-    browser.until("document.getElementById('login-error').innerText.startsWith('too often')");
-    // A rig that was started again has forgotten it.
+    browser
+        .until("document.getElementById('login-error').innerText.startsWith('too many requests')");
+    // A restarted rig has forgotten the failed attempts.
     let again = setup.again();
     let url = again.url();
     browser.open(&url);
@@ -305,12 +307,12 @@ fn it_asks_for_the_token() {
 }
 
 #[test]
-fn it_takes_nothing_from_elsewhere_breaks_no_rule_and_rests_when_nobody_looks() {
+fn page_is_self_contained_and_idle_when_hidden() {
     let Some(mut browser) = Browser::start(360, 780) else {
         return;
     };
     let setup = open(&mut browser, Scene::Warning);
-    // Two rounds of pictures.
+    // Two rounds of previews.
     let is_preview = |event: &&serde_json::Value| {
         let url = event["params"]["request"]["url"].as_str();
         event["method"] == "Network.requestWillBeSent"
@@ -318,7 +320,7 @@ fn it_takes_nothing_from_elsewhere_breaks_no_rule_and_rests_when_nobody_looks() 
     };
     let begin = std::time::Instant::now();
     while browser.events.iter().filter(is_preview).count() < 6 {
-        assert!(begin.elapsed() < PATIENCE, "no further pictures");
+        assert!(begin.elapsed() < TEST_TIMEOUT, "no further images");
         std::thread::sleep(Duration::from_millis(50));
         browser.value("1");
     }
@@ -355,7 +357,7 @@ fn it_takes_nothing_from_elsewhere_breaks_no_rule_and_rests_when_nobody_looks() 
 }
 
 #[test]
-fn pictures_of_it() {
+fn page_screenshots() {
     if std::env::var_os("RIG_LINK_SCREENSHOTS").is_none() {
         println!("skipped: RIG_LINK_SCREENSHOTS names no folder");
         return;
@@ -365,20 +367,20 @@ fn pictures_of_it() {
     };
     for scene in Scene::ALL {
         let _setup = open(&mut browser, scene);
-        picture(&mut browser, scene.word());
+        image(&mut browser, scene.word());
         browser.dark(true);
-        picture(&mut browser, &format!("{}-dark", scene.word()));
+        image(&mut browser, &format!("{}-dark", scene.word()));
         browser.dark(false);
         browser.resize(360, 1700);
-        picture(&mut browser, &format!("{}-whole", scene.word()));
+        image(&mut browser, &format!("{}-whole", scene.word()));
         browser.resize(1400, 900);
-        picture(&mut browser, &format!("{}-desktop", scene.word()));
+        image(&mut browser, &format!("{}-desktop", scene.word()));
         browser.resize(360, 780);
     }
 }
 
-/// Keeps a picture of what is in sight, if that is wanted.
-fn picture(browser: &mut Browser, name: &str) {
+/// Stores a screenshot of the visible part.
+fn image(browser: &mut Browser, name: &str) {
     if let Some(folder) = std::env::var_os("RIG_LINK_SCREENSHOTS") {
         std::thread::sleep(Duration::from_millis(300));
         let path = std::path::Path::new(&folder).join(format!("phone-{name}.png"));

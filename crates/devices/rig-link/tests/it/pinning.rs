@@ -1,14 +1,14 @@
-//! The rig is known by its fingerprint and by nothing else.
+//! The rig is authenticated by its fingerprint only.
 
 use rig_link::client::LinkError;
 use rig_link::identity::{Fingerprint, Identity};
 use rig_link::link::Code;
 use rig_link::token::Token;
 
-use crate::support::{Options, impatient, start, token};
+use crate::support::{Options, short_retry, start, token};
 
 #[test]
-fn only_the_right_fingerprint_is_spoken_to() {
+fn only_the_expected_fingerprint_is_accepted() {
     let setup = start(Options {
         tls: true,
         token: true,
@@ -17,7 +17,7 @@ fn only_the_right_fingerprint_is_spoken_to() {
     let right = setup.server.fingerprint().unwrap();
     let ask = |fingerprint: Option<Fingerprint>, token: Option<Token>| {
         setup
-            .client_with(fingerprint, token, impatient())
+            .client_with(fingerprint, token, short_retry())
             .sessions()
     };
     assert_eq!(ask(Some(right), Some(token())).unwrap().len(), 2);
@@ -43,33 +43,36 @@ fn only_the_right_fingerprint_is_spoken_to() {
 
     for token in [None, Some(Token::new("another-token-than-that").unwrap())] {
         match ask(Some(right), token).unwrap_err() {
-            LinkError::Refused { problem, .. } => assert_eq!(problem.code, Code::Unauthorised),
+            LinkError::Rejected { problem, .. } => assert_eq!(problem.code, Code::Unauthorised),
             error => panic!("{error}"),
         }
     }
 }
 
 #[test]
-fn plain_text_stays_on_this_machine() {
+fn plain_http_is_local_only() {
     let setup = start(Options::default());
     assert_eq!(setup.client().sessions().unwrap().len(), 2);
     let address = "http://192.0.2.1:8077".parse().unwrap();
     let mut client =
-        rig_link::client::Client::new(address, None, Some(token()), impatient()).unwrap();
+        rig_link::client::Client::new(address, None, Some(token()), short_retry()).unwrap();
     let error = client.sessions().unwrap_err();
     assert!(matches!(error, LinkError::PlainText { .. }), "{error}");
 }
 
 #[test]
-fn who_does_not_answer_is_given_up() {
-    // A port that nobody listens on.
+fn unresponsive_server_times_out() {
+    // A port without listener.
     let address = {
         let listener = std::net::TcpListener::bind("127.0.0.1:0").unwrap();
         format!("http://{}", listener.local_addr().unwrap())
     };
     let mut client =
-        rig_link::client::Client::new(address.parse().unwrap(), None, None, impatient()).unwrap();
+        rig_link::client::Client::new(address.parse().unwrap(), None, None, short_retry()).unwrap();
     let error = client.sessions().unwrap_err();
-    assert!(matches!(error, LinkError::Lost { tries: 4, .. }), "{error}");
+    assert!(
+        matches!(error, LinkError::NoResponse { tries: 4, .. }),
+        "{error}"
+    );
     assert!(error.to_string().contains("refused"), "{error}");
 }

@@ -1,4 +1,4 @@
-//! Sessions over connections that break, and bytes that are not what they should be.
+//! Pulling sessions over broken connections and with corrupted bytes.
 
 use std::fs;
 use std::io::{Read, Write};
@@ -7,23 +7,24 @@ use std::sync::Arc;
 use std::sync::atomic::{AtomicUsize, Ordering};
 use std::time::Duration;
 
-use rig_link::client::{Client, LinkError, Patience};
+use rig_link::client::{Client, LinkError, RetryPolicy};
 use rig_link::link::{Code, RECEIPT_FORMAT, Receipt, SessionState, Total, VERSION};
 use rig_link::server::Limits;
 
-use crate::support::{Options, Setup, impatient, start, token};
+use crate::support::{Options, Setup, short_retry, start, token};
 
-/// Hands on what goes by, and does harm to what the server sends.
+/// A proxy that corrupts or cuts the server's data.
 struct Proxy {
     address: SocketAddr,
     connections: Arc<AtomicUsize>,
 }
 
-/// What happens on connection number `n`: cut off after so many bytes of the server's, or the bytes changed.
-type Harm = dyn Fn(usize) -> (usize, Option<usize>) + Send + Sync;
+/// Fault of connection number `n`: the number of server bytes before it is cut, and the position of
+/// a flipped byte.
+type Fault = dyn Fn(usize) -> (usize, Option<usize>) + Send + Sync;
 
 impl Proxy {
-    fn new(to: SocketAddr, harm: Box<Harm>) -> Self {
+    fn new(to: SocketAddr, fault: Box<Fault>) -> Self {
         let listener = TcpListener::bind("127.0.0.1:0").unwrap();
         let address = listener.local_addr().unwrap();
         let connections = Arc::new(AtomicUsize::new(0));
@@ -32,7 +33,7 @@ impl Proxy {
             for client in listener.incoming() {
                 let Ok(client) = client else { return };
                 let n = count.fetch_add(1, Ordering::SeqCst);
-                let (cut, flip) = harm(n);
+                let (cut, flip) = fault(n);
                 std::thread::spawn(move || carry(client, to, cut, flip));
             }
         });
@@ -44,7 +45,7 @@ impl Proxy {
 
     fn client(&self) -> Client {
         let address = format!("http://{}", self.address).parse().unwrap();
-        Client::new(address, None, Some(token()), impatient()).unwrap()
+        Client::new(address, None, Some(token()), short_retry()).unwrap()
     }
 }
 
@@ -95,19 +96,19 @@ fn pull(setup: &Setup, client: &mut Client) -> Total {
     let manifest = client.manifest("walk-2", |_| {}).unwrap();
     for (i, entry) in manifest.files.iter().enumerate() {
         let path = folder.path().join(i.to_string());
-        let mut told = 0;
+        let mut reported = 0;
         client
-            .download("walk-2", entry, &path, |n| told += n)
+            .download("walk-2", entry, &path, |n| reported += n)
             .unwrap();
         let expected = fs::read(setup.root.join("walk-2").join(&entry.path)).unwrap();
         assert!(fs::read(&path).unwrap() == expected, "{}", entry.path);
-        assert_eq!(told, entry.bytes);
+        assert_eq!(reported, entry.bytes);
     }
     manifest.total
 }
 
 #[test]
-fn a_session_is_fetched_received_and_freed() {
+fn session_is_downloaded_acknowledged_and_freed() {
     for tls in [false, true] {
         let setup = start(Options {
             tls,
@@ -131,7 +132,7 @@ fn a_session_is_fetched_received_and_freed() {
         );
 
         let refused = |result: Result<(), LinkError>| match result {
-            Err(LinkError::Refused { problem, .. }) => problem.code,
+            Err(LinkError::Rejected { problem, .. }) => problem.code,
             other => panic!("{other:?}"),
         };
         assert_eq!(refused(client.free("walk-2")), Code::NoReceipt);
@@ -145,7 +146,7 @@ fn a_session_is_fetched_received_and_freed() {
         client.put_receipt("walk-2", &receipt(&id, &total)).unwrap();
         let listed = client.sessions().unwrap().remove(1);
         assert_eq!(listed.receipt, Some(receipt(&id, &total)));
-        // Something is added on the rig: the receipt is no longer for what is there.
+        // A file is added on the rig: the receipt no longer matches.
         let notes = setup.root.join("walk-2/rig/notes.txt");
         fs::write(&notes, "rain").unwrap();
         assert_eq!(refused(client.free("walk-2")), Code::ManifestFirst);
@@ -161,9 +162,9 @@ fn a_session_is_fetched_received_and_freed() {
 }
 
 #[test]
-fn a_connection_that_breaks_again_and_again_is_no_hindrance() {
+fn download_survives_repeatedly_broken_connections() {
     let setup = start(Options::default());
-    // Every connection carries a little more, so that at last even the longest answer passes.
+    // Every connection carries a little more, so that finally even the longest response passes.
     let proxy = Proxy::new(setup.server.address(), Box::new(|n| (700 + n * 9000, None)));
     let mut client = proxy.client();
     pull(&setup, &mut client);
@@ -172,19 +173,25 @@ fn a_connection_that_breaks_again_and_again_is_no_hindrance() {
 }
 
 #[test]
-fn a_connection_that_never_carries_anything_is_given_up() {
+fn connection_without_progress_is_given_up() {
     let setup = start(Options::default());
     let proxy = Proxy::new(setup.server.address(), Box::new(|_| (0, None)));
     let error = proxy.client().manifest("walk-2", |_| {}).unwrap_err();
-    assert!(matches!(error, LinkError::Lost { tries: 4, .. }), "{error}");
-    // Half an answer, always the same half: no progress either.
+    assert!(
+        matches!(error, LinkError::NoResponse { tries: 4, .. }),
+        "{error}"
+    );
+    // Half a response, always the same half: no progress either.
     let proxy = Proxy::new(setup.server.address(), Box::new(|_| (900, None)));
     let error = proxy.client().manifest("walk-2", |_| {}).unwrap_err();
-    assert!(matches!(error, LinkError::Lost { tries: 4, .. }), "{error}");
+    assert!(
+        matches!(error, LinkError::NoResponse { tries: 4, .. }),
+        "{error}"
+    );
 }
 
 #[test]
-fn what_an_interrupted_download_left_is_used_if_it_is_right() {
+fn partial_download_is_reused_if_correct() {
     let setup = start(Options::default());
     let mut client = setup.client();
     let manifest = client.manifest("walk-2", |_| {}).unwrap();
@@ -205,14 +212,14 @@ fn what_an_interrupted_download_left_is_used_if_it_is_right() {
         (&whole[..half], half as u64, length - half as u64, 0),
         (&whole[..], length, 0, 0),
         (&[][..], 0, length, 0),
-        // Wrong bytes in the first half: all over again.
+        // Wrong bytes in the first half: downloaded again from the start.
         (
             &damaged[..],
             0,
             length - half as u64 + length,
             length - half as u64,
         ),
-        // Longer than it can be.
+        // Longer than the file.
         (&longer[..], 0, length, 0),
     ] {
         fs::write(&path, there).unwrap();
@@ -226,7 +233,7 @@ fn what_an_interrupted_download_left_is_used_if_it_is_right() {
 }
 
 #[test]
-fn a_changed_byte_is_noticed_and_fetched_again_and_then_an_error() {
+fn changed_byte_is_downloaded_again_and_then_an_error() {
     let setup = start(Options::default());
     let mut client = setup.client();
     let manifest = client.manifest("walk-2", |_| {}).unwrap();
@@ -238,11 +245,11 @@ fn a_changed_byte_is_noticed_and_fetched_again_and_then_an_error() {
     let folder = tempfile::tempdir().unwrap();
     let path = folder.path().join("segment");
     // On the first connection one byte is wrong; the second is cut off; the third is fine.
-    let harm = |n: usize| match n {
+    let fault = |n: usize| match n {
         0 => (100_000, Some(50_000)),
         _ => (usize::MAX, None),
     };
-    let proxy = Proxy::new(setup.server.address(), Box::new(harm));
+    let proxy = Proxy::new(setup.server.address(), Box::new(fault));
     let done = proxy
         .client()
         .download("walk-2", entry, &path, |_| {})
@@ -265,7 +272,7 @@ fn a_changed_byte_is_noticed_and_fetched_again_and_then_an_error() {
 }
 
 #[test]
-fn a_file_that_changes_on_the_rig_is_told_apart() {
+fn file_changed_on_the_rig_is_detected() {
     let setup = start(Options::default());
     let mut client = setup.client();
     let manifest = client.manifest("walk-2", |_| {}).unwrap();
@@ -278,26 +285,26 @@ fn a_file_that_changes_on_the_rig_is_told_apart() {
     let folder = tempfile::tempdir().unwrap();
     let path = folder.path().join("rig.toml");
     let error = client.download("walk-2", entry, &path, |_| {}).unwrap_err();
-    assert!(matches!(error, LinkError::Garbled { .. }), "{error}");
-    // The manifest is made anew for what changed.
+    assert!(matches!(error, LinkError::Malformed { .. }), "{error}");
+    // The manifest is made again for what changed.
     let again = client.manifest("walk-2", |_| {}).unwrap();
     assert_ne!(again.total, manifest.total);
 }
 
 #[test]
-fn what_is_being_recorded_cannot_be_pulled() {
+fn session_being_recorded_cannot_be_pulled() {
     let setup = start(Options::default());
     setup.rig.record(Some("walk-2"));
     let mut client = setup.client();
     assert_eq!(client.sessions().unwrap()[1].state, SessionState::Recording);
     match client.manifest("walk-2", |_| {}).unwrap_err() {
-        LinkError::Refused { problem, .. } => assert_eq!(problem.code, Code::Recording),
+        LinkError::Rejected { problem, .. } => assert_eq!(problem.code, Code::Recording),
         error => panic!("{error}"),
     }
 }
 
 #[test]
-fn while_the_rig_records_the_disk_is_read_slowly() {
+fn read_rate_is_limited_while_recording() {
     let limits = Limits {
         recording_bytes_per_s: 400_000,
         ..Limits::default()
@@ -309,7 +316,7 @@ fn while_the_rig_records_the_disk_is_read_slowly() {
     });
     let begin = std::time::Instant::now();
     pull(&setup, &mut setup.client());
-    // Half a megabyte, once for the hashes and once for the files.
+    // Half a megabyte, read once for the hashes and once for the files.
     let elapsed = begin.elapsed();
     assert!(elapsed > Duration::from_millis(1500), "{elapsed:?}");
     // While it does not, at the disk's own speed: at a byte per second this would take days.
@@ -325,7 +332,7 @@ fn while_the_rig_records_the_disk_is_read_slowly() {
 }
 
 #[test]
-fn a_server_that_is_no_rig_is_told_apart() {
+fn server_that_is_not_a_rig_is_detected() {
     let listener = TcpListener::bind("127.0.0.1:0").unwrap();
     let address = listener.local_addr().unwrap();
     let answers = [
@@ -347,23 +354,23 @@ fn a_server_that_is_no_rig_is_told_apart() {
             address,
             None,
             None,
-            Patience {
-                tries: 1,
-                ..impatient()
+            RetryPolicy {
+                max_attempts: 1,
+                ..short_retry()
             },
         )
         .unwrap();
         let error = client.sessions().unwrap_err();
-        assert!(matches!(error, LinkError::Garbled { .. }), "{error:?}");
+        assert!(matches!(error, LinkError::Malformed { .. }), "{error:?}");
     }
     let address = format!("http://{address}").parse().unwrap();
-    let mut client = Client::new(address, None, None, impatient()).unwrap();
+    let mut client = Client::new(address, None, None, short_retry()).unwrap();
     let error = client.sessions().unwrap_err();
     assert!(error.to_string().contains("418"), "{error}");
 }
 
 #[test]
-fn manifests_that_reach_out_of_the_folder_are_refused() {
+fn manifests_with_paths_outside_the_folder_are_rejected() {
     let line = |path: &str| {
         let hash = "a".repeat(64);
         let total = rig_link::link::list_hash([(path, 1, hash.as_str())]);
@@ -388,47 +395,48 @@ fn manifests_that_reach_out_of_the_folder_are_refused() {
     });
     let ask = || {
         let address = format!("http://{address}").parse().unwrap();
-        Client::new(address, None, None, impatient())
+        Client::new(address, None, None, short_retry())
             .unwrap()
             .manifest("x", |_| {})
     };
     for path in bad {
         let error = ask().unwrap_err();
         assert!(
-            error.to_string().contains("no path of a session's file"),
+            error.to_string().contains("not a path of a session's file"),
             "{path}: {error}"
         );
     }
     assert_eq!(ask().unwrap().files.len(), 1);
 }
 
-/// All tries together end within the time for one connection, however many tries there may be.
+/// All attempts together end within the timeout of one connection, however many attempts are
+/// allowed.
 #[test]
-fn an_address_where_nobody_has_answered_is_given_up_soon() {
-    // Refused at once, again and again.
+fn unreachable_address_is_given_up_within_the_connect_timeout() {
+    // Refused immediately and repeatedly.
     let listener = TcpListener::bind("127.0.0.1:0").unwrap();
     let address = listener.local_addr().unwrap();
     drop(listener);
-    let patience = Patience {
-        connect: Duration::from_millis(700),
-        tries: 1000,
-        pause: Duration::from_millis(100),
-        longest_pause: Duration::from_secs(3600),
-        ..impatient()
+    let retry = RetryPolicy {
+        connect_timeout: Duration::from_millis(700),
+        max_attempts: 1000,
+        first_pause: Duration::from_millis(100),
+        max_pause: Duration::from_secs(3600),
+        ..short_retry()
     };
     let address = format!("http://{address}").parse().unwrap();
-    let mut client = Client::new(address, None, None, patience).unwrap();
+    let mut client = Client::new(address, None, None, retry).unwrap();
     let error = client.sessions().unwrap_err();
     // Pauses of 100, 200 and 400 ms do not fit.
     assert!(
-        matches!(error, LinkError::Lost { tries, .. } if (1..=4).contains(&tries)),
+        matches!(error, LinkError::NoResponse { tries, .. } if (1..=4).contains(&tries)),
         "{error:?}"
     );
 }
 
-/// Nobody refuses and nobody answers: packets are simply dropped, as by a rig that is off.
+/// No rejection and no response: packets are dropped, as by a rig that is off.
 #[test]
-fn an_address_that_takes_no_connection_is_given_up_soon() {
+fn address_that_accepts_no_connection_is_given_up_within_the_connect_timeout() {
     let runtime = tokio::runtime::Builder::new_current_thread()
         .enable_all()
         .build()
@@ -439,7 +447,7 @@ fn an_address_that_takes_no_connection_is_given_up_soon() {
         socket.listen(1).unwrap()
     });
     let address = listener.local_addr().unwrap();
-    // The few places there are go to others, whom nobody lets in.
+    // Other connections that are never accepted fill the backlog.
     let mut waiting = Vec::new();
     while let Ok(stream) = TcpStream::connect_timeout(&address, Duration::from_secs(2)) {
         waiting.push(stream);
@@ -449,15 +457,15 @@ fn an_address_that_takes_no_connection_is_given_up_soon() {
         }
     }
     for scheme in ["http", "https"] {
-        let patience = Patience {
-            connect: Duration::from_millis(300),
-            ..impatient()
+        let retry = RetryPolicy {
+            connect_timeout: Duration::from_millis(300),
+            ..short_retry()
         };
         let address = format!("{scheme}://{address}").parse().unwrap();
-        let mut client = Client::new(address, None, None, patience).unwrap();
+        let mut client = Client::new(address, None, None, retry).unwrap();
         let error = client.sessions().unwrap_err();
         assert!(
-            matches!(&error, LinkError::Lost { tries: 1, reason, .. }
+            matches!(&error, LinkError::NoResponse { tries: 1, reason, .. }
                 if reason.starts_with("no connection within ")),
             "{error:?}"
         );

@@ -1,4 +1,4 @@
-//! A server with a fake rig, and a client that says whatever it is told to.
+//! A server with a fake rig, and a client that sends arbitrary bytes.
 
 use std::io::{ErrorKind, Read, Write};
 use std::net::{Shutdown, SocketAddr, TcpStream};
@@ -6,15 +6,15 @@ use std::path::PathBuf;
 use std::sync::Arc;
 use std::time::{Duration, Instant};
 
-use rig_link::client::{Client, Patience};
+use rig_link::client::{Client, RetryPolicy};
 use rig_link::fake::{FakeRig, Scene, write_session};
 use rig_link::identity::{Fingerprint, Identity};
 use rig_link::server::{Limits, Server, Settings, serve};
 use rig_link::token::Token;
 
 pub(crate) const TOKEN: &str = "correct-horse-battery";
-/// How long anything may take on a machine that is busy; reached only when something hangs.
-pub(crate) const PATIENCE: Duration = Duration::from_secs(600);
+/// Timeout of each step on a busy machine; reached only on a hang.
+pub(crate) const TEST_TIMEOUT: Duration = Duration::from_secs(600);
 
 /// A server with the sessions `walk-1` (being recorded if the test says so) and `walk-2`.
 pub(crate) struct Setup {
@@ -87,26 +87,26 @@ impl Setup {
     }
 
     pub(crate) fn client(&self) -> Client {
-        self.client_with(self.server.fingerprint(), Some(token()), impatient())
+        self.client_with(self.server.fingerprint(), Some(token()), short_retry())
     }
 
     pub(crate) fn client_with(
         &self,
         fingerprint: Option<Fingerprint>,
         token: Option<Token>,
-        patience: Patience,
+        retry: RetryPolicy,
     ) -> Client {
         let address = self.server.url().parse().unwrap();
-        Client::new(address, fingerprint, token, patience).unwrap()
+        Client::new(address, fingerprint, token, retry).unwrap()
     }
 
-    /// Sends these bytes and gives what comes back until the connection ends.
+    /// Sends these bytes and returns the response until the connection ends.
     pub(crate) fn raw(&self, bytes: impl AsRef<[u8]>) -> String {
         raw(self.server.address(), bytes.as_ref())
     }
 
-    /// As [`Self::raw`], for what the server does not hang up after: when it has been silent for a second it is told that
-    /// nothing more comes.
+    /// As [`Self::raw`], if the server does not close the connection: after a second without data
+    /// the client ends its side.
     pub(crate) fn raw_and_done(&self, bytes: impl AsRef<[u8]>) -> String {
         let mut stream = TcpStream::connect(self.server.address()).unwrap();
         let _ = stream.write_all(bytes.as_ref());
@@ -115,7 +115,7 @@ impl Setup {
             .unwrap();
         let mut all = read(&mut stream);
         let _ = stream.shutdown(Shutdown::Write);
-        stream.set_read_timeout(Some(PATIENCE)).unwrap();
+        stream.set_read_timeout(Some(TEST_TIMEOUT)).unwrap();
         all.extend(read(&mut stream));
         String::from_utf8_lossy(&all).into_owned()
     }
@@ -140,7 +140,7 @@ impl Setup {
         self.request(&format!("POST {path}"), &headers, body)
     }
 
-    /// The server still answers.
+    /// Checks that the server still responds.
     pub(crate) fn is_well(&self) {
         let answer = self.request("GET /api/status", &bearer(TOKEN), "");
         assert_eq!(status(&answer), 200, "{answer}");
@@ -152,21 +152,21 @@ pub(crate) fn bearer(token: &str) -> String {
     format!("Authorization: Bearer {token}\r\n")
 }
 
-/// Gives up after few tries.
-pub(crate) fn impatient() -> Patience {
-    Patience {
-        connect: Duration::from_secs(60),
-        silence: Duration::from_secs(60),
-        tries: 4,
-        pause: Duration::from_millis(10),
-        longest_pause: Duration::from_millis(100),
+/// A policy with few attempts.
+pub(crate) fn short_retry() -> RetryPolicy {
+    RetryPolicy {
+        connect_timeout: Duration::from_secs(60),
+        read_timeout: Duration::from_secs(60),
+        max_attempts: 4,
+        first_pause: Duration::from_millis(10),
+        max_pause: Duration::from_millis(100),
     }
 }
 
 pub(crate) fn raw(address: SocketAddr, bytes: &[u8]) -> String {
     let mut stream = TcpStream::connect(address).unwrap();
-    stream.set_read_timeout(Some(PATIENCE)).unwrap();
-    // The server may hang up before it has read everything.
+    stream.set_read_timeout(Some(TEST_TIMEOUT)).unwrap();
+    // The server may close the connection before it has read everything.
     let _ = stream.write_all(bytes);
     String::from_utf8_lossy(&read(&mut stream)).into_owned()
 }
@@ -185,9 +185,9 @@ pub(crate) fn read(stream: &mut TcpStream) -> Vec<u8> {
     }
 }
 
-/// One answer, of which the connection stays open.
+/// One response on a connection that is kept open.
 pub(crate) fn read_one(stream: &mut TcpStream) -> String {
-    stream.set_read_timeout(Some(PATIENCE)).unwrap();
+    stream.set_read_timeout(Some(TEST_TIMEOUT)).unwrap();
     let mut all = Vec::new();
     let mut block = [0; 4096];
     loop {
@@ -208,7 +208,7 @@ pub(crate) fn read_one(stream: &mut TcpStream) -> String {
     }
 }
 
-/// A connection from this address of the machine itself; all of 127.0.0.0/8 are its own.
+/// A connection from this loopback address (127.0.0.0/8).
 pub(crate) fn connect_from(from: [u8; 4], to: SocketAddr) -> TcpStream {
     let runtime = tokio::runtime::Builder::new_current_thread()
         .enable_io()
@@ -223,7 +223,7 @@ pub(crate) fn connect_from(from: [u8; 4], to: SocketAddr) -> TcpStream {
     stream
 }
 
-/// The status of an answer; 0 if there was none.
+/// The status of a response; 0 if there was none.
 pub(crate) fn status(answer: &str) -> u16 {
     let status = answer.strip_prefix("HTTP/1.1 ").and_then(|a| a.get(..3));
     status.and_then(|s| s.parse().ok()).unwrap_or(0)

@@ -1,6 +1,6 @@
 //! Lines through events that come in equal steps. Plain functions.
 //!
-//! The thinnest strip is looked for by golden section, for its width is convex in the slope; the lower edge goes through the lowest
+//! The thinnest band is looked for by golden section, for its width is convex in the slope; the lower edge goes through the lowest
 //! points of a few parts of the window. A thousand points are few: all is done again each time. Points are taken relative to the first, so that nanoseconds of years of uptime stay exact.
 
 use std::collections::VecDeque;
@@ -9,7 +9,7 @@ use std::collections::VecDeque;
 const STEPS: usize = 48;
 /// Parts of the window whose lowest points make the lower edge.
 const PARTS: usize = 8;
-/// Of a strip at most one point in so many is left out.
+/// Of a band at most one point in so many is left out.
 const LEFT_OUT: usize = 5;
 
 /// An event: its number and its time, ns.
@@ -56,19 +56,19 @@ impl Line {
     }
 }
 
-/// The middle of the strips around the points that are no wider than they may be.
+/// The middle of the bands around the points that are no wider than they may be.
 #[derive(Clone, Copy, Debug)]
-pub(super) struct Strip {
+pub(super) struct SlopeBand {
     pub(super) line: Line,
     /// Of the thinnest one from edge to edge, ns.
     pub(super) width: f64,
-    /// Span at the newest point in which the middle of such a strip may lie, ns.
+    /// Span at the newest point in which the middle of such a band may lie, ns.
     pub(super) unresolved: f64,
 }
 
 /// The lower edge of the points.
 #[derive(Clone, Copy, Debug)]
-pub(super) struct Floor {
+pub(super) struct LowerEnvelope {
     pub(super) line: Line,
     /// How well it is known, ns.
     pub(super) sigma: f64,
@@ -98,10 +98,10 @@ pub(super) fn slope_of(points: &VecDeque<Point>) -> Option<f64> {
     median(slopes).filter(|s| s.is_finite() && *s > 0.0)
 }
 
-/// Points that are late by anything between 0 and `limit` lie in a strip of that width, but not in one strip only: a range of slopes
+/// Points that are late by anything between 0 and `limit` lie in a band of that width, but not in one band only: a range of slopes
 /// may do. The middle of that range is taken, and how much it leaves open is reported. A few points that
 /// lie far from the rest are left out; if there are many, none is.
-pub(super) fn strip(points: &VecDeque<Point>, slope: f64, limit: f64) -> Option<Strip> {
+pub(super) fn slope_band(points: &VecDeque<Point>, slope: f64, limit: f64) -> Option<SlopeBand> {
     let (origin, mut rest) = residuals(points, slope)?;
     let middle = median(rest.iter().map(|p| p.1).collect())?;
     let all = rest.clone();
@@ -137,7 +137,7 @@ pub(super) fn strip(points: &VecDeque<Point>, slope: f64, limit: f64) -> Option<
         least = least.min(off - half_slack(end));
         most = most.max(off + half_slack(end));
     }
-    Some(Strip {
+    Some(SlopeBand {
         line: Line {
             origin,
             value,
@@ -150,7 +150,11 @@ pub(super) fn strip(points: &VecDeque<Point>, slope: f64, limit: f64) -> Option<
 
 /// The lower edge of points, with a slope within `within` of the given one. Points far below the others are left
 /// out: nothing is early, so they are wrong.
-pub(super) fn floor(points: &VecDeque<Point>, slope: f64, within: f64) -> Option<Floor> {
+pub(super) fn lower_envelope(
+    points: &VecDeque<Point>,
+    slope: f64,
+    within: f64,
+) -> Option<LowerEnvelope> {
     let (origin, mut rest) = residuals(points, slope)?;
     let drift = slope_of(points)?.clamp(slope - within, slope + within) - slope;
     let mut heights: Vec<f64> = rest.iter().map(|(x, y)| y - drift * x).collect();
@@ -183,7 +187,7 @@ pub(super) fn floor(points: &VecDeque<Point>, slope: f64, within: f64) -> Option
     // How near does each part come to the line? Most of them, for one may have been late all over.
     let mut heights: Vec<f64> = lows.iter().map(|(x, y)| y - turn * x - value).collect();
     heights.sort_by(f64::total_cmp);
-    Some(Floor {
+    Some(LowerEnvelope {
         line: Line {
             origin,
             value,
@@ -250,9 +254,9 @@ mod tests {
         #[test]
         fn the_strip_finds_the_middle(late in prop::collection::vec(0.0..1_250_000.0_f64, 512)) {
             let points = points(|n| late[n as usize]);
-            let strip = strip(&points, slope_of(&points).expect("some"), 1_250_000.0).expect("some");
-            prop_assert!(strip.width <= 1_250_001.0 && strip.width > 1_150_000.0, "{}", strip.width);
-            for error in errors(&strip.line) {
+            let slope_band = slope_band(&points, slope_of(&points).expect("some"), 1_250_000.0).expect("some");
+            prop_assert!(slope_band.width <= 1_250_001.0 && slope_band.width > 1_150_000.0, "{}", slope_band.width);
+            for error in errors(&slope_band.line) {
                 prop_assert!((error - 625_000.0).abs() < 75_000.0, "{}", error);
             }
         }
@@ -266,10 +270,10 @@ mod tests {
                 let (late, very) = late[n as usize];
                 if very { 50.0 * late } else { late }
             });
-            let floor = floor(&points, PERIOD + 2000.0, PERIOD * 500e-6).expect("some");
-            for error in errors(&floor.line) {
+            let lower_envelope = lower_envelope(&points, PERIOD + 2000.0, PERIOD * 500e-6).expect("some");
+            for error in errors(&lower_envelope.line) {
                 prop_assert!(error.abs() < 100_000.0, "{}", error);
-                prop_assert!(error.abs() < 5.0 * floor.sigma + 2000.0, "{} {}", error, floor.sigma);
+                prop_assert!(error.abs() < 5.0 * lower_envelope.sigma + 2000.0, "{} {}", error, lower_envelope.sigma);
             }
         }
     }
@@ -281,10 +285,11 @@ mod tests {
             300 => -20e6,
             n => ((n * 37) % 100) as f64 * 10_000.0,
         });
-        let strip = strip(&wild, slope_of(&wild).expect("some"), 1_000_000.0).expect("some");
-        assert!(strip.width < 1_000_000.0);
-        let floor = floor(&wild, PERIOD, PERIOD * 500e-6).expect("some");
-        for error in errors(&floor.line) {
+        let slope_band =
+            slope_band(&wild, slope_of(&wild).expect("some"), 1_000_000.0).expect("some");
+        assert!(slope_band.width < 1_000_000.0);
+        let lower_envelope = lower_envelope(&wild, PERIOD, PERIOD * 500e-6).expect("some");
+        for error in errors(&lower_envelope.line) {
             assert!((-30_000.0..30_000.0).contains(&error), "{error}");
         }
     }
@@ -292,7 +297,7 @@ mod tests {
     #[test]
     fn a_line_is_read_both_ways() {
         let exact = points(|_| 0.0);
-        let line = strip(&exact, slope_of(&exact).expect("some"), 1000.0)
+        let line = slope_band(&exact, slope_of(&exact).expect("some"), 1000.0)
             .expect("some")
             .line;
         assert!((line.inverse(line.y(100.0)) - 100.0).abs() < 1e-6);

@@ -127,30 +127,33 @@ impl World {
         }
     }
 
-    /// How far the tie is from the truth at a time, ns.
-    fn error(&self, tie: &Tie, host: f64) -> f64 {
+    /// How far the estimate is from the truth at a time, ns.
+    fn error(&self, estimate: &FrameSyncEstimate, host: f64) -> f64 {
         let ticks = (self.device_ns(host) / TICK_NS) as u64;
         let truth = self.host_of(ticks as f64 * TICK_NS) + self.camera.0;
-        tie.host_ns(ticks).expect("in range") as f64 - truth
+        estimate.host_ns(ticks).expect("in range") as f64 - truth
     }
 
-    /// The error at the end of a run that begins with nothing, ns, with the tie; on the way no error since the first third may be
+    /// The error at the end of a run that begins with nothing, ns, with the estimate; on the way no error since the first third may be
     /// above half a millisecond, or four sigma.
-    fn run(&self, seconds: f64) -> (f64, Tie) {
+    fn run(&self, seconds: f64) -> (f64, FrameSyncEstimate) {
         let mut sync = FrameSync::new(Bounds::default());
         self.feed(&mut sync, 0.0, seconds * S, |sync, now| {
             if now > seconds * S / 3.0 {
-                let tie = sync.tie().expect("a tie");
+                let estimate = sync.estimate().expect("a tie");
                 for at in [now, now - 5.0 * S] {
-                    let error = self.error(tie, at).abs();
-                    assert!(error < 0.5 * MS, "{error} {tie:?}");
-                    assert!(error < 4.0 * tie.sigma_ns as f64, "{error} {tie:?}");
+                    let error = self.error(estimate, at).abs();
+                    assert!(error < 0.5 * MS, "{error} {estimate:?}");
+                    assert!(
+                        error < 4.0 * estimate.sigma_ns as f64,
+                        "{error} {estimate:?}"
+                    );
                 }
             }
         });
-        let tie = *sync.tie().expect("a tie");
-        assert_eq!(tie.sync_minus_sequence, self.number(), "{tie:?}");
-        (self.error(&tie, seconds * S).abs(), tie)
+        let estimate = *sync.estimate().expect("a tie");
+        assert_eq!(estimate.sync_minus_sequence, self.number(), "{estimate:?}");
+        (self.error(&estimate, seconds * S).abs(), estimate)
     }
 }
 
@@ -172,14 +175,17 @@ impl Random {
 
 #[test]
 fn a_quiet_link_is_tied_to_a_few_microseconds() {
-    let (error, tie) = World::new().run(40.0);
-    assert!(error < 40_000.0, "{error} {tie:?}");
-    let rate = (tie.rate_ppb as f64 / -37_000.0 - 1.0).abs();
-    assert!(rate < 0.1, "{tie:?}");
-    assert!((tie.frame_period_ns - 33_333_333).abs() < 500, "{tie:?}");
+    let (error, estimate) = World::new().run(40.0);
+    assert!(error < 40_000.0, "{error} {estimate:?}");
+    let rate = (estimate.rate_ppb as f64 / -37_000.0 - 1.0).abs();
+    assert!(rate < 0.1, "{estimate:?}");
     assert!(
-        (tie.least_latency_ns as f64 - (0.5 - 2.0) * MS).abs() < 0.2 * MS,
-        "{tie:?}"
+        (estimate.frame_period_ns - 33_333_333).abs() < 500,
+        "{estimate:?}"
+    );
+    assert!(
+        (estimate.least_latency_ns as f64 - (0.5 - 2.0) * MS).abs() < 0.2 * MS,
+        "{estimate:?}"
     );
 }
 
@@ -190,8 +196,8 @@ fn late_arrivals_never_enter_the_line() {
             imu: (0.5 * MS, jitter * MS),
             ..World::new()
         };
-        let (error, tie) = world.run(40.0);
-        assert!(error < 40_000.0, "{jitter}: {error} {tie:?}");
+        let (error, estimate) = world.run(40.0);
+        assert!(error < 40_000.0, "{jitter}: {error} {estimate:?}");
     }
 }
 
@@ -202,8 +208,8 @@ fn late_stamps_enter_it_little() {
             camera: (2.0 * MS, jitter * MS),
             ..World::new()
         };
-        let (error, tie) = world.run(60.0);
-        assert!(error < limit * MS, "{jitter}: {error} {tie:?}");
+        let (error, estimate) = world.run(60.0);
+        assert!(error < limit * MS, "{jitter}: {error} {estimate:?}");
     }
 }
 
@@ -215,8 +221,8 @@ fn thirty_days_of_uptime_change_nothing() {
             counted_before: 4_294_000_000,
             ..World::new()
         };
-        let (error, tie) = world.run(60.0);
-        assert!(error < 40_000.0, "{days} days: {error} {tie:?}");
+        let (error, estimate) = world.run(60.0);
+        assert!(error < 40_000.0, "{days} days: {error} {estimate:?}");
     };
     for days in [0.007, 1.0, 30.0, 365.0] {
         at(days);
@@ -230,8 +236,8 @@ fn lost_samples_and_frames_are_counted_and_do_no_harm() {
         lost_frames: 0.1,
         ..World::new()
     };
-    let (error, tie) = world.run(40.0);
-    assert!(error < 60_000.0, "{error} {tie:?}");
+    let (error, estimate) = world.run(40.0);
+    assert!(error < 60_000.0, "{error} {estimate:?}");
     let mut sync = FrameSync::new(Bounds::default());
     world.feed(&mut sync, 0.0, 30.0 * S, |_, _| {});
     let counters = sync.counters();
@@ -251,7 +257,7 @@ fn lost_samples_and_frames_are_counted_and_do_no_harm() {
 }
 
 /// At 400 Hz and 25 or 100 frames per second the flag is always late by the same: the truth may be anywhere within a sample
-/// period, and the tie says so.
+/// period, and the estimate says so.
 #[test]
 fn a_delay_that_never_changes_is_owned_up_to() {
     for frame_hz in [25.0, 100.0] {
@@ -271,14 +277,17 @@ fn a_delay_that_never_changes_is_owned_up_to() {
             };
             let mut sync = FrameSync::new(bounds);
             world.feed(&mut sync, 0.0, 20.0 * S, |_, _| {});
-            let tie = sync.tie().expect("a tie");
-            let error = world.error(tie, 20.0 * S);
-            assert!(tie.unresolved_ns > 2_300_000, "{tie:?}");
+            let estimate = sync.estimate().expect("a tie");
+            let error = world.error(estimate, 20.0 * S);
+            assert!(estimate.unresolved_ns > 2_300_000, "{estimate:?}");
             assert!(
-                error.abs() < tie.unresolved_ns as f64 / 2.0 + 100_000.0,
-                "{error} {tie:?}"
+                error.abs() < estimate.unresolved_ns as f64 / 2.0 + 100_000.0,
+                "{error} {estimate:?}"
             );
-            assert!(error.abs() < 2.0 * tie.sigma_ns as f64, "{error} {tie:?}");
+            assert!(
+                error.abs() < 2.0 * estimate.sigma_ns as f64,
+                "{error} {estimate:?}"
+            );
         }
     }
 }
@@ -292,8 +301,8 @@ fn a_wrong_frame_is_never_taken_silently() {
     };
     let mut sync = FrameSync::new(Bounds::default());
     late.feed(&mut sync, 0.0, 10.0 * S, |_, _| {});
-    let error = sync.tie().expect_err("out of bounds");
-    assert!(matches!(error, Undetermined::OutOfBounds { .. }), "{error}");
+    let error = sync.estimate().expect_err("out of bounds");
+    assert!(matches!(error, NoEstimate::OutOfBounds { .. }), "{error}");
     // At 100 frames per second twelve milliseconds of bounds hold two.
     let fast = World {
         frame_hz: 100.0,
@@ -305,8 +314,8 @@ fn a_wrong_frame_is_never_taken_silently() {
         imu_ns: (0, 4_000_000),
     });
     fast.feed(&mut sync, 0.0, 10.0 * S, |_, _| {});
-    let error = sync.tie().expect_err("ambiguous");
-    let Undetermined::Ambiguous { numbers, .. } = error else {
+    let error = sync.estimate().expect_err("ambiguous");
+    let NoEstimate::Ambiguous { numbers, .. } = error else {
         panic!("{error}");
     };
     assert!(numbers.contains(&fast.number()), "{numbers:?}");
@@ -324,8 +333,11 @@ fn a_number_taken_in_a_burst_is_taken_back() {
     let mut sync = FrameSync::new(Bounds::default());
     let mut numbers = Vec::new();
     world.feed(&mut sync, 0.0, 30.0 * S, |sync, _| {
-        if let Ok(tie) = sync.tie() {
-            let seen = (tie.sync_minus_sequence - world.number(), tie.revision);
+        if let Ok(estimate) = sync.estimate() {
+            let seen = (
+                estimate.sync_minus_sequence - world.number(),
+                estimate.revision,
+            );
             if numbers.last() != Some(&seen) {
                 numbers.push(seen);
             }
@@ -341,9 +353,9 @@ fn a_number_that_was_taken_stays_in_a_burst() {
         burst: (10.0 * S, 55.0 * S, 20.0 * MS),
         ..World::new()
     };
-    let (error, tie) = world.run(60.0);
-    assert!(error < 40_000.0, "{error} {tie:?}");
-    assert_eq!(tie.revision, 0);
+    let (error, estimate) = world.run(60.0);
+    assert!(error < 40_000.0, "{error} {estimate:?}");
+    assert_eq!(estimate.revision, 0);
 }
 
 #[test]
@@ -351,7 +363,7 @@ fn what_begins_anew_is_tied_anew() {
     let world = World::new();
     let mut sync = FrameSync::new(Bounds::default());
     world.feed(&mut sync, 0.0, 10.0 * S, |_, _| {});
-    let before = *sync.tie().expect("a tie");
+    let before = *sync.estimate().expect("a tie");
     // The microcontroller was reset: ticks and counts restart, and the camera's stream too.
     let again = World {
         uptime: 1.0 * S,
@@ -360,13 +372,13 @@ fn what_begins_anew_is_tied_anew() {
         ..World::new()
     };
     again.feed(&mut sync, 12.0 * S, 25.0 * S, |_, _| {});
-    let tie = *sync.tie().expect("a tie");
+    let estimate = *sync.estimate().expect("a tie");
     assert!(
-        again.error(&tie, 25.0 * S).abs() < 3.0 * tie.sigma_ns as f64,
-        "{tie:?}"
+        again.error(&estimate, 25.0 * S).abs() < 3.0 * estimate.sigma_ns as f64,
+        "{estimate:?}"
     );
-    assert_eq!(tie.sync_minus_sequence, again.number());
-    assert!(tie.revision > before.revision);
+    assert_eq!(estimate.sync_minus_sequence, again.number());
+    assert!(estimate.revision > before.revision);
     assert!(
         (1..=3).contains(&sync.counters().restarts),
         "{:?}",
@@ -385,25 +397,25 @@ fn a_counter_that_slips_is_noticed() {
         ..world.clone()
     };
     slipped.feed(&mut sync, 10.0 * S, 20.0 * S, |_, _| {});
-    let tie = *sync.tie().expect("a tie");
-    assert_eq!(tie.sync_minus_sequence, slipped.number());
+    let estimate = *sync.estimate().expect("a tie");
+    assert_eq!(estimate.sync_minus_sequence, slipped.number());
     assert!(
-        slipped.error(&tie, 20.0 * S).abs() < 3.0 * tie.sigma_ns as f64,
-        "{tie:?}"
+        slipped.error(&estimate, 20.0 * S).abs() < 3.0 * estimate.sigma_ns as f64,
+        "{estimate:?}"
     );
 }
 
 #[test]
 fn too_little_is_said_to_be_too_little() {
     let mut sync = FrameSync::new(Bounds::default());
-    let error = sync.tie().expect_err("nothing yet");
+    let error = sync.estimate().expect_err("nothing yet");
     assert_eq!(
         error.to_string(),
         "too few frames: the IMU counted 0, the camera sent 0, expected 32 of each"
     );
     World::new().feed(&mut sync, 0.0, 1.0 * S, |_, _| {});
     assert!(
-        matches!(sync.tie(), Err(Undetermined::TooFew { .. })),
+        matches!(sync.estimate(), Err(NoEstimate::TooFew { .. })),
         "{sync:?}"
     );
 
@@ -415,7 +427,7 @@ fn too_little_is_said_to_be_too_little() {
         sync.sample(&sample, sample.device_ns());
         sync.frame(k, i64::from(k) * 33_333_333);
     }
-    assert_eq!(sync.tie(), Err(&Undetermined::NotActive));
+    assert_eq!(sync.estimate(), Err(&NoEstimate::NotActive));
 }
 
 #[test]
@@ -441,7 +453,7 @@ fn frames_of_another_camera_or_in_unequal_steps_are_no_tie() {
     merged.numbers = sync.numbers.clone();
     merged.active = true;
     assert!(
-        matches!(merged.fit(), Err(Undetermined::Rates { .. })),
+        matches!(merged.fit(), Err(NoEstimate::Rates { .. })),
         "{:?}",
         merged.fit()
     );
@@ -457,7 +469,7 @@ fn frames_of_another_camera_or_in_unequal_steps_are_no_tie() {
     }
     let irregular = uneven.fit();
     assert!(
-        matches!(irregular, Err(Undetermined::Irregular { .. })),
+        matches!(irregular, Err(NoEstimate::Irregular { .. })),
         "{irregular:?}"
     );
 }

@@ -1,7 +1,7 @@
 //! When the device is to be pinged, and what to do about its silence. Pure: time in, duty out.
 //!
 //! Silence of [`SILENT_NS`] is reported, then the stream is stopped and started again. After [`PATIENCE_NS`] more the device is
-//! closed and opened again; then all of it from the start, but told only once. A report ends it. The ping has its
+//! closed and opened again; then all of it from the start, but reported only once. A report ends it. The ping has its
 //! own time and is due whether or not reports come: a loop that counted reports would be minutes late with a silent
 //! device, which would then stay silent for want of pings.
 
@@ -14,11 +14,11 @@ pub const PATIENCE_NS: i64 = 1_000_000_000;
 
 /// Something that is due.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub(super) enum Duty {
+pub(super) enum WatchdogAction {
     /// Send a ping.
     Ping,
     /// Say that the device is silent.
-    Tell,
+    ReportSilence,
     /// Stop the stream and start it.
     Restart,
     /// Close the device and open it.
@@ -28,7 +28,7 @@ pub(super) enum Duty {
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 enum Stage {
     Listening,
-    Told,
+    Reported,
     Restarted,
 }
 
@@ -38,9 +38,9 @@ pub(super) struct Watchdog {
     /// The last report, or what was done since.
     since: i64,
     /// The last report, or the opening.
-    heard: i64,
+    last_report: i64,
     pinged: i64,
-    told: bool,
+    reported: bool,
 }
 
 impl Watchdog {
@@ -49,9 +49,9 @@ impl Watchdog {
         Self {
             stage: Stage::Listening,
             since: now,
-            heard: now,
+            last_report: now,
             pinged: now,
-            told: false,
+            reported: false,
         }
     }
 
@@ -64,36 +64,36 @@ impl Watchdog {
     }
 
     /// When the last report came, or the device was first opened.
-    pub(super) fn heard(&self) -> i64 {
-        self.heard
+    pub(super) fn last_report(&self) -> i64 {
+        self.last_report
     }
 
     /// What is due at `now`. It is taken as done.
-    pub(super) fn due(&mut self, now: i64) -> Option<Duty> {
+    pub(super) fn due(&mut self, now: i64) -> Option<WatchdogAction> {
         if now >= self.ping_at() {
             self.pinged = now;
-            return Some(Duty::Ping);
+            return Some(WatchdogAction::Ping);
         }
         if now < self.act_at() {
             return None;
         }
         match self.stage {
-            Stage::Listening if !self.told => {
-                self.told = true;
-                self.stage = Stage::Told;
-                Some(Duty::Tell)
+            Stage::Listening if !self.reported => {
+                self.reported = true;
+                self.stage = Stage::Reported;
+                Some(WatchdogAction::ReportSilence)
             }
-            Stage::Listening | Stage::Told => {
+            Stage::Listening | Stage::Reported => {
                 self.stage = Stage::Restarted;
                 self.since = now;
                 self.pinged = now;
-                Some(Duty::Restart)
+                Some(WatchdogAction::Restart)
             }
             Stage::Restarted => {
                 self.stage = Stage::Listening;
                 self.since = now;
                 self.pinged = now;
-                Some(Duty::Reopen)
+                Some(WatchdogAction::Reopen)
             }
         }
     }
@@ -109,7 +109,7 @@ impl Watchdog {
 
     fn act_at(&self) -> i64 {
         self.since.saturating_add(match self.stage {
-            Stage::Listening | Stage::Told => SILENT_NS,
+            Stage::Listening | Stage::Reported => SILENT_NS,
             Stage::Restarted => PATIENCE_NS,
         })
     }
@@ -120,7 +120,7 @@ mod tests {
     use super::*;
 
     /// Runs to `until` without a report; what was due when, ms.
-    fn silence(dog: &mut Watchdog, until: i64) -> Vec<(i64, Duty)> {
+    fn silence(dog: &mut Watchdog, until: i64) -> Vec<(i64, WatchdogAction)> {
         let mut done = Vec::new();
         while dog.next() < until {
             let now = dog.next();
@@ -135,20 +135,26 @@ mod tests {
     fn silence_is_told_once_and_acted_upon_again_and_again() {
         let mut dog = Watchdog::new(0);
         let done = silence(&mut dog, 3_600_000_000);
-        let acts: Vec<_> = done.into_iter().filter(|d| d.1 != Duty::Ping).collect();
+        let acts: Vec<_> = done
+            .into_iter()
+            .filter(|d| d.1 != WatchdogAction::Ping)
+            .collect();
         let expected = [
-            (500, Duty::Tell),
-            (500, Duty::Restart),
-            (1500, Duty::Reopen),
-            (2000, Duty::Restart),
-            (3000, Duty::Reopen),
-            (3500, Duty::Restart),
+            (500, WatchdogAction::ReportSilence),
+            (500, WatchdogAction::Restart),
+            (1500, WatchdogAction::Reopen),
+            (2000, WatchdogAction::Restart),
+            (3000, WatchdogAction::Reopen),
+            (3500, WatchdogAction::Restart),
         ];
         assert_eq!(acts, expected);
         dog.report(4_000_000_000);
-        assert_eq!(dog.heard(), 4_000_000_000);
+        assert_eq!(dog.last_report(), 4_000_000_000);
         let acts = silence(&mut dog, 4_600_000_000);
-        assert!(acts.contains(&(4500, Duty::Tell)), "{acts:?}");
+        assert!(
+            acts.contains(&(4500, WatchdogAction::ReportSilence)),
+            "{acts:?}"
+        );
     }
 
     #[test]
@@ -158,7 +164,7 @@ mod tests {
         for now in (0..10_000).map(|k| k * 1_250_000) {
             dog.report(now);
             while let Some(duty) = dog.due(now) {
-                assert_eq!(duty, Duty::Ping);
+                assert_eq!(duty, WatchdogAction::Ping);
                 pings.push(now / 1_000_000);
             }
         }

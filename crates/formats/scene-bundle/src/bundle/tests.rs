@@ -4,7 +4,7 @@ use std::io::Write;
 use super::*;
 use crate::manifest::{Record, RigRevision};
 use crate::storage::memory::{Crash, Memory};
-use crate::verify::{Checked, verify};
+use crate::verify::{VerifyReport, verify};
 
 pub(crate) fn provenance() -> Provenance {
     Provenance {
@@ -35,7 +35,7 @@ fn open(disk: &Memory) -> Result<Bundle, BundleError> {
     Bundle::open_on(Arc::new(disk.clone()), provenance(), None)
 }
 
-fn checked(disk: &Memory) -> Checked {
+fn checked(disk: &Memory) -> VerifyReport {
     let scene = Scene::open_on(Arc::new(disk.clone())).expect("the bundle opens");
     verify(&scene, |_| {}).expect("the bundle can be listed")
 }
@@ -67,7 +67,7 @@ fn table(scene: &Scene, name: &str) -> Option<String> {
 }
 
 #[test]
-fn what_is_committed_can_be_read() {
+fn committed_outputs_can_be_read() {
     let disk = Memory::new();
     let bundle = open(&disk).unwrap();
     make(&bundle, "rig", "one").unwrap();
@@ -77,7 +77,7 @@ fn what_is_committed_can_be_read() {
     assert_eq!(reader.read("a/b/text.txt").unwrap(), b"one");
     assert_eq!(reader.read("many/1.png").unwrap(), b"1one");
     let output = reader.output();
-    assert!(output.was_made_by(&record(3)) && !output.was_made_by(&record(4)));
+    assert!(output.is_made_by(&record(3)) && !output.is_made_by(&record(4)));
     let paths: Vec<&str> = output.files.iter().map(|f| f.path.as_str()).collect();
     assert_eq!(paths, ["a/b/text.txt", "files.b3", "table.bin"]);
     assert!(
@@ -101,7 +101,7 @@ fn what_is_committed_can_be_read() {
 }
 
 #[test]
-fn the_same_content_lies_at_the_same_place_whatever_was_before() {
+fn identical_content_has_the_same_path_whatever_preceded_it() {
     let (once, often) = (Memory::new(), Memory::new());
     make(&open(&once).unwrap(), "rig", "two").unwrap();
     let bundle = open(&often).unwrap();
@@ -115,7 +115,7 @@ fn the_same_content_lies_at_the_same_place_whatever_was_before() {
 }
 
 #[test]
-fn a_damaged_output_is_noticed_and_made_again() {
+fn a_damaged_output_is_detected_and_replaced() {
     let disk = Memory::new();
     let bundle = open(&disk).unwrap();
     make(&bundle, "rig", "one").unwrap();
@@ -151,7 +151,7 @@ fn a_damaged_output_is_noticed_and_made_again() {
 }
 
 #[test]
-fn what_a_caller_does_wrong_is_refused() {
+fn invalid_calls_are_refused() {
     let disk = Memory::new();
     let bundle = open(&disk).unwrap();
     let message = |error: BundleError| error.to_string();
@@ -185,7 +185,7 @@ fn work(disk: &Memory) -> Result<(), BundleError> {
     bundle.finish(2)
 }
 
-/// What outputs can be seen after a cut: each line one state that was committed.
+/// Outputs that may be visible after a cut: each line one committed state.
 const STATES: [[Option<&str>; 3]; 5] = [
     // rig, depth, cloud
     [None, None, None],
@@ -200,7 +200,7 @@ const STATES: [[Option<&str>; 3]; 5] = [
 ];
 
 #[test]
-fn a_cut_at_any_step_leaves_what_was_committed() {
+fn a_cut_at_any_step_leaves_the_committed_state() {
     let whole = Memory::new();
     work(&whole).unwrap();
     let steps = whole.steps();
@@ -231,12 +231,12 @@ fn a_cut_at_any_step_leaves_what_was_committed() {
                 .position(|s| s.map(|t| t.map(str::to_owned)) == state);
             let state =
                 state.unwrap_or_else(|| panic!("step {cut} {crash:?}: a state that never was"));
-            // What is durable never goes back, and what only a live system knows is never behind it.
+            // Durable state never goes back, and the state of a live system is never behind it.
             assert!(state >= last, "step {cut} {crash:?}");
             last = state;
             seen.insert(state);
 
-            // The next writer finds its way, and nothing is left of the one before.
+            // The next writer succeeds, and nothing is left of the one before.
             work(&left).unwrap_or_else(|e| panic!("step {cut} {crash:?}: {e}"));
             let found = checked(&left);
             assert!(
@@ -276,8 +276,8 @@ fn one_writer_at_a_time_and_one_source_per_bundle() {
     std::fs::write(stale.join("file"), "left over").unwrap();
     std::fs::create_dir(path.join(".draft-depth")).unwrap();
     std::fs::write(path.join("notes.txt"), "mine").unwrap();
-    // Known, though no part of the bundle.
-    for beside in [layout::MADE, layout::PAGE] {
+    // Known files that are not part of the bundle.
+    for beside in [layout::STAGE_TIMINGS, layout::PAGE] {
         std::fs::write(path.join(beside), "").unwrap();
     }
     let found = verify(&Scene::open(&path).unwrap(), |_| {}).unwrap();
@@ -289,7 +289,7 @@ fn one_writer_at_a_time_and_one_source_per_bundle() {
     assert!(bundle.scene().has("rig"));
     let found = verify(&bundle.scene(), |_| {}).unwrap();
     assert!(found.is_whole());
-    assert_eq!(found.unnamed, ["notes.txt"], "what is not ours stays");
+    assert_eq!(found.unnamed, ["notes.txt"], "foreign files are kept");
 }
 
 #[test]

@@ -1,9 +1,9 @@
 //! A COLMAP model of the keyframes: cameras, images, points, as text or binary (COLMAP `src/colmap/scene/reconstruction_io.cc`
 //! and its page on output formats).
 //!
-//! Contract: pixel coordinates gain half a pixel, poses are `camera_from_world`, quaternions `w x y z`. Images have no 2D
-//! points and points no tracks: there were never any. The error of a point is -1, which is COLMAP's "not computed". Both
-//! forms hold the same numbers.
+//! Contract: pixel coordinates gain half a pixel, poses are `camera_from_world`, quaternions `w x y
+//! z`. Images have no 2D points and points no tracks: the bundle has none. The error of a point is
+//! -1, which is COLMAP's "not computed". Both forms hold the same numbers.
 
 use std::path::{Path, PathBuf};
 
@@ -11,7 +11,7 @@ use calib::{CameraSet, Format, NamedCamera};
 
 use super::folder::NewFolder;
 use super::lenses::fitted;
-use super::shots::{Shots, collect};
+use super::posed_images::{PosedImages, collect};
 use super::{ExportError, Options, Summary};
 use crate::outputs;
 use crate::outputs::cloud::{self, CloudPoint};
@@ -37,10 +37,10 @@ pub(super) fn export(
         Form::Text => (Format::Colmap, "colmap-text"),
         Form::Binary => (Format::ColmapBin, "colmap-binary"),
     };
-    let shots = collect(scene, options, name)?;
+    let posed_images = collect(scene, options, name)?;
     let mut summary = Summary::default();
     let mut cameras = Vec::new();
-    for camera in &shots.cameras {
+    for camera in &posed_images.cameras {
         let lens = fitted(&camera.name, &camera.model, format)?;
         summary.notes.extend(lens.note);
         summary.lost.extend(lens.lost);
@@ -78,13 +78,14 @@ pub(super) fn export(
     ] {
         if scene.has(output) {
             (summary.notes).push(format!(
-                "{what} has no place in COLMAP's model and is left out"
+                "{what} cannot be represented in COLMAP's model and is left out"
             ));
         }
     }
 
     let folder = NewFolder::begin(out)?;
-    // Numbered from 1 in their order, with half a pixel more. Of the rig there is no need: every image has its pose.
+    // Numbered from 1 in their order, with half a pixel more. The rig file is not needed: every
+    // image has its pose.
     for (file, bytes) in files
         .iter()
         .filter(|(file, _)| file.starts_with("cameras."))
@@ -93,47 +94,47 @@ pub(super) fn export(
     }
     match form {
         Form::Text => {
-            folder.write("images.txt", images_text(&shots).as_bytes())?;
+            folder.write("images.txt", images_text(&posed_images).as_bytes())?;
             folder.write("points3D.txt", points_text(&points).as_bytes())?;
         }
         Form::Binary => {
-            folder.write("images.bin", &images_binary(&shots))?;
+            folder.write("images.bin", &images_binary(&posed_images))?;
             folder.write("points3D.bin", &points_binary(&points))?;
         }
     }
     folder.finish()?;
-    summary.written = format!(
+    summary.description = format!(
         "{} images of {} cameras, {} points",
-        shots.shots.len(),
-        shots.cameras.len(),
+        posed_images.images.len(),
+        posed_images.cameras.len(),
         points.len()
     );
-    summary.lost.extend(shots.lost);
+    summary.lost.extend(posed_images.lost);
     Ok(summary)
 }
 
 /// Number, quaternion `w x y z` and translation of `camera_from_world`, number of the camera, name.
-fn images(shots: &Shots) -> impl Iterator<Item = (u32, [f64; 7], u32, &str)> {
-    (1..).zip(&shots.shots).map(|(id, shot)| {
-        let camera_from_world = shot.world_from_camera.inverse();
+fn images(posed_images: &PosedImages) -> impl Iterator<Item = (u32, [f64; 7], u32, &str)> {
+    (1..).zip(&posed_images.images).map(|(id, image)| {
+        let camera_from_world = image.world_from_camera.inverse();
         let [w, i, j, k] = camera_from_world.rotation_wxyz();
         let [x, y, z] = camera_from_world.translation_m();
         (
             id,
             [w, i, j, k, x, y, z],
-            shot.camera as u32 + 1,
-            shot.picture.as_str(),
+            image.camera as u32 + 1,
+            image.path.as_str(),
         )
     })
 }
 
-fn images_text(shots: &Shots) -> String {
+fn images_text(posed_images: &PosedImages) -> String {
     let mut text = format!(
         "# Image list with two lines of data per image:\n#   IMAGE_ID, QW, QX, QY, QZ, TX, TY, TZ, CAMERA_ID, NAME\n#   \
          POINTS2D[] as (X, Y, POINT3D_ID)\n# Number of images: {}, mean observations per image: 0\n",
-        shots.shots.len()
+        posed_images.images.len()
     );
-    for (id, pose, camera, name) in images(shots) {
+    for (id, pose, camera, name) in images(posed_images) {
         let pose: Vec<String> = pose.iter().map(|v| format!("{v:?}")).collect();
         // The second line, of 2D points, is empty.
         text += &format!("{id} {} {camera} {name}\n\n", pose.join(" "));
@@ -141,9 +142,9 @@ fn images_text(shots: &Shots) -> String {
     text
 }
 
-fn images_binary(shots: &Shots) -> Vec<u8> {
-    let mut bytes = (shots.shots.len() as u64).to_le_bytes().to_vec();
-    for (id, pose, camera, name) in images(shots) {
+fn images_binary(posed_images: &PosedImages) -> Vec<u8> {
+    let mut bytes = (posed_images.images.len() as u64).to_le_bytes().to_vec();
+    for (id, pose, camera, name) in images(posed_images) {
         bytes.extend(id.to_le_bytes());
         bytes.extend(pose.iter().flat_map(|v| v.to_le_bytes()));
         bytes.extend(camera.to_le_bytes());
@@ -162,7 +163,7 @@ fn points_text(points: &[CloudPoint]) -> String {
     );
     for (id, point) in (1_u64..).zip(points) {
         let [x, y, z] = point.x_in_world.map(f64::from);
-        let [r, g, b] = point.colour;
+        let [r, g, b] = point.color;
         text += &format!("{id} {x:?} {y:?} {z:?} {r} {g} {b} {NO_ERROR:?}\n");
     }
     text
@@ -178,7 +179,7 @@ fn points_binary(points: &[CloudPoint]) -> Vec<u8> {
                 .iter()
                 .flat_map(|v| f64::from(*v).to_le_bytes()),
         );
-        bytes.extend(point.colour);
+        bytes.extend(point.color);
         bytes.extend(NO_ERROR.to_le_bytes());
         bytes.extend(0_u64.to_le_bytes());
     }

@@ -6,7 +6,8 @@ use std::path::{Path, PathBuf};
 
 use super::{ExportError, writing};
 
-/// A folder being made, under its name with `.partial` behind it. Dropped unfinished, it is removed.
+/// A folder being written, under its name with `.partial` appended. It is removed if dropped
+/// unfinished.
 pub(super) struct NewFolder {
     out: PathBuf,
     partial: PathBuf,
@@ -57,7 +58,7 @@ impl NewFolder {
 impl Drop for NewFolder {
     fn drop(&mut self) {
         if !self.finished {
-            // It is this run's own. Should removing it fail too, its name says what it is.
+            // It belongs to this run. If removing it fails too, its name shows its origin.
             let _ = fs::remove_dir_all(&self.partial);
         }
     }

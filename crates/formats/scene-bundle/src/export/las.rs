@@ -1,8 +1,9 @@
 //! Points as LAS 1.2 or LAZ, point format 2 (ASPRS LAS specification 1.2; compression by Isenburg 2013).
 //!
-//! Contract: coordinates are the bundle's world, metres, in steps of 0.1 mm from 0; they are in no coordinate reference
-//! system. Colours are spread over 16 bits (times 257), as the specification wants. Sigma has no place. No date is
-//! written, so that the same points give the same bytes.
+//! Contract: coordinates are the bundle's world, metres, in steps of 0.1 mm from 0; they are in no
+//! coordinate reference system. Colors are spread over 16 bits (times 257), as the specification
+//! requires. Sigma cannot be represented. No date is written, so that the same points give the same
+//! bytes.
 
 use std::io::Cursor;
 use std::path::Path;
@@ -16,7 +17,7 @@ use crate::scene::Scene;
 
 /// Metres in a step. 32 bits of them reach 214 km.
 const STEP_M: f64 = 1e-4;
-/// From 8 bits to 16 such that white stays white.
+/// Factor from 8 to 16 bits that maps white to white.
 const SPREAD: u16 = 257;
 
 pub(super) fn export(scene: &Scene, compressed: bool, out: &Path) -> Result<Summary, ExportError> {
@@ -45,12 +46,12 @@ pub(super) fn export(scene: &Scene, compressed: bool, out: &Path) -> Result<Summ
     let mut writer = Writer::new(Cursor::new(Vec::new()), header).map_err(refused)?;
     for point in &points {
         let [x, y, z] = point.x_in_world.map(f64::from);
-        let [red, green, blue] = point.colour.map(|c| u16::from(c) * SPREAD);
+        let [red, green, blue] = point.color.map(|c| u16::from(c) * SPREAD);
         let point = Point {
             x,
             y,
             z,
-            // One return of one: a point that was seen, not the echo of a pulse.
+            // One return of one: the point comes from an image, not from the echo of a pulse.
             return_number: 1,
             number_of_returns: 1,
             color: Some(Color { red, green, blue }),
@@ -61,8 +62,8 @@ pub(super) fn export(scene: &Scene, compressed: bool, out: &Path) -> Result<Summ
     let bytes = writer.into_inner().map_err(refused)?.into_inner();
     write(out, &bytes, Existing::Refuse)?;
     Ok(Summary {
-        written: format!("{} points", points.len()),
-        notes: vec!["sigma has no place in LAS and is left out".to_owned()],
+        description: format!("{} points", points.len()),
+        notes: vec!["sigma cannot be represented in LAS and is left out".to_owned()],
         lost: Vec::new(),
     })
 }

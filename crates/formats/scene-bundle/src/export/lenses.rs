@@ -1,36 +1,36 @@
-//! A lens in a model that a format has.
+//! Conversion of a camera model to one that a format supports.
 
 use calib::convert::exactly;
 use calib::{CameraModel, Format, LensModel, convert};
 
 use super::ExportError;
 
-/// A fitted lens that is farther off than this is a loss, pixels. *Why:* features are matched to about a tenth of a
-/// pixel.
-const NEAR_PX: f64 = 0.1;
+/// Maximum error of a fitted camera model, pixels; a larger one counts as a loss. *Why:* features
+/// are matched to about a tenth of a pixel.
+const MAX_FIT_ERROR_PX: f64 = 0.1;
 
-/// A lens as the format has it.
-pub(super) struct Fitted {
+/// A camera model that the format supports.
+pub(super) struct FittedLens {
     pub(super) model: CameraModel,
-    /// How far it is off, where it is not exact.
+    /// Error of the fit, where it is not exact.
     pub(super) note: Option<String>,
-    /// What can no longer be said to be the same lens.
+    /// Loss, where the error of the fit is too large.
     pub(super) lost: Option<String>,
 }
 
-/// The camera with a lens model of the format: exactly where the format has one that means the same, else the nearest of
-/// its kind, fitted over the whole picture.
+/// The camera with a lens model of the format: exactly where the format has an equivalent one, else
+/// the nearest of its kind, fitted over the whole image.
 pub(super) fn fitted(
     name: &str,
     model: &CameraModel,
     format: Format,
-) -> Result<Fitted, ExportError> {
+) -> Result<FittedLens, ExportError> {
     let held = format.models();
     let exact = held
         .iter()
         .find_map(|target| exactly(&model.distortion, *target));
     if let Some(distortion) = exact {
-        return Ok(Fitted {
+        return Ok(FittedLens {
             model: CameraModel {
                 distortion,
                 ..*model
@@ -63,22 +63,22 @@ pub(super) fn fitted(
     let found = convert(model, target)
         .map_err(|e| refused(format!("the lens {what} of {name}, where {e}")))?;
     let text = format!(
-        "the lens {what} of {name} is written as {}, off by at most {:.3} px, {:.3} px root mean square",
+        "the lens {what} of {name} is written as {}, with an error of at most {:.3} px, {:.3} px root mean square",
         target.name(),
         found.max_px,
         found.rms_px
     );
     let outside = (found.lost > 0.0).then(|| {
         format!(
-            "{:.1} % of the picture of {name} cannot be in {}",
+            "{:.1} % of the image of {name} cannot be represented in {}",
             100.0 * found.lost,
             target.name()
         )
     });
-    let far = (found.max_px > NEAR_PX).then(|| text.clone());
-    Ok(Fitted {
+    let far = (found.max_px > MAX_FIT_ERROR_PX).then(|| text.clone());
+    Ok(FittedLens {
         model: found.model,
-        note: (found.max_px <= NEAR_PX).then_some(text),
+        note: (found.max_px <= MAX_FIT_ERROR_PX).then_some(text),
         lost: outside.or(far),
     })
 }

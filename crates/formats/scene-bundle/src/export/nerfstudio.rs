@@ -1,8 +1,9 @@
 //! `transforms.json` of nerfstudio, with points, masks and depth beside it.
 //!
-//! Contract: `transform_matrix` takes points in the camera to the world of the bundle (z up, metres), in OpenGL's axes: x
-//! right, y up, z backward. Every frame has its own intrinsics, in COLMAP's pixel coordinates (half a pixel more than
-//! ours). nerfstudio has one kind of lens for all frames, and wants depth for all frames or for none.
+//! Contract: `transform_matrix` takes points in the camera to the world of the bundle (z up,
+//! metres), in OpenGL's axes: x right, y up, z backward. Every frame has its own intrinsics, in
+//! COLMAP's pixel coordinates (half a pixel more than ours). nerfstudio has one kind of lens for
+//! all frames, and requires depth for all frames or for none.
 
 use std::collections::BTreeMap;
 use std::path::Path;
@@ -10,43 +11,43 @@ use std::path::Path;
 use calib::{CameraModel, Distortion, Eye, Format};
 use serde_json::{Map, Value, json};
 
+use super::depth_warp::DepthWarp;
 use super::folder::NewFolder;
 use super::lenses::fitted;
-use super::redraw::Redraw;
-use super::shots::{Shot, Shots, collect};
-use super::{ExportError, Options, Summary, seen_from};
+use super::posed_images::{PosedImage, PosedImages, collect};
+use super::{ExportError, Options, Summary, relative_path};
 use crate::outputs::depth::{self, DepthIndex, DepthKey};
+use crate::outputs::gray_png::{encode8, encode16};
 use crate::outputs::masks::{self, Mask};
-use crate::outputs::picture::{encode8, encode16};
 use crate::outputs::{self, cloud};
 use crate::scene::{OutputReader, Scene};
 
 const NAME: &str = "nerfstudio";
-/// What COLMAP's and so nerfstudio's pixel coordinates have more than ours.
-const HALF: f64 = 0.5;
-/// Where pictures are looked for when nothing was said.
-const PICTURES: &str = "images";
+/// Offset of COLMAP's, and so of nerfstudio's, pixel coordinates against ours.
+const PIXEL_OFFSET: f64 = 0.5;
+/// Image folder if none is given.
+const DEFAULT_IMAGE_FOLDER: &str = "images";
 const POINTS: &str = "points.ply";
 
 pub(super) fn export(scene: &Scene, options: &Options, out: &Path) -> Result<Summary, ExportError> {
-    let shots = collect(scene, options, NAME)?;
-    let pictures = match &options.pictures {
-        None => PICTURES.to_owned(),
-        Some(folder) => seen_from(out, folder)?.to_string_lossy().into_owned(),
+    let posed_images = collect(scene, options, NAME)?;
+    let images = match &options.images {
+        None => DEFAULT_IMAGE_FOLDER.to_owned(),
+        Some(folder) => relative_path(out, folder)?.to_string_lossy().into_owned(),
     };
     let mut summary = Summary::default();
     let mut models = Vec::new();
-    for camera in &shots.cameras {
+    for camera in &posed_images.cameras {
         let lens = fitted(&camera.name, &camera.model, Format::Nerfstudio)?;
         summary.notes.extend(lens.note);
         summary.lost.extend(lens.lost);
         models.push(lens.model);
     }
-    let kind = kind_for_all(&shots, &models)?;
+    let kind = kind_for_all(&posed_images, &models)?;
 
     let folder = NewFolder::begin(out)?;
-    let masks = write_masks(scene, &shots, &folder)?;
-    let depth = write_depth(scene, &shots, &folder, &mut summary)?;
+    let masks = write_masks(scene, &posed_images, &folder)?;
+    let depth = write_depth(scene, &posed_images, &folder, &mut summary)?;
     let mut root = Map::new();
     root.insert("camera_model".to_owned(), json!(kind));
     if scene.has(outputs::CLOUD) {
@@ -57,18 +58,18 @@ pub(super) fn export(scene: &Scene, options: &Options, out: &Path) -> Result<Sum
             .notes
             .push("the bundle has no points: ply_file_path is left out".to_owned());
     }
-    let frames = shots.shots.iter().enumerate().map(|(k, shot)| {
-        let mut frame = intrinsics(&models[shot.camera]);
+    let frames = posed_images.images.iter().enumerate().map(|(k, image)| {
+        let mut frame = intrinsics(&models[image.camera]);
         frame.insert(
             "file_path".to_owned(),
-            json!(format!("{pictures}/{}", shot.picture)),
+            json!(format!("{images}/{}", image.path)),
         );
-        frame.insert("transform_matrix".to_owned(), opengl(shot));
+        frame.insert("transform_matrix".to_owned(), opengl(image));
         if let Some(masks) = &masks {
             frame.insert("mask_path".to_owned(), json!(masks[k]));
         }
         if depth {
-            frame.insert("depth_file_path".to_owned(), json!(depth_path(shot)));
+            frame.insert("depth_file_path".to_owned(), json!(depth_path(image)));
         }
         Value::Object(frame)
     });
@@ -85,19 +86,22 @@ pub(super) fn export(scene: &Scene, options: &Options, out: &Path) -> Result<Sum
     );
     folder.write("transforms.json", text.as_bytes())?;
     folder.finish()?;
-    summary.written = format!(
-        "{} pictures of {} cameras",
-        shots.shots.len(),
-        shots.cameras.len()
+    summary.description = format!(
+        "{} images of {} cameras",
+        posed_images.images.len(),
+        posed_images.cameras.len()
     );
-    summary.lost.extend(shots.lost);
+    summary.lost.extend(posed_images.lost);
     Ok(summary)
 }
 
-fn kind_for_all(shots: &Shots, models: &[CameraModel]) -> Result<&'static str, ExportError> {
+fn kind_for_all(
+    posed_images: &PosedImages,
+    models: &[CameraModel],
+) -> Result<&'static str, ExportError> {
     let is_fisheye =
         |model: &CameraModel| matches!(model.distortion, Distortion::KannalaBrandt4 { .. });
-    let all = models.iter().zip(&shots.cameras);
+    let all = models.iter().zip(&posed_images.cameras);
     let (wide, narrow): (Vec<_>, Vec<_>) = all.partition(|(model, _)| is_fisheye(model));
     match (&wide[..], &narrow[..]) {
         ([], _) => Ok("OPENCV"),
@@ -117,8 +121,8 @@ fn intrinsics(model: &CameraModel) -> Map<String, Value> {
     let mut keys: BTreeMap<&str, f64> = BTreeMap::from([
         ("fl_x", model.fx),
         ("fl_y", model.fy),
-        ("cx", model.cx + HALF),
-        ("cy", model.cy + HALF),
+        ("cx", model.cx + PIXEL_OFFSET),
+        ("cy", model.cy + PIXEL_OFFSET),
         ("k1", 0.0),
         ("k2", 0.0),
         ("p1", 0.0),
@@ -135,19 +139,19 @@ fn intrinsics(model: &CameraModel) -> Map<String, Value> {
     map
 }
 
-fn opengl(shot: &Shot) -> Value {
-    let r = shot.world_from_camera.rotation_rows();
-    let t = shot.world_from_camera.translation_m();
-    // y and z point the other way in OpenGL.
+fn opengl(image: &PosedImage) -> Value {
+    let r = image.world_from_camera.rotation_rows();
+    let t = image.world_from_camera.translation_m();
+    // y and z have the opposite direction in OpenGL.
     let row = |i: usize| json!([r[3 * i], -r[3 * i + 1], -r[3 * i + 2], t[i]]);
     json!([row(0), row(1), row(2), [0.0, 0.0, 0.0, 1.0]])
 }
 
-/// Path of the mask of each picture, where the bundle has masks: that of its camera, which is white where there is none, and of what
-/// moves in the picture, if anything does.
+/// Path of the mask of each image, where the bundle has masks: the camera's mask (white if there is
+/// none) combined with the dynamic mask of the image, if there is one.
 fn write_masks(
     scene: &Scene,
-    shots: &Shots,
+    posed_images: &PosedImages,
     folder: &NewFolder,
 ) -> Result<Option<Vec<String>>, ExportError> {
     if !scene.has(outputs::MASKS) {
@@ -155,8 +159,8 @@ fn write_masks(
     }
     let reader = scene.output(outputs::MASKS)?;
     let mut of_cameras = Vec::new();
-    for camera in &shots.cameras {
-        let name = &shots.rig.cameras[camera.of_rig].name;
+    for camera in &posed_images.cameras {
+        let name = &posed_images.rig.cameras[camera.rig_index].name;
         let (width, height) = (camera.model.width, camera.model.height);
         let white = || Mask {
             width,
@@ -164,55 +168,59 @@ fn write_masks(
             pixels: vec![255; width as usize * height as usize],
         };
         let mask = masks::read(&reader, name, camera.eye)?.unwrap_or_else(white);
-        checked(&mask, &camera.name, (width, height))?;
+        check_mask_size(&mask, &camera.name, (width, height))?;
         let path = format!("masks/{}", masks::path(name, camera.eye));
         folder.write(&path, &encode8(width, height, &mask.pixels))?;
         of_cameras.push((mask, path));
     }
     let mut paths = Vec::new();
-    for shot in &shots.shots {
-        let camera = &shots.cameras[shot.camera];
-        let (of_camera, path) = &of_cameras[shot.camera];
-        let name = &shots.rig.cameras[camera.of_rig].name;
-        let frame = shot.keyframe.frame;
+    for image in &posed_images.images {
+        let camera = &posed_images.cameras[image.camera];
+        let (of_camera, path) = &of_cameras[image.camera];
+        let name = &posed_images.rig.cameras[camera.rig_index].name;
+        let frame = image.keyframe.frame;
         let moving = match camera.eye {
-            Eye::Left => masks::read_moving(&reader, name, frame)?,
+            Eye::Left => masks::read_dynamic(&reader, name, frame)?,
             Eye::Right => None,
         };
         let Some(mut mask) = moving else {
             paths.push(path.clone());
             continue;
         };
-        checked(&mask, &camera.name, (of_camera.width, of_camera.height))?;
+        check_mask_size(&mask, &camera.name, (of_camera.width, of_camera.height))?;
         for (pixel, of_camera) in mask.pixels.iter_mut().zip(&of_camera.pixels) {
             *pixel &= of_camera;
         }
-        let path = format!("masks/{}", masks::moving_path(name, frame));
+        let path = format!("masks/{}", masks::dynamic_path(name, frame));
         folder.write(&path, &encode8(mask.width, mask.height, &mask.pixels))?;
         paths.push(path);
     }
     Ok(Some(paths))
 }
 
-fn checked(mask: &Mask, camera: &str, (width, height): (u32, u32)) -> Result<(), ExportError> {
+fn check_mask_size(
+    mask: &Mask,
+    camera: &str,
+    (width, height): (u32, u32),
+) -> Result<(), ExportError> {
     if (mask.width, mask.height) == (width, height) {
         return Ok(());
     }
     Err(ExportError::Refused {
         format: NAME,
         found: format!("a mask of {camera} of {}x{}", mask.width, mask.height),
-        expected: format!("{width}x{height}, as its pictures have"),
+        expected: format!("{width}x{height}, as its images have"),
     })
 }
 
-fn depth_path(shot: &Shot) -> String {
-    format!("depth/{}", shot.picture)
+fn depth_path(image: &PosedImage) -> String {
+    format!("depth/{}", image.path)
 }
 
-/// Whether all frames have depth; then it is written, for the pictures as they were recorded.
+/// Whether all frames have depth; then it is written, warped to the images as they were recorded.
 fn write_depth(
     scene: &Scene,
-    shots: &Shots,
+    posed_images: &PosedImages,
     folder: &NewFolder,
     summary: &mut Summary,
 ) -> Result<bool, ExportError> {
@@ -221,52 +229,56 @@ fn write_depth(
     }
     let reader = scene.output(outputs::DEPTH)?;
     let index = depth::read_index(&reader)?;
-    let found: Vec<Option<&DepthKey>> = shots
-        .shots
+    let found: Vec<Option<&DepthKey>> = posed_images
+        .images
         .iter()
-        .map(|shot| key_of(&index, shots, shot))
+        .map(|image| key_of(&index, posed_images, image))
         .collect();
     let without = found.iter().filter(|key| key.is_none()).count();
     if without > 0 {
         summary.notes.push(format!(
-            "{without} of {} pictures have no depth, and nerfstudio takes it for all or none: depth is left out",
+            "{without} of {} images have no depth, and nerfstudio takes it for all or none: depth is left out",
             found.len()
         ));
         return Ok(false);
     }
-    let mut redraws: BTreeMap<usize, Redraw> = BTreeMap::new();
-    for (shot, key) in shots.shots.iter().zip(found.into_iter().flatten()) {
-        let model = &shots.cameras[shot.camera].model;
-        let redraw = redraws
-            .entry(shot.camera)
-            .or_insert_with(|| Redraw::new(&index.views[key.view], model));
-        write_one(&reader, &index, key, redraw, folder, &depth_path(shot))?;
+    let mut depth_warps: BTreeMap<usize, DepthWarp> = BTreeMap::new();
+    for (image, key) in posed_images.images.iter().zip(found.into_iter().flatten()) {
+        let model = &posed_images.cameras[image.camera].model;
+        let depth_warp = depth_warps
+            .entry(image.camera)
+            .or_insert_with(|| DepthWarp::new(&index.views[key.view], model));
+        write_one(&reader, &index, key, depth_warp, folder, &depth_path(image))?;
     }
     Ok(true)
 }
 
-fn key_of<'a>(index: &'a DepthIndex, shots: &Shots, shot: &Shot) -> Option<&'a DepthKey> {
-    let camera = &shots.cameras[shot.camera];
+fn key_of<'a>(
+    index: &'a DepthIndex,
+    posed_images: &PosedImages,
+    image: &PosedImage,
+) -> Option<&'a DepthKey> {
+    let camera = &posed_images.cameras[image.camera];
     if camera.eye == Eye::Right {
         return None;
     }
-    let name = &shots.rig.cameras[camera.of_rig].name;
+    let name = &posed_images.rig.cameras[camera.rig_index].name;
     let view = index.views.iter().position(|view| view.camera == *name)?;
     index
-        .pictures
+        .images
         .iter()
-        .find(|key| key.view == view && key.frame == shot.keyframe.frame)
+        .find(|key| key.view == view && key.frame == image.keyframe.frame)
 }
 
 fn write_one(
     reader: &OutputReader,
     index: &DepthIndex,
     key: &DepthKey,
-    redraw: &Redraw,
+    depth_warp: &DepthWarp,
     folder: &NewFolder,
     path: &str,
 ) -> Result<(), ExportError> {
-    let picture = depth::read(reader, index, key)?;
-    let (width, height) = redraw.size();
-    folder.write(path, &encode16(width, height, &redraw.depth(&picture)))
+    let image = depth::read(reader, index, key)?;
+    let (width, height) = depth_warp.size();
+    folder.write(path, &encode16(width, height, &depth_warp.depth(&image)))
 }

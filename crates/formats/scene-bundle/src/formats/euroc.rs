@@ -1,12 +1,13 @@
 //! EuRoC/ASL `data.csv`: a line per pose, nanoseconds, position m, quaternion `w x y z`, and where known velocity m/s
 //! and the biases of gyroscope rad/s and accelerometer m/s² (Burri et al. 2016, `state_groundtruth_estimate0`).
 //!
-//! Contract: as of [`formats`](super). A line has 8, 11 or 17 fields, every line of a file as many; a comma at the end
-//! is allowed, since some files have it. Velocities are written when all poses have one, biases when velocities are.
+//! Contract: as of [`formats`](super). A line has 8, 11 or 17 fields, the same number in every line
+//! of a file; a trailing comma is allowed, since some files have it. Velocities are written when
+//! all poses have one, biases when velocities are.
 
 use std::path::Path;
 
-use super::text::{FormatError, Source, read as text_of, written_all};
+use super::text::{FormatError, Source, format_numbers, read as text_of};
 use crate::trajectory::{Pose, Trajectory};
 
 const COLUMNS: [&str; 17] = [
@@ -29,7 +30,7 @@ const COLUMNS: [&str; 17] = [
     "b_a_RS_S_z [m s^-2]",
 ];
 
-/// What an IMU reads at rest and without gravity, in its own axes.
+/// IMU biases, in the IMU's axes.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Biases {
     /// Of the gyroscope, rad/s.
@@ -112,10 +113,10 @@ pub fn parse(text: &str, path: &Path) -> Result<Estimate, FormatError> {
     })
 }
 
-/// The text of a file. Lost poses are left out, with their biases. `biases`, where given, are one per pose of the
-/// trajectory (lost ones included); they are left out when there are not as many, or not every pose has a velocity,
-/// since the columns of the format cannot be skipped.
-pub fn written(trajectory: &Trajectory, biases: Option<&[Biases]>) -> String {
+/// The text of a file. Lost poses are left out, with their biases. `biases`, where given, are one
+/// per pose of the trajectory (lost ones included); they are left out if their number differs, or
+/// not every pose has a velocity, since the columns of the format cannot be skipped.
+pub fn to_text(trajectory: &Trajectory, biases: Option<&[Biases]>) -> String {
     let velocities = trajectory.usable().all(|p| p.velocity_in_world.is_some());
     let biases = biases.filter(|b| velocities && b.len() == trajectory.len());
     let columns = match (velocities, biases) {
@@ -139,7 +140,7 @@ pub fn written(trajectory: &Trajectory, biases: Option<&[Biases]>) -> String {
         }
         text += &pose.time_ns.to_string();
         text.push(',');
-        text += &written_all(&numbers, ",");
+        text += &format_numbers(&numbers, ",");
         text.push('\n');
     }
     text
@@ -158,7 +159,7 @@ mod tests {
     }
 
     #[test]
-    fn what_is_written_reads_back_to_the_same_bits() {
+    fn written_poses_read_back_to_the_same_bits() {
         let all = walk();
         let biases: Vec<Biases> = (0..all.len())
             .map(|i| Biases {
@@ -167,7 +168,7 @@ mod tests {
             })
             .collect();
 
-        let with_biases = parsed(&written(&all, Some(&biases))).unwrap();
+        let with_biases = parsed(&to_text(&all, Some(&biases))).unwrap();
         let kept: Vec<usize> = (0..all.len())
             .filter(|&i| all.poses()[i].status != Status::Lost)
             .collect();
@@ -180,20 +181,20 @@ mod tests {
             assert_eq!(found.time_ns, expected.time_ns);
         }
 
-        let with_velocities = parsed(&written(&all, None)).unwrap();
+        let with_velocities = parsed(&to_text(&all, None)).unwrap();
         assert_eq!(with_velocities.biases, None);
         assert_eq!(with_velocities.trajectory, with_biases.trajectory);
 
-        // One pose without a velocity: the columns go.
+        // One pose without a velocity: the columns are left out.
         let mut poses = all.into_poses();
         poses[0].velocity_in_world = None;
         let all = Trajectory::new(poses).unwrap();
-        let without = parsed(&written(&all, Some(&biases))).unwrap();
+        let without = parsed(&to_text(&all, Some(&biases))).unwrap();
         assert_eq!((without.trajectory, without.biases), (bare(&all), None));
     }
 
     #[test]
-    fn what_is_wrong_is_named() {
+    fn malformed_lines_are_named_in_the_error() {
         let check = |text: &str, message: &str| {
             let error = parsed(text).unwrap_err().to_string();
             assert_eq!(
@@ -219,8 +220,9 @@ mod tests {
             &format!("{good}{good}"),
             "line 2: found the time 1 ns, expected a later one than the 1 ns of line 1",
         );
-        // A file that has the real part last, of a body that hardly turned: the norm is right all the same, so this
-        // cannot be told. Only what is no rotation is refused.
+        // A file with the real part last, of a body that hardly rotates: the norm is right
+        // nevertheless, so this cannot be detected. Only values that are not a rotation are
+        // refused.
         check(
             "1,0,0,0,0.5,0,0,0\n",
             "line 1: found a quaternion of norm 0.5, expected norm 1 within 0.001",

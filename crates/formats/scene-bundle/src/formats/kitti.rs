@@ -1,16 +1,16 @@
-//! KITTI odometry: a line of 12 numbers per picture, `[R | t]` rows first, metres (Geiger et al. 2012); the times, in
-//! seconds, one per line, are a file of their own (`times.txt`).
+//! KITTI odometry: a line of 12 numbers per frame, `[R | t]` rows first, metres (Geiger et al.
+//! 2012); the times, in seconds, one per line, are a file of their own (`times.txt`).
 //!
-//! Contract: as of [`formats`](super). A row is a transform to the first picture's frame from this picture's; of which
-//! camera is for the caller to say. A matrix's digits are those of the quaternion's products, so a rotation comes back
-//! within 1e-15, not to the bit. Velocities are not kept.
+//! Contract: as of [`formats`](super). A row is the transform to the first frame's coordinates from
+//! this frame's; the caller knows of which camera. A matrix's digits are those of the quaternion's
+//! products, so a rotation comes back within 1e-15, not to the bit. Velocities are not kept.
 
 use std::path::Path;
 
 use cad_transforms::RigidTransform;
 
-use super::seconds::{parse_seconds, written_seconds};
-use super::text::{FormatError, Source, read as text_of, written_all};
+use super::seconds::{format_seconds, parse_seconds};
+use super::text::{FormatError, Source, format_numbers, read as text_of};
 use crate::trajectory::{Pose, Trajectory};
 
 const KIND: &str = "KITTI";
@@ -18,7 +18,7 @@ const KIND: &str = "KITTI";
 /// Reads poses and their times.
 ///
 /// # Errors
-/// [`FormatError`]; [`FormatError::Counts`] when they are not equally many.
+/// [`FormatError`]; [`FormatError::Counts`] if their numbers differ.
 pub fn read(poses: &Path, times: &Path) -> Result<Trajectory, FormatError> {
     let rows = parse_poses(&text_of(poses)?, poses)?;
     let text = text_of(times)?;
@@ -72,7 +72,7 @@ pub fn parse_poses(text: &str, path: &Path) -> Result<Vec<RigidTransform>, Forma
     Ok(poses)
 }
 
-/// Reads times alone, in nanoseconds; `path` is for messages. Nothing is said of their order.
+/// Reads times alone, in nanoseconds; `path` is for messages. Their order is not checked.
 ///
 /// # Errors
 /// [`FormatError::Malformed`].
@@ -95,7 +95,7 @@ fn times_of(source: &Source<'_>) -> Result<Vec<(usize, i64)>, FormatError> {
 }
 
 /// The texts of the two files, poses and times. Lost poses are left out of both.
-pub fn written(trajectory: &Trajectory) -> (String, String) {
+pub fn to_text(trajectory: &Trajectory) -> (String, String) {
     let (mut poses, mut times) = (String::new(), String::new());
     for pose in trajectory.usable() {
         let r = pose.world_from_rig.rotation_rows();
@@ -104,9 +104,9 @@ pub fn written(trajectory: &Trajectory) -> (String, String) {
             3 => t[i / 4],
             column => r[i / 4 * 3 + column],
         });
-        poses += &written_all(&rows, " ");
+        poses += &format_numbers(&rows, " ");
         poses.push('\n');
-        times += &written_seconds(pose.time_ns);
+        times += &format_seconds(pose.time_ns);
         times.push('\n');
     }
     (poses, times)
@@ -120,11 +120,11 @@ mod tests {
     use crate::formats::tests::{bare, walk};
 
     #[test]
-    fn what_is_written_reads_back() {
+    fn written_poses_read_back() {
         let trajectory = walk();
         let folder = tempfile::tempdir().unwrap();
         let [poses, times] = ["poses.txt", "times.txt"].map(|name| folder.path().join(name));
-        let texts = written(&trajectory);
+        let texts = to_text(&trajectory);
         std::fs::write(&poses, &texts.0).unwrap();
         std::fs::write(&times, &texts.1).unwrap();
         let back = read(&poses, &times).unwrap();
@@ -150,14 +150,14 @@ mod tests {
 
     #[test]
     fn rows_come_first() {
-        // A quarter turn to the left about z, then a shift.
+        // A rotation by 90 degrees to the left about z, then a translation.
         let text = "0 -1 0 5 1 0 0 6 0 0 1 7\n";
         let poses = parse_poses(text, Path::new("p.txt")).unwrap();
         assert_eq!(poses[0].apply([1.0, 0.0, 0.0]), [5.0, 7.0, 7.0]);
     }
 
     #[test]
-    fn what_is_wrong_is_named() {
+    fn malformed_lines_are_named_in_the_error() {
         let path = Path::new("p.txt");
         let message = |error: FormatError| error.to_string();
         assert_eq!(

@@ -1,10 +1,10 @@
 //! Seconds as decimal text and nanoseconds as integers, exactly, both ways.
 
-/// Digits behind the point.
+/// Number of decimals.
 const DIGITS: i64 = 9;
 
 /// Nanoseconds as seconds with nine decimals: `-1` is `-0.000000001`.
-pub fn written_seconds(time_ns: i64) -> String {
+pub fn format_seconds(time_ns: i64) -> String {
     let sign = if time_ns < 0 { "-" } else { "" };
     let size = time_ns.unsigned_abs();
     format!("{sign}{}.{:09}", size / 1_000_000_000, size % 1_000_000_000)
@@ -28,7 +28,7 @@ pub fn parse_seconds(text: &str) -> Option<i64> {
     if all().next().is_none() || !all().all(|b| b.is_ascii_digit()) {
         return None;
     }
-    // How many of the digits make whole nanoseconds.
+    // Number of digits that make whole nanoseconds.
     let kept = whole.len() as i64 + i64::from(exponent) + DIGITS;
     let mut size: i128 = 0;
     let mut place = 0_i64;
@@ -73,17 +73,17 @@ mod tests {
             (i64::MIN, "-9223372036.854775808"),
         ];
         for (time_ns, text) in cases {
-            assert_eq!(written_seconds(time_ns), text);
+            assert_eq!(format_seconds(time_ns), text);
             assert_eq!(parse_seconds(text), Some(time_ns), "{text}");
         }
         for i in 0..20_000_u64 {
             let time_ns = i.wrapping_mul(0x9e37_79b9_7f4a_7c15) as i64;
-            assert_eq!(parse_seconds(&written_seconds(time_ns)), Some(time_ns));
+            assert_eq!(parse_seconds(&format_seconds(time_ns)), Some(time_ns));
         }
     }
 
     #[test]
-    fn other_ways_to_write_a_number_are_understood() {
+    fn other_notations_of_a_number_are_parsed() {
         let cases = [
             ("1305031098.6659", 1_305_031_098_665_900_000),
             // As NumPy prints the float nearest to 1305031102.175304, which is a hair off it.
@@ -111,7 +111,7 @@ mod tests {
     }
 
     #[test]
-    fn what_is_no_time_is_refused() {
+    fn text_that_is_not_a_time_is_refused() {
         let not = [
             "",
             "-",

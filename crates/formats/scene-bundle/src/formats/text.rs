@@ -6,11 +6,12 @@ use cad_transforms::RigidTransform;
 
 use crate::trajectory::{Pose, Trajectory};
 
-/// How far a printed quaternion's norm may be from 1: four decimals per component, as in the ground truth of the TUM
-/// RGB-D data, move it by up to 1e-4. Nearer ones that are off by more than a transform allows are normalised.
+/// Maximum deviation of a printed quaternion's norm from 1: four decimals per component, as in the
+/// ground truth of the TUM RGB-D data, change it by up to 1e-4. Within it, quaternions that deviate
+/// by more than a transform allows are normalized.
 pub(super) const NORM_TOLERANCE: f64 = 1e-3;
 
-/// Most that is read of a trajectory file: a day of poses at 100 Hz.
+/// Maximum size of a trajectory file, bytes: a day of poses at 100 Hz.
 const MAX_BYTES: u64 = 1 << 30;
 
 /// Why a trajectory could not be read.
@@ -21,10 +22,10 @@ pub enum FormatError {
     Read {
         /// The file.
         path: PathBuf,
-        /// What the system said.
+        /// Error of the operating system.
         source: std::io::Error,
     },
-    /// A line is not what this kind of file has there.
+    /// A line does not follow this kind of file.
     #[error("reading a {kind} trajectory: line {line}: found {found}, expected {expected}: {}", path.display())]
     Malformed {
         /// Kind of file.
@@ -33,9 +34,9 @@ pub enum FormatError {
         path: PathBuf,
         /// The line, from 1.
         line: usize,
-        /// What is there.
+        /// What was found.
         found: String,
-        /// What belongs there.
+        /// What was expected.
         expected: String,
     },
     /// Two files that belong together have different lengths.
@@ -67,7 +68,7 @@ pub(super) fn read(path: &Path) -> Result<String, FormatError> {
 }
 
 impl<'a> Source<'a> {
-    /// Lines that say something, with their numbers from 1: not empty, not a comment (`#`).
+    /// Lines with content, with their numbers from 1: not empty, not a comment (`#`).
     pub(super) fn lines(&self) -> impl Iterator<Item = (usize, &'a str)> {
         let text = self.text.trim_start_matches('\u{feff}');
         let lines = text.lines().enumerate();
@@ -147,13 +148,13 @@ impl<'a> Source<'a> {
     }
 }
 
-/// A number with as many digits as read back to the same bits.
-pub(super) fn written(number: f64) -> String {
+/// A number with the digits that read back to the same bits.
+pub(super) fn format_number(number: f64) -> String {
     format!("{number:?}")
 }
 
 /// Several, with a separator.
-pub(super) fn written_all(numbers: &[f64], separator: &str) -> String {
-    let words: Vec<String> = numbers.iter().map(|n| written(*n)).collect();
+pub(super) fn format_numbers(numbers: &[f64], separator: &str) -> String {
+    let words: Vec<String> = numbers.iter().map(|n| format_number(*n)).collect();
     words.join(separator)
 }

@@ -5,8 +5,8 @@
 
 use std::path::Path;
 
-use super::seconds::{parse_seconds, written_seconds};
-use super::text::{FormatError, Source, read as text_of, written_all};
+use super::seconds::{format_seconds, parse_seconds};
+use super::text::{FormatError, Source, format_numbers, read as text_of};
 use crate::trajectory::{Pose, Trajectory};
 
 /// Reads a file.
@@ -54,14 +54,14 @@ pub fn parse(text: &str, path: &Path) -> Result<Trajectory, FormatError> {
 }
 
 /// The text of a file. Lost poses are left out.
-pub fn written(trajectory: &Trajectory) -> String {
+pub fn to_text(trajectory: &Trajectory) -> String {
     let mut text = String::from("# timestamp tx ty tz qx qy qz qw\n");
     for pose in trajectory.usable() {
         let [x, y, z] = pose.world_from_rig.translation_m();
         let [qw, qx, qy, qz] = pose.world_from_rig.rotation_wxyz();
-        text += &written_seconds(pose.time_ns);
+        text += &format_seconds(pose.time_ns);
         text.push(' ');
-        text += &written_all(&[x, y, z, qx, qy, qz, qw], " ");
+        text += &format_numbers(&[x, y, z, qx, qy, qz, qw], " ");
         text.push('\n');
     }
     text
@@ -75,16 +75,16 @@ mod tests {
     use crate::formats::tests::{bare, walk};
 
     #[test]
-    fn what_is_written_reads_back_to_the_same_bits() {
+    fn written_poses_read_back_to_the_same_bits() {
         let trajectory = walk();
-        let back = parse(&written(&trajectory), Path::new("t.txt")).unwrap();
+        let back = parse(&to_text(&trajectory), Path::new("t.txt")).unwrap();
         assert_eq!(back, bare(&trajectory));
     }
 
     #[test]
     fn the_real_part_is_last() {
         let path = Path::new("t.txt");
-        // A quarter turn to the left about z takes x to y.
+        // A rotation by 90 degrees to the left about z takes x to y.
         let h = std::f64::consts::FRAC_1_SQRT_2;
         let trajectory = parse(&format!("1.5 1 2 3 0 0 {h} {h}\n"), path).unwrap();
         let pose = &trajectory.poses()[0];
@@ -94,7 +94,7 @@ mod tests {
     }
 
     #[test]
-    fn what_is_wrong_is_named() {
+    fn malformed_lines_are_named_in_the_error() {
         let check = |text: &str, message: &str| {
             let error = parse(text, Path::new("t.txt")).unwrap_err().to_string();
             assert_eq!(error, format!("reading a TUM trajectory: {message}: t.txt"));

@@ -19,10 +19,10 @@ const PROPERTIES: &str = "property float x\nproperty float y\nproperty float z\n
 /// A point of the world.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct CloudPoint {
-    /// Where, in the world, metres.
+    /// Position in the world, metres.
     pub x_in_world: [f32; 3],
     /// Red, green, blue.
-    pub colour: [u8; 3],
+    pub color: [u8; 3],
     /// One standard deviation, metres; NaN where not known.
     pub sigma_m: f32,
 }
@@ -36,7 +36,7 @@ fn start(count: usize) -> String {
 /// Writes points in their order.
 ///
 /// # Errors
-/// [`BundleError::Refused`] for a place that is not finite, [`BundleError::Io`].
+/// [`BundleError::Refused`] for a position that is not finite, [`BundleError::Io`].
 pub fn write(draft: &Draft, points: &[CloudPoint]) -> Result<(), BundleError> {
     let off = |p: &CloudPoint| p.x_in_world.iter().any(|v| !v.is_finite());
     if let Some(number) = points.iter().position(off) {
@@ -45,7 +45,7 @@ pub fn write(draft: &Draft, points: &[CloudPoint]) -> Result<(), BundleError> {
     }
     let mut file = draft.create(FILE)?;
     let mut put = |bytes: &[u8]| {
-        let place = draft.place(FILE);
+        let place = draft.file_path(FILE);
         file.write_all(bytes)
             .map_err(doing("writing a cloud of points", place))
     };
@@ -61,7 +61,7 @@ fn vertex(point: &CloudPoint) -> [u8; BYTES] {
     for (place, value) in bytes.chunks_exact_mut(4).zip(point.x_in_world) {
         place.copy_from_slice(&value.to_le_bytes());
     }
-    bytes[12..15].copy_from_slice(&point.colour);
+    bytes[12..15].copy_from_slice(&point.color);
     bytes[15..].copy_from_slice(&point.sigma_m.to_le_bytes());
     bytes
 }
@@ -73,7 +73,7 @@ fn vertex(point: &CloudPoint) -> [u8; BYTES] {
 pub fn read(reader: &OutputReader) -> Result<Vec<CloudPoint>, BundleError> {
     let bytes = reader.read(FILE)?;
     let wrong = |place: &str, found: String, expected: String| BundleError::Malformed {
-        path: reader.place(FILE),
+        path: reader.file_path(FILE),
         place: place.to_owned(),
         found,
         expected,
@@ -103,13 +103,13 @@ pub fn read(reader: &OutputReader) -> Result<Vec<CloudPoint>, BundleError> {
     let number = |bytes: &[u8]| f32::from_le_bytes([bytes[0], bytes[1], bytes[2], bytes[3]]);
     let points = data.chunks_exact(BYTES).map(|bytes| CloudPoint {
         x_in_world: [number(bytes), number(&bytes[4..]), number(&bytes[8..])],
-        colour: [bytes[12], bytes[13], bytes[14]],
+        color: [bytes[12], bytes[13], bytes[14]],
         sigma_m: number(&bytes[15..]),
     });
     Ok(points.collect())
 }
 
-/// The file as it is, checked: it can be used by any program that reads PLY.
+/// The file as stored, checked against its hash: any program that reads PLY can use it.
 ///
 /// # Errors
 /// As [`OutputReader::read`].

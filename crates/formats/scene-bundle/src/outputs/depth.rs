@@ -1,11 +1,12 @@
-//! Output `depth`: for each keyframe that has it a picture of depth and one of its standard deviation, 16-bit grey, and
-//! `depth.json`, which says of which view they are and which there are.
+//! Output `depth`: for each keyframe with depth a depth map and a map of its standard deviation,
+//! 16-bit gray, and `depth.json`, the index of views and maps.
 //!
-//! Contract. Depth is along the view's z axis, not along the ray, in units of 1 mm: 1 to 65535 are 1 mm to 65.535 m, 0 is
-//! no depth (nothing seen, or farther). Sigma is of the depth, one standard deviation, in units of 0.1 mm: 65535 is
-//! 6.5535 m or more, or not known; 0 goes with no depth. The view of a camera is that of its left picture, turned so that
-//! rows fit the right one's: the same centre, its own pinhole model. There are too many pictures for the manifest; the
-//! listing has their hashes.
+//! Contract. Depth is along the view's z axis, not along the ray, in units of 1 mm: 1 to 65535 are
+//! 1 mm to 65.535 m, 0 is no depth (not measured, or farther). Sigma is of the depth, one standard
+//! deviation, in units of 0.1 mm: 65535 is 6.5535 m or more, or not known; 0 goes with no depth.
+//! The view of a camera is its rectified left image: the optical center of the left image, rotated
+//! so that rows match those of the right image, with a pinhole model of its own. There are too many
+//! files for the manifest; the listing has their hashes.
 
 use std::sync::{Mutex, PoisonError};
 
@@ -13,7 +14,7 @@ use cad_transforms::RigidTransform;
 use calib::CameraModel;
 use serde::{Deserialize, Serialize};
 
-use super::picture::{Grey, decode, encode16};
+use super::gray_png::{GraySamples, decode, encode16};
 use super::{read_json, refused, write_json};
 use crate::draft::Draft;
 use crate::error::BundleError;
@@ -23,17 +24,17 @@ use crate::scene::OutputReader;
 const INDEX: &str = "depth.json";
 /// Metres in a unit of depth.
 pub const DEPTH_UNIT_M: f64 = 1e-3;
-/// Metres in a unit of sigma. *Why finer than depth:* near the feet sigma is a few millimetres, and two digits of it are
-/// wanted.
+/// Metres in a unit of sigma. *Why finer than depth:* near the feet sigma is a few millimetres, and
+/// two digits of it are required.
 pub const SIGMA_UNIT_M: f64 = 1e-4;
 
-/// Of which view the pictures of a camera are.
+/// The rectified view of a camera's depth maps.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct DepthView {
     /// The camera's name in the output `rig`.
     pub camera: String,
-    /// Size and lens of the pictures of depth, without distortion.
+    /// Size and intrinsics of the depth maps, without distortion.
     pub model: CameraModel,
     /// Takes points in the left optical frame to the view's. A rotation alone.
     pub view_from_left: RigidTransform,
@@ -43,7 +44,7 @@ pub struct DepthView {
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct DepthKey {
-    /// The view: its place in [`DepthIndex::views`], from 0.
+    /// The view: its index in [`DepthIndex::views`], from 0.
     pub view: usize,
     /// Time of the frame, ns.
     pub time_ns: i64,
@@ -53,23 +54,24 @@ pub struct DepthKey {
     pub set: u64,
 }
 
-/// What depth there is.
+/// Index of the depth maps.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct DepthIndex {
-    /// Always [`DEPTH_UNIT_M`]; for readers that look only here.
+    /// Always [`DEPTH_UNIT_M`]; for readers that use only this file.
     pub depth_unit_m: f64,
     /// Always [`SIGMA_UNIT_M`].
     pub sigma_unit_m: f64,
     /// One view per camera at most.
     pub views: Vec<DepthView>,
     /// Sorted by view and time.
-    pub pictures: Vec<DepthKey>,
+    #[serde(rename = "pictures")]
+    pub images: Vec<DepthKey>,
 }
 
-/// Depth of one keyframe as it is stored. Row by row from the top.
+/// Depth of one keyframe as stored, row by row from the top.
 #[derive(Clone, Debug, PartialEq, Eq)]
-pub struct DepthPicture {
+pub struct DepthImage {
     /// Width, pixels.
     pub width: u32,
     /// Height, pixels.
@@ -85,10 +87,10 @@ pub fn paths(camera: &str, frame: u64) -> [String; 2] {
     ["depth", "sigma"].map(|what| format!("{camera}/{what}/{frame:06}.png"))
 }
 
-/// Depth in metres as it is stored. What is not a number, not above 0, or too far is none.
+/// Stored depth of a depth in metres. Values that are NaN, not positive or too far become 0.
 pub fn stored_depth(depth_m: f32) -> u16 {
     let units = (f64::from(depth_m) / DEPTH_UNIT_M).round();
-    // Of less than half a millimetre nothing is left, which is none.
+    // Less than half a millimetre rounds to 0, which means no depth.
     if (1.0..=65535.0).contains(&units) {
         units as u16
     } else {
@@ -96,7 +98,7 @@ pub fn stored_depth(depth_m: f32) -> u16 {
     }
 }
 
-/// Sigma in metres as it is stored with a depth.
+/// Stored sigma of a sigma in metres.
 pub fn stored_sigma(sigma_m: f32) -> u16 {
     let units = (f64::from(sigma_m) / SIGMA_UNIT_M).round();
     if units.is_nan() || units < 0.0 {
@@ -106,11 +108,11 @@ pub fn stored_sigma(sigma_m: f32) -> u16 {
     }
 }
 
-impl DepthPicture {
-    /// Of values in metres, none where depth is not a number or not above 0.
+impl DepthImage {
+    /// From values in metres; no depth where the value is NaN or not positive.
     ///
     /// # Panics
-    /// When there are not as many values as pixels.
+    /// If the number of values differs from the number of pixels.
     pub fn from_metres(width: u32, height: u32, depth_m: &[f32], sigma_m: &[f32]) -> Self {
         let pixels = width as usize * height as usize;
         assert_eq!((depth_m.len(), sigma_m.len()), (pixels, pixels), "values");
@@ -129,7 +131,7 @@ impl DepthPicture {
 
     /// Depth of a pixel in metres.
     pub fn depth_m(&self, column: u32, row: u32) -> Option<f64> {
-        match self.depth[self.place(column, row)] {
+        match self.depth[self.pixel_index(column, row)] {
             0 => None,
             units => Some(f64::from(units) * DEPTH_UNIT_M),
         }
@@ -137,49 +139,49 @@ impl DepthPicture {
 
     /// One standard deviation of the depth of a pixel in metres.
     pub fn sigma_m(&self, column: u32, row: u32) -> Option<f64> {
-        match self.sigma[self.place(column, row)] {
+        match self.sigma[self.pixel_index(column, row)] {
             0 => None,
             units => Some(f64::from(units) * SIGMA_UNIT_M),
         }
     }
 
-    fn place(&self, column: u32, row: u32) -> usize {
+    fn pixel_index(&self, column: u32, row: u32) -> usize {
         row as usize * self.width as usize + column as usize
     }
 }
 
-/// Writes depth, picture by picture, from any number of threads.
+/// Writes depth maps one by one, from any number of threads.
 pub struct DepthWriter<'a> {
     draft: &'a Draft,
     views: Vec<DepthView>,
-    pictures: Mutex<Vec<DepthKey>>,
+    images: Mutex<Vec<DepthKey>>,
 }
 
 impl<'a> DepthWriter<'a> {
     /// Begins.
     ///
     /// # Errors
-    /// [`BundleError::Refused`] for a view with distortion or another centre, a name that is no folder name, or a camera
-    /// that comes twice.
+    /// [`BundleError::Refused`] for a view with distortion or another centre, a name that is not a
+    /// folder name, or a duplicate camera.
     pub fn new(draft: &'a Draft, views: Vec<DepthView>) -> Result<Self, BundleError> {
-        if let Some(found) = objection(&views) {
+        if let Some(found) = validate(&views) {
             let expected =
-                "one pinhole view per camera, turned about the centre of its left picture";
+                "one pinhole view per camera, rotated about the center of its left image";
             return Err(refused(draft, INDEX, found, expected));
         }
         Ok(Self {
             draft,
             views,
-            pictures: Mutex::default(),
+            images: Mutex::default(),
         })
     }
 
-    /// Writes the two pictures of a keyframe.
+    /// Writes the depth map and the sigma map of a keyframe.
     ///
     /// # Errors
-    /// [`BundleError::Refused`] for another size than the view's, a view that is none, or a frame that is there already;
-    /// [`BundleError::Io`].
-    pub fn write(&self, key: DepthKey, picture: &DepthPicture) -> Result<(), BundleError> {
+    /// [`BundleError::Refused`] for another size than the view's, an unknown view, or a duplicate
+    /// frame; [`BundleError::Io`].
+    pub fn write(&self, key: DepthKey, image: &DepthImage) -> Result<(), BundleError> {
         let Some(view) = self.views.get(key.view) else {
             let found = format!("depth of view {}", key.view);
             return Err(refused(
@@ -193,13 +195,13 @@ impl<'a> DepthWriter<'a> {
         let (width, height) = (view.model.width, view.model.height);
         let pixels = width as usize * height as usize;
         let found = (
-            picture.width,
-            picture.height,
-            picture.depth.len(),
-            picture.sigma.len(),
+            image.width,
+            image.height,
+            image.depth.len(),
+            image.sigma.len(),
         );
         if found != (width, height, pixels, pixels) {
-            let found = format!("a picture of {}x{}", picture.width, picture.height);
+            let found = format!("an image of {}x{}", image.width, image.height);
             return Err(refused(
                 self.draft,
                 &depth,
@@ -207,11 +209,11 @@ impl<'a> DepthWriter<'a> {
                 &format!("{width}x{height}, as the view has"),
             ));
         }
-        for (path, samples) in [(depth, &picture.depth), (sigma, &picture.sigma)] {
+        for (path, samples) in [(depth, &image.depth), (sigma, &image.sigma)] {
             let file = encode16(width, height, samples);
             self.draft.write_listed(&path, &file)?;
         }
-        self.pictures
+        self.images
             .lock()
             .unwrap_or_else(PoisonError::into_inner)
             .push(key);
@@ -223,22 +225,22 @@ impl<'a> DepthWriter<'a> {
     /// # Errors
     /// [`BundleError::Io`].
     pub fn finish(self) -> Result<(), BundleError> {
-        let mut pictures = self
-            .pictures
+        let mut images = self
+            .images
             .into_inner()
             .unwrap_or_else(PoisonError::into_inner);
-        pictures.sort();
+        images.sort();
         let index = DepthIndex {
             depth_unit_m: DEPTH_UNIT_M,
             sigma_unit_m: SIGMA_UNIT_M,
             views: self.views,
-            pictures,
+            images,
         };
         write_json(self.draft, INDEX, &index)
     }
 }
 
-fn objection(views: &[DepthView]) -> Option<String> {
+fn validate(views: &[DepthView]) -> Option<String> {
     for (place, view) in views.iter().enumerate() {
         let camera = &view.camera;
         if !layout::is_file_path(camera) {
@@ -247,7 +249,7 @@ fn objection(views: &[DepthView]) -> Option<String> {
         if view.view_from_left.distance_m() != 0.0 {
             let apart = view.view_from_left.distance_m();
             return Some(format!(
-                "a view of {camera} that is {apart} m from its left picture's centre"
+                "a view of {camera} that is {apart} m from its left image's center"
             ));
         }
         if view.model.distortion != calib::Distortion::None {
@@ -263,19 +265,19 @@ fn objection(views: &[DepthView]) -> Option<String> {
     None
 }
 
-/// Reads what depth there is.
+/// Reads the index.
 ///
 /// # Errors
 /// As [`OutputReader::read`]; [`BundleError::Malformed`].
 pub fn read_index(reader: &OutputReader) -> Result<DepthIndex, BundleError> {
     let index: DepthIndex = read_json(reader, INDEX)?;
     let wrong = |found: String, expected: &str| BundleError::Malformed {
-        path: reader.place(INDEX),
+        path: reader.file_path(INDEX),
         place: "content".to_owned(),
         found,
         expected: expected.to_owned(),
     };
-    if let Some(found) = objection(&index.views) {
+    if let Some(found) = validate(&index.views) {
         return Err(wrong(found, "one pinhole view per camera"));
     }
     let units = [index.depth_unit_m, index.sigma_unit_m];
@@ -287,7 +289,7 @@ pub fn read_index(reader: &OutputReader) -> Result<DepthIndex, BundleError> {
         ));
     }
     if let Some(key) = index
-        .pictures
+        .images
         .iter()
         .find(|key| key.view >= index.views.len())
     {
@@ -308,19 +310,19 @@ pub fn read(
     reader: &OutputReader,
     index: &DepthIndex,
     key: &DepthKey,
-) -> Result<DepthPicture, BundleError> {
+) -> Result<DepthImage, BundleError> {
     let view = &index.views[key.view];
     let size = (view.model.width, view.model.height);
     let samples = |path: &str| {
-        let place = reader.place(path);
+        let place = reader.file_path(path);
         match decode(&reader.read(path)?, &place)? {
-            (width, height, Grey::Bits16(samples)) if (width, height) == size => Ok(samples),
+            (width, height, GraySamples::Bits16(samples)) if (width, height) == size => Ok(samples),
             (width, height, samples) => Err(BundleError::Malformed {
                 path: place,
-                place: "picture".to_owned(),
+                place: "image".to_owned(),
                 found: format!(
                     "{width}x{height} of {} bits",
-                    if matches!(samples, Grey::Bits8(_)) {
+                    if matches!(samples, GraySamples::Bits8(_)) {
                         8
                     } else {
                         16
@@ -331,7 +333,7 @@ pub fn read(
         }
     };
     let [depth, sigma] = paths(&view.camera, key.frame);
-    Ok(DepthPicture {
+    Ok(DepthImage {
         width: size.0,
         height: size.1,
         depth: samples(&depth)?,

@@ -1,4 +1,4 @@
-//! Output `keyframes`: `keyframes.npy`, a row per picture of a camera that stands for others.
+//! Output `keyframes`: `keyframes.npy`, a row per keyframe of a camera.
 //!
 //! Contract: rows are sorted by camera and time; no two rows have the same camera and frame.
 
@@ -21,16 +21,16 @@ const COLUMNS: [Column; 6] = [
     Column("rotation_wxyz", Kind::F64, 4),
 ];
 
-/// One stereo frame of one camera, and where it was taken.
+/// A keyframe: one stereo frame of one camera, with its pose.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Keyframe {
     /// Number of the frame set that it belongs to.
     pub set: u64,
-    /// Number of the frame among those of its camera; pictures are named by it.
+    /// Number of the frame among those of its camera; image files are named by it.
     pub frame: u64,
     /// Time of the frame, ns: the middle of the exposure.
     pub time_ns: i64,
-    /// The camera: its place in the output `rig`, from 0.
+    /// The camera: its index in the output `rig`, from 0.
     pub camera: u8,
     /// Takes points in the left optical frame at the frame's own time to the world, metres.
     pub world_from_left: RigidTransform,
@@ -39,7 +39,7 @@ pub struct Keyframe {
 /// Writes keyframes, in any order.
 ///
 /// # Errors
-/// [`BundleError::Refused`] when a frame comes twice, [`BundleError::Io`].
+/// [`BundleError::Refused`] for a duplicate frame, [`BundleError::Io`].
 pub fn write(draft: &Draft, keyframes: &[Keyframe]) -> Result<(), BundleError> {
     let mut sorted: Vec<&Keyframe> = keyframes.iter().collect();
     sorted.sort_by_key(|k| (k.camera, k.time_ns, k.frame));
@@ -69,7 +69,7 @@ pub fn write(draft: &Draft, keyframes: &[Keyframe]) -> Result<(), BundleError> {
 /// As [`OutputReader::read`]; [`BundleError::Malformed`].
 pub fn read(reader: &OutputReader) -> Result<Vec<Keyframe>, BundleError> {
     let bytes = reader.read(TABLE)?;
-    let place = reader.place(TABLE);
+    let place = reader.file_path(TABLE);
     let rows = rows(&bytes, &COLUMNS, &place)?.enumerate();
     rows.map(|(row, mut fields)| {
         let (set, frame, time_ns, camera) = (fields.u64(), fields.u64(), fields.i64(), fields.u8());

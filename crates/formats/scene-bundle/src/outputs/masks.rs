@@ -1,19 +1,21 @@
-//! Output `masks`: `CAMERA/left.png` and `CAMERA/right.png`, 8-bit grey of the size of the recorded picture, 255 where a
-//! pixel can be used and 0 where it may show the wearer; `CAMERA/left/000123.png`, the same of one keyframe, 0 where
-//! something moves in it, the wearer or others.
+//! Output `masks`: `CAMERA/left.png` and `CAMERA/right.png`, 8-bit gray of the size of the recorded
+//! image, 255 where a pixel may be used and 0 where it may show the wearer;
+//! `CAMERA/left/000123.png`, the dynamic mask of one keyframe, 0 where the scene is dynamic (the
+//! wearer or others).
 //!
-//! Contract: a camera or eye without a file has no mask; all its pixels can be used. Nothing was seen to move in a keyframe
-//! without a file. There are too many of those for the manifest; the listing has their hashes.
+//! Contract: a camera side without a file has no mask; all its pixels may be used. A keyframe
+//! without a file has no dynamic pixels. There are too many of those files for the manifest; the
+//! listing has their hashes.
 
 use calib::Eye;
 
-use super::picture::{Grey, decode, encode8};
+use super::gray_png::{GraySamples, decode, encode8};
 use super::refused;
 use crate::draft::Draft;
 use crate::error::BundleError;
 use crate::scene::OutputReader;
 
-/// Which pixels can be used.
+/// Mask: pixels that may be used.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Mask {
     /// Width, pixels.
@@ -32,12 +34,12 @@ pub fn path(camera: &str, eye: Eye) -> String {
     }
 }
 
-/// Path of the mask of a keyframe's left picture in the output's folder.
-pub fn moving_path(camera: &str, frame: u64) -> String {
+/// Path of the dynamic mask of a keyframe's left image in the output's folder.
+pub fn dynamic_path(camera: &str, frame: u64) -> String {
     format!("{camera}/left/{frame:06}.png")
 }
 
-/// Writes the mask of one eye of a camera.
+/// Writes the wearer mask of one side of a camera.
 ///
 /// # Errors
 /// [`BundleError::Refused`] for values other than 0 and 255 or a wrong number of pixels, [`BundleError::Io`].
@@ -47,17 +49,17 @@ pub fn write(draft: &Draft, camera: &str, eye: Eye, mask: &Mask) -> Result<(), B
     draft.write(&path, &file)
 }
 
-/// Writes what moves in the left picture of a keyframe.
+/// Writes the dynamic mask of the left image of a keyframe.
 ///
 /// # Errors
 /// As [`write()`].
-pub fn write_moving(
+pub fn write_dynamic(
     draft: &Draft,
     camera: &str,
     frame: u64,
     mask: &Mask,
 ) -> Result<(), BundleError> {
-    let path = moving_path(camera, frame);
+    let path = dynamic_path(camera, frame);
     let file = file(draft, &path, mask)?;
     draft.write_listed(&path, &file)
 }
@@ -80,7 +82,7 @@ fn file(draft: &Draft, path: &str, mask: &Mask) -> Result<Vec<u8>, BundleError> 
     Ok(encode8(mask.width, mask.height, &mask.pixels))
 }
 
-/// Reads the mask of one eye of a camera, where there is one.
+/// Reads the wearer mask of one side of a camera, if there is one.
 ///
 /// # Errors
 /// As [`OutputReader::read`]; [`BundleError::Malformed`].
@@ -88,32 +90,32 @@ pub fn read(reader: &OutputReader, camera: &str, eye: Eye) -> Result<Option<Mask
     read_at(reader, &path(camera, eye))
 }
 
-/// Reads what moves in the left picture of a keyframe; none where nothing was seen to.
+/// Reads the dynamic mask of the left image of a keyframe; `None` if it has no dynamic pixels.
 ///
 /// # Errors
 /// As [`read`].
-pub fn read_moving(
+pub fn read_dynamic(
     reader: &OutputReader,
     camera: &str,
     frame: u64,
 ) -> Result<Option<Mask>, BundleError> {
-    read_at(reader, &moving_path(camera, frame))
+    read_at(reader, &dynamic_path(camera, frame))
 }
 
 fn read_at(reader: &OutputReader, path: &str) -> Result<Option<Mask>, BundleError> {
     if !reader.paths().any(|p| p == path) {
         return Ok(None);
     }
-    let place = reader.place(path);
+    let place = reader.file_path(path);
     match decode(&reader.read(path)?, &place)? {
-        (width, height, Grey::Bits8(pixels)) => Ok(Some(Mask {
+        (width, height, GraySamples::Bits8(pixels)) => Ok(Some(Mask {
             width,
             height,
             pixels,
         })),
         _ => Err(BundleError::Malformed {
             path: place,
-            place: "picture".to_owned(),
+            place: "image".to_owned(),
             found: "16 bits".to_owned(),
             expected: "8".to_owned(),
         }),

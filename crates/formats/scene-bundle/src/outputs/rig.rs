@@ -1,4 +1,4 @@
-//! Output `rig`: `rig.json`, lenses and places of cameras and IMUs as the stages took them.
+//! Output `rig`: `rig.json`, intrinsics and extrinsics of cameras and IMUs as used by the stages.
 //!
 //! Contract: names of cameras are folder names, each once; likewise IMUs.
 
@@ -24,7 +24,7 @@ pub struct RigModel {
     pub name: String,
     /// Which build of it.
     pub revision: String,
-    /// Its stereo cameras. Other outputs call a camera by its place here, from 0.
+    /// Its stereo cameras. Other outputs refer to a camera by its index here, from 0.
     pub cameras: Vec<RigCamera>,
     /// Its IMUs.
     pub imus: Vec<RigImu>,
@@ -36,19 +36,19 @@ pub struct RigModel {
 pub struct RigCamera {
     /// Its name.
     pub name: String,
-    /// Lens of the left picture as it was recorded.
+    /// Intrinsics of the left image as recorded.
     pub left: CameraModel,
-    /// Lens of the right picture as it was recorded.
+    /// Intrinsics of the right image as recorded.
     pub right: CameraModel,
     /// Takes points in the left optical frame to the rig's, metres.
     pub rig_from_left: RigidTransform,
-    /// How far that may be off: of a small motion of the left optical frame in its own axes.
+    /// Its covariance: of a small motion of the left optical frame in its own axes.
     pub rig_from_left_covariance: Option<Covariance>,
     /// Takes points in the left optical frame to the right one, metres.
     pub right_from_left: RigidTransform,
-    /// How far that may be off: of a small motion of the left optical frame in its own axes.
+    /// Its covariance: of a small motion of the left optical frame in its own axes.
     pub right_from_left_covariance: Option<Covariance>,
-    /// Time from one row's exposure to the next one's, s; 0 for a global shutter.
+    /// Readout line time, s: exposure of a row relative to the row above; 0 for a global shutter.
     pub line_s: f64,
 }
 
@@ -60,18 +60,18 @@ pub struct RigImu {
     pub name: String,
     /// Takes points in the IMU's frame to the rig's, metres.
     pub rig_from_imu: RigidTransform,
-    /// How far that may be off: of a small motion of the IMU in its own axes.
+    /// Its covariance: of a small motion of the IMU in its own axes.
     pub rig_from_imu_covariance: Option<Covariance>,
     /// Nominal rate, Hz.
     pub rate_hz: Option<f64>,
     /// Noise model.
     pub noise: Option<ImuNoise>,
-    /// Largest turn rate and specific force that it can tell, rad/s and m/s².
+    /// Measurement range: largest angular rate and specific force, rad/s and m/s².
     pub range: Option<[f64; 2]>,
 }
 
 impl RigModel {
-    /// A camera by its name, with its place.
+    /// A camera by its name, with its index.
     pub fn camera(&self, name: &str) -> Option<(usize, &RigCamera)> {
         self.cameras
             .iter()
@@ -79,7 +79,7 @@ impl RigModel {
             .find(|(_, c)| c.name == name)
     }
 
-    fn objection(&self) -> Option<String> {
+    fn validate(&self) -> Option<String> {
         let cameras: Vec<&str> = self.cameras.iter().map(|c| c.name.as_str()).collect();
         let imus: Vec<&str> = self.imus.iter().map(|i| i.name.as_str()).collect();
         for (what, names) in [("camera", &cameras), ("IMU", &imus)] {
@@ -106,9 +106,9 @@ impl RigModel {
 /// Writes the rig.
 ///
 /// # Errors
-/// [`BundleError::Refused`] for names that are no folder names or come twice, [`BundleError::Io`].
+/// [`BundleError::Refused`] for names that are invalid or duplicate, [`BundleError::Io`].
 pub fn write(draft: &Draft, rig: &RigModel) -> Result<(), BundleError> {
-    if let Some(found) = rig.objection() {
+    if let Some(found) = rig.validate() {
         let expected = "up to 256 different names of ASCII letters, digits, _, - and ., and times of 0 or more";
         return Err(refused(draft, FILE, found, expected));
     }
@@ -121,10 +121,10 @@ pub fn write(draft: &Draft, rig: &RigModel) -> Result<(), BundleError> {
 /// As [`OutputReader::read`]; [`BundleError::Malformed`].
 pub fn read(reader: &OutputReader) -> Result<RigModel, BundleError> {
     let rig: RigModel = read_json(reader, FILE)?;
-    match rig.objection() {
+    match rig.validate() {
         None => Ok(rig),
         Some(found) => Err(BundleError::Malformed {
-            path: reader.place(FILE),
+            path: reader.file_path(FILE),
             place: "names and times".to_owned(),
             found,
             expected: "different names of ASCII letters, digits, _, - and ., times of 0 or more"

@@ -1,10 +1,12 @@
-//! Output `tracks`: what odometry keeps of its keyframes for the adjustment of the whole.
+//! Output `tracks`: keyframes of the odometry with their observations, the input of the bundle
+//! adjustment.
 //!
-//! Three tables: `keyframes.npy`, a row per keyframe in order of time with the state of the body; `seen.npy`, corners that were
-//! followed through it; `marks.npy`, corners to find the place again by. Rows of the latter two are in the order of the
-//! keyframes, whose table says how many each has.
+//! Three tables: `keyframes.npy`, a row per keyframe in order of time with the state of the body;
+//! `observations.npy`, feature tracks; `keypoints.npy`, keypoints with descriptors for loop
+//! closure. Rows of the latter two are in the order of the keyframes, whose table has the number of
+//! rows of each.
 //!
-//! Contract: written keyframe by keyframe in any amount of memory; read whole.
+//! Contract: written keyframe by keyframe in constant memory; read as a whole.
 
 use cad_transforms::RigidTransform;
 
@@ -13,12 +15,12 @@ use crate::error::BundleError;
 use crate::npy::{Column, Kind, TableWriter, rows};
 use crate::scene::OutputReader;
 
-/// Most cameras of a rig.
-pub const CAMERAS: usize = 8;
+/// Maximum number of cameras of a rig.
+pub const MAX_CAMERAS: usize = 8;
 
 const KEYFRAMES: &str = "keyframes.npy";
-const SEEN: &str = "seen.npy";
-const MARKS: &str = "marks.npy";
+const OBSERVATIONS: &str = "observations.npy";
+const KEYPOINTS: &str = "keypoints.npy";
 
 const KEYFRAME_COLUMNS: [Column; 12] = [
     Column("set", Kind::U64, 1),
@@ -28,23 +30,23 @@ const KEYFRAME_COLUMNS: [Column; 12] = [
     Column("velocity_m_s", Kind::F64, 3),
     Column("gyro_bias", Kind::F64, 3),
     Column("accel_bias", Kind::F64, 3),
-    Column("read_rate", Kind::F64, 3),
-    Column("is_felt", Kind::U8, 1),
-    Column("after_s", Kind::F64, CAMERAS),
-    Column("seen", Kind::U64, 1),
-    Column("marks", Kind::U64, 1),
+    Column("gyro_rate", Kind::F64, 3),
+    Column("imu_valid", Kind::U8, 1),
+    Column("exposure_offset_s", Kind::F64, MAX_CAMERAS),
+    Column("observations", Kind::U64, 1),
+    Column("keypoints", Kind::U64, 1),
 ];
-const SEEN_COLUMNS: [Column; 4] = [
+const OBSERVATION_COLUMNS: [Column; 4] = [
     Column("track", Kind::U64, 1),
     Column("camera", Kind::U8, 1),
     Column("left_px", Kind::F32, 2),
     Column("right_px", Kind::F32, 2),
 ];
-const MARK_COLUMNS: [Column; 4] = [
+const KEYPOINT_COLUMNS: [Column; 4] = [
     Column("camera", Kind::U8, 1),
     Column("left_px", Kind::F32, 2),
     Column("inverse_range", Kind::F32, 1),
-    Column("looks", Kind::U64, 4),
+    Column("descriptor", Kind::U64, 4),
 ];
 
 /// One keyframe. The body is the IMU that odometry used, or the rig where it used none.
@@ -54,57 +56,58 @@ pub struct TrackedKeyframe {
     pub set: u64,
     /// Time of the set, ns.
     pub time_ns: i64,
-    /// World from body.
+    /// Pose of the body.
     pub world_from_body: RigidTransform,
-    /// In the world, m/s.
+    /// Velocity of the body in the world, m/s.
     pub velocity: [f64; 3],
     /// rad/s.
     pub gyro_bias: [f64; 3],
     /// m/s².
     pub accel_bias: [f64; 3],
-    /// Rate about the body's own axes as the gyroscope read it, rad/s.
-    pub read_rate: [f64; 3],
-    /// Whether what the IMU felt since the keyframe before was believed.
-    pub is_felt: bool,
-    /// How much later than the set each camera's middle row was exposed, s; at most [`CAMERAS`].
-    pub after_s: Vec<f64>,
-    /// Corners that were followed through it.
-    pub seen: Vec<SeenCorner>,
-    /// Corners to find the place again by.
-    pub marks: Vec<MarkedCorner>,
+    /// Angular rate in the body's axes as measured by the gyroscope (bias included), rad/s.
+    pub gyro_rate: [f64; 3],
+    /// Whether the preintegrated IMU samples since the previous keyframe were accepted.
+    pub imu_valid: bool,
+    /// Exposure offset of each camera's middle row against the time of the set, s; at most
+    /// [`MAX_CAMERAS`] values.
+    pub exposure_offset_s: Vec<f64>,
+    /// Observations of tracked features.
+    pub observations: Vec<StereoObservation>,
+    /// Keypoints for loop closure.
+    pub keypoints: Vec<Keypoint>,
 }
 
-/// A corner that was followed.
+/// Observation of a tracked feature in a stereo frame.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub struct SeenCorner {
-    /// The same in every keyframe.
+pub struct StereoObservation {
+    /// Track id, the same in every keyframe.
     pub track: u64,
-    /// Place of the camera in the output `rig`.
+    /// Index of the camera in the output `rig`.
     pub camera: u8,
-    /// In the left picture, px.
+    /// Pixel in the left image.
     pub left_px: [f32; 2],
-    /// In the right one; not a number in the file where it was not found.
+    /// Pixel in the right image; NaN in the file if there is no match.
     pub right_px: Option<[f32; 2]>,
 }
 
-/// A corner to find again.
+/// A keypoint with its descriptor.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub struct MarkedCorner {
-    /// Place of the camera in the output `rig`.
+pub struct Keypoint {
+    /// Index of the camera in the output `rig`.
     pub camera: u8,
-    /// In the left picture, px.
+    /// Pixel in the left image.
     pub left_px: [f32; 2],
-    /// From the left eye, 1/m; 0 where it is not known.
+    /// Inverse distance from the left optical center, 1/m; 0 if not known.
     pub inverse_range: f32,
-    /// How it looks: 256 bits.
-    pub looks: [u64; 4],
+    /// Binary descriptor, 256 bits.
+    pub descriptor: [u64; 4],
 }
 
 /// Writes keyframes one after another.
 pub struct TracksWriter {
     keyframes: TableWriter,
-    seen: TableWriter,
-    marks: TableWriter,
+    observations: TableWriter,
+    keypoints: TableWriter,
 }
 
 impl TracksWriter {
@@ -115,21 +118,22 @@ impl TracksWriter {
     pub fn new(draft: &Draft) -> Result<Self, BundleError> {
         Ok(Self {
             keyframes: TableWriter::create(draft, KEYFRAMES, &KEYFRAME_COLUMNS)?,
-            seen: TableWriter::create(draft, SEEN, &SEEN_COLUMNS)?,
-            marks: TableWriter::create(draft, MARKS, &MARK_COLUMNS)?,
+            observations: TableWriter::create(draft, OBSERVATIONS, &OBSERVATION_COLUMNS)?,
+            keypoints: TableWriter::create(draft, KEYPOINTS, &KEYPOINT_COLUMNS)?,
         })
     }
 
-    /// Writes one.
+    /// Writes a keyframe.
     ///
     /// # Errors
     /// [`BundleError::Io`].
     ///
     /// # Panics
-    /// With more than [`CAMERAS`] cameras.
+    /// With more than [`MAX_CAMERAS`] cameras.
     pub fn push(&mut self, keyframe: &TrackedKeyframe) -> Result<(), BundleError> {
-        let mut after_s = [0.0; CAMERAS];
-        after_s[..keyframe.after_s.len()].copy_from_slice(&keyframe.after_s);
+        let mut exposure_offset_s = [0.0; MAX_CAMERAS];
+        exposure_offset_s[..keyframe.exposure_offset_s.len()]
+            .copy_from_slice(&keyframe.exposure_offset_s);
         self.keyframes.row(|row| {
             row.u64(keyframe.set);
             row.i64(keyframe.time_ns);
@@ -138,26 +142,26 @@ impl TracksWriter {
             row.f64(&keyframe.velocity);
             row.f64(&keyframe.gyro_bias);
             row.f64(&keyframe.accel_bias);
-            row.f64(&keyframe.read_rate);
-            row.u8(u8::from(keyframe.is_felt));
-            row.f64(&after_s);
-            row.u64(keyframe.seen.len() as u64);
-            row.u64(keyframe.marks.len() as u64);
+            row.f64(&keyframe.gyro_rate);
+            row.u8(u8::from(keyframe.imu_valid));
+            row.f64(&exposure_offset_s);
+            row.u64(keyframe.observations.len() as u64);
+            row.u64(keyframe.keypoints.len() as u64);
         })?;
-        for seen in &keyframe.seen {
-            self.seen.row(|row| {
-                row.u64(seen.track);
-                row.u8(seen.camera);
-                row.f32(&seen.left_px);
-                row.f32(&seen.right_px.unwrap_or([f32::NAN; 2]));
+        for observation in &keyframe.observations {
+            self.observations.row(|row| {
+                row.u64(observation.track);
+                row.u8(observation.camera);
+                row.f32(&observation.left_px);
+                row.f32(&observation.right_px.unwrap_or([f32::NAN; 2]));
             })?;
         }
-        for mark in &keyframe.marks {
-            self.marks.row(|row| {
-                row.u8(mark.camera);
-                row.f32(&mark.left_px);
-                row.f32(&[mark.inverse_range]);
-                mark.looks.iter().for_each(|bits| row.u64(*bits));
+        for keypoint in &keyframe.keypoints {
+            self.keypoints.row(|row| {
+                row.u8(keypoint.camera);
+                row.f32(&keypoint.left_px);
+                row.f32(&[keypoint.inverse_range]);
+                keypoint.descriptor.iter().for_each(|bits| row.u64(*bits));
             })?;
         }
         Ok(())
@@ -169,47 +173,48 @@ impl TracksWriter {
     /// [`BundleError::Io`].
     pub fn finish(self) -> Result<(), BundleError> {
         self.keyframes.finish()?;
-        self.seen.finish()?;
-        self.marks.finish()
+        self.observations.finish()?;
+        self.keypoints.finish()
     }
 }
 
-/// Reads all keyframes of a rig with so many cameras.
+/// Reads all keyframes of a rig with `cameras` cameras.
 ///
 /// # Errors
 /// As [`OutputReader::read`]; [`BundleError::Malformed`].
 pub fn read(reader: &OutputReader, cameras: usize) -> Result<Vec<TrackedKeyframe>, BundleError> {
-    let [keyframe_bytes, seen_bytes, mark_bytes] = [
+    let [keyframe_bytes, observation_bytes, keypoint_bytes] = [
         reader.read(KEYFRAMES)?,
-        reader.read(SEEN)?,
-        reader.read(MARKS)?,
+        reader.read(OBSERVATIONS)?,
+        reader.read(KEYPOINTS)?,
     ];
-    let places = [KEYFRAMES, SEEN, MARKS].map(|path| reader.place(path));
-    let mut seen = rows(&seen_bytes, &SEEN_COLUMNS, &places[1])?.map(|mut fields| {
-        let (track, camera) = (fields.u64(), fields.u8());
-        let (left_px, right_px) = (fields.f32(), fields.f32());
-        SeenCorner {
-            track,
-            camera,
-            left_px,
-            right_px: right_px.iter().all(|v| !v.is_nan()).then_some(right_px),
-        }
-    });
-    let mut marks = rows(&mark_bytes, &MARK_COLUMNS, &places[2])?.map(|mut fields| {
+    let paths = [KEYFRAMES, OBSERVATIONS, KEYPOINTS].map(|path| reader.file_path(path));
+    let mut observations =
+        rows(&observation_bytes, &OBSERVATION_COLUMNS, &paths[1])?.map(|mut fields| {
+            let (track, camera) = (fields.u64(), fields.u8());
+            let (left_px, right_px) = (fields.f32(), fields.f32());
+            StereoObservation {
+                track,
+                camera,
+                left_px,
+                right_px: right_px.iter().all(|v| !v.is_nan()).then_some(right_px),
+            }
+        });
+    let mut keypoints = rows(&keypoint_bytes, &KEYPOINT_COLUMNS, &paths[2])?.map(|mut fields| {
         let camera = fields.u8();
         let left_px = fields.f32();
         let [inverse_range] = fields.f32();
-        MarkedCorner {
+        Keypoint {
             camera,
             left_px,
             inverse_range,
-            looks: std::array::from_fn(|_| fields.u64()),
+            descriptor: std::array::from_fn(|_| fields.u64()),
         }
     });
     let mut keyframes = Vec::new();
-    for (row, mut fields) in rows(&keyframe_bytes, &KEYFRAME_COLUMNS, &places[0])?.enumerate() {
+    for (row, mut fields) in rows(&keyframe_bytes, &KEYFRAME_COLUMNS, &paths[0])?.enumerate() {
         let malformed = |found: String, expected: &str| BundleError::Malformed {
-            path: places[0].clone(),
+            path: paths[0].clone(),
             place: format!("row {row}"),
             found,
             expected: expected.to_owned(),
@@ -220,10 +225,10 @@ pub fn read(reader: &OutputReader, cameras: usize) -> Result<Vec<TrackedKeyframe
         let world_from_body = RigidTransform::from_wxyz(rotation, position)
             .map_err(|error| malformed(error.to_string(), "a pose"))?;
         let (velocity, gyro_bias) = (fields.f64(), fields.f64());
-        let (accel_bias, read_rate) = (fields.f64(), fields.f64());
-        let is_felt = fields.u8() != 0;
-        let after_s: [f64; CAMERAS] = fields.f64();
-        let (seen_count, mark_count) = (fields.u64() as usize, fields.u64() as usize);
+        let (accel_bias, gyro_rate) = (fields.f64(), fields.f64());
+        let imu_valid = fields.u8() != 0;
+        let exposure_offset_s: [f64; MAX_CAMERAS] = fields.f64();
+        let (observation_count, keypoint_count) = (fields.u64() as usize, fields.u64() as usize);
         let keyframe = TrackedKeyframe {
             set,
             time_ns,
@@ -231,30 +236,38 @@ pub fn read(reader: &OutputReader, cameras: usize) -> Result<Vec<TrackedKeyframe
             velocity,
             gyro_bias,
             accel_bias,
-            read_rate,
-            is_felt,
-            after_s: after_s[..cameras.min(CAMERAS)].to_vec(),
-            seen: seen.by_ref().take(seen_count).collect(),
-            marks: marks.by_ref().take(mark_count).collect(),
+            gyro_rate,
+            imu_valid,
+            exposure_offset_s: exposure_offset_s[..cameras.min(MAX_CAMERAS)].to_vec(),
+            observations: observations.by_ref().take(observation_count).collect(),
+            keypoints: keypoints.by_ref().take(keypoint_count).collect(),
         };
-        if keyframe.seen.len() != seen_count || keyframe.marks.len() != mark_count {
-            let found = format!("{seen_count} corners and {mark_count} marks");
-            return Err(malformed(found, "as many as the other tables still have"));
+        if keyframe.observations.len() != observation_count
+            || keyframe.keypoints.len() != keypoint_count
+        {
+            let found = format!("{observation_count} observations and {keypoint_count} keypoints");
+            return Err(malformed(
+                found,
+                "no more than the remaining rows of the other tables",
+            ));
         }
-        let of_seen = keyframe.seen.iter().map(|s| s.camera);
-        let mut all = of_seen.chain(keyframe.marks.iter().map(|m| m.camera));
+        let of_observations = keyframe.observations.iter().map(|s| s.camera);
+        let mut all = of_observations.chain(keyframe.keypoints.iter().map(|m| m.camera));
         if let Some(camera) = all.find(|camera| usize::from(*camera) >= cameras) {
-            let found = format!("a corner of camera {camera}");
+            let found = format!("an observation of camera {camera}");
             return Err(malformed(found, &format!("one of {cameras}, from 0 on")));
         }
         keyframes.push(keyframe);
     }
-    for (rest, place) in [(seen.count(), &places[1]), (marks.count(), &places[2])] {
+    for (rest, place) in [
+        (observations.count(), &paths[1]),
+        (keypoints.count(), &paths[2]),
+    ] {
         if rest > 0 {
             return Err(BundleError::Malformed {
                 path: place.clone(),
                 place: "end".to_owned(),
-                found: format!("{rest} corners that no keyframe has"),
+                found: format!("{rest} rows that belong to no keyframe"),
                 expected: "none".to_owned(),
             });
         }

@@ -56,12 +56,12 @@ impl<'a> TrajectoryWriter<'a> {
     /// Writes the next pose.
     ///
     /// # Errors
-    /// [`BundleError::Refused`] when its time is not later than the last one's or its velocity is not finite,
-    /// [`BundleError::Io`].
+    /// [`BundleError::Refused`] if its time is not later than the last one's or its velocity is not
+    /// finite, [`BundleError::Io`].
     pub fn push(&mut self, pose: &Pose) -> Result<(), BundleError> {
         let before_ns = self.spans.last().map(|span| span.to_ns);
         check(self.count, pose, before_ns).map_err(|e| BundleError::Refused {
-            path: self.draft.place(TABLE),
+            path: self.draft.file_path(TABLE),
             found: format!("poses where {e}"),
             expected: "a trajectory".to_owned(),
         })?;
@@ -108,7 +108,7 @@ pub fn write(draft: &Draft, trajectory: &Trajectory) -> Result<(), BundleError> 
 /// As [`OutputReader::read`]; [`BundleError::Malformed`].
 pub fn read(reader: &OutputReader) -> Result<Trajectory, BundleError> {
     let bytes = reader.read(TABLE)?;
-    let place = reader.place(TABLE);
+    let place = reader.file_path(TABLE);
     let wrong = |row: usize, error: String| BundleError::Malformed {
         path: place.clone(),
         place: format!("row {row}"),

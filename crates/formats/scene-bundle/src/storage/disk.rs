@@ -22,7 +22,7 @@ impl Disk {
     pub(crate) fn make_root(&self) -> io::Result<()> {
         let missing = self.root.ancestors().take_while(|p| !p.exists()).count();
         fs::create_dir_all(&self.root)?;
-        // The name of each new folder lies in the one above it.
+        // The name of each new folder is an entry of its parent.
         for new in self.root.ancestors().take(missing) {
             let above = new.parent().filter(|p| !p.as_os_str().is_empty());
             File::open(above.unwrap_or(Path::new(".")))?.sync_all()?;

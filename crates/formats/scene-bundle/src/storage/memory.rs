@@ -1,7 +1,8 @@
-//! A disk in memory that keeps apart what is durable and what is not, and goes off when told to.
+//! A disk in memory that distinguishes durable from volatile state, and fails at a given step.
 //!
-//! Every call that changes the disk is one step, counted from 0. A test runs its work once to learn how many there are,
-//! then again for every step with [`Memory::cut_at`], takes the image that a [`Crash`] leaves, and looks at what is found.
+//! Every call that changes the disk is one step, counted from 0. A test runs its work once to count
+//! the steps, then again for every step with [`Memory::cut_at`], takes the image that a [`Crash`]
+//! leaves, and checks it.
 
 use std::collections::BTreeMap;
 use std::io::{self, Read};
@@ -10,7 +11,7 @@ use std::sync::{Arc, Mutex, MutexGuard};
 
 use super::{Storage, StoredFile};
 
-/// What a crash leaves of what was not yet durable.
+/// State that a crash leaves of what was not yet durable.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(crate) enum Crash {
     /// Everything: the process was killed, the system lives.
@@ -32,7 +33,7 @@ enum Node {
     Folder {
         names: BTreeMap<String, u64>,
         durable: BTreeMap<String, u64>,
-        /// What the last change made of names: another file or none.
+        /// Last change of names: to another file or none.
         last: Vec<(String, Option<u64>)>,
     },
 }

@@ -1,4 +1,4 @@
-//! COLMAP models, text and binary, read back by small readers that stand here.
+//! COLMAP models, text and binary, read back by small readers defined here.
 
 use std::path::Path;
 
@@ -11,7 +11,7 @@ use crate::sample::{self, Sample};
 
 /// An image of a COLMAP model: pose, number of its camera, name.
 type Image = ([f64; 7], u32, String);
-/// A point: place, colour, error.
+/// A point: position, color, error.
 type Point = ([f64; 3], [u8; 3], f64);
 
 struct Bytes<'a>(&'a [u8]);
@@ -54,9 +54,9 @@ fn binary_model(folder: &Path) -> (Vec<Image>, Vec<Point>) {
     let count = bytes.u64();
     let points = (1..=count).map(|id| {
         assert_eq!(bytes.u64(), id);
-        let (place, colour, [error]) = (bytes.f64(), bytes.take(), bytes.f64());
+        let (place, color, [error]) = (bytes.f64(), bytes.take(), bytes.f64());
         assert_eq!(bytes.u64(), 0, "track");
-        (place, colour, error)
+        (place, color, error)
     });
     let points = points.collect();
     assert!(bytes.0.is_empty());
@@ -89,9 +89,9 @@ fn text_model(folder: &Path) -> (Vec<Image>, Vec<Point>) {
         let words: Vec<&str> = line.split(' ').collect();
         assert_eq!(words[0].parse::<u64>().unwrap(), id);
         let place = numbers(&words[1..4]).try_into().unwrap();
-        let colour: [u8; 3] = std::array::from_fn(|i| words[4 + i].parse().unwrap());
+        let color: [u8; 3] = std::array::from_fn(|i| words[4 + i].parse().unwrap());
         assert_eq!(words.len(), 8, "no track");
-        (place, colour, words[7].parse().unwrap())
+        (place, color, words[7].parse().unwrap())
     });
     (images.collect(), points.collect())
 }
@@ -120,7 +120,7 @@ fn colmap_text_and_binary_hold_the_same() {
     let (from_binary, _) = calib::colmap::read(&binary.join("cameras.bin")).unwrap();
     assert_eq!(from_text.cameras, from_binary.cameras);
 
-    // And it is what the bundle holds.
+    // And it matches the bundle.
     let rig = sample::rig_model();
     let lenses: Vec<_> = from_text.cameras.iter().map(|c| c.model).collect();
     let eyes = rig.cameras.iter().flat_map(|c| [c.left, c.right]);
@@ -172,6 +172,6 @@ fn colmap_text_and_binary_hold_the_same() {
     assert_eq!(points.len(), 500);
     for (found, expected) in points.iter().zip(sample::points()) {
         assert_eq!(found.0, expected.x_in_world.map(f64::from));
-        assert_eq!((found.1, found.2), (expected.colour, -1.0));
+        assert_eq!((found.1, found.2), (expected.color, -1.0));
     }
 }

@@ -1,9 +1,9 @@
-//! The command line: what it says and with which code it ends.
+//! The command line: its output and exit codes.
 
 use std::path::Path;
 use std::process::{Command, Output};
 
-use scene_bundle::judgement::{Acceptance, Beyond};
+use scene_bundle::judgement::{Acceptance, ExceededLimit};
 use scene_bundle::{Bundle, Judgement, Provenance};
 use serde_json::Value;
 
@@ -33,7 +33,7 @@ fn text(path: &Path) -> &str {
 }
 
 #[test]
-fn show_says_what_is_there() {
+fn show_lists_the_content() {
     let sample = Sample::new();
     let shown = run(&["show", text(&sample.path)]);
     assert_eq!(code(&shown), 0, "{}", error_text(&shown));
@@ -63,11 +63,11 @@ fn show_says_what_is_there() {
 }
 
 #[test]
-fn show_says_that_a_failure_was_accepted_and_why_it_was_one() {
+fn show_reports_an_accepted_failure_and_its_cause() {
     let folder = tempfile::tempdir().unwrap();
     let path = folder.path().join("walk.scene");
     let what = "feet: 3 of 60 frames lost (5 %): encoder overload";
-    let beyond = Beyond {
+    let beyond = ExceededLimit {
         metric: "camera.dropped".to_owned(),
         of: "feet".to_owned(),
         verdict: "FAIL".to_owned(),
@@ -112,9 +112,9 @@ fn show_says_that_a_failure_was_accepted_and_why_it_was_one() {
     assert_eq!(judgement["acceptance"]["metrics"][0]["text"], what);
 }
 
-/// Nothing on standard error where nothing failed, also where more would be said.
+/// Nothing on standard error where nothing failed, even where notes would be printed.
 #[test]
-fn quiet_says_nothing_and_verbose_keeps_results_apart() {
+fn quiet_prints_nothing_and_verbose_keeps_results_separate() {
     let sample = Sample::new();
     std::fs::write(sample.path.join("notes.txt"), "mine").unwrap();
     let bundle = text(&sample.path);
@@ -139,7 +139,7 @@ fn quiet_says_nothing_and_verbose_keeps_results_apart() {
             }
         }
     }
-    // What failed is said nevertheless.
+    // Errors are printed nevertheless.
     let missing = run(&["-q", "show", text(&sample.out("nowhere"))]);
     assert_eq!(code(&missing), 1);
     assert!(error_text(&missing).contains("found no scene.json"));
@@ -168,7 +168,7 @@ fn verify_ends_with_1_when_a_byte_changed() {
         .scene()
         .output("trajectory")
         .unwrap()
-        .place("trajectory.npy");
+        .file_path("trajectory.npy");
     let mut bytes = std::fs::read(&place).unwrap();
     *bytes.last_mut().unwrap() ^= 1;
     std::fs::write(&place, bytes).unwrap();
@@ -186,7 +186,7 @@ fn verify_ends_with_1_when_a_byte_changed() {
 }
 
 #[test]
-fn export_ends_with_what_happened() {
+fn export_exit_code_reports_losses() {
     let sample = Sample::new();
     let bundle = text(&sample.path).to_owned();
     let out = sample.out("walk.txt");
@@ -210,7 +210,7 @@ fn export_ends_with_what_happened() {
     assert_eq!(code(&second), 1);
     assert!(error_text(&second).contains("not overwritten"));
 
-    let pictures = sample.pictures("feet/left/1000010.png");
+    let images = sample.images("feet/left/1000010.png");
     let out = sample.out("model");
     let lossy = run(&[
         "export",
@@ -219,8 +219,8 @@ fn export_ends_with_what_happened() {
         &bundle,
         "--out",
         text(&out),
-        "--pictures",
-        text(&pictures),
+        "--images",
+        text(&images),
     ]);
     assert_eq!(code(&lossy), 3, "{}", error_text(&lossy));
     assert!(

@@ -1,4 +1,4 @@
-//! Exports, read back by this project's own readers and by small ones that stand here.
+//! Exports, read back by this project's own readers and by small ones defined here.
 
 use std::collections::BTreeMap;
 use std::path::Path;
@@ -38,11 +38,11 @@ fn trajectories_read_back() {
     let out = sample.out("walk.txt");
     let summary = export(&scene, Format::Tum, &offline, &out).unwrap();
     assert_eq!(tum::read(&out).unwrap(), bare(&sample::walk(0.0)));
-    assert_eq!(summary.written, "30 poses of the rig");
+    assert_eq!(summary.description, "30 poses of the rig");
     assert_eq!(
         summary.notes,
         [
-            "tum has no place for covariances, velocities, statuses",
+            "tum cannot represent covariances, velocities, statuses",
             "10 poses where the rig was lost are left out"
         ]
     );
@@ -67,7 +67,7 @@ fn trajectories_read_back() {
 }
 
 #[test]
-fn nothing_is_overwritten_and_nothing_half_is_left() {
+fn nothing_is_overwritten_and_no_partial_output_is_left() {
     let sample = Sample::new();
     let scene = sample.scene();
     for format in Format::ALL {
@@ -81,8 +81,8 @@ fn nothing_is_overwritten_and_nothing_half_is_left() {
         assert!(export(&scene, format, &Options::default(), &out).is_err());
         std::fs::remove_dir(&out).unwrap();
     }
-    // A bundle that is damaged gives nothing.
-    let cloud = scene.output("cloud").unwrap().place("cloud.ply");
+    // A damaged bundle is not exported.
+    let cloud = scene.output("cloud").unwrap().file_path("cloud.ply");
     std::fs::write(cloud, "ply").unwrap();
     for format in [
         Format::Ply,
@@ -98,7 +98,7 @@ fn nothing_is_overwritten_and_nothing_half_is_left() {
             format.name()
         );
     }
-    // What another run left is not touched.
+    // Remains of another run are not touched.
     let left = sample.out("kitti.partial");
     std::fs::create_dir(&left).unwrap();
     let error = export(
@@ -139,21 +139,21 @@ pub(crate) fn keyframes() -> Vec<Keyframe> {
 #[test]
 fn nerfstudio_reads_back() {
     let sample = Sample::new();
-    let pictures = sample.pictures("left_shoulder/left/000010.png");
+    let images = sample.images("left_shoulder/left/000010.png");
     let out = sample.out("deep/nerf");
     let options = Options {
-        pictures: Some(pictures.clone()),
+        images: Some(images.clone()),
         ..Options::default()
     };
     let summary = export(&sample.scene(), Format::Nerfstudio, &options, &out).unwrap();
     assert_eq!(summary.lost.len(), 1);
     assert!(
-        summary.lost[0].contains("no picture of keyframe 10 of left_shoulder/left"),
+        summary.lost[0].contains("no image of keyframe 10 of left_shoulder/left"),
         "{:?}",
         summary.lost
     );
     assert!(
-        summary.notes[0].contains("2 of 5 pictures have no depth"),
+        summary.notes[0].contains("2 of 5 images have no depth"),
         "{:?}",
         summary.notes
     );
@@ -185,7 +185,7 @@ fn nerfstudio_reads_back() {
     for (frame, keyframe) in frames.iter().zip(&wanted) {
         let name = &expected[usize::from(keyframe.camera)].name;
         let file = frame["file_path"].as_str().unwrap();
-        // Relative, and it leads to the picture.
+        // The path is relative and leads to the image.
         assert!(
             file.starts_with("../") && out.join(file).is_file(),
             "{file}"
@@ -212,7 +212,7 @@ fn nerfstudio_reads_back() {
         let mask = out.join(frame["mask_path"].as_str().unwrap());
         assert!(mask.is_file());
     }
-    // What moves in one picture is masked there, together with what the camera's mask has.
+    // Dynamic pixels of one image are masked there, together with the camera's mask.
     let paths = frames.iter().map(|f| f["mask_path"].as_str().unwrap());
     let own: Vec<&str> = paths.filter(|p| p.contains("/left/")).collect();
     let [own] = own[..] else { panic!("{own:?}") };
@@ -235,7 +235,7 @@ fn nerfstudio_reads_back() {
 }
 
 #[test]
-fn nerfstudio_gets_depth_when_all_pictures_have_it() {
+fn nerfstudio_gets_depth_when_all_images_have_it() {
     let sample = Sample::new();
     let out = sample.out("nerf");
     let options = Options {
@@ -264,17 +264,17 @@ fn nerfstudio_gets_depth_when_all_pictures_have_it() {
         let (width, height, depth) = png_grey16(&path);
         assert_eq!((width, height), (64, 48));
         let number: u64 = path.file_stem().unwrap().to_str().unwrap().parse().unwrap();
-        let stored = sample::depth_picture(number);
+        let stored = sample::depth_image(number);
         let mut there = 0;
         for (i, found) in (0_u32..).zip(depth) {
-            // The slow way: where the view sees what this pixel sees.
+            // Reference implementation: pixel of the view that corresponds to this pixel.
             let ray = lens
                 .unproject([f64::from(i % 64), f64::from(i / 64)])
                 .unwrap();
             let [x, y, z] = view.view_from_left.rotate(ray.map(|v| v / ray[2]));
             let at = [50.0 * x / z + 30.0, 50.0 * y / z + 20.0].map(f64::round);
             if !(0.0..60.0).contains(&at[0]) || !(0.0..40.0).contains(&at[1]) {
-                assert_eq!(found, 0, "the view is narrower than the picture");
+                assert_eq!(found, 0, "the view is narrower than the image");
                 continue;
             }
             there += 1;
@@ -288,7 +288,7 @@ fn nerfstudio_gets_depth_when_all_pictures_have_it() {
 }
 
 #[test]
-fn a_lens_that_nerfstudio_does_not_have_is_fitted_and_told() {
+fn an_unsupported_lens_model_is_fitted_and_reported_for_nerfstudio() {
     let mut rig = sample::rig_model();
     let rational = Distortion::Rational8 {
         k1: 0.1,
@@ -310,11 +310,12 @@ fn a_lens_that_nerfstudio_does_not_have_is_fitted_and_told() {
         &out,
     )
     .unwrap();
-    let told: Vec<&String> = summary.notes.iter().chain(&summary.lost).collect();
+    let reported: Vec<&String> = summary.notes.iter().chain(&summary.lost).collect();
     assert!(
-        told.iter()
+        reported
+            .iter()
             .any(|t| t.contains("the lens rational8 of left_shoulder/left is written as rad_tan5")),
-        "{told:?}"
+        "{reported:?}"
     );
     // COLMAP has it.
     let out = sample.out("colmap");
@@ -326,12 +327,12 @@ fn a_lens_that_nerfstudio_does_not_have_is_fitted_and_told() {
     )
     .unwrap();
     let left_out = ["which pixels to mask", "depth", "sigma of points"]
-        .map(|what| format!("{what} has no place in COLMAP's model and is left out"));
+        .map(|what| format!("{what} cannot be represented in COLMAP's model and is left out"));
     assert_eq!((summary.notes, summary.lost), (left_out.to_vec(), vec![]));
     let (set, _) = calib::colmap::read(&out.join("cameras.txt")).unwrap();
     assert_eq!(set.cameras[0].model, rig.cameras[0].left);
 
-    // One kind of lens for all is what nerfstudio wants.
+    // nerfstudio requires one kind of lens for all.
     rig.cameras[1].left.distortion = Distortion::KannalaBrandt4 {
         k1: 0.01,
         k2: 0.0,
@@ -386,9 +387,9 @@ fn points_read_back_from_las_and_laz() {
                     "{found} {expected}"
                 );
             }
-            let colour = found.color.unwrap();
-            let [r, g, b] = expected.colour.map(|c| u16::from(c) << 8 | u16::from(c));
-            assert_eq!((colour.red, colour.green, colour.blue), (r, g, b));
+            let color = found.color.unwrap();
+            let [r, g, b] = expected.color.map(|c| u16::from(c) << 8 | u16::from(c));
+            assert_eq!((color.red, color.green, color.blue), (r, g, b));
         }
         sizes.push(std::fs::metadata(&out).unwrap().len());
     }
@@ -396,7 +397,7 @@ fn points_read_back_from_las_and_laz() {
 }
 
 #[test]
-fn what_is_not_there_is_named() {
+fn missing_inputs_are_named_in_the_error() {
     let sample = Sample::new();
     let options = Options {
         cameras: vec!["head".to_owned()],
@@ -414,7 +415,7 @@ fn what_is_not_there_is_named() {
         "writing colmap-text: found no camera head, expected one of left_shoulder, feet"
     );
     let options = Options {
-        pictures: Some(sample.out("nowhere")),
+        images: Some(sample.out("nowhere")),
         ..Options::default()
     };
     let error = export(
@@ -425,7 +426,7 @@ fn what_is_not_there_is_named() {
     )
     .unwrap_err();
     assert!(
-        error.to_string().contains("no picture of keyframe"),
+        error.to_string().contains("no image of keyframe"),
         "{error}"
     );
 }

@@ -1,4 +1,5 @@
-//! Bundles from strangers: what is no file is never opened, and what is longer than it was written is not read.
+//! Bundles from strangers: nothing but a regular file is opened, and a file longer than written is
+//! not read.
 
 use std::fs;
 use std::os::unix::fs::symlink;
@@ -25,7 +26,7 @@ fn chain(error: &BundleError) -> String {
 fn a_file(scene: &Scene) -> PathBuf {
     let output = scene.output(CLOUD).unwrap();
     let path = output.output().files[0].path.clone();
-    output.place(&path)
+    output.file_path(&path)
 }
 
 fn fifo(path: &Path) {
@@ -34,7 +35,7 @@ fn fifo(path: &Path) {
 }
 
 #[test]
-fn what_is_no_file_is_refused_at_once() {
+fn anything_but_a_regular_file_is_refused_immediately() {
     let sample = Sample::new();
     let scene = sample.scene();
     let path = a_file(&scene);
@@ -44,7 +45,7 @@ fn what_is_no_file_is_refused_at_once() {
         let output = scene.output(CLOUD).unwrap();
         let read = chain(&cloud::read(&output).unwrap_err());
         assert!(read.contains(kind), "{read}");
-        // A report that names it or an error that does; never a wait.
+        // A report or an error that names it; never a wait.
         let _ = verify(&scene, |_| {});
     };
     fifo(&path);
@@ -62,7 +63,7 @@ fn what_is_no_file_is_refused_at_once() {
 }
 
 #[test]
-fn a_file_that_has_become_long_is_not_read() {
+fn a_file_longer_than_written_is_not_read() {
     let sample = Sample::new();
     let scene = sample.scene();
     let file = fs::File::options()

@@ -47,7 +47,7 @@ fn other_readers_see_the_same() {
         (format.name(), out)
     })
     .collect();
-    let place = |output: &str, file: &str| scene.output(output).unwrap().place(file);
+    let place = |output: &str, file: &str| scene.output(output).unwrap().file_path(file);
     let mut arguments = json!({
         "trajectory": place("trajectory", "trajectory.npy"),
         "keyframes": place("keyframes", "keyframes.npy"),
@@ -87,7 +87,7 @@ fn other_readers_see_the_same() {
         assert_eq!(row[0], pose.time_ns);
         assert_eq!(row[1], json!(pose.world_from_rig.translation_m()));
         assert_eq!(row[2], json!(pose.world_from_rig.rotation_wxyz()));
-        // Not a number comes through JSON as nothing.
+        // NaN becomes null in JSON.
         let velocity = pose
             .velocity_in_world
             .map_or(json!([null, null, null]), |v| json!(v));
@@ -124,7 +124,7 @@ fn other_readers_see_the_same() {
         .collect();
     assert_eq!(seen["tum"], json!(poses));
 
-    let stored = sample::depth_picture(1_000_010);
+    let stored = sample::depth_image(1_000_010);
     assert_eq!(
         seen["depth"],
         json!({ "dtype": "uint16", "shape": [40, 60], "values": stored.depth })
@@ -149,7 +149,7 @@ fn other_readers_see_the_same() {
                 );
             }
             let spread = if name == "ply" { 1.0 } else { 257.0 };
-            for (i, expected) in point.colour.into_iter().enumerate() {
+            for (i, expected) in point.color.into_iter().enumerate() {
                 assert_eq!(number(3 + i), f64::from(expected) * spread, "{name}");
             }
         }
@@ -171,7 +171,8 @@ fn other_readers_see_the_same() {
                 .iter()
                 .find(|k| (usize::from(k.camera), k.frame) == (place, frame))
                 .unwrap();
-            // A point two metres in front of the camera: pycolmap takes it from the world into the picture.
+            // A point two metres in front of the camera: pycolmap projects it from the world into
+            // the image.
             let x_in_left = [0.2, -0.1, 2.0];
             let x_in_world = keyframe.world_from_left.apply(x_in_left);
             let expected = calib::Lens::new(&model.left).project(x_in_left).unwrap();
@@ -183,7 +184,7 @@ fn other_readers_see_the_same() {
             for (found, expected) in x_in_camera.into_iter().zip(x_in_left) {
                 assert!((found - expected).abs() < 1e-12, "{name}");
             }
-            // The picture of [0.1, -0.05, 1] in COLMAP's coordinates, half a pixel from ours.
+            // Projection of [0.1, -0.05, 1] in COLMAP's coordinates, half a pixel from ours.
             for (i, expected) in expected.into_iter().enumerate() {
                 let found = image["projected"][i].as_f64().unwrap();
                 assert!(
@@ -195,7 +196,7 @@ fn other_readers_see_the_same() {
         assert_eq!(seen[name]["points"], 500);
         assert_eq!(
             seen[name]["first_point"],
-            json!([f64::from(points[0].x_in_world[0]), points[0].colour])
+            json!([f64::from(points[0].x_in_world[0]), points[0].color])
         );
     }
 }

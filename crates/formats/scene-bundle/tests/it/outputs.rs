@@ -3,7 +3,7 @@
 use calib::{CameraModel, Distortion, Eye};
 use scene_bundle::outputs::cloud::CloudPoint;
 use scene_bundle::outputs::depth::{
-    DepthPicture, DepthView, DepthWriter, SIGMA_UNIT_M, stored_depth, stored_sigma,
+    DepthImage, DepthView, DepthWriter, SIGMA_UNIT_M, stored_depth, stored_sigma,
 };
 use scene_bundle::outputs::trajectory::TrajectoryWriter;
 use scene_bundle::outputs::{self, cloud, depth, keyframes, masks, rig, trajectory};
@@ -13,7 +13,7 @@ use scene_bundle::{Bundle, BundleError, Draft};
 use crate::sample::{self, Sample};
 
 #[test]
-fn all_outputs_read_back_as_they_were() {
+fn all_outputs_read_back_unchanged() {
     let sample = Sample::new();
     let scene = sample.scene();
     let of = |name: &str| scene.output(name).unwrap();
@@ -39,7 +39,7 @@ fn all_outputs_read_back_as_they_were() {
     );
     let first = &sample::keyframe_table(&sample::rig_model())[0];
     let camera = &sample::rig_model().cameras[usize::from(first.camera)].name;
-    let moving = |frame| masks::read_moving(&of(outputs::MASKS), camera, frame).unwrap();
+    let moving = |frame| masks::read_dynamic(&of(outputs::MASKS), camera, frame).unwrap();
     assert_eq!(moving(first.frame), Some(sample::moving()));
     assert_eq!(moving(first.frame + 1), None);
     assert_eq!(cloud::read(&of(outputs::CLOUD)).unwrap(), sample::points());
@@ -47,15 +47,15 @@ fn all_outputs_read_back_as_they_were() {
     let reader = of(outputs::DEPTH);
     let index = depth::read_index(&reader).unwrap();
     assert_eq!(index.views, [sample::view()]);
-    assert_eq!(index.pictures.len(), 3);
-    assert!(index.pictures.is_sorted_by_key(|key| key.time_ns));
-    for key in &index.pictures {
+    assert_eq!(index.images.len(), 3);
+    assert!(index.images.is_sorted_by_key(|key| key.time_ns));
+    for key in &index.images {
         assert_eq!(
             depth::read(&reader, &index, key).unwrap(),
-            sample::depth_picture(key.frame)
+            sample::depth_image(key.frame)
         );
     }
-    // The manifest does not grow with the number of pictures, and all of them are verified.
+    // The manifest does not grow with the number of images, and all of them are verified.
     assert_eq!(reader.output().files.len(), 2);
     let checked = verify(&scene, |_| {}).unwrap();
     assert!(
@@ -77,13 +77,13 @@ fn the_same_outputs_are_the_same_bytes() {
 }
 
 #[test]
-fn a_picture_of_depth_that_changed_is_not_read() {
+fn a_changed_depth_map_is_not_read() {
     let sample = Sample::new();
     let reader = sample.scene().output(outputs::DEPTH).unwrap();
     let index = depth::read_index(&reader).unwrap();
-    let key = &index.pictures[1];
+    let key = &index.images[1];
     let [_, path] = depth::paths("feet", key.frame);
-    let place = reader.place(&path);
+    let place = reader.file_path(&path);
     let mut bytes = std::fs::read(&place).unwrap();
     let middle = bytes.len() / 2;
     bytes[middle] ^= 1;
@@ -91,13 +91,13 @@ fn a_picture_of_depth_that_changed_is_not_read() {
     let error = depth::read(&reader, &index, key).unwrap_err();
     assert!(matches!(error, BundleError::Changed { .. }), "{error}");
     assert!(error.to_string().ends_with(&path), "{error}");
-    assert!(depth::read(&reader, &index, &index.pictures[0]).is_ok());
+    assert!(depth::read(&reader, &index, &index.images[0]).is_ok());
     let checked = verify(&sample.scene(), |_| {}).unwrap();
     assert!(!checked.is_whole());
 }
 
 #[test]
-fn units_of_depth_are_kept_to_half_a_unit() {
+fn depth_is_rounded_to_half_a_unit() {
     for (metres, units) in [
         (1.0, 1000),
         (0.0004, 0),
@@ -122,19 +122,19 @@ fn units_of_depth_are_kept_to_half_a_unit() {
     ] {
         assert_eq!(stored_sigma(metres), units, "{metres} m");
     }
-    let picture = DepthPicture::from_metres(2, 1, &[2.0, f32::NAN], &[0.02, 0.02]);
+    let image = DepthImage::from_metres(2, 1, &[2.0, f32::NAN], &[0.02, 0.02]);
     assert_eq!(
-        (picture.depth_m(0, 0), picture.depth_m(1, 0)),
+        (image.depth_m(0, 0), image.depth_m(1, 0)),
         (Some(2.0), None)
     );
     assert_eq!(
-        (picture.sigma_m(0, 0), picture.sigma_m(1, 0)),
+        (image.sigma_m(0, 0), image.sigma_m(1, 0)),
         (Some(200.0 * SIGMA_UNIT_M), None)
     );
 }
 
 #[test]
-fn what_the_format_does_not_allow_is_refused() {
+fn values_outside_the_format_are_refused() {
     let folder = tempfile::tempdir().unwrap();
     let bundle = Bundle::create_or_open(&folder.path().join("a"), sample::provenance()).unwrap();
     let check = |what: &dyn Fn(&Draft) -> Result<(), BundleError>, expected: &str| {
@@ -212,19 +212,19 @@ fn what_the_format_does_not_allow_is_refused() {
     };
     check(
         &|d| new(d, vec![shifted.clone()]),
-        "0.5 m from its left picture's centre",
+        "0.5 m from its left image's center",
     );
-    let small = DepthPicture::from_metres(1, 1, &[1.0], &[1.0]);
+    let small = DepthImage::from_metres(1, 1, &[1.0], &[1.0]);
     let key = sample::depth_keys()[0];
     check(
         &|d| DepthWriter::new(d, vec![view()])?.write(key, &small),
-        "found a picture of 1x1, expected 60x40",
+        "found an image of 1x1, expected 60x40",
     );
     check(
         &|d| {
             let writer = DepthWriter::new(d, vec![view()])?;
-            writer.write(key, &sample::depth_picture(1))?;
-            writer.write(key, &sample::depth_picture(1))
+            writer.write(key, &sample::depth_image(1))?;
+            writer.write(key, &sample::depth_image(1))
         },
         "expected each path once",
     );
@@ -248,7 +248,7 @@ fn depth_can_be_written_from_several_threads() {
                             frame,
                             set: frame,
                         };
-                        writer.write(key, &sample::depth_picture(frame)).unwrap();
+                        writer.write(key, &sample::depth_image(frame)).unwrap();
                     }
                 });
             }

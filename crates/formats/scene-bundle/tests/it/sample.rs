@@ -1,4 +1,4 @@
-//! A small bundle with every output, of numbers that leave no room for mixing things up.
+//! A small bundle with every output, with numbers chosen so that no two can be confused.
 
 use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
@@ -6,7 +6,7 @@ use std::path::{Path, PathBuf};
 use cad_transforms::{Covariance, RigidTransform};
 use calib::{CameraModel, Distortion, Eye, ImuNoise};
 use scene_bundle::outputs::cloud::CloudPoint;
-use scene_bundle::outputs::depth::{DepthKey, DepthPicture, DepthView, DepthWriter};
+use scene_bundle::outputs::depth::{DepthImage, DepthKey, DepthView, DepthWriter};
 use scene_bundle::outputs::keyframes::Keyframe;
 use scene_bundle::outputs::masks::Mask;
 use scene_bundle::outputs::rig::{RigCamera, RigImu, RigModel};
@@ -50,13 +50,13 @@ impl Sample {
         put(outputs::MASKS, &|d| {
             masks::write(d, "feet", Eye::Left, &mask()).unwrap();
             let frame = keyframe_table(rig_model)[0].frame;
-            masks::write_moving(d, &rig_model.cameras[0].name, frame, &moving()).unwrap();
+            masks::write_dynamic(d, &rig_model.cameras[0].name, frame, &moving()).unwrap();
         });
         put(outputs::CLOUD, &|d| cloud::write(d, &points()).unwrap());
         put(outputs::DEPTH, &|d| {
             let writer = DepthWriter::new(d, vec![view()]).unwrap();
             for key in depth_keys() {
-                writer.write(key, &depth_picture(key.frame)).unwrap();
+                writer.write(key, &depth_image(key.frame)).unwrap();
             }
             writer.finish().unwrap();
         });
@@ -72,8 +72,8 @@ impl Sample {
         self.folder.path().join(name)
     }
 
-    /// Empty files where `paws-reconstruct frames` would have written pictures, but for one.
-    pub(crate) fn pictures(&self, without: &str) -> PathBuf {
+    /// Empty files where `paws-reconstruct frames` would have written images, except for one.
+    pub(crate) fn images(&self, without: &str) -> PathBuf {
         let folder = self.out("frames");
         for keyframe in keyframe_table(&rig_model()) {
             for eye in ["left", "right"] {
@@ -210,7 +210,7 @@ pub(crate) fn walk(off: f64) -> Trajectory {
         Pose {
             time_ns: START_NS + i64::from(i) * 33_333_333,
             world_from_rig,
-            // Moved, so that it is not a diagonal.
+            // Moved, so that the covariance is not diagonal.
             covariance: (i % 3 != 0).then(|| covariance.moved(&world_from_rig)),
             velocity_in_world: (i != 5).then_some([1.4, -0.1 * s, 1e-9]),
             status: Status::from_code((i / 10) as u8).unwrap(),
@@ -247,7 +247,7 @@ pub(crate) fn mask() -> Mask {
     }
 }
 
-/// Something moves on the left.
+/// Dynamic pixels on the left.
 pub(crate) fn moving() -> Mask {
     Mask {
         pixels: (0..64 * 48)
@@ -279,11 +279,11 @@ pub(crate) fn depth_keys() -> Vec<DepthKey> {
     keys.collect()
 }
 
-pub(crate) fn depth_picture(frame: u64) -> DepthPicture {
+pub(crate) fn depth_image(frame: u64) -> DepthImage {
     let metres = |i: i32| 1.0 + (frame % 7) as f32 * 0.25 + i as f32 * 0.001;
     let depth: Vec<f32> = (0..60 * 40).map(metres).collect();
     let sigma: Vec<f32> = depth.iter().map(|d| d * d * 0.004).collect();
-    DepthPicture::from_metres(60, 40, &depth, &sigma)
+    DepthImage::from_metres(60, 40, &depth, &sigma)
 }
 
 pub(crate) fn points() -> Vec<CloudPoint> {
@@ -291,7 +291,7 @@ pub(crate) fn points() -> Vec<CloudPoint> {
         let s = f32::from(i);
         CloudPoint {
             x_in_world: [s * 0.37 - 60.0, (s * 0.1).sin() * 7.0, s * 1e-3 - 0.1],
-            colour: [i as u8, 255 - i as u8, (i / 2) as u8],
+            color: [i as u8, 255 - i as u8, (i / 2) as u8],
             sigma_m: 0.001 * s,
         }
     });

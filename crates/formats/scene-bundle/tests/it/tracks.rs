@@ -1,8 +1,8 @@
-//! What was followed, written and read.
+//! Output `tracks`, written and read.
 
 use cad_transforms::RigidTransform;
 use scene_bundle::outputs::tracks::{
-    MarkedCorner, SeenCorner, TrackedKeyframe, TracksWriter, read,
+    Keypoint, StereoObservation, TrackedKeyframe, TracksWriter, read,
 };
 use scene_bundle::{Bundle, BundleError, Scene, outputs};
 
@@ -18,29 +18,29 @@ fn keyframe(k: u64, corners: u64) -> TrackedKeyframe {
         velocity: [1.0, -0.1 * s, 0.0],
         gyro_bias: [0.001, -0.002, 0.003 * s],
         accel_bias: [0.01, 0.02 * s, -0.03],
-        read_rate: [0.5, -0.25, s],
-        is_felt: s > 0.0,
-        after_s: vec![0.0, 0.004, -0.002],
-        seen: (0..corners)
-            .map(|n| SeenCorner {
+        gyro_rate: [0.5, -0.25, s],
+        imu_valid: s > 0.0,
+        exposure_offset_s: vec![0.0, 0.004, -0.002],
+        observations: (0..corners)
+            .map(|n| StereoObservation {
                 track: 1000 * k + n,
                 camera: (n % 3) as u8,
                 left_px: [n as f32 + 0.25, 17.5],
                 right_px: n.is_multiple_of(2).then_some([n as f32 - 3.0, 17.0]),
             })
             .collect(),
-        marks: (0..corners / 2)
-            .map(|n| MarkedCorner {
+        keypoints: (0..corners / 2)
+            .map(|n| Keypoint {
                 camera: 2,
                 left_px: [5.0, n as f32],
                 inverse_range: 0.3 * n as f32,
-                looks: [n, !n, k, 1 << 63],
+                descriptor: [n, !n, k, 1 << 63],
             })
             .collect(),
     }
 }
 
-/// Writes them, and reads them as those of a rig with so many cameras.
+/// Writes keyframes, and reads them as those of a rig with `cameras` cameras.
 fn through(
     keyframes: &[TrackedKeyframe],
     cameras: usize,
@@ -63,20 +63,20 @@ fn through(
 }
 
 #[test]
-fn what_was_followed_reads_back_as_it_was() {
-    // One that saw nothing is among them.
+fn tracks_read_back_unchanged() {
+    // One of them has no observations.
     let keyframes = [keyframe(0, 9), keyframe(1, 0), keyframe(2, 4)];
     assert_eq!(through(&keyframes, 3).expect("read"), keyframes);
     assert_eq!(through(&[], 3).expect("read"), []);
 }
 
 #[test]
-fn corners_of_cameras_that_are_not_there_are_refused() {
+fn observations_of_unknown_cameras_are_refused() {
     let error = through(&[keyframe(0, 9)], 2)
         .expect_err("two cameras")
         .to_string();
     assert!(
-        error.contains("a corner of camera 2") && error.contains("one of 2"),
+        error.contains("an observation of camera 2") && error.contains("one of 2"),
         "{error}"
     );
 }

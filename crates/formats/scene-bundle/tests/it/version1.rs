@@ -13,7 +13,7 @@ use std::process::Command;
 use cad_transforms::{Covariance, RigidTransform};
 use calib::{CameraModel, Distortion, Eye};
 use scene_bundle::outputs::cloud::CloudPoint;
-use scene_bundle::outputs::depth::{DepthKey, DepthPicture, DepthView, DepthWriter};
+use scene_bundle::outputs::depth::{DepthImage, DepthKey, DepthView, DepthWriter};
 use scene_bundle::outputs::keyframes::Keyframe;
 use scene_bundle::outputs::masks::Mask;
 use scene_bundle::outputs::rig::{RigCamera, RigImu, RigModel};
@@ -103,8 +103,8 @@ fn view() -> DepthView {
     }
 }
 
-fn depth_picture() -> DepthPicture {
-    DepthPicture {
+fn depth_image() -> DepthImage {
+    DepthImage {
         width: 3,
         height: 2,
         depth: vec![1000, 0, 65535, 1, 258, 513],
@@ -113,9 +113,9 @@ fn depth_picture() -> DepthPicture {
 }
 
 fn points() -> Vec<CloudPoint> {
-    let point = |x: f32, colour| CloudPoint {
+    let point = |x: f32, color| CloudPoint {
         x_in_world: [x, -0.5, 1.25],
-        colour,
+        color,
         sigma_m: 0.0625,
     };
     vec![point(2.0, [1, 2, 3]), point(-7.5, [255, 128, 0])]
@@ -154,14 +154,14 @@ fn write(path: &Path) {
     put(outputs::CLOUD, &|d| cloud::write(d, &points()).unwrap());
     put(outputs::DEPTH, &|d| {
         let writer = DepthWriter::new(d, vec![view()]).unwrap();
-        writer.write(key, &depth_picture()).unwrap();
+        writer.write(key, &depth_image()).unwrap();
         writer.finish().unwrap();
     });
     bundle.finish(1).unwrap();
 }
 
 #[test]
-fn it_is_still_read() {
+fn version_1_is_still_read() {
     let scene = Scene::open(&fixture()).unwrap();
     let checked = verify(&scene, |_| {}).unwrap();
     assert!(
@@ -182,8 +182,8 @@ fn it_is_still_read() {
     assert_eq!(cloud::read(&of(outputs::CLOUD)).unwrap(), points());
     let index = depth::read_index(&of(outputs::DEPTH)).unwrap();
     assert_eq!(index.views, [view()]);
-    let found = depth::read(&of(outputs::DEPTH), &index, &index.pictures[0]).unwrap();
-    assert_eq!(found, depth_picture());
+    let found = depth::read(&of(outputs::DEPTH), &index, &index.images[0]).unwrap();
+    assert_eq!(found, depth_image());
     let output = &scene.manifest().outputs[outputs::RIG];
     assert_eq!(
         (output.stage.as_str(), output.stage_version),
@@ -192,9 +192,9 @@ fn it_is_still_read() {
     assert_eq!(scene.manifest().provenance.ended_civil_ns, Some(1));
 }
 
-/// Version 1 says nothing of how the session was judged, which is not the same as a session without fault.
+/// Version 1 has no verdict on the session, which is not the same as a session without fault.
 #[test]
-fn that_the_verdict_is_not_known_is_shown() {
+fn an_unknown_verdict_is_shown() {
     let shown = Command::new(env!("CARGO_BIN_EXE_paws-scene"))
         .arg("show")
         .arg(fixture())

@@ -1,31 +1,31 @@
-//! Panes: what they mirror lies over what is behind them.
+//! Panes: reflections over the transmitted image.
 //!
-//! Contract: only the nearest pane counts, and it neither bends nor colours what is seen through it. It
-//! mirrors its surroundings as one even colour, and lamps as bright discs: enough to be what stereo takes
-//! for a surface, or does not see at all.
+//! Contract: only the nearest pane is rendered, without refraction or tint. It reflects its
+//! surroundings as one uniform color, and lamps as bright discs: enough to be taken for a surface
+//! by stereo matching, or to be missed.
 
 use crate::camera::raster::{View, Visibility};
 use crate::camera::shade::{Radiance, luminance};
 use crate::scene::Scene;
 
-/// What two faces of window glass (index 1.5) mirror, seen straight on.
-const STRAIGHT_ON: f32 = 0.08;
-/// Share of the light that is not mirrored and goes through.
-const CLEAR: f32 = 0.95;
+/// Reflectance of two faces of window glass (index 1.5) at normal incidence.
+const NORMAL_REFLECTANCE: f32 = 0.08;
+/// Transmitted fraction of the light that is not reflected.
+const TRANSMITTANCE: f32 = 0.95;
 /// Radius of a lamp's image, m.
 const LAMP_M: f32 = 0.15;
 
-/// Share of light that a pane mirrors by the cosine of the angle to its normal (Schlick 1994).
+/// Reflectance of a pane by the cosine of the angle to its normal (Schlick 1994).
 fn mirrored(cosine: f32) -> f32 {
     let miss = 1.0 - cosine.min(1.0);
     let square = miss * miss;
-    STRAIGHT_ON + (1.0 - STRAIGHT_ON) * square * square * miss
+    NORMAL_REFLECTANCE + (1.0 - NORMAL_REFLECTANCE) * square * square * miss
 }
 
-/// Lays panes over a picture in which they are missing and that counts `weight`. `views` are those of
-/// the world.
+/// Blends panes over an image without panes that has weight `weight`. `views` are those of the
+/// world.
 pub fn cover(
-    picture: &mut Radiance,
+    image: &mut Radiance,
     scene: &Scene,
     behind: &Visibility,
     panes: &Visibility,
@@ -42,7 +42,7 @@ pub fn cover(
         let view = &views[row.min(views.len() - 1)];
         let surface = &scene.glass.surfaces[id as usize];
         let material = &scene.materials[surface.material as usize];
-        // All in the world's frame; the ray is as long as it takes to get 1 m deep.
+        // All in the world frame; the ray is scaled to 1 m along the optical axis.
         let r = &view.rotation;
         let [x, y] = rays[i];
         let ray = [0, 1, 2].map(|k| r[0][k] * x + r[1][k] * y + r[2][k]);
@@ -58,18 +58,18 @@ pub fn cover(
             let arm = [0, 1, 2].map(|k| lamp.position[k] as f32 - hit[k]);
             let ahead = dot(&arm, &away);
             if ahead > 0.0 && dot(&arm, &arm) - ahead * ahead < LAMP_M * LAMP_M {
-                // A disc this bright gives the lamp's irradiance at 1 m.
+                // A disc of this luminance gives the lamp's irradiance at 1 m.
                 light += lamp.strength as f32 / (LAMP_M * LAMP_M);
             }
         }
-        let through = CLEAR * (1.0 - share);
+        let through = TRANSMITTANCE * (1.0 - share);
         let over = weight * share * light;
-        let luma = &mut picture.luminance[i];
+        let luma = &mut image.luminance[i];
         *luma = *luma * through + over * luminance(material.albedo);
         if row % 2 == 0 && column % 2 == 0 {
-            let colour = &mut picture.colour[row / 2 * (width / 2) + column / 2];
+            let color = &mut image.color[row / 2 * (width / 2) + column / 2];
             let tint = scene.light.tint;
-            *colour = [0, 1, 2].map(|k| colour[k] * through + over * material.albedo[k] * tint[k]);
+            *color = [0, 1, 2].map(|k| color[k] * through + over * material.albedo[k] * tint[k]);
         }
     }
 }
@@ -86,24 +86,24 @@ mod tests {
     use super::*;
     use crate::camera::Shot;
     use crate::camera::sensor::{Exposure, SensorModel};
-    use crate::camera::truth::TrueEye;
-    use crate::camera::{Eye, Placed, Quality, Shutter};
+    use crate::camera::truth::TruthCamera;
+    use crate::camera::{MonoCamera, Placed, Quality, Shutter};
     use crate::scene::body::Body;
     use crate::scene::surface::Class;
-    use crate::scene::{Kind, Time};
+    use crate::scene::{Kind, Lighting};
 
     #[test]
-    fn a_pane_mirrors_little_straight_on_and_all_along_it() {
+    fn pane_reflectance_is_low_at_normal_and_total_at_grazing_incidence() {
         assert!((mirrored(1.0) - 0.08).abs() < 1e-6);
         assert!((mirrored(0.0) - 1.0).abs() < 1e-6);
-        // At 60 degrees two faces mirror some 0.16 (Fresnel's equations).
+        // At 60 degrees two faces reflect about 0.16 (Fresnel's equations).
         assert!((mirrored(0.5) - 0.13).abs() < 0.05, "{}", mirrored(0.5));
     }
 
-    /// The screen in the room stands at x = 5.7 m; the eye looks at it along x.
+    /// The screen in the room is at x = 5.7 m; the camera looks at it along x.
     #[test]
-    fn a_pane_veils_what_is_behind_and_is_seen_in_the_truth() {
-        let with = Scene::new(Kind::Room, Time::Day, 1);
+    fn pane_reduces_contrast_behind_it_and_is_in_ground_truth() {
+        let with = Scene::new(Kind::Room, Lighting::Day, 1);
         let mut without = with.clone();
         without.glass = Body::default();
         let model = CameraModel {
@@ -121,8 +121,8 @@ mod tests {
             },
         };
         let quality = Quality::FAST;
-        let mut eye = Eye::new(&model, Shutter::Global, SensorModel::SMALL, quality);
-        let mut true_eye = TrueEye::new(&model, Shutter::Global);
+        let mut eye = MonoCamera::new(&model, Shutter::Global, SensorModel::SMALL, quality);
+        let mut true_eye = TruthCamera::new(&model, Shutter::Global);
         let axes = Matrix3::from_columns(&[-Vector3::y(), -Vector3::z(), Vector3::x()]);
         let turn = UnitQuaternion::from_rotation_matrix(&Rotation3::from_matrix_unchecked(axes));
         let pose = |_: f64| (Vector3::new(4.9, 3.5, 1.2), turn);
@@ -149,7 +149,7 @@ mod tests {
                 },
             );
             let luminance = seen.luminance.clone();
-            (luminance, true_eye.see(scene, &placed, &pose, 0.0))
+            (luminance, true_eye.render(scene, &placed, &pose, 0.0))
         };
         let ((veiled, truth), (clear, bare)) = (see(&with), see(&without));
         let mut panes = 0;

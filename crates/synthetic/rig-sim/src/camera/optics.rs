@@ -1,8 +1,8 @@
-//! What lenses do to the light besides bending it: flare, dirt, want of focus, something that covers them.
+//! Lens effects other than distortion: flare, dirt, defocus, covers.
 //!
-//! Contract: what does not act changes no bit. Flare comes from the sun alone: a veil that falls with the
-//! square of the angle from it, and ghosts, which lie on the line through sun and picture centre. Everything
-//! else follows from [`Conditions`].
+//! Contract: an inactive effect changes no bit. Flare is caused by the sun alone: veiling glare
+//! that falls with the square of the angle from it, and ghosts on the line through sun and image
+//! center. The other effects follow from [`Conditions`].
 
 use nalgebra::{UnitQuaternion, Vector3};
 
@@ -13,57 +13,58 @@ use crate::random;
 use crate::scene::Scene;
 use crate::so3;
 
-/// Light that a clean lens scatters from a source of irradiance 1 to an angle of 1 rad, relative to a white
-/// surface; over all angles some 2 percent of the light.
+/// Light that a clean lens scatters from a source of irradiance 1 to an angle of 1 rad, relative to
+/// a white surface; over all angles about 2 percent of the light.
 const SCATTER: f32 = 0.003;
-/// Share of a pixel's light that each of its four neighbours gets: a spread of half a pixel's width.
-const SPREAD: f32 = 0.12;
-/// Within this angle the sun's own picture is brighter than its veil, rad.
+/// Fraction of a pixel's light that each of its four neighbors receives: a point spread of half a
+/// pixel.
+const NEIGHBOR_WEIGHT: f32 = 0.12;
+/// Within this angle the image of the sun is brighter than its veiling glare, rad.
 const SUN_ANGLE: f32 = 0.01;
-/// Beyond this angle from the optical axis the sun does not reach the glass, cosine.
-const SHADED: f64 = 0.2;
-/// Ghosts: place on the line from the picture's centre to the sun (1 is the sun), radius as a share of the
-/// width, brightness under a sun of irradiance 1.
+/// Minimum cosine of the angle to the optical axis at which the sun reaches the glass.
+const MIN_SUN_COSINE: f64 = 0.2;
+/// Ghosts: position on the line from the image center to the sun (1 is the sun), radius as a
+/// fraction of the width, brightness under a sun of irradiance 1.
 const GHOSTS: [(f32, f32, f32); 4] = [
     (-0.45, 0.03, 0.10),
     (-0.9, 0.07, 0.05),
     (0.4, 0.02, 0.12),
     (-0.2, 0.012, 0.2),
 ];
-/// Width of the soft edge of what lies on the lens, as a share of the picture's.
+/// Width of the soft edge of a cover on the lens, as a fraction of the image width.
 const COVER_EDGE: f32 = 0.25;
-/// Smears on a lens that is as dirty as can be.
+/// Number of smears on a lens of maximum dirt.
 const SMEARS: u64 = 80;
 
-/// What acts on a camera in one frame, besides the scene.
+/// Imaging conditions of a camera in one frame, besides the scene.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Conditions {
-    /// How much more light there is than there should be; 1 is as it should be.
+    /// Factor on the light; 1 is nominal.
     pub light: f32,
-    /// Share of the picture behind something that lies on the lens.
+    /// Fraction of the image that is covered.
     pub covered: f32,
-    /// Share of the lens that is dirty.
+    /// Fraction of the lens that is dirty.
     pub dirty: f32,
-    /// Radius of a point's picture, as a share of the picture's width.
+    /// Blur radius as a fraction of the image width.
     pub blur: f32,
-    /// How the camera has turned on its plate: takes its frame as it is to its frame as it should be.
-    pub turned: UnitQuaternion<f64>,
-    /// Chooses from where the lens is covered and where it is dirty.
+    /// Rotation of the camera on the rig: maps its true frame to its nominal frame.
+    pub rotation: UnitQuaternion<f64>,
+    /// Seed of the direction of the cover and the positions of dirt.
     pub seed: u64,
 }
 
 impl Conditions {
-    /// Everything as it should be.
-    pub const FINE: Self = Self {
+    /// No faults.
+    pub const NOMINAL: Self = Self {
         light: 1.0,
         covered: 0.0,
         dirty: 0.0,
         blur: 0.0,
-        turned: UnitQuaternion::new_unchecked(nalgebra::Quaternion::new(1.0, 0.0, 0.0, 0.0)),
+        rotation: UnitQuaternion::new_unchecked(nalgebra::Quaternion::new(1.0, 0.0, 0.0, 0.0)),
         seed: 0,
     };
 
-    /// Under these faults at a time, s.
+    /// Conditions under faults at a time, s.
     pub fn of(faults: &CameraFaults, time_s: f64) -> Self {
         let strength = |kind| faults.strength(kind, time_s);
         let seed = faults.seed();
@@ -79,7 +80,7 @@ impl Conditions {
             covered: strength(Kind::CoveredLens) as f32,
             dirty: strength(Kind::DirtyLens) as f32,
             blur: strength(Kind::Blur) as f32,
-            turned: match angle == 0.0 {
+            rotation: match angle == 0.0 {
                 true => UnitQuaternion::identity(),
                 false => so3::exp(axis.normalize() * angle),
             },
@@ -88,23 +89,23 @@ impl Conditions {
     }
 }
 
-/// The sun as a lens meets it.
+/// The sun in the frame of a lens.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(super) struct Sun {
-    /// Direction in the optical frame, of length 1.
+    /// Unit direction in the optical frame.
     direction: [f32; 3],
-    /// On the lens, relative to daylight; less where the sun is half hidden.
+    /// Irradiance on the lens, relative to daylight; reduced if the sun is partly occluded.
     irradiance: f32,
 }
 
-/// The sun from an eye, if any of it reaches the lens.
+/// The sun as seen by a camera, if any of it reaches the lens.
 pub(super) fn sun(scene: &Scene, eye: &(Vector3<f64>, UnitQuaternion<f64>)) -> Option<Sun> {
     let (direction, strength) = scene.light.sun?;
     let seen = eye.1.inverse() * direction;
-    if seen.z < SHADED {
+    if seen.z < MIN_SUN_COSINE {
         return None;
     }
-    // A few rays within the disc and around it, so that it does not go out all at once.
+    // A few rays within the disc and around it, so that it is occluded gradually.
     let (side, up) = (
         eye.1 * Vector3::x() * 0.006,
         direction.cross(&(eye.1 * Vector3::x())) * 0.006,
@@ -125,8 +126,8 @@ pub(super) fn sun(scene: &Scene, eye: &(Vector3<f64>, UnitQuaternion<f64>)) -> O
 }
 
 impl Sun {
-    /// Where a lens shows it, px from the picture's centre; far outside where it does not.
-    pub(super) fn place(&self, lens: &Lens) -> (f32, f32) {
+    /// Position in the image, px from the image center; far outside if it is not visible.
+    pub(super) fn position(&self, lens: &Lens) -> (f32, f32) {
         let model = lens.model();
         let [x, y, z] = self.direction.map(f64::from);
         let (u, v) = lens.project(x / z, y / z);
@@ -140,8 +141,8 @@ impl Sun {
 }
 
 impl Radiance {
-    /// Spreads the light of each pixel a little over its neighbours, as lenses and the making of colours out of a
-    /// mosaic do. What lies beyond the edge is as what lies at it.
+    /// Slightly blurs the light over neighboring pixels, as lenses and demosaicing do. Pixels at
+    /// the edge are replicated outwards.
     pub(super) fn soften(&mut self) {
         let width = self.width;
         let mut before = vec![0.0; width];
@@ -151,7 +152,7 @@ impl Radiance {
             row[0] = pixels[0];
             row[width + 1] = pixels[width - 1];
             for (to, near) in pixels.iter_mut().zip(row.windows(3)) {
-                *to = near[1] + SPREAD * (near[0] - 2.0 * near[1] + near[2]);
+                *to = near[1] + NEIGHBOR_WEIGHT * (near[0] - 2.0 * near[1] + near[2]);
             }
         }
         before.copy_from_slice(&self.luminance[..width]);
@@ -165,20 +166,21 @@ impl Radiance {
                 &lower[..width]
             };
             for (((to, now), above), below) in pixels.iter_mut().zip(&row).zip(&before).zip(below) {
-                *to = now + SPREAD * (above - 2.0 * now + below);
+                *to = now + NEIGHBOR_WEIGHT * (above - 2.0 * now + below);
             }
             before.copy_from_slice(&row[..width]);
         }
     }
 
-    /// Adds what a lens makes of the sun. `rays` are those of the pixels, `at` where the lens shows the
-    /// sun, px from the picture's centre.
+    /// Adds flare of the sun. `rays` are those of the pixels, `at` is the position of the sun, px
+    /// from the image center.
     pub(super) fn flare(&mut self, sun: &Sun, rays: &[[f32; 2]], at: (f32, f32)) {
         let (width, height) = (self.width, self.height);
         let veil = |ray: [f32; 2]| {
             let length2 = ray[0] * ray[0] + ray[1] * ray[1] + 1.0;
             let dot = ray[0] * sun.direction[0] + ray[1] * sun.direction[1] + sun.direction[2];
-            // Twice 1 - cos is the square of the angle where that is small, and less where it is not.
+            // 2 (1 - cos) approximates the squared angle for small angles, and is less for large
+            // ones.
             let cosine = dot / length2.sqrt();
             let angle2 = (2.0 - 2.0 * cosine).max(0.0);
             SCATTER * sun.irradiance / (angle2 + SUN_ANGLE * SUN_ANGLE)
@@ -189,22 +191,22 @@ impl Radiance {
         for y in 0..height / 2 {
             for x in 0..width / 2 {
                 let added = veil(rays[2 * y * width + 2 * x]);
-                let to = &mut self.colour[y * (width / 2) + x];
+                let to = &mut self.color[y * (width / 2) + x];
                 *to = to.map(|v| v + added);
             }
         }
         let middle = (0.5 * (width - 1) as f32, 0.5 * (height - 1) as f32);
         for (place, radius, bright) in GHOSTS {
-            let centre = (middle.0 + place * at.0, middle.1 + place * at.1);
-            self.disc(centre, radius * width as f32, bright * sun.irradiance);
+            let center = (middle.0 + place * at.0, middle.1 + place * at.1);
+            self.disc(center, radius * width as f32, bright * sun.irradiance);
         }
     }
 
-    /// Adds an evenly bright disc with an edge of a few pixels.
-    fn disc(&mut self, centre: (f32, f32), radius: f32, bright: f32) {
+    /// Adds a uniform disc with an edge of a few pixels.
+    fn disc(&mut self, center: (f32, f32), radius: f32, bright: f32) {
         let (width, height) = (self.width, self.height);
         let share = |x: usize, y: usize| {
-            let (dx, dy) = (x as f32 - centre.0, y as f32 - centre.1);
+            let (dx, dy) = (x as f32 - center.0, y as f32 - center.1);
             let inside = (radius - (dx * dx + dy * dy).sqrt()) / (0.15 * radius);
             bright * inside.clamp(0.0, 1.0)
         };
@@ -212,20 +214,21 @@ impl Radiance {
             let end = ((c + radius).ceil().max(0.0) as usize + 1).min(limit);
             ((c - radius).floor().max(0.0) as usize).min(end)..end
         };
-        for y in range(centre.1, height) {
-            for x in range(centre.0, width) {
+        for y in range(center.1, height) {
+            for x in range(center.0, width) {
                 let added = share(x, y);
                 self.luminance[y * width + x] += added;
                 if y % 2 == 0 && x % 2 == 0 && y / 2 < height / 2 && x / 2 < width / 2 {
-                    let to = &mut self.colour[y / 2 * (width / 2) + x / 2];
+                    let to = &mut self.color[y / 2 * (width / 2) + x / 2];
                     *to = to.map(|v| v + added);
                 }
             }
         }
     }
 
-    /// Applies everything but the turn. `eye` is 0 or 1: their lenses are dirty in different places.
-    pub(super) fn spoil(&mut self, conditions: &Conditions, eye: u64) {
+    /// Applies all conditions except the rotation. `eye` is 0 or 1: their lenses have different
+    /// dirt.
+    pub(super) fn degrade(&mut self, conditions: &Conditions, eye: u64) {
         if conditions.light != 1.0 {
             self.scale(|_, _| conditions.light);
         }
@@ -237,9 +240,9 @@ impl Radiance {
             let (width, height) = (self.width, self.height);
             self.luminance = blurred(&self.luminance, width, height, radius);
             for k in 0..3 {
-                let plane: Vec<f32> = self.colour.iter().map(|c| c[k]).collect();
+                let plane: Vec<f32> = self.color.iter().map(|c| c[k]).collect();
                 let plane = blurred(&plane, width / 2, height / 2, 0.5 * radius);
-                for (to, from) in self.colour.iter_mut().zip(plane) {
+                for (to, from) in self.color.iter_mut().zip(plane) {
                     to[k] = from;
                 }
             }
@@ -249,19 +252,19 @@ impl Radiance {
         }
     }
 
-    /// Multiplies every pixel by a factor of its place.
+    /// Multiplies every pixel by a factor that depends on its position.
     fn scale(&mut self, factor: impl Fn(f32, f32) -> f32) {
         let (width, half) = (self.width, self.width / 2);
         for (i, v) in self.luminance.iter_mut().enumerate() {
             *v *= factor((i % width) as f32, (i / width) as f32);
         }
-        for (i, c) in self.colour.iter_mut().enumerate() {
+        for (i, c) in self.color.iter_mut().enumerate() {
             let f = factor((2 * (i % half)) as f32 + 0.5, (2 * (i / half)) as f32 + 0.5);
             *c = c.map(|v| v * f);
         }
     }
 
-    /// Something dark on the lens, far out of focus, up to a line across the picture.
+    /// Dark, strongly defocused cover of the lens up to a line across the image.
     fn cover(&mut self, share: f32, seed: u64) {
         let turn = std::f64::consts::TAU * random::uniform(seed, random::FAULT, 4);
         let (dx, dy) = (libm::cos(turn) as f32, libm::sin(turn) as f32);
@@ -272,7 +275,7 @@ impl Radiance {
             let v = ((along - line) / edge + 0.5).clamp(0.0, 1.0);
             v * v * (3.0 - 2.0 * v)
         };
-        // The line that leaves the right share of light, by halving.
+        // The line that leaves the required fraction of light, by bisection.
         let reach = dx.abs() * half_w + dy.abs() * half_h + 0.5 * edge;
         let (mut from, mut to) = (-reach, reach);
         for _ in 0..20 {
@@ -295,7 +298,7 @@ impl Radiance {
         self.scale(|x, y| kept(x, y, line));
     }
 
-    /// Smears: each takes light away where it is and spreads it over the whole picture.
+    /// Smears: each removes light locally and spreads it over the whole image.
     fn smear(&mut self, share: f32, seed: u64) {
         let (width, height) = (self.width as f32, self.height as f32);
         let count = self.luminance.len() as f32;
@@ -320,7 +323,7 @@ impl Radiance {
             }
         }
         let half = self.width / 2;
-        for (i, c) in self.colour.iter_mut().enumerate() {
+        for (i, c) in self.color.iter_mut().enumerate() {
             let k = kept[2 * (i / half) * self.width + 2 * (i % half)];
             *c = c.map(|v| v * k + mean * (1.0 - k));
         }
@@ -330,9 +333,9 @@ impl Radiance {
     }
 }
 
-/// A plane in which every point has become a disc, by sums along rows.
+/// Convolution with a disc, by cumulative sums along rows.
 fn blurred(plane: &[f32], width: usize, height: usize, radius: f32) -> Vec<f32> {
-    // Twice the widths of the disc's rows, from its upper edge to its lower.
+    // Half-widths of the disc's rows, from its upper edge to its lower.
     let reach = radius.ceil() as i64;
     let widths: Vec<(i64, f32)> = (-reach..=reach)
         .filter_map(|dy| {
@@ -347,7 +350,7 @@ fn blurred(plane: &[f32], width: usize, height: usize, radius: f32) -> Vec<f32> 
             sums[at + 1] = sums[at] + f64::from(plane[y * width + x]);
         }
     }
-    // The sum of a row from the left edge to a place between pixels; beyond the picture its edge goes on.
+    // Sum of a row from the left edge to a subpixel position; edge pixels are replicated.
     let until = |y: usize, x: f32| -> f64 {
         let row = &sums[y * (width + 1)..(y + 1) * (width + 1)];
         let first = f64::from(plane[y * width]);
@@ -361,7 +364,7 @@ fn blurred(plane: &[f32], width: usize, height: usize, radius: f32) -> Vec<f32> 
         let whole = x as usize;
         row[whole] + (row[whole + 1] - row[whole]) * f64::from(x - whole as f32)
     };
-    // Half a pixel more on each side: a disc of no radius is the pixel itself.
+    // Half a pixel more on each side: a disc of radius 0 is the pixel itself.
     let area: f64 = widths.iter().map(|(_, w)| f64::from(2.0 * w + 1.0)).sum();
     let mut out = Vec::with_capacity(plane.len());
     for y in 0..height as i64 {
@@ -383,12 +386,12 @@ mod tests {
     use super::*;
     use crate::faults::{Fault, Faults};
 
-    fn picture() -> Radiance {
+    fn image() -> Radiance {
         let mut light = Radiance::new(64, 32);
         for (i, v) in light.luminance.iter_mut().enumerate() {
             *v = random::uniform(1, 2, i as u64) as f32;
         }
-        for (i, c) in light.colour.iter_mut().enumerate() {
+        for (i, c) in light.color.iter_mut().enumerate() {
             *c = [random::uniform(1, 3, i as u64) as f32; 3];
         }
         light
@@ -397,11 +400,11 @@ mod tests {
     fn spoilt(change: impl Fn(&mut Conditions)) -> Radiance {
         let mut conditions = Conditions {
             seed: 5,
-            ..Conditions::FINE
+            ..Conditions::NOMINAL
         };
         change(&mut conditions);
-        let mut light = picture();
-        light.spoil(&conditions, 0);
+        let mut light = image();
+        light.degrade(&conditions, 0);
         light
     }
 
@@ -410,15 +413,18 @@ mod tests {
     }
 
     #[test]
-    fn a_lens_spreads_light_over_neighbours_and_keeps_it() {
+    fn point_spread_conserves_light() {
         let mut light = Radiance::new(8, 6);
         light.luminance[2 * 8 + 3] = 1.0;
         light.soften();
         let at = |x: usize, y: usize| light.luminance[y * 8 + x];
         assert!((light.luminance.iter().sum::<f32>() - 1.0).abs() < 1e-6);
-        assert_eq!(at(3, 2), (1.0 - 2.0 * SPREAD) * (1.0 - 2.0 * SPREAD));
+        assert_eq!(
+            at(3, 2),
+            (1.0 - 2.0 * NEIGHBOR_WEIGHT) * (1.0 - 2.0 * NEIGHBOR_WEIGHT)
+        );
         for (x, y) in [(2, 2), (4, 2), (3, 1), (3, 3)] {
-            assert!((at(x, y) - SPREAD * (1.0 - 2.0 * SPREAD)).abs() < 1e-7);
+            assert!((at(x, y) - NEIGHBOR_WEIGHT * (1.0 - 2.0 * NEIGHBOR_WEIGHT)).abs() < 1e-7);
         }
         let mut even = Radiance::new(8, 6);
         even.luminance.fill(0.7);
@@ -427,15 +433,15 @@ mod tests {
     }
 
     #[test]
-    fn without_faults_no_bit_changes() {
+    fn images_are_unchanged_without_faults() {
         let light = spoilt(|_| {});
-        assert_eq!(light.luminance, picture().luminance);
-        assert_eq!(light.colour, picture().colour);
+        assert_eq!(light.luminance, image().luminance);
+        assert_eq!(light.color, image().color);
         assert_eq!(
             Conditions::of(&CameraFaults::default(), 1.0),
             Conditions {
                 seed: 0,
-                ..Conditions::FINE
+                ..Conditions::NOMINAL
             }
         );
         let none = |kind| Fault {
@@ -451,12 +457,12 @@ mod tests {
         };
         let mut conditions = Conditions::of(&faults.of("feet"), 1.0);
         conditions.seed = 0;
-        assert_eq!(conditions, Conditions::FINE);
+        assert_eq!(conditions, Conditions::NOMINAL);
     }
 
     #[test]
-    fn a_cover_takes_its_share() {
-        let whole = mean(&picture().luminance);
+    fn cover_removes_its_fraction_of_light() {
+        let whole = mean(&image().luminance);
         let mut before = whole;
         for share in [0.25, 0.5, 0.75, 1.0] {
             let light = spoilt(|c| c.covered = share);
@@ -472,9 +478,9 @@ mod tests {
     }
 
     #[test]
-    fn blur_keeps_light_and_takes_detail() {
+    fn blur_conserves_light_and_reduces_detail() {
         let detail = |plane: &[f32]| -> f32 { plane.windows(2).map(|w| (w[1] - w[0]).abs()).sum() };
-        let sharp = picture();
+        let sharp = image();
         let soft = spoilt(|c| c.blur = 0.05);
         assert!((mean(&soft.luminance) / mean(&sharp.luminance) - 1.0).abs() < 0.03);
         assert!(detail(&soft.luminance) < 0.3 * detail(&sharp.luminance));
@@ -485,12 +491,12 @@ mod tests {
     }
 
     #[test]
-    fn dirt_takes_contrast_but_hardly_light() {
+    fn dirt_reduces_contrast_but_hardly_light() {
         let spread = |plane: &[f32]| {
             let m = mean(plane);
             mean(&plane.iter().map(|v| (v - m) * (v - m)).collect::<Vec<_>>())
         };
-        let clean = picture();
+        let clean = image();
         let little = spoilt(|c| c.dirty = 0.2);
         let much = spoilt(|c| c.dirty = 1.0);
         assert!(spread(&little.luminance) < spread(&clean.luminance));
@@ -501,7 +507,7 @@ mod tests {
     #[test]
     fn darkness_and_flash_scale_the_light() {
         let bright = spoilt(|c| c.light = 4.0);
-        for (a, b) in bright.luminance.iter().zip(&picture().luminance) {
+        for (a, b) in bright.luminance.iter().zip(&image().luminance) {
             assert_eq!(*a, 4.0 * b);
         }
     }

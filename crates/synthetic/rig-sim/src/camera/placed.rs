@@ -1,7 +1,7 @@
-//! What is drawn, and where it is at any time.
+//! Bodies to draw, with their motion.
 //!
-//! Contract: bodies that are drawn together number their triangles one after the other without gaps or
-//! overlaps, so that a pixel's triangle tells the body.
+//! Contract: bodies that are drawn together number their triangles consecutively without gaps or
+//! overlaps, so the triangle of a pixel identifies the body.
 
 use nalgebra::{UnitQuaternion, Vector3};
 
@@ -9,9 +9,9 @@ use crate::scene::Scene;
 use crate::scene::body::Body;
 use crate::scene::people::Moving;
 
-/// Where something is at any time.
+/// Pose as a function of time.
 pub trait Motion: Sync {
-    /// Position and rotation that take its own frame to the world, at a time, s.
+    /// Position and rotation that map its own frame to the world, at a time, s.
     fn at(&self, time_s: f64) -> (Vector3<f64>, UnitQuaternion<f64>);
 }
 
@@ -27,7 +27,7 @@ impl Motion for Moving {
     }
 }
 
-/// Of what does not move: its frame is the world's.
+/// Pose of static bodies: their frame is the world.
 #[derive(Clone, Copy, Debug)]
 pub struct Still;
 
@@ -37,25 +37,25 @@ impl Motion for Still {
     }
 }
 
-/// A body and where it is at any time.
+/// A body with its motion.
 #[derive(Clone, Copy)]
 pub struct Placed<'a> {
-    /// What it looks like.
+    /// Geometry and surfaces.
     pub body: &'a Body,
-    /// Number of its first triangle among all that are drawn.
+    /// Number of its first triangle among all drawn triangles.
     pub first: u32,
     /// Pose in the world.
     pub pose: &'a dyn Motion,
 }
 
 impl Placed<'_> {
-    /// Number of the first triangle of the body that follows.
+    /// Number of the first triangle of the next body.
     pub fn next(&self) -> u32 {
         self.first + self.body.triangles.len() as u32
     }
 }
 
-/// All of a scene: what is fixed, then what moves. More may be put after the last one, from
+/// All bodies of a scene: the static one, then the moving ones. More may be appended, from
 /// [`Placed::next`] on.
 pub fn placed(scene: &Scene) -> Vec<Placed<'_>> {
     let mut placed = vec![Placed {

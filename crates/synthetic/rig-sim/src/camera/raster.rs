@@ -1,10 +1,10 @@
-//! Which triangle each pixel sees.
+//! Rasterizer: the visible triangle of each pixel.
 //!
-//! Contract: triangles that share corners leave no crack and claim no pixel twice; the result does not
-//! depend on the order of triangles except where two lie in the same place. Corners are projected
-//! through the full lens model. An edge that the lens bends by more than `BEND_PX` is cut in two, so
-//! outlines are true to that; what a pixel shows inside an outline is computed from its exact ray
-//! ([`super::shade`]), so that the approximation ends here.
+//! Contract: triangles that share corners leave no crack and claim no pixel twice; the result does
+//! not depend on the order of triangles unless two are coplanar. Corners are projected through the
+//! full lens model. An edge that distortion bends by more than `MAX_CHORD_ERROR_PX` is split, which
+//! bounds the error of outlines; within an outline a pixel is computed from its exact ray
+//! ([`super::shade`]), without this approximation.
 
 use crate::lens::Lens;
 use crate::scene::body::Body;
@@ -12,19 +12,19 @@ use crate::scene::body::Body;
 /// No triangle: the sky.
 pub const NOTHING: u32 = u32::MAX;
 
-/// Nothing nearer than this is drawn, m.
-const NEAR_M: f32 = 0.03;
-/// Edges shorter than this are taken as straight, px.
-const STRAIGHT_PX: f32 = 24.0;
-/// How far an edge may bend away from its chord, px.
-const BEND_PX: f32 = 0.1;
-/// How far outside the picture a triangle may lie and still be looked at: as far as edges bend, px.
+/// Near plane, m.
+const MIN_DEPTH_M: f32 = 0.03;
+/// Shorter edges are not split, px.
+const MIN_SPLIT_EDGE_PX: f32 = 24.0;
+/// Maximum deviation of an edge from its chord, px.
+const MAX_CHORD_ERROR_PX: f32 = 0.1;
+/// Margin outside the image within which triangles are drawn, for edges that distortion bends, px.
 const MARGIN_PX: f32 = 16.0;
 
-/// Where a camera is, in a body's frame.
+/// Pose of a camera in a body's frame.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct View {
-    /// Rows of the rotation that takes vectors in the body's frame to the optical frame.
+    /// Rows of the rotation that maps vectors of the body's frame to the optical frame.
     pub rotation: [[f32; 3]; 3],
     /// Optical centre in the body's frame, m.
     pub origin: [f32; 3],
@@ -46,7 +46,7 @@ impl View {
     }
 }
 
-/// What each pixel sees; rows first.
+/// Visible triangle of each pixel, row-major.
 #[derive(Clone, Debug)]
 pub struct Visibility {
     /// Columns.
@@ -55,16 +55,16 @@ pub struct Visibility {
     pub height: usize,
     /// Number of the triangle, or [`NOTHING`].
     pub triangle: Vec<u32>,
-    /// 1 over the depth along z, 0 for nothing.
+    /// Inverse depth along z, 1/m; 0 for nothing.
     inverse_depth: Vec<f32>,
     frustum: Frustum,
     projected: Vec<Projected>,
 }
 
-/// A corner on the picture.
+/// A projected corner.
 #[derive(Clone, Copy, Debug, Default)]
 struct Projected {
-    /// In the optical frame, m.
+    /// Position in the optical frame, m.
     at: [f32; 3],
     x: f32,
     y: f32,
@@ -76,19 +76,19 @@ struct Projected {
 struct Projector<'a> {
     lens: &'a Lens,
     shift: (f32, f32),
-    /// One for all rows, or one per row.
+    /// One view for all rows, or one per row.
     views: &'a [View],
 }
 
 impl Projector<'_> {
-    /// Point of the body.
+    /// Projects a point of the body.
     fn corner(&self, p: [f32; 3]) -> Projected {
         let mut found = self.flat(self.views[self.views.len() / 2].apply(p));
         if self.views.len() > 1 {
-            // A rolling shutter sees each row at its own time.
+            // With a rolling shutter each row has its own time.
             for _ in 0..2 {
                 let last = self.views.len() - 1;
-                let row = match found.at[2] > NEAR_M {
+                let row = match found.at[2] > MIN_DEPTH_M {
                     true => found.y.clamp(0.0, last as f32) as usize,
                     false => self.views.len() / 2,
                 };
@@ -98,9 +98,9 @@ impl Projector<'_> {
         found
     }
 
-    /// Point in the optical frame.
+    /// Projects a point of the optical frame.
     fn flat(&self, at: [f32; 3]) -> Projected {
-        if at[2] < NEAR_M {
+        if at[2] < MIN_DEPTH_M {
             return Projected {
                 at,
                 ..Projected::default()
@@ -118,7 +118,7 @@ impl Projector<'_> {
 }
 
 impl Visibility {
-    /// Nothing seen yet through a lens.
+    /// An empty buffer for a lens.
     pub fn new(lens: &Lens) -> Self {
         let model = lens.model();
         let (width, height) = (model.width as usize, model.height as usize);
@@ -132,20 +132,20 @@ impl Visibility {
         }
     }
 
-    /// Whether any of a body may be seen.
+    /// Whether any part of a body may be visible.
     pub fn may_see(&self, body: &Body, views: &[View]) -> bool {
         let mut chunks = body.chunks.iter();
-        chunks.any(|chunk| self.frustum.may_see(views, chunk.centre, chunk.radius))
+        chunks.any(|chunk| self.frustum.may_see(views, chunk.center, chunk.radius))
     }
 
-    /// Forgets everything.
+    /// Clears the buffer.
     pub fn clear(&mut self) {
         self.triangle.fill(NOTHING);
         self.inverse_depth.fill(0.0);
     }
 
-    /// Draws a body whose triangles are numbered from `first`. `views` is one view for all rows or one
-    /// for each; pixel centres are moved by `shift` px.
+    /// Draws a body whose triangles are numbered from `first`. `views` is one view for all rows or
+    /// one for each; pixel centers are offset by `shift` px.
     pub fn draw(
         &mut self,
         body: &Body,
@@ -157,7 +157,7 @@ impl Visibility {
         let projector = Projector { lens, shift, views };
         let mut projected = std::mem::take(&mut self.projected);
         for chunk in &body.chunks {
-            if !self.frustum.may_see(views, chunk.centre, chunk.radius) {
+            if !self.frustum.may_see(views, chunk.center, chunk.radius) {
                 continue;
             }
             projected.clear();
@@ -170,7 +170,7 @@ impl Visibility {
         self.projected = projected;
     }
 
-    /// Whether this sees something at a pixel, and nearer than `other` does.
+    /// Whether this has a surface at a pixel that is nearer than that of `other`.
     #[inline]
     pub fn is_nearer(&self, other: &Self, pixel: usize) -> bool {
         self.inverse_depth[pixel] > other.inverse_depth[pixel]
@@ -184,24 +184,24 @@ impl Visibility {
         c: Projected,
         number: u32,
     ) {
-        let behind = [a, b, c].map(|p| p.at[2] < NEAR_M);
+        let behind = [a, b, c].map(|p| p.at[2] < MIN_DEPTH_M);
         match behind {
             [false, false, false] => self.bent(projector, a, b, c, number, 0),
             [true, true, true] => {}
             _ => {
-                // Sutherland and Hodgman 1974, against the near plane alone.
+                // Clipping by Sutherland and Hodgman 1974, at the near plane only.
                 let mut kept = [Projected::default(); 4];
                 let mut count = 0;
                 for (p, q) in [(a, b), (b, c), (c, a)] {
-                    let (inside, next) = (p.at[2] >= NEAR_M, q.at[2] >= NEAR_M);
+                    let (inside, next) = (p.at[2] >= MIN_DEPTH_M, q.at[2] >= MIN_DEPTH_M);
                     if inside {
                         kept[count] = p;
                         count += 1;
                     }
                     if inside != next {
-                        let t = (NEAR_M - p.at[2]) / (q.at[2] - p.at[2]);
+                        let t = (MIN_DEPTH_M - p.at[2]) / (q.at[2] - p.at[2]);
                         let mut at = [0, 1, 2].map(|i| p.at[i] + (q.at[i] - p.at[i]) * t);
-                        at[2] = NEAR_M;
+                        at[2] = MIN_DEPTH_M;
                         kept[count] = projector.flat(at);
                         count += 1;
                     }
@@ -213,7 +213,7 @@ impl Visibility {
         }
     }
 
-    /// Cuts edges that the lens bends. Each edge is judged by itself, so neighbours agree.
+    /// Splits edges that distortion bends. Each edge is decided independently, so neighbors agree.
     fn bent(
         &mut self,
         projector: &Projector<'_>,
@@ -240,12 +240,12 @@ impl Visibility {
         let middle = |p: &Projected, q: &Projected| -> Option<Projected> {
             let (dx, dy) = (q.x - p.x, q.y - p.y);
             let square = dx * dx + dy * dy;
-            if square < STRAIGHT_PX * STRAIGHT_PX || depth >= 8 {
+            if square < MIN_SPLIT_EDGE_PX * MIN_SPLIT_EDGE_PX || depth >= 8 {
                 return None;
             }
             let m = projector.flat([0, 1, 2].map(|i| 0.5 * (p.at[i] + q.at[i])));
             let off = (m.x - p.x) * dy - (m.y - p.y) * dx;
-            (off * off > BEND_PX * BEND_PX * square).then_some(m)
+            (off * off > MAX_CHORD_ERROR_PX * MAX_CHORD_ERROR_PX * square).then_some(m)
         };
         let mids = [middle(&a, &b), middle(&b, &c), middle(&c, &a)];
         let mut next = |a, b, c| self.bent(projector, a, b, c, number, depth + 1);
@@ -287,7 +287,7 @@ impl Visibility {
         }
     }
 
-    /// Claims the pixels whose centres lie inside and that see nothing nearer.
+    /// Claims the pixels whose centers are inside and that have no nearer surface.
     fn fill(&mut self, a: Projected, b: Projected, c: Projected, number: u32) {
         // Rows grow downwards: counter-clockwise from outside has this sign.
         let area = (b.x - a.x) * (c.y - a.y) - (c.x - a.x) * (b.y - a.y);
@@ -302,7 +302,7 @@ impl Visibility {
         if first >= end {
             return;
         }
-        // 1/z is linear on the picture.
+        // 1/z is linear in the image.
         let (bw, cw) = (b.w - a.w, c.w - a.w);
         let w_x = (bw * (c.y - a.y) - cw * (b.y - a.y)) / area;
         let w_y = (cw * (b.x - a.x) - bw * (c.x - a.x)) / area;
@@ -311,7 +311,7 @@ impl Visibility {
         let upper = slope(&top, &mid);
         let lower = slope(&mid, &low);
         let mid_row = ceil(mid.y);
-        // Which side the corner in the middle is on.
+        // Side of the middle corner.
         let is_left = (mid.x - top.x) * (low.y - top.y) < (low.x - top.x) * (mid.y - top.y);
         for row in first..end {
             let y = row as f32;
@@ -343,21 +343,21 @@ impl Visibility {
     }
 }
 
-/// `x` rounded up, saturating; without a call into the maths library.
+/// `x` rounded up, saturating; without a call into the math library.
 #[inline]
 fn ceil(x: f32) -> i32 {
     let whole = x as i32;
     whole.saturating_add(i32::from(whole as f32 != x && x > whole as f32))
 }
 
-/// A pyramid about all that the lens sees: inward normals of its four sides, of length 1.
+/// Viewing frustum: inward unit normals of its four sides.
 #[derive(Clone, Copy, Debug)]
 pub struct Frustum {
     sides: [[f32; 3]; 4],
 }
 
 impl Frustum {
-    /// Of a lens.
+    /// Frustum of a lens.
     pub fn of(lens: &Lens) -> Self {
         let [x0, y0, x1, y1] = lens.bounds();
         let side = |n: [f64; 3]| {
@@ -374,16 +374,16 @@ impl Frustum {
         }
     }
 
-    /// Whether a ball may be seen in the first, the middle or the last of some views.
-    pub fn may_see(&self, views: &[View], centre: [f32; 3], radius: f32) -> bool {
+    /// Whether a sphere may be visible in the first, middle or last view.
+    pub fn may_see(&self, views: &[View], center: [f32; 3], radius: f32) -> bool {
         let last = views.len() - 1;
-        let near = |row: usize| self.may_see_in(views[row].apply(centre), radius);
+        let near = |row: usize| self.may_see_in(views[row].apply(center), radius);
         near(last / 2) || last > 0 && (near(0) || near(last))
     }
 
-    /// `centre` in the optical frame.
+    /// `center` in the optical frame.
     fn may_see_in(&self, [x, y, z]: [f32; 3], radius: f32) -> bool {
-        let ahead = z > NEAR_M - radius;
+        let ahead = z > MIN_DEPTH_M - radius;
         let inside = |n: &[f32; 3]| n[0] * x + n[1] * y + n[2] * z > -radius;
         ahead && self.sides.iter().all(inside)
     }

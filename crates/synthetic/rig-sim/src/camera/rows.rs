@@ -1,8 +1,8 @@
-//! Where an eye is while the rows of a picture are exposed.
+//! Camera poses during the exposure of the rows of an image.
 //!
-//! Contract: with a global shutter once, with a rolling one for each row. Poses are computed every
-//! [`STEP_S`] and are linear in between: a head that is accelerated by 200 rad/s² turns less than 1e-6 rad
-//! away from that, which is below a thousandth of a pixel.
+//! Contract: one pose with a global shutter, one per row with a rolling shutter. Poses are computed
+//! every [`MAX_STEP_S`] and interpolated linearly: at an angular acceleration of 200 rad/s² the
+//! error is below 1e-6 rad, less than a thousandth of a pixel.
 
 use nalgebra::{UnitQuaternion, Vector3};
 
@@ -10,23 +10,23 @@ use super::Shutter;
 use super::placed::Motion;
 use super::raster::View;
 
-/// Longest time between two poses, s.
-const STEP_S: f64 = 2e-4;
+/// Maximum time between two computed poses, s.
+const MAX_STEP_S: f64 = 2e-4;
 
 type Pose = (Vector3<f64>, UnitQuaternion<f64>);
 
-/// The instants at which poses are computed, and where the eye is then.
+/// Times at which poses are computed, with the camera poses.
 pub(super) struct Rows {
-    /// In order, each with the eye's pose in the world.
+    /// Ascending times, each with the camera pose in the world.
     knots: Vec<(f64, Pose)>,
     /// Rows from one knot to the next.
     step: usize,
-    /// Views that are wanted.
+    /// Number of views.
     count: usize,
 }
 
 impl Rows {
-    /// Of a picture whose middle row is exposed at `time_s`.
+    /// Rows of an image whose middle row is exposed at `time_s`.
     pub(super) fn new(
         shutter: Shutter,
         height: usize,
@@ -41,7 +41,7 @@ impl Rows {
                 count: 1,
             },
             Shutter::Rolling { line_s } => {
-                let step = ((STEP_S / line_s) as usize).clamp(1, height);
+                let step = ((MAX_STEP_S / line_s) as usize).clamp(1, height);
                 let middle = 0.5 * (height - 1) as f64;
                 let at = |row: usize| knot(time_s + line_s * (row as f64 - middle));
                 // The last one is at or after the last row.
@@ -69,7 +69,7 @@ impl Rows {
         (0..self.count).map(between).collect()
     }
 
-    /// Some of them: near the first, the middle and the last row.
+    /// A few views: near the first, the middle and the last row.
     pub(super) fn few(&self, body: &dyn Motion) -> Vec<View> {
         let last = self.knots.len() - 1;
         let mut some = vec![0, last / 2, last];
@@ -79,7 +79,7 @@ impl Rows {
     }
 }
 
-/// An eye's pose in the world as a view of a body with a pose in the world.
+/// Converts a camera pose in the world to a view of a body with a pose in the world.
 fn view(eye: &Pose, body: &Pose) -> View {
     let origin = body.1.inverse() * (eye.0 - body.0);
     let rotation = (eye.1.inverse() * body.1).to_rotation_matrix();
@@ -103,9 +103,10 @@ mod tests {
     use super::*;
     use crate::so3;
 
-    /// The slow twin: a pose for every row. Eye and body turn with some 500 rad/s² against each other.
+    /// Agreement with the reference implementation, a pose for every row. Camera and body rotate
+    /// with about 500 rad/s² relative to each other.
     #[test]
-    fn views_between_poses_are_those_of_the_rows() {
+    fn interpolated_views_agree_with_poses_per_row() {
         let swing = |t: f64, hz: f64, size: f64| {
             let angle = 2.0 * std::f64::consts::PI * hz * t;
             Vector3::new(angle.sin(), (1.1 * angle).cos(), (0.9 * angle).sin()) * size

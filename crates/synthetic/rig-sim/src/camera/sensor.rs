@@ -1,47 +1,46 @@
-//! From light to the numbers that a device delivers.
+//! Image sensor: from light to pixel values.
 //!
-//! Photons arrive at random (shot noise), reading adds noise of its own, the amplifier multiplies both,
-//! and a tone curve brings the result to eight bits. Noise is a function of the seed, the frame and
-//! the pixel, and of nothing else.
+//! Shot noise and read noise are added, gain multiplies both, and a tone curve quantizes the result
+//! to eight bits. Noise is a function of seed, frame and pixel only.
 
 use crate::camera::shade::Radiance;
 use crate::random;
 
-/// Entries of the table of normal numbers; rows start at random places in it.
+/// Entries of the table of normal random numbers; rows start at random positions in it.
 const NORMALS: usize = 1 << 15;
 /// Steps of the tone curve's table.
 const TONES: usize = 4096;
 
-/// What turns light into numbers.
+/// Parameters of an image sensor.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct SensorModel {
-    /// Electrons that white in daylight gives in 1 ms.
+    /// Electrons per ms of a white surface in daylight.
     pub electrons_per_ms: f32,
-    /// Electrons at which a pixel is full, without amplification.
+    /// Full-well capacity at unit gain, electrons.
     pub full_well: f32,
-    /// Noise of reading, electrons.
+    /// Read noise, electrons.
     pub read_noise: f32,
-    /// How much darker the corners are: the share of the fourth power of the cosine that is kept.
+    /// Vignetting: the part of the cos⁴ falloff that is applied.
     pub vignetting: f32,
-    /// How much the pixels of a sensor, and the two sensors of a camera, differ in what they make of the same
-    /// light: standard deviation, relative.
+    /// Response nonuniformity of pixels, and of the two sensors of a camera: standard deviation,
+    /// relative.
     pub uneven: f32,
-    /// Chooses those differences.
+    /// Seed of the nonuniformity.
     pub seed: u64,
-    /// No noise at all, and all pixels alike: for truth.
+    /// No noise and uniform response: for ground truth.
     pub noiseless: bool,
-    /// How much more noise there is than there should be; 1 is as it should be.
+    /// Factor on the noise; 1 is nominal.
     pub noise: f32,
-    /// How light becomes numbers.
+    /// Tone curve.
     pub tone: Tone,
 }
 
-/// How light becomes numbers.
+/// Tone curve.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Tone {
-    /// By the curve of sRGB, as cameras deliver it.
+    /// The sRGB curve, as cameras deliver it.
     Srgb,
-    /// In proportion.
+    /// Linear.
     Linear,
 }
 
@@ -63,24 +62,24 @@ impl SensorModel {
 /// Exposure of one frame.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Exposure {
-    /// How long light is gathered, s.
+    /// Exposure time, s.
     pub seconds: f64,
-    /// Amplification, 1 or more; less where an iris takes light away.
+    /// Gain, 1 or more; less with an iris.
     pub gain: f64,
 }
 
-/// Develops pictures of one eye.
+/// Sensor of one eye.
 #[derive(Clone, Debug)]
 pub struct Sensor {
     model: SensorModel,
-    /// Share of the light that reaches each pixel.
+    /// Fraction of the light that reaches each pixel.
     falloff: Vec<f32>,
     normals: Vec<f32>,
     tones: Vec<u8>,
 }
 
 impl Sensor {
-    /// For pixels that look along `rays`.
+    /// A sensor whose pixels have these rays.
     pub fn new(model: SensorModel, rays: &[[f32; 2]]) -> Self {
         let uneven = if model.noiseless { 0.0 } else { model.uneven };
         let differs = |k: u64, i: u64| {
@@ -117,9 +116,9 @@ impl Sensor {
         }
     }
 
-    /// Luma of every pixel into `luma` (rows of `stride`), and Cb, Cr of every second pixel of every
-    /// second row into `chroma` (rows of `stride / 2`), full range BT.601. `noise` is different for
-    /// every picture. Returns the mean of the exposed light, 1 being full.
+    /// Writes luma of every pixel to `luma` (rows of `stride`), and Cb, Cr of every second pixel of
+    /// every second row to `chroma` (rows of `stride / 2`), full range BT.601. `noise` is different
+    /// for every image. Returns the mean of the exposed light, 1 being full scale.
     pub fn develop(
         &self,
         light: &Radiance,
@@ -159,13 +158,13 @@ impl Sensor {
         let [cb, cr] = chroma;
         for row in 0..light.height / 2 {
             for x in 0..half {
-                let colour = light.colour[row * half + x];
+                let color = light.color[row * half + x];
                 let factor = self.falloff[2 * row * width + 2 * x] * electrons * to_tone;
                 let tone = |v: f32| {
                     let i = (v * factor).clamp(0.0, (TONES - 1) as f32);
                     f32::from(self.tones[i as usize])
                 };
-                let [r, g, b] = colour.map(tone);
+                let [r, g, b] = color.map(tone);
                 let y = 0.299 * r + 0.587 * g + 0.114 * b;
                 let to = row * (stride / 2) + x;
                 cb[to] = (128.5 + 0.564 * (b - y)).clamp(0.0, 255.0) as u8;
@@ -176,36 +175,36 @@ impl Sensor {
     }
 }
 
-/// Chooses the next exposure by the last picture, slowly, as devices do.
+/// Automatic exposure: adapts slowly to the last image.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct AutoExposure {
-    /// Light gathered times gain, s.
+    /// Exposure time times gain, s.
     product: f64,
-    /// Longest exposure, s.
-    longest_s: f64,
-    /// The only exposure, where it is fixed, s.
+    /// Maximum exposure time, s.
+    max_s: f64,
+    /// Fixed exposure time, s.
     fixed_s: Option<f64>,
 }
 
-/// Mean of the exposed light that is aimed at, 1 being full.
-const AIM: f64 = 0.18;
-/// How much of the distance is gone per frame.
-const SPEED: f64 = 0.25;
-const SHORTEST_S: f64 = 2e-5;
-const MOST_GAIN: f64 = 16.0;
+/// Target mean of the exposed light, 1 being full scale.
+const TARGET_MEAN: f64 = 0.18;
+/// Fraction of the log error that is corrected per frame.
+const ADAPTATION_RATE: f64 = 0.25;
+const MIN_EXPOSURE_S: f64 = 2e-5;
+const MAX_GAIN: f64 = 16.0;
 
 impl AutoExposure {
-    /// Begins as for daylight.
-    pub fn new(longest_s: f64) -> Self {
+    /// Starts with an exposure for daylight.
+    pub fn new(max_s: f64) -> Self {
         Self {
             product: 4e-4,
-            longest_s,
+            max_s,
             fixed_s: None,
         }
     }
 
-    /// Always exposes for so long, s; where that is too long for the light, less than 1 of it is let in, as by an
-    /// iris.
+    /// Fixes the exposure time, s; if that is too long for the light, an iris reduces the gain
+    /// below 1.
     #[must_use]
     pub fn fixed(self, seconds: Option<f64>) -> Self {
         Self {
@@ -214,23 +213,24 @@ impl AutoExposure {
         }
     }
 
-    /// For the next frame: as long as allowed before amplifying.
+    /// Exposure of the next frame: the time is maximized before the gain.
     pub fn exposure(&self) -> Exposure {
         if let Some(seconds) = self.fixed_s {
-            let gain = (self.product / seconds).min(MOST_GAIN);
+            let gain = (self.product / seconds).min(MAX_GAIN);
             return Exposure { seconds, gain };
         }
-        let seconds = self.product.clamp(SHORTEST_S, self.longest_s);
+        let seconds = self.product.clamp(MIN_EXPOSURE_S, self.max_s);
         Exposure {
             seconds,
-            gain: (self.product / seconds).clamp(1.0, MOST_GAIN),
+            gain: (self.product / seconds).clamp(1.0, MAX_GAIN),
         }
     }
 
-    /// Learns from a picture's mean.
+    /// Adapts to the mean of an image.
     pub fn learn(&mut self, mean: f64) {
-        let wish = (AIM / mean.max(1e-3)).clamp(0.2, 5.0);
-        let most = self.fixed_s.unwrap_or(self.longest_s) * MOST_GAIN;
-        self.product = (self.product * libm::pow(wish, SPEED)).clamp(SHORTEST_S, most);
+        let factor = (TARGET_MEAN / mean.max(1e-3)).clamp(0.2, 5.0);
+        let most = self.fixed_s.unwrap_or(self.max_s) * MAX_GAIN;
+        self.product =
+            (self.product * libm::pow(factor, ADAPTATION_RATE)).clamp(MIN_EXPOSURE_S, most);
     }
 }

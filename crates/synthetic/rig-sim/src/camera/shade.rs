@@ -1,8 +1,8 @@
-//! The light that each pixel gets.
+//! Shading: the light of each pixel.
 //!
-//! Contract: a pixel's surface is the triangle that the rasteriser found; where on it the pixel's exact
-//! ray hits, how far away that is and which texel lies there is computed here, for any lens. All
-//! quantities are linear in light; 1 is a level white surface in full daylight.
+//! Contract: the rasterizer gives the triangle of a pixel; the intersection with the pixel's exact
+//! ray, its depth and its texel are computed here, for any lens. All quantities are linear in
+//! light; 1 is a horizontal white surface in full daylight.
 
 use std::ops::Range;
 
@@ -15,44 +15,44 @@ mod line;
 
 use self::line::Line;
 
-/// A picture in linear light.
+/// An image in linear light.
 #[derive(Clone, Debug)]
 pub struct Radiance {
     /// Columns, even.
     pub width: usize,
     /// Rows, even.
     pub height: usize,
-    /// Luminance of every pixel, rows first.
+    /// Luminance of every pixel, row-major.
     pub luminance: Vec<f32>,
     /// Red, green, blue of every second pixel of every second row.
-    pub colour: Vec<[f32; 3]>,
+    pub color: Vec<[f32; 3]>,
 }
 
 impl Radiance {
-    /// Darkness.
+    /// A black image.
     pub fn new(width: usize, height: usize) -> Self {
         Self {
             width,
             height,
             luminance: vec![0.0; width * height],
-            colour: vec![[0.0; 3]; (width / 2) * (height / 2)],
+            color: vec![[0.0; 3]; (width / 2) * (height / 2)],
         }
     }
 
-    /// Adds another picture of the same size.
+    /// Adds another image of the same size.
     pub fn add(&mut self, other: &Self) {
         for (to, from) in self.luminance.iter_mut().zip(&other.luminance) {
             *to += from;
         }
-        for (to, from) in self.colour.iter_mut().zip(&other.colour) {
+        for (to, from) in self.color.iter_mut().zip(&other.color) {
             *to = [0, 1, 2].map(|k| to[k] + from[k]);
         }
     }
 
-    /// Darkness again.
+    /// Resets to black.
     pub fn clear(&mut self) {
         self.luminance.fill(0.0);
-        self.colour.fill([0.0; 3]);
+        self.color.fill([0.0; 3]);
     }
 }
 
@@ -61,8 +61,8 @@ pub fn luminance([r, g, b]: [f32; 3]) -> f32 {
     0.2126 * r + 0.7152 * g + 0.0722 * b
 }
 
-/// A body as one row of pixels sees it.
-pub struct Seen<'a> {
+/// A body with its views.
+pub struct VisibleBody<'a> {
     /// Number of its first triangle.
     pub first: u32,
     /// Its surfaces.
@@ -100,18 +100,18 @@ impl Facing {
     }
 }
 
-/// Which body a triangle belongs to.
-pub fn body_of(bodies: &[Seen<'_>], triangle: u32) -> usize {
+/// Index of the body of a triangle.
+pub fn body_of(bodies: &[VisibleBody<'_>], triangle: u32) -> usize {
     bodies.partition_point(|b| b.first <= triangle) - 1
 }
 
-/// Adds what the pixels see, times `weight`. `rays` are the pixels' directions, `noise` chooses
-/// among mip levels. With AVX2 the same operations run on more pixels at a time; the result is the same.
+/// Adds the light of all pixels, times `weight`. `rays` are the pixel rays, `noise` selects among
+/// mip levels. With AVX2 the same operations run on more pixels at a time; the result is the same.
 pub fn add(
     radiance: &mut Radiance,
     scene: &Scene,
     visibility: &Visibility,
-    bodies: &[Seen<'_>],
+    bodies: &[VisibleBody<'_>],
     rays: &[[f32; 2]],
     weight: f32,
     noise: u64,
@@ -126,18 +126,18 @@ pub fn add(
     };
     #[cfg(target_arch = "x86_64")]
     if std::arch::is_x86_feature_detected!("avx2") {
-        // SAFETY: the processor has what the function asks for.
+        // SAFETY: the processor supports the features of the function.
         unsafe { shading.add_avx2(radiance) };
         return;
     }
     shading.add(radiance);
 }
 
-/// What [`add`] works on.
+/// Arguments of [`add`].
 struct Shading<'a> {
     scene: &'a Scene,
     visibility: &'a Visibility,
-    bodies: &'a [Seen<'a>],
+    bodies: &'a [VisibleBody<'a>],
     rays: &'a [[f32; 2]],
     weight: f32,
     noise: u64,
@@ -154,12 +154,12 @@ impl Shading<'_> {
     fn add(&self, radiance: &mut Radiance) {
         let (width, height) = (self.visibility.width, self.visibility.height);
         let half = width / 2;
-        // Angle of a pixel at the middle of the picture.
+        // Angle of a pixel at the image center.
         let middle = (height / 2) * width + half;
         let pixel = self.rays[middle + 1][0] - self.rays[middle][0];
         let materials = &self.scene.materials;
         let nothing = materials.len() as u16;
-        // Of each material, and of nothing.
+        // One tint per material, and one for no surface.
         let tint = self.scene.light.tint;
         let mut paints: Vec<[[f32; 3]; 2]> = Vec::new();
         paints.extend(materials.iter().map(|material| {
@@ -175,8 +175,8 @@ impl Shading<'_> {
             let ids = &self.visibility.triangle[here.clone()];
             let rays = &self.rays[here.clone()];
             let luma = &mut radiance.luminance[here];
-            let colour = match row % 2 {
-                0 => &mut radiance.colour[row / 2 * half..(row / 2 + 1) * half],
+            let color = match row % 2 {
+                0 => &mut radiance.color[row / 2 * half..(row / 2 + 1) * half],
                 _ => &mut [],
             };
             line.aim(rays);
@@ -202,10 +202,10 @@ impl Shading<'_> {
                 }
                 from = to;
             }
-            line.look(random::uniform(self.noise, 0, row as u64) as f32);
+            line.select_texels(random::uniform(self.noise, 0, row as u64) as f32);
             line.fetch(&self.scene.textures);
             line.reflect(luma, self.weight);
-            for (i, to) in colour.iter_mut().enumerate() {
+            for (i, to) in color.iter_mut().enumerate() {
                 let (light, mix) = (line.light[2 * i], line.mix[2 * i]);
                 let [own, other] = &paints[line.material[2 * i] as usize];
                 for k in 0..3 {
@@ -213,12 +213,12 @@ impl Shading<'_> {
                 }
             }
             for columns in skies.drain(..) {
-                self.sky(row, columns, rays, luma, colour);
+                self.sky(row, columns, rays, luma, color);
             }
         }
     }
 
-    /// Pixels that see no surface.
+    /// Pixels without a surface.
     #[inline(always)]
     fn sky(
         &self,
@@ -226,7 +226,7 @@ impl Shading<'_> {
         columns: Range<usize>,
         rays: &[[f32; 2]],
         luma: &mut [f32],
-        colour: &mut [[f32; 3]],
+        color: &mut [[f32; 3]],
     ) {
         let views = self.bodies[0].views;
         let view = &views[row.min(views.len() - 1)];
@@ -236,7 +236,7 @@ impl Shading<'_> {
             let light = self.weight * light;
             luma[x] += light * sky_luma;
             if x % 2 == 0
-                && let Some(to) = colour.get_mut(x / 2)
+                && let Some(to) = color.get_mut(x / 2)
             {
                 for k in 0..3 {
                     to[k] += light * tint[k];
@@ -246,7 +246,7 @@ impl Shading<'_> {
     }
 }
 
-/// What a pixel's surface is.
+/// Class of a surface.
 pub fn class(scene: &Scene, surface: &Surface) -> Class {
     scene.materials[surface.material as usize].class
 }

@@ -1,10 +1,10 @@
-//! What an eye really sees, and where that goes.
+//! Ground truth of an image: depth, class, instance and optical flow.
 //!
-//! Contract: there is no blur, no noise and no exposure; each row is taken at its own instant, the middle
-//! of its exposure. [`TrueEye::see`] says what the ray of each pixel's centre meets first. Panes count as
-//! what is seen. [`TrueEye::flow`] follows that to the picture of another time, through lens, shutter and
-//! everything that moves. Which surface a pixel sees is the rasteriser's answer, true to its 0.1 px at
-//! edges; all that is computed on that surface is f64.
+//! Contract: there is no blur, no noise and no exposure; each row is at its own instant, the middle
+//! of its exposure. [`TruthCamera::render`] gives the first surface along the ray of each pixel
+//! center. Panes count as surfaces. [`TruthCamera::flow`] gives the position of that point in the
+//! image of another time, through lens, shutter and all motion. The surface of a pixel is the
+//! rasterizer's, exact to 0.1 px at edges; everything computed on that surface is f64.
 
 use calib::CameraModel;
 use nalgebra::{Matrix3, UnitQuaternion, Vector3};
@@ -17,88 +17,88 @@ use crate::scene::Scene;
 use crate::scene::body::Surface;
 use crate::scene::surface::Class;
 
-/// What is nearer to the eye than this is behind it, m.
-const NEAR_M: f64 = 0.03;
-/// A point is hidden by what is nearer by this share and this length: more than facets and f32 need.
-const HIDES: (f64, f64) = (1e-3, 1e-3);
+/// Minimum depth, m; nearer points count as behind the camera.
+const MIN_DEPTH_M: f64 = 0.03;
+/// Occlusion tolerance, relative and m: larger than the errors of facets and f32.
+const OCCLUSION_TOLERANCE: (f64, f64) = (1e-3, 1e-3);
 
-/// Position and rotation that take a frame to the world.
+/// Position and rotation that map a frame to the world.
 pub type Pose = (Vector3<f64>, UnitQuaternion<f64>);
 
-/// What each pixel sees at one time; rows first.
+/// Ground truth of an image at one time, row-major.
 #[derive(Clone, Debug)]
 pub struct Truth {
     /// Distance along the optical axis, m; infinite for the sky.
     pub depth: Vec<f32>,
-    /// What it is.
+    /// Class.
     pub class: Vec<Class>,
-    /// Which thing; 0 for the sky.
+    /// Instance; 0 for the sky.
     pub instance: Vec<u16>,
     /// Triangle among those of all bodies, panes last; [`NOTHING`] for the sky.
     triangle: Vec<u32>,
-    /// Of each body, panes last: for all rows, or for each.
-    looks: Vec<Vec<Look>>,
+    /// Camera poses per body, panes last: one for all rows, or one for each.
+    row_poses: Vec<Vec<RowPose>>,
 }
 
-/// Where what each pixel sees is in the picture of another time; rows first.
+/// Optical flow of each pixel to the image of another time, row-major.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Flow {
-    /// To the right and down, px. Not a number where the point is behind the lens then, or farther
-    /// outside the picture than the lens is known. The sky is infinitely far away.
-    pub moved: Vec<[f32; 2]>,
-    /// Whether the other picture shows the point: it is inside and nothing is before it.
+    /// Displacement to the right and down, px. NaN if the point is then behind the lens, or farther
+    /// outside the image than the lens model is defined. The sky is infinitely far away.
+    pub flow_px: Vec<[f32; 2]>,
+    /// Whether the point is visible in the other image: inside it and unoccluded.
     pub shown: Vec<bool>,
 }
 
-/// A point in a picture.
+/// A projected point.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Spot {
-    /// px.
+pub struct ProjectedPoint {
+    /// Pixel coordinate, px.
     pub u: f64,
-    /// px.
+    /// Pixel coordinate, px.
     pub v: f64,
-    /// Whether it is inside the picture and nothing is before it.
+    /// Whether it is inside the image and unoccluded.
     pub shown: bool,
 }
 
-/// Where the eye is in a body's frame.
+/// Camera pose in a body's frame.
 #[derive(Clone, Copy, Debug)]
-struct Look {
+struct RowPose {
     /// Optical centre, m.
     origin: Vector3<f64>,
-    /// Takes vectors in the optical frame to the body's.
-    turn: Matrix3<f64>,
+    /// Maps vectors of the optical frame to the body's frame.
+    rotation: Matrix3<f64>,
 }
 
-/// Something that does not change in a body's frame.
+/// A point or direction that is constant in a body's frame.
 #[derive(Clone, Copy)]
-enum Thing {
+enum Element {
     Point(Vector3<f64>),
     /// Infinitely far away.
     Direction(Vector3<f64>),
 }
 
-/// Where a thing is seen.
-struct Found {
+/// Projection of an element.
+struct Projection {
     u: f64,
     v: f64,
-    /// In the optical frame.
+    /// Position in the optical frame.
     at: Vector3<f64>,
-    /// Row whose instant this is.
+    /// Row at whose instant it was computed.
     row: usize,
 }
 
-/// An eye without a sensor.
+/// A camera without a sensor, for ground truth.
 #[derive(Debug)]
-pub struct TrueEye {
+pub struct TruthCamera {
     lens: Lens,
     shutter: Shutter,
     rays: Vec<[f32; 2]>,
     visibility: Visibility,
 }
 
-impl TrueEye {
-    /// An eye with this lens and shutter.
+impl TruthCamera {
+    /// A camera with this lens model and shutter.
     pub fn new(model: &CameraModel, shutter: Shutter) -> Self {
         let lens = Lens::new(model);
         Self {
@@ -109,9 +109,9 @@ impl TrueEye {
         }
     }
 
-    /// What the pixels see at a time, s. `eye_pose` is that of the optical frame in the world; the
-    /// first body is [`Scene::fixed`], at the world's origin.
-    pub fn see(
+    /// Renders the ground truth at a time, s. `eye_pose` is the pose of the optical frame in the
+    /// world; the first body is [`Scene::fixed`], at the world origin.
+    pub fn render(
         &mut self,
         scene: &Scene,
         placed: &[Placed<'_>],
@@ -119,10 +119,10 @@ impl TrueEye {
         time_s: f64,
     ) -> Truth {
         let bodies = with_panes(scene, placed);
-        let looks = self.looks(&bodies, eye_pose, time_s);
+        let row_poses = self.row_poses(&bodies, eye_pose, time_s);
         self.visibility.clear();
-        for (body, looks) in bodies.iter().zip(&looks) {
-            let views: Vec<View> = looks.iter().map(Look::view).collect();
+        for (body, row_poses) in bodies.iter().zip(&row_poses) {
+            let views: Vec<View> = row_poses.iter().map(RowPose::view).collect();
             self.visibility
                 .draw(body.body, body.first, &self.lens, (0.0, 0.0), &views);
         }
@@ -132,86 +132,89 @@ impl TrueEye {
             class: vec![Class::Sky; count],
             instance: vec![0; count],
             triangle: self.visibility.triangle.clone(),
-            looks,
+            row_poses,
         };
         for (i, &id) in self.visibility.triangle.iter().enumerate() {
             if id == NOTHING {
                 continue;
             }
             let (body, surface) = surface(&bodies, id);
-            let look = row_of(&truth.looks[body], i / self.visibility.width);
-            truth.depth[i] = look.depth(surface, &self.ray(i)) as f32;
+            let row_pose = row_of(&truth.row_poses[body], i / self.visibility.width);
+            truth.depth[i] = row_pose.depth(surface, &self.ray(i)) as f32;
             truth.class[i] = shade::class(scene, surface);
             truth.instance[i] = surface.instance;
         }
         truth
     }
 
-    /// Where what each pixel sees in the picture `from` is in the picture `to`. Both were seen by this
-    /// eye, in this scene with these bodies.
+    /// Optical flow from the image `from` to the image `to`. Both were rendered by this camera, in
+    /// this scene with these bodies.
     pub fn flow(&self, scene: &Scene, placed: &[Placed<'_>], from: &Truth, to: &Truth) -> Flow {
         let bodies = with_panes(scene, placed);
         let width = self.visibility.width;
         let pixels = (0..self.rays.len()).map(|i| {
             let id = from.triangle[i];
             let (row, ray) = (i / width, self.ray(i));
-            let (body, thing) = if id == NOTHING {
-                let look = row_of(&from.looks[0], row);
-                (0, Thing::Direction(look.turn * ray))
+            let (body, element) = if id == NOTHING {
+                let row_pose = row_of(&from.row_poses[0], row);
+                (0, Element::Direction(row_pose.rotation * ray))
             } else {
                 let (body, surface) = surface(&bodies, id);
-                let look = row_of(&from.looks[body], row);
-                let reach = look.depth(surface, &ray);
-                (body, Thing::Point(look.origin + look.turn * ray * reach))
+                let row_pose = row_of(&from.row_poses[body], row);
+                let reach = row_pose.depth(surface, &ray);
+                (
+                    body,
+                    Element::Point(row_pose.origin + row_pose.rotation * ray * reach),
+                )
             };
-            match self.find(&to.looks[body], thing, row) {
+            match self.find(&to.row_poses[body], element, row) {
                 None => ([f32::NAN; 2], false),
                 Some(found) => {
-                    let moved = [
+                    let flow_px = [
                         (found.u - (i % width) as f64) as f32,
                         (found.v - row as f64) as f32,
                     ];
-                    (moved, self.shows(&bodies, to, thing, &found))
+                    (flow_px, self.shows(&bodies, to, element, &found))
                 }
             }
         });
-        let (moved, shown) = pixels.unzip();
-        Flow { moved, shown }
+        let (flow_px, shown) = pixels.unzip();
+        Flow { flow_px, shown }
     }
 
-    /// Where a picture has a point of body number `body`, or `None` where it is behind the lens or
-    /// farther outside the picture than the lens is known.
-    pub fn spot(
+    /// Projects a point of body number `body`; `None` if it is behind the lens or farther outside
+    /// the image than the lens model is defined.
+    pub fn project(
         &self,
         scene: &Scene,
         placed: &[Placed<'_>],
         truth: &Truth,
         body: usize,
         point: Vector3<f64>,
-    ) -> Option<Spot> {
-        let thing = Thing::Point(point);
-        let found = self.find(&truth.looks[body], thing, self.visibility.height / 2)?;
-        let shown = self.shows(&with_panes(scene, placed), truth, thing, &found);
-        Some(Spot {
+    ) -> Option<ProjectedPoint> {
+        let element = Element::Point(point);
+        let found = self.find(&truth.row_poses[body], element, self.visibility.height / 2)?;
+        let shown = self.shows(&with_panes(scene, placed), truth, element, &found);
+        Some(ProjectedPoint {
             u: found.u,
             v: found.v,
             shown,
         })
     }
 
-    /// The direction of a pixel's centre, 1 long along the optical axis.
+    /// Ray of a pixel center, of length 1 along the optical axis.
     fn ray(&self, pixel: usize) -> Vector3<f64> {
         let [x, y] = self.rays[pixel];
         Vector3::new(f64::from(x), f64::from(y), 1.0)
     }
 
-    /// Where the eye is in the frames of bodies: once, or for each row.
-    fn looks(
+    /// Camera poses in the frames of bodies: once, or for each row.
+    fn row_poses(
         &self,
         bodies: &[Placed<'_>],
         eye_pose: &dyn Fn(f64) -> Pose,
         time_s: f64,
-    ) -> Vec<Vec<Look>> {
+    ) -> Vec<Vec<RowPose>> {
         let height = self.visibility.height;
         let rows = match self.shutter {
             Shutter::Global => 1,
@@ -220,35 +223,35 @@ impl TrueEye {
         let times = (0..rows).map(|row| time_s + self.shutter.row_s(row, height));
         let eyes: Vec<(f64, Pose)> = times.map(|t| (t, eye_pose(t))).collect();
         let of = |body: &Placed<'_>| {
-            let look = |(t, eye): &(f64, Pose)| Look::new(eye, &body.pose.at(*t));
-            eyes.iter().map(look).collect()
+            let row_pose = |(t, eye): &(f64, Pose)| RowPose::new(eye, &body.pose.at(*t));
+            eyes.iter().map(row_pose).collect()
         };
         bodies.iter().map(of).collect()
     }
 
-    /// Looks for a thing, first in the row `start`. A rolling shutter takes each row at its own
-    /// instant, so the row has to be found that sees the thing at the time it is exposed; between two
-    /// rows motion is even.
-    fn find(&self, looks: &[Look], thing: Thing, start: usize) -> Option<Found> {
+    /// Projects an element, starting with the row `start`. With a rolling shutter the row has to be
+    /// found that observes the element at the time of its exposure; between two rows motion is
+    /// linear.
+    fn find(&self, row_poses: &[RowPose], element: Element, start: usize) -> Option<Projection> {
         let seen = |row: usize| {
-            let look = &looks[row.min(looks.len() - 1)];
-            let at = look.locate(thing);
+            let row_pose = &row_poses[row.min(row_poses.len() - 1)];
+            let at = row_pose.locate(element);
             let (x, y) = (at.x / at.z, at.y / at.z);
-            (at.z > NEAR_M && self.lens.is_known(x, y)).then(|| {
+            (at.z > MIN_DEPTH_M && self.lens.is_known(x, y)).then(|| {
                 let (u, v) = self.lens.project(x, y);
-                Found { u, v, at, row }
+                Projection { u, v, at, row }
             })
         };
-        if looks.len() < 2 {
+        if row_poses.len() < 2 {
             return seen(0);
         }
-        let mut row = start.min(looks.len() - 2);
+        let mut row = start.min(row_poses.len() - 2);
         for _ in 0..4 {
-            row = seen(row)?.v.clamp(0.0, (looks.len() - 2) as f64) as usize;
+            row = seen(row)?.v.clamp(0.0, (row_poses.len() - 2) as f64) as usize;
         }
         let (a, b) = (seen(row)?, seen(row + 1)?);
         let part = (a.v - row as f64) / (1.0 - (b.v - a.v));
-        Some(Found {
+        Some(Projection {
             u: a.u + (b.u - a.u) * part,
             v: a.v + (b.v - a.v) * part,
             at: a.at + (b.at - a.at) * part,
@@ -256,9 +259,15 @@ impl TrueEye {
         })
     }
 
-    /// Whether a picture shows a thing that is found there: the surface that the nearest pixel sees,
-    /// continued to the spot, is not before it.
-    fn shows(&self, bodies: &[Placed<'_>], truth: &Truth, thing: Thing, found: &Found) -> bool {
+    /// Whether a projected element is visible: the surface of the nearest pixel, extended to the
+    /// projection, does not occlude it.
+    fn shows(
+        &self,
+        bodies: &[Placed<'_>],
+        truth: &Truth,
+        element: Element,
+        found: &Projection,
+    ) -> bool {
         let (width, height) = (self.visibility.width, self.visibility.height);
         let (column, row) = ((found.u + 0.5).floor(), (found.v + 0.5).floor());
         let inside = |v: f64, size: usize| v >= 0.0 && v < size as f64;
@@ -269,17 +278,17 @@ impl TrueEye {
         if id == NOTHING {
             return true;
         }
-        let Thing::Point(_) = thing else {
+        let Element::Point(_) = element else {
             return false;
         };
         let (body, surface) = surface(bodies, id);
-        let look = row_of(&truth.looks[body], found.row);
-        let there = look.depth(surface, &(found.at / found.at.z));
-        !(there > 0.0 && there < found.at.z * (1.0 - HIDES.0) - HIDES.1)
+        let row_pose = row_of(&truth.row_poses[body], found.row);
+        let there = row_pose.depth(surface, &(found.at / found.at.z));
+        !(there > 0.0 && there < found.at.z * (1.0 - OCCLUSION_TOLERANCE.0) - OCCLUSION_TOLERANCE.1)
     }
 }
 
-/// All bodies, then the panes, which stand where the first one does.
+/// All bodies, then the panes, which have the pose of the first body.
 fn with_panes<'a>(scene: &'a Scene, placed: &[Placed<'a>]) -> Vec<Placed<'a>> {
     let first = placed.last().map_or(0, Placed::next);
     let panes = Placed {
@@ -297,41 +306,41 @@ fn surface<'a>(bodies: &[Placed<'a>], id: u32) -> (usize, &'a Surface) {
     (number, &body.body.surfaces[(id - body.first) as usize])
 }
 
-/// The look of a row where there is one for each, or the one for all.
-fn row_of(looks: &[Look], row: usize) -> &Look {
-    &looks[row.min(looks.len() - 1)]
+/// Pose of a row, or the pose of all rows.
+fn row_of(row_poses: &[RowPose], row: usize) -> &RowPose {
+    &row_poses[row.min(row_poses.len() - 1)]
 }
 
-impl Look {
+impl RowPose {
     fn new(eye: &Pose, body: &Pose) -> Self {
         let back = body.1.inverse();
         Self {
             origin: back * (eye.0 - body.0),
-            turn: (back * eye.1).to_rotation_matrix().into_inner(),
+            rotation: (back * eye.1).to_rotation_matrix().into_inner(),
         }
     }
 
     fn view(&self) -> View {
-        let m = &self.turn;
+        let m = &self.rotation;
         View {
             rotation: [0, 1, 2].map(|i| [0, 1, 2].map(|j| m[(j, i)] as f32)),
             origin: [0, 1, 2].map(|i| self.origin[i] as f32),
         }
     }
 
-    /// In the optical frame.
-    fn locate(&self, thing: Thing) -> Vector3<f64> {
-        match thing {
-            Thing::Point(point) => self.turn.tr_mul(&(point - self.origin)),
-            Thing::Direction(direction) => self.turn.tr_mul(&direction),
+    /// Position in the optical frame.
+    fn locate(&self, element: Element) -> Vector3<f64> {
+        match element {
+            Element::Point(point) => self.rotation.tr_mul(&(point - self.origin)),
+            Element::Direction(direction) => self.rotation.tr_mul(&direction),
         }
     }
 
-    /// How many times `ray`, in the optical frame, reaches from the eye to a surface's plane.
+    /// Distance to a surface's plane, in lengths of `ray` (optical frame).
     fn depth(&self, surface: &Surface, ray: &Vector3<f64>) -> f64 {
         let normal = Vector3::from(surface.normal.map(f64::from));
         let away = f64::from(surface.offset) - normal.dot(&self.origin);
-        away / normal.dot(&(self.turn * ray))
+        away / normal.dot(&(self.rotation * ray))
     }
 }
 

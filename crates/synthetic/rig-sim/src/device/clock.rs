@@ -1,41 +1,47 @@
-//! What a device's clock shows.
+//! Clock of a simulated device.
 //!
-//! Contract: the clock runs at its own rate from its own beginning; planned steps and drifts come on top. The
-//! rate at which an IMU measures is that of the undisturbed oscillator.
+//! Contract: the clock has its own rate and offset; planned steps and drifts are added. The
+//! sampling rate of an IMU follows the undisturbed oscillator.
 
 use session_archive::time::TickLength;
 
 use crate::faults::{CameraFaults, Fault, Kind};
 
-/// Cameras stamp in microseconds, as USB video drivers do.
+/// Camera timestamps are in microseconds, as with USB video drivers.
 pub const CAMERA_TICK: TickLength = TickLength { num: 1000, den: 1 };
 /// The ZED Mini's IMU counts 1/25600 s.
 pub const IMU_TICK: TickLength = TickLength::ZED_MINI;
-/// Width of counters that are to wrap.
+/// Width of counters that wrap, bits.
 const WRAP_BITS: u8 = 32;
-/// What a clock shows when its device is back, ns.
+/// Clock value of a device after reconnecting, ns.
 const BOOT_NS: f64 = 1e9;
 
-/// See the module.
+/// Clock of a simulated device; see the module documentation.
 #[derive(Clone, Debug)]
 pub struct DeviceClock {
     tick: TickLength,
     start_ns: i64,
-    off_ppm: f64,
+    rate_error_ppm: f64,
     steps: Vec<Fault>,
     drifts: Vec<Fault>,
-    /// Added to ticks, which are then cut to [`WRAP_BITS`].
+    /// Offset added to ticks, which are then reduced to [`WRAP_BITS`].
     wrap: Option<i64>,
 }
 
 impl DeviceClock {
-    /// A clock that shows `start_ns` at the beginning of the walk and runs `off_ppm` too fast.
-    pub fn new(tick: TickLength, start_ns: i64, off_ppm: f64, faults: &CameraFaults) -> Self {
+    /// A clock that shows `start_ns` at the beginning of the walk and runs `rate_error_ppm` too
+    /// fast.
+    pub fn new(
+        tick: TickLength,
+        start_ns: i64,
+        rate_error_ppm: f64,
+        faults: &CameraFaults,
+    ) -> Self {
         let of = |kind| faults.of_kind(kind).cloned().collect::<Vec<_>>();
         let mut clock = Self {
             tick,
             start_ns,
-            off_ppm,
+            rate_error_ppm,
             steps: of(Kind::ClockStep),
             drifts: of(Kind::ClockDrift),
             wrap: None,
@@ -51,32 +57,33 @@ impl DeviceClock {
         self.tick
     }
 
-    /// Width of its counter, where it wraps.
+    /// Width of the counter if it wraps, bits.
     pub fn tick_bits(&self) -> Option<u8> {
         self.wrap.map(|_| WRAP_BITS)
     }
 
-    /// How much faster than it real time runs while nothing disturbs it, parts in 1e9.
+    /// Rate of true time relative to the undisturbed clock, minus one, parts per billion.
     pub fn host_rate_ppb(&self) -> f64 {
-        (1.0 / (1.0 + self.off_ppm * 1e-6) - 1.0) * 1e9
+        (1.0 / (1.0 + self.rate_error_ppm * 1e-6) - 1.0) * 1e9
     }
 
-    /// What it shows at a time, ns since the beginning of the walk.
+    /// Clock value at a time, ns since the beginning of the walk; ticks.
     pub fn ticks(&self, time_ns: i64) -> i64 {
         self.counted(self.start_ns as f64 + self.run(time_ns))
     }
 
-    /// What it shows if it was switched on at `on_ns`.
+    /// Clock value at a time if the device connected at `on_ns`; ticks.
     pub fn ticks_since(&self, on_ns: i64, time_ns: i64) -> i64 {
         self.counted(BOOT_NS + self.run(time_ns) - self.run(on_ns))
     }
 
-    /// When sample `n` is taken at `rate_hz` of its own seconds, ns since the beginning of the walk.
+    /// True time of sample `n` at `rate_hz` of the device's own seconds, ns since the beginning of
+    /// the walk.
     pub fn taken_ns(&self, n: u64, rate_hz: f64) -> i64 {
-        (n as f64 / rate_hz / (1.0 + self.off_ppm * 1e-6) * 1e9).round() as i64
+        (n as f64 / rate_hz / (1.0 + self.rate_error_ppm * 1e-6) * 1e9).round() as i64
     }
 
-    /// How far it has run since the beginning of the walk, ns.
+    /// Elapsed clock time since the beginning of the walk, ns.
     fn run(&self, time_ns: i64) -> f64 {
         let time_s = time_ns as f64 * 1e-9;
         let drifted: f64 = self
@@ -90,7 +97,7 @@ impl DeviceClock {
             .filter(|f| f.from_s <= time_s)
             .map(|f| 1e9 * f.strength)
             .sum();
-        time_ns as f64 * (1.0 + self.off_ppm * 1e-6) + drifted + stepped
+        time_ns as f64 * (1.0 + self.rate_error_ppm * 1e-6) + drifted + stepped
     }
 
     fn counted(&self, shown_ns: f64) -> i64 {

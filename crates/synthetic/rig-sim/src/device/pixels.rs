@@ -1,10 +1,10 @@
-//! Pictures in the layouts in which devices deliver them.
+//! Images in the pixel layouts of devices.
 
 use crate::rig::PixelFormat;
 use crate::simulation::StereoFrame;
 
 impl StereoFrame {
-    /// The bytes of this layout, rows without padding.
+    /// Pixels in this layout, rows without padding.
     pub fn pixels(&self, format: PixelFormat) -> Vec<u8> {
         let (width, half) = (self.width, self.width / 2);
         let (luma, chroma) = self.i420.split_at(width * self.height);
@@ -29,7 +29,8 @@ impl StereoFrame {
         }
     }
 
-    /// Shows the lower part of `before`, from a row at the share `at` of the height on.
+    /// Replaces the lower part by that of `before`, from the row at the fraction `at` of the
+    /// height.
     pub(crate) fn tear(&mut self, before: &Self, at: f64) {
         let row = (at * (self.height / 2) as f64) as usize;
         let (luma, half) = (self.width * self.height, self.width / 2);

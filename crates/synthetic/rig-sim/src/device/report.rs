@@ -1,16 +1,17 @@
 //! The ZED Mini's input report: an IMU sample as its microcontroller sends it.
 //!
 //! 62 bytes of a read of 64, packed, little endian (Stereolabs' zed-open-capture,
-//! `sensorcapture_def.hpp`): 0 kind of report, 1 whether the IMU is out of order, 2 ticks of 1/25600 s, 10 gyro
-//! x y z, 16 accelerometer x y z, 22 whether a frame was taken since the report before, 23 whether
-//! that is told at all, 24 how many were, 28 temperature in 0.01 °C. What only larger models have stays 0,
-//! but for the temperatures at 58, which say that they are not valid. Never compared with a real device.
+//! `sensorcapture_def.hpp`): 0 kind of report, 1 whether the IMU is invalid, 2 ticks of 1/25600 s,
+//! 10 gyro x y z, 16 accelerometer x y z, 22 whether a frame was exposed since the previous report,
+//! 23 whether that flag is valid, 24 frame count, 28 temperature in 0.01 °C. Fields of larger
+//! models only are 0, except for the temperatures at 58, which carry the value for "not valid".
+//! Never compared with a real device.
 
 use super::DeviceImu;
 
 /// Length of a read.
 pub const REPORT_BYTES: usize = 64;
-/// A temperature that is none, 0.01 °C.
+/// Value of an invalid temperature, 0.01 °C.
 const NO_TEMPERATURE: i16 = -27315;
 
 impl DeviceImu {

@@ -1,4 +1,4 @@
-//! A test for every kind of fault: that it does what it says, and at strength 0 nothing.
+//! One test for every kind of fault: its effect, and none at strength 0.
 
 use std::sync::LazyLock;
 
@@ -9,7 +9,7 @@ use super::*;
 use crate::camera::Quality;
 use crate::camera::sensor::Exposure;
 use crate::faults::{Fault, Faults};
-use crate::scene::{Kind as Place, Time};
+use crate::scene::{Kind as Place, Lighting};
 use crate::simulation::Settings;
 
 const FEET: &str = "feet";
@@ -20,7 +20,7 @@ const FRAMES: u64 = 80;
 static WALK: LazyLock<Arc<Simulation>> = LazyLock::new(|| {
     let settings = Settings {
         kind: Place::Pavement,
-        time: Time::Day,
+        lighting: Lighting::Day,
         seed: 3,
         seconds: FRAMES as f64 / RATE_HZ,
         rate_hz: RATE_HZ,
@@ -35,11 +35,11 @@ static WALK: LazyLock<Arc<Simulation>> = LazyLock::new(|| {
     Arc::new(Simulation::new(&settings, &rig).unwrap())
 });
 
-/// Pictures that cost nothing and differ in every pixel from those before.
+/// Images without rendering cost that differ in every pixel from the previous ones.
 struct Counter;
 
-impl Painter for Counter {
-    fn paint(&mut self, number: u64, time_ns: i64) -> StereoFrame {
+impl FrameSource for Counter {
+    fn render_frame(&mut self, number: u64, time_ns: i64) -> StereoFrame {
         StereoFrame {
             number,
             time_ns,
@@ -69,7 +69,7 @@ fn camera(name: &str) -> usize {
     cameras.iter().position(|c| c.name == name).unwrap()
 }
 
-/// All that a device with these faults delivers, and what is lost.
+/// All deliveries and losses of a device with these faults.
 fn run(name: &str, list: Vec<Fault>, rendered: bool) -> (Vec<Delivery>, Vec<Loss>) {
     let faults = Faults { list, seed: 1 }.of(name);
     let mut device = match rendered {
@@ -106,7 +106,7 @@ fn arrivals(delivered: &[Delivery]) -> Vec<i64> {
     let arrival = |d: &Delivery| match d {
         Delivery::Frame(f) => f.arrival_ns,
         Delivery::Imu(s) => s.arrival_ns,
-        Delivery::Gone(at) => *at,
+        Delivery::Disconnected(at) => *at,
     };
     delivered.iter().map(arrival).collect()
 }
@@ -115,7 +115,7 @@ fn arrivals(delivered: &[Delivery]) -> Vec<i64> {
 const TICK_NS: f64 = 39_062.5;
 
 #[test]
-fn without_faults_everything_arrives_in_order() {
+fn without_faults_all_deliveries_arrive_in_order() {
     let (delivered, losses) = counted(Vec::new());
     assert_eq!(losses, []);
     assert!(arrivals(&delivered).is_sorted());
@@ -126,16 +126,16 @@ fn without_faults_everything_arrives_in_order() {
         assert_eq!(frame.taken_ns, WALK.settings().frame_ns(frame.index));
         assert!((0..2_000_001).contains(&(frame.arrival_ns - frame.taken_ns)));
     }
-    // 400 Hz for 4 s, by an oscillator that is off by some ppm.
+    // 400 Hz for 4 s, with an oscillator rate error of some ppm.
     assert!((1600..=1601).contains(&samples.len()), "{}", samples.len());
     for (n, sample) in samples.iter().enumerate() {
         assert_eq!(sample.number, n as u64);
     }
     let (first, last) = (samples[0], samples[1600 - 1]);
     let shown = (last.ticks - first.ticks) as f64 * TICK_NS;
-    let off_ppm = (shown / (last.taken_ns - first.taken_ns) as f64 - 1.0) * 1e6;
-    assert!(off_ppm.abs() < 100.0, "{off_ppm}");
-    // Every frame is told of once, by the first sample after it.
+    let rate_error_ppm = (shown / (last.taken_ns - first.taken_ns) as f64 - 1.0) * 1e6;
+    assert!(rate_error_ppm.abs() < 100.0, "{rate_error_ppm}");
+    // Every frame is reported once, by the first sample after it.
     assert_eq!(last.frame_sync_count, FRAMES as u32);
     let told = samples.iter().filter(|s| s.frame_sync);
     for (sample, frame) in told.zip(&frames) {
@@ -145,7 +145,7 @@ fn without_faults_everything_arrives_in_order() {
 }
 
 #[test]
-fn strength_0_is_no_fault() {
+fn faults_of_strength_0_have_no_effect() {
     let all = Kind::ALL.map(|kind| fault(kind, 0.0, 0.0, 9.0)).to_vec();
     for name in [FEET, LEFT] {
         assert_eq!(run(name, all.clone(), true), run(name, Vec::new(), true));
@@ -153,14 +153,14 @@ fn strength_0_is_no_fault() {
 }
 
 #[test]
-fn a_fault_of_another_camera_does_nothing() {
+fn fault_of_another_camera_has_no_effect() {
     let mut of_left = fault(Kind::Dropped, 1.0, 0.0, 9.0);
     of_left.camera = Some(LEFT.to_owned());
     assert_eq!(counted(vec![of_left]), counted(Vec::new()));
 }
 
 #[test]
-fn dropped_frames_leave_holes_in_the_numbers() {
+fn dropped_frames_leave_gaps_in_the_numbers() {
     let (delivered, losses) = counted(vec![fault(Kind::Dropped, 0.5, 1.0, 3.0)]);
     let lost: Vec<u64> = losses.iter().map(|l| l.index).collect();
     assert!((10..30).contains(&lost.len()), "{lost:?}");
@@ -177,7 +177,7 @@ fn dropped_frames_leave_holes_in_the_numbers() {
 }
 
 #[test]
-fn late_frames_are_late_and_hold_up_those_behind() {
+fn late_frames_delay_the_following_frames() {
     let (delivered, losses) = counted(vec![fault(Kind::Late, 0.2, 0.0, 9.0)]);
     assert_eq!(losses, []);
     assert!(arrivals(&delivered).is_sorted());
@@ -190,7 +190,7 @@ fn late_frames_are_late_and_hold_up_those_behind() {
 }
 
 #[test]
-fn duplicated_frames_come_twice() {
+fn duplicated_frames_are_delivered_twice() {
     let (delivered, losses) = counted(vec![fault(Kind::Duplicated, 0.5, 0.0, 9.0)]);
     assert_eq!(losses, []);
     let frames = frames(&delivered);
@@ -200,25 +200,25 @@ fn duplicated_frames_come_twice() {
 }
 
 #[test]
-fn frozen_frames_show_the_picture_before() {
+fn frozen_frames_repeat_the_previous_image() {
     let (delivered, _) = counted(vec![fault(Kind::Frozen, 1.0, 1.0, 2.0)]);
     for frame in frames(&delivered) {
         let shown = match frame.index {
             20..40 => 19,
             n => n as u8,
         };
-        assert_eq!(frame.picture.i420, vec![shown; 48], "{}", frame.index);
+        assert_eq!(frame.image.i420, vec![shown; 48], "{}", frame.index);
         assert_eq!(frame.number, frame.index);
     }
 }
 
 #[test]
-fn torn_frames_end_with_the_picture_before() {
+fn torn_frames_end_with_the_previous_image() {
     let (delivered, _) = counted(vec![fault(Kind::Torn, 1.0, 0.0, 9.0)]);
     let mut torn = 0;
     let frames = frames(&delivered);
     for pair in frames.windows(2) {
-        let (before, now) = (&pair[0].picture.i420, &pair[1].picture.i420);
+        let (before, now) = (&pair[0].image.i420, &pair[1].image.i420);
         let new = pair[1].index as u8;
         let old = now[..32].iter().filter(|v| **v != new).count();
         torn += usize::from(old > 0);
@@ -230,7 +230,7 @@ fn torn_frames_end_with_the_picture_before() {
 }
 
 #[test]
-fn bursts_of_latency_delay_both_streams() {
+fn latency_bursts_delay_both_streams() {
     let (delivered, losses) = counted(vec![fault(Kind::LatencyBurst, 0.05, 1.0, 2.0)]);
     assert_eq!(losses, []);
     assert!(arrivals(&delivered).is_sorted());
@@ -247,7 +247,7 @@ fn bursts_of_latency_delay_both_streams() {
     assert!(mean(chosen.map(|f| f.arrival_ns - f.taken_ns).collect()) > 25e6);
 }
 
-/// By how much the clocks of a device with a fault differ from those without, ns, frames and samples.
+/// Differences between the clocks of a device with and without a fault, ns, frames and samples.
 fn shifts(list: Vec<Fault>) -> (Vec<f64>, Vec<f64>) {
     let (with, without) = (counted(list).0, counted(Vec::new()).0);
     let of_frames = frames(&with).into_iter().zip(frames(&without));
@@ -263,7 +263,7 @@ fn shifts(list: Vec<Fault>) -> (Vec<f64>, Vec<f64>) {
 }
 
 #[test]
-fn clocks_step() {
+fn clock_step_changes_both_clocks() {
     let (of_frames, of_samples) = shifts(vec![fault(Kind::ClockStep, -0.5, 2.0, f64::INFINITY)]);
     for (n, shift) in of_frames.iter().enumerate() {
         let expected = if n < 40 { 0.0 } else { -0.5e9 };
@@ -273,7 +273,7 @@ fn clocks_step() {
 }
 
 #[test]
-fn clocks_drift() {
+fn clock_drift_changes_both_clocks() {
     let (of_frames, of_samples) = shifts(vec![fault(Kind::ClockDrift, 500.0, 1.0, 3.0)]);
     // 500 µs per second, from 1 s to 3 s.
     for (n, expected) in [(10, 0.0), (40, 512.5e3), (79, 1e6)] {
@@ -311,17 +311,17 @@ fn counters_of_32_bits_wrap() {
 }
 
 #[test]
-fn a_device_that_was_gone_counts_anew() {
+fn device_counters_restart_after_a_disconnect() {
     let (delivered, losses) = counted(vec![
         fault(Kind::Disconnect, 0.5, 1.0, f64::INFINITY),
         fault(Kind::Disconnect, 0.7, 1.2, f64::INFINITY),
     ]);
     assert!(arrivals(&delivered).is_sorted());
-    let gone: Vec<&Delivery> = delivered
+    let disconnected: Vec<&Delivery> = delivered
         .iter()
-        .filter(|d| matches!(d, Delivery::Gone(_)))
+        .filter(|d| matches!(d, Delivery::Disconnected(_)))
         .collect();
-    assert_eq!(gone, [&Delivery::Gone(1_000_000_000)]);
+    assert_eq!(disconnected, [&Delivery::Disconnected(1_000_000_000)]);
     assert!(losses.iter().all(|l| l.cause == Kind::Disconnect));
     let of = |stream| losses.iter().filter(|l| l.stream == stream).count();
     // 0.9 s of 20 and of 400 Hz.
@@ -340,7 +340,7 @@ fn a_device_that_was_gone_counts_anew() {
         .find(|f| f.taken_ns > 1_900_000_000)
         .unwrap();
     assert_eq!((back.number, back.index), (0, 38));
-    // A second after it was switched on.
+    // One second after reconnecting.
     assert!(
         (1_000_000..1_100_000).contains(&back.ticks),
         "{}",
@@ -354,7 +354,7 @@ fn a_device_that_was_gone_counts_anew() {
 }
 
 #[test]
-fn samples_of_the_imu_are_lost() {
+fn imu_gap_loses_samples() {
     let (delivered, losses) = counted(vec![fault(Kind::ImuGap, 0.25, 1.0, f64::INFINITY)]);
     assert_eq!(frames(&delivered).len(), FRAMES as usize);
     let numbers: Vec<u64> = samples(&delivered).iter().map(|s| s.number).collect();
@@ -369,7 +369,7 @@ fn samples_of_the_imu_are_lost() {
 }
 
 #[test]
-fn the_imu_clips() {
+fn imu_clipping_saturates_at_the_reduced_range() {
     let whole = samples(&counted(Vec::new()).0);
     let clipped = samples(&counted(vec![fault(Kind::ImuClipping, 0.9, 0.0, 9.0)]).0);
     // A tenth of 32768.
@@ -382,57 +382,57 @@ fn the_imu_clips() {
             cut += i32::from(a.accel[k].abs() > limit);
         }
     }
-    // Of 8 g a tenth is left, less than gravity.
+    // A tenth of 8 g remains, less than gravity.
     assert!(cut > 500, "{cut}");
 }
 
 /// Mean luma of the left eye of each frame.
 fn means(delivered: &[Delivery]) -> Vec<f64> {
     let mean = |f: &DeviceFrame| {
-        let grey = f.picture.grey(0);
-        grey.iter().map(|v| f64::from(*v)).sum::<f64>() / grey.len() as f64
+        let gray = f.image.gray(0);
+        gray.iter().map(|v| f64::from(*v)).sum::<f64>() / gray.len() as f64
     };
     frames(delivered).into_iter().map(mean).collect()
 }
 
-/// Frames of a shoulder without and with a fault from 1 s to 2 s on.
+/// Frames of a shoulder camera without and with a fault from 1 s to 2 s.
 fn seen(kind: Kind, strength: f64) -> [Vec<Delivery>; 2] {
     let list = vec![fault(kind, strength, 1.0, 2.0)];
     let both = [run(LEFT, Vec::new(), true).0, run(LEFT, list, true).0];
-    // Before it begins nothing differs.
+    // Before the fault begins nothing differs.
     let (fine, with) = (frames(&both[0]), frames(&both[1]));
     assert_eq!(fine[..20], with[..20]);
-    assert_ne!(fine[20].picture, with[20].picture);
+    assert_ne!(fine[20].image, with[20].image);
     both
 }
 
 #[test]
-fn it_gets_dark_and_the_exposure_follows() {
+fn darkness_dims_images_and_the_exposure_adapts() {
     let [fine, dark] = seen(Kind::Darkness, 4.0);
     let (light, less) = (means(&fine), means(&dark));
     assert!(less[20] < 0.4 * light[20], "{} {}", less[20], light[20]);
     assert!(less[39] > 1.5 * less[20], "{} {}", less[39], less[20]);
     let product = |d: &[Delivery], n: usize| {
-        let exposure = frames(d)[n].picture.exposure;
+        let exposure = frames(d)[n].image.exposure;
         exposure.seconds * exposure.gain
     };
     assert!(product(&dark, 39) > 4.0 * product(&fine, 39));
-    // When it is over the exposure has to find back.
+    // After the fault the exposure has to recover.
     assert!(less[40] > light[40]);
 }
 
 #[test]
-fn a_flash_is_bright() {
+fn flash_brightens_images() {
     let [fine, flash] = seen(Kind::Flash, 8.0);
     assert!(means(&flash)[20] > 1.4 * means(&fine)[20]);
 }
 
 #[test]
-fn a_covered_lens_sees_part_of_the_scene() {
+fn covered_lens_shows_part_of_the_scene() {
     let [fine, covered] = seen(Kind::CoveredLens, 0.5);
     let (fine, covered) = (
-        frames(&fine)[20].picture.grey(0),
-        frames(&covered)[20].picture.grey(0),
+        frames(&fine)[20].image.gray(0),
+        frames(&covered)[20].image.gray(0),
     );
     let black = covered.iter().filter(|v| **v < 8).count();
     let (least, most) = (covered.len() / 4, 3 * covered.len() / 4);
@@ -444,32 +444,32 @@ fn a_covered_lens_sees_part_of_the_scene() {
         .count();
     assert!(same > covered.len() / 5, "{same}");
     let [_, closed] = seen(Kind::CoveredLens, 1.0);
-    assert!(frames(&closed)[20].picture.grey(1).iter().all(|v| *v < 16));
+    assert!(frames(&closed)[20].image.gray(1).iter().all(|v| *v < 16));
 }
 
 /// Differences between neighbours in a row, summed.
 fn detail(delivered: &[Delivery], n: usize) -> f64 {
-    let grey = frames(delivered)[n].picture.grey(0);
-    grey.windows(2)
+    let gray = frames(delivered)[n].image.gray(0);
+    gray.windows(2)
         .map(|w| f64::from(w[0].abs_diff(w[1])))
         .sum()
 }
 
 #[test]
-fn a_blurred_picture_has_less_detail() {
+fn blurred_image_has_less_detail() {
     let [fine, blurred] = seen(Kind::Blur, 0.05);
     assert!(detail(&blurred, 25) < 0.6 * detail(&fine, 25));
 }
 
 #[test]
-fn dirt_takes_contrast() {
+fn dirty_lens_reduces_contrast() {
     let [fine, dirty] = seen(Kind::DirtyLens, 1.0);
     let (less, whole) = (detail(&dirty, 25), detail(&fine, 25));
     assert!(less < 0.75 * whole, "{less} {whole}");
 }
 
 #[test]
-fn a_shifted_camera_has_turned_with_its_imu() {
+fn shifted_camera_rotates_with_its_imu() {
     let [fine, shifted] = seen(Kind::ShiftedCamera, 5.0);
     let turn = |gyro: bool| {
         let mut angles = Vec::new();
@@ -485,7 +485,7 @@ fn a_shifted_camera_has_turned_with_its_imu() {
         angles.sort_by(f64::total_cmp);
         angles[angles.len() - 1]
     };
-    // A vector along the axis does not turn; none turns further.
+    // A vector along the axis is not rotated; no vector is rotated by more.
     assert!((1.5..6.5).contains(&turn(false)), "{}", turn(false));
     let faults = Faults {
         list: vec![fault(Kind::ShiftedCamera, 5.0, 0.0, 9.0)],
@@ -493,7 +493,7 @@ fn a_shifted_camera_has_turned_with_its_imu() {
     }
     .of(LEFT);
     let of = &WALK.cameras()[camera(LEFT)];
-    let slip = of.slip(&Conditions::of(&faults, 1.0).turned).unwrap();
+    let slip = of.slip(&Conditions::of(&faults, 1.0).rotation).unwrap();
     assert!((slip.angle_rad().to_degrees() - 5.0).abs() < 1e-9);
     let left = of.rig_from_eye[0].translation_m();
     let moved = slip.apply(left);
@@ -501,7 +501,7 @@ fn a_shifted_camera_has_turned_with_its_imu() {
 }
 
 #[test]
-fn frames_that_are_not_fetched_are_lost() {
+fn frames_that_are_not_fetched_are_dropped() {
     let mut device = Device::new(
         &WALK,
         camera(FEET),
@@ -516,13 +516,13 @@ fn frames_that_are_not_fetched_are_lost() {
 }
 
 #[test]
-fn pixels_come_as_the_device_lays_them_out() {
-    let mut picture = Counter.paint(0, 0);
-    picture.i420 = (0..48).collect();
-    let nv12 = picture.pixels(PixelFormat::Nv12);
-    assert_eq!(nv12[..32], picture.i420[..32]);
+fn pixels_have_the_layout_of_the_device() {
+    let mut image = Counter.render_frame(0, 0);
+    image.i420 = (0..48).collect();
+    let nv12 = image.pixels(PixelFormat::Nv12);
+    assert_eq!(nv12[..32], image.i420[..32]);
     assert_eq!(nv12[32..36], [32, 40, 33, 41]);
-    let yuyv = picture.pixels(PixelFormat::Yuyv);
+    let yuyv = image.pixels(PixelFormat::Yuyv);
     assert_eq!(yuyv.len(), 64);
     assert_eq!(yuyv[..8], [0, 32, 1, 40, 2, 33, 3, 41]);
     // The second row has the chroma of the first, the third its own.
@@ -531,7 +531,7 @@ fn pixels_come_as_the_device_lays_them_out() {
 }
 
 #[test]
-fn a_report_has_its_fields_where_the_library_reads_them() {
+fn report_fields_have_the_offsets_of_the_vendor_library() {
     let sample = DeviceImu {
         number: 9,
         index: 9,

@@ -1,4 +1,4 @@
-//! What is true of a device's frames, as files that a recording of it can keep.
+//! Ground truth of a device's frames, as files that a recording can include.
 
 use std::fmt::Write as _;
 
@@ -7,13 +7,14 @@ use crate::render::contacts;
 use crate::simulation::seconds;
 
 impl Device {
-    /// Names and contents of the files, times counted from `begin_ns`, which is the beginning of the walk on the
-    /// clock of the recording:
+    /// Names and contents of the files. Times are relative to `begin_ns`, the beginning of the walk
+    /// on the clock of the recording:
     ///
-    /// * `truth.CAMERA.csv`: every frame of the walk, lost ones too: what the device's clock showed in the middle
-    ///   of the exposure (nothing while the device is gone), when that was, and `world_from_rig` then
-    ///   (position in m, quaternion);
-    /// * `truth.contacts.csv`: when and where feet were on the ground, the same for all cameras.
+    /// * `truth.CAMERA.csv`: every frame of the walk, including lost ones: device clock in the
+    ///   middle of the exposure (empty while the device is disconnected), true time, and
+    ///   `world_from_rig` then (position in m, quaternion);
+    /// * `truth.contacts.csv`: times and poses of foot contacts with the ground, the same for all
+    ///   cameras.
     pub fn truth(&self, begin_ns: i64) -> Vec<(String, String)> {
         let simulation = &*self.simulation;
         let settings = simulation.settings();
@@ -22,11 +23,11 @@ impl Device {
                 .to_owned();
         for index in 0..settings.frame_count() {
             let taken_ns = settings.frame_ns(index);
-            let epoch = self.absences.epoch(taken_ns);
+            let epoch = self.disconnects.epoch(taken_ns);
             let ticks = epoch.map(|epoch| self.ticks(Stream::Frames, epoch, taken_ns));
             let ticks = ticks.map_or(String::new(), |ticks| ticks.to_string());
-            // What the device says of the time may be off.
-            let taken_ns = taken_ns - simulation.cameras()[self.camera].late_ns;
+            // The reported frame time may have an offset.
+            let taken_ns = taken_ns - simulation.cameras()[self.camera].time_offset_ns;
             let rig = simulation.walker().rig(seconds(taken_ns));
             let (p, q) = (rig.position, rig.rotation);
             // Writing to a string does not fail.

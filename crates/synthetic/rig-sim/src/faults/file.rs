@@ -13,15 +13,15 @@ use std::fmt::Write as _;
 
 use serde::Deserialize;
 
-use super::{Fault, Faults, Kind, Lasts};
+use super::{Fault, FaultDuration, Faults, Kind};
 
-/// Why there is no plan: correct the file.
+/// Error of reading a fault file: correct it.
 #[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
 pub enum FaultError {
-    /// Not TOML, or a key that is not known or of the wrong type.
+    /// Not TOML, an unknown key or a wrong type.
     #[error("reading the faults: {0}")]
     Syntax(String),
-    /// Everything else that is wrong, one per line.
+    /// Invalid values, one per line.
     #[error("reading the faults: {0}")]
     Values(String),
 }
@@ -45,10 +45,11 @@ struct Entry {
 }
 
 impl Faults {
-    /// Reads a plan. Cameras must be among `cameras`; `seed` chooses the frames that are hit.
+    /// Parses a fault file. Camera names must be among `cameras`; `seed` selects the affected
+    /// frames.
     ///
     /// # Errors
-    /// [`FaultError`] with everything that is wrong.
+    /// [`FaultError`] lists all problems.
     pub fn parse(text: &str, cameras: &[&str], seed: u64) -> Result<Self, FaultError> {
         let file: File = toml::from_str(text).map_err(|e| FaultError::Syntax(e.to_string()))?;
         let mut problems = Vec::new();
@@ -76,7 +77,7 @@ impl Faults {
         }
     }
 
-    /// The plan as a file, which [`Faults::parse`] reads back.
+    /// The faults as TOML; [`Faults::parse`] reads it.
     pub fn to_toml(&self) -> String {
         let mut text = String::new();
         for fault in &self.list {
@@ -101,7 +102,7 @@ impl Entry {
         Kind::ALL.into_iter().find(|k| k.name() == self.kind)
     }
 
-    /// Everything that is wrong with it.
+    /// All problems of one entry.
     fn problems(&self, cameras: &[&str]) -> Vec<String> {
         let name = &self.kind;
         let Some(kind) = self.kind() else {
@@ -120,18 +121,18 @@ impl Entry {
             let found = self.from;
             problems.push(format!("from is {found} s, expected 0 or a later time"));
         }
-        match (kind.lasts(), self.to) {
+        match (kind.duration(), self.to) {
             (_, None) => {}
-            (Lasts::UntilEnd, Some(to)) if to > self.from => {}
-            (Lasts::UntilEnd, Some(to)) => {
+            (FaultDuration::UntilEnd, Some(to)) if to > self.from => {}
+            (FaultDuration::UntilEnd, Some(to)) => {
                 let from = self.from;
                 problems.push(format!("to is {to} s, expected a time after {from} s"));
             }
-            (Lasts::Instant, Some(_)) => {
+            (FaultDuration::Instant, Some(_)) => {
                 problems.push(format!("to is given, but {name} has no end"));
             }
-            (Lasts::ByStrength, Some(_)) => problems.push(format!(
-                "to is given, but {name} lasts for as many seconds as its strength"
+            (FaultDuration::ByStrength, Some(_)) => problems.push(format!(
+                "to is given, but {name} lasts for its strength in seconds"
             )),
         }
         if let Some(camera) = &self.camera

@@ -1,16 +1,16 @@
-//! Schedules of faults by chance, for tests that want many.
+//! Random fault schedules for tests.
 
-use super::{Fault, Faults, Kind, Lasts};
+use super::{Fault, FaultDuration, Faults, Kind};
 use crate::random;
 
-/// Most faults of one schedule.
-const MOST: usize = 8;
+/// Maximum number of faults in a schedule.
+const MAX_FAULTS: usize = 8;
 
 impl Faults {
-    /// A schedule that follows from the seed: up to eight faults of these kinds at random times of a walk
-    /// of `seconds`, on random cameras or all. What lasts by its strength lasts for up to half a minute,
-    /// delays are up to some 2 s and bursts of them over after 3 s, all else is as strong as its kind can be; over three decades a small
-    /// strength is as likely as a large one.
+    /// A schedule that follows from the seed: up to eight faults of these kinds at random times of
+    /// a walk of `seconds`, on random cameras or all. Faults whose strength is their duration last
+    /// up to half a minute; delays are up to some 2 s, and bursts of latency end within 3 s; other
+    /// strengths reach the maximum of their kind. Strengths are log-uniform over three decades.
     pub fn random(seed: u64, kinds: &[Kind], cameras: &[&str], seconds: f64) -> Self {
         let draw = |i: u64, k: u64| random::uniform(seed, random::FAULT + 0x40 + k, i);
         let pick = |i: u64, k: u64, count: usize| (draw(i, k) * count as f64) as usize;
@@ -21,17 +21,17 @@ impl Faults {
             let strength = match kind {
                 Kind::TickWrap => 1.0,
                 Kind::Late => 2.0 * size,
-                // Those behind wait, so that many delays in a row come to eight times the mean.
+                // Later deliveries wait, so consecutive delays add up to eight times the mean.
                 Kind::LatencyBurst => 0.3 * size,
-                _ if kind.lasts() == Lasts::ByStrength => 30.0 * size,
+                _ if kind.duration() == FaultDuration::ByStrength => 30.0 * size,
                 _ if least < 0.0 && draw(i, 3) < 0.5 => least * size,
                 _ => most * size,
             };
             let from_s = seconds * draw(i, 4);
-            let to_s = match kind.lasts() {
-                // Nobody can tell a latency that has grown for good from a clock that has stepped.
+            let to_s = match kind.duration() {
+                // A permanent latency increase cannot be distinguished from a clock step.
                 _ if kind == Kind::LatencyBurst => from_s + 0.05 + 3.0 * draw(i, 6),
-                Lasts::UntilEnd if draw(i, 5) < 0.8 => from_s + 0.05 + 10.0 * draw(i, 6),
+                FaultDuration::UntilEnd if draw(i, 5) < 0.8 => from_s + 0.05 + 10.0 * draw(i, 6),
                 _ => f64::INFINITY,
             };
             let camera = match pick(i, 7, cameras.len() + 1) {
@@ -46,7 +46,7 @@ impl Faults {
                 camera,
             }
         };
-        let count = 1 + pick(0, 0, MOST) as u64;
+        let count = 1 + pick(0, 0, MAX_FAULTS) as u64;
         Self {
             list: (0..count).map(fault).collect(),
             seed,

@@ -3,7 +3,7 @@ use super::*;
 const CAMERAS: [&str; 3] = ["left_shoulder", "right_shoulder", "feet"];
 
 #[test]
-fn a_file_says_what_and_when() {
+fn fault_file_round_trips() {
     let text = "[[fault]]\nkind = \"dropped\"\nstrength = 0.5\nfrom = 2\nto = 4\ncamera = \"feet\"\n\n\
                 [[fault]]\nkind = \"clock_step\"\nstrength = -0.25\n";
     let faults = Faults::parse(text, &CAMERAS, 7).unwrap();
@@ -22,7 +22,7 @@ fn a_file_says_what_and_when() {
 }
 
 #[test]
-fn a_wrong_file_is_answered_with_everything_that_is_wrong() {
+fn invalid_fault_file_is_rejected_with_all_problems() {
     let text = "[[fault]]\nkind = \"rain\"\nstrength = 1\n\
                 [[fault]]\nkind = \"dropped\"\nstrength = 1.5\nfrom = 3\nto = 2\n\
                 [[fault]]\nkind = \"disconnect\"\nstrength = 1\nto = 2\ncamera = \"hat\"\n";
@@ -42,7 +42,7 @@ fn a_wrong_file_is_answered_with_everything_that_is_wrong() {
 }
 
 #[test]
-fn random_schedules_are_valid_plans() {
+fn random_schedules_are_valid() {
     let mut kinds = std::collections::BTreeSet::new();
     for seed in 0..200 {
         let faults = Faults::random(seed, &Kind::ALL, &CAMERAS, 60.0);

@@ -1,7 +1,7 @@
-//! A picture to draw on: rectangles of pixels, dots, lines, convex shapes, a few characters.
+//! A drawing canvas: images, dots, lines, convex shapes, a few characters.
 //!
-//! Contract: what lies outside the picture is cut off. Coordinates are pixels, integers being pixel centres,
-//! (0, 0) the top left one.
+//! Contract: drawing is clipped to the canvas. Coordinates are pixels, integers being pixel
+//! centers, (0, 0) the top left one.
 
 use std::io;
 use std::path::Path;
@@ -9,17 +9,17 @@ use std::path::Path;
 use crate::png_file;
 
 /// Red, green, blue.
-pub type Colour = [u8; 3];
+pub type Color = [u8; 3];
 
-/// A picture to draw on.
+/// A drawing canvas.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Canvas {
     /// Columns.
     pub width: usize,
     /// Rows.
     pub height: usize,
-    /// Rows first.
-    pub pixels: Vec<Colour>,
+    /// Row-major.
+    pub pixels: Vec<Color>,
 }
 
 /// Rows of three pixels each, from the top, the highest bit first.
@@ -40,42 +40,42 @@ const GLYPHS: [(char, u16); 13] = [
 ];
 
 impl Canvas {
-    /// All of one colour.
-    pub fn new(width: usize, height: usize, colour: Colour) -> Self {
+    /// A canvas of one color.
+    pub fn new(width: usize, height: usize, color: Color) -> Self {
         Self {
             width,
             height,
-            pixels: vec![colour; width * height],
+            pixels: vec![color; width * height],
         }
     }
 
-    /// Puts a picture with rows of `width` pixels at a place.
-    pub fn paste(&mut self, [x, y]: [usize; 2], width: usize, pixels: &[Colour]) {
+    /// Copies an image with rows of `width` pixels to a position.
+    pub fn paste(&mut self, [x, y]: [usize; 2], width: usize, pixels: &[Color]) {
         for (row, line) in pixels.chunks_exact(width).enumerate() {
-            for (column, &colour) in line.iter().enumerate() {
-                self.set((x + column) as i64, (y + row) as i64, colour);
+            for (column, &color) in line.iter().enumerate() {
+                self.set((x + column) as i64, (y + row) as i64, color);
             }
         }
     }
 
     /// A disc.
-    pub fn dot(&mut self, [x, y]: [f64; 2], radius: f64, colour: Colour) {
+    pub fn dot(&mut self, [x, y]: [f64; 2], radius: f64, color: Color) {
         self.cover(
             [x - radius, y - radius],
             [x + radius, y + radius],
-            colour,
+            color,
             |u, v| (u - x) * (u - x) + (v - y) * (v - y) <= radius * radius,
         );
     }
 
     /// A line with round ends.
-    pub fn line(&mut self, [a, b]: [[f64; 2]; 2], thick: f64, colour: Colour) {
+    pub fn line(&mut self, [a, b]: [[f64; 2]; 2], thick: f64, color: Color) {
         let (dx, dy) = (b[0] - a[0], b[1] - a[1]);
         let square = (dx * dx + dy * dy).max(1e-12);
         let reach = 0.5 * thick;
         let low = [a[0].min(b[0]) - reach, a[1].min(b[1]) - reach];
         let high = [a[0].max(b[0]) + reach, a[1].max(b[1]) + reach];
-        self.cover(low, high, colour, |u, v| {
+        self.cover(low, high, color, |u, v| {
             let along = ((u - a[0]) * dx + (v - a[1]) * dy) / square;
             let t = along.clamp(0.0, 1.0);
             let (du, dv) = (u - a[0] - t * dx, v - a[1] - t * dy);
@@ -84,7 +84,7 @@ impl Canvas {
     }
 
     /// A convex shape with these corners, in either sense.
-    pub fn convex(&mut self, corners: &[[f64; 2]], colour: Colour) {
+    pub fn convex(&mut self, corners: &[[f64; 2]], color: Color) {
         let bound = |pick: fn(f64, f64) -> f64, start: f64| {
             [0, 1].map(|axis| corners.iter().map(|c| c[axis]).fold(start, pick))
         };
@@ -92,7 +92,7 @@ impl Canvas {
             bound(f64::min, f64::INFINITY),
             bound(f64::max, f64::NEG_INFINITY),
         );
-        self.cover(low, high, colour, |u, v| {
+        self.cover(low, high, color, |u, v| {
             let side = |i: usize| {
                 let (p, q) = (corners[i], corners[(i + 1) % corners.len()]);
                 (q[0] - p[0]) * (v - p[1]) - (q[1] - p[1]) * (u - p[0])
@@ -102,31 +102,31 @@ impl Canvas {
     }
 
     /// Digits, point, `s` and `m`, five squares of `size` px high; others leave a gap.
-    pub fn text(&mut self, [x, y]: [usize; 2], size: usize, text: &str, colour: Colour) {
+    pub fn text(&mut self, [x, y]: [usize; 2], size: usize, text: &str, color: Color) {
         for (i, character) in text.chars().enumerate() {
             let glyph = GLYPHS.iter().find(|(c, _)| *c == character);
             let bits = glyph.map_or(0, |(_, bits)| *bits);
             for k in (0..15).filter(|k| bits >> (14 - k) & 1 == 1) {
                 let corner = [x + (4 * i + k % 3) * size, y + k / 3 * size];
-                self.paste(corner, size, &vec![colour; size * size]);
+                self.paste(corner, size, &vec![color; size * size]);
             }
         }
     }
 
-    /// Writes it as PNG.
+    /// Writes the canvas as PNG.
     ///
     /// # Errors
-    /// What the system says.
+    /// Any I/O error.
     pub fn save(&self, path: &Path) -> io::Result<()> {
         png_file::rgb8(path, [self.width, self.height], &self.pixels)
     }
 
-    /// Colours the pixels of a rectangle whose centres are inside.
+    /// Colors the pixels of a rectangle whose centers are inside the shape.
     fn cover(
         &mut self,
         low: [f64; 2],
         high: [f64; 2],
-        colour: Colour,
+        color: Color,
         inside: impl Fn(f64, f64) -> bool,
     ) {
         let range = |axis: usize, size: usize| {
@@ -136,16 +136,16 @@ impl Canvas {
         for y in range(1, self.height) {
             for x in range(0, self.width) {
                 if inside(x as f64, y as f64) {
-                    self.set(x, y, colour);
+                    self.set(x, y, color);
                 }
             }
         }
     }
 
-    fn set(&mut self, x: i64, y: i64, colour: Colour) {
+    fn set(&mut self, x: i64, y: i64, color: Color) {
         let inside = |v: i64, size: usize| usize::try_from(v).ok().filter(|&v| v < size);
         if let (Some(x), Some(y)) = (inside(x, self.width), inside(y, self.height)) {
-            self.pixels[y * self.width + x] = colour;
+            self.pixels[y * self.width + x] = color;
         }
     }
 }
@@ -165,7 +165,7 @@ mod tests {
     }
 
     #[test]
-    fn shapes_cover_the_pixels_whose_centres_they_hold_and_are_cut_at_the_edge() {
+    fn shapes_cover_pixels_by_their_centers_and_are_clipped() {
         let mut canvas = Canvas::new(7, 5, [255; 3]);
         canvas.convex(&[[3.0, 0.0], [6.0, 3.0], [3.0, 3.0]], [0; 3]);
         canvas.line([[-5.0, 4.0], [1.0, 4.0]], 1.0, [0; 3]);
@@ -177,7 +177,7 @@ mod tests {
     }
 
     #[test]
-    fn a_digit_can_be_read() {
+    fn digit_glyph_is_drawn() {
         let mut canvas = Canvas::new(8, 5, [255; 3]);
         canvas.text([0, 0], 1, "4.", [0; 3]);
         assert_eq!(

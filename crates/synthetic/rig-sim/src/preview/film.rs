@@ -1,4 +1,5 @@
-//! A simulated walk as a film: what the cameras see, side by side, above the map with where the wearer is.
+//! A simulated walk as a film: camera images side by side, above the map with the wearer's
+//! position.
 
 use std::path::Path;
 use std::sync::Arc;
@@ -8,19 +9,20 @@ use std::thread;
 use video::AccessUnit;
 use video::mp4::write_mp4;
 
-use super::canvas::{Canvas, Colour};
+use super::canvas::{Canvas, Color};
 use super::{GAP, LABEL, PAPER, SHADE, left_to_right, map};
 use crate::film::{Film, FilmError};
 use crate::simulation::{Simulation, seconds};
 
-const HERE: Colour = [255, 140, 0];
-/// Pictures of a camera that may wait for those of the others.
-const WAITING: usize = 4;
+const WEARER_COLOR: Color = [255, 140, 0];
+/// Maximum number of queued images of a camera.
+const MAX_QUEUED_IMAGES: usize = 4;
 
-/// Films the whole walk into an MP4 file. `done` is called after each picture of each camera, from any thread.
+/// Writes the whole walk as an MP4 file. `done` is called after each image of each camera, from any
+/// thread.
 ///
 /// # Errors
-/// [`FilmError`]; then there is no file.
+/// [`FilmError`]; no file is left behind.
 pub fn film(
     simulation: &Arc<Simulation>,
     path: &Path,
@@ -39,11 +41,11 @@ pub fn film(
         let cameras: Vec<_> = order
             .iter()
             .map(|&camera| {
-                let (sender, receiver) = sync_channel(WAITING);
+                let (sender, receiver) = sync_channel(MAX_QUEUED_IMAGES);
                 scope.spawn(move || {
-                    for frame in simulation.pictures(camera) {
+                    for frame in simulation.frames(camera) {
                         done();
-                        // Nobody listens once the film has failed.
+                        // The receiver is dropped if the film has failed.
                         if sender.send(frame.rgb(0)).is_err() {
                             return;
                         }
@@ -53,7 +55,7 @@ pub fn film(
             })
             .collect();
         let mut failed = None;
-        let mut picture = |number: u64| -> Result<AccessUnit, FilmError> {
+        let mut image = |number: u64| -> Result<AccessUnit, FilmError> {
             let time_ns = settings.frame_ns(number);
             for (i, camera) in cameras.iter().enumerate() {
                 let pixels = camera.recv();
@@ -65,15 +67,15 @@ pub fn film(
             sheet.text([6, 6], 3, &text, LABEL);
             sheet.paste([0, height + GAP], sheet_width, &map.pixels);
             let [x, y] = place.px(&simulation.world_from_rig(time_ns).0);
-            sheet.dot([x, y + (height + GAP) as f64], 7.0, HERE);
+            sheet.dot([x, y + (height + GAP) as f64], 7.0, WEARER_COLOR);
             encoder.encode(time_ns, &sheet.i420()?, number == 0)
         };
         let units = (0..settings.frame_count())
-            .map_while(|number| picture(number).map_err(|error| failed = Some(error)).ok());
+            .map_while(|number| image(number).map_err(|error| failed = Some(error)).ok());
         let written = write_mp4(path, codec, size[0], size[1], units);
         match failed {
             Some(error) => {
-                // A film that ends early is none.
+                // An incomplete film is removed.
                 let _ = std::fs::remove_file(path);
                 Err(error)
             }

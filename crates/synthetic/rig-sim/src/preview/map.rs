@@ -1,39 +1,39 @@
-//! The place from above, cut open above the eyes, with the way and every footprint.
+//! Map: the scene from above, cut above eye height, with the path and every footprint.
 
 use nalgebra::Vector3;
 
-use super::canvas::{Canvas, Colour};
+use super::canvas::{Canvas, Color};
 use crate::scene::surface::Class;
 use crate::simulation::{Simulation, seconds};
 use crate::walker::gait::{HALF_WIDTH, HEEL_X, TOE_X};
 use crate::walker::{Side, Walker};
 
-/// Where a sole is widest, m before its middle.
-const WIDEST_X: f64 = 0.07;
-/// Around the way, m.
-const MARGIN_M: f64 = 2.0;
-/// The highest map for a width.
-const TALLEST: f64 = 0.5;
-/// How far above the chest the place is cut open, m: above cars and furniture, below ceilings.
-const CUT_M: f64 = 0.4;
-/// Steps higher than this are outlined, m.
-const EDGE_M: f64 = 0.03;
-/// Most points of the way that are looked at for the height of the cut.
-const POINTS: usize = 200;
+/// Position of the widest part of a sole, m in front of its middle.
+const SOLE_WIDEST_X_M: f64 = 0.07;
+/// Margin around the path, m.
+const PATH_MARGIN_M: f64 = 2.0;
+/// Maximum height of the map relative to its width.
+const MAX_HEIGHT_RATIO: f64 = 0.5;
+/// Height of the cut above the chest, m: above cars and furniture, below ceilings.
+const CUT_HEIGHT_M: f64 = 0.4;
+/// Minimum height difference that is outlined, m.
+const MIN_STEP_M: f64 = 0.03;
+/// Maximum number of path points that determine the height of the cut.
+const MAX_PATH_SAMPLES: usize = 200;
 
-const LEFT: Colour = [30, 80, 210];
-const RIGHT: Colour = [210, 40, 30];
-const WAY: Colour = [60, 60, 60];
-const INK: Colour = [0, 0, 0];
+const LEFT: Color = [30, 80, 210];
+const RIGHT: Color = [210, 40, 30];
+const PATH_COLOR: Color = [60, 60, 60];
+const INK_COLOR: Color = [0, 0, 0];
 
-/// Where the world's points are on the map.
+/// Projection from the world to the map.
 pub(super) struct Projection {
     /// World coordinates of the top left pixel, m.
     corner: [f64; 2],
-    /// m.
+    /// Size of a pixel, m.
     pixel: f64,
-    /// Whether the map is turned: the world's x runs up instead of to the right.
-    turned: bool,
+    /// Whether the map is rotated: the world's x runs up instead of to the right.
+    rotated: bool,
 }
 
 impl Projection {
@@ -42,15 +42,15 @@ impl Projection {
             (p.x - self.corner[0]) / self.pixel,
             (self.corner[1] - p.y) / self.pixel,
         );
-        match self.turned {
-            // Half of a full turn more would be upside down: the far end is up.
+        match self.rotated {
+            // A rotation by the other 180° would be upside down: the far end is up.
             true => [y, -x],
             false => [x, y],
         }
     }
 
     fn world(&self, [u, v]: [f64; 2]) -> [f64; 2] {
-        let (x, y) = match self.turned {
+        let (x, y) = match self.rotated {
             true => (-v, u),
             false => (u, v),
         };
@@ -61,28 +61,28 @@ impl Projection {
     }
 }
 
-/// Draws the map, `width` pixels wide, and says where the world is on it. `marks` are instants to be marked on
-/// the way, ns.
+/// Draws the map, `width` pixels wide, and returns its projection. `marks` are instants to be
+/// marked on the path, ns.
 pub(super) fn draw(simulation: &Simulation, width: usize, marks: &[i64]) -> (Canvas, Projection) {
     let end_s = simulation.settings().seconds;
-    let way: Vec<Vector3<f64>> = (0..=(20.0 * end_s) as usize)
+    let path: Vec<Vector3<f64>> = (0..=(20.0 * end_s) as usize)
         .map(|k| simulation.walker().rig(0.05 * k as f64).position)
         .collect();
-    let (projection, height) = projection(&way, width);
+    let (projection, height) = projection(&path, width);
     let mut canvas = Canvas::new(width, height, WHITE);
-    paint_place(&mut canvas, simulation, &way, &projection);
-    for pair in way.windows(2) {
+    paint_place(&mut canvas, simulation, &path, &projection);
+    for pair in path.windows(2) {
         let ends = [projection.px(&pair[0]), projection.px(&pair[1])];
-        canvas.line(ends, 1.5, WAY);
+        canvas.line(ends, 1.5, PATH_COLOR);
     }
-    for (side, colour) in [(Side::Left, LEFT), (Side::Right, RIGHT)] {
+    for (side, color) in [(Side::Left, LEFT), (Side::Right, RIGHT)] {
         let falls = simulation.walker().contacts(side).iter();
         for fall in falls.filter(|fall| fall.strike_s <= end_s) {
             // The outline of a shoe, from the heel round to the heel.
             let outline = [
                 (HEEL_X, 0.5),
                 (HEEL_X + 0.04, 0.75),
-                (WIDEST_X, 1.0),
+                (SOLE_WIDEST_X_M, 1.0),
                 (TOE_X - 0.02, 0.7),
                 (TOE_X, 0.2),
             ];
@@ -95,7 +95,7 @@ pub(super) fn draw(simulation: &Simulation, width: usize, marks: &[i64]) -> (Can
                     projection.px(&(fall.position + p))
                 })
                 .collect();
-            canvas.convex(&corners, colour);
+            canvas.convex(&corners, color);
         }
     }
     mark(&mut canvas, simulation.walker(), &projection, marks);
@@ -105,94 +105,104 @@ pub(super) fn draw(simulation: &Simulation, width: usize, marks: &[i64]) -> (Can
         5.0
     };
     let y = height as f64 - 12.0;
-    canvas.line([[12.0, y], [12.0 + bar_m / projection.pixel, y]], 3.0, INK);
-    canvas.text([12, height - 30], 2, &format!("{bar_m} m"), INK);
+    canvas.line(
+        [[12.0, y], [12.0 + bar_m / projection.pixel, y]],
+        3.0,
+        INK_COLOR,
+    );
+    canvas.text([12, height - 30], 2, &format!("{bar_m} m"), INK_COLOR);
     (canvas, projection)
 }
 
-const WHITE: Colour = [250, 250, 250];
+const WHITE: Color = [250, 250, 250];
 
-/// Shows the whole way, and how high the map then is.
-fn projection(way: &[Vector3<f64>], width: usize) -> (Projection, usize) {
+/// A projection that shows the whole path, and the height of the map.
+fn projection(path: &[Vector3<f64>], width: usize) -> (Projection, usize) {
     let start = (
         Vector3::repeat(f64::INFINITY),
         Vector3::repeat(f64::NEG_INFINITY),
     );
-    let (low, high) = way
+    let (low, high) = path
         .iter()
         .fold(start, |(low, high), p| (low.inf(p), high.sup(p)));
-    let (middle, size) = ((low + high) * 0.5, (high - low).add_scalar(2.0 * MARGIN_M));
-    let turned = size.y > size.x;
-    let (across, up) = if turned {
+    let (middle, size) = (
+        (low + high) * 0.5,
+        (high - low).add_scalar(2.0 * PATH_MARGIN_M),
+    );
+    let rotated = size.y > size.x;
+    let (across, up) = if rotated {
         (size.y, size.x)
     } else {
         (size.x, size.y)
     };
-    let pixel = (across / width as f64).max(up / (TALLEST * width as f64));
+    let pixel = (across / width as f64).max(up / (MAX_HEIGHT_RATIO * width as f64));
     let height = (up / pixel).ceil() as usize;
-    // The middle of the way is in the middle of the map.
+    // The middle of the path is in the middle of the map.
     let (half_across, half_up) = (0.5 * width as f64 * pixel, 0.5 * height as f64 * pixel);
-    let corner = match turned {
+    let corner = match rotated {
         true => [middle.x + half_up, middle.y + half_across],
         false => [middle.x - half_across, middle.y + half_up],
     };
     let projection = Projection {
         corner,
         pixel,
-        turned,
+        rotated,
     };
     (projection, height)
 }
 
-/// What one would see from above, each class in a colour.
+/// Draws the scene from above, each class in one color.
 fn paint_place(
     canvas: &mut Canvas,
     simulation: &Simulation,
-    way: &[Vector3<f64>],
+    path: &[Vector3<f64>],
     projection: &Projection,
 ) {
     let scene = simulation.scene();
-    let points: Vec<&Vector3<f64>> = way.iter().step_by(way.len().div_ceil(POINTS)).collect();
+    let points: Vec<&Vector3<f64>> = path
+        .iter()
+        .step_by(path.len().div_ceil(MAX_PATH_SAMPLES))
+        .collect();
     let (width, height) = (canvas.width, canvas.height);
     let seen = |k: usize| {
         let [x, y] = projection.world([(k % width) as f64, (k / width) as f64]);
         let far = |p: &Vector3<f64>| (p.x - x) * (p.x - x) + (p.y - y) * (p.y - y);
         let near = points.iter().min_by(|a, b| far(a).total_cmp(&far(b)))?;
-        let from = Vector3::new(x, y, near.z + CUT_M);
+        let from = Vector3::new(x, y, near.z + CUT_HEIGHT_M);
         let hit = scene.first_hit(&from, &-Vector3::z())?;
         let material = scene.fixed.triangles[hit.triangle as usize].material;
         let class = scene.materials[material as usize].class;
-        Some((colour(class), from.z - hit.distance))
+        Some((color(class), from.z - hit.distance))
     };
-    let seen: Vec<Option<(Colour, f64)>> = (0..width * height).map(seen).collect();
+    let seen: Vec<Option<(Color, f64)>> = (0..width * height).map(seen).collect();
     for (k, found) in seen.iter().enumerate() {
-        let Some((colour, z)) = *found else { continue };
+        let Some((color, z)) = *found else { continue };
         let step = |beside: usize| {
             let there = seen.get(beside).copied().flatten();
-            there.is_some_and(|(_, other)| (other - z).abs() > EDGE_M)
+            there.is_some_and(|(_, other)| (other - z).abs() > MIN_STEP_M)
         };
         let is_edge = (k % width + 1 < width && step(k + 1)) || step(k + width);
         canvas.pixels[k] = match is_edge {
-            true => colour.map(|c| c / 2),
-            false => colour,
+            true => color.map(|c| c / 2),
+            false => color,
         };
     }
 }
 
-/// Dots with an arrow to where the chest faces, and the time.
+/// Marks instants by dots with an arrow in the chest's direction, and the time.
 fn mark(canvas: &mut Canvas, walker: &Walker, projection: &Projection, marks: &[i64]) {
     for &time_ns in marks {
         let state = walker.rig(seconds(time_ns));
         let at = projection.px(&state.position);
         let ahead = state.position + state.rotation * (Vector3::x() * 0.6);
-        canvas.line([at, projection.px(&ahead)], 3.0, INK);
-        canvas.dot(at, 5.0, INK);
+        canvas.line([at, projection.px(&ahead)], 3.0, INK_COLOR);
+        canvas.dot(at, 5.0, INK_COLOR);
         let corner = at.map(|v| (v + 8.0).max(0.0) as usize);
-        canvas.text(corner, 2, &format!("{:.1} s", seconds(time_ns)), INK);
+        canvas.text(corner, 2, &format!("{:.1} s", seconds(time_ns)), INK_COLOR);
     }
 }
 
-fn colour(class: Class) -> Colour {
+fn color(class: Class) -> Color {
     match class {
         Class::Sky => WHITE,
         Class::Pavement => [214, 210, 202],
@@ -212,17 +222,17 @@ mod tests {
     use super::*;
 
     #[test]
-    fn the_whole_way_is_on_the_map_whichever_way_it_runs() {
+    fn whole_path_is_on_the_map_in_either_orientation() {
         for end in [[9.0, 2.0], [2.0, 9.0], [0.1, 0.1], [5.0, 5.0]] {
-            let way = [
+            let path = [
                 Vector3::new(1.0, -3.0, 0.0),
                 Vector3::new(1.0 + end[0], end[1] - 3.0, 0.0),
             ];
-            let (projection, height) = projection(&way, 300);
+            let (projection, height) = projection(&path, 300);
             assert!((50..=150).contains(&height), "{end:?}: {height}");
-            for p in &way {
+            for p in &path {
                 let px = projection.px(p);
-                let margin = MARGIN_M / projection.pixel - 1.0;
+                let margin = PATH_MARGIN_M / projection.pixel - 1.0;
                 let sizes = [300.0, height as f64];
                 for axis in 0..2 {
                     assert!(
@@ -233,7 +243,7 @@ mod tests {
                 let back = projection.world(px);
                 assert!((back[0] - p.x).abs() + (back[1] - p.y).abs() < 1e-9);
             }
-            // Left stays left of forward: no mirror image.
+            // Left remains left of forward: the map is not mirrored.
             let [o, x, y] =
                 [Vector3::zeros(), Vector3::x(), Vector3::y()].map(|p| projection.px(&p));
             let turn = (x[0] - o[0]) * (y[1] - o[1]) - (x[1] - o[1]) * (y[0] - o[0]);

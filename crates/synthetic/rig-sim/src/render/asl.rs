@@ -56,13 +56,13 @@ pub(super) fn camera(
     }
 
     let mut list = PICTURES.to_owned();
-    let pictures = simulation.pictures(number);
-    for frame in pictures.with_faults(faults) {
+    let images = simulation.frames(number);
+    for frame in images.with_faults(faults) {
         let name = format!("{}.png", frame.time_ns);
         let size = [frame.width / 2, frame.height];
         for (k, eye) in EYES.into_iter().enumerate() {
             let path = root.join(eye).join("data").join(&name);
-            png_file::grey8(&path, size, &frame.grey(k)).map_err(at(&path))?;
+            png_file::gray8(&path, size, &frame.gray(k)).map_err(at(&path))?;
         }
         if let Some(files) = &mut true_files {
             files.frame(frame.number, &name)?;

@@ -1,7 +1,8 @@
-//! What stands in the scene as a mesh that others read: PLY (Turk 1994), binary, little-endian.
+//! The static scene as a mesh: PLY (Turk 1994), binary, little-endian.
 //!
-//! Vertices are in the world's frame, m, f32. Faces carry the number of their [`Class`] and whether
-//! people walk on them. Panes are among them; people, the wearer and all else that moves are not.
+//! Vertices are in the world frame, m, f32. Faces carry the number of their [`Class`] and whether
+//! people walk on them. Panes are included; people, the wearer and everything else that moves are
+//! not.
 //!
 //! [`Class`]: crate::scene::surface::Class
 
@@ -23,7 +24,7 @@ pub(super) fn ply(scene: &Scene) -> Vec<u8> {
          element face {faces}\nproperty list uchar uint vertex_indices\n\
          property uchar class\nproperty uchar walkable\nend_header\n",
         scene.kind.name(),
-        scene.time.name(),
+        scene.lighting.name(),
     )
     .into_bytes();
     for (_, chunk) in chunks() {

@@ -1,9 +1,9 @@
-//! A walk as a session archive, as a recorder without fault would have made it.
+//! A walk as a session archive, as a recorder without faults would write it.
 //!
-//! Contract: frames and samples are numbered by their place in the walk, their times are the true ones, and so
-//! is the clock map: what a session says of itself is exact. What a faulty device loses is a gap with
-//! its cause. Pictures go through an encoder, and so do not come back to the bit; the same walk gives the
-//! same bytes on any number of threads. The walk begins at [`BEGIN`] of the recording machine's clock.
+//! Contract: frames and samples are numbered by their index in the walk, their times are the true
+//! ones, and so is the clock map: timing metadata is exact. Losses of a faulty device are gaps with
+//! a cause. Images are encoded lossily; the same walk gives the same bytes on any number of
+//! threads. The walk begins at [`BEGIN`] of the recording machine's clock.
 
 use std::collections::BTreeMap;
 use std::path::Path;
@@ -36,39 +36,39 @@ use crate::film::{ELEMENT, Film, FilmError};
 use crate::random;
 use crate::simulation::{Simulation, seconds};
 
-/// When the walk begins on the recording machine's clock: not at its zero, so that nothing is before that.
+/// Begin of the walk on the recording machine's clock; not 0, so that nothing is before 0.
 pub const BEGIN: HostTime = HostTime(NS_PER_S);
-/// And that is called 2026-01-01T00:00:00Z.
+/// Civil time at that instant: 2026-01-01T00:00:00Z.
 const CIVIL: CivilTime = CivilTime(1_767_225_600 * NS_PER_S);
-/// An IMU batch spans at most this much.
+/// Maximum time span of an IMU batch, ns.
 const BATCH_NS: i64 = 100_000_000;
-/// Deliveries of a camera that may wait: bounds what is in memory.
-const WAITING: usize = 64;
+/// Maximum number of queued deliveries of a camera: bounds memory.
+const MAX_QUEUED_DELIVERIES: usize = 64;
 
-/// Why there is no session.
+/// Error of writing a session.
 #[derive(Debug, thiserror::Error)]
 pub enum SessionError {
-    /// The pictures could not be encoded.
+    /// The images could not be encoded.
     #[error(transparent)]
     Film(#[from] FilmError),
     /// The archive could not be written.
     #[error("writing a simulated session")]
     Write(#[from] WriteError),
-    /// The clocks of a session that is exact run through: let `pawsd` record such a walk.
+    /// A clock fault contradicts the exact clock map: record such a walk with `pawsd`.
     #[error(
         "writing a simulated session: found a fault of kind {0}, expected none that disturbs a clock"
     )]
     Clock(&'static str),
 }
 
-/// What one camera's thread hands over, in the order of arrival.
+/// Output of one camera's thread, in the order of arrival.
 enum Item {
     Frame(Box<DeviceFrame>, AccessUnit),
     Imu(DeviceImu),
-    /// The device has gone, at this time.
-    Gone(i64),
-    /// What was lost before what arrives next, at this time.
-    Lost(Vec<Loss>, i64),
+    /// The device disconnected at this time, ns.
+    Disconnected(i64),
+    /// Losses before the next delivery, at this time, ns.
+    Losses(Vec<Loss>, i64),
     Failed(FilmError),
 }
 
@@ -77,7 +77,7 @@ impl Item {
         match self {
             Self::Frame(frame, _) => frame.arrival_ns,
             Self::Imu(sample) => sample.arrival_ns,
-            Self::Gone(at_ns) | Self::Lost(_, at_ns) => *at_ns,
+            Self::Disconnected(at_ns) | Self::Losses(_, at_ns) => *at_ns,
             Self::Failed(_) => 0,
         }
     }
@@ -107,7 +107,7 @@ pub fn write(
     thread::scope(|scope| {
         let mut streams = Vec::new();
         for device in devices {
-            let (sender, receiver) = sync_channel(WAITING);
+            let (sender, receiver) = sync_channel(MAX_QUEUED_DELIVERIES);
             scope.spawn(move || deliver(device, simulation, &sender, done));
             streams.push(receiver);
         }
@@ -116,7 +116,7 @@ pub fn write(
     archive.close()
 }
 
-/// Renders and encodes what a device delivers.
+/// Renders and encodes the deliveries of a device.
 fn deliver(
     mut device: Device,
     simulation: &Simulation,
@@ -128,25 +128,25 @@ fn deliver(
     let keys = (2.0 * seconds(DEFAULT_CHUNK_NS) * settings.rate_hz).ceil() as u32;
     let mut chunk = None;
     let mut film = None;
-    let (mut newest, mut told) = (None, 0);
+    let (mut newest, mut reported) = (None, 0);
     loop {
         let delivery = device.deliver();
-        let lost = &device.losses()[told..];
+        let lost = &device.losses()[reported..];
         if !lost.is_empty() {
-            told += lost.len();
+            reported += lost.len();
             let at_ns = match &delivery {
                 Some(Delivery::Frame(frame)) => frame.arrival_ns,
                 Some(Delivery::Imu(sample)) => sample.arrival_ns,
-                Some(Delivery::Gone(at_ns)) => *at_ns,
+                Some(Delivery::Disconnected(at_ns)) => *at_ns,
                 None => (settings.seconds * 1e9) as i64,
             };
-            let _ = to.send(Item::Lost(lost.to_vec(), at_ns));
+            let _ = to.send(Item::Losses(lost.to_vec(), at_ns));
         }
         let item = match delivery {
             None => return,
-            Some(Delivery::Gone(at_ns)) => Item::Gone(at_ns),
+            Some(Delivery::Disconnected(at_ns)) => Item::Disconnected(at_ns),
             Some(Delivery::Imu(sample)) => Item::Imu(sample),
-            // It came twice.
+            // A duplicate.
             Some(Delivery::Frame(frame)) if newest == Some(frame.index) => continue,
             Some(Delivery::Frame(frame)) => {
                 newest = Some(frame.index);
@@ -164,7 +164,7 @@ fn deliver(
                 }
             }
         };
-        // Nobody listens once the session has failed.
+        // The receiver is dropped if the session has failed.
         if to.send(item).is_err() {
             return;
         }
@@ -177,26 +177,26 @@ fn encode(
     frame: &DeviceFrame,
     key: bool,
 ) -> Result<AccessUnit, FilmError> {
-    let shown = &frame.picture;
+    let shown = &frame.image;
     let (width, height) = (shown.width as u32, shown.height as u32);
-    let picture = Picture::new(width, height, PixelFormat::I420, shown.i420.clone())?;
-    film.encode(time, &picture, key)
+    let image = Picture::new(width, height, PixelFormat::I420, shown.i420.clone())?;
+    film.encode(time, &image, key)
 }
 
-/// The session in the making.
+/// The session being written.
 struct Archive<'a> {
     simulation: &'a Simulation,
     writer: SessionWriter,
-    /// Of each camera: its clock and its IMU's.
+    /// Clocks of each camera and its IMU.
     clocks: Vec<[DeviceClock; 2]>,
-    /// Numbers of the clock maps so far, of each camera.
+    /// Number of clock maps so far, per camera.
     versions: Vec<u32>,
     batches: Vec<ImuBatch>,
-    /// When each device is gone, ns since the beginning of the walk.
-    absences: Vec<Vec<(i64, i64)>>,
-    /// Which cameras have a frame of an index, and which have lost it.
+    /// Times of disconnection of each device, ns since the beginning of the walk.
+    disconnects: Vec<Vec<(i64, i64)>>,
+    /// Per frame index, the cameras whose frame arrived and those whose frame was lost.
     sets: BTreeMap<u64, (Vec<usize>, Vec<usize>)>,
-    /// Sets written.
+    /// Number of frame sets written.
     set: u64,
 }
 
@@ -210,7 +210,7 @@ impl<'a> Archive<'a> {
     ) -> Result<Self, SessionError> {
         let settings = simulation.settings();
         let mut files = Vec::new();
-        if simulation.tells() {
+        if simulation.has_calibration() {
             files.push(("rig.toml".to_owned(), rig_text.as_bytes().to_vec()));
         }
         let of_kind = special::files(simulation, rig).into_iter();
@@ -223,8 +223,11 @@ impl<'a> Archive<'a> {
             }
         }
         let source = |name: &str| {
-            let (kind, time) = (settings.kind.name(), settings.time.name());
-            format!("simulated {name}, {kind}, {time}, seed {}", settings.seed)
+            let (kind, lighting) = (settings.kind.name(), settings.lighting.name());
+            format!(
+                "simulated {name}, {kind}, {lighting}, seed {}",
+                settings.seed
+            )
         };
         let cameras = simulation.cameras().iter().zip(devices);
         let cameras = cameras.map(|(camera, device)| manifest::Camera {
@@ -260,7 +263,7 @@ impl<'a> Archive<'a> {
             name: format!(
                 "{} {} {}",
                 settings.kind.name(),
-                settings.time.name(),
+                settings.lighting.name(),
                 settings.seed
             ),
             software: concat!("paws-rig-sim ", env!("CARGO_PKG_VERSION")).to_owned(),
@@ -279,12 +282,12 @@ impl<'a> Archive<'a> {
             clocks: devices.iter().map(|d| d.clocks().clone()).collect(),
             versions: vec![0; count],
             batches: vec![ImuBatch::default(); count],
-            absences: devices.iter().map(|d| d.absences().to_vec()).collect(),
+            disconnects: devices.iter().map(|d| d.disconnects().to_vec()).collect(),
             sets: BTreeMap::new(),
             set: 0,
         };
         archive.event(EventKind::Start, BEGIN)?;
-        if simulation.tells() {
+        if simulation.has_calibration() {
             archive.statics(rig)?;
         }
         for camera in 0..count {
@@ -306,7 +309,7 @@ impl<'a> Archive<'a> {
         self.writer.append("", at, at, &event)
     }
 
-    /// Where everything sits and how lenses are.
+    /// Extrinsics and intrinsics.
     fn statics(&mut self, rig: &Rig) -> Result<(), WriteError> {
         let transforms = rig.edges().iter().map(|edge| {
             FrameTransform::placing(
@@ -343,7 +346,8 @@ impl<'a> Archive<'a> {
         Ok(())
     }
 
-    /// How the clocks of a camera run in an epoch, which began `on_ns` after the walk.
+    /// Clock maps of a camera in a connection epoch that began `on_ns` after the beginning of the
+    /// walk.
     fn clock_maps(&mut self, camera: usize, epoch: u32, on_ns: i64) -> Result<(), WriteError> {
         self.versions[camera] = epoch + 1;
         for (k, stream) in ["", "/imu"].into_iter().enumerate() {
@@ -378,7 +382,7 @@ impl<'a> Archive<'a> {
         Ok(())
     }
 
-    /// Takes from all cameras what arrives first, until the end of all.
+    /// Merges the deliveries of all cameras by arrival time until all have ended.
     fn fill(&mut self, streams: &[Receiver<Item>]) -> Result<(), SessionError> {
         let mut heads: Vec<Option<Item>> = Vec::new();
         for (camera, stream) in streams.iter().enumerate() {
@@ -395,13 +399,13 @@ impl<'a> Archive<'a> {
             match std::mem::replace(&mut heads[camera], following) {
                 Some(Item::Frame(frame, unit)) => self.frame(camera, &frame, &unit)?,
                 Some(Item::Imu(sample)) => self.sample(camera, &sample)?,
-                Some(Item::Lost(losses, _)) => self.lost(camera, &losses)?,
-                Some(Item::Gone(_) | Item::Failed(_)) | None => {}
+                Some(Item::Losses(losses, _)) => self.lost(camera, &losses)?,
+                Some(Item::Disconnected(_) | Item::Failed(_)) | None => {}
             }
         }
     }
 
-    /// What arrives next from a camera; none at its end.
+    /// Next delivery of a camera; `None` at its end.
     fn head(
         &mut self,
         camera: usize,
@@ -423,14 +427,14 @@ impl<'a> Archive<'a> {
         frame: &DeviceFrame,
         unit: &AccessUnit,
     ) -> Result<(), WriteError> {
-        self.note_return(camera, frame.taken_ns)?;
+        self.record_reconnect(camera, frame.taken_ns)?;
         let time = BEGIN + frame.taken_ns;
         let record = Frame {
             number: frame.index,
             device_ticks: frame.ticks,
             host_time: (BEGIN + frame.arrival_ns).ns(),
             time: time.ns(),
-            exposure_ns: Some((frame.picture.exposure.seconds * 1e9) as u32),
+            exposure_ns: Some((frame.image.exposure.seconds * 1e9) as u32),
             clock_map: self.versions[camera],
             ..Frame::default()
         };
@@ -442,7 +446,7 @@ impl<'a> Archive<'a> {
     }
 
     fn sample(&mut self, camera: usize, sample: &DeviceImu) -> Result<(), WriteError> {
-        self.note_return(camera, sample.taken_ns)?;
+        self.record_reconnect(camera, sample.taken_ns)?;
         let batch = &self.batches[camera];
         let time = (BEGIN + sample.taken_ns).ns();
         let full = match batch.times.first() {
@@ -477,7 +481,7 @@ impl<'a> Archive<'a> {
         Ok(())
     }
 
-    /// Writes the IMU samples that wait.
+    /// Writes the pending IMU samples.
     fn flush(&mut self, camera: usize) -> Result<(), WriteError> {
         let batch = std::mem::take(&mut self.batches[camera]);
         let (Some(first), Some(last)) = (batch.times.first(), batch.host_times.last()) else {
@@ -488,9 +492,9 @@ impl<'a> Archive<'a> {
         self.writer.append(&name, first, last, &batch)
     }
 
-    /// The first sample of a device that ticks anew needs a new clock map.
-    fn note_return(&mut self, camera: usize, taken_ns: i64) -> Result<(), WriteError> {
-        let spans = self.absences[camera].iter();
+    /// The first measurement after a reconnection needs a new clock map.
+    fn record_reconnect(&mut self, camera: usize, taken_ns: i64) -> Result<(), WriteError> {
+        let spans = self.disconnects[camera].iter();
         let over: Vec<i64> = spans
             .map(|(_, to)| *to)
             .filter(|to| *to <= taken_ns)
@@ -505,7 +509,7 @@ impl<'a> Archive<'a> {
         }
     }
 
-    /// Gaps for what was lost, a record for each run of one cause.
+    /// Writes gaps for losses, one record per run of the same cause.
     fn lost(&mut self, camera: usize, losses: &[Loss]) -> Result<(), WriteError> {
         let follows =
             |a: &Loss, b: &Loss| (a.stream, a.cause, a.index + 1) == (b.stream, b.cause, b.index);
@@ -546,7 +550,7 @@ impl<'a> Archive<'a> {
         self.complete_sets()
     }
 
-    /// Writes the frame sets of which every camera's frame came or is lost.
+    /// Writes the frame sets of which every camera's frame has arrived or is lost.
     fn complete_sets(&mut self) -> Result<(), WriteError> {
         let cameras = self.clocks.len();
         while let Some(entry) = self.sets.first_entry() {
@@ -589,7 +593,7 @@ impl<'a> Archive<'a> {
     }
 }
 
-/// How the archive names what the encoder makes.
+/// Codec name in the archive.
 fn codec() -> &'static str {
     let codec = video::encoder::element_codec(ELEMENT).expect("an encoder of the video crate");
     codec.foxglove_format()

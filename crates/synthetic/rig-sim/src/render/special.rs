@@ -1,4 +1,5 @@
-//! What only some recordings have as files: boards, and truth that is not what was told.
+//! Files of calibration sessions and of recordings whose ground truth differs from the recorded
+//! calibration.
 
 use std::fmt::Write as _;
 
@@ -10,14 +11,14 @@ use crate::camera::Shutter;
 use crate::faults::CameraFaults;
 use crate::simulation::Simulation;
 
-/// Names and contents; none for a walk with a rig that is as told.
+/// Names and contents; empty for a walk whose calibration is exact.
 ///
-/// * `target.N.toml`: each board as it was meant;
-/// * `truth.targets.csv`: a row for each board (`corner` empty; position and quaternion of `world_from_target`) and
-///   for each of its corners (where it really is in the world);
-/// * `truth.rig.toml`: the rig as it is;
-/// * `truth.cameras.toml`: lenses, shutters and time offsets as they are.
-pub(super) fn files(simulation: &Simulation, told: &Rig) -> Vec<(String, String)> {
+/// * `target.N.toml`: each board as designed;
+/// * `truth.targets.csv`: a row for each board (`corner` empty; position and quaternion of
+///   `world_from_target`) and for each of its corners (true position in the world);
+/// * `truth.rig.toml`: true extrinsics;
+/// * `truth.cameras.toml`: true intrinsics, shutters and time offsets.
+pub(super) fn files(simulation: &Simulation, nominal: &Rig) -> Vec<(String, String)> {
     let boards = simulation.boards();
     let mut files = Vec::new();
     for (number, board) in boards.iter().enumerate() {
@@ -25,17 +26,17 @@ pub(super) fn files(simulation: &Simulation, told: &Rig) -> Vec<(String, String)
         files.push((format!("target.{number}.toml"), text));
     }
     if !boards.is_empty() {
-        files.push(("truth.targets.csv".to_owned(), places(simulation)));
+        files.push(("truth.targets.csv".to_owned(), board_poses(simulation)));
     }
-    if !boards.is_empty() || simulation.deviates() {
-        let rig = simulation.true_rig_text(told);
+    if !boards.is_empty() || simulation.differs_from_calibration() {
+        let rig = simulation.true_rig_toml(nominal);
         files.push(("truth.rig.toml".to_owned(), rig));
         files.push(("truth.cameras.toml".to_owned(), cameras(simulation)));
     }
     files
 }
 
-fn places(simulation: &Simulation) -> String {
+fn board_poses(simulation: &Simulation) -> String {
     let mut text = "#board,corner,p_x [m],p_y [m],p_z [m],q_w [],q_x [],q_y [],q_z []\n".to_owned();
     for (number, board) in simulation.boards().iter().enumerate() {
         let (p, q) = board.world_from_target();
@@ -55,7 +56,7 @@ fn places(simulation: &Simulation) -> String {
 
 fn cameras(simulation: &Simulation) -> String {
     let mut text =
-        "# The cameras as they were simulated: not what the recording was told.\n".to_owned();
+        "# The true cameras of the simulation; the recorded calibration may differ.\n".to_owned();
     for (number, camera) in simulation.cameras().iter().enumerate() {
         let line_s = match camera.shutter {
             Shutter::Global => 0.0,
@@ -63,9 +64,9 @@ fn cameras(simulation: &Simulation) -> String {
         };
         let _ = write!(
             text,
-            "\n[[camera]]\nname = {:?}\nlate_ns = {} # pictures were taken so much earlier than they say\n\
+            "\n[[camera]]\nname = {:?}\nlate_ns = {} # frame timestamp minus true exposure time\n\
              line_s = {line_s:?} # from row to row; 0 for a global shutter\n",
-            camera.name, camera.late_ns
+            camera.name, camera.time_offset_ns
         );
         let truth = simulation.true_calibration(number);
         for (eye, which) in [("left", Eye::Left), ("right", Eye::Right)] {
@@ -88,14 +89,16 @@ fn cameras(simulation: &Simulation) -> String {
     text
 }
 
-/// Every corner in every picture of a camera, both eyes.
+/// Every corner in every image of a camera, both eyes.
 pub(super) fn corners(simulation: &Simulation, camera: usize, faults: &CameraFaults) -> String {
-    let sights = simulation.sights(camera).with_faults(faults.clone());
+    let target_observations = simulation
+        .target_observations(camera)
+        .with_faults(faults.clone());
     let mut text = "#frame,timestamp [ns],eye,board,corner,u [px],v [px]\n".to_owned();
     for frame in 0..simulation.settings().frame_count() {
         let time_ns = simulation.settings().frame_ns(frame);
         for eye in 0..2 {
-            for seen in sights.corners(eye, time_ns) {
+            for seen in target_observations.corners(eye, time_ns) {
                 let ([u, v], board, id) = (seen.pixel, seen.board, seen.id);
                 let _ = writeln!(text, "{frame},{time_ns},{eye},{board},{id},{u:.4},{v:.4}");
             }

@@ -8,7 +8,7 @@ use crate::camera::sensor::Tone;
 use crate::simulation::{Imaging, RigImu, Simulation, seconds};
 use crate::walker::{Footfall, Side, Walker};
 
-/// What was asked for, so that it can be asked for again.
+/// The settings, so that the walk can be reproduced.
 pub(super) fn settings(simulation: &Simulation) -> String {
     let settings = simulation.settings();
     let quality = &settings.quality;
@@ -19,22 +19,22 @@ pub(super) fn settings(simulation: &Simulation) -> String {
          [quality]\nsamples = {}\nmost_samples = {}\nnoise = {}\n",
         env!("CARGO_PKG_VERSION"),
         settings.kind.name(),
-        settings.time.name(),
+        settings.lighting.name(),
         settings.seed,
         settings.seconds,
         settings.rate_hz,
         settings.width,
         settings.height,
         quality.samples,
-        quality.most_samples,
+        quality.max_samples,
         quality.noise,
     );
     if let Some(plan) = simulation.plan() {
-        let (motion, bend, larger) = (plan.motion.name(), plan.bend_m, plan.larger);
+        let (motion, bend, scale_error) = (plan.motion.name(), plan.bow_m, plan.scale_error);
         line(
             &mut text,
             format_args!(
-                "\n[targets]\nmotion = {motion:?}\nbend_m = {bend:?}\nlarger = {larger:?}"
+                "\n[targets]\nmotion = {motion:?}\nbend_m = {bend:?}\nlarger = {scale_error:?}"
             ),
         );
         if let Some(views) = plan.views {
@@ -63,7 +63,7 @@ pub(super) fn tum(simulation: &Simulation) -> String {
     let mut text = "# world_from_rig: time [s] tx ty tz [m] qx qy qz qw\n".to_owned();
     for time_ns in frame_times(simulation) {
         let (p, q) = simulation.world_from_rig(time_ns);
-        // Never through floating point: the digits are those of the integer.
+        // Without floating point: the digits are those of the integer.
         let (whole, ns) = (time_ns / 1_000_000_000, time_ns % 1_000_000_000);
         line(
             &mut text,
@@ -114,7 +114,7 @@ pub(crate) fn contacts(simulation: &Simulation, begin_ns: i64) -> String {
         let (from, to) = Walker::flat_phase(fall);
         let times = [fall.strike_s, fall.off_s, from, to].map(|time_s| match time_s.is_finite() {
             true => format!("{}", begin_ns + (time_s * 1e9).round() as i64),
-            // The foot stays where it is.
+            // The foot remains on the ground.
             false => String::new(),
         });
         let pose = pose(&fall.position, &fall.rotation);
@@ -123,7 +123,7 @@ pub(crate) fn contacts(simulation: &Simulation, begin_ns: i64) -> String {
     text
 }
 
-/// What an IMU measured, as EuRoC writes it.
+/// IMU samples, as EuRoC writes them.
 pub(super) fn imu(simulation: &Simulation, imu: &RigImu) -> String {
     let mut text = "#timestamp [ns],w_RS_S_x [rad s^-1],w_RS_S_y [rad s^-1],w_RS_S_z [rad s^-1],\
                     a_RS_S_x [m s^-2],a_RS_S_y [m s^-2],a_RS_S_z [m s^-2]\n"

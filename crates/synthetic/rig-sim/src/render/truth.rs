@@ -1,14 +1,14 @@
-//! What is true of a camera's pictures, as files: layers of pixels, and the tags on the shoes.
+//! Ground truth of a camera's images, as files: pixel layers, and the tags on the shoes.
 //!
-//! Each layer is a PNG per picture under the name of the picture it belongs to, row by row:
+//! Each layer is a PNG per image under the name of the image, row by row:
 //!
 //! - `depth`: 16 bits, mm along the optical axis; 0 for the sky and for more than 65.535 m;
 //! - `class`: 8 bits, numbers of [`Class`];
-//! - `instance`: 16 bits, a number per thing; 0 for the sky;
-//! - `flow`: to the next picture, as KITTI has it (Menze and Geiger 2015): 16 bits red, green, blue; red
-//!   is 64 times the movement to the right in px plus 2^15, green the same downwards, to 1/64 px. Blue
-//!   is 0 where there is no answer, 1 where the next picture shows the point and 2 where it does not,
-//!   since the point is hidden or outside. The last picture's next one is not written.
+//! - `instance`: 16 bits, a number per instance; 0 for the sky;
+//! - `flow`: to the next image, as in KITTI (Menze and Geiger 2015): 16 bits red, green, blue; red
+//!   is 64 times the displacement to the right in px plus 2^15, green the same downwards, to 1/64
+//!   px. Blue is 0 where flow is undefined, 1 where the point is visible in the next image and 2
+//!   where it is occluded or outside. The last image has no flow.
 
 use std::fmt::Write as _;
 use std::fs;
@@ -19,26 +19,26 @@ use crate::camera::truth::{Flow, Truth};
 use crate::faults::CameraFaults;
 use crate::png_file;
 use crate::scene::surface::Class;
-use crate::simulation::{Simulation, Truths};
+use crate::simulation::{GroundTruth, Simulation};
 
-/// Layers of each eye; the eye's number follows the name.
+/// Layers of each eye; the number of the eye follows the name.
 const LAYERS: [&str; 4] = ["depth", "class", "instance", "flow"];
 const TAGS: &str = "#frame,timestamp [ns],eye,id,visible,u0 [px],v0 [px],u1 [px],v1 [px],\
                     u2 [px],v2 [px],u3 [px],v3 [px]\n";
 
-/// Writes what is true of a camera's frames, one after the other.
+/// Writes ground truth of a camera's frames in order.
 pub(super) struct TruthFiles<'a> {
     simulation: &'a Simulation,
-    truths: Truths<'a>,
+    ground_truth: GroundTruth<'a>,
     root: PathBuf,
     size: [usize; 2],
-    /// What the eyes see in the frame that comes next.
+    /// Ground truth of the next frame.
     ahead: Option<[Truth; 2]>,
     tags: String,
 }
 
 impl<'a> TruthFiles<'a> {
-    /// Makes the folders below `root`, a camera's `mav0`.
+    /// Creates the folders below `root`, a camera's `mav0`.
     pub(super) fn begin(
         simulation: &'a Simulation,
         number: usize,
@@ -57,7 +57,7 @@ impl<'a> TruthFiles<'a> {
         }
         Ok(Self {
             simulation,
-            truths: simulation.truths(number).with_faults(faults.clone()),
+            ground_truth: simulation.ground_truth(number).with_faults(faults.clone()),
             root: root.to_owned(),
             size: [camera.models[0].width, camera.models[0].height].map(|v| v as usize),
             ahead: None,
@@ -65,19 +65,19 @@ impl<'a> TruthFiles<'a> {
         })
     }
 
-    /// Writes all layers of frame `number`, whose pictures are called `name`.
+    /// Writes all layers of frame `number`, whose images are named `name`.
     pub(super) fn frame(&mut self, number: u64, name: &str) -> Result<(), RenderError> {
         let settings = self.simulation.settings();
         let (now_ns, next_ns) = (settings.frame_ns(number), settings.frame_ns(number + 1));
         let now = match self.ahead.take() {
             Some(now) => now,
-            None => [0, 1].map(|eye| self.truths.see(eye, now_ns)),
+            None => [0, 1].map(|eye| self.ground_truth.render(eye, now_ns)),
         };
-        let next = [0, 1].map(|eye| self.truths.see(eye, next_ns));
+        let next = [0, 1].map(|eye| self.ground_truth.render(eye, next_ns));
         for eye in 0..2 {
-            let flow = self.truths.flow(eye, &now[eye], &next[eye]);
+            let flow = self.ground_truth.flow(eye, &now[eye], &next[eye]);
             self.layers(eye, &now[eye], &flow, name)?;
-            for tag in self.truths.tags(eye, &now[eye]) {
+            for tag in self.ground_truth.tags(eye, &now[eye]) {
                 let corners = tag.corners.map(|[u, v]| format!("{u:.4},{v:.4}")).join(",");
                 // Writing to a string does not fail.
                 let _ = writeln!(
@@ -102,20 +102,21 @@ impl<'a> TruthFiles<'a> {
         let path = |layer: &str| self.root.join(format!("{layer}{eye}/data")).join(name);
         let file = path("depth");
         let depth = truth.depth.iter().copied().map(millimetres);
-        png_file::grey16(&file, self.size, depth).map_err(at(&file))?;
+        png_file::gray16(&file, self.size, depth).map_err(at(&file))?;
         let file = path("class");
         let class: Vec<u8> = truth.class.iter().map(|&class| class as u8).collect();
-        png_file::grey8(&file, self.size, &class).map_err(at(&file))?;
+        png_file::gray8(&file, self.size, &class).map_err(at(&file))?;
         let file = path("instance");
         let instance = truth.instance.iter().copied();
-        png_file::grey16(&file, self.size, instance).map_err(at(&file))?;
+        png_file::gray16(&file, self.size, instance).map_err(at(&file))?;
         let file = path("flow");
-        let flow = flow.moved.iter().zip(&flow.shown);
-        let flow = flow.map(|(moved, shown)| kitti(*moved, *shown));
+        let flow = flow.flow_px.iter().zip(&flow.shown);
+        let flow = flow.map(|(flow_px, shown)| kitti(*flow_px, *shown));
         png_file::rgb16(&file, self.size, flow).map_err(at(&file))
     }
 
-    /// Writes what is known only after the last frame: the pictures' `list`, and the tags, beside `mav0`.
+    /// Writes the files that are complete only after the last frame: the `list` of images, and the
+    /// tags, beside `mav0`.
     pub(super) fn end(self, list: &str) -> Result<(), RenderError> {
         for eye in 0..2 {
             for layer in LAYERS {
@@ -140,7 +141,7 @@ fn meaning(layer: &str) -> String {
     }
 }
 
-/// 0 where there is nothing, or nothing as near as the format can say.
+/// 0 for no surface, or for a depth outside the range of the format.
 fn millimetres(depth_m: f32) -> u16 {
     let mm = (f64::from(depth_m) * 1000.0).round();
     match (1.0..=65_535.0).contains(&mm) {
@@ -149,9 +150,9 @@ fn millimetres(depth_m: f32) -> u16 {
     }
 }
 
-/// Movement as KITTI writes it; nothing where the format cannot say it.
-fn kitti(moved: [f32; 2], shown: bool) -> [u16; 3] {
-    let [u, v] = moved.map(|px| (f64::from(px) * 64.0).round() + 32_768.0);
+/// Flow as KITTI writes it; undefined where the format cannot represent it.
+fn kitti(flow_px: [f32; 2], shown: bool) -> [u16; 3] {
+    let [u, v] = flow_px.map(|px| (f64::from(px) * 64.0).round() + 32_768.0);
     let range = 0.0..=65_535.0;
     match range.contains(&u) && range.contains(&v) {
         true => [u as u16, v as u16, if shown { 1 } else { 2 }],
@@ -164,7 +165,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn depth_that_cannot_be_said_is_none() {
+    fn depth_outside_the_range_is_written_as_0() {
         let cases = [
             (1.2345, 1235),
             (0.0004, 0),
@@ -180,7 +181,7 @@ mod tests {
     }
 
     #[test]
-    fn flow_that_cannot_be_said_is_none() {
+    fn flow_outside_the_range_is_undefined() {
         let cases = [
             ([0.0, 0.0], true, [32_768, 32_768, 1]),
             ([1.5, -0.25], false, [32_864, 32_752, 2]),
@@ -188,8 +189,8 @@ mod tests {
             ([512.1, 0.0], true, [0; 3]),
             ([f32::NAN, f32::NAN], false, [0; 3]),
         ];
-        for (moved, shown, expected) in cases {
-            assert_eq!(kitti(moved, shown), expected, "{moved:?}");
+        for (flow_px, shown, expected) in cases {
+            assert_eq!(kitti(flow_px, shown), expected, "{flow_px:?}");
         }
     }
 }

@@ -8,14 +8,14 @@ use crate::camera::Shutter;
 use crate::imu::Imu;
 use crate::simulation::Simulation;
 
-/// The description of an eye, 0 left, 1 right.
+/// Description of an eye, 0 left, 1 right.
 pub(super) fn camera(
     simulation: &Simulation,
     number: usize,
     eye: usize,
 ) -> Result<String, RenderError> {
     let camera = &simulation.cameras()[number];
-    let (model, imu_from_eye) = simulation.told_eye(number, eye);
+    let (model, imu_from_eye) = simulation.nominal_eye(number, eye);
     let (name, coefficients) = match model.distortion {
         Distortion::None => ("none", Vec::new()),
         Distortion::Radial2 { k1, k2 } => ("radial-tangential", vec![k1, k2, 0.0, 0.0]),
@@ -58,7 +58,7 @@ pub(super) fn camera(
     Ok(text)
 }
 
-/// The description of an IMU.
+/// Description of an IMU.
 pub(super) fn imu(camera: &str, imu: &Imu) -> String {
     let model = imu.model();
     let mut text = head("imu", camera, "noise as simulated");
@@ -75,14 +75,14 @@ pub(super) fn imu(camera: &str, imu: &Imu) -> String {
     text
 }
 
-/// The description of the true state.
+/// Description of the true state.
 pub(super) fn state(camera: &str) -> String {
     let mut text = head("visual-inertial", camera, "exact");
     text.push_str(&placed(&RigidTransform::identity()));
     text
 }
 
-/// The description of a layer of what an eye (0 left, 1 right) really sees.
+/// Description of a ground-truth layer of an eye (0 left, 1 right).
 pub(super) fn truth(camera: &str, eye: usize, layer: &str, meaning: &str) -> String {
     let side = ["left", "right"][eye];
     head(

@@ -1,4 +1,4 @@
-//! Geometry that moves as one, laid out for drawing.
+//! Rigid geometry, laid out for rasterization.
 
 use std::collections::HashMap;
 
@@ -6,14 +6,14 @@ use nalgebra::Vector3;
 
 use super::mesh::{Mesh, Triangle};
 
-/// Edge of the cells into which triangles are gathered, m.
+/// Edge of the cells by which triangles are grouped, m.
 const CELL_M: f64 = 2.0;
 
-/// Triangles that lie close together. Corners are shared.
+/// A group of nearby triangles with shared corners.
 #[derive(Clone, Debug)]
 pub struct Chunk {
     /// Middle of the corners, m.
-    pub centre: [f32; 3],
+    pub center: [f32; 3],
     /// Distance of the farthest corner from it, m.
     pub radius: f32,
     /// m.
@@ -24,7 +24,7 @@ pub struct Chunk {
     pub first: u32,
 }
 
-/// What a triangle looks like: linear functions of the position in the body's frame.
+/// Surface of a triangle: linear functions of the position in the body's frame.
 #[derive(Clone, Copy, Debug)]
 pub struct Surface {
     /// Outward unit normal `n`; points `x` of the triangle have `n·x = offset`.
@@ -39,27 +39,27 @@ pub struct Surface {
     pub light: [f32; 4],
     /// Index into the scene's materials.
     pub material: u16,
-    /// Which thing.
+    /// Instance.
     pub instance: u16,
 }
 
-/// Geometry that moves as one.
+/// Rigid geometry.
 #[derive(Clone, Debug, Default)]
 pub struct Body {
     /// In the order of the triangles' numbers.
     pub chunks: Vec<Chunk>,
-    /// By the triangles' numbers.
+    /// Surfaces by triangle number.
     pub surfaces: Vec<Surface>,
     /// The triangles, by number.
     pub triangles: Vec<Triangle>,
 }
 
 impl Body {
-    /// From a mesh and the irradiance at the corners of each triangle.
+    /// Builds a body from a mesh and the irradiance at the corners of each triangle.
     pub fn new(mesh: &Mesh, light: &[[f32; 3]]) -> Self {
         let cell = |t: &Triangle| {
             let middle = t.corners.iter().map(|c| c.position).sum::<Vector3<f64>>() / 3.0;
-            // Cells lie about the origin, so that a small body there is one chunk.
+            // Cells are centered at the origin, so a small body there is one chunk.
             let index = middle.map(|v| (v / CELL_M + 0.5).floor() as i64);
             [index.x, index.y, index.z]
         };
@@ -95,13 +95,13 @@ fn chunk<'a>(members: impl Iterator<Item = &'a Triangle>, first: u32) -> Chunk {
     let sum = corners.iter().fold([0.0; 3], |sum: [f32; 3], c| {
         [0, 1, 2].map(|i| sum[i] + c[i])
     });
-    let centre = sum.map(|s| s / corners.len() as f32);
+    let center = sum.map(|s| s / corners.len() as f32);
     let distance = |c: &[f32; 3]| {
-        let d = [0, 1, 2].map(|i| c[i] - centre[i]);
+        let d = [0, 1, 2].map(|i| c[i] - center[i]);
         (d[0] * d[0] + d[1] * d[1] + d[2] * d[2]).sqrt()
     };
     Chunk {
-        centre,
+        center,
         radius: 1e-4 + corners.iter().map(distance).fold(0.0, f32::max),
         corners,
         triangles,

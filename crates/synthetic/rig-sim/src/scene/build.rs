@@ -1,4 +1,4 @@
-//! What makers of scenes share.
+//! Shared parts of scene builders.
 
 use nalgebra::{UnitQuaternion, Vector3};
 
@@ -12,26 +12,26 @@ use super::texture::{Recipe, Texture};
 use crate::random;
 use crate::so3;
 
-/// Gathers a scene.
+/// Builder of a scene.
 #[derive(Debug)]
 pub struct Builder {
-    /// All randomness comes from it.
+    /// Seed of all random numbers.
     pub seed: u64,
-    /// So far.
+    /// Built so far.
     pub materials: Vec<Material>,
-    /// So far.
+    /// Built so far.
     pub mesh: Mesh,
     /// Panes so far.
     pub glass: Mesh,
-    /// What moves, so far.
+    /// Moving parts so far.
     pub parts: Vec<Part>,
-    /// What textures are to be made by.
+    /// Recipes of textures.
     pub recipes: Vec<(Recipe, Layout)>,
     instances: u16,
     draws: u64,
 }
 
-/// The textures of these recipes in a scene of this seed.
+/// Generates the textures of these recipes for a scene of this seed.
 pub(super) fn textures(recipes: &[(Recipe, Layout)], seed: u64) -> Vec<Texture> {
     let numbered = recipes.iter().zip(0..);
     let texture = |((recipe, layout), index): (&(Recipe, Layout), u64)| {
@@ -41,17 +41,17 @@ pub(super) fn textures(recipes: &[(Recipe, Layout)], seed: u64) -> Vec<Texture> 
     numbered.map(texture).collect()
 }
 
-/// What a maker of a scene hands over besides the builder.
+/// Result of building a scene, besides the builder.
 #[derive(Clone, Debug)]
-pub struct Made {
-    /// Where light comes from.
+pub struct SceneParts {
+    /// Light sources.
     pub lights: Lights,
-    /// Where one walks.
+    /// Route of the walker.
     pub route: Route,
 }
 
 impl Builder {
-    /// Nothing yet.
+    /// An empty scene.
     pub fn new(seed: u64) -> Self {
         Self {
             seed,
@@ -71,18 +71,18 @@ impl Builder {
         from + (to - from) * random::uniform(self.seed, random::SCENE, self.draws)
     }
 
-    /// A new thing's number.
+    /// Number of a new instance.
     pub fn thing(&mut self) -> u16 {
         self.instances += 1;
         self.instances
     }
 
-    /// The texture of a recipe whose leaves lie along u.
+    /// Texture of a recipe with leaves along u.
     pub fn texture(&mut self, recipe: &Recipe) -> u16 {
         self.texture_laid(recipe, &Layout::Along)
     }
 
-    /// The number of the texture of a recipe and a layout.
+    /// Number of the texture of a recipe and a layout.
     pub fn texture_laid(&mut self, recipe: &Recipe, layout: &Layout) -> u16 {
         let wanted = (*recipe, *layout);
         let known = self.recipes.iter().position(|made| *made == wanted);
@@ -92,7 +92,7 @@ impl Builder {
         }) as u16
     }
 
-    /// A material.
+    /// Adds a material.
     pub fn material(
         &mut self,
         class: Class,
@@ -124,7 +124,7 @@ impl Builder {
         }
     }
 
-    /// A thing of its own.
+    /// A new instance.
     pub fn of_thing(&mut self, material: u16) -> Stuff {
         Stuff {
             material,
@@ -132,7 +132,7 @@ impl Builder {
         }
     }
 
-    /// A box that stands on `base`, turned by `yaw` rad.
+    /// A box that stands on `base`, rotated by `yaw` rad.
     pub fn standing_box(
         &mut self,
         base: Vector3<f64>,
@@ -141,12 +141,12 @@ impl Builder {
         cell_m: f64,
         stuff: Stuff,
     ) {
-        let centre = base + Vector3::z() * (0.5 * size.z);
+        let center = base + Vector3::z() * (0.5 * size.z);
         self.mesh
-            .cuboid(centre, size, so3::exp(Vector3::z() * yaw), cell_m, stuff);
+            .cuboid(center, size, so3::exp(Vector3::z() * yaw), cell_m, stuff);
     }
 
-    /// A pane, to be looked through from both sides.
+    /// A pane, visible from both sides.
     pub fn pane(&mut self, [a, b, c, d]: [Vector3<f64>; 4], cell_m: f64, stuff: Stuff) {
         self.glass.tiled_quad([a, b, c, d], [0.0; 2], cell_m, stuff);
         self.glass.tiled_quad([b, a, d, c], [0.0; 2], cell_m, stuff);
@@ -155,7 +155,7 @@ impl Builder {
     /// A lump of about this radius, as a stone or a tuft: a sphere of `rings` rings with bumps.
     pub fn lump(
         &mut self,
-        centre: Vector3<f64>,
+        center: Vector3<f64>,
         radius: Vector3<f64>,
         rings: usize,
         rough: f64,
@@ -175,7 +175,7 @@ impl Builder {
                     libm::sin(polar) * libm::sin(angle),
                     libm::cos(polar),
                 );
-                points.push(centre + out.component_mul(&radius) * bump);
+                points.push(center + out.component_mul(&radius) * bump);
             }
         }
         let at = |i: usize, k: usize| points[i * sides + k % sides];
@@ -196,7 +196,7 @@ impl Builder {
         }
     }
 
-    /// A turn about the vertical, rad.
+    /// Rotation about the vertical, rad.
     pub fn yaw(angle: f64) -> UnitQuaternion<f64> {
         so3::exp(Vector3::z() * angle)
     }

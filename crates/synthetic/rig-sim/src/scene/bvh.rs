@@ -1,12 +1,12 @@
-//! Which triangle a ray hits first: for baking light, for the height of the ground, and as the slow twin
-//! of the rasteriser.
+//! Ray casting: for baking light, for the height of the ground, and as reference implementation of
+//! the rasterizer.
 
 use nalgebra::Vector3;
 
 /// Triangles per leaf.
 const LEAF: usize = 4;
 
-/// A tree of boxes over triangles.
+/// Bounding volume hierarchy over triangles.
 #[derive(Clone, Debug)]
 pub struct Bvh {
     nodes: Vec<Node>,
@@ -24,7 +24,7 @@ struct Node {
     count: u32,
 }
 
-/// Where a ray hits.
+/// Intersection of a ray.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Hit {
     /// Distance in lengths of the direction.
@@ -34,7 +34,7 @@ pub struct Hit {
 }
 
 impl Bvh {
-    /// Over triangles, which are then numbered from 0.
+    /// Builds the tree; triangles are numbered from 0.
     pub fn new(corners: impl Iterator<Item = [Vector3<f64>; 3]>) -> Self {
         let mut triangles: Vec<_> = corners.zip(0..).collect();
         let mut nodes = Vec::with_capacity(triangles.len());
@@ -56,7 +56,7 @@ impl Bvh {
         self.nearest(origin, direction, from, to, false)
     }
 
-    /// Whether anything lies between.
+    /// Whether any triangle is between the origin and `to` lengths.
     pub fn is_hidden(&self, origin: &Vector3<f64>, direction: &Vector3<f64>, to: f64) -> bool {
         self.nearest(origin, direction, 1e-3, to, true).is_some()
     }
@@ -82,8 +82,8 @@ impl Bvh {
                 continue;
             }
             if node.count == 0 {
-                // The nearer child by the axis of the direction is not worth knowing here: the boxes
-                // are small and the tree is shallow.
+                // Visiting the nearer child first does not pay here: the boxes are small and the
+                // tree is shallow.
                 stack[depth] = node.start;
                 stack[depth + 1] = index + 1;
                 depth += 2;
@@ -148,7 +148,7 @@ fn crossing(
     let u = arm.dot(&p) / determinant;
     let q = arm.cross(&ab);
     let v = direction.dot(&q) / determinant;
-    // A hair of overlap, so that no ray slips through a shared edge.
+    // Slight overlap, so that no ray slips through a shared edge.
     let slack = -1e-9;
     (u >= slack && v >= slack && u + v <= 1.0 - slack).then(|| ac.dot(&q) / determinant)
 }
@@ -185,7 +185,7 @@ fn split(
     split(nodes, triangles, first + middle, end);
 }
 
-/// What some triangles take up.
+/// Bounding box of triangles.
 #[derive(Clone, Copy)]
 struct Bounds {
     low: Vector3<f64>,
@@ -211,7 +211,7 @@ impl Bounds {
         }
     }
 
-    /// In proportion to the tests that rays will make.
+    /// Surface area heuristic, proportional to the expected ray tests.
     fn cost(&self) -> f64 {
         let size = self.high - self.low;
         match self.count {
@@ -221,28 +221,28 @@ impl Bounds {
     }
 }
 
-/// Sorts triangles into two groups such that a ray is likely to need few of them, and returns the
-/// size of the first: the least cost over planes between evenly spaced bins (Wald 2007).
+/// Partitions triangles into two groups with a low expected ray cost, and returns the size of the
+/// first: minimum cost over planes between evenly spaced bins (Wald 2007).
 fn cut(part: &mut [([Vector3<f64>; 3], u32)]) -> usize {
     const BINS: usize = 12;
-    let centre = |t: &([Vector3<f64>; 3], u32)| (t.0[0] + t.0[1] + t.0[2]) / 3.0;
-    let mut centres = Bounds::nothing();
+    let center = |t: &([Vector3<f64>; 3], u32)| (t.0[0] + t.0[1] + t.0[2]) / 3.0;
+    let mut centers = Bounds::nothing();
     for t in part.iter() {
-        let at = centre(t);
-        centres = centres.with(&Bounds {
+        let at = center(t);
+        centers = centers.with(&Bounds {
             low: at,
             high: at,
             count: 1,
         });
     }
-    let axis = (centres.high - centres.low).imax();
-    let from = centres.low[axis];
-    let step = (centres.high[axis] - from) / BINS as f64;
+    let axis = (centers.high - centers.low).imax();
+    let from = centers.low[axis];
+    let step = (centers.high[axis] - from) / BINS as f64;
     if step <= 0.0 {
         return part.len() / 2;
     }
     let bin =
-        |t: &([Vector3<f64>; 3], u32)| (((centre(t)[axis] - from) / step) as usize).min(BINS - 1);
+        |t: &([Vector3<f64>; 3], u32)| (((center(t)[axis] - from) / step) as usize).min(BINS - 1);
     let mut bins = [Bounds::nothing(); BINS];
     for t in part.iter() {
         let [a, b, c] = &t.0;
@@ -279,9 +279,9 @@ mod tests {
     use super::*;
     use crate::random;
 
-    /// The slow twin: every triangle.
+    /// Agreement with the reference implementation: every triangle.
     #[test]
-    fn agrees_with_trying_every_triangle() {
+    fn bvh_agrees_with_testing_every_triangle() {
         let draw = |i: u64| random::uniform(5, 0, i) * 2.0 - 1.0;
         let point = |i: u64, scale: f64| {
             Vector3::new(draw(3 * i), draw(3 * i + 1), draw(3 * i + 2)) * scale
@@ -315,7 +315,7 @@ mod tests {
 
     /// Rays along the edges of boxes and triangles, as the grid of a level ground has them.
     #[test]
-    fn a_ray_in_the_plane_of_a_face_hits() {
+    fn ray_in_the_plane_of_a_face_hits() {
         let triangles = (0..64).flat_map(|i| {
             let at =
                 |dx: i32, dy: i32| Vector3::new(f64::from(i % 8 + dx), f64::from(i / 8 + dy), 0.0);

@@ -1,11 +1,12 @@
 //! A long corridor with nearly blank walls, between a lobby and an open end.
 //!
-//! x runs along it. The walker keeps to the right, out through the open end and back, round in the lobby,
-//! and out again. The paint has a contrast of a few per cent: what stereo and tracking find hard.
+//! x runs along it. The walker keeps to the right, out through the open end and back, round in the
+//! lobby, and out again. The paint has a contrast of a few percent, which is hard for stereo
+//! matching and tracking.
 
 use nalgebra::Vector3;
 
-use super::build::{Builder, Made};
+use super::build::{Builder, SceneParts};
 use super::interior::{DoorStuff, Opening, Slab, THICK, Wall, ceiling_lamp};
 use super::light::{Lamp, Lights};
 use super::plants::{self, Greens};
@@ -15,12 +16,12 @@ use super::surface::Class;
 const LENGTH: f64 = 26.0;
 const WIDTH: f64 = 2.4;
 const HEIGHT: f64 = 2.6;
-/// The lobby lies before the corridor.
+/// The lobby, in front of the corridor.
 const LOBBY: [[f64; 2]; 2] = [[-4.6, -1.2], [-THICK, WIDTH + 1.2]];
 /// Height of the passages at both ends.
 const PASSAGE: f64 = 2.35;
 
-/// What is where.
+/// Materials of the scene.
 struct Palette {
     floor: u16,
     paint: u16,
@@ -39,7 +40,7 @@ struct Palette {
     grass: u16,
 }
 
-pub(super) fn build(b: &mut Builder) -> Made {
+pub(super) fn build(b: &mut Builder) -> SceneParts {
     let palette = palette(b);
     let lamps = corridor(b, &palette);
     lobby(b, &palette);
@@ -81,7 +82,7 @@ pub(super) fn build(b: &mut Builder) -> Made {
         ],
     );
     let walk = |part: usize, speed: f64| Leg::walk(cuts[part], speed);
-    Made {
+    SceneParts {
         lights: Lights {
             sun: Vector3::new(0.3, -0.5, 0.8),
             low_sun: Vector3::new(0.97, 0.03, 0.16),
@@ -109,13 +110,13 @@ fn palette(b: &mut Builder) -> Palette {
     use super::palette::{
         CEILING, DOOR, GRASS, LAMP, LINO, PAINT, PAPERS, PLASTER, SLABS, VARNISH, WOOD,
     };
-    let grey = VARNISH.dyed([0.2, 0.21, 0.23], [0.24, 0.24, 0.25]);
+    let gray = VARNISH.dyed([0.2, 0.21, 0.23], [0.24, 0.24, 0.25]);
     let red = VARNISH.dyed([0.45, 0.04, 0.03], [0.5, 0.08, 0.06]);
     Palette {
         floor: LINO.of(Class::Pavement, b),
         paint: PAINT.of(Class::Wall, b),
         ceiling: CEILING.of(Class::Wall, b),
-        skirting: grey.of(Class::Wall, b),
+        skirting: gray.of(Class::Wall, b),
         lamp: LAMP.glowing(1.2).of(Class::Obstacle, b),
         sign: VARNISH
             .dyed([0.05, 0.5, 0.2], [0.3, 0.8, 0.5])
@@ -125,7 +126,7 @@ fn palette(b: &mut Builder) -> Palette {
             leaf: DOOR
                 .dyed([0.36, 0.25, 0.15], [0.28, 0.19, 0.11])
                 .of(Class::Obstacle, b),
-            frame: grey.of(Class::Wall, b),
+            frame: gray.of(Class::Wall, b),
             handle: VARNISH.dyed([0.45; 3], [0.35; 3]).of(Class::Obstacle, b),
         },
         board: PAPERS.of(Class::Obstacle, b),
@@ -141,7 +142,7 @@ fn palette(b: &mut Builder) -> Palette {
     }
 }
 
-/// A hole for a door that begins so far along a wall.
+/// Opening for a door that begins `along` m along a wall.
 fn doorway(along: f64) -> Opening {
     Opening {
         along: [along, along + 0.9],
@@ -152,7 +153,7 @@ fn doorway(along: f64) -> Opening {
 /// Floor, walls, doors and lamps. Returns the lamps.
 fn corridor(b: &mut Builder, p: &Palette) -> Vec<Lamp> {
     let on = Builder::on_ground;
-    // One floor for corridor and lobby; what lies behind walls is not seen.
+    // One floor for corridor and lobby; parts behind walls are not visible.
     let [from, to] = LOBBY;
     let floor = Slab {
         from,
@@ -208,7 +209,7 @@ fn corridor(b: &mut Builder, p: &Palette) -> Vec<Lamp> {
     b.mesh
         .tube([at(0.5), at(0.98)], [0.07, 0.06], 12, 0.3, bottle);
     south.block(b, [6.06, 6.14], [0.8, 0.84], [0.0, 0.09], bottle);
-    // The way out.
+    // Exit sign.
     let sign = b.of_thing(p.sign);
     let hung = Vector3::new(LENGTH - 1.2, 0.5 * WIDTH, HEIGHT - 0.3);
     b.standing_box(hung, Vector3::new(0.03, 0.36, 0.18), 0.0, 0.4, sign);

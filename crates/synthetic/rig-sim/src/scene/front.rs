@@ -1,7 +1,8 @@
 //! House fronts: rows of them along a line, and the windows of any wall.
 //!
-//! Contract: a row runs to the right of someone who looks out of its houses; what belongs to a house is
-//! one thing. Nothing stands out of a wall by more than 0.4 m below 2.5 m, or by more than 1.1 m above.
+//! Contract: a row runs to the right for a viewer who looks out of its houses; each house is one
+//! instance. Nothing protrudes from a wall by more than 0.4 m below 2.5 m, or by more than 1.1 m
+//! above.
 
 use nalgebra::Vector3;
 
@@ -10,8 +11,7 @@ use super::mesh::Stuff;
 use super::palette;
 use super::surface::Class;
 
-/// A line of fronts: where it begins, and the direction it runs in, what is in front of it lying to the
-/// left.
+/// A line of fronts: its origin and direction; the space in front of it is on the left.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Row {
     from: [f64; 2],
@@ -19,9 +19,9 @@ pub(super) struct Row {
     yaw: f64,
 }
 
-/// What fronts are made of.
+/// Materials of fronts.
 #[derive(Clone, Debug)]
-pub(super) struct Looks {
+pub(super) struct FrontMaterials {
     walls: Vec<u16>,
     pub(super) trim: u16,
     /// Dark ones and lit ones.
@@ -31,7 +31,7 @@ pub(super) struct Looks {
     pipe: u16,
 }
 
-/// What kind of houses.
+/// Style of houses.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Style {
     /// Share of houses with shops.
@@ -52,7 +52,7 @@ const FLOOR: f64 = 2.9;
 /// Share of windows behind which there is light at night.
 const AT_HOME: f64 = 0.25;
 
-impl Looks {
+impl FrontMaterials {
     pub(super) fn new(b: &mut Builder) -> Self {
         use palette::{BRICK, DOOR, METAL, PLASTER, TRIM, VARNISH};
         let plasters = [
@@ -62,27 +62,27 @@ impl Looks {
         ];
         let bricks = [BRICK, BRICK.dyed([0.4, 0.31, 0.21], [0.42, 0.39, 0.34])];
         let mut walls = Vec::new();
-        for look in plasters.iter().chain(&bricks) {
-            walls.push(look.of(Class::Wall, b));
+        for finish in plasters.iter().chain(&bricks) {
+            walls.push(finish.of(Class::Wall, b));
         }
         Self {
             walls,
             trim: TRIM.of(Class::Wall, b),
-            panes: [palette::PANE, palette::LIT_PANE].map(|look| look.of(Class::Wall, b)),
+            panes: [palette::PANE, palette::LIT_PANE].map(|finish| finish.of(Class::Wall, b)),
             doors: [DOOR, DOOR.dyed([0.05, 0.12, 0.1], [0.02, 0.04, 0.04])]
-                .map(|look| look.of(Class::Wall, b)),
+                .map(|finish| finish.of(Class::Wall, b)),
             cloths: [
                 VARNISH.dyed([0.42, 0.09, 0.08], [0.35, 0.07, 0.06]),
                 VARNISH.dyed([0.1, 0.22, 0.16], [0.13, 0.26, 0.2]),
             ]
-            .map(|look| look.of(Class::Obstacle, b)),
+            .map(|finish| finish.of(Class::Obstacle, b)),
             pipe: METAL.of(Class::Wall, b),
         }
     }
 }
 
 impl Row {
-    /// From a point, in the direction of x turned by so many quarters of a turn to the left.
+    /// From a point, in the direction of x rotated by `quarters` times 90° to the left.
     pub(super) fn new(from: [f64; 2], quarters: f64) -> Self {
         Self {
             from,
@@ -90,7 +90,7 @@ impl Row {
         }
     }
 
-    /// The place so far along the row, out of it, and up, m.
+    /// Point at distances along the row, out of it, and up, m.
     pub(super) fn at(&self, along: f64, out: f64, up: f64) -> Vector3<f64> {
         let (s, c) = (libm::sin(self.yaw), libm::cos(self.yaw));
         Vector3::new(
@@ -100,7 +100,8 @@ impl Row {
         )
     }
 
-    /// A box without a back that stands out of the wall by `size[1]`: `middle` along it, from `up` on.
+    /// A box without a back that protrudes from the wall by `size[1]`: `middle` along it, from `up`
+    /// on.
     pub(super) fn relief(
         &self,
         b: &mut Builder,
@@ -152,7 +153,7 @@ impl Row {
     pub(super) fn window(
         &self,
         b: &mut Builder,
-        looks: &Looks,
+        materials: &FrontMaterials,
         [middle, up]: [f64; 2],
         window: Window,
         wall: Stuff,
@@ -160,7 +161,7 @@ impl Row {
         let of = |material: u16| Stuff { material, ..wall };
         let lit = usize::from(b.draw(0.0, 1.0) < AT_HOME);
         let Window { width, height } = window;
-        let (pane, trim) = (of(looks.panes[lit]), of(looks.trim));
+        let (pane, trim) = (of(materials.panes[lit]), of(materials.trim));
         let (l, r) = (middle - 0.5 * width, middle + 0.5 * width);
         let [a, c, d, e] = [(r, up), (l, up), (l, up + height), (r, up + height)]
             .map(|(along, up)| self.at(along, 0.02, up));
@@ -170,30 +171,42 @@ impl Row {
         }
         let lintel = [width + 0.22, 0.1, 0.12];
         self.relief(b, [middle, up + height], lintel, trim);
-        // Bars well in front of the pane, so that neither is taken for the other from afar.
+        // Bars well in front of the pane, so that depth order is unambiguous from afar.
         self.relief(b, [middle, up], [0.05, 0.07, height], trim);
         self.relief(b, [middle, up + 0.66 * height], [width, 0.075, 0.05], trim);
         self.relief(b, [middle, up - 0.08], [width + 0.38, 0.16, 0.08], trim);
     }
 
-    /// Fills so many metres of the row with houses.
-    pub(super) fn houses(&self, b: &mut Builder, looks: &Looks, style: Style, length: f64) {
+    /// Fills `length` m of the row with houses.
+    pub(super) fn houses(
+        &self,
+        b: &mut Builder,
+        materials: &FrontMaterials,
+        style: Style,
+        length: f64,
+    ) {
         let mut along = 0.0;
         while along < length - 0.5 {
             let left = length - along;
             let width = b.draw(5.5, 8.5);
             // No slivers.
             let width = if left - width < 4.0 { left } else { width };
-            self.house(b, looks, style, [along, width]);
+            self.house(b, materials, style, [along, width]);
             along += width;
         }
     }
 
-    fn house(&self, b: &mut Builder, looks: &Looks, style: Style, [along, width]: [f64; 2]) {
-        let kind = b.draw(0.0, looks.walls.len() as f64) as usize;
-        let wall = b.of_thing(looks.walls[kind]);
+    fn house(
+        &self,
+        b: &mut Builder,
+        materials: &FrontMaterials,
+        style: Style,
+        [along, width]: [f64; 2],
+    ) {
+        let kind = b.draw(0.0, materials.walls.len() as f64) as usize;
+        let wall = b.of_thing(materials.walls[kind]);
         let of = |material: u16| Stuff { material, ..wall };
-        let trim = of(looks.trim);
+        let trim = of(materials.trim);
         let [least, most] = style.floors.map(f64::from);
         let floors = b.draw(least, most + 1.0) as u32;
         let height = GROUND_FLOOR + FLOOR * f64::from(floors) + 0.3;
@@ -203,7 +216,7 @@ impl Row {
             [(l, -0.1), (r, -0.1), (r, height), (l, height)].map(|(x, z)| self.at(x, 0.0, z));
         // Seen from in front, the row runs to the left.
         b.mesh.tiled_quad([c, a, e, d], [along, 0.0], 1.1, wall);
-        // Sides and a flat roof; what is behind is not seen.
+        // Sides and a flat roof; the back is not visible.
         let at = |along: f64, back: f64, up: f64| self.at(along, -14.0 * back, up);
         for face in [
             [
@@ -233,13 +246,13 @@ impl Row {
         let cornice = [width - 0.02, 0.3, 0.25];
         self.relief(b, [middle, height - 0.3], cornice, trim);
         let gutter = [0.1, height - 0.35].map(|z| self.at(along + 0.2, 0.1, z));
-        b.mesh.tube(gutter, [0.045; 2], 8, 1.5, of(looks.pipe));
+        b.mesh.tube(gutter, [0.045; 2], 8, 1.5, of(materials.pipe));
 
         let bays = ((width / 2.0) as u32).max(2);
         let door = b.draw(0.0, f64::from(bays)) as u32;
         let is_shop = b.draw(0.0, 1.0) < style.shops;
-        let cloth = of(looks.cloths[usize::from(b.draw(0.0, 1.0) < 0.5)]);
-        let wood = of(looks.doors[usize::from(b.draw(0.0, 1.0) < 0.5)]);
+        let cloth = of(materials.cloths[usize::from(b.draw(0.0, 1.0) < 0.5)]);
+        let wood = of(materials.doors[usize::from(b.draw(0.0, 1.0) < 0.5)]);
         for i in 0..bays {
             let at = along + (f64::from(i) + 0.5) * width / f64::from(bays);
             if i == door {
@@ -249,14 +262,14 @@ impl Row {
                     width: 1.42,
                     height: 1.9,
                 };
-                self.window(b, looks, [at, 0.7], size, wall);
+                self.window(b, materials, [at, 0.7], size, wall);
                 self.awning(b, at, cloth);
             } else {
                 let size = Window {
                     width: 0.98,
                     height: 1.5,
                 };
-                self.window(b, looks, [at, 1.05], size, wall);
+                self.window(b, materials, [at, 1.05], size, wall);
             }
             for floor in 0..floors {
                 let size = Window {
@@ -264,7 +277,7 @@ impl Row {
                     height: 1.45,
                 };
                 let sill = GROUND_FLOOR + 0.8 + FLOOR * f64::from(floor);
-                self.window(b, looks, [at, sill], size, wall);
+                self.window(b, materials, [at, sill], size, wall);
             }
         }
     }

@@ -16,7 +16,7 @@ pub(super) const THICK: f64 = 0.2;
 /// How far floors reach under walls, m.
 const SUNK: f64 = 0.03;
 
-/// A wall; `from` is its left end and `to` its right one for who looks at it.
+/// A wall; `from` is its left end and `to` its right one for a viewer in the room.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Wall {
     pub(super) from: [f64; 2],
@@ -32,7 +32,7 @@ pub(super) struct Opening {
     pub(super) up: [f64; 2],
 }
 
-/// What a door is made of.
+/// Materials of a door.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct DoorStuff {
     pub(super) leaf: u16,
@@ -40,8 +40,7 @@ pub(super) struct DoorStuff {
     pub(super) handle: u16,
 }
 
-/// The marks in order and, between them, more of them, so that none is farther than `cell_m` from
-/// the next.
+/// Sorted marks with additional ones between them, at most `cell_m` apart.
 fn lines(mut marks: Vec<f64>, cell_m: f64) -> Vec<f64> {
     marks.sort_by(f64::total_cmp);
     marks.dedup();
@@ -56,7 +55,7 @@ fn lines(mut marks: Vec<f64>, cell_m: f64) -> Vec<f64> {
 }
 
 impl Wall {
-    /// To the right.
+    /// Direction to the right.
     fn right(&self) -> Vector3<f64> {
         let [dx, dy] = [0, 1].map(|i| self.to[i] - self.from[i]);
         Vector3::new(dx, dy, 0.0).normalize()
@@ -68,7 +67,8 @@ impl Wall {
         (dx * dx + dy * dy).sqrt()
     }
 
-    /// The point so far along, above the floor, and out of the wall's face into the room.
+    /// Point at distances along the wall, above the floor, and out of the wall's face into the
+    /// room, m.
     pub(super) fn at(&self, along: f64, up: f64, out: f64) -> Vector3<f64> {
         let right = self.right();
         Vector3::new(self.from[0], self.from[1], up)
@@ -76,7 +76,7 @@ impl Wall {
             + right.cross(&Vector3::z()) * out
     }
 
-    /// Builds it.
+    /// Builds the wall.
     pub(super) fn build(&self, b: &mut Builder, openings: &[Opening], cell_m: f64, stuff: Stuff) {
         let length = self.length();
         let mut across = vec![-THICK, 0.0, length, length + THICK];
@@ -87,7 +87,7 @@ impl Wall {
         }
         let (across, upwards) = (lines(across, cell_m), lines(upwards, cell_m));
         let (columns, rows) = (across.len() - 1, upwards.len() - 1);
-        // Outside the wall counts as solid: its rims are never seen.
+        // Outside the wall counts as solid: its rims are never visible.
         let is_open = |i: usize, j: usize| {
             i < columns && j < rows && {
                 let (x, z) = (
@@ -112,7 +112,7 @@ impl Wall {
                 front(i, top),
             ]);
             quad([back(right, j), back(i, j), back(i, top), back(right, top)]);
-            // What is seen of the wall's thickness.
+            // Visible part of the wall's thickness.
             if is_open(right, j) {
                 quad([
                     front(right, j),
@@ -242,8 +242,8 @@ pub(super) struct Slab {
 }
 
 impl Slab {
-    /// Builds it, a little wider than it is. `cuts` are lines in x and in y along which cells end: where
-    /// walls stand.
+    /// Builds the slab, slightly enlarged. `cuts` are lines in x and in y along which cells end,
+    /// where walls stand.
     pub(super) fn build(&self, b: &mut Builder, cuts: [&[f64]; 2], cell_m: f64, stuff: Stuff) {
         let axis = |k: usize| {
             let mut marks = cuts[k].to_vec();
@@ -268,7 +268,7 @@ impl Slab {
                 b.mesh.quad(quad, [x[0], y[0]], stuff);
             }
         }
-        // The far side, only there to keep light out.
+        // The far side, which only blocks light.
         let far = if self.is_ceiling {
             z + THICK
         } else {

@@ -1,32 +1,32 @@
-//! Where light comes from, and how much of it reaches a surface.
+//! Light sources and irradiance of surfaces.
 //!
-//! Sun, sky and lamps, with shadows and the darkening of corners, computed once at the corners of
-//! triangles and linear between them: shadows have soft outlines as wide as a triangle, and triangles
-//! are cut where that is too wide (`shadow.rs`). Light that bounces is part of the sky's share.
-//! Moving things neither cast nor receive shadows.
+//! Sun, sky and lamps, with shadows and ambient occlusion, computed once at the corners of
+//! triangles and linear between them: shadows have soft outlines as wide as a triangle, and
+//! triangles are cut where that is too wide (`shadow.rs`). Indirect light is part of the sky's
+//! share. Moving bodies neither cast nor receive shadows.
 
 use std::collections::HashMap;
 
 use nalgebra::Vector3;
 
-use super::Time;
+use super::Lighting;
 use super::bvh::Bvh;
 use super::mesh::{Mesh, Triangle};
 
-/// Directions in which the sky is looked for, per corner.
+/// Number of sky rays per corner.
 const SKY_RAYS: usize = 14;
-/// Nothing farther than this darkens, m.
+/// Maximum distance of ambient occlusion, m.
 const SKY_REACH_M: f64 = 6.0;
-/// Faces that meet at less than this angle look round; cosine.
+/// Minimum cosine of the angle between faces that are shaded as smooth.
 const ROUND: f64 = 0.8;
 
-/// Rays start so far from a surface, m.
-pub(super) const OFF_M: f64 = 0.02;
+/// Distance of ray origins from a surface, m.
+pub(super) const RAY_OFFSET_M: f64 = 0.02;
 
-/// Light at a corner of a triangle.
+/// Irradiance at a corner of a triangle, by source.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Lit {
-    /// That of the surface, round over small edges.
+    /// Surface normal, smoothed over small edges.
     pub(super) normal: Vector3<f64>,
     /// From the sun.
     pub(super) sun: f32,
@@ -34,16 +34,16 @@ pub(super) struct Lit {
     pub(super) soft: f32,
 }
 
-/// A light at a point.
+/// A point light.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Lamp {
-    /// m.
+    /// Position, m.
     pub position: Vector3<f64>,
     /// Irradiance at 1 m, relative to daylight.
     pub strength: f64,
 }
 
-/// All light of a scene.
+/// All light sources of a scene.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Light {
     /// Direction to the sun, of length 1, and its irradiance on a surface that faces it.
@@ -54,11 +54,11 @@ pub struct Light {
     pub lamps: Vec<Lamp>,
     /// Colour, luminance 1.
     pub tint: [f32; 3],
-    /// Flicker of all light: frequency of the light's maxima, Hz, and depth (1 goes out between).
+    /// Flicker of all light: frequency of the light's maxima, Hz, and depth (1 is full modulation).
     pub flicker: Option<(f64, f64)>,
 }
 
-/// The lights of a place at all times.
+/// The light sources of a scene in all lightings.
 #[derive(Clone, Debug)]
 pub struct Lights {
     /// Direction to the sun by day.
@@ -67,32 +67,32 @@ pub struct Lights {
     pub low_sun: Vector3<f64>,
     /// Lamps that are on at night.
     pub lamps: Vec<Lamp>,
-    /// In a room the lamps are the day's light too, and the sun comes in only when it is low.
+    /// Indoors the lamps are on by day too, and the sun enters only when it is low.
     pub indoors: bool,
 }
 
 impl Lights {
-    /// How bright lamps are at a time, as a multiple of their strength.
-    pub fn lamps_on(&self, time: Time) -> f64 {
-        match (time, self.indoors) {
-            (Time::Day | Time::LowSun, false) => 0.0,
-            (Time::Day, true) => 1.0,
-            (Time::LowSun, true) => 0.2,
-            (Time::Night, false) => 1.0,
-            (Time::Night, true) => 0.02,
-            (Time::Flicker, false) => 4.0,
-            (Time::Flicker, true) => 1.0,
+    /// Factor on the strength of lamps in a lighting.
+    pub fn lamps_on(&self, lighting: Lighting) -> f64 {
+        match (lighting, self.indoors) {
+            (Lighting::Day | Lighting::LowSun, false) => 0.0,
+            (Lighting::Day, true) => 1.0,
+            (Lighting::LowSun, true) => 0.2,
+            (Lighting::Night, false) => 1.0,
+            (Lighting::Night, true) => 0.02,
+            (Lighting::Flicker, false) => 4.0,
+            (Lighting::Flicker, true) => 1.0,
         }
     }
 
-    /// The light at a time.
-    pub fn at(&self, time: Time) -> Light {
+    /// The light sources in a lighting.
+    pub fn at(&self, lighting: Lighting) -> Light {
         const WHITE: [f32; 3] = [1.0, 1.0, 1.0];
         const WARM: [f32; 3] = [1.26, 0.97, 0.53];
         const MAINS: Option<(f64, f64)> = Some((100.0, 0.8));
         let sun = |direction: Vector3<f64>, strength| Some((direction.normalize(), strength));
         let lamps = || {
-            let factor = self.lamps_on(time);
+            let factor = self.lamps_on(lighting);
             let lit = |lamp: &Lamp| Lamp {
                 strength: lamp.strength * factor,
                 ..*lamp
@@ -106,23 +106,25 @@ impl Lights {
             tint,
             flicker,
         };
-        match (time, self.indoors) {
-            (Time::Day, false) => light(sun(self.sun, 0.75), 0.3, Vec::new(), WHITE, None),
-            (Time::Day, true) => light(None, 0.03, lamps(), WHITE, None),
-            (Time::LowSun, false) => light(sun(self.low_sun, 0.6), 0.15, Vec::new(), WARM, None),
-            (Time::LowSun, true) => light(sun(self.low_sun, 0.4), 0.03, lamps(), WARM, None),
-            (Time::Night, false) => light(None, 0.000_3, lamps(), WARM, None),
-            (Time::Night, true) => light(None, 0.000_5, lamps(), WARM, None),
+        match (lighting, self.indoors) {
+            (Lighting::Day, false) => light(sun(self.sun, 0.75), 0.3, Vec::new(), WHITE, None),
+            (Lighting::Day, true) => light(None, 0.03, lamps(), WHITE, None),
+            (Lighting::LowSun, false) => {
+                light(sun(self.low_sun, 0.6), 0.15, Vec::new(), WARM, None)
+            }
+            (Lighting::LowSun, true) => light(sun(self.low_sun, 0.4), 0.03, lamps(), WARM, None),
+            (Lighting::Night, false) => light(None, 0.000_3, lamps(), WARM, None),
+            (Lighting::Night, true) => light(None, 0.000_5, lamps(), WARM, None),
             // Outdoors: a dull evening under street lamps. Indoors: tubes.
-            (Time::Flicker, false) => light(None, 0.001, lamps(), WHITE, MAINS),
-            (Time::Flicker, true) => light(None, 0.01, lamps(), WHITE, MAINS),
+            (Lighting::Flicker, false) => light(None, 0.001, lamps(), WHITE, MAINS),
+            (Lighting::Flicker, true) => light(None, 0.01, lamps(), WHITE, MAINS),
         }
     }
 }
 
 impl Light {
-    /// Irradiance at a point with this normal. `blocked(direction, reach)` says whether something is
-    /// in the way.
+    /// Irradiance at a point with this normal. `blocked(direction, reach)` returns whether the ray
+    /// is occluded.
     pub fn irradiance(
         &self,
         point: &Vector3<f64>,
@@ -149,7 +151,7 @@ impl Light {
         }
     }
 
-    /// Irradiance from sky, lamps and what surfaces throw back; see [`Light::irradiance`].
+    /// Irradiance from sky, lamps and indirect light; see [`Light::irradiance`].
     fn soft(
         &self,
         point: &Vector3<f64>,
@@ -167,7 +169,7 @@ impl Light {
             if cosine > 0.05 {
                 all += cosine;
                 if !blocked(&direction, SKY_REACH_M) {
-                    // What comes from below the horizon is light that the ground throws back.
+                    // Light from below the horizon is reflected by the ground.
                     open += cosine * if z > 0.0 { 1.0 } else { 0.4 };
                 }
             }
@@ -179,7 +181,7 @@ impl Light {
             let distance = square.sqrt();
             let direction = arm / distance;
             let cosine = normal.dot(&direction);
-            // Some of a lamp's light comes by way of walls and ground.
+            // A part of a lamp's light is reflected by walls and ground.
             let direct = match cosine > 0.0 && !blocked(&direction, distance - 0.05) {
                 true => cosine,
                 false => 0.0,
@@ -216,7 +218,7 @@ impl Light {
             *known
                 .entry((key(p), [cell.x, cell.y, cell.z]))
                 .or_insert_with(|| {
-                    let start = p + flat[i] * OFF_M;
+                    let start = p + flat[i] * RAY_OFFSET_M;
                     let blocked = |d: &Vector3<f64>, reach: f64| solid.is_hidden(&start, d, reach);
                     Lit {
                         normal,
@@ -232,8 +234,8 @@ impl Light {
             .collect()
     }
 
-    /// How bright a light that flickers is on average from `from_s` for `length_s`, relative to its
-    /// mean over all time. The light goes with the square of a sine, as of a lamp on mains.
+    /// Mean brightness of a flickering light from `from_s` for `length_s`, relative to its
+    /// long-term mean. The light follows a squared sine, as of a lamp on mains.
     pub fn flicker_factor(&self, from_s: f64, length_s: f64) -> f64 {
         let Some((hz, depth)) = self.flicker else {
             return 1.0;

@@ -1,4 +1,4 @@
-//! Triangles, and how to make them.
+//! Triangle meshes and their construction.
 //!
 //! Contract: a triangle's corners run counter-clockwise seen from outside; `uv` are metres on the
 //! surface, so that a texture has its physical size everywhere. Shared edges have bit-equal corners,
@@ -6,12 +6,12 @@
 
 use nalgebra::{UnitQuaternion, Vector3};
 
-/// A corner: where it is and where on the surface's texture.
+/// A corner: its position and its texture coordinates.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Corner {
-    /// m, in the mesh's frame.
+    /// Position in the mesh frame, m.
     pub position: Vector3<f64>,
-    /// m along the surface.
+    /// Texture coordinates, m along the surface.
     pub uv: [f64; 2],
 }
 
@@ -22,7 +22,7 @@ pub struct Triangle {
     pub corners: [Corner; 3],
     /// Index into the scene's materials.
     pub material: u16,
-    /// Which thing it belongs to; 0 is the ground.
+    /// Instance; 0 is the ground.
     pub instance: u16,
 }
 
@@ -37,16 +37,16 @@ impl Triangle {
 /// Triangles in one frame.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct Mesh {
-    /// In no order.
+    /// In any order.
     pub triangles: Vec<Triangle>,
 }
 
-/// Which material and which thing.
+/// Material and instance.
 #[derive(Clone, Copy, Debug)]
 pub struct Stuff {
     /// Index into the scene's materials.
     pub material: u16,
-    /// Which thing it is.
+    /// Instance.
     pub instance: u16,
 }
 
@@ -159,17 +159,17 @@ impl Mesh {
         }
     }
 
-    /// A box of size `size` about `centre`, turned; faces cut into cells of at most `cell_m`.
+    /// A rotated box of size `size` about `center`; faces cut into cells of at most `cell_m`.
     pub fn cuboid(
         &mut self,
-        centre: Vector3<f64>,
+        center: Vector3<f64>,
         size: Vector3<f64>,
         turn: UnitQuaternion<f64>,
         cell_m: f64,
         stuff: Stuff,
     ) {
         let at = |x: f64, y: f64, z: f64| {
-            centre + turn * Vector3::new(x * size.x, y * size.y, z * size.z) * 0.5
+            center + turn * Vector3::new(x * size.x, y * size.y, z * size.z) * 0.5
         };
         let faces = [
             [(-1, -1, 1), (1, -1, 1), (1, 1, 1), (-1, 1, 1)],
@@ -272,8 +272,8 @@ impl Mesh {
         }
     }
 
-    /// Moves everything.
-    pub fn moved(&self, turn: &UnitQuaternion<f64>, shift: &Vector3<f64>) -> Self {
+    /// The mesh, rotated and then translated.
+    pub fn transformed(&self, turn: &UnitQuaternion<f64>, shift: &Vector3<f64>) -> Self {
         let mut moved = self.clone();
         for triangle in &mut moved.triangles {
             for corner in &mut triangle.corners {

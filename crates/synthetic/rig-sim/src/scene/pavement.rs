@@ -1,11 +1,11 @@
 //! A street: houses, pavement, kerb, road with a crosswalk, and the same on the other side.
 //!
-//! x runs along the street, y across it. The walker goes along one pavement, over the crosswalk, back
-//! along the other one, and over the road again.
+//! x runs along the street, y across it. The walker follows one pavement, crosses the crosswalk,
+//! returns on the other pavement, and crosses the road again.
 
 use nalgebra::Vector3;
 
-use super::build::{Builder, Made};
+use super::build::{Builder, SceneParts};
 use super::front::{self, Row, Style};
 use super::light::{Lamp, Lights};
 use super::palette;
@@ -32,7 +32,7 @@ const TREES: [[f64; 2]; 5] = [
     [9.0, FAR_KERB + 0.75],
 ];
 
-/// What is where.
+/// Materials of the scene.
 struct Palette {
     slabs: u16,
     kerb: u16,
@@ -43,11 +43,11 @@ struct Palette {
     grass: u16,
     earth: u16,
     greens: Greens,
-    street: street::Looks,
-    fronts: front::Looks,
+    street: street::StreetMaterials,
+    fronts: front::FrontMaterials,
 }
 
-pub(super) fn build(b: &mut Builder) -> Made {
+pub(super) fn build(b: &mut Builder) -> SceneParts {
     let p = Palette {
         slabs: palette::SLABS.of(Class::Pavement, b),
         kerb: palette::KERB.of(Class::Pavement, b),
@@ -59,8 +59,8 @@ pub(super) fn build(b: &mut Builder) -> Made {
         grass: palette::GRASS.of(Class::Grass, b),
         earth: palette::EARTH.of(Class::Grass, b),
         greens: Greens::new(b),
-        street: street::Looks::new(b),
-        fronts: front::Looks::new(b),
+        street: street::StreetMaterials::new(b),
+        fronts: front::FrontMaterials::new(b),
     };
     ground(b, &p);
     houses(b, &p);
@@ -69,7 +69,7 @@ pub(super) fn build(b: &mut Builder) -> Made {
     litter(b, &p);
     let (near, far) = (1.7, FAR_HOUSE - 1.7);
     let (left, right) = (-1.5, 15.5);
-    Made {
+    SceneParts {
         lights: Lights {
             sun: Vector3::new(0.4, 0.5, 0.9),
             low_sun: Vector3::new(0.95, 0.12, 0.17),
@@ -166,7 +166,7 @@ fn ground(b: &mut Builder, p: &Palette) {
             let (xa, xb) = (at(i), at(i + 1));
             let top = |x: f64| Vector3::new(x, edge, pavement(x, edge));
             let foot = |x: f64| Vector3::new(x, edge, -KERB_HEIGHT - 0.05);
-            // u grows to the right of someone who looks at it.
+            // u increases to the right for a viewer.
             let (face, u) = match edge > inner {
                 true => ([foot(xb), foot(xa), top(xa), top(xb)], -xb),
                 false => ([foot(xa), foot(xb), top(xb), top(xa)], xa),
@@ -189,7 +189,7 @@ fn ground(b: &mut Builder, p: &Palette) {
         let earth = Vector3::new(0.94, 0.88, 0.055);
         b.standing_box(Vector3::new(x, y, -0.05), earth, 0.0, 0.3, on(p.earth));
     }
-    // Beyond the ends of the street, grass as far as one can see.
+    // Beyond the ends of the street, grass to the horizon.
     for (from, to) in [([-60.0, -30.0], [x0, 45.0]), ([x1, -30.0], [80.0, 45.0])] {
         b.mesh
             .ground(from, to, 3.0, |_, _| -0.02, |_, _| on(p.grass));

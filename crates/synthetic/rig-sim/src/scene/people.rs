@@ -1,10 +1,11 @@
-//! People who walk by.
+//! Pedestrians.
 //!
-//! A person is twelve rigid bodies: torso, head, and two each of thigh, shin, foot, upper arm, and forearm
-//! with hand. They follow a closed path of their own at a constant speed on level ground at height 0; feet
-//! stand where they land (`gait.rs`), legs reach from hips to feet, arms swing. Poses are functions of
-//! the distance walked, so they are continuous in time and the same for the same seed. Their light is computed once, as the mean over
-//! places along their path: it does not turn with the sun, and they neither cast nor receive shadows.
+//! A person is twelve rigid bodies: torso, head, and two each of thigh, shin, foot, upper arm, and
+//! forearm with hand. Each person follows a closed path at a constant speed on level ground at
+//! height 0; feet are fixed where they land (`gait.rs`), legs reach from hips to feet, arms swing.
+//! Poses are functions of the distance walked, so they are continuous in time and the same for the
+//! same seed. Their light is computed once, as the mean over positions along the path: it does not
+//! follow the sun as a person changes direction, and they neither cast nor receive shadows.
 
 use std::sync::Arc;
 
@@ -25,7 +26,7 @@ pub mod shape;
 use self::gait::Gait;
 use self::shape::Wardrobe;
 
-// Lengths of someone 1.75 m tall (Drillis and Contini 1966, rounded), m.
+// Lengths of a person 1.75 m tall (Drillis and Contini 1966, rounded), m.
 /// Hip to knee.
 const THIGH: f64 = 0.43;
 /// Knee to ankle.
@@ -34,7 +35,7 @@ const SHIN: f64 = 0.43;
 const SOLE: f64 = 0.07;
 /// From the ankle forward to where the heel touches the ground.
 const HEEL: f64 = -0.055;
-/// The same for the ball of the foot.
+/// From the ankle forward to the ball of the foot.
 const BALL: f64 = 0.15;
 /// Half the distance of the hip joints.
 const HALF_HIPS: f64 = 0.09;
@@ -47,21 +48,21 @@ const NECK: f64 = 0.54;
 /// Shoulder to elbow.
 const UPPER_ARM: f64 = 0.31;
 
-/// Places along the path at which the light is taken.
-const LIGHT_PLACES: u32 = 6;
+/// Number of positions along the path at which the light is sampled.
+const LIGHT_SAMPLES: u32 = 6;
 
-/// Where and how someone walks.
+/// Walk of a person.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Stroll {
-    /// Corners of a closed polygon in x and y, m; the way is the smooth curve that they control.
+    /// Corners of a closed polygon in x and y, m: control points of the smooth path.
     pub points: Vec<[f64; 2]>,
-    /// How far along it at time 0, as a share of a round.
+    /// Position on the path at time 0, as a fraction of a lap.
     pub start: f64,
-    /// m/s.
+    /// Speed, m/s.
     pub speed: f64,
 }
 
-/// Part of a person.
+/// Body part of a person.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Limb {
     /// With the hips.
@@ -106,19 +107,19 @@ impl Limb {
     ];
 }
 
-/// What all limbs of a person share.
+/// Motion that all limbs of a person share.
 #[derive(Debug)]
 struct Walk {
     path: Path,
     start_m: f64,
-    /// m/s.
+    /// Speed, m/s.
     speed: f64,
     gait: Gait,
-    /// Looks around at this pace, Hz.
+    /// Frequency of looking around, Hz.
     look_hz: f64,
 }
 
-/// A limb before the light is known.
+/// A limb before lighting.
 #[derive(Clone, Debug)]
 pub struct Part {
     mesh: Mesh,
@@ -126,18 +127,18 @@ pub struct Part {
     limb: Limb,
 }
 
-/// A body that moves by itself.
+/// A moving body.
 #[derive(Clone, Debug)]
 pub struct Moving {
-    /// What it looks like, in its own frame: origin at the joint, x forward, y left, z up.
+    /// Geometry in its own frame: origin at the joint, x forward, y left, z up.
     pub body: Body,
-    /// Which part of a person.
+    /// Body part.
     pub limb: Limb,
     walk: Arc<Walk>,
 }
 
 impl Moving {
-    /// Position and rotation that take the body's frame to the world.
+    /// Position and rotation that map the body frame to the world.
     pub fn pose(&self, time_s: f64) -> (Vector3<f64>, UnitQuaternion<f64>) {
         self.walk.pose(self.limb, time_s)
     }
@@ -171,17 +172,17 @@ pub fn add(b: &mut Builder, wardrobe: &Wardrobe, stroll: &Stroll) {
 }
 
 impl Part {
-    /// With its light.
+    /// The limb with its lighting.
     pub fn lit(self, light: &Light) -> Moving {
         let nothing = Bvh::new(std::iter::empty());
         let round_s = self.walk.path.length_m() / self.walk.speed;
         let mut mean = vec![[0.0; 3]; self.mesh.triangles.len()];
-        for k in 0..LIGHT_PLACES {
-            let time_s = round_s * f64::from(k) / f64::from(LIGHT_PLACES);
+        for k in 0..LIGHT_SAMPLES {
+            let time_s = round_s * f64::from(k) / f64::from(LIGHT_SAMPLES);
             let (position, rotation) = self.walk.pose(self.limb, time_s);
-            let there = light.baked(&self.mesh.moved(&rotation, &position), &nothing);
+            let there = light.baked(&self.mesh.transformed(&rotation, &position), &nothing);
             for (mean, there) in mean.iter_mut().flatten().zip(there.iter().flatten()) {
-                *mean += there / LIGHT_PLACES as f32;
+                *mean += there / LIGHT_SAMPLES as f32;
             }
         }
         Moving {
@@ -192,30 +193,30 @@ impl Part {
     }
 }
 
-/// A turn about the axis to the left: from forward to down.
+/// Rotation about the axis to the left: from forward to down.
 fn pitch(angle: f64) -> UnitQuaternion<f64> {
     so3::exp(Vector3::y() * angle)
 }
 
 impl Walk {
     fn pose(&self, limb: Limb, time_s: f64) -> (Vector3<f64>, UnitQuaternion<f64>) {
-        let gone = self.start_m + self.speed * time_s;
+        let walked_m = self.start_m + self.speed * time_s;
         let scale = self.gait.scale;
-        let ([x, y], [dx, dy]) = self.path.at(gone);
-        let hips = Vector3::new(x, y, self.gait.hips(gone));
+        let ([x, y], [dx, dy]) = self.path.at(walked_m);
+        let hips = Vector3::new(x, y, self.gait.hips(walked_m));
         let heading = so3::exp(Vector3::z() * libm::atan2(dy, dx));
-        // Shoulders turn against the hips.
-        let turn = -0.07 * self.gait.swing(Side::Left, gone);
+        // Shoulders rotate against the hips.
+        let turn = -0.07 * self.gait.swing(Side::Left, walked_m);
         let torso = heading * so3::exp(Vector3::z() * turn) * pitch(0.04);
         let leg = |side: Side| {
             let joint = hips + heading * Vector3::y() * (sign(side) * HALF_HIPS * scale);
-            let foot = self.gait.foot(&self.path, side, gone);
+            let foot = self.gait.foot(&self.path, side, walked_m);
             let [thigh, shin] = gait::leg(&joint, &foot.ankle, &heading, scale);
             (joint, thigh, shin, foot)
         };
         let arm = |side: Side| {
             let shoulder = Vector3::new(0.0, sign(side) * HALF_SHOULDERS, SHOULDERS);
-            let swing = 0.38 * self.gait.swing(side, gone);
+            let swing = 0.38 * self.gait.swing(side, walked_m);
             let away = so3::exp(Vector3::x() * (0.07 * sign(side)));
             let upper = torso * pitch(0.9 * swing - 0.05) * away;
             (hips + torso * shoulder * scale, upper, swing)
@@ -245,7 +246,7 @@ impl Walk {
             }
             Limb::Forearm(side) => {
                 let (joint, upper, swing) = arm(side);
-                // Bent more while it swings forward, which it does while the leg goes back.
+                // Flexed more while it swings forward, opposite to the leg.
                 (
                     joint - upper * Vector3::z() * (UPPER_ARM * scale),
                     upper * pitch(-0.4 + 0.6 * swing),

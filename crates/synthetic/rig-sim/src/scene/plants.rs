@@ -1,7 +1,7 @@
 //! Trees, bushes, hedges.
 //!
-//! Leaves are not drawn one by one: a crown is a dark core with sprays around it, triangles with the
-//! picture of leaves on them, between which the sky shows.
+//! Leaves are not modelled individually: a crown is a dark core with sprays around it, triangles
+//! with a leaf texture, between which the sky is visible.
 
 use nalgebra::Vector3;
 
@@ -14,40 +14,40 @@ use super::sweep::{Ring, sweep};
 /// A clump of leaves about a point.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Clump {
-    /// m.
-    pub(super) centre: Vector3<f64>,
-    /// m.
+    /// Center or radii, m.
+    pub(super) center: Vector3<f64>,
+    /// Center or radii, m.
     pub(super) radii: Vector3<f64>,
-    /// How many sprays.
+    /// Number of sprays.
     pub(super) sprays: u32,
     /// Length of a spray, m.
     pub(super) spray_m: f64,
 }
 
 impl Clump {
-    /// So many sprays that they hide about half of what is behind.
-    pub(super) fn new(centre: Vector3<f64>, radii: Vector3<f64>, spray_m: f64) -> Self {
+    /// With a number of sprays that occludes about half of the background.
+    pub(super) fn new(center: Vector3<f64>, radii: Vector3<f64>, spray_m: f64) -> Self {
         let [x, y, z] = [radii.x, radii.y, radii.z];
         let surface = 4.0 * std::f64::consts::PI * (x * y + y * z + z * x) / 3.0;
         Self {
-            centre,
+            center,
             radii,
             sprays: (1.1 * surface / (spray_m * spray_m)) as u32,
             spray_m,
         }
     }
 
-    /// Grows it.
+    /// Adds the clump to a scene.
     pub(super) fn grow(&self, b: &mut Builder, leaves: Stuff) {
-        b.lump(self.centre, self.radii * 0.8, 4, 0.2, leaves);
+        b.lump(self.center, self.radii * 0.8, 4, 0.2, leaves);
         for _ in 0..self.sprays {
-            // Even over the sphere, and thinner outwards.
+            // Uniform over the sphere, less dense outwards.
             let up = b.draw(-1.0, 1.0);
             let angle = b.draw(0.0, 2.0 * std::f64::consts::PI);
             let level = (1.0 - up * up).sqrt();
             let out = Vector3::new(level * libm::cos(angle), level * libm::sin(angle), up);
             let reach = 0.78 + 0.38 * b.draw(0.0, 1.0) * b.draw(0.0, 1.0);
-            let at = self.centre + out.component_mul(&self.radii) * reach;
+            let at = self.center + out.component_mul(&self.radii) * reach;
             let tilt = [0, 1, 2].map(|_| b.draw(-0.6, 0.6));
             let facing = (out + Vector3::from(tilt)).normalize();
             let helper = if facing.z.abs() > 0.8 {
@@ -63,7 +63,7 @@ impl Clump {
                 let length = self.spray_m * b.draw(0.45, 0.85);
                 at + (right * libm::cos(turn) + over * libm::sin(turn)) * length
             });
-            // Seen from both sides.
+            // Visible from both sides.
             let [p, q, r] = corners;
             b.mesh.triangle([p, q, r], [at.x + at.z, at.y], leaves);
             b.mesh.triangle([p, r, q], [at.x + at.z, at.y], leaves);
@@ -71,7 +71,7 @@ impl Clump {
     }
 }
 
-/// What trees are made of.
+/// Materials of trees.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Greens {
     pub(super) bark: u16,
@@ -108,11 +108,11 @@ pub(super) fn street_tree(b: &mut Builder, greens: Greens, foot: Vector3<f64>, t
     for k in 0..5 {
         let angle = 1.3 * f64::from(k) + b.draw(-0.3, 0.3);
         let out = Vector3::new(libm::cos(angle), libm::sin(angle), 0.0);
-        let centre = at(trunk_m + b.draw(0.3, 1.5)) + out * b.draw(0.4, 0.9);
+        let center = at(trunk_m + b.draw(0.3, 1.5)) + out * b.draw(0.4, 0.9);
         // A limb that carries it.
         let limb = [
             Ring::round(at(trunk_m - 0.3), 0.06),
-            Ring::round(centre, 0.03),
+            Ring::round(center, 0.03),
         ];
         sweep(
             &mut b.mesh,
@@ -122,7 +122,7 @@ pub(super) fn street_tree(b: &mut Builder, greens: Greens, foot: Vector3<f64>, t
             trunk,
         );
         let radii = Vector3::new(0.8, 0.8, 0.65) * b.draw(0.8, 1.15);
-        Clump::new(centre, radii, 0.55).grow(b, leaves);
+        Clump::new(center, radii, 0.55).grow(b, leaves);
     }
 }
 
@@ -141,9 +141,9 @@ pub(super) fn hedge(b: &mut Builder, material: u16, ends: [Vector3<f64>; 2], wid
     let along = ends[1] - ends[0];
     let count = (along.norm() / (0.7 * width)).ceil() as u32;
     for k in 0..=count {
-        let centre = ends[0] + along * (f64::from(k) / f64::from(count));
+        let center = ends[0] + along * (f64::from(k) / f64::from(count));
         let off = Vector3::new(b.draw(-0.1, 0.1), b.draw(-0.1, 0.1), b.draw(0.38, 0.5)) * width;
         let radii = Vector3::new(0.55, 0.55, 0.5) * (width * b.draw(0.9, 1.1));
-        Clump::new(centre + off, radii, 0.5 * width).grow(b, leaves);
+        Clump::new(center + off, radii, 0.5 * width).grow(b, leaves);
     }
 }

@@ -1,12 +1,12 @@
 //! A paved square with house fronts all round, a fountain, planters and benches, and people who walk about.
 //!
-//! x runs along the longer side. The walker goes round the square; people come towards the walker and
-//! walk ahead on loops just inside and outside of that, others cross the view in the middle. No
-//! loop meets another or the walker's, so nobody bumps into anybody.
+//! x runs along the longer side. The walker goes around the square; people come towards the walker
+//! and walk ahead on loops just inside and outside of that loop, others cross the view in the
+//! middle. No loop meets another or the walker's, so there are no collisions.
 
 use nalgebra::Vector3;
 
-use super::build::{Builder, Made};
+use super::build::{Builder, SceneParts};
 use super::front::{self, Row, Style};
 use super::light::Lights;
 use super::palette;
@@ -21,13 +21,13 @@ mod furniture;
 
 /// Half the sides of the square, m.
 const HALF: [f64; 2] = [17.0, 13.0];
-/// Half the sides of the walker's round, before its corners are rounded, m.
+/// Half the sides of the walker's loop, before its corners are rounded, m.
 const ROUND: [f64; 2] = [11.5, 7.6];
 /// Width of the streets that leave at two corners, m.
 const STREET_M: f64 = 3.5;
 const FOUNTAIN: [f64; 2] = [-3.8, 0.0];
 
-/// What is where.
+/// Materials of the scene.
 struct Palette {
     /// Two shades.
     slabs: [u16; 2],
@@ -37,14 +37,14 @@ struct Palette {
     water: u16,
     flowers: u16,
     greens: Greens,
-    street: street::Looks,
-    fronts: front::Looks,
+    street: street::StreetMaterials,
+    fronts: front::FrontMaterials,
 }
 
-pub(super) fn build(b: &mut Builder) -> Made {
+pub(super) fn build(b: &mut Builder) -> SceneParts {
     let light = palette::SLABS.dyed([0.4, 0.37, 0.33], [0.16, 0.15, 0.13]);
     let p = Palette {
-        slabs: [palette::SLABS, light].map(|look| look.of(Class::Pavement, b)),
+        slabs: [palette::SLABS, light].map(|finish| finish.of(Class::Pavement, b)),
         setts: palette::SETTS.of(Class::Pavement, b),
         stone: palette::STONES
             .dyed([0.42, 0.41, 0.38], [0.34, 0.33, 0.31])
@@ -56,8 +56,8 @@ pub(super) fn build(b: &mut Builder) -> Made {
             .dyed([0.11, 0.18, 0.06], [0.42, 0.16, 0.2])
             .of(Class::Obstacle, b),
         greens: Greens::new(b),
-        street: street::Looks::new(b),
-        fronts: front::Looks::new(b),
+        street: street::StreetMaterials::new(b),
+        fronts: front::FrontMaterials::new(b),
     };
     ground(b, &p);
     houses(b, &p);
@@ -66,7 +66,7 @@ pub(super) fn build(b: &mut Builder) -> Made {
     furniture::seats_and_planters(b, &p);
     furniture::trees(b, &p);
     crowd(b);
-    Made {
+    SceneParts {
         lights: Lights {
             sun: Vector3::new(-0.35, 0.45, 0.8),
             low_sun: Vector3::new(-0.9, -0.25, 0.42),
@@ -93,7 +93,8 @@ pub(super) fn build(b: &mut Builder) -> Made {
 /// with these half sides.
 fn round([x, y]: [f64; 2], outwards: f64) -> Vec<[f64; 2]> {
     let (x, y, o) = (x, y, outwards);
-    // The straight parts move as a whole, and so the loops stay apart in the corners too.
+    // The straight parts are translated as a whole, so the loops keep their distance in the corners
+    // too.
     let quarter = [
         [0.35 * x, -y - o],
         [x - 2.0, -y - o],
@@ -141,7 +142,7 @@ fn ground(b: &mut Builder, p: &Palette) {
     }
 }
 
-/// The fronts round the square, and along the streets that leave it.
+/// The fronts around the square, and along the streets that leave it.
 fn houses(b: &mut Builder, p: &Palette) {
     let [w, h] = HALF;
     let style = Style {
@@ -186,7 +187,7 @@ fn crowd(b: &mut Builder) {
     let mut inner = round(ROUND, -1.0);
     inner.reverse();
     on(&inner, 1.25, &[0.07, 0.36, 0.62, 0.85]);
-    // The same way as the walker, slower.
+    // In the walker's direction, slower.
     on(&round(ROUND, 1.1), 1.0, &[0.12, 0.4, 0.55, 0.78]);
     // To and fro in the middle, across the view.
     let oval = |x: f64, half: [f64; 2]| -> Vec<[f64; 2]> {

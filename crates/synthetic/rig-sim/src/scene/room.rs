@@ -1,11 +1,11 @@
-//! A furnished room: panes, thin rails and thin legs, which are easily missed.
+//! A furnished room with panes, thin rails and thin legs, which are easily missed.
 //!
-//! The walker goes round a glass screen, a table and a guard rail in the middle, along furniture at the
-//! walls. Rails are 2 to 4 cm thick.
+//! The walker goes around a glass screen, a table and a guard rail in the middle, along furniture
+//! at the walls. Rails are 2 to 4 cm thick.
 
 use nalgebra::Vector3;
 
-use super::build::{Builder, Made};
+use super::build::{Builder, SceneParts};
 use super::interior::{DoorStuff, Opening, Slab, Wall, ceiling_lamp};
 use super::light::{Lamp, Lights};
 use super::mesh::Stuff;
@@ -17,7 +17,7 @@ use super::surface::Class;
 const SIZE: [f64; 2] = [10.0, 7.0];
 const HEIGHT: f64 = 2.7;
 
-/// What is where.
+/// Materials of the scene.
 struct Palette {
     parquet: u16,
     rug: u16,
@@ -35,7 +35,7 @@ struct Palette {
     grass: u16,
 }
 
-pub(super) fn build(b: &mut Builder) -> Made {
+pub(super) fn build(b: &mut Builder) -> SceneParts {
     let palette = palette(b);
     let lamps = shell(b, &palette);
     middle(b, &palette);
@@ -61,7 +61,7 @@ pub(super) fn build(b: &mut Builder) -> Made {
     ];
     let cuts = parts(&points, &[[6.0, 1.3], [8.7, 3.5], [4.6, 5.7]]);
     let walk = |part: usize, speed: f64| Leg::walk(cuts[part], speed);
-    Made {
+    SceneParts {
         lights: Lights {
             sun: Vector3::new(0.6, -0.3, 0.7),
             // Through the garden door.
@@ -88,7 +88,7 @@ fn palette(b: &mut Builder) -> Palette {
     use super::palette::{
         CEILING, CLOTH, GRASS, LAMP, PARQUET, RUG, STEEL, VARNISH, WALLPAPER, WHITE, WOOD,
     };
-    let book = |colour: [f32; 3]| VARNISH.dyed(colour, colour.map(|c| 0.6 * c + 0.1));
+    let book = |color: [f32; 3]| VARNISH.dyed(color, color.map(|c| 0.6 * c + 0.1));
     Palette {
         parquet: PARQUET.of(Class::Pavement, b),
         rug: RUG.of(Class::Pavement, b),
@@ -103,14 +103,14 @@ fn palette(b: &mut Builder) -> Palette {
             CLOTH.dyed([0.12, 0.17, 0.24], [0.18, 0.22, 0.26]),
             CLOTH.dyed([0.42, 0.36, 0.26], [0.34, 0.3, 0.24]),
         ]
-        .map(|look| look.of(Class::Obstacle, b)),
+        .map(|finish| finish.of(Class::Obstacle, b)),
         books: [
             book([0.4, 0.08, 0.06]),
             book([0.08, 0.2, 0.35]),
             book([0.5, 0.45, 0.3]),
             book([0.08, 0.22, 0.12]),
         ]
-        .map(|look| look.of(Class::Obstacle, b)),
+        .map(|finish| finish.of(Class::Obstacle, b)),
         door: DoorStuff {
             leaf: WHITE.of(Class::Obstacle, b),
             frame: WHITE.of(Class::Wall, b),
@@ -118,7 +118,7 @@ fn palette(b: &mut Builder) -> Palette {
         },
         lamp: LAMP.glowing(1.0).of(Class::Obstacle, b),
         greens: Greens::new(b),
-        // What a pane mirrors of a room is about as bright as a grey wall.
+        // Reflections of a room in a pane are about as bright as a gray wall.
         glass: WALLPAPER
             .dyed([0.38, 0.42, 0.41], [0.38, 0.42, 0.41])
             .of(Class::Glass, b),
@@ -246,7 +246,7 @@ fn rail(b: &mut Builder, ends: [Vector3<f64>; 2], diameter_m: f64, stuff: Stuff)
     b.mesh.tube(ends, [0.5 * diameter_m; 2], 10, 0.5, stuff);
 }
 
-/// Table and chairs, the glass screen, the guard rail: inside the round.
+/// Table and chairs, the glass screen, the guard rail: inside the loop.
 fn middle(b: &mut Builder, p: &Palette) {
     let rug = Builder::on_ground(p.rug);
     b.standing_box(
@@ -367,7 +367,7 @@ fn chair(b: &mut Builder, p: &Palette, at: Vector3<f64>, yaw: f64) {
     b.standing_box(point(0.0, -0.27, 0.66), size, yaw, 0.3, cloth);
 }
 
-/// Shelf, sofa, clothes rail, glass cabinet, lamp, radiator: outside the round.
+/// Shelf, sofa, clothes rail, glass cabinet, lamp, radiator: outside the loop.
 fn along_the_walls(b: &mut Builder, p: &Palette) {
     let [x, y] = SIZE;
     let wall = |from: [f64; 2], to: [f64; 2]| Wall {
@@ -395,8 +395,8 @@ fn along_the_walls(b: &mut Builder, p: &Palette) {
         while at < right - 0.2 {
             let (thick, high) = (b.draw(0.018, 0.05), b.draw(0.19, 0.3));
             let deep = b.draw(0.15, 0.22);
-            let colour = b.draw(0.0, 4.0) as usize;
-            let book = b.of_thing(p.books[colour]);
+            let color = b.draw(0.0, 4.0) as usize;
+            let book = b.of_thing(p.books[color]);
             let foot = up + 0.025;
             south.block(
                 b,

@@ -1,47 +1,47 @@
-//! Where and how one walks: what a place suggests to a walker.
+//! Route of a walker through a scene.
 
 use crate::walker::path::Path;
 
-/// A closed way on the ground, and how it is walked.
+/// A closed path on the ground, with the legs of the walk.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Route {
-    /// Corners of a closed polygon in x and y, m; the way is the smooth curve that they control.
+    /// Corners of a closed polygon in x and y, m: control points of the smooth path.
     pub points: Vec<[f64; 2]>,
-    /// A height from which the ground at the first point is found by looking down, m.
+    /// Height from which the ground below the first point is searched, m.
     pub start_below: f64,
-    /// One after the other, and again from the first.
+    /// Legs in order, repeated from the first.
     pub legs: Vec<Leg>,
 }
 
-/// One way of going on.
+/// A leg of the walk.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum Leg {
-    /// Walks, or above some 2 m/s jogs.
+    /// Walk, or above about 2 m/s jog.
     Walk {
-        /// How far, m.
+        /// Distance, m.
         metres: f64,
-        /// m/s.
+        /// Speed, m/s.
         speed: f64,
     },
-    /// Stands still.
+    /// Stand.
     Stand {
-        /// How long, s.
+        /// Duration, s.
         seconds: f64,
     },
-    /// Catches a foot while walking.
+    /// Stumble while walking.
     Stumble,
 }
 
 impl Leg {
-    /// A walk of so many metres at so many m/s.
+    /// A walk of `metres` m at `speed` m/s.
     pub const fn walk(metres: f64, speed: f64) -> Self {
         Self::Walk { metres, speed }
     }
 }
 
-/// Lengths of the parts into which places cut a closed way, m: from its start to the point nearest to
-/// the first place, from there to that of the next, and at last back to the start. Places come in the
-/// order in which they are passed. Legs that are as long make every round the same.
+/// Lengths of the parts into which positions divide a closed path, m: from its start to the point
+/// nearest to the first position, from there to that of the next, and finally back to the start.
+/// Positions are in the order of the path. With legs of these lengths every lap is the same.
 pub fn parts(points: &[[f64; 2]], places: &[[f64; 2]]) -> Vec<f64> {
     const STEP_M: f64 = 0.05;
     let path = Path::closed(points);
@@ -66,7 +66,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn parts_make_up_a_round() {
+    fn parts_add_up_to_a_lap() {
         let square = [[0.0, 0.0], [10.0, 0.0], [10.0, 10.0], [0.0, 10.0]];
         let parts = parts(&square, &[[9.0, 1.0], [5.0, 9.0]]);
         let round = Path::closed(&square).length_m();
@@ -74,7 +74,8 @@ mod tests {
             (parts.iter().sum::<f64>() - round).abs() < 1e-9,
             "{parts:?}"
         );
-        // From a corner to the next is a quarter; from there to the middle of a side is more.
+        // From one corner to the next is a quarter of a lap; from there to the middle of a side is
+        // more.
         let quarter = 0.25 * round;
         assert!((parts[0] - quarter).abs() < 0.1, "{parts:?} {quarter}");
         assert!(

@@ -1,46 +1,46 @@
-//! The sun's shadows with outlines: triangles are cut where sunlight on them is not linear.
+//! Shadows of the sun with sharp outlines: triangles are cut where sunlight on them is not linear.
 //!
-//! Contract: only the ground and walls are cut, the finer the nearer to the way, and a cut moves no
-//! surface. An edge is cut in its middle for both triangles that share it, so no crack opens.
+//! Contract: only the ground and walls are cut, finer near the path, and a cut moves no surface. An
+//! edge is cut in its middle for both triangles that share it, so no crack opens.
 
 use std::collections::{HashMap, HashSet};
 
 use nalgebra::Vector3;
 
 use super::bvh::Bvh;
-use super::light::{Light, Lit, OFF_M};
+use super::light::{Light, Lit, RAY_OFFSET_M};
 use super::mesh::{Corner, Mesh, Triangle};
 use super::route::Route;
 use super::surface::{Class, Material};
 use crate::walker::path::Path;
 
-/// Edges are not cut to less than this near the way, m; farther away in proportion to the distance.
-const FINEST_M: f64 = 0.06;
-const NEAR_M: f64 = 1.6;
-/// Beyond this nothing is cut, m.
-const FAR_M: f64 = 10.0;
-/// An edge is looked at in places so far apart, m.
-const LOOK_M: f64 = 0.07;
-const MOST_LOOKS: usize = 8;
-/// Part of the light by which it may differ from linear.
+/// Minimum edge length near the path, m; farther away it grows in proportion to the distance.
+const MIN_EDGE_M: f64 = 0.06;
+const FULL_DETAIL_M: f64 = 1.6;
+/// Maximum distance from the path at which edges are cut, m.
+const MAX_DISTANCE_M: f64 = 10.0;
+/// Distance between sunlight samples along an edge, m.
+const SAMPLE_SPACING_M: f64 = 0.07;
+const MAX_SAMPLES: usize = 8;
+/// Maximum deviation from linear, as a fraction of the light.
 const TOLERANCE: f32 = 0.12;
-/// How often an edge is halved at the most.
-const ROUNDS: usize = 5;
-/// No more triangles than this.
-const MOST: usize = 150_000;
+/// Maximum number of bisections of an edge.
+const MAX_ROUNDS: usize = 5;
+/// Maximum number of triangles.
+const MAX_TRIANGLES: usize = 150_000;
 
-/// A triangle on its way through the rounds.
+/// A triangle during subdivision.
 #[derive(Clone, Copy)]
 struct Piece {
     triangle: Triangle,
     lit: [Lit; 3],
-    /// Whether it can still change.
+    /// Whether it may still be cut.
     is_open: bool,
 }
 
 type Edge = [[u64; 3]; 2];
 
-/// Sunlight at a point by the surface's round and flat normals.
+/// Sunlight at a point by the surface's smoothed and flat normals.
 type Sunlight<'a> = dyn Fn(&Vector3<f64>, &Vector3<f64>, &Vector3<f64>) -> f32 + 'a;
 
 fn edge(a: &Corner, b: &Corner) -> Edge {
@@ -48,7 +48,7 @@ fn edge(a: &Corner, b: &Corner) -> Edge {
     if a < b { [a, b] } else { [b, a] }
 }
 
-/// The mesh, cut, and the irradiance at the corners of each triangle.
+/// The subdivided mesh, and the irradiance at the corners of each triangle.
 pub(super) fn baked(
     mesh: &Mesh,
     materials: &[Material],
@@ -84,22 +84,22 @@ pub(super) fn baked(
         })
         .collect();
     let sunlight = |p: &Vector3<f64>, normal: &Vector3<f64>, flat: &Vector3<f64>| {
-        let start = p + flat * OFF_M;
+        let start = p + flat * RAY_OFFSET_M;
         light.sunlight(normal, |d, reach| solid.is_hidden(&start, d, reach)) as f32
     };
-    // Without a sun there is nothing to cut.
-    let rounds = if light.sun.is_some() { ROUNDS } else { 0 };
+    // Without sun nothing is cut.
+    let rounds = if light.sun.is_some() { MAX_ROUNDS } else { 0 };
     for _ in 0..rounds {
-        let mut wanted: Vec<(u64, Edge)> = Vec::new();
-        // Two triangles share an edge: one look is enough.
+        let mut to_cut: Vec<(u64, Edge)> = Vec::new();
+        // Two triangles share an edge: it is sampled once.
         let mut judged: HashMap<Edge, bool> = HashMap::new();
         for piece in pieces.iter_mut().filter(|p| p.is_open) {
             let corners = &piece.triangle.corners;
             let distance = away(&corners[0].position);
-            let finest = FINEST_M * (distance / NEAR_M).max(1.0);
-            // What has no edge to be cut now has none later.
+            let finest = MIN_EDGE_M * (distance / FULL_DETAIL_M).max(1.0);
+            // A triangle without edges to cut has none later.
             piece.is_open = false;
-            if distance > FAR_M {
+            if distance > MAX_DISTANCE_M {
                 continue;
             }
             let flat = piece.triangle.normal();
@@ -111,14 +111,14 @@ pub(super) fn baked(
                     continue;
                 }
                 let name = edge(a, b);
-                if let Some(&differs) = judged.get(&name) {
-                    piece.is_open |= differs;
+                if let Some(&ground_truth) = judged.get(&name) {
+                    piece.is_open |= ground_truth;
                     continue;
                 }
                 let (la, lb) = (&piece.lit[i], &piece.lit[j]);
-                let looks = ((length / LOOK_M) as usize).clamp(1, MOST_LOOKS);
-                let differs = (1..=looks).any(|n| {
-                    let t = n as f64 / (looks + 1) as f64;
+                let samples = ((length / SAMPLE_SPACING_M) as usize).clamp(1, MAX_SAMPLES);
+                let ground_truth = (1..=samples).any(|n| {
+                    let t = n as f64 / (samples + 1) as f64;
                     let p = a.position + (b.position - a.position) * t;
                     let normal = (la.normal * (1.0 - t) + lb.normal * t).normalize();
                     let found = sunlight(&p, &normal, &flat);
@@ -126,20 +126,20 @@ pub(super) fn baked(
                     let level = found.max(expected) + la.soft;
                     (found - expected).abs() > TOLERANCE * level
                 });
-                judged.insert(name, differs);
-                piece.is_open |= differs;
-                if differs {
-                    wanted.push((distance.to_bits(), name));
+                judged.insert(name, ground_truth);
+                piece.is_open |= ground_truth;
+                if ground_truth {
+                    to_cut.push((distance.to_bits(), name));
                 }
             }
         }
-        // The nearest ones, if there are too many: each makes two triangles more at the most.
-        wanted.sort_unstable();
-        wanted.truncate(MOST.saturating_sub(pieces.len()) / 2);
-        if wanted.is_empty() {
+        // The nearest ones, if there are too many: each adds at most two triangles.
+        to_cut.sort_unstable();
+        to_cut.truncate(MAX_TRIANGLES.saturating_sub(pieces.len()) / 2);
+        if to_cut.is_empty() {
             break;
         }
-        let cut: HashSet<Edge> = wanted.into_iter().map(|(_, edge)| edge).collect();
+        let cut: HashSet<Edge> = to_cut.into_iter().map(|(_, edge)| edge).collect();
         pieces = pieces
             .iter()
             .flat_map(|piece| divided(piece, &cut, &sunlight))
@@ -222,7 +222,7 @@ mod tests {
 
     /// A wall's shadow across a ground of large cells, under a sun 45 degrees high.
     #[test]
-    fn a_shadow_ends_where_it_should_and_no_crack_opens() {
+    fn shadow_edge_is_correct_and_the_mesh_has_no_cracks() {
         let stuff = Stuff {
             material: 0,
             instance: 0,
@@ -259,7 +259,8 @@ mod tests {
         let (before, after) = (mesh.triangles.len(), cut.triangles.len());
         assert!(after > 2 * before, "{before} {after}");
 
-        // The ground is as large as it was, and what is lit of it is what the wall does not hide.
+        // The area of the ground is unchanged, and its lit part is the part that the wall does not
+        // occlude.
         let (mut all, mut dark) = (0.0, 0.0);
         let mut ends = std::collections::HashMap::new();
         for (triangle, lit) in cut.triangles.iter().zip(&lit) {
@@ -278,7 +279,7 @@ mod tests {
             }
         }
         assert!((all - 36.0).abs() < 1e-9, "{all}");
-        // 0.9 m wide and 1 m long; the sky's share is a little less beside the wall.
+        // 0.9 m wide and 1 m long; the sky's part is slightly reduced beside the wall.
         assert!((dark - 0.9).abs() < 0.12, "{dark}");
         // Every edge belongs to two triangles but those at the rim, 24 m of it.
         let rim = ends.values().filter(|&&n| n == 1).count();

@@ -1,6 +1,6 @@
-//! What is seen where nothing is in the way: sky, clouds, the sun.
+//! Background: sky, clouds, the sun.
 
-use super::Time;
+use super::Lighting;
 use super::light::Light;
 use crate::camera::raster::View;
 use crate::camera::shade::luminance;
@@ -21,47 +21,47 @@ pub struct Sky {
     /// Colours at the horizon and around the sun, as bright as the zenith.
     horizon: [f32; 3],
     warm: [f32; 3],
-    /// How much brighter the horizon is.
+    /// Brightness of the horizon relative to the zenith, minus one.
     pub rise: f32,
-    /// How strongly clouds show.
+    /// Contrast of clouds.
     pub clouds: f32,
     /// The texture of the clouds.
     pub texture: u16,
-    /// Direction to the sun, and how much brighter than the zenith it is.
+    /// Direction to the sun, and its brightness relative to the zenith.
     pub sun: Option<([f32; 3], f32)>,
-    /// How much brighter than the zenith it is beside the sun.
+    /// Brightness beside the sun relative to the zenith.
     glow: f32,
 }
 
 /// The same colour with this luminance.
-fn bright(colour: [f32; 3], luminance_is: f32) -> [f32; 3] {
-    let factor = luminance_is / luminance(colour);
-    colour.map(|c| c * factor)
+fn bright(color: [f32; 3], luminance_is: f32) -> [f32; 3] {
+    let factor = luminance_is / luminance(color);
+    color.map(|c| c * factor)
 }
 
 impl Sky {
-    /// At a time, with clouds of a texture.
-    pub(super) fn new(time: Time, light: &Light, texture: u16) -> Self {
+    /// The sky of a lighting, with clouds of a texture.
+    pub(super) fn new(lighting: Lighting, light: &Light, texture: u16) -> Self {
         const BLUE: [f32; 3] = [0.55, 0.86, 1.5];
         const HAZE: [f32; 3] = [0.92, 1.0, 1.12];
         const PEACH: [f32; 3] = [1.5, 0.95, 0.55];
         const DUSK: [f32; 3] = [0.65, 0.85, 1.35];
         // The light of towns on clouds.
         const TOWN: [f32; 3] = [1.25, 0.95, 0.7];
-        // A sky that gives an irradiance of 1, were it even, is as bright as a white surface. The light
-        // that surfaces get at night comes from lamps by way of other surfaces rather than from there.
-        let (colours, share, rise, clouds, glow) = match time {
-            Time::Day => ([BLUE, HAZE, HAZE], 0.7, 1.2, 0.7, 3.0),
-            Time::LowSun => ([BLUE, PEACH, PEACH], 0.6, 1.6, 0.7, 12.0),
-            Time::Night => ([TOWN, TOWN, TOWN], 0.04, 2.0, 0.6, 0.0),
-            Time::Flicker => ([DUSK, HAZE, HAZE], 0.3, 1.0, 0.6, 0.0),
+        // A uniform sky with an irradiance of 1 is as bright as a white surface. At night surfaces
+        // receive light from lamps, directly and reflected, rather than from the sky.
+        let (colors, share, rise, clouds, glow) = match lighting {
+            Lighting::Day => ([BLUE, HAZE, HAZE], 0.7, 1.2, 0.7, 3.0),
+            Lighting::LowSun => ([BLUE, PEACH, PEACH], 0.6, 1.6, 0.7, 12.0),
+            Lighting::Night => ([TOWN, TOWN, TOWN], 0.04, 2.0, 0.6, 0.0),
+            Lighting::Flicker => ([DUSK, HAZE, HAZE], 0.3, 1.0, 0.6, 0.0),
         };
         let overhead = (share * light.sky) as f32;
         let sun = light.sun.map(|(direction, strength)| {
             let radiance = (strength * std::f64::consts::PI / SUN_SR) as f32;
             (direction.map(|v| v as f32).into(), radiance / overhead)
         });
-        let [zenith, horizon, warm] = colours.map(|c| bright(c, overhead));
+        let [zenith, horizon, warm] = colors.map(|c| bright(c, overhead));
         Self {
             zenith,
             horizon,
@@ -78,7 +78,7 @@ impl Sky {
     /// ray.
     #[inline]
     pub(crate) fn seen(&self, view: &View, [x, y]: [f32; 2], scene: &Scene) -> (f32, [f32; 3]) {
-        // The transpose takes optical directions back to the world.
+        // The transpose maps optical directions to the world.
         let r = &view.rotation;
         let direction = [0, 1, 2].map(|k| r[0][k] * x + r[1][k] * y + r[2][k]);
         let length = (direction[0] * direction[0]
@@ -89,7 +89,7 @@ impl Sky {
         let up = direction[2].max(0.0);
         let pale = (1.0 - up) * (1.0 - up);
         let pale = pale * pale;
-        // A layer of clouds far above, so that it recedes towards the horizon; soft and in tatters.
+        // A high layer of clouds, which recedes towards the horizon.
         let clouds = &scene.textures[usize::from(self.texture)];
         let scale = 36.0 / (up + 0.15);
         let (cu, cv) = (direction[0] * scale, direction[1] * scale);
@@ -111,8 +111,8 @@ impl Sky {
             }
         }
         let blue = (1.0 - white - warm).max(0.0);
-        let colour = [0, 1, 2]
+        let color = [0, 1, 2]
             .map(|k| blue * self.zenith[k] + white * self.horizon[k] + warm * self.warm[k]);
-        (light.max(0.05), colour)
+        (light.max(0.05), color)
     }
 }

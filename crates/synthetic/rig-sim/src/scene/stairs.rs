@@ -1,4 +1,4 @@
-//! A staircase in a court: up, round a corner on the landing, down again, and back over the yard.
+//! A staircase in a court: up, around a corner on the landing, down again, and back over the yard.
 //!
 //! The first flight rises along x, the second one falls along y. Both lie against house walls; towards the
 //! yard they have cheeks with railings. Risers of 0.17 m and goings of 0.29 m fit a step of 0.63 m
@@ -6,7 +6,7 @@
 
 use nalgebra::Vector3;
 
-use super::build::{Builder, Made};
+use super::build::{Builder, SceneParts};
 use super::front::{self, Row, Window};
 use super::light::{Lamp, Lights};
 use super::mesh::Stuff;
@@ -17,7 +17,7 @@ use super::surface::Class;
 
 const RISE: f64 = 0.17;
 const GOING: f64 = 0.29;
-/// Of a flight, the one up to the landing included.
+/// Risers of a flight, including the last one up to the landing.
 const RISERS: usize = 11;
 /// Width of the flights and of the landing.
 const WIDTH: f64 = 2.0;
@@ -28,7 +28,7 @@ const TOP: f64 = RISERS as f64 * RISE;
 const EAST: f64 = RUN + WIDTH;
 const YARD: [[f64; 2]; 2] = [[-9.0, 0.0], [EAST, 13.0]];
 
-/// What is where.
+/// Materials of the scene.
 struct Palette {
     slabs: u16,
     tread: u16,
@@ -41,8 +41,8 @@ struct Palette {
     wood: u16,
     grass: u16,
     greens: Greens,
-    street: street::Looks,
-    fronts: front::Looks,
+    street: street::StreetMaterials,
+    fronts: front::FrontMaterials,
 }
 
 /// A flight that rises from the middle of its foot in a direction.
@@ -53,7 +53,7 @@ struct Flight {
     open: f64,
 }
 
-pub(super) fn build(b: &mut Builder) -> Made {
+pub(super) fn build(b: &mut Builder) -> SceneParts {
     use super::palette::{BRICK, CONCRETE, GRANITE, GRASS, PLASTER, SLABS, STEEL, WOOD};
     let palette = Palette {
         slabs: SLABS.of(Class::Pavement, b),
@@ -71,8 +71,8 @@ pub(super) fn build(b: &mut Builder) -> Made {
         wood: WOOD.of(Class::Obstacle, b),
         grass: GRASS.of(Class::Grass, b),
         greens: Greens::new(b),
-        street: street::Looks::new(b),
-        fronts: front::Looks::new(b),
+        street: street::StreetMaterials::new(b),
+        fronts: front::FrontMaterials::new(b),
     };
     let flights = [
         Flight {
@@ -129,7 +129,7 @@ pub(super) fn build(b: &mut Builder) -> Made {
         ],
     );
     let walk = |part: usize, speed: f64| Leg::walk(cuts[part], speed);
-    Made {
+    SceneParts {
         lights: Lights {
             sun: Vector3::new(-0.35, 0.55, 0.8),
             low_sun: Vector3::new(-0.95, 0.12, 0.17),
@@ -285,7 +285,7 @@ fn houses(b: &mut Builder, p: &Palette) {
         0.8,
         back,
     );
-    // Windows, along the walls as one sees them: west of the stairs, east, and across the yard.
+    // Windows along the walls, seen from the yard: west of the stairs, east, and across the yard.
     let (near, side, far) = (
         Row::new([0.0, 0.0], 0.0),
         Row::new([east, 0.0], 1.0),
@@ -322,7 +322,7 @@ fn houses(b: &mut Builder, p: &Palette) {
     );
 }
 
-/// The yard, and what stands in it. Returns the lamps.
+/// The yard with its objects. Returns the lamps.
 fn yard(b: &mut Builder, p: &Palette) -> Vec<Lamp> {
     let [from, to] = YARD;
     // Worn and settled by a few millimetres, but not at the foot of the stairs.
@@ -341,7 +341,7 @@ fn yard(b: &mut Builder, p: &Palette) -> Vec<Lamp> {
         |_, _| grass,
     );
 
-    // A raised bed inside the round.
+    // A raised bed inside the loop.
     let bed = b.of_thing(p.concrete);
     b.standing_box(
         Vector3::new(0.4, 4.2, -0.05),
@@ -372,7 +372,7 @@ fn yard(b: &mut Builder, p: &Palette) -> Vec<Lamp> {
     }
     p.street.bin(b, Vector3::new(-3.2, 0.5, 0.0), 0.1, 0);
     p.street.bin(b, Vector3::new(-4.0, 0.5, 0.0), -0.1, 1);
-    // What one sees beyond the open end.
+    // The view beyond the open end.
     let hedge = [[-17.0, -4.0], [-17.0, 22.0]].map(|[x, y]| Vector3::new(x, y, 0.0));
     plants::hedge(b, p.greens.leaves, hedge, 1.6);
     let mut lamps = Vec::new();

@@ -1,4 +1,4 @@
-//! What stands and lies in streets: lamps, bollards, bins, cars, benches, covers of drains, litter.
+//! Street furniture: lamps, bollards, bins, cars, benches, covers of drains, litter.
 
 use nalgebra::Vector3;
 
@@ -9,9 +9,9 @@ use super::palette;
 use super::surface::Class;
 use super::sweep::{Ring, sweep};
 
-/// What it is made of.
+/// Materials of street furniture.
 #[derive(Clone, Debug)]
-pub(super) struct Looks {
+pub(super) struct StreetMaterials {
     pub(super) metal: u16,
     glow: u16,
     pub(super) wood: u16,
@@ -25,7 +25,7 @@ pub(super) struct Looks {
     leaf: [u16; 2],
 }
 
-impl Looks {
+impl StreetMaterials {
     pub(super) fn new(b: &mut Builder) -> Self {
         use palette::{CONCRETE, LAMP, METAL, PANE, STEEL, VARNISH, WHITE, WOOD};
         let dyed = |own: [f32; 3]| VARNISH.dyed(own, own.map(|c| 0.8 * c + 0.02));
@@ -78,7 +78,7 @@ impl Looks {
             .map(|(z, radius)| Ring::round(at(height + z), radius));
         sweep(&mut b.mesh, &shade, Vector3::x(), 12, post);
         Lamp {
-            // Beside the post, and under the glass, so that neither hides it.
+            // Beside the post and below the glass, so that neither occludes it.
             position: at(height - 0.06) + Vector3::y() * 0.12,
             strength: 0.06,
         }
@@ -120,7 +120,7 @@ impl Looks {
         }
     }
 
-    /// A parked car that looks along x turned by `yaw`, `foot` on the road below its middle.
+    /// A parked car that faces along x rotated by `yaw`; `foot` is on the road below its middle.
     pub(super) fn car(&self, b: &mut Builder, foot: Vector3<f64>, yaw: f64, kind: usize) {
         let paint = b.of_thing(self.cars[kind % self.cars.len()]);
         let of = |material: u16| Stuff { material, ..paint };
@@ -164,8 +164,8 @@ impl Looks {
         b.standing_box(at(-2.1, 0.0, 0.5), plate, yaw, 0.6, of(self.light));
     }
 
-    /// A body through cross-sections with chamfered upper edges: sides and ends of one stuff, tops of
-    /// another.
+    /// A body through cross-sections with chamfered upper edges: sides and ends of one material,
+    /// tops of another.
     fn loft(
         &self,
         b: &mut Builder,
@@ -189,7 +189,7 @@ impl Looks {
         let mut along = 0.0;
         for pair in sections.windows(2) {
             let (from, to) = (ring(&pair[0]), ring(&pair[1]));
-            // A top that slants is a pane like the sides.
+            // An inclined top is a pane like the sides.
             let level = (pair[0][3] - pair[1][3]).abs() < 0.2;
             for k in 0..5 {
                 let stuff = if k == 2 && level { top } else { sides };
@@ -248,7 +248,7 @@ impl Looks {
         }
     }
 
-    /// Fallen leaves, flat on the ground, here and there within `reach` m of a point.
+    /// Fallen leaves, flat on the ground, at random within `reach` m of a point.
     pub(super) fn fallen_leaves(
         &self,
         b: &mut Builder,
@@ -272,7 +272,7 @@ impl Looks {
                     x + size * (ahead * c - left * s),
                     y + size * (ahead * s + left * c),
                 );
-                // Over the ground by so much that they are seen on it.
+                // Slightly above the ground, so that they are visible.
                 Vector3::new(px, py, height(px, py) + 0.003)
             };
             let corners = [

@@ -1,6 +1,6 @@
-//! What surfaces are made of and what they are.
+//! Materials and classes of surfaces.
 
-/// What a surface is. The numbers are those of class pictures.
+/// Class of a surface. The numbers are those of class images.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, PartialOrd, Ord)]
 #[repr(u8)]
 pub enum Class {
@@ -18,7 +18,7 @@ pub enum Class {
     Stair = 5,
     /// Wall, house front, ceiling.
     Wall = 6,
-    /// Whatever else is in the way: pole, tree, stone, furniture, rail.
+    /// Any other obstacle: pole, tree, stone, furniture, rail.
     Obstacle = 7,
     /// A person, the wearer included.
     Person = 8,
@@ -41,7 +41,7 @@ impl Class {
         Self::Glass,
     ];
 
-    /// In small letters, as files name it.
+    /// Name in files, in lower case.
     pub fn name(self) -> &'static str {
         match self {
             Self::Sky => "sky",
@@ -58,10 +58,10 @@ impl Class {
     }
 }
 
-/// How a surface looks and what it is.
+/// Appearance and class of a surface.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Material {
-    /// What it is.
+    /// Class.
     pub class: Class,
     /// Whether people walk on it.
     pub walkable: bool,
@@ -71,8 +71,8 @@ pub struct Material {
     pub texel_m: f32,
     /// Reflectance where the texture is 1, linear red, green, blue.
     pub albedo: [f32; 3],
-    /// The same where the texture's second channel is full.
+    /// Reflectance where the texture's second channel is full.
     pub other_albedo: [f32; 3],
-    /// Light given off by itself while lamps are on, as a multiple of a white surface in daylight.
+    /// Emitted light while lamps are on, relative to a white surface in daylight.
     pub glow: f32,
 }

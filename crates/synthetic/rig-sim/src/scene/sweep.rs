@@ -1,4 +1,4 @@
-//! A closed skin around a bent axis: limbs, roots, trunks, bowls.
+//! A closed skin around a curved axis: limbs, roots, trunks, bowls.
 
 use nalgebra::Vector3;
 
@@ -8,16 +8,16 @@ use super::mesh::{Corner, Mesh, Stuff, Triangle};
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Ring {
     /// On the axis, m.
-    pub(super) centre: Vector3<f64>,
+    pub(super) center: Vector3<f64>,
     /// Half the width to the side and half of that across both side and axis, m.
     pub(super) radii: [f64; 2],
 }
 
 impl Ring {
     /// With the same radius all round.
-    pub(super) fn round(centre: Vector3<f64>, radius: f64) -> Self {
+    pub(super) fn round(center: Vector3<f64>, radius: f64) -> Self {
         Self {
-            centre,
+            center,
             radii: [radius, radius],
         }
     }
@@ -42,19 +42,19 @@ pub(super) fn sweep(
     let mut along = 0.0;
     let mut skin: Vec<Vec<Corner>> = Vec::with_capacity(rings.len());
     for (i, ring) in rings.iter().enumerate() {
-        let before = rings[i.saturating_sub(1)].centre;
-        let axis = (rings[(i + 1).min(last)].centre - before).normalize();
+        let before = rings[i.saturating_sub(1)].center;
+        let axis = (rings[(i + 1).min(last)].center - before).normalize();
         let side = (aside - axis * aside.dot(&axis)).normalize();
         let across = axis.cross(&side);
         let wider = ring.radii[0] - rings[i.saturating_sub(1)].radii[0];
-        along += libm::hypot((ring.centre - before).norm(), wider);
+        along += libm::hypot((ring.center - before).norm(), wider);
         let corner = |k: usize| {
-            // The first and the last corner are one place, bit by bit.
+            // The first and the last corner are identical, bit by bit.
             let angle = 2.0 * std::f64::consts::PI * (k % sides) as f64 / sides as f64;
             let out = side * (ring.radii[0] * libm::cos(angle))
                 + across * (ring.radii[1] * libm::sin(angle));
             Corner {
-                position: ring.centre + out,
+                position: ring.center + out,
                 uv: [along, around * k as f64 / sides as f64],
             }
         };
@@ -79,7 +79,7 @@ pub(super) fn sweep(
     }
     for (end, turned) in [(0, true), (last, false)] {
         let middle = Corner {
-            position: rings[end].centre,
+            position: rings[end].center,
             uv: [0.0, 0.0],
         };
         // Seen along the axis, the skin of an end is a disc.
@@ -110,11 +110,11 @@ mod tests {
     use super::*;
 
     #[test]
-    fn a_sweep_is_closed_and_faces_outwards() {
+    fn sweep_is_closed_and_faces_outwards() {
         for tip in [Vector3::new(0.3, 0.2, 2.0), Vector3::new(1.5, -0.4, -0.6)] {
             let rings: Vec<Ring> = (0..=20)
                 .map(|i| Ring {
-                    centre: tip * (f64::from(i) / 20.0),
+                    center: tip * (f64::from(i) / 20.0),
                     radii: [0.3, 0.1],
                 })
                 .collect();

@@ -25,7 +25,7 @@ const BITS: usize = 6;
 /// Cells along a side with the black border.
 const CELLS: usize = BITS + 2;
 
-/// How many tags there are.
+/// Number of available tags.
 pub const COUNT: usize = CODES.len();
 
 /// Whether the cell in this row and column is black; the border is, all around it is not.
@@ -41,11 +41,11 @@ fn is_black(id: usize, row: i32, column: i32) -> bool {
     }
 }
 
-/// Adds tag `id` of side `size_m` to a mesh, with a white margin one cell wide. `place` takes points in
-/// the tag's frame to the mesh's.
+/// Adds tag `id` of side `size_m` to a mesh, with a white margin one cell wide. `place` maps points
+/// of the tag frame to the mesh frame.
 ///
 /// # Panics
-/// For an `id` that is not below [`COUNT`].
+/// If `id` is not below [`COUNT`].
 pub fn draw(
     mesh: &mut Mesh,
     id: usize,
@@ -98,7 +98,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn codes_differ_as_the_family_promises() {
+    fn tag_codes_have_the_minimum_distance_of_the_family() {
         let turned = |code: u64| {
             let bit = |r: usize, c: usize| code >> (35 - (r * 6 + c)) & 1;
             (0..36).fold(0, |sum, i| sum << 1 | bit(5 - i % 6, i / 6))

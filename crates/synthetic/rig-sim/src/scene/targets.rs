@@ -1,9 +1,9 @@
-//! A plain room with enough on its walls to track, for calibration boards; the boards themselves are put in
-//! by [`super::Scene::with_boards`].
+//! A plain room with enough texture on its walls to track, for calibration boards; the boards are
+//! added by [`super::Scene::with_boards`].
 
 use nalgebra::Vector3;
 
-use super::build::{Builder, Made};
+use super::build::{Builder, SceneParts};
 use super::interior::{DoorStuff, Opening, Slab, Wall, ceiling_lamp};
 use super::light::Lights;
 use super::mesh::Stuff;
@@ -12,12 +12,12 @@ use super::surface::Class;
 use super::texture::Recipe;
 use crate::targets::board::Board;
 
-/// In x and y, from corner to corner; the plate starts at 0.
+/// In x and y, from corner to corner; the rig starts at 0.
 const FROM: [f64; 2] = [-2.6, -2.7];
 const TO: [f64; 2] = [3.0, 2.7];
 const HEIGHT: f64 = 2.7;
 
-pub(super) fn build(b: &mut Builder) -> Made {
+pub(super) fn build(b: &mut Builder) -> SceneParts {
     use super::palette::{CEILING, LAMP, LINO, PAPERS, STEEL, VARNISH, WALLPAPER, WHITE, WOOD};
     let on = Builder::on_ground;
     let (floor, paper, ceiling) = (
@@ -35,9 +35,9 @@ pub(super) fn build(b: &mut Builder) -> Made {
         frame: white,
         handle: STEEL.of(Class::Obstacle, b),
     };
-    let boxes = [[0.1, 0.2, 0.35], [0.4, 0.1, 0.08], [0.35, 0.33, 0.2]].map(|colour| {
+    let boxes = [[0.1, 0.2, 0.35], [0.4, 0.1, 0.08], [0.35, 0.33, 0.2]].map(|color| {
         VARNISH
-            .dyed(colour, colour.map(|c| 0.7 * c))
+            .dyed(color, color.map(|c| 0.7 * c))
             .of(Class::Obstacle, b)
     });
     let slab = |height: f64, is_ceiling: bool| Slab {
@@ -79,8 +79,8 @@ pub(super) fn build(b: &mut Builder) -> Made {
         let mut along = b.draw(0.2, 0.6);
         while along < wall.length() - 0.9 {
             let (wide, high) = (b.draw(0.25, 0.6), b.draw(0.2, 0.7));
-            let colour = boxes[b.draw(0.0, 2.999) as usize];
-            let thing: Stuff = b.of_thing(colour);
+            let color = boxes[b.draw(0.0, 2.999) as usize];
+            let thing: Stuff = b.of_thing(color);
             wall.block(b, [along, along + wide], [0.0, high], [0.05, 0.4], thing);
             along += wide + b.draw(0.1, 0.7);
         }
@@ -96,7 +96,7 @@ pub(super) fn build(b: &mut Builder) -> Made {
             lamps.push(ceiling_lamp(b, ceiling, [0.6, 0.2], 0.06, glowing));
         }
     }
-    Made {
+    SceneParts {
         lights: Lights {
             sun: Vector3::new(0.6, -0.3, 0.7),
             low_sun: Vector3::new(0.95, -0.1, 0.22),
@@ -111,7 +111,7 @@ pub(super) fn build(b: &mut Builder) -> Made {
     }
 }
 
-/// Puts boards into a room. Print has no grain, which would blur the edges of cells.
+/// Adds boards to a room. The print has no grain, which would blur the edges of cells.
 pub(super) fn stand(b: &mut Builder, boards: &[Board]) {
     if boards.is_empty() {
         return;
@@ -125,10 +125,10 @@ pub(super) fn stand(b: &mut Builder, boards: &[Board]) {
     });
     let black = b.material(Class::Obstacle, even, 40.0, [0.04; 3], [0.04; 3]);
     let white = b.material(Class::Obstacle, even, 40.0, [0.75; 3], [0.75; 3]);
-    let grey = b.material(Class::Obstacle, even, 40.0, [0.25; 3], [0.25; 3]);
+    let gray = b.material(Class::Obstacle, even, 40.0, [0.25; 3], [0.25; 3]);
     for board in boards {
         let instance = b.thing();
         let of = |material: u16| Stuff { material, instance };
-        board.draw(&mut b.mesh, [of(black), of(white)], of(grey));
+        board.draw(&mut b.mesh, [of(black), of(white)], of(gray));
     }
 }

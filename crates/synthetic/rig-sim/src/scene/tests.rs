@@ -1,15 +1,15 @@
 use super::*;
 use crate::walker::path::Path;
 
-/// A place before it is lit.
-fn made(kind: Kind, seed: u64) -> (Builder, Made) {
+/// A scene before lighting.
+fn made(kind: Kind, seed: u64) -> (Builder, SceneParts) {
     let mut builder = Builder::new(seed);
     let made = kind.build(&mut builder);
     (builder, made)
 }
 
 #[test]
-fn the_whole_way_has_ground_under_it_and_nothing_in_it() {
+fn whole_path_has_ground_and_no_obstacles() {
     for kind in Kind::ALL {
         let name = kind.name();
         let scene = by_day(kind, 1);
@@ -34,7 +34,7 @@ fn the_whole_way_has_ground_under_it_and_nothing_in_it() {
                 level = level.max(ground.height);
             }
             below = level + 0.6;
-            // Nothing within reach of hips and shoulders.
+            // Free space for hips and shoulders.
             for (height, room) in [(0.5, 0.22), (0.9, 0.27), (1.4, 0.27), (1.7, 0.15)] {
                 let at = Vector3::new(x, y, level + height);
                 for i in 0..16 {
@@ -81,7 +81,7 @@ fn no_triangle_is_degenerate() {
 }
 
 #[test]
-fn a_seed_makes_one_place_and_another_seed_another() {
+fn scene_is_determined_by_its_seed() {
     for kind in Kind::ALL {
         let [(a, a_made), (b, b_made), (c, _)] = [7, 7, 8].map(|seed| made(kind, seed));
         assert!(a.mesh == b.mesh && a.glass == b.glass, "{}", kind.name());
@@ -91,10 +91,10 @@ fn a_seed_makes_one_place_and_another_seed_another() {
     }
 }
 
-/// Every round is walked alike: legs that name lengths make up a whole number of rounds where a scene
-/// ties speeds to places.
+/// Every lap is the same: leg lengths add up to a whole number of laps where a scene ties speeds to
+/// positions.
 #[test]
-fn stairs_are_climbed_slowly_in_every_round() {
+fn stairs_are_climbed_slowly_in_every_lap() {
     let (_, made) = made(Kind::Stairs, 1);
     let round = Path::closed(&made.route.points).length_m();
     let walked: f64 = made

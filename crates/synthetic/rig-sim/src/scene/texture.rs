@@ -1,10 +1,10 @@
-//! Surface textures with the statistics of natural pictures.
+//! Surface textures with the statistics of natural images.
 //!
-//! A *dead leaves* picture (Matheron 1968; Lee, Mumford and Huang 2001): discs with radii by an inverse
-//! cube law cover each other. It has what natural surfaces have and noise has not: edges where one
-//! thing hides another, at every size, and an amplitude spectrum near 1/f. Outlines are bent and, for what
-//! is laid of pieces, cut ([`layout`]); blocks of value noise add grain. Textures tile, hold two channels,
-//! and come with all their mip levels.
+//! A *dead leaves* image (Matheron 1968; Lee, Mumford and Huang 2001): discs with radii by an
+//! inverse cube law occlude each other. Unlike noise it has the properties of natural surfaces:
+//! occlusion edges at every size, and an amplitude spectrum near 1/f. Outlines are bent and, for
+//! surfaces laid of pieces, cut ([`layout`]); blocks of value noise add grain. Textures tile, have
+//! two channels, and include all their mip levels.
 
 use crate::random;
 
@@ -15,43 +15,43 @@ use self::layout::Layout;
 /// Width and height of a texture's finest level, texels.
 pub const SIZE: usize = 1024;
 const LEVELS: usize = 11;
-/// What a texel's low byte is in reflectance, and its high one as a share.
+/// Units of a texel's low byte in reflectance, and of its high byte as a fraction.
 pub const TONE: f32 = 1.0 / 128.0;
 /// See [`TONE`].
 pub const MIX: f32 = 1.0 / 255.0;
 
-/// Where the level of this size starts: after the sum of `n (n + 1)` over the larger sizes `n`.
+/// Start of the level of this size: after the sum of `n (n + 1)` over the larger sizes `n`.
 #[inline(always)]
 fn start(size: i32) -> i32 {
     const TOP: i32 = SIZE as i32;
-    /// Times 3 it is 1 (modulo 2³²), so that exact division is a product.
+    /// Inverse of 3 modulo 2³², so that exact division is a product.
     const THIRD: i32 = -0x5555_5555;
     (4 * (TOP * TOP - size * size)).wrapping_mul(THIRD) + 2 * (TOP - size)
 }
 
-/// Where a look at a texture falls: between four texels.
+/// Position of a bilinear sample between four texels.
 #[derive(Clone, Copy, Debug)]
-pub struct Place {
-    /// Numbers of the two upper ones' left and of the two lower ones' left, among all levels'.
+pub struct TexelQuad {
+    /// Numbers of the upper left and of the lower left texel, among those of all levels.
     pub top: u32,
     /// See `top`.
     pub bottom: u32,
-    /// How far to the right and how far down between them, 0 to 1.
+    /// Fractional position to the right and down, 0 to 1.
     pub right: f32,
     /// See `right`.
     pub down: f32,
 }
 
-/// A tileable texture with mip levels. A texel holds, in its low byte, reflectance relative to the mean
-/// (1.0 is 128) and in its high byte how much of the second colour it has (full is 255).
+/// A tileable texture with mip levels. A texel holds in its low byte reflectance relative to the
+/// mean (1.0 is 128) and in its high byte the fraction of the second color (full is 255).
 #[derive(Clone, Debug)]
 pub struct Texture {
-    /// Levels begin at [`start`]; their rows are one texel longer than the level's size, and end with the
-    /// texel that they begin with: two neighbours lie side by side.
+    /// Levels begin at [`start`]; their rows are one texel longer than the level's size and end
+    /// with their first texel: two neighbors are adjacent in memory.
     texels: Vec<u16>,
 }
 
-/// How a texture is made.
+/// Recipe of a texture.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Recipe {
     /// Radii of the leaves, texels.
@@ -62,17 +62,17 @@ pub struct Recipe {
     pub grain: f32,
     /// Share of leaves of the second colour.
     pub mixed: f32,
-    /// How much longer than wide leaves are, along u.
+    /// Aspect ratio of the leaves, along u.
     pub stretch: f32,
 }
 
 impl Texture {
-    /// The texture of a recipe, a layout and a seed.
+    /// Generates the texture of a recipe, a layout and a seed.
     pub fn new(recipe: &Recipe, layout: &Layout, seed: u64) -> Self {
         let (mut luma, mut mix) = leaves(recipe, *layout == Layout::Tossed, seed);
         layout::lay(&mut luma, &mut mix, layout, seed);
         grain(&mut luma, recipe.grain, seed);
-        // The mean is 1 exactly, so that a surface's albedo is what its material says.
+        // The mean is exactly 1, so a surface's albedo is that of its material.
         let mean = luma.iter().sum::<f32>() / luma.len() as f32;
         luma.iter_mut().for_each(|v| *v /= mean);
         let mut texels = Vec::with_capacity(SIZE * SIZE * 4 / 3 + 2 * SIZE);
@@ -100,7 +100,7 @@ impl Texture {
     /// (0 to 10), between the four texels around.
     #[inline]
     pub fn sample(&self, u: f32, v: f32, level: u32) -> (f32, f32) {
-        let place = Place::new(u, v, level);
+        let place = TexelQuad::new(u, v, level);
         let (top, bottom) = (self.pair(place.top), self.pair(place.bottom));
         let blend = |shift| place.blend(top, bottom, shift);
         (blend(0) * TONE, blend(8) * MIX)
@@ -114,9 +114,9 @@ impl Texture {
     }
 }
 
-impl Place {
-    /// The place `u`, `v` texels of level `level` (0 to 10) from the corner; textures tile. Without
-    /// branches and memory, so that a loop over it becomes vector code.
+impl TexelQuad {
+    /// The position `u`, `v` texels of level `level` (0 to 10) from the corner; textures tile.
+    /// Without branches and memory access, so that a loop over it is vectorized.
     #[inline(always)]
     pub fn new(u: f32, v: f32, level: u32) -> Self {
         let size = SIZE as i32 >> level.min(LEVELS as u32 - 1);
@@ -132,7 +132,8 @@ impl Place {
         }
     }
 
-    /// One of a texel's two bytes, the one `shift` bits up, between two [`Texture::pair`]s; 0 to 255.
+    /// Interpolates one of a texel's two bytes, the one `shift` bits up, between two
+    /// [`Texture::pair`]s; 0 to 255.
     #[inline(always)]
     pub fn blend(&self, top: u32, bottom: u32, shift: u32) -> f32 {
         let at = |pair: u32, side: u32| (pair >> (shift + side) & 0xff) as i32 as f32;
@@ -144,12 +145,10 @@ impl Place {
     }
 }
 
-/// The greatest whole number that is not above `x`, for less than 2²² either way and any number
-/// otherwise. A cast would ask for a branch each.
+/// Floor of `x`, for magnitudes below 2²²; any number otherwise. A cast would need a branch each.
 #[inline(always)]
 pub(crate) fn floor(x: f32) -> i32 {
-    /// Numbers of this size have no place for fractions: what is added to it is rounded, and lands in
-    /// the last bits.
+    /// Numbers of this size have no fraction bits: an added value is rounded into the last bits.
     const LARGE: f32 = 12_582_912.0;
     let sum = x + LARGE;
     let whole = (sum.to_bits() as i32).wrapping_sub(LARGE.to_bits() as i32);
@@ -168,7 +167,7 @@ fn halved(values: &[f32], size: usize) -> Vec<f32> {
     small
 }
 
-/// Contrast of a leaf over that of the largest, by its size over that of the largest.
+/// Contrast of a leaf relative to that of the largest, by its relative size.
 fn fainter(size: f32) -> f32 {
     // About the fifth root.
     let root = size.sqrt().sqrt();
@@ -188,7 +187,7 @@ fn find(next: &mut [u16], x: usize) -> usize {
     end
 }
 
-/// Covers the tile from the front: a leaf, an ellipse, only shows where nothing lies yet.
+/// Covers the tile from front to back: a leaf, an ellipse, is visible only where no leaf is yet.
 fn leaves(recipe: &Recipe, tossed: bool, seed: u64) -> (Vec<f32>, Vec<f32>) {
     let [least, most] = recipe.radius.map(f64::from);
     let mut luma = vec![0.0_f32; SIZE * SIZE];
@@ -201,7 +200,7 @@ fn leaves(recipe: &Recipe, tossed: bool, seed: u64) -> (Vec<f32>, Vec<f32>) {
         let draw = |k: u64| random::uniform(seed, random::TEXTURE + k, leaf);
         // P(radius > r) falls as r^-2 between the limits.
         let spread = 1.0 - (least / most) * (least / most);
-        // Near the end, large leaves close what is left; small ones would take for ever.
+        // At the end large leaves fill the rest; small ones would take too long.
         let wish = least / (1.0 - spread * draw(0)).sqrt();
         let radius = wish.max(0.05 * leaf as f64 / 1000.0).min(most) as f32;
         let (cx, cy) = (draw(1) as f32 * SIZE as f32, draw(2) as f32 * SIZE as f32);
@@ -264,7 +263,7 @@ fn leaves(recipe: &Recipe, tossed: bool, seed: u64) -> (Vec<f32>, Vec<f32>) {
 }
 
 fn grain(luma: &mut [f32], strength: f32, seed: u64) {
-    // Three octaves of value noise, equally strong: what 1/f asks for.
+    // Three octaves of value noise of equal strength, as 1/f requires.
     for (octave, step) in [1_usize, 2, 4].into_iter().enumerate() {
         let wide = SIZE / step;
         let node = |x: usize, y: usize| {
@@ -301,7 +300,7 @@ mod tests {
     };
 
     #[test]
-    fn the_short_floor_is_the_library_s() {
+    fn fast_floor_agrees_with_the_standard_library() {
         for i in -3000..3000 {
             for x in [i as f32 * 0.25, i as f32 * 1397.7 + 0.3, i as f32] {
                 assert_eq!(floor(x), x.floor() as i32, "{x}");
@@ -310,7 +309,7 @@ mod tests {
     }
 
     #[test]
-    fn levels_keep_the_mean_and_tile() {
+    fn mip_levels_preserve_the_mean_and_tile() {
         let texture = Texture::new(&STONES, &Layout::Along, 1);
         assert_eq!(texture.texels.len(), start(1) as usize + 2);
         let (mean, _) = texture.sample(0.5, 0.5, 10);
@@ -325,7 +324,7 @@ mod tests {
         }
     }
 
-    /// Power falls with frequency about as 1/f², as in natural pictures: each octave then holds the
+    /// Power falls with frequency about as 1/f², as in natural images: each octave then holds the
     /// same variance, and so do the differences between one mip level and the next.
     #[test]
     fn octaves_have_similar_power() {

@@ -6,7 +6,7 @@
 use nalgebra::Vector3;
 
 use self::terrain::Terrain;
-use super::build::{Builder, Made};
+use super::build::{Builder, SceneParts};
 use super::light::{Lamp, Lights};
 use super::route::{Leg, Route};
 use super::surface::Class;
@@ -16,7 +16,7 @@ use crate::walker::path::Path;
 mod plants;
 mod terrain;
 
-/// What is where.
+/// Materials of the scene.
 struct Palette {
     earth: u16,
     litter: u16,
@@ -30,13 +30,13 @@ struct Palette {
     wood: u16,
 }
 
-/// A round place that is taken.
-struct Spot {
+/// An occupied disc on the ground.
+struct Disc {
     at: [f64; 2],
     radius: f64,
 }
 
-pub(super) fn build(b: &mut Builder) -> Made {
+pub(super) fn build(b: &mut Builder) -> SceneParts {
     let p = palette(b);
     let points = loop_points(b);
     let path = Path::closed(&points);
@@ -50,7 +50,7 @@ pub(super) fn build(b: &mut Builder) -> Made {
     stones(b, &p, &terrain, &path, &mut taken);
     logs(b, &p, &terrain, &mut taken);
     plants::undergrowth(b, &p, &terrain, &taken);
-    Made {
+    SceneParts {
         lights: Lights {
             sun: Vector3::new(0.35, -0.3, 0.9),
             low_sun: Vector3::new(0.9, 0.3, 0.32),
@@ -117,7 +117,7 @@ fn palette(b: &mut Builder) -> Palette {
             .of(Class::Obstacle, b),
         wood: WOOD.of(Class::Obstacle, b),
     };
-    // Feet do stand on these.
+    // These are walkable.
     for low in [palette.root, palette.flat_stone] {
         b.materials[low as usize].walkable = true;
     }
@@ -127,7 +127,7 @@ fn palette(b: &mut Builder) -> Palette {
 fn ground(b: &mut Builder, p: &Palette, terrain: &Terrain) {
     terrain.lay(&mut b.mesh, |x, y, off| {
         let patch = terrain.patch(x, y);
-        // No edge is sharp: leaves lie over it.
+        // Edges are irregular: leaves cover them.
         let worn = off < 0.5 + 0.2 * patch + 0.12 * terrain.fray(x, y);
         // Leaves gather on the trail too, and moss grows beside it.
         let drift = terrain.patch(y + 40.0, 1.3 * x) + 0.2 * terrain.fray(y, x);
@@ -145,7 +145,7 @@ fn lamps(
     p: &Palette,
     terrain: &Terrain,
     path: &Path,
-    taken: &mut Vec<Spot>,
+    taken: &mut Vec<Disc>,
 ) -> Vec<Lamp> {
     let mut lamps = Vec::new();
     for i in 0..6 {
@@ -162,7 +162,7 @@ fn lamps(
             position: head + inwards * 0.2 - Vector3::z() * 0.1,
             strength: 0.05,
         });
-        taken.push(Spot {
+        taken.push(Disc {
             at: [foot.x, foot.y],
             radius: 0.4,
         });
@@ -170,22 +170,22 @@ fn lamps(
     lamps
 }
 
-/// A free place at least `clear` m from the trail's middle.
+/// A free position at least `clear` m from the trail's middle.
 fn free_place(
     b: &mut Builder,
     terrain: &Terrain,
-    taken: &[Spot],
+    taken: &[Disc],
     clear: f64,
     radius: f64,
 ) -> Option<[f64; 2]> {
     (0..40).find_map(|_| {
         let (x, y) = (b.draw(-17.0, 17.0), b.draw(-12.5, 12.5));
-        let free = |s: &Spot| libm::hypot(s.at[0] - x, s.at[1] - y) > s.radius + radius;
+        let free = |s: &Disc| libm::hypot(s.at[0] - x, s.at[1] - y) > s.radius + radius;
         (terrain.off_trail(x, y) > clear && taken.iter().all(free)).then_some([x, y])
     })
 }
 
-/// Roots that cross the trail: from trees beside it, and others whose tree is not seen.
+/// Roots that cross the trail: from trees beside it, and others without a visible tree.
 fn roots(b: &mut Builder, p: &Palette, terrain: &Terrain, path: &Path, trees: &[[f64; 2]]) {
     let crossings = (path.length_m() / 2.2) as usize;
     for i in 0..crossings {
@@ -221,7 +221,7 @@ fn root(b: &mut Builder, p: &Palette, terrain: &Terrain, from: [f64; 2], to: [f6
             let off = aside * (wind * libm::sin(3.1 * length * t + phase));
             let (x, y) = (from[0] + dx * t + off.x, from[1] + dy * t + off.y);
             let thick = radius * (1.0 - 0.6 * t);
-            // It dives here and there, and at both ends for good.
+            // It dips below the ground in places, and at both ends.
             let dive = 0.6 + 0.4 * libm::sin(2.3 * length * t + 2.0 * phase);
             let ends = (6.0 * t).min(6.0 * (1.0 - t)).min(1.0);
             let up = thick * (1.6 * ends - 1.0 - buried * dive);
@@ -233,7 +233,7 @@ fn root(b: &mut Builder, p: &Palette, terrain: &Terrain, from: [f64; 2], to: [f6
 }
 
 /// Low stones in the trail, and boulders beside it.
-fn stones(b: &mut Builder, p: &Palette, terrain: &Terrain, path: &Path, taken: &mut Vec<Spot>) {
+fn stones(b: &mut Builder, p: &Palette, terrain: &Terrain, path: &Path, taken: &mut Vec<Disc>) {
     let count = (path.length_m() / 0.7) as usize;
     for i in 0..count {
         let ([x, y], [dx, dy]) = path.at(0.7 * (i as f64 + b.draw(0.0, 1.0)));
@@ -253,13 +253,13 @@ fn stones(b: &mut Builder, p: &Palette, terrain: &Terrain, path: &Path, taken: &
         };
         let boulder = b.of_thing(p.boulder);
         let radii = Vector3::new(size, size * b.draw(0.7, 1.0), size * b.draw(0.5, 0.8));
-        let centre = terrain.point(at[0], at[1]) + Vector3::z() * (0.2 * radii.z);
-        b.lump(centre, radii, 8, 0.08, boulder);
-        taken.push(Spot { at, radius: size });
+        let center = terrain.point(at[0], at[1]) + Vector3::z() * (0.2 * radii.z);
+        b.lump(center, radii, 8, 0.08, boulder);
+        taken.push(Disc { at, radius: size });
     }
 }
 
-fn logs(b: &mut Builder, p: &Palette, terrain: &Terrain, taken: &mut Vec<Spot>) {
+fn logs(b: &mut Builder, p: &Palette, terrain: &Terrain, taken: &mut Vec<Disc>) {
     for _ in 0..9 {
         let Some(at) = free_place(b, terrain, taken, 1.4, 0.8) else {
             continue;
@@ -283,7 +283,7 @@ fn logs(b: &mut Builder, p: &Palette, terrain: &Terrain, taken: &mut Vec<Spot>) 
             .collect();
         let log = b.of_thing(p.bark[0]);
         sweep(&mut b.mesh, &rings, Vector3::z(), 10, log);
-        taken.extend(ends.map(|at| Spot { at, radius: 0.6 }));
+        taken.extend(ends.map(|at| Disc { at, radius: 0.6 }));
     }
 }
 

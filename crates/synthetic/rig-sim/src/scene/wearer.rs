@@ -1,9 +1,9 @@
-//! What the wearer sees of himself: shoes with tags, and legs.
+//! Visible body parts of the wearer: shoes with tags, and legs.
 //!
-//! Rigid parts: a shoe, a shank and a thigh on each side. Where they are follows from the walk: shoes are
-//! the feet, and the knee bends so that the leg reaches from the hip to the ankle. Bodies have their
-//! origin where they turn: shoes in the middle of the sole, shanks at the ankle, thighs at the knee, with z
-//! along the limb.
+//! Rigid parts: a shoe, a shank and a thigh on each side. Their poses follow from the walk: shoes
+//! are the feet, and the knee bends so that the leg reaches from the hip to the ankle. The origin
+//! of a body is its center of rotation: shoes in the middle of the sole, shanks at the ankle,
+//! thighs at the knee, with z along the limb.
 
 use nalgebra::{UnitQuaternion, Vector3};
 
@@ -25,8 +25,8 @@ const ANKLE: [f64; 3] = [-0.07, 0.0, 0.09];
 /// Lengths, m.
 const SHANK_M: f64 = 0.42;
 const THIGH_M: f64 = 0.43;
-/// A leg is never quite straight.
-const STRETCH: f64 = 0.998;
+/// Maximum extension of a leg as a fraction of its length.
+const MAX_LEG_EXTENSION: f64 = 0.998;
 /// A rigid part of the wearer.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Part {
@@ -49,11 +49,11 @@ pub struct ShoeTag {
     pub size_m: f64,
     /// Middle of the tag in the foot's frame, m.
     pub position: Vector3<f64>,
-    /// Takes the tag's axes (x right, y down, z into it) to the foot's.
+    /// Maps the tag frame (x right, y down, z into it) to the foot frame.
     pub rotation: UnitQuaternion<f64>,
 }
 
-/// The parts of the wearer that cameras on his chest can see.
+/// The body parts of the wearer that cameras on his chest can see.
 #[derive(Clone, Debug)]
 pub struct Wearer {
     /// All parts.
@@ -63,7 +63,7 @@ pub struct Wearer {
 }
 
 impl Wearer {
-    pub(super) fn make(b: &mut Builder, tags: &[ShoeTag]) -> Made {
+    pub(super) fn make(b: &mut Builder, tags: &[ShoeTag]) -> UnlitWearer {
         let cloth = b.texture(&Recipe {
             radius: [1.0, 50.0],
             contrast: 0.2,
@@ -91,7 +91,7 @@ impl Wearer {
             meshes.push((Part::Shank(side), limb(SHANK_M, [0.048, 0.06], trousers)));
             meshes.push((Part::Thigh(side), limb(THIGH_M, [0.06, 0.085], trousers)));
         }
-        Made {
+        UnlitWearer {
             meshes,
             tags: tags.to_vec(),
         }
@@ -111,7 +111,7 @@ impl Wearer {
             Side::Left => 1.0,
             Side::Right => -1.0,
         };
-        // Hips stay level while the chest leans.
+        // Hips remain level while the chest leans.
         let ahead = rig.rotation * Vector3::x();
         let yaw = so3::exp(Vector3::z() * libm::atan2(ahead.y, ahead.x));
         let hip = rig.position + yaw * Vector3::new(HIP[0], sign * HIP[1], HIP[2]);
@@ -126,14 +126,14 @@ impl Wearer {
     }
 }
 
-/// The wearer before the light is known.
-pub(super) struct Made {
+/// The wearer before lighting.
+pub(super) struct UnlitWearer {
     meshes: Vec<(Part, Mesh)>,
     tags: Vec<ShoeTag>,
 }
 
-impl Made {
-    /// Under a light. What moves is lit as if nothing stood in the way.
+impl UnlitWearer {
+    /// Applies lighting. Moving bodies are lit without occlusion.
     pub(super) fn lit(self, light: &Light) -> Wearer {
         let lit = |mesh: &Mesh| -> Body {
             let at = |t: &super::mesh::Triangle| {
@@ -163,8 +163,8 @@ fn shoe(leather: Stuff, sole: Stuff) -> Mesh {
     let middle = 0.5 * (TOE_X + HEEL_X);
     let mut block = |x: f64, z: f64, size: [f64; 3], stuff: Stuff| {
         let [l, w, h] = size;
-        let centre = Vector3::new(x, 0.0, z + 0.5 * h);
-        mesh.cuboid(centre, Vector3::new(l, w, h), turn, 0.1, stuff);
+        let center = Vector3::new(x, 0.0, z + 0.5 * h);
+        mesh.cuboid(center, Vector3::new(l, w, h), turn, 0.1, stuff);
     };
     block(middle, 0.0, [length, 0.095, 0.025], sole);
     block(middle, 0.025, [length - 0.01, 0.088, 0.035], leather);
@@ -194,14 +194,15 @@ fn limb(length: f64, radii: [f64; 2], stuff: Stuff) -> Mesh {
     mesh
 }
 
-/// The hip, nearer to the ankle where the leg is too short: in a long step the pelvis turns and drops.
+/// The hip, moved towards the ankle if the leg is too short: in a long step the pelvis rotates and
+/// drops.
 fn within_reach(hip: &Vector3<f64>, ankle: &Vector3<f64>) -> Vector3<f64> {
     let leg = hip - ankle;
-    let most = (SHANK_M + THIGH_M) * STRETCH;
+    let most = (SHANK_M + THIGH_M) * MAX_LEG_EXTENSION;
     ankle + leg * (most / leg.norm()).min(1.0)
 }
 
-/// Where the knee is, in front of the line from hip to ankle, which is within reach.
+/// Position of the knee, in front of the line from hip to ankle, which is within reach.
 fn knee(hip: &Vector3<f64>, ankle: &Vector3<f64>, forward: &Vector3<f64>) -> Vector3<f64> {
     let leg = ankle - hip;
     let reach = leg.norm().max(0.2);
@@ -213,7 +214,7 @@ fn knee(hip: &Vector3<f64>, ankle: &Vector3<f64>, forward: &Vector3<f64>) -> Vec
     hip + axis * along + out * height
 }
 
-/// The rotation whose z runs along `axis` and whose x is as near to `forward` as it can be.
+/// Rotation whose z is along `axis` and whose x is as close to `forward` as possible.
 fn along(axis: &Vector3<f64>, forward: &Vector3<f64>) -> UnitQuaternion<f64> {
     let z = axis.normalize();
     let x = (forward - z * forward.dot(&z)).normalize();
@@ -249,8 +250,8 @@ mod tests {
                 far += i32::from(drop.max(out.abs()) > 0.08);
             }
         }
-        // The knee is well bent in a swing only, and the pelvis moves by more than pelves do in the
-        // longest steps of the jog only.
+        // The knee is strongly bent only in a swing, and the pelvis moves by more than is natural
+        // only in the longest steps of the jog.
         assert!((40..400).contains(&bent), "{bent} of 800");
         assert!(far < 80, "{far} of 800");
     }

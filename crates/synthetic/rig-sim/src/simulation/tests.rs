@@ -6,7 +6,7 @@ use crate::scene::surface::Class;
 fn settings() -> Settings {
     Settings {
         kind: Kind::Pavement,
-        time: Time::Day,
+        lighting: Lighting::Day,
         seed: 3,
         seconds: 8.0,
         rate_hz: 10.0,
@@ -24,7 +24,7 @@ fn example() -> Rig {
 }
 
 #[test]
-fn what_cannot_be_simulated_is_refused_with_a_reason() {
+fn invalid_settings_are_rejected_with_a_reason() {
     type Change = fn(&mut Settings);
     let cases: [(Change, &str); 9] = [
         (|s| s.seconds = 0.0, "length of the walk is 0,"),
@@ -52,7 +52,7 @@ fn what_cannot_be_simulated_is_refused_with_a_reason() {
 }
 
 #[test]
-fn frames_lie_in_the_middle_of_whole_periods() {
+fn frames_are_in_the_middle_of_whole_periods() {
     let thirds = Settings {
         seconds: 1.0,
         rate_hz: 3.0,
@@ -72,7 +72,7 @@ fn frames_lie_in_the_middle_of_whole_periods() {
 }
 
 #[test]
-fn a_camera_gives_the_same_frames_again() {
+fn frames_are_reproducible() {
     let short = Settings {
         seconds: 0.5,
         width: 32,
@@ -80,33 +80,33 @@ fn a_camera_gives_the_same_frames_again() {
         ..settings()
     };
     let simulation = Arc::new(Simulation::new(&short, &example()).unwrap());
-    let frames: Vec<StereoFrame> = simulation.pictures(0).collect();
+    let frames: Vec<StereoFrame> = simulation.frames(0).collect();
     assert_eq!(frames.len(), 5);
-    assert_eq!(frames, simulation.pictures(0).collect::<Vec<_>>());
+    assert_eq!(frames, simulation.frames(0).collect::<Vec<_>>());
     let numbers: Vec<u64> = frames.iter().map(|f| f.number).collect();
     assert_eq!(numbers, [0, 1, 2, 3, 4]);
-    // The eyes look from two places and have noise of their own.
-    assert_ne!(frames[0].grey(0), frames[0].grey(1));
-    assert_eq!(frames[0].grey(0).len(), 32 * 18);
+    // The two eyes have different poses and independent noise.
+    assert_ne!(frames[0].gray(0), frames[0].gray(1));
+    assert_eq!(frames[0].gray(0).len(), 32 * 18);
 }
 
-/// The rasteriser against its slow twin: the depth of a pixel is that of its own ray, away from edges,
-/// which the rasteriser places to 0.1 px.
+/// The rasterizer agrees with the reference implementation: the depth of a pixel is that of its own
+/// ray, except near edges, which the rasterizer places to 0.1 px.
 #[test]
-fn true_depth_is_that_of_ray_casting() {
+fn true_depth_agrees_with_ray_casting() {
     let simulation = Arc::new(Simulation::new(&settings(), &example()).unwrap());
     let (width, height) = (160, 90);
     for (camera, sim_camera) in simulation.cameras().iter().enumerate() {
-        let mut truths = simulation.truths(camera);
+        let mut ground_truth = simulation.ground_truth(camera);
         let (mut compared, mut looked) = (0, 0);
         for (eye, time_ns) in [(0, 2_000_000_000), (1, 4_700_000_000), (0, 7_300_000_000)] {
-            let truth = truths.see(eye, time_ns);
+            let truth = ground_truth.render(eye, time_ns);
             let lens = Lens::new(&sim_camera.models[eye]);
             for k in 0..300 {
                 let pick = |stream, size| (random::bits(9, stream, k) % size) as usize;
                 let (u, v) = (pick(0, width), pick(1, height));
                 let pixel = v * width as usize + u;
-                // Rays are cast at what stands, not at the wearer.
+                // Rays are cast at the static scene, not at the wearer.
                 if truth.class[pixel] == Class::Person {
                     continue;
                 }
@@ -124,7 +124,7 @@ fn true_depth_is_that_of_ray_casting() {
                     hit.map_or(0.0, |hit| 1.0 / hit.distance)
                 };
                 looked += 1;
-                // Linear on the picture within a plane, and 0 for the sky.
+                // 1/z is linear in the image within a plane, and 0 for the sky.
                 let expected = inverse_depth(0.0, 0.0);
                 let bent = |du: f64, dv: f64| {
                     let sum = inverse_depth(du, dv) + inverse_depth(-du, -dv);
@@ -152,9 +152,9 @@ fn true_depth_is_that_of_ray_casting() {
     }
 }
 
-/// Pixel at which an eye sees a moving point in the picture taken at `time_s`: the row's instant is
-/// found by trying one row after the other.
-fn slow_spot(
+/// Pixel at which an eye observes a moving point in the image of time `time_s`. Reference
+/// implementation: the instant of the row is found by bisection over the rows.
+fn slow_point(
     simulation: &Simulation,
     camera: &SimCamera,
     eye: usize,
@@ -186,18 +186,22 @@ fn slow_spot(
     [u, v]
 }
 
-/// True flow against its slow twin: a ray cast into the scene, its end projected into the next picture.
+/// True flow agrees with the reference implementation: a ray cast into the scene, its end projected
+/// into the next image.
 #[test]
-fn true_flow_is_where_the_point_of_a_ray_goes() {
+fn true_flow_agrees_with_ray_casting() {
     let simulation = Simulation::new(&settings(), &example()).unwrap();
     let (width, height) = (160, 90);
     for (camera, sim_camera) in simulation.cameras().iter().enumerate() {
-        let mut truths = simulation.truths(camera);
+        let mut ground_truth = simulation.ground_truth(camera);
         let (mut compared, mut shown, mut longest) = (0, 0, 0.0_f64);
         for (eye, time_ns) in [(0, 3_000_000_000), (1, 5_300_000_000)] {
             let next_ns = time_ns + 66_000_000;
-            let (from, to) = (truths.see(eye, time_ns), truths.see(eye, next_ns));
-            let flow = truths.flow(eye, &from, &to);
+            let (from, to) = (
+                ground_truth.render(eye, time_ns),
+                ground_truth.render(eye, next_ns),
+            );
+            let flow = ground_truth.flow(eye, &from, &to);
             let lens = Lens::new(&sim_camera.models[eye]);
             for k in 0..500 {
                 let pick = |stream, size| (random::bits(11, stream, k) % size) as usize;
@@ -214,18 +218,19 @@ fn true_flow_is_where_the_point_of_a_ray_goes() {
                 let Some(hit) = simulation.scene().first_hit(&origin, &direction) else {
                     continue;
                 };
-                // At edges the rasteriser may see the other side.
+                // At edges the rasterizer may select the other surface.
                 let found = f64::from(from.depth[pixel]);
                 if (found - hit.distance).abs() > 1e-3 * found {
                     continue;
                 }
                 let point = origin + direction * hit.distance;
-                let [du, dv] = flow.moved[pixel].map(f64::from);
+                let [du, dv] = flow.flow_px[pixel].map(f64::from);
                 if du.is_nan() {
                     continue;
                 }
-                let spot = slow_spot(&simulation, sim_camera, eye, seconds(next_ns), &|_| point);
-                let (eu, ev) = (spot[0] - u as f64, spot[1] - v as f64);
+                let expected =
+                    slow_point(&simulation, sim_camera, eye, seconds(next_ns), &|_| point);
+                let (eu, ev) = (expected[0] - u as f64, expected[1] - v as f64);
                 assert!(
                     (du - eu).abs().max((dv - ev).abs()) < 0.005,
                     "{} {u} {v}: {du} {dv}, by its ray {eu} {ev}",
@@ -250,7 +255,7 @@ fn true_flow_is_where_the_point_of_a_ray_goes() {
 }
 
 #[test]
-fn tags_are_those_of_the_rig_file() {
+fn shoe_tags_are_those_of_the_rig_file() {
     let text = include_str!("../../../../../cad-transforms/rigs/example.toml");
     let simulation = Simulation::new(&settings(), &example()).unwrap();
     let [left, right] = &simulation.scene().wearer.tags[..] else {
@@ -270,7 +275,7 @@ fn tags_are_those_of_the_rig_file() {
 }
 
 #[test]
-fn the_corners_of_tags_are_where_the_feet_take_them() {
+fn tag_corners_move_with_the_feet() {
     let simulation = Simulation::new(&settings(), &example()).unwrap();
     let camera = simulation
         .cameras()
@@ -278,12 +283,12 @@ fn the_corners_of_tags_are_where_the_feet_take_them() {
         .position(|camera| camera.name == "feet")
         .unwrap();
     let sim_camera = &simulation.cameras()[camera];
-    let mut truths = simulation.truths(camera);
+    let mut ground_truth = simulation.ground_truth(camera);
     let (mut compared, mut visible) = (0, 0);
     for k in 0..40 {
         let (eye, time_ns) = (k % 2, 2_000_000_000 + 130_000_000 * k as i64);
-        let truth = truths.see(eye, time_ns);
-        for seen in truths.tags(eye, &truth) {
+        let truth = ground_truth.render(eye, time_ns);
+        for seen in ground_truth.tags(eye, &truth) {
             let tag = &simulation.scene().wearer.tags[seen.id];
             for (found, corner) in seen
                 .corners
@@ -294,9 +299,9 @@ fn the_corners_of_tags_are_where_the_feet_take_them() {
                     let foot = simulation.walker.foot(tag.side, t);
                     foot.position + foot.rotation * (tag.position + tag.rotation * corner)
                 };
-                let expected = slow_spot(&simulation, sim_camera, eye, seconds(time_ns), &point);
+                let expected = slow_point(&simulation, sim_camera, eye, seconds(time_ns), &point);
                 let off = (found[0] - expected[0]).hypot(found[1] - expected[1]);
-                // Outside, the instant goes on as it is between the last rows.
+                // Outside the image the row time is extrapolated from the last rows.
                 let inside = (0.0..=159.0).contains(&found[0]) && (0.0..=89.0).contains(&found[1]);
                 let most = if inside { 0.005 } else { 0.05 };
                 assert!(off < most, "{time_ns}: {found:?}, expected {expected:?}");
@@ -318,10 +323,10 @@ fn the_corners_of_tags_are_where_the_feet_take_them() {
 }
 
 #[test]
-fn the_wearer_sees_his_shoes_and_the_shoulders_do_not() {
+fn shoes_are_visible_in_the_feet_camera_only() {
     let simulation = Arc::new(Simulation::new(&settings(), &example()).unwrap());
     for (camera, sim_camera) in simulation.cameras().iter().enumerate() {
-        let truth = simulation.truths(camera).see(0, 4_000_000_000);
+        let truth = simulation.ground_truth(camera).render(0, 4_000_000_000);
         let own = truth.class.iter().filter(|&&class| class == Class::Person);
         let share = own.count() as f64 / truth.class.len() as f64;
         match sim_camera.name == "feet" {
@@ -332,7 +337,7 @@ fn the_wearer_sees_his_shoes_and_the_shoulders_do_not() {
 }
 
 #[test]
-fn lenses_of_a_calibration_take_the_place_of_nominal_ones() {
+fn intrinsics_of_a_calibration_replace_nominal_ones() {
     let small = Settings {
         seconds: 0.2,
         width: 64,
@@ -346,8 +351,8 @@ fn lenses_of_a_calibration_take_the_place_of_nominal_ones() {
     let changed = make().with_lenses(&name, &stereo).unwrap();
     assert_eq!(changed.cameras()[0].models[0].fx, stereo.left.fx);
     assert_eq!(changed.calibration(0).left, stereo.left);
-    let first = |simulation: Simulation| Arc::new(simulation).pictures(0).next().unwrap();
-    assert_ne!(first(changed).grey(0), first(make()).grey(0));
+    let first = |simulation: Simulation| Arc::new(simulation).frames(0).next().unwrap();
+    assert_ne!(first(changed).gray(0), first(make()).gray(0));
     let error = make().with_lenses("hat", &stereo).unwrap_err().to_string();
     assert!(error.contains("found \"hat\", expected one of"), "{error}");
     stereo.right.width = 100;

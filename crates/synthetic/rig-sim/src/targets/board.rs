@@ -1,20 +1,20 @@
-//! A board in the room: what is printed on it, where it stands, and how it is not as it should be.
+//! A calibration board in the room: print, pose, and deviations from the design.
 //!
-//! A board's frame has its origin in the middle of the sheet, x to the right, y down and z into it for who
-//! looks at the print; m. Bent boards are cylinders about the upright; paper does not stretch, so lengths along
-//! the sheet stay.
+//! The board frame has its origin in the middle of the sheet, x to the right, y down and z into it
+//! for a viewer of the print; m. Bent boards are cylinders about the vertical axis; paper does not
+//! stretch, so lengths along the sheet are preserved.
 
 use calib::target::{Corner, Rectangle, Target};
 use nalgebra::{UnitQuaternion, Vector3};
 
 use crate::scene::mesh::{Mesh, Stuff};
 
-/// Cells are no larger than this, m: what is bent is drawn by planes.
+/// Maximum cell size, m: bent sheets are drawn as planar cells.
 const CELL_M: f64 = 0.02;
-/// The board under the sheet: thickness, m.
+/// Thickness of the board under the sheet, m.
 const THICK_M: f64 = 0.004;
 
-/// What is printed: a target in the frame of the board.
+/// A printed target in the board frame.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Sheet {
     target: Target,
@@ -32,7 +32,7 @@ impl Sheet {
     /// A target with its white margin.
     ///
     /// # Panics
-    /// For a target that cannot be drawn: [`Target::objection`].
+    /// If the target cannot be drawn: [`Target::objection`].
     pub fn new(target: Target) -> Self {
         let sheet = target.sheet_m();
         let size = sheet.size_m();
@@ -55,7 +55,7 @@ impl Sheet {
         }
     }
 
-    /// What it shows.
+    /// The target.
     pub fn target(&self) -> &Target {
         &self.target
     }
@@ -65,60 +65,60 @@ impl Sheet {
         self.size
     }
 
-    /// All corners, ascending by id, in the frame of the board.
+    /// All corners, ascending by id, in the board frame.
     pub fn corners(&self) -> &[Corner] {
         &self.corners
     }
 }
 
-/// See the module.
+/// A calibration board; see the module documentation.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Board {
     sheet: Sheet,
-    /// Position and rotation that take the board's frame to the world.
+    /// Pose: position and rotation that map the board frame to the world.
     pose: (Vector3<f64>, UnitQuaternion<f64>),
-    /// Drawn over told.
+    /// True size over nominal size.
     scale: f64,
-    /// Of the cylinder, m; infinite for a flat board, negative where the middle is nearer.
+    /// Radius of the cylinder, m; infinite for a flat board, negative if the middle is nearer.
     radius_m: f64,
 }
 
 impl Board {
-    /// A board; `bend_m` is how far its middle is behind the line between its edges, `larger` how much larger
-    /// it is than the sheet says.
+    /// A board; `bow_m` is the distance of its middle behind the line between its edges,
+    /// `scale_error` its relative scale error.
     pub fn new(
         sheet: Sheet,
         pose: (Vector3<f64>, UnitQuaternion<f64>),
-        bend_m: f64,
-        larger: f64,
+        bow_m: f64,
+        scale_error: f64,
     ) -> Self {
-        let scale = 1.0 + larger;
+        let scale = 1.0 + scale_error;
         Self {
-            radius_m: radius(bend_m, sheet.size[0] * scale),
+            radius_m: radius(bow_m, sheet.size[0] * scale),
             sheet,
             pose,
             scale,
         }
     }
 
-    /// What is printed, as it was meant.
+    /// The sheet as designed.
     pub fn sheet(&self) -> &Sheet {
         &self.sheet
     }
 
-    /// Position and rotation that take the board's frame to the world.
+    /// Pose: position and rotation that map the board frame to the world.
     pub fn pose(&self) -> &(Vector3<f64>, UnitQuaternion<f64>) {
         &self.pose
     }
 
-    /// Where a place of the sheet is in the world, `behind` the print, m.
+    /// World position of a point of the sheet, `behind` the print, m.
     pub fn at(&self, [x, y]: [f64; 2], behind: f64) -> Vector3<f64> {
         let (x, y) = (self.scale * x, self.scale * y);
         let flat = match self.radius_m.is_finite() {
             false => Vector3::new(x, y, behind),
             true => {
                 let (radius, angle) = (self.radius_m, x / self.radius_m);
-                // The middle stays; the edges come nearer.
+                // The middle is fixed; the edges come nearer.
                 let near = radius * (1.0 - libm::cos(angle));
                 let (sine, cosine) = (libm::sin(angle), libm::cos(angle));
                 Vector3::new(radius * sine + behind * sine, y, behind * cosine - near)
@@ -127,8 +127,8 @@ impl Board {
         self.pose.0 + self.pose.1 * flat
     }
 
-    /// Position and rotation that take the target's own frame, whose origin is at its top left, to the world. Of
-    /// a board that is bent, its middle's.
+    /// Pose of the target: position and rotation that map the target frame, whose origin is at its
+    /// top left, to the world. For a bent board, that of its middle.
     pub fn world_from_target(&self) -> (Vector3<f64>, UnitQuaternion<f64>) {
         let [x, y] = self.sheet.middle;
         let (position, rotation) = self.pose;
@@ -145,12 +145,12 @@ impl Board {
             .fold(f64::INFINITY, f64::min)
     }
 
-    /// Whether the print is seen from a point, and not the back.
+    /// Whether a point is in front of the print.
     pub fn faces(&self, eye: &Vector3<f64>) -> bool {
         (self.pose.1.inverse() * (eye - self.pose.0)).z < 0.0
     }
 
-    /// Whether the board, taken as flat, is between two points.
+    /// Whether the board, approximated as flat, is between two points.
     pub fn hides(&self, from: &Vector3<f64>, to: &Vector3<f64>) -> bool {
         let local = |p: &Vector3<f64>| self.pose.1.inverse() * (p - self.pose.0);
         let (a, b) = (local(from), local(to));
@@ -162,7 +162,7 @@ impl Board {
         cross.x.abs() <= w && cross.y.abs() <= h
     }
 
-    /// Adds the board to a mesh in the world: print, back, and the pole that it stands on.
+    /// Adds the board to a mesh in the world: print, back, and pole.
     pub(crate) fn draw(&self, mesh: &mut Mesh, [black, white]: [Stuff; 2], stand: Stuff) {
         let lines = [0, 1].map(|axis| self.lines(axis));
         let [columns, rows] = &lines;
@@ -208,20 +208,20 @@ impl Board {
             };
             mesh.quad(edge, [x, -h], stand);
         }
-        // From its lower edge: higher up it would stand before a board that leans back.
+        // From its lower edge: higher up the pole would be in front of a board that leans back.
         let top = self.at([0.0, 0.9 * h], THICK_M + 0.02);
         let foot = Vector3::new(top.x, top.y, 0.0);
         mesh.tube([foot, top], [0.015; 2], 10, 0.5, stand);
     }
 
-    /// Where colour changes along x (0) or y (1), and more between, so that no cell is too large.
+    /// Color changes along x (0) or y (1), with additional lines so that no cell is too large.
     fn lines(&self, axis: usize) -> Vec<f64> {
         let half = 0.5 * self.sheet.size[axis];
         let edges = self.sheet.black.iter();
         let mut marks: Vec<f64> = edges.flat_map(|r| [r[axis], r[axis + 2]]).collect();
         marks.extend([-half, half]);
         marks.sort_by(f64::total_cmp);
-        // Edges that were computed in two ways are one.
+        // Merges edges that were computed in two ways.
         marks.dedup_by(|a, b| *a - *b < 1e-6);
         let mut all = vec![marks[0]];
         for pair in marks.windows(2) {
@@ -240,12 +240,12 @@ impl Board {
 }
 
 /// Radius of the cylinder on which an arc of this length has this sagitta, m.
-fn radius(bend_m: f64, length: f64) -> f64 {
-    if bend_m == 0.0 {
+fn radius(bow_m: f64, length: f64) -> f64 {
+    if bow_m == 0.0 {
         return f64::INFINITY;
     }
     // Half the arc's angle: (1 - cos a) / a grows with it, up to a half circle and beyond.
-    let goal = bend_m.abs() / (0.5 * length);
+    let goal = bow_m.abs() / (0.5 * length);
     let (mut low, mut high) = (0.0, 0.5 * std::f64::consts::PI);
     for _ in 0..60 {
         let middle = 0.5 * (low + high);
@@ -255,5 +255,5 @@ fn radius(bend_m: f64, length: f64) -> f64 {
         }
     }
     let angle = 0.5 * (low + high);
-    bend_m.signum() * 0.5 * length / angle
+    bow_m.signum() * 0.5 * length / angle
 }

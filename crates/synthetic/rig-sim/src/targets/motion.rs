@@ -1,10 +1,11 @@
-//! How somebody carries the plate before the boards.
+//! Motion of a rig that is carried in front of the boards.
 //!
-//! Contract: a function of cameras, boards, plan, length and seed. Views follow each other: the plate is held still
-//! for [`DWELL_S`] where a camera has a board at a chosen place of its picture, at changing distances and rolls;
-//! cameras take turns, and places fill each picture evenly. Every third view of a camera is one that shows
-//! two boards, from farther back. Ways between are smooth, with no more than [`Limits`]. After every fifth view
-//! the plate is swung about one axis and pushed along another. Nothing is ever quite still: hands tremble.
+//! Contract: a function of cameras, boards, plan, length and seed. The rig is at rest for
+//! [`DWELL_S`] in each view, where a camera has a board at a chosen position of its image, at
+//! changing distances and rolls; cameras alternate, and the positions fill each image evenly. Every
+//! third view of a camera shows two boards, from farther back. Transfers between views are smooth,
+//! within [`Limits`]. After every fifth view the rig is rotated about one axis and translated along
+//! another, back and forth. The rig is never exactly at rest: hands tremble.
 
 use nalgebra::{UnitQuaternion, Vector3};
 
@@ -17,47 +18,47 @@ use crate::so3;
 use crate::spline::Spline;
 use crate::walker::KNOT_S;
 
-/// How long a view is held, s.
+/// Time at rest in a view, s.
 pub const DWELL_S: f64 = 0.55;
-/// A swing: length, s; angle and length of the push to either side, rad and m; how often per second.
+/// Excitation: duration, s; amplitudes of rotation and translation, rad and m; frequencies, Hz.
 const SWING_S: f64 = 3.2;
 const SWING: (f64, f64) = (0.28, 0.05);
 const SWING_HZ: (f64, f64) = (0.7, 1.1);
-/// How long a swing takes to grow and to die down, s.
+/// Time in which an excitation grows and decays, s.
 const FADE_S: f64 = 0.8;
-/// Trembling: m and rad, each the sum of three waves.
+/// Tremor, m and rad, each the sum of three waves.
 const TREMOR: (f64, f64) = (2e-4, 2e-4);
-/// A board's middle is not taken nearer to the picture's edge than this share of its size.
-const MARGIN: f64 = 0.06;
-/// The plate is never turned farther from where it starts, rad.
-const FARTHEST: f64 = 1.15;
-/// One view after so many is followed by a swing.
+/// Minimum distance of a board's middle from the image edge, as a fraction of the image size.
+const MIN_EDGE_MARGIN: f64 = 0.06;
+/// Maximum rotation of the rig from its start, rad.
+const MAX_ROTATION_RAD: f64 = 1.15;
+/// Number of views per excitation.
 const VIEWS_PER_SWING: usize = 5;
 
-/// What a way may ask of the arms.
+/// Limits of the motion between views.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Limits {
-    /// rad/s.
+    /// Maximum angular rate, rad/s.
     pub rate: f64,
-    /// m/s².
+    /// Maximum acceleration, m/s².
     pub acceleration: f64,
-    /// Shortest way, s.
-    pub least_s: f64,
+    /// Minimum duration, s.
+    pub min_s: f64,
 }
 
 impl Limits {
-    /// Of a way of this kind.
+    /// Limits of a kind of motion.
     pub const fn of(motion: Motion) -> Self {
         match motion {
             Motion::Varied | Motion::Parallel => Self {
                 rate: 1.3,
                 acceleration: 3.5,
-                least_s: 0.5,
+                min_s: 0.5,
             },
             Motion::Still => Self {
                 rate: 0.35,
                 acceleration: 0.4,
-                least_s: 1.0,
+                min_s: 1.0,
             },
         }
     }
@@ -65,26 +66,26 @@ impl Limits {
 
 type Pose = (Vector3<f64>, UnitQuaternion<f64>);
 
-/// One thing after the other.
+/// A part of the course.
 #[derive(Clone, Copy, Debug)]
 enum Part {
     Hold(Pose),
-    Way(Pose, Pose),
+    Transfer(Pose, Pose),
     Swing {
         at: Pose,
-        /// About this one, along the next one.
+        /// Axis of the rotation; the translation is along the next one.
         axis: usize,
         turns: bool,
     },
 }
 
-/// Parts with the times at which they begin, s.
+/// Parts with their begin times, s.
 struct Course {
     parts: Vec<(f64, Part)>,
     end_s: f64,
 }
 
-/// What chooses views.
+/// Generator of views.
 struct Views<'a> {
     cameras: &'a [SimCamera],
     boards: &'a [Board],
@@ -93,7 +94,7 @@ struct Views<'a> {
     seed: u64,
 }
 
-/// The motion of the rig for `seconds`, as [`crate::walker::Walker`] keeps it.
+/// Motion of the rig for `seconds`, as used by [`crate::walker::Walker`].
 pub(crate) fn spline(
     cameras: &[SimCamera],
     boards: &[Board],
@@ -112,7 +113,7 @@ pub(crate) fn spline(
     let course = course(&views, plan, seconds + 2.0);
     let count = ((seconds + 2.0) / KNOT_S).ceil() as usize + 4;
     let controls = (0..count).map(|i| {
-        // The first control lies before the start.
+        // The first control is before the start.
         let t = (i as f64 - 1.0) * KNOT_S;
         let (position, rotation) = course.at(t.max(0.0));
         let (shift, turn) = tremor(seed, t);
@@ -139,7 +140,7 @@ fn course(views: &Views<'_>, plan: &Plan, seconds: f64) -> Course {
             break;
         }
         let there = views.view(n);
-        course.push(Part::Way(here, there), limits.time_s(&here, &there));
+        course.push(Part::Transfer(here, there), limits.time_s(&here, &there));
         course.push(Part::Hold(there), DWELL_S);
         here = there;
         if plan.motion != Motion::Still && n % VIEWS_PER_SWING == VIEWS_PER_SWING - 1 {
@@ -157,12 +158,13 @@ fn course(views: &Views<'_>, plan: &Plan, seconds: f64) -> Course {
 }
 
 impl Limits {
-    /// How long a way takes, s: that of [`smooth`] whose greatest speed and acceleration are within bounds.
+    /// Duration of a transfer, s: that of [`smooth`] whose maximum speed and acceleration are
+    /// within the limits.
     fn time_s(&self, from: &Pose, to: &Pose) -> f64 {
         let (far, turned) = ((to.0 - from.0).norm(), from.1.angle_to(&to.1));
         let by_rate = 1.875 * turned / self.rate;
         let by_force = (5.774 * far / self.acceleration).sqrt();
-        by_rate.max(by_force).max(self.least_s)
+        by_rate.max(by_force).max(self.min_s)
     }
 }
 
@@ -182,7 +184,7 @@ impl Course {
         let since = time_s - begin;
         match part {
             Part::Hold(pose) => pose,
-            Part::Way((p, q), (to_p, to_q)) => {
+            Part::Transfer((p, q), (to_p, to_q)) => {
                 let s = smooth(since / (end - begin));
                 let turn = so3::log(&(q.inverse() * to_q));
                 (p + (to_p - p) * s, q * so3::exp(turn * s))
@@ -206,7 +208,7 @@ impl Course {
 }
 
 impl Views<'_> {
-    /// The pose of the rig in its `n`-th view.
+    /// Pose of the rig in its `n`-th view.
     fn view(&self, n: usize) -> Pose {
         let camera = n % self.cameras.len();
         let round = n / self.cameras.len();
@@ -220,11 +222,11 @@ impl Views<'_> {
             let place = Vector3::new(draw(0, -0.3, 0.3), draw(1, -0.45, 0.45), draw(2, -0.3, 0.3));
             return (home + place, UnitQuaternion::identity());
         }
-        // Places in the picture fill it evenly: Roberts' R2 sequence, 2018.
+        // Positions that fill the image evenly: Roberts' R2 sequence, 2018.
         let spread = |step: f64, k: u64| {
             let v = random::uniform(self.seed, random::WALK + 0x41, 2 * camera as u64 + k)
                 + step * round as f64;
-            MARGIN + (1.0 - 2.0 * MARGIN) * (v - v.floor())
+            MIN_EDGE_MARGIN + (1.0 - 2.0 * MIN_EDGE_MARGIN) * (v - v.floor())
         };
         let part = [
             spread(0.754_877_666_246_693, 0),
@@ -242,7 +244,7 @@ impl Views<'_> {
         };
         let roll = draw(3, -0.55, 0.55);
         let position = home + place;
-        // The own board alone, or half-way to another one that is not too far around.
+        // The own board alone, or the middle between it and another one that is not too far around.
         let others = (1..self.boards.len()).map(|k| (own + k + round / 3) % self.boards.len());
         let others: Vec<usize> = others.filter(|other| *other != own).collect();
         let pairs = others
@@ -257,15 +259,15 @@ impl Views<'_> {
             [roll, 0.4 * roll, 0.0]
                 .map(|roll| (position, self.aim(camera, &position, goal, *part, roll)))
         });
-        let near = |pose: &Pose| pose.1.angle() <= FARTHEST;
+        let near = |pose: &Pose| pose.1.angle() <= MAX_ROTATION_RAD;
         aimed
             .into_iter()
             .find(near)
             .unwrap_or((position, UnitQuaternion::identity()))
     }
 
-    /// The rotation of the rig at a position that brings a point of the world to a place in a camera's picture,
-    /// and turns the camera by `roll` about the ray to it: the smallest one but for that.
+    /// Rotation of the rig, at a given position, that projects a world point to an image position
+    /// of a camera, with a `roll` of the camera about the ray; otherwise the smallest one.
     fn aim(
         &self,
         camera: usize,
@@ -296,7 +298,7 @@ impl Views<'_> {
     }
 }
 
-/// The smallest rotation that takes one direction to another.
+/// The smallest rotation that maps one direction to another.
 fn least_turn(from: &Vector3<f64>, to: &Vector3<f64>) -> UnitQuaternion<f64> {
     let axis = from.cross(to);
     let sine = axis.norm();
@@ -312,7 +314,7 @@ fn smooth(t: f64) -> f64 {
     t * t * t * (10.0 + t * (6.0 * t - 15.0))
 }
 
-/// What hands add, m and rad.
+/// Tremor of the hands, m and rad.
 fn tremor(seed: u64, time_s: f64) -> (Vector3<f64>, Vector3<f64>) {
     let wave = |k: u64| {
         (0..3).fold(0.0, |sum, j| {

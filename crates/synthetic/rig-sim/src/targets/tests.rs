@@ -2,22 +2,22 @@ use std::collections::{BTreeMap, BTreeSet};
 use std::sync::Arc;
 
 use cad_transforms::rig::Rig;
-use calib::target::{self, GreyView, detect_all};
+use calib::target::{self, ImageView, detect_all};
 
 use super::*;
+use crate::calibration_error::CalibrationError;
 use crate::camera::Quality;
 use crate::camera::sensor::Tone;
-use crate::deviation::Deviation;
 use crate::faults::{Fault, Faults, Kind as FaultKind};
 use crate::imu::{GRAVITY, ImuModel};
-use crate::scene::{Kind, Time};
+use crate::scene::{Kind, Lighting};
 use crate::simulation::{Imaging, Settings, Simulation, seconds};
-use crate::targets::sight::SeenCorner;
+use crate::targets::observations::CornerObservation;
 
 fn settings(length_s: f64) -> Settings {
     Settings {
         kind: Kind::Targets,
-        time: Time::Day,
+        lighting: Lighting::Day,
         seed: 4,
         seconds: length_s,
         rate_hz: 10.0,
@@ -49,7 +49,7 @@ fn with_motion(motion: Motion) -> Plan {
 }
 
 #[test]
-fn every_camera_has_a_board_that_stands_clear_of_the_floor() {
+fn every_camera_has_a_board_clear_of_the_floor() {
     for seed in 0..20 {
         let settings = Settings {
             seed,
@@ -59,7 +59,7 @@ fn every_camera_has_a_board_that_stands_clear_of_the_floor() {
         assert_eq!(simulation.boards().len(), 3);
         let mut ids = BTreeSet::new();
         for board in simulation.boards() {
-            assert!(board.lowest_m() >= CLEAR_M);
+            assert!(board.lowest_m() >= MIN_CLEARANCE_M);
             let [width, height] = board.sheet().size_m();
             // On A0.
             assert!(width <= 0.841 + 1e-9 && height <= 1.189, "{width} {height}");
@@ -71,7 +71,7 @@ fn every_camera_has_a_board_that_stands_clear_of_the_floor() {
 }
 
 #[test]
-fn a_plate_is_carried_as_arms_can() {
+fn rig_motion_is_within_the_limits_of_arms() {
     for (motion, rate, force) in [
         (Motion::Varied, 1.5, 5.0),
         (Motion::Still, 0.45, 1.0),
@@ -79,7 +79,7 @@ fn a_plate_is_carried_as_arms_can() {
     ] {
         let simulation = session(90.0, &with_motion(motion));
         let (mut most, mut still) = ([0.0_f64; 3], 0);
-        let mut turned = [0.0_f64; 3];
+        let mut max_rate = [0.0_f64; 3];
         for k in 0..9000 {
             let state = simulation.walker().rig(0.01 * f64::from(k));
             let values = [
@@ -90,8 +90,8 @@ fn a_plate_is_carried_as_arms_can() {
             for (most, value) in most.iter_mut().zip(values) {
                 *most = most.max(value);
             }
-            for (axis, turned) in turned.iter_mut().enumerate() {
-                *turned = turned.max(state.angular_rate[axis].abs());
+            for (axis, max_rate) in max_rate.iter_mut().enumerate() {
+                *max_rate = max_rate.max(state.angular_rate[axis].abs());
             }
             let quiet = state.angular_rate.norm() < 0.02 && state.velocity.norm() < 0.01;
             still += i32::from(quiet);
@@ -100,17 +100,17 @@ fn a_plate_is_carried_as_arms_can() {
         assert!(most[0] <= rate, "{name}: {most:?}");
         assert!(most[1] <= force, "{name}: {most:?}");
         assert!(most[2] < 1.0, "{name}: {most:?}");
-        // Held still for a part of the time.
+        // At rest for a part of the time.
         assert!((900..8000).contains(&still), "{name}: {still}");
         if motion == Motion::Varied {
-            assert!(turned.iter().all(|t| *t > 0.8), "{turned:?}");
+            assert!(max_rate.iter().all(|t| *t > 0.8), "{max_rate:?}");
             assert!(most[1] > 2.0, "{most:?}");
         }
     }
 }
 
-/// Which boards each eye sees at an instant, where at least a few corners count.
-fn seen_boards(corners: &[SeenCorner]) -> Vec<usize> {
+/// Boards of which at least a few corners are visible.
+fn seen_boards(corners: &[CornerObservation]) -> Vec<usize> {
     let mut count = BTreeMap::new();
     for corner in corners {
         *count.entry(corner.board).or_insert(0) += 1;
@@ -120,19 +120,19 @@ fn seen_boards(corners: &[SeenCorner]) -> Vec<usize> {
 }
 
 #[test]
-fn boards_are_seen_all_over_every_picture_and_tie_cameras_together() {
+fn boards_cover_every_image_and_connect_cameras() {
     let simulation = session(75.0, &Plan::GOOD);
     let frames = simulation.settings().frame_count();
-    // Cells of 6 x 4 in each of the six pictures.
+    // Cells of 6 x 4 in each of the six images.
     let mut cells = vec![BTreeMap::<(i32, i32), i32>::new(); 6];
     let mut ties = BTreeSet::new();
     let (mut together, mut two_boards) = (0, 0);
     for frame in 0..frames {
         let mut seen = Vec::new();
         for camera in 0..3 {
-            let sights = simulation.sights(camera);
+            let target_observations = simulation.target_observations(camera);
             for eye in 0..2 {
-                let corners = sights.frame(eye, frame);
+                let corners = target_observations.frame(eye, frame);
                 for corner in &corners {
                     let [u, v] = corner.pixel;
                     let cell = ((u / 672.0 * 6.0) as i32, (v / 376.0 * 4.0) as i32);
@@ -161,14 +161,14 @@ fn boards_are_seen_all_over_every_picture_and_tie_cameras_together() {
     assert_eq!(ties.len(), 3, "{ties:?}");
 }
 
-/// At the least, tags are large enough for a detector in the pictures of the smallest mode.
+/// Tags are large enough for a detector in images of the smallest mode.
 #[test]
 fn tags_have_twenty_pixels_in_most_views() {
     let simulation = session(75.0, &Plan::GOOD);
     let mut sides = Vec::new();
     for frame in (0..simulation.settings().frame_count()).step_by(5) {
         for camera in 0..3 {
-            let corners = simulation.sights(camera).frame(0, frame);
+            let corners = simulation.target_observations(camera).frame(0, frame);
             for pair in corners.windows(2) {
                 // Bottom left and bottom right of one tag.
                 if pair[0].id % 4 == 0 && pair[1].id == pair[0].id + 1 {
@@ -188,15 +188,15 @@ fn tags_have_twenty_pixels_in_most_views() {
     );
 }
 
-/// Pictures against [`sight`] by a detector that knows nothing of either: without a tone curve and noise, of a rig
-/// that is not as told, at rest and swung.
+/// Images agree with [`observations`], by a detector that is independent of both: without tone
+/// curve and noise, for a rig that differs from its calibration, at rest and in motion.
 #[test]
-fn corners_are_where_pictures_have_them() {
+fn corner_observations_agree_with_detections_in_images() {
     let one = Settings {
         seconds: 40.0,
         quality: Quality {
             samples: 8,
-            most_samples: 12,
+            max_samples: 12,
             noise: false,
         },
         ..settings(40.0)
@@ -207,27 +207,29 @@ fn corners_are_where_pictures_have_them() {
         tone: Tone::Linear,
         ..Imaging::USUAL
     };
-    let mut deviation = Deviation::default();
-    deviation.of_mut("left_shoulder").turned = Vector3::new(0.02, -0.03, 0.01);
-    deviation.of_mut("feet").late_ns = 7_000_000;
-    let simulation = simulation.with_deviation(&example(), &deviation).unwrap();
+    let mut calibration_error = CalibrationError::default();
+    calibration_error.of_mut("left_shoulder").rotation = Vector3::new(0.02, -0.03, 0.01);
+    calibration_error.of_mut("feet").time_offset_ns = 7_000_000;
+    let simulation = simulation
+        .with_calibration_error(&example(), &calibration_error)
+        .unwrap();
     let simulation = Arc::new(simulation.with_imaging(linear).unwrap());
     let boards = simulation.boards().iter();
     let targets: Vec<Target> = boards.map(|b| b.sheet().target().clone()).collect();
     let (mut off, mut missed) = (Vec::new(), 0);
     for camera in 0..3 {
-        let mut pictures = simulation.pictures(camera);
+        let mut images = simulation.frames(camera);
         for number in [31, 163] {
-            let frame = pictures.expose(number, simulation.settings().frame_ns(number));
+            let frame = images.expose(number, simulation.settings().frame_ns(number));
             for eye in 0..2 {
-                let grey = frame.grey(eye);
-                let view = GreyView::new(672, 376, 672, &grey).unwrap();
+                let gray = frame.gray(eye);
+                let view = ImageView::new(672, 376, 672, &gray).unwrap();
                 let found = detect_all(&view, &targets, &target::Settings::default());
                 let is_there = |board: usize, id: u32| {
                     let corners = &found[board].corners;
                     corners.iter().find(|c| c.id == id).map(|c| c.pixel)
                 };
-                for seen in simulation.sights(camera).frame(eye, number) {
+                for seen in simulation.target_observations(camera).frame(eye, number) {
                     match is_there(seen.board, seen.id) {
                         Some([u, v]) => off.push([u - seen.pixel[0], v - seen.pixel[1]]),
                         None => missed += 1,
@@ -251,7 +253,7 @@ fn corners_are_where_pictures_have_them() {
 }
 
 #[test]
-fn an_imu_feels_the_motion_of_the_plate() {
+fn imu_measures_the_motion_of_the_rig() {
     let simulation = session(30.0, &Plan::GOOD);
     let simulation = simulation.with_imus(ImuModel::PERFECT, &example()).unwrap();
     for (camera, imu) in simulation.cameras().iter().zip(simulation.imus()) {
@@ -278,29 +280,30 @@ fn an_imu_feels_the_motion_of_the_plate() {
             rotation *= so3::exp(gyro * dt);
         }
         let (expected, turn) = place(10.0);
-        let (far, turned) = ((position - expected).norm(), rotation.angle_to(&turn));
+        let (far, rotation_error) = ((position - expected).norm(), rotation.angle_to(&turn));
         assert!(
-            far < 2e-3 && turned < 2e-4,
-            "{}: {far} {turned}",
+            far < 2e-3 && rotation_error < 2e-4,
+            "{}: {far} {rotation_error}",
             camera.name
         );
     }
 }
 
 #[test]
-fn a_bent_board_keeps_lengths_along_the_sheet_and_has_its_sagitta() {
+fn bent_board_preserves_lengths_along_the_sheet_and_has_its_sagitta() {
     let pose = (
         Vector3::new(1.0, 2.0, 3.0),
         so3::exp(Vector3::new(0.3, -0.2, 1.0)),
     );
-    let board = |bend_m, larger| Board::new(Sheet::new(april_grid(0)), pose, bend_m, larger);
-    for bend_m in [0.01, -0.004] {
-        let bent = board(bend_m, 0.0);
+    let board =
+        |bow_m, scale_error| Board::new(Sheet::new(april_grid(0)), pose, bow_m, scale_error);
+    for bow_m in [0.01, -0.004] {
+        let bent = board(bow_m, 0.0);
         let half = 0.5 * bent.sheet().size_m()[0];
         let ends = [-half, half].map(|x| bent.at([x, 0.0], 0.0));
         let middle = bent.at([0.0, 0.0], 0.0);
         let sagitta = (pose.1.inverse() * (middle - (ends[0] + ends[1]) * 0.5)).z;
-        assert!((sagitta - bend_m).abs() < 1e-9, "{sagitta}");
+        assert!((sagitta - bow_m).abs() < 1e-9, "{sagitta}");
         let along = (0..1000).map(|k| {
             let x = |k: i32| half * (f64::from(k) / 500.0 - 1.0);
             (bent.at([x(k + 1), 0.0], 0.0) - bent.at([x(k), 0.0], 0.0)).norm()
@@ -314,7 +317,7 @@ fn a_bent_board_keeps_lengths_along_the_sheet_and_has_its_sagitta() {
 }
 
 #[test]
-fn a_knocked_camera_sees_corners_elsewhere_from_then_on() {
+fn corners_move_after_a_camera_shift() {
     let simulation = session(20.0, &Plan::GOOD);
     let knocked = Faults {
         list: vec![Fault {
@@ -335,10 +338,10 @@ fn a_knocked_camera_sees_corners_elsewhere_from_then_on() {
     };
     let moved = |name: &str, frame: u64| {
         let camera = number(name);
-        let as_it_was = simulation.sights(camera).frame(0, frame);
+        let as_it_was = simulation.target_observations(camera).frame(0, frame);
         let faults = knocked.of(name);
         let now = simulation
-            .sights(camera)
+            .target_observations(camera)
             .with_faults(faults)
             .frame(0, frame);
         let find = |id: u32| now.iter().find(|c| c.id == id);
@@ -351,7 +354,7 @@ fn a_knocked_camera_sees_corners_elsewhere_from_then_on() {
         let is_after = seconds(simulation.settings().frame_ns(frame)) >= 10.0;
         for px in moved("left_shoulder", frame) {
             assert_eq!(px > 0.0, is_after, "{frame}: {px}");
-            // Half a degree is 2.3 px and more, but for what lies on the axis.
+            // Half a degree is 2.3 px and more, except on the axis.
             assert!(px < 12.0);
             compared += 1;
         }
@@ -361,16 +364,16 @@ fn a_knocked_camera_sees_corners_elsewhere_from_then_on() {
 }
 
 #[test]
-fn what_cannot_be_a_session_is_refused() {
+fn invalid_target_sessions_are_rejected() {
     let bent = Plan {
-        bend_m: f64::NAN,
+        bow_m: f64::NAN,
         ..Plan::GOOD
     };
     let error =
         Simulation::with_targets(&settings(5.0), &example(), &bent, &|n| Some(april_grid(n)));
     let message = error.unwrap_err().to_string();
     assert!(
-        message.contains("bend of the boards, m, is NaN"),
+        message.contains("bow of the boards, m, is NaN"),
         "{message}"
     );
     let walk = Settings {
@@ -395,14 +398,16 @@ fn what_cannot_be_a_session_is_refused() {
 }
 
 #[test]
-fn fewer_boards_than_cameras_are_shared() {
+fn cameras_share_boards_if_there_are_too_few() {
     for count in [1, 2] {
         let some = |n| (n < count).then(|| april_grid(n));
         let simulation =
             Simulation::with_targets(&settings(30.0), &example(), &Plan::GOOD, &some).unwrap();
         assert_eq!(simulation.boards().len(), count);
-        // The shoulders see one of the boards now and then, whichever it is.
-        let sees = |camera| (0..300).any(|n| simulation.sights(camera).frame(0, n).len() > 20);
+        // The shoulder cameras observe one of the boards occasionally.
+        let sees = |camera| {
+            (0..300).any(|n| simulation.target_observations(camera).frame(0, n).len() > 20)
+        };
         assert!((0..3).filter(|camera| sees(*camera)).count() >= 2);
     }
     let none = Simulation::with_targets(&settings(5.0), &example(), &Plan::GOOD, &|_| None);
@@ -413,9 +418,9 @@ fn fewer_boards_than_cameras_are_shared() {
     );
 }
 
-/// A rolling shutter bends what is seen in motion, and only then.
+/// A rolling shutter distorts images only in motion.
 #[test]
-fn a_global_shutter_sees_all_rows_at_once() {
+fn global_shutter_exposes_all_rows_simultaneously() {
     let rolling = session(40.0, &Plan::GOOD);
     let at_once = Imaging {
         global_shutter: true,
@@ -434,8 +439,8 @@ fn a_global_shutter_sees_all_rows_at_once() {
             .rig(seconds(rolling.settings().frame_ns(number)))
             .angular_rate;
         let (a, b) = (
-            rolling.sights(feet).frame(0, number),
-            global.sights(feet).frame(0, number),
+            rolling.target_observations(feet).frame(0, number),
+            global.target_observations(feet).frame(0, number),
         );
         for corner in &a {
             let Some(other) = b.iter().find(|other| other.id == corner.id) else {
@@ -453,7 +458,7 @@ fn a_global_shutter_sees_all_rows_at_once() {
 }
 
 #[test]
-fn few_views_are_few() {
+fn number_of_views_is_respected() {
     let few = Plan {
         views: Some(4),
         ..Plan::GOOD
@@ -464,18 +469,24 @@ fn few_views_are_few() {
     let (late, later) = (at(20.0), at(39.0));
     assert!((late.position - later.position).norm() < 0.01);
     assert!(late.rotation.angle_to(&later.rotation) < 0.01);
-    let turned = at(1.0).rotation.angle_to(&late.rotation);
-    assert!(turned > 0.05, "{turned}");
+    let rotation = at(1.0).rotation.angle_to(&late.rotation);
+    assert!(rotation > 0.05, "{rotation}");
 }
 
 #[test]
-fn noise_on_corners_is_as_asked_for_and_the_same_again() {
+fn corner_noise_has_the_requested_sigma_and_is_reproducible() {
     let simulation = session(10.0, &Plan::GOOD);
     let mut off = Vec::new();
     for number in 0..100 {
-        let sights = simulation.sights(1);
-        let (exact, noisy) = (sights.frame(0, number), sights.observed(0, number, 0.3));
-        assert_eq!(noisy, simulation.sights(1).observed(0, number, 0.3));
+        let target_observations = simulation.target_observations(1);
+        let (exact, noisy) = (
+            target_observations.frame(0, number),
+            target_observations.observed(0, number, 0.3),
+        );
+        assert_eq!(
+            noisy,
+            simulation.target_observations(1).observed(0, number, 0.3)
+        );
         for (a, b) in exact.iter().zip(&noisy) {
             assert_eq!((a.board, a.id), (b.board, b.id));
             off.extend([0, 1].map(|k| b.pixel[k] - a.pixel[k]));
@@ -489,19 +500,23 @@ fn noise_on_corners_is_as_asked_for_and_the_same_again() {
         off.len()
     );
     assert!((square.sqrt() - 0.3).abs() < 0.02, "{}", square.sqrt());
-    // Eyes and frames have noise of their own.
+    // Eyes and frames have independent noise.
     let noise = |eye: usize, number: u64| {
-        let sights = simulation.sights(1);
-        let (exact, noisy) = (sights.frame(eye, number), sights.observed(eye, number, 1.0));
+        let target_observations = simulation.target_observations(1);
+        let (exact, noisy) = (
+            target_observations.frame(eye, number),
+            target_observations.observed(eye, number, 1.0),
+        );
         noisy[0].pixel[0] - exact[0].pixel[0]
     };
     let same = (noise(0, 2) - noise(1, 2)).abs() < 1e-9 || (noise(0, 2) - noise(0, 3)).abs() < 1e-9;
     assert!(!same);
 }
 
-/// What an eye sees it finds where it saw it, and both eyes' true depth agrees.
+/// Landmarks are found at the pixel where they were selected, and the true depths of both eyes
+/// agree.
 #[test]
-fn landmarks_are_found_where_they_were_seen() {
+fn landmarks_are_found_at_their_pixels() {
     let walk = Settings {
         kind: Kind::Corridor,
         width: 160,
@@ -511,24 +526,30 @@ fn landmarks_are_found_where_they_were_seen() {
     let simulation = Simulation::new(&walk, &example()).unwrap();
     let mut both = 0;
     for camera in 0..3 {
-        let sights = simulation.sights(camera);
+        let target_observations = simulation.target_observations(camera);
         let time_ns = 2_050_000_000;
-        let depth = simulation.truths(camera).see(0, time_ns).depth;
-        let landmarks = sights.landmarks(0, time_ns, 200, 5);
+        let depth = simulation.ground_truth(camera).render(0, time_ns).depth;
+        let landmarks = target_observations.landmarks(0, time_ns, 200, 5);
         assert!(landmarks.len() > 150);
         let mut agree = 0;
         for landmark in &landmarks {
-            let [u, v] = sights.find(0, time_ns, &landmark.point).unwrap();
+            let [u, v] = target_observations
+                .find(0, time_ns, &landmark.point)
+                .unwrap();
             let [at_u, at_v] = landmark.pixel;
             assert!((u - at_u).hypot(v - at_v) < 1e-6, "{u} {v} {at_u} {at_v}");
-            both += i32::from(sights.find(1, time_ns, &landmark.point).is_some());
+            both += i32::from(
+                target_observations
+                    .find(1, time_ns, &landmark.point)
+                    .is_some(),
+            );
             let far = f64::from(depth[v.round() as usize * 160 + u.round() as usize]);
             let rig = simulation.walker().rig(seconds(time_ns));
             let (origin, rotation) = simulation.cameras()[camera].world_from_eye(0, &rig, None);
             let own = (rotation.inverse() * (landmark.point - origin)).z;
             agree += i32::from((far / own - 1.0).abs() < 0.05);
         }
-        // Not at edges, and not on the wearer's legs.
+        // Except at edges and on the wearer's legs.
         let least = landmarks.len() as i32
             * if simulation.cameras()[camera].name == "feet" {
                 5

@@ -1,9 +1,9 @@
-//! Which foot stands where and when.
+//! Footfalls: which foot lands when and where.
 //!
-//! Steps are planned one after the other: how long the next one takes follows from the speed, where it
-//! lands from where the body will be, and the spot is moved a little where the sole would not rest
-//! (edges of kerbs and stairs); then the foot lands when the body is there, so that on stairs each
-//! step takes one tread and as long as that needs. Step length and cadence by speed follow Grieve's power law (1968);
+//! Steps are planned in sequence. The duration of the next one follows from the speed, its position
+//! from the future position of the body, corrected slightly where the sole would not rest (edges of
+//! kerbs and stairs); the foot lands when the body is there, so on stairs each step takes one tread
+//! and the time that this needs. Step length and cadence by speed follow Grieve's power law (1968);
 //! stance takes 62 % of a stride in walking and falls to 36 % in running (Perry 1992).
 
 use nalgebra::{UnitQuaternion, Vector3};
@@ -21,29 +21,29 @@ pub enum Side {
     Right = 1,
 }
 
-/// The sole, from its middle: x forward, m.
+/// Heel of the sole, m in front of its middle.
 pub const HEEL_X: f64 = -0.13;
-/// What it turns about at the end: near the toe, since this sole does not bend.
+/// Axis of the roll-off, m: near the toe, since this sole does not bend.
 pub const TIP_X: f64 = 0.135;
-/// Its front end.
+/// Front end of the sole, m.
 pub const TOE_X: f64 = 0.15;
-/// Half its width.
+/// Half the width of the sole, m.
 pub const HALF_WIDTH: f64 = 0.045;
 /// Distance of the feet from the line walked along, m.
 const HALF_STANCE_M: f64 = 0.085;
 /// Feet point outwards by this, rad.
 const TOE_OUT: f64 = 0.12;
-/// Rows in which the ground under a sole is looked at.
+/// Number of rows in which the ground under a sole is sampled.
 const ALONG: usize = 9;
-/// Room that is kept around the ends of a sole, m.
+/// Margin around the ends of a sole, m.
 const MARGIN_M: f64 = 0.012;
-/// Ground deeper below the sole's highest spot than this does not carry, m.
+/// Maximum depth of supporting ground below the highest point under the sole, m.
 const EDGE_M: f64 = 0.06;
-/// Cost of a spot where a foot would not stay, m: more than any unevenness.
-const UNSTEADY: f64 = 1.0;
-/// Highest step that is taken gladly, m: one stair, not two.
-const STEP_UP_M: f64 = 0.22;
-/// Below this speed one stands, m/s.
+/// Cost of an unstable foothold, m: more than any unevenness.
+const UNSTABLE_COST_M: f64 = 1.0;
+/// Preferred maximum step height, m: one stair, not two.
+const MAX_STEP_UP_M: f64 = 0.22;
+/// Minimum walking speed, m/s; below it the wearer stands.
 const STANDING: f64 = 0.15;
 
 /// One contact of a foot with the ground.
@@ -57,7 +57,7 @@ pub struct Footfall {
     pub off_s: f64,
     /// Middle of the sole at rest, in the world, m.
     pub position: Vector3<f64>,
-    /// Takes the foot's axes (x forward, y left, z up from the sole) at rest to the world.
+    /// Maps the foot frame (x forward, y left, z up from the sole) at rest to the world.
     pub rotation: UnitQuaternion<f64>,
     /// Speed of walking at the strike, m/s.
     pub speed: f64,
@@ -69,7 +69,7 @@ pub type GroundFn<'a> = dyn Fn(f64, f64, f64) -> Option<f64> + 'a;
 /// Steps per second at a speed.
 fn cadence(speed: f64) -> f64 {
     let walking = 1.87 * libm::pow(speed.max(0.3) / 1.35, 0.42);
-    // Runners take quick steps at any speed.
+    // Cadence of running, at any speed.
     let running = 2.6;
     walking + (running - walking) * running_share(speed)
 }
@@ -148,8 +148,8 @@ pub fn plan(
     falls
 }
 
-/// The best place for a sole near a distance along the path, and how far it is from there, m. `other`
-/// is the height of the foot that stands.
+/// Best foothold near a distance along the path, and its offset from there, m. `other` is the
+/// height of the standing foot.
 fn foothold(
     path: &Path,
     side: Side,
@@ -167,7 +167,7 @@ fn foothold(
             continue;
         };
         let rise = other.map_or(0.0, |z| (fall.position.z - z).abs());
-        let cost = uneven + 0.05 * off.abs() + (rise - STEP_UP_M).max(0.0);
+        let cost = uneven + 0.05 * off.abs() + (rise - MAX_STEP_UP_M).max(0.0);
         if best.as_ref().is_none_or(|(least, _, _)| cost < *least) {
             best = Some((cost, off, fall));
         }
@@ -193,7 +193,7 @@ fn foothold(
 /// The ground under the sole: `(x, y)` in the foot's axes and the height there, m.
 type Sample = ((f64, f64), f64);
 
-/// The sole at rest there, and how badly it rests, m.
+/// Pose of the sole at rest, and its cost, m.
 fn rest(
     path: &Path,
     side: Side,
@@ -220,8 +220,8 @@ fn rest(
             samples.push(((fx, fy), height(fx, fy)?));
         }
     }
-    // What lies far below the highest spot carries nothing: the sole juts out over an edge there. That
-    // is how a foot stands on a stair, unless heel or ball have too little to stand on.
+    // Ground far below the highest point does not support: the sole juts out over an edge there.
+    // That is how a foot stands on a stair, unless heel or ball have too little support.
     let highest = samples.iter().map(|s| s.1).fold(f64::MIN, f64::max);
     let mut carrying = samples.clone();
     carrying.retain(|s| s.1 > highest - EDGE_M);
@@ -231,10 +231,10 @@ fn rest(
         0.15 * (1.0 - share)
     } else {
         carrying = samples;
-        UNSTEADY
+        UNSTABLE_COST_M
     };
     let (middle, slope_x, slope_y) = plane(&carrying);
-    // A rigid sole rests on what stands out.
+    // A rigid sole rests on the protruding points.
     let mut proud = 0.0_f64;
     let mut hollow = 0.0_f64;
     for ((fx, fy), z) in &carrying {

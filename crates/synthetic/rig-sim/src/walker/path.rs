@@ -1,6 +1,6 @@
-//! The way on the ground: a closed smooth curve, by distance along it.
+//! Path on the ground: a closed smooth curve, parametrized by distance.
 
-/// About the distance between entries of the table, m.
+/// Approximate distance between entries of the table, m.
 const STEP_M: f64 = 0.02;
 
 /// A closed curve with continuous curvature.
@@ -32,7 +32,7 @@ impl Path {
             }
             p
         };
-        // Short chords, and then points at even distances along them.
+        // Short chords, resampled at equal distances.
         let fine = 400 * n;
         let chain: Vec<[f64; 2]> = (0..=fine)
             .map(|k| at((k % fine) as f64 * n as f64 / fine as f64))
@@ -67,7 +67,7 @@ impl Path {
         }
     }
 
-    /// Length of one round, m.
+    /// Length of one lap, m.
     pub fn length_m(&self) -> f64 {
         self.step_m * self.table.len() as f64
     }
@@ -91,7 +91,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn distance_is_distance_and_the_curve_closes() {
+    fn curve_is_parametrized_by_distance_and_closed() {
         let path = Path::closed(&[[0.0, 0.0], [10.0, 0.0], [10.0, 6.0], [0.0, 6.0]]);
         let length = path.length_m();
         assert!((15.0..30.0).contains(&length), "{length}");

@@ -1,10 +1,10 @@
-//! How far one has come along the way, at each time.
+//! Distance walked along the path over time.
 
 use crate::scene::route::Leg;
 
-/// Distance between entries, s.
+/// Time between entries, s.
 const STEP_S: f64 = 0.01;
-/// How fast one speeds up and slows down, m/s².
+/// Acceleration and deceleration, m/s².
 const ACCELERATION: f64 = 0.9;
 /// Standing before the first step, s.
 const BEFORE_S: f64 = 0.8;
@@ -18,7 +18,7 @@ pub struct Progress {
 }
 
 impl Progress {
-    /// Goes through the legs again and again for `seconds`.
+    /// Repeats the legs for `seconds`.
     pub fn new(legs: &[Leg], seconds: f64) -> Self {
         let steps = (seconds / STEP_S).ceil() as usize + 1;
         let mut table = Vec::with_capacity(steps + 200);
@@ -58,7 +58,7 @@ impl Progress {
         Self { table, stumbles }
     }
 
-    /// For how long it is known.
+    /// Length, s.
     pub fn seconds(&self) -> f64 {
         STEP_S * (self.table.len() - 1) as f64
     }
@@ -72,7 +72,7 @@ impl Progress {
         (a.0 + (b.0 - a.0) * t, a.1 + (b.1 - a.1) * t)
     }
 
-    /// When a foot catches, s.
+    /// Times of stumbles, s.
     pub fn stumbles(&self) -> &[f64] {
         &self.stumbles
     }
@@ -83,7 +83,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn speeds_are_reached_and_standing_is_standing() {
+    fn speeds_are_reached_and_standing_is_at_rest() {
         let legs = [
             Leg::Walk {
                 metres: 5.0,

@@ -14,7 +14,7 @@ fn walk(seconds: f64) -> (Arc<Scene>, Walker) {
 }
 
 #[test]
-fn feet_rest_while_flat_and_never_sink_or_jump() {
+fn feet_are_at_rest_while_flat_and_never_sink_or_jump() {
     for kind in Kind::ALL {
         let (scene, walker) = walk_in(kind, 40.0);
         for side in [Side::Left, Side::Right] {
@@ -48,9 +48,9 @@ fn feet_rest_while_flat_and_never_sink_or_jump() {
     }
 }
 
-/// Most of a sole at rest is on the ground, and no ground is in the sole.
+/// Most of a sole at rest touches the ground, and no ground penetrates the sole.
 #[test]
-fn soles_stand_on_what_carries_them() {
+fn soles_rest_on_supporting_ground() {
     for kind in Kind::ALL {
         let (scene, walker) = walk_in(kind, 60.0);
         for side in [Side::Left, Side::Right] {
@@ -62,14 +62,14 @@ fn soles_stand_on_what_carries_them() {
                         let p = fall.position + fall.rotation * Vector3::new(x, y, 0.0);
                         let ground = scene.ground(p.x, p.y, p.z + 0.4).unwrap();
                         let gap = p.z - ground.height;
-                        // What stands out between the points that a sole is planned by sinks in.
+                        // Protrusions between the sample points of a sole sink in.
                         let soft = if kind == Kind::Trail { 0.02 } else { 0.005 };
                         assert!(gap > -soft, "{}: {fall:?}: {gap}", kind.name());
                         all += 1;
                         on += i32::from(gap < 0.015);
                     }
                 }
-                // On roots and stones a few points carry.
+                // On roots and stones a few points support the sole.
                 let share = if kind == Kind::Trail { 1 } else { 6 };
                 assert!(
                     on * 10 > all * share,
@@ -95,12 +95,12 @@ fn each_step_takes_one_stair() {
         up += i32::from(rise > 0.16);
         down += i32::from(rise < -0.16);
     }
-    // Eleven up and down in each round, of which 60 s hold at least one.
+    // Eleven up and down in each lap, of which 60 s hold at least one.
     assert!(up >= 11 && down >= 11, "{up} {down}");
 }
 
 #[test]
-fn one_walks_stands_jogs_and_the_rig_stays_above_the_feet() {
+fn walk_includes_standing_and_jogging_with_the_rig_above_the_feet() {
     for kind in Kind::ALL {
         let (_, walker) = walk_in(kind, 60.0);
         let (mut fastest, mut slowest) = (0.0_f64, f64::MAX);
@@ -132,9 +132,9 @@ fn one_walks_stands_jogs_and_the_rig_stays_above_the_feet() {
     }
 }
 
-/// Truth shown by other means: integrating what a perfect IMU at the rig's origin measures.
+/// Independent check of ground truth: integration of an ideal IMU at the rig's origin.
 #[test]
-fn a_perfect_imu_closes_on_the_pose() {
+fn perfect_imu_integrates_to_the_pose() {
     let (_, walker) = walk(20.0);
     let gravity = Vector3::new(0.0, 0.0, -9.81);
     let (from, to, steps) = (5.0, 15.0, 100_000);
@@ -145,7 +145,7 @@ fn a_perfect_imu_closes_on_the_pose() {
         let t = from + dt * (f64::from(k) + 0.5);
         let state = walker.rig(t);
         let force = state.rotation.inverse() * (state.acceleration - gravity);
-        // Midpoint rule; the rotation at the middle is half a turn on.
+        // Midpoint rule; the rotation at the middle includes half of the step.
         let middle = r * so3::exp(state.angular_rate * (0.5 * dt));
         let a = middle * force + gravity;
         p += v * dt + a * (0.5 * dt * dt);
@@ -154,6 +154,9 @@ fn a_perfect_imu_closes_on_the_pose() {
     }
     let end = walker.rig(to);
     let off = (p - end.position).norm();
-    let turned = r.angle_to(&end.rotation).to_degrees();
-    assert!(off < 1e-3 && turned < 0.01, "{off} m, {turned} degrees");
+    let rotation_deg = r.angle_to(&end.rotation).to_degrees();
+    assert!(
+        off < 1e-3 && rotation_deg < 0.01,
+        "{off} m, {rotation_deg} degrees"
+    );
 }

@@ -265,7 +265,7 @@ pub(crate) fn normalized_patch(level: &Level, x: f32, y: f32) -> Option<[f32; PA
 #[cfg(test)]
 mod tests {
     use super::*;
-    use calib::verify::Grey;
+    use calib::verify::ImageView;
 
     /// Smooth value noise between 0 and 1: random values on a grid, interpolated.
     fn noise(x: f64, y: f64, cell: f64, seed: u64) -> f64 {

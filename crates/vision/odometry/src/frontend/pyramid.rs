@@ -5,7 +5,7 @@
 //! levels differ by a factor only. All levels are bytes: a patch of 8 x 8 is then two cache lines,
 //! and rounding moves a corner by less than noise does.
 
-use calib::verify::Grey;
+use calib::verify::ImageView;
 
 /// Maximum number of levels, and minimum side of the coarsest one, px.
 const MAX_LEVELS: usize = 4;

@@ -91,7 +91,7 @@ impl StaleImageDetector {
 #[cfg(test)]
 mod tests {
     use cad_transforms::RigidTransform;
-    use calib::verify::Grey;
+    use calib::verify::ImageView;
     use nalgebra::Vector3;
 
     use super::*;

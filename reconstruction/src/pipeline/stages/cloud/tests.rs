@@ -1,11 +1,11 @@
 use cad_transforms::RigidTransform;
 use calib::{CameraModel, Distortion};
 use scene_bundle::outputs::cloud::CloudPoint;
-use scene_bundle::outputs::depth::{DepthPicture, DepthView};
+use scene_bundle::outputs::depth::{DepthImage, DepthView};
 
-use super::sway::Sway;
+use super::rolling_shutter::RowMotion;
 use super::*;
-use crate::picture::Colour;
+use crate::image::Color;
 
 const WIDTH: u32 = 60;
 const HEIGHT: u32 = 40;
@@ -29,61 +29,64 @@ fn view() -> DepthView {
     }
 }
 
-/// A look along z, from so far to the right, at a wall, with something else in a few pixels.
-fn look(right_m: f64, else_m: impl Fn(u32, u32) -> Option<f32>) -> Look {
+/// A view along z, translated to the right, of a wall, with another depth in a few pixels.
+fn depth_map(right_m: f64, else_m: impl Fn(u32, u32) -> Option<f32>) -> PosedDepthMap {
     let pixels = (0..HEIGHT).flat_map(|y| (0..WIDTH).map(move |x| (x, y)));
     let depth: Vec<f32> = pixels
         .map(|(x, y)| else_m(x, y).unwrap_or(WALL_M))
         .collect();
     let sigma = vec![SIGMA_M; depth.len()];
-    let picture = DepthPicture::from_metres(WIDTH, HEIGHT, &depth, &sigma);
+    let image = DepthImage::from_metres(WIDTH, HEIGHT, &depth, &sigma);
     let place = RigidTransform::from_translation_m([right_m, 0.0, 0.0]).expect("finite");
-    Look::new(picture, &view(), &place, Sway::default())
+    PosedDepthMap::new(image, &view(), &place, RowMotion::default())
 }
 
 fn nothing_else(_: u32, _: u32) -> Option<f32> {
     None
 }
 
-fn eye<'a>(lens: &'a Lens, picture: &'a Picture) -> EyePicture<'a> {
-    EyePicture {
+fn left_image<'a>(lens: &'a Lens, image: &'a Image) -> LeftImage<'a> {
+    LeftImage {
         lens,
-        picture,
+        image,
         movable: None,
     }
 }
 
-fn cloud(looks: Vec<Look>) -> Vec<CloudPoint> {
-    let near: VecDeque<Vec<Look>> = looks.into_iter().map(|look| vec![look]).collect();
-    let picture = Picture {
+fn cloud(depth_maps: Vec<PosedDepthMap>) -> Vec<CloudPoint> {
+    let near: VecDeque<Vec<PosedDepthMap>> = depth_maps
+        .into_iter()
+        .map(|depth_map| vec![depth_map])
+        .collect();
+    let image = Image {
         width: WIDTH,
         height: HEIGHT,
-        colour: Colour::Rgb,
+        color: Color::Rgb,
         data: [9, 80, 200].repeat((WIDTH * HEIGHT) as usize).into(),
     };
     let lens = Lens::new(&view().model);
     let mut voxels = Voxels::default();
     for k in 0..near.len() {
-        voxels.add(&points(&near, (k, 0), &eye(&lens, &picture)).0);
+        voxels.add(&points(&near, (k, 0), &left_image(&lens, &image)).0);
     }
     voxels.into_points()
 }
 
 #[test]
-fn a_wall_that_several_looks_see_is_a_wall() {
+fn a_wall_seen_by_several_views_becomes_points() {
     let points = cloud(
         [0.0, 0.15, 0.3]
-            .map(|right_m| look(right_m, nothing_else))
+            .map(|right_m| depth_map(right_m, nothing_else))
             .into(),
     );
-    // Pixels are 6 cm apart on the wall: about one voxel for each that all see.
+    // Pixels are 6 cm apart on the wall: about one voxel per pixel visible in all views.
     assert!(points.len() > 1500, "{}", points.len());
     for point in &points {
         assert!((point.x_in_world[2] - WALL_M).abs() < 1e-3, "{point:?}");
-        assert_eq!(point.colour, [9, 80, 200]);
+        assert_eq!(point.color, [9, 80, 200]);
         assert!(point.sigma_m <= SIGMA_M + 1e-6);
     }
-    // What not all looks see is not there: the last one begins 0.3 m farther to the right.
+    // Parts that not all views show are missing: the last view is 0.3 m farther to the right.
     let leftmost = points
         .iter()
         .map(|p| p.x_in_world[0])
@@ -92,59 +95,69 @@ fn a_wall_that_several_looks_see_is_a_wall() {
 }
 
 #[test]
-fn too_few_looks_make_no_point() {
-    assert!(cloud(vec![look(0.0, nothing_else)]).is_empty());
-    assert!(cloud(vec![look(0.0, nothing_else), look(0.1, nothing_else)]).is_empty());
-    // Two cameras at the same instant do not tell what stands from what moves.
+fn too_few_views_make_no_point() {
+    assert!(cloud(vec![depth_map(0.0, nothing_else)]).is_empty());
+    assert!(
+        cloud(vec![
+            depth_map(0.0, nothing_else),
+            depth_map(0.1, nothing_else)
+        ])
+        .is_empty()
+    );
+    // Two cameras at the same instant do not distinguish static from dynamic.
     let near = VecDeque::from([vec![
-        look(0.0, nothing_else),
-        look(0.1, nothing_else),
-        look(0.2, nothing_else),
+        depth_map(0.0, nothing_else),
+        depth_map(0.1, nothing_else),
+        depth_map(0.2, nothing_else),
     ]]);
-    let picture = Picture {
+    let image = Image {
         width: WIDTH,
         height: HEIGHT,
-        colour: Colour::Grey,
+        color: Color::Grey,
         data: vec![7; (WIDTH * HEIGHT) as usize].into(),
     };
     let lens = Lens::new(&view().model);
-    assert!(points(&near, (0, 0), &eye(&lens, &picture)).0.is_empty());
+    assert!(
+        points(&near, (0, 0), &left_image(&lens, &image))
+            .0
+            .is_empty()
+    );
 }
 
 #[test]
-fn who_walks_by_leaves_nothing() {
-    // Somebody at 2 m who is elsewhere each time.
+fn a_person_who_walks_by_leaves_no_points() {
+    // A person at 2 m at another position each time.
     let somebody = |from: u32| move |x: u32, _| (from..from + 6).contains(&x).then_some(2.0);
-    let looks = [10, 22, 34, 46].map(|from| look(0.0, somebody(from)));
-    let points = cloud(looks.into());
+    let depth_maps = [10, 22, 34, 46].map(|from| depth_map(0.0, somebody(from)));
+    let points = cloud(depth_maps.into());
     assert!(points.len() > 1500, "{}", points.len());
     for point in &points {
         assert!((point.x_in_world[2] - WALL_M).abs() < 1e-3, "{point:?}");
     }
-    // Who stands still stays.
-    let points = cloud([0; 3].map(|_| look(0.0, somebody(20))).into());
+    // A person at rest remains.
+    let points = cloud([0; 3].map(|_| depth_map(0.0, somebody(20))).into());
     assert!(points.iter().any(|p| (p.x_in_world[2] - 2.0).abs() < 1e-3));
 }
 
 #[test]
-fn what_is_uncertain_makes_no_point() {
+fn uncertain_depth_makes_no_point() {
     let vague = |right_m: f64| {
-        let mut look = look(right_m, nothing_else);
-        look.blur(LARGEST_SIGMA_M + 0.01);
-        look
+        let mut depth_map = depth_map(right_m, nothing_else);
+        depth_map.blur(MAX_POINT_SIGMA_M + 0.01);
+        depth_map
     };
     assert!(cloud(vec![vague(0.0), vague(0.1), vague(0.2)]).is_empty());
 }
 
 #[test]
-fn grey_pictures_give_grey_and_what_can_move_gives_nothing() {
-    let picture = Picture {
+fn gray_images_give_gray_and_movable_pixels_give_nothing() {
+    let image = Image {
         width: 3,
         height: 2,
-        colour: Colour::Grey,
+        color: Color::Grey,
         data: vec![1, 2, 3, 4, 5, 6].into(),
     };
-    // Pixel (x, y) is where the ray (x, y, 1) is seen.
+    // Pixel (x, y) is the projection of the ray (x, y, 1).
     let lens = Lens::new(&CameraModel {
         width: 3,
         height: 2,
@@ -154,12 +167,12 @@ fn grey_pictures_give_grey_and_what_can_move_gives_nothing() {
         cy: 0.0,
         distortion: Distortion::None,
     });
-    let mut eye = eye(&lens, &picture);
-    assert_eq!(eye.colour([1.4, 0.6, 1.0]), Some([5; 3]));
-    assert_eq!(eye.colour([2.6, 0.0, 1.0]), None);
-    assert_eq!(eye.colour([-0.6, 0.0, 1.0]), None);
+    let mut left_image = left_image(&lens, &image);
+    assert_eq!(left_image.color([1.4, 0.6, 1.0]), Some([5; 3]));
+    assert_eq!(left_image.color([2.6, 0.0, 1.0]), None);
+    assert_eq!(left_image.color([-0.6, 0.0, 1.0]), None);
     let movable = [false, false, false, false, true, false];
-    eye.movable = Some(&movable);
-    assert_eq!(eye.colour([1.4, 0.6, 1.0]), None);
-    assert_eq!(eye.colour([2.0, 1.0, 1.0]), Some([6; 3]));
+    left_image.movable = Some(&movable);
+    assert_eq!(left_image.color([1.4, 0.6, 1.0]), None);
+    assert_eq!(left_image.color([2.0, 1.0, 1.0]), Some([6; 3]));
 }

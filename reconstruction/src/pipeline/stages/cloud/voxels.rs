@@ -1,18 +1,19 @@
-//! One point for all that is in a voxel.
+//! Voxel grid: one point for all points in a voxel.
 //!
-//! A point is the mean of what was seen in its voxel, each weighted by the inverse square of its sigma. Pixels of one look are not
-//! independent, so that however many they are, together they weigh as much as one of them; looks count as independent. The
-//! sigma of a point is therefore that of depth alone: what all looks have in common, such as an error of calibration or of where the
-//! rig was, is not in it.
+//! A point is the mean of the observations in its voxel, each weighted by the inverse square of its
+//! sigma. Pixels of one view are not independent, so together they weigh as much as one of them;
+//! views count as independent. The sigma of a point is therefore that of depth only: errors common
+//! to all views, such as those of calibration or pose, are not included.
 
 use std::collections::HashMap;
 
 use scene_bundle::outputs::cloud::CloudPoint;
 
-/// Edge of a voxel, m: less than what feet and wheels care for, and about what stereo can tell at the distance of a few steps.
-pub(super) const EDGE_M: f64 = 0.05;
+/// Edge of a voxel, m: less than feet and wheels are sensitive to, and about the resolution of
+/// stereo at a few steps.
+pub(super) const VOXEL_M: f64 = 0.05;
 
-/// A point as one look has it.
+/// A point of one view.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(super) struct Point {
     /// m.
@@ -20,76 +21,77 @@ pub(super) struct Point {
     /// One standard deviation, m.
     pub(super) sigma_m: f64,
     /// Red, green, blue.
-    pub(super) colour: [u8; 3],
+    pub(super) color: [u8; 3],
 }
 
-/// Weighted sums. Places are from the middle of the voxel, so that single precision is enough.
+/// Weighted sums. Positions are relative to the center of the voxel, so that single precision is
+/// enough.
 #[derive(Clone, Copy, Debug, Default)]
 struct Sums {
     weight: f32,
-    place: [f32; 3],
-    colour: [f32; 3],
+    offset: [f32; 3],
+    color: [f32; 3],
 }
 
-/// All voxels in which something was seen.
+/// All voxels with observations.
 #[derive(Debug, Default)]
 pub(super) struct Voxels {
     cells: HashMap<[i32; 3], Sums>,
 }
 
 impl Sums {
-    fn add(&mut self, weight: f32, place: [f32; 3], colour: [f32; 3]) {
+    fn add(&mut self, weight: f32, offset: [f32; 3], color: [f32; 3]) {
         self.weight += weight;
         for k in 0..3 {
-            self.place[k] += weight * place[k];
-            self.colour[k] += weight * colour[k];
+            self.offset[k] += weight * offset[k];
+            self.color[k] += weight * color[k];
         }
     }
 
-    /// Mean place and colour.
+    /// Mean position and color.
     fn means(&self) -> ([f32; 3], [f32; 3]) {
         let mean = |sum: f32| sum / self.weight;
-        (self.place.map(mean), self.colour.map(mean))
+        (self.offset.map(mean), self.color.map(mean))
     }
 }
 
 fn middle(cell: [i32; 3]) -> [f64; 3] {
-    cell.map(|c| (f64::from(c) + 0.5) * EDGE_M)
+    cell.map(|c| (f64::from(c) + 0.5) * VOXEL_M)
 }
 
 impl Voxels {
-    /// Adds the points of one look.
+    /// Adds the points of one view.
     pub(super) fn add(&mut self, points: &[Point]) {
         let mut of_look: HashMap<[i32; 3], (u32, Sums)> = HashMap::new();
         for point in points {
-            let cell = point.x_in_world.map(|c| (c / EDGE_M).floor() as i32);
+            let cell = point.x_in_world.map(|c| (c / VOXEL_M).floor() as i32);
             let middle = middle(cell);
-            let place = [0, 1, 2].map(|k| (point.x_in_world[k] - middle[k]) as f32);
+            let offset = [0, 1, 2].map(|k| (point.x_in_world[k] - middle[k]) as f32);
             let (count, sums) = of_look.entry(cell).or_default();
             *count += 1;
             let weight = 1.0 / (point.sigma_m * point.sigma_m);
-            sums.add(weight as f32, place, point.colour.map(f32::from));
+            sums.add(weight as f32, offset, point.color.map(f32::from));
         }
         for (cell, (count, sums)) in of_look {
-            let (place, colour) = sums.means();
+            let (offset, color) = sums.means();
             let weight = sums.weight / count as f32;
             self.cells
                 .entry(cell)
                 .or_default()
-                .add(weight, place, colour);
+                .add(weight, offset, color);
         }
     }
 
-    /// One point for each voxel, in the order of their places.
+    /// One point for each voxel, in the order of their positions.
     pub(super) fn into_points(self) -> Vec<CloudPoint> {
         let mut cells: Vec<([i32; 3], Sums)> = self.cells.into_iter().collect();
         cells.sort_unstable_by_key(|(cell, _)| *cell);
         let point = |(cell, sums): &([i32; 3], Sums)| {
-            let (place, colour) = sums.means();
+            let (offset, color) = sums.means();
             let middle = middle(*cell);
             CloudPoint {
-                x_in_world: [0, 1, 2].map(|k| (middle[k] + f64::from(place[k])) as f32),
-                colour: colour.map(|c| c.round() as u8),
+                x_in_world: [0, 1, 2].map(|k| (middle[k] + f64::from(offset[k])) as f32),
+                color: color.map(|c| c.round() as u8),
                 sigma_m: 1.0 / sums.weight.sqrt(),
             }
         };
@@ -101,16 +103,16 @@ impl Voxels {
 mod tests {
     use super::*;
 
-    fn point(x: f64, sigma_m: f64, grey: u8) -> Point {
+    fn point(x: f64, sigma_m: f64, gray: u8) -> Point {
         Point {
             x_in_world: [x, 0.01, -0.02],
             sigma_m,
-            colour: [grey; 3],
+            color: [gray; 3],
         }
     }
 
     #[test]
-    fn a_voxel_has_the_weighted_mean_and_looks_count_once() {
+    fn a_voxel_has_the_weighted_mean_and_each_view_counts_once() {
         let mut voxels = Voxels::default();
         voxels.add(&[point(0.010, 0.02, 100); 7]);
         voxels.add(&[point(0.020, 0.04, 200)]);
@@ -119,15 +121,15 @@ mod tests {
         assert_eq!(points.len(), 2);
         let near = |a: f32, b: f64| (f64::from(a) - b).abs() < 1e-6;
         assert!(near(points[0].x_in_world[0], -0.010));
-        // Weights of 4 and 1, however many pixels there were.
+        // Weights of 4 and 1, whatever the number of pixels.
         assert!(near(points[1].x_in_world[0], 0.012), "{:?}", points[1]);
-        assert_eq!(points[1].colour, [120; 3]);
+        assert_eq!(points[1].color, [120; 3]);
         let together = 1.0 / (1.0 / 0.02_f64.powi(2) + 1.0 / 0.04_f64.powi(2)).sqrt();
         assert!(near(points[1].sigma_m, together));
     }
 
     #[test]
-    fn far_away_is_as_exact() {
+    fn far_points_are_as_accurate() {
         let mut voxels = Voxels::default();
         voxels.add(&[point(812.345, 0.02, 1)]);
         let x = voxels.into_points()[0].x_in_world[0];

@@ -1,12 +1,12 @@
-//! What is known of devices that sessions do not tell.
+//! Properties of known devices that sessions do not contain.
 
 use calib::ImuNoise;
 use session_archive::manifest;
 
 use crate::pipeline::Report;
 
-/// Noise of an IMU of which nothing is known: worse than that of any part that is sold for this, so that what it
-/// measures is not trusted too much.
+/// Noise of an unknown IMU: worse than that of any part sold for this purpose, so that its
+/// measurements are not weighted too much.
 pub(super) const UNKNOWN_NOISE: ImuNoise = ImuNoise {
     gyro_noise_density: 5e-4,
     gyro_random_walk: 2e-5,
@@ -16,7 +16,7 @@ pub(super) const UNKNOWN_NOISE: ImuNoise = ImuNoise {
 /// Its rate, Hz.
 pub(super) const UNKNOWN_RATE_HZ: f64 = 200.0;
 
-/// What data sheets of the parts in ZED cameras give, as the simulated rig has it.
+/// Data-sheet noise of the parts in ZED cameras, as in the simulated rig.
 const ZED_NOISE: ImuNoise = ImuNoise {
     gyro_noise_density: 1.2e-4,
     gyro_random_walk: 2e-6,
@@ -25,18 +25,18 @@ const ZED_NOISE: ImuNoise = ImuNoise {
 };
 /// rad/s and m/s²: 1000 deg/s and 8 g of 9.8189 m/s² (zed-open-capture).
 const ZED_RANGE: [f64; 2] = [1000.0 * std::f64::consts::PI / 180.0, 8.0 * 9.8189];
-/// A ZED Mini reads the 376 rows of its fastest mode in the time of one picture of it, 1/100 s, less a pause: as the
-/// simulated rig has it, never compared with a device. Rows, s.
+/// A ZED Mini reads the 376 rows of its fastest mode in the time of one frame of it, 1/100 s, less
+/// a pause: as in the simulated rig, never compared with a device. Rows, s.
 const ZED_MINI_READOUT: (u32, f64) = (376, 0.0085);
 
-/// What is known of an IMU.
+/// Known properties of an IMU.
 pub(super) struct KnownImu {
     noise: Option<ImuNoise>,
     /// rad/s and m/s².
     pub(super) range: Option<[f64; 2]>,
 }
 
-/// Letters and digits of a name alone, small.
+/// Letters and digits of a name, in lower case.
 fn plain(name: &str) -> String {
     let kept = name.chars().filter(char::is_ascii_alphanumeric);
     kept.map(|c| c.to_ascii_lowercase()).collect()
@@ -59,7 +59,7 @@ pub(super) fn imu(model: Option<&str>, source: &str) -> KnownImu {
 }
 
 impl KnownImu {
-    /// Its noise, with a note on where that comes from.
+    /// Its noise, with a note on the source.
     pub(super) fn noise(&self, name: &str, report: &mut Report) -> ImuNoise {
         let (noise, of) = match self.noise {
             Some(noise) => (noise, "that of data sheets of parts in ZED cameras"),
@@ -67,28 +67,28 @@ impl KnownImu {
         };
         report
             .notes
-            .push(format!("IMU {name}: its noise is taken to be {of}"));
+            .push(format!("IMU {name}: its noise is assumed to be {of}"));
         noise
     }
 }
 
-/// Time from row to row of a camera of this model, s, with a note where that is assumed.
+/// Readout line time of a camera of this model, s, with a note where it is assumed.
 pub(super) fn line_s(model: Option<&str>, camera: &manifest::Camera, report: &mut Report) -> f64 {
     let name = &camera.name;
     let (rows, readout_s) = ZED_MINI_READOUT;
     match model.map(plain).as_deref() {
-        // All rows at once (data sheet).
+        // Global shutter (data sheet).
         Some("zedxmini" | "zedx") => 0.0,
         Some("zedmini") if camera.height == rows => {
             let line_s = readout_s / f64::from(rows);
             report.notes.push(format!(
-                "camera {name}: {:.1} us from row to row, as assumed for a ZED Mini",
+                "camera {name}: readout line time {:.1} us, as assumed for a ZED Mini",
                 1e6 * line_s
             ));
             line_s
         }
         _ => {
-            let note = format!("camera {name}: all rows are taken to be exposed at once");
+            let note = format!("camera {name}: a global shutter is assumed");
             report.notes.push(note);
             0.0
         }

@@ -1,4 +1,4 @@
-//! Pictures through an encoder and a decoder.
+//! Images through an encoder and a decoder.
 
 use std::path::Path;
 use std::process::Command;
@@ -14,12 +14,12 @@ use video::{AccessUnit, Decoder, Encoder, EncoderEvent, EncoderSettings, Picture
 use super::material::{Material, view};
 use crate::meter::{children_cpu_s, timed};
 
-/// The element that the daemon takes on this machine, and the speed preset it runs at.
+/// The element that the daemon uses on this machine, and its speed preset.
 pub(super) const DAEMONS: &str = "x264enc";
 const DAEMONS_PRESET: &str = "ultrafast";
-/// How long an encoder may take for the pictures of a camera.
-const PATIENCE: Duration = Duration::from_secs(600);
-/// Pictures from one key frame to the next, at 15 Hz: half a second, rounded up.
+/// Maximum time of an encoder for the images of a camera.
+const ENCODER_TIMEOUT: Duration = Duration::from_secs(600);
+/// Frames from one key frame to the next, at 15 Hz: half a second, rounded up.
 const KEY_INTERVAL: usize = 8;
 
 /// How to encode.
@@ -28,7 +28,7 @@ pub(super) struct Encoding {
     pub(super) element: &'static str,
     /// Another speed preset than the daemon's.
     pub(super) preset: Option<&'static str>,
-    /// Quality asked for, dB. With another preset: the quantiser that the daemon's would have.
+    /// Quality target, dB. With another preset: the quantizer that the daemon's would have.
     pub(super) target_db: f64,
 }
 
@@ -42,23 +42,27 @@ impl Encoding {
     }
 }
 
-/// What encoding gave and took.
+/// Result and cost of encoding.
 #[derive(Clone, Debug, Serialize)]
-pub(super) struct Made {
+pub(super) struct EncodingResult {
     /// Of all cameras together.
     pub(super) mbit_s: f64,
     pub(super) quantiser: u32,
-    /// Luma, mean over all pictures.
+    /// Luma, mean over all frames.
     pub(super) psnr_db: f64,
-    /// Processor time of a stereo frame, ms. Through `gst-launch-1.0` reading the pictures is in it.
+    /// Processor time of a stereo frame, ms. Through `gst-launch-1.0` it includes reading the
+    /// images.
     pub(super) cpu_ms: f64,
 }
 
-/// Encodes and decodes all pictures; gives them by set.
+/// Encodes and decodes all images; returns them by set.
 ///
 /// # Errors
 /// An encoder or decoder fails.
-pub(super) fn pass(material: &Material, encoding: &Encoding) -> Result<(Vec<OwnedFrameSet>, Made)> {
+pub(super) fn pass(
+    material: &Material,
+    encoding: &Encoding,
+) -> Result<(Vec<OwnedFrameSet>, EncodingResult)> {
     let mut sets = material.empty();
     let (mut bytes, mut cpu_s, mut psnr_sum, mut quantiser) = (0, 0.0, 0.0, 0);
     for path in &material.files {
@@ -69,7 +73,7 @@ pub(super) fn pass(material: &Material, encoding: &Encoding) -> Result<(Vec<Owne
         let (found, expected) = (camera.pictures.len(), material.times.len());
         ensure!(
             found == expected,
-            "{found} pictures came back, expected {expected}"
+            "{found} frames were decoded, expected {expected}"
         );
         bytes += camera.bytes;
         cpu_s += camera.cpu_s;
@@ -82,13 +86,13 @@ pub(super) fn pass(material: &Material, encoding: &Encoding) -> Result<(Vec<Owne
     }
     let count = (material.times.len() * material.files.len()) as f64;
     let seconds = material.times.len() as f64 / material.rate_hz;
-    let made = Made {
+    let result = EncodingResult {
         mbit_s: bytes as f64 * 8e-6 / seconds,
         quantiser,
         psnr_db: psnr_sum / count,
         cpu_ms: 1e3 * cpu_s / count,
     };
-    Ok((sets, made))
+    Ok((sets, result))
 }
 
 /// One camera.
@@ -129,7 +133,7 @@ fn by_daemon(material: &Material, path: &Path, encoding: &Encoding) -> Result<Ca
         for (k, (time_ns, picture)) in material.times.iter().zip(&pictures).enumerate() {
             encoder.push(*time_ns, picture, k.is_multiple_of(KEY_INTERVAL))?;
         }
-        Ok(encoder.finish(PATIENCE)?)
+        Ok(encoder.finish(ENCODER_TIMEOUT)?)
     });
     encoded?;
     let mut output = output.lock().unwrap_or_else(PoisonError::into_inner);

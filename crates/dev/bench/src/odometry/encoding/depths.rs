@@ -1,6 +1,7 @@
-//! Depth of the same pictures against the truth of some of them.
+//! Depth of the same images against ground truth of some of them.
 //!
-//! Pictures are rectified and matched as `paws-reconstruct` does it, in `balanced`, over all disparities that the scenes have.
+//! Images are rectified and matched as in `paws-reconstruct`, in `balanced`, over all disparities
+//! of the scenes.
 
 use anyhow::{Context, Result};
 use depth::evaluate::Scores;
@@ -11,19 +12,19 @@ use tests::sequences::{OwnedFrameSet, Sequence};
 use crate::depth::frames::{Frame, Walk};
 use crate::depth::race::BAD_2;
 
-/// Of so many sets one is looked at, from the first after half as many on.
+/// Sampling stride of the sets; the first one is at half the stride.
 const EVERY: usize = 60;
 
-/// Depth of the frames that were looked at.
+/// Depth of the sampled frames.
 #[derive(Clone, Copy, Debug, Serialize)]
 pub(super) struct Depth {
-    /// Pixels with a truth that both eyes see.
+    /// Pixels with ground truth, visible in both images.
     pub(super) pixels: u64,
     /// Share of them that have a disparity.
     pub(super) density: f64,
-    /// Share of the disparities that are off by more than 2 px.
+    /// Ratio of the disparities with an error of more than 2 px.
     pub(super) bad_2: f64,
-    /// Share of the pixels that are off by more than 2 px or have none.
+    /// Ratio of the pixels with an error of more than 2 px or without disparity.
     pub(super) bad_2_of_all: f64,
     /// Mean error of the disparities, px.
     pub(super) mean_error_px: f64,
@@ -31,7 +32,7 @@ pub(super) struct Depth {
     pub(super) inside: f64,
 }
 
-/// The frames that are looked at.
+/// The sampled frames.
 pub(super) struct Depths {
     walk: Walk,
     /// Camera, set, and the frame.
@@ -60,16 +61,16 @@ impl Depths {
         Ok(Self { walk, frames })
     }
 
-    /// Matches the pictures of these sets.
+    /// Matches the images of these sets.
     ///
     /// # Errors
-    /// A picture is missing, or of another size.
+    /// An image is missing, or of another size.
     pub(super) fn score(&self, sets: &[OwnedFrameSet]) -> Result<Depth> {
         let mut scores = Scores::default();
         for (camera, set, frame) in &self.frames {
             let view = sets[*set].views[*camera].as_ref();
             let view =
-                view.with_context(|| format!("set {set} has no picture of camera {camera}"))?;
+                view.with_context(|| format!("set {set} has no image of camera {camera}"))?;
             let frame = Frame {
                 eyes: self.walk.rectified(*camera, [&view.left, &view.right])?,
                 ..frame.clone()
@@ -86,10 +87,10 @@ impl Depths {
         Ok(Depth {
             pixels: scores.pixels,
             density: scores.density(),
-            bad_2: scores.bad(BAD_2),
-            bad_2_of_all: scores.bad_of_all(BAD_2),
+            bad_2: scores.bad_ratio(BAD_2),
+            bad_2_of_all: scores.bad_ratio_of_all(BAD_2),
             mean_error_px: scores.mean_error_px(),
-            inside: scores.inside(),
+            inside: scores.coverage(),
         })
     }
 }

@@ -1,4 +1,4 @@
-//! A walk in colour, as the daemon gets it from its cameras.
+//! A walk in color, as the daemon gets it from its cameras.
 
 use std::fs::File;
 use std::io::{BufReader, BufWriter, Read as _, Write as _};
@@ -13,15 +13,15 @@ use rig_sim::simulation::Simulation;
 use tests::sequences::{self, OwnedFrameSet, OwnedView, Sequence, named};
 use video::{Picture, PixelFormat};
 
-/// Pictures of all cameras of a walk: left and right side by side, I420, one file for each camera.
+/// Images of all cameras of a walk: left and right side by side, I420, one file for each camera.
 pub(super) struct Material {
     /// One for each camera.
     pub(super) files: Vec<PathBuf>,
-    /// Columns of both eyes together.
+    /// Columns of both images together.
     pub(super) width: u32,
     /// Rows.
     pub(super) height: u32,
-    /// Pictures per second.
+    /// Frames per second.
     pub(super) rate_hz: f64,
     /// Times of the sets, ns.
     pub(super) times: Vec<i64>,
@@ -68,7 +68,7 @@ impl Material {
             let found = std::fs::metadata(path)?.len();
             ensure!(
                 found == expected,
-                "found {found} bytes of pictures, expected {expected}: remove {}",
+                "found {found} bytes of images, expected {expected}: remove {}",
                 path.display()
             );
         }
@@ -79,10 +79,10 @@ impl Material {
         self.width as usize * self.height as usize * 3 / 2
     }
 
-    /// The pictures of a file, in order.
+    /// The images of a file, in order.
     ///
     /// # Errors
-    /// The file cannot be opened; each picture has an error of its own.
+    /// The file cannot be opened; each image has an error of its own.
     pub(super) fn pictures(
         &self,
         path: &Path,
@@ -100,7 +100,7 @@ impl Material {
         Ok(std::iter::repeat_with(read).take(self.times.len()))
     }
 
-    /// The luma of all pictures, set by set.
+    /// The luma of all images, set by set.
     ///
     /// # Errors
     /// A file cannot be read.
@@ -125,7 +125,7 @@ impl Material {
     }
 }
 
-/// The luma of a picture.
+/// The luma of an image.
 pub(super) fn view(picture: &Picture, time_ns: i64) -> OwnedView {
     let (width, height) = (picture.width as usize, picture.height as usize);
     let half = width / 2;
@@ -152,7 +152,7 @@ fn render(simulation: &Arc<Simulation>, camera: usize, path: &Path) -> Result<()
     let mut file = BufWriter::with_capacity(1 << 20, file);
     while let Some(delivery) = device.deliver() {
         if let Delivery::Frame(frame) = delivery {
-            file.write_all(&frame.picture.i420)?;
+            file.write_all(&frame.image.i420)?;
         }
     }
     file.flush()?;

@@ -1,10 +1,10 @@
-//! The pictures of `odometry_faults`.
+//! Charts of `odometry_faults`.
 
 use charts::{Axis, Chart, Series};
 
 use super::{Outcome, POINTS, Point, WALKS};
 
-/// Names and texts of all pictures.
+/// Names and texts of all charts.
 pub(super) fn draw(points: &[Point], stamp: &str) -> Vec<(String, String)> {
     let mut files = Vec::new();
     let mut add = |name: &str, chart: Chart, height: u32| {
@@ -21,7 +21,7 @@ pub(super) fn draw(points: &[Point], stamp: &str) -> Vec<(String, String)> {
     files
 }
 
-/// How many points of each kind ended how.
+/// Number of points of each kind by outcome.
 fn outcomes(points: &[Point]) -> Chart {
     let mut kinds = vec![None];
     kinds.extend(POINTS.map(|(kind, _)| Some(kind.name())));
@@ -37,7 +37,7 @@ fn outcomes(points: &[Point]) -> Chart {
         kinds.iter().map(of).collect::<Vec<_>>()
     };
     let wrong: f64 = count(Outcome::SilentlyWrong).iter().sum();
-    Chart::new("What became of poses under faults")
+    Chart::new("Outcome by fault type")
         .subtitle(&format!(
             "points of all strengths and walks; {wrong} of {} silently wrong, 0 is the target",
             points.len()
@@ -49,12 +49,12 @@ fn outcomes(points: &[Point]) -> Chart {
         .series(Series::bars("silently wrong", count(Outcome::SilentlyWrong)).slot(1))
 }
 
-/// Error against strength, with what was said of it.
+/// Error against strength, by outcome.
 fn curve(points: &[Point], kind: &str, unit: &str) -> Chart {
     let chart = Chart::new(&format!("Error under a fault: {kind}"))
-        .subtitle("the farthest that the motion since the fault's beginning is off; walks of 20 s, fault from 6 to 10 s")
+        .subtitle("largest error of the motion since the start of the fault; walks of 20 s, fault from 6 to 10 s")
         .x_axis(Axis::linear("strength", unit).include(0.0))
-        .y_axis(Axis::log("off by", "m"));
+        .y_axis(Axis::log("error", "m"));
     WALKS.into_iter().fold(chart, |chart, walk| {
         let own = points
             .iter()

@@ -1,14 +1,14 @@
-//! The pictures of `odometry_length`.
+//! Charts of `odometry_length`.
 
 use charts::{Axis, Chart, Series};
 
-use super::{Minute, Whole};
+use super::{Adjustment, Minute};
 
-/// Names and texts of all pictures.
+/// Names and texts of all charts.
 pub(super) fn draw(
     walk: &str,
     minutes: &[Minute],
-    marks: &[Whole],
+    marks: &[Adjustment],
     stamp: &str,
 ) -> Vec<(String, String)> {
     let mut files = Vec::new();
@@ -39,13 +39,13 @@ pub(super) fn draw(
             .y_axis(Axis::linear("memory of odometry", "MB").include(0.0))
             .series(Series::line("", over(&|m| m.memory_mb))),
     );
-    let whole = |of: &dyn Fn(&Whole) -> f64| -> Vec<(f64, f64)> {
+    let whole = |of: &dyn Fn(&Adjustment) -> f64| -> Vec<(f64, f64)> {
         marks.iter().map(|m| (m.minutes as f64, of(m))).collect()
     };
     let length = || Axis::log("length of the recording", "min");
     add(
         "adjusting",
-        chart("Time of adjusting everything at the end")
+        chart("Time of the bundle adjustment at the end")
             .x_axis(length())
             .y_axis(Axis::log("time", "s"))
             .series(Series::line("wall time", whole(&|m| m.wall_s)))
@@ -53,11 +53,11 @@ pub(super) fn draw(
     );
     add(
         "adjusting-memory",
-        chart("Memory of adjusting everything at the end")
+        chart("Memory of the bundle adjustment at the end")
             .x_axis(length())
             .y_axis(Axis::log("memory", "MB"))
             .series(Series::line(
-                "most, keyframes with it",
+                "peak, including keyframes",
                 whole(&|m| m.peak_mb),
             )),
     );
@@ -66,7 +66,7 @@ pub(super) fn draw(
         "error",
         chart("Error over the length of the recording")
             .x_axis(length())
-            .y_axis(Axis::log("ATE", "% of the way"))
+            .y_axis(Axis::log("ATE", "% of path length"))
             .series(Series::line(
                 "causal poses",
                 whole(&|m| percent(m.causal.ate_percent)),

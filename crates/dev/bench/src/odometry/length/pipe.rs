@@ -1,4 +1,4 @@
-//! Pictures from a process of their own, which renders them, so that neither its time nor its memory counts here.
+//! Images from a separate rendering process, so that neither its time nor its memory counts here.
 
 use std::io::{BufReader, BufWriter, Read as _, Write as _};
 use std::process::{Child, ChildStdout, Command, Stdio};
@@ -15,11 +15,11 @@ pub(super) struct Pipe<'a> {
     times: std::vec::IntoIter<i64>,
     child: Child,
     output: BufReader<ChildStdout>,
-    /// How many samples of each IMU were given.
+    /// Number of samples of each IMU returned so far.
     given: Vec<usize>,
 }
 
-/// Renders, if that is what this process is for.
+/// Renders, if this process was started for that.
 pub(super) fn answer(
     args: &[String],
     sequence: impl Fn(&str) -> Result<Sequence>,
@@ -61,7 +61,7 @@ impl<'a> Pipe<'a> {
         })
     }
 
-    /// Puts the next sets, with what the IMUs measured up to them, where those before were: in the memory that is there already.
+    /// Replaces the sets by the next ones, with the IMU samples up to them, reusing their memory.
     ///
     /// # Errors
     /// The walk is over, or the process has ended.
@@ -91,7 +91,7 @@ impl<'a> Pipe<'a> {
             view.time_ns = set.time_ns;
             for eye in [&mut view.left, &mut view.right] {
                 let read = self.output.read_exact(eye);
-                read.context("reading rendered pictures from the other process")?;
+                read.context("reading rendered images from the other process")?;
             }
         }
         set.imu.resize(self.given.len(), Vec::new());
@@ -109,7 +109,7 @@ impl<'a> Pipe<'a> {
 
 impl Drop for Pipe<'_> {
     fn drop(&mut self) {
-        // It may wait for somebody to read.
+        // It may be blocked on writing.
         let _ = self.child.kill();
         let _ = self.child.wait();
     }

@@ -27,7 +27,7 @@ fn peer() -> IpAddr {
 }
 
 #[test]
-fn on_loopback_only_this_machine_is_meant() {
+fn loopback_accepts_only_local_hosts() {
     let local = guard(false, false, "127.0.0.1");
     let admit = |host: &str| local.admit(peer(), &headers(&[("host", host)]), Duration::ZERO);
     for host in [
@@ -49,7 +49,7 @@ fn on_loopback_only_this_machine_is_meant() {
         "[::2]",
         "0.0.0.0",
     ] {
-        assert!(matches!(admit(host), Err(Refusal::Foreign(_))), "{host}");
+        assert!(matches!(admit(host), Err(Rejection::Foreign(_))), "{host}");
     }
     for host in [
         "",
@@ -67,11 +67,11 @@ fn on_loopback_only_this_machine_is_meant() {
     let twice = headers(&[("host", "localhost"), ("host", "localhost")]);
     assert!(matches!(
         local.admit(peer(), &twice, Duration::ZERO),
-        Err(Refusal::Malformed(_))
+        Err(Rejection::Malformed(_))
     ));
     assert!(matches!(
         local.admit(peer(), &headers(&[]), Duration::ZERO),
-        Err(Refusal::Malformed(_))
+        Err(Rejection::Malformed(_))
     ));
     let open = guard(true, true, "0.0.0.0");
     let other = headers(&[("host", "rig.local:8077")]);
@@ -79,7 +79,7 @@ fn on_loopback_only_this_machine_is_meant() {
 }
 
 #[test]
-fn only_our_own_page_may_change_something() {
+fn only_the_own_page_may_change_state() {
     let guard = guard(true, true, "10.0.0.1");
     let change = |more: &[(&'static str, &str)]| {
         let mut all = vec![("host", "10.0.0.1:8077")];
@@ -116,21 +116,23 @@ fn only_our_own_page_may_change_something() {
         ("same-site", false),
     ] {
         assert_eq!(
-            guard.look(&headers(&[("sec-fetch-site", site)])).is_ok(),
+            guard
+                .check_read(&headers(&[("sec-fetch-site", site)]))
+                .is_ok(),
             ok,
             "{site}"
         );
     }
-    assert_eq!(guard.look(&headers(&[])), Ok(()));
+    assert_eq!(guard.check_read(&headers(&[])), Ok(()));
 }
 
 #[test]
-fn the_token_opens_as_header_and_as_cookie() {
+fn token_is_accepted_as_header_and_as_cookie() {
     let guard = guard(true, true, "10.0.0.1");
     let ask = |all: &[(&'static str, &str)], s| {
         guard.authenticate(peer(), &headers(all), Duration::from_secs(s))
     };
-    let unauthorised = |result| matches!(result, Err(Refusal::Unauthorised(_)));
+    let unauthorised = |result| matches!(result, Err(Rejection::Unauthorised(_)));
     assert_eq!(
         ask(&[("authorization", &format!("Bearer {TOKEN}"))], 0),
         Ok(())
@@ -161,7 +163,8 @@ fn the_token_opens_as_header_and_as_cookie() {
     assert_eq!(ask(&[("cookie", &format!("a=b; {pair}"))], 0), Ok(()));
     assert!(unauthorised(ask(&[("cookie", &format!("{pair}0"))], 0)));
     assert!(unauthorised(ask(&[("cookie", "__Host-rig=")], 0)));
-    // Wrong cookies cost nothing, a wrong token does, and then the right one is not looked at either.
+    // Wrong cookies are not penalized, a wrong token is, and then even the right one is not
+    // checked.
     assert_eq!(ask(&[("cookie", pair)], 0), Ok(()));
     assert!(unauthorised(ask(
         &[("authorization", "Bearer wrong-wrong-wrong")],
@@ -170,7 +173,7 @@ fn the_token_opens_as_header_and_as_cookie() {
     let right = format!("Bearer {TOKEN}");
     assert!(matches!(
         ask(&[("authorization", &right)], 1),
-        Err(Refusal::TooMany(_))
+        Err(Rejection::TooMany(_))
     ));
     assert_eq!(ask(&[("authorization", &right)], 2), Ok(()));
 
@@ -187,7 +190,7 @@ fn the_token_opens_as_header_and_as_cookie() {
 }
 
 #[test]
-fn addresses_are_known_by_token_and_by_cookie() {
+fn addresses_are_known_after_token_or_cookie() {
     let guard = guard(true, true, "10.0.0.1");
     let [phone, host, stranger] = ["10.0.0.7", "10.0.0.8", "10.0.0.9"].map(|a| a.parse().unwrap());
     let now = Duration::from_secs(5);
@@ -201,7 +204,7 @@ fn addresses_are_known_by_token_and_by_cookie() {
 }
 
 #[test]
-fn without_a_token_nothing_is_asked() {
+fn server_without_token_needs_none() {
     let guard = guard(false, false, "::1");
     assert_eq!(
         guard.authenticate(peer(), &headers(&[]), Duration::ZERO),

@@ -1,23 +1,23 @@
-//! A row of pixels at work.
+//! Shading of a row of pixels.
 //!
-//! Contract: what a pixel sees is found in steps, each a plain loop without branches over the whole row or
-//! over [`LANES`] pixels, so that it becomes vector code wherever there is any; only the fetching of
-//! texels goes pixel by pixel. A pixel's result does not depend on its neighbours.
+//! Contract: shading is done in steps, each a branch-free loop over the whole row or over [`LANES`]
+//! pixels, so that it is vectorized where possible; only the fetching of texels is scalar. A
+//! pixel's result does not depend on its neighbors.
 
 use std::ops::Range;
 
 use super::{Facing, luminance};
 use crate::scene::surface::Material;
-use crate::scene::texture::{MIX, Place, TONE, Texture, floor};
+use crate::scene::texture::{MIX, TONE, TexelQuad, Texture, floor};
 
-/// How much larger and at which angle the second layer of a texture lies. It hides the tiling.
+/// Scale and angle of the second texture layer, which hides the tiling.
 const COARSER: f32 = 0.087;
 const COARSER_TURN: (f32, f32) = (0.829, 0.559);
 
-/// Pixels of a surface that are worked on at a time: few surfaces are wider.
+/// Pixels that are processed together: few surfaces are wider.
 const LANES: usize = 8;
 
-/// One number per column of everything, and [`LANES`] more.
+/// Per-column buffers, with [`LANES`] elements of padding.
 pub(super) struct Line {
     /// The rays `(x, y, 1)` and their lengths.
     x: Vec<f32>,
@@ -28,25 +28,26 @@ pub(super) struct Line {
     v: Vec<f32>,
     /// Texels of the finest level in a pixel.
     footprint: Vec<f32>,
-    /// What lights the surface, and from [`Line::reflect`] on what a white one throws back.
+    /// Irradiance of the surface, and after [`Line::reflect`] the reflected light of a white
+    /// surface.
     pub(super) light: Vec<f32>,
-    /// Share of the material's second colour.
+    /// Fraction of the material's second color.
     pub(super) mix: Vec<f32>,
-    /// Luminance of the material, and how much more that of its second colour is.
+    /// Luminance of the material, and difference to that of its second color.
     own: Vec<f32>,
     other: Vec<f32>,
-    /// Numbers of texture and material.
+    /// Texture and material numbers.
     texture: Vec<u16>,
     pub(super) material: Vec<u16>,
-    /// Moves each pixel's mip level.
+    /// Dither of the mip level.
     dither: Vec<f32>,
-    /// The texture as it is, and larger and turned.
+    /// The texture, and its scaled and rotated second layer.
     layers: [Layer; 2],
 }
 
-/// Where a layer of the texture is looked at.
+/// Texel positions of a texture layer.
 struct Layer {
-    /// Numbers of texels, and from [`Line::fetch`] on the texels with their right neighbours.
+    /// Texel numbers, and after [`Line::fetch`] the texels with their right neighbors.
     top: Vec<u32>,
     bottom: Vec<u32>,
     right: Vec<f32>,
@@ -63,7 +64,7 @@ impl Line {
             right: numbers(),
             down: numbers(),
         };
-        // Steps by the golden ratio: dither that a camera's noise hides.
+        // Steps by the golden ratio: dither below the camera's noise.
         let step = |x: usize| (x as f64 * 0.618_033_988_749_895).fract() as f32;
         Self {
             x: numbers(),
@@ -83,7 +84,7 @@ impl Line {
         }
     }
 
-    /// Begins a row whose pixels look along `rays`.
+    /// Starts a row with these rays.
     #[inline(always)]
     pub(super) fn aim(&mut self, rays: &[[f32; 2]]) {
         let count = rays.len();
@@ -95,8 +96,8 @@ impl Line {
         }
     }
 
-    /// Where the rays of some columns hit a surface of material number `number`, and the light there.
-    /// `pixel` is the angle of a pixel. May spoil columns to the right.
+    /// Intersects the rays of some columns with a surface of material `number`, and computes the
+    /// light there. `pixel` is the angle of a pixel. May overwrite columns to the right.
     #[inline(always)]
     pub(super) fn hit(
         &mut self,
@@ -129,7 +130,7 @@ impl Line {
             *lanes_mut(&mut self.v, from) = linear(&aside);
             let light = linear(&facing.light);
             *lanes_mut(&mut self.light, from) = light.map(|lit| lit.max(0.0) + material.glow);
-            // Texels across a pixel: between those along and across the slant.
+            // Texels across a pixel: between the footprints along and across the slant.
             *lanes_mut(&mut self.footprint, from) = std::array::from_fn(|i| {
                 let across = depth[i] * span;
                 across * across * length[i] * steep[i].abs().min(1e3)
@@ -141,7 +142,7 @@ impl Line {
         }
     }
 
-    /// Columns that see no surface: a black one, of material number `number`.
+    /// Columns without a surface: a black one, of material `number`.
     #[inline(always)]
     pub(super) fn miss(&mut self, columns: Range<usize>, number: u16) {
         self.light[columns.clone()].fill(0.0);
@@ -149,9 +150,9 @@ impl Line {
         self.material[columns].fill(number);
     }
 
-    /// Which texels that is, in mip levels that `shift` (0 to 1) dithers.
+    /// Computes texel positions, in mip levels that `shift` (0 to 1) dithers.
     #[inline(always)]
-    pub(super) fn look(&mut self, shift: f32) {
+    pub(super) fn select_texels(&mut self, shift: f32) {
         let count = self.u.len();
         let (u, v) = (&self.u[..count], &self.v[..count]);
         let (footprint, dither) = (&self.footprint[..count], &self.dither[..count]);
@@ -163,9 +164,9 @@ impl Line {
             let level = 0.5 * log2(footprint[i]) + dither - 0.5;
             let level = floor(level.clamp(0.0, 9.0));
             let scale = power_of_half(level);
-            let centre = 0.5 * scale - 0.5;
+            let center = 0.5 * scale - 0.5;
             let (u, v) = (u[i], v[i]);
-            let place = Place::new(u * scale + centre, v * scale + centre, level as u32);
+            let place = TexelQuad::new(u * scale + center, v * scale + center, level as u32);
             fine.put(i, place);
             let coarse = (level - 3).max(0);
             let scale = COARSER * power_of_half(coarse);
@@ -173,11 +174,11 @@ impl Line {
                 u * COARSER_TURN.0 - v * COARSER_TURN.1,
                 u * COARSER_TURN.1 + v * COARSER_TURN.0,
             );
-            broad.put(i, Place::new(cu * scale, cv * scale, coarse as u32));
+            broad.put(i, TexelQuad::new(cu * scale, cv * scale, coarse as u32));
         }
     }
 
-    /// Reads them from the textures of a scene.
+    /// Fetches the texels from the textures of a scene.
     #[inline(always)]
     pub(super) fn fetch(&mut self, textures: &[Texture]) {
         let count = self.texture.len();
@@ -196,7 +197,7 @@ impl Line {
         }
     }
 
-    /// What they throw back, added to `luma` times `weight`.
+    /// Adds the reflected light to `luma`, times `weight`.
     #[inline(always)]
     pub(super) fn reflect(&mut self, luma: &mut [f32], weight: f32) {
         let count = luma.len();
@@ -250,7 +251,7 @@ impl Layer {
 
 impl Slices<'_> {
     #[inline(always)]
-    fn put(&mut self, i: usize, place: Place) {
+    fn put(&mut self, i: usize, place: TexelQuad) {
         self.top[i] = place.top;
         self.bottom[i] = place.bottom;
         self.right[i] = place.right;
@@ -259,7 +260,7 @@ impl Slices<'_> {
 
     #[inline(always)]
     fn blend(&self, i: usize, shift: u32) -> f32 {
-        let place = Place {
+        let place = TexelQuad {
             top: 0,
             bottom: 0,
             right: self.right[i],
@@ -289,7 +290,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn the_short_logarithm_is_close() {
+    fn approximate_logarithm_is_within_tolerance() {
         for i in 1..2000 {
             let x = 0.003 * i as f32;
             assert!((log2(x) - x.log2()).abs() < 0.012, "{x}: {}", log2(x));

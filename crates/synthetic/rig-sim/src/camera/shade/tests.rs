@@ -5,7 +5,7 @@ use super::*;
 use crate::lens::Lens;
 use crate::scene::{Kind, by_day};
 
-/// A scene, what an eye in it sees, and how it is shaded.
+/// Calls `look` with the shading of an image of a scene.
 fn check(kind: Kind, look: impl Fn(&Shading<'_>, &Lens)) {
     let scene = by_day(kind, 2);
     let lens = Lens::new(&CameraModel {
@@ -22,7 +22,7 @@ fn check(kind: Kind, look: impl Fn(&Shading<'_>, &Lens)) {
             p2: -1e-4,
         },
     });
-    // Along the first leg of the way, a little down.
+    // Along the first leg of the route, slightly downwards.
     let [a, b] = [0, 1].map(|i| {
         let [x, y] = scene.route.points[i];
         Vector3::new(x, y, 1.3)
@@ -39,7 +39,7 @@ fn check(kind: Kind, look: impl Fn(&Shading<'_>, &Lens)) {
     let mut visibility = Visibility::new(&lens);
     visibility.draw(&scene.fixed, 0, &lens, (0.0, 0.0), &views);
     let rays = lens.rays((0.0, 0.0));
-    let bodies = [Seen {
+    let bodies = [VisibleBody {
         first: 0,
         surfaces: &scene.fixed.surfaces,
         views: &views,
@@ -55,7 +55,7 @@ fn check(kind: Kind, look: impl Fn(&Shading<'_>, &Lens)) {
     look(&shading, &lens);
 }
 
-/// The slow twin: one pixel by itself, in f64, in the words of the definition.
+/// Reference implementation: one pixel in f64, by the definition.
 fn slowly(shading: &Shading<'_>, row: usize, column: usize) -> Option<f64> {
     let Shading { scene, rays, .. } = shading;
     let visibility = shading.visibility;
@@ -86,9 +86,9 @@ fn slowly(shading: &Shading<'_>, row: usize, column: usize) -> Option<f64> {
         column as f64 * 0.618_033_988_749_895 + random::uniform(shading.noise, 0, row as u64);
     let level = (0.5 * area.log2() + dither.fract() - 0.5).clamp(0.0, 9.0) as u32;
     let texture = &scene.textures[material.texture as usize];
-    let at = |u: f64, v: f64, level: u32, centre: f64| {
+    let at = |u: f64, v: f64, level: u32, center: f64| {
         let scale = 0.5_f64.powi(level as i32);
-        let place = |x: f64| ((x + centre) * scale - centre) as f32;
+        let place = |x: f64| ((x + center) * scale - center) as f32;
         texture.sample(place(u), place(v), level)
     };
     let (tone, mix) = at(u, v, level, 0.5);
@@ -101,10 +101,10 @@ fn slowly(shading: &Shading<'_>, row: usize, column: usize) -> Option<f64> {
     Some(f64::from(shading.weight) * light * tone * albedo)
 }
 
-/// Levels are chosen by a short logarithm, to 0.012, and places on the texture are rounded to some
-/// hundredths of a texel: one pixel in fifty gets another level.
+/// Levels are computed by an approximate logarithm, to 0.012, and texture positions are rounded to
+/// some hundredths of a texel: one pixel in fifty gets another level.
 #[test]
-fn rows_are_shaded_as_their_pixels_are_one_by_one() {
+fn row_shading_agrees_with_the_reference_per_pixel() {
     for kind in [Kind::Pavement, Kind::Trail, Kind::Room] {
         check(kind, |shading, lens| {
             let (width, height) = (lens.model().width as usize, lens.model().height as usize);
@@ -130,7 +130,7 @@ fn rows_are_shaded_as_their_pixels_are_one_by_one() {
 
 /// With and without vector instructions: the same bits.
 #[test]
-fn any_processor_gives_the_same_light() {
+fn shading_is_identical_with_and_without_vector_instructions() {
     check(Kind::Trail, |shading, lens| {
         let (width, height) = (lens.model().width as usize, lens.model().height as usize);
         let (mut plain, mut best) = (Radiance::new(width, height), Radiance::new(width, height));
@@ -145,6 +145,6 @@ fn any_processor_gives_the_same_light() {
             shading.noise,
         );
         assert_eq!(plain.luminance, best.luminance);
-        assert_eq!(plain.colour, best.colour);
+        assert_eq!(plain.color, best.color);
     });
 }

@@ -5,9 +5,9 @@ use crate::scene::body::Body;
 use crate::scene::mesh::{Mesh, Stuff};
 use crate::scene::{Kind, by_day};
 
-/// A plate of half a metre, 1 m ahead, moves to the right by 0.1 m per second before a room at rest.
+/// A plate of 0.5 m, 1 m ahead, moves to the right by 0.1 m/s in front of a static room.
 #[test]
-fn flow_follows_what_moves_and_knows_what_it_hides() {
+fn flow_follows_moving_surfaces_and_marks_occlusions() {
     let scene = by_day(Kind::Room, 1);
     let model = CameraModel {
         width: 160,
@@ -52,12 +52,12 @@ fn flow_follows_what_moves_and_knows_what_it_hides() {
             pose: &slides,
         },
     ];
-    let mut eye = TrueEye::new(&model, Shutter::Global);
-    let from = eye.see(&scene, &placed, &eye_pose, 0.0);
-    let to = eye.see(&scene, &placed, &eye_pose, 1.0);
+    let mut eye = TruthCamera::new(&model, Shutter::Global);
+    let from = eye.render(&scene, &placed, &eye_pose, 0.0);
+    let to = eye.render(&scene, &placed, &eye_pose, 1.0);
     let flow = eye.flow(&scene, &placed, &from, &to);
     let (mut on_plate, mut hidden) = (0, 0);
-    for (i, [du, dv]) in flow.moved.iter().enumerate() {
+    for (i, [du, dv]) in flow.flow_px.iter().enumerate() {
         let column = i % 160;
         if from.instance[i] == 77 {
             on_plate += 1;
@@ -76,15 +76,15 @@ fn flow_follows_what_moves_and_knows_what_it_hides() {
     // 50 x 50 pixels, of which ten columns are new.
     assert_eq!((on_plate, hidden), (2500, 500));
 
-    // What leaves the picture is followed, but not shown.
-    let late = eye.see(&scene, &placed, &eye_pose, 5.6);
+    // A point that leaves the image has flow, but is not visible.
+    let late = eye.render(&scene, &placed, &eye_pose, 5.6);
     let flow = eye.flow(&scene, &placed, &from, &late);
     let right_edge = 59 * 160 + 104;
     assert_eq!(from.instance[right_edge], 77);
-    assert!((flow.moved[right_edge][0] - 56.0).abs() < 1e-3);
+    assert!((flow.flow_px[right_edge][0] - 56.0).abs() < 1e-3);
     assert!(!flow.shown[right_edge]);
-    // Far outside the picture the lens is not known.
-    let gone = eye.see(&scene, &placed, &eye_pose, 20.0);
-    let flow = eye.flow(&scene, &placed, &from, &gone);
-    assert!(flow.moved[right_edge][0].is_nan() && !flow.shown[right_edge]);
+    // Far outside the image the lens model is undefined.
+    let left = eye.render(&scene, &placed, &eye_pose, 20.0);
+    let flow = eye.flow(&scene, &placed, &from, &left);
+    assert!(flow.flow_px[right_edge][0].is_nan() && !flow.shown[right_edge]);
 }

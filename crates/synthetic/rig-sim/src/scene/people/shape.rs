@@ -1,4 +1,4 @@
-//! What people look like: tapered limbs in clothes, each in the frame of its joint.
+//! Shapes of people: tapered limbs in clothes, each in the frame of its joint.
 
 use nalgebra::Vector3;
 
@@ -9,7 +9,7 @@ use crate::scene::surface::Class;
 use crate::scene::sweep::{Ring, sweep};
 use crate::scene::texture::Recipe;
 
-/// What people of a scene may wear: indices of materials.
+/// Clothes and materials of people: indices of materials.
 #[derive(Clone, Debug)]
 pub struct Wardrobe {
     tops: Vec<u16>,
@@ -19,9 +19,9 @@ pub struct Wardrobe {
     shoes: Vec<u16>,
 }
 
-/// What one person wears, and how wide they are.
+/// Clothes and build of one person.
 #[derive(Clone, Copy, Debug)]
-pub struct Look {
+pub struct Outfit {
     top: Stuff,
     sleeve: Stuff,
     trousers: Stuff,
@@ -29,7 +29,7 @@ pub struct Look {
     hair: Stuff,
     shoe: Stuff,
     bag: Option<Stuff>,
-    /// Width over that of someone slender.
+    /// Width relative to a slender person.
     girth: f64,
 }
 
@@ -46,8 +46,8 @@ impl Wardrobe {
         let plain = b.texture(&recipe([2.0, 120.0], 0.22, 0.3, 1.5));
         let print = b.texture(&recipe([6.0, 60.0], 0.3, 0.5, 1.0));
         let strands = b.texture(&recipe([1.5, 40.0], 0.4, 0.4, 5.0));
-        let mut cloths = |texture, texel_mm, colours: &[([f32; 3], [f32; 3])]| {
-            colours
+        let mut cloths = |texture, texel_mm, colors: &[([f32; 3], [f32; 3])]| {
+            colors
                 .iter()
                 .map(|&(own, other)| b.material(Class::Person, texture, texel_mm, own, other))
                 .collect::<Vec<u16>>()
@@ -112,8 +112,8 @@ impl Wardrobe {
         }
     }
 
-    /// Dresses someone new.
-    pub(super) fn choose(&self, b: &mut Builder) -> Look {
+    /// Chooses an outfit.
+    pub(super) fn choose(&self, b: &mut Builder) -> Outfit {
         let instance = b.thing();
         let short_sleeves = b.draw(0.0, 1.0) < 0.4;
         let carries = b.draw(0.0, 1.0) < 0.35;
@@ -126,12 +126,12 @@ impl Wardrobe {
             }
         };
         let skin = one_of(&self.skins);
-        // One after the other, so that people can be told apart.
+        // In turn, so that people can be distinguished.
         let top = Stuff {
             material: self.tops[usize::from(instance) % self.tops.len()],
             instance,
         };
-        Look {
+        Outfit {
             top,
             sleeve: if short_sleeves { skin } else { top },
             trousers: one_of(&self.trousers),
@@ -149,16 +149,16 @@ fn upright(rings: &[[f64; 4]], girth: f64) -> Vec<Ring> {
     rings
         .iter()
         .map(|&[z, width, depth, forward]| Ring {
-            centre: Vector3::new(forward, 0.0, z),
+            center: Vector3::new(forward, 0.0, z),
             radii: [width * girth, depth * girth],
         })
         .collect()
 }
 
-/// A limb of someone 1.75 m tall.
-pub(super) fn mesh(limb: Limb, look: &Look) -> Mesh {
+/// Mesh of a limb of a person 1.75 m tall.
+pub(super) fn mesh(limb: Limb, outfit: &Outfit) -> Mesh {
     let mut mesh = Mesh::default();
-    let girth = look.girth;
+    let girth = outfit.girth;
     let mut skin = |rings: &[[f64; 4]], girth: f64, sides: usize, stuff: Stuff| {
         sweep(
             &mut mesh,
@@ -176,7 +176,7 @@ pub(super) fn mesh(limb: Limb, look: &Look) -> Mesh {
                 [0.02, 0.17, 0.115, -0.01],
                 [0.12, 0.15, 0.1, 0.0],
             ];
-            skin(&hips, girth, 14, look.trousers);
+            skin(&hips, girth, 14, outfit.trousers);
             let trunk = [
                 [-0.02, 0.188, 0.132, -0.01],
                 [0.05, 0.182, 0.128, -0.006],
@@ -188,11 +188,11 @@ pub(super) fn mesh(limb: Limb, look: &Look) -> Mesh {
                 [0.53, 0.085, 0.07, -0.005],
                 [0.55, 0.055, 0.055, 0.0],
             ];
-            skin(&trunk, girth, 14, look.top);
-            if let Some(bag) = look.bag {
+            skin(&trunk, girth, 14, outfit.top);
+            if let Some(bag) = outfit.bag {
                 let size = Vector3::new(0.15, 0.3, 0.42);
-                let centre = Vector3::new(-0.105 * girth - 0.06, 0.0, 0.3);
-                mesh.cuboid(centre, size, super::pitch(0.05), 0.2, bag);
+                let center = Vector3::new(-0.105 * girth - 0.06, 0.0, 0.3);
+                mesh.cuboid(center, size, super::pitch(0.05), 0.2, bag);
             }
         }
         Limb::Head => {
@@ -206,7 +206,7 @@ pub(super) fn mesh(limb: Limb, look: &Look) -> Mesh {
                 [0.245, 0.045, 0.058, 0.0],
                 [0.258, 0.01, 0.013, 0.0],
             ];
-            skin(&head, 1.0, 12, look.skin);
+            skin(&head, 1.0, 12, outfit.skin);
             // Hair lies behind the face and on top.
             let hair = [
                 [0.06, 0.055, 0.05, -0.035],
@@ -216,13 +216,13 @@ pub(super) fn mesh(limb: Limb, look: &Look) -> Mesh {
                 [0.255, 0.052, 0.066, -0.003],
                 [0.272, 0.012, 0.015, -0.003],
             ];
-            skin(&hair, 1.0, 12, look.hair);
+            skin(&hair, 1.0, 12, outfit.hair);
             let nose = [
                 [0.1, 0.014, 0.014, 0.105],
                 [0.115, 0.014, 0.02, 0.11],
                 [0.15, 0.007, 0.008, 0.105],
             ];
-            skin(&nose, 1.0, 6, look.skin);
+            skin(&nose, 1.0, 6, outfit.skin);
         }
         Limb::Thigh(_) => {
             let thigh = [
@@ -233,7 +233,7 @@ pub(super) fn mesh(limb: Limb, look: &Look) -> Mesh {
                 [-THIGH, 0.058, 0.062, 0.006],
                 [-THIGH - 0.04, 0.035, 0.038, 0.004],
             ];
-            skin(&thigh, girth, 10, look.trousers);
+            skin(&thigh, girth, 10, outfit.trousers);
         }
         Limb::Shin(_) => {
             let shin = [
@@ -244,9 +244,9 @@ pub(super) fn mesh(limb: Limb, look: &Look) -> Mesh {
                 [-SHIN + 0.005, 0.054, 0.058, 0.0],
                 [-SHIN - 0.02, 0.05, 0.056, 0.0],
             ];
-            skin(&shin, girth.min(1.1), 10, look.trousers);
+            skin(&shin, girth.min(1.1), 10, outfit.trousers);
         }
-        Limb::Foot(_) => shoe(&mut mesh, look.shoe),
+        Limb::Foot(_) => shoe(&mut mesh, outfit.shoe),
         Limb::UpperArm(_) => {
             let arm = [
                 [0.05, 0.035, 0.035, 0.0],
@@ -259,8 +259,8 @@ pub(super) fn mesh(limb: Limb, look: &Look) -> Mesh {
                 [-UPPER_ARM, 0.039, 0.042, 0.0],
                 [-UPPER_ARM - 0.03, 0.025, 0.025, 0.0],
             ];
-            skin(&arm, girth, 10, look.top);
-            skin(&lower, girth, 10, look.sleeve);
+            skin(&arm, girth, 10, outfit.top);
+            skin(&lower, girth, 10, outfit.sleeve);
         }
         Limb::Forearm(_) => {
             let forearm = [
@@ -269,7 +269,7 @@ pub(super) fn mesh(limb: Limb, look: &Look) -> Mesh {
                 [-0.08, 0.04, 0.042, 0.0],
                 [-0.25, 0.029, 0.032, 0.0],
             ];
-            skin(&forearm, girth.min(1.1), 9, look.sleeve);
+            skin(&forearm, girth.min(1.1), 9, outfit.sleeve);
             let hand = [
                 [-0.235, 0.02, 0.026, 0.0],
                 [-0.28, 0.02, 0.04, 0.005],
@@ -277,7 +277,7 @@ pub(super) fn mesh(limb: Limb, look: &Look) -> Mesh {
                 [-0.38, 0.017, 0.036, 0.02],
                 [-0.42, 0.01, 0.02, 0.025],
             ];
-            skin(&hand, 1.0, 8, look.skin);
+            skin(&hand, 1.0, 8, outfit.skin);
         }
     }
     mesh
@@ -304,7 +304,7 @@ fn shoe(mesh: &mut Mesh, stuff: Stuff) {
             0.008
         };
         Ring {
-            centre: Vector3::new(x, 0.0, -SOLE + height + lift),
+            center: Vector3::new(x, 0.0, -SOLE + height + lift),
             radii: [width, height],
         }
     })

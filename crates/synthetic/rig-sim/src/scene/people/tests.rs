@@ -2,7 +2,7 @@ use super::*;
 use crate::scene::mesh::Triangle;
 use crate::scene::surface::Class;
 
-/// Three people on a small round, under an even sky.
+/// Three people on a small loop under a uniform sky.
 fn some() -> (Builder, Vec<Moving>) {
     let mut b = Builder::new(3);
     let wardrobe = Wardrobe::new(&mut b);
@@ -41,7 +41,7 @@ fn lowest(body: &Moving, time_s: f64) -> f64 {
 }
 
 #[test]
-fn people_stay_upright_and_on_the_ground() {
+fn people_are_upright_and_on_the_ground() {
     let (_, moving) = some();
     for person in moving.chunks(Limb::ALL.len()) {
         for k in 0..200 {
@@ -61,9 +61,9 @@ fn people_stay_upright_and_on_the_ground() {
     }
 }
 
-/// Nothing jumps, a round later included, and limbs stay at their joints.
+/// Poses are continuous, also across laps, and limbs remain at their joints.
 #[test]
-fn poses_are_continuous_and_limbs_hang_together() {
+fn poses_are_continuous_and_limbs_are_joined() {
     let (_, moving) = some();
     let step = 0.002;
     for body in &moving {
@@ -92,9 +92,9 @@ fn poses_are_continuous_and_limbs_hang_together() {
     );
 }
 
-/// Legs reach the feet, and some point of a foot that stands, heel or ball, is where it was.
+/// Legs reach the feet, and heel or ball of a standing foot is fixed.
 #[test]
-fn a_standing_foot_does_not_slide() {
+fn standing_foot_does_not_slide() {
     let (_, moving) = some();
     for person in moving.chunks(Limb::ALL.len()) {
         let walk = &person[0].walk;
@@ -115,8 +115,8 @@ fn a_standing_foot_does_not_slide() {
                 let ankle = knee - turn * Vector3::z() * (SHIN * scale);
                 let apart = (ankle - foot.pose(time).0).norm();
                 assert!(apart < 0.01, "{side:?} at {time}: {apart}");
-                let gone = |t: f64| walk.start_m + walk.speed * t;
-                let (now, next) = (gone(time), gone(time + 0.005));
+                let walked_m = |t: f64| walk.start_m + walk.speed * t;
+                let (now, next) = (walked_m(time), walked_m(time + 0.005));
                 if !gait.stands(side, now) || !gait.stands(side, next) {
                     continue;
                 }
@@ -133,7 +133,7 @@ fn a_standing_foot_does_not_slide() {
 }
 
 #[test]
-fn everyone_is_a_thing_of_their_own() {
+fn each_person_is_one_instance() {
     let (b, moving) = some();
     let mut instances = Vec::new();
     for body in &moving {

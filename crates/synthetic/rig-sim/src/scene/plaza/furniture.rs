@@ -1,4 +1,4 @@
-//! What stands on the square: a fountain, lamps, benches, planters, bollards, trees.
+//! Furniture of the square: fountain, lamps, benches, planters, bollards, trees.
 
 use nalgebra::Vector3;
 
@@ -44,15 +44,15 @@ pub(super) fn fountain(b: &mut Builder, p: &Palette) {
         }
         for (inner, outer) in [(0.0, 0.7), (0.7, 1.4), (1.4, 1.99)] {
             let (from, to) = ([outer, 0.47], [inner, 0.47]);
-            let centre = at(to, k);
+            let center = at(to, k);
             b.mesh.triangle(
-                [centre, at(from, k), at(from, k + 1)],
+                [center, at(from, k), at(from, k + 1)],
                 [along, outer],
                 water,
             );
             if inner > 0.0 {
                 b.mesh.triangle(
-                    [centre, at(from, k + 1), at(to, k + 1)],
+                    [center, at(from, k + 1), at(to, k + 1)],
                     [along, outer],
                     water,
                 );

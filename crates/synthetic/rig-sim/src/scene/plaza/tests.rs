@@ -4,7 +4,7 @@ use crate::camera::placed;
 use crate::scene::people::Limb;
 use std::sync::Arc;
 
-use crate::scene::{Kind, Scene, Time, by_day};
+use crate::scene::{Kind, Lighting, Scene, by_day};
 use crate::walker::Walker;
 use crate::walker::path::Path;
 
@@ -13,7 +13,7 @@ fn scene() -> Arc<Scene> {
 }
 
 #[test]
-fn there_is_ground_under_the_whole_route_and_nothing_in_the_way() {
+fn route_has_ground_and_no_obstacles() {
     let scene = scene();
     let path = Path::closed(&scene.route.points);
     for k in 0..(path.length_m() / 0.05) as u32 {
@@ -36,7 +36,7 @@ fn there_is_ground_under_the_whole_route_and_nothing_in_the_way() {
 }
 
 #[test]
-fn people_pass_close_but_bump_into_nobody_and_nothing() {
+fn people_pass_close_without_collisions() {
     let scene = scene();
     let walker = Walker::new(&scene, 1, 90.0);
     let torsos: Vec<_> = scene
@@ -68,7 +68,7 @@ fn people_pass_close_but_bump_into_nobody_and_nothing() {
 }
 
 #[test]
-fn all_bodies_are_drawn_and_numbered_one_after_the_other() {
+fn all_bodies_are_drawn_with_consecutive_numbers() {
     let scene = scene();
     let placed = placed(&scene);
     assert_eq!(placed.len(), 1 + scene.moving.len());
@@ -81,8 +81,8 @@ fn all_bodies_are_drawn_and_numbered_one_after_the_other() {
 }
 
 #[test]
-fn the_same_seed_gives_the_same_plaza() {
-    let (a, b) = (scene(), Scene::new(Kind::Plaza, Time::Day, 1));
+fn same_seed_gives_the_same_plaza() {
+    let (a, b) = (scene(), Scene::new(Kind::Plaza, Lighting::Day, 1));
     assert_eq!(a.fixed.triangles, b.fixed.triangles);
     for (a, b) in a.moving.iter().zip(&b.moving) {
         assert_eq!(a.body.triangles, b.body.triangles);

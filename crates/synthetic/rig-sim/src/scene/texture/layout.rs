@@ -1,19 +1,19 @@
-//! How the leaves of a texture lie, and what is laid out of it: slabs, bricks, planks.
+//! Layouts of textures: directions of leaves; slabs, bricks, planks.
 //!
-//! Contract: everything tiles. Joints are in the second channel alone, so that the coarse layer of a
-//! texture, which shows the first channel only, has no joints of giants.
+//! Contract: everything tiles. Joints are in the second channel only, so the coarse texture layer,
+//! which uses the first channel only, has no oversized joints.
 
 use super::SIZE;
 use crate::random;
 
-/// How a texture is put together.
+/// Layout of a texture.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum Layout {
     /// Leaves along u.
     Along,
     /// Leaves in all directions.
     Tossed,
-    /// Pieces side by side, each cut from another place of a texture whose leaves lie along u.
+    /// Pieces side by side, each cut from another position of a texture whose leaves are along u.
     Courses(Courses),
 }
 
@@ -24,18 +24,18 @@ pub struct Courses {
     pub across: u16,
     /// Rows in a tile; an even number if they are staggered by halves.
     pub rows: u16,
-    /// Which way rows are moved against each other.
+    /// Offset between rows.
     pub stagger: Stagger,
     /// Width of joints, texels.
     pub joint: f32,
-    /// Most that a piece has of the second colour.
+    /// Maximum fraction of the second color in a piece.
     pub uneven: f32,
 }
 
-/// How rows are moved against each other.
+/// Offset between rows.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Stagger {
-    /// Not at all.
+    /// None.
     None,
     /// Every second one by half a piece.
     Half,
@@ -43,13 +43,13 @@ pub enum Stagger {
     Any,
 }
 
-/// Sizes of the bends of outlines, texels, and how far they bend as a share of that.
+/// Sizes of the bends of outlines, texels, and their amplitude relative to that.
 const BENDS: [usize; 3] = [8, 32, 128];
 const BEND: f32 = 0.13;
-/// How much of the bends joints take part in.
+/// Fraction of the bends that applies to joints.
 const CROOKED: f32 = 0.08;
 
-/// A shift for every texel: value noise of several sizes, without kinks.
+/// An offset for every texel: smooth value noise of several sizes.
 struct Bends {
     shift: Vec<[f32; 2]>,
 }
@@ -125,8 +125,8 @@ pub(super) fn lay(luma: &mut Vec<f32>, mix: &mut Vec<f32>, layout: &Layout, seed
 }
 
 impl Courses {
-    /// At a texel: where in the tile the piece is cut from, a number from 0 to 1 of its own, and
-    /// 1 within a joint.
+    /// At a texel: position in the tile from which the piece is cut, a random number from 0 to 1
+    /// per piece, and 1 within a joint.
     fn at(&self, x: f32, y: f32, seed: u64) -> ([i32; 2], f32, f32) {
         let (wide, high) = (
             SIZE as f32 / f32::from(self.across),
@@ -168,7 +168,7 @@ mod tests {
 
     /// Share of a wall that is mortar: 8 of 73 texels high, and of the rest 8 of 256 along.
     #[test]
-    fn joints_take_their_share() {
+    fn joints_have_their_area() {
         let size = SIZE as f32;
         let texels = (0..SIZE * SIZE).map(|i| ((i % SIZE) as f32 + 0.5, (i / SIZE) as f32 + 0.5));
         let mortar: f32 = texels.map(|(x, y)| BRICKS.at(x, y, 1).2).sum();
@@ -181,7 +181,7 @@ mod tests {
     }
 
     #[test]
-    fn a_tile_goes_on_where_it_ends() {
+    fn tiles_are_continuous_at_their_edges() {
         for y in [3.5, 100.5, 800.5] {
             for x in [0.5, 517.5] {
                 let size = SIZE as f32;

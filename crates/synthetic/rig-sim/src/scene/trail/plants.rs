@@ -3,18 +3,18 @@
 use nalgebra::Vector3;
 
 use super::terrain::Terrain;
-use super::{Palette, Spot, free_place};
+use super::{Disc, Palette, free_place};
 use crate::scene::build::Builder;
 use crate::scene::mesh::Stuff;
 use crate::scene::plants::{Clump, bush};
 use crate::scene::sweep::{Ring, sweep};
 
-/// Trees that one passes. Returns where they stand.
+/// Trees near the trail. Returns their positions.
 pub(super) fn near_trees(
     b: &mut Builder,
     p: &Palette,
     terrain: &Terrain,
-    taken: &mut Vec<Spot>,
+    taken: &mut Vec<Disc>,
 ) -> Vec<[f64; 2]> {
     let mut trees = Vec::new();
     for i in 0..75 {
@@ -27,7 +27,7 @@ pub(super) fn near_trees(
             continue;
         }
         tree(b, p, terrain, at, radius, true);
-        taken.push(Spot {
+        taken.push(Disc {
             at,
             radius: 0.3 + radius,
         });
@@ -36,7 +36,7 @@ pub(super) fn near_trees(
     trees
 }
 
-/// Trees that close the view.
+/// Background trees.
 pub(super) fn far_trees(b: &mut Builder, p: &Palette, terrain: &Terrain) {
     for i in 0..90 {
         let angle = 2.0 * std::f64::consts::PI * (f64::from(i) + b.draw(0.0, 1.0)) / 90.0;
@@ -118,7 +118,7 @@ fn branches(
     }
 }
 
-pub(super) fn undergrowth(b: &mut Builder, p: &Palette, terrain: &Terrain, taken: &[Spot]) {
+pub(super) fn undergrowth(b: &mut Builder, p: &Palette, terrain: &Terrain, taken: &[Disc]) {
     for i in 0..45 {
         let size = b.draw(0.2, 0.45);
         let Some(at) = free_place(b, terrain, taken, 0.75 + size, 0.2) else {
@@ -136,7 +136,7 @@ pub(super) fn undergrowth(b: &mut Builder, p: &Palette, terrain: &Terrain, taken
     }
 }
 
-/// Fronds that bow outwards, seen from both sides.
+/// Fronds that bend outwards, visible from both sides.
 fn fern(b: &mut Builder, p: &Palette, foot: Vector3<f64>) {
     let fern = b.of_thing(p.fern);
     let turn = b.draw(0.0, 6.0);

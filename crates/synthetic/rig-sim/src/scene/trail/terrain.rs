@@ -17,7 +17,7 @@ const PARTS: usize = 5;
 const FINE_M: f64 = 1.15;
 /// Half the sides of the part with coarse cells, m.
 const HALF: [f64; 2] = [18.0, 13.2];
-/// Where the ground ends, m.
+/// Extent of the ground, m.
 const FAR_M: f64 = 75.0;
 
 /// A bump or hill: `amplitude · sin(x·direction + phase)`.
@@ -39,7 +39,7 @@ pub(super) struct Terrain {
     trail: Vec<[f64; 2]>,
 }
 
-/// As many waves of lengths in `lengths` m, with an amplitude as a share of their length.
+/// `count` waves with lengths in `lengths` m and amplitudes proportional to their length.
 fn waves(b: &mut Builder, count: usize, lengths: [f64; 2], share: f64) -> Vec<Wave> {
     (0..count)
         .map(|_| {
@@ -61,14 +61,14 @@ fn sum(waves: &[Wave], x: f64, y: f64) -> f64 {
     })
 }
 
-/// From 0 to 1 as `t` does, without kinks.
+/// Smooth step from 0 to 1.
 fn smooth(t: f64) -> f64 {
     let t = t.clamp(0.0, 1.0);
     t * t * (3.0 - 2.0 * t)
 }
 
 impl Terrain {
-    /// For a trail with these control points.
+    /// Terrain of a trail with these control points.
     pub(super) fn new(b: &mut Builder, points: &[[f64; 2]]) -> Self {
         let path = Path::closed(points);
         let count = (path.length_m() / 0.2) as usize;
@@ -97,7 +97,7 @@ impl Terrain {
     pub(super) fn height(&self, x: f64, y: f64) -> f64 {
         // Feet have worn the trail down, and its bumps too.
         let wild = smooth((self.off_trail(x, y) - 0.25) / 1.2);
-        // A hillside, and higher ground all round that hides the end of the world.
+        // A hillside, and higher ground all around that hides the edge of the ground.
         let reach = (x * x + y * y).sqrt();
         let beyond = smooth((reach - 20.0) / 45.0);
         // Cells far away are too wide for bumps.
@@ -107,22 +107,22 @@ impl Terrain {
             + 9.0 * beyond
     }
 
-    /// The point of the ground there.
+    /// Point on the ground.
     pub(super) fn point(&self, x: f64, y: f64) -> Vector3<f64> {
         Vector3::new(x, y, self.height(x, y))
     }
 
-    /// A slowly varying number, mostly within ±1, for what grows or lies where.
+    /// A slowly varying number, mostly within ±1, for vegetation and ground cover.
     pub(super) fn patch(&self, x: f64, y: f64) -> f64 {
         sum(&self.patches, x, y)
     }
 
-    /// As [`Terrain::patch`], from one cell to the next.
+    /// As [`Terrain::patch`], varying from one cell to the next.
     pub(super) fn fray(&self, x: f64, y: f64) -> f64 {
         10.0 * sum(&self.frayed, x, y)
     }
 
-    /// The mesh. `stuff` says what lies at a point at a distance from the trail.
+    /// Adds the mesh. `stuff` gives the surface at a point and its distance from the trail.
     pub(super) fn lay(&self, mesh: &mut Mesh, stuff: impl Fn(f64, f64, f64) -> Stuff) {
         let lines = HALF.map(lines);
         let [columns, rows] = [lines[0].len() - 1, lines[1].len() - 1];
@@ -148,9 +148,9 @@ impl Terrain {
             uv: [x, y],
         };
         let mut push = |corners: [Corner; 3]| {
-            let centre = corners.iter().map(|c| c.position).sum::<Vector3<f64>>() / 3.0;
+            let center = corners.iter().map(|c| c.position).sum::<Vector3<f64>>() / 3.0;
             let Stuff { material, instance } =
-                stuff(centre.x, centre.y, self.off_trail(centre.x, centre.y));
+                stuff(center.x, center.y, self.off_trail(center.x, center.y));
             mesh.triangles.push(Triangle {
                 corners,
                 material,
@@ -182,9 +182,9 @@ impl Terrain {
                 outline.extend((0..PARTS).step_by(above).map(|k| at(PARTS - k, PARTS)));
                 let left = steps(i > 0 && is_fine(i - 1, j));
                 outline.extend((0..PARTS).step_by(left).map(|k| at(0, PARTS - k)));
-                let centre = corner(middle(0, i), middle(1, j));
+                let center = corner(middle(0, i), middle(1, j));
                 for k in 0..outline.len() {
-                    push([centre, outline[k], outline[(k + 1) % outline.len()]]);
+                    push([center, outline[k], outline[(k + 1) % outline.len()]]);
                 }
             }
         }

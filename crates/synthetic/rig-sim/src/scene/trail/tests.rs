@@ -1,6 +1,6 @@
 use std::sync::Arc;
 
-use crate::scene::{Kind, Scene, Time, by_day};
+use crate::scene::{Kind, Lighting, Scene, by_day};
 use crate::walker::path::Path;
 use crate::walker::{Side, Walker};
 
@@ -9,7 +9,7 @@ fn scene() -> Arc<Scene> {
 }
 
 #[test]
-fn there_is_ground_under_the_whole_route_and_nothing_in_the_way() {
+fn route_has_ground_and_no_obstacles() {
     let scene = scene();
     let path = Path::closed(&scene.route.points);
     let (mut low, mut high) = (f64::MAX, f64::MIN);
@@ -22,7 +22,7 @@ fn there_is_ground_under_the_whole_route_and_nothing_in_the_way() {
             let ground = scene.ground(x, y, last + 0.6).unwrap();
             assert!(ground.normal.z > 0.0, "{x} {y}");
             (low, high) = (low.min(ground.height), high.max(ground.height));
-            // Nothing to bump into from the knees to above the head.
+            // Free space from the knees to above the head.
             let knee = nalgebra::Vector3::new(x, y, ground.height + 0.4);
             let free = scene.first_hit(&knee, &nalgebra::Vector3::z());
             assert!(
@@ -42,7 +42,7 @@ fn there_is_ground_under_the_whole_route_and_nothing_in_the_way() {
     assert!((1.5..8.0).contains(&(high - low)), "{low} {high}");
 }
 
-/// Roots and stones are stepped on or over; the sole neither hangs in the air nor sinks into them.
+/// Roots and stones are stepped on or over; the sole neither floats nor penetrates them.
 #[test]
 fn soles_rest_on_rough_ground() {
     let scene = scene();
@@ -72,8 +72,8 @@ fn soles_rest_on_rough_ground() {
 }
 
 #[test]
-fn the_same_seed_gives_the_same_trail() {
-    let (a, b) = (scene(), Scene::new(Kind::Trail, Time::Day, 1));
+fn same_seed_gives_the_same_trail() {
+    let (a, b) = (scene(), Scene::new(Kind::Trail, Lighting::Day, 1));
     assert_eq!(a.fixed.triangles, b.fixed.triangles);
     assert_eq!(a.route, b.route);
     let other = by_day(Kind::Trail, 2);

@@ -1,0 +1,185 @@
+//! Grey images and image pyramids.
+//!
+//! Contract: level `k` of a pyramid has every `2^k`-th pixel of the image, smoothed before; pixel
+//! `i` of level `k` is at pixel `2^k i` of the image, so that coordinates of levels differ by a
+//! factor only.
+
+/// A borrowed grey image.
+#[derive(Clone, Copy, Debug)]
+pub struct ImageView<'a> {
+    /// Columns.
+    width: usize,
+    /// Rows.
+    height: usize,
+    /// Pixels from one row to the next.
+    stride: usize,
+    /// Row-major.
+    pixels: &'a [u8],
+}
+
+impl<'a> ImageView<'a> {
+    /// An image; `None` if it is empty or `pixels` is too short.
+    pub fn new(width: usize, height: usize, stride: usize, pixels: &'a [u8]) -> Option<Self> {
+        let needed = height
+            .checked_sub(1)?
+            .checked_mul(stride)?
+            .checked_add(width)?;
+        let fits = width > 0 && width <= stride && needed <= pixels.len();
+        fits.then_some(Self {
+            width,
+            height,
+            stride,
+            pixels,
+        })
+    }
+
+    /// Columns and rows.
+    pub fn size(&self) -> (usize, usize) {
+        (self.width, self.height)
+    }
+
+    /// One row of pixels.
+    ///
+    /// # Panics
+    /// There is no such row.
+    pub fn row(&self, y: usize) -> &'a [u8] {
+        &self.pixels[y * self.stride..][..self.width]
+    }
+}
+
+/// One level of a pyramid.
+#[derive(Clone, Debug)]
+pub(super) struct Level {
+    pub(super) width: usize,
+    pub(super) height: usize,
+    pub(super) data: Vec<f32>,
+}
+
+/// An image pyramid, the largest level first.
+#[derive(Clone, Debug)]
+pub(super) struct Pyramid {
+    /// Number of halvings from the image to the first level.
+    pub(super) halved: u32,
+    pub(super) levels: Vec<Level>,
+}
+
+/// Maximum width of the first level: larger images are halved, which costs little accuracy and
+/// saves much time.
+const MAX_WIDTH: usize = 1000;
+/// Number of levels, and minimum side of the last one.
+const LEVELS: usize = 4;
+const MIN_SIDE: usize = 40;
+
+impl Pyramid {
+    pub(super) fn new(image: &ImageView<'_>) -> Self {
+        let mut level = Level {
+            width: image.width,
+            height: image.height,
+            data: image
+                .pixels
+                .chunks(image.stride)
+                .take(image.height)
+                .flat_map(|row| &row[..image.width])
+                .map(|p| f32::from(*p))
+                .collect(),
+        };
+        let mut halved = 0;
+        while level.width > MAX_WIDTH {
+            level = level.half();
+            halved += 1;
+        }
+        let mut levels = vec![level];
+        while levels.len() < LEVELS {
+            let half = levels[levels.len() - 1].half();
+            if half.width.min(half.height) < MIN_SIDE {
+                break;
+            }
+            levels.push(half);
+        }
+        Self { halved, levels }
+    }
+
+    /// Pixels of the image per pixel of the first level.
+    pub(super) fn scale(&self) -> f64 {
+        f64::from(1_u32 << self.halved)
+    }
+}
+
+impl Level {
+    /// Every second pixel, smoothed by the binomial filter 1 4 6 4 1.
+    fn half(&self) -> Self {
+        let (width, height) = (self.width.div_ceil(2), self.height.div_ceil(2));
+        let weigh =
+            |a: f32, b: f32, c: f32, d: f32, e: f32| (a + e) * 0.0625 + (b + d) * 0.25 + c * 0.375;
+        let mut rows = vec![0.0; width * self.height];
+        for (row, out) in self
+            .data
+            .chunks_exact(self.width)
+            .zip(rows.chunks_exact_mut(width))
+        {
+            let last = self.width - 1;
+            for (i, out) in out.iter_mut().enumerate() {
+                let x = 2 * i;
+                let at = |d: isize| row[(x as isize + d).clamp(0, last as isize) as usize];
+                *out = if x >= 2 && x + 2 <= last {
+                    weigh(row[x - 2], row[x - 1], row[x], row[x + 1], row[x + 2])
+                } else {
+                    weigh(at(-2), at(-1), at(0), at(1), at(2))
+                };
+            }
+        }
+        let mut data = vec![0.0; width * height];
+        for (k, out) in data.chunks_exact_mut(width).enumerate() {
+            let last = self.height as isize - 1;
+            let row = |d: isize| {
+                let y = (2 * k as isize + d).clamp(0, last) as usize;
+                &rows[y * width..(y + 1) * width]
+            };
+            let (a, b, c, d, e) = (row(-2), row(-1), row(0), row(1), row(2));
+            for (x, out) in out.iter_mut().enumerate() {
+                *out = weigh(a[x], b[x], c[x], d[x], e[x]);
+            }
+        }
+        Self {
+            width,
+            height,
+            data,
+        }
+    }
+
+    /// The square of `2 radius + 1` pixels a side around a position, interpolated; false if it
+    /// extends beyond the level.
+    pub(super) fn patch(&self, x: f32, y: f32, radius: usize, out: &mut [f32]) -> bool {
+        let reach = radius as f32;
+        // Written so that a position that is not finite is outside.
+        let inside = x - reach >= 0.0
+            && y - reach >= 0.0
+            && x + reach + 1.0 < self.width as f32
+            && y + reach + 1.0 < self.height as f32;
+        if !inside {
+            return false;
+        }
+        let (left, top) = (x.floor(), y.floor());
+        let (fx, fy) = (x - left, y - top);
+        let (left, top) = (left as usize - radius, top as usize - radius);
+        let side = 2 * radius + 1;
+        let weights = [
+            (1.0 - fx) * (1.0 - fy),
+            fx * (1.0 - fy),
+            (1.0 - fx) * fy,
+            fx * fy,
+        ];
+        for (k, out) in out[..side * side].chunks_exact_mut(side).enumerate() {
+            let at = (top + k) * self.width + left;
+            let upper = &self.data[at..at + side + 1];
+            let lower = &self.data[at + self.width..at + self.width + side + 1];
+            for (i, out) in out.iter_mut().enumerate() {
+                *out = weights[0] * upper[i]
+                    + weights[1] * upper[i + 1]
+                    + weights[2] * lower[i]
+                    + weights[3] * lower[i + 1];
+            }
+        }
+        true
+    }
+}

@@ -1,0 +1,20 @@
+//! The commands of `paws`, one module each.
+//!
+//! A command returns an [`Outcome`](crate::outcome::Outcome), which becomes the exit code, and writes its results to the
+//! [`Console`](crate::console::Console) that it is given.
+
+pub mod calibrate;
+pub mod export;
+pub mod handoff;
+pub mod import;
+pub mod index;
+pub mod list;
+pub mod metrics;
+pub mod prune;
+pub mod pull;
+pub mod rebuild;
+pub mod recover;
+pub mod report;
+pub mod rig;
+pub mod show;
+pub mod validate;

@@ -1,0 +1,173 @@
+//! Stage `bundle-adjustment`: poses from the whole recording.
+//!
+//! Contract: one pose for each pose of the causal trajectory, at the same time. Its status is that
+//! of odometry, except that poses tracked after a loss are *relocalised* if a loop closure with a
+//! place from before the loss connects them to the rest. Unconnected poses keep the covariance of
+//! their causal pose. Camera extrinsics are refined; a camera far from its nominal pose was moved,
+//! which is reported. If the adjustment does not converge, which is reported too, all poses keep
+//! their causal covariance and cameras their nominal extrinsics. Images are not read again.
+
+use ::odometry::mapping::{Connectivity, Progress, interpolate_poses};
+use ::odometry::{ImuSample, Mapping, Refined};
+use cad_transforms::RigidTransform;
+use scene_bundle::outputs::rig::RigModel;
+use scene_bundle::outputs::trajectory::TrajectoryWriter;
+use scene_bundle::outputs::{self, RIG, RIG_REFINED, TRACKS, TRAJECTORY, TRAJECTORY_CAUSAL};
+use scene_bundle::{Pose, Status, Trajectory};
+use serde_json::Value;
+
+use super::{HANDOFF, Preset, odometry as before, rig};
+use crate::input::Input;
+use crate::pipeline::{Stage, StageError, Work};
+
+/// See the module.
+pub(super) struct BundleAdjustmentStage {
+    pub(super) preset: Preset,
+}
+
+impl Stage<Input> for BundleAdjustmentStage {
+    fn name(&self) -> &'static str {
+        "bundle-adjustment"
+    }
+
+    fn version(&self) -> u32 {
+        5
+    }
+
+    fn inputs(&self) -> &'static [&'static str] {
+        &[HANDOFF, RIG, TRAJECTORY_CAUSAL, TRACKS]
+    }
+
+    fn outputs(&self) -> &'static [&'static str] {
+        &[TRAJECTORY, RIG_REFINED]
+    }
+
+    fn settings(&self) -> Value {
+        before::settings_json(&before::settings(self.preset))
+    }
+
+    fn run(&self, work: &Work<'_, Input>) -> Result<(), StageError> {
+        let model = outputs::rig::read(&work.read(RIG)?)?;
+        let causal = outputs::trajectory::read(&work.read(TRAJECTORY_CAUSAL)?)?;
+        let keyframes = outputs::tracks::read(&work.read(TRACKS)?, model.cameras.len())?;
+        let mut mapping = Mapping::new(&rig::odometry_rig(&model), &before::settings(self.preset));
+        let mut samples = Vec::new();
+        if let Some(imu) = model.imus.first() {
+            for batch in work.source().imu_batches(&imu.name)? {
+                match batch {
+                    Ok(batch) => samples.extend(batch.iter().map(|s| ImuSample {
+                        time_ns: s.time.ns(),
+                        gyro: s.gyro,
+                        accel: s.accel,
+                    })),
+                    Err(loss) => work.record_loss_from(&loss),
+                }
+            }
+        }
+        // As in the odometry: batches may overlap where a clock map was replaced.
+        samples.sort_by_key(|s| s.time_ns);
+        samples.dedup_by_key(|s| s.time_ns);
+        let mut given = 0;
+        for keyframe in keyframes {
+            // Up to one sample later, so that the motion is known up to the keyframe.
+            let to = samples.partition_point(|s| s.time_ns < keyframe.time_ns) + 1;
+            for sample in &samples[given.min(samples.len())..to.min(samples.len())] {
+                mapping.add_imu(0, sample);
+            }
+            given = given.max(to);
+            mapping.add_keyframe(before::from_tracked(keyframe));
+        }
+        let adjusted = mapping.optimize(|progress| match progress {
+            Progress::Linearized {
+                iterations,
+                max_iterations,
+            } => work.progress(iterations as u64, max_iterations as u64),
+            Progress::SearchingLoops { done, all } => work.progress(done as u64, all as u64),
+        });
+        work.note(format!(
+            "{} keyframes, {} landmarks, {} loop closures",
+            adjusted.poses.len(),
+            adjusted.landmarks,
+            adjusted.loop_closures.len()
+        ));
+        let rig = if adjusted.is_converged {
+            refined_rig(model, &adjusted, work)
+        } else {
+            work.record_loss(format!(
+                "after {} iterations poses still changed: they keep the covariance of causal ones, and cameras keep their calibrated extrinsics",
+                adjusted.iterations
+            ));
+            model
+        };
+        outputs::rig::write(work.draft(RIG_REFINED), &rig)?;
+        let mut writer = TrajectoryWriter::new(work.draft(TRAJECTORY))?;
+        for pose in &refined_poses(&causal, &adjusted) {
+            writer.push(pose)?;
+        }
+        writer.finish()?;
+        Ok(())
+    }
+}
+
+/// The rig with refined camera extrinsics.
+fn refined_rig(mut rig: RigModel, adjusted: &Refined, work: &Work<'_, Input>) -> RigModel {
+    for (camera, mount) in rig.cameras.iter_mut().zip(&adjusted.extrinsics) {
+        let place = format!(
+            "{:.1} mm and {:.2} degrees from its calibrated pose",
+            1e3 * mount.initial_error[0],
+            mount.initial_error[1].to_degrees()
+        );
+        if mount.is_moved {
+            work.record_loss(format!(
+                "camera {} is {place}: it was moved since, or the calibration is another rig's; poses and depth use the refined extrinsics",
+                camera.name
+            ));
+        } else {
+            work.note(format!("camera {} is estimated {place}", camera.name));
+        }
+        camera.rig_from_left = mount.rig_from_left;
+        camera.rig_from_left_covariance = before::covariance(&mount.covariance);
+    }
+    rig
+}
+
+/// Every pose of the causal trajectory, as refined by the bundle adjustment.
+fn refined_poses(causal: &Trajectory, adjusted: &Refined) -> Vec<Pose> {
+    let times: Vec<(i64, RigidTransform)> = (causal.poses().iter())
+        .map(|p| (p.time_ns, p.world_from_rig))
+        .collect();
+    let keys: Vec<(i64, RigidTransform)> = (adjusted.poses.iter())
+        .map(|p| (p.time_ns, p.world_from_rig))
+        .collect();
+    let lost: Vec<(i64, bool)> = (causal.poses().iter())
+        .map(|p| (p.time_ns, p.status == Status::Lost))
+        .collect();
+    let moved = interpolate_poses(&times, &keys);
+    let ties = adjusted.connectivity(&lost);
+    let poses = causal.poses().iter().zip(moved).zip(ties);
+    poses
+        .map(|((pose, world_from_rig), tie)| {
+            // The keyframe at or before it: the covariance changes slowly.
+            let next = adjusted
+                .poses
+                .partition_point(|p| p.time_ns <= pose.time_ns);
+            let key = adjusted.poses.get(next.saturating_sub(1));
+            let covariance = match tie {
+                Connectivity::Unconstrained => pose.covariance,
+                Connectivity::Continuous | Connectivity::LoopClosed => {
+                    key.and_then(|k| before::covariance(&k.covariance))
+                }
+            };
+            let status = match (pose.status, tie) {
+                (Status::Tracked, Connectivity::LoopClosed) => Status::Relocalised,
+                (status, _) => status,
+            };
+            Pose {
+                covariance,
+                world_from_rig,
+                status,
+                ..*pose
+            }
+        })
+        .collect()
+}
