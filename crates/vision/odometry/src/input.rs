@@ -18,9 +18,9 @@ pub struct View<'a> {
     /// Mid-exposure of the middle row, ns; may differ from the time of the set.
     pub time_ns: i64,
     /// Left image.
-    pub left: Grey<'a>,
+    pub left: ImageView<'a>,
     /// Right image.
-    pub right: Grey<'a>,
+    pub right: ImageView<'a>,
     /// Mask of the left image, row-major: features are not tracked at 0, since the image moves
     /// there. `None` for all pixels: moving features are also rejected as outliers.
     pub mask: Option<&'a [u8]>,

@@ -170,7 +170,7 @@ impl Mapping {
     }
 
     /// Solves loop closure and bundle adjustment. `progress` is called with the current step.
-    pub fn solve(&self, mut progress: impl FnMut(Progress)) -> Refined {
+    pub fn optimize(&self, mut progress: impl FnMut(Progress)) -> Refined {
         let Some(first) = self.keyframes.first() else {
             return Refined {
                 poses: Vec::new(),

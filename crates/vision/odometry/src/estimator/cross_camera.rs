@@ -177,7 +177,7 @@ fn warp_patch(
             data.push(sample(level, at)?);
         }
     }
-    let image = Grey::new(WARP_SIDE_PX, WARP_SIDE_PX, WARP_SIDE_PX, &data)?;
+    let image = ImageView::new(WARP_SIDE_PX, WARP_SIDE_PX, WARP_SIDE_PX, &data)?;
     Some(Pyramid::new(&image))
 }
 

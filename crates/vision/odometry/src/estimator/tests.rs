@@ -33,9 +33,9 @@ fn image(shift: usize, noise: u64) -> Vec<u8> {
         .collect()
 }
 
-fn view(pixels: &[u8]) -> Grey<'_> {
+fn view(pixels: &[u8]) -> ImageView<'_> {
     let [width, height] = SIZE_PX;
-    Grey::new(width, height, width, pixels).expect("a complete image")
+    ImageView::new(width, height, width, pixels).expect("a complete image")
 }
 
 /// Tracks a wall at rest.

@@ -296,7 +296,7 @@ mod tests {
                 data.push((gain * (40.0 + 50.0 * v)).round() as u8);
             }
         }
-        Pyramid::new(&Grey::new(w as usize, h as usize, w as usize, &data).expect("an image"))
+        Pyramid::new(&ImageView::new(w as usize, h as usize, w as usize, &data).expect("an image"))
     }
 
     #[test]
@@ -320,7 +320,7 @@ mod tests {
     fn blank_or_outside_patches_are_not_tracked() {
         let from = image(0.0, 0.0, 1.0);
         let blank = vec![90; 200 * 160];
-        let blank = Pyramid::new(&Grey::new(200, 160, 200, &blank).expect("an image"));
+        let blank = Pyramid::new(&ImageView::new(200, 160, 200, &blank).expect("an image"));
         assert!(track(&from, &blank, [60.0, 70.0], [60.0, 70.0], 3).is_none());
         assert!(track(&blank, &from, [60.0, 70.0], [60.0, 70.0], 3).is_none());
         // Beyond the border, or NaN.

@@ -27,7 +27,7 @@ pub(crate) struct Pyramid {
 
 impl Pyramid {
     /// Builds the pyramid of an image.
-    pub(crate) fn new(image: &Grey<'_>) -> Self {
+    pub(crate) fn new(image: &ImageView<'_>) -> Self {
         let (width, height) = image.size();
         let mut data = Vec::with_capacity(width * height);
         for y in 0..height {

@@ -111,7 +111,7 @@ mod tests {
                 ((i % 160 + from) * 37 / 8 + i / 160 * 11 / 4) as u8
             })
             .collect();
-        Pyramid::new(&Grey::new(160, 120, 160, &pixels).expect("an image"))
+        Pyramid::new(&ImageView::new(160, 120, 160, &pixels).expect("an image"))
     }
 
     const ALL: usize = 120;

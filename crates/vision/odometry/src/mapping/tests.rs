@@ -161,7 +161,7 @@ fn solved_on(rig: &Rig, keyframes: Vec<Keyframe>) -> Refined {
     for keyframe in keyframes {
         mapping.add_keyframe(keyframe);
     }
-    mapping.solve(|_| {})
+    mapping.optimize(|_| {})
 }
 
 fn farthest(refined: &Refined) -> f64 {
