@@ -1,6 +1,8 @@
 //! Cost aggregation: from two images to the winning disparity of each pixel.
+//!
 //! Contract: path costs are summed per pixel and disparity, and the minimum is taken in the left
 //! and in the right image. The result is the same on any number of threads and at any [`Level`].
+//!
 //! Two sweeps run in parallel, one from the top and one from the bottom. Each processes the rows of
 //! its own half first and stores, for every pixel there, the sum of the paths from its side. Then
 //! each continues into the other half, where the sums of the other sweep are stored, adds its own

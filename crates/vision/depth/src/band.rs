@@ -1,4 +1,5 @@
 //! Disparity search range per row.
+//!
 //! Contract: a [`Band`] has one range per row. Disparities outside are never returned: pixels whose
 //! true disparity lies outside are absent or wrong. A band that is narrower than the full range is
 //! therefore planned from prior knowledge of the scene ([`plan`]), and [`crate::BandedMatcher`]
@@ -20,6 +21,7 @@ pub struct Band {
 
 impl Band {
     /// The same range for all rows: `count` disparities from `first`.
+    ///
     /// # Errors
     /// [`DepthError::Band`] if `count` is 0 or too large.
     pub fn full(first: i32, count: usize, height: usize) -> Result<Self, DepthError> {
@@ -38,6 +40,7 @@ impl Band {
     }
 
     /// Minimum and maximum disparity of each row, px, both inclusive.
+    ///
     /// # Errors
     /// [`DepthError::Band`] if a row is empty or the total range is too large.
     pub fn rows(rows: &[[i32; 2]]) -> Result<Self, DepthError> {
@@ -89,6 +92,7 @@ impl Band {
     }
 
     /// Minimum and maximum disparity of a row, px.
+    ///
     /// # Panics
     /// If `y` is not below [`Band::height`].
     pub fn row(&self, y: usize) -> [i32; 2] {

@@ -1,4 +1,5 @@
 //! Stereo matcher that restricts the disparity search to a planned band.
+//!
 //! Contract: each pair is matched within a band that is planned from coarse matching of the pair,
 //! from the previous map and, if given, from the ground plane ([`crate::band::plan`]). If many
 //! pixels of a block of rows have a disparity at an end of the band that is not an end of the full
@@ -44,6 +45,7 @@ const MAX_RERUNS: u32 = 3;
 
 impl BandedMatcher {
     /// For images of `width` columns with the rows of `full`, which is the full search range.
+    ///
     /// # Errors
     /// [`DepthError::Settings`].
     pub fn new(settings: Settings, width: usize, full: Band) -> Result<Self, DepthError> {
@@ -67,6 +69,7 @@ impl BandedMatcher {
     }
 
     /// Matches a pair. `ground` is the ground plane, if known.
+    ///
     /// # Errors
     /// Those of [`Matcher::run`].
     pub fn run(

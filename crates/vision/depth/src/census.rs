@@ -1,4 +1,5 @@
 //! Census transform and gray levels: the image data that the matching cost compares.
+//!
 //! A census code holds, for several pairs of pixels around a center, which one is brighter. It is
 //! invariant to exposure and gain of either camera, which is why it is compared rather than gray
 //! levels alone (Zabih and Woodfill, "Non-parametric local transforms for computing visual
@@ -6,6 +7,7 @@
 //! needs half the number of bits for the same window (Spangenberg, Langner and Rojas, "Weighted
 //! semi-global matching and center-symmetric census transform for robust driver assistance", CAIP
 //! 2013). Outside the image the border pixels are repeated.
+//!
 //! Codes are stored as byte planes per row, so that a vector holds one byte of the codes of many
 //! columns. The last plane is the gray level divided by 2: differences below two levels are noise.
 

@@ -1,4 +1,5 @@
 //! Left-right consistency check, uniqueness check and subpixel refinement.
+//!
 //! A pixel passes the check if the matched pixel of the right image has the same winner up to a
 //! small difference. The subpixel minimum is that of two lines of equal and opposite slope through
 //! the three sums around the winner, which suits costs that count differing bits (Haller, Pantilie,

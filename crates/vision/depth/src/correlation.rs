@@ -1,5 +1,6 @@
 //! Local statistics over cells of 4x4 pixels and their 3x3 neighborhoods, which is cheaper than a
 //! window per pixel.
+//!
 //! Contract: the neighborhood of a pixel is the 12x12 pixels of its cell and the eight adjacent
 //! cells, clipped at the image border.
 

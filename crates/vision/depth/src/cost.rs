@@ -1,4 +1,5 @@
 //! Matching cost of two pixels.
+//!
 //! The Hamming distance of their census codes plus the difference of their halved gray levels,
 //! truncated at a limit ([`crate::Matching::max_gray_cost`]). Disparities outside the right image
 //! or outside the band have cost [`INVALID`]. No path reduces it, so that they never win.

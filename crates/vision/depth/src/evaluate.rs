@@ -1,7 +1,9 @@
-//! Accuracy of a disparity map against ground truth. Contract: only pixels that are visible in both
-//! images and have ground truth are counted. A map without disparities in difficult areas has a low
-//! error ratio among its disparities ([`Scores::bad_ratio`]), so that this ratio is always reported
-//! with the density, and [`Scores::bad_ratio_of_all`] counts absent pixels as errors.
+//! Accuracy of a disparity map against ground truth.
+//!
+//! Contract: only pixels that are visible in both images and have ground truth are counted. A map
+//! without disparities in difficult areas has a low error ratio among its disparities
+//! ([`Scores::bad_ratio`]), so that this ratio is always reported with the density, and
+//! [`Scores::bad_ratio_of_all`] counts absent pixels as errors.
 
 use crate::error::DepthError;
 use crate::map::DisparityMap;
@@ -35,6 +37,7 @@ pub struct Scores {
 
 impl Scores {
     /// Compares a map with ground truth.
+    ///
     /// # Errors
     /// [`DepthError::Size`] if their sizes differ.
     pub fn of(map: &DisparityMap, truth: GroundTruth<'_>) -> Result<Self, DepthError> {

@@ -1,4 +1,5 @@
 //! Matching at reduced resolution: half the rows cost half the time, half of both sides an eighth.
+//!
 //! Contract: the images are downsampled and matched, and the map is upsampled to their size:
 //! bilinear between four neighbors on one surface, nearest neighbor elsewhere. Objects with fewer
 //! than about ten remaining pixels are lost, and edges have a resolution of two pixels along the
@@ -36,6 +37,7 @@ const MAX_STEP_PX: f32 = 1.0;
 
 impl HalfResolution {
     /// For images of `width` x `height` pixels; all other settings apply unchanged.
+    ///
     /// # Errors
     /// [`DepthError::Settings`], also if the images are too small to be halved.
     pub(crate) fn new(

@@ -44,6 +44,7 @@ impl<'a> ImageView<'a> {
     }
 
     /// One row.
+    ///
     /// # Panics
     /// If `y` is not below [`ImageView::height`].
     pub fn row(&self, y: usize) -> &'a [u8] {

@@ -1,4 +1,5 @@
 //! SIMD vectors of bytes and of 16-bit words, one implementation per instruction set.
+//!
 //! Contract: all implementations compute the same result, so that a kernel written once over
 //! [`Lanes`] gives the same bytes on every processor. A kernel is a struct with [`Kernel::run`];
 //! [`Level::run`] compiles it for each instruction set and calls the selected one. The compiler
@@ -157,6 +158,7 @@ impl Level {
     }
 
     /// Runs a kernel.
+    ///
     /// # Panics
     /// If the processor does not support this instruction set.
     pub(crate) fn run<K: Kernel>(self, kernel: K) -> K::Output {

@@ -72,6 +72,7 @@ impl Geometry {
 
     /// Depths of a map. Pixels whose sigma exceeds `max_relative_sigma` times their depth are
     /// absent: their depth is not determined.
+    ///
     /// # Errors
     /// [`DepthError::Geometry`].
     pub fn depth(

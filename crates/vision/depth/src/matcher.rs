@@ -18,6 +18,7 @@ use crate::sigma::{Evidence, Model};
 use crate::speckle::SpeckleFilter;
 
 /// Matches pairs of one size and reuses its buffers from pair to pair.
+///
 /// The same pair gives the same map, whatever pairs were matched before, on any number of threads.
 #[derive(Debug)]
 pub struct Matcher {
@@ -52,6 +53,7 @@ pub struct MatchStats {
 
 impl Matcher {
     /// A matcher for images of `width` x `height` pixels.
+    ///
     /// # Errors
     /// [`DepthError::Settings`].
     pub fn new(settings: Settings, width: usize, height: usize) -> Result<Self, DepthError> {
@@ -135,6 +137,7 @@ impl Matcher {
     }
 
     /// Matches a rectified pair.
+    ///
     /// # Errors
     /// [`DepthError::Size`] if an image has another size; [`DepthError::Band`] if the band has
     /// another number of rows.

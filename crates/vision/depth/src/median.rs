@@ -1,4 +1,5 @@
 //! Median filter over 3x3 disparities.
+//!
 //! Absent neighbors, and those outside the image, count as the disparity itself. Absent disparities
 //! remain absent.
 

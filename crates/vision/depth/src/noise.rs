@@ -1,4 +1,5 @@
 //! Estimation and smoothing of image noise.
+//!
 //! Noise is the response to a mask that cancels surfaces with little curvature: Immerkær's mask
 //! ("Fast noise variance estimation", CVIU 1996), whose mean absolute response to noise of standard
 //! deviation s is `6 s sqrt(2 / pi)`. Texture adds to the response, so that the estimate is the

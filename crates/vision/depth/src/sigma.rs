@@ -1,8 +1,10 @@
 //! Standard deviation of disparities.
+//!
 //! Contract: the sigma of a disparity is half of the 95 % quantile of the error of disparities with
 //! the same evidence. [`Evidence`] has four components, and the logarithm of the error is the sum
 //! of one table entry for each of them ([`Model`]). The sigma therefore covers heavy tails: it is
 //! large where one in ten disparities has a large error.
+//!
 //! The tables of the presets were fitted on simulated walks; `docs/depth.md` gives their coverage
 //! on other data. [`Model::fit`] fits a model to other ground truth.
 

@@ -1,32 +1,33 @@
-//! Why a network gave no answer.
+//! Errors of learned depth and segmentation.
 
 use std::path::PathBuf;
 
-/// See the variants.
+/// Error of a network or of ONNX Runtime.
 #[derive(Debug, thiserror::Error)]
 pub enum LearnedError {
-    /// Nobody said where ONNX Runtime is, or it is not there: name its library.
+    /// No path of ONNX Runtime is configured, or there is no file at the path: give the path of the
+    /// library.
     #[error(
         "loading ONNX Runtime: {found}, expected the path of a library of ONNX Runtime 1.17 or later"
     )]
     NoLibrary {
-        /// Where was looked, and what was there.
+        /// Where the path came from, and what was found.
         found: String,
     },
-    /// The file cannot be used as ONNX Runtime: take another.
+    /// The file is not a usable ONNX Runtime: use another one.
     #[error("loading ONNX Runtime, expected a library of version 1.17 or later for this machine: {}", library.display())]
     Library {
-        /// Its path.
+        /// Path of the file.
         library: PathBuf,
-        /// What the system or the library said.
+        /// Error of the system or of the library.
         source: Box<dyn std::error::Error + Send + Sync>,
     },
-    /// A process has one ONNX Runtime: start another process for another library.
+    /// A process can load only one ONNX Runtime: start another process for another library.
     #[error("loading ONNX Runtime: found {} already loaded, expected the same library: {}", loaded.display(), requested.display())]
     OtherLibrary {
-        /// The one that is loaded.
+        /// Path of the loaded library.
         loaded: PathBuf,
-        /// The one that was asked for.
+        /// Path of the requested library.
         requested: PathBuf,
     },
     /// A file cannot be read.
@@ -34,63 +35,66 @@ pub enum LearnedError {
     Read {
         /// `a network` or `settings of a network`.
         what: &'static str,
-        /// Its path.
+        /// Path of the file.
         file: PathBuf,
-        /// Why.
+        /// Error of the file system.
         source: std::io::Error,
     },
-    /// ONNX Runtime does not take the file: it is no network, or has operators that this version does not know.
+    /// ONNX Runtime rejects the file: it is not a model, or it has operators that this version does
+    /// not support.
     #[error("opening a network, expected an ONNX model that this ONNX Runtime can run: {}", file.display())]
     Model {
-        /// Its path.
+        /// Path of the file.
         file: PathBuf,
-        /// What ONNX Runtime said.
+        /// Error of ONNX Runtime.
         source: ort::Error,
     },
-    /// The settings are not as `docs/learned.md` tells.
+    /// The settings do not have the format of `docs/learned.md`.
     #[error("reading settings of a network: {}", file.display())]
     Toml {
         /// Path of the settings.
         file: PathBuf,
-        /// Where and why.
+        /// Position and reason.
         source: toml::de::Error,
     },
-    /// Settings that cannot be followed: change them.
+    /// Invalid settings: change them.
     #[error("reading settings of a network: found {found}, expected {expected}: {}", file.display())]
     Settings {
-        /// Path of the settings, whether they are there or not.
+        /// Path of the settings, whether the file exists or not.
         file: PathBuf,
-        /// What they say.
+        /// The value found.
         found: String,
-        /// What is possible.
+        /// The supported values.
         expected: String,
     },
-    /// The network takes or gives something else.
+    /// An input or output of the network has another type or shape.
     #[error("using a network: {tensor} is {found}, expected {expected}: {}", file.display())]
     Tensor {
         /// Path of the network.
         file: PathBuf,
-        /// Which of its inputs or outputs.
+        /// Name of the input or output.
         tensor: String,
-        /// What it is.
+        /// Type, shape or value found.
         found: String,
-        /// What is possible.
+        /// The supported values.
         expected: String,
     },
-    /// Not a picture, or not one of the pair's size, or of one that the network takes.
-    #[error("taking a picture: found {found}, expected {expected}")]
+    /// Invalid image, or its size differs from that of the other image or exceeds the input of the
+    /// network.
+    #[error("reading an image: found {found}, expected {expected}")]
     Image {
-        /// What it is.
+        /// Type, shape or value found.
         found: String,
-        /// What is possible.
+        /// The supported values.
         expected: String,
     },
-    /// ONNX Runtime gave up; often for want of memory, or because the network takes no pictures of this size.
+    /// Inference failed, often for lack of memory or because the network does not support this
+    /// image size.
     #[error("running a network: {}", file.display())]
     Run {
-        /// Its path.
+        /// Path of the file.
         file: PathBuf,
-        /// What ONNX Runtime said.
+        /// Error of ONNX Runtime.
         source: ort::Error,
     },
 }

@@ -1,10 +1,10 @@
-//! A picture, lent.
+//! Borrowed image.
 
 use std::borrow::Cow;
 
 use crate::error::LearnedError;
 
-/// 8 bits per channel, rows first, the channels of a pixel side by side, without gaps.
+/// Image with 8 bits per channel, row-major with interleaved channels, without padding.
 #[derive(Clone, Debug)]
 pub struct ImageView<'a> {
     width: usize,
@@ -14,18 +14,18 @@ pub struct ImageView<'a> {
 }
 
 impl<'a> ImageView<'a> {
-    /// One value for each pixel.
+    /// Gray image: one value per pixel.
     ///
     /// # Errors
-    /// [`LearnedError::Image`] where the number of values is not that of the size, or is 0.
+    /// [`LearnedError::Image`] if the number of values does not match the size, or is 0.
     pub fn gray(width: usize, height: usize, values: &'a [u8]) -> Result<Self, LearnedError> {
         Self::new(width, height, 1, values)
     }
 
-    /// Red, green and blue for each pixel.
+    /// RGB image: three values per pixel.
     ///
     /// # Errors
-    /// [`LearnedError::Image`] where the number of values is not that of the size, or is 0.
+    /// [`LearnedError::Image`] if the number of values does not match the size, or is 0.
     pub fn rgb(width: usize, height: usize, values: &'a [u8]) -> Result<Self, LearnedError> {
         Self::new(width, height, 3, values)
     }
@@ -53,17 +53,17 @@ impl<'a> ImageView<'a> {
         })
     }
 
-    /// Columns.
+    /// Number of columns.
     pub fn width(&self) -> usize {
         self.width
     }
 
-    /// Rows.
+    /// Number of rows.
     pub fn height(&self) -> usize {
         self.height
     }
 
-    /// Left and right exchanged.
+    /// The image mirrored left to right.
     pub(crate) fn mirrored(&self) -> ImageView<'static> {
         let rows = self.values.chunks_exact(self.width * self.channels);
         let pixels = rows.flat_map(|row| row.rchunks_exact(self.channels));
@@ -73,8 +73,8 @@ impl<'a> ImageView<'a> {
         }
     }
 
-    /// A value of a pixel as one of `channels` channels: a grey picture is the same in all three, and the grey of colours is
-    /// their luma by ITU-R BT.601, 0 to 255.
+    /// Value of a pixel, 0 to 255, as one of `channels` channels: a gray image has the same value
+    /// in all three, and the gray value of a color is its luma by ITU-R BT.601.
     pub(crate) fn value(&self, x: usize, y: usize, channel: usize, channels: usize) -> u8 {
         let at = (y * self.width + x) * self.channels;
         match (self.channels, channels) {
@@ -104,7 +104,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn channels_are_made_of_what_there_is() {
+    fn gray_and_rgb_are_converted_into_each_other() {
         let values = [10, 200, 30, 255, 255, 255];
         let color = ImageView::rgb(2, 1, &values).unwrap();
         assert_eq!([0, 1, 2].map(|c| color.value(0, 0, c, 3)), [10, 200, 30]);
@@ -116,14 +116,14 @@ mod tests {
     }
 
     #[test]
-    fn a_mirror_exchanges_pixels_and_not_channels() {
+    fn mirroring_preserves_the_order_of_channels() {
         let values = [1, 2, 3, 4, 5, 6, 7, 8, 9, 10, 11, 12];
         let mirror = ImageView::rgb(2, 2, &values).unwrap().mirrored();
         assert_eq!(*mirror.values, [4, 5, 6, 1, 2, 3, 10, 11, 12, 7, 8, 9]);
     }
 
     #[test]
-    fn what_is_no_picture_is_refused() {
+    fn invalid_image_size_is_rejected() {
         assert!(ImageView::gray(0, 0, &[]).is_err());
         assert!(ImageView::gray(usize::MAX, 2, &[1]).is_err());
         let error = ImageView::rgb(2, 1, &[1, 2]).unwrap_err();

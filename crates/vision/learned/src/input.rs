@@ -1,4 +1,4 @@
-//! A picture as a tensor: 1 x channels x rows x columns.
+//! Image as an input tensor: 1 x channels x rows x columns.
 
 use std::path::Path;
 
@@ -11,19 +11,19 @@ use crate::settings::{InputSettings, Text};
 
 const EXPECTED: &str = "f32 or u8 of [1, 1 or 3 channels, rows, columns]";
 
-/// What a network takes of one picture.
+/// Input of a network for one image.
 #[derive(Clone, Debug)]
 pub(crate) struct Input {
     pub(crate) name: String,
     bytes: bool,
     channels: usize,
-    /// Columns and rows, where the network is made for one size only.
+    /// Columns and rows, if the network has a fixed size.
     size: [Option<usize>; 2],
 }
 
 impl Input {
     /// # Errors
-    /// [`LearnedError::Tensor`] for what is no picture.
+    /// [`LearnedError::Tensor`] if the input is not an image.
     pub(crate) fn new(outlet: &Outlet, file: &Path) -> Result<Self, LearnedError> {
         let wrong = || {
             let tensor = format!("input `{}`", outlet.name());
@@ -49,7 +49,8 @@ impl Input {
     }
 
     /// # Errors
-    /// [`LearnedError::Settings`] for numbers that do not suit the channels.
+    /// [`LearnedError::Settings`] if normalization values do not fit the type or the channels of
+    /// the input.
     pub(crate) fn validate_settings(
         &self,
         settings: &InputSettings,
@@ -75,15 +76,15 @@ impl Input {
         Ok(())
     }
 
-    /// Whether two pictures of one size fit both.
+    /// Whether both inputs have the same size.
     pub(crate) fn same_size(&self, other: &Self) -> bool {
         self.size == other.size
     }
 
-    /// Columns and rows of the tensor for a picture.
+    /// Columns and rows of the tensor for an image.
     ///
     /// # Errors
-    /// [`LearnedError::Image`] for one that is larger than what the network takes.
+    /// [`LearnedError::Image`] if the image is larger than the input of the network.
     pub(crate) fn padded(
         &self,
         image: &ImageView<'_>,
@@ -108,7 +109,8 @@ impl Input {
         ])
     }
 
-    /// The tensor, `size` columns and rows; what is right of the picture and below it repeats its edge.
+    /// Builds the tensor of `size` columns and rows; it is padded to the right and below by
+    /// repeating the border of the image.
     pub(crate) fn tensor(
         &self,
         image: &ImageView<'_>,

@@ -1,9 +1,10 @@
-//! Depth and masks by neural networks of the user's, through ONNX Runtime (`docs/learned.md`).
+//! Depth and masks from user-supplied neural networks, through ONNX Runtime (`docs/learned.md`).
 //!
-//! Contract: no network and no library comes along; the library is loaded when [`Runtime::load`] is called and never before. A
-//! network is checked when it is opened, as far as its file says what it takes and gives; the rest is checked at every picture. What
-//! does not fit is an error that names the file, the tensor, what was found and what was expected; pictures are padded, never
-//! resized. A network is a function of its pictures: it remembers nothing from one to the next.
+//! Contract: neither networks nor the library are bundled; [`Runtime::load`] loads the library, and
+//! nothing loads it earlier. A network is validated when it is opened, as far as its file declares
+//! inputs and outputs; the rest is validated at every image. A mismatch is an error that names the
+//! file, the tensor, what was found and what was expected. Images are padded and never resized. A
+//! network is a function of its images and keeps no state between them.
 
 mod error;
 mod image;

@@ -1,4 +1,4 @@
-//! A network: a file that ONNX Runtime runs.
+//! Network: a model file and its ONNX Runtime session.
 
 use std::path::{Path, PathBuf};
 
@@ -19,14 +19,15 @@ pub(crate) struct Network {
     output: usize,
 }
 
-/// Most that is read of a network: as much as the format it comes in can hold.
+/// Maximum size of a network file, bytes: the limit of its format.
 const MAX_BYTES: u64 = 2 << 30;
 
 impl Network {
-    /// A network of which `output` is wanted, or its only one.
+    /// Opens a network and selects `output`, or its only output.
     ///
     /// # Errors
-    /// [`LearnedError::Read`], [`LearnedError::Model`], and [`LearnedError::Tensor`] where it is not clear which output is meant.
+    /// [`LearnedError::Read`], [`LearnedError::Model`], and [`LearnedError::Tensor`] if the output
+    /// is ambiguous or missing.
     pub(crate) fn open(
         runtime: &Runtime,
         file: &Path,
@@ -38,7 +39,8 @@ impl Network {
             file: file.to_owned(),
             source,
         })?;
-        // Out of the bytes that were hashed, and not out of the file once more: what runs is what the hash says.
+        // The session is created from the hashed bytes and the file is not read again, so that the
+        // hash identifies what runs.
         let session = session(runtime, &bytes).map_err(|source| LearnedError::Model {
             file: file.to_owned(),
             source,
@@ -61,7 +63,7 @@ impl Network {
         &self.hash
     }
 
-    /// The inputs, which must be `count` pictures.
+    /// The inputs, which must be `count` images.
     ///
     /// # Errors
     /// [`LearnedError::Tensor`].
@@ -75,7 +77,7 @@ impl Network {
         inputs.iter().map(|i| Input::new(i, &self.file)).collect()
     }
 
-    /// Which of the inputs has this name.
+    /// Index of the input with this name.
     ///
     /// # Errors
     /// [`LearnedError::Tensor`].
@@ -83,10 +85,11 @@ impl Network {
         select(self.session.inputs(), Some(name), "input", &self.file)
     }
 
-    /// Type and shape of the output; -1 for lengths that are not known, no length at all where not even their number is.
+    /// Type and shape of the output; -1 for unknown lengths, and an empty shape for an unknown
+    /// rank.
     ///
     /// # Errors
-    /// [`LearnedError::Tensor`] for what is no tensor.
+    /// [`LearnedError::Tensor`] if the output is not a tensor.
     pub(crate) fn output(
         &self,
         expected: &str,
@@ -97,13 +100,13 @@ impl Network {
         }
     }
 
-    /// The output is not what was expected.
+    /// Error for an unexpected output.
     pub(crate) fn wrong_output(&self, found: String, expected: &str) -> LearnedError {
         let tensor = format!("output `{}`", self.outlet().name());
         mismatch(&self.file, tensor, found, expected.to_owned())
     }
 
-    /// The output declares something else than what was expected.
+    /// Error for an unexpected declared type or shape of the output.
     pub(crate) fn unfit(&self, expected: &str) -> LearnedError {
         self.wrong_output(describe(self.outlet().dtype()), expected)
     }
@@ -145,7 +148,7 @@ fn run(
     Output::new(&outputs[output])
 }
 
-/// Which of several is meant: the one of that name, or else the only one.
+/// Index of the outlet with this name, or of the only one if no name is given.
 fn select(
     outlets: &[Outlet],
     name: Option<&str>,
@@ -189,10 +192,10 @@ fn names(outlets: &[Outlet]) -> String {
     names.join(", ")
 }
 
-/// As `f32 of [1, 3, ?, ?]`.
+/// Type and shape as text, such as `f32 of [1, 3, ?, ?]`.
 pub(crate) fn describe(kind: &ValueType) -> String {
     let ValueType::Tensor { ty, shape, .. } = kind else {
-        return "no tensor".to_owned();
+        return "not a tensor".to_owned();
     };
     let lengths = shape.iter().map(|length| match length {
         -1 => "?".to_owned(),

@@ -1,32 +1,32 @@
-//! What a network gave.
+//! Output tensor of a network.
 
 use ort::value::{DynValue, TensorElementType};
 
-/// The numbers of an output, in the order of its shape.
+/// Shape and values of an output, row-major.
 #[derive(Clone, Debug)]
 pub(crate) struct Output {
     pub(crate) shape: Vec<usize>,
     pub(crate) values: Values,
 }
 
-/// What kind they are.
+/// Values by type.
 #[derive(Clone, Debug)]
 pub(crate) enum Values {
-    /// Disparities, scores.
+    /// Disparities or scores.
     Float(Vec<f32>),
-    /// Numbers of classes.
+    /// Class numbers.
     Integer(Vec<i64>),
 }
 
 impl Output {
-    /// Whether outputs of this type can be read.
+    /// Whether outputs of this type are read as class numbers.
     pub(crate) fn is_integer(kind: TensorElementType) -> bool {
         use TensorElementType::{Int32, Int64, Uint8};
         matches!(kind, Uint8 | Int32 | Int64)
     }
 
     /// # Errors
-    /// What ONNX Runtime says of a value that is no tensor of a known type.
+    /// The error of ONNX Runtime, if the value is not a tensor of a supported type.
     pub(crate) fn new(tensor: &DynValue) -> ort::Result<Self> {
         let kind = tensor.dtype().tensor_type();
         let (shape, values) = match kind {

@@ -1,7 +1,8 @@
-//! ONNX Runtime, a library that is loaded while the program runs.
+//! ONNX Runtime, loaded at run time.
 //!
-//! Contract: nothing is downloaded and nothing is searched for in the system, so that the same command uses the same library. A
-//! library that is missing, too old or something else is an error. A process has one ONNX Runtime, until its end.
+//! Contract: nothing is downloaded and the system is not searched, so that the same command uses
+//! the same library. A missing, outdated or invalid library is an error. A process loads one ONNX
+//! Runtime and keeps it until it ends.
 
 use std::ffi::OsString;
 use std::path::{Path, PathBuf};
@@ -12,13 +13,14 @@ use ort::logging::LogLevel;
 
 use crate::error::LearnedError;
 
-/// Names the library where no argument does.
+/// Environment variable with the path of the library, used if no argument is given.
 pub const RUNTIME_PATH_VARIABLE: &str = "ORT_DYLIB_PATH";
 
-/// The one of this process. An environment that was dropped cannot be made again.
+/// The runtime of this process. An ONNX Runtime environment cannot be created again after it was
+/// dropped.
 static LOADED: Mutex<Option<Runtime>> = Mutex::new(None);
 
-/// ONNX Runtime, loaded.
+/// Handle of the loaded ONNX Runtime.
 #[derive(Clone, Debug)]
 pub struct Runtime {
     library: PathBuf,
@@ -26,10 +28,12 @@ pub struct Runtime {
 }
 
 impl Runtime {
-    /// Loads the library at `path`, or where there is none that which the environment variable [`RUNTIME_PATH_VARIABLE`] names.
+    /// Loads the library at `path`, or by default the one that the environment variable
+    /// [`RUNTIME_PATH_VARIABLE`] names.
     ///
     /// # Errors
-    /// [`LearnedError::NoLibrary`], [`LearnedError::Library`], and [`LearnedError::OtherLibrary`] if this process has another one.
+    /// [`LearnedError::NoLibrary`], [`LearnedError::Library`], and [`LearnedError::OtherLibrary`]
+    /// if this process has loaded another one.
     pub fn load(path: Option<&Path>) -> Result<Self, LearnedError> {
         let library = library(path, std::env::var_os(RUNTIME_PATH_VARIABLE))?;
         let mut loaded = LOADED.lock().unwrap_or_else(PoisonError::into_inner);
@@ -46,13 +50,14 @@ impl Runtime {
             library: library.clone(),
             source,
         };
-        // Only `init_from` reports a library that cannot be used; every other call of ort loads one by itself, or panics.
+        // Only `init_from` reports an unusable library; every other call of ort loads a library
+        // implicitly, or panics.
         let environment = ort::init_from(&library)
             .map_err(|e| unusable(Box::new(e)))?
             .with_telemetry(false)
             .build()
             .map_err(|e| unusable(Box::new(e)))?;
-        // What goes wrong is returned, and not printed as well.
+        // Errors are returned, and not logged as well.
         environment.set_log_level(LogLevel::Fatal);
         let runtime = Self {
             library,
@@ -72,11 +77,12 @@ impl Runtime {
     }
 }
 
-/// Absolute path of the library; ort would look for a relative one beside the program first.
+/// Absolute path of the library; ort would resolve a relative one against the folder of the program
+/// first.
 fn library(argument: Option<&Path>, variable: Option<OsString>) -> Result<PathBuf, LearnedError> {
     let variable = variable.filter(|v| !v.is_empty()).map(PathBuf::from);
     let (path, from) = match (argument, variable) {
-        (Some(path), _) => (path.to_owned(), "the path that was given".to_owned()),
+        (Some(path), _) => (path.to_owned(), "the given path".to_owned()),
         (None, Some(path)) => (
             path,
             format!("the environment variable {RUNTIME_PATH_VARIABLE}"),
@@ -102,7 +108,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn the_argument_goes_before_the_variable() {
+    fn argument_has_precedence_over_the_variable() {
         let folder = tempfile::tempdir().unwrap();
         let [first, second] = ["first.so", "second.so"].map(|name| folder.path().join(name));
         std::fs::write(&first, b"").unwrap();
@@ -113,7 +119,7 @@ mod tests {
     }
 
     #[test]
-    fn what_was_looked_for_is_told() {
+    fn missing_library_error_names_the_source_of_the_path() {
         for variable in [None, Some(OsString::new())] {
             let error = library(None, variable).unwrap_err().to_string();
             assert!(error.contains("no path was given"), "{error}");
@@ -129,12 +135,12 @@ mod tests {
         assert!(
             error
                 .to_string()
-                .contains("given leads to no file, /nowhere/a.so")
+                .contains("the given path leads to no file, /nowhere/a.so")
         );
     }
 
     #[test]
-    fn what_is_no_library_is_an_error_and_no_panic() {
+    fn invalid_library_is_an_error_and_does_not_panic() {
         let folder = tempfile::tempdir().unwrap();
         let path = folder.path().join("libonnxruntime.so");
         std::fs::write(&path, b"not a library").unwrap();

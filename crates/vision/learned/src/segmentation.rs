@@ -1,4 +1,4 @@
-//! A network that takes a picture and tells the class of each pixel.
+//! Segmentation network: from an image to a class per pixel.
 
 use std::path::Path;
 
@@ -15,18 +15,18 @@ use crate::settings::{Enlarge, InputSettings, SegmentationFile, SegmentationSett
 const EXPECTED: &str = "f32 scores of [1, at least 2 classes, rows, columns] or u8, i32 or i64 class numbers of [1, rows, columns], \
                         as large as the input or smaller by a whole number";
 
-/// Where things that can move are in a picture.
+/// Mask of the objects in an image that can move.
 #[derive(Clone, Debug, Default, PartialEq, Eq)]
 pub struct MovableMask {
-    /// Columns.
+    /// Number of columns.
     pub width: usize,
-    /// Rows.
+    /// Number of rows.
     pub height: usize,
-    /// Rows first; true where one is.
+    /// Row-major; true on a movable object.
     pub movable: Vec<bool>,
 }
 
-/// A segmentation network, opened and checked.
+/// A segmentation network with a validated input and output.
 #[derive(Debug)]
 pub struct SegmentationNetwork {
     network: Network,
@@ -36,7 +36,8 @@ pub struct SegmentationNetwork {
 }
 
 impl SegmentationNetwork {
-    /// Opens the network of a file, with the settings of the file beside it that ends in `.toml` instead of `.onnx`.
+    /// Opens the network of a file, with the settings of the file beside it that has the extension
+    /// `.toml` instead of `.onnx`.
     ///
     /// # Errors
     /// [`LearnedError::Read`], [`LearnedError::Model`], [`LearnedError::Toml`], [`LearnedError::Settings`],
@@ -83,20 +84,22 @@ impl SegmentationNetwork {
         })
     }
 
-    /// BLAKE3 of the network's file and its settings, hexadecimal: another one may give other masks.
+    /// BLAKE3 of the file of the network and its settings, hexadecimal. A different hash may mean
+    /// different masks.
     pub fn hash(&self) -> &str {
         self.network.hash()
     }
 
-    /// What the file beside the network says.
+    /// Settings from the file beside the network.
     pub fn settings(&self) -> &SegmentationSettings {
         &self.settings
     }
 
-    /// Where things of the masked classes are.
+    /// Mask of the configured classes.
     ///
     /// # Errors
-    /// [`LearnedError::Image`], [`LearnedError::Run`], and [`LearnedError::Tensor`] for an answer of another shape.
+    /// [`LearnedError::Image`], [`LearnedError::Run`], and [`LearnedError::Tensor`] if the output
+    /// has another shape.
     pub fn run(&mut self, image: &ImageView<'_>) -> Result<MovableMask, LearnedError> {
         let size = self.input.padded(image, self.images.multiple)?;
         let tensor = self.input.tensor(image, size, &self.images);
@@ -123,7 +126,7 @@ impl SegmentationNetwork {
             }
             (Values::Integer(classes), &[1, r, c]) => {
                 let grid = Grid::new(size, [c, r]).ok_or_else(unfit)?;
-                // A class below 0 is none; some networks mark so what they do not know.
+                // A class below 0 is not a class; some networks mark unknown pixels with it.
                 Box::new(move |x, y| {
                     usize::try_from(classes[grid.nearest(x, y)]).unwrap_or(usize::MAX)
                 })
@@ -141,17 +144,17 @@ impl SegmentationNetwork {
     }
 }
 
-/// Cells of an answer, each over a square of pixels.
+/// Grid of output cells, each of which covers a square of pixels.
 #[derive(Clone, Copy)]
 struct Grid {
-    /// Pixels along the side of a cell.
+    /// Side length of a cell, px.
     side: usize,
     columns: usize,
     rows: usize,
 }
 
 impl Grid {
-    /// None where the cells are not squares of whole pixels. Both sizes are columns and rows.
+    /// `None` if the cells are not squares of whole pixels. Both sizes are columns and rows.
     fn new(input: [usize; 2], output: [usize; 2]) -> Option<Self> {
         let side = input[0].checked_div(output[0])?;
         (output.map(|length| length * side) == input).then_some(Self {
@@ -165,9 +168,9 @@ impl Grid {
         y / self.side * self.columns + x / self.side
     }
 
-    /// The cells before and after a pixel along one axis, and how far it is from the first to the second.
+    /// The cells before and after a pixel along one axis, and its fractional position between them.
     fn around(&self, pixel: usize, cells: usize) -> (usize, usize, f32) {
-        // Centres are at whole numbers, of pixels as well as of cells.
+        // Centers of pixels and of cells are at integer coordinates.
         let at = ((pixel as f32 + 0.5) / self.side as f32 - 0.5).clamp(0.0, (cells - 1) as f32);
         let before = at as usize;
         (before, (before + 1).min(cells - 1), at - before as f32)
@@ -201,7 +204,7 @@ impl Scores<'_> {
         })
     }
 
-    /// The class with the highest score, the first of them.
+    /// The class with the highest score, the first among equals.
     fn best(&self, score: impl Fn(&[f32]) -> f32) -> usize {
         let cells = self.grid.columns * self.grid.rows;
         let scores = self.scores.chunks_exact(cells).map(score);

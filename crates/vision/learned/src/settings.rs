@@ -1,7 +1,8 @@
-//! What a network cannot say of itself: a small TOML file beside it, of the same name.
+//! Settings that a network file does not contain: a small TOML file beside it with the same name.
 //!
-//! Contract: what is not stated has the default that is told here; a key that is not known is an error, so that none is misspelt
-//! silently. A stereo network needs no file; a segmentation network needs one, since only a person knows its classes.
+//! Contract: missing keys have the defaults documented here; an unknown key is an error, so that a
+//! misspelled one is never ignored. A stereo network needs no file. A segmentation network needs
+//! one, since the meaning of its classes is not in the network.
 
 use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
@@ -11,17 +12,18 @@ use serde::de::DeserializeOwned;
 
 use crate::error::LearnedError;
 
-/// Table `[input]`: how pictures go in. What goes in is `(value / 255 * white - mean) / std`, with values of 0 to 255.
+/// Table `[input]`: normalization of images. The input is `(value / 255 * white - mean) / std`,
+/// with values from 0 to 255.
 #[derive(Clone, Debug, PartialEq, Deserialize)]
 #[serde(default, deny_unknown_fields)]
 pub struct InputSettings {
-    /// What goes in for white; 255 by default, and 1 for networks that take 0 to 1.
+    /// Input value of white; 255 by default, and 1 for networks with inputs from 0 to 1.
     pub white: f32,
-    /// Taken off, one for each channel; none by default.
+    /// Subtracted mean, one per channel; none by default.
     pub mean: Vec<f32>,
-    /// Divided by, one for each channel; none by default.
+    /// Divisor, one per channel; none by default.
     pub std: Vec<f32>,
-    /// Columns and rows are padded to a multiple of this; 32 by default.
+    /// Columns and rows are padded to a multiple of this number; 32 by default.
     pub multiple: usize,
 }
 
@@ -36,23 +38,26 @@ impl Default for InputSettings {
     }
 }
 
-/// Table `[stereo]`. The defaults suit exports of RAFT-Stereo.
+/// Table `[stereo]`. The defaults fit exports of RAFT-Stereo.
 #[derive(Clone, Debug, PartialEq, Deserialize)]
 #[serde(default, deny_unknown_fields)]
 pub struct StereoSettings {
-    /// Name of the input for the left picture; the first one by default.
+    /// Name of the input for the left image; the first one by default.
     pub left: Option<String>,
-    /// Name of the input for the right picture; the other one by default.
+    /// Name of the input for the right image; the other one by default.
     pub right: Option<String>,
-    /// Name of the output; needed where there are several.
+    /// Name of the output; required if there are several.
     pub output: Option<String>,
-    /// What the output is multiplied by to be a disparity in px; -1 by default, for networks that give the flow along x.
+    /// Factor from the output to a disparity in px; -1 by default, for networks that output the
+    /// flow along x.
     pub factor: f32,
-    /// Whether the network also runs from right to left, which takes twice the time; true by default.
+    /// Whether the network also runs from right to left for a left-right check, which doubles the
+    /// time; true by default.
     pub both_ways: bool,
-    /// What is absent where both ways differ by more, px; 1 by default.
+    /// Maximum left-right difference, px; 1 by default. Disparities with a larger one are absent.
     pub apart_px: f32,
-    /// Sigma where both ways agree, and of everything where there is only one, px; 0.5 by default, which is a guess.
+    /// Sigma where both directions agree, or of all disparities if only one direction runs, px. The
+    /// default of 0.5 is a guess.
     pub sigma_px: f32,
 }
 
@@ -70,14 +75,14 @@ impl Default for StereoSettings {
     }
 }
 
-/// How an answer becomes as large as the picture.
+/// Upsampling of an output to the size of the image.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Deserialize)]
 #[serde(rename_all = "lowercase")]
 pub enum Enlarge {
-    /// Scores between the nearest four; class numbers are always those of the nearest.
+    /// Bilinear interpolation of scores; class numbers are always those of the nearest cell.
     #[default]
     Bilinear,
-    /// The nearest.
+    /// Nearest cell.
     Nearest,
 }
 
@@ -85,12 +90,12 @@ pub enum Enlarge {
 #[derive(Clone, Debug, PartialEq, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct SegmentationSettings {
-    /// Name of the output; needed where there are several.
+    /// Name of the output; required if there are several.
     pub output: Option<String>,
-    /// How scores become as large as the picture; bilinear by default.
+    /// Upsampling of scores; bilinear by default.
     #[serde(default)]
     pub enlarge: Enlarge,
-    /// Numbers of the classes of things that can move, from 0, by names for people.
+    /// Class numbers of objects that can move, from 0, by descriptive names.
     pub masked: BTreeMap<String, u32>,
 }
 
@@ -109,14 +114,14 @@ pub(crate) struct SegmentationFile {
     pub(crate) segmentation: SegmentationSettings,
 }
 
-/// The text of a settings file; empty where there is none.
+/// Text of a settings file; empty if the file does not exist.
 pub(crate) struct Text {
     pub(crate) file: PathBuf,
     pub(crate) text: String,
 }
 
 impl Text {
-    /// Settings of a network.
+    /// Reads the settings beside a network.
     pub(crate) fn beside(network: &Path) -> Result<Self, LearnedError> {
         let file = network.with_extension("toml");
         let text = match plain_file::read_to_string(&file, plain_file::TEXT_LIMIT) {
@@ -168,7 +173,10 @@ impl InputSettings {
 impl StereoSettings {
     pub(crate) fn validate(&self, text: &Text) -> Result<(), LearnedError> {
         if self.factor == 0.0 || !self.factor.is_finite() {
-            return Err(text.invalid(format!("factor = {}", self.factor), "a finite number but 0"));
+            return Err(text.invalid(
+                format!("factor = {}", self.factor),
+                "a finite number other than 0",
+            ));
         }
         require_positive(text, "apart_px", self.apart_px)?;
         require_positive(text, "sigma_px", self.sigma_px)
@@ -194,7 +202,7 @@ mod tests {
     }
 
     #[test]
-    fn nothing_said_means_raft_stereo() {
+    fn empty_file_gives_the_defaults_of_raft_stereo() {
         let file: StereoFile = text("").parse().unwrap();
         assert_eq!(file.input, InputSettings::default());
         assert_eq!(file.stereo, StereoSettings::default());
@@ -220,7 +228,7 @@ mod tests {
     }
 
     #[test]
-    fn what_cannot_be_followed_is_refused() {
+    fn invalid_settings_are_rejected() {
         for bad in [
             "[stereo]\nfacter = 1.0",
             "[segmentation]\nmasked = {}",

@@ -1,13 +1,14 @@
-//! How sure a disparity is, of which the network says nothing.
+//! Standard deviation of disparities, which the network does not provide.
 
 use depth::DisparityMap;
 
 use crate::settings::StereoSettings;
 
-/// Differences of both ways are averaged over this many pixels each way.
+/// Radius of the window over which left-right differences are averaged, px.
 const REACH: usize = 4;
 
-/// Disparities with the stated sigma. Absent is what the right picture does not show, and what is not finite.
+/// Disparities with the configured sigma. Those that are not finite or lie outside the right image
+/// are absent.
 pub(crate) fn constant_sigma(
     width: usize,
     disparity: Vec<f32>,
@@ -25,11 +26,12 @@ pub(crate) fn constant_sigma(
     map
 }
 
-/// Disparities of the left picture, checked against those of the right one.
+/// Left-right check: disparities of the left image, compared with those of the right one.
 ///
-/// Absent is moreover where the two differ by more than [`StereoSettings::apart_px`]. If the errors of both were independent and alike,
-/// the variance of their difference would be twice that of one; the mean over the surroundings tells it. What both ways get wrong
-/// alike does not show; [`StereoSettings::sigma_px`] stands for that.
+/// A disparity is also absent where the two differ by more than [`StereoSettings::apart_px`]. If
+/// the errors of both are independent with equal variance, the variance of their difference is
+/// twice that of one; it is estimated as the mean over a window. Errors common to both directions
+/// do not show in the difference; [`StereoSettings::sigma_px`] covers them.
 pub(crate) fn left_right_check(
     width: usize,
     left: Vec<f32>,
@@ -67,13 +69,13 @@ fn map(width: usize, disparity: Vec<f32>) -> DisparityMap {
     }
 }
 
-/// Where a point is in its row of the right picture; none outside of it.
+/// Column of the matching point in the right image; `None` outside the image.
 fn right_column(width: usize, x: usize, disparity: f32) -> Option<f32> {
     let column = x as f32 - disparity;
     (column >= 0.0 && column <= (width - 1) as f32).then_some(column)
 }
 
-/// Between the two nearest of a row.
+/// Linear interpolation in a row.
 fn interpolate(row: &[f32], column: f32) -> f32 {
     let before = column as usize;
     let part = column - before as f32;
@@ -83,7 +85,8 @@ fn interpolate(row: &[f32], column: f32) -> f32 {
     row[before] * (1.0 - part) + row[before + 1] * part
 }
 
-/// Mean of what there is around a pixel, which is itself there.
+/// Mean of the values that are present in the window around a pixel. The value of the pixel itself
+/// must be present.
 fn mean_around(values: &[f32], width: usize, at: usize) -> f32 {
     let height = values.len() / width;
     let (x, y) = (at % width, at / width);
@@ -113,7 +116,7 @@ mod tests {
     }
 
     #[test]
-    fn what_the_right_picture_does_not_show_is_absent() {
+    fn disparity_outside_the_right_image_is_absent() {
         let map = constant_sigma(
             4,
             vec![1.0, 1.0, f32::INFINITY, -0.5, 0.0, f32::NAN, 0.0, -0.5],
@@ -135,12 +138,13 @@ mod tests {
     }
 
     #[test]
-    fn both_ways_must_agree() {
-        // A wall at 2 px before one at 1 px; the right one of the row is 2, 2, 1, 1, 1, 1.
+    fn left_right_difference_above_the_limit_is_absent() {
+        // A wall at 2 px in front of one at 1 px; the exact right row would be 2, 2, 1, 1, 1, 1.
         let left = vec![f32::NAN, 1.0, 2.0, 2.0, 1.0, 1.0];
         let right = [2.0, 2.0, 4.0, 1.4, 1.0, 1.0];
         let map = left_right_check(6, left, &right, &settings());
-        // At 4 the right picture says 1.4 at 3, at 5 it says 1.0 at 4; at 1 it says 2.0 at 0, which is within the limit.
+        // Column 4 maps to 3, where the right value is 1.4; column 5 maps to 4, with 1.0; column 1
+        // maps to 0, with 2.0, which is within the limit.
         let present: Vec<bool> = map.disparity.iter().map(|d| !d.is_nan()).collect();
         assert_eq!(present, [false, true, true, true, true, true]);
         let mean = (1.0 + 0.0 + 0.0 + 0.16 + 0.0) / 5.0;
@@ -157,8 +161,9 @@ mod tests {
     }
 
     #[test]
-    fn a_slope_is_read_between_pixels() {
-        // Left says 0.5 + 0.5 x, so that x is seen at 0.5 x - 0.5, where the right one must say 1 + x'.
+    fn right_disparity_is_interpolated_on_a_slope() {
+        // The left disparity is 0.5 + 0.5 x, so that x maps to x' = 0.5 x - 0.5, where the right
+        // disparity must be 1 + x'.
         let left: Vec<f32> = (0..8).map(|x| 0.5 + 0.5 * x as f32).collect();
         let right: Vec<f32> = (0..8).map(|x| 1.0 + x as f32).collect();
         let map = left_right_check(8, left, &right, &settings());

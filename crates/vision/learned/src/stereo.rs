@@ -1,4 +1,4 @@
-//! A network that takes a rectified pair and gives disparities.
+//! Stereo network: from a rectified pair to disparities.
 
 use std::path::Path;
 
@@ -16,7 +16,7 @@ use crate::sigma;
 
 const EXPECTED: &str = "f32 of [1, 1, rows, columns] or [1, rows, columns], as large as the inputs";
 
-/// A stereo network, opened and checked.
+/// A stereo network with validated inputs and output.
 #[derive(Debug)]
 pub struct StereoNetwork {
     network: Network,
@@ -27,7 +27,8 @@ pub struct StereoNetwork {
 }
 
 impl StereoNetwork {
-    /// Opens the network of a file, with the settings of the file beside it that ends in `.toml` instead of `.onnx`.
+    /// Opens the network of a file, with the settings of the file beside it that has the extension
+    /// `.toml` instead of `.onnx`.
     ///
     /// # Errors
     /// [`LearnedError::Read`], [`LearnedError::Model`], [`LearnedError::Toml`], [`LearnedError::Settings`],
@@ -79,20 +80,23 @@ impl StereoNetwork {
         })
     }
 
-    /// BLAKE3 of the network's file and its settings, hexadecimal: another one may give other disparities.
+    /// BLAKE3 of the file of the network and its settings, hexadecimal. A different hash may mean
+    /// different disparities.
     pub fn hash(&self) -> &str {
         self.network.hash()
     }
 
-    /// What the file beside the network says.
+    /// Settings from the file beside the network.
     pub fn settings(&self) -> &StereoSettings {
         &self.settings
     }
 
-    /// Disparities of the left picture of a rectified pair, and their sigmas as `docs/learned.md` tells.
+    /// Disparities of the left image of a rectified pair, with sigmas as described in
+    /// `docs/learned.md`.
     ///
     /// # Errors
-    /// [`LearnedError::Image`], [`LearnedError::Run`], and [`LearnedError::Tensor`] for an answer of another size.
+    /// [`LearnedError::Image`], [`LearnedError::Run`], and [`LearnedError::Tensor`] if the output
+    /// has another size.
     pub fn run(
         &mut self,
         left: &ImageView<'_>,
@@ -101,8 +105,8 @@ impl StereoNetwork {
         let size = |p: &ImageView<'_>| format!("{} x {} pixels", p.width(), p.height());
         if [left.width(), left.height()] != [right.width(), right.height()] {
             return Err(LearnedError::Image {
-                found: format!("a right one of {}", size(right)),
-                expected: format!("{} as the left one", size(left)),
+                found: format!("a right image of {}", size(right)),
+                expected: format!("{} as for the left image", size(left)),
             });
         }
         let width = left.width();
@@ -110,7 +114,7 @@ impl StereoNetwork {
         if !self.settings.both_ways {
             return Ok(sigma::constant_sigma(width, found, &self.settings));
         }
-        // In a mirror, the right picture is the left one of a pair.
+        // Mirrored, the right image is the left image of a pair.
         let mut right_to_left = self.one_way(&right.mirrored(), &left.mirrored())?;
         right_to_left
             .chunks_exact_mut(width)
@@ -123,7 +127,7 @@ impl StereoNetwork {
         ))
     }
 
-    /// Disparities as they come, px.
+    /// Disparities of one direction without a check, px.
     fn one_way(
         &mut self,
         left: &ImageView<'_>,

@@ -1,35 +1,36 @@
-//! How much work is done.
+//! Configuration and presets of the estimator.
 
-/// Points on the curve of error against time; `cargo xtask bench odometry` draws it.
+/// Presets between speed and accuracy; `cargo xtask bench odometry` measures both.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Preset {
-    /// Least time.
+    /// Fastest.
     Fast,
-    /// The knee of the curve.
+    /// The knee of the curve of error against time.
     Balanced,
-    /// Least error.
+    /// Most accurate.
     Accurate,
 }
 
-/// Settings of odometry.
+/// Configuration of the estimator.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Config {
-    /// Corners followed in each camera.
+    /// Maximum number of features tracked per camera. Compare OpenVINS `num_pts`.
     pub max_features: usize,
-    /// Frames in the window.
+    /// Number of frames in the sliding window. Compare OpenVINS `max_clones`.
     pub window_size: usize,
-    /// Linearisations for a keyframe.
+    /// Maximum number of solver iterations for a keyframe.
     pub max_iterations: usize,
-    /// Whether the whole window is solved for every frame set, not for keyframes alone.
+    /// Whether the whole window is optimized for every frame set, and not for keyframes only.
     pub optimize_every_frame: bool,
-    /// Movement of corners, beyond that of turning, from one keyframe to the next, px in a picture 672 wide.
+    /// Median parallax of features, rotation removed, from one keyframe to the next, px in an image
+    /// 672 px wide.
     pub keyframe_parallax_px: f64,
-    /// Standard deviation of a corner's place, px.
+    /// Standard deviation of an observation, px.
     pub observation_sigma_px: f64,
 }
 
 impl Config {
-    /// Those of a preset.
+    /// Configuration of a preset.
     pub fn preset(preset: Preset) -> Self {
         let balanced = Self {
             max_features: 110,

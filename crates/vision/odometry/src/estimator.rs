@@ -1,9 +1,10 @@
-//! Poses as they become known: the causal estimator.
+//! Causal estimator: sliding-window visual-inertial odometry.
 //!
-//! Contract: [`Odometry::add_imu`] takes samples in order of time, [`Odometry::add_frames`] frame sets in order of time, after
-//! the samples up to their time (what comes later is used for what comes later). Each set gives one [`Estimate`] that
-//! depends on what came before it alone. A set whose pictures show too little is carried by the IMU while its sigma stays
-//! small; a pose that nothing supports is called lost, and its covariance says how much.
+//! Contract: [`Odometry::add_imu`] takes samples in order of time, [`Odometry::add_frames`] frame
+//! sets in order of time, after the samples up to their time (later samples are used for later
+//! sets). Each set gives one [`Estimate`] that depends on earlier input only. If the images of a
+//! set have too few inliers, the IMU propagates the pose while its sigma is small. A pose without
+//! support is lost, and its covariance states its uncertainty.
 
 use std::collections::BTreeMap;
 
@@ -42,47 +43,49 @@ mod tests;
 use keyframes::finish_keyframe;
 use outliers::count_inliers;
 
-/// Frame sets in the beginning for which everything is solved: biases and tilt are still to be found.
+/// Number of initial frame sets for which the whole window is optimized: biases and tilt are not
+/// yet known.
 const INITIAL_FRAMES: u64 = 12;
-/// Sights that a pose needs, and their share of all.
+/// Minimum number of inliers of a tracked pose, and their minimum fraction of all observations.
 const MIN_INLIERS: usize = 12;
 const MIN_INLIER_RATIO: f64 = 0.3;
-/// Share of the turn of a camera that was moved by which poses may be turned: it is one of several, and sigmas are told larger
-/// than this.
+/// Sigma of the rotation added to poses after a camera shift, as a fraction of the rotation of the
+/// camera: the camera is one of several, and reported sigmas are larger than this.
 const CAMERA_SHIFT_SIGMA_RATIO: f64 = 0.1;
-/// Sigma of a position along its worst direction from which it is no longer known: m, and share of the distance from the
-/// start.
+/// Position sigma along the worst direction above which a pose is lost: m, plus a fraction of the
+/// distance from the start.
 const LOST_SIGMA_M: f64 = 0.5;
 const LOST_SIGMA_PER_METRE: f64 = 0.02;
 
-/// How a pose is known.
+/// Status of a pose.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Status {
-    /// Cameras saw enough.
+    /// Enough inliers in the images.
     Tracked,
-    /// The IMU alone, or very few sights.
+    /// Propagated by the IMU, or with very few inliers.
     DeadReckoned,
-    /// Nothing supports it.
+    /// Without support.
     Lost,
 }
 
-/// One pose.
+/// Estimate of one frame set.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Estimate {
-    /// Of the frame set, ns.
+    /// Time of the frame set, ns.
     pub time_ns: i64,
-    /// The world has z up, and its origin and heading are those of the first pose: of the first IMU where one is used, of the rig
-    /// where there is none.
+    /// Pose of the rig. The world has z up, and its origin and heading are those of the first pose:
+    /// of the first IMU if there is one, else of the rig.
     pub world_from_rig: RigidTransform,
-    /// Of a small motion of the rig in its own axes against the first pose: shift m, turn rad.
+    /// Covariance of a small motion of the rig in its own axes relative to the first pose:
+    /// translation m, rotation rad.
     pub covariance: Matrix6<f64>,
-    /// Of the rig's origin in the world, m/s.
+    /// Velocity of the origin of the rig in the world, m/s.
     pub velocity: Vector3<f64>,
-    /// How it is known.
+    /// Status of the pose.
     pub status: Status,
-    /// Sights that agree.
+    /// Number of inlier observations.
     pub inliers: usize,
-    /// Whether it is a keyframe.
+    /// Whether the frame set became a keyframe.
     pub is_keyframe: bool,
     /// Bias of the gyroscope in use, rad/s.
     pub gyro_bias: Vector3<f64>,
@@ -90,39 +93,39 @@ pub struct Estimate {
     pub accel_bias: Vector3<f64>,
 }
 
-/// See the module.
+/// Visual-inertial odometry of one rig.
 pub struct Odometry {
     config: Config,
     cameras: Vec<Camera>,
     body_from_rig: RigidTransform,
     imu: Option<ImuPropagator>,
     trackers: Vec<Tracker>,
-    /// What each camera's left eye showed last that was new.
+    /// Detectors of stale images, one per camera, with its last fresh left image.
     stale_detectors: Vec<Option<StaleImageDetector>>,
     window: Option<Window>,
     /// Whether the newest frame of the window is a keyframe.
     newest_is_keyframe: bool,
-    /// Covariance of the last keyframe's state.
+    /// Covariance of the state of the last keyframe.
     keyframe_covariance: SMatrix<f64, STATE_DIM, STATE_DIM>,
     last: Option<State>,
-    /// Whether the way is lost until the window has begun anew.
+    /// Whether tracking is lost, until the window is reinitialized.
     is_lost: bool,
-    /// What is in doubt beyond what the window says.
+    /// Uncertainties of earlier resets that the covariance of the window does not contain.
     unmodeled: Vec<ResetUncertainty>,
     camera_shifts: Vec<CameraShift>,
-    /// Length of the way from keyframe to keyframe, m.
+    /// Path length over keyframes, m.
     path_length_m: f64,
     number: u64,
     next_track: u64,
-    /// Corners of the last keyframe: camera, number, ray then.
+    /// Features of the last keyframe: camera, track id, ray.
     reference: Vec<(usize, u64, Vector3<f64>)>,
-    /// Keyframes that are still in the window, and those that have left it.
+    /// Keyframes still in the window, and finished ones that have left it.
     pending: BTreeMap<u64, Keyframe>,
     ready: Vec<Keyframe>,
 }
 
 impl Odometry {
-    /// For a rig.
+    /// Creates the estimator of a rig.
     pub fn new(rig: &Rig, config: Config) -> Self {
         let (cameras, body_from_rig, imu) = ImuPropagator::of(rig);
         Self {
@@ -148,14 +151,14 @@ impl Odometry {
         }
     }
 
-    /// Takes a sample of an IMU, given by its place in the rig.
+    /// Adds a sample of the IMU with this index in the rig.
     pub fn add_imu(&mut self, imu: usize, sample: &ImuSample) {
         if let Some(own) = self.imu.as_mut().filter(|own| own.index == imu) {
             own.samples.push(sample, own.range);
         }
     }
 
-    /// Takes a frame set.
+    /// Adds a frame set and estimates its pose.
     pub fn add_frames(&mut self, set: &FrameSet<'_>) -> Estimate {
         let time_ns = set.time_ns;
         self.number += 1;
@@ -184,7 +187,7 @@ impl Odometry {
             window.drop_newest();
         }
         let (motion, guess) = self.predict(&window, time_ns);
-        // Corners are expected where the last pose, whether or not it stays, and the guess put them.
+        // Features are predicted from the last pose, keyframe or not, and the predicted pose.
         let last = self.last.unwrap_or(window.newest().state);
         self.track(pyramids, (&last, &guess), &exposure_offset_s);
         window.frames.push(Frame {
@@ -207,7 +210,7 @@ impl Odometry {
         let is_tracked = is_enough && !self.is_lost;
         let mut is_connected = true;
         if !is_tracked {
-            // A few that agree by chance would be believed: the frame goes by what was felt.
+            // A few accidental inliers would be accepted: the pose follows the IMU prediction.
             is_connected = self.discard_newest(&mut window, guess);
             information = refine_newest(&mut window, &self.keyframe_covariance, 1);
         }
@@ -250,17 +253,17 @@ impl Odometry {
         }
         let mut state = window.newest().state;
         if self.gyro_rate(time_ns).is_none() {
-            // A body without a gyroscope goes on as it went.
+            // Without a gyroscope the angular rate is assumed constant.
             let seconds = (state.time_ns - last.time_ns) as f64 * 1e-9;
-            let turned = crate::so3::log(&(last.rotation.inverse() * state.rotation));
-            state.gyro_rate = turned / seconds.max(1e-3) + state.gyro_bias;
+            let rotation_change = crate::so3::log(&(last.rotation.inverse() * state.rotation));
+            state.gyro_rate = rotation_change / seconds.max(1e-3) + state.gyro_bias;
             if let Some(newest) = window.frames.last_mut() {
                 newest.state.gyro_rate = state.gyro_rate;
             }
         }
         self.last = Some(state);
         if let (Some(imu), Some(first)) = (&mut self.imu, window.frames.last()) {
-            // The window integrates anew from its last keyframe.
+            // The window preintegrates again from its last keyframe.
             let from = if self.newest_is_keyframe {
                 first.state.time_ns
             } else {
@@ -273,7 +276,8 @@ impl Odometry {
         estimate
     }
 
-    /// Follows all corners into new pictures, from where the body was to where it is taken to be.
+    /// Tracks all features into new images. The predictions follow from the last and the predicted
+    /// state.
     fn track(
         &mut self,
         pyramids: Vec<Option<(Pyramid, Pyramid)>>,
@@ -314,7 +318,7 @@ impl Odometry {
         }
     }
 
-    /// The first frame set.
+    /// Initializes the window with the first frame set.
     fn initialize(
         &mut self,
         time_ns: i64,
@@ -323,7 +327,8 @@ impl Odometry {
     ) -> Estimate {
         let mut readings = Vec::new();
         if let Some(imu) = &self.imu {
-            // What was heard without a gap up to now; a single reading tells nothing of rest, but roughly where up is.
+            // Samples without a gap up to now. A single sample does not prove rest, but roughly
+            // gives the vertical.
             let since = imu.samples.continuous_since(time_ns).unwrap_or(time_ns);
             if since < time_ns {
                 let from = since.max(time_ns - INITIALIZATION_WINDOW_NS);
@@ -364,7 +369,7 @@ impl Odometry {
         estimate
     }
 
-    /// A window of the newest frame alone. Its place and heading are known, by definition.
+    /// A window of the newest frame alone. A prior fixes the gauge: its position and heading.
     fn window_of(&self, state: State, sigmas: &[f64; STATE_DIM]) -> Window {
         let mut prior = Prior::of(self.number, state, sigmas);
         let up = state.rotation.inverse() * Vector3::z();
@@ -386,8 +391,9 @@ impl Odometry {
         }
     }
 
-    /// The newest frame begins a window of its own, once enough is seen and felt; see [`anew`]. `covariance` is that of its pose
-    /// in the window so far, which nothing that it sees is tied to.
+    /// Starts a new window at the newest frame as soon as there are enough landmarks and IMU
+    /// samples; see [`reinitialization`]. `covariance` is that of its pose in the previous window,
+    /// to which none of its observations is connected.
     fn reinitialize(&mut self, window: &mut Window, covariance: &Matrix6<f64>) {
         let guess = window.newest().state;
         let mut readings = Vec::new();
@@ -409,7 +415,7 @@ impl Odometry {
             return;
         }
         let covariance = self.with_unmodeled(&guess, *covariance);
-        let (state, sigmas, doubt) =
+        let (state, sigmas, uncertainty) =
             reinitialization::reinitialize(&guess, &covariance, &readings, self.imu.is_some());
         for frame in &window.frames[..window.frames.len() - 1] {
             self.ready.extend(finish_keyframe(&mut self.pending, frame));
@@ -417,19 +423,19 @@ impl Odometry {
         if let Some(keyframe) = self.pending.get_mut(&self.number) {
             keyframe.state = (&state).into();
         }
-        // All landmarks are the newest frame's own.
+        // All landmarks are hosted by the newest frame.
         let landmarks = std::mem::take(&mut window.landmarks);
         *window = Window {
             landmarks,
             ..self.window_of(state, &sigmas)
         };
         self.keyframe_covariance = window.prior.covariance();
-        // What was in doubt before is in this one.
-        self.unmodeled = vec![doubt];
+        // The new uncertainty includes the previous ones.
+        self.unmodeled = vec![uncertainty];
         self.is_lost = false;
     }
 
-    /// A covariance of a pose in the window with what was in doubt when the window began.
+    /// Adds the uncertainty of resets to the covariance of a pose in the window.
     fn with_unmodeled(&self, state: &State, covariance: Matrix6<f64>) -> Matrix6<f64> {
         let each = self
             .unmodeled
@@ -438,7 +444,7 @@ impl Odometry {
         each.fold(covariance, |sum, more| sum + more)
     }
 
-    /// What lies between the newest frame of the window and now, and where that puts the body.
+    /// Motion factor from the newest frame of the window to `time_ns`, and the predicted state.
     fn predict(&self, window: &Window, time_ns: i64) -> (MotionFactor, State) {
         let from = &window.newest().state;
         let seconds = (time_ns - from.time_ns) as f64 * 1e-9;
@@ -475,18 +481,18 @@ impl Odometry {
         (motion, guess)
     }
 
-    /// The rate that the gyroscope reads at a time, rad/s; none where it is silent or at its end.
+    /// Gyroscope measurement at a time, rad/s; `None` if it is missing or saturated.
     fn gyro_rate(&self, time_ns: i64) -> Option<Vector3<f64>> {
         let (reading, is_near) = self.imu.as_ref()?.samples.at(time_ns)?;
         (is_near && !reading.saturated).then_some(reading.gyro)
     }
 
-    /// How it turned last, about its own axes, rad/s.
+    /// Last angular rate in the body frame, rad/s.
     fn rate(&self) -> Vector3<f64> {
         self.last.as_ref().map_or(Vector3::zeros(), State::rate)
     }
 
-    /// Enters what the newest frame sees of landmarks.
+    /// Adds the observations of landmarks in the newest frame to the window.
     fn match_in_new_frames(&self, window: &mut Window, exposure_offset_s: &[f64]) {
         for (k, tracker) in self.trackers.iter().enumerate() {
             for track in &tracker.tracks {
@@ -513,12 +519,12 @@ impl Odometry {
         let status = if is_tracked {
             Status::Tracked
         } else {
-            let unsure = covariance
+            let max_variance = covariance
                 .fixed_view::<3, 3>(0, 0)
                 .symmetric_eigenvalues()
                 .amax();
             let is_near =
-                unsure.sqrt() < LOST_SIGMA_M + LOST_SIGMA_PER_METRE * state.position.norm();
+                max_variance.sqrt() < LOST_SIGMA_M + LOST_SIGMA_PER_METRE * state.position.norm();
             if is_near && !self.is_lost {
                 Status::DeadReckoned
             } else {
@@ -544,23 +550,24 @@ impl Odometry {
         }
     }
 
-    /// Cameras that were moved on their plate, as it seemed when it happened, in order of time.
+    /// Detected camera shifts, in order of time, as estimated when they happened.
     pub fn camera_shifts(&self) -> &[CameraShift] {
         &self.camera_shifts
     }
 
-    /// What is followed now in one camera's left picture: number and place, for pictures of how it goes.
+    /// Currently tracked features in the left image of one camera: id and position, px, for
+    /// display.
     pub fn tracked_features(&self, camera: usize) -> Vec<(u64, [f32; 2])> {
         let tracks = &self.trackers[camera].tracks;
         tracks.iter().map(|t: &Track| (t.id, t.at)).collect()
     }
 }
 
-/// World from left eye.
-fn world_from_left(camera: &Camera, placed: &CameraPose) -> (Matrix3<f64>, Vector3<f64>) {
+/// World from left optical frame.
+fn world_from_left(camera: &Camera, pose: &CameraPose) -> (Matrix3<f64>, Vector3<f64>) {
     let (rotation, arm) = &camera.body_from_left;
     (
-        placed.rotation * rotation,
-        placed.position + placed.rotation * arm,
+        pose.rotation * rotation,
+        pose.position + pose.rotation * arm,
     )
 }

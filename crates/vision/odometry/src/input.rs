@@ -1,36 +1,37 @@
-//! What odometry is fed with.
+//! Input of the estimator: frame sets and IMU samples.
 
 use calib::verify::ImageView;
 
-/// The pictures of one instant, one entry for each camera of the rig, in its order; `None` where a camera has none.
+/// Frame set: the frames of one instant, one entry per camera in the order of the rig; `None` if a
+/// camera has no frame.
 #[derive(Clone, Debug)]
 pub struct FrameSet<'a> {
-    /// Time of the set, ns. The pose is asked for at this time.
+    /// Time of the set, ns. The pose is estimated at this time.
     pub time_ns: i64,
-    /// The pictures.
+    /// Frames of the cameras.
     pub views: Vec<Option<View<'a>>>,
 }
 
-/// The stereo picture of one camera.
+/// Stereo frame of one camera.
 #[derive(Clone, Copy, Debug)]
 pub struct View<'a> {
-    /// Middle of the exposure of the middle row, ns; may differ from the set's.
+    /// Mid-exposure of the middle row, ns; may differ from the time of the set.
     pub time_ns: i64,
-    /// Left eye.
+    /// Left image.
     pub left: ImageView<'a>,
-    /// Right eye.
+    /// Right image.
     pub right: ImageView<'a>,
-    /// Which pixels of the left eye's picture may be followed, rows first: 0 may not, since something moves there. None for all:
-    /// what moves is found out by its going elsewhere, too.
+    /// Mask of the left image, row-major: features are not tracked at 0, since the image moves
+    /// there. `None` for all pixels: moving features are also rejected as outliers.
     pub mask: Option<&'a [u8]>,
 }
 
-/// One reading of an IMU, in its own frame.
+/// One IMU sample, in the frame of the IMU.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct ImuSample {
     /// Time, ns.
     pub time_ns: i64,
-    /// Turn rate, rad/s.
+    /// Angular rate, rad/s.
     pub gyro: [f64; 3],
     /// Specific force, m/s².
     pub accel: [f64; 3],

@@ -1,28 +1,28 @@
-//! What odometry keeps of a keyframe for everything that comes after it.
+//! Keyframe: the data of a frame that later stages need.
 //!
-//! Plain numbers, so that they can be written down and read again: corners that were followed through it, and corners that are
-//! easy to find again with a description of how they look. A keyframe takes some 40 kB for three cameras.
+//! Plain numbers, so that they can be stored and read back: observations of tracked features, and
+//! keypoints with descriptors for loop closure. A keyframe takes about 40 kB for three cameras.
 
 use nalgebra::{UnitQuaternion, Vector3};
 
 use crate::backend::state::State;
 
-/// The state of the body; see [`crate::estimator`].
+/// State of the body; see [`crate::estimator`].
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct BodyState {
-    /// ns.
+    /// Time, ns.
     pub time_ns: i64,
-    /// In the world, m.
+    /// Position in the world, m.
     pub position: Vector3<f64>,
-    /// World from body.
+    /// Orientation: world from body.
     pub rotation: UnitQuaternion<f64>,
-    /// In the world, m/s.
+    /// Velocity in the world, m/s.
     pub velocity: Vector3<f64>,
-    /// rad/s.
+    /// Gyroscope bias, rad/s.
     pub gyro_bias: Vector3<f64>,
-    /// m/s².
+    /// Accelerometer bias, m/s².
     pub accel_bias: Vector3<f64>,
-    /// Rate of the body about its own axes as the gyroscope read it, rad/s.
+    /// Angular rate in the body frame as measured by the gyroscope, bias included, rad/s.
     pub gyro_rate: Vector3<f64>,
 }
 
@@ -54,45 +54,46 @@ impl From<&BodyState> for State {
     }
 }
 
-/// See the module.
+/// A keyframe of the estimator.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Keyframe {
     /// Number of the frame set, from 1.
     pub number: u64,
-    /// As the window saw it last.
+    /// Last estimate of the sliding window.
     pub state: BodyState,
-    /// Whether what the IMU felt since the keyframe before was believed: nothing was missing, and it went with what was seen.
+    /// Whether the IMU samples since the previous keyframe were used: none was missing, and they
+    /// agreed with the images.
     pub imu_valid: bool,
-    /// How much later than the state each camera's middle row was exposed, s; 0 where it has no picture.
+    /// Exposure offset of the middle row of each camera against the state, s; 0 without a frame.
     pub exposure_offset_s: Vec<f64>,
-    /// Corners that were followed through it.
+    /// Observations of tracked features.
     pub observations: Vec<StereoObservation>,
-    /// Corners to find it again by.
+    /// Keypoints for loop closure.
     pub keypoints: Vec<Keypoint>,
 }
 
-/// A corner that was followed.
+/// Observation of a tracked feature in a stereo frame.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct StereoObservation {
-    /// The same in every keyframe that saw it.
+    /// Track id, the same in every keyframe that observed the feature.
     pub id: u64,
-    /// Place of the camera in the rig.
+    /// Index of the camera in the rig.
     pub camera: u8,
-    /// In the left picture, px.
+    /// Position in the left image, px.
     pub left: [f32; 2],
-    /// In the right one, where it was found.
+    /// Position in the right image, px, if matched.
     pub right: Option<[f32; 2]>,
 }
 
-/// A corner to find again.
+/// Keypoint for loop closure.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Keypoint {
-    /// Place of the camera in the rig.
+    /// Index of the camera in the rig.
     pub camera: u8,
-    /// In the left picture, px.
+    /// Position in the left image, px.
     pub left: [f32; 2],
-    /// Inverse range from the left eye, 1/m; 0 where the eyes do not tell.
+    /// Inverse range from the left camera, 1/m; 0 if stereo does not determine it.
     pub rho: f32,
-    /// How it looks: 256 comparisons of grey levels around it, upright as the picture is.
+    /// BRIEF descriptor: 256 comparisons of gray levels, without rotation invariance.
     pub descriptor: [u64; 4],
 }

@@ -1,21 +1,23 @@
-//! Stereo pictures and IMU samples of a rig in; where the rig was, and how sure that is, out.
+//! Visual-inertial odometry: from stereo images and IMU samples of a rig to its poses with
+//! covariances.
 //!
 //! ```text
-//!  pictures ──► tracks ──► window ──► causal poses          (front end: pyramid, corners, follow, tracker)
-//!  IMU ──► preintegrated ──┘    │                           (back end: window, solve, marginal)
-//!                               └──► keyframes ──► loops ──► adjusted poses
+//!  images ──► tracks ──────► window ──► causal poses        (frontend: pyramid, detector, klt, tracker)
+//!  IMU ──► preintegrated ──┘    │                           (backend: window, solver, marginalization)
+//!                               └──► keyframes ──► loop closures ──► refined poses
 //! ```
 //!
-//! - [`rig`]: what is known of the rig: stereo cameras, IMUs, where they sit.
-//! - [`input`]: frame sets, as they come.
-//! - [`odometry`]: poses as they become known; each depends on what came before it alone.
-//! - [`mapping`]: the whole session at once, when it is over.
+//! - [`rig`]: stereo cameras and IMUs of the rig with their nominal calibration.
+//! - [`input`]: frame sets and IMU samples.
+//! - [`estimator`]: causal poses; each depends on earlier input only.
+//! - [`mapping`]: bundle adjustment of the whole session after its end.
 //!
-//! Contract. *Early*: the first pose comes with the first frame set that shows anything; until gravity has been
-//! felt its tilt is uncertain and its covariance says so. *Late*: frame sets come in order of time; a camera's
-//! pictures may be earlier or later than their set by half a frame. *At a gap* of pictures the IMU carries on, as long
-//! as it is sure; at one of the IMU pictures do. *On failure*: a pose that is not known is given as lost; every one
-//! carries a covariance and a status. Same input, same bytes, on any number of threads.
+//! Contract. *Early*: the first pose comes with the first usable frame set; until gravity has been
+//! measured its tilt is uncertain and its covariance states it. *Late*: frame sets are in order of
+//! time; the frames of a camera may be earlier or later than their set by half a frame interval.
+//! *Gap*: without images the IMU alone propagates the pose while its uncertainty is small; without
+//! IMU samples the images alone estimate it. *Failure*: an unknown pose is reported as lost; every
+//! pose has a covariance and a status. Same input, same bytes, on any number of threads.
 //!
 //! This crate knows nothing of sessions, files, or devices.
 

@@ -1,9 +1,11 @@
-//! The whole session at once: all keyframes, all that they saw, what the IMU felt between them, and places seen again.
+//! Mapping of a whole session: keyframes, their observations, preintegrated IMU motion and loop
+//! closures.
 //!
-//! Contract. [`Mapping`] is fed with samples and keyframes in order of time, as odometry gave them, and solved once. Poses come
-//! out for every keyframe, in the world of the first; [`interpolate_poses`] carries the frame sets between keyframes along. It is no
-//! part of causal results: a pose depends on everything that came later. Memory grows with the session: some 40 kB for each keyframe,
-//! and ten times as much while it is solved. Same input, same bytes, on any number of threads.
+//! Contract. [`Mapping`] takes samples and keyframes of the estimator in order of time, and is
+//! solved once. It gives a pose for every keyframe, in the world of the first one;
+//! [`interpolate_poses`] corrects the frame sets between keyframes. The result is not causal: a
+//! pose depends on all later input. Memory grows with the session: about 40 kB per keyframe, and
+//! ten times that while solving. Same input, same bytes, on any number of threads.
 
 use std::collections::BTreeMap;
 
@@ -31,66 +33,69 @@ mod loop_closure;
 pub use bundle_adjustment::Progress;
 pub use connectivity::Connectivity;
 
-/// Landmarks that fewer keyframes saw tell nothing that the window did not.
+/// Minimum number of keyframes that observe a landmark; with fewer it adds no information to that
+/// of the window.
 const MIN_OBSERVATIONS: usize = 2;
 
-/// A keyframe's pose with everything known.
+/// Pose of a keyframe after bundle adjustment.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct RefinedPose {
     /// Number of the frame set.
     pub number: u64,
-    /// ns.
+    /// Time, ns.
     pub time_ns: i64,
-    /// In the world of the first pose.
+    /// Pose in the world of the first one.
     pub world_from_rig: RigidTransform,
-    /// Of a small motion of the rig in its own axes against the first pose: shift m, turn rad. Too little where the way broke
-    /// in between, see [`Connectivity`].
+    /// Covariance of a small motion of the rig in its own axes relative to the first pose:
+    /// translation m, rotation rad. It is too small after a tracking loss, see [`Connectivity`].
     pub covariance: Matrix6<f64>,
 }
 
-/// Two keyframes that show the same place.
+/// Loop closure between two keyframes that observe the same place.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct LoopClosure {
     /// Numbers of the frame sets, the earlier one first.
     pub frames: [u64; 2],
-    /// Marks that agree.
+    /// Number of inlier keypoint matches.
     pub inliers: usize,
-    /// How far the poses were from closing it before they were adjusted, m and rad.
+    /// Error of the loop closure before bundle adjustment, m and rad.
     pub initial_error: [f64; 2],
 }
 
-/// What came out.
+/// Result of mapping.
 #[derive(Clone, Debug)]
 pub struct Refined {
-    /// One for each keyframe.
+    /// Poses, one per keyframe.
     pub poses: Vec<RefinedPose>,
-    /// The places seen again that were used.
+    /// Loop closures that were used.
     pub loop_closures: Vec<LoopClosure>,
-    /// Linearisations.
+    /// Number of solver iterations.
     pub iterations: usize,
-    /// Whether the last ones changed next to nothing. If not, neither poses nor mounts are as good as their covariances say.
+    /// Whether the solver converged. If not, poses and extrinsics are less accurate than their
+    /// covariances state.
     pub is_converged: bool,
-    /// Landmarks.
+    /// Number of landmarks.
     pub landmarks: usize,
-    /// Where cameras were found to sit, one for each of the rig.
+    /// Estimated extrinsics, one per camera of the rig.
     pub extrinsics: Vec<RefinedExtrinsics>,
 }
 
-/// Where a camera was found to sit on the rig.
+/// Estimated extrinsics of a camera.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct RefinedExtrinsics {
-    /// m.
+    /// Extrinsics of the left camera, m.
     pub rig_from_left: RigidTransform,
-    /// Of a small motion of the left optical frame in its own axes: shift m, turn rad.
+    /// Covariance of a small motion of the left optical frame in its own axes: translation m,
+    /// rotation rad.
     pub covariance: Matrix6<f64>,
-    /// How far that is from where it was told to sit, m and rad.
+    /// Deviation from the nominal extrinsics, m and rad.
     pub initial_error: [f64; 2],
-    /// Whether it is turned by more than three sigmas of what was told: the camera was moved, or its calibration is another
-    /// rig's.
+    /// Whether its rotation deviates from the nominal one by more than three sigmas of the prior:
+    /// the camera was moved, or the calibration belongs to another rig.
     pub is_moved: bool,
 }
 
-/// See the module.
+/// Bundle adjustment of a session.
 pub struct Mapping {
     cameras: Vec<Camera>,
     extrinsics: Vec<ExtrinsicsPrior>,
@@ -102,7 +107,7 @@ pub struct Mapping {
 }
 
 impl Mapping {
-    /// For the rig and the settings of the odometry.
+    /// Creates the mapping of a rig, with the configuration of the estimator.
     pub fn new(rig: &Rig, config: &Config) -> Self {
         let (cameras, body_from_rig, imu) = ImuPropagator::of(rig);
         let nominal = rig.cameras.iter().zip(&cameras);
@@ -119,14 +124,14 @@ impl Mapping {
         }
     }
 
-    /// Takes a sample of an IMU, given by its place in the rig.
+    /// Adds a sample of the IMU with this index in the rig.
     pub fn add_imu(&mut self, imu: usize, sample: &ImuSample) {
         if let Some(own) = self.imu.as_mut().filter(|own| own.index == imu) {
             own.samples.push(sample, own.range);
         }
     }
 
-    /// Takes a keyframe, after the samples up to its time.
+    /// Adds a keyframe, after the samples up to its time.
     pub fn add_keyframe(&mut self, keyframe: Keyframe) {
         let to = &keyframe.state;
         let motion = self.keyframes.last().map(|from| {
@@ -154,17 +159,17 @@ impl Mapping {
         self.keyframes.push(keyframe);
     }
 
-    /// How many keyframes there are.
+    /// Number of keyframes.
     pub fn len(&self) -> usize {
         self.keyframes.len()
     }
 
-    /// Whether there is none.
+    /// Whether there are no keyframes.
     pub fn is_empty(&self) -> bool {
         self.keyframes.is_empty()
     }
 
-    /// Adjusts everything. `progress` is told what is being done.
+    /// Solves loop closure and bundle adjustment. `progress` is called with the current step.
     pub fn optimize(&self, mut progress: impl FnMut(Progress)) -> Refined {
         let Some(first) = self.keyframes.first() else {
             return Refined {
@@ -177,13 +182,15 @@ impl Mapping {
             };
         };
         let mut window = self.window(&State::from(&first.state));
-        // By causal poses and by ranges of one pair of eyes. It also takes away right sights, of far things from far on, and those are the
-        // ones that strayed longest: with ranges that fit all sights first, errors nearly double where light is bad.
+        // Outliers with respect to causal poses and stereo ranges. This also removes correct
+        // observations of distant points at the end of long tracks, which have drifted most. With
+        // ranges fitted to all observations first, errors nearly double in bad light.
         bundle_adjustment::filter_landmarks(&mut window);
         let mut found = loop_closure::find(&self.keyframes, &window, &mut progress);
-        // And from here on with the mounts of the cameras.
+        // From here on extrinsics are estimated too.
         window.extrinsics.clone_from(&self.extrinsics);
-        // A long way is far off where it closes: what loops want is believed first, and doubted when they agree as well as they can.
+        // A long path has a large closure error: loop closures are trusted at first, and get a
+        // tighter robust loss after they converged.
         let far = bundle_adjustment::optimize(&mut window, &found, 12, &mut progress);
         found
             .iter_mut()
@@ -214,7 +221,7 @@ impl Mapping {
             iterations: far.iterations + near.iterations + last.iterations,
             is_converged: last.is_converged,
             landmarks: window.landmarks.len(),
-            extrinsics: self.refined_extrinsics(&window, &covariances.mounts),
+            extrinsics: self.refined_extrinsics(&window, &covariances.extrinsics),
         }
     }
 
@@ -236,7 +243,7 @@ impl Mapping {
                 [rotation.w, rotation.i, rotation.j, rotation.k],
                 (*arm).into(),
             )
-            .expect("a mount is finite, since steps that are not are not taken");
+            .expect("extrinsics are finite, since steps that are not finite are rejected");
             RefinedExtrinsics {
                 rig_from_left: rig_from_body * body_from_left,
                 covariance: prior.inflate(covariance),
@@ -250,7 +257,7 @@ impl Mapping {
         .collect()
     }
 
-    /// Everything as a window of all keyframes.
+    /// A window of all keyframes.
     fn window(&self, first: &State) -> Window {
         let mut sigmas = initial_sigmas(self.imu.is_some());
         let is_levelled = self.motions.iter().flatten().any(|m| m.has_gravity);
@@ -294,7 +301,7 @@ impl Mapping {
         let numbers: Vec<u64> = self.keyframes.iter().map(|k| k.number).collect();
         let mut landmarks = BTreeMap::new();
         for (id, mut observations) in observations {
-            // The first that both eyes saw is the host; what was seen before is given up.
+            // The first stereo observation is the host; earlier observations are dropped.
             let Some(host) = observations.iter().position(|(_, s)| s.right.is_some()) else {
                 continue;
             };
@@ -325,28 +332,29 @@ impl Mapping {
     }
 }
 
-/// A corner is followed from picture to picture and strays from where it began: what is wrong of a place adds up, by as much from
-/// one keyframe to the next as a place is wrong by itself.
+/// Increases the sigma of later observations: a tracked feature drifts from its start, and its
+/// variance grows by that of one observation per keyframe.
 fn widen(observations: &mut [(u64, BearingObservation)], keyframes: &[u64]) {
-    let place = |number: u64| keyframes.partition_point(|k| *k < number);
-    let host = place(observations[0].0);
+    let index = |number: u64| keyframes.partition_point(|k| *k < number);
+    let host = index(observations[0].0);
     for (number, observation) in observations {
-        let age = place(*number) - host;
+        let age = index(*number) - host;
         *observation = observation.widened((1.0 + age as f64).sqrt());
     }
 }
 
-/// Poses at all times from those of keyframes that were adjusted: each frame set keeps its place between its two keyframes.
-/// `causal` are the times and poses of all frame sets, `refined` those of some of them, both rising. Before the first and behind the
-/// last keyframe a pose keeps its place to the nearest one. Keyframes that are no frame set are left out.
+/// Corrects the poses of all frame sets by those of refined keyframes: each pose is interpolated
+/// relative to its two neighboring keyframes. `causal` are the times and poses of all frame sets,
+/// `refined` those of keyframes, both ascending. Before the first and after the last keyframe a
+/// pose is fixed relative to the nearest one. Keyframes without a frame set are ignored.
 pub fn interpolate_poses(
     causal: &[(i64, RigidTransform)],
     refined: &[(i64, RigidTransform)],
 ) -> Vec<RigidTransform> {
-    let place = |time: i64| causal.binary_search_by_key(&time, |c| c.0).ok();
+    let index = |time: i64| causal.binary_search_by_key(&time, |c| c.0).ok();
     let keys: Vec<(usize, &RigidTransform)> = refined
         .iter()
-        .filter_map(|(time, pose)| Some((place(*time)?, pose)))
+        .filter_map(|(time, pose)| Some((index(*time)?, pose)))
         .collect();
     let mut out = Vec::with_capacity(causal.len());
     let mut next = 0;

@@ -1,4 +1,4 @@
-//! What is known of the rig before anything is seen.
+//! The rig with its nominal calibration.
 
 use cad_transforms::RigidTransform;
 use calib::{CameraModel, ImuNoise};
@@ -7,42 +7,43 @@ use nalgebra::Matrix6;
 /// Stereo cameras and IMUs on one rigid plate.
 #[derive(Clone, Debug)]
 pub struct Rig {
-    /// The cameras, at least one.
+    /// Stereo cameras, at least one.
     pub cameras: Vec<StereoCamera>,
-    /// The IMUs, the best first; may be none.
+    /// IMUs, the best one first; may be empty.
     pub imus: Vec<Imu>,
 }
 
 /// One stereo camera.
 #[derive(Clone, Debug)]
 pub struct StereoCamera {
-    /// For example `feet`.
+    /// Name, for example `feet`.
     pub name: String,
-    /// Lens of the left eye, unrectified.
+    /// Camera model of the left image, unrectified.
     pub left: CameraModel,
-    /// Lens of the right eye.
+    /// Camera model of the right image, unrectified.
     pub right: CameraModel,
-    /// Where the left eye sits, m.
+    /// Extrinsics of the left camera, m.
     pub rig_from_left: RigidTransform,
-    /// How far that may be off, if it is known: of a small motion of the left optical frame in its own axes, shift m and turn rad.
+    /// Covariance of the extrinsics, if known: of a small motion of the left optical frame in its
+    /// own axes, translation m and rotation rad.
     pub covariance: Option<Matrix6<f64>>,
-    /// Takes points in the left optical frame to the right one, m.
+    /// Extrinsics between the two optical frames, m.
     pub right_from_left: RigidTransform,
-    /// Time from one row's exposure to the next one's, s; 0 for a global shutter.
+    /// Readout time per row, s; 0 for a global shutter.
     pub line_s: f64,
 }
 
 /// One IMU.
 #[derive(Clone, Debug)]
 pub struct Imu {
-    /// For example `feet/imu`.
+    /// Name, for example `feet/imu`.
     pub name: String,
-    /// Where it sits, m.
+    /// Extrinsics of the IMU, m.
     pub rig_from_imu: RigidTransform,
-    /// Its noise.
+    /// Noise densities and bias random walks.
     pub noise: ImuNoise,
     /// Nominal rate, Hz.
     pub rate_hz: f64,
-    /// Largest rate and specific force that it can tell, rad/s and m/s²; infinite where not known.
+    /// Measurement range of angular rate and specific force, rad/s and m/s²; infinite if unknown.
     pub range: [f64; 2],
 }

@@ -1,24 +1,25 @@
-//! Turns as rotation vectors: exponential, logarithm and the Jacobians between them.
+//! Rotation vectors: exponential, logarithm and their Jacobians.
 //!
-//! Small turns act on the right: `R Exp(w)`. Formulas: Forster, Carlone, Dellaert and Scaramuzza, On-Manifold
-//! Preintegration for Real-Time Visual-Inertial Odometry, 2017, section III.
+//! Small rotations act on the right: `R Exp(w)`. Formulas: Forster, Carlone, Dellaert and
+//! Scaramuzza, On-Manifold Preintegration for Real-Time Visual-Inertial Odometry, 2017, section
+//! III.
 
 use nalgebra::{Matrix3, UnitQuaternion, Vector3};
 
-/// Below this angle, rad, series of second order are exact to the last bits that matter.
+/// Angle below which second-order series are sufficiently exact, rad.
 const CONVERGENCE_PX: f64 = 1e-5;
 
-/// The matrix of `w x`.
+/// Matrix of the cross product `w x`.
 pub(crate) fn cross(w: &Vector3<f64>) -> Matrix3<f64> {
     Matrix3::new(0.0, -w.z, w.y, w.z, 0.0, -w.x, -w.y, w.x, 0.0)
 }
 
-/// The turn by a rotation vector.
+/// Rotation of a rotation vector.
 pub(crate) fn exp(w: &Vector3<f64>) -> UnitQuaternion<f64> {
     UnitQuaternion::from_scaled_axis(*w)
 }
 
-/// The rotation vector of a turn, at most half a turn long.
+/// Rotation vector of a rotation, with a norm of at most π.
 pub(crate) fn log(rotation: &UnitQuaternion<f64>) -> Vector3<f64> {
     rotation.scaled_axis()
 }
@@ -52,7 +53,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn jacobians_are_those_of_differences() {
+    fn jacobians_equal_finite_differences() {
         for w in [
             Vector3::new(0.3, -0.8, 0.5),
             Vector3::new(1e-7, 2e-7, -1e-7),

@@ -1,11 +1,11 @@
-//! Made-up parts of rigs for tests.
+//! Synthetic rig parts for tests.
 
 use cad_transforms::RigidTransform;
 use calib::{CameraModel, Distortion, ImuNoise};
 
 use crate::rig::{Imu, StereoCamera};
 
-/// Columns and rows of [`stereo`].
+/// Image size of [`stereo`]: columns and rows.
 pub(crate) const SIZE_PX: [usize; 2] = [160, 120];
 
 /// A small stereo camera without distortion at the rig's origin.
@@ -31,7 +31,7 @@ pub(crate) fn stereo(baseline_m: f64) -> StereoCamera {
     }
 }
 
-/// An IMU at the rig's origin that tells whatever happens, at 100 Hz.
+/// An IMU at the rig origin with an infinite range, at 100 Hz.
 pub(crate) fn imu() -> Imu {
     Imu {
         name: "front/imu".to_owned(),

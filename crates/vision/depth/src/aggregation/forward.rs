@@ -1,5 +1,6 @@
 //! Path costs of one row: the paths from the previous row, and the left-to-right path along the
 //! row.
+//!
 //! Semi-global matching after Hirschmüller, "Stereo processing by semi-global matching and mutual
 //! information", TPAMI 2008: the path cost of a disparity is its matching cost plus the minimum of:
 //! the previous cost of the same disparity; that of an adjacent disparity plus the small penalty;
@@ -155,6 +156,7 @@ impl ForwardPass<'_> {
 }
 
 /// Loads `N` consecutive vectors.
+///
 /// # Safety
 /// `N` vectors can be read at `from`.
 #[inline(always)]
@@ -169,6 +171,7 @@ pub(super) unsafe fn load<V: Lanes, const N: usize>(from: *const u8) -> [V; N] {
 
 /// One step of a path whose previous costs are in memory. Adds the new costs to `total` and returns
 /// their minimum.
+///
 /// # Safety
 /// `N` vectors and one byte at either side can be read at `before`, and `N` vectors written at `after`.
 #[inline(always)]

@@ -1,4 +1,5 @@
 //! Plans the disparity band of a pair from prior knowledge of the scene.
+//!
 //! There are three sources: coarse matching of the pair itself ([`Probe`]), the disparity map of
 //! the previous pair, and the ground plane. A [`Plan`] takes the disparity range of each source row
 //! by row and builds a band that contains all of them with a margin. A source only adds disparities
@@ -113,6 +114,7 @@ impl Plan {
     }
 
     /// Builds the band with a margin. Rows without prior knowledge get the full range.
+    ///
     /// # Errors
     /// Those that the full band would give as well.
     pub fn finish(&self, margin: &Margin) -> Result<Band, DepthError> {
@@ -159,6 +161,7 @@ const MIN_SIDE_PX: usize = 16;
 impl Probe {
     /// For images of `width` columns with the rows and disparities of `full`. `None` if the images
     /// are too small for coarse matching.
+    ///
     /// # Errors
     /// Those that the full band would give as well.
     pub fn new(full: &Band, width: usize) -> Result<Option<Self>, DepthError> {
@@ -189,6 +192,7 @@ impl Probe {
     }
 
     /// Adds the disparities found in a pair to a plan.
+    ///
     /// # Errors
     /// [`DepthError::Size`] if the sizes of the images differ from each other or from the
     /// configured size.

@@ -1,4 +1,5 @@
 //! AVX2 and AVX-512 vectors.
+//!
 //! These types are created only inside kernels that [`super::Level::run`] started after it checked
 //! that the processor supports the instructions. This makes every `unsafe` block here sound,
 //! together with the contracts on pointers.

@@ -1,4 +1,5 @@
 //! Fits a sigma model to known errors.
+//!
 //! Minimizes the pinball loss of the 95 % quantile (Koenker and Bassett, "Regression quantiles",
 //! Econometrica 1978) over an additive model by coordinate descent: given the other components, the
 //! optimal entry of a class is the quantile of its residuals.

@@ -8,7 +8,7 @@ use learned::{RUNTIME_PATH_VARIABLE, Runtime};
 const FIND: &str = "import pathlib, onnxruntime; \
                     print(next(pathlib.Path(onnxruntime.__file__).parent.glob('capi/libonnxruntime.so*')))";
 
-/// The library, where there is one.
+/// The library, if one is configured.
 pub(crate) fn runtime() -> Option<Runtime> {
     if std::env::var_os(RUNTIME_PATH_VARIABLE).is_some_and(|v| !v.is_empty()) {
         return Some(Runtime::load(None).expect("the library of ORT_DYLIB_PATH"));
@@ -34,7 +34,7 @@ pub(crate) fn runtime() -> Option<Runtime> {
 }
 
 #[test]
-fn a_process_has_one_library() {
+fn process_loads_one_library_only() {
     let Some(runtime) = runtime() else {
         return;
     };

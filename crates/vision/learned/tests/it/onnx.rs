@@ -1,16 +1,17 @@
 //! Small networks as ONNX files, written by hand.
 //!
-//! Only what the tests need of the format: numbers of fields as in `onnx.proto` (https://github.com/onnx/onnx), wire types 0
-//! (varint), 2 (bytes with their length) and 5 (32 bits) of protocol buffers.
+//! Only the parts of the format that the tests need: field numbers as in `onnx.proto`
+//! (https://github.com/onnx/onnx), wire types 0 (varint), 2 (bytes with their length) and 5 (32
+//! bits) of protocol buffers.
 
 use std::path::{Path, PathBuf};
 
-/// Numbers of element types, `TensorProto.DataType`.
+/// Element type numbers, `TensorProto.DataType`.
 pub(crate) const F32: u64 = 1;
 pub(crate) const U8: u64 = 2;
 pub(crate) const I64: u64 = 7;
 
-/// A message, as bytes.
+/// An encoded message.
 #[derive(Clone, Default)]
 struct Message(Vec<u8>);
 
@@ -74,22 +75,22 @@ impl Attribute<'_> {
     }
 }
 
-/// A graph that grows.
+/// Graph builder.
 #[derive(Clone, Default)]
 pub(crate) struct Graph(Message);
 
 impl Graph {
-    /// A tensor that is put in; -1 for a length that is free.
+    /// Adds an input tensor; -1 is a dynamic length.
     pub(crate) fn input(self, name: &str, kind: u64, lengths: &[i64]) -> Self {
         Self(self.0.message(11, &value_info(name, kind, lengths)))
     }
 
-    /// A tensor that comes out.
+    /// Adds an output tensor.
     pub(crate) fn output(self, name: &str, kind: u64, lengths: &[i64]) -> Self {
         Self(self.0.message(12, &value_info(name, kind, lengths)))
     }
 
-    /// A list of whole numbers.
+    /// Adds a constant list of integers.
     pub(crate) fn numbers(self, name: &str, values: &[i64]) -> Self {
         let tensor = Message::default()
             .number(1, values.len() as i64)
@@ -99,7 +100,7 @@ impl Graph {
         Self(self.0.message(5, &tensor))
     }
 
-    /// One number.
+    /// Adds a constant scalar.
     pub(crate) fn real(self, name: &str, value: f32) -> Self {
         let tensor = Message::default()
             .number(2, F32 as i64)
@@ -108,7 +109,7 @@ impl Graph {
         Self(self.0.message(5, &tensor))
     }
 
-    /// What is calculated: `operator(inputs)`.
+    /// Adds the node `output = operator(inputs)`.
     pub(crate) fn node(
         self,
         operator: &str,
@@ -127,7 +128,7 @@ impl Graph {
         Self(self.0.message(1, &node))
     }
 
-    /// The file, with operators of version 13.
+    /// Writes the model file, with operator set version 13.
     pub(crate) fn write(self, folder: &Path, name: &str) -> PathBuf {
         let operators = Message::default().bytes(1, b"").number(2, 13);
         let model = Message::default()

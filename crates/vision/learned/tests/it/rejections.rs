@@ -1,4 +1,5 @@
-//! What is no network of these kinds is refused, with what was found and what was expected.
+//! Unsuitable networks and settings are rejected with an error that states what was found and
+//! expected.
 
 use std::error::Error;
 use std::path::Path;
@@ -8,7 +9,7 @@ use learned::{ImageView, LearnedError, SegmentationNetwork, StereoNetwork};
 use crate::library::runtime;
 use crate::onnx::{Attribute, F32, Graph, I64};
 
-/// A graph with these inputs, of which the first comes out.
+/// A graph with these inputs that outputs the first one.
 fn inputs(kinds: &[(u64, &[i64])]) -> Graph {
     let names = ["a", "b", "c"];
     let graph = names
@@ -30,7 +31,7 @@ fn check(error: &LearnedError, parts: &[&str], file: &Path) {
 }
 
 #[test]
-fn other_inputs_and_outputs_are_refused() {
+fn unsuitable_inputs_and_outputs_are_rejected() {
     let (Some(runtime), folder) = (runtime(), tempfile::tempdir().unwrap()) else {
         return;
     };
@@ -117,7 +118,7 @@ fn other_inputs_and_outputs_are_refused() {
 }
 
 #[test]
-fn what_is_no_network_is_refused() {
+fn invalid_network_file_is_rejected() {
     let (Some(runtime), folder) = (runtime(), tempfile::tempdir().unwrap()) else {
         return;
     };
@@ -142,7 +143,7 @@ fn what_is_no_network_is_refused() {
 }
 
 #[test]
-fn an_answer_of_another_size_is_refused() {
+fn output_of_another_size_is_rejected() {
     let (Some(runtime), folder) = (runtime(), tempfile::tempdir().unwrap()) else {
         return;
     };
@@ -173,7 +174,7 @@ fn an_answer_of_another_size_is_refused() {
 }
 
 #[test]
-fn settings_that_do_not_suit_the_network_are_refused() {
+fn settings_that_contradict_the_network_are_rejected() {
     let (Some(runtime), folder) = (runtime(), tempfile::tempdir().unwrap()) else {
         return;
     };
@@ -212,7 +213,7 @@ fn settings_that_do_not_suit_the_network_are_refused() {
 }
 
 #[test]
-fn segmentation_without_its_classes_is_refused() {
+fn segmentation_without_classes_is_rejected() {
     let (Some(runtime), folder) = (runtime(), tempfile::tempdir().unwrap()) else {
         return;
     };
@@ -241,7 +242,7 @@ fn segmentation_without_its_classes_is_refused() {
             &settings,
         );
     }
-    // Two pictures, and an answer with one class.
+    // Two image inputs, and an output with one class.
     for (graph, part) in [
         (
             inputs(&[three; 2]).output("out", F32, three.1),

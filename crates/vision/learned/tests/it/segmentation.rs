@@ -1,4 +1,4 @@
-//! Segmentation networks with a known answer: the class of a pixel is its strongest colour.
+//! Segmentation networks with a known output: the class of a pixel is its strongest color.
 
 use std::path::{Path, PathBuf};
 
@@ -9,10 +9,10 @@ use crate::onnx::{Attribute, F32, Graph, I64};
 
 const WIDTH: usize = 45;
 const HEIGHT: usize = 30;
-/// Pixels along the side of a cell of the answer.
+/// Side length of an output cell, px.
 const SIDE: usize = 4;
 
-/// Mean of each colour over cells of 4x4 pixels.
+/// Mean of each color over cells of 4x4 pixels.
 fn scores() -> Graph {
     Graph::default().input("image", F32, &[1, 3, -1, -1]).node(
         "AveragePool",
@@ -64,7 +64,7 @@ fn with_classes(folder: &Path) -> PathBuf {
 }
 
 #[test]
-fn masked_classes_are_found_where_they_are() {
+fn masked_classes_are_found_at_their_pixels() {
     let (Some(runtime), folder) = (runtime(), tempfile::tempdir().unwrap()) else {
         return;
     };
@@ -80,7 +80,8 @@ fn masked_classes_are_found_where_they_are() {
         let mut network = open(&runtime, &file, &settings);
         let mask = network.run(&image).unwrap();
         assert_eq!((mask.width, mask.height), (WIDTH, HEIGHT));
-        // The edges of the blue lie between cells, so that even what is blended changes exactly there, but for the two corners.
+        // The edges of the blue area coincide with cell borders, so that even the bilinear result
+        // changes exactly there, except at two corners.
         for (at, found) in mask.movable.iter().enumerate() {
             let (x, y) = (at % WIDTH, at / WIDTH);
             let rounded = enlarge.contains("bilinear") && [(8, 12), (23, 12)].contains(&(x, y));
@@ -100,11 +101,12 @@ fn masked_classes_are_found_where_they_are() {
 }
 
 #[test]
-fn blended_scores_move_an_edge_within_a_cell() {
+fn bilinear_scores_move_an_edge_within_a_cell() {
     let (Some(runtime), folder) = (runtime(), tempfile::tempdir().unwrap()) else {
         return;
     };
-    // Rows alike; the third cell is a quarter blue: blue less green is -200, -200, -100, 200, 200, ... from cell to cell.
+    // All rows are equal; the third cell is a quarter blue: blue minus green is -200, -200, -100,
+    // 200, 200, ... from cell to cell.
     let row: Vec<u8> = (0..32)
         .flat_map(|x| if x >= 11 { [0, 0, 200] } else { [0, 200, 0] })
         .collect();
@@ -118,16 +120,17 @@ fn blended_scores_move_an_edge_within_a_cell() {
             .position(|m| *m)
     };
     assert_eq!(first("nearest"), Some(3 * SIDE));
-    // Centres of the third and fourth cell are at 9.5 and 13.5; the difference is 0 a third of the way, at 10.83.
+    // The centers of the third and fourth cell are at 9.5 and 13.5; the difference is 0 at one
+    // third between them, at 10.83.
     assert_eq!(first("bilinear"), Some(11));
 }
 
 #[test]
-fn grey_pictures_have_all_colours() {
+fn gray_image_fills_all_channels() {
     let (Some(runtime), folder) = (runtime(), tempfile::tempdir().unwrap()) else {
         return;
     };
-    // With means taken off, blue is the strongest of grey.
+    // With the means subtracted, blue is the strongest channel of gray.
     let settings =
         "[input]\nwhite = 1.0\nmean = [0.3, 0.2, 0.1]\n[segmentation]\nmasked = { water = 2 }";
     let mut network = open(&runtime, &with_scores(folder.path()), settings);

@@ -1,4 +1,4 @@
-//! Stereo networks with a known answer.
+//! Stereo networks with a known output.
 
 use std::path::{Path, PathBuf};
 
@@ -9,8 +9,9 @@ use crate::onnx::{Attribute, F32, Graph, U8};
 
 const SHIFTS: usize = 16;
 
-/// Block matching as a network: the mean absolute difference over 5x5 pixels for shifts of 0 to 15 px, and the shift with the least,
-/// negative as flow is. Three channels of any size, as RAFT-Stereo takes them.
+/// Block matching as a network: the mean absolute difference over 5x5 pixels for shifts of 0 to 15
+/// px, and the shift with the minimum, negated to be a flow. Three channels of any size, like
+/// RAFT-Stereo.
 fn block_matching(folder: &Path) -> PathBuf {
     let mut graph = Graph::default()
         .input("left", F32, &[1, 3, -1, -1])
@@ -114,12 +115,12 @@ fn noise(x: usize, y: usize) -> u8 {
 const WIDTH: usize = 90;
 const HEIGHT: usize = 50;
 
-/// Whether a pixel of the left picture is on the near wall.
+/// Whether a pixel of the left image is on the near wall.
 fn near(x: usize, y: usize) -> bool {
     (50..80).contains(&x) && (12..38).contains(&y)
 }
 
-/// A wall with noise on it at 4 px, and a near one before it at 11 px.
+/// A wall with random texture at 4 px, and a near one in front of it at 11 px.
 fn walls() -> [Vec<u8>; 2] {
     let pixels = || (0..HEIGHT).flat_map(|y| (0..WIDTH).map(move |x| (x, y)));
     let at = |x: usize, y, near| noise(x + if near { 1000 } else { 0 }, y);
@@ -147,7 +148,7 @@ fn matcher(runtime: &Runtime, folder: &Path, settings: &str) -> StereoNetwork {
     StereoNetwork::open(runtime, &network).unwrap()
 }
 
-/// Far enough from edges of walls that 5x5 pixels lie on one of them.
+/// Disparity of a pixel whose 5x5 window is on one wall; `None` near the edges.
 fn inside(x: usize, y: usize) -> Option<f32> {
     let all = |f: &dyn Fn(usize, usize) -> bool| {
         (y.saturating_sub(2)..=y + 2).all(|y| (x.saturating_sub(2)..=x + 2).all(|x| f(x, y)))
@@ -155,13 +156,13 @@ fn inside(x: usize, y: usize) -> Option<f32> {
     if all(&near) {
         return Some(11.0);
     }
-    // Seen by the right camera too, and not behind the near wall there.
+    // Visible in the right camera too, and not occluded by the near wall there.
     let seen = |x: usize, y: usize| (4..WIDTH).contains(&x) && !near(x, y) && !near(x + 7, y);
     all(&seen).then_some(4.0)
 }
 
 #[test]
-fn a_known_shift_is_found() {
+fn known_shift_is_found() {
     let (Some(runtime), folder) = (runtime(), tempfile::tempdir().unwrap()) else {
         return;
     };
@@ -183,7 +184,7 @@ fn a_known_shift_is_found() {
             }
             assert!(
                 found.is_nan() || found <= x as f32,
-                "{x} {y}: outside of the right picture"
+                "{x} {y}: outside the right image"
             );
         }
     }
@@ -191,7 +192,7 @@ fn a_known_shift_is_found() {
 }
 
 #[test]
-fn both_ways_leave_out_what_only_one_camera_sees() {
+fn left_right_check_removes_occluded_pixels() {
     let (Some(runtime), folder) = (runtime(), tempfile::tempdir().unwrap()) else {
         return;
     };
@@ -206,7 +207,7 @@ fn both_ways_leave_out_what_only_one_camera_sees() {
                 compared += 1;
                 right += usize::from(found == expected);
                 assert!(found.is_nan() || found == expected, "{x} {y}: {found}");
-                // Both ways are exact here, so that little is added to what is stated.
+                // Both directions are exact here, so that little is added to the configured sigma.
                 assert!(
                     found.is_nan() || (0.25..0.45).contains(&sigma),
                     "{x} {y}: {sigma}"
@@ -224,7 +225,7 @@ fn both_ways_leave_out_what_only_one_camera_sees() {
 }
 
 #[test]
-fn the_same_pictures_give_the_same_bytes() {
+fn same_images_give_the_same_bytes() {
     let (Some(runtime), folder) = (runtime(), tempfile::tempdir().unwrap()) else {
         return;
     };
@@ -247,7 +248,7 @@ fn the_same_pictures_give_the_same_bytes() {
 }
 
 #[test]
-fn numbers_go_in_as_the_settings_say() {
+fn inputs_are_normalized_as_configured() {
     let (Some(runtime), folder) = (runtime(), tempfile::tempdir().unwrap()) else {
         return;
     };
@@ -266,7 +267,7 @@ fn numbers_go_in_as_the_settings_say() {
         .unwrap();
     for (i, found) in map.disparity.iter().enumerate() {
         let expected = 0.5 * (150.0 + i as f32) / 255.0 / 0.25;
-        // Below 0 and beyond the first columns there is nothing in the right picture.
+        // Disparities below 0 or larger than the column map outside the right image.
         if (i % 5) as f32 >= expected {
             assert!(
                 (found - expected).abs() < 1e-5,
@@ -280,11 +281,11 @@ fn numbers_go_in_as_the_settings_say() {
 }
 
 #[test]
-fn pictures_are_padded_by_their_edge() {
+fn images_are_padded_by_repeating_the_border() {
     let (Some(runtime), folder) = (runtime(), tempfile::tempdir().unwrap()) else {
         return;
     };
-    // The mean over 5x5 pixels of the left picture; the right one is black.
+    // The mean over 5x5 pixels of the left image; the right one is black.
     let network = Graph::default()
         .input("left", F32, &[1, 1, -1, -1])
         .input("right", F32, &[1, 1, -1, -1])
@@ -309,13 +310,13 @@ fn pictures_are_padded_by_their_edge() {
     let black = [0; 9 * 3];
     let [l, r] = [&left[..], &black[..]].map(|p| ImageView::gray(9, 3, p).unwrap());
     let map = network.run(&l, &r).unwrap();
-    // Of columns 6, 7, 8, 8, 8 and rows 0, 1, 2, 2, 2.
+    // Mean over the columns 6, 7, 8, 8, 8 and the rows 0, 1, 2, 2, 2.
     let corner = map.disparity[9 * 3 - 1];
     assert!((corner - 0.5 * (7.4 + 1.4)).abs() < 1e-5, "{corner}");
 }
 
 #[test]
-fn a_network_of_one_size_takes_smaller_pictures_of_bytes() {
+fn network_of_a_fixed_size_takes_smaller_byte_images() {
     let (Some(runtime), folder) = (runtime(), tempfile::tempdir().unwrap()) else {
         return;
     };
@@ -325,7 +326,7 @@ fn a_network_of_one_size_takes_smaller_pictures_of_bytes() {
         "stereo = { right = 'second', factor = 1.0, both_ways = false }",
     );
     let mut network = StereoNetwork::open(&runtime, &network).unwrap();
-    // White is 3 in all three channels, in the grey that the network takes as well.
+    // RGB (3, 3, 3) is also gray level 3, which the network takes.
     let left = [3; 5 * 3 * 3];
     let right: Vec<u8> = (0..5 * 3).map(|i| 3 - (i % 3) as u8).collect();
     let [l, r] = [

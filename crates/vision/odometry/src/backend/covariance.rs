@@ -1,4 +1,4 @@
-//! How sure a pose is: from what a solution says of itself to what is told.
+//! Covariance inflation: from the covariance of the solver to the reported one.
 
 use cad_transforms::RigidTransform;
 use nalgebra::{Matrix6, Matrix6x2};
@@ -6,19 +6,21 @@ use nalgebra::{Matrix6, Matrix6x2};
 use crate::backend::state::State;
 use crate::so3::cross;
 
-/// How many times as large as a solution says the sigmas of what sights tell are; see [`inflate`].
+/// Covariance inflation: factor on the standard deviations reported by the solver; see [`inflate`].
+/// Compare OpenVINS `init_dyn_inflation_*`.
 pub(crate) const SIGMA_INFLATION: f64 = 3.0;
-/// See [`inflate`].
+/// Additional sigmas of position, scale, drift and rotation; see [`inflate`].
 const POSITION_SIGMA_FLOOR_M: f64 = 0.003;
 const SCALE_SIGMA: f64 = 1.5e-3;
 const DRIFT_PER_METRE: f64 = 8e-4;
 const ROTATION_SIGMA_FLOOR_RAD: f64 = 2.5e-3;
-/// How far from upright a rig may have begun whose world no IMU levelled, rad.
+/// Initial tilt sigma of a rig without an IMU, whose world is not leveled, rad.
 const INITIAL_TILT_SIGMA_RAD: f64 = 0.35;
 
-/// What a solution's covariance does not know: sights of one corner are wrong alike from frame to frame, and calibrations are a
-/// little wrong for good. Sigmas are so many times as large, and what a scale error makes of the distance from the start, and what
-/// is wrong alike all along makes of the way that nothing closed, m, is added. Measured on simulated walks; see
+/// Adds errors that the covariance of the solver does not model: observations of one feature are
+/// correlated over frames, and calibrations have constant errors. Sigmas are multiplied by
+/// [`SIGMA_INFLATION`]; a scale error times the distance from the start, and a drift times the path
+/// length since the last closure, m, are added. Values from simulated walks; see
 /// docs/decisions/0010-odometry.md.
 fn inflate(state: &State, path_length_m: f64, covariance: &Matrix6<f64>) -> Matrix6<f64> {
     let mut out = covariance * (SIGMA_INFLATION * SIGMA_INFLATION);
@@ -32,8 +34,9 @@ fn inflate(state: &State, path_length_m: f64, covariance: &Matrix6<f64>) -> Matr
     out
 }
 
-/// What a tilt of the whole world about its origin makes of a pose, as a small motion in the rig's own axes. The up of a world
-/// that no IMU levelled is that of the first rig, which nobody knows to be upright.
+/// Covariance of a pose due to a tilt of the whole world about its origin, as a small motion in the
+/// axes of the rig. Without an IMU the vertical of the world is that of the first rig pose, which
+/// may not be upright.
 pub(crate) fn tilt_uncertainty(world_from_rig: &RigidTransform) -> Matrix6<f64> {
     let back = world_from_rig.rotation().inverse().to_rotation_matrix();
     let mut jacobian = Matrix6x2::zeros();
@@ -46,7 +49,8 @@ pub(crate) fn tilt_uncertainty(world_from_rig: &RigidTransform) -> Matrix6<f64> 
     jacobian * jacobian.transpose() * (INITIAL_TILT_SIGMA_RAD * INITIAL_TILT_SIGMA_RAD)
 }
 
-/// From errors of the body's position in the world and its turn to those of a small motion of the rig in its own axes.
+/// Inflates a covariance and converts it from errors of the body (position in the world, rotation
+/// in the body) to a small motion of the rig in its own axes.
 pub(crate) fn in_rig_frame(
     state: &State,
     body_from_rig: &RigidTransform,
@@ -71,7 +75,7 @@ pub(crate) fn in_rig_frame(
     (own + own.transpose()) * 0.5
 }
 
-/// The covariance of one state's pose, carried rigidly to another one.
+/// Covariance of the pose of one state, transported rigidly to another state.
 pub(crate) fn transport(from: &State, to: &State, covariance: &Matrix6<f64>) -> Matrix6<f64> {
     let mut jacobian = Matrix6::identity();
     let rotation = from.rotation.to_rotation_matrix().into_inner();
@@ -91,8 +95,8 @@ mod tests {
     use super::*;
 
     #[test]
-    fn a_tilt_turns_poses_and_lifts_what_is_far() {
-        // Ten metres ahead, looking to the left.
+    fn world_tilt_rotates_poses_and_moves_distant_ones_vertically() {
+        // Ten meters ahead, heading to the left.
         let rotation = [
             std::f64::consts::FRAC_1_SQRT_2,
             0.0,
@@ -113,7 +117,8 @@ mod tests {
         for (k, expected) in expected.into_iter().enumerate() {
             assert!((sigma(k) - expected).abs() < 1e-9, "{k}: {}", sigma(k));
         }
-        // Nose down by a world that leans forward: the rig's roll, and it is lower. Both are the same error.
+        // A world tilted forward rolls the rig and lowers it; both have the same cause and are
+        // correlated.
         let tilt =
             RigidTransform::from_wxyz([(0.05_f64).cos(), 0.0, (0.05_f64).sin(), 0.0], [0.0; 3]);
         let relative = pose.inverse() * tilt.unwrap() * pose;

@@ -1,7 +1,8 @@
-//! Where cameras sit on the body, when that is estimated along with everything else.
+//! Camera extrinsics as estimated parameters, with their priors.
 //!
-//! An error of a mount is a small motion of the left optical frame in its own axes, `[shift, rotation]`. A mount that nothing moves stays
-//! where calibration put it: what calibration said is a prior.
+//! The error of extrinsics is a small motion of the left optical frame in its own axes,
+//! `[translation, rotation]`. The calibration is a prior: extrinsics that the data do not determine
+//! keep their nominal value.
 
 use nalgebra::{Matrix3, Matrix6, Rotation3, SMatrix, UnitQuaternion, Vector3, Vector6};
 
@@ -10,23 +11,25 @@ use crate::backend::observation::Camera;
 use crate::rig::StereoCamera;
 use crate::so3;
 
-/// Sigmas of a mount of which calibration told none, m and rad. The place is taken to be known: a walk shows it less well than a
-/// ruler (5 to 20 mm off where 5 mm were left to it), and it matters less than a turn.
+/// Default extrinsics sigmas where the calibration gives none, m and rad. The translation is
+/// considered known: a walk determines it less accurately than a ruler (errors of 5 to 20 mm with a
+/// prior of 5 mm), and it matters less than the rotation.
 const DEFAULT_EXTRINSICS_SIGMA: [f64; 2] = [1e-3, 3.5e-3];
-/// What is added to what calibration told, m and rad: plates bend and warm, the IMU's own mount has errors too, and what a walk
-/// shows of a mount that is right is up to a tenth of a degree off.
+/// Sigma added to that of the calibration, m and rad: plates bend and warm up, the extrinsics of
+/// the IMU have errors too, and estimates from a walk with correct extrinsics deviate by up to a
+/// tenth of a degree.
 const EXTRINSICS_SIGMA_FLOOR: [f64; 2] = [3e-4, 1.2e-3];
 
-/// What is known of a mount beforehand.
+/// Prior of the extrinsics of one camera.
 #[derive(Clone, Debug)]
 pub(crate) struct ExtrinsicsPrior {
-    /// Body from left eye.
+    /// Nominal extrinsics: body from left optical frame.
     at: (Matrix3<f64>, Vector3<f64>),
     pub(crate) information: Matrix6<f64>,
 }
 
 impl ExtrinsicsPrior {
-    /// Of a camera of the rig, as it sits on the body.
+    /// Prior of a camera of the rig.
     pub(crate) fn new(of: &StereoCamera, camera: &Camera) -> Self {
         let squares = |sigmas: [f64; 2]| {
             let of = |k: usize| sigmas[k / 3] * sigmas[k / 3];
@@ -44,17 +47,17 @@ impl ExtrinsicsPrior {
         }
     }
 
-    /// Standard deviations beforehand.
+    /// Standard deviations of the prior.
     pub(crate) fn sigmas(&self) -> Vector6<f64> {
         let covariance = self.information.try_inverse();
         covariance.map_or(Vector6::zeros(), |c| c.diagonal().map(f64::sqrt))
     }
 
-    /// The covariance of a mount, of which the adjustment says this: what sights told counts as much less as it does for poses, what was
-    /// known beforehand as much as ever.
+    /// Inflates the covariance of extrinsics from bundle adjustment: the information of the
+    /// observations is reduced as for poses, that of the prior is unchanged.
     pub(crate) fn inflate(&self, covariance: &Matrix6<f64>) -> Matrix6<f64> {
         if covariance.trace() > self.sigmas().norm_squared() {
-            // Nothing could be said of it.
+            // The solver could not determine it.
             return *covariance;
         }
         let inflate = covariance.try_inverse().and_then(|information| {
@@ -64,12 +67,13 @@ impl ExtrinsicsPrior {
         inflate.unwrap_or(covariance * (SIGMA_INFLATION * SIGMA_INFLATION))
     }
 
-    /// By which error a camera is off.
+    /// Error of a camera relative to the prior.
     pub(crate) fn error(&self, camera: &Camera) -> Vector6<f64> {
         let (rotation, translation) = &self.at;
         let (now, now_translation) = &camera.body_from_left;
         let shift = rotation.transpose() * (now_translation - translation);
-        // By way of a quaternion: the angle of a matrix is that of its trace, whose cosine rounding may put beyond one.
+        // Through a quaternion: the angle from the trace of a matrix would need a cosine that
+        // rounding can put beyond 1.
         let rotation_error = Rotation3::from_matrix_unchecked(rotation.transpose() * now);
         let rotation_error = so3::log(&UnitQuaternion::from_rotation_matrix(&rotation_error));
         Vector6::from_fn(|k, _| {
@@ -82,7 +86,7 @@ impl ExtrinsicsPrior {
     }
 }
 
-/// Moves a camera by an error.
+/// Applies an error to the extrinsics of a camera.
 pub(crate) fn apply_error(camera: &mut Camera, error: &Vector6<f64>) {
     let (rotation, translation) = &mut camera.body_from_left;
     *translation += *rotation * error.fixed_rows::<3>(0);
@@ -90,8 +94,10 @@ pub(crate) fn apply_error(camera: &mut Camera, error: &Vector6<f64>) {
     *rotation *= by.to_rotation_matrix().into_inner();
 }
 
-/// Derivatives of a point `x` in the target's left frame, times its inverse range, by the errors of the mounts of the host's camera
-/// and of the target's. If that is one camera, their sum is its own. `now_from_then` turns the host's left frame into the target's.
+/// Jacobians of a point `x` in the left frame of the target, scaled by its inverse range, with
+/// respect to the extrinsics errors of the host camera and of the target camera. If both are the
+/// same camera, its Jacobian is their sum. `now_from_then` is the rotation from the left frame of
+/// the host to that of the target.
 pub(crate) fn jacobians_by_extrinsics(
     ray: &Vector3<f64>,
     rho: f64,
@@ -116,15 +122,19 @@ mod tests {
     use crate::test_rig;
 
     #[test]
-    fn what_sights_told_counts_less_and_what_was_known_as_ever() {
+    fn inflation_reduces_observation_information_and_preserves_the_prior() {
         let of = test_rig::stereo(0.1);
         let camera = Camera::new(&of, &cad_transforms::RigidTransform::identity());
         let prior = ExtrinsicsPrior::new(&of, &camera);
-        let before = prior.information.try_inverse().expect("it is known");
-        // Sights that tell as much as was known: half the square, and nine times less of theirs is honest.
+        let before = prior
+            .information
+            .try_inverse()
+            .expect("the prior information is invertible");
+        // Observations with the same information as the prior: half the covariance, and theirs is
+        // reduced by a factor of nine.
         let inflate = prior.inflate(&(before * 0.5));
         assert!((inflate - before * 0.9).amax() < 1e-9 * before.amax());
-        // Sights that tell nothing, and an adjustment that says that it knows nothing.
+        // Observations without information, and a solver that reports no information.
         assert!((prior.inflate(&before) - before).amax() < 1e-9 * before.amax());
         let unknown = Matrix6::identity() * 1e6;
         assert_eq!(prior.inflate(&unknown), unknown);

@@ -1,8 +1,9 @@
-//! A frame leaves the window; what it told stays.
+//! Marginalization of a frame of the window.
 //!
-//! Everything that is known through the frame and the landmarks that it hosts becomes a quadratic in the errors of the frames
-//! that remain (Schur complement). What the frame saw of landmarks with other hosts is given up: it would tie landmarks to the
-//! prior. Directions of the leaving frame about which nothing is known take nothing with them.
+//! The information of the frame and of the landmarks that it hosts becomes a quadratic prior on the
+//! errors of the remaining frames (Schur complement). Its observations of landmarks with other
+//! hosts are dropped: they would connect landmarks to the prior. Unobservable directions of the
+//! frame contribute nothing.
 
 use nalgebra::{DMatrix, DVector, SMatrix, SymmetricEigen};
 
@@ -10,10 +11,10 @@ use crate::backend::solver::linearize;
 use crate::backend::state::STATE_DIM;
 use crate::backend::window::{Landmark, Prior, Window};
 
-/// Share of the largest eigenvalue below which nothing is known.
+/// Fraction of the largest eigenvalue below which a direction is unobservable.
 const MIN_EIGENVALUE_RATIO: f64 = 1e-14;
 
-/// Takes the frame at this place out of the window.
+/// Marginalizes the frame with this index.
 pub(crate) fn marginalize(window: &mut Window, leaving: usize) {
     let number = window.frames[leaving].number;
     let hosted: Vec<&Landmark> = window
@@ -29,7 +30,8 @@ pub(crate) fn marginalize(window: &mut Window, leaving: usize) {
         .information
         .fixed_view::<STATE_DIM, STATE_DIM>(at, at)
         .into_owned();
-    // Numbers of a state differ in unit by many powers of ten: brought to one size before anything is called nothing.
+    // Components of a state differ in scale by many powers of ten: they are normalized before
+    // eigenvalues are compared.
     let scale = own
         .diagonal()
         .map(|d| if d > 0.0 { 1.0 / d.sqrt() } else { 1.0 });
@@ -68,7 +70,7 @@ pub(crate) fn marginalize(window: &mut Window, leaving: usize) {
     let weighted = &across * inverse;
     information -= &weighted * across.transpose();
     gradient -= &weighted * linear.gradient.rows(at, STATE_DIM);
-    // Frames that nothing ties to the one that left stay out of the prior.
+    // Frames without a connection to the marginalized one are not part of the prior.
     let connected: Vec<usize> = (0..rest.len())
         .filter(|a| information.rows(a * STATE_DIM, STATE_DIM).amax() > 0.0)
         .collect();

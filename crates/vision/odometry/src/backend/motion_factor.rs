@@ -1,7 +1,8 @@
-//! What lies between two neighbouring frames, as a term of the least squares problem.
+//! Motion factor between adjacent frames.
 //!
-//! Residuals are turn, velocity and displacement against those felt (Forster et al. 2017, section VI), and the walk of the
-//! biases: 15 numbers, weighed by their covariance.
+//! The residual is rotation, velocity and displacement minus their preintegrated values (Forster et
+//! al. 2017, section VI), and the random walk of the biases: 15 components, weighted by the inverse
+//! covariance.
 
 use nalgebra::{Matrix3, SMatrix, SVector, Vector3};
 
@@ -13,14 +14,14 @@ use crate::so3;
 
 const BOTH_DIM: usize = 2 * STATE_DIM;
 
-/// A term of the problem, by the errors of the earlier and the later state.
+/// Linearized factor, by the errors of the earlier and the later state.
 pub(crate) struct Term {
     pub(crate) information: SMatrix<f64, BOTH_DIM, BOTH_DIM>,
     pub(crate) gradient: SVector<f64, BOTH_DIM>,
     pub(crate) cost: f64,
 }
 
-/// Residuals in the order turn, velocity, displacement, gyroscope's walk, accelerometer's.
+/// Residual in the order rotation, velocity, displacement, gyroscope bias, accelerometer bias.
 fn residual(motion: &MotionFactor, from: &State, to: &State) -> SVector<f64, STATE_DIM> {
     let preintegrated = &motion.preintegrated;
     let t = preintegrated.seconds;
@@ -47,22 +48,22 @@ fn gravity(motion: &MotionFactor) -> Vector3<f64> {
     Vector3::new(0.0, 0.0, -size)
 }
 
-/// The inverse of the covariance of the residuals.
+/// Inverse covariance of the residual.
 fn weight(motion: &MotionFactor) -> (SMatrix<f64, 9, 9>, [f64; 2]) {
     let mut covariance = motion.preintegrated.covariance;
-    // A hundred times below what any sensor tells, so that the inverse exists.
+    // A hundred times below the noise of any sensor, so that the inverse exists.
     for k in 0..9 {
         covariance[(k, k)] += 1e-12;
     }
     let inverse = covariance
         .cholesky()
-        .expect("a covariance with something on its diagonal has an inverse")
+        .expect("a covariance with a positive diagonal term is invertible")
         .inverse();
     let t = motion.preintegrated.seconds.max(1e-6);
     (inverse, motion.bias_walk.map(|w| 1.0 / (w * w * t)))
 }
 
-/// The cost alone.
+/// Cost without derivatives.
 pub(crate) fn cost(motion: &MotionFactor, from: &State, to: &State) -> f64 {
     let r = residual(motion, from, to);
     let (nine, bias_walk) = weight(motion);
@@ -72,8 +73,8 @@ pub(crate) fn cost(motion: &MotionFactor, from: &State, to: &State) -> f64 {
         + bias_walk[1] * r.fixed_rows::<3>(12).norm_squared()
 }
 
-/// The term by the later state alone: information and gradient. The earlier one is held still, but its velocity, its biases
-/// and its tilt against gravity are uncertain by its covariance.
+/// Factor on the later state alone: information matrix and gradient. The earlier state is fixed,
+/// but its velocity, biases and tilt against gravity have the given covariance.
 pub(crate) fn with_uncertain_start(
     motion: &MotionFactor,
     from: &State,
@@ -83,7 +84,8 @@ pub(crate) fn with_uncertain_start(
     let (r, j) = derivatives(motion, from, to);
     let by_later = j.fixed_columns::<STATE_DIM>(STATE_DIM).into_owned();
     let mut by_earlier = j.fixed_columns::<STATE_DIM>(0).into_owned();
-    // Poses of neighbours are tied by what both see; only what gravity does to an earlier tilt is not.
+    // Common observations constrain the relative pose of adjacent frames; only the effect of
+    // gravity through the tilt of the earlier frame remains.
     by_earlier.fixed_columns_mut::<ROTATION>(POSITION).fill(0.0);
     by_earlier.fixed_columns_mut::<3>(ROTATION).fill(0.0);
     let t = motion.preintegrated.seconds;
@@ -107,7 +109,7 @@ pub(crate) fn with_uncertain_start(
     let inverse = ((spread + spread.transpose()) * 0.5)
         .cholesky()
         .map_or_else(
-            // It grew beyond what numbers can tell: nothing is known.
+            // Too large for floating point: there is no information.
             || SMatrix::<f64, STATE_DIM, STATE_DIM>::identity() * 1e-6,
             |c| c.inverse(),
         );
@@ -115,7 +117,7 @@ pub(crate) fn with_uncertain_start(
     (weighted * by_later, weighted * r)
 }
 
-/// The term with its derivatives.
+/// Linearizes the factor.
 pub(crate) fn linearize(motion: &MotionFactor, from: &State, to: &State) -> Term {
     let (r, j) = derivatives(motion, from, to);
     let (nine, bias_walk) = weight(motion);
@@ -133,7 +135,7 @@ pub(crate) fn linearize(motion: &MotionFactor, from: &State, to: &State) -> Term
     }
 }
 
-/// Residuals and their derivatives by the errors of both states.
+/// Residual and its Jacobians by the errors of both states.
 fn derivatives(
     motion: &MotionFactor,
     from: &State,
@@ -157,7 +159,7 @@ fn derivatives(
             .fixed_view::<3, 3>(row, column)
             .into_owned()
     };
-    // Turn.
+    // Rotation.
     set(0, ROTATION, -inverse * (back * later).transpose());
     set(0, STATE_DIM + ROTATION, inverse);
     let rotation_error_matrix = so3::exp(&rotation_error)
@@ -180,7 +182,7 @@ fn derivatives(
     set(6, VELOCITY, -back * t);
     set(6, GYRO_BIAS, -by(6, 0));
     set(6, ACCEL_BIAS, -by(6, 3));
-    // Walks.
+    // Bias random walks.
     for (row, at) in [(9, GYRO_BIAS), (12, ACCEL_BIAS)] {
         set(row, at, -Matrix3::identity());
         set(row, STATE_DIM + at, Matrix3::identity());
@@ -196,7 +198,7 @@ mod tests {
     use calib::ImuNoise;
 
     #[test]
-    fn derivatives_are_those_of_differences() {
+    fn jacobians_equal_finite_differences() {
         let readings: Vec<Reading> = (0..=40)
             .map(|k| {
                 let t = f64::from(k) / 200.0;
@@ -222,7 +224,7 @@ mod tests {
         };
         let spread = |k: usize| Error::from_fn(|i, _| 0.05 * ((i * 7 + k) as f64).sin());
         let mut start = spread(1) * 10.0;
-        // Derivatives by biases hold near those at which was integrated.
+        // Jacobians by biases hold near the linearization point of the preintegration.
         for k in GYRO_BIAS..STATE_DIM {
             start[k] *= 1e-3;
         }

@@ -1,12 +1,13 @@
-//! What an eye saw of a landmark, and how well a guess explains it.
+//! Bearing observations of landmarks and their residuals.
 //!
-//! A landmark is a ray of the left eye of the camera that it was first kept in (its host), and an inverse range. Seen by
-//! another eye at another time it is at `R ray + rho t`, which holds for far things too. A residual is the angle between
-//! where that is and where it was seen, along two directions across the ray, times the lens's pixels per radian there:
-//! pixels for any lens, without projecting again.
+//! A landmark is a ray in the left image of its host (the camera and frame that created it) and an
+//! inverse range. In another image at another time its direction is `R ray + rho t`, which holds
+//! for distant points too. A residual is the angle between the predicted and the measured
+//! direction, along two directions perpendicular to the measured ray, times the pixels per radian
+//! of the lens there: it is in pixels for any lens, without a projection.
 //!
-//! Every sight has a time of its own against the state's: cameras that are not synchronised and the rows of rolling shutters
-//! alike. Between the two the body is taken to move at constant rate and velocity.
+//! Every observation has an exposure offset against the state, both for unsynchronized cameras and
+//! for rows of rolling shutters. Over this offset the body moves at constant rate and velocity.
 
 use calib::{Eye as Side, Lens};
 use nalgebra::{Matrix2x3, Matrix3, Vector2, Vector3};
@@ -14,7 +15,7 @@ use nalgebra::{Matrix2x3, Matrix3, Vector2, Vector3};
 use crate::backend::state::State;
 use crate::rig::StereoCamera;
 
-/// The geometry of one stereo camera, body being the frame of states.
+/// Geometry of one stereo camera; the body is the frame of states.
 #[derive(Clone, Debug)]
 pub(crate) struct Camera {
     pub(crate) left: Lens,
@@ -51,7 +52,7 @@ impl Camera {
         }
     }
 
-    /// Where an eye saw something; none if the lens cannot have.
+    /// Bearing of a pixel; `None` outside the domain of the camera model.
     pub(crate) fn bearing(&self, side: Side, pixel: [f32; 2]) -> Option<BearingMeasurement> {
         let lens = self.lens(side);
         let ray = Vector3::from(lens.unproject(pixel.map(f64::from))?);
@@ -71,13 +72,14 @@ impl Camera {
         })
     }
 
-    /// How much later than the middle row a row is exposed, s.
+    /// Exposure offset of a row against the middle row, s.
     pub(crate) fn row_after_s(&self, side: Side, y: f32) -> f64 {
         let rows = f64::from(self.lens(side).model().height);
         (f64::from(y) - 0.5 * (rows - 1.0)) * self.line_s
     }
 
-    /// Inverse range along the left ray that fits both rays best, and by how much the right one is then off, px.
+    /// Triangulates: inverse range along the left ray, and the remaining epipolar error in the
+    /// right image, px.
     pub(crate) fn triangulate(
         &self,
         left: &BearingMeasurement,
@@ -85,7 +87,7 @@ impl Camera {
     ) -> (f64, f64) {
         let (rotation, origin) = &self.right_from_left;
         let ray = rotation * left.ray;
-        // Across the right ray: basis (ray + rho origin) = 0.
+        // Perpendicular to the right ray: basis (ray + rho origin) = 0.
         let (a, b) = (right.basis * origin, right.basis * ray);
         let rho = -a.dot(&b) / a.norm_squared();
         let x = ray + origin * rho;
@@ -93,18 +95,21 @@ impl Camera {
     }
 }
 
-/// Where something was seen: a unit ray, and the two directions across it, times pixels per radian.
+/// Measured bearing: a unit ray, and two directions perpendicular to it, scaled by pixels per
+/// radian.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(crate) struct BearingMeasurement {
     pub(crate) ray: Vector3<f64>,
     pub(crate) basis: Matrix2x3<f64>,
 }
 
-/// Cosine of the angle from a ray beyond which a point is too far off for its residual to say which way.
+/// Cosine of the angle to the measured ray below which a residual is saturated: its direction has
+/// no meaning.
 const SATURATION_COSINE: f64 = 0.2;
 
 impl BearingMeasurement {
-    /// How far off, px, a point in this eye's frame is, and the derivatives by the point; none where it is too far off.
+    /// Residual of a point in the frame of this image, px, and its Jacobian by the point; `None` if
+    /// saturated.
     #[inline]
     pub(crate) fn residual(&self, x: &Vector3<f64>) -> Option<(Vector2<f64>, Matrix2x3<f64>)> {
         let range = x.norm();
@@ -117,7 +122,7 @@ impl BearingMeasurement {
         Some((residual, jacobian))
     }
 
-    /// Square of how far off a point is, px².
+    /// Squared residual of a point, px².
     pub(crate) fn squared_residual(&self, x: &Vector3<f64>) -> f64 {
         self.residual(x).map_or_else(
             || self.saturated_residual(),
@@ -125,25 +130,26 @@ impl BearingMeasurement {
         )
     }
 
-    /// The same of whatever is too far off: that of a point that only just is, so that costs do not leap.
+    /// Squared residual of a saturated point, px²: that at the limit, so that the cost is
+    /// continuous.
     pub(crate) fn saturated_residual(&self) -> f64 {
-        // The basis has two rows at right angles, both as long as there are pixels in a radian.
+        // The basis has two orthogonal rows with a norm of pixels per radian.
         (1.0 - SATURATION_COSINE * SATURATION_COSINE) * 0.5 * self.basis.norm_squared()
     }
 }
 
-/// A landmark as one camera saw it in one frame.
+/// Observation of a landmark by one camera in one frame.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(crate) struct BearingObservation {
     pub(crate) camera: usize,
     pub(crate) left: BearingMeasurement,
     pub(crate) right: Option<BearingMeasurement>,
-    /// How much later than its state it was seen, s.
+    /// Exposure offset against the state, s.
     pub(crate) exposure_offset_s: f64,
 }
 
 impl BearingObservation {
-    /// The same with so many times the standard deviation.
+    /// The observation with its standard deviation multiplied by `times`.
     pub(crate) fn widened(mut self, times: f64) -> Self {
         self.left.basis /= times;
         if let Some(right) = &mut self.right {
@@ -153,13 +159,13 @@ impl BearingObservation {
     }
 }
 
-/// A camera at the time of a sight: what takes rays to the world and back.
+/// Body pose at the time of an observation.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct CameraPose {
-    /// World from body then.
+    /// World from body at the time of the observation.
     pub(crate) rotation: Matrix3<f64>,
     pub(crate) position: Vector3<f64>,
-    /// Body then from body of the state.
+    /// Body at the time of the observation from body of the state.
     pub(crate) then_from_state: Matrix3<f64>,
 }
 
@@ -181,22 +187,23 @@ impl CameraPose {
     }
 }
 
-/// A point in the left frame of a sight's camera, times the landmark's inverse range, and what it depends on.
+/// Landmark in the left frame of an observing camera, scaled by its inverse range, with
+/// intermediate values for Jacobians.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct TransferredPoint {
-    /// In the target's left frame.
+    /// Point in the left frame of the target.
     pub(crate) x: Vector3<f64>,
-    /// By the inverse range.
+    /// Derivative of `x` by the inverse range.
     pub(crate) by_rho: Vector3<f64>,
-    /// Target's left frame from world.
+    /// Rotation: left frame of the target from world.
     pub(crate) left_from_world: Matrix3<f64>,
-    /// In the host's body, times the inverse range.
+    /// Point in the body frame of the host, scaled by the inverse range.
     pub(crate) in_host: Vector3<f64>,
-    /// In the target's body, times the inverse range.
+    /// Point in the body frame of the target, scaled by the inverse range.
     pub(crate) in_target: Vector3<f64>,
 }
 
-/// Takes a landmark from its host to another sight.
+/// Transfers a landmark from its host to another observation.
 #[inline]
 pub(crate) fn transfer(
     ray: &Vector3<f64>,

@@ -1,8 +1,9 @@
-//! The least squares problem of a window: linearised, landmarks eliminated, solved.
+//! Nonlinear least squares solver of a window, with elimination of landmarks.
 //!
-//! Levenberg-Marquardt on manifolds; each landmark has one number, its inverse range, which is eliminated where it is
-//! linearised (Schur complement). Sights are weighed by Huber's function. Landmarks are summed in pieces of a fixed size, one after
-//! another within a piece and pieces in order, so that the sum is the same on any number of threads.
+//! Levenberg–Marquardt on manifolds. A landmark has one parameter, its inverse range, which is
+//! eliminated immediately after linearization (Schur complement). Observations have a Huber loss.
+//! Landmarks are accumulated in pieces of a fixed size, sequentially within a piece and pieces in
+//! order, so that sums are the same on any number of threads.
 
 use nalgebra::{DMatrix, DVector, SMatrix, SVector, Vector2, Vector3};
 use rayon::prelude::*;
@@ -16,32 +17,33 @@ use crate::backend::state::{Error, POSE_DIM, STATE_DIM, State};
 use crate::backend::window::{Landmark, Window};
 use crate::so3;
 
-/// Landmarks per piece.
+/// Number of landmarks per piece.
 const LANDMARKS_PER_PIECE: usize = 48;
-/// Residual, in standard deviations, from which Huber's function is straight.
+/// Threshold of the Huber loss, in standard deviations.
 const HUBER_SIGMA: f64 = 1.5;
-/// Least inverse range, 1/m: farther is as good as infinitely far.
+/// Minimum inverse range, 1/m: more distant points are treated as infinitely far.
 pub(crate) const MIN_INVERSE_RANGE_PER_M: f64 = 1e-4;
 
 pub(crate) type PoseVector = SVector<f64, POSE_DIM>;
 pub(crate) type PoseMatrix = SMatrix<f64, POSE_DIM, POSE_DIM>;
 type ByPose = SMatrix<f64, 2, POSE_DIM>;
 
-/// The problem at a place: information and gradient of all frames, landmarks eliminated.
+/// Linearized problem: information matrix and gradient of all frames, landmarks eliminated.
 pub(crate) struct LinearSystem {
     pub(crate) information: DMatrix<f64>,
     pub(crate) gradient: DVector<f64>,
     pub(crate) cost: f64,
-    /// What is needed to find the landmarks' steps, in the order of the window's.
+    /// Blocks for the back substitution of landmark steps, in the order of the landmarks of the
+    /// window.
     landmark_blocks: Vec<LandmarkBlock>,
 }
 
-/// A landmark's own equation.
+/// Normal equation of one landmark.
 #[derive(Clone, Debug, Default)]
 pub(crate) struct LandmarkBlock {
     information: f64,
     gradient: f64,
-    /// By frames' poses and cameras' mounts, in the order of [`Window::blocks`].
+    /// Coupling to poses of frames and extrinsics of cameras, in the order of [`Window::blocks`].
     by: Vec<(usize, PoseVector)>,
 }
 
@@ -54,7 +56,7 @@ impl LandmarkBlock {
     }
 }
 
-/// Huber's weight and cost for a squared residual in standard deviations.
+/// Huber weight and cost of a squared residual in standard deviations.
 #[inline]
 pub(crate) fn huber(squared_residual: f64) -> (f64, f64) {
     if squared_residual <= HUBER_SIGMA * HUBER_SIGMA {
@@ -68,15 +70,16 @@ pub(crate) fn huber(squared_residual: f64) -> (f64, f64) {
     }
 }
 
-/// Where information and gradient are summed: by the frames' places, mounts behind them.
+/// Accumulator of information matrix and gradient: blocks of frames, followed by blocks of
+/// extrinsics.
 pub(crate) trait NormalEquations {
-    /// Adds a block of information; of each pair the one on or above the diagonal.
+    /// Adds a block of the information matrix, on or above the diagonal.
     fn add(&mut self, row: usize, column: usize, block: &PoseMatrix);
-    /// Adds rows of the gradient.
+    /// Adds to the gradient of a block.
     fn add_gradient(&mut self, row: usize, rows: &PoseVector);
 }
 
-/// Of few frames, of which most see the same.
+/// Dense normal equations, for few frames that observe mostly the same landmarks.
 struct Dense {
     information: DMatrix<f64>,
     gradient: DVector<f64>,
@@ -95,20 +98,21 @@ impl NormalEquations for Dense {
     }
 }
 
-/// One piece of the visual problem.
+/// Accumulated landmarks of one piece.
 pub(crate) struct Accumulated<S> {
     pub(crate) sums: S,
     pub(crate) cost: f64,
     pub(crate) landmark_blocks: Vec<LandmarkBlock>,
 }
 
-/// One landmark's part, before elimination.
+/// Terms of one landmark, before elimination.
 struct Part {
     own: LandmarkBlock,
     cost: f64,
 }
 
-/// The residuals of a sight in one eye, with derivatives by the point in the left frame and, scaled, their size.
+/// Reprojection residual in one image, px, with its Jacobians by the point in the left frame and by
+/// the inverse range, and its robust weight and cost.
 struct Residual {
     residual: Vector2<f64>,
     by_x: SMatrix<f64, 2, 3>,
@@ -117,8 +121,9 @@ struct Residual {
     cost: f64,
 }
 
-/// Residuals of both eyes for a point, times inverse range, in the left frame. The left one of a host is zero by definition
-/// and left out. A point that is too far off to say which way costs the same wherever it is, and pulls nowhere.
+/// Residuals in both images of a point in the left frame, scaled by the inverse range. The left
+/// residual of a host is zero by definition and omitted. A saturated residual has a constant cost
+/// and no gradient.
 fn residuals(
     camera: &Camera,
     observation: &BearingObservation,
@@ -161,13 +166,13 @@ fn residuals(
     [left, right]
 }
 
-/// What a landmark adds to the mount of a camera.
+/// Terms of a landmark for the extrinsics of a camera.
 #[derive(Default)]
 struct ExtrinsicsTerms {
     own: PoseMatrix,
     gradient: PoseVector,
     by_rho: PoseVector,
-    /// Between the poses of the host and of the target and the mount, of one sight.
+    /// Coupling of the poses of host and target with the extrinsics, for one observation.
     by_host: PoseMatrix,
     by_target: PoseMatrix,
 }
@@ -182,7 +187,8 @@ impl ExtrinsicsTerms {
         self.by_target += j_target.transpose() * weighted;
     }
 
-    /// Hands over what lies between the mount and the poses of a sight: blocks of the host, of the target and of the mount.
+    /// Adds the coupling of the extrinsics with the poses of an observation; the blocks are those
+    /// of host, target and extrinsics.
     fn flush_into(
         &mut self,
         sums: &mut impl NormalEquations,
@@ -195,7 +201,7 @@ impl ExtrinsicsTerms {
     }
 }
 
-/// Adds one landmark to sums by the frames of the window in order.
+/// Adds the terms of one landmark to the sums; blocks are in the order of the frames of the window.
 fn add(window: &Window, landmark: &Landmark, sums: &mut impl NormalEquations) -> Part {
     let mut part = Part {
         own: LandmarkBlock::default(),
@@ -206,7 +212,7 @@ fn add(window: &Window, landmark: &Landmark, sums: &mut impl NormalEquations) ->
         return part;
     };
     let host_camera = &window.cameras[host.camera];
-    let host_placed = CameraPose::new(&window.frames[host_frame].state, host.exposure_offset_s);
+    let host_pose = CameraPose::new(&window.frames[host_frame].state, host.exposure_offset_s);
     let mut by_host = PoseVector::zeros();
     let mut extrinsics = ExtrinsicsTerms::default();
     for (k, (number, observation)) in landmark.observations.iter().enumerate() {
@@ -231,22 +237,24 @@ fn add(window: &Window, landmark: &Landmark, sums: &mut impl NormalEquations) ->
         let Some(frame) = window.position(*number) else {
             continue;
         };
-        let placed = CameraPose::new(&window.frames[frame].state, observation.exposure_offset_s);
-        let carried = transfer(
+        let camera_pose =
+            CameraPose::new(&window.frames[frame].state, observation.exposure_offset_s);
+        let transferred = transfer(
             &host.left.ray,
             landmark.rho,
-            (host_camera, &host_placed),
-            (camera, &placed),
+            (host_camera, &host_pose),
+            (camera, &camera_pose),
         );
         let same = frame == host_frame;
-        // Derivatives of the point by the two poses.
-        let to_left = &carried.left_from_world;
+        // Jacobians of the point by the two poses.
+        let to_left = &transferred.left_from_world;
         let by_position = to_left * landmark.rho;
-        let host_rotation = -(to_left * host_placed.rotation)
-            * so3::cross(&carried.in_host)
-            * host_placed.then_from_state;
+        let host_rotation = -(to_left * host_pose.rotation)
+            * so3::cross(&transferred.in_host)
+            * host_pose.then_from_state;
         let left_from_body = camera.body_from_left.0.transpose();
-        let own_turn = left_from_body * so3::cross(&carried.in_target) * placed.then_from_state;
+        let target_rotation =
+            left_from_body * so3::cross(&transferred.in_target) * camera_pose.then_from_state;
         let mut by_target = PoseVector::zeros();
         let mut h_target = PoseMatrix::zeros();
         let mut h_host = PoseMatrix::zeros();
@@ -255,21 +263,21 @@ fn add(window: &Window, landmark: &Landmark, sums: &mut impl NormalEquations) ->
         let found = residuals(
             camera,
             observation,
-            &carried.x,
-            &carried.by_rho,
+            &transferred.x,
+            &transferred.by_rho,
             landmark.rho,
             false,
             window.observation_sigma_px,
         );
         let by_cameras = (!window.extrinsics.is_empty()).then(|| {
             let now_from_then =
-                carried.left_from_world * host_placed.rotation * host_camera.body_from_left.0;
-            jacobians_by_extrinsics(&host.left.ray, landmark.rho, &now_from_then, &carried.x)
+                transferred.left_from_world * host_pose.rotation * host_camera.body_from_left.0;
+            jacobians_by_extrinsics(&host.left.ray, landmark.rho, &now_from_then, &transferred.x)
         });
-        // Of another camera than the host's, and with that one.
+        // Extrinsics of the other camera, and their coupling with those of the host camera.
         let is_across = observation.camera != host.camera;
         let mut other = ExtrinsicsTerms::default();
-        let mut mounts_between = PoseMatrix::zeros();
+        let mut extrinsics_cross = PoseMatrix::zeros();
         for r in found.into_iter().flatten() {
             part.cost += r.cost;
             part.own.information += r.weight * r.by_rho.norm_squared();
@@ -284,13 +292,13 @@ fn add(window: &Window, landmark: &Landmark, sums: &mut impl NormalEquations) ->
             j_target.fixed_columns_mut::<3>(0).copy_from(&-by_point);
             j_target
                 .fixed_columns_mut::<3>(3)
-                .copy_from(&(r.by_x * own_turn));
+                .copy_from(&(r.by_x * target_rotation));
             match &by_cameras {
                 Some([by_own, by_other]) if is_across => {
                     let (own, across) = (r.by_x * by_own, r.by_x * by_other);
                     extrinsics.add(&r, &own, &j_host, &j_target);
                     other.add(&r, &across, &j_host, &j_target);
-                    mounts_between += own.transpose() * across * r.weight;
+                    extrinsics_cross += own.transpose() * across * r.weight;
                 }
                 Some([by_own, by_other]) => {
                     extrinsics.add(&r, &(r.by_x * (by_own + by_other)), &j_host, &j_target);
@@ -298,7 +306,7 @@ fn add(window: &Window, landmark: &Landmark, sums: &mut impl NormalEquations) ->
                 None => {}
             }
             if same {
-                // Another camera in the host's own frame: both poses are one.
+                // Another camera in the frame of the host: both poses are the same.
                 j_host += j_target;
                 let weighted = j_host.transpose() * r.weight;
                 h_host += weighted * j_host;
@@ -327,9 +335,9 @@ fn add(window: &Window, landmark: &Landmark, sums: &mut impl NormalEquations) ->
                 sums.add_gradient(beside, &other.gradient);
                 part.own.add(beside, &other.by_rho);
                 if block < beside {
-                    sums.add(block, beside, &mounts_between);
+                    sums.add(block, beside, &extrinsics_cross);
                 } else {
-                    let between = mounts_between.transpose();
+                    let between = extrinsics_cross.transpose();
                     sums.add(beside, block, &between);
                 }
             }
@@ -338,7 +346,7 @@ fn add(window: &Window, landmark: &Landmark, sums: &mut impl NormalEquations) ->
         sums.add_gradient(h, &g_host);
         if !same {
             sums.add(t, t, &h_target);
-            // The upper triangle alone is kept.
+            // Only the upper triangle is stored.
             if h < t {
                 sums.add(h, t, &h_between);
             } else {
@@ -359,7 +367,7 @@ fn add(window: &Window, landmark: &Landmark, sums: &mut impl NormalEquations) ->
     part
 }
 
-/// Sums landmarks, one after another, and eliminates them with this damping.
+/// Accumulates landmarks sequentially, and eliminates them with this damping.
 pub(crate) fn accumulate<S: NormalEquations>(
     window: &Window,
     landmarks: &[&Landmark],
@@ -391,9 +399,9 @@ pub(crate) fn accumulate<S: NormalEquations>(
     accumulate
 }
 
-/// Linearises what is known of some landmarks, all motions or those that `keep` names (by the position of their later
-/// frame), and the prior. Only the upper triangle of the information is complete where blocks of poses meet; the caller
-/// gets it mirrored.
+/// Linearizes the given landmarks, all motion factors or those selected by `keep` (by the index of
+/// their later frame), and the prior. Pose blocks are accumulated in the upper triangle only and
+/// mirrored before the return.
 pub(crate) fn linearize(
     window: &Window,
     landmarks: &[&Landmark],
@@ -437,8 +445,8 @@ pub(crate) fn linearize(
         let block = information
             .fixed_view::<POSE_DIM, POSE_DIM>(a * STATE_DIM, a * STATE_DIM)
             .into_owned();
-        // Diagonal blocks of pieces are whole where they were added as such, upper where landmarks were eliminated; both are
-        // symmetric by construction.
+        // Diagonal blocks of pieces are complete where they were added directly, and upper
+        // triangular where landmarks were eliminated; both are symmetric by construction.
         let mut view =
             information.fixed_view_mut::<POSE_DIM, POSE_DIM>(a * STATE_DIM, a * STATE_DIM);
         view.copy_from(&((block + block.transpose()) * 0.5));
@@ -473,7 +481,7 @@ pub(crate) fn linearize(
     }
 }
 
-/// Errors of the prior's frames against where it was made.
+/// Errors of the frames of the prior relative to its linearization point.
 pub(crate) fn prior_error(window: &Window) -> DVector<f64> {
     let mut error = DVector::zeros(window.prior.at.len() * STATE_DIM);
     for (k, (number, at)) in window.prior.at.iter().enumerate() {
@@ -514,7 +522,7 @@ fn add_prior(window: &Window, information: &mut DMatrix<f64>, gradient: &mut DVe
     prior_cost(window, &error)
 }
 
-/// The cost alone.
+/// Cost without derivatives.
 fn cost(window: &Window, landmarks: &[&Landmark]) -> f64 {
     let pieces: Vec<f64> = landmarks
         .par_chunks(LANDMARKS_PER_PIECE)
@@ -537,7 +545,8 @@ pub(crate) fn landmark_cost(window: &Window, landmark: &Landmark) -> f64 {
     sum
 }
 
-/// Squared residuals, in standard deviations, of each sight (by place) and eye (1 the right one).
+/// Squared residuals of a landmark, in standard deviations, by index of the observation and side (0
+/// left, 1 right).
 pub(crate) fn for_each_residual(
     window: &Window,
     landmark: &Landmark,
@@ -548,7 +557,7 @@ pub(crate) fn for_each_residual(
         return;
     };
     let host_camera = &window.cameras[host.camera];
-    let host_placed = CameraPose::new(&window.frames[host_frame].state, host.exposure_offset_s);
+    let host_pose = CameraPose::new(&window.frames[host_frame].state, host.exposure_offset_s);
     let scale = 1.0 / (window.observation_sigma_px * window.observation_sigma_px);
     for (k, (number, observation)) in landmark.observations.iter().enumerate() {
         let Some(frame) = window.position(*number) else {
@@ -558,16 +567,10 @@ pub(crate) fn for_each_residual(
         let x = if k == 0 {
             host.left.ray
         } else {
-            let placed =
+            let camera_pose =
                 CameraPose::new(&window.frames[frame].state, observation.exposure_offset_s);
-            let to = (camera, &placed);
-            transfer(
-                &host.left.ray,
-                landmark.rho,
-                (host_camera, &host_placed),
-                to,
-            )
-            .x
+            let to = (camera, &camera_pose);
+            transfer(&host.left.ray, landmark.rho, (host_camera, &host_pose), to).x
         };
         if k > 0 {
             found(k, 0, observation.left.squared_residual(&x) * scale);
@@ -580,17 +583,17 @@ pub(crate) fn for_each_residual(
     }
 }
 
-/// How a solution ended.
+/// Result of an optimization.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct Solved {
-    /// Linearisations.
+    /// Number of iterations.
     pub(crate) rounds: usize,
-    /// Sum of squares before and after, in standard deviations.
+    /// Cost before and after, in standard deviations squared.
     pub(crate) cost: [f64; 2],
 }
 
-/// Brings a window to where everything fits best, in at most `rounds` linearisations. Gives also the covariance of the
-/// newest state's error, if it has one.
+/// Optimizes a window in at most `rounds` iterations. Also returns the covariance of the error of
+/// the newest state, if it exists.
 pub(crate) fn optimize_window(
     window: &mut Window,
     rounds: usize,
@@ -642,7 +645,7 @@ pub(crate) fn optimize_window(
             damping = (damping * 30.0).max(1e-3);
         }
     }
-    // Damping would make certain what is not: without it, but for what rounding needs.
+    // Damping would add information: it is omitted here, except for what rounding requires.
     let covariance = latest.and_then(|mut information: DMatrix<f64>| {
         for k in 0..information.nrows() {
             information[(k, k)] *= 1.0 + 1e-12;
@@ -652,14 +655,14 @@ pub(crate) fn optimize_window(
     (solved, covariance)
 }
 
-/// The lower right corner of an inverse.
+/// Lower right block of an inverse.
 trait Corner {
     fn inverse_corner(&self) -> SMatrix<f64, STATE_DIM, STATE_DIM>;
 }
 
 impl Corner for nalgebra::Cholesky<f64, nalgebra::Dyn> {
     fn inverse_corner(&self) -> SMatrix<f64, STATE_DIM, STATE_DIM> {
-        // With `A = L Lᵀ` the corner of the inverse is that of the corner of `L` alone.
+        // With `A = L Lᵀ` the lower right block of the inverse depends on that of `L` only.
         let l = self.l_dirty();
         let at = l.nrows() - STATE_DIM;
         let corner = SMatrix::<f64, STATE_DIM, STATE_DIM>::from_fn(|i, j| {
@@ -667,12 +670,12 @@ impl Corner for nalgebra::Cholesky<f64, nalgebra::Dyn> {
         });
         let inverse = corner
             .solve_lower_triangular(&SMatrix::<f64, STATE_DIM, STATE_DIM>::identity())
-            .expect("a Cholesky factor has no zero on its diagonal");
+            .expect("the diagonal of a Cholesky factor is not zero");
         inverse.transpose() * inverse
     }
 }
 
-/// Moves states by a step and landmarks, in the order of the window's, by what follows from it.
+/// Applies a step to the states, and to the landmarks by back substitution.
 pub(crate) fn apply<'a>(
     window: &mut Window,
     step: &DVector<f64>,
@@ -701,19 +704,19 @@ pub(crate) fn apply<'a>(
     }
 }
 
-/// Moves one state alone, everything else held still, and gives the information about it. Sights far off count
-/// less by Tukey's function, whose reach falls with the rounds. `kept` is the covariance of the state before: how it moved, and
-/// where down is, is not known exactly.
+/// Optimizes the newest state with everything else fixed, and returns its information matrix. The
+/// loss is Tukey's with a scale that decreases with the iterations. `start_covariance` is the
+/// covariance of the previous state, whose velocity, biases and tilt are uncertain.
 pub(crate) fn refine_newest(
     window: &mut Window,
-    kept: &SMatrix<f64, STATE_DIM, STATE_DIM>,
+    start_covariance: &SMatrix<f64, STATE_DIM, STATE_DIM>,
     rounds: usize,
 ) -> Option<SMatrix<f64, STATE_DIM, STATE_DIM>> {
     let last = window.frames.len() - 1;
     let number = window.frames[last].number;
     let sigma = window.observation_sigma_px;
-    // Where landmarks are does not change: in the world, times their inverse ranges.
-    let seen: Vec<(Vector3<f64>, Vector3<f64>, f64, BearingObservation)> = window
+    // Landmarks are fixed: positions in the world, scaled by their inverse ranges.
+    let visual_terms: Vec<(Vector3<f64>, Vector3<f64>, f64, BearingObservation)> = window
         .landmarks
         .values()
         .filter_map(|landmark| {
@@ -723,16 +726,20 @@ pub(crate) fn refine_newest(
             if observations.is_empty() || frame == last {
                 return None;
             }
-            let placed = CameraPose::new(&window.frames[frame].state, host.exposure_offset_s);
+            let camera_pose = CameraPose::new(&window.frames[frame].state, host.exposure_offset_s);
             let (rotation, arm) = &window.cameras[host.camera].body_from_left;
             let in_host = rotation * host.left.ray + arm * landmark.rho;
-            let x = placed.rotation * in_host;
+            let x = camera_pose.rotation * in_host;
             let each = observations.iter();
-            Some(each.map(move |(_, observation)| (x, placed.position, landmark.rho, *observation)))
+            Some(
+                each.map(move |(_, observation)| {
+                    (x, camera_pose.position, landmark.rho, *observation)
+                }),
+            )
         })
         .flatten()
         .collect();
-    // Where nothing was felt the guess may be far off.
+    // Without an IMU the guess may have a large error.
     let preintegrated = window.frames[last]
         .motion
         .as_ref()
@@ -745,17 +752,19 @@ pub(crate) fn refine_newest(
     let mut information = None;
     for round in 0..rounds + reach.len() {
         let state: State = window.frames[last].state;
-        let most = reach.get(round).copied().unwrap_or(4.0);
+        let scale = reach.get(round).copied().unwrap_or(4.0);
         let mut h = SMatrix::<f64, STATE_DIM, STATE_DIM>::zeros();
         let mut g = SVector::<f64, STATE_DIM>::zeros();
-        for (x, position, rho, observation) in &seen {
+        for (x, position, rho, observation) in &visual_terms {
             let camera = &window.cameras[observation.camera];
-            let placed = CameraPose::new(&state, observation.exposure_offset_s);
+            let camera_pose = CameraPose::new(&state, observation.exposure_offset_s);
             let (rotation, arm) = &camera.body_from_left;
-            let in_target = placed.rotation.transpose() * (x + (position - placed.position) * *rho);
+            let in_target =
+                camera_pose.rotation.transpose() * (x + (position - camera_pose.position) * *rho);
             let x_in_left = rotation.transpose() * (in_target - arm * *rho);
-            let left_from_world = rotation.transpose() * placed.rotation.transpose();
-            let by_turn = rotation.transpose() * so3::cross(&in_target) * placed.then_from_state;
+            let left_from_world = rotation.transpose() * camera_pose.rotation.transpose();
+            let by_rotation =
+                rotation.transpose() * so3::cross(&in_target) * camera_pose.then_from_state;
             let rays = residuals(
                 camera,
                 observation,
@@ -766,16 +775,17 @@ pub(crate) fn refine_newest(
                 sigma,
             );
             for r in rays.into_iter().flatten() {
-                let size = r.residual.norm() / (sigma * most);
+                let size = r.residual.norm() / (sigma * scale);
                 if size >= 1.0 {
                     continue;
                 }
-                let kept = (1.0 - size * size).powi(2) / (sigma * sigma);
+                let weight = (1.0 - size * size).powi(2) / (sigma * sigma);
                 let mut j = ByPose::zeros();
                 j.fixed_columns_mut::<3>(0)
                     .copy_from(&(-r.by_x * left_from_world * *rho));
-                j.fixed_columns_mut::<3>(3).copy_from(&(r.by_x * by_turn));
-                let weighted = j.transpose() * kept;
+                j.fixed_columns_mut::<3>(3)
+                    .copy_from(&(r.by_x * by_rotation));
+                let weighted = j.transpose() * weight;
                 let block = weighted * j;
                 let mut view = h.fixed_view_mut::<POSE_DIM, POSE_DIM>(0, 0);
                 view += block;
@@ -786,7 +796,7 @@ pub(crate) fn refine_newest(
         if let (Some(motion), true) = (&window.frames[last].motion, last > 0) {
             let before = &window.frames[last - 1].state;
             let (information, gradient) =
-                motion_factor::with_uncertain_start(motion, before, kept, &state);
+                motion_factor::with_uncertain_start(motion, before, start_covariance, &state);
             h += information;
             g += gradient;
         }

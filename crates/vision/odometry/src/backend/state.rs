@@ -1,51 +1,53 @@
-//! Where the body is and how it moves at one instant.
+//! State of the body at one instant.
 //!
-//! The body frame is that of the IMU in use, or the rig's where there is none. The world has z up and its origin where
-//! the first body was. Errors are `[position in the world, turn on the right, velocity, gyroscope bias, accelerometer
-//! bias]`, 15 numbers.
+//! The body frame is that of the IMU in use, or the rig frame without an IMU. The world has z up
+//! and its origin at the first body position. The error state has 15 components: `[position in the
+//! world, rotation on the right, velocity, gyroscope bias, accelerometer bias]`.
 
 use cad_transforms::RigidTransform;
 use nalgebra::{SVector, UnitQuaternion, Vector3};
 
 use crate::so3;
 
-/// Numbers of a state's error.
+/// Dimension of the error state.
 pub(crate) const STATE_DIM: usize = 15;
-/// Numbers of a pose's error, the first of a state's.
+/// Dimension of the pose error, the first part of the error state.
 pub(crate) const POSE_DIM: usize = 6;
-/// Where they begin.
+/// Offsets of the parts of the error state.
 pub(crate) const POSITION: usize = 0;
 pub(crate) const ROTATION: usize = 3;
 pub(crate) const VELOCITY: usize = 6;
 pub(crate) const GYRO_BIAS: usize = 9;
 pub(crate) const ACCEL_BIAS: usize = 12;
 
-/// Standard gravity, m/s² (CGPM 1901). It differs by 0.3 % over the earth, which an accelerometer's bias takes in.
+/// Standard gravity, m/s² (CGPM 1901). It varies by 0.3 % over the earth, which the accelerometer
+/// bias absorbs.
 pub(crate) const GRAVITY: f64 = 9.80665;
 
-/// An error of a state.
+/// Error state.
 pub(crate) type Error = SVector<f64, STATE_DIM>;
 
-/// See the module.
+/// State of the body.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(crate) struct State {
     pub(crate) time_ns: i64,
-    /// m.
+    /// Position in the world, m.
     pub(crate) position: Vector3<f64>,
-    /// World from body.
+    /// Orientation: world from body.
     pub(crate) rotation: UnitQuaternion<f64>,
-    /// In the world, m/s.
+    /// Velocity in the world, m/s.
     pub(crate) velocity: Vector3<f64>,
-    /// rad/s.
+    /// Gyroscope bias, rad/s.
     pub(crate) gyro_bias: Vector3<f64>,
-    /// m/s².
+    /// Accelerometer bias, m/s².
     pub(crate) accel_bias: Vector3<f64>,
-    /// Rate of the body about its own axes as the gyroscope read it, bias included, rad/s. Not estimated.
+    /// Angular rate in the body frame as measured by the gyroscope, bias included, rad/s. Not
+    /// estimated.
     pub(crate) gyro_rate: Vector3<f64>,
 }
 
 impl State {
-    /// At rest at the origin.
+    /// State at rest at the origin.
     pub(crate) fn at_rest(time_ns: i64) -> Self {
         Self {
             time_ns,
@@ -58,7 +60,7 @@ impl State {
         }
     }
 
-    /// The state that is off by an error.
+    /// The state perturbed by an error.
     pub(crate) fn plus(&self, error: &Error) -> Self {
         let part = |at: usize| error.fixed_rows::<3>(at).into_owned();
         let mut rotation = self.rotation * so3::exp(&part(ROTATION));
@@ -73,7 +75,7 @@ impl State {
         }
     }
 
-    /// By which error this state is off another.
+    /// Error of this state relative to another one.
     pub(crate) fn minus(&self, other: &Self) -> Error {
         let mut error = Error::zeros();
         let mut set = |at: usize, part: Vector3<f64>| {
@@ -90,20 +92,20 @@ impl State {
         error
     }
 
-    /// Where the rig is.
+    /// Pose of the rig.
     pub(crate) fn world_from_rig(&self, body_from_rig: &RigidTransform) -> RigidTransform {
         let q = self.rotation;
         let world_from_body = RigidTransform::from_wxyz([q.w, q.i, q.j, q.k], self.position.into())
-            .expect("a state is finite, since steps that are not are not taken");
+            .expect("a state is finite, since steps that are not finite are rejected");
         world_from_body * *body_from_rig
     }
 
-    /// Rate about its own axes, rad/s.
+    /// Angular rate in the body frame, bias removed, rad/s.
     pub(crate) fn rate(&self) -> Vector3<f64> {
         self.gyro_rate - self.gyro_bias
     }
 
-    /// Pose a little earlier or later, s, at constant rate and velocity: world from body.
+    /// Pose at a small time offset, s, at constant rate and velocity: world from body.
     pub(crate) fn pose_after(&self, seconds: f64) -> (UnitQuaternion<f64>, Vector3<f64>) {
         if seconds == 0.0 {
             return (self.rotation, self.position);
@@ -124,8 +126,8 @@ mod tests {
         let mut state = State::at_rest(5);
         state.rotation = so3::exp(&Vector3::new(0.4, -1.0, 0.3));
         let error = Error::from_fn(|k, _| 0.1 * (k as f64 + 1.0).sin());
-        let off = state.plus(&error);
-        assert!((off.minus(&state) - error).amax() < 1e-12);
-        assert!((state.plus(&off.minus(&state)).minus(&off)).amax() < 1e-12);
+        let perturbed = state.plus(&error);
+        assert!((perturbed.minus(&state) - error).amax() < 1e-12);
+        assert!((state.plus(&perturbed.minus(&state)).minus(&perturbed)).amax() < 1e-12);
     }
 }

@@ -1,7 +1,8 @@
-//! The frames and landmarks that are being estimated together, and all that is known of them.
+//! Sliding window: frames and landmarks that are estimated jointly, with their factors.
 //!
-//! Frames are in order of time. Between neighbours lies what the IMU felt; where it felt nothing, that a body does not leap.
-//! What was known of frames that have left is in the prior.
+//! Frames are in order of time. Adjacent frames are connected by a preintegrated IMU factor, or by
+//! a constant-velocity factor without IMU samples. The information of marginalized frames is in the
+//! prior.
 
 use std::collections::BTreeMap;
 
@@ -12,60 +13,60 @@ use crate::backend::observation::{BearingObservation, Camera};
 use crate::backend::state::{POSE_DIM, STATE_DIM, State};
 use crate::inertial::imu_buffer::Preintegrated;
 
-/// One frame.
+/// A frame of the window.
 #[derive(Clone, Debug)]
 pub(crate) struct Frame {
-    /// Counts all frame sets.
+    /// Number of the frame set.
     pub(crate) number: u64,
     pub(crate) state: State,
-    /// From the frame before it in the window; none for the first.
+    /// Motion factor from the previous frame of the window; `None` for the first one.
     pub(crate) motion: Option<MotionFactor>,
 }
 
-/// What is known of the way from one frame to the next.
+/// Motion factor between adjacent frames.
 #[derive(Clone, Debug)]
 pub(crate) struct MotionFactor {
     pub(crate) preintegrated: Preintegrated,
-    /// 1 where specific force was felt, 0 where only that bodies do not leap is known.
+    /// Whether the factor contains measured specific force; false for a constant-velocity factor.
     pub(crate) has_gravity: bool,
-    /// Densities of the biases' walks, rad/s²/√Hz and m/s³/√Hz.
+    /// Bias random walk densities, rad/s²/√Hz and m/s³/√Hz.
     pub(crate) bias_walk: [f64; 2],
 }
 
-/// A landmark. The first of its sights is the host's.
+/// A landmark. The first of its observations is that of the host.
 #[derive(Clone, Debug)]
 pub(crate) struct Landmark {
-    /// Inverse range from the host's left eye, 1/m.
+    /// Inverse range from the left camera of the host, 1/m.
     pub(crate) rho: f64,
-    /// By frame number, rising; several of one frame are of several cameras.
+    /// By frame number, ascending; several of one frame belong to different cameras.
     pub(crate) observations: Vec<(u64, BearingObservation)>,
 }
 
-/// What is known of frames through those that have left: a quadratic in the errors against where it was made.
+/// Marginalization prior: a quadratic in the errors relative to its linearization point.
 #[derive(Clone, Debug)]
 pub(crate) struct Prior {
-    /// Frames by number, rising, with the states at which the prior was made.
+    /// Frames by number, ascending, with their states at the linearization point.
     pub(crate) at: Vec<(u64, State)>,
     pub(crate) information: DMatrix<f64>,
-    /// Gradient there.
+    /// Gradient at the linearization point.
     pub(crate) gradient: DVector<f64>,
 }
 
-/// See the module.
+/// Sliding window.
 #[derive(Clone, Debug)]
 pub(crate) struct Window {
     pub(crate) cameras: Vec<Camera>,
-    /// Of each camera, where mounts are estimated too; else empty.
+    /// Extrinsics priors, one per camera, if extrinsics are estimated; else empty.
     pub(crate) extrinsics: Vec<ExtrinsicsPrior>,
     pub(crate) frames: Vec<Frame>,
     pub(crate) landmarks: BTreeMap<u64, Landmark>,
     pub(crate) prior: Prior,
-    /// Standard deviation of a sight, px.
+    /// Standard deviation of an observation, px.
     pub(crate) observation_sigma_px: f64,
 }
 
 impl Prior {
-    /// Independent standard deviations of one state.
+    /// Prior of one state with independent standard deviations.
     pub(crate) fn of(number: u64, state: State, sigmas: &[f64; STATE_DIM]) -> Self {
         let diagonal = DVector::from_iterator(STATE_DIM, sigmas.iter().map(|s| 1.0 / (s * s)));
         Self {
@@ -75,7 +76,7 @@ impl Prior {
         }
     }
 
-    /// Of its first frame, once it is of one alone; wide where it has none.
+    /// Covariance of its first frame, if it has only one; wide if it has none.
     pub(crate) fn covariance(&self) -> SMatrix<f64, STATE_DIM, STATE_DIM> {
         let inverse = self.information.clone().try_inverse();
         inverse.map_or(SMatrix::identity(), |inverse| {
@@ -87,17 +88,17 @@ impl Prior {
 }
 
 impl Landmark {
-    /// Place of the first of its sights in a frame and later ones, but for the host's.
+    /// Index of the first observation in this frame or a later one, the host excluded.
     pub(crate) fn since(&self, number: u64) -> usize {
         self.observations
             .partition_point(|(n, _)| *n < number)
             .max(1)
     }
 
-    /// Takes back sights that were wrong, by place and eye (1 the right one), in rising order.
+    /// Removes outliers by index and side (0 left, 1 right), in ascending order.
     pub(crate) fn drop_observations(&mut self, entries: &[(usize, usize)]) {
-        for (observation, eye) in entries.iter().rev() {
-            if *eye == 0 {
+        for (observation, side) in entries.iter().rev() {
+            if *side == 0 {
                 self.observations.remove(*observation);
             } else if let Some((_, observation)) = self.observations.get_mut(*observation) {
                 observation.right = None;
@@ -107,28 +108,29 @@ impl Landmark {
 }
 
 impl Window {
-    /// Where a frame is in the window.
+    /// Index of a frame in the window.
     pub(crate) fn position(&self, number: u64) -> Option<usize> {
         self.frames.binary_search_by_key(&number, |f| f.number).ok()
     }
 
-    /// Blocks of unknowns that sights depend on: poses of frames, and behind them mounts of cameras.
+    /// Number of parameter blocks that observations depend on: poses of frames, followed by
+    /// extrinsics of cameras.
     pub(crate) fn blocks(&self) -> usize {
         self.frames.len() + self.extrinsics.len()
     }
 
-    /// Where a block begins in a step of the whole window, in which frames have all their numbers.
+    /// Offset of a block in a step of the whole window, in which frames have full states.
     pub(crate) fn row_of(&self, block: usize) -> usize {
         let frames = self.frames.len();
         block.min(frames) * STATE_DIM + block.saturating_sub(frames) * POSE_DIM
     }
 
-    /// The newest frame.
+    /// Newest frame.
     pub(crate) fn newest(&self) -> &Frame {
         &self.frames[self.frames.len() - 1]
     }
 
-    /// Takes the newest frame away, with all that it saw.
+    /// Removes the newest frame and its observations.
     pub(crate) fn drop_newest(&mut self) {
         let Some(frame) = self.frames.pop() else {
             return;

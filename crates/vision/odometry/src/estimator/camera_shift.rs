@@ -1,39 +1,41 @@
-//! A camera that is moved on its plate while it records.
+//! Detection of a camera that is moved on its plate while recording.
 //!
-//! All at once what it sees of old landmarks is off by one and the same turn, while the other cameras agree with what was
-//! expected. From then on it is not known which of them the plate went with, nor how far the camera's mount is off, and poses are in doubt by a
-//! share of that turn.
+//! Its residuals of old landmarks suddenly fit one common rotation, while those of the other
+//! cameras agree with the prediction. Afterwards it is unknown which cameras moved relative to the
+//! plate and how wrong the extrinsics are, so that a fraction of the rotation is added to the
+//! uncertainty of poses.
 
 use nalgebra::{Matrix3, Vector3};
 
 use crate::backend::observation::{CameraPose, transfer};
 use crate::backend::window::Window;
 
-/// Sights that a camera needs to be judged, and the others together to be believed.
+/// Minimum number of observations of the tested camera, and of all others together.
 const MIN_INLIERS: usize = 12;
-/// Off by less than this a sight agrees, px.
+/// Maximum residual of an inlier, px.
 const INLIER_PX: f64 = 1.5;
-/// Share of a camera's sights that may still agree as they are, and that must by a turn; share that must of all other cameras'.
+/// Maximum inlier ratio of a shifted camera without a rotation, its minimum inlier ratio with one,
+/// and the minimum inlier ratio of all other cameras.
 const MAX_STATIC_INLIER_RATIO: f64 = 0.3;
 const MIN_ROTATED_INLIER_RATIO: f64 = 0.6;
 const MIN_OTHER_INLIER_RATIO: f64 = 0.6;
 const MAX_ITERATIONS: usize = 5;
 
-/// A camera that was moved, as it seems.
+/// Detected shift of a camera.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct CameraShift {
-    /// Of the frame set in which it was first seen, ns.
+    /// Time of the frame set in which it was detected, ns.
     pub time_ns: i64,
-    /// Place of the camera in the rig.
+    /// Index of the camera in the rig.
     pub camera: usize,
-    /// By how much it was turned, rad.
+    /// Angle of the rotation, rad.
     pub rotation_rad: f64,
 }
 
-/// What a camera saw of a landmark: where it should be and where it was, as unit rays in its left eye.
+/// Predicted and measured bearing of a landmark, as unit rays in the left optical frame.
 type Pair = (Vector3<f64>, Vector3<f64>);
 
-/// The camera that was moved since the frame before the newest, whose pose is known; none as a rule.
+/// Camera that was moved since the previous frame, if any. The pose of the newest frame is known.
 pub(crate) fn find(window: &Window) -> Option<CameraShift> {
     let frame = window.newest();
     let mut pairs: Vec<Vec<Pair>> = vec![Vec::new(); window.cameras.len()];
@@ -93,7 +95,7 @@ fn count_inliers(window: &Window, camera: usize, pairs: &[Pair], rotation: &Vect
     inliers.count()
 }
 
-/// The small turn that explains most of what is off.
+/// Small rotation that explains most residuals.
 fn rotation(window: &Window, camera: usize, pairs: &[Pair]) -> Option<Vector3<f64>> {
     let scale = window.cameras[camera].left.model().fx;
     let mut rotation = Vector3::zeros();
@@ -101,7 +103,7 @@ fn rotation(window: &Window, camera: usize, pairs: &[Pair]) -> Option<Vector3<f6
         let (mut h, mut g) = (Matrix3::zeros(), Vector3::zeros());
         for pair in pairs {
             let residual = residual(pair, &rotation);
-            // Far off counts little, so that what moves by itself does not decide.
+            // Large residuals have little weight, so that moving objects do not dominate.
             let weight = INLIER_PX / (scale * residual.norm()).max(INLIER_PX);
             h += (Matrix3::identity() - pair.0 * pair.0.transpose()) * weight;
             g += pair.0.cross(&residual) * weight;
@@ -117,7 +119,7 @@ mod tests {
     use crate::backend::solver::tests::window;
     use crate::so3;
 
-    /// What one camera sees last, turned.
+    /// Bearings of one camera with a rotation.
     fn rotation_rad(by: Vector3<f64>) -> Window {
         let mut window = window(4, 0.0);
         let number = window.newest().number;
@@ -132,15 +134,15 @@ mod tests {
     }
 
     #[test]
-    fn a_camera_that_was_turned_is_found() {
+    fn rotated_camera_is_detected() {
         let by = Vector3::new(0.02, -0.01, 0.03);
-        let shift = find(&rotation_rad(by)).expect("a shift");
+        let shift = find(&rotation_rad(by)).expect("a camera shift");
         assert_eq!(shift.camera, 1);
         assert!((shift.rotation_rad - by.norm()).abs() < 1e-3, "{shift:?}");
     }
 
     #[test]
-    fn cameras_that_stay_or_are_wrong_in_all_ways_are_not() {
+    fn static_camera_and_random_residuals_are_not_detected() {
         assert_eq!(find(&rotation_rad(Vector3::zeros())), None);
         let mut window = rotation_rad(Vector3::zeros());
         let number = window.newest().number;

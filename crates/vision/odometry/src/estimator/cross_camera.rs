@@ -1,9 +1,10 @@
-//! Corners that another camera of the rig sees too.
+//! Cross-camera matching: features that another camera of the rig also observes.
 //!
-//! Where views overlap, a corner that one camera follows is followed by the other one as well, under the same number: its landmark
-//! lives on when it leaves the first view, and ties the two cameras. Cameras are turned apart, so that things look different in each.
-//! What the one shows is therefore drawn as the other one would see it, as if it lay on a plane across the line of sight, before it is looked
-//! for; and the eyes of the other camera must find it as far away as it is known to be.
+//! Where views overlap, a feature tracked by one camera is also tracked by the other one under the
+//! same id: its landmark survives when it leaves the first view, and connects the two cameras. The
+//! cameras have different orientations, so that patches look different. The patch is therefore
+//! warped into the view of the other camera, on a plane perpendicular to the viewing ray, before
+//! the search; and stereo matching in the other camera must confirm the known range.
 
 use calib::verify::ImageView;
 use nalgebra::{Matrix3, Vector3};
@@ -15,19 +16,20 @@ use crate::backend::window::Window;
 use crate::frontend::pyramid::{Level, Pyramid};
 use crate::frontend::tracker::{Expected, Track};
 
-/// Side of what is drawn, pixels, and its middle.
+/// Side of the warped patch, px, and its center.
 const WARP_SIDE_PX: usize = 48;
 const WARP_CENTER_PX: f64 = 24.0;
-/// Step of the derivatives of the drawing, pixels.
+/// Step of the numerical derivatives of the warp, px.
 const DERIVATIVE_STEP_PX: f64 = 4.0;
-/// Pixels of the one picture that may fall on one of the other, and their inverse.
+/// Limits of the scale of the warp: pixels of one image per pixel of the other.
 const MAX_SCALE_RATIO: f64 = 3.0;
-/// How far from where it should be a corner may be found, pixels, and by which share, and 1/m, its inverse range may differ.
+/// Maximum distance of a match from its prediction, px, and maximum deviation of its inverse range:
+/// a fraction, and 1/m.
 const MAX_POSITION_ERROR_PX: f32 = 5.0;
 const MAX_INVERSE_RANGE_ERROR_RATIO: f64 = 0.1;
 const MAX_INVERSE_RANGE_ERROR_PER_M: f64 = 0.01;
 
-/// A corner that should be seen.
+/// A feature that should be visible in the other camera.
 struct Candidate {
     id: u64,
     expected: Expected,
@@ -35,10 +37,11 @@ struct Candidate {
 }
 
 impl Odometry {
-    /// Looks in each picture of the newest frame for what the other cameras follow, by where landmarks are known to be.
+    /// Searches the images of the newest frame for the features of the other cameras, at the
+    /// predicted positions of their landmarks.
     pub(super) fn match_across_cameras(&mut self, window: &mut Window, exposure_offset_s: &[f64]) {
         let state = window.newest().state;
-        let eyes: Vec<_> = (self.cameras.iter().zip(exposure_offset_s))
+        let left_poses: Vec<_> = (self.cameras.iter().zip(exposure_offset_s))
             .map(|(camera, exposure_offset_s)| {
                 world_from_left(camera, &CameraPose::new(&state, *exposure_offset_s))
             })
@@ -46,12 +49,12 @@ impl Odometry {
         let count = self.cameras.len();
         let pairs = (0..count).flat_map(|to| (0..count).map(move |from| (from, to)));
         for (from, to) in pairs.filter(|(from, to)| from != to) {
-            let [Some(shown), Some(there)] =
+            let [Some(level), Some(target)] =
                 [from, to].map(|k| self.trackers[k].image().levels.first())
             else {
                 continue;
             };
-            let inside = [there.width as f64, there.height as f64];
+            let inside = [target.width as f64, target.height as f64];
             let candidates: Vec<Candidate> = self.trackers[from]
                 .tracks
                 .iter()
@@ -60,22 +63,26 @@ impl Odometry {
                     self.candidate(window, track, to, exposure_offset_s[to], inside)
                 })
                 .collect();
-            let back = eyes[from].0.transpose();
-            let from_there = (back * eyes[to].0, back * (eyes[to].1 - eyes[from].1));
+            let back = left_poses[from].0.transpose();
+            let from_there = (
+                back * left_poses[to].0,
+                back * (left_poses[to].1 - left_poses[from].1),
+            );
             let cameras = [&self.cameras[from], &self.cameras[to]];
             let tracker = &self.trackers[to];
             let found: Vec<Option<Track>> = candidates
                 .par_iter()
                 .with_min_len(4)
                 .map(|candidate| {
-                    let warp_patch = warp_patch(shown, cameras, &from_there, candidate)?;
+                    let patch = warp_patch(level, cameras, &from_there, candidate)?;
                     let middle = [WARP_CENTER_PX as f32; 2];
                     let expected = candidate.expected;
                     let track =
-                        tracker.find(cameras[1], (&warp_patch, middle), candidate.id, expected)?;
-                    let off = (track.at[0] - expected.at[0]).hypot(track.at[1] - expected.at[1]);
+                        tracker.find(cameras[1], (&patch, middle), candidate.id, expected)?;
+                    let distance =
+                        (track.at[0] - expected.at[0]).hypot(track.at[1] - expected.at[1]);
                     let apart = (track.rho? - candidate.rho).abs();
-                    let fits = off < MAX_POSITION_ERROR_PX
+                    let fits = distance < MAX_POSITION_ERROR_PX
                         && apart
                             < MAX_INVERSE_RANGE_ERROR_RATIO * candidate.rho
                                 + MAX_INVERSE_RANGE_ERROR_PER_M;
@@ -93,7 +100,7 @@ impl Odometry {
         }
     }
 
-    /// What another camera should see of a corner; none where it does not look.
+    /// Prediction of a feature in another camera; `None` outside its view.
     fn candidate(
         &self,
         window: &Window,
@@ -132,16 +139,16 @@ impl Odometry {
     }
 }
 
-/// What a camera shows around a candidate, as the other one of the two would see it.
+/// Patch around a candidate, warped from one camera into the view of the other.
 fn warp_patch(
-    shown: &Level,
+    level: &Level,
     [from, to]: [&Camera; 2],
     (rotation, shift): &(Matrix3<f64>, Vector3<f64>),
     candidate: &Candidate,
 ) -> Option<Pyramid> {
     let at = candidate.expected.at.map(f64::from);
     let observation = Vector3::from(to.left.unproject(at)?).normalize();
-    // Where a pixel's ray meets the plane, seen from the first camera.
+    // Intersection of the ray of a pixel with the plane, in the first camera.
     let back = |x: f64, y: f64| {
         let ray = Vector3::from(to.left.unproject([at[0] + x, at[1] + y])?);
         let point = rotation * (ray / ray.dot(&observation)) + shift * candidate.rho;
@@ -167,14 +174,14 @@ fn warp_patch(
         for x in 0..WARP_SIDE_PX {
             let (dx, dy) = (x as f64 - WARP_CENTER_PX, y as f64 - WARP_CENTER_PX);
             let at = [0, 1].map(|k| middle[k] + by_x[k] * dx + by_y[k] * dy);
-            data.push(sample(shown, at)?);
+            data.push(sample(level, at)?);
         }
     }
-    let picture = ImageView::new(WARP_SIDE_PX, WARP_SIDE_PX, WARP_SIDE_PX, &data)?;
-    Some(Pyramid::new(&picture))
+    let image = ImageView::new(WARP_SIDE_PX, WARP_SIDE_PX, WARP_SIDE_PX, &data)?;
+    Some(Pyramid::new(&image))
 }
 
-/// Between pixels; none outside.
+/// Bilinear interpolation; `None` outside.
 fn sample(level: &Level, [x, y]: [f64; 2]) -> Option<u8> {
     let is_inside =
         x >= 0.0 && y >= 0.0 && x + 1.0 < level.width as f64 && y + 1.0 < level.height as f64;
@@ -195,16 +202,17 @@ mod tests {
     use crate::backend::solver::tests::camera;
 
     #[test]
-    fn what_one_camera_shows_is_drawn_as_the_other_sees_it() {
-        // Half a radian to the left and as much to the right of a plane that faces the right one.
+    fn warped_patch_equals_the_view_of_the_other_camera() {
+        // Two cameras rotated half a radian to either side, in front of a plane that faces the
+        // right one.
         let cameras = [camera(-0.5, 0.0), camera(0.4, 0.0)];
-        let [(turn_a, at_a), (turn_b, at_b)] = cameras.each_ref().map(|c| c.body_from_left);
+        let [(rotation_a, at_a), (rotation_b, at_b)] = cameras.each_ref().map(|c| c.body_from_left);
         let point = Vector3::new(-0.1, 0.2, 2.5);
         let observation = (point - at_b).normalize();
         let across = observation.cross(&Vector3::y()).normalize();
         let along = observation.cross(&across);
-        // What an eye shows in a pixel.
-        let looks = |camera: &Camera, pixel: [f64; 2]| {
+        // Gray value that a camera measures at a pixel.
+        let gray_value = |camera: &Camera, pixel: [f64; 2]| {
             let (rotation, at) = &camera.body_from_left;
             let ray = rotation * Vector3::from(camera.left.unproject(pixel).unwrap());
             let on = at + ray * ((point - at).dot(&observation) / ray.dot(&observation)) - point;
@@ -212,12 +220,12 @@ mod tests {
         };
         let (width, height) = (672, 376);
         let pixels = (0..width * height).map(|i| [(i % width) as f64, (i / width) as f64]);
-        let shown = Level {
+        let level = Level {
             width,
             height,
-            data: pixels.map(|p| looks(&cameras[0], p) as u8).collect(),
+            data: pixels.map(|p| gray_value(&cameras[0], p) as u8).collect(),
         };
-        let x = turn_b.transpose() * (point - at_b);
+        let x = rotation_b.transpose() * (point - at_b);
         let at = cameras[1].left.project(x.into()).unwrap();
         let candidate = Candidate {
             id: 1,
@@ -227,20 +235,20 @@ mod tests {
             },
             rho: 1.0 / x.norm(),
         };
-        let back = turn_a.transpose();
-        let from_there = (back * turn_b, back * (at_b - at_a));
+        let back = rotation_a.transpose();
+        let from_there = (back * rotation_b, back * (at_b - at_a));
         let [a, b] = &cameras;
-        let warp_patch = warp_patch(&shown, [a, b], &from_there, &candidate).expect("a drawing");
+        let patch = warp_patch(&level, [a, b], &from_there, &candidate).expect("a warped patch");
         let at = candidate.expected.at.map(f64::from);
         let mut worst: f64 = 0.0;
-        // As far as a patch reaches.
+        // Within the extent of a patch.
         for (x, y) in (16..33).flat_map(|y| (16..33).map(move |x| (x, y))) {
-            let there = [
+            let target = [
                 at[0] + x as f64 - WARP_CENTER_PX,
                 at[1] + y as f64 - WARP_CENTER_PX,
             ];
-            let grey = f64::from(warp_patch.levels[0].data[y * WARP_SIDE_PX + x]);
-            worst = worst.max((grey - looks(b, there)).abs());
+            let gray = f64::from(patch.levels[0].data[y * WARP_SIDE_PX + x]);
+            worst = worst.max((gray - gray_value(b, target)).abs());
         }
         assert!(worst < 8.0, "{worst}");
     }

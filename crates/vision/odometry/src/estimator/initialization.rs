@@ -1,7 +1,8 @@
-//! The first state, from what the IMU felt before the first pictures.
+//! Static initialization: the first state from the IMU samples before the first images.
 //!
-//! At rest the specific force is gravity and the rate is the gyroscope's bias. In motion the mean force still says roughly where
-//! up is; how roughly goes into the standard deviations, and the window finds out the rest.
+//! At rest the specific force is the reaction to gravity and the angular rate is the gyroscope
+//! bias. In motion the mean specific force still gives the vertical roughly; its standard deviation
+//! accounts for that, and the window estimates the rest.
 
 use nalgebra::{UnitQuaternion, Vector3};
 
@@ -10,19 +11,20 @@ use crate::backend::state::{
 };
 use crate::inertial::imu_buffer::Reading;
 
-/// How long before the first pictures is looked at, ns.
+/// Time before the first images whose samples are used, ns.
 pub(crate) const INITIALIZATION_WINDOW_NS: i64 = 600_000_000;
-/// Shortest time for which rest is believed, s.
+/// Minimum duration of rest, s.
 const MIN_STATIC_S: f64 = 0.2;
-/// Standard deviations within which a body is at rest, rad/s and m/s²; and the most that it may turn, rad/s.
+/// Maximum standard deviations of a body at rest, rad/s and m/s², and maximum gyroscope bias,
+/// rad/s.
 const STATIC_STD: [f64; 2] = [0.03, 0.25];
 const MAX_GYRO_BIAS: f64 = 0.06;
-/// Tilt that nothing told, rad.
+/// Tilt sigma without any measurement, rad.
 pub(crate) const UNKNOWN_TILT_SIGMA_RAD: f64 = 1.0;
-/// What biases are before anything is known, rad/s and m/s².
+/// Initial bias sigmas, rad/s and m/s².
 const INITIAL_BIAS_SIGMA: [f64; 2] = [0.05, 0.15];
 
-/// Standard deviations of the first state when only its position and heading are known, by definition.
+/// Standard deviations of the first state if only the gauge is known: position and heading.
 pub(crate) fn initial_sigmas(has_imu: bool) -> [f64; STATE_DIM] {
     let mut sigmas = [1e-4; STATE_DIM];
     let mut set = |at: usize, sigma: f64| sigmas[at..at + 3].fill(sigma);
@@ -33,7 +35,7 @@ pub(crate) fn initial_sigmas(has_imu: bool) -> [f64; STATE_DIM] {
         set(GYRO_BIAS, INITIAL_BIAS_SIGMA[0]);
         set(ACCEL_BIAS, INITIAL_BIAS_SIGMA[1]);
     } else {
-        // The world is the first rig; how fast it goes is not known.
+        // The world is the first rig frame; the velocity is unknown.
         set(ROTATION, 1e-5);
         set(VELOCITY, 20.0);
         set(GYRO_BIAS, 1e-6);
@@ -42,7 +44,7 @@ pub(crate) fn initial_sigmas(has_imu: bool) -> [f64; STATE_DIM] {
     sigmas
 }
 
-/// The first state and its standard deviations. Position and heading are zero by definition.
+/// The first state and its standard deviations. Position and heading are zero and fix the gauge.
 pub(crate) fn initialize_static(
     time_ns: i64,
     readings: &[Reading],
@@ -106,7 +108,7 @@ mod tests {
     }
 
     #[test]
-    fn rest_gives_up_and_bias() {
+    fn rest_gives_the_vertical_and_the_gyroscope_bias() {
         let (state, sigmas) = initialize_static(0, &readings(0.0), true);
         let up = state.rotation * Vector3::new(0.0, 9.8, 0.3).normalize();
         assert!((up - Vector3::z()).norm() < 1e-12);
@@ -115,10 +117,10 @@ mod tests {
     }
 
     #[test]
-    fn nothing_heard_is_any_tilt() {
+    fn without_samples_the_tilt_is_unknown() {
         let (_, sigmas) = initialize_static(0, &[], true);
         assert!(sigmas[ROTATION] >= UNKNOWN_TILT_SIGMA_RAD);
-        // Of what was heard for an instant alone, rest cannot be told.
+        // A single instant does not prove rest.
         let short = &readings(0.0)[..20];
         let (state, sigmas) = initialize_static(0, short, true);
         assert_eq!(state.gyro_bias, Vector3::zeros());
@@ -126,7 +128,7 @@ mod tests {
     }
 
     #[test]
-    fn motion_gives_up_alone() {
+    fn motion_gives_the_vertical_only() {
         let (state, sigmas) = initialize_static(0, &readings(0.5), true);
         assert_eq!(state.gyro_bias, Vector3::zeros());
         assert!(sigmas[ROTATION] > 0.1 && sigmas[VELOCITY] > 1.0);

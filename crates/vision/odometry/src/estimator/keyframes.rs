@@ -1,4 +1,4 @@
-//! Which frames become keyframes, what is kept of them, and when they leave.
+//! Keyframe selection, insertion and removal.
 
 use std::collections::BTreeMap;
 
@@ -10,19 +10,20 @@ use crate::backend::solver::MIN_INVERSE_RANGE_PER_M;
 use crate::backend::window::{Frame, Landmark, Window};
 use crate::keyframe::{Keyframe, StereoObservation};
 
-/// Longest time from one keyframe to the next, s: what the IMU felt is integrated anew from the last one.
+/// Maximum time between keyframes, s: IMU samples are preintegrated again from the last one.
 const MAX_KEYFRAME_INTERVAL_S: f64 = 0.6;
-/// Time between keyframes that are kept for the adjustment at rest, ns: they show what the ones before did, and wait until the window
-/// has moved on.
+/// Interval of keyframes that are kept for bundle adjustment at rest, ns: they observe the same as
+/// earlier ones, and are decided when they leave the window.
 const KEYFRAME_INTERVAL_AT_REST_NS: i64 = 10_000_000_000;
-/// Share of a keyframe's corners that must still be followed, some time after it, s, and at once: pictures that are all noise
-/// lose a third of them from one to the next, and would all be keyframes.
+/// Minimum fraction of the features of a keyframe that are still tracked, and the same within a
+/// short time after it, s: very noisy images lose a third of the features from frame to frame, and
+/// every frame would become a keyframe.
 const MIN_TRACKED_RATIO: f64 = 0.65;
 const MIN_TRACKED_RATIO_EARLY: f64 = 0.35;
 const EARLY_S: f64 = 0.17;
 
 impl Odometry {
-    /// Whether the newest frame is to stay.
+    /// Whether the newest frame becomes a keyframe.
     pub(super) fn is_keyframe(&self, window: &Window, is_tracked: bool) -> bool {
         let n = window.frames.len();
         let (newest, before) = (&window.frames[n - 1].state, &window.frames[n - 2].state);
@@ -35,11 +36,12 @@ impl Odometry {
         let mut at = 0;
         for (k, tracker) in self.trackers.iter().enumerate() {
             let camera = &self.cameras[k];
-            let (eye, _) = &camera.body_from_left;
-            let rotation: Matrix3<f64> =
-                eye.transpose() * rotation.to_rotation_matrix().into_inner() * eye;
+            let (body_from_left, _) = &camera.body_from_left;
+            let rotation: Matrix3<f64> = body_from_left.transpose()
+                * rotation.to_rotation_matrix().into_inner()
+                * body_from_left;
             let scale = camera.left.model().fx * 672.0 / f64::from(camera.left.model().width);
-            // Both are in the order of their numbers.
+            // Both are sorted by camera and track id.
             for track in &tracker.tracks {
                 while self
                     .reference
@@ -70,7 +72,8 @@ impl Odometry {
         *median >= self.config.keyframe_parallax_px
     }
 
-    /// The newest frame becomes a keyframe: new corners, new landmarks, and room in the window.
+    /// Makes the newest frame a keyframe: detects features, creates landmarks, and marginalizes old
+    /// frames.
     pub(super) fn insert_keyframe(&mut self, window: &mut Window, exposure_offset_s: &[f64]) {
         self.match_across_cameras(window, exposure_offset_s);
         let config = &self.config;
@@ -124,8 +127,9 @@ impl Odometry {
         }
     }
 
-    /// Whether a keyframe that leaves at rest is to be kept: it is long enough after the one before it, or it saw nothing and only seems to
-    /// rest, or the IMU was believed up to it and not from it on, or the other way about.
+    /// Whether a keyframe that leaves at rest is kept: enough time has passed since the previous
+    /// one, or it has no observations and only seems to be at rest, or the validity of the IMU
+    /// changes at it.
     fn is_due_at_rest(&self, window: &Window, frame_to_marginalize: usize) -> bool {
         let (this, next) = (&window.frames[frame_to_marginalize], window.newest());
         let pending = self.pending.get(&this.number);
@@ -141,15 +145,15 @@ impl Odometry {
         time_ns - before >= KEYFRAME_INTERVAL_AT_REST_NS
     }
 
-    /// Keyframes that will not change any more, in order of time, each once; at rest one every ten seconds. Behind the last frame
-    /// set, `all` gives the rest.
+    /// Takes the keyframes that will not change any more, in order of time, each once; at rest one
+    /// every ten seconds. After the last frame set, `all` also returns the remaining ones.
     pub fn take_keyframes(&mut self, all: bool) -> Vec<Keyframe> {
         if let (true, Some(window)) = (all, &self.window) {
             for frame in &window.frames {
                 self.ready.extend(finish_keyframe(&mut self.pending, frame));
             }
         }
-        // One that hardly moved leaves before older ones do.
+        // A keyframe with little motion leaves before older ones.
         let oldest = self.pending.keys().next().copied().unwrap_or(u64::MAX);
         self.ready.sort_by_key(|k| k.number);
         let count = self.ready.partition_point(|k| k.number < oldest);
@@ -157,7 +161,7 @@ impl Odometry {
     }
 }
 
-/// A frame's keyframe, if it is one, as it is kept when the frame leaves the window.
+/// The keyframe of a frame, if there is one, with its final state when the frame leaves the window.
 pub(super) fn finish_keyframe(
     pending: &mut BTreeMap<u64, Keyframe>,
     frame: &Frame,
@@ -172,7 +176,8 @@ fn imu_valid(frame: &Frame) -> bool {
     frame.motion.as_ref().is_some_and(|m| m.has_gravity)
 }
 
-/// Which frame is to leave: the newest but one if hardly anything moved from it to the newest, else the oldest.
+/// Index of the frame to marginalize: the second newest if there is little motion from it to the
+/// newest, else the oldest.
 pub(super) fn frame_to_marginalize(window: &Window) -> usize {
     let n = window.frames.len();
     let (a, b) = (&window.frames[n - 2].state, &window.frames[n - 1].state);

@@ -1,4 +1,5 @@
-//! What is refused: feelings that most of what is seen contradicts, and sights that the others contradict.
+//! Outlier rejection: IMU preintegration that most observations contradict, and observations that
+//! contradict the rest.
 
 use std::collections::BTreeSet;
 
@@ -10,15 +11,18 @@ use crate::backend::state::{STATE_DIM, State};
 use crate::backend::window::{Frame, Landmark, MotionFactor, Window};
 use crate::inertial::propagation::constant_velocity;
 
-/// Residual, in standard deviations, from which a sight is wrong.
+/// Residual above which an observation is an outlier, in standard deviations. Compare Basalt
+/// `vio_outlier_threshold`.
 const OUTLIER_SIGMA: f64 = 5.0;
-/// Share of sights that agree below which what was felt is put in doubt, and that must agree without it.
+/// Inlier ratio below which the IMU is suspected, and minimum inlier ratio without it for the IMU
+/// to be rejected.
 const IMU_SUSPECT_INLIER_RATIO: f64 = 0.35;
 const VISION_ONLY_INLIER_RATIO: f64 = 0.6;
 
 impl Odometry {
-    /// Finds the newest pose. Where what was felt contradicts most of what is seen, and what is seen agrees with itself, the
-    /// feeling was wrong: a bias that was not known, a shock, a sensor that clips without saying so.
+    /// Estimates the newest pose. If the preintegrated IMU motion contradicts most observations,
+    /// and these agree among themselves, the IMU is rejected: an unknown bias, a shock, or
+    /// saturation that the sensor does not report.
     pub(super) fn estimate_newest_pose(
         &self,
         window: &mut Window,
@@ -53,12 +57,12 @@ impl Odometry {
         information
     }
 
-    /// Takes back sights of the newest frame that cannot be right, and their corners. Gives the number of those that can.
+    /// Rejects outliers of the newest frame and their tracks. Returns the number of inliers.
     pub(super) fn reject_outliers(&mut self, window: &mut Window) -> usize {
         let number = self.number;
         let newest = window.landmarks.values();
         let without_imu: usize = newest.map(|l| l.observations.len() - l.since(number)).sum();
-        // By camera and number.
+        // By camera and track id.
         let mut outliers = BTreeSet::new();
         for (id, entries) in find_outliers(window, |landmark| landmark.since(number)) {
             let Some(landmark) = window.landmarks.get_mut(&id) else {
@@ -76,8 +80,8 @@ impl Odometry {
         without_imu - outliers.len()
     }
 
-    /// Takes back everything that the newest frame saw. Where nothing was felt either, nothing ties what comes to what was:
-    /// false.
+    /// Discards all observations of the newest frame. Returns false if there is no IMU motion
+    /// either, so that later frames are not connected to earlier ones.
     pub(super) fn discard_newest(&mut self, window: &mut Window, guess: State) -> bool {
         let number = self.number;
         let last = window.frames.len() - 1;
@@ -100,14 +104,15 @@ impl Odometry {
         is_connected
     }
 
-    /// Takes away sights that do not fit after all has been solved, and landmarks with too few left.
+    /// Removes outliers after optimization, and landmarks with too few remaining observations.
     pub(super) fn filter_landmarks(&mut self, window: &mut Window) {
         let mut removed = BTreeSet::new();
         for (id, entries) in find_outliers(window, |_| 0) {
             let Some(landmark) = window.landmarks.get_mut(&id) else {
                 continue;
             };
-            // The host's right eye made the inverse range: if it is wrong, so was that.
+            // The right observation of the host determined the inverse range: if it is an outlier,
+            // so is the range.
             if entries.contains(&(0, 1)) || 3 * entries.len() > landmark.observations.len() {
                 window.landmarks.remove(&id);
                 removed.insert(id);
@@ -121,7 +126,8 @@ impl Odometry {
     }
 }
 
-/// Landmarks with sights, by place and eye, that everything else contradicts, from some place on.
+/// Outliers per landmark: index of the observation and side (0 left, 1 right), from the index
+/// `from(landmark)` on.
 fn find_outliers(
     window: &Window,
     from: impl Fn(&Landmark) -> usize,
@@ -139,7 +145,7 @@ fn find_outliers(
     each.filter(|(_, entries)| !entries.is_empty()).collect()
 }
 
-/// How many sights of the newest frame are where they should be, and how many there are.
+/// Number of inliers and of all observations of the newest frame.
 pub(super) fn count_inliers(window: &Window) -> (usize, usize) {
     let number = window.newest().number;
     let (mut inliers, mut all) = (0, 0);

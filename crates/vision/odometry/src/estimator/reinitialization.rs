@@ -1,10 +1,11 @@
-//! Beginning anew after the way was lost.
+//! Reinitialization after tracking loss.
 //!
-//! Where pictures and IMU were both gone for a while, nobody knows how far the body turned meanwhile. A window that simply goes on takes
-//! that doubt for a small one, and gravity, once felt again, makes it sure of a pose that is wrong. So the first frame
-//! that shows enough, with an IMU that has been heard for long enough, begins a window of its own: up comes from gravity as in
-//! the first one, place and heading from the best guess. What is not known of those stays outside the window ([`ResetUncertainty`]) and is
-//! added to what the window says of itself.
+//! If images and IMU were both missing for a while, the rotation meanwhile is unknown. A window
+//! that continued would linearize this large uncertainty as a small one, and gravity, once measured
+//! again, would make it overconfident of a wrong pose. The first frame with enough landmarks and a
+//! long enough run of IMU samples therefore starts a new window: the vertical comes from gravity as
+//! in the first window, position and heading from the best guess. Their uncertainty remains outside
+//! the window ([`ResetUncertainty`]) and is added to the covariances of the window.
 
 use nalgebra::{Matrix3, Matrix6, UnitQuaternion, Vector3};
 
@@ -13,15 +14,16 @@ use crate::backend::state::{ACCEL_BIAS, GYRO_BIAS, ROTATION, STATE_DIM, State};
 use crate::estimator::initialization::initialize_static;
 use crate::inertial::imu_buffer::Reading;
 
-/// How far a turn may be in doubt before errors are no longer small, rad.
+/// Maximum rotation sigma for which linearization holds, rad.
 const MAX_ROTATION_SIGMA_RAD: f64 = 0.3;
-/// How long an IMU must have been heard without a gap, and after which silence it is not waited for, ns.
+/// Minimum duration of IMU samples without a gap, and time without samples after which the IMU is
+/// not waited for, ns.
 pub(crate) const MIN_CONTINUOUS_IMU_NS: i64 = 300_000_000;
 pub(crate) const IMU_TIMEOUT_NS: i64 = 1_000_000_000;
-/// By how much biases may have changed, rad/s and m/s².
+/// Bias sigmas on a reset, rad/s and m/s².
 const BIAS_SIGMA_ON_RESET: [f64; 2] = [0.01, 0.15];
 
-/// A pose, and what has not been known of it since.
+/// A pose at a reset, and its uncertainty that applies since then.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct ResetUncertainty {
     at: State,
@@ -29,7 +31,7 @@ pub(crate) struct ResetUncertainty {
 }
 
 impl ResetUncertainty {
-    /// Of the turn alone, about any axis, rad.
+    /// Uncertainty of the rotation alone, the same about all axes, rad.
     pub(crate) fn of_rotation(at: State, sigma: f64) -> Self {
         let mut covariance = Matrix6::zeros();
         covariance
@@ -38,20 +40,22 @@ impl ResetUncertainty {
         Self { at, covariance }
     }
 
-    /// What it makes of a later pose's covariance.
+    /// Contribution to the covariance of a later pose.
     pub(crate) fn at(&self, later: &State) -> Matrix6<f64> {
         transport(&self.at, later, &self.covariance)
     }
 }
 
-/// Whether a pose's covariance (position in the world, turn in the body) is too wide to be linear in.
+/// Whether the covariance of a pose (position in the world, rotation in the body) is too large for
+/// linearization.
 pub(crate) fn is_lost(covariance: &Matrix6<f64>) -> bool {
     let rotation = covariance.fixed_view::<3, 3>(ROTATION, ROTATION);
     rotation.symmetric_eigenvalues().amax() > MAX_ROTATION_SIGMA_RAD * MAX_ROTATION_SIGMA_RAD
 }
 
-/// A first state at a guess whose covariance is known, with its standard deviations within the new window, and what stays
-/// outside. `readings` are those of the time just before; empty where none are there. A body without IMU keeps its guess.
+/// First state at a guess with a known covariance, its standard deviations within the new window,
+/// and the uncertainty that remains outside. `readings` are the IMU samples immediately before, or
+/// empty. Without an IMU the guess is used unchanged.
 pub(crate) fn reinitialize(
     guess: &State,
     covariance: &Matrix6<f64>,
@@ -65,7 +69,7 @@ pub(crate) fn reinitialize(
     };
     let mut covariance = *covariance;
     if has_imu {
-        // Biases were found before and do not leap.
+        // Biases were estimated before and change slowly.
         sigmas[GYRO_BIAS..ACCEL_BIAS].fill(BIAS_SIGMA_ON_RESET[0]);
         sigmas[ACCEL_BIAS..].fill(BIAS_SIGMA_ON_RESET[1]);
         if !readings.is_empty() {
@@ -74,7 +78,7 @@ pub(crate) fn reinitialize(
             let about_up = UnitQuaternion::from_axis_angle(&Vector3::z_axis(), heading);
             state.rotation = about_up * fresh.rotation;
         }
-        // The tilt is the window's to find: of the turn the heading alone stays outside.
+        // The window estimates the tilt: of the rotation only the heading remains outside.
         let up = guess.rotation.inverse() * Vector3::z();
         let rotation: Matrix3<f64> = covariance
             .fixed_view::<3, 3>(ROTATION, ROTATION)
@@ -105,11 +109,11 @@ mod tests {
     use crate::so3;
 
     #[test]
-    fn up_is_felt_and_heading_is_kept() {
+    fn vertical_is_measured_and_heading_is_kept() {
         let truth =
             so3::exp(&Vector3::new(0.0, 0.0, 2.0)) * so3::exp(&Vector3::new(0.2, -0.1, 0.0));
         let mut guess = State::at_rest(0);
-        // Tilted by a radian more, with the same heading.
+        // Tilted by one more radian, with the same heading.
         guess.rotation =
             so3::exp(&Vector3::new(0.0, 0.0, 2.0)) * so3::exp(&Vector3::new(1.0, 0.0, 0.0));
         guess.velocity = Vector3::new(9.0, 0.0, 0.0);
@@ -132,7 +136,8 @@ mod tests {
             state.rotation.angle_to(&truth)
         );
         assert_eq!(state.velocity, Vector3::zeros());
-        // Ten metres on, a radian of heading is ten metres across, and of tilt nothing is said.
+        // After ten meters, one radian of heading is ten meters of lateral error; tilt does not
+        // contribute.
         let mut later = state;
         later.position.x += 10.0;
         let there = uncertainty.at(&later);
@@ -141,7 +146,7 @@ mod tests {
     }
 
     #[test]
-    fn a_doubt_of_a_radian_is_lost() {
+    fn rotation_sigma_of_one_radian_is_lost() {
         assert!(is_lost(&Matrix6::identity()));
         assert!(!is_lost(&(Matrix6::identity() * 0.01)));
     }

@@ -1,4 +1,5 @@
-//! What is asked of odometry beside poses: at rest, and with an IMU that hardly speaks. A wall of grey noise, 2 m away.
+//! Keyframes at rest, and behavior with few IMU samples. The scene is a wall of gray noise, 2 m
+//! away.
 
 use calib::verify::ImageView;
 
@@ -7,7 +8,7 @@ use crate::config::Preset;
 use crate::input::View;
 use crate::test_rig::{self, SIZE_PX};
 
-/// Pixels by which the right eye sees everything further left.
+/// Disparity of the wall, px.
 const DISPARITY: usize = 4;
 
 fn rig(has_imu: bool) -> Rig {
@@ -17,8 +18,9 @@ fn rig(has_imu: bool) -> Rig {
     }
 }
 
-/// Patches of grey, shifted to the left by some pixels, and noise of the sensor that no two pictures share.
-fn picture(shift: usize, noise: u64) -> Vec<u8> {
+/// Random gray patches, shifted to the left by `shift` px, with sensor noise that is independent
+/// for each image.
+fn image(shift: usize, noise: u64) -> Vec<u8> {
     let hash = |a: u64| (a.wrapping_mul(0x9e37_79b9_7f4a_7c15) >> 40) as u8;
     let [width, height] = SIZE_PX;
     let pixels = (0..height).flat_map(|y| (0..width).map(move |x| (x, y)));
@@ -31,22 +33,22 @@ fn picture(shift: usize, noise: u64) -> Vec<u8> {
         .collect()
 }
 
-fn grey(pixels: &[u8]) -> ImageView<'_> {
+fn view(pixels: &[u8]) -> ImageView<'_> {
     let [width, height] = SIZE_PX;
-    ImageView::new(width, height, width, pixels).expect("a whole picture")
+    ImageView::new(width, height, width, pixels).expect("a complete image")
 }
 
 /// Tracks a wall at rest.
 fn at_rest(odometry: &mut Odometry, from: u64, to: u64) -> Vec<Estimate> {
     let sets = (from..to).map(|k| {
-        let [left, right] = [0, DISPARITY].map(|shift| picture(shift, 2 * k + shift as u64));
+        let [left, right] = [0, DISPARITY].map(|shift| image(shift, 2 * k + shift as u64));
         let time_ns = k as i64 * 66_666_667;
         odometry.add_frames(&FrameSet {
             time_ns,
             views: vec![Some(View {
                 time_ns,
-                left: grey(&left),
-                right: grey(&right),
+                left: view(&left),
+                right: view(&right),
                 mask: None,
             })],
         })
@@ -55,14 +57,14 @@ fn at_rest(odometry: &mut Odometry, from: u64, to: u64) -> Vec<Estimate> {
 }
 
 #[test]
-fn at_rest_keyframes_hardly_add_up() {
+fn keyframes_at_rest_are_finished_every_ten_seconds() {
     let mut odometry = Odometry::new(&rig(false), Config::preset(Preset::Balanced));
     let estimates = at_rest(&mut odometry, 0, 600);
     let last = estimates[estimates.len() - 1];
     assert_eq!(last.status, Status::Tracked);
-    let gone = last.world_from_rig.translation().norm();
-    assert!(gone < 1e-2, "{gone}");
-    // Forty seconds: what the window holds, and one every ten seconds.
+    let distance = last.world_from_rig.translation().norm();
+    assert!(distance < 1e-2, "{distance}");
+    // Forty seconds: the keyframes of the window, and one every ten seconds.
     let keyframes = odometry.take_keyframes(true);
     let times: Vec<i64> = keyframes.iter().map(|k| k.state.time_ns).collect();
     let gaps = times.windows(2).map(|w| (w[1] - w[0]) as f64 * 1e-9);
@@ -76,7 +78,7 @@ fn at_rest_keyframes_hardly_add_up() {
 }
 
 #[test]
-fn a_single_sample_tells_no_rest() {
+fn single_imu_sample_does_not_initialize_at_rest() {
     let sample = ImuSample {
         time_ns: 590_000_000,
         gyro: [0.0, 0.0, 0.05],
@@ -88,7 +90,7 @@ fn a_single_sample_tells_no_rest() {
         at_rest(&mut odometry, number, number + 1)[0]
     };
     let tilt = |of: &Estimate| of.covariance[(3, 3)].max(of.covariance[(5, 5)]).sqrt();
-    // Where up is it tells roughly; one long ago tells nothing.
+    // A single recent sample gives the vertical roughly; an old one gives nothing.
     let (near, late) = (first(9), first(12));
     assert_eq!(near.gyro_bias, Vector3::zeros());
     assert!((0.3..1.0).contains(&tilt(&near)), "{}", tilt(&near));
@@ -96,7 +98,7 @@ fn a_single_sample_tells_no_rest() {
 }
 
 #[test]
-fn a_silent_imu_does_not_go_on_turning() {
+fn rate_is_dropped_when_the_imu_falls_silent() {
     let mut odometry = Odometry::new(&rig(true), Config::preset(Preset::Balanced));
     for k in 0..60 {
         let is_last = k == 59;
@@ -104,7 +106,7 @@ fn a_silent_imu_does_not_go_on_turning() {
             0,
             &ImuSample {
                 time_ns: k * 10_000_000,
-                // A knock, and then nothing.
+                // One sample with a large rate, then silence.
                 gyro: [0.0, 0.0, if is_last { 2.0 } else { 1e-5 * k as f64 }],
                 accel: [0.0, -9.80665, 1e-4 * k as f64],
             },

@@ -1,18 +1,19 @@
-//! How the surroundings of a corner look, as 256 bits that change little when light and place change a little.
+//! BRIEF descriptor: 256 bits that are robust to small changes of light and position.
 //!
-//! Each bit says which of two places is brighter (Calonder, Lepetit, Strecha and Fua, BRIEF, 2010), places drawn once from a normal
-//! distribution over a patch 15 pixels wide of a level of half size. The rig is carried upright, so no turn is taken out.
+//! Each bit compares two pixels (Calonder, Lepetit, Strecha and Fua, BRIEF, 2010), sampled once
+//! from a normal distribution over a patch 15 px wide on a level of half size. The rig is carried
+//! upright, so that rotation is not compensated.
 
 use crate::frontend::pyramid::Level;
 
-/// Farthest place from the middle, pixels of the level.
+/// Maximum offset from the center, px of the level.
 const PATTERN_RADIUS_PX: i32 = 7;
 
-/// The places that are compared: 256 pairs of x and y.
+/// Compared pixels: 256 pairs of offsets.
 fn pattern() -> &'static [[i8; 4]; 256] {
     static PLACES: std::sync::OnceLock<[[i8; 4]; 256]> = std::sync::OnceLock::new();
     PLACES.get_or_init(|| {
-        // An LCG of Knuth's; sums of four uniform numbers are near enough to normal.
+        // Knuth's LCG; sums of four uniform numbers are approximately normal.
         let mut state = 0x2545_f491_4f6c_dd1d_u64;
         let mut uniform = || {
             state = state
@@ -34,7 +35,7 @@ fn pattern() -> &'static [[i8; 4]; 256] {
     })
 }
 
-/// The description of a place, pixels of the level; none near the border.
+/// Descriptor at a position, px of the level; `None` near the border.
 pub(crate) fn describe(level: &Level, x: f32, y: f32) -> Option<[u64; 4]> {
     let (x, y) = (x.round() as i32, y.round() as i32);
     let inside = x >= PATTERN_RADIUS_PX
@@ -57,7 +58,7 @@ pub(crate) fn describe(level: &Level, x: f32, y: f32) -> Option<[u64; 4]> {
     Some(bits)
 }
 
-/// How many bits differ.
+/// Number of differing bits.
 pub(crate) fn hamming_distance(a: &[u64; 4], b: &[u64; 4]) -> u32 {
     a.iter().zip(b).map(|(a, b)| (a ^ b).count_ones()).sum()
 }
@@ -67,9 +68,9 @@ mod tests {
     use super::*;
 
     #[test]
-    fn the_same_place_looks_alike_and_others_do_not() {
+    fn descriptors_match_under_small_changes_and_differ_elsewhere() {
         let (width, height) = (120, 90);
-        let picture = |dx: f64, gain: f64| Level {
+        let image = |dx: f64, gain: f64| Level {
             width,
             height,
             data: (0..width * height)
@@ -80,9 +81,9 @@ mod tests {
                 })
                 .collect(),
         };
-        let here = describe(&picture(0.0, 1.0), 60.0, 40.0).unwrap();
-        let there = describe(&picture(0.3, 1.3), 60.0, 40.0).unwrap();
-        let other = describe(&picture(0.0, 1.0), 71.0, 52.0).unwrap();
+        let here = describe(&image(0.0, 1.0), 60.0, 40.0).unwrap();
+        let there = describe(&image(0.3, 1.3), 60.0, 40.0).unwrap();
+        let other = describe(&image(0.0, 1.0), 71.0, 52.0).unwrap();
         assert!(
             hamming_distance(&here, &there) < 40,
             "{}",
@@ -93,6 +94,6 @@ mod tests {
             "{}",
             hamming_distance(&here, &other)
         );
-        assert!(describe(&picture(0.0, 1.0), 3.0, 40.0).is_none());
+        assert!(describe(&image(0.0, 1.0), 3.0, 40.0).is_none());
     }
 }

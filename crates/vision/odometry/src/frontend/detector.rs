@@ -1,30 +1,33 @@
-//! Places in a picture that can be followed.
+//! Corner detector: Shi–Tomasi on a grid.
 //!
-//! The lesser eigenvalue of the gradients' second moments (Shi and Tomasi, Good Features to Track, 1994), the largest in each
-//! free cell of a grid. A cell is free if nothing that is followed already lies in it or near its best corner. Cells
-//! without texture stay empty.
+//! The score is the smaller eigenvalue of the second moments of the gradients (Shi and Tomasi, Good
+//! Features to Track, 1994); the pixel with the highest score in each free cell of a grid is a
+//! corner. A cell is free if it contains no tracked feature and none is near its best corner. Cells
+//! without texture remain empty.
 
 use crate::frontend::pyramid::Level;
 
-/// Half the side of the window over which gradients are summed, and border, pixels.
+/// Radius of the window over which gradients are summed, and width of the image border without
+/// corners, px.
 const WINDOW_RADIUS_PX: usize = 3;
 const BORDER_PX: usize = WINDOW_RADIUS_PX + 5;
-/// Least eigenvalue, squared grey levels per pixel of the window: a noisy blank wall stays below.
+/// Minimum eigenvalue, squared gray levels per pixel of the window: a blank wall with noise is
+/// below it.
 const MIN_EIGENVALUE: f32 = 20.0;
 
-/// Which parts of a picture are searched.
+/// Search area and limits.
 pub(crate) struct Search<'a> {
-    /// Side of a cell, pixels.
+    /// Side of a cell, px.
     pub(crate) cell: usize,
-    /// What is followed already.
+    /// Positions of tracked features, px.
     pub(crate) occupied: &'a [[f32; 2]],
-    /// Where nothing is to be found: rows first, one byte per pixel, 0 there.
+    /// Mask, row-major, one byte per pixel: no corners at 0.
     pub(crate) mask: Option<&'a [u8]>,
-    /// At most as many.
+    /// Maximum number of corners.
     pub(crate) max_count: usize,
 }
 
-/// Corners in free cells, the strongest first.
+/// Detects corners in free cells, the strongest first.
 pub(crate) fn detect(level: &Level, search: &Search<'_>) -> Vec<[f32; 2]> {
     let (columns, rows) = (level.width / search.cell, level.height / search.cell);
     let mut free = vec![true; columns * rows];
@@ -69,13 +72,13 @@ pub(crate) fn detect(level: &Level, search: &Search<'_>) -> Vec<[f32; 2]> {
             found.push((score, at));
         }
     }
-    // Cells are in order, so that equal scores keep theirs.
+    // Cells are in order and the sort is stable, so that equal scores have a fixed order.
     found.sort_by(|a, b| b.0.total_cmp(&a.0));
     found.truncate(search.max_count);
     found.into_iter().map(|(_, at)| at).collect()
 }
 
-/// Scores of a rectangle, and what making them needs.
+/// Scores of a rectangle, with buffers.
 #[derive(Default)]
 struct Scores {
     values: Vec<f32>,
@@ -87,7 +90,7 @@ impl Scores {
     fn compute(&mut self, level: &Level, from: [usize; 2], to: [usize; 2]) {
         #[cfg(target_arch = "x86_64")]
         if is_x86_feature_detected!("avx2") {
-            // SAFETY: the processor has what the function was compiled for.
+            // SAFETY: the processor supports the target features of the function, as checked above.
             unsafe { self.compute_avx2(level, from, to) };
             return;
         }
@@ -129,7 +132,8 @@ impl Scores {
                 yy[i] = gy * gy;
             }
         }
-        // Sums over columns, then over rows: every one anew, so that nothing depends on where the rectangle begins.
+        // Sums over columns, then over rows. Each sum is computed from scratch, so that it does not
+        // depend on the origin of the rectangle.
         for (products, columns) in self.products.iter().zip(&mut self.columns) {
             columns.clear();
             columns.resize(wide * height, 0.0);
@@ -167,7 +171,7 @@ impl Scores {
 mod tests {
     use super::*;
 
-    /// Grey with white squares.
+    /// A gray image with white squares.
     fn level(squares: &[[usize; 2]]) -> Level {
         let (width, height) = (160, 120);
         let mut data = vec![80; width * height];
@@ -208,7 +212,7 @@ mod tests {
     }
 
     #[test]
-    fn taken_cells_and_masks_are_left_alone() {
+    fn occupied_and_masked_cells_are_skipped() {
         let level = level(&[[50, 50]]);
         let occupied = [[55.0, 55.0]];
         assert!(detect(&level, &search(&occupied, None)).is_empty());

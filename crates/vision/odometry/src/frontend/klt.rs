@@ -1,47 +1,48 @@
-//! Following a patch from one picture to another.
+//! KLT tracking of patches between images.
 //!
-//! Iterative alignment by translation (Lucas and Kanade 1981) in the inverse compositional form (Baker and Matthews,
-//! Lucas-Kanade 20 Years On, 2004), from coarse to fine, on patches brought to mean 0 and equal contrast, so that
-//! exposure may differ. Rows of a patch are one vector register long. [`track`] gives a place only if following it
-//! back leads to where it came from.
+//! Iterative alignment by translation (Lucas and Kanade 1981) in the inverse compositional form
+//! (Baker and Matthews, Lucas-Kanade 20 Years On, 2004), from coarse to fine, on patches normalized
+//! in mean and contrast, so that exposure may differ. A row of a patch is one vector register.
+//! [`track`] returns a position only if tracking it back leads to the start.
 
 #![allow(
     clippy::needless_range_loop,
-    reason = "loops over several rows of one register each: by index they become vector code"
+    reason = "loops over several rows of one register each; with indices the compiler vectorizes them"
 )]
 
 use crate::frontend::pyramid::{Level, Pyramid};
 
-/// Side of a patch, pixels. Its middle lies between pixels, at half a side from its corner.
+/// Side of a patch, px. Its center is between pixels.
 const PATCH_SIDE: usize = 8;
 const PATCH_AREA: usize = PATCH_SIDE * PATCH_SIDE;
 const HALF_PATCH: f32 = 3.5;
-/// Steps per level, and the length at which they end, pixels.
+/// Maximum number of iterations per level, and step length of convergence, px.
 const MAX_ITERATIONS: usize = 10;
 const CONVERGENCE_PX: f32 = 0.01;
-/// Farthest from where it came from that the way back may end, pixels.
+/// Maximum forward–backward error, px.
 const MAX_FORWARD_BACKWARD_PX: f32 = 0.5;
-/// Least correlation of the two patches.
+/// Minimum NCC of the two patches.
 const MIN_NCC: f32 = 0.8;
 
 type Patch = [f32; PATCH_AREA];
 
-/// A patch with what aligning to it needs.
+/// Template patch with gradients and inverse Hessian.
 struct Template {
     values: Patch,
     gx: Patch,
     gy: Patch,
-    /// Inverse of the second moments of the gradients.
+    /// Inverse of the second moments of the gradients (xx, xy, yy).
     inverse: [f32; 3],
-    /// Root of the sum of squares.
+    /// Norm of the values.
     norm: f32,
 }
 
-/// The patch around a place, interpolated; false if it reaches beyond the level.
+/// Samples the patch around a position with bilinear interpolation; returns false if it exceeds the
+/// level.
 #[inline(always)]
 fn sample_patch(level: &Level, x: f32, y: f32, out: &mut Patch) -> bool {
     let (left, top) = (x - HALF_PATCH, y - HALF_PATCH);
-    // Written so that a place that is no number is outside.
+    // NaN is outside.
     let inside = left >= 0.0
         && top >= 0.0
         && left + (PATCH_SIDE as f32) < level.width as f32
@@ -66,7 +67,7 @@ fn sample_patch(level: &Level, x: f32, y: f32, out: &mut Patch) -> bool {
     true
 }
 
-/// Takes the mean away; gives the root of the sum of squares.
+/// Subtracts the mean and returns the norm.
 #[inline(always)]
 fn center(values: &mut Patch) -> f32 {
     let mut sums = [0.0; PATCH_SIDE];
@@ -132,7 +133,7 @@ impl Template {
         Some(new)
     }
 
-    /// Aligns, starting at a place in the other level. Gives the place and the correlation there.
+    /// Aligns, starting at a position in the other level. Returns the position and the NCC there.
     #[inline(always)]
     fn align(&self, level: &Level, mut x: f32, mut y: f32) -> Option<([f32; 2], f32)> {
         let mut patch = [0.0; PATCH_AREA];
@@ -163,7 +164,7 @@ impl Template {
             if iteration == MAX_ITERATIONS || length < CONVERGENCE_PX {
                 return Some(([x, y], ncc));
             }
-            // A step farther than half a patch says only that nothing fits.
+            // A step longer than half a patch means that there is no match.
             let scale_back = (HALF_PATCH / length).min(1.0);
             x -= dx * scale_back;
             y -= dy * scale_back;
@@ -172,8 +173,8 @@ impl Template {
     }
 }
 
-/// Where a place of `from` is in `to`, pixels, starting the search at `guess` on the level `coarsest`. Places are in
-/// pixels of the first level, as is the answer.
+/// Tracks the position `at` of `from` into `to`, starting at `guess` on the level `coarsest`. All
+/// positions are in pixels of the finest level.
 pub(crate) fn track(
     from: &Pyramid,
     to: &Pyramid,
@@ -183,7 +184,7 @@ pub(crate) fn track(
 ) -> Option<[f32; 2]> {
     #[cfg(target_arch = "x86_64")]
     if is_x86_feature_detected!("avx2") && is_x86_feature_detected!("fma") {
-        // SAFETY: the processor has what the function was compiled for.
+        // SAFETY: the processor supports the target features of the function, as checked above.
         return unsafe { track_avx2(from, to, at, guess, coarsest) };
     }
     track_portable(from, to, at, guess, coarsest)
@@ -213,7 +214,8 @@ fn track_portable(
     if ncc < MIN_NCC {
         return None;
     }
-    // Back from near, since only a slip is to be found out; from the far guess it would cost as much again.
+    // The backward pass starts near the end point, since it only detects slips; from the original
+    // guess it would double the cost.
     let back = [
         at[0] + (guess[0] - found[0]).clamp(-1.0, 1.0),
         at[1] + (guess[1] - found[1]).clamp(-1.0, 1.0),
@@ -235,7 +237,7 @@ fn track_forward(
     for level in (0..=coarsest.min(from.levels.len() - 1)).rev() {
         let scale = (1_u32 << level) as f32;
         let [x, y] = at.map(|v| v / scale);
-        // A coarse level may not reach as near to the border.
+        // On a coarse level the patch may exceed the border.
         let aligned = Template::new(&from.levels[level], x, y).and_then(|template| {
             let (u, v) = (x + offset[0] / scale, y + offset[1] / scale);
             template.align(&to.levels[level], u, v)
@@ -250,7 +252,7 @@ fn track_forward(
     None
 }
 
-/// The patch around a place of the first level or of a coarser one, brought to mean 0 and length 1, for comparing.
+/// Patch around a position of a level, normalized to mean 0 and norm 1, for NCC.
 pub(crate) fn normalized_patch(level: &Level, x: f32, y: f32) -> Option<[f32; PATCH_AREA]> {
     let mut patch = [0.0; PATCH_AREA];
     if !sample_patch(level, x, y, &mut patch) {
@@ -265,7 +267,7 @@ mod tests {
     use super::*;
     use calib::verify::ImageView;
 
-    /// A smooth random number between 0 and 1: a grid of them, blended.
+    /// Smooth value noise between 0 and 1: random values on a grid, interpolated.
     fn noise(x: f64, y: f64, cell: f64, seed: u64) -> f64 {
         let (u, v) = (x / cell + 1e3, y / cell + 1e3);
         let (i, j) = (u.floor(), v.floor());
@@ -283,8 +285,8 @@ mod tests {
         upper * (1.0 - fy) + lower * fy
     }
 
-    /// A picture of clouds of several sizes, moved by a part of a pixel, with other light.
-    fn picture(dx: f64, dy: f64, gain: f64) -> Pyramid {
+    /// Noise of several scales, shifted by fractions of a pixel, with a different gain.
+    fn image(dx: f64, dy: f64, gain: f64) -> Pyramid {
         let (w, h) = (200, 160);
         let mut data = Vec::new();
         for y in 0..h {
@@ -294,18 +296,18 @@ mod tests {
                 data.push((gain * (40.0 + 50.0 * v)).round() as u8);
             }
         }
-        Pyramid::new(&ImageView::new(w as usize, h as usize, w as usize, &data).expect("a picture"))
+        Pyramid::new(&ImageView::new(w as usize, h as usize, w as usize, &data).expect("an image"))
     }
 
     #[test]
-    fn a_shifted_picture_is_followed_to_parts_of_a_pixel() {
-        let from = picture(0.0, 0.0, 1.0);
+    fn shifted_image_is_tracked_with_subpixel_accuracy() {
+        let from = image(0.0, 0.0, 1.0);
         for (dx, dy, gain) in [(0.3, -0.2, 1.0), (3.4, 2.7, 1.2), (-5.6, 4.1, 0.8)] {
-            let to = picture(dx, dy, gain);
+            let to = image(dx, dy, gain);
             for at in [[60.0, 70.0], [101.3, 80.8], [140.5, 60.2]] {
                 let found = track(&from, &to, at, at, 3).expect("found");
                 let error = [found[0] - at[0] - dx as f32, found[1] - at[1] - dy as f32];
-                // Rounding to grey levels leaves some hundredths.
+                // Rounding to gray levels leaves errors of some hundredths.
                 assert!(
                     error[0].hypot(error[1]) < 0.1,
                     "{dx} {dy} {at:?}: {error:?}"
@@ -315,13 +317,13 @@ mod tests {
     }
 
     #[test]
-    fn what_is_not_there_is_not_found() {
-        let from = picture(0.0, 0.0, 1.0);
+    fn blank_or_outside_patches_are_not_tracked() {
+        let from = image(0.0, 0.0, 1.0);
         let blank = vec![90; 200 * 160];
-        let blank = Pyramid::new(&ImageView::new(200, 160, 200, &blank).expect("a picture"));
+        let blank = Pyramid::new(&ImageView::new(200, 160, 200, &blank).expect("an image"));
         assert!(track(&from, &blank, [60.0, 70.0], [60.0, 70.0], 3).is_none());
         assert!(track(&blank, &from, [60.0, 70.0], [60.0, 70.0], 3).is_none());
-        // Beyond the border, or nowhere.
+        // Beyond the border, or NaN.
         assert!(track(&from, &from, [1.0, 70.0], [1.0, 70.0], 3).is_none());
         assert!(track(&from, &from, [60.0, 70.0], [f32::NAN, 70.0], 3).is_none());
     }

@@ -1,16 +1,17 @@
-//! A grey picture at several sizes.
+//! Image pyramid.
 //!
-//! Contract: level `k` has every `2^k`-th pixel, smoothed before by the binomial filter 1 4 6 4 1 per halving; pixel `i` of
-//! level `k` lies at pixel `2^k i` of the picture, so that coordinates of levels differ by a factor alone. Bytes all the
-//! way: a patch of 8 x 8 is then two cache lines, and rounding moves a corner by less than noise does.
+//! Contract: level `k` has every `2^k`-th pixel, smoothed by the binomial filter 1 4 6 4 1 before
+//! each halving. Pixel `i` of level `k` is at pixel `2^k i` of the image, so that coordinates of
+//! levels differ by a factor only. All levels are bytes: a patch of 8 x 8 is then two cache lines,
+//! and rounding moves a corner by less than noise does.
 
 use calib::verify::ImageView;
 
-/// Levels, and the least side of the last one.
+/// Maximum number of levels, and minimum side of the coarsest one, px.
 const MAX_LEVELS: usize = 4;
 const MIN_SIDE_PX: usize = 24;
 
-/// One level.
+/// One level, row-major.
 #[derive(Clone, Debug, Default)]
 pub(crate) struct Level {
     pub(crate) width: usize,
@@ -18,14 +19,14 @@ pub(crate) struct Level {
     pub(crate) data: Vec<u8>,
 }
 
-/// A picture at several sizes, the largest first.
+/// Levels, the finest first.
 #[derive(Clone, Debug, Default)]
 pub(crate) struct Pyramid {
     pub(crate) levels: Vec<Level>,
 }
 
 impl Pyramid {
-    /// Of a picture.
+    /// Builds the pyramid of an image.
     pub(crate) fn new(image: &ImageView<'_>) -> Self {
         let (width, height) = image.size();
         let mut data = Vec::with_capacity(width * height);
@@ -51,7 +52,7 @@ impl Pyramid {
 fn downsample(level: &Level) -> Level {
     #[cfg(target_arch = "x86_64")]
     if is_x86_feature_detected!("avx2") {
-        // SAFETY: the processor has what the function was compiled for.
+        // SAFETY: the processor supports the target features of the function, as checked above.
         return unsafe { downsample_avx2(level) };
     }
     downsample_portable(level)
@@ -63,13 +64,13 @@ fn downsample_avx2(level: &Level) -> Level {
     downsample_portable(level)
 }
 
-/// Every second pixel of the smoothed level; beyond the border the outermost pixels go on.
+/// Every second pixel of the smoothed level; the border pixels are repeated.
 #[inline(always)]
 fn downsample_portable(level: &Level) -> Level {
     let (w, h) = (level.width, level.height);
     let (width, height) = (w.div_ceil(2), h.div_ceil(2));
     let mut data = vec![0; width * height];
-    // A column sum, two pixels wider on both sides.
+    // Column sums, padded by two pixels on both sides.
     let mut sums = vec![0_u16; w + 4];
     for (k, out) in data.chunks_exact_mut(width).enumerate() {
         let row = |d: isize| {
@@ -101,7 +102,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn a_level_is_the_filter_by_the_book() {
+    fn level_equals_the_direct_binomial_filter() {
         let (w, h) = (101, 67);
         let data: Vec<u8> = (0..w * h).map(|i| (i * i % 251) as u8).collect();
         let level = Level {

@@ -1,26 +1,29 @@
-//! How much of a picture is new.
+//! Detection of stale (frozen or torn) images.
 //!
-//! A camera that hangs gives its last picture again and again, with new times; one that is read while it is being written gives a picture
-//! that is torn: new above, the last one below. Contract: rows at the bottom that are the same as in the picture before, although
-//! the body has moved so far since that picture came that they cannot be, are not new. At rest pictures may well be the same.
+//! A frozen camera repeats its last image under new timestamps; an image that is read while being
+//! written is torn: new at the top, the previous one at the bottom. Contract: bottom rows that
+//! equal those of the previous image, although the body has moved so far since then that they must
+//! differ, are stale. At rest images may be equal.
 
 use crate::backend::observation::Camera;
 use crate::backend::state::State;
 use crate::frontend::pyramid::{Level, Pyramid};
 
-/// Two rows are the same when their pixels differ by less than this in the mean, grey levels. Encoders leave traces.
+/// Maximum mean difference of equal rows, gray levels: encoders change pixels slightly.
 const MAX_MEAN_DIFFERENCE: f64 = 0.05;
-/// Level on which rows are compared, and rows of it that a filter has mixed or a patch reaches over.
+/// Pyramid level on which rows are compared, and number of its rows at a tear that are mixed by the
+/// filter or covered by a patch.
 const COMPARED_LEVEL: usize = 1;
 const MARGIN_ROWS: usize = 8;
-/// Fewer rows that are the same are nothing: they may be black, or chance.
+/// Minimum number of equal rows: fewer may be black or accidental.
 const MIN_SAME_ROWS: usize = 8;
-/// By how much what is seen must have moved, px.
+/// Minimum expected image motion, px.
 const MIN_MOTION_PX: f64 = 1.5;
-/// At this distance, m: what is seen by a person who walks is rarely farther in all of a picture.
+/// Distance at which translation is converted to image motion, m: for a walking person few images
+/// show only more distant points.
 const ASSUMED_DISTANCE_M: f64 = 5.0;
 
-/// A picture, and where the body was when it came.
+/// Last fresh image with the state of the body at its time.
 #[derive(Clone, Debug)]
 pub(crate) struct StaleImageDetector {
     level: Level,
@@ -28,8 +31,8 @@ pub(crate) struct StaleImageDetector {
 }
 
 impl StaleImageDetector {
-    /// Takes a picture that was taken about where the body is now. Gives how many of its rows, from the top, are new: all
-    /// as a rule, none if it is the last picture.
+    /// Takes the next image and the approximate current state. Returns the number of fresh rows
+    /// from the top: normally all, and 0 for a repeated image.
     pub(crate) fn count_fresh_rows(
         last: &mut Option<Self>,
         image: &Pyramid,
@@ -54,7 +57,8 @@ impl StaleImageDetector {
                     fresh = rows.saturating_sub(MARGIN_ROWS) << at;
                 }
                 if is_whole {
-                    // It is as old as it was: a camera that moves slowly will be found out later.
+                    // The reference keeps its state: a frozen camera that moves slowly is detected
+                    // later.
                     return fresh;
                 }
             }
@@ -66,7 +70,7 @@ impl StaleImageDetector {
         fresh
     }
 
-    /// How many rows, from the bottom, are the same.
+    /// Number of equal rows from the bottom.
     fn same_rows(&self, level: &Level) -> usize {
         if (self.level.width, self.level.height) != (level.width, level.height) {
             return 0;
@@ -97,7 +101,7 @@ mod tests {
         Camera::new(&test_rig::stereo(0.1), &RigidTransform::identity())
     }
 
-    /// The row below which it may show something else.
+    /// First row of the lower part of a test image.
     const TORN_ROW: usize = 70;
 
     fn image(above: usize, below: usize) -> Pyramid {
@@ -107,7 +111,7 @@ mod tests {
                 ((i % 160 + from) * 37 / 8 + i / 160 * 11 / 4) as u8
             })
             .collect();
-        Pyramid::new(&ImageView::new(160, 120, 160, &pixels).expect("a picture"))
+        Pyramid::new(&ImageView::new(160, 120, 160, &pixels).expect("an image"))
     }
 
     const ALL: usize = 120;
@@ -120,24 +124,24 @@ mod tests {
     }
 
     #[test]
-    fn the_same_picture_from_elsewhere_is_not_new() {
+    fn frozen_image_is_rejected_while_the_rig_moves() {
         let camera = camera();
         let mut last = None;
         let mut count_fresh_rows = |from: usize, x_m: f64| {
             StaleImageDetector::count_fresh_rows(&mut last, &image(from, from), &at(x_m), &camera)
         };
         assert_eq!(count_fresh_rows(0, 0.0), ALL);
-        // At rest it may be the same.
+        // At rest images may be equal.
         assert_eq!(count_fresh_rows(0, 0.01), ALL);
         assert_eq!(count_fresh_rows(9, 0.5), ALL);
-        // As long as the camera hangs.
+        // While the camera is frozen.
         assert_eq!(count_fresh_rows(9, 0.7), 0);
         assert_eq!(count_fresh_rows(9, 1.4), 0);
         assert_eq!(count_fresh_rows(12, 1.5), ALL);
     }
 
     #[test]
-    fn a_camera_that_hangs_and_moves_slowly_is_found_out_later() {
+    fn frozen_image_of_a_slow_rig_is_detected_later() {
         let camera = camera();
         let mut last = None;
         let steps = (0..20).map(|k| {
@@ -149,14 +153,14 @@ mod tests {
     }
 
     #[test]
-    fn of_a_torn_picture_the_upper_part_is_new() {
+    fn upper_part_of_a_torn_image_is_fresh() {
         let camera = camera();
         let mut last = None;
         StaleImageDetector::count_fresh_rows(&mut last, &image(0, 0), &at(0.0), &camera);
         let fresh =
             StaleImageDetector::count_fresh_rows(&mut last, &image(9, 0), &at(0.5), &camera);
         assert!((TORN_ROW - 24..TORN_ROW).contains(&fresh), "{fresh}");
-        // The next one is torn at the same row, from there on as the last.
+        // The next image is torn at the same row and equals the last one below it.
         let fresh =
             StaleImageDetector::count_fresh_rows(&mut last, &image(18, 0), &at(1.0), &camera);
         assert!((TORN_ROW - 24..TORN_ROW).contains(&fresh), "{fresh}");

@@ -1,8 +1,9 @@
-//! Corners of one camera, followed from picture to picture and matched between its eyes.
+//! Features of one camera: tracked from frame to frame and matched in stereo.
 //!
-//! Contract: [`Tracker::track`] takes the next picture; what cannot be found for sure is lost and never comes back under the
-//! same number. [`Tracker::detect_new`] looks for new corners where there are none. A match between the eyes keeps to the epipolar line of
-//! the calibration; without one a corner is followed all the same.
+//! Contract: [`Tracker::track`] takes the next frame; a feature that is not found reliably is lost,
+//! and its id is never used again. [`Tracker::detect_new`] detects features where there are none. A
+//! stereo match satisfies the epipolar constraint of the calibration; a feature without a stereo
+//! match is still tracked.
 
 use calib::Eye as Side;
 use nalgebra::{Matrix3, Vector3};
@@ -15,66 +16,68 @@ use crate::frontend::klt::{self, normalized_patch};
 use crate::frontend::pyramid::Pyramid;
 use crate::keyframe::Keypoint;
 
-/// Coarsest level on which corners are followed in time, and between the eyes.
+/// Coarsest pyramid level of temporal and of stereo tracking.
 const TEMPORAL_MAX_LEVEL: usize = 3;
 const STEREO_MAX_LEVEL: usize = 1;
-/// Level on which a match between the eyes is searched.
+/// Pyramid level of the epipolar search.
 const SEARCH_LEVEL: usize = 1;
-/// Nearest thing that eyes are matched on, m.
+/// Minimum distance of a stereo match, m.
 const MIN_DISTANCE_M: f64 = 0.3;
-/// How far off the epipolar line a match may lie, px.
+/// Maximum epipolar error of a stereo match, px.
 const MAX_EPIPOLAR_ERROR_PX: f64 = 1.5;
-/// Cells of the grid for each corner that is wanted.
+/// Number of grid cells per requested feature.
 const CELL_COUNT_FACTOR: f64 = 1.3;
-/// Corners kept to find a place again by, and the cells of which each gives one, pixels.
+/// Maximum number of keypoints for loop closure, and the side of the grid cells with one keypoint
+/// each, px.
 const MAX_KEYPOINTS: usize = 160;
 const KEYPOINT_CELL_PX: usize = 20;
-/// Least correlation of a match on the coarse level, and by how much it must be better than any other not beside it.
+/// Minimum NCC of a match on the coarse level, and its minimum margin over all non-adjacent
+/// candidates.
 const MIN_NCC: f32 = 0.75;
 const MIN_NCC_MARGIN: f32 = 0.05;
 
-/// A corner that is followed.
+/// A tracked feature.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct Track {
     pub(crate) id: u64,
-    /// In the left picture.
+    /// Position in the left image, px.
     pub(crate) at: [f32; 2],
     pub(crate) left: BearingMeasurement,
-    /// In the right one, if it was found there: where, and in which direction.
+    /// Position in the right image and its bearing, if matched.
     pub(crate) right_at: Option<[f32; 2]>,
     pub(crate) right: Option<BearingMeasurement>,
-    /// Inverse range from the left eye as the eyes tell it, 1/m.
+    /// Inverse range from the left camera by stereo, 1/m.
     pub(crate) rho: Option<f64>,
 }
 
-/// Where a corner is expected.
+/// Predicted position of a feature.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct Expected {
-    /// In the left picture.
+    /// Position in the left image, px.
     pub(crate) at: [f32; 2],
-    /// Inverse range then, 1/m.
+    /// Predicted inverse range, 1/m.
     pub(crate) rho: Option<f64>,
 }
 
-/// See the module.
+/// Tracker of one camera.
 #[derive(Clone, Debug, Default)]
 pub(crate) struct Tracker {
     left: Pyramid,
     right: Pyramid,
-    /// See [`crate::View::mask`]; empty for all.
+    /// See [`crate::View::mask`]; empty for no mask.
     mask: Vec<u8>,
-    /// By number, rising.
+    /// Sorted by id.
     pub(crate) tracks: Vec<Track>,
 }
 
 impl Tracker {
-    /// Says which pixels of the next picture may be followed.
+    /// Sets the mask of the next frame.
     pub(crate) fn set_mask(&mut self, mask: Option<&[u8]>) {
         self.mask.clear();
         self.mask.extend_from_slice(mask.unwrap_or_default());
     }
 
-    /// Says how many rows of it, from the top, may be followed.
+    /// Masks all rows of the next frame from this one down.
     pub(crate) fn mask_rows_below(&mut self, rows: usize, width: usize, height: usize) {
         if rows >= height {
             return;
@@ -87,7 +90,7 @@ impl Tracker {
         (!self.mask.is_empty()).then_some(&self.mask[..])
     }
 
-    /// Follows all corners into the next picture, starting where they are expected.
+    /// Tracks all features into the next frame, starting at their predictions.
     pub(crate) fn track(
         &mut self,
         camera: &Camera,
@@ -124,25 +127,25 @@ impl Tracker {
         self.drop_duplicates();
     }
 
-    /// Of corners that have run together the newer ones are given up.
+    /// Drops the newer ones of features that converged to the same position.
     fn drop_duplicates(&mut self) {
         const NEAR: f32 = 4.0;
-        let mut kept: Vec<Track> = Vec::with_capacity(self.tracks.len());
+        let mut distinct: Vec<Track> = Vec::with_capacity(self.tracks.len());
         for track in &self.tracks {
-            if !kept.iter().any(|k| k.is_near(track, NEAR)) {
-                kept.push(*track);
+            if !distinct.iter().any(|k| k.is_near(track, NEAR)) {
+                distinct.push(*track);
             }
         }
-        self.tracks = kept;
+        self.tracks = distinct;
     }
 
-    /// Looks for new corners until there are `max_count`; they get the numbers from `next` on.
+    /// Detects new features until there are `max_count`; their ids are counted from `next`.
     pub(crate) fn detect_new(&mut self, camera: &Camera, max_count: usize, next: &mut u64) {
         let Some(level) = self.left.levels.first() else {
             return;
         };
         let occupied: Vec<[f32; 2]> = self.tracks.iter().map(|t| t.at).collect();
-        // Somewhat more cells than corners, since some are blank.
+        // More cells than features, since some have no texture.
         let area = (level.width * level.height) as f64;
         let cell = (area / (CELL_COUNT_FACTOR * max_count.max(1) as f64)).sqrt() as usize;
         let search = Search {
@@ -162,7 +165,8 @@ impl Tracker {
         }
     }
 
-    /// A corner at a place of the left picture, with what the right eye sees of it; its inverse range may be expected.
+    /// Creates the feature at a position in the left image, with its stereo match; `expected` may
+    /// predict its inverse range.
     fn begin(&self, camera: &Camera, id: u64, at: [f32; 2], rho: Option<f64>) -> Option<Track> {
         let mut track = Track {
             id,
@@ -176,17 +180,17 @@ impl Tracker {
         Some(track)
     }
 
-    /// The left picture.
+    /// Pyramid of the left image.
     pub(crate) fn image(&self) -> &Pyramid {
         &self.left
     }
 
-    /// Whether a corner is followed already, by its number.
+    /// Whether a feature with this id is tracked.
     pub(crate) fn is_tracked(&self, id: u64) -> bool {
         self.tracks.binary_search_by_key(&id, |t| t.id).is_ok()
     }
 
-    /// Finds in both eyes what is drawn around the middle `at` of another picture, near where it is expected.
+    /// Finds the patch around `at` of another image in both images, near the prediction.
     pub(crate) fn find(
         &self,
         camera: &Camera,
@@ -203,18 +207,19 @@ impl Tracker {
         self.begin(camera, id, at, expected.rho)
     }
 
-    /// Follows a corner from here on that was found, unless one is followed there. Tells whether it does.
+    /// Adds a feature to the tracks, unless one is tracked at its position. Returns whether it was
+    /// added.
     pub(crate) fn insert(&mut self, track: Track) -> bool {
         const NEAR: f32 = 6.0;
         if self.tracks.iter().any(|k| k.is_near(&track, NEAR)) {
             return false;
         }
-        let place = self.tracks.partition_point(|k| k.id < track.id);
-        self.tracks.insert(place, track);
+        let index = self.tracks.partition_point(|k| k.id < track.id);
+        self.tracks.insert(index, track);
         true
     }
 
-    /// Corners to find the place again by: the strongest there are, whether or not they are followed.
+    /// Keypoints for loop closure: the strongest corners, tracked or not.
     pub(crate) fn keypoints(&self, camera: &Camera, index: usize) -> Vec<Keypoint> {
         let (Some(level), Some(half)) = (self.left.levels.first(), self.left.levels.get(1)) else {
             return Vec::new();
@@ -240,7 +245,7 @@ impl Tracker {
         keypoints.into_iter().flatten().collect()
     }
 
-    /// Forgets everything.
+    /// Removes all tracks and images.
     pub(crate) fn clear(&mut self) {
         *self = Self::default();
     }
@@ -251,7 +256,7 @@ impl Track {
         (0..2).all(|k| (self.at[k] - other.at[k]).abs() < px)
     }
 
-    /// As it enters the window, seen by a camera `exposure_offset_s` later than its frame.
+    /// The observation for the window, with the exposure offset of the camera against its frame, s.
     pub(crate) fn observation(
         &self,
         index: usize,
@@ -267,7 +272,7 @@ impl Track {
     }
 }
 
-/// Pixel of the right eye for a left ray at an inverse range.
+/// Pixel in the right image of a left ray at an inverse range.
 fn project_right(camera: &Camera, ray: &Vector3<f64>, rho: f64) -> Option<[f32; 2]> {
     let (rotation, origin) = &camera.right_from_left;
     let x = rotation * ray + origin * rho;
@@ -287,9 +292,10 @@ fn match_stereo(
     let from = |guess: [f32; 2], coarsest: usize| {
         let found = klt::track(left, right, track.at, guess, coarsest)?;
         let bearing = camera.bearing(Side::Right, found)?;
-        let (rho, off) = camera.triangulate(&track.left, &bearing);
-        // A far thing may seem to be a little behind infinity.
-        let fits = off < MAX_EPIPOLAR_ERROR_PX && rho < 1.0 / MIN_DISTANCE_M && rho > -0.05;
+        let (rho, epipolar_error) = camera.triangulate(&track.left, &bearing);
+        // A distant point may have a slightly negative inverse range.
+        let fits =
+            epipolar_error < MAX_EPIPOLAR_ERROR_PX && rho < 1.0 / MIN_DISTANCE_M && rho > -0.05;
         fits.then_some((found, bearing, rho))
     };
     let tried = expected
@@ -306,7 +312,7 @@ fn match_stereo(
     }
 }
 
-/// The best place along the epipolar line on a coarse level.
+/// Best match along the epipolar line on a coarse level.
 fn search_epipolar(
     camera: &Camera,
     ray: &Vector3<f64>,
@@ -320,7 +326,7 @@ fn search_epipolar(
     let far = project_right(camera, ray, 0.0)?;
     let near = project_right(camera, ray, 1.0 / MIN_DISTANCE_M)?;
     let length = (near[0] - far[0]).hypot(near[1] - far[1]) / scale;
-    // A step beyond either end, so that a best place at an end is one.
+    // One step beyond either end, so that a maximum at an end is recognized.
     let steps = length.ceil() as i32;
     let mut scores = Vec::with_capacity(steps as usize + 3);
     for k in -1..=steps + 1 {
@@ -350,7 +356,7 @@ fn search_epipolar(
     project_right(camera, ray, top.1)
 }
 
-/// Where a point at a ray and inverse range is seen after a move of the left eye: `now_from_then`.
+/// Pixel and inverse range of a point after the motion `now_from_then` of the left camera.
 pub(crate) fn transfer_pixel(
     camera: &Camera,
     now_from_then: &(Matrix3<f64>, Vector3<f64>),

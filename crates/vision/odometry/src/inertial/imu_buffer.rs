@@ -1,9 +1,10 @@
-//! What the IMU felt: samples by time, and the motion between two instants as they alone tell it.
+//! IMU sample buffer and preintegration.
 //!
-//! On-manifold preintegration (Forster, Carlone, Dellaert and Scaramuzza, On-Manifold Preintegration for Real-Time
-//! Visual-Inertial Odometry, 2017): turn, change of velocity and displacement in the frame of the first instant, without
-//! gravity and without the first velocity, with their covariance and their derivatives by the biases, which let biases
-//! change without integrating anew. Between samples rate and specific force run straight.
+//! On-manifold preintegration (Forster, Carlone, Dellaert and Scaramuzza, On-Manifold
+//! Preintegration for Real-Time Visual-Inertial Odometry, 2017): rotation, velocity change and
+//! displacement in the frame of the first instant, without gravity and initial velocity, with their
+//! covariance and their Jacobians by the biases, so that biases can change without a new
+//! integration. Rate and specific force are linearly interpolated between samples.
 
 use std::collections::VecDeque;
 
@@ -13,61 +14,64 @@ use nalgebra::{Matrix3, SMatrix, UnitQuaternion, Vector3};
 use crate::input::ImuSample;
 use crate::so3;
 
-/// Share by which scale and axes of gyroscope and accelerometer may be off: parts of the kind in these cameras.
+/// Relative scale and misalignment errors of gyroscope and accelerometer: values for parts of the
+/// kind in these cameras.
 const SCALE_ERROR: [f64; 2] = [4e-3, 1e-3];
 
-/// A reading with its time, ns: rate in rad/s, specific force in m/s².
+/// IMU sample with its time, ns: angular rate in rad/s, specific force in m/s².
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct Reading {
     pub(crate) time_ns: i64,
     pub(crate) gyro: Vector3<f64>,
     pub(crate) accel: Vector3<f64>,
-    /// Whether the sensor was at the end of its range.
+    /// Whether the sensor was saturated.
     pub(crate) saturated: bool,
 }
 
-/// So many samples in a row that are the same are an end of an axis: where no axis can be at rest, rad/s and m/s², and where one may
-/// be, but for noise; what is smaller is no end.
+/// Number of identical consecutive samples that indicate saturation of an axis: for values that no
+/// axis has at rest, and for smaller values, where only noise changes them; and the minimum
+/// saturation level, rad/s and m/s².
 const STUCK_SAMPLES: usize = 12;
-/// Of gyroscope and accelerometer where no axis can be at rest. A gyroscope's noise may hide in its resolution, and at a peak of a
-/// gait four samples are the same.
+/// For gyroscope and accelerometer at values that no axis has at rest. The noise of a gyroscope may
+/// be below its resolution, and four samples at a peak of the gait can be identical.
 const STUCK_SAMPLES_MOVING: [usize; 2] = [6, 4];
 const MOVING_THRESHOLD: [f64; 2] = [0.3, 12.0];
 const MIN_SATURATION_LEVEL: [f64; 2] = [0.05, 0.5];
 
-/// The newest samples, in order of time.
+/// Recent samples, in order of time.
 #[derive(Clone, Debug)]
 pub(crate) struct ImuBuffer {
     readings: VecDeque<Reading>,
-    /// Samples further apart are a gap, ns.
+    /// Maximum interval between samples without a gap, ns.
     gap_ns: i64,
-    /// For each axis, those of the gyroscope first: how many samples in a row have been the same, and where it seems to end.
+    /// Per axis, gyroscope first: number of identical consecutive samples, and estimated saturation
+    /// level.
     same: [usize; 6],
     saturation_levels: [f64; 6],
 }
 
-/// What a stretch of samples is good for.
+/// Coverage of an interval by samples.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(crate) enum Coverage {
-    /// Samples all along.
+    /// Samples without a gap.
     Complete,
-    /// Some are missing.
+    /// Samples are missing.
     Gap,
 }
 
 impl ImuBuffer {
-    /// For an IMU with this rate.
+    /// Creates the buffer of an IMU with this nominal rate, Hz.
     pub(crate) fn new(rate_hz: f64) -> Self {
         Self {
             readings: VecDeque::new(),
-            // Three lost in a row are bridged by a straight line.
+            // Up to three lost samples are interpolated.
             gap_ns: (4.5e9 / rate_hz) as i64,
             same: [0; 6],
             saturation_levels: [f64::INFINITY; 6],
         }
     }
 
-    /// Takes a sample; one that is not later than the last, or is no number, is left out.
+    /// Adds a sample; one that is not later than the last, or not finite, is dropped.
     pub(crate) fn push(&mut self, sample: &ImuSample, range: [f64; 2]) {
         let is_late = (self.readings.back()).is_some_and(|last| last.time_ns >= sample.time_ns);
         let mut numbers = sample.gyro.iter().chain(&sample.accel);
@@ -85,8 +89,8 @@ impl ImuBuffer {
         self.detect_saturation();
     }
 
-    /// Marks what seems to be clipped below the range that was told: an axis that stands still at a value at which it cannot be
-    /// at rest.
+    /// Marks saturation below the nominal range: an axis with constant samples at a value that it
+    /// cannot have at rest.
     fn detect_saturation(&mut self) {
         let count = self.readings.len();
         let axis = |reading: &Reading, k: usize| match k {
@@ -97,11 +101,12 @@ impl ImuBuffer {
             let value = axis(&self.readings[count - 1], k);
             let before = count.checked_sub(2).map(|i| axis(&self.readings[i], k));
             let may_end = value.abs() >= MIN_SATURATION_LEVEL[k / 3];
-            let stands = match value.abs() < MOVING_THRESHOLD[k / 3] {
+            let min_run = match value.abs() < MOVING_THRESHOLD[k / 3] {
                 true => STUCK_SAMPLES,
                 false => STUCK_SAMPLES_MOVING[k / 3],
             };
-            // Noise makes the same number again unlikely, and so many times all the more.
+            // With noise, identical consecutive samples are unlikely, and long runs of them much
+            // more so.
             self.same[k] = match before {
                 Some(before) if may_end && before.to_bits() == value.to_bits() => self.same[k] + 1,
                 _ => 0,
@@ -109,7 +114,7 @@ impl ImuBuffer {
             if value.abs() > 1.01 * self.saturation_levels[k] {
                 self.saturation_levels[k] = f64::INFINITY;
             }
-            if self.same[k] + 1 >= stands {
+            if self.same[k] + 1 >= min_run {
                 self.saturation_levels[k] = value.abs();
                 for reading in self.readings.iter_mut().rev().take(self.same[k] + 1) {
                     reading.saturated = true;
@@ -121,15 +126,15 @@ impl ImuBuffer {
         }
     }
 
-    /// Forgets what lies before, but for the last sample before.
+    /// Drops samples before a time, except the last one before it.
     pub(crate) fn forget_before(&mut self, time_ns: i64) {
         while self.readings.len() > 1 && self.readings[1].time_ns <= time_ns {
             self.readings.pop_front();
         }
     }
 
-    /// Samples in a stretch of time with readings made at both its ends, straight between neighbours. Where samples are
-    /// missing the neighbours of the gap are joined and the stretch is [`Coverage::Gap`]; empty where there is nothing.
+    /// Samples of an interval, with interpolated ones at both ends. If samples are missing, the gap
+    /// is interpolated and the result is [`Coverage::Gap`]; it is empty without samples.
     pub(crate) fn between(&self, from_ns: i64, to_ns: i64, out: &mut Vec<Reading>) -> Coverage {
         out.clear();
         let first = self.readings.partition_point(|r| r.time_ns <= from_ns);
@@ -154,7 +159,7 @@ impl ImuBuffer {
         }
     }
 
-    /// Since when there have been samples without a gap and within their range, up to a time; none where there are none.
+    /// Start of the samples without gaps or saturation up to a time; `None` without samples.
     pub(crate) fn continuous_since(&self, until_ns: i64) -> Option<i64> {
         let end = self.readings.partition_point(|r| r.time_ns <= until_ns);
         let mut since = until_ns;
@@ -167,13 +172,13 @@ impl ImuBuffer {
         (end > 0).then_some(since)
     }
 
-    /// Time of the last sample, ns.
+    /// Time of the newest sample, ns.
     pub(crate) fn last_ns(&self) -> Option<i64> {
         self.readings.back().map(|r| r.time_ns)
     }
 
-    /// The reading at an instant; whether it is one between near neighbours. Up to a gap beyond the last sample that one
-    /// goes on.
+    /// Interpolated sample at a time, and whether its neighbors are near. The last sample is held
+    /// for up to the maximum interval.
     pub(crate) fn at(&self, time_ns: i64) -> Option<(Reading, bool)> {
         let next = self.readings.partition_point(|r| r.time_ns < time_ns);
         let test_rig = |r: &Reading| Reading { time_ns, ..*r };
@@ -202,30 +207,31 @@ impl ImuBuffer {
     }
 }
 
-/// Nine numbers of a motion: turn, velocity, displacement.
+/// Components of a preintegrated motion: rotation, velocity, displacement.
 pub(crate) type Nine = SMatrix<f64, 9, 1>;
 
-/// See the module.
+/// Preintegrated motion.
 #[derive(Clone, Debug)]
 pub(crate) struct Preintegrated {
     pub(crate) seconds: f64,
-    /// First from last.
+    /// Rotation: first from last body frame.
     pub(crate) rotation: UnitQuaternion<f64>,
-    /// m/s.
+    /// Velocity change, m/s.
     pub(crate) velocity: Vector3<f64>,
-    /// m.
+    /// Displacement, m.
     pub(crate) displacement: Vector3<f64>,
-    /// Derivatives of the nine by the biases of gyroscope and accelerometer; the turn's as a small turn on its right.
+    /// Jacobians of the nine components by the biases of gyroscope and accelerometer; that of the
+    /// rotation as a small rotation on its right.
     pub(crate) by_bias: SMatrix<f64, 9, 6>,
-    /// Of the nine.
+    /// Covariance of the nine components.
     pub(crate) covariance: SMatrix<f64, 9, 9>,
-    /// The biases at which all this holds.
+    /// Biases of the linearization point.
     pub(crate) gyro_bias: Vector3<f64>,
     pub(crate) accel_bias: Vector3<f64>,
 }
 
 impl Preintegrated {
-    /// Of readings, at least two.
+    /// Preintegrates at least two samples.
     pub(crate) fn new(
         readings: &[Reading],
         gyro_bias: &Vector3<f64>,
@@ -234,7 +240,7 @@ impl Preintegrated {
     ) -> Self {
         let mut rotation = UnitQuaternion::identity();
         let (mut velocity, mut displacement) = (Vector3::zeros(), Vector3::zeros());
-        let mut turn_by = Matrix3::<f64>::zeros();
+        let mut rotation_by_bias = Matrix3::<f64>::zeros();
         let mut velocity_by = SMatrix::<f64, 3, 6>::zeros();
         let mut displacement_by = SMatrix::<f64, 3, 6>::zeros();
         let mut covariance = SMatrix::<f64, 9, 9>::zeros();
@@ -251,18 +257,19 @@ impl Preintegrated {
             let angle = rate * h;
             let step = so3::exp(&angle);
             let jacobian = so3::right_jacobian(&angle);
-            let next_turn = rotation * step;
+            let next_rotation = rotation * step;
             let (r0, r1) = (
                 rotation.to_rotation_matrix().into_inner(),
-                next_turn.to_rotation_matrix().into_inner(),
+                next_rotation.to_rotation_matrix().into_inner(),
             );
             let (f0, f1) = (pair[0].accel - accel_bias, pair[1].accel - accel_bias);
             let (a0, a1) = (r0 * f0, r1 * f1);
             let back = step.inverse().to_rotation_matrix().into_inner();
 
-            let next_turn_by = back * turn_by - jacobian * h;
+            let next_rotation_by_bias = back * rotation_by_bias - jacobian * h;
             let mut force_by = SMatrix::<f64, 3, 6>::zeros();
-            let by_gyro = -(r0 * so3::cross(&f0) * turn_by + r1 * so3::cross(&f1) * next_turn_by);
+            let by_gyro = -(r0 * so3::cross(&f0) * rotation_by_bias
+                + r1 * so3::cross(&f1) * next_rotation_by_bias);
             force_by
                 .fixed_columns_mut::<3>(0)
                 .copy_from(&(by_gyro * 0.5));
@@ -271,9 +278,9 @@ impl Preintegrated {
                 .copy_from(&(-(r0 + r1) * 0.5));
             displacement_by += velocity_by * h + force_by * (0.5 * h * h);
             velocity_by += force_by * h;
-            turn_by = next_turn_by;
+            rotation_by_bias = next_rotation_by_bias;
 
-            // Noise, as if constant within a step; rows turn, velocity, displacement.
+            // Noise, constant within a step; rows rotation, velocity, displacement.
             let mut transfer = SMatrix::<f64, 9, 9>::identity();
             transfer.fixed_view_mut::<3, 3>(0, 0).copy_from(&back);
             let lean = -(r0 * so3::cross(&f0) + r1 * so3::cross(&f1) * back) * 0.5;
@@ -295,23 +302,26 @@ impl Preintegrated {
 
             displacement += velocity * h + (a0 * 2.0 + a1) * (h * h / 6.0);
             velocity += (a0 + a1) * (0.5 * h);
-            rotation = next_turn;
+            rotation = next_rotation;
         }
         let mut by_bias = SMatrix::<f64, 9, 6>::zeros();
-        by_bias.fixed_view_mut::<3, 3>(0, 0).copy_from(&turn_by);
+        by_bias
+            .fixed_view_mut::<3, 3>(0, 0)
+            .copy_from(&rotation_by_bias);
         by_bias.fixed_view_mut::<3, 6>(3, 0).copy_from(&velocity_by);
         by_bias
             .fixed_view_mut::<3, 6>(6, 0)
             .copy_from(&displacement_by);
-        // Scale and axes are off by some share of what was felt, the same way for long: as wide as that at each step.
-        let turned = so3::log(&rotation).norm();
-        let off = [
-            SCALE_ERROR[0] * turned,
+        // Scale and misalignment errors are proportional to the measured motion and persist: their
+        // sigma is added for the whole motion.
+        let angle = so3::log(&rotation).norm();
+        let systematic_error = [
+            SCALE_ERROR[0] * angle,
             SCALE_ERROR[1] * velocity.norm(),
             SCALE_ERROR[1] * displacement.norm(),
         ];
         for k in 0..9 {
-            covariance[(k, k)] += off[k / 3] * off[k / 3];
+            covariance[(k, k)] += systematic_error[k / 3] * systematic_error[k / 3];
         }
         let (first, last) = (&readings[0], &readings[readings.len() - 1]);
         Self {
@@ -326,7 +336,7 @@ impl Preintegrated {
         }
     }
 
-    /// Turn, velocity and displacement for other biases, to first order.
+    /// Rotation, velocity and displacement for other biases, to first order.
     pub(crate) fn bias_corrected(
         &self,
         gyro_bias: &Vector3<f64>,
@@ -385,15 +395,15 @@ mod tests {
     }
 
     #[test]
-    fn an_axis_that_stands_still_where_it_cannot_is_at_its_end() {
+    fn constant_samples_of_a_moving_axis_are_saturated() {
         let range = [10.0, 80.0];
-        let clip = |most: f64| {
+        let clip = |limit: f64| {
             let mut samples = ImuBuffer::new(400.0);
             let mut saturated = Vec::new();
             for k in 0..400_i64 {
                 let t = k as f64 / 400.0;
-                let gyro = [(2.0 * (9.0 * t).sin()).clamp(-most, most), 0.1, 0.0];
-                // Gravity with a little noise in the last digit.
+                let gyro = [(2.0 * (9.0 * t).sin()).clamp(-limit, limit), 0.1, 0.0];
+                // Gravity with noise in the last digit.
                 let sample = ImuSample {
                     time_ns: k,
                     gyro: [gyro[0], gyro[1] + 1e-3 * (k % 3) as f64, gyro[2]],
@@ -402,29 +412,29 @@ mod tests {
                 samples.push(&sample, range);
             }
             saturated.extend(samples.readings.iter().map(|r| r.saturated));
-            let beyond = |r: &Reading| (2.0 * (9.0 * r.time_ns as f64 / 400.0).sin()).abs() > most;
+            let beyond = |r: &Reading| (2.0 * (9.0 * r.time_ns as f64 / 400.0).sin()).abs() > limit;
             let all = samples.readings.iter().filter(|r| beyond(r)).count();
             (all, saturated.iter().filter(|c| **c).count())
         };
         let (all, found) = clip(1.0);
         assert!(all > 200 && found.abs_diff(all) < 8, "{found} of {all}");
-        // At rest the same comes again and again.
+        // At rest samples repeat.
         assert_eq!(clip(5.0), (0, 0));
     }
 
     #[test]
-    fn gravity_that_does_not_fit_into_the_range_is_clipped() {
-        let saturated = |most: f64| {
+    fn gravity_beyond_the_range_is_saturated() {
+        let saturated = |limit: f64| {
             let mut samples = ImuBuffer::new(100.0);
             for k in 0..200_i64 {
-                // Gravity with noise on an axis that leans forward.
+                // Gravity with noise, with a tilted axis.
                 let noise = 0.02 * ((k * k % 17) as f64 / 8.0 - 1.0);
                 let accel = [1.8 + noise, 0.2 - noise, 9.6 + noise];
                 samples.push(
                     &ImuSample {
                         time_ns: k,
                         gyro: [0.0; 3],
-                        accel: accel.map(|a| a.clamp(-most, most)),
+                        accel: accel.map(|a| a.clamp(-limit, limit)),
                     },
                     [10.0, 80.0],
                 );
@@ -436,7 +446,7 @@ mod tests {
     }
 
     #[test]
-    fn derivatives_by_the_biases() {
+    fn bias_jacobians_equal_finite_differences() {
         let readings = readings(400.0, 0.2);
         let (bg, ba) = (
             Vector3::new(0.01, -0.02, 0.03),
@@ -453,7 +463,8 @@ mod tests {
             );
             let there = Preintegrated::new(&readings, &(bg + dg), &(ba + da), &NOISE);
             let by = nine(&here, &there) / h;
-            // The mean of the turned force at both ends stands for one that is weighed 2 : 1 in the displacement.
+            // The mean of the rotated force at both ends approximates a 2 : 1 weighting in the
+            // displacement.
             assert!((by - here.by_bias.column(k)).amax() < 2e-4, "{k}");
             let (rotation, velocity, displacement) = here.bias_corrected(&(bg + dg), &(ba + da));
             assert!(rotation.angle_to(&there.rotation) < 1e-9);
@@ -463,18 +474,18 @@ mod tests {
     }
 
     #[test]
-    fn coarse_samples_come_near_fine_ones() {
+    fn preintegration_converges_with_the_sample_rate() {
         let zero = Vector3::zeros();
         let fine = Preintegrated::new(&readings(20_000.0, 0.2), &zero, &zero, &NOISE);
-        for (rate_hz, most) in [(200.0, 2e-4), (800.0, 2e-5)] {
+        for (rate_hz, limit) in [(200.0, 2e-4), (800.0, 2e-5)] {
             let coarse = Preintegrated::new(&readings(rate_hz, 0.2), &zero, &zero, &NOISE);
-            let off = nine(&fine, &coarse).amax();
-            assert!(off < most, "{rate_hz}: {off}");
+            let systematic_error = nine(&fine, &coarse).amax();
+            assert!(systematic_error < limit, "{rate_hz}: {systematic_error}");
         }
     }
 
     #[test]
-    fn what_is_no_number_is_a_sample_lost() {
+    fn sample_that_is_not_finite_is_dropped() {
         let mut samples = ImuBuffer::new(100.0);
         for k in 0..20 {
             let mut sample = ImuSample {
@@ -499,7 +510,7 @@ mod tests {
     }
 
     #[test]
-    fn a_gap_and_the_end_are_told() {
+    fn gap_and_end_of_samples_are_reported() {
         let mut samples = ImuBuffer::new(100.0);
         for k in (0..50).chain(80..100) {
             let sample = ImuSample {

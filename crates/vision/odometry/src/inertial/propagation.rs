@@ -1,4 +1,4 @@
-//! What a body felt from one frame to the next, and what it is taken to have done where it felt nothing.
+//! IMU propagation between frames, and the constant-velocity model without IMU samples.
 
 use cad_transforms::RigidTransform;
 use calib::ImuNoise;
@@ -9,12 +9,12 @@ use crate::backend::state::State;
 use crate::inertial::imu_buffer::{Coverage, ImuBuffer, Preintegrated, Reading};
 use crate::rig::Rig;
 
-/// How fast a body may change speed and turn where nothing was felt, m/s²/√Hz and rad/s/√Hz.
+/// Noise densities of the constant-velocity model, m/s²/√Hz and rad/s/√Hz.
 const NO_IMU_NOISE_DENSITY: [f64; 2] = [3.0, 0.7];
-/// Sensors differ from their data sheets: scale, skew, warming. Noise is taken to be so many times as large.
+/// Factor on the data-sheet noise densities; covers scale error, misalignment and thermal drift.
 const IMU_NOISE_INFLATION: f64 = 2.0;
 
-/// The IMU that motion is felt with.
+/// The IMU in use, with its buffer.
 pub(crate) struct ImuPropagator {
     pub(crate) index: usize,
     pub(crate) noise: ImuNoise,
@@ -23,7 +23,8 @@ pub(crate) struct ImuPropagator {
 }
 
 impl ImuPropagator {
-    /// Cameras, body and IMU of a rig: the body is the first IMU, or the rig itself where there is none.
+    /// Cameras, body frame and IMU of a rig: the body frame is that of the first IMU, or the rig
+    /// frame without an IMU.
     pub(crate) fn of(rig: &Rig) -> (Vec<Camera>, RigidTransform, Option<Self>) {
         let body_from_rig = rig
             .imus
@@ -45,7 +46,7 @@ impl ImuPropagator {
         (cameras, body_from_rig, imu)
     }
 
-    /// What was felt from a state to a time; none where samples are missing or clipped.
+    /// Preintegrated motion from a state to a time; `None` if samples are missing or saturated.
     pub(crate) fn preintegrate(&self, from: &State, to_ns: i64) -> Option<Preintegrated> {
         let mut readings = Vec::new();
         let coverage = self.samples.between(from.time_ns, to_ns, &mut readings);
@@ -53,13 +54,14 @@ impl ImuPropagator {
             .then(|| Preintegrated::new(&readings, &from.gyro_bias, &from.accel_bias, &self.noise))
     }
 
-    /// Densities of the biases' walks.
+    /// Bias random walk densities.
     pub(crate) fn bias_walk(&self) -> [f64; 2] {
         [self.noise.gyro_random_walk, self.noise.accel_random_walk]
     }
 }
 
-/// Nothing was felt: the body goes on as it went, more or less, turning at this rate about its own axes, rad/s.
+/// Constant-velocity motion with an angular rate in the body frame, rad/s, for intervals without
+/// IMU samples.
 pub(crate) fn constant_velocity(from: &State, rate: Vector3<f64>, to_ns: i64) -> Preintegrated {
     let reading = |time_ns: i64| Reading {
         time_ns,
@@ -76,7 +78,7 @@ pub(crate) fn constant_velocity(from: &State, rate: Vector3<f64>, to_ns: i64) ->
     let zero = Vector3::zeros();
     let ends = [reading(from.time_ns), reading(to_ns)];
     let mut preintegrate = Preintegrated::new(&ends, &zero, &zero, &noise);
-    // It does not depend on biases.
+    // It is independent of the biases.
     preintegrate.by_bias = SMatrix::zeros();
     preintegrate
 }

@@ -1,7 +1,8 @@
 //! Bundle adjustment of all keyframes: sparse, landmarks eliminated, robust.
 //!
-//! The same terms as in a window ([`crate::backend::solver`]), summed into blocks of a sparse matrix, and loops as ties of two poses. What is
-//! left is solved by a sparse Cholesky decomposition.
+//! The same terms as in a window ([`crate::backend::solver`]), accumulated into blocks of a sparse
+//! matrix, and loop closures as relative-pose factors. The reduced system is solved by sparse
+//! Cholesky decomposition.
 
 use std::collections::BTreeMap;
 
@@ -21,40 +22,41 @@ use crate::backend::solver::{
 use crate::backend::state::{POSE_DIM, STATE_DIM};
 use crate::backend::window::{Landmark, Window};
 
-/// Landmarks per piece, and pieces that are summed at once: what they hold apart from each other is no more than that.
+/// Number of landmarks per piece, and number of pieces that are accumulated in parallel, which
+/// bounds their memory.
 const LANDMARKS_PER_PIECE: usize = 1024;
 const PIECES_PER_BATCH: usize = 16;
-/// Damping up to which a step is as long as it would be without, nearly; and the gain of such a step, as a share of the cost, from which
-/// there is nothing left worth it.
+/// Convergence: maximum damping at which a step is nearly undamped, and minimum relative cost
+/// reduction of such a step.
 const FREE_DAMPING: f64 = 1e-5;
 const CONVERGENCE_RATIO: f64 = 1e-5;
-/// Residual, in standard deviations, from which a sight is wrong.
+/// Residual above which an observation is an outlier, in standard deviations.
 const OUTLIER_SIGMA: f64 = 5.0;
-/// Keyframes for which a covariance is computed; those between are interpolated.
+/// Number of keyframes with a computed covariance; those between are interpolated.
 const MAX_COVARIANCES: usize = 120;
 
-/// What is being done.
+/// Progress of mapping.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum Progress {
-    /// A linearisation of the whole was solved.
+    /// An iteration of bundle adjustment was completed.
     Linearized {
-        /// How many so far in this go.
+        /// Number of iterations of this optimization so far.
         iterations: usize,
-        /// Of at most.
+        /// Maximum number of iterations.
         max_iterations: usize,
     },
-    /// Places seen again are looked for.
+    /// Loop closures are being searched.
     SearchingLoops {
-        /// Keyframes so far.
+        /// Number of keyframes so far.
         done: usize,
-        /// Of all.
+        /// Number of all keyframes.
         all: usize,
     },
 }
 
 type Square = SMatrix<f64, STATE_DIM, STATE_DIM>;
 
-/// Of many frames, of which few see the same: by place.
+/// Sparse normal equations, for many frames of which few observe the same landmarks.
 #[derive(Default)]
 struct Sparse {
     blocks: BTreeMap<(usize, usize), PoseMatrix>,
@@ -73,9 +75,10 @@ impl NormalEquations for Sparse {
     }
 }
 
-/// The problem at a place.
+/// Linearized problem.
 struct LinearSystem {
-    /// Blocks on and above the diagonal; of mounts the first [`POSE_DIM`] numbers alone.
+    /// Blocks on and above the diagonal; those of extrinsics use the first [`POSE_DIM`] components
+    /// only.
     blocks: BTreeMap<(usize, usize), Square>,
     gradient: DVector<f64>,
     cost: f64,
@@ -190,7 +193,7 @@ fn cost(window: &Window, loops: &[Closure]) -> f64 {
     sum + prior_cost(window, &prior_error(window))
 }
 
-/// The sparse matrix, diagonal enlarged.
+/// Sparse matrix with a damped diagonal.
 fn matrix(
     linear: &LinearSystem,
     damping: f64,
@@ -206,7 +209,8 @@ fn matrix(
     };
     for ((a, b), block) in &linear.blocks {
         for i in 0..numbers(*a) {
-            // Of blocks on the diagonal the lower half alone: the sparse matrix is lower, blocks are upper.
+            // Diagonal blocks: lower half only. The sparse matrix is lower triangular, blocks are
+            // upper.
             for j in 0..numbers(*b) {
                 let (row, column) = (window.row_of(*b) + j, window.row_of(*a) + i);
                 if row < column {
@@ -232,16 +236,16 @@ fn factor(linear: &LinearSystem, damping: f64, window: &Window) -> Option<Llt<us
     Llt::try_new_with_symbolic(symbolic, matrix.as_ref(), Side::Lower).ok()
 }
 
-/// How an adjustment ended.
+/// Result of an optimization.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Ended {
-    /// Linearisations.
+    /// Number of iterations.
     pub(super) iterations: usize,
-    /// Whether another would have gained nothing worth it.
+    /// Whether the optimization converged.
     pub(super) is_converged: bool,
 }
 
-/// Brings everything to where it fits best, in at most `max_iterations` linearisations.
+/// Optimizes all states, landmarks and extrinsics in at most `max_iterations` iterations.
 pub(super) fn optimize(
     window: &mut Window,
     loops: &[Closure],
@@ -289,7 +293,8 @@ pub(super) fn optimize(
             if let Some(cameras) = cameras {
                 window.cameras = cameras;
             }
-            // Little at first: of a long way the ends are held by little, and damping holds them.
+            // Small initial damping: the ends of a long path are weakly constrained, and damping
+            // would fix them.
             damping *= 30.0;
         }
         if is_settled {
@@ -305,16 +310,16 @@ pub(super) fn optimize(
     }
 }
 
-/// Takes away sights that do not fit, and landmarks with too few left.
+/// Removes outliers, and landmarks with too few remaining observations.
 pub(super) fn filter_landmarks(window: &mut Window) {
     let landmarks: Vec<(&u64, &Landmark)> = window.landmarks.iter().collect();
     let bad: Vec<(u64, Vec<(usize, usize)>)> = landmarks
         .par_iter()
         .filter_map(|(id, landmark)| {
             let mut entries = Vec::new();
-            for_each_residual(window, landmark, |observation, eye, squared_residual| {
+            for_each_residual(window, landmark, |observation, side, squared_residual| {
                 if squared_residual > OUTLIER_SIGMA * OUTLIER_SIGMA {
-                    entries.push((observation, eye));
+                    entries.push((observation, side));
                 }
             });
             (!entries.is_empty()).then_some((**id, entries))
@@ -333,25 +338,25 @@ pub(super) fn filter_landmarks(window: &mut Window) {
     }
 }
 
-/// How sure everything is.
+/// Covariances of the solution.
 pub(super) struct Covariances {
-    /// Of poses (position in the world, turn in the body), one for each keyframe.
+    /// Of poses (position in the world, rotation in the body), one per keyframe.
     pub(super) poses: Vec<Matrix6<f64>>,
-    /// Of mounts, one for each that was estimated.
-    pub(super) mounts: Vec<Matrix6<f64>>,
+    /// Of extrinsics, one for each estimated camera.
+    pub(super) extrinsics: Vec<Matrix6<f64>>,
 }
 
-/// See [`Covariances`].
+/// Computes the covariances of the solution.
 pub(super) fn covariances(window: &Window, loops: &[Closure]) -> Covariances {
     let count = window.frames.len();
     let size = window.row_of(window.blocks());
     let linear = linearize(window, loops, 0.0);
     let Some(factor) = factor(&linear, 1e-9, window) else {
-        // Nothing can be said, and that is said.
+        // The covariance is not determined, and is set very large.
         let unknown = Matrix6::identity() * 1e6;
         return Covariances {
             poses: vec![unknown; count],
-            mounts: vec![unknown; window.extrinsics.len()],
+            extrinsics: vec![unknown; window.extrinsics.len()],
         };
     };
     let of = |block: usize| {
@@ -366,7 +371,7 @@ pub(super) fn covariances(window: &Window, loops: &[Closure]) -> Covariances {
     if entries.last() != Some(&(count - 1)) {
         entries.push(count - 1);
     }
-    let found: Vec<Matrix6<f64>> = entries.par_iter().map(|place| of(*place)).collect();
+    let found: Vec<Matrix6<f64>> = entries.par_iter().map(|entry| of(*entry)).collect();
     let mut out = Vec::with_capacity(count);
     for k in 0..count {
         let next = entries.partition_point(|p| *p < k);
@@ -380,6 +385,6 @@ pub(super) fn covariances(window: &Window, loops: &[Closure]) -> Covariances {
     }
     Covariances {
         poses: out,
-        mounts: (count..window.blocks()).map(of).collect(),
+        extrinsics: (count..window.blocks()).map(of).collect(),
     }
 }

@@ -1,26 +1,28 @@
-//! What hangs together with the first pose.
+//! Connectivity of poses with the first pose.
 //!
-//! Where the way was lost it breaks: how far the body went and turned meanwhile is not known, and nothing that was seen afterwards
-//! tells it. Keyframes on both sides are adjusted all the same, each by what it saw, and no equation there knows how
-//! wrong the step between them may be. Only a place seen again ties them.
+//! At a tracking loss the trajectory breaks: the translation and rotation meanwhile are unknown,
+//! and later observations do not determine them. Keyframes on both sides are still optimized by
+//! their own observations, but no factor models the error of the step between them. Only a loop
+//! closure connects them.
 
 use super::Refined;
 
-/// How a pose hangs together with the first one.
+/// Connectivity of a pose with the first one.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Connectivity {
-    /// Without a break.
+    /// Without a tracking loss in between.
     Continuous,
-    /// By places seen again, if need be by way of others.
+    /// Through loop closures, possibly through other spans.
     LoopClosed,
-    /// By nothing but a guess: it was lost, or it came after a loss. What the adjustment says of its covariance is too little;
-    /// what was said of the causal pose holds.
+    /// Only by a guess: the pose was lost, or it came after a tracking loss. Its covariance from
+    /// bundle adjustment is too small; that of the causal pose holds.
     Unconstrained,
 }
 
 impl Refined {
-    /// Of all poses: their times (ns, rising), and whether they were lost when they were found first. Where the adjustment did not
-    /// converge no covariance of it holds.
+    /// Connectivity of all poses. `causal` gives their times (ns, ascending) and whether the
+    /// estimator reported them as lost. If bundle adjustment did not converge, none of its
+    /// covariances holds.
     pub fn connectivity(&self, causal: &[(i64, bool)]) -> Vec<Connectivity> {
         if !self.is_converged {
             return vec![Connectivity::Unconstrained; causal.len()];
@@ -37,9 +39,9 @@ impl Refined {
     }
 }
 
-/// With the times of places seen again, ns.
+/// Connectivity with the times of loop closures, ns.
 fn connectivity(causal: &[(i64, bool)], loops: &[[i64; 2]]) -> Vec<Connectivity> {
-    // Number of the unbroken span of each pose; none where it was lost.
+    // Index of the continuous span of each pose; `None` where it was lost.
     let mut count = 0;
     let mut was_lost = true;
     let spans: Vec<Option<usize>> = (causal.iter())
@@ -60,7 +62,8 @@ fn connectivity(causal: &[(i64, bool)], loops: &[[i64; 2]]) -> Vec<Connectivity>
     if let Some(first) = is_connected.first_mut() {
         *first = true;
     }
-    // A tie may go by way of others: each round ties at least one more, or it is over.
+    // A span may be connected through others: each iteration connects at least one more, or ends
+    // the loop.
     for _ in 0..count {
         for (a, b) in &pairs {
             let either = is_connected[*a] || is_connected[*b];
@@ -81,16 +84,16 @@ mod tests {
     use super::*;
 
     #[test]
-    fn only_places_seen_again_tie_what_came_after_a_loss() {
+    fn only_loop_closures_connect_poses_after_a_tracking_loss() {
         use Connectivity::{Continuous, LoopClosed, Unconstrained};
         let is_lost = [false, true, false, false, true, true, false, true, false];
         let causal: Vec<(i64, bool)> = (0..).zip(is_lost).collect();
         let mut expected = [Unconstrained; 9];
         expected[0] = Continuous;
         assert_eq!(connectivity(&causal, &[]), expected);
-        // A tie to what is itself not tied is none.
+        // A closure with an unconnected span does not connect.
         assert_eq!(connectivity(&causal, &[[6, 8]]), expected);
-        // The last span is tied by way of the second, the third by nothing.
+        // The last span is connected through the second, the third is not connected.
         for k in [2, 3, 8] {
             expected[k] = LoopClosed;
         }
@@ -99,7 +102,7 @@ mod tests {
     }
 
     #[test]
-    fn what_did_not_converge_ties_nothing() {
+    fn unconverged_solution_leaves_poses_unconstrained() {
         let causal = [(0, false), (1, false)];
         let mut adjusted = Refined {
             poses: Vec::new(),
@@ -121,7 +124,7 @@ mod tests {
     }
 
     #[test]
-    fn what_begins_lost_begins_when_it_is_found() {
+    fn trajectory_that_starts_lost_begins_at_the_first_tracked_pose() {
         let causal = [(0, true), (1, false)];
         assert_eq!(
             connectivity(&causal, &[]),

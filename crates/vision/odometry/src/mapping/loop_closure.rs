@@ -1,9 +1,11 @@
-//! Places seen again.
+//! Loop closure detection.
 //!
-//! Candidates are keyframes that by their poses may show the same: near, looking the same way, far apart in time. Marks are
-//! matched by their looks; the relative pose that most matches agree with is found from the one that is expected, by least squares
-//! whose reach shrinks. What would move the poses farther than they can have drifted is a place that looks like another, and is
-//! left out. A loop enters the adjustment as a tie of two poses with the covariance of its own solution.
+//! Candidates are keyframes that may observe the same place according to their poses: close, with
+//! similar viewing directions, and far apart in time. Keypoints are matched by their descriptors.
+//! The relative pose is estimated from the predicted one by robust least squares with a decreasing
+//! scale. A closure with a larger correction than the possible drift is perceptual aliasing and is
+//! rejected. A loop closure enters bundle adjustment as a relative-pose factor with the covariance
+//! of its own solution.
 
 use calib::Eye as Side;
 use nalgebra::{Matrix3, SMatrix, SVector, UnitQuaternion, Vector3};
@@ -19,51 +21,55 @@ use crate::frontend::descriptor::hamming_distance;
 use crate::keyframe::{Keyframe, Keypoint};
 use crate::so3;
 
-/// Least time between the two, s.
+/// Minimum time between the two keyframes, s.
 const MIN_LOOP_INTERVAL_S: f64 = 12.0;
-/// How near they must be, m, and how much farther for each metre gone between them.
+/// Maximum distance of the two keyframes, m, and its increase per meter of path length between
+/// them.
 const MAX_LOOP_DISTANCE_M: f64 = 1.5;
 const DRIFT_RATE: f64 = 0.01;
-/// Largest angle between the views of two cameras, rad.
+/// Maximum angle between the optical axes of two cameras, rad.
 const MAX_VIEW_ANGLE_RAD: f64 = 0.6;
-/// A keyframe is looked at if the one looked at before is so far away, m.
+/// Minimum distance between queried keyframes, m.
 const QUERY_SPACING_M: f64 = 0.6;
-/// Candidates tried for each.
+/// Maximum number of candidates per query.
 const MAX_CANDIDATES: usize = 3;
-/// Most bits in which two looks of the same may differ, and how much better than any other it must be.
+/// Maximum Hamming distance of a match, and its maximum ratio to the second-best match.
 const MAX_HAMMING: u32 = 72;
 const SECOND_BEST_RATIO: f64 = 0.85;
-/// How far off a mark may be expected, rad: what the poses may be off at near things.
+/// Maximum angle between the predicted and the measured bearing of a match, rad: the effect of pose
+/// errors on near points.
 const MAX_SEARCH_ANGLE_RAD: f64 = 0.6;
-/// Marks that must agree, and their share of all matches.
+/// Minimum number of inliers, and their minimum fraction of all matches.
 const MIN_INLIERS: f64 = 12.0;
 const MIN_INLIER_RATIO: f64 = 0.3;
-/// Reach of the least squares, px, one round each, and the standard deviation of a mark's place.
+/// Scales of the Tukey loss, px, one per iteration, and the standard deviation of a keypoint, px.
 const TUKEY_PX: [f64; 10] = [60.0, 45.0, 32.0, 24.0, 16.0, 12.0, 9.0, 7.0, 6.0, 6.0];
 const SIGMA_PX: f64 = 1.4;
-/// How far a loop may move things: m, per metre gone, and rad.
+/// Maximum correction by a loop closure: m, in addition to the drift allowance per meter of path
+/// length, and rad.
 const MAX_CORRECTION_M: f64 = 0.3;
 const MAX_CORRECTION_RAD: f64 = 0.12;
-/// Residual of a loop, in standard deviations, from which it counts less (Cauchy), and the same as long as everything is far off.
+/// Scale of the Cauchy loss of loop closures, in standard deviations: final, and before the first
+/// convergence.
 const CAUCHY_SIGMA: f64 = 3.0;
 const CAUCHY_SIGMA_FIRST: f64 = 100.0;
 
-/// A tie of two keyframes, by place in the window.
+/// Relative-pose factor of two keyframes, by index in the window.
 #[derive(Clone, Debug)]
 pub(super) struct Closure {
     pub(super) frames: [usize; 2],
     numbers: [u64; 2],
-    /// First body from second.
+    /// Measured rotation: first body from second.
     rotation: UnitQuaternion<f64>,
     translation: Vector3<f64>,
     information: PoseMatrix,
     inliers: f64,
     initial_error: [f64; 2],
-    /// Residual from which it counts less.
+    /// Scale of the Cauchy loss, in standard deviations.
     loss_scale: f64,
 }
 
-/// A tie as a term of the least squares problem.
+/// Linearized relative-pose factor.
 pub(super) struct Term {
     pub(super) own: PoseMatrix,
     pub(super) cross: PoseMatrix,
@@ -74,7 +80,7 @@ pub(super) struct Term {
 }
 
 impl Closure {
-    /// For whoever reads the result.
+    /// Public summary.
     pub(super) fn report(&self) -> LoopClosure {
         LoopClosure {
             frames: self.numbers,
@@ -83,12 +89,12 @@ impl Closure {
         }
     }
 
-    /// Counts less from here on if it is far off from where everything else puts it.
+    /// Sets the final, tighter scale of the loss.
     pub(super) fn tighten_loss(&mut self) {
         self.loss_scale = CAUCHY_SIGMA;
     }
 
-    /// Shift and turn by which two poses fail to close it.
+    /// Residual: translation and rotation error of the two poses.
     fn residual(&self, window: &Window) -> PoseVector {
         let [a, b] = self.frames.map(|f| &window.frames[f].state);
         let translation = a.rotation.inverse() * (b.position - a.position);
@@ -139,13 +145,13 @@ impl Closure {
     }
 }
 
-/// All places seen again.
+/// Finds all loop closures.
 pub(super) fn find(
     keyframes: &[Keyframe],
     window: &Window,
     progress: &mut impl FnMut(Progress),
 ) -> Vec<Closure> {
-    // How far was gone up to each.
+    // Path length up to each keyframe.
     let mut path_length = vec![0.0];
     for pair in window.frames.windows(2) {
         let step = (pair[1].state.position - pair[0].state.position).norm();
@@ -192,7 +198,7 @@ pub(super) fn find(
     closures
 }
 
-/// Earlier keyframes that may show the same, the nearest first.
+/// Earlier keyframes that may observe the same place, the nearest first.
 fn candidates(b: usize, window: &Window, path_length: &[f64], queried: &[usize]) -> Vec<usize> {
     let now = &window.frames[b].state;
     let mut near: Vec<(f64, usize)> = queried
@@ -202,10 +208,10 @@ fn candidates(b: usize, window: &Window, path_length: &[f64], queried: &[usize])
             let then = &window.frames[*a].state;
             let seconds = (now.time_ns - then.time_ns) as f64 * 1e-9;
             let far = (now.position - then.position).norm();
-            let turned = then.rotation.angle_to(&now.rotation);
+            let rotated = then.rotation.angle_to(&now.rotation);
             let fits = seconds > MIN_LOOP_INTERVAL_S
                 && far < MAX_LOOP_DISTANCE_M + DRIFT_RATE * (path_length[b] - path_length[*a]);
-            fits.then_some((far + turned, *a))
+            fits.then_some((far + rotated, *a))
         })
         .collect();
     near.sort_by(|x, y| x.0.total_cmp(&y.0));
@@ -213,29 +219,30 @@ fn candidates(b: usize, window: &Window, path_length: &[f64], queried: &[usize])
     near.into_iter().map(|(_, a)| a).collect()
 }
 
-/// A mark with where its eye was on the body when it saw it: rows and cameras have times of their own, during which the body moves.
+/// A keypoint with the extrinsics of its camera at its exposure time: rows and cameras have
+/// exposure offsets, during which the body moves.
 struct PosedKeypoint<'a> {
     keypoint: &'a Keypoint,
     bearing: BearingMeasurement,
-    /// Body at the keyframe's time from left eye at the mark's.
-    eye: Matrix3<f64>,
+    /// Body at the time of the keyframe from left optical frame at the time of the keypoint.
+    body_from_left: Matrix3<f64>,
     arm: Vector3<f64>,
 }
 
 impl PosedKeypoint<'_> {
-    /// The point in the body, times its inverse range, if that is known.
+    /// Point in the body frame, scaled by its inverse range, if known.
     fn point(&self) -> Option<(Vector3<f64>, f64)> {
         let rho = f64::from(self.keypoint.rho);
-        (rho > 0.0).then(|| (self.eye * self.bearing.ray + self.arm * rho, rho))
+        (rho > 0.0).then(|| (self.body_from_left * self.bearing.ray + self.arm * rho, rho))
     }
 
-    /// The view's axis in the body.
+    /// Optical axis in the body frame.
     fn axis(&self) -> Vector3<f64> {
-        self.eye.column(2).into_owned()
+        self.body_from_left.column(2).into_owned()
     }
 }
 
-/// The marks of one camera.
+/// Keypoints of one camera.
 fn pose_keypoints<'a>(
     keyframe: &'a Keyframe,
     state: &State,
@@ -247,31 +254,32 @@ fn pose_keypoints<'a>(
         let exposure_offset_s =
             keyframe.exposure_offset_s[index] + camera.row_after_s(Side::Left, keypoint.left[1]);
         let then = observation::CameraPose::new(state, exposure_offset_s);
-        let (eye, arm) = &camera.body_from_left;
+        let (body_from_left, arm) = &camera.body_from_left;
         let translation = state.rotation.inverse() * (then.position - state.position);
         let rotation = then.then_from_state.transpose();
         Some(PosedKeypoint {
             keypoint,
             bearing,
-            eye: rotation * eye,
+            body_from_left: rotation * body_from_left,
             arm: rotation * arm + translation,
         })
     });
     each.collect()
 }
 
-/// A mark of one keyframe that another one sees.
+/// A keypoint of one keyframe that the other one observes.
 struct Match {
-    /// In the first body, times its inverse range.
+    /// Point in the body frame of its keyframe, scaled by its inverse range.
     x: Vector3<f64>,
     rho: f64,
-    /// Where the other body's eye was, and where it saw it.
-    eye: Matrix3<f64>,
+    /// Extrinsics of the observing camera, and the measured bearing.
+    body_from_left: Matrix3<f64>,
     arm: Vector3<f64>,
     bearing: BearingMeasurement,
-    /// Whether the point is of the later keyframe and seen by the earlier.
+    /// Whether the point belongs to the later keyframe and is observed by the earlier one.
     is_back: bool,
-    /// How much it counts: of two marks whose ranges both are known each sees the other, which tells the same twice.
+    /// Weight: if both keypoints have a range, each observes the other, and the information is
+    /// counted twice.
     weight: f64,
 }
 
@@ -299,11 +307,11 @@ fn close(
         inlier_weight = 0.0;
         let r: Matrix3<f64> = rotation.to_rotation_matrix().into_inner();
         for m in &matches {
-            // Forth: first to second body. Back: second to first.
-            let (in_body, by_shift, by_turn) = if m.is_back {
-                let turned = r * m.x;
+            // Forward: first to second body. Backward: second to first.
+            let (in_body, by_translation, by_rotation) = if m.is_back {
+                let rotated = r * m.x;
                 (
-                    turned + translation * m.rho,
+                    rotated + translation * m.rho,
                     Matrix3::identity() * m.rho,
                     -r * so3::cross(&m.x),
                 )
@@ -311,7 +319,7 @@ fn close(
                 let back = r.transpose() * (m.x - translation * m.rho);
                 (back, -r.transpose() * m.rho, so3::cross(&back))
             };
-            let x = m.eye.transpose() * (in_body - m.arm * m.rho);
+            let x = m.body_from_left.transpose() * (in_body - m.arm * m.rho);
             let Some((residual, by)) = m.bearing.residual(&x) else {
                 continue;
             };
@@ -321,10 +329,12 @@ fn close(
             }
             inlier_weight += m.weight;
             let weight = m.weight * (1.0 - size * size).powi(2) / (SIGMA_PX * SIGMA_PX);
-            let by_body = by * m.eye.transpose();
+            let by_body = by * m.body_from_left.transpose();
             let mut j = SMatrix::<f64, 2, 6>::zeros();
-            j.fixed_columns_mut::<3>(0).copy_from(&(by_body * by_shift));
-            j.fixed_columns_mut::<3>(3).copy_from(&(by_body * by_turn));
+            j.fixed_columns_mut::<3>(0)
+                .copy_from(&(by_body * by_translation));
+            j.fixed_columns_mut::<3>(3)
+                .copy_from(&(by_body * by_rotation));
             let weighted = j.transpose() * weight;
             h += weighted * j;
             g += weighted * residual;
@@ -342,7 +352,8 @@ fn close(
     let is_plausible = initial_error[0] < MAX_CORRECTION_M + DRIFT_RATE * path_length
         && initial_error[1] < MAX_CORRECTION_RAD;
     let is_consistent = inlier_weight >= MIN_INLIERS && inlier_weight >= MIN_INLIER_RATIO * all;
-    // The shift is that of the second body in the first one's axes; a turn of the first is not in it.
+    // The translation is that of the second body in the axes of the first one, and independent of a
+    // rotation of the first.
     (is_plausible && is_consistent).then_some(Closure {
         frames,
         numbers: [from.number, to.number],
@@ -371,20 +382,20 @@ fn matches(
             .collect()
     };
     let (of_a, of_b) = (all(from, a), all(to, b));
-    for seen_a in &of_a {
-        for seen_b in &of_b {
-            let (Some(first_a), Some(first_b)) = (seen_a.first(), seen_b.first()) else {
+    for keypoints_a in &of_a {
+        for keypoints_b in &of_b {
+            let (Some(first_a), Some(first_b)) = (keypoints_a.first(), keypoints_b.first()) else {
                 continue;
             };
             if first_a.axis().dot(&(r * first_b.axis())) < MAX_VIEW_ANGLE_RAD.cos() {
                 continue;
             }
-            // Where a mark of the first is expected in the second's body.
-            let expected: Vec<(Vector3<f64>, f64)> = seen_a
+            // Predicted point of a keypoint of the first in the body frame of the second.
+            let expected: Vec<(Vector3<f64>, f64)> = keypoints_a
                 .iter()
                 .map(|m| {
                     let rho = f64::from(m.keypoint.rho);
-                    let x = m.eye * m.bearing.ray + (m.arm - translation) * rho;
+                    let x = m.body_from_left * m.bearing.ray + (m.arm - translation) * rho;
                     (r.transpose() * x, rho)
                 })
                 .collect();
@@ -403,20 +414,21 @@ fn matches(
                     && f64::from(best.0) < SECOND_BEST_RATIO * f64::from(second);
                 sure.then_some(best.1)
             };
-            for (q, keypoint_b) in seen_b.iter().enumerate() {
+            for (q, keypoint_b) in keypoints_b.iter().enumerate() {
                 let is_near = |p: usize| {
                     let (x, rho) = &expected[p];
-                    let there = keypoint_b.eye.transpose() * (x - keypoint_b.arm * *rho);
+                    let there = keypoint_b.body_from_left.transpose() * (x - keypoint_b.arm * *rho);
                     there.dot(&keypoint_b.bearing.ray) > MAX_SEARCH_ANGLE_RAD.cos() * there.norm()
                 };
-                let mut near = (seen_a.iter().enumerate())
+                let mut near = (keypoints_a.iter().enumerate())
                     .filter(|(p, _)| is_near(*p))
                     .map(|(p, m)| (p, &m.keypoint.descriptor));
                 let Some(p) = best(&keypoint_b.keypoint.descriptor, &mut near) else {
                     continue;
                 };
-                let keypoint_a = &seen_a[p];
-                let mut all = (seen_b.iter().enumerate()).map(|(q, m)| (q, &m.keypoint.descriptor));
+                let keypoint_a = &keypoints_a[p];
+                let mut all =
+                    (keypoints_b.iter().enumerate()).map(|(q, m)| (q, &m.keypoint.descriptor));
                 if best(&keypoint_a.keypoint.descriptor, &mut all) != Some(q) {
                     continue;
                 }
@@ -434,7 +446,7 @@ fn matches(
                     out.extend(point.map(|(x, rho)| Match {
                         x,
                         rho,
-                        eye: by.eye,
+                        body_from_left: by.body_from_left,
                         arm: by.arm,
                         bearing: by.bearing,
                         is_back,

@@ -1,5 +1,5 @@
-//! A made-up walk twice around a ring of points, told with errors: the adjustment finds the truth, and the second lap finds
-//! the first.
+//! Synthetic walk of two laps in a ring of points, with drifting poses: bundle adjustment recovers
+//! the ground truth, and the second lap closes loops with the first.
 
 use calib::{CameraModel, Distortion};
 use nalgebra::{UnitQuaternion, Vector3};
@@ -19,7 +19,7 @@ fn rig() -> Rig {
         cy: 187.5,
         distortion: Distortion::None,
     };
-    // Looking outwards: optical z along the rig's y, optical x along its x.
+    // Facing outward: optical z along the y axis of the rig, optical x along its x axis.
     let rows = [1.0, 0.0, 0.0, 0.0, 0.0, 1.0, 0.0, -1.0, 0.0];
     Rig {
         cameras: vec![StereoCamera {
@@ -38,7 +38,8 @@ fn rig() -> Rig {
 const STEPS: usize = 60;
 const WINDOW_RADIUS_PX: f64 = 2.0;
 
-/// On a circle about the middle of the ring, which lies to its right, so that the camera looks outwards; swaying.
+/// On a circle about the center of the ring, which is to its right, so that the camera faces
+/// outward; with sway.
 fn truth(k: usize) -> (UnitQuaternion<f64>, Vector3<f64>) {
     let angle = -(k as f64) * std::f64::consts::TAU / STEPS as f64;
     let sway = Vector3::new(0.15 * (4.0 * angle).sin(), 0.1 * (6.0 * angle).sin(), 0.0);
@@ -51,7 +52,7 @@ fn truth(k: usize) -> (UnitQuaternion<f64>, Vector3<f64>) {
     )
 }
 
-/// Points all around, each with looks of its own.
+/// Points all around, each with its own descriptor.
 fn points() -> Vec<(Vector3<f64>, [u64; 4])> {
     let mut state = 7_u64;
     let mut draw = || {
@@ -71,16 +72,16 @@ fn points() -> Vec<(Vector3<f64>, [u64; 4])> {
         .collect()
 }
 
-/// Keyframes of `laps` laps; each pose is told with a drift.
-fn keyframes(laps: usize, drift_m: f64, with_marks: bool) -> Vec<Keyframe> {
-    keyframes_of(&rig(), laps, drift_m, with_marks)
+/// Keyframes of `laps` laps with drifting poses.
+fn keyframes(laps: usize, drift_m: f64, with_keypoints: bool) -> Vec<Keyframe> {
+    keyframes_of(&rig(), laps, drift_m, with_keypoints)
 }
 
-fn keyframes_of(rig: &Rig, laps: usize, drift_m: f64, with_marks: bool) -> Vec<Keyframe> {
+fn keyframes_of(rig: &Rig, laps: usize, drift_m: f64, with_keypoints: bool) -> Vec<Keyframe> {
     let (cameras, _, _) = ImuPropagator::of(rig);
     let points = points();
     let count = laps * STEPS;
-    // A point that was out of sight is another one to whoever follows corners.
+    // A point that left the view gets a new track id.
     let mut ids: Vec<Option<u64>> = vec![None; cameras.len() * points.len()];
     let mut next = 0;
     (0..count)
@@ -92,8 +93,8 @@ fn keyframes_of(rig: &Rig, laps: usize, drift_m: f64, with_marks: bool) -> Vec<K
             let both = each.flat_map(|camera| points.iter().map(move |point| (camera, point)));
             for (n, ((index, camera), (x, descriptor))) in both.enumerate() {
                 let in_body = rotation.inverse() * (x - position);
-                let (eye, arm) = &camera.body_from_left;
-                let in_left = eye.transpose() * (in_body - arm);
+                let (body_from_left, arm) = &camera.body_from_left;
+                let in_left = body_from_left.transpose() * (in_body - arm);
                 let pixel = camera.left.project(in_left.into()).filter(|p| {
                     in_left.z > 0.3 && (1.0..671.0).contains(&p[0]) && (1.0..375.0).contains(&p[1])
                 });
@@ -101,8 +102,10 @@ fn keyframes_of(rig: &Rig, laps: usize, drift_m: f64, with_marks: bool) -> Vec<K
                     ids[n] = None;
                     continue;
                 };
-                let (turn_right, origin) = &camera.right_from_left;
-                let right = camera.right.project((turn_right * in_left + origin).into());
+                let (right_rotation, origin) = &camera.right_from_left;
+                let right = camera
+                    .right
+                    .project((right_rotation * in_left + origin).into());
                 let id = *ids[n].get_or_insert_with(|| {
                     next += 1;
                     next
@@ -114,7 +117,7 @@ fn keyframes_of(rig: &Rig, laps: usize, drift_m: f64, with_marks: bool) -> Vec<K
                     left,
                     right: right.map(|r| r.map(|v| v as f32)),
                 });
-                if with_marks {
+                if with_keypoints {
                     keypoints.push(Keypoint {
                         camera: index as u8,
                         left,
@@ -123,8 +126,12 @@ fn keyframes_of(rig: &Rig, laps: usize, drift_m: f64, with_marks: bool) -> Vec<K
                     });
                 }
             }
-            let gone = k as f64 / STEPS as f64;
-            let drift = Vector3::new(drift_m * gone, -0.5 * drift_m * gone, 0.2 * drift_m * gone);
+            let laps_done = k as f64 / STEPS as f64;
+            let drift = Vector3::new(
+                drift_m * laps_done,
+                -0.5 * drift_m * laps_done,
+                0.2 * drift_m * laps_done,
+            );
             Keyframe {
                 number: k as u64 + 1,
                 state: BodyState {
@@ -166,16 +173,16 @@ fn farthest(refined: &Refined) -> f64 {
 }
 
 #[test]
-fn a_drifted_lap_is_straightened() {
+fn drifted_lap_is_corrected() {
     let refined = solved(keyframes(1, 0.3, false));
     assert_eq!(refined.poses.len(), STEPS);
     assert!(refined.loop_closures.is_empty());
-    // Pixels are single precision: some 1e-5 px, over sixty keyframes.
+    // Pixels have single precision: about 1e-5 px, over sixty keyframes.
     assert!(farthest(&refined) < 1e-3, "{}", farthest(&refined));
 }
 
 #[test]
-fn the_second_lap_finds_the_first() {
+fn second_lap_closes_loops_with_the_first() {
     let frames = keyframes(2, 0.15, true);
     let refined = solved(frames.clone());
     assert!(
@@ -185,11 +192,11 @@ fn the_second_lap_finds_the_first() {
     );
     for found in &refined.loop_closures {
         let [a, b] = found.frames.map(|n| n as usize - 1);
-        // The same place is one lap apart, give or take what the view still shows.
+        // The same place is one lap apart, up to the overlap of the views.
         assert!((b - a).abs_diff(STEPS) < 12, "{found:?}");
     }
     assert!(farthest(&refined) < 5e-3, "{}", farthest(&refined));
-    // A loop makes the end as certain as the beginning, nearly.
+    // With a loop closure the end is nearly as certain as the start.
     let spread = |a: &Refined| {
         a.poses
             .last()
@@ -206,8 +213,9 @@ fn the_second_lap_finds_the_first() {
 }
 
 #[test]
-fn a_place_that_looks_like_another_is_no_loop() {
-    // The second lap is a floor higher, reached by a way on which nothing was seen: no drift explains that.
+fn perceptual_aliasing_gives_no_loop_closure() {
+    // The second lap is one floor higher, reached without observations: drift does not explain
+    // that.
     let mut frames = keyframes(2, 0.0, true);
     for keyframe in &mut frames[STEPS..] {
         keyframe.state.position.z += 3.0;
@@ -217,13 +225,13 @@ fn a_place_that_looks_like_another_is_no_loop() {
         }
     }
     let refined = solved(frames);
-    // What is left is the lap's own end before its own beginning.
+    // The remaining closures are between the end and the start of the same lap.
     let across = |l: &&LoopClosure| (l.frames[0] <= STEPS as u64) != (l.frames[1] <= STEPS as u64);
     assert_eq!(refined.loop_closures.iter().filter(across).count(), 0);
 }
 
 #[test]
-fn a_camera_that_was_moved_is_put_back_and_told() {
+fn moved_camera_is_corrected_and_reported() {
     let mut rig = rig();
     let sure = nalgebra::Vector6::from_element(1e-8);
     rig.cameras[0].covariance = Some(Matrix6::from_diagonal(&sure));
@@ -245,7 +253,7 @@ fn a_camera_that_was_moved_is_put_back_and_told() {
             .iter()
             .all(|m| m.initial_error[0] < 1e-4 && m.initial_error[1] < 1e-5)
     );
-    // Told two degrees off.
+    // Nominal extrinsics with an error of two degrees.
     let mut nominal = rig.clone();
     let initial_error =
         RigidTransform::from_rotation_vector([0.02, -0.024, 0.016], [0.0; 3]).unwrap();
@@ -258,13 +266,13 @@ fn a_camera_that_was_moved_is_put_back_and_told() {
     );
     let left = extrinsics[1].rig_from_left.inverse() * rig.cameras[1].rig_from_left;
     let share = left.angle_rad() / initial_error.angle_rad();
-    assert!(share < 0.15, "{share} of it left");
+    assert!(share < 0.15, "remaining fraction {share}");
     assert!(farthest(&found) < 0.03, "{}", farthest(&found));
 }
 
 #[test]
-fn cameras_that_see_the_same_put_each_other_back() {
-    // Landmarks that two cameras see without noise: wrong derivatives would not lead there.
+fn cameras_with_common_landmarks_correct_their_extrinsics() {
+    // Noise-free landmarks that two cameras observe: wrong Jacobians would not converge.
     let exact = crate::backend::solver::tests::window(5, 0.0);
     let mut moved = exact.clone();
     let nominal = &rig().cameras[0];
@@ -285,7 +293,7 @@ fn cameras_that_see_the_same_put_each_other_back() {
 }
 
 #[test]
-fn sights_count_less_the_longer_they_were_followed() {
+fn observation_sigma_grows_with_the_track_length() {
     let window = crate::backend::solver::tests::window(4, 0.0);
     let landmark = window.landmarks.values().next().expect("a landmark");
     let nominal = landmark.observations.clone();
@@ -294,13 +302,13 @@ fn sights_count_less_the_longer_they_were_followed() {
     for ((number, before), (_, after)) in nominal.iter().zip(&widened) {
         let times = (1.0 + (number - nominal[0].0) as f64).sqrt();
         assert!((before.left.basis - after.left.basis * times).amax() < 1e-9);
-        let [before, after] = [before, after].map(|s| s.right.expect("both eyes").basis);
+        let [before, after] = [before, after].map(|s| s.right.expect("a stereo match").basis);
         assert!((before - after * times).amax() < 1e-9);
     }
 }
 
 #[test]
-fn what_was_not_believed_is_not_felt() {
+fn invalid_imu_interval_gives_no_imu_factor() {
     let mut rig = rig();
     rig.imus.push(crate::test_rig::imu());
     let mut mapping = Mapping::new(&rig, &Config::preset(Preset::Balanced));
@@ -319,14 +327,14 @@ fn what_was_not_believed_is_not_felt() {
         mapping.add_keyframe(keyframe);
     }
     for (motion, believed) in mapping.motions.iter().zip(believed).skip(1) {
-        let motion = motion.as_ref().expect("there is one before it");
+        let motion = motion.as_ref().expect("a previous keyframe");
         assert_eq!(motion.has_gravity, believed);
     }
 }
 
 #[test]
-fn threads_do_not_matter() {
-    // Several pieces of landmarks.
+fn result_does_not_depend_on_the_number_of_threads() {
+    // More than one piece of landmarks.
     let frames = keyframes(5, 0.1, true);
     assert!(solved(frames.clone()).landmarks > 3 * 1024);
     let on = |threads: usize| {
@@ -340,10 +348,10 @@ fn threads_do_not_matter() {
 }
 
 #[test]
-fn frames_between_keyframes_go_along() {
+fn frames_between_keyframes_are_interpolated() {
     let pose = |x: f64| RigidTransform::from_translation_m([x, 0.0, 0.0]).unwrap();
     let causal: Vec<_> = (0..7).map(|k| (k * 10, pose(k as f64))).collect();
-    // The second keyframe was 1 m short.
+    // The second keyframe had an error of 1 m.
     let refined = [(10, pose(1.0)), (50, pose(6.0)), (55, pose(0.0))];
     let all = interpolate_poses(&causal, &refined);
     let x: Vec<f64> = all.iter().map(|p| p.translation_m()[0]).collect();

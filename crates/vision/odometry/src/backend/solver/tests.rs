@@ -1,5 +1,5 @@
-//! A made-up scene without noise: the solution must be the truth, from far enough away that wrong derivatives would not
-//! lead there.
+//! Synthetic scene without noise: the solution must equal the ground truth, from a start so far
+//! away that wrong Jacobians would not converge.
 
 use std::collections::BTreeMap;
 
@@ -43,7 +43,7 @@ pub(crate) fn camera(yaw: f64, line_s: f64) -> Camera {
     )
 }
 
-/// A body that goes sideways and turns.
+/// A body that moves sideways and rotates.
 fn truth(k: usize) -> State {
     let t = k as f64 * 0.1;
     State {
@@ -55,7 +55,7 @@ fn truth(k: usize) -> State {
     }
 }
 
-/// What the frames see of points around, without noise.
+/// Noise-free observations of surrounding points.
 pub(crate) fn window(frames: usize, line_s: f64) -> Window {
     let cameras = vec![camera(-0.5, 0.0), camera(0.4, line_s)];
     let mut landmarks: BTreeMap<u64, Landmark> = BTreeMap::new();
@@ -66,14 +66,15 @@ pub(crate) fn window(frames: usize, line_s: f64) -> Window {
         let x_in_world = Vector3::new(range * a.sin(), range * b, range * a.cos());
         for k in 0..frames {
             for (c, camera) in cameras.iter().enumerate() {
-                // The time of a row depends on where it is seen, and that on the time.
+                // The time of a row depends on the pixel, and the pixel on the time.
                 let after_camera = 0.004 * c as f64;
                 let mut exposure_offset_s = after_camera;
                 let mut observation = None;
                 for _ in 0..20 {
-                    let placed = CameraPose::new(&truth(k), exposure_offset_s);
+                    let camera_pose = CameraPose::new(&truth(k), exposure_offset_s);
                     let (rotation, arm) = &camera.body_from_left;
-                    let in_body = placed.rotation.transpose() * (x_in_world - placed.position);
+                    let in_body =
+                        camera_pose.rotation.transpose() * (x_in_world - camera_pose.position);
                     let x = rotation.transpose() * (in_body - arm);
                     let Some(pixel) = camera.left.project(x.into()) else {
                         break;
@@ -93,7 +94,7 @@ pub(crate) fn window(frames: usize, line_s: f64) -> Window {
                 let Some((pixel, right, range)) = observation else {
                     continue;
                 };
-                // Straight to bearings: pixels are single precision.
+                // Directly to bearings: pixels have single precision.
                 let exact = |side: Side, pixel: [f64; 2]| {
                     let lens = if side == Side::Left {
                         &camera.left
@@ -141,7 +142,7 @@ pub(crate) fn window(frames: usize, line_s: f64) -> Window {
     }
 }
 
-/// Moves everything away from the truth.
+/// Perturbs all states and landmarks.
 fn shaken(window: &Window, by: f64) -> Window {
     let mut shaken = window.clone();
     for (k, frame) in shaken.frames.iter_mut().enumerate().skip(1) {
@@ -167,21 +168,21 @@ fn farthest(window: &Window) -> f64 {
 }
 
 #[test]
-fn the_truth_is_found_from_afar() {
+fn window_converges_to_the_ground_truth_from_a_distant_start() {
     for line_s in [0.0, 2e-5] {
         let exact = window(5, line_s);
         assert!(exact.landmarks.len() > 100);
         let mut moved = shaken(&exact, 0.1);
         assert!(farthest(&moved) > 0.05);
         let (solved, _) = optimize_window(&mut moved, 20);
-        // The ray of a rolling row's time is right at the truth alone to rounding.
+        // At the ground truth the ray at the time of a rolling-shutter row is exact up to rounding.
         assert!(farthest(&moved) < 1e-6, "{} {solved:?}", farthest(&moved));
         assert!(solved.cost[1] < 1e-6, "{solved:?}");
     }
 }
 
 #[test]
-fn the_newest_alone_is_found_too() {
+fn newest_state_alone_converges_to_the_ground_truth() {
     let exact = window(4, 0.0);
     let mut moved = exact.clone();
     let mut error = Error::zeros();
@@ -189,7 +190,7 @@ fn the_newest_alone_is_found_too() {
     error[4] = -0.01;
     let last = moved.frames.len() - 1;
     moved.frames[last].state = moved.frames[last].state.plus(&error);
-    // Velocity and biases are not seen: that a body does not leap holds them, loosely.
+    // Velocity and biases are not observed: the constant-velocity factor constrains them weakly.
     moved.frames[last].motion = Some(crate::backend::window::MotionFactor {
         preintegrated: crate::inertial::propagation::constant_velocity(
             &moved.frames[last - 1].state,
@@ -201,19 +202,19 @@ fn the_newest_alone_is_found_too() {
     });
     assert!(farthest(&moved) > 0.02);
     let information = refine_newest(&mut moved, &SMatrix::identity(), 8);
-    let information = information.expect("hundreds of sights tell where it is");
+    let information = information.expect("hundreds of observations determine the pose");
     assert!(farthest(&moved) < 1e-4, "{}", farthest(&moved));
     let sigma = 1.0 / information[(POSITION, POSITION)].sqrt();
     assert!(sigma < 0.01, "{sigma}");
 }
 
 #[test]
-fn a_sight_that_is_far_off_does_not_refuse_every_step() {
+fn saturated_observation_does_not_block_convergence() {
     let exact = window(5, 0.0);
     let mut moved = shaken(&exact, 0.05);
-    // One that points away from everything, behind its eye.
+    // A bearing that points behind the camera.
     let landmark = moved.landmarks.values_mut().next().expect("landmarks");
-    let (_, observation) = landmark.observations.last_mut().expect("sights");
+    let (_, observation) = landmark.observations.last_mut().expect("observations");
     observation.left.ray = -observation.left.ray;
     observation.left.basis = -observation.left.basis;
     let all: Vec<&Landmark> = moved.landmarks.values().collect();
@@ -229,7 +230,7 @@ fn a_sight_that_is_far_off_does_not_refuse_every_step() {
 }
 
 #[test]
-fn threads_do_not_matter() {
+fn result_does_not_depend_on_the_number_of_threads() {
     let moved = shaken(&window(5, 0.0), 0.05);
     let on = |threads: usize| {
         let pool = rayon::ThreadPoolBuilder::new()
@@ -244,17 +245,18 @@ fn threads_do_not_matter() {
 }
 
 #[test]
-fn what_leaves_is_remembered() {
-    // With noise-free sights a prior changes nothing of the solution.
+fn marginalized_frame_remains_in_the_prior() {
+    // With noise-free observations a prior does not change the solution.
     let mut small = window(5, 0.0);
     marginalize(&mut small, 0);
     assert_eq!(small.frames.len(), 4);
     let mut moved = shaken(&small, 0.03);
     let (_, covariance) = optimize_window(&mut moved, 20);
     assert!(farthest(&moved) < 1e-5, "{}", farthest(&moved));
-    // Where the frame that left was is known to a tenth of a millimetre, and its landmarks tie the next one to it.
+    // The position of the marginalized frame is known to a tenth of a millimeter, and its landmarks
+    // connect the next one to it.
     let sigma = 1.0 / small.prior.information[(POSITION, POSITION)].sqrt();
     assert!(sigma > 1e-6 && sigma < 0.02, "{sigma}");
-    // Nothing was felt, so velocities are not known, and that is told.
+    // Without an IMU velocities are unknown, and the covariance states it.
     assert!(covariance.is_none());
 }

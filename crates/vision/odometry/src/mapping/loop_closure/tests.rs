@@ -1,10 +1,10 @@
-//! Two keyframes of a place, without noise, by cameras whose pictures have times of their own.
+//! Two noise-free keyframes of a place, from cameras with exposure offsets.
 
 use super::*;
 use crate::backend::solver::tests::camera;
 use crate::backend::window::{Frame, Prior};
 
-/// Of a body on its way.
+/// State of a moving body.
 fn state_of(position: Vector3<f64>, yaw: f64) -> State {
     State {
         position,
@@ -41,14 +41,14 @@ fn keyframe(number: u64, state: &State, cameras: &[Camera], late_s: &[f64]) -> K
             2.0 + 4.0 * part(0.732),
         );
         for (index, camera) in cameras.iter().enumerate() {
-            // The time of a row depends on where it is seen, and that on the time.
+            // The time of a row depends on the pixel, and the pixel on the time.
             let mut exposure_offset_s = late_s[index];
             let mut observations = None;
             for _ in 0..20 {
                 let then = observation::CameraPose::new(state, exposure_offset_s);
-                let (eye, arm) = &camera.body_from_left;
+                let (body_from_left, arm) = &camera.body_from_left;
                 let in_body = then.rotation.transpose() * (x_in_world - then.position);
-                let x = eye.transpose() * (in_body - arm);
+                let x = body_from_left.transpose() * (in_body - arm);
                 observations = (camera.left.project(x.into())).filter(|p| {
                     x.z > 0.3 && (1.0..671.0).contains(&p[0]) && (1.0..375.0).contains(&p[1])
                 });
@@ -57,12 +57,12 @@ fn keyframe(number: u64, state: &State, cameras: &[Camera], late_s: &[f64]) -> K
                 observations = Some(pixel);
             }
             let then = observation::CameraPose::new(state, exposure_offset_s);
-            let (eye, arm) = &camera.body_from_left;
-            let from_eye = x_in_world - then.position - then.rotation * arm;
+            let (body_from_left, arm) = &camera.body_from_left;
+            let from_left = x_in_world - then.position - then.rotation * arm;
             keypoints.extend(observations.map(|pixel| Keypoint {
                 camera: index as u8,
                 left: pixel.map(|v| v as f32),
-                rho: (1.0 / (eye.transpose() * from_eye).norm()) as f32,
+                rho: (1.0 / (body_from_left.transpose() * from_left).norm()) as f32,
                 descriptor: std::array::from_fn(|k| {
                     (id * 4 + k as u64 + 1).wrapping_mul(0x9e37_79b9_7f4a_7c15)
                 }),
@@ -80,7 +80,7 @@ fn keyframe(number: u64, state: &State, cameras: &[Camera], late_s: &[f64]) -> K
 }
 
 #[test]
-fn pictures_of_other_times_close_as_well() {
+fn cameras_with_exposure_offsets_close_loops() {
     let cameras = vec![camera(-0.2, 2e-5), camera(0.3, 0.0)];
     let truth = [
         state_of(Vector3::zeros(), 0.0),
@@ -92,17 +92,18 @@ fn pictures_of_other_times_close_as_well() {
     report[1].position += Vector3::new(0.1, -0.05, 0.08);
     report[1].rotation *= so3::exp(&Vector3::new(0.02, -0.03, 0.01));
     let window = window_of(report, cameras);
-    let closure = close(&from, &to, [0, 1], &window, &[0.0, 0.0]).expect("the place is the same");
+    let closure = close(&from, &to, [0, 1], &window, &[0.0, 0.0]).expect("a loop closure");
     let [a, b] = truth;
     let translation = a.rotation.inverse() * (b.position - a.position);
-    // The camera that is 33 ms late is 40 mm on by then. Which way it went is only known as well as the told turn.
+    // The camera with an offset of 33 ms has moved by 40 mm. The direction of that motion is only
+    // as accurate as the given rotation.
     let initial_error = (closure.translation - translation).norm();
     assert!(initial_error < 1e-3, "{initial_error}");
-    let turned = closure
+    let rotation_error = closure
         .rotation
         .angle_to(&(a.rotation.inverse() * b.rotation));
-    assert!(turned < 3e-4, "{turned}");
-    // Each pair of marks counts once, and it is seen both ways.
+    assert!(rotation_error < 3e-4, "{rotation_error}");
+    // Each pair of keypoints counts once, and is observed in both directions.
     let found = matches(&from, &to, (&report[0], &report[1]), &window.cameras);
     assert!(found.len() > 100 && found.len().is_multiple_of(2));
     let pairs: f64 = found.iter().map(|m| m.weight).sum();
@@ -115,7 +116,7 @@ fn pictures_of_other_times_close_as_well() {
 }
 
 #[test]
-fn what_is_far_off_pulls_more_before_it_is_narrowed() {
+fn large_residual_has_more_weight_before_the_loss_is_tightened() {
     let states = [state_of(Vector3::zeros(), 0.0), state_of(Vector3::x(), 0.0)];
     let window = window_of(states, vec![camera(0.0, 0.0)]);
     let mut closure = Closure {
@@ -128,7 +129,7 @@ fn what_is_far_off_pulls_more_before_it_is_narrowed() {
         initial_error: [1.0, 0.0],
         loss_scale: CAUCHY_SIGMA_FIRST,
     };
-    // A hundred sigmas: half of its pull.
+    // At a hundred sigmas the weight is one half.
     let far = closure.linearize(&window).gradient_other.norm();
     assert!((far / 1e4 - 0.5).abs() < 1e-9, "{far}");
     closure.tighten_loss();
