@@ -201,7 +201,10 @@ fn uncalibrated_rig_is_calibrated_and_reconstructed() {
     );
     let mended = [&run[..], &["--calibration", "calibration"]].concat();
     let output = run_program(&reconstruct, here, &mended, 0);
-    assert!(output.contains("given in addition to the session"), "{output}");
+    assert!(
+        output.contains("given in addition to the session"),
+        "{output}"
+    );
     let scene = Scene::open(&here.join("walk.scene")).expect("a bundle");
     let manifest = scene.manifest();
     assert_eq!(manifest.provenance.rig.name, "calibrated rig");

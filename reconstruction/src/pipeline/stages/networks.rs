@@ -85,8 +85,8 @@ impl Networks {
     /// Disparities of a rectified pair, if there is a stereo network.
     pub(super) fn disparity(
         &self,
-        left: depth::Picture<'_>,
-        right: depth::Picture<'_>,
+        left: depth::ImageView<'_>,
+        right: depth::ImageView<'_>,
     ) -> Result<Option<DisparityMap>, StageError> {
         let run = |network: &Mutex<StereoNetwork>| lock(network).run(&left.into(), &right.into());
         Ok(self.stereo.as_deref().map(run).transpose()?)
@@ -99,8 +99,8 @@ impl Networks {
         };
         let (width, height) = (picture.width as usize, picture.height as usize);
         let picture = match picture.color {
-            Color::Grey => learned::Picture::grey(width, height, &picture.data)?,
-            Color::Rgb => learned::Picture::rgb(width, height, &picture.data)?,
+            Color::Grey => learned::ImageView::gray(width, height, &picture.data)?,
+            Color::Rgb => learned::ImageView::rgb(width, height, &picture.data)?,
         };
         Ok(Some(lock(network).run(&picture)?.movable))
     }
