@@ -1,4 +1,4 @@
-//! A browser without a window, for tests of pages: told what to do over a pipe (Chrome DevTools Protocol, messages that
+//! A browser without a window, for tests of pages: controlled over a pipe (Chrome DevTools Protocol, messages that
 //! end with a zero byte).
 //!
 //! Contract: where there is no browser, [`Browser::start`] prints a line beginning with `skipped:` and gives none.
@@ -180,7 +180,7 @@ impl Browser {
 
     /// What failed in the page's programs so far.
     pub fn exceptions(&mut self) -> Vec<String> {
-        // What has happened before this answer has been told before it.
+        // Events before this answer are reported before it.
         self.value("1");
         let thrown = self.events.iter();
         let thrown = thrown.filter(|event| event["method"] == "Runtime.exceptionThrown");
@@ -235,7 +235,7 @@ impl Browser {
         }
     }
 
-    /// An image of what is in sight, a PNG file; all of the page if it is `whole`.
+    /// Screenshot of the viewport as a PNG file; of the whole page if `whole`.
     pub fn screenshot(&mut self, whole: bool) -> Vec<u8> {
         let params = json!({"format": "png", "captureBeyondViewport": whole});
         let picture = self.call("Page.captureScreenshot", params);
@@ -246,7 +246,7 @@ impl Browser {
 impl Drop for Browser {
     fn drop(&mut self) {
         self.session.clear();
-        // Asked to close it takes its helpers with it.
+        // A requested close ends its child processes too.
         let _ = self
             .to
             .write_all(b"{\"id\":0,\"method\":\"Browser.close\"}\0");
