@@ -301,7 +301,7 @@ mod tests {
         mode(0o644).expect("mode");
         supervisor.supervise(&running);
         assert!(supervisor.server.is_none());
-        let remedy = format!("mend it with chmod 600 {}", token.display());
+        let remedy = format!("fix it with chmod 600 {}", token.display());
         assert!(
             supervisor.last_error.contains("mode 0644"),
             "{}",

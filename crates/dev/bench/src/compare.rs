@@ -25,7 +25,12 @@ const MEASURES_OF_THE_MACHINE: &[&str] = &[
     "cpu_s",
     "cpu_seconds",
     "cpu_percent",
-    "cpu_ms_per_image",
+    "cpu_ms_per_frame",
+    "daemon_cpu_ms_per_frame",
+    "bare_cpu_ms_per_frame",
+    "bare_reading_cpu_ms_per_frame",
+    "frames_per_s",
+    "frames_per_second",
     "cpu_ms_per_picture",
     "cpu_ms_per_stereo_frame",
     "stages_cpu_ms_per_stereo_frame",
@@ -201,9 +206,10 @@ fn parse(path: &Path) -> Result<Value> {
 fn renamed(value: &Value, renames: &Renames) -> Value {
     match value {
         Value::Object(fields) => {
+            let is_measure = |key: &str| MEASURES_OF_THE_MACHINE.contains(&key);
             let kept = fields
                 .iter()
-                .filter(|(key, _)| !MEASURES_OF_THE_MACHINE.contains(&key.as_str()));
+                .filter(|(key, _)| !is_measure(key) && !is_measure(&renames.apply(key)));
             Value::Object(
                 kept.map(|(key, value)| (renames.apply(key), renamed(value, renames)))
                     .collect::<Map<_, _>>(),

@@ -298,13 +298,13 @@ fn with_decode(folder: &Path, seconds: i64) -> Result<Value> {
     let images: usize = validated.found.stats.cameras.iter().map(Vec::len).sum();
     let bytes = size(folder)?;
     Ok(json!({
-        "frames": frames,
+        "frames": images,
         "width": WIDTH,
         "height": HEIGHT,
         "codec": "h264",
         "bytes": bytes,
         "seconds": took,
-        "frames_per_second": frames as f64 / took,
+        "frames_per_second": images as f64 / took,
         "bytes_per_second": bytes as f64 / took,
         "times_real_time": seconds as f64 / took,
     }))
