@@ -7,7 +7,7 @@
 //!
 //! Contract: [`ClockWatch::judge`] is pure. It reports each step once, at the first look after it, with its
 //! size; two steps between two looks are one. A suspension is distinguished by `CLOCK_BOOTTIME`, which goes on
-//! through it. [`reading`] reads the clocks, [`StepAlarm`] wakes a thread at the very step, and a machine whose
+//! through it. [`read()`] reads the clocks, [`StepAlarm`] wakes a thread at the very step, and a machine whose
 //! kernel refuses either only tells less.
 
 use serde::Serialize;

@@ -13,7 +13,7 @@
 //!
 //! Errors are those of the motion since the start of the fault, so that earlier errors do not
 //! count. Faults of light and lenses are rendered; faults of devices are applied to images of the
-//! same walk that were rendered once ([`tests::sequences::Sequence::with_pictures`]). Times in a
+//! same walk that were rendered once ([`tests::sequences::Sequence::with_images`]). Times in a
 //! sequence are true ones, so that faults of clocks show only the loss of data.
 
 use std::sync::Arc;

@@ -32,7 +32,7 @@ impl Sheet {
     /// A target with its white margin.
     ///
     /// # Panics
-    /// If the target cannot be drawn: [`Target::objection`].
+    /// If the target cannot be drawn: [`Target::invalid_reason`].
     pub fn new(target: Target) -> Self {
         let sheet = target.sheet_m();
         let size = sheet.size_m();
