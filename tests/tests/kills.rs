@@ -111,7 +111,7 @@ fn broken_promises_are_detected() {
     let mut flipped = bytes.clone();
     flipped[bytes.len() / 2] ^= 1;
     let error = verdict("flipped", &flipped, (until, 0)).expect_err("a flipped bit");
-    assert!(error.contains("more than an end"), "{error}");
+    assert!(error.contains("more than a truncated end"), "{error}");
 }
 
 /// The manifest during recording: segments and extents as at the start.
