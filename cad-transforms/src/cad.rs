@@ -35,7 +35,7 @@ pub mod urdf;
 /// chest drawn in millimetres and read as metres is hundreds of metres wide.
 pub const FARTHEST_M: f64 = 10.0;
 
-/// Parts that lie no farther from each other than this, m, raise the doubt that metres were read as millimetres.
+/// Parts that lie no farther from each other than this, m, suggest that metres were read as millimetres.
 pub const NEAREST_M: f64 = 0.002;
 
 /// Most parts a file may have: instances multiply, and a broken file could name billions.

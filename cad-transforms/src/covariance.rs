@@ -77,7 +77,7 @@ pub enum CovarianceError {
 }
 
 impl Covariance {
-    /// No doubt at all: the two frames are one by definition.
+    /// Zero: the two frames are identical by definition.
     pub fn zero() -> Self {
         Self(Matrix6::zeros())
     }
@@ -167,7 +167,7 @@ impl Covariance {
         &self.0
     }
 
-    /// The same doubt seen from another frame: of a motion written in frame `a`, that motion in frame `b`.
+    /// The same covariance in another frame: of a motion written in frame `a`, that motion in frame `b`.
     #[must_use]
     pub fn moved(&self, b_from_a: &RigidTransform) -> Self {
         let adjoint = adjoint(b_from_a);

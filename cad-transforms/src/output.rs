@@ -2,11 +2,11 @@
 //!
 //! Contract: an existing file is kept unless the caller says otherwise, and is then replaced atomically.
 //! The bytes are written beside the file, under a hidden name that nobody has (`.paws-PROCESS-NUMBER.part`), and
-//! appear under the name itself when they are whole: whoever reads it finds the old bytes or the new ones. After
+//! appear under the name itself when they are complete: a reader finds the old bytes or the new ones. After
 //! [`write()`] returned, the bytes and the name are on disk. A program that is killed may leave a hidden file behind.
 //!
 //! On file systems without hard links (exFAT and the like), a new file is made as an empty one that is exchanged
-//! at once: a reader may find it empty for a moment, never in part.
+//! in place: a reader may find it empty for a moment, never in part.
 
 use std::fs::{self, File, OpenOptions};
 use std::io::{self, Write};

@@ -2,7 +2,7 @@
 //!
 //! Contract: a [`Rig`] that exists is a tree that connects every frame to `rig`, each transform a
 //! proper rotation, each camera with its left frame. Reading reports everything that is wrong with a
-//! file at once, each with its line; a rig is never built from the part that was right. The transforms
+//! file together, each with its line; a rig is never built from the part that was right. The transforms
 //! are fixed for one revision of the plate. Where the rig is in the world changes with time and is
 //! no part of the file.
 //!
@@ -41,7 +41,7 @@
 //! within_m = 0.001         # or within_mm
 //! within_rad = 0.005       # or within_deg
 //!
-//! [[shoe_tag]]             # as many as there are, or none
+//! [[shoe_tag]]             # any number, or none
 //! family = "36h11"
 //! id = 0
 //! foot = "left_foot"       # or right_foot
@@ -98,7 +98,7 @@ pub struct Rig {
     cameras: Vec<CameraInfo>,
     edges: Vec<Edge>,
     closures: Vec<Closure>,
-    /// For every frame but `rig`: its neighbour on the way to `rig`.
+    /// For every frame but `rig`: its neighbour on the path to `rig`.
     towards_rig: BTreeMap<Frame, Step>,
     shoe_tags: Vec<ShoeTag>,
 }
@@ -328,7 +328,7 @@ impl Rig {
     }
 
     /// Covariance of [`Self::transform`]: of a small motion of `a`, in its own axes, with `b` held still.
-    /// The joints are taken as independent. `None` where an entry on the way has no tolerance.
+    /// The joints are taken as independent. `None` where an entry on the path has no tolerance.
     ///
     /// # Errors
     /// [`RigError::UnknownFrame`].
@@ -409,7 +409,7 @@ impl Rig {
     }
 }
 
-/// One step on the way from a frame to `rig`.
+/// One step on the path from a frame to `rig`.
 #[derive(Clone, Debug, PartialEq)]
 struct Step {
     this: Frame,

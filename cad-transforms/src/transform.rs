@@ -2,7 +2,7 @@
 //!
 //! Contract: a [`RigidTransform`] that exists is finite and a proper rotation with a translation.
 //! Whatever comes in is checked against a stated tolerance and refused beyond it, never silently
-//! repaired: a calibration that is off by more than its printed digits is a wrong calibration.
+//! repaired: a calibration that deviates by more than its printed digits is a wrong calibration.
 //! Within the tolerance it is brought to the nearest rotation. A quaternion that already is of unit
 //! length to the last bits is kept as it is, so writing and reading again changes nothing.
 

@@ -1,6 +1,6 @@
 //! What a camera sees: the pyramid of its image.
 //!
-//! Contract: plain geometry in the optical frame (x right, y down, z forward). This crate knows nothing of lenses; whoever
+//! Contract: plain geometry in the optical frame (x right, y down, z forward). This crate knows nothing of lenses; a caller that
 //! has a calibration gives tangents. A lens that bends straight lines sees a little more than the pyramid of
 //! its camera matrix, so a point inside is in the image, and one just outside may be too.
 

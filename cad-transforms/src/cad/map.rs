@@ -20,7 +20,7 @@
 //! model = "zed_mini"               # a known device, or one of [[device]] below
 //! serial = "12345678"              # optional
 //! baseline_m = 0.06292             # optional: from the factory file, in place of the device's
-//! sigma_translation_mm = 0.2       # optional: of the mount on the plate; the device's own doubt is added
+//! sigma_translation_mm = 0.2       # optional: of the mount on the plate; the device's own sigma is added
 //! sigma_rotation_deg = 0.2
 //! [camera.part_from_datum]         # optional: where the camera's mounting datum is in the part
 //! translation_mm = [0, 0, 3]

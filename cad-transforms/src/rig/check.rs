@@ -1,6 +1,6 @@
 //! Whether a rig can be true: what a file that reads may still have wrong.
 //!
-//! Contract: [`check`] tells everything at once, what makes the file unreadable and what is against sense, each with its
+//! Contract: [`check`] reports everything in one pass, what makes the file unreadable and what is against sense, each with its
 //! line. Geometry is checked on whatever could be read. Lenses and factory files are the caller's: it gives plain numbers
 //! as [`Facts`]; what was not given is not checked, and a note says so.
 //!

@@ -104,7 +104,7 @@ fn moved(
     doubt_is: Option<Covariance>,
 ) -> Motion {
     let motion = was.inverse() * *is;
-    // The second's doubt is written in axes that moved; to first order they are the same.
+    // The second's covariance is given in axes that moved; to first order they are the same.
     let covariance = match (doubt_was, doubt_is) {
         (Some(a), Some(b)) => Some(a.plus(&b)),
         (one, other) => one.or(other),

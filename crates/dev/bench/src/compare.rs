@@ -3,7 +3,7 @@
 //! BEFORE and AFTER are folders. Of their `*.json` files (results of benchmarks), every number and text is compared, times,
 //! memory and stamps left out ([`MEASURES_OF_THE_MACHINE`]). Of their `*.rs` files (checkouts), the pinned hashes: literals of
 //! 16 to 64 hexadecimal digits. Names of BEFORE are replaced by those of a rename map first: `--renames FILE`,
-//! default `docs/renames.txt`, with a line `old new` for every name.
+//! default `docs/renames.txt`, with a line `old new` for every name and `old text => new text` for every whole text.
 
 use std::collections::{BTreeMap, BTreeSet};
 use std::fs;
@@ -15,7 +15,11 @@ use serde_json::{Map, Value};
 /// Keys whose values depend on the machine and its load.
 const MEASURES_OF_THE_MACHINE: &[&str] = &[
     "stamp",
+    "origin",
     "ms",
+    "hz",
+    "beaten_by",
+    "not_beaten",
     "median_us",
     "p99_us",
     "max_us",
@@ -133,6 +137,10 @@ impl Renames {
         for (index, line) in text.lines().enumerate() {
             let line = line.trim();
             if line.is_empty() || line.starts_with('#') {
+                continue;
+            }
+            if let Some((old, new)) = line.split_once(" => ") {
+                map.insert(old.trim().to_owned(), new.trim().to_owned());
                 continue;
             }
             let mut words = line.split_whitespace();

@@ -8,7 +8,7 @@
 //! Contract: nothing outlives a guest. *At the end* of its script it powers itself off; *late*, when
 //! a limit has passed, and when it is dropped, it is killed with all processes that belong to it.
 //! A kill is also how the power is cut: what the guest's kernel still held in its page cache is
-//! gone, what it had handed to the disk is in the image. *On failure* of the script its exit code is
+//! lost, what it had handed to the disk is in the image. *On failure* of the script its exit code is
 //! in [`Ended`]; a guest that ends without one is an error that carries its last lines.
 
 use std::collections::VecDeque;

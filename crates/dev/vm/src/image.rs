@@ -44,7 +44,7 @@ pub fn blank(path: &Path, bytes: u64) -> Result<()> {
 /// An image with an empty file system.
 ///
 /// # Errors
-/// The file cannot be made, or mkfs is not there or says no.
+/// The file cannot be made, or mkfs is missing or fails.
 pub fn formatted(path: &Path, bytes: u64, file_system: FileSystem) -> Result<()> {
     blank(path, bytes)?;
     match file_system {

@@ -201,7 +201,7 @@ fn source_version() -> Option<String> {
     version.map(|version| version.trim().to_owned())
 }
 
-/// Whether a line of what is wanted is true of a configuration. An option that is left out may not even be mentioned.
+/// Whether a line of the required options holds for a configuration. An option that is left out may not even be mentioned.
 fn is_met(wanted: &str, taken: &str) -> bool {
     let left_out = wanted
         .strip_prefix("# CONFIG_")

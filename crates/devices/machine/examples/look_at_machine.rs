@@ -89,7 +89,7 @@ fn as_text(value: &serde_json::Value, depth: usize) -> String {
     lines.join("\n")
 }
 
-/// One line a second, and one at once when civil time is set.
+/// One line a second, and one immediately when civil time is set.
 fn watch(seconds: i64) -> Result<(), Box<dyn std::error::Error>> {
     let alarm = StepAlarm::new()?;
     let mut watch = ClockWatch::new();

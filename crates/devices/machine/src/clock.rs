@@ -16,7 +16,7 @@ mod read;
 
 pub use read::{Discipline, StepAlarm, discipline, read};
 
-/// Smaller changes are not told, ns: the clocks are read one after the other.
+/// Smaller changes are not reported, ns: the clocks are read one after the other.
 pub const LEAST_STEP_NS: i64 = 10_000;
 
 /// What the clocks said at one look.
@@ -47,7 +47,7 @@ pub struct Kernel {
     pub max_error_ns: i64,
     /// Correction of the crystal's frequency, parts per 10⁹.
     pub frequency_ppb: i64,
-    /// TAI minus UTC, s; 0 where nobody told the kernel.
+    /// TAI minus UTC, s; 0 if the kernel does not know it.
     pub tai_offset_s: i32,
     /// A leap second that is due or under way.
     pub leap: Leap,
@@ -78,7 +78,7 @@ pub struct ClockState {
     pub civil_offset_ns: i64,
     /// How long the machine has been suspended since it booted, ns.
     pub suspended_ns: i64,
-    /// By how much the offset may be off for the way it was read, ns.
+    /// Uncertainty of the offset due to reading, ns.
     pub apart_ns: i64,
     /// Whether somebody keeps the clock right; `None` where the kernel does not tell.
     pub synchronised: Option<bool>,

@@ -1,7 +1,7 @@
 //! The disk: what is free, for how long it lasts, and whether it is still there.
 //!
 //! Contract: [`reading`] asks the file system afresh; on a disk that hangs it hangs too. [`DiskWatch::judge`] is pure.
-//! The rate is what the free space has fallen by in the last [`WINDOW_NS`], whoever wrote; what is freed
+//! The rate is what the free space has fallen by in the last [`WINDOW_NS`], by any writer; what is freed
 //! meanwhile neither hides it nor makes it negative. Until it has been watched for [`MIN_RATE_WINDOW_NS`] there is
 //! no rate and no time left, rather than a guess. Free space is what an ordinary user may still
 //! write, without the blocks that are held back for root. How long writes take is known by who writes.
@@ -50,7 +50,7 @@ pub enum DiskError {
         /// The folder.
         path: PathBuf,
     },
-    /// The disk is broken or gone; look at `dmesg`.
+    /// The disk is defective or disconnected; see `dmesg`.
     #[error("looking at the disk: {}", path.display())]
     Io {
         /// The folder.

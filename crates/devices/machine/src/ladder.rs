@@ -22,7 +22,7 @@
 //! - **Disk** lowers the bitrate, then stops. The preview is not stored, and frames left out never come
 //!   back, while a lower bitrate doubles what is left.
 //!
-//! What relieves its own cause at once (all that is done for an encoder, the bitrate for the disk) is kept
+//! A step that relieves its own cause immediately (all that is done for an encoder, the bitrate for the disk) is kept
 //! until the next recording begins: that a measure works is no sign that it is no longer needed.
 
 use serde::Serialize;
@@ -40,7 +40,7 @@ pub use limits::{Limits, LimitsError};
 use rung::Rung;
 pub use rung::{READINGS, STALE_NS};
 
-/// A step of the ladder; each includes being told.
+/// A step of the ladder; each notifies the operator.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, PartialOrd, Ord, Hash, Serialize)]
 #[serde(rename_all = "snake_case")]
 pub enum Step {
@@ -108,7 +108,7 @@ pub struct Change {
 /// What is to be done now. Each stands alone: a full disk lowers the bitrate and leaves the preview.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize)]
 pub struct Mitigations {
-    /// The operator is to be told.
+    /// The operator is notified.
     pub warn: bool,
     /// Show fewer or no live frames.
     pub lower_preview: bool,

@@ -1,4 +1,4 @@
-//! What a recorder asks of the kernel: to run at once when a frame arrives, and not to wait for its own
+//! What a recorder asks of the kernel: to run immediately when a frame arrives, and not to wait for its own
 //! memory.
 //!
 //! Contract: nothing here fails. Each call says what was achieved, or why not and what to set in the
@@ -10,7 +10,7 @@
 //! wait nearly all the time; sched(7) says how much of each second is left to others.
 //!
 //! **Memory.** `mlockall` with `MCL_ONFAULT`: touched pages remain in memory, what is only reserved costs
-//! nothing. Without it, every stack and every arena that GStreamer reserves is filled at once: a pipeline
+//! nothing. Without it, every stack and every arena that GStreamer reserves is filled immediately: a pipeline
 //! with three software encoders (1280x720, x264) took 207 MB at most instead of 97 MB, and 88 MB
 //! this way. A limit that is not unlimited is worse than no lock: reserved memory counts against
 //! it, and the allocation that exceeds it fails (16 MiB did under a limit of 8 MiB).

@@ -16,7 +16,7 @@ use crate::spec::{BeeperSpec, InputDevice, Line};
 
 /// A beeper.
 pub trait Beeper: Send {
-    /// Sounds from now on, at so many hertz; none is silence.
+    /// Sounds from now on at this frequency, Hz; none is silence.
     ///
     /// # Errors
     /// What the system said.

@@ -66,7 +66,7 @@ pub trait Port: Send {
     fn open(&mut self) -> Result<Box<dyn Button>, DeviceError>;
 
     /// Waits until it is worth opening again, at most for `timeout` or until `waker` is called. A device that came
-    /// between the last [`Port::open`] and this call ends the wait at once.
+    /// between the last [`Port::open`] and this call ends the wait immediately.
     ///
     /// # Errors
     /// What the system said.

@@ -38,7 +38,7 @@ pub enum DeviceError {
     Unfit {
         /// What was opened.
         what: String,
-        /// What it turned out to be.
+        /// What was found.
         found: String,
         /// What it should be.
         expected: String,

@@ -164,7 +164,7 @@ impl Gesture {
         commands
     }
 
-    /// When to look again, if nothing is heard before.
+    /// When to poll again, if no edge comes before.
     pub fn deadline(&self) -> Option<i64> {
         self.debounce.deadline().or_else(|| self.timeout())
     }

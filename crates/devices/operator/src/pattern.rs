@@ -93,7 +93,7 @@ pub struct Pattern {
 pub struct Sound {
     /// Pitch in hertz, or none for a rest, and for how many milliseconds.
     pub steps: Vec<(Option<u16>, u32)>,
-    /// Again from the start so many milliseconds after the start.
+    /// Period after which it restarts, ms.
     pub again_ms: Option<u32>,
 }
 

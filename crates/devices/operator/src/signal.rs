@@ -43,7 +43,7 @@ pub struct Status {
     pub warnings: BTreeSet<Warning>,
     /// Recording has failed, or cannot be done.
     pub fault: bool,
-    /// A long press asked whether to discard, and the answer is awaited.
+    /// After a long press: waiting for the confirmation to discard.
     pub question: bool,
 }
 

@@ -94,7 +94,7 @@ pub enum InputDevice {
     Path(PathBuf),
     /// By the name that it gives itself.
     Named(String),
-    /// The first one that can do what is wanted.
+    /// The first one with the required capabilities.
     Any,
 }
 

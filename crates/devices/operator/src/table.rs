@@ -60,7 +60,7 @@ const COLOUR_X: u32 = 366;
 const LIT_X: u32 = 626;
 const BEEP_X: u32 = 886;
 const DO_X: u32 = 1018;
-/// A bar shows so much time, at so many units per second.
+/// Time shown by a bar, and units per second.
 const SHOWN_MS: u32 = 4_000;
 const PER_SECOND: u32 = 60;
 const BAR: u32 = SHOWN_MS * PER_SECOND / 1000;

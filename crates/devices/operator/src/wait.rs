@@ -7,7 +7,7 @@ use std::time::Duration;
 
 use rustix::event::{EventfdFlags, PollFd, PollFlags, Timespec, eventfd, poll};
 
-/// Ends somebody's waiting from another thread. A call that comes before the waiting ends it at once.
+/// Ends somebody's waiting from another thread. A call that comes before the wait ends it immediately.
 #[derive(Clone, Debug)]
 pub struct Waker(Arc<OwnedFd>);
 

@@ -2,7 +2,7 @@
 //!
 //! ```text
 //! look                                            lists nodes, modes and controls
-//! look capture WxH[@FPS] FRAMES NODE...           captures from all nodes at once
+//! look capture WxH[@FPS] FRAMES NODE...           captures from all nodes simultaneously
 //!      --fourcc YUYV   --buffers 4   --set CONTROL=VALUE
 //! ```
 //!

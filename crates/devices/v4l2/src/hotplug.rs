@@ -92,7 +92,7 @@ impl Watch {
         self.wait_for(timeout, |_| true)
     }
 
-    /// The next change that is `wanted`, or none once `timeout` is over. Other changes are discarded; give
+    /// The next change that matches `wanted`, or none once `timeout` is over. Other changes are discarded; give
     /// [`Change::Lost`] a thought.
     ///
     /// # Errors

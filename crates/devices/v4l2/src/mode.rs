@@ -101,7 +101,7 @@ pub struct Interval {
 }
 
 impl Interval {
-    /// The interval of so many frames per second.
+    /// The interval for this frame rate, frames per second.
     pub fn of_rate(rate_hz: u32) -> Self {
         Self {
             numerator: 1,

@@ -23,7 +23,7 @@ pub struct Node {
     pub driver: Option<String>,
     /// Its number among the nodes of its device. A USB camera has frames in 0 and metadata in 1.
     pub index: u32,
-    /// Whether it captures frames that this crate can take, or why that could not be asked.
+    /// Whether it captures frames that this crate can take, or why the query failed.
     pub captures: Result<bool, CameraError>,
     /// What it is on USB.
     pub usb: Option<UsbDevice>,

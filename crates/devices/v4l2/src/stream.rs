@@ -267,12 +267,12 @@ impl fmt::Debug for Buffer<'_> {
 
 impl Drop for Buffer<'_> {
     fn drop(&mut self) {
-        // Told by the next call of `next`: there is no one here to tell.
+        // Reported by the next call of `next`: `drop` cannot return an error.
         self.stream.not_queued = self.stream.queue(self.index).err();
     }
 }
 
-/// Asks for so many buffers, 0 to give them back; says how many there are.
+/// Requests buffers, 0 to release them; returns the number granted.
 fn request(camera: &Camera, count: u32) -> Result<u32, CameraError> {
     let mut request = sys::RequestBuffers {
         count,

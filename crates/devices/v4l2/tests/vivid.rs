@@ -246,7 +246,7 @@ fn a_stream_that_failed_begins_again() {
         frame(&mut stream);
     }
     set(&camera, "Inject Fatal Streaming Error", 1);
-    // At once, and again for as long as nothing is done about it.
+    // Immediately, and repeatedly until it is handled.
     for _ in 0..3 {
         let begun = Instant::now();
         let error = stream.next(PATIENCE).unwrap_err();
@@ -364,7 +364,7 @@ fn a_node_that_goes_and_comes_is_noticed() {
     camera.set_mode(&mode(640, 360, 30)).unwrap();
     let mut stream = Stream::start(&camera, 4).unwrap();
     frame(&mut stream);
-    // The driver lets go of all its cameras at once; a stream of one that is disconnected says so.
+    // The driver releases all its cameras simultaneously; a stream of one that is disconnected says so.
     std::fs::write(driver.join("unbind"), "vivid.0").unwrap();
     let error = (0..10).find_map(|_| stream.next(PATIENCE).err()).unwrap();
     assert!(matches!(error, StreamError::Gone { .. }), "{error:?}");

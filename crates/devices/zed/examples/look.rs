@@ -19,7 +19,7 @@ use zed::imu::{Event, HidPort, Imu, Link, LinkError, OpenError, Port, list};
 const S: i64 = 1_000_000_000;
 const RETRY_NS: i64 = 100_000_000;
 
-/// Swallows pings where that is wanted.
+/// Drops pings on request.
 struct Pings<T> {
     inner: T,
     swallowed: bool,

@@ -1,4 +1,4 @@
-//! What is known of Stereolabs' USB cameras: identities, modes, settings; [`extension`] is the way to their registers.
+//! Stereolabs' USB cameras: identities, modes, settings; [`extension`] accesses their registers.
 //!
 //! Sources: zed-open-capture at 9373915 (`defines.hpp`, `videocapture_def.hpp`, `videocapture.cpp`). None of it was ever
 //! tried on a real camera.

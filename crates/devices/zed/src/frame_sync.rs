@@ -49,7 +49,7 @@ use track::{Seen, Track};
 pub const WINDOW: usize = 2048;
 /// Frames seen by both before there is an estimate.
 pub const MIN_PAIRS: usize = 32;
-/// So many events in a row that do not fit mean that the counter slipped.
+/// Number of consecutive outlier events after which the counter is taken to have slipped.
 pub const SLIPPED: u32 = 8;
 
 /// Blocks of arrivals of which the fastest is kept, and their length.

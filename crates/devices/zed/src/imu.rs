@@ -37,7 +37,7 @@ use watchdog::{Watchdog, WatchdogAction};
 /// Longest read: a report with a number in front, and room to notice that it is longer.
 const READ_BYTES: usize = 80;
 
-/// What may wait after the stream was stopped: the kernel's queue, and what was on the way.
+/// What may wait after the stream was stopped: the kernel's queue, and reports in transit.
 const MOST_LEFT: usize = 256;
 /// After so long without a report nothing more comes from a stopped stream, ns.
 const LAST_WAIT_NS: i64 = 20_000_000;
@@ -72,7 +72,7 @@ pub enum Event {
     },
     /// The silent device was closed, opened and started.
     Reopened,
-    /// The device is disconnected; see [`Imu::try_reopen`]. Until then each call returns this at once.
+    /// The device is disconnected; see [`Imu::try_reopen`]. Until then each call returns this immediately.
     Gone {
         /// What exactly happened, for people.
         detail: String,

@@ -22,7 +22,7 @@ const RECENT: usize = 16;
 const ANCHOR: u64 = 1 << 15;
 /// A sample that arrives so much before its time shows that the clock has stepped, ns.
 const EARLY_NS: i64 = 1_000_000_000;
-/// Host and device clock differ by less than one part in so many.
+/// Host and device clock rates differ by less than one part in this number.
 const CLOCKS_AGREE: i64 = 2_000;
 
 /// What became of a sample.

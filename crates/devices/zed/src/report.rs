@@ -5,7 +5,7 @@
 //! reports are numbered has not been seen: where the number comes in front of the report, the read has 65 bytes,
 //! and the first is passed over.
 //!
-//! * *Every number remains as the device sent it.* The scales are constants here, and whoever stores samples stores
+//! * *Every number remains as the device sent it.* The scales are constants here; stored samples keep
 //!   the counts and the scale.
 //! * *A read that is no report* is a [`ReportError`] that says what was found and what was expected.
 //! * *A report that the device itself calls not valid* is a [`Sample`] with `valid` false: its ticks and frame sync

@@ -54,7 +54,7 @@ impl Axis {
         )
     }
 
-    /// Widens the range so that it holds `value`; 0 for an honest proportion.
+    /// Widens the range so that it holds `value`; 0 so that bar lengths are proportional.
     pub fn include(mut self, value: f64) -> Self {
         self.include.push(value);
         self

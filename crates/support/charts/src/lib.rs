@@ -1,4 +1,4 @@
-//! Small, honest charts as SVG text, and self-contained HTML pages to put them in.
+//! Small charts as SVG text, and self-contained HTML pages to put them in.
 //!
 //! Contract: drawing never fails and never panics. Values that cannot be drawn (not finite, beyond
 //! 1e100 in size, not above zero on a log axis) are left out and *counted in the footnote*; a line is broken where one of its points is missing. A chart without

@@ -24,7 +24,7 @@ pub(crate) enum Shape {
 /// How a histogram divides its values.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum Bins {
-    /// So many bins of equal width from the least to the greatest value.
+    /// Number of bins of equal width from the least to the greatest value.
     Count(usize),
     /// Bins of this width, starting at a multiple of it.
     Width(f64),

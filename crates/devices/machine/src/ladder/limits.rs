@@ -107,7 +107,7 @@ pub enum LimitsError {
     },
 }
 
-/// A measured quantity. Its badness grows with the pressure: a margin counts with its sign turned.
+/// A measured quantity. Its badness grows with the pressure: a margin counts with its sign inverted.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(super) enum Quantity {
     HeatMargin,
@@ -356,7 +356,7 @@ impl Limits {
         use Step::*;
         const S: i64 = NS_PER_S;
         let minute = After(60 * S);
-        // A margin counts with its sign turned, and is easier when it is larger by `by`.
+        // A margin counts with its sign inverted, and is easier when it is larger by `by`.
         let below = |quantity, step, limit: f64, enter_ns, by: f64, leave| {
             Rung::new(quantity, step, (-limit, enter_ns), (-(limit + by), leave))
         };

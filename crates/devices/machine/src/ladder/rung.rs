@@ -4,7 +4,7 @@
 use super::{Quantity, Step};
 use crate::NS_PER_S;
 
-/// Each reading is judged together with those before it, so many in all, by the middle one: a single
+/// Each reading is judged together with those before it, a fixed number in total, by the median: a single
 /// glitch is never the middle, in neither direction.
 pub const READINGS: usize = 3;
 /// How long a reading counts when none follows it.
@@ -36,7 +36,7 @@ pub(super) struct Rung {
 #[derive(Clone, Debug, Default)]
 struct State {
     is_entered: bool,
-    /// Since when it has been on the way to the other side.
+    /// Time since which it has been changing to the other side.
     since: Option<i64>,
     /// The last readings, newest last.
     readings: Vec<f64>,

@@ -13,11 +13,11 @@ pub enum Step {
     First,
     /// The next one.
     Next,
-    /// So many between were missed.
+    /// Number of frames missed in between.
     Missed(u32),
     /// The same one again.
     Repeated,
-    /// It went back by so many: the stream has restarted, or the driver is confused.
+    /// Number by which it decreased: the stream has restarted, or the driver is confused.
     Back(u32),
 }
 

@@ -135,7 +135,7 @@ pub fn check(demands: &[Demand]) -> Vec<Load> {
             }
         }
     }
-    // A hub with one camera says no more than the camera's port.
+    // A hub with one camera has the limit of the camera's port.
     loads.retain(|l| !matches!(l.place, Place::Hub { .. }) || l.demands.len() > 1);
     loads.sort_by(|a, b| (&a.place, a.speed_mbit).cmp(&(&b.place, b.speed_mbit)));
     loads

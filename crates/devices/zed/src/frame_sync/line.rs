@@ -9,7 +9,7 @@ use std::collections::VecDeque;
 const STEPS: usize = 48;
 /// Parts of the window whose lowest points make the lower edge.
 const PARTS: usize = 8;
-/// Of a band at most one point in so many is left out.
+/// At most one point in this number is left out of a band.
 const LEFT_OUT: usize = 5;
 
 /// An event: its number and its time, ns.

@@ -134,7 +134,7 @@ impl World {
         estimate.host_ns(ticks).expect("in range") as f64 - truth
     }
 
-    /// The error at the end of a run that begins with nothing, ns, with the estimate; on the way no error since the first third may be
+    /// The error at the end of a run that begins with nothing, ns, with the estimate; before it no error since the first third may be
     /// above half a millisecond, or four sigma.
     fn run(&self, seconds: f64) -> (f64, FrameSyncEstimate) {
         let mut sync = FrameSync::new(Bounds::default());

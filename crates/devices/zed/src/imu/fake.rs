@@ -20,7 +20,7 @@ pub(super) enum Fault {
     Stopped(i64),
     /// The device is not on the bus, and restarts afterwards.
     Gone(i64, i64),
-    /// So many commands to start from a time on do nothing.
+    /// Number of start commands, from a time on, that have no effect.
     Deaf(i64, u32),
     /// Only opening the device again helps.
     Stuck(i64),

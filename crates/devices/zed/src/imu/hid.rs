@@ -26,7 +26,7 @@ pub struct Found {
     pub path: String,
 }
 
-/// Which microcontroller is wanted.
+/// The microcontroller to open.
 #[derive(Clone, Debug, Default, PartialEq, Eq)]
 pub struct HidPort {
     /// Only of this camera.

@@ -283,7 +283,7 @@ impl Device {
     fn first_after(&self, now: i64) -> u64 {
         let guess =
             (now - self.on).max(0) as u128 * u128::from(self.settings.rate) / NS_PER_S as u128;
-        // The clock may be off by some parts in a thousand.
+        // The clock rate may deviate by some parts in a thousand.
         let mut n = (guess - guess / 256) as u64;
         while self.taken(n) <= now {
             n += 1;
@@ -337,7 +337,7 @@ mod tests {
         }
     }
 
-    /// Reports until `until`; pings each second where that is wanted.
+    /// Reports until `until`; pings each second on request.
     fn run(device: &mut Device, from: i64, until: i64, pings: bool) -> Vec<Vec<u8>> {
         let mut reports = Vec::new();
         for now in (from..until).step_by(1_000_000) {

@@ -1,6 +1,6 @@
 //! `vm-imu`: a ZED Mini's microcontroller that is none. It stands behind the kernel's own HID drivers, by uhid, and speaks the
 //! protocol as it was published: input reports, commands to start and stop, the keep-alive without which the stream ends,
-//! reset; and it fails when told to.
+//! reset; and it fails on request.
 //!
 //! It lives by absolute deadlines on CLOCK_MONOTONIC and sleeps in ppoll until the next, so that it also works where time is
 //! virtual. A sample that is due is never left out because the program came late; the queue behind it holds 64 reports, so
@@ -29,7 +29,7 @@ use crate::numbering::Numbering;
 use crate::uhid::{Identity, Request, Uhid};
 
 const S: i64 = 1_000_000_000;
-/// Reports that go out at once, and the pause before the next: 2000 in a second, when there is something to catch up.
+/// Reports sent in one burst, and the pause before the next: 2000 in a second, when there is something to catch up.
 const PARCEL: usize = 8;
 const PAUSE_NS: i64 = 4_000_000;
 
@@ -78,10 +78,10 @@ struct Arguments {
     /// Commands to start that do nothing from the first `--stopped` on, or from the beginning.
     #[arg(long, default_value_t = 0)]
     ignore_starts: u32,
-    /// One sample in so many is lost on the way, at random.
+    /// One sample in this number is lost in transit, at random.
     #[arg(long)]
     lose: Option<u64>,
-    /// One sample in so many is called not valid by the device, at random.
+    /// One sample in this number is marked not valid by the device, at random.
     #[arg(long)]
     invalid: Option<u64>,
 }

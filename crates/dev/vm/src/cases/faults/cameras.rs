@@ -60,7 +60,7 @@ pub(super) const DAMAGED: Case = case(
     },
 );
 
-/// The stream is restarted at once, at another phase, so that hardly a frame is missing; the alarms say what happened.
+/// The stream is restarted immediately, at another phase, so that hardly a frame is missing; the alarms say what happened.
 pub(super) const ERROR: Case = case(
     "fault-camera-error",
     "a camera's stream fails, by a fatal error and by a buffer that is refused",

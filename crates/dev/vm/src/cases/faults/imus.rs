@@ -18,7 +18,7 @@ fn happen(bench: &Bench, given: &'static str) -> Result<Left> {
     fault.happen(bench)
 }
 
-/// Only the IMU is hit, it is back, and misses as many samples as this.
+/// Only the IMU is hit, it is back, and misses this number of samples.
 fn misses(left: &Left, cause: Cause, expected: std::ops::Range<u64>) -> Result<u64> {
     left.others_are_whole(&[IMU])?;
     left.is_back(IMU)?;
@@ -31,7 +31,7 @@ fn misses(left: &Left, cause: Cause, expected: std::ops::Range<u64>) -> Result<u
     Ok(missing)
 }
 
-/// How often the watchdog has told that it does something.
+/// Number of actions that the watchdog has reported.
 fn told(left: &Left, what: &str) -> Result<usize> {
     let events = left.session()?.events.iter();
     let told = events.filter(|(kind, source, text)| {
