@@ -37,7 +37,7 @@ use symbols::{Libraries, Need, OLDEST_SYSTEM};
 use crate::process::{self, command, human};
 use crate::setup::{self, Purpose};
 
-/// Builds the package into `out`, and checks it if asked to.
+/// Builds the package into `out`, and checks it on request.
 pub(crate) fn run(
     install: bool,
     architecture: Option<Architecture>,

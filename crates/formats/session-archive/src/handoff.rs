@@ -1,4 +1,4 @@
-//! The hand-off: a session, sealed for whoever works on it next.
+//! The hand-off: a session, sealed for the programs that process it next.
 //!
 //! `handoff.json` names every recorded file of a session with its length and BLAKE3 hash; the seal is the BLAKE3 of that
 //! list and nothing else, so the same recording has the same seal however often it is handed over. Beside the seal, and
@@ -311,7 +311,7 @@ impl HandOff {
         self.seal == seal || self.earlier_seals.iter().any(|earlier| earlier == seal)
     }
 
-    /// What whoever works on it should be told, a sentence each: that it is of an older version, that it was accepted in
+    /// Notes for its readers, a sentence each: that it is of an older version, that it was accepted in
     /// spite of its verdict, that it was judged by other limits.
     pub fn notes(&self) -> Vec<String> {
         let mut notes = Vec::new();

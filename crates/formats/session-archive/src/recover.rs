@@ -10,7 +10,7 @@
 //! salvaged: its checksum is over the whole.
 //!
 //! [`close_cut_off`] does the same in place, for the recorder that finds its own session cut off: where nothing
-//! is damaged, the segments that were open are rewritten beside themselves and put in their place at once.
+//! is damaged, the segments that were open are rewritten beside themselves and put in their place in one step.
 
 use std::collections::BTreeMap;
 use std::io;
@@ -308,7 +308,7 @@ impl<'a> Copy<'a> {
         Ok(())
     }
 
-    /// The head of a segment: the one that it had, if the segment before has as many bytes in the
+    /// The head of a segment: the one that it had, if the segment before has the same number of bytes in the
     /// copy as that head says; else one that says so, with the same state.
     fn head(&self, number: u32, first: Option<&VerifiedChunk>) -> Vec<u8> {
         let had = first.and_then(|c| head_of(c).map(|head| (c, head)));

@@ -3,7 +3,7 @@
 //!
 //! One pass over the whole session, every checksum checked, every message decoded, but no frame.
 //! Loss that the recorder noted (gap records) and loss that it did not (damage, a cut) are kept
-//! apart: the first is honest, the second is what recovery turns into the first.
+//! apart: the first is complete, the second is what recovery turns into the first.
 
 use std::collections::BTreeMap;
 

@@ -5,7 +5,7 @@
 //! chunk in the making.
 //!
 //! * **Chunks begin with key frames.** A chunk is an *epoch* of [`SessionSpec::chunk_ns`] on the
-//!   log-time axis, counted from the host clock's zero: whoever forces key frames counts alike. A camera enters the next epoch with its first key frame there; until every
+//!   log-time axis, counted from the host clock's zero: the same count is used to force key frames. A camera enters the next epoch with its first key frame there; until every
 //!   camera that delivers has done so, two chunks are open, and messages of the cameras that are
 //!   ahead wait in the second. A camera that sends no key frame in time does not hold the others
 //!   up: no chunk is open longer than [`MAX_CHUNK_NS`].
@@ -644,7 +644,7 @@ impl SessionWriter {
 
     /// Ends the open segment after a failure: only what was synced counts, and nothing if that is
     /// but its head. Returns its number. What readers are to pass over they know from the next segment's head and from
-    /// the manifest, so the doubtful bytes may stay: a file system that got back a bad place on the disk would
+    /// the manifest, so the unreliable bytes may remain: a file system that got back a bad place on the disk would
     /// give it to the next segment. Only a full disk needs the room.
     fn give_up(&mut self, error: &io::Error) -> u32 {
         let segment = self.segment.take();

@@ -58,7 +58,7 @@ fn an_index_that_claims_to_be_huge_takes_no_memory() {
     if !with_little_memory("an_index_that_claims_to_be_huge_takes_no_memory") {
         return;
     }
-    // An honest one is read.
+    // A valid one is read.
     let index = Index {
         session_id: "s".to_owned(),
         segments: vec![(0, 5)],
@@ -74,7 +74,7 @@ fn an_index_that_claims_to_be_huge_takes_no_memory() {
     for claimed in [60 << 20, 1 << 29, 1 << 30, 1 << 31, u64::MAX] {
         refused(&packed(&zeros, claimed));
     }
-    // Short, with a list in it that claims to be long: identifier "s", then so many segments.
+    // Short, with a list in it that claims to be long: identifier "s", then this number of segments.
     for count in [
         1 << 20,
         (1 << 30) / size_of::<(u32, u64)>() as u64,
@@ -86,7 +86,7 @@ fn an_index_that_claims_to_be_huge_takes_no_memory() {
         plain.resize(2000, 0);
         refused(&packed(&plain, plain.len() as u64));
     }
-    // One camera of so many frames.
+    // One camera with this number of frames.
     let count = (1_u64 << 30) / size_of::<FrameEntry>() as u64 - 1;
     let mut plain = vec![1, b's', 0, 1, 1, b'c', 253];
     plain.extend(count.to_le_bytes());

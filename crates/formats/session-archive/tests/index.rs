@@ -190,7 +190,7 @@ fn frames_behind_lost_ones_are_not_decoded_without_them() {
     );
 }
 
-/// Whoever can write a folder can write the checksum of an index.
+/// A program that can write a folder can write the checksum of an index.
 #[test]
 fn what_an_index_claims_is_not_allocated() {
     // No identifier, then a list of 2^50 segments.

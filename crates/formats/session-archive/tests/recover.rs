@@ -524,7 +524,7 @@ fn blocks_and_ends_that_are_gone() {
         |b, _| b.clear(),
         &[0, 1, 2, 3, 4, 5, 6, 7, 8],
     );
-    // Two kinds at once.
+    // Two kinds simultaneously.
     check(
         "everywhere",
         |b, c| {

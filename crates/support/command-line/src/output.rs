@@ -1,7 +1,7 @@
 //! Results, messages and the end of a program.
 //!
 //! Contract: results go to standard output, everything else to standard error. Nobody has to listen: a reader that closes
-//! the pipe ends a program that only prints with 0, as it has what it wanted; a message that cannot be printed is left out.
+//! the pipe ends a program that only prints with 0, as its output is complete; a message that cannot be printed is left out.
 //! Any other failure to write a result is an error.
 
 use std::fmt::Display;
@@ -38,7 +38,7 @@ pub fn harmless(text: &str) -> String {
     shown
 }
 
-/// Prints one line of results, at once.
+/// Prints one line of results immediately.
 ///
 /// # Errors
 /// What the system says; of kind `BrokenPipe` if the reader has closed the pipe.

@@ -48,7 +48,7 @@ impl Papers {
     /// Writes the requested output: completions to `out`, manual pages to their folder. `command` is the program's.
     ///
     /// # Errors
-    /// The file system reports an I/O error, or whoever reads `out` has closed it.
+    /// The file system reports an I/O error, or the reader of `out` has closed it.
     pub fn write(&self, command: Command, out: &mut dyn Write) -> Result<()> {
         match self {
             Self::Completions { shell } => {

@@ -1,4 +1,4 @@
-//! Files below a folder in which no link is followed: a session's, a bundle's. Whoever made such a folder must not be
+//! Files below a folder in which no link is followed: a session's, a bundle's. The author of such a folder must not be
 //! able to name a file outside of it.
 
 use std::ffi::OsStr;

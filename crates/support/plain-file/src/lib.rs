@@ -1,7 +1,7 @@
 //! Opening and reading files that others made.
 //!
 //! Contract: what is opened is a regular file, and opening it never waits. A FIFO, a device, a socket, a folder and,
-//! where links are refused, a symbolic link is an error at once that names what was found ([`NotPlain`]); it is looked at
+//! where links are refused, a symbolic link is an immediate error that names what was found ([`NotPlain`]); it is looked at
 //! before it is opened, because opening alone may rewind a tape or wake the other end of a pipe, and again afterwards,
 //! in case it was exchanged meanwhile. What is read is at most as long as the caller says: a longer file is
 //! [`TooLong`] before anything is allocated, and memory that is not there is an error of kind

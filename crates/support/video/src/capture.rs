@@ -3,7 +3,7 @@
 //! Contract. *Normally*: [`Capture::next`] gives every frame of the chain in order, with its PTS on
 //! CLOCK_MONOTONIC by exact integer arithmetic, the time at which it arrived, and a number in which
 //! a hole is a frame that was lost. *When the taker is late*: a few frames wait (four, or two
-//! native ones), then new ones are dropped, counted, and told as [`CaptureEvent::Lost`]; the camera
+//! native ones), then new ones are dropped, counted, and reported as [`CaptureEvent::Lost`]; the camera
 //! never waits. *When the camera is late or silent*: `next` gives nothing and returns after its
 //! time-out. *When it fails*: what was queued, then one of [`CaptureEvent::Gone`] (the device said so; it may
 //! come back), [`CaptureEvent::Failed`] and [`CaptureEvent::Ended`], again at every further call;
@@ -80,7 +80,7 @@ pub const STAGGER: Duration = Duration::from_secs(1);
 /// thread.
 pub type HostClock = Arc<dyn Fn() -> i64 + Send + Sync>;
 
-/// In what form frames are wanted.
+/// The form in which frames are delivered.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Delivery {
     /// As I420 frames, whatever the chain's layout (I420, NV12, YUY2, UYVY or GRAY8). The chain
@@ -419,7 +419,7 @@ impl Capture {
     }
 
     /// The next event, waiting at most `timeout` for it. After [`CaptureEvent::Gone`],
-    /// [`CaptureEvent::Failed`] or [`CaptureEvent::Ended`] it comes again at once at every call.
+    /// [`CaptureEvent::Failed`] or [`CaptureEvent::Ended`] every further call returns it again immediately.
     pub fn next(&mut self, timeout: Duration) -> Option<CaptureEvent> {
         let converted = match self.intake.take(timeout)? {
             Item::Frame(arrived) => self.one(arrived),

@@ -153,7 +153,7 @@ impl Decoder {
     }
 
     /// Decodes a run of access units that begins with a key frame and has rising times. Frames
-    /// are I420, in order of time, one per access unit. All of them are in memory at once: `1.5 *
+    /// are I420, in order of time, one per access unit. All of them are in memory simultaneously: `1.5 *
     /// width * height` bytes each.
     ///
     /// # Errors
@@ -250,7 +250,7 @@ impl Session {
                     .build(),
             )
             .format(gst::Format::Time)
-            // Everything is pushed at once: the caller holds it in memory anyway.
+            // Everything is pushed in one step: the caller holds it in memory anyway.
             .max_bytes(0)
             .max_buffers(0)
             .build();

@@ -133,7 +133,7 @@ pub fn trial(element: &str, width: u32, height: u32) -> Result<Trial, TrialError
     trial_with(element, width, height, 1)
 }
 
-/// As [`trial`], with as many threads as [`EncoderSettings::threads`] is going to say.
+/// As [`trial`], with the number of threads of [`EncoderSettings::threads`].
 ///
 /// # Errors
 /// See [`TrialError`].

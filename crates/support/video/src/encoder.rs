@@ -42,7 +42,7 @@ mod quality;
 pub use input::Input;
 pub use preset::Preset;
 
-/// Frames that may be inside an encoder at once: waiting, being encoded, or not yet delivered.
+/// Maximum number of frames inside an encoder: waiting, being encoded, or not yet delivered.
 /// With I420 that is `12 * width * height` bytes, 22 MB for 2560x720.
 pub const MAX_IN_FLIGHT: usize = 8;
 
@@ -123,7 +123,7 @@ pub enum EncodeError {
     Start {
         /// The requested element.
         element: String,
-        /// What stood in the way.
+        /// The cause.
         reason: String,
     },
     /// The frame itself is malformed.
@@ -231,8 +231,8 @@ enum Expected {
 
 impl Encoder {
     /// Starts an encoder. `on_output` is called for every event, see [`OnOutput`]. An encoder may
-    /// fail only once the first frame has told the device what it is in for; that comes as
-    /// [`EncoderEvent::Failed`]. (An error returned here may have been told to `on_output` as well.)
+    /// fail only with the first frame, which sets the device's format; that comes as
+    /// [`EncoderEvent::Failed`]. (An error returned here may have been reported to `on_output` as well.)
     ///
     /// # Errors
     /// [`EncodeError::Settings`], [`EncodeError::Picture`] for a size that cannot be,
@@ -337,7 +337,7 @@ impl Encoder {
         self.quantiser
     }
 
-    /// Asks for another quality of the frames that follow, at once and without a key frame.
+    /// Changes the quality of the frames that follow, immediately and without a key frame.
     /// Whether that can be is the element's word: with a constant quantiser, x264enc, x265enc,
     /// openh264enc and the nvv4l2 encoders read it only at the start. `false`: nothing has changed;
     /// finish this encoder where the next key frame is due anyway and start another one.
@@ -475,7 +475,7 @@ impl Encoder {
         if let Some(reason) = &state.failure {
             return Err(EncodeError::Failed(reason.clone()));
         }
-        // Before the buffer goes in: its access unit may come out at once.
+        // Before the buffer goes in: its access unit may come out immediately.
         state.in_flight.push_back(Inside { stamp_ns, pts_ns });
         // The first frame is a key frame anyway. An event in front of it would overtake the
         // segment, and GStreamer 1.22 would then take the first frame's time to be 1000 h and

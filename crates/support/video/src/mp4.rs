@@ -6,7 +6,7 @@
 //!
 //! Times: an MP4 file counts from zero, so times are relative to the first access unit, whose own
 //! time the summary gives. They are stored in units of 1/[`TIMESCALE`] s, each rounded by itself
-//! (errors do not add up), so they are off by at most 5.6 µs. Exact times are in the session, not
+//! (errors do not add up), so their error is at most 5.6 µs. Exact times are in the session, not
 //! here: the muxer of GStreamer 1.22 writes durations in 32 bits of that unit, so a finer one
 //! would shorten the longest video ([`LONGEST_NS`], 13 hours; with microseconds it would be 71
 //! minutes).

@@ -2,7 +2,7 @@
 //!
 //! Contract: cloning shares the buffer; nothing here copies pixels but [`NativeFrame::to_picture`].
 //! The buffer goes back to its camera when the last clone is dropped, and cameras have few of them
-//! (nvarguscamerasrc: eight), so whoever holds frames holds few and not for long. *In device
+//! (nvarguscamerasrc: eight), so hold few frames, and briefly. *In device
 //! memory* (NVMM on a Jetson) pixels cannot be looked at: [`NativeFrame::digest`] says so by
 //! `None`, and [`NativeFrame::to_picture`] fails. The paths through NVMM have never been run on
 //! hardware by this project.

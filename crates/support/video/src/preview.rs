@@ -1,12 +1,12 @@
 //! Small JPEGs of native frames, for people who want to see what the camera sees.
 //!
 //! Contract: the recording never waits for a preview. [`Preview::offer`] takes a frame at the
-//! wanted rate at most and only if nothing is inside, so a preview holds one of the camera's
+//! requested rate at most and only if nothing is inside, so a preview holds one of the camera's
 //! buffers at a time; everything else it lets go by. It has a pipeline of its own, so that what
 //! fails in it (no `jpegenc`, a converter that gives up) ends the preview and nothing else. Of
 //! frames that nobody takes only the newest is kept. Equal frames give equal files, so a frozen
 //! camera shows here even where its frames cannot be looked at (and so does a scene in which less
-//! moves than the JPEG keeps). The way from a Jetson's device memory (`nvvidconv`) has never been
+//! moves than the JPEG keeps). The path from a Jetson's device memory (`nvvidconv`) has never been
 //! run on hardware by this project.
 
 use std::sync::{Arc, Mutex};
@@ -28,7 +28,7 @@ pub struct PreviewSettings {
     pub width: u32,
     /// Rows; even.
     pub height: u32,
-    /// At most so many a second; more than 0.
+    /// Maximum rate per second; more than 0.
     pub rate_hz: f64,
     /// JPEG quality, 1 to 100.
     pub quality: u8,

@@ -1,7 +1,7 @@
 //! A few small images of what a stereo camera saw: at the start, in the middle, at the end, and the worst.
 //!
 //! Contract: *worst* is the least sharp one ([`Look::sharpness`]) among the frames that are looked at, which are the
-//! three others and key frames spread evenly over the recording, as many as [`Settings::most`] says: what a long
+//! three others and key frames spread evenly over the recording, at most [`Settings::most`]: what a long
 //! recording costs is bounded. A covered, blurred, black or overexposed image is less sharp than its neighbours; so is one of a plain
 //! wall. What cannot be decoded is counted and passed over; the next one that can takes its place. The same frames
 //! give the same images on the same decoder.

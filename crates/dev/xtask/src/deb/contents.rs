@@ -15,7 +15,7 @@ use crate::process::{self, cargo};
 const BY_HAND: &str = "/usr/local/bin/pawsd";
 const PACKAGED: &str = "/usr/bin/pawsd";
 
-/// Pages for whoever runs the recorder; a folder stands for the files in it. What is below `deploy` goes to the
+/// Pages for operators of the recorder; a folder stands for the files in it. What is below `deploy` goes to the
 /// top of the package's documents, the rest keeps its place.
 const PAGES: [&str; 7] = [
     "deploy/README.md",

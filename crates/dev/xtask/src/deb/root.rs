@@ -279,7 +279,7 @@ impl Apt {
         process::run(self.get()?.args(["-qq", "update"])).context(
             "reading the package lists; the root is made from this machine's apt sources",
         )?;
-        // Only what is wanted now may lie there: all of it is unpacked.
+        // Only the required files may be there: all of it is unpacked.
         if self.archives.exists() {
             fs::remove_dir_all(&self.archives)
                 .with_context(|| format!("emptying {}", self.archives.display()))?;

@@ -1,7 +1,7 @@
 //! A folder on a real disk.
 //!
 //! The folder may come from anybody. Below its root no symbolic link is followed, and nothing but regular files is
-//! opened for reading, at once and never waiting; the error names what was found (see [`plain_file`]).
+//! opened for reading, immediately and never waiting; the error names what was found (see [`plain_file`]).
 
 use std::fs::{self, File, OpenOptions};
 use std::io::{self, Write};

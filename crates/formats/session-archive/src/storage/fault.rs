@@ -266,7 +266,7 @@ impl FaultStorage {
             .map(|f| f.content.clone())
     }
 
-    /// Replaces the content of a file (or makes it), durable at once, for tests.
+    /// Replaces the content of a file (or makes it), durable immediately, for tests.
     pub fn set_content(&self, path: &str, content: Vec<u8>) {
         let mut disk = self.disk();
         let fresh = disk.files.keys().next_back().map_or(0, |id| id + 1);

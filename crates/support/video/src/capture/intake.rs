@@ -1,7 +1,7 @@
 //! Between the threads of the cameras and the one that takes frames: a short queue.
 //!
 //! Contract: a camera's thread never waits here. When the queue is full the new frame is dropped
-//! and counted, and told as [`super::Lost`] in front of the next one. After the end nothing is taken any
+//! and counted, and reported as [`super::Lost`] in front of the next one. After the end nothing is taken any
 //! more; what was queued before comes out first.
 
 use std::collections::VecDeque;
@@ -34,7 +34,7 @@ pub(super) enum Item {
     End(CaptureEvent),
 }
 
-/// The way in for one chain.
+/// Input side of one chain.
 pub(super) struct Port {
     /// Which eye, if there are two chains.
     pub(super) eye: Option<Eye>,
@@ -176,14 +176,14 @@ impl Intake {
         self.changed.notify_all();
     }
 
-    /// Waits for `delay`; `false` if the owner has gone meanwhile.
+    /// Waits for `delay`; `false` if the owner was dropped meanwhile.
     pub(super) fn wait_to_start(&self, delay: Duration) -> bool {
         let state = lock(&self.state);
         let (state, _) = wait_while(&self.changed, state, delay, |state| !state.abandoned);
         !state.abandoned
     }
 
-    /// The owner has gone: nothing is taken any more.
+    /// The owner was dropped: nothing is accepted any more.
     pub(super) fn abandon(&self) {
         let mut state = lock(&self.state);
         state.abandoned = true;

@@ -9,7 +9,7 @@
 //! ```
 //!
 //! in 16-bit fixed point, rounded to nearest and clamped. Chroma is the mean of each 2x2 block,
-//! taken before rounding; the way back repeats it, so the chroma site is the middle of the block,
+//! taken before rounding; the inverse repeats it, so the chroma site is the middle of the block,
 //! as in JPEG.
 
 use super::rows::{self, Layout, Strided, Window};

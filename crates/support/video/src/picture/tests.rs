@@ -143,7 +143,7 @@ fn rgb_follows_the_formula() {
     let pixel = |x: usize, y: usize| -> [f64; 3] {
         std::array::from_fn(|channel| f64::from(rgb[3 * (y * width + x) + channel]))
     };
-    // The fixed-point coefficients are off by at most 2^-17 each: three of them times 255 may move
+    // The fixed-point coefficients have an error of at most 2^-17 each: three of them times 255 may move
     // a value by 0.006 over a rounding border, never further.
     let close = |found: u8, exact: f64| (f64::from(found) - exact.clamp(0.0, 255.0)).abs() <= 0.506;
     for y in 0..height {
@@ -203,7 +203,7 @@ fn flat_colours_survive_rgb() {
     ] {
         let rgb: Vec<u8> = [r, g, b].repeat(16);
         let back = i420_to_rgb(&rgb_to_i420(4, 4, &rgb).unwrap()).unwrap();
-        // Rounding to 8 bits on the way costs at most 1.402/2 + 1/2 resp. 1.772/2 + 1/2.
+        // Intermediate rounding to 8 bits costs at most 1.402/2 + 1/2 resp. 1.772/2 + 1/2.
         assert!(
             back.iter()
                 .zip(&rgb)

@@ -90,7 +90,7 @@ fn a_preview_that_is_stuck_takes_nothing_and_holds_nobody_up() {
         drop(lock(&waiting));
         gst::PadProbeReturn::Ok
     });
-    // Whoever is held up here is so for ever.
+    // A caller that blocks here blocks for ever.
     let taken = (0..100)
         .filter(|&number| preview.offer(number as i64 * 200_000_000, &frame(number)))
         .count();

@@ -40,7 +40,7 @@ fn start(chain: &str) -> Capture {
     Capture::start(&settings(chain), clock()).unwrap()
 }
 
-/// What a capture says until it has given so many frames.
+/// Events of a capture until it has delivered this number of frames.
 fn until(mut capture: Capture, frames: usize) -> (Vec<CaptureEvent>, Counts) {
     let mut events = Vec::new();
     while self::frames(&events).len() < frames {
@@ -102,7 +102,7 @@ fn times_are_exact_on_the_host_s_clock() {
         assert!(frame.host_time_ns >= frame.clock_time_ns);
         assert!(!frame.repeated);
     }
-    // Stamped as it leaves: what lies between is the way through the chain.
+    // Stamped as it leaves: the difference is the latency of the chain.
     let (events, ..) = all(start(&format!(
         "{LIVE} num-buffers=40 do-timestamp=true ! video/x-raw,framerate=100/1"
     )));
@@ -319,7 +319,7 @@ fn a_start_can_be_put_off_and_given_up() {
     drop(Capture::start(&never, clock()).unwrap());
 }
 
-/// Two eyes in different greys, with chroma; of each so many frames, with -1 without end.
+/// Two eyes in different greys, with chroma; a number of frames of each, -1 for no end.
 fn eyes(count: i32, left: &str, right: &str) -> CaptureSettings {
     CaptureSettings {
         right_chain: Some(format!(
