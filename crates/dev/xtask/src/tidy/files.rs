@@ -33,13 +33,28 @@ pub(crate) fn file_name(path: &str) -> &str {
     path.rsplit_once('/').map_or(path, |(_, name)| name)
 }
 
+/// Size above which a file is data or a build output and not part of the project, bytes.
+const MAX_FILE_BYTES: u64 = 1 << 20;
+
 /// Reads every file that a check is about.
+///
+/// # Errors
+/// A file cannot be read, or git lists files above [`MAX_FILE_BYTES`], whatever they contain.
 pub(crate) fn read(root: &Path) -> Result<Vec<File>> {
     let mut files = Vec::new();
+    let mut large = Vec::new();
     for path in listed(root)? {
         let whole = root.join(&path);
         // Deleted and not yet committed, or a submodule.
-        if !is_checked(&path) || !whole.is_file() {
+        if !whole.is_file() {
+            continue;
+        }
+        let size = std::fs::metadata(&whole)
+            .with_context(|| format!("reading the size of a file that git lists {path}"))?;
+        if size.len() > MAX_FILE_BYTES {
+            large.push(format!("  {} KiB {path}", size.len() / 1024));
+        }
+        if !is_checked(&path) {
             continue;
         }
         let text = std::fs::read_to_string(&whole)
@@ -47,6 +62,13 @@ pub(crate) fn read(root: &Path) -> Result<Vec<File>> {
         if !is_generated(&text) {
             files.push(File { path, text });
         }
+    }
+    if !large.is_empty() {
+        bail!(
+            "found files above {} KiB, expected none: data and build outputs belong outside of the repository\n{}",
+            MAX_FILE_BYTES / 1024,
+            large.join("\n")
+        );
     }
     Ok(files)
 }
@@ -149,6 +171,13 @@ mod tests {
         let files = read(&root).expect("files");
         let paths: Vec<&str> = files.iter().map(|file| file.path.as_str()).collect();
         assert_eq!(paths, ["src/new.rs", "src/tracked.rs"]);
+        let limit = MAX_FILE_BYTES as usize;
+        fs::write(root.join("build/ignored.bin"), vec![0; limit + 1]).expect("a file");
+        fs::write(root.join("src/largest.bin"), vec![0; limit]).expect("a file");
+        read(&root).expect("files of the permitted size");
+        fs::write(root.join("src/data.bin"), vec![0; limit + 1]).expect("a file");
+        let error = read(&root).expect_err("a large file").to_string();
+        assert!(error.ends_with("\n  1024 KiB src/data.bin"), "{error}");
         fs::remove_dir_all(&root).expect("a folder to remove");
     }
 
