@@ -182,7 +182,7 @@ impl Demo {
         );
         println!("  verdict   {}", verdict_line);
         println!(
-            "  frames  {} PNG files in {frames}",
+            "  frames    {} PNG files in {frames}",
             count_png(Path::new(&frames))?
         );
         println!("  library   {library}");
