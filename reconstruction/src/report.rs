@@ -212,7 +212,7 @@ fn facts(
     let none = || "none".to_owned();
     let rows = [
         ("session", provenance.session_id.clone()),
-        ("verdict on it", judgement::in_short(provenance)),
+        ("verdict", judgement::in_short(provenance)),
         (
             "rig",
             format!("{}, {}", provenance.rig.name, provenance.rig.revision),
@@ -222,7 +222,7 @@ fn facts(
             format!("{} {}", provenance.program, provenance.program_version),
         ),
         (
-            "way",
+            "path length",
             format!(
                 "{:.1} m in {:.1} s, {} poses",
                 trajectory.path_length_m(),
@@ -268,7 +268,7 @@ fn errors(rows: &[(&str, &Evaluation)]) -> Table {
         "error, RMS",
         "largest",
         "of path length",
-        "turn, RMS",
+        "rotation, RMS",
         "complete",
         "beyond 3 sigma",
     ];
@@ -332,8 +332,8 @@ fn images_section(page: Page, scene: &Scene) -> Result<Page, ReportError> {
         ));
     }
     page = page.text(
-        "The first and the last frame, the key frame in the middle, and the least sharp of the key frames that were looked \
-         at. Sharpness is the mean difference between a pixel and its neighbours, in grey levels of 255.",
+        "The first and the last frame, the key frame in the middle, and the least sharp of the examined key frames. \
+         Sharpness is the mean difference between a pixel and its neighbours, in grey levels of 255.",
     );
     for of_camera in seen.chunk_by(|a, b| a.camera == b.camera) {
         let images: Vec<Image> = of_camera.iter().map(camera_image).collect();

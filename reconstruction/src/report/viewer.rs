@@ -102,7 +102,8 @@ pub(super) fn viewer(content: &Content<'_>) -> Viewer {
         numbers,
     );
     if truth.count > 0 {
-        let of = json!({"kind": "line", "name": "truth", "count": truth.count, "wide_px": 6});
+        let of =
+            json!({"kind": "line", "name": "ground truth", "count": truth.count, "wide_px": 6});
         layer(of, truth.bytes);
     }
     let of = json!({"kind": "line", "name": "path", "count": path.count, "wide_px": 3});
