@@ -75,7 +75,12 @@ impl Options {
 /// The folder that `PAWS_WALKS` names, or one in the target folder.
 fn default_walks() -> PathBuf {
     let named = std::env::var_os("PAWS_WALKS").filter(|value| !value.is_empty());
-    let beside = || PathBuf::from(concat!(env!("CARGO_MANIFEST_DIR"), "/../../../target/walks"));
+    let beside = || {
+        PathBuf::from(concat!(
+            env!("CARGO_MANIFEST_DIR"),
+            "/../../../target/walks"
+        ))
+    };
     named.map_or_else(beside, PathBuf::from)
 }
 
