@@ -283,7 +283,7 @@ fn log_to(stderr: Lines, daemon: bool, verbosity: Verbosity) {
     logger.init();
 }
 
-/// Output of `check --json`; docs/command-line.md lists the fields.
+/// Output of `check --json`; docs/reference/command-line.md lists the fields.
 #[derive(Serialize)]
 struct Checked<'a> {
     format: &'static str,

@@ -58,7 +58,7 @@ pub(crate) const EXAMPLES: Table = &[
             ("paws list", "a table"),
             (
                 "paws list --json",
-                "for programs; docs/command-line.md lists the fields",
+                "for programs; docs/reference/command-line.md lists the fields",
             ),
         ],
     ),

@@ -81,7 +81,8 @@ const S: f64 = 1e9;
 const ARIA: &str = "Aria Gen 2 health check";
 /// Source of the `calib` limits. Their values are the excess over two sigmas of tolerance and the
 /// measurement uncertainty.
-const VERIFY: &str = "docs/calibration-verify.md: more than tolerance and measurement explain";
+const VERIFY: &str =
+    "docs/guides/calibration-verify.md: more than tolerance and measurement explain";
 
 macro_rules! limit {
     ($metric:literal, $title:literal, $unit:ident, $warn:expr, $fail:expr, $periods:expr, $source:expr) => {
@@ -117,7 +118,7 @@ pub const TABLE: &[Limit] = &[
     limit!("camera.frozen", "longest frozen image", Time, 0.0, S, None,
         "the recorder's own alarm comes after two periods and a second"),
     limit!("camera.eyes_apart", "left-right time offset (99.9 %)", Time, MS, NEVER, None,
-        "docs/sources.md: at 1 rad/s, 1 ms moves the smallest images of a ZED Mini by a third of a pixel"),
+        "docs/reference/sources.md: at 1 rad/s, 1 ms moves the smallest images of a ZED Mini by a third of a pixel"),
     limit!("camera.calibration", "eyes without calibration", Count, 0.0, NEVER, None,
         "Aria Gen 2 health check; a warning, since calibration can be made from the recording"),
     limit!("camera.undecoded", "images that cannot be decoded", Count, 0.0, 0.0, None,
@@ -133,7 +134,7 @@ pub const TABLE: &[Limit] = &[
     limit!("imu.stuck_value", "longest run of equal values", Time, 100.0 * MS, NEVER, None,
         "Aria Gen 2 health check, which counts such runs; six axes with noise do not repeat for long"),
     limit!("imu.frame_sync", "time offset to the camera, by frame sync", Time, 8.0 * MS, NEVER, None,
-        "docs/frame-sync.md: a camera's stamp is at most 8 ms late; more is a clock, or a count that has slipped"),
+        "docs/reference/frame-sync.md: a camera's stamp is at most 8 ms late; more is a clock, or a count that has slipped"),
     limit!("stream.start_offset", "starts after the session", Time, 1.5 * S, 3.0 * S, None, ARIA),
     limit!("stream.end_offset", "ends before the session", Time, 1.5 * S, 3.0 * S, None, ARIA),
     limit!("stream.clock_sigma", "uncertainty of times (median)", Time, 2.0 * MS, 10.0 * MS, None,
@@ -150,7 +151,7 @@ pub const TABLE: &[Limit] = &[
     limit!("calib.camera_rotation", "camera rotation on the plate, beyond tolerance", Angle, 0.0, 1.0, None, VERIFY),
     limit!("calib.imu_rotation", "IMU rotation in its camera, beyond tolerance", Angle, 0.0, 1.0, None, VERIFY),
     limit!("calib.stereo_rotation", "stereo rotation, beyond tolerance", Angle, 0.0, 0.5, None,
-        "docs/calibration-verify.md; half a degree shifts rows by more than the search range of stereo matching"),
+        "docs/guides/calibration-verify.md; half a degree shifts rows by more than the search range of stereo matching"),
     limit!("calib.time_offset", "time offset, beyond tolerance", Time, 0.0, 5.0 * MS, None, VERIFY),
 ];
 

@@ -1,7 +1,7 @@
 //! Renders walks once, so that later runs can reuse them: `cargo run --release -p tests --example
 //! render_walks -- FOLDER [NAME...]`.
 //!
-//! Names are those of `tests::sequences::named`; default: all walks for tuning.
+//! Names are those of `harness::sequences::named`; default: all walks for tuning.
 #![expect(
     clippy::disallowed_methods,
     reason = "a program for people at a desk says how long it took"
@@ -11,7 +11,7 @@ use std::path::PathBuf;
 use std::time::Instant;
 
 use anyhow::{Context as _, Result};
-use tests::sequences::{named, walk};
+use harness::sequences::{named, walk};
 
 fn main() -> Result<()> {
     let mut arguments = std::env::args().skip(1);

@@ -232,7 +232,7 @@ fn real_chessboard_pairs_agree_with_opencv() {
         eprintln!("skipped: PAWS_PYTHON names no interpreter with OpenCV");
         return;
     };
-    let folder = tests::data::folder().map(|f| f.join("06_calibration/stereo_chessboard_rigB"));
+    let folder = harness::data::folder().map(|f| f.join("06_calibration/stereo_chessboard_rigB"));
     let Some(folder) = folder.filter(|f| f.is_dir()) else {
         eprintln!("skipped: no real data with 06_calibration/stereo_chessboard_rigB");
         return;

@@ -2,8 +2,8 @@
 //! nominal calibration and with errors of it.
 
 use calib::verify::{Parameter, Status};
+use harness::walks::{NominalError, Plan, Walk};
 use rig_sim::scene::{Kind, Lighting};
-use tests::walks::{NominalError, Plan, Walk};
 
 #[test]
 fn errors_of_the_nominal_calibration_are_detected_without_false_alarms() {

@@ -14,12 +14,12 @@ use capture_daemon::config::Config;
 use capture_daemon::control;
 use capture_daemon::run::{StopFlag, daemon};
 use capture_daemon::status::{Request, Response, State, Status};
+use harness::contents::{Contents, open};
+use harness::rig::Rig;
 use session_archive::manifest;
 use session_archive::record::paws::event::Kind;
 use session_archive::time::{HostTime, NS_PER_S};
 use session_archive::verify::verify;
-use tests::contents::{Contents, open};
-use tests::rig::Rig;
 
 /// A daemon in a thread of this process.
 struct Daemon {

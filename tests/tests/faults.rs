@@ -5,7 +5,7 @@
 
 use std::path::Path;
 
-use tests::faults::Exam;
+use harness::faults::Exam;
 
 /// A slice of the 2000 schedules.
 const SCHEDULES: u64 = 60;

@@ -1,18 +1,18 @@
 //! From an uncalibrated rig to a scene: boards, calibration, a walk, a scene. As in
-//! docs/calibration.md, with the programs as a user starts them.
+//! docs/guides/calibration.md, with the programs as a user starts them.
 
 use std::path::Path;
 use std::process::{Command, Output};
 use std::sync::Arc;
 
 use cad_transforms::{Frame, FramePart, Rig, RigidTransform};
+use harness::program;
 use rig_sim::camera::Quality;
 use rig_sim::faults::Faults;
 use rig_sim::render::{Job, render_session};
 use rig_sim::scene::{Kind, Lighting};
 use rig_sim::simulation::{Settings, Simulation};
 use scene_bundle::Scene;
-use tests::program;
 
 const RIG: &str = include_str!("../../cad-transforms/rigs/example.toml");
 const CALIBRATE: &str = "`paws calib cameras BOARDS --target board.toml --out calibration`";

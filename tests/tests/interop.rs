@@ -5,10 +5,10 @@ use std::fs;
 use std::path::{Path, PathBuf};
 use std::process::Command;
 
+use harness::contents::Contents;
+use harness::rig::{Rig, in_virtual_time};
 use serde_json::Value;
 use session_archive::record::paws::event::Kind;
-use tests::contents::Contents;
-use tests::rig::{Rig, in_virtual_time};
 
 /// Hashes consecutive planes of equal length in a file.
 const HASH: &str = "import hashlib, json, sys

@@ -6,12 +6,12 @@ use std::sync::{Arc, Mutex};
 
 use capture_daemon::run::{StopFlag, record};
 use capture_daemon::status::Progress;
+use harness::contents::{Contents, open};
+use harness::kills::{Killed, Plan, RIG, Recorder, check, run};
+use harness::program::pawsd;
+use harness::rig::in_virtual_time;
 use session_archive::manifest::{Manifest, SegmentState, State};
 use session_archive::verify::verify;
-use tests::contents::{Contents, open};
-use tests::kills::{Killed, Plan, RIG, Recorder, check, run};
-use tests::program::pawsd;
-use tests::rig::in_virtual_time;
 
 #[test]
 fn promised_data_survives_kills_at_random_times() {

@@ -8,6 +8,9 @@ use std::collections::BTreeMap;
 
 use cad_transforms::RigidTransform;
 use calib::{CameraModel, Lens};
+use harness::data;
+use harness::sequences::{self, Sequence, WalkSettings, walk};
+use harness::tracking::{self, drive, still, track};
 use nalgebra::Vector3;
 use odometry::keyframe::StereoObservation;
 use odometry::mapping::RefinedExtrinsics;
@@ -17,9 +20,6 @@ use reconstruction::evaluate::{self, Evaluation, evaluate};
 use rig_sim::camera::Quality;
 use rig_sim::scene::{Kind, Lighting};
 use scene_bundle::Trajectory;
-use tests::data;
-use tests::sequences::{self, Sequence, WalkSettings, walk};
-use tests::tracking::{self, drive, still, track};
 
 fn balanced() -> Config {
     Config::preset(Preset::Balanced)

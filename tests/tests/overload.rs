@@ -3,11 +3,11 @@
 
 use capture_daemon::run::{StopFlag, record};
 use capture_daemon::sources::synthetic::read_counter;
+use harness::contents::{Contents, open};
+use harness::rig::{Rig, in_real_time};
 use session_archive::record::paws::event::Kind;
 use session_archive::record::paws::gap::Cause;
 use session_archive::verify::verify;
-use tests::contents::{Contents, open};
-use tests::rig::{Rig, in_real_time};
 
 /// Frames are queued in front of an encoder that is too slow and encoded after the stop; load
 /// shedding leaves frames out on purpose. None is dropped for lack of memory.

@@ -15,11 +15,11 @@ use collector::commands::{handoff, import, index, validate};
 use collector::console::{Clock, Console, Show};
 use collector::outcome::Outcome;
 use collector::target::Target;
+use harness::contents::Contents;
+use harness::data;
 use reconstruction::Input;
 use session_archive::handoff::Verdict;
 use session_archive::time::{HostTime, NS_PER_S};
-use tests::contents::Contents;
-use tests::data;
 
 const KITTI: &str = "02_stereo_odometry_kitti/KITTI_sequence_1";
 const EUROC: &str = "03_stereo_imu/euroc_V1_01_micro";

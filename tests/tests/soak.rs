@@ -1,8 +1,8 @@
 //! Three minutes of virtual time: nothing is missing and the memory is constant. `bench soak` does
 //! an hour. The only test of this file, because another one would use memory in the same process.
 
-use tests::rig::Rig;
-use tests::soak::soak;
+use harness::rig::Rig;
+use harness::soak::soak;
 
 #[test]
 fn memory_is_constant_and_every_sample_is_stored() {

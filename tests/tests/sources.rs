@@ -16,6 +16,11 @@ use collector::console::{Clock, Console, Show};
 use collector::outcome::Outcome;
 use collector::target::Target;
 use collector::validation::Validation;
+use harness::cameras::TwoCameras;
+use harness::contents::Contents;
+use harness::footage::bag::{self, BEGAN_NS, Images};
+use harness::footage::film::{self, Film};
+use harness::footage::{CAMERA, Footage, RIG};
 use reconstruction::Input;
 use reconstruction::evaluate::files;
 use reconstruction::pipeline::observer::NoObserver;
@@ -24,11 +29,6 @@ use reconstruction::pipeline::{Meter, Selection, Sources};
 use scene_bundle::{Bundle, Provenance, outputs};
 use session_archive::handoff::Verdict;
 use session_archive::record::paws::gap::Cause;
-use tests::cameras::TwoCameras;
-use tests::contents::Contents;
-use tests::footage::bag::{self, BEGAN_NS, Images};
-use tests::footage::film::{self, Film};
-use tests::footage::{CAMERA, Footage, RIG};
 
 /// Maximum relative error of the distance between the first and the last pose.
 const MAX_DISTANCE_ERROR: f64 = 0.03;
@@ -417,7 +417,7 @@ fn motion_jpeg_video_is_reconstructed() {
 }
 
 /// Matroska rounds times; a whole walk in it is beyond the limits of `paws validate`, see
-/// docs/sources.md.
+/// docs/reference/sources.md.
 #[test]
 fn matroska_video_has_times_in_whole_milliseconds() {
     let folder = desk();

@@ -8,13 +8,13 @@ use std::path::{Path, PathBuf};
 use capture_daemon::run::{Finished, StopFlag, build, record_built};
 use capture_daemon::sources::synthetic::{FaultPlan, read_counter};
 use capture_daemon::sources::{AnySource, Source};
+use harness::contents::{Contents, StoredFrame, open};
+use harness::rig::{Rig, in_virtual_time};
 use session_archive::record::paws::event::Kind;
 use session_archive::record::paws::gap::Cause;
 use session_archive::time::{HostTime, NS_PER_S};
 use session_archive::verify::verify;
 use session_archive::writer::MAX_CHUNK_NS;
-use tests::contents::{Contents, StoredFrame, open};
-use tests::rig::{Rig, in_virtual_time};
 
 /// Records a rig whose cameras have faults.
 fn record_faulty(

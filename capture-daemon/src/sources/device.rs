@@ -8,7 +8,7 @@
 //! written again when it has reconnected. *An unsupported mode* is reported in the same manner. The
 //! clocks of IMU and camera are related by the samples that the IMU marks as simultaneous with a
 //! frame, once a second ([`FrameSync`](super::FrameSync)). Tested on the kernel's own drivers in a
-//! virtual machine (docs/vm-tests.md), never with a real camera.
+//! virtual machine (docs/guides/vm-tests.md), never with a real camera.
 //!
 //! The processing between driver and sink is pure and can be tested without a device: a buffer
 //! becomes a sample ([`sample_from_buffer`]), and the samples of two cameras are joined into one

@@ -320,7 +320,7 @@ fn check_magic(path: &Path, head: &[u8]) -> Result<(), BagError> {
     } else {
         (
             "a file of another kind",
-            "see docs/sources.md for what can be replayed",
+            "see docs/reference/sources.md for what can be replayed",
         )
     };
     Err(BagError::Storage {

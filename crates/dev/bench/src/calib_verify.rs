@@ -19,10 +19,10 @@ use std::path::{Path, PathBuf};
 
 use anyhow::{Context, Result, bail};
 use calib::verify::{CameraEstimate, Finding, Parameter, Status, Verification};
+use harness::walks::{NominalError, Plan, Walk};
 use rig_sim::scene::{Kind, Lighting};
 use serde::Serialize;
 use serde_json::json;
-use tests::walks::{NominalError, Plan, Walk};
 
 mod charts;
 

@@ -101,7 +101,7 @@ pub(crate) fn run(args: &[String]) -> Result<()> {
 
 /// The real pair; `None`, with a printed reason, if it is missing.
 fn motorcycle() -> Result<Option<Frame>> {
-    match tests::data::sets([real::MOTORCYCLE]) {
+    match harness::data::sets([real::MOTORCYCLE]) {
         Ok([folder]) => real::motorcycle(&folder).map(Some),
         Err(reason) => {
             eprintln!("{reason}");

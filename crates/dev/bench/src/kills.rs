@@ -15,9 +15,9 @@ use std::sync::atomic::{AtomicU32, Ordering};
 
 use anyhow::{Context as _, Result, bail};
 use charts::{Axis, Bins, Chart, Series};
+use harness::kills::{self, Killed, Plan};
+use harness::program::pawsd;
 use serde_json::{Value, json};
-use tests::kills::{self, Killed, Plan};
-use tests::program::pawsd;
 
 use crate::meter::quantile;
 use crate::stamp;

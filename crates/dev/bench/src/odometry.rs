@@ -3,7 +3,7 @@
 //! 1. `kitti`: 30 stereo pairs of a drive, without IMU: drift at the end.
 //! 2. `euroc`: a second of standing still with an IMU: biases, gravity direction, creep of the
 //!    pose.
-//! 3. `walks`: ten simulated walks of 100 to 300 m (`tests::sequences::named::ODOMETRY_EXAM`) in
+//! 3. `walks`: ten simulated walks of 100 to 300 m (`harness::sequences::named::ODOMETRY_EXAM`) in
 //!    `balanced`. Causal and refined poses are in separate tables; each row has error, time per
 //!    stereo pair, peak memory and completion, and the worst run is named.
 //! 4. `presets`: the same walks in `fast` and `accurate`.

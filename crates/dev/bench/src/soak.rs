@@ -9,9 +9,9 @@ use std::fs;
 
 use anyhow::{Context as _, Result, ensure};
 use charts::{Axis, Chart, Series};
+use harness::rig::Rig;
+use harness::soak::{SoakResult, soak};
 use serde_json::json;
-use tests::rig::Rig;
-use tests::soak::{SoakResult, soak};
 
 use crate::arguments::Arguments;
 use crate::stamp;
@@ -92,7 +92,7 @@ fn chart(soaked: &SoakResult, footnote: &str) -> String {
     let looks = &soaked.samples;
     let at_minute = looks.iter().find(|look| look.session_s >= 60.0);
     let base = at_minute.map_or(0.0, |look| look.memory.resident as f64 / MIB);
-    let line = |name, of: fn(&tests::soak::Memory) -> u64| {
+    let line = |name, of: fn(&harness::soak::Memory) -> u64| {
         Series::line(
             name,
             looks

@@ -46,7 +46,7 @@ const EDITS: [Edit; 3] = [
     },
     // A fault of F2FS that the power cuts have found: the first fsync after a checkpoint has number 0, which
     // f2fs_wait_on_node_pages_writeback takes for "nothing to wait for", so the cache is flushed before the inode has
-    // been written. docs/vm-tests.md says what that means for a rig.
+    // been written. docs/guides/vm-tests.md says what that means for a rig.
     Edit {
         file: "fs/f2fs/node.c",
         from: "fn->seq_id = sbi->fsync_seg_id++;",

@@ -32,7 +32,7 @@ cargo xtask VERB: set-up and developer verbs
         or all) in release mode;
         results go to docs/benchmarks. ARGS are handed to the benchmark.
   vm-test [--no-install] [--quick] [--qemu] [--cached] [NAMES...]
-        Run the tests on real kernel drivers, in virtual machines (docs/vm-tests.md): the cases named,
+        Run the tests on real kernel drivers, in virtual machines (docs/guides/vm-tests.md): the cases named,
         or all. --quick: the short form. --qemu: on the system's own kernel, which is slow. --cached:
         skip them if the kernel was not built before; building takes some five minutes.
   fuzz [SECONDS] [--no-install]
@@ -46,7 +46,7 @@ cargo xtask VERB: set-up and developer verbs
         Build the Debian package of the recorder, for this machine or for the other architecture,
         into DIR (default target/deb). --check: also lintian, the symbols that the program asks
         for, and a recording by the installed package in a root folder of its architecture,
-        emulated where it is not this machine's. docs/packaging.md
+        emulated where it is not this machine's. docs/guides/packaging.md
   help  This text.
 
   --no-install  Install nothing; where a system package is missing, print the command and fail.

@@ -6,7 +6,7 @@
 //! program that is not hardened ([`elf`]). With `--check`: lintian, the same bytes once more, and an installation
 //! that records ([`smoke`]).
 //!
-//! Nothing outside the target folder and the folder for the package is written. docs/packaging.md tells what
+//! Nothing outside the target folder and the folder for the package is written. docs/guides/packaging.md tells what
 //! was run.
 
 mod architecture;

@@ -22,8 +22,6 @@ pub(crate) enum Purpose {
     Video,
     /// The tests that open our sessions with other people's readers.
     Interoperability,
-    /// The charts of the benchmarks.
-    Pictures,
     /// The fuzz targets.
     Fuzzing,
     /// Building a Debian package.
@@ -57,7 +55,7 @@ const fn package(name: &'static str, purpose: Purpose, reason: &'static str) -> 
     }
 }
 
-const PACKAGES: [Package; 35] = [
+const PACKAGES: [Package; 33] = [
     package(
         "gcc",
         Purpose::Build,
@@ -105,16 +103,6 @@ const PACKAGES: [Package; 35] = [
         "python3-venv",
         Purpose::Interoperability,
         "an environment for the Python readers",
-    ),
-    package(
-        "librsvg2-bin",
-        Purpose::Pictures,
-        "turning SVG charts into PNG",
-    ),
-    package(
-        "fonts-dejavu-core",
-        Purpose::Pictures,
-        "the text on the charts",
     ),
     package("g++", Purpose::Fuzzing, "libFuzzer"),
     package(
@@ -373,7 +361,6 @@ fn trials(purpose: Purpose) -> &'static [Trial] {
             "python3",
             &["-m", "venv", "--help"],
         )],
-        Purpose::Pictures => &[("rsvg-convert (librsvg)", "rsvg-convert", &["--version"])],
         Purpose::Machines => &[
             ("mkfs.ext4 (e2fsprogs)", "mkfs.ext4", &["-V"]),
             ("mkfs.f2fs (f2fs-tools)", "mkfs.f2fs", &["-V"]),
@@ -438,7 +425,6 @@ mod tests {
             wanted(purposes).iter().map(|p| p.name).collect()
         };
         assert!(!names(&[Purpose::Build, Purpose::Video]).contains(&"python3-venv"));
-        assert!(names(&[Purpose::Pictures]).contains(&"librsvg2-bin"));
         assert!(names(&[]).is_empty());
     }
 

@@ -12,6 +12,6 @@ use operator::table;
 fn main() -> io::Result<()> {
     let docs = Path::new(env!("CARGO_MANIFEST_DIR")).join("../../../docs");
     fs::write(docs.join("images/led-table.svg"), table::svg())?;
-    fs::write(docs.join("led-table.md"), table::markdown())?;
+    fs::write(docs.join("reference/led-table.md"), table::markdown())?;
     Ok(())
 }

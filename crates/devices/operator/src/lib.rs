@@ -7,7 +7,7 @@
 //! - **Out**: what there is to tell is a [`signal::Signal`]; a [`pattern`] says how it blinks and beeps; a
 //!   [`panel::Panel`] shows it on every [`light`] and [`beeper`].
 //!
-//! What each light means, to print: [`table`], and `docs/led-table.md` that is made from it. What a machine
+//! What each light means, to print: [`table`], and `docs/reference/led-table.md` that is made from it. What a machine
 //! has to offer: [`found`].
 //!
 //! Contract: nothing here stops a recording or waits for one. A command is reported once, with the time of the

@@ -225,8 +225,8 @@ pub fn markdown() -> String {
     let mut page = String::from(
         "# What the light says\n\n\
          Made from the code by `cargo run -p operator --example led_table`; print \
-         [the page](images/led-table.svg) on one sheet of A4, landscape.\n\n\
-         ![Every state of the light with its blink pattern, its beeps, its meaning and what to do](images/led-table.png)\n\n\
+         [the page](../images/led-table.svg) on one sheet of A4, landscape.\n\n\
+         ![Every state of the light with its blink pattern, its beeps, its meaning and what to do](../images/led-table.png)\n\n\
          Press: start or stop. Press twice: mark this moment. Hold for 1.5 s, then press once within 5 s: discard \
          the recording.\n\n\
          Whether it records, warns or has failed shows within 1 s of looking, on a light of one colour too: the patterns of any two \

@@ -22,5 +22,5 @@ fn the_picture_is_up_to_date() {
 
 #[test]
 fn the_text_is_up_to_date() {
-    check("led-table.md", &table::markdown());
+    check("reference/led-table.md", &table::markdown());
 }

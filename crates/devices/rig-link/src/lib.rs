@@ -4,7 +4,7 @@
 //!   and its sessions to a host. It does not depend on the recorder: the daemon implements the
 //!   trait.
 //! * [`client`] is the host's end: certificate pinning, resumption, verification.
-//! * [`link`] is the protocol, *rig link v1*, specified in `docs/rig-link.md`.
+//! * [`link`] is the protocol, *rig link v1*, specified in `docs/reference/rig-link.md`.
 //! * [`store`] is the folder of sessions as served: listing, hashes, receipts, freeing.
 //! * [`identity`] and [`token`] authenticate both ends: a self-signed certificate pinned by its
 //!   fingerprint, and a shared secret.

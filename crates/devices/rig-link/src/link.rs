@@ -1,4 +1,4 @@
-//! Types of the protocol *rig link v1*, specified in `docs/rig-link.md`.
+//! Types of the protocol *rig link v1*, specified in `docs/reference/rig-link.md`.
 //!
 //! Everything is JSON, unknown fields are ignored, and a field that may be missing is an `Option`.
 //! A session's *list* is the set of its files with length and hash; its [`list_hash`] identifies

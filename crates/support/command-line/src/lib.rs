@@ -7,7 +7,7 @@
 //! * [`Verbosity`]: `-v` and `-q`.
 //! * [`output`]: results on standard output and messages on standard error, for which nobody has to be listening.
 //!
-//! `docs/command-line.md` says what a user may rely on.
+//! `docs/reference/command-line.md` says what a user may rely on.
 
 pub mod examples;
 pub mod help;

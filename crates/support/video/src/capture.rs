@@ -15,7 +15,7 @@
 //! Two chains, one for each eye, are joined into frames with the eyes side by side, in system
 //! memory. (Frames in a Jetson's device memory are joined by an element of the chain: nvcompositor,
 //! or zedsrc itself.) The chains for cameras on a Jetson have never been run on hardware by this
-//! project; docs/gstreamer-sources.md says how to write one.
+//! project; docs/guides/gstreamer-sources.md says how to write one.
 //!
 //! ```
 //! use std::sync::Arc;
@@ -73,7 +73,7 @@ pub const QUEUE: usize = 4;
 pub const NATIVE_QUEUE: usize = 2;
 
 /// What should lie between the starts of two cameras of a Jetson: with less, a rig of eleven Argus
-/// cameras had surfaces mixed up between them (docs/gstreamer-sources.md).
+/// cameras had surfaces mixed up between them (docs/guides/gstreamer-sources.md).
 pub const STAGGER: Duration = Duration::from_secs(1);
 
 /// The host's clock, CLOCK_MONOTONIC in ns. It is read when a frame arrives, on the camera's

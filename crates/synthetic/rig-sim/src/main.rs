@@ -160,7 +160,7 @@ struct GroundTruthArguments {
     #[arg(long, value_name = "CAMERA=MS", value_parser = time_offset)]
     time_offset: Vec<(String, f64)>,
     /// TOML file with errors of rotation, translation, time offset and intrinsics: see
-    /// docs/rig-sim.md.
+    /// docs/reference/rig-sim.md.
     #[arg(long, value_name = "FILE")]
     deviation: Option<PathBuf>,
 }

@@ -55,7 +55,7 @@ pub struct Settings {
     pub level: Option<Level>,
 }
 
-/// Points on the curve of accuracy against time (`docs/depth.md`).
+/// Points on the curve of accuracy against time (`docs/reference/depth.md`).
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Preset {
     /// Real time on few cores.

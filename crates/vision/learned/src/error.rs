@@ -49,7 +49,7 @@ pub enum LearnedError {
         /// Error of ONNX Runtime.
         source: ort::Error,
     },
-    /// The settings do not have the format of `docs/learned.md`.
+    /// The settings do not have the format of `docs/reference/learned.md`.
     #[error("reading settings of a network: {}", file.display())]
     Toml {
         /// Path of the settings.

@@ -92,7 +92,7 @@ impl StereoNetwork {
     }
 
     /// Disparities of the left image of a rectified pair, with sigmas as described in
-    /// `docs/learned.md`.
+    /// `docs/reference/learned.md`.
     ///
     /// # Errors
     /// [`LearnedError::Image`], [`LearnedError::Run`], and [`LearnedError::Tensor`] if the output

@@ -1,5 +1,5 @@
 //! The user's networks: one that replaces the built-in stereo matcher, one that segments movable
-//! objects (`docs/learned.md`).
+//! objects (`docs/reference/learned.md`).
 //!
 //! Contract: they are opened and checked before the first stage. Their hashes are settings of the
 //! stage that uses them, so that another network re-runs it. A program built without the feature

@@ -35,7 +35,7 @@ impl Clip {
 
 /// A folder of the real recordings, or a printed reason why it is skipped.
 fn shared(folder: &str) -> Option<PathBuf> {
-    match tests::data::sets([folder]) {
+    match harness::data::sets([folder]) {
         Ok([path]) => Some(path),
         Err(reason) => {
             eprintln!("{reason}");

@@ -14,10 +14,10 @@
 use std::sync::Arc;
 
 use anyhow::{Context, Result};
+use harness::sequences::{OwnedFrameSet, Sequence};
+use harness::tracking::{self, Tracking};
 use serde::Serialize;
 use serde_json::json;
-use tests::sequences::{OwnedFrameSet, Sequence};
-use tests::tracking::{self, Tracking};
 
 mod charts;
 mod codec;

@@ -1,6 +1,6 @@
 //! `odometry_faults`: poses under faults.
 //!
-//! Each kind of fault of the simulator ([docs/rig-sim.md](../../../../../docs/rig-sim.md)) acts for
+//! Each kind of fault of the simulator ([docs/reference/rig-sim.md](../../../../../docs/reference/rig-sim.md)) acts for
 //! four seconds in the middle of short walks, on all cameras simultaneously (faults that move a
 //! camera: on one), at rising strength. Outcomes of a point:
 //!
@@ -13,19 +13,19 @@
 //!
 //! Errors are those of the motion since the start of the fault, so that earlier errors do not
 //! count. Faults of light and lenses are rendered; faults of devices are applied to images of the
-//! same walk that were rendered once ([`tests::sequences::Sequence::with_images`]). Times in a
+//! same walk that were rendered once ([`harness::sequences::Sequence::with_images`]). Times in a
 //! sequence are true ones, so that faults of clocks show only the loss of data.
 
 use std::sync::Arc;
 
 use anyhow::{Context, Result};
+use harness::sequences::{self, OwnedFrameSet, Sequence, WalkSettings, named};
+use harness::tracking;
 use rig_sim::camera::Quality;
 use rig_sim::faults::{Fault, Faults, Kind};
 use scene_bundle::{Status, Trajectory};
 use serde::Serialize;
 use serde_json::json;
-use tests::sequences::{self, OwnedFrameSet, Sequence, WalkSettings, named};
-use tests::tracking;
 
 mod charts;
 

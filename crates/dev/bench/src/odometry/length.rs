@@ -15,11 +15,11 @@
 use ::odometry::{ImuSample, Keyframe, Mapping, Odometry};
 use anyhow::{Context, Result};
 use cad_transforms::RigidTransform;
+use harness::sequences::{self, OwnedFrameSet, Sequence, WalkSettings, named};
 use rig_sim::camera::Quality;
 use scene_bundle::{Pose, Trajectory};
 use serde::Serialize;
 use serde_json::json;
-use tests::sequences::{self, OwnedFrameSet, Sequence, WalkSettings, named};
 
 mod charts;
 mod keyframe_store;
@@ -206,7 +206,7 @@ impl<'a> Hour<'a> {
                         self.odometry.add_imu(k, sample);
                     }
                 }
-                *pose = tests::tracking::pose(&self.odometry.add_frames(&set.borrowed()))?;
+                *pose = harness::tracking::pose(&self.odometry.add_frames(&set.borrowed()))?;
                 for keyframe in self.odometry.take_keyframes(false) {
                     self.keyframes.push(&keyframe)?;
                 }
@@ -214,7 +214,7 @@ impl<'a> Hour<'a> {
             Ok(())
         });
         done?;
-        let peak = tests::soak::memory()?.peak;
+        let peak = harness::soak::memory()?.peak;
         for (set, pose) in sets.iter().zip(&mut self.truth[self.done..]) {
             let truth = self.sequence.world_from_rig(set.time_ns);
             let truth = truth.context("the ground truth ends before the images")?;
@@ -246,9 +246,9 @@ impl<'a> Hour<'a> {
             anyhow::Ok(mapping.optimize(|_| {}))
         });
         let adjusted = adjusted?;
-        let peak = tests::soak::memory()?.peak.saturating_sub(before);
+        let peak = harness::soak::memory()?.peak.saturating_sub(before);
         let causal = Trajectory::new(causal.to_vec())?;
-        let finished = tests::tracking::refined_trajectory(&causal, &adjusted)?;
+        let finished = harness::tracking::refined_trajectory(&causal, &adjusted)?;
         let truth = Trajectory::new(truth.to_vec())?;
         Ok(Adjustment {
             minutes,

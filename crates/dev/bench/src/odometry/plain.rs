@@ -4,10 +4,10 @@ use std::path::Path;
 
 use anyhow::{Context, Result, ensure};
 use cad_transforms::RigidTransform;
+use harness::sequences::Sequence;
 use scene_bundle::{Pose, Trajectory};
 use serde::Deserialize;
 use serde_json::json;
-use tests::sequences::Sequence;
 
 use crate::python;
 

@@ -1,9 +1,9 @@
 //! The real recordings at hand: a short drive, and a second of standing still.
 
 use anyhow::{Context, Result};
+use harness::sequences;
+use harness::tracking::{self, drive, still};
 use serde::{Deserialize, Serialize};
-use tests::sequences;
-use tests::tracking::{self, drive, still};
 
 use super::{plain, settings};
 use crate::meter::timed;
@@ -112,7 +112,7 @@ pub(crate) struct StandStillRun {
 /// # Errors
 /// Images that cannot be read.
 pub(crate) fn kitti() -> Result<Option<Drive>> {
-    let [folder] = match tests::data::sets(["02_stereo_odometry_kitti/KITTI_sequence_1"]) {
+    let [folder] = match harness::data::sets(["02_stereo_odometry_kitti/KITTI_sequence_1"]) {
         Ok(sets) => sets,
         Err(reason) => {
             eprintln!("{reason}");
@@ -190,7 +190,7 @@ pub(crate) fn kitti() -> Result<Option<Drive>> {
 /// # Errors
 /// Files that cannot be read.
 pub(crate) fn euroc() -> Result<Option<StandStill>> {
-    let [folder, truth] = match tests::data::sets([
+    let [folder, truth] = match harness::data::sets([
         "03_stereo_imu/euroc_V1_01_micro",
         "03_stereo_imu/euroc_groundtruth/V1_01_easy.csv",
     ]) {

@@ -6,11 +6,11 @@ use std::process::{Command, Stdio};
 
 use anyhow::{Context, Result, ensure};
 use cad_transforms::RigidTransform;
+use harness::sequences::{self, Sequence, named};
+use harness::tracking::{self, Tracking};
 use rig_sim::camera::Quality;
 use scene_bundle::Trajectory;
 use serde::{Deserialize, Serialize};
-use tests::sequences::{self, Sequence, named};
-use tests::tracking::{self, Tracking};
 
 use super::figures::Figures;
 use super::settings;
@@ -247,7 +247,7 @@ fn work(order: &RunRequest) -> Result<Answer> {
         pairs += set.views.iter().flatten().count();
         Ok(())
     })?;
-    let peak = || -> Result<u64> { Ok(tests::soak::memory()?.peak.saturating_sub(before)) };
+    let peak = || -> Result<u64> { Ok(harness::soak::memory()?.peak.saturating_sub(before)) };
     let causal = tracking.causal().clone();
     let each = |seconds: f64| 1e3 * seconds / pairs.max(1) as f64;
     let steps = truth.poses().windows(2);
@@ -313,7 +313,7 @@ pub(crate) fn forget_peak() -> Result<u64> {
     }
     // proc_pid_clear_refs(5).
     std::fs::write("/proc/self/clear_refs", "5").context("forgetting the peak of the memory")?;
-    Ok(tests::soak::memory()?.resident)
+    Ok(harness::soak::memory()?.resident)
 }
 
 /// Checksum of all numbers of all poses.

@@ -2,7 +2,7 @@
 
 use std::fmt::Write as _;
 
-use tests::sequences::named::ODOMETRY_EXAM;
+use harness::sequences::named::ODOMETRY_EXAM;
 
 use super::figures::Figures;
 use super::real::{Drive, INTERPOLATED, StandStill};

@@ -1,7 +1,7 @@
 //! The ten test walks, and a run of a job with progress output.
 
 use anyhow::{Result, ensure};
-use tests::sequences::named::ODOMETRY_EXAM;
+use harness::sequences::named::ODOMETRY_EXAM;
 
 use super::options::Options;
 use super::results::{Results, Row, load};

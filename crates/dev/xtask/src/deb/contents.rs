@@ -20,11 +20,11 @@ const PACKAGED: &str = "/usr/bin/pawsd";
 const PAGES: [&str; 7] = [
     "deploy/README.md",
     "deploy/runbooks",
-    "docs/hardware.md",
+    "docs/guides/hardware.md",
     "docs/images/led-table.png",
     "docs/images/led-table.svg",
-    "docs/led-table.md",
-    "docs/packaging.md",
+    "docs/reference/led-table.md",
+    "docs/guides/packaging.md",
 ];
 
 /// Configurations to start from; folders, and where their files go.

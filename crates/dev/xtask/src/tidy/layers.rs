@@ -25,7 +25,7 @@ pub(crate) enum Layer {
 const TOP_LEVEL: [(&str, Layer); 9] = [
     ("affordance", Layer::Program),
     ("cad-transforms", Layer::Support),
-    ("calib", Layer::Vision),
+    ("calib", Layer::Program),
     ("capture-daemon", Layer::Program),
     ("collector", Layer::Program),
     ("reconstruction", Layer::Program),

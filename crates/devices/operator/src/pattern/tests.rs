@@ -58,7 +58,7 @@ fn check(signals: &[Signal], ticks: usize, different: impl Fn(Signal, Signal) ->
 #[test]
 fn one_colour_tells_the_meaning_within_a_second() {
     let least = check(&Signal::all(), SECOND, |a, b| a.meaning() != b.meaning());
-    assert_eq!(least, 120, "as docs/led-table.md says");
+    assert_eq!(least, 120, "as docs/reference/led-table.md says");
 }
 
 #[test]
@@ -66,7 +66,7 @@ fn one_colour_tells_every_signal_within_two_seconds() {
     let mut lasting = Signal::all();
     lasting.retain(|s| !matches!(s, Signal::Once(_)));
     let least = check(&lasting, 2 * SECOND, |_, _| true);
-    assert_eq!(least, 200, "as docs/led-table.md says");
+    assert_eq!(least, 200, "as docs/reference/led-table.md says");
 }
 
 #[test]

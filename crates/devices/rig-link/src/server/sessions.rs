@@ -1,4 +1,4 @@
-//! Sessions for hosts, as specified in `docs/rig-link.md`.
+//! Sessions for hosts, as specified in `docs/reference/rig-link.md`.
 
 use std::fs::File;
 use std::io::{self, Read, Seek, SeekFrom};

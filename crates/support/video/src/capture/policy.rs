@@ -1,7 +1,7 @@
 //! What a source element's times and numbers mean, as data: one row each.
 //!
 //! GStreamer does not say what a PTS is: every element has its own idea. The rows say what was read
-//! in the elements' sources; docs/gstreamer-sources.md has the long form. **Only v4l2src and
+//! in the elements' sources; docs/guides/gstreamer-sources.md has the long form. **Only v4l2src and
 //! videotestsrc have been run by this project**, against kernel drivers that emulate cameras; the
 //! others' figures are assumptions until someone measures them on the device, and a configuration
 //! overrides them.

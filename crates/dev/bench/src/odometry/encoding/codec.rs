@@ -6,8 +6,8 @@ use std::sync::{Arc, Mutex, PoisonError};
 use std::time::Duration;
 
 use anyhow::{Context, Result, ensure};
+use harness::sequences::OwnedFrameSet;
 use serde::Serialize;
-use tests::sequences::OwnedFrameSet;
 use video::picture::psnr;
 use video::{AccessUnit, Decoder, Encoder, EncoderEvent, EncoderSettings, Picture};
 

@@ -6,8 +6,8 @@
 use anyhow::{Context, Result};
 use depth::evaluate::Scores;
 use depth::{Band, Matcher, Preset, Settings};
+use harness::sequences::{OwnedFrameSet, Sequence};
 use serde::Serialize;
-use tests::sequences::{OwnedFrameSet, Sequence};
 
 use crate::depth::frames::{Frame, Walk};
 use crate::depth::race::BAD_2;

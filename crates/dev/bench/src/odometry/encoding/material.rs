@@ -7,10 +7,10 @@ use std::sync::Arc;
 use std::thread;
 
 use anyhow::{Context, Result, ensure};
+use harness::sequences::{self, OwnedFrameSet, OwnedView, Sequence, named};
 use rig_sim::device::{Delivery, Device};
 use rig_sim::faults::Faults;
 use rig_sim::simulation::Simulation;
-use tests::sequences::{self, OwnedFrameSet, OwnedView, Sequence, named};
 use video::{Picture, PixelFormat};
 
 /// Images of all cameras of a walk: left and right side by side, I420, one file for each camera.

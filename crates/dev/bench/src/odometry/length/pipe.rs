@@ -4,7 +4,7 @@ use std::io::{BufReader, BufWriter, Read as _, Write as _};
 use std::process::{Child, ChildStdout, Command, Stdio};
 
 use anyhow::{Context, Result};
-use tests::sequences::{OwnedFrameSet, OwnedView, Sequence};
+use harness::sequences::{OwnedFrameSet, OwnedView, Sequence};
 
 /// First argument of the process; the name of the walk follows.
 const RENDER: &str = "--render";

@@ -1,0 +1,136 @@
+//! Cache of rendered images of walks.
+//!
+//! Contract: `FOLDER/HASH/CAMERA.grey` has the frames of one camera that are in sets, each the left
+//! eye's rows and then the right eye's, without header or gaps; `HASH/walk.txt` is the hashed text.
+//! The hash covers all inputs of an image: settings, faults, rig, and the sources of the simulator.
+//! *On failure* a partial file has another name, and is rewritten. Two programs may render the same
+//! walk simultaneously: the file is the same whichever finishes first.
+
+use std::collections::VecDeque;
+use std::fs::{self, File};
+use std::io::{BufReader, BufWriter, Read as _};
+use std::path::{Path, PathBuf};
+use std::sync::Mutex;
+use std::thread;
+
+use anyhow::{Context as _, Result, ensure};
+
+use super::Reader;
+use super::walk::{Walk, WalkCamera};
+
+/// Rendering threads.
+const THREADS: usize = 2;
+/// Sources of the simulator, relative to this crate.
+const SOURCES: &str = concat!(env!("CARGO_MANIFEST_DIR"), "/../../synthetic/rig-sim/src");
+
+/// The cached images of one camera.
+#[derive(Clone, Debug)]
+pub(super) struct CachedCamera {
+    path: PathBuf,
+    /// Size of one eye's image, bytes.
+    eye: usize,
+}
+
+impl CachedCamera {
+    /// Reads pairs in order.
+    pub(super) fn reader(&self) -> Result<Reader> {
+        let path = self.path.clone();
+        let eye = self.eye;
+        let file = File::open(&path).with_context(|| format!("opening {}", path.display()))?;
+        let mut file = BufReader::with_capacity(2 * eye, file);
+        Ok(Box::new(move || {
+            let mut pair = [vec![0; eye], vec![0; eye]];
+            for pixels in &mut pair {
+                let read = file.read_exact(pixels);
+                read.with_context(|| format!("reading {}", path.display()))?;
+            }
+            Ok(pair)
+        }))
+    }
+}
+
+/// Renders images that are not in the cache.
+pub(super) fn store(walk: &Walk, folder: &Path) -> Result<Vec<CachedCamera>> {
+    let mut key = walk.key.clone();
+    key += &format!("\n{} {}\n", env!("CARGO_PKG_VERSION"), sources()?);
+    let hash = blake3::hash(key.as_bytes()).to_hex();
+    let folder = folder.join(&hash[..16]);
+    fs::create_dir_all(&folder).with_context(|| format!("making {}", folder.display()))?;
+    let settings = walk.simulation.settings();
+    let eye = settings.width as usize * settings.height as usize;
+    let stored = |camera: &WalkCamera| CachedCamera {
+        path: folder.join(format!("{}.grey", camera.name)),
+        eye,
+    };
+    let absent: VecDeque<&WalkCamera> = (walk.cameras.iter())
+        .filter(|camera| !stored(camera).path.exists())
+        .collect();
+    if !absent.is_empty() {
+        replace(&folder.join("walk.txt"), |file| {
+            Ok(file.write_all(key.as_bytes())?)
+        })?;
+    }
+    let queue = Mutex::new(absent);
+    let work = || -> Result<()> {
+        loop {
+            let next = queue.lock().expect("no thread panics with it").pop_front();
+            let Some(camera) = next else { return Ok(()) };
+            replace(&stored(camera).path, |file| {
+                for eye in walk.frames(camera).flatten() {
+                    file.write_all(&eye)?;
+                }
+                Ok(())
+            })?;
+        }
+    };
+    thread::scope(|scope| {
+        let running: Vec<_> = (0..THREADS).map(|_| scope.spawn(work)).collect();
+        (running.into_iter())
+            .try_for_each(|thread| thread.join().expect("rendering does not panic"))
+    })?;
+    for camera in &walk.cameras {
+        let path = stored(camera).path;
+        let found = fs::metadata(&path)?.len();
+        let expected = (camera.frames.len() * 2 * eye) as u64;
+        ensure!(
+            found == expected,
+            "found {found} bytes of images, expected {expected}: remove {}",
+            path.display()
+        );
+    }
+    Ok(walk.cameras.iter().map(stored).collect())
+}
+
+/// Writes a file under a temporary name, and then renames it.
+fn replace(path: &Path, write: impl FnOnce(&mut dyn std::io::Write) -> Result<()>) -> Result<()> {
+    let folder = path.parent().context("a file has a parent folder")?;
+    let beside = tempfile::NamedTempFile::new_in(folder)?;
+    let mut file = BufWriter::with_capacity(1 << 20, beside);
+    write(&mut file).with_context(|| format!("writing {}", path.display()))?;
+    let beside = file.into_inner().map_err(|e| e.into_error())?;
+    beside.persist(path)?;
+    Ok(())
+}
+
+/// Hash of the simulator's sources.
+fn sources() -> Result<String> {
+    let mut hasher = blake3::Hasher::new();
+    let mut folders = vec![PathBuf::from(SOURCES)];
+    while let Some(folder) = folders.pop() {
+        let entries = fs::read_dir(&folder).with_context(|| {
+            format!(
+                "reading the sources of the simulator in {}",
+                folder.display()
+            )
+        })?;
+        let mut paths = (entries.map(|e| e.map(|e| e.path()))).collect::<Result<Vec<_>, _>>()?;
+        paths.sort();
+        for path in paths {
+            match path.is_dir() {
+                true => folders.push(path),
+                false => drop(hasher.update(&fs::read(&path)?)),
+            }
+        }
+    }
+    Ok(hasher.finalize().to_hex().to_string())
+}

@@ -1,0 +1,179 @@
+//! Calibration check from an ordinary recording, without a target.
+//!
+//! [`verify`] compares the observations of a rig's cameras and gyroscopes with their nominal
+//! calibration: the eyes of each camera with one another, each camera with its own gyroscope, the
+//! gyroscopes with one another, and through these the cameras. Each comparison has a covariance;
+//! together they show which parameter is inconsistent, by how much, and which of several cameras it
+//! belongs to.
+//!
+//! Contract: images come in as the features that [`FeatureTracker`] tracks in short bursts
+//! ([`choose_bursts`] selects their times). A parameter that the recording does not constrain (no
+//! texture, no rotation, too short) is [`Status::Undetermined`], which is no verdict. A parameter
+//! is *inconsistent* if its deviation exceeds the tolerance of its joint and the uncertainty of the
+//! measurement together ([`DETECTION_SIGMA`]). Parts of the scene may move; the motion of most of
+//! the image counts as static. The same input gives the same result.
+//!
+//! Each part documents its method; capabilities and limits: `docs/guides/calibration-verify.md`.
+
+use cad_transforms::RigidTransform;
+use serde::Serialize;
+
+use crate::stereo::StereoCalibration;
+
+mod bursts;
+mod camera_imu;
+mod corners;
+mod decision;
+mod epipolar_search;
+mod findings;
+mod gyro;
+mod gyro_pairs;
+mod klt;
+mod motion;
+mod pyramid;
+mod robust;
+mod stereo;
+#[cfg(test)]
+mod tests;
+mod tracks;
+
+pub use bursts::choose_bursts;
+pub use camera_imu::CameraImu;
+pub use decision::DETECTION_SIGMA;
+pub use findings::{Finding, Parameter, Status};
+pub use gyro::Gyro;
+pub use gyro_pairs::GyroAlignment;
+pub use pyramid::ImageView;
+pub use stereo::StereoAlignment;
+pub use tracks::{Burst, Feature, FeatureTracker, StereoFrame, TrackSegment};
+
+/// Nominal calibration of a camera, and its observations.
+#[derive(Clone, Debug)]
+pub struct Camera<'a> {
+    /// `left_shoulder`, `right_shoulder`, `feet`.
+    pub name: &'a str,
+    /// Intrinsics, stereo extrinsics, and IMU extrinsics.
+    pub nominal: &'a StereoCalibration,
+    /// Takes points in the left optical frame to the rig, if a rig file gives it.
+    pub rig_from_left: Option<RigidTransform>,
+    /// Tolerance of the joint between camera and plate, rad, standard deviation per axis.
+    pub joint_sigma_rad: Option<f64>,
+    /// Line time: from the exposure of a row to that of the next, s; 0 for a global shutter.
+    /// Estimated if `None`.
+    pub line_s: Option<f64>,
+    /// Feature tracks of its images.
+    pub bursts: &'a [Burst],
+    /// Its gyroscope.
+    pub gyro: Option<&'a Gyro>,
+}
+
+/// Default tolerances, standard deviations.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Tolerances {
+    /// A camera's joint on the plate, rad.
+    pub joint_rad: f64,
+    /// IMU in its camera, rad: mounting of the chip and alignment of its axes. Larger if the
+    /// extrinsics are assumed.
+    pub imu_rad: f64,
+    /// Right eye against left eye, rad.
+    pub eyes_rad: f64,
+    /// Clock, s: of a device, or of its images or samples.
+    pub clock_s: f64,
+}
+
+impl Default for Tolerances {
+    fn default() -> Self {
+        Self {
+            joint_rad: 0.07_f64.to_radians(),
+            imu_rad: 0.07_f64.to_radians(),
+            eyes_rad: 0.04_f64.to_radians(),
+            clock_s: 3e-4,
+        }
+    }
+}
+
+/// Comparisons of one camera.
+#[derive(Clone, Debug, Serialize)]
+pub struct CameraEstimate {
+    /// Camera name.
+    pub name: String,
+    /// Eyes against each other, if there are enough matches.
+    pub eyes: Option<StereoAlignment>,
+    /// Camera against its own gyroscope, if there is enough rotation.
+    pub imu: Option<CameraImu>,
+}
+
+/// Comparison of two gyroscopes.
+#[derive(Clone, Debug, Serialize)]
+pub struct GyroPairEstimate {
+    /// Their cameras.
+    pub of: [String; 2],
+    /// The second against the first.
+    pub gyros: GyroAlignment,
+}
+
+/// Result of a verification.
+#[derive(Clone, Debug, Serialize)]
+pub struct Verification {
+    /// Cameras in the order given.
+    pub cameras: Vec<CameraEstimate>,
+    /// Pairs of gyroscopes with nominal extrinsics.
+    pub pairs: Vec<GyroPairEstimate>,
+    /// Findings, one per nominal parameter.
+    pub findings: Vec<Finding>,
+}
+
+/// Compares the nominal calibration of a rig with its observations: [`compare`] for each camera,
+/// then [`judge`].
+pub fn verify(cameras: &[Camera<'_>], tolerances: &Tolerances) -> Verification {
+    let found = cameras.iter().map(compare).collect();
+    judge(cameras, found, tolerances)
+}
+
+/// Compares one camera's eyes, and the camera with its own gyroscope. The pose of the camera on the
+/// rig is not used.
+pub fn compare(camera: &Camera<'_>) -> CameraEstimate {
+    let eyes = stereo::estimate(camera.nominal, camera.bursts);
+    let imu = eyes.as_ref().zip(camera.gyro).and_then(|(eyes, gyro)| {
+        camera_imu::estimate(camera.nominal, eyes, camera.line_s, gyro, camera.bursts)
+    });
+    CameraEstimate {
+        name: camera.name.to_owned(),
+        eyes,
+        imu,
+    }
+}
+
+/// Compares the gyroscopes and decides on all parameters. `found` are the comparisons of the
+/// cameras in the same order.
+pub fn judge(
+    cameras: &[Camera<'_>],
+    found: Vec<CameraEstimate>,
+    tolerances: &Tolerances,
+) -> Verification {
+    let mut pairs = Vec::new();
+    for (b, second) in cameras.iter().enumerate() {
+        for (a, first) in cameras[..b].iter().enumerate() {
+            let rig_from_imu = |camera: &Camera<'_>| {
+                let imu = camera.nominal.imu.as_ref()?;
+                Some(camera.rig_from_left? * imu.imu_from_left.inverse())
+            };
+            let gyros = || {
+                let b_from_a = rig_from_imu(second)?.inverse() * rig_from_imu(first)?;
+                gyro_pairs::estimate(b_from_a.rotation(), first.gyro?, second.gyro?)
+            };
+            pairs.extend(gyros().map(|gyros| (a, b, gyros)));
+        }
+    }
+    let findings = findings::judge(cameras, &found, &pairs, tolerances);
+    let name = |i: usize| cameras[i].name.to_owned();
+    let pairs = pairs.into_iter().map(|(a, b, gyros)| GyroPairEstimate {
+        of: [name(a), name(b)],
+        gyros,
+    });
+    Verification {
+        pairs: pairs.collect(),
+        cameras: found,
+        findings,
+    }
+}
