@@ -1,4 +1,28 @@
-//! Configuration and presets of the estimator.
+//! Configuration of the estimator: all of its tuned constants, and the presets.
+//!
+//! One struct per concern, in the order of the data flow. Where a field names no source, its value
+//! was chosen on the simulated walks of `cargo xtask bench odometry` and its fault schedules
+//! (`odometry_faults`), with images 672 px wide; how the error depends on it was not charted.
+
+use estimator_config::config;
+
+mod backend;
+mod estimator;
+mod frontend;
+mod inertial;
+mod mapping;
+
+pub use backend::{BackendConfig, CovarianceConfig, ExtrinsicsConfig, NewestPoseConfig};
+pub use estimator::{
+    CameraShiftConfig, EstimatorConfig, InitializationConfig, KeyframeConfig,
+    ReinitializationConfig,
+};
+pub use frontend::{
+    CrossCameraConfig, DetectorConfig, FrontendConfig, KeypointConfig, KltConfig, PyramidConfig,
+    StaleImageConfig, StereoConfig,
+};
+pub use inertial::{InertialConfig, SaturationConfig};
+pub use mapping::{LoopClosureConfig, MappingConfig};
 
 /// Presets between speed and accuracy; `cargo xtask bench odometry` measures both.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -11,51 +35,108 @@ pub enum Preset {
     Accurate,
 }
 
-/// Configuration of the estimator.
-#[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Config {
-    /// Maximum number of features tracked per camera. Compare OpenVINS `num_pts`.
-    pub max_features: usize,
-    /// Number of frames in the sliding window. Compare OpenVINS `max_clones`.
-    pub window_size: usize,
-    /// Maximum number of solver iterations for a keyframe.
-    pub max_iterations: usize,
-    /// Whether the whole window is optimized for every frame set, and not for keyframes only.
-    pub optimize_every_frame: bool,
-    /// Median parallax of features, rotation removed, from one keyframe to the next, px in an image
-    /// 672 px wide.
-    pub keyframe_parallax_px: f64,
-    /// Standard deviation of an observation, px.
-    pub observation_sigma_px: f64,
+config! {
+    /// Configuration of the estimator. The default is [`Preset::Balanced`].
+    ///
+    /// ```
+    /// use odometry::{Config, Preset};
+    ///
+    /// let mut config = Config::preset(Preset::Fast);
+    /// assert_eq!(config.frontend.max_features, 60);
+    /// // Any field can be changed for an experiment.
+    /// config.mapping.loop_closure.max_distance_m = 3.0;
+    /// assert_ne!(config, Config::preset(Preset::Fast));
+    /// ```
+    pub struct Config {
+        /// From images to features.
+        pub frontend: FrontendConfig = FrontendConfig::default(),
+        /// From IMU samples to preintegrated motion.
+        pub inertial: InertialConfig = InertialConfig::default(),
+        /// The sliding window and its solver.
+        pub backend: BackendConfig = BackendConfig::default(),
+        /// Decisions between the two: keyframes, outliers, losses.
+        pub estimator: EstimatorConfig = EstimatorConfig::default(),
+        /// Bundle adjustment of the whole session.
+        pub mapping: MappingConfig = MappingConfig::default(),
+    }
 }
 
 impl Config {
     /// Configuration of a preset.
     pub fn preset(preset: Preset) -> Self {
-        let balanced = Self {
-            max_features: 110,
-            window_size: 8,
-            max_iterations: 4,
-            optimize_every_frame: false,
-            keyframe_parallax_px: 12.0,
-            observation_sigma_px: 0.5,
-        };
+        let mut config = Self::default();
         match preset {
-            Preset::Fast => Self {
-                max_features: 60,
-                window_size: 6,
-                max_iterations: 2,
-                ..balanced
-            },
-            Preset::Balanced => balanced,
-            Preset::Accurate => Self {
-                max_features: 220,
-                window_size: 12,
-                max_iterations: 6,
-                optimize_every_frame: true,
-                keyframe_parallax_px: 9.0,
-                ..balanced
-            },
+            Preset::Fast => {
+                config.frontend.max_features = 60;
+                config.backend.window_size = 6;
+                config.backend.max_iterations = 2;
+            }
+            Preset::Balanced => {}
+            Preset::Accurate => {
+                config.frontend.max_features = 220;
+                config.backend.window_size = 12;
+                config.backend.max_iterations = 6;
+                config.backend.optimize_every_frame = true;
+                config.estimator.keyframes.min_parallax = 9.0 / 672.0;
+            }
         }
+        config
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn presets_differ_in_cost_only_where_they_say_so() {
+        let [fast, balanced, accurate] =
+            [Preset::Fast, Preset::Balanced, Preset::Accurate].map(Config::preset);
+        assert_eq!(balanced, Config::default());
+        let cost = |c: &Config| c.frontend.max_features * c.backend.window_size;
+        assert!(cost(&fast) < cost(&balanced) && cost(&balanced) < cost(&accurate));
+        for preset in [fast, accurate] {
+            assert_eq!(preset.inertial, balanced.inertial);
+            assert_eq!(preset.mapping, balanced.mapping);
+        }
+    }
+
+    #[test]
+    fn values_are_sensible() {
+        let Config {
+            frontend,
+            inertial,
+            backend,
+            estimator,
+            mapping,
+        } = Config::default();
+        let ratios = [
+            frontend.klt.min_ncc,
+            frontend.stereo.min_ncc,
+            frontend.cross_camera.max_inverse_range_error_ratio,
+            estimator.min_inlier_ratio,
+            estimator.imu_suspect_inlier_ratio,
+            estimator.vision_only_inlier_ratio,
+            estimator.keyframes.min_tracked_ratio,
+            estimator.keyframes.min_parallax,
+            estimator.camera_shift.min_rotated_inlier_ratio,
+            mapping.loop_closure.min_inlier_ratio,
+            mapping.loop_closure.second_best_ratio,
+        ];
+        assert!(ratios.iter().all(|r| *r > 0.0 && *r < 1.0), "{ratios:?}");
+        // The IMU is rejected only for a better explanation.
+        assert!(estimator.imu_suspect_inlier_ratio < estimator.vision_only_inlier_ratio);
+        assert!(
+            estimator.keyframes.min_tracked_ratio_early < estimator.keyframes.min_tracked_ratio
+        );
+        // Loss scales decrease.
+        let decreases = |scales: &[f64]| scales.windows(2).all(|pair| pair[0] >= pair[1]);
+        assert!(decreases(&mapping.loop_closure.tukey_px));
+        assert!(decreases(&backend.newest_pose.tukey_sigma));
+        assert!(decreases(&backend.newest_pose.tukey_sigma_without_imu));
+        assert!(mapping.loop_closure.cauchy_sigma < mapping.loop_closure.cauchy_sigma_first);
+        assert!(inertial.noise_inflation >= 1.0 && backend.covariance.sigma_inflation >= 1.0);
+        assert!(frontend.stereo.max_level < frontend.pyramid.max_levels);
+        assert!(frontend.temporal_max_level < frontend.pyramid.max_levels);
     }
 }

@@ -14,7 +14,7 @@ use rayon::prelude::*;
 
 use crate::backend::covariance::{in_rig_frame, tilt_uncertainty, transport};
 use crate::config::Config;
-use crate::estimator::reinitialization::{IMU_TIMEOUT_NS, MIN_CONTINUOUS_IMU_NS, ResetUncertainty};
+use crate::estimator::reinitialization::ResetUncertainty;
 use crate::frontend::pyramid::Pyramid;
 use crate::inertial::propagation::{ImuPropagator, constant_velocity};
 use crate::input::{FrameSet, ImuSample};
@@ -25,7 +25,7 @@ use crate::backend::observation::{Camera, CameraPose};
 use crate::backend::solver::{optimize_window, refine_newest};
 use crate::backend::state::{ROTATION, STATE_DIM, State};
 use crate::backend::window::{Frame, MotionFactor, Prior, Window};
-use crate::estimator::initialization::{INITIALIZATION_WINDOW_NS, initialize_static};
+use crate::estimator::initialization::initialize_static;
 use crate::frontend::stale_image::StaleImageDetector;
 use crate::frontend::tracker::{Expected, Track, Tracker, transfer_pixel};
 
@@ -42,20 +42,6 @@ mod tests;
 
 use keyframes::finish_keyframe;
 use outliers::count_inliers;
-
-/// Number of initial frame sets for which the whole window is optimized: biases and tilt are not
-/// yet known.
-const INITIAL_FRAMES: u64 = 12;
-/// Minimum number of inliers of a tracked pose, and their minimum fraction of all observations.
-const MIN_INLIERS: usize = 12;
-const MIN_INLIER_RATIO: f64 = 0.3;
-/// Sigma of the rotation added to poses after a camera shift, as a fraction of the rotation of the
-/// camera: the camera is one of several, and reported sigmas are larger than this.
-const CAMERA_SHIFT_SIGMA_RATIO: f64 = 0.1;
-/// Position sigma along the worst direction above which a pose is lost: m, plus a fraction of the
-/// distance from the start.
-const LOST_SIGMA_M: f64 = 0.5;
-const LOST_SIGMA_PER_METRE: f64 = 0.02;
 
 /// Status of a pose.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -127,13 +113,13 @@ pub struct Odometry {
 impl Odometry {
     /// Creates the estimator of a rig.
     pub fn new(rig: &Rig, config: Config) -> Self {
-        let (cameras, body_from_rig, imu) = ImuPropagator::of(rig);
+        let (cameras, body_from_rig, imu) = ImuPropagator::of(rig, &config.inertial);
         Self {
             config,
             cameras,
             body_from_rig,
             imu,
-            trackers: vec![Tracker::default(); rig.cameras.len()],
+            trackers: vec![Tracker::new(config.frontend); rig.cameras.len()],
             stale_detectors: vec![None; rig.cameras.len()],
             window: None,
             newest_is_keyframe: true,
@@ -162,12 +148,13 @@ impl Odometry {
     pub fn add_frames(&mut self, set: &FrameSet<'_>) -> Estimate {
         let time_ns = set.time_ns;
         self.number += 1;
+        let pyramid = &self.config.frontend.pyramid;
         let pyramids: Vec<Option<(Pyramid, Pyramid)>> = (set.views.par_iter())
             .map(|view| {
                 let view = view.as_ref()?;
                 Some(rayon::join(
-                    || Pyramid::new(&view.left),
-                    || Pyramid::new(&view.right),
+                    || Pyramid::new(pyramid, &view.left),
+                    || Pyramid::new(pyramid, &view.right),
                 ))
             })
             .collect();
@@ -197,16 +184,16 @@ impl Odometry {
         });
         self.match_in_new_frames(&mut window, &exposure_offset_s);
         let mut information = self.estimate_newest_pose(&mut window);
-        if let Some(shift) = camera_shift::find(&window) {
-            let sigma = CAMERA_SHIFT_SIGMA_RATIO * shift.rotation_rad;
+        if let Some(shift) = camera_shift::find(&self.config.estimator.camera_shift, &window) {
+            let sigma = self.config.estimator.camera_shift.sigma_ratio * shift.rotation_rad;
             self.unmodeled
                 .push(ResetUncertainty::of_rotation(window.newest().state, sigma));
             self.camera_shifts.push(shift);
         }
         let (_, observed) = count_inliers(&window);
         let inliers = self.reject_outliers(&mut window);
-        let is_enough =
-            inliers >= MIN_INLIERS && inliers as f64 >= MIN_INLIER_RATIO * observed as f64;
+        let is_enough = inliers >= self.config.estimator.min_inliers
+            && inliers as f64 >= self.config.estimator.min_inlier_ratio * observed as f64;
         let is_tracked = is_enough && !self.is_lost;
         let mut is_connected = true;
         if !is_tracked {
@@ -217,8 +204,11 @@ impl Odometry {
         let is_keyframe = self.is_keyframe(&window, is_tracked);
         let mut own = information.and_then(|h| h.cholesky()).map(|c| c.inverse());
         let mut joint = None;
-        if is_keyframe || self.config.optimize_every_frame || self.number <= INITIAL_FRAMES {
-            joint = optimize_window(&mut window, self.config.max_iterations).1;
+        if is_keyframe
+            || self.config.backend.optimize_every_frame
+            || self.number <= self.config.backend.initial_frames
+        {
+            joint = optimize_window(&mut window, self.config.backend.max_iterations).1;
         }
         if let Some(joint) = joint {
             if is_keyframe {
@@ -246,7 +236,14 @@ impl Odometry {
             self.insert_keyframe(&mut window, &exposure_offset_s);
         }
         self.newest_is_keyframe = is_keyframe;
-        self.is_lost |= !is_connected && reinitialization::is_lost(&covariance);
+        self.is_lost |= !is_connected
+            && reinitialization::is_lost(
+                self.config
+                    .estimator
+                    .reinitialization
+                    .max_rotation_sigma_rad,
+                &covariance,
+            );
         let estimate = self.estimate(&window, &covariance, inliers, is_tracked, is_keyframe);
         if self.is_lost {
             self.reinitialize(&mut window, &covariance);
@@ -270,7 +267,7 @@ impl Odometry {
                 window.frames[window.frames.len() - 2].state.time_ns
             };
             imu.samples
-                .forget_before(from.min(time_ns) - INITIALIZATION_WINDOW_NS);
+                .forget_before(from.min(time_ns) - self.config.estimator.initialization.window_ns);
         }
         self.window = Some(window);
         estimate
@@ -288,7 +285,13 @@ impl Odometry {
             let camera = &self.cameras[k];
             let stale_detectors = &mut self.stale_detectors[k];
             let fresh = pyramids.as_ref().map_or(0, |(left, _)| {
-                StaleImageDetector::count_fresh_rows(stale_detectors, left, guess, camera)
+                StaleImageDetector::count_fresh_rows(
+                    &self.config.frontend.stale_image,
+                    stale_detectors,
+                    left,
+                    guess,
+                    camera,
+                )
             });
             let (Some((left, right)), 1..) = (pyramids, fresh) else {
                 tracker.clear();
@@ -331,7 +334,7 @@ impl Odometry {
             // gives the vertical.
             let since = imu.samples.continuous_since(time_ns).unwrap_or(time_ns);
             if since < time_ns {
-                let from = since.max(time_ns - INITIALIZATION_WINDOW_NS);
+                let from = since.max(time_ns - self.config.estimator.initialization.window_ns);
                 imu.samples.between(from, time_ns, &mut readings);
             } else {
                 let near = imu.samples.at(time_ns);
@@ -339,11 +342,17 @@ impl Odometry {
                 readings.extend(near.map(|(reading, _)| reading));
             }
         }
-        let (state, sigmas) = initialize_static(time_ns, &readings, self.imu.is_some());
+        let (state, sigmas) = initialize_static(
+            &self.config.estimator.initialization,
+            time_ns,
+            &readings,
+            self.imu.is_some(),
+        );
         let mut window = self.window_of(state, &sigmas);
         for (k, (tracker, pyramids)) in self.trackers.iter_mut().zip(pyramids).enumerate() {
             if let Some((left, right)) = pyramids {
                 StaleImageDetector::count_fresh_rows(
+                    &self.config.frontend.stale_image,
                     &mut self.stale_detectors[k],
                     &left,
                     &state,
@@ -364,7 +373,13 @@ impl Odometry {
             .fixed_view::<6, 6>(0, 0)
             .into_owned();
         let inliers = window.landmarks.len();
-        let estimate = self.estimate(&window, &covariance, inliers, inliers >= MIN_INLIERS, true);
+        let estimate = self.estimate(
+            &window,
+            &covariance,
+            inliers,
+            inliers >= self.config.estimator.min_inliers,
+            true,
+        );
         self.window = Some(window);
         estimate
     }
@@ -387,7 +402,7 @@ impl Odometry {
             }],
             landmarks: BTreeMap::new(),
             prior,
-            observation_sigma_px: self.config.observation_sigma_px,
+            config: self.config.backend,
         }
     }
 
@@ -395,28 +410,34 @@ impl Odometry {
     /// samples; see [`reinitialization`]. `covariance` is that of its pose in the previous window,
     /// to which none of its observations is connected.
     fn reinitialize(&mut self, window: &mut Window, covariance: &Matrix6<f64>) {
+        let config = &self.config.estimator;
         let guess = window.newest().state;
         let mut readings = Vec::new();
         if let Some(imu) = &self.imu {
             let until = guess.time_ns;
             let continuous = imu.samples.continuous_since(until);
-            let is_silent =
-                (imu.samples.last_ns()).is_none_or(|last| until - last > IMU_TIMEOUT_NS);
+            let is_silent = (imu.samples.last_ns())
+                .is_none_or(|last| until - last > config.reinitialization.imu_timeout_ns);
             match continuous {
-                Some(since) if until - since >= MIN_CONTINUOUS_IMU_NS => {
-                    let from = since.max(until - INITIALIZATION_WINDOW_NS);
+                Some(since) if until - since >= config.reinitialization.min_continuous_imu_ns => {
+                    let from = since.max(until - self.config.estimator.initialization.window_ns);
                     imu.samples.between(from, until, &mut readings);
                 }
                 _ if is_silent => {}
                 _ => return,
             }
         }
-        if window.landmarks.len() < MIN_INLIERS {
+        if window.landmarks.len() < config.min_inliers {
             return;
         }
         let covariance = self.with_unmodeled(&guess, *covariance);
-        let (state, sigmas, uncertainty) =
-            reinitialization::reinitialize(&guess, &covariance, &readings, self.imu.is_some());
+        let (state, sigmas, uncertainty) = reinitialization::reinitialize(
+            config,
+            &guess,
+            &covariance,
+            &readings,
+            self.imu.is_some(),
+        );
         for frame in &window.frames[..window.frames.len() - 1] {
             self.ready.extend(finish_keyframe(&mut self.pending, frame));
         }
@@ -450,8 +471,9 @@ impl Odometry {
         let seconds = (time_ns - from.time_ns) as f64 * 1e-9;
         let preintegrated = (self.imu.as_ref()).and_then(|imu| imu.preintegrate(from, time_ns));
         let has_gravity = preintegrated.is_some();
-        let preintegrated =
-            preintegrated.unwrap_or_else(|| constant_velocity(from, self.rate(), time_ns));
+        let preintegrated = preintegrated.unwrap_or_else(|| {
+            constant_velocity(&self.config.inertial, from, self.rate(), time_ns)
+        });
         let gravity = if has_gravity {
             Vector3::new(0.0, 0.0, -crate::backend::state::GRAVITY)
         } else {
@@ -514,8 +536,13 @@ impl Odometry {
     ) -> Estimate {
         let state = &window.newest().state;
         let covariance = self.with_unmodeled(state, *covariance);
-        let mut covariance =
-            in_rig_frame(state, &self.body_from_rig, self.path_length_m, &covariance);
+        let mut covariance = in_rig_frame(
+            &self.config.backend.covariance,
+            state,
+            &self.body_from_rig,
+            self.path_length_m,
+            &covariance,
+        );
         let status = if is_tracked {
             Status::Tracked
         } else {
@@ -523,8 +550,9 @@ impl Odometry {
                 .fixed_view::<3, 3>(0, 0)
                 .symmetric_eigenvalues()
                 .amax();
-            let is_near =
-                max_variance.sqrt() < LOST_SIGMA_M + LOST_SIGMA_PER_METRE * state.position.norm();
+            let is_near = max_variance.sqrt()
+                < self.config.estimator.lost_sigma_m
+                    + self.config.estimator.lost_sigma_per_metre * state.position.norm();
             if is_near && !self.is_lost {
                 Status::DeadReckoned
             } else {
@@ -535,7 +563,7 @@ impl Odometry {
         let velocity = state.velocity + state.rotation * state.rate().cross(arm);
         let world_from_rig = state.world_from_rig(&self.body_from_rig);
         if self.imu.is_none() {
-            covariance += tilt_uncertainty(&world_from_rig);
+            covariance += tilt_uncertainty(&self.config.backend.covariance, &world_from_rig);
         }
         Estimate {
             time_ns: state.time_ns,

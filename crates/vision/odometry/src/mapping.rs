@@ -20,7 +20,7 @@ use crate::backend::solver::MIN_INVERSE_RANGE_PER_M;
 use crate::backend::state::{POSE_DIM, ROTATION, State};
 use crate::backend::window::{Frame, Landmark, MotionFactor, Prior, Window};
 use crate::config::Config;
-use crate::estimator::initialization::{UNKNOWN_TILT_SIGMA_RAD, initial_sigmas};
+use crate::estimator::initialization::initial_sigmas;
 use crate::inertial::propagation::{ImuPropagator, constant_velocity};
 use crate::input::ImuSample;
 use crate::keyframe::Keyframe;
@@ -32,10 +32,6 @@ mod loop_closure;
 
 pub use bundle_adjustment::Progress;
 pub use connectivity::Connectivity;
-
-/// Minimum number of keyframes that observe a landmark; with fewer it adds no information to that
-/// of the window.
-const MIN_OBSERVATIONS: usize = 2;
 
 /// Pose of a keyframe after bundle adjustment.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -101,7 +97,7 @@ pub struct Mapping {
     extrinsics: Vec<ExtrinsicsPrior>,
     body_from_rig: RigidTransform,
     imu: Option<ImuPropagator>,
-    observation_sigma_px: f64,
+    config: Config,
     keyframes: Vec<Keyframe>,
     motions: Vec<Option<MotionFactor>>,
 }
@@ -109,16 +105,18 @@ pub struct Mapping {
 impl Mapping {
     /// Creates the mapping of a rig, with the configuration of the estimator.
     pub fn new(rig: &Rig, config: &Config) -> Self {
-        let (cameras, body_from_rig, imu) = ImuPropagator::of(rig);
+        let (cameras, body_from_rig, imu) = ImuPropagator::of(rig, &config.inertial);
         let nominal = rig.cameras.iter().zip(&cameras);
         Self {
             extrinsics: nominal
-                .map(|(nominal, camera)| ExtrinsicsPrior::new(nominal, camera))
+                .map(|(nominal, camera)| {
+                    ExtrinsicsPrior::new(&config.backend.extrinsics, nominal, camera)
+                })
                 .collect(),
             cameras,
             body_from_rig,
             imu,
-            observation_sigma_px: config.observation_sigma_px,
+            config: *config,
             keyframes: Vec::new(),
             motions: Vec::new(),
         }
@@ -148,7 +146,7 @@ impl Mapping {
                 preintegrated: preintegrated.unwrap_or_else(|| {
                     let rotation_change = from.rotation.inverse() * to.rotation;
                     let rate = crate::so3::log(&rotation_change) / seconds.max(1e-3);
-                    constant_velocity(&from, rate, to.time_ns)
+                    constant_velocity(&self.config.inertial, &from, rate, to.time_ns)
                 }),
             }
         });
@@ -181,33 +179,46 @@ impl Mapping {
                 extrinsics: Vec::new(),
             };
         };
+        let config = &self.config.mapping;
+        let [trusting, robust, cleaned] = config.max_iterations;
         let mut window = self.window(&State::from(&first.state));
         // Outliers with respect to causal poses and stereo ranges. This also removes correct
         // observations of distant points at the end of long tracks, which have drifted most. With
         // ranges fitted to all observations first, errors nearly double in bad light.
-        bundle_adjustment::filter_landmarks(&mut window);
-        let mut found = loop_closure::find(&self.keyframes, &window, &mut progress);
+        bundle_adjustment::filter_landmarks(config, &mut window);
+        let mut found = loop_closure::find(
+            &config.loop_closure,
+            &self.keyframes,
+            &window,
+            &mut progress,
+        );
         // From here on extrinsics are estimated too.
         window.extrinsics.clone_from(&self.extrinsics);
         // A long path has a large closure error: loop closures are trusted at first, and get a
         // tighter robust loss after they converged.
-        let far = bundle_adjustment::optimize(&mut window, &found, 12, &mut progress);
+        let far = bundle_adjustment::optimize(config, &mut window, &found, trusting, &mut progress);
         found
             .iter_mut()
-            .for_each(loop_closure::Closure::tighten_loss);
-        let near = bundle_adjustment::optimize(&mut window, &found, 12, &mut progress);
-        bundle_adjustment::filter_landmarks(&mut window);
-        let last = bundle_adjustment::optimize(&mut window, &found, 30, &mut progress);
-        let covariances = bundle_adjustment::covariances(&window, &found);
+            .for_each(|closure| closure.tighten_loss(config.loop_closure.cauchy_sigma));
+        let near = bundle_adjustment::optimize(config, &mut window, &found, robust, &mut progress);
+        bundle_adjustment::filter_landmarks(config, &mut window);
+        let last = bundle_adjustment::optimize(config, &mut window, &found, cleaned, &mut progress);
+        let covariances = bundle_adjustment::covariances(config.max_covariances, &window, &found);
         let poses = window.frames.iter().zip(&covariances.poses);
         Refined {
             poses: poses
                 .map(|(frame, covariance)| {
                     let world_from_rig = frame.state.world_from_rig(&self.body_from_rig);
-                    let mut covariance =
-                        in_rig_frame(&frame.state, &self.body_from_rig, 0.0, covariance);
+                    let mut covariance = in_rig_frame(
+                        &self.config.backend.covariance,
+                        &frame.state,
+                        &self.body_from_rig,
+                        0.0,
+                        covariance,
+                    );
                     if self.imu.is_none() {
-                        covariance += tilt_uncertainty(&world_from_rig);
+                        covariance +=
+                            tilt_uncertainty(&self.config.backend.covariance, &world_from_rig);
                     }
                     RefinedPose {
                         number: frame.number,
@@ -246,7 +257,8 @@ impl Mapping {
             .expect("extrinsics are finite, since steps that are not finite are rejected");
             RefinedExtrinsics {
                 rig_from_left: rig_from_body * body_from_left,
-                covariance: prior.inflate(covariance),
+                covariance: prior
+                    .inflate(self.config.backend.covariance.sigma_inflation, covariance),
                 initial_error: [
                     initial_error.fixed_rows::<3>(0).norm(),
                     initial_error.fixed_rows::<3>(3).norm(),
@@ -259,10 +271,11 @@ impl Mapping {
 
     /// A window of all keyframes.
     fn window(&self, first: &State) -> Window {
-        let mut sigmas = initial_sigmas(self.imu.is_some());
+        let mut sigmas = initial_sigmas(&self.config.estimator.initialization, self.imu.is_some());
         let is_levelled = self.motions.iter().flatten().any(|m| m.has_gravity);
         if self.imu.is_some() && !is_levelled {
-            sigmas[ROTATION..ROTATION + 3].fill(UNKNOWN_TILT_SIGMA_RAD);
+            sigmas[ROTATION..ROTATION + 3]
+                .fill(self.config.estimator.initialization.unknown_tilt_sigma_rad);
         }
         let mut prior = Prior::of(self.keyframes[0].number, *first, &sigmas);
         let up = first.rotation.inverse() * nalgebra::Vector3::z();
@@ -306,7 +319,7 @@ impl Mapping {
                 continue;
             };
             observations.drain(..host);
-            if observations.len() < MIN_OBSERVATIONS {
+            if observations.len() < self.config.mapping.min_observations {
                 continue;
             }
             widen(&mut observations, &numbers);
@@ -327,7 +340,7 @@ impl Mapping {
             frames,
             landmarks,
             prior,
-            observation_sigma_px: self.observation_sigma_px,
+            config: self.config.backend,
         }
     }
 }

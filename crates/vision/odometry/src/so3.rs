@@ -7,7 +7,7 @@
 use nalgebra::{Matrix3, UnitQuaternion, Vector3};
 
 /// Angle below which second-order series are sufficiently exact, rad.
-const CONVERGENCE_PX: f64 = 1e-5;
+const SMALL_ANGLE_RAD: f64 = 1e-5;
 
 /// Matrix of the cross product `w x`.
 pub(crate) fn cross(w: &Vector3<f64>) -> Matrix3<f64> {
@@ -28,7 +28,7 @@ pub(crate) fn log(rotation: &UnitQuaternion<f64>) -> Vector3<f64> {
 pub(crate) fn right_jacobian(w: &Vector3<f64>) -> Matrix3<f64> {
     let angle = w.norm();
     let c = cross(w);
-    if angle < CONVERGENCE_PX {
+    if angle < SMALL_ANGLE_RAD {
         return Matrix3::identity() - c * 0.5 + c * c / 6.0;
     }
     let square = angle * angle;
@@ -40,7 +40,7 @@ pub(crate) fn right_jacobian(w: &Vector3<f64>) -> Matrix3<f64> {
 pub(crate) fn right_jacobian_inverse(w: &Vector3<f64>) -> Matrix3<f64> {
     let angle = w.norm();
     let c = cross(w);
-    if angle < CONVERGENCE_PX {
+    if angle < SMALL_ANGLE_RAD {
         return Matrix3::identity() + c * 0.5 + c * c / 12.0;
     }
     let square = angle * angle;

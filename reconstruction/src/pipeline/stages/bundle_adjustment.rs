@@ -14,7 +14,7 @@ use scene_bundle::outputs::rig::RigModel;
 use scene_bundle::outputs::trajectory::TrajectoryWriter;
 use scene_bundle::outputs::{self, RIG, RIG_REFINED, TRACKS, TRAJECTORY, TRAJECTORY_CAUSAL};
 use scene_bundle::{Pose, Status, Trajectory};
-use serde_json::Value;
+use serde_json::{Value, json};
 
 use super::{HANDOFF, Preset, odometry as before, rig};
 use crate::input::Input;
@@ -43,14 +43,14 @@ impl Stage<Input> for BundleAdjustmentStage {
     }
 
     fn settings(&self) -> Value {
-        before::settings_json(&before::settings(self.preset))
+        json!(before::config(self.preset))
     }
 
     fn run(&self, work: &Work<'_, Input>) -> Result<(), StageError> {
         let model = outputs::rig::read(&work.read(RIG)?)?;
         let causal = outputs::trajectory::read(&work.read(TRAJECTORY_CAUSAL)?)?;
         let keyframes = outputs::tracks::read(&work.read(TRACKS)?, model.cameras.len())?;
-        let mut mapping = Mapping::new(&rig::odometry_rig(&model), &before::settings(self.preset));
+        let mut mapping = Mapping::new(&rig::odometry_rig(&model), &before::config(self.preset));
         let mut samples = Vec::new();
         if let Some(imu) = model.imus.first() {
             for batch in work.source().imu_batches(&imu.name)? {

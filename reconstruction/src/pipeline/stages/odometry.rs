@@ -22,24 +22,13 @@ pub(super) struct OdometryStage {
     pub(super) preset: Preset,
 }
 
-/// Settings of the odometry for a preset of the pipeline.
-pub(super) fn settings(preset: Preset) -> Config {
+/// Configuration of odometry and mapping for a preset of the pipeline; the whole of it goes into the
+/// provenance.
+pub(super) fn config(preset: Preset) -> Config {
     Config::preset(match preset {
         Preset::Fast => ::odometry::Preset::Fast,
         Preset::Balanced => ::odometry::Preset::Balanced,
         Preset::Accurate => ::odometry::Preset::Accurate,
-    })
-}
-
-/// The same as JSON, for the manifest.
-pub(super) fn settings_json(settings: &Config) -> Value {
-    json!({
-        "corners": settings.max_features,
-        "frames": settings.window_size,
-        "rounds": settings.max_iterations,
-        "every": settings.optimize_every_frame,
-        "parallax_px": settings.keyframe_parallax_px,
-        "sigma_px": settings.observation_sigma_px,
     })
 }
 
@@ -61,7 +50,7 @@ impl Stage<Input> for OdometryStage {
     }
 
     fn settings(&self) -> Value {
-        settings_json(&settings(self.preset))
+        json!(config(self.preset))
     }
 
     fn run(&self, work: &Work<'_, Input>) -> Result<(), StageError> {
@@ -71,7 +60,7 @@ impl Stage<Input> for OdometryStage {
             let most = outputs::tracks::MAX_CAMERAS;
             return Err(format!("found {found} cameras, expected at most {most}").into());
         }
-        let mut odometry = Odometry::new(&rig::odometry_rig(&model), settings(self.preset));
+        let mut odometry = Odometry::new(&rig::odometry_rig(&model), config(self.preset));
         let mut poses = TrajectoryWriter::new(work.draft(TRAJECTORY_CAUSAL))?;
         let mut tracks = TracksWriter::new(work.draft(TRACKS))?;
         for camera in &model.cameras {

@@ -202,7 +202,8 @@ fn settings(results: &Results, poses: Poses) -> Option<Chart> {
             .map(|value| point(&balanced_with(key, *value)))
             .collect();
         let labels = values.iter().map(usize::to_string);
-        series.push(Series::line(key, points).labels(labels).slot(k));
+        let name = key.rsplit('.').next().unwrap_or(key);
+        series.push(Series::line(name, points).labels(labels).slot(k));
     }
     let missing = match lost.is_empty() {
         true => String::new(),

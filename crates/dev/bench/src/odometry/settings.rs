@@ -1,12 +1,14 @@
-//! Settings of odometry by name: a preset, and differences from it, as in `balanced corners=40`.
+//! Configurations of odometry by name: a preset, and differences from it, as in
+//! `balanced frontend.max_features=40`.
 
 use ::odometry::{Config, Preset};
 use anyhow::{Context, Result, bail};
+use serde_json::Value;
 
-/// The settings that a name stands for.
+/// The configuration that a name stands for.
 ///
 /// # Errors
-/// Unknown name.
+/// Unknown name, or a value of another type.
 pub(crate) fn parse(name: &str) -> Result<Config> {
     let mut words = name.split_whitespace();
     let preset = match words.next() {
@@ -15,23 +17,19 @@ pub(crate) fn parse(name: &str) -> Result<Config> {
         Some("accurate") => Preset::Accurate,
         other => bail!("found the preset {other:?}, expected fast, balanced or accurate"),
     };
-    let mut settings = Config::preset(preset);
+    let mut config = serde_json::to_value(Config::preset(preset))?;
     for word in words {
         let (key, value) = word
             .split_once('=')
             .with_context(|| format!("found {word:?}, expected KEY=VALUE"))?;
-        match key {
-            "corners" => settings.max_features = value.parse()?,
-            "frames" => settings.window_size = value.parse()?,
-            "rounds" => settings.max_iterations = value.parse()?,
-            "every" => settings.optimize_every_frame = value.parse()?,
-            "parallax_px" => settings.keyframe_parallax_px = value.parse()?,
-            other => {
-                bail!("found {other:?}, expected corners, frames, rounds, every or parallax_px")
-            }
-        }
+        let pointer = format!("/{}", key.replace('.', "/"));
+        let field = config.pointer_mut(&pointer).with_context(|| {
+            format!("found {key:?}, expected a field of odometry's configuration as in backend.window_size")
+        })?;
+        *field = serde_json::from_str::<Value>(value)
+            .with_context(|| format!("reading the value of {key}"))?;
     }
-    Ok(settings)
+    serde_json::from_value(config).with_context(|| format!("reading {name:?}"))
 }
 
 #[cfg(test)]
@@ -42,10 +40,19 @@ mod tests {
     fn names_are_presets_with_differences() {
         let balanced = Config::preset(Preset::Balanced);
         assert_eq!(parse("balanced").expect("a preset"), balanced);
-        let other = parse("balanced corners=40 every=true").expect("a name");
-        assert_eq!((other.max_features, other.optimize_every_frame), (40, true));
-        assert_eq!(other.window_size, balanced.window_size);
-        for wrong in ["", "slow", "fast corners", "fast legs=4", "fast corners=x"] {
+        let other = "balanced frontend.max_features=40 backend.optimize_every_frame=true";
+        let other = parse(other).expect("a name");
+        assert_eq!(other.frontend.max_features, 40);
+        assert!(other.backend.optimize_every_frame);
+        assert_eq!(other.mapping, balanced.mapping);
+        for wrong in [
+            "",
+            "slow",
+            "fast frontend.max_features",
+            "fast legs=4",
+            "fast frontend.max_features=x",
+            "fast frontend.max_features=0.5",
+        ] {
             assert!(parse(wrong).is_err(), "{wrong}");
         }
     }

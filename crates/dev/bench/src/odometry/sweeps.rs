@@ -33,9 +33,9 @@ pub(crate) const CAMERAS_SETS: usize = 900;
 pub(crate) const PRESETS: [&str; 3] = ["fast", "balanced", "accurate"];
 /// One setting of `balanced` at a time: its key, and its values in order; the preset's own is among them.
 pub(crate) const SWEEPS: [(&str, &[usize]); 3] = [
-    ("corners", &[30, 45, 60, 80, 110, 160, 240]),
-    ("frames", &[4, 6, 8, 11, 16]),
-    ("rounds", &[1, 2, 4, 8]),
+    ("frontend.max_features", &[30, 45, 60, 80, 110, 160, 240]),
+    ("backend.window_size", &[4, 6, 8, 11, 16]),
+    ("backend.max_iterations", &[1, 2, 4, 8]),
 ];
 /// Which cameras are used together.
 pub(crate) const CAMERAS: [(&str, &[&str]); 5] = [

@@ -4,32 +4,27 @@ use cad_transforms::RigidTransform;
 use nalgebra::{Matrix6, Matrix6x2};
 
 use crate::backend::state::State;
+use crate::config::CovarianceConfig;
 use crate::so3::cross;
-
-/// Covariance inflation: factor on the standard deviations reported by the solver; see [`inflate`].
-/// Compare OpenVINS `init_dyn_inflation_*`.
-pub(crate) const SIGMA_INFLATION: f64 = 3.0;
-/// Additional sigmas of position, scale, drift and rotation; see [`inflate`].
-const POSITION_SIGMA_FLOOR_M: f64 = 0.003;
-const SCALE_SIGMA: f64 = 1.5e-3;
-const DRIFT_PER_METRE: f64 = 8e-4;
-const ROTATION_SIGMA_FLOOR_RAD: f64 = 2.5e-3;
-/// Initial tilt sigma of a rig without an IMU, whose world is not leveled, rad.
-const INITIAL_TILT_SIGMA_RAD: f64 = 0.35;
 
 /// Adds errors that the covariance of the solver does not model: observations of one feature are
 /// correlated over frames, and calibrations have constant errors. Sigmas are multiplied by
-/// [`SIGMA_INFLATION`]; a scale error times the distance from the start, and a drift times the path
+/// `sigma_inflation`; a scale error times the distance from the start, and a drift times the path
 /// length since the last closure, m, are added. Values from simulated walks; see
 /// docs/decisions/0010-odometry.md.
-fn inflate(state: &State, path_length_m: f64, covariance: &Matrix6<f64>) -> Matrix6<f64> {
-    let mut out = covariance * (SIGMA_INFLATION * SIGMA_INFLATION);
-    let position_sigma_m = POSITION_SIGMA_FLOOR_M
-        + SCALE_SIGMA * state.position.norm()
-        + DRIFT_PER_METRE * path_length_m;
+fn inflate(
+    config: &CovarianceConfig,
+    state: &State,
+    path_length_m: f64,
+    covariance: &Matrix6<f64>,
+) -> Matrix6<f64> {
+    let mut out = covariance * (config.sigma_inflation * config.sigma_inflation);
+    let position_sigma_m = config.position_sigma_floor_m
+        + config.scale_sigma * state.position.norm()
+        + config.drift_per_metre * path_length_m;
     for k in 0..3 {
         out[(k, k)] += position_sigma_m * position_sigma_m;
-        out[(k + 3, k + 3)] += ROTATION_SIGMA_FLOOR_RAD * ROTATION_SIGMA_FLOOR_RAD;
+        out[(k + 3, k + 3)] += config.rotation_sigma_floor_rad * config.rotation_sigma_floor_rad;
     }
     out
 }
@@ -37,7 +32,10 @@ fn inflate(state: &State, path_length_m: f64, covariance: &Matrix6<f64>) -> Matr
 /// Covariance of a pose due to a tilt of the whole world about its origin, as a small motion in the
 /// axes of the rig. Without an IMU the vertical of the world is that of the first rig pose, which
 /// may not be upright.
-pub(crate) fn tilt_uncertainty(world_from_rig: &RigidTransform) -> Matrix6<f64> {
+pub(crate) fn tilt_uncertainty(
+    config: &CovarianceConfig,
+    world_from_rig: &RigidTransform,
+) -> Matrix6<f64> {
     let back = world_from_rig.rotation().inverse().to_rotation_matrix();
     let mut jacobian = Matrix6x2::zeros();
     jacobian.fixed_view_mut::<3, 2>(0, 0).copy_from(
@@ -46,12 +44,15 @@ pub(crate) fn tilt_uncertainty(world_from_rig: &RigidTransform) -> Matrix6<f64> 
     jacobian
         .fixed_view_mut::<3, 2>(3, 0)
         .copy_from(&back.matrix().fixed_view::<3, 2>(0, 0));
-    jacobian * jacobian.transpose() * (INITIAL_TILT_SIGMA_RAD * INITIAL_TILT_SIGMA_RAD)
+    jacobian
+        * jacobian.transpose()
+        * (config.initial_tilt_sigma_rad * config.initial_tilt_sigma_rad)
 }
 
 /// Inflates a covariance and converts it from errors of the body (position in the world, rotation
 /// in the body) to a small motion of the rig in its own axes.
 pub(crate) fn in_rig_frame(
+    config: &CovarianceConfig,
     state: &State,
     body_from_rig: &RigidTransform,
     path_length_m: f64,
@@ -71,7 +72,7 @@ pub(crate) fn in_rig_frame(
         .fixed_view_mut::<3, 3>(0, 3)
         .copy_from(&(lever_arm * rotation));
     let jacobian = adjoint * to_own;
-    let own = jacobian * inflate(state, path_length_m, covariance) * jacobian.transpose();
+    let own = jacobian * inflate(config, state, path_length_m, covariance) * jacobian.transpose();
     (own + own.transpose()) * 0.5
 }
 
@@ -104,14 +105,15 @@ mod tests {
             std::f64::consts::FRAC_1_SQRT_2,
         ];
         let pose = RigidTransform::from_wxyz(rotation, [10.0, 0.0, 0.0]).unwrap();
-        let covariance = tilt_uncertainty(&pose);
+        let config = CovarianceConfig::default();
+        let covariance = tilt_uncertainty(&config, &pose);
         let sigma = |k: usize| covariance[(k, k)].sqrt();
         let expected = [
             0.0,
             0.0,
-            10.0 * INITIAL_TILT_SIGMA_RAD,
-            INITIAL_TILT_SIGMA_RAD,
-            INITIAL_TILT_SIGMA_RAD,
+            10.0 * config.initial_tilt_sigma_rad,
+            config.initial_tilt_sigma_rad,
+            config.initial_tilt_sigma_rad,
             0.0,
         ];
         for (k, expected) in expected.into_iter().enumerate() {

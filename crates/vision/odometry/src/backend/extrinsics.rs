@@ -6,19 +6,10 @@
 
 use nalgebra::{Matrix3, Matrix6, Rotation3, SMatrix, UnitQuaternion, Vector3, Vector6};
 
-use crate::backend::covariance::SIGMA_INFLATION;
 use crate::backend::observation::Camera;
+use crate::config::ExtrinsicsConfig;
 use crate::rig::StereoCamera;
 use crate::so3;
-
-/// Default extrinsics sigmas where the calibration gives none, m and rad. The translation is
-/// considered known: a walk determines it less accurately than a ruler (errors of 5 to 20 mm with a
-/// prior of 5 mm), and it matters less than the rotation.
-const DEFAULT_EXTRINSICS_SIGMA: [f64; 2] = [1e-3, 3.5e-3];
-/// Sigma added to that of the calibration, m and rad: plates bend and warm up, the extrinsics of
-/// the IMU have errors too, and estimates from a walk with correct extrinsics deviate by up to a
-/// tenth of a degree.
-const EXTRINSICS_SIGMA_FLOOR: [f64; 2] = [3e-4, 1.2e-3];
 
 /// Prior of the extrinsics of one camera.
 #[derive(Clone, Debug)]
@@ -30,15 +21,15 @@ pub(crate) struct ExtrinsicsPrior {
 
 impl ExtrinsicsPrior {
     /// Prior of a camera of the rig.
-    pub(crate) fn new(of: &StereoCamera, camera: &Camera) -> Self {
+    pub(crate) fn new(config: &ExtrinsicsConfig, of: &StereoCamera, camera: &Camera) -> Self {
         let squares = |sigmas: [f64; 2]| {
             let of = |k: usize| sigmas[k / 3] * sigmas[k / 3];
             Matrix6::from_diagonal(&Vector6::from_fn(|k, _| of(k)))
         };
         let prior = of
             .covariance
-            .unwrap_or_else(|| squares(DEFAULT_EXTRINSICS_SIGMA));
-        let covariance = prior + squares(EXTRINSICS_SIGMA_FLOOR);
+            .unwrap_or_else(|| squares(config.default_sigma));
+        let covariance = prior + squares(config.sigma_floor);
         let inverse = covariance.try_inverse();
         Self {
             at: camera.body_from_left,
@@ -55,16 +46,16 @@ impl ExtrinsicsPrior {
 
     /// Inflates the covariance of extrinsics from bundle adjustment: the information of the
     /// observations is reduced as for poses, that of the prior is unchanged.
-    pub(crate) fn inflate(&self, covariance: &Matrix6<f64>) -> Matrix6<f64> {
+    pub(crate) fn inflate(&self, sigma_inflation: f64, covariance: &Matrix6<f64>) -> Matrix6<f64> {
         if covariance.trace() > self.sigmas().norm_squared() {
             // The solver could not determine it.
             return *covariance;
         }
         let inflate = covariance.try_inverse().and_then(|information| {
             let measured = information - self.information;
-            (self.information + measured / (SIGMA_INFLATION * SIGMA_INFLATION)).try_inverse()
+            (self.information + measured / (sigma_inflation * sigma_inflation)).try_inverse()
         });
-        inflate.unwrap_or(covariance * (SIGMA_INFLATION * SIGMA_INFLATION))
+        inflate.unwrap_or(covariance * (sigma_inflation * sigma_inflation))
     }
 
     /// Error of a camera relative to the prior.
@@ -125,18 +116,18 @@ mod tests {
     fn inflation_reduces_observation_information_and_preserves_the_prior() {
         let of = test_rig::stereo(0.1);
         let camera = Camera::new(&of, &cad_transforms::RigidTransform::identity());
-        let prior = ExtrinsicsPrior::new(&of, &camera);
+        let prior = ExtrinsicsPrior::new(&Default::default(), &of, &camera);
         let before = prior
             .information
             .try_inverse()
             .expect("the prior information is invertible");
         // Observations with the same information as the prior: half the covariance, and theirs is
         // reduced by a factor of nine.
-        let inflate = prior.inflate(&(before * 0.5));
+        let inflate = prior.inflate(3.0, &(before * 0.5));
         assert!((inflate - before * 0.9).amax() < 1e-9 * before.amax());
         // Observations without information, and a solver that reports no information.
-        assert!((prior.inflate(&before) - before).amax() < 1e-9 * before.amax());
+        assert!((prior.inflate(3.0, &before) - before).amax() < 1e-9 * before.amax());
         let unknown = Matrix6::identity() * 1e6;
-        assert_eq!(prior.inflate(&unknown), unknown);
+        assert_eq!(prior.inflate(3.0, &unknown), unknown);
     }
 }

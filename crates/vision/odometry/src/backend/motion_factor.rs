@@ -218,7 +218,7 @@ mod tests {
         };
         let zero = Vector3::zeros();
         let motion = MotionFactor {
-            preintegrated: Preintegrated::new(&readings, &zero, &zero, &noise),
+            preintegrated: Preintegrated::new(&readings, &zero, &zero, &noise, &Default::default()),
             has_gravity: true,
             bias_walk: [0.1, 0.2],
         };

@@ -15,12 +15,11 @@ use crate::backend::observation::{
 };
 use crate::backend::state::{Error, POSE_DIM, STATE_DIM, State};
 use crate::backend::window::{Landmark, Window};
+use crate::config::BackendConfig;
 use crate::so3;
 
 /// Number of landmarks per piece.
 const LANDMARKS_PER_PIECE: usize = 48;
-/// Threshold of the Huber loss, in standard deviations.
-const HUBER_SIGMA: f64 = 1.5;
 /// Minimum inverse range, 1/m: more distant points are treated as infinitely far.
 pub(crate) const MIN_INVERSE_RANGE_PER_M: f64 = 1e-4;
 
@@ -56,16 +55,16 @@ impl LandmarkBlock {
     }
 }
 
-/// Huber weight and cost of a squared residual in standard deviations.
+/// Huber weight and cost of a squared residual and a threshold in standard deviations.
 #[inline]
-pub(crate) fn huber(squared_residual: f64) -> (f64, f64) {
-    if squared_residual <= HUBER_SIGMA * HUBER_SIGMA {
+pub(crate) fn huber(huber_sigma: f64, squared_residual: f64) -> (f64, f64) {
+    if squared_residual <= huber_sigma * huber_sigma {
         (1.0, squared_residual)
     } else {
         let size = squared_residual.sqrt();
         (
-            HUBER_SIGMA / size,
-            2.0 * HUBER_SIGMA * size - HUBER_SIGMA * HUBER_SIGMA,
+            huber_sigma / size,
+            2.0 * huber_sigma * size - huber_sigma * huber_sigma,
         )
     }
 }
@@ -131,11 +130,14 @@ fn residuals(
     by_rho: &Vector3<f64>,
     rho: f64,
     is_host: bool,
-    observation_sigma_px: f64,
+    config: &BackendConfig,
 ) -> [Option<Residual>; 2] {
+    let (observation_sigma_px, huber_sigma) = (config.observation_sigma_px, config.huber_sigma);
     let weigh = |residual: Vector2<f64>, by_x: SMatrix<f64, 2, 3>, by_rho: Vector2<f64>| {
-        let (weight, cost) =
-            huber(residual.norm_squared() / (observation_sigma_px * observation_sigma_px));
+        let (weight, cost) = huber(
+            huber_sigma,
+            residual.norm_squared() / (observation_sigma_px * observation_sigma_px),
+        );
         Residual {
             residual,
             by_x,
@@ -149,7 +151,11 @@ fn residuals(
         by_x: SMatrix::zeros(),
         by_rho: Vector2::zeros(),
         weight: 0.0,
-        cost: huber(bearing.saturated_residual() / (observation_sigma_px * observation_sigma_px)).1,
+        cost: huber(
+            huber_sigma,
+            bearing.saturated_residual() / (observation_sigma_px * observation_sigma_px),
+        )
+        .1,
     };
     let left = (!is_host).then(|| match observation.left.residual(x) {
         Some((residual, by)) => weigh(residual, by, by * by_rho),
@@ -225,7 +231,7 @@ fn add(window: &Window, landmark: &Landmark, sums: &mut impl NormalEquations) ->
                 &Vector3::zeros(),
                 landmark.rho,
                 true,
-                window.observation_sigma_px,
+                &window.config,
             );
             for r in rays.into_iter().flatten() {
                 part.cost += r.cost;
@@ -267,7 +273,7 @@ fn add(window: &Window, landmark: &Landmark, sums: &mut impl NormalEquations) ->
             &transferred.by_rho,
             landmark.rho,
             false,
-            window.observation_sigma_px,
+            &window.config,
         );
         let by_cameras = (!window.extrinsics.is_empty()).then(|| {
             let now_from_then =
@@ -540,7 +546,7 @@ fn cost(window: &Window, landmarks: &[&Landmark]) -> f64 {
 pub(crate) fn landmark_cost(window: &Window, landmark: &Landmark) -> f64 {
     let mut sum = 0.0;
     for_each_residual(window, landmark, |_, _, squared_residual| {
-        sum += huber(squared_residual).1
+        sum += huber(window.config.huber_sigma, squared_residual).1
     });
     sum
 }
@@ -558,7 +564,7 @@ pub(crate) fn for_each_residual(
     };
     let host_camera = &window.cameras[host.camera];
     let host_pose = CameraPose::new(&window.frames[host_frame].state, host.exposure_offset_s);
-    let scale = 1.0 / (window.observation_sigma_px * window.observation_sigma_px);
+    let scale = 1.0 / (window.config.observation_sigma_px * window.config.observation_sigma_px);
     for (k, (number, observation)) in landmark.observations.iter().enumerate() {
         let Some(frame) = window.position(*number) else {
             continue;
@@ -636,7 +642,7 @@ pub(crate) fn optimize_window(
             before = Some(after);
             solved.cost[1] = after;
             damping = (damping * 0.1).max(1e-7);
-            if gained < 1e-3 * now.max(1.0) || step.amax() < 1e-6 {
+            if gained < window.config.convergence_ratio * now.max(1.0) || step.amax() < 1e-6 {
                 break;
             }
         } else {
@@ -714,7 +720,8 @@ pub(crate) fn refine_newest(
 ) -> Option<SMatrix<f64, STATE_DIM, STATE_DIM>> {
     let last = window.frames.len() - 1;
     let number = window.frames[last].number;
-    let sigma = window.observation_sigma_px;
+    let config = window.config;
+    let sigma = config.observation_sigma_px;
     // Landmarks are fixed: positions in the world, scaled by their inverse ranges.
     let visual_terms: Vec<(Vector3<f64>, Vector3<f64>, f64, BearingObservation)> = window
         .landmarks
@@ -745,14 +752,17 @@ pub(crate) fn refine_newest(
         .as_ref()
         .is_some_and(|m| m.has_gravity);
     let reach: &[f64] = if preintegrated {
-        &[12.0, 8.0, 6.0, 5.0]
+        &config.newest_pose.tukey_sigma
     } else {
-        &[240.0, 160.0, 100.0, 60.0, 36.0, 24.0, 16.0, 10.0, 7.0, 5.0]
+        &config.newest_pose.tukey_sigma_without_imu
     };
     let mut information = None;
     for round in 0..rounds + reach.len() {
         let state: State = window.frames[last].state;
-        let scale = reach.get(round).copied().unwrap_or(4.0);
+        let scale = reach
+            .get(round)
+            .copied()
+            .unwrap_or(config.newest_pose.tukey_sigma_final);
         let mut h = SMatrix::<f64, STATE_DIM, STATE_DIM>::zeros();
         let mut g = SVector::<f64, STATE_DIM>::zeros();
         for (x, position, rho, observation) in &visual_terms {
@@ -772,7 +782,7 @@ pub(crate) fn refine_newest(
                 &Vector3::zeros(),
                 *rho,
                 false,
-                sigma,
+                &config,
             );
             for r in rays.into_iter().flatten() {
                 let size = r.residual.norm() / (sigma * scale);

@@ -11,6 +11,7 @@ use nalgebra::{DMatrix, DVector, SMatrix};
 use crate::backend::extrinsics::ExtrinsicsPrior;
 use crate::backend::observation::{BearingObservation, Camera};
 use crate::backend::state::{POSE_DIM, STATE_DIM, State};
+use crate::config::BackendConfig;
 use crate::inertial::imu_buffer::Preintegrated;
 
 /// A frame of the window.
@@ -61,8 +62,7 @@ pub(crate) struct Window {
     pub(crate) frames: Vec<Frame>,
     pub(crate) landmarks: BTreeMap<u64, Landmark>,
     pub(crate) prior: Prior,
-    /// Standard deviation of an observation, px.
-    pub(crate) observation_sigma_px: f64,
+    pub(crate) config: BackendConfig,
 }
 
 impl Prior {

@@ -9,17 +9,7 @@ use nalgebra::{Matrix3, Vector3};
 
 use crate::backend::observation::{CameraPose, transfer};
 use crate::backend::window::Window;
-
-/// Minimum number of observations of the tested camera, and of all others together.
-const MIN_INLIERS: usize = 12;
-/// Maximum residual of an inlier, px.
-const INLIER_PX: f64 = 1.5;
-/// Maximum inlier ratio of a shifted camera without a rotation, its minimum inlier ratio with one,
-/// and the minimum inlier ratio of all other cameras.
-const MAX_STATIC_INLIER_RATIO: f64 = 0.3;
-const MIN_ROTATED_INLIER_RATIO: f64 = 0.6;
-const MIN_OTHER_INLIER_RATIO: f64 = 0.6;
-const MAX_ITERATIONS: usize = 5;
+use crate::config::CameraShiftConfig;
 
 /// Detected shift of a camera.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -36,7 +26,7 @@ pub struct CameraShift {
 type Pair = (Vector3<f64>, Vector3<f64>);
 
 /// Camera that was moved since the previous frame, if any. The pose of the newest frame is known.
-pub(crate) fn find(window: &Window) -> Option<CameraShift> {
+pub(crate) fn find(config: &CameraShiftConfig, window: &Window) -> Option<CameraShift> {
     let frame = window.newest();
     let mut pairs: Vec<Vec<Pair>> = vec![Vec::new(); window.cameras.len()];
     for landmark in window.landmarks.values() {
@@ -59,7 +49,7 @@ pub(crate) fn find(window: &Window) -> Option<CameraShift> {
     let judged: Vec<(usize, usize)> = (pairs.iter().enumerate())
         .map(|(k, pairs)| {
             (
-                count_inliers(window, k, pairs, &Vector3::zeros()),
+                count_inliers(config, window, k, pairs, &Vector3::zeros()),
                 pairs.len(),
             )
         })
@@ -69,13 +59,13 @@ pub(crate) fn find(window: &Window) -> Option<CameraShift> {
         let others = judged.iter().enumerate().filter(|(k, _)| *k != camera);
         let (others_good, others_all) =
             others.fold((0, 0), |sum, (_, one)| (sum.0 + one.0, sum.1 + one.1));
-        let is_alone = all >= MIN_INLIERS
-            && others_all >= MIN_INLIERS
-            && inliers as f64 <= MAX_STATIC_INLIER_RATIO * all as f64
-            && others_good as f64 >= MIN_OTHER_INLIER_RATIO * others_all as f64;
-        let rotation = is_alone.then(|| rotation(window, camera, &pairs[camera]))??;
-        let inliers = count_inliers(window, camera, &pairs[camera], &rotation);
-        (inliers as f64 >= MIN_ROTATED_INLIER_RATIO * all as f64).then_some(CameraShift {
+        let is_alone = all >= config.min_observations
+            && others_all >= config.min_observations
+            && inliers as f64 <= config.max_static_inlier_ratio * all as f64
+            && others_good as f64 >= config.min_other_inlier_ratio * others_all as f64;
+        let rotation = is_alone.then(|| rotation(config, window, camera, &pairs[camera]))??;
+        let inliers = count_inliers(config, window, camera, &pairs[camera], &rotation);
+        (inliers as f64 >= config.min_rotated_inlier_ratio * all as f64).then_some(CameraShift {
             time_ns: frame.state.time_ns,
             camera,
             rotation_rad: rotation.norm(),
@@ -87,24 +77,35 @@ fn residual(pair: &Pair, rotation: &Vector3<f64>) -> Vector3<f64> {
     pair.1 - pair.0 - rotation.cross(&pair.0)
 }
 
-fn count_inliers(window: &Window, camera: usize, pairs: &[Pair], rotation: &Vector3<f64>) -> usize {
+fn count_inliers(
+    config: &CameraShiftConfig,
+    window: &Window,
+    camera: usize,
+    pairs: &[Pair],
+    rotation: &Vector3<f64>,
+) -> usize {
     let scale = window.cameras[camera].left.model().fx;
     let inliers = pairs
         .iter()
-        .filter(|p| scale * residual(p, rotation).norm() < INLIER_PX);
+        .filter(|p| scale * residual(p, rotation).norm() < config.inlier_px);
     inliers.count()
 }
 
 /// Small rotation that explains most residuals.
-fn rotation(window: &Window, camera: usize, pairs: &[Pair]) -> Option<Vector3<f64>> {
+fn rotation(
+    config: &CameraShiftConfig,
+    window: &Window,
+    camera: usize,
+    pairs: &[Pair],
+) -> Option<Vector3<f64>> {
     let scale = window.cameras[camera].left.model().fx;
     let mut rotation = Vector3::zeros();
-    for _ in 0..MAX_ITERATIONS {
+    for _ in 0..config.iterations {
         let (mut h, mut g) = (Matrix3::zeros(), Vector3::zeros());
         for pair in pairs {
             let residual = residual(pair, &rotation);
             // Large residuals have little weight, so that moving objects do not dominate.
-            let weight = INLIER_PX / (scale * residual.norm()).max(INLIER_PX);
+            let weight = config.inlier_px / (scale * residual.norm()).max(config.inlier_px);
             h += (Matrix3::identity() - pair.0 * pair.0.transpose()) * weight;
             g += pair.0.cross(&residual) * weight;
         }
@@ -136,14 +137,17 @@ mod tests {
     #[test]
     fn rotated_camera_is_detected() {
         let by = Vector3::new(0.02, -0.01, 0.03);
-        let shift = find(&rotation_rad(by)).expect("a camera shift");
+        let shift = find(&Default::default(), &rotation_rad(by)).expect("a camera shift");
         assert_eq!(shift.camera, 1);
         assert!((shift.rotation_rad - by.norm()).abs() < 1e-3, "{shift:?}");
     }
 
     #[test]
     fn static_camera_and_random_residuals_are_not_detected() {
-        assert_eq!(find(&rotation_rad(Vector3::zeros())), None);
+        assert_eq!(
+            find(&Default::default(), &rotation_rad(Vector3::zeros())),
+            None
+        );
         let mut window = rotation_rad(Vector3::zeros());
         let number = window.newest().number;
         let observations = window
@@ -155,6 +159,6 @@ mod tests {
             let direction = Vector3::new((k as f64).sin(), (1.7 * k as f64).cos(), 0.0);
             observation.left.ray = (observation.left.ray + direction * 0.05).normalize();
         }
-        assert_eq!(find(&window), None);
+        assert_eq!(find(&Default::default(), &window), None);
     }
 }

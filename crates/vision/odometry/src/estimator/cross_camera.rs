@@ -13,22 +13,13 @@ use rayon::prelude::*;
 use super::{Odometry, world_from_left};
 use crate::backend::observation::{Camera, CameraPose, transfer};
 use crate::backend::window::Window;
+use crate::config::FrontendConfig;
 use crate::frontend::pyramid::{Level, Pyramid};
 use crate::frontend::tracker::{Expected, Track};
 
 /// Side of the warped patch, px, and its center.
 const WARP_SIDE_PX: usize = 48;
 const WARP_CENTER_PX: f64 = 24.0;
-/// Step of the numerical derivatives of the warp, px.
-const DERIVATIVE_STEP_PX: f64 = 4.0;
-/// Limits of the scale of the warp: pixels of one image per pixel of the other.
-const MAX_SCALE_RATIO: f64 = 3.0;
-/// Maximum distance of a match from its prediction, px, and maximum deviation of its inverse range:
-/// a fraction, and 1/m.
-const MAX_POSITION_ERROR_PX: f32 = 5.0;
-const MAX_INVERSE_RANGE_ERROR_RATIO: f64 = 0.1;
-const MAX_INVERSE_RANGE_ERROR_PER_M: f64 = 0.01;
-
 /// A feature that should be visible in the other camera.
 struct Candidate {
     id: u64,
@@ -46,6 +37,8 @@ impl Odometry {
                 world_from_left(camera, &CameraPose::new(&state, *exposure_offset_s))
             })
             .collect();
+        let frontend = &self.config.frontend;
+        let config = &frontend.cross_camera;
         let count = self.cameras.len();
         let pairs = (0..count).flat_map(|to| (0..count).map(move |from| (from, to)));
         for (from, to) in pairs.filter(|(from, to)| from != to) {
@@ -74,7 +67,7 @@ impl Odometry {
                 .par_iter()
                 .with_min_len(4)
                 .map(|candidate| {
-                    let patch = warp_patch(level, cameras, &from_there, candidate)?;
+                    let patch = warp_patch(frontend, level, cameras, &from_there, candidate)?;
                     let middle = [WARP_CENTER_PX as f32; 2];
                     let expected = candidate.expected;
                     let track =
@@ -82,10 +75,10 @@ impl Odometry {
                     let distance =
                         (track.at[0] - expected.at[0]).hypot(track.at[1] - expected.at[1]);
                     let apart = (track.rho? - candidate.rho).abs();
-                    let fits = distance < MAX_POSITION_ERROR_PX
+                    let fits = distance < config.max_position_error_px as f32
                         && apart
-                            < MAX_INVERSE_RANGE_ERROR_RATIO * candidate.rho
-                                + MAX_INVERSE_RANGE_ERROR_PER_M;
+                            < config.max_inverse_range_error_ratio * candidate.rho
+                                + config.max_inverse_range_error_per_m;
                     fits.then_some(track)
                 })
                 .collect();
@@ -141,11 +134,14 @@ impl Odometry {
 
 /// Patch around a candidate, warped from one camera into the view of the other.
 fn warp_patch(
+    frontend: &FrontendConfig,
     level: &Level,
     [from, to]: [&Camera; 2],
     (rotation, shift): &(Matrix3<f64>, Vector3<f64>),
     candidate: &Candidate,
 ) -> Option<Pyramid> {
+    let config = &frontend.cross_camera;
+    let step = config.derivative_step_px;
     let at = candidate.expected.at.map(f64::from);
     let observation = Vector3::from(to.left.unproject(at)?).normalize();
     // Intersection of the ray of a pixel with the plane, in the first camera.
@@ -156,17 +152,11 @@ fn warp_patch(
         (point.z > 0.1 * point.norm()).then_some(at)
     };
     let middle = back(0.0, 0.0)?;
-    let by = |a: [f64; 2], b: [f64; 2]| [0, 1].map(|k| (a[k] - b[k]) / (2.0 * DERIVATIVE_STEP_PX));
-    let by_x = by(
-        back(DERIVATIVE_STEP_PX, 0.0)?,
-        back(-DERIVATIVE_STEP_PX, 0.0)?,
-    );
-    let by_y = by(
-        back(0.0, DERIVATIVE_STEP_PX)?,
-        back(0.0, -DERIVATIVE_STEP_PX)?,
-    );
+    let by = |a: [f64; 2], b: [f64; 2]| [0, 1].map(|k| (a[k] - b[k]) / (2.0 * step));
+    let by_x = by(back(step, 0.0)?, back(-step, 0.0)?);
+    let by_y = by(back(0.0, step)?, back(0.0, -step)?);
     let area = (by_x[0] * by_y[1] - by_x[1] * by_y[0]).abs();
-    if !(1.0 / MAX_SCALE_RATIO..MAX_SCALE_RATIO).contains(&area) {
+    if !(1.0 / config.max_scale_ratio..config.max_scale_ratio).contains(&area) {
         return None;
     }
     let mut data = Vec::with_capacity(WARP_SIDE_PX * WARP_SIDE_PX);
@@ -178,7 +168,7 @@ fn warp_patch(
         }
     }
     let image = ImageView::new(WARP_SIDE_PX, WARP_SIDE_PX, WARP_SIDE_PX, &data)?;
-    Some(Pyramid::new(&image))
+    Some(Pyramid::new(&frontend.pyramid, &image))
 }
 
 /// Bilinear interpolation; `None` outside.
@@ -238,7 +228,9 @@ mod tests {
         let back = rotation_a.transpose();
         let from_there = (back * rotation_b, back * (at_b - at_a));
         let [a, b] = &cameras;
-        let patch = warp_patch(&level, [a, b], &from_there, &candidate).expect("a warped patch");
+        let frontend = FrontendConfig::default();
+        let patch =
+            warp_patch(&frontend, &level, [a, b], &from_there, &candidate).expect("a warped patch");
         let at = candidate.expected.at.map(f64::from);
         let mut worst: f64 = 0.0;
         // Within the extent of a patch.

@@ -9,35 +9,23 @@ use nalgebra::{UnitQuaternion, Vector3};
 use crate::backend::state::{
     ACCEL_BIAS, GYRO_BIAS, POSITION, ROTATION, STATE_DIM, State, VELOCITY,
 };
+use crate::config::InitializationConfig;
 use crate::inertial::imu_buffer::Reading;
 
-/// Time before the first images whose samples are used, ns.
-pub(crate) const INITIALIZATION_WINDOW_NS: i64 = 600_000_000;
-/// Minimum duration of rest, s.
-const MIN_STATIC_S: f64 = 0.2;
-/// Maximum standard deviations of a body at rest, rad/s and m/s², and maximum gyroscope bias,
-/// rad/s.
-const STATIC_STD: [f64; 2] = [0.03, 0.25];
-const MAX_GYRO_BIAS: f64 = 0.06;
-/// Tilt sigma without any measurement, rad.
-pub(crate) const UNKNOWN_TILT_SIGMA_RAD: f64 = 1.0;
-/// Initial bias sigmas, rad/s and m/s².
-const INITIAL_BIAS_SIGMA: [f64; 2] = [0.05, 0.15];
-
 /// Standard deviations of the first state if only the gauge is known: position and heading.
-pub(crate) fn initial_sigmas(has_imu: bool) -> [f64; STATE_DIM] {
+pub(crate) fn initial_sigmas(config: &InitializationConfig, has_imu: bool) -> [f64; STATE_DIM] {
     let mut sigmas = [1e-4; STATE_DIM];
     let mut set = |at: usize, sigma: f64| sigmas[at..at + 3].fill(sigma);
     set(POSITION, 1e-4);
     if has_imu {
-        set(ROTATION, 0.15);
-        set(VELOCITY, 1.5);
-        set(GYRO_BIAS, INITIAL_BIAS_SIGMA[0]);
-        set(ACCEL_BIAS, INITIAL_BIAS_SIGMA[1]);
+        set(ROTATION, config.moving_tilt_sigma_rad);
+        set(VELOCITY, config.moving_velocity_sigma);
+        set(GYRO_BIAS, config.bias_sigma[0]);
+        set(ACCEL_BIAS, config.bias_sigma[1]);
     } else {
         // The world is the first rig frame; the velocity is unknown.
         set(ROTATION, 1e-5);
-        set(VELOCITY, 20.0);
+        set(VELOCITY, config.velocity_sigma_without_imu);
         set(GYRO_BIAS, 1e-6);
         set(ACCEL_BIAS, 1e-6);
     }
@@ -46,18 +34,19 @@ pub(crate) fn initial_sigmas(has_imu: bool) -> [f64; STATE_DIM] {
 
 /// The first state and its standard deviations. Position and heading are zero and fix the gauge.
 pub(crate) fn initialize_static(
+    config: &InitializationConfig,
     time_ns: i64,
     readings: &[Reading],
     has_imu: bool,
 ) -> (State, [f64; STATE_DIM]) {
     let mut state = State::at_rest(time_ns);
-    let mut sigmas = initial_sigmas(has_imu);
+    let mut sigmas = initial_sigmas(config, has_imu);
     if !has_imu {
         return (state, sigmas);
     }
     let mut set = |at: usize, sigma: f64| sigmas[at..at + 3].fill(sigma);
     if readings.is_empty() {
-        set(ROTATION, UNKNOWN_TILT_SIGMA_RAD);
+        set(ROTATION, config.unknown_tilt_sigma_rad);
         return (state, sigmas);
     }
     let n = readings.len() as f64;
@@ -69,15 +58,15 @@ pub(crate) fn initialize_static(
     let (gyro, gyro_std) = mean(&|r| r.gyro);
     let (accel, accel_std) = mean(&|r| r.accel);
     let seconds = (readings[readings.len() - 1].time_ns - readings[0].time_ns) as f64 * 1e-9;
-    let at_rest = seconds >= MIN_STATIC_S
-        && gyro_std < STATIC_STD[0]
-        && accel_std < STATIC_STD[1]
-        && gyro.norm() < MAX_GYRO_BIAS;
+    let at_rest = seconds >= config.min_static_s
+        && gyro_std < config.static_std[0]
+        && accel_std < config.static_std[1]
+        && gyro.norm() < config.max_gyro_bias;
     if at_rest {
         state.gyro_bias = gyro;
-        set(GYRO_BIAS, 0.004);
-        set(VELOCITY, 0.02);
-        set(ROTATION, 0.02);
+        set(GYRO_BIAS, config.static_gyro_bias_sigma);
+        set(VELOCITY, config.static_velocity_sigma);
+        set(ROTATION, config.static_tilt_sigma_rad);
     }
     if accel.norm() > 1.0 {
         state.rotation =
@@ -109,7 +98,8 @@ mod tests {
 
     #[test]
     fn rest_gives_the_vertical_and_the_gyroscope_bias() {
-        let (state, sigmas) = initialize_static(0, &readings(0.0), true);
+        let (state, sigmas) =
+            initialize_static(&InitializationConfig::default(), 0, &readings(0.0), true);
         let up = state.rotation * Vector3::new(0.0, 9.8, 0.3).normalize();
         assert!((up - Vector3::z()).norm() < 1e-12);
         assert!((state.gyro_bias - Vector3::new(0.01, -0.005, 0.002)).norm() < 1e-12);
@@ -118,18 +108,19 @@ mod tests {
 
     #[test]
     fn without_samples_the_tilt_is_unknown() {
-        let (_, sigmas) = initialize_static(0, &[], true);
-        assert!(sigmas[ROTATION] >= UNKNOWN_TILT_SIGMA_RAD);
+        let (_, sigmas) = initialize_static(&InitializationConfig::default(), 0, &[], true);
+        assert!(sigmas[ROTATION] >= 1.0);
         // A single instant does not prove rest.
         let short = &readings(0.0)[..20];
-        let (state, sigmas) = initialize_static(0, short, true);
+        let (state, sigmas) = initialize_static(&InitializationConfig::default(), 0, short, true);
         assert_eq!(state.gyro_bias, Vector3::zeros());
         assert!(sigmas[ROTATION] > 0.1 && sigmas[VELOCITY] > 1.0);
     }
 
     #[test]
     fn motion_gives_the_vertical_only() {
-        let (state, sigmas) = initialize_static(0, &readings(0.5), true);
+        let (state, sigmas) =
+            initialize_static(&InitializationConfig::default(), 0, &readings(0.5), true);
         assert_eq!(state.gyro_bias, Vector3::zeros());
         assert!(sigmas[ROTATION] > 0.1 && sigmas[VELOCITY] > 1.0);
     }

@@ -8,27 +8,17 @@ use super::Odometry;
 use crate::backend::marginalization::marginalize;
 use crate::backend::solver::MIN_INVERSE_RANGE_PER_M;
 use crate::backend::window::{Frame, Landmark, Window};
+use crate::config::KeyframeConfig;
 use crate::keyframe::{Keyframe, StereoObservation};
-
-/// Maximum time between keyframes, s: IMU samples are preintegrated again from the last one.
-const MAX_KEYFRAME_INTERVAL_S: f64 = 0.6;
-/// Interval of keyframes that are kept for bundle adjustment at rest, ns: they observe the same as
-/// earlier ones, and are decided when they leave the window.
-const KEYFRAME_INTERVAL_AT_REST_NS: i64 = 10_000_000_000;
-/// Minimum fraction of the features of a keyframe that are still tracked, and the same within a
-/// short time after it, s: very noisy images lose a third of the features from frame to frame, and
-/// every frame would become a keyframe.
-const MIN_TRACKED_RATIO: f64 = 0.65;
-const MIN_TRACKED_RATIO_EARLY: f64 = 0.35;
-const EARLY_S: f64 = 0.17;
 
 impl Odometry {
     /// Whether the newest frame becomes a keyframe.
     pub(super) fn is_keyframe(&self, window: &Window, is_tracked: bool) -> bool {
+        let config = &self.config.estimator.keyframes;
         let n = window.frames.len();
         let (newest, before) = (&window.frames[n - 1].state, &window.frames[n - 2].state);
         let seconds = (newest.time_ns - before.time_ns) as f64 * 1e-9;
-        if seconds >= MAX_KEYFRAME_INTERVAL_S || !is_tracked {
+        if seconds >= config.max_interval_s || !is_tracked {
             return true;
         }
         let rotation = newest.rotation.inverse() * before.rotation;
@@ -40,7 +30,7 @@ impl Odometry {
             let rotation: Matrix3<f64> = body_from_left.transpose()
                 * rotation.to_rotation_matrix().into_inner()
                 * body_from_left;
-            let scale = camera.left.model().fx * 672.0 / f64::from(camera.left.model().width);
+            let scale = camera.left.model().fx / f64::from(camera.left.model().width);
             // Both are sorted by camera and track id.
             for track in &tracker.tracks {
                 while self
@@ -57,10 +47,10 @@ impl Odometry {
                 }
             }
         }
-        let min_ratio = if seconds < EARLY_S {
-            MIN_TRACKED_RATIO_EARLY
+        let min_ratio = if seconds < config.early_s {
+            config.min_tracked_ratio_early
         } else {
-            MIN_TRACKED_RATIO
+            config.min_tracked_ratio
         };
         if (parallaxes.len() as f64) < min_ratio * self.reference.len() as f64
             || parallaxes.is_empty()
@@ -69,7 +59,7 @@ impl Odometry {
         }
         let middle = parallaxes.len() / 2;
         let (_, median, _) = parallaxes.select_nth_unstable_by(middle, f64::total_cmp);
-        *median >= self.config.keyframe_parallax_px
+        *median >= config.min_parallax
     }
 
     /// Makes the newest frame a keyframe: detects features, creates landmarks, and marginalizes old
@@ -80,7 +70,7 @@ impl Odometry {
         self.reference.clear();
         for (k, tracker) in self.trackers.iter_mut().enumerate() {
             let camera = &self.cameras[k];
-            tracker.detect_new(camera, config.max_features, &mut self.next_track);
+            tracker.detect_new(camera, config.frontend.max_features, &mut self.next_track);
             for track in &tracker.tracks {
                 self.reference.push((k, track.id, track.left.ray));
                 if let (None, Some(rho)) = (window.landmarks.get(&track.id), track.rho) {
@@ -115,8 +105,9 @@ impl Odometry {
                 .extend(tracker.keypoints(&self.cameras[k], k));
         }
         self.pending.insert(self.number, keyframe);
-        while window.frames.len() > config.window_size {
-            let frame_to_marginalize = frame_to_marginalize(window);
+        while window.frames.len() > config.backend.window_size {
+            let frame_to_marginalize =
+                frame_to_marginalize(&self.config.estimator.keyframes, window);
             let frame = &window.frames[frame_to_marginalize];
             if frame_to_marginalize == 0 || self.is_due_at_rest(window, frame_to_marginalize) {
                 (self.ready).extend(finish_keyframe(&mut self.pending, frame));
@@ -142,7 +133,7 @@ impl Odometry {
             .map(|k| k.state.time_ns)
             .find(|t| *t < time_ns)
             .map_or(in_window, |t| t.max(in_window));
-        time_ns - before >= KEYFRAME_INTERVAL_AT_REST_NS
+        time_ns - before >= self.config.estimator.keyframes.interval_at_rest_ns
     }
 
     /// Takes the keyframes that will not change any more, in order of time, each once; at rest one
@@ -178,10 +169,10 @@ fn imu_valid(frame: &Frame) -> bool {
 
 /// Index of the frame to marginalize: the second newest if there is little motion from it to the
 /// newest, else the oldest.
-pub(super) fn frame_to_marginalize(window: &Window) -> usize {
+pub(super) fn frame_to_marginalize(config: &KeyframeConfig, window: &Window) -> usize {
     let n = window.frames.len();
     let (a, b) = (&window.frames[n - 2].state, &window.frames[n - 1].state);
-    let is_static =
-        (a.position - b.position).norm() < 0.01 && a.rotation.angle_to(&b.rotation) < 0.01;
+    let is_static = (a.position - b.position).norm() < config.rest_motion[0]
+        && a.rotation.angle_to(&b.rotation) < config.rest_motion[1];
     if is_static { n - 2 } else { 0 }
 }

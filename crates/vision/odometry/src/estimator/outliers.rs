@@ -5,19 +5,11 @@ use std::collections::BTreeSet;
 
 use nalgebra::SMatrix;
 
-use super::{MIN_INLIERS, Odometry};
+use super::Odometry;
 use crate::backend::solver::{for_each_residual, refine_newest};
 use crate::backend::state::{STATE_DIM, State};
 use crate::backend::window::{Frame, Landmark, MotionFactor, Window};
 use crate::inertial::propagation::constant_velocity;
-
-/// Residual above which an observation is an outlier, in standard deviations. Compare Basalt
-/// `vio_outlier_threshold`.
-const OUTLIER_SIGMA: f64 = 5.0;
-/// Inlier ratio below which the IMU is suspected, and minimum inlier ratio without it for the IMU
-/// to be rejected.
-const IMU_SUSPECT_INLIER_RATIO: f64 = 0.35;
-const VISION_ONLY_INLIER_RATIO: f64 = 0.6;
 
 impl Odometry {
     /// Estimates the newest pose. If the preintegrated IMU motion contradicts most observations,
@@ -27,14 +19,16 @@ impl Odometry {
         &self,
         window: &mut Window,
     ) -> Option<SMatrix<f64, STATE_DIM, STATE_DIM>> {
+        let rounds = self.config.backend.newest_pose.max_iterations;
+        let config = &self.config.estimator;
         let last = window.frames.len() - 1;
         let guess = window.frames[last].clone();
-        let information = refine_newest(window, &self.keyframe_covariance, 4);
+        let information = refine_newest(window, &self.keyframe_covariance, rounds);
         let (inliers, all) = count_inliers(window);
         let has_gravity = guess.motion.as_ref().is_some_and(|m| m.has_gravity);
         if !has_gravity
-            || all < MIN_INLIERS
-            || inliers as f64 >= IMU_SUSPECT_INLIER_RATIO * all as f64
+            || all < config.min_inliers
+            || inliers as f64 >= config.imu_suspect_inlier_ratio * all as f64
         {
             return information;
         }
@@ -42,15 +36,20 @@ impl Odometry {
         let from = window.frames[last - 1].state;
         window.frames[last] = Frame {
             motion: Some(MotionFactor {
-                preintegrated: constant_velocity(&from, self.rate(), guess.state.time_ns),
+                preintegrated: constant_velocity(
+                    &self.config.inertial,
+                    &from,
+                    self.rate(),
+                    guess.state.time_ns,
+                ),
                 has_gravity: false,
                 bias_walk: guess.motion.as_ref().map_or([1e-6; 2], |m| m.bias_walk),
             }),
             ..guess
         };
-        let without_imu = refine_newest(window, &self.keyframe_covariance, 4);
+        let without_imu = refine_newest(window, &self.keyframe_covariance, rounds);
         let (now, _) = count_inliers(window);
-        if (now as f64) >= VISION_ONLY_INLIER_RATIO * all as f64 && now > 2 * inliers {
+        if (now as f64) >= config.vision_only_inlier_ratio * all as f64 && now > 2 * inliers {
             return without_imu;
         }
         window.frames[last] = preintegrated;
@@ -132,11 +131,12 @@ fn find_outliers(
     window: &Window,
     from: impl Fn(&Landmark) -> usize,
 ) -> Vec<(u64, Vec<(usize, usize)>)> {
+    let max_squared_residual = window.config.outlier_sigma.powi(2);
     let each = window.landmarks.iter().map(|(id, landmark)| {
         let from = from(landmark);
         let mut entries = Vec::new();
         for_each_residual(window, landmark, |observation, side, squared_residual| {
-            if observation >= from && squared_residual > OUTLIER_SIGMA * OUTLIER_SIGMA {
+            if observation >= from && squared_residual > max_squared_residual {
                 entries.push((observation, side));
             }
         });
@@ -148,6 +148,7 @@ fn find_outliers(
 /// Number of inliers and of all observations of the newest frame.
 pub(super) fn count_inliers(window: &Window) -> (usize, usize) {
     let number = window.newest().number;
+    let max_squared_residual = window.config.outlier_sigma.powi(2);
     let (mut inliers, mut all) = (0, 0);
     for landmark in window.landmarks.values() {
         let since = landmark.since(number);
@@ -157,9 +158,7 @@ pub(super) fn count_inliers(window: &Window) -> (usize, usize) {
         all += landmark.observations.len() - since;
         for_each_residual(window, landmark, |observation, side, squared_residual| {
             inliers += usize::from(
-                observation >= since
-                    && side == 0
-                    && squared_residual <= OUTLIER_SIGMA * OUTLIER_SIGMA,
+                observation >= since && side == 0 && squared_residual <= max_squared_residual,
             );
         });
     }

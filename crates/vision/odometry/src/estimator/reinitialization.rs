@@ -11,17 +11,9 @@ use nalgebra::{Matrix3, Matrix6, UnitQuaternion, Vector3};
 
 use crate::backend::covariance::transport;
 use crate::backend::state::{ACCEL_BIAS, GYRO_BIAS, ROTATION, STATE_DIM, State};
+use crate::config::EstimatorConfig;
 use crate::estimator::initialization::initialize_static;
 use crate::inertial::imu_buffer::Reading;
-
-/// Maximum rotation sigma for which linearization holds, rad.
-const MAX_ROTATION_SIGMA_RAD: f64 = 0.3;
-/// Minimum duration of IMU samples without a gap, and time without samples after which the IMU is
-/// not waited for, ns.
-pub(crate) const MIN_CONTINUOUS_IMU_NS: i64 = 300_000_000;
-pub(crate) const IMU_TIMEOUT_NS: i64 = 1_000_000_000;
-/// Bias sigmas on a reset, rad/s and m/s².
-const BIAS_SIGMA_ON_RESET: [f64; 2] = [0.01, 0.15];
 
 /// A pose at a reset, and its uncertainty that applies since then.
 #[derive(Clone, Copy, Debug)]
@@ -47,22 +39,24 @@ impl ResetUncertainty {
 }
 
 /// Whether the covariance of a pose (position in the world, rotation in the body) is too large for
-/// linearization.
-pub(crate) fn is_lost(covariance: &Matrix6<f64>) -> bool {
+/// linearization, which holds up to a rotation sigma, rad.
+pub(crate) fn is_lost(max_rotation_sigma_rad: f64, covariance: &Matrix6<f64>) -> bool {
     let rotation = covariance.fixed_view::<3, 3>(ROTATION, ROTATION);
-    rotation.symmetric_eigenvalues().amax() > MAX_ROTATION_SIGMA_RAD * MAX_ROTATION_SIGMA_RAD
+    rotation.symmetric_eigenvalues().amax() > max_rotation_sigma_rad * max_rotation_sigma_rad
 }
 
 /// First state at a guess with a known covariance, its standard deviations within the new window,
 /// and the uncertainty that remains outside. `readings` are the IMU samples immediately before, or
 /// empty. Without an IMU the guess is used unchanged.
 pub(crate) fn reinitialize(
+    config: &EstimatorConfig,
     guess: &State,
     covariance: &Matrix6<f64>,
     readings: &[Reading],
     has_imu: bool,
 ) -> (State, [f64; STATE_DIM], ResetUncertainty) {
-    let (fresh, mut sigmas) = initialize_static(guess.time_ns, readings, has_imu);
+    let (fresh, mut sigmas) =
+        initialize_static(&config.initialization, guess.time_ns, readings, has_imu);
     let mut state = State {
         velocity: Vector3::zeros(),
         ..*guess
@@ -70,8 +64,8 @@ pub(crate) fn reinitialize(
     let mut covariance = *covariance;
     if has_imu {
         // Biases were estimated before and change slowly.
-        sigmas[GYRO_BIAS..ACCEL_BIAS].fill(BIAS_SIGMA_ON_RESET[0]);
-        sigmas[ACCEL_BIAS..].fill(BIAS_SIGMA_ON_RESET[1]);
+        sigmas[GYRO_BIAS..ACCEL_BIAS].fill(config.reinitialization.bias_sigma[0]);
+        sigmas[ACCEL_BIAS..].fill(config.reinitialization.bias_sigma[1]);
         if !readings.is_empty() {
             let cross_covariance = guess.rotation * fresh.rotation.inverse();
             let heading = 2.0 * cross_covariance.k.atan2(cross_covariance.w);
@@ -127,7 +121,13 @@ mod tests {
             })
             .collect();
         let covariance = Matrix6::identity();
-        let (state, _, uncertainty) = reinitialize(&guess, &covariance, &readings, true);
+        let (state, _, uncertainty) = reinitialize(
+            &EstimatorConfig::default(),
+            &guess,
+            &covariance,
+            &readings,
+            true,
+        );
         let up = state.rotation.inverse() * Vector3::z();
         assert!((up - specific_force / GRAVITY).norm() < 1e-9);
         assert!(
@@ -147,7 +147,7 @@ mod tests {
 
     #[test]
     fn rotation_sigma_of_one_radian_is_lost() {
-        assert!(is_lost(&Matrix6::identity()));
-        assert!(!is_lost(&(Matrix6::identity() * 0.01)));
+        assert!(is_lost(0.3, &Matrix6::identity()));
+        assert!(!is_lost(0.3, &(Matrix6::identity() * 0.01)));
     }
 }

@@ -5,15 +5,13 @@
 //! corner. A cell is free if it contains no tracked feature and none is near its best corner. Cells
 //! without texture remain empty.
 
+use crate::config::DetectorConfig;
 use crate::frontend::pyramid::Level;
 
 /// Radius of the window over which gradients are summed, and width of the image border without
 /// corners, px.
 const WINDOW_RADIUS_PX: usize = 3;
 const BORDER_PX: usize = WINDOW_RADIUS_PX + 5;
-/// Minimum eigenvalue, squared gray levels per pixel of the window: a blank wall with noise is
-/// below it.
-const MIN_EIGENVALUE: f32 = 20.0;
 
 /// Search area and limits.
 pub(crate) struct Search<'a> {
@@ -28,7 +26,7 @@ pub(crate) struct Search<'a> {
 }
 
 /// Detects corners in free cells, the strongest first.
-pub(crate) fn detect(level: &Level, search: &Search<'_>) -> Vec<[f32; 2]> {
+pub(crate) fn detect(config: &DetectorConfig, level: &Level, search: &Search<'_>) -> Vec<[f32; 2]> {
     let (columns, rows) = (level.width / search.cell, level.height / search.cell);
     let mut free = vec![true; columns * rows];
     for [x, y] in search.occupied {
@@ -49,7 +47,7 @@ pub(crate) fn detect(level: &Level, search: &Search<'_>) -> Vec<[f32; 2]> {
             continue;
         }
         scores.compute(level, [left, top], [right, bottom]);
-        let mut best = (MIN_EIGENVALUE, None);
+        let mut best = (config.min_eigenvalue as f32, None);
         for (i, score) in scores.values.iter().enumerate() {
             if *score <= best.0 {
                 continue;
@@ -199,7 +197,7 @@ mod tests {
     #[test]
     fn corners_of_squares_are_found_and_blank_cells_are_empty() {
         let level = level(&[[50, 50], [100, 20]]);
-        let found = detect(&level, &search(&[], None));
+        let found = detect(&Default::default(), &level, &search(&[], None));
         assert!(!found.is_empty());
         let is_corner = |at: &[f32; 2]| {
             [[50, 50], [100, 20]].iter().any(|[x, y]| {
@@ -215,8 +213,8 @@ mod tests {
     fn occupied_and_masked_cells_are_skipped() {
         let level = level(&[[50, 50]]);
         let occupied = [[55.0, 55.0]];
-        assert!(detect(&level, &search(&occupied, None)).is_empty());
+        assert!(detect(&Default::default(), &level, &search(&occupied, None)).is_empty());
         let mask = vec![0; 160 * 120];
-        assert!(detect(&level, &search(&[], Some(&mask))).is_empty());
+        assert!(detect(&Default::default(), &level, &search(&[], Some(&mask))).is_empty());
     }
 }

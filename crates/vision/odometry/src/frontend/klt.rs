@@ -10,19 +10,13 @@
     reason = "loops over several rows of one register each; with indices the compiler vectorizes them"
 )]
 
+use crate::config::KltConfig;
 use crate::frontend::pyramid::{Level, Pyramid};
 
 /// Side of a patch, px. Its center is between pixels.
 const PATCH_SIDE: usize = 8;
 const PATCH_AREA: usize = PATCH_SIDE * PATCH_SIDE;
 const HALF_PATCH: f32 = 3.5;
-/// Maximum number of iterations per level, and step length of convergence, px.
-const MAX_ITERATIONS: usize = 10;
-const CONVERGENCE_PX: f32 = 0.01;
-/// Maximum forward–backward error, px.
-const MAX_FORWARD_BACKWARD_PX: f32 = 0.5;
-/// Minimum NCC of the two patches.
-const MIN_NCC: f32 = 0.8;
 
 type Patch = [f32; PATCH_AREA];
 
@@ -89,7 +83,7 @@ fn center(values: &mut Patch) -> f32 {
 
 impl Template {
     #[inline(always)]
-    fn new(level: &Level, x: f32, y: f32) -> Option<Self> {
+    fn new(config: &KltConfig, level: &Level, x: f32, y: f32) -> Option<Self> {
         let mut new = Self {
             values: [0.0; PATCH_AREA],
             gx: [0.0; PATCH_AREA],
@@ -126,7 +120,8 @@ impl Template {
         sample_patch(level, x, y, &mut new.values);
         new.norm = center(&mut new.values);
         let determinant = a * c - b * b;
-        if determinant <= 1e-4 * (a + c) * (a + c) || new.norm < 8.0 {
+        let is_edge = determinant <= config.min_determinant_ratio as f32 * (a + c) * (a + c);
+        if is_edge || new.norm < config.min_contrast as f32 {
             return None;
         }
         new.inverse = [c / determinant, -b / determinant, a / determinant];
@@ -135,7 +130,13 @@ impl Template {
 
     /// Aligns, starting at a position in the other level. Returns the position and the NCC there.
     #[inline(always)]
-    fn align(&self, level: &Level, mut x: f32, mut y: f32) -> Option<([f32; 2], f32)> {
+    fn align(
+        &self,
+        config: &KltConfig,
+        level: &Level,
+        mut x: f32,
+        mut y: f32,
+    ) -> Option<([f32; 2], f32)> {
         let mut patch = [0.0; PATCH_AREA];
         for iteration in 0.. {
             if !sample_patch(level, x, y, &mut patch) {
@@ -161,7 +162,7 @@ impl Template {
             let dx = self.inverse[0] * ex + self.inverse[1] * ey;
             let dy = self.inverse[1] * ex + self.inverse[2] * ey;
             let length = (dx * dx + dy * dy).sqrt();
-            if iteration == MAX_ITERATIONS || length < CONVERGENCE_PX {
+            if iteration == config.max_iterations || length < config.convergence_px as f32 {
                 return Some(([x, y], ncc));
             }
             // A step longer than half a patch means that there is no match.
@@ -176,6 +177,7 @@ impl Template {
 /// Tracks the position `at` of `from` into `to`, starting at `guess` on the level `coarsest`. All
 /// positions are in pixels of the finest level.
 pub(crate) fn track(
+    config: &KltConfig,
     from: &Pyramid,
     to: &Pyramid,
     at: [f32; 2],
@@ -185,33 +187,35 @@ pub(crate) fn track(
     #[cfg(target_arch = "x86_64")]
     if is_x86_feature_detected!("avx2") && is_x86_feature_detected!("fma") {
         // SAFETY: the processor supports the target features of the function, as checked above.
-        return unsafe { track_avx2(from, to, at, guess, coarsest) };
+        return unsafe { track_avx2(config, from, to, at, guess, coarsest) };
     }
-    track_portable(from, to, at, guess, coarsest)
+    track_portable(config, from, to, at, guess, coarsest)
 }
 
 #[cfg(target_arch = "x86_64")]
 #[target_feature(enable = "avx2,fma")]
 fn track_avx2(
+    config: &KltConfig,
     from: &Pyramid,
     to: &Pyramid,
     at: [f32; 2],
     guess: [f32; 2],
     coarsest: usize,
 ) -> Option<[f32; 2]> {
-    track_portable(from, to, at, guess, coarsest)
+    track_portable(config, from, to, at, guess, coarsest)
 }
 
 #[inline(always)]
 fn track_portable(
+    config: &KltConfig,
     from: &Pyramid,
     to: &Pyramid,
     at: [f32; 2],
     guess: [f32; 2],
     coarsest: usize,
 ) -> Option<[f32; 2]> {
-    let (found, ncc) = track_forward(from, to, at, guess, coarsest)?;
-    if ncc < MIN_NCC {
+    let (found, ncc) = track_forward(config, from, to, at, guess, coarsest)?;
+    if ncc < config.min_ncc as f32 {
         return None;
     }
     // The backward pass starts near the end point, since it only detects slips; from the original
@@ -220,13 +224,14 @@ fn track_portable(
         at[0] + (guess[0] - found[0]).clamp(-1.0, 1.0),
         at[1] + (guess[1] - found[1]).clamp(-1.0, 1.0),
     ];
-    let (back, _) = track_forward(to, from, found, back, 0)?;
+    let (back, _) = track_forward(config, to, from, found, back, 0)?;
     let error = (back[0] - at[0]).hypot(back[1] - at[1]);
-    (error < MAX_FORWARD_BACKWARD_PX).then_some(found)
+    (error < config.max_forward_backward_px as f32).then_some(found)
 }
 
 #[inline(always)]
 fn track_forward(
+    config: &KltConfig,
     from: &Pyramid,
     to: &Pyramid,
     at: [f32; 2],
@@ -238,9 +243,9 @@ fn track_forward(
         let scale = (1_u32 << level) as f32;
         let [x, y] = at.map(|v| v / scale);
         // On a coarse level the patch may exceed the border.
-        let aligned = Template::new(&from.levels[level], x, y).and_then(|template| {
+        let aligned = Template::new(config, &from.levels[level], x, y).and_then(|template| {
             let (u, v) = (x + offset[0] / scale, y + offset[1] / scale);
-            template.align(&to.levels[level], u, v)
+            template.align(config, &to.levels[level], u, v)
         });
         match aligned {
             Some((position, ncc)) if level == 0 => return Some((position, ncc)),
@@ -253,13 +258,18 @@ fn track_forward(
 }
 
 /// Patch around a position of a level, normalized to mean 0 and norm 1, for NCC.
-pub(crate) fn normalized_patch(level: &Level, x: f32, y: f32) -> Option<[f32; PATCH_AREA]> {
+pub(crate) fn normalized_patch(
+    config: &KltConfig,
+    level: &Level,
+    x: f32,
+    y: f32,
+) -> Option<[f32; PATCH_AREA]> {
     let mut patch = [0.0; PATCH_AREA];
     if !sample_patch(level, x, y, &mut patch) {
         return None;
     }
     let norm = center(&mut patch);
-    (norm >= 8.0).then(|| patch.map(|v| v / norm))
+    (norm >= config.min_contrast as f32).then(|| patch.map(|v| v / norm))
 }
 
 #[cfg(test)]
@@ -296,7 +306,10 @@ mod tests {
                 data.push((gain * (40.0 + 50.0 * v)).round() as u8);
             }
         }
-        Pyramid::new(&ImageView::new(w as usize, h as usize, w as usize, &data).expect("an image"))
+        Pyramid::new(
+            &Default::default(),
+            &ImageView::new(w as usize, h as usize, w as usize, &data).expect("an image"),
+        )
     }
 
     #[test]
@@ -305,7 +318,7 @@ mod tests {
         for (dx, dy, gain) in [(0.3, -0.2, 1.0), (3.4, 2.7, 1.2), (-5.6, 4.1, 0.8)] {
             let to = image(dx, dy, gain);
             for at in [[60.0, 70.0], [101.3, 80.8], [140.5, 60.2]] {
-                let found = track(&from, &to, at, at, 3).expect("found");
+                let found = track(&Default::default(), &from, &to, at, at, 3).expect("found");
                 let error = [found[0] - at[0] - dx as f32, found[1] - at[1] - dy as f32];
                 // Rounding to gray levels leaves errors of some hundredths.
                 assert!(
@@ -320,11 +333,54 @@ mod tests {
     fn blank_or_outside_patches_are_not_tracked() {
         let from = image(0.0, 0.0, 1.0);
         let blank = vec![90; 200 * 160];
-        let blank = Pyramid::new(&ImageView::new(200, 160, 200, &blank).expect("an image"));
-        assert!(track(&from, &blank, [60.0, 70.0], [60.0, 70.0], 3).is_none());
-        assert!(track(&blank, &from, [60.0, 70.0], [60.0, 70.0], 3).is_none());
+        let blank = Pyramid::new(
+            &Default::default(),
+            &ImageView::new(200, 160, 200, &blank).expect("an image"),
+        );
+        assert!(
+            track(
+                &Default::default(),
+                &from,
+                &blank,
+                [60.0, 70.0],
+                [60.0, 70.0],
+                3
+            )
+            .is_none()
+        );
+        assert!(
+            track(
+                &Default::default(),
+                &from,
+                &blank,
+                [60.0, 70.0],
+                [60.0, 70.0],
+                3
+            )
+            .is_none()
+        );
         // Beyond the border, or NaN.
-        assert!(track(&from, &from, [1.0, 70.0], [1.0, 70.0], 3).is_none());
-        assert!(track(&from, &from, [60.0, 70.0], [f32::NAN, 70.0], 3).is_none());
+        assert!(
+            track(
+                &Default::default(),
+                &from,
+                &from,
+                [1.0, 70.0],
+                [1.0, 70.0],
+                3
+            )
+            .is_none()
+        );
+        assert!(
+            track(
+                &Default::default(),
+                &from,
+                &from,
+                [f32::NAN, 70.0],
+                [60.0, 70.0],
+                3
+            )
+            .is_none()
+        );
     }
 }

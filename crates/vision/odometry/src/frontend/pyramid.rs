@@ -7,9 +7,7 @@
 
 use calib::verify::ImageView;
 
-/// Maximum number of levels, and minimum side of the coarsest one, px.
-const MAX_LEVELS: usize = 4;
-const MIN_SIDE_PX: usize = 24;
+use crate::config::PyramidConfig;
 
 /// One level, row-major.
 #[derive(Clone, Debug, Default)]
@@ -27,7 +25,7 @@ pub(crate) struct Pyramid {
 
 impl Pyramid {
     /// Builds the pyramid of an image.
-    pub(crate) fn new(image: &ImageView<'_>) -> Self {
+    pub(crate) fn new(config: &PyramidConfig, image: &ImageView<'_>) -> Self {
         let (width, height) = image.size();
         let mut data = Vec::with_capacity(width * height);
         for y in 0..height {
@@ -38,9 +36,9 @@ impl Pyramid {
             height,
             data,
         }];
-        while levels.len() < MAX_LEVELS {
+        while levels.len() < config.max_levels {
             let half = downsample(&levels[levels.len() - 1]);
-            if half.width.min(half.height) < MIN_SIDE_PX {
+            if half.width.min(half.height) < config.min_side_px {
                 break;
             }
             levels.push(half);

@@ -7,21 +7,11 @@
 
 use crate::backend::observation::Camera;
 use crate::backend::state::State;
+use crate::config::StaleImageConfig;
 use crate::frontend::pyramid::{Level, Pyramid};
 
-/// Maximum mean difference of equal rows, gray levels: encoders change pixels slightly.
-const MAX_MEAN_DIFFERENCE: f64 = 0.05;
-/// Pyramid level on which rows are compared, and number of its rows at a tear that are mixed by the
-/// filter or covered by a patch.
+/// Pyramid level on which rows are compared.
 const COMPARED_LEVEL: usize = 1;
-const MARGIN_ROWS: usize = 8;
-/// Minimum number of equal rows: fewer may be black or accidental.
-const MIN_SAME_ROWS: usize = 8;
-/// Minimum expected image motion, px.
-const MIN_MOTION_PX: f64 = 1.5;
-/// Distance at which translation is converted to image motion, m: for a walking person few images
-/// show only more distant points.
-const ASSUMED_DISTANCE_M: f64 = 5.0;
 
 /// Last fresh image with the state of the body at its time.
 #[derive(Clone, Debug)]
@@ -34,6 +24,7 @@ impl StaleImageDetector {
     /// Takes the next image and the approximate current state. Returns the number of fresh rows
     /// from the top: normally all, and 0 for a repeated image.
     pub(crate) fn count_fresh_rows(
+        config: &StaleImageConfig,
         last: &mut Option<Self>,
         image: &Pyramid,
         now: &State,
@@ -46,15 +37,16 @@ impl StaleImageDetector {
         };
         let mut fresh = all;
         if let Some(last) = last {
-            let same = last.same_rows(level);
-            if same >= MIN_SAME_ROWS.min(level.height) {
+            let same = last.same_rows(config, level);
+            if same >= config.min_same_rows.min(level.height) {
                 let rotation = last.state.rotation.angle_to(&now.rotation);
                 let translation = (last.state.position - now.position).norm();
-                let px = camera.left.model().fx * (rotation + translation / ASSUMED_DISTANCE_M);
+                let px =
+                    camera.left.model().fx * (rotation + translation / config.assumed_distance_m);
                 let is_whole = same == level.height;
-                if px > MIN_MOTION_PX {
+                if px > config.min_motion_px {
                     let rows = level.height - same;
-                    fresh = rows.saturating_sub(MARGIN_ROWS) << at;
+                    fresh = rows.saturating_sub(config.margin_rows) << at;
                 }
                 if is_whole {
                     // The reference keeps its state: a frozen camera that moves slowly is detected
@@ -71,7 +63,7 @@ impl StaleImageDetector {
     }
 
     /// Number of equal rows from the bottom.
-    fn same_rows(&self, level: &Level) -> usize {
+    fn same_rows(&self, config: &StaleImageConfig, level: &Level) -> usize {
         if (self.level.width, self.level.height) != (level.width, level.height) {
             return 0;
         }
@@ -82,7 +74,7 @@ impl StaleImageDetector {
         both.take_while(|(row, before)| {
             let pixels = row.iter().zip(*before);
             let difference: u64 = pixels.map(|(a, b)| u64::from(a.abs_diff(*b))).sum();
-            (difference as f64) < MAX_MEAN_DIFFERENCE * width as f64
+            (difference as f64) < config.max_mean_difference * width as f64
         })
         .count()
     }
@@ -111,7 +103,10 @@ mod tests {
                 ((i % 160 + from) * 37 / 8 + i / 160 * 11 / 4) as u8
             })
             .collect();
-        Pyramid::new(&ImageView::new(160, 120, 160, &pixels).expect("an image"))
+        Pyramid::new(
+            &Default::default(),
+            &ImageView::new(160, 120, 160, &pixels).expect("an image"),
+        )
     }
 
     const ALL: usize = 120;
@@ -128,7 +123,13 @@ mod tests {
         let camera = camera();
         let mut last = None;
         let mut count_fresh_rows = |from: usize, x_m: f64| {
-            StaleImageDetector::count_fresh_rows(&mut last, &image(from, from), &at(x_m), &camera)
+            StaleImageDetector::count_fresh_rows(
+                &Default::default(),
+                &mut last,
+                &image(from, from),
+                &at(x_m),
+                &camera,
+            )
         };
         assert_eq!(count_fresh_rows(0, 0.0), ALL);
         // At rest images may be equal.
@@ -146,7 +147,13 @@ mod tests {
         let mut last = None;
         let steps = (0..20).map(|k| {
             let x_m = 0.02 * f64::from(k);
-            StaleImageDetector::count_fresh_rows(&mut last, &image(0, 0), &at(x_m), &camera)
+            StaleImageDetector::count_fresh_rows(
+                &Default::default(),
+                &mut last,
+                &image(0, 0),
+                &at(x_m),
+                &camera,
+            )
         });
         let fresh: Vec<usize> = steps.collect();
         assert_eq!((fresh[1], fresh[19]), (ALL, 0));
@@ -156,16 +163,38 @@ mod tests {
     fn upper_part_of_a_torn_image_is_fresh() {
         let camera = camera();
         let mut last = None;
-        StaleImageDetector::count_fresh_rows(&mut last, &image(0, 0), &at(0.0), &camera);
-        let fresh =
-            StaleImageDetector::count_fresh_rows(&mut last, &image(9, 0), &at(0.5), &camera);
+        StaleImageDetector::count_fresh_rows(
+            &Default::default(),
+            &mut last,
+            &image(0, 0),
+            &at(0.0),
+            &camera,
+        );
+        let fresh = StaleImageDetector::count_fresh_rows(
+            &Default::default(),
+            &mut last,
+            &image(9, 0),
+            &at(0.5),
+            &camera,
+        );
         assert!((TORN_ROW - 24..TORN_ROW).contains(&fresh), "{fresh}");
         // The next image is torn at the same row and equals the last one below it.
-        let fresh =
-            StaleImageDetector::count_fresh_rows(&mut last, &image(18, 0), &at(1.0), &camera);
+        let fresh = StaleImageDetector::count_fresh_rows(
+            &Default::default(),
+            &mut last,
+            &image(18, 0),
+            &at(1.0),
+            &camera,
+        );
         assert!((TORN_ROW - 24..TORN_ROW).contains(&fresh), "{fresh}");
         assert_eq!(
-            StaleImageDetector::count_fresh_rows(&mut last, &image(27, 27), &at(1.5), &camera),
+            StaleImageDetector::count_fresh_rows(
+                &Default::default(),
+                &mut last,
+                &image(27, 27),
+                &at(1.5),
+                &camera
+            ),
             ALL
         );
     }

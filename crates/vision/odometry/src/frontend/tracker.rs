@@ -10,31 +10,12 @@ use nalgebra::{Matrix3, Vector3};
 use rayon::prelude::*;
 
 use crate::backend::observation::{BearingMeasurement, BearingObservation, Camera};
+use crate::config::FrontendConfig;
 use crate::frontend::descriptor::describe;
 use crate::frontend::detector::{Search, detect};
 use crate::frontend::klt::{self, normalized_patch};
 use crate::frontend::pyramid::Pyramid;
 use crate::keyframe::Keypoint;
-
-/// Coarsest pyramid level of temporal and of stereo tracking.
-const TEMPORAL_MAX_LEVEL: usize = 3;
-const STEREO_MAX_LEVEL: usize = 1;
-/// Pyramid level of the epipolar search.
-const SEARCH_LEVEL: usize = 1;
-/// Minimum distance of a stereo match, m.
-const MIN_DISTANCE_M: f64 = 0.3;
-/// Maximum epipolar error of a stereo match, px.
-const MAX_EPIPOLAR_ERROR_PX: f64 = 1.5;
-/// Number of grid cells per requested feature.
-const CELL_COUNT_FACTOR: f64 = 1.3;
-/// Maximum number of keypoints for loop closure, and the side of the grid cells with one keypoint
-/// each, px.
-const MAX_KEYPOINTS: usize = 160;
-const KEYPOINT_CELL_PX: usize = 20;
-/// Minimum NCC of a match on the coarse level, and its minimum margin over all non-adjacent
-/// candidates.
-const MIN_NCC: f32 = 0.75;
-const MIN_NCC_MARGIN: f32 = 0.05;
 
 /// A tracked feature.
 #[derive(Clone, Copy, Debug)]
@@ -60,8 +41,9 @@ pub(crate) struct Expected {
 }
 
 /// Tracker of one camera.
-#[derive(Clone, Debug, Default)]
+#[derive(Clone, Debug)]
 pub(crate) struct Tracker {
+    config: FrontendConfig,
     left: Pyramid,
     right: Pyramid,
     /// See [`crate::View::mask`]; empty for no mask.
@@ -71,6 +53,17 @@ pub(crate) struct Tracker {
 }
 
 impl Tracker {
+    /// Creates a tracker without an image.
+    pub(crate) fn new(config: FrontendConfig) -> Self {
+        Self {
+            config,
+            left: Pyramid::default(),
+            right: Pyramid::default(),
+            mask: Vec::new(),
+            tracks: Vec::new(),
+        }
+    }
+
     /// Sets the mask of the next frame.
     pub(crate) fn set_mask(&mut self, mask: Option<&[u8]>) {
         self.mask.clear();
@@ -103,9 +96,17 @@ impl Tracker {
         let (left, right) = (&self.left, &self.right);
         let width = left.levels.first().map_or(0, |level| level.width);
         let mask = self.mask();
+        let config = &self.config;
         let tracked = self.tracks.par_iter().with_min_len(8).map(|track| {
             let expected = expect(track);
-            let at = klt::track(&before, left, track.at, expected.at, TEMPORAL_MAX_LEVEL)?;
+            let at = klt::track(
+                &config.klt,
+                &before,
+                left,
+                track.at,
+                expected.at,
+                config.temporal_max_level,
+            )?;
             let pixel = at[1].round() as usize * width + at[0].round() as usize;
             if mask.is_some_and(|mask| mask.get(pixel) == Some(&0)) {
                 return None;
@@ -119,7 +120,7 @@ impl Tracker {
                 rho: None,
                 ..*track
             };
-            match_stereo(&mut track, camera, left, right, expected.rho);
+            match_stereo(config, &mut track, camera, (left, right), expected.rho);
             Some(track)
         });
         let tracked: Vec<Option<Track>> = tracked.collect();
@@ -129,10 +130,10 @@ impl Tracker {
 
     /// Drops the newer ones of features that converged to the same position.
     fn drop_duplicates(&mut self) {
-        const NEAR: f32 = 4.0;
+        let near = self.config.min_track_distance_px as f32;
         let mut distinct: Vec<Track> = Vec::with_capacity(self.tracks.len());
         for track in &self.tracks {
-            if !distinct.iter().any(|k| k.is_near(track, NEAR)) {
+            if !distinct.iter().any(|k| k.is_near(track, near)) {
                 distinct.push(*track);
             }
         }
@@ -147,14 +148,15 @@ impl Tracker {
         let occupied: Vec<[f32; 2]> = self.tracks.iter().map(|t| t.at).collect();
         // More cells than features, since some have no texture.
         let area = (level.width * level.height) as f64;
-        let cell = (area / (CELL_COUNT_FACTOR * max_count.max(1) as f64)).sqrt() as usize;
+        let cell =
+            (area / (self.config.cells_per_feature * max_count.max(1) as f64)).sqrt() as usize;
         let search = Search {
-            cell: cell.max(8),
+            cell: cell.max(self.config.min_cell_px),
             occupied: &occupied,
             mask: self.mask(),
             max_count: max_count.saturating_sub(occupied.len()),
         };
-        let found = detect(level, &search);
+        let found = detect(&self.config.detector, level, &search);
         let found = found.par_iter().with_min_len(8);
         let found = found.map(|at| self.begin(camera, 0, *at, None));
         let found: Vec<Option<Track>> = found.collect();
@@ -176,7 +178,13 @@ impl Tracker {
             right: None,
             rho: None,
         };
-        match_stereo(&mut track, camera, &self.left, &self.right, rho);
+        match_stereo(
+            &self.config,
+            &mut track,
+            camera,
+            (&self.left, &self.right),
+            rho,
+        );
         Some(track)
     }
 
@@ -198,7 +206,14 @@ impl Tracker {
         id: u64,
         expected: Expected,
     ) -> Option<Track> {
-        let at = klt::track(patch, &self.left, at, expected.at, STEREO_MAX_LEVEL)?;
+        let at = klt::track(
+            &self.config.klt,
+            patch,
+            &self.left,
+            at,
+            expected.at,
+            self.config.stereo.max_level,
+        )?;
         let width = self.left.levels.first()?.width;
         let pixel = at[1].round() as usize * width + at[0].round() as usize;
         if self.mask().is_some_and(|mask| mask.get(pixel) == Some(&0)) {
@@ -210,8 +225,8 @@ impl Tracker {
     /// Adds a feature to the tracks, unless one is tracked at its position. Returns whether it was
     /// added.
     pub(crate) fn insert(&mut self, track: Track) -> bool {
-        const NEAR: f32 = 6.0;
-        if self.tracks.iter().any(|k| k.is_near(&track, NEAR)) {
+        let near = self.config.min_handover_distance_px as f32;
+        if self.tracks.iter().any(|k| k.is_near(&track, near)) {
             return false;
         }
         let index = self.tracks.partition_point(|k| k.id < track.id);
@@ -225,12 +240,12 @@ impl Tracker {
             return Vec::new();
         };
         let search = Search {
-            cell: KEYPOINT_CELL_PX,
+            cell: self.config.keypoints.cell_px,
             occupied: &[],
             mask: self.mask(),
-            max_count: MAX_KEYPOINTS,
+            max_count: self.config.keypoints.max_keypoints,
         };
-        let found = detect(level, &search);
+        let found = detect(&self.config.detector, level, &search);
         let keypoints = found.par_iter().with_min_len(8).map(|at| {
             let descriptor = describe(half, 0.5 * at[0], 0.5 * at[1])?;
             let track = self.begin(camera, 0, *at, None)?;
@@ -247,7 +262,7 @@ impl Tracker {
 
     /// Removes all tracks and images.
     pub(crate) fn clear(&mut self) {
-        *self = Self::default();
+        *self = Self::new(self.config);
     }
 }
 
@@ -283,27 +298,29 @@ fn project_right(camera: &Camera, ray: &Vector3<f64>, rho: f64) -> Option<[f32; 
 }
 
 fn match_stereo(
+    config: &FrontendConfig,
     track: &mut Track,
     camera: &Camera,
-    left: &Pyramid,
-    right: &Pyramid,
+    (left, right): (&Pyramid, &Pyramid),
     expected: Option<f64>,
 ) {
+    let stereo = &config.stereo;
     let from = |guess: [f32; 2], coarsest: usize| {
-        let found = klt::track(left, right, track.at, guess, coarsest)?;
+        let found = klt::track(&config.klt, left, right, track.at, guess, coarsest)?;
         let bearing = camera.bearing(Side::Right, found)?;
         let (rho, epipolar_error) = camera.triangulate(&track.left, &bearing);
         // A distant point may have a slightly negative inverse range.
-        let fits =
-            epipolar_error < MAX_EPIPOLAR_ERROR_PX && rho < 1.0 / MIN_DISTANCE_M && rho > -0.05;
+        let fits = epipolar_error < stereo.max_epipolar_error_px
+            && rho < 1.0 / stereo.min_distance_m
+            && rho > stereo.min_inverse_range_per_m;
         fits.then_some((found, bearing, rho))
     };
     let tried = expected
         .and_then(|rho| project_right(camera, &track.left.ray, rho))
-        .and_then(|guess| from(guess, STEREO_MAX_LEVEL));
+        .and_then(|guess| from(guess, stereo.max_level));
     let found = tried.or_else(|| {
-        let guess = search_epipolar(camera, &track.left.ray, track.at, left, right)?;
-        from(guess, SEARCH_LEVEL)
+        let guess = search_epipolar(config, camera, (&track.left.ray, track.at), (left, right))?;
+        from(guess, stereo.search_level)
     });
     if let Some((at, bearing, rho)) = found {
         track.right_at = Some(at);
@@ -314,25 +331,25 @@ fn match_stereo(
 
 /// Best match along the epipolar line on a coarse level.
 fn search_epipolar(
+    config: &FrontendConfig,
     camera: &Camera,
-    ray: &Vector3<f64>,
-    at: [f32; 2],
-    left: &Pyramid,
-    right: &Pyramid,
+    (ray, at): (&Vector3<f64>, [f32; 2]),
+    (left, right): (&Pyramid, &Pyramid),
 ) -> Option<[f32; 2]> {
-    let level = SEARCH_LEVEL.min(left.levels.len() - 1);
+    let (klt, config) = (&config.klt, &config.stereo);
+    let level = config.search_level.min(left.levels.len() - 1);
     let scale = (1_u32 << level) as f32;
-    let template = normalized_patch(&left.levels[level], at[0] / scale, at[1] / scale)?;
+    let template = normalized_patch(klt, &left.levels[level], at[0] / scale, at[1] / scale)?;
     let far = project_right(camera, ray, 0.0)?;
-    let near = project_right(camera, ray, 1.0 / MIN_DISTANCE_M)?;
+    let near = project_right(camera, ray, 1.0 / config.min_distance_m)?;
     let length = (near[0] - far[0]).hypot(near[1] - far[1]) / scale;
     // One step beyond either end, so that a maximum at an end is recognized.
     let steps = length.ceil() as i32;
     let mut scores = Vec::with_capacity(steps as usize + 3);
     for k in -1..=steps + 1 {
-        let rho = f64::from(k) / f64::from(steps.max(1)) / MIN_DISTANCE_M;
+        let rho = f64::from(k) / f64::from(steps.max(1)) / config.min_distance_m;
         let score = project_right(camera, ray, rho).and_then(|[x, y]| {
-            let there = normalized_patch(&right.levels[level], x / scale, y / scale)?;
+            let there = normalized_patch(klt, &right.levels[level], x / scale, y / scale)?;
             Some(template.iter().zip(&there).map(|(a, b)| a * b).sum::<f32>())
         });
         scores.push((score.unwrap_or(-1.0), rho));
@@ -341,7 +358,7 @@ fn search_epipolar(
         .iter()
         .enumerate()
         .max_by(|a, b| a.1.0.total_cmp(&b.1.0))?;
-    if top.0 < MIN_NCC {
+    if top.0 < config.min_ncc as f32 {
         return None;
     }
     let other = scores
@@ -350,7 +367,7 @@ fn search_epipolar(
         .filter(|(k, _)| k.abs_diff(best) > 2)
         .map(|(_, s)| s.0)
         .fold(-1.0, f32::max);
-    if top.0 < other + MIN_NCC_MARGIN {
+    if top.0 < other + config.min_ncc_margin as f32 {
         return None;
     }
     project_right(camera, ray, top.1)

@@ -11,12 +11,9 @@ use std::collections::VecDeque;
 use calib::ImuNoise;
 use nalgebra::{Matrix3, SMatrix, UnitQuaternion, Vector3};
 
+use crate::config::InertialConfig;
 use crate::input::ImuSample;
 use crate::so3;
-
-/// Relative scale and misalignment errors of gyroscope and accelerometer: values for parts of the
-/// kind in these cameras.
-const SCALE_ERROR: [f64; 2] = [4e-3, 1e-3];
 
 /// IMU sample with its time, ns: angular rate in rad/s, specific force in m/s².
 #[derive(Clone, Copy, Debug)]
@@ -28,19 +25,10 @@ pub(crate) struct Reading {
     pub(crate) saturated: bool,
 }
 
-/// Number of identical consecutive samples that indicate saturation of an axis: for values that no
-/// axis has at rest, and for smaller values, where only noise changes them; and the minimum
-/// saturation level, rad/s and m/s².
-const STUCK_SAMPLES: usize = 12;
-/// For gyroscope and accelerometer at values that no axis has at rest. The noise of a gyroscope may
-/// be below its resolution, and four samples at a peak of the gait can be identical.
-const STUCK_SAMPLES_MOVING: [usize; 2] = [6, 4];
-const MOVING_THRESHOLD: [f64; 2] = [0.3, 12.0];
-const MIN_SATURATION_LEVEL: [f64; 2] = [0.05, 0.5];
-
 /// Recent samples, in order of time.
 #[derive(Clone, Debug)]
 pub(crate) struct ImuBuffer {
+    config: InertialConfig,
     readings: VecDeque<Reading>,
     /// Maximum interval between samples without a gap, ns.
     gap_ns: i64,
@@ -61,11 +49,11 @@ pub(crate) enum Coverage {
 
 impl ImuBuffer {
     /// Creates the buffer of an IMU with this nominal rate, Hz.
-    pub(crate) fn new(rate_hz: f64) -> Self {
+    pub(crate) fn new(config: &InertialConfig, rate_hz: f64) -> Self {
         Self {
+            config: *config,
             readings: VecDeque::new(),
-            // Up to three lost samples are interpolated.
-            gap_ns: (4.5e9 / rate_hz) as i64,
+            gap_ns: (config.max_interval_ratio * 1e9 / rate_hz) as i64,
             same: [0; 6],
             saturation_levels: [f64::INFINITY; 6],
         }
@@ -78,8 +66,9 @@ impl ImuBuffer {
         if is_late || !numbers.all(|v| v.is_finite()) {
             return;
         }
+        let range_ratio = self.config.saturation.range_ratio;
         let at_end =
-            |values: &[f64; 3], range: f64| values.iter().any(|v| v.abs() >= 0.995 * range);
+            |values: &[f64; 3], range: f64| values.iter().any(|v| v.abs() >= range_ratio * range);
         self.readings.push_back(Reading {
             time_ns: sample.time_ns,
             gyro: sample.gyro.into(),
@@ -92,6 +81,7 @@ impl ImuBuffer {
     /// Marks saturation below the nominal range: an axis with constant samples at a value that it
     /// cannot have at rest.
     fn detect_saturation(&mut self) {
+        let config = self.config.saturation;
         let count = self.readings.len();
         let axis = |reading: &Reading, k: usize| match k {
             0..3 => reading.gyro[k],
@@ -100,10 +90,10 @@ impl ImuBuffer {
         for k in 0..6 {
             let value = axis(&self.readings[count - 1], k);
             let before = count.checked_sub(2).map(|i| axis(&self.readings[i], k));
-            let may_end = value.abs() >= MIN_SATURATION_LEVEL[k / 3];
-            let min_run = match value.abs() < MOVING_THRESHOLD[k / 3] {
-                true => STUCK_SAMPLES,
-                false => STUCK_SAMPLES_MOVING[k / 3],
+            let may_end = value.abs() >= config.min_level[k / 3];
+            let min_run = match value.abs() < config.moving_threshold[k / 3] {
+                true => config.stuck_samples,
+                false => config.stuck_samples_moving[k / 3],
             };
             // With noise, identical consecutive samples are unlikely, and long runs of them much
             // more so.
@@ -237,6 +227,7 @@ impl Preintegrated {
         gyro_bias: &Vector3<f64>,
         accel_bias: &Vector3<f64>,
         noise: &ImuNoise,
+        scale_error: &[f64; 2],
     ) -> Self {
         let mut rotation = UnitQuaternion::identity();
         let (mut velocity, mut displacement) = (Vector3::zeros(), Vector3::zeros());
@@ -316,9 +307,9 @@ impl Preintegrated {
         // sigma is added for the whole motion.
         let angle = so3::log(&rotation).norm();
         let systematic_error = [
-            SCALE_ERROR[0] * angle,
-            SCALE_ERROR[1] * velocity.norm(),
-            SCALE_ERROR[1] * displacement.norm(),
+            scale_error[0] * angle,
+            scale_error[1] * velocity.norm(),
+            scale_error[1] * displacement.norm(),
         ];
         for k in 0..9 {
             covariance[(k, k)] += systematic_error[k / 3] * systematic_error[k / 3];
@@ -398,7 +389,7 @@ mod tests {
     fn constant_samples_of_a_moving_axis_are_saturated() {
         let range = [10.0, 80.0];
         let clip = |limit: f64| {
-            let mut samples = ImuBuffer::new(400.0);
+            let mut samples = ImuBuffer::new(&Default::default(), 400.0);
             let mut saturated = Vec::new();
             for k in 0..400_i64 {
                 let t = k as f64 / 400.0;
@@ -425,7 +416,7 @@ mod tests {
     #[test]
     fn gravity_beyond_the_range_is_saturated() {
         let saturated = |limit: f64| {
-            let mut samples = ImuBuffer::new(100.0);
+            let mut samples = ImuBuffer::new(&Default::default(), 100.0);
             for k in 0..200_i64 {
                 // Gravity with noise, with a tilted axis.
                 let noise = 0.02 * ((k * k % 17) as f64 / 8.0 - 1.0);
@@ -452,7 +443,7 @@ mod tests {
             Vector3::new(0.01, -0.02, 0.03),
             Vector3::new(0.1, 0.2, -0.1),
         );
-        let here = Preintegrated::new(&readings, &bg, &ba, &NOISE);
+        let here = Preintegrated::new(&readings, &bg, &ba, &NOISE, &Default::default());
         for k in 0..6 {
             let h = 1e-5;
             let mut d = SMatrix::<f64, 6, 1>::zeros();
@@ -461,7 +452,13 @@ mod tests {
                 d.fixed_rows::<3>(0).into_owned(),
                 d.fixed_rows::<3>(3).into_owned(),
             );
-            let there = Preintegrated::new(&readings, &(bg + dg), &(ba + da), &NOISE);
+            let there = Preintegrated::new(
+                &readings,
+                &(bg + dg),
+                &(ba + da),
+                &NOISE,
+                &Default::default(),
+            );
             let by = nine(&here, &there) / h;
             // The mean of the rotated force at both ends approximates a 2 : 1 weighting in the
             // displacement.
@@ -476,9 +473,21 @@ mod tests {
     #[test]
     fn preintegration_converges_with_the_sample_rate() {
         let zero = Vector3::zeros();
-        let fine = Preintegrated::new(&readings(20_000.0, 0.2), &zero, &zero, &NOISE);
+        let fine = Preintegrated::new(
+            &readings(20_000.0, 0.2),
+            &zero,
+            &zero,
+            &NOISE,
+            &Default::default(),
+        );
         for (rate_hz, limit) in [(200.0, 2e-4), (800.0, 2e-5)] {
-            let coarse = Preintegrated::new(&readings(rate_hz, 0.2), &zero, &zero, &NOISE);
+            let coarse = Preintegrated::new(
+                &readings(rate_hz, 0.2),
+                &zero,
+                &zero,
+                &NOISE,
+                &Default::default(),
+            );
             let systematic_error = nine(&fine, &coarse).amax();
             assert!(systematic_error < limit, "{rate_hz}: {systematic_error}");
         }
@@ -486,7 +495,7 @@ mod tests {
 
     #[test]
     fn sample_that_is_not_finite_is_dropped() {
-        let mut samples = ImuBuffer::new(100.0);
+        let mut samples = ImuBuffer::new(&Default::default(), 100.0);
         for k in 0..20 {
             let mut sample = ImuSample {
                 time_ns: k * 10_000_000,
@@ -511,7 +520,7 @@ mod tests {
 
     #[test]
     fn gap_and_end_of_samples_are_reported() {
-        let mut samples = ImuBuffer::new(100.0);
+        let mut samples = ImuBuffer::new(&Default::default(), 100.0);
         for k in (0..50).chain(80..100) {
             let sample = ImuSample {
                 time_ns: k * 10_000_000,

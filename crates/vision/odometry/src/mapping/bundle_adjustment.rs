@@ -21,20 +21,12 @@ use crate::backend::solver::{
 };
 use crate::backend::state::{POSE_DIM, STATE_DIM};
 use crate::backend::window::{Landmark, Window};
+use crate::config::MappingConfig;
 
 /// Number of landmarks per piece, and number of pieces that are accumulated in parallel, which
 /// bounds their memory.
 const LANDMARKS_PER_PIECE: usize = 1024;
 const PIECES_PER_BATCH: usize = 16;
-/// Convergence: maximum damping at which a step is nearly undamped, and minimum relative cost
-/// reduction of such a step.
-const FREE_DAMPING: f64 = 1e-5;
-const CONVERGENCE_RATIO: f64 = 1e-5;
-/// Residual above which an observation is an outlier, in standard deviations.
-const OUTLIER_SIGMA: f64 = 5.0;
-/// Number of keyframes with a computed covariance; those between are interpolated.
-const MAX_COVARIANCES: usize = 120;
-
 /// Progress of mapping.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum Progress {
@@ -247,6 +239,7 @@ pub(super) struct Ended {
 
 /// Optimizes all states, landmarks and extrinsics in at most `max_iterations` iterations.
 pub(super) fn optimize(
+    config: &MappingConfig,
     window: &mut Window,
     loops: &[Closure],
     max_iterations: usize,
@@ -278,8 +271,8 @@ pub(super) fn optimize(
         let cameras = (!window.extrinsics.is_empty()).then(|| window.cameras.clone());
         apply(window, &step, linear.landmark_blocks.iter().flatten());
         let after = cost(window, loops);
-        let is_settled = damping <= FREE_DAMPING
-            && (before - after).abs() < (CONVERGENCE_RATIO * before).max(1.0);
+        let is_settled = damping <= config.max_free_damping
+            && (before - after).abs() < (config.convergence_ratio * before).max(1.0);
         if after <= before * (1.0 + 1e-12) {
             now = Some(after);
             damping = (damping * 0.1).max(1e-8);
@@ -311,14 +304,14 @@ pub(super) fn optimize(
 }
 
 /// Removes outliers, and landmarks with too few remaining observations.
-pub(super) fn filter_landmarks(window: &mut Window) {
+pub(super) fn filter_landmarks(config: &MappingConfig, window: &mut Window) {
     let landmarks: Vec<(&u64, &Landmark)> = window.landmarks.iter().collect();
     let bad: Vec<(u64, Vec<(usize, usize)>)> = landmarks
         .par_iter()
         .filter_map(|(id, landmark)| {
             let mut entries = Vec::new();
             for_each_residual(window, landmark, |observation, side, squared_residual| {
-                if squared_residual > OUTLIER_SIGMA * OUTLIER_SIGMA {
+                if squared_residual > config.outlier_sigma * config.outlier_sigma {
                     entries.push((observation, side));
                 }
             });
@@ -330,7 +323,7 @@ pub(super) fn filter_landmarks(window: &mut Window) {
             continue;
         };
         landmark.drop_observations(&entries);
-        if landmark.observations.len() < super::MIN_OBSERVATIONS
+        if landmark.observations.len() < config.min_observations
             || landmark.observations[0].1.right.is_none()
         {
             window.landmarks.remove(&id);
@@ -346,8 +339,8 @@ pub(super) struct Covariances {
     pub(super) extrinsics: Vec<Matrix6<f64>>,
 }
 
-/// Computes the covariances of the solution.
-pub(super) fn covariances(window: &Window, loops: &[Closure]) -> Covariances {
+/// Computes the covariances of the solution, those of at most about `max_count` poses exactly.
+pub(super) fn covariances(max_count: usize, window: &Window, loops: &[Closure]) -> Covariances {
     let count = window.frames.len();
     let size = window.row_of(window.blocks());
     let linear = linearize(window, loops, 0.0);
@@ -366,7 +359,7 @@ pub(super) fn covariances(window: &Window, loops: &[Closure]) -> Covariances {
         let block = Matrix6::from_fn(|i, j| solved[(at + i, j)]);
         (block + block.transpose()) * 0.5
     };
-    let step = count.div_ceil(MAX_COVARIANCES).max(1);
+    let step = count.div_ceil(max_count).max(1);
     let mut entries: Vec<usize> = (0..count).step_by(step).collect();
     if entries.last() != Some(&(count - 1)) {
         entries.push(count - 1);

@@ -17,42 +17,10 @@ use crate::backend::observation::{self, BearingMeasurement, Camera};
 use crate::backend::solver::{PoseMatrix, PoseVector};
 use crate::backend::state::State;
 use crate::backend::window::Window;
+use crate::config::LoopClosureConfig;
 use crate::frontend::descriptor::hamming_distance;
 use crate::keyframe::{Keyframe, Keypoint};
 use crate::so3;
-
-/// Minimum time between the two keyframes, s.
-const MIN_LOOP_INTERVAL_S: f64 = 12.0;
-/// Maximum distance of the two keyframes, m, and its increase per meter of path length between
-/// them.
-const MAX_LOOP_DISTANCE_M: f64 = 1.5;
-const DRIFT_RATE: f64 = 0.01;
-/// Maximum angle between the optical axes of two cameras, rad.
-const MAX_VIEW_ANGLE_RAD: f64 = 0.6;
-/// Minimum distance between queried keyframes, m.
-const QUERY_SPACING_M: f64 = 0.6;
-/// Maximum number of candidates per query.
-const MAX_CANDIDATES: usize = 3;
-/// Maximum Hamming distance of a match, and its maximum ratio to the second-best match.
-const MAX_HAMMING: u32 = 72;
-const SECOND_BEST_RATIO: f64 = 0.85;
-/// Maximum angle between the predicted and the measured bearing of a match, rad: the effect of pose
-/// errors on near points.
-const MAX_SEARCH_ANGLE_RAD: f64 = 0.6;
-/// Minimum number of inliers, and their minimum fraction of all matches.
-const MIN_INLIERS: f64 = 12.0;
-const MIN_INLIER_RATIO: f64 = 0.3;
-/// Scales of the Tukey loss, px, one per iteration, and the standard deviation of a keypoint, px.
-const TUKEY_PX: [f64; 10] = [60.0, 45.0, 32.0, 24.0, 16.0, 12.0, 9.0, 7.0, 6.0, 6.0];
-const SIGMA_PX: f64 = 1.4;
-/// Maximum correction by a loop closure: m, in addition to the drift allowance per meter of path
-/// length, and rad.
-const MAX_CORRECTION_M: f64 = 0.3;
-const MAX_CORRECTION_RAD: f64 = 0.12;
-/// Scale of the Cauchy loss of loop closures, in standard deviations: final, and before the first
-/// convergence.
-const CAUCHY_SIGMA: f64 = 3.0;
-const CAUCHY_SIGMA_FIRST: f64 = 100.0;
 
 /// Relative-pose factor of two keyframes, by index in the window.
 #[derive(Clone, Debug)]
@@ -90,8 +58,8 @@ impl Closure {
     }
 
     /// Sets the final, tighter scale of the loss.
-    pub(super) fn tighten_loss(&mut self) {
-        self.loss_scale = CAUCHY_SIGMA;
+    pub(super) fn tighten_loss(&mut self, cauchy_sigma: f64) {
+        self.loss_scale = cauchy_sigma;
     }
 
     /// Residual: translation and rotation error of the two poses.
@@ -147,6 +115,7 @@ impl Closure {
 
 /// Finds all loop closures.
 pub(super) fn find(
+    config: &LoopClosureConfig,
     keyframes: &[Keyframe],
     window: &Window,
     progress: &mut impl FnMut(Progress),
@@ -162,8 +131,8 @@ pub(super) fn find(
     for k in 0..keyframes.len() {
         let far = |l: usize| {
             let (a, b) = (&window.frames[l].state, &window.frames[k].state);
-            (a.position - b.position).norm() > QUERY_SPACING_M
-                || a.rotation.angle_to(&b.rotation) > 0.3
+            (a.position - b.position).norm() > config.query_spacing_m
+                || a.rotation.angle_to(&b.rotation) > config.query_spacing_rad
         };
         if last.is_none_or(far) {
             queried.push(k);
@@ -180,9 +149,10 @@ pub(super) fn find(
         let found: Vec<Vec<Closure>> = some
             .par_iter()
             .map(|b| {
-                let candidates = candidates(*b, window, &path_length, &queried);
+                let candidates = candidates(config, *b, window, &path_length, &queried);
                 let tried = candidates.iter().filter_map(|a| {
                     close(
+                        config,
                         &keyframes[*a],
                         &keyframes[*b],
                         [*a, *b],
@@ -199,7 +169,13 @@ pub(super) fn find(
 }
 
 /// Earlier keyframes that may observe the same place, the nearest first.
-fn candidates(b: usize, window: &Window, path_length: &[f64], queried: &[usize]) -> Vec<usize> {
+fn candidates(
+    config: &LoopClosureConfig,
+    b: usize,
+    window: &Window,
+    path_length: &[f64],
+    queried: &[usize],
+) -> Vec<usize> {
     let now = &window.frames[b].state;
     let mut near: Vec<(f64, usize)> = queried
         .iter()
@@ -209,13 +185,15 @@ fn candidates(b: usize, window: &Window, path_length: &[f64], queried: &[usize])
             let seconds = (now.time_ns - then.time_ns) as f64 * 1e-9;
             let far = (now.position - then.position).norm();
             let rotated = then.rotation.angle_to(&now.rotation);
-            let fits = seconds > MIN_LOOP_INTERVAL_S
-                && far < MAX_LOOP_DISTANCE_M + DRIFT_RATE * (path_length[b] - path_length[*a]);
+            let fits = seconds > config.min_interval_s
+                && far
+                    < config.max_distance_m
+                        + config.drift_rate * (path_length[b] - path_length[*a]);
             fits.then_some((far + rotated, *a))
         })
         .collect();
     near.sort_by(|x, y| x.0.total_cmp(&y.0));
-    near.truncate(MAX_CANDIDATES);
+    near.truncate(config.max_candidates);
     near.into_iter().map(|(_, a)| a).collect()
 }
 
@@ -284,6 +262,7 @@ struct Match {
 }
 
 fn close(
+    config: &LoopClosureConfig,
     from: &Keyframe,
     to: &Keyframe,
     frames: [usize; 2],
@@ -294,14 +273,14 @@ fn close(
     let mut rotation = a.rotation.inverse() * b.rotation;
     let mut translation = a.rotation.inverse() * (b.position - a.position);
     let expected = (rotation, translation);
-    let matches = matches(from, to, (a, b), &window.cameras);
+    let matches = matches(config, from, to, (a, b), &window.cameras);
     let all: f64 = matches.iter().map(|m| m.weight).sum();
-    if all < MIN_INLIERS {
+    if all < config.min_inliers {
         return None;
     }
     let mut information = PoseMatrix::zeros();
     let mut inlier_weight = 0.0;
-    for loss_scale in TUKEY_PX {
+    for loss_scale in config.tukey_px {
         let mut h = SMatrix::<f64, 6, 6>::identity() * 1e-6;
         let mut g = SVector::<f64, 6>::zeros();
         inlier_weight = 0.0;
@@ -328,7 +307,8 @@ fn close(
                 continue;
             }
             inlier_weight += m.weight;
-            let weight = m.weight * (1.0 - size * size).powi(2) / (SIGMA_PX * SIGMA_PX);
+            let weight =
+                m.weight * (1.0 - size * size).powi(2) / (config.sigma_px * config.sigma_px);
             let by_body = by * m.body_from_left.transpose();
             let mut j = SMatrix::<f64, 2, 6>::zeros();
             j.fixed_columns_mut::<3>(0)
@@ -349,9 +329,10 @@ fn close(
         (translation - expected.1).norm(),
         rotation.angle_to(&expected.0),
     ];
-    let is_plausible = initial_error[0] < MAX_CORRECTION_M + DRIFT_RATE * path_length
-        && initial_error[1] < MAX_CORRECTION_RAD;
-    let is_consistent = inlier_weight >= MIN_INLIERS && inlier_weight >= MIN_INLIER_RATIO * all;
+    let is_plausible = initial_error[0] < config.max_correction_m + config.drift_rate * path_length
+        && initial_error[1] < config.max_correction_rad;
+    let is_consistent =
+        inlier_weight >= config.min_inliers && inlier_weight >= config.min_inlier_ratio * all;
     // The translation is that of the second body in the axes of the first one, and independent of a
     // rotation of the first.
     (is_plausible && is_consistent).then_some(Closure {
@@ -362,11 +343,12 @@ fn close(
         information,
         inliers: inlier_weight,
         initial_error,
-        loss_scale: CAUCHY_SIGMA_FIRST,
+        loss_scale: config.cauchy_sigma_first,
     })
 }
 
 fn matches(
+    config: &LoopClosureConfig,
     from: &Keyframe,
     to: &Keyframe,
     (a, b): (&State, &State),
@@ -387,7 +369,7 @@ fn matches(
             let (Some(first_a), Some(first_b)) = (keypoints_a.first(), keypoints_b.first()) else {
                 continue;
             };
-            if first_a.axis().dot(&(r * first_b.axis())) < MAX_VIEW_ANGLE_RAD.cos() {
+            if first_a.axis().dot(&(r * first_b.axis())) < config.max_view_angle_rad.cos() {
                 continue;
             }
             // Predicted point of a keypoint of the first in the body frame of the second.
@@ -410,15 +392,16 @@ fn matches(
                         second = bits;
                     }
                 }
-                let sure = best.0 <= MAX_HAMMING
-                    && f64::from(best.0) < SECOND_BEST_RATIO * f64::from(second);
+                let sure = best.0 <= config.max_hamming
+                    && f64::from(best.0) < config.second_best_ratio * f64::from(second);
                 sure.then_some(best.1)
             };
             for (q, keypoint_b) in keypoints_b.iter().enumerate() {
                 let is_near = |p: usize| {
                     let (x, rho) = &expected[p];
                     let there = keypoint_b.body_from_left.transpose() * (x - keypoint_b.arm * *rho);
-                    there.dot(&keypoint_b.bearing.ray) > MAX_SEARCH_ANGLE_RAD.cos() * there.norm()
+                    there.dot(&keypoint_b.bearing.ray)
+                        > config.max_search_angle_rad.cos() * there.norm()
                 };
                 let mut near = (keypoints_a.iter().enumerate())
                     .filter(|(p, _)| is_near(*p))

@@ -78,7 +78,7 @@ fn keyframes(laps: usize, drift_m: f64, with_keypoints: bool) -> Vec<Keyframe> {
 }
 
 fn keyframes_of(rig: &Rig, laps: usize, drift_m: f64, with_keypoints: bool) -> Vec<Keyframe> {
-    let (cameras, _, _) = ImuPropagator::of(rig);
+    let (cameras, _, _) = ImuPropagator::of(rig, &Default::default());
     let points = points();
     let count = laps * STEPS;
     // A point that left the view gets a new track id.
@@ -277,14 +277,17 @@ fn cameras_with_common_landmarks_correct_their_extrinsics() {
     let mut moved = exact.clone();
     let nominal = &rig().cameras[0];
     moved.extrinsics = (exact.cameras.iter())
-        .map(|camera| crate::backend::extrinsics::ExtrinsicsPrior::new(nominal, camera))
+        .map(|camera| {
+            crate::backend::extrinsics::ExtrinsicsPrior::new(&Default::default(), nominal, camera)
+        })
         .collect();
     let error = nalgebra::Vector6::new(0.0, 1e-3, 0.0, 0.01, -0.02, 0.01);
     crate::backend::extrinsics::apply_error(&mut moved.cameras[1], &error);
     crate::backend::extrinsics::apply_error(&mut moved.cameras[0], &(-0.5 * error));
-    let begun = bundle_adjustment::optimize(&mut moved.clone(), &[], 1, &mut |_| {});
+    let begun =
+        bundle_adjustment::optimize(&Default::default(), &mut moved.clone(), &[], 1, &mut |_| {});
     assert!(!begun.is_converged && begun.iterations == 1);
-    let ended = bundle_adjustment::optimize(&mut moved, &[], 12, &mut |_| {});
+    let ended = bundle_adjustment::optimize(&Default::default(), &mut moved, &[], 12, &mut |_| {});
     assert!(ended.is_converged && ended.iterations < 12, "{ended:?}");
     for (prior, camera) in moved.extrinsics.iter().zip(&moved.cameras) {
         let error = prior.error(camera).amax();

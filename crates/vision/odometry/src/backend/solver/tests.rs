@@ -138,7 +138,7 @@ pub(crate) fn window(frames: usize, line_s: f64) -> Window {
         extrinsics: Vec::new(),
         prior: Prior::of(0, truth(0), &[1e-4; STATE_DIM]),
         cameras,
-        observation_sigma_px: 0.5,
+        config: Default::default(),
     }
 }
 
@@ -193,6 +193,7 @@ fn newest_state_alone_converges_to_the_ground_truth() {
     // Velocity and biases are not observed: the constant-velocity factor constrains them weakly.
     moved.frames[last].motion = Some(crate::backend::window::MotionFactor {
         preintegrated: crate::inertial::propagation::constant_velocity(
+            &Default::default(),
             &moved.frames[last - 1].state,
             truth(last - 1).rate(),
             moved.frames[last].state.time_ns,

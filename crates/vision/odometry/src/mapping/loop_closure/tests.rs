@@ -27,7 +27,7 @@ fn window_of(states: [State; 2], cameras: Vec<Camera>) -> Window {
         extrinsics: Vec::new(),
         landmarks: std::collections::BTreeMap::new(),
         prior: Prior::of(1, states[0], &[1e-4; crate::backend::state::STATE_DIM]),
-        observation_sigma_px: 0.5,
+        config: Default::default(),
     }
 }
 
@@ -92,7 +92,15 @@ fn cameras_with_exposure_offsets_close_loops() {
     report[1].position += Vector3::new(0.1, -0.05, 0.08);
     report[1].rotation *= so3::exp(&Vector3::new(0.02, -0.03, 0.01));
     let window = window_of(report, cameras);
-    let closure = close(&from, &to, [0, 1], &window, &[0.0, 0.0]).expect("a loop closure");
+    let closure = close(
+        &Default::default(),
+        &from,
+        &to,
+        [0, 1],
+        &window,
+        &[0.0, 0.0],
+    )
+    .expect("a loop closure");
     let [a, b] = truth;
     let translation = a.rotation.inverse() * (b.position - a.position);
     // The camera with an offset of 33 ms has moved by 40 mm. The direction of that motion is only
@@ -104,7 +112,13 @@ fn cameras_with_exposure_offsets_close_loops() {
         .angle_to(&(a.rotation.inverse() * b.rotation));
     assert!(rotation_error < 3e-4, "{rotation_error}");
     // Each pair of keypoints counts once, and is observed in both directions.
-    let found = matches(&from, &to, (&report[0], &report[1]), &window.cameras);
+    let found = matches(
+        &Default::default(),
+        &from,
+        &to,
+        (&report[0], &report[1]),
+        &window.cameras,
+    );
     assert!(found.len() > 100 && found.len().is_multiple_of(2));
     let pairs: f64 = found.iter().map(|m| m.weight).sum();
     assert_eq!(pairs, found.len() as f64 / 2.0);
@@ -127,12 +141,12 @@ fn large_residual_has_more_weight_before_the_loss_is_tightened() {
         information: PoseMatrix::identity() * 1e4,
         inliers: 30.0,
         initial_error: [1.0, 0.0],
-        loss_scale: CAUCHY_SIGMA_FIRST,
+        loss_scale: LoopClosureConfig::default().cauchy_sigma_first,
     };
     // At a hundred sigmas the weight is one half.
     let far = closure.linearize(&window).gradient_other.norm();
     assert!((far / 1e4 - 0.5).abs() < 1e-9, "{far}");
-    closure.tighten_loss();
+    closure.tighten_loss(LoopClosureConfig::default().cauchy_sigma);
     let near = closure.linearize(&window).gradient_other.norm();
     assert!(near < 0.01 * far, "{near}");
 }

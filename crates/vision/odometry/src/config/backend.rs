@@ -1,0 +1,87 @@
+//! Constants of the sliding window and its solver.
+
+use estimator_config::config;
+
+config! {
+    /// Sliding window.
+    pub struct BackendConfig {
+        /// Number of keyframes in the window. Compare OpenVINS `max_clones`, Basalt
+        /// `vio_max_kfs`. Charted over settings in docs/reference/odometry.md.
+        pub window_size: usize = 8,
+        /// Maximum number of solver iterations for a keyframe.
+        pub max_iterations: usize = 4,
+        /// Whether the whole window is optimized for every frame set, and not for keyframes only.
+        pub optimize_every_frame: bool = false,
+        /// Number of initial frame sets for which it always is: biases and tilt are not yet known.
+        pub initial_frames: u64 = 12,
+        /// Relative cost reduction per iteration at which the solver stops.
+        pub convergence_ratio: f64 = 1e-3,
+        /// Standard deviation of an observation, px. Compare Basalt `vio_obs_std_dev`. It weights
+        /// images against the IMU.
+        pub observation_sigma_px: f64 = 0.5,
+        /// Threshold of the Huber loss, in standard deviations. Compare Basalt
+        /// `vio_obs_huber_thresh`.
+        pub huber_sigma: f64 = 1.5,
+        /// Residual above which an observation is an outlier, in standard deviations. Compare
+        /// Basalt `vio_outlier_threshold`. Lower discards features of a wrong calibration, higher
+        /// keeps moving objects.
+        pub outlier_sigma: f64 = 5.0,
+        /// Estimation of the newest pose alone.
+        pub newest_pose: NewestPoseConfig = NewestPoseConfig::default(),
+        /// From the covariance of the solver to the reported one.
+        pub covariance: CovarianceConfig = CovarianceConfig::default(),
+        /// Priors of camera extrinsics.
+        pub extrinsics: ExtrinsicsConfig = ExtrinsicsConfig::default(),
+    }
+
+    /// Estimation of the newest pose with the landmarks fixed: Tukey's loss with a scale that
+    /// decreases with the iterations.
+    pub struct NewestPoseConfig {
+        /// Scales of the loss in standard deviations, one per iteration, from a pose that the IMU
+        /// predicts.
+        pub tukey_sigma: [f64; 4] = [12.0, 8.0, 6.0, 5.0],
+        /// The same from a pose of constant velocity, which can have a large error.
+        pub tukey_sigma_without_imu: [f64; 10] =
+            [240.0, 160.0, 100.0, 60.0, 36.0, 24.0, 16.0, 10.0, 7.0, 5.0],
+        /// Final scale, in standard deviations. Tukey's efficiency of 95 % for normal noise is at
+        /// 4.7 (Huber, Robust Statistics, 1981).
+        pub tukey_sigma_final: f64 = 4.0,
+        /// Maximum number of iterations at the final scale.
+        pub max_iterations: usize = 4,
+    }
+
+    /// How reported standard deviations relate to those of the solver, which takes observations of
+    /// one feature as independent and calibrations as exact. Chosen so that none of the 17 400
+    /// causal poses of ten simulated recordings is silently wrong (`cargo xtask bench odometry
+    /// --only walks`, docs/decisions/0010-odometry.md). Lower is silently wrong; higher flags good
+    /// poses.
+    pub struct CovarianceConfig {
+        /// Factor on the standard deviations of the solver. Compare OpenVINS
+        /// `init_dyn_inflation_*`.
+        pub sigma_inflation: f64 = 3.0,
+        /// Additional position sigma, m.
+        pub position_sigma_floor_m: f64 = 0.003,
+        /// Additional position sigma per metre of distance from the start: scale.
+        pub scale_sigma: f64 = 1.5e-3,
+        /// Additional position sigma per metre of path length.
+        pub drift_per_metre: f64 = 8e-4,
+        /// Additional rotation sigma, rad. With 1.5 mrad five causal poses of the ten recordings are
+        /// silently wrong, with 2 mrad one.
+        pub rotation_sigma_floor_rad: f64 = 2.5e-3,
+        /// Initial tilt sigma of a rig without an IMU, whose world is not levelled, rad.
+        pub initial_tilt_sigma_rad: f64 = 0.35,
+    }
+
+    /// Priors of camera extrinsics, translation in m and rotation in rad. Source: `cargo xtask bench
+    /// odometry`, error over the error of a camera's nominal rotation.
+    pub struct ExtrinsicsConfig {
+        /// Sigmas where the calibration gives none. The translation is considered known: a walk
+        /// determines it less accurately than a ruler (errors of 5 to 20 mm with a prior of 5 mm),
+        /// and it matters less than the rotation.
+        pub default_sigma: [f64; 2] = [1e-3, 3.5e-3],
+        /// Sigmas added to those of the calibration: plates bend and warm up, the extrinsics of the
+        /// IMU have errors too, and estimates from a walk with correct extrinsics deviate by up to
+        /// a tenth of a degree.
+        pub sigma_floor: [f64; 2] = [3e-4, 1.2e-3],
+    }
+}

@@ -1,0 +1,137 @@
+//! Constants of the visual front end.
+
+use estimator_config::config;
+
+config! {
+    /// Features of one camera: number, spacing, matching.
+    pub struct FrontendConfig {
+        /// Maximum number of features tracked per camera. Compare OpenVINS `num_pts`. The chart over
+        /// settings in docs/reference/odometry.md is flat from 60 on; time is proportional to it.
+        pub max_features: usize = 110,
+        /// Number of grid cells per requested feature, since some cells have no texture. At 1 there
+        /// are too few features on weak texture; high values put features side by side.
+        pub cells_per_feature: f64 = 1.3,
+        /// Minimum side of a grid cell, px. Limits the number of features of small images.
+        pub min_cell_px: usize = 8,
+        /// Distance below which two tracks have converged to one corner, px: the newer one is
+        /// dropped. Too small counts one corner twice.
+        pub min_track_distance_px: f64 = 4.0,
+        /// Minimum distance between a tracked feature and one that another camera hands over, px.
+        pub min_handover_distance_px: f64 = 6.0,
+        /// Coarsest pyramid level of tracking over time. Lower loses fast rotations without an IMU.
+        pub temporal_max_level: usize = 3,
+        /// Image pyramid.
+        pub pyramid: PyramidConfig = PyramidConfig::default(),
+        /// Patch alignment.
+        pub klt: KltConfig = KltConfig::default(),
+        /// Corner detection.
+        pub detector: DetectorConfig = DetectorConfig::default(),
+        /// Matching between the eyes of a camera.
+        pub stereo: StereoConfig = StereoConfig::default(),
+        /// Matching between cameras.
+        pub cross_camera: CrossCameraConfig = CrossCameraConfig::default(),
+        /// Keypoints for loop closure.
+        pub keypoints: KeypointConfig = KeypointConfig::default(),
+        /// Frozen and torn images.
+        pub stale_image: StaleImageConfig = StaleImageConfig::default(),
+    }
+
+    /// Image pyramid.
+    pub struct PyramidConfig {
+        /// Maximum number of levels. Each level doubles the motion that tracking can follow.
+        pub max_levels: usize = 4,
+        /// Minimum side of the coarsest level, px: three patches.
+        pub min_side_px: usize = 24,
+    }
+
+    /// KLT tracking of a patch of 8 x 8 px.
+    pub struct KltConfig {
+        /// Maximum number of iterations per level. Fewer lose fast motion; more cost time, mainly
+        /// for patches that are lost anyway.
+        pub max_iterations: usize = 10,
+        /// Length of a step at which the alignment has converged, px. It bounds the bias of a track.
+        pub convergence_px: f64 = 0.01,
+        /// Maximum distance between the start and the position tracked back to it, px. Higher lets
+        /// slips along edges through.
+        pub max_forward_backward_px: f64 = 0.5,
+        /// Minimum normalized cross-correlation (NCC) of the two patches, -1 to 1. Lower follows
+        /// occlusions, higher loses features that change scale.
+        pub min_ncc: f64 = 0.8,
+        /// Minimum contrast of a template: norm of its gray levels minus their mean. Below it there
+        /// is mostly noise.
+        pub min_contrast: f64 = 8.0,
+        /// Minimum determinant of the gradient moments, as a fraction of their squared trace. Lower
+        /// accepts edges, on which the position is not determined.
+        pub min_determinant_ratio: f64 = 1e-4,
+    }
+
+    /// Corner detection (Shi and Tomasi).
+    pub struct DetectorConfig {
+        /// Minimum eigenvalue, squared gray levels per pixel of the window: a blank wall with noise
+        /// is below it. Lower tracks noise in the dark, higher leaves weak texture unused.
+        pub min_eigenvalue: f64 = 20.0,
+    }
+
+    /// Matching between the two eyes of a camera.
+    pub struct StereoConfig {
+        /// Coarsest pyramid level from a predicted range.
+        pub max_level: usize = 1,
+        /// Pyramid level of the search along the epipolar line without a predicted range.
+        pub search_level: usize = 1,
+        /// Minimum distance of a match, m. Lower searches longer, and finds more mismatches.
+        pub min_distance_m: f64 = 0.3,
+        /// Minimum inverse range of a match, 1/m: noise and calibration make that of a distant point
+        /// slightly negative.
+        pub min_inverse_range_per_m: f64 = -0.05,
+        /// Maximum epipolar error, px. It has to exceed the error of the calibration; higher lets
+        /// mismatches on repeated texture through.
+        pub max_epipolar_error_px: f64 = 1.5,
+        /// Minimum NCC of the best candidate of the search.
+        pub min_ncc: f64 = 0.75,
+        /// Minimum margin of its NCC over all candidates that are not adjacent. Lower takes the
+        /// wrong one of a repeated pattern.
+        pub min_ncc_margin: f64 = 0.05,
+    }
+
+    /// Matching of a feature of one camera in the images of another one.
+    pub struct CrossCameraConfig {
+        /// Step of the numerical derivatives of the warp between the views, px.
+        pub derivative_step_px: f64 = 4.0,
+        /// Maximum area scale of the warp, either way: pixels of one image per pixel of the other.
+        /// Beyond it the interpolated patch has no detail.
+        pub max_scale_ratio: f64 = 3.0,
+        /// Maximum distance of a match from its prediction, px. It has to exceed the error of the
+        /// extrinsics between cameras: 5 px are 0.8 degrees at a focal length of 350 px.
+        pub max_position_error_px: f64 = 5.0,
+        /// Maximum deviation of the inverse range of a match from the known one, as a fraction.
+        pub max_inverse_range_error_ratio: f64 = 0.1,
+        /// The same, additional and absolute, 1/m.
+        pub max_inverse_range_error_per_m: f64 = 0.01,
+    }
+
+    /// Keypoints for loop closure.
+    pub struct KeypointConfig {
+        /// Maximum number per keyframe and camera. Memory and the time of the search are
+        /// proportional to it.
+        pub max_keypoints: usize = 160,
+        /// Side of the grid cells with one keypoint each, px.
+        pub cell_px: usize = 20,
+    }
+
+    /// Detection of images that a camera repeats, or tears. Source: `cargo xtask bench
+    /// odometry_faults`, faults `frozen` and `torn`.
+    pub struct StaleImageConfig {
+        /// Maximum mean difference of equal rows, gray levels: encoders change pixels slightly.
+        pub max_mean_difference: f64 = 0.05,
+        /// Number of rows of pyramid level 1 at a tear that the filter mixed or a patch covers.
+        pub margin_rows: usize = 8,
+        /// Minimum number of equal rows of pyramid level 1: fewer may be black or accidental.
+        pub min_same_rows: usize = 8,
+        /// Minimum expected image motion, px. Lower discards images of a slow motion in the dark;
+        /// higher accepts frozen ones for longer.
+        pub min_motion_px: f64 = 1.5,
+        /// Distance at which translation is converted to image motion, m: for a walking person few
+        /// images show only more distant points.
+        pub assumed_distance_m: f64 = 5.0,
+    }
+}
