@@ -23,7 +23,7 @@ mod python;
 mod recording;
 mod rectify;
 mod sim;
-mod sim_pictures;
+mod sim_images;
 mod soak;
 mod stamp;
 mod sync;
@@ -79,7 +79,7 @@ const BENCHMARKS: &[(&str, Run)] = &[
     ("power_cuts", power_cuts::run),
     ("rectify", rectify::run),
     ("sim", sim::run),
-    ("sim_pictures", sim_pictures::run),
+    ("sim_images", sim_images::run),
     ("soak", soak::run),
     ("sync", sync::run),
     ("vm_cost", vm_cost::run),

@@ -27,7 +27,7 @@ cargo xtask VERB: set-up and developer verbs
         new ones. --list: print every place that counts, of all or of CRATE (or of the pages, `markdown`, or the charts,
         `svg`).
   bench NAME [--no-install] [ARGS...]
-        Run a benchmark (archive, sync, frame_sync, frames_kept, encode, import, soak, kills, power_cuts, vm_cost, sim, sim_pictures,
+        Run a benchmark (archive, sync, frame_sync, frames_kept, encode, import, soak, kills, power_cuts, vm_cost, sim, sim_images,
         calib, camera_imu, rectify, calib_verify, depth, odometry, odometry_faults, odometry_encoding, odometry_length,
         or all) in release mode;
         results go to docs/benchmarks. ARGS are handed to the benchmark.
@@ -70,7 +70,7 @@ pub(crate) const BENCHMARKS: [&str; 21] = [
     "power_cuts",
     "vm_cost",
     "sim",
-    "sim_pictures",
+    "sim_images",
     "calib",
     "camera_imu",
     "rectify",

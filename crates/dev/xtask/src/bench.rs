@@ -9,7 +9,7 @@ use crate::setup::{self, Purpose};
 use crate::test::python;
 
 /// Benchmarks beside OpenCV.
-const WITH_OPENCV: [&str; 5] = ["calib", "depth", "odometry", "rectify", "sim_pictures"];
+const WITH_OPENCV: [&str; 5] = ["calib", "depth", "odometry", "rectify", "sim_images"];
 
 /// Runs the benchmarks one after the other; the first that fails ends the run.
 pub(crate) fn run(install: bool, names: &[&str], arguments: &[OsString]) -> Result<()> {

@@ -15,7 +15,7 @@ pub(super) fn draw(clean: &[Clean], points: &[Point], stamp: &str) -> Vec<(Strin
     let turn = || Axis::log("rotation", "\u{b0}");
     let delay = || Axis::log("time offset", "ms");
     add(
-        "turned",
+        "rotated",
         curve(
             "A camera rotated on the plate",
             points,
@@ -35,7 +35,7 @@ pub(super) fn draw(clean: &[Clean], points: &[Point], stamp: &str) -> Vec<(Strin
         ),
     );
     add(
-        "pictures",
+        "images",
         curve(
             "Images stamped late",
             points,

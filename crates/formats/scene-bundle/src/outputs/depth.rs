@@ -65,7 +65,6 @@ pub struct DepthIndex {
     /// One view per camera at most.
     pub views: Vec<DepthView>,
     /// Sorted by view and time.
-    #[serde(rename = "pictures")]
     pub images: Vec<DepthKey>,
 }
 

@@ -37,7 +37,7 @@ pub(super) fn draw(points: &[Point], stamp: &str) -> Vec<(String, String)> {
         );
         let y = Axis::linear("inliers, mean of a set", "");
         let inliers = chart("Inliers against bit rate", walk, &own, y, &|p| p.inliers);
-        add(format!("sights-{walk}"), inliers);
+        add(format!("inliers-{walk}"), inliers);
         let depth = |title: &str, unit: &str, of: &dyn Fn(&Point) -> f64| {
             let y = Axis::linear(unit, "% of pixels visible in both images");
             chart(title, walk, &own, y, &|p| 1e2 * of(p))

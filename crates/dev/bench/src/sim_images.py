@@ -1,6 +1,6 @@
 """Statistics of simulated images beside those of real ones.
 
-    sim_pictures.py WALKS DATA OUT.json
+    sim_images.py WALKS DATA OUT.json
 
 WALKS holds one folder per walk, as `paws-rig-sim render --truth` writes it; DATA is the folder of real
 recordings. OUT.json gets every number, OUT.md beside it the table.
@@ -269,7 +269,7 @@ MEASURES = {
 
 HEAD = """# Simulated images beside real ones
 
-Made by `cargo xtask bench sim_pictures`; the columns are documented at the head of `crates/dev/bench/src/sim_pictures.py`. Values are
+Made by `cargo xtask bench sim_images`; the columns are documented at the head of `crates/dev/bench/src/sim_images.py`. Values are
 medians over images, pairs or sequences. A simulated one in bold is outside of the range of all real ones, below (<) or above (>).
 No real image here shows the ground from above as the feet camera does. The matching error is known of one real pair only.
 

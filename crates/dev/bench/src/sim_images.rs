@@ -1,7 +1,7 @@
-//! `sim_pictures`: similarity of simulated and real images, in numbers.
+//! `sim_images`: similarity of simulated and real images, in numbers.
 //!
 //! A walk through each scene by day is rendered with its ground truth, at the quality for tests. A
-//! Python program (`sim_pictures.py` beside this file, whose head documents the measures) computes
+//! Python program (`sim_images.py` beside this file, whose head documents the measures) computes
 //! the same statistics of these images and of the real ones of the data folder: gradients,
 //! spectrum, noise, stereo matching by OpenCV, length of feature tracks. The table marks which of
 //! the simulated ones are within the range of the real ones.
@@ -38,14 +38,14 @@ pub(crate) fn run(args: &[String]) -> Result<()> {
     let data = std::env::var_os("PAWS_DATA")
         .context("PAWS_DATA names no folder of real recordings to compare with")?;
     fs::create_dir_all(&out).with_context(|| format!("making {}", out.display()))?;
-    let stamp = stamp::stamp("sim_pictures", args)?;
+    let stamp = stamp::stamp("sim_images", args)?;
     let walks = tempfile::tempdir().context("making a folder for the walks")?;
     for kind in Kind::ALL {
         eprintln!("{} ...", kind.name());
         walk(kind, seconds, &walks.path().join(kind.name()))?;
     }
-    let script = Path::new(env!("CARGO_MANIFEST_DIR")).join("src/sim_pictures.py");
-    let results = out.join("sim_pictures.json");
+    let script = Path::new(env!("CARGO_MANIFEST_DIR")).join("src/sim_images.py");
+    let results = out.join("sim_images.json");
     let status = Command::new(python)
         .arg(&script)
         .arg(walks.path())
