@@ -37,7 +37,7 @@ pub use serde;
 macro_rules! config {
     ($(
         $(#[$struct_attribute:meta])*
-        pub struct $name:ident {
+        $visibility:vis struct $name:ident {
             $($(#[$field_attribute:meta])* pub $field:ident: $type:ty = $value:expr,)*
         }
     )*) => {$(
@@ -45,7 +45,7 @@ macro_rules! config {
         #[derive(Clone, Copy, Debug, PartialEq, $crate::serde::Serialize, $crate::serde::Deserialize)]
         #[serde(crate = "estimator_config::serde", default, deny_unknown_fields)]
         #[non_exhaustive]
-        pub struct $name {
+        $visibility struct $name {
             $(
                 $(#[$field_attribute])*
                 #[doc = concat!("\n\nDefault: `", stringify!($value), "`.")]

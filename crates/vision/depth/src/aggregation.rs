@@ -15,6 +15,7 @@ use crate::census::{Census, Codes, Layout, Padded};
 use crate::cost::{CostRow, INVALID};
 use crate::image::ImageView;
 use crate::lanes::{Kernel, Lanes, Level};
+use serde::{Deserialize, Serialize};
 
 mod backward;
 mod forward;
@@ -24,7 +25,7 @@ pub(crate) use backward::{NONE, Winner};
 use forward::{ForwardPass, Front, Steps};
 
 /// Which paths lead to a pixel.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 pub enum Paths {
     /// Both directions along the row, and vertically from the nearer of the upper and the lower
     /// border.
@@ -36,7 +37,7 @@ pub enum Paths {
 }
 
 /// Smoothness penalties from one pixel of a path to the next (P1 and P2 of semi-global matching).
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 pub struct Penalties {
     /// P1: for a disparity change of 1.
     pub small: u8,

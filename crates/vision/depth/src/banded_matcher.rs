@@ -9,11 +9,11 @@
 
 use crate::band::Band;
 use crate::band::plan::{Margin, Plan, Plane, Probe};
+use crate::config::Config;
 use crate::error::DepthError;
 use crate::image::ImageView;
 use crate::map::{DisparityMap, Geometry};
 use crate::matcher::Matcher;
-use crate::settings::Settings;
 
 /// Matches consecutive pairs.
 #[derive(Debug)]
@@ -36,21 +36,14 @@ pub struct BandStats {
 
 /// Height of the blocks in which pixels at the ends of the band are counted, rows.
 const BLOCK_ROWS: usize = 8;
-/// Minimum fraction of pixels of a block at an end of the band for it to count as clipped.
-const MIN_CLIPPED_RATIO: f64 = 0.02;
-/// Widening of a clipped band, px.
-const WIDEN_PX: i32 = 16;
-/// Maximum number of additional runs; the last one searches the full range.
-const MAX_RERUNS: u32 = 3;
-
 impl BandedMatcher {
     /// For images of `width` columns with the rows of `full`, which is the full search range.
     ///
     /// # Errors
-    /// [`DepthError::Settings`].
-    pub fn new(settings: Settings, width: usize, full: Band) -> Result<Self, DepthError> {
+    /// [`DepthError::Config`].
+    pub fn new(config: Config, width: usize, full: Band) -> Result<Self, DepthError> {
         Ok(Self {
-            matcher: Matcher::new(settings, width, full.height())?,
+            matcher: Matcher::new(config, width, full.height())?,
             probe: Probe::new(&full, width)?,
             full,
             has_last: false,
@@ -105,11 +98,13 @@ impl BandedMatcher {
         loop {
             self.matcher.run(left, right, &band)?;
             stats.searched_ratio += band.searched_ratio(self.full.count());
-            let wider = match stats.reruns + 1 {
-                MAX_RERUNS => self.full.clone(),
-                _ => self.widened(&band, left.width())?,
+            let max_reruns = self.matcher.config().band.max_reruns;
+            let wider = if stats.reruns + 1 == max_reruns {
+                self.full.clone()
+            } else {
+                self.widened(&band, left.width())?
             };
-            if stats.reruns == MAX_RERUNS || wider == band || !self.is_clipped(&band, left.width())
+            if stats.reruns == max_reruns || wider == band || !self.is_clipped(&band, left.width())
             {
                 break;
             }
@@ -125,7 +120,8 @@ impl BandedMatcher {
     /// end of the band that is not an end of the full range.
     fn clipped(&self, band: &Band, width: usize, block: usize) -> [bool; 2] {
         let rows = block..(block + BLOCK_ROWS).min(band.height());
-        let min_clipped = MIN_CLIPPED_RATIO * (width * rows.len()) as f64;
+        let min_clipped =
+            self.matcher.config().band.min_clipped_ratio * (width * rows.len()) as f64;
         [0, 1].map(|end| {
             let clipped = rows
                 .clone()
@@ -144,6 +140,7 @@ impl BandedMatcher {
 
     /// The band, widened where it clipped disparities.
     fn widened(&self, band: &Band, width: usize) -> Result<Band, DepthError> {
+        let widen_px = self.matcher.config().band.widen_px;
         let mut rows: Vec<[i32; 2]> = (0..band.height()).map(|y| band.row(y)).collect();
         for block in (0..band.height()).step_by(BLOCK_ROWS) {
             let [low, high] = self.clipped(band, width, block);
@@ -152,10 +149,10 @@ impl BandedMatcher {
             for y in near {
                 let full = self.full.row(y);
                 if low {
-                    rows[y][0] = rows[y][0].min(band.row(y)[0] - WIDEN_PX).max(full[0]);
+                    rows[y][0] = rows[y][0].min(band.row(y)[0] - widen_px).max(full[0]);
                 }
                 if high {
-                    rows[y][1] = rows[y][1].max(band.row(y)[1] + WIDEN_PX).min(full[1]);
+                    rows[y][1] = rows[y][1].max(band.row(y)[1] + widen_px).min(full[1]);
                 }
             }
         }

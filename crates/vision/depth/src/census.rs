@@ -12,12 +12,13 @@
 //! columns. The last plane is the gray level divided by 2: differences below two levels are noise.
 
 use rayon::prelude::*;
+use serde::{Deserialize, Serialize};
 
 use crate::image::ImageView;
 use crate::lanes::{Kernel, Lanes, Level};
 
 /// Census window.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 pub enum Census {
     /// The center with the 24 other pixels of a 5x5 window: 24 bits.
     Full5x5,

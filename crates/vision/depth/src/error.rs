@@ -34,9 +34,9 @@ pub enum DepthError {
         /// The supported values.
         expected: String,
     },
-    /// Invalid settings.
+    /// Invalid configuration.
     #[error("configuring a matcher: {what} is {found}, expected {expected}")]
-    Settings {
+    Config {
         /// Name of the setting.
         what: &'static str,
         /// Value of the setting.

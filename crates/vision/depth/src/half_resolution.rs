@@ -6,16 +6,17 @@
 //! halved sides.
 
 use rayon::prelude::*;
+use serde::{Deserialize, Serialize};
 
 use crate::band::Band;
+use crate::config::Config;
 use crate::error::DepthError;
 use crate::image::ImageView;
 use crate::map::DisparityMap;
 use crate::matcher::{MatchStats, Matcher};
-use crate::settings::Settings;
 
 /// Downsampling before matching.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 pub enum Downsample {
     /// Half the rows: the disparity resolution is unchanged.
     Rows,
@@ -36,12 +37,12 @@ pub(crate) struct HalfResolution {
 const MAX_STEP_PX: f32 = 1.0;
 
 impl HalfResolution {
-    /// For images of `width` x `height` pixels; all other settings apply unchanged.
+    /// For images of `width` x `height` pixels; all other fields apply unchanged.
     ///
     /// # Errors
-    /// [`DepthError::Settings`], also if the images are too small to be halved.
+    /// [`DepthError::Config`], also if the images are too small to be halved.
     pub(crate) fn new(
-        settings: Settings,
+        config: Config,
         downsample: Downsample,
         width: usize,
         height: usize,
@@ -50,15 +51,15 @@ impl HalfResolution {
             Downsample::Rows => [1, 2],
             Downsample::Both => [2, 2],
         };
-        let settings = Settings {
+        let config = Config {
             downsample: None,
             // A speckle of the same extent has fewer pixels.
-            min_speckle_px: settings.min_speckle_px / (by[0] * by[1]),
-            ..settings
+            min_speckle_px: config.min_speckle_px / (by[0] * by[1]),
+            ..config
         };
         Ok(Self {
             by,
-            matcher: Matcher::new(settings, width / by[0], height / by[1])?,
+            matcher: Matcher::new(config, width / by[0], height / by[1])?,
             small: [Vec::new(), Vec::new()],
         })
     }
@@ -174,8 +175,8 @@ fn enlarge(small: &DisparityMap, by: [usize; 2], map: &mut DisparityMap) {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::config::Preset;
     use crate::reference::Random;
-    use crate::settings::Preset;
 
     #[test]
     fn wall_is_found_at_its_disparity() {
@@ -198,11 +199,11 @@ mod tests {
         let right = ImageView::new(WIDTH, HEIGHT, &right).unwrap();
         let band = Band::full(0, 32, HEIGHT).unwrap();
         for downsample in [Downsample::Rows, Downsample::Both] {
-            let settings = Settings {
+            let config = Config {
                 downsample: Some(downsample),
-                ..Settings::preset(Preset::Fast)
+                ..Config::preset(Preset::Fast)
             };
-            let mut matcher = Matcher::new(settings, WIDTH, HEIGHT).unwrap();
+            let mut matcher = Matcher::new(config, WIDTH, HEIGHT).unwrap();
             let map = matcher.run(&left, &right, &band).unwrap();
             let found = map.disparity.iter().filter(|d| !d.is_nan());
             let close = found.clone().filter(|d| (**d - SHIFT as f32).abs() < 1.0);
@@ -248,10 +249,10 @@ mod tests {
 
     #[test]
     fn image_too_small_to_be_halved_is_rejected() {
-        let settings = Settings {
+        let config = Config {
             downsample: Some(Downsample::Rows),
-            ..Settings::preset(Preset::Fast)
+            ..Config::preset(Preset::Fast)
         };
-        assert!(Matcher::new(settings, 40, 1).is_err());
+        assert!(Matcher::new(config, 40, 1).is_err());
     }
 }

@@ -9,6 +9,7 @@ mod aggregation;
 pub mod band;
 mod banded_matcher;
 mod census;
+mod config;
 mod consistency;
 mod correlation;
 mod cost;
@@ -23,7 +24,6 @@ mod median;
 pub mod noise;
 #[cfg(test)]
 mod reference;
-mod settings;
 pub mod sigma;
 mod speckle;
 
@@ -31,10 +31,10 @@ pub use aggregation::{Paths, Penalties};
 pub use band::Band;
 pub use banded_matcher::{BandStats, BandedMatcher};
 pub use census::Census;
+pub use config::{BandConfig, Config, Matching, Preset};
 pub use error::DepthError;
 pub use half_resolution::Downsample;
 pub use image::ImageView;
 pub use lanes::Level;
 pub use map::{DepthMap, DisparityMap, Geometry};
 pub use matcher::{MatchStats, Matcher};
-pub use settings::{Matching, Preset, Settings};

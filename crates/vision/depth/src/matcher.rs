@@ -4,6 +4,7 @@ use rayon::prelude::*;
 
 use crate::aggregation::{Aggregation, NONE, Range, Weights};
 use crate::band::Band;
+use crate::config::Config;
 use crate::consistency::Winners;
 use crate::correlation::{Correlation, LocalStats};
 use crate::error::DepthError;
@@ -13,7 +14,6 @@ use crate::lanes::Level;
 use crate::map::DisparityMap;
 use crate::median::median;
 use crate::noise;
-use crate::settings::Settings;
 use crate::sigma::{Evidence, Model};
 use crate::speckle::SpeckleFilter;
 
@@ -22,7 +22,7 @@ use crate::speckle::SpeckleFilter;
 /// The same pair gives the same map, whatever pairs were matched before, on any number of threads.
 #[derive(Debug)]
 pub struct Matcher {
-    settings: Settings,
+    config: Config,
     level: Level,
     /// Matcher of the downsampled images, if configured.
     half_resolution: Option<Box<HalfResolution>>,
@@ -44,7 +44,7 @@ pub struct Matcher {
 pub struct MatchStats {
     /// Standard deviation of the image noise, gray levels; absent if no block is well exposed.
     pub noise: Option<f64>,
-    /// Whether the settings for noisy images were used.
+    /// Whether the image was matched as a noisy one.
     pub is_noisy: bool,
     /// Number of pixels of each row whose winning disparity is at the lower and at the upper end of
     /// the band of the row.
@@ -55,24 +55,24 @@ impl Matcher {
     /// A matcher for images of `width` x `height` pixels.
     ///
     /// # Errors
-    /// [`DepthError::Settings`].
-    pub fn new(settings: Settings, width: usize, height: usize) -> Result<Self, DepthError> {
-        settings.validate()?;
+    /// [`DepthError::Config`].
+    pub fn new(config: Config, width: usize, height: usize) -> Result<Self, DepthError> {
+        config.validate()?;
         if width == 0 || height == 0 {
-            return Err(DepthError::Settings {
+            return Err(DepthError::Config {
                 what: "the image size",
                 found: format!("{width} x {height}"),
                 expected: "at least 1 x 1".to_owned(),
             });
         }
-        let half_resolution = settings
+        let half_resolution = config
             .downsample
-            .map(|downsample| HalfResolution::new(settings, downsample, width, height));
+            .map(|downsample| HalfResolution::new(config, downsample, width, height));
         Ok(Self {
             half_resolution: half_resolution.transpose()?.map(Box::new),
-            settings,
-            level: settings.level.unwrap_or_else(Level::best),
-            model: *Model::of(settings.paths),
+            config,
+            level: config.level.unwrap_or_else(Level::best),
+            model: *Model::of(config.paths),
             aggregation: Aggregation::default(),
             smoothed: [Vec::new(), Vec::new()],
             consistent: Vec::new(),
@@ -131,9 +131,9 @@ impl Matcher {
         &self.stats
     }
 
-    /// Settings of the matcher.
-    pub fn settings(&self) -> &Settings {
-        &self.settings
+    /// Configuration of the matcher.
+    pub fn config(&self) -> &Config {
+        &self.config
     }
 
     /// Matches a rectified pair.
@@ -197,19 +197,19 @@ impl Matcher {
         right: &ImageView<'_>,
         band: &Band,
     ) -> Result<(), DepthError> {
-        let settings = &self.settings;
+        let config = &self.config;
         self.stats.is_noisy = self
             .stats
             .noise
-            .is_some_and(|noise| noise >= settings.min_noise);
+            .is_some_and(|noise| noise >= config.min_noise);
         let matching = match self.stats.is_noisy {
-            true => settings.noisy,
-            false => settings.clear,
+            true => config.noisy,
+            false => config.clear,
         };
         let weights = Weights {
             census: matching.census,
             max_gray_cost: matching.max_gray_cost,
-            paths: settings.paths,
+            paths: config.paths,
             penalties: matching.penalties,
         };
         let range = Range {
@@ -245,16 +245,16 @@ impl Matcher {
             first: band.first(),
             left: winners,
             right: &self.aggregation.right,
-            max_lr_difference_px: self.settings.max_lr_difference_px,
-            uniqueness_percent: self.settings.uniqueness_percent,
+            max_lr_difference_px: self.config.max_lr_difference_px,
+            uniqueness_percent: self.config.uniqueness_percent,
         };
         winners_of_both.left_right_check(&mut self.consistent);
-        if self.settings.median {
+        if self.config.median {
             median(self.level, width, &self.consistent, &mut self.map.disparity);
         } else {
             self.map.disparity.clone_from(&self.consistent);
         }
-        let (step, least) = (self.settings.speckle_step_px, self.settings.min_speckle_px);
+        let (step, least) = (self.config.speckle_step_px, self.config.min_speckle_px);
         self.speckle_filter
             .remove(width, &mut self.map.disparity, step, least);
         let rows = band.lanes().par_iter().zip(winners.par_chunks_exact(width));
@@ -279,7 +279,7 @@ impl Matcher {
         let width = self.map.width;
         self.local_stats.compute(width, &self.map.disparity);
         self.correlation.compute(left, right, &self.map.disparity);
-        let settings = &self.settings;
+        let config = &self.config;
         let stores_evidence = self.stores_evidence;
         let rows = self.map.disparity.par_chunks_exact_mut(width);
         let rows = rows.zip(self.map.sigma.par_chunks_exact_mut(width));
@@ -293,10 +293,10 @@ impl Matcher {
                     if disparities[x].is_nan() {
                         continue;
                     }
-                    let evidence = Evidence::new(settings.paths, &winners[x], near.at(x, y));
+                    let evidence = Evidence::new(config.paths, &winners[x], near.at(x, y));
                     let sigma = model.sigma_px(&evidence);
-                    let is_correlated = correlation.at(x, y) >= settings.min_correlation;
-                    if !is_correlated || (sigma > settings.max_sigma_px && !stores_evidence) {
+                    let is_correlated = correlation.at(x, y) >= config.min_correlation;
+                    if !is_correlated || (sigma > config.max_sigma_px && !stores_evidence) {
                         disparities[x] = f32::NAN;
                     } else {
                         sigmas[x] = sigma;
@@ -307,7 +307,7 @@ impl Matcher {
         if stores_evidence {
             let winners = self.aggregation.winners.iter().enumerate();
             let of =
-                |(i, winner)| Evidence::new(settings.paths, winner, near.at(i % width, i / width));
+                |(i, winner)| Evidence::new(config.paths, winner, near.at(i % width, i / width));
             self.evidence.extend(winners.map(of));
         }
     }

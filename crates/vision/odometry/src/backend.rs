@@ -4,6 +4,7 @@ pub(crate) mod covariance;
 pub(crate) mod extrinsics;
 pub(crate) mod marginalization;
 pub(crate) mod motion_factor;
+pub(crate) mod newest_pose;
 pub(crate) mod observation;
 pub(crate) mod solver;
 pub(crate) mod state;

@@ -21,11 +21,11 @@ use crate::input::{FrameSet, ImuSample};
 use crate::keyframe::Keyframe;
 use crate::rig::Rig;
 
+use crate::backend::newest_pose::refine_newest;
 use crate::backend::observation::{Camera, CameraPose};
-use crate::backend::solver::{optimize_window, refine_newest};
-use crate::backend::state::{ROTATION, STATE_DIM, State};
-use crate::backend::window::{Frame, MotionFactor, Prior, Window};
-use crate::estimator::initialization::initialize_static;
+use crate::backend::solver::optimize_window;
+use crate::backend::state::{STATE_DIM, State};
+use crate::backend::window::{Frame, MotionFactor, Window};
 use crate::frontend::stale_image::StaleImageDetector;
 use crate::frontend::tracker::{Expected, Track, Tracker, transfer_pixel};
 
@@ -40,7 +40,6 @@ pub use camera_shift::CameraShift;
 #[cfg(test)]
 mod tests;
 
-use keyframes::finish_keyframe;
 use outliers::count_inliers;
 
 /// Status of a pose.
@@ -319,141 +318,6 @@ impl Odometry {
                 )
             });
         }
-    }
-
-    /// Initializes the window with the first frame set.
-    fn initialize(
-        &mut self,
-        time_ns: i64,
-        pyramids: Vec<Option<(Pyramid, Pyramid)>>,
-        exposure_offset_s: &[f64],
-    ) -> Estimate {
-        let mut readings = Vec::new();
-        if let Some(imu) = &self.imu {
-            // Samples without a gap up to now. A single sample does not prove rest, but roughly
-            // gives the vertical.
-            let since = imu.samples.continuous_since(time_ns).unwrap_or(time_ns);
-            if since < time_ns {
-                let from = since.max(time_ns - self.config.estimator.initialization.window_ns);
-                imu.samples.between(from, time_ns, &mut readings);
-            } else {
-                let near = imu.samples.at(time_ns);
-                let near = near.filter(|(reading, is_near)| *is_near && !reading.saturated);
-                readings.extend(near.map(|(reading, _)| reading));
-            }
-        }
-        let (state, sigmas) = initialize_static(
-            &self.config.estimator.initialization,
-            time_ns,
-            &readings,
-            self.imu.is_some(),
-        );
-        let mut window = self.window_of(state, &sigmas);
-        for (k, (tracker, pyramids)) in self.trackers.iter_mut().zip(pyramids).enumerate() {
-            if let Some((left, right)) = pyramids {
-                StaleImageDetector::count_fresh_rows(
-                    &self.config.frontend.stale_image,
-                    &mut self.stale_detectors[k],
-                    &left,
-                    &state,
-                    &self.cameras[k],
-                );
-                tracker.track(&self.cameras[k], left, right, |track| Expected {
-                    at: track.at,
-                    rho: None,
-                });
-            }
-        }
-        self.insert_keyframe(&mut window, exposure_offset_s);
-        self.newest_is_keyframe = true;
-        self.last = Some(state);
-        self.keyframe_covariance = window.prior.covariance();
-        let covariance = self
-            .keyframe_covariance
-            .fixed_view::<6, 6>(0, 0)
-            .into_owned();
-        let inliers = window.landmarks.len();
-        let estimate = self.estimate(
-            &window,
-            &covariance,
-            inliers,
-            inliers >= self.config.estimator.min_inliers,
-            true,
-        );
-        self.window = Some(window);
-        estimate
-    }
-
-    /// A window of the newest frame alone. A prior fixes the gauge: its position and heading.
-    fn window_of(&self, state: State, sigmas: &[f64; STATE_DIM]) -> Window {
-        let mut prior = Prior::of(self.number, state, sigmas);
-        let up = state.rotation.inverse() * Vector3::z();
-        let pinned =
-            up * up.transpose() * (1e8 - 1.0 / (sigmas[ROTATION] * sigmas[ROTATION])).max(0.0);
-        let mut view = prior.information.fixed_view_mut::<3, 3>(ROTATION, ROTATION);
-        view += pinned;
-        Window {
-            cameras: self.cameras.clone(),
-            extrinsics: Vec::new(),
-            frames: vec![Frame {
-                number: self.number,
-                state,
-                motion: None,
-            }],
-            landmarks: BTreeMap::new(),
-            prior,
-            config: self.config.backend,
-        }
-    }
-
-    /// Starts a new window at the newest frame as soon as there are enough landmarks and IMU
-    /// samples; see [`reinitialization`]. `covariance` is that of its pose in the previous window,
-    /// to which none of its observations is connected.
-    fn reinitialize(&mut self, window: &mut Window, covariance: &Matrix6<f64>) {
-        let config = &self.config.estimator;
-        let guess = window.newest().state;
-        let mut readings = Vec::new();
-        if let Some(imu) = &self.imu {
-            let until = guess.time_ns;
-            let continuous = imu.samples.continuous_since(until);
-            let is_silent = (imu.samples.last_ns())
-                .is_none_or(|last| until - last > config.reinitialization.imu_timeout_ns);
-            match continuous {
-                Some(since) if until - since >= config.reinitialization.min_continuous_imu_ns => {
-                    let from = since.max(until - self.config.estimator.initialization.window_ns);
-                    imu.samples.between(from, until, &mut readings);
-                }
-                _ if is_silent => {}
-                _ => return,
-            }
-        }
-        if window.landmarks.len() < config.min_inliers {
-            return;
-        }
-        let covariance = self.with_unmodeled(&guess, *covariance);
-        let (state, sigmas, uncertainty) = reinitialization::reinitialize(
-            config,
-            &guess,
-            &covariance,
-            &readings,
-            self.imu.is_some(),
-        );
-        for frame in &window.frames[..window.frames.len() - 1] {
-            self.ready.extend(finish_keyframe(&mut self.pending, frame));
-        }
-        if let Some(keyframe) = self.pending.get_mut(&self.number) {
-            keyframe.state = (&state).into();
-        }
-        // All landmarks are hosted by the newest frame.
-        let landmarks = std::mem::take(&mut window.landmarks);
-        *window = Window {
-            landmarks,
-            ..self.window_of(state, &sigmas)
-        };
-        self.keyframe_covariance = window.prior.covariance();
-        // The new uncertainty includes the previous ones.
-        self.unmodeled = vec![uncertainty];
-        self.is_lost = false;
     }
 
     /// Adds the uncertainty of resets to the covariance of a pose in the window.

@@ -1,7 +1,7 @@
 //! Stage `cloud`: colored points of the static scene, and masks of the dynamic parts.
 //!
 //! Contract: a point is a depth of a keyframe with a small sigma that keyframes of other instants
-//! support and hardly any violates as free space ([`posed_depth_map`]): dynamic objects, errors of
+//! support and hardly any violates as free space ([`free_space`]): dynamic objects, errors of
 //! a single view and objects that the user's network classifies as movable are excluded. All points
 //! in a voxel become one ([`voxels`]). Surfaces that others see through are dynamic; they are
 //! masked ([`dynamic_mask`]). The color is that of the left image; gray images give gray. An image
@@ -19,8 +19,10 @@ use scene_bundle::outputs::{self, CLOUD, DEPTH, KEYFRAMES, MASKS, RIG_REFINED, T
 use scene_bundle::{OutputReader, Trajectory};
 use serde_json::{Value, json};
 
+use self::config::CloudConfig;
 use self::dynamic_mask::{DynamicMasker, PixelMotion};
-use self::posed_depth_map::{DepthFrame, PointMotion, PosedDepthMap};
+use self::free_space::PointMotion;
+use self::posed_depth_map::{DepthFrame, PosedDepthMap};
 use self::rolling_shutter::RowMotion;
 use self::voxels::{Point, Voxels};
 use super::HANDOFF;
@@ -29,7 +31,9 @@ use crate::image::Image;
 use crate::input::{Frames, Input, ReadError};
 use crate::pipeline::{Stage, StageError, Work};
 
+mod config;
 mod dynamic_mask;
+mod free_space;
 mod posed_depth_map;
 mod rolling_shutter;
 mod voxels;
@@ -38,14 +42,6 @@ mod voxels;
 pub(super) struct CloudStage {
     pub(super) networks: Networks,
 }
-
-/// Number of instants before and after that of a keyframe whose depth maps vote on its surfaces: as
-/// far as people see ahead on a walk, and as much as fits in memory.
-const NEIGHBOR_INSTANTS: usize = 4;
-/// Maximum sigma of a depth that becomes a point, m. Half a metre would fill streets with fog.
-const MAX_POINT_SIGMA_M: f64 = 0.15;
-/// Maximum sigma of a depth that is classified as static or dynamic, m.
-const MAX_MOTION_SIGMA_M: f64 = 0.5;
 
 impl Stage<Input> for CloudStage {
     fn name(&self) -> &'static str {
@@ -67,20 +63,12 @@ impl Stage<Input> for CloudStage {
     fn settings(&self) -> Value {
         json!({
             "network": self.networks.segmentation_hash(),
-            "reach": NEIGHBOR_INSTANTS,
-            "largest_sigma_m": MAX_POINT_SIGMA_M,
-            "agree_sigma": posed_depth_map::SUPPORT_SIGMA,
-            "moving_sigma_m": MAX_MOTION_SIGMA_M,
-            "wearer_share": dynamic_mask::WEARER_MIN_RATIO,
-            "wearer_least_looks": dynamic_mask::MIN_WEARER_VIEWS,
-            "through_sigma": posed_depth_map::FREE_SPACE_SIGMA,
-            "least_confirmed": posed_depth_map::MIN_SUPPORT_VIEWS,
-            "confirmed_per_through": posed_depth_map::SUPPORT_PER_VIOLATION,
-            "voxel_m": voxels::VOXEL_M,
+            "config": CloudConfig::default(),
         })
     }
 
     fn run(&self, work: &Work<'_, Input>) -> Result<(), StageError> {
+        let config = CloudConfig::default();
         let rig = outputs::rig::read(&work.read(RIG_REFINED)?)?;
         let depth = work.read(DEPTH)?;
         let index = outputs::depth::read_index(&depth)?;
@@ -93,23 +81,23 @@ impl Stage<Input> for CloudStage {
             let camera = rig.camera(&view.camera);
             let (_, camera) = camera.ok_or_else(|| ReadError::NoSuch(view.camera.clone()))?;
             lenses.push(Lens::new(&camera.left));
-            dynamic.push(DynamicMasker::new(view, &camera.left));
+            dynamic.push(DynamicMasker::new(config.masks, view, &camera.left));
             images.push(frames(work.source(), &index, &view.camera)?);
         }
         let all: usize = instants.iter().map(Vec::len).sum();
-        let (mut done, mut voxels) = (0, Voxels::default());
+        let (mut done, mut voxels) = (0, Voxels::new(config.voxel_m));
         // The instants in memory, and the number of instants before them.
         let (mut near, mut first_near): (VecDeque<Vec<PosedDepthMap>>, usize) =
             (VecDeque::new(), 0);
         for (now, frame_set) in instants.iter().enumerate() {
-            while first_near + near.len() < instants.len().min(now + NEIGHBOR_INSTANTS + 1) {
+            while first_near + near.len() < instants.len().min(now + config.neighbor_instants + 1) {
                 let frame_set = &instants[first_near + near.len()];
                 let views = frame_set
                     .par_iter()
                     .map(|depth_frame| PosedDepthMap::read(&depth, &index, depth_frame));
                 near.push_back(views.collect::<Result<_, _>>()?);
             }
-            while first_near + NEIGHBOR_INSTANTS < now {
+            while first_near + config.neighbor_instants < now {
                 near.pop_front();
                 first_near += 1;
             }
@@ -133,7 +121,7 @@ impl Stage<Input> for CloudStage {
                             movable: movable.as_deref(),
                         };
                         let (points, pixels) =
-                            points(&near, (now - first_near, place), &left_image);
+                            points(&config, &near, (now - first_near, place), &left_image);
                         voxels.add(&points);
                         let dynamic = &mut dynamic[depth_frame.key.view];
                         if let Some(mask) = dynamic.add(&pixels, movable.as_deref()) {
@@ -212,6 +200,7 @@ fn frames(input: &Input, index: &DepthIndex, camera: &str) -> Result<Frames, Rea
 /// Points and motion of each pixel of one view: `near` are the instants around it, `at` is the
 /// index of its instant and of the view in it.
 fn points(
+    config: &CloudConfig,
     near: &VecDeque<Vec<PosedDepthMap>>,
     at: (usize, usize),
     left_image: &LeftImage<'_>,
@@ -225,12 +214,16 @@ fn points(
         .filter(|(_, other)| view.may_share(other))
         .collect();
     let pixel = |column: u32, row: u32| {
-        let Some(surface) = view.surface(column, row, MAX_MOTION_SIGMA_M) else {
+        let Some(surface) = view.surface(column, row, config.max_motion_sigma_m) else {
             return (None, PixelMotion::Unknown);
         };
-        let motion = surface.classify(&others);
-        let pixel = PixelMotion::of(motion == PointMotion::Dynamic, surface.depth_m);
-        if motion != PointMotion::Static || surface.sigma_m > MAX_POINT_SIGMA_M {
+        let motion = surface.classify(&config.votes, &others);
+        let pixel = PixelMotion::of(
+            &config.masks,
+            motion == PointMotion::Dynamic,
+            surface.depth_m,
+        );
+        if motion != PointMotion::Static || surface.sigma_m > config.max_point_sigma_m {
             return (None, pixel);
         }
         let color = left_image.color(view.ray_in_left(column, row));

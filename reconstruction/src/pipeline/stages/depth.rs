@@ -12,13 +12,14 @@ use scene_bundle::outputs::depth::{DepthKey, DepthView, DepthWriter};
 use scene_bundle::outputs::{self, DEPTH, KEYFRAMES, RIG_REFINED, TRAJECTORY};
 use serde_json::{Value, json};
 
-use self::keyframe_selection::KeyframeSpacing;
+use self::config::DepthStageConfig;
 use self::stereo_pair::StereoPair;
 use super::networks::Networks;
 use super::{HANDOFF, Preset};
 use crate::input::{Input, ReadError};
 use crate::pipeline::{Stage, StageError, Work};
 
+mod config;
 mod keyframe_selection;
 mod stereo_pair;
 
@@ -26,27 +27,6 @@ mod stereo_pair;
 pub(super) struct DepthStage {
     pub(super) preset: Preset,
     pub(super) networks: Networks,
-}
-
-/// Keyframe spacing: at most half a person's step, one step, two steps.
-fn keyframe_spacing(preset: Preset) -> KeyframeSpacing {
-    let (moved_m, turned_deg) = match preset {
-        Preset::Fast => (1.0, 30.0),
-        Preset::Balanced => (0.5, 20.0),
-        Preset::Accurate => (0.25, 10.0),
-    };
-    KeyframeSpacing {
-        moved_m,
-        turned_deg,
-    }
-}
-
-fn matching(preset: Preset) -> ::depth::Preset {
-    match preset {
-        Preset::Fast => ::depth::Preset::Fast,
-        Preset::Balanced => ::depth::Preset::Balanced,
-        Preset::Accurate => ::depth::Preset::Accurate,
-    }
 }
 
 impl Stage<Input> for DepthStage {
@@ -67,28 +47,20 @@ impl Stage<Input> for DepthStage {
     }
 
     fn settings(&self) -> Value {
-        let KeyframeSpacing {
-            moved_m,
-            turned_deg,
-        } = keyframe_spacing(self.preset);
         json!({
-            // All of them, so that depth is recomputed when the meaning of a preset has changed.
-            "matching": format!("{:?}", ::depth::Settings::preset(matching(self.preset))),
-            "moved_m": moved_m,
-            "turned_deg": turned_deg,
-            "nearest_m": stereo_pair::MIN_DISTANCE_M,
-            "most_relative_sigma": stereo_pair::MAX_RELATIVE_SIGMA,
+            "config": DepthStageConfig::preset(self.preset),
             "network": self.networks.stereo_hash(),
         })
     }
 
     fn run(&self, work: &Work<'_, Input>) -> Result<(), StageError> {
+        let config = DepthStageConfig::preset(self.preset);
         let rig = outputs::rig::read(&work.read(RIG_REFINED)?)?;
         let trajectory = outputs::trajectory::read(&work.read(TRAJECTORY)?)?;
         let input = work.source();
         let (mut pairs, mut views, mut chosen) = (Vec::new(), Vec::new(), Vec::new());
         for (place, camera) in rig.cameras.iter().enumerate() {
-            match StereoPair::new(camera, matching(self.preset)) {
+            match StereoPair::new(camera, &config) {
                 Ok(pair) => {
                     views.push(DepthView {
                         camera: camera.name.clone(),
@@ -104,7 +76,7 @@ impl Stage<Input> for DepthStage {
                         number,
                         (place, camera),
                         &trajectory,
-                        keyframe_spacing(self.preset),
+                        config.keyframes,
                     ));
                     pairs.push((camera, pair));
                 }

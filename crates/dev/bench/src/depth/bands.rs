@@ -2,7 +2,7 @@
 
 use anyhow::Result;
 use depth::band::plan::Plane;
-use depth::{Band, BandedMatcher, Matcher, Preset, Settings};
+use depth::{Band, BandedMatcher, Config, Matcher, Preset};
 use rig_sim::camera::Quality;
 use rig_sim::scene::{Kind, Lighting};
 use serde_json::{Value, json};
@@ -75,7 +75,7 @@ fn compare(frames: &[Frame], preset: Preset) -> Result<Sums> {
     let Some(first) = frames.first() else {
         return Ok(sums);
     };
-    let settings = Settings::preset(preset);
+    let settings = Config::preset(preset);
     let band = Band::full(0, first.range, first.height)?;
     let mut matcher = Matcher::new(settings, first.width, first.height)?;
     let mut banded = BandedMatcher::new(settings, first.width, band.clone())?;

@@ -2,7 +2,7 @@
 
 use anyhow::{Result, ensure};
 use depth::evaluate::{BAD_PX, Scores};
-use depth::{Band, Census, Downsample, Matcher, Matching, Paths, Penalties, Preset, Settings};
+use depth::{Band, Census, Config, Downsample, Matcher, Matching, Paths, Penalties, Preset};
 use rig_sim::camera::Quality;
 use rig_sim::scene::{Kind, Lighting};
 use serde_json::{Value, json};
@@ -46,9 +46,9 @@ pub(super) struct Race {
 }
 
 /// Our presets, and settings between them.
-fn ours() -> Vec<(String, Settings)> {
-    let mut all: Vec<(String, Settings)> = (Preset::ALL.iter())
-        .map(|preset| (preset.name().to_owned(), Settings::preset(*preset)))
+fn ours() -> Vec<(String, Config)> {
+    let mut all: Vec<(String, Config)> = (Preset::ALL.iter())
+        .map(|preset| (preset.name().to_owned(), Config::preset(*preset)))
         .collect();
     for (windows, census) in [("5x5", Census::Full5x5), ("7x7", Census::Full7x7)] {
         for (count, paths) in [(3, Paths::Three), (4, Paths::Four), (8, Paths::Eight)] {
@@ -57,7 +57,7 @@ fn ours() -> Vec<(String, Settings)> {
                 (Some(Downsample::Rows), ", half the rows"),
                 (Some(Downsample::Both), ", halved"),
             ] {
-                let preset = Settings::preset(Preset::Balanced);
+                let preset = Config::preset(Preset::Balanced);
                 let clear = Matching {
                     census,
                     penalties: Penalties::for_costs_up_to(
@@ -65,7 +65,7 @@ fn ours() -> Vec<(String, Settings)> {
                     ),
                     ..preset.clear
                 };
-                let settings = Settings {
+                let settings = Config {
                     downsample,
                     paths,
                     clear,
@@ -307,7 +307,7 @@ pub(super) fn rate(quick: bool) -> Result<Value> {
             );
             let [left, right] = frame.pictures();
             let band = Band::full(0, RATE_RANGE, frame.height)?;
-            let mut matcher = Matcher::new(Settings::preset(preset), frame.width, frame.height)?;
+            let mut matcher = Matcher::new(Config::preset(preset), frame.width, frame.height)?;
             matcher.run(&left, &right, &band)?;
             for _ in 0..runs {
                 let (result, took) = timed(|| matcher.run(&left, &right, &band).map(drop));

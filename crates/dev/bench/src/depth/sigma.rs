@@ -3,7 +3,7 @@
 use anyhow::{Context, Result};
 use depth::evaluate::Scores;
 use depth::sigma::{Model, Sample};
-use depth::{Band, Matcher, Preset, Settings};
+use depth::{Band, Config, Matcher, Preset};
 use serde_json::{Value, json};
 
 use super::frames::Frame;
@@ -40,9 +40,9 @@ pub(super) fn fit() -> Result<String> {
 fn samples_of(preset: Preset, frame: &Frame, number: usize) -> Result<Vec<Sample>> {
     let [left, right] = frame.pictures();
     // Results of smaller images use the same model.
-    let settings = Settings {
+    let settings = Config {
         downsample: None,
-        ..Settings::preset(preset)
+        ..Config::preset(preset)
     };
     let mut matcher = Matcher::new(settings, frame.width, frame.height)?.with_evidence();
     matcher.run(&left, &right, &Band::full(0, frame.range, frame.height)?)?;
@@ -118,7 +118,7 @@ pub(super) fn check(places: &[Place], frames: &[Found]) -> Result<Vec<Group>> {
 /// Scores of a preset on a frame.
 pub(super) fn score(preset: Preset, frame: &Frame) -> Result<Scores> {
     let [left, right] = frame.pictures();
-    let mut matcher = Matcher::new(Settings::preset(preset), frame.width, frame.height)?;
+    let mut matcher = Matcher::new(Config::preset(preset), frame.width, frame.height)?;
     let map = matcher.run(&left, &right, &Band::full(0, frame.range, frame.height)?)?;
     Ok(Scores::of(map, frame.truth())?)
 }

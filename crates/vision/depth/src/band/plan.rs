@@ -6,11 +6,11 @@
 //! and never removes any.
 
 use crate::band::Band;
+use crate::config::{Config, Preset};
 use crate::error::DepthError;
 use crate::image::ImageView;
 use crate::map::{DisparityMap, Geometry};
 use crate::matcher::Matcher;
-use crate::settings::{Preset, Settings};
 
 /// A plane: all points `p` with `normal . p = distance_m`, in the left optical frame (x right, y down, z forward).
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -173,18 +173,18 @@ impl Probe {
         let first = full.first().div_euclid(scale);
         let last = (full.first() + full.count() as i32).div_euclid(scale) + 1;
         // Small objects matter here and holes do not, so that disparity jumps are cheap.
-        let mut settings = Settings {
+        let mut config = Config {
             min_speckle_px: 4,
-            ..Settings::preset(Preset::Balanced)
+            ..Config::preset(Preset::Balanced)
         };
-        for matching in [&mut settings.clear, &mut settings.noisy] {
+        for matching in [&mut config.clear, &mut config.noisy] {
             let penalties = &mut matching.penalties;
             penalties.small /= 2;
             penalties.large /= 2;
             penalties.min_large /= 2;
         }
         Ok(Some(Self {
-            matcher: Matcher::new(settings, size[0], size[1])?,
+            matcher: Matcher::new(config, size[0], size[1])?,
             small: [Vec::new(), Vec::new()],
             size,
             band: Band::full(first, (last - first + 1) as usize, size[1])?,

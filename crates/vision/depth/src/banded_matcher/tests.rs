@@ -1,6 +1,6 @@
 use super::*;
+use crate::config::Preset;
 use crate::reference::Random;
-use crate::settings::Preset;
 
 const WIDTH: usize = 240;
 const HEIGHT: usize = 96;
@@ -24,8 +24,8 @@ fn ratio_at(map: &DisparityMap, columns: std::ops::Range<usize>, disparity: f32)
 }
 
 fn banded() -> BandedMatcher {
-    let settings = Settings::preset(Preset::Balanced);
-    BandedMatcher::new(settings, WIDTH, Band::full(0, 128, HEIGHT).unwrap()).unwrap()
+    let config = Config::preset(Preset::Balanced);
+    BandedMatcher::new(config, WIDTH, Band::full(0, 128, HEIGHT).unwrap()).unwrap()
 }
 
 #[test]

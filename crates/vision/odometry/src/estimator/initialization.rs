@@ -4,7 +4,15 @@
 //! bias. In motion the mean specific force still gives the vertical roughly; its standard deviation
 //! accounts for that, and the window estimates the rest.
 
+use std::collections::BTreeMap;
+
 use nalgebra::{UnitQuaternion, Vector3};
+
+use super::{Estimate, Odometry};
+use crate::backend::window::{Frame, Prior, Window};
+use crate::frontend::pyramid::Pyramid;
+use crate::frontend::stale_image::StaleImageDetector;
+use crate::frontend::tracker::Expected;
 
 use crate::backend::state::{
     ACCEL_BIAS, GYRO_BIAS, POSITION, ROTATION, STATE_DIM, State, VELOCITY,
@@ -76,6 +84,93 @@ pub(crate) fn initialize_static(
     }
     state.gyro_rate = readings[readings.len() - 1].gyro;
     (state, sigmas)
+}
+
+impl Odometry {
+    /// Initializes the window with the first frame set.
+    pub(super) fn initialize(
+        &mut self,
+        time_ns: i64,
+        pyramids: Vec<Option<(Pyramid, Pyramid)>>,
+        exposure_offset_s: &[f64],
+    ) -> Estimate {
+        let mut readings = Vec::new();
+        if let Some(imu) = &self.imu {
+            // Samples without a gap up to now. A single sample does not prove rest, but roughly
+            // gives the vertical.
+            let since = imu.samples.continuous_since(time_ns).unwrap_or(time_ns);
+            if since < time_ns {
+                let from = since.max(time_ns - self.config.estimator.initialization.window_ns);
+                imu.samples.between(from, time_ns, &mut readings);
+            } else {
+                let near = imu.samples.at(time_ns);
+                let near = near.filter(|(reading, is_near)| *is_near && !reading.saturated);
+                readings.extend(near.map(|(reading, _)| reading));
+            }
+        }
+        let (state, sigmas) = initialize_static(
+            &self.config.estimator.initialization,
+            time_ns,
+            &readings,
+            self.imu.is_some(),
+        );
+        let mut window = self.window_of(state, &sigmas);
+        for (k, (tracker, pyramids)) in self.trackers.iter_mut().zip(pyramids).enumerate() {
+            if let Some((left, right)) = pyramids {
+                StaleImageDetector::count_fresh_rows(
+                    &self.config.frontend.stale_image,
+                    &mut self.stale_detectors[k],
+                    &left,
+                    &state,
+                    &self.cameras[k],
+                );
+                tracker.track(&self.cameras[k], left, right, |track| Expected {
+                    at: track.at,
+                    rho: None,
+                });
+            }
+        }
+        self.insert_keyframe(&mut window, exposure_offset_s);
+        self.newest_is_keyframe = true;
+        self.last = Some(state);
+        self.keyframe_covariance = window.prior.covariance();
+        let covariance = self
+            .keyframe_covariance
+            .fixed_view::<6, 6>(0, 0)
+            .into_owned();
+        let inliers = window.landmarks.len();
+        let estimate = self.estimate(
+            &window,
+            &covariance,
+            inliers,
+            inliers >= self.config.estimator.min_inliers,
+            true,
+        );
+        self.window = Some(window);
+        estimate
+    }
+
+    /// A window of the newest frame alone. A prior fixes the gauge: its position and heading.
+    pub(super) fn window_of(&self, state: State, sigmas: &[f64; STATE_DIM]) -> Window {
+        let mut prior = Prior::of(self.number, state, sigmas);
+        let up = state.rotation.inverse() * Vector3::z();
+        let pinned =
+            up * up.transpose() * (1e8 - 1.0 / (sigmas[ROTATION] * sigmas[ROTATION])).max(0.0);
+        let mut view = prior.information.fixed_view_mut::<3, 3>(ROTATION, ROTATION);
+        view += pinned;
+        Window {
+            cameras: self.cameras.clone(),
+            extrinsics: Vec::new(),
+            frames: vec![Frame {
+                number: self.number,
+                state,
+                motion: None,
+            }],
+            landmarks: BTreeMap::new(),
+            prior,
+            config: self.config.backend,
+        }
+    }
 }
 
 #[cfg(test)]

@@ -6,7 +6,8 @@ use std::collections::BTreeSet;
 use nalgebra::SMatrix;
 
 use super::Odometry;
-use crate::backend::solver::{for_each_residual, refine_newest};
+use crate::backend::newest_pose::refine_newest;
+use crate::backend::solver::for_each_residual;
 use crate::backend::state::{STATE_DIM, State};
 use crate::backend::window::{Frame, Landmark, MotionFactor, Window};
 use crate::inertial::propagation::constant_velocity;

@@ -9,8 +9,11 @@
 
 use nalgebra::{Matrix3, Matrix6, UnitQuaternion, Vector3};
 
+use super::Odometry;
+use super::keyframes::finish_keyframe;
 use crate::backend::covariance::transport;
 use crate::backend::state::{ACCEL_BIAS, GYRO_BIAS, ROTATION, STATE_DIM, State};
+use crate::backend::window::Window;
 use crate::config::EstimatorConfig;
 use crate::estimator::initialization::initialize_static;
 use crate::inertial::imu_buffer::Reading;
@@ -94,6 +97,53 @@ pub(crate) fn reinitialize(
         covariance,
     };
     (state, sigmas, uncertainty)
+}
+
+impl Odometry {
+    /// Starts a new window at the newest frame as soon as there are enough landmarks and IMU
+    /// samples; see [`reinitialization`]. `covariance` is that of its pose in the previous window,
+    /// to which none of its observations is connected.
+    pub(super) fn reinitialize(&mut self, window: &mut Window, covariance: &Matrix6<f64>) {
+        let config = &self.config.estimator;
+        let guess = window.newest().state;
+        let mut readings = Vec::new();
+        if let Some(imu) = &self.imu {
+            let until = guess.time_ns;
+            let continuous = imu.samples.continuous_since(until);
+            let is_silent = (imu.samples.last_ns())
+                .is_none_or(|last| until - last > config.reinitialization.imu_timeout_ns);
+            match continuous {
+                Some(since) if until - since >= config.reinitialization.min_continuous_imu_ns => {
+                    let from = since.max(until - self.config.estimator.initialization.window_ns);
+                    imu.samples.between(from, until, &mut readings);
+                }
+                _ if is_silent => {}
+                _ => return,
+            }
+        }
+        if window.landmarks.len() < config.min_inliers {
+            return;
+        }
+        let covariance = self.with_unmodeled(&guess, *covariance);
+        let (state, sigmas, uncertainty) =
+            reinitialize(config, &guess, &covariance, &readings, self.imu.is_some());
+        for frame in &window.frames[..window.frames.len() - 1] {
+            self.ready.extend(finish_keyframe(&mut self.pending, frame));
+        }
+        if let Some(keyframe) = self.pending.get_mut(&self.number) {
+            keyframe.state = (&state).into();
+        }
+        // All landmarks are hosted by the newest frame.
+        let landmarks = std::mem::take(&mut window.landmarks);
+        *window = Window {
+            landmarks,
+            ..self.window_of(state, &sigmas)
+        };
+        self.keyframe_covariance = window.prior.covariance();
+        // The new uncertainty includes the previous ones.
+        self.unmodeled = vec![uncertainty];
+        self.is_lost = false;
+    }
 }
 
 #[cfg(test)]

@@ -1,7 +1,7 @@
 //! Masks of what does not belong to the static scene: dynamic objects, and the wearer.
 //!
 //! Contract: a pixel of a keyframe is *dynamic* if at least two keyframes of other instants see
-//! through its surface, more than support it ([`super::posed_depth_map`]), and most pixels around
+//! through its surface, more than support it ([`super::free_space`]), and most pixels around
 //! it are dynamic, too: matchers make edges slightly too wide, and those are seen through as well.
 //! Pixels without depth have no vote; beside dynamic pixels they are taken as dynamic, too, since
 //! matchers find nothing where only one image shows a surface. The wearer is where near objects are
@@ -11,28 +11,11 @@ use calib::{CameraModel, Lens};
 use scene_bundle::outputs::depth::DepthView;
 use scene_bundle::outputs::masks::Mask;
 
-/// Maximum distance of the wearer's own body, from the chest to the tips of shoes that step
-/// forward, m.
-const MAX_WEARER_DISTANCE_M: f64 = 1.8;
-/// Ratio of views in which a cell shows the wearer above which it belongs to the wearer mask, and
-/// minimum number of views for that decision.
-pub(super) const WEARER_MIN_RATIO: f64 = 0.04;
-pub(super) const MIN_WEARER_VIEWS: u32 = 20;
-/// Side of a cell, px of the view.
-const CELL_PX: usize = 8;
-/// Ratio of near dynamic pixels of a cell that shows the wearer in a view.
-const CELL_MIN_RATIO: f64 = 0.3;
-/// Radius of the square around a pixel of which most must be dynamic, and dilation of dynamic
-/// areas, px.
-const SMOOTHING_RADIUS_PX: usize = 2;
-const DILATION_PX: usize = 2;
-/// Dilation into pixels without depth, px.
-const DILATION_UNKNOWN_PX: usize = 10;
-/// Width around the view in which the image takes the value of its border, px.
-const BORDER_EXTENSION_PX: f64 = 16.0;
+use super::config::MaskConfig;
 
 /// Masks of one camera.
 pub(super) struct DynamicMasker {
+    config: MaskConfig,
     width: usize,
     height: usize,
     columns: usize,
@@ -59,10 +42,10 @@ pub(super) enum PixelMotion {
 
 impl PixelMotion {
     /// A surface at a depth, m, dynamic or not.
-    pub(super) fn of(is_dynamic: bool, depth_m: f64) -> Self {
+    pub(super) fn of(config: &MaskConfig, is_dynamic: bool, depth_m: f64) -> Self {
         match is_dynamic {
             false => Self::Static,
-            true if depth_m < MAX_WEARER_DISTANCE_M => Self::DynamicNear,
+            true if depth_m < config.max_wearer_distance_m => Self::DynamicNear,
             true => Self::DynamicFar,
         }
     }
@@ -70,9 +53,9 @@ impl PixelMotion {
 
 impl DynamicMasker {
     /// For a camera with the intrinsics of its recorded left images.
-    pub(super) fn new(view: &DepthView, recorded: &CameraModel) -> Self {
+    pub(super) fn new(config: MaskConfig, view: &DepthView, recorded: &CameraModel) -> Self {
         let (width, height) = (view.model.width as usize, view.model.height as usize);
-        let columns = width.div_ceil(CELL_PX);
+        let columns = width.div_ceil(config.cell_px);
         let (eye, straight) = (Lens::new(recorded), Lens::new(&view.model));
         let pixels = (0..recorded.height).flat_map(|y| (0..recorded.width).map(move |x| (x, y)));
         let pixel = |(x, y): (u32, u32)| {
@@ -80,18 +63,19 @@ impl DynamicMasker {
             let [x, y] = straight.project(view.view_from_left.rotate(ray))?;
             let near = |v: f64, count: usize| {
                 let most = (count - 1) as f64;
-                (v > -BORDER_EXTENSION_PX && v < most + BORDER_EXTENSION_PX)
+                (v > -config.border_extension_px && v < most + config.border_extension_px)
                     .then(|| v.round().clamp(0.0, most))
             };
             let (x, y) = (near(x, width)?, near(y, height)?);
             Some(y as usize * width + x as usize)
         };
         Self {
+            config,
             width,
             height,
             columns,
             views: 0,
-            counts: vec![0; columns * height.div_ceil(CELL_PX)],
+            counts: vec![0; columns * height.div_ceil(config.cell_px)],
             view_pixels: pixels.map(pixel).collect(),
             recorded: [recorded.width, recorded.height],
         }
@@ -101,28 +85,39 @@ impl DynamicMasker {
     /// according to a network, if there is one. Returns the dynamic mask of the view, `None`
     /// without dynamic pixels.
     pub(super) fn add(&mut self, pixels: &[PixelMotion], movable: Option<&[bool]>) -> Option<Mask> {
+        let config = self.config;
         self.views += 1;
         let (width, height) = (self.width, self.height);
         let mut near = vec![0_usize; self.counts.len()];
         for (i, pixel) in pixels.iter().enumerate() {
-            let cell = i / width / CELL_PX * self.columns + i % width / CELL_PX;
+            let cell = i / width / config.cell_px * self.columns + i % width / config.cell_px;
             near[cell] += usize::from(*pixel == PixelMotion::DynamicNear);
         }
         for (count, near) in self.counts.iter_mut().zip(near) {
-            *count += u32::from(near as f64 >= CELL_MIN_RATIO * (CELL_PX * CELL_PX) as f64);
+            *count += u32::from(
+                near as f64 >= config.min_cell_ratio * (config.cell_px * config.cell_px) as f64,
+            );
         }
         let is_dynamic = pixels
             .iter()
             .map(|p| [PixelMotion::DynamicNear, PixelMotion::DynamicFar].contains(p));
         let is_dynamic: Vec<bool> = is_dynamic.collect();
-        let half = (2 * SMOOTHING_RADIUS_PX + 1).pow(2) / 2;
-        let most = around(&is_dynamic, [width, height], SMOOTHING_RADIUS_PX, |count| {
-            count > half
-        });
-        let mut dilated = around(&most, [width, height], DILATION_PX, |count| count > 0);
-        let reached = around(&most, [width, height], DILATION_UNKNOWN_PX, |count| {
+        let half = (2 * config.smoothing_radius_px + 1).pow(2) / 2;
+        let most = around(
+            &is_dynamic,
+            [width, height],
+            config.smoothing_radius_px,
+            |count| count > half,
+        );
+        let mut dilated = around(&most, [width, height], config.dilation_px, |count| {
             count > 0
         });
+        let reached = around(
+            &most,
+            [width, height],
+            config.dilation_unknown_px,
+            |count| count > 0,
+        );
         for ((dilated, reached), pixel) in dilated.iter_mut().zip(reached).zip(pixels) {
             *dilated |= reached && *pixel == PixelMotion::Unknown;
         }
@@ -141,20 +136,23 @@ impl DynamicMasker {
 
     /// The wearer mask; `None` if the wearer is nowhere.
     pub(super) fn wearer_mask(&self) -> Option<Mask> {
-        if self.views < MIN_WEARER_VIEWS {
+        let config = self.config;
+        if self.views < config.min_wearer_views {
             return None;
         }
-        let min_count = WEARER_MIN_RATIO * f64::from(self.views);
+        let min_count = config.min_wearer_ratio * f64::from(self.views);
         let shows_wearer: Vec<bool> = self
             .counts
             .iter()
             .map(|c| f64::from(*c) >= min_count)
             .collect();
-        let rows = self.height.div_ceil(CELL_PX);
+        let rows = self.height.div_ceil(config.cell_px);
         // Neighbouring cells show the wearer at least in part.
         let dilated = around(&shows_wearer, [self.columns, rows], 1, |count| count > 0);
-        let pixel =
-            |i: usize| dilated[i / self.width / CELL_PX * self.columns + i % self.width / CELL_PX];
+        let pixel = |i: usize| {
+            dilated
+                [i / self.width / config.cell_px * self.columns + i % self.width / config.cell_px]
+        };
         let view: Vec<bool> = (0..self.width * self.height).map(pixel).collect();
         shows_wearer.contains(&true).then(|| self.mask(&view))
     }
@@ -228,7 +226,7 @@ mod tests {
             model,
             view_from_left: RigidTransform::identity(),
         };
-        DynamicMasker::new(&view, &model)
+        DynamicMasker::new(MaskConfig::default(), &view, &model)
     }
 
     /// Dynamic pixels in a rectangle of columns and rows.
@@ -238,8 +236,14 @@ mod tests {
         depth_m: f64,
     ) -> Vec<PixelMotion> {
         let all = (0..HEIGHT as usize).flat_map(|y| (0..WIDTH as usize).map(move |x| (x, y)));
-        all.map(|(x, y)| PixelMotion::of(columns.contains(&x) && rows.contains(&y), depth_m))
-            .collect()
+        all.map(|(x, y)| {
+            PixelMotion::of(
+                &MaskConfig::default(),
+                columns.contains(&x) && rows.contains(&y),
+                depth_m,
+            )
+        })
+        .collect()
     }
 
     fn masked(mask: &Mask) -> usize {

@@ -65,9 +65,17 @@ fn cloud(depth_maps: Vec<PosedDepthMap>) -> Vec<CloudPoint> {
         data: [9, 80, 200].repeat((WIDTH * HEIGHT) as usize).into(),
     };
     let lens = Lens::new(&view().model);
-    let mut voxels = Voxels::default();
+    let mut voxels = Voxels::new(0.05);
     for k in 0..near.len() {
-        voxels.add(&points(&near, (k, 0), &left_image(&lens, &image)).0);
+        voxels.add(
+            &points(
+                &CloudConfig::default(),
+                &near,
+                (k, 0),
+                &left_image(&lens, &image),
+            )
+            .0,
+        );
     }
     voxels.into_points()
 }
@@ -118,9 +126,14 @@ fn too_few_views_make_no_point() {
     };
     let lens = Lens::new(&view().model);
     assert!(
-        points(&near, (0, 0), &left_image(&lens, &image))
-            .0
-            .is_empty()
+        points(
+            &CloudConfig::default(),
+            &near,
+            (0, 0),
+            &left_image(&lens, &image)
+        )
+        .0
+        .is_empty()
     );
 }
 
@@ -143,7 +156,7 @@ fn a_person_who_walks_by_leaves_no_points() {
 fn uncertain_depth_makes_no_point() {
     let vague = |right_m: f64| {
         let mut depth_map = depth_map(right_m, nothing_else);
-        depth_map.blur(MAX_POINT_SIGMA_M + 0.01);
+        depth_map.blur(CloudConfig::default().max_point_sigma_m + 0.01);
         depth_map
     };
     assert!(cloud(vec![vague(0.0), vague(0.1), vague(0.2)]).is_empty());

@@ -9,10 +9,6 @@ use std::collections::HashMap;
 
 use scene_bundle::outputs::cloud::CloudPoint;
 
-/// Edge of a voxel, m: less than feet and wheels are sensitive to, and about the resolution of
-/// stereo at a few steps.
-pub(super) const VOXEL_M: f64 = 0.05;
-
 /// A point of one view.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(super) struct Point {
@@ -34,8 +30,10 @@ struct Sums {
 }
 
 /// All voxels with observations.
-#[derive(Debug, Default)]
+#[derive(Debug)]
 pub(super) struct Voxels {
+    /// Edge of a voxel, m.
+    edge_m: f64,
     cells: HashMap<[i32; 3], Sums>,
 }
 
@@ -55,17 +53,25 @@ impl Sums {
     }
 }
 
-fn middle(cell: [i32; 3]) -> [f64; 3] {
-    cell.map(|c| (f64::from(c) + 0.5) * VOXEL_M)
-}
-
 impl Voxels {
+    /// An empty grid with this edge of a voxel, m.
+    pub(super) fn new(edge_m: f64) -> Self {
+        Self {
+            edge_m,
+            cells: HashMap::new(),
+        }
+    }
+
+    fn middle(&self, cell: [i32; 3]) -> [f64; 3] {
+        cell.map(|c| (f64::from(c) + 0.5) * self.edge_m)
+    }
+
     /// Adds the points of one view.
     pub(super) fn add(&mut self, points: &[Point]) {
         let mut of_look: HashMap<[i32; 3], (u32, Sums)> = HashMap::new();
         for point in points {
-            let cell = point.x_in_world.map(|c| (c / VOXEL_M).floor() as i32);
-            let middle = middle(cell);
+            let cell = point.x_in_world.map(|c| (c / self.edge_m).floor() as i32);
+            let middle = self.middle(cell);
             let offset = [0, 1, 2].map(|k| (point.x_in_world[k] - middle[k]) as f32);
             let (count, sums) = of_look.entry(cell).or_default();
             *count += 1;
@@ -84,11 +90,11 @@ impl Voxels {
 
     /// One point for each voxel, in the order of their positions.
     pub(super) fn into_points(self) -> Vec<CloudPoint> {
-        let mut cells: Vec<([i32; 3], Sums)> = self.cells.into_iter().collect();
+        let mut cells: Vec<([i32; 3], Sums)> = self.cells.iter().map(|(k, v)| (*k, *v)).collect();
         cells.sort_unstable_by_key(|(cell, _)| *cell);
         let point = |(cell, sums): &([i32; 3], Sums)| {
             let (offset, color) = sums.means();
-            let middle = middle(*cell);
+            let middle = self.middle(*cell);
             CloudPoint {
                 x_in_world: [0, 1, 2].map(|k| (middle[k] + f64::from(offset[k])) as f32),
                 color: color.map(|c| c.round() as u8),
@@ -113,7 +119,7 @@ mod tests {
 
     #[test]
     fn a_voxel_has_the_weighted_mean_and_each_view_counts_once() {
-        let mut voxels = Voxels::default();
+        let mut voxels = Voxels::new(0.05);
         voxels.add(&[point(0.010, 0.02, 100); 7]);
         voxels.add(&[point(0.020, 0.04, 200)]);
         voxels.add(&[point(-0.010, 0.03, 50)]);
@@ -130,7 +136,7 @@ mod tests {
 
     #[test]
     fn far_points_are_as_accurate() {
-        let mut voxels = Voxels::default();
+        let mut voxels = Voxels::new(0.05);
         voxels.add(&[point(812.345, 0.02, 1)]);
         let x = voxels.into_points()[0].x_in_world[0];
         assert!((f64::from(x) - 812.345).abs() < 1e-4);

@@ -12,21 +12,14 @@ use scene_bundle::outputs::keyframes::Keyframe;
 use scene_bundle::outputs::rig::RigCamera;
 use session_archive::index::Index;
 
+use super::config::KeyframeSpacing;
 use crate::pipeline::stages::pose_interpolation::pose_at;
-
-/// Keyframe spacing: a keyframe is due as soon as one of the two is reached.
-#[derive(Clone, Copy, Debug, PartialEq)]
-pub(super) struct KeyframeSpacing {
-    /// m.
-    pub(super) moved_m: f64,
-    /// Degrees.
-    pub(super) turned_deg: f64,
-}
 
 impl KeyframeSpacing {
     fn is_reached(&self, last: &RigidTransform, now: &RigidTransform) -> bool {
         let motion = last.inverse() * *now;
-        motion.distance_m() >= self.moved_m || motion.angle_rad().to_degrees() >= self.turned_deg
+        motion.distance_m() >= self.translation_m
+            || motion.angle_rad().to_degrees() >= self.rotation_deg
     }
 }
 
@@ -72,8 +65,8 @@ mod tests {
     #[test]
     fn either_motion_is_enough() {
         let spacing = KeyframeSpacing {
-            moved_m: 0.5,
-            turned_deg: 10.0,
+            translation_m: 0.5,
+            rotation_deg: 10.0,
         };
         let origin = RigidTransform::identity();
         let motion = |w: f64, x: f64| {

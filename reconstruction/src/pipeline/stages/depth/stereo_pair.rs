@@ -1,8 +1,8 @@
 //! Depth from the two images of a stereo frame.
 //!
 //! Contract: depth is that of the rectified left image, cropped to the largest part in which both
-//! are valid. Pixels whose sigma is more than [`MAX_RELATIVE_SIGMA`] of their depth have none.
-//! Disparities are searched up to that of [`MIN_DISTANCE_M`], as far as the matcher can.
+//! are valid. Pixels whose sigma is more than `max_relative_sigma` of their depth have none.
+//! Disparities are searched up to that of `min_distance_m`, as far as the matcher can.
 //! [`StereoPair::disparity`] is the only function that computes disparity, by the user's network if
 //! there is one.
 
@@ -11,18 +11,15 @@ use std::borrow::Cow;
 use cad_transforms::RigidTransform;
 use calib::rectify::{Rectification, Remap, View};
 use calib::{CameraModel, Eye};
-use depth::{Band, BandedMatcher, DisparityMap, Geometry, Preset, Settings};
+use depth::{Band, BandedMatcher, DisparityMap, Geometry};
 use scene_bundle::outputs::depth::DepthImage;
 use scene_bundle::outputs::rig::RigCamera;
 
+use super::config::DepthStageConfig;
 use crate::pipeline::StageError;
 use crate::pipeline::stages::networks::Networks;
 use crate::pipeline::stages::rig;
 
-/// Minimum distance of the disparity search, m: excludes the wearer's hands and knees.
-pub(super) const MIN_DISTANCE_M: f64 = 0.25;
-/// Maximum sigma as a ratio of the depth: beyond it the first-order error model does not hold.
-pub(super) const MAX_RELATIVE_SIGMA: f64 = 0.2;
 /// Maximum number of disparities that the matcher can search.
 const MAX_DISPARITIES: usize = 256;
 
@@ -31,21 +28,24 @@ pub(super) struct StereoPair {
     rectification: Rectification,
     remaps: [Remap; 2],
     matcher: BandedMatcher,
+    max_relative_sigma: f64,
     rectified: [Vec<u8>; 2],
 }
 
 impl StereoPair {
-    pub(super) fn new(camera: &RigCamera, preset: Preset) -> Result<Self, StageError> {
+    pub(super) fn new(camera: &RigCamera, config: &DepthStageConfig) -> Result<Self, StageError> {
         let rectification = Rectification::new(&rig::calibration(camera), View::Filled)?;
         let remaps = [(Eye::Left, camera.left), (Eye::Right, camera.right)]
             .map(|(eye, old)| Remap::new(&rectification.map(eye), old.width, old.height));
         let model = rectification.camera;
         let (width, height) = (model.width as usize, model.height as usize);
-        let nearest = (model.fx * rectification.baseline_m / MIN_DISTANCE_M).ceil() as usize + 1;
+        let nearest =
+            (model.fx * rectification.baseline_m / config.min_distance_m).ceil() as usize + 1;
         let band = Band::full(0, nearest.min(MAX_DISPARITIES), height)?;
         Ok(Self {
             rectified: [(); 2].map(|()| vec![0; width * height]),
-            matcher: BandedMatcher::new(Settings::preset(preset), width, band)?,
+            matcher: BandedMatcher::new(config.matching, width, band)?,
+            max_relative_sigma: config.max_relative_sigma,
             remaps,
             rectification,
         })
@@ -80,8 +80,9 @@ impl StereoPair {
             baseline_m: self.rectification.baseline_m,
             offset_px: 0.0,
         };
+        let max_relative_sigma = self.max_relative_sigma;
         let disparity = self.disparity(networks)?;
-        let depth = geometry.depth(&disparity, MAX_RELATIVE_SIGMA)?;
+        let depth = geometry.depth(&disparity, max_relative_sigma)?;
         Ok(DepthImage::from_metres(
             model.width,
             model.height,
@@ -110,6 +111,7 @@ mod tests {
     use calib::Distortion;
 
     use super::*;
+    use crate::pipeline::stages::Preset;
 
     const WIDTH: usize = 320;
     const HEIGHT: usize = 160;
@@ -152,7 +154,8 @@ mod tests {
     #[test]
     fn a_wall_has_its_depth() {
         let shift = 10;
-        let mut pair = StereoPair::new(&camera(), Preset::Fast).expect("a pair");
+        let mut pair =
+            StereoPair::new(&camera(), &DepthStageConfig::preset(Preset::Fast)).expect("a pair");
         let scale = pair.model().fx / FOCAL;
         let found = pair
             .depth(&wall(0), &wall(shift), &Networks::default())
@@ -168,7 +171,7 @@ mod tests {
 
     #[test]
     fn images_without_texture_have_no_depth() {
-        let mut pair = StereoPair::new(&camera(), Preset::Balanced).expect("a pair");
+        let mut pair = StereoPair::new(&camera(), &DepthStageConfig::default()).expect("a pair");
         let flat = vec![120; WIDTH * HEIGHT];
         let found = pair
             .depth(&flat, &flat, &Networks::default())

@@ -5,7 +5,7 @@
 
 use anyhow::{Context, Result};
 use depth::evaluate::Scores;
-use depth::{Band, Matcher, Preset, Settings};
+use depth::{Band, Config, Matcher, Preset};
 use harness::sequences::{OwnedFrameSet, Sequence};
 use serde::Serialize;
 
@@ -75,7 +75,7 @@ impl Depths {
                 eyes: self.walk.rectified(*camera, [&view.left, &view.right])?,
                 ..frame.clone()
             };
-            let settings = Settings::preset(Preset::Balanced);
+            let settings = Config::preset(Preset::Balanced);
             let mut matcher = Matcher::new(settings, frame.width, frame.height)?;
             let [left, right] = frame.pictures();
             let band = Band::full(0, frame.range, frame.height)?;

@@ -8,7 +8,8 @@ use calib::{CameraModel, Distortion, Eye as Side};
 
 use super::*;
 use crate::backend::marginalization::marginalize;
-use crate::backend::state::{POSITION, ROTATION};
+use crate::backend::newest_pose::refine_newest;
+use crate::backend::state::{POSITION, ROTATION, State};
 use crate::backend::window::{Frame, Prior};
 use crate::rig::StereoCamera;
 

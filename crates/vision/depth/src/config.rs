@@ -1,0 +1,197 @@
+//! Configuration and presets of the matcher.
+
+use estimator_config::config;
+use serde::{Deserialize, Serialize};
+
+use crate::aggregation::{Paths, Penalties};
+use crate::census::Census;
+use crate::error::DepthError;
+use crate::half_resolution::Downsample;
+use crate::lanes::Level;
+
+config! {
+    /// Configuration of a matcher. The default is [`Preset::Balanced`]. The constants of the sigma
+    /// model are in [`crate::sigma`]: they are valid only together with its fitted tables.
+    ///
+    /// Where a field names no source, its value was chosen on Motorcycle (Middlebury 2014) and on
+    /// simulated walks (`cargo xtask bench depth`).
+    pub struct Config {
+        /// Downsampling before matching, if any. Saves time at the cost of detail.
+        pub downsample: Option<Downsample> = None,
+        /// Matching of images with little noise.
+        pub clear: Matching = Matching::clear(Census::Full5x5),
+        /// Matching of noisy images.
+        pub noisy: Matching = Matching::noisy(),
+        /// Minimum standard deviation of the noise for an image to count as noisy, gray levels.
+        /// Lower smooths clear images, higher matches noise.
+        pub min_noise: f64 = 1.4,
+        /// Aggregation paths. Time is proportional to their number.
+        pub paths: Paths = Paths::Eight,
+        /// Maximum disparity difference between the left and the right image, px. Compare OpenCV
+        /// SGBM `disp12MaxDiff`. Higher fills occlusions with wrong values.
+        pub max_lr_difference_px: u16 = 1,
+        /// Minimum margin by which the second-best non-adjacent cost exceeds the best one, percent.
+        /// Compare OpenCV SGBM `uniquenessRatio`. 0 leaves ambiguity to the sigma.
+        pub uniqueness_percent: u16 = 0,
+        /// Whether a 3x3 median filter is applied.
+        pub median: bool = true,
+        /// Minimum size of a connected region, pixels; smaller ones are removed. Compare OpenCV SGBM
+        /// `speckleWindowSize`.
+        pub min_speckle_px: usize = 100,
+        /// Maximum disparity difference of neighbors in one region, px. Compare OpenCV SGBM
+        /// `speckleRange`.
+        pub speckle_step_px: f32 = 1.5,
+        /// Minimum correlation of the two images around a pixel and its match. For pure noise it is
+        /// within 0.08 of 0. Lower keeps matches of noise, higher removes those under reflections.
+        pub min_correlation: f32 = 0.25,
+        /// Maximum sigma, px; disparities with a larger one are removed.
+        pub max_sigma_px: f32 = 6.0,
+        /// Bands around a predicted disparity.
+        pub band: BandConfig = BandConfig::default(),
+        /// Instruction set; `None` for the most capable one of the processor. The result is the same.
+        #[serde(skip)]
+        pub level: Option<Level> = None,
+    }
+
+    /// When a band around the predicted disparity was too narrow, and is widened. Source:
+    /// `cargo xtask bench depth`, searched share against lost matches.
+    pub struct BandConfig {
+        /// Minimum fraction of the pixels of a block of 8 rows at an end of the band for it to count
+        /// as clipped. Lower searches more, higher loses near objects that come into view.
+        pub min_clipped_ratio: f64 = 0.02,
+        /// Widening of a clipped band, px.
+        pub widen_px: i32 = 16,
+        /// Maximum number of additional runs; the last one searches the full range.
+        pub max_reruns: u32 = 3,
+    }
+}
+
+/// Matching cost and smoothness of one noise class.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct Matching {
+    /// Census window. A larger one is more distinctive, and blurs edges.
+    pub census: Census,
+    /// Limit of the gray-level cost, in units of two gray levels; one census bit costs 1.
+    pub max_gray_cost: u8,
+    /// Smoothness penalties.
+    pub penalties: Penalties,
+    /// Whether both images are smoothed before matching.
+    pub smooth: bool,
+}
+
+impl Matching {
+    fn clear(census: Census) -> Self {
+        Self {
+            census,
+            max_gray_cost: 8,
+            penalties: Penalties::for_costs_up_to(census.bits() + 8),
+            smooth: false,
+        }
+    }
+
+    fn noisy() -> Self {
+        Self {
+            smooth: true,
+            ..Self::clear(Census::Opposite9x7)
+        }
+    }
+}
+
+/// Points on the curve of accuracy against time (`docs/reference/depth.md`).
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Preset {
+    /// Real time on few cores.
+    Fast,
+    /// Between `Fast` and `Accurate`.
+    Balanced,
+    /// Best accuracy.
+    Accurate,
+}
+
+impl Preset {
+    /// All presets, the fastest first.
+    pub const ALL: [Self; 3] = [Self::Fast, Self::Balanced, Self::Accurate];
+
+    /// Name on the command line.
+    pub fn name(self) -> &'static str {
+        match self {
+            Self::Fast => "fast",
+            Self::Balanced => "balanced",
+            Self::Accurate => "accurate",
+        }
+    }
+}
+
+impl Config {
+    /// The configuration of a preset.
+    pub fn preset(preset: Preset) -> Self {
+        let mut config = Self::default();
+        match preset {
+            Preset::Fast => {
+                config.downsample = Some(Downsample::Rows);
+                config.paths = Paths::Three;
+            }
+            Preset::Balanced => {}
+            Preset::Accurate => config.clear = Matching::clear(Census::Full7x7),
+        }
+        config
+    }
+
+    pub(crate) fn validate(&self) -> Result<(), DepthError> {
+        let invalid = |what, found: String, expected: String| {
+            Err(DepthError::Config {
+                what,
+                found,
+                expected,
+            })
+        };
+        for matching in [&self.clear, &self.noisy] {
+            let penalties = &matching.penalties;
+            let most = u32::from(matching.census.bits()) + u32::from(matching.max_gray_cost);
+            if most + u32::from(penalties.large) > MAX_COST {
+                return invalid(
+                    "the large penalty",
+                    penalties.large.to_string(),
+                    format!("at most {MAX_COST} minus the maximum matching cost {most}"),
+                );
+            }
+            if penalties.min_large > penalties.large || penalties.small > penalties.large {
+                return invalid(
+                    "the large penalty",
+                    penalties.large.to_string(),
+                    "not below the small penalty and its own lower limit".to_owned(),
+                );
+            }
+        }
+        // NaN is rejected too.
+        let numbers = [
+            ("the speckle step", self.speckle_step_px),
+            ("the maximum sigma", self.max_sigma_px),
+        ];
+        match numbers
+            .into_iter()
+            .find(|(_, value)| value.is_nan() || *value < 0.0)
+        {
+            None => Ok(()),
+            Some((what, value)) => invalid(what, value.to_string(), "0 px or more".to_owned()),
+        }
+    }
+}
+
+/// Maximum path cost: costs are bytes, and 255 means an invalid disparity.
+const MAX_COST: u32 = 254;
+
+impl Penalties {
+    /// Penalties in proportion to the maximum matching cost. The proportions gave the best results
+    /// on `docs/benchmarks/depth.json`.
+    pub fn for_costs_up_to(most: u8) -> Self {
+        let share = |percent: u32| (u32::from(most) * percent / 100).min(190) as u8;
+        Self {
+            small: share(45),
+            large: share(200),
+            slope: (share(200) / 25).max(1),
+            min_large: share(50),
+        }
+    }
+}
