@@ -686,7 +686,7 @@ impl Hub {
                 stream: self.cameras[position].setup.name.clone(),
                 first: number,
                 last: number,
-                cause: Cause::Spared,
+                cause: Cause::LoadShed,
                 detail: detail.to_owned(),
             });
         }
@@ -702,7 +702,7 @@ impl Hub {
             eyes_apart_ns: raw.eyes_apart_ns,
             clock_map: mapped.map_version,
             frozen,
-            time_doubtful: mapped.flagged,
+            time_unreliable: mapped.flagged,
             ..Frame::default()
         };
         self.encoding.begin(position);
@@ -753,7 +753,7 @@ impl Hub {
         let continues = n > 0
             && number == imu.batch.first_number + n as u64
             && mapped.map_version == imu.batch.clock_map
-            && mapped.flagged == imu.batch.time_doubtful
+            && mapped.flagged == imu.batch.time_unreliable
             && n < MAX_BATCH_SAMPLES
             && raw.host_time.since(imu.batch_since) < MAX_BATCH_NS;
         if !continues {
@@ -762,7 +762,7 @@ impl Hub {
             imu.batch = ImuBatch {
                 first_number: number,
                 clock_map: mapped.map_version,
-                time_doubtful: mapped.flagged,
+                time_unreliable: mapped.flagged,
                 gyro_scale: imu.setup.info.scale.map_or(0.0, |s| s.0),
                 accel_scale: imu.setup.info.scale.map_or(0.0, |s| s.1),
                 temperature_scale_c: imu.setup.info.temperature_scale_c.unwrap_or(0.0),

@@ -829,7 +829,7 @@ impl Recorder {
             clock: self.machine.clock.as_ref().map(clock_record),
             battery: self.machine.battery.as_ref().map(battery_record),
             throttled: self.machine.throttled,
-            sparing: step_name(self.ladder.step()).to_owned(),
+            degradation: step_name(self.ladder.step()).to_owned(),
         };
         let stored = session.writer.append("", at, at, &record);
         self.check(stored);

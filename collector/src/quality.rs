@@ -185,7 +185,11 @@ impl Evaluator<'_> {
 
     /// Duration of degraded recording (load shedding). Left out if the recorder does not report it.
     fn degraded(&mut self) {
-        let steps = self.stats.health.iter().map(|(_, h)| h.sparing.as_str());
+        let steps = self
+            .stats
+            .health
+            .iter()
+            .map(|(_, h)| h.degradation.as_str());
         let steps_reported: Vec<&str> = steps.filter(|step| !step.is_empty()).collect();
         let lowered = |step: &&str| matches!(*step, "lower bitrate" | "lower frame rate");
         let degraded: Vec<&str> = steps_reported.iter().copied().filter(lowered).collect();

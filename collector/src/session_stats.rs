@@ -222,7 +222,7 @@ impl StatsCollector {
                     bytes: f.payload_bytes,
                     key: f.key_frame,
                     frozen: f.frozen,
-                    time_unreliable: f.time_doubtful,
+                    time_unreliable: f.time_unreliable,
                     eyes_apart_ns: f.eyes_apart_ns,
                 });
             }
@@ -239,7 +239,7 @@ impl StatsCollector {
                     Sample { time, step_ns }
                 }));
                 imu.sigmas_ns.push(b.sigma_ns);
-                if b.time_doubtful {
+                if b.time_unreliable {
                     imu.unreliable_samples += b.times.len() as u64;
                 }
                 imu.record_stuck_values(&b, &mut self.runs[i]);

@@ -68,7 +68,7 @@ fn queued_frames_are_encoded_after_the_stop_of_an_overload() {
     let newest = frames.last().expect("frames").record.number;
     for (first, last, cause) in &gaps {
         match Cause::try_from(*cause) {
-            Ok(Cause::Spared) => assert!(is_halved, "{first} to {last} were shed: {steps:?}"),
+            Ok(Cause::LoadShed) => assert!(is_halved, "{first} to {last} were shed: {steps:?}"),
             // On a very slow machine the stop does not wait for all queued frames.
             Ok(Cause::Late) => assert!(*first > newest, "{first} to {last} came too late"),
             // An encoder without output for two seconds is replaced.

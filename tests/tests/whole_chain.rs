@@ -138,7 +138,7 @@ fn every_fault_is_accounted_for() {
                 "{name}: {error} ns, {record:?}"
             );
             assert!(
-                record.time_doubtful || error.abs() <= 200_000,
+                record.time_unreliable || error.abs() <= 200_000,
                 "{name}: {error}, {record:?}"
             );
         }

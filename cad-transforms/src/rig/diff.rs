@@ -86,8 +86,8 @@ pub fn diff(a: &Rig, b: &Rig) -> Vec<FrameDiff> {
 
 fn motion(a: &Rig, b: &Rig, from: &Frame, frame: &Frame) -> Motion {
     let place = |of: &Rig| of.transform(from, frame).expect("the frame is in both");
-    let doubt = |of: &Rig| of.covariance(from, frame).expect("the frame is in both");
-    moved(&place(a), &place(b), doubt(a), doubt(b))
+    let covariance = |of: &Rig| of.covariance(from, frame).expect("the frame is in both");
+    moved(&place(a), &place(b), covariance(a), covariance(b))
 }
 
 fn in_neighbour(was: &Step, is: &Step) -> Option<(Frame, Motion)> {

@@ -3,7 +3,7 @@
 //! are times.
 
 use session_archive::record::ClockMap as ClockMapRecord;
-use session_archive::record::paws::clock_map::{Doubt, Model as ModelRecord, Piece};
+use session_archive::record::paws::clock_map::{Model as ModelRecord, Piece, UnreliableSpan};
 use session_archive::time::{HostTime, NS_PER_S, TickLength};
 
 use super::{Out, Outgoing};
@@ -172,10 +172,10 @@ fn clock_record(clock: &str, tick: TickLength, map: &ClockMap) -> ClockMapRecord
         wander_ppb_per_s: map.wander_ppb_per_s,
         residual_median_ns: map.residuals.median_ns,
         residual_p99_ns: map.residuals.p99_ns,
-        doubts: map
+        unreliable_spans: map
             .unreliable_spans
             .iter()
-            .map(|d| Doubt {
+            .map(|d| UnreliableSpan {
                 from: d.from.0,
                 to: d.to.0,
             })

@@ -387,7 +387,7 @@ fn host_timestamps_are_used_as_times() {
         .iter()
         .filter_map(|item| match item {
             Outgoing::Frame { frame, .. } => {
-                Some((frame.time - START.0, frame.sigma_ns, frame.time_doubtful))
+                Some((frame.time - START.0, frame.sigma_ns, frame.time_unreliable))
             }
             _ => None,
         })
@@ -421,7 +421,7 @@ fn frame_rate_mitigation_drops_every_other_frame() {
             Outgoing::Frame { frame, .. } => kept.push(frame.number),
             Outgoing::Dropped {
                 first,
-                cause: Cause::Spared,
+                cause: Cause::LoadShed,
                 ..
             } => decimated.push(*first),
             _ => {}

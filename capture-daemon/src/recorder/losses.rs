@@ -43,7 +43,7 @@ impl Losses {
 
     /// Counts samples that are reported as lost.
     pub(super) fn report(&mut self, cause: Cause) {
-        if !matches!(cause, Cause::Spared | Cause::Disconnected) {
+        if !matches!(cause, Cause::LoadShed | Cause::Disconnected) {
             self.recent = Some(cause);
         }
     }
@@ -108,7 +108,7 @@ fn cause_text(cause: Cause) -> &'static str {
         Cause::Storage => "the disk failed",
         Cause::Damaged => "found damaged",
         Cause::Late => "came too late",
-        Cause::Spared => "dropped to reduce the load on the machine",
+        Cause::LoadShed => "dropped to reduce the load on the machine",
         Cause::MachineOverload => "the machine is too slow to take them",
     }
 }
@@ -152,8 +152,8 @@ mod tests {
     #[test]
     fn shed_samples_are_counted_without_an_alarm() {
         let mut losses = Losses::default();
-        losses.report(Cause::Spared);
-        losses.gap(Cause::Spared, 7);
+        losses.report(Cause::LoadShed);
+        losses.gap(Cause::LoadShed, 7);
         losses.gap(Cause::Late, 9);
         losses.gap(Cause::Late, 1);
         assert_eq!(losses.check("feet"), []);

@@ -431,7 +431,7 @@ fn health(second: i64) -> Health {
         free_bytes: 100_000_000_000,
         temperature_c: Some(55.0),
         durable_until: START + second * NS_PER_S,
-        sparing: "normal".to_owned(),
+        degradation: "normal".to_owned(),
         ..Health::default()
     }
 }

@@ -357,7 +357,7 @@ fn late_starts_and_early_ends_are_found() {
 fn health_records_are_evaluated() {
     let degraded = |step: &'static str| {
         beyond(4.0, move |s| {
-            s.health[2].1.sparing = step.to_owned();
+            s.health[2].1.degradation = step.to_owned();
         })
     };
     expect(&degraded("normal"), &[]);
@@ -384,18 +384,18 @@ fn unreliable_clocks_and_missing_calibration_warn() {
     let sigma = |ns: u64| beyond(2.0, move |s| s.frames(2).for_each(|f| f.sigma_ns = ns));
     expect(&sigma(3_000_000), &[(Warn, "stream.clock_sigma", "feet")]);
     expect(&sigma(30_000_000), &[(Fail, "stream.clock_sigma", "feet")]);
-    let found = beyond(12.0, |s| s.frames(1).for_each(|f| f.time_doubtful = true));
+    let found = beyond(12.0, |s| s.frames(1).for_each(|f| f.time_unreliable = true));
     expect(
         &found,
         &[(Warn, "stream.unreliable_time", "right_shoulder")],
     );
     let found = beyond(12.0, |s| {
-        s.imu.iter_mut().for_each(|b| b.time_doubtful = true)
+        s.imu.iter_mut().for_each(|b| b.time_unreliable = true)
     });
     expect(&found, &[(Warn, "stream.unreliable_time", "feet/imu")]);
     // Times may be unreliable until a clock has converged.
     let found = beyond(12.0, |s| {
-        s.frames(1).take(64).for_each(|f| f.time_doubtful = true)
+        s.frames(1).take(64).for_each(|f| f.time_unreliable = true)
     });
     expect(&found, &[]);
     let found = beyond(2.0, |s| {

@@ -134,7 +134,7 @@ impl GopReader {
                 number: entry.number,
                 time: HostTime(entry.time_ns),
                 sigma_ns: entry.sigma_ns,
-                time_unreliable: entry.time_doubtful,
+                time_unreliable: entry.time_unreliable,
                 left,
                 right,
             }),

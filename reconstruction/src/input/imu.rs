@@ -120,7 +120,7 @@ fn convert(batch: &ImuBatch) -> Result<Vec<ImuSample>, ImuFault> {
             number,
             ticks,
             time: HostTime(time),
-            time_unreliable: batch.time_doubtful,
+            time_unreliable: batch.time_unreliable,
             gyro,
             accel,
         })
@@ -186,7 +186,7 @@ mod tests {
             times: vec![100, 200],
             gyro_counts: vec![1, -2, 3, 4, 5, -6],
             gyro_scale: 0.1,
-            time_doubtful: true,
+            time_unreliable: true,
             accel: vec![0.5, 9.81, -0.25, 0.1, 0.2, 0.3],
             ..ImuBatch::default()
         };

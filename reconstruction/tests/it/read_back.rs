@@ -138,7 +138,7 @@ fn imu_samples_are_bit_equal_and_come_once() {
                 number: batch.first_number + k as u64,
                 ticks: batch.device_ticks[k],
                 time: HostTime(batch.times[k]),
-                time_unreliable: batch.time_doubtful,
+                time_unreliable: batch.time_unreliable,
                 gyro: vector(&batch.gyro_counts, batch.gyro_scale, &batch.gyro),
                 accel: vector(&batch.accel_counts, batch.accel_scale, &batch.accel),
             });

@@ -269,7 +269,7 @@ fn batches() -> Vec<ImuBatch> {
             host_times: times.clone().map(|t| t + MS).collect(),
             times: times.collect(),
             sigma_ns: 10_000,
-            time_doubtful: b < 2,
+            time_unreliable: b < 2,
             clock_map: 1,
             ..ImuBatch::default()
         };
@@ -365,7 +365,7 @@ fn record(folder: &Path, change: impl Fn(&str, u64, AccessUnit) -> AccessUnit) -
                     host_time: time.ns() + 3 * MS,
                     time: time.ns(),
                     sigma_ns: source.sigma_ns,
-                    time_doubtful: source.time_unreliable,
+                    time_unreliable: source.time_unreliable,
                     clock_map: 1,
                     ..Frame::default()
                 };

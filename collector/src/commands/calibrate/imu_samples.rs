@@ -180,7 +180,7 @@ pub fn sample(batch: &ImuBatch, k: usize) -> Option<ImuSample> {
         gyro: vector(&batch.gyro_counts, batch.gyro_scale, &batch.gyro)?,
         accel: vector(&batch.accel_counts, batch.accel_scale, &batch.accel)?,
         temperature_c: temperature.map(|c| (f64::from(*c) * batch.temperature_scale_c) as f32),
-        time_unreliable: batch.time_doubtful,
+        time_unreliable: batch.time_unreliable,
     })
 }
 

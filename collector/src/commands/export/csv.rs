@@ -158,7 +158,7 @@ fn put(
             &u8::from(f.key_frame),
             &u8::from(f.frozen),
             &f.clock_map,
-            &u8::from(f.time_doubtful),
+            &u8::from(f.time_unreliable),
         ])
     } else if schema == ImuBatch::SCHEMA.name {
         let Ok(batch) = m.decode::<ImuBatch>() else {
@@ -181,7 +181,7 @@ fn put(
                 &ay,
                 &az,
                 &maybe(sample.temperature_c),
-                &u8::from(batch.time_doubtful),
+                &u8::from(batch.time_unreliable),
             ])?;
         }
         Ok(())

@@ -31,7 +31,7 @@ mod test_set;
 
 use crate::stamp;
 use frames::Frame;
-use peers::{Config, Peers};
+use peers::{Peers, SgbmConfig};
 use race::Race;
 
 const PARTS: [&str; 5] = ["motorcycle", "simulated", "rate", "bands", "sigma"];
@@ -65,7 +65,7 @@ pub(crate) fn run(args: &[String]) -> Result<()> {
                 let Some(frame) = motorcycle()? else { continue };
                 let race = Race::run(
                     &mut Peers::start()?,
-                    &Config::many(),
+                    &SgbmConfig::many(),
                     &[&frame],
                     options.runs(),
                 )?;
@@ -74,7 +74,7 @@ pub(crate) fn run(args: &[String]) -> Result<()> {
             }
             "simulated" => {
                 let frames: Vec<&Frame> = held_out.iter().map(|(_, frame)| frame).collect();
-                let race = Race::run(&mut Peers::start()?, &Config::few(), &frames, 1)?;
+                let race = Race::run(&mut Peers::start()?, &SgbmConfig::few(), &frames, 1)?;
                 race.print(part);
                 race.json()
             }

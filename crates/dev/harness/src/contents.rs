@@ -341,7 +341,7 @@ fn samples(batch: &ImuBatch) -> Result<Vec<StoredSample>> {
                 host_time: HostTime(batch.host_times[k]),
                 time: HostTime(batch.times[k]),
                 sigma_ns: batch.sigma_ns,
-                time_unreliable: batch.time_doubtful,
+                time_unreliable: batch.time_unreliable,
                 clock_map: batch.clock_map,
                 values: values(k)?,
             })

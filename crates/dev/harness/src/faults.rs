@@ -408,7 +408,7 @@ impl Found {
             arrival: HostTime(f.record.host_time),
             time: HostTime(f.record.time),
             sigma_ns: f.record.sigma_ns,
-            unreliable: f.record.time_doubtful,
+            unreliable: f.record.time_unreliable,
             frozen: f.record.frozen,
         });
         let samples = contents.imu.get(stream).into_iter().flatten();
@@ -423,12 +423,14 @@ impl Found {
         let mut stored: Vec<Stored> = frames.chain(samples).collect();
         // Readers have to apply the unreliable spans of later clock maps.
         let clock = contents.clock_maps.get(stream);
-        let doubts = clock
+        let unreliable_spans = clock
             .and_then(|maps| maps.last())
-            .map_or(&[][..], |map| &map.doubts);
+            .map_or(&[][..], |map| &map.unreliable_spans);
         for sample in &mut stored {
             let at = sample.arrival.0;
-            sample.unreliable |= doubts.iter().any(|d| (d.from..=d.to).contains(&at));
+            sample.unreliable |= unreliable_spans
+                .iter()
+                .any(|d| (d.from..=d.to).contains(&at));
         }
         Self {
             stored,

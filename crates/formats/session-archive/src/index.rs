@@ -45,7 +45,7 @@ pub struct FrameEntry {
     /// One standard deviation of it, ns.
     pub sigma_ns: u64,
     /// Whether the time is not to be trusted within its sigma.
-    pub time_doubtful: bool,
+    pub time_unreliable: bool,
     /// When the daemon received it, host clock, ns.
     pub host_time_ns: i64,
     /// Device clock.
@@ -347,7 +347,7 @@ fn is_behind_the_encoder(cause: Cause) -> bool {
         | Cause::Disconnected
         | Cause::EncoderOverload
         | Cause::Late
-        | Cause::Spared
+        | Cause::LoadShed
         | Cause::MachineOverload => false,
     }
 }
@@ -593,7 +593,7 @@ impl Build {
             number: frame.number,
             time_ns: frame.time,
             sigma_ns: frame.sigma_ns,
-            time_doubtful: frame.time_doubtful,
+            time_unreliable: frame.time_unreliable,
             host_time_ns: frame.host_time,
             device_ticks: frame.device_ticks,
             key,

@@ -11,7 +11,7 @@ fn index() -> Index {
         number,
         time_ns: number as i64 * PERIOD,
         sigma_ns: 1000,
-        time_doubtful: false,
+        time_unreliable: false,
         host_time_ns: number as i64 * PERIOD + 5,
         device_ticks: number as i64,
         key: (number / 15 * 15) as u32,

@@ -41,7 +41,7 @@ pub(super) fn find(
     // By time: two images of one time would conflict.
     let all: Mutex<BTreeMap<i64, Found>> = Mutex::new(BTreeMap::new());
     let detect = |frame: &FrameEntry, image: &DecodedImage| -> Result<()> {
-        if !frame.number.is_multiple_of(every) || frame.time_doubtful {
+        if !frame.number.is_multiple_of(every) || frame.time_unreliable {
             return Ok(());
         }
         let (left, right) = split(image).context("splitting a stereo frame")?;

@@ -16,7 +16,7 @@ use crate::python;
 
 /// A matcher with its parameters.
 #[derive(Clone, Debug, PartialEq, Serialize)]
-pub(super) struct Config {
+pub(super) struct SgbmConfig {
     /// `BM`, or a mode of SGBM: `SGBM`, `HH`, `SGBM_3WAY`, `HH4`.
     pub(super) mode: &'static str,
     /// Side of the window, px.
@@ -32,7 +32,7 @@ pub(super) struct Config {
 /// The modes of SGBM.
 pub(super) const MODES: [&str; 4] = ["SGBM", "HH", "SGBM_3WAY", "HH4"];
 
-impl Config {
+impl SgbmConfig {
     /// All of their modes, strict and not, on original and smoothed images, with windows of these
     /// sizes.
     fn with_windows(bm: &[u32], sgbm: &[u32]) -> Vec<Self> {
@@ -148,7 +148,7 @@ impl Peers {
     pub(super) fn run(
         &mut self,
         frame: &Frame,
-        configs: &[Config],
+        configs: &[SgbmConfig],
         threads: usize,
         wants_maps: bool,
     ) -> Result<(Vec<f64>, Vec<DisparityMap>)> {

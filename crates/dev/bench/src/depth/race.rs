@@ -8,7 +8,7 @@ use rig_sim::scene::{Kind, Lighting};
 use serde_json::{Value, json};
 
 use super::frames::{Frame, Walk};
-use super::peers::{Config, Peers};
+use super::peers::{Peers, SgbmConfig};
 use crate::meter::{median, timed};
 
 /// Threads of both sides.
@@ -65,15 +65,11 @@ fn ours() -> Vec<(String, Config)> {
                     ),
                     ..preset.clear
                 };
-                let settings = Config {
-                    downsample,
-                    paths,
-                    clear,
-                    ..preset
-                };
+                let mut config = preset;
+                (config.downsample, config.paths, config.clear) = (downsample, paths, clear);
                 // The presets are included already.
-                if all.iter().all(|(_, other)| *other != settings) {
-                    all.push((format!("{windows}, {count} paths{what}"), settings));
+                if all.iter().all(|(_, other)| *other != config) {
+                    all.push((format!("{windows}, {count} paths{what}"), config));
                 }
             }
         }
@@ -88,7 +84,7 @@ impl Race {
     /// Python fails.
     pub(super) fn run(
         peers: &mut Peers,
-        configs: &[Config],
+        configs: &[SgbmConfig],
         frames: &[&Frame],
         runs: usize,
     ) -> Result<Self> {
@@ -219,7 +215,7 @@ impl Race {
 
     /// All points and what follows from them.
     pub(super) fn json(&self) -> Value {
-        let usual = |p: &&Point| p.kind == "HH" && p.name == Config::usual("HH", 5).name();
+        let usual = |p: &&Point| p.kind == "HH" && p.name == SgbmConfig::usual("HH", 5).name();
         let hh_ms = self.theirs().find(usual).map(|p| p.ms);
         let points = self.points.iter().map(|point| {
             let scores = &point.scores;

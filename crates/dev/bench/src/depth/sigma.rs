@@ -40,11 +40,9 @@ pub(super) fn fit() -> Result<String> {
 fn samples_of(preset: Preset, frame: &Frame, number: usize) -> Result<Vec<Sample>> {
     let [left, right] = frame.pictures();
     // Results of smaller images use the same model.
-    let settings = Config {
-        downsample: None,
-        ..Config::preset(preset)
-    };
-    let mut matcher = Matcher::new(settings, frame.width, frame.height)?.with_evidence();
+    let mut config = Config::preset(preset);
+    config.downsample = None;
+    let mut matcher = Matcher::new(config, frame.width, frame.height)?.with_evidence();
     matcher.run(&left, &right, &Band::full(0, frame.range, frame.height)?)?;
     let map = matcher.map();
     // Every n-th pixel, not the same columns in each row.

@@ -15,7 +15,7 @@ pub struct Segment {
     /// segment was given up after a failed write: what lies behind was written again in this one.
     #[prost(uint64, tag = "4")]
     pub previous_valid_bytes: u64,
-    /// The manifest as it was when the session was created, JSON, without segments: with it any one
+    /// The manifest as it was when the session was created, JSON, without segments: with it any
     /// segment tells what session it belongs to and how its streams are to be read.
     #[prost(string, tag = "5")]
     pub manifest: ::prost::alloc::string::String,
@@ -42,7 +42,7 @@ pub struct Frame {
     /// One standard deviation of `time`, ns.
     #[prost(uint64, tag = "6")]
     pub sigma_ns: u64,
-    /// Exposure time where the device tells it, ns.
+    /// Exposure time where the device reports it, ns.
     #[prost(uint32, optional, tag = "7")]
     pub exposure_ns: ::core::option::Option<u32>,
     /// CRC-32 (IEEE) of the access unit's bytes.
@@ -57,13 +57,13 @@ pub struct Frame {
     /// Version of the clock map that gave `time`.
     #[prost(uint32, tag = "11")]
     pub clock_map: u32,
-    /// The picture equals the one before it, byte for byte, as delivered by the device.
+    /// The image equals the one before it, byte for byte, as delivered by the device.
     #[prost(bool, tag = "12")]
     pub frozen: bool,
-    /// `time` is not to be trusted within its sigma: the clock map had not settled yet, or the device
+    /// `time` is unreliable: its error may exceed its sigma: the clock map had not settled yet, or the device
     /// clock was suspected to have stepped.
     #[prost(bool, tag = "13")]
-    pub time_doubtful: bool,
+    pub time_unreliable: bool,
     /// How much later the right eye's image was taken than the left's, ns, where two devices (or two files or topics) made
     /// them and their times tell; absent where one device delivers both. `time` is the left eye's.
     #[prost(sint64, optional, tag = "14")]
@@ -119,9 +119,9 @@ pub struct ImuBatch {
     /// Index in this batch of samples that the device marks as coinciding with a camera frame.
     #[prost(uint32, repeated, tag = "15")]
     pub frame_sync: ::prost::alloc::vec::Vec<u32>,
-    /// `times` are not to be trusted within their sigma, as for a frame.
+    /// `times` are unreliable, as for a frame.
     #[prost(bool, tag = "16")]
-    pub time_doubtful: bool,
+    pub time_unreliable: bool,
 }
 /// How one device clock's ticks become host time. A later version replaces an earlier one for
 /// ticks to come; times already stored name the version that gave them.
@@ -170,9 +170,9 @@ pub struct ClockMap {
     /// One arrival in a hundred was later than the map by more than this, ns.
     #[prost(uint64, tag = "14")]
     pub residual_p99_ns: u64,
-    /// Spans that are in doubt, of all epochs.
+    /// Spans of unreliable times, of all epochs.
     #[prost(message, repeated, tag = "15")]
-    pub doubts: ::prost::alloc::vec::Vec<clock_map::Doubt>,
+    pub unreliable_spans: ::prost::alloc::vec::Vec<clock_map::UnreliableSpan>,
 }
 /// Nested message and enum types in `ClockMap`.
 pub mod clock_map {
@@ -200,13 +200,13 @@ pub mod clock_map {
         #[prost(double, tag = "6")]
         pub rate_sigma_ppb: f64,
     }
-    /// A span of arrival time whose times are not to be trusted.
+    /// A span of arrival time whose times are unreliable.
     #[derive(Clone, Copy, PartialEq, Eq, Hash, ::prost::Message)]
-    pub struct Doubt {
-        /// First arrival in doubt.
+    pub struct UnreliableSpan {
+        /// First arrival.
         #[prost(sfixed64, tag = "1")]
         pub from: i64,
-        /// Last arrival in doubt; the largest int64 while it lasts.
+        /// Last arrival; the largest int64 while it lasts.
         #[prost(sfixed64, tag = "2")]
         pub to: i64,
     }
@@ -316,7 +316,7 @@ pub mod gap {
         Unknown = 0,
         /// The device or its driver skipped numbers.
         Device = 1,
-        /// The device was gone, or its stream failed and was started again; the detail tells which.
+        /// The device was disconnected, or its stream failed and was started again; the detail says which.
         Disconnected = 2,
         /// The encoder could not keep up; whole frames were dropped before it.
         EncoderOverload = 3,
@@ -330,8 +330,8 @@ pub mod gap {
         Damaged = 7,
         /// The sample arrived too late, or twice, and was refused.
         Late = 8,
-        /// Left out on purpose, to spare a machine that was too hot, too slow or short of power.
-        Spared = 9,
+        /// Dropped on purpose: load shedding on a machine that was too hot, too slow or short of power.
+        LoadShed = 9,
         /// The machine was too slow to take or to make the samples in time: not a fault of the device.
         MachineOverload = 10,
     }
@@ -351,7 +351,7 @@ pub mod gap {
                 Self::Storage => "CAUSE_STORAGE",
                 Self::Damaged => "CAUSE_DAMAGED",
                 Self::Late => "CAUSE_LATE",
-                Self::Spared => "CAUSE_SPARED",
+                Self::LoadShed => "CAUSE_LOAD_SHED",
                 Self::MachineOverload => "CAUSE_MACHINE_OVERLOAD",
             }
         }
@@ -367,7 +367,7 @@ pub mod gap {
                 "CAUSE_STORAGE" => Some(Self::Storage),
                 "CAUSE_DAMAGED" => Some(Self::Damaged),
                 "CAUSE_LATE" => Some(Self::Late),
-                "CAUSE_SPARED" => Some(Self::Spared),
+                "CAUSE_LOAD_SHED" => Some(Self::LoadShed),
                 "CAUSE_MACHINE_OVERLOAD" => Some(Self::MachineOverload),
                 _ => None,
             }
@@ -397,7 +397,7 @@ pub mod event {
         Unspecified = 0,
         /// Recording began (pre-roll lies before it).
         Start = 1,
-        /// Recording was asked to end.
+        /// End of recording was requested.
         Stop = 2,
         /// Somebody marked this instant.
         Mark = 3,
@@ -473,13 +473,13 @@ pub struct Health {
     /// The battery, where the machine has one that can be read.
     #[prost(message, optional, tag = "9")]
     pub battery: ::core::option::Option<health::Battery>,
-    /// Whether the machine has slowed itself down because of heat, where that can be told.
+    /// Whether the machine has slowed itself down because of heat, where the system reports it.
     #[prost(bool, optional, tag = "10")]
     pub throttled: ::core::option::Option<bool>,
-    /// What the recorder does to spare the machine: `normal`, `warn`, `lower preview`, `lower bitrate`,
+    /// Step of the degradation ladder: `normal`, `warn`, `lower preview`, `lower bitrate`,
     /// `lower frame rate`, `stop`. Empty in recordings from before there was such a thing.
     #[prost(string, tag = "11")]
-    pub sparing: ::prost::alloc::string::String,
+    pub degradation: ::prost::alloc::string::String,
 }
 /// Nested message and enum types in `Health`.
 pub mod health {
@@ -510,10 +510,10 @@ pub mod health {
         /// No sample for longer than two periods and a second.
         #[prost(bool, tag = "8")]
         pub silent: bool,
-        /// The picture has not changed by a single byte for longer than two periods and a second.
+        /// The image has not changed by a single byte for longer than two periods and a second.
         #[prost(bool, tag = "9")]
         pub frozen: bool,
-        /// Of an IMU: how its clock lies to that of its camera, where the device tells it.
+        /// Of an IMU: how its clock lies to that of its camera, where the device reports it.
         #[prost(message, optional, tag = "10")]
         pub frame_sync: ::core::option::Option<FrameSync>,
     }
