@@ -4,6 +4,7 @@ use std::collections::BTreeMap;
 use std::fmt::Write;
 
 use anyhow::{Context, Result};
+use chrono::{DateTime, SecondsFormat};
 use scene_bundle::outputs::{self, cloud, depth, keyframes, rig, trajectory};
 use scene_bundle::{BundleError, Scene, Status, Trajectory};
 use serde_json::{Value, json};
@@ -182,25 +183,9 @@ fn of_trajectory(trajectory: &Trajectory) -> Value {
     })
 }
 
-/// Civil time as RFC 3339 to the second. The days of the proleptic Gregorian calendar are counted from 1 March of the
-/// year 0, so that the leap day is the last of its year.
+/// Civil time, ns since 1970, as RFC 3339 to the second.
 fn civil(ns: i64) -> String {
-    let seconds = ns.div_euclid(1_000_000_000);
-    let (days, of_day) = (
-        seconds.div_euclid(86_400) + 719_468,
-        seconds.rem_euclid(86_400),
-    );
-    let era = days.div_euclid(146_097);
-    let day_of_era = days.rem_euclid(146_097);
-    let year_of_era =
-        (day_of_era - day_of_era / 1_460 + day_of_era / 36_524 - day_of_era / 146_096) / 365;
-    let day_of_year = day_of_era - (365 * year_of_era + year_of_era / 4 - year_of_era / 100);
-    let month_from_march = (5 * day_of_year + 2) / 153;
-    let day = day_of_year - (153 * month_from_march + 2) / 5 + 1;
-    let month = (month_from_march + 2) % 12 + 1;
-    let year = year_of_era + 400 * era + i64::from(month <= 2);
-    let (h, m, s) = (of_day / 3600, of_day / 60 % 60, of_day % 60);
-    format!("{year:04}-{month:02}-{day:02}T{h:02}:{m:02}:{s:02}Z")
+    DateTime::from_timestamp_nanos(ns).to_rfc3339_opts(SecondsFormat::Secs, true)
 }
 
 #[cfg(test)]

@@ -12,6 +12,7 @@
 use std::fmt;
 use std::ops::{Add, Sub};
 
+use chrono::{DateTime, SecondsFormat};
 use serde::{Deserialize, Serialize};
 
 /// Nanoseconds in a second.
@@ -82,40 +83,11 @@ impl fmt::Display for HostTime {
 pub struct CivilTime(pub i64);
 
 impl fmt::Display for CivilTime {
-    /// RFC 3339 with milliseconds, as in `2026-11-21T02:03:17.250Z`.
+    /// RFC 3339 with milliseconds, the rest cut off, as in `2026-11-21T02:03:17.250Z`. Every `i64` is a date.
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        let s = self.0.div_euclid(NS_PER_S);
-        let ms = self.0.rem_euclid(NS_PER_S) / 1_000_000;
-        let (days, of_day) = (s.div_euclid(86_400), s.rem_euclid(86_400));
-        let (year, month, day) = civil_from_days(days);
-        let (h, m, s) = (of_day / 3600, of_day / 60 % 60, of_day % 60);
-        write!(
-            f,
-            "{year:04}-{month:02}-{day:02}T{h:02}:{m:02}:{s:02}.{ms:03}Z"
-        )
+        let time = DateTime::from_timestamp_nanos(self.0);
+        f.write_str(&time.to_rfc3339_opts(SecondsFormat::Millis, true))
     }
-}
-
-/// Year, month and day of a day number counted from 1970-01-01, proleptic Gregorian.
-///
-/// The year is taken to start on 1 March, so that the leap day is its last day and the months
-/// before it repeat every 153 days in five.
-fn civil_from_days(days: i64) -> (i64, i64, i64) {
-    let z = days + 719_468; // days from 0000-03-01
-    let era = z.div_euclid(146_097); // 400 years
-    let day_of_era = z.rem_euclid(146_097);
-    let year_of_era =
-        (day_of_era - day_of_era / 1460 + day_of_era / 36_524 - day_of_era / 146_096) / 365;
-    let day_of_year = day_of_era - (365 * year_of_era + year_of_era / 4 - year_of_era / 100);
-    let shifted_month = (5 * day_of_year + 2) / 153;
-    let day = day_of_year - (153 * shifted_month + 2) / 5 + 1;
-    let month = if shifted_month < 10 {
-        shifted_month + 3
-    } else {
-        shifted_month - 9
-    };
-    let year = year_of_era + era * 400 + i64::from(month <= 2);
-    (year, month, day)
 }
 
 /// Length of one device tick as an exact ratio of nanoseconds.
@@ -162,6 +134,8 @@ mod tests {
                 "2100-02-28T23:59:59.999Z",
             ),
             (-1, "1969-12-31T23:59:59.999Z"),
+            (i64::MIN, "1677-09-21T00:12:43.145Z"),
+            (i64::MAX, "2262-04-11T23:47:16.854Z"),
         ];
         for (ns, text) in cases {
             assert_eq!(CivilTime(ns).to_string(), text);
