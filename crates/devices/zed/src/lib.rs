@@ -11,6 +11,8 @@
 //!
 //! Time comes in as an argument everywhere, in nanoseconds of CLOCK_MONOTONIC.
 //!
+//! `cargo run -p zed --example zed_imu_check -- 10` checks the IMU of a camera for ten seconds.
+//!
 //! Nothing here was ever run on a real camera. What it is tested on: recorded facts of the protocol, a simulated
 //! device in this process, and one behind the kernel's own HID drivers in a virtual machine.
 

@@ -1,8 +1,11 @@
-//! Looks at the IMU of a ZED camera: `look [SECONDS] [--serial N] [--without-pings]`.
+//! Checks the IMU of a ZED camera: samples received and lost, restarts of the driver, frame syncs.
 //!
-//! Prints each event that is no sample, and at the end what was counted. `--without-pings` keeps the driver's pings from the
-//! device, to see it fall silent after six seconds and be started again.
-//! Exits with 1 if a sample was lost.
+//! ```text
+//! cargo run -p zed --example zed_imu_check -- [SECONDS] [--serial N] [--without-pings]
+//! ```
+//!
+//! Prints every event that is not a sample, and at the end the counts. With `--without-pings` the driver's pings do not reach
+//! the device: it falls silent after six seconds and is started again. Exits with 1 if a sample was lost.
 
 #![expect(
     clippy::disallowed_methods,
@@ -54,18 +57,18 @@ impl<L: Link> Link for Pings<L> {
 }
 
 fn main() -> ExitCode {
-    match look() {
+    match check() {
         Ok(lost) if lost > 0 => ExitCode::FAILURE,
         Ok(_) => ExitCode::SUCCESS,
         Err(error) => {
-            eprintln!("look: {error}");
+            eprintln!("zed_imu_check: {error}");
             ExitCode::FAILURE
         }
     }
 }
 
 /// How many samples were lost.
-fn look() -> Result<u64, Box<dyn std::error::Error>> {
+fn check() -> Result<u64, Box<dyn std::error::Error>> {
     let mut seconds = 5.0;
     let mut port = Pings {
         inner: HidPort::default(),
@@ -80,7 +83,7 @@ fn look() -> Result<u64, Box<dyn std::error::Error>> {
         }
     }
     for found in list()? {
-        println!("look: found {found:?}");
+        println!("zed_imu_check: found {found:?}");
     }
     let begin = Instant::now();
     let clock = || begin.elapsed().as_nanos() as i64;
@@ -95,17 +98,17 @@ fn look() -> Result<u64, Box<dyn std::error::Error>> {
             }
             Event::Nothing => {}
             Event::Gone { detail } => {
-                println!("look @{:.3} gone: {detail}", clock() as f64 / 1e9);
+                println!("@{:.3} gone: {detail}", clock() as f64 / 1e9);
                 wait_for_it(&mut imu, &clock, until);
             }
-            event => println!("look @{:.3} {event:?}", clock() as f64 / 1e9),
+            event => println!("@{:.3} {event:?}", clock() as f64 / 1e9),
         }
     }
     let rate = imu.rate_hz().unwrap_or(0.0);
     let (left, counters) = imu.finish(&clock);
     last_number = left.last().map(|a| a.numbered.number).or(last_number);
     println!(
-        "look end: received {}, lost {}, last number {last_number:?}, rate {rate:.3} Hz, frame syncs {syncs}; {counters:?}",
+        "end: received {}, lost {}, last number {last_number:?}, rate {rate:.3} Hz, frame syncs {syncs}; {counters:?}",
         counters.samples, counters.lost,
     );
     Ok(counters.lost)
@@ -116,7 +119,7 @@ fn wait_for_it<P: Port>(imu: &mut Imu<P>, clock: &dyn Fn() -> i64, until: i64) {
     let mut watch = v4l2::hotplug::Watch::new(["/dev"]).ok();
     while !imu.is_open() && clock() < until {
         match imu.try_reopen(clock()) {
-            Ok(()) => println!("look @{:.3} there again", clock() as f64 / 1e9),
+            Ok(()) => println!("@{:.3} there again", clock() as f64 / 1e9),
             Err(_) => {
                 let wait = Duration::from_nanos(RETRY_NS as u64);
                 match &mut watch {

@@ -1,17 +1,16 @@
-//! Looks at V4L2 cameras: what there is, what each can do, and whether frames come as they should.
+//! Checks V4L2 cameras: the nodes, their modes and controls, and whether frames arrive completely and in time.
 //!
 //! ```text
-//! look                                            lists nodes, modes and controls
-//! look capture WxH[@FPS] FRAMES NODE...           captures from all nodes simultaneously
+//! cargo run -p v4l2 --example v4l2_check                                        lists nodes, modes and controls
+//! cargo run -p v4l2 --example v4l2_check -- capture WxH[@FPS] FRAMES NODE...    captures from all nodes simultaneously
 //!      --fourcc YUYV   --buffers 4   --set CONTROL=VALUE
 //! ```
 //!
-//! A line per camera says what came: frames, missed numbers, damaged and short frames, the time from one
-//! frame to the next by the driver's stamps, and how old a frame was when it was handed over. Ends with 1
-//! when a camera did not deliver all frames.
+//! A line per camera has the frames, missing numbers, damaged and short frames, the time from one frame to the next by the
+//! driver's timestamps, and the age of a frame at its delivery. Exits with 1 if a camera did not deliver all frames.
 #![expect(
     clippy::disallowed_methods,
-    reason = "a program for people at a desk; it reads the clock to tell how old frames are"
+    reason = "a program for people at a desk; it reads the clock to compute the age of frames"
 )]
 
 use std::error::Error;
@@ -26,8 +25,7 @@ use v4l2::{Camera, Fourcc, Interval, Mode, Next, Stream, StreamError, node};
 
 type Failure = Box<dyn Error + Send + Sync>;
 
-const USAGE: &str =
-    "look [capture WxH[@FPS] FRAMES NODE... [--fourcc YUYV] [--buffers 4] [--set CONTROL=VALUE]]";
+const USAGE: &str = "v4l2_check [capture WxH[@FPS] FRAMES NODE... [--fourcc YUYV] [--buffers 4] [--set CONTROL=VALUE]]";
 /// Longer than any camera's interval.
 const PATIENCE: Duration = Duration::from_secs(2);
 
