@@ -33,13 +33,13 @@ pub mod urdf;
 
 /// How far from the root a part may be, m. Farther, the file's unit is not the one it names: a plate on a
 /// chest drawn in millimetres and read as metres is hundreds of metres wide.
-pub const FARTHEST_M: f64 = 10.0;
+const FARTHEST_M: f64 = 10.0;
 
 /// Parts that lie no farther from each other than this, m, suggest that metres were read as millimetres.
-pub const NEAREST_M: f64 = 0.002;
+const NEAREST_M: f64 = 0.002;
 
 /// Most parts a file may have: instances multiply, and a broken file could name billions.
-pub const MOST_PARTS: usize = 100_000;
+pub(crate) const MOST_PARTS: usize = 100_000;
 
 /// The content of a CAD file.
 #[derive(Clone, Debug, PartialEq)]

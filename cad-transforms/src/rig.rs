@@ -84,7 +84,7 @@ pub use self::loops::Closure;
 pub use self::tags::{Foot, ShoeTag, TagFamily};
 
 /// The version of the file this crate reads.
-pub const RIG_FORMAT: i64 = 1;
+pub(crate) const RIG_FORMAT: i64 = 1;
 
 /// Transforms that differ by less are the same, m and rad.
 const SAME: f64 = 1e-9;

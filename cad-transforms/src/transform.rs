@@ -16,7 +16,7 @@ pub const UNIT_TOLERANCE: f64 = 2e-6;
 
 /// How far an entry of `RᵀR` may be from the identity. Six printed digits per entry (as in KITTI's
 /// pose files) stay inside it; a scale or shear of 10 ppm does not.
-pub const ORTHONORMAL_TOLERANCE: f64 = 1e-5;
+const ORTHONORMAL_TOLERANCE: f64 = 1e-5;
 
 /// A rigid transform `b_from_a`: takes coordinates in frame `a` to coordinates in frame `b`,
 /// `x_in_b = R x_in_a + t`, where `t` is the origin of `a` in `b`, in metres.

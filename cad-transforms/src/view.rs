@@ -21,7 +21,7 @@ pub struct FieldOfView {
 
 impl FieldOfView {
     /// Even to both sides: whole angles, degrees, each between 0 and 180. `None` for others.
-    pub fn from_degrees(horizontal: f64, vertical: f64) -> Option<Self> {
+    pub(crate) fn from_degrees(horizontal: f64, vertical: f64) -> Option<Self> {
         let half = |angle: f64| {
             let possible = angle > 0.0 && angle < 180.0;
             possible.then(|| (0.5 * angle).to_radians().tan())

@@ -41,7 +41,7 @@ pub struct Device {
 }
 
 /// Takes an optical frame's axes (x right, y down, z forward) to a housing's (x forward, y left, z up).
-pub fn housing_from_optical() -> RigidTransform {
+pub(crate) fn housing_from_optical() -> RigidTransform {
     RigidTransform::from_wxyz([0.5, -0.5, 0.5, -0.5], [0.0; 3]).expect("a unit quaternion")
 }
 
@@ -59,7 +59,7 @@ impl Device {
     }
 
     /// Takes coordinates in the left optical frame to the mounting datum's.
-    pub fn datum_from_left(&self) -> RigidTransform {
+    pub(crate) fn datum_from_left(&self) -> RigidTransform {
         let shift = RigidTransform::from_translation_m(self.datum_from_left_m);
         shift.expect("finite numbers") * housing_from_optical()
     }
@@ -70,7 +70,7 @@ impl Device {
     }
 
     /// How far [`Self::left_from_right`] may be off: the baseline as stated, the turn as that of the whole camera.
-    pub fn covariance_of_right(&self) -> Covariance {
+    pub(crate) fn covariance_of_right(&self) -> Covariance {
         let whole = self.covariance.rows();
         let mut rows = [[0.0; 6]; 6];
         for (i, row) in rows.iter_mut().enumerate() {

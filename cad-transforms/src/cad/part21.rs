@@ -57,7 +57,7 @@ pub struct Instance {
 
 /// A file with the places of its instances.
 #[derive(Debug)]
-pub struct Exchange<'b> {
+pub(crate) struct Exchange<'b> {
     bytes: &'b [u8],
     /// Number, offset behind the `=`, line; by number.
     places: Vec<(u64, usize, usize)>,
@@ -70,7 +70,7 @@ impl<'b> Exchange<'b> {
     ///
     /// # Errors
     /// The file is no exchange structure, is cut off, or has two instances of one number.
-    pub fn index(bytes: &'b [u8]) -> Result<Self, Fault> {
+    pub(crate) fn index(bytes: &'b [u8]) -> Result<Self, Fault> {
         let mut scan = Scan::at(bytes, 0, 1);
         scan.skip_blanks()?;
         if !scan.rest().starts_with(b"ISO-10303-21") {
@@ -142,7 +142,7 @@ impl<'b> Exchange<'b> {
     }
 
     /// Numbers of the instances that have a record of this name, in the order of the file.
-    pub fn named(&self, name: &str) -> &[u64] {
+    pub(crate) fn named(&self, name: &str) -> &[u64] {
         self.names.get(name).map_or(&[], Vec::as_slice)
     }
 
@@ -150,7 +150,7 @@ impl<'b> Exchange<'b> {
     ///
     /// # Errors
     /// There is no such instance, or it is malformed.
-    pub fn instance(&self, id: u64) -> Result<Instance, Fault> {
+    pub(crate) fn instance(&self, id: u64) -> Result<Instance, Fault> {
         let Ok(found) = self.places.binary_search_by_key(&id, |place| place.0) else {
             return Err(Fault::new(
                 format!("#{id}"),

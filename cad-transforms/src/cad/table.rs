@@ -45,7 +45,7 @@ struct Row {
 ///
 /// # Errors
 /// Everything that is wrong, with line and column.
-pub fn parts_of_csv(text: &str) -> Result<Cad, Vec<Fault>> {
+pub(crate) fn parts_of_csv(text: &str) -> Result<Cad, Vec<Fault>> {
     let text = text.strip_prefix('\u{feff}').unwrap_or(text);
     let mut lines = text
         .lines()
@@ -303,7 +303,7 @@ impl Columns {
 ///
 /// # Errors
 /// Everything that is wrong, with line and key.
-pub fn parts_of_toml(text: &str) -> Result<Cad, Vec<Fault>> {
+pub(crate) fn parts_of_toml(text: &str) -> Result<Cad, Vec<Fault>> {
     let document = DeTable::parse(text).map_err(|error| {
         let problem = not_toml(text, &error);
         vec![Fault::at_line(problem.line, problem.message)]

@@ -27,20 +27,20 @@ pub const SHOES_Y_M: [f64; 2] = [-0.2, 0.2];
 pub const FEET_CAMERA: &str = "feet";
 /// How far behind the plate's plane an optical axis may point, degrees: the wearer is at negative x. A camera that
 /// looks straight down and hangs a little back is fine.
-pub const LOOKS_BACK_DEG: f64 = 10.0;
+const LOOKS_BACK_DEG: f64 = 10.0;
 /// Farthest a lens can be from the datum of something worn on the chest, m.
-pub const FARTHEST_LENS_M: f64 = 1.0;
+const FARTHEST_LENS_M: f64 = 1.0;
 /// Baselines of stereo cameras that fit on a chest, m.
-pub const BASELINES_M: [f64; 2] = [0.01, 0.3];
+const BASELINES_M: [f64; 2] = [0.01, 0.3];
 /// How far the baseline may be from the factory file's, m, where the rig states no tolerance: 1 %
 /// of depth for the ZED Mini.
-pub const BASELINE_TOLERANCE_M: f64 = 0.0005;
+const BASELINE_TOLERANCE_M: f64 = 0.0005;
 /// How many sigmas count as off, where the rig does state a tolerance.
 pub const SIGMAS: f64 = 3.0;
 /// How far the right lens may be above, below, before or behind the left one, as a share of the baseline.
-pub const BESIDE_SHARE: f64 = 0.1;
+const BESIDE_SHARE: f64 = 0.1;
 /// How far the two lenses may be rotated against each other, degrees.
-pub const STEREO_TURN_DEG: f64 = 3.0;
+const STEREO_TURN_DEG: f64 = 3.0;
 
 /// What is known from elsewhere, by the name of the camera.
 pub type Facts = BTreeMap<String, CameraFacts>;

@@ -17,7 +17,7 @@ mod read;
 pub use read::{Discipline, StepAlarm, discipline, read};
 
 /// Smaller changes are not reported, ns: the clocks are read one after the other.
-pub const LEAST_STEP_NS: i64 = 10_000;
+const LEAST_STEP_NS: i64 = 10_000;
 
 /// What the clocks said at one look.
 #[derive(Clone, Debug, PartialEq, Serialize)]

@@ -21,7 +21,7 @@ pub const WINDOW_NS: i64 = 30 * NS_PER_S;
 /// How long must be watched before there is a rate.
 pub const MIN_RATE_WINDOW_NS: i64 = 5 * NS_PER_S;
 /// With fewer inodes left there may be none for the next session's files.
-pub const LOW_INODES: u64 = 1000;
+const LOW_INODES: u64 = 1000;
 
 /// A slower loss of free space is a log file, not a recording, bytes per second.
 const LEAST_RATE: f64 = 1000.0;

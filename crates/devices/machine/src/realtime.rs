@@ -20,7 +20,7 @@ use std::io;
 use rustix::process::{Resource, getrlimit};
 use serde::Serialize;
 
-use crate::sysfs::{Roots, numbered, text};
+use crate::sysfs::{Roots, text};
 
 /// The priority to ask for: 1 is the lowest, 99 the highest of the kernel.
 pub const PRIORITY: u8 = 10;
@@ -35,13 +35,6 @@ pub enum Outcome {
     Refused(String),
 }
 
-impl Outcome {
-    /// Whether it is so.
-    pub fn is_achieved(&self) -> bool {
-        *self == Self::Achieved
-    }
-}
-
 impl std::fmt::Display for Outcome {
     fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
         match self {
@@ -53,35 +46,12 @@ impl std::fmt::Display for Outcome {
 
 /// Asks for real time for the calling thread, at `priority` of 1 to 99.
 pub fn this_thread(priority: u8) -> Outcome {
-    schedule(0, priority)
-}
-
-/// Asks for real time for every thread of this process whose name is in `names` (as the kernel has them,
-/// cut after 15 characters); each that was found, with what came of it.
-pub fn threads_named(roots: &Roots, names: &[&str], priority: u8) -> Vec<(String, Outcome)> {
-    let threads = numbered(roots.proc.join("self/task"), "");
-    let named = threads
-        .into_iter()
-        .filter_map(|(id, folder)| Some((id, text(folder.join("comm"))?)));
-    named
-        .filter(|(_, name)| {
-            names
-                .iter()
-                .any(|wanted| name.as_bytes() == &wanted.as_bytes()[..wanted.len().min(15)])
-        })
-        .map(|(id, name)| (name, schedule(id as libc::pid_t, priority)))
-        .collect()
-}
-
-/// `thread` is a thread's number, 0 for the calling one.
-fn schedule(thread: libc::pid_t, priority: u8) -> Outcome {
     // SAFETY: a plain struct of integers, valid as all zeros.
     let mut parameters: libc::sched_param = unsafe { std::mem::zeroed() };
     parameters.sched_priority = libc::c_int::from(priority);
     let policy = libc::SCHED_RR | libc::SCHED_RESET_ON_FORK;
-    // SAFETY: `parameters` lives through the call, which only reads it; a number that is no thread's is
-    // answered with ESRCH.
-    if unsafe { libc::sched_setscheduler(thread, policy, &raw const parameters) } == 0 {
+    // SAFETY: `parameters` lives through the call, which only reads it; 0 is the calling thread.
+    if unsafe { libc::sched_setscheduler(0, policy, &raw const parameters) } == 0 {
         return Outcome::Achieved;
     }
     let error = io::Error::last_os_error();
@@ -169,7 +139,7 @@ mod tests {
         );
         assert!(no_real_time(10, true).contains("sched_rt_runtime_us"));
         let impossible = this_thread(200);
-        assert!(!impossible.is_achieved(), "100 and above do not exist");
+        assert_ne!(impossible, Outcome::Achieved, "100 and above do not exist");
     }
 
     #[test]
@@ -188,30 +158,19 @@ mod tests {
     }
 
     #[test]
-    fn a_thread_is_found_by_its_name() {
-        let name = "a-thread-with-a-long-name";
-        let (stop, stopped) = std::sync::mpsc::sync_channel::<()>(0);
-        let (begin, begun) = std::sync::mpsc::sync_channel::<()>(0);
-        let thread = std::thread::Builder::new()
-            .name(name.into())
-            .spawn(move || {
-                let _ = begin.send(());
-                let _ = stopped.recv();
-                // SAFETY: reads the policy of the calling thread.
-                unsafe { libc::sched_getscheduler(0) }
-            });
-        begun.recv().unwrap();
-        let found = threads_named(&Roots::default(), &[name, "no such"], 1);
-        assert_eq!(found.len(), 1, "{found:?}");
-        assert_eq!(found[0].0, "a-thread-with-a");
-        drop(stop);
-        let policy = thread.unwrap().join().unwrap();
+    fn a_thread_reports_its_policy() {
+        let thread = std::thread::spawn(|| {
+            let outcome = this_thread(1);
+            // SAFETY: reads the policy of the calling thread.
+            (outcome, unsafe { libc::sched_getscheduler(0) })
+        });
+        let (outcome, policy) = thread.join().unwrap();
         // Whether it is allowed depends on who runs the test; that it is reported correctly does not.
         let is_real_time = policy == libc::SCHED_RR | libc::SCHED_RESET_ON_FORK;
         assert_eq!(
-            found[0].1.is_achieved(),
+            outcome == Outcome::Achieved,
             is_real_time,
-            "{found:?}, {policy}"
+            "{outcome}, {policy}"
         );
     }
 
@@ -222,7 +181,7 @@ mod tests {
         let locked = locked_bytes(&roots).unwrap_or_default();
         unlock_memory();
         assert_eq!(
-            outcome.is_achieved(),
+            outcome == Outcome::Achieved,
             locked > 0,
             "{outcome}, {locked} bytes"
         );

@@ -20,7 +20,7 @@ use crate::sysfs::{Roots, integer, names, numbered, text};
 
 /// Where a zone that names no temperature is taken to be slowed, °C: processors are a few degrees
 /// above it.
-pub const ASSUMED_LIMIT_C: f64 = 95.0;
+pub(crate) const ASSUMED_LIMIT_C: f64 = 95.0;
 /// How far below its critical temperature such a zone is taken to be slowed, °C.
 const BELOW_CRITICAL_C: f64 = 5.0;
 

@@ -39,7 +39,7 @@ pub fn open(spec: &BeeperSpec) -> Result<Box<dyn Beeper>, DeviceError> {
 
 /// A beeper that is on or off.
 #[derive(Debug)]
-pub struct LineBeeper {
+pub(crate) struct LineBeeper {
     line: OutputLine,
     what: String,
 }
@@ -49,7 +49,7 @@ impl LineBeeper {
     ///
     /// # Errors
     /// See [`DeviceError`].
-    pub fn open(line: &Line, active_low: bool) -> Result<Self, DeviceError> {
+    pub(crate) fn open(line: &Line, active_low: bool) -> Result<Self, DeviceError> {
         Ok(Self {
             line: OutputLine::open(line, active_low)?,
             what: format!("beeper on GPIO {line}"),
@@ -69,7 +69,7 @@ impl Beeper for LineBeeper {
 
 /// An input device with `SND_TONE`, like the PC speaker or a PWM beeper. After an error it is opened again.
 #[derive(Debug)]
-pub struct ToneBeeper {
+pub(crate) struct ToneBeeper {
     spec: InputDevice,
     device: Option<RawDevice>,
     what: String,
@@ -80,7 +80,7 @@ impl ToneBeeper {
     ///
     /// # Errors
     /// See [`DeviceError`].
-    pub fn open(spec: &InputDevice) -> Result<Self, DeviceError> {
+    pub(crate) fn open(spec: &InputDevice) -> Result<Self, DeviceError> {
         Ok(Self {
             spec: spec.clone(),
             device: Some(open_tone(spec)?),

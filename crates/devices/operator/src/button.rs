@@ -17,10 +17,11 @@ use crate::spec::ButtonSpec;
 use crate::wait::{Waker, Woke, wait};
 use crate::{Clock, DeviceError};
 
-pub mod evdev;
-pub mod fake;
-pub mod gpio;
-pub mod hid;
+pub(crate) mod evdev;
+#[cfg(test)]
+pub(crate) mod fake;
+mod gpio;
+mod hid;
 
 /// The button went down or up.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]

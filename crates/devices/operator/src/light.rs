@@ -10,9 +10,10 @@ use crate::DeviceError;
 use crate::pattern::LightState;
 use crate::spec::LightSpec;
 
-pub mod fake;
-pub mod gpio;
-pub mod sysfs;
+#[cfg(test)]
+pub(crate) mod fake;
+pub(crate) mod gpio;
+pub(crate) mod sysfs;
 
 /// A light.
 pub trait Light: Send {

@@ -125,7 +125,7 @@ impl Pattern {
     }
 
     /// How long until it is over or restarts, milliseconds.
-    pub fn length_ms(&self) -> u32 {
+    pub(crate) fn length_ms(&self) -> u32 {
         self.steps.iter().map(|(_, ms)| ms).sum()
     }
 

@@ -184,7 +184,7 @@ impl Signal {
     }
 
     /// What the person does about it, for the table.
-    pub fn do_what(self) -> &'static str {
+    pub(crate) fn do_what(self) -> &'static str {
         match self {
             Self::Phase(Phase::Starting) => "Wait; after a minute see the phone page",
             Self::Phase(Phase::Ready) => "Press to start",

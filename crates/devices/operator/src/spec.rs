@@ -26,9 +26,9 @@ use std::time::Duration;
 use evdev::KeyCode;
 
 /// The key that a record button has if none is named.
-pub const RECORD_KEY: KeyCode = KeyCode::KEY_RECORD;
+const RECORD_KEY: KeyCode = KeyCode::KEY_RECORD;
 /// How long a button's level must last to count, if nothing is said: most contacts rest within 5 ms.
-pub const DEBOUNCE: Duration = Duration::from_millis(20);
+const DEBOUNCE: Duration = Duration::from_millis(20);
 
 /// A text that is no button, light or beeper.
 #[derive(Debug, thiserror::Error, PartialEq, Eq)]

@@ -16,11 +16,11 @@ pub const RECEIPT_FORMAT: &str = "rig-link-receipt";
 /// [`VERSION`].
 pub const HEADER: &str = "x-rig-link";
 /// Maximum length of a file's path below a session's folder, bytes.
-pub const MAX_PATH: usize = 512;
+const MAX_PATH: usize = 512;
 /// Maximum depth of nested folders; a session has one level.
 pub const MAX_DEPTH: usize = 8;
 /// Maximum length of a manifest's line, bytes.
-pub const MAX_LINE: usize = 4096;
+pub(crate) const MAX_LINE: usize = 4096;
 
 /// Files at the top of a session's folder that a host derives and can derive again; never listed.
 pub const DERIVED: [&str; 5] = [
@@ -158,7 +158,7 @@ pub struct Problem {
 
 /// Body of every error response.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
-pub struct ErrorBody {
+pub(crate) struct ErrorBody {
     /// The problem.
     pub error: Problem,
 }
@@ -240,7 +240,7 @@ pub fn is_file_path(path: &str) -> bool {
 
 /// Whether a folder with this name may be a session: letters, digits, `-`, `_` and `.`, not beginning
 /// with a dot, at most 100.
-pub fn is_session_name(name: &str) -> bool {
+pub(crate) fn is_session_name(name: &str) -> bool {
     let plain = |b: u8| b.is_ascii_alphanumeric() || b"-_.".contains(&b);
     (1..=100).contains(&name.len()) && !name.starts_with('.') && name.bytes().all(plain)
 }
@@ -252,7 +252,7 @@ pub fn is_hash(text: &str) -> bool {
 }
 
 /// A file's path as in an address: everything but letters, digits, `-_.~` and `/` as `%XX`.
-pub fn to_address(path: &str) -> String {
+pub(crate) fn to_address(path: &str) -> String {
     let mut out = String::with_capacity(path.len());
     for byte in path.bytes() {
         if byte.is_ascii_alphanumeric() || b"-_.~/".contains(&byte) {
@@ -266,7 +266,7 @@ pub fn to_address(path: &str) -> String {
 
 /// Decodes the path in an address, once; `None` if it is not UTF-8 or a `%` is not followed by two
 /// hex digits.
-pub fn from_address(text: &str) -> Option<String> {
+pub(crate) fn from_address(text: &str) -> Option<String> {
     let mut out = Vec::with_capacity(text.len());
     let mut bytes = text.bytes();
     while let Some(byte) = bytes.next() {

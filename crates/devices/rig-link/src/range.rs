@@ -5,7 +5,7 @@
 
 /// Bytes to send.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum ByteRange {
+pub(crate) enum ByteRange {
     /// The whole file.
     All,
     /// `first..end`, not empty and within the file.
@@ -20,7 +20,7 @@ pub enum ByteRange {
 }
 
 /// The bytes that a `Range` header requests of a file of `length` bytes.
-pub fn requested_range(header: Option<&str>, length: u64) -> ByteRange {
+pub(crate) fn requested_range(header: Option<&str>, length: u64) -> ByteRange {
     let Some((from, to)) = header.and_then(one_range) else {
         return ByteRange::All;
     };

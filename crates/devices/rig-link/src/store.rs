@@ -188,7 +188,7 @@ impl Store {
     /// # Errors
     /// [`Code::ManifestFirst`] if a hash is not known, [`Code::NotListed`] if the folder contains
     /// an unlistable entry, or an I/O error occurs.
-    pub fn known_total(&self, session: &Session) -> Result<Total, Problem> {
+    pub(crate) fn known_total(&self, session: &Session) -> Result<Total, Problem> {
         let listing = listing::list(&session.folder).map_err(|e| unreadable(&e))?;
         if let Some(stranger) = listing.unlistable.first() {
             return Err(problem(

@@ -46,7 +46,7 @@ pub fn list(sys: &Path, dev: &Path) -> io::Result<Vec<Node>> {
 ///
 /// # Errors
 /// As [`list`].
-pub fn list_with(
+pub(crate) fn list_with(
     sys: &Path,
     dev: &Path,
     captures: impl Fn(&Path) -> Result<bool, CameraError>,

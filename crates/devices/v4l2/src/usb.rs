@@ -52,7 +52,7 @@ impl UsbDevice {
     }
 
     /// The port of the controller itself through which it is reached: `1-2` of `1-2.3`.
-    pub fn root_port(&self) -> &str {
+    pub(crate) fn root_port(&self) -> &str {
         self.port.split('.').next().unwrap_or(&self.port)
     }
 }

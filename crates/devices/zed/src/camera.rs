@@ -45,7 +45,7 @@ impl Model {
     }
 
     /// USB product number of its video part.
-    pub const fn camera_product(self) -> u16 {
+    const fn camera_product(self) -> u16 {
         match self {
             Self::Zed => 0xf582,
             Self::ZedMini => 0xf682,
@@ -55,7 +55,7 @@ impl Model {
     }
 
     /// USB product number of its microcontroller.
-    pub const fn imu_product(self) -> Option<u16> {
+    const fn imu_product(self) -> Option<u16> {
         match self {
             Self::Zed => None,
             Self::ZedMini => Some(0xf681),
@@ -135,13 +135,6 @@ pub const MODES: [Mode; 4] = [
 ];
 
 impl Mode {
-    /// The mode with frames of this size.
-    pub fn of_size(width: u32, height: u32) -> Option<Self> {
-        MODES
-            .into_iter()
-            .find(|m| (m.width, m.height) == (width, height))
-    }
-
     /// What it sends at a rate, bytes per second.
     pub const fn bytes_per_s(self, rate_hz: u32) -> u64 {
         self.width as u64 * self.height as u64 * 2 * rate_hz as u64
@@ -202,7 +195,5 @@ mod tests {
             MODES.iter().map(most).collect::<Vec<_>>(),
             [164, 248, 221, 101]
         );
-        assert_eq!(Mode::of_size(2560, 720).map(|m| m.name), Some("HD720"));
-        assert_eq!(Mode::of_size(1280, 720), None);
     }
 }

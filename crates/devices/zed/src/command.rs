@@ -9,10 +9,10 @@ pub const STREAM: u8 = 0x32;
 /// The feature report of requests.
 pub const REQUEST: u8 = 0x21;
 /// The feature report of requests to the video chip.
-pub const VIDEO: u8 = 0x22;
+const VIDEO: u8 = 0x22;
 
 /// How often the device wants to hear [`Command::Ping`], ns. About six of them missed end the stream.
-pub const PING_EVERY_NS: i64 = 1_000_000_000;
+pub(crate) const PING_EVERY_NS: i64 = 1_000_000_000;
 
 /// Something to tell the microcontroller.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]

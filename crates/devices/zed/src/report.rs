@@ -16,7 +16,7 @@
 /// Length of a read without a report number in front.
 pub const REPORT_BYTES: usize = 64;
 /// Bytes of a report that carry something.
-pub const USED_BYTES: usize = 62;
+const USED_BYTES: usize = 62;
 
 /// Ticks in a second: a tick is 39.0625 us (`TS_SCALE` 39062.5 ns in `sensorcapture_def.hpp`).
 pub const TICKS_PER_S: u64 = 25_600;
@@ -156,7 +156,7 @@ impl Sample {
 
 /// Ticks as nanoseconds, exactly but for the half nanosecond of an odd tick, which is rounded up as in the archive. None
 /// beyond 292 years.
-pub fn ticks_ns(ticks: u64) -> Option<i64> {
+pub(crate) fn ticks_ns(ticks: u64) -> Option<i64> {
     i64::try_from((u128::from(ticks) * 78_125).div_ceil(2)).ok()
 }
 

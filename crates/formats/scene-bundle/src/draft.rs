@@ -119,7 +119,7 @@ impl Draft {
     ///
     /// # Errors
     /// As [`Self::create`].
-    pub fn create_listed(&self, path: &str) -> Result<DraftFile, BundleError> {
+    fn create_listed(&self, path: &str) -> Result<DraftFile, BundleError> {
         self.create_named(path, HashLocation::Listing)
     }
 
@@ -135,7 +135,7 @@ impl Draft {
     ///
     /// # Errors
     /// As [`Self::create`].
-    pub fn write_listed(&self, path: &str, bytes: &[u8]) -> Result<(), BundleError> {
+    pub(crate) fn write_listed(&self, path: &str, bytes: &[u8]) -> Result<(), BundleError> {
         self.create_listed(path)?.whole(bytes)
     }
 
@@ -336,7 +336,7 @@ impl DraftFile {
     ///
     /// # Errors
     /// Any I/O error, or fewer bytes were written so far.
-    pub fn overwrite_start(&mut self, bytes: &[u8]) -> io::Result<()> {
+    pub(crate) fn overwrite_start(&mut self, bytes: &[u8]) -> io::Result<()> {
         self.flush()?;
         if self.bytes < bytes.len() as u64 {
             return Err(io::ErrorKind::InvalidInput.into());

@@ -3,7 +3,7 @@
 /// The manifest.
 pub const MANIFEST: &str = "scene.json";
 /// Maximum size of a manifest, bytes.
-pub const MANIFEST_LIMIT: u64 = plain_file::DOCUMENT_LIMIT;
+pub(crate) const MANIFEST_LIMIT: u64 = plain_file::DOCUMENT_LIMIT;
 /// Lock file, held by the process that writes to the bundle.
 pub const LOCK: &str = "lock";
 /// Time and memory of the stages; not part of the bundle.
@@ -13,7 +13,7 @@ pub const CAMERA_IMAGES: &str = "seen.jsonl";
 /// Report page of the bundle; not part of it.
 pub const PAGE: &str = "report.html";
 /// In an output's folder: hashes of files that are too many for the manifest.
-pub const LISTING: &str = "files.b3";
+pub(crate) const LISTING: &str = "files.b3";
 
 /// Prefix of the folders of drafts.
 const DRAFT_PREFIX: &str = ".draft-";

@@ -26,13 +26,13 @@ pub fn segment_number(name: &str) -> Option<u32> {
 }
 
 /// Whether this is one plain name, with no way into another folder.
-pub fn is_file_name(name: &str) -> bool {
+pub(crate) fn is_file_name(name: &str) -> bool {
     !["", ".", ".."].contains(&name) && !name.contains(['/', '\\', '\0'])
 }
 
 /// Whether a camera or an IMU may have this name: parts of letters, digits, `_`, `-` and `.`, not
 /// beginning with a dot, with `/` between them. Names of files are made of it.
-pub fn is_stream_name(name: &str) -> bool {
+pub(crate) fn is_stream_name(name: &str) -> bool {
     let plain = |c: char| c.is_ascii_alphanumeric() || "_-.".contains(c);
     let part = |part: &str| !part.is_empty() && !part.starts_with('.') && part.chars().all(plain);
     name.split('/').all(part)

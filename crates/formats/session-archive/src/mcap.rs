@@ -26,9 +26,6 @@ pub const RECORD_HEADER: usize = 9;
 /// Bytes of a chunk record before the records in it, when the chunk is not compressed.
 pub const CHUNK_PREFIX: usize = RECORD_HEADER + 8 + 8 + 8 + 4 + 4 + 8;
 
-/// Bytes of a message record before the payload.
-pub const MESSAGE_PREFIX: usize = RECORD_HEADER + 2 + 4 + 8 + 8;
-
 /// Opcodes of the records.
 pub mod op {
     #![allow(missing_docs)]

@@ -47,7 +47,7 @@ macro_rules! records {
             };
         })*
         /// Every schema that version 1 of the format uses, in the order in which they are written.
-        pub static SCHEMAS: &[Schema] = &[$(<$type as Record>::SCHEMA),*];
+        pub(crate) static SCHEMAS: &[Schema] = &[$(<$type as Record>::SCHEMA),*];
     };
 }
 

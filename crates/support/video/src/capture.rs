@@ -70,7 +70,7 @@ pub use pair::Eye;
 pub const QUEUE: usize = 4;
 
 /// As [`QUEUE`], of native frames: they are their camera's buffers, which it needs back.
-pub const NATIVE_QUEUE: usize = 2;
+const NATIVE_QUEUE: usize = 2;
 
 /// What should lie between the starts of two cameras of a Jetson: with less, a rig of eleven Argus
 /// cameras had surfaces mixed up between them (docs/guides/gstreamer-sources.md).

@@ -137,12 +137,7 @@ pub fn trial(element: &str, width: u32, height: u32) -> Result<Trial, TrialError
 ///
 /// # Errors
 /// See [`TrialError`].
-pub fn trial_with(
-    element: &str,
-    width: u32,
-    height: u32,
-    threads: u32,
-) -> Result<Trial, TrialError> {
+fn trial_with(element: &str, width: u32, height: u32, threads: u32) -> Result<Trial, TrialError> {
     pipeline::init()?;
     PixelFormat::I420.bytes(width, height)?;
     let codec = encoder::element_codec(element).ok_or(TrialError::Missing)?;

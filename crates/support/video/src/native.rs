@@ -84,7 +84,7 @@ impl NativeFormat {
     }
 
     /// The name of the memory, if it is not the system's: `memory:NVMM`.
-    pub fn device_memory(&self) -> Option<String> {
+    pub(crate) fn device_memory(&self) -> Option<String> {
         let features = self.caps.features(0)?;
         let mut other = features
             .iter()

@@ -212,7 +212,7 @@ impl Entry {
 
 impl CameraCalibrationError {
     /// Whether the true extrinsics equal the nominal ones.
-    pub fn has_nominal_extrinsics(&self) -> bool {
+    pub(crate) fn has_nominal_extrinsics(&self) -> bool {
         let none = Vector3::zeros();
         [
             self.rotation,
@@ -246,7 +246,7 @@ impl CameraCalibrationError {
     }
 
     /// True intrinsics.
-    pub fn true_lens(&self, nominal: &CameraModel) -> CameraModel {
+    pub(crate) fn true_lens(&self, nominal: &CameraModel) -> CameraModel {
         CameraModel {
             fx: nominal.fx + self.focal_px[0],
             fy: nominal.fy + self.focal_px[1],

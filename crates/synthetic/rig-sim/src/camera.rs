@@ -363,7 +363,7 @@ impl MonoCamera {
 }
 
 /// Automatic exposure of a camera, shared by both eyes.
-pub fn auto_exposure(max_s: f64) -> AutoExposure {
+pub(crate) fn auto_exposure(max_s: f64) -> AutoExposure {
     AutoExposure::new(max_s)
 }
 

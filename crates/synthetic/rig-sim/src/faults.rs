@@ -76,13 +76,13 @@ impl CameraFaults {
     }
 
     /// All faults of a kind with nonzero strength.
-    pub fn of_kind(&self, kind: Kind) -> impl Iterator<Item = &Fault> {
+    pub(crate) fn of_kind(&self, kind: Kind) -> impl Iterator<Item = &Fault> {
         let is_it = move |f: &&Fault| f.kind == kind && f.strength != 0.0;
         self.list.iter().filter(is_it)
     }
 
     /// Whether a fault whose strength is its duration in seconds acts at this time.
-    pub fn is_during(&self, kind: Kind, time_s: f64) -> bool {
+    pub(crate) fn is_during(&self, kind: Kind, time_s: f64) -> bool {
         self.of_kind(kind)
             .any(|f| (f.from_s..f.from_s + f.strength).contains(&time_s))
     }
@@ -99,7 +99,7 @@ impl Fault {
     }
 
     /// Time for which the fault has acted before `time_s`, s.
-    pub fn acted_s(&self, time_s: f64) -> f64 {
+    pub(crate) fn acted_s(&self, time_s: f64) -> f64 {
         (time_s.min(self.to_s) - self.from_s).max(0.0)
     }
 }

@@ -42,7 +42,7 @@ pub enum PixelFormat {
 
 impl SimCamera {
     /// True middle of the exposure of a frame with timestamp `said_ns` (ns since the beginning), s.
-    pub fn taken_s(&self, said_ns: i64) -> f64 {
+    pub(crate) fn taken_s(&self, said_ns: i64) -> f64 {
         (said_ns - self.time_offset_ns) as f64 * 1e-9
     }
 

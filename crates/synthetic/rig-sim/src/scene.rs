@@ -188,7 +188,7 @@ impl Scene {
     ///
     /// # Panics
     /// If the `id` of a tag is not below [`tag::COUNT`].
-    pub fn with_tags(kind: Kind, lighting: Lighting, seed: u64, tags: &[ShoeTag]) -> Self {
+    pub(crate) fn with_tags(kind: Kind, lighting: Lighting, seed: u64, tags: &[ShoeTag]) -> Self {
         Self::make(kind, lighting, seed, tags, &[])
     }
 
@@ -283,7 +283,11 @@ impl Scene {
 
     /// Nearest static surface along a ray: distance in lengths of `direction`, and number of the
     /// triangle. Reference implementation of the rasterizer.
-    pub fn first_hit(&self, origin: &Vector3<f64>, direction: &Vector3<f64>) -> Option<bvh::Hit> {
+    pub(crate) fn first_hit(
+        &self,
+        origin: &Vector3<f64>,
+        direction: &Vector3<f64>,
+    ) -> Option<bvh::Hit> {
         self.solid.hit(origin, direction, 1e-6, f64::INFINITY)
     }
 }

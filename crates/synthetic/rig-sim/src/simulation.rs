@@ -409,7 +409,7 @@ impl Simulation {
     }
 
     /// Whether the ground truth differs from the recorded calibration.
-    pub fn differs_from_calibration(&self) -> bool {
+    pub(crate) fn differs_from_calibration(&self) -> bool {
         self.nominal != nominal_cameras(&self.cameras, &self.imus)
             || self.cameras.iter().any(|c| c.time_offset_ns != 0)
     }
@@ -511,7 +511,7 @@ impl Simulation {
     }
 
     /// Whether a session contains a rig file and intrinsics.
-    pub fn has_calibration(&self) -> bool {
+    pub(crate) fn has_calibration(&self) -> bool {
         self.has_calibration
     }
 

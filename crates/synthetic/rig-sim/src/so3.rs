@@ -32,7 +32,7 @@ pub fn log(q: &UnitQuaternion<f64>) -> Vector3<f64> {
 }
 
 /// From yaw about z, then pitch about the new y, then roll about the new x, rad.
-pub fn from_yaw_pitch_roll(yaw: f64, pitch: f64, roll: f64) -> UnitQuaternion<f64> {
+pub(crate) fn from_yaw_pitch_roll(yaw: f64, pitch: f64, roll: f64) -> UnitQuaternion<f64> {
     exp(Vector3::z() * yaw) * exp(Vector3::y() * pitch) * exp(Vector3::x() * roll)
 }
 

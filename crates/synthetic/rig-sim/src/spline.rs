@@ -27,7 +27,7 @@ pub struct State {
 
 /// A rigid motion; see the module documentation.
 #[derive(Clone, Debug)]
-pub struct Spline {
+pub(crate) struct Spline {
     spacing_s: f64,
     controls: Vec<(Vector3<f64>, UnitQuaternion<f64>)>,
     /// Rotation from each control to the next, in the former's frame: rotation vector, rad.
@@ -39,7 +39,7 @@ impl Spline {
     ///
     /// # Panics
     /// With fewer than four controls.
-    pub fn new(spacing_s: f64, controls: Vec<(Vector3<f64>, UnitQuaternion<f64>)>) -> Self {
+    pub(crate) fn new(spacing_s: f64, controls: Vec<(Vector3<f64>, UnitQuaternion<f64>)>) -> Self {
         assert!(controls.len() >= 4, "a cubic spline needs four controls");
         let turns = controls
             .windows(2)
@@ -53,13 +53,13 @@ impl Spline {
     }
 
     /// First and last time at which it is defined, s.
-    pub fn domain_s(&self) -> (f64, f64) {
+    fn domain_s(&self) -> (f64, f64) {
         let last = (self.controls.len() - 2) as f64;
         (self.spacing_s, last * self.spacing_s)
     }
 
     /// Pose and derivatives at a time; before the first and after the last time, those at the end.
-    pub fn at(&self, time_s: f64) -> State {
+    pub(crate) fn at(&self, time_s: f64) -> State {
         let (first, last) = self.domain_s();
         let u = time_s.clamp(first, last) / self.spacing_s;
         let i = (u.floor() as usize).clamp(1, self.controls.len() - 3);

@@ -23,7 +23,7 @@ use crate::spline::{Spline, State};
 /// Knot spacing of the spline, s: motion up to about 10 Hz.
 pub(crate) const KNOT_S: f64 = 0.025;
 /// Height of the rig's datum above the soles of a standing wearer, m.
-pub const CHEST_HEIGHT_M: f64 = 1.3;
+const CHEST_HEIGHT_M: f64 = 1.3;
 /// Distance of the rig in front of the line of the hips, m.
 const CHEST_AHEAD_M: f64 = 0.14;
 /// Position of a person who carries the rig in his hands, m.
@@ -137,7 +137,7 @@ impl Walker {
     }
 
     /// Time span in which a footfall's whole sole is down and at rest, s; empty in a quick run.
-    pub fn flat_phase(fall: &Footfall) -> (f64, f64) {
+    pub(crate) fn flat_phase(fall: &Footfall) -> (f64, f64) {
         let length = fall.off_s - fall.strike_s;
         let (down, off) = (
             ROLL_DOWN_S.min(0.25 * length),

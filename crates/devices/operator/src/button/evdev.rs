@@ -25,7 +25,7 @@ pub(crate) const MEND: &str =
 
 /// An open key.
 #[derive(Debug)]
-pub struct Key {
+pub(crate) struct Key {
     device: RawDevice,
     what: String,
     reader: Reader,
@@ -83,7 +83,7 @@ impl Key {
     ///
     /// # Errors
     /// See [`DeviceError`]; [`DeviceError::Unfit`] when the device lacks the key.
-    pub fn open(spec: &KeyButton) -> Result<Self, DeviceError> {
+    pub(crate) fn open(spec: &KeyButton) -> Result<Self, DeviceError> {
         let has_key = |device: &RawDevice| {
             device
                 .supported_keys()

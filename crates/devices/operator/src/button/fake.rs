@@ -12,21 +12,21 @@ use crate::{Clock, DeviceError};
 
 /// A time that stands still until a script moves it. Clones are the same time.
 #[derive(Clone, Debug, Default)]
-pub struct Time(Arc<AtomicI64>);
+pub(crate) struct Time(Arc<AtomicI64>);
 
 impl Time {
     /// Now, nanoseconds.
-    pub fn now_ns(&self) -> i64 {
+    pub(crate) fn now_ns(&self) -> i64 {
         self.0.load(Ordering::SeqCst)
     }
 
     /// Later. It never goes back.
-    pub fn advance_to(&self, at_ns: i64) {
+    pub(crate) fn advance_to(&self, at_ns: i64) {
         self.0.fetch_max(at_ns, Ordering::SeqCst);
     }
 
     /// As a clock.
-    pub fn clock(&self) -> Clock {
+    pub(crate) fn clock(&self) -> Clock {
         let time = self.clone();
         Arc::new(move || time.now_ns())
     }
@@ -34,7 +34,7 @@ impl Time {
 
 /// What happens to a scripted button.
 #[derive(Clone, Copy, Debug)]
-pub enum Step {
+pub(crate) enum Step {
     /// It goes down or up.
     Edge(Edge),
     /// It is unplugged.
@@ -61,14 +61,14 @@ impl Step {
 /// A port and its button, which move [`Time`] to each step as somebody waits for it. After the last step
 /// time passes to the end of each wait; a wait for ever, or for a return that does not come, is a real one.
 #[derive(Clone, Debug)]
-pub struct Scripted {
+pub(crate) struct Scripted {
     time: Time,
     steps: Arc<Mutex<VecDeque<Step>>>,
 }
 
 impl Scripted {
     /// Plays `steps`, which are in order of time, on `time`.
-    pub fn new(time: Time, steps: impl IntoIterator<Item = Step>) -> Self {
+    pub(crate) fn new(time: Time, steps: impl IntoIterator<Item = Step>) -> Self {
         Self {
             time,
             steps: Arc::new(Mutex::new(steps.into_iter().collect())),

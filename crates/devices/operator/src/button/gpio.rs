@@ -27,7 +27,7 @@ const KERNEL_EDGES: u32 = 256;
 
 /// An open line.
 #[derive(Debug)]
-pub struct GpioLine {
+pub(crate) struct GpioLine {
     request: Request,
     chip: PathBuf,
     /// Says when something happens to the chip's node.
@@ -80,7 +80,7 @@ impl GpioLine {
     ///
     /// # Errors
     /// See [`DeviceError`]; [`DeviceError::Busy`] names who holds the line.
-    pub fn open(spec: &GpioButton) -> Result<Self, DeviceError> {
+    pub(crate) fn open(spec: &GpioButton) -> Result<Self, DeviceError> {
         let what = describe(&spec.line);
         let (chip, offset) = find(&spec.line)?;
         // Before the line is taken, so that the chip cannot go unseen.

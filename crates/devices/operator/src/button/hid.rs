@@ -24,7 +24,7 @@ const MEND: &str =
 const MAX_REPORT: usize = 16384;
 
 /// An open device.
-pub struct HidBit {
+pub(crate) struct HidBit {
     node: File,
     what: String,
     clock: Clock,
@@ -57,7 +57,7 @@ impl HidBit {
     ///
     /// # Errors
     /// See [`DeviceError`].
-    pub fn open(spec: HidButton, clock: Clock) -> Result<Self, DeviceError> {
+    pub(crate) fn open(spec: HidButton, clock: Clock) -> Result<Self, DeviceError> {
         let what = format!("HID device {:04x}:{:04x}", spec.vendor, spec.product);
         let failed = |error| DeviceError::Io {
             doing: "listing HID devices for",

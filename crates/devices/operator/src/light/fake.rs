@@ -8,7 +8,7 @@ use crate::pattern::LightState;
 
 /// A light whose looks can be received elsewhere.
 #[derive(Debug)]
-pub struct Recorded {
+pub(crate) struct Recorded {
     shown: SyncSender<LightState>,
     /// How many of the next calls fail.
     failures: usize,
@@ -17,7 +17,7 @@ pub struct Recorded {
 impl Recorded {
     /// A light that fails the first `failures` times, and what it showed, failures included. Holds 1024 looks
     /// that nobody has received; more are an error.
-    pub fn new(failures: usize) -> (Self, Receiver<LightState>) {
+    pub(crate) fn new(failures: usize) -> (Self, Receiver<LightState>) {
         let (shown, looks) = sync_channel(1024);
         (Self { shown, failures }, looks)
     }

@@ -13,7 +13,7 @@ use crate::spec::{Channels, Line};
 
 /// Lines that are held as outputs.
 #[derive(Debug)]
-pub struct GpioLight {
+pub(crate) struct GpioLight {
     lines: Channels<OutputLine>,
     what: String,
 }
@@ -79,7 +79,7 @@ impl GpioLight {
     ///
     /// # Errors
     /// See [`DeviceError`].
-    pub fn open(lines: &Channels<Line>, active_low: bool) -> Result<Self, DeviceError> {
+    pub(crate) fn open(lines: &Channels<Line>, active_low: bool) -> Result<Self, DeviceError> {
         let what = format!("light on GPIO {lines}");
         let open = |line| OutputLine::open(line, active_low);
         let lines = match lines {

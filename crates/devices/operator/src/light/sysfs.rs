@@ -22,7 +22,7 @@ pub(crate) const MEND: &str =
 
 /// LEDs that are ours for now.
 #[derive(Debug)]
-pub struct SysfsLight {
+pub(crate) struct SysfsLight {
     leds: Channels<Led>,
     what: String,
 }
@@ -43,7 +43,7 @@ impl SysfsLight {
     ///
     /// # Errors
     /// See [`DeviceError`].
-    pub fn open(names: &Channels<String>) -> Result<Self, DeviceError> {
+    pub(crate) fn open(names: &Channels<String>) -> Result<Self, DeviceError> {
         Self::open_in(Path::new(LEDS), names)
     }
 

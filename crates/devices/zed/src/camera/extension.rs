@@ -9,9 +9,9 @@ use std::time::Duration;
 /// Number of the extension unit.
 pub const UNIT: u8 = 0x04;
 /// The control in it.
-pub const SELECTOR: u8 = 0x02;
+const SELECTOR: u8 = 0x02;
 /// Length of the control on USB 3. On USB 2 it is 64.
-pub const CONTROL_BYTES: usize = 384;
+const CONTROL_BYTES: usize = 384;
 /// Between a request and its answer.
 const ANSWER_AFTER: Duration = Duration::from_millis(2);
 
@@ -147,7 +147,7 @@ pub fn read_flash(address: u32, length: u16) -> [u8; CONTROL_BYTES] {
 }
 
 /// A request that reads (`None`) or writes a register of an imager.
-pub fn sensor_register(eye: Eye, register: u16, write: Option<u8>) -> [u8; CONTROL_BYTES] {
+fn sensor_register(eye: Eye, register: u16, write: Option<u8>) -> [u8; CONTROL_BYTES] {
     let bus = match eye {
         Eye::Left => 0xa3,
         Eye::Right => 0xa5,
@@ -158,7 +158,7 @@ pub fn sensor_register(eye: Eye, register: u16, write: Option<u8>) -> [u8; CONTR
 }
 
 /// A request that reads (`None`) or writes a register of the video chip itself.
-pub fn system_register(register: u32, write: Option<u8>) -> [u8; CONTROL_BYTES] {
+fn system_register(register: u32, write: Option<u8>) -> [u8; CONTROL_BYTES] {
     register_request(write, [0xa2, 0, 4], register)
 }
 
@@ -179,7 +179,7 @@ fn register_request(write: Option<u8>, place: [u8; 3], register: u32) -> [u8; CO
 ///
 /// # Errors
 /// [`UnitError::NoSerial`], [`UnitError::Digits`].
-pub fn serial_of(answer: &[u8]) -> Result<u32, UnitError> {
+fn serial_of(answer: &[u8]) -> Result<u32, UnitError> {
     let data = answer.get(ANSWER_AT..ANSWER_AT + 6).unwrap_or_default();
     let &[b'O', b'V', a, b, c, d] = data else {
         return Err(UnitError::NoSerial {

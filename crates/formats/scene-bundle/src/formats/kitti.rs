@@ -72,19 +72,6 @@ pub fn parse_poses(text: &str, path: &Path) -> Result<Vec<RigidTransform>, Forma
     Ok(poses)
 }
 
-/// Reads times alone, in nanoseconds; `path` is for messages. Their order is not checked.
-///
-/// # Errors
-/// [`FormatError::Malformed`].
-pub fn parse_times(text: &str, path: &Path) -> Result<Vec<i64>, FormatError> {
-    let source = Source {
-        kind: KIND,
-        path,
-        text,
-    };
-    Ok(times_of(&source)?.into_iter().map(|(_, ns)| ns).collect())
-}
-
 fn times_of(source: &Source<'_>) -> Result<Vec<(usize, i64)>, FormatError> {
     let time = |(line, text): (usize, &str)| {
         parse_seconds(text)
@@ -169,12 +156,16 @@ mod tests {
             mirrored.contains("line 1: found the rotation matrix is left-handed"),
             "{mirrored}"
         );
+        let times = |text| {
+            let kind = KIND;
+            times_of(&Source { kind, path, text })
+        };
         assert_eq!(
-            message(parse_times("0.0\nsoon\n", path).unwrap_err()),
+            message(times("0.0\nsoon\n").unwrap_err()),
             "reading a KITTI trajectory: line 2: found \"soon\", expected a time in seconds: p.txt"
         );
-        let times = parse_times("0.000000e+00\n1.037300e-01\n", path).unwrap();
-        assert_eq!(times, [0, 103_730_000]);
+        let times = times("0.000000e+00\n1.037300e-01\n").unwrap();
+        assert_eq!(times, [(1, 0), (2, 103_730_000)]);
     }
 
     #[test]

@@ -35,7 +35,7 @@ pub fn path(camera: &str, eye: Eye) -> String {
 }
 
 /// Path of the dynamic mask of a keyframe's left image in the output's folder.
-pub fn dynamic_path(camera: &str, frame: u64) -> String {
+pub(crate) fn dynamic_path(camera: &str, frame: u64) -> String {
     format!("{camera}/left/{frame:06}.png")
 }
 

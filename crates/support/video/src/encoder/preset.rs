@@ -68,7 +68,7 @@ impl Preset {
     /// assert_eq!(Preset::for_load(3.0 * 1344.0 * 376.0 * 15.0), Preset::Ultrafast);
     /// assert!(Preset::for_load(640.0 * 240.0 * 10.0) > Preset::Ultrafast);
     /// ```
-    pub fn for_load(pixels_per_s: f64) -> Preset {
+    pub(crate) fn for_load(pixels_per_s: f64) -> Preset {
         let cores = |cost: &Cost| cost.ms_per_megapixel * 1e-3 * pixels_per_s * 1e-6;
         let fits = COSTS.iter().find(|cost| cores(cost) <= SHARE);
         fits.map_or(Preset::Ultrafast, |cost| cost.preset)

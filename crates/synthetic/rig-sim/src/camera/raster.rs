@@ -133,7 +133,7 @@ impl Visibility {
     }
 
     /// Whether any part of a body may be visible.
-    pub fn may_see(&self, body: &Body, views: &[View]) -> bool {
+    pub(crate) fn may_see(&self, body: &Body, views: &[View]) -> bool {
         let mut chunks = body.chunks.iter();
         chunks.any(|chunk| self.frustum.may_see(views, chunk.center, chunk.radius))
     }
@@ -172,7 +172,7 @@ impl Visibility {
 
     /// Whether this has a surface at a pixel that is nearer than that of `other`.
     #[inline]
-    pub fn is_nearer(&self, other: &Self, pixel: usize) -> bool {
+    pub(crate) fn is_nearer(&self, other: &Self, pixel: usize) -> bool {
         self.inverse_depth[pixel] > other.inverse_depth[pixel]
     }
 
@@ -352,13 +352,13 @@ fn ceil(x: f32) -> i32 {
 
 /// Viewing frustum: inward unit normals of its four sides.
 #[derive(Clone, Copy, Debug)]
-pub struct Frustum {
+pub(crate) struct Frustum {
     sides: [[f32; 3]; 4],
 }
 
 impl Frustum {
     /// Frustum of a lens.
-    pub fn of(lens: &Lens) -> Self {
+    pub(crate) fn of(lens: &Lens) -> Self {
         let [x0, y0, x1, y1] = lens.bounds();
         let side = |n: [f64; 3]| {
             let length = (n[0] * n[0] + n[1] * n[1] + n[2] * n[2]).sqrt();
@@ -375,7 +375,7 @@ impl Frustum {
     }
 
     /// Whether a sphere may be visible in the first, middle or last view.
-    pub fn may_see(&self, views: &[View], center: [f32; 3], radius: f32) -> bool {
+    pub(crate) fn may_see(&self, views: &[View], center: [f32; 3], radius: f32) -> bool {
         let last = views.len() - 1;
         let near = |row: usize| self.may_see_in(views[row].apply(center), radius);
         near(last / 2) || last > 0 && (near(0) || near(last))

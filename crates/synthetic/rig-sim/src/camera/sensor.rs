@@ -177,7 +177,7 @@ impl Sensor {
 
 /// Automatic exposure: adapts slowly to the last image.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub struct AutoExposure {
+pub(crate) struct AutoExposure {
     /// Exposure time times gain, s.
     product: f64,
     /// Maximum exposure time, s.
@@ -195,7 +195,7 @@ const MAX_GAIN: f64 = 16.0;
 
 impl AutoExposure {
     /// Starts with an exposure for daylight.
-    pub fn new(max_s: f64) -> Self {
+    pub(crate) fn new(max_s: f64) -> Self {
         Self {
             product: 4e-4,
             max_s,
@@ -206,7 +206,7 @@ impl AutoExposure {
     /// Fixes the exposure time, s; if that is too long for the light, an iris reduces the gain
     /// below 1.
     #[must_use]
-    pub fn fixed(self, seconds: Option<f64>) -> Self {
+    pub(crate) fn fixed(self, seconds: Option<f64>) -> Self {
         Self {
             fixed_s: seconds,
             ..self
@@ -214,7 +214,7 @@ impl AutoExposure {
     }
 
     /// Exposure of the next frame: the time is maximized before the gain.
-    pub fn exposure(&self) -> Exposure {
+    pub(crate) fn exposure(&self) -> Exposure {
         if let Some(seconds) = self.fixed_s {
             let gain = (self.product / seconds).min(MAX_GAIN);
             return Exposure { seconds, gain };
@@ -227,7 +227,7 @@ impl AutoExposure {
     }
 
     /// Adapts to the mean of an image.
-    pub fn learn(&mut self, mean: f64) {
+    pub(crate) fn learn(&mut self, mean: f64) {
         let factor = (TARGET_MEAN / mean.max(1e-3)).clamp(0.2, 5.0);
         let most = self.fixed_s.unwrap_or(self.max_s) * MAX_GAIN;
         self.product =

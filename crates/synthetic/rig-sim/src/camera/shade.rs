@@ -101,7 +101,7 @@ impl Facing {
 }
 
 /// Index of the body of a triangle.
-pub fn body_of(bodies: &[VisibleBody<'_>], triangle: u32) -> usize {
+fn body_of(bodies: &[VisibleBody<'_>], triangle: u32) -> usize {
     bodies.partition_point(|b| b.first <= triangle) - 1
 }
 

@@ -90,7 +90,7 @@ struct Projection {
 
 /// A camera without a sensor, for ground truth.
 #[derive(Debug)]
-pub struct TruthCamera {
+pub(crate) struct TruthCamera {
     lens: Lens,
     shutter: Shutter,
     rays: Vec<[f32; 2]>,
@@ -99,7 +99,7 @@ pub struct TruthCamera {
 
 impl TruthCamera {
     /// A camera with this lens model and shutter.
-    pub fn new(model: &CameraModel, shutter: Shutter) -> Self {
+    pub(crate) fn new(model: &CameraModel, shutter: Shutter) -> Self {
         let lens = Lens::new(model);
         Self {
             rays: lens.rays((0.0, 0.0)),
@@ -111,7 +111,7 @@ impl TruthCamera {
 
     /// Renders the ground truth at a time, s. `eye_pose` is the pose of the optical frame in the
     /// world; the first body is [`Scene::fixed`], at the world origin.
-    pub fn render(
+    pub(crate) fn render(
         &mut self,
         scene: &Scene,
         placed: &[Placed<'_>],
@@ -149,7 +149,13 @@ impl TruthCamera {
 
     /// Optical flow from the image `from` to the image `to`. Both were rendered by this camera, in
     /// this scene with these bodies.
-    pub fn flow(&self, scene: &Scene, placed: &[Placed<'_>], from: &Truth, to: &Truth) -> Flow {
+    pub(crate) fn flow(
+        &self,
+        scene: &Scene,
+        placed: &[Placed<'_>],
+        from: &Truth,
+        to: &Truth,
+    ) -> Flow {
         let bodies = with_panes(scene, placed);
         let width = self.visibility.width;
         let pixels = (0..self.rays.len()).map(|i| {
@@ -184,7 +190,7 @@ impl TruthCamera {
 
     /// Projects a point of body number `body`; `None` if it is behind the lens or farther outside
     /// the image than the lens model is defined.
-    pub fn project(
+    pub(crate) fn project(
         &self,
         scene: &Scene,
         placed: &[Placed<'_>],

@@ -8,7 +8,7 @@ use session_archive::time::TickLength;
 use crate::faults::{CameraFaults, Fault, Kind};
 
 /// Camera timestamps are in microseconds, as with USB video drivers.
-pub const CAMERA_TICK: TickLength = TickLength { num: 1000, den: 1 };
+pub(crate) const CAMERA_TICK: TickLength = TickLength { num: 1000, den: 1 };
 /// The ZED Mini's IMU counts 1/25600 s.
 pub const IMU_TICK: TickLength = TickLength::ZED_MINI;
 /// Width of counters that wrap, bits.
@@ -63,7 +63,7 @@ impl DeviceClock {
     }
 
     /// Rate of true time relative to the undisturbed clock, minus one, parts per billion.
-    pub fn host_rate_ppb(&self) -> f64 {
+    pub(crate) fn host_rate_ppb(&self) -> f64 {
         (1.0 / (1.0 + self.rate_error_ppm * 1e-6) - 1.0) * 1e9
     }
 
@@ -73,7 +73,7 @@ impl DeviceClock {
     }
 
     /// Clock value at a time if the device connected at `on_ns`; ticks.
-    pub fn ticks_since(&self, on_ns: i64, time_ns: i64) -> i64 {
+    pub(crate) fn ticks_since(&self, on_ns: i64, time_ns: i64) -> i64 {
         self.counted(BOOT_NS + self.run(time_ns) - self.run(on_ns))
     }
 

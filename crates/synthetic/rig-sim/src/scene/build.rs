@@ -83,7 +83,7 @@ impl Builder {
     }
 
     /// Number of the texture of a recipe and a layout.
-    pub fn texture_laid(&mut self, recipe: &Recipe, layout: &Layout) -> u16 {
+    pub(crate) fn texture_laid(&mut self, recipe: &Recipe, layout: &Layout) -> u16 {
         let wanted = (*recipe, *layout);
         let known = self.recipes.iter().position(|made| *made == wanted);
         known.unwrap_or_else(|| {
@@ -133,7 +133,7 @@ impl Builder {
     }
 
     /// A box that stands on `base`, rotated by `yaw` rad.
-    pub fn standing_box(
+    pub(crate) fn standing_box(
         &mut self,
         base: Vector3<f64>,
         size: Vector3<f64>,
@@ -153,7 +153,7 @@ impl Builder {
     }
 
     /// A lump of about this radius, as a stone or a tuft: a sphere of `rings` rings with bumps.
-    pub fn lump(
+    pub(crate) fn lump(
         &mut self,
         center: Vector3<f64>,
         radius: Vector3<f64>,

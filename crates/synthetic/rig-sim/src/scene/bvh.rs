@@ -8,7 +8,7 @@ const LEAF: usize = 4;
 
 /// Bounding volume hierarchy over triangles.
 #[derive(Clone, Debug)]
-pub struct Bvh {
+pub(crate) struct Bvh {
     nodes: Vec<Node>,
     /// Corners, in the order of the leaves, and each triangle's number as given.
     triangles: Vec<([Vector3<f64>; 3], u32)>,
@@ -35,7 +35,7 @@ pub struct Hit {
 
 impl Bvh {
     /// Builds the tree; triangles are numbered from 0.
-    pub fn new(corners: impl Iterator<Item = [Vector3<f64>; 3]>) -> Self {
+    pub(crate) fn new(corners: impl Iterator<Item = [Vector3<f64>; 3]>) -> Self {
         let mut triangles: Vec<_> = corners.zip(0..).collect();
         let mut nodes = Vec::with_capacity(triangles.len());
         if !triangles.is_empty() {
@@ -46,7 +46,7 @@ impl Bvh {
     }
 
     /// The nearest hit between `from` and `to` lengths of `direction`. Both sides of a triangle count.
-    pub fn hit(
+    pub(crate) fn hit(
         &self,
         origin: &Vector3<f64>,
         direction: &Vector3<f64>,
@@ -57,7 +57,12 @@ impl Bvh {
     }
 
     /// Whether any triangle is between the origin and `to` lengths.
-    pub fn is_hidden(&self, origin: &Vector3<f64>, direction: &Vector3<f64>, to: f64) -> bool {
+    pub(crate) fn is_hidden(
+        &self,
+        origin: &Vector3<f64>,
+        direction: &Vector3<f64>,
+        to: f64,
+    ) -> bool {
         self.nearest(origin, direction, 1e-3, to, true).is_some()
     }
 

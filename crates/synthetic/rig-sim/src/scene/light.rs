@@ -73,7 +73,7 @@ pub struct Lights {
 
 impl Lights {
     /// Factor on the strength of lamps in a lighting.
-    pub fn lamps_on(&self, lighting: Lighting) -> f64 {
+    pub(crate) fn lamps_on(&self, lighting: Lighting) -> f64 {
         match (lighting, self.indoors) {
             (Lighting::Day | Lighting::LowSun, false) => 0.0,
             (Lighting::Day, true) => 1.0,
@@ -192,7 +192,7 @@ impl Light {
     }
 
     /// Irradiance at the corners of each triangle.
-    pub fn baked(&self, mesh: &Mesh, solid: &Bvh) -> Vec<[f32; 3]> {
+    pub(crate) fn baked(&self, mesh: &Mesh, solid: &Bvh) -> Vec<[f32; 3]> {
         let lit = self.lit(mesh, solid);
         lit.iter()
             .map(|corners| corners.map(|c| c.soft + c.sun))
@@ -236,7 +236,7 @@ impl Light {
 
     /// Mean brightness of a flickering light from `from_s` for `length_s`, relative to its
     /// long-term mean. The light follows a squared sine, as of a lamp on mains.
-    pub fn flicker_factor(&self, from_s: f64, length_s: f64) -> f64 {
+    pub(crate) fn flicker_factor(&self, from_s: f64, length_s: f64) -> f64 {
         let Some((hz, depth)) = self.flicker else {
             return 1.0;
         };

@@ -90,7 +90,7 @@ impl Mesh {
     }
 
     /// A quadrilateral cut into cells of at most `cell_m`.
-    pub fn tiled_quad(
+    pub(crate) fn tiled_quad(
         &mut self,
         [a, b, c, d]: [Vector3<f64>; 4],
         uv: [f64; 2],
@@ -160,7 +160,7 @@ impl Mesh {
     }
 
     /// A rotated box of size `size` about `center`; faces cut into cells of at most `cell_m`.
-    pub fn cuboid(
+    pub(crate) fn cuboid(
         &mut self,
         center: Vector3<f64>,
         size: Vector3<f64>,
@@ -209,7 +209,7 @@ impl Mesh {
 
     /// A tube from `from` to `to` with these radii, of `sides` sides, cut along its length into
     /// pieces of at most `piece_m`, closed at both ends. Textures run along u.
-    pub fn tube(
+    pub(crate) fn tube(
         &mut self,
         [from, to]: [Vector3<f64>; 2],
         [r0, r1]: [f64; 2],

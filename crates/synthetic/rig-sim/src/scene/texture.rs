@@ -18,7 +18,7 @@ const LEVELS: usize = 11;
 /// Units of a texel's low byte in reflectance, and of its high byte as a fraction.
 pub const TONE: f32 = 1.0 / 128.0;
 /// See [`TONE`].
-pub const MIX: f32 = 1.0 / 255.0;
+pub(crate) const MIX: f32 = 1.0 / 255.0;
 
 /// Start of the level of this size: after the sum of `n (n + 1)` over the larger sizes `n`.
 #[inline(always)]
@@ -31,7 +31,7 @@ fn start(size: i32) -> i32 {
 
 /// Position of a bilinear sample between four texels.
 #[derive(Clone, Copy, Debug)]
-pub struct TexelQuad {
+pub(crate) struct TexelQuad {
     /// Numbers of the upper left and of the lower left texel, among those of all levels.
     pub top: u32,
     /// See `top`.
@@ -118,7 +118,7 @@ impl TexelQuad {
     /// The position `u`, `v` texels of level `level` (0 to 10) from the corner; textures tile.
     /// Without branches and memory access, so that a loop over it is vectorized.
     #[inline(always)]
-    pub fn new(u: f32, v: f32, level: u32) -> Self {
+    pub(crate) fn new(u: f32, v: f32, level: u32) -> Self {
         let size = SIZE as i32 >> level.min(LEVELS as u32 - 1);
         let mask = size - 1;
         let (x, y) = (floor(u), floor(v));
@@ -135,7 +135,7 @@ impl TexelQuad {
     /// Interpolates one of a texel's two bytes, the one `shift` bits up, between two
     /// [`Texture::pair`]s; 0 to 255.
     #[inline(always)]
-    pub fn blend(&self, top: u32, bottom: u32, shift: u32) -> f32 {
+    pub(crate) fn blend(&self, top: u32, bottom: u32, shift: u32) -> f32 {
         let at = |pair: u32, side: u32| (pair >> (shift + side) & 0xff) as i32 as f32;
         let (p, q) = (at(top, 0), at(top, 16));
         let (r, s) = (at(bottom, 0), at(bottom, 16));

@@ -136,7 +136,7 @@ impl Board {
     }
 
     /// Height of its lowest point, m.
-    pub fn lowest_m(&self) -> f64 {
+    pub(crate) fn lowest_m(&self) -> f64 {
         let [w, h] = self.sheet.size.map(|s| 0.5 * s);
         let corners = [[-w, -h], [w, -h], [w, h], [-w, h]];
         corners

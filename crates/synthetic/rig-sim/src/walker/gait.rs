@@ -22,13 +22,13 @@ pub enum Side {
 }
 
 /// Heel of the sole, m in front of its middle.
-pub const HEEL_X: f64 = -0.13;
+pub(crate) const HEEL_X: f64 = -0.13;
 /// Axis of the roll-off, m: near the toe, since this sole does not bend.
-pub const TIP_X: f64 = 0.135;
+pub(crate) const TIP_X: f64 = 0.135;
 /// Front end of the sole, m.
-pub const TOE_X: f64 = 0.15;
+pub(crate) const TOE_X: f64 = 0.15;
 /// Half the width of the sole, m.
-pub const HALF_WIDTH: f64 = 0.045;
+pub(crate) const HALF_WIDTH: f64 = 0.045;
 /// Distance of the feet from the line walked along, m.
 const HALF_STANCE_M: f64 = 0.085;
 /// Feet point outwards by this, rad.
@@ -75,7 +75,7 @@ fn cadence(speed: f64) -> f64 {
 }
 
 /// 0 for walking, 1 for running.
-pub fn running_share(speed: f64) -> f64 {
+pub(crate) fn running_share(speed: f64) -> f64 {
     let t = ((speed - 1.8) / 0.5).clamp(0.0, 1.0);
     t * t * (3.0 - 2.0 * t)
 }

@@ -68,7 +68,7 @@ impl Path {
     }
 
     /// Length of one lap, m.
-    pub fn length_m(&self) -> f64 {
+    pub(crate) fn length_m(&self) -> f64 {
         self.step_m * self.table.len() as f64
     }
 

@@ -73,7 +73,7 @@ impl Progress {
     }
 
     /// Times of stumbles, s.
-    pub fn stumbles(&self) -> &[f64] {
+    pub(crate) fn stumbles(&self) -> &[f64] {
         &self.stumbles
     }
 }

@@ -21,7 +21,7 @@ pub struct Wardrobe {
 
 /// Clothes and build of one person.
 #[derive(Clone, Copy, Debug)]
-pub struct Outfit {
+pub(crate) struct Outfit {
     top: Stuff,
     sleeve: Stuff,
     trousers: Stuff,
