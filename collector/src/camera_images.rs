@@ -4,13 +4,12 @@
 //! independent of the session's length (see [`video::still`]).
 
 use charts::{Image, Page};
+use console_output::text;
 use session_archive::index::{Access, CameraIndex, Index};
 use session_archive::manifest::Camera;
 use session_archive::reader::SessionReader;
 use video::Codec;
 use video::still::{Candidate, Settings, Still, Stills, stills};
-
-use crate::text;
 
 /// Selected stills of one camera.
 struct CameraStills<'a> {

@@ -4,7 +4,6 @@
 //! `paws-COMMAND`. Everything else ends with an [`Outcome`].
 
 use std::ffi::OsString;
-use std::io::{self, IsTerminal, Write};
 use std::path::{Path, PathBuf};
 use std::process::ExitCode;
 
@@ -12,22 +11,19 @@ use anyhow::Result;
 use clap::builder::{PossibleValuesParser, TypedValueParser};
 use clap::error::ErrorKind;
 use clap::{CommandFactory, FromArgMatches, Parser, Subcommand};
-use command_line::output::is_broken_pipe;
 use command_line::{Papers, Verbosity, complain};
-use log::LevelFilter;
+use console_output::{BadArguments, Console, Outcome, run_command, start_logger};
 use session_archive::handoff::Verdict;
-use session_archive::text::shown_lines;
+use session_health::Limits;
 
 use crate::commands::export::Format;
 use crate::commands::{
-    calibrate, export, handoff, import, index, list, metrics, prune, pull, rebuild, recover,
-    report, rig, show, validate,
+    export, handoff, import, index, list, metrics, prune, pull, rebuild, recover, report, rig,
+    show, validate,
 };
-use crate::console::{Clock, Console, Show};
 use crate::examples::EXAMPLES;
 use crate::external;
-use crate::limits::Limits;
-use crate::outcome::Outcome;
+use crate::forwarding::forward_arguments;
 use crate::target::Target;
 
 /// Environment variable with the library's folder, used without `--library`.
@@ -51,8 +47,8 @@ struct Cli {
 
 const AFTER: &str = "\
 SESSION is `latest` (the newest of the library), an identifier of the library or the beginning of one, the name
-of a session or of the folder it was imported from, or the path of a session's folder. `paws reconstruct run SESSION`
-takes the same.
+of a session or of the folder it was imported from, or the path of a session's folder. `paws calib cameras SESSION`
+and `paws reconstruct run SESSION` take the same.
 Exit codes: 0 fine, 1 failed, 2 bad arguments, 3 finished with loss.";
 
 #[derive(Debug, Subcommand)]
@@ -184,9 +180,6 @@ enum Verb {
     },
     /// Rebuild the catalogue from the sessions' folders
     Rebuild,
-    /// Calibrate from a session
-    #[command(subcommand)]
-    Calib(calibrate::Command),
     /// Show, check, compare and convert rig files
     #[command(subcommand)]
     Rig(rig::RigVerb),
@@ -209,38 +202,12 @@ pub fn run(arguments: Vec<OsString>) -> ExitCode {
             return ExitCode::from(e.exit_code() as u8);
         }
     };
-    let mut logger = cli.verbosity.logger(LevelFilter::Warn);
-    logger.format(|out, record| {
-        let level = record.level().as_str().to_lowercase();
-        writeln!(out, "{level}: {}", shown_lines(&record.args().to_string()))
-    });
-    // A second run in one process keeps the first one's.
-    let _ = logger.try_init();
+    start_logger(cli.verbosity);
     if let Verb::External(words) = &cli.verb {
         return external_verb(words, cli.verbosity, cli.library);
     }
-    let show = match (cli.verbosity.is_quiet(), io::stderr().is_terminal()) {
-        (true, _) => Show::Nothing,
-        (false, true) => Show::Bar,
-        (false, false) => Show::Lines,
-    };
-    let mut out = io::stdout().lock();
-    let mut console = Console {
-        out: &mut out,
-        show,
-        clock: Clock::MACHINE,
-    };
-    match dispatch(cli, &mut console) {
-        Ok(outcome) => outcome.into(),
-        Err(e) if is_broken_pipe(&e) => ExitCode::SUCCESS,
-        Err(e) => {
-            complain!("paws: {e:#}");
-            match e.downcast_ref::<BadArguments>() {
-                Some(_) => ExitCode::from(2),
-                None => Outcome::Failed.into(),
-            }
-        }
-    }
+    let verbosity = cli.verbosity;
+    run_command("paws", verbosity, |console| dispatch(cli, console))
 }
 
 /// Parses the command line. `listing` lists the external programs; it is called for help only,
@@ -265,11 +232,6 @@ fn is_help(kind: ErrorKind) -> bool {
     ];
     help.contains(&kind)
 }
-
-/// An error of the command line.
-#[derive(Debug, thiserror::Error)]
-#[error("{0}")]
-pub(crate) struct BadArguments(pub(crate) String);
 
 /// The command line with its examples.
 fn command() -> clap::Command {
@@ -341,6 +303,7 @@ fn dispatch(cli: Cli, console: &mut Console<'_>) -> Result<Outcome> {
                 limits: parse_limits(&limits)?,
                 json,
                 html,
+                calib_program: None,
             };
             validate::run(&find(&sessions)?, &options, console)
         }
@@ -355,6 +318,7 @@ fn dispatch(cli: Cli, console: &mut Console<'_>) -> Result<Outcome> {
                 accept,
                 limits: parse_limits(&limits)?,
                 frames: reconstruct,
+                calib_program: None,
             };
             handoff::run_with(&Target::find(&session, library)?, &options, console)
         }
@@ -390,7 +354,6 @@ fn dispatch(cli: Cli, console: &mut Console<'_>) -> Result<Outcome> {
             yes,
         } => prune::session(needed(library)?, &session, yes, console),
         Verb::Rebuild => rebuild::run(needed(library)?, console),
-        Verb::Calib(command) => calibrate::run(&command, library, console),
         Verb::Rig(verb) => rig::run(&verb, console),
         Verb::Papers(papers) => {
             papers.write(command(), console.out)?;
@@ -428,17 +391,20 @@ fn parse_limits(texts: &[String]) -> Result<Limits> {
     Ok(limits)
 }
 
-/// `paws help X` where X is an external program: shows the program's own help.
+/// `paws help X` where X is an external program: shows the program's own help; `paws help X VERB` that of a verb, for
+/// programs of the toolkit.
 fn help_of_a_program(arguments: &[OsString]) -> Option<ExitCode> {
-    let [_, help, name] = arguments else {
+    let [_, help, name, verbs @ ..] = arguments else {
         return None;
     };
     let name = name.to_str().filter(|_| help == "help")?;
-    if Cli::command().find_subcommand(name).is_some() {
+    let is_built_in = Cli::command().find_subcommand(name).is_some();
+    if is_built_in || !(verbs.is_empty() || external::is_known(name)) {
         return None;
     }
     let program = external::program(name)?;
-    let error = external::become_program(&program, &["--help".into()]);
+    let arguments = [verbs, &["--help".into()]].concat();
+    let error = external::become_program(&program, &arguments);
     complain!("paws: starting {}: {error}", program.display());
     Some(Outcome::Failed.into())
 }
@@ -449,7 +415,7 @@ fn external_verb(words: &[OsString], verbosity: Verbosity, library: Option<PathB
     let name = name.unwrap_or_default();
     if let Some(program) = external::program(&name) {
         let library = library_of(library);
-        match external::forward_arguments(&name, verbosity, &words[1..], library.as_deref()) {
+        match forward_arguments(&name, verbosity, &words[1..], library.as_deref()) {
             Ok(words) => {
                 let error = external::become_program(&program, &words);
                 complain!("paws: starting {}: {error}", program.display());
@@ -457,6 +423,12 @@ fn external_verb(words: &[OsString], verbosity: Verbosity, library: Option<PathB
             Err(error) => complain!("paws: {error:#}"),
         }
         return Outcome::Failed.into();
+    }
+    if external::is_known(&name) {
+        complain!(
+            "paws: `paws {name}` is the program paws-{name}, which is neither beside paws nor on PATH; install it there"
+        );
+        return ExitCode::from(2);
     }
     let command = Cli::command();
     let verbs = command.get_subcommands().map(|c| c.get_name());

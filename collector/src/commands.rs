@@ -1,9 +1,8 @@
 //! The commands of `paws`, one module each.
 //!
-//! A command returns an [`Outcome`](crate::outcome::Outcome), which becomes the exit code, and writes its results to the
-//! [`Console`](crate::console::Console) that it is given.
+//! A command returns an [`Outcome`](console_output::Outcome), which becomes the exit code, and writes its results to the
+//! [`Console`](console_output::Console) that it is given.
 
-pub mod calibrate;
 pub mod export;
 pub mod handoff;
 pub mod import;

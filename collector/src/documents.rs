@@ -8,6 +8,7 @@
 use std::io;
 use std::path::Path;
 
+use console_output::Console;
 use serde::Serialize;
 use session_archive::handoff::Verdict;
 use session_archive::manifest;
@@ -15,7 +16,6 @@ use session_archive::time::CivilTime;
 
 use crate::catalogue::Row;
 use crate::condition::Condition;
-use crate::console::Console;
 use crate::loss::StreamLoss;
 use crate::validation::{EventLine, Loss};
 

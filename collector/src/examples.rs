@@ -117,57 +117,6 @@ pub(crate) const EXAMPLES: Table = &[
         &[("paws rebuild", "after folders were copied by hand")],
     ),
     (
-        "calib camera-imu",
-        &[(
-            "paws calib camera-imu latest",
-            "with the boards and lenses of the session",
-        )],
-    ),
-    (
-        "calib cameras",
-        &[
-            (
-                "paws calib cameras latest",
-                "with the boards of the session",
-            ),
-            (
-                "paws calib cameras latest --target board.toml --out calibration",
-                "with a board of your own",
-            ),
-        ],
-    ),
-    (
-        "calib convert",
-        &[(
-            "paws calib convert SN12345678.conf --to kalibr --out feet.yaml --model rad_tan4",
-            "a factory file for Kalibr",
-        )],
-    ),
-    (
-        "calib verify",
-        &[(
-            "paws calib verify latest",
-            "does the calibration still hold?",
-        )],
-    ),
-    (
-        "calib imu",
-        &[(
-            "paws calib imu still --imu feet/imu",
-            "from a session with the rig at rest",
-        )],
-    ),
-    (
-        "calib targets",
-        &[
-            ("paws calib targets --out board.pdf", "an AprilGrid on A4"),
-            (
-                "paws calib targets --kind charuco --paper A2 --out board.pdf",
-                "a ChArUco board on A2",
-            ),
-        ],
-    ),
-    (
         "rig show",
         &[("paws rig show rig.toml --out drawing", "with drawings")],
     ),

@@ -35,9 +35,12 @@ use std::path::{Path, PathBuf};
 use std::sync::Arc;
 use std::thread;
 
+use console_output::{Clock, Progress};
 use rustix::fs::{RenameFlags, renameat_with, statvfs};
+use session_access::{INCOMING, SESSIONS};
 use session_archive::reader::{ReadError, SessionReader};
 use session_archive::storage::DiskStorage;
+use session_archive::time::CivilTime;
 use session_archive::verify::{Report, verify};
 
 pub use self::record::{FileRecord, ImportRecord};
@@ -48,9 +51,7 @@ use self::growing_copy::{CopyProgress, GrowingCopy};
 use self::journal::Journal;
 use self::source::{SourceFile, list_files};
 use crate::condition::Condition;
-use crate::console::Clock;
-use crate::library::{INCOMING, Library, SESSIONS, is_key, sync_folder};
-use crate::progress::Progress;
+use crate::library::{Library, is_key, sync_folder};
 
 /// Free space to leave on the library's disk, bytes.
 const RESERVED_BYTES: u64 = 64 << 20;
@@ -269,7 +270,7 @@ pub fn import(
     let record = ImportRecord::new(
         &key,
         source,
-        (clock.civil)(),
+        CivilTime((clock.civil_ns)()),
         copy.records,
         copy.report.clone(),
     );

@@ -29,6 +29,7 @@ use std::io;
 use std::path::{Path, PathBuf};
 
 use anyhow::{Context, Result, bail, ensure};
+use session_access::{CATALOGUE, INCOMING, SESSIONS};
 use session_archive::layout;
 use session_archive::storage::{DiskStorage, Storage};
 
@@ -37,12 +38,6 @@ use crate::import::existing::is_set_aside_copy;
 
 pub use self::lock::Lock;
 
-/// Folder of the sessions.
-pub const SESSIONS: &str = "sessions";
-/// Folder of sessions being written.
-pub const INCOMING: &str = ".incoming";
-/// The catalogue.
-pub const CATALOGUE: &str = "catalogue.sqlite";
 /// Files that a host derives beside a recording and can derive again.
 pub const DERIVED: [&str; 4] = [
     layout::INDEX,

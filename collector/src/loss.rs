@@ -3,13 +3,13 @@
 use std::fmt;
 use std::path::Path;
 
+use console_output::text;
 use serde::Serialize;
 use session_archive::manifest::Manifest;
 use session_archive::verify::Report;
 
 use crate::catalogue::newest_report;
 use crate::import::ImportRecord;
-use crate::text;
 use crate::validation::{Summary, Validation};
 
 /// Loss of a camera or IMU, known since the import. The causes need a validation.

@@ -3,20 +3,18 @@
 
 use std::collections::BTreeMap;
 
-use charts::{Axis, Bins, Chart, Series, Span, Timeline};
+use charts::{
+    Axis, Bins, Chart, REPORT_HEIGHT as HEIGHT, REPORT_WIDTH as WIDTH, Series, Span, Timeline,
+};
 use session_archive::manifest::Manifest;
 use session_archive::record::{ClockMap, paws};
+use session_archive::text::enum_words;
 use session_archive::time::TickLength;
 
 use crate::cadence::Cadence;
 use crate::scan_session::SessionScan;
 use crate::session_stats::{NO_STEP, Sample, SessionStats};
-use crate::validation::words;
 
-/// Width of charts, pixels.
-pub(crate) const WIDTH: u32 = 820;
-/// Height of most charts on a wide screen, pixels; the page decides on their width.
-pub(crate) const HEIGHT: u32 = 230;
 /// Height of small charts, pixels.
 pub(crate) const LOW: u32 = 180;
 /// Maximum number of drawn events.
@@ -73,7 +71,7 @@ impl<'a> Plots<'a> {
         }
         for (time, event) in self.stats().events.iter().take(MAX_EVENT_MARKS) {
             let kind = paws::event::Kind::try_from(event.kind).unwrap_or_default();
-            let label = words(kind.as_str_name(), "KIND_");
+            let label = enum_words(kind.as_str_name(), "KIND_");
             timeline = timeline.mark(self.seconds(time.0), &label);
         }
         timeline

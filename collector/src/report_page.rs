@@ -1,19 +1,18 @@
 //! The HTML report: one self-contained page with verdict, reasons, contents and charts of a
 //! session.
 
-use charts::{Cell, Page, Table, Verdict as Badge};
+use charts::{Cell, Page, REPORT_HEIGHT as HEIGHT, Table, Verdict as Badge};
+use console_output::text;
 use session_archive::handoff::{HandOff, Verdict};
 use session_archive::manifest::Manifest;
+use session_health::{Finding, Limit, Limits, Unit, reasons};
 
 use crate::camera_images;
-use crate::commands::validate::ValidatedSession;
 use crate::condition::Condition;
 use crate::ground_truth::GroundTruth;
-use crate::limits::{Limit, Limits, Unit};
 use crate::loss::CameraLoss;
-use crate::plots::{HEIGHT, LOW, Plots};
-use crate::quality::{Finding, reasons};
-use crate::text;
+use crate::plots::{LOW, Plots};
+use crate::session_validation::ValidatedSession;
 use crate::validation::Validation;
 use crate::verdict_change;
 

@@ -6,10 +6,10 @@
 
 use std::thread;
 
+use console_output::Progress;
 use session_archive::reader::{ReadError, SessionReader};
 use session_archive::verify::{Report, verify};
 
-use crate::progress::Progress;
 use crate::session_stats::SessionStats;
 
 /// Result of a scan.

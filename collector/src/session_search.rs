@@ -7,7 +7,7 @@
 use std::io;
 use std::path::{Path, PathBuf};
 
-use session_archive::layout;
+use session_access::is_session;
 
 /// Maximum search depth below a source: `disk/user/rig/day/session` and one more.
 const DEPTH: usize = 6;
@@ -19,19 +19,6 @@ pub struct SearchResult {
     pub sessions: Vec<PathBuf>,
     /// Folders that could not be read.
     pub unreadable: Vec<(PathBuf, io::Error)>,
-}
-
-/// Whether a folder holds a session, damaged or not.
-pub fn is_session(folder: &Path) -> bool {
-    let segments = folder.join(layout::SEGMENTS);
-    segments.is_dir()
-        && (folder.join(layout::MANIFEST).is_file()
-            || std::fs::read_dir(&segments).is_ok_and(|entries| {
-                entries.flatten().any(|entry| {
-                    let name = entry.file_name();
-                    name.to_str().and_then(layout::segment_number).is_some()
-                })
-            }))
 }
 
 /// The sessions in `source`, or `source` itself if it is one. Folders below `except` are left out.

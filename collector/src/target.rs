@@ -1,24 +1,27 @@
 //! The session that a command works on: one of the library, or any folder.
 
 use std::io::{self, ErrorKind};
-use std::path::{Path, PathBuf};
+use std::ops::Deref;
+use std::path::Path;
 
-use anyhow::{Context, Result, bail, ensure};
-
+use anyhow::{Result, bail};
+use session_access::SessionFolder;
 use session_archive::layout;
 
 use crate::catalogue::Row;
-use crate::library::{CATALOGUE, INCOMING, Library, SESSIONS};
-use crate::session_search::is_session;
+use crate::library::Library;
 use crate::validation::Validation;
 
 /// A session that a command works on.
 #[derive(Clone, Debug, PartialEq, Eq)]
-pub struct Target {
-    /// Its folder.
-    pub folder: PathBuf,
-    /// The library that lists it, and its key there.
-    listed: Option<(PathBuf, String)>,
+pub struct Target(SessionFolder);
+
+impl Deref for Target {
+    type Target = SessionFolder;
+
+    fn deref(&self) -> &SessionFolder {
+        &self.0
+    }
 }
 
 impl Target {
@@ -27,28 +30,8 @@ impl Target {
     /// # Errors
     /// `text` is neither, or no library was given.
     pub fn find(text: &str, library: Option<&Path>) -> Result<Self> {
-        let mut folder = Path::new(text);
-        // A path of a file of the session, as `paws handoff` prints one, selects the session.
-        if let Some(parent) = folder.parent()
-            && folder.is_file()
-            && is_session(parent)
-        {
-            folder = match parent.as_os_str().is_empty() {
-                true => Path::new("."),
-                false => parent,
-            };
-        }
-        if is_session(folder) {
-            let folder = folder
-                .canonicalize()
-                .with_context(|| format!("opening the session: {text}"))?;
-            return Ok(Self {
-                listed: listed(&folder),
-                folder,
-            });
-        }
-        if folder.is_dir() {
-            bail!("this folder holds no session: {text}");
+        if let Some(folder) = SessionFolder::at(text)? {
+            return Ok(Self(folder));
         }
         let Some(root) = library else {
             bail!(
@@ -58,43 +41,7 @@ impl Target {
         };
         let library = Library::open(root)?;
         let key = library.find(text)?;
-        Ok(Self {
-            folder: library.folder(&key),
-            listed: Some((library.root().to_owned(), key)),
-        })
-    }
-
-    /// Whether a library lists it, so that derived files may be put beside it.
-    pub fn is_listed(&self) -> bool {
-        self.listed.is_some()
-    }
-
-    /// Path of a derived file in its folder.
-    ///
-    /// # Errors
-    /// No library lists it, so the folder may be the recorder's; `otherwise` states what to do.
-    pub fn derived(&self, file: &str, otherwise: &str) -> Result<PathBuf> {
-        ensure!(
-            self.is_listed(),
-            "{file} goes only beside sessions of a library, and this one is in none; {otherwise}: {}",
-            self.folder.display()
-        );
-        Ok(self.folder.join(file))
-    }
-
-    /// Its key in the library that lists it, with the library's folder.
-    pub fn key(&self) -> Option<(&Path, &str)> {
-        self.listed
-            .as_ref()
-            .map(|(root, key)| (root.as_path(), key.as_str()))
-    }
-
-    /// Display name: its key, or its folder.
-    pub fn name(&self) -> String {
-        match &self.listed {
-            Some((_, key)) => key.clone(),
-            None => self.folder.display().to_string(),
-        }
+        Ok(Self(SessionFolder::of_library(library.root(), key)))
     }
 
     /// Stores a validation in its folder if a library lists it, and in the catalogue. If the
@@ -128,7 +75,7 @@ impl Target {
     /// # Errors
     /// An I/O error occurs.
     pub fn refresh(&self) -> Result<Option<Row>> {
-        match &self.listed {
+        match self.key() {
             Some((root, key)) => Library::open(root)?.refresh(key).map(Some),
             None => Ok(None),
         }
@@ -148,14 +95,4 @@ fn cannot_write(error: &anyhow::Error) -> bool {
                 | ErrorKind::PermissionDenied
         )
     })
-}
-
-/// The library whose `sessions/` contains a folder.
-fn listed(folder: &Path) -> Option<(PathBuf, String)> {
-    let key = folder.file_name()?.to_str()?;
-    let sessions = folder.parent()?;
-    let root = sessions.parent()?;
-    // The catalogue may be missing; it is a cache.
-    let is_library = root.join(CATALOGUE).is_file() || root.join(INCOMING).is_dir();
-    (sessions.file_name()? == SESSIONS && is_library).then(|| (root.to_owned(), key.to_owned()))
 }

@@ -18,10 +18,9 @@ use session_archive::record::paws;
 use session_archive::storage::{self, DiskStorage};
 use session_archive::time::HostTime;
 use session_archive::verify::Report;
+use session_health::{Finding, Limits, number_or_nan, overall, reasons};
 
 use crate::cadence::Cadence;
-use crate::commands::validate::Options;
-use crate::quality::{Finding, number_or_nan, overall, reasons};
 use crate::scan_session::SessionScan;
 use crate::session_stats::{Sample, SessionStats};
 
@@ -120,7 +119,7 @@ pub struct Validation {
     pub reasons: Vec<String>,
     /// Whether every image was decoded.
     pub deep: bool,
-    /// Limits that differ from [`crate::limits::TABLE`], as `METRIC=WARN,FAIL`.
+    /// Limits that differ from [`session_health::TABLE`], as `METRIC=WARN,FAIL`.
     #[serde(default)]
     pub limits: Vec<String>,
     /// State of the session that was validated.
@@ -167,7 +166,8 @@ impl Validation {
         basis: Basis,
         found: &SessionScan,
         findings: Vec<Finding>,
-        options: &Options,
+        deep: bool,
+        limits: &Limits,
     ) -> Self {
         Self {
             format: FORMAT.to_owned(),
@@ -176,8 +176,8 @@ impl Validation {
             session_id: manifest.session_id.clone(),
             verdict: overall(&findings),
             reasons: reasons(&findings).iter().map(|f| f.text.clone()).collect(),
-            deep: options.deep,
-            limits: options.limits.moved(),
+            deep,
+            limits: limits.moved(),
             basis,
             summary: Summary::of(manifest, found),
             findings,
@@ -271,7 +271,7 @@ impl Summary {
             let kind = paws::event::Kind::try_from(event.kind).unwrap_or_default();
             EventLine {
                 after_ns: time.0.saturating_sub(start),
-                kind: words(kind.as_str_name(), "KIND_"),
+                kind: enum_words(kind.as_str_name(), "KIND_"),
                 source: event.source.clone(),
                 text: event.text.clone(),
             }
@@ -293,7 +293,7 @@ fn losses(stats: &SessionStats, report: &Report) -> Vec<Loss> {
     let mut by_cause: BTreeMap<(&str, String), (u64, u64)> = BTreeMap::new();
     let noted = stats.gaps.iter().map(|gap| {
         let cause = paws::gap::Cause::try_from(gap.cause).unwrap_or_default();
-        let cause = words(cause.as_str_name(), "CAUSE_");
+        let cause = enum_words(cause.as_str_name(), "CAUSE_");
         (gap.stream.as_str(), cause, gap.count())
     });
     let lost = report.lost.iter().map(|lost| {
@@ -312,10 +312,4 @@ fn losses(stats: &SessionStats, report: &Report) -> Vec<Loss> {
         gaps,
     });
     losses.collect()
-}
-
-/// `CAUSE_ENCODER_OVERLOAD` as `encoder overload`.
-pub(crate) fn words(name: &str, prefix: &str) -> String {
-    let name = name.strip_prefix(prefix).unwrap_or(name);
-    name.to_lowercase().replace('_', " ")
 }

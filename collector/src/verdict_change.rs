@@ -5,8 +5,8 @@
 //! validations with the same verdict give no text.
 
 use session_archive::handoff::{HandOff, Verdict};
+use session_health::Finding;
 
-use crate::quality::Finding;
 use crate::validation::Validation;
 
 /// Maximum number of findings named; the rest is counted.

@@ -74,6 +74,8 @@ fn uncalibrated_rig_is_calibrated_and_reconstructed() {
         program::paws().expect("paws"),
         program::reconstruct().expect("paws-reconstruct"),
     );
+    // `paws calib` finds it beside `paws`.
+    program::calib().expect("paws-calib");
     let folder = tempfile::tempdir().expect("folder");
     let here = folder.path();
     let truth = render(Kind::Targets, 45.0, 5.0, &here.join("boards"));

@@ -12,9 +12,8 @@ use capture_daemon::config::Config;
 use capture_daemon::run::{RecordOptions, StopFlag, record};
 use capture_daemon::sources::ImuValues;
 use collector::commands::{handoff, import, index, validate};
-use collector::console::{Clock, Console, Show};
-use collector::outcome::Outcome;
 use collector::target::Target;
+use console_output::{Clock, Console, Outcome, Show};
 use harness::contents::Contents;
 use harness::data;
 use reconstruction::Input;
@@ -147,6 +146,7 @@ fn through_the_collector(session: &Path, library: &Path) -> PathBuf {
     let targets = [target];
     let options = validate::Options {
         deep: true,
+        calib_program: Some(harness::program::calib().expect("paws-calib")),
         ..validate::Options::default()
     };
     let validated = validate::run(&targets, &options, &mut console).expect("validate");

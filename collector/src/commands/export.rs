@@ -18,15 +18,12 @@ use std::path::Path;
 
 use anyhow::{Context, Result, ensure};
 use clap::ValueEnum;
-
+use console_output::{Console, Outcome, text};
+use session_access::open;
 use session_archive::index::Index;
 use session_archive::manifest::Manifest;
 
-use crate::commands::validate::open;
-use crate::console::Console;
-use crate::outcome::Outcome;
 use crate::target::Target;
-use crate::text;
 
 /// Export format.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]

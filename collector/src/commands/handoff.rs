@@ -13,20 +13,20 @@ use std::io;
 use std::path::{Path, PathBuf};
 
 use anyhow::{Context, Result};
+use console_output::{Console, Outcome};
+use session_access::open;
 use session_archive::handoff::{
     Acceptance, Beyond, HandOff, HandOffError, SealedFile, Statement, Verdict,
 };
 use session_archive::layout;
 use session_archive::storage::DiskStorage;
+use session_archive::time::CivilTime;
+use session_health::{Finding, Limits, reasons};
 
 use crate::commands::index;
-use crate::commands::validate::{self, open};
-use crate::console::Console;
+use crate::commands::validate;
 use crate::external;
 use crate::import::ImportRecord;
-use crate::limits::Limits;
-use crate::outcome::Outcome;
-use crate::quality::{Finding, reasons};
 use crate::target::Target;
 use crate::validation::Validation;
 use crate::verdict_change;
@@ -40,6 +40,9 @@ pub struct Options {
     pub limits: Limits,
     /// Folder for the output of `paws-reconstruct frames`, started afterwards.
     pub frames: Option<PathBuf>,
+    /// The program that verifies the calibration in a deep validation [default: `paws-calib` beside this one or on
+    /// PATH].
+    pub calib_program: Option<PathBuf>,
 }
 
 /// [`run_with`] default limits, accepting no failure.
@@ -65,7 +68,7 @@ pub fn run_with(target: &Target, options: &Options, console: &mut Console<'_>) -
     let storage = DiskStorage::new(folder);
     let before = HandOff::read(&storage).ok();
     let recorded = recorded(folder, console)?;
-    let validation = current_validation(target, &options.limits, &recorded, console)?;
+    let validation = current_validation(target, options, &recorded, console)?;
     let before = before.filter(|before| before.session_id == validation.session_id);
     let same = (before.as_ref()).filter(|before| is_same(&before.files, &recorded));
     let accepted = acceptance(&validation, options.accept, same, console);
@@ -78,7 +81,7 @@ pub fn run_with(target: &Target, options: &Options, console: &mut Console<'_>) -
     let sealing = || format!("sealing the session: {}", folder.display());
     let said = Statement {
         software: crate::SOFTWARE.to_owned(),
-        sealed: (console.clock.civil)(),
+        sealed: CivilTime((console.clock.civil_ns)()),
         verdict: validation.verdict,
         limits: validation.limits.clone(),
         acceptance: accepted,
@@ -185,14 +188,14 @@ fn recorded(folder: &Path, console: &Console<'_>) -> Result<Vec<SealedFile>> {
 /// The validation of the current session by these limits; run and written if necessary.
 fn current_validation(
     target: &Target,
-    limits: &Limits,
+    options: &Options,
     recorded: &[SealedFile],
     console: &mut Console<'_>,
 ) -> Result<Validation> {
     let folder = &target.folder;
     let known = Validation::read(folder).ok();
     if let Some(known) = &known
-        && known.limits == limits.moved()
+        && known.limits == options.limits.moved()
         && known.is_fresh(&open(folder)?)
         && is_as_imported(folder, recorded)
     {
@@ -201,7 +204,8 @@ fn current_validation(
     let options = validate::Options {
         // Findings of a deep validation must not be lost by a repeated one.
         deep: known.as_ref().is_some_and(|known| known.deep),
-        limits: limits.clone(),
+        limits: options.limits.clone(),
+        calib_program: options.calib_program.clone(),
         ..validate::Options::default()
     };
     let validation = validate::validate(folder, &options, console)?.validation;
@@ -258,7 +262,7 @@ fn acceptance(
         let level = level.filter(|level| *level >= verdict)?;
         Some(Acceptance {
             level,
-            accepted: (console.clock.civil)(),
+            accepted: CivilTime((console.clock.civil_ns)()),
             verdict,
             metrics: beyond.iter().map(|finding| of_finding(finding)).collect(),
             limits: validation.limits.clone(),

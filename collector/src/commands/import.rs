@@ -7,18 +7,16 @@ use std::path::{Path, PathBuf};
 
 use anyhow::Result;
 use command_line::complain;
+use console_output::{Console, Outcome, text};
 use session_archive::verify::Report;
 
 use crate::condition::Condition;
-use crate::console::Console;
 use crate::documents::{self, ImportLine};
 use crate::import::{ImportResult, import, no_hook, size};
 use crate::library::Library;
 use crate::loss::StreamLoss;
-use crate::outcome::Outcome;
 use crate::quality::faults;
 use crate::session_search;
-use crate::text;
 
 /// `format` of a line of JSON.
 const LINE: &str = "paws-import-line";

@@ -3,36 +3,17 @@
 use std::path::Path;
 
 use anyhow::{Context, Result};
+use console_output::{Console, Outcome, text};
+use session_access::{build, open};
 use session_archive::index::Index;
 use session_archive::layout;
 use session_archive::reader::SessionReader;
 use session_archive::storage;
 
-use crate::commands::validate::open;
-use crate::console::Console;
-use crate::outcome::Outcome;
 use crate::target::Target;
-use crate::text;
 
 /// Hint for a session that is in no library.
 pub(crate) const IMPORT_FIRST: &str = "`paws import` copies it to one";
-
-/// The index of a session: the stored one if it still matches, else a new one, which is not
-/// written.
-///
-/// # Errors
-/// An I/O error occurs.
-pub fn read_or_build(reader: &SessionReader, console: &Console<'_>) -> Result<Index> {
-    match Index::read(reader) {
-        Ok(index) => Ok(index),
-        Err(_) => build(reader, console),
-    }
-}
-
-fn build(reader: &SessionReader, console: &Console<'_>) -> Result<Index> {
-    let progress = console.progress("indexing", reader.bytes()?);
-    Ok(Index::build(reader, |bytes| progress.add(bytes))?)
-}
 
 /// Returns the index of the session in a folder, and whether it is new; writes it if necessary. An
 /// index with omissions is built again, because the damage may have been repaired meanwhile.

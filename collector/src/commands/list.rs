@@ -3,15 +3,13 @@
 use std::path::Path;
 
 use anyhow::Result;
+use console_output::{Console, Outcome, text};
 use session_archive::text::shown;
 
 use crate::catalogue::Row;
-use crate::console::Console;
 use crate::documents::{self, List, Session};
 use crate::library::Library;
 use crate::loss::StreamLoss;
-use crate::outcome::Outcome;
-use crate::text;
 
 /// Lists the sessions of the library in the folder `root`.
 ///

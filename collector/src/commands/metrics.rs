@@ -3,11 +3,9 @@
 //! Names and numbers are those that `--limit METRIC=WARN,FAIL` takes.
 
 use anyhow::Result;
+use console_output::{Console, Outcome};
 use serde_json::json;
-
-use crate::console::Console;
-use crate::limits::{Limit, TABLE, number};
-use crate::outcome::Outcome;
+use session_health::{Limit, TABLE, limit_text};
 
 /// Lists the metrics, as a table or as a JSON array.
 ///
@@ -24,8 +22,8 @@ pub fn run(as_json: bool, console: &mut Console<'_>) -> Result<Outcome> {
         [
             limit.metric.to_owned(),
             limit.unit.as_str().to_owned(),
-            number(limit.warn),
-            number(limit.fail),
+            limit_text(limit.warn),
+            limit_text(limit.fail),
         ]
     };
     let rows: Vec<[String; 4]> = TABLE.iter().map(columns).collect();
@@ -52,7 +50,7 @@ pub fn run(as_json: bool, console: &mut Console<'_>) -> Result<Outcome> {
 fn meaning(limit: &Limit) -> String {
     let mut text = limit.title.to_owned();
     if let Some((warn, fail)) = limit.periods {
-        let (warn, fail) = (number(warn), number(fail));
+        let (warn, fail) = (limit_text(warn), limit_text(fail));
         text.push_str(&format!(
             "; at least {warn} and {fail} nominal periods of the stream"
         ));

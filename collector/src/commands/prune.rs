@@ -13,12 +13,11 @@ use std::io;
 use std::path::Path;
 
 use anyhow::{Context, Result, bail, ensure};
+use console_output::{Console, Outcome, text};
+use session_access::{INCOMING, SESSIONS};
 
-use crate::console::Console;
 use crate::import::rename_new;
-use crate::library::{DERIVED, INCOMING, Library, SESSIONS, sync_folder};
-use crate::outcome::Outcome;
-use crate::text;
+use crate::library::{DERIVED, Library, sync_folder};
 
 /// Removes derived files and remains of stopped imports from the library in the folder `root`.
 ///

@@ -25,17 +25,15 @@ use std::thread;
 
 use anyhow::{Context, Result, anyhow};
 use command_line::complain;
+use console_output::{BadArguments, Console, Outcome, Show};
 use rig_link::client::{Address, Client, LinkError, RetryPolicy};
 use rig_link::identity::Fingerprint;
 use rig_link::link::{SessionState, SessionSummary};
 use rig_link::token::Token;
 
 use self::session::{PullResult, Puller};
-use crate::cli::BadArguments;
 use crate::commands::import;
-use crate::console::{Console, Show};
 use crate::library::{LATEST, Library};
-use crate::outcome::Outcome;
 
 /// Maximum number of simultaneous downloads.
 pub const MAX_JOBS: usize = 8;

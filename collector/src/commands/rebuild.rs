@@ -3,11 +3,9 @@
 use std::path::Path;
 
 use anyhow::Result;
+use console_output::{Console, Outcome, text};
 
-use crate::console::Console;
 use crate::library::Library;
-use crate::outcome::Outcome;
-use crate::text;
 
 /// Rebuilds the catalogue of the library in the folder `root`. A folder without a readable session
 /// is reported and makes the outcome a failure; the others are listed.

@@ -10,19 +10,18 @@ use std::path::{Path, PathBuf};
 use std::sync::Arc;
 
 use anyhow::{Context, Result, bail, ensure};
+use console_output::{Console, Outcome, text};
+use session_access::open;
 use session_archive::recover::{Recovered, recover};
 use session_archive::storage::DiskStorage;
+use session_archive::time::CivilTime;
 use session_archive::verify::verify;
 
-use crate::commands::validate::open;
 use crate::condition::Condition;
-use crate::console::Console;
 use crate::import::{ImportRecord, check_space, publish_folder};
 use crate::library::{Library, RECOVERED};
-use crate::outcome::Outcome;
 use crate::quality::faults;
 use crate::target::Target;
-use crate::text;
 
 /// Recovers a session into the folder `out`, which must be new.
 ///
@@ -96,7 +95,7 @@ fn in_library(
         &recovered.copy.session_id,
         &incoming,
         &target.folder,
-        (console.clock.civil)(),
+        CivilTime((console.clock.civil_ns)()),
         recovered.copy.clone(),
     )?;
     record

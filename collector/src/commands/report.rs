@@ -3,10 +3,10 @@
 use std::path::Path;
 
 use anyhow::{Context, Result};
+use console_output::{Console, Outcome};
+use session_access::open;
 
-use crate::commands::validate::{Options, open, outcome_of, report_changes, validate};
-use crate::console::Console;
-use crate::outcome::Outcome;
+use crate::commands::validate::{Options, outcome_of, report_changes, validate};
 use crate::report_page;
 use crate::target::Target;
 use crate::validation::{REPORT, Validation};

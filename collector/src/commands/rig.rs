@@ -10,18 +10,12 @@ use anyhow::{Context, Result};
 use cad_transforms::Rig;
 use cad_transforms::output::Existing;
 use clap::Subcommand;
-
-use crate::console::Console;
-use crate::outcome::Outcome;
+use console_output::{Console, Outcome};
 
 mod calibrations;
-pub(crate) mod canvas;
 mod check;
-pub(crate) mod colors;
 mod convert;
 mod diff;
-pub(crate) mod drawing;
-mod glyphs;
 mod show;
 
 /// Commands for rig files.

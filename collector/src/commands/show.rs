@@ -4,21 +4,19 @@
 //! fast. Values that only a validation determines (losses by cause, events) are shown after one.
 
 use anyhow::Result;
+use console_output::{Console, Outcome, text};
+use session_access::open;
 use session_archive::handoff::{Check, HandOff, HandOffError};
 use session_archive::index::Index;
 use session_archive::storage::DiskStorage;
 use session_archive::text::shown;
 
 use crate::catalogue::{Row, newest_report};
-use crate::commands::validate::open;
 use crate::condition::Condition;
-use crate::console::Console;
 use crate::documents::{self, Camera, HandOffState, Imu, Session, ValidationSummary};
 use crate::import::ImportRecord;
-use crate::outcome::Outcome;
 use crate::quality::faults;
 use crate::target::Target;
-use crate::text;
 use crate::validation::Validation;
 use crate::verdict_change;
 

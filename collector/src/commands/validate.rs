@@ -4,102 +4,21 @@
 //! with 3 if any sample is missing, and with 0 if not: a session without calibration deserves
 //! attention, but nothing is lost. Losses within the limits are a PASS.
 
-use std::path::{Path, PathBuf};
-use std::sync::Arc;
-use std::thread;
+use std::path::Path;
 
 use anyhow::{Context, Result};
+use console_output::{Console, Outcome, text};
 use session_archive::handoff::{HandOff, Verdict};
 use session_archive::manifest::Manifest;
-use session_archive::reader::SessionReader;
 use session_archive::storage::DiskStorage;
+use session_health::reasons;
 
-use crate::commands::calibrate::verify;
-use crate::commands::index;
-use crate::console::Console;
-use crate::decode_check::decode_all;
-use crate::limits::Limits;
-use crate::outcome::Outcome;
-use crate::quality::evaluate;
 use crate::report_page;
-use crate::scan_session::{SessionScan, scan_session};
 use crate::target::Target;
-use crate::text;
-use crate::validation::{Basis, Validation};
+use crate::validation::Validation;
 use crate::verdict_change;
 
-/// Options of a validation.
-#[derive(Clone, Debug, Default)]
-pub struct Options {
-    /// Decode every image, and verify the calibration.
-    pub deep: bool,
-    /// The limits.
-    pub limits: Limits,
-    /// Also write the JSON document here.
-    pub json: Option<PathBuf>,
-    /// Also write the HTML report here.
-    pub html: Option<PathBuf>,
-}
-
-/// A validated session, with everything that its report needs.
-pub struct ValidatedSession {
-    /// The session.
-    pub reader: SessionReader,
-    /// Result of the scan.
-    pub found: SessionScan,
-    /// The verdict.
-    pub validation: Validation,
-}
-
-/// Opens the session in a folder.
-///
-/// # Errors
-/// The folder holds no session, or cannot be read.
-pub fn open(folder: &Path) -> Result<SessionReader> {
-    SessionReader::open(Arc::new(DiskStorage::new(folder)))
-        .with_context(|| format!("opening the session: {}", folder.display()))
-}
-
-/// Scans and validates the session in a folder. Nothing is written.
-///
-/// # Errors
-/// The session cannot be read, or no decoder is available.
-pub fn validate(
-    folder: &Path,
-    options: &Options,
-    console: &Console<'_>,
-) -> Result<ValidatedSession> {
-    let reader = open(folder)?;
-    let context = || format!("validating the session: {}", folder.display());
-    let bytes = reader.bytes().with_context(context)?;
-    let found = {
-        let progress = console.progress("validating", bytes);
-        scan_session(&reader, &progress).with_context(context)?
-    };
-    let decoded = if options.deep {
-        let index = index::read_or_build(&reader, console).with_context(context)?;
-        let progress = console.progress("decoding", bytes);
-        let threads = thread::available_parallelism().map_or(1, usize::from);
-        Some(decode_all(&reader, &index, threads, &progress).with_context(context)?)
-    } else {
-        None
-    };
-    let manifest = reader.manifest();
-    let mut findings = evaluate(manifest, &found, decoded.as_deref(), &options.limits);
-    if options.deep {
-        // Takes half a minute for an hour's session, in addition to decoding.
-        let settings = verify::Options::default();
-        let checked = verify::check(&reader, &settings, console).with_context(context)?;
-        findings.extend(checked.findings(&options.limits));
-    }
-    let basis = Basis::of(&reader).with_context(context)?;
-    let validation = Validation::new(manifest, basis, &found, findings, options);
-    Ok(ValidatedSession {
-        reader,
-        found,
-        validation,
-    })
-}
+pub use crate::session_validation::{Options, ValidatedSession, validate};
 
 /// Validates sessions and prints the results.
 ///
@@ -175,7 +94,7 @@ fn print(manifest: &Manifest, validation: &Validation, console: &mut Console<'_>
     let id = &validation.session_id;
     let length = text::duration(summary.end.since(summary.start));
     console.line(format!("{}  session {id}, {length}", validation.verdict))?;
-    for finding in crate::quality::reasons(&validation.findings) {
+    for finding in reasons(&validation.findings) {
         console.line(format!("  {}  {}", finding.verdict, finding.text))?;
     }
     let width = summary.streams.iter().map(|s| s.name.len()).max();

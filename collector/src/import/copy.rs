@@ -12,6 +12,7 @@ use std::sync::Arc;
 use std::sync::mpsc::{Receiver, SyncSender, sync_channel};
 use std::thread;
 
+use console_output::Progress;
 use rustix::fs::{Advice, fadvise};
 
 use super::growing_copy::CopyProgress;
@@ -19,7 +20,6 @@ use super::journal::Journal;
 use super::record::FileRecord;
 use super::source::SourceFile;
 use super::{Hook, ImportError, Step, failed};
-use crate::progress::Progress;
 
 /// Bytes read, hashed and written at a time.
 const BLOCK: usize = 1 << 20;

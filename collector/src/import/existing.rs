@@ -15,6 +15,7 @@ use std::io;
 use std::path::Path;
 use std::sync::Arc;
 
+use console_output::text;
 use session_archive::layout;
 use session_archive::manifest::State;
 use session_archive::reader::{ReadError, SessionReader};
@@ -27,7 +28,6 @@ use super::{ImportError, ImportRecord, ImportResult, failed, rename_new, sync_pu
 use crate::catalogue::Row;
 use crate::condition::Condition;
 use crate::library::{Library, MAX_KEY};
-use crate::text;
 
 /// Key suffix of a replaced copy; followed by `-2` and so on if that exists.
 const DAMAGED: &str = ".damaged";

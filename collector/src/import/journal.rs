@@ -7,11 +7,12 @@ use std::fs::{self, File, OpenOptions};
 use std::io::{self, Write};
 use std::path::{Path, PathBuf};
 
+use console_output::Progress;
+
 use super::copy::hash_file;
 use super::record::FileRecord;
 use super::source::SourceFile;
 use super::{ImportError, failed};
-use crate::progress::Progress;
 
 /// The journal of one import.
 pub(super) struct Journal {

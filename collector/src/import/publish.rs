@@ -8,8 +8,10 @@
 use std::path::Path;
 use std::sync::Arc;
 
+use console_output::{Clock, Progress};
 use session_archive::reader::{ReadError, SessionReader};
 use session_archive::storage::DiskStorage;
+use session_archive::time::CivilTime;
 use session_archive::verify::verify;
 
 use super::copy::hash_file;
@@ -21,9 +23,7 @@ use super::{
     sync_published, sync_tree,
 };
 use crate::condition::Condition;
-use crate::console::Clock;
 use crate::library::Library;
-use crate::progress::Progress;
 
 /// A session in `.incoming/`, verified and synced.
 pub(crate) struct VerifiedSession {
@@ -59,7 +59,13 @@ pub(crate) fn check(
 ) -> Result<VerifiedSession, ImportError> {
     let (state, report) = scan_session(incoming, key)?;
     sync_tree(incoming).map_err(failed("syncing", incoming))?;
-    let record = ImportRecord::new(key, source, (clock.civil)(), files, report.clone());
+    let record = ImportRecord::new(
+        key,
+        source,
+        CivilTime((clock.civil_ns)()),
+        files,
+        report.clone(),
+    );
     record
         .write(incoming)
         .map_err(failed("writing the import record", incoming))?;

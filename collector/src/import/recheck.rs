@@ -10,13 +10,14 @@ use std::fs;
 use std::io;
 use std::path::{Path, PathBuf};
 
+use console_output::Progress;
+
 use super::copy::{copy_all, hash_file};
 use super::growing_copy::CopyProgress;
 use super::journal::Journal;
 use super::record::FileRecord;
 use super::source::SourceFile;
 use super::{Hook, ImportError, check_space, failed};
-use crate::progress::Progress;
 
 /// Copies those reused files again that differ from the source; returns their bytes.
 pub(super) fn refresh_reused(

@@ -7,10 +7,9 @@ use std::path::Path;
 use std::sync::Arc;
 
 use collector::condition::Condition;
-use collector::console::Clock;
 use collector::import::{Hook, ImportError, ImportResult, Step, import, no_hook};
 use collector::library::Library;
-use collector::progress::Progress;
+use console_output::{Clock, Progress};
 use session_archive::reader::SessionReader;
 use session_archive::recover::{close_cut_off, recover};
 use session_archive::storage::DiskStorage;

@@ -172,12 +172,12 @@ fn metrics_are_listed_in_the_form_of_limits() {
     let folder = tempfile::tempdir().unwrap();
     let at = folder.path();
     let text = check(at, &["validate", "--metrics"], 0, "METRIC");
-    for row in collector::limits::TABLE {
+    for row in session_health::TABLE {
         let line = text.lines().find(|line| line.starts_with(row.metric));
         let words: Vec<&str> = line.unwrap().split_whitespace().collect();
         assert!(line.unwrap().contains(row.title), "{line:?}");
         // Listed limits can be set in the same form.
-        let mut limits = collector::limits::Limits::default();
+        let mut limits = session_health::Limits::default();
         let limit = format!("{}={},{}", words[0], words[2], words[3]);
         limits.set(&limit).unwrap();
         let set = limits.of(row.metric).unwrap();
@@ -185,7 +185,7 @@ fn metrics_are_listed_in_the_form_of_limits() {
     }
     let text = check(at, &["validate", "--metrics", "--json"], 0, "[");
     let rows: Vec<serde_json::Value> = serde_json::from_str(&text).unwrap();
-    assert_eq!(rows.len(), collector::limits::TABLE.len());
+    assert_eq!(rows.len(), session_health::TABLE.len());
     let row = rows.iter().find(|row| row["metric"] == "imu.rate").unwrap();
     assert_eq!(row["warn"], 0.05);
     assert!(row["fail"].is_null() && row["unit"] == "ratio");
@@ -418,36 +418,84 @@ fn latest_and_paths_are_accepted_by_every_command() {
     }
 }
 
-/// The error names the session that was found.
+/// Runs `paws` beside one program, which prints its arguments. No other program must be found beside it.
+fn with_program(
+    at: &Path,
+    name: &str,
+) -> impl Fn(&[&str]) -> (Option<i32>, String, String) + use<> {
+    let bin = at.join("bin");
+    fs::create_dir(&bin).unwrap();
+    let program = bin.join(name);
+    fs::write(&program, "#!/bin/sh\necho \"$@\"\n").unwrap();
+    fs::set_permissions(&program, fs::Permissions::from_mode(0o755)).unwrap();
+    let paws = bin.join("paws");
+    fs::copy(env!("CARGO_BIN_EXE_paws"), &paws).unwrap();
+    let at = at.to_owned();
+    move |arguments| {
+        let mut command = Command::new(&paws);
+        command.args(arguments).current_dir(&at);
+        let output = command
+            .env("PAWS_LIBRARY", at.join("library"))
+            .output()
+            .unwrap();
+        let [out, error] = [output.stdout, output.stderr].map(|b| String::from_utf8(b).unwrap());
+        (output.status.code(), out, error)
+    }
+}
+
+/// `paws-calib` does not depend on libraries either.
 #[test]
-fn latest_is_accepted_by_every_calibration() {
+fn calib_accepts_a_session_of_the_library() {
     let folder = tempfile::tempdir().unwrap();
     let at = folder.path();
-    let late = "0192aa00-0000-7000-8000-000000000002";
-    for (id, later, name) in [(late, 1_000, "b"), (ID, 0, "a")] {
-        let mut session = Session::good(2.0);
-        session.spec.session_id = id.to_owned();
-        session.spec.started_civil.0 += later;
-        session.calibrations.clear();
-        session.transforms = None;
-        session.write(&at.join(name));
-        check(at, &["import", name], 0, id);
+    Session::good(2.0).write(&at.join("walk-7"));
+    check(at, &["import", "walk-7"], 0, "imported");
+    let run = with_program(at, "paws-calib");
+    let session = at.canonicalize().unwrap().join("library/sessions").join(ID);
+    let session = session.display();
+    let library = at.join("library");
+    let library = library.to_str().unwrap();
+    for verb in ["camera-imu", "cameras", "imu", "verify"] {
+        let (code, out, error) = run(&["calib", verb, "latest", "--force"]);
+        assert_eq!(code, Some(0), "{error}");
+        assert_eq!(out, format!("{verb} {session} --force\n"));
     }
-    let found = format!("library/sessions/{late}");
-    check(at, &["calib", "verify", "latest"], 1, &found);
-    let results = at.join(&found).join("calibration");
-    fs::create_dir(&results).unwrap();
-    for (verb, result) in [
-        ("cameras", "rig.toml"),
-        ("camera-imu", "rig-imu.toml"),
-        ("imu", "imu-noise.json"),
+    for (arguments, expected) in [
+        (
+            &[
+                "calib",
+                "cameras",
+                "--keep-model",
+                "latest",
+                "--library",
+                library,
+            ][..],
+            format!("cameras --keep-model {session}\n"),
+        ),
+        (
+            &["-q", "calib", "imu", "walk-7"],
+            format!("-q imu {session}\n"),
+        ),
+        (
+            &["calib", "convert", "latest"],
+            "convert latest\n".to_owned(),
+        ),
+        (&["help", "calib"], "--help\n".to_owned()),
+        (&["help", "calib", "imu"], "imu --help\n".to_owned()),
     ] {
-        fs::write(results.join(result), "mine").unwrap();
-        let there = format!("{found}/calibration/{result}");
-        check(at, &["calib", verb, "latest"], 1, &there);
-        assert_eq!(fs::read(results.join(result)).unwrap(), b"mine");
-        fs::remove_file(results.join(result)).unwrap();
+        let (code, out, error) = run(arguments);
+        assert_eq!((code, out), (Some(0), expected), "{error}");
     }
+    let (code, _, error) = run(&["calib", "imu", "nowhere"]);
+    assert_eq!(code, Some(1), "{error}");
+    assert!(error.starts_with("paws: "), "{error}");
+    // A program of the toolkit that is missing is named.
+    let (code, _, error) = run(&["scene", "show", "x"]);
+    assert_eq!(code, Some(2));
+    assert!(
+        error.contains("the program paws-scene, which is neither beside paws nor on PATH"),
+        "{error}"
+    );
 }
 
 /// `paws-reconstruct` does not depend on libraries; `paws` replaces a session by its folder.
@@ -457,23 +505,7 @@ fn reconstruct_accepts_a_session_of_the_library() {
     let at = folder.path();
     Session::good(2.0).write(&at.join("walk-7"));
     check(at, &["import", "walk-7"], 0, "imported");
-    fs::create_dir(at.join("bin")).unwrap();
-    let program = at.join("bin/paws-reconstruct");
-    fs::write(&program, "#!/bin/sh\necho \"$@\"\n").unwrap();
-    fs::set_permissions(&program, fs::Permissions::from_mode(0o755)).unwrap();
-    // No other program must be found beside it.
-    let paws = at.join("bin/paws");
-    fs::copy(env!("CARGO_BIN_EXE_paws"), &paws).unwrap();
-    let run = |arguments: &[&str]| {
-        let mut command = Command::new(&paws);
-        command.args(arguments).current_dir(at);
-        let output = command
-            .env("PAWS_LIBRARY", at.join("library"))
-            .output()
-            .unwrap();
-        let [out, error] = [output.stdout, output.stderr].map(|b| String::from_utf8(b).unwrap());
-        (output.status.code(), out, error)
-    };
+    let run = with_program(at, "paws-reconstruct");
     let (code, _, error) = run(&["reconstruct", "run", "latest", "--out", "scene"]);
     assert_eq!(code, Some(1));
     assert!(error.contains("`paws handoff latest` does so"), "{error}");

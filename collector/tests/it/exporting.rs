@@ -7,15 +7,15 @@ use std::sync::Arc;
 use calib::{Distortion, read_stereo};
 use collector::commands::export::{self, Format};
 use collector::commands::validate::{Options, validate};
-use collector::outcome::Outcome;
 use collector::target::Target;
+use console_output::Outcome;
 use session_archive::handoff::Verdict;
 use session_archive::index::{Access, Index};
 use session_archive::reader::SessionReader;
 use session_archive::storage::DiskStorage;
 
 use crate::images::image;
-use crate::support::{MS, START, Session, capture};
+use crate::support::{MS, START, Session, calib_program, capture};
 
 fn export(session: &Path, format: Format, out: &Path) -> (Outcome, String) {
     let target = Target::find(session.to_str().unwrap(), None).unwrap();
@@ -239,6 +239,7 @@ fn decode_check_finds_errors_that_checksums_cannot() {
         session.write(&path);
         let options = Options {
             deep: true,
+            calib_program: calib_program(folder.path()),
             ..Options::default()
         };
         let result = capture(|console| validate(&path, &options, console)).0;

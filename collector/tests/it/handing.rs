@@ -5,15 +5,15 @@ use std::path::PathBuf;
 
 use collector::commands::handoff::{self, Options};
 use collector::commands::{import, report, show, validate};
-use collector::limits::Limits;
-use collector::outcome::Outcome;
 use collector::target::Target;
 use collector::validation::Validation;
+use console_output::Outcome;
 use session_archive::handoff::{Check, HandOff, HandOffError, SealedFile, Verdict};
 use session_archive::layout;
 use session_archive::storage::DiskStorage;
+use session_health::Limits;
 
-use crate::support::{ID, Session, capture};
+use crate::support::{ID, Session, calib_program, capture};
 
 /// A library with one session in it.
 struct Desk {
@@ -52,6 +52,7 @@ impl Desk {
             accept,
             limits: set(limits),
             frames: None,
+            calib_program: calib_program(self.folder.path()),
         };
         let (outcome, text) =
             capture(|console| handoff::run_with(&self.target(), &options, console));
@@ -62,6 +63,7 @@ impl Desk {
         let options = validate::Options {
             deep,
             limits: set(limits),
+            calib_program: calib_program(self.folder.path()),
             ..validate::Options::default()
         };
         let (outcome, text) = capture(|console| validate::run(&[self.target()], &options, console));
@@ -160,6 +162,7 @@ fn repeated_hand_off_with_validations_in_between_changes_nothing() {
     let report = |deep| {
         let options = validate::Options {
             deep,
+            calib_program: calib_program(desk.folder.path()),
             ..validate::Options::default()
         };
         capture(|console| report::run(&desk.target(), &options, None, console))

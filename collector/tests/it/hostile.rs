@@ -156,10 +156,6 @@ fn non_files_are_rejected_as_rig_or_calibration() {
             &["rig", "convert", "h.step", "--list"],
             "expected at most 268435456",
         ),
-        (
-            &["calib", "convert", "p.yaml", "--to", "opencv", "--out", "o"],
-            "",
-        ),
     ] {
         let said = ends(at, arguments, &[1, 2]);
         assert!(said.contains(part), "{arguments:?}: {said}");

@@ -6,10 +6,9 @@ use std::path::Path;
 use std::sync::Mutex;
 
 use collector::condition::Condition;
-use collector::console::Clock;
 use collector::import::{Hook, ImportError, ImportRecord, ImportResult, Step, import, no_hook};
 use collector::library::Library;
-use collector::progress::Progress;
+use console_output::{Clock, Progress};
 
 use crate::support::{ID, Session, tree};
 

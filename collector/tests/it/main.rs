@@ -1,8 +1,6 @@
 //! Tests of `paws` on synthetic sessions, through the library and through the program.
 
 mod better_copy;
-mod calib_cameras;
-mod calib_verify;
 mod catalogue;
 mod command_line;
 mod exporting;
@@ -11,9 +9,7 @@ mod handing;
 mod hostile;
 mod images;
 mod importing;
-mod imu_noise;
 mod pulling;
-mod rendered;
 mod reports;
 mod support;
 mod validating;

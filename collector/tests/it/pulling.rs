@@ -16,7 +16,7 @@ use std::time::{Duration, Instant};
 
 use collector::commands::pull::{self, Options};
 use collector::library::Library;
-use collector::outcome::Outcome;
+use console_output::Outcome;
 use rig_link::client::RetryPolicy;
 use rig_link::fake::{FakeRig, Scene};
 use rig_link::identity::Identity;
@@ -441,7 +441,7 @@ fn damaged_copy_in_the_library_is_replaced_by_the_complete_one_of_the_rig() {
     bytes[middle] ^= 1;
     fs::write(&segment, bytes).unwrap();
     let sources = [from_disk.clone()];
-    let import = |console: &mut collector::console::Console<'_>| {
+    let import = |console: &mut console_output::Console<'_>| {
         collector::commands::import::run(&sources, &rig.library(), console)
     };
     assert_eq!(capture(import).0.unwrap(), Outcome::Loss);
@@ -532,7 +532,7 @@ fn session_corrupted_in_the_library_is_pulled_again_before_freeing() {
         if is_validated {
             let target = collector::target::Target::find(OTHER, Some(&rig.library())).unwrap();
             let options = collector::commands::validate::Options::default();
-            let validate = |console: &mut collector::console::Console<'_>| {
+            let validate = |console: &mut console_output::Console<'_>| {
                 collector::commands::validate::run(&[target], &options, console)
             };
             capture(validate).0.unwrap();

@@ -4,8 +4,8 @@ use std::process::Command;
 
 use browser::Browser;
 use collector::commands::validate::{Options, validate};
-use collector::limits::Limits;
 use collector::report_page;
+use session_health::Limits;
 
 use crate::support::{Session, capture};
 

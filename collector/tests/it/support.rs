@@ -3,10 +3,11 @@
 //! introduce one fault each.
 
 use std::collections::BTreeMap;
+use std::os::unix::fs::PermissionsExt;
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
 
-use collector::console::{Clock, Console, Show};
+use console_output::{Clock, Console, Show};
 use session_archive::manifest::{Camera, Imu, Stop};
 use session_archive::record::{
     CameraCalibration, ClockMap, Event, Frame, FrameSet, FrameTransform, FrameTransforms, Gap,
@@ -480,6 +481,16 @@ pub(crate) fn capture<T>(run: impl FnOnce(&mut Console<'_>) -> T) -> (T, String)
     };
     let result = run(&mut console);
     (result, String::from_utf8(out).unwrap())
+}
+
+/// A program in a folder that stands for `paws-calib` and measures nothing.
+pub(crate) fn calib_program(folder: &Path) -> Option<PathBuf> {
+    let program = folder.join("paws-calib");
+    let document =
+        r#"{"format":"paws-measurements","version":1,"software":"test","measurements":[]}"#;
+    std::fs::write(&program, format!("#!/bin/sh\necho '{document}'\n")).unwrap();
+    std::fs::set_permissions(&program, std::fs::Permissions::from_mode(0o755)).unwrap();
+    Some(program)
 }
 
 /// Every file below a folder with its content, by relative path.

@@ -4,8 +4,8 @@ use std::fs;
 use std::path::Path;
 
 use collector::commands::validate::{Options, ValidatedSession, validate};
-use collector::limits::TABLE;
 use session_archive::handoff::Verdict::{Fail, Pass, Warn};
+use session_health::TABLE;
 
 use crate::support::{MS, Session, capture};
 

@@ -9,8 +9,8 @@ use collector::commands::{
 };
 use collector::condition::Condition;
 use collector::library::Library;
-use collector::outcome::Outcome;
 use collector::target::Target;
+use console_output::Outcome;
 use session_archive::handoff::{Check, HandOff, HandOffError, Verdict};
 use session_archive::index::Index;
 use session_archive::storage::DiskStorage;

@@ -8,13 +8,12 @@ use std::io::{BufWriter, Write};
 use std::path::Path;
 
 use anyhow::{Context, Result};
+use console_output::{Console, Outcome};
 use session_archive::reader::{Entry, Message, SessionReader};
 use session_archive::record::{Event, Frame, FrameSet, Gap, ImuBatch, Record, paws};
+use session_archive::text::enum_words;
 
 use super::{file_name, left_out};
-use crate::console::Console;
-use crate::outcome::Outcome;
-use crate::validation::words;
 
 const FRAMES: &str = "number,time_ns,sigma_ns,host_time_ns,kernel_time_ns,device_ticks,exposure_ns,\
                       bytes,key_frame,frozen,clock_map,time_unreliable";
@@ -190,7 +189,7 @@ fn put(
             return Ok(());
         };
         let kind = paws::event::Kind::try_from(e.kind).unwrap_or_default();
-        let kind = words(kind.as_str_name(), "KIND_");
+        let kind = enum_words(kind.as_str_name(), "KIND_");
         table.row(&[&m.time.0, &kind, &quoted(&e.source), &quoted(&e.text)])
     } else if schema == Gap::SCHEMA.name {
         let Ok(g) = m.decode::<Gap>() else {
@@ -202,7 +201,7 @@ fn put(
             &g.first,
             &g.last,
             &g.count(),
-            &words(cause.as_str_name(), "CAUSE_"),
+            &enum_words(cause.as_str_name(), "CAUSE_"),
             &maybe(g.time_before),
             &maybe(g.time_after),
             &quoted(&g.detail),

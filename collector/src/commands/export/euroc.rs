@@ -11,6 +11,9 @@ use std::path::{Path, PathBuf};
 use std::thread;
 
 use anyhow::{Context, Result};
+use console_output::{Console, Outcome, text};
+use session_access::decode::visit_images;
+use session_access::{Frames, read_or_build};
 use session_archive::index::{Access, CameraIndex, FrameEntry, Index};
 use session_archive::manifest::{Camera, Imu};
 use session_archive::reader::SessionReader;
@@ -19,13 +22,7 @@ use video::picture::{i420_to_grey, i420_to_rgb, split};
 
 use super::csv::samples;
 use super::yaml;
-use crate::commands::index::read_or_build;
-use crate::console::Console;
-use crate::decode_check::visit_images;
-use crate::frame_tree::Frames;
-use crate::outcome::Outcome;
 use crate::session_stats::SessionStats;
-use crate::text;
 
 const EYES: [(&str, &str); 2] = [("cam0", "left"), ("cam1", "right")];
 

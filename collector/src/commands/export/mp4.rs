@@ -3,16 +3,14 @@
 use std::path::Path;
 
 use anyhow::{Context, Result};
+use console_output::{Console, Outcome, text};
+use session_access::read_or_build;
 use session_archive::index::Access;
 use session_archive::reader::SessionReader;
 use video::mp4::write_mp4;
 use video::{AccessUnit, Codec};
 
 use super::file_name;
-use crate::commands::index::read_or_build;
-use crate::console::Console;
-use crate::outcome::Outcome;
-use crate::text;
 
 pub(super) fn export(
     reader: &SessionReader,

@@ -5,6 +5,7 @@ use std::path::Path;
 use std::sync::Mutex;
 
 use anyhow::{Context, Result, bail, ensure};
+use console_output::{Clock, Progress};
 use rig_link::client::{Client, LinkError};
 use rig_link::link::{
     Code, FileEntry, Manifest, RECEIPT_FORMAT, Receipt, SessionSummary, Total, VERSION, list_hash,
@@ -12,11 +13,9 @@ use rig_link::link::{
 
 use super::{locked, of_session};
 use crate::condition::Condition;
-use crate::console::Clock;
 use crate::import::existing::{self, CopyQuality, ExistingCopy};
 use crate::import::{FileRecord, ImportError, ImportRecord, ImportResult, publish};
 use crate::library::{Library, is_key};
-use crate::progress::Progress;
 
 /// State shared by all pulls.
 pub(super) struct Puller<'a> {
@@ -177,7 +176,7 @@ impl Puller<'_> {
                 files: held.files,
                 bytes: held.bytes,
                 host: self.host.clone(),
-                verified_ns: (self.clock.civil)().0,
+                verified_ns: (self.clock.civil_ns)(),
             };
             hashed(client, name, |client| client.put_receipt(name, &receipt))?;
         }

@@ -7,8 +7,7 @@ use cad_transforms::FieldOfView;
 use cad_transforms::rig::check::{CameraFacts, Facts};
 use calib::read::detect_format;
 use calib::{CalibError, Format, StereoCalibration, zed_conf};
-
-use crate::cli::BadArguments;
+use console_output::BadArguments;
 
 /// Sizes of one image, tried in this order if none is given: a ZED file has some of them.
 const SIZES: [[u32; 2]; 6] = [

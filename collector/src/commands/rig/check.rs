@@ -4,13 +4,12 @@ use std::path::Path;
 
 use anyhow::Result;
 use cad_transforms::rig::check::{Facts, Finding, Severity, check};
+use console_output::text::count;
+use console_output::{Console, Outcome};
 use serde::Serialize;
 
 use super::text_of;
-use crate::console::Console;
 use crate::documents;
-use crate::outcome::Outcome;
-use crate::text::count;
 
 /// `paws rig check --json`.
 #[derive(Serialize)]

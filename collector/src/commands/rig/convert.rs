@@ -7,12 +7,10 @@ use cad_transforms::cad::map::{Map, rig_of_frames};
 use cad_transforms::cad::{self, Format, export};
 use cad_transforms::output::{self, Existing};
 use cad_transforms::{Rig, RigError};
+use console_output::text::count;
+use console_output::{BadArguments, Console, Outcome};
 
 use super::{show, text_of};
-use crate::cli::BadArguments;
-use crate::console::Console;
-use crate::outcome::Outcome;
-use crate::text::count;
 
 /// Converts `src` and writes `out`, or prints the parts without `out`.
 pub(super) fn run(

@@ -3,10 +3,8 @@
 use anyhow::Result;
 use cad_transforms::Rig;
 use cad_transforms::rig::diff::{Change, Motion, diff, other_changes};
-
-use crate::console::Console;
-use crate::outcome::Outcome;
-use crate::text::count;
+use console_output::text::count;
+use console_output::{Console, Outcome};
 
 /// Prints the changes: pose by pose, then all others as text.
 pub(super) fn run(a: &Rig, b: &Rig, console: &mut Console<'_>) -> Result<Outcome> {

@@ -9,10 +9,7 @@ use cad_transforms::rig::check::{
     FEET_CAMERA, Facts, GROUND_BELOW_RIG_M, SHOES_X_M, SHOES_Y_M, view,
 };
 use cad_transforms::{Frame, FramePart, Rig};
-
-use super::drawing;
-use crate::console::Console;
-use crate::outcome::Outcome;
+use console_output::{Console, Outcome};
 
 /// Length of frusta in glTF, m.
 const FRUSTUM_DEPTH_M: f64 = 0.5;
@@ -30,7 +27,7 @@ pub(super) fn run(
         return Ok(Outcome::Fine);
     };
     std::fs::create_dir_all(out).with_context(|| format!("making {}", out.display()))?;
-    let sheet = drawing::draw(rig, facts);
+    let sheet = rig_drawing::draw(rig, facts);
     let scene = scene(rig, facts);
     let files = [
         ("rig.svg", sheet.svg().into_bytes()),

@@ -1,7 +1,8 @@
 use std::fs;
 
+use console_output::{Clock, Show};
+
 use super::*;
-use crate::console::{Clock, Show};
 
 const EXAMPLE: &str = include_str!("../../../../cad-transforms/rigs/example.toml");
 const STEP: &[u8] = include_bytes!("../../../../cad-transforms/tests/data/plate_ap214.step");
@@ -195,7 +196,9 @@ fn factory_files_are_compared_with_the_rig() {
         };
         let error = run_command(&verb).unwrap_err();
         (
-            error.downcast_ref::<crate::cli::BadArguments>().is_some(),
+            error
+                .downcast_ref::<console_output::BadArguments>()
+                .is_some(),
             format!("{error:#}"),
         )
     };
@@ -239,7 +242,9 @@ fn sizes_are_not_guessed() {
         |name: &str, text: &str, size: &str| read(name, text, size).unwrap()["feet"].source.clone();
     let refused = |name: &str, text: &str| {
         let error = read(name, text, "").unwrap_err();
-        let arguments = error.downcast_ref::<crate::cli::BadArguments>().is_some();
+        let arguments = error
+            .downcast_ref::<console_output::BadArguments>()
+            .is_some();
         (arguments, format!("{error:#}"))
     };
     let both = conf(&[("HD", "700"), ("FHD", "1400")]);

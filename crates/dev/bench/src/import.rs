@@ -21,10 +21,9 @@ use std::time::Duration;
 use anyhow::{Context, Result, bail, ensure};
 use charts::{Axis, Chart, Series};
 use collector::commands::validate::{Options, ValidatedSession, validate};
-use collector::console::{Clock, Console, Show};
 use collector::import::{import, no_hook};
 use collector::library::Library;
-use collector::progress::Progress;
+use console_output::{Clock, Console, Progress, Show};
 use serde_json::{Value, json};
 use session_archive::handoff::Verdict;
 use session_archive::storage::DiskStorage;
@@ -268,6 +267,7 @@ fn drop_caches() -> bool {
 fn time_validate(folder: &Path, deep: bool) -> Result<(f64, ValidatedSession)> {
     let options = Options {
         deep,
+        calib_program: deep.then(harness::program::calib).transpose()?,
         ..Options::default()
     };
     let mut out = std::io::sink();

@@ -31,11 +31,25 @@ pub fn paws() -> Result<PathBuf> {
     static FOUND: OnceLock<Result<PathBuf, String>> = OnceLock::new();
     let sources = [
         "collector/src",
-        "crates/vision/calib/src",
         "cad-transforms/src",
         "crates/formats/session-archive/src",
     ];
     once(&FOUND, "paws", "collector", &sources)
+}
+
+/// `paws-calib`, as [`pawsd`].
+///
+/// # Errors
+/// It cannot be built.
+pub fn calib() -> Result<PathBuf> {
+    static FOUND: OnceLock<Result<PathBuf, String>> = OnceLock::new();
+    let sources = [
+        "calib/src",
+        "crates/vision/calib/src",
+        "cad-transforms/src",
+        "crates/formats/session-archive/src",
+    ];
+    once(&FOUND, "paws-calib", "paws-calib", &sources)
 }
 
 /// `paws-reconstruct`, as [`pawsd`].

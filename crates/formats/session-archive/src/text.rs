@@ -95,6 +95,13 @@ fn escaped(text: &str, hide: impl Fn(char) -> bool) -> Cow<'_, str> {
     Cow::Owned(out)
 }
 
+/// The name of a value of a protobuf enumeration as words: `CAUSE_ENCODER_OVERLOAD` with the prefix `CAUSE_` as
+/// `encoder overload`.
+pub fn enum_words(name: &str, prefix: &str) -> String {
+    let name = name.strip_prefix(prefix).unwrap_or(name);
+    name.to_lowercase().replace('_', " ")
+}
+
 /// Writes to a screen what it is given, as [`shown_lines`] does it. A piece is expected to end with a whole
 /// character, as those of `write!` do; bytes that are no UTF-8 are written as `\u0080` to `\u00ff`.
 #[derive(Debug)]

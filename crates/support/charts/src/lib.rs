@@ -46,3 +46,8 @@ pub use html::{Cell, Image, Page, Table, Verdict, base64};
 pub use inspect::inspect;
 pub use series::{Bins, Series};
 pub use timeline::{Span, Timeline};
+
+/// Width of a chart in a report page, CSS pixels.
+pub const REPORT_WIDTH: u32 = 820;
+/// Height of a chart in a report page, CSS pixels.
+pub const REPORT_HEIGHT: u32 = 230;

@@ -23,19 +23,22 @@ macro_rules! complain {
 /// are spelled, as `\u001b`. Line breaks and tabs stay. (Recorded names are shown by the same rule, which
 /// `session_archive::text` states; this crate knows nothing of sessions. That both agree is tested by pawsd.)
 pub fn harmless(text: &str) -> String {
-    let acts = |c: char| {
-        c.is_control() && !matches!(c, '\n' | '\t')
-            || matches!(c, '\u{61c}' | '\u{200e}' | '\u{200f}' | '\u{2028}'..='\u{202e}' | '\u{2066}'..='\u{2069}' | '\u{feff}')
-    };
     let mut shown = String::with_capacity(text.len());
     for c in text.chars() {
-        if acts(c) {
+        if is_hidden(c) && !matches!(c, '\n' | '\t') {
             shown.push_str(&format!("\\u{:04x}", u32::from(c)));
         } else {
             shown.push(c);
         }
     }
     shown
+}
+
+/// Whether a character acts on a terminal, or on the order of the text around it, instead of being visible: control
+/// characters, separators of lines and paragraphs, marks of the direction of writing, the byte order mark.
+pub fn is_hidden(c: char) -> bool {
+    c.is_control()
+        || matches!(c, '\u{61c}' | '\u{200e}' | '\u{200f}' | '\u{2028}'..='\u{202e}' | '\u{2066}'..='\u{2069}' | '\u{feff}')
 }
 
 /// Prints one line of results immediately.

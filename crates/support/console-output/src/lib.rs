@@ -1,0 +1,18 @@
+//! What commands on the host write, the same in every program.
+//!
+//! * [`Console`]: results on standard output, and the clocks ([`Clock`]) of a command.
+//! * [`Progress`] over bytes, on standard error.
+//! * [`Outcome`]: what a command returns, and its exit code.
+//! * [`run_command`]: the run of one command in a program, with its errors.
+//! * [`text`]: numbers as text.
+
+mod console;
+mod outcome;
+mod program;
+mod progress;
+pub mod text;
+
+pub use console::{Clock, Console, Show};
+pub use outcome::Outcome;
+pub use program::{BadArguments, run_command, start_logger};
+pub use progress::Progress;
