@@ -12,7 +12,7 @@ mod result;
 mod table;
 
 use anyhow::{Result, ensure};
-use calib::imu_noise::{Measurement, Series, Severity, measure};
+use calib::imu_noise::{Series, Severity, measure};
 use clap::Args;
 use console_output::{Console, Outcome, text};
 use session_access::{SessionFolder, open};

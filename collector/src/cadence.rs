@@ -4,23 +4,23 @@ use crate::session_stats::{NO_STEP, Sample};
 
 /// Sampling statistics of one stream. All values are 0 for fewer than two samples.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
-pub struct Cadence {
+pub(crate) struct Cadence {
     /// Median interval between consecutive samples on the device clock, ns.
-    pub period_ns: f64,
+    pub(crate) period_ns: f64,
     /// 99.9th percentile of the deviation from that median, ns. Measured on the device clock, so
     /// that a refined clock map does not count as an irregular camera.
-    pub deviation_ns: f64,
+    pub(crate) deviation_ns: f64,
     /// Longest interval between consecutive samples on the host clock, ns.
-    pub longest_gap_ns: i64,
+    pub(crate) longest_gap_ns: i64,
     /// Time of the sample before that gap, host clock, ns.
-    pub longest_gap_at: i64,
+    pub(crate) longest_gap_at: i64,
     /// Samples whose time does not exceed that of the previous sample.
-    pub backwards: u64,
+    pub(crate) backwards: u64,
 }
 
 impl Cadence {
     /// Statistics of the samples in recorded order.
-    pub fn of(samples: impl Iterator<Item = Sample>) -> Self {
+    pub(crate) fn of(samples: impl Iterator<Item = Sample>) -> Self {
         let mut cadence = Self::default();
         let mut steps = Vec::new();
         let mut before: Option<i64> = None;
@@ -50,7 +50,7 @@ impl Cadence {
     }
 
     /// Samples per second.
-    pub fn rate_hz(&self) -> f64 {
+    pub(crate) fn rate_hz(&self) -> f64 {
         if self.period_ns > 0.0 {
             1e9 / self.period_ns
         } else {
@@ -60,14 +60,14 @@ impl Cadence {
 }
 
 /// 99.9th percentile (nearest rank); the maximum for fewer than 1000 values.
-pub fn percentile_99_9<T: Ord + Copy>(values: &mut [T]) -> Option<T> {
+pub(crate) fn percentile_99_9<T: Ord + Copy>(values: &mut [T]) -> Option<T> {
     let rank = (values.len() * 999).div_ceil(1000);
     let index = rank.checked_sub(1)?;
     Some(*values.select_nth_unstable(index).1)
 }
 
 /// Median; the upper one of the two middle values.
-pub fn median<T: Ord + Copy>(values: &mut [T]) -> Option<T> {
+pub(crate) fn median<T: Ord + Copy>(values: &mut [T]) -> Option<T> {
     let middle = values.len() / 2;
     (!values.is_empty()).then(|| *values.select_nth_unstable(middle).1)
 }

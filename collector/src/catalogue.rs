@@ -26,6 +26,7 @@ use session_archive::time::CivilTime;
 use session_archive::verify::Report;
 
 use crate::condition::Condition;
+use crate::folders::sync_folder;
 use crate::import::ImportRecord;
 use crate::validation::Validation;
 
@@ -255,7 +256,7 @@ impl Catalogue {
         let old = database_files::set_aside(path)?;
         std::fs::rename(&new, path)?;
         if let Some(folder) = path.parent() {
-            crate::library::sync_folder(folder)?;
+            sync_folder(folder)?;
         }
         let opened = Self {
             connection: Self::connect(path)?,

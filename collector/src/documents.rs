@@ -20,13 +20,13 @@ use crate::loss::StreamLoss;
 use crate::validation::{EventLine, Loss};
 
 /// Version of all documents.
-pub const VERSION: u32 = 1;
+pub(crate) const VERSION: u32 = 1;
 
 /// Prints a document, in one line or, for reading, in several.
 ///
 /// # Errors
 /// The reader of the output has closed it.
-pub fn print(
+pub(crate) fn print(
     document: &impl Serialize,
     in_one_line: bool,
     console: &mut Console<'_>,
@@ -40,11 +40,11 @@ pub fn print(
 
 /// A time of day.
 #[derive(Clone, Debug, Serialize)]
-pub struct Time {
+pub(crate) struct Time {
     /// RFC 3339, UTC, to the millisecond.
-    pub text: String,
+    pub(crate) text: String,
     /// ns since 1970, UTC.
-    pub ns: i64,
+    pub(crate) ns: i64,
 }
 
 impl From<CivilTime> for Time {
@@ -58,58 +58,58 @@ impl From<CivilTime> for Time {
 
 /// `paws list --json`.
 #[derive(Debug, Serialize)]
-pub struct List {
+pub(crate) struct List {
     /// `paws-list`.
-    pub format: &'static str,
+    pub(crate) format: &'static str,
     /// [`VERSION`].
-    pub version: u32,
+    pub(crate) version: u32,
     /// Folder of the library.
-    pub library: String,
+    pub(crate) library: String,
     /// The sessions, the oldest first.
-    pub sessions: Vec<Session>,
+    pub(crate) sessions: Vec<Session>,
 }
 
 /// Summary of a session.
 #[derive(Debug, Serialize)]
-pub struct Session {
+pub(crate) struct Session {
     /// Key in the library: the identifier, followed by `.recovered` for a recovered copy and by
     /// `.damaged` for one that was replaced by a better copy.
-    pub key: String,
+    pub(crate) key: String,
     /// Its identifier.
-    pub session_id: String,
+    pub(crate) session_id: String,
     /// Name given by the user; may be empty.
-    pub name: String,
+    pub(crate) name: String,
     /// Its folder.
-    pub folder: String,
+    pub(crate) folder: String,
     /// Start of the recording, by the recorder's civil clock.
-    pub started: Time,
+    pub(crate) started: Time,
     /// From the first sample to the last, ns.
-    pub duration_ns: Option<i64>,
+    pub(crate) duration_ns: Option<i64>,
     /// Bytes of the segments.
-    pub bytes: u64,
+    pub(crate) bytes: u64,
     /// Names of its cameras.
-    pub cameras: Vec<String>,
+    pub(crate) cameras: Vec<String>,
     /// Names of its IMUs.
-    pub imus: Vec<String>,
+    pub(crate) imus: Vec<String>,
     /// `ok`, `unclosed`, `damaged`, `recovered` or `unverified`.
-    pub condition: Condition,
+    pub(crate) condition: Condition,
     /// Samples present.
-    pub samples: u64,
+    pub(crate) samples: u64,
     /// Samples missing.
-    pub missing: u64,
+    pub(crate) missing: u64,
     /// Missing samples of each camera and IMU, by name; empty if the session was not verified.
-    pub streams: Vec<StreamLoss>,
+    pub(crate) streams: Vec<StreamLoss>,
     /// `PASS`, `WARN` or `FAIL` of the last validation.
-    pub verdict: Option<Verdict>,
+    pub(crate) verdict: Option<Verdict>,
     /// Where it was imported from.
-    pub source: Option<String>,
+    pub(crate) source: Option<String>,
     /// When it was imported.
-    pub imported: Option<Time>,
+    pub(crate) imported: Option<Time>,
 }
 
 impl Session {
     /// From a row of the catalogue, whose session is in `folder`.
-    pub fn of(row: &Row, folder: &Path) -> Self {
+    pub(crate) fn of(row: &Row, folder: &Path) -> Self {
         let names = |text: &str| {
             let names = text.split(',').filter(|name| !name.is_empty());
             names.map(str::to_owned).collect()
@@ -137,61 +137,61 @@ impl Session {
 
 /// `paws show --json`.
 #[derive(Debug, Serialize)]
-pub struct Show {
+pub(crate) struct Show {
     /// `paws-show`.
-    pub format: &'static str,
+    pub(crate) format: &'static str,
     /// [`VERSION`].
-    pub version: u32,
+    pub(crate) version: u32,
     /// Fields as in `list`.
-    pub session: Session,
+    pub(crate) session: Session,
     /// Reason for the end of the recording; `null` if the recorder was cut off.
-    pub stopped_by: Option<String>,
+    pub(crate) stopped_by: Option<String>,
     /// Its cameras.
-    pub cameras: Vec<Camera>,
+    pub(crate) cameras: Vec<Camera>,
     /// Its IMUs.
-    pub imus: Vec<Imu>,
+    pub(crate) imus: Vec<Imu>,
     /// Number of segment files.
-    pub segments: u64,
+    pub(crate) segments: u64,
     /// Faults of the files, as text.
-    pub faults: Vec<String>,
+    pub(crate) faults: Vec<String>,
     /// The last validation.
-    pub validation: Option<ValidationSummary>,
+    pub(crate) validation: Option<ValidationSummary>,
     /// Whether there is an index that matches the segments.
-    pub indexed: bool,
+    pub(crate) indexed: bool,
     /// State of the hand-off.
-    pub handoff: HandOffState,
+    pub(crate) handoff: HandOffState,
 }
 
 /// A camera.
 #[derive(Debug, Serialize)]
-pub struct Camera {
+pub(crate) struct Camera {
     /// Name.
-    pub name: String,
+    pub(crate) name: String,
     /// Width of the stereo frame, both eyes, pixels.
-    pub width: u32,
+    pub(crate) width: u32,
     /// Height, pixels.
-    pub height: u32,
+    pub(crate) height: u32,
     /// `grey` or `yuv420`.
-    pub colour: String,
+    pub(crate) colour: String,
     /// `h264` or `h265`.
-    pub codec: String,
+    pub(crate) codec: String,
     /// Nominal rate, Hz.
-    pub rate_hz: f64,
+    pub(crate) rate_hz: f64,
     /// Rate by the last validation, Hz.
-    pub measured_hz: Option<f64>,
+    pub(crate) measured_hz: Option<f64>,
     /// Bytes of its compressed frames by the last validation.
-    pub bytes: Option<u64>,
+    pub(crate) bytes: Option<u64>,
     /// Cameras with the same trigger expose together.
-    pub trigger: Option<String>,
+    pub(crate) trigger: Option<String>,
     /// What delivered the frames.
-    pub source: String,
+    pub(crate) source: String,
     /// What encoded them.
-    pub encoder: String,
+    pub(crate) encoder: String,
 }
 
 impl Camera {
     /// From a manifest's camera, without measured values.
-    pub fn of(camera: &manifest::Camera) -> Self {
+    pub(crate) fn of(camera: &manifest::Camera) -> Self {
         Self {
             name: camera.name.clone(),
             width: camera.width,
@@ -210,79 +210,79 @@ impl Camera {
 
 /// An IMU.
 #[derive(Debug, Serialize)]
-pub struct Imu {
+pub(crate) struct Imu {
     /// Name.
-    pub name: String,
+    pub(crate) name: String,
     /// Nominal rate, Hz.
-    pub rate_hz: f64,
+    pub(crate) rate_hz: f64,
     /// What delivered the samples.
-    pub source: String,
+    pub(crate) source: String,
 }
 
 /// Summary of a validation; `validation.json` in the session's folder has all of it.
 #[derive(Debug, Serialize)]
-pub struct ValidationSummary {
+pub(crate) struct ValidationSummary {
     /// `PASS`, `WARN` or `FAIL`.
-    pub verdict: Verdict,
+    pub(crate) verdict: Verdict,
     /// Whether the session is unchanged since then.
-    pub fresh: bool,
+    pub(crate) fresh: bool,
     /// Whether every frame was decoded.
-    pub deep: bool,
+    pub(crate) deep: bool,
     /// Reasons for the verdict, the worst first.
-    pub reasons: Vec<String>,
+    pub(crate) reasons: Vec<String>,
     /// Samples missing by stream and cause.
-    pub losses: Vec<Loss>,
+    pub(crate) losses: Vec<Loss>,
     /// Frame sets.
-    pub frame_sets: u64,
+    pub(crate) frame_sets: u64,
     /// Frame sets with a frame of every camera.
-    pub complete_sets: u64,
+    pub(crate) complete_sets: u64,
     /// Events, at most 200.
-    pub events: Vec<EventLine>,
+    pub(crate) events: Vec<EventLine>,
     /// Events left out.
-    pub more_events: u64,
+    pub(crate) more_events: u64,
 }
 
 /// State of the hand-off.
 #[derive(Debug, Serialize)]
-pub struct HandOffState {
+pub(crate) struct HandOffState {
     /// `none`, `sealed`, or `invalid` where the session has changed since.
-    pub state: &'static str,
+    pub(crate) state: &'static str,
     /// When it was sealed.
-    pub sealed: Option<Time>,
+    pub(crate) sealed: Option<Time>,
     /// Why it is invalid.
-    pub problem: Option<String>,
+    pub(crate) problem: Option<String>,
 }
 
 /// One line of `paws import --json`: the result for one session or source.
 #[derive(Debug, Default, Serialize)]
-pub struct ImportLine {
+pub(crate) struct ImportLine {
     /// `paws-import-line`.
-    pub format: &'static str,
+    pub(crate) format: &'static str,
     /// [`VERSION`].
-    pub version: u32,
+    pub(crate) version: u32,
     /// The folder.
-    pub source: String,
+    pub(crate) source: String,
     /// `imported`, `resumed` (imported, continuing a stopped import), `already` (in the library
     /// before) or `failed`.
-    pub result: &'static str,
+    pub(crate) result: &'static str,
     /// Key in the library; `null` if it is not there.
-    pub key: Option<String>,
+    pub(crate) key: Option<String>,
     /// As for `list`.
-    pub condition: Option<Condition>,
+    pub(crate) condition: Option<Condition>,
     /// From the first sample to the last, ns.
-    pub duration_ns: Option<i64>,
+    pub(crate) duration_ns: Option<i64>,
     /// Bytes of the segments.
-    pub bytes: Option<u64>,
+    pub(crate) bytes: Option<u64>,
     /// Missing samples of each camera and IMU, by name.
-    pub streams: Vec<StreamLoss>,
+    pub(crate) streams: Vec<StreamLoss>,
     /// Bytes copied this time.
-    pub copied_bytes: u64,
+    pub(crate) copied_bytes: u64,
     /// Bytes that a stopped import had copied.
-    pub resumed_bytes: u64,
+    pub(crate) resumed_bytes: u64,
     /// Faults of the files, as text.
-    pub faults: Vec<String>,
+    pub(crate) faults: Vec<String>,
     /// Entries of the source that were not copied because they are not files.
-    pub skipped: Vec<String>,
+    pub(crate) skipped: Vec<String>,
     /// Why it failed.
-    pub error: Option<String>,
+    pub(crate) error: Option<String>,
 }

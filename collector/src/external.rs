@@ -52,7 +52,7 @@ fn is_program(path: &Path) -> bool {
 }
 
 /// The program `paws-NAME`, beside this one or on PATH.
-pub fn program(name: &str) -> Option<PathBuf> {
+pub(crate) fn program(name: &str) -> Option<PathBuf> {
     let file = format!("{PREFIX}{name}");
     let mut candidates = folders().into_iter().map(|folder| folder.join(&file));
     candidates.find(|path| is_program(path))
@@ -74,7 +74,7 @@ pub(crate) fn needed_program(name: &str) -> Result<PathBuf> {
 }
 
 /// The list of programs for `paws --help`: one line each.
-pub fn listing() -> String {
+pub(crate) fn listing() -> String {
     listing_of(&folders())
 }
 
@@ -123,7 +123,7 @@ fn is_plain(name: &str) -> bool {
 ///
 /// # Errors
 /// It does not exist, or cannot be started.
-pub fn start(name: &str, arguments: &[&OsStr]) -> Result<Outcome> {
+pub(crate) fn start(name: &str, arguments: &[&OsStr]) -> Result<Outcome> {
     let program = needed_program(name)?;
     let status = Command::new(&program)
         .args(arguments)
@@ -137,7 +137,7 @@ pub fn start(name: &str, arguments: &[&OsStr]) -> Result<Outcome> {
 }
 
 /// Replaces this process by another program; returns only on failure, with the error.
-pub fn become_program(program: &Path, arguments: &[OsString]) -> io::Error {
+pub(crate) fn become_program(program: &Path, arguments: &[OsString]) -> io::Error {
     Command::new(program).args(arguments).exec()
 }
 

@@ -18,13 +18,13 @@ const MARGINS: (f64, f64) = (90.0, 100.0);
 const MAP_HEIGHT: f64 = 700.0;
 
 /// Ground truth of a session.
-pub struct GroundTruth {
+pub(crate) struct GroundTruth {
     /// Frames of each camera, by time; empty without ground truth.
     cameras: Vec<Vec<TrueFrame>>,
     /// Footprints: whether it is the left foot, x, y, m.
     footprints: Vec<(bool, f64, f64)>,
     /// Files that could not be read.
-    pub notes: Vec<String>,
+    pub(crate) notes: Vec<String>,
 }
 
 /// Ground truth of a frame.
@@ -40,7 +40,7 @@ struct TrueFrame {
 
 impl GroundTruth {
     /// Reads the ground truth of a session; `None` if it has none.
-    pub fn read(reader: &SessionReader) -> Option<Self> {
+    pub(crate) fn read(reader: &SessionReader) -> Option<Self> {
         let manifest = reader.manifest();
         let mut truth = Self {
             cameras: Vec::new(),
@@ -95,7 +95,7 @@ impl GroundTruth {
     }
 
     /// Comparison with the recording, a row per camera.
-    pub fn table(&self, manifest: &Manifest, stats: &SessionStats) -> Table {
+    pub(crate) fn table(&self, manifest: &Manifest, stats: &SessionStats) -> Table {
         let mut table = Table::new([
             "Camera",
             "Taken while recording",
@@ -139,7 +139,7 @@ impl GroundTruth {
     }
 
     /// Time errors of the frames.
-    pub fn time_errors(&self, manifest: &Manifest, stats: &SessionStats) -> Chart {
+    pub(crate) fn time_errors(&self, manifest: &Manifest, stats: &SessionStats) -> Chart {
         let start = stats.span().map_or(0, |(start, _)| start);
         let mut chart = Chart::new("Frame times against ground truth")
             .x_axis(Axis::time("time"))
@@ -156,7 +156,7 @@ impl GroundTruth {
 
     /// Ground-truth trajectory from above, `width` pixels wide, with the footprints and the
     /// positions of missing frames.
-    pub fn map(&self, stats: &SessionStats, width: u32) -> String {
+    pub(crate) fn map(&self, stats: &SessionStats, width: u32) -> String {
         let (start, end) = stats.span().unwrap_or((0, 0));
         let during = |frame: &&TrueFrame| (start..=end).contains(&frame.time);
         let path: Vec<(f64, f64)> = match self.cameras.iter().find(|c| !c.is_empty()) {

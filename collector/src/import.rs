@@ -20,191 +20,54 @@
 //!
 //! Nothing is ever written to the source.
 
+mod cleanup;
 mod copy;
+mod error;
 pub(crate) mod existing;
+mod file_record;
 mod growing_copy;
+mod hash;
 mod journal;
 pub(crate) mod publish;
+mod published;
 mod recheck;
 mod record;
+mod result;
 mod source;
+mod space;
+mod step;
 
 use std::fs;
-use std::io;
-use std::path::{Path, PathBuf};
+use std::path::Path;
 use std::sync::Arc;
 use std::thread;
 
 use console_output::{Clock, Progress};
-use rustix::fs::{RenameFlags, renameat_with, statvfs};
-use session_access::{INCOMING, SESSIONS};
-use session_archive::reader::{ReadError, SessionReader};
+use session_archive::reader::SessionReader;
 use session_archive::storage::DiskStorage;
 use session_archive::time::CivilTime;
 use session_archive::verify::{Report, verify};
 
-pub use self::record::{FileRecord, ImportRecord};
+pub use self::error::ImportError;
+pub use self::file_record::FileRecord;
+pub(crate) use self::published::publish_folder;
+pub use self::record::ImportRecord;
+pub use self::result::ImportResult;
+pub(crate) use self::space::check_space;
+pub use self::step::{Hook, Step, no_hook};
 
+use self::cleanup::remove_remains;
 use self::copy::{CopyResult, copy_all};
+use self::error::failed;
 use self::existing::{CopyQuality, ExistingCopy};
 use self::growing_copy::{CopyProgress, GrowingCopy};
 use self::journal::Journal;
+use self::published::{list, publish as rename, sync_published};
 use self::source::{SourceFile, list_files};
 use crate::condition::Condition;
-use crate::library::{Library, is_key, sync_folder};
-
-/// Free space to leave on the library's disk, bytes.
-const RESERVED_BYTES: u64 = 64 << 20;
-
-/// Steps of an import. Tests stop it at each of them in turn.
-#[derive(Clone, Debug, PartialEq, Eq)]
-pub enum Step {
-    /// The folder under `.incoming/` is about to be made.
-    Begin,
-    /// A block of a file is about to be written.
-    Write(String),
-    /// A file is about to be synced.
-    Sync(String),
-    /// A file is about to be recorded in the journal.
-    Note(String),
-    /// The folders are about to be synced.
-    SyncFolders,
-    /// The import record is about to be written.
-    Record,
-    /// The folder is about to be renamed into the library.
-    Publish,
-    /// The rename is about to be made durable.
-    SyncPublished,
-    /// The session is about to be put into the catalogue.
-    List,
-}
-
-/// Callback before each step; an error stops the import as if it had been killed.
-pub type Hook<'a> = &'a (dyn Fn(&Step) -> io::Result<()> + Sync);
-
-/// The hook without effect.
-pub fn no_hook(_: &Step) -> io::Result<()> {
-    Ok(())
-}
-
-/// Result of an import: a session in the library.
-#[derive(Clone, Debug)]
-pub struct ImportResult {
-    /// Its key in the library.
-    pub key: String,
-    /// Condition of the session.
-    pub condition: Condition,
-    /// Verification report.
-    pub report: Report,
-    /// Bytes copied by this import; 0 if the session was in the library already.
-    pub copied: u64,
-    /// Bytes that an earlier, interrupted import had copied.
-    pub resumed: u64,
-    /// Whether it was in the library before.
-    pub already_imported: bool,
-    /// Entries of the source that were not copied: names that are not UTF-8, folders nested too
-    /// deeply.
-    pub skipped: Vec<String>,
-    /// Key of the damaged or cut off session that it replaced.
-    pub replaced: Option<String>,
-}
-
-/// A session was not imported. Source and library are unchanged, except for `.incoming/`.
-#[derive(Debug, thiserror::Error)]
-pub enum ImportError {
-    /// It cannot be read as a session, or was written by a newer version.
-    #[error("importing a session: {}", .path.display())]
-    Unreadable {
-        /// Why.
-        #[source]
-        source: ReadError,
-        /// The source.
-        path: PathBuf,
-    },
-    /// The identifier is not a safe folder name: the manifest is not from this recorder.
-    #[error("its identifier {id:?} cannot be the name of a folder: {}", .path.display())]
-    Identifier {
-        /// The identifier.
-        id: String,
-        /// The source.
-        path: PathBuf,
-    },
-    /// The session is not the announced one: check the announcement.
-    #[error("found session {found}, expected {expected}: {}", .path.display())]
-    Another {
-        /// Its identifier.
-        found: String,
-        /// The announced identifier.
-        expected: String,
-        /// Its folder.
-        path: PathBuf,
-    },
-    /// An entry of the source is not a file. Remove it, or replace it by the file.
-    #[error("importing a session: found {found}, expected only files and folders: {}", .path.display())]
-    NoFile {
-        /// What it is.
-        found: plain_file::Kind,
-        /// It.
-        path: PathBuf,
-    },
-    /// The library has a session with this identifier and other content. To replace it, remove it
-    /// first: `paws prune --session ID --yes`.
-    #[error("session {key} is in the library already and differs ({what}); nothing was changed: {}", .path.display())]
-    Differs {
-        /// Its key.
-        key: String,
-        /// The first difference.
-        what: String,
-        /// The source.
-        path: PathBuf,
-    },
-    /// The source changed during the copy, so it is still being recorded: import it again later.
-    #[error("{what} changed while it was copied; is it still being recorded? {}", .path.display())]
-    Changed {
-        /// What changed.
-        what: String,
-        /// The source.
-        path: PathBuf,
-    },
-    /// Free the disk, then import again.
-    #[error("copying takes {needed} bytes and {free} are free: {}", .path.display())]
-    NoSpace {
-        /// Bytes still to be copied plus the reserve.
-        needed: u64,
-        /// Bytes free.
-        free: u64,
-        /// The library.
-        path: PathBuf,
-    },
-    /// An I/O error of the source or of the library.
-    #[error("{doing}: {}", .path.display())]
-    Io {
-        /// What was being done.
-        doing: &'static str,
-        /// What failed.
-        #[source]
-        source: io::Error,
-        /// The file or folder.
-        path: PathBuf,
-    },
-    /// The catalogue could not be updated. The session is in the library; opening the library lists
-    /// it.
-    #[error("listing session {key}: {reason}")]
-    Catalogue {
-        /// Its key.
-        key: String,
-        /// Why.
-        reason: String,
-    },
-}
-
-fn failed<'a>(doing: &'static str, path: &'a Path) -> impl FnOnce(io::Error) -> ImportError + 'a {
-    move |source| ImportError::Io {
-        doing,
-        source,
-        path: path.to_owned(),
-    }
-}
+use crate::folders::sync_tree;
+use crate::library::Library;
+use crate::session_key::is_key;
 
 /// Bytes of the files that importing a session would copy, for a progress bar.
 ///
@@ -248,7 +111,7 @@ pub fn import(
             // Remains of an import that was stopped just after its rename, which may not be
             // durable.
             sync_published(library, &key)?;
-            journal::remove(&library.incoming(&key))?;
+            remove_remains(&library.incoming(&key))?;
             return Ok(*imported);
         }
         ExistingCopy::Worse(old) => Some(old),
@@ -285,8 +148,8 @@ pub fn import(
         }
         None => None,
     };
-    publish(library, &key, hook)?;
-    journal::remove(&incoming)?;
+    rename(library, &key, hook)?;
+    remove_remains(&incoming)?;
     hook(&Step::List).map_err(failed("listing", &incoming))?;
     list(library, &key, replaced.as_deref())?;
     Ok(ImportResult {
@@ -376,91 +239,4 @@ fn copy_and_check(
         resumed: kept.iter().map(|k| k.bytes).sum(),
         kept,
     })
-}
-
-/// Updates the catalogue with a new session of the library, and with the one that it replaced.
-pub(crate) fn list(
-    library: &mut Library,
-    key: &str,
-    replaced: Option<&str>,
-) -> Result<(), ImportError> {
-    for key in [Some(key), replaced].into_iter().flatten() {
-        library.refresh(key).map_err(|e| ImportError::Catalogue {
-            key: key.to_owned(),
-            reason: format!("{e:#}"),
-        })?;
-    }
-    Ok(())
-}
-
-/// Syncs a finished folder under `.incoming/` and publishes it as a session of the library.
-///
-/// # Errors
-/// See [`ImportError`]; the folder is then where it was.
-pub(crate) fn publish_folder(library: &Library, key: &str) -> Result<(), ImportError> {
-    let incoming = library.incoming(key);
-    sync_tree(&incoming).map_err(failed("syncing", &incoming))?;
-    publish(library, key, &no_hook)
-}
-
-/// Renames a finished folder from `.incoming/` to `sessions/`, and syncs the rename.
-fn publish(library: &Library, key: &str, hook: Hook<'_>) -> Result<(), ImportError> {
-    let (from, to) = (library.incoming(key), library.folder(key));
-    hook(&Step::Publish).map_err(failed("publishing", &to))?;
-    rename_new(&from, &to).map_err(failed("publishing", &to))?;
-    hook(&Step::SyncPublished).map_err(failed("publishing", &to))?;
-    sync_published(library, key)
-}
-
-/// Syncs the rename into the library.
-fn sync_published(library: &Library, key: &str) -> Result<(), ImportError> {
-    for folder in [SESSIONS, INCOMING] {
-        sync_folder(&library.root().join(folder))
-            .map_err(failed("publishing", &library.folder(key)))?;
-    }
-    Ok(())
-}
-
-/// Renames a folder to a name that must not exist.
-pub(crate) fn rename_new(from: &Path, to: &Path) -> io::Result<()> {
-    let cwd = rustix::fs::CWD;
-    match renameat_with(cwd, from, cwd, to, RenameFlags::NOREPLACE) {
-        Ok(()) => Ok(()),
-        // Some file systems do not support this flag; a folder is never renamed over a non-empty
-        // one.
-        Err(rustix::io::Errno::INVAL | rustix::io::Errno::NOSYS) if !to.exists() => {
-            fs::rename(from, to)
-        }
-        Err(e) => Err(e.into()),
-    }
-}
-
-/// Syncs a folder and all folders below it.
-fn sync_tree(folder: &Path) -> io::Result<()> {
-    for entry in fs::read_dir(folder)? {
-        let entry = entry?;
-        if entry.file_type()?.is_dir() {
-            sync_tree(&entry.path())?;
-        }
-    }
-    sync_folder(folder)
-}
-
-/// Checks that `bytes` more fit onto the disk of `path`.
-pub(crate) fn check_space(path: &Path, bytes: u64) -> Result<(), ImportError> {
-    let disk = statvfs(path)
-        .map_err(io::Error::from)
-        .map_err(failed("asking for free space", path))?;
-    let (needed, free) = (
-        bytes.saturating_add(RESERVED_BYTES),
-        disk.f_bavail.saturating_mul(disk.f_frsize),
-    );
-    if needed > free {
-        return Err(ImportError::NoSpace {
-            needed,
-            free,
-            path: path.to_owned(),
-        });
-    }
-    Ok(())
 }

@@ -24,33 +24,21 @@
 mod lock;
 
 use std::collections::BTreeSet;
-use std::fs::{self, File};
-use std::io;
+use std::fs;
 use std::path::{Path, PathBuf};
 
 use anyhow::{Context, Result, bail, ensure};
 use session_access::{CATALOGUE, INCOMING, SESSIONS};
-use session_archive::layout;
 use session_archive::storage::{DiskStorage, Storage};
 
 use crate::catalogue::{Catalogue, CatalogueFile, Row};
-use crate::import::existing::is_set_aside_copy;
+use crate::session_key::{RECOVERED, is_key, is_set_aside_copy};
 
 pub use self::lock::Lock;
+pub use crate::derived_files::DERIVED;
 
-/// Files that a host derives beside a recording and can derive again.
-pub const DERIVED: [&str; 4] = [
-    layout::INDEX,
-    layout::VALIDATION,
-    layout::HANDOFF,
-    crate::validation::REPORT,
-];
 /// Name for the last recorded session; of several recorded at one time, the last imported.
 pub const LATEST: &str = "latest";
-/// Maximum length of a key, bytes.
-pub(crate) const MAX_KEY: usize = 100;
-/// Suffix of a recovered copy's folder, after the session's identifier.
-pub const RECOVERED: &str = ".recovered";
 
 /// An open library.
 pub struct Library {
@@ -337,7 +325,7 @@ fn repair_catalogue(root: &Path) -> Result<Catalogue> {
         CatalogueFile::Unusable(why) => Some(why),
     };
     let (rows, _) = rows_of_folders(root)?;
-    let sessions = crate::text::count(rows.len() as u64, "session");
+    let sessions = console_output::text::count(rows.len() as u64, "session");
     match (Catalogue::make(&path, &rows), why) {
         (Ok((catalogue, aside)), why) => {
             if let Some(aside) = aside {
@@ -364,43 +352,9 @@ fn repair_catalogue(root: &Path) -> Result<Catalogue> {
     }
 }
 
-/// Whether a session identifier is a safe folder name inside the library.
-pub fn is_key(text: &str) -> bool {
-    let plain = |b: u8| b.is_ascii_alphanumeric() || b"-_.".contains(&b);
-    (1..=MAX_KEY).contains(&text.len()) && !text.starts_with('.') && text.bytes().all(plain)
-}
-
-/// Syncs the names in a folder.
-///
-/// # Errors
-/// An I/O error occurs.
-pub fn sync_folder(folder: &Path) -> io::Result<()> {
-    File::open(folder)?.sync_all()
-}
-
 #[cfg(test)]
 mod tests {
     use super::*;
-
-    #[test]
-    fn identifiers_cannot_escape_the_library() {
-        for good in ["0192aa00-0000-7000-8000-000000000001", "a", "x_1.recovered"] {
-            assert!(is_key(good), "{good}");
-        }
-        for bad in [
-            "",
-            ".",
-            "..",
-            ".hidden",
-            "a/b",
-            "a\\b",
-            "a b",
-            "\u{e4}",
-            &"x".repeat(101),
-        ] {
-            assert!(!is_key(bad), "{bad}");
-        }
-    }
 
     #[test]
     fn only_one_program_may_change_a_library() {

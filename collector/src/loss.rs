@@ -14,20 +14,20 @@ use crate::validation::{Summary, Validation};
 
 /// Loss of a camera or IMU, known since the import. The causes need a validation.
 #[derive(Clone, Debug, PartialEq, Serialize)]
-pub struct StreamLoss {
+pub(crate) struct StreamLoss {
     /// The camera or IMU.
-    pub name: String,
+    pub(crate) name: String,
     /// Expected samples: present and missing ones.
-    pub expected: u64,
+    pub(crate) expected: u64,
     /// Samples missing, with or without a gap record.
-    pub missing: u64,
+    pub(crate) missing: u64,
     /// Missing over expected samples, from 0 to 1.
-    pub share: f64,
+    pub(crate) share: f64,
 }
 
 impl StreamLoss {
     /// Losses of every camera and IMU in a report, by name.
-    pub fn of(report: &Report) -> Vec<Self> {
+    pub(crate) fn of(report: &Report) -> Vec<Self> {
         let streams = report.streams.iter().map(|(name, stream)| {
             let missing = stream.gaps.saturating_add(stream.lost);
             let expected = stream.samples.saturating_add(missing);
@@ -42,35 +42,35 @@ impl StreamLoss {
     }
 
     /// Losses of the session in a folder, by the newest report; empty without a report.
-    pub fn of_folder(folder: &Path) -> Vec<Self> {
+    pub(crate) fn of_folder(folder: &Path) -> Vec<Self> {
         let validation = Validation::read(folder).ok();
         let record = ImportRecord::read(folder);
         newest_report(validation.as_ref(), record.as_ref()).map_or(Vec::new(), Self::of)
     }
 
     /// Whether it is a camera: names of IMUs contain a slash.
-    pub fn is_camera(&self) -> bool {
+    pub(crate) fn is_camera(&self) -> bool {
         !self.name.contains('/')
     }
 }
 
 /// The loss of one camera.
 #[derive(Clone, Debug, PartialEq, Eq)]
-pub struct CameraLoss {
+pub(crate) struct CameraLoss {
     /// The camera.
-    pub camera: String,
+    pub(crate) camera: String,
     /// Expected frames: present and missing ones.
-    pub expected: u64,
+    pub(crate) expected: u64,
     /// Frames missing.
-    pub lost: u64,
+    pub(crate) lost: u64,
     /// Causes with counts, the most frequent first; as in `encoder overload`, or `no record`
     /// without a gap record.
-    pub causes: Vec<(String, u64)>,
+    pub(crate) causes: Vec<(String, u64)>,
 }
 
 impl CameraLoss {
     /// The loss of every camera of a session, in the order of the manifest.
-    pub fn of(manifest: &Manifest, summary: &Summary) -> Vec<Self> {
+    pub(crate) fn of(manifest: &Manifest, summary: &Summary) -> Vec<Self> {
         let cameras = manifest.cameras.iter().map(|camera| {
             let mut streams = summary.streams.iter();
             let stream = streams.find(|s| s.name == camera.name);
@@ -89,12 +89,12 @@ impl CameraLoss {
     }
 
     /// Missing over expected frames, from 0 to 1.
-    pub fn share(&self) -> f64 {
+    pub(crate) fn share(&self) -> f64 {
         self.lost as f64 / self.expected.max(1) as f64
     }
 
     /// The causes as text; empty if nothing is missing.
-    pub fn why(&self) -> String {
+    pub(crate) fn why(&self) -> String {
         let causes = self.causes.iter().filter(|(_, frames)| *frames > 0);
         let causes = causes.map(|(cause, frames)| match self.causes.len() {
             1 => cause.clone(),

@@ -3,9 +3,7 @@
 
 use std::collections::BTreeMap;
 
-use charts::{
-    Axis, Bins, Chart, REPORT_HEIGHT as HEIGHT, REPORT_WIDTH as WIDTH, Series, Span, Timeline,
-};
+use charts::{Axis, Bins, Chart, REPORT_WIDTH as WIDTH, Series, Span, Timeline};
 use session_archive::manifest::Manifest;
 use session_archive::record::{ClockMap, paws};
 use session_archive::text::enum_words;
@@ -24,7 +22,7 @@ const MAX_EVENT_MARKS: usize = 60;
 const MAX_POINTS: usize = 2 * WIDTH as usize;
 
 /// Draws the charts of one session.
-pub struct Plots<'a> {
+pub(crate) struct Plots<'a> {
     manifest: &'a Manifest,
     found: &'a SessionScan,
     start: i64,
@@ -32,7 +30,7 @@ pub struct Plots<'a> {
 
 impl<'a> Plots<'a> {
     /// Charts of this scan.
-    pub fn new(manifest: &'a Manifest, found: &'a SessionScan) -> Self {
+    pub(crate) fn new(manifest: &'a Manifest, found: &'a SessionScan) -> Self {
         Self {
             manifest,
             found,
@@ -55,7 +53,7 @@ impl<'a> Plots<'a> {
     }
 
     /// Recorded spans and gaps of each stream.
-    pub fn timeline(&self) -> Timeline {
+    pub(crate) fn timeline(&self) -> Timeline {
         let mut timeline = Timeline::new("Recorded spans and gaps", self.axis()).kinds([
             "recorded",
             "missing, with gap record",
@@ -107,7 +105,7 @@ impl<'a> Plots<'a> {
     }
 
     /// Interval between consecutive frames.
-    pub fn frame_intervals(&self) -> Chart {
+    pub(crate) fn frame_intervals(&self) -> Chart {
         let mut chart = Chart::new("Frame interval")
             .x_axis(self.axis())
             .y_axis(Axis::linear("interval", "ms").include(0.0));
@@ -120,7 +118,7 @@ impl<'a> Plots<'a> {
     }
 
     /// Distribution of the frame periods around their median.
-    pub fn frame_histogram(&self) -> Chart {
+    pub(crate) fn frame_histogram(&self) -> Chart {
         let mut chart = Chart::new("Frame period by the camera's clock, against its median")
             .x_axis(Axis::linear("deviation", "µs"))
             .y_axis(Axis::linear("frames", ""));
@@ -137,7 +135,7 @@ impl<'a> Plots<'a> {
     }
 
     /// Interval between consecutive IMU samples.
-    pub fn imu_intervals(&self) -> Chart {
+    pub(crate) fn imu_intervals(&self) -> Chart {
         let mut chart = Chart::new("IMU sample interval")
             .x_axis(self.axis())
             .y_axis(Axis::linear("interval", "ms").include(0.0));
@@ -159,7 +157,7 @@ impl<'a> Plots<'a> {
     }
 
     /// Time offset of each frame from its frame set.
-    pub fn set_errors(&self) -> Chart {
+    pub(crate) fn set_errors(&self) -> Chart {
         let mut chart = Chart::new("Time offset of each frame from its frame set")
             .x_axis(self.axis())
             .y_axis(Axis::linear("distance", "ms"));
@@ -175,7 +173,7 @@ impl<'a> Plots<'a> {
     }
 
     /// Time spread of cameras with a common trigger; `None` without such cameras.
-    pub fn trigger_errors(&self) -> Option<Chart> {
+    pub(crate) fn trigger_errors(&self) -> Option<Chart> {
         let cameras = &self.manifest.cameras;
         let mut chart = Chart::new("Time offset of triggered cameras from the first one")
             .x_axis(self.axis())
@@ -201,7 +199,7 @@ impl<'a> Plots<'a> {
     }
 
     /// Bit rate of the compressed images per second.
-    pub fn bitrates(&self) -> Chart {
+    pub(crate) fn bitrates(&self) -> Chart {
         let mut chart = Chart::new("Bit rate of the compressed images")
             .x_axis(self.axis())
             .y_axis(Axis::linear("bit rate", "Mbit/s").include(0.0));
@@ -223,7 +221,7 @@ impl<'a> Plots<'a> {
     }
 
     /// Drift of each device clock against the host's since the first map.
-    pub fn clock_offsets(&self) -> Chart {
+    pub(crate) fn clock_offsets(&self) -> Chart {
         let mut chart = Chart::new("Device clocks against the host's, since their first map")
             .x_axis(self.axis())
             .y_axis(Axis::linear("offset", "ms"));
@@ -239,7 +237,7 @@ impl<'a> Plots<'a> {
     }
 
     /// Uncertainty of each clock map.
-    pub fn clock_sigmas(&self) -> Chart {
+    pub(crate) fn clock_sigmas(&self) -> Chart {
         let mut chart = Chart::new("Uncertainty of the clock maps (one sigma)")
             .x_axis(self.axis())
             .y_axis(Axis::log("sigma", "µs"));
@@ -262,7 +260,7 @@ impl<'a> Plots<'a> {
     }
 
     /// Samples per second by the recorder's count.
-    pub fn health_rates(&self) -> Chart {
+    pub(crate) fn health_rates(&self) -> Chart {
         let mut chart = Chart::new("Samples received per second")
             .x_axis(self.axis())
             .y_axis(Axis::log("rate", "Hz"));
@@ -281,7 +279,7 @@ impl<'a> Plots<'a> {
     }
 
     /// Bytes waiting for encoders and the disk.
-    pub fn health_queues(&self) -> Chart {
+    pub(crate) fn health_queues(&self) -> Chart {
         let health = &self.stats().health;
         let writer = health.iter();
         let writer = writer.map(|(t, h)| (self.seconds(t.0), h.writer_queue_bytes as f64 * 1e-6));
@@ -298,7 +296,7 @@ impl<'a> Plots<'a> {
     }
 
     /// Maximum write and sync latency of each second.
-    pub fn health_latency(&self) -> Chart {
+    pub(crate) fn health_latency(&self) -> Chart {
         let health = &self.stats().health;
         let write = health
             .iter()
@@ -314,7 +312,7 @@ impl<'a> Plots<'a> {
     }
 
     /// Free space on the recorder's disk.
-    pub fn health_space(&self) -> Chart {
+    pub(crate) fn health_space(&self) -> Chart {
         let health = self.stats().health.iter();
         let free = health.map(|(t, h)| (self.seconds(t.0), h.free_bytes as f64 * 1e-9));
         Chart::new("Free on the recorder's disk")
@@ -324,7 +322,7 @@ impl<'a> Plots<'a> {
     }
 
     /// Temperature of the recorder; `None` without a sensor.
-    pub fn health_temperature(&self) -> Option<Chart> {
+    pub(crate) fn health_temperature(&self) -> Option<Chart> {
         let health = self.stats().health.iter();
         let points: Vec<_> = health
             .filter_map(|(t, h)| Some((self.seconds(t.0), h.temperature_c?)))
@@ -338,7 +336,7 @@ impl<'a> Plots<'a> {
     }
 
     /// One line with rate and longest gap of the cameras, for a caption.
-    pub fn rhythm_caption(&self) -> String {
+    pub(crate) fn rhythm_caption(&self) -> String {
         let cameras = self.manifest.cameras.iter().zip(&self.stats().cameras);
         let texts = cameras.map(|(camera, frames)| {
             let cadence = Cadence::of(frames.iter().map(|f| f.sample));

@@ -20,7 +20,7 @@ use crate::scan_session::SessionScan;
 use crate::session_stats::{FrameStats, SessionStats};
 
 /// Evaluates a session. `decoded` is the result of the decode check, if requested.
-pub fn evaluate(
+pub(crate) fn evaluate(
     manifest: &Manifest,
     found: &SessionScan,
     decoded: Option<&[DecodeCheck]>,
@@ -423,7 +423,7 @@ fn spread(members: &[(usize, i64)], group: &[usize]) -> Option<u64> {
 }
 
 /// Faults of a session, as text.
-pub fn faults(report: &Report) -> Vec<String> {
+pub(crate) fn faults(report: &Report) -> Vec<String> {
     let mut faults = Vec::new();
     faults.extend(report.manifest_note.clone());
     if !report.missing_segments.is_empty() {

@@ -14,15 +14,15 @@ const DEPTH: usize = 6;
 
 /// Result of a search.
 #[derive(Debug, Default)]
-pub struct SearchResult {
+pub(crate) struct SearchResult {
     /// The sessions, by path.
-    pub sessions: Vec<PathBuf>,
+    pub(crate) sessions: Vec<PathBuf>,
     /// Folders that could not be read.
-    pub unreadable: Vec<(PathBuf, io::Error)>,
+    pub(crate) unreadable: Vec<(PathBuf, io::Error)>,
 }
 
 /// The sessions in `source`, or `source` itself if it is one. Folders below `except` are left out.
-pub fn sessions(source: &Path, except: Option<&Path>) -> SearchResult {
+pub(crate) fn sessions(source: &Path, except: Option<&Path>) -> SearchResult {
     let mut found = SearchResult::default();
     let except = except.and_then(|path| path.canonicalize().ok());
     search(source, except.as_deref(), DEPTH, &mut found);

@@ -16,6 +16,7 @@ use session_archive::manifest::Manifest;
 use session_archive::reader::SessionReader;
 use session_archive::record::paws;
 use session_archive::storage::{self, DiskStorage};
+use session_archive::text::enum_words;
 use session_archive::time::HostTime;
 use session_archive::verify::Report;
 use session_health::{Finding, Limits, number_or_nan, overall, reasons};
@@ -24,8 +25,6 @@ use crate::cadence::Cadence;
 use crate::scan_session::SessionScan;
 use crate::session_stats::{Sample, SessionStats};
 
-/// File name of the HTML report in the session's folder.
-pub const REPORT: &str = "report.html";
 const FORMAT: &str = "paws-validation";
 const VERSION: u32 = 1;
 /// Maximum number of events in a summary; a chattering button must not fill it.

@@ -13,7 +13,7 @@ use crate::validation::Validation;
 const MAX_FINDINGS: usize = 6;
 
 /// A line with the change of a session's verdict and its reasons; `None` if it did not change.
-pub fn describe(old: &Validation, new: &Validation) -> Option<String> {
+pub(crate) fn describe(old: &Validation, new: &Validation) -> Option<String> {
     if old.session_id != new.session_id || old.verdict == new.verdict {
         return None;
     }
@@ -52,7 +52,7 @@ pub fn describe(old: &Validation, new: &Validation) -> Option<String> {
 }
 
 /// A line if the verdict of the hand-off differs from the current one; `None` if they agree.
-pub fn hand_off_note(handoff: &HandOff, now: Verdict, name: &str) -> Option<String> {
+pub(crate) fn hand_off_note(handoff: &HandOff, now: Verdict, name: &str) -> Option<String> {
     (handoff.verdict != now).then(|| {
         format!(
             "handed over as {} on {}, now {now}: that hand-off is unchanged, and `paws handoff {name}` validates it again",

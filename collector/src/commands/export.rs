@@ -7,6 +7,7 @@
 //! An export goes to a new or an empty folder. Data that cannot be exported, including damaged
 //! ranges of the session, is counted, reported, and changes the exit code.
 
+mod common;
 mod csv;
 mod euroc;
 mod mp4;
@@ -18,11 +19,11 @@ use std::path::Path;
 
 use anyhow::{Context, Result, ensure};
 use clap::ValueEnum;
-use console_output::{Console, Outcome, text};
+use console_output::{Console, Outcome};
 use session_access::open;
-use session_archive::index::Index;
 use session_archive::manifest::Manifest;
 
+use self::common::file_name;
 use crate::target::Target;
 
 /// Export format.
@@ -79,23 +80,4 @@ fn check_names(manifest: &Manifest) -> Result<()> {
         );
     }
     Ok(())
-}
-
-/// Reports how much the index had to leave out.
-fn damage(index: &Index, console: &mut Console<'_>) -> Result<Outcome> {
-    if index.damaged == 0 {
-        return Ok(Outcome::Fine);
-    }
-    console.line(left_out(index.damaged))?;
-    Ok(Outcome::Loss)
-}
-
-fn left_out(damaged: u64) -> String {
-    let places = text::count(damaged, "damaged place");
-    format!("{places} left out; `paws validate` reports what is missing")
-}
-
-/// A stream's name as part of a file name: `feet/imu` as `feet_imu`.
-fn file_name(stream: &str) -> String {
-    stream.replace('/', "_")
 }

@@ -7,7 +7,6 @@ use console_output::{Console, Outcome, text};
 use session_access::{build, open};
 use session_archive::index::Index;
 use session_archive::layout;
-use session_archive::reader::SessionReader;
 use session_archive::storage;
 
 use crate::target::Target;

@@ -11,7 +11,7 @@ use session_health::{Limit, TABLE, limit_text};
 ///
 /// # Errors
 /// The output cannot be written.
-pub fn run(as_json: bool, console: &mut Console<'_>) -> Result<Outcome> {
+pub(crate) fn run(as_json: bool, console: &mut Console<'_>) -> Result<Outcome> {
     if as_json {
         let rows: Vec<_> = TABLE.iter().map(row).collect();
         console.line(serde_json::to_string_pretty(&rows)?)?;

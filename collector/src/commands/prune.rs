@@ -16,8 +16,9 @@ use anyhow::{Context, Result, bail, ensure};
 use console_output::{Console, Outcome, text};
 use session_access::{INCOMING, SESSIONS};
 
-use crate::import::rename_new;
-use crate::library::{DERIVED, Library, sync_folder};
+use crate::derived_files::DERIVED;
+use crate::folders::{rename_new, sync_folder};
+use crate::library::Library;
 
 /// Removes derived files and remains of stopped imports from the library in the folder `root`.
 ///

@@ -15,15 +15,16 @@
 //! If one session cannot be pulled, the others still are. Each gives one line.
 
 mod session;
+mod shared;
 
 use std::collections::BTreeSet;
 use std::path::{Path, PathBuf};
+use std::sync::Mutex;
 use std::sync::atomic::{AtomicUsize, Ordering};
 use std::sync::mpsc::sync_channel;
-use std::sync::{Mutex, PoisonError};
 use std::thread;
 
-use anyhow::{Context, Result, anyhow};
+use anyhow::Result;
 use command_line::complain;
 use console_output::{BadArguments, Console, Outcome, Show};
 use rig_link::client::{Address, Client, LinkError, RetryPolicy};
@@ -267,16 +268,4 @@ fn host_name() -> String {
     } else {
         name.chars().take(60).collect()
     }
-}
-
-/// Locks a mutex even if it is poisoned: the data is consistent at every step.
-fn locked<T>(mutex: &Mutex<T>) -> std::sync::MutexGuard<'_, T> {
-    mutex.lock().unwrap_or_else(PoisonError::into_inner)
-}
-
-/// Adds the session's name to an error.
-fn of_session<T, E: Into<anyhow::Error>>(name: &str, result: Result<T, E>) -> Result<T> {
-    result
-        .map_err(|e| anyhow!(e))
-        .with_context(|| format!("pulling {name}"))
 }

@@ -19,8 +19,9 @@ use session_archive::verify::verify;
 
 use crate::condition::Condition;
 use crate::import::{ImportRecord, check_space, publish_folder};
-use crate::library::{Library, RECOVERED};
+use crate::library::Library;
 use crate::quality::faults;
+use crate::session_key::RECOVERED;
 use crate::target::Target;
 
 /// Recovers a session into the folder `out`, which must be new.

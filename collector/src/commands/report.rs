@@ -7,9 +7,10 @@ use console_output::{Console, Outcome};
 use session_access::open;
 
 use crate::commands::validate::{Options, outcome_of, report_changes, validate};
+use crate::derived_files::REPORT;
 use crate::report_page;
 use crate::target::Target;
-use crate::validation::{REPORT, Validation};
+use crate::validation::Validation;
 
 /// Validates a session and writes its report. A stored validation that is still valid and as deep
 /// is reported, whatever its limits; else the new one is stored in the library as by `paws

@@ -4,9 +4,9 @@
 //! existing output file is an error unless `--force` is given. Results are lines; `check` ends with
 //! 1 if the rig is invalid, with 3 on warnings, and `diff` with 3 if something changed.
 
-use std::path::{Path, PathBuf};
+use std::path::PathBuf;
 
-use anyhow::{Context, Result};
+use anyhow::Result;
 use cad_transforms::Rig;
 use cad_transforms::output::Existing;
 use clap::Subcommand;
@@ -17,10 +17,11 @@ mod check;
 mod convert;
 mod diff;
 mod show;
+mod text_file;
 
 /// Commands for rig files.
 #[derive(Debug, Subcommand)]
-pub enum RigVerb {
+pub(crate) enum RigVerb {
     /// Print the poses of the frames; with --out also draw them
     Show {
         /// The rig file
@@ -77,7 +78,7 @@ pub enum RigVerb {
 ///
 /// # Errors
 /// A file cannot be read, is wrong, or cannot be written.
-pub fn run(verb: &RigVerb, console: &mut Console<'_>) -> Result<Outcome> {
+pub(crate) fn run(verb: &RigVerb, console: &mut Console<'_>) -> Result<Outcome> {
     let existing = |force: &bool| {
         if *force {
             Existing::Replace
@@ -116,12 +117,6 @@ pub fn run(verb: &RigVerb, console: &mut Console<'_>) -> Result<Outcome> {
             convert::run(src, map.as_deref(), out, existing(force), console)
         }
     }
-}
-
-/// The text of a file.
-fn text_of(path: &Path) -> Result<String> {
-    plain_file::read_to_string(path, plain_file::TEXT_LIMIT)
-        .with_context(|| format!("reading {}", path.display()))
 }
 
 #[cfg(test)]

@@ -15,11 +15,12 @@ use std::thread;
 use console_output::Progress;
 use rustix::fs::{Advice, fadvise};
 
+use super::error::{ImportError, failed};
+use super::file_record::FileRecord;
 use super::growing_copy::CopyProgress;
 use super::journal::Journal;
-use super::record::FileRecord;
 use super::source::SourceFile;
-use super::{Hook, ImportError, Step, failed};
+use super::step::{Hook, Step};
 
 /// Bytes read, hashed and written at a time.
 const BLOCK: usize = 1 << 20;
@@ -198,23 +199,4 @@ fn sync(
         }
     }
     Ok(finished)
-}
-
-/// Length and BLAKE3 (hex) of a file.
-pub(super) fn hash_file(path: &Path) -> io::Result<(u64, String)> {
-    let mut file = plain_file::open_no_link(path)?;
-    let mut hasher = blake3::Hasher::new();
-    let mut block = vec![0; BLOCK];
-    let mut bytes = 0;
-    loop {
-        match file.read(&mut block) {
-            Ok(0) => return Ok((bytes, hasher.finalize().to_hex().to_string())),
-            Ok(n) => {
-                hasher.update(&block[..n]);
-                bytes += n as u64;
-            }
-            Err(e) if e.kind() == io::ErrorKind::Interrupted => {}
-            Err(e) => return Err(e),
-        }
-    }
 }

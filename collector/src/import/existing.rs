@@ -22,15 +22,17 @@ use session_archive::reader::{ReadError, SessionReader};
 use session_archive::storage::DiskStorage;
 use session_archive::verify::{Report, verify};
 
-use super::copy::hash_file;
+use super::error::{ImportError, failed};
+use super::hash::hash_file;
+use super::published::sync_published;
+use super::record::ImportRecord;
+use super::result::ImportResult;
 use super::source::SourceFile;
-use super::{ImportError, ImportRecord, ImportResult, failed, rename_new, sync_published};
 use crate::catalogue::Row;
 use crate::condition::Condition;
-use crate::library::{Library, MAX_KEY};
-
-/// Key suffix of a replaced copy; followed by `-2` and so on if that exists.
-const DAMAGED: &str = ".damaged";
+use crate::folders::rename_new;
+use crate::library::Library;
+use crate::session_key::{DAMAGED, aside_key};
 
 /// State of a session's key in the library.
 pub(crate) enum ExistingCopy {
@@ -173,19 +175,6 @@ pub(crate) fn set_aside_copy(
     rename_new(&from, &to).map_err(failed("setting the damaged session aside", &from))?;
     sync_published(library, key)?;
     Ok(aside)
-}
-
-/// A key with a suffix; a long key is truncated so that it remains valid.
-fn aside_key(key: &str, suffix: &str) -> String {
-    let room = MAX_KEY.saturating_sub(suffix.len());
-    let begins = key.get(..room).unwrap_or(key);
-    format!("{begins}{suffix}")
-}
-
-/// Whether the session `aside` is a replaced copy of `key`.
-pub(crate) fn is_set_aside_copy(aside: &str, key: &str) -> bool {
-    let is_of = |at: usize| aside_key(key, &aside[at..]) == aside;
-    aside != key && aside.rfind(DAMAGED).is_some_and(is_of)
 }
 
 /// Quality of the library's copy, by the last verification; verifies it now if there is none.

@@ -11,7 +11,7 @@ use std::sync::{Arc, Condvar, Mutex, OnceLock, PoisonError};
 
 use session_archive::storage::{DiskStorage, ReadAt, Storage, WriteFile};
 
-use super::record::FileRecord;
+use super::file_record::FileRecord;
 use super::source::SourceFile;
 
 /// Progress of each file; shared by the copy and its reader.

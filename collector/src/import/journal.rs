@@ -9,10 +9,10 @@ use std::path::{Path, PathBuf};
 
 use console_output::Progress;
 
-use super::copy::hash_file;
-use super::record::FileRecord;
+use super::error::{ImportError, failed};
+use super::file_record::FileRecord;
+use super::hash::hash_file;
 use super::source::SourceFile;
-use super::{ImportError, failed};
 
 /// The journal of one import.
 pub(super) struct Journal {
@@ -83,10 +83,8 @@ impl Journal {
     }
 }
 
-/// Removes the journal of the folder `incoming` and other files beside it, after its session was
-/// published.
+/// Removes the journal of the folder `incoming`.
 pub(super) fn remove(incoming: &Path) -> Result<(), ImportError> {
-    super::recheck::clear(incoming)?;
     let path = path_for(incoming);
     match fs::remove_file(&path) {
         Err(e) if e.kind() != io::ErrorKind::NotFound => {

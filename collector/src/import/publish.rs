@@ -14,15 +14,19 @@ use session_archive::storage::DiskStorage;
 use session_archive::time::CivilTime;
 use session_archive::verify::verify;
 
-use super::copy::hash_file;
+use super::cleanup::remove_remains;
+use super::error::{ImportError, failed};
 use super::existing::{CopyQuality, set_aside_copy};
-use super::record::{FileRecord, ImportRecord};
+use super::file_record::FileRecord;
+use super::hash::hash_file;
+use super::published::{list, publish as rename, sync_published};
+use super::record::ImportRecord;
+use super::result::ImportResult;
 use super::source::{SourceFile, list_files, remove_unknown_files};
-use super::{
-    ImportError, ImportResult, check_space, failed, journal, list, no_hook, publish as rename,
-    sync_published, sync_tree,
-};
+use super::space::check_space;
+use super::step::no_hook;
 use crate::condition::Condition;
+use crate::folders::sync_tree;
 use crate::library::Library;
 
 /// A session in `.incoming/`, verified and synced.
@@ -131,7 +135,7 @@ pub(crate) fn publish(
         imported.replaced = Some(is_set_aside_copy?);
     }
     rename(library, &key, &no_hook)?;
-    journal::remove(&library.incoming(&key))?;
+    remove_remains(&library.incoming(&key))?;
     list(library, &key, imported.replaced.as_deref())?;
     Ok(imported)
 }
@@ -144,7 +148,7 @@ pub(crate) fn already_imported(
 ) -> Result<ImportResult, ImportError> {
     // The publishing program may have been stopped just after the rename.
     sync_published(library, key)?;
-    journal::remove(&library.incoming(key))?;
+    remove_remains(&library.incoming(key))?;
     let folder = &library.folder(key);
     let reader = SessionReader::open(Arc::new(DiskStorage::new(folder)));
     let state = reader.map(|reader| reader.manifest().state);

@@ -12,12 +12,15 @@ use std::path::{Path, PathBuf};
 
 use console_output::Progress;
 
-use super::copy::{copy_all, hash_file};
+use super::copy::copy_all;
+use super::error::{ImportError, failed};
+use super::file_record::FileRecord;
 use super::growing_copy::CopyProgress;
+use super::hash::hash_file;
 use super::journal::Journal;
-use super::record::FileRecord;
 use super::source::SourceFile;
-use super::{Hook, ImportError, check_space, failed};
+use super::space::check_space;
+use super::step::Hook;
 
 /// Copies those reused files again that differ from the source; returns their bytes.
 pub(super) fn refresh_reused(

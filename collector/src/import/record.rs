@@ -8,27 +8,13 @@ use session_archive::storage::{self, DiskStorage};
 use session_archive::time::CivilTime;
 use session_archive::verify::Report;
 
-use super::copy::hash_file;
+use super::error::{ImportError, failed};
+use super::file_record::{FileRecord, RECORD};
+use super::hash::hash_file;
 use super::source::list_files;
-use super::{ImportError, failed};
 
-/// File name in the session's folder.
-pub(crate) const RECORD: &str = "import.json";
 const FORMAT: &str = "paws-import";
 const VERSION: u32 = 1;
-
-/// One copied file of a session.
-#[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
-pub struct FileRecord {
-    /// Path below the session's folder.
-    pub path: String,
-    /// Length.
-    pub bytes: u64,
-    /// Modification time of the source, ns since 1970.
-    pub modified_ns: i64,
-    /// BLAKE3 of the bytes read from the source, hex.
-    pub blake3: String,
-}
 
 /// Record of an import.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]

@@ -6,9 +6,9 @@ use std::path::Path;
 
 use session_archive::layout;
 
-use super::record::RECORD;
-use super::{ImportError, failed};
-use crate::library::DERIVED;
+use super::error::{ImportError, failed};
+use super::file_record::RECORD;
+use crate::derived_files::DERIVED;
 
 /// Maximum depth of nested folders; a session has one level.
 const DEPTH: usize = 8;

@@ -13,7 +13,7 @@ use session_archive::reader::{Entry, Message, SessionReader};
 use session_archive::record::{Event, Frame, FrameSet, Gap, ImuBatch, Record, paws};
 use session_archive::text::enum_words;
 
-use super::{file_name, left_out};
+use super::common::{file_name, left_out};
 
 const FRAMES: &str = "number,time_ns,sigma_ns,host_time_ns,kernel_time_ns,device_ticks,exposure_ns,\
                       bytes,key_frame,frozen,clock_map,time_unreliable";

@@ -20,6 +20,7 @@ use session_archive::reader::SessionReader;
 use video::Picture;
 use video::picture::{i420_to_grey, i420_to_rgb, split};
 
+use super::common::{damage, file_name};
 use super::csv::samples;
 use super::yaml;
 use crate::session_stats::SessionStats;
@@ -51,7 +52,7 @@ pub(super) fn export(
     for imu in &manifest.imus {
         export.imu(imu, console)?;
     }
-    Ok(outcome.max(super::damage(&index, console)?))
+    Ok(outcome.max(damage(&index, console)?))
 }
 
 struct Export<'a> {
@@ -67,7 +68,7 @@ impl Export<'_> {
     /// `OUT/CAMERA/mav0`, which an IMU shares with the camera that it is in.
     fn folder(&self, stream: &str) -> PathBuf {
         let camera = stream.strip_suffix("/imu").unwrap_or(stream);
-        self.out.join(super::file_name(camera)).join("mav0")
+        self.out.join(file_name(camera)).join("mav0")
     }
 
     /// The body frame of a camera's data set.

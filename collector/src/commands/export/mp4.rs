@@ -10,7 +10,7 @@ use session_archive::reader::SessionReader;
 use video::mp4::write_mp4;
 use video::{AccessUnit, Codec};
 
-use super::file_name;
+use super::common::{damage, file_name};
 
 pub(super) fn export(
     reader: &SessionReader,
@@ -71,5 +71,5 @@ pub(super) fn export(
         }
         console.line(line)?;
     }
-    Ok(outcome.max(super::damage(&index, console)?))
+    Ok(outcome.max(damage(&index, console)?))
 }

@@ -11,11 +11,12 @@ use rig_link::link::{
     Code, FileEntry, Manifest, RECEIPT_FORMAT, Receipt, SessionSummary, Total, VERSION, list_hash,
 };
 
-use super::{locked, of_session};
+use super::shared::{locked, of_session};
 use crate::condition::Condition;
 use crate::import::existing::{self, CopyQuality, ExistingCopy};
 use crate::import::{FileRecord, ImportError, ImportRecord, ImportResult, publish};
-use crate::library::{Library, is_key};
+use crate::library::Library;
+use crate::session_key::is_key;
 
 /// State shared by all pulls.
 pub(super) struct Puller<'a> {

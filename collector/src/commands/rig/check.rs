@@ -8,7 +8,7 @@ use console_output::text::count;
 use console_output::{Console, Outcome};
 use serde::Serialize;
 
-use super::text_of;
+use super::text_file::text_of;
 use crate::documents;
 
 /// `paws rig check --json`.

@@ -10,7 +10,8 @@ use cad_transforms::{Rig, RigError};
 use console_output::text::count;
 use console_output::{BadArguments, Console, Outcome};
 
-use super::{show, text_of};
+use super::show;
+use super::text_file::text_of;
 
 /// Converts `src` and writes `out`, or prints the parts without `out`.
 pub(super) fn run(

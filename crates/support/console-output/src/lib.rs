@@ -6,13 +6,15 @@
 //! * [`run_command`]: the run of one command in a program, with its errors.
 //! * [`text`]: numbers as text.
 
+mod clock;
 mod console;
 mod outcome;
 mod program;
 mod progress;
 pub mod text;
 
-pub use console::{Clock, Console, Show};
+pub use clock::Clock;
+pub use console::Console;
 pub use outcome::Outcome;
 pub use program::{BadArguments, run_command, start_logger};
-pub use progress::Progress;
+pub use progress::{Progress, Show};

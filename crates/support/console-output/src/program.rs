@@ -8,8 +8,10 @@ use command_line::output::{harmless, is_broken_pipe};
 use command_line::{Verbosity, complain};
 use log::LevelFilter;
 
-use crate::console::{Clock, Console, Show};
+use crate::clock::Clock;
+use crate::console::Console;
 use crate::outcome::Outcome;
+use crate::progress::Show;
 
 /// An error of the command line that only the command itself can find: exit code 2.
 #[derive(Debug, thiserror::Error)]

@@ -7,10 +7,21 @@ use std::time::Duration;
 use charts::si;
 use indicatif::{ProgressBar, ProgressStyle};
 
-use crate::console::{Clock, Show};
+use crate::clock::Clock;
 
 /// Minimum interval between lines.
 const LINE_INTERVAL: Duration = Duration::from_secs(5);
+
+/// How progress is shown.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Show {
+    /// Not at all.
+    Nothing,
+    /// A line every few seconds, if standard error is no terminal.
+    Lines,
+    /// A bar.
+    Bar,
+}
 
 /// Progress of one job.
 pub struct Progress(Option<Kind>);
