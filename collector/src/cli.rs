@@ -403,7 +403,7 @@ fn help_of_a_program(arguments: &[OsString]) -> Option<ExitCode> {
         return None;
     }
     let program = external::program(name)?;
-    let arguments = [verbs, &["--help".into()]].concat();
+    let arguments = [verbs, &[OsString::from("--help")]].concat();
     let error = external::become_program(&program, &arguments);
     complain!("paws: starting {}: {error}", program.display());
     Some(Outcome::Failed.into())

@@ -71,18 +71,16 @@ fn take_library(words: &mut Vec<OsString>) -> Option<PathBuf> {
     let at = options.iter().position(|word| {
         word == "--library" || word.as_encoded_bytes().starts_with(b"--library=")
     })?;
-    match words[at].to_string_lossy().strip_prefix("--library=") {
-        Some(folder) => {
-            let folder = folder.into();
-            words.remove(at);
-            Some(folder)
-        }
-        None if at + 1 < words.len() => {
-            words.remove(at);
-            Some(words.remove(at).into())
-        }
-        None => None,
+    let word = words[at].to_string_lossy().into_owned();
+    if let Some(folder) = word.strip_prefix("--library=") {
+        words.remove(at);
+        return Some(folder.into());
     }
+    if at + 1 == words.len() {
+        return None;
+    }
+    words.remove(at);
+    Some(words.remove(at).into())
 }
 
 /// Replaces the session among the arguments of `paws-calib` by its folder.

@@ -88,11 +88,6 @@ impl CameraLoss {
         cameras.collect()
     }
 
-    /// Missing over expected frames, from 0 to 1.
-    pub(crate) fn share(&self) -> f64 {
-        self.lost as f64 / self.expected.max(1) as f64
-    }
-
     /// The causes as text; empty if nothing is missing.
     pub(crate) fn why(&self) -> String {
         let causes = self.causes.iter().filter(|(_, frames)| *frames > 0);
@@ -172,6 +167,5 @@ mod tests {
         let two = loss(45, &[("encoder overload", 44), ("no record", 1)]);
         let text = "feet: 45 of 60 frames lost (75 %): encoder overload (44), no record (1)";
         assert_eq!(two.to_string(), text);
-        assert!((two.share() - 0.75).abs() < 1e-12);
     }
 }
