@@ -134,7 +134,7 @@ fn hand_off(session: &Path, library: &Path) -> PathBuf {
     validate::run(std::slice::from_ref(&target), &options, &mut console).expect("validate");
     handoff::run(&target, None, &mut console).expect("hand off");
     println!("{}", String::from_utf8_lossy(&said));
-    target.folder
+    target.folder.clone()
 }
 
 /// Result of a reconstruction.
