@@ -13,110 +13,31 @@
 //! reports them as well.
 
 use std::collections::BTreeMap;
-use std::error::Error;
 use std::time::Duration;
 
 use scene_bundle::{Bundle, BundleError, Scene};
-use serde_json::Value;
 
+mod error;
 pub mod observer;
 mod report;
+mod selection;
+mod stage;
 pub mod stage_timings;
 pub mod stages;
 mod table;
 mod up_to_date;
 mod work;
 
+pub use self::error::PipelineError;
 pub use self::observer::{Observer, Outcome, State};
 pub use self::report::Report;
+pub use self::selection::Selection;
+pub use self::stage::{Stage, StageError};
 pub use self::work::Work;
-
-/// Error of a stage.
-pub type StageError = Box<dyn Error + Send + Sync>;
-
-/// A stage of the pipeline. `S` is the source that all stages read: the hand-off.
-pub trait Stage<S: ?Sized> {
-    /// Its name, on command lines and in the bundle.
-    fn name(&self) -> &'static str;
-    /// Version, incremented when the same input gives another output.
-    fn version(&self) -> u32;
-    /// Names of its inputs: outputs of earlier stages, or sources.
-    fn inputs(&self) -> &'static [&'static str];
-    /// Names of the outputs that it writes, at least one.
-    fn outputs(&self) -> &'static [&'static str];
-    /// All settings that its outputs depend on, defaults included.
-    fn settings(&self) -> Value;
-    /// Fills the drafts of its outputs, which the caller commits.
-    ///
-    /// # Errors
-    /// Any error that prevents its outputs, which are then discarded.
-    fn run(&self, work: &Work<'_, S>) -> Result<(), StageError>;
-}
-
-/// Why a pipeline stopped.
-#[derive(Debug, thiserror::Error)]
-pub enum PipelineError {
-    /// The table contradicts itself: a defect of the program.
-    #[error("the table of stages is wrong: {0}")]
-    Table(String),
-    /// Unknown stage: use one of the listed ones.
-    #[error("choosing stages: found {found:?}, expected one of {known}")]
-    NoStage {
-        /// The name.
-        found: String,
-        /// All names.
-        known: String,
-    },
-    /// The last stage comes before the first: exchange them.
-    #[error("choosing stages: {from} comes after {to}, expected the other order")]
-    Order {
-        /// The first.
-        from: String,
-        /// The last.
-        to: String,
-    },
-    /// An output of a stage that is not to run is missing: begin with that stage.
-    #[error("beginning with stage {stage}: output {output} is missing, expected it of stage {of}")]
-    Absent {
-        /// The first stage.
-        stage: &'static str,
-        /// The missing output.
-        output: &'static str,
-        /// The stage that writes it.
-        of: &'static str,
-    },
-    /// A stage failed.
-    #[error("stage {stage}")]
-    Stage {
-        /// Which.
-        stage: &'static str,
-        /// Why.
-        source: StageError,
-    },
-    /// The bundle could not be read or written.
-    #[error("stage {stage}")]
-    Bundle {
-        /// Which stage was next.
-        stage: &'static str,
-        /// Why.
-        source: BundleError,
-    },
-}
 
 /// The stages, in order. See the module.
 pub struct Pipeline<S: ?Sized> {
     stages: Vec<Box<dyn Stage<S>>>,
-}
-
-/// Which stages to run.
-#[derive(Clone, Debug, Default, PartialEq, Eq)]
-pub struct Selection {
-    /// The first stage; outputs of earlier ones are used as they are.
-    pub from: Option<String>,
-    /// The last.
-    pub to: Option<String>,
-    /// Whether stages run even if their outputs are up to date.
-    pub force: bool,
 }
 
 /// Clock and memory meter of the machine.
@@ -255,7 +176,8 @@ fn run_stage<S: ?Sized>(
         stage: stage.name(),
         source,
     };
-    let work = Work::begin(stage, source, bundle, observer).map_err(failed)?;
+    let tables = (stage.inputs(), stage.outputs());
+    let work = Work::begin(tables, source, bundle, observer).map_err(failed)?;
     stage.run(&work).map_err(|source| PipelineError::Stage {
         stage: stage.name(),
         source,

@@ -4,7 +4,7 @@ use std::collections::BTreeMap;
 
 use serde::Serialize;
 
-use super::Report;
+use super::report::Report;
 
 /// Receives the progress of a pipeline; from several threads.
 pub trait Observer: Sync {

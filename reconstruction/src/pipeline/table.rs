@@ -5,7 +5,9 @@ use std::ops::Range;
 
 use scene_bundle::layout;
 
-use super::{PipelineError, Selection, Stage};
+use super::error::PipelineError;
+use super::selection::Selection;
+use super::stage::Stage;
 
 pub(super) fn check<S: ?Sized>(
     stages: &[Box<dyn Stage<S>>],

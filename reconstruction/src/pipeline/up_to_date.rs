@@ -4,7 +4,7 @@ use std::collections::BTreeMap;
 
 use scene_bundle::{Manifest, Record, Scene};
 
-use super::Stage;
+use super::stage::Stage;
 
 /// Record that the stage's outputs would have now. A missing input has no hash, so that no record
 /// equals it.

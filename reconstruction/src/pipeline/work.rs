@@ -4,7 +4,8 @@ use std::sync::{Mutex, PoisonError};
 
 use scene_bundle::{Bundle, BundleError, Draft, OutputReader, Scene};
 
-use super::{Observer, Report, Stage};
+use super::observer::Observer;
+use super::report::Report;
 
 /// Context of a running stage: its source, outputs of earlier stages, and drafts of its own. May be
 /// used from several threads.
@@ -19,18 +20,19 @@ pub struct Work<'a, S: ?Sized> {
 }
 
 impl<'a, S: ?Sized> Work<'a, S> {
+    /// `inputs` and `outputs` are those of the stage.
     pub(super) fn begin(
-        stage: &dyn Stage<S>,
+        (inputs, outputs): (&'static [&'static str], &'static [&'static str]),
         source: &'a S,
         bundle: &Bundle,
         observer: &'a dyn Observer,
     ) -> Result<Self, BundleError> {
-        let drafts = stage.outputs().iter().map(|output| bundle.begin(output));
+        let drafts = outputs.iter().map(|output| bundle.begin(output));
         Ok(Self {
             source,
             scene: bundle.scene(),
-            inputs: stage.inputs(),
-            outputs: stage.outputs(),
+            inputs,
+            outputs,
             drafts: drafts.collect::<Result<_, _>>()?,
             report: Mutex::default(),
             observer,
