@@ -17,7 +17,6 @@
 //! - [`files`]: trajectory files of any supported format.
 //! - [`runs`]: tables of several runs.
 
-use cad_transforms::RigidTransform;
 use scene_bundle::Trajectory;
 use serde::Serialize;
 
@@ -36,6 +35,8 @@ pub use completion::Completion;
 pub use consistency::Consistency;
 pub use relative::{Delta, Relative};
 pub use statistics::Statistics;
+
+use associate::Pair;
 
 /// Settings of an evaluation.
 #[derive(Clone, Debug, PartialEq)]
@@ -108,14 +109,6 @@ pub struct Absolute {
     /// Angles, rad; `None` where poses on a line, or at one position, do not determine the
     /// alignment's rotation.
     pub rotation_rad: Option<Statistics>,
-}
-
-/// A pair: time of the estimated pose, the pose, the ground-truth pose.
-#[derive(Clone, Copy, Debug, PartialEq)]
-pub(crate) struct Pair {
-    pub(crate) time_ns: i64,
-    pub(crate) estimated: RigidTransform,
-    pub(crate) truth: RigidTransform,
 }
 
 /// Compares an estimate with the ground truth. All its poses that are not lost are compared;

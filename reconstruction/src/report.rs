@@ -64,9 +64,6 @@ pub struct Report {
     pub summary: String,
 }
 
-/// Size of rendered points, m: slightly more than the edge of a voxel, so that surfaces are closed.
-const POINT_SIZE_M: f64 = 0.06;
-
 /// Renders the page of a bundle. `truth` is the ground-truth trajectory, on the same clock; its
 /// poses before and after the session are ignored.
 ///
@@ -438,7 +435,7 @@ fn cloud_section(
     ];
     for (sight, name, caption) in views {
         let Some(sight) = sight else { continue };
-        let pixels = point_raster::draw(&shown, POINT_SIZE_M, &dots, &sight);
+        let pixels = point_raster::draw(&shown, views::POINT_SIZE_M, &dots, &sight);
         let caption = format!(
             "{caption} What is higher than {} m above the rig is left out.",
             views::MAX_HEIGHT_M

@@ -4,7 +4,7 @@ use cad_transforms::RigidTransform;
 use nalgebra::{Matrix3, Rotation3, UnitQuaternion, Vector3};
 use serde::Serialize;
 
-use super::Pair;
+use super::associate::Pair;
 
 /// Alignment of an estimate with the ground truth.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize)]

@@ -4,9 +4,16 @@
 //! the longer one (the earlier of two equally near), if it is within the tolerance. A pose of the
 //! longer one may be in two pairs.
 
+use cad_transforms::RigidTransform;
 use scene_bundle::{Pose, Trajectory};
 
-use super::Pair;
+/// A pair: time of the estimated pose, the pose, the ground-truth pose.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub(crate) struct Pair {
+    pub(crate) time_ns: i64,
+    pub(crate) estimated: RigidTransform,
+    pub(crate) truth: RigidTransform,
+}
 
 /// Pairs in the order of time. Lost poses of the estimate are removed first.
 pub(crate) fn pairs(estimate: &Trajectory, truth: &Trajectory, tolerance_ns: i64) -> Vec<Pair> {

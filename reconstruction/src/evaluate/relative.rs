@@ -8,7 +8,8 @@
 
 use serde::Serialize;
 
-use super::{Pair, Statistics};
+use super::associate::Pair;
+use super::statistics::Statistics;
 
 /// Length of a segment.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize)]

@@ -1,6 +1,6 @@
 use std::path::Path;
 
-use cad_transforms::Covariance;
+use cad_transforms::{Covariance, RigidTransform};
 use scene_bundle::{Pose, Status};
 use test_data::shared;
 

@@ -13,7 +13,6 @@ use charts::base64;
 use scene_bundle::outputs::cloud::CloudPoint;
 use serde_json::{Value, json};
 
-use super::POINT_SIZE_M;
 use super::colors;
 use super::trajectory_map::Step;
 use super::views;
@@ -98,7 +97,7 @@ pub(super) fn viewer(content: &Content<'_>) -> Viewer {
         layers.push((of, bytes));
     };
     layer(
-        json!({"kind": "points", "name": "points", "count": shown.len(), "size_m": POINT_SIZE_M}),
+        json!({"kind": "points", "name": "points", "count": shown.len(), "size_m": views::POINT_SIZE_M}),
         numbers,
     );
     if truth.count > 0 {

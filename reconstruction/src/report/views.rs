@@ -9,6 +9,8 @@ use scene_bundle::outputs::cloud::CloudPoint;
 
 use super::point_raster::{Scale, Viewpoint, dot};
 
+/// Size of rendered points, m: slightly more than the edge of a voxel, so that surfaces are closed.
+pub(super) const POINT_SIZE_M: f64 = 0.06;
 /// Maximum height of shown points above the highest position of the rig, m.
 pub(super) const MAX_HEIGHT_M: f64 = 1.0;
 /// Points above this depth below the rig may occlude the path, m.
