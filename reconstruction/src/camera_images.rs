@@ -9,10 +9,9 @@ use std::io::{self, Write};
 use std::path::Path;
 
 use serde::{Deserialize, Serialize};
-use session_archive::index::Access;
 use session_archive::manifest;
-use video::Codec;
-use video::still::{Candidate, Settings, Still, stills};
+use session_input::stills::camera_stills;
+use video::still::Still;
 
 use crate::input::Input;
 
@@ -107,25 +106,10 @@ fn look(input: &Input) -> Vec<CameraImage> {
 }
 
 fn of_camera(input: &Input, camera: &manifest::Camera) -> Vec<Still> {
-    let cameras = &input.index().cameras;
-    let frames = cameras.iter().find(|c| c.name == camera.name);
-    let codec = Codec::from_foxglove_format(&camera.codec);
-    let (Some(codec), Some(frames)) = (codec, frames) else {
+    let Some(index) = input.index().camera(&camera.name) else {
         return Vec::new();
     };
-    let access: &Access = input.access();
-    let candidates: Vec<Candidate> = frames
-        .frames
-        .iter()
-        .map(|frame| Candidate {
-            number: frame.number,
-            time_ns: frame.time_ns,
-            key: frame.key as usize,
-        })
-        .collect();
-    let settings = Settings::default();
-    let mut read = |position: usize| access.unit(&frames.frames[position]).ok();
-    match stills(codec, &candidates, &settings, &mut read) {
+    match camera_stills(camera, index, input.session().access()) {
         Ok(found) => found.stills,
         Err(error) => {
             log::warn!(

@@ -29,53 +29,22 @@ use std::path::{Path, PathBuf};
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::thread;
 
-use crate::input::{Input, ReadError};
+use crate::input::Input;
 
 mod calibration;
 mod camera;
+mod error;
 mod selection;
+mod summary;
 mod tables;
 mod text;
 
+pub use error::ExportError;
 pub use selection::Selection;
+pub use summary::Summary;
 
 use camera::CameraExport;
-
-/// What was written.
-#[derive(Clone, Debug, Default, PartialEq, Eq)]
-pub struct Summary {
-    /// Name of each camera and number of stereo frames written, two images each.
-    pub cameras: Vec<(String, u64)>,
-    /// Name of each IMU and samples written.
-    pub imus: Vec<(String, u64)>,
-    /// Frame sets written.
-    pub sets: u64,
-    /// Everything selected that could not be read, with the reason.
-    pub lost: Vec<String>,
-}
-
-/// Why nothing was written.
-#[derive(Debug, thiserror::Error)]
-pub enum ExportError {
-    /// Name another folder.
-    #[error("writing needs a new or an empty folder, and this one holds something: {}", .0.display())]
-    NotEmpty(PathBuf),
-    /// Delete it: it is what an earlier run had written before it was stopped.
-    #[error("an earlier run was stopped and left a folder behind; delete it: {}", .0.display())]
-    LeftOver(PathBuf),
-    /// Any I/O error of the underlying file system.
-    #[error("writing {}", .path.display())]
-    Write {
-        /// What was being written.
-        path: PathBuf,
-        /// What failed.
-        #[source]
-        error: io::Error,
-    },
-    /// Reading cannot start.
-    #[error(transparent)]
-    Read(#[from] ReadError),
-}
+use error::writing;
 
 /// Number of stereo frames that [`export`] will write.
 pub fn count(input: &Input, selection: &Selection) -> u64 {
@@ -189,12 +158,4 @@ fn begin(out: &Path) -> Result<PathBuf, ExportError> {
         return Err(writing(out)(error));
     }
     Ok(partial)
-}
-
-fn writing(path: &Path) -> impl Fn(io::Error) -> ExportError + use<> {
-    let path = path.to_owned();
-    move |error| ExportError::Write {
-        path: path.clone(),
-        error,
-    }
 }

@@ -1,9 +1,8 @@
 //! Reads a sealed hand-off (images, calibration, IMU samples) and reconstructs it to a scene
 //! bundle.
 //!
-//! - [`input`]: opens a hand-off, refuses it if it differs from what was validated, and gives its
-//!   content in order of time or by number.
-//! - [`image`]: decoded images.
+//! - [`input`]: opens a hand-off and refuses it if it differs from what was validated; its images
+//!   and samples come through [`session_input`].
 //! - [`pipeline`]: a hand-off to a scene bundle, stage by stage.
 //! - [`evaluate`]: errors of an estimated trajectory against ground truth.
 //! - [`camera_images`]: a few small images of each camera.
@@ -14,7 +13,7 @@
 //! use reconstruction::Input;
 //!
 //! let input = Input::open("library/0192aa00-0000-7000-8000-000000000001".as_ref())?;
-//! for set in input.sets()? {
+//! for set in input.session().sets()? {
 //!     let set = set?;
 //!     for view in set.views.iter().flatten() {
 //!         println!("{} {} {} {:?}", set.number, view.camera, view.time, view.left);
@@ -29,10 +28,8 @@
 pub mod camera_images;
 pub mod evaluate;
 pub mod export;
-pub mod image;
 pub mod input;
 pub mod pipeline;
 pub mod report;
 
-pub use image::Image;
-pub use input::{FrameSet, ImuSample, Input, InputError, ReadError, View};
+pub use input::{Input, InputError};

@@ -260,7 +260,7 @@ fn images_have_quality(recorded: &Contents, input: &Input, camera: &str, truth: 
         });
         decoded.expect("decoding");
     }
-    let views = input.frames(camera).expect("frames");
+    let views = input.session().frames(camera).expect("frames");
     assert_eq!(views.len(), truth.frames.len());
     for (view, (frame, (_, files))) in views.zip(recorded.frames[camera].iter().zip(&truth.frames))
     {
@@ -326,7 +326,7 @@ fn imu_is_bit_equal(recorded: &Contents, input: &Input, folder: &Path, begin: Ho
         .filter(|(stamp, _)| (0..SECONDS * NS_PER_S).contains(&(stamp - first)))
         .collect();
     let stored = &recorded.imu[NAME];
-    let read = input.imu(NAME, ..).expect("samples");
+    let read = input.session().imu(NAME, ..).expect("samples");
     assert_eq!((stored.len(), read.len()), (expected.len(), expected.len()));
     // 200 Hz, the first one together with the first image.
     assert_eq!(expected.len(), 200 * SECONDS as usize);
@@ -338,8 +338,8 @@ fn imu_is_bit_equal(recorded: &Contents, input: &Input, folder: &Path, begin: Ho
         assert_eq!((kept.number, kept.ticks), (i as u64, *stamp));
         assert_eq!(kept.host_time, begin + (stamp - first));
         assert_eq!(
-            (back.number, back.ticks, back.time),
-            (kept.number, kept.ticks, kept.time)
+            (back.number, back.ticks, back.time_ns),
+            (kept.number, kept.ticks, kept.time.ns())
         );
         let bits = |gyro: [f64; 3], accel: [f64; 3]| [gyro, accel].map(|v| v.map(f64::to_bits));
         let right = bits(
@@ -348,7 +348,7 @@ fn imu_is_bit_equal(recorded: &Contents, input: &Input, folder: &Path, begin: Ho
         );
         assert_eq!(bits(gyro, accel), right, "sample {i} as stored");
         assert_eq!(
-            bits(back.gyro, back.accel),
+            bits(back.gyro_rad_s, back.accel_m_s2),
             right,
             "sample {i} as read back"
         );
@@ -360,7 +360,7 @@ fn sets_are_whole(input: &Input, recorded: &Contents) {
     let samples = &recorded.imu["right_shoulder/imu"];
     let mut count = 0;
     let mut next = 0;
-    for (set, stored) in input.sets().expect("sets").zip(&recorded.sets) {
+    for (set, stored) in input.session().sets().expect("sets").zip(&recorded.sets) {
         let set = set.expect("a set");
         assert_eq!((set.number, set.time.0), (stored.number, stored.time));
         let there: Vec<(&str, u64)> = set
@@ -377,7 +377,7 @@ fn sets_are_whole(input: &Input, recorded: &Contents) {
         assert_eq!(there, named);
         for sample in &set.imu[0] {
             assert_eq!(sample.number, next);
-            assert!(sample.time <= set.time, "{sample:?}");
+            assert!(sample.time_ns <= set.time.ns(), "{sample:?}");
             next += 1;
         }
         assert!(

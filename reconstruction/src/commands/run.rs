@@ -15,6 +15,7 @@ use reconstruction::camera_images;
 use reconstruction::pipeline::stages::networks::Networks;
 use reconstruction::pipeline::stages::{self, Options, Preset, rig};
 use reconstruction::pipeline::{Observer, Outcome, Selection, Sources, State, stage_timings};
+use rustix::fs::{Mode, OFlags};
 use scene_bundle::{Bundle, Provenance, Scene};
 
 use super::{code, loss, open, print_losses, progress_bar};
@@ -153,11 +154,9 @@ pub(crate) fn run(arguments: &Arguments) -> Result<ExitCode> {
         )?,
     };
     let pipeline = stages::pipeline(options)?;
-    let selection = Selection {
-        from: arguments.from.clone(),
-        to: arguments.to.clone(),
-        force: arguments.force,
-    };
+    let (from, to) = (arguments.from.clone(), arguments.to.clone());
+    let force = arguments.force;
+    let selection = Selection { from, to, force };
     let bundle = Bundle::create_or_open(&arguments.out, provenance)?;
     let observer = ProgressReporter {
         bar: match arguments.json {
@@ -167,6 +166,7 @@ pub(crate) fn run(arguments: &Arguments) -> Result<ExitCode> {
         is_json: arguments.json,
         folder: bundle.path(),
     };
+    keep_frames(&input, &bundle.path());
     let outcomes = pipeline.run(&sources, &bundle, &selection, &observer, &machine::METER);
     observer.bar.finish_and_clear();
     let outcomes =
@@ -194,6 +194,20 @@ pub(crate) fn run(arguments: &Arguments) -> Result<ExitCode> {
         ))?;
     }
     Ok(code(losses, &input))
+}
+
+/// Most bytes of decoded frames that stages keep for later ones: 2800 frames of 2 x 672x376.
+/// Frames above it are decoded again.
+const MAX_KEPT_BYTES: u64 = 2 << 30;
+
+/// Lets stages keep decoded frames for later ones, in a file without a name in the bundle's folder:
+/// it ends with the process. Where the file system has no such files, they are decoded again.
+fn keep_frames(input: &Input, folder: &Path) {
+    let flags = OFlags::TMPFILE | OFlags::RDWR | OFlags::CLOEXEC;
+    match rustix::fs::open(folder, flags, Mode::RUSR | Mode::WUSR) {
+        Ok(file) => (input.session()).keep_frames_in(file.into(), MAX_KEPT_BYTES),
+        Err(error) => log::debug!("frames are not kept: {error}: {}", folder.display()),
+    }
 }
 
 /// The seal that identifies the recording in this bundle: an earlier one if the bundle was made

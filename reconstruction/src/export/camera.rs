@@ -5,10 +5,12 @@ use std::io::{self, BufWriter};
 use std::path::{Path, PathBuf};
 use std::sync::atomic::{AtomicBool, Ordering};
 
+use session_input::{Color, Image, View};
+
+use super::error::{ExportError, writing};
+use super::selection::Selection;
 use super::text::Text;
-use super::{ExportError, Selection, writing};
-use crate::image::{Color, Image};
-use crate::input::{Input, View};
+use crate::input::Input;
 
 /// Work of one camera's thread.
 pub(super) struct CameraExport<'a> {
@@ -52,6 +54,7 @@ impl CameraExport<'_> {
             .map(|(set, _)| *set);
         let frames = self
             .input
+            .session()
             .frames_where(self.name, |position| selected[position].1)?;
         let (mut written, mut lost) = (0, Vec::new());
         for (view, set) in frames.zip(sets) {

@@ -5,8 +5,11 @@ use std::path::Path;
 
 use session_archive::time::HostTime;
 
+use super::calibration;
+use super::error::{ExportError, writing};
+use super::selection::Selection;
+use super::summary::Summary;
 use super::text::Text;
-use super::{ExportError, Selection, Summary, calibration, writing};
 use crate::input::Input;
 
 /// Writes everything except images; fills the summary except for cameras.
@@ -52,14 +55,17 @@ pub(super) fn write(
              accel_x_m_s2,accel_y_m_s2,accel_z_m_s2,time_unreliable"
         ))?;
         let mut written = 0;
-        for batch in input.imu_batches(&imu.name)? {
+        for batch in input.session().imu_batches(&imu.name)? {
             let samples = batch.unwrap_or_else(|error| {
                 summary.lost.push(scene_bundle::error_chain(&error));
                 Vec::new()
             });
-            for s in samples.iter().filter(|s| selection.holds(input, s.time)) {
-                let ([gx, gy, gz], [ax, ay, az]) = (s.gyro, s.accel);
-                let (number, ticks, time) = (s.number, s.ticks, s.time.ns());
+            for s in samples
+                .iter()
+                .filter(|s| selection.holds(input, HostTime(s.time_ns)))
+            {
+                let ([gx, gy, gz], [ax, ay, az]) = (s.gyro_rad_s, s.accel_m_s2);
+                let (number, ticks, time) = (s.number, s.ticks, s.time_ns);
                 let unreliable = u8::from(s.time_unreliable);
                 text.line(format_args!(
                     "{number},{ticks},{time},{gx},{gy},{gz},{ax},{ay},{az},{unreliable}"

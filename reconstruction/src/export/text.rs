@@ -4,7 +4,7 @@ use std::fs::File;
 use std::io::{BufWriter, Write};
 use std::path::PathBuf;
 
-use super::{ExportError, writing};
+use super::error::{ExportError, writing};
 
 /// A text file being written.
 pub(super) struct Text {

@@ -1,13 +1,11 @@
-//! Why a hand-off is refused, and why something in it cannot be read.
+//! Why a hand-off is refused.
 
 use std::io;
 use std::path::PathBuf;
-use std::sync::Arc;
 
 use session_archive::handoff::HandOffError;
 use session_archive::index::IndexError;
 use session_archive::reader::ReadError as SessionError;
-use video::{DecodeError, PictureError};
 
 /// Why a hand-off is refused. The path of its session comes last in every message.
 #[derive(Debug, thiserror::Error)]
@@ -79,92 +77,5 @@ pub enum InputError {
         expected: &'static str,
         /// The session's folder.
         path: PathBuf,
-    },
-}
-
-/// Why an item of an accepted hand-off cannot be read. Other parts of it may be intact: reading
-/// other items, or the next one, is allowed.
-#[derive(Clone, Debug, thiserror::Error)]
-pub enum ReadError {
-    /// The session has no camera or IMU of this name: a defect of the caller.
-    #[error("the session has no camera or IMU {0:?}")]
-    NoSuch(String),
-    /// One frame is lost.
-    #[error("reading frame {number} of {camera}")]
-    Frame {
-        /// The camera.
-        camera: Arc<str>,
-        /// The frame.
-        number: u64,
-        /// Why.
-        #[source]
-        fault: FrameFault,
-    },
-    /// One batch of IMU samples is lost.
-    #[error("reading samples {first} to {last} of {imu}")]
-    Imu {
-        /// The IMU.
-        imu: String,
-        /// Number of the first sample of the batch.
-        first: u64,
-        /// Number of the last sample of the batch.
-        last: u64,
-        /// Why.
-        #[source]
-        fault: ImuFault,
-    },
-    /// The machine is out of threads: stop something else and try again.
-    #[error("starting a thread")]
-    Thread(#[source] Arc<io::Error>),
-}
-
-/// Why a frame cannot be read.
-#[derive(Clone, Debug, thiserror::Error)]
-pub enum FrameFault {
-    /// Its bytes, or those of a frame that it depends on, changed since the hand-off was checked,
-    /// or reading fails: open the hand-off again.
-    #[error("reading its bytes")]
-    Bytes(#[source] Arc<IndexError>),
-    /// The decoder failed on the whole GOP. On another machine it may not.
-    #[error("decoding it")]
-    Decoder(#[source] DecodeError),
-    /// The decoder returned the images around it but not this one: it is lost.
-    #[error("the decoder returned no image for it")]
-    NoImage,
-    /// The size of the decoded image differs from the manifest.
-    #[error("it is {found_width}x{found_height}, the manifest says {width}x{height}")]
-    Size {
-        /// Columns found.
-        found_width: u32,
-        /// Rows found.
-        found_height: u32,
-        /// Columns in the manifest.
-        width: u32,
-        /// Rows in the manifest.
-        height: u32,
-    },
-    /// The decoded image cannot be split in two.
-    #[error("cutting it into left and right")]
-    Image(#[source] PictureError),
-    /// The decoding thread ended before this frame: a defect of this program.
-    #[error("its decoding thread ended early")]
-    Ended,
-}
-
-/// Why a batch of IMU samples cannot be read.
-#[derive(Clone, Debug, thiserror::Error)]
-pub enum ImuFault {
-    /// Its bytes changed since the hand-off was checked, or reading fails: open it again.
-    #[error("reading their bytes")]
-    Bytes(#[source] Arc<IndexError>),
-    /// The record contradicts itself.
-    #[error("{found} {what} for {samples} samples")]
-    Lengths {
-        /// Name of the values.
-        what: &'static str,
-        /// Their number.
-        found: usize,
-        /// Number of samples of the batch.
-        samples: usize,
     },
 }

@@ -2,21 +2,18 @@
 
 use std::io;
 use std::path::{Path, PathBuf};
-use std::sync::{Arc, Mutex};
-use std::thread;
+use std::sync::Arc;
 
 use session_archive::handoff::HandOff;
-use session_archive::index::{Access, Index, IndexError};
+use session_archive::index::Index;
 use session_archive::layout;
-use session_archive::manifest::Manifest;
 use session_archive::reader::SessionReader;
 use session_archive::storage::DiskStorage;
+use session_input::{Session, SessionError};
 
-use super::camera::{Camera, GopReader};
-use super::imu::BatchTimes;
 use super::judgement::notes;
 use super::state::State;
-use super::{Check, Input, InputError, Shared};
+use super::{Check, Input, InputError};
 
 impl Input {
     /// As [`Self::open`]; with [`Check::Lengths`] only for a hand-off that was checked before.
@@ -69,7 +66,6 @@ impl Input {
             error,
         };
         let index = Index::read(&reader).map_err(unusable)?;
-        check_index(&index, &manifest).map_err(unusable)?;
         for (number, _) in &index.segments {
             sealed(&handoff, layout::segment(*number), &root)?;
         }
@@ -82,32 +78,28 @@ impl Input {
             }
         }
 
-        let access = Access::open(&*storage, &index).map_err(|e| unusable(e.into()))?;
-        let cameras = manifest.cameras.iter().map(|c| Camera::new(c, &root));
-        let cameras = cameras.collect::<Result<Vec<_>, _>>()?;
-        let processors = thread::available_parallelism().map_or(1, usize::from);
-        let shared = Arc::new(Shared {
-            batch_times: index
-                .imus
-                .iter()
-                .map(|i| BatchTimes::new(&i.batches))
-                .collect(),
-            threads_per_camera: (processors / cameras.len().max(1)).clamp(1, 16) as u32,
-            index,
-            access,
-            cameras,
-        });
-        let readers = (0..shared.cameras.len())
-            .map(|camera| Mutex::new(GopReader::new(shared.clone(), camera)))
-            .collect();
+        let content = Session::open(&*storage, &manifest, index).map_err(|error| match error {
+            SessionError::Index(error) => unusable(error),
+            SessionError::Format {
+                camera,
+                what,
+                found,
+                expected,
+            } => InputError::Unknown {
+                camera,
+                what,
+                found,
+                expected,
+                path: root.clone(),
+            },
+        })?;
         Ok(Self {
             state: State::read(&reader).map_err(session)?,
-            root,
             notes: notes(&handoff, &*storage),
+            session: content,
+            root,
             handoff,
             manifest,
-            shared,
-            readers,
         })
     }
 }
@@ -145,35 +137,4 @@ fn sealed(handoff: &HandOff, file: String, root: &Path) -> Result<(), InputError
         file,
         path: root.to_owned(),
     })
-}
-
-/// Checks that everything the index refers to exists, so that later accesses need no checks.
-fn check_index(index: &Index, manifest: &Manifest) -> Result<(), IndexError> {
-    let cameras = index.cameras.iter().map(|c| &c.name);
-    let imus = index.imus.iter().map(|i| &i.name);
-    let member_exists = |(camera, member): (usize, &Option<u32>)| {
-        let frames = index.cameras[camera].frames.len();
-        member.is_none_or(|position| (position as usize) < frames)
-    };
-    let fits = cameras.eq(manifest.cameras.iter().map(|c| &c.name))
-        && imus.eq(manifest.imus.iter().map(|i| &i.name))
-        && index.sets.iter().all(|set| {
-            set.frames.len() == index.cameras.len()
-                && set.frames.iter().enumerate().all(member_exists)
-        })
-        && index.cameras.iter().all(|camera| {
-            let frames = &camera.frames;
-            let keys_first = frames.iter().enumerate().all(|(position, frame)| {
-                let key = frame.key as usize;
-                key <= position && frames[key].key == frame.key
-            });
-            keys_first && frames.is_sorted_by_key(|frame| frame.key)
-        });
-    if fits {
-        Ok(())
-    } else {
-        Err(IndexError::Stale(
-            "it refers to items that the session does not have".to_owned(),
-        ))
-    }
 }

@@ -11,31 +11,24 @@
 use super::{Pipeline, PipelineError, Stage};
 use crate::input::Input;
 
+pub use crate::input::HANDOFF;
+pub use preset::Preset;
+
 mod bundle_adjustment;
 mod cloud;
 mod depth;
 pub mod frame_set_reader;
+mod imu_sample;
+mod keyframe_candidates;
+mod keyframe_spacing;
 pub mod networks;
 mod odometry;
 mod pose_interpolation;
+mod preset;
 pub mod rig;
 
 /// Names of the stages, in order.
 pub const NAMES: [&str; 5] = ["rig", "odometry", "bundle-adjustment", "depth", "cloud"];
-/// Name of the hand-off among the sources; its hash is its seal.
-pub const HANDOFF: &str = "handoff";
-
-/// Trade-off of error against time.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
-pub enum Preset {
-    /// Least time.
-    Fast,
-    /// The knee of the curve.
-    #[default]
-    Balanced,
-    /// Least error.
-    Accurate,
-}
 
 /// Options of the stages.
 #[derive(Clone, Debug, Default)]

@@ -3,7 +3,7 @@ use std::path::Path;
 use std::rc::Rc;
 
 use scene_bundle::{Provenance, RigRevision};
-use serde_json::json;
+use serde_json::{Value, json};
 
 use super::*;
 

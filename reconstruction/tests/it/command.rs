@@ -6,10 +6,10 @@ use std::io::BufReader;
 use std::path::{Path, PathBuf};
 use std::process::{Command, Output};
 
-use reconstruction::image::Color;
 use reconstruction::input::Input;
 use session_archive::handoff::Verdict;
 use session_archive::layout;
+use session_input::Color;
 
 use video::AccessUnit;
 
@@ -99,7 +99,7 @@ fn frames_writes_the_whole_session() {
             ];
             assert_eq!(row[..], expected);
         }
-        for view in input.frames(camera).expect("frames") {
+        for view in input.session().frames(camera).expect("frames") {
             let view = view.expect("view");
             for (eye, picture) in [("left", &view.left), ("right", &view.right)] {
                 let path = out.join(format!("{camera}/{eye}/{:06}.png", view.number));
@@ -136,10 +136,10 @@ fn frames_writes_the_whole_session() {
     assert_eq!(rows.len(), 45);
 
     let (_, rows) = csv(&out.join("imu/feet/imu.csv"));
-    let samples = input.imu("feet/imu", ..).expect("imu");
+    let samples = input.session().imu("feet/imu", ..).expect("imu");
     assert_eq!(rows.len(), samples.len());
     for (row, s) in rows.iter().zip(samples) {
-        let integers = [s.number as i64, s.ticks, s.time.ns()];
+        let integers = [s.number as i64, s.ticks, s.time_ns];
         let found: Vec<i64> = row[..3]
             .iter()
             .map(|n| n.parse().expect("integer"))
@@ -150,7 +150,7 @@ fn frames_writes_the_whole_session() {
             .iter()
             .map(|n| n.parse().expect("number"))
             .collect();
-        let expected = [s.gyro, s.accel].concat();
+        let expected = [s.gyro_rad_s, s.accel_m_s2].concat();
         assert!(
             found
                 .iter()

@@ -2,11 +2,11 @@
 
 use std::collections::BTreeMap;
 
-use reconstruction::image::Color;
 use reconstruction::input::Input;
 use reconstruction::pipeline::stages::frame_set_reader::FrameSetReader;
 use reconstruction::pipeline::stages::rig::{self, RigOverrides};
 use session_archive::time::HostTime;
+use session_input::Color;
 
 use crate::session::{hand_over, hand_over_with};
 
@@ -30,10 +30,10 @@ fn luma_frame_sets_have_samples_up_to_the_last_image() {
     let folder = tempfile::tempdir().expect("folder");
     let recorded = hand_over(folder.path());
     let input = Input::open(folder.path()).expect("open");
-    let all = input.imu("feet/imu", ..).expect("imu");
+    let all = input.session().imu("feet/imu", ..).expect("imu");
     let mut given = Vec::new();
-    let sets = input.sets().expect("sets");
-    let luma_frame_sets = input.luma_frame_sets(..).expect("sets");
+    let sets = input.session().sets().expect("sets");
+    let luma_frame_sets = input.session().luma_frame_sets(..).expect("sets");
     assert_eq!(luma_frame_sets.len(), recorded.sets.len());
     for (set, grey) in sets.zip(luma_frame_sets) {
         let set = set.expect("a set");
@@ -72,7 +72,7 @@ fn luma_frame_sets_have_samples_up_to_the_last_image() {
         let [.., before, last] = &given[..] else {
             panic!("no samples");
         };
-        assert!(before.time < latest && latest <= last.time);
+        assert!(before.time_ns < latest.ns() && latest.ns() <= last.time_ns);
     }
     // Each once, and nothing left out.
     assert_eq!(given[..], all[..given.len()]);
@@ -80,10 +80,10 @@ fn luma_frame_sets_have_samples_up_to_the_last_image() {
 
     // From the middle on, samples begin after the previous set.
     let from = HostTime(recorded.sets[20].time);
-    let mut part = input.luma_frame_sets(from..).expect("sets");
+    let mut part = input.session().luma_frame_sets(from..).expect("sets");
     let first = part.next().expect("a set");
     assert_eq!(first.number, 20);
-    assert!(first.imu[0][0].time.0 > recorded.sets[19].time);
+    assert!(first.imu[0][0].time_ns > recorded.sets[19].time);
     assert!(first.imu[0].len() < 40, "{}", first.imu[0].len());
 }
 
@@ -97,7 +97,7 @@ fn an_unreadable_frame_is_a_loss_and_the_rest_of_its_set_is_returned() {
         unit
     });
     let input = Input::open(folder.path()).expect("open");
-    let luma_frame_sets: Vec<_> = input.luma_frame_sets(..).expect("sets").collect();
+    let luma_frame_sets: Vec<_> = input.session().luma_frame_sets(..).expect("sets").collect();
     assert_eq!(luma_frame_sets.len(), recorded.sets.len());
     let losses: Vec<String> = luma_frame_sets
         .iter()

@@ -1,10 +1,9 @@
 //! All recorded data are read back: counts, times to the ns, images, IMU samples bit by bit, in
 //! order and by number.
 
-use reconstruction::image::{Color, Image};
-use reconstruction::input::{Input, ReadError, View};
-use reconstruction::{FrameSet, ImuSample};
+use reconstruction::input::Input;
 use session_archive::time::HostTime;
+use session_input::{Color, FrameSet, Image, ImuSample, ReadError, View};
 use video::picture::{i420_to_rgb, psnr};
 
 use session_archive::handoff::Verdict;
@@ -85,6 +84,7 @@ fn check_view(view: &View, source: &Source, color: Color) {
 fn sets_in_order_hold_what_was_recorded() {
     let (_folder, recorded, input) = open();
     let sets: Vec<FrameSet> = input
+        .session()
         .sets()
         .expect("sets")
         .map(|s| s.expect("set"))
@@ -137,34 +137,36 @@ fn imu_samples_are_bit_equal_and_come_once() {
             expected.push(ImuSample {
                 number: batch.first_number + k as u64,
                 ticks: batch.device_ticks[k],
-                time: HostTime(batch.times[k]),
+                time_ns: batch.times[k],
+                temperature_c: None,
                 time_unreliable: batch.time_unreliable,
-                gyro: vector(&batch.gyro_counts, batch.gyro_scale, &batch.gyro),
-                accel: vector(&batch.accel_counts, batch.accel_scale, &batch.accel),
+                gyro_rad_s: vector(&batch.gyro_counts, batch.gyro_scale, &batch.gyro),
+                accel_m_s2: vector(&batch.accel_counts, batch.accel_scale, &batch.accel),
             });
         }
     }
     assert_eq!(expected.len(), 500);
-    assert_eq!(input.imu("feet/imu", ..).expect("imu"), expected);
-    let batches = input.imu_batches("feet/imu").expect("batches");
+    assert_eq!(input.session().imu("feet/imu", ..).expect("imu"), expected);
+    let batches = input.session().imu_batches("feet/imu").expect("batches");
     let batches: Vec<_> = batches.flat_map(|b| b.expect("batch")).collect();
     assert_eq!(batches, expected);
 
     // Between the sets, each sample once, and samples after the last set separately.
     let mut found = Vec::new();
     let mut before = HostTime::MIN;
-    for set in input.sets().expect("sets") {
+    for set in input.session().sets().expect("sets") {
         let set = set.expect("set");
         assert_eq!(set.imu.len(), 1);
         assert!(
             set.imu[0]
                 .iter()
-                .all(|s| s.time > before && s.time <= set.time)
+                .all(|s| s.time_ns > before.ns() && s.time_ns <= set.time.ns())
         );
         before = set.time;
         found.extend_from_slice(&set.imu[0]);
     }
     let behind = input
+        .session()
         .imu("feet/imu", HostTime(before.ns() + 1)..)
         .expect("imu");
     assert!(!behind.is_empty());
@@ -177,13 +179,14 @@ fn all_frames_of_a_camera_are_returned_also_those_in_no_set() {
     let (_folder, recorded, input) = open();
     for (camera, color) in [("left_shoulder", Color::Grey), ("feet", Color::Rgb)] {
         let sources = recorded.camera(camera);
-        let frames = input.frames(camera).expect("frames");
+        let frames = input.session().frames(camera).expect("frames");
         assert_eq!(frames.len(), sources.len());
         for (view, source) in frames.zip(sources) {
             check_view(&view.expect("view"), source, color);
         }
     }
     let odd = input
+        .session()
         .frames_where("feet", |position| position % 7 == 5)
         .expect("frames");
     let numbers: Vec<u64> = odd.map(|v| v.expect("view").number).collect();
@@ -195,6 +198,7 @@ fn all_frames_of_a_camera_are_returned_also_those_in_no_set() {
 fn random_access_gives_the_same_as_the_sequence() {
     let (_folder, recorded, input) = open();
     let sets: Vec<FrameSet> = input
+        .session()
         .sets()
         .expect("sets")
         .map(|s| s.expect("set"))
@@ -204,53 +208,107 @@ fn random_access_gives_the_same_as_the_sequence() {
         let place = step * 17 % sets.len();
         let expected = &sets[place];
         assert_eq!(
-            input.set(expected.number).expect("set").as_ref(),
+            input.session().set(expected.number).expect("set").as_ref(),
             Some(expected)
         );
         let near = HostTime(expected.time.ns() + 3_000_000);
-        assert_eq!(input.set_at(near).expect("set").as_ref(), Some(expected));
+        assert_eq!(
+            input.session().set_at(near).expect("set").as_ref(),
+            Some(expected)
+        );
     }
-    assert_eq!(input.set(45).expect("no set"), None);
-    let last = input.set_at(HostTime::MAX).expect("set").map(|s| s.number);
+    assert_eq!(input.session().set(45).expect("no set"), None);
+    let last = input
+        .session()
+        .set_at(HostTime::MAX)
+        .expect("set")
+        .map(|s| s.number);
     assert_eq!(last, Some(44));
 
     let feet: Vec<View> = input
+        .session()
         .frames("feet")
         .expect("frames")
         .map(|v| v.expect("view"))
         .collect();
     for view in feet.iter().rev() {
         assert_eq!(
-            input.frame("feet", view.number).expect("frame").as_ref(),
+            input
+                .session()
+                .frame("feet", view.number)
+                .expect("frame")
+                .as_ref(),
             Some(view)
         );
     }
     assert!(recorded.feet.iter().all(|s| s.number != 113));
-    assert_eq!(input.frame("feet", 113).expect("a lost frame"), None);
-    assert!(matches!(input.frame("head", 100), Err(ReadError::NoSuch(name)) if name == "head"));
-    assert!(matches!(input.imu("feet", ..), Err(ReadError::NoSuch(_))));
+    assert_eq!(
+        input.session().frame("feet", 113).expect("a lost frame"),
+        None
+    );
+    assert!(
+        matches!(input.session().frame("head", 100), Err(ReadError::NoSuch(name)) if name == "head")
+    );
+    assert!(matches!(
+        input.session().imu("feet", ..),
+        Err(ReadError::NoSuch(_))
+    ));
 }
 
 #[test]
 fn part_of_a_session_is_the_same_as_that_part_of_the_whole() {
     let (_folder, _recorded, input) = open();
     let sets: Vec<FrameSet> = input
+        .session()
         .sets()
         .expect("sets")
         .map(|s| s.expect("set"))
         .collect();
     let (from, to) = (sets[13].time, sets[31].time);
     let part: Vec<FrameSet> = input
+        .session()
         .sets_in(from..to)
         .expect("sets")
         .map(|s| s.expect("set"))
         .collect();
     assert!(part == sets[13..31]);
-    assert_eq!(input.sets_in(to..from).expect("sets").len(), 0);
+    assert_eq!(input.session().sets_in(to..from).expect("sets").len(), 0);
     // An iterator may be dropped at any time.
-    let mut given_up = input.sets().expect("sets");
+    let mut given_up = input.session().sets().expect("sets");
     assert!(given_up.next().is_some());
     drop(given_up);
+}
+
+#[test]
+fn kept_frames_are_the_same_and_are_not_decoded_again() {
+    let (folder, recorded, input) = open();
+    let session = input.session();
+    let read = || -> Vec<Vec<Result<View, ReadError>>> {
+        let cameras = ["left_shoulder", "feet"].into_iter();
+        let frames = cameras.map(|camera| session.frames(camera).expect("frames"));
+        frames.map(Iterator::collect).collect()
+    };
+    let decoded = read();
+    session.keep_frames_in(tempfile::tempfile().expect("a file"), 1 << 30);
+    for set in session.luma_frame_sets(..).expect("sets") {
+        set.frames.iter().flatten().for_each(|f| session.keep(f));
+    }
+    // No access unit can be read any more.
+    let segment = std::fs::File::options()
+        .write(true)
+        .open(folder.path().join(layout::segment(0)));
+    segment.expect("open").set_len(0).expect("truncate");
+    let mut lost = 0;
+    for (decoded, kept) in decoded.iter().flatten().zip(read().iter().flatten()) {
+        match kept {
+            Ok(kept) => assert_eq!(decoded.as_ref().expect("decoded"), kept),
+            Err(_) => lost += 1,
+        }
+    }
+    let frames = recorded.feet.len() + recorded.camera("left_shoulder").len();
+    let members = recorded.sets.iter().map(|s| s.members.len());
+    assert_eq!(lost, frames - members.sum::<usize>());
+    assert!(lost > 0 && lost < frames);
 }
 
 #[test]

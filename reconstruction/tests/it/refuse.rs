@@ -4,9 +4,10 @@ use std::error::Error;
 use std::fs;
 use std::path::Path;
 
-use reconstruction::input::{Check, FrameFault, ImuFault, Input, InputError, ReadError};
+use reconstruction::input::{Check, Input, InputError};
 use session_archive::handoff::{HandOffError, Verdict};
 use session_archive::layout;
+use session_input::{FrameFault, ImuFault, ReadError};
 
 use crate::session::{hand_over, index, seal, seal_only};
 
@@ -193,7 +194,11 @@ fn bytes_that_change_after_the_check_are_detected_where_they_are_used() {
     assert!(matches!(error, InputError::HandOff { .. }), "{error:?}");
     // Skipping the check of content still never returns corrupt data.
     let input = Input::open_with(folder.path(), Check::Lengths, |_, _| {}).expect("open");
-    let views: Vec<_> = input.frames("left_shoulder").expect("frames").collect();
+    let views: Vec<_> = input
+        .session()
+        .frames("left_shoulder")
+        .expect("frames")
+        .collect();
     for (position, (view, frame)) in views.iter().zip(frames).enumerate() {
         let lost = (broken..start + length).contains(&position);
         assert_eq!(view.is_err(), lost, "frame {}", frame.number);
@@ -203,7 +208,11 @@ fn bytes_that_change_after_the_check_are_detected_where_they_are_used() {
             assert!(named, "{error:?}");
         }
     }
-    let batches: Vec<_> = input.imu_batches("feet/imu").expect("imu").collect();
+    let batches: Vec<_> = input
+        .session()
+        .imu_batches("feet/imu")
+        .expect("imu")
+        .collect();
     let failed: Vec<usize> = (0..50).filter(|&b| batches[b].is_err()).collect();
     assert_eq!(failed, [7]);
     assert!(matches!(
@@ -216,7 +225,7 @@ fn bytes_that_change_after_the_check_are_detected_where_they_are_used() {
         })
     ));
     // Sets with a loss are errors, and later ones are returned as before.
-    let sets: Vec<_> = input.sets().expect("sets").collect();
+    let sets: Vec<_> = input.session().sets().expect("sets").collect();
     let good = sets.iter().filter(|s| s.is_ok()).count();
     assert!(good > 20 && good < 45, "{good}");
     assert!(sets.last().is_some_and(Result::is_ok));

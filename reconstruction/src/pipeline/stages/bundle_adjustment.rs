@@ -15,9 +15,11 @@ use scene_bundle::outputs::trajectory::TrajectoryWriter;
 use scene_bundle::outputs::{self, RIG, RIG_REFINED, TRACKS, TRAJECTORY, TRAJECTORY_CAUSAL};
 use scene_bundle::{Pose, Status, Trajectory};
 use serde_json::{Value, json};
+use session_input::imu::sort_by_time;
 
-use super::{HANDOFF, Preset, odometry as before, rig};
-use crate::input::Input;
+use super::preset::Preset;
+use super::{imu_sample, odometry as before, rig};
+use crate::input::{HANDOFF, Input};
 use crate::pipeline::{Stage, StageError, Work};
 
 /// See the module.
@@ -53,20 +55,16 @@ impl Stage<Input> for BundleAdjustmentStage {
         let mut mapping = Mapping::new(&rig::odometry_rig(&model), &before::config(self.preset));
         let mut samples = Vec::new();
         if let Some(imu) = model.imus.first() {
-            for batch in work.source().imu_batches(&imu.name)? {
+            for batch in work.source().session().imu_batches(&imu.name)? {
                 match batch {
-                    Ok(batch) => samples.extend(batch.iter().map(|s| ImuSample {
-                        time_ns: s.time.ns(),
-                        gyro: s.gyro,
-                        accel: s.accel,
-                    })),
+                    Ok(batch) => samples.extend(batch),
                     Err(loss) => work.record_loss_from(&loss),
                 }
             }
         }
         // As in the odometry: batches may overlap where a clock map was replaced.
-        samples.sort_by_key(|s| s.time_ns);
-        samples.dedup_by_key(|s| s.time_ns);
+        sort_by_time(&mut samples);
+        let samples: Vec<ImuSample> = samples.into_iter().map(|s| imu_sample::of(&s)).collect();
         let mut given = 0;
         for keyframe in keyframes {
             // Up to one sample later, so that the motion is known up to the keyframe.

@@ -18,6 +18,7 @@ use scene_bundle::outputs::rig::RigModel;
 use scene_bundle::outputs::{self, CLOUD, DEPTH, KEYFRAMES, MASKS, RIG_REFINED, TRAJECTORY};
 use scene_bundle::{OutputReader, Trajectory};
 use serde_json::{Value, json};
+use session_input::{Frames, Image, ReadError};
 
 use self::config::CloudConfig;
 use self::dynamic_mask::{DynamicMasker, PixelMotion};
@@ -25,10 +26,8 @@ use self::free_space::PointMotion;
 use self::posed_depth_map::{DepthFrame, PosedDepthMap};
 use self::rolling_shutter::RowMotion;
 use self::voxels::{Point, Voxels};
-use super::HANDOFF;
 use super::networks::Networks;
-use crate::image::Image;
-use crate::input::{Frames, Input, ReadError};
+use crate::input::{HANDOFF, Input};
 use crate::pipeline::{Stage, StageError, Work};
 
 mod config;
@@ -194,7 +193,9 @@ fn frames(input: &Input, index: &DepthIndex, camera: &str) -> Result<Frames, Rea
     let positions: Vec<usize> = of_camera
         .filter_map(|key| entries.position(key.frame))
         .collect();
-    input.frames_where(camera, |p| positions.binary_search(&p).is_ok())
+    input
+        .session()
+        .frames_where(camera, |p| positions.binary_search(&p).is_ok())
 }
 
 /// Points and motion of each pixel of one view: `near` are the instants around it, `at` is the

@@ -11,12 +11,13 @@ use std::collections::BTreeMap;
 use scene_bundle::outputs::depth::{DepthKey, DepthView, DepthWriter};
 use scene_bundle::outputs::{self, DEPTH, KEYFRAMES, RIG_REFINED, TRAJECTORY};
 use serde_json::{Value, json};
+use session_input::ReadError;
 
 use self::config::DepthStageConfig;
 use self::stereo_pair::StereoPair;
 use super::networks::Networks;
-use super::{HANDOFF, Preset};
-use crate::input::{Input, ReadError};
+use super::preset::Preset;
+use crate::input::{HANDOFF, Input};
 use crate::pipeline::{Stage, StageError, Work};
 
 mod config;
@@ -91,7 +92,9 @@ impl Stage<Input> for DepthStage {
         let all: usize = chosen.iter().map(BTreeMap::len).sum();
         let (mut done, mut keyframes, mut share) = (0, Vec::new(), 0.0);
         for (view, ((camera, mut pair), chosen)) in pairs.into_iter().zip(chosen).enumerate() {
-            let frames = input.luma_frames_where(&camera.name, |p| chosen.contains_key(&p))?;
+            let frames = input
+                .session()
+                .luma_frames_where(&camera.name, |p| chosen.contains_key(&p))?;
             for (frame, keyframe) in frames.zip(chosen.values()) {
                 match frame {
                     Ok(frame) => {

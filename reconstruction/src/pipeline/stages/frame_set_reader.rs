@@ -7,9 +7,10 @@
 use calib::verify::ImageView;
 use odometry::input::{FrameSet, ImuSample, View};
 use scene_bundle::outputs::rig::RigModel;
+use session_input::{Image, LumaFrameSets, ReadError, StereoFrame};
 
-use crate::image::Image;
-use crate::input::{self, Input, LumaFrameSets, ReadError};
+use crate::input::Input;
+use crate::pipeline::stages::imu_sample;
 
 /// A frame set of the rig with its images. See the module.
 #[derive(Clone, Debug)]
@@ -19,7 +20,9 @@ pub struct RigFrameSet {
     /// Its time, ns.
     pub time_ns: i64,
     /// One for each camera of the rig.
-    pub views: Vec<Option<input::View>>,
+    pub views: Vec<Option<session_input::View>>,
+    /// The frames that they are the luma of.
+    pub frames: Vec<Option<StereoFrame>>,
     /// Samples of each IMU of the rig since the previous set, up to the first one that is not older
     /// than the images.
     pub imu: Vec<Vec<ImuSample>>,
@@ -28,6 +31,13 @@ pub struct RigFrameSet {
 }
 
 impl RigFrameSet {
+    /// The frames with their times, ns.
+    pub(super) fn timed_frames(self) -> Vec<Option<(i64, StereoFrame)>> {
+        let timed = self.frames.into_iter().zip(&self.views);
+        let timed = timed.map(|(frame, view)| Some((view.as_ref()?.time.ns(), frame?)));
+        timed.collect()
+    }
+
     /// Borrowed view, as input of the odometry.
     pub fn borrowed(&self) -> FrameSet<'_> {
         FrameSet {
@@ -39,7 +49,7 @@ impl RigFrameSet {
     }
 }
 
-fn borrowed(view: &input::View) -> View<'_> {
+fn borrowed(view: &session_input::View) -> View<'_> {
     View {
         time_ns: view.time.ns(),
         left: luma_view(&view.left),
@@ -84,7 +94,7 @@ impl FrameSetReader {
         Ok(Self {
             cameras: cameras.collect::<Result<_, _>>()?,
             imus: imus.collect::<Result<_, _>>()?,
-            sets: input.luma_frame_sets(..)?,
+            sets: input.session().luma_frame_sets(..)?,
         })
     }
 }
@@ -94,20 +104,16 @@ impl Iterator for FrameSetReader {
 
     fn next(&mut self) -> Option<RigFrameSet> {
         let mut set = self.sets.next()?;
-        let sample = |s: &input::ImuSample| ImuSample {
-            time_ns: s.time.ns(),
-            gyro: s.gyro,
-            accel: s.accel,
-        };
         let imus = self
             .imus
             .iter()
-            .map(|k| set.imu[*k].iter().map(sample).collect());
+            .map(|k| set.imu[*k].iter().map(imu_sample::of).collect());
         Some(RigFrameSet {
             number: set.number,
             time_ns: set.time.ns(),
             imu: imus.collect(),
             views: self.cameras.iter().map(|k| set.views[*k].take()).collect(),
+            frames: self.cameras.iter().map(|k| set.frames[*k].take()).collect(),
             losses: set.losses,
         })
     }

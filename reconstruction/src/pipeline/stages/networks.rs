@@ -13,10 +13,10 @@ use depth::DisparityMap;
 #[cfg(feature = "onnx")]
 use learned::{LearnedError, Runtime, SegmentationNetwork, StereoNetwork};
 use serde_json::{Value, json};
-
 #[cfg(feature = "onnx")]
-use crate::image::Color;
-use crate::image::Image;
+use session_input::Color;
+use session_input::Image;
+
 use crate::pipeline::StageError;
 
 /// Why a network cannot be used.
@@ -193,7 +193,7 @@ mod tests {
         Image {
             width: 3,
             height: 2,
-            color: crate::image::Color::Grey,
+            color: session_input::Color::Grey,
             data: pixels.to_vec().into(),
         }
     }

@@ -13,8 +13,11 @@ use scene_bundle::{Pose, outputs, trajectory};
 use serde_json::{Value, json};
 
 use super::frame_set_reader::FrameSetReader;
-use super::{HANDOFF, Preset, rig};
-use crate::input::Input;
+use super::keyframe_candidates::KeyframeCandidates;
+use super::keyframe_spacing::KeyframeSpacing;
+use super::preset::Preset;
+use super::rig;
+use crate::input::{HANDOFF, Input};
 use crate::pipeline::{Stage, StageError, Work};
 
 /// See the module.
@@ -75,6 +78,9 @@ impl Stage<Input> for OdometryStage {
         let frame_set_reader = FrameSetReader::new(work.source(), &model)?;
         let all = frame_set_reader.len() as u64;
         let (mut reckoned, mut lost) = (0_u64, 0_u64);
+        let keyframe_spacing = KeyframeSpacing::preset(self.preset);
+        let mut candidates = KeyframeCandidates::new(model.cameras.len(), keyframe_spacing);
+        let session = work.source().session();
         for (done, set) in frame_set_reader.enumerate() {
             for loss in &set.losses {
                 work.record_loss_from(loss);
@@ -90,12 +96,17 @@ impl Stage<Input> for OdometryStage {
                 Status::DeadReckoned => reckoned += 1,
                 Status::Lost => lost += 1,
             }
-            poses.push(&pose(&estimate))?;
+            let pose = pose(&estimate);
+            poses.push(&pose)?;
+            let kept = candidates.push(pose, set.timed_frames());
+            kept.iter().for_each(|frame| session.keep(frame));
             for keyframe in odometry.take_keyframes(false) {
                 tracks.push(&to_tracked(&keyframe))?;
             }
             work.progress(done as u64 + 1, all);
         }
+        let kept = candidates.finish();
+        kept.iter().for_each(|frame| session.keep(frame));
         for keyframe in odometry.take_keyframes(true) {
             tracks.push(&to_tracked(&keyframe))?;
         }

@@ -11,7 +11,7 @@
 use std::collections::BTreeMap;
 
 use cad_transforms::frame::FramePart;
-use cad_transforms::{Covariance, Rig, RigidTransform};
+use cad_transforms::Rig;
 use calib::{CameraModel, Provenance, StereoCalibration, foxglove};
 use scene_bundle::outputs::rig::{RigCamera, RigImu, RigModel};
 use scene_bundle::outputs::{self, RIG};
@@ -20,8 +20,7 @@ use serde_json::{Value, json};
 use session_archive::index::ImuIndex;
 use session_archive::layout;
 
-use super::HANDOFF;
-use crate::input::Input;
+use crate::input::{HANDOFF, Input};
 use crate::pipeline::{Report, Stage, StageError, Work};
 
 mod devices;
@@ -371,9 +370,6 @@ pub fn calibration(camera: &RigCamera) -> StereoCalibration {
     }
 }
 
-/// A pose on the rig with its covariance.
-type PoseWithCovariance = (RigidTransform, Option<Covariance>);
-
 /// The maker's name of a camera's model, as the rig file has it.
 fn device<'a>(rig: Option<&'a Rig>, camera: &str) -> Option<&'a str> {
     let infos = rig?.camera_infos();
@@ -438,6 +434,8 @@ fn check_size(
 
 #[cfg(test)]
 mod tests {
+    use cad_transforms::RigidTransform;
+
     use super::*;
 
     #[test]

@@ -5,7 +5,7 @@ use scene_bundle::outputs::depth::{DepthImage, DepthView};
 
 use super::rolling_shutter::RowMotion;
 use super::*;
-use crate::image::Color;
+use session_input::Color;
 
 const WIDTH: u32 = 60;
 const HEIGHT: u32 = 40;

@@ -6,22 +6,13 @@
 
 use std::collections::BTreeMap;
 
-use cad_transforms::RigidTransform;
 use scene_bundle::Trajectory;
 use scene_bundle::outputs::keyframes::Keyframe;
 use scene_bundle::outputs::rig::RigCamera;
 use session_archive::index::Index;
 
-use super::config::KeyframeSpacing;
+use crate::pipeline::stages::keyframe_spacing::{KeyframeSelector, KeyframeSpacing};
 use crate::pipeline::stages::pose_interpolation::pose_at;
-
-impl KeyframeSpacing {
-    fn is_reached(&self, last: &RigidTransform, now: &RigidTransform) -> bool {
-        let motion = last.inverse() * *now;
-        motion.distance_m() >= self.translation_m
-            || motion.angle_rad().to_degrees() >= self.rotation_deg
-    }
-}
 
 /// Keyframes of a camera by their positions in its index. `number` is the camera's number in the
 /// index, `place` that in the rig.
@@ -33,7 +24,7 @@ pub(super) fn keyframes(
     spacing: KeyframeSpacing,
 ) -> BTreeMap<usize, Keyframe> {
     let mut chosen = BTreeMap::new();
-    let mut last: Option<RigidTransform> = None;
+    let mut selector = KeyframeSelector::new(spacing);
     for set in &index.sets {
         let Some(position) = set.frames[number] else {
             continue;
@@ -42,10 +33,9 @@ pub(super) fn keyframes(
         let Some(world_from_rig) = pose_at(trajectory, frame.time_ns) else {
             continue;
         };
-        if last.is_some_and(|last| !spacing.is_reached(&last, &world_from_rig)) {
+        if !selector.is_keyframe(&world_from_rig) {
             continue;
         }
-        last = Some(world_from_rig);
         let keyframe = Keyframe {
             set: set.number,
             frame: frame.number,
@@ -56,24 +46,4 @@ pub(super) fn keyframes(
         chosen.insert(position as usize, keyframe);
     }
     chosen
-}
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-
-    #[test]
-    fn either_motion_is_enough() {
-        let spacing = KeyframeSpacing {
-            translation_m: 0.5,
-            rotation_deg: 10.0,
-        };
-        let origin = RigidTransform::identity();
-        let motion = |w: f64, x: f64| {
-            RigidTransform::from_rotation_vector([0.0, w, 0.0], [x, 0.0, 0.0]).expect("finite")
-        };
-        assert!(!spacing.is_reached(&origin, &motion(0.1, 0.4)));
-        assert!(spacing.is_reached(&origin, &motion(0.2, 0.0)));
-        assert!(spacing.is_reached(&origin, &motion(0.0, 0.6)));
-    }
 }

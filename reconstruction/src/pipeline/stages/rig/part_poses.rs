@@ -5,12 +5,14 @@
 //! its optical axis.
 
 use cad_transforms::frame::{Frame, FramePart};
-use cad_transforms::{Rig, RigidTransform};
+use cad_transforms::{Covariance, Rig, RigidTransform};
 use session_archive::record::FrameTransform;
 
-use super::PoseWithCovariance;
 use crate::input::Input;
 use crate::pipeline::Report;
+
+/// A pose on the rig with its covariance.
+pub(super) type PoseWithCovariance = (RigidTransform, Option<Covariance>);
 
 pub(super) struct PartPoses<'a> {
     rig: Option<&'a Rig>,
