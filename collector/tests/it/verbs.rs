@@ -392,7 +392,7 @@ fn session_changed_since_validation_is_not_sealed() {
         assert_eq!(validate(), Outcome::Fine);
         let (outcome, text) = capture(|console| handoff::run(&targets[0], None, console));
         assert_eq!(outcome.unwrap(), Outcome::Fine, "{text}");
-        let reader = session_access::index::open(&desk.session(ID)).unwrap();
+        let reader = session_access::open(&desk.session(ID)).unwrap();
         assert_eq!(Index::read(&reader).unwrap().damaged, 0);
         assert_eq!(listed().condition, Condition::Ok);
     }
