@@ -145,6 +145,23 @@ pub enum HandOffError {
 
 /// The seal of a session: BLAKE3, hex, of the lines `paws-handoff 2\n`, `SESSION_ID\n`, and `BLAKE3 BYTES PATH\n` of each
 /// recorded file in the order of the bytes of their paths.
+///
+/// The seal does not depend on the order of the list:
+///
+/// ```
+/// use session_archive::handoff::{SealedFile, seal_of};
+/// use session_archive::storage::FaultStorage;
+///
+/// let session = FaultStorage::new();
+/// session.set_content("session.json", b"{}".to_vec());
+/// session.set_content("segments/000000.mcap", b"chunks".to_vec());
+/// let manifest = SealedFile::of(&session, "session.json", |_| {})?;
+/// let segment = SealedFile::of(&session, "segments/000000.mcap", |_| {})?;
+/// let seal = seal_of("0192aa00", &[manifest.clone(), segment.clone()]);
+/// assert_eq!(seal, seal_of("0192aa00", &[segment, manifest.clone()]));
+/// assert_ne!(seal, seal_of("0192aa00", &[manifest]));
+/// # Ok::<(), session_archive::handoff::HandOffError>(())
+/// ```
 pub fn seal_of(session_id: &str, files: &[SealedFile]) -> String {
     let mut files: Vec<&SealedFile> = files.iter().collect();
     files.sort_by(|a, b| a.path.cmp(&b.path));
@@ -158,6 +175,16 @@ pub fn seal_of(session_id: &str, files: &[SealedFile]) -> String {
 
 /// The verdict in `validation.json`, which the last validation left beside the hand-off; none if there is none that can
 /// be read.
+///
+/// ```
+/// use session_archive::handoff::{Verdict, later_verdict};
+/// use session_archive::storage::FaultStorage;
+///
+/// let session = FaultStorage::new();
+/// assert_eq!(later_verdict(&session), None);
+/// session.set_content("validation.json", br#"{ "verdict": "WARN" }"#.to_vec());
+/// assert_eq!(later_verdict(&session), Some(Verdict::Warn));
+/// ```
 pub fn later_verdict(storage: &dyn Storage) -> Option<Verdict> {
     #[derive(Deserialize)]
     struct Validation {
@@ -197,6 +224,29 @@ impl HandOff {
     ///
     /// # Errors
     /// A file is missing, or the file system reports an I/O error.
+    ///
+    /// ```
+    /// use session_archive::handoff::{Check, HandOff, Verdict};
+    /// use session_archive::storage::FaultStorage;
+    /// use session_archive::time::CivilTime;
+    ///
+    /// let session = FaultStorage::new();
+    /// session.set_content("session.json", b"{}".to_vec());
+    /// session.set_content("segments/000000.mcap", b"chunks".to_vec());
+    /// let paths = ["session.json".to_owned(), "segments/000000.mcap".to_owned()];
+    /// let sealed = HandOff::seal(&session, "0192aa00", Verdict::Pass, "example", CivilTime(0), &paths, |_| {})?;
+    ///
+    /// let opened = HandOff::open(&session, Check::Content, |_| {})?;
+    /// assert_eq!(opened.seal, sealed.seal);
+    ///
+    /// session.set_content("segments/000000.mcap", b"Chunks".to_vec());
+    /// let refused = HandOff::open(&session, Check::Content, |_| {}).unwrap_err();
+    /// assert_eq!(
+    ///     refused.to_string(),
+    ///     "segments/000000.mcap changed since it was handed over: its content has another hash"
+    /// );
+    /// # Ok::<(), session_archive::handoff::HandOffError>(())
+    /// ```
     pub fn seal(
         storage: &dyn Storage,
         session_id: &str,
@@ -295,6 +345,30 @@ impl HandOff {
     }
 
     /// Whether somebody accepted it with the verdict that it has.
+    ///
+    /// ```
+    /// use session_archive::handoff::{Acceptance, Check, HandOff, HandOffError, Statement, Verdict};
+    /// use session_archive::storage::FaultStorage;
+    /// use session_archive::time::CivilTime;
+    ///
+    /// let session = FaultStorage::new();
+    /// let failed = Statement {
+    ///     software: "example".to_owned(),
+    ///     sealed: CivilTime(0),
+    ///     verdict: Verdict::Fail,
+    ///     limits: Vec::new(),
+    ///     acceptance: None,
+    /// };
+    /// let mut handoff = HandOff::new("0192aa00", Vec::new(), Vec::new(), failed);
+    /// handoff.write(&session)?;
+    /// assert!(matches!(HandOff::open(&session, Check::Content, |_| {}), Err(HandOffError::Failed)));
+    ///
+    /// # let (accepted, metrics, limits) = (CivilTime(0), Vec::new(), Vec::new());
+    /// handoff.acceptance = Some(Acceptance { level: Verdict::Fail, accepted, verdict: Verdict::Fail, metrics, limits });
+    /// handoff.write(&session)?;
+    /// assert!(HandOff::open(&session, Check::Content, |_| {})?.is_accepted());
+    /// # Ok::<(), HandOffError>(())
+    /// ```
     pub fn is_accepted(&self) -> bool {
         let acceptance = self.acceptance.as_ref();
         acceptance.is_some_and(|a| a.level >= self.verdict)

@@ -159,6 +159,27 @@ impl Index {
     ///
     /// # Errors
     /// The file system reports an I/O error.
+    ///
+    /// ```
+    /// use std::sync::Arc;
+    ///
+    /// use session_archive::index::{Access, Index};
+    /// use session_archive::reader::SessionReader;
+    /// use session_archive::storage::DiskStorage;
+    ///
+    /// # let folder = concat!(env!("CARGO_MANIFEST_DIR"), "/tests/fixtures/v1");
+    /// let reader = SessionReader::open(Arc::new(DiskStorage::new(folder)))?;
+    /// let index = Index::build(&reader, |_| {})?;
+    /// assert_eq!((index.cameras.len(), index.damaged), (2, 0));
+    ///
+    /// // The second batch of the IMU: 20 samples from number 20 on, read by themselves and checked.
+    /// let batch = &index.imu("feet/imu").ok_or("no such IMU")?.batches[1];
+    /// assert_eq!((batch.first_number, batch.samples), (20, 20));
+    /// let samples = Access::open(&**reader.storage(), &index)?.batch(batch)?;
+    /// assert_eq!(samples.times.len(), 20);
+    /// assert_eq!(samples.times[0], batch.start_ns);
+    /// # Ok::<(), Box<dyn std::error::Error>>(())
+    /// ```
     pub fn build(reader: &SessionReader, mut progress: impl FnMut(u64)) -> Result<Self, ReadError> {
         let mut build = Build::new(reader)?;
         for entry in reader.entries() {
@@ -197,6 +218,26 @@ impl Index {
     ///
     /// # Errors
     /// [`IndexError::Unreadable`].
+    ///
+    /// ```
+    /// use session_archive::index::Index;
+    ///
+    /// let index = Index {
+    ///     session_id: "0192aa00".to_owned(),
+    ///     segments: vec![(0, 4096)],
+    ///     cameras: Vec::new(),
+    ///     imus: Vec::new(),
+    ///     sets: Vec::new(),
+    ///     damaged: 0,
+    /// };
+    /// let mut bytes = index.to_bytes()?;
+    /// assert_eq!(Index::from_bytes(&bytes)?, index);
+    ///
+    /// *bytes.last_mut().unwrap() ^= 1;
+    /// let error = Index::from_bytes(&bytes).unwrap_err();
+    /// assert_eq!(error.to_string(), "the index cannot be read: its checksum does not match");
+    /// # Ok::<(), Box<dyn std::error::Error>>(())
+    /// ```
     pub fn from_bytes(bytes: &[u8]) -> Result<Self, IndexError> {
         let unreadable = |what: &str| IndexError::Unreadable(what.to_owned());
         let header = MAGIC.len() + 12;
@@ -283,6 +324,26 @@ impl Index {
     }
 
     /// Position of the frame set nearest to a time, the earlier one of two.
+    ///
+    /// ```
+    /// use session_archive::index::{Index, SetEntry};
+    /// use session_archive::time::HostTime;
+    ///
+    /// let set = |number| SetEntry { number, time_ns: number as i64 * 33, frames: Vec::new() };
+    /// # let index = Index {
+    /// #     session_id: String::new(),
+    /// #     segments: Vec::new(),
+    /// #     cameras: Vec::new(),
+    /// #     imus: Vec::new(),
+    /// #     sets: (10..14).map(set).collect(),
+    /// #     damaged: 0,
+    /// # };
+    /// // Sets 10 to 13 at 330, 363, 396 and 429 ns.
+    /// assert_eq!(index.set_at(HostTime(370)), Some(1));
+    /// assert_eq!(index.set_at(HostTime(-5)), Some(0));
+    /// assert_eq!(index.set(13), Some(3));
+    /// assert_eq!(index.set(14), None);
+    /// ```
     pub fn set_at(&self, time: HostTime) -> Option<usize> {
         let after = self.sets.partition_point(|s| s.time_ns < time.0);
         (after.saturating_sub(1)..self.sets.len())
@@ -303,6 +364,24 @@ impl CameraIndex {
     }
 
     /// Positions of all frames that share the key frame of the one at `position`.
+    ///
+    /// ```
+    /// # use std::sync::Arc;
+    /// # use session_archive::index::Index;
+    /// # use session_archive::reader::SessionReader;
+    /// # use session_archive::storage::DiskStorage;
+    /// # let folder = concat!(env!("CARGO_MANIFEST_DIR"), "/tests/fixtures/v1");
+    /// # let reader = SessionReader::open(Arc::new(DiskStorage::new(folder)))?;
+    /// # let index = Index::build(&reader, |_| {})?;
+    /// // A camera with 20 frames in a second, and a key frame first in each half of it.
+    /// let camera = index.camera("feet").ok_or("no such camera")?;
+    /// let position = camera.position(112).ok_or("no frame 112")?;
+    /// // To decode frame 112, start with the key frame of its group.
+    /// let group = camera.gop(position);
+    /// assert_eq!(group, 10..20);
+    /// assert_eq!(camera.frames[position].key as usize, group.start);
+    /// # Ok::<(), Box<dyn std::error::Error>>(())
+    /// ```
     pub fn gop(&self, position: usize) -> Range<usize> {
         let Some(frame) = self.frames.get(position) else {
             return 0..0;

@@ -19,6 +19,15 @@ pub fn segment(number: u32) -> String {
 }
 
 /// The number of a segment from its file name (no folder), if it is one.
+///
+/// ```
+/// use session_archive::layout;
+///
+/// assert_eq!(layout::segment(42), "segments/000042.mcap");
+/// assert_eq!(layout::segment_number("000042.mcap"), Some(42));
+/// assert_eq!(layout::segment_number("42.mcap"), None);
+/// assert_eq!(layout::segment_number("000042.mcap.closing"), None);
+/// ```
 pub fn segment_number(name: &str) -> Option<u32> {
     let digits = name.strip_suffix(".mcap")?;
     (digits.len() == 6 && digits.bytes().all(|b| b.is_ascii_digit()))

@@ -141,6 +141,16 @@ pub struct Extent {
 
 impl Extent {
     /// Widens the extent so that it covers `other` too.
+    ///
+    /// ```
+    /// use session_archive::manifest::Extent;
+    /// use session_archive::time::HostTime;
+    ///
+    /// let chunk = |first, last, start, end| Extent { first, last, start: HostTime(start), end: HostTime(end) };
+    /// let mut whole = chunk(0, 14, 0, 466_666_662);
+    /// whole.cover(chunk(15, 29, 499_999_995, 966_666_657));
+    /// assert_eq!(whole, chunk(0, 29, 0, 966_666_657));
+    /// ```
     pub fn cover(&mut self, other: Self) {
         self.first = self.first.min(other.first);
         self.last = self.last.max(other.last);
@@ -236,6 +246,22 @@ impl Manifest {
     ///
     /// # Errors
     /// [`ManifestError::Damaged`] or [`ManifestError::TooNew`].
+    ///
+    /// ```
+    /// use session_archive::manifest::Manifest;
+    ///
+    /// # let folder = concat!(env!("CARGO_MANIFEST_DIR"), "/tests/fixtures/v1");
+    /// let mut bytes = std::fs::read(format!("{folder}/session.json"))?;
+    /// let manifest = Manifest::from_bytes(&bytes)?;
+    /// assert_eq!(manifest.to_bytes(), bytes);
+    ///
+    /// // One digit of one number: still JSON, but not what was written.
+    /// let digit = bytes.iter().position(u8::is_ascii_digit).ok_or("no digit")?;
+    /// bytes[digit] ^= 1;
+    /// let damaged = Manifest::from_bytes(&bytes).unwrap_err();
+    /// assert_eq!(damaged.to_string(), "session.json is damaged: its checksum does not match");
+    /// # Ok::<(), Box<dyn std::error::Error>>(())
+    /// ```
     pub fn from_bytes(bytes: &[u8]) -> Result<Self, ManifestError> {
         let damaged = |what: &str| ManifestError::Damaged(what.to_owned());
         let text = std::str::from_utf8(bytes).map_err(|_| damaged("not UTF-8"))?;
@@ -339,6 +365,20 @@ impl Manifest {
     ///
     /// # Errors
     /// See [`ManifestError`].
+    ///
+    /// ```
+    /// use session_archive::manifest::{Manifest, State};
+    /// use session_archive::record::ImuBatch;
+    /// use session_archive::storage::DiskStorage;
+    ///
+    /// # let folder = concat!(env!("CARGO_MANIFEST_DIR"), "/tests/fixtures/v1");
+    /// let manifest = Manifest::read(&DiskStorage::new(folder))?;
+    /// assert_eq!(manifest.state, State::Closed);
+    /// assert_eq!(manifest.camera("left_shoulder").map(|c| (c.width, c.height)), Some((64, 24)));
+    /// assert_eq!(manifest.stream::<ImuBatch>("feet/imu").map(|s| s.topic.as_str()), Some("/feet/imu/samples"));
+    /// assert!(manifest.stream::<ImuBatch>("left_shoulder/imu").is_none());
+    /// # Ok::<(), Box<dyn std::error::Error>>(())
+    /// ```
     pub fn read(storage: &dyn Storage) -> Result<Self, ManifestError> {
         Self::from_bytes(&storage::read_up_to(storage, layout::MANIFEST, MAX_BYTES)?)
     }
@@ -358,6 +398,24 @@ impl Manifest {
 
 /// The channels of a session with these cameras and IMUs: the same table for the same rig, so
 /// that every segment of every version-1 session is laid out alike.
+///
+/// ```
+/// use session_archive::manifest::{Imu, is_state, stream_table};
+/// use session_archive::time::TickLength;
+///
+/// let imu = Imu {
+///     name: "feet/imu".to_owned(),
+///     rate_hz: 200.0,
+///     tick: TickLength::ZED_MINI,
+///     source: "example".to_owned(),
+/// };
+/// let streams = stream_table(&[], &[imu]);
+/// assert_eq!(streams.iter().map(|s| s.id).collect::<Vec<_>>(), (1..=8).collect::<Vec<_>>());
+/// assert_eq!(streams[6].topic, "/feet/imu/samples");
+/// // Samples are events in time; the transforms of the rig and the clock's map are state.
+/// let state: Vec<&str> = streams.iter().filter(|s| is_state(s)).map(|s| s.topic.as_str()).collect();
+/// assert_eq!(state, ["/rig/transforms", "/feet/imu/clock"]);
+/// ```
 pub fn stream_table(cameras: &[Camera], imus: &[Imu]) -> Vec<Stream> {
     let mut streams: Vec<Stream> = Vec::new();
     let mut add = |topic: String, schema: &str, of: &str| {

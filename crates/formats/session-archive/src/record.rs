@@ -66,11 +66,31 @@ records! {
 }
 
 /// The schema with this protobuf name, if version 1 knows it.
+///
+/// ```
+/// use session_archive::record::{Event, Record, schema};
+///
+/// let event = schema("paws.Event").ok_or("not of version 1")?;
+/// assert_eq!(*event, Event::SCHEMA);
+/// assert_eq!(schema("paws.Unknown"), None);
+/// # Ok::<(), &str>(())
+/// ```
 pub fn schema(name: &str) -> Option<&'static Schema> {
     SCHEMAS.iter().find(|s| s.name == name)
 }
 
 /// Host time as protobuf writes an instant.
+///
+/// ```
+/// use session_archive::record::timestamp;
+/// use session_archive::time::HostTime;
+///
+/// let stamp = timestamp(HostTime(5_250_000_000));
+/// assert_eq!((stamp.seconds, stamp.nanos), (5, 250_000_000));
+/// // Nanoseconds count forward, as protobuf demands it of times before zero too.
+/// let before = timestamp(HostTime(-1));
+/// assert_eq!((before.seconds, before.nanos), (-1, 999_999_999));
+/// ```
 pub fn timestamp(time: HostTime) -> prost_types::Timestamp {
     prost_types::Timestamp {
         seconds: time.0.div_euclid(NS_PER_S),
@@ -81,6 +101,17 @@ pub fn timestamp(time: HostTime) -> prost_types::Timestamp {
 impl FrameTransform {
     /// Where the frame `child` sits: what takes points in it to `parent`, as a translation in metres and a unit
     /// quaternion `w x y z`; true from `at` on.
+    ///
+    /// ```
+    /// use session_archive::record::FrameTransform;
+    /// use session_archive::time::HostTime;
+    ///
+    /// // The camera sits 40 cm above the rig's origin and is not rotated against it.
+    /// let camera = FrameTransform::placing("feet/left", "rig", [0.0, 0.0, 0.4], [1.0, 0.0, 0.0, 0.0], HostTime(0));
+    /// assert_eq!((camera.child_frame_id.as_str(), camera.parent_frame_id.as_str()), ("feet/left", "rig"));
+    /// assert_eq!(camera.translation.map(|t| t.z), Some(0.4));
+    /// assert_eq!(camera.rotation.map(|q| q.w), Some(1.0));
+    /// ```
     pub fn placing(
         child: &str,
         parent: &str,
@@ -106,6 +137,21 @@ impl FrameTransform {
 
 impl Gap {
     /// How many samples are missing: both ends are.
+    ///
+    /// ```
+    /// use session_archive::record::Gap;
+    /// use session_archive::record::paws::gap::Cause;
+    ///
+    /// let gap = Gap {
+    ///     stream: "left_shoulder".to_owned(),
+    ///     first: 120,
+    ///     last: 124,
+    ///     cause: Cause::EncoderOverload.into(),
+    ///     ..Gap::default()
+    /// };
+    /// assert_eq!(gap.count(), 5);
+    /// assert_eq!(gap.cause(), Cause::EncoderOverload);
+    /// ```
     pub fn count(&self) -> u64 {
         self.last.saturating_sub(self.first).saturating_add(1)
     }

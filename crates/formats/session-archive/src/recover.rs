@@ -63,6 +63,36 @@ pub struct Recovered {
 ///
 /// # Errors
 /// See [`RecoverError`].
+///
+/// ```
+/// use std::sync::Arc;
+///
+/// use session_archive::reader::SessionReader;
+/// use session_archive::recover::recover;
+/// use session_archive::storage::{DiskStorage, FaultStorage};
+/// # use session_archive::{layout, storage::read_all};
+///
+/// # let folder = DiskStorage::new(concat!(env!("CARGO_MANIFEST_DIR"), "/tests/fixtures/v1"));
+/// # let damaged = Arc::new(FaultStorage::new());
+/// # for path in [layout::MANIFEST, &layout::segment(0), &layout::rig_file("rig.toml")] {
+/// #     damaged.set_content(path, read_all(&folder, path)?);
+/// # }
+/// # let mut segment = damaged.content("segments/000000.mcap").ok_or("no segment")?;
+/// # let middle = segment.len() / 2;
+/// # segment[middle] ^= 1;
+/// # damaged.set_content("segments/000000.mcap", segment);
+/// // One bit of the only segment is wrong: the chunk around it fails its checksum.
+/// let source = SessionReader::open(damaged)?;
+/// let target = tempfile::tempdir()?;
+/// let recovered = recover(&source, Arc::new(DiskStorage::new(target.path())), |_| {})?;
+/// assert!(!recovered.source.is_sound());
+/// assert!(recovered.copy.is_sound());
+/// // Every frame that is missing in the copy has a gap record.
+/// let feet = &recovered.copy.streams["feet"];
+/// assert!(feet.gaps > 0);
+/// assert_eq!(feet.samples + feet.gaps, feet.expected());
+/// # Ok::<(), Box<dyn std::error::Error>>(())
+/// ```
 pub fn recover(
     source: &SessionReader,
     target: Arc<dyn Storage>,
@@ -91,6 +121,38 @@ pub fn recover(
 ///
 /// # Errors
 /// [`RecoverError::Damaged`], and then nothing has been changed; or see [`RecoverError`].
+///
+/// ```
+/// use std::sync::Arc;
+///
+/// use session_archive::manifest::{Manifest, State};
+/// use session_archive::record::Event;
+/// use session_archive::recover::close_cut_off;
+/// # use session_archive::storage::{CrashKind, FaultStorage};
+/// # use session_archive::time::{CivilTime, HostTime};
+/// # let spec = session_archive::writer::SessionSpec {
+/// #     session_id: "0192aa00-0000-7000-8000-00000000000f".to_owned(),
+/// #     name: String::new(),
+/// #     software: "example".to_owned(),
+/// #     started: HostTime(0),
+/// #     started_civil: CivilTime(0),
+/// #     chunk_ns: 500_000_000,
+/// #     cameras: Vec::new(),
+/// #     imus: Vec::new(),
+/// #     rig: Vec::new(),
+/// # };
+/// # let disk = FaultStorage::new();
+/// # let mut writer = session_archive::writer::SessionWriter::create(Arc::new(disk.clone()), spec)?;
+/// writer.append("", HostTime(100), HostTime(100), &Event::default())?;
+/// writer.poll(HostTime(2_000_000_000))?; // one chunk is on disk
+/// let found = Arc::new(disk.crash(CrashKind::UnsyncedDropped)); // the power goes
+///
+/// let report = close_cut_off(found.clone())?.ok_or("it was closed already")?;
+/// assert!(report.is_only_cut_off());
+/// assert_ne!(Manifest::read(&*found)?.state, State::Recording);
+/// assert!(close_cut_off(found)?.is_none());
+/// # Ok::<(), Box<dyn std::error::Error>>(())
+/// ```
 pub fn close_cut_off(storage: Arc<dyn Storage>) -> Result<Option<Report>, RecoverError> {
     let source = SessionReader::open(storage.clone())?;
     if source.manifest().state != State::Recording {

@@ -118,6 +118,29 @@ pub enum End {
 }
 
 /// Scans one segment. Ends after the last byte that counts.
+///
+/// ```
+/// use std::sync::Arc;
+///
+/// use session_archive::scan::{DamageKind, End, Item, Scan};
+///
+/// # let path = concat!(env!("CARGO_MANIFEST_DIR"), "/tests/fixtures/v1/segments/000000.mcap");
+/// let mut bytes = std::fs::read(path)?;
+/// bytes.truncate(bytes.len() / 2); // as a power cut leaves it
+///
+/// let mut scan = Scan::new(Arc::new(bytes), None, 0)?;
+/// let (mut chunks, mut damage) = (0, Vec::new());
+/// while let Some(item) = scan.next_item()? {
+///     match item {
+///         Item::Chunk(_) => chunks += 1,
+///         Item::Damage(found) => damage.push(found.kind),
+///     }
+/// }
+/// assert!(chunks >= 1);
+/// assert_eq!(damage, [DamageKind::CutOff]);
+/// assert_eq!(scan.end(), Some(End::Open));
+/// # Ok::<(), std::io::Error>(())
+/// ```
 pub struct Scan {
     file: Arc<dyn ReadAt>,
     limit: u64,

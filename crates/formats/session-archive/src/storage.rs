@@ -146,6 +146,17 @@ pub fn read_all(storage: &dyn Storage, path: &str) -> io::Result<Vec<u8>> {
 ///
 /// # Errors
 /// The file is not there, is longer ([`plain_file::TooLong`]), memory is exhausted, or the file system reports an I/O error.
+///
+/// ```
+/// use session_archive::storage::{FaultStorage, read_up_to};
+///
+/// let disk = FaultStorage::new();
+/// disk.set_content("rig/rig.toml", b"revision = 1\n".to_vec());
+/// assert_eq!(read_up_to(&disk, "rig/rig.toml", 100)?, b"revision = 1\n");
+/// let refused = read_up_to(&disk, "rig/rig.toml", 10).unwrap_err();
+/// assert_eq!(refused.kind(), std::io::ErrorKind::FileTooLarge);
+/// # Ok::<(), std::io::Error>(())
+/// ```
 pub fn read_up_to(storage: &dyn Storage, path: &str, limit: u64) -> io::Result<Vec<u8>> {
     let file = storage.open(path)?;
     let length = file.len()?;
@@ -167,6 +178,19 @@ pub fn read_up_to(storage: &dyn Storage, path: &str, limit: u64) -> io::Result<V
 ///
 /// # Errors
 /// The file system reports an I/O error; the old content is still there.
+///
+/// ```
+/// use session_archive::storage::{DiskStorage, read_all, replace};
+///
+/// let folder = tempfile::tempdir()?;
+/// let storage = DiskStorage::new(folder.path());
+/// replace(&storage, "validation.json", b"{ \"verdict\": \"FAIL\" }")?;
+/// replace(&storage, "validation.json", b"{ \"verdict\": \"PASS\" }")?;
+/// assert_eq!(read_all(&storage, "validation.json")?, b"{ \"verdict\": \"PASS\" }");
+/// // The file that was written beside it was renamed.
+/// assert_eq!(std::fs::read_dir(folder.path())?.count(), 1);
+/// # Ok::<(), std::io::Error>(())
+/// ```
 pub fn replace(storage: &dyn Storage, path: &str, bytes: &[u8]) -> io::Result<()> {
     let temporary = format!("{path}.tmp");
     match storage.remove(&temporary) {

@@ -56,6 +56,17 @@ pub fn is_plain(text: &str) -> bool {
 ///
 /// # Errors
 /// See [`NoteError`].
+///
+/// ```
+/// use session_archive::text::{NoteError, check_note};
+///
+/// assert_eq!(check_note("stairs, second floor"), Ok(()));
+/// assert_eq!(check_note("clear\u{1b}[2J"), Err(NoteError::Hidden { found: '\u{1b}', position: 6 }));
+/// assert_eq!(
+///     check_note(&"x".repeat(300)).unwrap_err().to_string(),
+///     "a name or a mark of 300 bytes, expected at most 200"
+/// );
+/// ```
 pub fn check_note(text: &str) -> Result<(), NoteError> {
     if text.len() > MAX_NOTE {
         return Err(NoteError::TooLong { found: text.len() });
@@ -70,6 +81,13 @@ pub fn check_note(text: &str) -> Result<(), NoteError> {
 }
 
 /// A text as one line for a screen: what is [hidden](is_hidden), line breaks included, as `\u000a`.
+///
+/// ```
+/// use session_archive::text::{shown, shown_lines};
+///
+/// assert_eq!(shown("one\ntwo\u{1b}[2J"), "one\\u000atwo\\u001b[2J");
+/// assert_eq!(shown_lines("one\ntwo\u{1b}[2J"), "one\ntwo\\u001b[2J");
+/// ```
 pub fn shown(text: &str) -> Cow<'_, str> {
     escaped(text, is_hidden)
 }
@@ -104,6 +122,17 @@ pub fn enum_words(name: &str, prefix: &str) -> String {
 
 /// Writes to a screen what it is given, as [`shown_lines`] does it. A piece is expected to end with a whole
 /// character, as those of `write!` do; bytes that are no UTF-8 are written as `\u0080` to `\u00ff`.
+///
+/// ```
+/// use std::io::Write as _;
+///
+/// use session_archive::text::Screen;
+///
+/// let mut screen = Screen(Vec::new());
+/// writeln!(screen, "name: {}", "stairs\u{202e}gnp.exe")?;
+/// assert_eq!(screen.0, b"name: stairs\\u202egnp.exe\n");
+/// # Ok::<(), std::io::Error>(())
+/// ```
 #[derive(Debug)]
 pub struct Screen<W>(pub W);
 

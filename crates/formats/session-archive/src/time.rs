@@ -19,6 +19,17 @@ use serde::{Deserialize, Serialize};
 pub const NS_PER_S: i64 = 1_000_000_000;
 
 /// An instant on the recording machine's `CLOCK_MONOTONIC`, ns.
+///
+/// ```
+/// use session_archive::time::{HostTime, NS_PER_S};
+///
+/// let started = HostTime(5 * NS_PER_S);
+/// let frame = started + 33_333_333;
+/// assert_eq!(frame - started, 33_333_333);
+/// assert_eq!(frame.to_string(), "5.033333333 s");
+/// // Sums are clamped at the ends of the range.
+/// assert_eq!(HostTime::MAX + 1, HostTime::MAX);
+/// ```
 #[derive(
     Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash, Default, Serialize, Deserialize,
 )]
@@ -76,6 +87,13 @@ impl fmt::Display for HostTime {
 }
 
 /// UTC, ns since 1970-01-01T00:00:00Z, leap seconds not counted.
+///
+/// ```
+/// use session_archive::time::CivilTime;
+///
+/// let started = CivilTime(1_403_715_273_262_142_976);
+/// assert_eq!(started.to_string(), "2014-06-25T16:54:33.262Z");
+/// ```
 #[derive(
     Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash, Default, Serialize, Deserialize,
 )]
@@ -91,6 +109,17 @@ impl fmt::Display for CivilTime {
 }
 
 /// Length of one device tick as an exact ratio of nanoseconds.
+///
+/// ```
+/// use session_archive::time::{NS_PER_S, TickLength};
+///
+/// // An hour of the 25.6 kHz counter, without the error that a period of 39062 ns would give.
+/// let hour = 3600 * 25_600;
+/// assert_eq!(TickLength::ZED_MINI.ns(hour), Some(3600 * NS_PER_S));
+/// assert_eq!(TickLength::NANOSECOND.ns(hour), Some(hour));
+/// // What does not fit is none, not a wrong instant.
+/// assert_eq!(TickLength { num: 1000, den: 1 }.ns(i64::MAX), None);
+/// ```
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, Serialize, Deserialize)]
 pub struct TickLength {
     /// Numerator, ns.

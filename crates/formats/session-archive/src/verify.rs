@@ -143,6 +143,22 @@ impl Report {
 ///
 /// # Errors
 /// The file system reports an I/O error. What the session holds is never an error.
+///
+/// ```
+/// use std::sync::Arc;
+///
+/// use session_archive::reader::SessionReader;
+/// use session_archive::storage::DiskStorage;
+/// use session_archive::verify::verify;
+///
+/// # let folder = concat!(env!("CARGO_MANIFEST_DIR"), "/tests/fixtures/v1");
+/// let reader = SessionReader::open(Arc::new(DiskStorage::new(folder)))?;
+/// let report = verify(&reader, |_| {})?;
+/// assert!(report.is_sound());
+/// let imu = &report.streams["feet/imu"];
+/// assert_eq!((imu.samples, imu.expected(), imu.lost), (200, 200, 0));
+/// # Ok::<(), session_archive::reader::ReadError>(())
+/// ```
 pub fn verify(reader: &SessionReader, mut progress: impl FnMut(u64)) -> Result<Report, ReadError> {
     let manifest = reader.manifest();
     let mut check = Check::new(reader);

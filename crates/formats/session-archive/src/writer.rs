@@ -56,6 +56,37 @@ pub const PROFILE: &str = "paws";
 pub const LIBRARY: &str = concat!("session-archive ", env!("CARGO_PKG_VERSION"));
 
 /// What a session is to be.
+///
+/// ```
+/// # use session_archive::manifest::Imu;
+/// # use session_archive::record::ImuBatch;
+/// # use session_archive::storage::FaultStorage;
+/// use session_archive::time::{CivilTime, HostTime, TickLength};
+/// use session_archive::writer::{DEFAULT_CHUNK_NS, SessionSpec, SessionWriter};
+///
+/// # let imu = Imu {
+/// #     name: "feet/imu".to_owned(),
+/// #     rate_hz: 200.0,
+/// #     tick: TickLength::ZED_MINI,
+/// #     source: "example".to_owned(),
+/// # };
+/// let spec = SessionSpec {
+///     session_id: "0192aa00-0000-7000-8000-00000000000b".to_owned(),
+///     name: "stairs".to_owned(),
+///     software: "example 1.0".to_owned(),
+///     started: HostTime(5_000_000_000),
+///     started_civil: CivilTime(1_790_000_000_000_000_000),
+///     chunk_ns: DEFAULT_CHUNK_NS,
+///     cameras: Vec::new(),
+///     imus: vec![imu],
+///     rig: vec![("rig.toml".to_owned(), b"revision = 1\n".to_vec())],
+/// };
+/// let writer = SessionWriter::create(std::sync::Arc::new(FaultStorage::new()), spec)?;
+/// assert_eq!(writer.manifest().rig[0].bytes, 13);
+/// let stream = writer.manifest().stream::<ImuBatch>("feet/imu");
+/// assert_eq!(stream.map(|s| s.topic.as_str()), Some("/feet/imu/samples"));
+/// # Ok::<(), session_archive::writer::WriteError>(())
+/// ```
 #[derive(Clone, Debug)]
 pub struct SessionSpec {
     /// A UUID.
@@ -80,6 +111,36 @@ pub struct SessionSpec {
 
 /// Up to where everything is on disk: the messages, or the gap records in their place
 /// ([`Incident::lost`]).
+///
+/// ```
+/// use session_archive::record::Event;
+/// use session_archive::time::HostTime;
+/// # use session_archive::time::CivilTime;
+/// # let spec = session_archive::writer::SessionSpec {
+/// #     session_id: "0192aa00-0000-7000-8000-00000000000d".to_owned(),
+/// #     name: String::new(),
+/// #     software: "example".to_owned(),
+/// #     started: HostTime(0),
+/// #     started_civil: CivilTime(0),
+/// #     chunk_ns: 500_000_000,
+/// #     cameras: Vec::new(),
+/// #     imus: Vec::new(),
+/// #     rig: Vec::new(),
+/// # };
+/// # let storage = std::sync::Arc::new(session_archive::storage::FaultStorage::new());
+/// # let mut writer = session_archive::writer::SessionWriter::create(storage, spec)?;
+/// let mark = Event { text: "stairs".to_owned(), ..Event::default() };
+/// writer.append("", HostTime(100), HostTime(100), &mark)?;
+/// // The chunk in the making is what a power cut may take.
+/// assert_eq!(writer.durability().messages, 0);
+/// assert!(writer.durability().until < HostTime(100));
+///
+/// writer.poll(HostTime(2_000_000_000))?;
+/// let durable = writer.durability();
+/// assert_eq!((durable.messages, durable.chunks), (1, 1));
+/// assert_eq!(durable.until, HostTime(2_000_000_000));
+/// # Ok::<(), session_archive::writer::WriteError>(())
+/// ```
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct Durability {
     /// Every message appended so far with a log time up to here is on disk.
@@ -104,6 +165,31 @@ pub struct Incident {
 }
 
 /// Why a message was not taken.
+///
+/// A message of a stream that the session does not have is a defect of the caller:
+///
+/// ```
+/// use session_archive::record::Frame;
+/// use session_archive::time::HostTime;
+/// # use session_archive::time::CivilTime;
+/// # let spec = session_archive::writer::SessionSpec {
+/// #     session_id: "0192aa00-0000-7000-8000-00000000000c".to_owned(),
+/// #     name: String::new(),
+/// #     software: "example".to_owned(),
+/// #     started: HostTime(0),
+/// #     started_civil: CivilTime(0),
+/// #     chunk_ns: 500_000_000,
+/// #     cameras: Vec::new(),
+/// #     imus: Vec::new(),
+/// #     rig: Vec::new(),
+/// # };
+/// # let storage = std::sync::Arc::new(session_archive::storage::FaultStorage::new());
+/// # let mut writer = session_archive::writer::SessionWriter::create(storage, spec).unwrap();
+/// let refused = writer.append("feet", HostTime(5), HostTime(5), &Frame::default()).unwrap_err();
+/// assert_eq!(refused.to_string(), "the session has no stream paws.Frame of \"feet\"");
+/// let refused = writer.append_frame("feet", Frame::default(), b"access unit", true).unwrap_err();
+/// assert_eq!(refused.to_string(), "the session has no stream camera \"feet\"");
+/// ```
 #[derive(Debug, thiserror::Error)]
 pub enum WriteError {
     /// The disk failed for good; what [`SessionWriter::durability`] says is on disk remains valid.
@@ -312,6 +398,54 @@ impl SessionWriter {
     ///
     /// # Errors
     /// As for [`Self::append`].
+    ///
+    /// ```
+    /// use session_archive::record::Frame;
+    /// # use session_archive::index::{Access, Index};
+    /// # use session_archive::manifest::{Camera, Stop};
+    /// # use session_archive::reader::SessionReader;
+    /// # use session_archive::storage::FaultStorage;
+    /// # use session_archive::time::{CivilTime, HostTime, TickLength};
+    /// # use session_archive::writer::{SessionSpec, SessionWriter};
+    /// # let spec = SessionSpec {
+    /// #     session_id: "0192aa00-0000-7000-8000-00000000000e".to_owned(),
+    /// #     name: String::new(),
+    /// #     software: "example".to_owned(),
+    /// #     started: HostTime(0),
+    /// #     started_civil: CivilTime(0),
+    /// #     chunk_ns: 500_000_000,
+    /// #     cameras: vec![Camera {
+    /// #         name: "feet".to_owned(),
+    /// #         width: 64,
+    /// #         height: 24,
+    /// #         codec: "h264".to_owned(),
+    /// #         colour: "grey".to_owned(),
+    /// #         rate_hz: 30.0,
+    /// #         tick: TickLength::NANOSECOND,
+    /// #         trigger: None,
+    /// #         source: "example".to_owned(),
+    /// #         encoder: "none".to_owned(),
+    /// #     }],
+    /// #     imus: Vec::new(),
+    /// #     rig: Vec::new(),
+    /// # };
+    /// # let storage = std::sync::Arc::new(FaultStorage::new());
+    /// # let mut writer = SessionWriter::create(storage.clone(), spec)?;
+    /// for number in 0..3 {
+    ///     let time = 1_000_000 + number as i64 * 33_333_333;
+    ///     let frame = Frame { number, time, host_time: time + 2_000_000, ..Frame::default() };
+    ///     let unit = format!("access unit {number}");
+    ///     writer.append_frame("feet", frame, unit.as_bytes(), number == 0)?;
+    /// }
+    /// # writer.close(Stop { at: HostTime(1_000_000_000), reason: "duration".to_owned() })?;
+    ///
+    /// let reader = SessionReader::open(storage)?;
+    /// let index = Index::build(&reader, |_| {})?;
+    /// let frame = index.cameras[0].frame(2).ok_or("no frame 2")?;
+    /// let access = Access::open(&**reader.storage(), &index)?;
+    /// assert_eq!(&access.unit(frame)?[..], b"access unit 2");
+    /// # Ok::<(), Box<dyn std::error::Error>>(())
+    /// ```
     pub fn append_frame(
         &mut self,
         camera: &str,

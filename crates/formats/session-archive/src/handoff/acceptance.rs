@@ -44,6 +44,33 @@ pub struct Beyond {
 impl Acceptance {
     /// Whether it also holds for this verdict with these metrics beyond their limits: the verdict is within the level,
     /// and of every metric and stream that is now beyond a limit, as bad a verdict was accepted.
+    ///
+    /// ```
+    /// use session_archive::handoff::{Acceptance, Beyond, Verdict};
+    /// # use session_archive::time::CivilTime;
+    ///
+    /// let acceptance = Acceptance {
+    ///     level: Verdict::Warn,
+    /// #     accepted: CivilTime(0),
+    ///     verdict: Verdict::Warn,
+    ///     metrics: vec![Beyond {
+    ///         metric: "camera.dropped".to_owned(),
+    ///         of: "feet".to_owned(),
+    ///         verdict: Verdict::Warn,
+    /// #         value: Some(0.02),
+    /// #         warn: Some(0.01),
+    /// #         fail: Some(0.05),
+    /// #         unit: "ratio".to_owned(),
+    /// #         text: "2 % of the frames of feet are missing".to_owned(),
+    ///         // and what was measured
+    ///     }],
+    /// #     limits: Vec::new(),
+    /// };
+    /// assert!(acceptance.covers(Verdict::Warn, [("camera.dropped", "feet", Verdict::Warn)]));
+    /// // Another stream, or a worse verdict of the same stream, was not accepted.
+    /// assert!(!acceptance.covers(Verdict::Warn, [("camera.dropped", "left_shoulder", Verdict::Warn)]));
+    /// assert!(!acceptance.covers(Verdict::Warn, [("camera.dropped", "feet", Verdict::Fail)]));
+    /// ```
     pub fn covers<'a>(
         &self,
         verdict: Verdict,

@@ -61,6 +61,23 @@ struct ChannelEntry {
 
 /// One chunk in the making: message records appended to one buffer, which ends as the chunk
 /// record with its message indexes behind it, ready for one write.
+///
+/// ```
+/// use session_archive::mcap::{ChunkBuilder, Record};
+///
+/// let mut chunk = ChunkBuilder::default();
+/// chunk.message(7, 0, 1_000, 1_200, |out| out.extend_from_slice(b"payload"));
+/// assert_eq!((chunk.messages(), chunk.start_time()), (1, Some(1_000)));
+///
+/// let bytes = chunk.finish();
+/// let (Record::Chunk(read), _indexes) = Record::split(&bytes)? else {
+///     panic!("not a chunk");
+/// };
+/// assert!(read.verify());
+/// let messages: Vec<_> = read.messages().collect::<Result<_, _>>()?;
+/// assert_eq!((messages[0].channel_id, messages[0].data), (7, &b"payload"[..]));
+/// # Ok::<(), session_archive::mcap::ParseError>(())
+/// ```
 #[derive(Debug)]
 pub struct ChunkBuilder {
     buf: Vec<u8>,
@@ -233,6 +250,32 @@ pub fn sealed_chunk(records: &[u8]) -> Vec<u8> {
 
 /// The frame of one file: what stands before the first chunk, and the summary behind the last,
 /// made from nothing but the chunks in between.
+///
+/// A whole file, as any reader of MCAP opens it:
+///
+/// ```
+/// use session_archive::mcap::{ChunkBuilder, MAGIC, Record, RecordIter, SegmentEncoder};
+/// use session_archive::record::{Event, Record as _};
+/// # use std::collections::BTreeMap;
+///
+/// let (mut encoder, mut file) = SegmentEncoder::start("paws", "example");
+/// let mut chunk = ChunkBuilder::default();
+/// chunk.schema(1, &Event::SCHEMA);
+/// chunk.channel(1, 1, "/events", &BTreeMap::new());
+/// chunk.message(1, 0, 1_000, 1_000, |_| {});
+/// let chunk = chunk.finish();
+/// encoder.chunk(&chunk)?;
+/// file.extend(chunk);
+/// file.extend(encoder.finish());
+///
+/// let records = RecordIter::new(&file[MAGIC.len()..file.len() - MAGIC.len()]);
+/// let statistics = records.flatten().find_map(|record| match record {
+///     Record::Statistics(statistics) => Some(statistics),
+///     _ => None,
+/// });
+/// assert_eq!(statistics.map(|s| (s.message_count, s.chunk_count)), Some((1, 1)));
+/// # Ok::<(), session_archive::mcap::ParseError>(())
+/// ```
 #[derive(Clone, Debug)]
 pub struct SegmentEncoder {
     position: u64,

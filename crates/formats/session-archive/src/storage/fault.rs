@@ -174,6 +174,18 @@ impl FaultStorage {
     }
 
     /// An empty disk that fails once as planned.
+    ///
+    /// ```
+    /// use session_archive::storage::{Fault, FaultKind, FaultStorage, Operation, Storage};
+    ///
+    /// // Operation 0 creates the file, operation 1 is the first append: three bytes are taken, then the disk is full.
+    /// let disk = FaultStorage::with_fault(Fault { at: 1, kind: FaultKind::NoSpace, keep: 3 });
+    /// let mut file = disk.create("000000.mcap")?;
+    /// assert!(file.append(b"a chunk").is_err());
+    /// assert_eq!(disk.content("000000.mcap").as_deref(), Some(&b"a c"[..]));
+    /// assert_eq!(disk.log()[0], Operation::Create);
+    /// # Ok::<(), std::io::Error>(())
+    /// ```
     pub fn with_fault(fault: Fault) -> Self {
         Self::with_faults([fault])
     }
@@ -212,6 +224,21 @@ impl FaultStorage {
     }
 
     /// The disk as it is found after a crash at this instant: a new, working disk.
+    ///
+    /// ```
+    /// use session_archive::storage::{CrashKind, FaultStorage, Storage};
+    ///
+    /// let disk = FaultStorage::new();
+    /// let mut file = disk.create("000000.mcap")?;
+    /// disk.sync_dir("")?;
+    /// file.append(b"synced")?;
+    /// file.sync_data()?;
+    /// file.append(b", not synced")?;
+    ///
+    /// let found = disk.crash(CrashKind::UnsyncedDropped);
+    /// assert_eq!(found.content("000000.mcap").as_deref(), Some(&b"synced"[..]));
+    /// # Ok::<(), std::io::Error>(())
+    /// ```
     #[must_use]
     pub fn crash(&self, kind: CrashKind) -> Self {
         let old = self.disk();
