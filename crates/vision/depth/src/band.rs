@@ -43,6 +43,21 @@ impl Band {
     ///
     /// # Errors
     /// [`DepthError::Band`] if a row is empty or the total range is too large.
+    ///
+    /// ```
+    /// use depth::Band;
+    ///
+    /// // The sky in the upper half, the ground in the lower one.
+    /// let mut rows = [[0, 15]; 48];
+    /// rows[24..].fill([16, 63]);
+    /// let band = Band::rows(&rows)?;
+    /// assert_eq!((band.first(), band.count(), band.height()), (0, 64, 48));
+    /// assert_eq!(band.row(47), [16, 63]);
+    /// assert_eq!(band.searched_ratio(64), 0.5);
+    ///
+    /// assert!(Band::rows(&[[5, 4]]).is_err());
+    /// # Ok::<(), depth::DepthError>(())
+    /// ```
     pub fn rows(rows: &[[i32; 2]]) -> Result<Self, DepthError> {
         let invalid = |found: String, expected: String| Err(DepthError::Band { found, expected });
         let Some(first) = rows.iter().map(|row| row[0]).min() else {

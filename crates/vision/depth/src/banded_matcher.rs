@@ -16,6 +16,30 @@ use crate::map::{DisparityMap, Geometry};
 use crate::matcher::Matcher;
 
 /// Matches consecutive pairs.
+///
+/// A wall needs a small part of the range:
+///
+/// ```
+/// use depth::{Band, BandedMatcher, ImageView, Preset, Config};
+///
+/// # // A random texture of 3 x 3 patches; the right image shows it `shift` columns further to the left.
+/// # fn pair(width: usize, height: usize, shift: usize) -> [Vec<u8>; 2] {
+/// #     let gray = |x: usize, y: usize| {
+/// #         let hash = (x / 3 * 1009 + y / 3 + 1) as u64;
+/// #         40 + (hash.wrapping_mul(0x9e37_79b9_7f4a_7c15) >> 57) as u8
+/// #     };
+/// #     [0, shift].map(|from| (0..width * height).map(|i| gray(i % width + from, i / width)).collect())
+/// # }
+/// # let [left, right] = pair(240, 96, 20);
+/// let config = Config::preset(Preset::Fast);
+/// let mut matcher = BandedMatcher::new(config, 240, Band::full(0, 128, 96)?)?;
+/// let images = [ImageView::new(240, 96, &left)?, ImageView::new(240, 96, &right)?];
+/// let (map, stats) = matcher.run(&images[0], &images[1], None)?;
+/// assert!((map.disparity[48 * 240 + 150] - 20.0).abs() < 0.5);
+/// assert!(stats.searched_ratio < 0.5, "{stats:?}");
+/// assert_eq!(stats.reruns, 0);
+/// # Ok::<(), depth::DepthError>(())
+/// ```
 #[derive(Debug)]
 pub struct BandedMatcher {
     matcher: Matcher,

@@ -125,6 +125,18 @@ impl Preset {
 
 impl Config {
     /// The configuration of a preset.
+    ///
+    /// ```
+    /// use depth::{Config, Matcher, Preset};
+    ///
+    /// let mut config = Config::preset(Preset::Accurate);
+    /// assert!(config.downsample.is_none());
+    /// assert_eq!(Preset::ALL.map(Preset::name), ["fast", "balanced", "accurate"]);
+    ///
+    /// // A preset is a start; invalid values are errors.
+    /// config.max_sigma_px = f32::NAN;
+    /// assert!(Matcher::new(config, 128, 48).is_err());
+    /// ```
     pub fn preset(preset: Preset) -> Self {
         let mut config = Self::default();
         match preset {
@@ -185,6 +197,16 @@ const MAX_COST: u32 = 254;
 impl Penalties {
     /// Penalties in proportion to the maximum matching cost. The proportions gave the best results
     /// on `docs/benchmarks/depth.json`.
+    ///
+    /// ```
+    /// use depth::{Census, Penalties};
+    ///
+    /// // One census bit costs 1.
+    /// let of_bits = Penalties::for_costs_up_to(Census::Full5x5.bits());
+    /// let of_more = Penalties::for_costs_up_to(Census::Full7x7.bits());
+    /// assert!(of_bits.small < of_bits.large);
+    /// assert!(of_bits.large < of_more.large);
+    /// ```
     pub fn for_costs_up_to(most: u8) -> Self {
         let share = |percent: u32| (u32::from(most) * percent / 100).min(190) as u8;
         Self {

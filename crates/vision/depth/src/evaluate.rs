@@ -40,6 +40,27 @@ impl Scores {
     ///
     /// # Errors
     /// [`DepthError::Size`] if their sizes differ.
+    ///
+    /// ```
+    /// use depth::DisparityMap;
+    /// use depth::evaluate::{BAD_PX, GroundTruth, Scores};
+    ///
+    /// let map = DisparityMap {
+    ///     width: 4,
+    ///     height: 1,
+    ///     disparity: vec![10.0, 10.25, 14.0, f32::NAN],
+    ///     sigma: vec![0.25, 0.25, 0.25, f32::NAN],
+    /// };
+    /// let truth = GroundTruth { disparity: &[10.0; 4], visible: &[true; 4] };
+    /// let scores = Scores::of(&map, truth)?;
+    /// assert_eq!(scores.density(), 0.75);
+    /// assert_eq!(BAD_PX[1], 1.0);
+    /// assert_eq!(scores.bad, [1; 4]); // one error of 4 px
+    /// // An absent pixel counts as an error here.
+    /// assert_eq!(scores.bad_ratio_of_all(1), 0.5);
+    /// assert_eq!(scores.coverage(), 2.0 / 3.0);
+    /// # Ok::<(), depth::DepthError>(())
+    /// ```
     pub fn of(map: &DisparityMap, truth: GroundTruth<'_>) -> Result<Self, DepthError> {
         let count = map.disparity.len();
         for found in [truth.disparity.len(), truth.visible.len(), map.sigma.len()] {
@@ -72,6 +93,15 @@ impl Scores {
     }
 
     /// Adds the counts of another image.
+    ///
+    /// ```
+    /// use depth::evaluate::Scores;
+    ///
+    /// let mut sum = Scores { pixels: 100, found: 100, error_px: 10.0, ..Scores::default() };
+    /// sum.add(&Scores { pixels: 300, found: 100, error_px: 50.0, ..Scores::default() });
+    /// assert_eq!(sum.density(), 0.5);
+    /// assert_eq!(sum.mean_error_px(), 0.3);
+    /// ```
     pub fn add(&mut self, other: &Self) {
         self.pixels += other.pixels;
         self.found += other.found;

@@ -3,6 +3,21 @@
 use crate::error::DepthError;
 
 /// Gray image: 8 bits per pixel, row-major, without padding.
+///
+/// ```
+/// use depth::ImageView;
+///
+/// let pixels = [10, 20, 30, 40, 50, 60];
+/// let image = ImageView::new(3, 2, &pixels)?;
+/// assert_eq!(image.row(1), [40, 50, 60]);
+///
+/// let short = ImageView::new(4, 2, &pixels).unwrap_err();
+/// assert_eq!(
+///     short.to_string(),
+///     "reading an image: found 6 pixels, expected 4 x 2 and at least one"
+/// );
+/// # Ok::<(), depth::DepthError>(())
+/// ```
 #[derive(Clone, Copy, Debug)]
 pub struct ImageView<'a> {
     width: usize,

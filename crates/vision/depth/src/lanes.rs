@@ -118,6 +118,32 @@ impl Level {
     }
 
     /// All supported instruction sets of this processor.
+    ///
+    /// The instruction set never changes the result:
+    ///
+    /// ```
+    /// use depth::{Band, ImageView, Level, Matcher, Preset, Config};
+    ///
+    /// # // A random texture of 3 x 3 patches; the right image shows it `shift` columns further to the left.
+    /// # fn pair(width: usize, height: usize, shift: usize) -> [Vec<u8>; 2] {
+    /// #     let gray = |x: usize, y: usize| {
+    /// #         let hash = (x / 3 * 1009 + y / 3 + 1) as u64;
+    /// #         40 + (hash.wrapping_mul(0x9e37_79b9_7f4a_7c15) >> 57) as u8
+    /// #     };
+    /// #     [0, shift].map(|from| (0..width * height).map(|i| gray(i % width + from, i / width)).collect())
+    /// # }
+    /// # let [left, right] = pair(128, 48, 8);
+    /// let maps = Level::all().into_iter().map(|level| {
+    ///     let config = Config { level: Some(level), ..Config::preset(Preset::Fast) };
+    ///     let mut matcher = Matcher::new(config, 128, 48)?;
+    ///     let images = [ImageView::new(128, 48, &left)?, ImageView::new(128, 48, &right)?];
+    ///     let map = matcher.run(&images[0], &images[1], &Band::full(0, 32, 48)?)?;
+    ///     Ok(map.disparity.iter().map(|disparity| disparity.to_bits()).collect())
+    /// });
+    /// let maps: Vec<Vec<u32>> = maps.collect::<Result<_, depth::DepthError>>()?;
+    /// assert!(maps.iter().all(|map| *map == maps[0]));
+    /// # Ok::<(), depth::DepthError>(())
+    /// ```
     pub fn all() -> Vec<Self> {
         let known = [
             Self::Portable,

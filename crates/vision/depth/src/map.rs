@@ -30,6 +30,17 @@ pub struct DepthMap {
 }
 
 /// Geometry of a rectified stereo camera.
+///
+/// ```
+/// use depth::Geometry;
+///
+/// let geometry = Geometry { focal_px: 700.0, center: [671.5, 375.5], baseline_m: 0.06, offset_px: 0.0 };
+/// assert_eq!(geometry.depth_m(21.0), 2.0);
+/// assert_eq!(geometry.disparity_px(2.0), 21.0);
+///
+/// let swapped = Geometry { baseline_m: -0.06, ..geometry };
+/// assert!(swapped.validate().unwrap_err().to_string().contains("a baseline of -0.06 m"));
+/// ```
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Geometry {
     /// Focal length of both cameras, px.
@@ -75,6 +86,24 @@ impl Geometry {
     ///
     /// # Errors
     /// [`DepthError::Geometry`].
+    ///
+    /// ```
+    /// use depth::{DisparityMap, Geometry};
+    ///
+    /// let geometry = Geometry { focal_px: 700.0, center: [1.0, 0.0], baseline_m: 0.06, offset_px: 0.0 };
+    /// let map = DisparityMap {
+    ///     width: 3,
+    ///     height: 1,
+    ///     disparity: vec![21.0, 0.5, f32::NAN],
+    ///     sigma: vec![0.21, 0.21, f32::NAN],
+    /// };
+    /// let depth = geometry.depth(&map, 0.1)?;
+    /// // A sigma of a hundredth of the disparity is one of a hundredth of the depth.
+    /// assert_eq!((depth.depth_m[0], depth.sigma_m[0]), (2.0, 0.02));
+    /// // Near infinity the depth is not determined.
+    /// assert!(depth.depth_m[1].is_nan() && depth.depth_m[2].is_nan());
+    /// # Ok::<(), depth::DepthError>(())
+    /// ```
     pub fn depth(
         &self,
         map: &DisparityMap,

@@ -114,6 +114,31 @@ impl Matcher {
 
     /// Evidence of each pixel of the last map, at the downsampled resolution if images are
     /// downsampled; empty without [`Matcher::with_evidence`].
+    ///
+    /// ```
+    /// use depth::sigma::Model;
+    /// use depth::{Band, ImageView, Matcher, Preset, Config};
+    ///
+    /// # // A random texture of 3 x 3 patches; the right image shows it `shift` columns further to the left.
+    /// # fn pair(width: usize, height: usize, shift: usize) -> [Vec<u8>; 2] {
+    /// #     let gray = |x: usize, y: usize| {
+    /// #         let hash = (x / 3 * 1009 + y / 3 + 1) as u64;
+    /// #         40 + (hash.wrapping_mul(0x9e37_79b9_7f4a_7c15) >> 57) as u8
+    /// #     };
+    /// #     [0, shift].map(|from| (0..width * height).map(|i| gray(i % width + from, i / width)).collect())
+    /// # }
+    /// # let [left, right] = pair(128, 48, 8);
+    /// let config = Config::preset(Preset::Accurate);
+    /// let mut matcher = Matcher::new(config, 128, 48)?.with_evidence();
+    /// let images = [ImageView::new(128, 48, &left)?, ImageView::new(128, 48, &right)?];
+    /// matcher.run(&images[0], &images[1], &Band::full(0, 32, 48)?)?;
+    ///
+    /// // The sigma of a pixel follows from its evidence alone.
+    /// let pixel = 24 * 128 + 80;
+    /// let evidence = matcher.evidence()[pixel];
+    /// assert_eq!(matcher.map().sigma[pixel], Model::of(config.paths).sigma_px(&evidence));
+    /// # Ok::<(), depth::DepthError>(())
+    /// ```
     pub fn evidence(&self) -> &[Evidence] {
         match &self.half_resolution {
             Some(half_resolution) => half_resolution.matcher.evidence(),
@@ -141,6 +166,44 @@ impl Matcher {
     /// # Errors
     /// [`DepthError::Size`] if an image has another size; [`DepthError::Band`] if the band has
     /// another number of rows.
+    ///
+    /// ```
+    /// use depth::{Band, ImageView, Matcher, Preset, Config};
+    ///
+    /// # // A random texture of 3 x 3 patches; the right image shows it `shift` columns further to the left.
+    /// # fn pair(width: usize, height: usize, shift: usize) -> [Vec<u8>; 2] {
+    /// #     let gray = |x: usize, y: usize| {
+    /// #         let hash = (x / 3 * 1009 + y / 3 + 1) as u64;
+    /// #         40 + (hash.wrapping_mul(0x9e37_79b9_7f4a_7c15) >> 57) as u8
+    /// #     };
+    /// #     [0, shift].map(|from| (0..width * height).map(|i| gray(i % width + from, i / width)).collect())
+    /// # }
+    /// # let [left, right] = pair(128, 48, 8);
+    /// let mut matcher = Matcher::new(Config::preset(Preset::Accurate), 128, 48)?;
+    /// let images = [ImageView::new(128, 48, &left)?, ImageView::new(128, 48, &right)?];
+    /// let map = matcher.run(&images[0], &images[1], &Band::full(0, 32, 48)?)?;
+    /// let at_eight = map.disparity.iter().filter(|disparity| (**disparity - 8.0).abs() < 0.5).count();
+    /// assert!(at_eight > 128 * 48 / 2, "{at_eight} pixels");
+    /// // The first columns are not visible in the right image.
+    /// assert!(map.disparity[24 * 128..24 * 128 + 4].iter().all(|disparity| disparity.is_nan()));
+    /// # Ok::<(), depth::DepthError>(())
+    /// ```
+    ///
+    /// An image of another size is an error, not a wrong map:
+    ///
+    /// ```
+    /// use depth::{Band, ImageView, Matcher, Preset, Config};
+    ///
+    /// let mut matcher = Matcher::new(Config::preset(Preset::Fast), 128, 48)?;
+    /// let (full, half) = ([0; 128 * 48], [0; 64 * 48]);
+    /// let images = [ImageView::new(128, 48, &full)?, ImageView::new(64, 48, &half)?];
+    /// let refused = matcher.run(&images[0], &images[1], &Band::full(0, 32, 48)?).unwrap_err();
+    /// assert_eq!(
+    ///     refused.to_string(),
+    ///     "matching a pair: found a right image of [64, 48] pixels, expected [128, 48] (columns and rows)"
+    /// );
+    /// # Ok::<(), depth::DepthError>(())
+    /// ```
     pub fn run(
         &mut self,
         left: &ImageView<'_>,

@@ -16,6 +16,19 @@ const BLOCK_PX: usize = 16;
 const VALID_MEANS: std::ops::Range<u32> = 4..250;
 
 /// Standard deviation of the noise, gray levels; `None` if no block is well exposed.
+///
+/// ```
+/// use depth::{ImageView, noise};
+///
+/// // A ramp has no noise, a pattern of single pixels is nothing else, and darkness hides it.
+/// let ramp: Vec<u8> = (0..96 * 64).map(|i| 60 + (i % 96) as u8).collect();
+/// let dots: Vec<u8> = (0..96 * 64).map(|i| 60 + 10 * ((i % 96 + i / 96) % 2) as u8).collect();
+/// let dark = vec![0; 96 * 64];
+/// assert_eq!(noise::estimate(&ImageView::new(96, 64, &ramp)?), Some(0.0));
+/// assert!(noise::estimate(&ImageView::new(96, 64, &dots)?).is_some_and(|sigma| sigma > 5.0));
+/// assert_eq!(noise::estimate(&ImageView::new(96, 64, &dark)?), None);
+/// # Ok::<(), depth::DepthError>(())
+/// ```
 pub fn estimate(image: &ImageView<'_>) -> Option<f64> {
     let (width, height) = (image.width(), image.height());
     // Every second block in both directions.

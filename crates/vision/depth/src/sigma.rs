@@ -88,6 +88,17 @@ impl Model {
     }
 
     /// Sigma of a disparity, px.
+    ///
+    /// ```
+    /// use depth::Paths;
+    /// use depth::sigma::{Evidence, Model};
+    ///
+    /// let model = Model::of(Paths::Eight);
+    /// let clear = Evidence { second_best_margin: 5.0, cost_slope: 3.0, disparity_range_px: 0.5, density: 1.0 };
+    /// let ambiguous = Evidence { second_best_margin: 0.1, cost_slope: 0.1, disparity_range_px: 8.0, density: 0.4 };
+    /// assert!(model.sigma_px(&clear) < 0.5);
+    /// assert!(model.sigma_px(&ambiguous) > 3.0 * model.sigma_px(&clear));
+    /// ```
     pub fn sigma_px(&self, evidence: &Evidence) -> f32 {
         let mut log = 0.0;
         for (kind, value) in evidence.kinds().into_iter().enumerate() {

@@ -45,6 +45,22 @@ impl Margin {
 const BLOCK_ROWS: usize = 8;
 
 /// Disparity range that each row needs.
+///
+/// ```
+/// use depth::Band;
+/// use depth::band::plan::{Margin, Plan};
+///
+/// let mut plan = Plan::new(&Band::full(0, 64, 32)?);
+/// for row in 0..16 {
+///     plan.add(row, [20, 24]);
+/// }
+/// let band = plan.finish(&Margin { px: 2, ratio: 0.0, rows: 0 })?;
+/// assert!(band.row(0)[0] <= 18 && band.row(0)[1] >= 26);
+/// assert!(band.row(0)[1] < 63);
+/// // No prior knowledge of the lower rows: the full range.
+/// assert_eq!(band.row(31), [0, 63]);
+/// # Ok::<(), depth::DepthError>(())
+/// ```
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Plan {
     full: Band,
@@ -93,6 +109,22 @@ impl Plan {
 
     /// Adds the disparities of a plane where it is in front of the cameras; `width` is the number
     /// of image columns.
+    ///
+    /// ```
+    /// use depth::band::plan::{Margin, Plan, Plane};
+    /// use depth::{Band, Geometry};
+    ///
+    /// // The floor, 1.4 m below a camera that looks straight ahead.
+    /// let floor = Plane { normal: [0.0, 1.0, 0.0], distance_m: 1.4 };
+    /// let geometry = Geometry { focal_px: 50.0, center: [31.5, 23.5], baseline_m: 0.5, offset_px: 0.0 };
+    /// let mut plan = Plan::new(&Band::full(0, 64, 48)?);
+    /// plan.add_plane(&geometry, 64, &floor);
+    /// let band = plan.finish(&Margin { px: 1, ratio: 0.0, rows: 0 })?;
+    /// // The lowest row shows it at 3 m, a disparity of 8.4 px; above the horizon nothing is known.
+    /// assert!(band.row(47)[0] <= 8 && band.row(47)[1] >= 8 && band.row(47)[1] < 20);
+    /// assert_eq!(band.row(0), [0, 63]);
+    /// # Ok::<(), depth::DepthError>(())
+    /// ```
     pub fn add_plane(&mut self, geometry: &Geometry, width: usize, plane: &Plane) {
         for y in 0..self.rows.len() {
             // Inverse depth is linear along a row.

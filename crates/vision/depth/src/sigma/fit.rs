@@ -24,6 +24,27 @@ const MIN_SAMPLES: usize = 50;
 
 impl Model {
     /// Fits a model; `None` if there are too few samples.
+    ///
+    /// ```
+    /// use depth::sigma::{Evidence, Model, Sample};
+    ///
+    /// // Disparities with a small margin have errors of up to 4 px, the others of up to 0.4 px.
+    /// let sample = |i: u32| {
+    ///     let (margin, most) = if i % 2 == 0 { (0.01, 4.0) } else { (1.0, 0.4) };
+    ///     let share = (i / 2 % 100) as f32 / 100.0;
+    ///     let evidence =
+    ///         Evidence { second_best_margin: margin, cost_slope: 0.5, disparity_range_px: 1.0, density: 1.0 };
+    ///     Sample { evidence, error_px: most * share }
+    /// };
+    /// let samples: Vec<Sample> = (0..4000).map(sample).collect();
+    /// let model = Model::fit(&samples).ok_or("too few samples")?;
+    /// let [ambiguous, clear] = [0, 1].map(|i| model.sigma_px(&samples[i].evidence));
+    /// // Half of the 95 % quantile of each.
+    /// assert!((1.5..2.5).contains(&ambiguous), "{ambiguous}");
+    /// assert!((0.1..0.3).contains(&clear), "{clear}");
+    /// assert!(Model::fit(&samples[..10]).is_none());
+    /// # Ok::<(), &str>(())
+    /// ```
     pub fn fit(samples: &[Sample]) -> Option<Self> {
         if samples.len() < MIN_SAMPLES * CLASSES {
             return None;
