@@ -19,6 +19,35 @@ use crate::scene::Scene;
 use crate::storage::{self, Disk, Storage};
 
 /// A bundle open for writing.
+///
+/// A folder has one writer at a time, and one source for all of its life:
+///
+/// ```
+/// use scene_bundle::{Bundle, BundleError};
+///
+/// let folder = tempfile::tempdir()?;
+/// let path = folder.path().join("walk.scene");
+/// # let provenance = scene_bundle::Provenance {
+/// #     session_id: "01890a5d-ac96-774b-bcce-b302099a8057".to_owned(),
+/// #     handoff_blake3: "ab".repeat(32),
+/// #     judgement: None,
+/// #     rig: scene_bundle::RigRevision { name: "chest".to_owned(), revision: "B".to_owned() },
+/// #     program: "example".to_owned(),
+/// #     program_version: "1.0".to_owned(),
+/// #     started_civil_ns: 1_790_000_000_000_000_000,
+/// #     ended_civil_ns: None,
+/// # };
+/// let bundle = Bundle::create_or_open(&path, provenance.clone())?;
+/// let second = Bundle::create_or_open(&path, provenance.clone());
+/// assert!(matches!(second, Err(BundleError::Locked { .. })));
+/// drop(bundle);
+///
+/// let mut other = provenance;
+/// other.handoff_blake3 = "cd".repeat(32);
+/// let refused = Bundle::create_or_open(&path, other);
+/// assert!(matches!(refused, Err(BundleError::OtherSource { .. })));
+/// # Ok::<(), Box<dyn std::error::Error>>(())
+/// ```
 pub struct Bundle {
     shared: Arc<Shared>,
 }

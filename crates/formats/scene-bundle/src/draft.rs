@@ -18,6 +18,40 @@ use crate::scene::Scene;
 use crate::storage::{self, StoredFile};
 
 /// An output that is being written.
+///
+/// An output appears complete or not at all; the older one remains until the commit:
+///
+/// ```
+/// # use scene_bundle::Bundle;
+/// # let folder = tempfile::tempdir()?;
+/// # let path = folder.path().join("walk.scene");
+/// # let provenance = scene_bundle::Provenance {
+/// #     session_id: "01890a5d-ac96-774b-bcce-b302099a8057".to_owned(),
+/// #     handoff_blake3: "ab".repeat(32),
+/// #     judgement: None,
+/// #     rig: scene_bundle::RigRevision { name: "chest".to_owned(), revision: "B".to_owned() },
+/// #     program: "example".to_owned(),
+/// #     program_version: "1.0".to_owned(),
+/// #     started_civil_ns: 1_790_000_000_000_000_000,
+/// #     ended_civil_ns: None,
+/// # };
+/// # let record = scene_bundle::Record {
+/// #     stage: "example".to_owned(),
+/// #     stage_version: 1,
+/// #     settings: serde_json::json!({ "step": 2 }),
+/// #     inputs: std::collections::BTreeMap::new(),
+/// # };
+/// let bundle = Bundle::create_or_open(&path, provenance)?;
+/// let draft = bundle.begin("notes")?;
+/// draft.write("notes.txt", b"first")?;
+/// draft.commit(record)?;
+///
+/// let draft = bundle.begin("notes")?;
+/// draft.write("notes.txt", b"second")?;
+/// drop(draft); // the stage failed
+/// assert_eq!(bundle.scene().output("notes")?.read("notes.txt")?, b"first");
+/// # Ok::<(), Box<dyn std::error::Error>>(())
+/// ```
 pub struct Draft {
     inner: Arc<Inner>,
 }
@@ -111,6 +145,43 @@ impl Draft {
     ///
     /// # Errors
     /// [`BundleError::Refused`] for such a path or one that is taken, [`BundleError::Io`].
+    ///
+    /// ```
+    /// use std::io::Write as _;
+    /// # use scene_bundle::Bundle;
+    /// # let folder = tempfile::tempdir()?;
+    /// # let path = folder.path().join("walk.scene");
+    /// # let provenance = scene_bundle::Provenance {
+    /// #     session_id: "01890a5d-ac96-774b-bcce-b302099a8057".to_owned(),
+    /// #     handoff_blake3: "ab".repeat(32),
+    /// #     judgement: None,
+    /// #     rig: scene_bundle::RigRevision { name: "chest".to_owned(), revision: "B".to_owned() },
+    /// #     program: "example".to_owned(),
+    /// #     program_version: "1.0".to_owned(),
+    /// #     started_civil_ns: 1_790_000_000_000_000_000,
+    /// #     ended_civil_ns: None,
+    /// # };
+    /// # let record = scene_bundle::Record {
+    /// #     stage: "example".to_owned(),
+    /// #     stage_version: 1,
+    /// #     settings: serde_json::json!({ "step": 2 }),
+    /// #     inputs: std::collections::BTreeMap::new(),
+    /// # };
+    /// # let bundle = Bundle::create_or_open(&path, provenance)?;
+    ///
+    /// let draft = bundle.begin("notes")?;
+    /// let mut file = draft.create("feet/left.txt")?;
+    /// for line in 0..3 {
+    ///     writeln!(file, "line {line}")?;
+    /// }
+    /// file.finish()?;
+    /// let output = draft.commit(record)?;
+    /// assert_eq!((output.files[0].path.as_str(), output.files[0].bytes), ("feet/left.txt", 21));
+    ///
+    /// let refused = bundle.begin("other")?.create("../notes.txt").map(drop);
+    /// assert!(refused.is_err_and(|error| error.to_string().contains("../notes.txt")));
+    /// # Ok::<(), Box<dyn std::error::Error>>(())
+    /// ```
     pub fn create(&self, path: &str) -> Result<DraftFile, BundleError> {
         self.create_named(path, HashLocation::Manifest)
     }

@@ -96,6 +96,14 @@ impl Format {
     }
 
     /// The format of a name.
+    ///
+    /// ```
+    /// use scene_bundle::export::Format;
+    ///
+    /// assert_eq!(Format::from_name("colmap-text"), Some(Format::ColmapText));
+    /// assert_eq!(Format::from_name("obj"), None);
+    /// assert!(Format::ALL.into_iter().all(|format| Format::from_name(format.name()) == Some(format)));
+    /// ```
     pub fn from_name(name: &str) -> Option<Self> {
         Self::ALL.into_iter().find(|format| format.name() == name)
     }
@@ -167,6 +175,196 @@ pub enum ExportError {
 ///
 /// # Errors
 /// [`ExportError`]; then nothing was written.
+///
+/// A trajectory as TUM text, and points as LAS and as PLY:
+///
+/// ```
+/// use scene_bundle::export::{Format, Options, export};
+/// # use cad_transforms::RigidTransform;
+/// # use scene_bundle::{Bundle, Pose, Trajectory, outputs};
+/// # let folder = tempfile::tempdir()?;
+/// # let provenance = scene_bundle::Provenance {
+/// #     session_id: "01890a5d-ac96-774b-bcce-b302099a8057".to_owned(),
+/// #     handoff_blake3: "ab".repeat(32),
+/// #     judgement: None,
+/// #     rig: scene_bundle::RigRevision { name: "chest".to_owned(), revision: "B".to_owned() },
+/// #     program: "example".to_owned(),
+/// #     program_version: "1.0".to_owned(),
+/// #     started_civil_ns: 1_790_000_000_000_000_000,
+/// #     ended_civil_ns: None,
+/// # };
+/// # let record = scene_bundle::Record {
+/// #     stage: "example".to_owned(),
+/// #     stage_version: 1,
+/// #     settings: serde_json::json!({ "step": 2 }),
+/// #     inputs: std::collections::BTreeMap::new(),
+/// # };
+/// # let bundle = Bundle::create_or_open(&folder.path().join("walk.scene"), provenance)?;
+/// # let walk = (0..5).map(|i| Pose::new(i * 33_333_333, RigidTransform::identity()));
+/// # let draft = bundle.begin(outputs::TRAJECTORY)?;
+/// # outputs::trajectory::write(&draft, &Trajectory::new(walk.collect())?)?;
+/// # draft.commit(record.clone())?;
+/// # let point = outputs::cloud::CloudPoint { x_in_world: [1.5, -2.0, 0.25], color: [200, 180, 160], sigma_m: 0.004 };
+/// # let draft = bundle.begin(outputs::CLOUD)?;
+/// # outputs::cloud::write(&draft, &[point])?;
+/// # draft.commit(record)?;
+/// # let scene = bundle.scene();
+///
+/// let poses = folder.path().join("poses.txt");
+/// let summary = export(&scene, Format::Tum, &Options::default(), &poses)?;
+/// assert_eq!(summary.description, "5 poses of the rig");
+/// assert_eq!(std::fs::read_to_string(&poses)?.lines().count(), 6); // and the title line
+///
+/// let points = folder.path().join("cloud.las");
+/// let summary = export(&scene, Format::Las, &Options::default(), &points)?;
+/// assert_eq!(summary.notes, ["sigma cannot be represented in LAS and is left out"]);
+/// assert!(std::fs::read(&points)?.starts_with(b"LASF"));
+///
+/// // Nothing that exists is overwritten.
+/// assert!(export(&scene, Format::Ply, &Options::default(), &points).is_err());
+/// # Ok::<(), Box<dyn std::error::Error>>(())
+/// ```
+///
+/// Keyframes as a COLMAP model:
+///
+/// ```
+/// use scene_bundle::export::{Format, Options, export};
+/// # use cad_transforms::RigidTransform;
+/// # use calib::{CameraModel, Distortion};
+/// # use scene_bundle::Bundle;
+/// # use scene_bundle::outputs::{self, keyframes::Keyframe, rig::{RigCamera, RigModel}};
+/// # let folder = tempfile::tempdir()?;
+/// # let provenance = scene_bundle::Provenance {
+/// #     session_id: "01890a5d-ac96-774b-bcce-b302099a8057".to_owned(),
+/// #     handoff_blake3: "ab".repeat(32),
+/// #     judgement: None,
+/// #     rig: scene_bundle::RigRevision { name: "chest".to_owned(), revision: "B".to_owned() },
+/// #     program: "example".to_owned(),
+/// #     program_version: "1.0".to_owned(),
+/// #     started_civil_ns: 1_790_000_000_000_000_000,
+/// #     ended_civil_ns: None,
+/// # };
+/// # let record = scene_bundle::Record {
+/// #     stage: "example".to_owned(),
+/// #     stage_version: 1,
+/// #     settings: serde_json::json!({ "step": 2 }),
+/// #     inputs: std::collections::BTreeMap::new(),
+/// # };
+/// # let model = CameraModel::new((64, 48), [50.0, 50.0, 31.5, 23.5], Distortion::None);
+/// # let camera = RigCamera {
+/// #     name: "feet".to_owned(),
+/// #     left: model,
+/// #     right: model,
+/// #     rig_from_left: RigidTransform::from_translation_m([0.0, 0.0, 0.4])?,
+/// #     rig_from_left_covariance: None,
+/// #     right_from_left: RigidTransform::from_translation_m([-0.063, 0.0, 0.0])?,
+/// #     right_from_left_covariance: None,
+/// #     line_s: 0.0,
+/// # };
+/// # let rig = RigModel {
+/// #     name: "chest".to_owned(),
+/// #     revision: "B".to_owned(),
+/// #     cameras: vec![camera],
+/// #     imus: Vec::new(),
+/// # };
+/// # let keyframe = |frame: u64| -> Result<Keyframe, Box<dyn std::error::Error>> {
+/// #     Ok(Keyframe {
+/// #         set: frame,
+/// #         frame,
+/// #         time_ns: 1_000_000_000 + frame as i64 * 33_333_333,
+/// #         camera: 0,
+/// #         world_from_left: RigidTransform::from_translation_m([0.1 * frame as f64, 0.0, 1.4])?,
+/// #     })
+/// # };
+/// # let bundle = Bundle::create_or_open(&folder.path().join("walk.scene"), provenance)?;
+/// # let draft = bundle.begin(outputs::RIG)?;
+/// # outputs::rig::write(&draft, &rig)?;
+/// # draft.commit(record.clone())?;
+/// # let draft = bundle.begin(outputs::KEYFRAMES)?;
+/// # outputs::keyframes::write(&draft, &[keyframe(10)?, keyframe(20)?])?;
+/// # draft.commit(record.clone())?;
+/// # let scene = bundle.scene();
+///
+/// let out = folder.path().join("colmap");
+/// export(&scene, Format::ColmapText, &Options { right: true, ..Options::default() }, &out)?;
+/// let images = std::fs::read_to_string(out.join("images.txt"))?;
+/// assert_eq!(images.matches("feet/left/").count(), 2);
+/// assert_eq!(images.matches("feet/right/").count(), 2);
+/// // The principal point gains half a pixel: COLMAP counts from the corner of the first pixel.
+/// assert!(std::fs::read_to_string(out.join("cameras.txt"))?.contains(" 32.0 24.0"));
+/// # Ok::<(), Box<dyn std::error::Error>>(())
+/// ```
+///
+/// Keyframes as `transforms.json` of nerfstudio:
+///
+/// ```
+/// use scene_bundle::export::{Format, Options, export};
+/// # use cad_transforms::RigidTransform;
+/// # use calib::{CameraModel, Distortion};
+/// # use scene_bundle::Bundle;
+/// # use scene_bundle::outputs::{self, keyframes::Keyframe, rig::{RigCamera, RigModel}};
+/// # let folder = tempfile::tempdir()?;
+/// # let provenance = scene_bundle::Provenance {
+/// #     session_id: "01890a5d-ac96-774b-bcce-b302099a8057".to_owned(),
+/// #     handoff_blake3: "ab".repeat(32),
+/// #     judgement: None,
+/// #     rig: scene_bundle::RigRevision { name: "chest".to_owned(), revision: "B".to_owned() },
+/// #     program: "example".to_owned(),
+/// #     program_version: "1.0".to_owned(),
+/// #     started_civil_ns: 1_790_000_000_000_000_000,
+/// #     ended_civil_ns: None,
+/// # };
+/// # let record = scene_bundle::Record {
+/// #     stage: "example".to_owned(),
+/// #     stage_version: 1,
+/// #     settings: serde_json::json!({ "step": 2 }),
+/// #     inputs: std::collections::BTreeMap::new(),
+/// # };
+/// # let model = CameraModel::new((64, 48), [50.0, 50.0, 31.5, 23.5], Distortion::None);
+/// # let camera = RigCamera {
+/// #     name: "feet".to_owned(),
+/// #     left: model,
+/// #     right: model,
+/// #     rig_from_left: RigidTransform::from_translation_m([0.0, 0.0, 0.4])?,
+/// #     rig_from_left_covariance: None,
+/// #     right_from_left: RigidTransform::from_translation_m([-0.063, 0.0, 0.0])?,
+/// #     right_from_left_covariance: None,
+/// #     line_s: 0.0,
+/// # };
+/// # let rig = RigModel {
+/// #     name: "chest".to_owned(),
+/// #     revision: "B".to_owned(),
+/// #     cameras: vec![camera],
+/// #     imus: Vec::new(),
+/// # };
+/// # let keyframe = |frame: u64| -> Result<Keyframe, Box<dyn std::error::Error>> {
+/// #     Ok(Keyframe {
+/// #         set: frame,
+/// #         frame,
+/// #         time_ns: 1_000_000_000 + frame as i64 * 33_333_333,
+/// #         camera: 0,
+/// #         world_from_left: RigidTransform::from_translation_m([0.1 * frame as f64, 0.0, 1.4])?,
+/// #     })
+/// # };
+/// # let bundle = Bundle::create_or_open(&folder.path().join("walk.scene"), provenance)?;
+/// # let draft = bundle.begin(outputs::RIG)?;
+/// # outputs::rig::write(&draft, &rig)?;
+/// # draft.commit(record.clone())?;
+/// # let draft = bundle.begin(outputs::KEYFRAMES)?;
+/// # outputs::keyframes::write(&draft, &[keyframe(10)?, keyframe(20)?])?;
+/// # draft.commit(record.clone())?;
+/// # let scene = bundle.scene();
+///
+/// let out = folder.path().join("nerf");
+/// export(&scene, Format::Nerfstudio, &Options::default(), &out)?;
+/// let text = std::fs::read(out.join("transforms.json"))?;
+/// let transforms: serde_json::Value = serde_json::from_slice(&text)?;
+/// let frames = transforms["frames"].as_array().ok_or("no frames")?;
+/// assert_eq!(frames.len(), 2);
+/// // The camera looks along -z in the axes of OpenGL.
+/// assert_eq!(frames[0]["transform_matrix"][2][2].as_f64(), Some(-1.0));
+/// # Ok::<(), Box<dyn std::error::Error>>(())
+/// ```
 pub fn export(
     scene: &Scene,
     format: Format,

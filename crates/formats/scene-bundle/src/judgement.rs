@@ -57,6 +57,26 @@ pub struct ExceededLimit {
 
 impl Judgement {
     /// The verdict and the acceptance in a line, without its metrics. `civil` writes times.
+    ///
+    /// ```
+    /// use scene_bundle::judgement::{Acceptance, Judgement};
+    ///
+    /// let judgement = Judgement {
+    ///     verdict: "WARN".to_owned(),
+    ///     limits: vec!["camera.dropped=0.01,0.05".to_owned()],
+    ///     acceptance: Some(Acceptance {
+    ///         level: "WARN".to_owned(),
+    ///         accepted_civil_ns: 3,
+    ///         verdict: "WARN".to_owned(),
+    ///         metrics: Vec::new(),
+    ///         limits: Vec::new(),
+    ///     }),
+    /// };
+    /// assert_eq!(
+    ///     judgement.in_short(|ns| format!("at {ns} ns")),
+    ///     "WARN, accepted at 3 ns (--accept WARN), with limits camera.dropped=0.01,0.05"
+    /// );
+    /// ```
     pub fn in_short(&self, civil: impl Fn(i64) -> String) -> String {
         let mut text = self.verdict.clone();
         if let Some(acceptance) = &self.acceptance {

@@ -21,6 +21,16 @@ const DRAFT_PREFIX: &str = ".draft-";
 const HASH_DIGITS: usize = 16;
 
 /// Folder of an output of this content: `NAME.` and the first 16 digits of its hash.
+///
+/// ```
+/// use scene_bundle::layout::{folder, is_ours};
+///
+/// let name = folder("trajectory", &"0123456789abcdef".repeat(4));
+/// assert_eq!(name, "trajectory.0123456789abcdef");
+/// // Only such names may be removed by a writer that cleans up.
+/// assert!(is_ours(&name));
+/// assert!(!is_ours("notes.txt"));
+/// ```
 pub fn folder(name: &str, hash: &str) -> String {
     format!("{name}.{}", hash.get(..HASH_DIGITS).unwrap_or(hash))
 }
@@ -54,6 +64,16 @@ pub fn is_output_name(name: &str) -> bool {
 
 /// Whether a file of an output may have this path: parts of ASCII letters, digits, `_`, `-` and `.`, none beginning
 /// with a dot, with `/` between them.
+///
+/// ```
+/// use scene_bundle::layout::is_file_path;
+///
+/// assert!(is_file_path("left_shoulder/left/000001.png"));
+/// // No path leads out of the folder of its output, and none is hidden in it.
+/// for path in ["../scene.json", "/etc/hosts", "a//b", ".a", "a b"] {
+///     assert!(!is_file_path(path), "{path}");
+/// }
+/// ```
 pub fn is_file_path(path: &str) -> bool {
     let plain = |b: u8| b.is_ascii_alphanumeric() || b"_-.".contains(&b);
     let part = |part: &str| !part.is_empty() && !part.starts_with('.') && part.bytes().all(plain);

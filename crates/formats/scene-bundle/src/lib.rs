@@ -4,6 +4,41 @@
 //! this crate is the contract; the crate is its writer ([`Bundle`]), reader ([`Scene`]) and
 //! verifier, and exports to other formats. It knows nothing of how anything was reconstructed, nor
 //! of sessions or the catalogue.
+//!
+//! Writing an output, and reading it back with every byte checked:
+//!
+//! ```
+//! use scene_bundle::{Bundle, Record, Scene};
+//!
+//! let folder = tempfile::tempdir()?;
+//! let path = folder.path().join("walk.scene");
+//! # let provenance = scene_bundle::Provenance {
+//! #     session_id: "01890a5d-ac96-774b-bcce-b302099a8057".to_owned(),
+//! #     handoff_blake3: "ab".repeat(32),
+//! #     judgement: None,
+//! #     rig: scene_bundle::RigRevision { name: "chest".to_owned(), revision: "B".to_owned() },
+//! #     program: "example".to_owned(),
+//! #     program_version: "1.0".to_owned(),
+//! #     started_civil_ns: 1_790_000_000_000_000_000,
+//! #     ended_civil_ns: None,
+//! # };
+//! let bundle = Bundle::create_or_open(&path, provenance)?;
+//! let draft = bundle.begin("notes")?;
+//! draft.write("notes.txt", b"stairs from 14:05 on\n")?;
+//! draft.commit(Record {
+//!     stage: "example".to_owned(),
+//!     stage_version: 1,
+//!     settings: serde_json::json!({}),
+//!     inputs: Default::default(),
+//! })?;
+//! bundle.finish(1_790_000_009_000_000_000)?;
+//!
+//! let scene = Scene::open(&path)?;
+//! let notes = scene.output("notes")?;
+//! assert_eq!(notes.read("notes.txt")?, b"stairs from 14:05 on\n");
+//! assert_eq!(scene.manifest().provenance.rig.revision, "B");
+//! # Ok::<(), Box<dyn std::error::Error>>(())
+//! ```
 
 pub mod bundle;
 pub mod draft;

@@ -131,6 +131,22 @@ impl Output {
 
 /// Content hash of an output: BLAKE3, hex, of a line `HASH BYTES PATH\n` for each file, in the
 /// order of the bytes of their paths.
+///
+/// The order of the files does not matter, their paths do:
+///
+/// ```
+/// use scene_bundle::manifest::{FileEntry, content_hash};
+///
+/// let file = |path: &str, digit: &str| FileEntry {
+///     path: path.to_owned(),
+///     bytes: 4,
+///     blake3: digit.repeat(64),
+/// };
+/// let hash = content_hash(&[file("a.npy", "1"), file("b.json", "2")]);
+/// assert_eq!(hash, content_hash(&[file("b.json", "2"), file("a.npy", "1")]));
+/// assert_ne!(hash, content_hash(&[file("a.npy", "2"), file("b.json", "1")]));
+/// assert_eq!(hash.len(), 64);
+/// ```
 pub fn content_hash(files: &[FileEntry]) -> String {
     let mut files: Vec<&FileEntry> = files.iter().collect();
     files.sort_by(|a, b| a.path.cmp(&b.path));
@@ -153,6 +169,42 @@ impl Manifest {
 
     /// Outputs made from an input that was recomputed since, with the name of that input: they do
     /// not belong to the others.
+    ///
+    /// ```
+    /// # use scene_bundle::Bundle;
+    /// # let folder = tempfile::tempdir()?;
+    /// # let path = folder.path().join("walk.scene");
+    /// # let provenance = scene_bundle::Provenance {
+    /// #     session_id: "01890a5d-ac96-774b-bcce-b302099a8057".to_owned(),
+    /// #     handoff_blake3: "ab".repeat(32),
+    /// #     judgement: None,
+    /// #     rig: scene_bundle::RigRevision { name: "chest".to_owned(), revision: "B".to_owned() },
+    /// #     program: "example".to_owned(),
+    /// #     program_version: "1.0".to_owned(),
+    /// #     started_civil_ns: 1_790_000_000_000_000_000,
+    /// #     ended_civil_ns: None,
+    /// # };
+    /// # let record = scene_bundle::Record {
+    /// #     stage: "example".to_owned(),
+    /// #     stage_version: 1,
+    /// #     settings: serde_json::json!({ "step": 2 }),
+    /// #     inputs: std::collections::BTreeMap::new(),
+    /// # };
+    /// # let bundle = Bundle::create_or_open(&path, provenance)?;
+    /// let write = |name: &str, content: &[u8], input: Option<(&str, &str)>| {
+    ///     let draft = bundle.begin(name)?;
+    ///     draft.write("data.txt", content)?;
+    ///     let inputs = input.into_iter().map(|(name, hash)| (name.to_owned(), hash.to_owned()));
+    ///     draft.commit(scene_bundle::Record { inputs: inputs.collect(), ..record.clone() })
+    /// };
+    /// let trajectory = write("trajectory", b"first", None)?;
+    /// write("keyframes", b"of the first", Some(("trajectory", &trajectory.hash)))?;
+    /// assert!(bundle.manifest().outdated().is_empty());
+    ///
+    /// write("trajectory", b"second", None)?;
+    /// assert_eq!(bundle.manifest().outdated().get("keyframes"), Some(&"trajectory"));
+    /// # Ok::<(), Box<dyn std::error::Error>>(())
+    /// ```
     pub fn outdated(&self) -> BTreeMap<&str, &str> {
         let mut outdated = BTreeMap::new();
         // An output made from an outdated one is itself outdated: each round finds at least one

@@ -92,6 +92,29 @@ impl Scene {
     ///
     /// # Errors
     /// [`BundleError::NoOutput`]; for one with a listing what [`OutputReader::read`] may give.
+    ///
+    /// ```
+    /// # use scene_bundle::{Bundle, BundleError, Scene};
+    /// # let folder = tempfile::tempdir()?;
+    /// # let path = folder.path().join("walk.scene");
+    /// # let provenance = scene_bundle::Provenance {
+    /// #     session_id: "01890a5d-ac96-774b-bcce-b302099a8057".to_owned(),
+    /// #     handoff_blake3: "ab".repeat(32),
+    /// #     judgement: None,
+    /// #     rig: scene_bundle::RigRevision { name: "chest".to_owned(), revision: "B".to_owned() },
+    /// #     program: "example".to_owned(),
+    /// #     program_version: "1.0".to_owned(),
+    /// #     started_civil_ns: 1_790_000_000_000_000_000,
+    /// #     ended_civil_ns: None,
+    /// # };
+    /// # Bundle::create_or_open(&path, provenance)?.finish(1_790_000_001_000_000_000)?;
+    /// // A bundle in which no stage has written anything yet.
+    /// let scene = Scene::open(&path)?;
+    /// assert!(!scene.has("trajectory"));
+    /// let missing = scene.output("trajectory").map(drop).unwrap_err();
+    /// assert!(missing.to_string().contains("it has no output trajectory, only an empty table"));
+    /// # Ok::<(), Box<dyn std::error::Error>>(())
+    /// ```
     pub fn output(&self, name: &str) -> Result<OutputReader, BundleError> {
         let Some(output) = self.manifest.outputs.get(name) else {
             let names: Vec<&str> = self.manifest.outputs.keys().map(String::as_str).collect();

@@ -40,6 +40,14 @@ impl Status {
     }
 
     /// The status of a number in a table.
+    ///
+    /// ```
+    /// use scene_bundle::Status;
+    ///
+    /// assert_eq!(Status::from_code(1), Some(Status::DeadReckoned));
+    /// assert_eq!(Status::from_code(4), None);
+    /// assert!(Status::ALL.iter().all(|status| Status::from_code(status.code()) == Some(*status)));
+    /// ```
     pub fn from_code(code: u8) -> Option<Self> {
         Self::ALL.get(usize::from(code)).copied()
     }
@@ -84,6 +92,18 @@ impl Pose {
 }
 
 /// Why poses are not a trajectory.
+///
+/// ```
+/// use cad_transforms::RigidTransform;
+/// use scene_bundle::{Pose, Trajectory};
+///
+/// let pose = |time_ns| Pose::new(time_ns, RigidTransform::identity());
+/// let error = Trajectory::new(vec![pose(10), pose(20), pose(20)]).unwrap_err();
+/// assert_eq!(
+///     error.to_string(),
+///     "checking a trajectory: pose 2 is at 20 ns, expected later than the one before, 20 ns"
+/// );
+/// ```
 #[derive(Clone, Debug, PartialEq, thiserror::Error)]
 pub enum TrajectoryError {
     /// A time is not later than the one before.
@@ -111,6 +131,26 @@ pub enum TrajectoryError {
 }
 
 /// Poses with strictly rising times. May be empty.
+///
+/// ```
+/// use cad_transforms::RigidTransform;
+/// use scene_bundle::{Pose, Status, Trajectory};
+///
+/// let pose = |i: i64, status| -> Result<Pose, cad_transforms::TransformError> {
+///     let world_from_rig = RigidTransform::from_translation_m([0.5 * i as f64, 0.0, 1.4])?;
+///     Ok(Pose { status, ..Pose::new(i * 500_000_000, world_from_rig) })
+/// };
+/// let mut trajectory = Trajectory::new(vec![pose(0, Status::Tracked)?, pose(1, Status::Tracked)?])?;
+/// trajectory.push(pose(2, Status::Lost)?)?;
+///
+/// assert_eq!(trajectory.duration_ns(), 1_000_000_000);
+/// assert_eq!(trajectory.usable().count(), 2);
+/// // The step to the lost pose does not count.
+/// assert_eq!(trajectory.path_length_m(), 0.5);
+/// let spans = trajectory.spans();
+/// assert_eq!((spans.len(), spans[1].status, spans[1].from_ns), (2, Status::Lost, 1_000_000_000));
+/// # Ok::<(), Box<dyn std::error::Error>>(())
+/// ```
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct Trajectory {
     poses: Vec<Pose>,

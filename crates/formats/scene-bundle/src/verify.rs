@@ -42,6 +42,45 @@ impl VerifyReport {
 /// # Errors
 /// [`BundleError::Io`] when the bundle's folder cannot be listed. Problems of files are in the
 /// result.
+///
+/// ```
+/// use scene_bundle::verify::verify;
+/// # use scene_bundle::{Bundle, Scene};
+/// # let folder = tempfile::tempdir()?;
+/// # let path = folder.path().join("walk.scene");
+/// # let provenance = scene_bundle::Provenance {
+/// #     session_id: "01890a5d-ac96-774b-bcce-b302099a8057".to_owned(),
+/// #     handoff_blake3: "ab".repeat(32),
+/// #     judgement: None,
+/// #     rig: scene_bundle::RigRevision { name: "chest".to_owned(), revision: "B".to_owned() },
+/// #     program: "example".to_owned(),
+/// #     program_version: "1.0".to_owned(),
+/// #     started_civil_ns: 1_790_000_000_000_000_000,
+/// #     ended_civil_ns: None,
+/// # };
+/// # let record = scene_bundle::Record {
+/// #     stage: "example".to_owned(),
+/// #     stage_version: 1,
+/// #     settings: serde_json::json!({ "step": 2 }),
+/// #     inputs: std::collections::BTreeMap::new(),
+/// # };
+/// # let bundle = Bundle::create_or_open(&path, provenance)?;
+/// # let draft = bundle.begin("notes")?;
+/// # draft.write("notes.txt", b"stairs")?;
+/// # draft.commit(record)?;
+/// # drop(bundle);
+///
+/// let scene = Scene::open(&path)?;
+/// let report = verify(&scene, |_| {})?;
+/// assert!(report.is_whole());
+/// assert_eq!((report.outputs[0].files, report.outputs[0].bytes), (1, 6));
+///
+/// std::fs::write(scene.output("notes")?.file_path("notes.txt"), b"Stairs")?;
+/// let report = verify(&scene, |_| {})?;
+/// assert!(!report.is_whole());
+/// assert_eq!(report.outputs[0].problems.len(), 1);
+/// # Ok::<(), Box<dyn std::error::Error>>(())
+/// ```
 pub fn verify(scene: &Scene, mut progress: impl FnMut(u64)) -> Result<VerifyReport, BundleError> {
     let mut checked = VerifyReport::default();
     let known = [

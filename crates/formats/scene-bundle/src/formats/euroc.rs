@@ -60,6 +60,21 @@ pub fn read(path: &Path) -> Result<Estimate, FormatError> {
 ///
 /// # Errors
 /// [`FormatError::Malformed`].
+///
+/// ```
+/// use std::path::Path;
+///
+/// use scene_bundle::formats::euroc;
+///
+/// let text = "#timestamp, p_x, p_y, p_z, q_w, q_x, q_y, q_z, v_x, v_y, v_z\n\
+///             1403715273262142976,0.878,2.142,0.947,1,0,0,0,0.009,-0.327,0.001\n";
+/// let estimate = euroc::parse(text, Path::new("data.csv"))?;
+/// let pose = &estimate.trajectory.poses()[0];
+/// assert_eq!(pose.time_ns, 1_403_715_273_262_142_976);
+/// assert_eq!(pose.velocity_in_world, Some([0.009, -0.327, 0.001]));
+/// assert_eq!(estimate.biases, None);
+/// # Ok::<(), scene_bundle::FormatError>(())
+/// ```
 pub fn parse(text: &str, path: &Path) -> Result<Estimate, FormatError> {
     let source = Source {
         kind: "EuRoC",

@@ -13,6 +13,16 @@ pub fn format_seconds(time_ns: i64) -> String {
 /// Nanoseconds of seconds in decimal, with or without point and exponent (NumPy writes `1.3050e+09`). Digits below a
 /// nanosecond are rounded to the nearest, halves away from zero. `None` for what is not a decimal number or outside
 /// of i64 nanoseconds (292 years).
+///
+/// ```
+/// use scene_bundle::formats::{format_seconds, parse_seconds};
+///
+/// // Beyond what a 64-bit floating-point number could hold.
+/// assert_eq!(parse_seconds("1403715273.262142976"), Some(1_403_715_273_262_142_976));
+/// assert_eq!(parse_seconds("1.25e+01"), Some(12_500_000_000));
+/// assert_eq!(parse_seconds("12:30"), None);
+/// assert_eq!(format_seconds(-1), "-0.000000001");
+/// ```
 pub fn parse_seconds(text: &str) -> Option<i64> {
     let (negative, digits) = match text.as_bytes().first()? {
         b'-' => (true, &text[1..]),

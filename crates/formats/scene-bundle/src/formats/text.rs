@@ -15,6 +15,20 @@ pub(super) const NORM_TOLERANCE: f64 = 1e-3;
 const MAX_BYTES: u64 = 1 << 30;
 
 /// Why a trajectory could not be read.
+///
+/// A message names the line, what was found and what was expected:
+///
+/// ```
+/// use std::path::Path;
+///
+/// use scene_bundle::formats::tum;
+///
+/// let error = tum::parse("# t x y z\n1.0 0 0 0\n", Path::new("poses.txt")).unwrap_err();
+/// let text = error.to_string();
+/// assert!(text.contains("4 fields"), "{text}");
+/// assert!(text.contains("8: t x y z qx qy qz qw"), "{text}");
+/// assert!(text.contains("poses.txt"), "{text}");
+/// ```
 #[derive(Debug, thiserror::Error)]
 pub enum FormatError {
     /// The file could not be read: check the path and its permissions.

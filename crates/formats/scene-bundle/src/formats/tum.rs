@@ -21,6 +21,23 @@ pub fn read(path: &Path) -> Result<Trajectory, FormatError> {
 ///
 /// # Errors
 /// [`FormatError::Malformed`].
+///
+/// ```
+/// use std::path::Path;
+///
+/// use scene_bundle::formats::tum;
+///
+/// let text = "# timestamp tx ty tz qx qy qz qw\n1305031102.175304 1.3 0.6 1.6 0 0 1 0\n";
+/// let trajectory = tum::parse(text, Path::new("groundtruth.txt"))?;
+/// let pose = &trajectory.poses()[0];
+/// assert_eq!(pose.time_ns, 1_305_031_102_175_304_000);
+/// assert_eq!(pose.world_from_rig.rotation_wxyz(), [0.0, 0.0, 0.0, 1.0]);
+///
+/// // What is written reads back to the same bits.
+/// let again = tum::parse(&tum::to_text(&trajectory), Path::new("copy.txt"))?;
+/// assert_eq!(again, trajectory);
+/// # Ok::<(), scene_bundle::FormatError>(())
+/// ```
 pub fn parse(text: &str, path: &Path) -> Result<Trajectory, FormatError> {
     let source = Source {
         kind: "TUM",

@@ -37,6 +37,43 @@ fn start(count: usize) -> String {
 ///
 /// # Errors
 /// [`BundleError::Refused`] for a position that is not finite, [`BundleError::Io`].
+///
+/// ```
+/// use scene_bundle::outputs::{self, cloud};
+/// # use scene_bundle::Bundle;
+/// # let folder = tempfile::tempdir()?;
+/// # let provenance = scene_bundle::Provenance {
+/// #     session_id: "01890a5d-ac96-774b-bcce-b302099a8057".to_owned(),
+/// #     handoff_blake3: "ab".repeat(32),
+/// #     judgement: None,
+/// #     rig: scene_bundle::RigRevision { name: "chest".to_owned(), revision: "B".to_owned() },
+/// #     program: "example".to_owned(),
+/// #     program_version: "1.0".to_owned(),
+/// #     started_civil_ns: 1_790_000_000_000_000_000,
+/// #     ended_civil_ns: None,
+/// # };
+/// # let record = scene_bundle::Record {
+/// #     stage: "example".to_owned(),
+/// #     stage_version: 1,
+/// #     settings: serde_json::json!({ "step": 2 }),
+/// #     inputs: std::collections::BTreeMap::new(),
+/// # };
+/// # let bundle = Bundle::create_or_open(&folder.path().join("walk.scene"), provenance)?;
+///
+/// let point = cloud::CloudPoint {
+///     x_in_world: [1.5, -2.0, 0.25],
+///     color: [200, 180, 160],
+///     sigma_m: 0.004,
+/// };
+/// let draft = bundle.begin(outputs::CLOUD)?;
+/// cloud::write(&draft, &[point, point])?;
+/// draft.commit(record)?;
+///
+/// let reader = bundle.scene().output(outputs::CLOUD)?;
+/// assert_eq!(cloud::read(&reader)?[1].x_in_world, [1.5, -2.0, 0.25]);
+/// assert!(cloud::read_file(&reader)?.starts_with(b"ply\nformat binary_little_endian 1.0\n"));
+/// # Ok::<(), Box<dyn std::error::Error>>(())
+/// ```
 pub fn write(draft: &Draft, points: &[CloudPoint]) -> Result<(), BundleError> {
     let off = |p: &CloudPoint| p.x_in_world.iter().any(|v| !v.is_finite());
     if let Some(number) = points.iter().position(off) {

@@ -112,6 +112,15 @@ impl DepthImage {
     ///
     /// # Panics
     /// If the number of values differs from the number of pixels.
+    ///
+    /// ```
+    /// use scene_bundle::outputs::depth::DepthImage;
+    ///
+    /// let image = DepthImage::from_metres(2, 1, &[1.25, f32::NAN], &[0.003, f32::NAN]);
+    /// assert_eq!((image.depth[0], image.sigma[0]), (1250, 30));
+    /// assert_eq!(image.depth_m(0, 0), Some(1.25));
+    /// assert_eq!(image.depth_m(1, 0), None);
+    /// ```
     pub fn from_metres(width: u32, height: u32, depth_m: &[f32], sigma_m: &[f32]) -> Self {
         let pixels = width as usize * height as usize;
         assert_eq!((depth_m.len(), sigma_m.len()), (pixels, pixels), "values");
@@ -150,6 +159,49 @@ impl DepthImage {
 }
 
 /// Writes depth maps one by one, from any number of threads.
+///
+/// ```
+/// # use cad_transforms::RigidTransform;
+/// # use calib::{CameraModel, Distortion};
+/// use scene_bundle::outputs::depth::{self, DepthImage, DepthKey, DepthView, DepthWriter};
+/// # use scene_bundle::{Bundle, outputs};
+/// # let folder = tempfile::tempdir()?;
+/// # let provenance = scene_bundle::Provenance {
+/// #     session_id: "01890a5d-ac96-774b-bcce-b302099a8057".to_owned(),
+/// #     handoff_blake3: "ab".repeat(32),
+/// #     judgement: None,
+/// #     rig: scene_bundle::RigRevision { name: "chest".to_owned(), revision: "B".to_owned() },
+/// #     program: "example".to_owned(),
+/// #     program_version: "1.0".to_owned(),
+/// #     started_civil_ns: 1_790_000_000_000_000_000,
+/// #     ended_civil_ns: None,
+/// # };
+/// # let record = scene_bundle::Record {
+/// #     stage: "example".to_owned(),
+/// #     stage_version: 1,
+/// #     settings: serde_json::json!({ "step": 2 }),
+/// #     inputs: std::collections::BTreeMap::new(),
+/// # };
+/// # let bundle = Bundle::create_or_open(&folder.path().join("walk.scene"), provenance)?;
+///
+/// let view = DepthView {
+///     camera: "feet".to_owned(),
+///     model: CameraModel::new((4, 2), [3.0, 3.0, 1.5, 0.5], Distortion::None),
+///     view_from_left: RigidTransform::identity(),
+/// };
+/// let draft = bundle.begin(outputs::DEPTH)?;
+/// let writer = DepthWriter::new(&draft, vec![view])?;
+/// let key = DepthKey { view: 0, time_ns: 33_333_333, frame: 12, set: 4 };
+/// writer.write(key, &DepthImage::from_metres(4, 2, &[2.5; 8], &[0.01; 8]))?;
+/// writer.finish()?;
+/// draft.commit(record)?;
+///
+/// let reader = bundle.scene().output(outputs::DEPTH)?;
+/// let index = depth::read_index(&reader)?;
+/// assert_eq!(index.images, [key]);
+/// assert_eq!(depth::read(&reader, &index, &key)?.depth_m(3, 1), Some(2.5));
+/// # Ok::<(), Box<dyn std::error::Error>>(())
+/// ```
 pub struct DepthWriter<'a> {
     draft: &'a Draft,
     views: Vec<DepthView>,

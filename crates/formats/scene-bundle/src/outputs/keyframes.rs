@@ -67,6 +67,73 @@ pub fn write(draft: &Draft, keyframes: &[Keyframe]) -> Result<(), BundleError> {
 ///
 /// # Errors
 /// As [`OutputReader::read`]; [`BundleError::Malformed`].
+///
+/// Rows are sorted by camera and time, in whatever order they were written:
+///
+/// ```
+/// use scene_bundle::outputs::keyframes;
+/// # use cad_transforms::RigidTransform;
+/// # use calib::{CameraModel, Distortion};
+/// # use scene_bundle::Bundle;
+/// # use scene_bundle::outputs::{self, keyframes::Keyframe, rig::{RigCamera, RigModel}};
+/// # let folder = tempfile::tempdir()?;
+/// # let provenance = scene_bundle::Provenance {
+/// #     session_id: "01890a5d-ac96-774b-bcce-b302099a8057".to_owned(),
+/// #     handoff_blake3: "ab".repeat(32),
+/// #     judgement: None,
+/// #     rig: scene_bundle::RigRevision { name: "chest".to_owned(), revision: "B".to_owned() },
+/// #     program: "example".to_owned(),
+/// #     program_version: "1.0".to_owned(),
+/// #     started_civil_ns: 1_790_000_000_000_000_000,
+/// #     ended_civil_ns: None,
+/// # };
+/// # let record = scene_bundle::Record {
+/// #     stage: "example".to_owned(),
+/// #     stage_version: 1,
+/// #     settings: serde_json::json!({ "step": 2 }),
+/// #     inputs: std::collections::BTreeMap::new(),
+/// # };
+/// # let model = CameraModel::new((64, 48), [50.0, 50.0, 31.5, 23.5], Distortion::None);
+/// # let camera = RigCamera {
+/// #     name: "feet".to_owned(),
+/// #     left: model,
+/// #     right: model,
+/// #     rig_from_left: RigidTransform::from_translation_m([0.0, 0.0, 0.4])?,
+/// #     rig_from_left_covariance: None,
+/// #     right_from_left: RigidTransform::from_translation_m([-0.063, 0.0, 0.0])?,
+/// #     right_from_left_covariance: None,
+/// #     line_s: 0.0,
+/// # };
+/// # let rig = RigModel {
+/// #     name: "chest".to_owned(),
+/// #     revision: "B".to_owned(),
+/// #     cameras: vec![camera],
+/// #     imus: Vec::new(),
+/// # };
+/// # let keyframe = |frame: u64| -> Result<Keyframe, Box<dyn std::error::Error>> {
+/// #     Ok(Keyframe {
+/// #         set: frame,
+/// #         frame,
+/// #         time_ns: 1_000_000_000 + frame as i64 * 33_333_333,
+/// #         camera: 0,
+/// #         world_from_left: RigidTransform::from_translation_m([0.1 * frame as f64, 0.0, 1.4])?,
+/// #     })
+/// # };
+/// # let bundle = Bundle::create_or_open(&folder.path().join("walk.scene"), provenance)?;
+/// # let draft = bundle.begin(outputs::RIG)?;
+/// # outputs::rig::write(&draft, &rig)?;
+/// # draft.commit(record.clone())?;
+/// # let draft = bundle.begin(outputs::KEYFRAMES)?;
+/// # outputs::keyframes::write(&draft, &[keyframe(10)?, keyframe(20)?])?;
+/// # draft.commit(record.clone())?;
+///
+/// let draft = bundle.begin(outputs::KEYFRAMES)?;
+/// keyframes::write(&draft, &[keyframe(7)?, keyframe(5)?])?;
+/// draft.commit(record)?;
+/// let rows = keyframes::read(&bundle.scene().output(outputs::KEYFRAMES)?)?;
+/// assert_eq!(rows.iter().map(|row| row.frame).collect::<Vec<_>>(), [5, 7]);
+/// # Ok::<(), Box<dyn std::error::Error>>(())
+/// ```
 pub fn read(reader: &OutputReader) -> Result<Vec<Keyframe>, BundleError> {
     let bytes = reader.read(TABLE)?;
     let place = reader.file_path(TABLE);

@@ -43,6 +43,42 @@ pub(crate) fn dynamic_path(camera: &str, frame: u64) -> String {
 ///
 /// # Errors
 /// [`BundleError::Refused`] for values other than 0 and 255 or a wrong number of pixels, [`BundleError::Io`].
+///
+/// ```
+/// use calib::Eye;
+/// use scene_bundle::outputs::masks::{self, Mask};
+/// # use scene_bundle::{Bundle, outputs};
+/// # let folder = tempfile::tempdir()?;
+/// # let provenance = scene_bundle::Provenance {
+/// #     session_id: "01890a5d-ac96-774b-bcce-b302099a8057".to_owned(),
+/// #     handoff_blake3: "ab".repeat(32),
+/// #     judgement: None,
+/// #     rig: scene_bundle::RigRevision { name: "chest".to_owned(), revision: "B".to_owned() },
+/// #     program: "example".to_owned(),
+/// #     program_version: "1.0".to_owned(),
+/// #     started_civil_ns: 1_790_000_000_000_000_000,
+/// #     ended_civil_ns: None,
+/// # };
+/// # let record = scene_bundle::Record {
+/// #     stage: "example".to_owned(),
+/// #     stage_version: 1,
+/// #     settings: serde_json::json!({ "step": 2 }),
+/// #     inputs: std::collections::BTreeMap::new(),
+/// # };
+/// # let bundle = Bundle::create_or_open(&folder.path().join("walk.scene"), provenance)?;
+///
+/// // The lower row shows the wearer.
+/// let mask = Mask { width: 3, height: 2, pixels: vec![255, 255, 255, 0, 0, 0] };
+/// let draft = bundle.begin(outputs::MASKS)?;
+/// masks::write(&draft, "feet", Eye::Left, &mask)?;
+/// draft.commit(record)?;
+///
+/// let reader = bundle.scene().output(outputs::MASKS)?;
+/// assert_eq!(masks::read(&reader, "feet", Eye::Left)?, Some(mask));
+/// // No file: every pixel may be used.
+/// assert_eq!(masks::read(&reader, "feet", Eye::Right)?, None);
+/// # Ok::<(), Box<dyn std::error::Error>>(())
+/// ```
 pub fn write(draft: &Draft, camera: &str, eye: Eye, mask: &Mask) -> Result<(), BundleError> {
     let path = path(camera, eye);
     let file = file(draft, &path, mask)?;

@@ -94,6 +94,40 @@ impl<'a> TrajectoryWriter<'a> {
 ///
 /// # Errors
 /// As [`TrajectoryWriter`].
+///
+/// ```
+/// use cad_transforms::RigidTransform;
+/// use scene_bundle::{Bundle, Pose, Trajectory, outputs};
+/// # let folder = tempfile::tempdir()?;
+/// # let provenance = scene_bundle::Provenance {
+/// #     session_id: "01890a5d-ac96-774b-bcce-b302099a8057".to_owned(),
+/// #     handoff_blake3: "ab".repeat(32),
+/// #     judgement: None,
+/// #     rig: scene_bundle::RigRevision { name: "chest".to_owned(), revision: "B".to_owned() },
+/// #     program: "example".to_owned(),
+/// #     program_version: "1.0".to_owned(),
+/// #     started_civil_ns: 1_790_000_000_000_000_000,
+/// #     ended_civil_ns: None,
+/// # };
+/// # let record = scene_bundle::Record {
+/// #     stage: "example".to_owned(),
+/// #     stage_version: 1,
+/// #     settings: serde_json::json!({ "step": 2 }),
+/// #     inputs: std::collections::BTreeMap::new(),
+/// # };
+/// # let bundle = Bundle::create_or_open(&folder.path().join("walk.scene"), provenance)?;
+///
+/// let walk = (0..5).map(|i| Pose::new(i * 33_333_333, RigidTransform::identity()));
+/// let walk = Trajectory::new(walk.collect())?;
+/// let draft = bundle.begin(outputs::TRAJECTORY)?;
+/// outputs::trajectory::write(&draft, &walk)?;
+/// draft.commit(record)?;
+///
+/// let reader = bundle.scene().output(outputs::TRAJECTORY)?;
+/// assert_eq!(outputs::trajectory::read(&reader)?, walk);
+/// assert_eq!(outputs::trajectory::read_spans(&reader)?, walk.spans());
+/// # Ok::<(), Box<dyn std::error::Error>>(())
+/// ```
 pub fn write(draft: &Draft, trajectory: &Trajectory) -> Result<(), BundleError> {
     let mut writer = TrajectoryWriter::new(draft)?;
     for pose in trajectory.poses() {
