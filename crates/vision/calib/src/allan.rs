@@ -72,6 +72,29 @@ pub struct Curve {
 ///
 /// # Panics
 /// If a run extends beyond the samples.
+///
+/// White noise of 0.01 rad/s in each sample, at 100 Hz: the density is 0.01 rad/s times the root of the period.
+///
+/// ```
+/// use calib::allan::{Coefficient, curve, fit};
+///
+/// # let mut state = 7_u64;
+/// # let mut uniform = || {
+/// #     state ^= state << 13;
+/// #     state ^= state >> 7;
+/// #     state ^= state << 17;
+/// #     (state >> 11) as f64 / (1_u64 << 53) as f64 - 0.5
+/// # };
+/// // The sum of twelve uniform numbers has a variance of 1.
+/// let rate: Vec<f64> = (0..6000).map(|_| 0.01 * (0..12).map(|_| uniform()).sum::<f64>()).collect();
+/// let curve = curve(&rate, &[0..rate.len()], 0.01);
+/// let fit = fit(&curve).ok_or("no noise")?;
+/// let density = fit.value(Coefficient::White).known().ok_or("not determined")?;
+/// assert!((density / 1e-3 - 1.0).abs() < 0.1, "{density} rad/s/sqrt(Hz)");
+/// // A minute does not determine a random walk: there is a limit and no value.
+/// assert_eq!(fit.value(Coefficient::Walk).known(), None);
+/// # Ok::<(), &str>(())
+/// ```
 pub fn curve(rate: &[f64], runs: &[Range<usize>], period_s: f64) -> Curve {
     let longest = runs.iter().map(Range::len).max().unwrap_or(0);
     let factors = factors(longest / MIN_LENGTHS);

@@ -294,6 +294,21 @@ impl CameraModel {
     ///
     /// # Panics
     /// If the number of parameters differs from the model's.
+    ///
+    /// ```
+    /// use calib::{CameraModel, Distortion};
+    ///
+    /// let distortion = Distortion::RadTan4 { k1: -0.2, k2: 0.03, p1: 0.0, p2: 0.0 };
+    /// let model = CameraModel::new((640, 480), [500.0, 501.0, 319.5, 239.5], distortion);
+    /// assert_eq!(model.parameter_names(), ["fx", "fy", "cx", "cy", "k1", "k2", "p1", "p2"]);
+    ///
+    /// // One step of an optimizer.
+    /// let mut parameters = model.parameters();
+    /// parameters[4] += 0.01;
+    /// let next = model.with_parameters(&parameters);
+    /// assert_eq!(next.distortion.coefficients(), [-0.19, 0.03, 0.0, 0.0]);
+    /// assert_eq!((next.width, next.fy), (640, 501.0));
+    /// ```
     #[must_use]
     pub fn with_parameters(&self, p: &[f64]) -> Self {
         Self {

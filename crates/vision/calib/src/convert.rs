@@ -181,6 +181,19 @@ impl LensModel {
 /// The same lens in another model that contains it exactly: `none` in every model with radial
 /// terms, a smaller radial-tangential one in a larger, and a larger in a smaller whose missing
 /// terms are 0.
+///
+/// ```
+/// use calib::convert::exactly;
+/// use calib::{Distortion, LensModel};
+///
+/// let four = Distortion::RadTan4 { k1: -0.2, k2: 0.03, p1: 1e-3, p2: 0.0 };
+/// let five = exactly(&four, LensModel::RadTan5).ok_or("not contained")?;
+/// assert_eq!(five.coefficients(), [-0.2, 0.03, 1e-3, 0.0, 0.0]);
+/// assert_eq!(exactly(&five, LensModel::RadTan4), Some(four));
+/// // A fisheye is never the same lens: that takes a fit.
+/// assert_eq!(exactly(&four, LensModel::KannalaBrandt4), None);
+/// # Ok::<(), &str>(())
+/// ```
 pub fn exactly(distortion: &Distortion, target: LensModel) -> Option<Distortion> {
     if LensModel::of(distortion) == target {
         return Some(*distortion);
@@ -226,6 +239,18 @@ pub fn exactly(distortion: &Distortion, target: LensModel) -> Option<Distortion>
 ///
 /// # Errors
 /// [`ConvertError`].
+///
+/// ```
+/// use calib::{CameraModel, Distortion, LensModel, convert};
+///
+/// let distortion = Distortion::RadTan4 { k1: -0.1, k2: 0.01, p1: 0.0, p2: 0.0 };
+/// let source = CameraModel::new((64, 48), [60.0, 60.0, 31.5, 23.5], distortion);
+/// let fitted = convert(&source, LensModel::KannalaBrandt4)?;
+/// assert!(!fitted.exact);
+/// assert!(fitted.max_px < 0.05, "{} px", fitted.max_px);
+/// assert_eq!(fitted.lost, 0.0);
+/// # Ok::<(), calib::convert::ConvertError>(())
+/// ```
 pub fn convert(source: &CameraModel, target: LensModel) -> Result<Conversion, ConvertError> {
     convert_within(source, target, std::f64::consts::PI)
 }

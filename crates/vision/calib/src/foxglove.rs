@@ -30,6 +30,26 @@ pub struct CameraInfo {
 
 impl CameraInfo {
     /// One eye of a stereo camera.
+    ///
+    /// ```
+    /// use cad_transforms::RigidTransform;
+    /// use calib::{CameraInfo, CameraModel, Distortion, Eye, StereoCalibration};
+    /// # use calib::Provenance;
+    ///
+    /// let model = CameraModel::new((640, 480), [500.0, 500.0, 319.5, 239.5], Distortion::None);
+    /// let stereo = StereoCalibration {
+    ///     left: model,
+    ///     right: model,
+    ///     right_from_left: RigidTransform::from_translation_m([-0.063, 0.0, 0.0])?,
+    ///     imu: None,
+    /// #     provenance: Provenance { format: None, files: Vec::new(), part: None },
+    /// };
+    /// let right = CameraInfo::of(&stereo, Eye::Right);
+    /// assert_eq!(right.k, [500.0, 0.0, 319.5, 0.0, 500.0, 239.5, 0.0, 0.0, 1.0]);
+    /// assert!((right.p[3] + 500.0 * 0.063).abs() < 1e-9);
+    /// assert_eq!(CameraInfo::of(&stereo, Eye::Left).p[3], 0.0);
+    /// # Ok::<(), Box<dyn std::error::Error>>(())
+    /// ```
     pub fn of(stereo: &StereoCalibration, eye: Eye) -> Self {
         let camera = stereo.eye(eye);
         let (distortion_model, d) = match camera.distortion {

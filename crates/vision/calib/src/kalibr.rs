@@ -41,6 +41,26 @@ const SAME_PLACE: f64 = 1e-6;
 ///
 /// # Errors
 /// [`CalibError`].
+///
+/// ```
+/// let folder = tempfile::tempdir()?;
+/// let path = folder.path().join("camchain.yaml");
+/// std::fs::write(
+///     &path,
+///     "cam0:
+///   camera_model: pinhole
+///   distortion_model: radtan
+///   distortion_coeffs: [-0.28, 0.07, 0.0002, 0.00002]
+///   intrinsics: [458.65, 457.3, 367.2, 248.4]
+///   resolution: [752, 480]
+/// ",
+/// )?;
+/// let (set, _notes) = calib::kalibr::read(&path)?;
+/// let model = &set.cameras[0].model;
+/// assert_eq!((model.width, model.fx), (752, 458.65));
+/// assert_eq!(model.distortion.name(), "rad_tan4");
+/// # Ok::<(), Box<dyn std::error::Error>>(())
+/// ```
 pub fn read(path: &Path) -> Result<(CameraSet, Vec<Note>), CalibError> {
     let source = Source::read(path)?;
     let tree = yaml::parse(&source)?;
@@ -193,6 +213,26 @@ pub fn read_imu(path: &Path) -> Result<ImuFile, CalibError> {
 }
 
 /// An `imu.yaml` for Kalibr.
+///
+/// ```
+/// use calib::ImuNoise;
+/// use calib::kalibr::{ImuFile, imu_text, read_imu};
+///
+/// let imu = ImuFile {
+///     noise: ImuNoise {
+///         gyro_noise_density: 1.7e-4,
+///         gyro_random_walk: 1.9e-5,
+///         accel_noise_density: 2e-3,
+///         accel_random_walk: 3e-3,
+///     },
+///     rate_hz: 200.0,
+/// };
+/// let folder = tempfile::tempdir()?;
+/// let path = folder.path().join("imu.yaml");
+/// std::fs::write(&path, imu_text(&imu))?;
+/// assert_eq!(read_imu(&path)?, imu);
+/// # Ok::<(), Box<dyn std::error::Error>>(())
+/// ```
 pub fn imu_text(imu: &ImuFile) -> String {
     let n = &imu.noise;
     format!(

@@ -114,6 +114,21 @@ impl Lens {
     }
 
     /// The same with its Jacobians.
+    ///
+    /// ```
+    /// use calib::{CameraModel, Distortion, Lens};
+    ///
+    /// let distortion = Distortion::KannalaBrandt4 { k1: 0.02, k2: -0.01, k3: 0.0, k4: 0.0 };
+    /// let lens = Lens::new(&CameraModel::new((640, 480), [300.0, 300.0, 319.5, 239.5], distortion));
+    /// let projected = lens.project_with_jacobians([0.4, -0.2, 1.0]).ok_or("outside")?;
+    /// assert_eq!(Some(projected.pixel), lens.project([0.4, -0.2, 1.0]));
+    ///
+    /// // The point moved by a hundredth of a millimetre along x.
+    /// let moved = lens.project([0.4 + 1e-5, -0.2, 1.0]).ok_or("outside")?;
+    /// let px_per_m = (moved[0] - projected.pixel[0]) / 1e-5;
+    /// assert!((projected.by_point[(0, 0)] - px_per_m).abs() < 0.01);
+    /// # Ok::<(), &str>(())
+    /// ```
     pub fn project_with_jacobians(&self, x_in_camera: [f64; 3]) -> Option<Projected> {
         let bent = match &self.shape {
             Shape::Radial(s) => s.distort_with_jacobians(x_in_camera),
@@ -163,6 +178,19 @@ impl Lens {
     }
 
     /// Whether every pixel of the image has a direction: the corners are the farthest.
+    ///
+    /// ```
+    /// use calib::{CameraModel, Distortion, Lens};
+    ///
+    /// let lens = |k1| {
+    ///     let distortion = Distortion::RadTan4 { k1, k2: 0.0, p1: 0.0, p2: 0.0 };
+    ///     Lens::new(&CameraModel::new((640, 480), [300.0, 300.0, 319.5, 239.5], distortion))
+    /// };
+    /// assert!(lens(-0.05).covers_image());
+    /// // A strong barrel distortion without higher terms folds back before the corners.
+    /// assert!(!lens(-0.4).covers_image());
+    /// assert!(lens(-0.4).widest_rad() < lens(-0.05).widest_rad());
+    /// ```
     pub fn covers_image(&self) -> bool {
         let right = f64::from(self.model.width) - 0.5;
         let bottom = f64::from(self.model.height) - 0.5;

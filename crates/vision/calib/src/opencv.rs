@@ -71,6 +71,33 @@ const EXTRINSICS: [&str; 2] = ["extrinsics.yml", "extrinsics.yaml"];
 ///
 /// # Errors
 /// [`CalibError`].
+///
+/// ```
+/// let folder = tempfile::tempdir()?;
+/// let path = folder.path().join("camera.yml");
+/// std::fs::write(
+///     &path,
+///     "%YAML:1.0
+/// ---
+/// camera_matrix: !!opencv-matrix
+///    rows: 3
+///    cols: 3
+///    dt: d
+///    data: [ 535.5, 0., 342.25, 0., 535.5, 235.5, 0., 0., 1. ]
+/// distortion_coefficients: !!opencv-matrix
+///    rows: 1
+///    cols: 5
+///    dt: d
+///    data: [ -0.25, 0.1, 0., 0., 0. ]
+/// ",
+/// )?;
+/// // The file has no image size, so the caller gives it.
+/// let (set, _notes) = calib::opencv::read(&path, Some([640, 480]))?;
+/// let model = &set.cameras[0].model;
+/// assert_eq!((model.fx, model.cx, model.height), (535.5, 342.25, 480));
+/// assert!(calib::opencv::read(&path, None).is_err());
+/// # Ok::<(), Box<dyn std::error::Error>>(())
+/// ```
 pub fn read(path: &Path, size: Option<[u32; 2]>) -> Result<(CameraSet, Vec<Note>), CalibError> {
     let source = Source::read(path)?;
     let tree = yaml::parse(&source)?;

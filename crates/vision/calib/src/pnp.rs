@@ -29,6 +29,28 @@ pub struct PlanarPose {
 }
 
 /// The pose from points with z = 0 in the target. `None` if there are too few or they do not fit.
+///
+/// ```
+/// use cad_transforms::RigidTransform;
+/// use calib::adjust::Point;
+/// use calib::{CameraModel, Distortion, Lens, pnp};
+///
+/// let model = CameraModel::new((640, 480), [500.0, 500.0, 319.5, 239.5], Distortion::None);
+/// let truth = RigidTransform::from_rotation_vector([0.4, -0.3, 0.1], [0.05, -0.02, 0.8])?;
+/// let lens = Lens::new(&model);
+/// let point = |i: u32| {
+///     let x_in_target = [0.05 * f64::from(i % 6), 0.05 * f64::from(i / 6), 0.0];
+///     let pixel = lens.project(truth.apply(x_in_target))?;
+///     Some(Point { x_in_target, pixel, sigma_px: 0.1 })
+/// };
+/// let points: Vec<Point> = (0..24).filter_map(point).collect();
+/// let pose = pnp::planar(&model, &points).ok_or("no pose")?;
+/// assert!((truth.inverse() * pose.eye_from_target).distance_m() < 1e-6);
+/// assert!(pose.rms_px < 1e-6);
+/// // Three points are too few.
+/// assert!(pnp::planar(&model, &points[..3]).is_none());
+/// # Ok::<(), Box<dyn std::error::Error>>(())
+/// ```
 pub fn planar(model: &CameraModel, points: &[Point]) -> Option<PlanarPose> {
     let start = from_homography(&Lens::new(model), points)?;
     let found = locate(model, points, &start).ok()?;

@@ -30,6 +30,23 @@ const MAX_CENTRE_OFFSET: f64 = 0.06;
 ///
 /// # Errors
 /// [`CalibError`], naming the file and where possible the line.
+///
+/// ```
+/// use calib::read_stereo;
+///
+/// let folder = tempfile::tempdir()?;
+/// let path = folder.path().join("K.txt");
+/// // A camera matrix and a baseline, of a pair that is rectified as delivered.
+/// std::fs::write(&path, "700 0 639.5 0 700 359.5 0 0 1\n0.12\n")?;
+/// let (stereo, _notes) = read_stereo(&path, 1280, 720)?;
+/// assert!(stereo.is_rectified());
+/// assert_eq!((stereo.left.fx, stereo.baseline_m()), (700.0, 0.12));
+///
+/// std::fs::write(&path, "no numbers\n")?;
+/// let error = read_stereo(&path, 1280, 720).unwrap_err();
+/// assert!(error.to_string().contains("K.txt"), "{error}");
+/// # Ok::<(), Box<dyn std::error::Error>>(())
+/// ```
 pub fn read_stereo(
     path: &Path,
     width: u32,

@@ -39,6 +39,36 @@ pub enum View {
 }
 
 /// A rectified pair.
+///
+/// The same point in both images of a pair whose right eye is rotated, and its distance from the disparity:
+///
+/// ```
+/// # use cad_transforms::RigidTransform;
+/// # use calib::{CameraModel, Distortion, Eye, Lens, Rectification, StereoCalibration, View};
+/// # use calib::Provenance;
+///
+/// let distortion = Distortion::RadTan4 { k1: -0.1, k2: 0.01, p1: 0.0, p2: 0.0 };
+/// let model = CameraModel::new((640, 480), [500.0, 500.0, 319.5, 239.5], distortion);
+/// let stereo = StereoCalibration {
+///     left: model,
+///     right: model,
+///     right_from_left: RigidTransform::from_rotation_vector([0.02, -0.01, 0.03], [-0.063, 0.001, 0.0])?,
+///     imu: None,
+/// #     provenance: Provenance { format: None, files: Vec::new(), part: None },
+/// };
+/// let rectified = Rectification::new(&stereo, View::Filled)?;
+///
+/// let in_left = [0.1, -0.2, 1.5];
+/// let lens = Lens::new(&model);
+/// let old = [lens.project(in_left), lens.project(stereo.right_from_left.apply(in_left))];
+/// let left = rectified.new_pixel(Eye::Left, old[0].ok_or("outside")?).ok_or("outside")?;
+/// let right = rectified.new_pixel(Eye::Right, old[1].ok_or("outside")?).ok_or("outside")?;
+/// assert!((left[1] - right[1]).abs() < 1e-6); // one row
+/// let depth_m = rectified.camera.fx * rectified.baseline_m / (left[0] - right[0]);
+/// let expected = rectified.rectified_from_left.rotate(in_left)[2];
+/// assert!((depth_m - expected).abs() < 1e-6, "{depth_m} m");
+/// # Ok::<(), Box<dyn std::error::Error>>(())
+/// ```
 #[derive(Clone, Debug)]
 pub struct Rectification {
     /// The camera model of both rectified images.

@@ -107,6 +107,30 @@ impl CameraSet {
     /// # Errors
     /// [`CalibError::Missing`] without such cameras or their pose, [`CalibError::Implausible`] if
     /// left and right are swapped.
+    ///
+    /// ```
+    /// use std::path::Path;
+    ///
+    /// use cad_transforms::RigidTransform;
+    /// use calib::{CameraModel, CameraSet, Distortion, NamedCamera, StereoCalibration};
+    /// # use calib::Provenance;
+    ///
+    /// let model = CameraModel::new((640, 480), [500.0, 500.0, 319.5, 239.5], Distortion::None);
+    /// let camera = |name: &str, x: f64| -> Result<NamedCamera, Box<dyn std::error::Error>> {
+    ///     let camera_from_first = Some(RigidTransform::from_translation_m([x, 0.0, 0.0])?);
+    ///     Ok(NamedCamera { name: name.to_owned(), model, camera_from_first })
+    /// };
+    /// let set = CameraSet {
+    ///     cameras: vec![camera("cam0", 0.0)?, camera("cam1", -0.1)?, camera("cam2", -0.3)?],
+    ///     imu: None,
+    ///     provenance: Provenance { format: None, files: Vec::new(), part: None },
+    /// };
+    /// let (outer, _notes) = set.stereo(Some(["cam0", "cam2"]), Path::new("rig.yaml"))?;
+    /// assert!((outer.baseline_m() - 0.3).abs() < 1e-12);
+    /// // The other way round the right camera is on the left.
+    /// assert!(set.stereo(Some(["cam2", "cam0"]), Path::new("rig.yaml")).is_err());
+    /// # Ok::<(), Box<dyn std::error::Error>>(())
+    /// ```
     pub fn stereo(
         &self,
         pair: Option<[&str; 2]>,

@@ -146,6 +146,17 @@ impl Format {
     }
 
     /// The format of a name on the command line.
+    ///
+    /// ```
+    /// use calib::{Format, LensModel};
+    ///
+    /// assert_eq!(Format::from_name("kalibr"), Some(Format::Kalibr));
+    /// assert_eq!(Format::from_name("matlab"), None);
+    /// assert!(Format::ALL.into_iter().all(|format| Format::from_name(format.name()) == Some(format)));
+    /// // What a format can hold of a lens.
+    /// assert!(Format::Kalibr.models().contains(&LensModel::DoubleSphere));
+    /// assert!(!Format::OpenCv.models().contains(&LensModel::DoubleSphere));
+    /// ```
     pub fn from_name(name: &str) -> Option<Self> {
         Self::ALL.into_iter().find(|format| format.name() == name)
     }

@@ -95,6 +95,30 @@ impl Written {
 ///
 /// # Errors
 /// [`WriteError`]; then nothing was written.
+///
+/// ```
+/// # use cad_transforms::RigidTransform;
+/// # use calib::{CameraModel, CameraSet, Distortion, Format, StereoCalibration, read_stereo, write_cameras};
+/// # use calib::Provenance;
+///
+/// let distortion = Distortion::RadTan4 { k1: -0.2, k2: 0.03, p1: 0.0, p2: 0.0 };
+/// let model = CameraModel::new((640, 480), [500.0, 500.0, 319.5, 239.5], distortion);
+/// let stereo = StereoCalibration {
+///     left: model,
+///     right: model,
+///     right_from_left: RigidTransform::from_translation_m([-0.063, 0.0, 0.0])?,
+///     imu: None,
+///     provenance: Provenance { format: None, files: Vec::new(), part: None },
+/// };
+/// let folder = tempfile::tempdir()?;
+/// let out = folder.path().join("camchain.yaml");
+/// write_cameras(&CameraSet::of_stereo(&stereo), Format::Kalibr, &out)?;
+/// let (again, _notes) = read_stereo(&out, 640, 480)?;
+/// assert_eq!((again.left, again.right_from_left), (stereo.left, stereo.right_from_left));
+/// // Nothing that exists is overwritten.
+/// assert!(write_cameras(&CameraSet::of_stereo(&stereo), Format::Kalibr, &out).is_err());
+/// # Ok::<(), Box<dyn std::error::Error>>(())
+/// ```
 pub fn write_cameras(
     set: &CameraSet,
     format: Format,

@@ -5,6 +5,15 @@
 
 /// The value below which a chi-squared variable with `freedom` degrees of freedom (any number above 0) is
 /// with this probability (between 0 and 1).
+///
+/// ```
+/// use calib::allan::chi2::{below, quantile};
+///
+/// // The 95 % limit of a sum of ten squares (table of the chi-squared distribution).
+/// let limit = quantile(0.95, 10.0);
+/// assert!((limit - 18.307).abs() < 1e-3, "{limit}");
+/// assert!((below(limit, 10.0) - 0.95).abs() < 1e-9);
+/// ```
 pub fn quantile(probability: f64, freedom: f64) -> f64 {
     let mut low = 0.0;
     let mut high = freedom.max(1.0);

@@ -33,6 +33,19 @@ pub fn adev(x: &[f64], period_s: f64, m: usize) -> Option<f64> {
 }
 
 /// Overlapping Allan deviation.
+///
+/// ```
+/// use calib::allan::deviation::{adev, oadev};
+///
+/// // An offset and a drift of the phase at a constant rate do not count, an acceleration does.
+/// let steady: Vec<f64> = (0..20).map(|i| 5.0 + 3.0 * f64::from(i)).collect();
+/// assert_eq!(oadev(&steady, 1.0, 2), Some(0.0));
+/// let accelerated: Vec<f64> = (0..20).map(|i| f64::from(i * i)).collect();
+/// assert_eq!(oadev(&accelerated, 1.0, 1), Some(2.0_f64.sqrt()));
+/// assert_eq!(oadev(&accelerated, 1.0, 1), adev(&accelerated, 1.0, 1));
+/// // Too short for a single term.
+/// assert_eq!(oadev(&steady[..4], 1.0, 2), None);
+/// ```
 pub fn oadev(x: &[f64], period_s: f64, m: usize) -> Option<f64> {
     let terms = count(x, 2, m)?;
     let tau = m as f64 * period_s;

@@ -19,6 +19,16 @@ pub fn height(points: impl IntoIterator<Item = (f64, f64)>, slope: f64, at_s: f6
 }
 
 /// White noise N: slope -1/2 through the points below `until_s`, at 1 s.
+///
+/// ```
+/// use calib::allan::lines::white;
+///
+/// // A curve of white noise of 2 at 1 s.
+/// let points: Vec<(f64, f64)> = [0.1, 0.4, 1.6, 6.4].map(|tau: f64| (tau, 2.0 / tau.sqrt())).to_vec();
+/// let density = white(&points, 10.0).ok_or("no points")?;
+/// assert!((density - 2.0).abs() < 1e-12);
+/// # Ok::<(), &str>(())
+/// ```
 pub fn white(points: &[(f64, f64)], until_s: f64) -> Option<f64> {
     let below = points.iter().copied().filter(|(tau, _)| *tau < until_s);
     height(below, -0.5, 1.0)

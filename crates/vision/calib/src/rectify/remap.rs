@@ -13,6 +13,17 @@ const ONE: u32 = 256;
 const NOWHERE: u32 = u32::MAX;
 
 /// A map prepared for images of one size.
+///
+/// A map that moves an image by one column to the left:
+///
+/// ```
+/// use calib::rectify::{Map, Remap};
+///
+/// let map = Map { width: 3, height: 2, x: [1.0, 2.0, 3.0].repeat(2), y: vec![0.0, 0.0, 0.0, 1.0, 1.0, 1.0] };
+/// let remap = Remap::new(&map, 3, 2);
+/// // The last column has no source and gets the fill value.
+/// assert_eq!(remap.apply(&[10, 20, 30, 40, 50, 60], 7), [20, 30, 7, 50, 60, 7]);
+/// ```
 #[derive(Clone, Debug)]
 pub struct Remap {
     old: [usize; 2],

@@ -106,6 +106,19 @@ pub struct Marker {
 
 impl Target {
     /// All detectable corners, ascending by id.
+    ///
+    /// ```
+    /// use calib::target::Target;
+    ///
+    /// let board = Target::Chessboard { columns: 7, rows: 5, square_m: 0.03 };
+    /// let corners = board.corners();
+    /// assert_eq!(corners.len(), 35);
+    /// // Neighbours along x are one square apart.
+    /// assert!((corners[1].at_m[0] - corners[0].at_m[0] - 0.03).abs() < 1e-12);
+    ///
+    /// let grid = Target::AprilGrid { columns: 6, rows: 6, tag_m: 0.088, spacing: 0.3, first_id: 0 };
+    /// assert_eq!((grid.markers().len(), grid.corners().len()), (36, 144));
+    /// ```
     pub fn corners(&self) -> Vec<Corner> {
         match *self {
             Self::Chessboard {

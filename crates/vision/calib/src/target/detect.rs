@@ -99,6 +99,28 @@ impl Blur {
 }
 
 /// Detects one board. Without a board the detection is empty.
+///
+/// ```
+/// use calib::target::{ImageView, Settings, Target, detect};
+///
+/// // A chessboard of 8 x 6 squares of 24 pixels each, drawn on white; its edges fall between pixels.
+/// let board = Target::Chessboard { columns: 7, rows: 5, square_m: 0.03 };
+/// let (width, height, side, margin) = (264, 216, 24, 36);
+/// let gray = |x: usize, y: usize| {
+///     let square = |v: usize, count: usize| v.checked_sub(margin).map(|v| v / side).filter(|v| *v < count);
+///     match (square(x, 8), square(y, 6)) {
+///         (Some(column), Some(row)) if (column + row) % 2 == 0 => 30,
+///         _ => 210,
+///     }
+/// };
+/// let pixels: Vec<u8> = (0..width * height).map(|i| gray(i % width, i / width)).collect();
+/// let image = ImageView::new(width, height, width, &pixels).ok_or("too few pixels")?;
+/// let detection = detect(&image, &board, &Settings::default());
+/// assert_eq!(detection.corners.len(), 35, "{:?}", detection.remark);
+/// let first = detection.corners[0].pixel;
+/// assert!(first.iter().all(|v| (v - 59.5).abs() < 0.1), "{first:?}");
+/// # Ok::<(), &str>(())
+/// ```
 pub fn detect(image: &ImageView<'_>, target: &Target, settings: &Settings) -> Detection {
     let mut all = detect_all(image, std::slice::from_ref(target), settings);
     all.pop().unwrap_or_default()

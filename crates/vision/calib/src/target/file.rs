@@ -43,6 +43,22 @@ impl Target {
     ///
     /// # Errors
     /// [`CalibError`] naming path, line and key.
+    ///
+    /// ```
+    /// use std::path::Path;
+    ///
+    /// use calib::target::Target;
+    ///
+    /// let kalibr = "target_type: 'aprilgrid'\ntagCols: 6\ntagRows: 6\ntagSize: 0.088\ntagSpacing: 0.3\n";
+    /// let board = Target::parse(kalibr, Path::new("april.yaml"))?;
+    /// assert_eq!(board, Target::AprilGrid { columns: 6, rows: 6, tag_m: 0.088, spacing: 0.3, first_id: 0 });
+    /// assert_eq!(Target::parse(&board.to_toml(), Path::new("board.toml"))?, board);
+    ///
+    /// // A misspelt key is an error that names it.
+    /// let error = Target::parse("kind = \"chessboard\"\ncolums = 7\n", Path::new("board.toml")).unwrap_err();
+    /// assert!(error.to_string().contains("colums"), "{error}");
+    /// # Ok::<(), calib::CalibError>(())
+    /// ```
     pub fn parse(text: &str, path: &Path) -> Result<Self, CalibError> {
         Self::of(&Source {
             path: path.to_owned(),

@@ -108,6 +108,23 @@ pub enum PdfError {
 ///
 /// # Errors
 /// [`PdfError`].
+///
+/// ```
+/// use calib::target::Target;
+/// use calib::target::pdf::{Paper, draw};
+///
+/// let board = Target::Chessboard { columns: 7, rows: 4, square_m: 0.03 };
+/// let paper = Paper::parse("A4").ok_or("no paper")?.rotated();
+/// assert!(paper.fits(&board));
+/// let page = draw(&board, paper)?;
+/// assert!(page.starts_with(b"%PDF-1.4"));
+/// assert_eq!(page, draw(&board, paper)?);
+///
+/// // Squares of 6 cm need a larger sheet.
+/// let large = Target::Chessboard { columns: 7, rows: 4, square_m: 0.06 };
+/// assert!(draw(&large, paper).unwrap_err().to_string().contains("the paper has room for"));
+/// # Ok::<(), Box<dyn std::error::Error>>(())
+/// ```
 pub fn draw(target: &Target, paper: Paper) -> Result<Vec<u8>, PdfError> {
     if let Some((key, found)) = target.invalid_reason() {
         return Err(PdfError::Board { key, found });
