@@ -4,6 +4,31 @@ use calib::verify::ImageView;
 
 /// Frame set: the frames of one instant, one entry per camera in the order of the rig; `None` if a
 /// camera has no frame.
+///
+/// A camera without a frame has `None` in its place; without any frame the pose has no inliers:
+///
+/// ```
+/// use odometry::{Config, FrameSet, Odometry, Preset, Rig, Status};
+/// # use cad_transforms::RigidTransform;
+/// # use calib::{CameraModel, Distortion};
+/// # use odometry::rig::StereoCamera;
+/// # let lens = CameraModel::new((160, 120), [100.0, 100.0, 79.5, 59.5], Distortion::None);
+/// # let camera = StereoCamera {
+/// #     name: "front".to_owned(),
+/// #     left: lens,
+/// #     right: lens,
+/// #     rig_from_left: RigidTransform::identity(),
+/// #     covariance: None,
+/// #     right_from_left: RigidTransform::from_translation_m([-0.08, 0.0, 0.0])?,
+/// #     line_s: 0.0,
+/// # };
+/// # let rig = Rig { cameras: vec![camera], imus: Vec::new() };
+/// let mut odometry = Odometry::new(&rig, Config::preset(Preset::Fast));
+/// let estimate = odometry.add_frames(&FrameSet { time_ns: 5, views: vec![None] });
+/// assert_eq!((estimate.time_ns, estimate.inliers), (5, 0));
+/// assert_ne!(estimate.status, Status::Tracked);
+/// # Ok::<(), Box<dyn std::error::Error>>(())
+/// ```
 #[derive(Clone, Debug)]
 pub struct FrameSet<'a> {
     /// Time of the set, ns. The pose is estimated at this time.
@@ -13,6 +38,48 @@ pub struct FrameSet<'a> {
 }
 
 /// Stereo frame of one camera.
+///
+/// Features are not tracked where the mask is 0, here in the right half:
+///
+/// ```
+/// use odometry::{Config, FrameSet, Odometry, Preset, Rig, View};
+/// # use cad_transforms::RigidTransform;
+/// # use calib::verify::ImageView;
+/// # use calib::{CameraModel, Distortion};
+/// # use odometry::rig::StereoCamera;
+/// # let lens = CameraModel::new((160, 120), [100.0, 100.0, 79.5, 59.5], Distortion::None);
+/// # let camera = StereoCamera {
+/// #     name: "front".to_owned(),
+/// #     left: lens,
+/// #     right: lens,
+/// #     rig_from_left: RigidTransform::identity(),
+/// #     covariance: None,
+/// #     right_from_left: RigidTransform::from_translation_m([-0.08, 0.0, 0.0])?,
+/// #     line_s: 0.0,
+/// # };
+/// # // Gray patches of 5 x 5 pixels, shifted to the left, with sensor noise of each image.
+/// # let image = |shift: usize, noise: u64| -> Vec<u8> {
+/// #     let hash = |a: u64| (a.wrapping_mul(0x9e37_79b9_7f4a_7c15) >> 40) as u8;
+/// #     let gray = |i: usize| {
+/// #         let (x, y) = (i % 160, i / 160);
+/// #         let patch = hash(((x + shift) / 5 * 1009 + y / 5) as u64);
+/// #         40 + patch / 2 + hash(noise.wrapping_mul(7919) + i as u64) % 3
+/// #     };
+/// #     (0..160 * 120).map(gray).collect()
+/// # };
+/// # let rig = Rig { cameras: vec![camera], imus: Vec::new() };
+/// let mask: Vec<u8> = (0..160 * 120).map(|i| if i % 160 < 80 { 255 } else { 0 }).collect();
+/// let (left, right) = (image(0, 1), image(4, 2));
+/// let [left, right] = [&left, &right].map(|pixels| ImageView::new(160, 120, 160, pixels).unwrap());
+/// let view = View { time_ns: 0, left, right, mask: Some(&mask) };
+/// let mut odometry = Odometry::new(&rig, Config::preset(Preset::Fast));
+/// odometry.add_frames(&FrameSet { time_ns: 0, views: vec![Some(view)] });
+///
+/// let features = odometry.tracked_features(0);
+/// assert!(features.len() > 5, "{} features", features.len());
+/// assert!(features.iter().all(|(_, at)| at[0] < 80.0), "{features:?}");
+/// # Ok::<(), Box<dyn std::error::Error>>(())
+/// ```
 #[derive(Clone, Copy, Debug)]
 pub struct View<'a> {
     /// Mid-exposure of the middle row, ns; may differ from the time of the set.
@@ -27,6 +94,48 @@ pub struct View<'a> {
 }
 
 /// One IMU sample, in the frame of the IMU.
+///
+/// Half a second at rest shows which direction is up:
+///
+/// ```
+/// use calib::ImuNoise;
+/// use odometry::rig::Imu;
+/// use odometry::{Config, FrameSet, ImuSample, Odometry, Preset, Rig};
+/// # use cad_transforms::RigidTransform;
+/// # use calib::{CameraModel, Distortion};
+/// # use odometry::rig::StereoCamera;
+/// # let lens = CameraModel::new((160, 120), [100.0, 100.0, 79.5, 59.5], Distortion::None);
+/// # let camera = StereoCamera {
+/// #     name: "front".to_owned(),
+/// #     left: lens,
+/// #     right: lens,
+/// #     rig_from_left: RigidTransform::identity(),
+/// #     covariance: None,
+/// #     right_from_left: RigidTransform::from_translation_m([-0.08, 0.0, 0.0])?,
+/// #     line_s: 0.0,
+/// # };
+/// # let noise = ImuNoise {
+/// #     gyro_noise_density: 1e-4,
+/// #     accel_noise_density: 2e-3,
+/// #     gyro_random_walk: 1e-5,
+/// #     accel_random_walk: 1e-4,
+/// # };
+/// # let rig_from_imu = RigidTransform::identity();
+/// # let imu = Imu { name: "front/imu".to_owned(), rig_from_imu, noise, rate_hz: 100.0, range: [f64::INFINITY; 2] };
+///
+/// let rig = Rig { cameras: vec![camera], imus: vec![imu] };
+/// let mut odometry = Odometry::new(&rig, Config::preset(Preset::Fast));
+/// for k in 0..60 {
+///     // The y axis points down, so the specific force at rest is along -y. No sensor gives the same value for long.
+///     let noise = 1e-4 * (k % 7) as f64;
+///     let (gyro, accel) = ([0.0, 0.0, noise], [0.0, noise - 9.80665, 0.0]);
+///     odometry.add_imu(0, &ImuSample { time_ns: k * 10_000_000, gyro, accel });
+/// }
+/// let estimate = odometry.add_frames(&FrameSet { time_ns: 590_000_000, views: vec![None] });
+/// let up_in_world = estimate.world_from_rig.rotate([0.0, -1.0, 0.0]);
+/// assert!(up_in_world[2] > 0.999, "{up_in_world:?}");
+/// # Ok::<(), Box<dyn std::error::Error>>(())
+/// ```
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct ImuSample {
     /// Time, ns.

@@ -92,6 +92,54 @@ pub struct RefinedExtrinsics {
 }
 
 /// Bundle adjustment of a session.
+///
+/// ```
+/// use odometry::{Config, FrameSet, Mapping, Odometry, Preset, Rig, View};
+/// # use cad_transforms::RigidTransform;
+/// # use calib::verify::ImageView;
+/// # use calib::{CameraModel, Distortion};
+/// # use odometry::rig::StereoCamera;
+/// # let lens = CameraModel::new((160, 120), [100.0, 100.0, 79.5, 59.5], Distortion::None);
+/// # let camera = StereoCamera {
+/// #     name: "front".to_owned(),
+/// #     left: lens,
+/// #     right: lens,
+/// #     rig_from_left: RigidTransform::identity(),
+/// #     covariance: None,
+/// #     right_from_left: RigidTransform::from_translation_m([-0.08, 0.0, 0.0])?,
+/// #     line_s: 0.0,
+/// # };
+/// # // Gray patches of 5 x 5 pixels, shifted to the left, with sensor noise of each image.
+/// # let image = |shift: usize, noise: u64| -> Vec<u8> {
+/// #     let hash = |a: u64| (a.wrapping_mul(0x9e37_79b9_7f4a_7c15) >> 40) as u8;
+/// #     let gray = |i: usize| {
+/// #         let (x, y) = (i % 160, i / 160);
+/// #         let patch = hash(((x + shift) / 5 * 1009 + y / 5) as u64);
+/// #         40 + patch / 2 + hash(noise.wrapping_mul(7919) + i as u64) % 3
+/// #     };
+/// #     (0..160 * 120).map(gray).collect()
+/// # };
+/// # let rig = Rig { cameras: vec![camera], imus: Vec::new() };
+/// # let mut odometry = Odometry::new(&rig, Config::preset(Preset::Fast));
+/// # for number in 0..3 {
+/// #     let time_ns = number * 66_666_667;
+/// #     let [left, right] = [0, 4].map(|shift| image(shift, 2 * number as u64 + shift as u64));
+/// #     let [left, right] = [&left, &right].map(|pixels| ImageView::new(160, 120, 160, pixels).unwrap());
+/// #     odometry.add_frames(&FrameSet { time_ns, views: vec![Some(View { time_ns, left, right, mask: None })] });
+/// # }
+///
+/// let mut mapping = Mapping::new(&rig, &Config::preset(Preset::Fast));
+/// for keyframe in odometry.take_keyframes(true) {
+///     mapping.add_keyframe(keyframe);
+/// }
+/// let refined = mapping.optimize(|_| {});
+/// assert_eq!(refined.poses.len(), mapping.len());
+/// assert_eq!(refined.extrinsics.len(), 1);
+/// // The rig was at rest, and nobody moved its camera.
+/// assert!(refined.poses.iter().all(|pose| pose.world_from_rig.distance_m() < 0.02));
+/// assert!(!refined.extrinsics[0].is_moved);
+/// # Ok::<(), Box<dyn std::error::Error>>(())
+/// ```
 pub struct Mapping {
     cameras: Vec<Camera>,
     extrinsics: Vec<ExtrinsicsPrior>,
@@ -360,6 +408,22 @@ fn widen(observations: &mut [(u64, BearingObservation)], keyframes: &[u64]) {
 /// relative to its two neighboring keyframes. `causal` are the times and poses of all frame sets,
 /// `refined` those of keyframes, both ascending. Before the first and after the last keyframe a
 /// pose is fixed relative to the nearest one. Keyframes without a frame set are ignored.
+///
+/// ```
+/// use cad_transforms::RigidTransform;
+/// use odometry::mapping::interpolate_poses;
+///
+/// let at = |time_ns, x| RigidTransform::from_translation_m([x, 0.0, 0.0]).map(|pose| (time_ns, pose));
+/// let causal = [at(0, 0.0)?, at(50, 0.5)?, at(100, 1.0)?, at(150, 1.5)?];
+/// // Bundle adjustment moved the second keyframe by 10 cm.
+/// let refined = [at(0, 0.0)?, at(100, 1.1)?];
+/// let corrected = interpolate_poses(&causal, &refined);
+/// let x: Vec<f64> = corrected.iter().map(|pose| pose.translation_m()[0]).collect();
+/// for (x, expected) in x.iter().zip([0.0, 0.55, 1.1, 1.6]) {
+///     assert!((x - expected).abs() < 1e-12, "{x}");
+/// }
+/// # Ok::<(), Box<dyn std::error::Error>>(())
+/// ```
 pub fn interpolate_poses(
     causal: &[(i64, RigidTransform)],
     refined: &[(i64, RigidTransform)],

@@ -14,6 +14,32 @@ pub struct Rig {
 }
 
 /// One stereo camera.
+///
+/// ```
+/// # use cad_transforms::RigidTransform;
+/// # use calib::{CameraModel, Distortion, Lens};
+/// # use odometry::rig::StereoCamera;
+///
+/// let lens = CameraModel::new((672, 376), [350.0, 350.0, 335.5, 187.5], Distortion::None);
+/// let camera = StereoCamera {
+///     name: "feet".to_owned(),
+///     left: lens,
+///     right: lens,
+///     rig_from_left: RigidTransform::from_translation_m([0.1, 0.0, 0.05])?,
+///     covariance: None,
+///     right_from_left: RigidTransform::from_translation_m([-0.063, 0.0, 0.0])?,
+///     line_s: 0.0,
+/// };
+/// // A point 2 m ahead of the left camera, in both images: a disparity of 350 px x 6.3 cm / 2 m.
+/// let in_left = [0.2, -0.1, 2.0];
+/// let [left, right] = [
+///     Lens::new(&camera.left).project(in_left).ok_or("outside")?,
+///     Lens::new(&camera.right).project(camera.right_from_left.apply(in_left)).ok_or("outside")?,
+/// ];
+/// assert!((left[0] - right[0] - 11.025).abs() < 1e-9);
+/// assert!((left[1] - right[1]).abs() < 1e-9);
+/// # Ok::<(), Box<dyn std::error::Error>>(())
+/// ```
 #[derive(Clone, Debug)]
 pub struct StereoCamera {
     /// Name, for example `feet`.

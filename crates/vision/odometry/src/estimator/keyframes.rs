@@ -138,6 +138,47 @@ impl Odometry {
 
     /// Takes the keyframes that will not change any more, in order of time, each once; at rest one
     /// every ten seconds. After the last frame set, `all` also returns the remaining ones.
+    ///
+    /// ```
+    /// use odometry::{Config, FrameSet, Odometry, Preset, Rig, View};
+    /// # use cad_transforms::RigidTransform;
+    /// # use calib::verify::ImageView;
+    /// # use calib::{CameraModel, Distortion};
+    /// # use odometry::rig::StereoCamera;
+    /// # let lens = CameraModel::new((160, 120), [100.0, 100.0, 79.5, 59.5], Distortion::None);
+    /// # let camera = StereoCamera {
+    /// #     name: "front".to_owned(),
+    /// #     left: lens,
+    /// #     right: lens,
+    /// #     rig_from_left: RigidTransform::identity(),
+    /// #     covariance: None,
+    /// #     right_from_left: RigidTransform::from_translation_m([-0.08, 0.0, 0.0])?,
+    /// #     line_s: 0.0,
+    /// # };
+    /// # // Gray patches of 5 x 5 pixels, shifted to the left, with sensor noise of each image.
+    /// # let image = |shift: usize, noise: u64| -> Vec<u8> {
+    /// #     let hash = |a: u64| (a.wrapping_mul(0x9e37_79b9_7f4a_7c15) >> 40) as u8;
+    /// #     let gray = |i: usize| {
+    /// #         let (x, y) = (i % 160, i / 160);
+    /// #         let patch = hash(((x + shift) / 5 * 1009 + y / 5) as u64);
+    /// #         40 + patch / 2 + hash(noise.wrapping_mul(7919) + i as u64) % 3
+    /// #     };
+    /// #     (0..160 * 120).map(gray).collect()
+    /// # };
+    /// # let rig = Rig { cameras: vec![camera], imus: Vec::new() };
+    /// # let (left, right) = (image(0, 1), image(4, 2));
+    /// # let [left, right] = [&left, &right].map(|pixels| ImageView::new(160, 120, 160, pixels).unwrap());
+    /// # let view = View { time_ns: 0, left, right, mask: None };
+    /// let mut odometry = Odometry::new(&rig, Config::preset(Preset::Fast));
+    /// odometry.add_frames(&FrameSet { time_ns: 0, views: vec![Some(view)] });
+    ///
+    /// // The only keyframe may still change, unless this was the last frame set.
+    /// assert!(odometry.take_keyframes(false).is_empty());
+    /// let keyframes = odometry.take_keyframes(true);
+    /// assert_eq!((keyframes.len(), keyframes[0].number), (1, 1));
+    /// assert!(keyframes[0].observations.iter().any(|observation| observation.right.is_some()));
+    /// # Ok::<(), Box<dyn std::error::Error>>(())
+    /// ```
     pub fn take_keyframes(&mut self, all: bool) -> Vec<Keyframe> {
         if let (true, Some(window)) = (all, &self.window) {
             for frame in &window.frames {

@@ -23,6 +23,30 @@ impl Refined {
     /// Connectivity of all poses. `causal` gives their times (ns, ascending) and whether the
     /// estimator reported them as lost. If bundle adjustment did not converge, none of its
     /// covariances holds.
+    ///
+    /// ```
+    /// use odometry::mapping::Connectivity::{Continuous, Unconstrained};
+    /// use odometry::{Config, Mapping, Preset, Rig};
+    /// # use cad_transforms::RigidTransform;
+    /// # use calib::{CameraModel, Distortion};
+    /// # use odometry::rig::StereoCamera;
+    /// # let lens = CameraModel::new((160, 120), [100.0, 100.0, 79.5, 59.5], Distortion::None);
+    /// # let camera = StereoCamera {
+    /// #     name: "front".to_owned(),
+    /// #     left: lens,
+    /// #     right: lens,
+    /// #     rig_from_left: RigidTransform::identity(),
+    /// #     covariance: None,
+    /// #     right_from_left: RigidTransform::from_translation_m([-0.08, 0.0, 0.0])?,
+    /// #     line_s: 0.0,
+    /// # };
+    /// # let rig = Rig { cameras: vec![camera], imus: Vec::new() };
+    /// let refined = Mapping::new(&rig, &Config::preset(Preset::Fast)).optimize(|_| {});
+    /// // The second pose was lost, and no loop closure connects what follows with the first one.
+    /// let causal = [(0, false), (1, true), (2, false)];
+    /// assert_eq!(refined.connectivity(&causal), [Continuous, Unconstrained, Unconstrained]);
+    /// # Ok::<(), Box<dyn std::error::Error>>(())
+    /// ```
     pub fn connectivity(&self, causal: &[(i64, bool)]) -> Vec<Connectivity> {
         if !self.is_converged {
             return vec![Connectivity::Unconstrained; causal.len()];
