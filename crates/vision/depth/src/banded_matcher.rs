@@ -20,7 +20,7 @@ use crate::matcher::Matcher;
 /// A wall needs a small part of the range:
 ///
 /// ```
-/// use depth::{Band, BandedMatcher, ImageView, Preset, Config};
+/// use depth::{Band, BandedMatcher, ImageView, Config, Preset};
 ///
 /// # // A random texture of 3 x 3 patches; the right image shows it `shift` columns further to the left.
 /// # fn pair(width: usize, height: usize, shift: usize) -> [Vec<u8>; 2] {

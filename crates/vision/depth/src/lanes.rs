@@ -122,7 +122,7 @@ impl Level {
     /// The instruction set never changes the result:
     ///
     /// ```
-    /// use depth::{Band, ImageView, Level, Matcher, Preset, Config};
+    /// use depth::{Band, ImageView, Level, Matcher, Config, Preset};
     ///
     /// # // A random texture of 3 x 3 patches; the right image shows it `shift` columns further to the left.
     /// # fn pair(width: usize, height: usize, shift: usize) -> [Vec<u8>; 2] {
@@ -134,7 +134,8 @@ impl Level {
     /// # }
     /// # let [left, right] = pair(128, 48, 8);
     /// let maps = Level::all().into_iter().map(|level| {
-    ///     let config = Config { level: Some(level), ..Config::preset(Preset::Fast) };
+    ///     let mut config = Config::preset(Preset::Fast);
+    ///     config.level = Some(level);
     ///     let mut matcher = Matcher::new(config, 128, 48)?;
     ///     let images = [ImageView::new(128, 48, &left)?, ImageView::new(128, 48, &right)?];
     ///     let map = matcher.run(&images[0], &images[1], &Band::full(0, 32, 48)?)?;

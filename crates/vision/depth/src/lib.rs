@@ -4,7 +4,7 @@
 //! 6 cm, shows a wall at 75 cm:
 //!
 //! ```
-//! use depth::{Band, Geometry, ImageView, Matcher, Preset, Settings};
+//! use depth::{Band, Config, Geometry, ImageView, Matcher, Preset};
 //!
 //! # // A random texture of 3 x 3 patches; the right image shows it `shift` columns further to the left.
 //! # fn pair(width: usize, height: usize, shift: usize) -> [Vec<u8>; 2] {
@@ -15,7 +15,7 @@
 //! #     [0, shift].map(|from| (0..width * height).map(|i| gray(i % width + from, i / width)).collect())
 //! # }
 //! # let [left, right] = pair(128, 48, 8);
-//! let mut matcher = Matcher::new(Settings::preset(Preset::Fast), 128, 48)?;
+//! let mut matcher = Matcher::new(Config::preset(Preset::Fast), 128, 48)?;
 //! let images = [ImageView::new(128, 48, &left)?, ImageView::new(128, 48, &right)?];
 //! let map = matcher.run(&images[0], &images[1], &Band::full(0, 32, 48)?)?;
 //!

@@ -117,7 +117,7 @@ impl Matcher {
     ///
     /// ```
     /// use depth::sigma::Model;
-    /// use depth::{Band, ImageView, Matcher, Preset, Config};
+    /// use depth::{Band, ImageView, Matcher, Config, Preset};
     ///
     /// # // A random texture of 3 x 3 patches; the right image shows it `shift` columns further to the left.
     /// # fn pair(width: usize, height: usize, shift: usize) -> [Vec<u8>; 2] {
@@ -168,7 +168,7 @@ impl Matcher {
     /// another number of rows.
     ///
     /// ```
-    /// use depth::{Band, ImageView, Matcher, Preset, Config};
+    /// use depth::{Band, ImageView, Matcher, Config, Preset};
     ///
     /// # // A random texture of 3 x 3 patches; the right image shows it `shift` columns further to the left.
     /// # fn pair(width: usize, height: usize, shift: usize) -> [Vec<u8>; 2] {
@@ -192,7 +192,7 @@ impl Matcher {
     /// An image of another size is an error, not a wrong map:
     ///
     /// ```
-    /// use depth::{Band, ImageView, Matcher, Preset, Config};
+    /// use depth::{Band, ImageView, Matcher, Config, Preset};
     ///
     /// let mut matcher = Matcher::new(Config::preset(Preset::Fast), 128, 48)?;
     /// let (full, half) = ([0; 128 * 48], [0; 64 * 48]);

@@ -68,12 +68,13 @@ impl Config {
     /// use odometry::{Config, Preset};
     ///
     /// let [fast, accurate] = [Preset::Fast, Preset::Accurate].map(Config::preset);
-    /// assert!(fast.max_features < accurate.max_features);
-    /// assert!(!fast.optimize_every_frame && accurate.optimize_every_frame);
+    /// assert!(fast.frontend.max_features < accurate.frontend.max_features);
+    /// assert!(!fast.backend.optimize_every_frame && accurate.backend.optimize_every_frame);
     ///
     /// // One value of a preset replaced: images of a camera with large pixels.
-    /// let own = Config { observation_sigma_px: 0.3, ..Config::preset(Preset::Balanced) };
-    /// assert_eq!(own.window_size, 8);
+    /// let mut own = Config::preset(Preset::Balanced);
+    /// own.backend.observation_sigma_px = 0.3;
+    /// assert_eq!(own.backend.window_size, 8);
     /// ```
     pub fn preset(preset: Preset) -> Self {
         let mut config = Self::default();
