@@ -10,8 +10,8 @@
 
 use std::collections::BTreeMap;
 
-use cad_transforms::frame::FramePart;
 use cad_transforms::Rig;
+use cad_transforms::frame::FramePart;
 use calib::{CameraModel, Provenance, StereoCalibration, foxglove};
 use scene_bundle::outputs::rig::{RigCamera, RigImu, RigModel};
 use scene_bundle::outputs::{self, RIG};
