@@ -1,10 +1,5 @@
 //! Non-files, and a file without end, wherever `pawsd` takes a file: rejected immediately, by name.
 
-#![expect(
-    clippy::disallowed_methods,
-    reason = "the program is waited for, and killed where it would wait for ever"
-)]
-
 use std::fs::{self, File, Permissions};
 use std::os::unix::fs::{PermissionsExt as _, symlink};
 use std::os::unix::net::UnixListener;
@@ -12,14 +7,15 @@ use std::path::Path;
 use std::process::{Command, Stdio};
 use std::time::Duration;
 
+use rustix::event::{PollFd, PollFlags, poll};
 use rustix::fs::{CWD, FileType, Mode, mknodat};
+use rustix::process::{Pid, PidfdFlags, pidfd_open};
 
 /// Maximum memory of the program, KiB: far more than it needs, far less than it would read.
 const MEMORY_KIB: u32 = 16 << 20;
 
 /// Maximum time of the program; a tenth of a second is usual.
 const MAX_RUN_TIME: Duration = Duration::from_secs(120);
-const POLL_INTERVAL: Duration = Duration::from_millis(20);
 
 /// An object in place of a file.
 struct NonFile {
@@ -75,19 +71,16 @@ fn pawsd(args: &[&str], folder: &Path) -> (Option<i32>, String, String) {
         .stderr(into("stderr"))
         .spawn()
         .expect("a program");
-    let mut waited = Duration::ZERO;
-    let ended = loop {
-        if let Some(ended) = child.try_wait().expect("a program") {
-            break ended;
-        }
-        if waited >= MAX_RUN_TIME {
-            child.kill().expect("killed");
-            child.wait().expect("killed");
-            panic!("{args:?} does not end");
-        }
-        std::thread::sleep(POLL_INTERVAL);
-        waited += POLL_INTERVAL;
-    };
+    let limit = MAX_RUN_TIME.try_into().expect("a time");
+    let pid = Pid::from_child(&child);
+    let process = pidfd_open(pid, PidfdFlags::empty()).expect("a program");
+    let mut end = [PollFd::new(&process, PollFlags::IN)];
+    if poll(&mut end, Some(&limit)).expect("a program") == 0 {
+        child.kill().expect("killed");
+        child.wait().expect("killed");
+        panic!("{args:?} does not end");
+    }
+    let ended = child.wait().expect("a program");
     let message = |name: &str| fs::read_to_string(folder.join(name)).expect("text");
     (ended.code(), message("stdout"), message("stderr"))
 }
@@ -192,6 +185,7 @@ fn non_file_in_a_configuration_is_rejected() {
     }
 }
 
+#[cfg(feature = "simulator")]
 #[test]
 fn non_file_as_fault_list_is_rejected() {
     for non_file in &NON_FILES {

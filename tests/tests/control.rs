@@ -1,12 +1,8 @@
 //! Remote control of the daemon: arm, start, mark, stop, discard.
 
-#![expect(
-    clippy::disallowed_methods,
-    reason = "the daemon runs in real time and is waited for"
-)]
-
 use std::collections::BTreeSet;
 use std::path::{Path, PathBuf};
+use std::sync::mpsc::{Receiver, RecvTimeoutError, sync_channel};
 use std::time::Duration;
 
 use capture_daemon::clock::{Clock as _, RealClock};
@@ -26,7 +22,12 @@ struct Daemon {
     socket: PathBuf,
     stop: StopFlag,
     thread: Option<std::thread::JoinHandle<anyhow::Result<()>>>,
+    /// Disconnected at its end.
+    ended: Receiver<()>,
 }
+
+/// Time between two requests for the status, so that they do not slow down the daemon.
+const REQUEST_INTERVAL: Duration = Duration::from_millis(2);
 
 impl Daemon {
     fn start(mut config: Config, folder: &Path) -> Self {
@@ -34,11 +35,17 @@ impl Daemon {
         let stop = StopFlag::new();
         let socket = config.control.socket.clone();
         let flag = stop.clone();
-        let thread = std::thread::spawn(move || daemon(&config, &flag));
+        let (is_running, ended) = sync_channel(0);
+        let thread = std::thread::spawn(move || {
+            let result = daemon(&config, &flag);
+            drop(is_running);
+            result
+        });
         Self {
             socket,
             stop,
             thread: Some(thread),
+            ended,
         }
     }
 
@@ -50,7 +57,8 @@ impl Daemon {
         }
     }
 
-    /// Waits for a status of which `is` holds.
+    /// Waits for a status of which `is` holds, or the end of the daemon. The socket gives no notice of a
+    /// change, only the status on request, so that it is requested repeatedly.
     fn wait(&self, what: &str, is: impl Fn(&Status) -> bool) -> Status {
         let until = RealClock.now() + 600 * NS_PER_S;
         let mut last = None;
@@ -59,7 +67,9 @@ impl Daemon {
                 Ok(status) if is(&status) => return status,
                 other => last = Some(other),
             }
-            std::thread::sleep(Duration::from_millis(2));
+            if self.ended.recv_timeout(REQUEST_INTERVAL) == Err(RecvTimeoutError::Disconnected) {
+                break;
+            }
         }
         panic!("waited in vain for {what}; the last answer was {last:?}");
     }

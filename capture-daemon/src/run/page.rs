@@ -10,7 +10,7 @@ use rig_link::preview::{Eyes, Planes, jpeg};
 use rig_link::rig::{
     Action, Battery, ClockStatus, PageStatus, Preview, Rig, State as PageState, StreamStatus,
 };
-use rig_link::server::{Limits, Server, Settings, serve as listen};
+use rig_link::server::{Server, Settings, serve as listen};
 use rig_link::token::Token;
 use session_archive::time::{HostTime, NS_PER_S};
 
@@ -92,7 +92,7 @@ fn serve(page: &config::Page, out: &Path, running: &Running) -> anyhow::Result<S
         identity,
         token: token.context("reading the token of the page")?,
         ended_logins: Some(page.folder.join(ENDED_LOGINS)),
-        limits: Limits::default(),
+        ..Settings::default()
     };
     let rig = PageRig {
         shared: running.shared.clone(),

@@ -9,16 +9,18 @@ use std::fs;
 use std::io::{Read, Write};
 use std::net::{Shutdown, SocketAddr, TcpListener, TcpStream};
 use std::os::unix::fs::PermissionsExt;
+use std::os::unix::process::ExitStatusExt as _;
 use std::path::{Path, PathBuf};
 use std::process::{Command, Output, Stdio};
-use std::sync::Arc;
+use std::sync::mpsc::{SyncSender, sync_channel};
+use std::sync::{Arc, Mutex};
 use std::time::{Duration, Instant};
 
 use collector::commands::pull::{self, Options};
 use collector::library::Library;
 use console_output::Outcome;
 use rig_link::client::RetryPolicy;
-use rig_link::fake::{FakeRig, Scene};
+use rig_link::fake::{FakeRig, ManualClock, Scene};
 use rig_link::identity::Identity;
 use rig_link::server::{Limits, Server, Settings, serve};
 use rig_link::token::Token;
@@ -170,6 +172,67 @@ fn carry(mut client: TcpStream, to: SocketAddr, cut: usize, spoil: usize) {
     let _ = server.shutdown(Shutdown::Both);
 }
 
+/// What happened first.
+#[derive(Debug, PartialEq)]
+enum Report {
+    /// The proxy has reached its limit.
+    Limit,
+    /// The program has ended.
+    Ended,
+}
+
+/// Forwards connections until the server has sent this number of bytes over all of them; then they
+/// are silent, but open.
+fn limited_proxy(to: SocketAddr, bytes: usize, report: SyncSender<Report>) -> SocketAddr {
+    let listener = TcpListener::bind("127.0.0.1:0").unwrap();
+    let address = listener.local_addr().unwrap();
+    let left = Arc::new(Mutex::new(bytes));
+    std::thread::spawn(move || {
+        while let Ok((client, _)) = listener.accept() {
+            let (left, report) = (left.clone(), report.clone());
+            std::thread::spawn(move || carry_limited(client, to, &left, &report));
+        }
+    });
+    address
+}
+
+fn carry_limited(
+    mut client: TcpStream,
+    to: SocketAddr,
+    left: &Mutex<usize>,
+    report: &SyncSender<Report>,
+) {
+    let mut server = TcpStream::connect(to).unwrap();
+    let (mut from, mut into) = (client.try_clone().unwrap(), server.try_clone().unwrap());
+    let requests = std::thread::spawn(move || {
+        let _ = std::io::copy(&mut from, &mut into);
+        let _ = into.shutdown(Shutdown::Both);
+    });
+    let mut block = [0; 10_000];
+    while let Ok(n) = server.read(&mut block) {
+        let allowed = {
+            let mut left = left.lock().unwrap();
+            let allowed = n.min(*left);
+            *left -= allowed;
+            allowed
+        };
+        if client.write_all(&block[..allowed]).is_err() {
+            break;
+        }
+        if allowed < n {
+            let _ = report.try_send(Report::Limit);
+            // Until the client ends.
+            let _ = requests.join();
+            return;
+        }
+        if n == 0 {
+            break;
+        }
+    }
+    let _ = client.shutdown(Shutdown::Both);
+    let _ = server.shutdown(Shutdown::Both);
+}
+
 #[test]
 fn sessions_are_pulled_acknowledged_and_freed() {
     let rig = Rig::new();
@@ -225,36 +288,33 @@ fn parallel_pulls_survive_broken_connections() {
 
 #[test]
 fn repeatedly_killed_pull_is_atomic_and_resumes() {
-    let limits = Limits {
-        recording_bytes_per_s: 4_000_000,
-        ..Limits::default()
-    };
-    let settings = Settings {
-        limits,
-        ..Settings::default()
-    };
-    let rig = Rig::with(settings, 30_000);
-    let url = rig.server.url();
-    // Slow enough to be killed during the download.
-    rig.rig.show(Scene::Recording);
+    let rig = Rig::with(Settings::default(), 30_000);
     let mut killed = 0;
-    for n in 0_u64.. {
-        assert!(n < 60, "it never came to an end");
+    for n in 0_usize.. {
+        assert!(n < 200, "it never came to an end");
+        // Killed after a number of bytes, of which each attempt needs fewer.
+        let (report, reports) = sync_channel(16);
+        let address = limited_proxy(rig.server.address(), 3_000 + 97_000 * n, report.clone());
         let mut child = rig
-            .paws(&[&url])
+            .paws(&[&format!("http://{address}")])
             .stdout(Stdio::piped())
             .stderr(Stdio::piped())
             .spawn()
             .unwrap();
-        // Long enough in the end for the slowest machine.
-        let limit = Duration::from_millis(150 + 97 * n + n.pow(3));
-        let start = Instant::now();
-        while start.elapsed() < limit && child.try_wait().unwrap().is_none() {
-            std::thread::sleep(Duration::from_millis(10));
+        let (mut out, mut err) = (child.stdout.take().unwrap(), child.stderr.take().unwrap());
+        let messages = std::thread::spawn(move || {
+            let mut messages = Vec::new();
+            out.read_to_end(&mut messages).unwrap();
+            err.read_to_end(&mut messages).unwrap();
+            let _ = report.try_send(Report::Ended);
+            messages
+        });
+        let was_killed = reports.recv().unwrap() == Report::Limit;
+        if was_killed {
+            child.kill().unwrap();
         }
-        let ended = child.try_wait().unwrap();
-        let _ = child.kill();
-        let output = child.wait_with_output().unwrap();
+        let status = child.wait().unwrap();
+        let messages = messages.join().unwrap();
         for (name, key) in [("walk-1", ID), ("run-1", OTHER)] {
             let there = rig.library().join("sessions").join(key);
             if there.exists() {
@@ -268,13 +328,14 @@ fn repeatedly_killed_pull_is_atomic_and_resumes() {
                 );
             }
         }
-        match ended {
-            None => killed += 1,
-            Some(status) => {
-                assert!(status.success(), "{}", text(&output));
-                break;
-            }
+        // It may have ended just before the kill.
+        if status.signal().is_none() {
+            let messages = String::from_utf8_lossy(&messages);
+            assert!(status.success(), "{messages}");
+            break;
         }
+        assert!(was_killed, "{status}");
+        killed += 1;
     }
     assert!(killed >= 3, "{killed}");
     rig.assert_pulled("walk-1", ID);
@@ -629,11 +690,13 @@ fn import_and_pull_resume_each_other() {
 #[test]
 fn rig_is_authenticated_by_fingerprint_over_tls() {
     let folder = tempfile::tempdir().unwrap();
+    let clock = ManualClock::new();
     let identity = Identity::load_or_create(folder.path()).unwrap();
     let right = identity.fingerprint().to_string();
     let settings = Settings {
         identity: Some(identity),
         token: Some(Token::new(TOKEN).unwrap()),
+        clock: Arc::new(clock.clone()),
         ..Settings::default()
     };
     let rig = Rig::with(settings, 200);
@@ -689,7 +752,8 @@ fn rig_is_authenticated_by_fingerprint_over_tls() {
     check(&["http://192.0.2.1:8077"], 1, "only https is allowed");
     check(&[&url, "--jobs", "0"], 2, "jobs");
     assert_eq!(rig.listed(), 0);
-    std::thread::sleep(Duration::from_millis(1100));
+    // The pause after the wrong token.
+    clock.advance(Limits::default().wrong_token_pause);
     let good = [
         &url,
         "--fingerprint",

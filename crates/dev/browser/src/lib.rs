@@ -4,21 +4,19 @@
 //! Contract: where there is no browser, [`Browser::start`] prints a line beginning with `skipped:` and gives none.
 //! Everything that goes wrong afterwards panics, as tests do.
 
-#![expect(
-    clippy::disallowed_methods,
-    reason = "a browser lives in real time, and what a page does is waited for"
-)]
-
 use std::io::{BufRead, BufReader, Write};
 use std::path::{Path, PathBuf};
 use std::process::{Child, ChildStdin, Command, Stdio};
-use std::sync::mpsc::{Receiver, sync_channel};
-use std::time::{Duration, Instant};
+use std::sync::mpsc::{Receiver, RecvTimeoutError, sync_channel};
+use std::time::Duration;
 
 use serde_json::{Value, json};
 
 /// How long anything may take on a machine that is busy.
 const LIMIT: Duration = Duration::from_secs(300);
+
+/// How long it may take to close.
+const CLOSE_LIMIT: Duration = Duration::from_secs(5);
 
 /// Draws in software what a page draws with WebGL.
 const SOFTWARE: [&str; 3] = [
@@ -146,6 +144,12 @@ impl Browser {
 
     /// Sends a command and waits for its result.
     pub fn call(&mut self, method: &str, params: Value) -> Value {
+        self.try_call(method, params)
+            .unwrap_or_else(|error| panic!("{method}: {error}"))
+    }
+
+    /// Sends a command and waits for its result; the error is that of the browser.
+    fn try_call(&mut self, method: &str, params: Value) -> Result<Value, Value> {
         self.next += 1;
         let id = self.next;
         let mut message = json!({"id": id, "method": method, "params": params});
@@ -157,13 +161,22 @@ impl Browser {
         self.to.write_all(&text).unwrap();
         loop {
             let answer = self.from.recv_timeout(LIMIT);
-            let answer = answer.unwrap_or_else(|e| panic!("{method}: the browser: {e}"));
+            let mut answer = answer.unwrap_or_else(|e| panic!("{method}: the browser: {e}"));
             if answer["id"] == json!(id) {
-                assert!(answer.get("error").is_none(), "{method}: {answer}");
-                return answer["result"].clone();
+                return match answer.get("error") {
+                    Some(error) => Err(error.clone()),
+                    None => Ok(answer["result"].take()),
+                };
             }
             self.events.push(answer);
         }
+    }
+
+    /// Waits for the page's next event, and appends it to [`Self::events`].
+    pub fn wait_for_event(&mut self) {
+        let event = self.from.recv_timeout(LIMIT);
+        let event = event.unwrap_or_else(|e| panic!("waiting for an event: the browser: {e}"));
+        self.events.push(event);
     }
 
     /// Goes to an address.
@@ -208,16 +221,40 @@ impl Browser {
         result["result"]["value"].clone()
     }
 
-    /// Waits until an expression is true.
+    /// Waits until an expression is true. The page evaluates it before each frame that it draws.
     pub fn until(&mut self, expression: &str) {
-        let start = Instant::now();
-        while self.value(expression) != json!(true) {
-            assert!(
-                start.elapsed() < LIMIT,
-                "never: {expression}: {}",
-                self.value("document.body.innerText")
-            );
-            std::thread::sleep(Duration::from_millis(50));
+        let promise = format!(
+            "new Promise((resolve, reject) => {{
+                const limit = performance.now() + {};
+                const look = () => {{
+                    try {{
+                        if (({expression}) === true) resolve('');
+                        else if (performance.now() > limit) resolve(`never: ${{document.body.innerText}}`);
+                        else requestAnimationFrame(look);
+                    }} catch (error) {{ reject(error); }}
+                }};
+                look();
+            }})",
+            LIMIT.as_millis() / 2
+        );
+        let params = json!({
+            "expression": promise, "returnByValue": true, "awaitPromise": true,
+        });
+        loop {
+            match self.try_call("Runtime.evaluate", params.clone()) {
+                Ok(result) => {
+                    assert!(
+                        result.get("exceptionDetails").is_none(),
+                        "{expression}: {result}"
+                    );
+                    let never = result["result"]["value"].as_str();
+                    assert_eq!(never, Some(""), "{expression}");
+                    return;
+                }
+                // The page gave way to the next one, which evaluates it from the start.
+                Err(error) if is_navigation(&error) => {}
+                Err(error) => panic!("{expression}: {error}"),
+            }
         }
     }
 
@@ -250,16 +287,27 @@ impl Drop for Browser {
         let _ = self
             .to
             .write_all(b"{\"id\":0,\"method\":\"Browser.close\"}\0");
-        let start = Instant::now();
-        while start.elapsed() < Duration::from_secs(5) {
-            if !matches!(self.child.try_wait(), Ok(None)) {
-                return;
+        // Its output ends with it.
+        let closed = loop {
+            match self.from.recv_timeout(CLOSE_LIMIT) {
+                Ok(_) => {}
+                Err(end) => break end == RecvTimeoutError::Disconnected,
             }
-            std::thread::sleep(Duration::from_millis(20));
+        };
+        if !closed {
+            let _ = self.child.kill();
         }
-        let _ = self.child.kill();
         let _ = self.child.wait();
     }
+}
+
+/// Whether a promise was dropped because its page was left.
+fn is_navigation(error: &Value) -> bool {
+    let message = error["message"].as_str().unwrap_or_default();
+    message.contains("context was destroyed")
+        || message.contains("navigated or closed")
+        || message.contains("Promise was collected")
+        || message.contains("Cannot find context")
 }
 
 fn base64(text: &str) -> Vec<u8> {

@@ -6,11 +6,6 @@
 //! image shows its number, every IMU sample is regenerated and compared, and every time follows
 //! from its clock map.
 
-#![expect(
-    clippy::disallowed_methods,
-    reason = "kills come at random instants of real time"
-)]
-
 use std::collections::BTreeMap;
 use std::fs::{self, File};
 use std::io::{BufRead as _, BufReader};
@@ -18,11 +13,11 @@ use std::path::{Path, PathBuf};
 use std::process::{Child, ChildStdout, Command, Stdio};
 use std::sync::Arc;
 use std::sync::atomic::{AtomicU32, Ordering};
-use std::sync::mpsc::{Receiver, SyncSender, sync_channel};
+use std::sync::mpsc::{Receiver, RecvTimeoutError, SyncSender, sync_channel};
 use std::thread;
 use std::time::Duration;
 
-use anyhow::{Context as _, Result, anyhow, ensure};
+use anyhow::{Context as _, Result, anyhow, bail, ensure};
 use capture_daemon::clock::{Clock as _, RealClock};
 use capture_daemon::sources::synthetic::read_counter;
 use capture_daemon::sources::{Sample, Source as _};
@@ -126,7 +121,7 @@ fn kill(plan: &Plan, number: u32) -> Result<Killed> {
         // On any machine, however slow, some kills have a promise to check.
         recorder.wait_for_durable()?;
     }
-    thread::sleep(Duration::from_millis(after_ms));
+    recorder.runs_for(Duration::from_millis(after_ms))?;
     let (at, promise) = recorder.kill()?;
     let mut killed = check(&session, promise, at, false)?;
     (killed.number, killed.after_ms) = (number, after_ms);
@@ -139,6 +134,8 @@ pub struct Recorder {
     child: Child,
     began: Receiver<PathBuf>,
     durable: Receiver<()>,
+    /// Disconnected at the end of its output.
+    ended: Receiver<()>,
     reader: Option<thread::JoinHandle<Result<Vec<Progress>>>>,
 }
 
@@ -167,11 +164,17 @@ impl Recorder {
         let stdout = child.stdout.take().context("no output to read")?;
         let (tell_began, began) = sync_channel(1);
         let (tell_durable, durable) = sync_channel(1);
-        let reader = thread::spawn(move || listen(stdout, &tell_began, &tell_durable));
+        let (is_open, ended) = sync_channel(0);
+        let reader = thread::spawn(move || {
+            let output = listen(stdout, &tell_began, &tell_durable);
+            drop(is_open);
+            output
+        });
         Ok(Self {
             child,
             began,
             durable,
+            ended,
             reader: Some(reader),
         })
     }
@@ -194,6 +197,16 @@ impl Recorder {
         self.durable
             .recv_timeout(START_TIMEOUT)
             .context("waiting for the first chunk")
+    }
+
+    /// Watches it up to the instant of the kill. That instant is an input of the test, at random between
+    /// and inside the writes of the recorder, so it belongs to no event; no result depends on how
+    /// long this takes.
+    fn runs_for(&self, time: Duration) -> Result<()> {
+        match self.ended.recv_timeout(time) {
+            Err(RecvTimeoutError::Timeout) => Ok(()),
+            _ => bail!("the recorder ended before it was killed"),
+        }
     }
 
     /// Process id.

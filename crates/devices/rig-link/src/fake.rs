@@ -1,7 +1,11 @@
 //! A fake rig without hardware: its status is set explicitly, and it records requested actions. For
 //! tests, and for viewing the page (`cargo run -p rig-link --example demo`).
 //!
+//! [`ManualClock`] drives the limits of a server.
+//!
 //! Its images change with its clock. Its sessions are real ones, written by [`write_session`].
+
+mod clock;
 
 use std::path::{Path, PathBuf};
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
@@ -13,6 +17,7 @@ use session_archive::storage::DiskStorage;
 use session_archive::time::{CivilTime, HostTime, TickLength};
 use session_archive::writer::{SessionSpec, SessionWriter};
 
+pub use self::clock::ManualClock;
 use crate::preview::{Eyes, Planes, jpeg};
 use crate::rig::{Action, Battery, ClockStatus, PageStatus, Preview, Rig, State, StreamStatus};
 

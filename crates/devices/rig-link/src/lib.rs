@@ -16,6 +16,7 @@
 //! on disk, and never blocks the recorder. Off loopback it uses TLS 1.3 and requires the token.
 
 pub mod client;
+mod clock;
 pub mod fake;
 pub mod identity;
 pub mod link;

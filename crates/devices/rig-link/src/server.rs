@@ -35,11 +35,11 @@ use std::time::Duration;
 
 use tokio::runtime;
 use tokio::sync::{Semaphore, oneshot};
-use tokio::time::Instant;
 use tokio_rustls::TlsAcceptor;
 
 use self::guard::Guard;
 use self::read_rate::ReadRateLimiter;
+pub use crate::clock::{Clock, RealClock, Sleeping};
 use crate::identity::{Fingerprint, Identity};
 use crate::rig::Rig;
 use crate::store::Store;
@@ -73,6 +73,8 @@ pub struct Settings {
     pub ended_logins: Option<PathBuf>,
     /// Limits of clients.
     pub limits: Limits,
+    /// Clock of the limits.
+    pub clock: Arc<dyn Clock>,
 }
 
 impl Default for Settings {
@@ -83,6 +85,7 @@ impl Default for Settings {
             token: None,
             ended_logins: None,
             limits: Limits::default(),
+            clock: Arc::new(RealClock::default()),
         }
     }
 }
@@ -217,14 +220,13 @@ struct Shared {
     reads: Semaphore,
     hashes: Semaphore,
     asks: Semaphore,
-    /// Start time of the server.
-    start: Instant,
+    clock: Arc<dyn Clock>,
 }
 
 impl Shared {
-    /// Time since the server started.
+    /// Time of the clock of the limits.
     fn now(&self) -> Duration {
-        self.start.elapsed()
+        self.clock.now()
     }
 }
 
@@ -239,6 +241,7 @@ pub fn serve(settings: Settings, rig: Arc<dyn Rig>) -> Result<Server, ServeError
         token,
         ended_logins,
         limits,
+        clock,
     } = settings;
     if !bind.ip().to_canonical().is_loopback() {
         if token.is_none() {
@@ -279,7 +282,7 @@ pub fn serve(settings: Settings, rig: Arc<dyn Rig>) -> Result<Server, ServeError
                 reads: Semaphore::new(MAX_CONCURRENT_READS),
                 hashes: Semaphore::new(MAX_CONCURRENT_HASHES),
                 asks: Semaphore::new(MAX_RECORDER_CALLS),
-                start: Instant::now(),
+                clock,
                 rig,
                 limits,
             });

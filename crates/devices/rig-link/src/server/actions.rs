@@ -13,10 +13,10 @@ use serde::Deserialize;
 use serde::de::DeserializeOwned;
 use session_archive::text::check_note;
 use tokio::sync::Semaphore;
-use tokio::time::timeout;
 
 use super::body::Body;
 use super::{Shared, response};
+use crate::clock::timeout;
 use crate::link::{Code, Problem};
 use crate::rig::{Action, Rig};
 use crate::store::problem;
@@ -140,7 +140,7 @@ pub(super) async fn read<T: DeserializeOwned>(
     }
     let limit = shared.limits.body_bytes;
     let body = Limited::new(body, limit).collect();
-    let body = match timeout(shared.limits.head_time, body).await {
+    let body = match timeout(&*shared.clock, shared.limits.head_time, body).await {
         Err(_) => return Err(bad("the body took too long")),
         Ok(Err(e)) if e.is::<LengthLimitError>() => {
             return Err(bad(&format!("the body is longer than {limit} bytes")));

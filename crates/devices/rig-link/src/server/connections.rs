@@ -11,11 +11,11 @@ use hyper::header::{CONTENT_LENGTH, TRANSFER_ENCODING};
 use hyper::server::conn::http1;
 use hyper::service::service_fn;
 use hyper::{Method, Request, Response, StatusCode, Version};
-use hyper_util::rt::{TokioIo, TokioTimer};
+use hyper_util::rt::TokioIo;
 use tokio::io::{AsyncRead, AsyncWrite};
 use tokio::net::{TcpListener, TcpStream};
 use tokio::sync::oneshot;
-use tokio::time::{sleep, timeout};
+use tokio::time::sleep;
 use tokio_rustls::TlsAcceptor;
 
 use super::body::Body;
@@ -23,6 +23,7 @@ use super::connection_slots::{ConnectionSlots, Stage};
 use super::route::Route;
 use super::stall_timeout::StallTimeoutStream;
 use super::{Limits, Shared, actions, page, response, sessions};
+use crate::clock::{HyperTimer, timeout};
 use crate::link::Code;
 use crate::store::problem;
 
@@ -134,11 +135,12 @@ async fn converse(
     slot: Arc<SlotGuard>,
 ) -> Result<(), Box<dyn std::error::Error + Send + Sync>> {
     stream.set_nodelay(true)?;
-    let stream = StallTimeoutStream::new(stream, shared.limits.stall_time);
+    let stream = StallTimeoutStream::new(stream, shared.limits.stall_time, shared.clock.clone());
     match tls {
         None => serve(stream, peer.ip(), shared, slot).await?,
         Some(tls) => {
-            let handshake = timeout(shared.limits.handshake_time, tls.accept(stream)).await;
+            let limit = shared.limits.handshake_time;
+            let handshake = timeout(&*shared.clock, limit, tls.accept(stream)).await;
             let stream = handshake??;
             slot.set_stage(Stage::Unauthenticated);
             serve(stream, peer.ip(), shared, slot).await?;
@@ -154,6 +156,7 @@ async fn serve(
     slot: Arc<SlotGuard>,
 ) -> hyper::Result<()> {
     let head_time = shared.limits.head_time;
+    let timer = HyperTimer::new(shared.clock.clone());
     let service = service_fn(move |request| {
         let (shared, slot) = (shared.clone(), slot.clone());
         async move {
@@ -162,7 +165,7 @@ async fn serve(
         }
     });
     http1::Builder::new()
-        .timer(TokioTimer::new())
+        .timer(timer)
         .header_read_timeout(head_time)
         .max_buf_size(MAX_HEAD)
         .max_headers(MAX_HEADERS)

@@ -3,26 +3,30 @@
 
 use std::io::{self, IoSlice};
 use std::pin::Pin;
+use std::sync::Arc;
 use std::task::{Context, Poll, ready};
 use std::time::Duration;
 
 use tokio::io::{AsyncRead, AsyncWrite, ReadBuf};
 use tokio::net::TcpStream;
-use tokio::time::{Sleep, sleep};
+
+use crate::clock::{Clock, Sleeping};
 
 /// A connection.
 pub(super) struct StallTimeoutStream {
     stream: TcpStream,
     stall: Duration,
+    clock: Arc<dyn Clock>,
     /// Runs while the peer receives nothing.
-    waiting: Option<Pin<Box<Sleep>>>,
+    waiting: Option<Sleeping>,
 }
 
 impl StallTimeoutStream {
-    pub(super) fn new(stream: TcpStream, stall: Duration) -> Self {
+    pub(super) fn new(stream: TcpStream, stall: Duration, clock: Arc<dyn Clock>) -> Self {
         Self {
             stream,
             stall,
+            clock,
             waiting: None,
         }
     }
@@ -36,8 +40,13 @@ impl StallTimeoutStream {
             self.waiting = None;
             return written;
         }
-        let stall = self.stall;
-        let waiting = self.waiting.get_or_insert_with(|| Box::pin(sleep(stall)));
+        let Self {
+            stall,
+            clock,
+            waiting,
+            ..
+        } = self;
+        let waiting = waiting.get_or_insert_with(|| clock.sleep(*stall));
         ready!(waiting.as_mut().poll(context));
         Poll::Ready(Err(io::ErrorKind::TimedOut.into()))
     }

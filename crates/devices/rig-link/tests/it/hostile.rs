@@ -2,13 +2,15 @@
 //! served.
 
 use std::io::{ErrorKind, Read, Write};
-use std::net::TcpStream;
-use std::time::{Duration, Instant};
+use std::net::{Shutdown, TcpStream};
+use std::sync::Arc;
+use std::time::Duration;
 
 use rig_link::client::RetryPolicy;
+use rig_link::fake::ManualClock;
 use rig_link::identity::Identity;
 use rig_link::rig::Action;
-use rig_link::server::{Limits, ServeError, Settings, serve};
+use rig_link::server::{Clock as _, Limits, ServeError, Settings, serve};
 use rustix::fs::{CWD, FileType, Mode, mknodat};
 
 use crate::support::{
@@ -463,18 +465,17 @@ fn without_token_only_the_page_is_served() {
 
 #[test]
 fn right_token_is_accepted_after_a_wrong_one() {
-    let limits = Limits {
-        wrong_token_pause: Duration::from_millis(100),
-        ..Limits::default()
-    };
+    let clock = ManualClock::new();
     let setup = start(Options {
         token: true,
-        limits,
+        clock: Arc::new(clock.clone()),
         ..Options::default()
     });
     let ask = |token: &str| status(&setup.request("GET /api/status", &bearer(token), ""));
     assert_eq!(ask("wrong-wrong-wrong-wrong"), 401);
-    eventually(|| ask(TOKEN) == 200);
+    assert_eq!(ask(TOKEN), 429);
+    clock.advance(Limits::default().wrong_token_pause);
+    assert_eq!(ask(TOKEN), 200);
 }
 
 /// The `Cookie` header of a fresh login.
@@ -525,28 +526,32 @@ fn cookie_is_rejected_after_its_logout() {
 
 #[test]
 fn token_guessing_is_slowed_down() {
+    let pause = Duration::from_millis(50);
     let limits = Limits {
-        wrong_token_pause: Duration::from_millis(50),
+        wrong_token_pause: pause,
         ..Limits::default()
     };
+    let clock = ManualClock::new();
     let setup = start(Options {
         token: true,
         limits,
+        clock: Arc::new(clock.clone()),
         ..Options::default()
     });
-    let begin = Instant::now();
-    let mut looked_at = 0;
-    while looked_at < 6 {
-        let answer = setup.request("GET /api/status", &bearer("wrong-wrong-wrong-wrong"), "");
-        match status(&answer) {
-            401 => looked_at += 1,
-            429 => std::thread::sleep(Duration::from_millis(20)),
-            _ => panic!("{answer}"),
-        }
-    }
+    let guess = || {
+        let headers = bearer("wrong-wrong-wrong-wrong");
+        status(&setup.request("GET /api/status", &headers, ""))
+    };
+    let shortest = Duration::from_nanos(1);
     // Pauses of 50, 100, 200, 400 and 800 ms.
-    let elapsed = begin.elapsed();
-    assert!(elapsed >= Duration::from_millis(1550), "{elapsed:?}");
+    for doubled in (0..5).map(|n| pause * (1 << n)) {
+        assert_eq!(guess(), 401);
+        assert_eq!(guess(), 429);
+        clock.advance(doubled - shortest);
+        assert_eq!(guess(), 429, "before the end of {doubled:?}");
+        clock.advance(shortest);
+    }
+    assert_eq!(guess(), 401);
 }
 
 #[test]
@@ -556,29 +561,35 @@ fn excess_requests_are_rejected_and_later_served_again() {
         request_burst: 20,
         ..Limits::default()
     };
+    let clock = ManualClock::new();
     let setup = start(Options {
         limits,
+        clock: Arc::new(clock.clone()),
         ..Options::default()
     });
-    // Over one connection, so that they come faster than one a second on any machine.
     let host = setup.server.address();
     let one = format!("GET /api/status HTTP/1.1\r\nHost: {host}\r\n\r\n");
     let last = format!("GET /api/status HTTP/1.1\r\nHost: {host}\r\nConnection: close\r\n\r\n");
     let answers = setup.raw(format!("{}{last}", one.repeat(100)));
     let (served, _) = answers.split_once("HTTP/1.1 429").expect("a refusal");
-    assert!(served.matches("HTTP/1.1 200").count() >= 20, "{answers}");
-    eventually(|| status(&setup.get("/")) == 200);
+    assert_eq!(served.matches("HTTP/1.1 200").count(), 20, "{answers}");
+    assert_eq!(status(&setup.get("/")), 429);
+    clock.advance(Duration::from_secs(1));
+    assert_eq!(status(&setup.get("/")), 200);
+    assert_eq!(status(&setup.get("/")), 429);
 }
 
 #[test]
 fn slow_heads_and_bodies_time_out_and_block_nobody() {
     let limits = Limits {
-        head_time: Duration::from_millis(700),
+        head_time: LONG,
         connections_per_peer: 40,
         ..Limits::default()
     };
+    let clock = ManualClock::new();
     let setup = start(Options {
         limits,
+        clock: Arc::new(clock.clone()),
         ..Options::default()
     });
     let host = setup.server.address();
@@ -596,45 +607,61 @@ fn slow_heads_and_bodies_time_out_and_block_nobody() {
         stream.write_all(begin.as_bytes()).unwrap();
         slow.push(stream);
     }
-    let begin = Instant::now();
-    while begin.elapsed() < Duration::from_millis(1500) {
+    // Behind them, so that what they sent has been read.
+    assert_eq!(status(&setup.get("/api/status")), 200);
+    clock.wait_for_timers(slow.len());
+    // More bytes extend no limit.
+    for _ in 0..10 {
         for stream in &mut slow {
-            let _ = stream.write_all(b" ");
+            stream.write_all(b" ").unwrap();
         }
-        // On a busy machine our own head may be slow, too.
-        eventually(|| status(&setup.get("/api/status")) == 200);
-        std::thread::sleep(Duration::from_millis(100));
+        assert_eq!(status(&setup.get("/api/status")), 200);
+        clock.advance(LONG / 11);
     }
+    for stream in &mut slow {
+        assert!(is_open(stream), "closed before its time");
+    }
+    clock.expire(slow.len());
     for mut stream in slow {
         stream.set_read_timeout(Some(TEST_TIMEOUT)).unwrap();
         let text = String::from_utf8_lossy(&read(&mut stream)).into_owned();
         assert!(matches!(status(&text), 0 | 400 | 408), "{text}");
         assert!(is_closed(&mut stream), "{text}");
     }
+    assert_eq!(clock.now(), LONG);
+    assert_eq!(status(&setup.get("/api/status")), 200);
     assert_eq!(setup.rig.actions(), []);
 }
 
 #[test]
 fn an_idle_connection_is_closed() {
     let limits = Limits {
-        head_time: Duration::from_millis(500),
+        head_time: LONG,
         ..Limits::default()
     };
+    let clock = ManualClock::new();
     let setup = start(Options {
         limits,
+        clock: Arc::new(clock.clone()),
         ..Options::default()
     });
     let host = setup.server.address();
     let request = format!("GET /api/status HTTP/1.1\r\nHost: {host}\r\n\r\n");
-    // On a busy machine it may be closed before the request is sent.
-    eventually(|| {
-        let mut stream = TcpStream::connect(host).unwrap();
-        stream.set_read_timeout(Some(TEST_TIMEOUT)).unwrap();
-        let _ = stream.write_all(request.as_bytes());
-        let answer = read(&mut stream);
-        assert!(is_closed(&mut stream));
-        answer.starts_with(b"HTTP/1.1 200")
-    });
+    let mut stream = TcpStream::connect(host).unwrap();
+    stream.write_all(request.as_bytes()).unwrap();
+    assert_eq!(status(&read_one(&mut stream)), 200);
+    assert!(is_open(&mut stream));
+    clock.expire(1);
+    assert!(is_closed(&mut stream));
+    assert_eq!(clock.now(), LONG);
+}
+
+/// Whether the connection is open and no data waits in it.
+fn is_open(stream: &mut TcpStream) -> bool {
+    stream.set_nonblocking(true).unwrap();
+    let read = stream.read(&mut [0]);
+    stream.set_nonblocking(false).unwrap();
+    read.is_err_and(|e| e.kind() == ErrorKind::WouldBlock)
 }
 
 /// Whether the server has closed the connection, after reading all data.
@@ -648,11 +675,13 @@ fn is_closed(stream: &mut TcpStream) -> bool {
 #[test]
 fn stalled_reader_is_disconnected() {
     let limits = Limits {
-        stall_time: Duration::from_millis(700),
+        head_time: LONG,
         ..Limits::default()
     };
+    let clock = ManualClock::new();
     let setup = start(Options {
         limits,
+        clock: Arc::new(clock.clone()),
         ..Options::default()
     });
     let path = setup.root.join("walk-2/rig/large.bin");
@@ -660,30 +689,26 @@ fn stalled_reader_is_disconnected() {
     let host = setup.server.address();
     let request =
         format!("GET /api/sessions/walk-2/files/rig/large.bin HTTP/1.1\r\nHost: {host}\r\n\r\n");
-    let ask = || {
-        let mut stream = TcpStream::connect(host).unwrap();
-        stream.write_all(request.as_bytes()).unwrap();
-        stream.set_read_timeout(Some(TEST_TIMEOUT)).unwrap();
-        stream
-    };
-    // On a busy machine it takes longer until the server notices.
-    let is_cut_off = |seconds: u64| {
-        let mut streams: Vec<TcpStream> = (0..8).map(|_| ask()).collect();
-        for _ in 0..10 * seconds {
-            setup.is_well();
-            std::thread::sleep(Duration::from_millis(100));
-        }
-        streams
-            .iter_mut()
-            .all(|stream| read(stream).len() < 64 << 20)
-    };
-    assert!(
-        [2, 10, 60].into_iter().any(is_cut_off),
-        "everything came, so it was never cut off"
-    );
+    let streams: Vec<TcpStream> = (0..8)
+        .map(|_| {
+            let mut stream = TcpStream::connect(host).unwrap();
+            stream.write_all(request.as_bytes()).unwrap();
+            stream.set_read_timeout(Some(TEST_TIMEOUT)).unwrap();
+            stream
+        })
+        .collect();
+    setup.is_well();
+    // The only timers that end before `LONG` are those of full connections, one each.
+    clock.expire(streams.len());
+    assert!(clock.now() < LONG, "{:?}", clock.now());
+    setup.is_well();
+    for mut stream in streams {
+        let length = read(&mut stream).len();
+        assert!(length < 64 << 20, "everything came");
+    }
 }
 
-/// A timeout that is never reached in a test.
+/// A timeout that is reached only where a test advances its clock so far.
 const LONG: Duration = Duration::from_secs(3600);
 
 /// Sixteen connections from each of three addresses, which is all slots; each has sent `first`, and
@@ -804,17 +829,10 @@ fn silent_connections_are_evicted_and_authenticated_ones_are_not() {
         .collect();
     // Rejected, not left waiting.
     assert_eq!(status(&setup.get("/api/status")), 0);
-    used.pop();
-    eventually(|| status(&setup.get("/api/status")) == 200);
-}
-
-/// Waits until the condition holds.
-fn eventually(done: impl Fn() -> bool) {
-    let begin = Instant::now();
-    while !done() {
-        assert!(begin.elapsed() < TEST_TIMEOUT);
-        std::thread::sleep(Duration::from_millis(50));
-    }
+    let mut left = used.pop().unwrap();
+    left.shutdown(Shutdown::Write).unwrap();
+    assert!(is_closed(&mut left));
+    assert_eq!(status(&setup.get("/api/status")), 200);
 }
 
 #[test]

@@ -9,7 +9,7 @@ use rig_link::rig::Action;
 use rig_link::server::{Limits, Settings, serve};
 use serde_json::json;
 
-use crate::support::{Options, Setup, TEST_TIMEOUT, TOKEN, start};
+use crate::support::{Options, Setup, TOKEN, start};
 
 /// Opens the page with a scene, and waits for its images.
 fn open(browser: &mut Browser, scene: Scene) -> Setup {
@@ -306,6 +306,19 @@ fn page_requests_the_token() {
     browser.until("document.getElementById('login')?.open === true");
 }
 
+/// Hides the page. Timers that it starts from then on end without a pause; `rounds` counts them. `hidden`
+/// is true as soon as each of its four loops waits for such a timer, so that none has requests left
+/// from before.
+const HIDE: &str = "
+    var pause = setTimeout, waiting = 0, rounds = 0, hidden = false;
+    Object.defineProperty(document, 'hidden', { get: () => true, configurable: true });
+    setTimeout = (done) => {
+        waiting += 1;
+        hidden ||= waiting === 4;
+        return pause(() => { waiting -= 1; rounds += 1; done(); }, 0);
+    };
+    0";
+
 #[test]
 fn page_is_self_contained_and_idle_when_hidden() {
     let Some(mut browser) = Browser::start(360, 780) else {
@@ -318,11 +331,8 @@ fn page_is_self_contained_and_idle_when_hidden() {
         event["method"] == "Network.requestWillBeSent"
             && url.is_some_and(|url| url.contains("/api/preview/"))
     };
-    let begin = std::time::Instant::now();
     while browser.events.iter().filter(is_preview).count() < 6 {
-        assert!(begin.elapsed() < TEST_TIMEOUT, "no further images");
-        std::thread::sleep(Duration::from_millis(50));
-        browser.value("1");
+        browser.wait_for_event();
     }
     let own = format!("{}/", setup.server.url());
     let blobs = format!("blob:{}", setup.server.url());
@@ -342,17 +352,14 @@ fn page_is_self_contained_and_idle_when_hidden() {
         }
     }
 
-    browser.value(
-        "Object.defineProperty(document, 'hidden', { get: () => true, configurable: true })",
-    );
-    std::thread::sleep(Duration::from_millis(700));
-    browser.value("1");
+    browser.value(HIDE);
+    browser.until("hidden");
+    browser.value("rounds = 0");
     browser.events.clear();
-    std::thread::sleep(Duration::from_millis(2500));
-    browser.value("1");
-    let asked = |e: &&serde_json::Value| e["method"] == "Network.requestWillBeSent";
-    assert_eq!(browser.events.iter().filter(asked).count(), 0);
-    browser.value("delete document.hidden");
+    browser.until("rounds >= 200");
+    let is_request = |e: &&serde_json::Value| e["method"] == "Network.requestWillBeSent";
+    assert_eq!(browser.events.iter().filter(is_request).count(), 0);
+    browser.value("delete document.hidden; setTimeout = pause; 0");
     browser.until("document.body.dataset.state === 'warning'");
 }
 
@@ -382,7 +389,14 @@ fn page_screenshots() {
 /// Stores a screenshot of the visible part.
 fn image(browser: &mut Browser, name: &str) {
     if let Some(folder) = std::env::var_os("RIG_LINK_SCREENSHOTS") {
-        std::thread::sleep(Duration::from_millis(300));
+        // All transitions have ended, and what they ended with is drawn.
+        browser.value(
+            "Promise.allSettled(document.getAnimations()
+                .filter((animation) => animation.effect.getComputedTiming().iterations < Infinity)
+                .map((animation) => animation.finished))
+                .then(() => new Promise((done) => requestAnimationFrame(() => requestAnimationFrame(done))))
+                .then(() => 0)",
+        );
         let path = std::path::Path::new(&folder).join(format!("phone-{name}.png"));
         std::fs::write(path, browser.screenshot(false)).unwrap();
     }

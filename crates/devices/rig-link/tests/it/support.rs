@@ -9,7 +9,7 @@ use std::time::{Duration, Instant};
 use rig_link::client::{Client, RetryPolicy};
 use rig_link::fake::{FakeRig, Scene, write_session};
 use rig_link::identity::{Fingerprint, Identity};
-use rig_link::server::{Limits, Server, Settings, serve};
+use rig_link::server::{Clock, Limits, RealClock, Server, Settings, serve};
 use rig_link::token::Token;
 
 pub(crate) const TOKEN: &str = "correct-horse-battery";
@@ -30,6 +30,7 @@ pub(crate) struct Options {
     pub(crate) token: bool,
     pub(crate) limits: Limits,
     pub(crate) scene: Scene,
+    pub(crate) clock: Arc<dyn Clock>,
 }
 
 impl Default for Options {
@@ -39,6 +40,7 @@ impl Default for Options {
             token: false,
             limits: Limits::default(),
             scene: Scene::Armed,
+            clock: Arc::new(RealClock::default()),
         }
     }
 }
@@ -64,6 +66,7 @@ pub(crate) fn start(options: Options) -> Setup {
         token: options.token.then(token),
         ended_logins: Some(identity.join("ended-logins")),
         limits: options.limits,
+        clock: options.clock,
     };
     Setup {
         server: serve(settings, rig.clone()).unwrap(),
