@@ -292,7 +292,7 @@ mod tests {
 
     proptest::proptest! {
         #[test]
-        fn arbitrary_bytes_never_panic(at in 0_usize..2000, value: u8, cut in 0_usize..2000) {
+        fn never_panics_on_damaged_files(at in 0_usize..2000, value: u8, cut in 0_usize..2000) {
             let mut file = encode(32, 16, ColorType::Ycbcr, SamplingFactor::F_2_2);
             let at = at % file.len();
             file[at] = value;

@@ -212,7 +212,7 @@ mod tests {
     proptest! {
         /// Arbitrary bytes give a message or an error, and returned slices are within the input.
         #[test]
-        fn arbitrary_bytes_never_panic(mut bytes in prop::collection::vec(any::<u8>(), 0..400), plain: bool) {
+        fn never_panics_on_arbitrary_bytes(mut bytes in prop::collection::vec(any::<u8>(), 0..400), plain: bool) {
             if let (true, [a, b, ..]) = (plain, &mut bytes[..]) {
                 (*a, *b) = (0, 1);
             }
@@ -223,7 +223,7 @@ mod tests {
         }
 
         #[test]
-        fn damaged_messages_never_panic(at in 0_usize..60, value: u8) {
+        fn never_panics_on_damaged_messages(at in 0_usize..60, value: u8) {
             let mut bytes = image_bytes();
             let at = at % bytes.len();
             bytes[at] = value;

@@ -567,12 +567,21 @@ proptest::proptest! {
         let folder = tempfile::tempdir().expect("folder");
         let path = folder.path().join("walk.mcap");
         walk(|_, _| None).write(&path);
+        let mut bag = Bag::open("feet", &config(&path), HostTime(0)).expect("a bag");
+        let mut whole = 0;
+        while bag.next_sample().expect("a sample").is_some() {
+            whole += 1;
+        }
         let mut bytes = std::fs::read(&path).expect("a file");
         let at = at % bytes.len();
         bytes[at] = value;
         std::fs::write(&path, bytes).expect("a file");
         if let Ok(mut bag) = Bag::open("feet", &config(&path), HostTime(0)) {
-            while let Ok(Some(_)) = bag.next_sample() {}
+            let mut samples = 0;
+            while let Ok(Some(_)) = bag.next_sample() {
+                samples += 1;
+            }
+            proptest::prop_assert!(samples <= whole, "{} of {} samples", samples, whole);
         }
     }
 }

@@ -307,7 +307,7 @@ mod tests {
     }
 
     #[test]
-    fn odd_text_is_read_to_its_end() {
+    fn never_panics_on_odd_text() {
         for text in [
             "", "\\", "`", "](", "<", "{", "é’", "a://", "```", "[", "]:[", "\\é",
         ] {

@@ -195,7 +195,7 @@ fn h265_references_must_be_there() {
 }
 
 #[test]
-fn total_on_any_bytes() {
+fn never_panics_on_any_bytes() {
     let mut state = 0x9e37_79b9_7f4a_7c15u64;
     let mut random = move || {
         state ^= state << 13;

@@ -379,7 +379,7 @@ fn invalid_files_are_rejected() {
 }
 
 #[test]
-fn a_file_cut_anywhere_is_no_panic() {
+fn never_panics_on_a_file_cut_anywhere() {
     let folder = Folder::new();
     for text in [USB, GMSL] {
         for end in 0..text.len() {
