@@ -15,12 +15,16 @@ mod file;
 mod operator;
 mod recorded;
 mod section;
+#[cfg(feature = "simulator")]
+mod simulated;
 
 pub use device::{
     DeviceChoice, GstreamerConfig, PixelLayout, RightDevice, V4l2Config, ZedImuConfig,
 };
 pub use operator::{Operator, Page};
 pub use recorded::{BagConfig, BagImages, VideoConfig};
+#[cfg(feature = "simulator")]
+pub use simulated::SimulatedConfig;
 
 pub use check::{Finding, Level, check, usb_budget};
 
@@ -122,11 +126,23 @@ pub enum SourceConfig {
     /// A synthetic moving image.
     Synthetic(SyntheticConfig),
     /// A walk with a simulated rig.
+    #[cfg(feature = "simulator")]
     Simulated(SimulatedConfig),
     /// A V4L2 camera: any, or a ZED over USB.
     V4l2(V4l2Config),
     /// A camera behind GStreamer elements.
     Gstreamer(GstreamerConfig),
+}
+
+impl SourceConfig {
+    /// Whether its samples come with the calibration of nominal lenses, so that none can be given.
+    pub(crate) fn has_nominal_lenses(&self) -> bool {
+        match self {
+            #[cfg(feature = "simulator")]
+            Self::Simulated(_) => true,
+            _ => false,
+        }
+    }
 }
 
 /// Replay of a data set.
@@ -140,16 +156,6 @@ pub struct ReplayConfig {
     pub repeat: bool,
     /// Whether the data set's IMU is replayed too, if it has one.
     pub imu: bool,
-}
-
-/// A walk with a simulated rig.
-#[derive(Clone, Debug, PartialEq)]
-pub struct SimulatedConfig {
-    /// Scene, light, duration, rate, image size per eye, quality. Cameras with the same settings
-    /// share one walk.
-    pub walk: rig_sim::simulation::Settings,
-    /// File with faults; `None` for no faults.
-    pub faults: Option<PathBuf>,
 }
 
 /// A synthetic moving image with its IMU.

@@ -26,9 +26,11 @@ pub mod gstreamer;
 mod jpeg;
 pub(crate) mod pairing;
 pub mod replay;
+#[cfg(feature = "simulator")]
 pub mod simulated;
 pub mod synthetic;
 pub mod video_file;
+pub mod walks;
 
 /// One stereo frame from a source: as a [`Picture`], or in its camera's own buffer.
 #[derive(Clone, Debug)]

@@ -30,9 +30,11 @@ use crate::sources::datasets::DatasetError;
 use crate::sources::device::Device;
 use crate::sources::gstreamer::Gstreamer;
 use crate::sources::replay::{Replay, ReplayError};
-use crate::sources::simulated::{Simulated, Walks};
+#[cfg(feature = "simulator")]
+use crate::sources::simulated::Simulated;
 use crate::sources::synthetic::Synthetic;
 use crate::sources::video_file::VideoReplay;
+use crate::sources::walks::Walks;
 use crate::sources::{Live, Source, SourceInfo};
 
 mod device;
@@ -279,6 +281,13 @@ fn triggers(config: &Config, report: &mut Report) {
 }
 
 /// Description of a source, if it can be opened.
+#[cfg_attr(
+    not(feature = "simulator"),
+    expect(
+        unused_variables,
+        reason = "only simulated cameras share walks and need the rig"
+    )
+)]
 fn source(
     camera: &Camera,
     rig: Option<&Rig>,
@@ -328,6 +337,7 @@ fn source(
                 return None;
             }
         },
+        #[cfg(feature = "simulator")]
         SourceConfig::Simulated(s) => {
             let faults = s.faults.as_deref();
             match Simulated::open(&camera.name, &s.walk, faults, rig, walks, start) {

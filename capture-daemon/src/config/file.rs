@@ -5,9 +5,6 @@ use std::ops::RangeInclusive;
 use std::path::Path;
 
 use cad_transforms::frame::{MAX_CAMERA_NAME, is_camera_name};
-use rig_sim::camera::Quality;
-use rig_sim::scene::{Kind, Lighting};
-use rig_sim::simulation::Settings;
 use session_archive::text::{MAX_NOTE, check_note};
 use toml::de::DeTable;
 use video::encoder::known_elements;
@@ -15,7 +12,7 @@ use video::encoder::known_elements;
 use super::section::{Log, Section, nearest};
 use super::{
     Camera, Config, Control, DEFAULT_SOCKET, Disk, Encoder, Problems, ReplayConfig, Session,
-    SimulatedConfig, SourceConfig, SyntheticConfig,
+    SourceConfig, SyntheticConfig,
 };
 use super::{device, operator, recorded};
 
@@ -171,7 +168,11 @@ fn camera(section: &mut Section<'_>, folder: &Path, position: usize) -> Option<C
         folder,
         position,
     );
-    if calibration.is_some() && matches!(source, Some(SourceConfig::Simulated(_))) {
+    if calibration.is_some()
+        && source
+            .as_ref()
+            .is_some_and(SourceConfig::has_nominal_lenses)
+    {
         section.refuse(
             "calibration",
             "is given, but a simulated camera has nominal lenses and brings their calibration along",
@@ -214,7 +215,20 @@ fn source(mut section: Section<'_>, folder: &Path, position: usize) -> Option<So
         "bag" => recorded::bag(&mut section, folder).map(SourceConfig::Bag),
         "video" => recorded::video(&mut section, folder).map(SourceConfig::Video),
         "synthetic" => Some(SourceConfig::Synthetic(synthetic(&mut section, position))),
-        "sim" => Some(SourceConfig::Simulated(simulated(&mut section, folder))),
+        #[cfg(feature = "simulator")]
+        "sim" => Some(SourceConfig::Simulated(super::simulated::simulated(
+            &mut section,
+            folder,
+        ))),
+        // Its other keys are those of the simulator, so they are not checked.
+        #[cfg(not(feature = "simulator"))]
+        "sim" => {
+            section.refuse(
+                "kind",
+                "is \"sim\", but this program was built without the simulator (the feature \"simulator\" of capture-daemon)",
+            );
+            return None;
+        }
         "v4l2" => device::v4l2(&mut section, folder).map(SourceConfig::V4l2),
         "zed" => device::zed(&mut section).map(SourceConfig::V4l2),
         "gstreamer" => device::gstreamer(&mut section).map(SourceConfig::Gstreamer),
@@ -283,35 +297,6 @@ pub(super) fn choice<T: Copy>(
     let named = section.text(key, &expected, is_one)?;
     let found = values.iter().find(|(name, _)| *name == named);
     found.map(|(_, value)| *value)
-}
-
-/// Default: ten minutes over a pavement by day, with cameras of a ZED Mini's smallest size at 15
-/// Hz.
-fn simulated(section: &mut Section<'_>, folder: &Path) -> SimulatedConfig {
-    let kind = one_of(section, "scene", &Kind::ALL.map(|kind| (kind.name(), kind)));
-    let lighting = one_of(
-        section,
-        "light",
-        &Lighting::ALL.map(|time| (time.name(), time)),
-    );
-    let qualities = [("fast", Quality::FAST), ("accurate", Quality::ACCURATE)];
-    let quality = one_of(section, "quality", &qualities);
-    let walk = Settings {
-        kind,
-        lighting,
-        seed: section
-            .integer("seed", 0..=i64::MAX)
-            .map_or(1, i64::unsigned_abs),
-        seconds: section.number("seconds", 0.1..=3600.0).unwrap_or(600.0),
-        rate_hz: section.number("rate_hz", 0.1..=100.0).unwrap_or(15.0),
-        width: pixels(section, "width", 32..=8192, 1344, 4) / 2,
-        height: pixels(section, "height", 16..=4096, 376, 2),
-        quality,
-    };
-    SimulatedConfig {
-        walk,
-        faults: section.path("faults", folder),
-    }
 }
 
 /// Default: size and rates of a ZED Mini in its smallest mode.

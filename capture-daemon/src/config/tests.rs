@@ -629,6 +629,7 @@ fn damaged_text_never_panics() {
     }
 }
 
+#[cfg(feature = "simulator")]
 #[test]
 fn simulated_walk_has_defaults_and_named_values() {
     let camera = |source: &str| {
@@ -904,6 +905,16 @@ fn operator_settings_are_parsed() {
     );
 }
 
+#[cfg(not(feature = "simulator"))]
+#[test]
+fn simulated_camera_needs_a_program_with_the_simulator() {
+    check(
+        &source("kind = \"sim\"\nscene = \"pavement\""),
+        "kind in [camera.source] is \"sim\", but this program was built without the simulator",
+    );
+}
+
+#[cfg(feature = "simulator")]
 #[test]
 fn shipped_rigs_can_be_read() {
     let folder = Path::new(env!("CARGO_MANIFEST_DIR")).join("../deploy/rigs");

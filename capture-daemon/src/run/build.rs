@@ -24,9 +24,11 @@ use crate::sources::bag::Bag;
 use crate::sources::device::Device;
 use crate::sources::gstreamer::Gstreamer;
 use crate::sources::replay::Replay;
-use crate::sources::simulated::{Simulated, Walks};
+#[cfg(feature = "simulator")]
+use crate::sources::simulated::Simulated;
 use crate::sources::synthetic::Synthetic;
 use crate::sources::video_file::VideoReplay;
+use crate::sources::walks::Walks;
 use crate::sources::{AnySource, CameraInfo, Source, SourceInfo, rig_file_name};
 use crate::sync::clock::ClockConfig;
 
@@ -122,6 +124,13 @@ pub fn build(config: &Config, start: HostTime) -> anyhow::Result<Built> {
     })
 }
 
+#[cfg_attr(
+    not(feature = "simulator"),
+    expect(
+        unused_variables,
+        reason = "only simulated cameras share walks and need the rig"
+    )
+)]
 fn open(
     camera: &config::Camera,
     rig: Option<&Rig>,
@@ -144,6 +153,7 @@ fn open(
             Box::new(bag)
         }
         SourceConfig::Video(v) => Box::new(VideoReplay::open(&camera.name, v, start)?),
+        #[cfg(feature = "simulator")]
         SourceConfig::Simulated(s) => Box::new(Simulated::open(
             &camera.name,
             &s.walk,

@@ -22,8 +22,8 @@ use super::{
     RawFrame, RawImu, Sample, Source, SourceError, SourceInfo,
 };
 use crate::config::BagConfig;
+use crate::digest::Digest;
 use crate::error_chain::with_causes;
-use crate::run::identity::Digest;
 
 mod cdr;
 mod container;

@@ -20,8 +20,8 @@ use calib::StereoCalibration;
 use session_archive::time::{HostTime, TickLength};
 use video::{Picture, PictureError};
 
+use crate::digest::Digest;
 use crate::error_chain::with_causes;
-use crate::run::identity::Digest;
 
 use super::datasets::{self, DatasetError, DatasetKind, ImuSample, Samples, StereoDataset};
 use super::{

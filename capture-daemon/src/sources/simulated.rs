@@ -22,6 +22,7 @@ use video::{Picture, PictureError};
 
 use crate::run::identity::Digest;
 
+pub use super::walks::Walks;
 use super::{
     CameraInfo, DevicePart, Disconnected, DroppedFrame, ImuInfo, ImuValues, RawFrame, RawImu,
     Sample, Source, SourceError, SourceInfo,
@@ -63,29 +64,6 @@ pub enum SimulatedError {
         /// The system's error.
         source: std::io::Error,
     },
-}
-
-/// Existing walks, so that cameras of one walk share it.
-#[derive(Debug, Default)]
-pub struct Walks(Vec<Arc<Simulation>>);
-
-impl Walks {
-    /// The walk with these settings.
-    ///
-    /// # Errors
-    /// [`SimulationError`].
-    pub fn with(
-        &mut self,
-        settings: &Settings,
-        rig: &Rig,
-    ) -> Result<Arc<Simulation>, SimulationError> {
-        if let Some(walk) = self.0.iter().find(|walk| walk.settings() == settings) {
-            return Ok(walk.clone());
-        }
-        let walk = Arc::new(Simulation::new(settings, rig)?);
-        self.0.push(walk.clone());
-        Ok(walk)
-    }
 }
 
 /// A camera of a simulated rig. See the module.

@@ -17,7 +17,7 @@
 
 use std::ops::Range;
 
-use rig_sim::random;
+use counter_random as random;
 use session_archive::time::{HostTime, NS_PER_S, TickLength};
 use video::{Picture, PictureError, PixelFormat};
 

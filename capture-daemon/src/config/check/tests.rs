@@ -80,9 +80,10 @@ fn valid_configuration_has_no_errors() {
     );
 }
 
-/// From a clone, for any user: it needs no folders of an installed daemon.
+#[cfg(feature = "simulator")]
 #[test]
 fn shipped_simulated_rig_has_no_errors() {
+    // From a clone, for any user: it needs no folders of an installed daemon.
     let path = Path::new(env!("CARGO_MANIFEST_DIR")).join("../deploy/rigs/simulated.toml");
     let found = check(&Config::read(&path).unwrap());
     // Whether another program uses the page's port, and whether the disk has room, depends on this

@@ -41,27 +41,7 @@ pub(super) fn open(
     };
     let mut left = images(&left_folder)?;
     let mut right = images(&right_folder)?;
-    let only = |a: &BTreeMap<u64, PathBuf>, b: &BTreeMap<u64, PathBuf>| -> Vec<u64> {
-        a.keys()
-            .filter(|number| !b.contains_key(number))
-            .copied()
-            .collect()
-    };
-    let (left_only, right_only) = (only(&left, &right), only(&right, &left));
-    if let Some(first) = left_only
-        .first()
-        .into_iter()
-        .chain(right_only.first())
-        .min()
-    {
-        return Err(DatasetError::Unpaired {
-            left_only: left_only.len(),
-            right_only: right_only.len(),
-            first: format!("number {first}"),
-            left: left_folder,
-            right: right_folder,
-        });
-    }
+    check_pairs((left_folder, &left), (right_folder, &right))?;
 
     let mut notes = Vec::new();
     let (first, last) = (left.keys().next(), left.keys().next_back());
@@ -137,6 +117,31 @@ pub(super) fn open(
         notes,
         is_head,
     })
+}
+
+/// Every image has its partner.
+fn check_pairs(
+    (left_folder, left): (PathBuf, &BTreeMap<u64, PathBuf>),
+    (right_folder, right): (PathBuf, &BTreeMap<u64, PathBuf>),
+) -> Result<(), DatasetError> {
+    let only = |a: &BTreeMap<u64, PathBuf>, b: &BTreeMap<u64, PathBuf>| -> Vec<u64> {
+        a.keys()
+            .filter(|number| !b.contains_key(number))
+            .copied()
+            .collect()
+    };
+    let (left_only, right_only) = (only(left, right), only(right, left));
+    let first = left_only.first().into_iter().chain(right_only.first());
+    match first.min() {
+        None => Ok(()),
+        Some(first) => Err(DatasetError::Unpaired {
+            left_only: left_only.len(),
+            right_only: right_only.len(),
+            first: format!("number {first}"),
+            left: left_folder,
+            right: right_folder,
+        }),
+    }
 }
 
 /// The numbered images of one eye.

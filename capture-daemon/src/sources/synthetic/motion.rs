@@ -5,7 +5,7 @@
 
 use std::f64::consts::TAU;
 
-use rig_sim::random;
+use counter_random as random;
 
 use super::streams;
 

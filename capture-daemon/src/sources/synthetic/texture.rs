@@ -3,7 +3,7 @@
 //! Contract: a tile of 1/f noise that is continuous across its edges, generated once from integers
 //! only; rendering only copies rows of it. Values avoid black and white.
 
-use rig_sim::random;
+use counter_random as random;
 
 use super::streams;
 
