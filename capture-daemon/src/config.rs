@@ -3,13 +3,12 @@
 //! Contract: a [`Config`] is complete, every number in its range and every name valid; absent keys
 //! have their defaults. Parsing reports all problems of a file together, each with its line, what
 //! was found and what was expected; an unknown key is rejected and the nearest known one named.
-//! Parsing reads nothing but the file: [`check`] finds out whether paths exist and encoders work.
+//! Parsing reads nothing but the file: [`crate::check`] finds out whether paths exist and encoders work.
 //! Relative paths are relative to the file.
 
 use std::fmt;
 use std::path::{Path, PathBuf};
 
-mod check;
 mod device;
 mod file;
 mod operator;
@@ -25,8 +24,6 @@ pub use operator::{Operator, Page};
 pub use recorded::{BagConfig, BagImages, VideoConfig};
 #[cfg(feature = "simulator")]
 pub use simulated::SimulatedConfig;
-
-pub use check::{Finding, Level, check, usb_budget};
 
 /// Default path of the control socket.
 pub const DEFAULT_SOCKET: &str = "/run/paws/pawsd.sock";

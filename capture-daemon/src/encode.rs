@@ -14,26 +14,30 @@
 //! counts as a full queue.
 
 use std::collections::VecDeque;
-use std::sync::{Arc, Condvar, Mutex, MutexGuard, PoisonError};
+use std::sync::PoisonError;
 use std::thread::JoinHandle;
 use std::time::Duration;
 
-use bytes::Bytes;
 use session_archive::record::Frame;
 use session_archive::record::paws::gap::Cause;
 use session_archive::time::HostTime;
-use video::encoder::{Input, Preset};
-use video::{EncodeError, Encoder, EncoderEvent, EncoderSettings, Picture};
+use video::encoder::Input;
+use video::{EncodeError, EncoderSettings, Picture};
+
+mod delivery;
+mod restarts;
+mod running;
+#[cfg(test)]
+mod tests;
+
+pub use self::delivery::{Encoded, Sink};
+
+use self::delivery::{ENDED_EARLY, State, end};
+use self::running::{FAILURE_RESET_NS, Running};
 
 /// Maximum time without output from an encoder that holds frames. After it the encoder is
 /// considered stuck.
 pub const STALL_NS: i64 = 2_000_000_000;
-/// Delay before the restart after the second failure in a row; doubled after each further one.
-const RETRY_NS: i64 = 1_000_000_000;
-/// Maximum delay between two restarts.
-const MAX_RETRY_NS: i64 = 32 * RETRY_NS;
-/// Running time after which a failure counts as the first one again.
-const FAILURE_RESET_NS: i64 = 10_000_000_000;
 /// Maximum number of abandoned encoders that are terminating at the same time. Each holds its
 /// frames until it has terminated, and an encoder that is stuck in its driver never does.
 const MAX_ENDING_ENCODERS: usize = 3;
@@ -41,85 +45,8 @@ const MAX_ENDING_ENCODERS: usize = 3;
 /// stuck.
 const VIRTUAL_TIMEOUT: Duration = Duration::from_secs(60);
 
-/// Reduction of the encoding quality under load, dB: about half of the bits.
-const DEGRADED_QUALITY_DROP_DB: f64 = 4.0;
-/// Minimum quality under load, dB.
-const MIN_QUALITY_DB: f64 = 30.0;
-/// Maximum time for an encoder to deliver its frames when it is replaced for another setting.
-const CHANGE_TIMEOUT: Duration = Duration::from_secs(5);
-
 /// Cause detail of frames that arrived while no encoder was running.
 const NOT_RUNNING: &str = "no encoder is running";
-/// Cause detail of frames that an encoder accepted and never delivered.
-const ENDED_EARLY: &str = "the encoder ended without giving them";
-
-/// Output of a [`CameraEncoder`].
-#[derive(Debug)]
-pub enum Encoded {
-    /// An access unit and its companion.
-    Frame {
-        /// The record without the fields that the archive writer fills in.
-        frame: Frame,
-        /// Annex B.
-        unit: Bytes,
-        /// Whether the frame can be decoded on its own.
-        key: bool,
-    },
-    /// Frames that will not be delivered.
-    Dropped {
-        /// Time of the first frame.
-        at: HostTime,
-        /// First number.
-        first: u64,
-        /// Last number.
-        last: u64,
-        /// Cause.
-        cause: Cause,
-        /// Details, for people.
-        detail: String,
-    },
-}
-
-/// Receiver of the output; called from the encoder's threads.
-pub type Sink = Arc<dyn Fn(Encoded) + Send + Sync>;
-
-/// State shared by the pushing thread and the encoder's threads. Each encoder has its own, so that
-/// a late event of a replaced encoder has no effect.
-struct EncoderShared {
-    state: Mutex<State>,
-    changed: Condvar,
-}
-
-#[derive(Default)]
-struct State {
-    frames: VecDeque<(i64, Frame)>,
-    /// Number of access units delivered.
-    delivered: u64,
-    failure: Option<String>,
-    abandoned: bool,
-    /// The encoder that this one replaces; it may not have delivered everything yet.
-    before: Option<Arc<EncoderShared>>,
-}
-
-impl EncoderShared {
-    fn lock(&self) -> MutexGuard<'_, State> {
-        self.state.lock().unwrap_or_else(PoisonError::into_inner)
-    }
-}
-
-struct Running {
-    encoder: Encoder,
-    shared: Arc<EncoderShared>,
-    /// Settings last applied to it.
-    effort: Effort,
-}
-
-/// Settings that may change from one chunk to the next.
-#[derive(Clone, Copy, Debug, PartialEq)]
-struct Effort {
-    quality_db: f64,
-    preset: Preset,
-}
 
 /// A frame that waits for room in the encoder.
 struct Waiting {
@@ -402,7 +329,7 @@ impl CameraEncoder {
         let Some(running) = self.running.take() else {
             return;
         };
-        end(running, &self.sink, limit);
+        end(running.encoder, &running.shared, &self.sink, limit);
         self.last_progress = now;
     }
 
@@ -470,214 +397,4 @@ impl CameraEncoder {
         }
         Ok(())
     }
-
-    /// Starts an encoder. It delivers nothing until everything of the encoder `before` it is
-    /// reported.
-    fn start(
-        &mut self,
-        image: Input<'_>,
-        before: Option<Arc<EncoderShared>>,
-        now: HostTime,
-    ) -> Result<(), EncodeError> {
-        self.started = now;
-        let effort = self.effort();
-        let settings = EncoderSettings {
-            quality_db: effort.quality_db,
-            preset: effort.preset,
-            ..self.settings.clone()
-        };
-        let shared = Arc::new(EncoderShared {
-            state: Mutex::new(State {
-                before,
-                ..State::default()
-            }),
-            changed: Condvar::new(),
-        });
-        let (sink, of_output) = (self.sink.clone(), shared.clone());
-        let on_output = Box::new(move |event| deliver(event, &of_output, &sink));
-        let encoder = match image {
-            Input::Picture(_) => Encoder::start(&settings, on_output)?,
-            Input::Native(frame) => Encoder::start_native(&settings, frame.format(), on_output)?,
-        };
-        self.running = Some(Running {
-            encoder,
-            shared,
-            effort,
-        });
-        self.delivered = 0;
-        self.last_progress = now;
-        self.epoch = None;
-        Ok(())
-    }
-
-    /// Current target settings of the encoder.
-    fn effort(&self) -> Effort {
-        Effort {
-            quality_db: match self.reduction.quality {
-                true => (self.settings.quality_db - DEGRADED_QUALITY_DROP_DB).max(MIN_QUALITY_DB),
-                false => self.settings.quality_db,
-            },
-            preset: match self.reduction.preset {
-                true => Preset::Ultrafast,
-                false => self.settings.preset,
-            },
-        }
-    }
-
-    /// To be called when a chunk, and with it a key frame, begins. An encoder that needs other
-    /// settings and cannot change them is replaced. The old one delivers its frames on a thread of
-    /// its own, because other cameras' frames are waiting.
-    fn follow_effort(&mut self, image: Input<'_>, now: HostTime) {
-        let target = self.effort();
-        let Some(running) = &mut self.running else {
-            return;
-        };
-        if running.effort == target {
-            return;
-        }
-        let set = match running.effort.preset == target.preset {
-            true => running.encoder.set_quality(target.quality_db),
-            false => Ok(false),
-        };
-        running.effort = target;
-        match set {
-            Ok(true) => {}
-            Ok(false) => {
-                let Some(running) = self.running.take() else {
-                    return;
-                };
-                let (shared, sink) = (running.shared.clone(), self.sink.clone());
-                self.end_in_background(move || end(running, &sink, CHANGE_TIMEOUT));
-                if let Err(error) = self.start(image, Some(shared.clone()), now) {
-                    log::warn!("starting {} again: {error}", self.settings.element);
-                    report_undelivered(&shared, &self.sink, ENDED_EARLY);
-                    self.failed(now);
-                }
-            }
-            Err(error) => self.replace(&error.to_string(), now),
-        }
-    }
-
-    /// Abandons the encoder and reports the frames inside; the next frame starts another one.
-    fn replace(&mut self, reason: &str, now: HostTime) {
-        let Some(Running {
-            encoder, shared, ..
-        }) = self.running.take()
-        else {
-            return;
-        };
-        log::warn!("{} is given up: {reason}", self.settings.element);
-        self.failed(now);
-        report_undelivered(&shared, &self.sink, reason);
-        self.end_in_background(move || drop(encoder));
-        self.last_progress = now;
-        self.key_frame_requested = true;
-    }
-
-    /// Ends an encoder on a thread of its own: a stuck encoder takes seconds, and this thread
-    /// serves other cameras.
-    fn end_in_background(&mut self, end: impl FnOnce() + Send + 'static) {
-        let name = "encoder-end".to_owned();
-        // Without a thread the closure is dropped here, which ends the encoder.
-        self.ending
-            .extend(std::thread::Builder::new().name(name).spawn(end));
-    }
-
-    /// Counts a failure and delays the next start.
-    fn failed(&mut self, now: HostTime) {
-        if now.since(self.started) > FAILURE_RESET_NS {
-            self.failures = 0;
-        }
-        let pause = match self.failures {
-            0 => 0,
-            before => (RETRY_NS << (before - 1).min(10)).min(MAX_RETRY_NS),
-        };
-        self.failures += 1;
-        self.retry_at = now + pause;
-    }
 }
-
-/// Lets an encoder deliver its frames within `limit`; the rest is reported as dropped.
-fn end(running: Running, sink: &Sink, limit: Duration) {
-    if let Err(e) = running.encoder.finish(limit) {
-        log::warn!("ending the encoder: {e}");
-    }
-    report_undelivered(&running.shared, sink, ENDED_EARLY);
-}
-
-/// Reports the frames inside an encoder that has ended or is abandoned; its later events are
-/// ignored. Frames are reported in order: those of its predecessor come first, and all under the
-/// lock, so that no later frame is delivered meanwhile.
-fn report_undelivered(shared: &EncoderShared, sink: &Sink, detail: &str) {
-    let mut state = shared.lock();
-    if let Some(before) = state.before.take() {
-        report_undelivered(&before, sink, ENDED_EARLY);
-    }
-    state.abandoned = true;
-    for (_, frame) in state.frames.drain(..) {
-        sink(Encoded::Dropped {
-            at: HostTime(frame.time),
-            first: frame.number,
-            last: frame.number,
-            cause: Cause::EncoderRestart,
-            detail: detail.to_owned(),
-        });
-    }
-    shared.changed.notify_all();
-}
-
-/// Waits until an encoder that is ending has delivered everything; after [`CHANGE_TIMEOUT`] the
-/// rest is reported as dropped.
-fn wait_for_end(before: &EncoderShared, sink: &Sink) {
-    let ending = before
-        .changed
-        .wait_timeout_while(before.lock(), CHANGE_TIMEOUT, |state| !state.abandoned);
-    drop(ending.unwrap_or_else(PoisonError::into_inner));
-    report_undelivered(before, sink, ENDED_EARLY);
-}
-
-/// Handles an event of an encoder.
-fn deliver(event: EncoderEvent, shared: &EncoderShared, sink: &Sink) {
-    let unit = match event {
-        EncoderEvent::AccessUnit(unit) => unit,
-        EncoderEvent::Failed(reason) => {
-            shared.lock().failure = Some(reason);
-            shared.changed.notify_all();
-            return;
-        }
-    };
-    let before = shared.lock().before.clone();
-    if let Some(before) = before {
-        // Without the lock: the next frame is pushed meanwhile.
-        wait_for_end(&before, sink);
-    }
-    // Delivered under the lock: a frame is either delivered or still inside, never both.
-    let mut state = shared.lock();
-    state.before = None;
-    if state.abandoned {
-        return;
-    }
-    match state.frames.front() {
-        Some((pts, _)) if *pts == unit.pts_ns => {
-            if let Some((_, frame)) = state.frames.pop_front() {
-                state.delivered += 1;
-                sink(Encoded::Frame {
-                    frame,
-                    unit: unit.data,
-                    key: unit.key,
-                });
-            }
-        }
-        _ => {
-            state.failure = Some(format!(
-                "it gave a time that it was not given: {}",
-                unit.pts_ns
-            ))
-        }
-    }
-    drop(state);
-    shared.changed.notify_all();
-}
-
-#[cfg(test)]
-mod tests;

@@ -13,191 +13,49 @@
 use std::sync::Arc;
 use std::time::Duration;
 
-use bytes::Bytes;
 use machine::ladder::Mitigations;
+use session_archive::record::ImuBatch;
 use session_archive::record::paws::gap::Cause;
-use session_archive::record::{ClockMap as ClockMapRecord, Frame, ImuBatch};
 use session_archive::time::{HostTime, NS_PER_S};
-use video::EncoderSettings;
 use video::encoder::Preset;
 
 use crate::encode::{CameraEncoder, EffortReduction, Encoded, RemainingFrames};
 use crate::encoding::Encoding;
 use crate::preview::Previews;
-use crate::sources::{
-    DevicePart, Disconnected, DroppedFrame, FrameArrival, FrameSync, ImuInfo, ImuValues, Pixels,
-    RawFrame, RawImu, Sample, Stamped,
-};
-use crate::sync::clock::ClockConfig;
-use crate::sync::gaps::Renumber;
+use crate::sources::{DevicePart, Disconnected, DroppedFrame, Sample};
+use crate::sync::renumber::Renumber;
 
+mod camera_state;
 mod frame_decimator;
+mod frames;
+mod imu_batches;
+mod imu_state;
 mod load_shedding;
+mod outgoing;
+mod setup;
 mod stream_clock;
 mod stream_monitor;
 
+pub use self::outgoing::{Out, Outgoing, StreamHealth};
+pub use self::setup::{CameraSetup, ImuSetup};
+pub use self::stream_monitor::TICK_NS;
+
+use self::camera_state::CameraState;
 use self::frame_decimator::FrameDecimator;
+use self::imu_state::{ImuState, MAX_BATCH_NS, flush};
 use self::load_shedding::{LoadShedder, Step};
 use self::stream_clock::StreamClock;
 use self::stream_monitor::StreamMonitor;
 
-/// Maximum time span of an IMU batch, ns.
-const MAX_BATCH_NS: i64 = 100_000_000;
-/// Maximum number of samples in an IMU batch.
-const MAX_BATCH_SAMPLES: usize = 512;
-/// Interval at which [`Hub::tick`] is to be called, ns.
-pub const TICK_NS: i64 = 100_000_000;
 /// Maximum number of bytes of raw frames that wait before the encoders of all cameras together:
 /// seven seconds at 3 x 1344x376 and 15 Hz.
-pub const MAX_WAITING_BYTES: usize = 256 << 20;
+pub(crate) const MAX_WAITING_BYTES: usize = 256 << 20;
 /// Source of alarms about encoders that are too slow.
 const ENCODERS: &str = "encoders";
 /// Maximum time for draining an encoder at the end.
-pub const FINISH_LIMIT: Duration = Duration::from_secs(5);
+pub(crate) const FINISH_LIMIT: Duration = Duration::from_secs(5);
 /// Cause detail of frames that were received during a recording and not encoded before its end.
 const NOT_STORED: &str = "not through the encoder when the session was closed";
-
-/// Output of the hub and the encoders to the recorder.
-#[derive(Debug)]
-pub enum Outgoing {
-    /// An encoded frame.
-    Frame {
-        /// Position of the camera.
-        camera: usize,
-        /// Its companion record.
-        frame: Frame,
-        /// The access unit.
-        unit: Bytes,
-        /// Whether the frame can be decoded on its own.
-        key: bool,
-    },
-    /// IMU samples.
-    Imu {
-        /// Position of the IMU.
-        imu: usize,
-        /// The samples.
-        batch: ImuBatch,
-    },
-    /// A changed clock map.
-    Clock {
-        /// Time of the change.
-        at: HostTime,
-        /// The map; it names its clock.
-        map: ClockMapRecord,
-    },
-    /// Samples that will not be delivered.
-    Dropped {
-        /// Time of the first sample.
-        at: HostTime,
-        /// Stream, as gap records name it.
-        stream: String,
-        /// First number.
-        first: u64,
-        /// Last number.
-        last: u64,
-        /// Cause.
-        cause: Cause,
-        /// Details, for people.
-        detail: String,
-    },
-    /// A condition that needs attention began or ended.
-    Alarm {
-        /// Time of the event.
-        at: HostTime,
-        /// The condition, with the same text at the beginning and at the end.
-        text: String,
-        /// The stream.
-        stream: String,
-        /// Whether it begins.
-        active: bool,
-    },
-    /// An event worth recording.
-    Notice {
-        /// Time of the event.
-        at: HostTime,
-        /// The event, for people.
-        text: String,
-        /// The stream.
-        stream: String,
-    },
-    /// State of the streams, once a second.
-    Health {
-        /// Time of the report.
-        at: HostTime,
-        /// Cameras first, then IMUs, in their order.
-        streams: Vec<StreamHealth>,
-    },
-}
-
-impl Outgoing {
-    /// Size in bytes, for bounding queues.
-    pub fn bytes(&self) -> usize {
-        match self {
-            Self::Frame { unit, .. } => unit.len() + 256,
-            Self::Imu { batch, .. } => 256 + 80 * batch.device_ticks.len(),
-            _ => 256,
-        }
-    }
-}
-
-/// One stream in the last second.
-#[derive(Clone, Debug, Default, PartialEq)]
-pub struct StreamHealth {
-    /// Stream, as gap records name it.
-    pub name: String,
-    /// Samples per second received.
-    pub rate_hz: f64,
-    /// Samples received since the daemon started.
-    pub received: u64,
-    /// Bytes waiting for the encoder.
-    pub queue_bytes: u64,
-    /// No sample for too long.
-    pub silent: bool,
-    /// The image has not changed for too long.
-    pub frozen: bool,
-    /// Clock relation of an IMU to its camera, if a new one was estimated, and by how many ns the
-    /// IMU's times are later.
-    pub frame_sync: Option<(FrameSync, i64)>,
-}
-
-/// Description of a camera for the hub.
-#[derive(Clone, Debug)]
-pub struct CameraSetup {
-    /// Its name.
-    pub name: String,
-    /// Trigger group: cameras with the same one expose simultaneously; `None` is free-running.
-    pub trigger: Option<String>,
-    /// Nominal rate.
-    pub rate_hz: f64,
-    /// Its device clock.
-    pub clock: ClockConfig,
-    /// Width of its frame counter in bits, if it wraps.
-    pub number_bits: Option<u8>,
-    /// An image that does not change is no fault.
-    pub still: bool,
-    /// Properties of its host timestamps, if its frames carry them.
-    pub stamped: Option<Stamped>,
-    /// Encoder settings.
-    pub encoder: EncoderSettings,
-    /// Its IMU.
-    pub imu: Option<ImuSetup>,
-}
-
-/// Description of an IMU for the hub.
-#[derive(Clone, Debug)]
-pub struct ImuSetup {
-    /// Its name, as in `feet/imu`.
-    pub name: String,
-    /// Rate and scales.
-    pub info: ImuInfo,
-    /// Its device clock.
-    pub clock: ClockConfig,
-    /// Width of its sample counter in bits, if it wraps.
-    pub number_bits: Option<u8>,
-}
-
-/// Receiver of the hub's output; also called from the encoders' threads.
-pub type Out = Arc<dyn Fn(Outgoing) + Send + Sync>;
 
 /// Alarm text for a disconnected device, with the reason.
 fn disconnect_text(detail: &str) -> String {
@@ -223,40 +81,6 @@ pub struct Hub {
     is_idle: bool,
     /// Start of the present recording. Frames that arrived before it are not encoded.
     storing_since: HostTime,
-}
-
-struct CameraState {
-    setup: CameraSetup,
-    encoder: CameraEncoder,
-    numbers: Renumber,
-    clock: StreamClock,
-    monitor: StreamMonitor,
-    /// Position of its IMU among all IMUs.
-    imu: Option<usize>,
-    /// Position of the first camera that exposes simultaneously with it; both use its decimator.
-    together_with: usize,
-    decimator: FrameDecimator,
-    digest: Option<u64>,
-    /// Arrival of the newest frame whose image differed from the previous one.
-    changed: HostTime,
-    frozen_alarm: bool,
-    encoder_alarm: bool,
-    /// Text of the active disconnect alarm.
-    disconnect_alarm: Option<String>,
-}
-
-struct ImuState {
-    position: usize,
-    setup: ImuSetup,
-    numbers: Renumber,
-    clock: StreamClock,
-    monitor: StreamMonitor,
-    batch: ImuBatch,
-    batch_since: HostTime,
-    /// Text of the active disconnect alarm.
-    disconnect_alarm: Option<String>,
-    /// Clock relation to its camera, and by how much its times are later, ns.
-    frame_sync: Option<(FrameSync, i64)>,
 }
 
 impl Hub {
@@ -508,34 +332,6 @@ impl Hub {
         self.unusable_frame(camera, unusable_frame, now);
     }
 
-    /// Handles a frame that arrived and is unusable.
-    fn unusable_frame(&mut self, camera: usize, unusable_frame: DroppedFrame, now: HostTime) {
-        let DroppedFrame {
-            number,
-            host_time: at,
-            cause,
-            detail,
-        } = unusable_frame;
-        let camera = &mut self.cameras[camera];
-        camera.note_return(now, &self.out);
-        let name = &camera.setup.name;
-        camera.monitor.sample_arrived(now, name, &self.out);
-        let Some(number) = camera
-            .monitor
-            .number(&mut camera.numbers, number, at, name, &self.out)
-        else {
-            return;
-        };
-        (self.out)(Outgoing::Dropped {
-            at,
-            stream: name.clone(),
-            first: number,
-            last: number,
-            cause,
-            detail,
-        });
-    }
-
     /// A camera's source has failed and will deliver no more samples.
     pub fn source_failed(&self, camera: usize, error: &str, now: HostTime) {
         (self.out)(Outgoing::Alarm {
@@ -632,168 +428,6 @@ impl Hub {
         }
     }
 
-    /// Handles a frame that nobody stores: the clock map learns from its time, and its number is
-    /// counted.
-    fn frame_arrival(&mut self, position: usize, frame_arrival: &FrameArrival, now: HostTime) {
-        let camera = &mut self.cameras[position];
-        camera.note_return(now, &self.out);
-        let name = &camera.setup.name;
-        camera.monitor.sample_arrived(now, name, &self.out);
-        let numbers = &mut camera.numbers;
-        let at = frame_arrival.host_time;
-        let _ = camera
-            .monitor
-            .number(numbers, frame_arrival.number, at, name, &self.out);
-        let _ = camera.clock.map(frame_arrival.device_ticks, at, &self.out);
-    }
-
-    fn frame<P: Pixels>(&mut self, position: usize, raw: RawFrame<P>, now: HostTime) {
-        let camera = &mut self.cameras[position];
-        camera.note_return(now, &self.out);
-        let name = &camera.setup.name;
-        camera.monitor.sample_arrived(now, name, &self.out);
-        let number = camera.monitor.number(
-            &mut camera.numbers,
-            raw.number,
-            raw.host_time,
-            name,
-            &self.out,
-        );
-        let digest = raw.image.digest();
-        let is_same = digest.is_some() && camera.digest == digest;
-        camera.digest = digest;
-        let frozen = is_same && !camera.setup.still;
-        camera.note_frozen(frozen, raw.host_time, &self.out);
-        let (ticks, mapped) = camera.clock.map(raw.device_ticks, raw.host_time, &self.out);
-        // The recorder could not store it, and the frames encoded after it would refer to it.
-        let Some(number) = number else { return };
-        if let Some(previews) = &self.previews {
-            previews.offer(
-                position,
-                raw.image.preview_pixels(),
-                now,
-                self.mitigations.lower_preview,
-            );
-        }
-        if self.is_idle || raw.host_time < self.storing_since {
-            return;
-        }
-        if let Some(detail) = self.rate_lowered(position)
-            && !self.is_kept(position, mapped.time)
-        {
-            return (self.out)(Outgoing::Dropped {
-                at: mapped.time,
-                stream: self.cameras[position].setup.name.clone(),
-                first: number,
-                last: number,
-                cause: Cause::LoadShed,
-                detail: detail.to_owned(),
-            });
-        }
-        let camera = &mut self.cameras[position];
-        let frame = Frame {
-            number,
-            device_ticks: ticks,
-            kernel_time: raw.kernel_time.map(|t| t.0),
-            host_time: raw.host_time.0,
-            time: mapped.time.0,
-            sigma_ns: mapped.sigma_ns,
-            exposure_ns: raw.exposure_ns,
-            eyes_apart_ns: raw.eyes_apart_ns,
-            clock_map: mapped.map_version,
-            frozen,
-            time_unreliable: mapped.flagged,
-            ..Frame::default()
-        };
-        self.encoding.begin(position);
-        if self.waits {
-            camera.encoder.push_and_wait(frame, raw.image.input(), now);
-        } else {
-            camera.encoder.push(frame, raw.image.input(), now);
-        }
-    }
-
-    /// Reason why every other frame of this camera is dropped, if there is one.
-    fn rate_lowered(&self, camera: usize) -> Option<&'static str> {
-        let is_last = camera + 1 == self.cameras.len();
-        if self.mitigations.lower_frame_rate {
-            Some("every other frame is dropped to reduce the load on the machine")
-        } else if self.load_shedder.has(Step::AllRates)
-            || (is_last && self.load_shedder.has(Step::OneRate))
-        {
-            Some("every other frame is dropped: the machine is too slow to encode all of them")
-        } else {
-            None
-        }
-    }
-
-    /// Whether this frame is encoded while every other frame is dropped.
-    fn is_kept(&mut self, camera: usize, time: HostTime) -> bool {
-        let camera = &self.cameras[camera];
-        let period_ns = (NS_PER_S as f64 / camera.setup.rate_hz.max(0.001)) as i64;
-        let first = camera.together_with;
-        self.cameras[first].decimator.is_kept(time, period_ns)
-    }
-
-    fn imu(&mut self, camera: usize, raw: &RawImu, now: HostTime) {
-        let Some(position) = self.cameras[camera].imu else {
-            return;
-        };
-        let imu = &mut self.imus[position];
-        imu.note_return(now, &self.out);
-        let name = &imu.setup.name;
-        imu.monitor.sample_arrived(now, name, &self.out);
-        let number =
-            imu.monitor
-                .number(&mut imu.numbers, raw.number, raw.host_time, name, &self.out);
-        let (ticks, mapped) = imu.clock.map(raw.device_ticks, raw.host_time, &self.out);
-        // In a batch it would invalidate good samples.
-        let Some(number) = number else { return };
-        let n = imu.batch.times.len();
-        let continues = n > 0
-            && number == imu.batch.first_number + n as u64
-            && mapped.map_version == imu.batch.clock_map
-            && mapped.flagged == imu.batch.time_unreliable
-            && n < MAX_BATCH_SAMPLES
-            && raw.host_time.since(imu.batch_since) < MAX_BATCH_NS;
-        if !continues {
-            flush(imu, &self.out);
-            imu.batch_since = raw.host_time;
-            imu.batch = ImuBatch {
-                first_number: number,
-                clock_map: mapped.map_version,
-                time_unreliable: mapped.flagged,
-                gyro_scale: imu.setup.info.scale.map_or(0.0, |s| s.0),
-                accel_scale: imu.setup.info.scale.map_or(0.0, |s| s.1),
-                temperature_scale_c: imu.setup.info.temperature_scale_c.unwrap_or(0.0),
-                ..ImuBatch::default()
-            };
-        }
-        let batch = &mut imu.batch;
-        if raw.frame_sync {
-            batch.frame_sync.push(batch.times.len() as u32);
-        }
-        // Either all samples have a temperature or none: with holes, the list would shift values to
-        // other samples.
-        if imu.setup.info.temperature_scale_c.is_some() {
-            batch.temperature_counts.push(raw.temperature.unwrap_or(0));
-        }
-        batch.device_ticks.push(ticks);
-        batch.host_times.push(raw.host_time.0);
-        batch.times.push(mapped.time.0);
-        batch.sigma_ns = batch.sigma_ns.max(mapped.sigma_ns);
-        match raw.values {
-            ImuValues::Counts { gyro, accel } => {
-                batch.gyro_counts.extend(gyro);
-                batch.accel_counts.extend(accel);
-            }
-            ImuValues::Si { gyro, accel } => {
-                batch.gyro.extend(gyro);
-                batch.accel.extend(accel);
-            }
-        }
-    }
-
     fn health(&mut self, at: HostTime, span_ns: i64) {
         let mut streams = Vec::new();
         for camera in &mut self.cameras {
@@ -817,70 +451,6 @@ impl Hub {
         }
         (self.out)(Outgoing::Health { at, streams });
     }
-}
-
-/// Delivers the open batch and leaves it empty.
-fn flush(imu: &mut ImuState, out: &Out) {
-    let batch = std::mem::take(&mut imu.batch);
-    if batch.times.is_empty() {
-        return;
-    }
-    out(Outgoing::Imu {
-        imu: imu.position,
-        batch,
-    });
-}
-
-impl CameraState {
-    fn note_frozen(&mut self, frozen: bool, at: HostTime, out: &Out) {
-        if !frozen {
-            self.changed = at;
-        }
-        let alarm = self.monitor.is_too_long(at.since(self.changed));
-        if alarm != self.frozen_alarm {
-            self.frozen_alarm = alarm;
-            self.alarm("the image is frozen", alarm, at, out);
-        }
-    }
-
-    fn note_return(&mut self, at: HostTime, out: &Out) {
-        if let Some(what) = self.disconnect_alarm.take() {
-            self.alarm(&what, false, at, out);
-        }
-    }
-
-    fn note_encoder(&mut self, at: HostTime, out: &Out) {
-        let alarm = self.encoder.is_failing();
-        if alarm != self.encoder_alarm {
-            self.encoder_alarm = alarm;
-            self.alarm("the encoder fails and is started again", alarm, at, out);
-        }
-    }
-
-    fn alarm(&self, what: &str, active: bool, at: HostTime, out: &Out) {
-        alarm(&self.setup.name, what, active, at, out);
-    }
-}
-
-impl ImuState {
-    fn note_return(&mut self, at: HostTime, out: &Out) {
-        if let Some(what) = self.disconnect_alarm.take() {
-            self.alarm(&what, false, at, out);
-        }
-    }
-
-    fn alarm(&self, what: &str, active: bool, at: HostTime, out: &Out) {
-        alarm(&self.setup.name, what, active, at, out);
-    }
-}
-
-fn alarm(stream: &str, what: &str, active: bool, at: HostTime, out: &Out) {
-    out(Outgoing::Alarm {
-        at,
-        text: format!("{stream}: {what}"),
-        stream: stream.to_owned(),
-        active,
-    });
 }
 
 #[cfg(test)]

@@ -13,16 +13,18 @@
 //! in a loop in virtual time, where nothing is ever dropped and the same input gives the same bytes.
 
 pub mod announce;
+pub mod check;
 pub mod clock;
 pub mod config;
 pub mod control;
 pub mod devices;
-pub mod disk;
+mod digest;
+mod disk;
 pub mod encode;
 pub mod encoding;
 mod error_chain;
 pub mod hub;
-pub mod notify;
+mod notify;
 pub mod preview;
 pub mod queue;
 mod realtime_priority;

@@ -10,7 +10,8 @@ use std::process::ExitCode;
 
 use anyhow::Context as _;
 use capture_daemon::announce::STEP;
-use capture_daemon::config::{self, Config, ConfigError, DEFAULT_SOCKET, Finding, Level};
+use capture_daemon::check::{Finding, Level, check as findings_of, usb_budget};
+use capture_daemon::config::{Config, ConfigError, DEFAULT_SOCKET};
 use capture_daemon::control::{self, screen};
 use capture_daemon::recorder::OnProgress;
 use capture_daemon::run::{self, RecordOptions, StopFlag};
@@ -295,7 +296,7 @@ struct Checked<'a> {
 }
 
 fn check(path: &Path, json: bool) -> anyhow::Result<ExitCode> {
-    let findings = config::check(&Config::read(path)?);
+    let findings = findings_of(&Config::read(path)?);
     let count = |level| {
         findings
             .iter()
@@ -336,7 +337,7 @@ fn devices(json: bool, config: Option<&Path>) -> anyhow::Result<ExitCode> {
     } else {
         print(inventory.to_string().trim_end())?;
     }
-    for finding in config.as_ref().map(config::usb_budget).unwrap_or_default() {
+    for finding in config.as_ref().map(usb_budget).unwrap_or_default() {
         is_wrong |= finding.level == Level::Error;
         print(finding)?;
     }

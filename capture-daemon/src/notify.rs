@@ -17,11 +17,11 @@ use std::sync::atomic::{AtomicBool, Ordering};
 use std::time::Duration;
 
 /// Maximum time that one message may wait for the service manager.
-pub const SEND_LIMIT: Duration = Duration::from_secs(1);
+pub(crate) const SEND_LIMIT: Duration = Duration::from_secs(1);
 
 /// Connection to the service manager, if there is one.
 #[derive(Debug)]
-pub struct Notify {
+pub(crate) struct Notify {
     manager: Option<(UnixDatagram, SocketAddr)>,
     watchdog_interval: Option<Duration>,
     failed: AtomicBool,
@@ -30,7 +30,7 @@ pub struct Notify {
 impl Notify {
     /// Configured by the environment of this process: `NOTIFY_SOCKET`, `WATCHDOG_USEC`,
     /// `WATCHDOG_PID`.
-    pub fn from_env() -> Self {
+    pub(crate) fn from_env() -> Self {
         Self::new(|key| env::var_os(key), process::id())
     }
 
@@ -61,31 +61,31 @@ impl Notify {
     }
 
     /// The daemon is up: sources are open and encoders work.
-    pub fn ready(&self) {
+    pub(crate) fn ready(&self) {
         self.send("READY=1");
     }
 
     /// One line for `systemctl status`.
-    pub fn status(&self, text: &str) {
+    pub(crate) fn status(&self, text: &str) {
         // A line break would begin another message.
         self.send(&format!("STATUS={}", text.replace(['\n', '\r'], " ")));
     }
 
     /// The daemon is alive.
-    pub fn watchdog(&self) {
+    pub(crate) fn watchdog(&self) {
         if self.watchdog_interval.is_some() {
             self.send("WATCHDOG=1");
         }
     }
 
     /// The daemon is about to end.
-    pub fn stopping(&self) {
+    pub(crate) fn stopping(&self) {
         self.send("STOPPING=1");
     }
 
     /// Interval at which [`Notify::watchdog`] has to be called: half of the manager's timeout.
     /// `None` without a watchdog.
-    pub fn watchdog_interval(&self) -> Option<Duration> {
+    pub(crate) fn watchdog_interval(&self) -> Option<Duration> {
         self.watchdog_interval
     }
 

@@ -16,7 +16,8 @@ use session_archive::record::{Health, Record as _};
 use session_archive::storage::DiskStorage;
 use session_archive::verify::verify;
 
-use crate::config::{self, Config, Level};
+use crate::check::{Level, check};
+use crate::config::Config;
 use crate::devices;
 use crate::error_chain::with_causes;
 use crate::run::{self, RecordOptions, StopFlag};
@@ -56,7 +57,7 @@ pub fn run(config: &Config, folder: &Path, seconds: f64, stop: &StopFlag) -> Rep
         });
     }
     report.part("Configuration");
-    for finding in config::check(config) {
+    for finding in check(config) {
         report.line(&finding.to_string());
         if finding.level == Level::Error {
             report.failures.push(finding.to_string());

@@ -1,5 +1,8 @@
 //! Camera encoders with a real encoder at a small size.
 
+use std::sync::{Arc, Mutex};
+
+use super::restarts::RETRY_NS;
 use super::*;
 use video::capture::{Capture, CaptureEvent, CaptureSettings, Content, Delivery};
 use video::{NativeFrame, Picture, PixelFormat};

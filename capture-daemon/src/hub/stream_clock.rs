@@ -6,7 +6,7 @@ use session_archive::record::ClockMap as ClockMapRecord;
 use session_archive::record::paws::clock_map::{Model as ModelRecord, Piece, UnreliableSpan};
 use session_archive::time::{HostTime, NS_PER_S, TickLength};
 
-use super::{Out, Outgoing};
+use super::outgoing::{Out, Outgoing};
 use crate::sources::Stamped;
 use crate::sync::clock::{
     ClockConfig, ClockMap, ClockMapper, Mapped, Model, MonotoneGuard, Observation,

@@ -4,9 +4,12 @@
 use session_archive::record::paws::gap::Cause;
 use session_archive::time::{HostTime, NS_PER_S};
 
-use super::{Out, Outgoing, StreamHealth, TICK_NS};
+use super::outgoing::{Out, Outgoing, StreamHealth};
 use crate::sources::Disconnected;
-use crate::sync::gaps::Renumber;
+use crate::sync::renumber::Renumber;
+
+/// Interval at which [`Hub::tick`](super::Hub::tick) is to be called, ns.
+pub const TICK_NS: i64 = 100_000_000;
 
 /// A stream whose device is disconnected, or was since its last sample.
 struct Absence {

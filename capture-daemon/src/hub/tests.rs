@@ -2,12 +2,14 @@
 
 use std::sync::{Mutex, MutexGuard};
 
+use session_archive::record::Frame;
 use session_archive::time::TickLength;
 
 use super::stream_clock::MAX_TRANSIT_NS;
 use super::*;
-use crate::sources::{DevicePart, RawImu};
-use video::{Picture, PixelFormat};
+use crate::sources::{DevicePart, FrameArrival, ImuInfo, ImuValues, RawFrame, RawImu, Stamped};
+use crate::sync::clock::ClockConfig;
+use video::{EncoderSettings, Picture, PixelFormat};
 
 const MS: i64 = 1_000_000;
 const START: HostTime = HostTime(1_000_000 * MS);

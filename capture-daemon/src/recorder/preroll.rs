@@ -5,7 +5,7 @@ use std::collections::{BTreeMap, VecDeque};
 use session_archive::record::ClockMap;
 use session_archive::time::HostTime;
 
-use super::MAX_STOP_NS;
+use super::stop_limits::MAX_STOP_NS;
 use crate::hub::Outgoing;
 
 /// Maximum size of the pre-roll, whatever its length, bytes.

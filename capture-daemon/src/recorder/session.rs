@@ -5,9 +5,9 @@ use std::path::PathBuf;
 use std::sync::Arc;
 
 use session_archive::manifest::Stop;
+use session_archive::record::FrameSet as FrameSetRecord;
 use session_archive::record::paws::frame_set::Member as MemberRecord;
 use session_archive::record::paws::gap::Cause;
-use session_archive::record::{FrameSet as FrameSetRecord, Gap};
 use session_archive::time::{HostTime, NS_PER_S};
 use session_archive::writer::{Incident, SessionWriter, WriteError};
 
@@ -16,7 +16,7 @@ use super::losses::Losses;
 use super::timed::TimedStorage;
 use crate::hub::Outgoing;
 use crate::status::StreamAccount;
-use crate::sync::gaps::SequenceTracker;
+use crate::sync::sequence_tracker::SequenceTracker;
 use crate::sync::sets::{CameraSpec, FrameSet, FrameSetBuilder};
 
 /// A session that is being recorded.
@@ -26,8 +26,8 @@ pub(super) struct Session {
     pub(super) timed: Arc<TimedStorage>,
     /// Cameras first, then IMUs.
     pub(super) streams: Vec<Stream>,
-    cameras: usize,
-    sets: FrameSetBuilder,
+    pub(super) cameras: usize,
+    pub(super) sets: FrameSetBuilder,
     /// Cameras without a key frame so far: frames before it could not be decoded.
     pub(super) without_key: Vec<bool>,
     /// When recording began, pre-roll included.
@@ -39,13 +39,13 @@ pub(super) struct Session {
     /// Incidents that the writer handled and that have not been reported.
     pub(super) incidents: Vec<Incident>,
     /// Log time, stream and number of the samples that are not known to be on disk.
-    pending: VecDeque<(HostTime, usize, u64)>,
+    pub(super) pending: VecDeque<(HostTime, usize, u64)>,
 }
 
 /// State of a stream in this session.
 pub(super) struct Stream {
     pub(super) name: String,
-    tracker: SequenceTracker,
+    pub(super) tracker: SequenceTracker,
     pub(super) stored: u64,
     pub(super) missing: u64,
     pub(super) bytes: u64,
@@ -180,76 +180,10 @@ impl Session {
                 detail,
                 at: _,
             } => {
-                if let Some(stream) = self.streams.iter_mut().find(|s| s.name == stream) {
-                    stream.tracker.dropped(first, last, cause, &detail);
-                    stream.losses.report(cause);
-                }
+                self.dropped(&stream, first, last, cause, &detail);
                 Ok(())
             }
             Outgoing::Alarm { .. } | Outgoing::Notice { .. } | Outgoing::Health { .. } => Ok(()),
-        }
-    }
-
-    /// Accounts for samples; false if they are late or repeated and must not be stored.
-    fn place(
-        &mut self,
-        stream: usize,
-        first: u64,
-        count: u64,
-        start: HostTime,
-        end: HostTime,
-        host: HostTime,
-    ) -> Result<bool, WriteError> {
-        let tally = &mut self.streams[stream];
-        let Some(gaps) = tally.tracker.samples(first, count, start, end) else {
-            log::warn!("{}: samples from {first} were late or repeated", tally.name);
-            return Ok(false);
-        };
-        tally.stored += count;
-        self.pending.push_back((start, stream, count));
-        for gap in gaps {
-            self.gap(stream, &gap, start, host)?;
-        }
-        self.first = Some(self.first.map_or(start, |f| f.min(start)));
-        self.last = self.last.max(end);
-        Ok(true)
-    }
-
-    fn gap(
-        &mut self,
-        stream: usize,
-        gap: &Gap,
-        at: HostTime,
-        host: HostTime,
-    ) -> Result<(), WriteError> {
-        let tally = &mut self.streams[stream];
-        tally.missing += gap.count();
-        tally.losses.gap(gap.cause(), gap.count());
-        self.writer.append("", at, host, gap)
-    }
-
-    /// Counts samples that the writer could not store as missing; it has written the gap records
-    /// itself.
-    pub(super) fn record_incidents(&mut self) {
-        for incident in self.writer.take_incidents() {
-            for gap in &incident.lost {
-                self.record_loss(gap);
-            }
-            self.incidents.push(incident);
-        }
-    }
-
-    fn record_loss(&mut self, gap: &Gap) {
-        let Some(position) = self.streams.iter().position(|s| s.name == gap.stream) else {
-            return;
-        };
-        let stream = &mut self.streams[position];
-        stream.missing += gap.count();
-        stream.losses.gap(gap.cause(), gap.count());
-        stream.losses.report(gap.cause());
-        stream.stored = stream.stored.saturating_sub(gap.count());
-        if position < self.cameras {
-            self.sets.forget(position, gap.first, gap.last);
         }
     }
 
@@ -288,12 +222,7 @@ impl Session {
         for set in self.sets.flush() {
             result = result.and(self.frame_set(&set, self.last));
         }
-        for stream in 0..self.streams.len() {
-            for gap in self.streams[stream].tracker.finish() {
-                result = result.and(self.gap(stream, &gap, self.last, self.last));
-            }
-        }
-        result
+        result.and(self.last_gaps())
     }
 
     /// Ends the session; returns whether everything is on disk.

@@ -1,5 +1,7 @@
 //! The recorder with hand-written items, virtual time and a disk that fails on demand.
 
+use std::io;
+use std::path::Path;
 use std::sync::Mutex;
 use std::sync::atomic::{AtomicU64, Ordering};
 
@@ -7,15 +9,18 @@ use bytes::Bytes;
 use session_archive::manifest::{Camera, Imu, State as ManifestState};
 use session_archive::reader::{Entry, SessionReader};
 use session_archive::record::paws::gap::Cause;
+use session_archive::record::{CameraCalibration, ClockMap, FrameTransforms};
 use session_archive::record::{Event, Frame, FrameSet, Gap, ImuBatch};
-use session_archive::storage::{Fault, FaultKind, FaultStorage, Operation};
-use session_archive::time::TickLength;
+use session_archive::storage::{Fault, FaultKind, FaultStorage, Operation, Storage};
+use session_archive::time::{CivilTime, TickLength};
 use session_archive::verify::verify;
 
 use machine::thermal::Heat;
 
+use super::disk_guard::{DISK_FULL, DISK_LOW};
 use super::*;
 use crate::clock::VirtualClock;
+use crate::status::State;
 
 const MS: i64 = 1_000_000;
 const START: HostTime = HostTime(1_000_000 * MS);

@@ -1,7 +1,10 @@
 //! Runs with sources that fail.
 
+use std::sync::{Arc, Mutex};
+
 use super::*;
 use crate::sources::{AnySource, Sample, Source, SourceError, SourceInfo};
+use crate::status::Progress;
 
 /// Delivers a number of samples, then fails.
 struct Failing {

@@ -10,8 +10,9 @@ use anyhow::{anyhow, bail};
 use session_archive::time::{CivilTime, HostTime, NS_PER_S};
 
 use super::build::Built;
+use super::identity;
+use super::outcome::{Finished, Outcome, RecordOptions, StopFlag, stop_reason};
 use super::store::FolderStore;
-use super::{Finished, Outcome, RecordOptions, StopFlag, identity, stop_reason};
 use crate::clock::VirtualClock;
 use crate::encode::RemainingFrames;
 use crate::encoding::Encoding;

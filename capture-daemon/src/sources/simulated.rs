@@ -20,7 +20,7 @@ use session_archive::time::HostTime;
 use video::picture::{nv12_to_i420, yuyv_to_i420};
 use video::{Picture, PictureError};
 
-use crate::run::identity::Digest;
+use crate::digest::Digest;
 
 pub use super::walks::Walks;
 use super::{

@@ -21,7 +21,7 @@ use counter_random as random;
 use session_archive::time::{HostTime, NS_PER_S, TickLength};
 use video::{Picture, PictureError, PixelFormat};
 
-use crate::run::identity::Digest;
+use crate::digest::Digest;
 
 use super::datasets::time_at;
 use super::{

@@ -30,21 +30,27 @@
 //!
 //! Code that stores times should store a map whenever [`ClockMapper::version`] has changed.
 
+mod claim;
 mod epoch;
 mod fit;
 mod guard;
 mod hull;
 mod map;
+mod publication;
+mod steps;
+mod suspicion;
 mod tail;
 
 use std::collections::VecDeque;
 
 use session_archive::time::{HostTime, NS_PER_S, TickLength};
 
+use self::claim::Claim;
 use self::epoch::{Epoch, Sample, ticks_at};
 use self::fit::{Line, RatePrior, Terms};
 pub use self::guard::MonotoneGuard;
 pub use self::map::{ClockMap, Mapped, Model, Residuals, Segment, UnreliableSpan};
+use self::suspicion::{Early, Suspicion};
 use self::tail::Tail;
 
 /// Prior knowledge of a device's clock and of the latency to the host.
@@ -120,26 +126,10 @@ const STEP_SIGMAS: f64 = 4.0;
 const SUSPECT_LATENESS_RATIO: f64 = 3.0;
 /// Quantile of lateness up to which a sample is on time.
 const ON_TIME_QUANTILE: f64 = 0.5;
-/// Maximum number of samples held before early ones are judged.
-const MAX_EARLY_SAMPLES: usize = 16;
-/// Minimum number of early samples among them for a step.
-const MIN_EARLY_STEP_SAMPLES: usize = 3;
-/// Number of consecutive samples behind the newest tick that indicate a restarted counter.
-const MIN_RESTART_SAMPLES: usize = 4;
-/// Minimum number of samples in a burst for a step.
-const MIN_LATE_STEP_SAMPLES: u64 = 32;
 /// Lower bound of every sigma, ns: host timestamps are rounded, some to 1 us.
 const SIGMA_FLOOR_NS: f64 = 250.0;
-/// Five sigmas are at least the size of a step that can remain undetected for this long, ns.
-const UNNOTICED_STEP_NS: f64 = 10.0 * NS_PER_S as f64;
-/// Maximum device time between published maps, ns.
-const MAX_PUBLISH_INTERVAL_NS: f64 = 10.0 * NS_PER_S as f64;
 /// Maximum number of claims that are checked later, one for each fit of the line.
 const MAX_CLAIMS: usize = 256;
-/// Maximum error of a claim against later knowledge, in its sigmas.
-const MAX_CLAIM_ERROR_SIGMAS: f64 = 3.0;
-/// Maximum number of unreliable spans stored; older ones are merged.
-const MAX_UNRELIABLE_SPANS: usize = 64;
 
 /// Learns a device clock from arrivals, one sample at a time. See the [module](self).
 #[derive(Clone, Debug)]
@@ -161,38 +151,12 @@ pub struct ClockMapper {
     claims: VecDeque<Claim>,
 }
 
-/// Line by which times were given at device time `x`, to be checked against later knowledge.
-#[derive(Clone, Copy, Debug)]
-struct Claim {
-    x: f64,
-    line: Line,
-    sigma: f64,
-    arrival: i64,
-}
-
 #[derive(Clone, Copy, Debug)]
 struct LatestSample {
     ticks: i64,
     arrival: i64,
     /// Height above the line, ns.
     height: f64,
-}
-
-/// Samples that may be the beginning of a new epoch.
-#[derive(Clone, Debug)]
-enum Suspicion {
-    /// Consecutive late arrivals: a burst, or the device clock stepped back.
-    Late { next: Box<Epoch>, since: i64 },
-    /// Samples that arrived before they could have been sent: the device clock stepped forward, or
-    /// a tick is wrong, or the minimum latency had not been observed yet.
-    Early { early_samples: Vec<Early> },
-}
-
-#[derive(Clone, Copy, Debug)]
-struct Early {
-    sample: Sample,
-    height: f64,
-    low: bool,
 }
 
 impl ClockMapper {
@@ -391,293 +355,6 @@ impl ClockMapper {
             _ => 0,
         };
         unwrap(ticks, near, self.config.tick_bits)
-    }
-
-    /// The tick is not beyond the newest: reordered in transit, or the counter restarted.
-    fn observe_behind(&mut self, sample: Sample, height: f64) -> Observation {
-        if self
-            .behind
-            .last()
-            .is_some_and(|last| last.device_ns >= sample.device_ns)
-        {
-            self.behind.clear();
-        }
-        self.behind.push(sample);
-        if self.behind.len() < MIN_RESTART_SAMPLES {
-            return Observation::OutOfOrder;
-        }
-        let samples = std::mem::take(&mut self.behind);
-        let next = self.epoch_of(samples.iter().copied());
-        let after = HostTime(samples[0].arrival.saturating_sub(1));
-        self.step(next, after, height)
-    }
-
-    /// An arrival earlier than possible, or one that came while such an arrival is being judged.
-    fn observe_early(&mut self, early: Early, tolerance: f64) -> Observation {
-        let mut early_samples = match self.suspicion.take() {
-            Some(Suspicion::Early { early_samples }) => early_samples,
-            _ => Vec::with_capacity(MAX_EARLY_SAMPLES),
-        };
-        early_samples.push(early);
-        let newest = early_samples
-            .iter()
-            .rev()
-            .find(|e| e.low)
-            .map_or(0.0, |e| e.height);
-        let reach = 3.0 * self.tail.quantile(0.99) + tolerance;
-        let agrees = |e: &&Early| (e.height - newest).abs() <= reach;
-        let low_and_agreeing = early_samples
-            .iter()
-            .filter(|e| e.low)
-            .filter(agrees)
-            .count();
-        if early.low && low_and_agreeing >= MIN_EARLY_STEP_SAMPLES {
-            let first = early_samples
-                .iter()
-                .position(|e| e.low && agrees(&e))
-                .unwrap_or(0);
-            let lowest = early_samples
-                .iter()
-                .filter(agrees)
-                .map(|e| e.height)
-                .fold(0.0, f64::min);
-            let next = self.epoch_of(
-                early_samples[first..]
-                    .iter()
-                    .filter(agrees)
-                    .map(|e| e.sample),
-            );
-            let unnoticed =
-                self.tail.overdue(-lowest) as f64 * self.epoch.as_ref().map_or(0.0, Epoch::period);
-            let after = early_samples[first]
-                .sample
-                .arrival
-                .saturating_sub(unnoticed as i64);
-            return self.step(next, HostTime(after).max(self.map.since), lowest);
-        }
-        if early_samples.len() < MAX_EARLY_SAMPLES {
-            self.suspicion = Some(Suspicion::Early { early_samples });
-            return Observation::Suspect;
-        }
-        // No step. Far below the usual spread it is a wrong tick, else a new minimum latency.
-        let wrong = 10.0 * self.tail.quantile(0.5) + tolerance;
-        if let Some(epoch) = &mut self.epoch {
-            for e in early_samples.iter().filter(|e| e.height >= -wrong) {
-                let p = epoch.point(e.sample);
-                if p.x > epoch.newest_x() {
-                    epoch.push(p);
-                }
-            }
-        }
-        self.refit();
-        Observation::Accepted
-    }
-
-    /// One of a run of arrivals that are all too late.
-    fn observe_late(&mut self, sample: Sample, alarm: tail::Alarm) -> Observation {
-        if let Some(Suspicion::Late { next, .. }) = &mut self.suspicion {
-            let p = next.point(sample);
-            if p.x > next.newest_x() && next.push(p) {
-                next.refit(0.0);
-            }
-        } else {
-            let terms = self
-                .epoch
-                .as_ref()
-                .map_or(self.first_terms(), Epoch::terms_for_next);
-            let next = Box::new(Epoch::starting(sample, terms));
-            self.suspicion = Some(Suspicion::Late {
-                next,
-                since: sample.arrival,
-            });
-        }
-        let Some(Suspicion::Late { next, since }) = &self.suspicion else {
-            return Observation::Suspect;
-        };
-        let burst = self.config.burst_ns;
-        let lasted = sample.arrival.saturating_sub(*since) >= burst
-            && next.samples() >= MIN_LATE_STEP_SAMPLES;
-        let impossible =
-            alarm.height > burst as f64 && next.samples() >= MIN_EARLY_STEP_SAMPLES as u64;
-        if !lasted && !impossible {
-            return Observation::Suspect;
-        }
-        let Some(Suspicion::Late { mut next, .. }) = self.suspicion.take() else {
-            return Observation::Suspect;
-        };
-        next.refit(0.0);
-        let after = alarm.after.map_or(self.map.since, HostTime);
-        self.step(*next, after, alarm.height)
-    }
-
-    /// An epoch of samples in order; samples whose tick does not increase are skipped.
-    fn epoch_of(&self, mut samples: impl Iterator<Item = Sample>) -> Option<Epoch> {
-        let terms = self
-            .epoch
-            .as_ref()
-            .map_or(self.first_terms(), Epoch::terms_for_next);
-        let mut epoch = Epoch::starting(samples.next()?, terms);
-        for sample in samples {
-            let p = epoch.point(sample);
-            if p.x > epoch.newest_x() {
-                epoch.push(p);
-            }
-        }
-        epoch.refit(0.0);
-        Some(epoch)
-    }
-
-    /// The clock has stepped: `next` replaces the epoch. Times after `after` are unreliable.
-    fn step(&mut self, next: impl Into<Option<Epoch>>, after: HostTime, shift: f64) -> Observation {
-        let (Some(next), Some(last)) = (next.into(), self.last) else {
-            return Observation::Suspect;
-        };
-        let now = HostTime(last.arrival);
-        // Samples that were all late may be from either side of it.
-        let after = after.min(HostTime(self.on_time)).max(self.map.since);
-        let mark_unreliable = UnreliableSpan {
-            from: after,
-            to: if next.settled() { now } else { HostTime::MAX },
-        };
-        self.mark_unreliable(mark_unreliable);
-        self.suspicion = None;
-        self.behind.clear();
-        self.map.epoch += 1;
-        let since = next.arrival(0.0);
-        self.begin(next, since);
-        Observation::Step(Step {
-            mark_unreliable,
-            shift_ns: shift.round() as i64,
-        })
-    }
-
-    fn begin(&mut self, epoch: Epoch, since: HostTime) {
-        self.epoch = Some(epoch);
-        self.map.since = since;
-        self.on_time = since.ns();
-        self.claims.clear();
-        self.tail.restart();
-        self.publish();
-    }
-
-    /// Time for which a step of `height` can remain undetected, ns of host time.
-    fn unnoticed(&self, height: f64) -> i64 {
-        let period = self.epoch.as_ref().map_or(0.0, Epoch::period);
-        (self.tail.overdue(height) as f64 * period) as i64
-    }
-
-    /// Adds an unreliable span, merged with overlapping ones.
-    fn mark_unreliable(&mut self, mark_unreliable: UnreliableSpan) {
-        let unreliable_spans = &mut self.map.unreliable_spans;
-        unreliable_spans.push(mark_unreliable);
-        unreliable_spans.sort_by_key(|d| d.from);
-        unreliable_spans.dedup_by(|next, first| {
-            let joined = next.from <= first.to;
-            if joined {
-                first.to = first.to.max(next.to);
-            }
-            joined
-        });
-        if unreliable_spans.len() > MAX_UNRELIABLE_SPANS {
-            unreliable_spans[1].from = unreliable_spans[0].from;
-            unreliable_spans.remove(0);
-        }
-    }
-
-    fn unsettled(&self) -> bool {
-        self.map
-            .unreliable_spans
-            .last()
-            .is_some_and(|d| d.to == HostTime::MAX)
-    }
-
-    /// Fits the line again and publishes it if that matters.
-    fn refit(&mut self) {
-        let (Some(epoch), Some(last)) = (&mut self.epoch, self.last) else {
-            return;
-        };
-        epoch.refit(self.min_sigma);
-        let line = *epoch.line();
-        let settles = epoch.settled();
-        self.tail.follow(&line);
-        self.min_sigma = self
-            .tail
-            .unnoticed(UNNOTICED_STEP_NS / epoch.period().max(1.0))
-            / 5.0;
-        let (x, old) = (line.to_x, self.published);
-        let (sigma, old_sigma) = (line.sigma(x, self.wander), old.sigma(x, self.wander));
-        let moved = (line.lag(x) - old.lag(x)).abs();
-        let settles = settles && self.unsettled();
-        if settles && let Some(mark_unreliable) = self.map.unreliable_spans.last_mut() {
-            mark_unreliable.to = HostTime(last.arrival);
-        }
-        let outdated = x - old.to_x > MAX_PUBLISH_INTERVAL_NS;
-        if settles
-            || moved > 0.5 * old_sigma
-            || !(0.7..1.4).contains(&(sigma / old_sigma))
-            || outdated
-        {
-            self.audit();
-            self.publish();
-        }
-        if self.claims.len() == MAX_CLAIMS {
-            self.claims.pop_front();
-        }
-        let line = self.published;
-        let sigma = line.sigma(x, self.wander);
-        self.claims.push_back(Claim {
-            x,
-            line,
-            sigma,
-            arrival: last.arrival,
-        });
-    }
-
-    /// Marks the times of claims that proved wrong as unreliable.
-    fn audit(&mut self) {
-        let Some(epoch) = &self.epoch else { return };
-        let mut before: Option<&Claim> = None;
-        let mut unreliable_spans = Vec::new();
-        for (i, claim) in self.claims.iter().enumerate() {
-            let next = self.claims.get(i + 1);
-            // It gave times until the next one, so it is checked at both ends.
-            let wrong = |x: f64| {
-                let (lag, sigma) = epoch.best(x);
-                let off = (lag - claim.line.lag(x)).abs();
-                (off > sigma.hypot(MAX_CLAIM_ERROR_SIGMAS * claim.sigma)).then_some(off)
-            };
-            let to = HostTime(next.unwrap_or(claim).arrival);
-            if let Some(off) = wrong(claim.x) {
-                // Wrong since the line was last confirmed, or since the error could have been
-                // detected.
-                let confirmed = epoch.last_touch(&claim.line, claim.x, 0.5 * off);
-                let noticed = HostTime(claim.arrival.saturating_sub(self.unnoticed(off)));
-                let from = before.map_or(claim.arrival, |b| b.arrival);
-                let from = confirmed.max(noticed).min(HostTime(from));
-                unreliable_spans.push(UnreliableSpan { from, to });
-            } else if next.is_some_and(|next| wrong(next.x).is_some()) {
-                let from = HostTime(claim.arrival);
-                unreliable_spans.push(UnreliableSpan { from, to });
-            }
-            before = Some(claim);
-        }
-        unreliable_spans
-            .into_iter()
-            .for_each(|mark_unreliable| self.mark_unreliable(mark_unreliable));
-    }
-
-    fn publish(&mut self) {
-        let Some(epoch) = &self.epoch else { return };
-        self.published = *epoch.line();
-        self.map.version += 1;
-        self.map.model = epoch.model();
-        self.map.segments = epoch.segments(self.config.tick);
-        self.map.ticks_to = self.last.map_or(0, |last| last.ticks);
-        self.map.samples_used = epoch.samples();
-        self.map.residuals = Residuals {
-            median_ns: self.tail.quantile(0.5) as u64,
-            p99_ns: self.tail.quantile(0.99) as u64,
-        };
     }
 }
 

@@ -1,5 +1,6 @@
 use proptest::prelude::*;
 
+use super::publication::MAX_UNRELIABLE_SPANS;
 use super::*;
 
 /// SplitMix64 (Steele, Lea and Flood 2014): all randomness of these tests comes from a seed.

@@ -9,70 +9,31 @@
 //! Each part is announced before it begins (see [`crate::announce`]).
 
 use std::collections::BTreeMap;
-use std::fmt;
-use std::io;
 use std::os::unix::fs::FileTypeExt;
 use std::os::unix::net::UnixStream;
 use std::path::Path;
 
 use cad_transforms::rig::Rig;
-use rustix::fs::Access;
-use serde::Serialize;
-use session_archive::time::HostTime;
 
-use super::{Camera, Config, DEFAULT_SOCKET, SourceConfig};
 use crate::announce::step;
+use crate::config::{Config, DEFAULT_SOCKET};
 use crate::disk;
 use crate::error_chain::with_causes;
 use crate::run::choose_encoder;
-use crate::sources::bag::{Bag, BagError};
-use crate::sources::datasets::DatasetError;
-use crate::sources::device::Device;
-use crate::sources::gstreamer::Gstreamer;
-use crate::sources::replay::{Replay, ReplayError};
-#[cfg(feature = "simulator")]
-use crate::sources::simulated::Simulated;
-use crate::sources::synthetic::Synthetic;
-use crate::sources::video_file::VideoReplay;
+use crate::sources::SourceInfo;
 use crate::sources::walks::Walks;
-use crate::sources::{Live, Source, SourceInfo};
 
 mod device;
+mod folder;
 mod page;
+mod report;
+mod source;
 
-/// Severity of a finding.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Serialize)]
-#[serde(rename_all = "snake_case")]
-pub enum Level {
-    /// Correct.
-    Ok,
-    /// A recording is possible, but may differ from what is intended.
-    Warning,
-    /// No recording is possible.
-    Error,
-}
+pub use self::report::{Finding, Level};
 
-/// Result of one check.
-#[derive(Clone, Debug, PartialEq, Eq, Serialize)]
-pub struct Finding {
-    /// Severity.
-    pub level: Level,
-    /// Part of the configuration: `session`, `camera feet`.
-    pub about: String,
-    /// What was found and, if that is not sufficient, a remedy.
-    pub message: String,
-}
-
-impl fmt::Display for Finding {
-    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        let level = match self.level {
-            Level::Ok => "ok",
-            Level::Warning => "warning",
-            Level::Error => "error",
-        };
-        write!(f, "{level:<8} {}: {}", self.about, self.message)
-    }
-}
+use self::folder::writable;
+use self::report::Report;
+use self::source::source;
 
 /// Checks everything that `config` needs from this machine.
 pub fn check(config: &Config) -> Vec<Finding> {
@@ -110,34 +71,6 @@ pub fn usb_budget(config: &Config) -> Vec<Finding> {
             message,
         })
         .collect()
-}
-
-#[derive(Default)]
-struct Report {
-    about: String,
-    findings: Vec<Finding>,
-}
-
-impl Report {
-    fn add(&mut self, level: Level, message: impl Into<String>) {
-        self.findings.push(Finding {
-            level,
-            about: self.about.clone(),
-            message: message.into(),
-        });
-    }
-
-    fn ok(&mut self, message: impl Into<String>) {
-        self.add(Level::Ok, message);
-    }
-
-    fn warning(&mut self, message: impl Into<String>) {
-        self.add(Level::Warning, message);
-    }
-
-    fn error(&mut self, message: impl Into<String>) {
-        self.add(Level::Error, message);
-    }
 }
 
 fn out(config: &Config, report: &mut Report) {
@@ -280,171 +213,6 @@ fn triggers(config: &Config, report: &mut Report) {
     }
 }
 
-/// Description of a source, if it can be opened.
-#[cfg_attr(
-    not(feature = "simulator"),
-    expect(
-        unused_variables,
-        reason = "only simulated cameras share walks and need the rig"
-    )
-)]
-fn source(
-    camera: &Camera,
-    rig: Option<&Rig>,
-    walks: &mut Walks,
-    report: &mut Report,
-) -> Option<SourceInfo> {
-    let start = HostTime(0);
-    let (info, own_calibration, mut notes) = match &camera.source {
-        SourceConfig::Replay(r) => {
-            match Replay::open_head(&camera.name, &r.path, r.rate_hz, r.repeat, r.imu) {
-                Ok(replay) => {
-                    heads(replay.is_head(), report);
-                    (
-                        replay.info().clone(),
-                        replay.calibration().is_some(),
-                        replay.notes().to_vec(),
-                    )
-                }
-                Err(error @ ReplayError::Dataset(DatasetError::Head { .. })) => {
-                    report.warning(with_causes(&error));
-                    return None;
-                }
-                Err(error) => {
-                    report.error(with_causes(&error));
-                    return None;
-                }
-            }
-        }
-        SourceConfig::Bag(b) => match Bag::open_head(&camera.name, b) {
-            Ok(bag) => {
-                heads(bag.is_head(), report);
-                (bag.info().clone(), false, bag.notes().to_vec())
-            }
-            Err(error @ BagError::Head { .. }) => {
-                report.warning(with_causes(&error));
-                return None;
-            }
-            Err(error) => {
-                report.error(with_causes(&error));
-                return None;
-            }
-        },
-        SourceConfig::Video(v) => match VideoReplay::open(&camera.name, v, start) {
-            Ok(video) => (video.info().clone(), false, Vec::new()),
-            Err(error) => {
-                report.error(with_causes(&error));
-                return None;
-            }
-        },
-        #[cfg(feature = "simulator")]
-        SourceConfig::Simulated(s) => {
-            let faults = s.faults.as_deref();
-            match Simulated::open(&camera.name, &s.walk, faults, rig, walks, start) {
-                Ok(simulated) => (
-                    simulated.info().clone(),
-                    simulated.calibration().is_some(),
-                    Vec::new(),
-                ),
-                Err(error) => {
-                    report.error(with_causes(&error));
-                    return None;
-                }
-            }
-        }
-        SourceConfig::Synthetic(s) => {
-            let made = Synthetic::new(
-                &camera.name,
-                s.width,
-                s.height,
-                s.rate_hz,
-                s.imu_rate_hz,
-                s.seed,
-                start,
-            );
-            match made {
-                Ok(synthetic) => (
-                    synthetic.info().clone(),
-                    synthetic.calibration().is_some(),
-                    Vec::new(),
-                ),
-                Err(error) => {
-                    report.error(with_causes(&error));
-                    return None;
-                }
-            }
-        }
-        SourceConfig::V4l2(config) => {
-            let found = device::inspect(config);
-            for (level, message) in found {
-                report.add(level, message);
-            }
-            (Device::new(config).info().clone(), false, Vec::new())
-        }
-        SourceConfig::Gstreamer(config) => {
-            let camera = Gstreamer::new(config);
-            if let Err(error) = camera.check() {
-                report.error(with_causes(&error));
-                return None;
-            }
-            (camera.info().clone(), false, Vec::new())
-        }
-    };
-    let of = &info.camera;
-    let imu = info.imu.as_ref().map_or("no IMU".to_owned(), |imu| {
-        format!("IMU at {:.1} Hz", imu.rate_hz)
-    });
-    report.ok(format!(
-        "{}: {}x{} at {:.1} Hz, {imu}",
-        info.description, of.width, of.height, of.rate_hz
-    ));
-
-    match &camera.calibration {
-        Some(path) => {
-            // A configured file replaces the one of the data set.
-            notes.retain(|note| !note.contains("calibration"));
-            calibration(path, of.width / 2, of.height, report);
-        }
-        None if own_calibration => report.ok("the calibration comes with the source"),
-        None if matches!(camera.source, SourceConfig::Synthetic(_)) => report
-            .warning("a synthetic camera has no lenses: what it records cannot be reconstructed"),
-        None => report.warning(format!(
-            "its lenses are not known: {}",
-            calib::remedy::before_recording(&camera.name)
-        )),
-    }
-    for note in notes {
-        report.warning(note);
-    }
-    Some(info)
-}
-
-/// Notes that only the beginning of the source's files was read.
-fn heads(are_heads: bool, report: &mut Report) {
-    if are_heads {
-        report.ok(
-            "the first 1 MiB of each of its files was looked at; a recording reads all of them",
-        );
-    }
-}
-
-/// `width` and `height` are the size of one eye's image.
-fn calibration(path: &Path, width: u32, height: u32, report: &mut Report) {
-    match calib::read_stereo(path, width, height) {
-        Err(error) => report.error(with_causes(&error)),
-        Ok((stereo, notes)) => {
-            let baseline_mm = 1000.0 * stereo.baseline_m();
-            report.ok(format!(
-                "calibrated, baseline {baseline_mm:.1} mm: {}",
-                path.display()
-            ));
-            for note in notes {
-                report.warning(note.0);
-            }
-        }
-    }
-}
-
 /// Selects the encoder of the cameras as a run does.
 fn encoders(config: &Config, cameras: &[SourceInfo], report: &mut Report) {
     if cameras.is_empty() {
@@ -457,16 +225,6 @@ fn encoders(config: &Config, cameras: &[SourceInfo], report: &mut Report) {
             1e-6 * chosen.pixels_per_s
         )),
     }
-}
-
-fn writable(folder: &Path) -> io::Result<()> {
-    if !std::fs::metadata(folder)?.is_dir() {
-        return Err(io::ErrorKind::NotADirectory.into());
-    }
-    Ok(rustix::fs::access(
-        folder,
-        Access::WRITE_OK | Access::EXEC_OK,
-    )?)
 }
 
 #[cfg(test)]

@@ -5,7 +5,7 @@ use std::path::Path;
 use v4l2::usb::{self, Demand};
 use v4l2::{Camera, Fourcc, Mode};
 
-use super::Level;
+use super::report::Level;
 use crate::config::{Config, SourceConfig, V4l2Config, ZedImuConfig};
 use crate::error_chain::with_causes;
 use crate::sources::device::camera::{find_node, interval, key};

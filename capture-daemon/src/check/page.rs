@@ -6,7 +6,8 @@ use std::path::Path;
 
 use rig_link::token::Token;
 
-use super::{Report, writable};
+use super::folder::writable;
+use super::report::Report;
 use crate::config::{Config, Page};
 use crate::error_chain::with_causes;
 
