@@ -24,7 +24,7 @@ use crate::manifest::{
     FORMAT, FORMAT_VERSION, Manifest, RigFile, State, Stop, is_state, stream_table,
 };
 use crate::mcap::ChunkBuilder;
-use crate::record::{CompressedVideo, Frame, Protobuf, Record, timestamp};
+use crate::record::{CompressedVideo, Frame, Record, timestamp};
 use crate::storage::Storage;
 use crate::time::HostTime;
 
