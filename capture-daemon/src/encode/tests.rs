@@ -5,6 +5,7 @@ use std::sync::{Arc, Mutex};
 use super::restarts::RETRY_NS;
 use super::*;
 use video::capture::{Capture, CaptureEvent, CaptureSettings, Content, Delivery};
+use video::encoder::Preset;
 use video::{NativeFrame, Picture, PixelFormat};
 
 const MS: i64 = 1_000_000;

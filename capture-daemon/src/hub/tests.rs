@@ -2,7 +2,6 @@
 
 use std::sync::{Mutex, MutexGuard};
 
-use session_archive::record::Frame;
 use session_archive::time::TickLength;
 
 use super::stream_clock::MAX_TRANSIT_NS;

@@ -9,7 +9,7 @@ use bytes::Bytes;
 use session_archive::manifest::{Camera, Imu, State as ManifestState};
 use session_archive::reader::{Entry, SessionReader};
 use session_archive::record::paws::gap::Cause;
-use session_archive::record::{CameraCalibration, ClockMap, FrameTransforms};
+use session_archive::record::{CameraCalibration, ClockMap, FrameTransforms, Health};
 use session_archive::record::{Event, Frame, FrameSet, Gap, ImuBatch};
 use session_archive::storage::{Fault, FaultKind, FaultStorage, Operation, Storage};
 use session_archive::time::{CivilTime, TickLength};

@@ -1,3 +1,5 @@
+use std::path::PathBuf;
+
 use video::file::FileFrame;
 use video::{Picture, PixelFormat};
 
