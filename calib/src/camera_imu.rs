@@ -31,10 +31,11 @@ use console_output::{Console, Outcome, text};
 use nalgebra::{Matrix3, SMatrix};
 use session_access::{SessionFolder, open, read_or_build};
 use session_archive::index::Access;
+use session_input::imu::increasing_in_time;
+use session_input::imu::recording::{self, ImuRecording};
 
 use self::inputs::Inputs;
 use self::result::CameraResult;
-use crate::imu_samples::{self, ImuRecording};
 use crate::nominal_rig::NominalRig;
 use crate::results::Output;
 use crate::rig_file::{Joint, revised};
@@ -141,7 +142,7 @@ pub(crate) fn run(
     let access = Access::open(&**reader.storage(), &index).context("opening the segments")?;
     let nominal = NominalRig::read(&reader)?;
     let inputs = Inputs::read(&nominal, options.calibration.as_deref(), manifest)?;
-    let samples = imu_samples::read(
+    let samples = recording::read(
         &reader,
         |name| name.strip_suffix("/imu").is_some_and(selected),
         |_| (),
@@ -263,20 +264,12 @@ fn line_s(options: &Options, camera: &str) -> f64 {
 
 /// Samples in order of time; those whose time does not increase are left out.
 fn inertial(imu: &ImuRecording) -> Vec<ImuSample> {
-    let mut last = i64::MIN;
-    let mut out = Vec::with_capacity(imu.samples.len());
-    for sample in &imu.samples {
-        if sample.time <= last {
-            continue;
-        }
-        last = sample.time;
-        out.push(ImuSample {
-            time_ns: sample.time,
-            gyro: sample.gyro,
-            accel: sample.accel,
-        });
-    }
-    out
+    let samples = increasing_in_time(&imu.samples).map(|sample| ImuSample {
+        time_ns: sample.time_ns,
+        gyro: sample.gyro_rad_s,
+        accel: sample.accel_m_s2,
+    });
+    samples.collect()
 }
 
 /// The estimated IMU extrinsics, as in rig files.

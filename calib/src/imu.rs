@@ -16,9 +16,9 @@ use calib::imu_noise::{Series, Severity, measure};
 use clap::Args;
 use console_output::{Console, Outcome, text};
 use session_access::{SessionFolder, open};
+use session_input::imu::recording::{self, ImuRecording};
 
 use self::result::{DOCUMENT, ImuResult, files_of};
-use crate::imu_samples::{self, ImuRecording};
 use crate::results::Output;
 
 /// The report.
@@ -71,7 +71,7 @@ pub(crate) fn run(
     let results = output.prepare(output.folder(session)?, possible_files)?;
     let read = {
         let progress = console.progress("reading", reader.bytes()?);
-        imu_samples::read(&reader, selected, |bytes| progress.add(bytes))?
+        recording::read(&reader, selected, |bytes| progress.add(bytes))?
     };
     let mut all = Vec::new();
     {
@@ -134,12 +134,16 @@ fn series(imu: &ImuRecording) -> Series {
         let first = first.unwrap_or(s);
         let ticks = s.ticks.checked_sub(first.ticks);
         let own = ticks.filter(|_| forward).and_then(|d| imu.tick.ns(d));
-        own.unwrap_or(s.time.saturating_sub(first.time)) as f64 * 1e-9
+        own.unwrap_or(s.time_ns.saturating_sub(first.time_ns)) as f64 * 1e-9
     });
     let axis = |k: usize| {
-        let values = samples
-            .iter()
-            .map(|s| if k < 3 { s.gyro[k] } else { s.accel[k - 3] });
+        let values = samples.iter().map(|s| {
+            if k < 3 {
+                s.gyro_rad_s[k]
+            } else {
+                s.accel_m_s2[k - 3]
+            }
+        });
         values.collect()
     };
     let temperatures = samples.iter().map(|s| s.temperature_c.unwrap_or(f32::NAN));

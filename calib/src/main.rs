@@ -12,7 +12,6 @@ mod cameras;
 mod convert;
 mod examples;
 mod imu;
-mod imu_samples;
 mod nominal_rig;
 mod results;
 mod rig_file;

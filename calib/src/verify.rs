@@ -30,10 +30,10 @@ use session_archive::index::{Access, CameraIndex, Index};
 use session_archive::manifest;
 use session_archive::reader::SessionReader;
 use session_health::{Limits, overall, write_measurements};
+use session_input::imu::recording;
 use video::Picture;
 
 use self::result::SessionVerification;
-use crate::imu_samples;
 use crate::nominal_rig::NominalRig;
 
 /// Duration of a burst, ns: slightly more than three overlapping track segments.
@@ -210,9 +210,9 @@ fn check(
 
 fn gyros(reader: &SessionReader, console: &Console<'_>) -> Result<Vec<(String, Gyro)>> {
     let progress = console.progress("reading IMUs", reader.bytes()?);
-    let read = imu_samples::read(reader, |_| true, |bytes| progress.add(bytes))?;
-    let gyro = |imu: imu_samples::ImuRecording| {
-        let samples = imu.samples.iter().map(|s| (s.time, s.gyro));
+    let read = recording::read(reader, |_| true, |bytes| progress.add(bytes))?;
+    let gyro = |imu: recording::ImuRecording| {
+        let samples = imu.samples.iter().map(|s| (s.time_ns, s.gyro_rad_s));
         (imu.name, Gyro::new(samples))
     };
     Ok(read.imus.into_iter().map(gyro).collect())

@@ -5,11 +5,11 @@
 
 use charts::{Image, Page};
 use console_output::text;
-use session_archive::index::{Access, CameraIndex, Index};
+use session_archive::index::{Access, Index};
 use session_archive::manifest::Camera;
 use session_archive::reader::SessionReader;
-use video::Codec;
-use video::still::{Candidate, Settings, Still, Stills, stills};
+use session_input::stills::camera_stills;
+use video::still::{Still, Stills};
 
 /// Selected stills of one camera.
 struct CameraStills<'a> {
@@ -93,7 +93,7 @@ fn select_stills(reader: &SessionReader) -> Vec<CameraStills<'_>> {
         let mut cameras = index.cameras.iter();
         let index = cameras.find(|c| c.name == camera.name);
         let index = index.ok_or_else(|| "the index does not know the camera".to_owned())?;
-        camera_stills(camera, index, access)
+        camera_stills(camera, index, access).map_err(|e| e.to_string())
     };
     let cameras = reader.manifest().cameras.iter();
     let stills = cameras.map(|camera| CameraStills {
@@ -101,20 +101,4 @@ fn select_stills(reader: &SessionReader) -> Vec<CameraStills<'_>> {
         stills: stills_of(camera),
     });
     stills.collect()
-}
-
-fn camera_stills(camera: &Camera, index: &CameraIndex, access: &Access) -> Result<Stills, String> {
-    let codec = Codec::from_foxglove_format(&camera.codec)
-        .ok_or_else(|| format!("found the codec {:?}, expected h264 or h265", camera.codec))?;
-    let frames: Vec<Candidate> = index
-        .frames
-        .iter()
-        .map(|frame| Candidate {
-            number: frame.number,
-            time_ns: frame.time_ns,
-            key: frame.key as usize,
-        })
-        .collect();
-    let mut read = |position: usize| access.unit(&index.frames[position]).ok();
-    stills(codec, &frames, &Settings::default(), &mut read).map_err(|e| e.to_string())
 }

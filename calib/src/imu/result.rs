@@ -2,7 +2,7 @@
 
 use calib::imu_noise::Measurement;
 
-use crate::imu_samples::ImuRecording;
+use session_input::imu::recording::ImuRecording;
 
 /// The JSON document.
 pub(super) const DOCUMENT: &str = "imu-noise.json";

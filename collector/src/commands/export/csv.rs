@@ -12,6 +12,7 @@ use console_output::{Console, Outcome};
 use session_archive::reader::{Entry, Message, SessionReader};
 use session_archive::record::{Event, Frame, FrameSet, Gap, ImuBatch, Record, paws};
 use session_archive::text::enum_words;
+use session_input::imu::{complete_samples, temperature_c};
 
 use super::common::{file_name, left_out};
 
@@ -163,23 +164,25 @@ fn put(
         let Ok(batch) = m.decode::<ImuBatch>() else {
             return Ok(());
         };
-        let numbers = (0..).map(|k| batch.first_number.saturating_add(k));
-        for (sample, number) in samples(&batch).zip(numbers) {
-            let [gx, gy, gz] = sample.gyro;
-            let [ax, ay, az] = sample.accel;
+        for (k, sample) in complete_samples(&batch) {
+            let Some(host_time) = batch.host_times.get(k) else {
+                continue;
+            };
+            let [gx, gy, gz] = sample.gyro_rad_s;
+            let [ax, ay, az] = sample.accel_m_s2;
             table.row(&[
-                &number,
-                &sample.time,
+                &sample.number,
+                &sample.time_ns,
                 &batch.sigma_ns,
-                &sample.host_time,
-                &sample.device_ticks,
+                host_time,
+                &sample.ticks,
                 &gx,
                 &gy,
                 &gz,
                 &ax,
                 &ay,
                 &az,
-                &maybe(sample.temperature_c),
+                &maybe(temperature_c(&batch, k)),
                 &u8::from(batch.time_unreliable),
             ])?;
         }
@@ -221,47 +224,6 @@ fn put(
     }
 }
 
-/// One IMU sample in SI units.
-#[derive(Clone, Copy, Debug, PartialEq)]
-pub(super) struct ImuSample {
-    pub(super) time: i64,
-    pub(super) host_time: i64,
-    pub(super) device_ticks: i64,
-    /// rad/s.
-    pub(super) gyro: [f64; 3],
-    /// m/s².
-    pub(super) accel: [f64; 3],
-    pub(super) temperature_c: Option<f64>,
-}
-
-/// The samples of a batch; those without all six values are left out.
-pub(super) fn samples(batch: &ImuBatch) -> impl Iterator<Item = ImuSample> + '_ {
-    let vector = |counts: &[i32], scale: f64, values: &[f64], k: usize| -> Option<[f64; 3]> {
-        let at = 3 * k..3 * k + 3;
-        match counts.get(at.clone()) {
-            Some(c) => Some([c[0], c[1], c[2]].map(|c| f64::from(c) * scale)),
-            None => values.get(at).map(|v| [v[0], v[1], v[2]]),
-        }
-    };
-    batch
-        .times
-        .iter()
-        .enumerate()
-        .filter_map(move |(k, &time)| {
-            Some(ImuSample {
-                time,
-                host_time: *batch.host_times.get(k)?,
-                device_ticks: *batch.device_ticks.get(k)?,
-                gyro: vector(&batch.gyro_counts, batch.gyro_scale, &batch.gyro, k)?,
-                accel: vector(&batch.accel_counts, batch.accel_scale, &batch.accel, k)?,
-                temperature_c: batch
-                    .temperature_counts
-                    .get(k)
-                    .map(|c| f64::from(*c) * batch.temperature_scale_c),
-            })
-        })
-}
-
 #[cfg(test)]
 mod tests {
     use super::*;
@@ -270,26 +232,5 @@ mod tests {
     fn cells_with_commas_and_quotes_are_quoted() {
         assert_eq!(quoted("plain"), "plain");
         assert_eq!(quoted("a, \"b\""), "\"a, \"\"b\"\"\"");
-    }
-
-    #[test]
-    fn counts_are_scaled_and_values_are_not() {
-        let counts = ImuBatch {
-            times: vec![1, 2],
-            host_times: vec![3, 4],
-            device_ticks: vec![5, 6],
-            gyro_counts: vec![1, 2, 3, -4, -5, -6],
-            gyro_scale: 0.5,
-            accel: vec![0.1, 0.2, 0.3, 0.4, 0.5, 0.6],
-            temperature_counts: vec![2500, 2600],
-            temperature_scale_c: 0.01,
-            ..ImuBatch::default()
-        };
-        let all: Vec<ImuSample> = samples(&counts).collect();
-        assert_eq!(all.len(), 2);
-        assert_eq!(all[1].gyro, [-2.0, -2.5, -3.0]);
-        assert_eq!(all[1].accel, [0.4, 0.5, 0.6]);
-        assert_eq!((all[1].time, all[1].device_ticks), (2, 6));
-        assert_eq!(all[0].temperature_c, Some(25.0));
     }
 }

@@ -17,11 +17,11 @@ use session_access::{Frames, read_or_build};
 use session_archive::index::{Access, CameraIndex, FrameEntry, Index};
 use session_archive::manifest::{Camera, Imu};
 use session_archive::reader::SessionReader;
+use session_input::imu::complete_samples;
 use video::Picture;
 use video::picture::{i420_to_grey, i420_to_rgb, split};
 
 use super::common::{damage, file_name};
-use super::csv::samples;
 use super::yaml;
 use crate::session_stats::SessionStats;
 
@@ -181,9 +181,9 @@ impl Export<'_> {
         let batches = self.index.imu(&imu.name).map_or(&[][..], |i| &i.batches);
         for batch in batches {
             let batch = self.access.batch(batch)?;
-            for sample in samples(&batch) {
-                let ([gx, gy, gz], [ax, ay, az]) = (sample.gyro, sample.accel);
-                writeln!(out, "{},{gx},{gy},{gz},{ax},{ay},{az}", sample.time)
+            for (_, sample) in complete_samples(&batch) {
+                let ([gx, gy, gz], [ax, ay, az]) = (sample.gyro_rad_s, sample.accel_m_s2);
+                writeln!(out, "{},{gx},{gy},{gz},{ax},{ay},{az}", sample.time_ns)
                     .with_context(writing)?;
                 rows += 1;
             }
