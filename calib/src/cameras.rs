@@ -16,11 +16,11 @@ mod plots;
 use std::path::PathBuf;
 
 use anyhow::{Result, bail, ensure};
+use boards::Target as Board;
 use cad_transforms::{Frame, FramePart, Rig};
 use calib::cameras::{Calibration, Camera, Eye, Input, Settings, Severity, calibrate};
-use calib::target::Target as Board;
-use calib::write::contents;
-use calib::{CameraModel, CameraSet, Format, Provenance as CalibProvenance, StereoCalibration};
+use calibration_files::{Format, contents};
+use camera_models::{CameraModel, CameraSet, Provenance as CalibProvenance, StereoCalibration};
 use clap::Args;
 use console_output::{Console, Outcome, text};
 use session_access::{SessionFolder, open, read_or_build};

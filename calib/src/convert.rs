@@ -8,9 +8,8 @@ use std::ffi::OsStr;
 use std::path::{Path, PathBuf};
 
 use anyhow::{Context, Result, bail};
-use calib::convert::convert_within;
-use calib::read::detect_format;
-use calib::{CameraSet, Format, LensModel, Note, read_cameras, write_cameras, zed_conf};
+use calibration_files::{Format, detect_format, read_cameras, write_cameras, zed_conf};
+use camera_models::{CameraSet, LensModel, Note, convert_within};
 use clap::Args;
 use clap::builder::{PossibleValue, PossibleValuesParser, TypedValueParser};
 use console_output::{Console, Outcome};
@@ -114,7 +113,7 @@ pub(crate) fn run(options: &Options, console: &mut Console<'_>) -> Result<Outcom
     }
     let (files, notes) = match write_cameras(&set, options.to, &options.out) {
         Ok(written) => written,
-        Err(error @ calib::WriteError::Lens { nearest, .. }) => {
+        Err(error @ calibration_files::WriteError::Lens { nearest, .. }) => {
             bail!("{error} (--model {nearest})")
         }
         Err(error) => return Err(error.into()),
@@ -227,7 +226,7 @@ fn table(set: &CameraSet) -> Vec<String> {
         }
         lines.push(line);
     }
-    let kind = set.provenance.format.map_or("", Format::name);
+    let kind = set.provenance.format.as_deref().unwrap_or("");
     let files: Vec<String> = set
         .provenance
         .files

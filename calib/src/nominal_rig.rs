@@ -10,8 +10,8 @@ use std::path::Path;
 
 use anyhow::{Context, Result};
 use cad_transforms::{Covariance, Frame, FramePart, Rig, RigidTransform};
-use calib::CameraModel;
 use calib::cameras::ExtrinsicsPrior;
+use camera_models::CameraModel;
 use nalgebra::Matrix6;
 use session_access::Frames;
 use session_archive::reader::{Entry, SessionReader};
@@ -115,7 +115,7 @@ impl NominalRig {
     /// The camera model of an eye, as in `feet/left`, if known.
     pub(crate) fn lens(&self, eye: &str) -> Option<CameraModel> {
         let c = self.calibrations.get(eye)?;
-        calib::foxglove::lens([c.width, c.height], &c.distortion_model, &c.d, &c.k)
+        camera_models::camera_info::lens([c.width, c.height], &c.distortion_model, &c.d, &c.k)
     }
 
     /// `rig_from_left` of a camera; that of the origin is fixed.

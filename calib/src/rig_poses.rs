@@ -10,7 +10,7 @@
 use anyhow::Result;
 use cad_transforms::rig::check::{CameraFacts, Facts};
 use cad_transforms::{FieldOfView, Frame, FramePart, Rig, RigidTransform};
-use calib::CameraModel;
+use camera_models::CameraModel;
 use charts::{Cell, Page, Table};
 
 /// Pose of one coordinate frame of a camera.

@@ -8,8 +8,10 @@ use std::sync::{Mutex, PoisonError};
 use std::thread;
 
 use anyhow::{Context, Result, bail};
+use boards::Target as Board;
 use calib::cameras::TargetDetection;
-use calib::target::{self, ImageView, Target as Board};
+use calib::target::{self, ImageView};
+use calibration_files::board;
 use console_output::Console;
 use session_access::decode::visit_images;
 use session_archive::index::{Access, FrameEntry, Index};
@@ -35,7 +37,7 @@ pub(crate) struct DetectedTargets {
 /// A file cannot be read, or the session has no target.
 pub(crate) fn targets(reader: &SessionReader, files: &[std::path::PathBuf]) -> Result<Vec<Board>> {
     if !files.is_empty() {
-        let read = files.iter().map(|file| Board::read(file));
+        let read = files.iter().map(|file| board::read(file));
         return Ok(read.collect::<Result<_, _>>()?);
     }
     let mut names: Vec<_> = reader.manifest().rig.iter().collect();
@@ -46,7 +48,7 @@ pub(crate) fn targets(reader: &SessionReader, files: &[std::path::PathBuf]) -> R
         let bytes = rig_file(&**reader.storage(), file)
             .with_context(|| format!("reading rig/{} of the session", file.name))?;
         let text = String::from_utf8_lossy(&bytes);
-        boards.push(Board::parse(&text, std::path::Path::new(&file.name))?);
+        boards.push(board::parse(&text, std::path::Path::new(&file.name))?);
     }
     if boards.is_empty() {
         bail!(

@@ -8,8 +8,9 @@ use std::io::{self, Write};
 use std::path::{Path, PathBuf};
 
 use anyhow::{Context, Result, bail};
-use calib::target::pdf::{self, Paper};
-use calib::target::{Dictionary, Target};
+use boards::pdf::{self, Paper};
+use boards::{Dictionary, Target};
+use calibration_files::board;
 use clap::{Args, ValueEnum};
 use console_output::{Console, Outcome};
 
@@ -87,7 +88,7 @@ pub(crate) fn run(options: &Options, console: &mut Console<'_>) -> Result<Outcom
     };
     let (target, paper) = match &options.from {
         Some(file) => {
-            let target = Target::read(file)?;
+            let target = board::read(file)?;
             let turned = !paper.fits(&target) && paper.rotated().fits(&target);
             (target, if turned { paper.rotated() } else { paper })
         }
@@ -97,11 +98,10 @@ pub(crate) fn run(options: &Options, console: &mut Console<'_>) -> Result<Outcom
     let mut files = vec![(options.out.clone(), page)];
     files.push((
         options.out.with_extension("toml"),
-        target.to_toml().into_bytes(),
+        board::to_toml(&target).into_bytes(),
     ));
     files.extend(
-        target
-            .to_kalibr()
+        board::to_kalibr(&target)
             .map(|text| (options.out.with_extension("yaml"), text.into_bytes())),
     );
     write_new(&files)?;

@@ -18,9 +18,9 @@ use anyhow::{Context, Result, ensure};
 use cad_transforms::output::{Existing, write};
 use cad_transforms::{Frame, FramePart};
 use calib::verify::{
-    Burst, Camera, FeatureTracker, Gyro, ImageView, StereoFrame, Tolerances, choose_bursts, verify,
+    Burst, Camera, FeatureTracker, Gyro, StereoFrame, Tolerances, choose_bursts, verify,
 };
-use calib::{ImuCalibration, Provenance, StereoCalibration};
+use camera_models::{ImageView, ImuCalibration, Provenance, StereoCalibration};
 use clap::Args;
 use console_output::{Console, Outcome};
 use session_access::decode::visit_run;

@@ -167,7 +167,7 @@ fn rig(config: &Config, report: &mut Report) {
         report.warning(format!(
             "no rig file: sessions will not tell how the cameras are placed; `{}` makes one of boards alone: \
              file = \"calibration/rig.toml\" in [rig]",
-            calib::remedy::CALIBRATE
+            command_line::remedy::CALIBRATE
         ));
         return;
     };

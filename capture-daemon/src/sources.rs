@@ -13,7 +13,7 @@
 
 use std::path::Path;
 
-use calib::StereoCalibration;
+use camera_models::StereoCalibration;
 use session_archive::record::paws::gap::Cause;
 use session_archive::time::{HostTime, TickLength};
 use video::encoder::Input;

@@ -145,7 +145,7 @@ impl Evaluator<'_> {
             false => format!(
                 "{}; remedy: {}",
                 without.join(", "),
-                calib::remedy::after_recording()
+                command_line::remedy::after_recording()
             ),
         };
         self.find(
@@ -373,12 +373,15 @@ impl Evaluator<'_> {
         let detail = match (without_pose.is_empty(), described) {
             (false, _) => {
                 let names = without_pose.join(", ");
-                format!("{names}; remedy: {}", calib::remedy::after_recording())
+                format!(
+                    "{names}; remedy: {}",
+                    command_line::remedy::after_recording()
+                )
             }
             (true, true) => "all on the rig".to_owned(),
             (true, false) => format!(
                 "stereo only; no rig file gives poses of the cameras, which `{}` estimates",
-                calib::remedy::CALIBRATE
+                command_line::remedy::CALIBRATE
             ),
         };
         self.find(

@@ -7,13 +7,14 @@
 use std::path::{Path, PathBuf};
 use std::process::Command;
 
+use boards::Target;
 use cad_transforms::RigidTransform;
 use calib::adjust::{self, LensBlock, Point, PoseBlock, PosePrior, Problem, View};
 use calib::cameras::{self, Calibration, Camera, Eye, Input, TargetDetection};
 use calib::epipolar::Epipolar;
 use calib::pnp;
-use calib::target::{self, DetectedCorner, ImageView, Target};
-use calib::{CameraModel, Distortion, Provenance, StereoCalibration};
+use calib::target::{self, DetectedCorner, ImageView};
+use camera_models::{CameraModel, Distortion, Provenance, StereoCalibration};
 use serde_json::Value;
 
 const COLUMNS: u32 = 9;

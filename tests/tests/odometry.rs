@@ -7,7 +7,7 @@
 use std::collections::BTreeMap;
 
 use cad_transforms::RigidTransform;
-use calib::{CameraModel, Lens};
+use camera_models::{CameraModel, Lens};
 use harness::data;
 use harness::sequences::{self, Sequence, WalkSettings, walk};
 use harness::tracking::{self, drive, still, track};

@@ -4,9 +4,10 @@ use std::collections::BTreeMap;
 use std::sync::{Mutex, PoisonError};
 
 use anyhow::{Context, Result};
-use calib::Eye;
+use boards::Target as Board;
 use calib::camera_imu::{Corner, TargetObservation};
-use calib::target::{DetectedCorner, ImageView, Settings, Target as Board, detect_all};
+use calib::target::{DetectedCorner, ImageView, Settings, detect_all};
+use camera_models::Eye;
 use console_output::Progress;
 use session_access::decode::visit_images;
 use session_archive::index::{Access, CameraIndex, FrameEntry};

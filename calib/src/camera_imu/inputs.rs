@@ -6,7 +6,7 @@ use std::path::Path;
 
 use anyhow::{Context, Result};
 use cad_transforms::{Frame, FramePart, Rig, RigidTransform};
-use calib::{CameraModel, StereoCalibration};
+use camera_models::{CameraModel, StereoCalibration};
 use session_archive::manifest::{Camera, Manifest};
 
 use crate::cameras::{RIG, file_of};
@@ -54,7 +54,7 @@ impl<'a> Inputs<'a> {
             let file = folder.join(file_of(name));
             if file.exists() {
                 // Images of a session are side-by-side stereo.
-                let (pair, _) = calib::read_stereo(&file, width / 2, *height)?;
+                let (pair, _) = calibration_files::read_stereo(&file, width / 2, *height)?;
                 inputs.pairs.insert(name.clone(), pair);
             }
         }

@@ -3,7 +3,7 @@
 use anyhow::Result;
 use cad_transforms::RigidTransform;
 use calib::camera_imu::{CameraImu, Verdict};
-use calib::{CameraModel, ImuNoise};
+use camera_models::{CameraModel, ImuNoise};
 
 /// A camera with its result.
 pub(super) struct CameraResult {

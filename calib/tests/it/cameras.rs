@@ -73,7 +73,7 @@ fn calibration_recovers_the_ground_truth_rig() {
     let page = fs::read_to_string(out.join("cameras.html")).unwrap();
     assert!(page.contains("left_shoulder/right in left_shoulder/left") && page.contains("<svg"));
     // The cameras' files are valid calibrations.
-    let (stereo, _) = calib::read_stereo(&out.join("feet.yaml"), 672, 376).unwrap();
+    let (stereo, _) = calibration_files::read_stereo(&out.join("feet.yaml"), 672, 376).unwrap();
     assert!((stereo.baseline_m() - 0.063).abs() < 5e-4);
 
     imus_are_found(&folder.path().join("imus"), session, &out, &truth);

@@ -86,7 +86,7 @@ pub(super) fn source(
             .warning("a synthetic camera has no lenses: what it records cannot be reconstructed"),
         None => report.warning(format!(
             "its lenses are not known: {}",
-            calib::remedy::before_recording(&camera.name)
+            command_line::remedy::before_recording(&camera.name)
         )),
     }
     for note in notes {
@@ -188,7 +188,7 @@ fn heads(are_heads: bool, report: &mut Report) {
 
 /// `width` and `height` are the size of one eye's image.
 fn calibration(path: &Path, width: u32, height: u32, report: &mut Report) {
-    match calib::read_stereo(path, width, height) {
+    match calibration_files::read_stereo(path, width, height) {
         Err(error) => report.error(with_causes(&error)),
         Ok((stereo, notes)) => {
             let baseline_mm = 1000.0 * stereo.baseline_m();

@@ -41,7 +41,7 @@ impl Setup {
                     .all(|is| *is)
             })
             .collect();
-        calib::remedy::missing_intrinsics(&without)
+        command_line::remedy::missing_intrinsics(&without)
             .into_iter()
             .collect()
     }

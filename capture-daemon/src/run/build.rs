@@ -7,8 +7,7 @@ use anyhow::{Context as _, bail};
 use cad_transforms::frame::{Frame, FramePart};
 use cad_transforms::rig::Rig;
 use cad_transforms::transform::RigidTransform;
-use calib::foxglove;
-use calib::stereo::{Eye, StereoCalibration};
+use camera_models::{Eye, StereoCalibration, camera_info};
 use session_archive::manifest;
 use session_archive::record::{CameraCalibration, FrameTransform, FrameTransforms, timestamp};
 use session_archive::time::HostTime;
@@ -303,8 +302,9 @@ fn stereo_calibration(
     let Some(path) = &camera.calibration else {
         return Ok(own.cloned());
     };
-    let (stereo, notes) = calib::read_stereo(path, info.camera.width / 2, info.camera.height)
-        .with_context(|| format!("reading the calibration of {}", camera.name))?;
+    let (stereo, notes) =
+        calibration_files::read_stereo(path, info.camera.width / 2, info.camera.height)
+            .with_context(|| format!("reading the calibration of {}", camera.name))?;
     for note in notes {
         log::warn!("{}: {}", path.display(), note.0);
     }
@@ -319,7 +319,7 @@ fn calibration_records(
     [("left", Eye::Left), ("right", Eye::Right)]
         .into_iter()
         .map(|(eye, which)| {
-            let info = foxglove::CameraInfo::of(stereo, which);
+            let info = camera_info::CameraInfo::of(stereo, which);
             let frame = format!("{camera}/{eye}");
             let record = CameraCalibration {
                 timestamp: Some(timestamp(at)),

@@ -16,7 +16,7 @@
 
 use std::path::{Path, PathBuf};
 
-use calib::StereoCalibration;
+use camera_models::StereoCalibration;
 use session_archive::time::{HostTime, TickLength};
 use video::{Picture, PictureError};
 
@@ -386,7 +386,7 @@ fn read_calibration(
             vec!["the data set contains no calibration".to_owned()],
         );
     }
-    match calib::read_stereo(&dataset.root, eye.width, eye.height) {
+    match calibration_files::read_stereo(&dataset.root, eye.width, eye.height) {
         Ok((calibration, notes)) => (
             Some(calibration),
             notes.into_iter().map(|note| note.0).collect(),

@@ -10,7 +10,7 @@ use std::path::Path;
 use std::sync::Arc;
 
 use cad_transforms::rig::Rig;
-use calib::StereoCalibration;
+use camera_models::StereoCalibration;
 use rig_sim::device::{Delivery, Device, DeviceFrame, DeviceImu};
 use rig_sim::faults::{FaultError, Faults};
 use rig_sim::rig::PixelFormat;

@@ -4,7 +4,8 @@ use std::fs;
 use std::path::Path;
 use std::sync::Arc;
 
-use calib::{Distortion, read_stereo};
+use calibration_files::read_stereo;
+use camera_models::Distortion;
 use collector::commands::export::{self, Format};
 use collector::commands::validate::{Options, validate};
 use collector::target::Target;

@@ -10,8 +10,8 @@
 use std::io::BufReader;
 use std::path::{Path, PathBuf};
 
-use calib::rectify::{Map, Rectification, RectifyError, View};
-use calib::{Eye, Lens};
+use camera_models::rectify::{Map, Rectification, RectifyError, View};
+use camera_models::{Eye, Lens};
 use depth::evaluate::{GroundTruth, Scores};
 use depth::{DepthError, DisparityMap};
 use rayon::prelude::*;

@@ -17,7 +17,7 @@ pub(crate) const RIG: &str = include_str!("../../../cad-transforms/rigs/example.
 pub(crate) fn rig_overrides(folder: &std::path::Path) -> RigOverrides {
     let file = folder.join("K.txt");
     std::fs::write(&file, "60 0 36.5 0 60 24.5 0 0 1\n0.063\n").expect("a file");
-    let (calibration, _) = calib::read_stereo(&file, 74, 50).expect("a calibration");
+    let (calibration, _) = calibration_files::read_stereo(&file, 74, 50).expect("a calibration");
     RigOverrides {
         rig: Some(RIG.to_owned()),
         calibrations: BTreeMap::from([("feet".to_owned(), calibration)]),

@@ -7,8 +7,8 @@ use std::process::{Command, Output};
 
 use cad_transforms::Rig;
 use cad_transforms::frame::{Frame, FramePart};
-use calib::write::contents;
-use calib::{CameraSet, Format};
+use calibration_files::{Format, contents};
+use camera_models::CameraSet;
 use reconstruction::input::Input;
 use reconstruction::pipeline::stages::rig;
 use reconstruction::pipeline::{

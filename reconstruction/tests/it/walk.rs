@@ -10,7 +10,7 @@ use std::sync::{Arc, OnceLock};
 
 use browser::Browser;
 use cad_transforms::{Rig, RigidTransform};
-use calib::Lens;
+use camera_models::Lens;
 use nalgebra::Vector3;
 use reconstruction::evaluate::{Evaluation, Settings, evaluate, files};
 use rig_sim::camera::Quality;

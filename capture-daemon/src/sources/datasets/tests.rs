@@ -109,7 +109,8 @@ fn real_euroc_images_and_imu() {
         (752, 480, Samples::Grey8)
     );
     assert_eq!(image.data.len(), 752 * 480);
-    let (calibration, _) = calib::read_stereo(&dataset.root, image.width, image.height).unwrap();
+    let (calibration, _) =
+        calibration_files::read_stereo(&dataset.root, image.width, image.height).unwrap();
     assert_eq!(calibration.imu.unwrap().rate_hz, 200.0);
 }
 
@@ -138,7 +139,7 @@ fn real_kitti_pairs() {
         );
     }
     assert!(
-        calib::read_stereo(&dataset.root, 1226, 370)
+        calibration_files::read_stereo(&dataset.root, 1226, 370)
             .unwrap()
             .0
             .is_rectified()
@@ -170,7 +171,7 @@ fn real_desk_pair() {
     }
     assert_ne!(left.data, right.data);
     assert!(
-        calib::read_stereo(&dataset.root, 960, 540)
+        calibration_files::read_stereo(&dataset.root, 960, 540)
             .unwrap()
             .0
             .is_rectified()

@@ -5,8 +5,8 @@ use std::path::Path;
 use anyhow::{Context, Result};
 use cad_transforms::FieldOfView;
 use cad_transforms::rig::check::{CameraFacts, Facts};
-use calib::read::detect_format;
-use calib::{CalibError, Format, StereoCalibration, zed_conf};
+use calibration_files::{CalibError, Format, detect_format, zed_conf};
+use camera_models::StereoCalibration;
 use console_output::BadArguments;
 
 /// Sizes of one image, tried in this order if none is given: a ZED file has some of them.
@@ -95,13 +95,13 @@ fn calibration(
     size: Option<[u32; 2]>,
 ) -> Result<StereoCalibration, CalibError> {
     let read = |[width, height]: [u32; 2]| {
-        calib::read_stereo(path, width, height).map(|(calibration, _)| calibration)
+        calibration_files::read_stereo(path, width, height).map(|(calibration, _)| calibration)
     };
     if let Some(size) = size {
         return read(size);
     }
     if format != Format::ZedConf {
-        let (set, _) = calib::read_cameras(path, None)?;
+        let (set, _) = calibration_files::read_cameras(path, None)?;
         let own = set.cameras.first();
         return read(own.map_or([0, 0], |own| [own.model.width, own.model.height]));
     }

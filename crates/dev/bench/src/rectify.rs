@@ -7,8 +7,8 @@ use std::fs;
 use std::path::Path;
 
 use anyhow::{Context, Result};
-use calib::rectify::{Remap, View, remap_exact};
-use calib::{Eye, Rectification};
+use camera_models::Eye;
+use camera_models::rectify::{Rectification, Remap, View, remap_exact};
 use serde_json::{Value, json};
 
 use crate::arguments::Arguments;
@@ -42,7 +42,7 @@ pub(crate) fn run(args: &[String]) -> Result<()> {
 }
 
 fn one(file: &Path, (width, height): (u32, u32), runs: usize) -> Result<Value> {
-    let (pair, _) = calib::read_stereo(file, width, height)
+    let (pair, _) = calibration_files::read_stereo(file, width, height)
         .with_context(|| format!("reading {}", file.display()))?;
     let rectification = Rectification::new(&pair, View::Filled)?;
     let old = picture(width as usize, height as usize);

@@ -9,8 +9,8 @@ use std::sync::Arc;
 
 use anyhow::{Context as _, Result};
 use cad_transforms::rig::Rig;
-use calib::set::CameraSet;
-use calib::stereo::Format;
+use calibration_files::Format;
+use camera_models::CameraSet;
 use rig_sim::camera::Quality;
 use rig_sim::scene::{Kind, Lighting};
 use rig_sim::simulation::{Settings, Simulation, StereoFrame};
@@ -136,7 +136,7 @@ impl Footage {
         let cameras = self.simulation.cameras();
         let camera = cameras.iter().position(|c| c.name == CAMERA).unwrap_or(0);
         let set = CameraSet::of_stereo(&self.simulation.calibration(camera));
-        calib::write::write_cameras(&set, Format::Kalibr, path)?;
+        calibration_files::write_cameras(&set, Format::Kalibr, path)?;
         Ok(())
     }
 

@@ -17,7 +17,9 @@ pub fn pawsd() -> Result<PathBuf> {
     static FOUND: OnceLock<Result<PathBuf, String>> = OnceLock::new();
     let sources = [
         "capture-daemon/src",
+        "crates/formats/calibration-files/src",
         "crates/formats/session-archive/src",
+        "crates/support/camera-models/src",
         "crates/support/video/src",
     ];
     once(&FOUND, "pawsd", "capture-daemon", &sources)
@@ -31,6 +33,8 @@ pub fn paws() -> Result<PathBuf> {
     static FOUND: OnceLock<Result<PathBuf, String>> = OnceLock::new();
     let sources = [
         "collector/src",
+        "crates/formats/calibration-files/src",
+        "crates/support/camera-models/src",
         "cad-transforms/src",
         "crates/formats/session-archive/src",
     ];
@@ -45,6 +49,9 @@ pub fn calib() -> Result<PathBuf> {
     static FOUND: OnceLock<Result<PathBuf, String>> = OnceLock::new();
     let sources = [
         "calib/src",
+        "crates/formats/calibration-files/src",
+        "crates/support/boards/src",
+        "crates/support/camera-models/src",
         "crates/vision/calib/src",
         "cad-transforms/src",
         "crates/formats/session-archive/src",
@@ -62,7 +69,8 @@ pub fn reconstruct() -> Result<PathBuf> {
         "reconstruction/src",
         "crates/vision/odometry/src",
         "crates/formats/scene-bundle/src",
-        "crates/vision/calib/src",
+        "crates/formats/calibration-files/src",
+        "crates/support/camera-models/src",
     ];
     once(&FOUND, "paws-reconstruct", "reconstruction", &sources)
 }

@@ -11,11 +11,11 @@ use anyhow::{Context as _, Result};
 use cad_transforms::frame::{Frame, FramePart};
 use cad_transforms::rig::Rig;
 use cad_transforms::transform::RigidTransform;
-use calib::StereoCalibration;
 use calib::verify::{
-    Burst, Camera, CameraEstimate, FeatureTracker, Gyro, ImageView, StereoFrame, Tolerances,
-    Verification, choose_bursts, compare, judge,
+    Burst, Camera, CameraEstimate, FeatureTracker, Gyro, StereoFrame, Tolerances, Verification,
+    choose_bursts, compare, judge,
 };
+use camera_models::{ImageView, StereoCalibration};
 use rig_sim::camera::{Quality, Shutter};
 use rig_sim::scene::{Kind, Lighting};
 use rig_sim::simulation::{Settings, Simulation};

@@ -230,7 +230,7 @@ pub enum ExportError {
 /// ```
 /// use scene_bundle::export::{Format, Options, export};
 /// # use cad_transforms::RigidTransform;
-/// # use calib::{CameraModel, Distortion};
+/// # use camera_models::{CameraModel, Distortion};
 /// # use scene_bundle::Bundle;
 /// # use scene_bundle::outputs::{self, keyframes::Keyframe, rig::{RigCamera, RigModel}};
 /// # let folder = tempfile::tempdir()?;
@@ -300,7 +300,7 @@ pub enum ExportError {
 /// ```
 /// use scene_bundle::export::{Format, Options, export};
 /// # use cad_transforms::RigidTransform;
-/// # use calib::{CameraModel, Distortion};
+/// # use camera_models::{CameraModel, Distortion};
 /// # use scene_bundle::Bundle;
 /// # use scene_bundle::outputs::{self, keyframes::Keyframe, rig::{RigCamera, RigModel}};
 /// # let folder = tempfile::tempdir()?;

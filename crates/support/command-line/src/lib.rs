@@ -5,6 +5,7 @@
 //! * [`help`]: a check that helps list the words that options take, and name the units of numbers.
 //! * [`Papers`]: the verbs `completions` and `man`, made by clap's own generators out of what the program itself reads.
 //! * [`Verbosity`]: `-v` and `-q`.
+//! * [`remedy`]: command lines that calibrate a rig, for messages about one that is not.
 //! * [`output`]: results on standard output and messages on standard error, for which nobody has to be listening.
 //!
 //! `docs/reference/command-line.md` says what a user may rely on.
@@ -13,6 +14,7 @@ pub mod examples;
 pub mod help;
 pub mod output;
 mod papers;
+pub mod remedy;
 mod verbosity;
 
 pub use self::papers::Papers;

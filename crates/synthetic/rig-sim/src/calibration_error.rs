@@ -27,7 +27,7 @@ use std::fmt::Write as _;
 use cad_transforms::RigidTransform;
 use cad_transforms::frame::{Frame, FramePart};
 use cad_transforms::rig::{Foot, Rig, TagFamily};
-use calib::CameraModel;
+use camera_models::CameraModel;
 use nalgebra::Vector3;
 use serde::Deserialize;
 

@@ -13,7 +13,7 @@ pub mod sensor;
 pub mod shade;
 pub mod truth;
 
-use calib::CameraModel;
+use camera_models::CameraModel;
 use nalgebra::{UnitQuaternion, Vector3};
 
 use self::optics::Conditions;

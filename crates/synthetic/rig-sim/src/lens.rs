@@ -6,7 +6,7 @@
 //! same for rasterization, to 1e-3 px within the image. [`Lens::rays`] is the inverse at every
 //! pixel center.
 
-use calib::{CameraModel, Distortion, Rational};
+use camera_models::{CameraModel, Distortion, Rational};
 
 /// Maximum radius at which the distortion model is used, relative to that of the farthest image
 /// corner.

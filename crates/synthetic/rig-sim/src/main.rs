@@ -9,8 +9,8 @@ use std::process::ExitCode;
 use std::sync::Arc;
 
 use anyhow::{Context, Result};
+use boards::Target;
 use cad_transforms::rig::Rig;
-use calib::target::Target;
 use clap::builder::{PossibleValuesParser, TypedValueParser};
 use clap::error::ErrorKind;
 use clap::{Args, CommandFactory, FromArgMatches, Parser, Subcommand};
@@ -311,7 +311,7 @@ fn simulate(walk: &Walk, rate_hz: f64) -> Result<(Arc<Simulation>, Rig, String)>
         _ => Simulation::new(&settings, &rig)?,
     };
     let stereo = |camera: &str, path: &Path| {
-        let (stereo, notes) = calib::read_stereo(path, walk.width, walk.height)
+        let (stereo, notes) = calibration_files::read_stereo(path, walk.width, walk.height)
             .with_context(|| format!("reading the calibration of {camera}"))?;
         for note in notes.iter().filter(|_| !is_quiet()) {
             complain!("{}: {}", path.display(), note.0);
@@ -368,7 +368,7 @@ fn target_session(settings: &Settings, rig: &Rig, boards: &Boards) -> Result<Sim
         scale_error: 1e-2 * boards.board_scale_error,
     };
     let read = |path: &PathBuf| {
-        let target = Target::read(path)?;
+        let target = calibration_files::board::read(path)?;
         match target.invalid_reason() {
             None => anyhow::Ok(target),
             Some((key, why)) => anyhow::bail!("{key} is {why}: {}", path.display()),

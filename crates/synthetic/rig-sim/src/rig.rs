@@ -3,7 +3,7 @@
 use cad_transforms::RigidTransform;
 use cad_transforms::frame::{Frame, FramePart};
 use cad_transforms::rig::{Foot, Rig, RigError, TagFamily};
-use calib::{CameraModel, Distortion};
+use camera_models::{CameraModel, Distortion};
 use nalgebra::{UnitQuaternion, Vector3};
 
 use crate::camera::Shutter;

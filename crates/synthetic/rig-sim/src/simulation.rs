@@ -9,11 +9,11 @@
 
 use std::sync::{Arc, OnceLock};
 
+use boards::Target;
 use cad_transforms::RigidTransform;
 use cad_transforms::frame::{Frame, FramePart};
 use cad_transforms::rig::{Rig, RigError};
-use calib::target::Target;
-use calib::{CameraModel, ImuCalibration, ImuNoise, Provenance, StereoCalibration};
+use camera_models::{CameraModel, ImuCalibration, ImuNoise, Provenance, StereoCalibration};
 use nalgebra::{UnitQuaternion, Vector3};
 
 use crate::calibration_error::{CalibrationError, true_rig_toml};

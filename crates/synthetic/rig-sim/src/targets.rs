@@ -7,7 +7,7 @@
 //! ([`observations`]) and need no rendering: thousands of views with ground truth take no longer
 //! than the projection. The carrier is never visible.
 
-use calib::target::Target;
+use boards::Target;
 use nalgebra::{UnitQuaternion, Vector3};
 
 pub mod board;

@@ -5,7 +5,8 @@ use std::path::{Path, PathBuf};
 use std::sync::{Arc, LazyLock};
 
 use cad_transforms::rig::Rig;
-use calib::{Distortion, read_stereo};
+use calibration_files::read_stereo;
+use camera_models::Distortion;
 use rig_sim::camera::Quality;
 use rig_sim::faults::Faults;
 use rig_sim::render::{Job, RenderError, render};

@@ -3,7 +3,6 @@
 use std::sync::Arc;
 
 use cad_transforms::rig::Rig;
-use calib::target::Target;
 use rig_sim::calibration_error::CalibrationError;
 use rig_sim::camera::Quality;
 use rig_sim::faults::{Fault, Faults, Kind as FaultKind};
@@ -194,7 +193,10 @@ fn target_session_contains_boards_and_ground_truth_beside_the_nominal_calibratio
     assert_eq!(file("rig.toml"), RIG);
     for (number, board) in simulation.boards().iter().enumerate() {
         let path = folder.path().join(format!("rig/target.{number}.toml"));
-        assert_eq!(Target::read(&path).unwrap(), *board.sheet().target());
+        assert_eq!(
+            calibration_files::board::read(&path).unwrap(),
+            *board.sheet().target()
+        );
     }
     let is = Rig::parse(&file("truth.rig.toml")).unwrap();
     let left = "left_shoulder/left".parse().unwrap();

@@ -6,35 +6,34 @@
 //! `None`.
 //!
 //! ```
-//! # use calib::{CameraModel, Distortion, StereoCalibration, epipolar};
+//! # use calib::epipolar;
+//! # use camera_models::{CameraModel, Distortion, StereoCalibration};
 //! # use cad_transforms::RigidTransform;
 //! # let left = CameraModel { width: 640, height: 480, fx: 500.0, fy: 500.0, cx: 320.0, cy: 240.0,
 //! #     distortion: Distortion::None };
 //! # let stereo = StereoCalibration { left, right: left,
 //! #     right_from_left: RigidTransform::from_translation_m([-0.1, 0.0, 0.0]).unwrap(), imu: None,
-//! #     provenance: calib::Provenance { format: None, files: Vec::new(), part: None } };
+//! #     provenance: camera_models::Provenance { format: None, files: Vec::new(), part: None } };
 //! let rows = epipolar::row_difference(&stereo, [330.0, 250.0], [310.0, 251.5]).unwrap();
 //! assert!((rows - 1.5).abs() < 1e-9);
 //! ```
 //!
 //! ```
-//! # use calib::{CameraModel, Distortion, StereoCalibration, epipolar};
+//! # use calib::epipolar;
+//! # use camera_models::{CameraModel, Distortion, StereoCalibration};
 //! # use cad_transforms::RigidTransform;
 //! # let left = CameraModel { width: 640, height: 480, fx: 500.0, fy: 500.0, cx: 320.0, cy: 240.0,
 //! #     distortion: Distortion::None };
 //! # let stereo = StereoCalibration { left, right: left,
 //! #     right_from_left: RigidTransform::from_translation_m([-0.1, 0.0, 0.0]).unwrap(), imu: None,
-//! #     provenance: calib::Provenance { format: None, files: Vec::new(), part: None } };
+//! #     provenance: camera_models::Provenance { format: None, files: Vec::new(), part: None } };
 //! let rows = epipolar::row_difference(&stereo, [330.0, 250.0], [310.0, 251.5]).unwrap();
 //! assert!((rows - 1.5).abs() < 1e-9);
 //! ```
 
+use camera_models::rectify::{RectifyError, rotations};
+use camera_models::{CameraModel, Distortion, Lens, StereoCalibration};
 use nalgebra::{Matrix3, Vector3};
-
-use crate::camera::{CameraModel, Distortion};
-use crate::lens::Lens;
-use crate::rectify::{RectifyError, rotations};
-use crate::stereo::StereoCalibration;
 
 /// A stereo pair prepared for many matches.
 #[derive(Clone, Debug)]

@@ -5,153 +5,25 @@
 //! a gap. If too little is left, or an axis never changes, there is no result but a finding with
 //! the reason. Everything questionable is a [`Finding`] with a kind.
 //!
-//! Units are SI: rad/s and m/s², noise as in [`ImuNoise`].
+//! Units are SI: rad/s and m/s², noise as in [`ImuNoise`](camera_models::ImuNoise).
 
 mod bridge;
 mod file;
+mod measurement;
 mod screen;
+mod series;
 
 use std::ops::Range;
 use std::thread;
 
 use crate::allan::fit::Fitter;
-use crate::allan::{Coefficient, Curve, Fit, Value, curve};
-use crate::stereo::ImuNoise;
+use crate::allan::{Coefficient, Curve, Fit, curve};
 
-/// Names of the six axes, gyroscope first.
-pub const AXES: [&str; 6] = [
-    "gyro x", "gyro y", "gyro z", "accel x", "accel y", "accel z",
-];
-/// Minimum length of the longest static run without a gap, s.
-pub const MIN_STATIC_S: f64 = 60.0;
+pub use measurement::{Axis, Measurement, Worst};
+pub use series::{AXES, Finding, MIN_STATIC_S, Series, Severity};
+
 /// Maximum difference between the halves of a recording, in multiples of the expected noise.
 const DRIFT_SIGMAS: f64 = 4.0;
-
-/// Samples of an IMU.
-#[derive(Clone, Debug, Default, PartialEq)]
-pub struct Series {
-    /// Nominal rate, Hz.
-    pub nominal_rate_hz: f64,
-    /// Time of each sample by the sensor's clock, s.
-    pub times_s: Vec<f64>,
-    /// Angular rate x y z, rad/s, and specific force x y z, m/s².
-    pub axes: [Vec<f64>; 6],
-    /// Temperature of each sample, °C; empty if not measured.
-    pub temperature_c: Vec<f32>,
-    /// The runs of samples without a gap.
-    pub runs: Vec<Range<usize>>,
-    /// Findings of [`Series::bridged`].
-    pub bridged: Vec<Finding>,
-}
-
-/// Severity of a finding.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
-pub enum Severity {
-    /// Information.
-    Note,
-    /// The result may be worse than it appears.
-    Warn,
-    /// No result, for an axis or for all.
-    Fail,
-}
-
-/// Finding about a recording.
-#[derive(Clone, Debug, PartialEq, Eq)]
-pub struct Finding {
-    /// Severity.
-    pub severity: Severity,
-    /// Kind, in one word: `moved`, `frozen`, `clipped`, `outliers`, `coarse`, `repeated`, `rate`,
-    /// `jitter`, `gaps`, `bridged`, `short`, `temperature`, `drift`, `misfit`, `filtered`, `not
-    /// finite`.
-    pub kind: &'static str,
-    /// Description.
-    pub text: String,
-}
-
-/// Result for one axis.
-#[derive(Clone, Debug, PartialEq)]
-pub struct Axis {
-    /// Index in [`AXES`].
-    pub index: usize,
-    /// Mean of the samples used.
-    pub mean: f64,
-    /// The Allan variance curve.
-    pub curve: Curve,
-    /// The fitted model; `None` for a rejected axis.
-    pub fit: Option<Fit>,
-}
-
-/// Result of a measurement.
-#[derive(Clone, Debug, PartialEq)]
-pub struct Measurement {
-    /// Measured rate, Hz.
-    pub rate_hz: f64,
-    /// Time spans used, s after the first sample.
-    pub used_s: Vec<[f64; 2]>,
-    /// The six axes in the order of [`AXES`]; empty if the recording is rejected.
-    pub axes: Vec<Axis>,
-    /// All findings, most severe first.
-    pub findings: Vec<Finding>,
-}
-
-/// Worst of the three axes of a sensor.
-#[derive(Clone, Copy, Debug, PartialEq)]
-pub enum Worst {
-    /// The largest of the determined values.
-    Known(f64),
-    /// None is determined; all are below this.
-    Below(f64),
-    /// An axis was rejected.
-    Unavailable,
-}
-
-impl Measurement {
-    /// Worst value of a coefficient of the gyroscope (0) or the accelerometer (1).
-    pub fn worst(&self, sensor: usize, coefficient: Coefficient) -> Worst {
-        let axes = self.axes.get(3 * sensor..3 * sensor + 3).unwrap_or(&[]);
-        let values: Option<Vec<Value>> = axes
-            .iter()
-            .map(|axis| Some(axis.fit.as_ref()?.value(coefficient)))
-            .collect();
-        let Some(values) = values.filter(|values| !values.is_empty()) else {
-            return Worst::Unavailable;
-        };
-        let known = values.iter().filter_map(|v| v.known());
-        if let Some(worst) = known.reduce(f64::max) {
-            return Worst::Known(worst);
-        }
-        let limit = |v: &Value| match v {
-            Value::Below(limit) => *limit,
-            Value::Known { value, .. } => *value,
-        };
-        Worst::Below(values.iter().map(limit).fold(0.0, f64::max))
-    }
-
-    /// The noise model, if the recording determines all four coefficients.
-    pub fn noise(&self) -> Option<ImuNoise> {
-        let known = |sensor, coefficient| match self.worst(sensor, coefficient) {
-            Worst::Known(value) => Some(value),
-            _ => None,
-        };
-        Some(ImuNoise {
-            gyro_noise_density: known(0, Coefficient::White)?,
-            gyro_random_walk: known(0, Coefficient::Walk)?,
-            accel_noise_density: known(1, Coefficient::White)?,
-            accel_random_walk: known(1, Coefficient::Walk)?,
-        })
-    }
-
-    /// Whether the recording was rejected: there is no result.
-    pub fn is_rejected(&self) -> bool {
-        self.axes.is_empty()
-    }
-
-    /// The `imu.yaml` of Kalibr. `topic` names the stream in it, `origin` is a comment on the
-    /// source of the values. A coefficient that is not determined is a comment instead of a value.
-    pub fn kalibr_yaml(&self, topic: &str, origin: &str) -> String {
-        file::kalibr_yaml(self, topic, origin)
-    }
-}
 
 /// Measures the noise of an IMU.
 ///

@@ -5,11 +5,10 @@
 //! returned, with the ratio of the residuals, because near 1 the choice is ambiguous.
 
 use cad_transforms::RigidTransform;
+use camera_models::{CameraModel, Lens};
 use nalgebra::{Matrix3, SMatrix, SVector, UnitQuaternion, Vector3};
 
 use crate::adjust::{Point, locate};
-use crate::camera::CameraModel;
-use crate::lens::Lens;
 
 /// Minimum depth of a direction (z of the unit vector) for the initial pose.
 const MIN_DEPTH_RATIO: f64 = 0.15;
@@ -33,7 +32,8 @@ pub struct PlanarPose {
 /// ```
 /// use cad_transforms::RigidTransform;
 /// use calib::adjust::Point;
-/// use calib::{CameraModel, Distortion, Lens, pnp};
+/// use calib::pnp;
+/// use camera_models::{CameraModel, Distortion, Lens};
 ///
 /// let model = CameraModel::new((640, 480), [500.0, 500.0, 319.5, 239.5], Distortion::None);
 /// let truth = RigidTransform::from_rotation_vector([0.4, -0.3, 0.1], [0.05, -0.02, 0.8])?;
@@ -159,8 +159,9 @@ fn mirrored(eye_from_target: &RigidTransform, points: &[Point]) -> Option<RigidT
 
 #[cfg(test)]
 mod tests {
+    use camera_models::Distortion;
+
     use super::*;
-    use crate::camera::Distortion;
 
     #[test]
     fn pose_is_recovered_for_every_lens_model() {

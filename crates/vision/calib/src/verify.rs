@@ -15,12 +15,10 @@
 //!
 //! Each part documents its method; capabilities and limits: `docs/guides/calibration-verify.md`.
 
-use cad_transforms::RigidTransform;
 use serde::Serialize;
 
-use crate::stereo::StereoCalibration;
-
 mod bursts;
+mod camera;
 mod camera_imu;
 mod corners;
 mod decision;
@@ -38,70 +36,14 @@ mod tests;
 mod tracks;
 
 pub use bursts::choose_bursts;
+pub use camera::{Camera, CameraEstimate, Tolerances};
 pub use camera_imu::CameraImu;
 pub use decision::DETECTION_SIGMA;
 pub use findings::{Finding, Parameter, Status};
 pub use gyro::Gyro;
 pub use gyro_pairs::GyroAlignment;
-pub use pyramid::ImageView;
 pub use stereo::StereoAlignment;
 pub use tracks::{Burst, Feature, FeatureTracker, StereoFrame, TrackSegment};
-
-/// Nominal calibration of a camera, and its observations.
-#[derive(Clone, Debug)]
-pub struct Camera<'a> {
-    /// `left_shoulder`, `right_shoulder`, `feet`.
-    pub name: &'a str,
-    /// Intrinsics, stereo extrinsics, and IMU extrinsics.
-    pub nominal: &'a StereoCalibration,
-    /// Takes points in the left optical frame to the rig, if a rig file gives it.
-    pub rig_from_left: Option<RigidTransform>,
-    /// Tolerance of the joint between camera and plate, rad, standard deviation per axis.
-    pub joint_sigma_rad: Option<f64>,
-    /// Line time: from the exposure of a row to that of the next, s; 0 for a global shutter.
-    /// Estimated if `None`.
-    pub line_s: Option<f64>,
-    /// Feature tracks of its images.
-    pub bursts: &'a [Burst],
-    /// Its gyroscope.
-    pub gyro: Option<&'a Gyro>,
-}
-
-/// Default tolerances, standard deviations.
-#[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Tolerances {
-    /// A camera's joint on the plate, rad.
-    pub joint_rad: f64,
-    /// IMU in its camera, rad: mounting of the chip and alignment of its axes. Larger if the
-    /// extrinsics are assumed.
-    pub imu_rad: f64,
-    /// Right eye against left eye, rad.
-    pub eyes_rad: f64,
-    /// Clock, s: of a device, or of its images or samples.
-    pub clock_s: f64,
-}
-
-impl Default for Tolerances {
-    fn default() -> Self {
-        Self {
-            joint_rad: 0.07_f64.to_radians(),
-            imu_rad: 0.07_f64.to_radians(),
-            eyes_rad: 0.04_f64.to_radians(),
-            clock_s: 3e-4,
-        }
-    }
-}
-
-/// Comparisons of one camera.
-#[derive(Clone, Debug, Serialize)]
-pub struct CameraEstimate {
-    /// Camera name.
-    pub name: String,
-    /// Eyes against each other, if there are enough matches.
-    pub eyes: Option<StereoAlignment>,
-    /// Camera against its own gyroscope, if there is enough rotation.
-    pub imu: Option<CameraImu>,
-}
 
 /// Comparison of two gyroscopes.
 #[derive(Clone, Debug, Serialize)]

@@ -1,6 +1,6 @@
 //! Input of the estimator: frame sets and IMU samples.
 
-use calib::verify::ImageView;
+use camera_models::ImageView;
 
 /// Frame set: the frames of one instant, one entry per camera in the order of the rig; `None` if a
 /// camera has no frame.
@@ -10,7 +10,7 @@ use calib::verify::ImageView;
 /// ```
 /// use odometry::{Config, FrameSet, Odometry, Preset, Rig, Status};
 /// # use cad_transforms::RigidTransform;
-/// # use calib::{CameraModel, Distortion};
+/// # use camera_models::{CameraModel, Distortion};
 /// # use odometry::rig::StereoCamera;
 /// # let lens = CameraModel::new((160, 120), [100.0, 100.0, 79.5, 59.5], Distortion::None);
 /// # let camera = StereoCamera {
@@ -44,8 +44,8 @@ pub struct FrameSet<'a> {
 /// ```
 /// use odometry::{Config, FrameSet, Odometry, Preset, Rig, View};
 /// # use cad_transforms::RigidTransform;
-/// # use calib::verify::ImageView;
-/// # use calib::{CameraModel, Distortion};
+/// # use camera_models::ImageView;
+/// # use camera_models::{CameraModel, Distortion};
 /// # use odometry::rig::StereoCamera;
 /// # let lens = CameraModel::new((160, 120), [100.0, 100.0, 79.5, 59.5], Distortion::None);
 /// # let camera = StereoCamera {
@@ -98,11 +98,11 @@ pub struct View<'a> {
 /// Half a second at rest shows which direction is up:
 ///
 /// ```
-/// use calib::ImuNoise;
+/// use camera_models::ImuNoise;
 /// use odometry::rig::Imu;
 /// use odometry::{Config, FrameSet, ImuSample, Odometry, Preset, Rig};
 /// # use cad_transforms::RigidTransform;
-/// # use calib::{CameraModel, Distortion};
+/// # use camera_models::{CameraModel, Distortion};
 /// # use odometry::rig::StereoCamera;
 /// # let lens = CameraModel::new((160, 120), [100.0, 100.0, 79.5, 59.5], Distortion::None);
 /// # let camera = StereoCamera {

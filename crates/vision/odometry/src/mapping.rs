@@ -10,7 +10,7 @@
 use std::collections::BTreeMap;
 
 use cad_transforms::RigidTransform;
-use calib::Eye as Side;
+use camera_models::Eye as Side;
 use nalgebra::{Matrix6, UnitQuaternion};
 
 use crate::backend::covariance::{in_rig_frame, tilt_uncertainty};
@@ -96,8 +96,8 @@ pub struct RefinedExtrinsics {
 /// ```
 /// use odometry::{Config, FrameSet, Mapping, Odometry, Preset, Rig, View};
 /// # use cad_transforms::RigidTransform;
-/// # use calib::verify::ImageView;
-/// # use calib::{CameraModel, Distortion};
+/// # use camera_models::ImageView;
+/// # use camera_models::{CameraModel, Distortion};
 /// # use odometry::rig::StereoCamera;
 /// # let lens = CameraModel::new((160, 120), [100.0, 100.0, 79.5, 59.5], Distortion::None);
 /// # let camera = StereoCamera {

@@ -1,7 +1,7 @@
 //! The rig with its nominal calibration.
 
 use cad_transforms::RigidTransform;
-use calib::{CameraModel, ImuNoise};
+use camera_models::{CameraModel, ImuNoise};
 use nalgebra::Matrix6;
 
 /// Stereo cameras and IMUs on one rigid plate.
@@ -17,7 +17,7 @@ pub struct Rig {
 ///
 /// ```
 /// # use cad_transforms::RigidTransform;
-/// # use calib::{CameraModel, Distortion, Lens};
+/// # use camera_models::{CameraModel, Distortion, Lens};
 /// # use odometry::rig::StereoCamera;
 ///
 /// let lens = CameraModel::new((672, 376), [350.0, 350.0, 335.5, 187.5], Distortion::None);

@@ -1,7 +1,7 @@
 //! Synthetic rig parts for tests.
 
 use cad_transforms::RigidTransform;
-use calib::{CameraModel, Distortion, ImuNoise};
+use camera_models::{CameraModel, Distortion, ImuNoise};
 
 use crate::rig::{Imu, StereoCamera};
 

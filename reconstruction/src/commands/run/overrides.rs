@@ -54,7 +54,7 @@ pub(super) fn folder(rig_overrides: &mut RigOverrides, folder: &Path, input: &In
         "taking a calibration: found neither {} nor {}, expected what `{}` writes: {}",
         RIG_FILES.join(" nor "),
         names.join(" nor "),
-        calib::remedy::CALIBRATE,
+        command_line::remedy::CALIBRATE,
         folder.display()
     );
     Ok(())
@@ -76,7 +76,7 @@ fn same_cameras(cameras: &Path, imus: &Path) -> Result<()> {
              `{}` --force recomputes the latter: {}",
             RIG_FILES[0],
             RIG_FILES[1],
-            calib::remedy::CALIBRATE_IMUS,
+            command_line::remedy::CALIBRATE_IMUS,
             imus.display()
         );
     }
@@ -114,7 +114,7 @@ pub(super) fn lenses(
         );
     };
     let (width, height) = (recorded.width / 2, recorded.height);
-    let (calibration, notes) = calib::read_stereo(path, width, height)?;
+    let (calibration, notes) = calibration_files::read_stereo(path, width, height)?;
     for note in notes {
         log::warn!("{}: {}", path.display(), note.0);
     }

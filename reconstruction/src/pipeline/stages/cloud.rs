@@ -11,7 +11,7 @@
 
 use std::collections::{BTreeMap, VecDeque};
 
-use calib::{Eye, Lens};
+use camera_models::{Eye, Lens};
 use rayon::prelude::*;
 use scene_bundle::outputs::depth::DepthIndex;
 use scene_bundle::outputs::rig::RigModel;

@@ -12,7 +12,7 @@ use std::collections::BTreeMap;
 
 use cad_transforms::Rig;
 use cad_transforms::frame::FramePart;
-use calib::{CameraModel, Provenance, StereoCalibration, foxglove};
+use camera_models::{CameraModel, Provenance, StereoCalibration, camera_info};
 use scene_bundle::outputs::rig::{RigCamera, RigImu, RigModel};
 use scene_bundle::outputs::{self, RIG};
 use serde::Serialize;
@@ -148,7 +148,7 @@ pub enum RigStageError {
     #[error(
         "no camera of the session has intrinsics and a pose on the rig: {}; to fix it: {}",
         .0,
-        calib::remedy::after_recording()
+        command_line::remedy::after_recording()
     )]
     NoCamera(String),
 }
@@ -197,7 +197,7 @@ pub fn model(
         let eye = |eye: &str, rig_overrides: Option<CameraModel>| {
             let recorded = || {
                 let c = input.calibration(&format!("{name}/{eye}"))?;
-                foxglove::lens([c.width, c.height], &c.distortion_model, &c.d, &c.k)
+                camera_info::lens([c.width, c.height], &c.distortion_model, &c.d, &c.k)
             };
             rig_overrides.or_else(recorded)
         };
@@ -244,7 +244,7 @@ pub fn model(
     if cameras.len() < input.manifest().cameras.len() {
         let note = format!(
             "cameras without intrinsics or a pose are left out; to use them: {}",
-            calib::remedy::after_recording()
+            command_line::remedy::after_recording()
         );
         report.notes.push(note);
     }
@@ -278,8 +278,8 @@ pub fn model(
     if imus.len() < input.manifest().imus.len() {
         let note = format!(
             "IMUs without a pose are left out; to use them: `{}`, then `{}`",
-            calib::remedy::CALIBRATE_IMUS,
-            calib::remedy::RECONSTRUCT
+            command_line::remedy::CALIBRATE_IMUS,
+            command_line::remedy::RECONSTRUCT
         );
         report.notes.push(note);
     }

@@ -5,13 +5,13 @@
 use anyhow::{Context, Result};
 use cad_transforms::frame::{Frame, FramePart};
 use cad_transforms::{Rig, RigidTransform};
-use calib::Eye;
 use calib::camera_imu::simulate::ZED_NOISE;
 use calib::camera_imu::{
     CameraImu, Cameras, Corner, ImuSample, Priors, Recording as MotionRecording, TargetObservation,
     Verdict, estimate,
 };
 use calib::cameras::{Calibration, Severity, calibrate};
+use camera_models::Eye;
 use nalgebra::Vector3;
 use rig_sim::camera::Shutter;
 use rig_sim::simulation::Simulation;

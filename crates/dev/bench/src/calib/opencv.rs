@@ -3,7 +3,7 @@
 use anyhow::{Context, Result};
 use cad_transforms::RigidTransform;
 use calib::cameras::Input;
-use calib::{CameraModel, Distortion};
+use camera_models::{CameraModel, Distortion};
 use serde_json::json;
 
 use crate::python;

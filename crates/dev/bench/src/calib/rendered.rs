@@ -5,8 +5,9 @@ use std::sync::{Arc, Mutex, PoisonError};
 use std::thread;
 
 use anyhow::Result;
+use boards::Target;
 use calib::cameras::{Input, TargetDetection, calibrate};
-use calib::target::{self, ImageView, Target};
+use calib::target::{self, ImageView};
 use rig_sim::simulation::{Imaging, Simulation};
 
 use super::scenario::{Impairments, Recording};

@@ -7,7 +7,7 @@ use cad_transforms::frame::{Frame, FramePart};
 use cad_transforms::rig::Rig;
 use calib::cameras::{Calibration, Camera, ExtrinsicsPrior, Eye, Input, TargetDetection};
 use calib::target::DetectedCorner;
-use calib::{CameraModel, Distortion, Lens};
+use camera_models::{CameraModel, Distortion, Lens};
 use nalgebra::{Matrix6, Vector3, Vector6};
 use rig_sim::calibration_error::CalibrationError;
 use rig_sim::camera::Quality;

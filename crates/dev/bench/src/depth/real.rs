@@ -21,7 +21,7 @@ const MOTORCYCLE_RANGE: usize = 80;
 /// A file that cannot be read.
 pub(crate) fn motorcycle(folder: &Path) -> Result<Frame> {
     let calibration = folder.join("calib.txt");
-    let (cameras, _) = calib::middlebury::read(&calibration)
+    let (cameras, _) = calibration_files::read_cameras(&calibration, None)
         .with_context(|| format!("reading {}", calibration.display()))?;
     let [left, right] = &cameras.cameras[..] else {
         bail!("not a pair: {}", calibration.display());

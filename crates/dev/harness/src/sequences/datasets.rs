@@ -31,7 +31,8 @@ pub fn kitti(folder: &Path) -> Result<Sequence> {
     let (left, right) = (named("image_l")?, named("image_r")?);
     let first = left.first().context("there is no image")?;
     let (width, height) = size(first)?;
-    let (calibration, _) = calib::kitti::read(&folder.join("calib.txt"), width, height)?;
+    let (calibration, _) =
+        calibration_files::read_stereo(&folder.join("calib.txt"), width, height)?;
     let rig_from_left = RigidTransform::from_rotation_rows(RIG_FROM_OPTICAL, [0.0; 3])?;
     let path = folder.join("poses.txt");
     let mut truth = Vec::new();
@@ -90,7 +91,7 @@ pub fn euroc(folder: &Path, truth: &Path, seconds: Option<f64>) -> Result<Sequen
     let [left, right] = lists;
     let (_, first) = left.first().context("there is no image")?;
     let (width, height) = size(first)?;
-    let (calibration, _) = calib::euroc::read(&mav, width, height)?;
+    let (calibration, _) = calibration_files::read_stereo(&mav, width, height)?;
     let nominal = calibration.imu.context("there is no imu0/sensor.yaml")?;
     let noise = nominal.noise.context("imu0/sensor.yaml has no noise")?;
     let path = mav.join("imu0/data.csv");

@@ -38,7 +38,7 @@ const RULES: [Rule; 7] = [
         key: "lower-on-vision",
         from: &[Formats, Devices, Support],
         to: &[Vision],
-        text: "formats, devices and support do not depend on vision, nor on calib",
+        text: "formats, devices and support do not depend on vision",
     },
     Rule {
         key: "vision-on-data",

@@ -15,7 +15,8 @@ pub(crate) enum Layer {
     Vision,
     /// Simulated data.
     Synthetic,
-    /// Tools that know nothing of the domain, and frames and rigid transforms, which all others use.
+    /// Tools that know nothing of the domain, and frames, rigid transforms, models of cameras and boards, which all
+    /// others use.
     Support,
     /// For developers: tests, benchmarks, virtual machines.
     Dev,

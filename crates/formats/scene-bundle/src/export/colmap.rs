@@ -7,7 +7,8 @@
 
 use std::path::{Path, PathBuf};
 
-use calib::{CameraSet, Format, NamedCamera};
+use calibration_files::Format;
+use camera_models::{CameraSet, NamedCamera};
 
 use super::folder::NewFolder;
 use super::lenses::fitted;
@@ -53,17 +54,18 @@ pub(super) fn export(
     let set = CameraSet {
         cameras,
         imu: None,
-        provenance: calib::Provenance {
+        provenance: camera_models::Provenance {
             format: None,
             files: Vec::<PathBuf>::new(),
             part: None,
         },
     };
-    let files = calib::write::contents(&set, format).map_err(|error| ExportError::Refused {
-        format: name,
-        found: format!("cameras, where {error}"),
-        expected: "lenses that it can hold".to_owned(),
-    })?;
+    let files =
+        calibration_files::contents(&set, format).map_err(|error| ExportError::Refused {
+            format: name,
+            found: format!("cameras, where {error}"),
+            expected: "lenses that it can hold".to_owned(),
+        })?;
     let points = if scene.has(outputs::CLOUD) {
         cloud::read(&scene.output(outputs::CLOUD)?)?
     } else {

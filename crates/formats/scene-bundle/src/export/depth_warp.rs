@@ -5,7 +5,7 @@
 //! target's own z axis.
 
 use cad_transforms::RigidTransform;
-use calib::{CameraModel, Lens};
+use camera_models::{CameraModel, Lens};
 
 use crate::outputs::depth::{DepthImage, DepthView};
 
@@ -74,7 +74,7 @@ impl DepthWarp {
 
 #[cfg(test)]
 mod tests {
-    use calib::Distortion;
+    use camera_models::Distortion;
 
     use super::*;
 

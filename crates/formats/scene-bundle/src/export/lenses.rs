@@ -1,7 +1,7 @@
 //! Conversion of a camera model to one that a format supports.
 
-use calib::convert::exactly;
-use calib::{CameraModel, Format, LensModel, convert};
+use calibration_files::Format;
+use camera_models::{CameraModel, LensModel, convert, exactly};
 
 use super::ExportError;
 

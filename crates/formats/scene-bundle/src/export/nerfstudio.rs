@@ -8,7 +8,8 @@
 use std::collections::BTreeMap;
 use std::path::Path;
 
-use calib::{CameraModel, Distortion, Eye, Format};
+use calibration_files::Format;
+use camera_models::{CameraModel, Distortion, Eye};
 use serde_json::{Map, Value, json};
 
 use super::depth_warp::DepthWarp;

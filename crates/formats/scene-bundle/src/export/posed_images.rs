@@ -1,7 +1,7 @@
 //! Keyframes as images of single cameras with poses, the input of reconstruction programs.
 
 use cad_transforms::RigidTransform;
-use calib::{CameraModel, Eye};
+use camera_models::{CameraModel, Eye};
 
 use super::{ExportError, Options};
 use crate::outputs::keyframes::{self, Keyframe};

@@ -11,7 +11,7 @@
 use std::sync::{Mutex, PoisonError};
 
 use cad_transforms::RigidTransform;
-use calib::CameraModel;
+use camera_models::CameraModel;
 use serde::{Deserialize, Serialize};
 
 use super::gray_png::{GraySamples, decode, encode16};
@@ -162,7 +162,7 @@ impl DepthImage {
 ///
 /// ```
 /// # use cad_transforms::RigidTransform;
-/// # use calib::{CameraModel, Distortion};
+/// # use camera_models::{CameraModel, Distortion};
 /// use scene_bundle::outputs::depth::{self, DepthImage, DepthKey, DepthView, DepthWriter};
 /// # use scene_bundle::{Bundle, outputs};
 /// # let folder = tempfile::tempdir()?;
@@ -303,7 +303,7 @@ fn validate(views: &[DepthView]) -> Option<String> {
                 "a view of {camera} that is {apart} m from its left image's center"
             ));
         }
-        if view.model.distortion != calib::Distortion::None {
+        if view.model.distortion != camera_models::Distortion::None {
             return Some(format!(
                 "a view of {camera} with distortion {}",
                 view.model.distortion.name()

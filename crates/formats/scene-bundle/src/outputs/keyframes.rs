@@ -73,7 +73,7 @@ pub fn write(draft: &Draft, keyframes: &[Keyframe]) -> Result<(), BundleError> {
 /// ```
 /// use scene_bundle::outputs::keyframes;
 /// # use cad_transforms::RigidTransform;
-/// # use calib::{CameraModel, Distortion};
+/// # use camera_models::{CameraModel, Distortion};
 /// # use scene_bundle::Bundle;
 /// # use scene_bundle::outputs::{self, keyframes::Keyframe, rig::{RigCamera, RigModel}};
 /// # let folder = tempfile::tempdir()?;

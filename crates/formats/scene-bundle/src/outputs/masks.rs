@@ -7,7 +7,7 @@
 //! without a file has no dynamic pixels. There are too many of those files for the manifest; the
 //! listing has their hashes.
 
-use calib::Eye;
+use camera_models::Eye;
 
 use super::gray_png::{GraySamples, decode, encode8};
 use super::refused;
@@ -45,7 +45,7 @@ pub(crate) fn dynamic_path(camera: &str, frame: u64) -> String {
 /// [`BundleError::Refused`] for values other than 0 and 255 or a wrong number of pixels, [`BundleError::Io`].
 ///
 /// ```
-/// use calib::Eye;
+/// use camera_models::Eye;
 /// use scene_bundle::outputs::masks::{self, Mask};
 /// # use scene_bundle::{Bundle, outputs};
 /// # let folder = tempfile::tempdir()?;

@@ -5,7 +5,7 @@
 use std::collections::BTreeSet;
 
 use cad_transforms::{Covariance, RigidTransform};
-use calib::{CameraModel, ImuNoise};
+use camera_models::{CameraModel, ImuNoise};
 use serde::{Deserialize, Serialize};
 
 use super::{read_json, refused, write_json};

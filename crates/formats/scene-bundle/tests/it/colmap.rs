@@ -3,7 +3,7 @@
 use std::path::Path;
 
 use cad_transforms::RigidTransform;
-use calib::Lens;
+use camera_models::Lens;
 use scene_bundle::export::{Format, Options, export};
 
 use crate::export::{keyframes, near};
@@ -116,8 +116,9 @@ fn colmap_text_and_binary_hold_the_same() {
     );
     let model = text_model(&text);
     assert_eq!(model, binary_model(&binary));
-    let (from_text, _) = calib::colmap::read(&text.join("cameras.txt")).unwrap();
-    let (from_binary, _) = calib::colmap::read(&binary.join("cameras.bin")).unwrap();
+    let (from_text, _) = calibration_files::read_cameras(&text.join("cameras.txt"), None).unwrap();
+    let (from_binary, _) =
+        calibration_files::read_cameras(&binary.join("cameras.bin"), None).unwrap();
     assert_eq!(from_text.cameras, from_binary.cameras);
 
     // And it matches the bundle.

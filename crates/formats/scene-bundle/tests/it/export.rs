@@ -4,7 +4,7 @@ use std::collections::BTreeMap;
 use std::path::Path;
 
 use cad_transforms::RigidTransform;
-use calib::{Distortion, Lens};
+use camera_models::{Distortion, Lens};
 use scene_bundle::export::{Format, Options, export};
 use scene_bundle::formats::{euroc, kitti, tum};
 use scene_bundle::outputs::keyframes::Keyframe;
@@ -160,7 +160,7 @@ fn nerfstudio_reads_back() {
 
     // The lenses, by the reader of the crate that knows the format.
     let path = out.join("transforms.json");
-    let (set, _) = calib::nerfstudio::read(&path).unwrap();
+    let (set, _) = calibration_files::read_cameras(&path, None).unwrap();
     let expected = sample::rig_model().cameras;
     assert_eq!(set.cameras.len(), 2);
     for (found, expected) in set.cameras.iter().zip(&expected) {
@@ -329,7 +329,7 @@ fn an_unsupported_lens_model_is_fitted_and_reported_for_nerfstudio() {
     let left_out = ["which pixels to mask", "depth", "sigma of points"]
         .map(|what| format!("{what} cannot be represented in COLMAP's model and is left out"));
     assert_eq!((summary.notes, summary.lost), (left_out.to_vec(), vec![]));
-    let (set, _) = calib::colmap::read(&out.join("cameras.txt")).unwrap();
+    let (set, _) = calibration_files::read_cameras(&out.join("cameras.txt"), None).unwrap();
     assert_eq!(set.cameras[0].model, rig.cameras[0].left);
 
     // nerfstudio requires one kind of lens for all.
@@ -362,7 +362,8 @@ fn an_unsupported_lens_model_is_fitted_and_reported_for_nerfstudio() {
         &sample.out("n"),
     )
     .unwrap();
-    let (set, _) = calib::nerfstudio::read(&sample.out("n").join("transforms.json")).unwrap();
+    let (set, _) =
+        calibration_files::read_cameras(&sample.out("n").join("transforms.json"), None).unwrap();
     assert_eq!(set.cameras[0].model, rig.cameras[1].left);
 }
 

@@ -175,7 +175,9 @@ fn other_readers_see_the_same() {
             // the image.
             let x_in_left = [0.2, -0.1, 2.0];
             let x_in_world = keyframe.world_from_left.apply(x_in_left);
-            let expected = calib::Lens::new(&model.left).project(x_in_left).unwrap();
+            let expected = camera_models::Lens::new(&model.left)
+                .project(x_in_left)
+                .unwrap();
             let rows = &image["camera_from_world"];
             let entry = |i: usize, j: usize| rows[i][j].as_f64().unwrap();
             let x_in_camera: [f64; 3] = std::array::from_fn(|i| {

@@ -1,6 +1,6 @@
 //! Every output of the format, written and read.
 
-use calib::{CameraModel, Distortion, Eye};
+use camera_models::{CameraModel, Distortion, Eye};
 use scene_bundle::outputs::cloud::CloudPoint;
 use scene_bundle::outputs::depth::{
     DepthImage, DepthView, DepthWriter, SIGMA_UNIT_M, stored_depth, stored_sigma,

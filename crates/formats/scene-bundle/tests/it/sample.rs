@@ -4,7 +4,7 @@ use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
 
 use cad_transforms::{Covariance, RigidTransform};
-use calib::{CameraModel, Distortion, Eye, ImuNoise};
+use camera_models::{CameraModel, Distortion, Eye, ImuNoise};
 use scene_bundle::outputs::cloud::CloudPoint;
 use scene_bundle::outputs::depth::{DepthImage, DepthKey, DepthView, DepthWriter};
 use scene_bundle::outputs::keyframes::Keyframe;

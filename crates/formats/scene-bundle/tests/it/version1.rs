@@ -11,7 +11,7 @@ use std::path::{Path, PathBuf};
 use std::process::Command;
 
 use cad_transforms::{Covariance, RigidTransform};
-use calib::{CameraModel, Distortion, Eye};
+use camera_models::{CameraModel, Distortion, Eye};
 use scene_bundle::outputs::cloud::CloudPoint;
 use scene_bundle::outputs::depth::{DepthImage, DepthKey, DepthView, DepthWriter};
 use scene_bundle::outputs::keyframes::Keyframe;

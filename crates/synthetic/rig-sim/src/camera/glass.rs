@@ -80,7 +80,7 @@ fn dot(a: &[f32; 3], b: &[f32; 3]) -> f32 {
 
 #[cfg(test)]
 mod tests {
-    use calib::{CameraModel, Distortion};
+    use camera_models::{CameraModel, Distortion};
     use nalgebra::{Matrix3, Rotation3, UnitQuaternion, Vector3};
 
     use super::*;

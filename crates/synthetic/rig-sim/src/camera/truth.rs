@@ -6,7 +6,7 @@
 //! image of another time, through lens, shutter and all motion. The surface of a pixel is the
 //! rasterizer's, exact to 0.1 px at edges; everything computed on that surface is f64.
 
-use calib::CameraModel;
+use camera_models::CameraModel;
 use nalgebra::{Matrix3, UnitQuaternion, Vector3};
 
 use super::placed::{Placed, Still};

@@ -12,8 +12,7 @@ use std::sync::mpsc::{Receiver, SyncSender, sync_channel};
 use std::thread;
 
 use cad_transforms::rig::Rig;
-use calib::foxglove::CameraInfo;
-use calib::stereo::Eye;
+use camera_models::{CameraInfo, Eye};
 use session_archive::manifest::{self, Stop};
 use session_archive::record::paws::clock_map::{Model, Piece};
 use session_archive::record::paws::event::Kind as EventKind;

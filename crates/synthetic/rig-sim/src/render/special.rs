@@ -4,8 +4,7 @@
 use std::fmt::Write as _;
 
 use cad_transforms::rig::Rig;
-use calib::foxglove::CameraInfo;
-use calib::stereo::Eye;
+use camera_models::{CameraInfo, Eye};
 
 use crate::camera::Shutter;
 use crate::faults::CameraFaults;
@@ -22,7 +21,7 @@ pub(super) fn files(simulation: &Simulation, nominal: &Rig) -> Vec<(String, Stri
     let boards = simulation.boards();
     let mut files = Vec::new();
     for (number, board) in boards.iter().enumerate() {
-        let text = board.sheet().target().to_toml();
+        let text = calibration_files::board::to_toml(board.sheet().target());
         files.push((format!("target.{number}.toml"), text));
     }
     if !boards.is_empty() {

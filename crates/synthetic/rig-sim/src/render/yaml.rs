@@ -1,7 +1,7 @@
 //! `sensor.yaml` files of an ASL folder. The body is the camera's IMU.
 
 use cad_transforms::RigidTransform;
-use calib::Distortion;
+use camera_models::Distortion;
 
 use super::RenderError;
 use crate::camera::Shutter;

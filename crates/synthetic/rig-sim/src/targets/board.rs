@@ -4,7 +4,7 @@
 //! for a viewer of the print; m. Bent boards are cylinders about the vertical axis; paper does not
 //! stretch, so lengths along the sheet are preserved.
 
-use calib::target::{Corner, Rectangle, Target};
+use boards::{Corner, Rectangle, Target};
 use nalgebra::{UnitQuaternion, Vector3};
 
 use crate::scene::mesh::{Mesh, Stuff};

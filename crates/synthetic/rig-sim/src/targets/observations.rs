@@ -44,7 +44,7 @@ pub struct Landmark {
 pub struct CornerObservation {
     /// Index of its board in [`Simulation::boards`].
     pub board: usize,
-    /// Id on the board: [`calib::target::Corner::id`].
+    /// Id on the board: [`boards::Corner::id`].
     pub id: u32,
     /// Column and row, px, pixel centers at integers.
     pub pixel: [f64; 2],

@@ -18,8 +18,8 @@ use std::collections::BTreeMap;
 use nalgebra::{DMatrix, DVector, Matrix6, SMatrix, SVector, Vector6};
 
 use super::normal::{Layout, Loss, Normal, build};
-use super::solve::unit_diagonal;
-use super::{AdjustError, Parameter, PosePrior, Prior, Problem};
+use super::problem::{AdjustError, Parameter, PosePrior, Prior, Problem};
+use super::scaling::unit_diagonal;
 
 /// Minimum eigenvalue of the information matrix, scaled to a unit diagonal, of a determined
 /// parameter.

@@ -4,13 +4,13 @@
 //! of a recording.
 
 use cad_transforms::RigidTransform;
+use camera_models::{CameraModel, Lens};
 use nalgebra::{Matrix6, SMatrix, Vector3, Vector6};
 
 use super::normal::Loss;
 use super::pose::{Pose, moved};
-use super::{AdjustError, Point, Settings};
-use crate::camera::CameraModel;
-use crate::lens::Lens;
+use super::problem::{AdjustError, Point};
+use super::solve::Settings;
 
 /// Maximum number of steps.
 const STEPS: usize = 40;

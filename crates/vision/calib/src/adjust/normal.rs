@@ -2,12 +2,11 @@
 
 use std::num::NonZero;
 
+use camera_models::{CameraModel, Lens};
 use nalgebra::{DMatrix, DVector, Matrix2x3, Matrix6, MatrixXx6, SMatrix, Vector3, Vector6};
 
 use super::pose::{Pose, cross, step_between};
-use super::{PosePrior, Prior, Problem, View};
-use crate::camera::CameraModel;
-use crate::lens::Lens;
+use super::problem::{PosePrior, Prior, Problem, View};
 
 /// Residual, in sigmas, of a point that cannot be projected, so that steps that lose points are
 /// rejected.

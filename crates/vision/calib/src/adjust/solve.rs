@@ -6,7 +6,8 @@ use nalgebra::{DMatrix, DVector, Matrix2x3, Vector6};
 use super::covariance::Covariance;
 use super::normal::{Chain, Layout, Loss, Normal, build, cost, lenses};
 use super::pose::moved;
-use super::{AdjustError, PosePrior, Prior, Problem, View};
+use super::problem::{AdjustError, PosePrior, Prior, Problem, View};
+use super::scaling::unit_diagonal;
 
 /// Initial damping and its limits.
 const DAMPING: (f64, f64, f64) = (1e-4, 1e-14, 1e10);
@@ -207,19 +208,6 @@ fn free_step(normal: &Normal, damping: f64) -> Option<DVector<f64>> {
         .cholesky()?
         .solve(&normal.gradient.component_mul(&by));
     Some(-solution.component_mul(&by))
-}
-
-/// The matrix scaled to a unit diagonal, and the scale factors.
-pub(super) fn unit_diagonal(matrix: &DMatrix<f64>) -> Option<(DMatrix<f64>, DVector<f64>)> {
-    let diagonal = matrix.diagonal();
-    if diagonal.iter().any(|d| !(*d > 0.0 && d.is_finite())) {
-        return None;
-    }
-    let by = diagonal.map(|d| 1.0 / d.sqrt());
-    let scaled = DMatrix::from_fn(matrix.nrows(), matrix.ncols(), |i, j| {
-        matrix[(i, j)] * by[i] * by[j]
-    });
-    Some((scaled, by))
 }
 
 /// The problem after a step.

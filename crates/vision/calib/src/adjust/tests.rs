@@ -1,9 +1,10 @@
-use nalgebra::Vector3;
+use cad_transforms::RigidTransform;
+use camera_models::{CameraModel, Distortion};
+use nalgebra::{Vector3, Vector6};
 use proptest::prelude::*;
 
 use super::pose::{moved, step_between};
 use super::*;
-use crate::camera::Distortion;
 
 /// Normal numbers with sigma 1 from a seed, by adding uniform ones.
 pub(crate) struct Noise(u64);

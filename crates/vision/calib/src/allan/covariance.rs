@@ -16,7 +16,7 @@
 
 use nalgebra::DMatrix;
 
-use crate::allan::Curve;
+use super::variance::{Curve, MIN_LENGTHS};
 
 /// Powers of a model: Q², N², B², K².
 pub(crate) type Powers = [f64; 4];
@@ -93,7 +93,7 @@ fn pair(curve: &Curve, i: usize, j: usize) -> [f64; 10] {
     let runs: Vec<[f64; 2]> = curve
         .runs
         .iter()
-        .filter(|&&n| n >= super::MIN_LENGTHS * m1.max(m2))
+        .filter(|&&n| n >= MIN_LENGTHS * m1.max(m2))
         .map(|&n| [m1, m2].map(|m| (n + 1 - 2 * m) as f64))
         .collect();
     // Pairs of differences that are `lag` apart, in all runs.

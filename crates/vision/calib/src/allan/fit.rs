@@ -19,8 +19,9 @@
 
 use nalgebra::{DMatrix, DVector};
 
+use super::chi2;
 use super::covariance::{Covariances, Powers};
-use super::{Curve, POINTS_PER_OCTAVE, chi2};
+use super::variance::{Curve, POINTS_PER_OCTAVE};
 
 /// Minimum number of points of a curve.
 const MIN_POINTS: usize = 8;

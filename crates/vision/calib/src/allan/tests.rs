@@ -1,3 +1,6 @@
+use std::ops::Range;
+
+use super::variance::MIN_LENGTHS;
 use super::*;
 use crate::allan::covariance::Covariances;
 use crate::test_data::shared;

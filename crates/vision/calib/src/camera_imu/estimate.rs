@@ -5,17 +5,17 @@ use nalgebra::{Matrix3, Rotation3, SMatrix, SVector, UnitQuaternion, Vector3};
 
 use super::gates::{self, Evidence};
 use super::initialization::{self, GravityEstimate};
+use super::noise::{Noise, NoiseEstimates};
 use super::observability;
 use super::problem::{
     BOARD, DOWN, DRIFT, Factors, FitResult, OFFSET, Prior, Problem, ROTATION, ResidualSum, SHAPES,
     SHARED, Shared, State, TRANSLATION,
 };
+use super::recording::{Cameras, Corner, GRAVITY, Priors, Recording};
+use super::result::{CameraImu, CameraImuError, Residual, Sigmas};
+use super::so3;
 use super::track::Track;
 use super::view::{CameraMotion, Fit, Pose, View};
-use super::{
-    CameraImu, CameraImuError, Cameras, GRAVITY, Noise, NoiseEstimates, Priors, Recording,
-    Residual, Sigmas, so3,
-};
 
 /// Minimum number of views with a pose, and of intervals between them with IMU samples.
 const MIN_VIEWS: usize = 20;
@@ -150,7 +150,7 @@ fn check(recording: &Recording) -> Result<(), CameraImuError> {
             return Err(CameraImuError::Order { what, index });
         }
         last = observation.time_ns;
-        let fine = |c: &super::Corner| {
+        let fine = |c: &Corner| {
             let finite = c.x_in_target.iter().chain(&c.pixel).all(|v| v.is_finite());
             finite && c.sigma_px.is_finite() && c.sigma_px > 0.0
         };

@@ -4,8 +4,8 @@ use std::fmt;
 
 use nalgebra::{Matrix3, SMatrix, Vector3};
 
+use super::noise::{Noise, NoiseEstimates};
 use super::problem::{BOARD, DRIFT, OFFSET, Prior, ROTATION, SHAPES, SHARED, Shared, TRANSLATION};
-use super::{Noise, NoiseEstimates};
 
 /// Maximum sigma of a determined direction: rotation in rad (0.1°), lever arm in m, offset in s.
 pub(super) const MAX_ROTATION_SIGMA_RAD: f64 = 0.1 * std::f64::consts::PI / 180.0;

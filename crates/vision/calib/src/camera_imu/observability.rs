@@ -8,13 +8,14 @@
 //! information matrix. Directions whose uncertainty is far above what a result may have are fixed
 //! at their nominal value, and only the rest is fitted.
 
+use camera_models::ImuNoise;
 use nalgebra::{Matrix3, SMatrix, Vector3};
 
 use super::initialization::RotationEstimate;
+use super::recording::{GRAVITY, Priors};
+use super::so3;
 use super::track::Track;
 use super::view::Pose;
-use super::{GRAVITY, Priors, so3};
-use crate::stereo::ImuNoise;
 
 /// Window length, s.
 const WINDOW_S: f64 = 0.25;

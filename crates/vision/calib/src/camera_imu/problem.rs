@@ -6,15 +6,16 @@
 //! the IMU again at the current offset and biases, so that nothing is approximated but the second
 //! derivatives.
 
+use camera_models::ImuNoise;
 use nalgebra::{Cholesky, Matrix3, SMatrix, SVector, Vector3};
 
 use super::chain::{Chain, Covariance};
 use super::observability::FixedDirections;
 use super::preintegrate::{ACCEL_SHAPE, GYRO_SHAPE, SENSOR, preintegrate};
+use super::recording::{Cameras, GRAVITY};
+use super::so3;
 use super::track::{Correction, Raw, Track};
 use super::view::{CameraMotion, Pose, Quadric, VIEW, View};
-use super::{Cameras, GRAVITY, so3};
-use crate::stereo::ImuNoise;
 
 /// Error state: rotation 3, position 3, velocity 3, gyroscope bias 3, accelerometer bias 3.
 pub(super) const STATE: usize = 15;

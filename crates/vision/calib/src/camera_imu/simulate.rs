@@ -6,14 +6,14 @@
 //! the simulated rig. Random values are a function of the seed.
 
 use cad_transforms::RigidTransform;
+use camera_models::{CameraModel, Distortion, Eye, ImuNoise};
 use nalgebra::{Matrix3, Vector3};
 
-use super::{Cameras, Corner, ImuSample, Recording, TargetObservation, so3};
-use crate::camera::{CameraModel, Distortion};
-use crate::stereo::{Eye, ImuNoise};
+use super::recording::{self, Cameras, Corner, ImuSample, Recording, TargetObservation};
+use super::so3;
 
 /// Standard gravity, m/s².
-const GRAVITY: f64 = super::GRAVITY;
+const GRAVITY: f64 = recording::GRAVITY;
 
 /// Random numbers from a seed (SplitMix64; normal values by Box and Muller 1958).
 #[derive(Clone, Debug)]

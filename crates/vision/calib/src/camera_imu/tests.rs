@@ -2,6 +2,9 @@
 
 use std::thread;
 
+use cad_transforms::RigidTransform;
+use camera_models::Eye;
+
 use super::simulate::{Random, Scene, Simulated, simulate};
 use super::*;
 

@@ -5,7 +5,7 @@
 
 use nalgebra::{Matrix3, Vector3};
 
-use super::ImuSample;
+use super::recording::ImuSample;
 
 /// Maximum interval between two samples, in sample periods.
 const MAX_STEP_PERIODS: f64 = 2.5;

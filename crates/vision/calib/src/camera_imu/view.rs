@@ -6,10 +6,11 @@
 //! the number of corners. The view is linearized again after the joint solution, so that nothing is
 //! lost.
 
+use camera_models::Eye;
 use nalgebra::{Matrix3, SMatrix, SVector, SymmetricEigen, Vector2, Vector3};
 
-use super::{Cameras, Corner, so3};
-use crate::stereo::Eye;
+use super::recording::{Cameras, Corner};
+use super::so3;
 
 /// Parameters of a view: small rotation 3, translation in the target's frame 3, size of the board.
 pub(super) const VIEW: usize = 7;

@@ -6,10 +6,10 @@
 //! better and is large enough to matter. Sheets of paper on a board have this shape; wrinkles are
 //! not modelled.
 
+use boards::Target;
 use nalgebra::{Matrix3, Vector3};
 
-use super::{AdjustError, Target};
-use crate::adjust::{Problem, Settings, Solution, by_points, solve};
+use crate::adjust::{AdjustError, Problem, Settings, Solution, by_points, solve};
 
 /// Rounds of shape estimation and bundle adjustment.
 const ROUNDS: usize = 4;

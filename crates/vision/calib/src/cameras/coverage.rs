@@ -5,7 +5,7 @@ use cad_transforms::RigidTransform;
 use crate::adjust::Point;
 
 /// Columns and rows of the coverage map.
-pub const CELLS: (usize, usize) = (12, 8);
+const CELLS: (usize, usize) = (12, 8);
 /// Width of the border that must be covered, as a fraction of the image's width or height.
 const BORDER: f64 = 0.1;
 /// Minimum number of views with corners in each border, and of tilted views.

@@ -3,39 +3,15 @@
 //! Contract: a result whose stated sigmas cannot be trusted has a finding. Each check documents its
 //! statistic and its significance; the limits are constants of this file only.
 
+use camera_models::Lens;
 use nalgebra::{DVector, Matrix6, Vector2, Vector6};
 
-use super::{Calibration, Camera, Input, RigPoses};
+use super::finding::{Finding, Severity};
+use super::input::{Camera, Input};
+use super::result::{Calibration, RigPoses};
 use crate::adjust::{
     Parameter, PosePrior, Problem, Settings, Solution, View, reduced_equations, solve, step_between,
 };
-use crate::lens::Lens;
-
-/// Severity of a finding.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
-pub enum Severity {
-    /// Information.
-    Note,
-    /// The result is usable with care.
-    Warn,
-    /// The result must not be used.
-    Fail,
-}
-
-/// An objection to a result, or information for its user.
-#[derive(Clone, Debug, PartialEq, Eq)]
-pub struct Finding {
-    /// Severity.
-    pub severity: Severity,
-    /// What was found and what was expected.
-    pub text: String,
-}
-
-impl Finding {
-    pub(super) fn new(severity: Severity, text: String) -> Self {
-        Self { severity, text }
-    }
-}
 
 /// RMS residual of an eye, px: warning, failure.
 const RMS_PX: (f64, f64) = (0.5, 1.5);

@@ -5,10 +5,10 @@
 //! and as a fisheye; the better one is returned. Lenses over 150 degrees wide need a factory file.
 
 use cad_transforms::RigidTransform;
+use camera_models::{CameraModel, Distortion};
 
-use super::single_lens_problem;
+use super::points::single_lens_problem;
 use crate::adjust::{LensBlock, Point, Prior, Settings, solve};
-use crate::camera::{CameraModel, Distortion};
 use crate::pnp;
 
 /// Focal lengths that are tried, in image widths.

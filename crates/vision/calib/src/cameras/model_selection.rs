@@ -10,10 +10,10 @@
 //! coefficients that the views do not constrain is better than dropping them, because tangential
 //! terms, principal point and the rotation between the eyes compensate each other.
 
+use camera_models::{CameraModel, Distortion, Lens};
+
 use super::initialization::{PosedPoints, factory_priors, fit, weak_priors, with_distortion};
 use crate::adjust::{Prior, locate};
-use crate::camera::{CameraModel, Distortion};
-use crate::lens::Lens;
 
 /// Number of folds of the cross-validation.
 const FOLDS: usize = 4;

@@ -3,21 +3,22 @@
 use std::collections::BTreeMap;
 
 use cad_transforms::RigidTransform;
+use camera_models::{CameraModel, Distortion};
 use nalgebra::{DMatrix, Matrix6};
 
 use super::coverage::Coverage;
-use super::diagnostics::{self, Finding, Severity};
+use super::finding::{Finding, Severity};
 use super::initialization::{factory_priors, initial_lens, poses, weak_priors};
+use super::input::{Input, Settings};
 use super::model_selection::{self, EyeViews, SelectedLens};
+use super::points::points;
 use super::pose_graph::{InitialPoses, PosedView, connect};
-use super::{
-    Calibration, CamerasError, Input, RigPoses, Settings, board_shape, points, view_clusters,
-    view_selection,
-};
+use super::result::{Calibration, CamerasError, RigPoses};
+use super::target_view::{TargetView, median_displacement_px};
+use super::{board_shape, diagnostics, view_clusters, view_selection};
 use crate::adjust::{
     LensBlock, Point, PoseBlock, PosePrior, Prior, Problem, Solution, View, median_scale, solve,
 };
-use crate::camera::{CameraModel, Distortion};
 
 /// Minimum number of corners of a view.
 const MIN_CORNERS: usize = 8;
@@ -51,24 +52,6 @@ const TANGENTIAL_SIGMA: f64 = 3e-4;
 const SIGMA_PRIOR_CORNERS: f64 = 20.0;
 /// Prior sigma of extrinsics without a nominal value: m and rad.
 const DEFAULT_EXTRINSICS_SIGMA: (f64, f64) = (3.0, 3.0);
-
-/// A detection with its points and its pose.
-pub(super) struct TargetView {
-    pub(super) posed: PosedView,
-    pub(super) points: Vec<Point>,
-    /// Whether the pose may be the mirrored solution.
-    ambiguous: bool,
-    /// Image motion to the next or from the previous view, px in [`MOTION_INTERVAL_NS`]; `None` if
-    /// unknown.
-    motion_px: Option<f64>,
-}
-
-impl TargetView {
-    /// Image motion, px; 0 if unknown.
-    pub(super) fn motion_or_zero_px(&self) -> f64 {
-        self.motion_px.unwrap_or(0.0)
-    }
-}
 
 /// Runs the calibration. `progress` receives the current step and the completed fraction, from 0 to
 /// 1.
@@ -340,17 +323,6 @@ fn measure_motion(input: &Input, target_views: &mut [TargetView]) {
             target_views[i].motion_px = Some(least);
         }
     }
-}
-
-/// Median displacement of the corners that two views of one target share, px.
-pub(super) fn median_displacement_px(a: &TargetView, b: &TargetView) -> Option<f64> {
-    let moves = a.points.iter().filter_map(|p| {
-        let q = b.points.iter().find(|q| q.x_in_target == p.x_in_target)?;
-        Some((p.pixel[0] - q.pixel[0]).hypot(p.pixel[1] - q.pixel[1]))
-    });
-    let mut moves: Vec<f64> = moves.collect();
-    moves.sort_by(f64::total_cmp);
-    moves.get(moves.len() / 2).copied()
 }
 
 /// Static views, or those with the least motion; unknown motion counts as static.
@@ -719,11 +691,4 @@ pub(super) fn eye_from_target(problem: &Problem, view: &View) -> RigidTransform 
     let rig_from_world = problem.instants[view.instant];
     let world_from_target = view.target.map_or(RigidTransform::identity(), pose);
     eye_from_rig * rig_from_world * world_from_target
-}
-
-impl Calibration {
-    /// Index of the input's instant, from the problem's.
-    pub fn instant_of(&self, instant: usize) -> usize {
-        self.used[instant]
-    }
 }

@@ -7,7 +7,7 @@
 
 use cad_transforms::RigidTransform;
 
-use super::{Camera, Input};
+use super::input::{Camera, Input};
 
 /// Weight of rotation against translation in the distance of two poses, m per rad: the size of a
 /// rig.
@@ -170,20 +170,4 @@ fn propagate(input: &Input, posed: &[PosedView], known: &mut InitialPoses) -> bo
         changed |= known.cameras[number].is_some();
     }
     changed
-}
-
-impl Input {
-    /// The camera that is the origin of the rig: the first, if no file gives the pose of any. `rig`
-    /// is then at its left lens, x along its view, y to the left and z up in its image.
-    pub fn origin(&self) -> Option<usize> {
-        let has_prior = self.cameras.iter().any(|c| c.rig_from_left.is_some());
-        (!has_prior && !self.cameras.is_empty()).then_some(0)
-    }
-
-    /// The camera of an eye.
-    pub(super) fn camera_of(&self, eye: usize) -> Option<usize> {
-        self.cameras
-            .iter()
-            .position(|c| c.left == eye || c.right == Some(eye))
-    }
 }

@@ -1,7 +1,11 @@
+use boards::Target;
+use cad_transforms::RigidTransform;
+use camera_models::{CameraModel, Distortion, Lens};
+use nalgebra::Matrix6;
+
 use super::*;
 use crate::adjust::tests::Noise;
-use crate::camera::Distortion;
-use crate::lens::Lens;
+use crate::target::DetectedCorner;
 use crate::target::{self, ImageView};
 use crate::test_data::{grey, shared};
 

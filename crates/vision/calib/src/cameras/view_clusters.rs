@@ -7,7 +7,7 @@
 
 use std::collections::BTreeMap;
 
-use super::pipeline::{TargetView, median_displacement_px};
+use super::target_view::{TargetView, median_displacement_px};
 
 /// Maximum corner displacement within a cluster, px.
 const CLUSTER_PX: f64 = 3.0;

@@ -1,7 +1,9 @@
 use cad_transforms::RigidTransform;
+use camera_models::Provenance;
+use camera_models::rectify::{Rectification, View};
 
 use super::*;
-use crate::stereo::Provenance;
+use crate::test_data::shared;
 
 fn pair(distortion: Distortion) -> StereoCalibration {
     let left = CameraModel {
@@ -144,10 +146,10 @@ fn sampson_distance_agrees_with_brute_force() {
             assert!((sampson.abs() * 2_f64.sqrt() - after.abs()).abs() < 0.15 * after.abs() + 1e-9);
 
             // Rows in the rectified images themselves.
-            let view = crate::View::Focal(epipolar.focal_px());
-            let rectified = crate::Rectification::new(&pair, view).unwrap();
+            let view = camera_models::rectify::View::Focal(epipolar.focal_px());
+            let rectified = camera_models::rectify::Rectification::new(&pair, view).unwrap();
             let row = |eye, px| rectified.new_pixel(eye, px).unwrap()[1];
-            let rows = row(crate::Eye::Right, r) - row(crate::Eye::Left, l);
+            let rows = row(camera_models::Eye::Right, r) - row(camera_models::Eye::Left, l);
             assert!((rows - after).abs() < 1e-9);
             if i > 40 {
                 break;
@@ -174,4 +176,18 @@ fn the_sign_is_that_of_the_right_row() {
     let mut above = rectified;
     above.right_from_left = RigidTransform::from_translation_m([0.0, -0.06, 0.0]).unwrap();
     assert_eq!(row_difference(&above, [700.0, 300.0], [650.0, 302.0]), None);
+}
+
+#[test]
+fn the_factory_file_of_a_zed_mini() {
+    let Some(path) = shared("06_calibration/zed/SN10028708.conf") else {
+        return;
+    };
+    let (pair, _) = calibration_files::read_stereo(&path, 1280, 720).unwrap();
+    let r = Rectification::new(&pair, View::Filled).unwrap();
+    // The factory principal points differ by 47 rows between the eyes, which rectification removes.
+    assert!((r.camera.fx - 700.0).abs() < 150.0, "{:?}", r.camera);
+    let (l, right) = ([640.0, 382.0], [600.0, 334.0]);
+    let rows = row_difference(&pair, l, right).unwrap();
+    assert!(rows.abs() < 3.0, "{rows}");
 }

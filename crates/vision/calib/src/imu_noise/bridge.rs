@@ -4,7 +4,7 @@
 //! averages. A short gap that is a whole number of periods is filled with the mean of the second
 //! around it; the noise missing in the fill is no more than its fraction of the samples.
 
-use super::{Finding, Series, Severity};
+use super::series::{Finding, Series, Severity};
 
 /// Maximum length of a gap that is filled, s.
 const MAX_GAP_S: f64 = 0.1;

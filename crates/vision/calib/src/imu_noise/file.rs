@@ -2,10 +2,19 @@
 
 use std::fmt::Write as _;
 
-use super::{AXES, Measurement, Worst};
+use super::measurement::{Measurement, Worst};
+use super::series::AXES;
 use crate::allan::{Coefficient, Value};
 
-pub(super) fn kalibr_yaml(found: &Measurement, topic: &str, origin: &str) -> String {
+impl Measurement {
+    /// The `imu.yaml` of Kalibr. `topic` names the stream in it, `origin` is a comment on the
+    /// source of the values. A coefficient that is not determined is a comment instead of a value.
+    pub fn kalibr_yaml(&self, topic: &str, origin: &str) -> String {
+        kalibr_yaml(self, topic, origin)
+    }
+}
+
+fn kalibr_yaml(found: &Measurement, topic: &str, origin: &str) -> String {
     let mut text = String::new();
     for line in origin.lines() {
         let _ = writeln!(text, "# {line}");

@@ -7,7 +7,7 @@
 
 use std::ops::Range;
 
-use super::{AXES, Finding, MIN_STATIC_S, Series, Severity};
+use super::series::{AXES, Finding, MIN_STATIC_S, Series, Severity};
 
 /// Length of a block, s.
 const BLOCK_S: f64 = 1.0;

@@ -1,4 +1,5 @@
 use super::*;
+use crate::allan::Value;
 use crate::allan::tests::Noise;
 
 const RATE: f64 = 100.0;

@@ -1,14 +1,14 @@
 //! Chessboards: plain ones by their size, ChArUco boards by their markers.
 
+use boards::{Dictionary, Target};
+
 use super::blur::Border;
-use super::board::Target;
-use super::codes::Dictionary;
 use super::decode::{self, Book, Layout};
-use super::detect::{CornerCandidate, Found, Scene, Settings};
 use super::image::ImageView;
 use super::lattice::{self, Lattice};
 use super::refine::{self, Window};
 use super::saddle;
+use super::scene::{CornerCandidate, Found, Scene, Settings};
 use super::square::{Square, distance};
 
 /// Placement of the board's axes in a lattice: `lattice = origin + rotated by quarter turns

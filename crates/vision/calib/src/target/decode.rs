@@ -5,7 +5,8 @@
 //! dictionary in any of four rotations, if it is close enough and no other is as close. A mirrored
 //! marker decodes as noise.
 
-use super::codes::{Dictionary, quarter_turn};
+use boards::{Dictionary, quarter_turn};
+
 use super::image::ImageView;
 use super::square::Square;
 

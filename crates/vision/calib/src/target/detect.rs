@@ -17,37 +17,14 @@
 //! Images are 8 bits of one channel, with any monotonic tone curve. Lines may be curved over the
 //! board, but must be straight over about one square.
 
-use super::blur::{self, Border};
-use super::board::Target;
+use boards::Target;
+
+use super::blur::{self, Blur};
 use super::image::{ImageView, Smooth};
-use super::link::{self, Links};
 use super::refine::{self, Window};
-use super::saddle::{self, Saddle};
+use super::scene::{CornerCandidate, Found, Scene, Settings};
 use super::square::distance;
 use super::{chessboard, grid};
-
-/// Detector settings.
-#[derive(Clone, Copy, Debug)]
-pub struct Settings {
-    /// Maximum number of wrong bits of a tag or marker; limited by the distance of its dictionary.
-    pub max_bit_errors: u32,
-    /// Maximum radius of the refinement window, pixels. A wider one reduces noise; a narrower one
-    /// reduces the error from a lens that curves borders. It is narrowed for small squares anyway.
-    pub max_window_px: f64,
-    /// Also detect at half the size if the full image does not show the whole board: for blurred
-    /// images.
-    pub half_size: bool,
-}
-
-impl Default for Settings {
-    fn default() -> Self {
-        Self {
-            max_bit_errors: 2,
-            max_window_px: 7.0,
-            half_size: true,
-        }
-    }
-}
 
 /// A detected corner.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -76,32 +53,11 @@ pub struct Detection {
     pub remark: Option<&'static str>,
 }
 
-/// Blur of a view, from the width of the borders: half the distance from 16 % to 84 % of the step,
-/// which is one standard deviation of a Gaussian blur; includes the pixel's own size.
-#[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Blur {
-    /// In the most blurred direction, pixels.
-    pub major_px: f64,
-    /// Across it, pixels.
-    pub minor_px: f64,
-    /// The most blurred direction, a unit vector in the image.
-    pub direction: [f64; 2],
-}
-
-impl Blur {
-    /// Length of a uniform motion during the exposure that explains the difference between the
-    /// directions, pixels: the blur that remains after removing the minor one.
-    pub fn motion_px(&self) -> f64 {
-        // 68 % of a uniform motion of this length are between 16 % and 84 %.
-        let extra = self.major_px * self.major_px - self.minor_px * self.minor_px;
-        2.0 / 0.68 * extra.max(0.0).sqrt()
-    }
-}
-
 /// Detects one board. Without a board the detection is empty.
 ///
 /// ```
-/// use calib::target::{ImageView, Settings, Target, detect};
+/// use boards::Target;
+/// use calib::target::{ImageView, Settings, detect};
 ///
 /// // A chessboard of 8 x 6 squares of 24 pixels each, drawn on white; its edges fall between pixels.
 /// let board = Target::Chessboard { columns: 7, rows: 5, square_m: 0.03 };
@@ -160,60 +116,6 @@ pub fn detect_all(
         .into_iter()
         .map(|found| finish(image, &scene.smooth, found, noise, settings))
         .collect()
-}
-
-/// The crossings of an image and their links.
-pub(super) struct Scene {
-    pub(super) smooth: Smooth,
-    pub(super) saddles: Vec<Saddle>,
-    pub(super) links: Links,
-}
-
-impl Scene {
-    fn of(smooth: Smooth) -> Self {
-        let saddles = saddle::find(&smooth);
-        let links = link::join(&smooth, &saddles);
-        Self {
-            smooth,
-            saddles,
-            links,
-        }
-    }
-}
-
-/// A corner before the final refinement.
-#[derive(Clone, Copy, Debug)]
-pub(super) struct CornerCandidate {
-    pub(super) id: u32,
-    pub(super) at: [f64; 2],
-    /// Along the two borders, the distance without other print, pixels.
-    pub(super) sides: [[f64; 2]; 2],
-    /// Distance to the nearest other corner along a border, pixels.
-    pub(super) gap: f64,
-}
-
-/// A board before the final refinement.
-#[derive(Clone, Debug, Default)]
-pub(super) struct Found {
-    pub(super) corners: Vec<CornerCandidate>,
-    pub(super) borders: Vec<Border>,
-    pub(super) half_turn: bool,
-    pub(super) remark: Option<&'static str>,
-}
-
-impl Found {
-    /// Converts from half the image size to full size.
-    fn enlarge(&mut self) {
-        let up = |at: [f64; 2]| at.map(|v| 2.0 * v + 0.5);
-        for corner in &mut self.corners {
-            corner.at = up(corner.at);
-            corner.gap *= 2.0;
-            corner.sides = corner.sides.map(|side| side.map(|v| 2.0 * v));
-        }
-        for border in &mut self.borders {
-            (border.ends, border.clear) = (border.ends.map(up), 2.0 * border.clear);
-        }
-    }
 }
 
 fn find_board(image: &ImageView<'_>, scene: &Scene, target: &Target, settings: &Settings) -> Found {

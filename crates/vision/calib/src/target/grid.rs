@@ -7,13 +7,14 @@
 
 use std::collections::{BTreeMap, BTreeSet};
 
+use boards::Target;
+
 use super::blur::Border;
-use super::board::Target;
 use super::decode::{self, Book, Layout};
-use super::detect::{CornerCandidate, Found, Scene, Settings};
 use super::image::ImageView;
 use super::refine::{self, Window};
 use super::saddle;
+use super::scene::{CornerCandidate, Found, Scene, Settings};
 use super::square::{Square, distance};
 
 /// Maximum number of white cells in the border, of 64.

@@ -1,4 +1,5 @@
 use super::*;
+use boards::{Dictionary, Target};
 use render::{Degradation, Lens, Random, RenderedImage, View};
 
 mod real;

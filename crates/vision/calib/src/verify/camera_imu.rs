@@ -6,6 +6,7 @@
 //! scale of each axis. Rotation about a single axis leaves `w` about that axis open; a constant
 //! rate leaves the time offset open; both appear as large variances.
 
+use camera_models::{Lens, StereoCalibration};
 use nalgebra::{Matrix3, SMatrix, SVector, UnitQuaternion, Vector3};
 
 use serde::Serialize;
@@ -15,8 +16,6 @@ use super::motion::{ByLine, DISPARITY_SIGMA_PX, RotationEstimate, SegmentFeature
 use super::robust::{Grouped, median, sigmas_of, tukey};
 use super::stereo::{StereoAlignment, StereoPair};
 use super::tracks::{Burst, TrackSegment};
-use crate::lens::Lens;
-use crate::stereo::StereoCalibration;
 
 /// Minimum number of segments.
 const MIN_SEGMENTS: usize = 12;

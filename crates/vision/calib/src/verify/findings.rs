@@ -3,9 +3,9 @@
 use nalgebra::{DMatrix, DVector, Matrix3, UnitQuaternion, Vector3};
 use serde::Serialize;
 
+use super::camera::{Camera, CameraEstimate, Tolerances};
 use super::decision::{Decision, Estimate, Measured, POWER_SIGMA, ParameterBlock, TOLERANCE_SIGMA};
 use super::gyro_pairs::GyroAlignment;
-use super::{Camera, CameraEstimate, Tolerances};
 
 /// Rotation and time offset that a recording must be able to detect to confirm a parameter: rad and
 /// s.

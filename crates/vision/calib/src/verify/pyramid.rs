@@ -1,51 +1,10 @@
-//! Grey images and image pyramids.
+//! Image pyramids.
 //!
 //! Contract: level `k` of a pyramid has every `2^k`-th pixel of the image, smoothed before; pixel
 //! `i` of level `k` is at pixel `2^k i` of the image, so that coordinates of levels differ by a
 //! factor only.
 
-/// A borrowed grey image.
-#[derive(Clone, Copy, Debug)]
-pub struct ImageView<'a> {
-    /// Columns.
-    width: usize,
-    /// Rows.
-    height: usize,
-    /// Pixels from one row to the next.
-    stride: usize,
-    /// Row-major.
-    pixels: &'a [u8],
-}
-
-impl<'a> ImageView<'a> {
-    /// An image; `None` if it is empty or `pixels` is too short.
-    pub fn new(width: usize, height: usize, stride: usize, pixels: &'a [u8]) -> Option<Self> {
-        let needed = height
-            .checked_sub(1)?
-            .checked_mul(stride)?
-            .checked_add(width)?;
-        let fits = width > 0 && width <= stride && needed <= pixels.len();
-        fits.then_some(Self {
-            width,
-            height,
-            stride,
-            pixels,
-        })
-    }
-
-    /// Columns and rows.
-    pub fn size(&self) -> (usize, usize) {
-        (self.width, self.height)
-    }
-
-    /// One row of pixels.
-    ///
-    /// # Panics
-    /// There is no such row.
-    pub fn row(&self, y: usize) -> &'a [u8] {
-        &self.pixels[y * self.stride..][..self.width]
-    }
-}
+use camera_models::ImageView;
 
 /// One level of a pyramid.
 #[derive(Clone, Debug)]
@@ -72,14 +31,12 @@ const MIN_SIDE: usize = 40;
 
 impl Pyramid {
     pub(super) fn new(image: &ImageView<'_>) -> Self {
+        let (width, height) = image.size();
         let mut level = Level {
-            width: image.width,
-            height: image.height,
-            data: image
-                .pixels
-                .chunks(image.stride)
-                .take(image.height)
-                .flat_map(|row| &row[..image.width])
+            width,
+            height,
+            data: (0..height)
+                .flat_map(|y| image.row(y))
                 .map(|p| f32::from(*p))
                 .collect(),
         };

@@ -8,14 +8,13 @@
 //! moves rows in the corners exactly as a yaw does, so that the accuracy of yaw is limited by that
 //! of the lens ([`DECENTRING_SIGMA`]).
 
+use camera_models::{Lens, StereoCalibration};
 use nalgebra::{Matrix1, Matrix3, Matrix3x2, RowVector2, SVector, UnitQuaternion, Vector3};
 
 use serde::Serialize;
 
 use super::robust::{Grouped, median, sigmas_of, tukey};
 use super::tracks::Burst;
-use crate::lens::Lens;
-use crate::stereo::StereoCalibration;
 
 /// Minimum number of matches.
 const MIN_MATCHES: usize = 150;

@@ -1,12 +1,12 @@
 //! A synthetic rig that moves among points, with a corner error of a fifth of a pixel.
 
 use cad_transforms::RigidTransform;
+use camera_models::{
+    CameraModel, Distortion, ImageView, ImuCalibration, Lens, Provenance, StereoCalibration,
+};
 use nalgebra::{UnitQuaternion, Vector3};
 
 use super::*;
-use crate::camera::{CameraModel, Distortion};
-use crate::lens::Lens;
-use crate::stereo::{ImuCalibration, Provenance};
 
 /// Reproducible values from -1 to 1.
 struct Draw(u64);

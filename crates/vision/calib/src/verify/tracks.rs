@@ -5,6 +5,7 @@
 //! searches. Eyes rotated against each other by up to 1.5° are matched, and a gyroscope only
 //! predicts positions. A feature that cannot be found reliably is dropped.
 
+use camera_models::{ImageView, Lens, StereoCalibration};
 use nalgebra::{UnitQuaternion, Vector3};
 use serde::{Deserialize, Serialize};
 
@@ -12,9 +13,7 @@ use super::corners::corners;
 use super::epipolar_search::{self, Area};
 use super::gyro::{Gyro, Integrated};
 use super::klt::track;
-use super::pyramid::{ImageView, Pyramid};
-use crate::lens::Lens;
-use crate::stereo::StereoCalibration;
+use super::pyramid::Pyramid;
 
 /// Maximum number of corners tracked at a time.
 const MAX_CORNERS: usize = 260;

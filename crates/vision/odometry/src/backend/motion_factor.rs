@@ -192,10 +192,11 @@ fn derivatives(
 
 #[cfg(test)]
 mod tests {
+    use camera_models::ImuNoise;
+
     use super::*;
     use crate::backend::state::Error;
     use crate::inertial::imu_buffer::{Preintegrated, Reading};
-    use calib::ImuNoise;
 
     #[test]
     fn jacobians_equal_finite_differences() {

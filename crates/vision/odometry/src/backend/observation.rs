@@ -9,7 +9,7 @@
 //! Every observation has an exposure offset against the state, both for unsynchronized cameras and
 //! for rows of rolling shutters. Over this offset the body moves at constant rate and velocity.
 
-use calib::{Eye as Side, Lens};
+use camera_models::{Eye as Side, Lens};
 use nalgebra::{Matrix2x3, Matrix3, Vector2, Vector3};
 
 use crate::backend::state::State;

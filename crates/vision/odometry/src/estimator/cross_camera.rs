@@ -6,7 +6,7 @@
 //! warped into the view of the other camera, on a plane perpendicular to the viewing ray, before
 //! the search; and stereo matching in the other camera must confirm the known range.
 
-use calib::verify::ImageView;
+use camera_models::ImageView;
 use nalgebra::{Matrix3, Vector3};
 use rayon::prelude::*;
 

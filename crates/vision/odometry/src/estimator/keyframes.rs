@@ -142,8 +142,8 @@ impl Odometry {
     /// ```
     /// use odometry::{Config, FrameSet, Odometry, Preset, Rig, View};
     /// # use cad_transforms::RigidTransform;
-    /// # use calib::verify::ImageView;
-    /// # use calib::{CameraModel, Distortion};
+    /// # use camera_models::ImageView;
+    /// # use camera_models::{CameraModel, Distortion};
     /// # use odometry::rig::StereoCamera;
     /// # let lens = CameraModel::new((160, 120), [100.0, 100.0, 79.5, 59.5], Distortion::None);
     /// # let camera = StereoCamera {

@@ -274,8 +274,9 @@ pub(crate) fn normalized_patch(
 
 #[cfg(test)]
 mod tests {
+    use camera_models::ImageView;
+
     use super::*;
-    use calib::verify::ImageView;
 
     /// Smooth value noise between 0 and 1: random values on a grid, interpolated.
     fn noise(x: f64, y: f64, cell: f64, seed: u64) -> f64 {

@@ -5,7 +5,7 @@
 //! levels differ by a factor only. All levels are bytes: a patch of 8 x 8 is then two cache lines,
 //! and rounding moves a corner by less than noise does.
 
-use calib::verify::ImageView;
+use camera_models::ImageView;
 
 use crate::config::PyramidConfig;
 

@@ -83,7 +83,7 @@ impl StaleImageDetector {
 #[cfg(test)]
 mod tests {
     use cad_transforms::RigidTransform;
-    use calib::verify::ImageView;
+    use camera_models::ImageView;
     use nalgebra::Vector3;
 
     use super::*;

@@ -5,7 +5,7 @@
 //! stereo match satisfies the epipolar constraint of the calibration; a feature without a stereo
 //! match is still tracked.
 
-use calib::Eye as Side;
+use camera_models::Eye as Side;
 use nalgebra::{Matrix3, Vector3};
 use rayon::prelude::*;
 

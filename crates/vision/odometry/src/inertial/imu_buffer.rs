@@ -8,7 +8,7 @@
 
 use std::collections::VecDeque;
 
-use calib::ImuNoise;
+use camera_models::ImuNoise;
 use nalgebra::{Matrix3, SMatrix, UnitQuaternion, Vector3};
 
 use crate::config::InertialConfig;

@@ -1,7 +1,7 @@
 //! IMU propagation between frames, and the constant-velocity model without IMU samples.
 
 use cad_transforms::RigidTransform;
-use calib::ImuNoise;
+use camera_models::ImuNoise;
 use nalgebra::{SMatrix, Vector3};
 
 use crate::backend::observation::Camera;

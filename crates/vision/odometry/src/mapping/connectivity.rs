@@ -28,7 +28,7 @@ impl Refined {
     /// use odometry::mapping::Connectivity::{Continuous, Unconstrained};
     /// use odometry::{Config, Mapping, Preset, Rig};
     /// # use cad_transforms::RigidTransform;
-    /// # use calib::{CameraModel, Distortion};
+    /// # use camera_models::{CameraModel, Distortion};
     /// # use odometry::rig::StereoCamera;
     /// # let lens = CameraModel::new((160, 120), [100.0, 100.0, 79.5, 59.5], Distortion::None);
     /// # let camera = StereoCamera {

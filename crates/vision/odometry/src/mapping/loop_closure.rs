@@ -7,7 +7,7 @@
 //! rejected. A loop closure enters bundle adjustment as a relative-pose factor with the covariance
 //! of its own solution.
 
-use calib::Eye as Side;
+use camera_models::Eye as Side;
 use nalgebra::{Matrix3, SMatrix, SVector, UnitQuaternion, Vector3};
 use rayon::prelude::*;
 

@@ -1,7 +1,7 @@
 //! Synthetic walk of two laps in a ring of points, with drifting poses: bundle adjustment recovers
 //! the ground truth, and the second lap closes loops with the first.
 
-use calib::{CameraModel, Distortion};
+use camera_models::{CameraModel, Distortion};
 use nalgebra::{UnitQuaternion, Vector3};
 
 use super::*;

@@ -7,7 +7,7 @@
 //! matchers find nothing where only one image shows a surface. The wearer is where near objects are
 //! dynamic repeatedly in the same area of the image. Masks are of the recorded left image.
 
-use calib::{CameraModel, Lens};
+use camera_models::{CameraModel, Lens};
 use scene_bundle::outputs::depth::DepthView;
 use scene_bundle::outputs::masks::Mask;
 
@@ -204,7 +204,7 @@ fn around(
 #[cfg(test)]
 mod tests {
     use cad_transforms::RigidTransform;
-    use calib::Distortion;
+    use camera_models::Distortion;
 
     use super::*;
 

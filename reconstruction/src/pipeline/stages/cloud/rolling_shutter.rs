@@ -83,7 +83,7 @@ impl RowMotion {
 
 #[cfg(test)]
 mod tests {
-    use calib::{CameraModel, Distortion};
+    use camera_models::{CameraModel, Distortion};
 
     use super::*;
 

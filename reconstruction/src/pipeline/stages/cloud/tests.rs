@@ -1,5 +1,5 @@
 use cad_transforms::RigidTransform;
-use calib::{CameraModel, Distortion};
+use camera_models::{CameraModel, Distortion};
 use scene_bundle::outputs::cloud::CloudPoint;
 use scene_bundle::outputs::depth::{DepthImage, DepthView};
 

@@ -9,8 +9,8 @@
 use std::borrow::Cow;
 
 use cad_transforms::RigidTransform;
-use calib::rectify::{Rectification, Remap, View};
-use calib::{CameraModel, Eye};
+use camera_models::rectify::{Rectification, Remap, View};
+use camera_models::{CameraModel, Eye};
 use depth::{Band, BandedMatcher, DisparityMap, Geometry};
 use scene_bundle::outputs::depth::DepthImage;
 use scene_bundle::outputs::rig::RigCamera;
@@ -108,7 +108,7 @@ impl StereoPair {
 
 #[cfg(test)]
 mod tests {
-    use calib::Distortion;
+    use camera_models::Distortion;
 
     use super::*;
     use crate::pipeline::stages::Preset;

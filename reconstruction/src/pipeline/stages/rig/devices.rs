@@ -1,6 +1,6 @@
 //! Properties of known devices that sessions do not contain.
 
-use calib::ImuNoise;
+use camera_models::ImuNoise;
 use session_archive::manifest;
 
 use crate::pipeline::Report;

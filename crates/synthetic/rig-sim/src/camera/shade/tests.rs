@@ -1,4 +1,4 @@
-use calib::{CameraModel, Distortion};
+use camera_models::{CameraModel, Distortion};
 use nalgebra::{Matrix3, Vector3};
 
 use super::*;

@@ -1,4 +1,4 @@
-use calib::Distortion;
+use camera_models::Distortion;
 
 use super::*;
 use crate::scene::body::Body;

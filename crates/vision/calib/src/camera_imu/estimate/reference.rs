@@ -6,8 +6,10 @@ use nalgebra::{Matrix3, SMatrix, Vector3};
 use super::super::observability;
 use super::super::problem::spline::{Motion, Whole};
 use super::super::problem::{Factors, Problem, Shared};
+use super::super::recording::{ImuSample, Priors, Recording};
+use super::super::result::CameraImuError;
+use super::super::so3;
 use super::super::track::Raw;
-use super::super::{CameraImuError, ImuSample, Priors, Recording, so3};
 use super::{PosedViews, estimate};
 
 /// A recording prepared for both formulations, with nominal noise and the same initial values, 9

@@ -1,9 +1,10 @@
 //! Analytic Jacobians of the factors against finite differences.
 
+use camera_models::{CameraModel, Distortion};
+
 use super::super::ImuSample;
 use super::super::simulate::{Random, ZED_NOISE};
 use super::*;
-use crate::camera::{CameraModel, Distortion};
 
 fn random_vector(random: &mut Random, size: f64) -> Vector3<f64> {
     Vector3::new(random.normal(), random.normal(), random.normal()) * size

@@ -1,6 +1,8 @@
 //! Images of boards with known corners, by supersampling the board.
 
-use crate::target::{ImageView, Target};
+use boards::Target;
+
+use crate::target::ImageView;
 
 /// Samples per pixel along each axis.
 const DENSE: usize = 5;
@@ -258,7 +260,7 @@ impl RenderedImage {
 struct Ink {
     edges: [Vec<f64>; 2],
     black: Vec<bool>,
-    sheet: crate::target::Rectangle,
+    sheet: boards::Rectangle,
 }
 
 impl Ink {

@@ -4,7 +4,7 @@
 use std::collections::BTreeMap;
 
 use cad_transforms::RigidTransform;
-use calib::{CameraModel, Distortion, Eye as Side};
+use camera_models::{CameraModel, Distortion, Eye as Side};
 
 use super::*;
 use crate::backend::marginalization::marginalize;

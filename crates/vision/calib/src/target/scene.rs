@@ -1,0 +1,83 @@
+//! What the boards of an image are found from, and what is found.
+
+use super::blur::Border;
+use super::image::Smooth;
+use super::link::{self, Links};
+use super::saddle::{self, Saddle};
+
+/// Detector settings.
+#[derive(Clone, Copy, Debug)]
+pub struct Settings {
+    /// Maximum number of wrong bits of a tag or marker; limited by the distance of its dictionary.
+    pub max_bit_errors: u32,
+    /// Maximum radius of the refinement window, pixels. A wider one reduces noise; a narrower one
+    /// reduces the error from a lens that curves borders. It is narrowed for small squares anyway.
+    pub max_window_px: f64,
+    /// Also detect at half the size if the full image does not show the whole board: for blurred
+    /// images.
+    pub half_size: bool,
+}
+
+impl Default for Settings {
+    fn default() -> Self {
+        Self {
+            max_bit_errors: 2,
+            max_window_px: 7.0,
+            half_size: true,
+        }
+    }
+}
+
+/// The crossings of an image and their links.
+pub(super) struct Scene {
+    pub(super) smooth: Smooth,
+    pub(super) saddles: Vec<Saddle>,
+    pub(super) links: Links,
+}
+
+impl Scene {
+    pub(super) fn of(smooth: Smooth) -> Self {
+        let saddles = saddle::find(&smooth);
+        let links = link::join(&smooth, &saddles);
+        Self {
+            smooth,
+            saddles,
+            links,
+        }
+    }
+}
+
+/// A corner before the final refinement.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct CornerCandidate {
+    pub(super) id: u32,
+    pub(super) at: [f64; 2],
+    /// Along the two borders, the distance without other print, pixels.
+    pub(super) sides: [[f64; 2]; 2],
+    /// Distance to the nearest other corner along a border, pixels.
+    pub(super) gap: f64,
+}
+
+/// A board before the final refinement.
+#[derive(Clone, Debug, Default)]
+pub(super) struct Found {
+    pub(super) corners: Vec<CornerCandidate>,
+    pub(super) borders: Vec<Border>,
+    pub(super) half_turn: bool,
+    pub(super) remark: Option<&'static str>,
+}
+
+impl Found {
+    /// Converts from half the image size to full size.
+    pub(super) fn enlarge(&mut self) {
+        let up = |at: [f64; 2]| at.map(|v| 2.0 * v + 0.5);
+        for corner in &mut self.corners {
+            corner.at = up(corner.at);
+            corner.gap *= 2.0;
+            corner.sides = corner.sides.map(|side| side.map(|v| 2.0 * v));
+        }
+        for border in &mut self.borders {
+            (border.ends, border.clear) = (border.ends.map(up), 2.0 * border.clear);
+        }
+    }
+}
