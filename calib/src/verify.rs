@@ -20,9 +20,10 @@ use cad_transforms::{Frame, FramePart};
 use calib::verify::{
     Burst, Camera, FeatureTracker, Gyro, StereoFrame, Tolerances, choose_bursts, verify,
 };
-use camera_models::{ImageView, ImuCalibration, Provenance, StereoCalibration};
+use camera_models::{ImuCalibration, Provenance, StereoCalibration};
 use clap::Args;
 use console_output::{Console, Outcome};
+use imaging::ImageView;
 use session_access::decode::visit_run;
 use session_access::{SessionFolder, open, read_or_build};
 use session_archive::handoff::Verdict;

@@ -19,7 +19,7 @@ use std::sync::Arc;
 
 use anyhow::{Context as _, Result, ensure};
 use cad_transforms::RigidTransform;
-use camera_models::ImageView;
+use imaging::ImageView;
 use odometry::input::{FrameSet, ImuSample, View};
 use odometry::rig::Rig;
 

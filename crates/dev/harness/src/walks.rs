@@ -15,7 +15,8 @@ use calib::verify::{
     Burst, Camera, CameraEstimate, FeatureTracker, Gyro, StereoFrame, Tolerances, Verification,
     choose_bursts, compare, judge,
 };
-use camera_models::{ImageView, StereoCalibration};
+use camera_models::StereoCalibration;
+use imaging::ImageView;
 use rig_sim::camera::{Quality, Shutter};
 use rig_sim::scene::{Kind, Lighting};
 use rig_sim::simulation::{Settings, Simulation};

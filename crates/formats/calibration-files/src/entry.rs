@@ -31,10 +31,13 @@ pub(crate) struct Entry {
     pub(crate) read: fn(&dyn Files, &Path, Option<[u32; 2]>) -> SetResult,
     /// Reads a stereo camera for images of this size, in pixels; without it, the pair is taken from
     /// the set.
-    pub(crate) read_pair: Option<fn(&dyn Files, &Path, [u32; 2]) -> PairResult>,
+    pub(crate) read_pair: Option<ReadPair>,
     /// The files for a set.
     pub(crate) write: fn(&CameraSet) -> Result<Written, WriteError>,
 }
+
+/// Reads a stereo camera of images of a size, pixels.
+pub(crate) type ReadPair = fn(&dyn Files, &Path, [u32; 2]) -> PairResult;
 
 /// A field of an IMU besides its pose.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]

@@ -14,7 +14,6 @@ pub mod rectify;
 
 mod camera;
 mod convert;
-mod image;
 mod lens;
 mod note;
 mod set;
@@ -23,7 +22,6 @@ mod stereo;
 pub use camera::{CameraModel, Distortion, Rational};
 pub use camera_info::CameraInfo;
 pub use convert::{Conversion, ConvertError, LensModel, convert, convert_within, exactly};
-pub use image::ImageView;
 pub use lens::{ByParameters, Lens, Projected};
 pub use note::Note;
 pub use plausibility::InvalidCalibration;

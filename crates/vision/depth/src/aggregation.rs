@@ -13,8 +13,8 @@
 
 use crate::census::{Census, Codes, Layout, Padded};
 use crate::cost::{CostRow, INVALID};
-use crate::image::ImageView;
 use crate::lanes::{Kernel, Lanes, Level};
+use imaging::ImageView;
 use serde::{Deserialize, Serialize};
 
 mod backward;

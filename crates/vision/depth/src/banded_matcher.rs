@@ -11,9 +11,9 @@ use crate::band::Band;
 use crate::band::plan::{Margin, Plan, Plane, Probe};
 use crate::config::Config;
 use crate::error::DepthError;
-use crate::image::ImageView;
 use crate::map::{DisparityMap, Geometry};
 use crate::matcher::Matcher;
+use imaging::ImageView;
 
 /// Matches consecutive pairs.
 ///
@@ -33,7 +33,7 @@ use crate::matcher::Matcher;
 /// # let [left, right] = pair(240, 96, 20);
 /// let config = Config::preset(Preset::Fast);
 /// let mut matcher = BandedMatcher::new(config, 240, Band::full(0, 128, 96)?)?;
-/// let images = [ImageView::new(240, 96, &left)?, ImageView::new(240, 96, &right)?];
+/// let images = [ImageView::packed(240, 96, &left)?, ImageView::packed(240, 96, &right)?];
 /// let (map, stats) = matcher.run(&images[0], &images[1], None)?;
 /// assert!((map.disparity[48 * 240 + 150] - 20.0).abs() < 0.5);
 /// assert!(stats.searched_ratio < 0.5, "{stats:?}");

@@ -14,8 +14,8 @@
 use rayon::prelude::*;
 use serde::{Deserialize, Serialize};
 
-use crate::image::ImageView;
 use crate::lanes::{Kernel, Lanes, Level};
+use imaging::ImageView;
 
 /// Census window.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
@@ -241,7 +241,7 @@ mod tests {
         let mut random = Random(3);
         for (width, height) in [(1, 1), (5, 3), (70, 9), (131, 7)] {
             let pixels = random.image(width, height);
-            let image = ImageView::new(width, height, &pixels).unwrap();
+            let image = ImageView::packed(width, height, &pixels).unwrap();
             for census in [Census::Full5x5, Census::Full7x7, Census::Opposite9x7] {
                 assert_eq!(census.pairs().len(), usize::from(census.bits()));
                 for (level, mirrored) in reference::with_levels([false, true]) {

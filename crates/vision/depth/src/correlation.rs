@@ -6,7 +6,7 @@
 
 use rayon::prelude::*;
 
-use crate::image::ImageView;
+use imaging::ImageView;
 
 /// Side length of a cell, px.
 pub(crate) const CELL_PX: usize = 4;
@@ -285,7 +285,7 @@ mod tests {
                 k => k as f32 * 3.0 - 2.7,
             })
             .collect();
-        let images = [&left, &right].map(|eye| ImageView::new(width, height, eye).unwrap());
+        let images = [&left, &right].map(|eye| ImageView::packed(width, height, eye).unwrap());
         let mut correlation = Correlation::default();
         correlation.compute(&images[0], &images[1], &map);
         for (x, y) in [(0, 0), (7, 5), (18, 11), (30, 15)] {
@@ -315,13 +315,13 @@ mod tests {
     #[test]
     fn textureless_images_have_zero_correlation() {
         let even = vec![70; 30 * 20];
-        let image = ImageView::new(30, 20, &even).unwrap();
+        let image = ImageView::packed(30, 20, &even).unwrap();
         let mut correlation = Correlation::default();
         correlation.compute(&image, &image, &vec![0.0; 30 * 20]);
         assert_eq!(correlation.near.at(9, 9), 0.0);
         let mut random = Random(43);
         let scene = random.scene(30, 20);
-        let image = ImageView::new(30, 20, &scene).unwrap();
+        let image = ImageView::packed(30, 20, &scene).unwrap();
         correlation.compute(&image, &image, &vec![0.0; 30 * 20]);
         assert!(correlation.near.at(9, 9) > 0.99);
         correlation.compute(&image, &image, &vec![f32::NAN; 30 * 20]);

@@ -117,16 +117,16 @@ impl CostRow<'_> {
 mod tests {
     use super::*;
     use crate::census::{Census, Layout};
-    use crate::image::ImageView;
     use crate::reference::{self, Random};
+    use imaging::ImageView;
 
     #[test]
     fn costs_equal_those_of_the_reference() {
         let mut random = Random(5);
         let (width, height) = (53, 4);
         let (a, b) = (random.image(width, height), random.image(width, height));
-        let left = ImageView::new(width, height, &a).unwrap();
-        let right = ImageView::new(width, height, &b).unwrap();
+        let left = ImageView::packed(width, height, &a).unwrap();
+        let right = ImageView::packed(width, height, &b).unwrap();
         for (level, first) in reference::with_levels([-3, 0, 7]) {
             for (census, max_gray_cost) in [
                 (Census::Full5x5, 0),

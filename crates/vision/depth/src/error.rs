@@ -4,15 +4,8 @@
 #[derive(Clone, Debug, PartialEq, thiserror::Error)]
 pub enum DepthError {
     /// Invalid image: the number of pixels must be width times height.
-    #[error("reading an image: found {found} pixels, expected {width} x {height} and at least one")]
-    Image {
-        /// Columns.
-        width: usize,
-        /// Rows.
-        height: usize,
-        /// Number of pixels found.
-        found: usize,
-    },
+    #[error(transparent)]
+    Image(#[from] imaging::ImageSizeError),
     /// The size of an image differs from that of the matcher or of the other image: rectify both to
     /// one size.
     #[error(

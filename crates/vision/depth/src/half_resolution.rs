@@ -11,9 +11,9 @@ use serde::{Deserialize, Serialize};
 use crate::band::Band;
 use crate::config::Config;
 use crate::error::DepthError;
-use crate::image::ImageView;
 use crate::map::DisparityMap;
 use crate::matcher::{MatchStats, Matcher};
+use imaging::ImageView;
 
 /// Downsampling before matching.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
@@ -81,8 +81,8 @@ impl HalfResolution {
         let [a, b] = &mut self.small;
         rayon::join(|| shrink(left, by, a), || shrink(right, by, b));
         let [width, height] = [map.width / by[0], map.height / by[1]];
-        let left = ImageView::new(width, height, &self.small[0])?;
-        let right = ImageView::new(width, height, &self.small[1])?;
+        let left = ImageView::packed(width, height, &self.small[0])?;
+        let right = ImageView::packed(width, height, &self.small[1])?;
         let band = half_band(band, by, height)?;
         self.matcher.run_through(&left, &right, &band, of_means)?;
         enlarge(self.matcher.map(), by, map);
@@ -195,8 +195,8 @@ mod tests {
             all.map(|(x, y)| at(x + from, y)).collect()
         };
         let (left, right) = (eye(0), eye(SHIFT));
-        let left = ImageView::new(WIDTH, HEIGHT, &left).unwrap();
-        let right = ImageView::new(WIDTH, HEIGHT, &right).unwrap();
+        let left = ImageView::packed(WIDTH, HEIGHT, &left).unwrap();
+        let right = ImageView::packed(WIDTH, HEIGHT, &right).unwrap();
         let band = Band::full(0, 32, HEIGHT).unwrap();
         for downsample in [Downsample::Rows, Downsample::Both] {
             let config = Config {

@@ -137,7 +137,7 @@ impl Level {
     ///     let mut config = Config::preset(Preset::Fast);
     ///     config.level = Some(level);
     ///     let mut matcher = Matcher::new(config, 128, 48)?;
-    ///     let images = [ImageView::new(128, 48, &left)?, ImageView::new(128, 48, &right)?];
+    ///     let images = [ImageView::packed(128, 48, &left)?, ImageView::packed(128, 48, &right)?];
     ///     let map = matcher.run(&images[0], &images[1], &Band::full(0, 32, 48)?)?;
     ///     Ok(map.disparity.iter().map(|disparity| disparity.to_bits()).collect())
     /// });

@@ -16,7 +16,7 @@
 //! # }
 //! # let [left, right] = pair(128, 48, 8);
 //! let mut matcher = Matcher::new(Config::preset(Preset::Fast), 128, 48)?;
-//! let images = [ImageView::new(128, 48, &left)?, ImageView::new(128, 48, &right)?];
+//! let images = [ImageView::packed(128, 48, &left)?, ImageView::packed(128, 48, &right)?];
 //! let map = matcher.run(&images[0], &images[1], &Band::full(0, 32, 48)?)?;
 //!
 //! let geometry = Geometry { focal_px: 100.0, center: [63.5, 23.5], baseline_m: 0.06, offset_px: 0.0 };
@@ -44,7 +44,6 @@ mod cost;
 mod error;
 pub mod evaluate;
 mod half_resolution;
-mod image;
 mod lanes;
 mod map;
 mod matcher;
@@ -62,7 +61,7 @@ pub use census::Census;
 pub use config::{BandConfig, Config, Matching, Preset};
 pub use error::DepthError;
 pub use half_resolution::Downsample;
-pub use image::ImageView;
+pub use imaging::ImageView;
 pub use lanes::Level;
 pub use map::{DepthMap, DisparityMap, Geometry};
 pub use matcher::{MatchStats, Matcher};

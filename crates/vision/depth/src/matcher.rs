@@ -9,13 +9,13 @@ use crate::consistency::Winners;
 use crate::correlation::{Correlation, LocalStats};
 use crate::error::DepthError;
 use crate::half_resolution::HalfResolution;
-use crate::image::ImageView;
 use crate::lanes::Level;
 use crate::map::DisparityMap;
 use crate::median::median;
 use crate::noise;
 use crate::sigma::{Evidence, Model};
 use crate::speckle::SpeckleFilter;
+use imaging::ImageView;
 
 /// Matches pairs of one size and reuses its buffers from pair to pair.
 ///
@@ -130,7 +130,7 @@ impl Matcher {
     /// # let [left, right] = pair(128, 48, 8);
     /// let config = Config::preset(Preset::Accurate);
     /// let mut matcher = Matcher::new(config, 128, 48)?.with_evidence();
-    /// let images = [ImageView::new(128, 48, &left)?, ImageView::new(128, 48, &right)?];
+    /// let images = [ImageView::packed(128, 48, &left)?, ImageView::packed(128, 48, &right)?];
     /// matcher.run(&images[0], &images[1], &Band::full(0, 32, 48)?)?;
     ///
     /// // The sigma of a pixel follows from its evidence alone.
@@ -180,7 +180,7 @@ impl Matcher {
     /// # }
     /// # let [left, right] = pair(128, 48, 8);
     /// let mut matcher = Matcher::new(Config::preset(Preset::Accurate), 128, 48)?;
-    /// let images = [ImageView::new(128, 48, &left)?, ImageView::new(128, 48, &right)?];
+    /// let images = [ImageView::packed(128, 48, &left)?, ImageView::packed(128, 48, &right)?];
     /// let map = matcher.run(&images[0], &images[1], &Band::full(0, 32, 48)?)?;
     /// let at_eight = map.disparity.iter().filter(|disparity| (**disparity - 8.0).abs() < 0.5).count();
     /// assert!(at_eight > 128 * 48 / 2, "{at_eight} pixels");
@@ -196,7 +196,7 @@ impl Matcher {
     ///
     /// let mut matcher = Matcher::new(Config::preset(Preset::Fast), 128, 48)?;
     /// let (full, half) = ([0; 128 * 48], [0; 64 * 48]);
-    /// let images = [ImageView::new(128, 48, &full)?, ImageView::new(64, 48, &half)?];
+    /// let images = [ImageView::packed(128, 48, &full)?, ImageView::packed(64, 48, &half)?];
     /// let refused = matcher.run(&images[0], &images[1], &Band::full(0, 32, 48)?).unwrap_err();
     /// assert_eq!(
     ///     refused.to_string(),
@@ -291,8 +291,8 @@ impl Matcher {
             || noise::smooth(right, of_right),
         );
         let (width, height) = (self.map.width, self.map.height);
-        let left = ImageView::new(width, height, of_left)?;
-        let right = ImageView::new(width, height, of_right)?;
+        let left = ImageView::packed(width, height, of_left)?;
+        let right = ImageView::packed(width, height, of_right)?;
         self.aggregation
             .run(self.level, weights, [&left, &right], range);
         Ok(())

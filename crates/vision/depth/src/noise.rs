@@ -8,7 +8,7 @@
 
 use rayon::prelude::*;
 
-use crate::image::ImageView;
+use imaging::ImageView;
 
 /// Side length of a block, px.
 const BLOCK_PX: usize = 16;
@@ -24,9 +24,9 @@ const VALID_MEANS: std::ops::Range<u32> = 4..250;
 /// let ramp: Vec<u8> = (0..96 * 64).map(|i| 60 + (i % 96) as u8).collect();
 /// let dots: Vec<u8> = (0..96 * 64).map(|i| 60 + 10 * ((i % 96 + i / 96) % 2) as u8).collect();
 /// let dark = vec![0; 96 * 64];
-/// assert_eq!(noise::estimate(&ImageView::new(96, 64, &ramp)?), Some(0.0));
-/// assert!(noise::estimate(&ImageView::new(96, 64, &dots)?).is_some_and(|sigma| sigma > 5.0));
-/// assert_eq!(noise::estimate(&ImageView::new(96, 64, &dark)?), None);
+/// assert_eq!(noise::estimate(&ImageView::packed(96, 64, &ramp)?), Some(0.0));
+/// assert!(noise::estimate(&ImageView::packed(96, 64, &dots)?).is_some_and(|sigma| sigma > 5.0));
+/// assert_eq!(noise::estimate(&ImageView::packed(96, 64, &dark)?), None);
 /// # Ok::<(), depth::DepthError>(())
 /// ```
 pub fn estimate(image: &ImageView<'_>) -> Option<f64> {
@@ -112,7 +112,7 @@ mod tests {
         let mut random = Random(7);
         for sigma in [1.0, 2.0, 5.0] {
             let pixels = noisy(&mut random, sigma);
-            let found = estimate(&ImageView::new(160, 120, &pixels).unwrap()).unwrap();
+            let found = estimate(&ImageView::packed(160, 120, &pixels).unwrap()).unwrap();
             // The lower quartile is below the mean; rounding to gray levels adds a little.
             assert!((0.85..1.1).contains(&(found / sigma)), "{sigma}: {found}");
         }
@@ -131,16 +131,19 @@ mod tests {
                 };
             }
         }
-        let found = estimate(&ImageView::new(160, 120, &pixels).unwrap()).unwrap();
+        let found = estimate(&ImageView::packed(160, 120, &pixels).unwrap()).unwrap();
         assert!(found < 1.3, "{found}");
     }
 
     #[test]
     fn dark_image_has_no_noise_estimate() {
         let pixels = vec![0; 160 * 120];
-        assert_eq!(estimate(&ImageView::new(160, 120, &pixels).unwrap()), None);
         assert_eq!(
-            estimate(&ImageView::new(4, 4, &pixels[..16]).unwrap()),
+            estimate(&ImageView::packed(160, 120, &pixels).unwrap()),
+            None
+        );
+        assert_eq!(
+            estimate(&ImageView::packed(4, 4, &pixels[..16]).unwrap()),
             None
         );
     }
@@ -151,7 +154,10 @@ mod tests {
         for (width, height) in [(1, 1), (2, 5), (9, 4)] {
             let pixels = random.image(width, height);
             let mut found = Vec::new();
-            smooth(&ImageView::new(width, height, &pixels).unwrap(), &mut found);
+            smooth(
+                &ImageView::packed(width, height, &pixels).unwrap(),
+                &mut found,
+            );
             for y in 0..height as i32 {
                 for x in 0..width as i32 {
                     let mut sum = 8;

@@ -3,8 +3,8 @@
 
 use crate::aggregation::{MAX_DISPARITIES, NONE, Paths, Range, Weights, Winner};
 use crate::census::Census;
-use crate::image::ImageView;
 use crate::lanes::Level;
+use imaging::ImageView;
 
 /// Pseudorandom numbers (xorshift64*).
 pub(crate) struct Random(pub(crate) u64);

@@ -88,13 +88,13 @@ impl<'a> ImageView<'a> {
     }
 }
 
-impl<'a> From<depth::ImageView<'a>> for ImageView<'a> {
-    fn from(image: depth::ImageView<'a>) -> Self {
+impl<'a> From<imaging::ImageView<'a>> for ImageView<'a> {
+    fn from(image: imaging::ImageView<'a>) -> Self {
         Self {
             width: image.width(),
             height: image.height(),
             channels: 1,
-            values: Cow::Borrowed(image.pixels()),
+            values: image.packed_pixels(),
         }
     }
 }

@@ -18,9 +18,10 @@ pub use estimator::{
     ReinitializationConfig,
 };
 pub use frontend::{
-    CrossCameraConfig, DetectorConfig, FrontendConfig, KeypointConfig, KltConfig, PyramidConfig,
-    StaleImageConfig, StereoConfig,
+    CrossCameraConfig, DetectorConfig, FrontendConfig, KeypointConfig, StaleImageConfig,
+    StereoConfig,
 };
+pub use imaging::{KltConfig, PyramidConfig};
 pub use inertial::{InertialConfig, SaturationConfig};
 pub use mapping::{LoopClosureConfig, MappingConfig};
 

@@ -15,11 +15,11 @@ use rayon::prelude::*;
 use crate::backend::covariance::{in_rig_frame, tilt_uncertainty, transport};
 use crate::config::Config;
 use crate::estimator::reinitialization::ResetUncertainty;
-use crate::frontend::pyramid::Pyramid;
 use crate::inertial::propagation::{ImuPropagator, constant_velocity};
 use crate::input::{FrameSet, ImuSample};
 use crate::keyframe::Keyframe;
 use crate::rig::Rig;
+use imaging::Pyramid;
 
 use crate::backend::newest_pose::refine_newest;
 use crate::backend::observation::{Camera, CameraPose};

@@ -1,6 +1,6 @@
 //! Input of the estimator: frame sets and IMU samples.
 
-use camera_models::ImageView;
+use imaging::ImageView;
 
 /// Frame set: the frames of one instant, one entry per camera in the order of the rig; `None` if a
 /// camera has no frame.
@@ -44,7 +44,7 @@ pub struct FrameSet<'a> {
 /// ```
 /// use odometry::{Config, FrameSet, Odometry, Preset, Rig, View};
 /// # use cad_transforms::RigidTransform;
-/// # use camera_models::ImageView;
+/// # use imaging::ImageView;
 /// # use camera_models::{CameraModel, Distortion};
 /// # use odometry::rig::StereoCamera;
 /// # let lens = CameraModel::new((160, 120), [100.0, 100.0, 79.5, 59.5], Distortion::None);

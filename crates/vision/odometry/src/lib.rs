@@ -28,7 +28,7 @@
 //! ```
 //! use odometry::{Config, FrameSet, Odometry, Preset, Rig, Status, View};
 //! # use cad_transforms::RigidTransform;
-//! # use camera_models::ImageView;
+//! # use imaging::ImageView;
 //! # use camera_models::{CameraModel, Distortion};
 //! # use odometry::rig::StereoCamera;
 //! # let lens = CameraModel::new((160, 120), [100.0, 100.0, 79.5, 59.5], Distortion::None);

@@ -4,7 +4,7 @@
 //! decoded a few at a time, whatever the length of the session. Items that cannot be read are
 //! reported with the set.
 
-use camera_models::ImageView;
+use imaging::ImageView;
 use odometry::input::{FrameSet, ImuSample, View};
 use scene_bundle::outputs::rig::RigModel;
 use session_input::{Image, LumaFrameSets, ReadError, StereoFrame};

@@ -186,7 +186,7 @@ mod tests {
     }
 
     fn rectified(pixels: &[u8; 6]) -> depth::ImageView<'_> {
-        depth::ImageView::new(3, 2, pixels).expect("an image")
+        depth::ImageView::packed(3, 2, pixels).expect("an image")
     }
 
     fn recorded(pixels: &[u8; 6]) -> Image {

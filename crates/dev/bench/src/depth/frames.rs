@@ -66,7 +66,7 @@ impl Frame {
     /// The left and the right image.
     pub(crate) fn pictures(&self) -> [depth::ImageView<'_>; 2] {
         [0, 1].map(|eye| {
-            depth::ImageView::new(self.width, self.height, &self.eyes[eye])
+            depth::ImageView::packed(self.width, self.height, &self.eyes[eye])
                 .expect("eyes are of the size of the frame")
         })
     }

@@ -4,7 +4,7 @@
 //! `i` of level `k` is at pixel `2^k i` of the image, so that coordinates of levels differ by a
 //! factor only.
 
-use camera_models::ImageView;
+use imaging::ImageView;
 
 /// One level of a pyramid.
 #[derive(Clone, Debug)]

@@ -5,7 +5,8 @@
 //! searches. Eyes rotated against each other by up to 1.5° are matched, and a gyroscope only
 //! predicts positions. A feature that cannot be found reliably is dropped.
 
-use camera_models::{ImageView, Lens, StereoCalibration};
+use camera_models::{Lens, StereoCalibration};
+use imaging::ImageView;
 use nalgebra::{UnitQuaternion, Vector3};
 use serde::{Deserialize, Serialize};
 

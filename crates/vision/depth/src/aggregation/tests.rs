@@ -12,7 +12,7 @@ const PENALTIES: Penalties = Penalties {
 
 fn check(level: Level, weights: Weights, pixels: &[Vec<u8>; 2], width: usize, range: Range<'_>) {
     let height = pixels[0].len() / width;
-    let images = [0, 1].map(|eye| ImageView::new(width, height, &pixels[eye]).unwrap());
+    let images = [0, 1].map(|eye| ImageView::packed(width, height, &pixels[eye]).unwrap());
     let images = [&images[0], &images[1]];
     let mut aggregation = Aggregation::default();
     // Twice: buffers of the first run must not affect the second one.
@@ -113,7 +113,7 @@ fn result_does_not_depend_on_the_number_of_threads() {
     let run = |threads: usize| {
         let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build();
         pool.unwrap().install(|| {
-            let images = [0, 1].map(|eye| ImageView::new(width, height, &pair[eye]).unwrap());
+            let images = [0, 1].map(|eye| ImageView::packed(width, height, &pair[eye]).unwrap());
             let mut aggregation = Aggregation::default();
             let weights = Weights {
                 census: Census::Full7x7,

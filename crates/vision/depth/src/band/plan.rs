@@ -8,9 +8,9 @@
 use crate::band::Band;
 use crate::config::{Config, Preset};
 use crate::error::DepthError;
-use crate::image::ImageView;
 use crate::map::{DisparityMap, Geometry};
 use crate::matcher::Matcher;
+use imaging::ImageView;
 
 /// A plane: all points `p` with `normal . p = distance_m`, in the left optical frame (x right, y down, z forward).
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -239,7 +239,7 @@ impl Probe {
         }
         let size = |p: &ImageView<'_>| [p.width() / SCALE, p.height() / SCALE];
         let small = |p: &ImageView<'_>, eye: usize| {
-            ImageView::new(size(p)[0], size(p)[1], &self.small[eye])
+            ImageView::packed(size(p)[0], size(p)[1], &self.small[eye])
         };
         let (left, right) = (small(left, 0)?, small(right, 1)?);
         let map = self.matcher.run(&left, &right, &self.band)?;

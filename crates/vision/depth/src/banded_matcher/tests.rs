@@ -11,7 +11,7 @@ fn pair(shift: usize) -> [Vec<u8>; 2] {
 }
 
 fn run(banded: &mut BandedMatcher, eyes: &[Vec<u8>; 2]) -> (DisparityMap, BandStats) {
-    let images = [0, 1].map(|eye| ImageView::new(WIDTH, HEIGHT, &eyes[eye]).unwrap());
+    let images = [0, 1].map(|eye| ImageView::packed(WIDTH, HEIGHT, &eyes[eye]).unwrap());
     let (map, stats) = banded.run(&images[0], &images[1], None).unwrap();
     (map.clone(), stats)
 }
@@ -52,7 +52,7 @@ fn clipping_band_is_widened() {
     let mut banded = banded();
     // A plan that misses the disparity by a few pixels, as after wrong coarse matching.
     let eyes = pair(40);
-    let images = [0, 1].map(|eye| ImageView::new(WIDTH, HEIGHT, &eyes[eye]).unwrap());
+    let images = [0, 1].map(|eye| ImageView::packed(WIDTH, HEIGHT, &eyes[eye]).unwrap());
     let narrow = Band::rows(&[[20, 40]; HEIGHT]).unwrap();
     banded.matcher.run(&images[0], &images[1], &narrow).unwrap();
     assert!(banded.is_clipped(&narrow, WIDTH));
@@ -68,7 +68,7 @@ fn clipped_pair_is_matched_again() {
     let mut banded = banded();
     for (shift, reruns) in [(30, 0), (44, 1)] {
         let eyes = pair(shift);
-        let images = [0, 1].map(|eye| ImageView::new(WIDTH, HEIGHT, &eyes[eye]).unwrap());
+        let images = [0, 1].map(|eye| ImageView::packed(WIDTH, HEIGHT, &eyes[eye]).unwrap());
         let narrow = Band::rows(&[[20, 40]; HEIGHT]).unwrap();
         let (map, stats) = banded.run_from(narrow, &images[0], &images[1]).unwrap();
         let map = map.clone();
@@ -82,7 +82,7 @@ fn ends_of_the_full_range_do_not_count_as_clipped() {
     let banded = {
         let mut banded = banded();
         let eyes = pair(0);
-        let images = [0, 1].map(|eye| ImageView::new(WIDTH, HEIGHT, &eyes[eye]).unwrap());
+        let images = [0, 1].map(|eye| ImageView::packed(WIDTH, HEIGHT, &eyes[eye]).unwrap());
         let band = Band::rows(&[[0, 30]; HEIGHT]).unwrap();
         banded.matcher.run(&images[0], &images[1], &band).unwrap();
         assert!(!banded.is_clipped(&band, WIDTH));

@@ -138,7 +138,7 @@ fn walls() -> [Vec<u8>; 2] {
 fn run(network: &mut StereoNetwork, pair: &[Vec<u8>; 2]) -> depth::DisparityMap {
     let [left, right] = pair
         .each_ref()
-        .map(|p| ImageView::from(depth::ImageView::new(WIDTH, HEIGHT, p).unwrap()));
+        .map(|p| ImageView::from(depth::ImageView::packed(WIDTH, HEIGHT, p).unwrap()));
     network.run(&left, &right).unwrap()
 }
 

@@ -1,6 +1,7 @@
 //! Constants of the visual front end.
 
 use estimator_config::config;
+use imaging::{KltConfig, PyramidConfig};
 
 config! {
     /// Features of one camera: number, spacing, matching.
@@ -34,35 +35,6 @@ config! {
         pub keypoints: KeypointConfig = KeypointConfig::default(),
         /// Frozen and torn images.
         pub stale_image: StaleImageConfig = StaleImageConfig::default(),
-    }
-
-    /// Image pyramid.
-    pub struct PyramidConfig {
-        /// Maximum number of levels. Each level doubles the motion that tracking can follow.
-        pub max_levels: usize = 4,
-        /// Minimum side of the coarsest level, px: three patches.
-        pub min_side_px: usize = 24,
-    }
-
-    /// KLT tracking of a patch of 8 x 8 px.
-    pub struct KltConfig {
-        /// Maximum number of iterations per level. Fewer lose fast motion; more cost time, mainly
-        /// for patches that are lost anyway.
-        pub max_iterations: usize = 10,
-        /// Length of a step at which the alignment has converged, px. It bounds the bias of a track.
-        pub convergence_px: f64 = 0.01,
-        /// Maximum distance between the start and the position tracked back to it, px. Higher lets
-        /// slips along edges through.
-        pub max_forward_backward_px: f64 = 0.5,
-        /// Minimum normalized cross-correlation (NCC) of the two patches, -1 to 1. Lower follows
-        /// occlusions, higher loses features that change scale.
-        pub min_ncc: f64 = 0.8,
-        /// Minimum contrast of a template: norm of its gray levels minus their mean. Below it there
-        /// is mostly noise.
-        pub min_contrast: f64 = 8.0,
-        /// Minimum determinant of the gradient moments, as a fraction of their squared trace. Lower
-        /// accepts edges, on which the position is not determined.
-        pub min_determinant_ratio: f64 = 1e-4,
     }
 
     /// Corner detection (Shi and Tomasi).

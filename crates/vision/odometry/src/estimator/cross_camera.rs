@@ -6,7 +6,7 @@
 //! warped into the view of the other camera, on a plane perpendicular to the viewing ray, before
 //! the search; and stereo matching in the other camera must confirm the known range.
 
-use camera_models::ImageView;
+use imaging::ImageView;
 use nalgebra::{Matrix3, Vector3};
 use rayon::prelude::*;
 
@@ -14,8 +14,8 @@ use super::{Odometry, world_from_left};
 use crate::backend::observation::{Camera, CameraPose, transfer};
 use crate::backend::window::Window;
 use crate::config::FrontendConfig;
-use crate::frontend::pyramid::{Level, Pyramid};
 use crate::frontend::tracker::{Expected, Track};
+use imaging::{Level, Pyramid};
 
 /// Side of the warped patch, px, and its center.
 const WARP_SIDE_PX: usize = 48;

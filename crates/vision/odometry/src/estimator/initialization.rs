@@ -10,9 +10,9 @@ use nalgebra::{UnitQuaternion, Vector3};
 
 use super::{Estimate, Odometry};
 use crate::backend::window::{Frame, Prior, Window};
-use crate::frontend::pyramid::Pyramid;
 use crate::frontend::stale_image::StaleImageDetector;
 use crate::frontend::tracker::Expected;
+use imaging::Pyramid;
 
 use crate::backend::state::{
     ACCEL_BIAS, GYRO_BIAS, POSITION, ROTATION, STATE_DIM, State, VELOCITY,

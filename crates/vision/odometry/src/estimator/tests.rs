@@ -1,7 +1,7 @@
 //! Keyframes at rest, and behavior with few IMU samples. The scene is a wall of gray noise, 2 m
 //! away.
 
-use camera_models::ImageView;
+use imaging::ImageView;
 
 use super::*;
 use crate::config::Preset;

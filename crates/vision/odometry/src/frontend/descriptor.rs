@@ -4,7 +4,7 @@
 //! from a normal distribution over a patch 15 px wide on a level of half size. The rig is carried
 //! upright, so that rotation is not compensated.
 
-use crate::frontend::pyramid::Level;
+use imaging::Level;
 
 /// Maximum offset from the center, px of the level.
 const PATTERN_RADIUS_PX: i32 = 7;

@@ -6,7 +6,7 @@
 //! without texture remain empty.
 
 use crate::config::DetectorConfig;
-use crate::frontend::pyramid::Level;
+use imaging::Level;
 
 /// Radius of the window over which gradients are summed, and width of the image border without
 /// corners, px.

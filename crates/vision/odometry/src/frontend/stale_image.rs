@@ -8,7 +8,7 @@
 use crate::backend::observation::Camera;
 use crate::backend::state::State;
 use crate::config::StaleImageConfig;
-use crate::frontend::pyramid::{Level, Pyramid};
+use imaging::{Level, Pyramid};
 
 /// Pyramid level on which rows are compared.
 const COMPARED_LEVEL: usize = 1;
@@ -83,7 +83,7 @@ impl StaleImageDetector {
 #[cfg(test)]
 mod tests {
     use cad_transforms::RigidTransform;
-    use camera_models::ImageView;
+    use imaging::ImageView;
     use nalgebra::Vector3;
 
     use super::*;

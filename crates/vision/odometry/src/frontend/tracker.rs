@@ -13,9 +13,9 @@ use crate::backend::observation::{BearingMeasurement, BearingObservation, Camera
 use crate::config::FrontendConfig;
 use crate::frontend::descriptor::describe;
 use crate::frontend::detector::{Search, detect};
-use crate::frontend::klt::{self, normalized_patch};
-use crate::frontend::pyramid::Pyramid;
 use crate::keyframe::Keypoint;
+use imaging::Pyramid;
+use imaging::klt::{self, normalized_patch};
 
 /// A tracked feature.
 #[derive(Clone, Copy, Debug)]

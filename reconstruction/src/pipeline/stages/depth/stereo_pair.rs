@@ -95,7 +95,7 @@ impl StereoPair {
     fn disparity(&mut self, networks: &Networks) -> Result<Cow<'_, DisparityMap>, StageError> {
         let model = self.rectification.camera;
         let picture =
-            |pixels| depth::ImageView::new(model.width as usize, model.height as usize, pixels);
+            |pixels| depth::ImageView::packed(model.width as usize, model.height as usize, pixels);
         let [left, right] = &self.rectified;
         let (left, right) = (picture(left)?, picture(right)?);
         if let Some(map) = networks.disparity(left, right)? {

@@ -93,7 +93,7 @@ fn probe_finds_a_new_near_object() {
     }
     let full = Band::full(0, 128, height).unwrap();
     let mut probe = Probe::new(&full, width).unwrap().unwrap();
-    let images = [0, 1].map(|eye| ImageView::new(width, height, &eyes[eye]).unwrap());
+    let images = [0, 1].map(|eye| ImageView::packed(width, height, &eyes[eye]).unwrap());
     let mut plan = Plan::new(&full);
     probe.search(&images[0], &images[1], &mut plan).unwrap();
     let band = plan.finish(&Margin::WALK).unwrap();
@@ -101,7 +101,7 @@ fn probe_finds_a_new_near_object() {
     assert!((0..height).all(|y| holds(y, 6)), "{band:?}");
     assert!((34..58).all(|y| holds(y, 48)), "{band:?}");
     assert!(band.row(0)[1] < 48, "{band:?}");
-    let other = ImageView::new(128, 64, &eyes[0][..128 * 64]).unwrap();
+    let other = ImageView::packed(128, 64, &eyes[0][..128 * 64]).unwrap();
     assert!(probe.search(&other, &other, &mut plan).is_err());
 }
 

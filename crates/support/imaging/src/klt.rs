@@ -10,8 +10,32 @@
     reason = "loops over several rows of one register each; with indices the compiler vectorizes them"
 )]
 
-use crate::config::KltConfig;
-use crate::frontend::pyramid::{Level, Pyramid};
+use estimator_config::config;
+
+use crate::pyramid::{Level, Pyramid};
+
+config! {
+    /// KLT tracking of a patch of 8 x 8 px.
+    pub struct KltConfig {
+        /// Maximum number of iterations per level. Fewer lose fast motion; more cost time, mainly
+        /// for patches that are lost anyway.
+        pub max_iterations: usize = 10,
+        /// Length of a step at which the alignment has converged, px. It bounds the bias of a track.
+        pub convergence_px: f64 = 0.01,
+        /// Maximum distance between the start and the position tracked back to it, px. Higher lets
+        /// slips along edges through.
+        pub max_forward_backward_px: f64 = 0.5,
+        /// Minimum normalized cross-correlation (NCC) of the two patches, -1 to 1. Lower follows
+        /// occlusions, higher loses features that change scale.
+        pub min_ncc: f64 = 0.8,
+        /// Minimum contrast of a template: norm of its gray levels minus their mean. Below it there
+        /// is mostly noise.
+        pub min_contrast: f64 = 8.0,
+        /// Minimum determinant of the gradient moments, as a fraction of their squared trace. Lower
+        /// accepts edges, on which the position is not determined.
+        pub min_determinant_ratio: f64 = 1e-4,
+    }
+}
 
 /// Side of a patch, px. Its center is between pixels.
 const PATCH_SIDE: usize = 8;
@@ -176,7 +200,7 @@ impl Template {
 
 /// Tracks the position `at` of `from` into `to`, starting at `guess` on the level `coarsest`. All
 /// positions are in pixels of the finest level.
-pub(crate) fn track(
+pub fn track(
     config: &KltConfig,
     from: &Pyramid,
     to: &Pyramid,
@@ -258,7 +282,7 @@ fn track_forward(
 }
 
 /// Patch around a position of a level, normalized to mean 0 and norm 1, for NCC.
-pub(crate) fn normalized_patch(
+pub fn normalized_patch(
     config: &KltConfig,
     level: &Level,
     x: f32,
@@ -274,7 +298,7 @@ pub(crate) fn normalized_patch(
 
 #[cfg(test)]
 mod tests {
-    use camera_models::ImageView;
+    use crate::view::ImageView;
 
     use super::*;
 

@@ -5,27 +5,41 @@
 //! levels differ by a factor only. All levels are bytes: a patch of 8 x 8 is then two cache lines,
 //! and rounding moves a corner by less than noise does.
 
-use camera_models::ImageView;
+use estimator_config::config;
 
-use crate::config::PyramidConfig;
+use crate::view::ImageView;
+
+config! {
+    /// Image pyramid.
+    pub struct PyramidConfig {
+        /// Maximum number of levels. Each level doubles the motion that tracking can follow.
+        pub max_levels: usize = 4,
+        /// Minimum side of the coarsest level, px: three patches.
+        pub min_side_px: usize = 24,
+    }
+}
 
 /// One level, row-major.
 #[derive(Clone, Debug, Default)]
-pub(crate) struct Level {
-    pub(crate) width: usize,
-    pub(crate) height: usize,
-    pub(crate) data: Vec<u8>,
+pub struct Level {
+    /// Columns.
+    pub width: usize,
+    /// Rows.
+    pub height: usize,
+    /// Gray values.
+    pub data: Vec<u8>,
 }
 
 /// Levels, the finest first.
 #[derive(Clone, Debug, Default)]
-pub(crate) struct Pyramid {
-    pub(crate) levels: Vec<Level>,
+pub struct Pyramid {
+    /// Levels, the finest first; empty by default.
+    pub levels: Vec<Level>,
 }
 
 impl Pyramid {
     /// Builds the pyramid of an image.
-    pub(crate) fn new(config: &PyramidConfig, image: &ImageView<'_>) -> Self {
+    pub fn new(config: &PyramidConfig, image: &ImageView<'_>) -> Self {
         let (width, height) = image.size();
         let mut data = Vec::with_capacity(width * height);
         for y in 0..height {
