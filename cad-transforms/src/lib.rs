@@ -20,6 +20,7 @@ pub mod covariance;
 pub mod frame;
 pub mod output;
 pub mod rig;
+pub mod so3;
 pub mod transform;
 pub mod view;
 

@@ -31,7 +31,7 @@ use camera_models::CameraModel;
 use nalgebra::Vector3;
 use serde::Deserialize;
 
-use crate::so3;
+use cad_transforms::so3;
 
 /// Maximum rotation, degrees, and translation, mm; larger values are taken as mistakes in the file.
 const MAX_DEG_MM: (f64, f64) = (45.0, 500.0);

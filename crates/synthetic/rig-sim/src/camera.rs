@@ -25,7 +25,7 @@ use self::shade::{Radiance, VisibleBody};
 use crate::lens::Lens;
 use crate::random;
 use crate::scene::Scene;
-use crate::so3;
+use cad_transforms::so3;
 
 /// Shutter: exposure times of the rows of an image.
 #[derive(Clone, Copy, Debug, PartialEq)]

@@ -22,7 +22,6 @@ pub mod render;
 pub mod rig;
 pub mod scene;
 pub mod simulation;
-pub mod so3;
 pub mod spline;
 pub mod targets;
 pub mod walker;

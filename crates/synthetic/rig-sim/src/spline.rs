@@ -6,7 +6,7 @@
 
 use nalgebra::{UnitQuaternion, Vector3};
 
-use crate::so3;
+use cad_transforms::so3;
 
 /// Pose of a body with its derivatives.
 #[derive(Clone, Copy, Debug, PartialEq)]

@@ -17,7 +17,7 @@ pub mod observations;
 use self::board::{Board, Sheet};
 use crate::random;
 use crate::rig::SimCamera;
-use crate::so3;
+use cad_transforms::so3;
 
 /// Start position: the rig's datum above the middle of the floor, m.
 pub const HOME: [f64; 3] = [0.0, 0.0, 1.3];

@@ -17,8 +17,8 @@ use self::path::Path;
 use self::progress::Progress;
 use crate::random;
 use crate::scene::Scene;
-use crate::so3;
 use crate::spline::{Spline, State};
+use cad_transforms::so3;
 
 /// Knot spacing of the spline, s: motion up to about 10 Hz.
 pub(crate) const KNOT_S: f64 = 0.025;

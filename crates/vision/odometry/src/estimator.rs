@@ -251,7 +251,8 @@ impl Odometry {
         if self.gyro_rate(time_ns).is_none() {
             // Without a gyroscope the angular rate is assumed constant.
             let seconds = (state.time_ns - last.time_ns) as f64 * 1e-9;
-            let rotation_change = crate::so3::log(&(last.rotation.inverse() * state.rotation));
+            let rotation_change =
+                cad_transforms::so3::log(&(last.rotation.inverse() * state.rotation));
             state.gyro_rate = rotation_change / seconds.max(1e-3) + state.gyro_bias;
             if let Some(newest) = window.frames.last_mut() {
                 newest.state.gyro_rate = state.gyro_rate;

@@ -108,7 +108,6 @@ pub mod rig;
 mod backend;
 mod frontend;
 mod inertial;
-mod so3;
 #[cfg(test)]
 mod test_rig;
 

@@ -193,7 +193,7 @@ impl Mapping {
                     .map_or([1e-6; 2], ImuPropagator::bias_walk),
                 preintegrated: preintegrated.unwrap_or_else(|| {
                     let rotation_change = from.rotation.inverse() * to.rotation;
-                    let rate = crate::so3::log(&rotation_change) / seconds.max(1e-3);
+                    let rate = cad_transforms::so3::log(&rotation_change) / seconds.max(1e-3);
                     constant_velocity(&self.config.inertial, &from, rate, to.time_ns)
                 }),
             }

@@ -11,7 +11,7 @@ use crate::faults::{CameraFaults, Kind};
 use crate::lens::Lens;
 use crate::random;
 use crate::scene::Scene;
-use crate::so3;
+use cad_transforms::so3;
 
 /// Light that a clean lens scatters from a source of irradiance 1 to an angle of 1 rad, relative to
 /// a white surface; over all angles about 2 percent of the light.

@@ -101,7 +101,7 @@ fn mix(a: &View, b: &View, part: f32) -> View {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::so3;
+    use cad_transforms::so3;
 
     /// Agreement with the reference implementation, a pose for every row. Camera and body rotate
     /// with about 500 rad/s² relative to each other.

@@ -10,7 +10,7 @@ use super::surface::{Class, Material};
 use super::texture::layout::Layout;
 use super::texture::{Recipe, Texture};
 use crate::random;
-use crate::so3;
+use cad_transforms::so3;
 
 /// Builder of a scene.
 #[derive(Debug)]

@@ -9,7 +9,7 @@ use nalgebra::Vector3;
 use super::build::Builder;
 use super::light::Lamp;
 use super::mesh::Stuff;
-use crate::so3;
+use cad_transforms::so3;
 
 /// Thickness of walls, m.
 pub(super) const THICK: f64 = 0.2;

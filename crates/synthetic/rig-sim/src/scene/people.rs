@@ -16,9 +16,9 @@ use super::build::Builder;
 use super::bvh::Bvh;
 use super::light::Light;
 use super::mesh::Mesh;
-use crate::so3;
 use crate::walker::Side;
 use crate::walker::path::Path;
+use cad_transforms::so3;
 
 mod gait;
 pub mod shape;

@@ -14,9 +14,9 @@ use super::mesh::{Mesh, Stuff};
 use super::surface::Class;
 use super::tag;
 use super::texture::Recipe;
-use crate::so3;
 use crate::walker::gait::{HEEL_X, TOE_X};
 use crate::walker::{Side, Walker};
+use cad_transforms::so3;
 
 /// From the rig's datum to the hips, m: back, to each side, down.
 const HIP: [f64; 3] = [-0.14, 0.09, -0.37];

@@ -14,9 +14,9 @@ use super::{HOME, Motion, Plan};
 use crate::lens::Lens;
 use crate::random;
 use crate::rig::SimCamera;
-use crate::so3;
 use crate::spline::Spline;
 use crate::walker::KNOT_S;
+use cad_transforms::so3;
 
 /// Time at rest in a view, s.
 pub const DWELL_S: f64 = 0.55;

@@ -10,7 +10,7 @@ use nalgebra::{UnitQuaternion, Vector3};
 
 use super::path::Path;
 use super::progress::Progress;
-use crate::so3;
+use cad_transforms::so3;
 
 /// Left or right.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]

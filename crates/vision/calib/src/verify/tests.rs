@@ -1,9 +1,8 @@
 //! A synthetic rig that moves among points, with a corner error of a fifth of a pixel.
 
 use cad_transforms::RigidTransform;
-use camera_models::{
-    CameraModel, Distortion, ImageView, ImuCalibration, Lens, Provenance, StereoCalibration,
-};
+use camera_models::{CameraModel, Distortion, ImuCalibration, Lens, Provenance, StereoCalibration};
+use imaging::ImageView;
 use nalgebra::{UnitQuaternion, Vector3};
 
 use super::*;

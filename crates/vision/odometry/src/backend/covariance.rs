@@ -5,7 +5,7 @@ use nalgebra::{Matrix6, Matrix6x2};
 
 use crate::backend::state::State;
 use crate::config::CovarianceConfig;
-use crate::so3::cross;
+use cad_transforms::so3::cross;
 
 /// Adds errors that the covariance of the solver does not model: observations of one feature are
 /// correlated over frames, and calibrations have constant errors. Sigmas are multiplied by

@@ -9,7 +9,7 @@ use nalgebra::{Matrix3, Matrix6, Rotation3, SMatrix, UnitQuaternion, Vector3, Ve
 use crate::backend::observation::Camera;
 use crate::config::ExtrinsicsConfig;
 use crate::rig::StereoCamera;
-use crate::so3;
+use cad_transforms::so3;
 
 /// Prior of the extrinsics of one camera.
 #[derive(Clone, Debug)]
@@ -81,7 +81,7 @@ impl ExtrinsicsPrior {
 pub(crate) fn apply_error(camera: &mut Camera, error: &Vector6<f64>) {
     let (rotation, translation) = &mut camera.body_from_left;
     *translation += *rotation * error.fixed_rows::<3>(0);
-    let by = so3::exp(&error.fixed_rows::<3>(3).into_owned());
+    let by = so3::exp(error.fixed_rows::<3>(3).into_owned());
     *rotation *= by.to_rotation_matrix().into_inner();
 }
 

@@ -10,7 +10,7 @@ use crate::backend::state::{
     ACCEL_BIAS, GRAVITY, GYRO_BIAS, POSITION, ROTATION, STATE_DIM, State, VELOCITY,
 };
 use crate::backend::window::MotionFactor;
-use crate::so3;
+use cad_transforms::so3;
 
 const BOTH_DIM: usize = 2 * STATE_DIM;
 
@@ -162,7 +162,7 @@ fn derivatives(
     // Rotation.
     set(0, ROTATION, -inverse * (back * later).transpose());
     set(0, STATE_DIM + ROTATION, inverse);
-    let rotation_error_matrix = so3::exp(&rotation_error)
+    let rotation_error_matrix = so3::exp(rotation_error)
         .inverse()
         .to_rotation_matrix()
         .into_inner();

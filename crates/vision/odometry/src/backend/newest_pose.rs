@@ -7,7 +7,7 @@ use crate::backend::observation::{BearingObservation, CameraPose};
 use crate::backend::solver::{ByPose, residuals};
 use crate::backend::state::{POSE_DIM, STATE_DIM, State};
 use crate::backend::window::Window;
-use crate::so3;
+use cad_transforms::so3;
 
 /// Optimizes the newest state with everything else fixed, and returns its information matrix. The
 /// loss is Tukey's with a scale that decreases with the iterations. `start_covariance` is the

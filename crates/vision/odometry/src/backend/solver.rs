@@ -16,7 +16,7 @@ use crate::backend::observation::{
 use crate::backend::state::{Error, POSE_DIM, STATE_DIM};
 use crate::backend::window::{Landmark, Window};
 use crate::config::BackendConfig;
-use crate::so3;
+use cad_transforms::so3;
 
 /// Number of landmarks per piece.
 const LANDMARKS_PER_PIECE: usize = 48;

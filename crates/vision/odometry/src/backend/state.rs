@@ -7,7 +7,7 @@
 use cad_transforms::RigidTransform;
 use nalgebra::{SVector, UnitQuaternion, Vector3};
 
-use crate::so3;
+use cad_transforms::so3;
 
 /// Dimension of the error state.
 pub(crate) const STATE_DIM: usize = 15;
@@ -63,7 +63,7 @@ impl State {
     /// The state perturbed by an error.
     pub(crate) fn plus(&self, error: &Error) -> Self {
         let part = |at: usize| error.fixed_rows::<3>(at).into_owned();
-        let mut rotation = self.rotation * so3::exp(&part(ROTATION));
+        let mut rotation = self.rotation * so3::exp(part(ROTATION));
         rotation.renormalize();
         Self {
             position: self.position + part(POSITION),
@@ -111,7 +111,7 @@ impl State {
             return (self.rotation, self.position);
         }
         (
-            self.rotation * so3::exp(&(self.rate() * seconds)),
+            self.rotation * so3::exp(self.rate() * seconds),
             self.position + self.velocity * seconds,
         )
     }
@@ -124,7 +124,7 @@ mod tests {
     #[test]
     fn plus_and_minus_are_inverse() {
         let mut state = State::at_rest(5);
-        state.rotation = so3::exp(&Vector3::new(0.4, -1.0, 0.3));
+        state.rotation = so3::exp(Vector3::new(0.4, -1.0, 0.3));
         let error = Error::from_fn(|k, _| 0.1 * (k as f64 + 1.0).sin());
         let perturbed = state.plus(&error);
         assert!((perturbed.minus(&state) - error).amax() < 1e-12);

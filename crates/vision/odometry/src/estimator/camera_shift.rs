@@ -118,7 +118,7 @@ fn rotation(
 mod tests {
     use super::*;
     use crate::backend::solver::tests::window;
-    use crate::so3;
+    use cad_transforms::so3;
 
     /// Bearings of one camera with a rotation.
     fn rotation_rad(by: Vector3<f64>) -> Window {
@@ -129,7 +129,7 @@ mod tests {
             .values_mut()
             .flat_map(|l| &mut l.observations);
         for (_, observation) in observations.filter(|(n, s)| *n == number && s.camera == 1) {
-            observation.left.ray = so3::exp(&by) * observation.left.ray;
+            observation.left.ray = so3::exp(by) * observation.left.ray;
         }
         window
     }

@@ -150,16 +150,15 @@ impl Odometry {
 mod tests {
     use super::*;
     use crate::backend::state::GRAVITY;
-    use crate::so3;
+    use cad_transforms::so3;
 
     #[test]
     fn vertical_is_measured_and_heading_is_kept() {
-        let truth =
-            so3::exp(&Vector3::new(0.0, 0.0, 2.0)) * so3::exp(&Vector3::new(0.2, -0.1, 0.0));
+        let truth = so3::exp(Vector3::new(0.0, 0.0, 2.0)) * so3::exp(Vector3::new(0.2, -0.1, 0.0));
         let mut guess = State::at_rest(0);
         // Tilted by one more radian, with the same heading.
         guess.rotation =
-            so3::exp(&Vector3::new(0.0, 0.0, 2.0)) * so3::exp(&Vector3::new(1.0, 0.0, 0.0));
+            so3::exp(Vector3::new(0.0, 0.0, 2.0)) * so3::exp(Vector3::new(1.0, 0.0, 0.0));
         guess.velocity = Vector3::new(9.0, 0.0, 0.0);
         let specific_force = truth.inverse() * Vector3::new(0.0, 0.0, GRAVITY);
         let readings: Vec<Reading> = (0..100)

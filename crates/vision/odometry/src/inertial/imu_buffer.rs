@@ -13,7 +13,7 @@ use nalgebra::{Matrix3, SMatrix, UnitQuaternion, Vector3};
 
 use crate::config::InertialConfig;
 use crate::input::ImuSample;
-use crate::so3;
+use cad_transforms::so3;
 
 /// IMU sample with its time, ns: angular rate in rad/s, specific force in m/s².
 #[derive(Clone, Copy, Debug)]
@@ -246,7 +246,7 @@ impl Preintegrated {
             }
             let rate = (pair[0].gyro + pair[1].gyro) * 0.5 - gyro_bias;
             let angle = rate * h;
-            let step = so3::exp(&angle);
+            let step = so3::exp(angle);
             let jacobian = so3::right_jacobian(&angle);
             let next_rotation = rotation * step;
             let (r0, r1) = (
@@ -342,7 +342,7 @@ impl Preintegrated {
             .copy_from(&(accel_bias - self.accel_bias));
         let nine: Nine = self.by_bias * change;
         (
-            self.rotation * so3::exp(&nine.fixed_rows::<3>(0).into_owned()),
+            self.rotation * so3::exp(nine.fixed_rows::<3>(0).into_owned()),
             self.velocity + nine.fixed_rows::<3>(3),
             self.displacement + nine.fixed_rows::<3>(6),
         )

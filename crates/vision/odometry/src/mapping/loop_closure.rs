@@ -20,7 +20,7 @@ use crate::backend::window::Window;
 use crate::config::LoopClosureConfig;
 use crate::frontend::descriptor::hamming_distance;
 use crate::keyframe::{Keyframe, Keypoint};
-use crate::so3;
+use cad_transforms::so3;
 
 /// Relative-pose factor of two keyframes, by index in the window.
 #[derive(Clone, Debug)]
@@ -321,7 +321,7 @@ fn close(
         }
         let step = -h.cholesky()?.solve(&g);
         translation += step.fixed_rows::<3>(0);
-        rotation *= so3::exp(&step.fixed_rows::<3>(3).into_owned());
+        rotation *= so3::exp(step.fixed_rows::<3>(3).into_owned());
         information = h;
     }
     let path_length = path_length[frames[1]] - path_length[frames[0]];

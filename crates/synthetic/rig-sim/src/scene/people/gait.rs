@@ -6,9 +6,9 @@
 use nalgebra::{UnitQuaternion, Vector3};
 
 use super::{BALL, HEEL, SHIN, SOLE, THIGH, pitch, sign};
-use crate::so3;
 use crate::walker::Side;
 use crate::walker::path::Path;
+use cad_transforms::so3;
 
 /// Stance phase as a fraction of a stride (Perry 1992).
 const STANCE: f64 = 0.62;

@@ -49,7 +49,7 @@ fn truth(k: usize) -> State {
     let t = k as f64 * 0.1;
     State {
         position: Vector3::new(1.5 * t, 0.1 * (3.0 * t).sin(), 0.2 * t),
-        rotation: so3::exp(&Vector3::new(0.1 * t, 0.5 * t, -0.1)),
+        rotation: so3::exp(Vector3::new(0.1 * t, 0.5 * t, -0.1)),
         velocity: Vector3::new(1.5, 0.3 * (3.0 * t).cos(), 0.2),
         gyro_rate: Vector3::new(0.1, 0.5, 0.0),
         ..State::at_rest((t * 1e9) as i64)

@@ -8,7 +8,7 @@ use crate::backend::window::{Frame, Prior};
 fn state_of(position: Vector3<f64>, yaw: f64) -> State {
     State {
         position,
-        rotation: so3::exp(&Vector3::new(0.0, yaw, 0.0)),
+        rotation: so3::exp(Vector3::new(0.0, yaw, 0.0)),
         velocity: Vector3::new(1.2, 0.0, -0.3),
         gyro_rate: Vector3::new(0.05, 0.8, 0.0),
         ..State::at_rest(0)
@@ -90,7 +90,7 @@ fn cameras_with_exposure_offsets_close_loops() {
     let to = keyframe(2, &truth[1], &cameras, &[-0.015, 0.02]);
     let mut report = truth;
     report[1].position += Vector3::new(0.1, -0.05, 0.08);
-    report[1].rotation *= so3::exp(&Vector3::new(0.02, -0.03, 0.01));
+    report[1].rotation *= so3::exp(Vector3::new(0.02, -0.03, 0.01));
     let window = window_of(report, cameras);
     let closure = close(
         &Default::default(),
