@@ -4,7 +4,7 @@
 //! colors, that of the paper too, by those of [`DARK`] if the reader prefers a dark screen
 //! (`charts::Page::dark`).
 
-use crate::canvas::Color;
+use raster::Color;
 
 pub(crate) const PAPER: Color = [255, 255, 255];
 pub(crate) const INK: Color = [34, 34, 34];
@@ -54,7 +54,7 @@ mod tests {
     use std::collections::BTreeSet;
 
     use super::*;
-    use crate::canvas::hex;
+    use crate::sheet::hex;
 
     /// Relative luminance by WCAG 2.1.
     fn luminance(color: &str) -> f64 {

@@ -6,9 +6,10 @@
 
 use cad_transforms::rig::check::{Facts, GROUND_BELOW_RIG_M, SHOES_X_M, SHOES_Y_M, view};
 use cad_transforms::{FieldOfView, Frame, FramePart, Rig, RigidTransform};
+use raster::{Color, strokes};
 
-use crate::canvas::{Color, Sheet};
 use crate::colors::{AXES, BODY, GRID, GROUND, INK, MUTED, PALETTE, PAPER, SHOE};
+use crate::sheet::Sheet;
 
 /// Pixels.
 const WIDTH: usize = 1260;
@@ -275,7 +276,7 @@ impl Panel {
         } else {
             format!("{} mm", (metres * 1e3).round())
         };
-        let middle = 0.5 * (left + right) - 0.5 * Sheet::text_width(&label, 12.0);
+        let middle = 0.5 * (left + right) - 0.5 * strokes::width(&label, 12.0);
         sheet.text([middle, base - 8.0], 12.0, MUTED, label);
     }
 
@@ -390,7 +391,7 @@ impl Panel {
             };
             let left = bound(0, f64::min, f64::INFINITY);
             let right = bound(0, f64::max, f64::NEG_INFINITY);
-            let width = Sheet::text_width(&camera.name, SIZE);
+            let width = strokes::width(&camera.name, SIZE);
             let low = self.corner[0] + 6.0;
             let high = self.corner[0] + self.size[0] - width - 6.0;
             let x = (0.5 * (left + right - width)).clamp(low, high.max(low));

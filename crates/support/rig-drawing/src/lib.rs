@@ -9,11 +9,10 @@
 //! # Ok::<(), Box<dyn std::error::Error>>(())
 //! ```
 
-mod canvas;
 mod colors;
 mod drawing;
-mod glyphs;
+mod sheet;
 
-pub use canvas::Sheet;
 pub use colors::DARK;
 pub use drawing::draw;
+pub use sheet::Sheet;

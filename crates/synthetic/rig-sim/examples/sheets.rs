@@ -8,9 +8,9 @@ use std::sync::Arc;
 
 use anyhow::{Context, Result};
 use cad_transforms::rig::Rig;
+use raster::Canvas;
 use rig_sim::camera::Quality;
-use rig_sim::preview::canvas::Canvas;
-use rig_sim::preview::{instants, sheet};
+use rig_sim::preview::{self, instants, sheet};
 use rig_sim::scene::{Kind, Lighting};
 use rig_sim::simulation::{Settings, Simulation};
 
@@ -44,9 +44,7 @@ fn main() -> Result<()> {
             };
         let save = |canvas: &Canvas, name: &str| {
             let path = folder.join(format!("sim-{}{name}.png", kind.name()));
-            canvas
-                .save(&path)
-                .with_context(|| format!("writing {}", path.display()))
+            preview::save(canvas, &path).with_context(|| format!("writing {}", path.display()))
         };
         save(&drawn(Lighting::Day, DAY, 2)?, "")?;
 

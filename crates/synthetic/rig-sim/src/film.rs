@@ -5,11 +5,8 @@ use std::sync::mpsc::{Receiver, RecvTimeoutError, sync_channel};
 use std::time::Duration;
 
 use video::encoder::MAX_IN_FLIGHT;
-use video::picture::rgb_to_i420;
 use video::{AccessUnit, Codec, EncodeError, Encoder, EncoderEvent, EncoderSettings, Picture};
 use video::{PictureError, mp4};
-
-use crate::preview::canvas::Canvas;
 
 /// A software encoder of GStreamer's common plugins, so that bytes are the same on all machines.
 pub(crate) const ELEMENT: &str = "x264enc";
@@ -85,19 +82,5 @@ impl Film {
                 Err(FilmError::Encoder(format!("{ELEMENT} returned nothing")))
             }
         }
-    }
-}
-
-impl Canvas {
-    /// I420 image for the encoder; an odd last row or column is cropped.
-    pub(crate) fn i420(&self) -> Result<Picture, PictureError> {
-        let (width, height) = (self.width & !1, self.height & !1);
-        let rows = self.pixels.chunks_exact(self.width).take(height);
-        let rgb: Vec<u8> = rows
-            .flat_map(|row| &row[..width])
-            .flatten()
-            .copied()
-            .collect();
-        rgb_to_i420(width as u32, height as u32, &rgb)
     }
 }

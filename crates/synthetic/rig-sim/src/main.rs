@@ -457,8 +457,7 @@ fn preview_to(
     let filmed = film.map_or(0, |_| simulation.settings().frame_count());
     let bar = progress_bar((instants.len() as u64 + filmed) * cameras, "images")?;
     let sheet = preview::sheet(&simulation, &instants, &|| bar.inc(1));
-    sheet
-        .save(out)
+    preview::save(&sheet, out)
         .with_context(|| format!("writing the sheet to {}", out.display()))?;
     if let Some(film) = film {
         preview::film::film(&simulation, film, &|| bar.inc(1))?;

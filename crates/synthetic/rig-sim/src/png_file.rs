@@ -32,12 +32,6 @@ pub(crate) fn rgb16(
     write(path, size, ColorType::Rgb, BitDepth::Sixteen, &bytes)
 }
 
-/// Writes 8-bit RGB, row-major.
-pub(crate) fn rgb8(path: &Path, size: [usize; 2], pixels: &[[u8; 3]]) -> io::Result<()> {
-    let bytes = pixels.as_flattened();
-    write(path, size, ColorType::Rgb, BitDepth::Eight, bytes)
-}
-
 fn write(
     path: &Path,
     [width, height]: [usize; 2],

@@ -5,18 +5,19 @@
 //! the color image of the left eye. At each instant the exposure has converged. The same simulation
 //! and the same instants give the same sheet.
 
+use std::io;
 use std::panic::resume_unwind;
+use std::path::Path;
 use std::sync::Arc;
 use std::thread;
+
+use raster::{Canvas, Color, Compression};
 
 use crate::rig::SimCamera;
 use crate::simulation::{Simulation, seconds};
 
-pub mod canvas;
 pub mod film;
 mod map;
-
-use self::canvas::{Canvas, Color};
 
 /// Gap between images, px.
 const GAP: usize = 4;
@@ -64,6 +65,14 @@ pub fn sheet(simulation: &Arc<Simulation>, instants: &[i64], done: &(dyn Fn() + 
     }
     sheet.paste([0, rows_height], sheet_width, &map.pixels);
     sheet
+}
+
+/// Writes a sheet as a PNG file.
+///
+/// # Errors
+/// Any I/O error.
+pub fn save(sheet: &Canvas, path: &Path) -> io::Result<()> {
+    std::fs::write(path, sheet.png(Compression::Fast)?)
 }
 
 /// The cameras from the wearer's left to the right.

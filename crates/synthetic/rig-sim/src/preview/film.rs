@@ -6,10 +6,11 @@ use std::sync::Arc;
 use std::sync::mpsc::sync_channel;
 use std::thread;
 
-use video::AccessUnit;
+use raster::{Canvas, Color};
 use video::mp4::write_mp4;
+use video::picture::rgb_to_i420;
+use video::{AccessUnit, Picture, PictureError};
 
-use super::canvas::{Canvas, Color};
 use super::{GAP, LABEL, PAPER, SHADE, left_to_right, map};
 use crate::film::{Film, FilmError};
 use crate::simulation::{Simulation, seconds};
@@ -67,8 +68,8 @@ pub fn film(
             sheet.text([6, 6], 3, &text, LABEL);
             sheet.paste([0, height + GAP], sheet_width, &map.pixels);
             let [x, y] = place.px(&simulation.world_from_rig(time_ns).0);
-            sheet.dot([x, y + (height + GAP) as f64], 7.0, WEARER_COLOR);
-            encoder.encode(time_ns, &sheet.i420()?, number == 0)
+            sheet.disc([x, y + (height + GAP) as f64], 7.0, WEARER_COLOR);
+            encoder.encode(time_ns, &i420(&sheet)?, number == 0)
         };
         let units = (0..settings.frame_count())
             .map_while(|number| image(number).map_err(|error| failed = Some(error)).ok());
@@ -85,4 +86,16 @@ pub fn film(
             }),
         }
     })
+}
+
+/// I420 image for the encoder; an odd last row or column is cropped.
+fn i420(canvas: &Canvas) -> Result<Picture, PictureError> {
+    let (width, height) = (canvas.width & !1, canvas.height & !1);
+    let rows = canvas.pixels.chunks_exact(canvas.width).take(height);
+    let rgb: Vec<u8> = rows
+        .flat_map(|row| &row[..width])
+        .flatten()
+        .copied()
+        .collect();
+    rgb_to_i420(width as u32, height as u32, &rgb)
 }

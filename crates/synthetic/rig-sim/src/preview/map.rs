@@ -1,8 +1,8 @@
 //! Map: the scene from above, cut above eye height, with the path and every footprint.
 
 use nalgebra::Vector3;
+use raster::{Canvas, Color};
 
-use super::canvas::{Canvas, Color};
 use crate::scene::surface::Class;
 use crate::simulation::{Simulation, seconds};
 use crate::walker::gait::{HALF_WIDTH, HEEL_X, TOE_X};
@@ -73,7 +73,7 @@ pub(super) fn draw(simulation: &Simulation, width: usize, marks: &[i64]) -> (Can
     paint_place(&mut canvas, simulation, &path, &projection);
     for pair in path.windows(2) {
         let ends = [projection.px(&pair[0]), projection.px(&pair[1])];
-        canvas.line(ends, 1.5, PATH_COLOR);
+        canvas.line(&ends, 1.5, PATH_COLOR);
     }
     for (side, color) in [(Side::Left, LEFT), (Side::Right, RIGHT)] {
         let falls = simulation.walker().contacts(side).iter();
@@ -106,7 +106,7 @@ pub(super) fn draw(simulation: &Simulation, width: usize, marks: &[i64]) -> (Can
     };
     let y = height as f64 - 12.0;
     canvas.line(
-        [[12.0, y], [12.0 + bar_m / projection.pixel, y]],
+        &[[12.0, y], [12.0 + bar_m / projection.pixel, y]],
         3.0,
         INK_COLOR,
     );
@@ -195,8 +195,8 @@ fn mark(canvas: &mut Canvas, walker: &Walker, projection: &Projection, marks: &[
         let state = walker.rig(seconds(time_ns));
         let at = projection.px(&state.position);
         let ahead = state.position + state.rotation * (Vector3::x() * 0.6);
-        canvas.line([at, projection.px(&ahead)], 3.0, INK_COLOR);
-        canvas.dot(at, 5.0, INK_COLOR);
+        canvas.line(&[at, projection.px(&ahead)], 3.0, INK_COLOR);
+        canvas.disc(at, 5.0, INK_COLOR);
         let corner = at.map(|v| (v + 8.0).max(0.0) as usize);
         canvas.text(corner, 2, &format!("{:.1} s", seconds(time_ns)), INK_COLOR);
     }

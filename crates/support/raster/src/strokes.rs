@@ -1,13 +1,21 @@
-//! Stroked letters, for drawings without a font.
+//! Letters as lines, for drawings without a font: printable ASCII except a few signs, `°` and `±`.
 //!
 //! A letter is on a grid of 5 columns and 9 rows, 0 at the lower left. Each is a list of polylines,
 //! a column digit and a row digit per point: the baseline is row 2, small letters reach row 6,
 //! capitals row 8.
 
+/// Width of the lines, relative to the size of the text.
+pub const THICKNESS: f64 = 0.1;
+
 /// Columns from one letter to the next.
-pub(crate) const ADVANCE: f64 = 6.0;
+const ADVANCE: f64 = 6.0;
+/// Column of the grid's left side, from the left of the letter's place.
+const LEFT: f64 = 0.8;
 /// Row of the baseline.
-pub(crate) const BASE: f64 = 2.0;
+const BASE: f64 = 2.0;
+/// Width of a column and height of a row, relative to the size of the text.
+const COLUMN: f64 = 0.1;
+const ROW: f64 = 0.115;
 
 const GLYPHS: &[(char, &str)] = &[
     ('A', "02,28,42;14,34"),
@@ -104,8 +112,25 @@ const GLYPHS: &[(char, &str)] = &[
 /// Glyph of unsupported letters.
 const UNKNOWN: &str = "02,08,48,42,02";
 
+/// The polylines of a text whose baseline begins at a point; y down, in the units of `size`.
+pub fn text([x, y]: [f64; 2], size: f64, text: &str) -> impl Iterator<Item = Vec<[f64; 2]>> {
+    let (u, v) = (COLUMN * size, ROW * size);
+    text.chars().enumerate().flat_map(move |(i, letter)| {
+        let left = x + u * (ADVANCE * i as f64 + LEFT);
+        let place = move |[c, r]: [f64; 2]| [left + u * c, y - v * (r - BASE)];
+        lines(letter)
+            .into_iter()
+            .map(move |line| line.into_iter().map(place).collect())
+    })
+}
+
+/// Width of a text of this size.
+pub fn width(text: &str, size: f64) -> f64 {
+    0.6 * size * text.chars().count() as f64
+}
+
 /// The polylines of a letter on its grid.
-pub(crate) fn lines(letter: char) -> Vec<Vec<[f64; 2]>> {
+fn lines(letter: char) -> Vec<Vec<[f64; 2]>> {
     let found = GLYPHS.iter().find(|(c, _)| *c == letter);
     let text = found.map_or(UNKNOWN, |(_, text)| *text);
     let digit = |b: u8| f64::from(b - b'0');
@@ -137,5 +162,17 @@ mod tests {
             .filter(|c| !GLYPHS.iter().any(|(g, _)| g == c))
             .collect();
         assert_eq!(unknown, ['$', '\\', '^', '`', '{', '|', '}', '~']);
+    }
+
+    #[test]
+    fn a_text_is_as_wide_as_stated() {
+        let points: Vec<[f64; 2]> = text([10.0, 50.0], 20.0, "AgE").flatten().collect();
+        let high = |axis: usize| points.iter().map(|p| p[axis]).fold(f64::MIN, f64::max);
+        let low = |axis: usize| points.iter().map(|p| p[axis]).fold(f64::MAX, f64::min);
+        assert_eq!(width("AgE", 20.0), 36.0);
+        assert!(low(0) > 10.0 && high(0) < 46.0);
+        // Capitals above the baseline, tails below.
+        assert!((low(1) - (50.0 - 6.0 * 2.3)).abs() < 1e-9, "{}", low(1));
+        assert!((high(1) - (50.0 + 2.0 * 2.3)).abs() < 1e-9, "{}", high(1));
     }
 }
