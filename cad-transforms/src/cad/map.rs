@@ -165,31 +165,8 @@ impl Map {
                 continue;
             };
             sources.insert(format!("{}: {}", device.title, device.source));
-            let datum_from_left = device.datum_from_left();
-            let rig_from_left =
-                rig_from_root * root_from_part * camera.part_from_datum * datum_from_left;
-            // The mount moves the whole camera about its datum; seen from the lens that is a longer lever.
-            let left_from_datum = datum_from_left.inverse();
-            let mount = camera.covariance.map(|c| c.moved(&left_from_datum));
-            let baseline = RigidTransform::from_translation_m([
-                camera.baseline_m.unwrap_or(device.baseline_m),
-                0.0,
-                0.0,
-            ]);
-            let frame_of = |part| Frame::of_camera(&camera.name, part).expect("checked on reading");
-            edges.push(Edge {
-                parent: Frame::rig(),
-                child: frame_of(FramePart::Left),
-                parent_from_child: rig_from_left,
-                // Without a word on the mount the whole is not known, however well the device is.
-                covariance: mount.map(|mount| mount.plus(&device.covariance)),
-            });
-            edges.push(Edge {
-                parent: frame_of(FramePart::Left),
-                child: frame_of(FramePart::Right),
-                parent_from_child: baseline.expect("a finite number"),
-                covariance: Some(device.covariance_of_right()),
-            });
+            let rig_from_part = rig_from_root * root_from_part;
+            edges.extend(camera_edges(camera, &device, rig_from_part));
             infos.push(CameraInfo {
                 name: camera.name.clone(),
                 serial: camera.serial.clone(),
@@ -234,6 +211,36 @@ impl Map {
         let own = self.devices.iter().find(|device| device.name == name);
         own.cloned().or_else(|| Device::find(name))
     }
+}
+
+/// The edges to both lenses of a camera.
+fn camera_edges(
+    camera: &MappedCamera,
+    device: &Device,
+    rig_from_part: RigidTransform,
+) -> [Edge; 2] {
+    let datum_from_left = device.datum_from_left();
+    // The mount moves the whole camera about its datum; seen from the lens that is a longer lever.
+    let left_from_datum = datum_from_left.inverse();
+    let mount = camera.covariance.map(|c| c.moved(&left_from_datum));
+    let baseline_m = camera.baseline_m.unwrap_or(device.baseline_m);
+    let left_from_right = RigidTransform::from_translation_m([baseline_m, 0.0, 0.0]);
+    let frame_of = |part| Frame::of_camera(&camera.name, part).expect("checked on reading");
+    [
+        Edge {
+            parent: Frame::rig(),
+            child: frame_of(FramePart::Left),
+            parent_from_child: rig_from_part * camera.part_from_datum * datum_from_left,
+            // Without a word on the mount the whole is not known, however well the device is.
+            covariance: mount.map(|mount| mount.plus(&device.covariance)),
+        },
+        Edge {
+            parent: frame_of(FramePart::Left),
+            child: frame_of(FramePart::Right),
+            parent_from_child: left_from_right.expect("a finite number"),
+            covariance: Some(device.covariance_of_right()),
+        },
+    ]
 }
 
 /// The rig of a file whose parts are called like frames. `rig` is the part of that name, or the root.

@@ -309,9 +309,37 @@ impl<'e, 'b> Model<'e, 'b> {
 
     fn children(&self, node: Node, notes: &mut Vec<String>) -> Result<Vec<Child>, Fault> {
         let own = self.alike(&self.shapes_of(node));
+        let (mut mapped, axes) = self.placed_items(&own)?;
+        let mut found: Vec<Child> = Vec::new();
+        let occurrences = match node {
+            Node::Product(id) => self.occurrences.get(&id).map(Vec::as_slice),
+            Node::Shape(_) => None,
+        };
+        for occurrence in occurrences.unwrap_or_default() {
+            found.push(Child {
+                name: occurrence.name.clone(),
+                node: Node::Product(occurrence.related),
+                parent_from_child: self.place(occurrence, &own, &mut mapped, notes)?,
+                place: occurrence.place.clone(),
+            });
+        }
+        found.extend(mapped.into_iter().map(|item| self.child_of_item(item)));
+        found.extend(axes);
+        let names = numbered(found.iter().map(|child| child.name.clone()).collect());
+        for (child, name) in found.iter_mut().zip(names) {
+            child.name = name;
+        }
+        Ok(found)
+    }
+
+    /// The mapped items of shapes, in the order of the file, and their named axes.
+    fn placed_items(
+        &self,
+        shapes: &BTreeSet<u64>,
+    ) -> Result<(Vec<placement::Mapped>, Vec<Child>), Fault> {
         let mut mapped = Vec::new();
         let mut axes = Vec::new();
-        for &shape in &own {
+        for &shape in shapes {
             for item in self.items(shape)? {
                 let instance = self.exchange.instance(item)?;
                 if instance.record("MAPPED_ITEM").is_some() {
@@ -328,93 +356,75 @@ impl<'e, 'b> Model<'e, 'b> {
                     // Written by some programs in place of an empty name.
                     if !name.is_empty() && name != "NONE" {
                         let metre = self.units.metres(shape)?;
-                        let transform = placement::axes(self.exchange, item, metre)?;
-                        axes.push((name, transform, instance.place(), item));
+                        axes.push(Child {
+                            name,
+                            // No shape has the number of an axis, so it has no children.
+                            node: Node::Shape(item),
+                            parent_from_child: placement::axes(self.exchange, item, metre)?,
+                            place: instance.place(),
+                        });
                     }
                 }
             }
         }
         mapped.sort_by_key(|found| found.item);
+        Ok((mapped, axes))
+    }
 
-        let mut found: Vec<Child> = Vec::new();
-        let occurrences = match node {
-            Node::Product(id) => self.occurrences.get(&id).map(Vec::as_slice),
-            Node::Shape(_) => None,
+    /// `parent_from_child` of an occurrence in a parent with the shapes `own`: by its relationship,
+    /// or else by the first mapped item of its shape, which is removed.
+    fn place(
+        &self,
+        occurrence: &Occurrence,
+        own: &BTreeSet<u64>,
+        mapped: &mut Vec<placement::Mapped>,
+        notes: &mut Vec<String>,
+    ) -> Result<RigidTransform, Fault> {
+        let of_child = self.alike(&self.shapes_of(Node::Product(occurrence.related)));
+        if let Some(&relationship) = self.placed_by.get(&occurrence.id) {
+            return placement::relationship(
+                self.exchange,
+                &self.units,
+                relationship,
+                own,
+                &of_child,
+            );
+        }
+        let is_of_child = |item: &placement::Mapped| of_child.contains(&item.shape);
+        let Some(at) = mapped.iter().position(is_of_child) else {
+            let message = format!(
+                "occurrence {:?} has no placement: neither a CONTEXT_DEPENDENT_SHAPE_REPRESENTATION \
+                 nor a MAPPED_ITEM belongs to it",
+                occurrence.name
+            );
+            return Err(Fault::new(occurrence.place.clone(), message));
         };
-        for occurrence in occurrences.unwrap_or_default() {
-            let of_child = self.alike(&self.shapes_of(Node::Product(occurrence.related)));
-            let parent_from_child = match self.placed_by.get(&occurrence.id) {
-                Some(&relationship) => placement::relationship(
-                    self.exchange,
-                    &self.units,
-                    relationship,
-                    &own,
-                    &of_child,
-                )?,
-                None => {
-                    let at = mapped
-                        .iter()
-                        .position(|item| of_child.contains(&item.shape));
-                    let Some(at) = at else {
-                        let message = format!(
-                            "occurrence {:?} has no placement: neither a CONTEXT_DEPENDENT_SHAPE_REPRESENTATION \
-                             nor a MAPPED_ITEM belongs to it",
-                            occurrence.name
-                        );
-                        return Err(Fault::new(occurrence.place.clone(), message));
-                    };
-                    if mapped
-                        .iter()
-                        .filter(|item| of_child.contains(&item.shape))
-                        .count()
-                        > 1
-                    {
-                        notes.push(format!(
-                            "{}: occurrences of one part are matched with its mapped items in the order of the file",
-                            occurrence.place
-                        ));
-                    }
-                    mapped.remove(at).parent_from_child
-                }
-            };
-            found.push(Child {
-                name: occurrence.name.clone(),
-                node: Node::Product(occurrence.related),
-                parent_from_child,
-                place: occurrence.place.clone(),
-            });
+        if mapped.iter().filter(|item| is_of_child(item)).count() > 1 {
+            notes.push(format!(
+                "{}: occurrences of one part are matched with its mapped items in the order of the file",
+                occurrence.place
+            ));
         }
-        for item in mapped {
-            let owner = self
-                .shapes
-                .iter()
-                .find(|(_, shapes)| self.alike(shapes).contains(&item.shape))
-                .map(|(id, _)| *id);
-            let child = owner.map_or(Node::Shape(item.shape), Node::Product);
-            let product = owner.map(|id| self.names[&id].clone());
-            let names = [Some(item.name), product, Some(item.shape_name)];
-            let name = names.into_iter().flatten().find(|name| !name.is_empty());
-            found.push(Child {
-                name: name.unwrap_or_else(|| format!("shape_{}", item.shape)),
-                node: child,
-                parent_from_child: item.parent_from_child,
-                place: item.place,
-            });
+        Ok(mapped.remove(at).parent_from_child)
+    }
+
+    /// The child that a mapped item without an occurrence is.
+    fn child_of_item(&self, item: placement::Mapped) -> Child {
+        let owner = self
+            .shapes
+            .iter()
+            .find(|(_, shapes)| self.alike(shapes).contains(&item.shape))
+            .map(|(id, _)| *id);
+        let child = owner.map_or(Node::Shape(item.shape), Node::Product);
+        let product = owner.map(|id| self.names[&id].clone());
+        let names = [Some(item.name), product, Some(item.shape_name)];
+        let name = names.into_iter().flatten().find(|name| !name.is_empty());
+        Child {
+            name: name.unwrap_or_else(|| format!("shape_{}", item.shape)),
+            node: child,
+            parent_from_child: item.parent_from_child,
+            place: item.place,
         }
-        for (name, parent_from_child, place, item) in axes {
-            // No shape has the number of an axis, so it has no children.
-            found.push(Child {
-                name,
-                node: Node::Shape(item),
-                parent_from_child,
-                place,
-            });
-        }
-        let names = numbered(found.iter().map(|child| child.name.clone()).collect());
-        for (child, name) in found.iter_mut().zip(names) {
-            child.name = name;
-        }
-        Ok(found)
     }
 
     /// Items of a shape representation of any kind.

@@ -11,10 +11,27 @@ use roxmltree::{Document, Node};
 use super::{Cad, Fault, MOST_PARTS, Part};
 use crate::transform::RigidTransform;
 
+/// The links of a file.
+struct Links<'t> {
+    /// Line of each, by name.
+    lines: BTreeMap<&'t str, usize>,
+    /// Names in the order of the file.
+    order: Vec<&'t str>,
+}
+
 struct Joint<'t> {
     child: &'t str,
     parent_from_child: RigidTransform,
     line: usize,
+}
+
+/// The joints of a file.
+#[derive(Default)]
+struct Joints<'t> {
+    of_parent: BTreeMap<&'t str, Vec<Joint<'t>>>,
+    /// Line of the joint that gives a link its parent, by the link's name.
+    line_of_child: BTreeMap<&'t str, usize>,
+    notes: Vec<String>,
 }
 
 /// Parts of a URDF file.
@@ -26,7 +43,27 @@ pub fn parts(text: &str) -> Result<Cad, Vec<Fault>> {
         let line = error.pos().row as usize;
         vec![Fault::at_line(line, format!("not XML: {error}"))]
     })?;
-    let line = |node: Node<'_, '_>| document.text_pos_at(node.range().start).row as usize;
+    let robot = robot(&document)?;
+    let mut faults = Vec::new();
+    let links = Links::read(robot, &mut faults);
+    let joints = Joints::read(robot, &links, &mut faults);
+    if !faults.is_empty() {
+        return Err(faults);
+    }
+    let root = root_of(&links, &joints)?;
+    let parts = assemble(root, &links, &joints)?;
+    Ok(Cad {
+        parts,
+        notes: joints.notes,
+    })
+}
+
+fn line(node: Node<'_, '_>) -> usize {
+    node.document().text_pos_at(node.range().start).row as usize
+}
+
+/// The element of the robot, in a file without xacro.
+fn robot<'a, 'i>(document: &'a Document<'i>) -> Result<Node<'a, 'i>, Vec<Fault>> {
     let root = document.root_element();
     let xacro = |node: &Node<'_, '_>| {
         node.tag_name()
@@ -44,30 +81,43 @@ pub fn parts(text: &str) -> Result<Cad, Vec<Fault>> {
             format!("is <{found}>, expected <robot>"),
         )]);
     }
+    Ok(root)
+}
 
-    let (mut faults, mut notes) = (Vec::new(), Vec::new());
-    let mut links: BTreeMap<&str, usize> = BTreeMap::new();
-    let mut order = Vec::new();
-    let elements = |name: &'static str| root.children().filter(move |n| n.has_tag_name(name));
-    for link in elements("link") {
-        let at = line(link);
-        match link
-            .attribute("name")
-            .filter(|name| !name.trim().is_empty())
-        {
-            None => faults.push(Fault::at_line(at, "<link> has no name")),
-            Some(name) => match links.insert(name, at) {
-                None => order.push(name),
-                Some(first) => {
-                    let message = format!("link {name:?} is there already, on line {first}");
-                    faults.push(Fault::at_line(at, message));
-                }
-            },
+impl<'a> Links<'a> {
+    fn read(robot: Node<'a, '_>, faults: &mut Vec<Fault>) -> Self {
+        let mut lines: BTreeMap<&str, usize> = BTreeMap::new();
+        let mut order = Vec::new();
+        for link in robot.children().filter(|n| n.has_tag_name("link")) {
+            let at = line(link);
+            match link
+                .attribute("name")
+                .filter(|name| !name.trim().is_empty())
+            {
+                None => faults.push(Fault::at_line(at, "<link> has no name")),
+                Some(name) => match lines.insert(name, at) {
+                    None => order.push(name),
+                    Some(first) => {
+                        let message = format!("link {name:?} is there already, on line {first}");
+                        faults.push(Fault::at_line(at, message));
+                    }
+                },
+            }
         }
+        Self { lines, order }
     }
-    let mut joints: BTreeMap<&str, Vec<Joint<'_>>> = BTreeMap::new();
-    let mut parent_of: BTreeMap<&str, usize> = BTreeMap::new();
-    for joint in elements("joint") {
+}
+
+impl<'a> Joints<'a> {
+    fn read(robot: Node<'a, '_>, links: &Links<'a>, faults: &mut Vec<Fault>) -> Self {
+        let mut joints = Self::default();
+        for joint in robot.children().filter(|n| n.has_tag_name("joint")) {
+            joints.add(joint, links, faults);
+        }
+        joints
+    }
+
+    fn add(&mut self, joint: Node<'a, '_>, links: &Links<'a>, faults: &mut Vec<Fault>) {
         let at = line(joint);
         let name = joint.attribute("name").unwrap_or("");
         let mut fault =
@@ -78,73 +128,77 @@ pub fn parts(text: &str) -> Result<Cad, Vec<Fault>> {
         };
         let (Some(parent), Some(child)) = (end("parent"), end("child")) else {
             fault("has no <parent link> or no <child link>".to_owned());
-            continue;
+            return;
         };
         for link in [parent, child] {
-            if !links.contains_key(link) {
+            if !links.lines.contains_key(link) {
                 fault(format!("names link {link:?}, which is not in the file"));
             }
         }
-        if let Some(first) = parent_of.insert(child, at) {
+        if let Some(first) = self.line_of_child.insert(child, at) {
             fault(format!(
                 "gives link {child:?} a second parent; the first is on line {first}"
             ));
-            continue;
+            return;
         }
         let kind = joint.attribute("type").unwrap_or("");
         if kind != "fixed" {
-            notes.push(format!(
+            self.notes.push(format!(
                 "line {at}: joint {name:?} is {kind:?}, taken at zero"
             ));
         }
-        let origin = joint.children().find(|n| n.has_tag_name("origin"));
-        let three = |key: &str| match origin.and_then(|o| o.attribute(key)) {
-            None => Ok([0.0; 3]),
-            Some(text) => {
-                three_numbers(text).map_err(|found| format!("has {key} = {text:?}: {found}"))
-            }
-        };
-        let transform = three("xyz").and_then(|xyz| {
-            let rpy = three("rpy")?;
-            from_rpy(rpy, xyz).map_err(|error| format!("has an impossible origin: {error}"))
-        });
-        match transform {
+        match origin(joint) {
             Err(message) => fault(message),
-            Ok(parent_from_child) => joints.entry(parent).or_default().push(Joint {
+            Ok(parent_from_child) => self.of_parent.entry(parent).or_default().push(Joint {
                 child,
                 parent_from_child,
                 line: at,
             }),
         }
     }
-    if !faults.is_empty() {
-        return Err(faults);
-    }
-    let roots: Vec<&str> = order
+}
+
+/// Transform of a joint; the identity if the joint states none.
+fn origin(joint: Node<'_, '_>) -> Result<RigidTransform, String> {
+    let origin = joint.children().find(|n| n.has_tag_name("origin"));
+    let three = |key: &str| match origin.and_then(|o| o.attribute(key)) {
+        None => Ok([0.0; 3]),
+        Some(text) => three_numbers(text).map_err(|found| format!("has {key} = {text:?}: {found}")),
+    };
+    let (xyz, rpy) = (three("xyz")?, three("rpy")?);
+    from_rpy(rpy, xyz).map_err(|error| format!("has an impossible origin: {error}"))
+}
+
+/// The only link without a parent.
+fn root_of<'a>(links: &Links<'a>, joints: &Joints<'a>) -> Result<&'a str, Vec<Fault>> {
+    let roots: Vec<&str> = links
+        .order
         .iter()
         .copied()
-        .filter(|name| !parent_of.contains_key(name))
+        .filter(|name| !joints.line_of_child.contains_key(name))
         .collect();
-    let [root] = roots.as_slice() else {
-        let message = match roots.as_slice() {
-            [] if order.is_empty() => "there are no links".to_owned(),
-            [] => "every link is the child of another: the joints are a circle".to_owned(),
-            several => format!(
-                "the links {} have no parent, expected one root",
-                several.join(", ")
-            ),
-        };
-        return Err(vec![Fault::at_line(1, message)]);
+    let message = match roots.as_slice() {
+        [root] => return Ok(*root),
+        [] if links.order.is_empty() => "there are no links".to_owned(),
+        [] => "every link is the child of another: the joints are a circle".to_owned(),
+        several => format!(
+            "the links {} have no parent, expected one root",
+            several.join(", ")
+        ),
     };
+    Err(vec![Fault::at_line(1, message)])
+}
 
+/// The links from the root outwards, those of one parent in the order of its joints.
+fn assemble<'a>(
+    root: &'a str,
+    links: &Links<'a>,
+    joints: &Joints<'a>,
+) -> Result<Vec<Part>, Vec<Fault>> {
     let mut parts = Vec::new();
     let mut seen = BTreeSet::new();
-    let mut open = vec![(
-        *root,
-        String::new(),
-        RigidTransform::identity(),
-        links[root],
-    )];
+    let start = RigidTransform::identity();
+    let mut open = vec![(root, String::new(), start, links.lines[root])];
     while let Some((name, above, root_from_part, at)) = open.pop() {
         let path = match above.as_str() {
             "" => name.to_owned(),
@@ -158,6 +212,7 @@ pub fn parts(text: &str) -> Result<Cad, Vec<Fault>> {
             )]);
         }
         for joint in joints
+            .of_parent
             .get(name)
             .map(Vec::as_slice)
             .unwrap_or_default()
@@ -174,12 +229,12 @@ pub fn parts(text: &str) -> Result<Cad, Vec<Fault>> {
             place: format!("line {at}"),
         });
     }
-    if let Some(lost) = order.iter().find(|name| !seen.contains(*name)) {
+    if let Some(lost) = links.order.iter().find(|name| !seen.contains(*name)) {
         let message =
             format!("link {lost:?} is not connected to {root:?}: its joints are a circle");
-        return Err(vec![Fault::at_line(links[lost], message)]);
+        return Err(vec![Fault::at_line(links.lines[lost], message)]);
     }
-    Ok(Cad { parts, notes })
+    Ok(parts)
 }
 
 /// From roll, pitch and yaw about fixed axes, rad.
