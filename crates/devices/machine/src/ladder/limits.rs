@@ -180,6 +180,11 @@ impl Quantity {
 impl Limits {
     /// Whether they can be meant.
     pub(super) fn check(&self) -> Result<(), LimitsError> {
+        self.check_ranges()?;
+        self.check_order()
+    }
+
+    fn check_ranges(&self) -> Result<(), LimitsError> {
         let finite = "a number";
         let positive = "a number above 0";
         let percent = "0 to 100";
@@ -270,7 +275,11 @@ impl Limits {
                 });
             }
         }
-        // Margins and what is left fall towards the stronger step.
+        Ok(())
+    }
+
+    /// Margins and what is left fall towards the stronger step.
+    fn check_order(&self) -> Result<(), LimitsError> {
         let falling = [
             (
                 "heat_warn_c",
