@@ -78,95 +78,24 @@ fn read(files: &dyn Files, path: &Path, _: Option<[u32; 2]>) -> SetResult {
     let source = files.text(path)?;
     let tree = yaml::parse(&source)?;
     let root = At::root(&source, &tree);
-    let mut notes = Vec::new();
-    let mut cameras: Vec<NamedCamera> = Vec::new();
-    let mut imu: Option<SetImu> = None;
     let blocks = root.entries()?;
     let count = blocks.iter().filter(|(key, _)| is_camera(key)).count();
+    let mut chain = Chain {
+        count,
+        ..Chain::default()
+    };
     for number in 0..count {
         let name = format!("cam{number}");
         let block = blocks.iter().find(|(key, _)| *key == name);
         let at = block.map_or_else(|| root.get(&name), |(_, at)| Ok(at.clone()))?;
-        // An empty block after a camera's name means that the file is truncated.
-        at.entries()?;
-        let model = camera(&at)?;
-        at.get("intrinsics")?.reject_invalid_model(&model)?;
-        if let Some(overlaps) = at.find("cam_overlaps") {
-            for other in overlaps.number_list()? {
-                if other >= count as f64 {
-                    notes.push(Note(format!(
-                        "{} names cam{other}, which the file does not have: was it cut off?",
-                        overlaps.path()
-                    )));
-                }
-            }
-        }
-        let chained = match (number, at.find("T_cn_cnm1")) {
-            (0, _) => Some(RigidTransform::identity()),
-            (_, Some(at)) => {
-                let before = cameras.last().and_then(|c| c.camera_from_first);
-                let here_from_before = rigid(&at)?;
-                let here = before.map(|before| here_from_before * before);
-                at.reject_if(here.as_ref().and_then(|here| too_far(&name, here)))?;
-                here
-            }
-            (_, None) => None,
-        };
-        let imu_place = at.find_any(&["T_cam_imu", "T_imu_cam"]);
-        let camera_from_imu = match (at.find("T_cam_imu"), at.find("T_imu_cam")) {
-            (Some(at), _) => Some(rigid(&at)?),
-            (None, Some(at)) => Some(rigid(&at)?.inverse()),
-            (None, None) => None,
-        };
-        if let (Some(at), Some(camera_from_imu)) = (imu_place, &camera_from_imu)
-            && number == 0
-        {
-            at.reject_if(too_far("the IMU", &camera_from_imu.inverse()))?;
-        }
-        let through_imu = match (&imu, camera_from_imu) {
-            (Some(imu), Some(camera_from_imu)) => Some(camera_from_imu * imu.imu_from_first),
-            _ => None,
-        };
-        if let (Some(a), Some(b)) = (chained, through_imu) {
-            let off = a * b.inverse();
-            if off.distance_m() > SAME_PLACE || off.angle_rad() > SAME_PLACE {
-                notes.push(Note(format!(
-                    "{name}: T_cn_cnm1 and T_cam_imu differ by {:.3} mm and {:.4} degrees: the chain is taken",
-                    1e3 * off.distance_m(),
-                    off.angle_rad().to_degrees()
-                )));
-            }
-        }
-        let shift = at.find("timeshift_cam_imu").map(|at| at.number());
-        let shift = shift.transpose()?;
-        if number == 0 {
-            imu = camera_from_imu.map(|camera_from_imu| SetImu {
-                imu_from_first: camera_from_imu.inverse(),
-                rate_hz: None,
-                noise: None,
-                time_offset_s: shift,
-                gyro_bias: None,
-                accel_bias: None,
-            });
-        } else if let (Some(first), Some(here)) = (imu.and_then(|i| i.time_offset_s), shift)
-            && first != here
-        {
-            notes.push(Note(format!(
-                "{name}: timeshift_cam_imu is {here} s, of cam0 {first} s: that of cam0 is taken"
-            )));
-        }
-        let camera_from_first = chained.or(through_imu);
-        if camera_from_first.is_none() {
-            notes.push(Note(format!(
-                "{name} has neither T_cn_cnm1 nor T_cam_imu: its pose is unknown"
-            )));
-        }
-        cameras.push(NamedCamera {
-            name,
-            model,
-            camera_from_first,
-        });
+        chain.add(name, &at)?;
     }
+    let Chain {
+        cameras,
+        mut imu,
+        mut notes,
+        ..
+    } = chain;
     if cameras.is_empty() {
         return Err(root.get("cam0").err().expect("there was no cam0"));
     }
@@ -197,6 +126,129 @@ fn read(files: &dyn Files, path: &Path, _: Option<[u32; 2]>) -> SetResult {
         },
     };
     Ok((set.validate().map_err(CalibError::invalid(path))?, notes))
+}
+
+/// The cameras of a file so far, in its order.
+#[derive(Default)]
+struct Chain {
+    /// Number of cameras in the file.
+    count: usize,
+    cameras: Vec<NamedCamera>,
+    /// Extrinsics and time offset of the IMU, from the first camera.
+    imu: Option<SetImu>,
+    notes: Vec<Note>,
+}
+
+impl Chain {
+    /// Adds the next camera.
+    fn add(&mut self, name: String, at: &At<'_>) -> Result<(), CalibError> {
+        // An empty block after a camera's name means that the file is truncated.
+        at.entries()?;
+        let model = camera(at)?;
+        at.get("intrinsics")?.reject_invalid_model(&model)?;
+        self.check_overlaps(at)?;
+        let chained = self.pose_by_chain(&name, at)?;
+        let camera_from_imu = self.camera_from_imu(at)?;
+        let through_imu = match (&self.imu, camera_from_imu) {
+            (Some(imu), Some(camera_from_imu)) => Some(camera_from_imu * imu.imu_from_first),
+            _ => None,
+        };
+        if let (Some(a), Some(b)) = (chained, through_imu) {
+            let off = a * b.inverse();
+            if off.distance_m() > SAME_PLACE || off.angle_rad() > SAME_PLACE {
+                self.notes.push(Note(format!(
+                    "{name}: T_cn_cnm1 and T_cam_imu differ by {:.3} mm and {:.4} degrees: the chain is taken",
+                    1e3 * off.distance_m(),
+                    off.angle_rad().to_degrees()
+                )));
+            }
+        }
+        let shift = at.find("timeshift_cam_imu").map(|at| at.number());
+        self.add_imu(&name, camera_from_imu, shift.transpose()?);
+        let camera_from_first = chained.or(through_imu);
+        if camera_from_first.is_none() {
+            self.notes.push(Note(format!(
+                "{name} has neither T_cn_cnm1 nor T_cam_imu: its pose is unknown"
+            )));
+        }
+        self.cameras.push(NamedCamera {
+            name,
+            model,
+            camera_from_first,
+        });
+        Ok(())
+    }
+
+    fn check_overlaps(&mut self, at: &At<'_>) -> Result<(), CalibError> {
+        let Some(overlaps) = at.find("cam_overlaps") else {
+            return Ok(());
+        };
+        for other in overlaps.number_list()? {
+            if other >= self.count as f64 {
+                self.notes.push(Note(format!(
+                    "{} names cam{other}, which the file does not have: was it cut off?",
+                    overlaps.path()
+                )));
+            }
+        }
+        Ok(())
+    }
+
+    /// `camera_from_first` from the pose relative to the camera before.
+    fn pose_by_chain(&self, name: &str, at: &At<'_>) -> Result<Option<RigidTransform>, CalibError> {
+        if self.cameras.is_empty() {
+            return Ok(Some(RigidTransform::identity()));
+        }
+        let Some(at) = at.find("T_cn_cnm1") else {
+            return Ok(None);
+        };
+        let before = self.cameras.last().and_then(|c| c.camera_from_first);
+        let here_from_before = rigid(&at)?;
+        let here = before.map(|before| here_from_before * before);
+        at.reject_if(here.as_ref().and_then(|here| too_far(name, here)))?;
+        Ok(here)
+    }
+
+    fn camera_from_imu(&self, at: &At<'_>) -> Result<Option<RigidTransform>, CalibError> {
+        let place = at.find_any(&["T_cam_imu", "T_imu_cam"]);
+        let camera_from_imu = match (at.find("T_cam_imu"), at.find("T_imu_cam")) {
+            (Some(at), _) => Some(rigid(&at)?),
+            (None, Some(at)) => Some(rigid(&at)?.inverse()),
+            (None, None) => None,
+        };
+        if let (Some(at), Some(camera_from_imu)) = (place, &camera_from_imu)
+            && self.cameras.is_empty()
+        {
+            at.reject_if(too_far("the IMU", &camera_from_imu.inverse()))?;
+        }
+        Ok(camera_from_imu)
+    }
+
+    /// Takes the IMU of the first camera, and compares the time offsets of the others with its.
+    fn add_imu(
+        &mut self,
+        name: &str,
+        camera_from_imu: Option<RigidTransform>,
+        time_offset_s: Option<f64>,
+    ) {
+        if self.cameras.is_empty() {
+            self.imu = camera_from_imu.map(|camera_from_imu| SetImu {
+                imu_from_first: camera_from_imu.inverse(),
+                rate_hz: None,
+                noise: None,
+                time_offset_s,
+                gyro_bias: None,
+                accel_bias: None,
+            });
+        } else if let (Some(first), Some(here)) =
+            (self.imu.and_then(|i| i.time_offset_s), time_offset_s)
+            && first != here
+        {
+            self.notes.push(Note(format!(
+                "{name}: timeshift_cam_imu is {here} s, of cam0 {first} s: that of cam0 is taken"
+            )));
+        }
+    }
 }
 
 fn is_camera(key: &str) -> bool {
