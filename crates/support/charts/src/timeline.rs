@@ -118,18 +118,7 @@ impl Timeline {
             (width - if note > 0.0 { note + 18.0 } else { 14.0 }).round(),
         );
 
-        let usable = |span: &Span| self.axis.usable(span.from) && self.axis.usable(span.to);
-        let mut extent = Extent::default();
-        let spans = self.rows.iter().flat_map(|row| &row.spans);
-        spans
-            .filter(|s| usable(s))
-            .flat_map(|s| [s.from, s.to])
-            .for_each(|v| extent.add(v));
-        self.marks
-            .iter()
-            .map(|m| m.0)
-            .filter(|v| self.axis.usable(*v))
-            .for_each(|v| extent.add(v));
+        let extent = self.extent();
         let empty = extent.0.is_none();
         let most = ((x1 - x0) / 80.0).clamp(2.0, 12.0) as usize;
         let range = self.axis.resolve(extent, 0.0, false, most);
@@ -152,25 +141,7 @@ impl Timeline {
         }
         for (i, row) in self.rows.iter().enumerate() {
             let y = top + ROW * i as f64;
-            let grey = format!("fill=\"{MUTED}\"");
-            svg.text(
-                x0 - 8.0,
-                y + 15.0,
-                TICK,
-                Anchor::End,
-                "",
-                &shorten(&row.name, TICK, left - 16.0),
-            );
-            svg.text(
-                x1 + 8.0,
-                y + 15.0,
-                TICK,
-                Anchor::Start,
-                &grey,
-                &shorten(&row.note, TICK, note + 2.0),
-            );
-            svg.line((x0, y + ROW), (x1, y + ROW), GRID);
-            self.draw_spans(&mut svg, row, scale, y);
+            self.draw_row(&mut svg, row, scale, y, [left - 16.0, note + 2.0]);
         }
         for &x in &marks.lines {
             svg.line(
@@ -204,13 +175,37 @@ impl Timeline {
             &self.axis.caption(range),
         );
 
-        let mut notes = Vec::new();
-        let skipped = self
-            .rows
+        let notes = self.notes(&marks);
+        let lines = self.sheet.foot_lines(width, &notes);
+        let end = Sheet::foot(&mut svg, bottom + 36.0, &lines);
+        svg.finish(width, end, &self.sheet.title)
+    }
+
+    fn usable(&self, span: &Span) -> bool {
+        self.axis.usable(span.from) && self.axis.usable(span.to)
+    }
+
+    /// Extent of the usable spans and marks.
+    fn extent(&self) -> Extent {
+        let mut extent = Extent::default();
+        let spans = self.rows.iter().flat_map(|row| &row.spans);
+        spans
+            .filter(|s| self.usable(s))
+            .flat_map(|s| [s.from, s.to])
+            .for_each(|v| extent.add(v));
+        self.marks
             .iter()
-            .flat_map(|row| &row.spans)
-            .filter(|s| !usable(s))
-            .count();
+            .map(|m| m.0)
+            .filter(|v| self.axis.usable(*v))
+            .for_each(|v| extent.add(v));
+        extent
+    }
+
+    /// Notes below the chart, on what it does not show.
+    fn notes(&self, marks: &Marks) -> Vec<String> {
+        let mut notes = Vec::new();
+        let spans = self.rows.iter().flat_map(|row| &row.spans);
+        let skipped = spans.filter(|s| !self.usable(s)).count();
         let skipped = skipped + self.marks.iter().filter(|m| !self.axis.usable(m.0)).count();
         if skipped > 0 {
             notes.push(format!("{skipped} spans or marks with times not finite"));
@@ -221,18 +216,37 @@ impl Timeline {
                 marks.unlabelled
             ));
         }
-        let lines = self.sheet.foot_lines(width, &notes);
-        let end = Sheet::foot(&mut svg, bottom + 36.0, &lines);
-        svg.finish(width, end, &self.sheet.title)
+        notes
+    }
+
+    /// A row with its top at `y`; `widths` are those of its name and its note.
+    fn draw_row(&self, svg: &mut Svg, row: &Row, scale: Scale, y: f64, widths: [f64; 2]) {
+        let (x0, x1) = scale.pixels;
+        let grey = format!("fill=\"{MUTED}\"");
+        svg.text(
+            x0 - 8.0,
+            y + 15.0,
+            TICK,
+            Anchor::End,
+            "",
+            &shorten(&row.name, TICK, widths[0]),
+        );
+        svg.text(
+            x1 + 8.0,
+            y + 15.0,
+            TICK,
+            Anchor::Start,
+            &grey,
+            &shorten(&row.note, TICK, widths[1]),
+        );
+        svg.line((x0, y + ROW), (x1, y + ROW), GRID);
+        self.draw_spans(svg, row, scale, y);
     }
 
     /// One path per kind; the ordinary kind is drawn lower than the row, so kinds differ in height too.
     fn draw_spans(&self, svg: &mut Svg, row: &Row, scale: Scale, y: f64) {
         let (x0, x1) = scale.pixels;
-        let good = row
-            .spans
-            .iter()
-            .filter(|s| self.axis.usable(s.from) && self.axis.usable(s.to));
+        let good = row.spans.iter().filter(|s| self.usable(s));
         let pixels = good.map(|s| {
             let (a, b) = (scale.at(s.from) - x0, scale.at(s.to) - x0);
             (a.min(b), a.max(b), s.kind.min(5))
