@@ -19,7 +19,8 @@ use std::path::PathBuf;
 use std::thread;
 
 use anyhow::{Context, Result, anyhow, ensure};
-use cad_transforms::{Frame, FramePart, RigidTransform};
+use boards::Target as Board;
+use cad_transforms::{Frame, FramePart, Rig, RigidTransform};
 use calib::camera_imu::simulate::ZED_NOISE;
 use calib::camera_imu::{Cameras, ImuSample, Priors, Recording, estimate};
 use calibration_files::kalibr::read_imu;
@@ -29,7 +30,8 @@ use clap::Args;
 use console_output::{Console, Outcome, text};
 use nalgebra::{Matrix3, SMatrix};
 use session_access::{SessionFolder, open, read_or_build};
-use session_archive::index::Access;
+use session_archive::index::{Access, CameraIndex};
+use session_archive::manifest::{Camera, Manifest};
 use session_input::imu::increasing_in_time;
 use session_input::imu::recording::{self, ImuRecording};
 
@@ -106,18 +108,8 @@ pub(crate) fn run(
     let reader = open(&session.folder)?;
     let manifest = reader.manifest();
     let selected = |name: &str| options.camera.as_deref().is_none_or(|c| c == name);
+    check_line_us(options, manifest, session)?;
     let names = || manifest.cameras.iter().map(|c| c.name.as_str());
-    let listed = || names().collect::<Vec<_>>().join(", ");
-    for (name, _) in &options.line_us {
-        ensure!(
-            name.as_deref()
-                .is_none_or(|name| names().any(|n| n == name)),
-            "--line-us of the camera {:?}: the session has {}: {}",
-            name.as_deref().unwrap_or_default(),
-            listed(),
-            session.folder.display()
-        );
-    }
     let mut possible_files = vec![DOCUMENT.to_owned(), PAGE.to_owned(), RIG.to_owned()];
     possible_files.extend(
         names()
@@ -134,7 +126,7 @@ pub(crate) fn run(
         names().any(selected),
         "looking for the camera {:?}: the session has {}: {}",
         options.camera.as_deref().unwrap_or("any"),
-        listed(),
+        listed(manifest),
         session.folder.display()
     );
     let index = read_or_build(&reader, console)?;
@@ -146,69 +138,24 @@ pub(crate) fn run(
         |name| name.strip_suffix("/imu").is_some_and(selected),
         |_| (),
     )?;
-    let threads = thread::available_parallelism().map_or(1, usize::from);
+    let calibration = Calibration {
+        inputs: &inputs,
+        access: &access,
+        boards: &boards,
+        imus: &samples.imus,
+        noise,
+        options,
+    };
     let mut outcome = Outcome::Fine;
     let mut all = Vec::new();
     for (camera, images) in manifest.cameras.iter().zip(&index.cameras) {
         if !selected(&camera.name) {
             continue;
         }
-        let name = &camera.name;
-        let frame = |part: &str| format!("{name}/{part}");
-        let nominal = inputs.imu_from_left(name);
-        let mut result = CameraResult {
-            camera: name.clone(),
-            nominal,
-            board: None,
-            noise,
-            line_s: line_s(options, name),
-            rate_hz: 0.0,
-            lenses: Vec::new(),
-            found: Err(anyhow!("not started")),
-        };
-        let ready = || -> Result<(Vec<(CameraModel, RigidTransform)>, &ImuRecording)> {
-            let imu = samples.imus.iter().find(|i| i.name == frame("imu"));
-            let imu = imu.with_context(|| format!("the session has no {name}/imu"))?;
-            Ok((inputs.lenses(name)?, imu))
-        };
-        result.found = match ready() {
-            Err(error) => Err(error),
-            Ok((lenses, imu)) => {
-                let right = lenses.get(1).map(|(model, results)| (model, results));
-                let cameras = Cameras::new(&lenses[0].0, right).with_rolling_shutter(result.line_s);
-                result.rate_hz = imu.rate_hz;
-                result.lenses = lenses;
-                let bytes = images.frames.iter().map(|f| u64::from(f.bytes)).sum();
-                let observed = {
-                    let progress = console.progress(name, bytes);
-                    images::find(
-                        camera,
-                        images,
-                        &access,
-                        &boards,
-                        options.every,
-                        threads,
-                        &progress,
-                    )?
-                };
-                if observed.missing > 0 {
-                    outcome = outcome.max(Outcome::Loss);
-                }
-                result.board = observed.board;
-                let recording = Recording {
-                    cameras,
-                    observations: observed.images,
-                    imu: inertial(imu),
-                    noise,
-                    range: imu.count.map(|c| c.map_or(f64::INFINITY, |c| c * 32_767.0)),
-                };
-                let nominal = Priors {
-                    imu_from_left: nominal,
-                    ..Priors::default()
-                };
-                estimate(&recording, &nominal).map_err(anyhow::Error::from)
-            }
-        };
+        let (result, missing) = calibration.of_camera(camera, images, console)?;
+        if missing > 0 {
+            outcome = outcome.max(Outcome::Loss);
+        }
         table::print(&result, console)?;
         all.push(result);
     }
@@ -218,26 +165,7 @@ pub(crate) fn run(
         Ok(rig) => Ok(revised(rig, &joints, "camera-imu", "imu", manifest)?),
         Err(reason) => Err(reason),
     };
-    let page = page::html(manifest, &all, rig.as_ref().ok())?;
-    let mut files = vec![
-        (DOCUMENT.to_owned(), document::json(manifest, &all)?),
-        (PAGE.to_owned(), page.into_bytes()),
-    ];
-    for result in &all {
-        match kalibr(result) {
-            Ok(more) => files.extend(more),
-            Err(error) => {
-                console.line(format!("{}: no file for Kalibr: {error:#}", result.camera))?
-            }
-        }
-    }
-    if let Ok(rig) = &rig {
-        files.push((RIG.to_owned(), rig.to_toml().into_bytes()));
-        for line in rig_poses::lines(rig)? {
-            console.line(line)?;
-        }
-        console.line("")?;
-    }
+    let files = files(manifest, &all, rig.as_ref().ok(), console)?;
     results.write(&files, console)?;
     if let Err(reason) = rig {
         console.line(format!("no rig file was written: {reason}"))?;
@@ -251,6 +179,139 @@ pub(crate) fn run(
         outcome = Outcome::Failed;
     }
     Ok(outcome)
+}
+
+/// Names of the session's cameras, for messages.
+fn listed(manifest: &Manifest) -> String {
+    let names = manifest.cameras.iter().map(|c| c.name.as_str());
+    names.collect::<Vec<_>>().join(", ")
+}
+
+/// Whether the session has the cameras of `--line-us`.
+fn check_line_us(options: &Options, manifest: &Manifest, session: &SessionFolder) -> Result<()> {
+    for (name, _) in &options.line_us {
+        ensure!(
+            name.as_deref()
+                .is_none_or(|name| manifest.cameras.iter().any(|c| c.name == name)),
+            "--line-us of the camera {:?}: the session has {}: {}",
+            name.as_deref().unwrap_or_default(),
+            listed(manifest),
+            session.folder.display()
+        );
+    }
+    Ok(())
+}
+
+/// What the calibration of each camera needs.
+struct Calibration<'a> {
+    inputs: &'a Inputs<'a>,
+    access: &'a Access,
+    boards: &'a [Board],
+    imus: &'a [ImuRecording],
+    noise: ImuNoise,
+    options: &'a Options,
+}
+
+impl Calibration<'_> {
+    /// The result of a camera, and the number of its images that could not be decoded.
+    fn of_camera(
+        &self,
+        camera: &Camera,
+        images: &CameraIndex,
+        console: &mut Console<'_>,
+    ) -> Result<(CameraResult, u64)> {
+        let name = &camera.name;
+        let nominal = self.inputs.imu_from_left(name);
+        let mut result = CameraResult {
+            camera: name.clone(),
+            nominal,
+            board: None,
+            noise: self.noise,
+            line_s: line_s(self.options, name),
+            rate_hz: 0.0,
+            lenses: Vec::new(),
+            found: Err(anyhow!("not started")),
+        };
+        let (lenses, imu) = match self.lenses_and_imu(name) {
+            Ok(ready) => ready,
+            Err(error) => {
+                result.found = Err(error);
+                return Ok((result, 0));
+            }
+        };
+        let right = lenses.get(1).map(|(model, results)| (model, results));
+        let cameras = Cameras::new(&lenses[0].0, right).with_rolling_shutter(result.line_s);
+        result.rate_hz = imu.rate_hz;
+        result.lenses = lenses;
+        let bytes = images.frames.iter().map(|f| u64::from(f.bytes)).sum();
+        let threads = thread::available_parallelism().map_or(1, usize::from);
+        let observed = {
+            let progress = console.progress(name, bytes);
+            images::find(
+                camera,
+                images,
+                self.access,
+                self.boards,
+                self.options.every,
+                threads,
+                &progress,
+            )?
+        };
+        result.board = observed.board;
+        let recording = Recording {
+            cameras,
+            observations: observed.images,
+            imu: inertial(imu),
+            noise: self.noise,
+            range: imu.count.map(|c| c.map_or(f64::INFINITY, |c| c * 32_767.0)),
+        };
+        let priors = Priors {
+            imu_from_left: nominal,
+            ..Priors::default()
+        };
+        result.found = estimate(&recording, &priors).map_err(anyhow::Error::from);
+        Ok((result, observed.missing))
+    }
+
+    fn lenses_and_imu(
+        &self,
+        camera: &str,
+    ) -> Result<(Vec<(CameraModel, RigidTransform)>, &ImuRecording)> {
+        let name = format!("{camera}/imu");
+        let imu = self.imus.iter().find(|i| i.name == name);
+        let imu = imu.with_context(|| format!("the session has no {name}"))?;
+        Ok((self.inputs.lenses(camera)?, imu))
+    }
+}
+
+/// Names and bytes of all results; prints the poses of the rig.
+fn files(
+    manifest: &Manifest,
+    all: &[CameraResult],
+    rig: Option<&Rig>,
+    console: &mut Console<'_>,
+) -> Result<Vec<(String, Vec<u8>)>> {
+    let page = page::html(manifest, all, rig)?;
+    let mut files = vec![
+        (DOCUMENT.to_owned(), document::json(manifest, all)?),
+        (PAGE.to_owned(), page.into_bytes()),
+    ];
+    for result in all {
+        match kalibr(result) {
+            Ok(more) => files.extend(more),
+            Err(error) => {
+                console.line(format!("{}: no file for Kalibr: {error:#}", result.camera))?
+            }
+        }
+    }
+    if let Some(rig) = rig {
+        files.push((RIG.to_owned(), rig.to_toml().into_bytes()));
+        for line in rig_poses::lines(rig)? {
+            console.line(line)?;
+        }
+        console.line("")?;
+    }
+    Ok(files)
 }
 
 fn line_s(options: &Options, camera: &str) -> f64 {
