@@ -1,13 +1,13 @@
 //! `cargo xtask deb`: the Debian package of the recorder, for this machine or for the Jetson.
 //!
-//! The program is linked against a Debian root folder of its architecture ([`root`]), so both architectures
-//! take the same way and nothing depends on what is installed here. Always: the system packages that it needs
-//! are worked out of its symbols ([`symbols`]), and one that JetPack 6 does not have fails the verb; so does a
-//! program that is not hardened ([`elf`]). With `--check`: lintian, the same bytes once more, and an installation
-//! that records ([`smoke`]).
+//! The program is linked against a Debian root folder of its architecture ([`root`]), so both
+//! architectures take the same way and nothing depends on what is installed here. Always: the
+//! system packages that it needs are worked out of its symbols ([`symbols`]), and one that JetPack
+//! 6 does not have fails the verb; so does a program that is not hardened ([`elf`]). With
+//! `--check`: lintian, the same bytes once more, and an installation that records ([`smoke`]).
 //!
-//! Nothing outside the target folder and the folder for the package is written. docs/guides/packaging.md tells what
-//! was run.
+//! Nothing outside the target folder and the folder for the package is written.
+//! docs/guides/packaging.md tells what was run.
 
 mod architecture;
 mod changelog;
@@ -119,7 +119,8 @@ fn purposes(architecture: Architecture, here: Architecture, check: bool) -> Resu
     Ok(purposes)
 }
 
-/// What the program needs of a system; an error if it is not hardened or JetPack 6 does not have it.
+/// What the program needs of a system; an error if it is not hardened or JetPack 6 does not have
+/// it.
 fn examine(program: &Path, root: &Root) -> Result<Vec<Need>> {
     let readelf = |arguments: &[&str]| {
         output(
@@ -174,8 +175,8 @@ fn same_bytes(package: &Path, again: &Path) -> Result<()> {
 }
 
 /// Debian's rules, down to matters of taste; every exception stands with its reason in
-/// `deploy/debian/lintian-overrides`. Left out here is the search for misspelt words in the program, because machine
-/// code reads as words by chance, other ones in each build.
+/// `deploy/debian/lintian-overrides`. Left out here is the search for misspelt words in the
+/// program, because machine code reads as words by chance, other ones in each build.
 fn lintian(package: &Path) -> Result<()> {
     process::run(
         command("lintian")?

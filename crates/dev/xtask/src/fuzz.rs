@@ -1,7 +1,7 @@
 //! `cargo xtask fuzz`: the fuzz targets of the archive, each for a while.
 //!
-//! They are a workspace of their own in `crates/formats/session-archive/fuzz`, because they need libFuzzer and
-//! the sanitizers, which the compiler has behind unstable flags.
+//! They are a workspace of their own in `crates/formats/session-archive/fuzz`, because they need
+//! libFuzzer and the sanitizers, which the compiler has behind unstable flags.
 
 use anyhow::{Context, Result, bail, ensure};
 

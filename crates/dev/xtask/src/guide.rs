@@ -1,9 +1,10 @@
 //! The commands of the pages that a new user follows, run as they stand there.
 //!
-//! Every line `$ COMMAND` of a ```` ```console ```` block of [`PAGES`] is run, in order, by one shell per page that stops at the first
-//! failure: in a fresh clone of what is committed, with an empty home. The short form leaves out what builds and
-//! installs (`cargo`, `git`) and finds the programs that are built already, also for `cargo run`; nothing else differs.
-//! `cargo xtask test` is left out of both: it runs this.
+//! Every line `$ COMMAND` of a ```` ```console ```` block of [`PAGES`] is run, in order, by one
+//! shell per page that stops at the first failure: in a fresh clone of what is committed, with an
+//! empty home. The short form leaves out what builds and installs (`cargo`, `git`) and finds the
+//! programs that are built already, also for `cargo run`; nothing else differs. `cargo xtask test`
+//! is left out of both: it runs this.
 
 use std::fs;
 use std::path::Path;

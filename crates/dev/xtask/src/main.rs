@@ -4,8 +4,8 @@
 //! Early: this program compiles before any system package is there, because it installs them.
 //! Late: a verb may be run again at any time; what is already done is not done twice. At a gap
 //! (no network, no Python index, no optional tool) the verb says what it leaves out and why. At
-//! the end: exit code 0 fine, 1 failed, 2 bad arguments, 3 finished with loss. On failure: one message that names the
-//! step, what was found, and what to do.
+//! the end: exit code 0 fine, 1 failed, 2 bad arguments, 3 finished with loss. On failure: one
+//! message that names the step, what was found, and what to do.
 #![expect(
     clippy::disallowed_methods,
     reason = "a developer tool tells people how long each step took; no logic here depends on time"

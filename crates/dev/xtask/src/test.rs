@@ -154,8 +154,9 @@ fn tests(quick: bool, python: Option<std::path::PathBuf>, report: &mut Report) -
 /// How long the output may be silent before it is looked whether the test runner has ended.
 const PATIENCE: Duration = Duration::from_secs(10);
 
-/// Reads what a program prints until it has ended, line by line. A process that it leaves behind, as a test that fails
-/// may, holds the output open; `patience` after its last line it is not waited for.
+/// Reads what a program prints until it has ended, line by line. A process that it leaves behind,
+/// as a test that fails may, holds the output open; `patience` after its last line it is not waited
+/// for.
 fn follow(child: &mut Child, patience: Duration, mut take: impl FnMut(&str)) -> Result<ExitStatus> {
     let output = child.stdout.take().context("no output to read")?;
     let lines = lines_of(output);

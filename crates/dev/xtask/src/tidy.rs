@@ -1,9 +1,9 @@
 //! `cargo xtask tidy`: words, layers, circles and sizes, held by counts that may only fall.
 //!
 //! It reads the text of the files that git lists and builds nothing, so it is the first step of
-//! `cargo xtask test`. What is counted is in one module each, [`mod@survey`] puts it together, [`ratchet`]
-//! compares it with `docs/tidy.txt`. A count that fell is no failure; one that rose is, with the places
-//! that it consists of.
+//! `cargo xtask test`. What is counted is in one module each, [`mod@survey`] puts it together,
+//! [`ratchet`] compares it with `docs/tidy.txt`. A count that fell is no failure; one that rose is,
+//! with the places that it consists of.
 
 mod charts;
 mod circles;
@@ -27,6 +27,7 @@ mod strings;
 mod survey;
 mod test_code;
 mod uses;
+mod width;
 
 use std::io::{ErrorKind, Write};
 use std::path::Path;
@@ -87,7 +88,8 @@ pub(crate) fn check() -> Result<String> {
 struct Outcome {
     /// What differs, line by line.
     details: String,
-    /// One line that sums up; an error where a count is worse, or is missing and was not just added.
+    /// One line that sums up; an error where a count is worse, or is missing and was not just
+    /// added.
     conclusion: Result<String>,
 }
 

@@ -1,7 +1,7 @@
 //! `cargo xtask vm-test`: the tests on real kernel drivers, in virtual machines.
 //!
-//! Builds the programs, then the package `vm` does the rest. Where its kernel cannot be had the tests are skipped with the
-//! reason, which is no failure.
+//! Builds the programs, then the package `vm` does the rest. Where its kernel cannot be had the
+//! tests are skipped with the reason, which is no failure.
 
 use std::ffi::OsString;
 use std::process::Stdio;
@@ -22,8 +22,8 @@ pub(crate) enum Ran {
     Skipped,
 }
 
-/// Runs the cases with these names, or all. `features`: those with which the workspace was just built, so that nothing is
-/// compiled twice.
+/// Runs the cases with these names, or all. `features`: those with which the workspace was just
+/// built, so that nothing is compiled twice.
 pub(crate) fn run(
     install: bool,
     quick: bool,
@@ -38,8 +38,8 @@ pub(crate) fn run(
     }
     setup::system_packages(&purposes, install)?;
     let mut build = cargo()?;
-    // All of the workspace: with some of its packages alone Cargo would choose other features for what they depend on,
-    // and compile most of it again.
+    // All of the workspace: with some of its packages alone Cargo would choose other features for
+    // what they depend on, and compile most of it again.
     build.args(["build", "--locked", "--workspace", "--bins"]);
     build.args(features.into_iter().flat_map(|list| ["--features", list]));
     if features.is_some() {
@@ -67,7 +67,8 @@ pub(crate) fn run(
     }
 }
 
-/// Builds the tests of the crate `v4l2` that need real cameras, and puts them where the guests find them.
+/// Builds the tests of the crate `v4l2` that need real cameras, and puts them where the guests find
+/// them.
 fn driver_tests(features: Option<&str>) -> Result<()> {
     let mut build = cargo()?;
     build.args(["test", "--locked", "--no-run", "--workspace"]);

@@ -12,16 +12,16 @@ struct Section<'a> {
     changes: Vec<String>,
 }
 
-/// Whether the newest section is one that is not released yet: then what is packaged comes before the
-/// next release.
+/// Whether the newest section is one that is not released yet: then what is packaged comes before
+/// the next release.
 pub(super) fn is_unreleased(markdown: &str) -> Result<bool> {
     let newest = sections(markdown);
     let newest = newest.first().context("CHANGELOG.md has no section")?;
     Ok(newest.day.is_none())
 }
 
-/// The changelog in the form of deb-changelog(5), newest first. `version` and `date` (RFC 5322) are those of
-/// the newest entry; `date_of` says a released section's day in the same form.
+/// The changelog in the form of deb-changelog(5), newest first. `version` and `date` (RFC 5322) are
+/// those of the newest entry; `date_of` says a released section's day in the same form.
 pub(super) fn debian(
     markdown: &str,
     version: &str,
@@ -71,7 +71,8 @@ fn sections(markdown: &str) -> Vec<Section<'_>> {
     sections
 }
 
-/// A change as an item of Debian's changelog, in lines of at most 80 characters where words allow it.
+/// A change as an item of Debian's changelog, in lines of at most 80 characters where words allow
+/// it.
 fn wrapped(change: &str) -> String {
     let mut text = String::from("  *");
     let mut width = text.len();

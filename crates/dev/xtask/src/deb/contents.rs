@@ -11,12 +11,13 @@ use anyhow::{Context, Result, ensure};
 use super::files::{make_folder, output, read, set_mode, write};
 use crate::process::{self, cargo};
 
-/// Where `deploy/README.md` installs the program by hand; Debian keeps that folder for the administrator.
+/// Where `deploy/README.md` installs the program by hand; Debian keeps that folder for the
+/// administrator.
 const BY_HAND: &str = "/usr/local/bin/pawsd";
 const PACKAGED: &str = "/usr/bin/pawsd";
 
-/// Pages for operators of the recorder; a folder stands for the files in it. What is below `deploy` goes to the
-/// top of the package's documents, the rest keeps its place.
+/// Pages for operators of the recorder; a folder stands for the files in it. What is below `deploy`
+/// goes to the top of the package's documents, the rest keeps its place.
 const PAGES: [&str; 7] = [
     "deploy/README.md",
     "deploy/runbooks",
@@ -99,8 +100,8 @@ impl Contents<'_> {
         self.put_papers()
     }
 
-    /// The manual pages and the shells' completions, as the program writes them itself. It is the one for this machine that
-    /// does so: the packaged one may be for another processor.
+    /// The manual pages and the shells' completions, as the program writes them itself. It is the
+    /// one for this machine that does so: the packaged one may be for another processor.
     fn put_papers(&self) -> Result<()> {
         let pawsd = || -> Result<Command> {
             let mut program = cargo()?;
@@ -133,7 +134,8 @@ impl Contents<'_> {
         set_mode(&to, 0o644)
     }
 
-    /// The same, compressed as Debian wants its documents: with the ending `.gz`, the same bytes every time.
+    /// The same, compressed as Debian wants its documents: with the ending `.gz`, the same bytes
+    /// every time.
     pub(super) fn put_compressed(&self, path: &str, bytes: impl AsRef<[u8]>) -> Result<()> {
         self.put(path, bytes)?;
         let mut gzip = process::command("gzip")?;

@@ -1,7 +1,8 @@
 //! What a program asks of the system that runs it, and how it is hardened, out of what `readelf`
 //! prints. Pure.
 //!
-//! `readelf` is used because it is there wherever packages are made, and reads programs of every processor.
+//! `readelf` is used because it is there wherever packages are made, and reads programs of every
+//! processor.
 
 /// Symbols that are imported without need: the program runs without them.
 const WEAK: &str = "WEAK";

@@ -1,6 +1,7 @@
 //! From a built program to a Debian package: the same commit and program give the same bytes.
 //!
-//! What depends on the moment is the commit's: the version, the changelog's date, the times of files.
+//! What depends on the moment is the commit's: the version, the changelog's date, the times of
+//! files.
 
 use std::fs;
 use std::path::{Path, PathBuf};

@@ -1,8 +1,8 @@
 //! The release build of `pawsd` for one architecture, linked against the root of that architecture.
 //!
 //! The same steps for this machine's architecture and another: what the program asks of a system is
-//! decided by the root and not by what happens to be installed here. Paths of this machine do not get into
-//! the program.
+//! decided by the root and not by what happens to be installed here. Paths of this machine do not
+//! get into the program.
 
 use std::path::{Path, PathBuf};
 

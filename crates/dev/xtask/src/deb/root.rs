@@ -1,15 +1,16 @@
 //! A root folder of Debian for one architecture: what the recorder is linked against, and where its
 //! package is installed and run.
 //!
-//! It is made without being root and without changing this machine: apt, with a state of its own and
-//! none of this machine's packages, says what belongs together and fetches it from this machine's
-//! sources; the packages are unpacked and entered as installed. **No script of these packages runs**, which would take
-//! minutes under emulation; only the accounts that every Debian has are put in place. The scripts of
-//! our own package do run, through the root's own dpkg.
+//! It is made without being root and without changing this machine: apt, with a state of its own
+//! and none of this machine's packages, says what belongs together and fetches it from this
+//! machine's sources; the packages are unpacked and entered as installed. **No script of these
+//! packages runs**, which would take minutes under emulation; only the accounts that every Debian
+//! has are put in place. The scripts of our own package do run, through the root's own dpkg.
 //!
-//! Programs in it run through proot: a change of root that needs no rights, follows every program that is
-//! started, and puts QEMU before those of another processor. Once made, a root is kept until
-//! [`PACKAGES`] change or its folder is deleted; one whose making was broken off is made again.
+//! Programs in it run through proot: a change of root that needs no rights, follows every program
+//! that is started, and puts QEMU before those of another processor. Once made, a root is kept
+//! until [`PACKAGES`] change or its folder is deleted; one whose making was broken off is made
+//! again.
 
 use std::fs;
 use std::path::{Path, PathBuf};
@@ -81,7 +82,8 @@ impl Root {
         self.folder.join("usr/lib").join(self.architecture.gnu())
     }
 
-    /// Fetches one package of the architecture without what it depends on, and unpacks it into `folder`.
+    /// Fetches one package of the architecture without what it depends on, and unpacks it into
+    /// `folder`.
     pub(super) fn download(&self, package: &str, folder: &Path) -> Result<()> {
         if folder.exists() {
             fs::remove_dir_all(folder).with_context(|| format!("emptying {}", folder.display()))?;
@@ -122,7 +124,8 @@ impl Root {
         Ok(self.architecture != Architecture::here()?)
     }
 
-    /// Makes ready for [`command`](Self::command): compiles `older_kernel.c`, which tells why it is needed.
+    /// Makes ready for [`command`](Self::command): compiles `older_kernel.c`, which tells why it is
+    /// needed.
     pub(super) fn make_runnable(&self) -> Result<()> {
         let source = process::root()?.join("crates/dev/xtask/src/deb/older_kernel.c");
         process::run(

@@ -1,9 +1,10 @@
-//! What a package is worth: it is installed in the root, records there, and what it recorded is checked on
-//! this machine.
+//! What a package is worth: it is installed in the root, records there, and what it recorded is
+//! checked on this machine.
 //!
-//! Two recordings of three cameras of 320x96: a simulated walk in virtual time, which nothing may be missing of,
-//! and synthetic frames in real time, as on the rig. In real time an emulated processor may be too slow, or this
-//! machine too busy; then the recording says what it lost, and so does this.
+//! Two recordings of three cameras of 320x96: a simulated walk in virtual time, which nothing may
+//! be missing of, and synthetic frames in real time, as on the rig. In real time an emulated
+//! processor may be too slow, or this machine too busy; then the recording says what it lost, and
+//! so does this.
 
 use std::fs;
 use std::path::Path;
@@ -161,8 +162,8 @@ fn record_one(root: &Root, name: &str, source: &str, how: &[&str]) -> Result<()>
     })
 }
 
-/// Imports and validates with the tool of this machine: what was recorded by one processor is read by
-/// another.
+/// Imports and validates with the tool of this machine: what was recorded by one processor is read
+/// by another.
 fn check_here(root: &Root) -> Result<()> {
     process::run(cargo()?.args(["build", "--quiet", "--locked", "--package=collector"]))?;
     let paws = process::program_folder()?.join("paws");

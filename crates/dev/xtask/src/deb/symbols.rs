@@ -1,9 +1,9 @@
-//! Which version of each system package a program needs, symbol by symbol, and whether the oldest system that
-//! it is made for has that version. Pure.
+//! Which version of each system package a program needs, symbol by symbol, and whether the oldest
+//! system that it is made for has that version. Pure.
 //!
 //! Debian's packages of libraries carry a file `symbols` that says for each symbol in which version
-//! it came (deb-symbols(5)). So the answer names the symbol to blame, also for libraries whose own symbols
-//! have no versions, as GStreamer's and GLib's.
+//! it came (deb-symbols(5)). So the answer names the symbol to blame, also for libraries whose own
+//! symbols have no versions, as GStreamer's and GLib's.
 
 use std::collections::BTreeMap;
 
@@ -11,8 +11,8 @@ use anyhow::{Context, Result, bail};
 
 use super::elf::Symbol;
 
-/// The oldest system that the recorder runs on: JetPack 6, which is Ubuntu 22.04. Package by package the
-/// version there (packages.ubuntu.com, jammy).
+/// The oldest system that the recorder runs on: JetPack 6, which is Ubuntu 22.04. Package by
+/// package the version there (packages.ubuntu.com, jammy).
 pub(super) const OLDEST_SYSTEM: [(&str, &str); 5] = [
     ("libc6", "2.35"),
     ("libgcc-s1", "12"),
@@ -69,8 +69,8 @@ impl Libraries {
         Ok(())
     }
 
-    /// What the program needs, one entry for each package in their order. A symbol that no library has is an
-    /// error, unless it is weak.
+    /// What the program needs, one entry for each package in their order. A symbol that no library
+    /// has is an error, unless it is weak.
     pub(super) fn needs(&self, libraries: &[String], symbols: &[Symbol]) -> Result<Vec<Need>> {
         let mut asked = Vec::new();
         for name in libraries {

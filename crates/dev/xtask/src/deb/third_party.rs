@@ -1,5 +1,5 @@
-//! The notice of other people's code inside the program: each crate's version and licence, and the texts
-//! of the licences, every text once.
+//! The notice of other people's code inside the program: each crate's version and licence, and the
+//! texts of the licences, every text once.
 
 use std::collections::{BTreeMap, BTreeSet};
 use std::fs;
@@ -61,8 +61,8 @@ pub(super) fn notice(architecture: Architecture) -> Result<String> {
     Ok(text)
 }
 
-/// The lines `NAME vVERSION|LICENCE` of crates that are not ours: those have a path after the version.
-/// A crate that was listed before has a mark at its end.
+/// The lines `NAME vVERSION|LICENCE` of crates that are not ours: those have a path after the
+/// version. A crate that was listed before has a mark at its end.
 fn registry_crates(listing: &str) -> BTreeSet<Crate> {
     listing
         .lines()

@@ -2,12 +2,13 @@
 
 use std::path::Path;
 
-/// Columns of a stereo frame, rows, and frames per second: what a laptop with two processors renders and
-/// encodes in real time.
+/// Columns of a stereo frame, rows, and frames per second: what a laptop with two processors
+/// renders and encodes in real time.
 const SIZE: (u32, u32) = (896, 252);
 const RATE_HZ: f64 = 10.0;
 
-/// The TOML that `pawsd record --config` reads, for a walk of this many seconds with the rig of this file.
+/// The TOML that `pawsd record --config` reads, for a walk of this many seconds with the rig of
+/// this file.
 pub(crate) fn configuration(rig: &Path, seconds: u32) -> String {
     // Rust escapes quotes and backslashes as TOML does.
     let rig = rig.display().to_string();

@@ -1,4 +1,5 @@
-//! Comments as texts: lines that belong together are one text, so that phrases and code may cross lines.
+//! Comments as texts: lines that belong together are one text, so that phrases and code may cross
+//! lines.
 
 use super::source::{Comment, Style};
 
@@ -10,7 +11,8 @@ pub(crate) struct Block {
     pub(crate) text: String,
 }
 
-/// Joins comments of the same style on lines that follow each other, and takes the frame off blocks.
+/// Joins comments of the same style on lines that follow each other, and takes the frame off
+/// blocks.
 pub(crate) fn blocks(comments: &[Comment<'_>]) -> Vec<Block> {
     let mut blocks: Vec<Block> = Vec::new();
     let mut before: Option<&Comment<'_>> = None;

@@ -1,7 +1,7 @@
 //! Which layer may depend on which, and whether the packages keep to it.
 //!
-//! The rules are those of `ARCHITECTURE.md`, as one table. Dependencies of tests are exempt: a test may need
-//! what its crate must not know.
+//! The rules are those of `ARCHITECTURE.md`, as one table. Dependencies of tests are exempt: a test
+//! may need what its crate must not know.
 
 use std::collections::HashMap;
 
@@ -112,7 +112,8 @@ pub(crate) fn breaches(packages: &[Package]) -> Vec<Breaches> {
     all
 }
 
-/// Formats and vision are joined by programs only. What belongs to one of the two has a rule of its own.
+/// Formats and vision are joined by programs only. What belongs to one of the two has a rule of its
+/// own.
 fn joined(packages: &[Package], layers: &HashMap<&str, Layer>) -> Vec<Place> {
     let mut places = Vec::new();
     for package in packages {
@@ -148,8 +149,9 @@ pub(crate) fn without_layer(packages: &[Package]) -> Vec<Place> {
         .collect()
 }
 
-/// The packages, and the folders at the top level, that `ARCHITECTURE.md` does not name in a span of code.
-/// `paths` are the files of the repository; folders whose name begins with a dot are exempt.
+/// The packages, and the folders at the top level, that `ARCHITECTURE.md` does not name in a span
+/// of code. `paths` are the files of the repository; folders whose name begins with a dot are
+/// exempt.
 pub(crate) fn unnamed<'a>(
     architecture: &str,
     packages: &[Package],

@@ -9,6 +9,7 @@ use super::size;
 use super::source::{Kind, Source, Token, lex};
 use super::strings;
 use super::test_code::{self, TestCode};
+use super::width;
 
 /// Words and hits of the patterns.
 #[derive(Debug, Default)]
@@ -21,9 +22,12 @@ pub(crate) struct Texts {
 #[derive(Debug, Default)]
 pub(crate) struct Facts {
     pub(crate) comments: Texts,
+    /// Of files of Rust only.
+    pub(crate) wide_comments: Vec<Place>,
     /// Paths without extension of the modules that it declares for tests only.
     pub(crate) test_modules: Vec<String>,
-    /// What does not count where the file is for tests; `None` where its path says so, and for a schema.
+    /// What does not count where the file is for tests; `None` where its path says so, and for a
+    /// schema.
     pub(crate) code: Option<CodeFacts>,
 }
 
@@ -53,7 +57,8 @@ impl Texts {
         self.words += count.words;
         for hit in count.hits {
             let line = line + hit.line;
-            let shown = shown_line(&file.text, line);
+            let lines = &mut file.text.lines();
+            let shown = shown_line(lines.nth(line.saturating_sub(1)).unwrap_or_default());
             let text = format!("{kind}, {}: {shown}", hit.pattern);
             self.hits.push(Place::new(&file.path, line, text));
         }
@@ -72,6 +77,7 @@ pub(crate) fn of(file: &File, package: &str, patterns: &Patterns) -> Facts {
     if file.extension() != "rs" {
         return facts;
     }
+    facts.wide_comments = width::wide_comments(file, &source.comments);
     let tests = test_code::find(&source.code);
     let modules = tests.modules.iter();
     facts.test_modules = modules
@@ -116,9 +122,8 @@ fn code_facts(
 }
 
 /// A line as lists show it: without its indent, and cut where it is long.
-fn shown_line(text: &str, line: usize) -> String {
+pub(crate) fn shown_line(line: &str) -> String {
     const MAX_CHARACTERS: usize = 120;
-    let line = text.lines().nth(line.saturating_sub(1)).unwrap_or_default();
     let line = line.trim();
     match line.char_indices().nth(MAX_CHARACTERS) {
         Some((end, _)) => format!("{}…", &line[..end]),
@@ -200,7 +205,7 @@ mod tests {
     #[test]
     fn long_lines_are_cut_between_characters() {
         let line = "é".repeat(200);
-        assert_eq!(shown_line(&line, 1).chars().count(), 121);
-        assert_eq!(shown_line("a\n  b", 2), "b");
+        assert_eq!(shown_line(&line).chars().count(), 121);
+        assert_eq!(shown_line("  b"), "b");
     }
 }

@@ -1,7 +1,7 @@
 //! The files that are checked, and the package that each belongs to.
 //!
-//! What git tracks, and what it does not know yet and does not ignore: a new file counts before it is
-//! committed, a build output never does.
+//! What git tracks, and what it does not know yet and does not ignore: a new file counts before it
+//! is committed, a build output never does.
 
 use std::path::Path;
 use std::process::Command;

@@ -15,8 +15,8 @@ pub(crate) enum Layer {
     Vision,
     /// Simulated data.
     Synthetic,
-    /// Tools that know nothing of the domain, and frames, rigid transforms, models of cameras and boards, which all
-    /// others use.
+    /// Tools that know nothing of the domain, and frames, rigid transforms, models of cameras and
+    /// boards, which all others use.
     Support,
     /// For developers: tests, benchmarks, virtual machines.
     Dev,
@@ -46,8 +46,8 @@ const FOLDERS: [(&str, Layer); 6] = [
     ("crates/vision", Layer::Vision),
 ];
 
-/// The layer of a package, `None` where its folder is none of the known ones. A package inside the folder of
-/// another, such as its fuzz targets, is a tool of its developers.
+/// The layer of a package, `None` where its folder is none of the known ones. A package inside the
+/// folder of another, such as its fuzz targets, is a tool of its developers.
 pub(crate) fn layer_of(package: &Package, packages: &[Package]) -> Option<Layer> {
     let is_inside = packages.iter().any(|other| {
         let inside = package.folder.strip_prefix(&other.folder);

@@ -1,7 +1,8 @@
-//! What the checks need of a `Cargo.toml`, read line by line: the package's name and what it depends on.
+//! What the checks need of a `Cargo.toml`, read line by line: the package's name and what it
+//! depends on.
 //!
-//! Not a TOML parser. It reads the forms that this repository uses: a table per section, one dependency a
-//! line, inline tables; values that go on over several lines are passed over.
+//! Not a TOML parser. It reads the forms that this repository uses: a table per section, one
+//! dependency a line, inline tables; values that go on over several lines are passed over.
 
 /// A package of this repository.
 #[derive(Clone, Debug, PartialEq)]

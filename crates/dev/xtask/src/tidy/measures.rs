@@ -70,6 +70,7 @@ fn of_crate(counts: &Crate) -> Vec<Measure> {
     let mut measures = vec![
         measure("comment-words", &counts.comments.hits),
         measure("string-words", &counts.strings),
+        measure("wide-comments", &counts.wide_comments),
         measure("long-files", &counts.long_files),
         measure("long-functions", &counts.long_functions),
         Measure {
@@ -144,12 +145,15 @@ mod tests {
             ("calib/src/c.rs", "use crate::d::D;"),
             ("calib/src/d.rs", "use crate::e::E;"),
             ("calib/src/e.rs", "use crate::c::C;"),
+            ("calib/src/wide.rs", &format!("// {}", "wide ".repeat(20))),
             ("lens/Cargo.toml", "[package]\nname = \"lens\""),
             ("lens/src/main.rs", "// It is so."),
         ]);
         for (key, expected) in [
             ("comment-words calib", Some(1)),
             ("string-words calib", Some(1)),
+            ("wide-comments calib", Some(1)),
+            ("wide-comments lens", Some(0)),
             ("largest-circle calib", Some(3)),
             ("files-in-circles calib", Some(5)),
             ("public-items calib", Some(1)),

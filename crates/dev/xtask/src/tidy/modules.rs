@@ -1,8 +1,9 @@
 //! Which file of a crate uses which: a graph out of `use` trees and paths.
 //!
-//! A path is followed through modules and re-exports to the file that defines what it names, so far as names
-//! tell that: a path through a macro or an associated type ends at the file in which it was last known.
-//! `mod x;` is no use, code for tests is left out, and other crates are no files of this one.
+//! A path is followed through modules and re-exports to the file that defines what it names, so far
+//! as names tell that: a path through a macro or an associated type ends at the file in which it
+//! was last known. `mod x;` is no use, code for tests is left out, and other crates are no files of
+//! this one.
 
 use std::collections::{BTreeMap, HashMap};
 
@@ -20,7 +21,8 @@ pub(crate) struct ModuleFile<'a> {
 /// One file uses another: indices of the files, and the first line that does.
 pub(crate) type Edges = BTreeMap<(usize, usize), usize>;
 
-/// The uses among the files of one package. `source` is the folder of its source files, `calib/src`.
+/// The uses among the files of one package. `source` is the folder of its source files,
+/// `calib/src`.
 pub(crate) fn edges(source: &str, files: &[ModuleFile<'_>]) -> Edges {
     let by_path: HashMap<&str, usize> = files
         .iter()
@@ -196,8 +198,8 @@ impl<'a> Tree<'a> {
         }
     }
 
-    /// Notes the uses of the names that an import of all brings in. An import of all that brings in none which
-    /// the file has is no use.
+    /// Notes the uses of the names that an import of all brings in. An import of all that brings in
+    /// none which the file has is no use.
     fn uses_of_all(&mut self, module: usize, of: usize, line: usize) {
         let own = self.modules[module].scope;
         let file = self.modules[module].file;
@@ -256,7 +258,8 @@ impl<'a> Tree<'a> {
         Some(target)
     }
 
-    /// What a name is in a module. `is_own`: seen from inside, with what functions import for themselves.
+    /// What a name is in a module. `is_own`: seen from inside, with what functions import for
+    /// themselves.
     fn lookup(
         &self,
         module: usize,

@@ -1,7 +1,8 @@
 //! What a file says about modules: which it has, what it defines, imports and names by a path.
 //!
-//! Names only, no types: methods and fields are not followed, nor what macros make. In the body of a macro
-//! only paths from the root of the crate have a meaning of their own, so the others are left out.
+//! Names only, no types: methods and fields are not followed, nor what macros make. In the body of
+//! a macro only paths from the root of the crate have a meaning of their own, so the others are
+//! left out.
 
 use std::collections::HashSet;
 
@@ -9,14 +10,15 @@ use super::source::{Kind, Token};
 use super::test_code::depth_change;
 use super::uses;
 
-/// The modules of one file, without those for tests. The first is that of the file itself, the others are
-/// written with a body inside it.
+/// The modules of one file, without those for tests. The first is that of the file itself, the
+/// others are written with a body inside it.
 #[derive(Debug)]
 pub(crate) struct Outline {
     pub(crate) scopes: Vec<Scope>,
     /// Names of macros that are exported, and thereby lie in the root of the crate.
     pub(crate) exported_macros: Vec<String>,
-    /// Every name in the code that does not stand behind a dot; only where something is imported with `*`.
+    /// Every name in the code that does not stand behind a dot; only where something is imported
+    /// with `*`.
     pub(crate) names: HashSet<String>,
 }
 

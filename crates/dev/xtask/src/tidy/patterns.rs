@@ -1,8 +1,10 @@
-//! The words and phrases that are to be dropped, `docs/dropped-words.txt`, and where a text has them.
+//! The words and phrases that are to be dropped, `docs/dropped-words.txt`, and where a text has
+//! them.
 //!
-//! One pattern a line, `#` begins a comment. A pattern is one or more words. In parentheses directly
-//! behind a word stand endings that may follow it: `sight(s)` is `sight` and `sights`. Case does not matter,
-//! only whole words count, and a phrase may cross the end of a line but nothing else than blanks.
+//! One pattern a line, `#` begins a comment. A pattern is one or more words. In parentheses
+//! directly behind a word stand endings that may follow it: `sight(s)` is `sight` and `sights`.
+//! Case does not matter, only whole words count, and a phrase may cross the end of a line but
+//! nothing else than blanks.
 
 use std::collections::HashMap;
 
@@ -80,8 +82,8 @@ impl Patterns {
         self.number
     }
 
-    /// Counts the words of a text, and where patterns match. Matches do not overlap; of several that begin
-    /// at one word the longest counts.
+    /// Counts the words of a text, and where patterns match. Matches do not overlap; of several
+    /// that begin at one word the longest counts.
     pub(crate) fn count(&self, text: &str) -> Count {
         let words = prose::words(text);
         let mut count = Count {

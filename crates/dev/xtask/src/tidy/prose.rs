@@ -154,7 +154,8 @@ fn skipped(rest: &str, before: Option<char>) -> usize {
     first
 }
 
-/// Length of the code span that begins here, or of its backticks where none of the same number follows.
+/// Length of the code span that begins here, or of its backticks where none of the same number
+/// follows.
 fn code_span(rest: &str) -> usize {
     let ticks = |text: &str| text.bytes().take_while(|byte| *byte == b'`').count();
     let open = ticks(rest);

@@ -1,8 +1,8 @@
 //! `docs/tidy.txt`: the counts that may only fall, and what became of them.
 //!
-//! A plain table, one key and its number a line, sorted, so that two branches that lower different counts
-//! merge without a conflict. Writing it never makes a check weaker: a count is lowered or left, and only a
-//! key that the file does not have is taken as it is found.
+//! A plain table, one key and its number a line, sorted, so that two branches that lower different
+//! counts merge without a conflict. Writing it never makes a check weaker: a count is lowered or
+//! left, and only a key that the file does not have is taken as it is found.
 
 use std::cmp::Ordering;
 use std::collections::BTreeMap;

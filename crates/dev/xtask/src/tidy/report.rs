@@ -7,6 +7,7 @@ use super::place::Place;
 use super::ratchet::{Comparison, Measure};
 use super::size::{MAX_FILE_LINES, MAX_FUNCTION_LINES};
 use super::survey::{Circle, Crate, Survey};
+use super::width::MAX_COMMENT_COLUMNS;
 
 /// How many places are listed of one count.
 const MAX_PLACES: usize = 40;
@@ -103,6 +104,7 @@ fn table(survey: &Survey) -> String {
         "hits",
         "/1000",
         "strings",
+        &format!("wide>{MAX_COMMENT_COLUMNS}"),
         &format!("files>{MAX_FILE_LINES}"),
         &format!("fns>{MAX_FUNCTION_LINES}"),
         "circle",
@@ -126,6 +128,7 @@ fn table(survey: &Survey) -> String {
             counts.comments.hits.len().to_string(),
             format!("{:.1}", hits_per_1000(counts)),
             counts.strings.len().to_string(),
+            counts.wide_comments.len().to_string(),
             counts.long_files.len().to_string(),
             counts.long_functions.len().to_string(),
             largest.to_string(),
@@ -142,6 +145,7 @@ fn table(survey: &Survey) -> String {
         total.comments.hits.len().to_string(),
         format!("{:.1}", hits_per_1000(&total)),
         sum(|counts| counts.strings.len()),
+        sum(|counts| counts.wide_comments.len()),
         sum(|counts| counts.long_files.len()),
         sum(|counts| counts.long_functions.len()),
         String::new(),
@@ -162,8 +166,8 @@ fn table(survey: &Survey) -> String {
     text
 }
 
-fn row(text: &mut String, width: usize, name: &str, columns: &[String; 9]) {
-    const WIDTHS: [usize; 9] = [8, 6, 7, 9, 11, 9, 8, 8, 9];
+fn row(text: &mut String, width: usize, name: &str, columns: &[String; 10]) {
+    const WIDTHS: [usize; 10] = [8, 6, 7, 9, 10, 11, 9, 8, 8, 9];
     let _ = write!(text, "{name:width$}");
     for (column, width) in columns.iter().zip(WIDTHS) {
         let _ = write!(text, "{column:>width$}");
@@ -234,6 +238,7 @@ mod tests {
                 hits: hits(10),
             },
             strings: hits(4),
+            wide_comments: hits(3),
             ..Crate::default()
         };
         Survey {
@@ -262,9 +267,9 @@ mod tests {
                 .collect::<Vec<_>>()
                 .join(" ")
         };
-        assert_eq!(columns("calib"), "3000 45 15.0 0 0 0 10 7 0");
-        assert_eq!(columns("collector"), "1000 10 10.0 4 0 0 0");
-        assert_eq!(columns("all"), "4000 55 13.8 4 0 0 7 0");
+        assert_eq!(columns("calib"), "3000 45 15.0 0 0 0 0 10 7 0");
+        assert_eq!(columns("collector"), "1000 10 10.0 4 3 0 0 0");
+        assert_eq!(columns("all"), "4000 55 13.8 4 3 0 0 7 0");
         for part in [
             "\n1 of 2 crates have more than 10",
             "  calib: 10 files: 0.rs, 1.rs, 2.rs, 3.rs, 4.rs, 5.rs, 6.rs, 7.rs and 2 more\n",

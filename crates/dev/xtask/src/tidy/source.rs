@@ -1,9 +1,9 @@
 //! A small lexer for Rust: code, comments and literals, each with its line.
 //!
-//! It knows as much of the language as the checks need: where comments and literals begin and end, and
-//! which names and marks the code between them consists of. It never fails. Text that is no valid Rust
-//! yields tokens all the same; a literal or comment without an end reaches to the end of the file.
-//! Comments of `.proto` files have the same form, so the same lexer reads them.
+//! It knows as much of the language as the checks need: where comments and literals begin and end,
+//! and which names and marks the code between them consists of. It never fails. Text that is no
+//! valid Rust yields tokens all the same; a literal or comment without an end reaches to the end of
+//! the file. Comments of `.proto` files have the same form, so the same lexer reads them.
 
 /// The tokens of one file, in the order of the text.
 #[derive(Debug, Default)]
@@ -17,8 +17,8 @@ pub(crate) struct Source<'a> {
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(crate) struct Token<'a> {
     pub(crate) kind: Kind,
-    /// The token; for literals what is between the quotes, as it is written, with its escapes. For raw
-    /// names without `r#`.
+    /// The token; for literals what is between the quotes, as it is written, with its escapes. For
+    /// raw names without `r#`.
     pub(crate) text: &'a str,
     /// Line of its first character, counted from 1.
     pub(crate) line: usize,
@@ -222,7 +222,8 @@ impl<'a> Lexer<'a> {
         }
     }
 
-    /// A character literal whose content begins after `begin` bytes. It does not reach over its line.
+    /// A character literal whose content begins after `begin` bytes. It does not reach over its
+    /// line.
     fn character(&mut self, rest: &'a str, begin: usize) {
         let mut escaped = false;
         let mut end = None;
@@ -296,7 +297,8 @@ fn name_length(rest: &str) -> usize {
         .unwrap_or(rest.len())
 }
 
-/// `1`, `0xff_u8`, `1.5e-3`; the range `1..2` is two numbers and the call `1.max(2)` one and a name.
+/// `1`, `0xff_u8`, `1.5e-3`; the range `1..2` is two numbers and the call `1.max(2)` one and a
+/// name.
 fn number_length(rest: &str) -> usize {
     let mut end = name_length(rest);
     let digit = |at: usize| rest.as_bytes().get(at).is_some_and(u8::is_ascii_digit);

@@ -2,8 +2,8 @@
 
 use std::borrow::Cow;
 
-/// What a literal stands for, for the count of its words. The lines are those of the literal: an escaped
-/// line end is a blank.
+/// What a literal stands for, for the count of its words. The lines are those of the literal: an
+/// escaped line end is a blank.
 pub(crate) fn text(content: &str, raw: bool) -> Cow<'_, str> {
     if raw || !content.contains('\\') {
         return Cow::Borrowed(content);

@@ -39,6 +39,7 @@ pub(crate) struct Crate {
     pub(crate) is_library: bool,
     pub(crate) comments: Texts,
     pub(crate) strings: Vec<Place>,
+    pub(crate) wide_comments: Vec<Place>,
     pub(crate) long_files: Vec<Place>,
     pub(crate) long_functions: Vec<Place>,
     /// The largest first.
@@ -151,6 +152,7 @@ fn of_package(package: &Package, files: Vec<(&File, Facts)>) -> Crate {
         let path = file.path.as_str();
         counts.comments.words += facts.comments.words;
         counts.comments.hits.extend(facts.comments.hits);
+        counts.wide_comments.extend(facts.wide_comments);
         let Some(code) = facts.code else {
             continue;
         };

@@ -1,7 +1,7 @@
 //! Which code is compiled for tests only.
 //!
-//! Items under `#[cfg(test)]` and `#[test]`, the files of modules declared so, files `tests.rs`, folders
-//! `tests`, and the package of that name.
+//! Items under `#[cfg(test)]` and `#[test]`, the files of modules declared so, files `tests.rs`,
+//! folders `tests`, and the package of that name.
 
 use std::collections::BTreeSet;
 use std::ops::Range;
@@ -90,15 +90,15 @@ pub(crate) fn is_test_path(path: &str, package: &str) -> bool {
         || folder(inside).split('/').any(|part| part == "tests")
 }
 
-/// Files and folders, without an extension, of the modules that a file declares: `src/a.rs` with a module
-/// `b` yields `src/a/b`.
+/// Files and folders, without an extension, of the modules that a file declares: `src/a.rs` with a
+/// module `b` yields `src/a/b`.
 pub(crate) fn module_stem(path: &str, module: &str) -> String {
     let folder = module_folder(path);
     format!("{folder}/{module}")
 }
 
-/// The folder in which the modules lie that a file declares. Roots of crates are `lib.rs`, `main.rs` and
-/// what lies in a folder `bin`.
+/// The folder in which the modules lie that a file declares. Roots of crates are `lib.rs`,
+/// `main.rs` and what lies in a folder `bin`.
 pub(crate) fn module_folder(path: &str) -> String {
     let name = file_name(path);
     let is_root = matches!(name, "lib.rs" | "main.rs" | "mod.rs" | "build.rs");
@@ -213,8 +213,8 @@ const WITH_BLOCK: [&str; 10] = [
 /// Items that end with `;` whatever blocks they have.
 const WITHOUT_BLOCK: [&str; 5] = ["use", "const", "static", "type", "let"];
 
-/// Where the item ends that begins here: behind its `;` or its block. Anything else, such as a field or an
-/// arm of `match`, ends before the next comma.
+/// Where the item ends that begins here: behind its `;` or its block. Anything else, such as a
+/// field or an arm of `match`, ends before the next comma.
 fn item_end(code: &[Token<'_>], start: usize) -> usize {
     let mut is_item = false;
     let mut ends_with_block = true;

@@ -11,8 +11,8 @@ pub(crate) struct Leaf {
     pub(crate) line: usize,
 }
 
-/// Reads the tree behind `use`, up to its `;`; the number of tokens with it. Paths that begin with `::` name
-/// other crates and are left out.
+/// Reads the tree behind `use`, up to its `;`; the number of tokens with it. Paths that begin with
+/// `::` name other crates and are left out.
 pub(crate) fn parse(code: &[Token<'_>]) -> (Vec<Leaf>, usize) {
     let end = code.iter().position(|token| token.is_mark(";"));
     let end = end.unwrap_or(code.len());
