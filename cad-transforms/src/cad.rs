@@ -1,12 +1,13 @@
 //! Placements out of CAD files, and rigs out of placements.
 //!
-//! Contract: every reader gives the parts of a file with `root_from_part` in metres, whatever the file's
-//! unit. A file that cannot be understood is an error that says where (line, entity, column or key) what
-//! was found and what was expected; no part is left out silently. What was assumed is a note. Nothing here
-//! looks at shapes: a part is its name and the place of its coordinate system.
+//! Contract: every reader gives the parts of a file with `root_from_part` in metres, whatever the
+//! file's unit. A file that cannot be understood is an error that says where (line, entity, column
+//! or key) what was found and what was expected; no part is left out silently. What was assumed is
+//! a note. Nothing here looks at shapes: a part is its name and the place of its coordinate system.
 //!
-//! Readers: [`step`] (AP203, AP214, AP242 assemblies), [`urdf`], [`gltf`] (`.gltf` and `.glb`), [`table`] (CSV and
-//! TOML). [`map`] makes a [`crate::Rig`] of parts, [`export`] writes a rig in the same formats.
+//! Readers: [`step`] (AP203, AP214, AP242 assemblies), [`urdf`], [`gltf`] (`.gltf` and `.glb`),
+//! [`table`] (CSV and TOML). [`map`] makes a [`crate::Rig`] of parts, [`export`] writes a rig in
+//! the same formats.
 //!
 //! ```
 //! use cad_transforms::cad;
@@ -31,11 +32,12 @@ pub mod step;
 pub mod table;
 pub mod urdf;
 
-/// How far from the root a part may be, m. Farther, the file's unit is not the one it names: a plate on a
-/// chest drawn in millimetres and read as metres is hundreds of metres wide.
+/// How far from the root a part may be, m. Farther, the file's unit is not the one it names: a
+/// plate on a chest drawn in millimetres and read as metres is hundreds of metres wide.
 const FARTHEST_M: f64 = 10.0;
 
-/// Parts that lie no farther from each other than this, m, suggest that metres were read as millimetres.
+/// Parts that lie no farther from each other than this, m, suggest that metres were read as
+/// millimetres.
 const NEAREST_M: f64 = 0.002;
 
 /// Most parts a file may have: instances multiply, and a broken file could name billions.
@@ -124,8 +126,8 @@ pub enum CadError {
 /// Most that is read of a CAD file. An assembly of a rig takes a few megabytes.
 pub const MAX_BYTES: u64 = 256 << 20;
 
-/// Reads a CAD file, the format by the ending of its name, with its name and hash: a regular file of at most
-/// [`MAX_BYTES`].
+/// Reads a CAD file, the format by the ending of its name, with its name and hash: a regular file
+/// of at most [`MAX_BYTES`].
 ///
 /// # Errors
 /// [`CadError`].
@@ -192,7 +194,8 @@ impl Format {
 }
 
 impl Cad {
-    /// The part of this path, or the only one whose path ends so: `left_mount/zed` finds `plate/left_mount/zed`.
+    /// The part of this path, or the only one whose path ends so: `left_mount/zed` finds
+    /// `plate/left_mount/zed`.
     ///
     /// # Errors
     /// In words, when there is none or more than one.

@@ -1,32 +1,36 @@
 //! How far a transform may be off.
 //!
 //! Contract: a [`Covariance`] that exists is finite, symmetric and has no negative variance in any
-//! direction. It belongs to a transform `parent_from_child` and describes a small motion of the child:
+//! direction. It belongs to a transform `parent_from_child` and describes a small motion of the
+//! child:
 //!
 //! ```text
 //! true parent_from_child = parent_from_child * motion(v, w)
 //! ```
 //!
-//! with `v` a shift in metres and `w` a rotation vector in radians, **both in the axes of the child and
-//! about the child's origin**. The order is translation before rotation: `[vx, vy, vz, wx, wy, wz]`. For an
-//! optical frame the third number is thus along the view, and the sixth turns the image.
+//! with `v` a shift in metres and `w` a rotation vector in radians, **both in the axes of the child
+//! and about the child's origin**. The order is translation before rotation:
+//! `[vx, vy, vz, wx, wy, wz]`. For an optical frame the third number is thus along the view, and
+//! the sixth turns the image.
 //!
-//! To first order a motion seen from another frame is `Ad * [v, w]` with the adjoint of the transform
-//! between the frames (Barfoot, State Estimation for Robotics, 2nd ed., section 8.1.4, there with the same order).
+//! To first order a motion seen from another frame is `Ad * [v, w]` with the adjoint of the
+//! transform between the frames (Barfoot, State Estimation for Robotics, 2nd ed., section 8.1.4,
+//! there with the same order).
 
 use nalgebra::{Matrix3, Matrix6, SymmetricEigen, Vector3};
 use serde::{Deserialize, Serialize};
 
 use crate::transform::RigidTransform;
 
-/// How far two mirrored entries may differ, in units of the product of their sigmas; printed digits stay inside.
+/// How far two mirrored entries may differ, in units of the product of their sigmas; printed digits
+/// stay inside.
 const SYMMETRY_TOLERANCE: f64 = 1e-6;
 
 /// The lowest eigenvalue of the correlation matrix that still counts as zero.
 const LOWEST_EIGENVALUE: f64 = -1e-9;
 
-/// Covariance of a small motion of the child: rows of `[vx, vy, vz, wx, wy, wz]`, m and rad; see the
-/// [module](self) for the frame.
+/// Covariance of a small motion of the child: rows of `[vx, vy, vz, wx, wy, wz]`, m and rad; see
+/// the [module](self) for the frame.
 ///
 /// ```
 /// use cad_transforms::Covariance;
@@ -82,7 +86,8 @@ impl Covariance {
         Self(Matrix6::zeros())
     }
 
-    /// Independent errors: standard deviations of the shift, m, and of the rotation vector, rad, along the child's axes.
+    /// Independent errors: standard deviations of the shift, m, and of the rotation vector, rad,
+    /// along the child's axes.
     ///
     /// # Errors
     /// [`CovarianceError::NotFinite`], [`CovarianceError::Negative`].
@@ -130,8 +135,8 @@ impl Covariance {
                 }
             }
         }
-        // Metres and radians have no common size, correlations do. A direction without variance has none
-        // with any other either.
+        // Metres and radians have no common size, correlations do. A direction without variance has
+        // none with any other either.
         let correlation = Matrix6::from_fn(|i, j| {
             let scale = sigma[i] * sigma[j];
             match (i == j, scale > 0.0) {
@@ -167,7 +172,8 @@ impl Covariance {
         &self.0
     }
 
-    /// The same covariance in another frame: of a motion written in frame `a`, that motion in frame `b`.
+    /// The same covariance in another frame: of a motion written in frame `a`, that motion in frame
+    /// `b`.
     #[must_use]
     pub fn moved(&self, b_from_a: &RigidTransform) -> Self {
         let adjoint = adjoint(b_from_a);
@@ -180,8 +186,8 @@ impl Covariance {
         Self(self.0 + other.0)
     }
 
-    /// The length of a motion in sigmas (Mahalanobis). Directions without variance count as infinitely
-    /// improbable when the motion goes more than 1 nm or 1 nrad along them.
+    /// The length of a motion in sigmas (Mahalanobis). Directions without variance count as
+    /// infinitely improbable when the motion goes more than 1 nm or 1 nrad along them.
     pub fn distance(&self, motion: [f64; 6]) -> f64 {
         let sigma = self.sigmas();
         // As correlations, for the same reason as above.

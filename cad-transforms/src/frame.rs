@@ -1,8 +1,9 @@
 //! Names of coordinate frames.
 //!
-//! Contract: a [`Frame`] that exists is well formed. It is `world`, `rig`, or one of the three frames
-//! of a camera: `NAME/left`, `NAME/right` (optical) and `NAME/imu`. Nothing else is a frame, so a typing
-//! mistake ends at the place where the text is read and not as an unconnected frame later.
+//! Contract: a [`Frame`] that exists is well formed. It is `world`, `rig`, or one of the three
+//! frames of a camera: `NAME/left`, `NAME/right` (optical) and `NAME/imu`. Nothing else is a frame,
+//! so a typing mistake ends at the place where the text is read and not as an unconnected frame
+//! later.
 
 use std::fmt;
 use std::str::FromStr;

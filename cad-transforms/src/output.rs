@@ -1,12 +1,13 @@
 //! Writing a file without losing another.
 //!
-//! Contract: an existing file is kept unless the caller says otherwise, and is then replaced atomically.
-//! The bytes are written beside the file, under a hidden name that nobody has (`.paws-PROCESS-NUMBER.part`), and
-//! appear under the name itself when they are complete: a reader finds the old bytes or the new ones. After
-//! [`write()`] returned, the bytes and the name are on disk. A program that is killed may leave a hidden file behind.
+//! Contract: an existing file is kept unless the caller says otherwise, and is then replaced
+//! atomically. The bytes are written beside the file, under a hidden name that nobody has
+//! (`.paws-PROCESS-NUMBER.part`), and appear under the name itself when they are complete: a reader
+//! finds the old bytes or the new ones. After [`write()`] returned, the bytes and the name are on
+//! disk. A program that is killed may leave a hidden file behind.
 //!
-//! On file systems without hard links (exFAT and the like), a new file is made as an empty one that is exchanged
-//! in place: a reader may find it empty for a moment, never in part.
+//! On file systems without hard links (exFAT and the like), a new file is made as an empty one that
+//! is exchanged in place: a reader may find it empty for a moment, never in part.
 
 use std::fs::{self, File, OpenOptions};
 use std::io::{self, Write};
@@ -45,8 +46,8 @@ pub enum WriteError {
 /// Writes a file whole.
 ///
 /// # Errors
-/// [`WriteError`]. What was there before is as it was, unless it was only the last step that the system refused:
-/// putting the new name on disk.
+/// [`WriteError`]. What was there before is as it was, unless it was only the last step that the
+/// system refused: putting the new name on disk.
 pub fn write(path: &Path, bytes: &[u8], existing: Existing) -> Result<(), WriteError> {
     let io = |source: io::Error| WriteError::Io {
         path: path.to_owned(),

@@ -1,10 +1,10 @@
 //! The rig: which frames there are and where they sit on the plate.
 //!
 //! Contract: a [`Rig`] that exists is a tree that connects every frame to `rig`, each transform a
-//! proper rotation, each camera with its left frame. Reading reports everything that is wrong with a
-//! file together, each with its line; a rig is never built from the part that was right. The transforms
-//! are fixed for one revision of the plate. Where the rig is in the world changes with time and is
-//! no part of the file.
+//! proper rotation, each camera with its left frame. Reading reports everything that is wrong with
+//! a file together, each with its line; a rig is never built from the part that was right. The
+//! transforms are fixed for one revision of the plate. Where the rig is in the world changes with
+//! time and is no part of the file.
 //!
 //! The file is TOML:
 //!
@@ -50,13 +50,13 @@
 //! translation_m = [0.08, 0.0, 0.075]       # middle of the tag, in the foot
 //! ```
 //!
-//! A tolerance is a standard deviation, or the covariance, of a small motion of the child in the child's
-//! axes, translation before rotation: see [`crate::covariance`]. It is above 0: what is not known is left out. A file
-//! without the optional keys reads as ever.
+//! A tolerance is a standard deviation, or the covariance, of a small motion of the child in the
+//! child's axes, translation before rotation: see [`crate::covariance`]. It is above 0: what is not
+//! known is left out. A file without the optional keys reads as ever.
 //!
-//! The frame of a foot has its origin in the middle of the shoe's sole, x to the toe, y to the left,
-//! z up from the sole. That of a tag has its origin in its middle, x to the right, y down and z into the tag,
-//! for who reads it upright. Feet move, and are no frames of the tree.
+//! The frame of a foot has its origin in the middle of the shoe's sole, x to the toe, y to the
+//! left, z up from the sole. That of a tag has its origin in its middle, x to the right, y down and
+//! z into the tag, for who reads it upright. Feet move, and are no frames of the tree.
 
 use std::collections::BTreeMap;
 use std::fmt;
@@ -327,8 +327,9 @@ impl Rig {
         &self.closures
     }
 
-    /// Covariance of [`Self::transform`]: of a small motion of `a`, in its own axes, with `b` held still.
-    /// The joints are taken as independent. `None` where an entry on the path has no tolerance.
+    /// Covariance of [`Self::transform`]: of a small motion of `a`, in its own axes, with `b` held
+    /// still. The joints are taken as independent. `None` where an entry on the path has no
+    /// tolerance.
     ///
     /// # Errors
     /// [`RigError::UnknownFrame`].
@@ -363,9 +364,9 @@ impl Rig {
             .collect()
     }
 
-    /// The camera that is the origin of a rig calibrated from boards alone: `rig` is at its left lens, x along the view,
-    /// y to the left, z up in its image. None where the frame of the rig is a datum of the plate, as in every
-    /// rig whose numbers are not calibrated.
+    /// The camera that is the origin of a rig calibrated from boards alone: `rig` is at its left
+    /// lens, x along the view, y to the left, z up in its image. None where the frame of the rig is
+    /// a datum of the plate, as in every rig whose numbers are not calibrated.
     pub fn origin_camera(&self) -> Option<&str> {
         if self.provenance.kind != ProvenanceKind::Calibrated {
             return None;

@@ -81,8 +81,8 @@ impl RigidTransform {
         }
     }
 
-    /// The axes of an optical frame (x right, y down, z forward) as those of a body (x forward, y left, z up): forward
-    /// is optical z, left is -x, up is -y. Exact, and without translation.
+    /// The axes of an optical frame (x right, y down, z forward) as those of a body (x forward, y
+    /// left, z up): forward is optical z, left is -x, up is -y. Exact, and without translation.
     ///
     /// ```
     /// use cad_transforms::RigidTransform;
@@ -131,7 +131,8 @@ impl RigidTransform {
         Self::new(UnitQuaternion::identity(), translation_m)
     }
 
-    /// From a rotation vector (axis times angle, radians; OpenCV's `Rodrigues`) and a translation in metres.
+    /// From a rotation vector (axis times angle, radians; OpenCV's `Rodrigues`) and a translation
+    /// in metres.
     ///
     /// # Errors
     /// [`TransformError::NotFinite`].
@@ -150,7 +151,8 @@ impl RigidTransform {
     /// From the nine entries of a rotation matrix, rows first, and a translation in metres.
     ///
     /// # Errors
-    /// [`TransformError::NotFinite`], [`TransformError::NotOrthonormal`], [`TransformError::LeftHanded`].
+    /// [`TransformError::NotFinite`], [`TransformError::NotOrthonormal`],
+    /// [`TransformError::LeftHanded`].
     pub fn from_rotation_rows(
         rows: [f64; 9],
         translation_m: [f64; 3],
@@ -167,9 +169,9 @@ impl RigidTransform {
         if determinant < 0.0 {
             return Err(TransformError::LeftHanded { determinant });
         }
-        // One Newton step towards the polar factor, R (3I - RᵀR) / 2, takes the allowed deviation of
-        // 1e-5 to 1e-10 and the quaternion's normalisation removes the rest. No iteration, so the
-        // same bytes come out everywhere.
+        // One Newton step towards the polar factor, R (3I - RᵀR) / 2, takes the allowed deviation
+        // of 1e-5 to 1e-10 and the quaternion's normalisation removes the rest. No iteration, so
+        // the same bytes come out everywhere.
         let nearest = matrix * (Matrix3::identity() * 3.0 - matrix.transpose() * matrix) * 0.5;
         let rotation =
             UnitQuaternion::from_rotation_matrix(&Rotation3::from_matrix_unchecked(nearest));

@@ -1,12 +1,14 @@
 //! What a camera sees: the pyramid of its image.
 //!
-//! Contract: plain geometry in the optical frame (x right, y down, z forward). This crate knows nothing of lenses; a caller that
-//! has a calibration gives tangents. A lens that bends straight lines sees a little more than the pyramid of
-//! its camera matrix, so a point inside is in the image, and one just outside may be too.
+//! Contract: plain geometry in the optical frame (x right, y down, z forward). This crate knows
+//! nothing of lenses; a caller that has a calibration gives tangents. A lens that bends straight
+//! lines sees a little more than the pyramid of its camera matrix, so a point inside is in the
+//! image, and one just outside may be too.
 
 use crate::transform::RigidTransform;
 
-/// A field of view as the tangents of the angles from the optical axis to the image's edges, each above 0.
+/// A field of view as the tangents of the angles from the optical axis to the image's edges, each
+/// above 0.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct FieldOfView {
     /// To the left edge.
@@ -53,7 +55,8 @@ impl FieldOfView {
         })
     }
 
-    /// How far outside the nearest edge the point lies, rad, below 0 for a point inside; `None` behind the camera.
+    /// How far outside the nearest edge the point lies, rad, below 0 for a point inside; `None`
+    /// behind the camera.
     pub fn beyond(&self, [x, y, z]: [f64; 3]) -> Option<f64> {
         let over = |v: f64, low: f64, high: f64| {
             let angle = (v / z).atan();
@@ -72,7 +75,8 @@ impl FieldOfView {
         ]
     }
 
-    /// Where the corners' rays meet the level plane at height `z_m` of frame `b`, if all four do: in `b`.
+    /// Where the corners' rays meet the level plane at height `z_m` of frame `b`, if all four do:
+    /// in `b`.
     pub fn on_level(&self, b_from_camera: &RigidTransform, z_m: f64) -> Option<[[f64; 3]; 4]> {
         let eye = b_from_camera.translation_m();
         let mut corners = [[0.0; 3]; 4];

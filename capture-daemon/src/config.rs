@@ -3,8 +3,8 @@
 //! Contract: a [`Config`] is complete, every number in its range and every name valid; absent keys
 //! have their defaults. Parsing reports all problems of a file together, each with its line, what
 //! was found and what was expected; an unknown key is rejected and the nearest known one named.
-//! Parsing reads nothing but the file: [`crate::check`] finds out whether paths exist and encoders work.
-//! Relative paths are relative to the file.
+//! Parsing reads nothing but the file: [`crate::check`] finds out whether paths exist and encoders
+//! work. Relative paths are relative to the file.
 
 use std::fmt;
 use std::path::{Path, PathBuf};

@@ -10,7 +10,8 @@
 //!
 //! Everything but the sources' and GStreamer's threads is plain code that receives samples and
 //! times as arguments ([`hub`], [`recorder`]). [`run`] puts it on threads in real time, or calls it
-//! in a loop in virtual time, where nothing is ever dropped and the same input gives the same bytes.
+//! in a loop in virtual time, where nothing is ever dropped and the same input gives the same
+//! bytes.
 
 pub mod announce;
 pub mod check;

@@ -1,7 +1,7 @@
 //! The check of the calibration in a deep validation, which `paws-calib measure` computes.
 //!
-//! Contract: a session without enough calibration has no measurements. That the program is missing or fails is an
-//! error: a deep validation is never less than it states.
+//! Contract: a session without enough calibration has no measurements. That the program is missing
+//! or fails is an error: a deep validation is never less than it states.
 
 use std::path::Path;
 use std::process::{Command, Stdio};
@@ -12,8 +12,8 @@ use session_health::{Measurement, read_measurements};
 
 use crate::external::needed_program;
 
-/// Measures how far the rig is from its nominal calibration. `program` is used instead of `paws-calib` beside this
-/// program or on PATH.
+/// Measures how far the rig is from its nominal calibration. `program` is used instead of
+/// `paws-calib` beside this program or on PATH.
 ///
 /// # Errors
 /// The program is missing, fails, or prints something else.

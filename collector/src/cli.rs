@@ -67,7 +67,8 @@ enum Verb {
         /// The rig, as in https://RIG:8077
         #[arg(value_name = "RIG")]
         rig: String,
-        /// Sessions of the rig: names or identifiers, or beginnings of them, or `latest` [default: all]
+        /// Sessions of the rig: names or identifiers, or beginnings of them, or `latest` [default:
+        /// all]
         #[arg(value_name = "SESSION")]
         sessions: Vec<String>,
         /// SHA-256 of the rig's certificate, as `pawsd` shows it; needed with https
@@ -94,7 +95,8 @@ enum Verb {
         /// Decode every image, and check that the calibration still holds
         #[arg(long)]
         deep: bool,
-        /// Set a limit: METRIC=WARN,FAIL in the unit that --metrics names; `never` for one, or METRIC=never for both
+        /// Set a limit: METRIC=WARN,FAIL in the unit that --metrics names; `never` for one, or
+        /// METRIC=never for both
         #[arg(long = "limit", value_name = "LIMIT")]
         limits: Vec<String>,
         /// Also write the findings as JSON
@@ -391,8 +393,8 @@ fn parse_limits(texts: &[String]) -> Result<Limits> {
     Ok(limits)
 }
 
-/// `paws help X` where X is an external program: shows the program's own help; `paws help X VERB` that of a verb, for
-/// programs of the toolkit.
+/// `paws help X` where X is an external program: shows the program's own help; `paws help X VERB`
+/// that of a verb, for programs of the toolkit.
 fn help_of_a_program(arguments: &[OsString]) -> Option<ExitCode> {
     let [_, help, name, verbs @ ..] = arguments else {
         return None;

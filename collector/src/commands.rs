@@ -1,7 +1,7 @@
 //! The commands of `paws`, one module each.
 //!
-//! A command returns an [`Outcome`](console_output::Outcome), which becomes the exit code, and writes its results to the
-//! [`Console`](console_output::Console) that it is given.
+//! A command returns an [`Outcome`](console_output::Outcome), which becomes the exit code, and
+//! writes its results to the [`Console`](console_output::Console) that it is given.
 
 pub mod export;
 pub mod handoff;

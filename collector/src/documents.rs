@@ -1,9 +1,9 @@
 //! JSON documents that `--json` prints, with stable fields.
 //!
 //! Fields are added, never renamed and never given another meaning; [`VERSION`] rises if that has
-//! to happen after all. `docs/reference/command-line.md` lists them. Lengths of time are in ns, sizes in
-//! bytes, rates in Hz; times of day are RFC 3339 in UTC, with ns since 1970 beside them. Unknown
-//! values are `null`.
+//! to happen after all. `docs/reference/command-line.md` lists them. Lengths of time are in ns,
+//! sizes in bytes, rates in Hz; times of day are RFC 3339 in UTC, with ns since 1970 beside them.
+//! Unknown values are `null`.
 
 use std::io;
 use std::path::Path;

@@ -1,8 +1,9 @@
 //! Arguments of external programs, as `paws` passes them on.
 //!
-//! Contract: they are passed on unchanged, with two exceptions. Where `paws reconstruct` reads a hand-off and
-//! `paws calib` a session, a session of the library may be named as everywhere else, because these programs do not
-//! depend on libraries; and `-q` and `-v` before the name of a program of the toolkit are passed to it.
+//! Contract: they are passed on unchanged, with two exceptions. Where `paws reconstruct` reads a
+//! hand-off and `paws calib` a session, a session of the library may be named as everywhere else,
+//! because these programs do not depend on libraries; and `-q` and `-v` before the name of a
+//! program of the toolkit are passed to it.
 
 use std::ffi::OsString;
 use std::path::{Path, PathBuf};
@@ -35,7 +36,8 @@ const RECONSTRUCT: SessionVerbs = SessionVerbs {
 };
 
 /// The arguments of a program: the verbosity, then those of the user, with a session named to
-/// `paws-calib` or `paws-reconstruct` replaced by its folder. `--library` of `paws calib` is one of `paws`.
+/// `paws-calib` or `paws-reconstruct` replaced by its folder. `--library` of `paws calib` is one of
+/// `paws`.
 ///
 /// # Errors
 /// The library has no such session, or it has not been handed over.
@@ -93,7 +95,8 @@ fn replace_session(words: &mut [OsString], library: Option<&Path>) -> Result<()>
     Ok(())
 }
 
-/// Replaces the hand-off among the arguments of `paws-reconstruct`, if it is no path, by the folder of the session.
+/// Replaces the hand-off among the arguments of `paws-reconstruct`, if it is no path, by the folder
+/// of the session.
 fn replace_handoff(words: &mut [OsString], library: Option<&Path>) -> Result<()> {
     if let Some(at) = session_position(words, &RECONSTRUCT)
         && let Some(text) = words[at].to_str()
@@ -113,8 +116,8 @@ fn replace_handoff(words: &mut [OsString], library: Option<&Path>) -> Result<()>
     Ok(())
 }
 
-/// Position of the session among the arguments: the first after the verb that is neither an option nor the value of
-/// one.
+/// Position of the session among the arguments: the first after the verb that is neither an option
+/// nor the value of one.
 fn session_position(words: &[OsString], of: &SessionVerbs) -> Option<usize> {
     let mut has_verb = false;
     let mut at = 0;

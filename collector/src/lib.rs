@@ -1,13 +1,13 @@
 //! `paws`, on the host: import, validate, index, export and hand over recorded sessions.
 //!
 //! A *library* is a folder with one folder per session and a catalogue that can be rebuilt from
-//! them at any time. Nothing that was recorded is ever changed here: sessions are copied in, derived
-//! files (`index.bin`, reports, the hand-off) are written beside the recorded ones and can be
-//! deleted, and a damaged session is recovered into a copy of its own.
+//! them at any time. Nothing that was recorded is ever changed here: sessions are copied in,
+//! derived files (`index.bin`, reports, the hand-off) are written beside the recorded ones and can
+//! be deleted, and a damaged session is recovered into a copy of its own.
 //!
-//! One command or concept per module. A command returns a [`console_output::Outcome`], which becomes the
-//! exit code, and writes its results to the [`console_output::Console`] that it is given. Calibration is a program of
-//! its own, `paws-calib`.
+//! One command or concept per module. A command returns a [`console_output::Outcome`], which
+//! becomes the exit code, and writes its results to the [`console_output::Console`] that it is
+//! given. Calibration is a program of its own, `paws-calib`.
 
 /// Name and version of this program, as written into output files.
 pub const SOFTWARE: &str = concat!("paws ", env!("CARGO_PKG_VERSION"));

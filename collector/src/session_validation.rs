@@ -26,7 +26,8 @@ pub struct Options {
     pub json: Option<PathBuf>,
     /// Also write the HTML report here.
     pub html: Option<PathBuf>,
-    /// The program that verifies the calibration [default: `paws-calib` beside this one or on PATH].
+    /// The program that verifies the calibration [default: `paws-calib` beside this one or on
+    /// PATH].
     pub calib_program: Option<PathBuf>,
 }
 

@@ -57,8 +57,8 @@ impl Daemon {
         }
     }
 
-    /// Waits for a status of which `is` holds, or the end of the daemon. The socket gives no notice of a
-    /// change, only the status on request, so that it is requested repeatedly.
+    /// Waits for a status of which `is` holds, or the end of the daemon. The socket gives no notice
+    /// of a change, only the status on request, so that it is requested repeatedly.
     fn wait(&self, what: &str, is: impl Fn(&Status) -> bool) -> Status {
         let until = RealClock.now() + 600 * NS_PER_S;
         let mut last = None;

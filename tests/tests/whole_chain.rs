@@ -150,8 +150,8 @@ fn every_fault_is_accounted_for() {
     sets_are_of_stored_frames(&contents);
 }
 
-/// The alarms of the faults above, each within two periods and a second of the last good sample, and
-/// no others.
+/// The alarms of the faults above, each within two periods and a second of the last good sample,
+/// and no others.
 fn alarms_come_in_time(contents: &Contents, rig: &Rig, start: HostTime) {
     let frame_time = |number: f64| start + (number / rig.rate_hz * 1e9) as i64;
     let sample_time = |number: f64| start + (number / rig.imu_rate_hz * 1e9) as i64;

@@ -1,13 +1,15 @@
 //! Cameras as things that are bolted on: where the lenses are, seen from the mounting datum.
 //!
-//! Contract: the numbers are data (`devices/zed.toml`) with their source, and a map file may override each of them.
-//! The datum is the maker's mounting point with the axes of the housing: x forward, y left, z up. The optical axes
-//! are taken along the housing's x. No source states how true that is, so the sigmas are nominal and say so.
+//! Contract: the numbers are data (`devices/zed.toml`) with their source, and a map file may
+//! override each of them. The datum is the maker's mounting point with the axes of the housing: x
+//! forward, y left, z up. The optical axes are taken along the housing's x. No source states how
+//! true that is, so the sigmas are nominal and say so.
 //!
-//! A sigma is of where the lens is and looks, seen from the datum, over all cameras of the model: the same camera in
-//! the same housing does not move by it. The factory file of one ZED Mini has its two lenses rotated against each
-//! other by 0.05, 0.40 and 0.03 degrees about x, y and z; if both are mounted alike, that is some 0.3 degrees each for the
-//! worst axis, and the nominal 0.5 leaves room for the housing.
+//! A sigma is of where the lens is and looks, seen from the datum, over all cameras of the model:
+//! the same camera in the same housing does not move by it. The factory file of one ZED Mini has
+//! its two lenses rotated against each other by 0.05, 0.40 and 0.03 degrees about x, y and z; if
+//! both are mounted alike, that is some 0.3 degrees each for the worst axis, and the nominal 0.5
+//! leaves room for the housing.
 
 use toml::de::{DeTable, DeValue};
 
@@ -40,7 +42,8 @@ pub struct Device {
     pub field_of_view_deg: [f64; 2],
 }
 
-/// Takes an optical frame's axes (x right, y down, z forward) to a housing's (x forward, y left, z up).
+/// Takes an optical frame's axes (x right, y down, z forward) to a housing's (x forward, y left, z
+/// up).
 pub(crate) fn housing_from_optical() -> RigidTransform {
     RigidTransform::from_wxyz([0.5, -0.5, 0.5, -0.5], [0.0; 3]).expect("a unit quaternion")
 }
@@ -69,7 +72,8 @@ impl Device {
         RigidTransform::from_translation_m([self.baseline_m, 0.0, 0.0]).expect("a finite number")
     }
 
-    /// How far [`Self::left_from_right`] may be off: the baseline as stated, the turn as that of the whole camera.
+    /// How far [`Self::left_from_right`] may be off: the baseline as stated, the turn as that of
+    /// the whole camera.
     pub(crate) fn covariance_of_right(&self) -> Covariance {
         let whole = self.covariance.rows();
         let mut rows = [[0.0; 6]; 6];

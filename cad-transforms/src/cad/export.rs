@@ -1,8 +1,9 @@
 //! Rigs in the formats of others: URDF, glTF, tables.
 //!
-//! Contract: what is written here is read back by this crate's readers, and [`super::map::rig_of_frames`] makes the same
-//! transforms of it, within 1e-9 m and rad (a property test). Tolerances, serials, loops and shoe tags have no
-//! place in these formats and are left out: the rig file is the only one that holds a rig.
+//! Contract: what is written here is read back by this crate's readers, and
+//! [`super::map::rig_of_frames`] makes the same transforms of it, within 1e-9 m and rad (a property
+//! test). Tolerances, serials, loops and shoe tags have no place in these formats and are left out:
+//! the rig file is the only one that holds a rig.
 
 use std::fmt::Write as _;
 
@@ -14,7 +15,8 @@ use crate::rig::write::quoted;
 use crate::transform::RigidTransform;
 use crate::view::FieldOfView;
 
-/// A frame's neighbour towards `rig`, the frame itself, and `neighbour_from_frame`; neighbours come first.
+/// A frame's neighbour towards `rig`, the frame itself, and `neighbour_from_frame`; neighbours come
+/// first.
 type Joint<'r> = (&'r Frame, &'r Frame, RigidTransform);
 
 /// The tree from `rig` outwards.
@@ -134,7 +136,8 @@ pub struct Scene {
     pub outlines: Vec<(String, Vec<[f64; 3]>)>,
 }
 
-/// A glTF file with all in one: a node per frame with its axes (x red, y green, z blue), frusta, ground, outlines.
+/// A glTF file with all in one: a node per frame with its axes (x red, y green, z blue), frusta,
+/// ground, outlines.
 ///
 /// The node `rig` turns z up to glTF's y up, so that a viewer shows the rig upright.
 pub fn gltf(rig: &Rig, scene: &Scene) -> String {

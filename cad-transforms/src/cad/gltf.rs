@@ -1,12 +1,13 @@
 //! glTF: nodes of a scene.
 //!
-//! Contract: every node of the default scene becomes a part; meshes, cameras and buffers are not looked at, so a
-//! `.gltf` can be read without its `.bin`. glTF is in metres with y up and right-handed (glTF 2.0, section 3.4);
-//! the root given here has z up instead: its x is glTF's x, its y is glTF's -z, its z is glTF's y. Programs that
-//! draw with z up put a node with that turn at the top, and under it everything is as drawn. A node's own axes are its own.
+//! Contract: every node of the default scene becomes a part; meshes, cameras and buffers are not
+//! looked at, so a `.gltf` can be read without its `.bin`. glTF is in metres with y up and
+//! right-handed (glTF 2.0, section 3.4); the root given here has z up instead: its x is glTF's x,
+//! its y is glTF's -z, its z is glTF's y. Programs that draw with z up put a node with that turn at
+//! the top, and under it everything is as drawn. A node's own axes are its own.
 //!
-//! Even scaling of a node (0.001 above a drawing in millimetres) is carried through; uneven scaling, shear and
-//! mirroring are errors.
+//! Even scaling of a node (0.001 above a drawing in millimetres) is carried through; uneven
+//! scaling, shear and mirroring are errors.
 
 use serde_json::Value;
 

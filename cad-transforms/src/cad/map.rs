@@ -1,7 +1,8 @@
 //! From parts to a rig: which part is which frame.
 //!
-//! Contract: the mapping is a file, and nothing is guessed from names beyond it. Without a file, parts that are
-//! called like frames (`feet/left`) are those frames, as in what [`super::export`] writes.
+//! Contract: the mapping is a file, and nothing is guessed from names beyond it. Without a file,
+//! parts that are called like frames (`feet/left`) are those frames, as in what [`super::export`]
+//! writes.
 //!
 //! ```toml
 //! format = 1

@@ -1,12 +1,12 @@
 //! The exchange structure of ISO 10303-21, which STEP files are written in.
 //!
-//! Contract: [`Exchange::index`] finds every instance `#N = …;` of the data section and refuses a file that is
-//! cut off or numbers two instances alike. An instance is parsed on demand: an assembly
-//! is a few hundred entities among a million of surfaces, and those are never looked into.
+//! Contract: [`Exchange::index`] finds every instance `#N = …;` of the data section and refuses a
+//! file that is cut off or numbers two instances alike. An instance is parsed on demand: an
+//! assembly is a few hundred entities among a million of surfaces, and those are never looked into.
 //!
-//! Syntax after ISO 10303-21:2016, clauses 5 to 9: `''` in strings, `\X2\…\X0\` and the other directives,
-//! comments anywhere between tokens, instances of several records `( A() B() )`. Anchor, reference and
-//! signature sections of edition 3 are skipped.
+//! Syntax after ISO 10303-21:2016, clauses 5 to 9: `''` in strings, `\X2\…\X0\` and the other
+//! directives, comments anywhere between tokens, instances of several records `( A() B() )`.
+//! Anchor, reference and signature sections of edition 3 are skipped.
 
 use std::collections::BTreeMap;
 
@@ -455,7 +455,8 @@ impl Parse<'_> {
 
     fn number(&mut self) -> Result<Value, Fault> {
         let start = self.scan.offset;
-        // Everything up to the next separator belongs to it, so that 1.#QNAN and 0x1F are seen whole.
+        // Everything up to the next separator belongs to it, so that 1.#QNAN and 0x1F are seen
+        // whole.
         let part =
             |b: u8| !b.is_ascii_whitespace() && !matches!(b, b',' | b')' | b'(' | b';' | b'/');
         while self.scan.peek().is_some_and(part) {

@@ -1,17 +1,21 @@
 //! STEP assemblies: which part is placed where.
 //!
-//! Contract: every occurrence in the assembly becomes a part, an instance that occurs twice becomes two. An
-//! occurrence without a placement is an error, not a part at the origin. Lengths are brought to metres by the unit
-//! of the representation they stand in, which may differ between the files an assembly was put together from.
+//! Contract: every occurrence in the assembly becomes a part, an instance that occurs twice becomes
+//! two. An occurrence without a placement is an error, not a part at the origin. Lengths are
+//! brought to metres by the unit of the representation they stand in, which may differ between the
+//! files an assembly was put together from.
 //!
-//! The structure is that of AP203, AP214 and AP242 (ISO 10303-41 product structure, ISO 10303-43 representations):
-//! a NEXT_ASSEMBLY_USAGE_OCCURRENCE joins two product definitions; its placement is a
-//! CONTEXT_DEPENDENT_SHAPE_REPRESENTATION with a REPRESENTATION_RELATIONSHIP_WITH_TRANSFORMATION, whose operator is
-//! an ITEM_DEFINED_TRANSFORMATION or a CARTESIAN_TRANSFORMATION_OPERATOR_3D; or it is a MAPPED_ITEM in the shape of
-//! the assembly. An AXIS2_PLACEMENT_3D with a name of its own that stands in a shape is given as a part too: that is
-//! how CAD programs write named coordinate systems, and the datum of a mount may well be one.
+//! The structure is that of AP203, AP214 and AP242 (ISO 10303-41 product structure, ISO 10303-43
+//! representations): a NEXT_ASSEMBLY_USAGE_OCCURRENCE joins two product definitions; its placement
+//! is a CONTEXT_DEPENDENT_SHAPE_REPRESENTATION with a
+//! REPRESENTATION_RELATIONSHIP_WITH_TRANSFORMATION, whose operator is an
+//! ITEM_DEFINED_TRANSFORMATION or a CARTESIAN_TRANSFORMATION_OPERATOR_3D; or it is a MAPPED_ITEM in
+//! the shape of the assembly. An AXIS2_PLACEMENT_3D with a name of its own that stands in a shape
+//! is given as a part too: that is how CAD programs write named coordinate systems, and the datum
+//! of a mount may well be one.
 //!
-//! Names come from the occurrence, or where that has none, from the product; siblings of one name get `#1`, `#2`.
+//! Names come from the occurrence, or where that has none, from the product; siblings of one name
+//! get `#1`, `#2`.
 
 use std::collections::{BTreeMap, BTreeSet};
 

@@ -1,10 +1,11 @@
 //! Plain tables of placements, CSV or TOML.
 //!
-//! Contract: every number carries its unit in the name of its column or key, and every mistake is an error with line
-//! and column. Decimals are written with a point; a comma is an error and never a separator of thousands.
+//! Contract: every number carries its unit in the name of its column or key, and every mistake is
+//! an error with line and column. Decimals are written with a point; a comma is an error and never
+//! a separator of thousands.
 //!
-//! A CSV table has a line of names, then a line per part. Separators are commas, semicolons or tabs, as the first line has
-//! them; lines that begin with `#` are left out. Columns:
+//! A CSV table has a line of names, then a line per part. Separators are commas, semicolons or
+//! tabs, as the first line has them; lines that begin with `#` are left out. Columns:
 //!
 //! | Columns | Meaning |
 //! |---|---|
@@ -16,8 +17,9 @@
 //! | `roll_deg pitch_deg yaw_deg`, or `_rad` | or as turns about fixed x, then y, then z (URDF's rpy) |
 //! | `r11 r12 … r33` | or as a matrix, rows first |
 //!
-//! A TOML table has entries `[[part]]` with `name`, `parent`, `translation_m` (or `_mm`, `_in`) and one of
-//! `rotation_wxyz`, `rotation_rows`, `rotation_vector_deg`, `rotation_vector_rad`, `rpy_deg`, `rpy_rad`.
+//! A TOML table has entries `[[part]]` with `name`, `parent`, `translation_m` (or `_mm`, `_in`) and
+//! one of `rotation_wxyz`, `rotation_rows`, `rotation_vector_deg`, `rotation_vector_rad`,
+//! `rpy_deg`, `rpy_rad`.
 
 use std::collections::BTreeMap;
 
@@ -90,7 +92,8 @@ pub(crate) fn parts_of_csv(text: &str) -> Result<Cad, Vec<Fault>> {
     placed(table)
 }
 
-/// The fields of a line, without the blanks around them. A field in double quotes may hold the separator.
+/// The fields of a line, without the blanks around them. A field in double quotes may hold the
+/// separator.
 fn fields(line: &str, separator: char) -> Result<Vec<String>, String> {
     let mut fields = Vec::new();
     let mut rest = line;

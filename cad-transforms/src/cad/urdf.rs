@@ -1,8 +1,9 @@
 //! URDF: links joined by joints.
 //!
-//! Contract: every link becomes a part. Joints that move are taken at zero, with a note. Lengths are metres and
-//! `rpy` turns about fixed axes, x first, then y, then z (the URDF specification, ROS wiki, urdf/XML/joint), so
-//! the rotation is Rz(yaw) Ry(pitch) Rx(roll). A xacro file has to be expanded before.
+//! Contract: every link becomes a part. Joints that move are taken at zero, with a note. Lengths
+//! are metres and `rpy` turns about fixed axes, x first, then y, then z (the URDF specification,
+//! ROS wiki, urdf/XML/joint), so the rotation is Rz(yaw) Ry(pitch) Rx(roll). A xacro file has to be
+//! expanded before.
 
 use std::collections::{BTreeMap, BTreeSet};
 

@@ -57,8 +57,8 @@ impl Rig {
         }
     }
 
-    /// This rig with another transform and tolerance between two neighbours. The entry keeps its place and
-    /// its direction in the file; `parent` and `child` may be given either way round.
+    /// This rig with another transform and tolerance between two neighbours. The entry keeps its
+    /// place and its direction in the file; `parent` and `child` may be given either way round.
     ///
     /// Loops are not looked at, so that several entries can be exchanged one after the other;
     /// [`Rig::open_loops`] tells, and [`Rig::write`] refuses a rig with an open one.

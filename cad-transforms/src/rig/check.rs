@@ -1,8 +1,9 @@
 //! Whether a rig can be true: what a file that reads may still have wrong.
 //!
-//! Contract: [`check`] reports everything in one pass, what makes the file unreadable and what is against sense, each with its
-//! line. Geometry is checked on whatever could be read. Lenses and factory files are the caller's: it gives plain numbers
-//! as [`Facts`]; what was not given is not checked, and a note says so.
+//! Contract: [`check`] reports everything in one pass, what makes the file unreadable and what is
+//! against sense, each with its line. Geometry is checked on whatever could be read. Lenses and
+//! factory files are the caller's: it gives plain numbers as [`Facts`]; what was not given is not
+//! checked, and a note says so.
 //!
 //! The numbers that "sense" is made of are constants of this module, with their reasons.
 
@@ -16,17 +17,18 @@ use crate::frame::{Frame, FramePart};
 use crate::transform::RigidTransform;
 use crate::view::FieldOfView;
 
-/// Height of the rig's datum above the ground under a standing wearer, m: the chest of a person of 1.7 m.
+/// Height of the rig's datum above the ground under a standing wearer, m: the chest of a person of
+/// 1.7 m.
 pub const GROUND_BELOW_RIG_M: f64 = 1.2;
-/// Where the shoes of a standing wearer are, m before the datum: the plate hangs some 14 cm before the hips, so
-/// that the shoes lie around the point below it.
+/// Where the shoes of a standing wearer are, m before the datum: the plate hangs some 14 cm before
+/// the hips, so that the shoes lie around the point below it.
 pub const SHOES_X_M: [f64; 2] = [-0.15, 0.15];
 /// Where the shoes are, m to the left.
 pub const SHOES_Y_M: [f64; 2] = [-0.2, 0.2];
 /// Name of the camera that has to see them.
 pub const FEET_CAMERA: &str = "feet";
-/// How far behind the plate's plane an optical axis may point, degrees: the wearer is at negative x. A camera that
-/// looks straight down and hangs a little back is fine.
+/// How far behind the plate's plane an optical axis may point, degrees: the wearer is at negative
+/// x. A camera that looks straight down and hangs a little back is fine.
 const LOOKS_BACK_DEG: f64 = 10.0;
 /// Farthest a lens can be from the datum of something worn on the chest, m.
 const FARTHEST_LENS_M: f64 = 1.0;
@@ -37,7 +39,8 @@ const BASELINES_M: [f64; 2] = [0.01, 0.3];
 const BASELINE_TOLERANCE_M: f64 = 0.0005;
 /// How many sigmas count as off, where the rig does state a tolerance.
 pub const SIGMAS: f64 = 3.0;
-/// How far the right lens may be above, below, before or behind the left one, as a share of the baseline.
+/// How far the right lens may be above, below, before or behind the left one, as a share of the
+/// baseline.
 const BESIDE_SHARE: f64 = 0.1;
 /// How far the two lenses may be rotated against each other, degrees.
 const STEREO_TURN_DEG: f64 = 3.0;
@@ -80,7 +83,8 @@ pub struct Finding {
     pub message: String,
 }
 
-/// What a camera's left lens sees, with the source of it: what the facts say, or else what is nominal for its model.
+/// What a camera's left lens sees, with the source of it: what the facts say, or else what is
+/// nominal for its model.
 pub fn view(rig: &Rig, camera: &str, facts: &Facts) -> Option<(String, FieldOfView)> {
     if let Some(known) = facts.get(camera)
         && let Some(view) = known.view
@@ -335,8 +339,8 @@ impl Checks<'_> {
         self.add(line, severity, message);
     }
 
-    /// `left_X` is to the left of `right_X`; where the axes are those of a camera, which may hang on its side, it only may
-    /// not be.
+    /// `left_X` is to the left of `right_X`; where the axes are those of a camera, which may hang
+    /// on its side, it only may not be.
     fn sides(&mut self, cameras: &[String], is_worn: bool) {
         for camera in cameras {
             let Some(rest) = camera.strip_prefix("left_") else {

@@ -7,8 +7,8 @@ use toml::de::DeValue;
 use super::table::{Log, Table, integer, list_of, text_of};
 use super::{CameraInfo, Edge};
 
-/// Whether two serial numbers are of one device: they may be written with or without `SN` and leading zeros, as in
-/// the names of factory files.
+/// Whether two serial numbers are of one device: they may be written with or without `SN` and
+/// leading zeros, as in the names of factory files.
 pub fn same_serial(a: &str, b: &str) -> bool {
     let plain = |serial: &str| {
         let serial = serial.trim();

@@ -1,12 +1,13 @@
 //! What changed between two rigs.
 //!
-//! Contract: every frame of either rig is in the result, `rig` left out, sorted by name. A change is a motion of the
-//! frame in its own axes, as the tolerances are, once as seen from `rig` and once from its neighbour: a mount that
-//! was bent moves all that hangs on it in `rig`, but one joint only.
+//! Contract: every frame of either rig is in the result, `rig` left out, sorted by name. A change
+//! is a motion of the frame in its own axes, as the tolerances are, once as seen from `rig` and
+//! once from its neighbour: a mount that was bent moves all that hangs on it in `rig`, but one
+//! joint only.
 //!
-//! Everything else that a file holds is compared by [`other_changes`], in words. Numbers that differ by rounding are
-//! the same, see [`ROUNDING`]; so are files that say the same in another order, in other units or from the other end
-//! of a joint.
+//! Everything else that a file holds is compared by [`other_changes`], in words. Numbers that
+//! differ by rounding are the same, see [`ROUNDING`]; so are files that say the same in another
+//! order, in other units or from the other end of a joint.
 
 use super::{Closure, Rig, ShoeTag, Step, same_serial};
 use crate::covariance::Covariance;
@@ -41,7 +42,8 @@ pub enum Change {
     },
 }
 
-/// From where a frame was in the first rig to where it is in the second, in its own axes as they were.
+/// From where a frame was in the first rig to where it is in the second, in its own axes as they
+/// were.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Motion {
     /// `was_from_is`.
@@ -117,8 +119,8 @@ fn moved(
     }
 }
 
-/// What changed besides the places of the frames, in words: names and provenance, devices, where frames hang and
-/// with what tolerance, loops and shoe tags. A line each, without the rig's name.
+/// What changed besides the places of the frames, in words: names and provenance, devices, where
+/// frames hang and with what tolerance, loops and shoe tags. A line each, without the rig's name.
 pub fn other_changes(a: &Rig, b: &Rig) -> Vec<String> {
     let mut words = Vec::new();
     let mut text = |what: &str, was: Option<&str>, is: Option<&str>| match (was, is) {

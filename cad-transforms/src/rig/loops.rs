@@ -25,8 +25,8 @@ pub struct Closure {
 }
 
 impl Rig {
-    /// The loops that do not close within what they state, in words; empty for a rig that was read from a
-    /// file. A rig with changed entries ([`Rig::with_edge`]) may have some.
+    /// The loops that do not close within what they state, in words; empty for a rig that was read
+    /// from a file. A rig with changed entries ([`Rig::with_edge`]) may have some.
     pub fn open_loops(&self) -> Vec<String> {
         self.closures
             .iter()

@@ -2,7 +2,8 @@ use super::*;
 
 const HEAD: &str = "format = 1\nname = \"plate\"\nrevision = \"A\"\nprovenance = { kind = \"nominal\", note = \"made up\" }\n";
 
-/// A file with one entry per `(parent, child, rest)`; entries of five lines start on lines 5, 10, 15, ….
+/// A file with one entry per `(parent, child, rest)`; entries of five lines start on lines 5, 10,
+/// 15, ….
 pub(super) fn file(entries: &[(&str, &str, &str)]) -> String {
     let mut text = HEAD.to_owned();
     for (parent, child, rest) in entries {

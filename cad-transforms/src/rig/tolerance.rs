@@ -1,7 +1,8 @@
 //! Reading how far a joint may be off.
 //!
-//! Contract: every variance is above 0. Nothing is mounted exactly, and a covariance with a 0 has no inverse, which
-//! a weighting by it would take for no tolerance at all. What is not known is left out.
+//! Contract: every variance is above 0. Nothing is mounted exactly, and a covariance with a 0 has
+//! no inverse, which a weighting by it would take for no tolerance at all. What is not known is
+//! left out.
 
 use std::ops::Range;
 

@@ -9,8 +9,8 @@ use crate::output::{self, Existing};
 use crate::transform::RigidTransform;
 
 impl Rig {
-    /// The text of a rig file. The same rig gives the same bytes, and reading them gives the same rig to
-    /// the last bit.
+    /// The text of a rig file. The same rig gives the same bytes, and reading them gives the same
+    /// rig to the last bit.
     pub fn to_toml(&self) -> String {
         text(&self.to_parts())
     }
@@ -18,7 +18,8 @@ impl Rig {
     /// Writes a rig file. An existing file is kept unless `existing` says otherwise.
     ///
     /// # Errors
-    /// [`RigError::Invalid`] when a loop is open or a text is empty, [`RigError::Write`]. Nothing is written then.
+    /// [`RigError::Invalid`] when a loop is open or a text is empty, [`RigError::Write`]. Nothing
+    /// is written then.
     pub fn write(&self, path: &Path, existing: Existing) -> Result<(), RigError> {
         self.closed()?;
         let rig = Self::from_parts(self.to_parts())?;

@@ -40,8 +40,8 @@ pub struct Options {
     pub limits: Limits,
     /// Folder for the output of `paws-reconstruct frames`, started afterwards.
     pub frames: Option<PathBuf>,
-    /// The program that verifies the calibration in a deep validation [default: `paws-calib` beside this one or on
-    /// PATH].
+    /// The program that verifies the calibration in a deep validation [default: `paws-calib` beside
+    /// this one or on PATH].
     pub calib_program: Option<PathBuf>,
 }
 

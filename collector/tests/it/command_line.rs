@@ -418,7 +418,8 @@ fn latest_and_paths_are_accepted_by_every_command() {
     }
 }
 
-/// Runs `paws` beside one program, which prints its arguments. No other program must be found beside it.
+/// Runs `paws` beside one program, which prints its arguments. No other program must be found
+/// beside it.
 fn with_program(
     at: &Path,
     name: &str,

@@ -62,7 +62,8 @@ fn a_step_file_becomes_a_rig() {
         let frame = name.parse().unwrap();
         rig.transform(&Frame::rig(), &frame).unwrap()
     };
-    // The part is rotated by 45 degrees at (28.660, 145, 105) mm; the lens is 10 mm back, 25 left, 16 up in it.
+    // The part is rotated by 45 degrees at (28.660, 145, 105) mm; the lens is 10 mm back, 25 left,
+    // 16 up in it.
     let s = 0.5_f64.sqrt();
     let expected = [
         28.660_254_038 + s * (-10.0 - 25.0),
@@ -114,7 +115,8 @@ fn axes_and_datum_can_be_turned() {
     let left = rig
         .transform(&Frame::rig(), &"left_shoulder/left".parse().unwrap())
         .unwrap();
-    // In the mount the part is at (10, 0, 5), rotated by 15 degrees; then all is rotated to the left and lifted.
+    // In the mount the part is at (10, 0, 5), rotated by 15 degrees; then all is rotated to the
+    // left and lifted.
     let (s, c) = 15_f64.to_radians().sin_cos();
     let (x, y) = (10.0 - 10.0 * c - 25.0 * s, -10.0 * s + 25.0 * c);
     let expected = [-y, x, 5.0 + 16.0 + 10.0];

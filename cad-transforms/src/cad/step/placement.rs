@@ -24,7 +24,8 @@ pub(super) struct Mapped {
     pub(super) place: String,
 }
 
-/// Where the axes of an AXIS2_PLACEMENT_3D are: takes coordinates in them to those they are written in.
+/// Where the axes of an AXIS2_PLACEMENT_3D are: takes coordinates in them to those they are written
+/// in.
 pub(super) fn axes(exchange: &Exchange<'_>, id: u64, metre: f64) -> Result<RigidTransform, Fault> {
     let fields = Fields::of(exchange, id, "AXIS2_PLACEMENT_3D")?;
     let origin = point(exchange, fields.reference(1)?, metre)?;
@@ -74,7 +75,8 @@ fn direction(exchange: &Exchange<'_>, id: Option<u64>) -> Result<Option<Vector3<
     Ok(Some(vector / length))
 }
 
-/// `parent_from_child` of a relationship with transformation between a shape of the parent and one of the child.
+/// `parent_from_child` of a relationship with transformation between a shape of the parent and one
+/// of the child.
 pub(super) fn relationship(
     exchange: &Exchange<'_>,
     units: &Units<'_, '_>,
@@ -102,7 +104,8 @@ pub(super) fn relationship(
         }
     };
     let (first, second) = (ends.reference(2)?, ends.reference(3)?);
-    // The operator takes the first shape to the second, and programs differ in which is the child's.
+    // The operator takes the first shape to the second, and programs differ in which is the
+    // child's.
     let child_is_first = match (of_child.contains(&first), of_child.contains(&second)) {
         (true, false) => true,
         (false, true) => false,
@@ -157,8 +160,9 @@ fn cartesian(
     let Some(own) = instance.record("CARTESIAN_TRANSFORMATION_OPERATOR_3D") else {
         return Ok(None);
     };
-    // name, axis1, axis2, origin, scale of the supertype, then axis3. As a functional transformation there is a
-    // description between; the complex form spreads them over two records.
+    // name, axis1, axis2, origin, scale of the supertype, then axis3. As a functional
+    // transformation there is a description between; the complex form spreads them over two
+    // records.
     let (base, at, axis3) = match instance.record("CARTESIAN_TRANSFORMATION_OPERATOR") {
         Some(base) => {
             let at = base.parameters.len().saturating_sub(4);
@@ -176,7 +180,8 @@ fn cartesian(
         return Err(base.fault(format!("scales by {scale}, expected 1")));
     }
     let origin = point(exchange, base.reference(at + 2)?, metre)?;
-    // ISO 10303-42, 4.4.24 (base_axis): z leads, x is made square to it, y to both; a given y only tells the hand.
+    // ISO 10303-42, 4.4.24 (base_axis): z leads, x is made square to it, y to both; a given y only
+    // tells the hand.
     let z = direction(exchange, third)?.unwrap_or_else(Vector3::z);
     let x = direction(exchange, base.optional_reference(at)?)?.unwrap_or_else(|| {
         if z.cross(&Vector3::x()).norm() > 1e-9 {

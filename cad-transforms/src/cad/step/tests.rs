@@ -69,8 +69,9 @@ fn placements_are_those_the_cad_program_reports() {
     }
 }
 
-/// An assembly as SolidWorks lays it out: entities in falling order, blanks everywhere, names of occurrences
-/// blank, inches as a converted unit, NONE for no name. Two instances of one clip, the second rotated to y.
+/// An assembly as SolidWorks lays it out: entities in falling order, blanks everywhere, names of
+/// occurrences blank, inches as a converted unit, NONE for no name. Two instances of one clip, the
+/// second rotated to y.
 const INCHES: &str = "ISO-10303-21;
 HEADER;
 FILE_DESCRIPTION (( 'STEP AP214' ),

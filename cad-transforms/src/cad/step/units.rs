@@ -53,7 +53,8 @@ impl<'e, 'b> Units<'e, 'b> {
         }
         if let Some(record) = unit.record("SI_UNIT") {
             let fields = Fields::new(unit, record);
-            // On its own it is SI_UNIT(dimensions, prefix, name); in a complex instance without the first.
+            // On its own it is SI_UNIT(dimensions, prefix, name); in a complex instance without the
+            // first.
             let at = record.parameters.len().saturating_sub(2);
             let name = fields.enumeration(at + 1)?;
             if name.as_deref() != Some("METRE") {

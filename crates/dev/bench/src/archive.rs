@@ -4,8 +4,9 @@
 //!    cache (syncs are counted and left out), onto the disk (with syncs), and into nothing (what
 //!    the writer itself costs); beside it the bare `mcap` crate with chunks of the same size, the
 //!    same payloads, no compression, all its checksums on. The runs alternate.
-//! 2. Reading the same session from the page cache, all checksums checked: every entry, `verify`, and
-//!    the crate's own reader that lends its bytes, on a segment loaded into memory that it may keep.
+//! 2. Reading the same session from the page cache, all checksums checked: every entry, `verify`,
+//!    and the crate's own reader that lends its bytes, on a segment loaded into memory that it may
+//!    keep.
 //! 3. Loss: power cuts at random instants, for chunk lengths from 0.1 to 1 s: the span of each
 //!    stream that had arrived at the writer and is not on disk; and what chunks cost in bytes and
 //!    syncs. What is still in an encoder, and a sync that has not come back, are not included.
@@ -58,11 +59,12 @@ const QUICK: Plan = Plan {
     stops: &[(6.0, 2), (60.0, 1)],
 };
 
-/// Runs the benchmark: `[--quick] [--out DIR] [--disk DIR]`. The sessions are written below the target
-/// folder unless `--disk` names another.
+/// Runs the benchmark: `[--quick] [--out DIR] [--disk DIR]`. The sessions are written below the
+/// target folder unless `--disk` names another.
 ///
 /// # Errors
-/// Bad arguments, a folder that is in memory, or an I/O error. A target that is missed is a result and no error.
+/// Bad arguments, a folder that is in memory, or an I/O error. A target that is missed is a result
+/// and no error.
 pub(crate) fn run(args: &[String]) -> Result<()> {
     let mut plan = FULL;
     let mut out = PathBuf::from("docs/benchmarks");

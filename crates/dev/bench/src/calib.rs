@@ -4,8 +4,8 @@
 //! few pixels from the factory calibration. Corners are where the simulated cameras see them, with
 //! noise; a few sessions are rendered and go through detection too.
 //!
-//! 1. Error against number of views against time, for one stereo camera, ours beside OpenCV's on the same
-//!    corners in the same run.
+//! 1. Error against number of views against time, for one stereo camera, ours beside OpenCV's on
+//!    the same corners in the same run.
 //! 2. Selected lens model against the amount of distortion and the number of views.
 //! 3. Error against the strength of each impairment of a recording. A point is *ok* when cameras
 //!    are within 1 mm and 0.05 degrees of their true relative pose, or within three of the sigmas

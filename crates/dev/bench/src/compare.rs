@@ -1,9 +1,12 @@
-//! `cargo run --release -p bench -- compare BEFORE AFTER`: whether a change of names left every result as it was.
+//! `cargo run --release -p bench -- compare BEFORE AFTER`: whether a change of names left every
+//! result as it was.
 //!
-//! BEFORE and AFTER are folders. Of their `*.json` files (results of benchmarks), every number and text is compared, times,
-//! memory and stamps left out ([`MEASURES_OF_THE_MACHINE`]). Of their `*.rs` files (checkouts), the pinned hashes: literals of
-//! 16 to 64 hexadecimal digits. Names of BEFORE are replaced by those of a rename map first: `--renames FILE`,
-//! default `docs/renames.txt`, with a line `old new` for every name and `old text => new text` for every whole text.
+//! BEFORE and AFTER are folders. Of their `*.json` files (results of benchmarks), every number and
+//! text is compared, times, memory and stamps left out ([`MEASURES_OF_THE_MACHINE`]). Of their
+//! `*.rs` files (checkouts), the pinned hashes: literals of 16 to 64 hexadecimal digits. Names of
+//! BEFORE are replaced by those of a rename map first: `--renames FILE`, default
+//! `docs/renames.txt`, with a line `old new` for every name and `old text => new text` for every
+//! whole text.
 
 use std::collections::{BTreeMap, BTreeSet};
 use std::fs;
@@ -155,7 +158,8 @@ impl Renames {
         Ok(Self(map))
     }
 
-    /// The text with every name in it replaced. A name is a run of letters, digits, `_`, `-` and `.`.
+    /// The text with every name in it replaced. A name is a run of letters, digits, `_`, `-` and
+    /// `.`.
     fn apply(&self, text: &str) -> String {
         if let Some(new) = self.0.get(text) {
             return new.clone();
@@ -253,7 +257,8 @@ fn compare_values(path: &str, before: &Value, after: &Value, differences: &mut V
     }
 }
 
-/// Compares the pinned hashes of both folders and returns their number. Each stands as often after as before.
+/// Compares the pinned hashes of both folders and returns their number. Each stands as often after
+/// as before.
 fn compare_pins(before: &Path, after: &Path, differences: &mut Vec<String>) -> Result<usize> {
     let (before, after) = (pins(before)?, pins(after)?);
     let all: BTreeSet<&String> = before.keys().chain(after.keys()).collect();
@@ -266,7 +271,8 @@ fn compare_pins(before: &Path, after: &Path, differences: &mut Vec<String>) -> R
     Ok(before.values().sum())
 }
 
-/// The hexadecimal literals of 16 to 64 digits in the `*.rs` files below a folder, and how often each occurs.
+/// The hexadecimal literals of 16 to 64 digits in the `*.rs` files below a folder, and how often
+/// each occurs.
 fn pins(folder: &Path) -> Result<BTreeMap<String, usize>> {
     let mut found = BTreeMap::new();
     for path in files(folder, "rs", true)? {
@@ -284,7 +290,8 @@ fn pins(folder: &Path) -> Result<BTreeMap<String, usize>> {
     Ok(found)
 }
 
-/// The files with an extension in a folder, sorted; also those in folders below it, without `target` and hidden ones.
+/// The files with an extension in a folder, sorted; also those in folders below it, without
+/// `target` and hidden ones.
 fn files(folder: &Path, extension: &str, below: bool) -> Result<Vec<PathBuf>> {
     let reading = || format!("reading the folder {}", folder.display());
     let mut found = Vec::new();

@@ -3,7 +3,8 @@
 //! * *Import* against `cp -r` and then `sync -f` of the same session onto the same disk,
 //!   alternating, with the page cache dropped before each. An import also hashes every byte, checks
 //!   every checksum and lists the session. Target: at least 80 % of the speed of the copy.
-//! * *Validate* without decoding, from the disk and from memory. Target: at least 1 GB/s from memory.
+//! * *Validate* without decoding, from the disk and from memory. Target: at least 1 GB/s from
+//!   memory.
 //! * *Validate* with decoding of every frame, on a session with real images.
 //!
 //! Only root may drop the page cache. For others everything is read from memory: the results state

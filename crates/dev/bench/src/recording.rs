@@ -1,5 +1,5 @@
-//! A recording in a process of its own, so that its processor time is known: this program, started again with
-//! [`RECORD`], which calls what `pawsd record` calls.
+//! A recording in a process of its own, so that its processor time is known: this program, started
+//! again with [`RECORD`], which calls what `pawsd record` calls.
 
 use anyhow::{Context, Result, bail, ensure};
 use capture_daemon::config::Config;

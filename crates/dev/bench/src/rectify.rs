@@ -1,7 +1,7 @@
 //! `rectify`: time of rectifying one image, ours and OpenCV's, both on one thread.
 //!
-//! With the ZED Mini's factory file among the recordings; the best of many runs, since another program on the machine can only
-//! make one slower. Figures of docs/reference/calibration-files.md.
+//! With the ZED Mini's factory file among the recordings; the best of many runs, since another
+//! program on the machine can only make one slower. Figures of docs/reference/calibration-files.md.
 
 use std::fs;
 use std::path::Path;

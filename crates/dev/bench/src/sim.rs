@@ -6,8 +6,8 @@
 //!    with noise.
 //! 2. Their error: the difference of the same images without noise from ones averaged over many
 //!    more samples. Motion blur is part of it, and the position of edges within a pixel.
-//! 3. Where the time of a stereo frame goes, at the quality for real time: poses, visibility, shading,
-//!    developing.
+//! 3. Where the time of a stereo frame goes, at the quality for real time: poses, visibility,
+//!    shading, developing.
 //!
 //! Frame sets per second are wall time and need an idle machine; processor time depends less on the
 //! load.

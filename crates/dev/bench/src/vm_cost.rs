@@ -1,4 +1,5 @@
-//! `vm_cost`: wake-ups and processor time of the daemon's threads, against cameras, IMU, operator's devices and page.
+//! `vm_cost`: wake-ups and processor time of the daemon's threads, against cameras, IMU, operator's
+//! devices and page.
 //!
 //! `pawsd` runs in virtual machines with the kernel's own drivers; see [`vm::cases::cost`] for the
 //! counters, and the accuracy of the processor time. The load of the host before and after is kept
@@ -90,7 +91,8 @@ fn load() -> Vec<f64> {
     words.filter_map(|word| word.parse().ok()).collect()
 }
 
-/// A row of the table for each state: wake-ups per second, in all and by kind, and the share of a processor.
+/// A row of the table for each state: wake-ups per second, in all and by kind, and the share of a
+/// processor.
 fn print(cost: &Cost) {
     let row = |state: &str, window: &Window| {
         let kinds = KINDS.map(|kind| format!("{kind} {:.1}", window.of(kind).wakes));

@@ -3,8 +3,8 @@
 //!
 //! Buffers are JPEG files as cameras write them: 4:2:2, without Huffman tables, padded. Timestamps
 //! are in whole microseconds, as the kernel's are. The daemon's own code makes samples of the
-//! buffers ([`sample_from_buffer`]) and pairs of the samples ([`StereoJoiner`]); only the driver and its two waiting
-//! threads are replaced.
+//! buffers ([`sample_from_buffer`]) and pairs of the samples ([`StereoJoiner`]); only the driver
+//! and its two waiting threads are replaced.
 
 use std::collections::VecDeque;
 use std::sync::{Mutex, MutexGuard, PoisonError};

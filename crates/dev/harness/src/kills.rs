@@ -199,9 +199,9 @@ impl Recorder {
             .context("waiting for the first chunk")
     }
 
-    /// Watches it up to the instant of the kill. That instant is an input of the test, at random between
-    /// and inside the writes of the recorder, so it belongs to no event; no result depends on how
-    /// long this takes.
+    /// Watches it up to the instant of the kill. That instant is an input of the test, at random
+    /// between and inside the writes of the recorder, so it belongs to no event; no result depends
+    /// on how long this takes.
     fn runs_for(&self, time: Duration) -> Result<()> {
         match self.ended.recv_timeout(time) {
             Err(RecvTimeoutError::Timeout) => Ok(()),

@@ -33,8 +33,8 @@ pub struct Tracking {
 #[derive(Clone, Debug)]
 pub struct Refined {
     /// One pose per causal pose. Only keyframes have a covariance: that of the causal pose where
-    /// tracking was lost and the pose graph is not connected ([`Connectivity`]). The status is that of the
-    /// causal pose, or relocalised.
+    /// tracking was lost and the pose graph is not connected ([`Connectivity`]). The status is that
+    /// of the causal pose, or relocalised.
     pub trajectory: Trajectory,
     /// Number of keyframes.
     pub keyframes: usize,

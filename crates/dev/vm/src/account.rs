@@ -189,8 +189,8 @@ impl Account {
     }
 }
 
-/// Has `paws validate` judge sessions, with other limits for some metrics; an error if it fails one. Samples that are missing
-/// and accounted for are fine, as far as the limits go.
+/// Has `paws validate` judge sessions, with other limits for some metrics; an error if it fails
+/// one. Samples that are missing and accounted for are fine, as far as the limits go.
 ///
 /// # Errors
 /// It cannot be started, or says FAIL; the message has its reasons.

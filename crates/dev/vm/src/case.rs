@@ -1,7 +1,7 @@
 //! A test case: a name, what it shows, and a function that shows it in guests.
 //!
-//! A case prints nothing and decides by itself whether it has passed: an error is a failure. What it measured is
-//! its [`Report`], also where it passes.
+//! A case prints nothing and decides by itself whether it has passed: an error is a failure. What
+//! it measured is its [`Report`], also where it passes.
 
 use std::fs;
 use std::path::{Path, PathBuf};

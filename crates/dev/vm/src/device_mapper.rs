@@ -52,7 +52,8 @@ impl Device {
     /// The device is not there, or does not understand it.
     pub fn send(&self, message: &str) -> io::Result<()> {
         let mut request = request(&self.name, message);
-        // SAFETY: the request is as long as it says at its byte 12, and the kernel writes no further.
+        // SAFETY: the request is as long as it says at its byte 12, and the kernel writes no
+        // further.
         let done = unsafe {
             libc::ioctl(
                 self.control.as_raw_fd(),

@@ -1,10 +1,11 @@
-//! What a power cut left of a session, held against the whole recording and against what was promised.
+//! What a power cut left of a session, held against the whole recording and against what was
+//! promised.
 //!
 //! The recording that was cut went on in another branch of time, up to its proper end: that is the
 //! reference. Every stream of what is left must be a beginning of the same stream there, byte for
-//! byte. What the recorder had reported durable before the cut must be in it, and recovery must make
-//! a sound copy of it. *A session that does not open*, holds anything else, or misses anything that
-//! was promised, is an error.
+//! byte. What the recorder had reported durable before the cut must be in it, and recovery must
+//! make a sound copy of it. *A session that does not open*, holds anything else, or misses anything
+//! that was promised, is an error.
 
 use std::collections::BTreeMap;
 use std::fs;
@@ -77,7 +78,8 @@ impl Contents {
     /// Reads a session. Damage is passed over.
     ///
     /// # Errors
-    /// It does not open, the file system reports an I/O error, or a message is not what its schema says.
+    /// It does not open, the file system reports an I/O error, or a message is not what its schema
+    /// says.
     pub fn read(folder: &Path) -> Result<Self> {
         Self::of(&open(folder)?)
     }
@@ -132,8 +134,9 @@ impl Contents {
         Ok(())
     }
 
-    /// By numbered stream, how much of what had been received at `now` a cut has taken, ns: from the newest
-    /// sample that is left to the newest one received. Nothing left counts from the first sample on.
+    /// By numbered stream, how much of what had been received at `now` a cut has taken, ns: from
+    /// the newest sample that is left to the newest one received. Nothing left counts from the
+    /// first sample on.
     pub fn lost(&self, newest: &BTreeMap<String, i64>, now: i64) -> BTreeMap<String, i64> {
         let lost = self.samples.iter().filter_map(|(stream, samples)| {
             let received = samples.iter().filter(|sample| sample.arrived <= now);
@@ -175,7 +178,8 @@ pub fn only_session(archive: &Path) -> Result<Option<PathBuf>> {
     Ok(folders.pop())
 }
 
-/// Examines what is left in a folder of sessions. `scratch` is a folder on another disk, for the recovered copy.
+/// Examines what is left in a folder of sessions. `scratch` is a folder on another disk, for the
+/// recovered copy.
 ///
 /// # Errors
 /// Something remains that must not, or something durable is missing.

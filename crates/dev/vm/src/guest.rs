@@ -1,15 +1,15 @@
 //! One virtual machine that runs one script and ends.
 //!
-//! The guest sees the host's whole file system read-only under an overlay in its memory, so programs
-//! built on the host run in it as they are. It shares one folder with the host for writing, the
-//! job's folder (`/run/job` in the guest): what the script leaves there is the result. Lines that the
-//! script prints reach the host as they are printed.
+//! The guest sees the host's whole file system read-only under an overlay in its memory, so
+//! programs built on the host run in it as they are. It shares one folder with the host for
+//! writing, the job's folder (`/run/job` in the guest): what the script leaves there is the result.
+//! Lines that the script prints reach the host as they are printed.
 //!
-//! Contract: nothing outlives a guest. *At the end* of its script it powers itself off; *late*, when
-//! a limit has passed, and when it is dropped, it is killed with all processes that belong to it.
-//! A kill is also how the power is cut: what the guest's kernel still held in its page cache is
-//! lost, what it had handed to the disk is in the image. *On failure* of the script its exit code is
-//! in [`Ended`]; a guest that ends without one is an error that carries its last lines.
+//! Contract: nothing outlives a guest. *At the end* of its script it powers itself off; *late*,
+//! when a limit has passed, and when it is dropped, it is killed with all processes that belong to
+//! it. A kill is also how the power is cut: what the guest's kernel still held in its page cache is
+//! lost, what it had handed to the disk is in the image. *On failure* of the script its exit code
+//! is in [`Ended`]; a guest that ends without one is an error that carries its last lines.
 
 use std::collections::VecDeque;
 use std::fs::{self, File};
@@ -46,7 +46,8 @@ pub struct Guest {
 }
 
 impl Guest {
-    /// A guest that runs `script` (bash). The folder `job` is made, and is the script's working folder.
+    /// A guest that runs `script` (bash). The folder `job` is made, and is the script's working
+    /// folder.
     pub fn new(job: impl Into<PathBuf>, script: impl Into<String>) -> Self {
         Self {
             job: job.into(),
@@ -65,8 +66,9 @@ impl Guest {
         self
     }
 
-    /// Sleeping costs no time and computing takes none, so that what the guest does is the same in every run.
-    /// Input and output of disks move the clock: record into the job's folder. Only User-Mode Linux has it.
+    /// Sleeping costs no time and computing takes none, so that what the guest does is the same in
+    /// every run. Input and output of disks move the clock: record into the job's folder. Only
+    /// User-Mode Linux has it.
     #[must_use]
     pub fn virtual_time(mut self) -> Self {
         self.virtual_time = true;
@@ -90,7 +92,8 @@ impl Guest {
     /// Starts it.
     ///
     /// # Errors
-    /// The job's folder cannot be made, or the machine cannot be started or does not carry out the job.
+    /// The job's folder cannot be made, or the machine cannot be started or does not carry out the
+    /// job.
     pub fn start(&self, machine: &Machine) -> Result<Running> {
         fs::create_dir_all(&self.job).with_context(|| making(&self.job))?;
         let job = fs::canonicalize(&self.job).with_context(|| making(&self.job))?;
@@ -332,7 +335,8 @@ impl Running {
     }
 
     fn kill(&mut self) {
-        // The helpers of User-Mode Linux and the guest's processes would live on, and the image with them.
+        // The helpers of User-Mode Linux and the guest's processes would live on, and the image
+        // with them.
         if let Some(group) = Pid::from_raw(self.child.id() as i32) {
             let _ = kill_process_group(group, Signal::KILL);
         }

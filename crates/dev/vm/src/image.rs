@@ -48,7 +48,8 @@ pub fn blank(path: &Path, bytes: u64) -> Result<()> {
 pub fn formatted(path: &Path, bytes: u64, file_system: FileSystem) -> Result<()> {
     blank(path, bytes)?;
     match file_system {
-        // Nothing is left to be done at the first mount, so that the log of writes is that of the recording.
+        // Nothing is left to be done at the first mount, so that the log of writes is that of the
+        // recording.
         FileSystem::Ext4 => tool(
             "mkfs.ext4",
             ["-q", "-F", "-E", "lazy_itable_init=0,lazy_journal_init=0"],

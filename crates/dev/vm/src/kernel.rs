@@ -1,13 +1,14 @@
 //! The kernel of the guests: User-Mode Linux, built once from Debian's source and kept.
 //!
-//! It is a program like any other: it needs no root and no help from the processor. The source is Debian's
-//! package `linux-source-6.1`, with the options in `kernel/uml.config` and the changes in `EDITS`.
-//! What was built lies in `$PAWS_VM_CACHE`, or `paws/vm` in the user's cache folder, in a folder that is named
-//! by options, changes and version of the source; another one of these is another kernel.
+//! It is a program like any other: it needs no root and no help from the processor. The source is
+//! Debian's package `linux-source-6.1`, with the options in `kernel/uml.config` and the changes in
+//! `EDITS`. What was built lies in `$PAWS_VM_CACHE`, or `paws/vm` in the user's cache folder, in a
+//! folder that is named by options, changes and version of the source; another one of these is
+//! another kernel.
 //!
-//! *Where it cannot be built* (no apt, no network, another system) a kernel that was built before from
-//! another version of the same source is taken; without one the answer is [`KernelError::Unavailable`], which is a
-//! reason to skip tests and not to fail them.
+//! *Where it cannot be built* (no apt, no network, another system) a kernel that was built before
+//! from another version of the same source is taken; without one the answer is
+//! [`KernelError::Unavailable`], which is a reason to skip tests and not to fail them.
 
 use std::fs::{self, File};
 use std::io;
@@ -44,9 +45,10 @@ const EDITS: [Edit; 3] = [
         from: "config HZ\n\tint\n\tdefault 100\n",
         to: "config HZ\n\tint\n\tdefault 1000\n",
     },
-    // A fault of F2FS that the power cuts have found: the first fsync after a checkpoint has number 0, which
-    // f2fs_wait_on_node_pages_writeback takes for "nothing to wait for", so the cache is flushed before the inode has
-    // been written. docs/guides/vm-tests.md says what that means for a rig.
+    // A fault of F2FS that the power cuts have found: the first fsync after a checkpoint has number
+    // 0, which f2fs_wait_on_node_pages_writeback takes for "nothing to wait for", so the cache is
+    // flushed before the inode has been written. docs/guides/vm-tests.md says what that means for a
+    // rig.
     Edit {
         file: "fs/f2fs/node.c",
         from: "fn->seq_id = sbi->fsync_seg_id++;",
@@ -106,7 +108,8 @@ impl Kernel {
             .map(|path| Self { path }))
     }
 
-    /// The kernel from the cache, or a new one: some five minutes on two processors. `tell` receives a line for every step that takes long.
+    /// The kernel from the cache, or a new one: some five minutes on two processors. `tell`
+    /// receives a line for every step that takes long.
     ///
     /// # Errors
     /// See [`KernelError`].
@@ -188,7 +191,8 @@ fn of_other_version(cache: &Path) -> Option<PathBuf> {
     found.pop().map(|folder| folder.join(NAME))
 }
 
-/// The version that apt would download; none where there is no apt, or it does not know the package.
+/// The version that apt would download; none where there is no apt, or it does not know the
+/// package.
 fn source_version() -> Option<String> {
     let output = Command::new("apt-cache")
         .args(["show", "--no-all-versions", PACKAGE])
@@ -201,7 +205,8 @@ fn source_version() -> Option<String> {
     version.map(|version| version.trim().to_owned())
 }
 
-/// Whether a line of the required options holds for a configuration. An option that is left out may not even be mentioned.
+/// Whether a line of the required options holds for a configuration. An option that is left out may
+/// not even be mentioned.
 fn is_met(wanted: &str, taken: &str) -> bool {
     let left_out = wanted
         .strip_prefix("# CONFIG_")

@@ -1,7 +1,8 @@
-//! What must be killed when this program receives a signal to end: the process groups of running guests.
+//! What must be killed when this program receives a signal to end: the process groups of running
+//! guests.
 //!
-//! A guest is a process group of its own, so an interrupt at the terminal does not reach it. Without
-//! [`end_with_signals`] it would go on alone.
+//! A guest is a process group of its own, so an interrupt at the terminal does not reach it.
+//! Without [`end_with_signals`] it would go on alone.
 
 use std::collections::BTreeSet;
 use std::sync::{Mutex, MutexGuard, PoisonError};

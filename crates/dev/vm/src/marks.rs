@@ -1,8 +1,8 @@
 //! What a recorder in a guest says, as marks: short words that a log of writes can hold.
 //!
-//! A mark is put in where it happens: `started` when the recorder said that it began, `durable:UNTIL:MESSAGES` when it
-//! said what is on disk, `now:NS` every [`TICK`], the guest's monotonic clock. So a cut between two marks knows
-//! what had been promised and what time it was.
+//! A mark is put in where it happens: `started` when the recorder said that it began,
+//! `durable:UNTIL:MESSAGES` when it said what is on disk, `now:NS` every [`TICK`], the guest's
+//! monotonic clock. So a cut between two marks knows what had been promised and what time it was.
 
 use std::time::Duration;
 

@@ -1,8 +1,9 @@
-//! Debian's own kernel, for QEMU: the cross-check on a kernel that nobody here has configured or changed.
+//! Debian's own kernel, for QEMU: the cross-check on a kernel that nobody here has configured or
+//! changed.
 //!
-//! The package is downloaded and unpacked into the cache; nothing is installed. A small first root with
-//! busybox reaches the host's root over 9p. The kernel has no gpio-sim: it is built against the kernel's headers
-//! where these are installed, and without it there is no GPIO button.
+//! The package is downloaded and unpacked into the cache; nothing is installed. A small first root
+//! with busybox reaches the host's root over 9p. The kernel has no gpio-sim: it is built against
+//! the kernel's headers where these are installed, and without it there is no GPIO button.
 
 use std::ffi::OsStr;
 use std::fs;
@@ -26,7 +27,8 @@ pub struct StockKernel {
 }
 
 impl StockKernel {
-    /// The kernel from the cache, or a fresh one: 70 MB. `tell` receives a line for every step that takes long.
+    /// The kernel from the cache, or a fresh one: 70 MB. `tell` receives a line for every step that
+    /// takes long.
     ///
     /// # Errors
     /// See [`KernelError`].
@@ -92,7 +94,8 @@ impl StockKernel {
         self.make_initrd(version)
     }
 
-    /// The first root: busybox, modules in the order in which they are loaded, and the first program.
+    /// The first root: busybox, modules in the order in which they are loaded, and the first
+    /// program.
     fn make_initrd(&self, version: &str) -> Result<(), KernelError> {
         let root = self.folder.join("initrd");
         for name in [
@@ -132,8 +135,8 @@ impl StockKernel {
         self.step(shell.args(["-ec", pack]).current_dir(&root))
     }
 
-    /// Debian's kernel has neither gpio-sim nor the simulated interrupts that it needs. Where this fails there is no
-    /// GPIO button, and the case says so.
+    /// Debian's kernel has neither gpio-sim nor the simulated interrupts that it needs. Where this
+    /// fails there is no GPIO button, and the case says so.
     fn build_gpio_sim(&self, version: &str) {
         let headers = PathBuf::from(format!("/usr/src/linux-headers-{version}"));
         if !headers.is_dir() {
@@ -206,7 +209,8 @@ fn files(folder: &Path, extension: &str) -> io::Result<Vec<PathBuf>> {
     Ok(found)
 }
 
-/// The ELF file packed inside of a vmlinuz: every place that looks like the beginning of a packed file is tried.
+/// The ELF file packed inside of a vmlinuz: every place that looks like the beginning of a packed
+/// file is tried.
 fn unpack(packed: &[u8]) -> Option<Vec<u8>> {
     const PACKERS: [(&str, &[u8]); 3] = [
         ("xz", b"\xfd7zXZ\0"),

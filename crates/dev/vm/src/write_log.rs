@@ -1,14 +1,17 @@
-//! The log of all writes to a disk, as dm-log-writes keeps it, and the disks that a power cut may leave.
+//! The log of all writes to a disk, as dm-log-writes keeps it, and the disks that a power cut may
+//! leave.
 //!
-//! The kernel writes an entry once the write is *stable*: a plain write when a later flush has ended, a forced one
-//! (FUA) when it has ended itself. So the entries in front of a place in the log are a disk whose cache
-//! was lost there; and of the plain writes from there up to the next flush, a real disk may hold any part, which
-//! is a *torn* cache. A mark is put in by a program and stands behind everything that was stable when it was put in.
-//! Discarded sectors read as zeros afterwards.
+//! The kernel writes an entry once the write is *stable*: a plain write when a later flush has
+//! ended, a forced one (FUA) when it has ended itself. So the entries in front of a place in the
+//! log are a disk whose cache was lost there; and of the plain writes from there up to the next
+//! flush, a real disk may hold any part, which is a *torn* cache. A mark is put in by a program and
+//! stands behind everything that was stable when it was put in. Discarded sectors read as zeros
+//! afterwards.
 //!
-//! Layout (Documentation/admin-guide/device-mapper/log-writes.rst and drivers/md/dm-log-writes.c of Linux): one sector with
-//! magic, version, number of entries and sector size; then for each entry a sector with its place, length, flags
-//! and length of its mark, which follows in the same sector, and then its data. All little-endian.
+//! Layout (Documentation/admin-guide/device-mapper/log-writes.rst and drivers/md/dm-log-writes.c of
+//! Linux): one sector with magic, version, number of entries and sector size; then for each entry a
+//! sector with its place, length, flags and length of its mark, which follows in the same sector,
+//! and then its data. All little-endian.
 
 use std::fs::File;
 use std::io;
@@ -121,7 +124,8 @@ impl WriteLog {
         })
     }
 
-    /// Makes the disk as a cut in front of entry `at` leaves it; `base` is what it was when the log began.
+    /// Makes the disk as a cut in front of entry `at` leaves it; `base` is what it was when the log
+    /// began.
     ///
     /// # Errors
     /// A file cannot be read or written.

@@ -1,14 +1,14 @@
 //! Power: batteries, mains, and the voltage of the supply.
 //!
-//! Contract: [`Readings::read`] reads afresh; what the machine does not tell is absent. [`judge`] is pure.
-//! The battery of a mouse or a headset is not the machine's and is left out. A power bank that feeds a
-//! Jetson over USB-C or a barrel plug is not seen by the kernel at all; what is seen is the voltage of
-//! its input where an INA3221 measures it, which falls before an unregulated pack is empty. A power
-//! bank regulates its output: it gives no warning, so count the hours.
+//! Contract: [`Readings::read`] reads afresh; what the machine does not tell is absent. [`judge`]
+//! is pure. The battery of a mouse or a headset is not the machine's and is left out. A power bank
+//! that feeds a Jetson over USB-C or a barrel plug is not seen by the kernel at all; what is seen
+//! is the voltage of its input where an INA3221 measures it, which falls before an unregulated pack
+//! is empty. A power bank regulates its output: it gives no warning, so count the hours.
 //!
-//! Sources: `Documentation/ABI/testing/sysfs-class-power` and `Documentation/hwmon/ina3221.rst` of the kernel.
-//! Which rail is the input is the carrier board's business (`VDD_IN` on Orin NX and Nano modules; not run
-//! there), so the configuration names it.
+//! Sources: `Documentation/ABI/testing/sysfs-class-power` and `Documentation/hwmon/ina3221.rst` of
+//! the kernel. Which rail is the input is the carrier board's business (`VDD_IN` on Orin NX and
+//! Nano modules; not run there), so the configuration names it.
 
 use serde::Serialize;
 
@@ -187,7 +187,8 @@ pub fn judge(readings: &Readings, rail: Option<&str>) -> Power {
 
     let emptied = || batteries.iter().filter(|b| b.status == Status::Discharging);
     let is_emptied = emptied().next().is_some();
-    // Laptops empty one battery after the other: the power is that of those at work, the energy all.
+    // Laptops empty one battery after the other: the power is that of those at work, the energy
+    // all.
     let power: f64 = emptied().filter_map(|b| b.power_w).sum();
     let by_power = energy
         .filter(|_| is_emptied && power > 0.0)

@@ -1,14 +1,15 @@
 //! The clocks: how far civil time can be believed, and whether it was stepped.
 //!
-//! Recorded time is on `CLOCK_MONOTONIC`, which nobody can set. Civil time is known through the offset
-//! `CLOCK_REALTIME - CLOCK_MONOTONIC`. Slewing (chrony, NTP, PTP at work) speeds both clocks alike and leaves
-//! the offset as it is; it changes only when somebody sets the clock, at a leap second, and when the
-//! machine was suspended. So any change beyond what reading the clocks costs is an event, however small.
+//! Recorded time is on `CLOCK_MONOTONIC`, which nobody can set. Civil time is known through the
+//! offset `CLOCK_REALTIME - CLOCK_MONOTONIC`. Slewing (chrony, NTP, PTP at work) speeds both clocks
+//! alike and leaves the offset as it is; it changes only when somebody sets the clock, at a leap
+//! second, and when the machine was suspended. So any change beyond what reading the clocks costs
+//! is an event, however small.
 //!
-//! Contract: [`ClockWatch::judge`] is pure. It reports each step once, at the first look after it, with its
-//! size; two steps between two looks are one. A suspension is distinguished by `CLOCK_BOOTTIME`, which goes on
-//! through it. [`read()`] reads the clocks, [`StepAlarm`] wakes a thread at the very step, and a machine whose
-//! kernel refuses either only tells less.
+//! Contract: [`ClockWatch::judge`] is pure. It reports each step once, at the first look after it,
+//! with its size; two steps between two looks are one. A suspension is distinguished by
+//! `CLOCK_BOOTTIME`, which goes on through it. [`read()`] reads the clocks, [`StepAlarm`] wakes a
+//! thread at the very step, and a machine whose kernel refuses either only tells less.
 
 use serde::Serialize;
 

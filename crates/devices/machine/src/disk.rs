@@ -1,10 +1,11 @@
 //! The disk: what is free, for how long it lasts, and whether it is still there.
 //!
-//! Contract: [`reading`] asks the file system afresh; on a disk that hangs it hangs too. [`DiskWatch::judge`] is pure.
-//! The rate is what the free space has fallen by in the last [`WINDOW_NS`], by any writer; what is freed
-//! meanwhile neither hides it nor makes it negative. Until it has been watched for [`MIN_RATE_WINDOW_NS`] there is
-//! no rate and no time left, rather than a guess. Free space is what an ordinary user may still
-//! write, without the blocks that are held back for root. How long writes take is known by who writes.
+//! Contract: [`reading`] asks the file system afresh; on a disk that hangs it hangs too.
+//! [`DiskWatch::judge`] is pure. The rate is what the free space has fallen by in the last
+//! [`WINDOW_NS`], by any writer; what is freed meanwhile neither hides it nor makes it negative.
+//! Until it has been watched for [`MIN_RATE_WINDOW_NS`] there is no rate and no time left, rather
+//! than a guess. Free space is what an ordinary user may still write, without the blocks that are
+//! held back for root. How long writes take is known by who writes.
 
 use std::collections::VecDeque;
 use std::io;
@@ -81,7 +82,8 @@ pub struct DiskState {
     pub usable_bytes: Option<u64>,
     /// How fast free space falls, bytes per second; `None` before that is known.
     pub bytes_per_s: Option<f64>,
-    /// Until only the reserve is left, at this rate; `None` before it is known and while nothing is written.
+    /// Until only the reserve is left, at this rate; `None` before it is known and while nothing is
+    /// written.
     pub seconds_left: Option<f64>,
     /// Whether there are too few inodes for another session.
     pub low_inodes: bool,

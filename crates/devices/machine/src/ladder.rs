@@ -1,29 +1,31 @@
-//! What to do when the machine gets tight: a ladder of measures, each taken early enough to help and
-//! given back late enough not to flap.
+//! What to do when the machine gets tight: a ladder of measures, each taken early enough to help
+//! and given back late enough not to flap.
 //!
-//! Contract: [`Ladder::reading`] is pure but for what it remembers. It is handed what the other modules found,
-//! about once a second, and returns what changed, with the reason in words. A rung is entered when its
-//! reading has been beyond the threshold for its dwell time, and left when the reading has been
-//! better than a second, easier threshold for much longer. Of the last [`READINGS`] the middle one counts,
-//! so that a single glitch does nothing. A missing reading is no news for [`STALE_NS`]; then its sensor
-//! counts as absent, and the steps that it had requested are released. More pressure never leads to a lower step.
+//! Contract: [`Ladder::reading`] is pure but for what it remembers. It is handed what the other
+//! modules found, about once a second, and returns what changed, with the reason in words. A rung
+//! is entered when its reading has been beyond the threshold for its dwell time, and left when the
+//! reading has been better than a second, easier threshold for much longer. Of the last
+//! [`READINGS`] the middle one counts, so that a single glitch does nothing. A missing reading is
+//! no news for [`STALE_NS`]; then its sensor counts as absent, and the steps that it had requested
+//! are released. More pressure never leads to a lower step.
 //!
 //! Each cause goes only as far as helps against it (the table is in `ladder/limits.rs`):
 //!
-//! - **Heat** lowers the preview, then the frame rate, and stops just before the kernel would switch off.
-//!   It skips the bitrate, which hardly changes what an encoder computes.
-//! - **Throttling** lowers the preview only: it is the machine's own remedy. If it leaves too little for
-//!   the encoders, their queues say so.
+//! - **Heat** lowers the preview, then the frame rate, and stops just before the kernel would
+//!   switch off. It skips the bitrate, which hardly changes what an encoder computes.
+//! - **Throttling** lowers the preview only: it is the machine's own remedy. If it leaves too
+//!   little for the encoders, their queues say so.
 //! - **Encoder overload** lowers preview, bitrate, frame rate, and never stops: frames dropped on a
 //!   regular grid are better than at random, and either is better than none.
-//! - **Battery** and **supply** warn, lower the preview and stop before the machine goes dark. The cameras
-//!   and the processor draw nearly the same at a lower rate: the walk would get a minute longer and
-//!   all of it worse.
-//! - **Disk** lowers the bitrate, then stops. The preview is not stored, and frames left out never come
-//!   back, while a lower bitrate doubles what is left.
+//! - **Battery** and **supply** warn, lower the preview and stop before the machine goes dark. The
+//!   cameras and the processor draw nearly the same at a lower rate: the walk would get a minute
+//!   longer and all of it worse.
+//! - **Disk** lowers the bitrate, then stops. The preview is not stored, and frames left out never
+//!   come back, while a lower bitrate doubles what is left.
 //!
-//! A step that relieves its own cause immediately (all that is done for an encoder, the bitrate for the disk) is kept
-//! until the next recording begins: that a measure works is no sign that it is no longer needed.
+//! A step that relieves its own cause immediately (all that is done for an encoder, the bitrate for
+//! the disk) is kept until the next recording begins: that a measure works is no sign that it is no
+//! longer needed.
 
 use serde::Serialize;
 
@@ -105,7 +107,8 @@ pub struct Change {
     pub text: String,
 }
 
-/// What is to be done now. Each stands alone: a full disk lowers the bitrate and leaves the preview.
+/// What is to be done now. Each stands alone: a full disk lowers the bitrate and leaves the
+/// preview.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize)]
 pub struct Mitigations {
     /// The operator is notified.

@@ -1,19 +1,22 @@
-//! What a recorder asks of the kernel: to run immediately when a frame arrives, and not to wait for its own
-//! memory.
+//! What a recorder asks of the kernel: to run immediately when a frame arrives, and not to wait for
+//! its own memory.
 //!
-//! Contract: nothing here fails. Each call says what was achieved, or why not and what to set in the
-//! unit; a recorder without either records all the same, and is only later when the machine is busy.
+//! Contract: nothing here fails. Each call says what was achieved, or why not and what to set in
+//! the unit; a recorder without either records all the same, and is only later when the machine is
+//! busy.
 //!
-//! **Scheduling.** `SCHED_RR` at a low priority goes before everything ordinary and behind the kernel's own
-//! threads (50) and the Jetson's daemons. Threads that a real-time thread starts are ordinary again
-//! (`SCHED_RESET_ON_FORK`): an encoder at real-time priority would starve the machine. Only for threads that
-//! wait nearly all the time; sched(7) says how much of each second is left to others.
+//! **Scheduling.** `SCHED_RR` at a low priority goes before everything ordinary and behind the
+//! kernel's own threads (50) and the Jetson's daemons. Threads that a real-time thread starts are
+//! ordinary again (`SCHED_RESET_ON_FORK`): an encoder at real-time priority would starve the
+//! machine. Only for threads that wait nearly all the time; sched(7) says how much of each second
+//! is left to others.
 //!
-//! **Memory.** `mlockall` with `MCL_ONFAULT`: touched pages remain in memory, what is only reserved costs
-//! nothing. Without it, every stack and every arena that GStreamer reserves is filled immediately: a pipeline
-//! with three software encoders (1280x720, x264) took 207 MB at most instead of 97 MB, and 88 MB
-//! this way. A limit that is not unlimited is worse than no lock: reserved memory counts against
-//! it, and the allocation that exceeds it fails (16 MiB did under a limit of 8 MiB).
+//! **Memory.** `mlockall` with `MCL_ONFAULT`: touched pages remain in memory, what is only reserved
+//! costs nothing. Without it, every stack and every arena that GStreamer reserves is filled
+//! immediately: a pipeline with three software encoders (1280x720, x264) took 207 MB at most
+//! instead of 97 MB, and 88 MB this way. A limit that is not unlimited is worse than no lock:
+//! reserved memory counts against it, and the allocation that exceeds it fails (16 MiB did under a
+//! limit of 8 MiB).
 
 use std::io;
 
@@ -79,8 +82,8 @@ fn no_real_time(priority: u8, is_within_limit: bool) -> String {
     }
 }
 
-/// Keeps this process's memory from being swapped or dropped, now and from now on, page by page as it is
-/// touched.
+/// Keeps this process's memory from being swapped or dropped, now and from now on, page by page as
+/// it is touched.
 pub fn lock_memory(roots: &Roots) -> Outcome {
     let limit = getrlimit(Resource::Memlock).current;
     if let (Some(limit), false) = (limit, may_lock_anything(roots)) {
@@ -165,7 +168,8 @@ mod tests {
             (outcome, unsafe { libc::sched_getscheduler(0) })
         });
         let (outcome, policy) = thread.join().unwrap();
-        // Whether it is allowed depends on who runs the test; that it is reported correctly does not.
+        // Whether it is allowed depends on who runs the test; that it is reported correctly does
+        // not.
         let is_real_time = policy == libc::SCHED_RR | libc::SCHED_RESET_ON_FORK;
         assert_eq!(
             outcome == Outcome::Achieved,

@@ -85,8 +85,8 @@ pub(crate) mod fake {
     use super::*;
     use tempfile::TempDir;
 
-    /// A root in which each line of `files`, `path = text`, is a file and each `path -> path` a link
-    /// to another place in the root.
+    /// A root in which each line of `files`, `path = text`, is a file and each `path -> path` a
+    /// link to another place in the root.
     pub(crate) fn tree(files: &str) -> (TempDir, Roots) {
         let root = tempfile::tempdir().unwrap();
         for line in files.lines().map(str::trim).filter(|l| !l.is_empty()) {

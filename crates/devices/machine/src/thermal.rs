@@ -1,16 +1,18 @@
 //! Heat: how hot, how far from being slowed, and whether the machine is slowed already.
 //!
-//! Contract: [`Readings::read`] reads afresh; a sensor that is switched off or tells nonsense counts as
-//! none. [`Thermometer::judge`] is pure but for what it remembers: the highest clock limit it has seen and
-//! the last counts of events. So what was set before the first look (a power mode, say) is no
-//! throttling, and what comes later is. `throttled` is `None` where nothing would tell.
+//! Contract: [`Readings::read`] reads afresh; a sensor that is switched off or tells nonsense
+//! counts as none. [`Thermometer::judge`] is pure but for what it remembers: the highest clock
+//! limit it has seen and the last counts of events. So what was set before the first look (a power
+//! mode, say) is no throttling, and what comes later is. `throttled` is `None` where nothing would
+//! tell.
 //!
-//! Sources: `Documentation/driver-api/thermal/sysfs-api.rst` and `Documentation/admin-guide/pm/cpufreq.rst`
-//! of the kernel. On a Jetson Orin (not run there): the passive trip at 70 °C only drives
-//! `hot-surface-alert`, which slows nothing, so a trip counts by the cooling devices that are bound to
-//! it; `*-throttle-alert` tell throttling; `oc1_event_cnt` and `oc2_event_cnt` of `soctherm_oc` count too low
-//! a voltage and too high an average current, each answered with lower clocks. `oc3` counts peaks of
-//! microseconds, several a second in normal work, and is left out.
+//! Sources: `Documentation/driver-api/thermal/sysfs-api.rst` and
+//! `Documentation/admin-guide/pm/cpufreq.rst` of the kernel. On a Jetson Orin (not run there): the
+//! passive trip at 70 °C only drives `hot-surface-alert`, which slows nothing, so a trip counts by
+//! the cooling devices that are bound to it; `*-throttle-alert` tell throttling; `oc1_event_cnt`
+//! and `oc2_event_cnt` of `soctherm_oc` count too low a voltage and too high an average current,
+//! each answered with lower clocks. `oc3` counts peaks of microseconds, several a second in normal
+//! work, and is left out.
 
 use std::collections::BTreeMap;
 
@@ -205,7 +207,8 @@ fn events(roots: &Roots) -> BTreeMap<String, i64> {
 }
 
 /// Whether a cooling device of this type cools by making the processors slower. A fan does not;
-/// others only dim a screen or announce (`LCD`, `hot-surface-alert`), or count in settings (`TCC Offset`).
+/// others only dim a screen or announce (`LCD`, `hot-surface-alert`), or count in settings
+/// (`TCC Offset`).
 fn slows(kind: &str) -> bool {
     let kind = kind.to_ascii_lowercase();
     [

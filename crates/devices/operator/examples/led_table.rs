@@ -1,7 +1,8 @@
 //! Writes the table of lights into `docs/`: `cargo run -p operator --example led_table`.
 //!
 //! The PNG beside it is the SVG as Chromium draws it:
-//! `chromium --headless --screenshot=docs/images/led-table.png --window-size=1123,794 --force-device-scale-factor=2 --hide-scrollbars docs/images/led-table.svg`
+//! `chromium --headless --screenshot=docs/images/led-table.png --window-size=1123,794
+//! --force-device-scale-factor=2 --hide-scrollbars docs/images/led-table.svg`
 
 use std::fs;
 use std::io;

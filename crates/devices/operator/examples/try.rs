@@ -1,11 +1,12 @@
-//! Button, lights and beepers on the bench, without a recorder: what is pressed is printed and shown as if it recorded.
+//! Button, lights and beepers on the bench, without a recorder: what is pressed is printed and
+//! shown as if it recorded.
 //!
 //! ```text
 //! cargo run -p operator --example try -- button=gpio:record-button light=sysfs:status beeper=gpio:beeper for=30
 //! ```
 //!
-//! `for=SECONDS` ends it; otherwise it runs until it is interrupted. What can be written after each word:
-//! `operator::spec`. Without any word it lists what this machine has.
+//! `for=SECONDS` ends it; otherwise it runs until it is interrupted. What can be written after each
+//! word: `operator::spec`. Without any word it lists what this machine has.
 
 use std::error::Error;
 use std::sync::Arc;

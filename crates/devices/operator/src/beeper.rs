@@ -1,8 +1,8 @@
 //! Where sound goes: a beeper on a GPIO line, or an input device that plays tones.
 //!
 //! Contract of a [`Beeper`]: it sounds as last commanded until the next command, and is silent when
-//! it is dropped. Sounding takes no longer than the system call. An error leaves it usable. A beeper on a
-//! line knows no pitch.
+//! it is dropped. Sounding takes no longer than the system call. An error leaves it usable. A
+//! beeper on a line knows no pitch.
 
 use std::io;
 
@@ -67,7 +67,8 @@ impl Beeper for LineBeeper {
     }
 }
 
-/// An input device with `SND_TONE`, like the PC speaker or a PWM beeper. After an error it is opened again.
+/// An input device with `SND_TONE`, like the PC speaker or a PWM beeper. After an error it is
+/// opened again.
 #[derive(Debug)]
 pub(crate) struct ToneBeeper {
     spec: InputDevice,

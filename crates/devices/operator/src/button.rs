@@ -1,11 +1,12 @@
 //! Where presses come from: GPIO lines, keys of input devices, bits of HID reports.
 //!
-//! Contract of a [`Button`]: edges come in the order in which they happened, with the kernel's time where
-//! it gives one (GPIO and keys; a HID report has the time at which it was read). A key that repeats by
-//! itself gives no edges. Lost edges are compensated: the level is read again and a change
-//! is an edge. A button that is held when it is opened gives no press, only its release. When the device
-//! is unplugged, waiting ends with [`DeviceError::Gone`] and the button is of no more use; open it again
-//! when it is back, which [`Port::wait`] waits for. Bouncing is left in unless [`Button::is_debounced`].
+//! Contract of a [`Button`]: edges come in the order in which they happened, with the kernel's time
+//! where it gives one (GPIO and keys; a HID report has the time at which it was read). A key that
+//! repeats by itself gives no edges. Lost edges are compensated: the level is read again and a
+//! change is an edge. A button that is held when it is opened gives no press, only its release.
+//! When the device is unplugged, waiting ends with [`DeviceError::Gone`] and the button is of no
+//! more use; open it again when it is back, which [`Port::wait`] waits for. Bouncing is left in
+//! unless [`Button::is_debounced`].
 
 use std::io;
 use std::path::Path;
@@ -45,10 +46,12 @@ pub enum Next {
 
 /// An open button.
 pub trait Button: Send {
-    /// Waits for the next edge, at most for `timeout` (for ever if none) or until `waker` is called.
+    /// Waits for the next edge, at most for `timeout` (for ever if none) or until `waker` is
+    /// called.
     ///
     /// # Errors
-    /// [`DeviceError::Gone`] when it was unplugged, [`DeviceError::Io`] when the system refuses to read.
+    /// [`DeviceError::Gone`] when it was unplugged, [`DeviceError::Io`] when the system refuses to
+    /// read.
     fn next(&mut self, timeout: Option<Duration>, waker: &Waker) -> Result<Next, DeviceError>;
 
     /// Whether edges come without bouncing.
@@ -66,8 +69,8 @@ pub trait Port: Send {
     /// See [`DeviceError`].
     fn open(&mut self) -> Result<Box<dyn Button>, DeviceError>;
 
-    /// Waits until it is worth opening again, at most for `timeout` or until `waker` is called. A device that came
-    /// between the last [`Port::open`] and this call ends the wait immediately.
+    /// Waits until it is worth opening again, at most for `timeout` or until `waker` is called. A
+    /// device that came between the last [`Port::open`] and this call ends the wait immediately.
     ///
     /// # Errors
     /// What the system said.
@@ -108,7 +111,8 @@ impl DevPort {
         })
     }
 
-    /// Forgets what came, and looks out from now on. The folder of input devices comes with the first of them.
+    /// Forgets what came, and looks out from now on. The folder of input devices comes with the
+    /// first of them.
     fn look_out(&self) -> io::Result<()> {
         let flags = inotify::WatchFlags::CREATE | inotify::WatchFlags::ATTRIB;
         inotify::add_watch(&self.arrivals, "/dev", flags)?;

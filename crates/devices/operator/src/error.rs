@@ -56,8 +56,8 @@ pub enum DeviceError {
 }
 
 impl DeviceError {
-    /// Sorts what the system said by what is to be done about it. `what` names the device, `mend` says who
-    /// may use it.
+    /// Sorts what the system said by what is to be done about it. `what` names the device, `mend`
+    /// says who may use it.
     pub(crate) fn from_io(
         doing: &'static str,
         what: &str,

@@ -1,7 +1,8 @@
-//! What this machine has that could be a button, a light or a beeper, as it would stand in a configuration.
+//! What this machine has that could be a button, a light or a beeper, as it would stand in a
+//! configuration.
 //!
-//! Contract: a look, not a test: nothing is set or pressed. What cannot be opened is listed with what
-//! mends it. Nothing found is an empty list. Sorted, so that two looks compare.
+//! Contract: a look, not a test: nothing is set or pressed. What cannot be opened is listed with
+//! what mends it. Nothing found is an empty list. Sorted, so that two looks compare.
 
 use std::fs;
 use std::path::Path;

@@ -7,16 +7,18 @@
 //! | held for 1.5 s | [`Command::Ask`] about the last recording | [`Command::Ask`] about this one |
 //! | short press within 5 s of that | [`Command::Discard`] | [`Command::Discard`] |
 //!
-//! Contract: whether it records is looked at when a press begins, so a press that was meant to start
-//! never stops. A start needs no waiting for a second press, because the recorder keeps the second before. A
-//! gesture gives one command; presses that follow its end within 350 ms still belong to it and mean nothing.
-//! A question that nobody confirms is [`Command::Cancelled`], as is one that is answered with another long press or
-//! whose recording began or ended meanwhile: nothing is discarded on an answer to another question. A
-//! level that lasts less than the debounce time is nobody's. A button held for 10 s is [`Command::Stuck`] and
-//! means nothing until it is released ([`Command::Freed`]).
+//! Contract: whether it records is looked at when a press begins, so a press that was meant to
+//! start never stops. A start needs no waiting for a second press, because the recorder keeps the
+//! second before. A gesture gives one command; presses that follow its end within 350 ms still
+//! belong to it and mean nothing. A question that nobody confirms is [`Command::Cancelled`], as is
+//! one that is answered with another long press or whose recording began or ended meanwhile:
+//! nothing is discarded on an answer to another question. A level that lasts less than the debounce
+//! time is nobody's. A button held for 10 s is [`Command::Stuck`] and means nothing until it is
+//! released ([`Command::Freed`]).
 //!
-//! Late: [`Gesture::look`] may come at any time after [`Gesture::deadline`]; what it says carries the right times, and
-//! edges that are handed in late are sorted out by their own times. They must come in order.
+//! Late: [`Gesture::look`] may come at any time after [`Gesture::deadline`]; what it says carries
+//! the right times, and edges that are handed in late are sorted out by their own times. They must
+//! come in order.
 
 use crate::NS_PER_MS;
 use crate::button::Edge;
@@ -58,8 +60,8 @@ pub enum Command {
 /// A command and its time.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct TimedCommand {
-    /// When the press that it came from began, the first of two. For [`Command::Cancelled`] and [`Command::Freed`]: when
-    /// that happened.
+    /// When the press that it came from began, the first of two. For [`Command::Cancelled`]
+    /// and [`Command::Freed`]: when that happened.
     pub at_ns: i64,
     /// The command.
     pub command: Command,
@@ -111,7 +113,8 @@ enum State {
     Between { first: i64, until: i64 },
     /// The question is shown and the button still held.
     Asking { at: i64, target: Target },
-    /// The question stands until `until`. What begins before `from` is still the long press's bouncing finger.
+    /// The question stands until `until`. What begins before `from` is still the long press's
+    /// bouncing finger.
     Asked {
         target: Target,
         from: i64,
@@ -137,7 +140,8 @@ impl Gesture {
         }
     }
 
-    /// A button that was just opened, which is taken to be up, and how long its levels must last to count.
+    /// A button that was just opened, which is taken to be up, and how long its levels must last to
+    /// count.
     pub(crate) fn opened(&mut self, debounce_ns: i64) {
         self.settings.debounce_ns = debounce_ns;
         self.debounce = Debounce::new(debounce_ns);
@@ -169,8 +173,8 @@ impl Gesture {
         self.debounce.deadline().or_else(|| self.timeout())
     }
 
-    /// The button was unplugged. A press that was going on is forgotten, a question is taken away; a stop
-    /// that waits for a second press is kept.
+    /// The button was unplugged. A press that was going on is forgotten, a question is taken away;
+    /// a stop that waits for a second press is kept.
     pub fn gone(&mut self, now_ns: i64) -> Vec<TimedCommand> {
         self.debounce = Debounce::new(self.settings.debounce_ns);
         let command = match self.state {

@@ -2,20 +2,21 @@
 //!
 //! Two halves that know nothing of one another, nor of recording:
 //!
-//! - **In**: a [`button`] gives edges with their times, a [`gesture::Gesture`] makes commands of them, and a
-//!   [`listener::Listener`] does both on a thread, through unplugging and return.
-//! - **Out**: what there is to tell is a [`signal::Signal`]; a [`pattern`] says how it blinks and beeps; a
-//!   [`panel::Panel`] shows it on every [`light`] and [`beeper`].
+//! - **In**: a [`button`] gives edges with their times, a [`gesture::Gesture`] makes commands of
+//!   them, and a [`listener::Listener`] does both on a thread, through unplugging and return.
+//! - **Out**: what there is to tell is a [`signal::Signal`]; a [`pattern`] says how it blinks and
+//!   beeps; a [`panel::Panel`] shows it on every [`light`] and [`beeper`].
 //!
-//! What each light means, to print: [`table`], and `docs/reference/led-table.md` that is made from it. What a machine
-//! has to offer: [`found`].
+//! What each light means, to print: [`table`], and `docs/reference/led-table.md` that is made from
+//! it. What a machine has to offer: [`found`].
 //!
-//! Contract: nothing here stops a recording or waits for one. A command is reported once, with the time of the
-//! press that began it. A button that goes away is reported and waited for; a light that fails is logged once
-//! and tried again. Times are integer nanoseconds on CLOCK_MONOTONIC and come in from a [`Clock`].
+//! Contract: nothing here stops a recording or waits for one. A command is reported once, with the
+//! time of the press that began it. A button that goes away is reported and waited for; a light
+//! that fails is logged once and tried again. Times are integer nanoseconds on CLOCK_MONOTONIC and
+//! come in from a [`Clock`].
 //!
-//! Run in a virtual machine on the kernel's simulated GPIO lines and input devices; never yet on the pins
-//! of a Jetson.
+//! Run in a virtual machine on the kernel's simulated GPIO lines and input devices; never yet on
+//! the pins of a Jetson.
 
 use std::sync::Arc;
 

@@ -1,8 +1,8 @@
 //! Where light goes: GPIO lines, LEDs of the kernel.
 //!
-//! Contract of a [`Light`]: it shows the last commanded state until the next command, and goes dark when it
-//! is dropped. Showing takes no longer than the system call. An error leaves the light usable: the next call
-//! tries again. Who reports errors once is the [`panel`](crate::panel).
+//! Contract of a [`Light`]: it shows the last commanded state until the next command, and goes dark
+//! when it is dropped. Showing takes no longer than the system call. An error leaves the light
+//! usable: the next call tries again. Who reports errors once is the [`panel`](crate::panel).
 
 use std::io;
 

@@ -1,10 +1,11 @@
 //! A button on a thread: commands are reported as they are made.
 //!
-//! Contract: each command is reported once, in order, from the listener's own thread, which waits for the callback; be quick. A
-//! button that goes, or is not there, is reported once ([`ButtonEvent::Disconnected`]), and so is its return ([`ButtonEvent::Reconnected`]). While it is
-//! away the thread waits for device nodes to appear or to change their permissions, and tries at least every
-//! 10 s for what shows no such change. Without presses the thread never wakes. Dropping the listener ends it;
-//! a stop that waits for a second press at that moment is not told.
+//! Contract: each command is reported once, in order, from the listener's own thread, which waits
+//! for the callback; be quick. A button that goes, or is not there, is reported once
+//! ([`ButtonEvent::Disconnected`]), and so is its return ([`ButtonEvent::Reconnected`]). While it
+//! is away the thread waits for device nodes to appear or to change their permissions, and tries at
+//! least every 10 s for what shows no such change. Without presses the thread never wakes. Dropping
+//! the listener ends it; a stop that waits for a second press at that moment is not told.
 
 use std::io;
 use std::sync::Arc;
@@ -40,7 +41,8 @@ pub struct Listener {
 }
 
 impl Listener {
-    /// Listens to the button of `port`. `recording` says whether it records now; `tell` is called on the listener's thread.
+    /// Listens to the button of `port`. `recording` says whether it records now; `tell` is called
+    /// on the listener's thread.
     ///
     /// # Errors
     /// The system has no thread or file descriptor left.

@@ -1,11 +1,12 @@
 //! Shows what there is to tell on every light and beeper.
 //!
-//! Contract: [`Indicator`] is pure: it takes states and events with times, and returns what to show at a time and when that changes next. A
-//! [`Panel`] runs one on a thread. [`Panel::set`] and [`Panel::play`] never wait for a device. Only the latest
-//! status and the latest answer are kept, so nothing queues up and nothing newer is lost behind something
-//! older. The thread wakes at a new state and when a pattern steps: never while the light is
-//! steady and the beeper silent, nor where there is neither. A light or beeper that fails is logged once, tried again at every change,
-//! and logged once more when it works; the others go on. Dropping the panel leaves it dark and silent.
+//! Contract: [`Indicator`] is pure: it takes states and events with times, and returns what to show
+//! at a time and when that changes next. A [`Panel`] runs one on a thread. [`Panel::set`] and
+//! [`Panel::play`] never wait for a device. Only the latest status and the latest answer are kept,
+//! so nothing queues up and nothing newer is lost behind something older. The thread wakes at a new
+//! state and when a pattern steps: never while the light is steady and the beeper silent, nor where
+//! there is neither. A light or beeper that fails is logged once, tried again at every change, and
+//! logged once more when it works; the others go on. Dropping the panel leaves it dark and silent.
 
 use std::io;
 use std::sync::{Arc, Condvar, Mutex, MutexGuard, PoisonError};
@@ -81,8 +82,8 @@ impl Indicator {
         }
     }
 
-    /// From now on this is the case. An unchanged state keeps its rhythm. A recording that begins is reported by
-    /// [`Once::Started`].
+    /// From now on this is the case. An unchanged state keeps its rhythm. A recording that begins
+    /// is reported by [`Once::Started`].
     pub fn set(&mut self, status: &Status, now_ns: i64) {
         let signal = status.signal();
         if signal != self.lasting.signal {

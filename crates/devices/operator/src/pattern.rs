@@ -1,18 +1,20 @@
 //! How each signal blinks and beeps. Pure.
 //!
-//! A light of one colour tells by rhythm alone; a coloured light has the same rhythm and tells by colour
-//! too. The idea is that of Meta's Aria Gen 2 glasses (device manual, table of light states): recording is a
-//! blink and then steady white, orange is battery, heat or storage, red is an error. Ours adds that a warning
-//! still says whether it records: while recording the light is on and goes out briefly, while not
-//! recording it is off and flashes. The four warnings are rhythms of short and long:
+//! A light of one colour tells by rhythm alone; a coloured light has the same rhythm and tells by
+//! colour too. The idea is that of Meta's Aria Gen 2 glasses (device manual, table of light
+//! states): recording is a blink and then steady white, orange is battery, heat or storage, red is
+//! an error. Ours adds that a warning still says whether it records: while recording the light is
+//! on and goes out briefly, while not recording it is off and flashes. The four warnings are
+//! rhythms of short and long:
 //!
 //! | `· ·` | `· · ·` | `· – ·` | `– ·` |
 //! |---|---|---|---|
 //! | storage | battery | heat | stream |
 //!
-//! Contract, held by tests that compare every rhythm with every other at every phase: in one colour, what
-//! is seen within 1 s differs between any two [meanings](crate::signal::Meaning) for at least [`APART_MS`]; what is seen within 2 s differs so between any two signals.
-//! Answers last 1 s and are seen from their start. A steady light has no next change.
+//! Contract, held by tests that compare every rhythm with every other at every phase: in one
+//! colour, what is seen within 1 s differs between any two [meanings](crate::signal::Meaning) for
+//! at least [`APART_MS`]; what is seen within 2 s differs so between any two signals. Answers last
+//! 1 s and are seen from their start. A steady light has no next change.
 
 use crate::NS_PER_MS;
 use crate::signal::{Once, Phase, Signal, Warning};
@@ -129,8 +131,8 @@ impl Pattern {
         self.steps.iter().map(|(_, ms)| ms).sum()
     }
 
-    /// What is shown `since_ns` after its start (none once it is over), and when after its start that changes
-    /// (none: never).
+    /// What is shown `since_ns` after its start (none once it is over), and when after its start
+    /// that changes (none: never).
     pub fn at(&self, since_ns: i64) -> (Option<LightState>, Option<i64>) {
         if let ([(state, _)], true) = (&self.steps[..], self.repeats) {
             return (Some(*state), None);

@@ -15,8 +15,8 @@
 //! beeper = "evdev:name=PC Speaker"                     with pitch
 //! ```
 //!
-//! Contract: what is written by [`std::fmt::Display`] reads back as the same. Anything that is not understood is an error that
-//! names the word and what could stand there; nothing is ignored.
+//! Contract: what is written by [`std::fmt::Display`] reads back as the same. Anything that is not
+//! understood is an error that names the word and what could stand there; nothing is ignored.
 
 use std::fmt;
 use std::path::PathBuf;
@@ -27,7 +27,8 @@ use evdev::KeyCode;
 
 /// The key that a record button has if none is named.
 const RECORD_KEY: KeyCode = KeyCode::KEY_RECORD;
-/// How long a button's level must last to count, if nothing is said: most contacts rest within 5 ms.
+/// How long a button's level must last to count, if nothing is said: most contacts rest within 5
+/// ms.
 const DEBOUNCE: Duration = Duration::from_millis(20);
 
 /// A text that is no button, light or beeper.
@@ -49,8 +50,8 @@ pub enum Line {
         /// Which of its lines, from 0.
         offset: u32,
     },
-    /// By the name that firmware or device tree gave it. Chips may change their numbers from boot to boot;
-    /// names stay.
+    /// By the name that firmware or device tree gave it. Chips may change their numbers from boot
+    /// to boot; names stay.
     Named(String),
 }
 

@@ -1,7 +1,8 @@
 //! The table of lights and beeps, to print on one page: as an image and as text.
 //!
-//! Made from the [patterns](crate::pattern) themselves, so it cannot say anything else than the light does. `cargo run -p operator --example
-//! led_table` writes both into `docs/`; a test holds them to what this module makes.
+//! Made from the [patterns](crate::pattern) themselves, so it cannot say anything else than the
+//! light does. `cargo run -p operator --example led_table` writes both into `docs/`; a test holds
+//! them to what this module makes.
 
 use std::fmt::Write;
 

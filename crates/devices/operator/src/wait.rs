@@ -1,4 +1,5 @@
-//! Waiting for devices, for a time, or to be called, whichever is first. No sleeping, no looking again.
+//! Waiting for devices, for a time, or to be called, whichever is first. No sleeping, no looking
+//! again.
 
 use std::io;
 use std::os::fd::{AsFd, BorrowedFd, OwnedFd};
@@ -7,7 +8,8 @@ use std::time::Duration;
 
 use rustix::event::{EventfdFlags, PollFd, PollFlags, Timespec, eventfd, poll};
 
-/// Ends somebody's waiting from another thread. A call that comes before the wait ends it immediately.
+/// Ends somebody's waiting from another thread. A call that comes before the wait ends it
+/// immediately.
 #[derive(Clone, Debug)]
 pub struct Waker(Arc<OwnedFd>);
 
@@ -43,8 +45,8 @@ impl Waker {
     }
 }
 
-/// Waits for `devices`, for `timeout` (for ever if none) or for `waker`. A signal to the process ends it
-/// early as [`Woke::Time`].
+/// Waits for `devices`, for `timeout` (for ever if none) or for `waker`. A signal to the process
+/// ends it early as [`Woke::Time`].
 pub(crate) fn wait(
     devices: &[BorrowedFd<'_>],
     waker: &Waker,

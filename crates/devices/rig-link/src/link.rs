@@ -238,8 +238,8 @@ pub fn is_file_path(path: &str) -> bool {
         && !DERIVED.contains(&path)
 }
 
-/// Whether a folder with this name may be a session: letters, digits, `-`, `_` and `.`, not beginning
-/// with a dot, at most 100.
+/// Whether a folder with this name may be a session: letters, digits, `-`, `_` and `.`, not
+/// beginning with a dot, at most 100.
 pub(crate) fn is_session_name(name: &str) -> bool {
     let plain = |b: u8| b.is_ascii_alphanumeric() || b"-_.".contains(&b);
     (1..=100).contains(&name.len()) && !name.starts_with('.') && name.bytes().all(plain)

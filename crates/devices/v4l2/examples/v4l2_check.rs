@@ -1,4 +1,5 @@
-//! Checks V4L2 cameras: the nodes, their modes and controls, and whether frames arrive completely and in time.
+//! Checks V4L2 cameras: the nodes, their modes and controls, and whether frames arrive completely
+//! and in time.
 //!
 //! ```text
 //! cargo run -p v4l2 --example v4l2_check                                        lists nodes, modes and controls
@@ -6,8 +7,9 @@
 //!      --fourcc YUYV   --buffers 4   --set CONTROL=VALUE
 //! ```
 //!
-//! A line per camera has the frames, missing numbers, damaged and short frames, the time from one frame to the next by the
-//! driver's timestamps, and the age of a frame at its delivery. Exits with 1 if a camera did not deliver all frames.
+//! A line per camera has the frames, missing numbers, damaged and short frames, the time from one
+//! frame to the next by the driver's timestamps, and the age of a frame at its delivery. Exits with
+//! 1 if a camera did not deliver all frames.
 #![expect(
     clippy::disallowed_methods,
     reason = "a program for people at a desk; it reads the clock to compute the age of frames"

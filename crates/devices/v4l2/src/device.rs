@@ -1,10 +1,11 @@
 //! A camera that is open: what it can do and what it is set to.
 //!
-//! Opening disturbs no one: it neither takes the camera nor changes it. Setting a mode refuses whatever
-//! the camera made of the request, unless it is the request; nothing is taken silently. Settings outlive
-//! the program, in the camera: write them and [`write_and_check`](Camera::write_and_check) at every start.
-//! A camera that was unplugged answers everything with [`CameraError::Gone`], from then on for good; one
-//! that returns has to be opened again.
+//! Opening disturbs no one: it neither takes the camera nor changes it. Setting a mode refuses
+//! whatever the camera made of the request, unless it is the request; nothing is taken silently.
+//! Settings outlive the program, in the camera: write them and
+//! [`write_and_check`](Camera::write_and_check) at every start. A camera that was unplugged answers
+//! everything with [`CameraError::Gone`], from then on for good; one that returns has to be opened
+//! again.
 
 use std::fs::{File, OpenOptions};
 use std::io;
@@ -142,8 +143,8 @@ impl Camera {
     ///
     /// # Errors
     /// [`NoPermission`](CameraError::NoPermission), [`Gone`](CameraError::Gone),
-    /// [`NotACamera`](CameraError::NotACamera), or [`Io`](CameraError::Io). A camera that another program
-    /// streams from can be opened; taking its stream is [`Busy`](CameraError::Busy) then.
+    /// [`NotACamera`](CameraError::NotACamera), or [`Io`](CameraError::Io). A camera that another
+    /// program streams from can be opened; taking its stream is [`Busy`](CameraError::Busy) then.
     pub fn open(path: &Path) -> Result<Self, CameraError> {
         let camera = Self::open_any(path)?;
         let not_a_camera = |why: &str| CameraError::NotACamera {

@@ -1,12 +1,13 @@
 //! Waits until a device node appears, changes or goes.
 //!
-//! Watch first, then look, then wait: a node that appears between looking and waiting is not missed. A
-//! new node is reported when it is created and again when its permissions are set, so one that could not be
-//! opened at first is to be tried again at [`Change::Changed`]. Nodes of cameras and of HID devices are in
-//! `/dev` itself; links in `/dev/v4l/by-path` come later, by udev, in a folder that goes with its last link.
+//! Watch first, then look, then wait: a node that appears between looking and waiting is not
+//! missed. A new node is reported when it is created and again when its permissions are set, so one
+//! that could not be opened at first is to be tried again at [`Change::Changed`]. Nodes of cameras
+//! and of HID devices are in `/dev` itself; links in `/dev/v4l/by-path` come later, by udev, in a
+//! folder that goes with its last link.
 //!
-//! Nothing is polled, and no clock is read. Early, late and in bursts: every change is delivered once, in
-//! order, unless the kernel's queue has run over, which is reported ([`Change::Lost`]).
+//! Nothing is polled, and no clock is read. Early, late and in bursts: every change is delivered
+//! once, in order, unless the kernel's queue has run over, which is reported ([`Change::Lost`]).
 
 use std::collections::VecDeque;
 use std::ffi::OsStr;
@@ -92,8 +93,8 @@ impl Watch {
         self.wait_for(timeout, |_| true)
     }
 
-    /// The next change that matches `wanted`, or none once `timeout` is over. Other changes are discarded; give
-    /// [`Change::Lost`] a thought.
+    /// The next change that matches `wanted`, or none once `timeout` is over. Other changes are
+    /// discarded; give [`Change::Lost`] a thought.
     ///
     /// # Errors
     /// A system call fails.

@@ -19,11 +19,12 @@
 //! # Ok::<(), Box<dyn std::error::Error>>(())
 //! ```
 //!
-//! `cargo run -p v4l2 --example v4l2_check` lists the cameras of a machine; with `capture` it checks their frames.
+//! `cargo run -p v4l2 --example v4l2_check` lists the cameras of a machine; with `capture` it
+//! checks their frames.
 //!
 //! The crate knows nothing of sessions, of GStreamer, or of what the frames are for. Single-planar
-//! capture with mapped buffers only; that is what USB cameras offer. It was run on the kernel's `vivid`
-//! cameras; on a USB camera, extension units included, it was never run.
+//! capture with mapped buffers only; that is what USB cameras offer. It was run on the kernel's
+//! `vivid` cameras; on a USB camera, extension units included, it was never run.
 
 #[cfg(not(all(
     target_os = "linux",

@@ -90,8 +90,8 @@ impl FromStr for Fourcc {
     }
 }
 
-/// Time from one frame to the next, as a fraction of seconds. Equal ones are written equally; whether two are
-/// the same rate says [`is_about`](Self::is_about).
+/// Time from one frame to the next, as a fraction of seconds. Equal ones are written equally;
+/// whether two are the same rate says [`is_about`](Self::is_about).
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Interval {
     /// Seconds times the denominator.
@@ -117,8 +117,8 @@ impl Interval {
         f64::from(self.denominator) / f64::from(self.numerator)
     }
 
-    /// Whether the rates are the same to 1/2000. Drivers count in microseconds or in units of 100 ns, so
-    /// 1/30 comes back as 333333/10000000; 29.97 against 30 is 1/1000 and is another rate.
+    /// Whether the rates are the same to 1/2000. Drivers count in microseconds or in units of 100
+    /// ns, so 1/30 comes back as 333333/10000000; 29.97 against 30 is 1/1000 and is another rate.
     pub fn is_about(self, other: Self) -> bool {
         let a = u64::from(self.numerator) * u64::from(other.denominator);
         let b = u64::from(other.numerator) * u64::from(self.denominator);
@@ -304,7 +304,8 @@ impl fmt::Display for Intervals {
 pub struct SizeModes {
     /// Sizes.
     pub sizes: Sizes,
-    /// Intervals; of the largest size where there are several. Empty where the driver does not tell.
+    /// Intervals; of the largest size where there are several. Empty where the driver does not
+    /// tell.
     pub intervals: Vec<Intervals>,
 }
 
@@ -324,8 +325,8 @@ pub struct Modes {
 }
 
 impl Modes {
-    /// Whether the camera says that it can do this. What the driver does not tell is taken to be possible:
-    /// setting it will show.
+    /// Whether the camera says that it can do this. What the driver does not tell is taken to be
+    /// possible: setting it will show.
     pub fn offers(&self, mode: &Mode) -> bool {
         let size = |s: &SizeModes| {
             s.sizes.has(mode.width, mode.height)

@@ -1,7 +1,7 @@
 //! The video nodes of the machine, and which of them was meant.
 //!
-//! The list is what sysfs says at the moment; whether a node captures is queried from the node itself, which
-//! disturbs no one. A node that goes while it is looked at is left out.
+//! The list is what sysfs says at the moment; whether a node captures is queried from the node
+//! itself, which disturbs no one. A node that goes while it is looked at is left out.
 
 use std::fmt;
 use std::fs;
@@ -29,8 +29,8 @@ pub struct Node {
     pub usb: Option<UsbDevice>,
 }
 
-/// Lists the video nodes, in the order of their numbers. `sys` is `/sys` and `dev` is `/dev`, outside of
-/// tests.
+/// Lists the video nodes, in the order of their numbers. `sys` is `/sys` and `dev` is `/dev`,
+/// outside of tests.
 ///
 /// # Errors
 /// The folder of the nodes cannot be read. That it is not there is an empty list.
@@ -130,8 +130,8 @@ pub enum FindError {
     },
 }
 
-/// Finds the node that captures the frames of a camera. One that may not be opened counts: opening it says
-/// what to do.
+/// Finds the node that captures the frames of a camera. One that may not be opened counts: opening
+/// it says what to do.
 ///
 /// # Errors
 /// See [`FindError`].

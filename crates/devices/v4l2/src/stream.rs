@@ -1,20 +1,20 @@
 //! A capture stream: frames as the driver wrote them into buffers that are mapped here.
 //!
-//! [`Stream::next`] waits for the next frame and for no longer than its time limit. The frame remains in
-//! the driver's buffer and is lent out; when it is dropped, the buffer is queued again, exactly once. While
-//! one is held the others fill, and when none is left the driver drops frames: the sequence number shows
-//! how many ([`Sequence`]).
+//! [`Stream::next`] waits for the next frame and for no longer than its time limit. The frame
+//! remains in the driver's buffer and is lent out; when it is dropped, the buffer is queued again,
+//! exactly once. While one is held the others fill, and when none is left the driver drops frames:
+//! the sequence number shows how many ([`Sequence`]).
 //!
 //! - *Late*: nothing waits for a frame that is held; take it, use it, drop it.
 //! - *Gap*: the driver's sequence number goes on. A USB camera's driver drops damaged frames by
 //!   itself, and these show in the same way.
-//! - *Damage*: a frame that the driver calls damaged, or that is shorter than a whole frame, is delivered
-//!   and says so.
-//! - *Failure*: [`StreamError::Interrupted`] means that the driver has stopped the stream; [`Stream::restart`]
-//!   begins it again. [`StreamError::Gone`] is final: drop the stream *and* the camera, and
-//!   open it when it is back.
-//! - *End*: dropping the stream stops it, unmaps and gives back its buffers; the camera can then be set
-//!   to another mode, without being opened again.
+//! - *Damage*: a frame that the driver calls damaged, or that is shorter than a whole frame, is
+//!   delivered and says so.
+//! - *Failure*: [`StreamError::Interrupted`] means that the driver has stopped the stream;
+//!   [`Stream::restart`] begins it again. [`StreamError::Gone`] is final: drop the stream *and* the
+//!   camera, and open it when it is back.
+//! - *End*: dropping the stream stops it, unmaps and gives back its buffers; the camera can then be
+//!   set to another mode, without being opened again.
 
 use std::fmt;
 use std::io;
@@ -73,8 +73,8 @@ pub enum StreamError {
         /// The node.
         path: PathBuf,
     },
-    /// The driver has stopped the stream after a failure. [`Stream::restart`] begins it again; sequence
-    /// numbers then begin again, too.
+    /// The driver has stopped the stream after a failure. [`Stream::restart`] begins it again;
+    /// sequence numbers then begin again, too.
     #[error("the driver has stopped the stream after a failure: {}", path.display())]
     Interrupted {
         /// The node.
@@ -98,12 +98,13 @@ impl Stream {
     ///
     /// # Errors
     /// [`Busy`](CameraError::Busy) when anyone streams from it, this program included;
-    /// [`NoBandwidth`](CameraError::NoBandwidth), [`Gone`](CameraError::Gone), or [`Io`](CameraError::Io).
+    /// [`NoBandwidth`](CameraError::NoBandwidth), [`Gone`](CameraError::Gone), or
+    /// [`Io`](CameraError::Io).
     pub fn start(camera: &Camera, buffers: u32) -> Result<Self, CameraError> {
         let format = camera.format()?;
         let given = request(camera, buffers.max(1))?;
-        // Dropping this gives the buffers back, so it must not exist before they are ours: they may be those
-        // of another stream of this camera.
+        // Dropping this gives the buffers back, so it must not exist before they are ours: they may
+        // be those of another stream of this camera.
         let mut stream = Self {
             camera: camera.clone(),
             format,
@@ -160,8 +161,8 @@ impl Stream {
         }))
     }
 
-    /// Begins again after [`StreamError::Interrupted`], in the same mode and with the same buffers. Frames
-    /// that were waiting are lost; sequence numbers begin again.
+    /// Begins again after [`StreamError::Interrupted`], in the same mode and with the same buffers.
+    /// Frames that were waiting are lost; sequence numbers begin again.
     ///
     /// # Errors
     /// As [`start`](Self::start).
@@ -219,8 +220,8 @@ impl Stream {
         let source = errno.into();
         match errno {
             Errno::NODEV | Errno::NXIO => StreamError::Gone { path },
-            // `EIO` is how videobuf2 says that its queue has failed, until it is stopped; `EPIPE` that
-            // there will be no more buffers; `EINVAL` that it does not stream.
+            // `EIO` is how videobuf2 says that its queue has failed, until it is stopped; `EPIPE`
+            // that there will be no more buffers; `EINVAL` that it does not stream.
             Errno::IO | Errno::PIPE | Errno::INVAL => StreamError::Interrupted { path, source },
             _ => StreamError::Io { path, source },
         }

@@ -1,7 +1,8 @@
 //! The kernel's structures and calls, as in `linux/videodev2.h` and `linux/uvcvideo.h` (Linux 6.1).
 //!
-//! Unions are laid out as the one member that is used here, padded to the kernel's size. Every size and
-//! call number is asserted at compile time against the numbers that a C compiler gives for the headers.
+//! Unions are laid out as the one member that is used here, padded to the kernel's size. Every size
+//! and call number is asserted at compile time against the numbers that a C compiler gives for the
+//! headers.
 
 use std::os::fd::BorrowedFd;
 
@@ -246,9 +247,9 @@ macro_rules! calls {
         pub(crate) fn $name(fd: BorrowedFd<'_>, argument: &mut $argument) -> Result<(), Errno> {
             const OPCODE: Opcode = opcode::$direction::<$argument>(b'V', $number);
             const _: () = assert!(OPCODE == $expected);
-            // SAFETY: under this number the kernel reads and writes the number of bytes that the argument has,
-            // and the number itself carries that length (asserted). Another driver than V4L2 behind `fd`
-            // does not know the number.
+            // SAFETY: under this number the kernel reads and writes the number of bytes that the
+            // argument has, and the number itself carries that length (asserted). Another driver
+            // than V4L2 behind `fd` does not know the number.
             unsafe { call::<OPCODE, _>(fd, argument) }
         }
     )*};
@@ -289,14 +290,16 @@ calls! {
     query_menu, read_write 37 = 0xC02C_5625, QueryMenu;
 }
 
-/// `VIDIOC_G_EXT_CTRLS` for one control. Of a control of 32 bits only the lower half means anything.
+/// `VIDIOC_G_EXT_CTRLS` for one control. Of a control of 32 bits only the lower half means
+/// anything.
 pub(crate) fn get_control(fd: BorrowedFd<'_>, id: u32) -> Result<i64, Errno> {
     const OPCODE: Opcode = opcode::read_write::<ExtControls>(b'V', 71);
     const _: () = assert!(OPCODE == 0xC020_5647);
     one_control::<OPCODE>(fd, id, 0)
 }
 
-/// `VIDIOC_S_EXT_CTRLS` for one control. The kernel takes the same number of bits as the control has.
+/// `VIDIOC_S_EXT_CTRLS` for one control. The kernel takes the same number of bits as the control
+/// has.
 pub(crate) fn set_control(fd: BorrowedFd<'_>, id: u32, value: i64) -> Result<(), Errno> {
     const OPCODE: Opcode = opcode::read_write::<ExtControls>(b'V', 72);
     const _: () = assert!(OPCODE == 0xC020_5648);
@@ -321,13 +324,14 @@ fn one_control<const OPCODE: Opcode>(
         reserved: 0,
         controls: &raw mut control,
     };
-    // SAFETY: the structure points to one control, which outlives the call. A control that has a payload
-    // behind a pointer is refused by the kernel, because its size is given as 0.
+    // SAFETY: the structure points to one control, which outlives the call. A control that has a
+    // payload behind a pointer is refused by the kernel, because its size is given as 0.
     unsafe { call::<OPCODE, _>(fd, &mut controls) }?;
     Ok(i64::from(control.value[0]) | i64::from(control.value[1]) << 32)
 }
 
-/// `UVCIOC_CTRL_QUERY`: one request of a UVC extension unit. The driver accepts only the exact length.
+/// `UVCIOC_CTRL_QUERY`: one request of a UVC extension unit. The driver accepts only the exact
+/// length.
 pub(crate) fn extension(
     fd: BorrowedFd<'_>,
     unit: u8,
@@ -351,8 +355,8 @@ pub(crate) fn extension(
 /// One call, begun again after a signal.
 ///
 /// # Safety
-/// Under `OPCODE` the kernel must take a pointer to a `T`, and what `T` points to must be as the kernel
-/// expects it.
+/// Under `OPCODE` the kernel must take a pointer to a `T`, and what `T` points to must be as the
+/// kernel expects it.
 unsafe fn call<const OPCODE: Opcode, T>(fd: BorrowedFd<'_>, argument: &mut T) -> Result<(), Errno> {
     retry_on_intr(|| {
         // SAFETY: as the caller promises.

@@ -14,7 +14,8 @@ pub struct UsbDevice {
     pub vendor: u16,
     /// Product.
     pub product: u16,
-    /// Release of the device, which is how some vendors tell their firmware: major in the high byte.
+    /// Release of the device, which is how some vendors tell their firmware: major in the high
+    /// byte.
     pub release: u16,
     /// Serial number, where the device tells one in its USB descriptor.
     pub serial: Option<String>,
@@ -22,15 +23,15 @@ pub struct UsbDevice {
     pub port: String,
     /// Speed of its link, Mbit/s: 480 is USB 2, 5000 and more USB 3. 1 for 1.5.
     pub speed_mbit: u32,
-    /// What its bus hangs on: `0000:00:14.0` on PCI, `3610000.usb` in a Jetson. The USB 2 and the USB 3
-    /// bus of one controller have the same.
+    /// What its bus hangs on: `0000:00:14.0` on PCI, `3610000.usb` in a Jetson. The USB 2 and the
+    /// USB 3 bus of one controller have the same.
     pub controller: String,
 }
 
 impl UsbDevice {
-    /// The USB device that something of the kernel's belongs to; `device` is the `device` link in its class
-    /// folder: `/sys/class/video4linux/video0/device`, `/sys/class/hidraw/hidraw0/device`. None for what
-    /// is not on USB, or is disconnected.
+    /// The USB device that something of the kernel's belongs to; `device` is the `device` link in
+    /// its class folder: `/sys/class/video4linux/video0/device`,
+    /// `/sys/class/hidraw/hidraw0/device`. None for what is not on USB, or is disconnected.
     pub fn of(device: &Path) -> Option<Self> {
         let device = fs::canonicalize(device).ok()?;
         let own = device.ancestors().find(|p| p.join("idVendor").is_file())?;

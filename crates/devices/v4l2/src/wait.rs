@@ -1,6 +1,7 @@
 //! Waiting for a file descriptor, for no longer than was said.
 //!
-//! No clock is read: Linux's `ppoll` leaves in its argument what is left of the time, after a signal too.
+//! No clock is read: Linux's `ppoll` leaves in its argument what is left of the time, after a
+//! signal too.
 
 use std::os::fd::{AsRawFd, BorrowedFd};
 use std::time::Duration;
@@ -106,8 +107,8 @@ mod tests {
 
     #[test]
     fn signals_do_not_make_it_longer_or_shorter() {
-        // SAFETY: all fields of `sigaction` may be zero, and the handler only counts. No one else in
-        // this program uses the signal.
+        // SAFETY: all fields of `sigaction` may be zero, and the handler only counts. No one else
+        // in this program uses the signal.
         unsafe {
             let mut action: libc::sigaction = std::mem::zeroed();
             action.sa_sigaction = count as *const () as usize;
@@ -126,8 +127,8 @@ mod tests {
                     thread::sleep(Duration::from_millis(20));
                 }
             });
-            // On a busy machine the other thread may send nothing for a while. A wait that each signal made longer
-            // would never end.
+            // On a busy machine the other thread may send nothing for a while. A wait that each
+            // signal made longer would never end.
             let found = loop {
                 let before = SIGNALS.load(Ordering::Relaxed);
                 let mut remaining = Remaining::new(LIMIT);

@@ -1,6 +1,7 @@
-//! Against the kernel's own test cameras: `vivid` with three HDMI inputs at 1280x720p30 (which scale to any
-//! size), errors allowed (`vivid.no_error_inj=0`), as /dev/video0, 1 and 2. Faults are produced by vivid's
-//! own controls, found by name. `cargo xtask vm-test drivers` runs them in such a machine.
+//! Against the kernel's own test cameras: `vivid` with three HDMI inputs at 1280x720p30 (which
+//! scale to any size), errors allowed (`vivid.no_error_inj=0`), as /dev/video0, 1 and 2. Faults are
+//! produced by vivid's own controls, found by name. `cargo xtask vm-test drivers` runs them in such
+//! a machine.
 
 #![expect(
     clippy::disallowed_methods,
@@ -18,7 +19,8 @@ use v4l2::{Camera, CameraError, FrameInfo, Interval, Mode, Next, Sizes, Stream, 
 
 const PATIENCE: Duration = Duration::from_secs(2);
 
-/// Whether the machine is the one that these tests are for. Elsewhere a camera may be somebody's own.
+/// Whether the machine is the one that these tests are for. Elsewhere a camera may be somebody's
+/// own.
 fn is_vivid_here() -> bool {
     let is_here = std::env::var_os("PAWS_VIVID").is_some();
     if !is_here {
@@ -48,8 +50,8 @@ fn set(camera: &Camera, name: &str, value: i64) {
     camera.set_control(control.id, value).unwrap();
 }
 
-/// The cameras are threads of the kernel: on a busy machine they come late and leave frames out, which
-/// the number has to tell. It never repeats or goes back.
+/// The cameras are threads of the kernel: on a busy machine they come late and leave frames out,
+/// which the number has to tell. It never repeats or goes back.
 fn goes_on(step: Step) {
     assert!(
         matches!(step, Step::First | Step::Next | Step::Missed(_)),
@@ -364,7 +366,8 @@ fn a_node_that_goes_and_comes_is_noticed() {
     camera.set_mode(&mode(640, 360, 30)).unwrap();
     let mut stream = Stream::start(&camera, 4).unwrap();
     frame(&mut stream);
-    // The driver releases all its cameras simultaneously; a stream of one that is disconnected says so.
+    // The driver releases all its cameras simultaneously; a stream of one that is disconnected says
+    // so.
     std::fs::write(driver.join("unbind"), "vivid.0").unwrap();
     let error = (0..10).find_map(|_| stream.next(PATIENCE).err()).unwrap();
     assert!(matches!(error, StreamError::Gone { .. }), "{error:?}");
@@ -447,7 +450,8 @@ fn a_frame_that_is_held_costs_only_its_buffer() {
     );
 }
 
-/// Waits until a camera has produced this number of frames, including those that the driver left out.
+/// Waits until a camera has produced this number of frames, including those that the driver left
+/// out.
 fn pass(stream: &mut Stream, frames: u32) {
     let begin = frame(stream).sequence;
     while frame(stream).sequence < begin + frames {}

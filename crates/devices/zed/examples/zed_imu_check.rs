@@ -4,8 +4,9 @@
 //! cargo run -p zed --example zed_imu_check -- [SECONDS] [--serial N] [--without-pings]
 //! ```
 //!
-//! Prints every event that is not a sample, and at the end the counts. With `--without-pings` the driver's pings do not reach
-//! the device: it falls silent after six seconds and is started again. Exits with 1 if a sample was lost.
+//! Prints every event that is not a sample, and at the end the counts. With `--without-pings` the
+//! driver's pings do not reach the device: it falls silent after six seconds and is started again.
+//! Exits with 1 if a sample was lost.
 
 #![expect(
     clippy::disallowed_methods,

@@ -1,7 +1,7 @@
 //! Stereolabs' USB cameras: identities, modes, settings; [`extension`] accesses their registers.
 //!
-//! Sources: zed-open-capture at 9373915 (`defines.hpp`, `videocapture_def.hpp`, `videocapture.cpp`). None of it was ever
-//! tried on a real camera.
+//! Sources: zed-open-capture at 9373915 (`defines.hpp`, `videocapture_def.hpp`,
+//! `videocapture.cpp`). None of it was ever tried on a real camera.
 
 pub mod extension;
 
@@ -26,7 +26,8 @@ pub enum Model {
 pub struct Identity {
     /// What it is.
     pub model: Model,
-    /// Its firmware is so old that even the vendor's own library refuses it: update it with the vendor's tool.
+    /// Its firmware is so old that even the vendor's own library refuses it: update it with the
+    /// vendor's tool.
     pub old_firmware: bool,
 }
 
@@ -152,9 +153,10 @@ pub struct Setting {
     pub value: Option<i32>,
 }
 
-/// What to write at every start, for the camera keeps what an earlier program has set (zed-ros2-wrapper, change log
-/// 5.4.1). Exposure and gain are automatic after [`extension::set_auto_exposure`]; to the standard controls of those a camera of this
-/// make may not listen.
+/// What to write at every start, for the camera keeps what an earlier program has set
+/// (zed-ros2-wrapper, change log 5.4.1). Exposure and gain are automatic after
+/// [`extension::set_auto_exposure`]; to the standard controls of those a camera of this make may
+/// not listen.
 pub const SETTINGS: [Setting; 6] = [
     setting(0x0098_0900, "BRIGHTNESS", None),
     setting(0x0098_0901, "CONTRAST", None),

@@ -1,8 +1,8 @@
 //! Commands to the microcontroller, as HID feature reports. Pure.
 //!
-//! The first byte is the report's number, and goes over the link also where the device's descriptor numbers nothing:
-//! hidraw hands feature reports through as they are. Numbers and values: zed-open-capture,
-//! `sensorcapture_def.hpp` at 9373915. Never sent to a real device.
+//! The first byte is the report's number, and goes over the link also where the device's descriptor
+//! numbers nothing: hidraw hands feature reports through as they are. Numbers and values:
+//! zed-open-capture, `sensorcapture_def.hpp` at 9373915. Never sent to a real device.
 
 /// The feature report that starts, stops and tells of the stream.
 pub const STREAM: u8 = 0x32;
@@ -11,7 +11,8 @@ pub const REQUEST: u8 = 0x21;
 /// The feature report of requests to the video chip.
 const VIDEO: u8 = 0x22;
 
-/// How often the device wants to hear [`Command::Ping`], ns. About six of them missed end the stream.
+/// How often the device wants to hear [`Command::Ping`], ns. About six of them missed end the
+/// stream.
 pub(crate) const PING_EVERY_NS: i64 = 1_000_000_000;
 
 /// Something to tell the microcontroller.

@@ -1,36 +1,44 @@
 //! What the IMU's clock means on the camera's.
 //!
-//! The camera tells the microcontroller of each frame; the first sample behind it carries a flag and a count. The camera's driver
-//! stamps each frame with the host's clock and a sequence number. So both clocks see the same events: the
-//! frames. [`FrameSync`] is fed both streams as they come and keeps a [`FrameSyncEstimate`], the line that turns ticks into the time of
-//! the camera's stamps.
+//! The camera tells the microcontroller of each frame; the first sample behind it carries a flag
+//! and a count. The camera's driver stamps each frame with the host's clock and a sequence number.
+//! So both clocks see the same events: the frames. [`FrameSync`] is fed both streams as they come
+//! and keeps a [`FrameSyncEstimate`], the line that turns ticks into the time of the camera's
+//! stamps.
 //!
-//! **How.** Frames come in equal steps, so that each stream by itself is a line over its own counter.
-//! The IMU's flag is late by anything up to one sample period, so its points lie in a band of that width; the true line is half a
-//! period before the middle of that band. The driver's stamps are late by a latency that is never less than some minimum; their line is the
-//! lower edge. Laying the one on the other takes a whole number: which count is which sequence number. Arrivals of samples never
-//! enter the lines, however late they are; they only decide that number.
+//! **How.** Frames come in equal steps, so that each stream by itself is a line over its own
+//! counter. The IMU's flag is late by anything up to one sample period, so its points lie in a band
+//! of that width; the true line is half a period before the middle of that band. The driver's
+//! stamps are late by a latency that is never less than some minimum; their line is the lower edge.
+//! Laying the one on the other takes a whole number: which count is which sequence number. Arrivals
+//! of samples never enter the lines, however late they are; they only decide that number.
 //!
-//! **The whole number.** A wrong one shifts all times by one frame period, and both lines fit as well as before. What tells
-//! is that a sample cannot arrive before it was taken, and that the fastest of thousands arrive soon: their latency against
-//! the estimate has to lie within [`Bounds`]. One number that fits is taken, several are [`NoEstimate::Ambiguous`], none is
-//! [`NoEstimate::OutOfBounds`]. Once taken it remains, however late arrivals become; only an arrival that would be too early
-//! unseats it, and [`FrameSyncEstimate::revision`] changes.
+//! **The whole number.** A wrong one shifts all times by one frame period, and both lines fit as
+//! well as before. What tells is that a sample cannot arrive before it was taken, and that the
+//! fastest of thousands arrive soon: their latency against the estimate has to lie within
+//! [`Bounds`]. One number that fits is taken, several are [`NoEstimate::Ambiguous`], none is
+//! [`NoEstimate::OutOfBounds`]. Once taken it remains, however late arrivals become; only an
+//! arrival that would be too early unseats it, and [`FrameSyncEstimate::revision`] changes.
 //!
-//! **Bias of the flag.** It is half a sample period where all delays are as likely. Nothing is assumed of that: every line that is
-//! before each flag by 0 to one sample period may be the true one. Where the delay sweeps through the whole period (it
-//! does unless the two rates are in a simple ratio) these lines are as good as one. Where it does not, they are a band:
-//! [`FrameSyncEstimate::unresolved_ns`] is its width, its middle is taken, and the width is part of sigma.
+//! **Bias of the flag.** It is half a sample period where all delays are as likely. Nothing is
+//! assumed of that: every line that is before each flag by 0 to one sample period may be the true
+//! one. Where the delay sweeps through the whole period (it does unless the two rates are in a
+//! simple ratio) these lines are as good as one. Where it does not, they are a band:
+//! [`FrameSyncEstimate::unresolved_ns`] is its width, its middle is taken, and the width is part of
+//! sigma.
 //!
-//! * *Early.* Nothing until [`MIN_PAIRS`] frames were seen by both. Then an estimate whose sigma shrinks.
+//! * *Early.* Nothing until [`MIN_PAIRS`] frames were seen by both. Then an estimate whose sigma
+//!   shrinks.
 //! * *Lost samples, dropped frames* leave holes in the counters, which are counted and do no harm.
-//! * *A stream that restarts*, or a counter that slips, is noticed within [`SLIPPED`] events; all begins again.
+//! * *A stream that restarts*, or a counter that slips, is noticed within [`SLIPPED`] events; all
+//!   begins again.
 //! * *Frames in unequal steps* (exposure that sets the frame rate) are [`NoEstimate::Irregular`].
-//! * *Not seen at all*: the least latency of the camera's stamps and any constant delay of the flag. They are constants of the
-//!   device, to be calibrated.
+//! * *Not seen at all*: the least latency of the camera's stamps and any constant delay of the
+//!   flag. They are constants of the device, to be calibrated.
 //! * *Memory* is bounded by [`WINDOW`] events of each stream.
 //!
-//! Pure; never run on a real device, whose latencies are not known: [`Bounds::default`] is an assumption.
+//! Pure; never run on a real device, whose latencies are not known: [`Bounds::default`] is an
+//! assumption.
 
 use std::collections::VecDeque;
 use std::fmt;
@@ -44,8 +52,8 @@ mod track;
 use line::{LowerEnvelope, SlopeBand, lower_envelope, slope_band, slope_of};
 use track::{Seen, Track};
 
-/// Events of each stream that are held: a minute at 30 frames per second, in which oscillators that warm up stay within some 10 us
-/// of a line.
+/// Events of each stream that are held: a minute at 30 frames per second, in which oscillators that
+/// warm up stay within some 10 us of a line.
 pub const WINDOW: usize = 2048;
 /// Frames seen by both before there is an estimate.
 pub const MIN_PAIRS: usize = 32;
@@ -65,14 +73,16 @@ const TICK_NS: f64 = 1e9 / TICKS_PER_S as f64;
 /// What is known beforehand of latencies, ns: smallest and largest.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Bounds {
-    /// From the beginning of a frame, as the microcontroller receives the frame sync, to the driver's stamp: the least of many.
+    /// From the beginning of a frame, as the microcontroller receives the frame sync, to the
+    /// driver's stamp: the least of many.
     pub camera_ns: (i64, i64),
     /// From the measurement of a sample to its arrival: the least of many.
     pub imu_ns: (i64, i64),
 }
 
 impl Default for Bounds {
-    /// Wide enough for USB. At 60 frames per second and less one number always fits; at 100 several may.
+    /// Wide enough for USB. At 60 frames per second and less one number always fits; at 100 several
+    /// may.
     fn default() -> Self {
         Self {
             camera_ns: (0, 8_000_000),
@@ -100,10 +110,11 @@ pub struct FrameSyncEstimate {
     pub residual_median_ns: u64,
     /// See `residual_median_ns`; 99 in 100.
     pub residual_p99_ns: u64,
-    /// Span in which the true line may lie for all that the flags tell, ns: next to nothing when their delay has swept through
-    /// a sample period.
+    /// Span in which the true line may lie for all that the flags tell, ns: next to nothing when
+    /// their delay has swept through a sample period.
     pub unresolved_ns: u64,
-    /// One sigma of times by this line near the window, against the least latency of the camera's stamps, ns.
+    /// One sigma of times by this line near the window, against the least latency of the camera's
+    /// stamps, ns.
     pub sigma_ns: u64,
     /// From frame to frame, ns of the host.
     pub frame_period_ns: i64,
@@ -383,7 +394,8 @@ impl FrameSync {
             camera_ns: camera as i64,
             imu_ns: frame_ns as i64,
         };
-        // A slope from late stamps is not exact; beyond a part in a hundred it is another frame rate.
+        // A slope from late stamps is not exact; beyond a part in a hundred it is another frame
+        // rate.
         if (slope / frame_ns - 1.0).abs() > 0.01 {
             return Err(rates(slope));
         }
@@ -397,7 +409,8 @@ impl FrameSync {
         let least = self.least_latency(flags, stamps, 0);
         let lowest = (self.bounds.imu_ns.0 - self.bounds.camera_ns.1) as f64;
         let highest = (self.bounds.imu_ns.1 - self.bounds.camera_ns.0) as f64;
-        // A number greater by one moves the estimate one period back, and arrivals one period away from it.
+        // A number greater by one moves the estimate one period back, and arrivals one period away
+        // from it.
         if let Some(number) = self.number
             && least + number as f64 * period >= lowest - stamps.sigma
         {

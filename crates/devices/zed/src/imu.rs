@@ -1,20 +1,26 @@
 //! The driver of the camera's IMU.
 //!
-//! [`Imu::open`] starts the stream; [`Imu::next`] waits for what comes and does, between reports, what keeps the stream
-//! alive: a ping each second of the caller's clock, and a watchdog that stops and starts a silent device, then closes and
-//! opens it. (Users of these cameras report an IMU that says nothing until the program is started again:
-//! zed-open-capture, issue 22.)
+//! [`Imu::open`] starts the stream; [`Imu::next`] waits for what comes and does, between reports,
+//! what keeps the stream alive: a ping each second of the caller's clock, and a watchdog that stops
+//! and starts a silent device, then closes and opens it. (Users of these cameras report an IMU that
+//! says nothing until the program is started again: zed-open-capture, issue 22.)
 //!
-//! * *Early.* The first sample comes when the device sends it. A device that takes the command to start and sends nothing is
-//!   silent, which the watchdog sees to.
-//! * *Late.* Samples wait in the kernel, 64 at most. Call [`Imu::next`] from a thread that does little else.
-//! * *A gap.* The device does not number its samples; [`crate::number`] does, and a number that jumps is a loss.
-//! * *Silent, restarted, reopened, disconnected.* Each is an [`Event`]; recovery begins before the next call waits.
-//! * *Gone.* When a read fails the device is closed. [`Imu::try_reopen`] finds it again, whatever node it has then; the
-//!   caller knows when to try: at each hotplug event, or each second. Numbers go on.
-//! * *At the end.* [`Imu::finish`] stops the stream and takes what still waits; dropping the driver only stops it.
+//! * *Early.* The first sample comes when the device sends it. A device that takes the command to
+//!   start and sends nothing is silent, which the watchdog sees to.
+//! * *Late.* Samples wait in the kernel, 64 at most. Call [`Imu::next`] from a thread that does
+//!   little else.
+//! * *A gap.* The device does not number its samples; [`crate::number`] does, and a number that
+//!   jumps is a loss.
+//! * *Silent, restarted, reopened, disconnected.* Each is an [`Event`]; recovery begins before the
+//!   next call waits.
+//! * *Gone.* When a read fails the device is closed. [`Imu::try_reopen`] finds it again, whatever
+//!   node it has then; the caller knows when to try: at each hotplug event, or each second. Numbers
+//!   go on.
+//! * *At the end.* [`Imu::finish`] stops the stream and takes what still waits; dropping the driver
+//!   only stops it.
 //!
-//! A command that the device leaves unanswered blocks for as long as the kernel waits (5 s on USB). Never run on a real device.
+//! A command that the device leaves unanswered blocks for as long as the kernel waits (5 s on USB).
+//! Never run on a real device.
 
 use std::time::Duration;
 
@@ -72,7 +78,8 @@ pub enum Event {
     },
     /// The silent device was closed, opened and started.
     Reopened,
-    /// The device is disconnected; see [`Imu::try_reopen`]. Until then each call returns this immediately.
+    /// The device is disconnected; see [`Imu::try_reopen`]. Until then each call returns this
+    /// immediately.
     Gone {
         /// What exactly happened, for people.
         detail: String,
@@ -128,7 +135,8 @@ impl<P: Port> Imu<P> {
         })
     }
 
-    /// Waits for the next event, until `until_ns` at the longest. `clock` reads the caller's clock, ns.
+    /// Waits for the next event, until `until_ns` at the longest. `clock` reads the caller's clock,
+    /// ns.
     pub fn next(&mut self, clock: &dyn Fn() -> i64, until_ns: i64) -> Event {
         loop {
             let now = clock();
@@ -152,7 +160,8 @@ impl<P: Port> Imu<P> {
         }
     }
 
-    /// Looks for the device after it was disconnected, opens and starts it. Nothing is done if it is open.
+    /// Looks for the device after it was disconnected, opens and starts it. Nothing is done if it
+    /// is open.
     ///
     /// # Errors
     /// It is not there yet, or cannot be used: try again later.
@@ -165,7 +174,8 @@ impl<P: Port> Imu<P> {
         Ok(())
     }
 
-    /// Stops the stream and takes what still waits, which nobody shall lose; with what was counted in all.
+    /// Stops the stream and takes what still waits, which nobody shall lose; with what was counted
+    /// in all.
     pub fn finish(mut self, clock: &dyn Fn() -> i64) -> (Vec<Arrival>, Counters) {
         let mut left = Vec::new();
         if let Some(link) = &mut self.link

@@ -1,7 +1,7 @@
 //! ZED cameras over USB: what Stereolabs' USB cameras have that other cameras do not.
 //!
-//! A ZED Mini is two USB devices: a camera, which any V4L2 program can read, and a microcontroller with an IMU, which speaks
-//! HID. Here is the second one, and what estimates the two together:
+//! A ZED Mini is two USB devices: a camera, which any V4L2 program can read, and a microcontroller
+//! with an IMU, which speaks HID. Here is the second one, and what estimates the two together:
 //!
 //! * [`report`], [`command`]: the microcontroller's bytes, pure;
 //! * [`number`]: numbers for samples that come without one, so that a lost one is seen;
@@ -13,8 +13,9 @@
 //!
 //! `cargo run -p zed --example zed_imu_check -- 10` checks the IMU of a camera for ten seconds.
 //!
-//! Nothing here was ever run on a real camera. What it is tested on: recorded facts of the protocol, a simulated
-//! device in this process, and one behind the kernel's own HID drivers in a virtual machine.
+//! Nothing here was ever run on a real camera. What it is tested on: recorded facts of the
+//! protocol, a simulated device in this process, and one behind the kernel's own HID drivers in a
+//! virtual machine.
 
 pub mod camera;
 pub mod command;

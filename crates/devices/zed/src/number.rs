@@ -1,17 +1,20 @@
 //! Numbers for samples that come without one.
 //!
-//! The report has no counter of samples, so a lost one shows only as a hole in the device's ticks. [`Numbers`] learns
-//! the period from the ticks and numbers each sample so that the holes are in the numbers too: a gap of about k periods
-//! makes the number jump by k. Pure; time comes in with the sample.
+//! The report has no counter of samples, so a lost one shows only as a hole in the device's ticks.
+//! [`Numbers`] learns the period from the ticks and numbers each sample so that the holes are in
+//! the numbers too: a gap of about k periods makes the number jump by k. Pure; time comes in with
+//! the sample.
 //!
-//! * *Early.* The rate is not assumed. Until it is known a gap is measured against the smallest that
-//!   several others support, so a sample lost among the very first may go unseen.
-//! * *Losses* leave numbers right while among sixteen gaps there is a single one. A long hole is as exact as the
-//!   period, some parts in 1e5 after a minute.
-//! * *A rate that rises* is followed after five gaps. *One that falls* looks like losses until none of the last sixteen gaps
-//!   is an old one: up to sixteen samples are then reported lost that never were.
-//! * *A clock that steps* (the device restarted, or the ticks are wrong) tells nothing of what was lost: the number goes
-//!   on by host time, and [`Numbered::stepped`] says so. A late arrival is no step, an arrival before its time is.
+//! * *Early.* The rate is not assumed. Until it is known a gap is measured against the smallest
+//!   that several others support, so a sample lost among the very first may go unseen.
+//! * *Losses* leave numbers right while among sixteen gaps there is a single one. A long hole is as
+//!   exact as the period, some parts in 1e5 after a minute.
+//! * *A rate that rises* is followed after five gaps. *One that falls* looks like losses until none
+//!   of the last sixteen gaps is an old one: up to sixteen samples are then reported lost that
+//!   never were.
+//! * *A clock that steps* (the device restarted, or the ticks are wrong) tells nothing of what was
+//!   lost: the number goes on by host time, and [`Numbered::stepped`] says so. A late arrival is no
+//!   step, an arrival before its time is.
 //! * *A repeated sample* is a step by one.
 
 use crate::report::{TICKS_PER_S, ticks_ns};
@@ -185,7 +188,8 @@ impl Numbers {
 
 /// Whether two gaps are of one period: within an eighth and two ticks.
 ///
-/// Ticks err by one, so of two gaps of one period one is two ticks short and the other two long at worst.
+/// Ticks err by one, so of two gaps of one period one is two ticks short and the other two long at
+/// worst.
 fn is_near(gap: u64, other: u64) -> bool {
     gap.abs_diff(other) <= other / 8 + 2
 }
@@ -196,7 +200,8 @@ mod tests {
 
     use super::*;
 
-    /// Many losses, and among sixteen gaps the single ones are all two ticks long, where the shortest was two short.
+    /// Many losses, and among sixteen gaps the single ones are all two ticks long, where the
+    /// shortest was two short.
     #[test]
     fn single_gaps_that_err_the_other_way_are_of_the_same_period() {
         let mut numbers = Numbers::new();
@@ -218,7 +223,8 @@ mod tests {
         }
     }
 
-    /// Samples of a device: (true number, ticks, arrival). `period` in 1/16 ticks; ticks err by one.
+    /// Samples of a device: (true number, ticks, arrival). `period` in 1/16 ticks; ticks err by
+    /// one.
     fn device(period: u64, count: u64, jitter: &[i8], lost: &[bool]) -> Vec<(u64, u64, i64)> {
         let sample = |n: u64| {
             let jitter = i64::from(jitter[n as usize % jitter.len()].signum());
@@ -267,7 +273,8 @@ mod tests {
         }
     }
 
-    /// Feeds samples `range` of a device with this period, ticks; what was numbered last, and lost in all.
+    /// Feeds samples `range` of a device with this period, ticks; what was numbered last, and lost
+    /// in all.
     fn feed(
         numbers: &mut Numbers,
         range: std::ops::Range<u64>,
@@ -329,7 +336,8 @@ mod tests {
         assert_eq!((next.lost, next.stepped), (0, true));
     }
 
-    /// A reader that was held up finds what the kernel kept for it, then a hole: no step, whatever the arrivals.
+    /// A reader that was held up finds what the kernel kept for it, then a hole: no step, whatever
+    /// the arrivals.
     #[test]
     fn a_late_reader_sees_a_hole_and_no_step() {
         let mut numbers = Numbers::new();

@@ -1,15 +1,17 @@
-//! The input report: one IMU sample as the camera's microcontroller sends it. Pure: bytes in, numbers out.
+//! The input report: one IMU sample as the camera's microcontroller sends it. Pure: bytes in,
+//! numbers out.
 //!
-//! 62 bytes of a read of 64, packed, little endian (Stereolabs' zed-open-capture, `sensorcapture_def.hpp` at
-//! 9373915). Byte 0 is the kind of report, 0 from a ZED Mini and 1 from a ZED 2 or 2i. Whether a real ZED Mini's
-//! reports are numbered has not been seen: where the number comes in front of the report, the read has 65 bytes,
-//! and the first is passed over.
+//! 62 bytes of a read of 64, packed, little endian (Stereolabs' zed-open-capture,
+//! `sensorcapture_def.hpp` at 9373915). Byte 0 is the kind of report, 0 from a ZED Mini and 1 from
+//! a ZED 2 or 2i. Whether a real ZED Mini's reports are numbered has not been seen: where the
+//! number comes in front of the report, the read has 65 bytes, and the first is passed over.
 //!
-//! * *Every number remains as the device sent it.* The scales are constants here; stored samples keep
-//!   the counts and the scale.
-//! * *A read that is no report* is a [`ReportError`] that says what was found and what was expected.
-//! * *A report that the device itself calls not valid* is a [`Sample`] with `valid` false: its ticks and frame sync
-//!   count, its measurements do not.
+//! * *Every number remains as the device sent it.* The scales are constants here; stored samples
+//!   keep the counts and the scale.
+//! * *A read that is no report* is a [`ReportError`] that says what was found and what was
+//!   expected.
+//! * *A report that the device itself calls not valid* is a [`Sample`] with `valid` false: its
+//!   ticks and frame sync count, its measurements do not.
 //!
 //! Never compared with a real device.
 
@@ -22,8 +24,9 @@ const USED_BYTES: usize = 62;
 pub const TICKS_PER_S: u64 = 25_600;
 /// Degrees per second of one count of the gyroscope (`GYRO_SCALE` in `sensorcapture_def.hpp`).
 pub const GYRO_DEG_PER_S: f64 = 1000.0 / 32768.0;
-/// Metres per second squared of one count of the accelerometer (`ACC_SCALE` in `sensorcapture_def.hpp`: 8 g with
-/// g = 9.8189). The vendor's SDK tells a range of 8 x 9.81 (zed-sdk issue 487), so the counts are what to keep.
+/// Metres per second squared of one count of the accelerometer (`ACC_SCALE` in
+/// `sensorcapture_def.hpp`: 8 g with g = 9.8189). The vendor's SDK tells a range of 8 x 9.81
+/// (zed-sdk issue 487), so the counts are what to keep.
 pub const ACCEL_M_PER_S2: f64 = 9.8189 * 8.0 / 32768.0;
 /// Degrees Celsius of one count of a temperature (`TEMP_SCALE`).
 pub const TEMPERATURE_C: f64 = 0.01;
@@ -54,7 +57,8 @@ pub struct Sample {
     pub sync_count: u32,
     /// Temperature of the IMU, 0.01 degC.
     pub temperature: i16,
-    /// Magnetic field x y z, counts of [`MAGNETIC_UT`], where the report brings a new one (ZED 2 and 2i).
+    /// Magnetic field x y z, counts of [`MAGNETIC_UT`], where the report brings a new one (ZED 2
+    /// and 2i).
     pub magnetic: Option<[i16; 3]>,
     /// The environment, where the report brings a new measurement (ZED 2 and 2i).
     pub environment: Option<Environment>,
@@ -154,8 +158,8 @@ impl Sample {
     }
 }
 
-/// Ticks as nanoseconds, exactly but for the half nanosecond of an odd tick, which is rounded up as in the archive. None
-/// beyond 292 years.
+/// Ticks as nanoseconds, exactly but for the half nanosecond of an odd tick, which is rounded up as
+/// in the archive. None beyond 292 years.
 pub(crate) fn ticks_ns(ticks: u64) -> Option<i64> {
     i64::try_from((u128::from(ticks) * 78_125).div_ceil(2)).ok()
 }
@@ -196,7 +200,8 @@ mod tests {
     }
 
     proptest! {
-        /// The simulated device is the other side: what it writes is what is read, with a report number or without.
+        /// The simulated device is the other side: what it writes is what is read, with a report
+        /// number or without.
         #[test]
         fn what_the_simulated_device_sends_is_read(sent in device_sample()) {
             let report = sent.report();
@@ -213,7 +218,8 @@ mod tests {
             }
         }
 
-        /// Two ticks are 78125 ns, from the first tick to beyond any uptime, without an error that grows.
+        /// Two ticks are 78125 ns, from the first tick to beyond any uptime, without an error that
+        /// grows.
         #[test]
         fn ticks_are_exact(ticks in 0..2 * TICKS_PER_S * 86_400 * 365 * 100) {
             let ns = ticks_ns(ticks).expect("in range");

@@ -68,8 +68,9 @@ impl Bundle {
     /// hand-off; the rest of its provenance (program, times, rig) is replaced.
     ///
     /// # Errors
-    /// [`BundleError::Locked`], [`BundleError::OtherSource`], [`BundleError::NotABundle`] (also for a folder that holds
-    /// something else), [`BundleError::Refused`] for a provenance without a hash, [`BundleError::Io`].
+    /// [`BundleError::Locked`], [`BundleError::OtherSource`], [`BundleError::NotABundle`] (also for
+    /// a folder that holds something else), [`BundleError::Refused`] for a provenance without a
+    /// hash, [`BundleError::Io`].
     pub fn create_or_open(path: &Path, provenance: Provenance) -> Result<Self, BundleError> {
         let disk = Disk::new(path);
         disk.make_root()

@@ -140,8 +140,8 @@ impl Draft {
         self.inner.full(&format!("{}/{path}", self.inner.folder))
     }
 
-    /// Begins a file that the manifest will name. `path` is below the output's folder, parts of ASCII letters, digits,
-    /// `_`, `-` and `.` with `/` between them.
+    /// Begins a file that the manifest will name. `path` is below the output's folder, parts of
+    /// ASCII letters, digits, `_`, `-` and `.` with `/` between them.
     ///
     /// # Errors
     /// [`BundleError::Refused`] for such a path or one that is taken, [`BundleError::Io`].
@@ -186,7 +186,8 @@ impl Draft {
         self.create_named(path, HashLocation::Manifest)
     }
 
-    /// Begins a file that the output's listing will name, not the manifest: for outputs of very many files.
+    /// Begins a file that the output's listing will name, not the manifest: for outputs of very
+    /// many files.
     ///
     /// # Errors
     /// As [`Self::create`].
@@ -258,12 +259,13 @@ impl Draft {
 
     /// Publishes the files as the output, replacing an older one. It is durable when this returns.
     ///
-    /// The order: folders synced, draft renamed, bundle's folder synced, manifest replaced, older version removed. Should
-    /// the removal fail, the next writer does it.
+    /// The order: folders synced, draft renamed, bundle's folder synced, manifest replaced, older
+    /// version removed. Should the removal fail, the next writer does it.
     ///
     /// # Errors
-    /// [`BundleError::Refused`] when a file is not finished or the record is not allowed, [`BundleError::Io`]. The
-    /// output is then the older one; should the very last step have failed, the bundle on disk may have the new one.
+    /// [`BundleError::Refused`] when a file is not finished or the record is not allowed,
+    /// [`BundleError::Io`]. The output is then the older one; should the very last step have
+    /// failed, the bundle on disk may have the new one.
     pub fn commit(self, record: Record) -> Result<Output, BundleError> {
         let inner = &self.inner;
         inner.check(&record)?;
@@ -395,7 +397,8 @@ impl Inner {
 
 impl Drop for Inner {
     fn drop(&mut self) {
-        // After a commit it is not there any more. What cannot be removed now is removed by the next writer.
+        // After a commit it is not there any more. What cannot be removed now is removed by the
+        // next writer.
         let _ = storage::remove_all(&*self.shared.storage, &self.folder);
         self.shared.drafts().remove(&self.name);
     }

@@ -40,8 +40,8 @@ pub fn draft(name: &str) -> String {
     format!("{DRAFT_PREFIX}{name}")
 }
 
-/// Whether a name in the bundle's folder is one that only a writer makes: a draft, a version of an output, or a
-/// manifest that was being written.
+/// Whether a name in the bundle's folder is one that only a writer makes: a draft, a version of an
+/// output, or a manifest that was being written.
 pub fn is_ours(name: &str) -> bool {
     let is_hash = |text: &str| text.len() == HASH_DIGITS && is_hex(text);
     name == temporary(MANIFEST)
@@ -56,14 +56,15 @@ pub fn temporary(path: &str) -> String {
     format!("{path}.tmp")
 }
 
-/// Whether an output may have this name: lower-case letters, digits and `-`, beginning with a letter.
+/// Whether an output may have this name: lower-case letters, digits and `-`, beginning with a
+/// letter.
 pub fn is_output_name(name: &str) -> bool {
     let plain = |b: u8| b.is_ascii_lowercase() || b.is_ascii_digit() || b == b'-';
     name.as_bytes().first().is_some_and(u8::is_ascii_lowercase) && name.bytes().all(plain)
 }
 
-/// Whether a file of an output may have this path: parts of ASCII letters, digits, `_`, `-` and `.`, none beginning
-/// with a dot, with `/` between them.
+/// Whether a file of an output may have this path: parts of ASCII letters, digits, `_`, `-` and
+/// `.`, none beginning with a dot, with `/` between them.
 ///
 /// ```
 /// use scene_bundle::layout::is_file_path;

@@ -1,7 +1,7 @@
 //! `scene.json`: provenance of the bundle, and its outputs with their hashes.
 //!
-//! Contract: a manifest that was read is of this version and leads to no file outside the bundle. Unknown fields are an
-//! error, so that writing a manifest again never loses anything of it.
+//! Contract: a manifest that was read is of this version and leads to no file outside the bundle.
+//! Unknown fields are an error, so that writing a manifest again never loses anything of it.
 
 use std::collections::BTreeMap;
 use std::path::Path;
@@ -74,7 +74,8 @@ pub struct Record {
     pub stage_version: u32,
     /// All settings that the output depends on, defaults included.
     pub settings: serde_json::Value,
-    /// Hashes of what went in, by name: outputs of this bundle, or what the provenance names. BLAKE3, hex.
+    /// Hashes of what went in, by name: outputs of this bundle, or what the provenance names.
+    /// BLAKE3, hex.
     pub inputs: BTreeMap<String, String>,
 }
 

@@ -211,7 +211,8 @@ impl OutputReader {
     /// The content of a file, checked against its hash.
     ///
     /// # Errors
-    /// [`BundleError::Changed`] when it is not what was written, or the output has no such file; [`BundleError::Io`].
+    /// [`BundleError::Changed`] when it is not what was written, or the output has no such file;
+    /// [`BundleError::Io`].
     pub fn read(&self, path: &str) -> Result<Vec<u8>, BundleError> {
         let (bytes, hash) = self.expected_content(path)?;
         let full = format!("{}/{path}", self.folder);
@@ -239,7 +240,8 @@ impl OutputReader {
         Ok(content)
     }
 
-    /// Checks a file without keeping its content; gives its length. `progress` is called with bytes read.
+    /// Checks a file without keeping its content; gives its length. `progress` is called with bytes
+    /// read.
     pub(crate) fn check(
         &self,
         path: &str,

@@ -1,8 +1,9 @@
 //! Storage of a bundle behind a small trait, so that a test can cut it off at every step: [`Disk`]
 //! is a folder, and the tests have one in memory that loses unsynced data.
 //!
-//! What the trait promises is what POSIX promises and no more: bytes are durable after [`StoredFile::sync`], names after
-//! [`Storage::sync_dir`] of the folder they are in; until then a power cut may keep any part of either.
+//! What the trait promises is what POSIX promises and no more: bytes are durable after
+//! [`StoredFile::sync`], names after [`Storage::sync_dir`] of the folder they are in; until then a
+//! power cut may keep any part of either.
 
 use std::io::{self, Read};
 use std::path::Path;
@@ -64,8 +65,8 @@ pub(crate) fn read_all(storage: &dyn Storage, path: &str, limit: u64) -> io::Res
     plain_file::read_known(storage.open(path)?, length, limit)
 }
 
-/// Writes a file in the root folder so that a power cut leaves the old or the new content, never a mixture: written
-/// beside it, synced, renamed over it, and the name synced too.
+/// Writes a file in the root folder so that a power cut leaves the old or the new content, never a
+/// mixture: written beside it, synced, renamed over it, and the name synced too.
 pub(crate) fn replace(storage: &dyn Storage, path: &str, bytes: &[u8]) -> io::Result<()> {
     let temporary = crate::layout::temporary(path);
     match storage.remove_file(&temporary) {

@@ -37,7 +37,8 @@ impl VerifyReport {
     }
 }
 
-/// Checks every file of every output, those in listings too. `progress` is called with the bytes read.
+/// Checks every file of every output, those in listings too. `progress` is called with the bytes
+/// read.
 ///
 /// # Errors
 /// [`BundleError::Io`] when the bundle's folder cannot be listed. Problems of files are in the

@@ -1,14 +1,16 @@
 //! The hand-off: a session, sealed for the programs that process it next.
 //!
-//! `handoff.json` names every recorded file of a session with its length and BLAKE3 hash; the seal is the BLAKE3 of that
-//! list and nothing else, so the same recording has the same seal however often it is handed over. Beside the seal, and
-//! not hashed into it, stand the derived files that reading relies on, the verdict of the validation, the limits that it
-//! was reached with, and the acceptance where a session is handed over in spite of its verdict. It lies in the session's
-//! folder, so all paths are relative and the folder can be moved. Opening a hand-off checks the document, the seal and
-//! the files; one that is not validated, failed without being accepted, or changed is refused. A validation after it
-//! changes nothing of it ([`later_verdict`]).
+//! `handoff.json` names every recorded file of a session with its length and BLAKE3 hash; the seal
+//! is the BLAKE3 of that list and nothing else, so the same recording has the same seal however
+//! often it is handed over. Beside the seal, and not hashed into it, stand the derived files that
+//! reading relies on, the verdict of the validation, the limits that it was reached with, and the
+//! acceptance where a session is handed over in spite of its verdict. It lies in the session's
+//! folder, so all paths are relative and the folder can be moved. Opening a hand-off checks the
+//! document, the seal and the files; one that is not validated, failed without being accepted, or
+//! changed is refused. A validation after it changes nothing of it ([`later_verdict`]).
 //!
-//! Version 1 had the verdict and `validation.json` in its seal. It is read, with a note ([`HandOff::notes`]).
+//! Version 1 had the verdict and `validation.json` in its seal. It is read, with a note
+//! ([`HandOff::notes`]).
 
 use std::io;
 
@@ -80,7 +82,8 @@ pub struct HandOff {
     pub sealed: CivilTime,
     /// Verdict of the validation that it rests on.
     pub verdict: Verdict,
-    /// The limits of that validation that were not those of the validator's own table, as `METRIC=WARN,FAIL`.
+    /// The limits of that validation that were not those of the validator's own table, as
+    /// `METRIC=WARN,FAIL`.
     pub limits: Vec<String>,
     /// That it is handed over in spite of the verdict.
     pub acceptance: Option<Acceptance>,
@@ -143,8 +146,8 @@ pub enum HandOffError {
     },
 }
 
-/// The seal of a session: BLAKE3, hex, of the lines `paws-handoff 2\n`, `SESSION_ID\n`, and `BLAKE3 BYTES PATH\n` of each
-/// recorded file in the order of the bytes of their paths.
+/// The seal of a session: BLAKE3, hex, of the lines `paws-handoff 2\n`, `SESSION_ID\n`, and
+/// `BLAKE3 BYTES PATH\n` of each recorded file in the order of the bytes of their paths.
 ///
 /// The seal does not depend on the order of the list:
 ///
@@ -173,8 +176,8 @@ pub fn seal_of(session_id: &str, files: &[SealedFile]) -> String {
     hasher.finalize().to_hex().to_string()
 }
 
-/// The verdict in `validation.json`, which the last validation left beside the hand-off; none if there is none that can
-/// be read.
+/// The verdict in `validation.json`, which the last validation left beside the hand-off; none if
+/// there is none that can be read.
 ///
 /// ```
 /// use session_archive::handoff::{Verdict, later_verdict};
@@ -219,8 +222,8 @@ impl HandOff {
         }
     }
 
-    /// Hashes the files at `paths` as they are, and writes a hand-off of them that accepts nothing. The index among them
-    /// is taken as derived.
+    /// Hashes the files at `paths` as they are, and writes a hand-off of them that accepts nothing.
+    /// The index among them is taken as derived.
     ///
     /// # Errors
     /// A file is missing, or the file system reports an I/O error.
@@ -285,8 +288,8 @@ impl HandOff {
         })
     }
 
-    /// The hand-off as it is written, with its own checks (the document's hash, the seal), but without a look at any
-    /// file, and whatever its verdict is.
+    /// The hand-off as it is written, with its own checks (the document's hash, the seal), but
+    /// without a look at any file, and whatever its verdict is.
     ///
     /// # Errors
     /// [`HandOffError::Missing`], [`HandOffError::Io`], [`HandOffError::Invalid`].
@@ -385,8 +388,8 @@ impl HandOff {
         self.seal == seal || self.earlier_seals.iter().any(|earlier| earlier == seal)
     }
 
-    /// Notes for its readers, a sentence each: that it is of an older version, that it was accepted in
-    /// spite of its verdict, that it was judged by other limits.
+    /// Notes for its readers, a sentence each: that it is of an older version, that it was accepted
+    /// in spite of its verdict, that it was judged by other limits.
     pub fn notes(&self) -> Vec<String> {
         let mut notes = Vec::new();
         if self.version < VERSION {

@@ -29,8 +29,8 @@ const UNPACKED_LIMIT: usize = 1 << 30;
 const SMALL: usize = 16 << 20;
 /// Between the two.
 const MIDDLE: usize = 256 << 20;
-/// An entry takes at most this many times the bytes in memory that it takes unpacked: a camera without frames, 56
-/// bytes for 3, is the worst.
+/// An entry takes at most this many times the bytes in memory that it takes unpacked: a camera
+/// without frames, 56 bytes for 3, is the worst.
 const GROWTH: usize = 20;
 
 impl Index {
@@ -137,7 +137,8 @@ impl Index {
         if size > UNPACKED_LIMIT.min(packed.len().saturating_mul(32_768)) {
             return Err(unreadable("it claims an impossible size"));
         }
-        // Memory that is not there is an error, not an abort: the index is built again then, or not used.
+        // Memory that is not there is an error, not an abort: the index is built again then, or not
+        // used.
         let mut plain = plain_file::reserve(size as u64)?;
         zstd::bulk::Decompressor::new()?.decompress_to_buffer(packed, &mut plain)?;
         let needed = plain.len().saturating_mul(GROWTH);
@@ -150,8 +151,8 @@ impl Index {
         }
     }
 
-    /// Decodes an index. No length that is claimed in it is allocated before it is weighed against the limit, and the
-    /// limit against the memory that there is.
+    /// Decodes an index. No length that is claimed in it is allocated before it is weighed against
+    /// the limit, and the limit against the memory that there is.
     fn decode_within<const LIMIT: usize>(plain: &[u8]) -> Result<Self, IndexError> {
         // What is decoded already, and the next list's claim.
         drop(plain_file::reserve(2 * LIMIT as u64)?);

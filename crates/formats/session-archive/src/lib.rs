@@ -51,7 +51,8 @@
 //! # Ok::<(), Box<dyn std::error::Error>>(())
 //! ```
 //!
-//! Going through a recorded session: one chunk is in memory at a time, and damage is an entry, not an error.
+//! Going through a recorded session: one chunk is in memory at a time, and damage is an entry, not
+//! an error.
 //!
 //! ```
 //! use std::sync::Arc;

@@ -341,7 +341,8 @@ impl Manifest {
                  with / between parts"
             )));
         }
-        // Free text (name, sources, encoders, reasons) is kept as it is; these are words of programs.
+        // Free text (name, sources, encoders, reasons) is kept as it is; these are words of
+        // programs.
         let words = self.cameras.iter().flat_map(|c| {
             let trigger = c.trigger.as_deref().unwrap_or_default();
             [&c.codec, &c.colour, trigger]

@@ -2,8 +2,8 @@
 //!
 //! [`SessionReader::open`] takes any session folder, also one that was cut off or damaged: the
 //! manifest is rebuilt from the segments if need be. [`SessionReader::entries`] goes through the
-//! session in the order written, one chunk in memory at a time, every checksum checked; damage is an
-//! entry like any other and never ends the iteration early. Random access goes through
+//! session in the order written, one chunk in memory at a time, every checksum checked; damage is
+//! an entry like any other and never ends the iteration early. Random access goes through
 //! [`crate::index`].
 //!
 //! The order is the order written: each stream is in the order of its numbers, streams are
@@ -147,8 +147,9 @@ impl SessionReader {
     /// Opens the session in a folder.
     ///
     /// # Errors
-    /// See [`ReadError`]; a damaged session is not an error. A FIFO, a device, a socket or a link in the place of a
-    /// file is one: [`ReadError::Io`], with [`plain_file::NotPlain`] as the cause.
+    /// See [`ReadError`]; a damaged session is not an error. A FIFO, a device, a socket or a link
+    /// in the place of a file is one: [`ReadError::Io`], with [`plain_file::NotPlain`] as the
+    /// cause.
     pub fn open(storage: Arc<dyn Storage>) -> Result<Self, ReadError> {
         let mut found = segment_files(&*storage)?;
         let mut strangers = Vec::new();
@@ -302,8 +303,8 @@ impl SessionReader {
     }
 }
 
-/// Takes the numbers out of `found` that lie beyond a hole that no session has; `next` is what comes
-/// after the manifest's last.
+/// Takes the numbers out of `found` that lie beyond a hole that no session has; `next` is what
+/// comes after the manifest's last.
 fn take_strangers(found: &mut Vec<u32>, mut next: u32) -> Vec<u32> {
     let is_far = |number: &u32| {
         let far = *number > next.saturating_add(MAX_HOLE);

@@ -1,5 +1,6 @@
-//! The records that a session holds: Rust types generated from `proto/` by `cargo xtask schemas`, and the schema that
-//! each is written with. What a stream is and which channel carries it: [`crate::manifest`].
+//! The records that a session holds: Rust types generated from `proto/` by `cargo xtask schemas`,
+//! and the schema that each is written with. What a stream is and which channel carries it:
+//! [`crate::manifest`].
 
 use prost::Message;
 
@@ -99,8 +100,8 @@ pub fn timestamp(time: HostTime) -> prost_types::Timestamp {
 }
 
 impl FrameTransform {
-    /// Where the frame `child` sits: what takes points in it to `parent`, as a translation in metres and a unit
-    /// quaternion `w x y z`; true from `at` on.
+    /// Where the frame `child` sits: what takes points in it to `parent`, as a translation in
+    /// metres and a unit quaternion `w x y z`; true from `at` on.
     ///
     /// ```
     /// use session_archive::record::FrameTransform;

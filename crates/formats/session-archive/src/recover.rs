@@ -6,11 +6,12 @@
 //! fresh checksum is ever put over damaged bytes. The copy is verified before it is called good.
 //!
 //! Where nothing is damaged and only the end is cut off, the segments are, byte for byte, those
-//! that a clean close of the same chunks would have left. A chunk that was only partly written is not
-//! salvaged: its checksum is over the whole.
+//! that a clean close of the same chunks would have left. A chunk that was only partly written is
+//! not salvaged: its checksum is over the whole.
 //!
-//! [`close_cut_off`] does the same in place, for the recorder that finds its own session cut off: where nothing
-//! is damaged, the segments that were open are rewritten beside themselves and put in their place in one step.
+//! [`close_cut_off`] does the same in place, for the recorder that finds its own session cut off:
+//! where nothing is damaged, the segments that were open are rewritten beside themselves and put in
+//! their place in one step.
 
 use std::collections::BTreeMap;
 use std::io;
@@ -115,9 +116,9 @@ pub fn recover(
     })
 }
 
-/// Closes a session that was cut off and is damaged nowhere else, in place; none if it was closed already. What
-/// it holds is what was found in it. Cut off itself at any point, it can be done again; where it fails, it leaves
-/// nothing behind that takes up space.
+/// Closes a session that was cut off and is damaged nowhere else, in place; none if it was closed
+/// already. What it holds is what was found in it. Cut off itself at any point, it can be done
+/// again; where it fails, it leaves nothing behind that takes up space.
 ///
 /// # Errors
 /// [`RecoverError::Damaged`], and then nothing has been changed; or see [`RecoverError`].
@@ -370,8 +371,8 @@ impl<'a> Copy<'a> {
         Ok(())
     }
 
-    /// The head of a segment: the one that it had, if the segment before has the same number of bytes in the
-    /// copy as that head says; else one that says so, with the same state.
+    /// The head of a segment: the one that it had, if the segment before has the same number of
+    /// bytes in the copy as that head says; else one that says so, with the same state.
     fn head(&self, number: u32, first: Option<&VerifiedChunk>) -> Vec<u8> {
         let had = first.and_then(|c| head_of(c).map(|head| (c, head)));
         if let Some((chunk, head)) = &had

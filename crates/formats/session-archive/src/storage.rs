@@ -134,10 +134,12 @@ impl ReadAt for Vec<u8> {
     }
 }
 
-/// Everything in a document: a manifest, a rig file, a hand-off. At most [`plain_file::DOCUMENT_LIMIT`] bytes.
+/// Everything in a document: a manifest, a rig file, a hand-off. At most
+/// [`plain_file::DOCUMENT_LIMIT`] bytes.
 ///
 /// # Errors
-/// The file is not there, is longer ([`plain_file::TooLong`]), or the file system reports an I/O error.
+/// The file is not there, is longer ([`plain_file::TooLong`]), or the file system reports an I/O
+/// error.
 pub fn read_all(storage: &dyn Storage, path: &str) -> io::Result<Vec<u8>> {
     read_up_to(storage, path, plain_file::DOCUMENT_LIMIT)
 }
@@ -145,7 +147,8 @@ pub fn read_all(storage: &dyn Storage, path: &str) -> io::Result<Vec<u8>> {
 /// Everything in a file of at most `limit` bytes. Its length is weighed before memory is taken.
 ///
 /// # Errors
-/// The file is not there, is longer ([`plain_file::TooLong`]), memory is exhausted, or the file system reports an I/O error.
+/// The file is not there, is longer ([`plain_file::TooLong`]), memory is exhausted, or the file
+/// system reports an I/O error.
 ///
 /// ```
 /// use session_archive::storage::{FaultStorage, read_up_to};

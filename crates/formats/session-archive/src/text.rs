@@ -1,12 +1,15 @@
 //! Text that people and devices give, and that ends up on somebody's screen.
 //!
-//! Names of sessions, marks, sources, reasons of a stop: all of it is recorded as it was given and read
-//! back years later by programs on other machines. Two rules keep it from doing more than being read:
+//! Names of sessions, marks, sources, reasons of a stop: all of it is recorded as it was given and
+//! read back years later by programs on other machines. Two rules keep it from doing more than
+//! being read:
 //!
-//! * *Where it comes in* a name or a mark passes [`check_note`]: one line of at most [`MAX_NOTE`] bytes, the same on
-//!   the page, on the control socket, on the command line and in the configuration.
-//! * *Where it is printed* [`shown`] writes every [hidden](is_hidden) character as `\u001b`, which is also how JSON
-//!   writes it. Sessions recorded by others, or before this rule, open as they are and are harmless to look at.
+//! * *Where it comes in* a name or a mark passes [`check_note`]: one line of at most [`MAX_NOTE`]
+//!   bytes, the same on the page, on the control socket, on the command line and in the
+//!   configuration.
+//! * *Where it is printed* [`shown`] writes every [hidden](is_hidden) character as `\u001b`, which
+//!   is also how JSON writes it. Sessions recorded by others, or before this rule, open as they are
+//!   and are harmless to look at.
 
 use std::borrow::Cow;
 use std::fmt::Write as _;
@@ -38,9 +41,10 @@ pub enum NoteError {
     },
 }
 
-/// Whether a character acts on a terminal, or on the order of the text around it, instead of being seen: the
-/// control characters C0, DEL and C1, the separators of lines and paragraphs, the marks that turn the
-/// direction of writing (Unicode Standard Annex 9, section 2), and the byte order mark.
+/// Whether a character acts on a terminal, or on the order of the text around it, instead of being
+/// seen: the control characters C0, DEL and C1, the separators of lines and paragraphs, the marks
+/// that turn the direction of writing (Unicode Standard Annex 9, section 2), and the byte order
+/// mark.
 pub fn is_hidden(c: char) -> bool {
     c.is_control()
         || matches!(c, '\u{61c}' | '\u{200e}' | '\u{200f}' | '\u{feff}')
@@ -113,15 +117,16 @@ fn escaped(text: &str, hide: impl Fn(char) -> bool) -> Cow<'_, str> {
     Cow::Owned(out)
 }
 
-/// The name of a value of a protobuf enumeration as words: `CAUSE_ENCODER_OVERLOAD` with the prefix `CAUSE_` as
-/// `encoder overload`.
+/// The name of a value of a protobuf enumeration as words: `CAUSE_ENCODER_OVERLOAD` with the prefix
+/// `CAUSE_` as `encoder overload`.
 pub fn enum_words(name: &str, prefix: &str) -> String {
     let name = name.strip_prefix(prefix).unwrap_or(name);
     name.to_lowercase().replace('_', " ")
 }
 
-/// Writes to a screen what it is given, as [`shown_lines`] does it. A piece is expected to end with a whole
-/// character, as those of `write!` do; bytes that are no UTF-8 are written as `\u0080` to `\u00ff`.
+/// Writes to a screen what it is given, as [`shown_lines`] does it. A piece is expected to end with
+/// a whole character, as those of `write!` do; bytes that are no UTF-8 are written as `\u0080` to
+/// `\u00ff`.
 ///
 /// ```
 /// use std::io::Write as _;

@@ -101,7 +101,8 @@ impl fmt::Display for HostTime {
 pub struct CivilTime(pub i64);
 
 impl fmt::Display for CivilTime {
-    /// RFC 3339 with milliseconds, the rest cut off, as in `2026-11-21T02:03:17.250Z`. Every `i64` is a date.
+    /// RFC 3339 with milliseconds, the rest cut off, as in `2026-11-21T02:03:17.250Z`. Every `i64`
+    /// is a date.
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         let time = DateTime::from_timestamp_nanos(self.0);
         f.write_str(&time.to_rfc3339_opts(SecondsFormat::Millis, true))

@@ -5,10 +5,11 @@
 //! chunk in the making.
 //!
 //! * **Chunks begin with key frames.** A chunk is an *epoch* of [`SessionSpec::chunk_ns`] on the
-//!   log-time axis, counted from the host clock's zero: the same count is used to force key frames. A camera enters the next epoch with its first key frame there; until every
-//!   camera that delivers has done so, two chunks are open, and messages of the cameras that are
-//!   ahead wait in the second. A camera that sends no key frame in time does not hold the others
-//!   up: no chunk is open longer than [`MAX_CHUNK_NS`].
+//!   log-time axis, counted from the host clock's zero: the same count is used to force key frames.
+//!   A camera enters the next epoch with its first key frame there; until every camera that
+//!   delivers has done so, two chunks are open, and messages of the cameras that are ahead wait in
+//!   the second. A camera that sends no key frame in time does not hold the others up: no chunk is
+//!   open longer than [`MAX_CHUNK_NS`].
 //! * **A failed write or sync ends that segment for good.** The chunk is still in memory, so it
 //!   is written again as the first of a new segment, and nothing is lost; if that fails too, gap
 //!   records take the place of its samples in a third; if that fails, the writer is finished and
@@ -420,8 +421,8 @@ impl SessionWriter {
         Ok(())
     }
 
-    /// How long the oldest message that is not written yet has waited on the log-time axis, ns. It may
-    /// be in the next chunk, where a camera lags behind the other streams.
+    /// How long the oldest message that is not written yet has waited on the log-time axis, ns. It
+    /// may be in the next chunk, where a camera lags behind the other streams.
     fn open_age(&self) -> i64 {
         let starts = [&self.open, &self.next].map(|chunk| chunk.start_time());
         let oldest = starts.into_iter().flatten().min();

@@ -1,4 +1,5 @@
-//! The hand-off: what its seal is of, what stands beside it, what is refused, and what version 1 was.
+//! The hand-off: what its seal is of, what stands beside it, what is refused, and what version 1
+//! was.
 
 use session_archive::handoff::{
     Acceptance, Beyond, Check, HandOff, HandOffError, SealedFile, Statement, Verdict, later_verdict,

@@ -1,5 +1,5 @@
-//! Session folders from strangers on a real disk: what is no file is never opened, and no length that a file claims is
-//! believed. What must not take memory runs in a process that has little.
+//! Session folders from strangers on a real disk: what is no file is never opened, and no length
+//! that a file claims is believed. What must not take memory runs in a process that has little.
 
 use std::fs;
 use std::os::unix::fs::symlink;
@@ -14,7 +14,8 @@ use session_archive::storage::{DiskStorage, Storage, read_all, read_up_to};
 /// Says that this process is the one with little memory.
 const LITTLE: &str = "SESSION_ARCHIVE_TEST_WITH_LITTLE_MEMORY";
 
-/// Runs the test of this name again in a process of at most 512 MiB of addresses; true in that process.
+/// Runs the test of this name again in a process of at most 512 MiB of addresses; true in that
+/// process.
 fn with_little_memory(test: &str) -> bool {
     if std::env::var_os(LITTLE).is_some() {
         return true;
@@ -74,7 +75,8 @@ fn an_index_that_claims_to_be_huge_takes_no_memory() {
     for claimed in [60 << 20, 1 << 29, 1 << 30, 1 << 31, u64::MAX] {
         refused(&packed(&zeros, claimed));
     }
-    // Short, with a list in it that claims to be long: identifier "s", then this number of segments.
+    // Short, with a list in it that claims to be long: identifier "s", then this number of
+    // segments.
     for count in [
         1 << 20,
         (1 << 30) / size_of::<(u32, u64)>() as u64,

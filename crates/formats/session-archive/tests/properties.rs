@@ -139,7 +139,8 @@ proptest! {
         let mut file = if magic { session_archive::mcap::MAGIC.to_vec() } else { Vec::new() };
         file.extend(bytes);
         scan(&file);
-        // A record is an opcode of a byte, a length of eight and its body; an error is the last item.
+        // A record is an opcode of a byte, a length of eight and its body; an error is the last
+        // item.
         let items = RecordIter::new(&file).count();
         prop_assert!(items <= file.len() / 9 + 1, "{} items in {} bytes", items, file.len());
     }

@@ -79,7 +79,8 @@ fn disk_with(files: &BTreeMap<String, Vec<u8>>, fault: Option<Fault>) -> FaultSt
     disk
 }
 
-/// Closed in place it is what recovery makes beside it, also if the closing is cut off itself, at any point, and done again.
+/// Closed in place it is what recovery makes beside it, also if the closing is cut off itself, at
+/// any point, and done again.
 #[test]
 fn closing_in_place_is_recovery_and_can_be_cut_off_anywhere() {
     let samples = samples(3.0);

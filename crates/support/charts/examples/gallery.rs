@@ -1,4 +1,5 @@
-//! Draws one of everything, with synthetic numbers: `cargo run -p charts --example gallery -- FOLDER`.
+//! Draws one of everything, with synthetic numbers:
+//! `cargo run -p charts --example gallery -- FOLDER`.
 
 use charts::{Axis, Bins, Cell, Chart, Page, Series, Span, Table, Timeline, Verdict};
 use std::{env, fs, path::PathBuf};

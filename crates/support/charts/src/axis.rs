@@ -342,7 +342,8 @@ pub fn significant(v: f64) -> String {
     }
 }
 
-/// A number with a unit and an SI prefix: `si(0.01, "s")` is "10 ms", `si(1.5e9, "B/s")` "1.5 GB/s".
+/// A number with a unit and an SI prefix: `si(0.01, "s")` is "10 ms", `si(1.5e9, "B/s")` "1.5
+/// GB/s".
 pub fn si(v: f64, unit: &str) -> String {
     const PREFIXES: [&str; 11] = ["p", "n", "µ", "m", "", "k", "M", "G", "T", "P", "E"];
     // Rounded before the prefix is chosen, so that 999.9 becomes 1 k and not 1000.

@@ -105,7 +105,8 @@ impl Chart {
         self
     }
 
-    /// The chart, `width` pixels wide (at least 280) and `height` high, or as much more as leaves the plot 90 pixels.
+    /// The chart, `width` pixels wide (at least 280) and `height` high, or as much more as leaves
+    /// the plot 90 pixels.
     pub fn to_svg(&self, width: u32, height: u32) -> String {
         let (width, height) = (f64::from(width.max(280)), f64::from(height));
         let mut svg = Svg::default();

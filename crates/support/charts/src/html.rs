@@ -1,9 +1,10 @@
-//! Self-contained HTML pages: text, tables, verdicts, charts and images in one file that opens offline and
-//! prints well, on screens from 360 pixels wide, light or dark.
+//! Self-contained HTML pages: text, tables, verdicts, charts and images in one file that opens
+//! offline and prints well, on screens from 360 pixels wide, light or dark.
 //!
-//! Contract: on a narrow screen charts are those drawn for it, rows of tables with a heading stack, and what can do
-//! neither scrolls in a box of its own; the page itself never scrolls sideways. Every text is escaped; charts and what
-//! [`Page::embed`] takes are put in as they are. The same calls give the same bytes.
+//! Contract: on a narrow screen charts are those drawn for it, rows of tables with a heading stack,
+//! and what can do neither scrolls in a box of its own; the page itself never scrolls sideways.
+//! Every text is escaped; charts and what [`Page::embed`] takes are put in as they are. The same
+//! calls give the same bytes.
 
 use crate::chart::Chart;
 use crate::svg::escape;
@@ -195,8 +196,8 @@ impl Page {
         self
     }
 
-    /// An SVG of one size, put in without escaping, and a caption (left out when empty). On a narrow screen it scrolls;
-    /// [`Page::chart`] and [`Page::drawing`] fit.
+    /// An SVG of one size, put in without escaping, and a caption (left out when empty). On a
+    /// narrow screen it scrolls; [`Page::chart`] and [`Page::drawing`] fit.
     pub fn figure(self, svg: &str, caption: &str) -> Self {
         let body = format!("<div class=\"scroll\">{}</div>", svg.trim_end());
         self.captioned(&body, caption)
@@ -218,8 +219,8 @@ impl Page {
         self.drawing(|width| timeline.to_svg(width), caption)
     }
 
-    /// An SVG that `draw` makes for a width in pixels, put in without escaping: one for broad screens and one for narrow
-    /// ones, of which one is shown.
+    /// An SVG that `draw` makes for a width in pixels, put in without escaping: one for broad
+    /// screens and one for narrow ones, of which one is shown.
     pub fn drawing(self, draw: impl Fn(u32) -> String, caption: &str) -> Self {
         let body = format!(
             "<div class=\"broad\">{}</div>\n<div class=\"narrow\">{}</div>",
@@ -264,7 +265,8 @@ impl Page {
         self
     }
 
-    /// Colours of the caller's own SVGs, each with the one in its place on a dark screen, as in `("#1b4f8a", "#5aa0eb")`.
+    /// Colours of the caller's own SVGs, each with the one in its place on a dark screen, as in
+    /// `("#1b4f8a", "#5aa0eb")`.
     pub fn dark<'a>(mut self, colours: impl IntoIterator<Item = (&'a str, &'a str)>) -> Self {
         self.style.push_str(&dark_rules(colours));
         self

@@ -1,7 +1,8 @@
 //! What every page has to be: well-formed, and complete without a network.
 //!
-//! For tests of those who make pages. It knows the HTML that [`crate::Page`] writes and what callers embed in it: every
-//! element is closed where its parent is, attributes are quoted. It is no HTML parser.
+//! For tests of those who make pages. It knows the HTML that [`crate::Page`] writes and what
+//! callers embed in it: every element is closed where its parent is, attributes are quoted. It is
+//! no HTML parser.
 
 /// Elements that have no end tag.
 const VOID: [&str; 8] = ["meta", "img", "br", "hr", "input", "link", "source", "wbr"];
@@ -28,7 +29,8 @@ const NAMES_A_PLACE: [&str; 8] = [
     "ping",
 ];
 
-/// Checks that elements are closed in their order, that nothing is fetched from elsewhere, and that scripts and style sheets name no address.
+/// Checks that elements are closed in their order, that nothing is fetched from elsewhere, and that
+/// scripts and style sheets name no address.
 ///
 /// # Errors
 /// The first thing that is wrong, with the text around it.

@@ -1,15 +1,17 @@
 //! Small charts as SVG text, and self-contained HTML pages to put them in.
 //!
 //! Contract: drawing never fails and never panics. Values that cannot be drawn (not finite, beyond
-//! 1e100 in size, not above zero on a log axis) are left out and *counted in the footnote*; a line is broken where one of its points is missing. A chart without
-//! data says "no data". However many points come in, the text that goes out is bounded by the
-//! pixels: lines whose points come in the order of x keep the least and the greatest value of each
-//! pixel column, so extremes survive; dense scatter and timelines merge what shares a pixel.
-//! The same input gives the same bytes. Text is escaped everywhere.
+//! 1e100 in size, not above zero on a log axis) are left out and *counted in the footnote*; a line
+//! is broken where one of its points is missing. A chart without data says "no data". However many
+//! points come in, the text that goes out is bounded by the pixels: lines whose points come in the
+//! order of x keep the least and the greatest value of each pixel column, so extremes survive;
+//! dense scatter and timelines merge what shares a pixel. The same input gives the same bytes. Text
+//! is escaped everywhere.
 //!
 //! The SVG is plain 1.1 with presentation attributes: no scripts, no styles, no ids, no references,
-//! so that several can be put into one page and any converter can draw them. Sizes are CSS pixels. On its own it is
-//! drawn on white; in a [`Page`] it follows the reader's choice of a light or dark screen.
+//! so that several can be put into one page and any converter can draw them. Sizes are CSS pixels.
+//! On its own it is drawn on white; in a [`Page`] it follows the reader's choice of a light or dark
+//! screen.
 //!
 //! ```
 //! use charts::{Axis, Chart, Page, Series, Verdict};

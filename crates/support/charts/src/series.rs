@@ -1,5 +1,5 @@
-//! What is drawn in a chart, and how series are distinguished: colours of the Okabe–Ito palette, and a
-//! dash or marker of their own for readers and printers who see no colour.
+//! What is drawn in a chart, and how series are distinguished: colours of the Okabe–Ito palette,
+//! and a dash or marker of their own for readers and printers who see no colour.
 
 use crate::axis::Extent;
 
@@ -40,7 +40,8 @@ impl Series {
         }
     }
 
-    /// Points joined in their order; few points get markers. A point that cannot be drawn breaks the line.
+    /// Points joined in their order; few points get markers. A point that cannot be drawn breaks
+    /// the line.
     pub fn line(name: &str, points: impl IntoIterator<Item = (f64, f64)>) -> Self {
         Self::new(name, Shape::Line(points.into_iter().collect()))
     }
@@ -55,7 +56,8 @@ impl Series {
         Self::new(name, Shape::Scatter(points.into_iter().collect()))
     }
 
-    /// One bar per category, in the order of [`crate::Axis::categories`]. Several such series stand side by side.
+    /// One bar per category, in the order of [`crate::Axis::categories`]. Several such series stand
+    /// side by side.
     pub fn bars(name: &str, values: impl IntoIterator<Item = f64>) -> Self {
         Self::new(name, Shape::Bars(values.into_iter().collect()))
     }
@@ -68,14 +70,15 @@ impl Series {
         )
     }
 
-    /// A text beside each point, in order; an empty one is left out. For lines, steps and scatter of at most 300 points.
+    /// A text beside each point, in order; an empty one is left out. For lines, steps and scatter
+    /// of at most 300 points.
     pub fn labels<T: Into<String>>(mut self, labels: impl IntoIterator<Item = T>) -> Self {
         self.labels = labels.into_iter().map(Into::into).collect();
         self
     }
 
-    /// Draws with the colour, dash and marker of slot `n` rather than those of its position, so that
-    /// the same thing looks the same in several charts.
+    /// Draws with the colour, dash and marker of slot `n` rather than those of its position, so
+    /// that the same thing looks the same in several charts.
     pub fn slot(mut self, n: usize) -> Self {
         self.slot = Some(n);
         self
@@ -261,7 +264,8 @@ pub(crate) struct Marker {
     pub(crate) filled: bool,
 }
 
-/// Okabe and Ito's colours, strongest on white first; yellow is left out, it does not show on white.
+/// Okabe and Ito's colours, strongest on white first; yellow is left out, it does not show on
+/// white.
 const COLOURS: [&str; 7] = [
     "#0072B2", "#D55E00", "#009E73", "#CC79A7", "#E69F00", "#56B4E9", "#000000",
 ];

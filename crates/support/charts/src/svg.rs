@@ -8,8 +8,8 @@ pub(crate) const INK: &str = "#222";
 /// Colour of secondary text.
 pub(crate) const MUTED: &str = "#595959";
 
-/// Text that is safe inside XML or HTML, in elements and in attributes. Characters that XML forbids, and
-/// those that turn the direction of the text around them, become U+FFFD.
+/// Text that is safe inside XML or HTML, in elements and in attributes. Characters that XML
+/// forbids, and those that turn the direction of the text around them, become U+FFFD.
 pub(crate) fn escape(text: &str) -> String {
     let mut out = String::with_capacity(text.len());
     for c in text.chars() {
@@ -70,7 +70,8 @@ pub(crate) fn shorten(text: &str, size: f64, room: f64) -> String {
     format!("{}…", short.trim_end())
 }
 
-/// Lines of `text` that fit into `room` pixels, broken at spaces, or inside a word too long for a line.
+/// Lines of `text` that fit into `room` pixels, broken at spaces, or inside a word too long for a
+/// line.
 pub(crate) fn wrap(text: &str, size: f64, room: f64) -> Vec<String> {
     let mut lines = Vec::new();
     for paragraph in text.lines() {

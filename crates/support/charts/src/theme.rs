@@ -1,8 +1,9 @@
 //! Colours by day and by night.
 //!
-//! Charts are drawn for white paper and carry their colours as attributes, so that a file of its own looks the same
-//! everywhere. A page replaces them by rules of its style sheet, which are stronger than attributes, where the reader
-//! prefers a dark screen. Every colour that this crate draws with is in [`COLOURS`].
+//! Charts are drawn for white paper and carry their colours as attributes, so that a file of its
+//! own looks the same everywhere. A page replaces them by rules of its style sheet, which are
+//! stronger than attributes, where the reader prefers a dark screen. Every colour that this crate
+//! draws with is in [`COLOURS`].
 
 use std::fmt::Write as _;
 
@@ -28,8 +29,8 @@ pub(crate) const COLOURS: [(&str, &str); 15] = [
     ("#9CCBE8", "#3a76a3"),
 ];
 
-/// Rules that replace each first colour by its second one in every SVG of a page on a dark screen. Names of colours
-/// are put in as they stand.
+/// Rules that replace each first colour by its second one in every SVG of a page on a dark screen.
+/// Names of colours are put in as they stand.
 pub(crate) fn dark_rules<'a>(colours: impl IntoIterator<Item = (&'a str, &'a str)>) -> String {
     let mut css = String::from("@media screen and (prefers-color-scheme: dark) {\n");
     for (light, dark) in colours {

@@ -1,16 +1,17 @@
 //! A timeline: one row per stream, spans coloured by kind, marks across all rows.
 //!
 //! Spans are merged on the pixels they fall on, and what is shorter than a pixel is drawn one pixel
-//! wide, so 100 000 events stay small and a gap of a millisecond still shows in an hour. Where spans
-//! of several kinds share a pixel the last named kind wins: name the ordinary state first and the
-//! worst one last. Where a row has no span it remains empty.
+//! wide, so 100 000 events stay small and a gap of a millisecond still shows in an hour. Where
+//! spans of several kinds share a pixel the last named kind wins: name the ordinary state first and
+//! the worst one last. Where a row has no span it remains empty.
 
 use crate::axis::{Axis, Extent, Scale};
 use crate::geometry::columns;
 use crate::sheet::{GRID, Sheet, Swatch, TICK, ticks_below};
 use crate::svg::{Anchor, MUTED, Svg, shorten, text_width};
 
-/// `from..to` in the units of the time axis, and its kind as an index into the kinds of the timeline.
+/// `from..to` in the units of the time axis, and its kind as an index into the kinds of the
+/// timeline.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Span {
     /// Where it starts.
@@ -243,7 +244,8 @@ impl Timeline {
         self.draw_spans(svg, row, scale, y);
     }
 
-    /// One path per kind; the ordinary kind is drawn lower than the row, so kinds differ in height too.
+    /// One path per kind; the ordinary kind is drawn lower than the row, so kinds differ in height
+    /// too.
     fn draw_spans(&self, svg: &mut Svg, row: &Row, scale: Scale, y: f64) {
         let (x0, x1) = scale.pixels;
         let good = row.spans.iter().filter(|s| self.usable(s));

@@ -1,5 +1,5 @@
-//! Captures from a chain of GStreamer elements and says what came: rate, loss, and what the times are
-//! worth.
+//! Captures from a chain of GStreamer elements and says what came: rate, loss, and what the times
+//! are worth.
 //!
 //! `cargo run -p video --example capture CHAIN WIDTH HEIGHT RATE SECONDS [ENCODER]`
 //!

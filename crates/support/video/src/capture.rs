@@ -3,12 +3,12 @@
 //! Contract. *Normally*: [`Capture::next`] gives every frame of the chain in order, with its PTS on
 //! CLOCK_MONOTONIC by exact integer arithmetic, the time at which it arrived, and a number in which
 //! a hole is a frame that was lost. *When the taker is late*: a few frames wait (four, or two
-//! native ones), then new ones are dropped, counted, and reported as [`CaptureEvent::Lost`]; the camera
-//! never waits. *When the camera is late or silent*: `next` gives nothing and returns after its
-//! time-out. *When it fails*: what was queued, then one of [`CaptureEvent::Gone`] (the device said so; it may
-//! come back), [`CaptureEvent::Failed`] and [`CaptureEvent::Ended`], again at every further call;
-//! whether and when to restart is the caller's business. *At the end*: dropping a capture stops
-//! it within seconds, even if the driver hangs.
+//! native ones), then new ones are dropped, counted, and reported as [`CaptureEvent::Lost`]; the
+//! camera never waits. *When the camera is late or silent*: `next` gives nothing and returns after
+//! its time-out. *When it fails*: what was queued, then one of [`CaptureEvent::Gone`] (the device
+//! said so; it may come back), [`CaptureEvent::Failed`] and [`CaptureEvent::Ended`], again at every
+//! further call; whether and when to restart is the caller's business. *At the end*: dropping a
+//! capture stops it within seconds, even if the driver hangs.
 //!
 //! What a PTS *means* is another question for every element: [`policy`].
 //!
@@ -389,7 +389,8 @@ impl Capture {
     /// its own. `clock` returns the time at which each frame arrives.
     ///
     /// # Errors
-    /// See [`CaptureError`]: errors that can be detected without the device. The rest comes as an event.
+    /// See [`CaptureError`]: errors that can be detected without the device. The rest comes as an
+    /// event.
     pub fn start(settings: &CaptureSettings, clock: HostClock) -> Result<Capture, CaptureError> {
         Capture::start_with(settings, clock, |_| ())
     }
@@ -419,7 +420,8 @@ impl Capture {
     }
 
     /// The next event, waiting at most `timeout` for it. After [`CaptureEvent::Gone`],
-    /// [`CaptureEvent::Failed`] or [`CaptureEvent::Ended`] every further call returns it again immediately.
+    /// [`CaptureEvent::Failed`] or [`CaptureEvent::Ended`] every further call returns it again
+    /// immediately.
     pub fn next(&mut self, timeout: Duration) -> Option<CaptureEvent> {
         let converted = match self.intake.take(timeout)? {
             Item::Frame(arrived) => self.one(arrived),

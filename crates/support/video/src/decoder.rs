@@ -7,9 +7,9 @@
 //! panic. *Nothing carries over* from one call to the next, so calls may jump about in a
 //! recording. *Time*: a call gives up when nothing has come for [`STALL`].
 //!
-//! A lost access unit makes decoders go on with the wrong reference and say nothing; so access units
-//! whose references are missing ([`crate::references`]) are not decoded and count as missing. What
-//! nobody can know here: decoders conceal damage inside a frame, and report only part of it.
+//! A lost access unit makes decoders go on with the wrong reference and say nothing; so access
+//! units whose references are missing ([`crate::references`]) are not decoded and count as missing.
+//! What nobody can know here: decoders conceal damage inside a frame, and report only part of it.
 //! Bytes that may be damaged are for checksums to find.
 //!
 //! Decoders are taken from what the machine has, hardware first; the first that decodes something
@@ -153,8 +153,8 @@ impl Decoder {
     }
 
     /// Decodes a run of access units that begins with a key frame and has rising times. Frames
-    /// are I420, in order of time, one per access unit. All of them are in memory simultaneously: `1.5 *
-    /// width * height` bytes each.
+    /// are I420, in order of time, one per access unit. All of them are in memory simultaneously:
+    /// `1.5 * width * height` bytes each.
     ///
     /// # Errors
     /// See [`DecodeError`]. After any error the next call starts afresh.

@@ -5,10 +5,10 @@
 //! if the encoder hangs; a hung one is left behind on its thread. Trials run at the start of a
 //! program, not while recording: a trial occupies the encoder.
 //!
-//! What is chosen is a function of what is installed, of whether it works, and of the pixels per second of all
-//! cameras ([`choose`]), never of how long a trial took: a trial has the machine to itself or shares it with
-//! programs that end a second later, and a few frames tell neither. A trial's speed is shown to people and decides
-//! nothing.
+//! What is chosen is a function of what is installed, of whether it works, and of the pixels per
+//! second of all cameras ([`choose`]), never of how long a trial took: a trial has the machine to
+//! itself or shares it with programs that end a second later, and a few frames tell neither. A
+//! trial's speed is shown to people and decides nothing.
 
 use std::sync::mpsc;
 use std::sync::{Arc, Mutex};
@@ -157,9 +157,9 @@ fn trial_with(element: &str, width: u32, height: u32, threads: u32) -> Result<Tr
         .unwrap_or(Err(TrialError::Hung))
 }
 
-/// The encoder for all cameras of a session: the first in order of preference that does at every size what it
-/// promises. Hardware, then x264enc, then openh264enc. x265enc has to be named by the user: in software it takes
-/// eight times the processor time for a tenth fewer bytes.
+/// The encoder for all cameras of a session: the first in order of preference that does at every
+/// size what it promises. Hardware, then x264enc, then openh264enc. x265enc has to be named by the
+/// user: in software it takes eight times the processor time for a tenth fewer bytes.
 ///
 /// # Errors
 /// [`NoEncoder`] with every reason.

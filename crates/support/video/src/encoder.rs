@@ -232,7 +232,8 @@ enum Expected {
 impl Encoder {
     /// Starts an encoder. `on_output` is called for every event, see [`OnOutput`]. An encoder may
     /// fail only with the first frame, which sets the device's format; that comes as
-    /// [`EncoderEvent::Failed`]. (An error returned here may have been reported to `on_output` as well.)
+    /// [`EncoderEvent::Failed`]. (An error returned here may have been reported to `on_output` as
+    /// well.)
     ///
     /// # Errors
     /// [`EncodeError::Settings`], [`EncodeError::Picture`] for a size that cannot be,

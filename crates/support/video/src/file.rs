@@ -1,10 +1,12 @@
 //! Video files, image by image: whatever container and codec this machine's GStreamer reads.
 //!
-//! Contract. *Normally*: [`VideoFile::next`] gives every image of the file's first video track in order, as I420 with
-//! full-range values, with the time that the container gives it. Nothing is skipped, repeated or moved to a rate. *Times*
-//! are handed on as they are: one that is absent is none, one that does not rise is the caller's to judge. *Damage*: an image
-//! that its decoder calls damaged says so. *When it fails*, also in the middle: an error, and then the same one again. *At
-//! the end* there is no more. Images are decoded a few ahead of the caller; who waits is the decoder.
+//! Contract. *Normally*: [`VideoFile::next`] gives every image of the file's first video track in
+//! order, as I420 with full-range values, with the time that the container gives it. Nothing is
+//! skipped, repeated or moved to a rate. *Times* are handed on as they are: one that is absent is
+//! none, one that does not rise is the caller's to judge. *Damage*: an image that its decoder calls
+//! damaged says so. *When it fails*, also in the middle: an error, and then the same one again. *At
+//! the end* there is no more. Images are decoded a few ahead of the caller; who waits is the
+//! decoder.
 //!
 //! ```no_run
 //! # fn main() -> Result<(), video::file::FileError> {
@@ -77,7 +79,8 @@ pub struct FileInfo {
     pub width: u32,
     /// Rows.
     pub height: u32,
-    /// Images per second as the container says, else from the first two times; none where neither tells.
+    /// Images per second as the container says, else from the first two times; none where neither
+    /// tells.
     pub rate_hz: Option<f64>,
     /// Whether there is chroma.
     pub colour: bool,
@@ -235,7 +238,8 @@ fn build(
         "filesrc name=from ! decodebin ! videoconvert name={CONVERTER} ! \
          video/x-raw,format=I420,colorimetry=(string){COLOURS} ! identity name=to"
     );
-    // The parser would make an input of what decodebin is to be linked to as soon as it knows what is in the file.
+    // The parser would make an input of what decodebin is to be linked to as soon as it knows what
+    // is in the file.
     let chain = gst::parse::bin_from_description(&described, false)
         .map_err(|error| error.message().to_owned())?;
     let end = chain.by_name("to").and_then(|end| end.static_pad("src"));

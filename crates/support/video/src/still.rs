@@ -1,10 +1,12 @@
-//! A few small images of what a stereo camera saw: at the start, in the middle, at the end, and the worst.
+//! A few small images of what a stereo camera saw: at the start, in the middle, at the end, and the
+//! worst.
 //!
-//! Contract: *worst* is the least sharp one ([`Look::sharpness`]) among the frames that are looked at, which are the
-//! three others and key frames spread evenly over the recording, at most [`Settings::most`]: what a long
-//! recording costs is bounded. A covered, blurred, black or overexposed image is less sharp than its neighbours; so is one of a plain
-//! wall. What cannot be decoded is counted and passed over; the next one that can takes its place. The same frames
-//! give the same images on the same decoder.
+//! Contract: *worst* is the least sharp one ([`Look::sharpness`]) among the frames that are looked
+//! at, which are the three others and key frames spread evenly over the recording, at
+//! most [`Settings::most`]: what a long recording costs is bounded. A covered, blurred, black or
+//! overexposed image is less sharp than its neighbours; so is one of a plain wall. What cannot be
+//! decoded is counted and passed over; the next one that can takes its place. The same frames give
+//! the same images on the same decoder.
 
 use std::collections::BTreeSet;
 use std::ops::Range;
@@ -86,8 +88,8 @@ pub struct Still {
     pub number: u64,
     /// Time of its frame, ns.
     pub time_ns: i64,
-    /// `left` or `right`: the eye that is less sharp in [`Role::LeastSharp`], else the left one; `both` if the frame cannot
-    /// be cut in two.
+    /// `left` or `right`: the eye that is less sharp in [`Role::LeastSharp`], else the left one;
+    /// `both` if the frame cannot be cut in two.
     pub eye: &'static str,
     /// What was measured in that eye, before it was made small.
     pub look: Look,
@@ -117,7 +119,8 @@ pub enum StillError {
     Image(String),
 }
 
-/// Looks at some frames of a camera. `read` gives the access unit of the frame at a position, or nothing if it is damaged.
+/// Looks at some frames of a camera. `read` gives the access unit of the frame at a position, or
+/// nothing if it is damaged.
 ///
 /// # Errors
 /// [`StillError`]; what concerns single frames is counted instead.
@@ -249,7 +252,8 @@ impl Seen {
     }
 }
 
-/// Adds a frame and lets go of those that no image will be made of, so that four or five are in memory.
+/// Adds a frame and lets go of those that no image will be made of, so that four or five are in
+/// memory.
 fn keep(seen: &mut Vec<Seen>, new: Seen, middle: usize) {
     seen.push(new);
     let kept = [

@@ -86,8 +86,8 @@ fn cut(
 ) -> Result<(Vec<f64>, Vec<f64>)> {
     let disk = FaultStorage::new();
     let mut writer = SessionWriter::create(Arc::new(disk.clone()), load::spec(chunk_ns))?;
-    // Once every stream has something on disk. Multiples of the golden ratio: as even as can be, and
-    // in step with nothing.
+    // Once every stream has something on disk. Multiples of the golden ratio: as even as can be,
+    // and in step with nothing.
     let settled = |a: &Arrival| a.place().1 > load::START + 2_000_000_000;
     let warm = arrivals.iter().position(settled).unwrap_or(0);
     let mut instants: Vec<usize> = (0..cuts)

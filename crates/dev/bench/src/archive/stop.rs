@@ -59,8 +59,8 @@ pub(super) fn measure(plan: &Plan, disk: &Path) -> Result<Vec<Stopping>> {
     Ok(all)
 }
 
-/// Small frames, so that an hour fits on any disk; those of the last three seconds are of full size,
-/// because they are what stopping writes.
+/// Small frames, so that an hour fits on any disk; those of the last three seconds are of full
+/// size, because they are what stopping writes.
 fn record_and_stop(stopping: &mut Stopping, disk: &Path) -> Result<()> {
     let (small, large) = (load::units(150, 250), load::units(60_000, 100_000));
     let folder = tempfile::tempdir_in(disk).context("making a folder to write to")?;

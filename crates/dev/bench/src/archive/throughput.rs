@@ -109,8 +109,9 @@ pub(super) fn measure(plan: &Plan, disk: &Path) -> Result<Rates> {
             Some(Destination::Disk),
         ];
         for (rate, mode) in write.iter_mut().zip(modes) {
-            // Twice, and the first run does not count: a change in the sizes of the writes makes the
-            // kernel find other pages, which on a virtual machine may cost more than the writing.
+            // Twice, and the first run does not count: a change in the sizes of the writes makes
+            // the kernel find other pages, which on a virtual machine may cost more than the
+            // writing.
             for warm in [false, true] {
                 let folder = tempfile::tempdir_in(disk).context("making a folder to write to")?;
                 let session = DiskStorage::new(folder.path().join("session"));

@@ -50,7 +50,8 @@ pub(crate) struct Frame {
     pub(crate) range: usize,
     /// The rectified pair of cameras.
     pub(crate) geometry: Geometry,
-    /// Takes points in the rectified left frame to the world (z up); the identity where there is none.
+    /// Takes points in the rectified left frame to the world (z up); the identity where there is
+    /// none.
     pub(crate) world_from_left: RigidTransform,
 }
 

@@ -1,4 +1,5 @@
-//! OpenCV's matchers, in a process of their own that lives as long as the benchmark, so that both sides keep their buffers.
+//! OpenCV's matchers, in a process of their own that lives as long as the benchmark, so that both
+//! sides keep their buffers.
 
 use std::fs;
 use std::io::{BufRead, BufReader, Write};

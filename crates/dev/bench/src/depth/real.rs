@@ -1,5 +1,6 @@
-//! A real rectified pair with its truth: Motorcycle at a quarter of its size, of the Middlebury stereo sets (Scharstein et al.,
-//! "High-resolution stereo datasets with subpixel-accurate ground truth", GCPR 2014), with their mask of visible pixels.
+//! A real rectified pair with its truth: Motorcycle at a quarter of its size, of the Middlebury
+//! stereo sets (Scharstein et al., "High-resolution stereo datasets with subpixel-accurate ground
+//! truth", GCPR 2014), with their mask of visible pixels.
 
 use std::fs;
 use std::path::Path;
@@ -91,7 +92,8 @@ fn grey_png(path: &Path) -> Result<Vec<u8>> {
     Ok(data.chunks_exact(samples).map(luma).collect())
 }
 
-/// A portable float map of one channel, little-endian, first row first. The file has the last row first.
+/// A portable float map of one channel, little-endian, first row first. The file has the last row
+/// first.
 fn pfm(path: &Path, [width, height]: [usize; 2]) -> Result<Vec<f32>> {
     let bytes = fs::read(path)?;
     let mut lines = bytes.splitn(4, |b| *b == b'\n');

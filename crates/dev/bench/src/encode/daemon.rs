@@ -379,7 +379,8 @@ impl Bare {
     }
 }
 
-/// The planes with rows padded to a multiple of four bytes, as GStreamer expects raw video in a file.
+/// The planes with rows padded to a multiple of four bytes, as GStreamer expects raw video in a
+/// file.
 fn padded(picture: &Picture) -> Result<Vec<u8>> {
     picture.check()?;
     let (width, height) = (picture.width as usize, picture.height as usize);

@@ -140,7 +140,8 @@ impl World {
             while begun(frame) <= taken {
                 let begin = begun(frame);
                 let busy = self.load > 0.0 && begin < busy_until;
-                // An interrupt is late only while another is served; taking the frame waits for the processor.
+                // An interrupt is late only while another is served; taking the frame waits for the
+                // processor.
                 let stamp = STAMP_LATENCY
                     + random.late(self.stamp_jitter + if busy { 0.3 * MS } else { 0.0 });
                 let mut host = begin + FRAME_LATENCY.max(stamp) + random.late(self.frame_jitter);

@@ -59,7 +59,8 @@ struct Point {
     adjusted: Figures,
 }
 
-/// Runs the benchmark: `[--quick] [--only PART,...] [--walks DIR] [--out DIR]`; parts are `daemon`, `presets`, `encoders`.
+/// Runs the benchmark: `[--quick] [--only PART,...] [--walks DIR] [--out DIR]`; parts are `daemon`,
+/// `presets`, `encoders`.
 ///
 /// # Errors
 /// Bad arguments, an encoder that fails, or an I/O error.

@@ -1,8 +1,9 @@
 //! `odometry_faults`: poses under faults.
 //!
-//! Each kind of fault of the simulator ([docs/reference/rig-sim.md](../../../../../docs/reference/rig-sim.md)) acts for
-//! four seconds in the middle of short walks, on all cameras simultaneously (faults that move a
-//! camera: on one), at rising strength. Outcomes of a point:
+//! Each kind of fault of the simulator
+//! ([docs/reference/rig-sim.md](../../../../../docs/reference/rig-sim.md)) acts for four seconds in
+//! the middle of short walks, on all cameras simultaneously (faults that move a camera: on one), at
+//! rising strength. Outcomes of a point:
 //!
 //! - *ok*: every pose is tracked and within 3 of its stated sigmas, in position and rotation;
 //! - *flagged*: some poses are dead reckoned or lost, or a camera is reported as moved, and every
@@ -229,7 +230,8 @@ fn point(walk: &'static str, fault: Option<(Kind, f64)>, sequence: &Sequence) ->
     })
 }
 
-/// Errors of the motion from the last pose before the fault to each later one that is not lost: m and degrees.
+/// Errors of the motion from the last pose before the fault to each later one that is not lost: m
+/// and degrees.
 fn motion_errors(estimate: &Trajectory, truth: &Trajectory) -> Vec<[f64; 2]> {
     let pairs = estimate.poses().iter().filter_map(|pose| {
         let truth = truth.at(pose.time_ns)?;

@@ -9,7 +9,8 @@ use anyhow::{Context, Result, bail, ensure};
 pub(crate) struct Options {
     /// A short slice of it.
     pub(crate) quick: bool,
-    /// The folder of charts and tables; of a short slice below the target folder, unless it is named.
+    /// The folder of charts and tables; of a short slice below the target folder, unless it is
+    /// named.
     pub(crate) out: PathBuf,
     /// The folder of rendered images.
     pub(crate) walks: PathBuf,

@@ -31,7 +31,8 @@ pub(crate) const CAMERAS_SETS: usize = 900;
 
 /// The presets.
 pub(crate) const PRESETS: [&str; 3] = ["fast", "balanced", "accurate"];
-/// One setting of `balanced` at a time: its key, and its values in order; the preset's own is among them.
+/// One setting of `balanced` at a time: its key, and its values in order; the preset's own is among
+/// them.
 pub(crate) const SWEEPS: [(&str, &[usize]); 3] = [
     ("frontend.max_features", &[30, 45, 60, 80, 110, 160, 240]),
     ("backend.window_size", &[4, 6, 8, 11, 16]),

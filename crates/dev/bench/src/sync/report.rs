@@ -11,7 +11,8 @@ use super::world::{TICK_NS, US};
 use super::{Point, RATES, Results};
 use crate::stamp;
 
-/// The target of the project: p99 of a sample's time with 1 ms of exponential jitter after 10 s, ns.
+/// The target of the project: p99 of a sample's time with 1 ms of exponential jitter after 10 s,
+/// ns.
 const TARGET_NS: f64 = 1e5;
 /// The method under test comes first.
 const OURS: usize = 0;

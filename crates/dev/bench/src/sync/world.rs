@@ -233,7 +233,8 @@ pub(crate) struct Sample {
     pub ticks: i64,
     /// The same without wraps.
     pub counted: i64,
-    /// Host time at which the sample was taken, ns: less than a tick after the counter reached `ticks`.
+    /// Host time at which the sample was taken, ns: less than a tick after the counter reached
+    /// `ticks`.
     pub taken: f64,
     /// Host time at which it was read, ns.
     pub arrival: i64,

@@ -4,11 +4,12 @@
 //! vm-button press@0.5 double@2 long@4 down@8 up@20 unplug@21 plug@22 press@23 end@25
 //! ```
 //!
-//! Times are seconds after the start. `press` lasts 80 ms, `double` is two of them 120 ms apart, `long` lasts
-//! 2 s; `bounce` is a press whose contact opens and closes within 6 ms at both ends. The device is plugged in at
-//! the start, unless the first step is `plug`. Each thing that is done is a line of JSON on standard output with its time on
-//! CLOCK_MONOTONIC, the node of the device when it is plugged in. Times are waited for with the kernel's
-//! timers, so it runs in virtual time as well.
+//! Times are seconds after the start. `press` lasts 80 ms, `double` is two of them 120 ms apart,
+//! `long` lasts 2 s; `bounce` is a press whose contact opens and closes within 6 ms at both ends.
+//! The device is plugged in at the start, unless the first step is `plug`. Each thing that is done
+//! is a line of JSON on standard output with its time on CLOCK_MONOTONIC, the node of the device
+//! when it is plugged in. Times are waited for with the kernel's timers, so it runs in virtual time
+//! as well.
 
 use std::io::Write;
 use std::str::FromStr;

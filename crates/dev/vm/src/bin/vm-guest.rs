@@ -25,8 +25,8 @@ enum Cli {
         #[arg(last = true, required = true)]
         recorder: Vec<String>,
     },
-    /// Examine what is left in folders of sessions, one line of JSON for each line of standard input:
-    /// "IMAGE STARTED MESSAGES"; each image is mounted on the folder
+    /// Examine what is left in folders of sessions, one line of JSON for each line of standard
+    /// input: "IMAGE STARTED MESSAGES"; each image is mounted on the folder
     Exam {
         /// The whole recording
         #[arg(long)]
@@ -127,8 +127,8 @@ fn exam(reference: Option<&Path>, on: &Path) -> Result<ExitCode> {
     Ok(ExitCode::SUCCESS)
 }
 
-/// Does something while an image is mounted; the kernel replays its journal. One that cannot be mounted is repaired as a
-/// person would, which is reported to `work`.
+/// Does something while an image is mounted; the kernel replays its journal. One that cannot be
+/// mounted is repaired as a person would, which is reported to `work`.
 fn mounted<T>(image: &Path, on: &Path, work: impl FnOnce(bool) -> Result<T>) -> Result<T> {
     std::fs::create_dir_all(on)?;
     let mount = || {
@@ -140,7 +140,8 @@ fn mounted<T>(image: &Path, on: &Path, work: impl FnOnce(bool) -> Result<T>) -> 
     let first = mount();
     let repaired = first.is_err();
     if let Err(error) = first {
-        // Its exit code is 1 when it has mended something; whether it has is for the second mount to tell.
+        // Its exit code is 1 when it has mended something; whether it has is for the second mount
+        // to tell.
         let _ = run(Command::new("e2fsck").arg("-fy").arg(image));
         mount().map_err(|_| error.context("mounting after the power cut"))?;
     }

@@ -1,6 +1,7 @@
 //! `vm`: runs the test cases in virtual machines.
 //!
-//! Exit codes: 0 all that ran has passed, 1 a case has failed, 2 bad arguments, 4 nothing ran because there is no kernel.
+//! Exit codes: 0 all that ran has passed, 1 a case has failed, 2 bad arguments, 4 nothing ran
+//! because there is no kernel.
 #![expect(
     clippy::disallowed_methods,
     reason = "a developer tool tells people how long each case took"
@@ -186,8 +187,8 @@ fn run(args: &RunArgs) -> Result<ExitCode> {
     Ok(ExitCode::FAILURE)
 }
 
-/// Some machines do not let a program trace its children, which User-Mode Linux does all the time: there is no test
-/// there, and that is no failure of what would be tested.
+/// Some machines do not let a program trace its children, which User-Mode Linux does all the time:
+/// there is no test there, and that is no failure of what would be tested.
 fn try_a_guest(machine: &Machine, folder: &Path) -> Result<()> {
     const LIMIT: Duration = Duration::from_secs(600);
     make_empty(folder)?;

@@ -32,7 +32,8 @@ pub(crate) fn pair() -> String {
     )
 }
 
-/// Three small V4L2 cameras, an IMU behind hidraw that belongs to the first, the buttons and the light of `rig.sh`.
+/// Three small V4L2 cameras, an IMU behind hidraw that belongs to the first, the buttons and the
+/// light of `rig.sh`.
 pub(crate) fn devices(gpio: bool) -> String {
     let mut text = "[session]\nout = \"/run/archive\"\npre_roll_s = 0\n\
          [disk]\nreserve_gb = 0\n\

@@ -1,9 +1,11 @@
-//! `cost`: how often the daemon's threads wake up and what processor time they take, armed and while it records.
+//! `cost`: how often the daemon's threads wake up and what processor time they take, armed and
+//! while it records.
 //!
-//! The kernel counts: each thread's switches and processor time are read from `/proc` at both ends of a window, in real
-//! time. A *wake-up* is a switch of the thread's own will, so one for each time that it went to sleep; a switch that was
-//! forced on it is none. Wake-ups hardly depend on how busy the host is. Processor time does: in User-Mode Linux it contains what the
-//! host did meanwhile, and a system call costs many times what it costs elsewhere ([`Cost::call_us`]).
+//! The kernel counts: each thread's switches and processor time are read from `/proc` at both ends
+//! of a window, in real time. A *wake-up* is a switch of the thread's own will, so one for each
+//! time that it went to sleep; a switch that was forced on it is none. Wake-ups hardly depend on
+//! how busy the host is. Processor time does: in User-Mode Linux it contains what the host did
+//! meanwhile, and a system call costs many times what it costs elsewhere ([`Cost::call_us`]).
 
 use std::collections::BTreeMap;
 use std::fs;
@@ -26,13 +28,14 @@ pub(super) const CASE: Case = Case {
     run,
 };
 
-/// Wake-ups of all threads together while it waits for a camera, per second. Rounds of hub and recorder, the state for the
-/// lights: some 25.
+/// Wake-ups of all threads together while it waits for a camera, per second. Rounds of hub and
+/// recorder, the state for the lights: some 25.
 const MOST_WAITING: f64 = 40.0;
 /// Wake-ups of the hub for an IMU's 800 samples and a camera's 30 frames, per second.
 const MOST_HUB: f64 = 120.0;
 
-/// Ticks in which `/proc` counts processor time, per second (USER_HZ, the same on every Linux that this runs on).
+/// Ticks in which `/proc` counts processor time, per second (USER_HZ, the same on every Linux that
+/// this runs on).
 const TICKS_PER_S: f64 = 100.0;
 
 /// Who looks at the phone's page.
@@ -254,8 +257,8 @@ pub struct Cost {
 }
 
 impl Cost {
-    /// How many of the samples that the rig should have made the daemon woke up for, in the worse window: 1 for all. Much less,
-    /// and the host was too busy for the guest.
+    /// How many of the samples that the rig should have made the daemon woke up for, in the worse
+    /// window: 1 for all. Much less, and the host was too busy for the guest.
     pub fn served(&self) -> f64 {
         let windows = [Some(&self.armed), self.recording.as_ref()];
         let shares = windows.into_iter().flatten().flat_map(|window| {
@@ -394,7 +397,8 @@ struct Snapshot {
 }
 
 impl Snapshot {
-    /// Reads what the script's `snapshot` wrote: the line of `/proc/uptime`, then lines of files with their paths in front.
+    /// Reads what the script's `snapshot` wrote: the line of `/proc/uptime`, then lines of files
+    /// with their paths in front.
     fn parse(text: &str) -> Result<Self> {
         let (first, rest) = text.split_once('\n').context("an empty snapshot")?;
         let uptime = first.split(' ').next().and_then(|word| word.parse().ok());
@@ -410,7 +414,8 @@ impl Snapshot {
         Ok(Self { uptime_s, threads })
     }
 
-    /// What happened since; threads that ended meanwhile are left out, new ones count from their beginning.
+    /// What happened since; threads that ended meanwhile are left out, new ones count from their
+    /// beginning.
     fn since(&self, before: &Self) -> Window {
         let seconds = self.uptime_s - before.uptime_s;
         let mut kinds: BTreeMap<&'static str, Rate> = BTreeMap::new();
@@ -437,7 +442,8 @@ fn take(line: &str, threads: &mut BTreeMap<u32, Counters>) -> Option<()> {
     match parts.next()? {
         "comm" => thread.name = text.to_owned(),
         "stat" => {
-            // proc(5): utime and stime are fields 14 and 15, and field 2, in brackets, may hold anything.
+            // proc(5): utime and stime are fields 14 and 15, and field 2, in brackets, may hold
+            // anything.
             let (_, rest) = text.rsplit_once(')')?;
             let mut fields = rest.split_whitespace().skip(11);
             thread.ticks =

@@ -1,8 +1,10 @@
-//! The whole daemon on real drivers: three V4L2 cameras, an IMU behind hidraw, a GPIO button and a key.
+//! The whole daemon on real drivers: three V4L2 cameras, an IMU behind hidraw, a GPIO button and a
+//! key.
 //!
-//! In virtual time, where nothing depends on the machine: `devices`, `golden` and `soak`. In real time on ext4: `real-time`, and
-//! `devices` under QEMU, which has no virtual time. There a host that is busy with other things loses frames and IMU samples in
-//! front of the daemon, and the case asks only that each is accounted for.
+//! In virtual time, where nothing depends on the machine: `devices`, `golden` and `soak`. In real
+//! time on ext4: `real-time`, and `devices` under QEMU, which has no virtual time. There a host
+//! that is busy with other things loses frames and IMU samples in front of the daemon, and the case
+//! asks only that each is accounted for.
 
 use std::collections::BTreeMap;
 use std::fs;
@@ -78,8 +80,8 @@ struct Rig {
     virtual_time: bool,
 }
 
-/// A disk would move the clock of virtual time. Civil time and random numbers are the same in every run, for they make
-/// a session's name and identifier.
+/// A disk would move the clock of virtual time. Civil time and random numbers are the same in every
+/// run, for they make a session's name and identifier.
 const SCRIPT: &str = r#"
 mkdir -p /run/archive
 if [ -n "$DISK0" ]; then
@@ -161,7 +163,8 @@ impl Rig {
         Ok(sessions)
     }
 
-    /// vivid's frames come by ticks of 1 ms, 33 and 34 in turn. In real time the host decides how many are missing.
+    /// vivid's frames come by ticks of 1 ms, 33 and 34 in turn. In real time the host decides how
+    /// many are missing.
     fn limits(&self) -> &'static [&'static str] {
         if self.virtual_time {
             &["camera.period_deviation=1500000,2000000"]

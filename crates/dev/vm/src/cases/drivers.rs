@@ -1,4 +1,5 @@
-//! The crate `v4l2` alone on the kernel's test cameras: its own tests, which need them (`crates/devices/v4l2/tests/vivid.rs`).
+//! The crate `v4l2` alone on the kernel's test cameras: its own tests, which need them
+//! (`crates/devices/v4l2/tests/vivid.rs`).
 
 use std::fs;
 use std::time::Duration;

@@ -1,9 +1,10 @@
-//! `fault-…`: something breaks while the daemon records. The recording goes on where it can, every hole has its cause, alarms
-//! begin and end, and nothing hangs.
+//! `fault-…`: something breaks while the daemon records. The recording goes on where it can, every
+//! hole has its cause, alarms begin and end, and nothing hangs.
 //!
-//! Every fault is one guest in virtual time: the rig of `devices`, a recording, the fault in its midst, an end by command. So whatever
-//! is missing is missing because of the fault. Faults of disks have ext4 over the device mapper on a file in memory, which,
-//! unlike a disk of the guest's, does not move the clock.
+//! Every fault is one guest in virtual time: the rig of `devices`, a recording, the fault in its
+//! midst, an end by command. So whatever is missing is missing because of the fault. Faults of
+//! disks have ext4 over the device mapper on a file in memory, which, unlike a disk of the guest's,
+//! does not move the clock.
 
 use std::fs;
 use std::path::PathBuf;
@@ -226,8 +227,8 @@ impl Left {
         Ok(())
     }
 
-    /// Checks what is true of every fault, and reports. In the session, alarms end that began, but for those whose text
-    /// begins with one of `standing`.
+    /// Checks what is true of every fault, and reports. In the session, alarms end that began, but
+    /// for those whose text begins with one of `standing`.
     fn report(&self, bench: &Bench, standing: &[&str], line: String) -> Result<Report> {
         for session in &self.sessions {
             alarms_end(session, standing)?;
@@ -244,7 +245,8 @@ impl Left {
     }
 }
 
-/// `paws validate` is to find fault with nothing but what is missing; vivid's frames come by ticks of 1 ms.
+/// `paws validate` is to find fault with nothing but what is missing; vivid's frames come by ticks
+/// of 1 ms.
 const LIMITS: [&str; 7] = [
     "camera.period_deviation=1500000,2000000",
     "camera.dropped=never,never",
@@ -255,7 +257,8 @@ const LIMITS: [&str; 7] = [
     "stream.end_offset=never,never",
 ];
 
-/// Closed, or recovered; every sample is there or in a gap record, and every gap record has a cause and says what happened.
+/// Closed, or recovered; every sample is there or in a gap record, and every gap record has a cause
+/// and says what happened.
 fn is_accounted_for(session: &Account) -> Result<()> {
     session.is_accounted_for()?;
     ensure!(session.closed, "not closed: {}", session.folder.display());

@@ -1,12 +1,14 @@
-//! `power-cuts`: the power is cut at every kind of instant of a recording, on real file systems. Does every session
-//! open, is all there that was reported durable, and how much is lost?
+//! `power-cuts`: the power is cut at every kind of instant of a recording, on real file systems.
+//! Does every session open, is all there that was reported durable, and how much is lost?
 //!
-//! The first two must be so. How much is lost is reported and no bound is asserted: on a busy host frames wait in front of
-//! the encoders, a cut takes them too, and nothing promised that they are on disk.
+//! The first two must be so. How much is lost is reported and no bound is asserted: on a busy host
+//! frames wait in front of the encoders, a cut takes them too, and nothing promised that they are
+//! on disk.
 //!
-//! Two kinds of cuts. [`replayed`]: one recording through dm-log-writes gives every disk that a cut may have
-//! left, torn caches included; hundreds are mounted and examined. [`live`]: guests are killed while they record.
-//! The negative control records with syncs that do nothing, and must be caught.
+//! Two kinds of cuts. [`replayed`]: one recording through dm-log-writes gives every disk that a cut
+//! may have left, torn caches included; hundreds are mounted and examined. [`live`]: guests are
+//! killed while they record. The negative control records with syncs that do nothing, and must be
+//! caught.
 
 use std::collections::BTreeMap;
 use std::fmt::Write as _;

@@ -127,8 +127,8 @@ impl StepAlarm {
         Ok(Self { timer })
     }
 
-    /// Waits until civil time is set or the machine wakes from a suspension (true), or `limit` is over
-    /// (false). Every step wakes once; several before the call wake it once together.
+    /// Waits until civil time is set or the machine wakes from a suspension (true), or `limit` is
+    /// over (false). Every step wakes once; several before the call wake it once together.
     ///
     /// # Errors
     /// The kernel refuses to wait.
@@ -142,7 +142,8 @@ impl StepAlarm {
         }
     }
 
-    /// Whether civil time was set since the last call, for who waits for the descriptor among others.
+    /// Whether civil time was set since the last call, for who waits for the descriptor among
+    /// others.
     ///
     /// # Errors
     /// The kernel refuses to tell.

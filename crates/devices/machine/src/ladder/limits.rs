@@ -9,7 +9,8 @@ use crate::battery::Power;
 
 /// Free space above the reserve with which a recording may begin after the disk was full, bytes.
 const START_AGAIN_BYTES: f64 = (256_u64 << 20) as f64;
-/// With more than this in the batteries, %, minutes that are said to be left are not believed so far as to stop.
+/// With more than this in the batteries, %, minutes that are said to be left are not believed so
+/// far as to stop.
 const MUCH_PERCENT: f64 = 20.0;
 
 /// Thresholds. The defaults suit a rig on the body; the supply has none, since a voltage means
@@ -107,7 +108,8 @@ pub enum LimitsError {
     },
 }
 
-/// A measured quantity. Its badness grows with the pressure: a margin counts with its sign inverted.
+/// A measured quantity. Its badness grows with the pressure: a margin counts with its sign
+/// inverted.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(super) enum Quantity {
     HeatMargin,

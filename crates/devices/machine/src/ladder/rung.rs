@@ -1,11 +1,11 @@
-//! One rung: a threshold with hysteresis and dwell times. Each stands alone, so that the ladder as a
-//! whole is monotone because its rungs are.
+//! One rung: a threshold with hysteresis and dwell times. Each stands alone, so that the ladder as
+//! a whole is monotone because its rungs are.
 
 use super::{Quantity, Step};
 use crate::NS_PER_S;
 
-/// Each reading is judged together with those before it, a fixed number in total, by the median: a single
-/// glitch is never the middle, in neither direction.
+/// Each reading is judged together with those before it, a fixed number in total, by the median: a
+/// single glitch is never the middle, in neither direction.
 pub const READINGS: usize = 3;
 /// How long a reading counts when none follows it.
 pub const STALE_NS: i64 = 10 * NS_PER_S;

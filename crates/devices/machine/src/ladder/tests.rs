@@ -264,8 +264,8 @@ fn limits_that_contradict_each_other_are_refused() {
     assert!(supply.contains("supply_warn_volts (10)"), "{supply}");
 }
 
-/// A module in a box on a warm day: heats towards ambient + power · resistance with a time constant.
-/// What it draws depends on what the ladder has lowered, and beyond 99 °C its clocks.
+/// A module in a box on a warm day: heats towards ambient + power · resistance with a time
+/// constant. What it draws depends on what the ladder has lowered, and beyond 99 °C its clocks.
 struct Box {
     celsius: f64,
 }
@@ -370,8 +370,8 @@ fn a_machine_that_cannot_cope_stops_before_the_kernel_does() {
     assert!(highest < 104.5, "{highest:.1} °C");
 }
 
-/// A disk with `free_mb` free and a reserve, written at a steady rate, looked at every `look_ms`, until
-/// the ladder stops: what is left above the reserve, and in all, MB.
+/// A disk with `free_mb` free and a reserve, written at a steady rate, looked at every `look_ms`,
+/// until the ladder stops: what is left above the reserve, and in all, MB.
 fn fill(free_mb: f64, reserve_mb: f64, mb_per_s: f64, look_ms: i64) -> (f64, f64) {
     let mut ladder = ladder();
     let mut watch = DiskWatch::new((reserve_mb * 1e6) as u64);

@@ -3,7 +3,8 @@ use std::fs;
 use super::*;
 use crate::sysfs::fake::tree;
 
-/// As users of Orin modules have published it: two zones, one of them off, trips with what they drive.
+/// As users of Orin modules have published it: two zones, one of them off, trips with what they
+/// drive.
 const JETSON: &str = "
     sys/class/thermal/thermal_zone0/type = cpu-thermal
     sys/class/thermal/thermal_zone0/temp = 71500

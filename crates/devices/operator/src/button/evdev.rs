@@ -1,8 +1,10 @@
-//! A key of an input device: a remote, a keyboard's key, a GPIO button that the kernel already owns (`gpio-keys`).
+//! A key of an input device: a remote, a keyboard's key, a GPIO button that the kernel already owns
+//! (`gpio-keys`).
 //!
-//! The device is set to stamp its events on CLOCK_MONOTONIC, in microseconds. Events of other keys and the
-//! key's own repeating are passed over. When the kernel's buffer ran over it says so (`SYN_DROPPED`, Linux'
-//! `Documentation/input/event-codes.rst`): what follows up to the next report is thrown away, and the key's state is read.
+//! The device is set to stamp its events on CLOCK_MONOTONIC, in microseconds. Events of other keys
+//! and the key's own repeating are passed over. When the kernel's buffer ran over it says so
+//! (`SYN_DROPPED`, Linux' `Documentation/input/event-codes.rst`): what follows up to the next
+//! report is thrown away, and the key's state is read.
 
 use std::collections::VecDeque;
 use std::io;
@@ -235,7 +237,8 @@ fn stamp_monotonic(device: &RawDevice) -> io::Result<()> {
     const SET_CLOCK: rustix::ioctl::Opcode = opcode::write::<i32>(b'E', 0xa0);
     /// `CLOCK_MONOTONIC` of linux/time.h.
     const MONOTONIC: i32 = 1;
-    // SAFETY: the call reads one int through the pointer it is given, as the opcode says, and keeps nothing.
+    // SAFETY: the call reads one int through the pointer it is given, as the opcode says, and keeps
+    // nothing.
     unsafe {
         let set = Setter::<SET_CLOCK, i32>::new(MONOTONIC);
         ioctl(device.as_fd(), set)?;

@@ -58,8 +58,9 @@ impl Step {
     }
 }
 
-/// A port and its button, which move [`Time`] to each step as somebody waits for it. After the last step
-/// time passes to the end of each wait; a wait for ever, or for a return that does not come, is a real one.
+/// A port and its button, which move [`Time`] to each step as somebody waits for it. After the last
+/// step time passes to the end of each wait; a wait for ever, or for a return that does not come,
+/// is a real one.
 #[derive(Clone, Debug)]
 pub(crate) struct Scripted {
     time: Time,

@@ -1,10 +1,11 @@
-//! A button on a GPIO line, through the kernel's GPIO character device (its second version, Linux 5.10).
+//! A button on a GPIO line, through the kernel's GPIO character device (its second version, Linux
+//! 5.10).
 //!
-//! The kernel debounces: in the chip where it can, in its own timers elsewhere. An edge then carries the
-//! time at which the level had lasted long enough, so it is late by the debounce time. A kernel that
-//! refuses leaves debouncing to us. Edges beyond the kernel's buffer are lost, oldest first; the level
-//! is read after every gap in their numbers. Before Linux 6.6 a line says nothing when its chip is unplugged,
-//! so the chip's node is watched.
+//! The kernel debounces: in the chip where it can, in its own timers elsewhere. An edge then
+//! carries the time at which the level had lasted long enough, so it is late by the debounce time.
+//! A kernel that refuses leaves debouncing to us. Edges beyond the kernel's buffer are lost, oldest
+//! first; the level is read after every gap in their numbers. Before Linux 6.6 a line says nothing
+//! when its chip is unplugged, so the chip's node is watched.
 
 use std::os::fd::{AsFd, OwnedFd};
 use std::path::PathBuf;

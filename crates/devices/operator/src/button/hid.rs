@@ -1,8 +1,9 @@
 //! A bit in the reports of a USB HID device, for buttons that the kernel does not make a key of.
 //!
-//! The device is found by vendor and product through hidapi; its reports are read from its hidraw node, whose file
-//! descriptor one can wait on together with other things. A report carries no time: an edge has the time
-//! at which its report was read. A report that is too short or has another number says nothing.
+//! The device is found by vendor and product through hidapi; its reports are read from its hidraw
+//! node, whose file descriptor one can wait on together with other things. A report carries no
+//! time: an edge has the time at which its report was read. A report that is too short or has
+//! another number says nothing.
 
 use std::fs::File;
 use std::io;

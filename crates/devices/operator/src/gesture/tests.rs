@@ -4,7 +4,8 @@ use super::*;
 
 const MS: i64 = NS_PER_MS;
 
-/// Presses as (down, up) in milliseconds up to `end`, looked at whenever the machine asks for it and at the end.
+/// Presses as (down, up) in milliseconds up to `end`, looked at whenever the machine asks for it
+/// and at the end.
 fn commands(recording: bool, presses: &[(i64, i64)], end: i64) -> Vec<(i64, Command)> {
     let edges = presses
         .iter()
@@ -238,7 +239,8 @@ fn unplugging_forgets_presses_and_questions_but_not_a_stop() {
     assert_eq!(gesture.look(2450 * MS, true), [stop]);
 }
 
-/// Random presses: gaps from bouncing to boredom, levels that may repeat, recording that changes by itself.
+/// Random presses: gaps from bouncing to boredom, levels that may repeat, recording that changes by
+/// itself.
 fn edges() -> impl Strategy<Value = Vec<(Edge, bool)>> {
     let gap = prop_oneof![
         0..30 * MS,

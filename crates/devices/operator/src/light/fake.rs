@@ -15,8 +15,8 @@ pub(crate) struct Recorded {
 }
 
 impl Recorded {
-    /// A light that fails the first `failures` times, and what it showed, failures included. Holds 1024 looks
-    /// that nobody has received; more are an error.
+    /// A light that fails the first `failures` times, and what it showed, failures included. Holds
+    /// 1024 looks that nobody has received; more are an error.
     pub(crate) fn new(failures: usize) -> (Self, Receiver<LightState>) {
         let (shown, looks) = sync_channel(1024);
         (Self { shown, failures }, looks)

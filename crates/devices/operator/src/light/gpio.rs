@@ -18,8 +18,8 @@ pub(crate) struct GpioLight {
     what: String,
 }
 
-/// One line that is held as an output. Off when it is dropped. After an error it is taken again, for its
-/// chip may have been unplugged.
+/// One line that is held as an output. Off when it is dropped. After an error it is taken again,
+/// for its chip may have been unplugged.
 #[derive(Debug)]
 pub(crate) struct OutputLine {
     line: Line,

@@ -1,9 +1,10 @@
-//! An LED of the kernel: `/sys/class/leds/NAME`, of one colour, of many in one (the multicolour class), or three of them as one.
+//! An LED of the kernel: `/sys/class/leds/NAME`, of one colour, of many in one (the multicolour
+//! class), or three of them as one.
 //!
-//! What blinked the LED before (its trigger) is switched off while the light is ours, and back on at the
-//! end; what a trigger was set to beyond its name is lost. Files are opened at each write, so an LED on
-//! USB that was unplugged works again once it is back. See `Documentation/ABI/testing/sysfs-class-led` and
-//! `sysfs-class-led-multicolor` in Linux' source.
+//! What blinked the LED before (its trigger) is switched off while the light is ours, and back on
+//! at the end; what a trigger was set to beyond its name is lost. Files are opened at each write,
+//! so an LED on USB that was unplugged works again once it is back. See
+//! `Documentation/ABI/testing/sysfs-class-led` and `sysfs-class-led-multicolor` in Linux' source.
 
 use std::fs;
 use std::io;
@@ -32,7 +33,8 @@ pub(crate) struct SysfsLight {
 struct Led {
     folder: PathBuf,
     max: u64,
-    /// Which of red, green, blue each of its parts is, where it has parts; 3 for one that is none of them.
+    /// Which of red, green, blue each of its parts is, where it has parts; 3 for one that is none
+    /// of them.
     parts: Option<Vec<usize>>,
     trigger: Option<String>,
     brightness: String,

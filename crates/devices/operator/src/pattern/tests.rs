@@ -15,7 +15,8 @@ fn lit(signal: Signal) -> Vec<bool> {
         .collect()
 }
 
-/// What may be seen of a signal within `ticks`, a bit per tick: from every phase, or from the start of a one-time signal.
+/// What may be seen of a signal within `ticks`, a bit per tick: from every phase, or from the start
+/// of a one-time signal.
 fn views(signal: Signal, ticks: usize) -> Vec<u128> {
     let samples = lit(signal);
     let phases = if light(signal).repeats {

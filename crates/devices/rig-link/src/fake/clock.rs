@@ -12,7 +12,8 @@ use crate::clock::{Clock, Sleeping};
 /// Maximum time until the server starts a timer; reached only if it never does.
 const PATIENCE: Duration = Duration::from_secs(600);
 
-/// A clock that stands still until [`Self::advance`] or [`Self::expire`]. Copies are the same clock.
+/// A clock that stands still until [`Self::advance`] or [`Self::expire`]. Copies are the same
+/// clock.
 #[derive(Clone, Debug, Default)]
 pub struct ManualClock(Arc<Shared>);
 

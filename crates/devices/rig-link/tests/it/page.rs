@@ -306,9 +306,9 @@ fn page_requests_the_token() {
     browser.until("document.getElementById('login')?.open === true");
 }
 
-/// Hides the page. Timers that it starts from then on end without a pause; `rounds` counts them. `hidden`
-/// is true as soon as each of its four loops waits for such a timer, so that none has requests left
-/// from before.
+/// Hides the page. Timers that it starts from then on end without a pause; `rounds` counts them.
+/// `hidden` is true as soon as each of its four loops waits for such a timer, so that none has
+/// requests left from before.
 const HIDE: &str = "
     var pause = setTimeout, waiting = 0, rounds = 0, hidden = false;
     Object.defineProperty(document, 'hidden', { get: () => true, configurable: true });

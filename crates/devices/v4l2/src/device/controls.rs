@@ -202,8 +202,8 @@ impl Camera {
     /// The value of a control.
     ///
     /// # Errors
-    /// [`Gone`](CameraError::Gone), or [`Io`](CameraError::Io) when there is no such control or it cannot be
-    /// read.
+    /// [`Gone`](CameraError::Gone), or [`Io`](CameraError::Io) when there is no such control or it
+    /// cannot be read.
     pub fn control(&self, id: u32) -> Result<i64, CameraError> {
         self.read_control(id)
             .map_err(|errno| self.control_failed("reading", id, errno))
@@ -212,16 +212,16 @@ impl Camera {
     /// Writes a control. Drivers round and clamp: [`write_and_check`](Self::write_and_check) tells.
     ///
     /// # Errors
-    /// [`Gone`](CameraError::Gone), or [`Io`](CameraError::Io) when there is no such control, it cannot be
-    /// written, or the value is out of its range.
+    /// [`Gone`](CameraError::Gone), or [`Io`](CameraError::Io) when there is no such control, it
+    /// cannot be written, or the value is out of its range.
     pub fn set_control(&self, id: u32, value: i64) -> Result<(), CameraError> {
         self.write_control(id, value)
             .map_err(|errno| self.control_failed("writing", id, errno))
     }
 
-    /// Writes controls in the order given, then reads all of them back, and says which ones are not as
-    /// they were written. The order matters: what is automatic has to be switched off before its value
-    /// can be set. Those that cannot be read back count as taken if the driver accepted them.
+    /// Writes controls in the order given, then reads all of them back, and says which ones are not
+    /// as they were written. The order matters: what is automatic has to be switched off before its
+    /// value can be set. Those that cannot be read back count as taken if the driver accepted them.
     ///
     /// # Errors
     /// [`Gone`](CameraError::Gone). All else is in the list.

@@ -1,5 +1,5 @@
-//! Extension units of USB cameras: what a vendor has put beside the standard, as bytes. Never run on a
-//! camera: the kernel's test drivers have none.
+//! Extension units of USB cameras: what a vendor has put beside the standard, as bytes. Never run
+//! on a camera: the kernel's test drivers have none.
 
 use rustix::io::Errno;
 
@@ -15,8 +15,8 @@ impl Camera {
     /// Length of a control of an extension unit, bytes.
     ///
     /// # Errors
-    /// [`NotACamera`](CameraError::NotACamera) when the driver or the camera has no such unit or control,
-    /// [`Gone`](CameraError::Gone) or [`Io`](CameraError::Io).
+    /// [`NotACamera`](CameraError::NotACamera) when the driver or the camera has no such unit or
+    /// control, [`Gone`](CameraError::Gone) or [`Io`](CameraError::Io).
     pub fn extension_length(&self, unit: u8, selector: u8) -> Result<usize, CameraError> {
         let mut length = [0; 2];
         self.extension(unit, selector, GET_LEN, &mut length)?;
@@ -36,8 +36,8 @@ impl Camera {
     /// Writes a control of an extension unit.
     ///
     /// # Errors
-    /// See [`extension_length`](Self::extension_length); [`Io`](CameraError::Io) also when `data` is not exactly
-    /// as long as the control.
+    /// See [`extension_length`](Self::extension_length); [`Io`](CameraError::Io) also when `data`
+    /// is not exactly as long as the control.
     pub fn extension_set(&self, unit: u8, selector: u8, data: &[u8]) -> Result<(), CameraError> {
         // The kernel takes a pointer that it may write to.
         self.extension(unit, selector, SET_CUR, &mut data.to_vec())

@@ -135,8 +135,8 @@ impl Camera {
     /// Sets format, size and rate, and reads all back.
     ///
     /// # Errors
-    /// [`Refused`](CameraError::Refused) when the camera gives something else, to which it then is set;
-    /// [`Busy`](CameraError::Busy) while anyone streams from it, this program included;
+    /// [`Refused`](CameraError::Refused) when the camera gives something else, to which it then is
+    /// set; [`Busy`](CameraError::Busy) while anyone streams from it, this program included;
     /// [`Gone`](CameraError::Gone) or [`Io`](CameraError::Io).
     pub fn set_mode(&self, mode: &Mode) -> Result<Format, CameraError> {
         let mut format = sys::Format {
@@ -201,7 +201,8 @@ impl Camera {
         }))
     }
 
-    /// Whether there was one more; false at the end, and where the driver does not list such things.
+    /// Whether there was one more; false at the end, and where the driver does not list such
+    /// things.
     pub(super) fn listed(
         &self,
         doing: &'static str,

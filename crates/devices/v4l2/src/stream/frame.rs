@@ -5,7 +5,8 @@ use crate::sys;
 /// A frame without its image data.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct FrameInfo {
-    /// The driver's count of frames since the stream began; wraps at 2^32. Frames that it dropped count, too.
+    /// The driver's count of frames since the stream began; wraps at 2^32. Frames that it dropped
+    /// count, too.
     pub sequence: u32,
     /// Time stamp, ns on [`clock`](Self::clock). The kernel hands it over in whole microseconds.
     pub time_ns: i64,

@@ -43,8 +43,8 @@ impl Map {
 
     /// To be read only while the buffer is not queued: then the driver does not write to it.
     pub(super) fn bytes(&self) -> &[u8] {
-        // SAFETY: mapped for `len` bytes until `self` is dropped. Only a `Buffer` hands it out, and a buffer
-        // is out of the driver's queue for as long as its `Buffer` lives.
+        // SAFETY: mapped for `len` bytes until `self` is dropped. Only a `Buffer` hands it out, and
+        // a buffer is out of the driver's queue for as long as its `Buffer` lives.
         unsafe { std::slice::from_raw_parts(self.start.as_ptr().cast(), self.len) }
     }
 }

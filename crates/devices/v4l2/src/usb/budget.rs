@@ -1,8 +1,9 @@
 //! Whether the cameras of a USB controller fit on it. Pure.
 //!
 //! A camera that gets too little does not slow down: frames come torn or green, or it disconnects.
-//! So the demand of all cameras is held against what each part of the bus carries, before any starts. The
-//! figures are limits of design and experience, not of a given cable: what fits here may still fail there.
+//! So the demand of all cameras is held against what each part of the bus carries, before any
+//! starts. The figures are limits of design and experience, not of a given cable: what fits here
+//! may still fail there.
 
 use std::fmt;
 
@@ -12,11 +13,11 @@ use crate::mode::{Format, Interval};
 /// All USB 3 cameras of a controller of 5 Gbit/s, bytes/s: the figure that Stereolabs gives in
 /// "Multi-Camera" (stereolabs.com/docs/video/multi-camera).
 const USB3_CONTROLLER: u64 = 620_000_000;
-/// All USB 2 cameras of a controller, bytes/s. USB 2.0, 5.6.4: four fifths of 60 MB/s may be periodic;
-/// what is left of that after headers, stuffed bits and gaps is about this in practice.
+/// All USB 2 cameras of a controller, bytes/s. USB 2.0, 5.6.4: four fifths of 60 MB/s may be
+/// periodic; what is left of that after headers, stuffed bits and gaps is about this in practice.
 const USB2_CONTROLLER: u64 = 40_000_000;
-/// One USB 2 camera, bytes/s. USB 2.0, 5.9.2: three packets of 1024 bytes in each 125 us, of which the
-/// video class takes 12 bytes of each packet (UVC 1.5, 2.4.3.3).
+/// One USB 2 camera, bytes/s. USB 2.0, 5.9.2: three packets of 1024 bytes in each 125 us, of which
+/// the video class takes 12 bytes of each packet (UVC 1.5, 2.4.3.3).
 const USB2_CAMERA: u64 = 3 * (1024 - 12) * 8000;
 /// One camera of USB 1, bytes/s. USB 2.0, 5.6.3: one packet of 1023 bytes in each 1 ms.
 const USB1_CAMERA: u64 = 1_023_000;
@@ -35,8 +36,8 @@ pub struct Demand {
 }
 
 impl Demand {
-    /// What a camera needs in this mode; none where frames are compressed or the rate is unknown, for
-    /// then no one can say.
+    /// What a camera needs in this mode; none where frames are compressed or the rate is unknown,
+    /// for then no one can say.
     pub fn of(camera: &str, device: &UsbDevice, format: &Format) -> Option<Self> {
         Some(Self {
             camera: camera.to_owned(),
@@ -99,9 +100,9 @@ impl Load {
     }
 }
 
-/// Holds all demands against all parts of all buses: each camera's port, each hub with several cameras, each
-/// controller. What does not fit must not be started: the loads that do not [`fit`](Load::fits) say, as
-/// texts, who needs how much where, and what there is.
+/// Holds all demands against all parts of all buses: each camera's port, each hub with several
+/// cameras, each controller. What does not fit must not be started: the loads that do not
+/// [`fit`](Load::fits) say, as texts, who needs how much where, and what there is.
 pub fn check(demands: &[Demand]) -> Vec<Load> {
     let mut loads: Vec<Load> = Vec::new();
     for demand in demands {
@@ -124,7 +125,8 @@ pub fn check(demands: &[Demand]) -> Vec<Load> {
         for (place, available) in places {
             let same = |l: &&mut Load| l.place == place && l.speed_mbit == speed_mbit;
             match loads.iter_mut().find(same) {
-                // Ports of two controllers may have the same name only if these have one bus number: never.
+                // Ports of two controllers may have the same name only if these have one bus
+                // number: never.
                 Some(load) => load.demands.push(demand.clone()),
                 None => loads.push(Load {
                     place,
@@ -141,8 +143,9 @@ pub fn check(demands: &[Demand]) -> Vec<Load> {
     loads
 }
 
-/// What a link carries of periodic transfers, bytes/s: 8 of 10 bits up to 5 Gbit/s and 128 of 132 above
-/// (USB 3.2, 6.3 and 6.4.1), of which nine tenths may be periodic (as Linux' xHCI driver counts).
+/// What a link carries of periodic transfers, bytes/s: 8 of 10 bits up to 5 Gbit/s and 128 of 132
+/// above (USB 3.2, 6.3 and 6.4.1), of which nine tenths may be periodic (as Linux' xHCI driver
+/// counts).
 fn link(speed_mbit: u32) -> u64 {
     let bytes = u64::from(speed_mbit) * 1_000_000 / 8;
     match speed_mbit {

@@ -1,8 +1,8 @@
 //! Registers and flash of the camera's video chip, through its UVC extension unit.
 //!
-//! One control carries everything: a request is written to it, and the answer read from it a little later. Building and
-//! reading the bytes is pure; [`Unit`] is the I/O, by [`v4l2::Camera`]. Layout and waits: zed-open-capture,
-//! `videocapture.cpp` at 9373915. **Never run on a real camera.**
+//! One control carries everything: a request is written to it, and the answer read from it a little
+//! later. Building and reading the bytes is pure; [`Unit`] is the I/O, by [`v4l2::Camera`]. Layout
+//! and waits: zed-open-capture, `videocapture.cpp` at 9373915. **Never run on a real camera.**
 
 use std::time::Duration;
 
@@ -174,8 +174,8 @@ fn register_request(write: Option<u8>, place: [u8; 3], register: u32) -> [u8; CO
     request
 }
 
-/// The serial number out of an answer to [`read_flash`]: four bytes behind "OV" whose hexadecimal digits are the number's
-/// decimal ones.
+/// The serial number out of an answer to [`read_flash`]: four bytes behind "OV" whose hexadecimal
+/// digits are the number's decimal ones.
 ///
 /// # Errors
 /// [`UnitError::NoSerial`], [`UnitError::Digits`].
@@ -192,8 +192,8 @@ fn serial_of(answer: &[u8]) -> Result<u32, UnitError> {
         .map_err(|_| UnitError::Digits { found })
 }
 
-/// The camera's serial number. Requested again until `until_ns`, for a camera that has just started answers with
-/// something else at first (the vendor's library asks up to 500 times).
+/// The camera's serial number. Requested again until `until_ns`, for a camera that has just started
+/// answers with something else at first (the vendor's library asks up to 500 times).
 ///
 /// # Errors
 /// The last answer's; see [`UnitError`].
@@ -207,8 +207,8 @@ pub fn serial(unit: &mut impl Unit, time: &mut impl Time, until_ns: i64) -> Resu
     }
 }
 
-/// Lets the imagers tell the microcontroller of each frame, which then marks its samples: bit 0x80 of register 0x3002 of
-/// both. Needed at every start of the stream.
+/// Lets the imagers tell the microcontroller of each frame, which then marks its samples: bit 0x80
+/// of register 0x3002 of both. Needed at every start of the stream.
 ///
 /// # Errors
 /// See [`UnitError`]; without it there are no frame-sync flags, and times are those of arrivals.
@@ -222,7 +222,8 @@ pub fn activate_frame_sync(unit: &mut impl Unit, time: &mut impl Time) -> Result
     Ok(())
 }
 
-/// Whether exposure and gain of both imagers are automatic: bit 0x02 of registers 0x80181033 and 0x80181833 of the video chip.
+/// Whether exposure and gain of both imagers are automatic: bit 0x02 of registers 0x80181033 and
+/// 0x80181833 of the video chip.
 ///
 /// # Errors
 /// See [`UnitError`].

@@ -1,7 +1,9 @@
 //! Lines through events that come in equal steps. Plain functions.
 //!
-//! The thinnest band is looked for by golden section, for its width is convex in the slope; the lower edge goes through the lowest
-//! points of a few parts of the window. A thousand points are few: all is done again each time. Points are taken relative to the first, so that nanoseconds of years of uptime stay exact.
+//! The thinnest band is looked for by golden section, for its width is convex in the slope; the
+//! lower edge goes through the lowest points of a few parts of the window. A thousand points are
+//! few: all is done again each time. Points are taken relative to the first, so that nanoseconds of
+//! years of uptime stay exact.
 
 use std::collections::VecDeque;
 
@@ -98,9 +100,10 @@ pub(super) fn slope_of(points: &VecDeque<Point>) -> Option<f64> {
     median(slopes).filter(|s| s.is_finite() && *s > 0.0)
 }
 
-/// Points that are late by anything between 0 and `limit` lie in a band of that width, but not in one band only: a range of slopes
-/// may do. The middle of that range is taken, and how much it leaves open is reported. A few points that
-/// lie far from the rest are left out; if there are many, none is.
+/// Points that are late by anything between 0 and `limit` lie in a band of that width, but not in
+/// one band only: a range of slopes may do. The middle of that range is taken, and how much it
+/// leaves open is reported. A few points that lie far from the rest are left out; if there are
+/// many, none is.
 pub(super) fn slope_band(points: &VecDeque<Point>, slope: f64, limit: f64) -> Option<SlopeBand> {
     let (origin, mut rest) = residuals(points, slope)?;
     let middle = median(rest.iter().map(|p| p.1).collect())?;
@@ -121,7 +124,8 @@ pub(super) fn slope_band(points: &VecDeque<Point>, slope: f64, limit: f64) -> Op
     };
     let range = 4.0 * limit / last;
     let thinnest = minimise(range, width);
-    // Times are rounded, so that even the thinnest may be a little too wide; then there is no choice.
+    // Times are rounded, so that even the thinnest may be a little too wide; then there is no
+    // choice.
     let limit = limit.max(width(thinnest));
     let ends = [-range, range].map(|end| last_where(thinnest, end, |turn| width(turn) <= limit));
     let turn = (ends[0] + ends[1]) / 2.0;
@@ -148,8 +152,8 @@ pub(super) fn slope_band(points: &VecDeque<Point>, slope: f64, limit: f64) -> Op
     })
 }
 
-/// The lower edge of points, with a slope within `within` of the given one. Points far below the others are left
-/// out: nothing is early, so they are wrong.
+/// The lower edge of points, with a slope within `within` of the given one. Points far below the
+/// others are left out: nothing is early, so they are wrong.
 pub(super) fn lower_envelope(
     points: &VecDeque<Point>,
     slope: f64,
@@ -160,7 +164,8 @@ pub(super) fn lower_envelope(
     let mut heights: Vec<f64> = rest.iter().map(|(x, y)| y - drift * x).collect();
     heights.sort_by(f64::total_cmp);
     let quantile = |share: usize| heights[heights.len() * share / 10];
-    // Of a one-sided spread nothing is farther below the median than the lowest tenth, a few times over.
+    // Of a one-sided spread nothing is farther below the median than the lowest tenth, a few times
+    // over.
     let least = quantile(5) - 4.0 * (quantile(5) - quantile(1)) - 100_000.0;
     rest.retain(|(x, y)| y - drift * x >= least);
 
@@ -197,7 +202,8 @@ pub(super) fn lower_envelope(
     })
 }
 
-/// The farthest place from `from` towards `to` where something holds that holds at `from`, and from some place on no more.
+/// The farthest place from `from` towards `to` where something holds that holds at `from`, and from
+/// some place on no more.
 fn last_where(from: f64, to: f64, holds: impl Fn(f64) -> bool) -> f64 {
     let (mut good, mut bad) = (from, to);
     for _ in 0..STEPS {
@@ -250,7 +256,8 @@ mod tests {
     }
 
     proptest! {
-        /// Flags that are late by anything up to a sample period: the middle is half a period late, at both ends.
+        /// Flags that are late by anything up to a sample period: the middle is half a period late,
+        /// at both ends.
         #[test]
         fn the_strip_finds_the_middle(late in prop::collection::vec(0.0..1_250_000.0_f64, 512)) {
             let points = points(|n| late[n as usize]);

@@ -12,14 +12,15 @@ struct World {
     device_ppm: f64,
     /// What the device's clock shows at 0.
     uptime: f64,
-    /// When the first frame that the microcontroller counts begins; the driver's sequence begins with frame `skipped`.
+    /// When the first frame that the microcontroller counts begins; the driver's sequence begins
+    /// with frame `skipped`.
     phase: f64,
     skipped: u32,
     counted_before: u32,
     /// Stamps are late by this and by an exponential jitter of this mean.
     camera: (f64, f64),
-    /// Samples reach the host after this; their reader wakes up late by an exponential jitter of this mean, then takes
-    /// all that are there.
+    /// Samples reach the host after this; their reader wakes up late by an exponential jitter of
+    /// this mean, then takes all that are there.
     imu: (f64, f64),
     /// Arrivals are late by so much more within these times.
     burst: (f64, f64, f64),
@@ -134,8 +135,8 @@ impl World {
         estimate.host_ns(ticks).expect("in range") as f64 - truth
     }
 
-    /// The error at the end of a run that begins with nothing, ns, with the estimate; before it no error since the first third may be
-    /// above half a millisecond, or four sigma.
+    /// The error at the end of a run that begins with nothing, ns, with the estimate; before it no
+    /// error since the first third may be above half a millisecond, or four sigma.
     fn run(&self, seconds: f64) -> (f64, FrameSyncEstimate) {
         let mut sync = FrameSync::new(Bounds::default());
         self.feed(&mut sync, 0.0, seconds * S, |sync, now| {
@@ -256,8 +257,8 @@ fn lost_samples_and_frames_are_counted_and_do_no_harm() {
     assert_eq!(counters.restarts, 0);
 }
 
-/// At 400 Hz and 25 or 100 frames per second the flag is always late by the same: the truth may be anywhere within a sample
-/// period, and the estimate says so.
+/// At 400 Hz and 25 or 100 frames per second the flag is always late by the same: the truth may be
+/// anywhere within a sample period, and the estimate says so.
 #[test]
 fn a_delay_that_never_changes_is_owned_up_to() {
     for frame_hz in [25.0, 100.0] {
@@ -294,7 +295,8 @@ fn a_delay_that_never_changes_is_owned_up_to() {
 
 #[test]
 fn a_wrong_frame_is_never_taken_silently() {
-    // So late that the bounds do not hold it: by ten milliseconds at 30 frames per second none fits.
+    // So late that the bounds do not hold it: by ten milliseconds at 30 frames per second none
+    // fits.
     let late = World {
         imu: (12.0 * MS, 0.3 * MS),
         ..World::new()
@@ -321,8 +323,8 @@ fn a_wrong_frame_is_never_taken_silently() {
     assert!(numbers.contains(&fast.number()), "{numbers:?}");
 }
 
-/// All arrivals of the first ten seconds are late by half a frame: the wrong frame fits, until an arrival shows
-/// that it cannot be.
+/// All arrivals of the first ten seconds are late by half a frame: the wrong frame fits, until an
+/// arrival shows that it cannot be.
 #[test]
 fn a_number_taken_in_a_burst_is_taken_back() {
     let world = World {
@@ -386,7 +388,8 @@ fn what_begins_anew_is_tied_anew() {
     );
 }
 
-/// The driver misses a frame and does not count it: from then on each stamp is one period late for its number.
+/// The driver misses a frame and does not count it: from then on each stamp is one period late for
+/// its number.
 #[test]
 fn a_counter_that_slips_is_noticed() {
     let world = World::new();

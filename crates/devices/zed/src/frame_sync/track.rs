@@ -35,7 +35,8 @@ impl Track {
     /// Takes a count, and when its event was if it is known.
     pub(super) fn count(&mut self, count: u32, time: Option<i64>) -> Seen {
         let Some((before, unwrapped)) = self.newest else {
-            // What was counted before is nobody's loss, nor is an event whose count was not seen to change.
+            // What was counted before is nobody's loss, nor is an event whose count was not seen to
+            // change.
             self.newest = Some((count, i64::from(count)));
             if let Some(y) = time {
                 self.seen += 1;

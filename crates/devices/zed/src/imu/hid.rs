@@ -1,7 +1,7 @@
 //! The microcontroller through the kernel's hidraw, by the crate hidapi.
 //!
-//! hidraw keeps 64 reports for a reader that is late, 80 ms at 800 Hz; what comes then is lost, and shows as a hole in the
-//! ticks. Reports that lie there when the device goes are lost too.
+//! hidraw keeps 64 reports for a reader that is late, 80 ms at 800 Hz; what comes then is lost, and
+//! shows as a hole in the ticks. Reports that lie there when the device goes are lost too.
 
 use std::ffi::CString;
 use std::fs::OpenOptions;
@@ -20,7 +20,8 @@ pub struct Found {
     pub model: Model,
     /// The camera's serial number, where the device tells one.
     pub serial: Option<String>,
-    /// Firmware, major and minor (2.5 is the last that is known of a ZED Mini), where the bus tells it.
+    /// Firmware, major and minor (2.5 is the last that is known of a ZED Mini), where the bus tells
+    /// it.
     pub firmware: Option<(u8, u8)>,
     /// The device node.
     pub path: String,

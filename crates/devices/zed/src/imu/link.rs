@@ -1,11 +1,12 @@
-//! What the driver needs of a HID device, behind a small trait, so that every failure of one can be scripted.
+//! What the driver needs of a HID device, behind a small trait, so that every failure of one can be
+//! scripted.
 
 use std::time::Duration;
 
 /// An open device.
 pub trait Link {
-    /// Waits for an input report for at most `timeout` and puts it into `report`. 0 bytes: none came in that time, or
-    /// a signal ended the wait.
+    /// Waits for an input report for at most `timeout` and puts it into `report`. 0 bytes: none
+    /// came in that time, or a signal ended the wait.
     ///
     /// # Errors
     /// The device is disconnected or fails; the link is of no more use.
@@ -17,7 +18,8 @@ pub trait Link {
     /// The device refused or did not answer. That alone does not mean that it is disconnected.
     fn set_feature(&mut self, report: &[u8]) -> Result<(), LinkError>;
 
-    /// Asks for the feature report whose number is the first byte of `report`, and puts it there; how long it is.
+    /// Asks for the feature report whose number is the first byte of `report`, and puts it there;
+    /// how long it is.
     ///
     /// # Errors
     /// Like [`Link::set_feature`].

@@ -5,7 +5,8 @@ use std::rc::Rc;
 const S: i64 = 1_000_000_000;
 const MS: i64 = 1_000_000;
 
-/// What was seen until `until`, ns after the start: events other than samples with the time in ms, and the numbers.
+/// What was seen until `until`, ns after the start: events other than samples with the time in ms,
+/// and the numbers.
 struct Seen {
     events: Vec<(i64, Event)>,
     numbers: Vec<u64>,
@@ -179,7 +180,8 @@ fn a_device_that_goes_and_returns_goes_on() {
 fn refused_pings_end_the_stream_and_the_watchdog_brings_it_back() {
     let world = world(800, &[Fault::Refusing(102 * S, 110 * S)]);
     let seen = run(&world, 20 * S);
-    // The last ping was at 1 s; six seconds later the device gives up. A start of the stream counts as one.
+    // The last ping was at 1 s; six seconds later the device gives up. A start of the stream counts
+    // as one.
     assert_eq!(names(&seen), [(7498, "silent"), (7498, "restarted")]);
     assert!(seen.counters.pings_refused >= 8, "{:?}", seen.counters);
     assert!(

@@ -1,9 +1,10 @@
 //! When the device is to be pinged, and what to do about its silence. Pure: time in, duty out.
 //!
-//! Silence of [`SILENT_NS`] is reported, then the stream is stopped and started again. After [`PATIENCE_NS`] more the device is
-//! closed and opened again; then all of it from the start, but reported only once. A report ends it. The ping has its
-//! own time and is due whether or not reports come: a loop that counted reports would be minutes late with a silent
-//! device, which would then stay silent for want of pings.
+//! Silence of [`SILENT_NS`] is reported, then the stream is stopped and started again. After
+//! [`PATIENCE_NS`] more the device is closed and opened again; then all of it from the start, but
+//! reported only once. A report ends it. The ping has its own time and is due whether or not
+//! reports come: a loop that counted reports would be minutes late with a silent device, which
+//! would then stay silent for want of pings.
 
 use crate::command::PING_EVERY_NS;
 

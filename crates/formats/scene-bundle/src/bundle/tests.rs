@@ -40,7 +40,8 @@ fn checked(disk: &Memory) -> VerifyReport {
     verify(&scene, |_| {}).expect("the bundle can be listed")
 }
 
-/// An output of this content: a file written in parts with its start patched, one in a folder, two in the listing.
+/// An output of this content: a file written in parts with its start patched, one in a folder, two
+/// in the listing.
 fn make(bundle: &Bundle, name: &str, content: &str) -> Result<(), BundleError> {
     let draft = bundle.begin(name)?;
     let mut file = draft.create("table.bin")?;

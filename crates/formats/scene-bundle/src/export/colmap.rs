@@ -1,5 +1,5 @@
-//! A COLMAP model of the keyframes: cameras, images, points, as text or binary (COLMAP `src/colmap/scene/reconstruction_io.cc`
-//! and its page on output formats).
+//! A COLMAP model of the keyframes: cameras, images, points, as text or binary (COLMAP
+//! `src/colmap/scene/reconstruction_io.cc` and its page on output formats).
 //!
 //! Contract: pixel coordinates gain half a pixel, poses are `camera_from_world`, quaternions `w x y
 //! z`. Images have no 2D points and points no tracks: the bundle has none. The error of a point is

@@ -1,4 +1,5 @@
-//! Points as LAS 1.2 or LAZ, point format 2 (ASPRS LAS specification 1.2; compression by Isenburg 2013).
+//! Points as LAS 1.2 or LAZ, point format 2 (ASPRS LAS specification 1.2; compression by Isenburg
+//! 2013).
 //!
 //! Contract: coordinates are the bundle's world, metres, in steps of 0.1 mm from 0; they are in no
 //! coordinate reference system. Colors are spread over 16 bits (times 257), as the specification

@@ -1,5 +1,6 @@
-//! EuRoC/ASL `data.csv`: a line per pose, nanoseconds, position m, quaternion `w x y z`, and where known velocity m/s
-//! and the biases of gyroscope rad/s and accelerometer m/s² (Burri et al. 2016, `state_groundtruth_estimate0`).
+//! EuRoC/ASL `data.csv`: a line per pose, nanoseconds, position m, quaternion `w x y z`, and where
+//! known velocity m/s and the biases of gyroscope rad/s and accelerometer m/s² (Burri et al. 2016,
+//! `state_groundtruth_estimate0`).
 //!
 //! Contract: as of [`formats`](super). A line has 8, 11 or 17 fields, the same number in every line
 //! of a file; a trailing comma is allowed, since some files have it. Velocities are written when

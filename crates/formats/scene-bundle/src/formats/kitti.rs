@@ -135,7 +135,8 @@ mod tests {
         for (found, expected) in back.poses().iter().zip(expected.poses()) {
             assert_eq!(found.time_ns, expected.time_ns);
             let off = found.world_from_rig.inverse() * expected.world_from_rig;
-            // The angle of a rotation this near to none is computed from the quaternion's vector part: no cancellation.
+            // The angle of a rotation this near to none is computed from the quaternion's vector
+            // part: no cancellation.
             assert!(off.angle_rad() < 1e-14, "{}", off.angle_rad());
             let [a, b] = [found, expected].map(|p| p.world_from_rig.translation_m());
             assert_eq!(a, b);
@@ -195,7 +196,8 @@ mod tests {
             assert_eq!(poses.len(), text.lines().count());
             let steps = poses.windows(2);
             let length: f64 = steps.map(|p| (p[0].inverse() * p[1]).distance_m()).sum();
-            // Sequence 00 is 3.7 km long (Geiger et al. 2012, table 1: 3,724 m); a monocular estimate has its own scale.
+            // Sequence 00 is 3.7 km long (Geiger et al. 2012, table 1: 3,724 m); a monocular
+            // estimate has its own scale.
             if name == "KITTI_00_gt.txt" {
                 assert!((3700.0..3750.0).contains(&length), "{length}");
             }

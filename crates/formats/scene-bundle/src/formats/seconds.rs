@@ -10,9 +10,9 @@ pub fn format_seconds(time_ns: i64) -> String {
     format!("{sign}{}.{:09}", size / 1_000_000_000, size % 1_000_000_000)
 }
 
-/// Nanoseconds of seconds in decimal, with or without point and exponent (NumPy writes `1.3050e+09`). Digits below a
-/// nanosecond are rounded to the nearest, halves away from zero. `None` for what is not a decimal number or outside
-/// of i64 nanoseconds (292 years).
+/// Nanoseconds of seconds in decimal, with or without point and exponent (NumPy writes
+/// `1.3050e+09`). Digits below a nanosecond are rounded to the nearest, halves away from zero.
+/// `None` for what is not a decimal number or outside of i64 nanoseconds (292 years).
 ///
 /// ```
 /// use scene_bundle::formats::{format_seconds, parse_seconds};

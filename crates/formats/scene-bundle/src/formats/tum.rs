@@ -1,5 +1,5 @@
-//! TUM: a line `t x y z qx qy qz qw` per pose, seconds and metres, `#` starts a comment (Sturm et al. 2012; the
-//! format page of the TUM RGB-D benchmark). The quaternion has its real part last.
+//! TUM: a line `t x y z qx qy qz qw` per pose, seconds and metres, `#` starts a comment (Sturm et
+//! al. 2012; the format page of the TUM RGB-D benchmark). The quaternion has its real part last.
 //!
 //! Contract: as of [`formats`](super). Velocities are not kept.
 
@@ -145,8 +145,8 @@ mod tests {
         };
         let truth = read(&folder.join("freiburg1_xyz-groundtruth.txt")).unwrap();
         assert_eq!(truth.poses()[0].time_ns, 1_305_031_098_665_900_000);
-        // The page of the data set says 7.112 m. Straight from pose to pose it is more: 3000 poses at 100 Hz that shake
-        // by less than a millimetre each.
+        // The page of the data set says 7.112 m. Straight from pose to pose it is more: 3000 poses
+        // at 100 Hz that shake by less than a millimetre each.
         let length = truth.path_length_m();
         assert!((7.112..10.0).contains(&length), "{length}");
         let estimate = read(&folder.join("freiburg1_xyz-rgbdslam.txt")).unwrap();

@@ -1,8 +1,8 @@
 //! Output `cloud`: `cloud.ply`, points of the world, binary PLY 1.0 (Turk 1994).
 //!
-//! Contract: the properties of a vertex are x y z (f32, metres, world), red green blue (u8) and sigma (f32, metres, one
-//! standard deviation along the direction it is largest in; NaN where not known), little-endian, in this order, 19
-//! bytes. Only this layout is read.
+//! Contract: the properties of a vertex are x y z (f32, metres, world), red green blue (u8) and
+//! sigma (f32, metres, one standard deviation along the direction it is largest in; NaN where not
+//! known), little-endian, in this order, 19 bytes. Only this layout is read.
 
 use std::io::Write;
 

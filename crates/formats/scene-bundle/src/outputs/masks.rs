@@ -42,7 +42,8 @@ pub(crate) fn dynamic_path(camera: &str, frame: u64) -> String {
 /// Writes the wearer mask of one side of a camera.
 ///
 /// # Errors
-/// [`BundleError::Refused`] for values other than 0 and 255 or a wrong number of pixels, [`BundleError::Io`].
+/// [`BundleError::Refused`] for values other than 0 and 255 or a wrong number of pixels,
+/// [`BundleError::Io`].
 ///
 /// ```
 /// use camera_models::Eye;

@@ -1,5 +1,5 @@
-//! A folder on a real disk. It may come from anybody: below it no symbolic link is followed, and nothing but regular
-//! files is opened for reading.
+//! A folder on a real disk. It may come from anybody: below it no symbolic link is followed, and
+//! nothing but regular files is opened for reading.
 
 use std::fs::{self, File, OpenOptions};
 use std::io::{self, Read, Write};

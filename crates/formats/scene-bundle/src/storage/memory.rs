@@ -20,7 +20,8 @@ pub(crate) enum Crash {
     Forgotten,
     /// The names but not the bytes: the folders were written back first.
     NamesFirst,
-    /// Of the names in each folder only the last change, and no bytes: names were written back out of order.
+    /// Of the names in each folder only the last change, and no bytes: names were written back out
+    /// of order.
     LastNameFirst,
 }
 
@@ -196,7 +197,8 @@ impl State {
         }
     }
 
-    /// One change of names: each becomes another file or none. All must be in one folder, or each change is one of its own.
+    /// One change of names: each becomes another file or none. All must be in one folder, or each
+    /// change is one of its own.
     fn change(&mut self, changes: &[(&str, Option<u64>)]) -> io::Result<()> {
         let dirs: Vec<&str> = changes.iter().map(|(path, _)| split(path).0).collect();
         for dir in &dirs {

@@ -80,7 +80,8 @@ fn spans_hold_every_pose_once_and_lost_steps_have_no_length() {
         ]
     );
     assert_eq!((spans[2].from_ns, spans[2].to_ns), (30, 40));
-    // 0 to 3 m before the loss, 100 to 112 m after it; the 97 m between were not walked as far as anybody knows.
+    // 0 to 3 m before the loss, 100 to 112 m after it; the 97 m between were not walked as far as
+    // anybody knows.
     assert_eq!(trajectory.path_length_m(), 15.0);
     assert_eq!(trajectory.usable().count(), 6);
 }

@@ -196,7 +196,8 @@ fn nerfstudio_reads_back() {
         );
         assert!(frame.get("depth_file_path").is_none());
         let entry = |i: usize, j: usize| frame["transform_matrix"][i][j].as_f64().unwrap();
-        // One metre in front of the camera is at z = -1 in OpenGL's axes, one metre below it at y = -1.
+        // One metre in front of the camera is at z = -1 in OpenGL's axes, one metre below it at y =
+        // -1.
         for (x_in_left, x_in_gl) in [
             ([0.0, 0.0, 1.0], [0.0, 0.0, -1.0]),
             ([0.0, 1.0, 0.0], [0.0, -1.0, 0.0]),
@@ -278,7 +279,8 @@ fn nerfstudio_gets_depth_when_all_images_have_it() {
                 continue;
             }
             there += 1;
-            // The point at this depth must have the depth that was stored there, but for rounding to a millimetre.
+            // The point at this depth must have the depth that was stored there, but for rounding
+            // to a millimetre.
             let expected = stored.depth_m(at[0] as u32, at[1] as u32).unwrap();
             let in_view = f64::from(found) * 1e-3 * z;
             assert!((in_view - expected).abs() < 0.0011, "{in_view} {expected}");

@@ -1,4 +1,5 @@
-//! The crate from outside: outputs written and read, exports read by other readers, the command line.
+//! The crate from outside: outputs written and read, exports read by other readers, the command
+//! line.
 
 mod colmap;
 mod command;

@@ -1,8 +1,9 @@
-//! A small bundle of version 1 of the format, as it was written once (`tests/data/version1.scene`). It must stay
-//! readable, and the same numbers must give the same bytes; a change of either is a new version.
+//! A small bundle of version 1 of the format, as it was written once (`tests/data/version1.scene`).
+//! It must stay readable, and the same numbers must give the same bytes; a change of either is a
+//! new version.
 //!
-//! `it_is_still_written` leaves what it wrote in `target/tmp`; until version 1 is released, the fixture may be exchanged
-//! for that (without `lock`).
+//! `it_is_still_written` leaves what it wrote in `target/tmp`; until version 1 is released, the
+//! fixture may be exchanged for that (without `lock`).
 //!
 //! The numbers are short binary fractions, so they are the same on every machine.
 
@@ -212,8 +213,8 @@ fn it_is_still_written() {
     let path = Path::new(env!("CARGO_TARGET_TMPDIR")).join("version1.scene");
     let _ = std::fs::remove_dir_all(&path);
     write(&path);
-    // Which bytes a PNG has for the same pixels is the compressor's business, and hashes of those and names after them
-    // follow; everything else is ours.
+    // Which bytes a PNG has for the same pixels is the compressor's business, and hashes of those
+    // and names after them follow; everything else is ours.
     let ours = |folder: &Path| -> BTreeMap<String, Vec<u8>> {
         let all = files(folder).into_iter();
         let ours = all.filter(|(path, _)| ["npy", "ply", "json"].iter().any(|e| path.ends_with(e)));

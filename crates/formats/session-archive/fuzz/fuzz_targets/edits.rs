@@ -1,5 +1,5 @@
-//! Turns a fuzzer's bytes into a session: either as they are, or as edits of the checked-in one. Edits
-//! can sign what they have changed, so that what lies behind the checksums is reached too.
+//! Turns a fuzzer's bytes into a session: either as they are, or as edits of the checked-in one.
+//! Edits can sign what they have changed, so that what lies behind the checksums is reached too.
 
 use session_archive::layout;
 

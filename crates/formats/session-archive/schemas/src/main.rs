@@ -1,7 +1,8 @@
-//! Compiles the schemas of `crates/formats/session-archive/proto` into `crates/formats/session-archive/src/record/generated`: Rust types by prost,
-//! and for each message type the descriptor set that is embedded in the files. protox is a protobuf compiler in
-//! Rust, so no system package is needed. `sources.txt` beside them holds the checksums of what they were made of; a
-//! test of `session-archive` compares them, so that nobody forgets to run this.
+//! Compiles the schemas of `crates/formats/session-archive/proto` into
+//! `crates/formats/session-archive/src/record/generated`: Rust types by prost, and for each message
+//! type the descriptor set that is embedded in the files. protox is a protobuf compiler in Rust, so
+//! no system package is needed. `sources.txt` beside them holds the checksums of what they were
+//! made of; a test of `session-archive` compares them, so that nobody forgets to run this.
 
 use std::collections::BTreeSet;
 use std::fmt::Write as _;

@@ -42,8 +42,9 @@ pub struct Beyond {
 }
 
 impl Acceptance {
-    /// Whether it also holds for this verdict with these metrics beyond their limits: the verdict is within the level,
-    /// and of every metric and stream that is now beyond a limit, as bad a verdict was accepted.
+    /// Whether it also holds for this verdict with these metrics beyond their limits: the verdict
+    /// is within the level, and of every metric and stream that is now beyond a limit, as bad a
+    /// verdict was accepted.
     ///
     /// ```
     /// use session_archive::handoff::{Acceptance, Beyond, Verdict};

@@ -1,7 +1,8 @@
-//! Hand-offs of version 1, whose seal is over the whole document, the verdict and `validation.json` included.
+//! Hand-offs of version 1, whose seal is over the whole document, the verdict and `validation.json`
+//! included.
 //!
-//! They are still read, never written. `validation.json` is not looked at: a later validation replaces it, and the
-//! verdict stands in the hand-off.
+//! They are still read, never written. `validation.json` is not looked at: a later validation
+//! replaces it, and the verdict stands in the hand-off.
 
 use serde::{Deserialize, Serialize};
 

@@ -99,7 +99,8 @@ plain! {
         uncompressed_crc: u32,
         records: &'a [u8],
     }
-    /// A chunk of any writer as it lies in the file: `records` may be compressed, a checksum of 0 is none.
+    /// A chunk of any writer as it lies in the file: `records` may be compressed, a checksum of 0
+    /// is none.
     PackedChunk<'a> {
         message_start_time: u64,
         message_end_time: u64,

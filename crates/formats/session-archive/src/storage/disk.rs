@@ -1,7 +1,8 @@
 //! A folder on a real disk.
 //!
-//! The folder may come from anybody. Below its root no symbolic link is followed, and nothing but regular files is
-//! opened for reading, immediately and never waiting; the error names what was found (see [`plain_file`]).
+//! The folder may come from anybody. Below its root no symbolic link is followed, and nothing but
+//! regular files is opened for reading, immediately and never waiting; the error names what was
+//! found (see [`plain_file`]).
 
 use std::fs::{self, File, OpenOptions};
 use std::io::{self, Write};

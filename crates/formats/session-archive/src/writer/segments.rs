@@ -162,9 +162,10 @@ impl SessionWriter {
     }
 
     /// Ends the open segment after a failure: only what was synced counts, and nothing if that is
-    /// but its head. Returns its number. What readers are to pass over they know from the next segment's head and from
-    /// the manifest, so the unreliable bytes may remain: a file system that got back a bad place on the disk would
-    /// give it to the next segment. Only a full disk needs the room.
+    /// but its head. Returns its number. What readers are to pass over they know from the next
+    /// segment's head and from the manifest, so the unreliable bytes may remain: a file system that
+    /// got back a bad place on the disk would give it to the next segment. Only a full disk needs
+    /// the room.
     fn give_up(&mut self, error: &io::Error) -> u32 {
         let segment = self.segment.take();
         let Some(entry) = self.manifest.segments.last_mut() else {

@@ -159,8 +159,9 @@ pub struct Incident {
 /// ```
 #[derive(Debug, thiserror::Error)]
 pub enum WriteError {
-    /// The disk failed for good; what [`SessionWriter::durability`](super::SessionWriter::durability) says is on disk remains valid.
-    /// Close the writer and tell the user.
+    /// The disk failed for good; what
+    /// [`SessionWriter::durability`](super::SessionWriter::durability) says is on disk remains
+    /// valid. Close the writer and tell the user.
     #[error("writing segment {segment} failed, and so did every new one")]
     Storage {
         /// The last segment that was tried.

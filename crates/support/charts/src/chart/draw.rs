@@ -8,7 +8,8 @@ use crate::series::{Histogram, Series, Shape, Style};
 use crate::sheet::{GRID, TICK, markers, ticks_below};
 use crate::svg::{Anchor, MUTED, Svg, num, shorten, text_width};
 
-/// Above this many points markers shrink to dots without labels, and above the second to squares of a grid.
+/// Above this many points markers shrink to dots without labels, and above the second to squares of
+/// a grid.
 const DOTS_ABOVE: usize = 300;
 const CELLS_ABOVE: usize = 3000;
 
@@ -175,7 +176,8 @@ impl<'a> Canvas<'a> {
         self.svg.element("path", &format!("d=\"{d}\" {stroke}"));
     }
 
-    /// More points than can be distinguished: the squares that hold one, larger where they are many.
+    /// More points than can be distinguished: the squares that hold one, larger where they are
+    /// many.
     fn draw_cells(&mut self, points: &[Point], colour: &str) {
         let fine = cells(points, 2.0);
         let (size, strokes) = if fine.len() <= 4000 {

@@ -159,8 +159,8 @@ fn take_off(pad: &gst::Pad, port: Port, wanted: &Wanted, intake: &Arc<Intake>) {
     });
 }
 
-/// Tells a source that padded rows are welcome, and the number of frames held simultaneously, so that it
-/// need not copy.
+/// Tells a source that padded rows are welcome, and the number of frames held simultaneously, so
+/// that it need not copy.
 fn answer(query: &mut gst::QueryRef, held: u32) -> gst::PadProbeReturn {
     let gst::QueryViewMut::Allocation(query) = query.view_mut() else {
         return gst::PadProbeReturn::Ok;

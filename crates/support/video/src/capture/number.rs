@@ -83,7 +83,8 @@ impl Numbering {
                 });
                 self.ahead = Some(ahead);
                 let number = offset.saturating_sub(ahead);
-                // One that does not rise: the device restarts its count, which is for the caller to see.
+                // One that does not rise: the device restarts its count, which is for the caller to
+                // see.
                 (number, number.saturating_sub(last.number.saturating_add(1)))
             }
             _ if first => (0, 0),

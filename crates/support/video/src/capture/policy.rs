@@ -78,8 +78,8 @@ const fn delivery(sigma_ns: u64) -> Policy {
 pub static ROWS: &[Row] = &[
     Row {
         element: "v4l2src",
-        // GStreamer itself takes away microseconds (measured); the rest is what a driver's stamp may
-        // be off from the exposure.
+        // GStreamer itself takes away microseconds (measured); the rest is what a driver's stamp
+        // may be off from the exposure.
         policy: Policy {
             stamp: Stamp::Driver,
             latency_ns: 0,

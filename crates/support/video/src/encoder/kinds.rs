@@ -102,13 +102,14 @@ const NVV4L2: &[Property] = &[
     attempt(&["maxperf-enable"], "true"),
 ];
 
-/// All rows, in order of preference: hardware, then x264enc. `openh264enc` stands behind it because its
-/// constant quantiser is a range of one value under a rate control that must not bite; it is
+/// All rows, in order of preference: hardware, then x264enc. `openh264enc` stands behind it because
+/// its constant quantiser is a range of one value under a rate control that must not bite; it is
 /// there for machines without the GPL plugins. x265enc is last and never chosen by itself
-/// ([`crate::discover::choose`]): it takes 75 % of a core where x264enc takes 9.5 %, for a tenth fewer bytes.
+/// ([`crate::discover::choose`]): it takes 75 % of a core where x264enc takes 9.5 %, for a tenth
+/// fewer bytes.
 ///
-/// x264enc runs at a preset for the pixel rate ([`super::Preset`]). Key frames get the quantiser of the others
-/// (`ip-factor` 1), so that no frame is worse than the quality asks for.
+/// x264enc runs at a preset for the pixel rate ([`super::Preset`]). Key frames get the quantiser of
+/// the others (`ip-factor` 1), so that no frame is worse than the quality asks for.
 pub(crate) static KINDS: &[Kind] = &[
     Kind {
         element: "nvv4l2h265enc",

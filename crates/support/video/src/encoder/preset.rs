@@ -1,12 +1,14 @@
 //! How hard x264 works on a frame, and how hard it may work on this many pixels per second.
 //!
-//! A slower preset makes smaller files of the same quality. The table says what each preset costs at 42 dB: processor time
-//! per megapixel on one core of the build machine (AMD EPYC, 2026-11-25), measured by `cargo run --release -p video
-//! --example quality 42` on the hardest of its four clips, a texture without a smooth place. KITTI's street costs 7.3, 21.3
-//! and 29.4 ms, EuRoC's room 4.6, 7.4 and 12.9 ms. A preset is taken if all cameras together need at most a quarter
-//! of two such cores: the other three quarters are for the sources, the disk, other programs and slower machines.
-//! The choice is a function of the pixel rate alone. It asks neither how many cores there are nor how fast they are,
-//! so the same rig gives the same bytes everywhere; what turns out too slow is relieved while it records.
+//! A slower preset makes smaller files of the same quality. The table says what each preset costs
+//! at 42 dB: processor time per megapixel on one core of the build machine (AMD EPYC, 2026-11-25),
+//! measured by `cargo run --release -p video --example quality 42` on the hardest of its four
+//! clips, a texture without a smooth place. KITTI's street costs 7.3, 21.3 and 29.4 ms, EuRoC's
+//! room 4.6, 7.4 and 12.9 ms. A preset is taken if all cameras together need at most a quarter of
+//! two such cores: the other three quarters are for the sources, the disk, other programs and
+//! slower machines. The choice is a function of the pixel rate alone. It asks neither how many
+//! cores there are nor how fast they are, so the same rig gives the same bytes everywhere; what
+//! turns out too slow is relieved while it records.
 
 /// How much of two cores all encoders together may need by the table: a head room of four.
 const SHARE: f64 = 2.0 / 4.0;
@@ -59,7 +61,8 @@ impl Preset {
     /// All of them, cheapest first.
     pub const ALL: [Preset; 3] = [Preset::Ultrafast, Preset::Superfast, Preset::Veryfast];
 
-    /// The best preset for luma pixels per second of all cameras together; the cheapest if none has the head room.
+    /// The best preset for luma pixels per second of all cameras together; the cheapest if none has
+    /// the head room.
     ///
     /// ```
     /// use video::encoder::Preset;

@@ -143,8 +143,8 @@ fn rgb_follows_the_formula() {
     let pixel = |x: usize, y: usize| -> [f64; 3] {
         std::array::from_fn(|channel| f64::from(rgb[3 * (y * width + x) + channel]))
     };
-    // The fixed-point coefficients have an error of at most 2^-17 each: three of them times 255 may move
-    // a value by 0.006 over a rounding border, never further.
+    // The fixed-point coefficients have an error of at most 2^-17 each: three of them times 255 may
+    // move a value by 0.006 over a rounding border, never further.
     let close = |found: u8, exact: f64| (f64::from(found) - exact.clamp(0.0, 255.0)).abs() <= 0.506;
     for y in 0..height {
         for x in 0..width {

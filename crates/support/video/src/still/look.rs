@@ -8,8 +8,9 @@ const CLIPPED: [u8; 2] = [2, 253];
 /// Numbers that say whether an image shows something.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct Look {
-    /// Mean difference between a pixel and its neighbours to the right and below, grey levels of 255. Focus,
-    /// motion, fog, a cover, darkness and overexposure all lower it; noise raises it.
+    /// Mean difference between a pixel and its neighbours to the right and below, grey levels
+    /// of 255. Focus, motion, fog, a cover, darkness and overexposure all lower it; noise raises
+    /// it.
     pub sharpness: f64,
     /// Mean, grey levels of 255.
     pub brightness: f64,

@@ -376,8 +376,8 @@ fn eyes_with_lost_frames_are_still_paired_rightly() {
             }
         }
     }
-    // Where one eye's frame comes, the other's is missing with probability 0.2: that none of them is reported between
-    // 80 pairs has a probability below 1e-13.
+    // Where one eye's frame comes, the other's is missing with probability 0.2: that none of them
+    // is reported between 80 pairs has a probability below 1e-13.
     assert!((1..=counts.unpaired).contains(&told), "{counts:?} {told}");
 }
 

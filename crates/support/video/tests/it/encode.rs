@@ -164,7 +164,8 @@ fn same_pictures_same_bytes() {
     }
 }
 
-/// One encoder per camera, simultaneously: x265enc with other options once failed here in one run of 50.
+/// One encoder per camera, simultaneously: x265enc with other options once failed here in one run
+/// of 50.
 #[test]
 fn encoders_side_by_side_do_not_disturb_each_other() {
     let pictures = texture(160, 64, 4);

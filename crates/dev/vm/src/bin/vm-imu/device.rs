@@ -1,7 +1,9 @@
-//! The microcontroller itself: a clock, a stream, commands, and what goes wrong. Pure: time comes in, reports go out.
+//! The microcontroller itself: a clock, a stream, commands, and what goes wrong. Pure: time comes
+//! in, reports go out.
 //!
-//! Samples lie on a grid of the device's clock from when it is switched on, whether or not anybody listens. Frames begin on a grid
-//! of the host's clock; the first sample at or after one carries the flag and the new count.
+//! Samples lie on a grid of the device's clock from when it is switched on, whether or not anybody
+//! listens. Frames begin on a grid of the host's clock; the first sample at or after one carries
+//! the flag and the new count.
 
 use std::str::FromStr;
 

@@ -1,13 +1,14 @@
-//! `vm-imu`: a ZED Mini's microcontroller that is none. It stands behind the kernel's own HID drivers, by uhid, and speaks the
-//! protocol as it was published: input reports, commands to start and stop, the keep-alive without which the stream ends,
-//! reset; and it fails on request.
+//! `vm-imu`: a ZED Mini's microcontroller that is none. It stands behind the kernel's own HID
+//! drivers, by uhid, and speaks the protocol as it was published: input reports, commands to start
+//! and stop, the keep-alive without which the stream ends, reset; and it fails on request.
 //!
-//! It lives by absolute deadlines on CLOCK_MONOTONIC and sleeps in ppoll until the next, so that it also works where time is
-//! virtual. A sample that is due is never left out because the program came late; the queue behind it holds 64 reports, so
-//! after a stall reports go out in small parcels.
+//! It lives by absolute deadlines on CLOCK_MONOTONIC and sleeps in ppoll until the next, so that it
+//! also works where time is virtual. A sample that is due is never left out because the program
+//! came late; the queue behind it holds 64 reports, so after a stall reports go out in small
+//! parcels.
 //!
-//! What is printed: a line for each command and each change, and at the end (`--seconds`, SIGTERM or SIGINT) one with the samples
-//! sent since each start.
+//! What is printed: a line for each command and each change, and at the end (`--seconds`, SIGTERM
+//! or SIGINT) one with the samples sent since each start.
 
 mod device;
 mod numbering;
@@ -29,7 +30,8 @@ use crate::numbering::Numbering;
 use crate::uhid::{Identity, Request, Uhid};
 
 const S: i64 = 1_000_000_000;
-/// Reports sent in one burst, and the pause before the next: 2000 in a second, when there is something to catch up.
+/// Reports sent in one burst, and the pause before the next: 2000 in a second, when there is
+/// something to catch up.
 const PARCEL: usize = 8;
 const PAUSE_NS: i64 = 4_000_000;
 
@@ -66,7 +68,8 @@ struct Arguments {
     /// The stream ends so long after the last ping, s; 0 for never.
     #[arg(long, default_value_t = 6.0)]
     keep_alive: f64,
-    /// Samples are made but not sent, FROM:FOR seconds since the program began. May be given several times.
+    /// Samples are made but not sent, FROM:FOR seconds since the program began. May be given
+    /// several times.
     #[arg(long)]
     silent: Vec<Span>,
     /// The device is unplugged, FROM:FOR seconds.

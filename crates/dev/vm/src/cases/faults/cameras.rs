@@ -60,7 +60,8 @@ pub(super) const DAMAGED: Case = case(
     },
 );
 
-/// The stream is restarted immediately, at another phase, so that hardly a frame is missing; the alarms say what happened.
+/// The stream is restarted immediately, at another phase, so that hardly a frame is missing; the
+/// alarms say what happened.
 pub(super) const ERROR: Case = case(
     "fault-camera-error",
     "a camera's stream fails, by a fatal error and by a buffer that is refused",
@@ -90,7 +91,8 @@ pub(super) const ERROR: Case = case(
     },
 );
 
-/// vivid's camera returns when its last user has closed it, so this also shows that the daemon lets go.
+/// vivid's camera returns when its last user has closed it, so this also shows that the daemon lets
+/// go.
 pub(super) const UNPLUGGED: Case = case(
     "fault-camera-unplugged",
     "a camera is unplugged for 3 s",

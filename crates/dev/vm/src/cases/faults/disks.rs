@@ -16,8 +16,9 @@ fn happen(bench: &Bench, during: &'static str) -> Result<Left> {
     fault.happen(bench)
 }
 
-/// The disk broke three seconds after the start, for good, was mended, and the daemon started again: it had said that it
-/// failed, closed what was left, and recorded once more. Seconds left of the first recording.
+/// The disk broke three seconds after the start, for good, was mended, and the daemon started
+/// again: it had said that it failed, closed what was left, and recorded once more. Seconds left of
+/// the first recording.
 fn broken_and_mended(left: &Left) -> Result<f64> {
     let during = left.file("broken.json")?;
     ensure!(
@@ -27,7 +28,8 @@ fn broken_and_mended(left: &Left) -> Result<f64> {
     cut_off_and_closed(left)
 }
 
-/// The first recording was cut off, was closed by the next start, and the next one is whole. Seconds left of the first.
+/// The first recording was cut off, was closed by the next start, and the next one is whole.
+/// Seconds left of the first.
 fn cut_off_and_closed(left: &Left) -> Result<f64> {
     ensure!(left.sessions.len() == 2, "{} sessions", left.sessions.len());
     for session in &left.sessions {
@@ -126,7 +128,8 @@ pub(super) const ERRORS: Case = case(
     },
 );
 
-/// 64 KiB right behind what the recording has on the disk: where the file system puts its next chunk.
+/// 64 KiB right behind what the recording has on the disk: where the file system puts its next
+/// chunk.
 pub(super) const BAD_PLACE: Case = case(
     "fault-disk-bad-place",
     "a bad place on the disk, just where the recording goes on",

@@ -8,7 +8,8 @@ use super::{Fault, Left, case};
 use crate::case::{Bench, Case};
 use crate::cases::config::IMU;
 
-/// The IMU with these arguments, in a recording that begins in its first second and ends in its sixteenth.
+/// The IMU with these arguments, in a recording that begins in its first second and ends in its
+/// sixteenth.
 fn happen(bench: &Bench, given: &'static str) -> Result<Left> {
     let fault = Fault {
         given,

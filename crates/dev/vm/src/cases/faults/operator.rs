@@ -19,8 +19,8 @@ fn two_takes(bench: &Bench, left: &Left, line: &str) -> Result<Report> {
     left.report(bench, &[], line.to_owned())
 }
 
-/// While it is away the light's line is held by the daemon, so the chip that comes back has another number: the lines are
-/// configured by their names.
+/// While it is away the light's line is held by the daemon, so the chip that comes back has another
+/// number: the lines are configured by their names.
 pub(super) const BUTTON_GONE: Case = case(
     "fault-button-gone",
     "the GPIO chip with button and light goes for 3 s; then the button stops and starts, and the light shows it",

@@ -1,4 +1,5 @@
-//! A battery that runs down. The kernel's test battery says that minutes are left, whatever its charge.
+//! A battery that runs down. The kernel's test battery says that minutes are left, whatever its
+//! charge.
 
 use anyhow::{Result, ensure};
 

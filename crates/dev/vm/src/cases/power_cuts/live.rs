@@ -1,7 +1,7 @@
 //! Cuts of guests that record: killed at a random instant with everything that belongs to them.
 //!
-//! The guest's page cache is lost then, and what it had handed to its disk is in the image: a cut that a disk without
-//! a cache sees.
+//! The guest's page cache is lost then, and what it had handed to its disk is in the image: a cut
+//! that a disk without a cache sees.
 
 use std::collections::BTreeMap;
 use std::fs;

@@ -23,7 +23,8 @@ const DISK_BYTES: u64 = 512 << 20;
 const LOG_BYTES: u64 = 2 << 30;
 /// Images that lie on the host's disk at the same time.
 const BATCH: usize = 25;
-/// What a disk writes whole: F2FS is made for flash, which writes pages, and has no checksums over parts of them.
+/// What a disk writes whole: F2FS is made for flash, which writes pages, and has no checksums over
+/// parts of them.
 const fn grain(file_system: FileSystem) -> u64 {
     match file_system {
         FileSystem::Ext4 => 512,
@@ -117,7 +118,8 @@ umount /run/archive && dmsetup remove lw || exit 7
         })
     }
 
-    /// Cuts the power at `count` places spread over the log, every second time with a torn cache, and examines what is left.
+    /// Cuts the power at `count` places spread over the log, every second time with a torn cache,
+    /// and examines what is left.
     ///
     /// # Errors
     /// An image cannot be made, or the guest that examines fails.
@@ -175,7 +177,8 @@ umount /run/archive && dmsetup remove lw || exit 7
             Ok(found) => {
                 cut.damage = found.damage;
                 cut.repaired = found.repaired;
-                // The time at the cut lies between two marks of it; the later one makes more of what is lost.
+                // The time at the cut lies between two marks of it; the later one makes more of
+                // what is lost.
                 let now = self.marks.iter().find_map(|(place, mark)| match mark {
                     Mark::Now(now) if *place >= at => Some(*now),
                     _ => None,
