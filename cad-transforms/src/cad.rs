@@ -3,7 +3,7 @@
 //! Contract: every reader gives the parts of a file with `root_from_part` in metres, whatever the
 //! file's unit. A file that cannot be understood is an error that says where (line, entity, column
 //! or key) what was found and what was expected; no part is left out silently. What was assumed is
-//! a note. Nothing here looks at shapes: a part is its name and the place of its coordinate system.
+//! a note. Nothing here looks at shapes: a part is a name and the pose of its coordinate system.
 //!
 //! Readers: [`step`] (AP203, AP214, AP242 assemblies), [`urdf`], [`gltf`] (`.gltf` and `.glb`),
 //! [`table`] (CSV and TOML). [`map`] makes a [`crate::Rig`] of parts, [`export`] writes a rig in
@@ -32,15 +32,15 @@ pub mod step;
 pub mod table;
 pub mod urdf;
 
-/// How far from the root a part may be, m. Farther, the file's unit is not the one it names: a
-/// plate on a chest drawn in millimetres and read as metres is hundreds of metres wide.
+/// Maximum distance of a part from the root, m. Beyond it, the file's unit is not the one that it
+/// states: a plate on a chest drawn in millimetres and read as metres is hundreds of metres wide.
 const FARTHEST_M: f64 = 10.0;
 
 /// Parts that lie no farther from each other than this, m, suggest that metres were read as
 /// millimetres.
 const NEAREST_M: f64 = 0.002;
 
-/// Most parts a file may have: instances multiply, and a broken file could name billions.
+/// Maximum number of parts of a file: instances multiply, and a broken file could name billions.
 pub(crate) const MOST_PARTS: usize = 100_000;
 
 /// The content of a CAD file.
@@ -48,11 +48,11 @@ pub(crate) const MOST_PARTS: usize = 100_000;
 pub struct Cad {
     /// All parts, in the order of the file, a parent before its children.
     pub parts: Vec<Part>,
-    /// What was assumed or left out.
+    /// Assumptions and omissions of the reader.
     pub notes: Vec<String>,
 }
 
-/// A part and its place.
+/// A part and its pose.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Part {
     /// Its own name.
@@ -97,7 +97,7 @@ pub enum CadError {
     Read {
         /// The file.
         path: PathBuf,
-        /// What the system said.
+        /// The error of the operating system.
         source: std::io::Error,
     },
     /// No reader goes by this name.
@@ -123,7 +123,7 @@ pub enum CadError {
     },
 }
 
-/// Most that is read of a CAD file. An assembly of a rig takes a few megabytes.
+/// Maximum length of a CAD file, bytes. An assembly of a rig takes a few megabytes.
 pub const MAX_BYTES: u64 = 256 << 20;
 
 /// Reads a CAD file, the format by the ending of its name, with its name and hash: a regular file
@@ -245,7 +245,7 @@ impl Cad {
     }
 }
 
-/// Refuses placements that no plate has.
+/// Refuses placements that are implausible for a plate.
 fn plausible(mut cad: Cad) -> Result<Cad, Vec<Fault>> {
     let far: Vec<&Part> = cad
         .parts

@@ -1,4 +1,4 @@
-//! How far a transform may be off.
+//! Covariance of a rigid transform.
 //!
 //! Contract: a [`Covariance`] that exists is finite, symmetric and has no negative variance in any
 //! direction. It belongs to a transform `parent_from_child` and describes a small motion of the
@@ -8,8 +8,8 @@
 //! true parent_from_child = parent_from_child * motion(v, w)
 //! ```
 //!
-//! with `v` a shift in metres and `w` a rotation vector in radians, **both in the axes of the child
-//! and about the child's origin**. The order is translation before rotation:
+//! with `v` a translation in metres and `w` a rotation vector in radians, **both in the axes of the
+//! child and about the child's origin**. The order is translation before rotation:
 //! `[vx, vy, vz, wx, wy, wz]`. For an optical frame the third number is thus along the view, and
 //! the sixth turns the image.
 //!
@@ -22,8 +22,8 @@ use serde::{Deserialize, Serialize};
 
 use crate::transform::RigidTransform;
 
-/// How far two mirrored entries may differ, in units of the product of their sigmas; printed digits
-/// stay inside.
+/// Maximum difference of two mirrored entries, in units of the product of their sigmas; printed
+/// digits are within it.
 const SYMMETRY_TOLERANCE: f64 = 1e-6;
 
 /// The lowest eigenvalue of the correlation matrix that still counts as zero.
@@ -51,7 +51,7 @@ pub enum CovarianceError {
     /// A sigma or a variance is below zero.
     #[error("entry {index} of the diagonal is {found}, expected 0 or more")]
     Negative {
-        /// Place on the diagonal, from 0.
+        /// Index on the diagonal, from 0.
         index: usize,
         /// Value as found.
         found: f64,
@@ -67,7 +67,7 @@ pub enum CovarianceError {
         column: usize,
         /// Value as found.
         found: f64,
-        /// Value in the mirrored place.
+        /// Value of the mirrored entry.
         mirrored: f64,
     },
     /// Some direction would have a negative variance.
@@ -86,8 +86,8 @@ impl Covariance {
         Self(Matrix6::zeros())
     }
 
-    /// Independent errors: standard deviations of the shift, m, and of the rotation vector, rad,
-    /// along the child's axes.
+    /// Independent errors: standard deviations of the translation, m, and of the rotation vector,
+    /// rad, along the child's axes.
     ///
     /// # Errors
     /// [`CovarianceError::NotFinite`], [`CovarianceError::Negative`].
@@ -162,7 +162,7 @@ impl Covariance {
         std::array::from_fn(|i| std::array::from_fn(|j| self.0[(i, j)]))
     }
 
-    /// Standard deviations: three of the shift, m, three of the turn, rad.
+    /// Standard deviations: three of the translation, m, three of the rotation, rad.
     pub fn sigmas(&self) -> [f64; 6] {
         std::array::from_fn(|i| self.0[(i, i)].sqrt())
     }

@@ -1,4 +1,4 @@
-//! Contract 2: where things sit on the rig.
+//! Contract 2: the poses of sensors and parts on the rig.
 //!
 //! A [`Frame`] is a named coordinate frame, a [`RigidTransform`] takes points from one frame to
 //! another, and a [`Rig`] is the tree of fixed transforms of one build of the chest plate, read

@@ -1,7 +1,7 @@
 //! Writing a file without losing another.
 //!
 //! Contract: an existing file is kept unless the caller says otherwise, and is then replaced
-//! atomically. The bytes are written beside the file, under a hidden name that nobody has
+//! atomically. The bytes are written beside the file, under a hidden name that is not in use
 //! (`.paws-PROCESS-NUMBER.part`), and appear under the name itself when they are complete: a reader
 //! finds the old bytes or the new ones. After [`write()`] returned, the bytes and the name are on
 //! disk. A program that is killed may leave a hidden file behind.
@@ -20,14 +20,14 @@ pub enum Existing {
     /// Leave it and fail.
     #[default]
     Refuse,
-    /// Exchange it.
+    /// Replace it.
     Replace,
 }
 
 /// Why a file was not written.
 #[derive(Debug, thiserror::Error)]
 pub enum WriteError {
-    /// There is one: choose another name, or say that it may go.
+    /// The file exists: choose another name, or permit its replacement.
     #[error("writing a file: there is one already, and it was left as it is: {}", path.display())]
     Exists {
         /// The file.
@@ -38,7 +38,7 @@ pub enum WriteError {
     Io {
         /// The file.
         path: PathBuf,
-        /// What the system said.
+        /// The error of the operating system.
         source: io::Error,
     },
 }
@@ -46,8 +46,8 @@ pub enum WriteError {
 /// Writes a file whole.
 ///
 /// # Errors
-/// [`WriteError`]. What was there before is as it was, unless it was only the last step that the
-/// system refused: putting the new name on disk.
+/// [`WriteError`]. An existing file is unchanged, unless only the last step failed: putting the new
+/// name on disk.
 pub fn write(path: &Path, bytes: &[u8], existing: Existing) -> Result<(), WriteError> {
     let io = |source: io::Error| WriteError::Io {
         path: path.to_owned(),
@@ -75,7 +75,7 @@ pub fn write(path: &Path, bytes: &[u8], existing: Existing) -> Result<(), WriteE
     sync(folder).map_err(io)
 }
 
-/// A new empty file in a folder, under a hidden name that nobody has.
+/// A new empty file in a folder, under a hidden name that is not in use.
 fn hidden(folder: &Path) -> io::Result<(File, PathBuf)> {
     static NUMBER: AtomicU64 = AtomicU64::new(0);
     loop {

@@ -1,4 +1,4 @@
-//! The rig: which frames there are and where they sit on the plate.
+//! The rig: its coordinate frames and their poses on the plate.
 //!
 //! Contract: a [`Rig`] that exists is a tree that connects every frame to `rig`, each transform a
 //! proper rotation, each camera with its left frame. Reading reports everything that is wrong with
@@ -52,11 +52,11 @@
 //!
 //! A tolerance is a standard deviation, or the covariance, of a small motion of the child in the
 //! child's axes, translation before rotation: see [`crate::covariance`]. It is above 0: what is not
-//! known is left out. A file without the optional keys reads as ever.
+//! known is left out. The optional keys may be absent.
 //!
 //! The frame of a foot has its origin in the middle of the shoe's sole, x to the toe, y to the
 //! left, z up from the sole. That of a tag has its origin in its middle, x to the right, y down and
-//! z into the tag, for who reads it upright. Feet move, and are no frames of the tree.
+//! z into the tag, for a reader who sees it upright. Feet move, and are no frames of the tree.
 
 use std::collections::BTreeMap;
 use std::fmt;
@@ -112,8 +112,8 @@ pub struct Edge {
     pub child: Frame,
     /// Takes coordinates in `child` to coordinates in `parent`.
     pub parent_from_child: RigidTransform,
-    /// How far the joint may be off: of a small motion of `child` in its own axes. `None` where the
-    /// file says nothing, which is not the same as exact.
+    /// Covariance of the joint: of a small motion of `child` in its own axes. `None` where the file
+    /// says nothing, which is not the same as exact.
     pub covariance: Option<Covariance>,
 }
 
@@ -131,7 +131,7 @@ pub struct CameraInfo {
 /// Where the numbers come from.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Provenance {
-    /// How far to trust them.
+    /// Kind of the source.
     pub kind: ProvenanceKind,
     /// In words: drawing, method, instrument.
     pub note: String,
@@ -169,7 +169,7 @@ pub enum RigError {
     Read {
         /// The file.
         path: PathBuf,
-        /// What the system said.
+        /// The error of the operating system.
         source: std::io::Error,
     },
     /// The file is not a rig: correct everything listed.
@@ -204,7 +204,7 @@ pub enum RigError {
         /// The entries it has.
         known: String,
     },
-    /// The rig file could not be written; what was there before is as it was.
+    /// The rig file could not be written; an existing file is unchanged.
     #[error(transparent)]
     Write(#[from] crate::output::WriteError),
 }
@@ -263,7 +263,7 @@ impl Rig {
     pub fn transform(&self, b: &Frame, a: &Frame) -> Result<RigidTransform, RigError> {
         let to_rig_from_a = self.way_to_rig(a)?;
         let to_rig_from_b = self.way_to_rig(b)?;
-        // Both ways end in `rig`; what they share at the end cancels and is left out, so that the
+        // Both paths end in `rig`; what they share at the end cancels and is left out, so that the
         // transform between neighbours is the stored one.
         let shared = to_rig_from_a
             .iter()
@@ -322,13 +322,13 @@ impl Rig {
         info.serial.as_deref()
     }
 
-    /// Second ways to the same place, which agree with the tree.
+    /// Loop closures: second paths to the same frame, which agree with the tree.
     pub fn closures(&self) -> &[Closure] {
         &self.closures
     }
 
-    /// Covariance of [`Self::transform`]: of a small motion of `a`, in its own axes, with `b` held
-    /// still. The joints are taken as independent. `None` where an entry on the path has no
+    /// Covariance of [`Self::transform`]: of a small motion of `a`, in its own axes, with `b`
+    /// fixed. The joints are taken as independent. `None` where an entry on the path has no
     /// tolerance.
     ///
     /// # Errors

@@ -11,11 +11,11 @@ use std::ops::Mul;
 use nalgebra::{Matrix3, Quaternion, Rotation3, UnitQuaternion, Vector3};
 use serde::{Deserialize, Serialize};
 
-/// How far a quaternion's norm may be from 1. Six printed digits per component stay inside it.
+/// Maximum deviation of a quaternion's norm from 1. Six printed digits per component are within it.
 pub const UNIT_TOLERANCE: f64 = 2e-6;
 
-/// How far an entry of `RᵀR` may be from the identity. Six printed digits per entry (as in KITTI's
-/// pose files) stay inside it; a scale or shear of 10 ppm does not.
+/// Maximum deviation of an entry of `RᵀR` from the identity. Six printed digits per entry (as in
+/// KITTI's pose files) are within it; a scale or shear of 10 ppm does not.
 const ORTHONORMAL_TOLERANCE: f64 = 1e-5;
 
 /// A rigid transform `b_from_a`: takes coordinates in frame `a` to coordinates in frame `b`,

@@ -1,4 +1,4 @@
-//! What a camera sees: the pyramid of its image.
+//! Field of view of a camera: the pyramid of its image.
 //!
 //! Contract: plain geometry in the optical frame (x right, y down, z forward). This crate knows
 //! nothing of lenses; a caller that has a calibration gives tangents. A lens that bends straight
@@ -55,8 +55,8 @@ impl FieldOfView {
         })
     }
 
-    /// How far outside the nearest edge the point lies, rad, below 0 for a point inside; `None`
-    /// behind the camera.
+    /// Angle of the point outside the nearest edge, rad, below 0 for a point inside; `None` behind
+    /// the camera.
     pub fn beyond(&self, [x, y, z]: [f64; 3]) -> Option<f64> {
         let over = |v: f64, low: f64, high: f64| {
             let angle = (v / z).atan();

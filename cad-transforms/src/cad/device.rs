@@ -1,15 +1,14 @@
-//! Cameras as things that are bolted on: where the lenses are, seen from the mounting datum.
+//! Cameras as mounted devices: the poses of the lenses relative to the mounting datum.
 //!
 //! Contract: the numbers are data (`devices/zed.toml`) with their source, and a map file may
 //! override each of them. The datum is the maker's mounting point with the axes of the housing: x
-//! forward, y left, z up. The optical axes are taken along the housing's x. No source states how
-//! true that is, so the sigmas are nominal and say so.
+//! forward, y left, z up. The optical axes are taken along the housing's x. No source states the
+//! error of that, so the sigmas are nominal.
 //!
-//! A sigma is of where the lens is and looks, seen from the datum, over all cameras of the model:
-//! the same camera in the same housing does not move by it. The factory file of one ZED Mini has
-//! its two lenses rotated against each other by 0.05, 0.40 and 0.03 degrees about x, y and z; if
-//! both are mounted alike, that is some 0.3 degrees each for the worst axis, and the nominal 0.5
-//! leaves room for the housing.
+//! A sigma is that of the lens pose relative to the datum over all cameras of the model; within one
+//! camera the pose is fixed. The factory file of one ZED Mini has its two lenses rotated against
+//! each other by 0.05, 0.40 and 0.03 degrees about x, y and z; if both are mounted alike, that is
+//! some 0.3 degrees each for the worst axis, and the nominal 0.5 leaves room for the housing.
 
 use toml::de::{DeTable, DeValue};
 
@@ -72,8 +71,8 @@ impl Device {
         RigidTransform::from_translation_m([self.baseline_m, 0.0, 0.0]).expect("a finite number")
     }
 
-    /// How far [`Self::left_from_right`] may be off: the baseline as stated, the turn as that of
-    /// the whole camera.
+    /// Covariance of [`Self::left_from_right`]: the baseline as stated, the rotation as that of the
+    /// whole camera.
     pub(crate) fn covariance_of_right(&self) -> Covariance {
         let whole = self.covariance.rows();
         let mut rows = [[0.0; 6]; 6];

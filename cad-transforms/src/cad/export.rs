@@ -126,9 +126,9 @@ fn xml(text: &str) -> String {
 /// What glTF shows beside the frames.
 #[derive(Clone, Debug, Default)]
 pub struct Scene {
-    /// What each left or right lens sees, by frame.
+    /// Field of view of each left or right lens, by frame.
     pub views: Vec<(Frame, FieldOfView)>,
-    /// How far the frusta are drawn, m.
+    /// Depth of the drawn frusta, m.
     pub depth_m: f64,
     /// Height of the ground in `rig`, m, where it is to be drawn.
     pub ground_z_m: Option<f64>,
@@ -139,7 +139,7 @@ pub struct Scene {
 /// A glTF file with all in one: a node per frame with its axes (x red, y green, z blue), frusta,
 /// ground, outlines.
 ///
-/// The node `rig` turns z up to glTF's y up, so that a viewer shows the rig upright.
+/// The node `rig` rotates z up to glTF's y up, so that a viewer shows the rig upright.
 pub fn gltf(rig: &Rig, scene: &Scene) -> String {
     let mut file = Buffers::default();
     let axes = file.axes(0.05);

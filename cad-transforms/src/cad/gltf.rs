@@ -3,8 +3,8 @@
 //! Contract: every node of the default scene becomes a part; meshes, cameras and buffers are not
 //! looked at, so a `.gltf` can be read without its `.bin`. glTF is in metres with y up and
 //! right-handed (glTF 2.0, section 3.4); the root given here has z up instead: its x is glTF's x,
-//! its y is glTF's -z, its z is glTF's y. Programs that draw with z up put a node with that turn at
-//! the top, and under it everything is as drawn. A node's own axes are its own.
+//! its y is glTF's -z, its z is glTF's y. Programs that draw with z up put a node with that
+//! rotation at the top, and below it everything is as drawn. A node's own axes are its own.
 //!
 //! Even scaling of a node (0.001 above a drawing in millimetres) is carried through; uneven
 //! scaling, shear and mirroring are errors.
@@ -14,7 +14,7 @@ use serde_json::Value;
 use super::{Cad, Fault, MOST_PARTS, Part, numbered, step_of_path};
 use crate::transform::RigidTransform;
 
-/// How far scale factors may differ and still be one.
+/// Maximum difference of scale factors that count as equal.
 const SCALE_TOLERANCE: f64 = 1e-6;
 
 /// Deepest tree of nodes.
@@ -257,7 +257,7 @@ fn local(node: &Value, place: &str) -> Result<Placed, Fault> {
     Ok(Placed { transform, scale })
 }
 
-/// The one factor, if the three are one and no mirror.
+/// The common factor, if the three are equal and do not mirror.
 fn even(scale: [f64; 3]) -> Result<f64, String> {
     let [x, y, z] = scale;
     if !(x > 0.0 && y > 0.0 && z > 0.0) {
@@ -308,7 +308,7 @@ mod tests {
             lens.root_from_part.rotate([1.0, 0.0, 0.0]),
             [0.0, 0.0, -1.0],
         );
-        // Without a turn at the top, y is up.
+        // Without a rotation at the top, y is up.
         let cad = parts(file(r#"{"translation":[1,2,3]}"#).as_bytes()).unwrap();
         close(
             cad.parts[0].root_from_part.translation_m(),

@@ -448,7 +448,7 @@ fn camera(table: &Table<'_, '_>, devices: &[Device], log: &mut Log<'_>) -> Optio
     })
 }
 
-/// The placement in a table of its own; none is none.
+/// The placement in a table of its own; without the table it is the identity.
 fn inner_placement(
     table: &Table<'_, '_>,
     key: &'static str,

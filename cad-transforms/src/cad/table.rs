@@ -14,7 +14,7 @@
 //! | `x_m y_m z_m`, or `_mm`, or `_in` | the part's origin in the parent |
 //! | `qw qx qy qz` | the rotation `parent_from_part` as a unit quaternion |
 //! | `rx_deg ry_deg rz_deg`, or `_rad` | or as a rotation vector: axis times angle (OpenCV's Rodrigues) |
-//! | `roll_deg pitch_deg yaw_deg`, or `_rad` | or as turns about fixed x, then y, then z (URDF's rpy) |
+//! | `roll_deg pitch_deg yaw_deg`, or `_rad` | or as rotations about fixed x, then y, then z (URDF's rpy) |
 //! | `r11 r12 … r33` | or as a matrix, rows first |
 //!
 //! A TOML table has entries `[[part]]` with `name`, `parent`, `translation_m` (or `_mm`, `_in`) and

@@ -1,9 +1,9 @@
 //! URDF: links joined by joints.
 //!
 //! Contract: every link becomes a part. Joints that move are taken at zero, with a note. Lengths
-//! are metres and `rpy` turns about fixed axes, x first, then y, then z (the URDF specification,
-//! ROS wiki, urdf/XML/joint), so the rotation is Rz(yaw) Ry(pitch) Rx(roll). A xacro file has to be
-//! expanded before.
+//! are metres and `rpy` rotations about fixed axes, x first, then y, then z (the URDF
+//! specification, ROS wiki, urdf/XML/joint), so the rotation is Rz(yaw) Ry(pitch) Rx(roll). A xacro
+//! file has to be expanded before.
 
 use std::collections::{BTreeMap, BTreeSet};
 
@@ -294,7 +294,7 @@ mod tests {
         let paths: Vec<&str> = cad.parts.iter().map(|p| p.path.as_str()).collect();
         assert_eq!(paths, ["base", "base/mount", "base/mount/camera"]);
         let camera = &cad.parts[2].root_from_part;
-        // The camera sits 1 cm along the mount's x, which is the root's y.
+        // The camera is 1 cm along the mount's x, which is the root's y.
         for (found, expected) in camera.translation_m().iter().zip([0.02, 0.15, 0.1]) {
             assert!((found - expected).abs() < 1e-15, "{found} {expected}");
         }

@@ -21,7 +21,7 @@ pub struct RigParts {
     pub cameras: Vec<CameraInfo>,
     /// The entries.
     pub edges: Vec<Edge>,
-    /// Second ways to the same place.
+    /// Loop closures: second paths to the same frame.
     pub closures: Vec<Closure>,
     /// Tags on the wearer's shoes.
     pub shoe_tags: Vec<ShoeTag>,

@@ -1,11 +1,11 @@
-//! Whether a rig can be true: what a file that reads may still have wrong.
+//! Plausibility of a rig: errors that a file can have although it can be read.
 //!
-//! Contract: [`check`] reports everything in one pass, what makes the file unreadable and what is
-//! against sense, each with its line. Geometry is checked on whatever could be read. Lenses and
-//! factory files are the caller's: it gives plain numbers as [`Facts`]; what was not given is not
-//! checked, and a note says so.
+//! Contract: [`check`] reports everything in one pass, errors that make the file unreadable and
+//! implausible values, each with its line. Geometry is checked on whatever could be read. Lenses
+//! and factory files are the caller's: it gives plain numbers as [`Facts`]; what was not given is
+//! not checked, and a note says so.
 //!
-//! The numbers that "sense" is made of are constants of this module, with their reasons.
+//! The limits of plausibility are constants of this module, with their reasons.
 
 use std::collections::BTreeMap;
 use std::fmt;
@@ -20,29 +20,29 @@ use crate::view::FieldOfView;
 /// Height of the rig's datum above the ground under a standing wearer, m: the chest of a person of
 /// 1.7 m.
 pub const GROUND_BELOW_RIG_M: f64 = 1.2;
-/// Where the shoes of a standing wearer are, m before the datum: the plate hangs some 14 cm before
-/// the hips, so that the shoes lie around the point below it.
+/// Where the shoes of a standing wearer are, m in front of the datum: the plate hangs some 14 cm in
+/// front of the hips, so that the shoes lie around the point below it.
 pub const SHOES_X_M: [f64; 2] = [-0.15, 0.15];
 /// Where the shoes are, m to the left.
 pub const SHOES_Y_M: [f64; 2] = [-0.2, 0.2];
 /// Name of the camera that has to see them.
 pub const FEET_CAMERA: &str = "feet";
-/// How far behind the plate's plane an optical axis may point, degrees: the wearer is at negative
-/// x. A camera that looks straight down and hangs a little back is fine.
+/// Maximum angle of an optical axis behind the plate's plane, degrees: the wearer is at negative x.
+/// A camera that looks straight down and hangs a little back is fine.
 const LOOKS_BACK_DEG: f64 = 10.0;
 /// Farthest a lens can be from the datum of something worn on the chest, m.
 const FARTHEST_LENS_M: f64 = 1.0;
 /// Baselines of stereo cameras that fit on a chest, m.
 const BASELINES_M: [f64; 2] = [0.01, 0.3];
-/// How far the baseline may be from the factory file's, m, where the rig states no tolerance: 1 %
-/// of depth for the ZED Mini.
+/// Maximum difference of the baseline from the factory file's, m, where the rig states no
+/// tolerance: 1 % of depth for the ZED Mini.
 const BASELINE_TOLERANCE_M: f64 = 0.0005;
-/// How many sigmas count as off, where the rig does state a tolerance.
+/// Number of sigmas above which a difference is an error, where the rig states a tolerance.
 pub const SIGMAS: f64 = 3.0;
-/// How far the right lens may be above, below, before or behind the left one, as a share of the
-/// baseline.
+/// Maximum offset of the right lens above, below, in front of or behind the left one, as a share of
+/// the baseline.
 const BESIDE_SHARE: f64 = 0.1;
-/// How far the two lenses may be rotated against each other, degrees.
+/// Maximum rotation between the two lenses, degrees.
 const STEREO_TURN_DEG: f64 = 3.0;
 
 /// What is known from elsewhere, by the name of the camera.
@@ -66,9 +66,9 @@ pub struct CameraFacts {
 pub enum Severity {
     /// Something was not checked.
     Note,
-    /// May be meant so.
+    /// May be intended.
     Warning,
-    /// The rig cannot be true, or cannot be read.
+    /// The rig is impossible, or cannot be read.
     Error,
 }
 
@@ -184,7 +184,8 @@ impl Checks<'_> {
         Some((rig_from_frame, self.line(&frame)))
     }
 
-    /// Where a camera is and, where the axes of the rig are the wearer's, where it looks.
+    /// The position of a camera and, where the axes of the rig are the wearer's, its viewing
+    /// direction.
     fn place(&mut self, camera: &str, is_worn: bool) {
         let Some((rig_from_left, line)) = self.placed(camera, FramePart::Left) else {
             return;
@@ -339,8 +340,8 @@ impl Checks<'_> {
         self.add(line, severity, message);
     }
 
-    /// `left_X` is to the left of `right_X`; where the axes are those of a camera, which may hang
-    /// on its side, it only may not be.
+    /// `left_X` is to the left of `right_X`; otherwise an error. Where the axes are those of a
+    /// camera, which may be mounted on its side, it is a warning.
     fn sides(&mut self, cameras: &[String], is_worn: bool) {
         for camera in cameras {
             let Some(rest) = camera.strip_prefix("left_") else {

@@ -22,11 +22,11 @@ pub const ROUNDING: f64 = 1e-9;
 pub struct FrameDiff {
     /// Its name.
     pub frame: Frame,
-    /// What became of it.
+    /// Its change.
     pub change: Change,
 }
 
-/// What became of a frame.
+/// The change of a frame.
 #[derive(Clone, Debug, PartialEq)]
 pub enum Change {
     /// It is in the second rig only.

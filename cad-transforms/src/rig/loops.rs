@@ -1,4 +1,4 @@
-//! Second ways to the same place.
+//! Loop closures: second paths to the same frame.
 
 use std::ops::Range;
 
@@ -18,9 +18,9 @@ pub struct Closure {
     pub child: Frame,
     /// Takes coordinates in `child` to coordinates in `parent`.
     pub parent_from_child: RigidTransform,
-    /// How far apart the two places of `child` may be, m.
+    /// Maximum distance of the two positions of `child`, m.
     pub within_m: f64,
-    /// How far they may be rotated against each other, rad.
+    /// Maximum rotation between the two, rad.
     pub within_rad: f64,
 }
 

@@ -1,4 +1,4 @@
-//! Reading how far a joint may be off.
+//! Reading the tolerance of a joint.
 //!
 //! Contract: every variance is above 0. Nothing is mounted exactly, and a covariance with a 0 has
 //! no inverse, which a weighting by it would take for no tolerance at all. What is not known is

@@ -2,7 +2,7 @@ use std::f64::consts::{FRAC_1_SQRT_2, FRAC_PI_2, PI};
 
 use super::*;
 
-/// A 90° turn to the left about z, then a step of (1, 2, 3).
+/// A rotation of 90° to the left about z, then a translation of (1, 2, 3).
 fn quarter_turn() -> RigidTransform {
     RigidTransform::from_wxyz([FRAC_1_SQRT_2, 0.0, 0.0, FRAC_1_SQRT_2], [1.0, 2.0, 3.0]).unwrap()
 }

@@ -85,7 +85,8 @@ fn a_step_file_becomes_a_rig() {
     };
     assert_eq!(baseline("left_shoulder"), [0.04988, 0.0, 0.0]);
     assert_eq!(baseline("right_shoulder"), [0.05, 0.0, 0.0]);
-    // A stated mount and a device add up; a mount without a word leaves the place unknown.
+    // A stated mount and a device add up; a mount without a tolerance leaves the covariance
+    // unknown.
     let covariance = rig.edges()[0].covariance.unwrap().sigmas();
     let lever = 0.2_f64.to_radians() * 0.0189;
     assert!(

@@ -181,7 +181,7 @@ fn cartesian(
     }
     let origin = point(exchange, base.reference(at + 2)?, metre)?;
     // ISO 10303-42, 4.4.24 (base_axis): z leads, x is made square to it, y to both; a given y only
-    // tells the hand.
+    // determines the handedness.
     let z = direction(exchange, third)?.unwrap_or_else(Vector3::z);
     let x = direction(exchange, base.optional_reference(at)?)?.unwrap_or_else(|| {
         if z.cross(&Vector3::x()).norm() > 1e-9 {

@@ -3,8 +3,7 @@
 use super::*;
 use crate::output::Existing;
 
-/// Two cameras with all that a file may hold; the turn of the loop has an error of one degree on
-/// request.
+/// Two cameras with all that a file may hold; the rotation of the loop can be given an error.
 fn full(loop_turn_deg: f64) -> String {
     let half = (0.5 * loop_turn_deg).to_radians();
     format!(

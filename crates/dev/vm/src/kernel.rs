@@ -83,7 +83,7 @@ pub enum KernelError {
     Io {
         /// File or folder.
         path: PathBuf,
-        /// What the system said.
+        /// The error of the operating system.
         source: io::Error,
     },
 }

@@ -19,7 +19,7 @@ pub trait Beeper: Send {
     /// Sounds from now on at this frequency, Hz; none is silence.
     ///
     /// # Errors
-    /// What the system said.
+    /// The error of the operating system.
     fn sound(&mut self, hz: Option<u16>) -> io::Result<()>;
 
     /// Which beeper it is, in words.

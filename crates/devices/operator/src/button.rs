@@ -73,7 +73,7 @@ pub trait Port: Send {
     /// device that came between the last [`Port::open`] and this call ends the wait immediately.
     ///
     /// # Errors
-    /// What the system said.
+    /// The error of the operating system.
     fn wait(&mut self, timeout: Duration, waker: &Waker) -> io::Result<Next>;
 }
 

@@ -46,11 +46,11 @@ pub enum DeviceError {
     /// The system refused.
     #[error("{doing} {what}")]
     Io {
-        /// What was being done.
+        /// The attempted operation.
         doing: &'static str,
         /// With which device.
         what: String,
-        /// What the system said.
+        /// The error of the operating system.
         source: io::Error,
     },
 }

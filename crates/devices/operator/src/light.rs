@@ -20,7 +20,7 @@ pub trait Light: Send {
     /// Shows this from now on.
     ///
     /// # Errors
-    /// What the system said.
+    /// The error of the operating system.
     fn show(&mut self, state: LightState) -> io::Result<()>;
 
     /// Which light it is, in words.

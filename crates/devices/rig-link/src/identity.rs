@@ -93,7 +93,7 @@ pub enum IdentityError {
     /// The folder or the file cannot be read or written.
     #[error("{doing}: {}", .path.display())]
     Io {
-        /// What was being done.
+        /// The attempted operation.
         doing: &'static str,
         /// What failed.
         #[source]

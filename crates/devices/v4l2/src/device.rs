@@ -67,7 +67,7 @@ pub enum CameraError {
     /// Stop the other program.
     #[error("{doing}: the camera is in use; find by whom with `fuser -v {}`", path.display())]
     Busy {
-        /// What was being done.
+        /// The attempted operation.
         doing: &'static str,
         /// The node.
         path: PathBuf,
@@ -109,11 +109,11 @@ pub enum CameraError {
     /// The driver failed.
     #[error("{doing}: {}", path.display())]
     Io {
-        /// What was being done.
+        /// The attempted operation.
         doing: String,
         /// The node.
         path: PathBuf,
-        /// What the system said.
+        /// The error of the operating system.
         source: io::Error,
     },
 }

@@ -79,7 +79,7 @@ pub enum StreamError {
     Interrupted {
         /// The node.
         path: PathBuf,
-        /// What the system said.
+        /// The error of the operating system.
         source: io::Error,
     },
     /// Something else failed. What can be tried is a new stream.
@@ -87,7 +87,7 @@ pub enum StreamError {
     Io {
         /// The node.
         path: PathBuf,
-        /// What the system said.
+        /// The error of the operating system.
         source: io::Error,
     },
 }

@@ -7,7 +7,7 @@
 //! acceptance where a session is handed over in spite of its verdict. It lies in the session's
 //! folder, so all paths are relative and the folder can be moved. Opening a hand-off checks the
 //! document, the seal and the files; one that is not validated, failed without being accepted, or
-//! changed is refused. A validation after it changes nothing of it ([`later_verdict`]).
+//! changed is refused. A later validation does not change it ([`later_verdict`]).
 //!
 //! Version 1 had the verdict and `validation.json` in its seal. It is read, with a note
 //! ([`HandOff::notes`]).
@@ -85,11 +85,11 @@ pub struct HandOff {
     /// The limits of that validation that were not those of the validator's own table, as
     /// `METRIC=WARN,FAIL`.
     pub limits: Vec<String>,
-    /// That it is handed over in spite of the verdict.
+    /// The acceptance, where it is handed over in spite of the verdict.
     pub acceptance: Option<Acceptance>,
 }
 
-/// What stands beside a seal: who sealed, and what was found.
+/// What accompanies a seal: the software, the time, and the result of the validation.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Statement {
     /// As [`HandOff::software`].
@@ -116,7 +116,7 @@ pub enum Check {
 /// Why a hand-off is refused.
 #[derive(Debug, thiserror::Error)]
 pub enum HandOffError {
-    /// There is none: run `paws handoff`.
+    /// The session has no hand-off: run `paws handoff`.
     #[error("it has not been handed over, there is no {manifest}; `paws handoff` writes it", manifest = layout::HANDOFF)]
     Missing,
     /// The file system reports an I/O error.
@@ -377,7 +377,7 @@ impl HandOff {
         acceptance.is_some_and(|a| a.level >= self.verdict)
     }
 
-    /// Whether it answers for this file.
+    /// Whether the hand-off lists this file.
     pub fn names(&self, path: &str) -> bool {
         let mut files = self.files.iter().chain(&self.derived);
         files.any(|file| file.path == path)

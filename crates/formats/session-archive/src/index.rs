@@ -27,7 +27,7 @@ const MAGIC: [u8; 8] = *b"PAWSIDX2";
 const UNPACKED_LIMIT: usize = 1 << 30;
 /// The least that a decoded index may take: every index of an hour's walk takes less.
 const SMALL: usize = 16 << 20;
-/// Between the two.
+/// A limit between the two.
 const MIDDLE: usize = 256 << 20;
 /// An entry takes at most this many times the bytes in memory that it takes unpacked: a camera
 /// without frames, 56 bytes for 3, is the worst.
@@ -154,7 +154,7 @@ impl Index {
     /// Decodes an index. No length that is claimed in it is allocated before it is weighed against
     /// the limit, and the limit against the memory that there is.
     fn decode_within<const LIMIT: usize>(plain: &[u8]) -> Result<Self, IndexError> {
-        // What is decoded already, and the next list's claim.
+        // Room for what is decoded already, and for the length that the next list claims.
         drop(plain_file::reserve(2 * LIMIT as u64)?);
         let config = bincode::config::standard().with_limit::<LIMIT>();
         let (index, _) = bincode::decode_from_slice(plain, config)

@@ -34,7 +34,7 @@ pub fn segment_number(name: &str) -> Option<u32> {
         .then(|| digits.parse().ok())?
 }
 
-/// Whether this is one plain name, with no way into another folder.
+/// Whether this is one plain name, that cannot lead into another folder.
 pub(crate) fn is_file_name(name: &str) -> bool {
     !["", ".", ".."].contains(&name) && !name.contains(['/', '\\', '\0'])
 }

@@ -2,7 +2,7 @@
 //!
 //! The manifest is replaced atomically when the session starts, with every new segment and when
 //! it stops, so after a crash it is at most one segment behind; the segments carry enough to
-//! rebuild it. It ends with a CRC-32 of itself: JSON parses happily with one digit changed.
+//! rebuild it. It ends with a CRC-32 of itself: JSON with a changed digit still parses.
 
 use std::collections::BTreeMap;
 
@@ -126,7 +126,7 @@ pub struct Stream {
 }
 
 /// The part of a numbered stream that was on disk when the manifest was written. Damage at the end
-/// of a stream leaves no hole to be seen by; this tells it.
+/// of a stream leaves no hole in the numbers; the extent shows it.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 pub struct Extent {
     /// Lowest number, of a sample or in a gap record.
@@ -225,7 +225,8 @@ pub enum ManifestError {
     },
 }
 
-/// Most that is read of a manifest. A session of a whole day has 1440 segments and takes 0.4 MB.
+/// Maximum length of a manifest, bytes. A session of a whole day has 1440 segments and takes 0.4
+/// MB.
 pub const MAX_BYTES: u64 = 16 << 20;
 
 /// Marks the checksum line; the CRC covers everything before it.
@@ -341,8 +342,8 @@ impl Manifest {
                  with / between parts"
             )));
         }
-        // Free text (name, sources, encoders, reasons) is kept as it is; these are words of
-        // programs.
+        // Free text (name, sources, encoders, reasons) is kept as it is; these are identifiers that
+        // programs compare.
         let words = self.cameras.iter().flat_map(|c| {
             let trigger = c.trigger.as_deref().unwrap_or_default();
             [&c.codec, &c.colour, trigger]

@@ -9,7 +9,7 @@
 //! The order is the order written: each stream is in the order of its numbers, streams are
 //! interleaved to within a chunk. The heads of segments after the first repeat state; of what they
 //! repeat, only what was not seen before is passed on, because its chunk is missing or damaged.
-//! A segment that says of itself that it is another one is damage, and nothing in it is passed on.
+//! A segment whose head names another segment is damage, and nothing in it is passed on.
 
 use std::collections::{BTreeMap, VecDeque};
 use std::io;
@@ -27,8 +27,8 @@ use crate::scan::{Damage, DamageKind, End, Item, Scan, VerifiedChunk};
 use crate::storage::{ReadAt, Storage};
 use crate::time::HostTime;
 
-/// More segments than this are not missing in a row: a file so far beyond the others is none of the
-/// session's. One minute each, so this is most of a day.
+/// Maximum number of consecutive missing segments: a file with a number farther beyond the others
+/// does not belong to the session. A segment lasts a minute, so this is most of a day.
 const MAX_HOLE: u32 = 1000;
 
 /// Why a session cannot be read at all. Damage within it is not among these.
@@ -83,7 +83,7 @@ impl Message {
     }
 }
 
-/// What reading a session comes across.
+/// An item found while reading a session.
 #[derive(Clone, Debug)]
 pub enum Entry {
     /// A message whose chunk's checksum holds.
@@ -125,16 +125,16 @@ pub struct SessionReader {
 struct SegmentFile {
     number: u32,
     present: bool,
-    /// Bytes that count, where the writer said; else all.
+    /// Number of valid bytes, where the writer stated it; else the whole file is valid.
     limit: Option<u64>,
-    /// Bytes that must be there by what the writer noted.
+    /// Number of bytes that the writer recorded as written.
     expected: u64,
     /// Whether the writer closed it, so that it has these bytes and no more.
     closed: bool,
 }
 
 impl SegmentFile {
-    /// What of a file of `length` bytes should not be there, or is missing.
+    /// The damage of a file that has `length` bytes instead of the stated number.
     fn wrong_length(&self, length: u64) -> Option<Damage> {
         (self.closed && length != self.expected).then(|| Damage {
             bytes: length.min(self.expected)..length.max(self.expected),
@@ -156,7 +156,7 @@ impl SessionReader {
         let (manifest, manifest_note) = match Manifest::read(&*storage) {
             Ok(manifest) => (manifest, None),
             Err(e @ ManifestError::TooNew { .. }) => return Err(e.into()),
-            // No damage: somebody put it there.
+            // Not damage: something other than a file was put in its place.
             Err(ManifestError::Io(error)) if plain_file::is_not_plain(&error) => {
                 let path = layout::MANIFEST.to_owned();
                 return Err(ReadError::Io { path, error });
@@ -393,7 +393,7 @@ impl SegmentScan {
         &self.file
     }
 
-    /// The whole file as something that is not the session's.
+    /// The whole file as damage: it does not belong to the session.
     fn foreign(&self) -> Result<Damage, ReadError> {
         let length = self.file.len().map_err(|e| self.failed(e))?;
         Ok(Damage {
@@ -419,13 +419,13 @@ impl SegmentScan {
         Ok(None)
     }
 
-    /// Who the segment says it is, if its head can be read.
+    /// The identity that the segment's head states, if the head can be read.
     fn head(&self) -> Result<Option<Segment>, ReadError> {
         Ok(self.first_chunk()?.as_ref().and_then(head_of))
     }
 }
 
-/// Who a chunk says that its segment is; none if the chunk is no head.
+/// The identity of the segment that a head chunk states; `None` if the chunk is not a head.
 pub(crate) fn head_of(chunk: &VerifiedChunk) -> Option<Segment> {
     let mut schema = None;
     let mut channel = None;
@@ -484,7 +484,7 @@ impl Entries<'_> {
                 });
             } else {
                 self.segment += 1;
-                // A segment that was given up before anything was in it is not missed.
+                // A segment that was given up while it was empty does not count as missing.
                 if file.limit != Some(0) {
                     self.queue
                         .push_back(Entry::SegmentMissing { segment: number });
@@ -531,7 +531,7 @@ impl Entries<'_> {
         Ok(true)
     }
 
-    /// What the session cannot have is reported after everything else was read.
+    /// Files that cannot belong to the session are reported last.
     fn stranger(&mut self) -> Result<bool, ReadError> {
         let Some(&number) = self.strangers.next() else {
             return Ok(false);
@@ -582,7 +582,8 @@ impl Iterator for Entries<'_> {
                 Ok(true) => {}
                 Ok(false) => return None,
                 Err(e) => {
-                    // What cannot be opened or read is skipped, not read for ever.
+                    // A segment that cannot be opened or read is skipped, so that the iteration
+                    // ends.
                     self.open = None;
                     self.segment += 1;
                     return Some(Err(e));

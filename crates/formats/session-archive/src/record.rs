@@ -100,8 +100,8 @@ pub fn timestamp(time: HostTime) -> prost_types::Timestamp {
 }
 
 impl FrameTransform {
-    /// Where the frame `child` sits: what takes points in it to `parent`, as a translation in
-    /// metres and a unit quaternion `w x y z`; true from `at` on.
+    /// The rigid transform from the coordinate frame `child` to `parent`: a translation in metres
+    /// and a unit quaternion `w x y z`, valid from `at` on.
     ///
     /// ```
     /// use session_archive::record::FrameTransform;
@@ -137,7 +137,7 @@ impl FrameTransform {
 }
 
 impl Gap {
-    /// How many samples are missing: both ends are.
+    /// Number of missing samples; both ends are included.
     ///
     /// ```
     /// use session_archive::record::Gap;

@@ -1,4 +1,4 @@
-//! Making a whole session of one that was cut off or damaged.
+//! Recovers a whole session from one that was cut off or damaged.
 //!
 //! Recovery only reads the source. It writes a new session beside it: every chunk whose checksum
 //! held is copied byte for byte, every segment gets its summary, and what is missing without a gap
@@ -117,8 +117,8 @@ pub fn recover(
 }
 
 /// Closes a session that was cut off and is damaged nowhere else, in place; none if it was closed
-/// already. What it holds is what was found in it. Cut off itself at any point, it can be done
-/// again; where it fails, it leaves nothing behind that takes up space.
+/// already. The report states what was found. It may be interrupted at any point and repeated;
+/// where it fails, it leaves nothing behind that takes up space.
 ///
 /// # Errors
 /// [`RecoverError::Damaged`], and then nothing has been changed; or see [`RecoverError`].
@@ -342,7 +342,7 @@ impl<'a> Copy<'a> {
             };
             let head = at_start.then(|| head_of(&chunk)).flatten();
             if (head.as_ref()).is_some_and(|head| self.source.is_foreign(number, head)) {
-                // Nothing in it is the session's.
+                // Nothing in it belongs to the session.
                 break;
             }
             let is_head = head.is_some();

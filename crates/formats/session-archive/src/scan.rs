@@ -52,8 +52,8 @@ pub enum DamageKind {
     Summary,
     /// The file is whole, but not as long as the manifest says: it is another one.
     Length,
-    /// The segment says of itself that it is of another session or has another number, or its
-    /// number is far beyond the others'. It is not used.
+    /// The head names another session or another number, or the number is far beyond the others'.
+    /// It is not used.
     Foreign,
 }
 
@@ -99,7 +99,7 @@ impl VerifiedChunk {
     }
 }
 
-/// What a scan comes across.
+/// An item of a scan.
 #[derive(Clone, Debug)]
 pub enum Item {
     /// A chunk whose checksum holds.

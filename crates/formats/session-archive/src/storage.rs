@@ -1,6 +1,6 @@
 //! Where a session's bytes go, behind a small trait, so that every failure of a disk can be
 //! produced in a test: [`DiskStorage`] is a folder, [`FaultStorage`] a disk in memory that fails,
-//! tears and forgets on demand.
+//! tears writes and loses unsynced data on demand.
 //!
 //! What the trait promises is what POSIX promises and no more: bytes are durable after
 //! [`WriteFile::sync_data`], names of files after [`Storage::sync_dir`]; until then a power cut may

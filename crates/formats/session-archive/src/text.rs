@@ -21,7 +21,7 @@ pub const MAX_NOTE: usize = 200;
 /// Why a text is no name and no mark.
 #[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
 pub enum NoteError {
-    /// Say less.
+    /// Shorten the text.
     #[error("a name or a mark of {found} bytes, expected at most {MAX_NOTE}")]
     TooLong {
         /// Bytes found.
@@ -43,7 +43,7 @@ pub enum NoteError {
 
 /// Whether a character acts on a terminal, or on the order of the text around it, instead of being
 /// seen: the control characters C0, DEL and C1, the separators of lines and paragraphs, the marks
-/// that turn the direction of writing (Unicode Standard Annex 9, section 2), and the byte order
+/// that change the direction of writing (Unicode Standard Annex 9, section 2), and the byte order
 /// mark.
 pub fn is_hidden(c: char) -> bool {
     c.is_control()
@@ -96,7 +96,7 @@ pub fn shown(text: &str) -> Cow<'_, str> {
     escaped(text, is_hidden)
 }
 
-/// The same for a text of several lines: line breaks and tabs stay.
+/// The same for a text of several lines: line breaks and tabs are kept.
 pub fn shown_lines(text: &str) -> Cow<'_, str> {
     escaped(text, |c| is_hidden(c) && c != '\n' && c != '\t')
 }

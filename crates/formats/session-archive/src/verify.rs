@@ -2,8 +2,8 @@
 //! accounted for.
 //!
 //! One pass over the whole session, every checksum checked, every message decoded, but no frame.
-//! Loss that the recorder noted (gap records) and loss that it did not (damage, a cut) are kept
-//! apart: the first is complete, the second is what recovery turns into the first.
+//! Loss that the recorder noted (gap records) and loss that it did not (damage, a cut) are reported
+//! separately; recovery writes gap records for the second kind.
 
 use std::collections::BTreeMap;
 
@@ -56,7 +56,7 @@ pub struct StreamReport {
     pub bad_payloads: u64,
     /// Time of the first sample.
     pub start: HostTime,
-    /// Time of the last sample. What a cut took lies behind it.
+    /// Time of the last sample. Samples that a cut has taken are later.
     pub end: HostTime,
 }
 
@@ -211,7 +211,7 @@ enum Kind {
     Frame,
     Imu,
     Gap,
-    /// Something else; whether it is what its schema says.
+    /// Another message, with a check against its schema.
     Other(fn(&Message) -> bool),
 }
 
@@ -251,7 +251,8 @@ impl Numbers {
         self.newest = Some((last, end));
     }
 
-    /// Settles what is missing against gap records; returns what no gap record explains.
+    /// Subtracts the gap records from the missing numbers; returns the losses that no gap record
+    /// explains.
     fn settle(self, name: &str) -> (StreamReport, Vec<Lost>) {
         let gaps = union(self.gaps);
         let mut report = self.report;

@@ -151,7 +151,7 @@ impl SessionWriter {
         }
         storage.sync_dir(layout::RIG)?;
         self.identity = self.manifest.identity();
-        // What cannot be read back (a rate that is no number, say) must not be written.
+        // What cannot be read back (a rate that is not finite, for example) must not be written.
         Manifest::from_identity(&self.identity)
             .map_err(|e| io::Error::new(io::ErrorKind::InvalidInput, e))?;
         // The manifest first: a folder with segments always has one.
@@ -169,7 +169,7 @@ impl SessionWriter {
         self.durability
     }
 
-    /// Failures since the last call that were dealt with; tell the user.
+    /// Failures since the last call that the writer has recovered from, to be shown to the user.
     pub fn take_incidents(&mut self) -> Vec<Incident> {
         std::mem::take(&mut self.incidents)
     }
@@ -329,8 +329,8 @@ impl SessionWriter {
     }
 
     /// Ends the session; the writer takes nothing more. Everything appended is on disk when this
-    /// succeeds, as [`Durability`] says, and [`Self::take_incidents`] tells what went wrong on the
-    /// way. After a fatal error it still writes the manifest if the disk lets it.
+    /// succeeds, as [`Durability`] says, and [`Self::take_incidents`] reports what went wrong
+    /// meanwhile. After a fatal error it still writes the manifest if the disk lets it.
     ///
     /// # Errors
     /// See [`WriteError`]; [`WriteError::Finished`] after a fatal error, which was returned when it

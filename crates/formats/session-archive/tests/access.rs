@@ -42,7 +42,7 @@ fn index() -> Index {
 }
 
 /// A lookup that looked at all of the sets would take the first, which claims to be the one looked
-/// for. No clock: a busy machine bends it.
+/// for. No duration is measured: a busy machine would distort it.
 #[test]
 fn a_lookup_does_not_look_at_every_set() {
     let bytes = index().to_bytes().expect("bytes");

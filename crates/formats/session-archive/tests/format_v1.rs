@@ -1,6 +1,6 @@
-//! A session of format version 1, written once and checked in, remains readable for ever; so do its
-//! ruins. Never write `fixtures/v1` again: a new version of the format gets a folder of its own
-//! (`examples/write_fixture.rs` wrote it).
+//! A session of format version 1, written once and checked in, remains readable for ever, also when
+//! it is damaged. Never write `fixtures/v1` again: a new version of the format gets a folder of its
+//! own (`examples/write_fixture.rs` wrote it).
 
 use std::collections::BTreeMap;
 use std::path::Path;

@@ -1,4 +1,4 @@
-//! What holds for any input: reading never panics and never makes anything up, and whatever is
+//! What holds for any input: reading never panics and never invents anything, and whatever is
 //! written is what is read.
 
 mod support;

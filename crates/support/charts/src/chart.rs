@@ -9,7 +9,7 @@ use crate::sheet::{Sheet, Swatch, TICK, foot_height};
 use crate::svg::{Svg, shorten, text_width};
 use draw::Canvas;
 
-/// A chart in the making; every method returns it, [`Chart::to_svg`] draws it.
+/// A chart under construction; every method returns it, [`Chart::to_svg`] draws it.
 #[derive(Clone, Debug)]
 pub struct Chart {
     sheet: Sheet,
@@ -141,7 +141,7 @@ impl Chart {
             .iter()
             .any(|s| s.points().any(|p| self.usable(p)));
         let shown = |axis: &Axis, range: (f64, f64), most: usize| {
-            // Without data a scale would be an invention.
+            // Without data there is no scale to show.
             if empty && axis.category_names().is_none() {
                 Vec::new()
             } else {

@@ -300,7 +300,7 @@ pub struct Image {
 }
 
 impl Image {
-    /// A JPEG file. `name` is read out to who cannot see it; an empty caption is left out.
+    /// A JPEG file. `name` is read out to people who cannot see it; an empty caption is left out.
     pub fn jpeg(file: &[u8], name: &str, caption: &str) -> Self {
         Self::of("image/jpeg", base64(file), name, caption)
     }

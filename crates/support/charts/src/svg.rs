@@ -9,7 +9,7 @@ pub(crate) const INK: &str = "#222";
 pub(crate) const MUTED: &str = "#595959";
 
 /// Text that is safe inside XML or HTML, in elements and in attributes. Characters that XML
-/// forbids, and those that turn the direction of the text around them, become U+FFFD.
+/// forbids, and those that change the direction of the text around them, become U+FFFD.
 pub(crate) fn escape(text: &str) -> String {
     let mut out = String::with_capacity(text.len());
     for c in text.chars() {

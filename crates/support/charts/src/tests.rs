@@ -79,8 +79,8 @@ fn plot(svg: &str) -> Rect {
     }
 }
 
-/// What holds for every chart: balanced elements, no number that is none, and no line, area, bar
-/// or grid line outside the plot.
+/// What holds for every chart: balanced elements, no number that is not finite, and no line, area,
+/// bar or grid line outside the plot.
 fn check(svg: &str) {
     assert!(svg.starts_with("<svg ") && svg.ends_with("</svg>\n"));
     assert!(

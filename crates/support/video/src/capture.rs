@@ -203,7 +203,7 @@ pub enum CaptureError {
     /// Change the settings.
     #[error("capture settings: {0}")]
     Settings(String),
-    /// No frame can be so large or odd.
+    /// No frame can have this size.
     #[error(transparent)]
     Size(#[from] PictureError),
     /// Change the chain, or install what it needs.

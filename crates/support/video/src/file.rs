@@ -53,7 +53,7 @@ pub enum FileError {
     Open {
         /// The file.
         path: PathBuf,
-        /// What the system said.
+        /// The error of the operating system.
         reason: String,
     },
     /// It is no video, damaged, or in a codec that this machine cannot decode.

@@ -43,7 +43,7 @@ pub enum PreviewError {
     /// Change the settings.
     #[error("preview settings: {0}")]
     Settings(String),
-    /// No frame can be so large or odd.
+    /// No frame can have this size.
     #[error(transparent)]
     Size(#[from] PictureError),
     /// This machine cannot make one of these frames.

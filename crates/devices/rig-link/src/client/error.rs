@@ -50,7 +50,7 @@ pub enum LinkError {
     /// Is the rig on, and in the same network?
     #[error("{doing}: no answer after {tries} tries ({reason}): {address}")]
     NoResponse {
-        /// What was being done.
+        /// The attempted operation.
         doing: String,
         /// Tries in a row that brought nothing.
         tries: u32,
@@ -62,7 +62,7 @@ pub enum LinkError {
     /// The rig rejects the request; the code states what to do.
     #[error("{doing}: the rig reports: {}", .problem.message)]
     Rejected {
-        /// What was being done.
+        /// The attempted operation.
         doing: String,
         /// The rig's error.
         problem: Problem,
@@ -70,7 +70,7 @@ pub enum LinkError {
     /// The server is not a rig, or one of another version.
     #[error("{doing}: the answer is not one of rig link v{VERSION}: {reason}: {address}")]
     Malformed {
-        /// What was being done.
+        /// The attempted operation.
         doing: String,
         /// The reason.
         reason: String,
@@ -91,7 +91,7 @@ pub enum LinkError {
     /// An I/O error of the host.
     #[error("{doing}: {}", .path.display())]
     Disk {
-        /// What was being done.
+        /// The attempted operation.
         doing: &'static str,
         /// What failed.
         #[source]

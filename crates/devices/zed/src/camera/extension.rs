@@ -95,9 +95,9 @@ pub enum UnitError {
     /// Not a camera of this make, or one of another firmware.
     #[error("{doing} through the camera's extension unit: {reason}")]
     Refused {
-        /// What was being done.
+        /// The attempted operation.
         doing: &'static str,
-        /// What the system said.
+        /// The error of the operating system.
         reason: String,
     },
     /// The control is too short for the request.

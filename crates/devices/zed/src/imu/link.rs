@@ -42,9 +42,9 @@ pub trait Port {
 #[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
 #[error("{doing}: {reason}")]
 pub struct LinkError {
-    /// What was being done.
+    /// The attempted operation.
     pub doing: String,
-    /// What the system said.
+    /// The error of the operating system.
     pub reason: String,
 }
 
@@ -78,7 +78,7 @@ pub enum OpenError {
     /// The system refused, or the device went meanwhile.
     #[error("opening the camera's IMU: {reason}: {path}")]
     Io {
-        /// What the system said.
+        /// The error of the operating system.
         reason: String,
         /// The device node, or where it was looked for.
         path: String,

@@ -1,5 +1,5 @@
 //! A whole session folder: opening, reading, verifying and recovering it never panics, a recovered
-//! copy holds what the source gave, and nothing in it is lost without a word.
+//! copy holds what the source gave, and every loss in it is reported.
 
 #![no_main]
 

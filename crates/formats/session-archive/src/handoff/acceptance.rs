@@ -1,11 +1,11 @@
-//! The acceptance of a session that is worse than a PASS, as somebody gave it when handing over.
+//! The acceptance of a session that is worse than a PASS, given when it was handed over.
 
 use serde::{Deserialize, Serialize};
 
 use super::Verdict;
 use crate::time::CivilTime;
 
-/// That a session was handed over in spite of its verdict. It names no person.
+/// Records that a session was handed over in spite of its verdict. It names no person.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Acceptance {
     /// The worst verdict that was accepted, as in `--accept FAIL`.
@@ -14,7 +14,7 @@ pub struct Acceptance {
     pub accepted: CivilTime,
     /// The verdict that it was given for.
     pub verdict: Verdict,
-    /// Everything that was beyond a limit then, the worst first.
+    /// All metrics beyond a limit at that time, the worst first.
     pub metrics: Vec<Beyond>,
     /// The limits that were not those of the validator's own table, as `METRIC=WARN,FAIL`.
     pub limits: Vec<String>,
@@ -29,15 +29,15 @@ pub struct Beyond {
     pub of: String,
     /// WARN or FAIL.
     pub verdict: Verdict,
-    /// What was measured, in the metric's unit; none where that is no number.
+    /// The measured value in the metric's unit; `None` where it is not finite.
     pub value: Option<f64>,
-    /// A value above this is a warning; none where nothing is.
+    /// A value above this is a warning; `None` where there is no such limit.
     pub warn: Option<f64>,
-    /// A value above this is a failure; none where nothing is.
+    /// A value above this is a failure; `None` where there is no such limit.
     pub fail: Option<f64>,
     /// The unit: `ratio`, `ns`, `count`, `deg` or `flag`.
     pub unit: String,
-    /// The whole in words.
+    /// The finding as a sentence.
     pub text: String,
 }
 

@@ -7,7 +7,7 @@ use serde::{Deserialize, Serialize};
 use super::{Check, HandOffError};
 use crate::storage::Storage;
 
-/// A file and what it held.
+/// A file with the length and the hash of its content.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
 pub struct SealedFile {
     /// Path below the session's folder.
@@ -36,7 +36,7 @@ impl SealedFile {
         })
     }
 
-    /// Whether the file is still so.
+    /// Checks that the file still has this length and hash.
     pub(super) fn check(
         &self,
         storage: &dyn Storage,

@@ -60,7 +60,7 @@ impl Access {
         if offset.saturating_add(u64::from(length)) > file.len()? {
             return Err(mismatch);
         }
-        // Within the file, and yet not to be had where the file has holes and memory is short.
+        // The length lies within the file, but a sparse file can exceed the free memory.
         let mut bytes = plain_file::reserve(length.into())?;
         bytes.resize(length as usize, 0);
         file.read_exact_at(&mut bytes, offset)?;

@@ -160,7 +160,7 @@ impl Build {
             self.key[camera] = None;
             return;
         }
-        // An access unit without bytes lies nowhere.
+        // An empty access unit has no position in the file.
         let unit_at = match video.data.is_empty() {
             true => 0,
             false => video.data.as_ptr() as usize - m.data.as_ptr() as usize,
@@ -237,7 +237,7 @@ impl CameraIndex {
 }
 
 /// Whether frames that are missing for this cause were encoded, so that later ones may refer to
-/// them. Frames dropped before the encoder leave no trace in what it makes.
+/// them. Frames dropped before the encoder leave no trace in its output.
 fn is_behind_the_encoder(cause: Cause) -> bool {
     match cause {
         Cause::EncoderRestart | Cause::WriterOverload | Cause::Storage | Cause::Damaged => true,

@@ -104,7 +104,7 @@ pub struct Index {
 /// Why an index, or what it points to, cannot be used.
 #[derive(Debug, thiserror::Error)]
 pub enum IndexError {
-    /// There is none, or the file system reports an I/O error: build it.
+    /// The index is absent, or the file system reports an I/O error: build it.
     #[error("reading the index")]
     Io(#[from] io::Error),
     /// The file is no index of this version, or damaged: build it again.

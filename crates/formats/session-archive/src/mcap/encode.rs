@@ -59,7 +59,7 @@ struct ChannelEntry {
     metadata: BTreeMap<String, String>,
 }
 
-/// One chunk in the making: message records appended to one buffer, which ends as the chunk
+/// One chunk under construction: message records appended to one buffer, which ends as the chunk
 /// record with its message indexes behind it, ready for one write.
 ///
 /// ```

@@ -28,7 +28,7 @@ pub enum ParseError {
     /// A chunk is compressed; this profile never is.
     #[error("chunk compressed with {0:?}, which this reader does not read")]
     Compressed(String),
-    /// A record stands where another is demanded.
+    /// A record of another kind than the expected one.
     #[error("record with opcode {found:#04x} where {expected:#04x} is expected")]
     Unexpected {
         /// The opcode found.
@@ -100,7 +100,7 @@ plain! {
         records: &'a [u8],
     }
     /// A chunk of any writer as it lies in the file: `records` may be compressed, a checksum of 0
-    /// is none.
+    /// means that there is none.
     PackedChunk<'a> {
         message_start_time: u64,
         message_end_time: u64,

@@ -1,8 +1,8 @@
 //! A folder on a real disk.
 //!
-//! The folder may come from anybody. Below its root no symbolic link is followed, and nothing but
-//! regular files is opened for reading, immediately and never waiting; the error names what was
-//! found (see [`plain_file`]).
+//! The folder may come from an untrusted source. Below its root no symbolic link is followed, and
+//! nothing but regular files is opened for reading, immediately and never waiting; the error names
+//! what was found (see [`plain_file`]).
 
 use std::fs::{self, File, OpenOptions};
 use std::io::{self, Write};
@@ -53,7 +53,7 @@ impl Storage for DiskStorage {
         };
         let mut names = Vec::new();
         for entry in entries {
-            // A name that is not UTF-8 is not ours.
+            // Names of a session are UTF-8; other files are skipped.
             if let Ok(name) = entry?.file_name().into_string() {
                 names.push(name);
             }

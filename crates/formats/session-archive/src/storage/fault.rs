@@ -14,7 +14,7 @@ use super::{ReadAt, Storage, WriteFile};
 /// How an operation goes wrong.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum FaultKind {
-    /// The power goes: this operation and all after it fail and change nothing.
+    /// The power fails: this operation and all after it fail and change nothing.
     PowerCut,
     /// The disk is full from here on: this and every later append takes what fits in
     /// [`Fault::keep`] bytes once, then nothing; other operations work.
@@ -25,7 +25,7 @@ pub enum FaultKind {
     InputOutput,
 }
 
-/// What an operation was, so that a test can aim at it.
+/// Kind of an operation, so that a test can select it.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Operation {
     /// A file was created.

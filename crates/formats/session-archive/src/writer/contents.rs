@@ -30,7 +30,7 @@ pub(super) fn stream_of<'a>(streams: &'a [Stream], message: &Message<'_>) -> Opt
     streams.iter().find(|s| s.id == message.channel_id)
 }
 
-/// Whether a stream holds samples, which are numbered and may be large, and not what is said of
+/// Whether a stream holds samples, which are numbered and may be large, and not metadata about
 /// them.
 pub(super) fn is_sampled(stream: &Stream) -> bool {
     [

@@ -162,10 +162,10 @@ impl SessionWriter {
     }
 
     /// Ends the open segment after a failure: only what was synced counts, and nothing if that is
-    /// but its head. Returns its number. What readers are to pass over they know from the next
-    /// segment's head and from the manifest, so the unreliable bytes may remain: a file system that
-    /// got back a bad place on the disk would give it to the next segment. Only a full disk needs
-    /// the room.
+    /// only the head. Returns its number. The next segment's head and the manifest state what
+    /// readers skip, so the unreliable bytes may remain: if they were cut off, the file system
+    /// could allocate the same bad blocks to the next segment. They are cut off only where the disk
+    /// is full.
     fn give_up(&mut self, error: &io::Error) -> u32 {
         let segment = self.segment.take();
         let Some(entry) = self.manifest.segments.last_mut() else {
@@ -262,7 +262,7 @@ impl SessionWriter {
         (lost, chunk.finish())
     }
 
-    /// Widens what the manifest says of the numbered streams by a chunk that is on disk.
+    /// Extends the manifest's extents of the numbered streams by a chunk that is on disk.
     fn update_extents(&mut self, bytes: &[u8]) {
         let streams = &self.manifest.streams;
         for (name, more) in extents(samples(bytes, streams).chain(gaps(bytes, streams))) {

@@ -1,4 +1,4 @@
-//! What a session is to be, its limits, and what its writer reports.
+//! Parameters of a session, its limits, and the reports of its writer.
 
 use std::io;
 
@@ -22,7 +22,7 @@ pub const PROFILE: &str = "paws";
 /// MCAP library string of the segments.
 pub const LIBRARY: &str = concat!("session-archive ", env!("CARGO_PKG_VERSION"));
 
-/// What a session is to be.
+/// Parameters of a session.
 ///
 /// ```
 /// # use session_archive::manifest::Imu;
@@ -60,7 +60,7 @@ pub struct SessionSpec {
     pub session_id: String,
     /// Given by the user; may be empty.
     pub name: String,
-    /// What records.
+    /// The recording software.
     pub software: String,
     /// When recording begins.
     pub started: HostTime,
@@ -120,7 +120,7 @@ pub struct Durability {
     pub bytes: u64,
 }
 
-/// Something that went wrong and was dealt with.
+/// A failure that the writer has recovered from.
 #[derive(Debug)]
 pub struct Incident {
     /// The segment that was given up.

@@ -37,7 +37,7 @@ mod tests {
     use crate::record::{CompressedVideo, Protobuf, timestamp};
     use crate::time::HostTime;
 
-    /// The slow twin: the generated type, which owns its data.
+    /// Reference implementation: the generated type, which owns its data.
     #[test]
     fn encodes_as_the_generated_type_does() {
         let datas: [&[u8]; 4] = [&[], &[7], &[0; 127], &[0xAB; 70_000]];
