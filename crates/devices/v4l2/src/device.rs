@@ -32,14 +32,14 @@ pub struct Camera {
     capability: Arc<Capability>,
 }
 
-/// What a driver says of its device.
+/// A driver's description of its device.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Capability {
     /// Name of the driver: `uvcvideo`.
     pub driver: String,
     /// Name of the device: `ZED-M: ZED-M`.
     pub card: String,
-    /// Where it hangs: `usb-0000:00:14.0-2`.
+    /// Its bus address: `usb-0000:00:14.0-2`.
     pub bus_info: String,
     /// Version of the kernel.
     pub version: (u8, u8, u8),
@@ -205,7 +205,7 @@ impl Camera {
         })
     }
 
-    /// What the driver says of it.
+    /// The driver's description of it.
     pub fn capability(&self) -> &Capability {
         &self.capability
     }

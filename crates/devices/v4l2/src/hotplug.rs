@@ -94,7 +94,7 @@ impl Watch {
     }
 
     /// The next change that matches `wanted`, or none once `timeout` is over. Other changes are
-    /// discarded; give [`Change::Lost`] a thought.
+    /// discarded; `wanted` should accept [`Change::Lost`] where it matters.
     ///
     /// # Errors
     /// A system call fails.

@@ -4,7 +4,7 @@
 //! - [`device`] opens a camera: what it can do, format and rate, controls, extension units.
 //! - [`stream`] takes frames out of it, as the driver wrote them.
 //! - [`hotplug`] waits until a node appears or changes.
-//! - [`usb`] knows which device hangs where, and whether the cameras of a controller fit on it.
+//! - [`usb`] knows the port of a device, and whether the cameras of a controller fit on it.
 //!
 //! ```no_run
 //! use std::{path::Path, time::Duration};

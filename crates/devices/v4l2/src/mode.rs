@@ -91,12 +91,12 @@ impl FromStr for Fourcc {
 }
 
 /// Time from one frame to the next, as a fraction of seconds. Equal ones are written equally;
-/// whether two are the same rate says [`is_about`](Self::is_about).
+/// [`is_about`](Self::is_about) compares the rates.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Interval {
     /// Seconds times the denominator.
     pub numerator: u32,
-    /// Not 0 in an interval that means anything.
+    /// 0 only in an undefined interval.
     pub denominator: u32,
 }
 
@@ -109,7 +109,7 @@ impl Interval {
         }
     }
 
-    /// Frames per second, for people and for budgets; 0 where the interval means nothing.
+    /// Frames per second, for people and for budgets; 0 where the interval is undefined.
     pub fn rate_hz(self) -> f64 {
         if self.numerator == 0 {
             return 0.0;
@@ -180,7 +180,7 @@ pub struct Format {
     pub width: u32,
     /// Pixels.
     pub height: u32,
-    /// Distance of two lines of the first plane in bytes; 0 where it means nothing.
+    /// Distance of two lines of the first plane in bytes; 0 where it is undefined.
     pub bytes_per_line: u32,
     /// Size of a buffer that holds any frame, bytes.
     pub size_image: u32,
@@ -223,7 +223,7 @@ pub enum Sizes {
         /// Pixels.
         height: u32,
     },
-    /// All of these. Sizes that go continuously have steps of 1.
+    /// All of these. Continuous sizes have steps of 1.
     Stepwise {
         /// Least, greatest, step, pixels.
         width: [u32; 3],
@@ -267,7 +267,7 @@ pub enum Intervals {
         least: Interval,
         /// Slowest.
         greatest: Interval,
-        /// None where they go continuously.
+        /// `None` where they are continuous.
         step: Option<Interval>,
     },
 }
@@ -326,7 +326,7 @@ pub struct Modes {
 
 impl Modes {
     /// Whether the camera says that it can do this. What the driver does not tell is taken to be
-    /// possible: setting it will show.
+    /// possible: setting the mode decides.
     pub fn offers(&self, mode: &Mode) -> bool {
         let size = |s: &SizeModes| {
             s.sizes.has(mode.width, mode.height)

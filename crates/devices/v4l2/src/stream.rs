@@ -82,7 +82,7 @@ pub enum StreamError {
         /// The error of the operating system.
         source: io::Error,
     },
-    /// Something else failed. What can be tried is a new stream.
+    /// Something else failed. A new stream can be tried.
     #[error("waiting for a frame: {}", path.display())]
     Io {
         /// The node.
@@ -286,7 +286,7 @@ fn request(camera: &Camera, count: u32) -> Result<u32, CameraError> {
     Ok(request.count)
 }
 
-/// A mapped capture buffer, as calls want it.
+/// A mapped capture buffer, as the calls expect it.
 fn buffer(index: u32) -> sys::Buffer {
     sys::Buffer {
         index,

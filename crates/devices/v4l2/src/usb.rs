@@ -1,4 +1,4 @@
-//! Which USB device something is, where it hangs, and what fits there.
+//! USB devices: identity, port, and the bandwidth there.
 
 use std::fs;
 use std::path::Path;
@@ -14,17 +14,17 @@ pub struct UsbDevice {
     pub vendor: u16,
     /// Product.
     pub product: u16,
-    /// Release of the device, which is how some vendors tell their firmware: major in the high
+    /// Release of the device, which is how some vendors report their firmware: major in the high
     /// byte.
     pub release: u16,
-    /// Serial number, where the device tells one in its USB descriptor.
+    /// Serial number, where its USB descriptor has one.
     pub serial: Option<String>,
     /// Where it is plugged in: `1-2.3` is port 3 of the hub in port 2 of bus 1.
     pub port: String,
     /// Speed of its link, Mbit/s: 480 is USB 2, 5000 and more USB 3. 1 for 1.5.
     pub speed_mbit: u32,
-    /// What its bus hangs on: `0000:00:14.0` on PCI, `3610000.usb` in a Jetson. The USB 2 and the
-    /// USB 3 bus of one controller have the same.
+    /// Its host controller: `0000:00:14.0` on PCI, `3610000.usb` in a Jetson. The USB 2 and the USB
+    /// 3 bus of one controller have the same.
     pub controller: String,
 }
 

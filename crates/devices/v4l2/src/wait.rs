@@ -1,4 +1,4 @@
-//! Waiting for a file descriptor, for no longer than was said.
+//! Waiting for a file descriptor, no longer than a time limit.
 //!
 //! No clock is read: Linux's `ppoll` leaves in its argument what is left of the time, after a
 //! signal too.
@@ -20,7 +20,7 @@ impl Remaining {
     }
 }
 
-/// What a file descriptor has to say.
+/// State of a file descriptor.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(crate) struct Ready {
     pub(crate) readable: bool,

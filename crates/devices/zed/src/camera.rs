@@ -155,8 +155,8 @@ pub struct Setting {
 
 /// What to write at every start, for the camera keeps what an earlier program has set
 /// (zed-ros2-wrapper, change log 5.4.1). Exposure and gain are automatic after
-/// [`extension::set_auto_exposure`]; to the standard controls of those a camera of this make may
-/// not listen.
+/// [`extension::set_auto_exposure`]; a camera of this make may ignore the standard controls for
+/// them.
 pub const SETTINGS: [Setting; 6] = [
     setting(0x0098_0900, "BRIGHTNESS", None),
     setting(0x0098_0901, "CONTRAST", None),

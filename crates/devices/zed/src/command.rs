@@ -4,25 +4,25 @@
 //! numbers nothing: hidraw hands feature reports through as they are. Numbers and values:
 //! zed-open-capture, `sensorcapture_def.hpp` at 9373915. Never sent to a real device.
 
-/// The feature report that starts, stops and tells of the stream.
+/// The feature report that starts and stops the stream and reports its state.
 pub const STREAM: u8 = 0x32;
 /// The feature report of requests.
 pub const REQUEST: u8 = 0x21;
 /// The feature report of requests to the video chip.
 const VIDEO: u8 = 0x22;
 
-/// How often the device wants to hear [`Command::Ping`], ns. About six of them missed end the
+/// Interval in which the device expects [`Command::Ping`], ns. About six missed ones end the
 /// stream.
 pub(crate) const PING_EVERY_NS: i64 = 1_000_000_000;
 
-/// Something to tell the microcontroller.
+/// A command to the microcontroller.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Command {
     /// Send samples.
     Start,
     /// Send no more.
     Stop,
-    /// Somebody still listens.
+    /// Keep the stream alive.
     Ping,
     /// Restart, and leave the bus meanwhile. For the ZED 2 and 2i.
     Reset,
@@ -43,7 +43,7 @@ impl Command {
     }
 }
 
-/// An answer to [`STREAM`] that is none.
+/// An invalid answer to [`STREAM`].
 #[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
 #[error("asking whether the IMU streams: found {found:02x?}, expected 32 00 or 32 01")]
 pub struct AnswerError {

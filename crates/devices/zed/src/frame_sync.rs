@@ -1,6 +1,6 @@
-//! What the IMU's clock means on the camera's.
+//! Relation of the IMU's clock to the camera's.
 //!
-//! The camera tells the microcontroller of each frame; the first sample behind it carries a flag
+//! The camera signals each frame to the microcontroller; the first sample behind it carries a flag
 //! and a count. The camera's driver stamps each frame with the host's clock and a sequence number.
 //! So both clocks see the same events: the frames. [`FrameSync`] is fed both streams as they come
 //! and keeps a [`FrameSyncEstimate`], the line that turns ticks into the time of the camera's
@@ -10,11 +10,11 @@
 //! counter. The IMU's flag is late by anything up to one sample period, so its points lie in a band
 //! of that width; the true line is half a period before the middle of that band. The driver's
 //! stamps are late by a latency that is never less than some minimum; their line is the lower edge.
-//! Laying the one on the other takes a whole number: which count is which sequence number. Arrivals
-//! of samples never enter the lines, however late they are; they only decide that number.
+//! Aligning the two lines requires an integer: which count is which sequence number. Arrivals of
+//! samples never enter the lines, however late they are; they only decide that number.
 //!
 //! **The whole number.** A wrong one shifts all times by one frame period, and both lines fit as
-//! well as before. What tells is that a sample cannot arrive before it was taken, and that the
+//! well as before. The difference is that a sample cannot arrive before it was taken, and that the
 //! fastest of thousands arrive soon: their latency against the estimate has to lie within
 //! [`Bounds`]. One number that fits is taken, several are [`NoEstimate::Ambiguous`], none is
 //! [`NoEstimate::OutOfBounds`]. Once taken it remains, however late arrivals become; only an
@@ -70,7 +70,7 @@ const REFIT_SHARE: usize = 32;
 const CLOCKS_AGREE: f64 = 500e-6;
 const TICK_NS: f64 = 1e9 / TICKS_PER_S as f64;
 
-/// What is known beforehand of latencies, ns: smallest and largest.
+/// Prior bounds of the latencies, ns: smallest and largest.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Bounds {
     /// From the beginning of a frame, as the microcontroller receives the frame sync, to the
@@ -110,8 +110,8 @@ pub struct FrameSyncEstimate {
     pub residual_median_ns: u64,
     /// See `residual_median_ns`; 99 in 100.
     pub residual_p99_ns: u64,
-    /// Span in which the true line may lie for all that the flags tell, ns: next to nothing when
-    /// their delay has swept through a sample period.
+    /// Span in which the true line may lie as far as the flags determine it, ns: next to nothing
+    /// when their delay has swept through a sample period.
     pub unresolved_ns: u64,
     /// One sigma of times by this line near the window, against the least latency of the camera's
     /// stamps, ns.
@@ -136,7 +136,7 @@ impl FrameSyncEstimate {
 /// Why there is no estimate.
 #[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
 pub enum NoEstimate {
-    /// The camera does not tell the microcontroller of its frames: switch frame sync on.
+    /// The camera does not signal its frames to the microcontroller: switch frame sync on.
     #[error("the IMU says that frame sync is not active")]
     NotActive,
     /// Wait.
@@ -202,7 +202,7 @@ pub struct SyncCounters {
     pub frames: u64,
     /// Sequence numbers that were left out.
     pub lost_frames: u64,
-    /// Times that all began again.
+    /// Number of restarts.
     pub restarts: u64,
 }
 
@@ -213,7 +213,7 @@ struct Fastest {
     host_ns: i64,
 }
 
-/// Ties the two clocks. See the [module](self).
+/// Estimates the relation of the two clocks. See the [module](self).
 #[derive(Clone)]
 pub struct FrameSync {
     bounds: Bounds,

@@ -84,7 +84,7 @@ pub enum Event {
         /// What exactly happened, for people.
         detail: String,
     },
-    /// Nothing until the time that was given.
+    /// Nothing until the given time.
     Nothing,
 }
 
@@ -174,14 +174,14 @@ impl<P: Port> Imu<P> {
         Ok(())
     }
 
-    /// Stops the stream and takes what still waits, which nobody shall lose; with what was counted
-    /// in all.
+    /// Stops the stream and takes the samples that still wait, so that none is lost; with the final
+    /// counters.
     pub fn finish(mut self, clock: &dyn Fn() -> i64) -> (Vec<Arrival>, Counters) {
         let mut left = Vec::new();
         if let Some(link) = &mut self.link
             && link.set_feature(Command::Stop.report()).is_ok()
         {
-            // A device that does not stop must not hold us.
+            // A device that does not stop must not block the caller.
             while left.len() < MOST_LEFT
                 && let Some(event) = self.read(clock, LAST_WAIT_NS)
             {

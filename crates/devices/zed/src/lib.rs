@@ -1,12 +1,13 @@
 //! ZED cameras over USB: what Stereolabs' USB cameras have that other cameras do not.
 //!
 //! A ZED Mini is two USB devices: a camera, which any V4L2 program can read, and a microcontroller
-//! with an IMU, which speaks HID. Here is the second one, and what estimates the two together:
+//! with an IMU, which speaks HID. This crate drives the second one, and estimates the relation of
+//! their clocks:
 //!
 //! * [`report`], [`command`]: the microcontroller's bytes, pure;
 //! * [`number`]: numbers for samples that come without one, so that a lost one is seen;
 //! * [`imu`]: the driver: start, keep alive, watch, restart, reopen;
-//! * [`frame_sync`]: what the IMU's clock means on the camera's, from frame-sync flags;
+//! * [`frame_sync`]: the relation of the IMU's clock to the camera's, from frame-sync flags;
 //! * [`camera`]: modes, USB identities, settings, serial number, the switch of frame sync.
 //!
 //! Time comes in as an argument everywhere, in nanoseconds of CLOCK_MONOTONIC.

@@ -1,11 +1,11 @@
-//! Captures from a chain of GStreamer elements and says what came: rate, loss, and what the times
-//! are worth.
+//! Captures from a chain of GStreamer elements and reports what arrived: rate, loss, and the
+//! quality of the times.
 //!
 //! `cargo run -p video --example capture CHAIN WIDTH HEIGHT RATE SECONDS [ENCODER]`
 //!
 //! With the name of an encoder, frames stay in their own buffers and are encoded from there, with
 //! a preview beside. From v4l2src, every frame is held against the driver's own sequence number and
-//! time stamp, which the element tells in its log (GStreamer 1.22).
+//! time stamp, which the element writes to its log (GStreamer 1.22).
 
 use std::collections::BTreeMap;
 use std::sync::{Arc, Mutex};
@@ -16,7 +16,7 @@ use video::capture::{Capture, CaptureEvent, CaptureSettings, Content, Delivery};
 use video::preview::{Preview, PreviewSettings};
 use video::{AccessUnit, Encoder, EncoderEvent, EncoderSettings};
 
-/// What the driver said: sequence number to time stamp, ns.
+/// Reports of the driver: sequence number to time stamp, ns.
 type Driver = Arc<Mutex<BTreeMap<u64, i64>>>;
 
 #[expect(clippy::disallowed_methods, reason = "this is the clock")]
@@ -200,7 +200,7 @@ fn report(frames: &[(u64, i64, i64)]) {
     spread("PTS to PTS per number", steps.collect());
 }
 
-/// Hears what v4l2src's buffer pool logs about every buffer that it gets from the driver.
+/// Collects what v4l2src's buffer pool logs about every buffer that it gets from the driver.
 fn listen() -> Driver {
     let driver = Driver::default();
     let noting = driver.clone();

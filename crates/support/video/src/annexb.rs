@@ -105,7 +105,7 @@ pub fn has_parameter_sets(codec: Codec, access_unit: &[u8]) -> bool {
 fn find_start_code(bytes: &[u8]) -> Option<usize> {
     let mut at = 0;
     while let Some(&third) = bytes.get(at + 2) {
-        // The third byte alone tells how far no start code can begin.
+        // The third byte alone determines at how many positions no start code can begin.
         match third {
             0 => at += 1,
             1 if bytes[at] == 0 && bytes[at + 1] == 0 => return Some(at),
@@ -177,7 +177,7 @@ mod tests {
         assert!(!has_parameter_sets(Codec::H265, &unit[7..]));
     }
 
-    /// The slow obvious twin of `find_start_code`.
+    /// Slow reference implementation of `find_start_code`.
     fn find_slowly(bytes: &[u8]) -> Option<usize> {
         bytes.windows(3).position(|window| window == [0, 0, 1])
     }

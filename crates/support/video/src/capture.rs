@@ -5,10 +5,10 @@
 //! a hole is a frame that was lost. *When the taker is late*: a few frames wait (four, or two
 //! native ones), then new ones are dropped, counted, and reported as [`CaptureEvent::Lost`]; the
 //! camera never waits. *When the camera is late or silent*: `next` gives nothing and returns after
-//! its time-out. *When it fails*: what was queued, then one of [`CaptureEvent::Gone`] (the device
-//! said so; it may come back), [`CaptureEvent::Failed`] and [`CaptureEvent::Ended`], again at every
-//! further call; whether and when to restart is the caller's business. *At the end*: dropping a
-//! capture stops it within seconds, even if the driver hangs.
+//! its time-out. *When it fails*: what was queued, then one of [`CaptureEvent::Gone`] (reported by
+//! the device; it may reconnect), [`CaptureEvent::Failed`] and [`CaptureEvent::Ended`], again at
+//! every further call; whether and when to restart is the caller's business. *At the end*: dropping
+//! a capture stops it within seconds, even if the driver is stuck.
 //!
 //! What a PTS *means* is another question for every element: [`policy`].
 //!
@@ -107,7 +107,7 @@ pub struct CaptureSettings {
     pub rate_hz: f64,
     /// Frames, or buffers as they are.
     pub delivery: Delivery,
-    /// What the times are worth, if the table is to be overruled.
+    /// Meaning and accuracy of the times, to replace those of the table.
     pub policy: Option<Policy>,
     /// How long to wait before the camera is started. Several Argus cameras must not be started at
     /// the same moment.
@@ -244,7 +244,7 @@ pub struct CapturedFrame {
     pub number: u64,
     /// The buffer's PTS as running time of its pipeline, ns.
     pub pts_running_ns: i64,
-    /// The same instant on CLOCK_MONOTONIC, ns. What it means says [`Capture::policy`].
+    /// The same instant on CLOCK_MONOTONIC, ns. [`Capture::policy`] states its meaning.
     pub clock_time_ns: i64,
     /// When it arrived, by the caller's clock, ns; of two eyes, the later one.
     pub host_time_ns: i64,
@@ -279,7 +279,7 @@ pub struct Lost {
     pub cause: Cause,
 }
 
-/// How many of what.
+/// Counts of frames.
 #[derive(Debug, Clone, Copy, Default, PartialEq, Eq)]
 pub struct Counts {
     /// Frames that were taken.
@@ -294,7 +294,7 @@ pub struct Counts {
     pub unpaired: u64,
 }
 
-/// What a capture has to say.
+/// An event of a capture.
 #[derive(Debug, Clone)]
 pub enum CaptureEvent {
     /// The next frame.
@@ -395,7 +395,7 @@ impl Capture {
         Capture::start_with(settings, clock, |_| ())
     }
 
-    /// As [`Capture::start`], with a look at each chain before it is started.
+    /// As [`Capture::start`], with `look` called for each chain before it is started.
     pub(crate) fn start_with(
         settings: &CaptureSettings,
         clock: HostClock,
@@ -436,7 +436,7 @@ impl Capture {
         })
     }
 
-    /// What the frames' times are worth.
+    /// Meaning and accuracy of the frames' times.
     pub fn policy(&self) -> Policy {
         self.policy
     }
@@ -446,7 +446,7 @@ impl Capture {
         self.feeds.first().map_or("", |feed| &feed.element)
     }
 
-    /// How many frames were what so far.
+    /// Counts of frames so far.
     pub fn counts(&self) -> Counts {
         self.intake.counts()
     }

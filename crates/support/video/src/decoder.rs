@@ -9,8 +9,8 @@
 //!
 //! A lost access unit makes decoders go on with the wrong reference and say nothing; so access
 //! units whose references are missing ([`crate::references`]) are not decoded and count as missing.
-//! What nobody can know here: decoders conceal damage inside a frame, and report only part of it.
-//! Bytes that may be damaged are for checksums to find.
+//! Not detectable here: decoders conceal damage inside a frame, and report only part of it. Bytes
+//! that may be damaged are for checksums to find.
 //!
 //! Decoders are taken from what the machine has, hardware first; the first that decodes something
 //! is kept. Every call builds its pipeline again, 2 to 3 ms with libav: decode whole groups, not

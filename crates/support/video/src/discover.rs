@@ -1,4 +1,4 @@
-//! Which encoder works on this machine: not by asking what is installed, but by encoding.
+//! Finds an encoder that works on this machine, by encoding and not by a list of what is installed.
 //!
 //! Contract: a trial encodes a few moving frames, forces a key frame in the middle, and checks
 //! every promise of [`crate::encoder`] on what comes out. It takes at most [`TRIAL_LIMIT`], even
@@ -41,7 +41,7 @@ pub struct Trial {
     pub pictures_per_s: f64,
 }
 
-/// Why an encoder is of no use here.
+/// Why an encoder cannot be used here.
 #[derive(Debug, Clone, PartialEq, Eq, Error)]
 pub enum TrialError {
     /// GStreamer itself is unusable.
@@ -77,7 +77,7 @@ pub struct Choice {
     pub refused: Vec<(String, TrialError)>,
 }
 
-/// All that the cameras of one session ask of an encoder.
+/// What the cameras of one session require of an encoder.
 #[derive(Debug, Clone, Default, PartialEq)]
 pub struct Load {
     /// Columns and rows of the stereo frame and frames per second, for each camera.

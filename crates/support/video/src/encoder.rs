@@ -6,7 +6,7 @@
 //! [`EncoderSettings::max_key_interval_frames`] frames without one; every key frame is an IDR
 //! frame (closed group) with its parameter sets in front. The same settings and frames give
 //! the same bytes with a software encoder. *When it is too slow*: at most [`MAX_IN_FLIGHT`]
-//! frames are inside, then `push` waits and `try_push` says [`EncodeError::Full`]. *When it
+//! frames are inside, then `push` waits and `try_push` returns [`EncodeError::Full`]. *When it
 //! fails*: one [`EncoderEvent::Failed`], then nothing more; every later `push` fails. An encoder
 //! that skips a frame or invents a time has failed too. *When it stalls*: `push` gives up after
 //! [`STALL`]; `try_push` remains full. *At the end*: [`Encoder::finish`] drains within a time
@@ -100,7 +100,7 @@ impl fmt::Debug for AccessUnit {
     }
 }
 
-/// What an encoder has to say.
+/// An event of an encoder.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub enum EncoderEvent {
     /// The next access unit.
@@ -236,7 +236,7 @@ impl Encoder {
     /// well.)
     ///
     /// # Errors
-    /// [`EncodeError::Settings`], [`EncodeError::Picture`] for a size that cannot be,
+    /// [`EncodeError::Settings`], [`EncodeError::Picture`] for an impossible size,
     /// [`EncodeError::Start`], [`EncodeError::Init`].
     pub fn start(settings: &EncoderSettings, on_output: OnOutput) -> Result<Encoder, EncodeError> {
         Encoder::start_for(settings, None, on_output)
@@ -333,21 +333,21 @@ impl Encoder {
         self.kind.codec
     }
 
-    /// The constant quantiser (QP) that the quality became.
+    /// The constant quantiser (QP) that follows from the quality.
     pub fn quantiser(&self) -> u32 {
         self.quantiser
     }
 
     /// Changes the quality of the frames that follow, immediately and without a key frame.
-    /// Whether that can be is the element's word: with a constant quantiser, x264enc, x265enc,
-    /// openh264enc and the nvv4l2 encoders read it only at the start. `false`: nothing has changed;
-    /// finish this encoder where the next key frame is due anyway and start another one.
+    /// Whether that is possible depends on the element: with a constant quantiser, x264enc,
+    /// x265enc, openh264enc and the nvv4l2 encoders read it only at the start. `false`: nothing has
+    /// changed; finish this encoder where the next key frame is due anyway and start another one.
     ///
     /// (A lower *rate* needs nothing: push fewer frames.)
     ///
     /// # Errors
     /// [`EncodeError::Settings`] for a quality that no encoder can have; [`EncodeError::Failed`] if
-    /// the element refuses what it said it takes.
+    /// the element refuses a change that it declares possible.
     pub fn set_quality(&mut self, quality_db: f64) -> Result<bool, EncodeError> {
         check_quality(quality_db)?;
         let quantiser = quality::quantiser(self.kind, self.preset, quality_db);
@@ -428,8 +428,8 @@ impl Encoder {
     /// delivered, at the latest after `timeout` (plus 2 s to stop a stuck encoder).
     ///
     /// # Errors
-    /// `Stalled` if the time did not suffice, `Failed` if the encoder failed or kept frames to
-    /// itself. What was delivered until then is good.
+    /// `Stalled` if the time did not suffice, `Failed` if the encoder failed or did not deliver all
+    /// frames. What was delivered until then is good.
     pub fn finish(self, timeout: Duration) -> Result<(), EncodeError> {
         // Fails only if the pipeline has stopped, and then there is a failure to be found below.
         let _ = self.source.end_of_stream();

@@ -2,11 +2,10 @@
 //!
 //! Contract. *Normally*: [`VideoFile::next`] gives every image of the file's first video track in
 //! order, as I420 with full-range values, with the time that the container gives it. Nothing is
-//! skipped, repeated or moved to a rate. *Times* are handed on as they are: one that is absent is
-//! none, one that does not rise is the caller's to judge. *Damage*: an image that its decoder calls
+//! skipped, repeated or moved to a rate. *Times* are passed on unchanged: an absent one is `None`,
+//! and the caller decides about one that does not rise. *Damage*: an image that its decoder calls
 //! damaged says so. *When it fails*, also in the middle: an error, and then the same one again. *At
-//! the end* there is no more. Images are decoded a few ahead of the caller; who waits is the
-//! decoder.
+//! the end* it gives `None`. A few images are decoded ahead of the caller; then the decoder waits.
 //!
 //! ```no_run
 //! # fn main() -> Result<(), video::file::FileError> {
@@ -35,7 +34,7 @@ use crate::{Picture, layout};
 
 /// Decoded images that wait to be taken.
 const AHEAD: u32 = 2;
-/// Largest image: nobody's camera has more, and a file may claim anything.
+/// Largest image, pixels: no camera has more, and a damaged file can state any size.
 const MAX_PIXELS: u64 = 1 << 26;
 /// How often a failure is looked for while an image is waited for.
 const SLICE_MS: u64 = 50;
@@ -79,8 +78,8 @@ pub struct FileInfo {
     pub width: u32,
     /// Rows.
     pub height: u32,
-    /// Images per second as the container says, else from the first two times; none where neither
-    /// tells.
+    /// Images per second as the container says, else from the first two times; `None` where neither
+    /// is known.
     pub rate_hz: Option<f64>,
     /// Whether there is chroma.
     pub colour: bool,
@@ -206,7 +205,7 @@ impl VideoFile {
         })
     }
 
-    /// Whether what the decoder gives has chroma: the converter behind it would make up some.
+    /// Whether what the decoder gives has chroma: the converter behind it would add neutral chroma.
     fn has_chroma(&self) -> bool {
         let before = self.sink.static_pad("sink").and_then(|pad| pad.peer());
         let converter = before.and_then(|pad| pad.parent_element());

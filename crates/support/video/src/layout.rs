@@ -106,8 +106,8 @@ fn blank(width: u32, height: u32) -> Result<Vec<u8>, String> {
     Ok(vec![0; length.map_err(|error| error.to_string())?])
 }
 
-/// Writes a buffer into a window of an I420 image. Where its rows are is said by its own
-/// metadata, if it has any, else by the caps.
+/// Writes a buffer into a window of an I420 image. The positions of its rows are in its own
+/// metadata, if it has any, else in the caps.
 fn copy_into(
     buffer: &gst::BufferRef,
     info: &gst_video::VideoInfo,

@@ -3,9 +3,9 @@
 //! Contract: cloning shares the buffer; nothing here copies pixels but [`NativeFrame::to_picture`].
 //! The buffer goes back to its camera when the last clone is dropped, and cameras have few of them
 //! (nvarguscamerasrc: eight), so hold few frames, and briefly. *In device
-//! memory* (NVMM on a Jetson) pixels cannot be looked at: [`NativeFrame::digest`] says so by
-//! `None`, and [`NativeFrame::to_picture`] fails. The paths through NVMM have never been run on
-//! hardware by this project.
+//! memory* (NVMM on a Jetson) pixels cannot be read: [`NativeFrame::digest`] returns `None`, and
+//! [`NativeFrame::to_picture`] fails. The paths through NVMM have never been run on hardware by
+//! this project.
 
 use std::fmt;
 use std::sync::Arc;

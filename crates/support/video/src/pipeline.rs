@@ -1,5 +1,5 @@
-//! What encoder, decoder and muxer share: making elements, linking them, hearing of errors, and
-//! taking a pipeline down without ever hanging on it.
+//! What encoder, decoder and muxer share: making elements, linking them, receiving errors, and
+//! stopping a pipeline without ever blocking on it.
 //!
 //! Contract: nothing here panics on what a plugin does or lacks. [`Running`] owns a pipeline;
 //! when it is dropped the pipeline is stopped, and if stopping takes longer than [`TEARDOWN`] (a

@@ -2,7 +2,7 @@
 //!
 //! Contract: the recording never waits for a preview. [`Preview::offer`] takes a frame at the
 //! requested rate at most and only if nothing is inside, so a preview holds one of the camera's
-//! buffers at a time; everything else it lets go by. It has a pipeline of its own, so that what
+//! buffers at a time; every other frame is ignored. It has a pipeline of its own, so that what
 //! fails in it (no `jpegenc`, a converter that gives up) ends the preview and nothing else. Of
 //! frames that nobody takes only the newest is kept. Equal frames give equal files, so a frozen
 //! camera shows here even where its frames cannot be looked at (and so does a scene in which less

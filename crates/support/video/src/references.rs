@@ -22,7 +22,7 @@ mod bits;
 mod h264;
 mod h265;
 
-/// What an access unit is to those before it.
+/// Relation of an access unit to those before it.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Step {
     /// A key frame: needs nothing.

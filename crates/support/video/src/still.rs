@@ -114,7 +114,7 @@ pub enum StillError {
     /// This machine decodes nothing of this codec.
     #[error(transparent)]
     Decode(#[from] DecodeError),
-    /// A frame is none, or no JPEG can be made of it.
+    /// A frame is malformed, or no JPEG can be made of it.
     #[error("making a small image: {0}")]
     Image(String),
 }

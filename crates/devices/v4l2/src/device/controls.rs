@@ -7,7 +7,7 @@ use rustix::io::Errno;
 use super::{Camera, CameraError};
 use crate::sys;
 
-/// A driver that lists more does not come to an end.
+/// Maximum number of controls: a driver that lists more would never end.
 const MOST: usize = 1024;
 
 /// A control of a camera.
@@ -209,7 +209,8 @@ impl Camera {
             .map_err(|errno| self.control_failed("reading", id, errno))
     }
 
-    /// Writes a control. Drivers round and clamp: [`write_and_check`](Self::write_and_check) tells.
+    /// Writes a control. Drivers round and clamp: [`write_and_check`](Self::write_and_check)
+    /// reports that.
     ///
     /// # Errors
     /// [`Gone`](CameraError::Gone), or [`Io`](CameraError::Io) when there is no such control, it

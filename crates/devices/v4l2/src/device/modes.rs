@@ -6,7 +6,7 @@ use super::{Camera, CameraError};
 use crate::mode::{Format, Fourcc, Interval, Intervals, Mode, Modes, SizeModes, Sizes};
 use crate::sys;
 
-/// A driver that lists more than this of anything does not come to an end.
+/// Maximum number of entries of a list: a driver that lists more would never end.
 const MOST: u32 = 4096;
 
 impl Camera {
@@ -148,7 +148,7 @@ impl Camera {
         format.pix.pixel_format = mode.fourcc.code();
         format.pix.field = sys::PROGRESSIVE;
         match sys::set_format(self.fd(), &mut format) {
-            // Drivers should offer another format instead, but some say no.
+            // Drivers should offer another format instead, but some refuse.
             Err(Errno::INVAL) => {
                 return Err(CameraError::Refused {
                     asked: mode.to_string(),
@@ -164,7 +164,7 @@ impl Camera {
             ..Default::default()
         };
         match sys::set_parameters(self.fd(), &mut parameters) {
-            // No rate can be set; what it is shows below.
+            // No rate can be set; the present one is read below.
             Err(Errno::NOTTY) => {}
             result => result.map_err(self.failed("setting the rate"))?,
         }

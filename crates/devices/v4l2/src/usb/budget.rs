@@ -37,7 +37,7 @@ pub struct Demand {
 
 impl Demand {
     /// What a camera needs in this mode; none where frames are compressed or the rate is unknown,
-    /// for then no one can say.
+    /// for which the need is unknown.
     pub fn of(camera: &str, device: &UsbDevice, format: &Format) -> Option<Self> {
         Some(Self {
             camera: camera.to_owned(),
@@ -48,7 +48,7 @@ impl Demand {
     }
 }
 
-/// Bytes/s of frames of this many bytes, rounded up; none for an interval that means nothing.
+/// Bytes/s of frames of this many bytes, rounded up; `None` for an undefined interval.
 pub fn bytes_per_second(picture_bytes: u64, interval: Interval) -> Option<u64> {
     let bytes = u128::from(picture_bytes) * u128::from(interval.denominator);
     if interval.numerator == 0 || interval.denominator == 0 {
@@ -94,7 +94,7 @@ impl Load {
             .fold(0, |sum, d| sum.saturating_add(d.needs))
     }
 
-    /// Whether they get it.
+    /// Whether that is available.
     pub fn fits(&self) -> bool {
         self.needs() <= self.available
     }

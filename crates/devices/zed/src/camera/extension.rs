@@ -207,8 +207,8 @@ pub fn serial(unit: &mut impl Unit, time: &mut impl Time, until_ns: i64) -> Resu
     }
 }
 
-/// Lets the imagers tell the microcontroller of each frame, which then marks its samples: bit 0x80
-/// of register 0x3002 of both. Needed at every start of the stream.
+/// Makes the imagers signal each frame to the microcontroller, which then marks its samples: bit
+/// 0x80 of register 0x3002 of both. Needed at every start of the stream.
 ///
 /// # Errors
 /// See [`UnitError`]; without it there are no frame-sync flags, and times are those of arrivals.

@@ -189,7 +189,8 @@ pub(super) fn lower_envelope(
         .map(|(x, y)| y - turn * x)
         .fold(f64::INFINITY, f64::min);
 
-    // How near does each part come to the line? Most of them, for one may have been late all over.
+    // The distance of each part from the line. Most parts count, not all: all points of one may
+    // have been late.
     let mut heights: Vec<f64> = lows.iter().map(|(x, y)| y - turn * x - value).collect();
     heights.sort_by(f64::total_cmp);
     Some(LowerEnvelope {
@@ -250,7 +251,7 @@ mod tests {
         (0..512).map(|n| Point { n: 7 + n, y: y(n) }).collect()
     }
 
-    /// How far the line is from the truth at both ends, ns.
+    /// Error of the line at both ends, ns.
     fn errors(line: &Line) -> [f64; 2] {
         [0, 511].map(|n| line.at(7.0 + n as f64) - 1e15 - n as f64 * PERIOD)
     }

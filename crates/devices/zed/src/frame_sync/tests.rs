@@ -3,7 +3,7 @@ use super::*;
 const MS: f64 = 1e6;
 const S: f64 = 1e9;
 
-/// A camera and its IMU, seen from outside. Times in ns of the host, which is the truth.
+/// A camera and its IMU, seen from outside. Times in ns of the host, which are the ground truth.
 #[derive(Clone)]
 struct World {
     imu_hz: f64,
@@ -128,7 +128,7 @@ impl World {
         }
     }
 
-    /// How far the estimate is from the truth at a time, ns.
+    /// Error of the estimate at a time, ns.
     fn error(&self, estimate: &FrameSyncEstimate, host: f64) -> f64 {
         let ticks = (self.device_ns(host) / TICK_NS) as u64;
         let truth = self.host_of(ticks as f64 * TICK_NS) + self.camera.0;

@@ -23,9 +23,9 @@ pub(super) struct Track {
     points: VecDeque<Point>,
     /// The newest count, as delivered and unwrapped.
     newest: Option<(u32, i64)>,
-    /// Where events are expected, and how far off is too far, ns.
+    /// Where events are expected, and the maximum deviation, ns.
     expected: Option<(Line, f64)>,
-    /// Events in a row that were too far off.
+    /// Consecutive events beyond the maximum deviation.
     off: u32,
     seen: u64,
     missed: u64,

@@ -1,4 +1,4 @@
-//! When the device is to be pinged, and what to do about its silence. Pure: time in, duty out.
+//! When the device is to be pinged, and what to do about its silence. Pure: time in, actions out.
 //!
 //! Silence of [`SILENT_NS`] is reported, then the stream is stopped and started again. After
 //! [`PATIENCE_NS`] more the device is closed and opened again; then all of it from the start, but

@@ -21,7 +21,7 @@ use crate::pipeline::{self, News, Running, lock};
 /// Name of the filter behind a chain.
 const WANTED: &str = "wanted-by-capture";
 
-/// What a chain is to give.
+/// The requested output of a chain.
 pub(super) struct Wanted {
     pub(super) caps: gst::Caps,
     /// Frames leave in their own buffers.
@@ -92,8 +92,8 @@ impl Feed {
         self.running.pipeline().upcast_ref()
     }
 
-    /// Starts the camera after `delay`, on a thread of its own: some take seconds, and one may hang
-    /// in its driver. What goes wrong is reported to the intake.
+    /// Starts the camera after `delay`, on a thread of its own: some take seconds, and one may be
+    /// stuck in its driver. What goes wrong is reported to the intake.
     pub(super) fn start(&self, delay: Duration, intake: &Arc<Intake>) -> Result<(), String> {
         let (pipeline, intake) = (self.running.pipeline().clone(), intake.clone());
         let starting = thread::Builder::new()

@@ -24,7 +24,7 @@ pub(super) struct Arrived {
     pub(super) arrival: Arrival,
 }
 
-/// What the taker finds.
+/// An item of the queue.
 #[derive(Debug)]
 pub(super) enum Item {
     Frame(Arrived),

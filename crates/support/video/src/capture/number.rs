@@ -3,16 +3,16 @@
 //! Contract: numbers rise, and a hole in them is a frame that was lost before it reached us. *By
 //! offset*, the number is the buffer's offset, holes and all, but for one between the first two
 //! frames for which there was no time: v4l2src (seen with GStreamer 1.22) gives its first frame
-//! offset 0 and the second one 2, and counts on from there. *By time*, a frame is as many numbers
-//! after the one before as periods have passed since that one was due: a phase is followed, so
-//! that one late frame does not make a hole, nor a rate that is a little off the nominal one. A
-//! frame that is more than half a period later than due has a hole in front. *A time that does not
-//! rise* marks a frame as repeated; by time, it keeps the number of the one before.
+//! offset 0 and the second one 2, and counts on from there. *By time*, the number rises by the
+//! periods that have passed since the frame before was due. The phase is tracked, so that neither
+//! one late frame nor a rate that deviates slightly from the nominal one makes a hole. A frame that
+//! is more than half a period later than due has a hole in front. *A time that does not rise* marks
+//! a frame as repeated; by time, it keeps the number of the one before.
 
 use super::policy::Numbers;
 
-/// How fast the phase follows: an eighth of what a frame is early or late. A rate that is off by
-/// 1 % is then followed 8 % of a period late.
+/// The phase follows by one part in this number of a frame's deviation. A rate with an error of 1 %
+/// is then tracked with a lag of 8 % of a period.
 const FOLLOW: i64 = 8;
 
 /// One stream's numbering.

@@ -119,7 +119,7 @@ impl<T> Pairing<T> {
         }
     }
 
-    /// The oldest of `eye` has nobody.
+    /// The oldest frame of `eye` has no partner.
     fn alone(&mut self, eye: Eye, out: &mut impl FnMut(Paired<T>)) {
         let ahead = self.ahead;
         let Some(half) = self.side(eye).pop_front() else {

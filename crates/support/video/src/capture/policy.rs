@@ -1,22 +1,22 @@
 //! What a source element's times and numbers mean, as data: one row each.
 //!
-//! GStreamer does not say what a PTS is: every element has its own idea. The rows say what was read
-//! in the elements' sources; docs/guides/gstreamer-sources.md has the long form. **Only v4l2src and
-//! videotestsrc have been run by this project**, against kernel drivers that emulate cameras; the
-//! others' figures are assumptions until someone measures them on the device, and a configuration
-//! overrides them.
+//! GStreamer does not define what a PTS is: every element decides by itself. The rows say what was
+//! read in the elements' sources; docs/guides/gstreamer-sources.md has the long form. **Only
+//! v4l2src and videotestsrc have been run by this project**, against kernel drivers that emulate
+//! cameras; the others' figures are assumptions until someone measures them on the device, and a
+//! configuration overrides them.
 
 /// Which instant a source's PTS is.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Stamp {
-    /// What the driver says: the start of exposure with uvcvideo, else the driver's own idea.
+    /// The driver's timestamp: the start of exposure with uvcvideo, else undefined.
     Driver,
-    /// The clock was read when the element had the frame in its hands: after exposure, readout,
-    /// image processing, and whatever kept the process from running.
+    /// The clock was read when the element received the frame: after exposure, readout, image
+    /// processing, and whatever kept the process from running.
     Delivery,
     /// Synthetic: without an exposure.
     Synthetic,
-    /// Nobody looked.
+    /// Not known.
     Unknown,
 }
 
@@ -31,12 +31,12 @@ pub enum Numbers {
     Times,
 }
 
-/// What the times and numbers of a source are worth.
+/// Meaning and accuracy of the times and numbers of a source.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct Policy {
     /// Which instant a PTS is.
     pub stamp: Stamp,
-    /// How much later than that instant the PTS is on average, ns. 0 also where nobody knows.
+    /// How much later than that instant the PTS is on average, ns. 0 also where it is not known.
     pub latency_ns: i64,
     /// Standard deviation of what remains, ns.
     pub sigma_ns: u64,
@@ -49,15 +49,15 @@ pub struct Policy {
 pub struct Row {
     /// The element's factory.
     pub element: &'static str,
-    /// What its times and numbers are worth.
+    /// Meaning and accuracy of its times and numbers.
     pub policy: Policy,
-    /// Who says so.
+    /// Source of this row.
     pub source: &'static str,
 }
 
 const MS: u64 = 1_000_000;
 
-/// Of an element that is not in the table.
+/// Policy of an element that is not in the table.
 pub const UNKNOWN: Policy = Policy {
     stamp: Stamp::Unknown,
     latency_ns: 0,
@@ -78,8 +78,8 @@ const fn delivery(sigma_ns: u64) -> Policy {
 pub static ROWS: &[Row] = &[
     Row {
         element: "v4l2src",
-        // GStreamer itself takes away microseconds (measured); the rest is what a driver's stamp
-        // may be off from the exposure.
+        // GStreamer itself takes away microseconds (measured); the rest is the possible deviation
+        // of a driver's stamp from the exposure.
         policy: Policy {
             stamp: Stamp::Driver,
             latency_ns: 0,

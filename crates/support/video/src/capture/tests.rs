@@ -1,4 +1,4 @@
-//! What needs a hand inside the chain.
+//! Tests that change buffers inside the chain.
 
 use gstreamer::prelude::*;
 

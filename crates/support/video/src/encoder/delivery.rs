@@ -17,8 +17,8 @@ use super::{AccessUnit, EncoderEvent, OnOutput};
 use crate::pipeline::{lock, wait_while};
 use crate::{Codec, annexb};
 
-/// How far an encoder's idea of a time may be from the frame's own (drivers count microseconds).
-/// The frame's own time is what comes out.
+/// Maximum difference of an encoder's time from the frame's own (drivers count microseconds). The
+/// frame's own time is what comes out.
 const TIME_SLACK_NS: u64 = 1_000;
 
 /// What the pushing thread and the encoder's threads share.
@@ -84,7 +84,7 @@ impl Shared {
     }
 
     /// Delivers one sample of the encoder. `Err` stops the pipeline quietly: the failure has been
-    /// told.
+    /// reported.
     pub(super) fn deliver(&self, sample: &gst::Sample) -> Result<gst::FlowSuccess, gst::FlowError> {
         let unit = match self.access_unit(sample) {
             Ok(unit) => unit,

@@ -1,9 +1,10 @@
 //! The encoders we know how to drive, as data: one row each, best first.
 //!
-//! Every row asks for the same thing in its element's own words: one quantiser for all frames, no
-//! B-frames, no key frame that was not requested, closed groups of frames, one access unit out
-//! per frame in, full-range video. Where an element has several ways to say it, the units differ
-//! (`nvv4l2` counts bit/s, the others kbit/s), which is one reason why no bit rate is set anywhere.
+//! Every row requests the same behaviour through its element's own properties: one quantiser for
+//! all frames, no B-frames, no key frame that was not requested, closed groups of frames, one
+//! access unit out per frame in, full-range video. Where an element has several properties for one
+//! thing, the units differ (`nvv4l2` counts bit/s, the others kbit/s), which is one reason why no
+//! bit rate is set anywhere.
 //!
 //! Read where: the elements' own property lists for x264enc, x265enc and openh264enc (GStreamer
 //! 1.22, run here); NVIDIA's published source and property list of the nvv4l2 elements (Jetson

@@ -3,12 +3,12 @@
 //! A slower preset makes smaller files of the same quality. The table says what each preset costs
 //! at 42 dB: processor time per megapixel on one core of the build machine (AMD EPYC, 2026-11-25),
 //! measured by `cargo run --release -p video --example quality 42` on the hardest of its four
-//! clips, a texture without a smooth place. KITTI's street costs 7.3, 21.3 and 29.4 ms, EuRoC's
-//! room 4.6, 7.4 and 12.9 ms. A preset is taken if all cameras together need at most a quarter of
-//! two such cores: the other three quarters are for the sources, the disk, other programs and
-//! slower machines. The choice is a function of the pixel rate alone. It asks neither how many
-//! cores there are nor how fast they are, so the same rig gives the same bytes everywhere; what
-//! turns out too slow is relieved while it records.
+//! clips, a texture without smooth areas. KITTI's street costs 7.3, 21.3 and 29.4 ms, EuRoC's room
+//! 4.6, 7.4 and 12.9 ms. A preset is taken if all cameras together need at most a quarter of two
+//! such cores: the other three quarters are for the sources, the disk, other programs and slower
+//! machines. The choice is a function of the pixel rate alone. It depends neither on the number of
+//! cores nor on their speed, so the same rig gives the same bytes everywhere; a load that proves
+//! too high is reduced while recording.
 
 /// How much of two cores all encoders together may need by the table: a head room of four.
 const SHARE: f64 = 2.0 / 4.0;

@@ -15,12 +15,12 @@
 //! PSNR = 10 log10(255² · 12 / step²)        QP = 6 log2(255 · sqrt(12) / (0.625 · 10^(PSNR/20)))
 //! ```
 //!
-//! Two things pull away from this. Encoders round towards zero (a dead zone), which costs up to
-//! 3.7 dB where every coefficient counts; and coefficients smaller than that become zero, which
-//! costs less than `step²/12` each, so that easy frames end up better than requested. What
-//! remains on real, detailed frames (KITTI, measured by `cargo run -p video --example quality`)
-//! is `gain_db` of the encoder's row, and that is what the quality is true for: synthetic 1/f
-//! texture with noise comes out about 1.5 dB lower, smooth or still scenes higher.
+//! Two effects deviate from this. Encoders round towards zero (a dead zone), which costs up to 3.7
+//! dB where every coefficient counts; and coefficients smaller than that become zero, which costs
+//! less than `step²/12` each, so that easy frames end up better than requested. What remains on
+//! real, detailed frames (KITTI, measured by `cargo run -p video --example quality`) is `gain_db`
+//! of the encoder's row, and for those the quality holds: synthetic 1/f texture with noise comes
+//! out about 1.5 dB lower, smooth or still scenes higher.
 
 use super::Preset;
 use super::kinds::Kind;

@@ -1,4 +1,4 @@
-//! What can only be seen inside: where the pixels are.
+//! Tests of what only this crate can see: where the pixels are.
 
 use std::sync::Mutex;
 

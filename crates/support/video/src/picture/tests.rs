@@ -1,4 +1,4 @@
-//! Every fast kernel against a slow, obvious twin, and the refusals.
+//! Every fast kernel against a slow reference implementation, and the refusals.
 
 use super::psnr::squared_difference;
 use super::*;

@@ -19,7 +19,7 @@ pub struct Look {
 }
 
 impl Look {
-    /// Measures luma. An image that is none looks like nothing: zeros.
+    /// Measures luma. A malformed image gives zeros.
     pub fn of(picture: &Picture) -> Self {
         let (Ok(luma), width) = (picture.luma(), picture.width as usize) else {
             return Self::default();

@@ -115,7 +115,8 @@ fn times_are_exact_on_the_host_s_clock() {
 
 #[test]
 fn frames_that_are_lost_in_front_are_holes_in_the_numbers() {
-    // The rate has to be the true one: a hole behind the first frame counts only if there was time.
+    // The nominal rate has to be that of the source: a hole behind the first frame counts only if
+    // there was time.
     let settings = CaptureSettings {
         rate_hz: 200.0,
         ..settings(&format!(

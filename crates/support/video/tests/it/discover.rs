@@ -57,8 +57,8 @@ fn without_a_working_encoder_every_reason_is_listed() {
     assert!(none.to_string().contains("x264enc: "), "{none}");
 }
 
-/// What was chosen once hung on how long a trial took, and was another encoder beside another
-/// program.
+/// Regression: the choice once depended on the duration of a trial, and changed while another
+/// program ran.
 #[test]
 fn the_choice_is_a_function_of_what_works_and_of_the_pixel_rate() {
     let load = |rate_hz| Load {
