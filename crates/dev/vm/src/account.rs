@@ -1,4 +1,4 @@
-//! What a session has of every stream: samples, gaps with their causes, and what else was noted.
+//! Contents of a session by stream: samples, gaps with their causes, and events.
 
 use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
@@ -23,7 +23,7 @@ pub struct Account {
     pub folder: PathBuf,
     /// Whether it was closed properly.
     pub closed: bool,
-    /// Why it ended, if it says.
+    /// Why it ended, if that was recorded.
     pub stopped: Option<String>,
     /// By numbered stream.
     pub streams: BTreeMap<String, Stream>,
@@ -31,7 +31,7 @@ pub struct Account {
     pub gaps: Vec<Gap>,
     /// Events: kind, source, text.
     pub events: Vec<(Kind, String, String)>,
-    /// How camera and IMU are tied, by IMU, as last recorded.
+    /// Relation of the camera's and the IMU's clock, by IMU, as last recorded.
     pub ties: BTreeMap<String, FrameSync>,
     /// Steps of civil time, ns.
     pub clock_steps: Vec<i64>,
@@ -44,7 +44,7 @@ pub struct Stream {
     pub samples: u64,
     /// Samples that gap records name.
     pub gaps: u64,
-    /// Samples missing without a word.
+    /// Samples missing without a gap record.
     pub lost: u64,
     /// From the first to the last sample, ns.
     pub span_ns: i64,
@@ -168,7 +168,7 @@ impl Account {
         gaps.map(Gap::count).sum()
     }
 
-    /// What a stream has, for programs.
+    /// Counts of all streams, for programs.
     pub fn figures(&self) -> serde_json::Value {
         let gaps = self.gaps.iter().map(|gap| {
             serde_json::json!({

@@ -1,11 +1,11 @@
-//! What a power cut left of a session, held against the whole recording and against what was
-//! promised.
+//! What a power cut left of a session, compared with the whole recording and with what was reported
+//! durable.
 //!
-//! The recording that was cut went on in another branch of time, up to its proper end: that is the
-//! reference. Every stream of what is left must be a beginning of the same stream there, byte for
-//! byte. What the recorder had reported durable before the cut must be in it, and recovery must
-//! make a sound copy of it. *A session that does not open*, holds anything else, or misses anything
-//! that was promised, is an error.
+//! The same recording without the cut, up to its proper end, is the reference. Every stream of what
+//! is left must be a beginning of the same stream there, byte for byte. What the recorder had
+//! reported durable before the cut must be in it, and recovery must make a sound copy of it. *A
+//! session that does not open*, holds anything else, or misses anything that was promised, is an
+//! error.
 
 use std::collections::BTreeMap;
 use std::fs;
@@ -66,7 +66,7 @@ pub struct Contents {
     order: Vec<u16>,
 }
 
-/// What tells a message from another.
+/// What distinguishes a message from another.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 struct Row {
     time: i64,

@@ -190,7 +190,7 @@ fn listen(output: impl Read + Send + 'static) -> Receiver<String> {
         loop {
             line.clear();
             match output.read_until(b'\n', &mut line) {
-                // What the power cut left of a line is none.
+                // An incomplete line, cut off with the power, is dropped.
                 Ok(_) if line.last() == Some(&b'\n') => {
                     let text = String::from_utf8_lossy(&line);
                     if to.send(text.trim_end().to_owned()).is_err() {
@@ -214,7 +214,7 @@ pub struct Running {
     exit: Option<i32>,
 }
 
-/// What came of a guest.
+/// Result of a guest.
 #[derive(Clone, Debug)]
 pub struct Ended {
     /// Everything that it printed and that was not taken before.

@@ -327,7 +327,7 @@ impl Build {
         let path = self.work.join("source/.config");
         self.make(&["defconfig"])?;
         let defaults = fs::read_to_string(&path).map_err(|e| self.io(e))?;
-        // Of an option that stands there twice the last one counts.
+        // Of an option that occurs twice the last one counts.
         fs::write(&path, defaults + CONFIG).map_err(|e| self.io(e))?;
         self.make(&["olddefconfig"])?;
         let taken = fs::read_to_string(&path).map_err(|e| self.io(e))?;

@@ -32,7 +32,7 @@ pub enum Mark {
 }
 
 impl Mark {
-    /// The mark of a line of `pawsd record --json`, if it deserves one.
+    /// The mark of a line of `pawsd record --json`, if it has one.
     pub fn of_progress(line: &str) -> Option<Self> {
         let progress: Value = serde_json::from_str(line).ok()?;
         match progress["event"].as_str()? {

@@ -136,7 +136,7 @@ impl StockKernel {
     }
 
     /// Debian's kernel has neither gpio-sim nor the simulated interrupts that it needs. Where this
-    /// fails there is no GPIO button, and the case says so.
+    /// fails there is no GPIO button, and the case reports that.
     fn build_gpio_sim(&self, version: &str) {
         let headers = PathBuf::from(format!("/usr/src/linux-headers-{version}"));
         if !headers.is_dir() {

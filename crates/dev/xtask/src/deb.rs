@@ -1,13 +1,13 @@
 //! `cargo xtask deb`: the Debian package of the recorder, for this machine or for the Jetson.
 //!
 //! The program is linked against a Debian root folder of its architecture ([`root`]), so both
-//! architectures take the same way and nothing depends on what is installed here. Always: the
-//! system packages that it needs are worked out of its symbols ([`symbols`]), and one that JetPack
-//! 6 does not have fails the verb; so does a program that is not hardened ([`elf`]). With
-//! `--check`: lintian, the same bytes once more, and an installation that records ([`smoke`]).
+//! architectures are built in the same manner and nothing depends on what is installed here.
+//! Always: the system packages that it needs are worked out of its symbols ([`symbols`]), and one
+//! that JetPack 6 does not have fails the verb; so does a program that is not hardened ([`elf`]).
+//! With `--check`: lintian, the same bytes once more, and an installation that records ([`smoke`]).
 //!
 //! Nothing outside the target folder and the folder for the package is written.
-//! docs/guides/packaging.md tells what was run.
+//! docs/guides/packaging.md states what was run.
 
 mod architecture;
 mod changelog;

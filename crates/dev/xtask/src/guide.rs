@@ -1,4 +1,4 @@
-//! The commands of the pages that a new user follows, run as they stand there.
+//! The commands of the pages that a new user follows, run as they are written.
 //!
 //! Every line `$ COMMAND` of a ```` ```console ```` block of [`PAGES`] is run, in order, by one
 //! shell per page that stops at the first failure: in a fresh clone of what is committed, with an

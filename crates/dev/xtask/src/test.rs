@@ -1,7 +1,7 @@
 //! `cargo xtask test`: every check that must pass before a change lands, in one go.
 //!
-//! A failed step does not stop the later ones, so that one run tells everything that is wrong; the
-//! table at the end repeats what failed, what was left out and why. Tests that skip themselves
+//! A failed step does not stop the later ones, so that one run reports everything that is wrong;
+//! the table at the end repeats what failed, what was left out and why. Tests that skip themselves
 //! print a line beginning with `skipped:`; the test runner hides the output of tests that pass, so
 //! those lines are picked out of it and shown (see [`runner`]).
 

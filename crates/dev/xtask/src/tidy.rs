@@ -1,9 +1,10 @@
-//! `cargo xtask tidy`: words, layers, circles and sizes, held by counts that may only fall.
+//! `cargo xtask tidy`: words, layers, circles, sizes and widths of comments, as counts that may
+//! only fall.
 //!
 //! It reads the text of the files that git lists and builds nothing, so it is the first step of
-//! `cargo xtask test`. What is counted is in one module each, [`mod@survey`] puts it together,
-//! [`ratchet`] compares it with `docs/tidy.txt`. A count that fell is no failure; one that rose is,
-//! with the places that it consists of.
+//! `cargo xtask test`. Each count has a module, [`mod@survey`] collects them, [`ratchet`] compares
+//! them with `docs/tidy.txt`. A count that fell is no failure; one that rose is, with the places
+//! that it consists of.
 
 mod charts;
 mod circles;
@@ -74,7 +75,7 @@ pub(crate) fn run(mode: Mode) -> Result<()> {
     }
 }
 
-/// The check as a step of `cargo xtask test`; what its table says beside it.
+/// The check as a step of `cargo xtask test`; returns the text for its table.
 pub(crate) fn check() -> Result<String> {
     let root = root()?;
     let survey = survey(&root)?;

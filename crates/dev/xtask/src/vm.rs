@@ -14,7 +14,7 @@ use crate::setup::{self, Purpose};
 /// Exit code of `vm` when it has no kernel.
 const NO_KERNEL: i32 = 4;
 
-/// What came of it, if nothing failed.
+/// Outcome, if nothing failed.
 pub(crate) enum Ran {
     /// All cases that were chosen have passed.
     Passed,

@@ -1,4 +1,4 @@
-//! Prints what this machine says of itself.
+//! Prints the state of this machine.
 //!
 //! ```sh
 //! cargo run -p machine --example look_at_machine              # once, as text

@@ -7,8 +7,8 @@
 //! is empty. A power bank regulates its output: it gives no warning, so count the hours.
 //!
 //! Sources: `Documentation/ABI/testing/sysfs-class-power` and `Documentation/hwmon/ina3221.rst` of
-//! the kernel. Which rail is the input is the carrier board's business (`VDD_IN` on Orin NX and
-//! Nano modules; not run there), so the configuration names it.
+//! the kernel. Which rail is the input depends on the carrier board (`VDD_IN` on Orin NX and Nano
+//! modules; not run there), so the configuration names it.
 
 use serde::Serialize;
 
@@ -24,7 +24,7 @@ pub enum Status {
     Charging,
     /// Neither: full, or held.
     Resting,
-    /// It does not tell.
+    /// Not reported.
     Unknown,
 }
 
@@ -43,7 +43,7 @@ pub struct Battery {
     pub full_wh: Option<f64>,
     /// Power taken from it or put into it, W.
     pub power_w: Option<f64>,
-    /// Minutes until it is empty, by its own account.
+    /// Minutes until it is empty, as it reports.
     pub own_minutes: Option<f64>,
 }
 
@@ -99,8 +99,8 @@ impl Readings {
             let micro = |file: &str| Some(integer(folder.join(file))? as f64 / 1e6);
             match text(folder.join("type")).as_deref() {
                 Some("Battery") if integer(folder.join("present")) != Some(0) => {
-                    // Charges, Ah, of drivers that tell no energy. The voltage of a full battery is
-                    // near enough the present one.
+                    // Charges, Ah, of drivers that report no energy. The voltage of a full battery
+                    // is near enough the present one.
                     let volts = micro("voltage_now");
                     let or_charge = |energy: &str, charge: &str| {
                         micro(energy).or_else(|| Some(micro(charge)? * volts?))
@@ -177,7 +177,8 @@ pub fn judge(readings: &Readings, rail: Option<&str>) -> Power {
     let by_energy = sum(|b| b.full_wh)
         .zip(energy)
         .map(|(full, now)| (100.0 * now / full).clamp(0.0, 100.0));
-    // A single battery knows its own charge best. Batteries that tell no energy count alike.
+    // A single battery knows its own charge best. Batteries that report no energy have equal
+    // weights.
     let by_mean = sum(|b| b.percent).map(|sum| sum / batteries.len() as f64);
     let percent = if batteries.len() == 1 {
         by_mean.or(by_energy)
@@ -269,14 +270,14 @@ mod tests {
             )
         };
         let emptied = on_mains("0", "Discharging");
-        // Its own word on the charge, not 50.
+        // The charge that it reports, not 50.
         assert_eq!(emptied.percent, Some(42.0));
         assert!((emptied.minutes_left.unwrap() - 120.0).abs() < 1e-9);
         assert_eq!(emptied.on_battery, Some(true));
         let filled = on_mains("1", "Charging");
         assert_eq!(filled.minutes_left, None);
         assert_eq!(filled.on_battery, Some(false));
-        // A plug too weak for the load is no relief.
+        // A supply too weak for the load does not count as mains.
         assert_eq!(on_mains("1", "Discharging").on_battery, Some(true));
     }
 

@@ -1,4 +1,4 @@
-//! The clocks: how far civil time can be believed, and whether it was stepped.
+//! The clocks: reliability of civil time, and its steps.
 //!
 //! Recorded time is on `CLOCK_MONOTONIC`, which nobody can set. Civil time is known through the
 //! offset `CLOCK_REALTIME - CLOCK_MONOTONIC`. Slewing (chrony, NTP, PTP at work) speeds both clocks
@@ -9,7 +9,7 @@
 //! Contract: [`ClockWatch::judge`] is pure. It reports each step once, at the first look after it,
 //! with its size; two steps between two looks are one. A suspension is distinguished by
 //! `CLOCK_BOOTTIME`, which goes on through it. [`read()`] reads the clocks, [`StepAlarm`] wakes a
-//! thread at the very step, and a machine whose kernel refuses either only tells less.
+//! thread at the step; where the kernel refuses either, less is known.
 
 use serde::Serialize;
 
@@ -20,7 +20,7 @@ pub use read::{Discipline, StepAlarm, discipline, read};
 /// Smaller changes are not reported, ns: the clocks are read one after the other.
 const LEAST_STEP_NS: i64 = 10_000;
 
-/// What the clocks said at one look.
+/// The readings of the clocks at one time.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct ClockReading {
     /// `CLOCK_MONOTONIC`, ns.
@@ -29,7 +29,7 @@ pub struct ClockReading {
     pub realtime_ns: i64,
     /// `CLOCK_BOOTTIME` at that instant, ns.
     pub boottime_ns: i64,
-    /// By how much the three may be apart in time, ns.
+    /// Maximum time between the three readings, ns.
     pub apart_ns: i64,
     /// What the kernel knows of its clock's quality, where it tells.
     pub kernel: Option<Kernel>,
@@ -126,7 +126,7 @@ impl std::fmt::Display for ClockEvent {
     }
 }
 
-/// Compares looks.
+/// Compares readings.
 #[derive(Clone, Debug, Default)]
 pub struct ClockWatch {
     last: Option<ClockReading>,
@@ -138,7 +138,7 @@ impl ClockWatch {
         Self::default()
     }
 
-    /// What a look means, and what happened since the one before.
+    /// What a reading means, and what happened since the one before.
     pub fn judge(&mut self, reading: &ClockReading) -> (ClockState, Vec<ClockEvent>) {
         let state = ClockState {
             at_ns: reading.monotonic_ns,

@@ -1,11 +1,11 @@
 //! The disk: what is free, for how long it lasts, and whether it is still there.
 //!
-//! Contract: [`reading`] asks the file system afresh; on a disk that hangs it hangs too.
+//! Contract: [`reading`] asks the file system afresh; on a disk that does not answer it blocks too.
 //! [`DiskWatch::judge`] is pure. The rate is what the free space has fallen by in the last
 //! [`WINDOW_NS`], by any writer; what is freed meanwhile neither hides it nor makes it negative.
 //! Until it has been watched for [`MIN_RATE_WINDOW_NS`] there is no rate and no time left, rather
 //! than a guess. Free space is what an ordinary user may still write, without the blocks that are
-//! held back for root. How long writes take is known by who writes.
+//! held back for root. The writer measures how long writes take.
 
 use std::collections::VecDeque;
 use std::io;
@@ -27,7 +27,7 @@ const LOW_INODES: u64 = 1000;
 /// A slower loss of free space is a log file, not a recording, bytes per second.
 const LEAST_RATE: f64 = 1000.0;
 
-/// What a file system says.
+/// Report of a file system.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize)]
 pub struct Space {
     /// Free for an ordinary user, bytes.
@@ -42,7 +42,7 @@ pub struct Space {
     pub device: u64,
 }
 
-/// The disk did not say anything.
+/// The file system could not be read.
 #[derive(Debug, thiserror::Error)]
 pub enum DiskError {
     /// Make the folder, or mount what should be there.
@@ -69,14 +69,14 @@ pub enum DiskFault {
     ReadOnly,
     /// Another file system is in its place.
     MountLost,
-    /// It does not answer; what was said.
+    /// It does not answer; the error.
     Unreachable(String),
 }
 
-/// What it means.
+/// State of the disk.
 #[derive(Clone, Debug, Default, PartialEq, Serialize)]
 pub struct DiskState {
-    /// Free, bytes; `None` where the disk does not say.
+    /// Free, bytes; `None` where the file system does not report it.
     pub free_bytes: Option<u64>,
     /// Free above the reserve, bytes.
     pub usable_bytes: Option<u64>,

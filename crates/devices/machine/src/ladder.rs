@@ -1,5 +1,5 @@
-//! What to do when the machine gets tight: a ladder of measures, each taken early enough to help
-//! and given back late enough not to flap.
+//! The degradation ladder: measures for when heat, power, disk or time become scarce, each taken
+//! early enough to help and released late enough not to oscillate.
 //!
 //! Contract: [`Ladder::reading`] is pure but for what it remembers. It is handed what the other
 //! modules found, about once a second, and returns what changed, with the reason in words. A rung
@@ -46,7 +46,7 @@ pub use rung::{READINGS, STALE_NS};
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, PartialOrd, Ord, Hash, Serialize)]
 #[serde(rename_all = "snake_case")]
 pub enum Step {
-    /// Nothing is tight.
+    /// Nothing is scarce.
     #[default]
     Normal,
     /// Tell the operator.
@@ -61,7 +61,7 @@ pub enum Step {
     StopCleanly,
 }
 
-/// What can be tight.
+/// What can be scarce.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash, Serialize)]
 #[serde(rename_all = "snake_case")]
 pub enum Cause {
@@ -144,7 +144,7 @@ impl Default for Ladder {
 }
 
 impl Ladder {
-    /// A ladder on which nothing is tight yet.
+    /// A ladder on which nothing is scarce yet.
     ///
     /// # Errors
     /// The limits contradict each other.
@@ -196,7 +196,7 @@ impl Ladder {
         }
     }
 
-    /// What is tight now, each with its step and in words.
+    /// What is scarce now, each with its step and in words.
     pub fn reasons(&self) -> Vec<(Cause, Step, String)> {
         let tight = self.causes().into_iter().filter(|(_, s)| *s > Step::Normal);
         tight

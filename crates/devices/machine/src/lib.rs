@@ -1,12 +1,12 @@
-//! What the machine says of itself: heat, power, disk, clocks; and what to do when it gets tight.
+//! State of the machine: heat, power, disk, clocks; and the measures when they become scarce.
 //!
 //! Each module is in two halves. One reads: it takes [`Roots`] or a path, may wait for a slow
 //! sensor or disk (so call it from a thread that may), keeps nothing, and never fails for a sensor
-//! that is absent, only says less. The other judges: it takes what was read and the time, remembers
-//! what it must, and has no other input. So a laptop, a Jetson and a machine that tells nothing are
-//! all folders in a test, and an hour of heat takes a millisecond.
+//! that is absent, only reports less. The other judges: it takes what was read and the time,
+//! remembers what it must, and has no other input. So a laptop, a Jetson and a machine that reports
+//! nothing are all folders in a test, and an hour of heat takes a millisecond.
 //!
-//! [`thermal`], [`battery`], [`disk`] and [`clock`] tell the state, [`ladder`] turns the first
+//! [`thermal`], [`battery`], [`disk`] and [`clock`] report the state, [`ladder`] turns the first
 //! three into measures, [`realtime`] asks the kernel for what a recorder needs.
 //! `cargo run -p machine --example look_at_machine` prints all of it.
 //!

@@ -1,5 +1,5 @@
-//! What a recorder asks of the kernel: to run immediately when a frame arrives, and not to wait for
-//! its own memory.
+//! What a recorder requests of the kernel: to run immediately when a frame arrives, and not to wait
+//! for its own memory.
 //!
 //! Contract: nothing here fails. Each call says what was achieved, or why not and what to set in
 //! the unit; a recorder without either records all the same, and is only later when the machine is
@@ -28,13 +28,13 @@ use crate::sysfs::{Roots, text};
 /// The priority to ask for: 1 is the lowest, 99 the highest of the kernel.
 pub const PRIORITY: u8 = 10;
 
-/// What came of asking.
+/// Result of a request.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize)]
 #[serde(rename_all = "snake_case")]
 pub enum Outcome {
-    /// It is so.
+    /// Granted.
     Achieved,
-    /// It is not; why, and what to do.
+    /// Not granted; why, and what to do.
     Refused(String),
 }
 

@@ -1,7 +1,7 @@
 //! Small files of the kernel: one value each, or nothing.
 //!
 //! A file that is absent, empty, refused, not text, or fails to answer (a Jetson's sensors do while
-//! their unit is off) is all the same: the machine does not tell.
+//! their unit is off) has the same meaning: the machine does not report the value.
 
 use std::fs::{self, File};
 use std::io::Read;

@@ -1,15 +1,15 @@
-//! Heat: how hot, how far from being slowed, and whether the machine is slowed already.
+//! Heat: temperatures, the margin to throttling, and whether the machine is throttled.
 //!
-//! Contract: [`Readings::read`] reads afresh; a sensor that is switched off or tells nonsense
-//! counts as none. [`Thermometer::judge`] is pure but for what it remembers: the highest clock
+//! Contract: [`Readings::read`] reads afresh; a sensor that is switched off or reads nonsense
+//! counts as absent. [`Thermometer::judge`] is pure but for what it remembers: the highest clock
 //! limit it has seen and the last counts of events. So what was set before the first look (a power
 //! mode, say) is no throttling, and what comes later is. `throttled` is `None` where nothing would
-//! tell.
+//! show it.
 //!
 //! Sources: `Documentation/driver-api/thermal/sysfs-api.rst` and
 //! `Documentation/admin-guide/pm/cpufreq.rst` of the kernel. On a Jetson Orin (not run there): the
 //! passive trip at 70 °C only drives `hot-surface-alert`, which slows nothing, so a trip counts by
-//! the cooling devices that are bound to it; `*-throttle-alert` tell throttling; `oc1_event_cnt`
+//! the cooling devices that are bound to it; `*-throttle-alert` report throttling; `oc1_event_cnt`
 //! and `oc2_event_cnt` of `soctherm_oc` count too low a voltage and too high an average current,
 //! each answered with lower clocks. `oc3` counts peaks of microseconds, several a second in normal
 //! work, and is left out.
@@ -23,7 +23,7 @@ use crate::sysfs::{Roots, integer, names, numbered, text};
 /// Where a zone that names no temperature is taken to be slowed, °C: processors are a few degrees
 /// above it.
 pub(crate) const ASSUMED_LIMIT_C: f64 = 95.0;
-/// How far below its critical temperature such a zone is taken to be slowed, °C.
+/// Difference below its critical temperature at which such a zone is taken to be slowed, °C.
 const BELOW_CRITICAL_C: f64 = 5.0;
 
 /// One sensor.
@@ -31,7 +31,7 @@ const BELOW_CRITICAL_C: f64 = 5.0;
 pub struct Zone {
     /// What it measures, in the kernel's words.
     pub name: String,
-    /// Temperature, °C, if it tells a credible one.
+    /// Temperature, °C, if it reads a credible one.
     pub temp_c: Option<f64>,
     /// What happens at which temperature.
     pub trips: Vec<Trip>,
@@ -98,18 +98,18 @@ pub struct Readings {
 /// What the readings mean.
 #[derive(Clone, Debug, Default, PartialEq, Serialize)]
 pub struct Heat {
-    /// The hottest place, °C, if any sensor tells.
+    /// Highest temperature, °C, if any sensor has one.
     pub hottest_c: Option<f64>,
     /// Where that is; empty if nowhere.
     pub zone: String,
-    /// How far the zone that is nearest to being slowed is from it, °C; negative beyond.
+    /// Margin to throttling of the zone that is nearest to it, °C; negative beyond.
     pub margin_c: Option<f64>,
     /// Which zone that is; empty if none.
     pub margin_zone: String,
-    /// How far the zone that is nearest to its critical temperature, at which the kernel switches
-    /// off, is from it, °C; `None` where no zone names one.
+    /// Margin of the zone that is nearest to its critical temperature, at which the kernel switches
+    /// off, °C; `None` where no zone names one.
     pub critical_margin_c: Option<f64>,
-    /// Whether the machine is slowed now; `None` where nothing would tell.
+    /// Whether the machine is slowed now; `None` where nothing would show it.
     pub throttled: Option<bool>,
     /// By what, for people; empty if not.
     pub detail: String,
@@ -141,7 +141,7 @@ impl Readings {
                         let mut bound = bound.iter().filter(|(trip, _)| *trip == n).peekable();
                         let kind = match text(folder.join(name))?.as_str() {
                             "critical" => TripKind::Critical,
-                            // Without a device bound there is no better word than the kernel's.
+                            // Without a bound device, the kernel's type is all that is known.
                             "passive"
                                 if bound.peek().is_none() || bound.any(|(_, slows)| *slows) =>
                             {
@@ -281,7 +281,7 @@ impl Thermometer {
         }
     }
 
-    /// What slows the machine; `None` where nothing would tell.
+    /// What slows the machine; `None` where nothing would show it.
     fn slowed_by(&mut self, readings: &Readings) -> Option<Vec<String>> {
         let mut by = Vec::new();
         let slowing: Vec<&Cooling> = readings.cooling.iter().filter(|c| c.slows).collect();

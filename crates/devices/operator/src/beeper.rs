@@ -2,7 +2,7 @@
 //!
 //! Contract of a [`Beeper`]: it sounds as last commanded until the next command, and is silent when
 //! it is dropped. Sounding takes no longer than the system call. An error leaves it usable. A
-//! beeper on a line knows no pitch.
+//! beeper on a line has no pitch.
 
 use std::io;
 

@@ -1,4 +1,4 @@
-//! What a person means by pressing: edges and time in, commands out. Pure.
+//! Commands of a person by presses: edges and time in, commands out. Pure.
 //!
 //! | | while not recording | while recording |
 //! |---|---|---|
@@ -13,12 +13,12 @@
 //! belong to it and mean nothing. A question that nobody confirms is [`Command::Cancelled`], as is
 //! one that is answered with another long press or whose recording began or ended meanwhile:
 //! nothing is discarded on an answer to another question. A level that lasts less than the debounce
-//! time is nobody's. A button held for 10 s is [`Command::Stuck`] and means nothing until it is
+//! time is ignored. A button held for 10 s is [`Command::Stuck`] and means nothing until it is
 //! released ([`Command::Freed`]).
 //!
-//! Late: [`Gesture::look`] may come at any time after [`Gesture::deadline`]; what it says carries
-//! the right times, and edges that are handed in late are sorted out by their own times. They must
-//! come in order.
+//! Late: [`Gesture::look`] may come at any time after [`Gesture::deadline`]; its commands carry the
+//! right times, and edges that are handed in late are sorted out by their own times. They must come
+//! in order.
 
 use crate::NS_PER_MS;
 use crate::button::Edge;
@@ -67,7 +67,7 @@ pub struct TimedCommand {
     pub command: Command,
 }
 
-/// How long is long. All in nanoseconds.
+/// Time limits of the gestures, ns.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Settings {
     /// A level that lasts less is bouncing. 0 when the button is debounced already.
@@ -122,7 +122,7 @@ enum State {
     },
     /// Pressed again while the question stood.
     Answering { at: i64, target: Target },
-    /// The gesture has said all; the button is still held.
+    /// The gesture is complete; the button is still held.
     Spent { at: i64 },
     /// Released; what begins before `until` still belongs to the gesture.
     After { until: i64 },

@@ -1,14 +1,14 @@
-//! Button, light and beeper: how a person without a screen starts, stops and knows.
+//! Button, light and beeper: control and status for a person without a screen.
 //!
 //! Two halves that know nothing of one another, nor of recording:
 //!
 //! - **In**: a [`button`] gives edges with their times, a [`gesture::Gesture`] makes commands of
 //!   them, and a [`listener::Listener`] does both on a thread, through unplugging and return.
-//! - **Out**: what there is to tell is a [`signal::Signal`]; a [`pattern`] says how it blinks and
+//! - **Out**: the state to show is a [`signal::Signal`]; a [`pattern`] says how it blinks and
 //!   beeps; a [`panel::Panel`] shows it on every [`light`] and [`beeper`].
 //!
 //! What each light means, to print: [`table`], and `docs/reference/led-table.md` that is made from
-//! it. What a machine has to offer: [`found`].
+//! it. Which devices a machine has: [`found`].
 //!
 //! Contract: nothing here stops a recording or waits for one. A command is reported once, with the
 //! time of the press that began it. A button that goes away is reported and waited for; a light

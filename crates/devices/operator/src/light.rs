@@ -2,7 +2,7 @@
 //!
 //! Contract of a [`Light`]: it shows the last commanded state until the next command, and goes dark
 //! when it is dropped. Showing takes no longer than the system call. An error leaves the light
-//! usable: the next call tries again. Who reports errors once is the [`panel`](crate::panel).
+//! usable: the next call tries again. The [`panel`](crate::panel) reports errors, each once.
 
 use std::io;
 

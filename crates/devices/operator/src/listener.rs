@@ -4,8 +4,9 @@
 //! for the callback; be quick. A button that goes, or is not there, is reported once
 //! ([`ButtonEvent::Disconnected`]), and so is its return ([`ButtonEvent::Reconnected`]). While it
 //! is away the thread waits for device nodes to appear or to change their permissions, and tries at
-//! least every 10 s for what shows no such change. Without presses the thread never wakes. Dropping
-//! the listener ends it; a stop that waits for a second press at that moment is not told.
+//! least every 10 s for devices that show no such change. Without presses the thread never wakes.
+//! Dropping the listener ends it; a stop that waits for a second press at that moment is not
+//! reported.
 
 use std::io;
 use std::sync::Arc;

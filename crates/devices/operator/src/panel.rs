@@ -1,4 +1,4 @@
-//! Shows what there is to tell on every light and beeper.
+//! Shows the status on every light and beeper.
 //!
 //! Contract: [`Indicator`] is pure: it takes states and events with times, and returns what to show
 //! at a time and when that changes next. A [`Panel`] runs one on a thread. [`Panel::set`] and
@@ -82,8 +82,8 @@ impl Indicator {
         }
     }
 
-    /// From now on this is the case. An unchanged state keeps its rhythm. A recording that begins
-    /// is reported by [`Once::Started`].
+    /// Sets the status. An unchanged state keeps its rhythm. A recording that begins is reported by
+    /// [`Once::Started`].
     pub fn set(&mut self, status: &Status, now_ns: i64) {
         let signal = status.signal();
         if signal != self.lasting.signal {
@@ -193,7 +193,7 @@ impl Panel {
         })
     }
 
-    /// From now on this is the case.
+    /// Sets the status.
     pub fn set(&self, status: Status) {
         self.told.tell(|slot| slot.status = Some(status));
     }

@@ -1,11 +1,11 @@
 //! How each signal blinks and beeps. Pure.
 //!
-//! A light of one colour tells by rhythm alone; a coloured light has the same rhythm and tells by
-//! colour too. The idea is that of Meta's Aria Gen 2 glasses (device manual, table of light
-//! states): recording is a blink and then steady white, orange is battery, heat or storage, red is
-//! an error. Ours adds that a warning still says whether it records: while recording the light is
-//! on and goes out briefly, while not recording it is off and flashes. The four warnings are
-//! rhythms of short and long:
+//! A light of one colour distinguishes signals by rhythm alone; a coloured light has the same
+//! rhythm, and a colour in addition. The idea is that of Meta's Aria Gen 2 glasses (device manual,
+//! table of light states): recording is a blink and then steady white, orange is battery, heat or
+//! storage, red is an error. Ours adds that a warning still says whether it records: while
+//! recording the light is on and goes out briefly, while not recording it is off and flashes. The
+//! four warnings are rhythms of short and long:
 //!
 //! | `· ·` | `· · ·` | `· – ·` | `– ·` |
 //! |---|---|---|---|
@@ -69,7 +69,7 @@ impl Colour {
 pub struct LightState {
     /// For a light of one colour.
     pub lit: bool,
-    /// For a light of many.
+    /// For a light of many colours.
     pub colour: Colour,
 }
 
@@ -81,7 +81,7 @@ impl LightState {
     };
 }
 
-/// A light pattern: steps, again and again or once.
+/// A light pattern: steps, repeated or once.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Pattern {
     /// What is shown, and for how many milliseconds.

@@ -1,6 +1,6 @@
 //! What a person without a screen has to know, in order of priority.
 //!
-//! Contract: the operator's [`Status`] is a whole, handed over again whenever a part changes; one
+//! Contract: the operator's [`Status`] is handed over as a whole whenever a part changes; one
 //! signal is shown at a time. An answer to a press ([`Once`]) comes before everything for a second.
 //! Then, first to last: the question about discarding, a fault, the most urgent warning, the phase.
 //! A warning keeps saying whether it records. While starting and saving, warnings wait.

@@ -27,7 +27,7 @@ use evdev::KeyCode;
 
 /// The key that a record button has if none is named.
 const RECORD_KEY: KeyCode = KeyCode::KEY_RECORD;
-/// How long a button's level must last to count, if nothing is said: most contacts rest within 5
+/// How long a button's level must last to count, if none is given: most contacts settle within 5
 /// ms.
 const DEBOUNCE: Duration = Duration::from_millis(20);
 

@@ -1,5 +1,4 @@
-//! Waiting for devices, for a time, or to be called, whichever is first. No sleeping, no looking
-//! again.
+//! Waiting for devices, for a time, or to be called, whichever is first. No sleeping, no polling.
 
 use std::io;
 use std::os::fd::{AsFd, BorrowedFd, OwnedFd};
@@ -16,7 +15,7 @@ pub struct Waker(Arc<OwnedFd>);
 /// Why a wait ended.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(crate) enum Woke {
-    /// The first of the devices that has something to read, or an error to tell.
+    /// The first of the devices that has something to read, or an error to report.
     Ready(usize),
     /// The time may be over: look at the clock.
     Time,

@@ -188,7 +188,7 @@ fn run(args: &RunArgs) -> Result<ExitCode> {
 }
 
 /// Some machines do not let a program trace its children, which User-Mode Linux does all the time:
-/// there is no test there, and that is no failure of what would be tested.
+/// the tests are skipped there, which is not a failure.
 fn try_a_guest(machine: &Machine, folder: &Path) -> Result<()> {
     const LIMIT: Duration = Duration::from_secs(600);
     make_empty(folder)?;

@@ -2,10 +2,10 @@
 //! while it records.
 //!
 //! The kernel counts: each thread's switches and processor time are read from `/proc` at both ends
-//! of a window, in real time. A *wake-up* is a switch of the thread's own will, so one for each
-//! time that it went to sleep; a switch that was forced on it is none. Wake-ups hardly depend on
-//! how busy the host is. Processor time does: in User-Mode Linux it contains what the host did
-//! meanwhile, and a system call costs many times what it costs elsewhere ([`Cost::call_us`]).
+//! of a window, in real time. A *wake-up* is a voluntary switch of the thread, so one for each time
+//! that it went to sleep; an involuntary switch is not counted. Wake-ups hardly depend on how busy
+//! the host is. Processor time does: in User-Mode Linux it contains what the host did meanwhile,
+//! and a system call costs many times what it costs elsewhere ([`Cost::call_us`]).
 
 use std::collections::BTreeMap;
 use std::fs;
@@ -38,7 +38,7 @@ const MOST_HUB: f64 = 120.0;
 /// this runs on).
 const TICKS_PER_S: f64 = 100.0;
 
-/// Who looks at the phone's page.
+/// Viewers of the phone's page.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Page {
     /// It is not served.

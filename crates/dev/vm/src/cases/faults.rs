@@ -81,7 +81,7 @@ struct Fault {
     limits: &'static [&'static str],
 }
 
-/// What it left.
+/// Result of a run.
 struct Left {
     fault: Fault,
     job: PathBuf,
@@ -123,7 +123,7 @@ mkdir sessions && cp -r /run/archive/*-* sessions/
 ";
 
 impl Fault {
-    /// Lets it happen.
+    /// Runs the recording with the fault.
     fn happen(&self, bench: &Bench) -> Result<Left> {
         let job = bench.folder("job")?;
         fs::write(job.join("pawsd.toml"), config::devices(true))?;
@@ -212,7 +212,7 @@ impl Left {
         Ok(missing)
     }
 
-    /// The stream delivered at the end again, and nothing is said to be wrong any more.
+    /// The stream delivered at the end again, and no alarm is active any more.
     fn is_back(&self, stream: &str) -> Result<()> {
         let streams = self.status["streams"].as_array();
         let streams = streams.context("a status without streams")?;
@@ -227,8 +227,8 @@ impl Left {
         Ok(())
     }
 
-    /// Checks what is true of every fault, and reports. In the session, alarms end that began, but
-    /// for those whose text begins with one of `standing`.
+    /// Checks what must hold for every fault, and reports. In the session, alarms that began have
+    /// ended, except those whose text begins with one of `standing`.
     fn report(&self, bench: &Bench, standing: &[&str], line: String) -> Result<Report> {
         for session in &self.sessions {
             alarms_end(session, standing)?;

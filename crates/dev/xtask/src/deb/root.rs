@@ -124,8 +124,8 @@ impl Root {
         Ok(self.architecture != Architecture::here()?)
     }
 
-    /// Makes ready for [`command`](Self::command): compiles `older_kernel.c`, which tells why it is
-    /// needed.
+    /// Makes ready for [`command`](Self::command): compiles `older_kernel.c`, which states why it
+    /// is needed.
     pub(super) fn make_runnable(&self) -> Result<()> {
         let source = process::root()?.join("crates/dev/xtask/src/deb/older_kernel.c");
         process::run(

@@ -1,10 +1,10 @@
-//! What a package is worth: it is installed in the root, records there, and what it recorded is
-//! checked on this machine.
+//! Checks a package: it is installed in the root, records there, and what it recorded is checked on
+//! this machine.
 //!
 //! Two recordings of three cameras of 320x96: a simulated walk in virtual time, which nothing may
 //! be missing of, and synthetic frames in real time, as on the rig. In real time an emulated
-//! processor may be too slow, or this machine too busy; then the recording says what it lost, and
-//! so does this.
+//! processor may be too slow, or this machine too busy; then the recording reports what it lost,
+//! and this step shows it.
 
 use std::fs;
 use std::path::Path;

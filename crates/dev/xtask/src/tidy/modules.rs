@@ -1,9 +1,9 @@
 //! Which file of a crate uses which: a graph out of `use` trees and paths.
 //!
-//! A path is followed through modules and re-exports to the file that defines what it names, so far
-//! as names tell that: a path through a macro or an associated type ends at the file in which it
-//! was last known. `mod x;` is no use, code for tests is left out, and other crates are no files of
-//! this one.
+//! A path is followed through modules and re-exports to the file that defines what it names, as far
+//! as names determine that: a path through a macro or an associated type ends at the file in which
+//! it was last known. `mod x;` is no use, code for tests is left out, and other crates are no files
+//! of this one.
 
 use std::collections::{BTreeMap, HashMap};
 

@@ -1,4 +1,4 @@
-//! What a file says about modules: which it has, what it defines, imports and names by a path.
+//! Outline of a file: its modules, and what it defines, imports and names by a path.
 //!
 //! Names only, no types: methods and fields are not followed, nor what macros make. In the body of
 //! a macro only paths from the root of the crate have a meaning of their own, so the others are

@@ -1,4 +1,4 @@
-//! The table: which reading asks for which step, when, and when it is given back.
+//! The table: which reading requests which step, when, and when it is released.
 
 use serde::{Deserialize, Serialize};
 
@@ -9,8 +9,7 @@ use crate::battery::Power;
 
 /// Free space above the reserve with which a recording may begin after the disk was full, bytes.
 const START_AGAIN_BYTES: f64 = (256_u64 << 20) as f64;
-/// With more than this in the batteries, %, minutes that are said to be left are not believed so
-/// far as to stop.
+/// With more than this in the batteries, %, the reported minutes left are no reason to stop.
 const MUCH_PERCENT: f64 = 20.0;
 
 /// Thresholds. The defaults suit a rig on the body; the supply has none, since a voltage means
@@ -117,7 +116,7 @@ pub(super) enum Quantity {
     Throttled,
     BatteryPercent,
     BatteryMinutes,
-    /// Minutes while the charge agrees that little is left: a gauge that lies is no reason to stop.
+    /// Minutes while the charge agrees that little is left: a wrong gauge is no reason to stop.
     LastBatteryMinutes,
     SupplyVolts,
     DiskSeconds,
@@ -167,7 +166,7 @@ impl Quantity {
             Self::SupplyVolts => Some(-power?.supply_volts?),
             Self::DiskSeconds => match (disk?.seconds_left, disk?.bytes_per_s) {
                 (Some(left), _) => Some(-left),
-                // The rate is known, and nothing is being written: it lasts.
+                // The rate is known, and nothing is being written: there is no pressure.
                 (None, Some(_)) => Some(f64::NEG_INFINITY),
                 (None, None) => None,
             },
@@ -180,7 +179,7 @@ impl Quantity {
 }
 
 impl Limits {
-    /// Whether they can be meant.
+    /// Whether the limits are valid.
     pub(super) fn check(&self) -> Result<(), LimitsError> {
         self.check_ranges()?;
         self.check_order()

@@ -1,4 +1,4 @@
-//! What the ladder says, for people.
+//! Texts of the ladder, for people.
 
 use super::{Cause, Limits, Pressure, Step};
 use crate::disk::DiskFault;

@@ -43,7 +43,7 @@ struct Reader {
     dropped: bool,
 }
 
-/// What an event is worth.
+/// The result of an event.
 #[derive(Debug, PartialEq, Eq)]
 enum Worth {
     Nothing,

@@ -46,7 +46,7 @@ struct Order {
     pressed: bool,
 }
 
-/// What an event is worth.
+/// The result of an event.
 #[derive(Debug, PartialEq, Eq)]
 enum Worth {
     Edge(Edge),

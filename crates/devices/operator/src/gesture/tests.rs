@@ -129,7 +129,7 @@ fn a_question_without_an_answer_is_cancelled() {
         commands(false, &[(0, 1600)], 20_000),
         [ask, (6600, Command::Cancelled)]
     );
-    // An answer as long as the question is none.
+    // A second long press is not an answer.
     assert_eq!(
         commands(false, &[(0, 1600), (3000, 5000)], 20_000),
         [ask, (4500, Command::Cancelled)]
@@ -239,8 +239,8 @@ fn unplugging_forgets_presses_and_questions_but_not_a_stop() {
     assert_eq!(gesture.look(2450 * MS, true), [stop]);
 }
 
-/// Random presses: gaps from bouncing to boredom, levels that may repeat, recording that changes by
-/// itself.
+/// Random presses: gaps from bouncing to long pauses, levels that may repeat, recording that
+/// changes by itself.
 fn edges() -> impl Strategy<Value = Vec<(Edge, bool)>> {
     let gap = prop_oneof![
         0..30 * MS,

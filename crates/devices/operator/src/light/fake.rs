@@ -6,7 +6,7 @@ use std::sync::mpsc::{Receiver, SyncSender, sync_channel};
 use super::Light;
 use crate::pattern::LightState;
 
-/// A light whose looks can be received elsewhere.
+/// A light whose states can be received elsewhere.
 #[derive(Debug)]
 pub(crate) struct Recorded {
     shown: SyncSender<LightState>,
@@ -16,7 +16,7 @@ pub(crate) struct Recorded {
 
 impl Recorded {
     /// A light that fails the first `failures` times, and what it showed, failures included. Holds
-    /// 1024 looks that nobody has received; more are an error.
+    /// 1024 states that nobody has received; more are an error.
     pub(crate) fn new(failures: usize) -> (Self, Receiver<LightState>) {
         let (shown, looks) = sync_channel(1024);
         (Self { shown, failures }, looks)

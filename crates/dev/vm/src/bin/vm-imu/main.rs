@@ -1,6 +1,6 @@
-//! `vm-imu`: a ZED Mini's microcontroller that is none. It stands behind the kernel's own HID
-//! drivers, by uhid, and speaks the protocol as it was published: input reports, commands to start
-//! and stop, the keep-alive without which the stream ends, reset; and it fails on request.
+//! `vm-imu`: a simulated ZED Mini microcontroller. It is behind the kernel's own HID drivers, by
+//! uhid, and speaks the protocol as it was published: input reports, commands to start and stop,
+//! the keep-alive without which the stream ends, reset; and it fails on request.
 //!
 //! It lives by absolute deadlines on CLOCK_MONOTONIC and sleeps in ppoll until the next, so that it
 //! also works where time is virtual. A sample that is due is never left out because the program

@@ -3,9 +3,9 @@
 //! Its feature reports have numbers (0x32, 0x21), and the first byte of its input report is 0,
 //! which is no report's number. The HID specification wants all reports numbered or none; Linux
 //! keeps count for each type by itself (`hid_register_report`), so that input reports which the
-//! descriptor declares before its first number have none. That is taken here as what fits the
-//! published facts best. The two others are what a device could do as well, and a driver has to
-//! cope with.
+//! descriptor declares before its first number have none. That fits the published facts best and is
+//! the default here. A device could also do either of the two others, and a driver has to support
+//! all three.
 
 /// See the module.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, clap::ValueEnum)]

@@ -91,8 +91,8 @@ pub(super) const ERROR: Case = case(
     },
 );
 
-/// vivid's camera returns when its last user has closed it, so this also shows that the daemon lets
-/// go.
+/// vivid's camera returns when its last user has closed it, so this also shows that the daemon
+/// closes it.
 pub(super) const UNPLUGGED: Case = case(
     "fault-camera-unplugged",
     "a camera is unplugged for 3 s",
