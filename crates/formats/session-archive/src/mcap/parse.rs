@@ -64,9 +64,9 @@ pub enum Record<'a> {
 }
 
 macro_rules! plain {
-    ($(#[$doc:meta] $name:ident $(<$life:lifetime>)? { $($field:ident: $type:ty),* $(,)? })*) => {
+    ($($(#[$doc:meta])+ $name:ident $(<$life:lifetime>)? { $($field:ident: $type:ty),* $(,)? })*) => {
         $(
-            #[$doc]
+            $(#[$doc])+
             #[derive(Clone, Debug, PartialEq, Eq)]
             #[allow(missing_docs)]
             pub struct $name $(<$life>)? { $(pub $field: $type),* }
