@@ -10,7 +10,7 @@ use std::sync::{Arc, Mutex, PoisonError};
 
 use anyhow::Context as _;
 use operator::button::DevPort;
-use operator::gesture::{Command, Settings, Target, TimedCommand};
+use operator::button_commands::{Command, Settings, Target, TimedCommand};
 use operator::listener::{ButtonEvent, Listener};
 use operator::panel::Panel;
 use operator::signal::{Once, Phase, Status as Shown, Warning};

@@ -22,11 +22,11 @@ use serde_json::{Map, Value, json};
 
 mod bands;
 mod charts;
+mod fit_sigma_model;
 pub(crate) mod frames;
 mod peers;
 pub(crate) mod race;
 mod real;
-mod sigma;
 mod test_set;
 
 use crate::stamp;
@@ -44,7 +44,7 @@ const PARTS: [&str; 5] = ["motorcycle", "simulated", "rate", "bands", "sigma"];
 pub(crate) fn run(args: &[String]) -> Result<()> {
     let options = Options::parse(args)?;
     if options.fits {
-        println!("{}", sigma::fit()?);
+        println!("{}", fit_sigma_model::fit()?);
         return Ok(());
     }
     fs::create_dir_all(&options.out)
@@ -81,11 +81,11 @@ pub(crate) fn run(args: &[String]) -> Result<()> {
             "rate" => race::rate(options.quick)?,
             "bands" => bands::bands(options.quick)?,
             _ => {
-                let mut groups = sigma::check(&places, &held_out)?;
+                let mut groups = fit_sigma_model::check(&places, &held_out)?;
                 if let Some(frame) = motorcycle()? {
-                    groups.extend(sigma::alone(&frame)?);
+                    groups.extend(fit_sigma_model::alone(&frame)?);
                 }
-                sigma::json(&groups)
+                fit_sigma_model::json(&groups)
             }
         };
         report.insert(part.clone(), json!({ "stamp": stamp, "found": found }));

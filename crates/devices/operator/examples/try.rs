@@ -16,7 +16,7 @@ use std::time::Duration;
 
 use operator::Clock;
 use operator::button::DevPort;
-use operator::gesture::{Command, Settings};
+use operator::button_commands::{Command, Settings};
 use operator::listener::{ButtonEvent, Listener};
 use operator::panel::Panel;
 use operator::signal::{Once, Phase, Status, Warning};

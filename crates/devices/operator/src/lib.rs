@@ -2,7 +2,7 @@
 //!
 //! Two halves that know nothing of one another, nor of recording:
 //!
-//! - **In**: a [`button`] gives edges with their times, a [`gesture::Gesture`] makes commands of
+//! - **In**: a [`button`] gives edges with their times, a [`button_commands::Gesture`] makes commands of
 //!   them, and a [`listener::Listener`] does both on a thread, through unplugging and return.
 //! - **Out**: the state to show is a [`signal::Signal`]; a [`pattern`] says how it blinks and
 //!   beeps; a [`panel::Panel`] shows it on every [`light`] and [`beeper`].
@@ -22,9 +22,9 @@ use std::sync::Arc;
 
 pub mod beeper;
 pub mod button;
+pub mod button_commands;
 mod error;
 pub mod found;
-pub mod gesture;
 mod gpio;
 pub mod light;
 pub mod listener;

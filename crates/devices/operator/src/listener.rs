@@ -15,7 +15,7 @@ use std::thread::JoinHandle;
 use std::time::Duration;
 
 use crate::button::{Button, Next, Port};
-use crate::gesture::{Gesture, Settings, TimedCommand};
+use crate::button_commands::{Gesture, Settings, TimedCommand};
 use crate::wait::Waker;
 use crate::{Clock, DeviceError};
 
@@ -196,7 +196,7 @@ mod tests {
     use super::*;
     use crate::button::Edge;
     use crate::button::fake::{Scripted, Step, Time};
-    use crate::gesture::Command;
+    use crate::button_commands::Command;
 
     const MS: i64 = crate::NS_PER_MS;
 

@@ -30,12 +30,14 @@ use crate::storage::Storage;
 use crate::time::HostTime;
 
 mod contents;
+mod durability;
 mod head_chunk;
 mod open_segment;
 mod segments;
 mod spec;
 mod video;
 
+pub use durability::Durability;
 pub(crate) use head_chunk::head_chunk;
 pub use spec::*;
 
