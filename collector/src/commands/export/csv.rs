@@ -121,6 +121,7 @@ pub(super) fn export(
     Ok(Outcome::Fine)
 }
 
+/// Adds the rows of a message to its table, if it has one and can be decoded.
 fn put(
     tables: &mut BTreeMap<String, Table>,
     reader: &SessionReader,
@@ -142,86 +143,102 @@ fn put(
     let Some(table) = tables.get_mut(&name) else {
         return Ok(());
     };
-    if schema == Frame::SCHEMA.name {
-        let Ok(f) = m.decode::<Frame>() else {
-            return Ok(());
-        };
-        table.row(&[
-            &f.number,
-            &f.time,
-            &f.sigma_ns,
-            &f.host_time,
-            &maybe(f.kernel_time),
-            &f.device_ticks,
-            &maybe(f.exposure_ns),
-            &f.payload_bytes,
-            &u8::from(f.key_frame),
-            &u8::from(f.frozen),
-            &f.clock_map,
-            &u8::from(f.time_unreliable),
-        ])
-    } else if schema == ImuBatch::SCHEMA.name {
-        let Ok(batch) = m.decode::<ImuBatch>() else {
-            return Ok(());
-        };
-        for (k, sample) in complete_samples(&batch) {
-            let Some(host_time) = batch.host_times.get(k) else {
-                continue;
-            };
-            let [gx, gy, gz] = sample.gyro_rad_s;
-            let [ax, ay, az] = sample.accel_m_s2;
-            table.row(&[
-                &sample.number,
-                &sample.time_ns,
-                &batch.sigma_ns,
-                host_time,
-                &sample.ticks,
-                &gx,
-                &gy,
-                &gz,
-                &ax,
-                &ay,
-                &az,
-                &maybe(temperature_c(&batch, k)),
-                &u8::from(batch.time_unreliable),
-            ])?;
-        }
-        Ok(())
-    } else if schema == Event::SCHEMA.name {
-        let Ok(e) = m.decode::<Event>() else {
-            return Ok(());
-        };
-        let kind = paws::event::Kind::try_from(e.kind).unwrap_or_default();
-        let kind = enum_words(kind.as_str_name(), "KIND_");
-        table.row(&[&m.time.0, &kind, &quoted(&e.source), &quoted(&e.text)])
-    } else if schema == Gap::SCHEMA.name {
-        let Ok(g) = m.decode::<Gap>() else {
-            return Ok(());
-        };
-        let cause = paws::gap::Cause::try_from(g.cause).unwrap_or_default();
-        table.row(&[
-            &quoted(&g.stream),
-            &g.first,
-            &g.last,
-            &g.count(),
-            &enum_words(cause.as_str_name(), "CAUSE_"),
-            &maybe(g.time_before),
-            &maybe(g.time_after),
-            &quoted(&g.detail),
-        ])
-    } else {
-        let Ok(set) = m.decode::<FrameSet>() else {
-            return Ok(());
-        };
-        let members: Vec<String> = cameras
-            .iter()
-            .map(|camera| {
-                let member = set.members.iter().find(|m| m.camera == *camera);
-                member.map_or(",".to_owned(), |m| format!("{},{}", m.number, m.time))
-            })
-            .collect();
-        table.row(&[&set.number, &set.time, &members.join(",")])
+    match schema {
+        n if n == Frame::SCHEMA.name => put_frame(table, m),
+        n if n == ImuBatch::SCHEMA.name => put_samples(table, m),
+        n if n == Event::SCHEMA.name => put_event(table, m),
+        n if n == Gap::SCHEMA.name => put_gap(table, m),
+        _ => put_frame_set(table, cameras, m),
     }
+}
+
+fn put_frame(table: &mut Table, m: &Message) -> Result<()> {
+    let Ok(f) = m.decode::<Frame>() else {
+        return Ok(());
+    };
+    table.row(&[
+        &f.number,
+        &f.time,
+        &f.sigma_ns,
+        &f.host_time,
+        &maybe(f.kernel_time),
+        &f.device_ticks,
+        &maybe(f.exposure_ns),
+        &f.payload_bytes,
+        &u8::from(f.key_frame),
+        &u8::from(f.frozen),
+        &f.clock_map,
+        &u8::from(f.time_unreliable),
+    ])
+}
+
+fn put_samples(table: &mut Table, m: &Message) -> Result<()> {
+    let Ok(batch) = m.decode::<ImuBatch>() else {
+        return Ok(());
+    };
+    for (k, sample) in complete_samples(&batch) {
+        let Some(host_time) = batch.host_times.get(k) else {
+            continue;
+        };
+        let [gx, gy, gz] = sample.gyro_rad_s;
+        let [ax, ay, az] = sample.accel_m_s2;
+        table.row(&[
+            &sample.number,
+            &sample.time_ns,
+            &batch.sigma_ns,
+            host_time,
+            &sample.ticks,
+            &gx,
+            &gy,
+            &gz,
+            &ax,
+            &ay,
+            &az,
+            &maybe(temperature_c(&batch, k)),
+            &u8::from(batch.time_unreliable),
+        ])?;
+    }
+    Ok(())
+}
+
+fn put_event(table: &mut Table, m: &Message) -> Result<()> {
+    let Ok(e) = m.decode::<Event>() else {
+        return Ok(());
+    };
+    let kind = paws::event::Kind::try_from(e.kind).unwrap_or_default();
+    let kind = enum_words(kind.as_str_name(), "KIND_");
+    table.row(&[&m.time.0, &kind, &quoted(&e.source), &quoted(&e.text)])
+}
+
+fn put_gap(table: &mut Table, m: &Message) -> Result<()> {
+    let Ok(g) = m.decode::<Gap>() else {
+        return Ok(());
+    };
+    let cause = paws::gap::Cause::try_from(g.cause).unwrap_or_default();
+    table.row(&[
+        &quoted(&g.stream),
+        &g.first,
+        &g.last,
+        &g.count(),
+        &enum_words(cause.as_str_name(), "CAUSE_"),
+        &maybe(g.time_before),
+        &maybe(g.time_after),
+        &quoted(&g.detail),
+    ])
+}
+
+fn put_frame_set(table: &mut Table, cameras: &[&str], m: &Message) -> Result<()> {
+    let Ok(set) = m.decode::<FrameSet>() else {
+        return Ok(());
+    };
+    let members: Vec<String> = cameras
+        .iter()
+        .map(|camera| {
+            let member = set.members.iter().find(|m| m.camera == *camera);
+            member.map_or(",".to_owned(), |m| format!("{},{}", m.number, m.time))
+        })
+        .collect();
+    table.row(&[&set.number, &set.time, &members.join(",")])
 }
 
 #[cfg(test)]
