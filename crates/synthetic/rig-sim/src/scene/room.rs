@@ -378,7 +378,16 @@ fn along_the_walls(b: &mut Builder, p: &Palette) {
     let south = wall([x, 0.0], [0.0, 0.0]);
     let north = wall([0.0, y], [x, y]);
 
-    // A shelf with books.
+    bookshelf(b, p, &south);
+    sofa(b, p, &south);
+    bar_and_radiators(b, p, &south, &north);
+    clothes_rail(b, p, &north);
+    glass_cabinet(b, p, &south);
+    floor_lamp(b, p);
+}
+
+/// A shelf with books.
+fn bookshelf(b: &mut Builder, p: &Palette, south: &Wall) {
     let shelf = b.of_thing(p.wood);
     let (left, right) = (5.6, 7.6);
     for along in [[left, left + 0.025], [right - 0.025, right]] {
@@ -411,13 +420,18 @@ fn along_the_walls(b: &mut Builder, p: &Palette) {
             }
         }
     }
-    // A sofa.
+}
+
+fn sofa(b: &mut Builder, p: &Palette, south: &Wall) {
     let sofa = b.of_thing(p.cloth[1]);
     south.block(b, [2.4, 4.4], [0.05, 0.4], [0.05, 0.75], sofa);
     south.block(b, [2.4, 4.4], [0.4, 0.8], [0.05, 0.22], sofa);
     south.block(b, [2.2, 2.4], [0.05, 0.6], [0.05, 0.75], sofa);
     south.block(b, [4.4, 4.6], [0.05, 0.6], [0.05, 0.75], sofa);
-    // A rail along the wall, as for exercise, and radiators under the windows.
+}
+
+/// A rail along the wall, as for exercise, and radiators under the windows.
+fn bar_and_radiators(b: &mut Builder, p: &Palette, south: &Wall, north: &Wall) {
     let bar = b.of_thing(p.wood);
     rail(
         b,
@@ -437,7 +451,10 @@ fn along_the_walls(b: &mut Builder, p: &Palette) {
         }
         north.block(b, [from, from + 1.3], [0.18, 0.21], [0.05, 0.11], radiator);
     }
-    // A rail with clothes.
+}
+
+/// A rail with clothes.
+fn clothes_rail(b: &mut Builder, p: &Palette, north: &Wall) {
     let stand = b.of_thing(p.steel);
     let (left, right) = (8.2, 9.6);
     for along in [left, right] {
@@ -466,7 +483,10 @@ fn along_the_walls(b: &mut Builder, p: &Palette) {
         let low = b.draw(0.5, 0.9);
         north.block(b, [at, at + 0.04], [low, 1.52], [0.15, 0.55], cloth);
     }
-    // A cabinet of glass in a corner.
+}
+
+/// A cabinet of glass in a corner.
+fn glass_cabinet(b: &mut Builder, p: &Palette, south: &Wall) {
     let cabinet = b.of_thing(p.wood);
     let (left, right, deep) = (0.5, 1.4, 0.4);
     for up in [[0.0, 0.3], [1.0, 1.02], [1.78, 1.82]] {
@@ -500,7 +520,10 @@ fn along_the_walls(b: &mut Builder, p: &Palette) {
         let ends = [at(along, up, 0.2), at(along, up + high, 0.2)];
         b.mesh.tube(ends, [0.05, 0.035], 12, 0.2, vase);
     }
-    // A lamp on a thin stem.
+}
+
+/// A lamp on a thin stem.
+fn floor_lamp(b: &mut Builder, p: &Palette) {
     let lamp = b.of_thing(p.steel);
     let foot = Vector3::new(0.45, 6.5, 0.0);
     rail(b, [foot, foot + Vector3::z() * 0.02], 0.3, lamp);

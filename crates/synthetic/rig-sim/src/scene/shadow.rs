@@ -111,24 +111,14 @@ pub(super) fn baked(
                     continue;
                 }
                 let name = edge(a, b);
-                if let Some(&ground_truth) = judged.get(&name) {
-                    piece.is_open |= ground_truth;
+                if let Some(&is_uneven) = judged.get(&name) {
+                    piece.is_open |= is_uneven;
                     continue;
                 }
-                let (la, lb) = (&piece.lit[i], &piece.lit[j]);
-                let samples = ((length / SAMPLE_SPACING_M) as usize).clamp(1, MAX_SAMPLES);
-                let ground_truth = (1..=samples).any(|n| {
-                    let t = n as f64 / (samples + 1) as f64;
-                    let p = a.position + (b.position - a.position) * t;
-                    let normal = (la.normal * (1.0 - t) + lb.normal * t).normalize();
-                    let found = sunlight(&p, &normal, &flat);
-                    let expected = la.sun + (lb.sun - la.sun) * t as f32;
-                    let level = found.max(expected) + la.soft;
-                    (found - expected).abs() > TOLERANCE * level
-                });
-                judged.insert(name, ground_truth);
-                piece.is_open |= ground_truth;
-                if ground_truth {
+                let is_uneven = is_uneven(piece, [i, j], length, &flat, &sunlight);
+                judged.insert(name, is_uneven);
+                piece.is_open |= is_uneven;
+                if is_uneven {
                     to_cut.push((distance.to_bits(), name));
                 }
             }
@@ -151,6 +141,29 @@ pub(super) fn baked(
         .collect();
     let triangles = pieces.into_iter().map(|p| p.triangle).collect();
     (Mesh { triangles }, light)
+}
+
+/// Whether the sunlight along an edge of this length differs from the interpolation between its
+/// corners.
+fn is_uneven(
+    piece: &Piece,
+    [i, j]: [usize; 2],
+    length: f64,
+    flat: &Vector3<f64>,
+    sunlight: &Sunlight<'_>,
+) -> bool {
+    let (a, b) = (&piece.triangle.corners[i], &piece.triangle.corners[j]);
+    let (la, lb) = (&piece.lit[i], &piece.lit[j]);
+    let samples = ((length / SAMPLE_SPACING_M) as usize).clamp(1, MAX_SAMPLES);
+    (1..=samples).any(|n| {
+        let t = n as f64 / (samples + 1) as f64;
+        let p = a.position + (b.position - a.position) * t;
+        let normal = (la.normal * (1.0 - t) + lb.normal * t).normalize();
+        let found = sunlight(&p, &normal, flat);
+        let expected = la.sun + (lb.sun - la.sun) * t as f32;
+        let level = found.max(expected) + la.soft;
+        (found - expected).abs() > TOLERANCE * level
+    })
 }
 
 /// A triangle, cut along the lines between the middles of its cut edges.
