@@ -19,6 +19,7 @@ use serde::Serialize;
 use serde_json::{Value, json};
 use session_archive::index::ImuIndex;
 use session_archive::layout;
+use session_archive::manifest::Camera;
 
 use crate::input::{HANDOFF, Input};
 use crate::pipeline::{Report, Stage, StageError, Work};
@@ -189,104 +190,18 @@ pub fn model(
         None => rig_file(input, &mut report),
     };
     let part_poses = PartPoses::new(rig.as_ref(), input, &mut report);
-    let mut cameras = Vec::new();
-    for camera in &input.manifest().cameras {
-        let name = camera.name.as_str();
-        let size = [camera.width / 2, camera.height];
-        let calibration = rig_overrides.calibrations.get(name);
-        let eye = |eye: &str, rig_overrides: Option<CameraModel>| {
-            let recorded = || {
-                let c = input.calibration(&format!("{name}/{eye}"))?;
-                camera_info::lens([c.width, c.height], &c.distortion_model, &c.d, &c.k)
-            };
-            rig_overrides.or_else(recorded)
-        };
-        let left = eye("left", calibration.map(|c| c.left));
-        let right = eye("right", calibration.map(|c| c.right));
-        let right_from_left = match calibration {
-            Some(calibration) => Some(calibration.right_from_left),
-            None => part_poses.transform(name, FramePart::Right, FramePart::Left),
-        };
-        let rig_from_left = part_poses.on_rig(name, FramePart::Left);
-        let (Some(left), Some(right)) = (left, right) else {
-            report
-                .losses
-                .push(format!("camera {name}: its intrinsics are not known"));
-            continue;
-        };
-        let (Some(right_from_left), Some((rig_from_left, covariance))) =
-            (right_from_left, rig_from_left)
-        else {
-            let loss = format!("camera {name}: its pose on the rig is not known");
-            report.losses.push(loss);
-            continue;
-        };
-        for (eye, lens) in [("left", &left), ("right", &right)] {
-            check_size(&format!("{name}/{eye}"), lens, size)?;
-        }
-        let line_s = rig_overrides.line_times_s.get(name).copied();
-        let line_s = line_s
-            .unwrap_or_else(|| devices::line_s(device(rig.as_ref(), name), camera, &mut report));
-        cameras.push(RigCamera {
-            name: name.to_owned(),
-            left,
-            right,
-            rig_from_left,
-            rig_from_left_covariance: covariance,
-            right_from_left,
-            right_from_left_covariance: None,
-            line_s,
-        });
-    }
-    if cameras.is_empty() {
-        return Err(RigStageError::NoCamera(report.losses.join("; ")));
-    }
-    if cameras.len() < input.manifest().cameras.len() {
-        let note = format!(
-            "cameras without intrinsics or a pose are left out; to use them: {}",
-            command_line::remedy::after_recording()
-        );
-        report.notes.push(note);
-    }
-    let mut imus = Vec::new();
-    for imu in &input.manifest().imus {
-        let name = imu.name.as_str();
-        let (camera, _) = name.rsplit_once('/').unwrap_or((name, ""));
-        let told_imu = rig_overrides.calibrations.get(camera).and_then(|c| c.imu);
-        let placed = match told_imu {
-            Some(imu) => part_poses
-                .on_rig(camera, FramePart::Left)
-                .map(|(rig_from_left, _)| (rig_from_left * imu.imu_from_left.inverse(), None)),
-            None => part_poses.on_rig(camera, FramePart::Imu),
-        };
-        let Some((rig_from_imu, covariance)) = placed else {
-            let loss = format!("IMU {name}: its pose on the rig is not known");
-            report.losses.push(loss);
-            continue;
-        };
-        let known = devices::imu(device(rig.as_ref(), camera), &imu.source);
-        let noise = told_imu.and_then(|imu| imu.noise);
-        imus.push(RigImu {
-            name: name.to_owned(),
-            rig_from_imu,
-            rig_from_imu_covariance: covariance,
-            rate_hz: (imu.rate_hz > 0.0).then_some(imu.rate_hz),
-            noise: Some(noise.unwrap_or_else(|| known.noise(name, &mut report))),
-            range: known.range,
-        });
-    }
-    if imus.len() < input.manifest().imus.len() {
-        let note = format!(
-            "IMUs without a pose are left out; to use them: `{}`, then `{}`",
-            command_line::remedy::CALIBRATE_IMUS,
-            command_line::remedy::RECONSTRUCT
-        );
-        report.notes.push(note);
-    }
-    let heard: BTreeMap<&str, f64> = (input.index().imus.iter())
+    let sources = Sources {
+        input,
+        rig_overrides,
+        rig: rig.as_ref(),
+        part_poses,
+    };
+    let cameras = sources.cameras(&mut report)?;
+    let mut imus = sources.imus(&mut report);
+    let coverage_s: BTreeMap<&str, f64> = (input.index().imus.iter())
         .map(|imu| (imu.name.as_str(), imu_coverage_s(imu)))
         .collect();
-    order_by_coverage(&mut imus, &heard, &mut report);
+    order_by_coverage(&mut imus, &coverage_s, &mut report);
     let revision = revision(input, rig_overrides);
     let model = RigModel {
         name: revision.name,
@@ -295,6 +210,138 @@ pub fn model(
         imus,
     };
     Ok((model, report))
+}
+
+/// What the rig is made from.
+struct Sources<'a> {
+    input: &'a Input,
+    rig_overrides: &'a RigOverrides,
+    rig: Option<&'a Rig>,
+    part_poses: PartPoses<'a>,
+}
+
+impl Sources<'_> {
+    /// The cameras with intrinsics and a pose; a note if some are left out.
+    ///
+    /// # Errors
+    /// There is none, or the intrinsics are those of another size of images.
+    fn cameras(&self, report: &mut Report) -> Result<Vec<RigCamera>, RigStageError> {
+        let all = &self.input.manifest().cameras;
+        let mut cameras = Vec::new();
+        for camera in all {
+            cameras.extend(self.camera(camera, report)?);
+        }
+        if cameras.is_empty() {
+            return Err(RigStageError::NoCamera(report.losses.join("; ")));
+        }
+        if cameras.len() < all.len() {
+            let note = format!(
+                "cameras without intrinsics or a pose are left out; to use them: {}",
+                command_line::remedy::after_recording()
+            );
+            report.notes.push(note);
+        }
+        Ok(cameras)
+    }
+
+    /// A camera; `None`, with a loss, if its intrinsics or its pose are not known.
+    fn camera(
+        &self,
+        camera: &Camera,
+        report: &mut Report,
+    ) -> Result<Option<RigCamera>, RigStageError> {
+        let name = camera.name.as_str();
+        let size = [camera.width / 2, camera.height];
+        let calibration = self.rig_overrides.calibrations.get(name);
+        let eye = |eye: &str, given: Option<CameraModel>| {
+            let recorded = || {
+                let c = self.input.calibration(&format!("{name}/{eye}"))?;
+                camera_info::lens([c.width, c.height], &c.distortion_model, &c.d, &c.k)
+            };
+            given.or_else(recorded)
+        };
+        let left = eye("left", calibration.map(|c| c.left));
+        let right = eye("right", calibration.map(|c| c.right));
+        let right_from_left = match calibration {
+            Some(calibration) => Some(calibration.right_from_left),
+            None => self
+                .part_poses
+                .transform(name, FramePart::Right, FramePart::Left),
+        };
+        let rig_from_left = self.part_poses.on_rig(name, FramePart::Left);
+        let (Some(left), Some(right)) = (left, right) else {
+            report
+                .losses
+                .push(format!("camera {name}: its intrinsics are not known"));
+            return Ok(None);
+        };
+        let (Some(right_from_left), Some((rig_from_left, covariance))) =
+            (right_from_left, rig_from_left)
+        else {
+            let loss = format!("camera {name}: its pose on the rig is not known");
+            report.losses.push(loss);
+            return Ok(None);
+        };
+        for (eye, lens) in [("left", &left), ("right", &right)] {
+            check_size(&format!("{name}/{eye}"), lens, size)?;
+        }
+        let line_s = self.rig_overrides.line_times_s.get(name).copied();
+        let line_s =
+            line_s.unwrap_or_else(|| devices::line_s(device(self.rig, name), camera, report));
+        Ok(Some(RigCamera {
+            name: name.to_owned(),
+            left,
+            right,
+            rig_from_left,
+            rig_from_left_covariance: covariance,
+            right_from_left,
+            right_from_left_covariance: None,
+            line_s,
+        }))
+    }
+
+    /// The IMUs with a pose; a loss for each other, and a note.
+    fn imus(&self, report: &mut Report) -> Vec<RigImu> {
+        let all = &self.input.manifest().imus;
+        let mut imus = Vec::new();
+        for imu in all {
+            let name = imu.name.as_str();
+            let (camera, _) = name.rsplit_once('/').unwrap_or((name, ""));
+            let calibrations = &self.rig_overrides.calibrations;
+            let given = calibrations.get(camera).and_then(|c| c.imu);
+            let placed = match given {
+                Some(imu) => self
+                    .part_poses
+                    .on_rig(camera, FramePart::Left)
+                    .map(|(rig_from_left, _)| (rig_from_left * imu.imu_from_left.inverse(), None)),
+                None => self.part_poses.on_rig(camera, FramePart::Imu),
+            };
+            let Some((rig_from_imu, covariance)) = placed else {
+                let loss = format!("IMU {name}: its pose on the rig is not known");
+                report.losses.push(loss);
+                continue;
+            };
+            let known = devices::imu(device(self.rig, camera), &imu.source);
+            let noise = given.and_then(|imu| imu.noise);
+            imus.push(RigImu {
+                name: name.to_owned(),
+                rig_from_imu,
+                rig_from_imu_covariance: covariance,
+                rate_hz: (imu.rate_hz > 0.0).then_some(imu.rate_hz),
+                noise: Some(noise.unwrap_or_else(|| known.noise(name, report))),
+                range: known.range,
+            });
+        }
+        if imus.len() < all.len() {
+            let note = format!(
+                "IMUs without a pose are left out; to use them: `{}`, then `{}`",
+                command_line::remedy::CALIBRATE_IMUS,
+                command_line::remedy::RECONSTRUCT
+            );
+            report.notes.push(note);
+        }
+        imus
+    }
 }
 
 /// Total time covered by an IMU's samples, s.
@@ -448,11 +495,11 @@ mod tests {
             noise: None,
             range: None,
         };
-        let order = |heard: [f64; 3]| {
+        let order = |coverage_s: [f64; 3]| {
             let mut imus = ["a", "b", "c"].map(imu);
-            let heard = ["a", "b", "c"].into_iter().zip(heard).collect();
+            let coverage_s = ["a", "b", "c"].into_iter().zip(coverage_s).collect();
             let mut report = Report::default();
-            order_by_coverage(&mut imus, &heard, &mut report);
+            order_by_coverage(&mut imus, &coverage_s, &mut report);
             (imus.map(|i| i.name).concat(), report.notes.len())
         };
         assert_eq!(order([59.8, 60.0, 60.0]), ("abc".to_owned(), 0));
