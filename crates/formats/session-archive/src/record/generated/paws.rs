@@ -60,13 +60,12 @@ pub struct Frame {
     /// The image equals the one before it, byte for byte, as delivered by the device.
     #[prost(bool, tag = "12")]
     pub frozen: bool,
-    /// `time` is unreliable: its error may exceed its sigma: the clock map had not settled yet, or
-    /// the device clock was suspected to have stepped.
+    /// `time` is unreliable: its error may exceed its sigma: the clock map had not settled yet, or the device
+    /// clock was suspected to have stepped.
     #[prost(bool, tag = "13")]
     pub time_unreliable: bool,
-    /// How much later the right eye's image was taken than the left's, ns, where two devices (or
-    /// two files or topics) made them and their times tell; absent where one device delivers both.
-    /// `time` is the left eye's.
+    /// How much later the right eye's image was taken than the left's, ns, where two devices (or two files or topics) made
+    /// them and their times tell; absent where one device delivers both. `time` is the left eye's.
     #[prost(sint64, optional, tag = "14")]
     pub eyes_apart_ns: ::core::option::Option<i64>,
 }
@@ -147,8 +146,7 @@ pub struct ClockMap {
     #[prost(message, repeated, tag = "6")]
     pub pieces: ::prost::alloc::vec::Vec<clock_map::Piece>,
     /// Constant latency from the instant that a time means to the arrival, as configured or
-    /// calibrated (then it counts from the middle of a tick); it cannot be seen in arrival times.
-    /// ns.
+    /// calibrated (then it counts from the middle of a tick); it cannot be seen in arrival times. ns.
     #[prost(sfixed64, tag = "7")]
     pub latency_ns: i64,
     /// One standard deviation of latency_ns.
@@ -157,8 +155,7 @@ pub struct ClockMap {
     /// Pairs of tick and arrival that the map rests on.
     #[prost(uint64, tag = "9")]
     pub samples: u64,
-    /// Counts the steps of the device clock, from 0; a map says nothing about ticks of another
-    /// epoch.
+    /// Counts the steps of the device clock, from 0; a map says nothing about ticks of another epoch.
     #[prost(uint32, tag = "10")]
     pub epoch: u32,
     /// Last tick that the map rests on; sigma grows beyond it.
@@ -195,9 +192,8 @@ pub mod clock_map {
         /// Host ns gained per device ns, parts per 1e9.
         #[prost(double, tag = "4")]
         pub rate_ppb: f64,
-        /// One standard deviation of a mapped time within the piece, ns. Not included: the
-        /// latency's own, and that of an instant somewhere in its tick (a tick's length over the
-        /// root of 12).
+        /// One standard deviation of a mapped time within the piece, ns. Not included: the latency's own,
+        /// and that of an instant somewhere in its tick (a tick's length over the root of 12).
         #[prost(uint64, tag = "5")]
         pub sigma_ns: u64,
         /// One standard deviation of rate_ppb.
@@ -320,8 +316,7 @@ pub mod gap {
         Unknown = 0,
         /// The device or its driver skipped numbers.
         Device = 1,
-        /// The device was disconnected, or its stream failed and was started again; the detail says
-        /// which.
+        /// The device was disconnected, or its stream failed and was started again; the detail says which.
         Disconnected = 2,
         /// The encoder could not keep up; whole frames were dropped before it.
         EncoderOverload = 3,
@@ -335,11 +330,9 @@ pub mod gap {
         Damaged = 7,
         /// The sample arrived too late, or twice, and was refused.
         Late = 8,
-        /// Dropped on purpose: load shedding on a machine that was too hot, too slow or short of
-        /// power.
+        /// Dropped on purpose: load shedding on a machine that was too hot, too slow or short of power.
         LoadShed = 9,
-        /// The machine was too slow to take or to make the samples in time: not a fault of the
-        /// device.
+        /// The machine was too slow to take or to make the samples in time: not a fault of the device.
         MachineOverload = 10,
     }
     impl Cause {
@@ -527,9 +520,8 @@ pub mod health {
     /// An IMU and its camera, tied by samples that the device marks as taken with a frame.
     #[derive(Clone, Copy, PartialEq, Eq, Hash, ::prost::Message)]
     pub struct FrameSync {
-        /// Time of an IMU sample by its clock map, less the time at which the camera's driver would
-        /// have stamped a frame taken with it, ns: subtract it from IMU times to have them on the
-        /// camera's stamps.
+        /// Time of an IMU sample by its clock map, less the time at which the camera's driver would have
+        /// stamped a frame taken with it, ns: subtract it from IMU times to have them on the camera's stamps.
         #[prost(sint64, tag = "1")]
         pub offset_ns: i64,
         /// One standard deviation of the offset, ns.
