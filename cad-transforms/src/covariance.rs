@@ -11,7 +11,7 @@
 //! with `v` a translation in metres and `w` a rotation vector in radians, **both in the axes of the
 //! child and about the child's origin**. The order is translation before rotation:
 //! `[vx, vy, vz, wx, wy, wz]`. For an optical frame the third number is thus along the view, and
-//! the sixth turns the image.
+//! the sixth is the rotation of the image in its plane.
 //!
 //! To first order a motion seen from another frame is `Ad * [v, w]` with the adjoint of the
 //! transform between the frames (Barfoot, State Estimation for Robotics, 2nd ed., section 8.1.4,

@@ -96,8 +96,8 @@ fn line_us(text: &str) -> Result<(Option<String>, f64)> {
 /// Calibrates the cameras of a session.
 ///
 /// # Errors
-/// The session cannot be read or has no such camera, there is no board, an output file exists already, or it cannot be
-/// written.
+/// The session cannot be read or has no such camera, there is no board, an output file exists
+/// already, or it cannot be written.
 pub(crate) fn run(
     session: &SessionFolder,
     options: &Options,

@@ -46,7 +46,8 @@ pub(crate) struct Options {
     /// was shown [default: those in the session]
     #[arg(long = "target", value_name = "FILE")]
     pub(crate) targets: Vec<PathBuf>,
-    /// The rig file to start from [default: the session's; without any the first camera is the origin of a new one]
+    /// The rig file to start from [default: the session's; without any the first camera is the
+    /// origin of a new one]
     #[arg(long, value_name = "FILE")]
     pub(crate) rig: Option<PathBuf>,
     /// Keep the lens model of the factory's file instead of choosing one

@@ -35,7 +35,8 @@ pub(crate) struct Options {
 /// Measures the noise of the IMUs of a session.
 ///
 /// # Errors
-/// The session cannot be read or has no such IMU, an output file exists already, or it cannot be written.
+/// The session cannot be read or has no such IMU, an output file exists already, or it cannot be
+/// written.
 pub(crate) fn run(
     session: &SessionFolder,
     options: &Options,

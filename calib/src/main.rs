@@ -1,11 +1,12 @@
 //! `paws-calib`: calibration of cameras, IMUs and the rig from recordings, one verb for each kind.
 //!
-//! `paws calib` starts this program. It reads sessions and calibration files and writes results; the library and its
-//! catalogue are unknown here: `paws` replaces a session of the library by its folder. The estimators are those of the
-//! crate `calib`, for which this program reads the sessions.
+//! `paws calib` starts this program. It reads sessions and calibration files and writes results;
+//! the library and its catalogue are unknown here: `paws` replaces a session of the library by its
+//! folder. The estimators are those of the crate `calib`, for which this program reads the
+//! sessions.
 //!
-//! Results go to standard output, progress and warnings to standard error. Exit codes: 0 fine, 1 failed, 2 bad
-//! arguments.
+//! Results go to standard output, progress and warnings to standard error. Exit codes: 0 fine, 1
+//! failed, 2 bad arguments.
 
 mod camera_imu;
 mod cameras;

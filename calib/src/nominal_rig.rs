@@ -210,7 +210,8 @@ mod tests {
 
     use super::*;
 
-    /// A rig file of boards alone, its origin the camera `feet`; the recorded transforms have `chest` besides.
+    /// A rig file of boards alone, its origin the camera `feet`; the recorded transforms have
+    /// `chest` besides.
     fn nominal(is_named: bool) -> NominalRig {
         let rig = Rig::from_parts(RigParts {
             name: "calibrated rig".to_owned(),

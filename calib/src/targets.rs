@@ -66,7 +66,8 @@ pub(crate) struct Options {
 /// Runs `paws calib targets`.
 ///
 /// # Errors
-/// The board or the paper is impossible, the board does not fit, an output file exists already, or cannot be written.
+/// The board or the paper is impossible, the board does not fit, an output file exists already, or
+/// cannot be written.
 pub(crate) fn run(options: &Options, console: &mut Console<'_>) -> Result<Outcome> {
     // The names of the other files are derived from it.
     if options

@@ -3,9 +3,9 @@
 //!
 //! A few bursts of images, spread over the parts of the session with high angular rates, are
 //! decoded, and all gyroscope samples are read. The result is a table of nominal and estimated
-//! values with verdicts by the limits of [`session_health::TABLE`]. A parameter that the recording does not
-//! constrain has no verdict, and a recording that constrains none is a WARN. Nothing is written
-//! into the session's folder. FAIL ends with exit code 1, everything else with 0.
+//! values with verdicts by the limits of [`session_health::TABLE`]. A parameter that the recording
+//! does not constrain has no verdict, and a recording that constrains none is a WARN. Nothing is
+//! written into the session's folder. FAIL ends with exit code 1, everything else with 0.
 
 mod page;
 mod result;
@@ -139,8 +139,8 @@ pub(crate) fn run(
     })
 }
 
-/// Measures the same and prints the metrics as JSON; `paws validate --deep` compares them with its limits. A session
-/// without enough calibration has none.
+/// Measures the same and prints the metrics as JSON; `paws validate --deep` compares them with its
+/// limits. A session without enough calibration has none.
 ///
 /// # Errors
 /// As [`check`].

@@ -1,5 +1,5 @@
 //! Real-time priority and locked memory for the recorder: threads that read devices run before the
-//! device overwrites unread data, and memory stays resident.
+//! device overwrites unread data, and memory is kept resident.
 //!
 //! Contract: each thread requests its priority itself, when it begins: a thread started by a
 //! real-time thread is an ordinary one, and no other thread knows when it runs. A refusal is

@@ -244,7 +244,8 @@ fn camera_edges(
     ]
 }
 
-/// The rig of a file whose parts are called like frames. `rig` is the part of that name, or the root.
+/// The rig of a file whose parts are called like frames. `rig` is the part of that name, or the
+/// root.
 ///
 /// # Errors
 /// [`MapError`]: no part is called like a frame, two are called alike, or the frames are no rig.

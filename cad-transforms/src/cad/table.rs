@@ -495,7 +495,7 @@ mod tests {
 
     #[test]
     fn all_forms_of_a_rotation_agree() {
-        // A third of a turn about (1, 1, 1): x to y, y to z, z to x.
+        // A rotation of 120° about (1, 1, 1): x to y, y to z, z to x.
         let third = "69.28203230275508";
         let tables = [
             "name,x_mm,y_mm,z_mm,qw,qx,qy,qz\na,20,140,100,0.5,0.5,0.5,0.5\n".to_owned(),

@@ -2,8 +2,8 @@
 //!
 //! Contract: every frame of either rig is in the result, `rig` left out, sorted by name. A change
 //! is a motion of the frame in its own axes, as the tolerances are, once as seen from `rig` and
-//! once from its neighbour: a mount that was bent moves all that hangs on it in `rig`, but one
-//! joint only.
+//! once from its neighbour: a mount that was bent moves all that is attached to it in `rig`, but
+//! one joint only.
 //!
 //! Everything else that a file holds is compared by [`other_changes`], in words. Numbers that
 //! differ by rounding are the same, see [`ROUNDING`]; so are files that say the same in another
@@ -184,7 +184,7 @@ pub fn other_changes(a: &Rig, b: &Rig) -> Vec<String> {
     words
 }
 
-/// Where a frame hangs, and its tolerance there.
+/// The neighbour that a frame is attached to, and the tolerance there.
 fn joint(frame: &Frame, was: &Step, is: &Step, words: &mut Vec<String>) {
     if was.next != is.next {
         let (was, is) = (&was.next, &is.next);

@@ -37,7 +37,8 @@ pub(crate) struct Arguments {
     /// Measure drift over consecutive segments, as evo does, not from every pose.
     #[arg(long)]
     consecutive: bool,
-    /// Which trajectory of a bundle: `trajectory`, `trajectory-causal`. Default: the first of these that is there.
+    /// Which trajectory of a bundle: `trajectory`, `trajectory-causal`. Default: the first of these
+    /// that is there.
     #[arg(long, value_name = "OUTPUT")]
     output: Option<String>,
     /// Output of `run --json` for each trajectory, for time and memory; in the same order.

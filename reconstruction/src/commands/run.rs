@@ -52,8 +52,8 @@ pub(crate) struct Arguments {
     /// Readout line time of a rolling shutter, microseconds; may be given for each camera.
     #[arg(long, value_name = "CAMERA=US", value_parser = named)]
     line_us: Vec<(String, String)>,
-    /// A stereo network instead of the built-in matcher (docs/reference/learned.md); ORT_DYLIB_PATH names
-    /// ONNX Runtime.
+    /// A stereo network instead of the built-in matcher (docs/reference/learned.md); ORT_DYLIB_PATH
+    /// names ONNX Runtime.
     #[arg(long, value_name = "MODEL.onnx")]
     depth_network: Option<PathBuf>,
     /// A segmentation network; movable objects get no depth (docs/reference/learned.md).

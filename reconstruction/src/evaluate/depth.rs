@@ -221,7 +221,8 @@ struct RectifiedPair {
     scale: f32,
     maps: [Map; 2],
     sizes: [[u32; 2]; 2],
-    /// Depth along the rectified axis for each metre along the recorded one, for each recorded pixel.
+    /// Depth along the rectified axis for each metre along the recorded one, for each recorded
+    /// pixel.
     stretch: [Vec<f32>; 2],
 }
 

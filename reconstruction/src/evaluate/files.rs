@@ -78,8 +78,8 @@ pub enum FileError {
     },
 }
 
-/// Reads the trajectory of a path. `output` is which one of a bundle; by default `trajectory`, where it has none
-/// `trajectory-causal`. A file has at most 1 GiB.
+/// Reads the trajectory of a path. `output` is which one of a bundle; by default `trajectory`,
+/// where it has none `trajectory-causal`. A file has at most 1 GiB.
 ///
 /// # Errors
 /// [`FileError`].

@@ -265,7 +265,8 @@ fn consistent_covariances_are_recognized_and_others_not() {
     };
     let right = found(1.0);
     assert_eq!((right.count, right.without), (2999, 1));
-    // The mean of 2999 chi-squares of 3 has a standard deviation of 0.045, of 6 of 0.063; twice 3 of those.
+    // The mean of 2999 chi-squares of 3 has a standard deviation of 0.045, of 6 of 0.063; twice 3
+    // of those.
     assert!((right.nees_translation - 3.0).abs() < 0.27, "{right:?}");
     assert!((right.nees_rotation - 3.0).abs() < 0.27, "{right:?}");
     assert!((right.nees - 6.0).abs() < 0.38, "{right:?}");

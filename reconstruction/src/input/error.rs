@@ -19,7 +19,8 @@ pub enum InputError {
         #[source]
         error: io::Error,
     },
-    /// Missing, not validated, failed and not accepted, edited or changed: validate and hand over again.
+    /// Missing, not validated, failed and not accepted, edited or changed: validate and hand over
+    /// again.
     #[error("checking the hand-off of the session {}", .path.display())]
     HandOff {
         /// The session's folder.

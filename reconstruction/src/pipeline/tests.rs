@@ -79,7 +79,8 @@ impl Stage<str> for Toy {
     }
 }
 
-/// Three stages: `rig` of the hand-off, `odometry` of both with two outputs, `depth` of one of these.
+/// Three stages: `rig` of the hand-off, `odometry` of both with two outputs, `depth` of one of
+/// these.
 struct Bench {
     folder: tempfile::TempDir,
     settings: [String; 3],

@@ -271,7 +271,8 @@ fn evo(interpreter: &Path, truth: &Path, estimate: &Path) -> Value {
     serde_json::from_slice(&output.stdout).expect("JSON")
 }
 
-/// evo needs Python 3.11, which not every machine that runs the other Python readers has, so it is not among them.
+/// evo needs Python 3.11, which not every machine that runs the other Python readers has, so it is
+/// not among them.
 #[test]
 fn evo_finds_the_same() {
     let named = ["PAWS_EVO_PYTHON", "PAWS_PYTHON"];

@@ -94,7 +94,7 @@ fn each_mistake_is_found_with_its_line() {
             "line 46: warning: feet is turned on its side",
         ][..1],
     );
-    // Rotated about z by half a turn: it looks back.
+    // Rotated about z by 180°: it looks back.
     check(
         with(
             "left_shoulder/left",

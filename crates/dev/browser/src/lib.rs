@@ -1,8 +1,8 @@
-//! A browser without a window, for tests of pages: controlled over a pipe (Chrome DevTools Protocol, messages that
-//! end with a zero byte).
+//! A browser without a window, for tests of pages: controlled over a pipe (Chrome DevTools
+//! Protocol, messages that end with a zero byte).
 //!
-//! Contract: where there is no browser, [`Browser::start`] prints a line beginning with `skipped:` and gives none.
-//! Everything that goes wrong afterwards panics, as tests do.
+//! Contract: where there is no browser, [`Browser::start`] prints a line beginning with `skipped:`
+//! and gives none. Everything that goes wrong afterwards panics, as tests do.
 
 use std::io::{BufRead, BufReader, Write};
 use std::path::{Path, PathBuf};
@@ -46,8 +46,8 @@ fn program() -> Option<PathBuf> {
 }
 
 impl Browser {
-    /// A browser with an empty page of this size in CSS pixels, two device pixels each. None, and the reason
-    /// printed, if there is no browser.
+    /// A browser with an empty page of this size in CSS pixels, two device pixels each. None, and
+    /// the reason printed, if there is no browser.
     pub fn start(width: u32, height: u32) -> Option<Self> {
         Self::start_with(&["--disable-gpu"], width, height)
     }

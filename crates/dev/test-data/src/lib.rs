@@ -11,7 +11,8 @@ pub fn folder() -> Option<PathBuf> {
     folder.canonicalize().ok().filter(|folder| folder.is_dir())
 }
 
-/// What has this path in the data folder, which is all of it for an empty one; none, with a line that says why, where it is absent.
+/// What has this path in the data folder, which is all of it for an empty one; none, with a line
+/// that says why, where it is absent.
 pub fn shared(path: &str) -> Option<PathBuf> {
     match sets([path]) {
         Ok([path]) => Some(path),

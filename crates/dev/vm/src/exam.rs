@@ -154,7 +154,7 @@ fn open(folder: &Path) -> Result<SessionReader> {
         .with_context(|| format!("opening the session {}", folder.display()))
 }
 
-/// The session in a folder of sessions; none if there is none. Other folders than one are an error.
+/// The session in a folder of sessions; `None` if there is none. Several sessions are an error.
 ///
 /// # Errors
 /// There are several, or the file system reports an I/O error.

@@ -77,7 +77,7 @@ impl WriteLog {
     /// Reads what the log consists of.
     ///
     /// # Errors
-    /// It cannot be read, or is none.
+    /// It cannot be read, or is not a log.
     pub fn open(path: &Path) -> Result<Self> {
         let reading = || format!("reading the log of writes {}", path.display());
         let file = File::open(path).with_context(reading)?;

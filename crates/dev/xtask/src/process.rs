@@ -35,7 +35,7 @@ pub(crate) fn target_folder() -> Result<PathBuf> {
 }
 
 /// The folder of real recordings, absolute, or `None` where there is none. A `PAWS_DATA` that
-/// names no folder is an error: somebody meant one.
+/// names no folder is an error.
 pub(crate) fn data_folder() -> Result<Option<PathBuf>> {
     if let Some(named) = std::env::var_os("PAWS_DATA") {
         let folder = std::fs::canonicalize(&named)

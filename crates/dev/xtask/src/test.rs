@@ -79,7 +79,7 @@ pub(crate) fn run(install: bool, quick: bool) -> Result<()> {
     conclude(&steps, &report)
 }
 
-/// Features that are off by default and tested all the same.
+/// Features that are disabled by default and nevertheless tested.
 const FEATURES: &str = "reconstruction/onnx";
 
 fn step(name: &'static str, work: impl FnOnce() -> Result<Ending>) -> Step {

@@ -38,7 +38,7 @@ pub struct ClockReading {
 /// The kernel's account of its civil clock (adjtimex(2)).
 #[derive(Clone, Debug, PartialEq, Eq, Serialize)]
 pub struct Kernel {
-    /// Whether somebody keeps it right.
+    /// Whether it is synchronised.
     pub synchronised: bool,
     /// What is still to be corrected, ns. Always 0 under chrony, which keeps its own account.
     pub offset_ns: i64,
@@ -81,7 +81,7 @@ pub struct ClockState {
     pub suspended_ns: i64,
     /// Uncertainty of the offset due to reading, ns.
     pub apart_ns: i64,
-    /// Whether somebody keeps the clock right; `None` where the kernel does not tell.
+    /// Whether the clock is synchronised; `None` where the kernel does not report it.
     pub synchronised: Option<bool>,
     /// The kernel's account.
     pub kernel: Option<Kernel>,

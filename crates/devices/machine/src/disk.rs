@@ -140,7 +140,7 @@ impl DiskWatch {
         self.window.clear();
     }
 
-    /// What a look at `at_ns` means.
+    /// State of the disk from a reading at `at_ns`.
     pub fn judge(&mut self, at_ns: i64, reading: &Result<Space, DiskError>) -> DiskState {
         let space = match reading {
             Ok(space) => space,

@@ -93,8 +93,8 @@ pub enum StreamError {
 }
 
 impl Stream {
-    /// Starts capturing in the mode that the camera is set to, with `buffers` buffers or as many
-    /// as the driver gives (see [`buffers`](Self::buffers)).
+    /// Starts capturing in the mode that the camera is set to, with `buffers` buffers or the number
+    /// that the driver gives (see [`buffers`](Self::buffers)).
     ///
     /// # Errors
     /// [`Busy`](CameraError::Busy) when anyone streams from it, this program included;

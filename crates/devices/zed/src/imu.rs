@@ -11,11 +11,11 @@
 //!   little else.
 //! * *A gap.* The device does not number its samples; [`crate::number`] does, and a number that
 //!   jumps is a loss.
-//! * *Silent, restarted, reopened, disconnected.* Each is an [`Event`]; recovery begins before the
-//!   next call waits.
-//! * *Gone.* When a read fails the device is closed. [`Imu::try_reopen`] finds it again, whatever
-//!   node it has then; the caller knows when to try: at each hotplug event, or each second. Numbers
-//!   go on.
+//! * *Silent, restarted, reopened.* Each is an [`Event`]; recovery begins before the next call
+//!   waits.
+//! * *Disconnected.* When a read fails the device is closed. [`Imu::try_reopen`] finds it again,
+//!   whatever node it has then; the caller knows when to try: at each hotplug event, or each
+//!   second. Numbers go on.
 //! * *At the end.* [`Imu::finish`] stops the stream and takes what still waits; dropping the driver
 //!   only stops it.
 //!

@@ -33,7 +33,7 @@ pub const TEMPERATURE_C: f64 = 0.01;
 /// Microtesla of one count of the magnetometer (`MAG_SCALE`).
 pub const MAGNETIC_UT: f64 = 1.0 / 16.0;
 
-/// A temperature that is none (`TEMP_NOT_VALID`).
+/// An invalid temperature (`TEMP_NOT_VALID`).
 const NO_TEMPERATURE: i16 = -27315;
 /// A field that holds a new value (`NEW_VAL`; 0 is none, 1 an old one).
 const NEW: u8 = 2;

@@ -55,8 +55,8 @@ pub(crate) enum InFolder {
     Named(&'static [&'static str]),
     /// A file with this extension, in any case.
     Extension(&'static str),
-    /// This file below the folder itself, or below the folder `inner` in it; the calibration is that
-    /// folder.
+    /// This file below the folder itself, or below the folder `inner` in it; the calibration is
+    /// that folder.
     Below {
         file: &'static str,
         inner: &'static str,

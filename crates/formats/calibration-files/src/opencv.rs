@@ -1,5 +1,6 @@
 //! OpenCV's FileStorage YAML: one camera (`camera_matrix`, `distortion_coefficients`) or a pair
-//! (`K1 D1 K2 D2 R T`, or `M1 ...` with R and T in `extrinsics.yml`, as OpenCV's own samples write them).
+//! (`K1 D1 K2 D2 R T`, or `M1 ...` with R and T in `extrinsics.yml`, as OpenCV's own samples write
+//! them).
 //!
 //! Contract: R and T take points from the left to the right camera. The files have neither a unit
 //! nor, often, the image size or the lens model: T must be in metres, and a pair more than 10 m
@@ -233,7 +234,8 @@ fn camera(
     Ok(model)
 }
 
-/// The numbers of a matrix: its `data`, or itself where it is a plain list. Checks rows and columns.
+/// The numbers of a matrix: its `data`, or itself where it is a plain list. Checks rows and
+/// columns.
 pub(crate) fn data<'a>(at: &At<'a>, shape: Option<[u32; 2]>) -> Result<At<'a>, CalibError> {
     if at.is_list() {
         return Ok(at.clone());

@@ -1,5 +1,5 @@
-//! `K.txt` of a rectified pair: nine numbers of the camera matrix on the first line, rows first, and
-//! the baseline in metres on the second. FoundationStereo's demo data has this form.
+//! `K.txt` of a rectified pair: nine numbers of the camera matrix on the first line, rows first,
+//! and the baseline in metres on the second. FoundationStereo's demo data has this form.
 //!
 //! Contract: both cameras are the same ideal pinhole, the right one displaced along x. The file has
 //! no resolution; that the principal point is inside the image is the only possible check.

@@ -1,5 +1,5 @@
-//! ROS `camera_info` YAML as `camera_calibration` and `camera_calibration_parsers` write it, one file per
-//! camera.
+//! ROS `camera_info` YAML as `camera_calibration` and `camera_calibration_parsers` write it, one
+//! file per camera.
 //!
 //! Contract: a file whose name is `left`, or ends in `_left` or `-left`, is read together with its
 //! `right` sibling, and vice versa. The pair's extrinsics follow from its rectification:

@@ -385,8 +385,8 @@ fn right_from_left(
         );
         return Err(source.malformed(line, text, &expected));
     }
-    // Keys carry the resolution, in old files with a longer suffix. A derived resolution may have its
-    // own keys or only those of the one it is derived from.
+    // Keys carry the resolution, in old files with a longer suffix. A derived resolution may have
+    // its own keys or only those of the one it is derived from.
     let per_resolution = |name: &str| {
         [tag, shape.section_tag]
             .iter()

@@ -30,8 +30,8 @@ impl SessionFolder {
         }
     }
 
-    /// The session that the path `text` names: its folder, or a file in it. `None` if `text` is neither
-    /// and no folder at all.
+    /// The session that the path `text` names: its folder, or a file in it. `None` if `text` is
+    /// neither and no folder at all.
     ///
     /// # Errors
     /// `text` is a folder without a session.

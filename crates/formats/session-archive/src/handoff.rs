@@ -289,7 +289,7 @@ impl HandOff {
     }
 
     /// The hand-off as it is written, with its own checks (the document's hash, the seal), but
-    /// without a look at any file, and whatever its verdict is.
+    /// without a check of any file, and whatever its verdict is.
     ///
     /// # Errors
     /// [`HandOffError::Missing`], [`HandOffError::Io`], [`HandOffError::Invalid`].

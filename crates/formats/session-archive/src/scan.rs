@@ -364,7 +364,7 @@ impl Scan {
         Ok(matches.then_some(footer.summary_start))
     }
 
-    /// A chunk does not match its checksum. Its length is believed if a record follows it.
+    /// A chunk does not match its checksum. Its length is used if a record follows it.
     fn skip_chunk(&mut self, at: u64, whole: u64) -> io::Result<()> {
         let after = at + whole;
         let left = self.limit - after;

@@ -1,4 +1,4 @@
-//! Text that people and devices give, and that ends up on somebody's screen.
+//! Text that people and devices give, and that is shown on a screen.
 //!
 //! Names of sessions, marks, sources, reasons of a stop: all of it is recorded as it was given and
 //! read back years later by programs on other machines. Two rules keep it from doing more than

@@ -45,7 +45,7 @@ use head_chunk::encode;
 use open_segment::OpenSegment;
 use video::VideoRef;
 
-/// How far one camera has come.
+/// Progress of one camera.
 #[derive(Clone, Copy, Default)]
 struct VideoProgress {
     /// It put something into the open chunk, so closing it waits for its next key frame.
@@ -336,7 +336,7 @@ impl SessionWriter {
     ///
     /// # Errors
     /// See [`WriteError`]; [`WriteError::Finished`] after a fatal error, which was returned when it
-    /// happened. The session can be opened all the same, up to what was durable.
+    /// happened. The session can nevertheless be opened, up to what was durable.
     pub fn close(&mut self, stop: Stop) -> Result<Manifest, WriteError> {
         let mut result = if self.finished {
             Err(WriteError::Finished)

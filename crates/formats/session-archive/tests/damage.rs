@@ -406,7 +406,7 @@ fn a_search_through_false_starts_ends() {
 }
 
 /// A chunk whose checksum holds over bytes that are no records: no writer of ours makes it, and
-/// nothing in it is believed.
+/// nothing in it is used.
 #[test]
 fn a_signed_chunk_of_nonsense_is_damage() {
     let written = Written::new();

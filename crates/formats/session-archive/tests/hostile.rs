@@ -1,5 +1,5 @@
 //! Session folders from strangers on a real disk: what is no file is never opened, and no length
-//! that a file claims is believed. What must not take memory runs in a process that has little.
+//! that a file states is trusted. What must not take memory runs in a process that has little.
 
 use std::fs;
 use std::os::unix::fs::symlink;

@@ -678,7 +678,7 @@ fn a_session_without_its_manifest() {
 }
 
 /// The heads of a recovered copy fit the copy, whose segments have other lengths: they would be
-/// believed if its manifest were lost.
+/// used if its manifest were lost.
 #[test]
 fn a_recovered_copy_stands_without_its_manifest() {
     let (_, disk) = long();

@@ -1,8 +1,8 @@
 //! Verdicts of a session: metrics, their limits, and findings.
 //!
-//! A metric is measured somewhere else; [`finding`] compares it with its [`Limit`]. The limits are one table,
-//! [`TABLE`], in which the user may set rows ([`Limits::set`]). [`Measurement`] carries a metric from one program to
-//! another.
+//! A metric is measured somewhere else; [`finding`] compares it with its [`Limit`]. The limits are
+//! one table, [`TABLE`], in which the user may set rows ([`Limits::set`]). [`Measurement`] carries
+//! a metric from one program to another.
 
 mod finding;
 mod limits;

@@ -54,8 +54,8 @@ pub struct LengthMismatch {
 /// All samples of a batch, in the order of their numbers.
 ///
 /// # Errors
-/// The number of times or values does not fit that of the samples, or values are stored both as counts and in SI
-/// units.
+/// The number of times or values does not fit that of the samples, or values are stored both as
+/// counts and in SI units.
 pub fn samples(batch: &ImuBatch) -> Result<Vec<ImuSample>, LengthMismatch> {
     let samples = batch.device_ticks.len();
     let mismatch = |what, found| LengthMismatch {
@@ -80,8 +80,8 @@ pub fn samples(batch: &ImuBatch) -> Result<Vec<ImuSample>, LengthMismatch> {
     Ok(complete_samples(batch).map(|(_, sample)| sample).collect())
 }
 
-/// The samples of a batch that have a time, ticks and all six values, in the order of their numbers,
-/// each with its position in the batch.
+/// The samples of a batch that have a time, ticks and all six values, in the order of their
+/// numbers, each with its position in the batch.
 pub fn complete_samples(batch: &ImuBatch) -> impl Iterator<Item = (usize, ImuSample)> + '_ {
     (0..batch.times.len()).filter_map(|k| Some((k, sample(batch, k)?)))
 }

@@ -3,7 +3,8 @@
 //!
 //! - [`imu`]: stored IMU batches to samples in SI units, in one place, and the rules for gaps.
 //! - [`image`]: decoded images, one per eye.
-//! - [`session`]: an indexed session: its frames, frame sets and IMU samples, in order or by number.
+//! - [`session`]: an indexed session: its frames, frame sets and IMU samples, in order or by
+//!   number.
 //! - [`visit`]: all images of a camera through a callback, on all cores.
 //! - [`stills`]: a few small images of a camera.
 //!

@@ -213,8 +213,8 @@ impl Session {
         self.content.kept_frames.start(file, max_bytes);
     }
 
-    /// Keeps a frame that will probably be read again, so that it is not decoded again. Does nothing
-    /// without a file, above its limit, or if writing fails.
+    /// Keeps a frame that will probably be read again, so that it is not decoded again. Does
+    /// nothing without a file, above its limit, or if writing fails.
     pub fn keep(&self, frame: &StereoFrame) {
         let StereoFrame {
             camera,

@@ -4,16 +4,17 @@
 //! that is printed black or would be), x right, y down, z into the board, away from the viewer;
 //! metres. Every board is upright in it, so that no coordinate in the pattern is negative.
 //!
-//! - **Chessboard**: squares side by side, the top left one black. Corner `row * columns + column`, row by
-//!   row from the top left. A board on which both sides, or neither, have an even number of inner corners
-//!   is symmetric under half a turn; see [`Target::is_rotationally_symmetric`].
-//! - **AprilGrid**, as Kalibr's `kalibr_create_target_pdf` draws it: tags of family 36h11 with a border two
-//!   cells wide, black squares in the crossings of the gaps, so that every corner of a tag is a crossing of
-//!   black and white. Tag `first_id` is at the **bottom** left, ids grow to the right and then upwards.
-//!   Corner `4 * tag id + k` with `k` 0 bottom left, 1 bottom right, 2 top right, 3 top left of the tag. This
-//!   is Kalibr's order of a tag's corners; Kalibr's own y axis points up from the bottom left.
-//! - **ChArUco**, as OpenCV draws it since 4.6 (no legacy pattern): a chessboard with the top left square
-//!   black and ArUco markers in the white squares, ids row by row from the top left. Corner
+//! - **Chessboard**: squares side by side, the top left one black. Corner `row * columns + column`,
+//!   row by row from the top left. A board on which both sides, or neither, have an even number of
+//!   inner corners is symmetric under half a turn; see [`Target::is_rotationally_symmetric`].
+//! - **AprilGrid**, as Kalibr's `kalibr_create_target_pdf` draws it: tags of family 36h11 with a
+//!   border two cells wide, black squares in the crossings of the gaps, so that every corner of a
+//!   tag is a crossing of black and white. Tag `first_id` is at the **bottom** left, ids grow to
+//!   the right and then upwards. Corner `4 * tag id + k` with `k` 0 bottom left, 1 bottom right, 2
+//!   top right, 3 top left of the tag. This is Kalibr's order of a tag's corners; Kalibr's own y
+//!   axis points up from the bottom left.
+//! - **ChArUco**, as OpenCV draws it since 4.6 (no legacy pattern): a chessboard with the top left
+//!   square black and ArUco markers in the white squares, ids row by row from the top left. Corner
 //!   `row * (columns - 1) + column` of the inner corners, row by row from the top left.
 
 use crate::codes::Dictionary;

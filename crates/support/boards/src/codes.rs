@@ -23,7 +23,8 @@ pub enum Dictionary {
         /// Number of markers.
         count: u32,
     },
-    /// The first `count` (50, 100 or 250) ArUco markers of 6 x 6 bits; at least 13, 12, 11 bits apart.
+    /// The first `count` (50, 100 or 250) ArUco markers of 6 x 6 bits; at least 13, 12, 11 bits
+    /// apart.
     Aruco6x6 {
         /// Number of markers.
         count: u32,

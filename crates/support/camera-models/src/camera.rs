@@ -1,8 +1,8 @@
 //! Lens models as data. How they project: [`Lens`](crate::Lens).
 //!
 //! Contract: pixel coordinates have integer values at pixel centres, the top-left pixel's centre is
-//! (0, 0). Coefficients have OpenCV's meaning and order where OpenCV has the model, so that they can
-//! be handed on unchanged.
+//! (0, 0). Coefficients have OpenCV's meaning and order where OpenCV has the model, so that they
+//! can be handed on unchanged.
 
 use serde::{Deserialize, Serialize};
 

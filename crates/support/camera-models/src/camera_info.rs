@@ -16,7 +16,8 @@ pub struct CameraInfo {
     pub width: u32,
     /// Image height, pixels.
     pub height: u32,
-    /// `plumb_bob`, `rational_polynomial`, `kannala_brandt`, `double_sphere`, `eucm`, or empty for none.
+    /// `plumb_bob`, `rational_polynomial`, `kannala_brandt`, `double_sphere`, `eucm`, or empty for
+    /// none.
     pub distortion_model: &'static str,
     /// Coefficients: 5, 8, 4, 2 or 2 by model, none without one.
     pub d: Vec<f64>,

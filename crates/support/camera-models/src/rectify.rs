@@ -40,7 +40,8 @@ pub enum View {
 
 /// A rectified pair.
 ///
-/// The same point in both images of a pair whose right eye is rotated, and its distance from the disparity:
+/// The same point in both images of a pair whose right eye is rotated, and its distance from the
+/// disparity:
 ///
 /// ```
 /// # use cad_transforms::RigidTransform;

@@ -81,8 +81,8 @@ impl CameraSet {
     /// `right` in their names, otherwise the first two.
     ///
     /// # Errors
-    /// [`InvalidCalibration::Missing`] without such cameras or their pose, [`InvalidCalibration::Implausible`] if
-    /// left and right are swapped.
+    /// [`InvalidCalibration::Missing`] without such cameras or their pose,
+    /// [`InvalidCalibration::Implausible`] if left and right are swapped.
     ///
     /// ```
     /// use cad_transforms::RigidTransform;
@@ -202,8 +202,8 @@ impl CameraSet {
     /// Notes on implausible poses of the cameras.
     ///
     /// # Errors
-    /// [`InvalidCalibration::Implausible`] if cameras called left and right are swapped. Two cameras with
-    /// other names may be anywhere, so for them it is a note.
+    /// [`InvalidCalibration::Implausible`] if cameras called left and right are swapped. Two
+    /// cameras with other names may be anywhere, so for them it is a note.
     pub fn plausibility_notes(&self) -> Result<Vec<Note>, InvalidCalibration> {
         let mut notes = Vec::new();
         for NamedCamera {

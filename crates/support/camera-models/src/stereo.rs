@@ -109,8 +109,8 @@ impl StereoCalibration {
     /// The calibration itself, if its values are valid.
     ///
     /// # Errors
-    /// [`InvalidCalibration::Implausible`] for impossible intrinsics, sensors that are farther apart
-    /// than [`MAX_BASELINE_M`], and swapped eyes.
+    /// [`InvalidCalibration::Implausible`] for impossible intrinsics, sensors that are farther
+    /// apart than [`MAX_BASELINE_M`], and swapped eyes.
     pub fn validate(self) -> Result<Self, InvalidCalibration> {
         let cameras = [("left", &self.left), ("right", &self.right)];
         let lens = cameras.iter().find_map(|(name, camera)| {

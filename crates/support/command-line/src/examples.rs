@@ -1,15 +1,15 @@
 //! Examples at the end of each verb's help.
 //!
-//! A program keeps one [`Table`] of them and gives it to [`add`]; [`check`] is for its tests: every verb has examples,
-//! and the program takes each of them for that verb.
+//! A program keeps one [`Table`] of them and gives it to [`add`]; [`check`] is for its tests: every
+//! verb has examples, and the program takes each of them for that verb.
 
 use clap::Command;
 
 /// What stands above the examples in a help text.
 pub const HEADING: &str = "Examples:";
 
-/// One verb: the words of it with spaces between, as in `calib imu`; then its command lines, each with what it does.
-/// Words of a command line that have spaces stand in `'` quotes.
+/// One verb: the words of it with spaces between, as in `calib imu`; then its command lines, each
+/// with what it does. Words of a command line that have spaces stand in `'` quotes.
 pub type Verb = (&'static str, &'static [(&'static str, &'static str)]);
 
 /// All verbs of a program.
@@ -41,8 +41,8 @@ fn text(examples: &[(&str, &str)]) -> String {
     text
 }
 
-/// What is wrong with the examples of a program, one line each: verbs without examples, and command lines that the
-/// program refuses or takes for something else.
+/// What is wrong with the examples of a program, one line each: verbs without examples, and command
+/// lines that the program refuses or takes for something else.
 pub fn check(command: &Command) -> Vec<String> {
     let mut wrong = Vec::new();
     let mut command = command.clone();

@@ -1,14 +1,15 @@
 //! What the help of each option has to say: the words that it takes, and the unit of a number.
 //!
-//! [`check`] is for the tests of programs. The words are listed by clap itself, as long as it knows them
-//! ([`clap::builder::TypedValueParser::possible_values`]) and nobody hides them.
+//! [`check`] is for the tests of programs. The words are listed by clap itself, as long as it knows
+//! them ([`clap::builder::TypedValueParser::possible_values`]) and nobody hides them.
 
 use std::any::TypeId;
 use std::num::{NonZeroU32, NonZeroU64, NonZeroUsize};
 
 use clap::{Arg, Command};
 
-/// Names of values that say what a number is: `N` is a count or another plain number, `X` a factor; the others are units.
+/// Names of values that say what a number is: `N` is a count or another plain number, `X` a factor;
+/// the others are units.
 const UNITS: [&str; 10] = [
     "N", "X", "SECONDS", "MS", "US", "HZ", "MM", "DEGREES", "PERCENT", "PIXELS",
 ];
@@ -26,8 +27,8 @@ const WORDS: [&str; 9] = [
     "Hz",
 ];
 
-/// What is wrong with the helps of a program, one line each: options that take one of some words and do not list them, and
-/// options that take a number and do not name its unit.
+/// What is wrong with the helps of a program, one line each: options that take one of some words
+/// and do not list them, and options that take a number and do not name its unit.
 pub fn check(command: &Command) -> Vec<String> {
     let mut wrong = Vec::new();
     let mut command = command.clone();

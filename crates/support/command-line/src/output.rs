@@ -1,15 +1,16 @@
 //! Results, messages and the end of a program.
 //!
-//! Contract: results go to standard output, everything else to standard error. Nobody has to listen: a reader that closes
-//! the pipe ends a program that only prints with 0, as its output is complete; a message that cannot be printed is left out.
-//! Any other failure to write a result is an error.
+//! Contract: results go to standard output, everything else to standard error. Nobody has to
+//! listen: a reader that closes the pipe ends a program that only prints with 0, as its output is
+//! complete; a message that cannot be printed is left out. Any other failure to write a result is
+//! an error.
 
 use std::fmt::Display;
 use std::io::{self, Write};
 use std::process::ExitCode;
 
-/// Prints a message to standard error as `eprintln!` does, and goes on if nobody reads it. What others named does not
-/// act on the terminal: see [`harmless`].
+/// Prints a message to standard error as `eprintln!` does, and goes on if nobody reads it. What
+/// others named does not act on the terminal: see [`harmless`].
 #[macro_export]
 macro_rules! complain {
     ($($text:tt)*) => {{
@@ -19,9 +20,10 @@ macro_rules! complain {
     }};
 }
 
-/// A text in which control characters, separators of lines and paragraphs and marks that change the direction of writing
-/// are spelled, as `\u001b`. Line breaks and tabs stay. (Recorded names are shown by the same rule, which
-/// `session_archive::text` states; this crate knows nothing of sessions. That both agree is tested by pawsd.)
+/// A text in which control characters, separators of lines and paragraphs and marks that change the
+/// direction of writing are spelled, as `\u001b`. Line breaks and tabs stay. (Recorded names are
+/// shown by the same rule, which `session_archive::text` states; this crate knows nothing of
+/// sessions. That both agree is tested by pawsd.)
 pub fn harmless(text: &str) -> String {
     let mut shown = String::with_capacity(text.len());
     for c in text.chars() {
@@ -34,8 +36,9 @@ pub fn harmless(text: &str) -> String {
     shown
 }
 
-/// Whether a character acts on a terminal, or on the order of the text around it, instead of being visible: control
-/// characters, separators of lines and paragraphs, marks of the direction of writing, the byte order mark.
+/// Whether a character acts on a terminal, or on the order of the text around it, instead of being
+/// visible: control characters, separators of lines and paragraphs, marks of the direction of
+/// writing, the byte order mark.
 pub fn is_hidden(c: char) -> bool {
     c.is_control()
         || matches!(c, '\u{61c}' | '\u{200e}' | '\u{200f}' | '\u{2028}'..='\u{202e}' | '\u{2066}'..='\u{2069}' | '\u{feff}')
@@ -50,7 +53,8 @@ pub fn print(line: impl Display) -> io::Result<()> {
     writeln!(out, "{line}").and_then(|()| out.flush())
 }
 
-/// Whether `-q` was given, or something else lets the logger pass on only what failed: then progress is not shown either.
+/// Whether `-q` was given, or something else lets the logger pass on only what failed: then
+/// progress is not shown either.
 pub fn is_quiet() -> bool {
     log::max_level() < log::LevelFilter::Warn
 }
@@ -63,8 +67,8 @@ pub fn is_broken_pipe(error: &anyhow::Error) -> bool {
     })
 }
 
-/// The exit code of a program that has come to its end: the one that it found, 0 if its reader closed the pipe, and 1
-/// for an error, which is printed.
+/// The exit code of a program that has come to its end: the one that it found, 0 if its reader
+/// closed the pipe, and 1 for an error, which is printed.
 pub fn finish(result: anyhow::Result<ExitCode>) -> ExitCode {
     match result {
         Ok(code) => code,

@@ -45,7 +45,8 @@ pub enum ShellName {
 }
 
 impl Papers {
-    /// Writes the requested output: completions to `out`, manual pages to their folder. `command` is the program's.
+    /// Writes the requested output: completions to `out`, manual pages to their folder. `command`
+    /// is the program's.
     ///
     /// # Errors
     /// The file system reports an I/O error, or the reader of `out` has closed it.

@@ -41,7 +41,8 @@ impl Verbosity {
         }
     }
 
-    /// A logger at that level. Without `-v` and `-q` the variable `RUST_LOG` counts, where it is set.
+    /// A logger at that level. Without `-v` and `-q` the variable `RUST_LOG` counts, where it is
+    /// set.
     pub fn logger(self, usual: LevelFilter) -> Builder {
         if self == Self::default() {
             let usual = env_logger::Env::default().default_filter_or(usual.to_string());

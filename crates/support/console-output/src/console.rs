@@ -22,7 +22,8 @@ pub struct Console<'a> {
 }
 
 impl Console<'_> {
-    /// Writes one line of results. Control characters, as in names out of a session, are written as `\u001b`.
+    /// Writes one line of results. Control characters, as in names out of a session, are written as
+    /// `\u001b`.
     ///
     /// # Errors
     /// The reader of the output has closed it.

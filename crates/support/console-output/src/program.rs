@@ -18,7 +18,8 @@ use crate::progress::Show;
 #[error("{0}")]
 pub struct BadArguments(pub String);
 
-/// Starts the logger: warnings on standard error, one line each, or what `verbosity` says. A second call has no effect.
+/// Starts the logger: warnings on standard error, one line each, or what `verbosity` says. A second
+/// call has no effect.
 pub fn start_logger(verbosity: Verbosity) {
     let mut logger = verbosity.logger(LevelFilter::Warn);
     logger.format(|out, record| {
@@ -28,8 +29,8 @@ pub fn start_logger(verbosity: Verbosity) {
     let _ = logger.try_init();
 }
 
-/// Runs a command with the machine's console and returns the exit code. An error is printed with the name of the
-/// program; a reader that closes the pipe is no error.
+/// Runs a command with the machine's console and returns the exit code. An error is printed with
+/// the name of the program; a reader that closes the pipe is no error.
 pub fn run_command(
     program: &str,
     verbosity: Verbosity,

@@ -1,8 +1,8 @@
 //! Counter-based random numbers: the same `(seed, stream, index)` gives the same number,
 //! independent of previous draws, so a lost frame changes nothing else.
 //!
-//! Everything here is exact integer arithmetic or IEEE 754 basic operations, hence the same on every
-//! machine; the logarithm of the standard library is not.
+//! Everything here is exact integer arithmetic or IEEE 754 basic operations, hence the same on
+//! every machine; the logarithm of the standard library is not.
 
 /// 64 random bits (the finalizer of SplitMix64, Steele, Lea and Flood 2014, applied twice).
 pub fn bits(seed: u64, stream: u64, index: u64) -> u64 {
@@ -38,8 +38,8 @@ pub fn bell(seed: u64, stream: u64, index: u64) -> f64 {
     (sum as f64 / 65_535.0 - 2.0) * 1.732_050_807_568_877_2
 }
 
-/// Natural logarithm of a normal positive number, to 1e-11: the exponent's share, and for the mantissa
-/// `m` in 1..2 the series of `2 artanh((m - 1) / (m + 1))`.
+/// Natural logarithm of a normal positive number, to 1e-11: the exponent's share, and for the
+/// mantissa `m` in 1..2 the series of `2 artanh((m - 1) / (m + 1))`.
 fn ln(x: f64) -> f64 {
     let exponent = (x.to_bits() >> 52) as i32 - 1023;
     let mantissa = f64::from_bits((x.to_bits() & ((1 << 52) - 1)) | (1023 << 52));

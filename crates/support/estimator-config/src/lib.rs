@@ -1,9 +1,10 @@
 //! Tables of tuned constants.
 //!
-//! An estimator has one `Config`, a struct of small structs, one per concern. Each field states what
-//! it does, its unit, where its value comes from, and what happens when it is wrong. [`config!`]
-//! keeps the value beside these lines, and makes the struct readable and printable through serde, so
-//! that the whole of it can be stored with a result and changed for an experiment.
+//! An estimator has one `Config`, a struct of small structs, one per concern. Each field states
+//! what it does, its unit, where its value comes from, and what happens when it is wrong.
+//! [`config!`] keeps the value beside these lines, and makes the struct readable and printable
+//! through serde, so that the whole of it can be stored with a result and changed for an
+//! experiment.
 //!
 //! Physical constants, array sizes and layouts on disk are not tuned and remain constants. Pixels
 //! are pixels of the image as given, at any resolution: the accuracy of matching is a fraction of a

@@ -20,7 +20,8 @@ config! {
         /// Maximum number of iterations per level. Fewer lose fast motion; more cost time, mainly
         /// for patches that are lost anyway.
         pub max_iterations: usize = 10,
-        /// Length of a step at which the alignment has converged, px. It bounds the bias of a track.
+        /// Length of a step at which the alignment has converged, px. It bounds the bias of a
+        /// track.
         pub convergence_px: f64 = 0.01,
         /// Maximum distance between the start and the position tracked back to it, px. Higher lets
         /// slips along edges through.

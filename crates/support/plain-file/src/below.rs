@@ -1,5 +1,5 @@
-//! Files below a folder in which no link is followed: a session's, a bundle's. The author of such a folder must not be
-//! able to name a file outside of it.
+//! Files below a folder in which no link is followed: a session's, a bundle's. The author of such a
+//! folder must not be able to name a file outside of it.
 
 use std::ffi::OsStr;
 use std::fs::File;
@@ -11,8 +11,8 @@ use rustix::fs::{AtFlags, CWD, FileType, Mode, OFlags, openat, statat};
 
 use crate::{Kind, NotFolder, checked, not_plain, read_file};
 
-/// Opens the regular file at the relative `path` below `root`. `root` itself may be or lie behind a link; below it none
-/// is followed, and `..` is refused.
+/// Opens the regular file at the relative `path` below `root`. `root` itself may be or lie behind a
+/// link; below it none is followed, and `..` is refused.
 ///
 /// # Errors
 /// [`crate::NotPlain`], [`NotFolder`], or what the disk says.

@@ -1,14 +1,15 @@
 //! Opening and reading files that others made.
 //!
-//! Contract: what is opened is a regular file, and opening it never waits. A FIFO, a device, a socket, a folder and,
-//! where links are refused, a symbolic link is an immediate error that names what was found ([`NotPlain`]); it is looked at
-//! before it is opened, because opening alone may rewind a tape or wake the other end of a pipe, and again afterwards,
-//! in case it was exchanged meanwhile. What is read is at most as long as the caller says: a longer file is
-//! [`TooLong`] before anything is allocated, and memory that is not there is an error of kind
+//! Contract: what is opened is a regular file, and opening it never waits. A FIFO, a device, a
+//! socket, a folder and, where links are refused, a symbolic link is an immediate error that names
+//! what was found ([`NotPlain`]); it is looked at before it is opened, because opening alone may
+//! rewind a tape or wake the other end of a pipe, and again afterwards, in case it was exchanged
+//! meanwhile. What is read is at most as long as the caller says: a longer file is [`TooLong`]
+//! before anything is allocated, and memory that is not there is an error of kind
 //! [`io::ErrorKind::OutOfMemory`], never an abort.
 //!
-//! Both refusals come as the source of an [`io::Error`], so that callers keep their own error types; [`is_refusal`] tells
-//! them from what a disk says.
+//! Both refusals come as the source of an [`io::Error`], so that callers keep their own error
+//! types; [`is_refusal`] tells them from what a disk says.
 
 use std::fmt;
 use std::fs::{self, File};
@@ -22,7 +23,8 @@ mod below;
 
 pub use below::{check_folder_below, open_below, read_below};
 
-/// Most that is read of a file that people write: configurations, rig files, calibrations, maps. 1 MiB.
+/// Most that is read of a file that people write: configurations, rig files, calibrations, maps. 1
+/// MiB.
 pub const TEXT_LIMIT: u64 = 1 << 20;
 
 /// Most that is read of a document that programs write for each other (JSON). 64 MiB.
@@ -84,7 +86,8 @@ impl fmt::Display for Kind {
 #[error("found {0}, expected a regular file")]
 pub struct NotPlain(pub Kind);
 
-/// A link or another thing stands where a folder belongs, below a folder in which links are not followed.
+/// A link or another thing stands where a folder belongs, below a folder in which links are not
+/// followed.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, thiserror::Error)]
 #[error("found {0}, expected a folder")]
 pub struct NotFolder(pub Kind);
@@ -99,14 +102,15 @@ pub struct TooLong {
     pub limit: u64,
 }
 
-/// Whether an error says that something else than a file was found, or a file too long to be what it claims; the disk
-/// itself is fine then.
+/// Whether an error says that something else than a file was found, or a file too long to be what
+/// it claims; the disk itself is fine then.
 pub fn is_refusal(error: &io::Error) -> bool {
     let inner = error.get_ref();
     inner.is_some_and(|e| e.is::<NotPlain>() || e.is::<NotFolder>() || e.is::<TooLong>())
 }
 
-/// Whether an error says that something else than a regular file, or than a folder above it, was found.
+/// Whether an error says that something else than a regular file, or than a folder above it, was
+/// found.
 pub fn is_not_plain(error: &io::Error) -> bool {
     let inner = error.get_ref();
     inner.is_some_and(|e| e.is::<NotPlain>() || e.is::<NotFolder>())
@@ -191,8 +195,8 @@ pub fn read_file(file: &File, limit: u64) -> io::Result<Vec<u8>> {
     read_known(file, file.metadata()?.len(), limit)
 }
 
-/// Everything in a reader that is said to hold `length` bytes, at most `limit`. It may hold more or fewer: files of
-/// `/proc` are said to be empty, and others grow.
+/// Everything in a reader that is said to hold `length` bytes, at most `limit`. It may hold more or
+/// fewer: files of `/proc` are said to be empty, and others grow.
 ///
 /// # Errors
 /// [`TooLong`], or what the reader says.

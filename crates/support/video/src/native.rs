@@ -26,7 +26,7 @@ pub enum NativeError {
     /// Put `nvvidconv` behind the camera, or leave the frame as it is.
     #[error("the frame is in device memory ({0}), expected system memory")]
     DeviceMemory(String),
-    /// The layout is none that can be converted, or the buffer is not what its caps say.
+    /// The layout cannot be converted, or the buffer is not what its caps say.
     #[error("reading a native frame: {0}")]
     Unreadable(String),
 }

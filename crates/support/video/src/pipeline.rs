@@ -156,7 +156,7 @@ impl fmt::Display for Failure {
 }
 
 /// A mutex whose holder may have panicked (a caller's callback runs under some of them); the data
-/// is plain enough to be used all the same.
+/// is plain enough to be used nevertheless.
 pub(crate) fn lock<T>(mutex: &Mutex<T>) -> MutexGuard<'_, T> {
     mutex.lock().unwrap_or_else(PoisonError::into_inner)
 }

@@ -7,7 +7,8 @@
 //! uncertainty; a coefficient that the recording does not determine is an upper limit and never a
 //! value.
 //!
-//! With τ the averaging time, quantisation Q, white noise N, bias instability B and random walk K add up to
+//! With τ the averaging time, quantisation Q, white noise N, bias instability B and random walk K
+//! add up to
 //!
 //! ```text
 //! σ²(τ) = 3 Q² / τ²  +  N² / τ  +  (2 ln 2 / π) B²  +  K² τ / 3

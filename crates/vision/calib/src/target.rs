@@ -1,8 +1,8 @@
 //! Detection of calibration targets (planar boards with known corners) in images.
 //!
 //! Contract: a [`Target`](boards::Target) defines where its corners are, in metres. [`detect()`]
-//! returns a board's corners in an image, each with its id and its position to a few hundredths of a
-//! pixel; uncertain corners are absent. Nothing here knows a lens: pixel coordinates in, pixel
+//! returns a board's corners in an image, each with its id and its position to a few hundredths of
+//! a pixel; uncertain corners are absent. Nothing here knows a lens: pixel coordinates in, pixel
 //! coordinates out.
 //!
 //! Steps: saddle points of the smoothed image (`saddle`), borders followed from one to the next

@@ -5,7 +5,8 @@
 //! pixels of a block of rows have a disparity at an end of the band that is not an end of the full
 //! range, the band is widened there and the pair is matched again. An object that the full range
 //! would show is therefore lost only if it is too small for coarse matching, absent from the
-//! previous map, and away from the ends of the band; `docs/reference/depth.md` gives the measured loss.
+//! previous map, and away from the ends of the band; `docs/reference/depth.md` gives the measured
+//! loss.
 
 use crate::band::Band;
 use crate::band::plan::{Margin, Plan, Plane, Probe};

@@ -35,8 +35,8 @@ config! {
         pub uniqueness_percent: u16 = 0,
         /// Whether a 3x3 median filter is applied.
         pub median: bool = true,
-        /// Minimum size of a connected region, pixels; smaller ones are removed. Compare OpenCV SGBM
-        /// `speckleWindowSize`.
+        /// Minimum size of a connected region, pixels; smaller ones are removed. Compare OpenCV
+        /// SGBM `speckleWindowSize`.
         pub min_speckle_px: usize = 100,
         /// Maximum disparity difference of neighbors in one region, px. Compare OpenCV SGBM
         /// `speckleRange`.
@@ -48,7 +48,8 @@ config! {
         pub max_sigma_px: f32 = 6.0,
         /// Bands around a predicted disparity.
         pub band: BandConfig = BandConfig::default(),
-        /// Instruction set; `None` for the most capable one of the processor. The result is the same.
+        /// Instruction set; `None` for the most capable one of the processor. The result is the
+        /// same.
         #[serde(skip)]
         pub level: Option<Level> = None,
     }
@@ -56,8 +57,8 @@ config! {
     /// When a band around the predicted disparity was too narrow, and is widened. Source:
     /// `cargo xtask bench depth`, searched share against lost matches.
     pub struct BandConfig {
-        /// Minimum fraction of the pixels of a block of 8 rows at an end of the band for it to count
-        /// as clipped. Lower searches more, higher loses near objects that come into view.
+        /// Minimum fraction of the pixels of a block of 8 rows at an end of the band for it to
+        /// count as clipped. Lower searches more, higher loses near objects that come into view.
         pub min_clipped_ratio: f64 = 0.02,
         /// Widening of a clipped band, px.
         pub widen_px: i32 = 16,

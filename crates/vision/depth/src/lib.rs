@@ -1,7 +1,7 @@
 //! Disparity and depth of rectified stereo images, with a standard deviation per pixel.
 //!
-//! A pair of images that differ by a shift of 8 columns, from a camera with a focal length of 100 px and a baseline of
-//! 6 cm, shows a wall at 75 cm:
+//! A pair of images that differ by a shift of 8 columns, from a camera with a focal length of 100
+//! px and a baseline of 6 cm, shows a wall at 75 cm:
 //!
 //! ```
 //! use depth::{Band, Config, Geometry, ImageView, Matcher, Preset};

@@ -5,8 +5,8 @@
 //! of one table entry for each of them ([`Model`]). The sigma therefore covers heavy tails: it is
 //! large where one in ten disparities has a large error.
 //!
-//! The tables of the presets were fitted on simulated walks; `docs/reference/depth.md` gives their coverage
-//! on other data. [`Model::fit`] fits a model to other ground truth.
+//! The tables of the presets were fitted on simulated walks; `docs/reference/depth.md` gives their
+//! coverage on other data. [`Model::fit`] fits a model to other ground truth.
 
 mod fit;
 mod tables;

@@ -1,4 +1,5 @@
-//! Depth and masks from user-supplied neural networks, through ONNX Runtime (`docs/reference/learned.md`).
+//! Depth and masks from user-supplied neural networks, through ONNX Runtime
+//! (`docs/reference/learned.md`).
 //!
 //! Contract: neither networks nor the library are bundled; [`Runtime::load`] loads the library, and
 //! nothing loads it earlier. A network is validated when it is opened, as far as its file declares

@@ -40,8 +40,8 @@ impl SegmentationNetwork {
     /// `.toml` instead of `.onnx`.
     ///
     /// # Errors
-    /// [`LearnedError::Read`], [`LearnedError::Model`], [`LearnedError::Toml`], [`LearnedError::Settings`],
-    /// [`LearnedError::Tensor`].
+    /// [`LearnedError::Read`], [`LearnedError::Model`], [`LearnedError::Toml`],
+    /// [`LearnedError::Settings`], [`LearnedError::Tensor`].
     pub fn open(runtime: &Runtime, file: &Path) -> Result<Self, LearnedError> {
         let text = Text::beside(file)?;
         if text.text.is_empty() {

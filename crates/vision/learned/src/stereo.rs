@@ -31,8 +31,8 @@ impl StereoNetwork {
     /// `.toml` instead of `.onnx`.
     ///
     /// # Errors
-    /// [`LearnedError::Read`], [`LearnedError::Model`], [`LearnedError::Toml`], [`LearnedError::Settings`],
-    /// [`LearnedError::Tensor`].
+    /// [`LearnedError::Read`], [`LearnedError::Model`], [`LearnedError::Toml`],
+    /// [`LearnedError::Settings`], [`LearnedError::Tensor`].
     pub fn open(runtime: &Runtime, file: &Path) -> Result<Self, LearnedError> {
         let text = Text::beside(file)?;
         let StereoFile {

@@ -1,4 +1,5 @@
-//! Visual front end: corner detection, tracking over time (by [`imaging::klt`]), stereo and cross-camera matching.
+//! Visual front end: corner detection, tracking over time (by [`imaging::klt`]), stereo and
+//! cross-camera matching.
 
 pub(crate) mod descriptor;
 pub(crate) mod detector;

@@ -69,8 +69,8 @@
 //! # Ok::<(), Box<dyn std::error::Error>>(())
 //! ```
 //!
-//! The covariance of a pose is that of a small motion of the rig in its own axes: the first three components are metres,
-//! the others radians.
+//! The covariance of a pose is that of a small motion of the rig in its own axes: the first three
+//! components are metres, the others radians.
 //!
 //! ```
 //! use odometry::{Config, FrameSet, Odometry, Preset, Rig};

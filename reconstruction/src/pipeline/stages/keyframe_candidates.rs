@@ -25,7 +25,8 @@ pub(super) struct KeyframeCandidates<F> {
     selectors: Vec<KeyframeSelector>,
     /// The newest poses.
     poses: VecDeque<Pose>,
-    /// Frames of the set of the newest pose, one for each camera; judged when the next pose is known.
+    /// Frames of the set of the newest pose, one for each camera; judged when the next pose is
+    /// known.
     pending: Vec<Option<TimedFrame<F>>>,
 }
 

@@ -25,8 +25,8 @@ pub(super) struct OdometryStage {
     pub(super) preset: Preset,
 }
 
-/// Configuration of odometry and mapping for a preset of the pipeline; the whole of it goes into the
-/// provenance.
+/// Configuration of odometry and mapping for a preset of the pipeline; the whole of it goes into
+/// the provenance.
 pub(super) fn config(preset: Preset) -> Config {
     Config::preset(match preset {
         Preset::Fast => ::odometry::Preset::Fast,

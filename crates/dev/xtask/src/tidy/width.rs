@@ -1,4 +1,5 @@
-//! Comment lines that are too wide. rustfmt wraps comments on nightly only, so they are counted here.
+//! Comment lines that are too wide. rustfmt wraps comments on nightly only, so they are counted
+//! here.
 
 use super::facts::shown_line;
 use super::files::File;
@@ -8,8 +9,9 @@ use super::source::{Comment, Style};
 /// A comment line has at most this many characters, with its indent.
 pub(crate) const MAX_COMMENT_COLUMNS: usize = 100;
 
-/// Lines of a file that hold only a line comment, `//` of any kind, and are too wide. Rows of tables
-/// and lines with an address cannot be wrapped and do not count; a comment behind code does not either.
+/// Lines of a file that hold only a line comment, `//` of any kind, and are too wide. Rows of
+/// tables and lines with an address cannot be wrapped and do not count; a comment behind code does
+/// not either.
 pub(crate) fn wide_comments(file: &File, comments: &[Comment<'_>]) -> Vec<Place> {
     let lines: Vec<&str> = file.text.lines().collect();
     let line_comments = comments.iter().filter(|c| c.style != Style::Block);

@@ -142,8 +142,8 @@ impl StepAlarm {
         }
     }
 
-    /// Whether civil time was set since the last call, for who waits for the descriptor among
-    /// others.
+    /// Whether civil time was set since the last call, for callers that wait for several
+    /// descriptors.
     ///
     /// # Errors
     /// The kernel refuses to tell.

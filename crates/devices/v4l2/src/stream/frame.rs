@@ -54,7 +54,7 @@ const SOURCE: u32 = 0x7_0000;
 impl FrameInfo {
     /// `capacity` is the length of the buffer, `expected` that of a whole frame where there is one.
     pub(super) fn of(told: &sys::Buffer, capacity: usize, expected: Option<usize>) -> Self {
-        // No driver writes more than fits; a number that says so must not be believed.
+        // No driver writes more than fits; a larger number is clamped.
         let bytes_used = (told.bytes_used as usize).min(capacity);
         Self {
             sequence: told.sequence,

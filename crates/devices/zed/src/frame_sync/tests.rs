@@ -257,8 +257,8 @@ fn lost_samples_and_frames_are_counted_and_do_no_harm() {
     assert_eq!(counters.restarts, 0);
 }
 
-/// At 400 Hz and 25 or 100 frames per second the flag is always late by the same: the truth may be
-/// anywhere within a sample period, and the estimate says so.
+/// At 400 Hz and 25 or 100 frames per second the flag is always late by the same: the true time may
+/// be anywhere within a sample period, and the estimate says so.
 #[test]
 fn a_delay_that_never_changes_is_owned_up_to() {
     for frame_hz in [25.0, 100.0] {

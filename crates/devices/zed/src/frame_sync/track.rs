@@ -5,7 +5,7 @@ use std::collections::VecDeque;
 use super::line::{Line, Point};
 use super::{SLIPPED, WINDOW};
 
-/// A counter that leaps by more has restarted.
+/// A counter that jumps by more has restarted.
 const LEAP: u32 = 1 << 17;
 
 /// What a count says.
@@ -35,7 +35,7 @@ impl Track {
     /// Takes a count, and when its event was if it is known.
     pub(super) fn count(&mut self, count: u32, time: Option<i64>) -> Seen {
         let Some((before, unwrapped)) = self.newest else {
-            // What was counted before is nobody's loss, nor is an event whose count was not seen to
+            // What was counted before is not a loss, nor is an event whose count was not seen to
             // change.
             self.newest = Some((count, i64::from(count)));
             if let Some(y) = time {

@@ -62,7 +62,8 @@ fn the_real_sequence() {
     assert!(calibration.right_from_left.angle_rad() < 0.02);
     assert!(!calibration.is_rectified());
 
-    // T_BS of the IMU is the identity, so imu_from_left is body_from_left: its printed digits come back.
+    // T_BS of the IMU is the identity, so imu_from_left is body_from_left: its printed digits come
+    // back.
     let imu = calibration.imu.unwrap();
     assert_eq!(
         imu.imu_from_left.translation_m(),

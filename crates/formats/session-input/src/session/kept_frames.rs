@@ -1,9 +1,9 @@
 //! Decoded frames kept in a file, so that later readers of the same session do not decode them
 //! again.
 //!
-//! Contract: a kept frame is returned exactly as it was decoded, or not at all: without a file, above
-//! the limit, or after an error of the file, readers decode instead. So what is kept changes the
-//! time of reading and nothing else. Memory is one entry per kept frame.
+//! Contract: a kept frame is returned exactly as it was decoded, or not at all: without a file,
+//! above the limit, or after an error of the file, readers decode instead. So what is kept changes
+//! the time of reading and nothing else. Memory is one entry per kept frame.
 
 use std::collections::BTreeMap;
 use std::fs::File;

@@ -28,8 +28,8 @@ pub struct LumaFrameSet {
     pub number: u64,
     /// Its time, host clock.
     pub time: HostTime,
-    /// One for each camera, in the order of the manifest; `None` where the camera has no frame for this instant, or none
-    /// that can be read.
+    /// One for each camera, in the order of the manifest; `None` where the camera has no frame for
+    /// this instant, or none that can be read.
     pub views: Vec<Option<View>>,
     /// The frames that `views` are the luma of.
     pub frames: Vec<Option<StereoFrame>>,

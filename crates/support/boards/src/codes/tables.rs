@@ -1,8 +1,9 @@
 //! The codes of each family, in the order of their numbers.
 //!
-//! Sources. 36h11: the family of Olson (2011) and Wang and Olson (2016), as the AprilTag library and
-//! Kalibr list it. ArUco: OpenCV's predefined dictionaries (Garrido-Jurado et al. 2014); the smaller ones
-//! are the first codes of the larger. The tables are facts of these formats: another number is another marker.
+//! Sources. 36h11: the family of Olson (2011) and Wang and Olson (2016), as the AprilTag library
+//! and Kalibr list it. ArUco: OpenCV's predefined dictionaries (Garrido-Jurado et al. 2014); the
+//! smaller ones are the first codes of the larger. The tables are facts of these formats: another
+//! number is another marker.
 
 /// AprilTag family 36h11.
 pub(super) const TAG36H11: [u64; 587] = [

@@ -1,5 +1,6 @@
 //! Double sphere (Usenko, Demmel and Cremers, "The Double Sphere Camera Model", 2018) and extended
-//! unified camera (Khomutenko, Garcia and Martinet 2016; formulas and domains after the former paper).
+//! unified camera (Khomutenko, Garcia and Martinet 2016; formulas and domains after the former
+//! paper).
 
 use nalgebra::Matrix2x3;
 

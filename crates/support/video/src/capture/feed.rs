@@ -2,7 +2,7 @@
 //!
 //! The pipeline runs on CLOCK_MONOTONIC, so a buffer's running time and the pipeline's base time
 //! add up to the host's clock in integers. Buffers are taken off in front of the last element, so
-//! that nobody but their taker refers to them and the camera gets them back as soon as can be.
+//! that only their receiver refers to them and the camera gets them back as early as possible.
 
 use std::sync::{Arc, Mutex};
 use std::thread;

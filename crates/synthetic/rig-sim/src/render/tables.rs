@@ -1,4 +1,5 @@
-//! Numbers as text: trajectories, contacts, IMU samples. Every digit that an `f64` needs is written.
+//! Numbers as text: trajectories, contacts, IMU samples. Every digit that an `f64` needs is
+//! written.
 
 use std::fmt::Write as _;
 
@@ -76,8 +77,8 @@ pub(super) fn tum(simulation: &Simulation) -> String {
     text
 }
 
-/// The rig at each frame, as KITTI odometry writes poses: the rows of `world_from_rig` (Geiger et al.
-/// 2012). Unlike there, the first pose is not the identity, and the body's x looks forward.
+/// The rig at each frame, as KITTI odometry writes poses: the rows of `world_from_rig` (Geiger et
+/// al. 2012). Unlike there, the first pose is not the identity, and the body's x looks forward.
 pub(super) fn kitti(simulation: &Simulation) -> String {
     let mut text = String::new();
     for time_ns in frame_times(simulation) {
@@ -92,8 +93,8 @@ pub(super) fn kitti(simulation: &Simulation) -> String {
     text
 }
 
-/// Contacts of both feet that begin within the walk, in the order of their strikes; times are counted from
-/// `begin_ns`, which is the beginning of the walk.
+/// Contacts of both feet that begin within the walk, in the order of their strikes; times are
+/// counted from `begin_ns`, which is the beginning of the walk.
 pub(crate) fn contacts(simulation: &Simulation, begin_ns: i64) -> String {
     let mut text = "#side,strike [ns],off [ns],flat from [ns],flat to [ns],x [m],y [m],z [m],\
                     q_w [],q_x [],q_y [],q_z []\n"
@@ -135,8 +136,8 @@ pub(super) fn imu(simulation: &Simulation, imu: &RigImu) -> String {
     text
 }
 
-/// Pose and velocity of an IMU in the world and its biases, at each of its samples, as EuRoC's ground
-/// truth.
+/// Pose and velocity of an IMU in the world and its biases, at each of its samples, as EuRoC's
+/// ground truth.
 pub(super) fn state(simulation: &Simulation, imu: &RigImu) -> String {
     let mut text = "#timestamp [ns],p_RS_R_x [m],p_RS_R_y [m],p_RS_R_z [m],\
                     q_RS_w [],q_RS_x [],q_RS_y [],q_RS_z [],\

@@ -45,7 +45,8 @@ impl Bvh {
         Self { nodes, triangles }
     }
 
-    /// The nearest hit between `from` and `to` lengths of `direction`. Both sides of a triangle count.
+    /// The nearest hit between `from` and `to` lengths of `direction`. Both sides of a triangle
+    /// count.
     pub(crate) fn hit(
         &self,
         origin: &Vector3<f64>,

@@ -1,8 +1,8 @@
 //! Parts of rooms: walls with openings, floors, ceilings, doors, lamps.
 //!
-//! Contract: seen from inside. Faces are thick: each has a back, so that no light leaks in where two meet.
-//! Walls reach as far as they are thick into floor, ceiling and each other, so that no seam opens
-//! between grids that do not match.
+//! Contract: seen from inside. Faces are thick: each has a back, so that no light leaks in where
+//! two meet. Walls reach as far as they are thick into floor, ceiling and each other, so that no
+//! seam opens between grids that do not match.
 
 use nalgebra::Vector3;
 
@@ -24,8 +24,8 @@ pub(super) struct Wall {
     pub(super) height: f64,
 }
 
-/// A hole in a wall, m from its left end and from the floor. One that reaches the floor begins below
-/// it.
+/// A hole in a wall, m from its left end and from the floor. One that reaches the floor begins
+/// below it.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Opening {
     pub(super) along: [f64; 2],

@@ -1,8 +1,8 @@
 //! Triangle meshes and their construction.
 //!
 //! Contract: a triangle's corners run counter-clockwise seen from outside; `uv` are metres on the
-//! surface, so that a texture has its physical size everywhere. Shared edges have bit-equal corners,
-//! hence no cracks.
+//! surface, so that a texture has its physical size everywhere. Shared edges have bit-equal
+//! corners, hence no cracks.
 
 use nalgebra::{UnitQuaternion, Vector3};
 
@@ -51,8 +51,8 @@ pub struct Stuff {
 }
 
 impl Mesh {
-    /// A quadrilateral; corners counter-clockwise from outside, the first one's `uv` given, the others
-    /// by their distance along `a→b` and `a→d`.
+    /// A quadrilateral; corners counter-clockwise from outside, the first one's `uv` given, the
+    /// others by their distance along `a→b` and `a→d`.
     pub fn quad(&mut self, [a, b, c, d]: [Vector3<f64>; 4], uv: [f64; 2], stuff: Stuff) {
         let along = (b - a).normalize();
         let across = {

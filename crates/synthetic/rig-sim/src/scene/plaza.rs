@@ -1,4 +1,5 @@
-//! A paved square with house fronts all round, a fountain, planters and benches, and people who walk about.
+//! A paved square with house fronts all round, a fountain, planters and benches, and people who
+//! walk about.
 //!
 //! x runs along the longer side. The walker goes around the square; people come towards the walker
 //! and walk ahead on loops just inside and outside of that loop, others cross the view in the
@@ -89,8 +90,8 @@ pub(super) fn build(b: &mut Builder) -> SceneParts {
     }
 }
 
-/// Control points of a rectangle with rounded corners, counter-clockwise, `outwards` m outside of the one
-/// with these half sides.
+/// Control points of a rectangle with rounded corners, counter-clockwise, `outwards` m outside of
+/// the one with these half sides.
 fn round([x, y]: [f64; 2], outwards: f64) -> Vec<[f64; 2]> {
     let (x, y, o) = (x, y, outwards);
     // The straight parts are translated as a whole, so the loops keep their distance in the corners

@@ -74,8 +74,8 @@ impl Sky {
         }
     }
 
-    /// Brightness relative to the zenith, and a colour as bright as the zenith, in the direction of a
-    /// ray.
+    /// Brightness relative to the zenith, and a colour as bright as the zenith, in the direction of
+    /// a ray.
     #[inline]
     pub(crate) fn seen(&self, view: &View, [x, y]: [f32; 2], scene: &Scene) -> (f32, [f32; 3]) {
         // The transpose maps optical directions to the world.

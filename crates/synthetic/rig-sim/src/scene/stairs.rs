@@ -1,8 +1,8 @@
 //! A staircase in a court: up, around a corner on the landing, down again, and back over the yard.
 //!
-//! The first flight rises along x, the second one falls along y. Both lie against house walls; towards the
-//! yard they have cheeks with railings. Risers of 0.17 m and goings of 0.29 m fit a step of 0.63 m
-//! (Blondel's rule; DIN 18065).
+//! The first flight rises along x, the second one falls along y. Both lie against house walls;
+//! towards the yard they have cheeks with railings. Risers of 0.17 m and goings of 0.29 m fit a
+//! step of 0.63 m (Blondel's rule; DIN 18065).
 
 use nalgebra::Vector3;
 

@@ -1,9 +1,10 @@
-//! AprilTags as geometry: every cell is a square of its own, so that edges are exact at any distance.
+//! AprilTags as geometry: every cell is a square of its own, so that edges are exact at any
+//! distance.
 //!
-//! Family 36h11 (Olson 2011; Wang and Olson 2016): 6 x 6 bits inside a black border one cell wide, on
-//! white. The codes are the family's first ones, most significant bit first, row by row from the top
-//! left. A tag's frame: x to the right, y down, z into the tag, origin in its middle, as AprilTag's own
-//! pose estimation has it; its size is the length of the black square's side.
+//! Family 36h11 (Olson 2011; Wang and Olson 2016): 6 x 6 bits inside a black border one cell wide,
+//! on white. The codes are the family's first ones, most significant bit first, row by row from the
+//! top left. A tag's frame: x to the right, y down, z into the tag, origin in its middle, as
+//! AprilTag's own pose estimation has it; its size is the length of the black square's side.
 
 use nalgebra::Vector3;
 
@@ -86,8 +87,8 @@ pub fn draw(
     }
 }
 
-/// The corners of the black square in the tag's frame, m, in the order of AprilTag's detections: bottom
-/// left, bottom right, top right, top left.
+/// The corners of the black square in the tag's frame, m, in the order of AprilTag's detections:
+/// bottom left, bottom right, top right, top left.
 pub fn corners(size_m: f64) -> [Vector3<f64>; 4] {
     let h = 0.5 * size_m;
     [(-h, h), (h, h), (h, -h), (-h, -h)].map(|(x, y)| Vector3::new(x, y, 0.0))

@@ -96,8 +96,8 @@ impl Texture {
         Self { texels }
     }
 
-    /// Reflectance (1 is the mean) and share of the second colour at `u`, `v` texels of level `level`
-    /// (0 to 10), between the four texels around.
+    /// Reflectance (1 is the mean) and share of the second colour at `u`, `v` texels of level
+    /// `level` (0 to 10), between the four texels around.
     #[inline]
     pub fn sample(&self, u: f32, v: f32, level: u32) -> (f32, f32) {
         let place = TexelQuad::new(u, v, level);

@@ -1,7 +1,7 @@
 //! A trail through a forest: a slope, worn ground with bumps, roots and stones to step over or on.
 //!
-//! A closed loop of some 65 m with a few metres of height. Roots and low stones are obstacles that can be
-//! walked on; trees, bushes, boulders and logs leave room for shoulders.
+//! A closed loop of some 65 m with a few metres of height. Roots and low stones are obstacles that
+//! can be walked on; trees, bushes, boulders and logs leave room for shoulders.
 
 use nalgebra::Vector3;
 

@@ -31,7 +31,8 @@ pub struct StereoFrame {
     pub width: usize,
     /// Rows.
     pub height: usize,
-    /// Left and right side by side as I420: luma, then Cb and Cr at half the size, full range BT.601.
+    /// Left and right side by side as I420: luma, then Cb and Cr at half the size, full range
+    /// BT.601.
     pub i420: Vec<u8>,
 }
 

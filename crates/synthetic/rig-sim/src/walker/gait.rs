@@ -103,7 +103,8 @@ pub fn plan(
         level = fall.position.z + 0.6;
     }
     let mut t = 0.05;
-    // The left foot stands first, so that even strikes after the two at the start are the right one's.
+    // The left foot stands first, so that even strikes after the two at the start are the right
+    // one's.
     let mut side = Side::Right;
     while t < seconds {
         let speed = progress.at(t + 0.25).1;
@@ -265,7 +266,8 @@ fn rest(
     ))
 }
 
-/// The plane through samples by least squares: height at the foot's origin, slopes along and across.
+/// The plane through samples by least squares: height at the foot's origin, slopes along and
+/// across.
 fn plane(samples: &[Sample]) -> (f64, f64, f64) {
     let n = samples.len() as f64;
     let mean = |f: &dyn Fn(&Sample) -> f64| samples.iter().map(f).sum::<f64>() / n;

@@ -3,8 +3,8 @@
 //! The incomplete gamma function is summed by its series or its continued fraction (Abramowitz and
 //! Stegun 6.5.29 and 6.5.31); the quantile is found by bisection, to 10 digits.
 
-/// The value below which a chi-squared variable with `freedom` degrees of freedom (any number above 0) is
-/// with this probability (between 0 and 1).
+/// The value below which a chi-squared variable with `freedom` degrees of freedom (any number
+/// above 0) is with this probability (between 0 and 1).
 ///
 /// ```
 /// use calib::allan::chi2::{below, quantile};

@@ -1,18 +1,19 @@
 //! Covariance of the points of a curve of overlapping Allan variances.
 //!
-//! A point is the mean of squares of second differences of phase. For Gaussian noise the covariance of two
-//! such means is twice the sum of the squared covariances of their differences over all pairs (the fourth
-//! moments of normal numbers), and the covariance of two differences follows from the generalised
-//! autocovariance of the phase (Greenhall and Riley, *Uncertainty of stability variances based on finite
-//! differences*, PTTI 2003):
+//! A point is the mean of squares of second differences of phase. For Gaussian noise the covariance
+//! of two such means is twice the sum of the squared covariances of their differences over all
+//! pairs (the fourth moments of normal numbers), and the covariance of two differences follows from
+//! the generalised autocovariance of the phase (Greenhall and Riley, *Uncertainty of stability
+//! variances based on finite differences*, PTTI 2003):
 //!
 //! ```text
 //! s(t) = Q² [t = 0]  −  N² |t| / 2  +  B² t² ln|t| / (2π)  +  K² |t|³ / 12
 //! ```
 //!
-//! whose scale is fixed by σ²(τ) = (6 s(0) − 8 s(τ) + 2 s(2τ)) / 2τ². The covariance is thus a quadratic form
-//! in (Q², N², B², K²), whose ten matrices depend on averaging factors and run lengths alone: they are made once
-//! for a curve and serve all models tried on it, and every axis with the same runs.
+//! whose scale is fixed by σ²(τ) = (6 s(0) − 8 s(τ) + 2 s(2τ)) / 2τ². The covariance is thus a
+//! quadratic form in (Q², N², B², K²), whose ten matrices depend on averaging factors and run
+//! lengths alone: they are made once for a curve and serve all models tried on it, and every axis
+//! with the same runs.
 
 use nalgebra::DMatrix;
 
@@ -172,7 +173,8 @@ fn meets(m1: f64, m2: f64) -> [f64; 9] {
     lags
 }
 
-/// Covariance of two second differences whose beginnings are `lag` samples apart, for each power at 1.
+/// Covariance of two second differences whose beginnings are `lag` samples apart, for each power
+/// at 1.
 fn of_differences(lag: f64, m1: f64, m2: f64) -> [f64; 4] {
     let mut r = smooth_of_differences(lag, m1, m2);
     for (k, meet) in meets(m1, m2).into_iter().enumerate() {

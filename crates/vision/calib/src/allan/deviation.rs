@@ -1,4 +1,5 @@
-//! Deviations of phase: Allan, overlapping Allan, modified Allan, Hadamard, overlapping Hadamard, total.
+//! Deviations of phase: Allan, overlapping Allan, modified Allan, Hadamard, overlapping Hadamard,
+//! total.
 //!
 //! Formulas from Riley and Howe, *Handbook of Frequency Stability Analysis*, NIST SP 1065 (2008),
 //! chapter 5. Each takes phase `x` at a constant period τ₀ in seconds and an averaging factor `m`,
@@ -81,8 +82,9 @@ pub fn ohdev(x: &[f64], period_s: f64, m: usize) -> Option<f64> {
     Some((third.sum::<f64>() / (6.0 * tau * tau * terms)).sqrt())
 }
 
-/// Total deviation: the Allan deviation of the phase continued at both ends by its reflection, so that long
-/// averaging times have more terms. Not corrected for the bias that it has in flicker and random-walk noise.
+/// Total deviation: the Allan deviation of the phase continued at both ends by its reflection, so
+/// that long averaging times have more terms. Not corrected for the bias that it has in flicker and
+/// random-walk noise.
 pub fn totdev(x: &[f64], period_s: f64, m: usize) -> Option<f64> {
     let n = x.len();
     if m == 0 || n < 3 || m >= n {

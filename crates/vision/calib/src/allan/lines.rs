@@ -6,8 +6,8 @@
 //! curve has that slope there. [`mod@super::fit`] estimates which terms the curve contains; these
 //! functions are for comparison with files made by the common method.
 
-/// The height at `at` of the line of this slope that fits the points (τ, σ) best in the least squares of
-/// the logarithms; none without points. Those that are not above zero are left out.
+/// The height at `at` of the line of this slope that fits the points (τ, σ) best in the least
+/// squares of the logarithms; none without points. Those that are not above zero are left out.
 pub fn height(points: impl IntoIterator<Item = (f64, f64)>, slope: f64, at_s: f64) -> Option<f64> {
     let usable = points
         .into_iter()

@@ -26,9 +26,10 @@ impl Noise {
         radius * (std::f64::consts::TAU * self.uniform()).cos()
     }
 
-    /// A rate with white noise `n`, bias instability `b` and random walk `k`. The flicker is a sum of
-    /// first-order processes of equal power, their time constants an octave apart from one period to 16 times
-    /// the whole: power σ² each gives a two-sided density of σ² / (2 ln 2 f), which is B² / (2π f).
+    /// A rate with white noise `n`, bias instability `b` and random walk `k`. The flicker is a sum
+    /// of first-order processes of equal power, their time constants an octave apart from one
+    /// period to 16 times the whole: power σ² each gives a two-sided density of σ² / (2 ln 2 f),
+    /// which is B² / (2π f).
     pub(crate) fn rate(&mut self, samples: usize, period: f64, [n, b, k]: [f64; 3]) -> Vec<f64> {
         let sigma = b * (std::f64::consts::LN_2 / std::f64::consts::PI).sqrt();
         let mut flicker: Vec<(f64, f64)> = Vec::new();
@@ -138,8 +139,9 @@ fn deviations_agree_with_stable32() {
     }
 }
 
-/// The degrees of freedom of the overlapping Allan variance as NIST SP 1065 approximates them (5.4.1),
-/// for white, flicker and random-walk noise of the rate; `n` is the number of phase points.
+/// The degrees of freedom of the overlapping Allan variance as NIST SP 1065 approximates them
+/// (5.4.1), for white, flicker and random-walk noise of the rate; `n` is the number of phase
+/// points.
 fn handbook(n: f64, m: f64) -> [f64; 3] {
     let white =
         (3.0 * (n - 1.0) / (2.0 * m) - 2.0 * (n - 2.0) / n) * 4.0 * m * m / (4.0 * m * m + 5.0);

@@ -47,7 +47,8 @@ pub struct Curve {
 /// # Panics
 /// If a run extends beyond the samples.
 ///
-/// White noise of 0.01 rad/s in each sample, at 100 Hz: the density is 0.01 rad/s times the root of the period.
+/// White noise of 0.01 rad/s in each sample, at 100 Hz: the density is 0.01 rad/s times the root of
+/// the period.
 ///
 /// ```
 /// use calib::allan::{Coefficient, curve, fit};

@@ -1,7 +1,8 @@
 //! Initial estimates in closed form.
 //!
-//! 1. The time offset with the best agreement of the angular rates of camera and gyroscope, whatever
-//!    the rotation between the two: the sum of the singular values of their covariance, normalized.
+//! 1. The time offset with the best agreement of the angular rates of camera and gyroscope,
+//!    whatever the rotation between the two: the sum of the singular values of their covariance,
+//!    normalized.
 //! 2. The rotation that aligns them at this offset (Kabsch 1976; means removed, so that a constant
 //!    bias does no harm), and the remaining bias.
 //! 3. Gravity, lever arm and accelerometer bias from three views at a time, linear once velocities
@@ -180,8 +181,8 @@ fn rotations(rates: &AngularRates, nominal: Option<&Matrix3<f64>>) -> Vec<Matrix
         .collect()
 }
 
-/// Gravity in the target's frame (not scaled to its known length), lever arm (the left camera in the
-/// IMU's frame) and accelerometer bias.
+/// Gravity in the target's frame (not scaled to its known length), lever arm (the left camera in
+/// the IMU's frame) and accelerometer bias.
 pub(super) struct GravityEstimate {
     pub gravity: Vector3<f64>,
     pub lever: Vector3<f64>,

@@ -7,12 +7,12 @@
 //!
 //! - A **chessboard** must be completely inside the image, with nothing similar around it. If it is
 //!   symmetric under half a turn, corner 0 is the one nearer to the top left of the image along the
-//!   board's diagonal, and [`Detection::half_turn`] is set. Mirrored or inverted images of a chessboard
-//!   cannot be distinguished from a chessboard.
-//! - Of an **AprilGrid** or a **ChArUco** board any part may be visible. Mirrored or inverted images give
-//!   nothing.
-//! - Several boards in one image: [`detect_all`], each with ids of its own. Of two boards with the same
-//!   ids, the conflicting ids are dropped.
+//!   board's diagonal, and [`Detection::half_turn`] is set. Mirrored or inverted images of a
+//!   chessboard cannot be distinguished from a chessboard.
+//! - Of an **AprilGrid** or a **ChArUco** board any part may be visible. Mirrored or inverted
+//!   images give nothing.
+//! - Several boards in one image: [`detect_all`], each with ids of its own. Of two boards with the
+//!   same ids, the conflicting ids are dropped.
 //!
 //! Images are 8 bits of one channel, with any monotonic tone curve. Lines may be curved over the
 //! board, but must be straight over about one square.

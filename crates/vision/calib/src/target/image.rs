@@ -160,7 +160,8 @@ mod tests {
         assert!(ImageView::new(0, 0, 0, &[]).is_some());
     }
 
-    /// Against the definition: a weighted mean of 25 pixels, the last ones repeated beyond the edge.
+    /// Against the definition: a weighted mean of 25 pixels, the last ones repeated beyond the
+    /// edge.
     #[test]
     fn smoothing_is_the_binomial() {
         let (width, height, stride) = (13, 9, 17);

@@ -32,7 +32,8 @@ pub(super) struct Saddle {
     /// Position in the image, pixels.
     pub(super) at: [f64; 2],
     /// Directions of the borders, radians from x towards y, ascending around the circle from one in
-    /// `0..2π`: between rays 0 and 1 and between 2 and 3 it is dark, between 1 and 2 and between 3 and 0 bright.
+    /// `0..2π`: between rays 0 and 1 and between 2 and 3 it is dark, between 1 and 2 and between 3
+    /// and 0 bright.
     pub(super) rays: [f64; 4],
     /// Contrast near the crossing, grey values.
     pub(super) contrast: f32,

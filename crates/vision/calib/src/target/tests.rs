@@ -105,8 +105,8 @@ fn every_board_is_found_whole() {
     }
 }
 
-/// The figures of docs/guides/calibration-targets.md. Small images, several of each kind, each at another
-/// position and angle.
+/// The figures of docs/guides/calibration-targets.md. Small images, several of each kind, each at
+/// another position and angle.
 #[test]
 fn accuracy() {
     let small = [420, 320];

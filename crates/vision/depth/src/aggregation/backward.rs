@@ -90,7 +90,8 @@ impl BackwardPass<'_> {
         let mut least = V::splat(0);
         let mut sums = [NONE; MAX_LANES + 2 * LEADING];
         for x in (0..width).rev() {
-            // SAFETY: here and below: costs and sums are columns times stride long, and the span is within the stride.
+            // SAFETY: here and below: costs and sums are columns times stride long, and the span is
+            // within the stride.
             let (costs, large): ([V; N], u8) = unsafe {
                 let from = self.costs.as_ptr().add(x * stride + start);
                 (load(from), *self.large.get_unchecked(x))

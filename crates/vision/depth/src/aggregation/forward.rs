@@ -123,8 +123,9 @@ impl ForwardPass<'_> {
             for k in 0..paths {
                 let from = SLACK + columns[k] * stride + start;
                 let to = SLACK + (x + 1) * stride + start;
-                // SAFETY: columns are below `width + 2`, and fronts, steps, costs and sums are as long as asserted above;
-                // vectors reach at most one byte beyond the lanes of a column, for which there is slack.
+                // SAFETY: columns are below `width + 2`, and fronts, steps, costs and sums are as
+                // long as asserted above; vectors reach at most one byte beyond the lanes of a
+                // column, for which there is slack.
                 unsafe {
                     let new = step(
                         before.costs[k].as_ptr().add(from),
@@ -173,7 +174,8 @@ pub(super) unsafe fn load<V: Lanes, const N: usize>(from: *const u8) -> [V; N] {
 /// their minimum.
 ///
 /// # Safety
-/// `N` vectors and one byte at either side can be read at `before`, and `N` vectors written at `after`.
+/// `N` vectors and one byte at either side can be read at `before`, and `N` vectors written at
+/// `after`.
 #[inline(always)]
 unsafe fn step<V: Lanes, const N: usize>(
     before: *const u8,

@@ -12,7 +12,8 @@ use crate::map::{DisparityMap, Geometry};
 use crate::matcher::Matcher;
 use imaging::ImageView;
 
-/// A plane: all points `p` with `normal . p = distance_m`, in the left optical frame (x right, y down, z forward).
+/// A plane: all points `p` with `normal . p = distance_m`, in the left optical frame (x right, y
+/// down, z forward).
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Plane {
     /// Unit normal.

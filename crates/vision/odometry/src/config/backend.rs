@@ -65,15 +65,15 @@ config! {
         pub scale_sigma: f64 = 1.5e-3,
         /// Additional position sigma per metre of path length.
         pub drift_per_metre: f64 = 8e-4,
-        /// Additional rotation sigma, rad. With 1.5 mrad five causal poses of the ten recordings are
-        /// silently wrong, with 2 mrad one.
+        /// Additional rotation sigma, rad. With 1.5 mrad five causal poses of the ten recordings
+        /// are silently wrong, with 2 mrad one.
         pub rotation_sigma_floor_rad: f64 = 2.5e-3,
         /// Initial tilt sigma of a rig without an IMU, whose world is not levelled, rad.
         pub initial_tilt_sigma_rad: f64 = 0.35,
     }
 
-    /// Priors of camera extrinsics, translation in m and rotation in rad. Source: `cargo xtask bench
-    /// odometry`, error over the error of a camera's nominal rotation.
+    /// Priors of camera extrinsics, translation in m and rotation in rad. Source:
+    /// `cargo xtask bench odometry`, error over the error of a camera's nominal rotation.
     pub struct ExtrinsicsConfig {
         /// Sigmas where the calibration gives none. The translation is considered known: a walk
         /// determines it less accurately than a ruler (errors of 5 to 20 mm with a prior of 5 mm),

@@ -63,7 +63,8 @@ config! {
         /// the image width. Lower costs time, higher loses accuracy; see the chart over settings in
         /// docs/reference/odometry.md.
         pub min_parallax: f64 = 12.0 / 672.0,
-        /// Maximum time between keyframes, s: IMU samples are preintegrated again from the last one.
+        /// Maximum time between keyframes, s: IMU samples are preintegrated again from the last
+        /// one.
         pub max_interval_s: f64 = 0.6,
         /// Minimum fraction of the features of the last keyframe that are still tracked.
         pub min_tracked_ratio: f64 = 0.65,
@@ -108,8 +109,9 @@ config! {
         pub min_other_inlier_ratio: f64 = 0.6,
         /// Number of iterations of the estimation of the rotation.
         pub iterations: usize = 5,
-        /// Sigma of the rotation that is added to poses after a shift, as a fraction of the rotation
-        /// of the camera: the camera is one of several, and reported sigmas are larger than this.
+        /// Sigma of the rotation that is added to poses after a shift, as a fraction of the
+        /// rotation of the camera: the camera is one of several, and reported sigmas are larger
+        /// than this.
         pub sigma_ratio: f64 = 0.1,
     }
 }

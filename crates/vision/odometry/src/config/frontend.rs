@@ -6,8 +6,9 @@ use imaging::{KltConfig, PyramidConfig};
 config! {
     /// Features of one camera: number, spacing, matching.
     pub struct FrontendConfig {
-        /// Maximum number of features tracked per camera. Compare OpenVINS `num_pts`. The chart over
-        /// settings in docs/reference/odometry.md is flat from 60 on; time is proportional to it.
+        /// Maximum number of features tracked per camera. Compare OpenVINS `num_pts`. The chart
+        /// over settings in docs/reference/odometry.md is flat from 60 on; time is proportional to
+        /// it.
         pub max_features: usize = 110,
         /// Number of grid cells per requested feature, since some cells have no texture. At 1 there
         /// are too few features on weak texture; high values put features side by side.
@@ -52,8 +53,8 @@ config! {
         pub search_level: usize = 1,
         /// Minimum distance of a match, m. Lower searches longer, and finds more mismatches.
         pub min_distance_m: f64 = 0.3,
-        /// Minimum inverse range of a match, 1/m: noise and calibration make that of a distant point
-        /// slightly negative.
+        /// Minimum inverse range of a match, 1/m: noise and calibration make that of a distant
+        /// point slightly negative.
         pub min_inverse_range_per_m: f64 = -0.05,
         /// Maximum epipolar error, px. It has to exceed the error of the calibration; higher lets
         /// mismatches on repeated texture through.

@@ -15,15 +15,16 @@ config! {
         /// m/s²/√Hz and rotation in rad/s/√Hz: the unknown acceleration of a walking person.
         pub constant_velocity_noise_density: [f64; 2] = [3.0, 0.7],
         /// Maximum interval between samples without a gap, in nominal intervals: up to three lost
-        /// samples are interpolated. Higher integrates over a peak of the gait that was not measured.
+        /// samples are interpolated. Higher integrates over a peak of the gait that was not
+        /// measured.
         pub max_interval_ratio: f64 = 4.5,
         /// Saturation of the sensor.
         pub saturation: SaturationConfig = SaturationConfig::default(),
     }
 
     /// Detection of saturation below the nominal range: identical consecutive samples. Source:
-    /// `cargo xtask bench odometry_faults`, fault `imu_clipping`. Pairs are of gyroscope, rad/s, and
-    /// accelerometer, m/s².
+    /// `cargo xtask bench odometry_faults`, fault `imu_clipping`. Pairs are of gyroscope, rad/s,
+    /// and accelerometer, m/s².
     pub struct SaturationConfig {
         /// Fraction of the nominal range from which a sample is saturated.
         pub range_ratio: f64 = 0.995,

@@ -10,7 +10,8 @@ config! {
         /// Residual above which an observation is an outlier, in standard deviations.
         pub outlier_sigma: f64 = 5.0,
         /// Maximum numbers of iterations: with loop closures trusted, with their robust loss, and
-        /// after outliers were removed. They suffice for an hour (`cargo xtask bench odometry_length`).
+        /// after outliers were removed. They suffice for an hour
+        /// (`cargo xtask bench odometry_length`).
         pub max_iterations: [usize; 3] = [12, 12, 30],
         /// Maximum damping at which a step is nearly undamped, and may end the optimization.
         pub max_free_damping: f64 = 1e-5,
@@ -63,7 +64,8 @@ config! {
         /// Scale of the Cauchy loss of loop closures, in standard deviations, after the first
         /// convergence.
         pub cauchy_sigma: f64 = 3.0,
-        /// The same before it: a long path has a large closure error, and loop closures are trusted.
+        /// The same before it: a long path has a large closure error, and loop closures are
+        /// trusted.
         pub cauchy_sigma_first: f64 = 100.0,
     }
 }

@@ -1,7 +1,7 @@
 //! Free-space votes: other views support a surface, or see through it.
 //!
-//! A surface that views of other instants see through was free then: it belongs to a dynamic object,
-//! or is an error of the matcher. Only supported surfaces become points.
+//! A surface that views of other instants see through was free then: it belongs to a dynamic
+//! object, or is an error of the matcher. Only supported surfaces become points.
 
 use super::config::VoteConfig;
 use super::posed_depth_map::{PosedDepthMap, Surface};

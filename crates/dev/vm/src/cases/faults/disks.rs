@@ -17,8 +17,8 @@ fn happen(bench: &Bench, during: &'static str) -> Result<Left> {
 }
 
 /// The disk broke three seconds after the start, for good, was mended, and the daemon started
-/// again: it had said that it failed, closed what was left, and recorded once more. Seconds left of
-/// the first recording.
+/// again: it had said that it failed, closed what was left, and recorded once more. Returns the
+/// seconds left of the first recording.
 fn broken_and_mended(left: &Left) -> Result<f64> {
     let during = left.file("broken.json")?;
     ensure!(

@@ -283,7 +283,8 @@ pub(super) fn mesh(limb: Limb, outfit: &Outfit) -> Mesh {
     mesh
 }
 
-/// From behind the heel to the toes, with a hem over the ankle; the sole touches the ground from [`HEEL`] to [`BALL`].
+/// From behind the heel to the toes, with a hem over the ankle; the sole touches the ground from
+/// [`HEEL`] to [`BALL`].
 fn shoe(mesh: &mut Mesh, stuff: Stuff) {
     // Forward, half the width, half the height.
     let rings: Vec<Ring> = [

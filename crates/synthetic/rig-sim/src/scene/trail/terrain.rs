@@ -1,7 +1,7 @@
 //! The forest floor: its height, and the mesh of it.
 //!
-//! Fine cells along the trail, coarse ones elsewhere, wide ones far away. A coarse cell beside fine ones
-//! takes over their corners, so there are no cracks.
+//! Fine cells along the trail, coarse ones elsewhere, wide ones far away. A coarse cell beside fine
+//! ones takes over their corners, so there are no cracks.
 
 use nalgebra::Vector3;
 
