@@ -9,7 +9,7 @@ use std::collections::BTreeSet;
 
 use console_output::text;
 use session_access::Frames;
-use session_access::decode::DecodeCheck;
+use session_access::decode_check::DecodeCheck;
 use session_archive::manifest::{Camera, Manifest};
 use session_archive::verify::{Report, StreamReport};
 use session_health::{Finding, Limits, Unit, finding};

@@ -5,7 +5,7 @@ use std::thread;
 
 use anyhow::{Context, Result};
 use console_output::Console;
-use session_access::decode::decode_all;
+use session_access::decode_check::decode_all;
 use session_access::{open, read_or_build};
 use session_archive::reader::SessionReader;
 use session_health::Limits;

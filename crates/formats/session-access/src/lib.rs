@@ -2,12 +2,13 @@
 //!
 //! * [`SessionFolder`]: the folder of a session, and whether a library lists it.
 //! * [`open`] and [`read_or_build`]: its reader and its index.
-//! * [`decode`]: its images, decoded.
+//! * [`decode`]: its images, decoded; [`decode_check`]: whether all of them can be.
 //! * [`Frames`]: the transforms between its coordinate frames.
 //!
 //! Nothing here writes, and nothing reads the catalogue of a library.
 
 pub mod decode;
+pub mod decode_check;
 mod folder;
 mod frame_tree;
 mod index;
