@@ -18,7 +18,7 @@ use std::path::PathBuf;
 use anyhow::{Result, bail, ensure};
 use boards::Target as Board;
 use cad_transforms::{Frame, FramePart, Rig};
-use calib::cameras::{Calibration, Camera, Eye, Input, Settings, Severity, calibrate};
+use calib::cameras::{Calibration, Camera, Config, Eye, Input, Severity, calibrate};
 use calibration_files::{Format, contents};
 use camera_models::{CameraModel, CameraSet, Provenance as CalibProvenance, StereoCalibration};
 use clap::Args;
@@ -92,14 +92,12 @@ pub(crate) fn run(
     );
     let missing = detected.missing;
     let input = input(reader.manifest(), &nominal, boards, detected)?;
-    let settings = Settings {
-        choose_lens: !options.keep_model,
-        ..Settings::default()
-    };
+    let mut config = Config::default();
+    config.choose_lens = !options.keep_model;
     let found = {
         let progress = console.progress("calibrating", 1000);
         let mut done = 0;
-        let result = calibrate(input, &settings, &mut |_, share| {
+        let result = calibrate(input, &config, &mut |_, share| {
             let now = (1000.0 * share) as u64;
             progress.add(now.saturating_sub(done));
             done = done.max(now);

@@ -118,9 +118,9 @@ fn input(corners: &Corners, pairs: &[usize]) -> Input {
 type Stereo = ([CameraModel; 2], RigidTransform);
 
 fn ours(corners: &Corners, pairs: &[usize]) -> (Stereo, Calibration) {
-    let settings = cameras::Settings::default();
+    let config = cameras::Config::default();
     let found =
-        cameras::calibrate(input(corners, pairs), &settings, &mut |_, _| {}).expect("a result");
+        cameras::calibrate(input(corners, pairs), &config, &mut |_, _| {}).expect("a result");
     let pair = found.pose(found.poses.pairs[0].expect("a pair")).0;
     (([*found.lens(0), *found.lens(1)], pair), found)
 }
@@ -176,7 +176,8 @@ fn left_over((lenses, left_from_right): &Stereo, corners: &Corners, pairs: &[usi
                 })
                 .collect();
             if eye == 0 {
-                let placed = pnp::planar(&lenses[0], &points).expect("a pose");
+                let placed =
+                    pnp::planar(&lenses[0], &points, &pnp::Config::default()).expect("a pose");
                 problem.instants.push(placed.eye_from_target);
             }
             problem.views.push(View {
@@ -189,12 +190,10 @@ fn left_over((lenses, left_from_right): &Stereo, corners: &Corners, pairs: &[usi
         }
     }
     // No robust loss, as in OpenCV.
-    let settings = adjust::Settings {
-        knee: 1e9,
-        covariance: false,
-        ..adjust::Settings::default()
-    };
-    adjust::solve(&problem, &settings)
+    let mut config = adjust::Config::default();
+    config.huber_sigma = 1e9;
+    config.covariance = false;
+    adjust::solve(&problem, &config)
         .expect("poses")
         .rms_px(|_| true)
 }

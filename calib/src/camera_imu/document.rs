@@ -47,6 +47,7 @@ fn result(found: &CameraImu) -> Json {
     let noise = |n: &calib::camera_imu::Noise| json!({ "ratio_to_nominal": n.ratio_to_nominal, "redundancy": n.redundancy });
     let n = &found.noises;
     json!({
+        "config": found.config,
         "verdict": found.verdict().to_string(),
         "imu_from_left": found.imu_from_left,
         "time_offset_s": found.time_offset_s,

@@ -166,6 +166,7 @@ pub(super) fn json(manifest: &Manifest, found: &Calibration, rig: Option<&Rig>) 
         "session_id": manifest.session_id,
         "started_civil": manifest.started_civil.to_string(),
         "units": "pixels, m, rad; sigma is one standard deviation; covariances are of [translation, rotation] in the axes of the parent",
+        "config": found.config,
         "eyes": eyes.collect::<Vec<Json>>(),
         "extrinsics": relative_poses.collect::<Vec<Json>>(),
         "origin_camera": rig.and_then(Rig::origin_camera),

@@ -17,7 +17,7 @@
 use std::fs;
 
 use anyhow::{Context, Result};
-use calib::cameras::{Calibration, Settings, Severity, calibrate};
+use calib::cameras::{Calibration, Config, Severity, calibrate};
 use rig_sim::targets::{Motion, Plan};
 use serde_json::{Value, json};
 
@@ -208,11 +208,10 @@ impl Point {
 }
 
 /// Calibrates with the factory's lens model.
-fn quiet() -> Settings {
-    Settings {
-        choose_lens: false,
-        ..Settings::default()
-    }
+fn quiet() -> Config {
+    let mut config = Config::default();
+    config.choose_lens = false;
+    config
 }
 
 fn impaired(
@@ -331,7 +330,7 @@ fn against_distortion(quick: bool) -> Result<Value> {
             let mut input = recording.one_camera(impairments.sigma_px, count);
             // The factory calibration would reveal the result.
             input.eyes.iter_mut().for_each(|eye| eye.factory = None);
-            let Ok(found) = calibrate(input, &Settings::default(), &mut |_, _| {}) else {
+            let Ok(found) = calibrate(input, &Config::default(), &mut |_, _| {}) else {
                 rows.push(json!({ "distortion": strength, "views": count, "chosen": null }));
                 continue;
             };

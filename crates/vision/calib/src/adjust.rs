@@ -21,6 +21,7 @@
 //! Observations carry their own sigma. Their common scale is estimated with the rest
 //! ([`Solution::scale`]), and larger residuals are down-weighted (Huber 1964).
 
+mod config;
 mod covariance;
 mod locate;
 mod normal;
@@ -31,6 +32,7 @@ mod solve;
 #[cfg(test)]
 pub(crate) mod tests;
 
+pub use config::{Config, LocateConfig};
 pub use covariance::Covariance;
 pub(crate) use covariance::pose_jacobian;
 pub use locate::locate;
@@ -39,5 +41,5 @@ pub(crate) use pose::step_between;
 pub use problem::{
     AdjustError, LensBlock, Parameter, Point, PoseBlock, PosePrior, Prior, Problem, View,
 };
-pub use solve::{Settings, Solution, solve};
+pub use solve::{Solution, solve};
 pub(crate) use solve::{by_points, median_scale, reduced_equations};

@@ -19,6 +19,7 @@
 //! Method and reasons: docs/decisions/0006-camera-imu.md. Same input, same bytes.
 
 mod chain;
+mod config;
 mod estimate;
 mod gates;
 mod initialization;
@@ -35,6 +36,10 @@ mod tests;
 mod track;
 mod view;
 
+pub use config::{
+    Config, GateConfig, InitializationConfig, NoiseConfig, ObservabilityConfig, SampleConfig,
+    SolverConfig, ViewConfig,
+};
 pub use estimate::estimate;
 pub use estimate::reference::{FormulationResult, Formulations};
 pub use gates::{Gate, UnobservableDirection, Verdict};

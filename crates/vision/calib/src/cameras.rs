@@ -19,6 +19,7 @@
 //! the left, z up in its image ([`Input::origin`]).
 
 mod board_shape;
+mod config;
 mod coverage;
 mod diagnostics;
 mod finding;
@@ -35,9 +36,14 @@ mod tests;
 mod view_clusters;
 mod view_selection;
 
+pub use config::{
+    BoardShapeConfig, CheckConfig, Config, CoverageConfig, FactoryPriorConfig,
+    InitializationConfig, LensPriorConfig, ModelSelectionConfig, MotionConfig, PoseGraphConfig,
+    PriorConfig, ViewConfig,
+};
 pub use coverage::Coverage;
 pub use finding::{Finding, Severity};
-pub use input::{Camera, ExtrinsicsPrior, Eye, Input, Settings, TargetDetection};
+pub use input::{Camera, ExtrinsicsPrior, Eye, Input, TargetDetection};
 pub use model_selection::{Candidate, Choice};
 pub use pipeline::calibrate;
 pub use result::{Calibration, CamerasError, RigPoses};

@@ -6,15 +6,25 @@
 
 use cad_transforms::RigidTransform;
 use camera_models::{CameraModel, Lens};
+use estimator_config::config;
 use nalgebra::{Matrix3, SMatrix, SVector, UnitQuaternion, Vector3};
 
-use crate::adjust::{Point, locate};
+use crate::adjust::{LocateConfig, Point, locate};
 
-/// Minimum depth of a direction (z of the unit vector) for the initial pose.
-const MIN_DEPTH_RATIO: f64 = 0.15;
-
-/// Rotation below which two poses count as the same, rad.
-const MIN_AMBIGUITY_RAD: f64 = 0.02;
+config! {
+    /// Configuration of [`planar`]. Values were chosen on the simulated recordings of `cargo xtask
+    /// bench calib`; how the error depends on them was not charted.
+    pub struct Config {
+        /// Minimum component along the optical axis of the direction to a point that takes part in
+        /// the homography, 0 to 1: 81 degrees. Beyond it the coordinates on the plane diverge.
+        pub min_axial_component: f64 = 0.15,
+        /// Rotation below which two poses count as the same, rad. Lower reports one pose, found from
+        /// two starts, as ambiguous.
+        pub min_ambiguity_rad: f64 = 0.02,
+        /// Refinement of a pose.
+        pub locate: LocateConfig = LocateConfig::default(),
+    }
+}
 
 /// A pose from one image.
 #[derive(Clone, Copy, Debug)]
@@ -32,7 +42,7 @@ pub struct PlanarPose {
 /// ```
 /// use cad_transforms::RigidTransform;
 /// use calib::adjust::Point;
-/// use calib::pnp;
+/// use calib::pnp::{self, Config};
 /// use camera_models::{CameraModel, Distortion, Lens};
 ///
 /// let model = CameraModel::new((640, 480), [500.0, 500.0, 319.5, 239.5], Distortion::None);
@@ -44,25 +54,25 @@ pub struct PlanarPose {
 ///     Some(Point { x_in_target, pixel, sigma_px: 0.1 })
 /// };
 /// let points: Vec<Point> = (0..24).filter_map(point).collect();
-/// let pose = pnp::planar(&model, &points).ok_or("no pose")?;
+/// let pose = pnp::planar(&model, &points, &Config::default()).ok_or("no pose")?;
 /// assert!((truth.inverse() * pose.eye_from_target).distance_m() < 1e-6);
 /// assert!(pose.rms_px < 1e-6);
 /// // Three points are too few.
-/// assert!(pnp::planar(&model, &points[..3]).is_none());
+/// assert!(pnp::planar(&model, &points[..3], &Config::default()).is_none());
 /// # Ok::<(), Box<dyn std::error::Error>>(())
 /// ```
-pub fn planar(model: &CameraModel, points: &[Point]) -> Option<PlanarPose> {
-    let start = from_homography(&Lens::new(model), points)?;
-    let found = locate(model, points, &start).ok()?;
+pub fn planar(model: &CameraModel, points: &[Point], config: &Config) -> Option<PlanarPose> {
+    let start = from_homography(&Lens::new(model), points, config)?;
+    let found = locate(model, points, &start, &config.locate).ok()?;
     let (best, other) = match mirrored(&found.0, points) {
         None => (found, None),
-        Some(other) => match locate(model, points, &other).ok() {
+        Some(other) => match locate(model, points, &other, &config.locate).ok() {
             Some(other) if other.1 < found.1 => (other, Some(found)),
             other => (found, other),
         },
     };
     // Both starts may converge to one pose.
-    let other = other.filter(|o| (o.0.inverse() * best.0).angle_rad() > MIN_AMBIGUITY_RAD);
+    let other = other.filter(|o| (o.0.inverse() * best.0).angle_rad() > config.min_ambiguity_rad);
     let floor = best.1.max(1e-9);
     let in_front = points.iter().all(|p| best.0.apply(p.x_in_target)[2] > 0.0);
     (in_front || wide(model)).then_some(PlanarPose {
@@ -78,13 +88,13 @@ fn wide(model: &CameraModel) -> bool {
 }
 
 /// Direct linear transformation (Hartley and Zisserman, 4.1) of directions, decomposed into a pose.
-fn from_homography(lens: &Lens, points: &[Point]) -> Option<RigidTransform> {
+fn from_homography(lens: &Lens, points: &[Point], config: &Config) -> Option<RigidTransform> {
     let seen: Vec<([f64; 2], [f64; 2])> = points
         .iter()
         .filter_map(|p| {
             let [x, y, z] = lens.unproject(p.pixel)?;
             let [a, b, _] = p.x_in_target;
-            (z > MIN_DEPTH_RATIO).then(|| ([a, b], [x / z, y / z]))
+            (z > config.min_axial_component).then(|| ([a, b], [x / z, y / z]))
         })
         .collect();
     if seen.len() < 4 {
@@ -208,7 +218,7 @@ mod tests {
                         })
                     })
                     .collect();
-                let found = planar(&model, &points).unwrap();
+                let found = planar(&model, &points, &Config::default()).unwrap();
                 let off = truth.inverse() * found.eye_from_target;
                 assert!(
                     off.angle_rad() < 1e-7 && off.distance_m() < 1e-7,
@@ -235,6 +245,13 @@ mod tests {
             pixel: [u, 240.0],
             sigma_px: 0.1,
         };
-        assert!(planar(&model, &[point(0.0, 320.0), point(0.1, 370.0)]).is_none());
+        assert!(
+            planar(
+                &model,
+                &[point(0.0, 320.0), point(0.1, 370.0)],
+                &Config::default()
+            )
+            .is_none()
+        );
     }
 }

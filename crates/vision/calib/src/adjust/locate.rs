@@ -7,19 +7,11 @@ use cad_transforms::RigidTransform;
 use camera_models::{CameraModel, Lens};
 use nalgebra::{Matrix6, SMatrix, Vector3, Vector6};
 
+use super::config::LocateConfig;
 use super::normal::Loss;
 use super::pose::{Pose, moved};
 use super::problem::{AdjustError, Point};
-use super::solve::Settings;
 
-/// Maximum number of steps.
-const STEPS: usize = 40;
-/// Relative decrease of the cost below which the iteration ends.
-const TOLERANCE: f64 = 1e-9;
-/// Minimum fraction of points that can be projected at the initial pose.
-const MIN_PROJECTED_RATIO: f64 = 0.6;
-/// Residual, in sigmas, of a point that cannot be projected.
-const UNPROJECTED_SIGMAS: f64 = 30.0;
 /// Minimum scale: exact observations must not divide by 0.
 const MIN_SCALE: f64 = 1e-6;
 
@@ -31,20 +23,21 @@ pub fn locate(
     model: &CameraModel,
     points: &[Point],
     start_eye_from_target: &RigidTransform,
+    config: &LocateConfig,
 ) -> Result<(RigidTransform, f64), AdjustError> {
     let lens = Lens::new(model);
     let mut pose = *start_eye_from_target;
     let seen = residuals(&lens, points, &pose).iter().flatten().count();
-    if (seen as f64) < MIN_PROJECTED_RATIO * points.len() as f64 || seen == 0 {
+    if (seen as f64) < config.min_projected_ratio * points.len() as f64 || seen == 0 {
         let all = points.len();
         return Err(AdjustError::Start { seen, all });
     }
     for _ in 0..2 {
         let loss = Loss {
             scale: scale(points, &residuals(&lens, points, &pose)),
-            knee: Settings::default().knee,
+            knee: config.huber_sigma,
         };
-        pose = descend(&lens, points, pose, &loss);
+        pose = descend(&lens, points, pose, &loss, config);
     }
     let left = residuals(&lens, points, &pose);
     let (sum, count) = left
@@ -72,11 +65,17 @@ fn scale(points: &[Point], residuals: &[Option<[f64; 2]>]) -> f64 {
     super::solve::median_scale(lengths.collect()).max(MIN_SCALE)
 }
 
-fn cost(lens: &Lens, points: &[Point], pose: &RigidTransform, loss: &Loss) -> f64 {
+fn cost(
+    lens: &Lens,
+    points: &[Point],
+    pose: &RigidTransform,
+    loss: &Loss,
+    config: &LocateConfig,
+) -> f64 {
     let residuals = residuals(lens, points, pose);
     let of = |(r, p): (Option<[f64; 2]>, &Point)| match r {
         None => {
-            loss.of(UNPROJECTED_SIGMAS * UNPROJECTED_SIGMAS * loss.scale * loss.scale)
+            loss.of(config.unprojected_sigma * config.unprojected_sigma * loss.scale * loss.scale)
                 .0
         }
         Some([x, y]) => loss.of((x * x + y * y) / (p.sigma_px * p.sigma_px)).0,
@@ -84,10 +83,16 @@ fn cost(lens: &Lens, points: &[Point], pose: &RigidTransform, loss: &Loss) -> f6
     residuals.into_iter().zip(points).map(of).sum()
 }
 
-fn descend(lens: &Lens, points: &[Point], mut pose: RigidTransform, loss: &Loss) -> RigidTransform {
-    let mut present = cost(lens, points, &pose, loss);
-    let mut damping = 1e-4;
-    for _ in 0..STEPS {
+fn descend(
+    lens: &Lens,
+    points: &[Point],
+    mut pose: RigidTransform,
+    loss: &Loss,
+    config: &LocateConfig,
+) -> RigidTransform {
+    let mut present = cost(lens, points, &pose, loss, config);
+    let mut damping = config.initial_damping;
+    for _ in 0..config.max_steps {
         let (matrix, gradient) = normal(lens, points, &pose, loss);
         let next = loop {
             let mut damped = matrix;
@@ -97,18 +102,18 @@ fn descend(lens: &Lens, points: &[Point], mut pose: RigidTransform, loss: &Loss)
             let tried = damped
                 .cholesky()
                 .map(|c| moved(&pose, &-c.solve(&gradient)));
-            let tried = tried.map(|tried| (cost(lens, points, &tried, loss), tried));
+            let tried = tried.map(|tried| (cost(lens, points, &tried, loss, config), tried));
             match tried {
                 Some((cost, tried)) if cost <= present => break Some((cost, tried)),
-                _ if damping > 1e8 => break None,
+                _ if damping > config.max_damping => break None,
                 _ => damping *= 10.0,
             }
         };
         let Some((cost, tried)) = next else { break };
         let fell = (present - cost) / present.max(f64::MIN_POSITIVE);
         (pose, present) = (tried, cost);
-        damping = (0.1 * damping).max(1e-12);
-        if fell < TOLERANCE {
+        damping = (0.1 * damping).max(config.min_damping);
+        if fell < config.tolerance {
             break;
         }
     }

@@ -3,42 +3,15 @@
 
 use nalgebra::{DMatrix, DVector, Matrix2x3, Vector6};
 
+use super::config::Config;
 use super::covariance::Covariance;
 use super::normal::{Chain, Layout, Loss, Normal, build, cost, lenses};
 use super::pose::moved;
 use super::problem::{AdjustError, PosePrior, Prior, Problem, View};
 use super::scaling::unit_diagonal;
 
-/// Initial damping and its limits.
-const DAMPING: (f64, f64, f64) = (1e-4, 1e-14, 1e10);
-/// Minimum fraction of points that can be projected at the initial values.
-const MIN_PROJECTED_RATIO: f64 = 0.6;
 /// Median of the norm of a two-dimensional standard normal vector.
 const RAYLEIGH_MEDIAN: f64 = 1.177_410_022_515_475;
-
-/// Solver settings.
-#[derive(Clone, Copy, Debug)]
-pub struct Settings {
-    /// Huber threshold, in sigmas.
-    pub knee: f64,
-    /// Maximum number of steps per round; there are three rounds, each with a better scale.
-    pub steps: usize,
-    /// Relative decrease of the cost below which the iteration ends.
-    pub tolerance: f64,
-    /// Whether covariances are computed: they cost about as much as a step.
-    pub covariance: bool,
-}
-
-impl Default for Settings {
-    fn default() -> Self {
-        Self {
-            knee: 2.5,
-            steps: 60,
-            tolerance: 1e-10,
-            covariance: true,
-        }
-    }
-}
 
 /// Solution of a problem.
 #[derive(Clone, Debug)]
@@ -77,17 +50,17 @@ impl Solution {
 ///
 /// # Errors
 /// [`AdjustError`].
-pub fn solve(problem: &Problem, settings: &Settings) -> Result<Solution, AdjustError> {
+pub fn solve(problem: &Problem, config: &Config) -> Result<Solution, AdjustError> {
     let layout = Layout::new(problem);
     let mut problem = problem.clone();
     let mut loss = Loss {
         scale: 1.0,
-        knee: settings.knee,
+        knee: config.huber_sigma,
     };
     let start = residuals(&problem);
     let all = problem.points();
     let seen = start.iter().flatten().flatten().count();
-    if (seen as f64) < MIN_PROJECTED_RATIO * all as f64 {
+    if (seen as f64) < config.min_projected_ratio * all as f64 {
         return Err(AdjustError::Start { seen, all });
     }
     let mut steps = 0;
@@ -95,12 +68,16 @@ pub fn solve(problem: &Problem, settings: &Settings) -> Result<Solution, AdjustE
         let residuals = residuals(&problem);
         loss.scale = scale(&problem, &layout, &residuals);
         // The first two rounds are approximate.
-        let tolerance = if round == 2 { settings.tolerance } else { 1e-4 };
-        steps += descend(&mut problem, &layout, &loss, settings.steps, tolerance);
+        let tolerance = if round == 2 {
+            config.tolerance
+        } else {
+            config.first_tolerance
+        };
+        steps += descend(&mut problem, &layout, &loss, config, tolerance);
     }
     let residuals = residuals(&problem);
     loss.scale = scale(&problem, &layout, &residuals);
-    let covariance = match settings.covariance && layout.count > 0 {
+    let covariance = match config.covariance && layout.count > 0 {
         true => Some(Covariance::estimated(&problem, &layout, &loss)?),
         false => None,
     };
@@ -126,11 +103,15 @@ pub(crate) struct ReducedEquations {
 }
 
 /// Reduced normal equations of every instant at the current values, with residuals scaled by
-/// `scale`.
-pub(crate) fn reduced_equations(problem: &Problem, scale: f64) -> Vec<ReducedEquations> {
+/// `scale` and the Huber threshold of the configuration.
+pub(crate) fn reduced_equations(
+    problem: &Problem,
+    scale: f64,
+    config: &Config,
+) -> Vec<ReducedEquations> {
     let loss = Loss {
         scale,
-        knee: Settings::default().knee,
+        knee: config.huber_sigma,
     };
     let instant_blocks = build(problem, &Layout::new(problem), &loss, 0.0)
         .instant_blocks
@@ -159,10 +140,11 @@ fn descend(
     problem: &mut Problem,
     layout: &Layout,
     loss: &Loss,
-    most: usize,
+    config: &Config,
     tolerance: f64,
 ) -> usize {
-    let (mut damping, least, greatest) = DAMPING;
+    let most = config.max_steps;
+    let mut damping = config.initial_damping;
     let mut present = cost(problem, loss);
     for step in 0..most {
         let mut normal = build(problem, layout, loss, damping);
@@ -172,7 +154,7 @@ fn descend(
             let tried = tried.map(|tried| (cost(&tried, loss), tried));
             match tried {
                 Some((cost, tried)) if cost <= present => break Some((cost, tried)),
-                _ if damping >= greatest => break None,
+                _ if damping >= config.max_damping => break None,
                 _ => {
                     damping *= 10.0;
                     normal = build(problem, layout, loss, damping);
@@ -185,7 +167,7 @@ fn descend(
         let fell = (present - cost) / present.max(f64::MIN_POSITIVE);
         *problem = tried;
         present = cost;
-        damping = (0.1 * damping).max(least);
+        damping = (0.1 * damping).max(config.min_damping);
         if fell < tolerance {
             return step + 1;
         }

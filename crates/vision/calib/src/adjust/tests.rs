@@ -149,7 +149,7 @@ fn disturbed(truth: &Problem, seed: u64) -> Problem {
 #[test]
 fn recovers_ground_truth_without_noise() {
     let truth = stereo(12, 0.0, 1);
-    let found = solve(&disturbed(&truth, 1), &Settings::default()).unwrap();
+    let found = solve(&disturbed(&truth, 1), &Config::default()).unwrap();
     for (a, b) in found.problem.lenses.iter().zip(&truth.lenses) {
         for (x, y) in a.model.parameters().iter().zip(b.model.parameters()) {
             assert!((x - y).abs() < 1e-6 * y.abs().max(1.0), "{x} {y}");
@@ -168,7 +168,7 @@ fn ninety_five_percent_of_errors_are_within_two_sigma() {
     let (mut inside, mut all) = (0, 0);
     for seed in 0..20 {
         let truth = stereo(15, 0.15, 100 + seed);
-        let found = solve(&disturbed(&truth, seed), &Settings::default()).unwrap();
+        let found = solve(&disturbed(&truth, seed), &Config::default()).unwrap();
         assert!((found.scale - 0.15).abs() < 0.03, "{}", found.scale);
         let covariance = found.covariance.as_ref().unwrap();
         for parameter in &covariance.parameters {
@@ -222,7 +222,7 @@ fn view_clusters_count_once() {
             if clustered {
                 truth.clusters = (0..truth.instants.len()).map(|i| i % 12).collect();
             }
-            let found = solve(&disturbed(&truth, seed), &Settings::default()).unwrap();
+            let found = solve(&disturbed(&truth, seed), &Config::default()).unwrap();
             let rotated = |place: usize| -> Vector3<f64> {
                 let at = |problem: &Problem| problem.poses[place].parent_from_child;
                 let step = step_between(&at(&truth), &at(&found.problem));
@@ -253,7 +253,7 @@ fn outliers_hardly_change_the_solution() {
     for (i, view) in spoilt.views.iter_mut().enumerate() {
         view.points[i % 5].pixel[0] += 25.0;
     }
-    let found = solve(&disturbed(&spoilt, 7), &Settings::default()).unwrap();
+    let found = solve(&disturbed(&spoilt, 7), &Config::default()).unwrap();
     let covariance = found.covariance.as_ref().unwrap();
     for k in 0..6 {
         let off = step_between(
@@ -275,7 +275,7 @@ fn undetermined_parameter_is_named() {
     }
     let mut again = problem;
     fill(&mut again, 0.1, &mut Noise::new(5));
-    let error = solve(&again, &Settings::default())
+    let error = solve(&again, &Config::default())
         .map(|s| s.scale)
         .unwrap_err();
     let text = "fx of left is not determined by 2 views";
@@ -294,7 +294,7 @@ fn undetermined_parameter_is_named() {
     }
     let place = &mut with_priors.poses[0];
     place.prior = PosePrior::near(place.parent_from_child, 1e-3, 2e-3);
-    let found = solve(&with_priors, &Settings::default()).unwrap();
+    let found = solve(&with_priors, &Config::default()).unwrap();
     let sigma = found.covariance.unwrap().sigma(Parameter::Lens(0, 0));
     assert!(sigma < 3.6 && sigma > 1.0, "{sigma}");
 }
@@ -302,8 +302,8 @@ fn undetermined_parameter_is_named() {
 #[test]
 fn result_is_bit_identical_for_any_number_of_threads() {
     let start = disturbed(&stereo(9, 0.2, 4), 4);
-    let once = solve(&start, &Settings::default()).unwrap();
-    let again = solve(&start, &Settings::default()).unwrap();
+    let once = solve(&start, &Config::default()).unwrap();
+    let again = solve(&start, &Config::default()).unwrap();
     assert_eq!(once.cost.to_bits(), again.cost.to_bits());
     assert_eq!(once.problem.instants, again.problem.instants);
 }
@@ -358,7 +358,13 @@ fn pose_of_a_single_view_is_recovered() {
         &truth.instants[0],
         &Vector6::new(0.05, 0.05, 0.1, 0.1, 0.1, 0.1),
     );
-    let (found, rms) = locate(&truth.lenses[0].model, &view.points, &start).unwrap();
+    let (found, rms) = locate(
+        &truth.lenses[0].model,
+        &view.points,
+        &start,
+        &LocateConfig::default(),
+    )
+    .unwrap();
     assert!(step_between(&truth.instants[0], &found).amax() < 5e-3);
     assert!(rms < 0.2);
 }

@@ -3,6 +3,7 @@
 use cad_transforms::RigidTransform;
 use nalgebra::{Matrix3, Rotation3, SMatrix, SVector, UnitQuaternion, Vector3};
 
+use super::config::{Config, NoiseConfig};
 use super::gates::{self, Evidence};
 use super::initialization::{self, GravityEstimate};
 use super::noise::{Noise, NoiseEstimates};
@@ -17,22 +18,6 @@ use super::so3;
 use super::track::Track;
 use super::view::{CameraMotion, Fit, Pose, View};
 
-/// Minimum number of views with a pose, and of intervals between them with IMU samples.
-const MIN_VIEWS: usize = 20;
-/// Maximum interval between two views that the IMU bridges, s.
-const MAX_INTERVAL_S: f64 = 1.0;
-/// Margin for changes of the time offset during the fit without reaching a gap, s.
-const OFFSET_MARGIN_S: f64 = 0.01;
-/// Maximum corner error of a view, in sigmas; above it the view has no pose.
-const MAX_VIEW_SCALE: f64 = 20.0;
-/// Number of noise reweighting rounds.
-const ROUNDS: usize = 4;
-/// Minimum number of intervals in a half for the comparison.
-const MIN_INTERVALS_PER_PART: usize = 60;
-
-/// Residual lens error after intrinsic calibration, px; common to all views.
-const LENS_ERROR_PX: f64 = 0.03;
-
 /// Runs the calibration with these `priors`; see the [module](super).
 ///
 /// # Errors
@@ -40,7 +25,7 @@ const LENS_ERROR_PX: f64 = 0.03;
 /// a failed [gate](CameraImu::gates) or an [unobservable direction](CameraImu::unobservable).
 pub fn estimate(recording: &Recording, priors: &Priors) -> Result<CameraImu, CameraImuError> {
     check(recording)?;
-    let mut posed_views = PosedViews::of(recording)?;
+    let mut posed_views = PosedViews::of(recording, Config::default())?;
     if recording.cameras.line_s == 0.0 {
         return Ok(posed_views.work(recording, priors).run()?.0);
     }
@@ -54,6 +39,7 @@ pub fn estimate(recording: &Recording, priors: &Priors) -> Result<CameraImu, Cam
 
 /// IMU track and views with a pose.
 struct PosedViews<'a> {
+    config: Config,
     track: Track,
     views: Vec<View<'a>>,
     poses: Vec<Pose>,
@@ -61,14 +47,15 @@ struct PosedViews<'a> {
 }
 
 impl<'a> PosedViews<'a> {
-    fn of(recording: &'a Recording) -> Result<Self, CameraImuError> {
+    fn of(recording: &'a Recording, config: Config) -> Result<Self, CameraImuError> {
         let zero_ns = recording.observations.first().map_or(0, |p| p.time_ns);
-        let track = Track::new(&recording.imu, zero_ns, recording.range);
+        let track = Track::new(&recording.imu, zero_ns, recording.range, &config.samples);
         let mut views = Vec::new();
         let mut poses = Vec::new();
         let mut fits = Vec::new();
         for observation in &recording.observations {
             let mut view = View {
+                config: config.views,
                 time_s: (observation.time_ns - zero_ns) as f64 * 1e-9,
                 time_ns: observation.time_ns,
                 corners: &observation.corners,
@@ -76,21 +63,22 @@ impl<'a> PosedViews<'a> {
                 motion: CameraMotion::NONE,
             };
             let found = view.pose(&recording.cameras);
-            if let Some((pose, fit)) = found.filter(|(_, fit)| fit.scale < MAX_VIEW_SCALE) {
+            if let Some((pose, fit)) = found.filter(|(_, fit)| fit.scale < config.views.max_scale) {
                 view.inlier_corners = fit.corners;
                 views.push(view);
                 poses.push(pose);
                 fits.push(fit);
             }
         }
-        if views.len() < MIN_VIEWS {
+        if views.len() < config.samples.min_views {
             return Err(CameraImuError::TooFewViews {
                 given: recording.observations.len(),
                 found: views.len(),
-                expected: MIN_VIEWS,
+                expected: config.samples.min_views,
             });
         }
         Ok(Self {
+            config,
             track,
             views,
             poses,
@@ -100,6 +88,7 @@ impl<'a> PosedViews<'a> {
 
     fn work(&'a self, recording: &'a Recording, priors: &'a Priors) -> Estimator<'a> {
         Estimator {
+            config: &self.config,
             recording,
             priors,
             track: &self.track,
@@ -113,7 +102,9 @@ impl<'a> PosedViews<'a> {
     fn motions(&self) -> Vec<CameraMotion> {
         let time_s = |i: usize| self.views[i].time_s;
         let of = |i: usize| {
-            let near = |k: &usize| (time_s(*k) - time_s(i)).abs() < 0.15;
+            let near = |k: &usize| {
+                (time_s(*k) - time_s(i)).abs() < self.config.views.max_motion_interval_s
+            };
             let a = i.checked_sub(1).filter(near).unwrap_or(i);
             let b = (i + 1..self.views.len()).next().filter(near).unwrap_or(i);
             if a == b {
@@ -134,7 +125,9 @@ impl<'a> PosedViews<'a> {
         for (i, motion) in motions.iter().enumerate() {
             self.views[i].motion = *motion;
             let refined = self.views[i].refine(cameras, self.poses[i]);
-            if let Some((pose, fit)) = refined.filter(|(_, fit)| fit.scale < MAX_VIEW_SCALE) {
+            if let Some((pose, fit)) =
+                refined.filter(|(_, fit)| fit.scale < self.config.views.max_scale)
+            {
                 (self.poses[i], self.fits[i]) = (pose, fit);
                 self.views[i].inlier_corners = fit.corners;
             }
@@ -178,6 +171,7 @@ fn check(recording: &Recording) -> Result<(), CameraImuError> {
 }
 
 struct Estimator<'a> {
+    config: &'a Config,
     recording: &'a Recording,
     priors: &'a Priors,
     track: &'a Track,
@@ -189,12 +183,13 @@ struct Estimator<'a> {
 impl Estimator<'_> {
     /// The result, and the camera motion at each view.
     fn run(&self) -> Result<(CameraImu, Vec<CameraMotion>), CameraImuError> {
+        let config = &self.config.initialization;
         let times: Vec<f64> = self.views.iter().map(|v| v.time_s).collect();
         let nominal_rotation = self
             .priors
             .imu_from_left
             .map(|t| *t.rotation().to_rotation_matrix().matrix());
-        let reach_s = 3.0 * self.priors.time_offset_sigma_s;
+        let reach_s = config.offset_range_sigma * self.priors.time_offset_sigma_s;
         let rotation_estimate = initialization::from_rates(
             &times,
             self.poses,
@@ -202,27 +197,23 @@ impl Estimator<'_> {
             nominal_rotation.as_ref(),
             self.priors.time_offset_s,
             reach_s,
+            config,
         );
         let links = self.links(rotation_estimate.time_offset_s);
         let linked = links.iter().filter(|&&linked| linked).count();
-        if linked < MIN_VIEWS {
+        if linked < self.config.samples.min_views {
             return Err(CameraImuError::NoOverlap {
                 given: times.len() - 1,
                 found: linked,
-                expected: MIN_VIEWS,
+                expected: self.config.samples.min_views,
                 searched_s: reach_s,
             });
         }
         if let Some(ratio) = rotation_estimate.rate_ratio
-            && !(0.5..2.0).contains(&ratio)
+            && !(config.rate_ratio[0]..config.rate_ratio[1]).contains(&ratio)
         {
             return Err(CameraImuError::RateMismatch { ratio });
         }
-        let lever = self
-            .priors
-            .imu_from_left
-            .map_or(Vector3::zeros(), |t| *t.translation());
-        let lever_prior = (lever, self.priors.translation_sigma_m);
         let gravity_estimate: Option<(Matrix3<f64>, GravityEstimate)> = rotation_estimate
             .rotations
             .iter()
@@ -233,8 +224,8 @@ impl Estimator<'_> {
                     self.track,
                     &rotation_estimate,
                     rotation,
-                    lever_prior,
-                    self.priors.bias_sigma[1],
+                    self.priors,
+                    config,
                 )?;
                 Some((*rotation, gravity_estimate))
             })
@@ -243,22 +234,23 @@ impl Estimator<'_> {
             return Err(CameraImuError::NoOverlap {
                 given: times.len() - 1,
                 found: linked,
-                expected: MIN_VIEWS,
+                expected: self.config.samples.min_views,
                 searched_s: reach_s,
             });
         };
         let gravity = gravity_estimate.gravity.norm();
-        if !(0.7 * GRAVITY..1.4 * GRAVITY).contains(&gravity) {
+        let [low, high] = config.gravity_ratio;
+        if !(low * GRAVITY..high * GRAVITY).contains(&gravity) {
             return Err(CameraImuError::Gravity { found: gravity });
         }
         let fixed = observability::fixed_directions(
             &times,
             self.poses,
-            self.track,
+            (self.track, &self.recording.noise),
             &rotation_estimate,
             &rotation,
-            &self.recording.noise,
             self.priors,
+            &self.config.observability,
         );
         let mut shared = Shared {
             rotation,
@@ -284,6 +276,7 @@ impl Estimator<'_> {
         let mut scales: Vec<f64> = self.fits.iter().map(|fit| fit.scale).collect();
         scales.sort_by(f64::total_cmp);
         let mut problem = Problem {
+            config: &self.config.solver,
             cameras: &self.recording.cameras,
             views: self.views,
             poses: self.poses,
@@ -298,11 +291,12 @@ impl Estimator<'_> {
         };
         let no_end = |iterations| CameraImuError::NoEnd { iterations };
         let rough = problem.fit(states, shared).map_err(no_end)?;
-        problem.factors = initial_factors(&problem.factors, &rough.medians);
+        problem.factors = initial_factors(&problem.factors, &rough.medians, &self.config.noise);
         problem.robust = true;
         let mut fitted = problem.fit(rough.states, rough.shared).map_err(no_end)?;
-        for _ in 1..ROUNDS {
-            let Some(factors) = reweighted(&problem.factors, &fitted.sums) else {
+        for _ in 1..self.config.noise.max_rounds {
+            let Some(factors) = reweighted(&problem.factors, &fitted.sums, &self.config.noise)
+            else {
                 break;
             };
             problem.factors = factors;
@@ -318,13 +312,18 @@ impl Estimator<'_> {
 
     /// Whether the IMU connects each view with the next one.
     fn links(&self, offset_s: f64) -> Vec<bool> {
+        let config = &self.config.samples;
         let mut raw = Vec::new();
         let mut link = |pair: &[View<'_>]| {
             let (a, b) = (pair[0].time_s + offset_s, pair[1].time_s + offset_s);
-            let near = b - a <= MAX_INTERVAL_S;
+            let near = b - a <= config.max_view_interval_s;
             near && self
                 .track
-                .between(a - OFFSET_MARGIN_S, b + OFFSET_MARGIN_S, &mut raw)
+                .between(
+                    a - config.offset_margin_s,
+                    b + config.offset_margin_s,
+                    &mut raw,
+                )
                 .is_some()
         };
         self.views.windows(2).map(&mut link).collect()
@@ -405,7 +404,9 @@ impl Estimator<'_> {
         let part = |k: usize| {
             let [begin, end] = [k, k + 1].map(|k| k * self.views.len() / count);
             let links = &links[begin..end - 1];
-            if links.iter().filter(|linked| **linked).count() < MIN_INTERVALS_PER_PART {
+            if links.iter().filter(|linked| **linked).count()
+                < self.config.gates.min_intervals_per_half
+            {
                 return None;
             }
             let part = Problem {
@@ -439,7 +440,7 @@ impl Estimator<'_> {
     /// Variances of rotation and translation due to lens errors, rad² and m².
     fn lens_error_variances(&self) -> [f64; 2] {
         let model = self.recording.cameras.left.model();
-        let angle = LENS_ERROR_PX / (0.5 * (model.fx + model.fy));
+        let angle = self.config.views.lens_error_px / (0.5 * (model.fx + model.fy));
         let distance_m = |(view, pose): (&View<'_>, &Pose)| {
             let sum: Vector3<f64> = view
                 .corners
@@ -519,8 +520,13 @@ impl Estimator<'_> {
                 accel: local.accel.map(f64::sqrt),
             })
             .collect();
-        let outliers = fitted.locals.iter().filter(|l| l.weight < 0.5).count();
+        let outliers = fitted
+            .locals
+            .iter()
+            .filter(|l| l.weight < self.config.gates.outlier_weight)
+            .count();
         let evidence = Evidence {
+            config: &self.config.gates,
             noises: &noises,
             covariance,
             prior: &problem.prior,
@@ -534,6 +540,7 @@ impl Estimator<'_> {
         let unobservable = gates::unobservable(&evidence);
         let gates = gates::gates(&evidence, &unobservable);
         CameraImu {
+            config: *self.config,
             imu_from_left: transform(shared),
             time_offset_s: shared.offset_s,
             time_drift: shared.drift,
@@ -572,8 +579,9 @@ fn transform(shared: &Shared) -> RigidTransform {
 
 /// Initial noise factors before outlier rejection: so large that half of all residuals fit. Their
 /// median is below 1 even with nominal noise, since the fit absorbs a part.
-fn initial_factors(factors: &Factors, medians: &[f64; 3]) -> Factors {
-    let [poses, gyro, accel] = medians.map(|m| if m > 2.0 { (2.0 * m).sqrt() } else { 1.0 });
+fn initial_factors(factors: &Factors, medians: &[f64; 3], config: &NoiseConfig) -> Factors {
+    let most = config.max_initial_median;
+    let [poses, gyro, accel] = medians.map(|m| if m > most { (2.0 * m).sqrt() } else { 1.0 });
     Factors {
         poses: factors.poses * poses,
         gyro: factors.gyro * gyro,
@@ -584,25 +592,25 @@ fn initial_factors(factors: &Factors, medians: &[f64; 3]) -> Factors {
 
 /// Noise factors adjusted to the residuals (variance components: Förstner 1979); `None` if they
 /// agree already. Bias random walks only grow: a small bias change proves nothing.
-fn reweighted(factors: &Factors, sums: &[ResidualSum; 5]) -> Option<Factors> {
-    let ratio = |s: usize, least: f64, factor: f64| {
+fn reweighted(factors: &Factors, sums: &[ResidualSum; 5], config: &NoiseConfig) -> Option<Factors> {
+    let ratio = |s: usize, factor: f64| {
         let sum = &sums[s];
-        if sum.redundancy < 10.0 {
+        if sum.redundancy < config.min_redundancy {
             return factor;
         }
         let ratio = sum.squares / sum.redundancy;
-        let chance = 3.0 * (2.0 / sum.redundancy).sqrt();
-        if (ratio - 1.0).abs() < chance.max(0.04) {
+        let chance = config.significance_sigma * (2.0 / sum.redundancy).sqrt();
+        if (ratio - 1.0).abs() < chance.max(config.min_variance_change) {
             return factor;
         }
-        (factor * ratio.sqrt()).clamp(least, 1e3)
+        (factor * ratio.sqrt()).clamp(config.min_factors[s], config.max_factor)
     };
     let next = Factors {
-        poses: ratio(0, 0.2, factors.poses),
-        gyro: ratio(1, 0.1, factors.gyro),
-        accel: ratio(2, 0.1, factors.accel),
-        gyro_walk: ratio(3, 1.0, factors.gyro_walk),
-        accel_walk: ratio(4, 1.0, factors.accel_walk),
+        poses: ratio(0, factors.poses),
+        gyro: ratio(1, factors.gyro),
+        accel: ratio(2, factors.accel),
+        gyro_walk: ratio(3, factors.gyro_walk),
+        accel_walk: ratio(4, factors.accel_walk),
     };
     (next != *factors).then_some(next)
 }

@@ -4,22 +4,9 @@ use std::fmt;
 
 use nalgebra::{Matrix3, SMatrix, Vector3};
 
+use super::config::GateConfig;
 use super::noise::{Noise, NoiseEstimates};
 use super::problem::{BOARD, DRIFT, OFFSET, Prior, ROTATION, SHAPES, SHARED, Shared, TRANSLATION};
-
-/// Maximum sigma of a determined direction: rotation in rad (0.1°), lever arm in m, offset in s.
-pub(super) const MAX_ROTATION_SIGMA_RAD: f64 = 0.1 * std::f64::consts::PI / 180.0;
-/// See [`MAX_ROTATION_SIGMA_RAD`].
-pub(super) const MAX_TRANSLATION_SIGMA_M: f64 = 2e-3;
-/// See [`MAX_ROTATION_SIGMA_RAD`].
-pub(super) const MAX_OFFSET_SIGMA_S: f64 = 3e-4;
-
-/// Significance: deviations from a nominal value up to this number of sigmas are chance.
-const SIGNIFICANCE_SIGMAS: f64 = 3.5;
-/// Limits for the difference of the halves (chi-squared of seven): exceeded by chance once in a
-/// thousand; certain.
-const MAX_HALVES_CHI2_WARN: f64 = 24.3;
-const MAX_HALVES_CHI2_FAIL: f64 = 40.0;
 
 /// Outcome of a check, from good to bad.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
@@ -114,6 +101,7 @@ fn named(v: &[f64; 3]) -> String {
 
 /// Input of the checks.
 pub(super) struct Evidence<'a> {
+    pub config: &'a GateConfig,
     pub noises: &'a NoiseEstimates,
     pub covariance: &'a SMatrix<f64, SHARED, SHARED>,
     pub prior: &'a Prior,
@@ -144,14 +132,14 @@ pub(super) fn unobservable(evidence: &Evidence<'_>) -> Vec<UnobservableDirection
         found
     };
     let mut out = Vec::new();
-    for (axis, sigma_rad) in directions(ROTATION, MAX_ROTATION_SIGMA_RAD) {
+    for (axis, sigma_rad) in directions(ROTATION, evidence.config.max_rotation_sigma_rad) {
         out.push(UnobservableDirection::Rotation { axis, sigma_rad });
     }
-    for (direction, sigma_m) in directions(TRANSLATION, MAX_TRANSLATION_SIGMA_M) {
+    for (direction, sigma_m) in directions(TRANSLATION, evidence.config.max_translation_sigma_m) {
         out.push(UnobservableDirection::Translation { direction, sigma_m });
     }
     let sigma_s = evidence.covariance[(OFFSET, OFFSET)].sqrt();
-    if sigma_s > MAX_OFFSET_SIGMA_S {
+    if sigma_s > evidence.config.max_offset_sigma_s {
         out.push(UnobservableDirection::TimeOffset { sigma_s });
     }
     out
@@ -172,17 +160,18 @@ fn data_alone(evidence: &Evidence<'_>, k: usize, found: f64, nominal: f64) -> Op
 /// Runs all checks.
 pub(super) fn gates(evidence: &Evidence<'_>, unobservable: &[UnobservableDirection]) -> Vec<Gate> {
     let noises = evidence.noises;
+    let config = evidence.config;
     vec![
         observability(unobservable),
-        noise("corner noise", &noises.corners, [0.3, 3.0, 8.0]),
-        noise("views against motion", &noises.poses, [0.0, 1.5, 3.0]),
-        noise("gyroscope noise", &noises.gyro, [0.4, 2.0, 10.0]),
-        noise("accelerometer noise", &noises.accel, [0.4, 2.0, 10.0]),
-        noise("gyroscope bias walk", &noises.gyro_walk, [0.0, 5.0, 100.0]),
+        noise("corner noise", &noises.corners, config.corner_noise),
+        noise("views against motion", &noises.poses, config.pose_noise),
+        noise("gyroscope noise", &noises.gyro, config.imu_noise),
+        noise("accelerometer noise", &noises.accel, config.imu_noise),
+        noise("gyroscope bias walk", &noises.gyro_walk, config.bias_walk),
         noise(
             "accelerometer bias walk",
             &noises.accel_walk,
-            [0.0, 5.0, 100.0],
+            config.bias_walk,
         ),
         board(evidence),
         drift(evidence),
@@ -242,7 +231,7 @@ fn board(evidence: &Evidence<'_>) -> Gate {
     };
     let tolerance = evidence.prior.sigmas[BOARD];
     let off = (scale - nominal) / sigma.hypot(tolerance);
-    let verdict = if off.abs() > SIGNIFICANCE_SIGMAS {
+    let verdict = if off.abs() > evidence.config.significance_sigma {
         Verdict::Fail
     } else {
         Verdict::Pass
@@ -252,7 +241,7 @@ fn board(evidence: &Evidence<'_>) -> Gate {
         "{percent:+.2} % from its nominal size by the recording alone (sigma {:.2} %), expected within {:.2} %: square \
          size, baseline or accelerometer",
         100.0 * sigma,
-        100.0 * SIGNIFICANCE_SIGMAS * tolerance
+        100.0 * evidence.config.significance_sigma * tolerance
     );
     gate(name, verdict, text)
 }
@@ -260,18 +249,20 @@ fn board(evidence: &Evidence<'_>) -> Gate {
 fn drift(evidence: &Evidence<'_>) -> Gate {
     let drift = evidence.shared.drift;
     let sigma = evidence.covariance[(DRIFT, DRIFT)].sqrt();
+    let [most, worst] = evidence.config.drift_s;
     let over_all = drift * evidence.seconds;
-    let real = (drift / sigma).abs() > SIGNIFICANCE_SIGMAS;
+    let real = (drift / sigma).abs() > evidence.config.significance_sigma;
     let verdict = match over_all.abs() {
-        s if real && s > 1e-3 => Verdict::Fail,
-        s if real && s > 1e-4 => Verdict::Warn,
+        s if real && s > worst => Verdict::Fail,
+        s if real && s > most => Verdict::Warn,
         _ => Verdict::Pass,
     };
     let text = format!(
-        "the time offset grows by {:.3} ms over the recording (sigma {:.3} ms), expected below 0.1 ms: clocks \
+        "the time offset grows by {:.3} ms over the recording (sigma {:.3} ms), expected below {:.1} ms: clocks \
          that are not joined",
         1e3 * over_all,
-        1e3 * sigma * evidence.seconds
+        1e3 * sigma * evidence.seconds,
+        1e3 * most
     );
     gate("drift of the clocks", verdict, text)
 }
@@ -300,8 +291,8 @@ fn shapes(evidence: &Evidence<'_>) -> Gate {
         }
     }
     let verdict = match worst.0 {
-        z if z > 6.0 => Verdict::Fail,
-        z if z > 4.0 => Verdict::Warn,
+        z if z > evidence.config.shape_sigma[1] => Verdict::Fail,
+        z if z > evidence.config.shape_sigma[0] => Verdict::Warn,
         _ => Verdict::Pass,
     };
     let text = format!("{}, {:.1} times its prior sigma", worst.1, worst.0);
@@ -313,13 +304,14 @@ fn halves(evidence: &Evidence<'_>) -> Gate {
     let Some(squared) = evidence.halves else {
         return gate(name, Verdict::Warn, "too short to compare".to_owned());
     };
+    let [most, worst] = evidence.config.halves_chi2;
     let verdict = match squared {
-        s if s > MAX_HALVES_CHI2_FAIL => Verdict::Fail,
-        s if s > MAX_HALVES_CHI2_WARN => Verdict::Warn,
+        s if s > worst => Verdict::Fail,
+        s if s > most => Verdict::Warn,
         _ => Verdict::Pass,
     };
     let text = format!(
-        "rotation, lever arm and offset differ by {squared:.1} (chi-squared of seven), expected below {MAX_HALVES_CHI2_WARN}: \
+        "rotation, lever arm and offset differ by {squared:.1} (chi-squared of seven), expected below {most}: \
          a camera that was knocked, or a clock that jumped"
     );
     gate(name, verdict, text)
@@ -327,14 +319,17 @@ fn halves(evidence: &Evidence<'_>) -> Gate {
 
 fn outliers(evidence: &Evidence<'_>) -> Gate {
     let share = evidence.outliers as f64 / evidence.views as f64;
+    let [most, worst] = evidence.config.outlier_ratio;
     let verdict = match share {
-        s if s > 0.2 => Verdict::Fail,
-        s if s > 0.03 => Verdict::Warn,
+        s if s > worst => Verdict::Fail,
+        s if s > most => Verdict::Warn,
         _ => Verdict::Pass,
     };
     let text = format!(
-        "{} of {} views contradict the motion, expected at most 3 %",
-        evidence.outliers, evidence.views
+        "{} of {} views contradict the motion, expected at most {:.0} %",
+        evidence.outliers,
+        evidence.views,
+        100.0 * most
     );
     gate("outlier views", verdict, text)
 }
@@ -342,14 +337,15 @@ fn outliers(evidence: &Evidence<'_>) -> Gate {
 fn inertial_coverage(evidence: &Evidence<'_>) -> Gate {
     let all = evidence.views - 1;
     let share = evidence.linked as f64 / all as f64;
-    let verdict = if share < 0.8 {
+    let verdict = if share < evidence.config.min_inertial_ratio {
         Verdict::Warn
     } else {
         Verdict::Pass
     };
     let text = format!(
-        "{} of {all} intervals between views have complete IMU samples, expected at least 80 %",
-        evidence.linked
+        "{} of {all} intervals between views have complete IMU samples, expected at least {:.0} %",
+        evidence.linked,
+        100.0 * evidence.config.min_inertial_ratio
     );
     gate("inertial samples", verdict, text)
 }

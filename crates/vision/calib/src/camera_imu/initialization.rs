@@ -10,19 +10,12 @@
 
 use nalgebra::{Matrix3, SMatrix, SVector, Vector3};
 
+use super::config::InitializationConfig;
 use super::preintegrate::{ACCEL_BIAS, preintegrate};
+use super::recording::Priors;
 use super::so3;
 use super::track::{Correction, Track};
 use super::view::Pose;
-
-/// Maximum interval between two views whose rotation counts as a rate, s.
-const MAX_ROTATION_INTERVAL_S: f64 = 0.3;
-/// Minimum interval between the views of a triple, s.
-const MIN_TRIPLE_INTERVAL_S: f64 = 0.15;
-/// Uncertainty of a view's velocity in a triple, m/s.
-const VELOCITY_SIGMA: f64 = 0.02;
-/// Spread of angular rates along an axis below which the axis has no information, rad/s.
-const STATIC_RATE_RAD_S: f64 = 0.02;
 
 /// Angular rates of camera and gyroscope over the same intervals.
 struct AngularRates {
@@ -48,11 +41,17 @@ pub(super) struct RotationEstimate {
     pub rate_ratio: Option<f64>,
 }
 
-fn rates(times_s: &[f64], poses: &[Pose], track: &Track, offset_s: f64) -> AngularRates {
+fn rates(
+    times_s: &[f64],
+    poses: &[Pose],
+    track: &Track,
+    offset_s: f64,
+    config: &InitializationConfig,
+) -> AngularRates {
     let mut pairs = Vec::with_capacity(times_s.len());
     for i in 1..times_s.len() {
         let (a, b) = (times_s[i - 1], times_s[i]);
-        if b - a > MAX_ROTATION_INTERVAL_S {
+        if b - a > config.max_rotation_interval_s {
             continue;
         }
         let Some([measured, _]) = track.means(a + offset_s, b + offset_s) else {
@@ -95,14 +94,16 @@ pub(super) fn from_rates(
     nominal: Option<&Matrix3<f64>>,
     middle_s: f64,
     reach_s: f64,
+    config: &InitializationConfig,
 ) -> RotationEstimate {
-    let step = (2.0 * track.period_s).clamp(1e-3, 5e-3);
+    let step = (config.offset_step_periods * track.period_s)
+        .clamp(config.offset_step_s[0], config.offset_step_s[1]);
     let steps = (reach_s / step).ceil() as i32;
-    let needed = times_s.len() / 3;
+    let needed = (config.min_overlap_ratio * times_s.len() as f64) as usize;
     let correlation: Vec<[f64; 2]> = (-steps..=steps)
         .map(|k| {
             let offset_s = middle_s + f64::from(k) * step;
-            let rates = rates(times_s, poses, track, offset_s);
+            let rates = rates(times_s, poses, track, offset_s, config);
             let enough = rates.count >= needed.max(4);
             [offset_s, if enough { rates.agreement } else { 0.0 }]
         })
@@ -118,31 +119,35 @@ pub(super) fn from_rates(
             offset_s += (0.5 * (a - c) / bend).clamp(-1.0, 1.0) * step;
         }
     }
-    let still = rates(times_s, poses, track, middle_s);
+    let still = rates(times_s, poses, track, middle_s, config);
     let spread = still.camera.symmetric_eigenvalues();
-    if spread.max().sqrt() < STATIC_RATE_RAD_S {
+    if spread.max().sqrt() < config.static_rate_rad_s {
         offset_s = middle_s;
     }
-    let found = rates(times_s, poses, track, offset_s);
-    let rotations = rotations(&found, nominal);
+    let found = rates(times_s, poses, track, offset_s, config);
+    let rotations = rotations(&found, nominal, config);
     let gyro_bias = found.imu_mean - rotations[0] * found.camera_mean;
     RotationEstimate {
         time_offset_s: offset_s,
         rotations,
         gyro_bias,
         correlation,
-        rate_ratio: (spread.max().sqrt() >= STATIC_RATE_RAD_S).then_some(found.ratio),
+        rate_ratio: (spread.max().sqrt() >= config.static_rate_rad_s).then_some(found.ratio),
     }
 }
 
 /// Candidate rotations: one, or several about the only axis of rotation of the recording.
-fn rotations(rates: &AngularRates, nominal: Option<&Matrix3<f64>>) -> Vec<Matrix3<f64>> {
+fn rotations(
+    rates: &AngularRates,
+    nominal: Option<&Matrix3<f64>>,
+    config: &InitializationConfig,
+) -> Vec<Matrix3<f64>> {
     let fallback = nominal.copied().unwrap_or_else(Matrix3::identity);
     let camera = rates.camera.symmetric_eigen();
     let mut order = [0, 1, 2];
     order.sort_by(|&a, &b| camera.eigenvalues[b].total_cmp(&camera.eigenvalues[a]));
     let spread = order.map(|k| camera.eigenvalues[k].max(0.0).sqrt());
-    if spread[0] < STATIC_RATE_RAD_S {
+    if spread[0] < config.static_rate_rad_s {
         return vec![fallback];
     }
     let svd = rates.covariance.svd(true, true);
@@ -150,7 +155,9 @@ fn rotations(rates: &AngularRates, nominal: Option<&Matrix3<f64>>) -> Vec<Matrix
         return vec![fallback];
     };
     let sign = (u.determinant() * v.determinant()).signum();
-    if spread[1] >= STATIC_RATE_RAD_S && spread[1] >= 0.02 * spread[0] {
+    if spread[1] >= config.static_rate_rad_s
+        && spread[1] >= config.min_second_axis_ratio * spread[0]
+    {
         return vec![u * Matrix3::from_diagonal(&Vector3::new(1.0, 1.0, sign)) * v];
     }
     // Single axis: `u₁` in the IMU, `v₁` in the camera.
@@ -191,16 +198,16 @@ pub(super) struct GravityEstimate {
     pub error: f64,
 }
 
-/// See the module; `None` without a triple of views. `lever` is the nominal lever arm with its
-/// sigma.
+/// See the module; `None` without a triple of views. Priors of lever arm and bias
+/// are used.
 pub(super) fn from_forces(
     times_s: &[f64],
     poses: &[Pose],
     track: &Track,
     rotation_estimate: &RotationEstimate,
     imu_from_left: &Matrix3<f64>,
-    lever: (Vector3<f64>, f64),
-    bias_sigma: f64,
+    priors: &Priors,
+    config: &InitializationConfig,
 ) -> Option<GravityEstimate> {
     let correction = Correction {
         gyro_bias: rotation_estimate.gyro_bias,
@@ -208,6 +215,11 @@ pub(super) fn from_forces(
         gyro_shape_inverse: Matrix3::identity(),
         accel_shape_inverse: Matrix3::identity(),
     };
+    let lever = priors
+        .imu_from_left
+        .map_or(Vector3::zeros(), |t| *t.translation());
+    let lever = (lever, priors.translation_sigma_m);
+    let bias_sigma = priors.bias_sigma[1];
     let mut normal = SMatrix::<f64, 9, 9>::zeros();
     let mut right = SVector::<f64, 9>::zeros();
     for k in 0..3 {
@@ -220,8 +232,10 @@ pub(super) fn from_forces(
     let mut first = 0;
     while first < times_s.len() {
         let later = |from: usize| {
-            let next = times_s.partition_point(|&t| t < times_s[from] + MIN_TRIPLE_INTERVAL_S);
-            (next < times_s.len() && times_s[next] < times_s[from] + 2.0 * MIN_TRIPLE_INTERVAL_S)
+            let next =
+                times_s.partition_point(|&t| t < times_s[from] + config.min_triple_interval_s);
+            (next < times_s.len()
+                && times_s[next] < times_s[from] + 2.0 * config.min_triple_interval_s)
                 .then_some(next)
         };
         let triple = later(first).and_then(|second| Some((second, later(second)?)));
@@ -253,7 +267,7 @@ pub(super) fn from_forces(
         let moved = (pk - pj) / t2 - (pj - pi) / t1;
         let pulled = rj * two.displacement / t2 + ri * (one.velocity - one.displacement / t1);
         let value = moved - pulled;
-        let weight = VELOCITY_SIGMA.powi(-2);
+        let weight = config.velocity_sigma.powi(-2);
         normal += row.transpose() * row * weight;
         right += row.transpose() * value * weight;
         rows.push((row, value));

@@ -11,18 +11,12 @@
 use camera_models::ImuNoise;
 use nalgebra::{Matrix3, SMatrix, Vector3};
 
+use super::config::ObservabilityConfig;
 use super::initialization::RotationEstimate;
 use super::recording::{GRAVITY, Priors};
 use super::so3;
 use super::track::Track;
 use super::view::Pose;
-
-/// Window length, s.
-const WINDOW_S: f64 = 0.25;
-/// Assumed accuracy of a view's pose, rad and m: optimistic guesses.
-const VIEW_POSE_SIGMA: [f64; 2] = [1e-4, 1e-4];
-/// Sigmas above which a direction is fixed: rotation in rad, lever arm in m, offset in s.
-const FIX_ABOVE_SIGMA: [f64; 3] = [0.02, 0.03, 3e-3];
 
 /// Rotation 3 (in the left optical frame), lever arm 3, offset, and the nuisance parameters:
 /// gravity 3, accelerometer bias 3, gyroscope bias 3.
@@ -42,12 +36,13 @@ pub(super) struct FixedDirections {
 pub(super) fn fixed_directions(
     times_s: &[f64],
     poses: &[Pose],
-    track: &Track,
+    (track, noise): (&Track, &ImuNoise),
     rotation_estimate: &RotationEstimate,
     imu_from_left: &Matrix3<f64>,
-    noise: &ImuNoise,
     priors: &Priors,
+    config: &ObservabilityConfig,
 ) -> FixedDirections {
+    let window_s = config.window_s;
     let mut information = SMatrix::<f64, PARAMETERS, PARAMETERS>::zeros();
     for k in 0..3 {
         information[(k, k)] = priors.rotation_sigma_rad.powi(-2);
@@ -57,30 +52,30 @@ pub(super) fn fixed_directions(
         information[(13 + k, 13 + k)] = priors.bias_sigma[0].powi(-2);
     }
     information[(6, 6)] = priors.time_offset_sigma_s.powi(-2);
-    let rate_sigma =
-        (noise.gyro_noise_density / WINDOW_S.sqrt()).hypot(1.4 * VIEW_POSE_SIGMA[0] / WINDOW_S);
-    let force_sigma = (noise.accel_noise_density / WINDOW_S.sqrt())
-        .hypot(2.4 * VIEW_POSE_SIGMA[1] / (WINDOW_S * WINDOW_S));
+    let rate_sigma = (noise.gyro_noise_density / window_s.sqrt())
+        .hypot(1.4 * config.view_pose_sigma[0] / window_s);
+    let force_sigma = (noise.accel_noise_density / window_s.sqrt())
+        .hypot(2.4 * config.view_pose_sigma[1] / (window_s * window_s));
 
     let mut next = f64::NEG_INFINITY;
     for (time_s, pose) in times_s.iter().zip(poses) {
         if *time_s < next {
             continue;
         }
-        next = time_s + WINDOW_S;
+        next = time_s + window_s;
         let middle = time_s + rotation_estimate.time_offset_s;
-        let half = 0.5 * WINDOW_S;
+        let half = 0.5 * window_s;
         let mean = |at: f64| track.means(at - half, at + half);
         let (Some(now), Some(before), Some(after)) = (
             mean(middle),
-            mean(middle - WINDOW_S),
-            mean(middle + WINDOW_S),
+            mean(middle - window_s),
+            mean(middle + window_s),
         ) else {
             continue;
         };
         let rate = now[0] - rotation_estimate.gyro_bias;
-        let spin = (after[0] - before[0]) / (2.0 * WINDOW_S);
-        let (force, pull) = (now[1], (after[1] - before[1]) / (2.0 * WINDOW_S));
+        let spin = (after[0] - before[0]) / (2.0 * window_s);
+        let (force, pull) = (now[1], (after[1] - before[1]) / (2.0 * window_s));
         let mut rates = SMatrix::<f64, 3, PARAMETERS>::zeros();
         let by_turn = so3::cross(&rate) * imu_from_left;
         rates.fixed_columns_mut::<3>(0).copy_from(&by_turn);
@@ -115,8 +110,8 @@ pub(super) fn fixed_directions(
             .collect()
     };
     FixedDirections {
-        rotation: directions(0, FIX_ABOVE_SIGMA[0]),
-        translation: directions(3, FIX_ABOVE_SIGMA[1]),
-        offset: covariance[(6, 6)] > FIX_ABOVE_SIGMA[2] * FIX_ABOVE_SIGMA[2],
+        rotation: directions(0, config.max_sigma[0]),
+        translation: directions(3, config.max_sigma[1]),
+        offset: covariance[(6, 6)] > config.max_sigma[2] * config.max_sigma[2],
     }
 }

@@ -215,7 +215,12 @@ mod tests {
                 }
             })
             .collect();
-        Track::new(&samples, 0, [f64::INFINITY; 2])
+        Track::new(
+            &samples,
+            0,
+            [f64::INFINITY; 2],
+            &super::super::config::SampleConfig::default(),
+        )
     }
 
     fn correction(parameters: &[f64; SENSOR]) -> Correction {

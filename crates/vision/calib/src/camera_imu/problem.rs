@@ -10,6 +10,7 @@ use camera_models::ImuNoise;
 use nalgebra::{Cholesky, Matrix3, SMatrix, SVector, Vector3};
 
 use super::chain::{Chain, Covariance};
+use super::config::SolverConfig;
 use super::observability::FixedDirections;
 use super::preintegrate::{ACCEL_SHAPE, GYRO_SHAPE, SENSOR, preintegrate};
 use super::recording::{Cameras, GRAVITY};
@@ -31,19 +32,6 @@ pub(super) const DRIFT: usize = 7;
 pub(super) const DOWN: usize = 8;
 pub(super) const BOARD: usize = 10;
 pub(super) const SHAPES: usize = 11;
-
-/// Huber threshold, in sigmas (norm of seven or nine components), for a view or an interval.
-const HUBER_SIGMAS: f64 = 5.5;
-/// Sigmas of fixed directions: rad, m, s.
-const FIXED_SIGMA: [f64; 3] = [1e-6, 1e-6, 1e-7];
-/// Velocity prior, m/s: no hand moves a camera faster. Constrains velocities that nothing measures.
-const MAX_SPEED_M_S: f64 = 10.0;
-const MIN_DAMPING: f64 = 1e-9;
-const MAX_ITERATIONS: usize = 30;
-/// Maximum predicted decrease, in squared sigmas, at which the fit may stop after
-/// [`MAX_ITERATIONS`]: along directions that are not determined the descent is long, flat and of no
-/// use.
-const MAX_STALLED_GAIN: f64 = 10.0;
 
 /// State of one instant: coordinates of the IMU in the target's frame.
 #[derive(Clone, Copy, Debug)]
@@ -102,6 +90,7 @@ impl Factors {
 
 /// Input of the fit.
 pub(super) struct Problem<'a> {
+    pub config: &'a SolverConfig,
     pub cameras: &'a Cameras,
     pub views: &'a [View<'a>],
     /// The pose that fits each view alone.
@@ -191,14 +180,14 @@ struct Whitened<const M: usize> {
 }
 
 impl<const M: usize> Whitened<M> {
-    /// Applies the robust loss; returns the cost.
-    fn apply_loss(&mut self, robust: bool) -> f64 {
+    /// Applies the Huber loss with this threshold, infinite for none; returns the cost.
+    fn apply_loss(&mut self, threshold: f64) -> f64 {
         let length = self.residual.norm();
-        if length <= HUBER_SIGMAS || !robust {
+        if length <= threshold || threshold == f64::INFINITY {
             return length * length;
         }
-        self.weight = HUBER_SIGMAS / length;
-        2.0 * HUBER_SIGMAS * length - HUBER_SIGMAS * HUBER_SIGMAS
+        self.weight = threshold / length;
+        2.0 * threshold * length - threshold * threshold
     }
 
     fn add(&self, i: usize, chain: &mut Chain<STATE, SHARED>) {
@@ -290,7 +279,7 @@ impl State {
 }
 
 impl Prior {
-    fn factor(&self, shared: &Shared) -> Whitened<SHARED> {
+    fn factor(&self, shared: &Shared, fixed_sigma: [f64; 3]) -> Whitened<SHARED> {
         let nominal = &self.shared;
         let turn = so3::log(&(nominal.rotation.transpose() * shared.rotation));
         let mut residual = SVector::<f64, SHARED>::zeros();
@@ -322,11 +311,11 @@ impl Prior {
             for direction in fixed {
                 let mut block = root.fixed_view_mut::<3, 3>(at, at);
                 block +=
-                    direction * direction.transpose() * (1.0 / FIXED_SIGMA[usize::from(at > 0)]);
+                    direction * direction.transpose() * (1.0 / fixed_sigma[usize::from(at > 0)]);
             }
         }
         if self.fixed.offset {
-            root[(OFFSET, OFFSET)] = 1.0 / FIXED_SIGMA[2];
+            root[(OFFSET, OFFSET)] = 1.0 / fixed_sigma[2];
         }
         let residual = root * residual;
         let by_shared = root * by_shared;
@@ -341,6 +330,13 @@ impl Prior {
 }
 
 impl Problem<'_> {
+    fn loss_threshold(&self) -> f64 {
+        match self.robust {
+            true => self.config.huber_sigma,
+            false => f64::INFINITY,
+        }
+    }
+
     /// Motion of the left camera at each view of a fit, by the IMU where it has samples.
     pub(super) fn motions(&self, fitted: &FitResult) -> Vec<CameraMotion> {
         let shared = &fitted.shared;
@@ -549,8 +545,8 @@ impl Problem<'_> {
         let mut own = SMatrix::<f64, 9, STATE>::zeros();
         let [gyro, accel] = self.prior.biases;
         for k in 0..3 {
-            residual[k] = state.velocity[k] / MAX_SPEED_M_S;
-            own[(k, VELOCITY + k)] = 1.0 / MAX_SPEED_M_S;
+            residual[k] = state.velocity[k] / self.config.max_speed_m_s;
+            own[(k, VELOCITY + k)] = 1.0 / self.config.max_speed_m_s;
             if i == 0 {
                 residual[3 + k] = state.gyro_bias[k] / gyro;
                 own[(3 + k, BIAS + k)] = 1.0 / gyro;
@@ -577,13 +573,13 @@ impl Problem<'_> {
         let n = states.len();
         let mut chain = Chain::new(n);
         let mut raw = Vec::new();
-        let prior = self.prior.factor(shared);
+        let prior = self.prior.factor(shared, self.config.fixed_sigma);
         chain.shared += prior.shared.transpose() * prior.shared;
         chain.shared_gradient += prior.shared.transpose() * prior.residual;
         let mut cost = prior.residual.norm_squared();
         for i in 0..n {
             let mut view_factor = self.view_factor(&rooted[i], &states[i], shared);
-            cost += view_factor.apply_loss(self.robust);
+            cost += view_factor.apply_loss(self.loss_threshold());
             view_factor.add(i, &mut chain);
             let alone = self.isolated(i, &states[i]);
             cost += alone.residual.norm_squared();
@@ -596,7 +592,7 @@ impl Problem<'_> {
             walk.add(i, &mut chain);
             if self.links[i] {
                 let mut inertial = self.inertial(i, states, shared, &mut raw)?;
-                cost += inertial.apply_loss(self.robust);
+                cost += inertial.apply_loss(self.loss_threshold());
                 inertial.add(i, &mut chain);
             }
         }
@@ -610,6 +606,7 @@ impl Problem<'_> {
         mut shared: Shared,
     ) -> Result<FitResult, usize> {
         let mut iterations = 0;
+        let most_rounds = self.config.max_relinearizations[usize::from(self.robust)];
         for round in 0.. {
             // In the first round, and wherever the motion contradicts a view, linearize at the pose
             // that fits the view alone: far from it all corners would appear as outliers.
@@ -622,7 +619,10 @@ impl Problem<'_> {
                     let quadric = match round {
                         0 => own(),
                         _ => Some(at(&shared.camera(&states[i]), shared.board_scale))
-                            .filter(|q| 10 * q.corners >= 9 * self.views[i].inlier_corners)
+                            .filter(|q| {
+                                let inliers = self.views[i].inlier_corners as f64;
+                                q.corners as f64 >= self.config.min_inlier_corner_ratio * inliers
+                            })
                             .unwrap_or_else(own),
                     };
                     WhitenedView::new(&quadric)
@@ -630,7 +630,7 @@ impl Problem<'_> {
                 .collect();
             let rooted = rooted.ok_or(iterations)?;
             let promised = self.optimize(&rooted, &mut states, &mut shared, &mut iterations)?;
-            if (round > 0 && promised < 1e-2) || round == if self.robust { 4 } else { 1 } {
+            if (round > 0 && promised < self.config.relinearization_gain) || round == most_rounds {
                 return self.fitted(&rooted, states, shared, iterations);
             }
         }
@@ -645,15 +645,16 @@ impl Problem<'_> {
         shared: &mut Shared,
         iterations: &mut usize,
     ) -> Result<f64, usize> {
+        let config = self.config;
         let (mut chain, mut cost) = self.equations(rooted, states, shared).ok_or(*iterations)?;
-        let mut damping = 1e-6;
+        let mut damping = config.initial_damping;
         let mut first = None;
         for tries in 0.. {
             *iterations += 1;
             let stepped = chain.factor(damping).map(|factor| factor.step());
             let Some(step) = stepped else {
                 damping *= 10.0;
-                if damping > 1e8 {
+                if damping > config.max_damping {
                     return self.stop(first, *iterations);
                 }
                 continue;
@@ -664,14 +665,16 @@ impl Problem<'_> {
                     .sum::<f64>());
             first.get_or_insert(promised);
             // In units of a squared sigma.
-            let enough = match tries < MAX_ITERATIONS {
-                true => 1e-4,
-                false => MAX_STALLED_GAIN.max(1e-3 * cost),
+            let enough = match tries < config.max_iterations {
+                true => config.convergence_gain,
+                false => config
+                    .max_stalled_gain
+                    .max(config.max_stalled_gain_ratio * cost),
             };
             if promised < enough {
                 return Ok(first.unwrap_or(promised));
             }
-            if tries > MAX_ITERATIONS {
+            if tries > config.max_iterations {
                 return self.stop(first, *iterations);
             }
             let tried: Vec<State> = (states.iter().zip(&step.own))
@@ -689,13 +692,13 @@ impl Problem<'_> {
                         fixed if fixed > 0.25 => 1.0,
                         _ => 4.0,
                     };
-                    damping = damping.max(MIN_DAMPING);
+                    damping = damping.max(config.min_damping);
                     // With the robust loss the last steps are small.
-                    if gained < 1e-3 && gained < 1e-8 * cost {
+                    if gained < config.min_gain[0] && gained < config.min_gain[1] * cost {
                         return Ok(first.unwrap_or(promised));
                     }
                 }
-                _ if damping > 1e8 => return self.stop(first, *iterations),
+                _ if damping > config.max_damping => return self.stop(first, *iterations),
                 _ => damping *= 10.0,
             }
         }
@@ -730,7 +733,7 @@ impl Problem<'_> {
         for i in 0..states.len() {
             let mut local = IntervalResiduals::default();
             let mut view_factor = self.view_factor(&rooted[i], &states[i], &shared);
-            view_factor.apply_loss(self.robust);
+            view_factor.apply_loss(self.loss_threshold());
             let rank = rooted[i].rank;
             let taken = view_factor.leverage(i, &covariance);
             let squares = view_factor.residual.norm_squared();
@@ -748,7 +751,7 @@ impl Problem<'_> {
             if i + 1 < states.len() && self.links[i] {
                 let inertial = self.inertial(i, &states, &shared, &mut raw);
                 let mut inertial = inertial.ok_or(iterations)?;
-                inertial.apply_loss(self.robust);
+                inertial.apply_loss(self.loss_threshold());
                 let taken = inertial.leverage(i, &covariance);
                 let gyro = inertial.residual.rows(0, 3).norm_squared();
                 let accel = inertial.residual.rows(3, 6).norm_squared();

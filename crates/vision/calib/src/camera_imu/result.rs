@@ -3,6 +3,7 @@
 use cad_transforms::RigidTransform;
 use nalgebra::SMatrix;
 
+use super::config::Config;
 use super::gates::{Gate, UnobservableDirection, Verdict};
 use super::noise::NoiseEstimates;
 
@@ -47,6 +48,8 @@ pub struct Residual {
 /// Result of the calibration.
 #[derive(Clone, Debug)]
 pub struct CameraImu {
+    /// Configuration of the estimation.
+    pub config: Config,
     /// Takes points in the left optical frame to the IMU's.
     pub imu_from_left: RigidTransform,
     /// `t_imu - t_camera` in the middle of the recording, s.

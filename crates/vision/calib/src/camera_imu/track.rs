@@ -5,10 +5,8 @@
 
 use nalgebra::{Matrix3, Vector3};
 
+use super::config::SampleConfig;
 use super::recording::ImuSample;
-
-/// Maximum interval between two samples, in sample periods.
-const MAX_STEP_PERIODS: f64 = 2.5;
 
 /// A measurement, s, rad/s and m/s².
 #[derive(Clone, Copy, Debug)]
@@ -33,7 +31,12 @@ pub(super) struct Track {
 impl Track {
     /// Builds the track from samples in strict order of time. `range` is that of the gyroscope and
     /// of the accelerometer.
-    pub(super) fn new(samples: &[ImuSample], zero_ns: i64, range: [f64; 2]) -> Self {
+    pub(super) fn new(
+        samples: &[ImuSample],
+        zero_ns: i64,
+        range: [f64; 2],
+        config: &SampleConfig,
+    ) -> Self {
         let samples: Vec<Raw> = samples
             .iter()
             .map(|s| Raw {
@@ -49,7 +52,7 @@ impl Track {
         steps.sort_by(f64::total_cmp);
         let period_s = steps.get(steps.len() / 2).copied().unwrap_or(1.0);
         let cut_off = |s: &Raw| {
-            let at_end = |v: &Vector3<f64>, range: f64| v.amax() >= 0.999 * range;
+            let at_end = |v: &Vector3<f64>, range: f64| v.amax() >= config.saturation_ratio * range;
             at_end(&s.gyro, range[0]) || at_end(&s.accel, range[1])
         };
         let mut gaps = vec![0; samples.len()];
@@ -57,7 +60,7 @@ impl Track {
         for i in 1..samples.len() {
             let (a, b) = (&samples[i - 1], &samples[i]);
             let step = b.time_s - a.time_s;
-            let broken = step > MAX_STEP_PERIODS * period_s || cut_off(a) || cut_off(b);
+            let broken = step > config.max_interval_periods * period_s || cut_off(a) || cut_off(b);
             gaps[i] = gaps[i - 1] + u32::from(broken);
             sums[i][0] = sums[i - 1][0] + (a.gyro + b.gyro) * (0.5 * step);
             sums[i][1] = sums[i - 1][1] + (a.accel + b.accel) * (0.5 * step);

@@ -9,17 +9,13 @@
 use camera_models::Eye;
 use nalgebra::{Matrix3, SMatrix, SVector, SymmetricEigen, Vector2, Vector3};
 
+use super::config::ViewConfig;
 use super::recording::{Cameras, Corner};
 use super::so3;
 
 /// Parameters of a view: small rotation 3, translation in the target's frame 3, size of the board.
 pub(super) const VIEW: usize = 7;
 
-/// Huber threshold and rejection threshold of a corner, in sigmas.
-const HUBER_SIGMAS: f64 = 3.0;
-const OUTLIER_SIGMAS: f64 = 10.0;
-/// Minimum number of corners of a view.
-pub(super) const MIN_CORNERS: usize = 8;
 /// Median of the norm of a two-dimensional standard normal vector.
 const RAYLEIGH_MEDIAN: f64 = 1.177_41;
 
@@ -56,6 +52,7 @@ pub(super) struct Fit {
 
 /// A view of the board.
 pub(super) struct View<'a> {
+    pub config: ViewConfig,
     pub time_s: f64,
     pub time_ns: i64,
     pub corners: &'a [Corner],
@@ -150,7 +147,9 @@ impl View<'_> {
             .filter_map(|c| Some(self.error(cameras, pose, size, c)?.norm()))
             .collect();
         let seen = lengths.len();
-        let kept = lengths.iter().filter(|&&e| e < OUTLIER_SIGMAS * scale);
+        let kept = lengths
+            .iter()
+            .filter(|&&e| e < self.config.outlier_sigma * scale);
         let (count, squares) = kept.fold((0_usize, 0.0), |(n, sum), e| (n + 1, sum + e * e));
         lengths.sort_by(f64::total_cmp);
         let median = lengths.get(seen / 2).copied().unwrap_or(f64::INFINITY);
@@ -180,10 +179,10 @@ impl View<'_> {
                 continue;
             };
             let length = linear.residual.norm() / scale;
-            if length >= OUTLIER_SIGMAS {
+            if length >= self.config.outlier_sigma {
                 continue;
             }
-            let weight = (HUBER_SIGMAS / length).min(1.0) / (scale * scale);
+            let weight = (self.config.huber_sigma / length).min(1.0) / (scale * scale);
             let transposed = linear.by_view.transpose() * weight;
             information += transposed * linear.by_view;
             gradient += transposed * linear.residual;
@@ -201,28 +200,29 @@ impl View<'_> {
     /// Pose from this view alone, for a board of nominal size; `None` if corners are too few or do
     /// not fit.
     pub(super) fn pose(&self, cameras: &Cameras) -> Option<(Pose, Fit)> {
-        if self.corners.len() < MIN_CORNERS {
+        if self.corners.len() < self.config.min_corners {
             return None;
         }
         let start = self.homography(cameras)?;
         let mut best = self.refine(cameras, start)?;
         let two_eyes = self.corners.iter().any(|c| c.eye == Eye::Left)
             && self.corners.iter().any(|c| c.eye == Eye::Right);
-        if !two_eyes || best.1.scale > 2.0 {
+        if !two_eyes || best.1.scale > self.config.ambiguity_scale {
             let other = self
                 .flipped(&best.0)
                 .and_then(|p| self.refine(cameras, p))
                 .filter(|other| other.1.scale < best.1.scale);
             best = other.unwrap_or(best);
         }
-        let most_outliers = best.1.corners / 4;
-        (best.1.corners >= MIN_CORNERS && best.1.outliers <= most_outliers).then_some(best)
+        let most_outliers = self.config.max_outlier_ratio * best.1.corners as f64;
+        (best.1.corners >= self.config.min_corners && best.1.outliers as f64 <= most_outliers)
+            .then_some(best)
     }
 
     /// Refines a nearby pose.
     pub(super) fn refine(&self, cameras: &Cameras, mut pose: Pose) -> Option<(Pose, Fit)> {
         let mut fit = self.fit(cameras, &pose, 1.0, f64::INFINITY);
-        for _ in 0..12 {
+        for _ in 0..self.config.max_iterations {
             let scale = fit.scale.max(1e-3);
             let quadric = self.linearise(cameras, &pose, 1.0, scale);
             let information: SMatrix<f64, 6, 6> =
@@ -232,7 +232,7 @@ impl View<'_> {
             pose = pose.moved(&step);
             let sigmas = step.dot(&(information * step)).sqrt();
             fit = self.fit(cameras, &pose, 1.0, scale);
-            if sigmas < 1e-2 {
+            if sigmas < self.config.convergence_sigma {
                 break;
             }
         }
@@ -255,7 +255,8 @@ impl View<'_> {
             .filter_map(|c| {
                 let [x, y, z] = lens.unproject(c.pixel)?;
                 let on_board = Vector2::new(c.x_in_target[0], c.x_in_target[1]);
-                (z > 0.05).then(|| (on_board, Vector2::new(x / z, y / z)))
+                (z > self.config.min_axial_component)
+                    .then(|| (on_board, Vector2::new(x / z, y / z)))
             })
             .collect();
         if pairs.len() < 4 {

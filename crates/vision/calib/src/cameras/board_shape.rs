@@ -9,15 +9,8 @@
 use boards::Target;
 use nalgebra::{Matrix3, Vector3};
 
-use crate::adjust::{AdjustError, Problem, Settings, Solution, by_points, solve};
-
-/// Rounds of shape estimation and bundle adjustment.
-const ROUNDS: usize = 4;
-/// Minimum decrease of the cost (a tenth of it is a chance of 1 in 10^4 for three parameters), and
-/// minimum relative decrease.
-const MIN_COST_DECREASE: (f64, f64) = (60.0, 0.01);
-/// Minimum sagitta, m: smaller shapes are ignored.
-const MIN_SAGITTA_M: f64 = 2e-4;
+use super::config::{BoardShapeConfig, Config};
+use crate::adjust::{AdjustError, Problem, Solution, by_points, solve};
 
 /// Extent of a target's corners in its own plane.
 struct Extent {
@@ -66,19 +59,17 @@ pub(super) fn refine(
     solution: Solution,
     targets: &[Target],
     of_view: &[usize],
+    config: &Config,
 ) -> Result<(Solution, Vec<f64>), AdjustError> {
     let extents: Vec<Extent> = targets.iter().map(Extent::of).collect();
-    let quick = Settings {
-        covariance: false,
-        tolerance: 1e-6,
-        ..Settings::default()
-    };
+    let quick = config.solver.approximate();
+    let shape = &config.board_shape;
     let mut shapes_m = vec![Vector3::zeros(); targets.len()];
     let mut refined = solution.clone();
-    for _ in 0..ROUNDS {
-        let shape_steps = shape_steps(&refined, &extents, of_view);
-        for (shape, step) in shapes_m.iter_mut().zip(shape_steps) {
-            *shape += step;
+    for _ in 0..shape.rounds {
+        let shape_steps = shape_steps(&refined, &extents, of_view, shape);
+        for (shape_m, step) in shapes_m.iter_mut().zip(shape_steps) {
+            *shape_m += step;
         }
         let problem = with_board_shape(&refined.problem, &extents, of_view, &shapes_m);
         refined = solve(&problem, &quick)?;
@@ -87,11 +78,11 @@ pub(super) fn refine(
     let decrease = solution.cost * (solution.scale / refined.scale).powi(2) - refined.cost;
     let sagitta = |shape: &Vector3<f64>| -(shape.x + shape.y);
     let largest = |shape: &Vector3<f64>| shape.x.abs() + shape.y.abs() + shape.z.abs();
-    let (least, share) = MIN_COST_DECREASE;
-    let proven = decrease > least && decrease > share * refined.cost;
+    let proven = decrease > shape.min_cost_decrease
+        && decrease > shape.min_cost_decrease_ratio * refined.cost;
     let significant: Vec<bool> = shapes_m
         .iter()
-        .map(|b| proven && largest(b) > MIN_SAGITTA_M)
+        .map(|b| proven && largest(b) > shape.min_sagitta_m)
         .collect();
     if !significant.contains(&true) {
         return Ok((solution, vec![0.0; targets.len()]));
@@ -102,7 +93,7 @@ pub(super) fn refine(
         }
     }
     let problem = with_board_shape(&refined.problem, &extents, of_view, &shapes_m);
-    let solution = solve(&problem, &Settings::default())?;
+    let solution = solve(&problem, &config.solver)?;
     let sagitta = shapes_m.iter().map(sagitta).collect();
     Ok((solution, sagitta))
 }
@@ -123,7 +114,12 @@ fn with_board_shape(
 }
 
 /// Update of each target's shape with everything else fixed.
-fn shape_steps(solution: &Solution, extents: &[Extent], of_view: &[usize]) -> Vec<Vector3<f64>> {
+fn shape_steps(
+    solution: &Solution,
+    extents: &[Extent],
+    of_view: &[usize],
+    config: &BoardShapeConfig,
+) -> Vec<Vector3<f64>> {
     let mut information = vec![Matrix3::<f64>::zeros(); extents.len()];
     let mut gradient = vec![Vector3::zeros(); extents.len()];
     let views = solution
@@ -139,7 +135,7 @@ fn shape_steps(solution: &Solution, extents: &[Extent], of_view: &[usize]) -> Ve
                 continue;
             };
             let sigma = point.sigma_px * solution.scale;
-            if dx.hypot(*dy) > 3.0 * sigma {
+            if dx.hypot(*dy) > config.outlier_sigma * sigma {
                 continue;
             }
             let shapes = extents[target].shapes(point.x_in_target);

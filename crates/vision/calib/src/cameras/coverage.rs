@@ -2,16 +2,11 @@
 
 use cad_transforms::RigidTransform;
 
+use super::config::CoverageConfig;
 use crate::adjust::Point;
 
 /// Columns and rows of the coverage map.
 const CELLS: (usize, usize) = (12, 8);
-/// Width of the border that must be covered, as a fraction of the image's width or height.
-const BORDER: f64 = 0.1;
-/// Minimum number of views with corners in each border, and of tilted views.
-const MIN_VIEWS: usize = 3;
-/// Minimum tilt of a tilted view, degrees. Tilted views separate focal length from distance.
-const MIN_TILT_DEG: f64 = 20.0;
 
 /// Coverage of one eye.
 #[derive(Clone, Debug, PartialEq)]
@@ -24,7 +19,7 @@ pub struct Coverage {
     pub borders: [usize; 4],
     /// Largest tilt of a target against the image plane, degrees.
     pub largest_tilt_deg: f64,
-    /// Number of views tilted by more than 20 degrees.
+    /// Number of views tilted by more than [`CoverageConfig::min_tilt_deg`].
     pub tilted: usize,
     /// Nearest and farthest target, m.
     pub distances_m: (f64, f64),
@@ -35,7 +30,9 @@ impl Coverage {
     pub fn of<'a>(
         (width, height): (u32, u32),
         views: impl IntoIterator<Item = (RigidTransform, &'a [Point])>,
+        config: &CoverageConfig,
     ) -> Self {
+        let border = config.border_ratio;
         let mut all = Self {
             views: 0,
             cells: vec![0; CELLS.0 * CELLS.1],
@@ -52,7 +49,7 @@ impl Coverage {
                 let (x, y) = ((point.pixel[0] + 0.5) / w, (point.pixel[1] + 0.5) / h);
                 let cell = |v: f64, n: usize| ((v * n as f64).max(0.0) as usize).min(n - 1);
                 all.cells[cell(y, CELLS.1) * CELLS.0 + cell(x, CELLS.0)] += 1;
-                let sides = [x < BORDER, x > 1.0 - BORDER, y < BORDER, y > 1.0 - BORDER];
+                let sides = [x < border, x > 1.0 - border, y < border, y > 1.0 - border];
                 near.iter_mut()
                     .zip(sides)
                     .for_each(|(near, side)| *near |= side);
@@ -69,7 +66,7 @@ impl Coverage {
             let normal = eye_from_target.rotate([0.0, 0.0, 1.0]);
             let tilt = normal[2].abs().min(1.0).acos().to_degrees();
             all.largest_tilt_deg = all.largest_tilt_deg.max(tilt);
-            all.tilted += usize::from(tilt > MIN_TILT_DEG);
+            all.tilted += usize::from(tilt > config.min_tilt_deg);
             all.distances_m.0 = all.distances_m.0.min(distance);
             all.distances_m.1 = all.distances_m.1.max(distance);
         }
@@ -77,13 +74,13 @@ impl Coverage {
     }
 
     /// What is missing, as instructions for the user.
-    pub fn missing(&self) -> Vec<String> {
+    pub fn missing(&self, config: &CoverageConfig) -> Vec<String> {
         let mut missing = Vec::new();
         let names = ["left", "right", "upper", "lower"];
         let absent: Vec<&str> = names
             .iter()
             .zip(self.borders)
-            .filter(|(_, views)| *views < MIN_VIEWS)
+            .filter(|(_, views)| *views < config.min_views)
             .map(|(name, _)| *name)
             .collect();
         if !absent.is_empty() {
@@ -92,11 +89,11 @@ impl Coverage {
                 absent.join(", ")
             ));
         }
-        if self.tilted < MIN_VIEWS {
+        if self.tilted < config.min_views {
             missing.push(format!(
-                "only {} views with the target tilted by more than {MIN_TILT_DEG:.0} degrees (the largest is {:.0}): \
+                "only {} views with the target tilted by more than {:.0} degrees (the largest is {:.0}): \
                  tilt it to all sides",
-                self.tilted, self.largest_tilt_deg
+                self.tilted, config.min_tilt_deg, self.largest_tilt_deg
             ));
         }
         missing

@@ -1,42 +1,21 @@
 //! Gates of a calibration, applied before anything is written.
 //!
 //! Contract: a result whose stated sigmas cannot be trusted has a finding. Each check documents its
-//! statistic and its significance; the limits are constants of this file only.
+//! statistic and its significance; the limits are in [`CheckConfig`].
 
 use camera_models::Lens;
 use nalgebra::{DVector, Matrix6, Vector2, Vector6};
 
+use super::config::{CheckConfig, Config};
 use super::finding::{Finding, Severity};
 use super::input::{Camera, Input};
 use super::result::{Calibration, RigPoses};
 use crate::adjust::{
-    Parameter, PosePrior, Problem, Settings, Solution, View, reduced_equations, solve, step_between,
+    self, Parameter, PosePrior, Problem, Solution, View, reduced_equations, solve, step_between,
 };
 
-/// RMS residual of an eye, px: warning, failure.
-const RMS_PX: (f64, f64) = (0.5, 1.5);
-/// Deviation from the factory file: warning, failure. Focal lengths relative to themselves,
-/// principal points relative to the image width.
-const FACTORY_DEVIATION: (f64, f64) = (0.025, 0.05);
-/// Sigma of the pixel of a given direction, anywhere in the image, px: warning, failure.
-const MAX_PIXEL_SIGMA: (f64, f64) = (1.0, 4.0);
-/// Sigma of the right eye's pose in the left one: m and degrees; warning, failure.
-const STEREO_SIGMA: [(f64, f64); 2] = [(5e-4, 0.05), (3e-3, 0.3)];
-/// Sigma of the pose of one camera in another: m and degrees; warning, failure.
-const RIG_SIGMA: [(f64, f64); 2] = [(1e-3, 0.05), (10e-3, 0.5)];
-/// Relative deviation of a length from its nominal value above which the target's size is suspect.
-const MAX_LENGTH_RATIO: f64 = 0.005;
-/// Gate on nominal extrinsics, in sigmas of their prior: beyond it they are contradicted.
-const PRIOR_GATE_SIGMAS: f64 = 4.0;
-/// Limit for the maximum of a Brownian bridge, per coordinate, in six coordinates twice over:
-/// exceeded by chance about once in 1000 (Kolmogorov distribution).
-const MAX_BRIDGE: f64 = 2.25;
-/// Smallest motion that is reported, m and degrees.
-const MIN_REPORTED_MOTION: (f64, f64) = (5e-4, 0.05);
 /// Median of chi-squared with six degrees of freedom.
 const CHI6_MEDIAN: f64 = 5.348;
-/// Maximum sagitta of a usable board, m.
-const MAX_SAGITTA_M: f64 = 0.01;
 
 /// All findings, worst first.
 pub(super) fn findings(calibration: &Calibration) -> Vec<Finding> {
@@ -44,7 +23,7 @@ pub(super) fn findings(calibration: &Calibration) -> Vec<Finding> {
     let input = &calibration.input;
     for (eye, coverage) in calibration.coverage.iter().enumerate() {
         let name = &input.eyes[eye].name;
-        let missing = coverage.missing().into_iter();
+        let missing = coverage.missing(&calibration.config.coverage).into_iter();
         all.extend(missing.map(|m| Finding::new(Severity::Warn, format!("{name}: {m}"))));
         lens(calibration, eye, &mut all);
     }
@@ -54,7 +33,7 @@ pub(super) fn findings(calibration: &Calibration) -> Vec<Finding> {
     rig(calibration, &mut all);
     for (target, sagitta) in calibration.sagitta_m.iter().enumerate() {
         if *sagitta != 0.0 {
-            let severity = match sagitta.abs() > MAX_SAGITTA_M {
+            let severity = match sagitta.abs() > calibration.config.checks.max_sagitta_m {
                 true => Severity::Fail,
                 false => Severity::Warn,
             };
@@ -82,7 +61,7 @@ fn factory_deviation(calibration: &Calibration, eye: usize) -> Option<Finding> {
     let width = f64::from(description.size.0);
     let share = |k: usize| (found[k] - factory[k]).abs() / if k < 2 { factory[k] } else { width };
     let worst = (0..4).max_by(|&a, &b| share(a).total_cmp(&share(b)))?;
-    let (warn, fail) = FACTORY_DEVIATION;
+    let [warn, fail] = calibration.config.checks.factory_deviation;
     let severity = match share(worst) {
         s if s > fail => Severity::Fail,
         s if s > warn => Severity::Warn,
@@ -104,7 +83,7 @@ fn lens(calibration: &Calibration, eye: usize, all: &mut Vec<Finding>) {
     all.extend(factory_deviation(calibration, eye));
     let name = &calibration.input.eyes[eye].name;
     let rms = calibration.solution.rms_px(|view| view.lens == eye);
-    let (warn, fail) = RMS_PX;
+    let [warn, fail] = calibration.config.checks.rms_px;
     if rms > warn {
         let severity = if rms > fail {
             Severity::Fail
@@ -117,7 +96,7 @@ fn lens(calibration: &Calibration, eye: usize, all: &mut Vec<Finding>) {
         ));
     }
     let (sigma, at) = worst_pixel(calibration, eye);
-    let (warn, fail) = MAX_PIXEL_SIGMA;
+    let [warn, fail] = calibration.config.checks.pixel_sigma_px;
     if sigma > warn {
         let severity = if sigma > fail {
             Severity::Fail
@@ -181,11 +160,12 @@ fn sigmas(covariance: &Matrix6<f64>) -> (f64, f64) {
 fn uncertain_pose(
     what: &str,
     covariance: &Matrix6<f64>,
-    limits: &[(f64, f64); 2],
+    limits_m: [f64; 2],
+    limits_deg: [f64; 2],
 ) -> Option<Finding> {
     let (metres, degrees) = sigmas(covariance);
-    let over = |(m, d): (f64, f64)| metres > m || degrees > d;
-    let severity = match (over(limits[1]), over(limits[0])) {
+    let over = |k: usize| metres > limits_m[k] || degrees > limits_deg[k];
+    let severity = match (over(1), over(0)) {
         (true, _) => Severity::Fail,
         (_, true) => Severity::Warn,
         _ => return None,
@@ -196,8 +176,8 @@ fn uncertain_pose(
             "{what} is known to {:.2} mm and {degrees:.3} degrees only, expected {} mm and {} degrees: \
              more views that both see",
             1e3 * metres,
-            1e3 * limits[0].0,
-            limits[0].1
+            1e3 * limits_m[0],
+            limits_deg[0]
         ),
     ))
 }
@@ -208,10 +188,16 @@ fn pair(calibration: &Calibration, number: usize, camera: &Camera, all: &mut Vec
     let Some(pose) = calibration.poses.pairs[number] else {
         return;
     };
+    let checks = &calibration.config.checks;
     let (left_from_right, covariance) = calibration.pose(pose);
     let name = &camera.name;
     let what = format!("{name}: the pose of the right eye");
-    all.extend(uncertain_pose(&what, &covariance, &STEREO_SIGMA));
+    all.extend(uncertain_pose(
+        &what,
+        &covariance,
+        checks.stereo_sigma_m,
+        checks.stereo_sigma_deg,
+    ));
     let along = left_from_right.translation_m()[0];
     let baseline = left_from_right.distance_m();
     if along < -0.5 * baseline {
@@ -227,7 +213,7 @@ fn pair(calibration: &Calibration, number: usize, camera: &Camera, all: &mut Vec
         let expected = prior.transform.distance_m();
         let off = baseline / expected - 1.0;
         let sigma = sigmas(&covariance).0 / expected;
-        if off.abs() > MAX_LENGTH_RATIO.max(3.0 * sigma) {
+        if off.abs() > checks.max_length_ratio.max(checks.max_length_sigma * sigma) {
             all.push(Finding::new(
                 Severity::Fail,
                 format!(
@@ -244,6 +230,7 @@ fn pair(calibration: &Calibration, number: usize, camera: &Camera, all: &mut Vec
 
 /// Checks of the rig: uncertainty between cameras, and cameras that contradict the rig file.
 fn rig(calibration: &Calibration, all: &mut Vec<Finding>) {
+    let checks = &calibration.config.checks;
     let cameras = &calibration.input.cameras;
     let names: Vec<&str> = (0..cameras.len())
         .filter(|&c| calibration.poses.cameras[c].is_none())
@@ -272,7 +259,12 @@ fn rig(calibration: &Calibration, all: &mut Vec<Finding>) {
             && let Some((_, covariance)) = calibration.left_from_left(first, number)
         {
             let what = format!("the pose of {} in {}", camera.name, cameras[first].name);
-            all.extend(uncertain_pose(&what, &covariance, &RIG_SIGMA));
+            all.extend(uncertain_pose(
+                &what,
+                &covariance,
+                checks.rig_sigma_m,
+                checks.rig_sigma_deg,
+            ));
         }
         let Some(prior) = &camera.rig_from_left else {
             continue;
@@ -280,7 +272,7 @@ fn rig(calibration: &Calibration, all: &mut Vec<Finding>) {
         let found = calibration.pose(pose).0;
         let off = step_between(&prior.transform, &found);
         let sigmas_off = mahalanobis(&off, &prior.covariance);
-        if sigmas_off > PRIOR_GATE_SIGMAS {
+        if sigmas_off > checks.prior_sigma {
             let rotation_deg = nalgebra::Vector3::new(off[3], off[4], off[5])
                 .norm()
                 .to_degrees();
@@ -312,7 +304,9 @@ pub(super) fn mahalanobis(step: &Vector6<f64>, covariance: &Matrix6<f64>) -> f64
 fn motion_during_recording(calibration: &Calibration) -> Vec<Finding> {
     let solution = &calibration.solution;
     let problem = &solution.problem;
-    let equations = reduced_equations(problem, solution.scale);
+    let config = &calibration.config;
+    let checks = &config.checks;
+    let equations = reduced_equations(problem, solution.scale, &config.solver);
     let parameters = problem.parameters();
     let begin = |pose: usize| {
         parameters
@@ -343,8 +337,8 @@ fn motion_during_recording(calibration: &Calibration) -> Vec<Finding> {
                     .into_owned(),
             ));
         }
-        if let Some((excursion, instant)) = bridge_maximum(&scores)
-            && excursion > MAX_BRIDGE
+        if let Some((excursion, instant)) = bridge_maximum(&scores, checks)
+            && excursion > checks.max_bridge
             && worst.as_ref().is_none_or(|w| excursion > w.0)
         {
             worst = Some((excursion, name, pose, instant));
@@ -355,10 +349,10 @@ fn motion_during_recording(calibration: &Calibration) -> Vec<Finding> {
     };
     let used = calibration.instant_of(instant);
     let seconds = 1e-9 * (input.times_ns[used] - input.times_ns[0]) as f64;
-    let Some((metres, degrees)) = jump(solution, pose, instant) else {
+    let Some((metres, degrees)) = jump(solution, pose, instant, config) else {
         return Vec::new();
     };
-    if metres < MIN_REPORTED_MOTION.0 && degrees < MIN_REPORTED_MOTION.1 {
+    if metres < checks.min_motion_m && degrees < checks.min_motion_deg {
         return Vec::new();
     }
     vec![Finding::new(
@@ -372,8 +366,11 @@ fn motion_during_recording(calibration: &Calibration) -> Vec<Finding> {
 }
 
 /// Maximum of the bridge, normalized, and its instant.
-fn bridge_maximum(scores: &[(usize, Vector6<f64>, Matrix6<f64>)]) -> Option<(f64, usize)> {
-    if scores.len() < 8 {
+fn bridge_maximum(
+    scores: &[(usize, Vector6<f64>, Matrix6<f64>)],
+    checks: &CheckConfig,
+) -> Option<(f64, usize)> {
+    if scores.len() < checks.min_bridge_instants {
         return None;
     }
     let chi: Vec<f64> = scores
@@ -406,7 +403,7 @@ fn bridge_maximum(scores: &[(usize, Vector6<f64>, Matrix6<f64>)]) -> Option<(f64
 }
 
 /// Change of a pose from before to after an instant, m and degrees.
-fn jump(solution: &Solution, pose: usize, instant: usize) -> Option<(f64, f64)> {
+fn jump(solution: &Solution, pose: usize, instant: usize, config: &Config) -> Option<(f64, f64)> {
     let mut problem: Problem = solution.problem.clone();
     let before = problem.poses[pose].clone();
     for lens in &mut problem.lenses {
@@ -428,11 +425,11 @@ fn jump(solution: &Solution, pose: usize, instant: usize) -> Option<(f64, f64)> 
             .filter(|p| **p == pose)
             .for_each(|p| *p = after);
     }
-    let settings = Settings {
+    let solver = adjust::Config {
         covariance: false,
-        ..Settings::default()
+        ..config.solver
     };
-    let found = solve(&problem, &settings).ok()?;
+    let found = solve(&problem, &solver).ok()?;
     let poses = &found.problem.poses;
     let step = step_between(
         &poses[pose].parent_from_child,
@@ -442,12 +439,14 @@ fn jump(solution: &Solution, pose: usize, instant: usize) -> Option<(f64, f64)> 
     Some((step.rows(0, 3).norm(), step.rows(3, 3).norm().to_degrees()))
 }
 
-/// The camera that contradicts its nominal pose most, beyond half of [`PRIOR_GATE_SIGMAS`].
+/// The camera that contradicts its nominal pose most, beyond a fraction of the limit.
 pub(super) fn inconsistent_prior(
     input: &Input,
     poses: &RigPoses,
     solution: &Solution,
+    checks: &CheckConfig,
 ) -> Option<usize> {
+    let limit = checks.prior_replacement_ratio * checks.prior_sigma;
     let off = |number: usize| {
         let pose = poses.cameras[number]?;
         let prior = input.cameras[number].rig_from_left.as_ref()?;
@@ -463,7 +462,7 @@ pub(super) fn inconsistent_prior(
     };
     (0..input.cameras.len())
         .filter_map(off)
-        .filter(|(_, sigmas_off)| *sigmas_off > 0.5 * PRIOR_GATE_SIGMAS)
+        .filter(|(_, sigmas_off)| *sigmas_off > limit)
         .max_by(|a, b| a.1.total_cmp(&b.1))
         .map(|(number, _)| number)
 }

@@ -7,36 +7,41 @@
 use cad_transforms::RigidTransform;
 use camera_models::{CameraModel, Distortion};
 
+use super::config::{Config, FactoryPriorConfig, LensPriorConfig};
 use super::points::single_lens_problem;
-use crate::adjust::{LensBlock, Point, Prior, Settings, solve};
+use crate::adjust::{self, LensBlock, Point, Prior, solve};
 use crate::pnp;
-
-/// Focal lengths that are tried, in image widths.
-const FOCAL_LENGTHS: [f64; 9] = [0.3, 0.4, 0.52, 0.65, 0.8, 1.0, 1.3, 1.7, 2.4];
-/// Maximum number of views used.
-const MAX_VIEWS: usize = 12;
 
 /// A view of a target: its pose and its points.
 pub(super) type PosedPoints = (RigidTransform, Vec<Point>);
 
 /// Poses of the views that a lens explains, in their order.
-pub(super) fn poses(model: &CameraModel, views: &[Vec<Point>]) -> Vec<Option<pnp::PlanarPose>> {
+pub(super) fn poses(
+    model: &CameraModel,
+    views: &[Vec<Point>],
+    config: &pnp::Config,
+) -> Vec<Option<pnp::PlanarPose>> {
     let pieces = crate::adjust::in_chunks(views.len(), |range| {
         views[range]
             .iter()
-            .map(|points| pnp::planar(model, points))
+            .map(|points| pnp::planar(model, points, config))
             .collect::<Vec<_>>()
     });
     pieces.into_iter().flatten().collect()
 }
 
 /// A lens from views alone, and its median RMS residual, px. `None` if nothing fits.
-pub(super) fn initial_lens(size: (u32, u32), views: &[Vec<Point>]) -> Option<(CameraModel, f64)> {
+pub(super) fn initial_lens(
+    size: (u32, u32),
+    views: &[Vec<Point>],
+    config: &Config,
+) -> Option<(CameraModel, f64)> {
+    let most = config.initialization.max_views;
     let mut by_points: Vec<&Vec<Point>> = views.iter().collect();
     by_points.sort_by_key(|points| std::cmp::Reverse(points.len()));
     // Every n-th of the fuller half, so that they are spread over the recording.
-    by_points.truncate((by_points.len() / 2).max(MAX_VIEWS));
-    let step = by_points.len().div_ceil(MAX_VIEWS);
+    by_points.truncate((by_points.len() / 2).max(most));
+    let step = by_points.len().div_ceil(most);
     let few: Vec<Vec<Point>> = by_points
         .into_iter()
         .step_by(step.max(1))
@@ -52,9 +57,9 @@ pub(super) fn initial_lens(size: (u32, u32), views: &[Vec<Point>]) -> Option<(Ca
         distortion: Distortion::None,
     };
     // Residuals are compared by their medians over views: some poses may be wrong.
-    let tried = FOCAL_LENGTHS.iter().filter_map(|&f| {
+    let tried = config.initialization.focal_lengths.iter().filter_map(|&f| {
         let model = pinhole(f);
-        let found: Vec<Option<pnp::PlanarPose>> = poses(&model, &few);
+        let found: Vec<Option<pnp::PlanarPose>> = poses(&model, &few, &config.poses);
         let mut misses: Vec<f64> = found
             .iter()
             .map(|p| p.map_or(f64::INFINITY, |p| p.rms_px))
@@ -89,7 +94,12 @@ pub(super) fn initial_lens(size: (u32, u32), views: &[Vec<Point>]) -> Option<(Ca
             distortion,
             ..model
         };
-        fit(&model, &weak_priors(&model), &posed)
+        fit(
+            &model,
+            &weak_priors(&model, &config.priors.any_lens),
+            &posed,
+            &config.solver,
+        )
     });
     fits.min_by(|a, b| a.1.total_cmp(&b.1))
         .map(|(model, rms, _)| (model, rms))
@@ -100,18 +110,14 @@ pub(super) fn fit(
     start: &CameraModel,
     priors: &[Prior],
     views: &[PosedPoints],
+    config: &adjust::Config,
 ) -> Option<(CameraModel, f64, Vec<RigidTransform>)> {
     let lens = LensBlock {
         name: String::new(),
         model: *start,
         priors: priors.to_vec(),
     };
-    let settings = Settings {
-        covariance: false,
-        tolerance: 1e-6,
-        ..Settings::default()
-    };
-    let solution = solve(&single_lens_problem(lens, views), &settings).ok()?;
+    let solution = solve(&single_lens_problem(lens, views), &config.approximate()).ok()?;
     let rms = solution.rms_px(|_| true);
     let model = solution.problem.lenses[0].model;
     Some((model, rms, solution.problem.instants))
@@ -119,43 +125,45 @@ pub(super) fn fit(
 
 /// Weak priors for any lens: approximate focal length, principal point near the image centre, and
 /// the usual range of the coefficients.
-pub(super) fn weak_priors(model: &CameraModel) -> Vec<Prior> {
+pub(super) fn weak_priors(model: &CameraModel, config: &LensPriorConfig) -> Vec<Prior> {
     let near = |mean: f64, sigma: f64| Prior::Near { mean, sigma };
     let width = f64::from(model.width);
     let mut priors = vec![
-        near(model.fx, 0.3 * model.fx),
-        near(model.fy, 0.3 * model.fy),
-        near(0.5 * (width - 1.0), 0.1 * width),
-        near(0.5 * (f64::from(model.height) - 1.0), 0.1 * width),
+        near(model.fx, config.focal_length_ratio * model.fx),
+        near(model.fy, config.focal_length_ratio * model.fy),
+        near(0.5 * (width - 1.0), config.principal_point_ratio * width),
+        near(
+            0.5 * (f64::from(model.height) - 1.0),
+            config.principal_point_ratio * width,
+        ),
     ];
     let fisheye = matches!(model.distortion, Distortion::KannalaBrandt4 { .. });
     let names = model.distortion.coefficient_names();
     priors.extend(names.iter().map(|name| match *name {
-        "p1" | "p2" => near(0.0, 0.01),
-        "xi" => near(0.0, 0.5),
-        "alpha" => near(0.5, 0.5),
-        "beta" => near(1.0, 0.7),
-        _ if fisheye => near(0.0, 0.4),
-        _ => near(0.0, 0.7),
+        "p1" | "p2" => near(0.0, config.tangential),
+        "xi" => near(0.0, config.xi),
+        "alpha" => near(config.alpha[0], config.alpha[1]),
+        "beta" => near(config.beta[0], config.beta[1]),
+        _ if fisheye => near(0.0, config.fisheye),
+        _ => near(0.0, config.radial),
     }));
     priors
 }
 
-/// Priors around a factory file: 1 % of the focal length, 1 % of the image width, and coefficients
-/// by the difference of two calibrations of one camera.
-pub(super) fn factory_priors(factory: &CameraModel) -> Vec<Prior> {
+/// Priors about a factory file.
+pub(super) fn factory_priors(factory: &CameraModel, config: &FactoryPriorConfig) -> Vec<Prior> {
     let parameters = factory.parameters().into_iter().enumerate();
     let names = factory.parameter_names();
     parameters
         .map(|(k, mean)| {
             let sigma = match names[k] {
-                "fx" | "fy" => 0.01 * mean,
-                "cx" | "cy" => 0.01 * f64::from(factory.width),
-                "p1" | "p2" => 2e-3,
-                "k1" => 0.05,
-                "k2" => 0.03,
-                "k3" => 0.01,
-                _ => 0.1,
+                "fx" | "fy" => config.focal_length_ratio * mean,
+                "cx" | "cy" => config.principal_point_ratio * f64::from(factory.width),
+                "p1" | "p2" => config.tangential,
+                "k1" => config.radial[0],
+                "k2" => config.radial[1],
+                "k3" => config.radial[2],
+                _ => config.other,
             };
             Prior::Near { mean, sigma }
         })

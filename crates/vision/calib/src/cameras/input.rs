@@ -1,4 +1,4 @@
-//! Input of a calibration, and its settings.
+//! Input of a calibration.
 
 use boards::Target;
 use cad_transforms::RigidTransform;
@@ -68,24 +68,6 @@ pub struct TargetDetection {
     pub target: usize,
     /// Detected corners.
     pub corners: Vec<DetectedCorner>,
-}
-
-/// Calibration settings.
-#[derive(Clone, Copy, Debug)]
-pub struct Settings {
-    /// Maximum number of instants for the lenses of one camera, and again for the extrinsics.
-    pub max_views: usize,
-    /// Whether all lens models are tried; otherwise only the factory's.
-    pub choose_lens: bool,
-}
-
-impl Default for Settings {
-    fn default() -> Self {
-        Self {
-            max_views: 40,
-            choose_lens: true,
-        }
-    }
 }
 
 impl Input {

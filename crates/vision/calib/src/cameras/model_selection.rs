@@ -12,18 +12,9 @@
 
 use camera_models::{CameraModel, Distortion, Lens};
 
+use super::config::Config;
 use super::initialization::{PosedPoints, factory_priors, fit, weak_priors, with_distortion};
 use crate::adjust::{Prior, locate};
-
-/// Number of folds of the cross-validation.
-const FOLDS: usize = 4;
-/// Maximum ratio of a model's RMS residual to the best one's; models above are dropped.
-const MAX_RMS_RATIO: f64 = 1.2;
-
-/// Relative difference of mean squares below which models are equivalent.
-const EQUIVALENT_RATIO: f64 = 0.05;
-/// Outlier views: RMS residual over the median of all views.
-const OUTLIER_VIEW_RATIO: f64 = 2.0;
 
 /// Remark on models whose distortion is not monotonic up to the image corner.
 const FOLDS_INSIDE_IMAGE: &str = "folds inside the image";
@@ -113,20 +104,24 @@ fn all() -> [Distortion; 8] {
 
 /// Views that the initial lens model explains as well as the others; a view with a wrong pose would
 /// outweigh the differences between models.
-fn without_outliers(eye: &EyeViews<'_>) -> Vec<PosedPoints> {
-    let priors = weak_priors(&eye.start);
-    let Some((model, _, poses)) = fit(&eye.start, &priors, &eye.views) else {
+fn without_outliers(eye: &EyeViews<'_>, config: &Config) -> Vec<PosedPoints> {
+    let priors = weak_priors(&eye.start, &config.priors.any_lens);
+    let Some((model, _, poses)) = fit(&eye.start, &priors, &eye.views, &config.solver) else {
         return eye.views.clone();
     };
+    let locate_config = &config.poses.locate;
     let misses: Vec<f64> = eye
         .views
         .iter()
         .zip(&poses)
-        .map(|((_, points), pose)| locate(&model, points, pose).map_or(f64::INFINITY, |l| l.1))
+        .map(|((_, points), pose)| {
+            locate(&model, points, pose, locate_config).map_or(f64::INFINITY, |l| l.1)
+        })
         .collect();
     let mut sorted = misses.clone();
     sorted.sort_by(f64::total_cmp);
-    let limit = OUTLIER_VIEW_RATIO * sorted.get(sorted.len() / 2).copied().unwrap_or(0.0);
+    let limit = config.model_selection.outlier_view_ratio
+        * sorted.get(sorted.len() / 2).copied().unwrap_or(0.0);
     let posed = eye.views.iter().zip(poses).zip(misses);
     posed
         .filter(|(_, miss)| *miss <= limit)
@@ -137,19 +132,20 @@ fn without_outliers(eye: &EyeViews<'_>) -> Vec<PosedPoints> {
 /// Selects the model for the eyes of one camera. `None` if nothing fits.
 pub(super) fn select_model(
     eyes: &[EyeViews<'_>],
-    free: bool,
+    config: &Config,
 ) -> Option<(Choice, Vec<SelectedLens>)> {
     let without_outliers = eyes.iter().map(|eye| EyeViews {
-        views: without_outliers(eye),
+        views: without_outliers(eye, config),
         ..*eye
     });
     let eyes: &[EyeViews<'_>] = &without_outliers.collect::<Vec<_>>();
     let factory = eyes[0].factory.map(|model| model.distortion);
     let models: Vec<Distortion> = match factory {
-        Some(factory) if !free => vec![factory],
+        Some(factory) if !config.choose_lens => vec![factory],
         _ => all().to_vec(),
     };
-    let fitted: Vec<Option<FittedModel>> = models.iter().map(|m| fit_model(eyes, *m)).collect();
+    let fitted: Vec<Option<FittedModel>> =
+        models.iter().map(|m| fit_model(eyes, *m, config)).collect();
     let rms = |t: &FittedModel| (t.square_sum / t.corners.max(1) as f64).sqrt();
     let best_rms = fitted.iter().flatten().map(rms).min_by(f64::total_cmp)?;
     let bic = |t: &FittedModel, coefficients: usize| {
@@ -164,13 +160,15 @@ pub(super) fn select_model(
         let coefficients = model.coefficient_names().len();
         let (remark, held_out) = match fitted {
             None => (Some("could not be fitted"), None),
-            Some(t) if models.len() > 1 && rms(t) > MAX_RMS_RATIO * best_rms => {
+            Some(t)
+                if models.len() > 1 && rms(t) > config.model_selection.max_rms_ratio * best_rms =>
+            {
                 (Some("larger residuals than the best model"), None)
             }
             Some(t) if !t.eyes.iter().all(|e| Lens::new(&e.model).covers_image()) => {
                 (Some(FOLDS_INSIDE_IMAGE), None)
             }
-            Some(t) => match held_out(t) {
+            Some(t) => match held_out(t, config) {
                 Some(errors) => (None, Some(errors)),
                 None => (Some("too few views to hold any out"), None),
             },
@@ -215,9 +213,9 @@ pub(super) fn select_model(
         Some(best) => {
             let reference = errors[best].as_ref().expect("the best has some");
             let near = |i: &usize| {
-                errors[*i]
-                    .as_ref()
-                    .is_some_and(|e| is_equivalent(e, reference))
+                errors[*i].as_ref().is_some_and(|e| {
+                    is_equivalent(e, reference, config.model_selection.equivalent_ratio)
+                })
             };
             let factory = models
                 .iter()
@@ -237,16 +235,20 @@ fn mean(values: &[f64]) -> f64 {
 }
 
 /// Whether errors are equivalent to the best ones, view by view.
-fn is_equivalent(errors: &[f64], best: &[f64]) -> bool {
+fn is_equivalent(errors: &[f64], best: &[f64], equivalent_ratio: f64) -> bool {
     let differences: Vec<f64> = errors.iter().zip(best).map(|(a, b)| a - b).collect();
     let (n, mean_of) = (differences.len() as f64, mean(&differences));
     let squares = differences.iter().map(|d| (d - mean_of).powi(2));
     let variance = squares.sum::<f64>() / (n - 1.0).max(1.0);
-    mean_of <= (variance / n).sqrt() || mean_of <= EQUIVALENT_RATIO * mean(best)
+    mean_of <= (variance / n).sqrt() || mean_of <= equivalent_ratio * mean(best)
 }
 
 /// Fits a model to every eye.
-fn fit_model(eyes: &[EyeViews<'_>], distortion: Distortion) -> Option<FittedModel> {
+fn fit_model(
+    eyes: &[EyeViews<'_>],
+    distortion: Distortion,
+    config: &Config,
+) -> Option<FittedModel> {
     let mut fitted = FittedModel {
         eyes: Vec::new(),
         poses: Vec::new(),
@@ -256,17 +258,20 @@ fn fit_model(eyes: &[EyeViews<'_>], distortion: Distortion) -> Option<FittedMode
     for eye in eyes {
         let same = |model: &&CameraModel| model.distortion.name() == distortion.name();
         let (start, priors) = match eye.factory.filter(same) {
-            Some(factory) => (*factory, factory_priors(factory)),
+            Some(factory) => (
+                *factory,
+                factory_priors(factory, &config.priors.factory_lens),
+            ),
             None => {
                 let own = eye.start.distortion.name() == distortion.name();
                 let start = match own {
                     true => eye.start,
                     false => with_distortion(&eye.start, distortion),
                 };
-                (start, weak_priors(&start))
+                (start, weak_priors(&start, &config.priors.any_lens))
             }
         };
-        let (model, rms, poses) = fit(&start, &priors, &eye.views)?;
+        let (model, rms, poses) = fit(&start, &priors, &eye.views, &config.solver)?;
         let corners: usize = eye.views.iter().map(|(_, points)| points.len()).sum();
         fitted.square_sum += rms * rms * corners as f64;
         fitted.corners += corners;
@@ -283,15 +288,16 @@ fn fit_model(eyes: &[EyeViews<'_>], distortion: Distortion) -> Option<FittedMode
 
 /// Held-out error: mean squared residual of every view under a lens that was fitted without it, in
 /// the order of eyes and folds; `None` with too few views or if a fit fails.
-fn held_out(fitted: &FittedModel) -> Option<Vec<f64>> {
+fn held_out(fitted: &FittedModel, config: &Config) -> Option<Vec<f64>> {
+    let count = config.model_selection.folds;
     let mut errors = Vec::new();
     for (eye, views) in fitted.eyes.iter().zip(&fitted.poses) {
-        if views.len() < 2 * FOLDS {
+        if views.len() < 2 * count {
             return None;
         }
-        let folds = crate::adjust::in_chunks(FOLDS, |folds| {
+        let folds = crate::adjust::in_chunks(count, |folds| {
             folds
-                .map(|fold| one_fold(eye, views, fold))
+                .map(|fold| one_fold(eye, views, fold, config))
                 .collect::<Vec<_>>()
         });
         for fold in folds.into_iter().flatten() {
@@ -301,17 +307,23 @@ fn held_out(fitted: &FittedModel) -> Option<Vec<f64>> {
     Some(errors)
 }
 
-fn one_fold(eye: &SelectedLens, views: &[PosedPoints], fold: usize) -> Option<Vec<f64>> {
+fn one_fold(
+    eye: &SelectedLens,
+    views: &[PosedPoints],
+    fold: usize,
+    config: &Config,
+) -> Option<Vec<f64>> {
+    let folds = config.model_selection.folds;
     let part = |inside: bool| {
         let numbered = views.iter().enumerate();
-        let chosen = numbered.filter(move |(i, _)| (i % FOLDS == fold) == inside);
+        let chosen = numbered.filter(move |(i, _)| (i % folds == fold) == inside);
         chosen
             .map(|(_, view)| view.clone())
             .collect::<Vec<PosedPoints>>()
     };
-    let (model, ..) = fit(&eye.model, &eye.priors, &part(false))?;
+    let (model, ..) = fit(&eye.model, &eye.priors, &part(false), &config.solver)?;
     let errors = part(true).into_iter().map(|(pose, points)| {
-        let (_, rms) = locate(&model, &points, &pose).ok()?;
+        let (_, rms) = locate(&model, &points, &pose, &config.poses.locate).ok()?;
         Some(rms * rms)
     });
     errors.collect()

@@ -6,10 +6,11 @@ use cad_transforms::RigidTransform;
 use camera_models::{CameraModel, Distortion};
 use nalgebra::{DMatrix, Matrix6};
 
+use super::config::{Config, MotionConfig, PriorConfig};
 use super::coverage::Coverage;
 use super::finding::{Finding, Severity};
 use super::initialization::{factory_priors, initial_lens, poses, weak_priors};
-use super::input::{Input, Settings};
+use super::input::Input;
 use super::model_selection::{self, EyeViews, SelectedLens};
 use super::points::points;
 use super::pose_graph::{InitialPoses, PosedView, connect};
@@ -20,38 +21,8 @@ use crate::adjust::{
     LensBlock, Point, PoseBlock, PosePrior, Prior, Problem, Solution, View, median_scale, solve,
 };
 
-/// Minimum number of corners of a view.
-const MIN_CORNERS: usize = 8;
-/// Minimum number of views per eye.
-const MIN_VIEWS: usize = 5;
-/// Maximum median residual of an initial lens, px.
-const MAX_INITIAL_RMS_PX: f64 = 8.0;
-/// Outlier views: RMS residual over the median of all views.
-const OUTLIER_VIEW_RATIO: f64 = 6.0;
-/// Pose ambiguity: RMS of the mirrored pose over that of the best one; below this either may be
-/// right.
-const MAX_AMBIGUOUS_RATIO: f64 = 1.5;
 /// Interval to which image motion is normalized, ns.
 const MOTION_INTERVAL_NS: f64 = 1e8;
-/// Maximum image motion of a static view, px in [`MOTION_INTERVAL_NS`].
-const MAX_STATIC_MOTION_PX: f64 = 0.25;
-/// Maximum image motion, px: views above it are dropped if others of the same eye are below.
-const MAX_MOTION_PX: f64 = 1.0;
-/// Fraction of the image motion that is added to the sigma of corners: rows of a rolling shutter,
-/// and left and right eye, are not exposed at the same instant.
-const MOTION_SIGMA_RATIO: f64 = 0.25;
-/// Maximum interval between two frames for measuring image motion, ns.
-const MAX_FRAME_INTERVAL_NS: i64 = 250_000_000;
-/// Minimum fraction of views that are used, the ones with least motion, even if none is static.
-const MIN_USED_RATIO: f64 = 0.2;
-/// Added uncertainty of a factory `left_from_right`: m and rad.
-const FACTORY_STEREO_SIGMA: (f64, f64) = (2e-3, 0.01);
-/// Prior sigma of tangential coefficients: their size in the factory files at hand.
-const TANGENTIAL_SIGMA: f64 = 3e-4;
-/// Weight of the common corner sigma in the estimate for one view, in corners.
-const SIGMA_PRIOR_CORNERS: f64 = 20.0;
-/// Prior sigma of extrinsics without a nominal value: m and rad.
-const DEFAULT_EXTRINSICS_SIGMA: (f64, f64) = (3.0, 3.0);
 
 /// Runs the calibration. `progress` receives the current step and the completed fraction, from 0 to
 /// 1.
@@ -60,7 +31,7 @@ const DEFAULT_EXTRINSICS_SIGMA: (f64, f64) = (3.0, 3.0);
 /// [`CamerasError`].
 pub fn calibrate(
     input: Input,
-    settings: &Settings,
+    config: &Config,
     progress: &mut dyn FnMut(&str, f64),
 ) -> Result<Calibration, CamerasError> {
     let mut findings = Vec::new();
@@ -68,11 +39,11 @@ pub fn calibrate(
     let mut starts = Vec::new();
     let mut target_views: Vec<TargetView> = Vec::new();
     for eye in 0..input.eyes.len() {
-        let (start, own) = eye_views(&input, eye, &mut findings)?;
+        let (start, own) = eye_views(&input, eye, config, &mut findings)?;
         starts.push(start);
         target_views.extend(own);
     }
-    findings.extend(unknown_motion(&target_views));
+    findings.extend(unknown_motion(&target_views, &config.motion));
     let mut chosen: Vec<Option<SelectedLens>> = vec![None; input.eyes.len()];
     let mut choices = Vec::new();
     let mut used: Vec<usize> = Vec::new();
@@ -83,7 +54,7 @@ pub fn calibrate(
             0.1 + 0.5 * share,
         );
         let eyes: Vec<usize> = std::iter::once(camera.left).chain(camera.right).collect();
-        let instants = most_informative(&input, &eyes, &starts, &target_views, settings.max_views);
+        let instants = most_informative(&input, &eyes, &starts, &target_views, config);
         let views: Vec<EyeViews<'_>> = eyes
             .iter()
             .map(|&eye| EyeViews {
@@ -93,11 +64,11 @@ pub fn calibrate(
             })
             .collect();
         let name = || input.eyes[camera.left].name.clone();
-        let (choice, lenses) = model_selection::select_model(&views, settings.choose_lens)
-            .ok_or_else(|| CamerasError::NoLens {
+        let (choice, lenses) =
+            model_selection::select_model(&views, config).ok_or_else(|| CamerasError::NoLens {
                 eye: name(),
                 rms_px: f64::INFINITY,
-                limit_px: MAX_INITIAL_RMS_PX,
+                limit_px: config.views.max_initial_rms_px,
             })?;
         choices.push(choice);
         for (eye, lens) in eyes.into_iter().zip(lenses) {
@@ -106,46 +77,45 @@ pub fn calibrate(
         used.extend(instants);
     }
     progress("connecting cameras", 0.6);
-    let chosen: Vec<SelectedLens> = chosen.into_iter().zip(&starts).map(selected_lens).collect();
+    let chosen: Vec<SelectedLens> = chosen
+        .into_iter()
+        .zip(&starts)
+        .map(|lens| selected_lens(lens, &config.priors))
+        .collect();
     let posed: Vec<PosedView> = target_views.iter().map(|p| p.posed).collect();
-    let known = connect(&input, &posed);
-    used.extend(bridges(&input, &target_views, settings.max_views));
+    let known = connect(&input, &posed, &config.pose_graph);
+    used.extend(bridges(&input, &target_views, config));
     used.sort_unstable();
     used.dedup();
     progress("bundle adjustment", 0.65);
-    let mut build = assemble(&input, &target_views, &known, &chosen, &used);
-    let clusters = view_clusters::assign_clusters(&target_views);
+    let mut build = assemble(&input, &target_views, &known, &chosen, &used, config);
+    let clusters = view_clusters::assign_clusters(&target_views, config.views.cluster_px);
     build.problem.clusters = build.used.iter().map(|instant| clusters[instant]).collect();
-    let quick = crate::adjust::Settings {
-        covariance: false,
-        tolerance: 1e-6,
-        ..crate::adjust::Settings::default()
-    };
-    let first = solve(&build.problem, &quick)?;
+    let first = solve(&build.problem, &config.solver.approximate())?;
     build.problem = first.problem.clone();
-    reweight_views(&mut build.problem, &first);
-    let mut solution = solve(&build.problem, &crate::adjust::Settings::default())?;
+    reweight_views(&mut build.problem, &first, config.views.sigma_prior_corners);
+    let mut solution = solve(&build.problem, &config.solver)?;
     // A camera that clearly contradicts its nominal pose must not bias the others.
-    while let Some(camera) = diagnostics::inconsistent_prior(&input, &build.poses, &solution) {
+    while let Some(camera) =
+        diagnostics::inconsistent_prior(&input, &build.poses, &solution, &config.checks)
+    {
         let pose = build.poses.cameras[camera].expect("only connected cameras are tested");
         let prior = input.cameras[camera]
             .rig_from_left
             .as_ref()
             .expect("its nominal pose is known");
-        let near = PosePrior::near(
-            prior.transform,
-            DEFAULT_EXTRINSICS_SIGMA.0,
-            DEFAULT_EXTRINSICS_SIGMA.1,
-        );
+        let near = weak_prior(prior.transform, &config.priors);
         build.problem.poses[pose].prior = near.clone();
         solution.problem.poses[pose].prior = near;
-        solution = solve(&solution.problem, &crate::adjust::Settings::default())?;
+        solution = solve(&solution.problem, &config.solver)?;
     }
     progress("estimating the shape of the targets", 0.85);
-    let (solution, sagitta_m) = board_shape::refine(solution, &input.targets, &build.targets)?;
+    let (solution, sagitta_m) =
+        board_shape::refine(solution, &input.targets, &build.targets, config)?;
     progress("checking", 0.95);
-    let coverage = coverage(&input, &solution);
+    let coverage = coverage(&input, &solution, config);
     let mut calibration = Calibration {
+        config: *config,
         used: build.used,
         choices,
         solution,
@@ -162,8 +132,14 @@ pub fn calibrate(
     Ok(calibration)
 }
 
+/// Prior of extrinsics without a nominal value.
+fn weak_prior(at: RigidTransform, config: &PriorConfig) -> PosePrior {
+    let [sigma_m, sigma_rad] = config.extrinsics_sigma;
+    PosePrior::near(at, sigma_m, sigma_rad)
+}
+
 /// Finding on frames too far apart in time to measure whether the rig was static.
-fn unknown_motion(target_views: &[TargetView]) -> Option<Finding> {
+fn unknown_motion(target_views: &[TargetView], config: &MotionConfig) -> Option<Finding> {
     let unknown = target_views
         .iter()
         .filter(|p| p.motion_px.is_none())
@@ -175,7 +151,7 @@ fn unknown_motion(target_views: &[TargetView]) -> Option<Finding> {
                 "whether the rig was static is unknown for {unknown} of {} views, which follow no other within \
                  {} s: the result assumes that it was",
                 target_views.len(),
-                1e-9 * MAX_FRAME_INTERVAL_NS as f64
+                1e-9 * config.max_frame_interval_ns as f64
             ),
         )
     })
@@ -184,17 +160,20 @@ fn unknown_motion(target_views: &[TargetView]) -> Option<Finding> {
 /// The selected lens; an eye without a camera keeps its initial lens. A lens without tangential
 /// terms gets them back with a prior of their usual size: a single eye does not observe them, but
 /// they bound the accuracy of the principal points and of the rotation between the eyes.
-fn selected_lens((chosen, start): (Option<SelectedLens>, &CameraModel)) -> SelectedLens {
+fn selected_lens(
+    (chosen, start): (Option<SelectedLens>, &CameraModel),
+    config: &PriorConfig,
+) -> SelectedLens {
     let mut lens = chosen.unwrap_or_else(|| SelectedLens {
         model: *start,
-        priors: weak_priors(start),
+        priors: weak_priors(start, &config.any_lens),
     });
     if let Distortion::Radial2 { k1, k2 } = lens.model.distortion {
         let (p1, p2) = (0.0, 0.0);
         lens.model.distortion = Distortion::RadTan4 { k1, k2, p1, p2 };
         let small = Prior::Near {
             mean: 0.0,
-            sigma: TANGENTIAL_SIGMA,
+            sigma: config.tangential_sigma,
         };
         lens.priors.extend([small; 2]);
     }
@@ -205,24 +184,35 @@ fn selected_lens((chosen, start): (Option<SelectedLens>, &CameraModel)) -> Selec
 fn eye_views(
     input: &Input,
     eye: usize,
+    config: &Config,
     findings: &mut Vec<Finding>,
 ) -> Result<(CameraModel, Vec<TargetView>), CamerasError> {
     let description = &input.eyes[eye];
+    let min_corners = config.views.min_corners;
     let all: Vec<_> = input.detections.iter().filter(|s| s.eye == eye).collect();
     let seen: Vec<_> = all
         .iter()
-        .map(|s| (*s, points(&input.targets[s.target], &s.corners)))
-        .filter(|(_, points)| points.len() >= MIN_CORNERS)
+        .map(|s| {
+            (
+                *s,
+                points(
+                    &input.targets[s.target],
+                    &s.corners,
+                    config.views.min_sigma_px,
+                ),
+            )
+        })
+        .filter(|(_, points)| points.len() >= min_corners)
         .collect();
-    if seen.len() < MIN_VIEWS {
+    if seen.len() < config.views.min_views {
         return Err(CamerasError::TooFew {
             eye: description.name.clone(),
             found: seen.len(),
-            expected: MIN_VIEWS,
+            expected: config.views.min_views,
             hint: match all.len() {
                 0 => "none at all: is the target's description that of the board?".to_owned(),
                 n => format!(
-                    "a part of it was detected in {n} images; those with at least {MIN_CORNERS} corners count"
+                    "a part of it was detected in {n} images; those with at least {min_corners} corners count"
                 ),
             },
         });
@@ -231,18 +221,20 @@ fn eye_views(
     let no_lens = |rms_px: f64| CamerasError::NoLens {
         eye: description.name.clone(),
         rms_px,
-        limit_px: MAX_INITIAL_RMS_PX,
+        limit_px: config.views.max_initial_rms_px,
     };
     let by_factory = description
         .factory
-        .map(|model| (model, poses(&model, &each)));
-    let good = |found: &[Option<crate::pnp::PlanarPose>]| median_rms_px(found) < MAX_INITIAL_RMS_PX;
+        .map(|model| (model, poses(&model, &each, &config.poses)));
+    let good = |found: &[Option<crate::pnp::PlanarPose>]| {
+        median_rms_px(found) < config.views.max_initial_rms_px
+    };
     let (model, found) = match by_factory {
         Some((model, found)) if good(&found) => (model, found),
         other => {
-            let (model, rms) =
-                initial_lens(description.size, &each).ok_or_else(|| no_lens(f64::INFINITY))?;
-            if rms > MAX_INITIAL_RMS_PX {
+            let (model, rms) = initial_lens(description.size, &each, config)
+                .ok_or_else(|| no_lens(f64::INFINITY))?;
+            if rms > config.views.max_initial_rms_px {
                 return Err(no_lens(rms));
             }
             if other.is_some() {
@@ -255,7 +247,7 @@ fn eye_views(
                     ),
                 ));
             }
-            let found = poses(&model, &each);
+            let found = poses(&model, &each, &config.poses);
             (model, found)
         }
     };
@@ -264,27 +256,29 @@ fn eye_views(
         .into_iter()
         .zip(found)
         .filter_map(|((detection, points), placed)| {
-            let placed = placed.filter(|p| p.rms_px < OUTLIER_VIEW_RATIO * median.max(0.05))?;
+            let placed = placed.filter(|p| {
+                p.rms_px < config.views.outlier_ratio * median.max(config.views.min_median_rms_px)
+            })?;
             Some(TargetView {
                 posed: PosedView {
                     instant: detection.instant,
                     eye,
                     target: detection.target,
                     eye_from_target: placed.eye_from_target,
-                    trust: match placed.ambiguity < MAX_AMBIGUOUS_RATIO {
+                    trust: match placed.ambiguity < config.views.max_ambiguity_ratio {
                         true => 0,
                         false => points.len(),
                     },
                 },
-                ambiguous: placed.ambiguity < MAX_AMBIGUOUS_RATIO,
+                ambiguous: placed.ambiguity < config.views.max_ambiguity_ratio,
                 points,
                 motion_px: None,
             })
         })
         .collect();
-    measure_motion(input, &mut target_views);
+    measure_motion(input, &mut target_views, &config.motion);
     for target_view in &mut target_views {
-        let blurred = MOTION_SIGMA_RATIO * target_view.motion_or_zero_px();
+        let blurred = config.motion.sigma_ratio * target_view.motion_or_zero_px();
         for point in &mut target_view.points {
             point.sigma_px = point.sigma_px.hypot(blurred);
         }
@@ -305,13 +299,13 @@ fn median_rms_px(found: &[Option<crate::pnp::PlanarPose>]) -> f64 {
 }
 
 /// Measures image motion between consecutive views of one eye.
-fn measure_motion(input: &Input, target_views: &mut [TargetView]) {
+fn measure_motion(input: &Input, target_views: &mut [TargetView], config: &MotionConfig) {
     let mut order: Vec<usize> = (0..target_views.len()).collect();
     order.sort_by_key(|&i| (target_views[i].posed.target, target_views[i].posed.instant));
     for pair in order.windows(2) {
         let (a, b) = (&target_views[pair[0]], &target_views[pair[1]]);
         let apart = input.times_ns[b.posed.instant] - input.times_ns[a.posed.instant];
-        if a.posed.target != b.posed.target || apart > MAX_FRAME_INTERVAL_NS {
+        if a.posed.target != b.posed.target || apart > config.max_frame_interval_ns {
             continue;
         }
         let Some(median) = median_displacement_px(a, b) else {
@@ -328,18 +322,22 @@ fn measure_motion(input: &Input, target_views: &mut [TargetView]) {
 /// Static views, or those with the least motion; unknown motion counts as static.
 fn static_views<'a>(
     target_views: impl Iterator<Item = &'a TargetView> + Clone,
+    config: &MotionConfig,
 ) -> Vec<&'a TargetView> {
-    let limit = motion_limit_px(target_views.clone()).max(MAX_STATIC_MOTION_PX);
+    let limit = motion_limit_px(target_views.clone(), config).max(config.max_static_px);
     target_views
         .filter(|p| p.motion_or_zero_px() <= limit)
         .collect()
 }
 
-/// The motion that [`MIN_USED_RATIO`] of the views do not exceed.
-fn motion_limit_px<'a>(target_views: impl Iterator<Item = &'a TargetView>) -> f64 {
+/// The motion that [`MotionConfig::min_used_ratio`] of the views do not exceed.
+fn motion_limit_px<'a>(
+    target_views: impl Iterator<Item = &'a TargetView>,
+    config: &MotionConfig,
+) -> f64 {
     let mut all: Vec<f64> = target_views.map(TargetView::motion_or_zero_px).collect();
     all.sort_by(f64::total_cmp);
-    let least = (MIN_USED_RATIO * all.len() as f64).ceil() as usize;
+    let least = (config.min_used_ratio * all.len() as f64).ceil() as usize;
     all.get(least.saturating_sub(1)).copied().unwrap_or(0.0)
 }
 
@@ -349,14 +347,18 @@ fn most_informative(
     eyes: &[usize],
     starts: &[CameraModel],
     target_views: &[TargetView],
-    most: usize,
+    config: &Config,
 ) -> Vec<usize> {
+    let most = config.max_views;
     let mut instants: Vec<usize> = Vec::new();
     for &eye in eyes {
         instants.extend(
-            static_views(target_views.iter().filter(|p| p.posed.eye == eye))
-                .iter()
-                .map(|p| p.posed.instant),
+            static_views(
+                target_views.iter().filter(|p| p.posed.eye == eye),
+                &config.motion,
+            )
+            .iter()
+            .map(|p| p.posed.instant),
         );
     }
     instants.sort_unstable();
@@ -388,8 +390,8 @@ fn most_informative(
     let priors: Vec<f64> = eyes
         .iter()
         .flat_map(|&eye| match &input.eyes[eye].factory {
-            Some(factory) => factory_priors(factory),
-            None => weak_priors(&starts[eye]),
+            Some(factory) => factory_priors(factory, &config.priors.factory_lens),
+            None => weak_priors(&starts[eye], &config.priors.any_lens),
         })
         .map(|prior| match prior {
             Prior::Near { sigma, .. } => 1.0 / (sigma * sigma),
@@ -403,7 +405,7 @@ fn most_informative(
         false => 0.0,
     });
     // Both eyes' views of one instant are taken together, at the position of the first of them.
-    let order = view_selection::select_greedy(&problem, &prior, most * eyes.len());
+    let order = view_selection::select_greedy(&problem, &prior, most * eyes.len(), &config.solver);
     let mut taken: Vec<usize> = Vec::new();
     for view in order {
         if !taken.contains(&keys[view]) && taken.len() < most {
@@ -432,7 +434,7 @@ fn of_instants(
 
 /// Static instants at which two cameras observe targets, or one eye observes two: spread evenly
 /// over all instants of each combination.
-fn bridges(input: &Input, target_views: &[TargetView], most: usize) -> Vec<usize> {
+fn bridges(input: &Input, target_views: &[TargetView], config: &Config) -> Vec<usize> {
     let mut by_instant: BTreeMap<usize, (Vec<usize>, f64)> = BTreeMap::new();
     for target_view in target_views {
         let Some(camera) = input.camera_of(target_view.posed.eye) else {
@@ -452,12 +454,13 @@ fn bridges(input: &Input, target_views: &[TargetView], most: usize) -> Vec<usize
             groups.entry(keys).or_default().push((motion_px, instant));
         }
     }
-    let each = most.div_ceil(groups.len().max(1)).max(4);
+    let each = config.max_views.div_ceil(groups.len().max(1)).max(4);
     let mut taken = Vec::new();
     for group in groups.values() {
         let mut stillest = group.clone();
         stillest.sort_by(|a, b| a.0.total_cmp(&b.0).then(a.1.cmp(&b.1)));
-        let still = stillest.partition_point(|(motion_px, _)| *motion_px <= MAX_STATIC_MOTION_PX);
+        let still =
+            stillest.partition_point(|(motion_px, _)| *motion_px <= config.motion.max_static_px);
         stillest.truncate(still.max(each).min(stillest.len()));
         stillest.sort_by_key(|(_, instant)| *instant);
         let step = stillest.len() as f64 / each as f64;
@@ -487,7 +490,9 @@ fn assemble(
     known: &InitialPoses,
     lenses: &[SelectedLens],
     used: &[usize],
+    config: &Config,
 ) -> AssembledProblem {
+    let priors = &config.priors;
     let mut problem = Problem::default();
     for (eye, lens) in input.eyes.iter().zip(lenses) {
         problem.lenses.push(LensBlock {
@@ -519,18 +524,15 @@ fn assemble(
                     covariance: Box::new(prior.covariance),
                 },
                 None if origin == Some(number) => PosePrior::Fixed,
-                None => PosePrior::near(at, DEFAULT_EXTRINSICS_SIGMA.0, DEFAULT_EXTRINSICS_SIGMA.1),
+                None => weak_prior(at, priors),
             };
             poses.cameras[number] = Some(add(camera.name.clone(), at, prior));
         }
         if let Some(at) = known.pairs[number] {
             let prior = match &camera.left_from_right {
-                None => PosePrior::near(at, DEFAULT_EXTRINSICS_SIGMA.0, DEFAULT_EXTRINSICS_SIGMA.1),
+                None => weak_prior(at, priors),
                 Some(prior) => {
-                    let (v, w) = (
-                        FACTORY_STEREO_SIGMA.0.powi(2),
-                        FACTORY_STEREO_SIGMA.1.powi(2),
-                    );
+                    let [v, w] = priors.factory_stereo_sigma.map(|sigma| sigma.powi(2));
                     let added = Matrix6::from_diagonal(&[v, v, v, w, w, w].into());
                     PosePrior::Near {
                         mean: prior.transform,
@@ -545,8 +547,8 @@ fn assemble(
         if let (Some(at), true) = (at, target != known.world) {
             let prior = PosePrior::near(
                 *at,
-                10.0 * DEFAULT_EXTRINSICS_SIGMA.0,
-                DEFAULT_EXTRINSICS_SIGMA.1,
+                priors.target_ratio * priors.extrinsics_sigma[0],
+                priors.extrinsics_sigma[1],
             );
             poses.targets[target] = Some(add(format!("target {target}"), *at, prior));
         }
@@ -557,7 +559,10 @@ fn assemble(
         used: Vec::new(),
         targets: Vec::new(),
     };
-    let limit = |eye: usize| motion_limit_px(target_views.iter().filter(|p| p.posed.eye == eye));
+    let limit = |eye: usize| {
+        let own = target_views.iter().filter(|p| p.posed.eye == eye);
+        motion_limit_px(own, &config.motion)
+    };
     let limits: Vec<f64> = (0..input.eyes.len()).map(limit).collect();
     let mut instants: BTreeMap<(usize, usize), usize> = BTreeMap::new();
     for target_view in target_views {
@@ -568,7 +573,7 @@ fn assemble(
             eye_from_target,
             ..
         } = target_view.posed;
-        let is_blurred = target_view.motion_or_zero_px() > limits[eye].max(MAX_MOTION_PX);
+        let is_blurred = target_view.motion_or_zero_px() > limits[eye].max(config.motion.max_px);
         if used.binary_search(&instant).is_err() || is_blurred {
             continue;
         }
@@ -650,7 +655,7 @@ fn sort_by_time(mut assembled: AssembledProblem) -> AssembledProblem {
 
 /// Estimates the corner sigma of each view from its residuals: blur, light and distance differ
 /// between views, and the sigmas of the result are only as good as those of the corners.
-fn reweight_views(problem: &mut Problem, solution: &Solution) {
+fn reweight_views(problem: &mut Problem, solution: &Solution, prior_corners: f64) {
     for (view, residuals) in problem.views.iter_mut().zip(&solution.residuals) {
         let lengths: Vec<f64> = view
             .points
@@ -663,7 +668,7 @@ fn reweight_views(problem: &mut Problem, solution: &Solution) {
         let left = (2.0 * count - 6.0).max(1.0);
         let own = median_scale(lengths).powi(2) * 2.0 * count / left;
         let all = solution.scale * solution.scale;
-        let expected = (SIGMA_PRIOR_CORNERS * all + count * own) / (SIGMA_PRIOR_CORNERS + count);
+        let expected = (prior_corners * all + count * own) / (prior_corners + count);
         let factor = (expected / all).sqrt();
         for point in &mut view.points {
             point.sigma_px *= factor;
@@ -671,12 +676,12 @@ fn reweight_views(problem: &mut Problem, solution: &Solution) {
     }
 }
 
-fn coverage(input: &Input, solution: &Solution) -> Vec<Coverage> {
+fn coverage(input: &Input, solution: &Solution, config: &Config) -> Vec<Coverage> {
     let problem = &solution.problem;
     let of = |eye: usize| {
         let views = problem.views.iter().filter(move |v| v.lens == eye);
         let posed = views.map(|view| (eye_from_target(problem, view), view.points.as_slice()));
-        Coverage::of(input.eyes[eye].size, posed)
+        Coverage::of(input.eyes[eye].size, posed, &config.coverage)
     };
     (0..input.eyes.len()).map(of).collect()
 }

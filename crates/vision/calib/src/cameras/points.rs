@@ -6,8 +6,12 @@ use cad_transforms::RigidTransform;
 use crate::adjust::{self, Problem};
 use crate::target::DetectedCorner;
 
-/// Points of a detection, for a view of the problem.
-pub(super) fn points(target: &Target, corners: &[DetectedCorner]) -> Vec<adjust::Point> {
+/// Points of a detection, for a view of the problem. Sigmas are at least `min_sigma_px`.
+pub(super) fn points(
+    target: &Target,
+    corners: &[DetectedCorner],
+    min_sigma_px: f64,
+) -> Vec<adjust::Point> {
     let known = target.corners();
     corners
         .iter()
@@ -17,14 +21,11 @@ pub(super) fn points(target: &Target, corners: &[DetectedCorner]) -> Vec<adjust:
             Some(adjust::Point {
                 x_in_target: [x, y, 0.0],
                 pixel: seen.pixel,
-                sigma_px: seen.sigma_px.max(MIN_SIGMA_PX),
+                sigma_px: seen.sigma_px.max(min_sigma_px),
             })
         })
         .collect()
 }
-
-/// Sigma floor of a corner, px: residual errors of paper, print and lens.
-const MIN_SIGMA_PX: f64 = 0.02;
 
 /// A problem with one lens and an independent pose per view.
 pub(super) fn single_lens_problem(

@@ -7,13 +7,8 @@
 
 use cad_transforms::RigidTransform;
 
+use super::config::PoseGraphConfig;
 use super::input::{Camera, Input};
-
-/// Weight of rotation against translation in the distance of two poses, m per rad: the size of a
-/// rig.
-const METRES_PER_RADIAN: f64 = 0.5;
-/// Maximum number of candidates; of more, every n-th is used.
-const MAX_CANDIDATES: usize = 61;
 
 /// Pose of one target in one eye.
 #[derive(Clone, Copy, Debug)]
@@ -42,12 +37,12 @@ pub(super) struct InitialPoses {
 }
 
 /// The candidate nearest to all others.
-fn medoid(candidates: &[RigidTransform]) -> Option<RigidTransform> {
-    let step = candidates.len().div_ceil(MAX_CANDIDATES).max(1);
+fn medoid(candidates: &[RigidTransform], config: &PoseGraphConfig) -> Option<RigidTransform> {
+    let step = candidates.len().div_ceil(config.max_candidates).max(1);
     let few: Vec<&RigidTransform> = candidates.iter().step_by(step).collect();
     let apart = |a: &RigidTransform, b: &RigidTransform| {
         let off = a.inverse() * *b;
-        (off.distance_m() + METRES_PER_RADIAN * off.angle_rad()).min(1.0)
+        (off.distance_m() + config.metres_per_radian * off.angle_rad()).min(config.max_distance_m)
     };
     let sum = |a: &RigidTransform| few.iter().map(|b| apart(a, b)).sum::<f64>();
     let sums: Vec<f64> = few.iter().map(|a| sum(a)).collect();
@@ -56,7 +51,11 @@ fn medoid(candidates: &[RigidTransform]) -> Option<RigidTransform> {
 }
 
 /// Propagates poses until no further one is found.
-pub(super) fn connect(input: &Input, posed: &[PosedView]) -> InitialPoses {
+pub(super) fn connect(
+    input: &Input,
+    posed: &[PosedView],
+    config: &PoseGraphConfig,
+) -> InitialPoses {
     let origin = input.origin();
     let mut seen = vec![0usize; input.targets.len()];
     // Everything that is connected with the origin can be reached from a target that the origin
@@ -77,7 +76,7 @@ pub(super) fn connect(input: &Input, posed: &[PosedView]) -> InitialPoses {
         pairs: input
             .cameras
             .iter()
-            .map(|camera| pair(camera, posed))
+            .map(|camera| pair(camera, posed, config))
             .collect(),
         targets: vec![None; input.targets.len()],
         world,
@@ -89,13 +88,13 @@ pub(super) fn connect(input: &Input, posed: &[PosedView]) -> InitialPoses {
     if let Some(origin) = origin {
         known.cameras[origin] = Some(RigidTransform::body_from_optical());
     }
-    while propagate(input, posed, &mut known) {}
+    while propagate(input, posed, &mut known, config) {}
     known
 }
 
 /// `left_from_right` from instants at which both eyes observe a target; otherwise the nominal
 /// value.
-fn pair(camera: &Camera, posed: &[PosedView]) -> Option<RigidTransform> {
+fn pair(camera: &Camera, posed: &[PosedView], config: &PoseGraphConfig) -> Option<RigidTransform> {
     let right = camera.right?;
     let of = |eye: usize| posed.iter().filter(move |p| p.eye == eye && p.trust > 0);
     let candidates: Vec<RigidTransform> = of(camera.left)
@@ -104,7 +103,7 @@ fn pair(camera: &Camera, posed: &[PosedView]) -> Option<RigidTransform> {
             Some(l.eye_from_target * r.eye_from_target.inverse())
         })
         .collect();
-    medoid(&candidates).or_else(|| camera.left_from_right.as_ref().map(|t| t.transform))
+    medoid(&candidates, config).or_else(|| camera.left_from_right.as_ref().map(|t| t.transform))
 }
 
 impl InitialPoses {
@@ -120,7 +119,12 @@ impl InitialPoses {
 }
 
 /// One round of propagation; true if a pose was added.
-fn propagate(input: &Input, posed: &[PosedView], known: &mut InitialPoses) -> bool {
+fn propagate(
+    input: &Input,
+    posed: &[PosedView],
+    known: &mut InitialPoses,
+    config: &PoseGraphConfig,
+) -> bool {
     let mut changed = false;
     // The view with most corners gives the pose of the rig.
     let mut trusted: Vec<&PosedView> = posed.iter().collect();
@@ -149,7 +153,7 @@ fn propagate(input: &Input, posed: &[PosedView], known: &mut InitialPoses) -> bo
                 Some(rig_from_world.inverse() * known.eye(input, p.eye)? * p.eye_from_target)
             })
             .collect();
-        known.targets[target] = medoid(&candidates);
+        known.targets[target] = medoid(&candidates, config);
         changed |= known.targets[target].is_some();
     }
     for number in 0..known.cameras.len() {
@@ -166,7 +170,7 @@ fn propagate(input: &Input, posed: &[PosedView], known: &mut InitialPoses) -> bo
                 Some(rig_from_world * world_from_target * p.eye_from_target.inverse())
             })
             .collect();
-        known.cameras[number] = medoid(&candidates);
+        known.cameras[number] = medoid(&candidates, config);
         changed |= known.cameras[number].is_some();
     }
     changed

@@ -4,6 +4,7 @@ use cad_transforms::RigidTransform;
 use camera_models::CameraModel;
 use nalgebra::Matrix6;
 
+use super::config::Config;
 use super::coverage::Coverage;
 use super::finding::{Finding, Severity};
 use super::input::Input;
@@ -13,6 +14,8 @@ use crate::adjust::{AdjustError, Covariance, Parameter, Solution, pose_jacobian}
 /// Result of a calibration.
 #[derive(Clone, Debug)]
 pub struct Calibration {
+    /// Configuration of the calibration.
+    pub config: Config,
     /// The input.
     pub input: Input,
     /// Instants used: indices into the input's, ascending.

@@ -59,7 +59,7 @@ fn real_chessboard_pairs() {
     let Some(input) = chessboard_pairs() else {
         return;
     };
-    let found = calibrate(input, &Settings::default(), &mut |_, _| {}).unwrap();
+    let found = calibrate(input, &Config::default(), &mut |_, _| {}).unwrap();
     // OpenCV over the full set: 0.23 px; tests/tests/calib_exam.rs has both in one run.
     let rms = found.solution.rms_px(|_| true);
     assert!(rms < 0.15, "{rms}");
@@ -289,11 +289,11 @@ fn rig_errors(truth: &Simulated, found: &Calibration) -> Vec<(f64, f64)> {
 }
 
 fn quiet(input: &Input) -> Calibration {
-    let settings = Settings {
+    let config = Config {
         choose_lens: false,
-        ..Settings::default()
+        ..Config::default()
     };
-    calibrate(input.clone(), &settings, &mut |_, _| {}).unwrap()
+    calibrate(input.clone(), &config, &mut |_, _| {}).unwrap()
 }
 
 fn failures(found: &Calibration) -> Vec<&str> {
@@ -343,7 +343,7 @@ fn simplest_lens_model_that_predicts_is_selected() {
             ..GOOD
         },
     );
-    let found = calibrate(truth.input.clone(), &Settings::default(), &mut |_, _| {}).unwrap();
+    let found = calibrate(truth.input.clone(), &Config::default(), &mut |_, _| {}).unwrap();
     for choice in &found.choices {
         let name = choice.candidates[choice.chosen].model;
         assert!(
@@ -404,7 +404,7 @@ fn too_few_views_are_an_error_that_names_the_eye() {
     )
     .input;
     input.detections.retain(|s| s.eye != 3 || s.instant < 2);
-    let error = calibrate(input, &Settings::default(), &mut |_, _| {})
+    let error = calibrate(input, &Config::default(), &mut |_, _| {})
         .map(|c| c.used)
         .unwrap_err();
     let text = error.to_string();
@@ -477,7 +477,7 @@ fn without_nominal_poses_the_first_camera_is_the_origin() {
     truth.input.cameras.reverse();
     truth.cameras.reverse();
     assert_eq!(truth.input.origin(), Some(0));
-    let found = calibrate(truth.input.clone(), &Settings::default(), &mut |_, _| {}).unwrap();
+    let found = calibrate(truth.input.clone(), &Config::default(), &mut |_, _| {}).unwrap();
     assert_eq!(failures(&found), Vec::<&str>::new());
     let (origin, covariance) = found.pose(found.poses.cameras[0].unwrap());
     assert_eq!(origin, RigidTransform::body_from_optical());

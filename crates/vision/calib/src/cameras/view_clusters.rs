@@ -3,17 +3,14 @@
 //! Contract: while the rig is at rest, every image repeats the last one, with the same corner
 //! errors from print, pixels and compression. Taken as independent, they would make the stated
 //! sigmas too small; the cluster numbers group them for the jackknife. Consecutive instants whose
-//! corners are less than [`CLUSTER_PX`] from those of the first of them form one cluster.
+//! corners are less than a few pixels from those of the first of them form one cluster.
 
 use std::collections::BTreeMap;
 
 use super::target_view::{TargetView, median_displacement_px};
 
-/// Maximum corner displacement within a cluster, px.
-const CLUSTER_PX: f64 = 3.0;
-
-/// The cluster of each instant with views.
-pub(super) fn assign_clusters(views: &[TargetView]) -> BTreeMap<usize, usize> {
+/// The cluster of each instant with views; `max_px` is the maximum corner displacement within one.
+pub(super) fn assign_clusters(views: &[TargetView], max_px: f64) -> BTreeMap<usize, usize> {
     let mut instants: BTreeMap<usize, Vec<&TargetView>> = BTreeMap::new();
     for view in views {
         let of = instants.entry(view.posed.instant).or_default();
@@ -23,7 +20,7 @@ pub(super) fn assign_clusters(views: &[TargetView]) -> BTreeMap<usize, usize> {
     let mut first: Option<&Vec<&TargetView>> = None;
     let mut cluster = 0;
     for (instant, of) in &instants {
-        if !first.is_some_and(|first| is_same_view(first, of)) {
+        if !first.is_some_and(|first| is_same_view(first, of, max_px)) {
             first = Some(of);
             cluster += 1;
         }
@@ -32,8 +29,8 @@ pub(super) fn assign_clusters(views: &[TargetView]) -> BTreeMap<usize, usize> {
     clusters
 }
 
-/// Whether no corner moved beyond [`CLUSTER_PX`] in any eye.
-fn is_same_view(first: &[&TargetView], now: &[&TargetView]) -> bool {
+/// Whether no corner moved beyond `max_px` in any eye.
+fn is_same_view(first: &[&TargetView], now: &[&TargetView], max_px: f64) -> bool {
     let moved = now.iter().filter_map(|b| {
         let key = |p: &TargetView| (p.posed.eye, p.posed.target);
         let a = first.iter().find(|a| key(a) == key(b))?;
@@ -43,5 +40,5 @@ fn is_same_view(first: &[&TargetView], now: &[&TargetView]) -> bool {
     let farthest = moved.fold(None, |far: Option<f64>, px| {
         Some(far.map_or(px, |far| far.max(px)))
     });
-    farthest.is_some_and(|px| px < CLUSTER_PX)
+    farthest.is_some_and(|px| px < max_px)
 }

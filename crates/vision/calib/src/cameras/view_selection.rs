@@ -8,13 +8,18 @@
 
 use nalgebra::DMatrix;
 
-use crate::adjust::{Problem, reduced_equations};
+use crate::adjust::{Config, Problem, reduced_equations};
 
 /// Instants in the order of their gain, at most `most`. `prior` is the prior information matrix, in
 /// the order of the problem's parameters.
-pub(super) fn select_greedy(problem: &Problem, prior: &DMatrix<f64>, most: usize) -> Vec<usize> {
+pub(super) fn select_greedy(
+    problem: &Problem,
+    prior: &DMatrix<f64>,
+    most: usize,
+    config: &Config,
+) -> Vec<usize> {
     let n = prior.nrows();
-    let candidates: Vec<DMatrix<f64>> = reduced_equations(problem, 1.0)
+    let candidates: Vec<DMatrix<f64>> = reduced_equations(problem, 1.0, config)
         .into_iter()
         .map(|instant| {
             let mut all = DMatrix::zeros(n, n);

@@ -3,6 +3,7 @@
 
 use nalgebra::{Matrix3, SMatrix, Vector3};
 
+use super::super::config::Config;
 use super::super::observability;
 use super::super::problem::spline::{Motion, Whole};
 use super::super::problem::{Factors, Problem, Shared};
@@ -57,7 +58,7 @@ impl<'a> Formulations<'a> {
         };
         Ok(Self {
             recording,
-            posed_views: PosedViews::of(recording)?,
+            posed_views: PosedViews::of(recording, Config::default())?,
             priors,
             shared,
         })
@@ -118,6 +119,7 @@ impl<'a> Formulations<'a> {
         let work = self.posed_views.work(self.recording, &self.priors);
         let views = &self.posed_views.views;
         of(&Problem {
+            config: &self.posed_views.config.solver,
             cameras: &self.recording.cameras,
             views,
             poses: &self.posed_views.poses,

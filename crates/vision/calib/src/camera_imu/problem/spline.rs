@@ -173,7 +173,7 @@ impl Problem<'_> {
         for own in &mut chain.own {
             *own += SMatrix::<f64, GROUPED, GROUPED>::identity() * 1e-6;
         }
-        let prior = self.prior.factor(shared);
+        let prior = self.prior.factor(shared, self.config.fixed_sigma);
         let mut wide = SMatrix::<f64, SHARED, SPLINE_SHARED>::zeros();
         wide.fixed_columns_mut::<SHARED>(0).copy_from(&prior.shared);
         chain.shared += wide.transpose() * wide;
@@ -230,7 +230,7 @@ impl Problem<'_> {
                 accel_bias: Vector3::zeros(),
             };
             let mut found = self.view_factor(&rooted[i], &state(&body), shared);
-            cost += found.apply_loss(self.robust);
+            cost += found.apply_loss(self.loss_threshold());
             count += VIEW;
             let root = found.weight.sqrt();
             let mut own = SMatrix::<f64, VIEW, GROUPED>::zeros();

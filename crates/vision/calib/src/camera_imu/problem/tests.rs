@@ -3,6 +3,7 @@
 use camera_models::{CameraModel, Distortion};
 
 use super::super::ImuSample;
+use super::super::config::{SampleConfig, ViewConfig};
 use super::super::simulate::{Random, ZED_NOISE};
 use super::*;
 
@@ -43,7 +44,11 @@ fn example() -> (Vec<State>, Shared, Track) {
             }
         })
         .collect();
-    (states, shared, Track::new(&samples, 0, [f64::INFINITY; 2]))
+    (
+        states,
+        shared,
+        Track::new(&samples, 0, [f64::INFINITY; 2], &SampleConfig::default()),
+    )
 }
 
 fn check<const M: usize>(
@@ -104,6 +109,7 @@ fn jacobians_of_all_factors_agree_with_differences() {
     };
     let cameras = Cameras::new(&model, None);
     let view = |time_s: f64| View {
+        config: ViewConfig::default(),
         time_s,
         time_ns: 0,
         corners: &[],
@@ -128,7 +134,9 @@ fn jacobians_of_all_factors_agree_with_differences() {
         },
         biases: [0.05, 0.5],
     };
+    let config = SolverConfig::default();
     let problem = Problem {
+        config: &config,
         cameras: &cameras,
         views: &views,
         poses: &[],
@@ -172,7 +180,7 @@ fn jacobians_of_all_factors_agree_with_differences() {
     check("walk", &walk(at.0, at.1), walk, at);
     let alone = |s: &[State], _: &Shared| problem.isolated(0, &s[0]);
     check("alone", &alone(at.0, at.1), alone, at);
-    let prior = |_: &[State], shared: &Shared| problem.prior.factor(shared);
+    let prior = |_: &[State], shared: &Shared| problem.prior.factor(shared, config.fixed_sigma);
     let found = prior(at.0, at.1);
     check("prior", &found, prior, at);
 }
