@@ -98,7 +98,7 @@ pub(crate) fn detect(
                 return Ok(());
             };
             for (side, view) in halves(frame_image).into_iter().enumerate() {
-                let detections = target::detect_all(&view, boards, &target::Settings::default());
+                let detections = target::detect_all(&view, boards, &target::Config::default());
                 let mut own: Vec<TargetDetection> = detections
                     .into_iter()
                     .enumerate()

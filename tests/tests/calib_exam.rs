@@ -46,7 +46,7 @@ fn our_corners(folder: &Path) -> Corners {
         let info = decoder.info().expect("a size");
         let (width, height) = (usize::from(info.width), usize::from(info.height));
         let view = ImageView::new(width, height, width, &pixels).expect("a complete image");
-        let found = target::detect(&view, &board(), &target::Settings::default());
+        let found = target::detect(&view, &board(), &target::Config::default());
         assert_eq!(
             found.corners.len(),
             (COLUMNS * ROWS) as usize,

@@ -6,7 +6,7 @@ use std::sync::{Mutex, PoisonError};
 use anyhow::{Context, Result};
 use boards::Target as Board;
 use calib::camera_imu::{Corner, TargetObservation};
-use calib::target::{DetectedCorner, ImageView, Settings, detect_all};
+use calib::target::{Config, DetectedCorner, ImageView, detect_all};
 use camera_models::Eye;
 use console_output::Progress;
 use session_access::decode::visit_images;
@@ -51,7 +51,7 @@ pub(super) fn find(
             let (width, height) = (gray.width as usize, gray.height as usize);
             let view = ImageView::new(width, height, width, &gray.data)
                 .context("an image's size does not match its bytes")?;
-            let detected = detect_all(&view, boards, &Settings::default());
+            let detected = detect_all(&view, boards, &Config::default());
             for (board, detection) in detected.into_iter().enumerate() {
                 found[board][eye] = detection.corners;
             }

@@ -50,6 +50,7 @@ fn one(imu: &ImuResult) -> Json {
         json!({ "weight": weight, "kind": remark.kind, "text": remark.text })
     });
     json!({
+        "config": imu.found.config,
         "name": imu.recording.name,
         "source": imu.recording.source,
         "samples": imu.recording.samples.len(),

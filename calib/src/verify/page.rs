@@ -31,7 +31,7 @@ pub(super) fn html(
         "Against {against}. {} bursts of images, and all samples of the gyroscopes. A parameter is inconsistent if it deviates \
          by more than two sigmas of its tolerance plus {} sigmas of the measurement.",
         checked.bursts,
-        calib::verify::DETECTION_SIGMA
+        checked.verification.config.decision.detection_sigma
     ));
     for finding in findings.iter().filter(|f| f.verdict != Verdict::Pass) {
         page = page.finding(badge(finding.verdict), &finding.text);

@@ -54,6 +54,9 @@ use self::suspicion::{Early, Suspicion};
 use self::tail::Tail;
 
 /// Prior knowledge of a device's clock and of the latency to the host.
+///
+/// Where a field names no source, its default was chosen on the simulated streams of `cargo xtask
+/// bench sync`; docs/decisions/0004-clock-maps.md has the errors over jitter, rate and bursts.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct ClockConfig {
     /// Length of a device tick.
@@ -62,16 +65,22 @@ pub struct ClockConfig {
     /// latency.
     pub tick_bits: Option<u8>,
     /// Minimum latency from the instant of a time to its arrival, ns. Not observable from arrivals.
+    /// Source: calibration of the device. An error shifts all times by as much.
     pub latency_ns: i64,
-    /// One sigma of `latency_ns`.
+    /// One sigma of `latency_ns`, ns. It is part of every stated sigma.
     pub latency_sigma_ns: u64,
-    /// Maximum rate deviation of the device's clock from the host's, parts in 1e6. Crystals: 100.
+    /// Maximum rate deviation of the device's clock from the host's, parts in 1e6. A crystal has up
+    /// to 100, so that two differ by up to 200. Lower bends the line of a worse crystal and reports
+    /// steps, higher needs more samples until the rate is known.
     pub max_rate_ppm: f64,
-    /// Latency jitter to assume until it has been measured, ns.
+    /// Latency jitter to assume until it has been measured, ns. Lower gives the first times too
+    /// small a sigma, higher states large sigmas for longer.
     pub jitter_ns: u64,
     /// Maximum time for which all arrivals may be late, ns. A longer one is a step of the clock.
+    /// Lower reports a busy host as a step, higher flags the times after a step for longer.
     pub burst_ns: i64,
-    /// Rate change without samples, parts in 1e9 per second.
+    /// Rate change without samples, parts in 1e9 per second. Lower is overconfident after a
+    /// gap, higher states larger sigmas there.
     pub wander_ppb_per_s: f64,
 }
 

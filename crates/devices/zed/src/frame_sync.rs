@@ -27,15 +27,14 @@
 //! [`FrameSyncEstimate::unresolved_ns`] is its width, its middle is taken, and the width is part of
 //! sigma.
 //!
-//! * *Early.* Nothing until [`MIN_PAIRS`] frames were seen by both. Then an estimate whose sigma
-//!   shrinks.
+//! * *Early.* Nothing until [`FrameSyncConfig::min_pairs`] frames were seen by both. Then an estimate whose sigma shrinks.
 //! * *Lost samples, dropped frames* leave holes in the counters, which are counted and do no harm.
-//! * *A stream that restarts*, or a counter that slips, is noticed within [`SLIPPED`] events; all
+//! * *A stream that restarts*, or a counter that slips, is noticed within [`FrameSyncConfig::max_outliers`] events; all
 //!   begins again.
 //! * *Frames in unequal steps* (exposure that sets the frame rate) are [`NoEstimate::Irregular`].
 //! * *Not seen at all*: the least latency of the camera's stamps and any constant delay of the
 //!   flag. They are constants of the device, to be calibrated.
-//! * *Memory* is bounded by [`WINDOW`] events of each stream.
+//! * *Memory* is bounded by [`FrameSyncConfig::window`] events of each stream.
 //!
 //! Pure; never run on a real device, whose latencies are not known: [`Bounds::default`] is an
 //! assumption.
@@ -46,28 +45,15 @@ use std::fmt;
 use crate::number::Numbers;
 use crate::report::{Sample, TICKS_PER_S, ticks_ns};
 
+mod config;
 mod line;
 mod track;
 
 use line::{LowerEnvelope, SlopeBand, lower_envelope, slope_band, slope_of};
 use track::{Seen, Track};
 
-/// Events of each stream that are held: a minute at 30 frames per second, in which oscillators that
-/// warm up stay within some 10 us of a line.
-pub const WINDOW: usize = 2048;
-/// Frames seen by both before there is an estimate.
-pub const MIN_PAIRS: usize = 32;
-/// Number of consecutive outlier events after which the counter is taken to have slipped.
-pub const SLIPPED: u32 = 8;
+pub use config::FrameSyncConfig;
 
-/// Blocks of arrivals of which the fastest is kept, and their length.
-const BLOCKS: usize = 120;
-const BLOCK_NS: i64 = 500_000_000;
-/// Frames between two fits at first, and share of the window later.
-const REFIT: usize = 8;
-const REFIT_SHARE: usize = 32;
-/// The two clocks agree to this.
-const CLOCKS_AGREE: f64 = 500e-6;
 const TICK_NS: f64 = 1e9 / TICKS_PER_S as f64;
 
 /// Prior bounds of the latencies, ns: smallest and largest.
@@ -141,13 +127,15 @@ pub enum NoEstimate {
     NotActive,
     /// Wait.
     #[error(
-        "too few frames: the IMU counted {syncs}, the camera sent {frames}, expected {MIN_PAIRS} of each"
+        "too few frames: the IMU counted {syncs}, the camera sent {frames}, expected {expected} of each"
     )]
     TooFew {
         /// Flagged samples within the window.
         syncs: usize,
         /// Frames within the window.
         frames: usize,
+        /// Number required of each.
+        expected: usize,
     },
     /// Fix the camera's frame rate, or do without.
     #[error(
@@ -216,6 +204,7 @@ struct Fastest {
 /// Estimates the relation of the two clocks. See the [module](self).
 #[derive(Clone)]
 pub struct FrameSync {
+    config: FrameSyncConfig,
     bounds: Bounds,
     numbers: Numbers,
     active: bool,
@@ -243,13 +232,15 @@ impl fmt::Debug for FrameSync {
 impl FrameSync {
     /// Nothing seen yet.
     pub fn new(bounds: Bounds) -> Self {
+        let config = FrameSyncConfig::default();
         Self {
+            config,
             bounds,
             numbers: Numbers::new(),
             active: false,
-            syncs: Track::default(),
-            frames: Track::default(),
-            blocks: VecDeque::with_capacity(BLOCKS + 1),
+            syncs: Track::new(&config),
+            frames: Track::new(&config),
+            blocks: VecDeque::with_capacity(config.blocks + 1),
             block_from: 0,
             since_fit: 0,
             number: None,
@@ -258,6 +249,7 @@ impl FrameSync {
             result: Err(NoEstimate::TooFew {
                 syncs: 0,
                 frames: 0,
+                expected: config.min_pairs,
             }),
         }
     }
@@ -288,10 +280,17 @@ impl FrameSync {
             self.frames.count(sequence, Some(kernel_ns));
         }
         self.since_fit += 1;
-        if self.since_fit >= REFIT.max(self.frames.points().len() / REFIT_SHARE) {
+        if self.since_fit >= self.refit_frames() {
             self.since_fit = 0;
             self.result = self.fit();
         }
+    }
+
+    fn refit_frames(&self) -> usize {
+        let held = self.frames.points().len();
+        self.config
+            .min_refit_frames
+            .max(held / self.config.refit_divisor)
     }
 
     /// The estimate as of the last few frames.
@@ -323,6 +322,7 @@ impl FrameSync {
         self.result = Err(NoEstimate::TooFew {
             syncs: 0,
             frames: 0,
+            expected: self.config.min_pairs,
         });
     }
 
@@ -330,7 +330,7 @@ impl FrameSync {
     fn arrival(&mut self, new: Fastest) {
         let late = |f: &Fastest| f.host_ns - f.device_ns;
         match self.blocks.back_mut() {
-            Some(fastest) if new.device_ns - self.block_from < BLOCK_NS => {
+            Some(fastest) if new.device_ns - self.block_from < self.config.block_ns => {
                 if late(&new) < late(fastest) {
                     *fastest = new;
                 }
@@ -338,7 +338,7 @@ impl FrameSync {
             _ => {
                 self.block_from = new.device_ns;
                 self.blocks.push_back(new);
-                if self.blocks.len() > BLOCKS {
+                if self.blocks.len() > self.config.blocks {
                     self.blocks.pop_front();
                 }
             }
@@ -350,9 +350,14 @@ impl FrameSync {
             return Err(NoEstimate::NotActive);
         }
         let (syncs, frames) = (self.syncs.points().len(), self.frames.points().len());
-        let too_few = NoEstimate::TooFew { syncs, frames };
+        let expected = self.config.min_pairs;
+        let too_few = NoEstimate::TooFew {
+            syncs,
+            frames,
+            expected,
+        };
         let period_ns = self.numbers.period_ns().ok_or(too_few.clone())?;
-        if syncs.min(frames) < MIN_PAIRS {
+        if syncs.min(frames) < expected {
             return Err(too_few);
         }
         let flags = self.fit_flags(period_ns)?.ok_or(too_few.clone())?;
@@ -369,7 +374,7 @@ impl FrameSync {
         let Some(slope) = slope_of(points) else {
             return Ok(None);
         };
-        let Some(mut slope_band) = slope_band(points, slope, period_ns as f64) else {
+        let Some(mut slope_band) = slope_band(points, slope, period_ns as f64, &self.config) else {
             return Ok(None);
         };
         // Ticks are whole numbers.
@@ -394,13 +399,12 @@ impl FrameSync {
             camera_ns: camera as i64,
             imu_ns: frame_ns as i64,
         };
-        // A slope from late stamps is not exact; beyond a part in a hundred it is another frame
-        // rate.
-        if (slope / frame_ns - 1.0).abs() > 0.01 {
+        // A slope from late stamps is not exact; far off it is another frame rate.
+        if (slope / frame_ns - 1.0).abs() > self.config.max_frame_rate_deviation {
             return Err(rates(slope));
         }
-        let within = frame_ns * CLOCKS_AGREE;
-        Ok(lower_envelope(points, frame_ns, within))
+        let within = frame_ns * self.config.max_rate_deviation;
+        Ok(lower_envelope(points, frame_ns, within, &self.config))
     }
 
     /// Which count is which sequence number.
@@ -470,10 +474,11 @@ impl FrameSync {
                 residuals.push(stamps.line.above(frame.y, frame.n as f64).abs());
             }
         }
-        let (Some(newest), true) = (frames.back(), residuals.len() >= MIN_PAIRS) else {
+        let (Some(newest), true) = (frames.back(), residuals.len() >= self.config.min_pairs) else {
             return Err(NoEstimate::TooFew {
                 syncs: syncs.len(),
                 frames: frames.len(),
+                expected: self.config.min_pairs,
             });
         };
         residuals.sort_by(f64::total_cmp);

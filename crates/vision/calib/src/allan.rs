@@ -25,9 +25,11 @@ pub mod deviation;
 pub mod fit;
 pub mod lines;
 
+mod config;
 mod covariance;
 mod variance;
 
+pub use config::FitConfig;
 pub use fit::{Coefficient, Fit, Value, fit};
 pub use variance::{Curve, Point, curve};
 

@@ -8,6 +8,7 @@
 //! Units are SI: rad/s and m/s², noise as in [`ImuNoise`](camera_models::ImuNoise).
 
 mod bridge;
+mod config;
 mod file;
 mod measurement;
 mod screen;
@@ -19,19 +20,18 @@ use std::thread;
 use crate::allan::fit::Fitter;
 use crate::allan::{Coefficient, Curve, Fit, curve};
 
+pub use config::{BridgingConfig, Config, ScreeningConfig};
 pub use measurement::{Axis, Measurement, Worst};
-pub use series::{AXES, Finding, MIN_STATIC_S, Series, Severity};
-
-/// Maximum difference between the halves of a recording, in multiples of the expected noise.
-const DRIFT_SIGMAS: f64 = 4.0;
+pub use series::{AXES, Finding, Series, Severity};
 
 /// Measures the noise of an IMU.
 ///
 /// # Panics
 /// If the vectors of the series differ in length or a run extends beyond them.
 pub fn measure(series: &Series) -> Measurement {
-    let screened = screen::screen(series);
-    let mut findings = screened.findings;
+    let config = Config::default();
+    let mut screened = screen::screen(series, &config.screening);
+    let mut findings = std::mem::take(&mut screened.findings);
     findings.extend(series.bridged.iter().cloned());
     let first = series.times_s.first().copied().unwrap_or(0.0);
     let seconds = |run: &Range<usize>| {
@@ -39,6 +39,7 @@ pub fn measure(series: &Series) -> Measurement {
         [at(run.start), at(run.end - 1)]
     };
     let mut measurement = Measurement {
+        config,
         rate_hz: 1.0 / screened.period_s,
         used_s: screened.still.iter().map(seconds).collect(),
         axes: Vec::new(),
@@ -46,7 +47,7 @@ pub fn measure(series: &Series) -> Measurement {
     };
     if findings.iter().all(|r| r.severity != Severity::Fail) {
         let curves = curves(series, &screened.still, screened.period_s);
-        let fitter = curves.first().map(Fitter::new);
+        let fitter = curves.first().map(|curve| Fitter::new(curve, &config.fit));
         for (index, curve) in curves.into_iter().enumerate() {
             let fit = fitter.as_ref().filter(|_| !screened.dead[index]);
             let fit = fit.and_then(|fitter| fitter.fit(&curve));
@@ -59,7 +60,7 @@ pub fn measure(series: &Series) -> Measurement {
                 .sum();
             if let Some(fit) = &fit {
                 findings.extend(fit_findings(index, fit));
-                findings.extend(drift(index, fit, axis, &screened.still, screened.period_s));
+                findings.extend(drift(index, fit, axis, &screened, &config));
             }
             measurement.axes.push(Axis {
                 index,
@@ -131,14 +132,14 @@ fn drift(
     index: usize,
     fit: &Fit,
     axis: &[f64],
-    runs: &[Range<usize>],
-    period_s: f64,
+    screened: &screen::Screened,
+    config: &Config,
 ) -> Option<Finding> {
-    let longest = runs.iter().max_by_key(|run| run.len())?;
+    let longest = screened.still.iter().max_by_key(|run| run.len())?;
     let half = longest.len() / 2;
     let mean = |from: usize| axis[from..from + half].iter().sum::<f64>() / half as f64;
     let moved = mean(longest.start + half) - mean(longest.start);
-    let tau_s = half as f64 * period_s;
+    let tau_s = half as f64 * screened.period_s;
     let determined = |c: &&Coefficient| fit.value(**c).known().is_some();
     let parts = Coefficient::ALL.iter().filter(determined);
     let variance: f64 = parts
@@ -147,7 +148,7 @@ fn drift(
         .sum();
     let expected = (2.0 * variance).sqrt();
     let walks = fit.value(Coefficient::Walk).known().is_some();
-    (moved.abs() > DRIFT_SIGMAS * expected).then(|| Finding {
+    (moved.abs() > config.drift_sigma * expected).then(|| Finding {
         severity: if walks { Severity::Warn } else { Severity::Note },
         kind: "drift",
         text: format!(

@@ -11,6 +11,7 @@
 
 mod blur;
 mod chessboard;
+mod config;
 mod decode;
 mod detect;
 mod grid;
@@ -23,9 +24,11 @@ mod scene;
 mod square;
 
 pub use blur::Blur;
+pub use config::{
+    BlurConfig, Config, LatticeConfig, LinkConfig, MarkerConfig, RefinementConfig, SaddleConfig,
+};
 pub use detect::{DetectedCorner, Detection, detect, detect_all};
 pub use image::ImageView;
-pub use scene::Settings;
 
 #[cfg(test)]
 mod tests;

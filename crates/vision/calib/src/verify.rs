@@ -10,7 +10,7 @@
 //! ([`choose_bursts`] selects their times). A parameter that the recording does not constrain (no
 //! texture, no rotation, too short) is [`Status::Undetermined`], which is no verdict. A parameter
 //! is *inconsistent* if its deviation exceeds the tolerance of its joint and the uncertainty of the
-//! measurement together ([`DETECTION_SIGMA`]). Parts of the scene may move; the motion of most of
+//! measurement together ([`DecisionConfig::detection_sigma`]). Parts of the scene may move; the motion of most of
 //! the image counts as static. The same input gives the same result.
 //!
 //! Each part documents its method; capabilities and limits: `docs/guides/calibration-verify.md`.
@@ -20,6 +20,7 @@ use serde::Serialize;
 mod bursts;
 mod camera;
 mod camera_imu;
+mod config;
 mod corners;
 mod decision;
 mod epipolar_search;
@@ -38,7 +39,10 @@ mod tracks;
 pub use bursts::choose_bursts;
 pub use camera::{Camera, CameraEstimate, Tolerances};
 pub use camera_imu::CameraImu;
-pub use decision::DETECTION_SIGMA;
+pub use config::{
+    BurstConfig, CameraImuConfig, Config, CornerConfig, DecisionConfig, GyroPairConfig, KltConfig,
+    MotionConfig, PyramidConfig, ReadoutConfig, SearchConfig, StereoConfig, TrackingConfig,
+};
 pub use findings::{Finding, Parameter, Status};
 pub use gyro::Gyro;
 pub use gyro_pairs::GyroAlignment;
@@ -57,6 +61,8 @@ pub struct GyroPairEstimate {
 /// Result of a verification.
 #[derive(Clone, Debug, Serialize)]
 pub struct Verification {
+    /// Configuration of the verification.
+    pub config: Config,
     /// Cameras in the order given.
     pub cameras: Vec<CameraEstimate>,
     /// Pairs of gyroscopes with nominal extrinsics.
@@ -75,10 +81,12 @@ pub fn verify(cameras: &[Camera<'_>], tolerances: &Tolerances) -> Verification {
 /// Compares one camera's eyes, and the camera with its own gyroscope. The pose of the camera on the
 /// rig is not used.
 pub fn compare(camera: &Camera<'_>) -> CameraEstimate {
-    let eyes = stereo::estimate(camera.nominal, camera.bursts);
-    let imu = eyes.as_ref().zip(camera.gyro).and_then(|(eyes, gyro)| {
-        camera_imu::estimate(camera.nominal, eyes, camera.line_s, gyro, camera.bursts)
-    });
+    let config = Config::default();
+    let eyes = stereo::estimate(camera.nominal, camera.bursts, &config.stereo);
+    let imu = eyes
+        .as_ref()
+        .zip(camera.gyro)
+        .and_then(|(eyes, gyro)| camera_imu::estimate(camera, eyes, gyro, &config));
     CameraEstimate {
         name: camera.name.to_owned(),
         eyes,
@@ -93,6 +101,7 @@ pub fn judge(
     found: Vec<CameraEstimate>,
     tolerances: &Tolerances,
 ) -> Verification {
+    let config = Config::default();
     let mut pairs = Vec::new();
     for (b, second) in cameras.iter().enumerate() {
         for (a, first) in cameras[..b].iter().enumerate() {
@@ -102,18 +111,19 @@ pub fn judge(
             };
             let gyros = || {
                 let b_from_a = rig_from_imu(second)?.inverse() * rig_from_imu(first)?;
-                gyro_pairs::estimate(b_from_a.rotation(), first.gyro?, second.gyro?)
+                gyro_pairs::estimate(b_from_a.rotation(), first.gyro?, second.gyro?, &config)
             };
             pairs.extend(gyros().map(|gyros| (a, b, gyros)));
         }
     }
-    let findings = findings::judge(cameras, &found, &pairs, tolerances);
+    let findings = findings::judge(cameras, &found, &pairs, tolerances, &config.decision);
     let name = |i: usize| cameras[i].name.to_owned();
     let pairs = pairs.into_iter().map(|(a, b, gyros)| GyroPairEstimate {
         of: [name(a), name(b)],
         gyros,
     });
     Verification {
+        config,
         pairs: pairs.collect(),
         cameras: found,
         findings,

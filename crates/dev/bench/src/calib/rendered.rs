@@ -93,7 +93,7 @@ fn one_camera(
             let Some(view) = ImageView::new(width, height, frame.width, luma) else {
                 continue;
             };
-            let seen = target::detect_all(&view, targets, &target::Settings::default());
+            let seen = target::detect_all(&view, targets, &target::Config::default());
             for (target, detection) in seen.into_iter().enumerate() {
                 if !detection.corners.is_empty() {
                     found.push(TargetDetection {

@@ -7,12 +7,10 @@
 
 use std::collections::VecDeque;
 
+use super::config::FrameSyncConfig;
+
 /// Steps of a search: the slope is then known to 1e-10 of the range.
 const STEPS: usize = 48;
-/// Parts of the window whose lowest points make the lower edge.
-const PARTS: usize = 8;
-/// At most one point in this number is left out of a band.
-const LEFT_OUT: usize = 5;
 
 /// An event: its number and its time, ns.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -100,16 +98,20 @@ pub(super) fn slope_of(points: &VecDeque<Point>) -> Option<f64> {
     median(slopes).filter(|s| s.is_finite() && *s > 0.0)
 }
 
-/// Points that are late by anything between 0 and `limit` lie in a band of that width, but not in
-/// one band only: a range of slopes may do. The middle of that range is taken, and how much it
-/// leaves open is reported. A few points that lie far from the rest are left out; if there are
-/// many, none is.
-pub(super) fn slope_band(points: &VecDeque<Point>, slope: f64, limit: f64) -> Option<SlopeBand> {
+/// Points that are late by anything between 0 and `limit` lie in a band of that width, but not in one band only: a range of slopes
+/// may do. The middle of that range is taken, and how much it leaves open is reported. A few points that
+/// lie far from the rest are left out; if there are many, none is.
+pub(super) fn slope_band(
+    points: &VecDeque<Point>,
+    slope: f64,
+    limit: f64,
+    config: &FrameSyncConfig,
+) -> Option<SlopeBand> {
     let (origin, mut rest) = residuals(points, slope)?;
     let middle = median(rest.iter().map(|p| p.1).collect())?;
     let all = rest.clone();
     rest.retain(|p| (p.1 - middle).abs() <= limit);
-    if rest.len() < all.len() - all.len() / LEFT_OUT {
+    if rest.len() < all.len() - all.len() / config.max_left_out_divisor {
         rest = all;
     }
     let last = rest.last().map(|p| p.0).filter(|&x| x > 0.0)?;
@@ -158,15 +160,16 @@ pub(super) fn lower_envelope(
     points: &VecDeque<Point>,
     slope: f64,
     within: f64,
+    config: &FrameSyncConfig,
 ) -> Option<LowerEnvelope> {
     let (origin, mut rest) = residuals(points, slope)?;
     let drift = slope_of(points)?.clamp(slope - within, slope + within) - slope;
     let mut heights: Vec<f64> = rest.iter().map(|(x, y)| y - drift * x).collect();
     heights.sort_by(f64::total_cmp);
     let quantile = |share: usize| heights[heights.len() * share / 10];
-    // Of a one-sided spread nothing is farther below the median than the lowest tenth, a few times
-    // over.
-    let least = quantile(5) - 4.0 * (quantile(5) - quantile(1)) - 100_000.0;
+    // Of a one-sided spread nothing is farther below the median than the lowest tenth, a few times over.
+    let least =
+        quantile(5) - config.max_early_ratio * (quantile(5) - quantile(1)) - config.max_early_ns;
     rest.retain(|(x, y)| y - drift * x >= least);
 
     // The lowest point of each part of the window; a line through those is one through the edge.
@@ -176,7 +179,7 @@ pub(super) fn lower_envelope(
             .copied()
             .min_by(|a, b| height(a).total_cmp(&height(b)))
     };
-    let part = rest.len().div_ceil(PARTS).max(1);
+    let part = rest.len().div_ceil(config.parts).max(1);
     let lows: Vec<(f64, f64)> = rest.chunks(part).filter_map(lowest).collect();
     let pairs = lows
         .iter()
@@ -262,7 +265,7 @@ mod tests {
         #[test]
         fn the_strip_finds_the_middle(late in prop::collection::vec(0.0..1_250_000.0_f64, 512)) {
             let points = points(|n| late[n as usize]);
-            let slope_band = slope_band(&points, slope_of(&points).expect("some"), 1_250_000.0).expect("some");
+            let slope_band = slope_band(&points, slope_of(&points).expect("some"), 1_250_000.0, &FrameSyncConfig::default()).expect("some");
             prop_assert!(slope_band.width <= 1_250_001.0 && slope_band.width > 1_150_000.0, "{}", slope_band.width);
             for error in errors(&slope_band.line) {
                 prop_assert!((error - 625_000.0).abs() < 75_000.0, "{}", error);
@@ -278,7 +281,7 @@ mod tests {
                 let (late, very) = late[n as usize];
                 if very { 50.0 * late } else { late }
             });
-            let lower_envelope = lower_envelope(&points, PERIOD + 2000.0, PERIOD * 500e-6).expect("some");
+            let lower_envelope = lower_envelope(&points, PERIOD + 2000.0, PERIOD * 500e-6, &FrameSyncConfig::default()).expect("some");
             for error in errors(&lower_envelope.line) {
                 prop_assert!(error.abs() < 100_000.0, "{}", error);
                 prop_assert!(error.abs() < 5.0 * lower_envelope.sigma + 2000.0, "{} {}", error, lower_envelope.sigma);
@@ -293,10 +296,17 @@ mod tests {
             300 => -20e6,
             n => ((n * 37) % 100) as f64 * 10_000.0,
         });
-        let slope_band =
-            slope_band(&wild, slope_of(&wild).expect("some"), 1_000_000.0).expect("some");
+        let slope_band = slope_band(
+            &wild,
+            slope_of(&wild).expect("some"),
+            1_000_000.0,
+            &FrameSyncConfig::default(),
+        )
+        .expect("some");
         assert!(slope_band.width < 1_000_000.0);
-        let lower_envelope = lower_envelope(&wild, PERIOD, PERIOD * 500e-6).expect("some");
+        let lower_envelope =
+            lower_envelope(&wild, PERIOD, PERIOD * 500e-6, &FrameSyncConfig::default())
+                .expect("some");
         for error in errors(&lower_envelope.line) {
             assert!((-30_000.0..30_000.0).contains(&error), "{error}");
         }
@@ -305,9 +315,14 @@ mod tests {
     #[test]
     fn a_line_is_read_both_ways() {
         let exact = points(|_| 0.0);
-        let line = slope_band(&exact, slope_of(&exact).expect("some"), 1000.0)
-            .expect("some")
-            .line;
+        let line = slope_band(
+            &exact,
+            slope_of(&exact).expect("some"),
+            1000.0,
+            &FrameSyncConfig::default(),
+        )
+        .expect("some")
+        .line;
         assert!((line.inverse(line.y(100.0)) - 100.0).abs() < 1e-6);
         assert!(line.above(line.y(100.0), 100.0).abs() <= 1.0);
     }

@@ -2,11 +2,8 @@
 
 use std::collections::VecDeque;
 
+use super::config::FrameSyncConfig;
 use super::line::{Line, Point};
-use super::{SLIPPED, WINDOW};
-
-/// A counter that jumps by more has restarted.
-const LEAP: u32 = 1 << 17;
 
 /// What a count says.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -18,8 +15,9 @@ pub(super) enum Seen {
 }
 
 /// See the module.
-#[derive(Clone, Debug, Default)]
+#[derive(Clone, Debug)]
 pub(super) struct Track {
+    config: FrameSyncConfig,
     points: VecDeque<Point>,
     /// The newest count, as delivered and unwrapped.
     newest: Option<(u32, i64)>,
@@ -32,6 +30,19 @@ pub(super) struct Track {
 }
 
 impl Track {
+    /// Nothing seen yet.
+    pub(super) fn new(config: &FrameSyncConfig) -> Self {
+        Self {
+            config: *config,
+            points: VecDeque::new(),
+            newest: None,
+            expected: None,
+            off: 0,
+            seen: 0,
+            missed: 0,
+        }
+    }
+
     /// Takes a count, and when its event was if it is known.
     pub(super) fn count(&mut self, count: u32, time: Option<i64>) -> Seen {
         let Some((before, unwrapped)) = self.newest else {
@@ -49,7 +60,7 @@ impl Track {
         if ahead == 0 {
             return Seen::Fits;
         }
-        if ahead > LEAP {
+        if ahead > self.config.max_count_step {
             return Seen::Slipped;
         }
         let n = unwrapped + i64::from(ahead);
@@ -62,12 +73,12 @@ impl Track {
         if let Some((line, far)) = &self.expected {
             let is_off = line.above(y, n as f64).abs() > *far;
             self.off = if is_off { self.off + 1 } else { 0 };
-            if self.off >= SLIPPED {
+            if self.off >= self.config.max_outliers {
                 return Seen::Slipped;
             }
         }
         self.points.push_back(Point { n, y });
-        if self.points.len() > WINDOW {
+        if self.points.len() > self.config.window {
             self.points.pop_front();
         }
         Seen::Fits
@@ -83,7 +94,7 @@ impl Track {
         *self = Self {
             seen: self.seen,
             missed: self.missed,
-            ..Self::default()
+            ..Self::new(&self.config)
         };
     }
 
@@ -107,7 +118,7 @@ mod tests {
 
     #[test]
     fn counters_wrap_and_holes_are_counted() {
-        let mut track = Track::default();
+        let mut track = Track::new(&FrameSyncConfig::default());
         for (k, count) in [u32::MAX - 1, u32::MAX, 1, 2, 5].into_iter().enumerate() {
             assert_eq!(track.count(count, Some(k as i64)), Seen::Fits);
         }

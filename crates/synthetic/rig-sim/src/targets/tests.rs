@@ -224,7 +224,7 @@ fn corner_observations_agree_with_detections_in_images() {
             for eye in 0..2 {
                 let gray = frame.gray(eye);
                 let view = ImageView::new(672, 376, 672, &gray).unwrap();
-                let found = detect_all(&view, &targets, &target::Settings::default());
+                let found = detect_all(&view, &targets, &target::Config::default());
                 let is_there = |board: usize, id: u32| {
                     let corners = &found[board].corners;
                     corners.iter().find(|c| c.id == id).map(|c| c.pixel)

@@ -20,26 +20,9 @@
 use nalgebra::{DMatrix, DVector};
 
 use super::chi2;
+use super::config::FitConfig;
 use super::covariance::{Covariances, Powers};
 use super::variance::{Curve, POINTS_PER_OCTAVE};
-
-/// Minimum number of points of a curve.
-const MIN_POINTS: usize = 8;
-/// Maximum averaging time at which the fit begins, s.
-const MAX_START_S: f64 = 2.0;
-/// Probability of the residuals below which a fit counts as misfit.
-const MAX_MISFIT_PROBABILITY: f64 = 1e-4;
-/// Misfit fractions that are tried.
-const MISFITS: [f64; 12] = [
-    0.005, 0.01, 0.02, 0.03, 0.05, 0.07, 0.1, 0.15, 0.2, 0.3, 0.5, 0.8,
-];
-/// Minimum significance of a determined power, in standard deviations.
-const MIN_DETERMINED_SIGMAS: f64 = 3.0;
-/// Upper limits: the power at which an estimate would be as small as it is with this probability,
-/// 2.6 standard deviations of a normal variable. This is nominally more than the stated 95 %:
-/// estimates of bias instability beside a random walk are skewed downwards, and with 1.6 deviations
-/// one limit in four was too low in simulations where the two are hard to separate.
-const LOW: (f64, f64) = (2.6, 0.0047);
 
 /// The four kinds of noise.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -148,18 +131,20 @@ impl Fit {
 /// Fits the noise model to a curve. `None` with fewer than eight points or if one of them is not
 /// above zero: a sensor with constant values has no measurable noise.
 pub fn fit(curve: &Curve) -> Option<Fit> {
-    Fitter::new(curve).fit(curve)
+    Fitter::new(curve, &FitConfig::default()).fit(curve)
 }
 
 /// Fits curves with the same factors and runs, such as the axes of one sensor.
 pub struct Fitter {
+    config: FitConfig,
     covariances: Covariances,
 }
 
 impl Fitter {
     /// Prepares curves of this shape.
-    pub fn new(curve: &Curve) -> Self {
+    pub fn new(curve: &Curve, config: &FitConfig) -> Self {
         Self {
+            config: *config,
             covariances: Covariances::new(curve),
         }
     }
@@ -169,14 +154,17 @@ impl Fitter {
     /// # Panics
     /// If the number of points differs from the curve given to [`Self::new`].
     pub fn fit(&self, curve: &Curve) -> Option<Fit> {
+        let config = &self.config;
         let taus: Vec<f64> = curve.points.iter().map(|p| p.tau_s).collect();
         let variances: Vec<f64> = curve.points.iter().map(|p| p.variance).collect();
         let usable = |v: &f64| v.is_finite() && *v > 0.0;
-        if taus.len() < MIN_POINTS || !variances.iter().all(usable) {
+        if taus.len() < config.min_points || !variances.iter().all(usable) {
             return None;
         }
-        let starts = (0..=taus.len() - MIN_POINTS).take_while(|&i| taus[i] <= MAX_START_S);
+        let starts =
+            (0..=taus.len() - config.min_points).take_while(|&i| taus[i] <= config.max_start_s);
         let at = |from: usize| Job {
+            config,
             covariances: &self.covariances,
             taus: &taus,
             variances: &variances,
@@ -206,7 +194,7 @@ impl Fitter {
                 return Some(far.report(&after));
             }
         }
-        let solution = whole.best(&MISFITS)?;
+        let solution = whole.best(&config.misfits)?;
         Some(whole.report(&solution))
     }
 }
@@ -219,6 +207,7 @@ fn model(powers: &Powers, tau_s: f64) -> f64 {
 
 /// A curve from one of its points on.
 struct Job<'a> {
+    config: &'a FitConfig,
     covariances: &'a Covariances,
     taus: &'a [f64],
     variances: &'a [f64],
@@ -279,7 +268,7 @@ impl Job<'_> {
     /// Whether the residuals of a fit are significantly too large.
     fn is_misfit(&self, solution: &Solution) -> bool {
         let freedom = (self.taus.len() - self.from - solution.terms.len()) as f64;
-        solution.residual > chi2::quantile(1.0 - MAX_MISFIT_PROBABILITY, freedom)
+        solution.residual > chi2::quantile(1.0 - self.config.max_misfit_probability, freedom)
     }
 
     /// Covariance of the points under a model, with a misfit fraction.
@@ -429,7 +418,7 @@ impl Job<'_> {
         let Some((_, sigma)) = self.with_all(term, &solution.powers, solution.misfit) else {
             return Value::Below(f64::INFINITY);
         };
-        if power > 0.0 && power >= MIN_DETERMINED_SIGMAS * sigma {
+        if power > 0.0 && power >= self.config.min_significance_sigma * sigma {
             let freedom = 2.0 * (power / sigma).powi(2);
             let at = |p: f64| (power * freedom / chi2::quantile(p, freedom)).sqrt();
             let (value, sigma) = (power.sqrt(), sigma / (2.0 * power.sqrt()));
@@ -477,9 +466,9 @@ impl Job<'_> {
             };
             let freedom = 2.0 * (power / sigma).powi(2);
             let low = if freedom > 4.0 {
-                power * chi2::quantile(LOW.1, freedom) / freedom
+                power * chi2::quantile(self.config.limit_probability, freedom) / freedom
             } else {
-                power - LOW.0 * sigma
+                power - self.config.limit_sigma * sigma
             };
             if low >= found {
                 return power;

@@ -269,7 +269,7 @@ fn trial(samples: usize, period: f64, truth: [f64; 3]) -> [Tally; 4] {
     for seed in 0..SEEDS {
         let rate = Noise::new(1000 + seed).rate(samples, period, truth);
         let curve = whole(&rate, period);
-        let fitter = fitter.get_or_insert_with(|| fit::Fitter::new(&curve));
+        let fitter = fitter.get_or_insert_with(|| fit::Fitter::new(&curve, &FitConfig::default()));
         let fit = fitter.fit(&curve).unwrap();
         let truths = [0.0, truth[0], truth[1], truth[2]];
         for (k, kind) in Coefficient::ALL.into_iter().enumerate() {

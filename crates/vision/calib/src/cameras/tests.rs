@@ -41,7 +41,7 @@ fn chessboard_pairs() -> Option<Input> {
             let path = folder.join(format!("{name}{:02}.jpg", instant + 1));
             let (width, height, pixels) = grey(&path);
             let view = ImageView::new(width, height, width, &pixels).unwrap();
-            let found = target::detect(&view, &input.targets[0], &target::Settings::default());
+            let found = target::detect(&view, &input.targets[0], &target::Config::default());
             assert_eq!(found.corners.len(), 54, "{}", path.display());
             input.detections.push(TargetDetection {
                 instant,

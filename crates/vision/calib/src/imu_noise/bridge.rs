@@ -4,21 +4,15 @@
 //! averages. A short gap that is a whole number of periods is filled with the mean of the second
 //! around it; the noise missing in the fill is no more than its fraction of the samples.
 
+use super::config::BridgingConfig;
 use super::series::{Finding, Series, Severity};
-
-/// Maximum length of a gap that is filled, s.
-const MAX_GAP_S: f64 = 0.1;
-/// Maximum fraction of filled samples.
-const MAX_BRIDGED_RATIO: f64 = 1e-3;
-/// Maximum deviation of a gap from a whole number of periods, in periods.
-const MAX_GRID_DEVIATION: f64 = 0.25;
 
 impl Series {
     /// The series with its small gaps filled, and a finding about it; unchanged if there are none
     /// or too many.
     #[must_use]
     pub fn bridged(self) -> Self {
-        let Some(fills) = self.fills() else {
+        let Some(fills) = self.fills(&BridgingConfig::default()) else {
             return self;
         };
         let missing: usize = fills.iter().map(|fill| fill.1).sum();
@@ -83,7 +77,7 @@ impl Series {
     }
 
     /// Runs followed by a small gap, with the number of missing samples.
-    fn fills(&self) -> Option<Vec<(usize, usize)>> {
+    fn fills(&self, config: &BridgingConfig) -> Option<Vec<(usize, usize)>> {
         let mut steps: Vec<f64> = self
             .runs
             .iter()
@@ -98,13 +92,14 @@ impl Series {
         for (i, pair) in self.runs.windows(2).enumerate() {
             let gap = self.times_s[pair[1].start] - self.times_s[pair[0].end - 1];
             let periods = gap / period;
-            let on_grid = (periods - periods.round()).abs() < MAX_GRID_DEVIATION && periods >= 1.5;
-            if on_grid && gap <= MAX_GAP_S.max(1.5 * period) + period {
+            let on_grid =
+                (periods - periods.round()).abs() < config.max_grid_deviation && periods >= 1.5;
+            if on_grid && gap <= config.max_gap_s.max(1.5 * period) + period {
                 fills.push((i, periods.round() as usize - 1));
             }
         }
         let missing: usize = fills.iter().map(|fill| fill.1).sum();
-        let few = missing as f64 <= MAX_BRIDGED_RATIO * self.times_s.len() as f64;
+        let few = missing as f64 <= config.max_filled_ratio * self.times_s.len() as f64;
         (missing > 0 && few).then_some(fills)
     }
 }

@@ -2,6 +2,7 @@
 
 use camera_models::ImuNoise;
 
+use super::config::Config;
 use super::series::Finding;
 use crate::allan::{Coefficient, Curve, Fit, Value};
 
@@ -21,6 +22,8 @@ pub struct Axis {
 /// Result of a measurement.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Measurement {
+    /// Configuration of the measurement.
+    pub config: Config,
     /// Measured rate, Hz.
     pub rate_hz: f64,
     /// Time spans used, s after the first sample.

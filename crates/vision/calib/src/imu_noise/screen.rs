@@ -7,39 +7,8 @@
 
 use std::ops::Range;
 
-use super::series::{AXES, Finding, MIN_STATIC_S, Series, Severity};
-
-/// Length of a block, s.
-const BLOCK_S: f64 = 1.0;
-/// Maximum spread of a block relative to the median spread.
-const OUTLIER_SPREAD_RATIO: f64 = 4.0;
-/// Maximum deviation of a block's mean from the median mean, rad/s and m/s², or
-/// [`OUTLIER_SPREAD_RATIO`] times the median spread if that is larger. Biases change less,
-/// attitudes more: 0.05 m/s² is a tilt of 0.3°.
-const MAX_MEAN_CHANGE: [f64; 2] = [0.02, 0.3];
-/// Maximum step of a block's mean from the previous block.
-const MAX_STEP: [f64; 2] = [0.01, 0.05];
-/// Median spreads, rad/s and m/s², above which the IMU moved throughout.
-const MAX_MOTION: [f64; 2] = [0.05, 0.5];
-/// Margin excluded on both sides of a motion, s.
-const MOTION_MARGIN_S: f64 = 2.0;
-/// Outlier threshold, in spreads from the median of the block, if there are no more than
-/// [`MAX_OUTLIERS`] in it.
-const OUTLIER_SIGMAS: f64 = 10.0;
-const MAX_OUTLIERS: usize = 3;
-/// Minimum number of repetitions of a frozen value, whatever its probability.
-const MIN_FROZEN_SAMPLES: usize = 20;
-/// Fraction of values at one end of the range above which the axis is saturated.
-const MAX_CLIPPED_RATIO: f64 = 1e-3;
-/// Minimum number of levels between minimum and maximum; fewer are coarse.
-const MIN_LEVELS: usize = 12;
-/// Maximum relative deviation of the rate from its nominal value.
-const MAX_RATE_DEVIATION: f64 = 0.01;
-/// Jitter: deviation of a sample from its nominal time, in periods, and the fraction of such
-/// samples above which it is reported.
-const MAX_JITTER: (f64, f64) = (0.2, 0.01);
-/// Maximum temperature change over a recording, K.
-const MAX_TEMPERATURE_CHANGE_K: f32 = 3.0;
+use super::config::ScreeningConfig;
+use super::series::{AXES, Finding, Series, Severity};
 
 /// Result of the screening.
 pub(super) struct Screened {
@@ -60,6 +29,7 @@ struct Span {
 }
 
 struct Screen<'a> {
+    config: &'a ScreeningConfig,
     series: &'a Series,
     period_s: f64,
     findings: Vec<Finding>,
@@ -67,13 +37,14 @@ struct Screen<'a> {
     dead: [bool; 6],
 }
 
-pub(super) fn screen(series: &Series) -> Screened {
+pub(super) fn screen(series: &Series, config: &ScreeningConfig) -> Screened {
     let (mut samples, mut seconds) = (0, 0.0);
     for run in series.runs.iter().filter(|run| run.len() > 1) {
         samples += run.len() - 1;
         seconds += series.times_s[run.end - 1] - series.times_s[run.start];
     }
     let mut screen = Screen {
+        config,
         series,
         period_s: seconds / samples as f64,
         findings: Vec::new(),
@@ -130,7 +101,7 @@ impl Screen<'_> {
     /// Checks rate and jitter of the samples.
     fn rate(&mut self) {
         let (rate, nominal) = (1.0 / self.period_s, self.series.nominal_rate_hz);
-        if (rate / nominal - 1.0).abs() > MAX_RATE_DEVIATION {
+        if (rate / nominal - 1.0).abs() > self.config.max_rate_deviation {
             let text = format!("samples come at {rate:.2} Hz, and {nominal:.2} Hz were promised");
             self.finding(Severity::Note, "rate", text);
         }
@@ -139,12 +110,12 @@ impl Screen<'_> {
             for pair in self.series.times_s[run.clone()].windows(2) {
                 let away = ((pair[1] - pair[0]) / self.period_s - 1.0).abs();
                 steps += 1;
-                off += u64::from(away > MAX_JITTER.0);
+                off += u64::from(away > self.config.jitter_periods);
                 worst = worst.max(away);
             }
         }
         let share = off as f64 / steps.max(1) as f64;
-        if share > MAX_JITTER.1 {
+        if share > self.config.max_jitter_ratio {
             let text = format!(
                 "{:.1} % of the samples come more than a fifth of a period early or late, the worst by {:.1} \
                  periods: averages over a fixed number of samples are not over a fixed time",
@@ -210,8 +181,9 @@ impl Screen<'_> {
         // has its power.
         let equal = all.windows(2).filter(|w| w[0] == w[1]).count();
         let chance = (equal as f64 / all.len() as f64).clamp(1e-6, 0.999_999);
-        let unlikely = ((1e6 * all.len() as f64).ln() / -chance.ln()).ceil() as usize;
-        let long = unlikely.max(MIN_FROZEN_SAMPLES);
+        let unlikely =
+            ((self.config.frozen_odds * all.len() as f64).ln() / -chance.ln()).ceil() as usize;
+        let long = unlikely.max(self.config.min_frozen_samples);
         let mut frozen: Vec<Span> = Vec::new();
         let mut from = 0;
         for i in 1..=axis.len() {
@@ -238,14 +210,14 @@ impl Screen<'_> {
         }
         let mut levels: Vec<f64> = Vec::new();
         for value in &all {
-            if levels.len() > MIN_LEVELS {
+            if levels.len() > self.config.min_levels {
                 break;
             }
             if !levels.contains(value) {
                 levels.push(*value);
             }
         }
-        if levels.len() < MIN_LEVELS {
+        if levels.len() < self.config.min_levels {
             let text = format!(
                 "{name} takes only {} different values: its counts are coarser than its noise",
                 levels.len()
@@ -255,7 +227,7 @@ impl Screen<'_> {
         }
         for end in [least, greatest] {
             let there = all.iter().filter(|v| **v == end).count() as f64 / all.len() as f64;
-            if there > MAX_CLIPPED_RATIO {
+            if there > self.config.max_clipped_ratio {
                 let text = format!(
                     "{name}: {:.2} % of the values are exactly {end} {unit}, the end of its range: clipped",
                     100.0 * there
@@ -274,7 +246,7 @@ impl Screen<'_> {
             .collect();
         let same = |i: &usize| live.iter().all(|axis| axis[*i] == axis[*i - 1]);
         let repeated = (1..n).filter(same).count() as f64 / n.max(1) as f64;
-        if !live.is_empty() && repeated > 0.2 {
+        if !live.is_empty() && repeated > self.config.max_repeated_ratio {
             let text = format!(
                 "{:.0} % of the samples repeat the one before: the sensor gives new values at about {:.0} Hz only",
                 100.0 * repeated,
@@ -286,7 +258,8 @@ impl Screen<'_> {
 
     /// Finds blocks with motion.
     fn motion(&mut self) {
-        let size = ((BLOCK_S / self.period_s).round() as usize).max(8);
+        let config = self.config;
+        let size = ((config.block_s / self.period_s).round() as usize).max(8);
         let whole = |run: &Range<usize>| {
             let (start, end) = (run.start, run.end);
             (start..end)
@@ -307,7 +280,7 @@ impl Screen<'_> {
                 .collect();
             let of = |pick: fn(&(f64, f64)) -> f64| median(blocks.iter().map(pick).collect());
             let (usual_mean, usual) = (of(|b| b.0), of(|b| b.1));
-            if usual > MAX_MOTION[sensor] {
+            if usual > config.max_motion[sensor] {
                 let text = format!(
                     "the IMU moved all the time: {} spreads by {usual:.2} {} within a second",
                     AXES[index],
@@ -318,24 +291,24 @@ impl Screen<'_> {
             }
             for (i, &(mean, spread)) in blocks.iter().enumerate() {
                 let away = (mean - usual_mean).abs()
-                    > MAX_MEAN_CHANGE[sensor].max(OUTLIER_SPREAD_RATIO * usual);
+                    > config.max_mean_change[sensor].max(config.max_spread_ratio * usual);
                 // The first quiet block after a motion is also a step, but no motion.
                 let follows = i > 0 && starts[i] == starts[i - 1] + size && !moved[i - 1];
                 let step = follows
                     && (mean - blocks[i - 1].0).abs()
-                        > MAX_STEP[sensor].max(OUTLIER_SPREAD_RATIO * usual);
+                        > config.max_step[sensor].max(config.max_spread_ratio * usual);
                 // Frozen values have no spread; they are found elsewhere.
-                let hot = spread > OUTLIER_SPREAD_RATIO * usual && usual > 0.0;
+                let hot = spread > config.max_spread_ratio * usual && usual > 0.0;
                 if !(away || step || hot) {
                     continue;
                 }
                 let block = &axis[starts[i]..starts[i] + size];
                 let middle = median(block.to_vec());
-                let is_wild = |v: &&f64| (**v - middle).abs() > OUTLIER_SIGMAS * usual;
+                let is_wild = |v: &&f64| (**v - middle).abs() > config.outlier_sigma * usual;
                 let count = block.iter().filter(is_wild).count();
                 if hot
-                    && (1..=MAX_OUTLIERS).contains(&count)
-                    && (middle - usual_mean).abs() < MAX_MEAN_CHANGE[sensor]
+                    && (1..=config.max_outliers).contains(&count)
+                    && (middle - usual_mean).abs() < config.max_mean_change[sensor]
                 {
                     wild.push((starts[i], index));
                 } else {
@@ -347,8 +320,9 @@ impl Screen<'_> {
         wild.sort_unstable();
         if let Some(&(first, index)) = wild.first() {
             let text = format!(
-                "single values stand out by more than {OUTLIER_SIGMAS:.0} times the usual spread in {} s, first of {} at {:.1} s; \
+                "single values stand out by more than {:.0} times the usual spread in {} s, first of {} at {:.1} s; \
                  these seconds are left out",
+                config.outlier_sigma,
                 wild.len(),
                 AXES[index],
                 self.seconds(first)
@@ -360,7 +334,7 @@ impl Screen<'_> {
             });
             self.spans.extend(spans);
         }
-        let margin = (MOTION_MARGIN_S / self.period_s).round() as usize;
+        let margin = (config.motion_margin_s / self.period_s).round() as usize;
         let end = self.series.times_s.len();
         let mut motions: Vec<(Span, Span)> = Vec::new();
         for (&at, _) in starts.iter().zip(&moved).filter(|(_, moved)| **moved) {
@@ -407,7 +381,7 @@ impl Screen<'_> {
             known().next().unwrap_or(least),
             known().next_back().unwrap_or(least),
         );
-        if greatest - least > MAX_TEMPERATURE_CHANGE_K {
+        if greatest - least > self.config.max_temperature_change_k {
             let text = format!(
                 "the temperature went from {first:.1} to {last:.1} °C, between {least:.1} and {greatest:.1} °C: \
                  biases follow it, and B and K come out larger than at rest"
@@ -437,9 +411,10 @@ impl Screen<'_> {
             }
         }
         let longest = still.iter().map(Range::len).max().unwrap_or(0) as f64 * self.period_s;
-        if longest < MIN_STATIC_S {
+        let least = self.config.min_static_s;
+        if longest < least {
             let text = format!(
-                "the longest stretch that can be used is {longest:.1} s, and at least {MIN_STATIC_S:.0} s are needed"
+                "the longest stretch that can be used is {longest:.1} s, and at least {least:.0} s are needed"
             );
             self.finding(Severity::Fail, "short", text);
         }

@@ -6,8 +6,6 @@ use std::ops::Range;
 pub const AXES: [&str; 6] = [
     "gyro x", "gyro y", "gyro z", "accel x", "accel y", "accel z",
 ];
-/// Minimum length of the longest static run without a gap, s.
-pub const MIN_STATIC_S: f64 = 60.0;
 
 /// Samples of an IMU.
 #[derive(Clone, Debug, Default, PartialEq)]

@@ -1,5 +1,6 @@
 //! Image noise and sharpness of the borders of a board.
 
+use super::config::Config;
 use super::image::{ImageView, Smooth};
 use super::saddle;
 
@@ -57,9 +58,6 @@ impl Blur {
     }
 }
 
-/// Minimum reach of a border for measuring its width, pixels.
-const MIN_REACH: f64 = 2.5;
-
 /// A border on a board.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Border {
@@ -82,6 +80,7 @@ pub(super) fn measure(
     smooth: &Smooth,
     borders: &[Border],
     crossings: &[([f64; 2], f64)],
+    config: &Config,
 ) -> Option<Blur> {
     // Unknowns: xx, xy, yy of S, and the tone curve's contribution.
     let mut equations = Equations::default();
@@ -91,14 +90,17 @@ pub(super) fn measure(
         let [a, b] = border.ends;
         let along = [b[0] - a[0], b[1] - a[1]];
         let length = (along[0] * along[0] + along[1] * along[1]).sqrt();
-        let reach = border.clear.min(0.35 * length).min(12.0);
-        if reach < MIN_REACH {
+        let reach = border
+            .clear
+            .min(0.35 * length)
+            .min(config.blur.max_reach_px);
+        if reach < config.blur.min_reach_px {
             continue;
         }
         let normal = [-along[1] / length, along[0] / length];
         for t in [0.4, 0.5, 0.6] {
             let middle = [0, 1].map(|k| a[k] + t * along[k]);
-            let Some(width) = width(image, middle, normal, reach) else {
+            let Some(width) = width(image, middle, normal, reach, config.blur.min_contrast) else {
                 continue;
             };
             let [x, y] = normal;
@@ -107,12 +109,12 @@ pub(super) fn measure(
             count += 1;
         }
     }
-    if count < 12 {
+    if count < config.blur.min_widths {
         return None;
     }
     let variance = sum / f64::from(count);
     for (at, clear) in crossings {
-        if let Some((a, b, level)) = crossing_level(image, smooth, *at, *clear) {
+        if let Some((a, b, level)) = crossing_level(image, smooth, *at, *clear, config) {
             // The two variances under the root are near their mean: only the size of their product
             // is needed.
             let scale = 0.5 * std::f64::consts::PI * variance;
@@ -156,11 +158,12 @@ fn crossing_level(
     smooth: &Smooth,
     at: [f64; 2],
     clear: f64,
+    config: &Config,
 ) -> Option<([f64; 2], [f64; 2], f64)> {
-    if clear < MIN_REACH {
+    if clear < config.blur.min_reach_px {
         return None;
     }
-    let crossing = saddle::fit_rays(smooth, at, 3.0)?;
+    let crossing = saddle::fit_rays(smooth, at, 3.0, &config.saddles)?;
     let [d0, d1, d2, d3] = crossing.rays.map(|r| {
         let (sin, cos) = libm::sincos(r);
         [cos, sin]
@@ -174,7 +177,7 @@ fn crossing_level(
     };
     let dark = 0.5 * (sector(d0, d1)? + sector(d2, d3)?);
     let bright = 0.5 * (sector(d1, d2)? + sector(d3, d0)?);
-    if bright - dark < 10.0 {
+    if bright - dark < config.blur.min_contrast {
         return None;
     }
     let level = (2.0 * image.sample(at)? - bright - dark) / (bright - dark);
@@ -239,7 +242,13 @@ impl Equations {
 }
 
 /// Half the distance from 16 % to 84 % of a step across a border.
-fn width(image: &ImageView<'_>, middle: [f64; 2], normal: [f64; 2], reach: f64) -> Option<f64> {
+fn width(
+    image: &ImageView<'_>,
+    middle: [f64; 2],
+    normal: [f64; 2],
+    reach: f64,
+    min_contrast: f64,
+) -> Option<f64> {
     let steps = (4.0 * reach) as usize;
     let sample = |i: usize| {
         let o = 0.5 * (i as f64 - 0.5 * steps as f64);
@@ -253,7 +262,7 @@ fn width(image: &ImageView<'_>, middle: [f64; 2], normal: [f64; 2], reach: f64) 
         mean(&values[..outer]),
         mean(&values[values.len() - outer..]),
     );
-    if (high - low).abs() < 10.0 {
+    if (high - low).abs() < min_contrast {
         return None;
     }
     // Outwards from the middle of the step, so that noise far away does not count.

@@ -3,12 +3,13 @@
 use boards::{Dictionary, Target};
 
 use super::blur::Border;
+use super::config::{Config, MarkerConfig};
 use super::decode::{self, Book, Layout};
 use super::image::ImageView;
 use super::lattice::{self, Lattice};
 use super::refine::{self, Window};
 use super::saddle;
-use super::scene::{CornerCandidate, Found, Scene, Settings};
+use super::scene::{CornerCandidate, Found, Scene};
 use super::square::{Square, distance};
 
 /// Placement of the board's axes in a lattice: `lattice = origin + rotated by quarter turns
@@ -45,12 +46,14 @@ fn rotated([x, y]: [i32; 2], turns: usize) -> [i32; 2] {
 /// Finds a whole chessboard.
 pub(super) fn find(scene: &Scene, target: &Target, columns: i32, rows: i32) -> Found {
     let needed = (columns * rows) as usize;
+    let config = &scene.config.lattice;
+    let least = (config.min_found_ratio * needed as f64) as usize;
     let mut found: Option<Found> = None;
     let mut remark = None;
-    for mut lattice in lattice::grow(&scene.saddles, &scene.links, needed * 3 / 4) {
+    for mut lattice in lattice::grow(&scene.saddles, &scene.links, least, config) {
         let mut places: Vec<[f64; 2]> = scene.saddles.iter().map(|s| s.at).collect();
         cut_fringe(&mut lattice);
-        if lattice.nodes.len() < needed * 3 / 4 {
+        if lattice.nodes.len() < least {
             continue;
         }
         let (low, high) = lattice.extent();
@@ -115,12 +118,13 @@ fn fill(scene: &Scene, lattice: &mut Lattice, places: &mut Vec<[f64; 2]>) {
                 };
                 let near = (0.2 * step).clamp(1.0, 4.0);
                 let reach = (0.4 * step).clamp(2.6, 4.0);
-                let Some(at) =
-                    refine::refine_corner(&scene.smooth, guess, &Window::round(reach), near)
-                else {
+                let window = Window::round(reach, &scene.config.refinement);
+                let Some(at) = refine::refine_corner(&scene.smooth, guess, &window, near) else {
                     continue;
                 };
-                if saddle::fit_rays(&scene.smooth, at, 3.0_f32.min(0.4 * step as f32)).is_some() {
+                let radius = 3.0_f32.min(0.4 * step as f32);
+                let config = &scene.config.saddles;
+                if saddle::fit_rays(&scene.smooth, at, radius, config).is_some() {
                     more.push(((y, x), at));
                 }
             }
@@ -251,7 +255,7 @@ pub(super) fn find_with_markers(
     image: &ImageView<'_>,
     scene: &Scene,
     target: &Target,
-    settings: &Settings,
+    config: &Config,
 ) -> Found {
     let &Target::Charuco {
         columns,
@@ -269,15 +273,15 @@ pub(super) fn find_with_markers(
         rows: rows as i32,
         book: Book::of(dictionary),
         layout: layout(dictionary, marker_m / square_m),
-        max_errors: settings.max_bit_errors.min((dictionary.distance() - 1) / 2),
+        max_errors: config.max_bit_errors.min((dictionary.distance() - 1) / 2),
         own_id: own_ids(target),
     };
     let mut found = Found::default();
     let mut twice = Vec::new();
-    for mut lattice in lattice::grow(&scene.saddles, &scene.links, 4) {
+    for mut lattice in lattice::grow(&scene.saddles, &scene.links, 4, &config.lattice) {
         let mut places: Vec<[f64; 2]> = scene.saddles.iter().map(|s| s.at).collect();
         fill(scene, &mut lattice, &mut places);
-        let Some(placement) = board.vote(image, &lattice, &places) else {
+        let Some(placement) = board.vote(image, &lattice, &places, &config.markers) else {
             continue;
         };
         let margin = 0.5 * (1.0 - marker_m / square_m);
@@ -354,6 +358,7 @@ impl Board {
         image: &ImageView<'_>,
         lattice: &Lattice,
         places: &[[f64; 2]],
+        config: &MarkerConfig,
     ) -> Option<Placement> {
         let mut readings: Vec<([i32; 2], u64)> = Vec::new();
         let mut votes: Vec<(Placement, u32, u32)> = Vec::new();
@@ -369,12 +374,12 @@ impl Board {
                 continue;
             }
             let Some(reading) = Square::new([a, b, c, d])
-                .and_then(|square| decode::read(image, &square, &self.layout))
+                .and_then(|square| decode::read(image, &square, &self.layout, config))
             else {
                 continue;
             };
             readings.push(([*x, *y], reading.code));
-            if reading.border_errors > 2 {
+            if reading.border_errors > config.max_marker_border_errors {
                 continue;
             }
             let Some(found) = self.book.find(reading.code, self.max_errors) else {

@@ -7,11 +7,9 @@
 
 use boards::{Dictionary, quarter_turn};
 
+use super::config::MarkerConfig;
 use super::image::ImageView;
 use super::square::Square;
-
-/// Minimum contrast between the border and white, grey values.
-const MIN_CONTRAST: f64 = 8.0;
 
 /// Position of a marker in its square.
 #[derive(Clone, Copy, Debug)]
@@ -36,14 +34,19 @@ pub(super) struct Reading {
 }
 
 /// Decodes a square; `None` without contrast or if the square leaves the image.
-pub(super) fn read(image: &ImageView<'_>, square: &Square, layout: &Layout) -> Option<Reading> {
+pub(super) fn read(
+    image: &ImageView<'_>,
+    square: &Square,
+    layout: &Layout,
+    config: &MarkerConfig,
+) -> Option<Reading> {
     let cells = (layout.bits + 2 * layout.border) as usize;
     let side = (layout.to - layout.from) / cells as f64;
     let place = |i: f64| layout.from + i * side;
     // Large cells are averaged; small ones are already blurred.
     let [across, down] = [[0.5 + side, 0.5], [0.5, 0.5 + side]]
         .map(|uv| super::square::distance(square.at([0.5, 0.5]), square.at(uv)));
-    let offsets: &[f64] = if across.min(down) > 3.5 {
+    let offsets: &[f64] = if across.min(down) > config.averaged_cell_px {
         &[-0.25, 0.0, 0.25]
     } else {
         &[0.0]
@@ -93,11 +96,15 @@ pub(super) fn read(image: &ImageView<'_>, square: &Square, layout: &Layout) -> O
         }
         white.slope = black.slope;
     }
-    if white.mean - black.mean < MIN_CONTRAST {
+    if white.mean - black.mean < config.min_contrast {
         return None;
     }
     // Small cells are blurred with their neighbours: a part of them is subtracted.
-    let share = if across.min(down) < 5.0 { 0.25 } else { 0.0 };
+    let share = if across.min(down) < config.sharpened_cell_px {
+        config.sharpening
+    } else {
+        0.0
+    };
     let mut code = 0;
     let mut border_errors = 0;
     for i in 0..cells * cells {

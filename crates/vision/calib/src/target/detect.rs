@@ -20,9 +20,10 @@
 use boards::Target;
 
 use super::blur::{self, Blur};
+use super::config::Config;
 use super::image::{ImageView, Smooth};
 use super::refine::{self, Window};
-use super::scene::{CornerCandidate, Found, Scene, Settings};
+use super::scene::{CornerCandidate, Found, Scene};
 use super::square::distance;
 use super::{chessboard, grid};
 
@@ -57,7 +58,7 @@ pub struct Detection {
 ///
 /// ```
 /// use boards::Target;
-/// use calib::target::{ImageView, Settings, detect};
+/// use calib::target::{Config, ImageView, detect};
 ///
 /// // A chessboard of 8 x 6 squares of 24 pixels each, drawn on white; its edges fall between pixels.
 /// let board = Target::Chessboard { columns: 7, rows: 5, square_m: 0.03 };
@@ -71,41 +72,40 @@ pub struct Detection {
 /// };
 /// let pixels: Vec<u8> = (0..width * height).map(|i| gray(i % width, i / width)).collect();
 /// let image = ImageView::new(width, height, width, &pixels).ok_or("too few pixels")?;
-/// let detection = detect(&image, &board, &Settings::default());
+/// let detection = detect(&image, &board, &Config::default());
 /// assert_eq!(detection.corners.len(), 35, "{:?}", detection.remark);
 /// let first = detection.corners[0].pixel;
 /// assert!(first.iter().all(|v| (v - 59.5).abs() < 0.1), "{first:?}");
 /// # Ok::<(), &str>(())
 /// ```
-pub fn detect(image: &ImageView<'_>, target: &Target, settings: &Settings) -> Detection {
-    let mut all = detect_all(image, std::slice::from_ref(target), settings);
+pub fn detect(image: &ImageView<'_>, target: &Target, config: &Config) -> Detection {
+    let mut all = detect_all(image, std::slice::from_ref(target), config);
     all.pop().unwrap_or_default()
 }
 
 /// Detects several boards in one image; the crossings are computed once.
-pub fn detect_all(
-    image: &ImageView<'_>,
-    targets: &[Target],
-    settings: &Settings,
-) -> Vec<Detection> {
-    let scene = Scene::of(Smooth::of(image));
+pub fn detect_all(image: &ImageView<'_>, targets: &[Target], config: &Config) -> Vec<Detection> {
+    let scene = Scene::of(Smooth::of(image), config);
     let noise = blur::noise(image);
     let mut found: Vec<Found> = targets
         .iter()
-        .map(|t| find_board(image, &scene, t, settings))
+        .map(|t| find_board(image, &scene, t, config))
         .collect();
     let complete = |found: &Found, target: &Target| found.corners.len() >= target.corners().len();
     let incomplete = targets.iter().zip(&found).any(|(t, f)| !complete(f, t));
-    if settings.half_size && incomplete && image.width().min(image.height()) >= 64 {
+    if config.half_size
+        && incomplete
+        && image.width().min(image.height()) >= config.min_halved_side_px
+    {
         let pixels = image.halved();
         let (width, height) = (image.width() / 2, image.height() / 2);
         let half = ImageView::new(width, height, width, &pixels).expect("halved() fills it");
-        let half_scene = Scene::of(Smooth::of(&half));
+        let half_scene = Scene::of(Smooth::of(&half), config);
         for (target, found) in targets.iter().zip(&mut found) {
             if complete(found, target) {
                 continue;
             }
-            let mut other = find_board(&half, &half_scene, target, settings);
+            let mut other = find_board(&half, &half_scene, target, config);
             if other.corners.len() > found.corners.len() {
                 other.enlarge();
                 *found = other;
@@ -114,11 +114,11 @@ pub fn detect_all(
     }
     found
         .into_iter()
-        .map(|found| finish(image, &scene.smooth, found, noise, settings))
+        .map(|found| finish(image, &scene.smooth, found, noise, config))
         .collect()
 }
 
-fn find_board(image: &ImageView<'_>, scene: &Scene, target: &Target, settings: &Settings) -> Found {
+fn find_board(image: &ImageView<'_>, scene: &Scene, target: &Target, config: &Config) -> Found {
     if target.invalid_reason().is_some() {
         return Found {
             remark: Some("the board itself is impossible"),
@@ -129,8 +129,8 @@ fn find_board(image: &ImageView<'_>, scene: &Scene, target: &Target, settings: &
         Target::Chessboard { columns, rows, .. } => {
             chessboard::find(scene, target, *columns as i32, *rows as i32)
         }
-        Target::Charuco { .. } => chessboard::find_with_markers(image, scene, target, settings),
-        Target::AprilGrid { .. } => grid::find(image, scene, target, settings),
+        Target::Charuco { .. } => chessboard::find_with_markers(image, scene, target, config),
+        Target::AprilGrid { .. } => grid::find(image, scene, target, config),
     }
 }
 
@@ -140,29 +140,36 @@ fn finish(
     smooth: &Smooth,
     found: Found,
     noise: f64,
-    settings: &Settings,
+    config: &Config,
 ) -> Detection {
+    let refinement = &config.refinement;
     let mut corners: Vec<DetectedCorner> = found
         .corners
         .iter()
         .filter_map(|corner| {
             // Near the image edge a narrower window may still fit.
-            let (pixel, window) = [0.75, 0.45].into_iter().find_map(|share| {
+            let (pixel, window) = refinement.window_ratio.into_iter().find_map(|share| {
                 let sides = corner.sides.map(|side| side.map(|v| share * v));
-                let window = Window::along(sides, settings.max_window_px * share / 0.75);
+                let window = Window::along(
+                    sides,
+                    refinement.max_window_px * share / refinement.window_ratio[0],
+                    refinement,
+                );
                 Some((
-                    refine::refine_corner(smooth, corner.at, &window, 1.0)?,
+                    refine::refine_corner(smooth, corner.at, &window, refinement.max_shift_px)?,
                     window,
                 ))
             })?;
             let sigma_px = refine::sigma(smooth, pixel, &window, noise)?;
-            let crowded = CROWDED.0 * libm::exp(-corner.gap / CROWDED.1);
+            let crowded =
+                refinement.crowding_sigma_px * libm::exp(-corner.gap / refinement.crowding_px);
+            let floor = refinement.sigma_floor_px;
             let inside = |v: f64, size: usize| v > 0.0 && v < size as f64 - 1.0;
             let [x, y] = pixel;
             (inside(x, image.width()) && inside(y, image.height())).then_some(DetectedCorner {
                 id: corner.id,
                 pixel,
-                sigma_px: (sigma_px * sigma_px + FLOOR * FLOOR + crowded * crowded).sqrt(),
+                sigma_px: (sigma_px * sigma_px + floor * floor + crowded * crowded).sqrt(),
             })
         })
         .collect();
@@ -170,18 +177,12 @@ fn finish(
     let crossings: Vec<([f64; 2], f64)> = found.corners.iter().map(|c| (c.at, clear(c))).collect();
     Detection {
         corners,
-        blur: blur::measure(image, smooth, &found.borders, &crossings),
+        blur: blur::measure(image, smooth, &found.borders, &crossings, config),
         noise_grey: noise,
         half_turn: found.half_turn,
         remark: found.remark,
     }
 }
-
-/// Sigma floor from quantization and the finite window, pixels.
-const FLOOR: f64 = 0.005;
-/// Error from another corner `gap` pixels away, pixels: `CROWDED.0 * exp(-gap / CROWDED.1)`. From
-/// rendered AprilGrids at 60 degrees and of small tags: 0.15 at a gap of 3.3, 0.01 at 5.
-const CROWDED: (f64, f64) = (60.0, 0.55);
 
 /// Distance around a corner without other print, pixels.
 fn clear(corner: &CornerCandidate) -> f64 {

@@ -10,17 +10,13 @@ use std::collections::{BTreeMap, BTreeSet};
 use boards::Target;
 
 use super::blur::Border;
+use super::config::Config;
 use super::decode::{self, Book, Layout};
 use super::image::ImageView;
 use super::refine::{self, Window};
 use super::saddle;
-use super::scene::{CornerCandidate, Found, Scene, Settings};
+use super::scene::{CornerCandidate, Found, Scene};
 use super::square::{Square, distance};
-
-/// Maximum number of white cells in the border, of 64.
-const MAX_BORDER_ERRORS: u32 = 4;
-/// Maximum number of wrong bits of a tag whose id is known from its neighbours.
-const MAX_EXPECTED_ERRORS: u32 = 4;
 
 /// A tag in the image.
 #[derive(Clone, Debug)]
@@ -38,7 +34,7 @@ pub(super) fn find(
     image: &ImageView<'_>,
     scene: &Scene,
     target: &Target,
-    settings: &Settings,
+    config: &Config,
 ) -> Found {
     let &Target::AprilGrid {
         columns,
@@ -66,7 +62,7 @@ pub(super) fn find(
             border,
             white: spacing,
         },
-        max_errors: settings.max_bit_errors.min((dictionary.distance() - 1) / 2),
+        max_errors: config.max_bit_errors.min((dictionary.distance() - 1) / 2),
     };
     let (tags, doubles) = grid.consistent(scene, grid.read_squares(image, scene));
     let tags = grid.find_missing(image, scene, tags);
@@ -129,10 +125,12 @@ impl Grid {
                 let Some(square) = Square::new(corners) else {
                     continue;
                 };
-                let Some(reading) = decode::read(image, &square, &self.layout) else {
+                let Some(reading) =
+                    decode::read(image, &square, &self.layout, &scene.config.markers)
+                else {
                     continue;
                 };
-                if reading.border_errors > MAX_BORDER_ERRORS {
+                if reading.border_errors > scene.config.markers.max_border_errors {
                     continue;
                 }
                 let Some(found) = self.book.find(reading.code, self.max_errors) else {
@@ -266,27 +264,29 @@ impl Grid {
         let side = (0..4)
             .map(|i| distance(guesses[i], guesses[(i + 1) % 4]))
             .fold(f64::INFINITY, f64::min);
-        if side < 8.0 {
+        let config = &scene.config;
+        if side < config.markers.min_expected_side_px {
             return None;
         }
         let mut corners = guesses;
         for corner in &mut corners {
             let near = (0.09 * side).clamp(1.2, 6.0);
             let reach = (0.2 * side).clamp(2.6, 5.0);
-            *corner = refine::refine_corner(&scene.smooth, *corner, &Window::round(reach), near)?;
+            let window = Window::round(reach, &config.refinement);
+            *corner = refine::refine_corner(&scene.smooth, *corner, &window, near)?;
             let radius = (0.15 * side as f32).clamp(2.0, 3.0);
-            saddle::fit_rays(&scene.smooth, *corner, radius)?;
+            saddle::fit_rays(&scene.smooth, *corner, radius, &config.saddles)?;
         }
-        let reading = decode::read(image, &Square::new(corners)?, &self.layout)?;
+        let reading = decode::read(image, &Square::new(corners)?, &self.layout, &config.markers)?;
         let errors = self.book.errors(reading.code, id, 0)?;
-        (reading.border_errors <= MAX_BORDER_ERRORS && errors <= MAX_EXPECTED_ERRORS).then_some(
-            Tag {
+        (reading.border_errors <= config.markers.max_border_errors
+            && errors <= config.markers.max_expected_errors)
+            .then_some(Tag {
                 id,
                 corners,
                 nodes: None,
                 errors,
-            },
-        )
+            })
     }
 }
 

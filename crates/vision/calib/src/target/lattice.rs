@@ -7,6 +7,7 @@
 
 use std::collections::{BTreeMap, VecDeque};
 
+use super::config::LatticeConfig;
 use super::link::Links;
 use super::saddle::Saddle;
 use super::square::distance;
@@ -24,15 +25,20 @@ pub(super) struct Lattice {
 }
 
 /// All lattices of at least `least` crossings, largest first.
-pub(super) fn grow(saddles: &[Saddle], links: &Links, least: usize) -> Vec<Lattice> {
+pub(super) fn grow(
+    saddles: &[Saddle],
+    links: &Links,
+    least: usize,
+    config: &LatticeConfig,
+) -> Vec<Lattice> {
     let mut taken = vec![false; saddles.len()];
     let mut lattices = Vec::new();
     for root in 0..saddles.len() {
         if taken[root] || links[root].iter().flatten().count() < 2 {
             continue;
         }
-        let lattice = grow_from(saddles, links, root, &mut taken);
-        let lattice = without_strays(saddles, lattice);
+        let lattice = grow_from(saddles, links, root, &mut taken, config);
+        let lattice = without_strays(saddles, lattice, config);
         if lattice.nodes.len() >= least {
             lattices.push(lattice);
         }
@@ -41,7 +47,13 @@ pub(super) fn grow(saddles: &[Saddle], links: &Links, least: usize) -> Vec<Latti
     lattices
 }
 
-fn grow_from(saddles: &[Saddle], links: &Links, root: usize, taken: &mut [bool]) -> Lattice {
+fn grow_from(
+    saddles: &[Saddle],
+    links: &Links,
+    root: usize,
+    taken: &mut [bool],
+    config: &LatticeConfig,
+) -> Lattice {
     let mut lattice = Lattice::default();
     lattice.nodes.insert((0, 0), root);
     lattice.offset.insert(root, 0);
@@ -58,7 +70,7 @@ fn grow_from(saddles: &[Saddle], links: &Links, root: usize, taken: &mut [bool])
             if taken[other] || lattice.nodes.contains_key(&(there[1], there[0])) {
                 continue;
             }
-            if !alike(saddles, links, node, ray) {
+            if !alike(saddles, links, node, ray, config.max_step_ratio) {
                 continue;
             }
             taken[other] = true;
@@ -71,7 +83,7 @@ fn grow_from(saddles: &[Saddle], links: &Links, root: usize, taken: &mut [bool])
 }
 
 /// Whether the step along a ray has a similar length as the previous and the next one.
-fn alike(saddles: &[Saddle], links: &Links, node: usize, ray: usize) -> bool {
+fn alike(saddles: &[Saddle], links: &Links, node: usize, ray: usize, most: f64) -> bool {
     let Some((other, back)) = links[node][ray] else {
         return false;
     };
@@ -82,11 +94,11 @@ fn alike(saddles: &[Saddle], links: &Links, node: usize, ray: usize) -> bool {
     [before, after]
         .into_iter()
         .flatten()
-        .all(|l| l < 1.8 * length && length < 1.8 * l)
+        .all(|l| l < most * length && length < most * l)
 }
 
 /// Removes crossings that are not between their neighbours, and crossings that are then isolated.
-fn without_strays(saddles: &[Saddle], mut lattice: Lattice) -> Lattice {
+fn without_strays(saddles: &[Saddle], mut lattice: Lattice, config: &LatticeConfig) -> Lattice {
     let place = |nodes: &BTreeMap<(i32, i32), usize>, y: i32, x: i32| {
         nodes.get(&(y, x)).map(|n| saddles[*n].at)
     };
@@ -104,7 +116,7 @@ fn without_strays(saddles: &[Saddle], mut lattice: Lattice) -> Lattice {
                 };
                 let p = saddles[**node].at;
                 let bend = [0, 1].map(|k| a[k] + b[k] - 2.0 * p[k]);
-                distance(bend, [0.0; 2]) > 0.3 * distance(a, b)
+                distance(bend, [0.0; 2]) > config.max_bend_ratio * distance(a, b)
             })
         })
         .map(|(at, _)| *at)

@@ -6,6 +6,7 @@
 //! A border is never followed through a crossing: its dark side changes there. A link is accepted
 //! if both ends found each other, or if one did and the other found nothing.
 
+use super::config::LinkConfig;
 use super::image::Smooth;
 use super::saddle::Saddle;
 
@@ -15,20 +16,12 @@ pub(super) type End = (usize, usize);
 /// Links of every crossing along its four rays.
 pub(super) type Links = Vec<[Option<End>; 4]>;
 
-/// Maximum distance without contrast over which a border is followed, pixels, because of blur or
-/// another corner.
-const MAX_UNSUPPORTED_PX: f32 = 6.5;
-/// Maximum distance of a crossing from the border that reaches it, pixels.
-const NEAR: f32 = 2.0;
-/// Minimum contrast of a border relative to its crossing.
-const MIN_CONTRAST_RATIO: f32 = 0.3;
-
 /// Links crossings. Rays are refined at the same time: a border of some length has a better
 /// direction than the circle gave.
-pub(super) fn join(smooth: &Smooth, saddles: &[Saddle]) -> Links {
-    let buckets = Buckets::of(smooth, saddles);
+pub(super) fn join(smooth: &Smooth, saddles: &[Saddle], config: &LinkConfig) -> Links {
+    let buckets = Buckets::of(smooth, saddles, config.max_miss_px);
     let found: Links = (0..saddles.len())
-        .map(|from| [0, 1, 2, 3].map(|ray| follow(smooth, saddles, &buckets, from, ray)))
+        .map(|from| [0, 1, 2, 3].map(|ray| follow(smooth, saddles, &buckets, from, ray, config)))
         .collect();
     let mut links = vec![[None; 4]; saddles.len()];
     for (a, ends) in found.iter().enumerate() {
@@ -64,6 +57,7 @@ fn follow(
     buckets: &Buckets,
     from: usize,
     ray: usize,
+    config: &LinkConfig,
 ) -> Option<End> {
     let saddle = &saddles[from];
     // The dark side is clockwise (towards larger angles) of an even ray.
@@ -78,10 +72,10 @@ fn follow(
     let mut trail = [start; 6];
     let mut steps = 0usize;
     let longest = smooth.width.max(smooth.height) as f32;
-    let least = MIN_CONTRAST_RATIO * saddle.contrast;
+    let least = config.min_contrast_ratio * saddle.contrast;
     loop {
         if let Some((to, distance)) = buckets.nearest(saddles, at, from)
-            && distance < NEAR
+            && distance < config.max_miss_px
         {
             let [dx, dy] = [
                 saddles[to].at[0] - saddle.at[0],
@@ -89,7 +83,7 @@ fn follow(
             ];
             // Not before it is clearly another one.
             if dx * dx + dy * dy > 4.0 {
-                return arrive(saddles, to, ray, direction);
+                return arrive(saddles, to, ray, direction, config);
             }
         }
         let normal = [-direction[1], direction[0]];
@@ -117,7 +111,7 @@ fn follow(
             let length = (dx * dx + dy * dy).sqrt();
             if length > 3.0 {
                 let turn = [dx / length, dy / length];
-                if turn[0] * direction[0] + turn[1] * direction[1] < 0.8 {
+                if turn[0] * direction[0] + turn[1] * direction[1] < config.min_cosine {
                     return None;
                 }
                 direction = turn;
@@ -127,14 +121,20 @@ fn follow(
         at = [at[0] + pace * direction[0], at[1] + pace * direction[1]];
         travelled += pace;
         unsure += pace;
-        if unsure > MAX_UNSUPPORTED_PX || travelled > longest {
+        if unsure > config.max_unsupported_px || travelled > longest {
             return None;
         }
     }
 }
 
 /// The ray of a crossing that matches a border which left along `ray`.
-fn arrive(saddles: &[Saddle], to: usize, ray: usize, direction: [f32; 2]) -> Option<End> {
+fn arrive(
+    saddles: &[Saddle],
+    to: usize,
+    ray: usize,
+    direction: [f32; 2],
+    config: &LinkConfig,
+) -> Option<End> {
     let best = (0..4)
         // The dark side is preserved: an even ray ends in an odd one.
         .filter(|j| (j + ray) % 2 == 1)
@@ -146,11 +146,13 @@ fn arrive(saddles: &[Saddle], to: usize, ray: usize, direction: [f32; 2]) -> Opt
             )
         })
         .max_by(|a, b| a.1.total_cmp(&b.1))?;
-    (best.1 > 0.8).then_some((to, best.0))
+    (best.1 > config.min_arrival_cosine).then_some((to, best.0))
 }
 
 /// Crossings by position.
 struct Buckets {
+    /// Reach of a search, pixels.
+    reach: f32,
     columns: usize,
     rows: usize,
     /// Start of each bucket in `members`; one more than there are buckets.
@@ -162,7 +164,7 @@ struct Buckets {
 const SHIFT: usize = 3;
 
 impl Buckets {
-    fn of(smooth: &Smooth, saddles: &[Saddle]) -> Self {
+    fn of(smooth: &Smooth, saddles: &[Saddle], reach: f32) -> Self {
         let columns = (smooth.width >> SHIFT) + 1;
         let rows = (smooth.height >> SHIFT) + 1;
         let bucket = |s: &Saddle| {
@@ -184,6 +186,7 @@ impl Buckets {
             *at += 1;
         }
         Self {
+            reach,
             columns,
             rows,
             begins,
@@ -193,8 +196,8 @@ impl Buckets {
 
     /// The nearest crossing other than `except` within a few pixels, and its distance.
     fn nearest(&self, saddles: &[Saddle], at: [f32; 2], except: usize) -> Option<(usize, f32)> {
-        let low = at.map(|v| (v - NEAR).max(0.0) as usize >> SHIFT);
-        let high = at.map(|v| (v + NEAR).max(0.0) as usize >> SHIFT);
+        let low = at.map(|v| (v - self.reach).max(0.0) as usize >> SHIFT);
+        let high = at.map(|v| (v + self.reach).max(0.0) as usize >> SHIFT);
         let mut best: Option<(usize, f32)> = None;
         for y in low[1]..=high[1].min(self.rows - 1) {
             for x in low[0]..=high[0].min(self.columns - 1) {

@@ -12,13 +12,12 @@
 //! window that moves with it was tried first: if the blur is as wide as the window, its fixed point
 //! is not stable (for an image `I = x y` a step doubles the distance), and real corners were lost.
 
+use super::config::RefinementConfig;
 use super::image::{Smooth, UNIT};
 use super::square::distance;
 
-/// Minimum radius of a round window with enough pixels around a crossing, pixels.
-pub(super) const MIN_WINDOW_PX: f64 = 2.6;
-/// Maximum radius of a window, pixels.
-pub(super) const MAX_WINDOW_PX: f64 = 12.0;
+/// Maximum radius of any window, pixels: the size of its arrays.
+const MAX_WINDOW_PX: f64 = 12.0;
 
 /// Weights of the pixels around a crossing: `(1 - |M r|²)²` for the displacement r from the
 /// crossing, which is smooth at its end.
@@ -26,48 +25,47 @@ pub(super) const MAX_WINDOW_PX: f64 = 12.0;
 pub(super) struct Window {
     m: [[f32; 2]; 2],
     far: usize,
+    config: RefinementConfig,
 }
 
 impl Window {
     /// A round window of radius `reach`.
-    pub(super) fn round(reach: f64) -> Self {
-        let reach = reach.clamp(MIN_WINDOW_PX, MAX_WINDOW_PX);
+    pub(super) fn round(reach: f64, config: &RefinementConfig) -> Self {
+        let reach = reach.clamp(config.min_window_px, MAX_WINDOW_PX);
         let m = (1.0 / reach) as f32;
         Self {
             m: [[m, 0.0], [0.0, m]],
             far: reach.ceil() as usize,
+            config: *config,
         }
     }
 
     /// The ellipse through `sides` and their opposites. A board in an oblique view has room along
     /// one axis where it has none along the other.
-    pub(super) fn along(sides: [[f64; 2]; 2], widest: f64) -> Self {
+    pub(super) fn along(sides: [[f64; 2]; 2], widest: f64, config: &RefinementConfig) -> Self {
         let [a, b] = sides.map(|side| {
             let length = (side[0] * side[0] + side[1] * side[1]).sqrt();
-            let reach = length.clamp(MIN_ALONG_PX, widest.clamp(MIN_WINDOW_PX, MAX_WINDOW_PX));
+            let reach = length.clamp(
+                config.min_along_px,
+                widest.clamp(config.min_window_px, MAX_WINDOW_PX),
+            );
             side.map(|v| v * reach / length.max(f64::MIN_POSITIVE))
         });
         let determinant = a[0] * b[1] - a[1] * b[0];
         let product = ((a[0] * a[0] + a[1] * a[1]) * (b[0] * b[0] + b[1] * b[1])).sqrt();
         // Sides nearly on one line leave no ellipse.
         if determinant.abs() < 0.15 * product {
-            return Self::round(MIN_WINDOW_PX);
+            return Self::round(config.min_window_px, config);
         }
         let m = [[b[1], -b[0]], [-a[1], a[0]]].map(|row| row.map(|v| (v / determinant) as f32));
         let far = |k: usize| (a[k] * a[k] + b[k] * b[k]).sqrt();
         Self {
             m,
             far: far(0).max(far(1)).min(MAX_WINDOW_PX).ceil() as usize,
+            config: *config,
         }
     }
 }
-
-/// Minimum reach of a window along a side, pixels.
-const MIN_ALONG_PX: f64 = 1.9;
-/// Maximum number of steps to convergence.
-const MAX_ITERATIONS: usize = 20;
-/// Step length at convergence, pixels.
-const CONVERGENCE_PX: f64 = 5e-4;
 
 /// Position of the crossing near `start`, under a window. `None` if it is further than `furthest`
 /// from the start, too close to the image edge, or does not converge.
@@ -78,7 +76,7 @@ pub(super) fn refine_corner(
     furthest: f64,
 ) -> Option<[f64; 2]> {
     let mut at = start;
-    for i in 0..MAX_ITERATIONS {
+    for i in 0..window.config.max_iterations {
         let to = step(smooth, at, window)?.to;
         let moved = distance(to, at);
         // A step that oscillates is too long.
@@ -87,7 +85,7 @@ pub(super) fn refine_corner(
         if distance(at, start) > furthest {
             return None;
         }
-        if moved < CONVERGENCE_PX {
+        if moved < window.config.convergence_px {
             return Some(at);
         }
     }
@@ -130,12 +128,8 @@ pub(super) fn sigma(smooth: &Smooth, at: [f64; 2], window: &Window, noise: f64) 
     let yy = b * b * p - 2.0 * a * b * q + a * a * r;
     let xy = -b * c * p + (a * c + b * b) * q - a * b * r;
     let largest = 0.5 * (xx + yy) + (0.25 * (xx - yy) * (xx - yy) + xy * xy).sqrt();
-    Some(SMOOTHED_NOISE_RATIO * noise * largest.max(0.0).sqrt() / determinant)
+    Some(window.config.smoothed_noise_ratio * noise * largest.max(0.0).sqrt() / determinant)
 }
-
-/// The binomial filter spreads a pixel's noise over its neighbours, whose gradients are nearly, not
-/// quite, the same. Measured: see the test `stated_sigma_agrees_with_errors`.
-const SMOOTHED_NOISE_RATIO: f64 = 0.8;
 
 /// Result of one step.
 struct Step {

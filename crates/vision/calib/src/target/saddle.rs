@@ -10,18 +10,9 @@
 //! determinant does not depend on the direction of the crossing (Lucchese and Mitra 2002 use the
 //! same criterion).
 
+use super::config::{Config, SaddleConfig};
 use super::image::{Smooth, UNIT};
-use super::refine::{self, MIN_WINDOW_PX, Window};
-
-/// Minimum square root of the negated determinant, grey values per square pixel: an ideal crossing
-/// of contrast A blurred by s has `A / (π s²)`, so that 20 grey values pass up to a blur of 2.5.
-const MIN_CURVATURE: f32 = 1.0;
-
-/// Minimum contrast between the bright and the dark sectors, grey values.
-const MIN_CONTRAST: f32 = 8.0;
-
-/// Maximum number of candidates, strongest first: an image of gravel must not take minutes.
-const MAX_SADDLES: usize = 6000;
+use super::refine::{self, Window};
 
 /// Samples around the circle.
 const SAMPLES: usize = 32;
@@ -40,36 +31,41 @@ pub(super) struct Saddle {
 }
 
 /// Finds the crossings.
-pub(super) fn find(smooth: &Smooth) -> Vec<Saddle> {
-    let mut peaks = peaks(smooth);
-    if peaks.len() > MAX_SADDLES {
+pub(super) fn find(smooth: &Smooth, config: &Config) -> Vec<Saddle> {
+    let refinement = &config.refinement;
+    let config = &config.saddles;
+    let mut peaks = peaks(smooth, config);
+    if peaks.len() > config.max_candidates {
         // By strength, then by position, so that equal ones do not depend on the sort.
         peaks.sort_by(|a, b| b.2.total_cmp(&a.2).then((a.1, a.0).cmp(&(b.1, b.0))));
-        peaks.truncate(MAX_SADDLES);
+        peaks.truncate(config.max_candidates);
         peaks.sort_by_key(|&(x, y, _)| (y, x));
     }
     let mut saddles: Vec<Saddle> = Vec::new();
-    let window = Window::round(MIN_WINDOW_PX);
+    let window = Window::round(refinement.min_window_px, refinement);
     for (x, y, _) in peaks {
-        if !may_cross(smooth, x, y) {
+        if !may_cross(smooth, x, y, config) {
             continue;
         }
-        let Some(at) = refine::refine_coarsely(smooth, [x as f64, y as f64], &window, 2.0) else {
+        let Some(at) =
+            refine::refine_coarsely(smooth, [x as f64, y as f64], &window, config.max_shift_px)
+        else {
             continue;
         };
-        if let Some(saddle) = [3.0, 2.2]
+        if let Some(saddle) = config
+            .radius_px
             .into_iter()
-            .find_map(|radius| fit_rays(smooth, at, radius))
+            .find_map(|radius| fit_rays(smooth, at, radius, config))
         {
             saddles.push(saddle);
         }
     }
-    drop_doubles(saddles)
+    drop_doubles(saddles, config.min_distance_px)
 }
 
 /// A quick test with whole pixels: around a crossing the image is brighter and darker than its
 /// middle twice. Rejects most of texture and noise.
-fn may_cross(smooth: &Smooth, x: usize, y: usize) -> bool {
+fn may_cross(smooth: &Smooth, x: usize, y: usize, config: &SaddleConfig) -> bool {
     /// Circles of 3 and 2 pixels.
     const OUTER: [(isize, isize); 16] = [
         (3, 0),
@@ -103,6 +99,7 @@ fn may_cross(smooth: &Smooth, x: usize, y: usize) -> bool {
         (1, -2),
         (2, -1),
     ];
+    let least = config.quick_contrast_ratio * config.min_contrast;
     let middle = i32::from(smooth.values[y * smooth.width + x]);
     let crosses = |circle: &[(isize, isize)]| {
         let value = |&(dx, dy): &(isize, isize)| {
@@ -116,13 +113,13 @@ fn may_cross(smooth: &Smooth, x: usize, y: usize) -> bool {
             changes += i32::from((here < 0) != (last < 0));
             (low, high, last) = (low.min(here), high.max(here), here);
         }
-        changes == 4 && (high - low) as f32 * UNIT >= 0.7 * MIN_CONTRAST
+        changes == 4 && (high - low) as f32 * UNIT >= least
     };
     crosses(&OUTER) || crosses(&INNER)
 }
 
-/// Of crossings less than 1.5 pixels apart, keeps the one of higher contrast.
-fn drop_doubles(mut saddles: Vec<Saddle>) -> Vec<Saddle> {
+/// Of crossings less than `least_px` apart, keeps the one of higher contrast.
+fn drop_doubles(mut saddles: Vec<Saddle>, least_px: f64) -> Vec<Saddle> {
     saddles.sort_by(|a, b| {
         a.at[1]
             .total_cmp(&b.at[1])
@@ -135,10 +132,10 @@ fn drop_doubles(mut saddles: Vec<Saddle>) -> Vec<Saddle> {
                 saddles[j].at[0] - saddles[i].at[0],
                 saddles[j].at[1] - saddles[i].at[1],
             ];
-            if dy > 1.5 {
+            if dy > least_px {
                 break;
             }
-            if dx * dx + dy * dy < 1.5 * 1.5 {
+            if dx * dx + dy * dy < least_px * least_px {
                 let weaker = if saddles[j].contrast > saddles[i].contrast {
                     i
                 } else {
@@ -179,13 +176,13 @@ fn response(smooth: &Smooth, y: usize, out: &mut [f32]) {
 const RESPONSE_UNIT: f32 = UNIT * UNIT / 16.0;
 
 /// Pixels with more response than their neighbours: column, row, response. Row by row.
-fn peaks(smooth: &Smooth) -> Vec<(usize, usize, f32)> {
+fn peaks(smooth: &Smooth, config: &SaddleConfig) -> Vec<(usize, usize, f32)> {
     let (width, height) = (smooth.width, smooth.height);
     let mut peaks = Vec::new();
     if width < 9 || height < 9 {
         return peaks;
     }
-    let least = MIN_CURVATURE * MIN_CURVATURE / RESPONSE_UNIT;
+    let least = config.min_curvature * config.min_curvature / RESPONSE_UNIT;
     // Ring buffer of three rows of responses.
     let mut rows = [
         vec![0.0f32; width],
@@ -217,7 +214,12 @@ fn peaks(smooth: &Smooth) -> Vec<(usize, usize, f32)> {
 }
 
 /// Analyses a circle around a position. `None` if it is not a crossing.
-pub(super) fn fit_rays(smooth: &Smooth, at: [f64; 2], radius: f32) -> Option<Saddle> {
+pub(super) fn fit_rays(
+    smooth: &Smooth,
+    at: [f64; 2],
+    radius: f32,
+    config: &SaddleConfig,
+) -> Option<Saddle> {
     let (x, y) = (at[0] as f32, at[1] as f32);
     let level = smooth.sample(x, y)?;
     let mut values = [0.0f32; SAMPLES];
@@ -250,14 +252,14 @@ pub(super) fn fit_rays(smooth: &Smooth, at: [f64; 2], radius: f32) -> Option<Sad
     });
     // A border continues on the other side: to about 35 degrees, since a ring of few pixels next to
     // other corners is a rough estimate.
-    let straight = |a: f64, b: f64| (b - a - std::f64::consts::PI).abs() < 0.6;
+    let straight = |a: f64, b: f64| (b - a - std::f64::consts::PI).abs() < config.max_bend_rad;
     let apart = (0..4).all(|k| {
         let next = if k == 3 {
             rays[0] + std::f64::consts::TAU
         } else {
             rays[k + 1]
         };
-        next - rays[k] > 0.2
+        next - rays[k] > config.min_sector_rad
     });
     if !straight(rays[0], rays[2]) || !straight(rays[1], rays[3]) || !apart {
         return None;
@@ -277,9 +279,10 @@ pub(super) fn fit_rays(smooth: &Smooth, at: [f64; 2], radius: f32) -> Option<Sad
     let bright = extremes[1].min(extremes[3]);
     let dark = extremes[0].max(extremes[2]);
     let contrast = bright - dark;
+    let side = config.min_side_ratio * contrast;
     // If one side of the level is far flatter than the other, it is the end of a line, not a
     // crossing.
-    if contrast < MIN_CONTRAST || bright < 0.12 * contrast || -dark < 0.12 * contrast {
+    if contrast < config.min_contrast || bright < side || -dark < side {
         return None;
     }
     for ray in &mut rays {

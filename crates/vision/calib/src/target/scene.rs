@@ -1,45 +1,25 @@
 //! What the boards of an image are found from, and what is found.
 
 use super::blur::Border;
+use super::config::Config;
 use super::image::Smooth;
 use super::link::{self, Links};
 use super::saddle::{self, Saddle};
 
-/// Detector settings.
-#[derive(Clone, Copy, Debug)]
-pub struct Settings {
-    /// Maximum number of wrong bits of a tag or marker; limited by the distance of its dictionary.
-    pub max_bit_errors: u32,
-    /// Maximum radius of the refinement window, pixels. A wider one reduces noise; a narrower one
-    /// reduces the error from a lens that curves borders. It is narrowed for small squares anyway.
-    pub max_window_px: f64,
-    /// Also detect at half the size if the full image does not show the whole board: for blurred
-    /// images.
-    pub half_size: bool,
-}
-
-impl Default for Settings {
-    fn default() -> Self {
-        Self {
-            max_bit_errors: 2,
-            max_window_px: 7.0,
-            half_size: true,
-        }
-    }
-}
-
 /// The crossings of an image and their links.
 pub(super) struct Scene {
+    pub(super) config: Config,
     pub(super) smooth: Smooth,
     pub(super) saddles: Vec<Saddle>,
     pub(super) links: Links,
 }
 
 impl Scene {
-    pub(super) fn of(smooth: Smooth) -> Self {
-        let saddles = saddle::find(&smooth);
-        let links = link::join(&smooth, &saddles);
+    pub(super) fn of(smooth: Smooth, config: &Config) -> Self {
+        let saddles = saddle::find(&smooth, config);
+        let links = link::join(&smooth, &saddles, &config.links);
         Self {
+            config: *config,
             smooth,
             saddles,
             links,

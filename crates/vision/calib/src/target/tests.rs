@@ -62,7 +62,7 @@ fn errors(found: &Detection, truth: &[(u32, [f64; 2])], what: &str) -> Errors {
 
 fn see(target: &Target, view: View, look: &Degradation, what: &str) -> (Detection, Errors) {
     let image = View::render(&[(target, view)], look);
-    let found = detect(&image.view(), target, &Settings::default());
+    let found = detect(&image.view(), target, &Config::default());
     let errors = errors(&found, &view.truth(target), what);
     (found, errors)
 }
@@ -255,7 +255,7 @@ fn mirrored_and_inverted_markers_give_nothing() {
             ("mirrored", image.mirrored()),
             ("inverted", image.inverted()),
         ] {
-            let found = detect(&image.view(), &target, &Settings::default());
+            let found = detect(&image.view(), &target, &Config::default());
             assert!(
                 found.corners.is_empty(),
                 "{what} {target:?}: {:?}",
@@ -267,7 +267,7 @@ fn mirrored_and_inverted_markers_give_nothing() {
     let image = View::render(&[(&CHESS, middling())], &Degradation::default());
     for image in [image.mirrored(), image.inverted()] {
         assert_eq!(
-            detect(&image.view(), &CHESS, &Settings::default())
+            detect(&image.view(), &CHESS, &Config::default())
                 .corners
                 .len(),
             54
@@ -320,7 +320,7 @@ fn other_boards_give_nothing() {
             &as_tags,
             &other_charuco,
         ] {
-            let found = detect(&image.view(), sought, &Settings::default());
+            let found = detect(&image.view(), sought, &Config::default());
             assert_eq!(
                 !found.corners.is_empty(),
                 *sought == shown,
@@ -331,7 +331,7 @@ fn other_boards_give_nothing() {
     // A ChArUco board has the crossings of a chessboard, and is detected as one.
     let image = View::render(&[(&CHARUCO, view)], &Degradation::default());
     assert_eq!(
-        detect(&image.view(), &as_charuco, &Settings::default())
+        detect(&image.view(), &as_charuco, &Config::default())
             .corners
             .len(),
         35
@@ -351,14 +351,14 @@ fn two_boards_in_one_image_are_found() {
     let left = View::new(VGA, 360.0, [-0.2, 0.0, 0.5], [0.2, 0.3, 0.0]);
     let right = View::new(VGA, 360.0, [0.2, 0.0, 0.5], [-0.2, 0.0, 0.4]);
     let image = View::render(&[(&a, left), (&b, right)], &Degradation::default());
-    let found = detect_all(&image.view(), &[a.clone(), b.clone()], &Settings::default());
+    let found = detect_all(&image.view(), &[a.clone(), b.clone()], &Config::default());
     for (found, (target, view)) in found.iter().zip([(&a, left), (&b, right)]) {
         let e = errors(found, &view.truth(target), "two boards");
         assert_eq!(e.found, 36);
     }
     // The same board twice: an id that occurs twice must not be assigned to either.
     let image = View::render(&[(&a, left), (&a, right)], &Degradation::default());
-    let found = detect(&image.view(), &a, &Settings::default());
+    let found = detect(&image.view(), &a, &Config::default());
     let near = |truth: &[(u32, [f64; 2])], seen: &DetectedCorner| {
         truth
             .iter()
@@ -375,7 +375,7 @@ fn two_boards_in_one_image_are_found() {
         square_m: 0.04,
     };
     let image = View::render(&[(&chess, left), (&chess, right)], &Degradation::default());
-    let found = detect(&image.view(), &chess, &Settings::default());
+    let found = detect(&image.view(), &chess, &Config::default());
     assert!(
         found.corners.is_empty() && found.remark == Some("two chessboards of this size"),
         "{found:?}"
@@ -535,7 +535,7 @@ fn small_and_odd_images_do_no_harm() {
         let view = ImageView::new(width, height, width, &pixels).unwrap();
         for target in [GRID, CHESS, CHARUCO] {
             assert!(
-                detect(&view, &target, &Settings::default())
+                detect(&view, &target, &Config::default())
                     .corners
                     .is_empty()
             );

@@ -4,13 +4,8 @@
 //! is placed where the rotation rate changes most, but not so fast that images blur. The selection
 //! depends on the gyroscopes alone; without them, each burst is in the middle of its part.
 
+use super::config::BurstConfig;
 use super::gyro::Gyro;
-
-/// Step between candidate times, and sample interval of the rates, ns.
-const STEP_NS: i64 = 100_000_000;
-const RATE_STEP_NS: i64 = 10_000_000;
-/// Rate above which motion blur is expected, rad/s.
-const MAX_RATE_RAD_S: f64 = 2.0;
 
 /// First and last time of `count` bursts of a given length in a session, ns; fewer in a short
 /// session.
@@ -20,6 +15,7 @@ pub fn choose_bursts(
     count: usize,
     length_ns: i64,
 ) -> Vec<[i64; 2]> {
+    let config = BurstConfig::default();
     let [start, end] = span_ns;
     let fit = ((end - start) / length_ns.max(1)).max(0);
     let count = (count as i64).min(fit);
@@ -27,9 +23,9 @@ pub fn choose_bursts(
     let burst = |k: i64| {
         let (first, last) = (start + k * part, start + (k + 1) * part - length_ns);
         let middle = first + (last - first) / 2;
-        let places = (0..=(last - first) / STEP_NS).map(|i| first + i * STEP_NS);
+        let places = (0..=(last - first) / config.step_ns).map(|i| first + i * config.step_ns);
         let best = places
-            .map(|at| (rate_variance(gyros, at, at + length_ns), at))
+            .map(|at| (rate_variance(gyros, at, at + length_ns, &config), at))
             .filter(|(variance, _)| *variance > 0.0)
             .max_by(|a, b| a.0.total_cmp(&b.0).then(b.1.cmp(&a.1)));
         let from = best.map_or(middle, |(_, at)| at);
@@ -39,18 +35,19 @@ pub fn choose_bursts(
 }
 
 /// Variance of the rate, (rad/s)².
-fn rate_variance(gyros: &[&Gyro], from: i64, to: i64) -> f64 {
+fn rate_variance(gyros: &[&Gyro], from: i64, to: i64, config: &BurstConfig) -> f64 {
     let Some(gyro) = gyros.first() else {
         return 0.0;
     };
     let (mut count, mut sum, mut square, mut next) = (0.0, nalgebra::Vector3::zeros(), 0.0, from);
     for (time, rate) in gyro.between_ns(from, to) {
         if time >= next {
-            let rate = rate * (MAX_RATE_RAD_S / rate.norm().max(MAX_RATE_RAD_S)).powi(3);
+            let rate =
+                rate * (config.max_rate_rad_s / rate.norm().max(config.max_rate_rad_s)).powi(3);
             count += 1.0;
             sum += rate;
             square += rate.norm_squared();
-            next = time + RATE_STEP_NS;
+            next = time + config.rate_step_ns;
         }
     }
     if count < 2.0 {

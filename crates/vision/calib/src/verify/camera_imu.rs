@@ -6,30 +6,18 @@
 //! scale of each axis. Rotation about a single axis leaves `w` about that axis open; a constant
 //! rate leaves the time offset open; both appear as large variances.
 
-use camera_models::{Lens, StereoCalibration};
+use camera_models::Lens;
 use nalgebra::{Matrix3, SMatrix, SVector, UnitQuaternion, Vector3};
 
 use serde::Serialize;
 
+use super::camera;
+use super::config::{CameraImuConfig, Config, MotionConfig};
 use super::gyro::{Gyro, Integrated};
-use super::motion::{ByLine, DISPARITY_SIGMA_PX, RotationEstimate, SegmentFeature, Start, solve};
+use super::motion::{ByLine, RotationEstimate, SegmentFeature, Start, solve};
 use super::robust::{Grouped, median, sigmas_of, tukey};
 use super::stereo::{StereoAlignment, StereoPair};
 use super::tracks::{Burst, TrackSegment};
-
-/// Minimum number of segments.
-const MIN_SEGMENTS: usize = 12;
-/// Sigma floor of a segment's rotation, rad: features slide with shadows and contours.
-const ROTATION_SIGMA_FLOOR_RAD: f64 = 1.5e-4;
-const ROUNDS: usize = 8;
-/// Prior sigmas: of `w`, rad; of biases, rad/s; of the time offset, s; of scales.
-const PRIOR_SIGMAS: [f64; 4] = [0.1, 0.03, 0.03, 0.01];
-/// Minimum fraction of the gyroscope's rate change during segments that is not noise, for the time
-/// offset to be observable.
-const MIN_SIGNAL_RATIO: f64 = 0.5;
-/// Prior sigma of the inverse-distance offset, before and between segments: yaw of an eye over the
-/// baseline, rad.
-const YAW_SIGMA_RAD: f64 = 2e-3;
 
 /// Result; see the module.
 #[derive(Clone, Debug, Serialize)]
@@ -81,6 +69,8 @@ struct SegmentRotation {
 }
 
 struct Camera<'a> {
+    config: &'a CameraImuConfig,
+    motion: &'a MotionConfig,
     pair: StereoPair,
     line_s: f64,
     nominal: UnitQuaternion<f64>,
@@ -88,28 +78,21 @@ struct Camera<'a> {
     bursts: &'a [Burst],
 }
 
-/// Without a nominal line time: prior sigma of the readout time, s; its sigma once estimated; and
-/// the significance above which the estimate is used.
-const READOUT_SIGMA_S: f64 = 0.015;
-const ESTIMATED_READOUT_SIGMA_S: f64 = 5e-4;
-const MIN_READOUT_SIGMAS: f64 = 3.0;
-/// Error of the image times (s) and of the rotation (rad) per second of unknown readout: from the
-/// simulated camera that faces down, where ignoring its 8.5 ms shifts image times by 1.5 to 2.3 ms
-/// and rotates it by 0.2 to 0.4 degrees.
-const TIME_ERROR_PER_READOUT: f64 = 0.25;
-const ROTATION_ERROR_PER_READOUT: f64 = 0.6;
-
-/// Runs the estimation; `None` without enough data. `line_s` is the line time, estimated if `None`.
+/// Runs the estimation; `None` without enough data. `gyro` is that of the camera.
 pub(super) fn estimate(
-    nominal: &StereoCalibration,
+    of: &camera::Camera<'_>,
     eyes: &StereoAlignment,
-    line_s: Option<f64>,
     gyro: &Gyro,
-    bursts: &[Burst],
+    config: &Config,
 ) -> Option<CameraImu> {
+    let (nominal, line_s, bursts) = (of.nominal, of.line_s, of.bursts);
+    let motion = &config.motion;
+    let config = &config.camera_imu;
     let mut pair = StereoPair::new(nominal);
     (pair.turn, pair.origin) = eyes.right_from_left;
     let mut camera = Camera {
+        config,
+        motion,
         pair,
         line_s: line_s.unwrap_or(0.0),
         nominal: *nominal.imu.as_ref()?.imu_from_left.rotation(),
@@ -123,37 +106,37 @@ pub(super) fn estimate(
         scale: Vector3::repeat(1.0),
     };
     let baseline = nominal.right_from_left.distance_m();
-    let mut offset = [0.0, YAW_SIGMA_RAD / baseline];
+    let mut offset = [0.0, config.yaw_sigma_rad / baseline];
     let rows = f64::from(nominal.left.height);
     // A nominal line time gets a tiny sigma, so that nothing is divided by zero.
     let mut line_sigma_s = if line_s.is_some() {
         1e-9
     } else {
-        READOUT_SIGMA_S / rows
+        config.readout.sigma_s / rows
     };
     let mut unknown_s = 0.0;
     let mut last = None;
-    for (round, error_px) in [6.0, 6.0, 2.0, 2.0].into_iter().enumerate() {
+    for (round, error_px) in config.initial_error_px.into_iter().enumerate() {
         let rotations = camera.rotations(&state, error_px, offset, line_sigma_s);
-        if rotations.len() < MIN_SEGMENTS {
+        if rotations.len() < config.min_segments {
             return None;
         }
         if round < 2 {
             offset = combine(
                 &rotations,
                 |k| k.rotation.offset,
-                [0.0, YAW_SIGMA_RAD / baseline],
+                [0.0, config.yaw_sigma_rad / baseline],
             );
             if line_s.is_none() {
                 let so_far = camera.line_s;
                 let of =
                     |k: &SegmentRotation| [so_far + k.rotation.line_s[0], k.rotation.line_s[1]];
                 let [line_s, sigma] = combine(&rotations, of, [so_far, line_sigma_s]);
-                let is_seen = line_s.abs() > MIN_READOUT_SIGMAS * sigma;
+                let is_seen = line_s.abs() > config.readout.min_significance_sigma * sigma;
                 camera.line_s = if is_seen { line_s } else { 0.0 };
                 let left = if is_seen { 0.0 } else { line_s };
                 unknown_s = rows * (sigma * sigma + left * left).sqrt();
-                line_sigma_s = ESTIMATED_READOUT_SIGMA_S / rows;
+                line_sigma_s = config.readout.estimated_sigma_s / rows;
             }
             if round == 0 {
                 continue;
@@ -165,8 +148,8 @@ pub(super) fn estimate(
     let (rotations, (covariance, segments)) = last?;
     let rotation = (camera.nominal.inverse() * state.imu_from_left).scaled_axis();
     let (late, turn) = (
-        TIME_ERROR_PER_READOUT * unknown_s,
-        ROTATION_ERROR_PER_READOUT * unknown_s,
+        config.readout.time_error_ratio * unknown_s,
+        config.readout.rotation_error_rad_per_s * unknown_s,
     );
     let of_turn =
         covariance.fixed_view::<3, 3>(0, 0).into_owned() + Matrix3::identity() * (turn * turn);
@@ -191,6 +174,11 @@ pub(super) fn estimate(
 }
 
 impl Camera<'_> {
+    fn integrated(&self, state: &State) -> Integrated<'_> {
+        self.gyro
+            .integrate(state.scale, state.bias, self.config.max_gap_s)
+    }
+
     /// Rotations of all segments with enough features.
     fn rotations(
         &self,
@@ -199,7 +187,7 @@ impl Camera<'_> {
         offset: [f64; 2],
         line_sigma_s: f64,
     ) -> Vec<SegmentRotation> {
-        let gyro = self.gyro.integrate(state.scale, state.bias);
+        let gyro = self.integrated(state);
         let mut rotations = Vec::new();
         for (group, burst) in self.bursts.iter().enumerate() {
             for of in &burst.segments {
@@ -214,10 +202,12 @@ impl Camera<'_> {
                     offset,
                     line_sigma_s,
                 };
-                rotations.extend(solve(&seen, &start).map(|rotation| SegmentRotation {
-                    group,
-                    times_ns,
-                    rotation,
+                rotations.extend(solve(&seen, &start, self.motion).map(|rotation| {
+                    SegmentRotation {
+                        group,
+                        times_ns,
+                        rotation,
+                    }
                 }));
             }
         }
@@ -262,7 +252,7 @@ impl Camera<'_> {
             Some(SegmentFeature {
                 ray: first,
                 per_metre: placed.per_metre,
-                sigma_per_metre: DISPARITY_SIGMA_PX / placed.px_per,
+                sigma_per_metre: self.motion.disparity_sigma_px / placed.px_per,
                 later: ray,
                 px_per_rad,
                 motion_ratio: 1.0 + by_line.motion_ratio * self.line_s,
@@ -280,7 +270,9 @@ impl Camera<'_> {
         state: &mut State,
         rotations: &[SegmentRotation],
     ) -> Option<(SMatrix<f64, 10, 10>, usize)> {
-        let [w, bias, late, scale] = PRIOR_SIGMAS;
+        let config = self.config;
+        let (w, bias) = (config.rotation_sigma_rad, config.bias_sigma_rad_s);
+        let (late, scale) = (config.offset_sigma_s, config.scale_sigma);
         let sigmas =
             SVector::<f64, 10>::from([w, w, w, bias, bias, bias, late, scale, scale, scale]);
         // Noise varies from sample to sample like a changing rate, and would appear to determine
@@ -288,7 +280,7 @@ impl Camera<'_> {
         let noise = 2.0 * self.gyro.noise().powi(2);
         let mut is_offset_observable = true;
         let mut last = None;
-        for _ in 0..ROUNDS {
+        for _ in 0..config.rounds {
             let mut towards = SVector::<f64, 10>::zeros();
             let w = (self.nominal.inverse() * state.imu_from_left).scaled_axis();
             towards.fixed_rows_mut::<3>(0).copy_from(&-w);
@@ -297,11 +289,11 @@ impl Camera<'_> {
             let off = Vector3::repeat(1.0) - state.scale;
             towards.fixed_rows_mut::<3>(7).copy_from(&off);
             let mut sum = Grouped::<10>::new(self.bursts.len(), &sigmas, &towards);
-            let gyro = self.gyro.integrate(state.scale, state.bias);
+            let gyro = self.integrated(state);
             let compared = |segment: &SegmentRotation| {
                 let (error, by) = residual(state, &gyro, segment)?;
-                let floor =
-                    Matrix3::identity() * (ROTATION_SIGMA_FLOOR_RAD * ROTATION_SIGMA_FLOOR_RAD);
+                let least = config.rotation_sigma_floor_rad;
+                let floor = Matrix3::identity() * (least * least);
                 let weight = (segment.rotation.covariance + floor).try_inverse()?;
                 let size = (error.transpose() * weight * error)[0].sqrt();
                 Some((segment.group, error, by, weight, size))
@@ -309,7 +301,7 @@ impl Camera<'_> {
             let compared: Vec<_> = rotations.iter().filter_map(compared).collect();
             let mut sizes: Vec<f64> = compared.iter().map(|c| c.4).collect();
             // The median norm of a three-dimensional standard normal vector is 1.538.
-            let scale = (median(&mut sizes) / 1.538).max(0.7);
+            let scale = (median(&mut sizes) / 1.538).max(config.min_scale);
             let mut used = 0;
             let (mut changes, mut by_noise) = (0.0, 0.0);
             for (group, error, by, weight, size) in compared {
@@ -322,14 +314,14 @@ impl Camera<'_> {
                     sum.add(group, &error, &by, &weight);
                 }
             }
-            if used < MIN_SEGMENTS || used * 2 < rotations.len() {
+            if used < config.min_segments || used * 2 < rotations.len() {
                 return None;
             }
             let step = sum.step()?;
             let turn = UnitQuaternion::from_scaled_axis(step.fixed_rows::<3>(0).into_owned());
             state.imu_from_left *= turn;
             state.bias += step.fixed_rows::<3>(3);
-            is_offset_observable = changes * MIN_SIGNAL_RATIO > by_noise;
+            is_offset_observable = changes * config.min_signal_ratio > by_noise;
             state.time_offset_s = if is_offset_observable {
                 state.time_offset_s + step[6]
             } else {
@@ -342,7 +334,7 @@ impl Camera<'_> {
         let (covariance, larger) = sum.covariance(&[0, 1, 2, 6])?;
         let mut covariance = covariance * larger;
         if !is_offset_observable {
-            covariance[(6, 6)] = PRIOR_SIGMAS[2] * PRIOR_SIGMAS[2];
+            covariance[(6, 6)] = config.offset_sigma_s * config.offset_sigma_s;
         }
         Some((covariance, used))
     }
@@ -352,7 +344,7 @@ impl Camera<'_> {
         nominal_state: &State,
         rotations: &[SegmentRotation],
     ) -> Vec<(f64, [f64; 3], [f64; 3])> {
-        let gyro = self.gyro.integrate(nominal_state.scale, nominal_state.bias);
+        let gyro = self.integrated(nominal_state);
         let first = rotations.first().map_or(0.0, |k| k.times_ns[0]);
         let rate = |segment: &SegmentRotation| {
             let [from, to] = segment.times_ns;

@@ -3,23 +3,17 @@
 //! The response is the smaller eigenvalue of the second moments of the gradients. One corner per
 //! cell of a grid, so that they cover the image.
 
+use super::config::CornerConfig;
 use super::pyramid::Level;
 
-/// Side of a cell, pixels.
-const CELL: usize = 22;
 /// Radius of the window of second moments.
 const WINDOW_RADIUS: usize = 3;
-/// Margin to the image border, pixels.
-const MARGIN: usize = 10;
-/// Minimum response: eigenvalue per pixel of the window, squared grey levels per pixel.
-const MIN_RESPONSE: f32 = 12.0;
-/// Minimum response relative to the strong corners of the image.
-const MIN_RESPONSE_RATIO: f32 = 0.01;
 
 /// Corners of a level, the strongest of each cell, at most `most`, in the order of cells.
-pub(super) fn corners(level: &Level, most: usize) -> Vec<[f32; 2]> {
+pub(super) fn corners(level: &Level, most: usize, config: &CornerConfig) -> Vec<[f32; 2]> {
+    let (cell, margin) = (config.cell_px, config.margin_px);
     let (width, height) = (level.width, level.height);
-    if width < 4 * MARGIN || height < 4 * MARGIN {
+    if width < 4 * margin || height < 4 * margin {
         return Vec::new();
     }
     let moments = moments(level);
@@ -29,11 +23,11 @@ pub(super) fn corners(level: &Level, most: usize) -> Vec<[f32; 2]> {
         0.5 * (a + c - ((a - c) * (a - c) + 4.0 * b * b).sqrt())
     };
     let mut found: Vec<(f32, [f32; 2])> = Vec::new();
-    for top in (MARGIN..height - MARGIN).step_by(CELL) {
-        for left in (MARGIN..width - MARGIN).step_by(CELL) {
-            let mut best = (MIN_RESPONSE, None);
-            for y in top..(top + CELL).min(height - MARGIN) {
-                for x in left..(left + CELL).min(width - MARGIN) {
+    for top in (margin..height - margin).step_by(cell) {
+        for left in (margin..width - margin).step_by(cell) {
+            let mut best = (config.min_response, None);
+            for y in top..(top + cell).min(height - margin) {
+                for x in left..(left + cell).min(width - margin) {
                     let s = strength(x, y);
                     if s > best.0 {
                         best = (s, Some([x as f32, y as f32]));
@@ -50,7 +44,7 @@ pub(super) fn corners(level: &Level, most: usize) -> Vec<[f32; 2]> {
         .get(most)
         .copied()
         .unwrap_or(0.0)
-        .max(MIN_RESPONSE_RATIO * strong);
+        .max(config.min_response_ratio * strong);
     let kept = found.into_iter().filter(|f| f.0 > least);
     kept.map(|f| f.1).collect()
 }

@@ -4,22 +4,13 @@
 //! of an IMU in its camera, clock): `y = H x + noise`, with `x` about 0 within tolerances. For each
 //! block of parameters the deviation is estimated by generalized least squares, all others within
 //! tolerance. The block is *inconsistent* if the estimate is longer than tolerance (2 sigma) and
-//! measurement ([`DETECTION_SIGMA`] sigma) explain together. The block that explains most of `y` is
+//! measurement ([`DecisionConfig::detection_sigma`]) explain together. The block that explains most of `y` is
 //! reported, and the rest is tested again with that block free. If two blocks explain `y` nearly
 //! equally well, as with two cameras rotated against each other, both are reported.
 
 use nalgebra::{DMatrix, DVector};
 
-/// Detection threshold in measurement sigmas beyond the tolerance: with three axes, exceeded by
-/// chance in 1 of 250 cases for a parameter at the edge of its tolerance, and practically never
-/// well within it.
-pub const DETECTION_SIGMA: f64 = 3.3;
-/// Tolerance limit, in sigmas of the tolerance.
-pub(super) const TOLERANCE_SIGMA: f64 = 2.0;
-/// Power margin, in sigmas: an estimate falls short of the true value by more in 1 of 40 cases.
-pub(super) const POWER_SIGMA: f64 = 2.0;
-/// Chi-squared difference below which two blocks explain the data equally well.
-const AMBIGUITY_CHI2: f64 = 6.0;
+use super::config::DecisionConfig;
 
 /// A block of parameters that may deviate.
 #[derive(Clone, Debug)]
@@ -51,7 +42,7 @@ pub(super) struct Estimate {
     /// Detection limit along the least constrained direction.
     pub(super) bound: f64,
     /// Minimum detectable deviation along that direction: it exceeds the limit even if tolerance
-    /// and measurement fall short by [`POWER_SIGMA`] sigma.
+    /// and measurement fall short by [`DecisionConfig::power_sigma`].
     pub(super) min_detectable: f64,
     /// Decrease of chi-squared explained by the block.
     gain: f64,
@@ -74,8 +65,10 @@ impl Estimate {
     }
 
     /// Excess over tolerance and measurement.
-    pub(super) fn excess(&self) -> f64 {
-        self.length() - TOLERANCE_SIGMA * self.tolerated - DETECTION_SIGMA * self.sigma
+    pub(super) fn excess(&self, config: &DecisionConfig) -> f64 {
+        self.length()
+            - config.tolerance_sigma * self.tolerated
+            - config.detection_sigma * self.sigma
     }
 }
 
@@ -103,7 +96,11 @@ impl Measured {
     }
 
     /// Decides on all blocks.
-    pub(super) fn judge(&self, blocks: &[ParameterBlock]) -> Vec<Decision> {
+    pub(super) fn judge(
+        &self,
+        blocks: &[ParameterBlock],
+        config: &DecisionConfig,
+    ) -> Vec<Decision> {
         let mut decisions: Vec<Decision> = blocks.iter().map(|_| Decision::Unmeasured).collect();
         let Some((by, value, noise)) = self.stacked() else {
             return decisions;
@@ -111,7 +108,7 @@ impl Measured {
         let mut free = vec![false; blocks.len()];
         loop {
             let estimates: Vec<Option<Estimate>> = (0..blocks.len())
-                .map(|k| estimate(&by, &value, &noise, blocks, &free, k))
+                .map(|k| estimate((&by, &value, &noise), blocks, &free, k, config))
                 .collect();
             for (k, found) in estimates.iter().enumerate() {
                 if !free[k]
@@ -122,7 +119,7 @@ impl Measured {
             }
             let off = |k: &usize| {
                 let found = estimates[*k].as_ref();
-                !free[*k] && found.is_some_and(|e| e.excess() > 0.0)
+                !free[*k] && found.is_some_and(|e| e.excess(config) > 0.0)
             };
             let gain = |k: usize| estimates[k].as_ref().map_or(0.0, |e| e.gain);
             let worst = (0..blocks.len())
@@ -132,7 +129,7 @@ impl Measured {
                 return decisions;
             };
             let close: Vec<usize> = (0..blocks.len())
-                .filter(|k| off(k) && *k != worst && gain(*k) > gain(worst) - AMBIGUITY_CHI2)
+                .filter(|k| off(k) && *k != worst && gain(*k) > gain(worst) - config.ambiguity_chi2)
                 .collect();
             if let Some(found) = &estimates[worst] {
                 decisions[worst] = Decision::Inconsistent(found.clone(), close);
@@ -143,12 +140,11 @@ impl Measured {
 }
 
 fn estimate(
-    by: &DMatrix<f64>,
-    value: &DVector<f64>,
-    noise: &DMatrix<f64>,
+    (by, value, noise): (&DMatrix<f64>, &DVector<f64>, &DMatrix<f64>),
     blocks: &[ParameterBlock],
     free: &[bool],
     of: usize,
+    config: &DecisionConfig,
 ) -> Option<Estimate> {
     // A free block is nearly unconstrained: far beyond any tolerance, but numerically harmless.
     let mut tolerance = DMatrix::zeros(value.len(), value.len());
@@ -185,14 +181,14 @@ fn estimate(
         values.iter().copied().fold(0.0, f64::max).sqrt()
     };
     let (worst, loosest) = (largest(&measured), largest(&tolerated));
-    let bound = TOLERANCE_SIGMA * loosest + DETECTION_SIGMA * worst;
+    let bound = config.tolerance_sigma * loosest + config.detection_sigma * worst;
     Some(Estimate {
         sigma: along(&measured),
         tolerated: along(&tolerated),
         largest: worst,
         loosest,
         bound,
-        min_detectable: bound + POWER_SIGMA * worst.hypot(loosest),
+        min_detectable: bound + config.power_sigma * worst.hypot(loosest),
         error: error.iter().copied().collect(),
         gain,
     })
@@ -226,7 +222,7 @@ mod tests {
     #[test]
     fn one_of_three_that_disagrees_is_identified() {
         let (measured, blocks) = differences(3, &[(0, 1, -2.0), (0, 2, 0.05), (1, 2, 2.1)]);
-        let decisions = measured.judge(&blocks);
+        let decisions = measured.judge(&blocks, &DecisionConfig::default());
         let Decision::Inconsistent(found, close) = &decisions[1] else {
             panic!("{decisions:?}");
         };
@@ -245,7 +241,7 @@ mod tests {
     #[test]
     fn both_of_two_that_disagree_are_reported() {
         let (measured, blocks) = differences(2, &[(0, 1, 2.0)]);
-        let decisions = measured.judge(&blocks);
+        let decisions = measured.judge(&blocks, &DecisionConfig::default());
         let named: Vec<bool> = decisions
             .iter()
             .map(|j| matches!(j, Decision::Inconsistent(..)))
@@ -261,7 +257,7 @@ mod tests {
     #[test]
     fn deviation_within_tolerance_is_consistent_and_unmeasured_block_is_unmeasured() {
         let (measured, blocks) = differences(4, &[(0, 1, 0.3), (1, 2, 0.0)]);
-        let decisions = measured.judge(&blocks);
+        let decisions = measured.judge(&blocks, &DecisionConfig::default());
         assert!(
             matches!(decisions[0], Decision::Consistent(_)),
             "{decisions:?}"
@@ -271,7 +267,7 @@ mod tests {
             "{decisions:?}"
         );
         assert!(matches!(
-            Measured::default().judge(&blocks)[0],
+            Measured::default().judge(&blocks, &DecisionConfig::default())[0],
             Decision::Unmeasured
         ));
     }

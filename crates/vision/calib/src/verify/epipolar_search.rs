@@ -4,18 +4,13 @@
 //! Normalized cross-correlation at whole pixels of a reduced level. A match with a second peak of
 //! nearly the same correlation is dropped, since repeated texture is ambiguous.
 
+use super::config::SearchConfig;
 use super::pyramid::Level;
 
 /// Radius of a patch.
 const RADIUS: usize = 4;
 const SIDE: usize = 2 * RADIUS + 1;
 const AREA: usize = SIDE * SIDE;
-/// Minimum correlation.
-const MIN_NCC: f32 = 0.75;
-/// Radius of the best peak, pixels; outside it, `1 - correlation` of any other must be larger by
-/// [`MIN_NCC_RATIO`].
-const PEAK_RADIUS: usize = 3;
-const MIN_NCC_RATIO: f32 = 1.3;
 
 /// Search area: first and last column and row.
 #[derive(Clone, Copy, Debug)]
@@ -25,7 +20,13 @@ pub(super) struct Area {
 }
 
 /// The whole pixel in `right` with the best correlation to the patch around `at` in `left`.
-pub(super) fn search(left: &Level, right: &Level, at: [f32; 2], area: &Area) -> Option<[f32; 2]> {
+pub(super) fn search(
+    left: &Level,
+    right: &Level,
+    at: [f32; 2],
+    area: &Area,
+    config: &SearchConfig,
+) -> Option<[f32; 2]> {
     let mut template = [0.0; AREA];
     if !left.patch(at[0], at[1], RADIUS, &mut template) {
         return None;
@@ -53,16 +54,16 @@ pub(super) fn search(left: &Level, right: &Level, at: [f32; 2], area: &Area) -> 
     }
     let place = |i: usize| (x0 + i % columns, y0 + i / columns);
     let best = (0..scores.len()).max_by(|a, b| scores[*a].total_cmp(&scores[*b]))?;
-    if scores[best] < MIN_NCC {
+    if scores[best] < config.min_ncc {
         return None;
     }
     let (x, y) = place(best);
     let elsewhere = (0..scores.len()).filter(|i| {
         let (u, v) = place(*i);
-        u.abs_diff(x) > PEAK_RADIUS || v.abs_diff(y) > PEAK_RADIUS
+        u.abs_diff(x) > config.peak_radius_px || v.abs_diff(y) > config.peak_radius_px
     });
     let second = elsewhere.map(|i| scores[i]).fold(-1.0, f32::max);
-    let is_clear = 1.0 - second > MIN_NCC_RATIO * (1.0 - scores[best]);
+    let is_clear = 1.0 - second > config.min_ncc_ratio * (1.0 - scores[best]);
     is_clear.then_some([x as f32, y as f32])
 }
 

@@ -4,16 +4,9 @@ use nalgebra::{DMatrix, DVector, Matrix3, UnitQuaternion, Vector3};
 use serde::Serialize;
 
 use super::camera::{Camera, CameraEstimate, Tolerances};
-use super::decision::{Decision, Estimate, Measured, POWER_SIGMA, ParameterBlock, TOLERANCE_SIGMA};
+use super::config::DecisionConfig;
+use super::decision::{Decision, Estimate, Measured, ParameterBlock};
 use super::gyro_pairs::GyroAlignment;
-
-/// Rotation and time offset that a recording must be able to detect to confirm a parameter: rad and
-/// s.
-const REQUIRED_ROTATION_RAD: f64 = 0.5 * std::f64::consts::PI / 180.0;
-const REQUIRED_TIME_S: f64 = 3e-3;
-/// Covariance factor for pairwise comparisons, which are not independent: with three gyroscopes
-/// each counts for two thirds, with `n` for `2 / n`.
-const PAIR_COVARIANCE_FACTOR: f64 = 0.5;
 
 /// A nominal parameter.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Serialize)]
@@ -77,10 +70,11 @@ pub(super) fn judge(
     found: &[CameraEstimate],
     pairs: &[(usize, usize, GyroAlignment)],
     tolerances: &Tolerances,
+    config: &DecisionConfig,
 ) -> Vec<Finding> {
-    let mut findings = eyes(found, tolerances);
-    findings.extend(rotations(cameras, found, pairs, tolerances));
-    findings.extend(time_offsets(cameras, found, pairs, tolerances));
+    let mut findings = eyes(found, tolerances, config);
+    findings.extend(rotations(cameras, found, pairs, tolerances, config));
+    findings.extend(time_offsets(cameras, found, pairs, tolerances, config));
     findings.sort_by_key(|f| f.parameter);
     findings
 }
@@ -89,7 +83,11 @@ fn square(m: &Matrix3<f64>) -> DMatrix<f64> {
     DMatrix::from_iterator(3, 3, m.iter().copied())
 }
 
-fn eyes(found: &[CameraEstimate], tolerances: &Tolerances) -> Vec<Finding> {
+fn eyes(
+    found: &[CameraEstimate],
+    tolerances: &Tolerances,
+    config: &DecisionConfig,
+) -> Vec<Finding> {
     let of = |camera: &CameraEstimate| {
         let mut measured = Measured::default();
         if let Some(eyes) = &camera.eyes {
@@ -104,13 +102,14 @@ fn eyes(found: &[CameraEstimate], tolerances: &Tolerances) -> Vec<Finding> {
             size: 3,
             sigma: tolerances.eyes_rad,
         };
-        let decision = measured.judge(&[block]).remove(0);
+        let decision = measured.judge(&[block], config).remove(0);
         finding(
             Parameter::StereoRotation,
             &camera.name,
             decision,
             &[],
             |v| v,
+            config,
         )
     };
     found.iter().map(of).collect()
@@ -122,6 +121,7 @@ fn rotations(
     found: &[CameraEstimate],
     pairs: &[(usize, usize, GyroAlignment)],
     tolerances: &Tolerances,
+    config: &DecisionConfig,
 ) -> Vec<Finding> {
     let count = cameras.len();
     let columns = 6 * count;
@@ -142,8 +142,8 @@ fn rotations(
     let rig_from_left =
         |k: usize| -> Option<UnitQuaternion<f64>> { Some(*cameras[k].rig_from_left?.rotation()) };
     let on_plate = pairs.iter().flat_map(|p| [p.0, p.1]);
-    let share =
-        PAIR_COVARIANCE_FACTOR * on_plate.collect::<std::collections::BTreeSet<_>>().len() as f64;
+    let share = config.pair_covariance_factor
+        * on_plate.collect::<std::collections::BTreeSet<_>>().len() as f64;
     for (a, b, gyros) in pairs {
         let (Some(rig_a), Some(rig_b), Some(imu)) = (
             rig_from_left(*a),
@@ -183,7 +183,7 @@ fn rotations(
         })
         .collect();
     let names: Vec<&str> = cameras.iter().map(|c| c.name).collect();
-    let decision = measured.judge(&blocks).into_iter().enumerate();
+    let decision = measured.judge(&blocks, config).into_iter().enumerate();
     let finding = |(k, decision): (usize, Decision)| {
         let own = k % count;
         let parameter = if k < count {
@@ -198,10 +198,13 @@ fn rotations(
             return None;
         }
         let into_left = rig_from_left(own).filter(|_| k < count).unwrap_or_default();
-        Some(finding(parameter, names[own], decision, &names, |v| {
+        let shown = |v: Vec<f64>| {
             let v = into_left.inverse() * Vector3::new(v[0], v[1], v[2]);
             vec![v.x, v.y, v.z]
-        }))
+        };
+        Some(finding(
+            parameter, names[own], decision, &names, shown, config,
+        ))
     };
     decision.filter_map(finding).collect()
 }
@@ -212,6 +215,7 @@ fn time_offsets(
     found: &[CameraEstimate],
     pairs: &[(usize, usize, GyroAlignment)],
     tolerances: &Tolerances,
+    config: &DecisionConfig,
 ) -> Vec<Finding> {
     let count = cameras.len();
     let columns = 3 * count;
@@ -227,8 +231,8 @@ fn time_offsets(
         measured.add(by, value, one(imu.time_offset_sigma_s.powi(2)));
     }
     let compared = pairs.iter().flat_map(|p| [p.0, p.1]);
-    let share =
-        PAIR_COVARIANCE_FACTOR * compared.collect::<std::collections::BTreeSet<_>>().len() as f64;
+    let share = config.pair_covariance_factor
+        * compared.collect::<std::collections::BTreeSet<_>>().len() as f64;
     for (a, b, gyros) in pairs {
         let mut by = DMatrix::zeros(1, columns);
         for offset in [count, 2 * count] {
@@ -247,7 +251,7 @@ fn time_offsets(
         })
         .collect();
     let names: Vec<&str> = cameras.iter().map(|c| c.name).collect();
-    let decision = measured.judge(&blocks).into_iter().enumerate();
+    let decision = measured.judge(&blocks, config).into_iter().enumerate();
     let finding = |(k, decision): (usize, Decision)| {
         let parameter = [Parameter::ImageTime, Parameter::ImuTime, Parameter::Clock][k / count];
         cameras[k % count].gyro?;
@@ -257,6 +261,7 @@ fn time_offsets(
             decision,
             &names,
             |v| v,
+            config,
         ))
     };
     decision.filter_map(finding).collect()
@@ -269,15 +274,16 @@ fn finding(
     decision: Decision,
     names: &[&str],
     shown: impl Fn(Vec<f64>) -> Vec<f64>,
+    config: &DecisionConfig,
 ) -> Finding {
     let (status, estimate, close) = match decision {
         Decision::Unmeasured => (Status::Undetermined, None, Vec::new()),
         Decision::Inconsistent(estimate, close) => (Status::Inconsistent, Some(estimate), close),
         Decision::Consistent(estimate) => {
-            let required = parameter.required();
+            let required = parameter.required(config);
             // A larger tolerance lowers the requirement.
-            let required = f64::max(required, 2.0 * TOLERANCE_SIGMA * estimate.loosest);
-            let is_detectable = estimate.bound + POWER_SIGMA * estimate.largest <= required;
+            let required = f64::max(required, 2.0 * config.tolerance_sigma * estimate.loosest);
+            let is_detectable = estimate.bound + config.power_sigma * estimate.largest <= required;
             let status = if is_detectable {
                 Status::Consistent
             } else {
@@ -292,23 +298,23 @@ fn finding(
         .filter(|name| name != camera)
         .collect();
     alternatives.dedup();
-    let number = |of: fn(&Estimate) -> f64| estimate.as_ref().map_or(0.0, of);
+    let number = |of: &dyn Fn(&Estimate) -> f64| estimate.as_ref().map_or(0.0, of);
     let mut finding = Finding {
         parameter,
         camera: camera.to_owned(),
         status,
-        sigma: number(|e| e.sigma),
-        tolerance_sigma: number(|e| e.tolerated),
-        min_detectable: number(|e| e.min_detectable),
+        sigma: number(&|e| e.sigma),
+        tolerance_sigma: number(&|e| e.tolerated),
+        min_detectable: number(&|e| e.min_detectable),
         excess: match status {
-            Status::Inconsistent => number(Estimate::excess),
+            Status::Inconsistent => number(&|e| e.excess(config)),
             _ => 0.0,
         },
         estimate: estimate.map(|e| shown(e.error)).unwrap_or_default(),
         alternatives,
         text: String::new(),
     };
-    finding.text = finding.describe();
+    finding.text = finding.describe(config);
     finding
 }
 
@@ -319,11 +325,11 @@ impl Parameter {
     }
 
     /// Deviation that a recording should be able to detect, rad or s.
-    fn required(self) -> f64 {
+    fn required(self, config: &DecisionConfig) -> f64 {
         if self.is_rotation() {
-            REQUIRED_ROTATION_RAD
+            config.required_rotation_rad
         } else {
-            REQUIRED_TIME_S
+            config.required_time_s
         }
     }
 }
@@ -335,7 +341,7 @@ impl Finding {
         (!self.estimate.is_empty()).then_some(square.sqrt())
     }
 
-    fn describe(&self) -> String {
+    fn describe(&self, config: &DecisionConfig) -> String {
         let camera = &self.camera;
         let shown = |v: f64| match self.parameter.is_rotation() {
             true => format!("{:.2}\u{b0}", v.to_degrees()),
@@ -353,12 +359,13 @@ impl Finding {
             return format!("{block}: not determined by this recording, too few observations");
         };
         let sigma = shown(self.sigma);
+        let tolerance = config.tolerance_sigma * self.tolerance_sigma;
         match self.status {
-            Status::Consistent if 2.0 * self.tolerance_sigma > self.parameter.required() => {
+            Status::Consistent if tolerance > self.parameter.required(config) => {
                 format!(
                     "{block}: nominal within {} (sigma {sigma}), and within its tolerance of {}",
                     shown(size),
-                    shown(2.0 * self.tolerance_sigma)
+                    shown(tolerance)
                 )
             }
             Status::Consistent => {

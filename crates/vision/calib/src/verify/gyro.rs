@@ -1,14 +1,11 @@
 //! Gyroscope samples as rotations between any two times.
 //!
 //! Contract: the rate is interpolated linearly between samples. Beyond the ends and across gaps
-//! longer than [`MAX_GAP_S`] the result is `None`.
+//! longer than the maximum gap the result is `None`.
 
 use nalgebra::{UnitQuaternion, Vector3};
 
 use super::robust::median;
-
-/// Maximum interval between two samples, s.
-const MAX_GAP_S: f64 = 0.03;
 
 /// Samples of a gyroscope, in order of time.
 #[derive(Clone, Debug, Default)]
@@ -24,6 +21,8 @@ pub(super) struct Integrated<'a> {
     gyro: &'a Gyro,
     scale: Vector3<f64>,
     bias: Vector3<f64>,
+    /// Maximum interval between two samples, s.
+    max_gap_s: f64,
     /// `start_from_imu` at each sample.
     start_from_imu: Vec<UnitQuaternion<f64>>,
     /// Integral of the rates since the start, rad, for quantities that are linear in them.
@@ -82,8 +81,13 @@ impl Gyro {
         (first..last.max(first)).map(|i| (self.times_ns[i], self.rates[i]))
     }
 
-    /// Integrates `scale * rate - bias`, per axis.
-    pub(super) fn integrate(&self, scale: Vector3<f64>, bias: Vector3<f64>) -> Integrated<'_> {
+    /// Integrates `scale * rate - bias`, per axis. Intervals above `max_gap_s` are gaps.
+    pub(super) fn integrate(
+        &self,
+        scale: Vector3<f64>,
+        bias: Vector3<f64>,
+        max_gap_s: f64,
+    ) -> Integrated<'_> {
         let count = self.rates.len();
         let (mut attitudes, mut sums) = (Vec::with_capacity(count), Vec::with_capacity(count));
         let (mut attitude, mut sum) = (UnitQuaternion::identity(), Vector3::zeros());
@@ -104,6 +108,7 @@ impl Gyro {
             gyro: self,
             scale,
             bias,
+            max_gap_s,
             start_from_imu: attitudes,
             sums,
         }
@@ -118,7 +123,7 @@ impl Integrated<'_> {
         let (i, next) = (next.checked_sub(1)?, next.min(times.len() - 1));
         let gap_s = (times[next] - times[i]) as f64 * 1e-9;
         let rest_s = (time_ns - times[i] as f64) * 1e-9;
-        (gap_s <= MAX_GAP_S && rest_s <= gap_s).then_some((i, rest_s))
+        (gap_s <= self.max_gap_s && rest_s <= gap_s).then_some((i, rest_s))
     }
 
     /// Rotation since sample `i`.
@@ -171,7 +176,7 @@ impl Integrated<'_> {
         let times = &self.gyro.times_ns;
         let first = times.partition_point(|t| (*t as f64) <= from);
         let last = times.partition_point(|t| (*t as f64) < to);
-        let longest = (MAX_GAP_S * 1e9) as i64;
+        let longest = (self.max_gap_s * 1e9) as i64;
         (first.saturating_sub(1)..last.min(times.len().saturating_sub(1)))
             .all(|i| times[i + 1] - times[i] <= longest)
     }
@@ -189,7 +194,7 @@ mod tests {
     fn constant_rate_rotates_by_rate_times_time() {
         let gyro = steady([0.1, -0.5, 2.0]);
         let bias = Vector3::new(0.1, 0.0, 0.0);
-        let integrated = gyro.integrate(Vector3::repeat(1.0), bias);
+        let integrated = gyro.integrate(Vector3::repeat(1.0), bias, 0.03);
         let (from, to) = (101_234_567.0, 801_000_001.0);
         let turn = integrated.to_from(from, to).unwrap().scaled_axis();
         let expected = Vector3::new(0.0, -0.5, 2.0) * (to - from) * 1e-9;
@@ -202,7 +207,7 @@ mod tests {
     fn integration_stops_at_the_ends_and_at_gaps() {
         let samples = (0..400).filter(|n| !(100..120).contains(n));
         let gyro = Gyro::new(samples.map(|n| (n * 2_500_000, [0.0, 0.0, 1.0])));
-        let integrated = gyro.integrate(Vector3::repeat(1.0), Vector3::zeros());
+        let integrated = gyro.integrate(Vector3::repeat(1.0), Vector3::zeros(), 0.03);
         assert!(integrated.to_from(0.0, 200e6).is_some());
         assert!(integrated.to_from(200e6, 400e6).is_none());
         assert!(integrated.to_from(400e6, 900e6).is_some());

@@ -12,22 +12,10 @@ use nalgebra::{Matrix3, SMatrix, SVector, UnitQuaternion, Vector3};
 
 use serde::Serialize;
 
+use super::config::{Config, GyroPairConfig};
 use super::gyro::{Gyro, Integrated};
 use super::robust::{Grouped, median, sigmas_of, tukey};
 
-/// Length of a window, ns; windows per block, whose errors may be correlated; maximum number of
-/// blocks.
-const WINDOW_NS: i64 = 20_000_000;
-const WINDOWS_PER_BLOCK: i64 = 100;
-const MAX_BLOCKS: i64 = 120;
-/// Minimum number of windows.
-const MIN_WINDOWS: usize = 300;
-const ROUNDS: usize = 6;
-/// Minimum fraction of the rotation measured by one gyroscope that the other one measured as well.
-const MIN_COMMON_RATIO: f64 = 0.5;
-/// Prior sigmas: of `w`, rad, and of the time offset, s.
-const ROTATION_PRIOR_SIGMA_RAD: f64 = 0.1;
-const OFFSET_PRIOR_SIGMA_S: f64 = 0.05;
 const PARAMETERS: usize = 16;
 
 /// Result; see the module.
@@ -51,60 +39,68 @@ pub(super) fn estimate(
     b_from_a: &UnitQuaternion<f64>,
     a: &Gyro,
     b: &Gyro,
+    config: &Config,
 ) -> Option<GyroAlignment> {
     let ([a0, a1], [b0, b1]) = (a.span_ns()?, b.span_ns()?);
-    let margin = 100_000_000;
+    let max_gap_s = config.camera_imu.max_gap_s;
+    let config = &config.gyro_pairs;
+    let margin = config.margin_ns;
     let (from, to) = (a0.max(b0) + margin, a1.min(b1) - margin);
-    let block = WINDOW_NS * WINDOWS_PER_BLOCK;
+    let block = config.window_ns * config.windows_per_block;
     let whole = (to - from) / block;
     if whole < 2 {
         return None;
     }
-    let blocks = whole.min(MAX_BLOCKS);
+    let blocks = whole.min(config.max_blocks);
     let one = Vector3::repeat(1.0);
     let (sum_a, sum_b) = (
-        a.integrate(one, Vector3::zeros()),
-        b.integrate(one, Vector3::zeros()),
+        a.integrate(one, Vector3::zeros(), max_gap_s),
+        b.integrate(one, Vector3::zeros(), max_gap_s),
     );
-    let seconds = WINDOW_NS as f64 * 1e-9;
+    let seconds = config.window_ns as f64 * 1e-9;
     let length_s = (to - from) as f64 * 1e-9;
     let mut windows = Vec::new();
     for group in 0..blocks {
         let start = from + (to - from - block) / (blocks - 1).max(1) * group;
-        for k in 0..WINDOWS_PER_BLOCK {
-            let at = (start + k * WINDOW_NS) as f64;
-            let sum = sum_b.sum(at, at + WINDOW_NS as f64);
+        for k in 0..config.windows_per_block {
+            let at = (start + k * config.window_ns) as f64;
+            let sum = sum_b.sum(at, at + config.window_ns as f64);
             windows.extend(sum.map(|sum| (group as usize, at, sum)));
         }
     }
-    if windows.len() < MIN_WINDOWS {
+    if windows.len() < config.min_windows {
         return None;
     }
     let nominal = b_from_a.to_rotation_matrix().into_inner();
-    let (scale, shear) = (7e-3, 1.5e-3);
+    let (rotation, scale, shear) = (
+        config.rotation_sigma_rad,
+        config.scale_sigma,
+        config.shear_sigma,
+    );
+    let (bias, drift) = (config.bias_sigma_rad_s, config.drift_sigma_rad_s);
     let sigmas = SVector::<f64, PARAMETERS>::from([
-        ROTATION_PRIOR_SIGMA_RAD,
-        ROTATION_PRIOR_SIGMA_RAD,
-        ROTATION_PRIOR_SIGMA_RAD,
+        rotation,
+        rotation,
+        rotation,
         scale,
         scale,
         scale,
         shear,
         shear,
         shear,
-        0.03,
-        0.03,
-        0.03,
-        0.01,
-        0.01,
-        0.01,
-        OFFSET_PRIOR_SIGMA_S,
+        bias,
+        bias,
+        bias,
+        drift,
+        drift,
+        drift,
+        config.offset_sigma_s,
     ]);
-    let seen = ObservableDirections::new(&nominal, &windows, &sum_a, &sum_b);
+    let seen = ObservableDirections::new(&nominal, &windows, &sum_a, &sum_b, config);
     let mut now = SVector::<f64, PARAMETERS>::zeros();
-    let mut spread = 0.1 * seconds;
+    let mut spread = config.initial_spread_rad_s * seconds;
     let mut last = None;
-    for _ in 0..ROUNDS {
+    for _ in 0..config.rounds {
         let turn = UnitQuaternion::from_scaled_axis(now.fixed_rows::<3>(0).into_owned());
         let shape = Matrix3::new(
             1.0 + now[3],
@@ -121,7 +117,10 @@ pub(super) fn estimate(
         let mut sum = Grouped::<PARAMETERS>::new(blocks as usize, &sigmas, &-now);
         let mut sizes = Vec::with_capacity(3 * windows.len());
         for (group, at, sum_b) in &windows {
-            let (at_a, end_a) = (at - now[15] * 1e9, at - now[15] * 1e9 + WINDOW_NS as f64);
+            let (at_a, end_a) = (
+                at - now[15] * 1e9,
+                at - now[15] * 1e9 + config.window_ns as f64,
+            );
             let Some(v) = sum_a.sum(at_a, end_a) else {
                 continue;
             };
@@ -164,7 +163,7 @@ pub(super) fn estimate(
     let (covariance, larger) = last?.covariance(&[0, 1, 2, 15])?;
     let unseen = Matrix3::identity() - seen.turns;
     let of_turn = seen.turns * covariance.fixed_view::<3, 3>(0, 0) * seen.turns * larger
-        + unseen * (ROTATION_PRIOR_SIGMA_RAD * ROTATION_PRIOR_SIGMA_RAD);
+        + unseen * (config.rotation_sigma_rad * config.rotation_sigma_rad);
     Some(GyroAlignment {
         rotation_rad: now.fixed_rows::<3>(0).into_owned().into(),
         sigma_rad: sigmas_of(&of_turn),
@@ -172,7 +171,7 @@ pub(super) fn estimate(
         time_offset_s: now[15],
         time_offset_sigma_s: match seen.is_offset_observable {
             true => (covariance[(15, 15)] * larger).sqrt(),
-            false => OFFSET_PRIOR_SIGMA_S,
+            false => config.offset_sigma_s,
         },
     })
 }
@@ -193,10 +192,11 @@ impl ObservableDirections {
         windows: &[Window],
         sum_a: &Integrated<'_>,
         sum_b: &Integrated<'_>,
+        config: &GyroPairConfig,
     ) -> Self {
         // Rotation of each in a window, and the change of its rate.
         let both = |(_, at, b): &Window| {
-            let end = at + WINDOW_NS as f64;
+            let end = at + config.window_ns as f64;
             let a = nominal * sum_a.sum(*at, end)?;
             let change = |of: &Integrated<'_>| Some(of.rate(end)? - of.rate(*at)?);
             Some(([a, *b], [nominal * change(sum_a)?, change(sum_b)?]))
@@ -221,11 +221,11 @@ impl ObservableDirections {
         let axes = own.symmetric_eigen().eigenvectors;
         let seen = axes.column_iter().filter(|axis| {
             let along = |m: &Matrix3<f64>| (axis.transpose() * m * axis)[0];
-            along(&common) > MIN_COMMON_RATIO * along(&own)
+            along(&common) > config.min_common_ratio * along(&own)
         });
         Self {
             turns: seen.map(|axis| axis * axis.transpose()).sum(),
-            is_offset_observable: common_change > MIN_COMMON_RATIO * own_change,
+            is_offset_observable: common_change > config.min_common_ratio * own_change,
         }
     }
 

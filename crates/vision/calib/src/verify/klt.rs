@@ -4,6 +4,7 @@
 //! form of Baker and Matthews 2004), coarse to fine, on patches normalized to mean 0 and equal
 //! contrast, so that the exposure may differ. A result must pass the forward–backward check.
 
+use super::config::KltConfig;
 use super::pyramid::{Level, Pyramid};
 
 /// Radius of a patch.
@@ -12,13 +13,6 @@ const SIDE: usize = 2 * RADIUS + 1;
 const AREA: usize = SIDE * SIDE;
 /// Side with one more pixel all around, for gradients.
 const PADDED_SIDE: usize = SIDE + 2;
-/// Maximum number of iterations per level, and the step at convergence, pixels.
-const MAX_ITERATIONS: usize = 12;
-const CONVERGENCE_PX: f32 = 0.01;
-/// Maximum forward–backward error, pixels of the first level.
-const MAX_FORWARD_BACKWARD_PX: f32 = 0.4;
-/// Minimum correlation of the two patches.
-const MIN_NCC: f32 = 0.8;
 
 /// A patch with the quantities needed for alignment.
 struct Template {
@@ -32,7 +26,7 @@ struct Template {
 }
 
 impl Template {
-    fn new(level: &Level, x: f32, y: f32) -> Option<Self> {
+    fn new(level: &Level, x: f32, y: f32, config: &KltConfig) -> Option<Self> {
         let mut wide = [0.0; PADDED_SIDE * PADDED_SIDE];
         if !level.patch(x, y, RADIUS + 1, &mut wide) {
             return None;
@@ -59,7 +53,7 @@ impl Template {
         }
         new.norm = centre(&mut new.values);
         let determinant = a * c - b * b;
-        if determinant <= 1e-4 * (a + c) * (a + c) || new.norm < 1.0 {
+        if determinant <= config.min_determinant_ratio * (a + c) * (a + c) || new.norm < 1.0 {
             return None;
         }
         new.inverse = [c / determinant, -b / determinant, a / determinant];
@@ -68,7 +62,14 @@ impl Template {
 
     /// Aligns the template from a start position in the other level. Returns position and
     /// correlation.
-    fn align(&self, level: &Level, mut x: f32, mut y: f32) -> Option<([f32; 2], f32)> {
+    fn align(
+        &self,
+        level: &Level,
+        mut x: f32,
+        mut y: f32,
+        config: &KltConfig,
+    ) -> Option<([f32; 2], f32)> {
+        let least = config.convergence_px;
         let mut patch = [0.0; AREA];
         for step in 0.. {
             if !level.patch(x, y, RADIUS, &mut patch) {
@@ -89,7 +90,7 @@ impl Template {
             let alike = product / (norm * self.norm);
             let dx = self.inverse[0] * ex + self.inverse[1] * ey;
             let dy = self.inverse[1] * ex + self.inverse[2] * ey;
-            if step == MAX_ITERATIONS || dx * dx + dy * dy < CONVERGENCE_PX * CONVERGENCE_PX {
+            if step == config.max_iterations || dx * dx + dy * dy < least * least {
                 return Some(([x, y], alike));
             }
             // A step longer than the patch means that nothing fits.
@@ -121,9 +122,10 @@ pub(super) fn track(
     at: [f32; 2],
     guess: [f32; 2],
     coarsest: usize,
+    config: &KltConfig,
 ) -> Option<[f32; 2]> {
-    let (found, alike) = track_forward(from, to, at, guess, coarsest)?;
-    if alike < MIN_NCC {
+    let (found, alike) = track_forward(from, to, at, guess, coarsest, config)?;
+    if alike < config.min_ncc {
         return None;
     }
     // The backward search starts nearby, since it only has to detect a slip; from the far guess it
@@ -132,9 +134,9 @@ pub(super) fn track(
         at[0] + (guess[0] - found[0]).clamp(-1.0, 1.0),
         at[1] + (guess[1] - found[1]).clamp(-1.0, 1.0),
     ];
-    let (back, _) = track_forward(to, from, found, back, 0)?;
+    let (back, _) = track_forward(to, from, found, back, 0, config)?;
     let off = (back[0] - at[0]).hypot(back[1] - at[1]);
-    (off < MAX_FORWARD_BACKWARD_PX).then_some(found)
+    (off < config.max_forward_backward_px).then_some(found)
 }
 
 fn track_forward(
@@ -143,6 +145,7 @@ fn track_forward(
     at: [f32; 2],
     guess: [f32; 2],
     coarsest: usize,
+    config: &KltConfig,
 ) -> Option<([f32; 2], f32)> {
     let mut offset = [guess[0] - at[0], guess[1] - at[1]];
     let mut found = None;
@@ -150,9 +153,9 @@ fn track_forward(
         let scale = (1_u32 << level) as f32;
         let [x, y] = at.map(|v| v / scale);
         // A coarse level may not reach as close to the border.
-        let aligned = Template::new(&from.levels[level], x, y).and_then(|template| {
+        let aligned = Template::new(&from.levels[level], x, y, config).and_then(|template| {
             let (u, v) = (x + offset[0] / scale, y + offset[1] / scale);
-            template.align(&to.levels[level], u, v)
+            template.align(&to.levels[level], u, v, config)
         });
         match aligned {
             Some(([u, v], alike)) => {

@@ -11,19 +11,9 @@
 
 use nalgebra::{Matrix2, Matrix2x3, Matrix3, SMatrix, SVector, UnitQuaternion, Vector2, Vector3};
 
+use super::config::MotionConfig;
 use super::robust::{median, tukey};
 
-/// Minimum number of inliers, and their minimum fraction.
-const MIN_CORNERS: usize = 30;
-const MIN_RATIO: f64 = 0.4;
-/// Number of samples of two features.
-const RANSAC_SAMPLES: u64 = 80;
-/// Standard deviation of a tracked feature, px, and of a disparity.
-const CORNER_SIGMA_PX: f64 = 0.2;
-pub(super) const DISPARITY_SIGMA_PX: f64 = 0.2;
-const ROUNDS: usize = 10;
-/// Prior sigma of the speed change during a segment, m/s: a walker's chest in a third of a second.
-const SPEED_CHANGE_SIGMA_M_S: f64 = 0.6;
 const PARAMETERS: usize = 11;
 
 /// A feature at both ends of a segment.
@@ -93,21 +83,26 @@ fn across(ray: &Vector3<f64>) -> Matrix2x3<f64> {
 }
 
 /// Estimates the rotation of a segment; `None` with too few inliers.
-pub(super) fn solve(seen: &[SegmentFeature], start: &Start) -> Option<RotationEstimate> {
-    if seen.len() < MIN_CORNERS {
+pub(super) fn solve(
+    seen: &[SegmentFeature],
+    start: &Start,
+    config: &MotionConfig,
+) -> Option<RotationEstimate> {
+    if seen.len() < config.min_inliers {
         return None;
     }
     let bases: Vec<Matrix2x3<f64>> = seen.iter().map(|s| across(&s.later)).collect();
-    let mut shift = first_shift(seen, &bases, start);
+    let mut shift = first_shift(seen, &bases, start, config);
     let mut nearness: Vec<f64> = seen.iter().map(|s| s.per_metre).collect();
     let mut turn = start.rotation;
     let [expected, sigma] = start.offset;
     let mut offset = expected;
     let mut faster = Vector3::<f64>::zeros();
     let mut line = 0.0;
-    let mut scale = (start.error_px / CORNER_SIGMA_PX / 2.0).max(1.0);
+    let mut scale = (start.error_px / config.corner_sigma_px / 2.0).max(1.0);
+    let speed_change = config.speed_change_sigma_m_s;
     let mut last = None;
-    for round in 0..ROUNDS {
+    for round in 0..config.rounds {
         let mut information = SMatrix::<f64, PARAMETERS, PARAMETERS>::zeros();
         let mut gradient = SVector::<f64, PARAMETERS>::zeros();
         information[(6, 6)] = 1.0 / (sigma * sigma);
@@ -116,8 +111,8 @@ pub(super) fn solve(seen: &[SegmentFeature], start: &Start) -> Option<RotationEs
         information[(10, 10)] = line_weight;
         gradient[10] = -line * line_weight;
         for k in 7..10 {
-            information[(k, k)] = 1.0 / (SPEED_CHANGE_SIGMA_M_S * SPEED_CHANGE_SIGMA_M_S);
-            gradient[k] = -faster[k - 7] / (SPEED_CHANGE_SIGMA_M_S * SPEED_CHANGE_SIGMA_M_S);
+            information[(k, k)] = 1.0 / (speed_change * speed_change);
+            gradient[k] = -faster[k - 7] / (speed_change * speed_change);
         }
         let mut sizes = Vec::with_capacity(seen.len());
         let mut agree = 0;
@@ -140,7 +135,7 @@ pub(super) fn solve(seen: &[SegmentFeature], start: &Start) -> Option<RotationEs
             if unit.dot(&s.later) < 0.5 {
                 continue;
             }
-            let corner = CORNER_SIGMA_PX / s.px_per_rad;
+            let corner = config.corner_sigma_px / s.px_per_rad;
             // Both the match and the observed parallax determine the distance. Using the match
             // alone would bias translations towards zero, as regression on a noisy variable does.
             let by_near = by_point * moved;
@@ -161,7 +156,7 @@ pub(super) fn solve(seen: &[SegmentFeature], start: &Start) -> Option<RotationEs
             if kept == 0.0 {
                 continue;
             }
-            agree += usize::from(size < 3.0 * scale);
+            agree += usize::from(size < config.inlier_sigma * scale);
             let mut by = SMatrix::<f64, 2, PARAMETERS>::zeros();
             by.fixed_columns_mut::<3>(0)
                 .copy_from(&(-by_point * rotated.cross_matrix()));
@@ -177,13 +172,13 @@ pub(super) fn solve(seen: &[SegmentFeature], start: &Start) -> Option<RotationEs
             information += weighted * by;
             gradient += weighted * error;
         }
-        // A prior of a tenth of a metre per axis, so that a camera at rest, or one that observes
+        // A weak prior of the translation, so that a camera at rest, or one that observes
         // only far points, has a solution.
         for k in 3..6 {
-            information[(k, k)] += 1e-2;
+            information[(k, k)] += config.translation_information;
         }
         let step = information.cholesky()?.solve(&gradient);
-        if round + 1 == ROUNDS {
+        if round + 1 == config.rounds {
             last = Some((information, scale, agree));
             break;
         }
@@ -194,10 +189,10 @@ pub(super) fn solve(seen: &[SegmentFeature], start: &Start) -> Option<RotationEs
         line += step[10];
         // The median norm of a two-dimensional standard normal vector is 1.177.
         let spread = median(&mut sizes) / 1.177;
-        scale = spread.max(0.4).min(scale.max(1.0));
+        scale = spread.max(config.min_scale).min(scale.max(1.0));
     }
     let (information, scale, agree) = last?;
-    if agree < MIN_CORNERS || (agree as f64) < MIN_RATIO * seen.len() as f64 {
+    if agree < config.min_inliers || (agree as f64) < config.min_inlier_ratio * seen.len() as f64 {
         return None;
     }
     let covariance = information.cholesky()?.inverse() * (scale * scale);
@@ -210,7 +205,12 @@ pub(super) fn solve(seen: &[SegmentFeature], start: &Start) -> Option<RotationEs
 }
 
 /// Translation with most inliers under the predicted rotation, m.
-fn first_shift(seen: &[SegmentFeature], bases: &[Matrix2x3<f64>], start: &Start) -> Vector3<f64> {
+fn first_shift(
+    seen: &[SegmentFeature],
+    bases: &[Matrix2x3<f64>],
+    start: &Start,
+    config: &MotionConfig,
+) -> Vector3<f64> {
     let rotated: Vec<Vector3<f64>> = seen.iter().map(|s| start.rotation * s.ray).collect();
     let cost = |shift: &Vector3<f64>| -> f64 {
         let of = |i: usize| {
@@ -237,7 +237,7 @@ fn first_shift(seen: &[SegmentFeature], bases: &[Matrix2x3<f64>], start: &Start)
             .wrapping_add(1_442_695_040_888_963_407);
         (state >> 33) as usize % seen.len()
     };
-    for _ in 0..RANSAC_SAMPLES {
+    for _ in 0..config.ransac_samples {
         let pair = [draw(), draw()];
         if pair[0] == pair[1] {
             continue;
@@ -251,7 +251,7 @@ fn first_shift(seen: &[SegmentFeature], bases: &[Matrix2x3<f64>], start: &Start)
         let Some(shift) = a.cholesky().map(|c| c.solve(&b)) else {
             continue;
         };
-        if shift.norm() > 3.0 {
+        if shift.norm() > config.max_translation_m {
             continue;
         }
         let cost = cost(&shift);

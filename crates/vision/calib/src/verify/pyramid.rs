@@ -6,6 +6,8 @@
 
 use imaging::ImageView;
 
+use super::config::PyramidConfig;
+
 /// One level of a pyramid.
 #[derive(Clone, Debug)]
 pub(super) struct Level {
@@ -22,15 +24,8 @@ pub(super) struct Pyramid {
     pub(super) levels: Vec<Level>,
 }
 
-/// Maximum width of the first level: larger images are halved, which costs little accuracy and
-/// saves much time.
-const MAX_WIDTH: usize = 1000;
-/// Number of levels, and minimum side of the last one.
-const LEVELS: usize = 4;
-const MIN_SIDE: usize = 40;
-
 impl Pyramid {
-    pub(super) fn new(image: &ImageView<'_>) -> Self {
+    pub(super) fn new(image: &ImageView<'_>, config: &PyramidConfig) -> Self {
         let (width, height) = image.size();
         let mut level = Level {
             width,
@@ -41,14 +36,14 @@ impl Pyramid {
                 .collect(),
         };
         let mut halved = 0;
-        while level.width > MAX_WIDTH {
+        while level.width > config.max_width_px {
             level = level.half();
             halved += 1;
         }
         let mut levels = vec![level];
-        while levels.len() < LEVELS {
+        while levels.len() < config.max_levels {
             let half = levels[levels.len() - 1].half();
-            if half.width.min(half.height) < MIN_SIDE {
+            if half.width.min(half.height) < config.min_side_px {
                 break;
             }
             levels.push(half);

@@ -6,30 +6,16 @@
 //! moves rows left and right oppositely, yaw moves those in the corners, `d` those of near points:
 //! matches in the whole image and at several distances determine all of them. A decentred lens
 //! moves rows in the corners exactly as a yaw does, so that the accuracy of yaw is limited by that
-//! of the lens ([`DECENTRING_SIGMA`]).
+//! of the lens ([`StereoConfig::decentring_sigma`]).
 
 use camera_models::{Lens, StereoCalibration};
 use nalgebra::{Matrix1, Matrix3, Matrix3x2, RowVector2, SVector, UnitQuaternion, Vector3};
 
 use serde::Serialize;
 
+use super::config::StereoConfig;
 use super::robust::{Grouped, median, sigmas_of, tukey};
 use super::tracks::Burst;
-
-/// Minimum number of matches.
-const MIN_MATCHES: usize = 150;
-/// Prior sigma of the right eye's centre, normal to the baseline, m.
-const CENTRE_SIGMA_M: f64 = 3e-4;
-/// Prior sigma of the decentring `p2`, right lens minus left lens. The equivalent yaw is twice
-/// that.
-const DECENTRING_SIGMA: f64 = 5e-4;
-/// Iterations of reweighting.
-const ROUNDS: usize = 12;
-/// Sigma floor, px, common to all matches: corners have small systematic errors that differ between
-/// the eyes.
-const SIGMA_FLOOR_PX: f64 = 0.03;
-/// Minimum spread of residuals, px.
-const MIN_SPREAD_PX: f64 = 0.05;
 
 /// Result; see the module.
 #[derive(Clone, Debug, Serialize)]
@@ -129,7 +115,11 @@ impl StereoPair {
 }
 
 /// Runs the estimation; `None` with too few matches or too few inliers.
-pub(super) fn estimate(nominal: &StereoCalibration, bursts: &[Burst]) -> Option<StereoAlignment> {
+pub(super) fn estimate(
+    nominal: &StereoCalibration,
+    bursts: &[Burst],
+    config: &StereoConfig,
+) -> Option<StereoAlignment> {
     let mut pair = StereoPair::new(nominal);
     let [nominal_rotation, nominal_origin] = [pair.turn.scaled_axis(), pair.origin];
     let nominal_rotation = UnitQuaternion::from_scaled_axis(nominal_rotation);
@@ -143,7 +133,7 @@ pub(super) fn estimate(nominal: &StereoCalibration, bursts: &[Burst]) -> Option<
             );
         }
     }
-    if matches.len() < MIN_MATCHES {
+    if matches.len() < config.min_matches {
         return None;
     }
     let along = nominal_origin.normalize();
@@ -160,17 +150,18 @@ pub(super) fn estimate(nominal: &StereoCalibration, bursts: &[Burst]) -> Option<
     };
     let nominal_matches = residuals(&pair);
 
-    let sigmas = SVector::<f64, 5>::from([0.05, 0.05, 0.05, CENTRE_SIGMA_M, CENTRE_SIGMA_M]);
+    let (turn, centre) = (config.rotation_sigma_rad, config.centre_sigma_m);
+    let sigmas = SVector::<f64, 5>::from([turn, turn, turn, centre, centre]);
     let mut now = SVector::<f64, 5>::zeros();
     let mut last = None;
-    for _ in 0..ROUNDS {
+    for _ in 0..config.rounds {
         let turn = UnitQuaternion::from_scaled_axis(now.fixed_rows::<3>(0).into_owned());
         let centre = now.fixed_rows::<2>(3).into_owned();
         pair.turn = turn * nominal_rotation;
         pair.origin = turn * (nominal_origin + across * centre);
         let placed = residuals(&pair);
         let mut sizes: Vec<f64> = epipolar_error(&placed).iter().map(|b| b.abs()).collect();
-        let spread = (1.4826 * median(&mut sizes)).max(MIN_SPREAD_PX);
+        let spread = (1.4826 * median(&mut sizes)).max(config.min_spread_px);
         let mut sum = Grouped::<5>::new(bursts.len(), &sigmas, &-now);
         let (mut used, mut squares) = (0.0, 0.0);
         for (placed, (group, ..)) in placed.iter().zip(&matches) {
@@ -198,14 +189,14 @@ pub(super) fn estimate(nominal: &StereoCalibration, bursts: &[Burst]) -> Option<
         last = Some((sum, used, squares, spread));
     }
     let (sum, used, squares, spread) = last?;
-    if used < MIN_MATCHES as f64 || used < 0.3 * matches.len() as f64 {
+    if used < config.min_matches as f64 || used < config.min_inlier_ratio * matches.len() as f64 {
         return None;
     }
     let (covariance, larger) = sum.covariance(&[0, 1, 2])?;
-    let floor = SIGMA_FLOOR_PX / nominal.right.fx;
+    let floor = config.sigma_floor_px / nominal.right.fx;
     let mut covariance = covariance.fixed_view::<3, 3>(0, 0).into_owned() * larger
         + Matrix3::identity() * (floor * floor);
-    covariance[(1, 1)] += (2.0 * DECENTRING_SIGMA).powi(2);
+    covariance[(1, 1)] += (2.0 * config.decentring_sigma).powi(2);
     let found_placed = residuals(&pair);
     let limit = 4.685 * spread;
     let kept = |i: usize| {

@@ -10,31 +10,12 @@ use imaging::ImageView;
 use nalgebra::{UnitQuaternion, Vector3};
 use serde::{Deserialize, Serialize};
 
+use super::config::{Config, TrackingConfig};
 use super::corners::corners;
 use super::epipolar_search::{self, Area};
 use super::gyro::{Gyro, Integrated};
 use super::klt::track;
 use super::pyramid::Pyramid;
-
-/// Maximum number of corners tracked at a time.
-const MAX_CORNERS: usize = 260;
-/// Length of a track segment, s: about half a step of a walker, over which the body rotates most.
-const SEGMENT_S: f64 = 0.3;
-/// Interval between detections of new corners, s: segments overlap.
-const DETECTION_INTERVAL_S: f64 = 0.12;
-/// Minimum fraction of the stereo-matched corners still tracked; below it a segment ends, because
-/// in a camera that faces down the longest tracks are those on the wearer. Minimum length of a
-/// segment, s.
-const MIN_TRACKED_RATIO: f64 = 0.6;
-const MIN_SEGMENT_S: f64 = 0.1;
-/// Minimum distance for stereo matching, m.
-const MIN_DISTANCE_M: f64 = 0.35;
-/// Maximum rotation between the eyes for stereo matching, rad.
-const MAX_STEREO_ROTATION_RAD: f64 = 0.026;
-/// Pyramid level of the stereo search.
-const SEARCH_LEVEL: usize = 1;
-/// Coarsest pyramid level of temporal tracking.
-const MAX_LEVEL: usize = 3;
 
 /// One stereo frame.
 #[derive(Clone, Copy, Debug)]
@@ -78,6 +59,7 @@ pub struct Burst {
 
 /// Tracks features through the frames of one burst of one camera.
 pub struct FeatureTracker<'a> {
+    config: TrackingConfig,
     lenses: [Lens; 2],
     right_from_left: (UnitQuaternion<f64>, Vector3<f64>),
     /// Gyroscope for prediction, with its extrinsics.
@@ -122,16 +104,22 @@ struct TrackedFeature {
 impl<'a> FeatureTracker<'a> {
     /// Tracker for a camera with this calibration; `gyro` is the camera's own.
     pub fn new(calibration: &StereoCalibration, gyro: Option<&'a Gyro>) -> Self {
+        let config = Config::default();
         let right_from_left = &calibration.right_from_left;
         let imu = calibration.imu.as_ref().zip(gyro);
         let gyro = imu.map(|(imu, gyro)| {
             let rotation = *imu.imu_from_left.rotation();
             (
                 rotation,
-                gyro.integrate(Vector3::repeat(1.0), Vector3::zeros()),
+                gyro.integrate(
+                    Vector3::repeat(1.0),
+                    Vector3::zeros(),
+                    config.camera_imu.max_gap_s,
+                ),
             )
         });
         Self {
+            config: config.tracking,
             lenses: [Lens::new(&calibration.left), Lens::new(&calibration.right)],
             right_from_left: (*right_from_left.rotation(), *right_from_left.translation()),
             gyro,
@@ -142,7 +130,7 @@ impl<'a> FeatureTracker<'a> {
 
     /// Adds the next frame of the burst.
     pub fn push(&mut self, frame: &StereoFrame<'_>) {
-        let left = Pyramid::new(&frame.left);
+        let left = Pyramid::new(&frame.left, &self.config.pyramid);
         let (time_ns, scale) = (frame.time_ns, left.scale());
         let mut sets = Vec::new();
         if let Some(before) = self.previous.take() {
@@ -153,8 +141,8 @@ impl<'a> FeatureTracker<'a> {
                 }
                 let seconds = (time_ns - set.from_ns) as f64 * 1e-9;
                 let (both, tracked_counts) = set.tracked_counts();
-                let is_thin = (tracked_counts as f64) < MIN_TRACKED_RATIO * both as f64;
-                if is_thin || seconds >= SEGMENT_S - 1e-3 {
+                let is_thin = (tracked_counts as f64) < self.config.min_tracked_ratio * both as f64;
+                if is_thin || seconds >= self.config.segment_s - 1e-3 {
                     self.finish(set, time_ns, scale);
                 } else {
                     sets.push(set);
@@ -162,7 +150,7 @@ impl<'a> FeatureTracker<'a> {
             }
         }
         let newest = sets.last().map(|s| (time_ns - s.from_ns) as f64 * 1e-9);
-        if newest.is_none_or(|age_s| age_s >= DETECTION_INTERVAL_S - 1e-3) {
+        if newest.is_none_or(|age_s| age_s >= self.config.detection_interval_s - 1e-3) {
             sets.push(self.start(&left, frame));
         }
         self.previous = Some(PreviousFrame {
@@ -194,7 +182,14 @@ impl<'a> FeatureTracker<'a> {
         let Some(at) = tracked.now else { return };
         let predicted = self.predict(at, rotation, left.scale());
         let guess = [predicted[0] + tracked.off[0], predicted[1] + tracked.off[1]];
-        tracked.now = track(before, left, at, guess, MAX_LEVEL);
+        tracked.now = track(
+            before,
+            left,
+            at,
+            guess,
+            self.config.max_level,
+            &self.config.klt,
+        );
         if let Some(now) = tracked.now {
             tracked.off = [now[0] - predicted[0], now[1] - predicted[1]];
         }
@@ -202,7 +197,7 @@ impl<'a> FeatureTracker<'a> {
 
     /// Finishes the segment of a feature set.
     fn finish(&mut self, set: Set, time_ns: i64, scale: f64) {
-        let is_long = (time_ns - set.from_ns) as f64 * 1e-9 >= MIN_SEGMENT_S;
+        let is_long = (time_ns - set.from_ns) as f64 * 1e-9 >= self.config.min_segment_s;
         let features = set.features.into_iter().map(|f| Feature {
             later: f
                 .now
@@ -219,9 +214,13 @@ impl<'a> FeatureTracker<'a> {
 
     /// Detects features and matches them in the right image.
     fn start(&self, left: &Pyramid, frame: &StereoFrame<'_>) -> Set {
-        let right = Pyramid::new(&frame.right);
+        let right = Pyramid::new(&frame.right, &self.config.pyramid);
         let scale = left.scale();
-        let found = corners(&left.levels[0], MAX_CORNERS);
+        let found = corners(
+            &left.levels[0],
+            self.config.max_corners,
+            &self.config.corners,
+        );
         let features = found.into_iter().map(|at| {
             let pixel = at.map(|v| f64::from(v) * scale);
             let match_stereo = self.match_stereo(left, &right, at, pixel);
@@ -255,17 +254,15 @@ impl<'a> FeatureTracker<'a> {
             self.lenses[1].project([x.x, x.y, x.z])
         };
         let far = seen(0.0)?;
-        let near = seen(1.0 / MIN_DISTANCE_M).unwrap_or(far);
+        let near = seen(1.0 / self.config.min_distance_m).unwrap_or(far);
         let model = self.lenses[1].model();
         let (reach_x, reach_y) = {
             let side = f64::from(model.width.max(model.height));
-            let tilt = 0.5 * side * MAX_STEREO_ROTATION_RAD;
-            (
-                model.fx * MAX_STEREO_ROTATION_RAD,
-                model.fy * MAX_STEREO_ROTATION_RAD + 0.5 * tilt,
-            )
+            let most = self.config.max_stereo_rotation_rad;
+            let tilt = 0.5 * side * most;
+            (model.fx * most, model.fy * most + 0.5 * tilt)
         };
-        let level = SEARCH_LEVEL.min(left.levels.len() - 1);
+        let level = self.config.search_level.min(left.levels.len() - 1);
         let per_level = left.scale() * f64::from(1_u32 << level);
         let area = Area {
             x: [
@@ -278,11 +275,16 @@ impl<'a> FeatureTracker<'a> {
             ],
         };
         let coarse = at.map(|v| v / (1_u32 << level) as f32);
-        let found =
-            epipolar_search::search(&left.levels[level], &right.levels[level], coarse, &area)?;
+        let found = epipolar_search::search(
+            &left.levels[level],
+            &right.levels[level],
+            coarse,
+            &area,
+            &self.config.search,
+        )?;
         // The patch is at subpixel positions in the left image as well.
         let guess = found.map(|v| v * (1_u32 << level) as f32);
-        track(left, right, at, guess, level)
+        track(left, right, at, guess, level, &self.config.klt)
     }
 
     /// Rotation between two frames by the gyroscope, identity if unknown.

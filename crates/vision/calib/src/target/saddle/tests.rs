@@ -59,7 +59,7 @@ fn rays_begin_before_a_dark_sector() {
         })
         .collect();
     let smooth = Smooth::of(&ImageView::new(width, height, width, &pixels).unwrap());
-    let found = find(&smooth);
+    let found = find(&smooth, &Config::default());
     assert_eq!(found.len(), 1);
     let quarter = std::f64::consts::FRAC_PI_2;
     for (ray, expected) in found[0]

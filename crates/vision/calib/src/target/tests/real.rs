@@ -49,7 +49,7 @@ fn the_real_aprilgrids() {
             first_id: 0,
         };
         let image = load(&folder.join(name));
-        let found = detect(&image.view(), &target, &Settings::default());
+        let found = detect(&image.view(), &target, &Config::default());
         assert_eq!(found.corners.len(), target.corners().len(), "{name}");
         if name == "iphone.png" {
             // Tag 0 at the bottom left, measured by hand: bottom left, bottom right, top right, top
@@ -81,7 +81,7 @@ fn the_real_chessboards() {
         for i in 1..=12 {
             let name = format!("{side}{i:02}.jpg");
             let image = load(&folder.join(&name));
-            let found = detect(&image.view(), &target, &Settings::default());
+            let found = detect(&image.view(), &target, &Config::default());
             assert_eq!(found.corners.len(), 54, "{name}: {:?}", found.remark);
             // Equal steps along a row keep their cross ratio in perspective: for four corners (|ac|
             // |bd|) / (|ad| |bc|) is 4/3. A corner with an error of a pixel would change it by more
@@ -158,7 +158,7 @@ fn other_real_images_give_nothing() {
             for (target, found) in
                 targets
                     .iter()
-                    .zip(detect_all(&image.view(), &targets, &Settings::default()))
+                    .zip(detect_all(&image.view(), &targets, &Config::default()))
             {
                 assert!(
                     found.corners.is_empty(),
