@@ -2,8 +2,9 @@
 //!
 //! Two halves that know nothing of one another, nor of recording:
 //!
-//! - **In**: a [`button`] gives edges with their times, a [`button_commands::Gesture`] makes commands of
-//!   them, and a [`listener::Listener`] does both on a thread, through unplugging and return.
+//! - **In**: a [`button`] gives edges with their times, a [`button_commands::Gesture`] makes
+//!   commands of them, and a [`listener::Listener`] does both on a thread, through unplugging and
+//!   return.
 //! - **Out**: the state to show is a [`signal::Signal`]; a [`pattern`] says how it blinks and
 //!   beeps; a [`panel::Panel`] shows it on every [`light`] and [`beeper`].
 //!

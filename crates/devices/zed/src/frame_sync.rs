@@ -27,10 +27,11 @@
 //! [`FrameSyncEstimate::unresolved_ns`] is its width, its middle is taken, and the width is part of
 //! sigma.
 //!
-//! * *Early.* Nothing until [`FrameSyncConfig::min_pairs`] frames were seen by both. Then an estimate whose sigma shrinks.
+//! * *Early.* Nothing until [`FrameSyncConfig::min_pairs`] frames were seen by both. Then an
+//!   estimate whose sigma shrinks.
 //! * *Lost samples, dropped frames* leave holes in the counters, which are counted and do no harm.
-//! * *A stream that restarts*, or a counter that slips, is noticed within [`FrameSyncConfig::max_outliers`] events; all
-//!   begins again.
+//! * *A stream that restarts*, or a counter that slips, is noticed within
+//!   [`FrameSyncConfig::max_outliers`] events; all begins again.
 //! * *Frames in unequal steps* (exposure that sets the frame rate) are [`NoEstimate::Irregular`].
 //! * *Not seen at all*: the least latency of the camera's stamps and any constant delay of the
 //!   flag. They are constants of the device, to be calibrated.

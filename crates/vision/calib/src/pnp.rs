@@ -18,8 +18,8 @@ config! {
         /// Minimum component along the optical axis of the direction to a point that takes part in
         /// the homography, 0 to 1: 81 degrees. Beyond it the coordinates on the plane diverge.
         pub min_axial_component: f64 = 0.15,
-        /// Rotation below which two poses count as the same, rad. Lower reports one pose, found from
-        /// two starts, as ambiguous.
+        /// Rotation below which two poses count as the same, rad. Lower reports one pose, found
+        /// from two starts, as ambiguous.
         pub min_ambiguity_rad: f64 = 0.02,
         /// Refinement of a pose.
         pub locate: LocateConfig = LocateConfig::default(),

@@ -10,8 +10,8 @@
 //! ([`choose_bursts`] selects their times). A parameter that the recording does not constrain (no
 //! texture, no rotation, too short) is [`Status::Undetermined`], which is no verdict. A parameter
 //! is *inconsistent* if its deviation exceeds the tolerance of its joint and the uncertainty of the
-//! measurement together ([`DecisionConfig::detection_sigma`]). Parts of the scene may move; the motion of most of
-//! the image counts as static. The same input gives the same result.
+//! measurement together ([`DecisionConfig::detection_sigma`]). Parts of the scene may move; the
+//! motion of most of the image counts as static. The same input gives the same result.
 //!
 //! Each part documents its method; capabilities and limits: `docs/guides/calibration-verify.md`.
 
@@ -19,6 +19,7 @@ use serde::Serialize;
 
 mod bursts;
 mod camera;
+mod camera_estimate;
 mod camera_imu;
 mod config;
 mod corners;
@@ -37,7 +38,8 @@ mod tests;
 mod tracks;
 
 pub use bursts::choose_bursts;
-pub use camera::{Camera, CameraEstimate, Tolerances};
+pub use camera::{Camera, Tolerances};
+pub use camera_estimate::CameraEstimate;
 pub use camera_imu::CameraImu;
 pub use config::{
     BurstConfig, CameraImuConfig, Config, CornerConfig, DecisionConfig, GyroPairConfig, KltConfig,

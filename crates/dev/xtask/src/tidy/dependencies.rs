@@ -213,7 +213,10 @@ mod tests {
                 &["archive", "odometry", "calib", "cad-transforms"],
             ),
             package("simulation", &["archive", "depth", "rig-sim"]),
-            package("calib", &["cad-transforms", "plain-file", "serde"]),
+            package(
+                "crates/vision/calib",
+                &["cad-transforms", "plain-file", "serde"],
+            ),
             package("cad-transforms", &["plain-file"]),
             package("crates/formats/archive", &["plain-file", "cad-transforms"]),
             package("crates/formats/bundle", &["archive"]),

@@ -3,9 +3,9 @@
 use estimator_config::config;
 
 config! {
-    /// Configuration of [`FrameSync`](super::FrameSync). Where a field names no source, its value was
-    /// chosen on the simulated streams of `cargo xtask bench frame_sync`; how the error depends on it
-    /// was not charted.
+    /// Configuration of [`FrameSync`](super::FrameSync). Where a field names no source, its value
+    /// was chosen on the simulated streams of `cargo xtask bench frame_sync`; how the error depends
+    /// on it was not charted.
     pub struct FrameSyncConfig {
         /// Maximum number of events of each stream that are held: a minute at 30 frames per second,
         /// in which oscillators that warm up remain within some 10 us of a line. More follow a
@@ -29,8 +29,8 @@ config! {
         /// Maximum relative difference of the rates of the two clocks. Crystals: 100 parts in 1e6
         /// each. Lower bends the line, higher lets late stamps bend it.
         pub max_rate_deviation: f64 = 500e-6,
-        /// Relative difference of the frame rates above which the streams are of two cameras: a slope
-        /// from late stamps is not exact.
+        /// Relative difference of the frame rates above which the streams are of two cameras: a
+        /// slope from late stamps is not exact.
         pub max_frame_rate_deviation: f64 = 0.01,
         /// Number of parts of the window whose lowest points make the lower edge. More have fewer
         /// fast stamps each, fewer do not resolve the rate.

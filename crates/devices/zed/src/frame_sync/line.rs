@@ -98,9 +98,10 @@ pub(super) fn slope_of(points: &VecDeque<Point>) -> Option<f64> {
     median(slopes).filter(|s| s.is_finite() && *s > 0.0)
 }
 
-/// Points that are late by anything between 0 and `limit` lie in a band of that width, but not in one band only: a range of slopes
-/// may do. The middle of that range is taken, and how much it leaves open is reported. A few points that
-/// lie far from the rest are left out; if there are many, none is.
+/// Points that are late by anything between 0 and `limit` lie in a band of that width, but not in
+/// one band only: a range of slopes may do. The middle of that range is taken, and how much it
+/// leaves open is reported. A few points that lie far from the rest are left out; if there are
+/// many, none is.
 pub(super) fn slope_band(
     points: &VecDeque<Point>,
     slope: f64,
@@ -167,7 +168,8 @@ pub(super) fn lower_envelope(
     let mut heights: Vec<f64> = rest.iter().map(|(x, y)| y - drift * x).collect();
     heights.sort_by(f64::total_cmp);
     let quantile = |share: usize| heights[heights.len() * share / 10];
-    // Of a one-sided spread nothing is farther below the median than the lowest tenth, a few times over.
+    // Of a one-sided spread nothing is farther below the median than the lowest tenth, a few times
+    // over.
     let least =
         quantile(5) - config.max_early_ratio * (quantile(5) - quantile(1)) - config.max_early_ns;
     rest.retain(|(x, y)| y - drift * x >= least);

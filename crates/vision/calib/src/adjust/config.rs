@@ -9,8 +9,8 @@ use estimator_config::config;
 config! {
     /// Configuration of [`solve`](super::solve).
     pub struct Config {
-        /// Threshold of the Huber loss, in standard deviations. Lower gives up efficiency for normal
-        /// noise, higher lets outliers bias the result.
+        /// Threshold of the Huber loss, in standard deviations. Lower gives up efficiency for
+        /// normal noise, higher lets outliers bias the result.
         pub huber_sigma: f64 = 2.5,
         /// Maximum number of steps per round; there are three rounds, each with a better scale.
         pub max_steps: usize = 60,
@@ -29,8 +29,8 @@ config! {
         pub min_damping: f64 = 1e-14,
         /// Maximum damping; above it no step decreases the cost.
         pub max_damping: f64 = 1e10,
-        /// Minimum fraction of points that can be projected at the initial values. Lower starts from
-        /// poses that are wrong.
+        /// Minimum fraction of points that can be projected at the initial values. Lower starts
+        /// from poses that are wrong.
         pub min_projected_ratio: f64 = 0.6,
     }
 

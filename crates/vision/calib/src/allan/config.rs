@@ -3,8 +3,8 @@
 use estimator_config::config;
 
 config! {
-    /// Configuration of [`fit()`](super::fit()). Values were chosen on simulated noise, see the tests
-    /// of the stated uncertainties; how the result depends on the others was not charted.
+    /// Configuration of [`fit()`](super::fit()). Values were chosen on simulated noise, see the
+    /// tests of the stated uncertainties; how the result depends on the others was not charted.
     pub struct FitConfig {
         /// Minimum number of points of a curve.
         pub min_points: usize = 8,

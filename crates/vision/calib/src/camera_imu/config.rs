@@ -69,8 +69,8 @@ config! {
         pub max_iterations: usize = 12,
         /// Length of a step at which a pose has converged, in standard deviations.
         pub convergence_sigma: f64 = 1e-2,
-        /// Maximum interval to a neighbour from which the motion during readout is derived, s. For a
-        /// rolling shutter. Higher averages over the motion, lower takes the camera as static.
+        /// Maximum interval to a neighbour from which the motion during readout is derived, s. For
+        /// a rolling shutter. Higher averages over the motion, lower takes the camera as static.
         pub max_motion_interval_s: f64 = 0.15,
         /// Residual lens error after intrinsic calibration, px; common to all views and thus not
         /// averaged. Added to the sigmas of rotation and translation. Lower is overconfident.
@@ -105,8 +105,8 @@ config! {
         /// Range of the angular rates of the gyroscope over those of the camera. Outside it the
         /// units are wrong or the IMU is another camera's.
         pub rate_ratio: [f64; 2] = [0.5, 2.0],
-        /// Range of the estimated gravity over its known magnitude. Outside it the units or the size
-        /// of the board are wrong.
+        /// Range of the estimated gravity over its known magnitude. Outside it the units or the
+        /// size of the board are wrong.
         pub gravity_ratio: [f64; 2] = [0.7, 1.4],
     }
 

@@ -46,8 +46,8 @@ config! {
         pub min_corners: usize = 8,
         /// Minimum number of views per eye. Lower fits a lens to a few directions.
         pub min_views: usize = 5,
-        /// Sigma floor of a corner, px: residual errors of paper, print and lens. Lower trusts sharp
-        /// corners more than the target deserves.
+        /// Sigma floor of a corner, px: residual errors of paper, print and lens. Lower trusts
+        /// sharp corners more than the target deserves.
         pub min_sigma_px: f64 = 0.02,
         /// Maximum median residual of an initial lens, px. Lower rejects a factory file of an
         /// older calibration, higher accepts the file of another camera.
@@ -62,8 +62,8 @@ config! {
         /// Maximum corner displacement within a cluster of near-identical views, px. Lower takes
         /// repeated images as independent and makes sigmas too small.
         pub cluster_px: f64 = 3.0,
-        /// Weight of the common corner sigma in the estimate for one view, in corners. Lower follows
-        /// the scatter of a view with few corners.
+        /// Weight of the common corner sigma in the estimate for one view, in corners. Lower
+        /// follows the scatter of a view with few corners.
         pub sigma_prior_corners: f64 = 20.0,
     }
 
@@ -86,8 +86,8 @@ config! {
 
     /// Initial lens without a factory file.
     pub struct InitializationConfig {
-        /// Focal lengths that are tried, in image widths: 120 to 24 degrees. A true one far from all
-        /// of them leaves no pose that fits.
+        /// Focal lengths that are tried, in image widths: 120 to 24 degrees. A true one far from
+        /// all of them leaves no pose that fits.
         pub focal_lengths: [f64; 9] = [0.3, 0.4, 0.52, 0.65, 0.8, 1.0, 1.3, 1.7, 2.4],
         /// Maximum number of views used. More cost time for each focal length.
         pub max_views: usize = 12,
@@ -168,8 +168,8 @@ config! {
         /// Relative difference of mean squares below which models are equivalent. Lower prefers
         /// models with more coefficients than the views determine.
         pub equivalent_ratio: f64 = 0.05,
-        /// RMS residual over the median of all views above which a view is an outlier. Higher lets a
-        /// view with a wrong pose outweigh the differences between models.
+        /// RMS residual over the median of all views above which a view is an outlier. Higher lets
+        /// a view with a wrong pose outweigh the differences between models.
         pub outlier_view_ratio: f64 = 2.0,
     }
 
@@ -195,7 +195,8 @@ config! {
         pub border_ratio: f64 = 0.1,
         /// Minimum number of views with corners in each border, and of tilted views.
         pub min_views: usize = 3,
-        /// Minimum tilt of a tilted view, degrees. Tilted views separate focal length from distance.
+        /// Minimum tilt of a tilted view, degrees. Tilted views separate focal length from
+        /// distance.
         pub min_tilt_deg: f64 = 20.0,
     }
 

@@ -17,8 +17,8 @@ config! {
         pub screening: ScreeningConfig = ScreeningConfig::default(),
         /// Fit of the noise model.
         pub fit: FitConfig = FitConfig::default(),
-        /// Maximum difference between the halves of a recording, in multiples of the expected noise.
-        /// Lower reports drift that is noise.
+        /// Maximum difference between the halves of a recording, in multiples of the expected
+        /// noise. Lower reports drift that is noise.
         pub drift_sigma: f64 = 4.0,
     }
 
@@ -42,14 +42,14 @@ config! {
         pub block_s: f64 = 1.0,
         /// Maximum spread of a block relative to the median spread.
         pub max_spread_ratio: f64 = 4.0,
-        /// Maximum deviation of a block's mean from the median mean, or `max_spread_ratio` times the
-        /// median spread if that is larger. Biases change less, attitudes more: 0.05 m/s² is a tilt
-        /// of 0.3°.
+        /// Maximum deviation of a block's mean from the median mean, or `max_spread_ratio` times
+        /// the median spread if that is larger. Biases change less, attitudes more: 0.05 m/s² is a
+        /// tilt of 0.3°.
         pub max_mean_change: [f64; 2] = [0.02, 0.3],
         /// Maximum step of a block's mean from the previous block.
         pub max_step: [f64; 2] = [0.01, 0.05],
-        /// Median spreads above which the IMU moved throughout: no IMU worth calibrating is as noisy
-        /// as one that is carried.
+        /// Median spreads above which the IMU moved throughout: no IMU worth calibrating is as
+        /// noisy as one that is carried.
         pub max_motion: [f64; 2] = [0.05, 0.5],
         /// Margin excluded on both sides of a motion, s.
         pub motion_margin_s: f64 = 2.0,

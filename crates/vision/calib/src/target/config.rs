@@ -12,8 +12,8 @@ config! {
         /// Maximum number of wrong bits of a tag or marker; limited by the distance of its
         /// dictionary. Lower loses small tags, higher accepts texture as tags.
         pub max_bit_errors: u32 = 2,
-        /// Also detect at half the size if the full image does not show the whole board: for blurred
-        /// images.
+        /// Also detect at half the size if the full image does not show the whole board: for
+        /// blurred images.
         pub half_size: bool = true,
         /// Minimum side of an image whose half is searched, px.
         pub min_halved_side_px: usize = 64,
@@ -51,8 +51,8 @@ config! {
         pub radius_px: [f32; 2] = [3.0, 2.2],
         /// Distance below which of two crossings the one of higher contrast is kept, px.
         pub min_distance_px: f64 = 1.5,
-        /// Maximum angle between a border and its continuation, rad: 35 degrees, since a ring of few
-        /// pixels next to other corners is a rough estimate.
+        /// Maximum angle between a border and its continuation, rad: 35 degrees, since a ring of
+        /// few pixels next to other corners is a rough estimate.
         pub max_bend_rad: f64 = 0.6,
         /// Minimum angle between two borders, rad.
         pub min_sector_rad: f64 = 0.2,
@@ -63,8 +63,8 @@ config! {
 
     /// Borders that are followed between crossings.
     pub struct LinkConfig {
-        /// Maximum distance without contrast over which a border is followed, px, because of blur or
-        /// another corner. Higher leads from one board to another.
+        /// Maximum distance without contrast over which a border is followed, px, because of blur
+        /// or another corner. Higher leads from one board to another.
         pub max_unsupported_px: f32 = 6.5,
         /// Maximum distance of a crossing from the border that reaches it, px.
         pub max_miss_px: f32 = 2.0,

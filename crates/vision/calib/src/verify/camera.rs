@@ -1,12 +1,9 @@
-//! A camera with its observations, the tolerances of a rig, and the comparisons of one camera.
+//! A camera with its observations, and the tolerances of a rig.
 
 use cad_transforms::RigidTransform;
 use camera_models::StereoCalibration;
-use serde::Serialize;
 
-use super::camera_imu::CameraImu;
 use super::gyro::Gyro;
-use super::stereo::StereoAlignment;
 use super::tracks::Burst;
 
 /// Nominal calibration of a camera, and its observations.
@@ -52,15 +49,4 @@ impl Default for Tolerances {
             clock_s: 3e-4,
         }
     }
-}
-
-/// Comparisons of one camera.
-#[derive(Clone, Debug, Serialize)]
-pub struct CameraEstimate {
-    /// Camera name.
-    pub name: String,
-    /// Eyes against each other, if there are enough matches.
-    pub eyes: Option<StereoAlignment>,
-    /// Camera against its own gyroscope, if there is enough rotation.
-    pub imu: Option<CameraImu>,
 }

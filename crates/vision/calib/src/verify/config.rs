@@ -51,7 +51,8 @@ config! {
         pub min_tracked_ratio: f64 = 0.6,
         /// Minimum length of a segment, s.
         pub min_segment_s: f64 = 0.1,
-        /// Minimum distance for stereo matching, m. Lower searches longer and finds more mismatches.
+        /// Minimum distance for stereo matching, m. Lower searches longer and finds more
+        /// mismatches.
         pub min_distance_m: f64 = 0.35,
         /// Maximum rotation between the eyes for stereo matching, rad: 1.5 degrees. Lower does not
         /// match eyes that are rotated further, higher searches longer.
@@ -100,7 +101,8 @@ config! {
     pub struct KltConfig {
         /// Maximum number of iterations per level. Fewer lose fast motion.
         pub max_iterations: usize = 12,
-        /// Length of a step at which the alignment has converged, px. It bounds the bias of a track.
+        /// Length of a step at which the alignment has converged, px. It bounds the bias of a
+        /// track.
         pub convergence_px: f32 = 0.01,
         /// Maximum distance between the start and the position tracked back to it, px of the first
         /// level. Higher lets slips along edges through.
@@ -119,8 +121,8 @@ config! {
         pub min_ncc: f32 = 0.75,
         /// Radius of the best peak, px of the level; only candidates outside it compete with it.
         pub peak_radius_px: usize = 3,
-        /// Minimum ratio of `1 - NCC` of any of these to that of the best one. Lower takes the wrong
-        /// one of a repeated pattern.
+        /// Minimum ratio of `1 - NCC` of any of these to that of the best one. Lower takes the
+        /// wrong one of a repeated pattern.
         pub min_ncc_ratio: f32 = 1.3,
     }
 
@@ -151,7 +153,8 @@ config! {
     pub struct MotionConfig {
         /// Minimum number of inliers.
         pub min_inliers: usize = 30,
-        /// Minimum fraction of the features that are inliers. Lower accepts the motion of an object.
+        /// Minimum fraction of the features that are inliers. Lower accepts the motion of an
+        /// object.
         pub min_inlier_ratio: f64 = 0.4,
         /// Residual of an inlier in units of the scale.
         pub inlier_sigma: f64 = 3.0,
@@ -179,8 +182,8 @@ config! {
     pub struct CameraImuConfig {
         /// Minimum number of segments.
         pub min_segments: usize = 12,
-        /// Sigma floor of a segment's rotation, rad: features slide with shadows and contours. Lower
-        /// is overconfident.
+        /// Sigma floor of a segment's rotation, rad: features slide with shadows and contours.
+        /// Lower is overconfident.
         pub rotation_sigma_floor_rad: f64 = 1.5e-4,
         /// Number of iterations of reweighting.
         pub rounds: usize = 8,
@@ -220,8 +223,8 @@ config! {
         /// Error of the image times, s, per second of unknown readout. Source: the simulated camera
         /// that faces down, where ignoring its 8.5 ms shifts image times by 1.5 to 2.3 ms.
         pub time_error_ratio: f64 = 0.25,
-        /// Error of the rotation, rad, per second of unknown readout. Source: the same camera, which
-        /// it rotates by 0.2 to 0.4 degrees.
+        /// Error of the rotation, rad, per second of unknown readout. Source: the same camera,
+        /// which it rotates by 0.2 to 0.4 degrees.
         pub rotation_error_rad_per_s: f64 = 0.6,
     }
 
@@ -239,8 +242,8 @@ config! {
         pub margin_ns: i64 = 100_000_000,
         /// Number of iterations of reweighting.
         pub rounds: usize = 6,
-        /// Minimum fraction of the rotation measured by one gyroscope that the other one measured as
-        /// well, for a direction to be observable. Lower takes noise for motion.
+        /// Minimum fraction of the rotation measured by one gyroscope that the other one measured
+        /// as well, for a direction to be observable. Lower takes noise for motion.
         pub min_common_ratio: f64 = 0.5,
         /// Prior sigma of the rotation, rad.
         pub rotation_sigma_rad: f64 = 0.1,
@@ -260,17 +263,18 @@ config! {
 
     /// Decisions on the parameters.
     pub struct DecisionConfig {
-        /// Detection threshold in measurement sigmas beyond the tolerance: with three axes, exceeded
-        /// by chance in 1 of 250 cases for a parameter at the edge of its tolerance, and practically
-        /// never well within it. Lower reports correct parameters, higher misses wrong ones.
+        /// Detection threshold in measurement sigmas beyond the tolerance: with three axes,
+        /// exceeded by chance in 1 of 250 cases for a parameter at the edge of its tolerance, and
+        /// practically never well within it. Lower reports correct parameters, higher misses wrong
+        /// ones.
         pub detection_sigma: f64 = 3.3,
         /// Tolerance limit, in sigmas of the tolerance.
         pub tolerance_sigma: f64 = 2.0,
         /// Power margin, in sigmas: an estimate falls short of the true value by more in 1 of 40
         /// cases.
         pub power_sigma: f64 = 2.0,
-        /// Chi-squared difference below which two blocks explain the data equally well. Lower blames
-        /// one of two cameras by chance.
+        /// Chi-squared difference below which two blocks explain the data equally well. Lower
+        /// blames one of two cameras by chance.
         pub ambiguity_chi2: f64 = 6.0,
         /// Rotation that a recording must be able to detect to confirm a parameter, rad: half a
         /// degree.

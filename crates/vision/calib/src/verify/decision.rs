@@ -4,9 +4,9 @@
 //! of an IMU in its camera, clock): `y = H x + noise`, with `x` about 0 within tolerances. For each
 //! block of parameters the deviation is estimated by generalized least squares, all others within
 //! tolerance. The block is *inconsistent* if the estimate is longer than tolerance (2 sigma) and
-//! measurement ([`DecisionConfig::detection_sigma`]) explain together. The block that explains most of `y` is
-//! reported, and the rest is tested again with that block free. If two blocks explain `y` nearly
-//! equally well, as with two cameras rotated against each other, both are reported.
+//! measurement ([`DecisionConfig::detection_sigma`]) explain together. The block that explains most
+//! of `y` is reported, and the rest is tested again with that block free. If two blocks explain `y`
+//! nearly equally well, as with two cameras rotated against each other, both are reported.
 
 use nalgebra::{DMatrix, DVector};
 

@@ -3,7 +3,8 @@
 use nalgebra::{DMatrix, DVector, Matrix3, UnitQuaternion, Vector3};
 use serde::Serialize;
 
-use super::camera::{Camera, CameraEstimate, Tolerances};
+use super::camera::{Camera, Tolerances};
+use super::camera_estimate::CameraEstimate;
 use super::config::DecisionConfig;
 use super::decision::{Decision, Estimate, Measured, ParameterBlock};
 use super::gyro_pairs::GyroAlignment;
