@@ -260,6 +260,14 @@ impl Browser {
 
     /// Touches the middle of the first element that fits, as a finger would.
     pub fn tap(&mut self, selector: &str) {
+        // What moves or appears would be missed.
+        self.value(
+            "Promise.allSettled(document.getAnimations()
+                .filter((animation) => animation.effect.getComputedTiming().iterations < Infinity)
+                .map((animation) => animation.finished))
+                .then(() => new Promise((done) => requestAnimationFrame(() => requestAnimationFrame(done))))
+                .then(() => 0)",
+        );
         let place = self.value(&format!(
             "(() => {{ const e = document.querySelector({selector:?}); e.scrollIntoView({{block: 'center'}}); \
              const r = e.getBoundingClientRect(); return [r.x + r.width / 2, r.y + r.height / 2]; }})()"
