@@ -60,12 +60,13 @@ pub struct Frame {
     /// The image equals the one before it, byte for byte, as delivered by the device.
     #[prost(bool, tag = "12")]
     pub frozen: bool,
-    /// `time` is unreliable: its error may exceed its sigma: the clock map had not settled yet, or the device
-    /// clock was suspected to have stepped.
+    /// `time` is unreliable: its error may exceed its sigma: the clock map had not settled yet, or the
+    /// device clock was suspected to have stepped.
     #[prost(bool, tag = "13")]
     pub time_unreliable: bool,
-    /// How much later the right eye's image was taken than the left's, ns, where two devices (or two files or topics) made
-    /// them and their times tell; absent where one device delivers both. `time` is the left eye's.
+    /// How much later the right eye's image was taken than the left's, ns, where two devices (or two
+    /// files or topics) made them and their times tell; absent where one device delivers both. `time`
+    /// is the left eye's.
     #[prost(sint64, optional, tag = "14")]
     pub eyes_apart_ns: ::core::option::Option<i64>,
 }
@@ -192,8 +193,8 @@ pub mod clock_map {
         /// Host ns gained per device ns, parts per 1e9.
         #[prost(double, tag = "4")]
         pub rate_ppb: f64,
-        /// One standard deviation of a mapped time within the piece, ns. Not included: the latency's own,
-        /// and that of an instant somewhere in its tick (a tick's length over the root of 12).
+        /// One standard deviation of a mapped time within the piece, ns. Not included: the latency's
+        /// own, and that of an instant somewhere in its tick (a tick's length over the root of 12).
         #[prost(uint64, tag = "5")]
         pub sigma_ns: u64,
         /// One standard deviation of rate_ppb.
@@ -316,7 +317,8 @@ pub mod gap {
         Unknown = 0,
         /// The device or its driver skipped numbers.
         Device = 1,
-        /// The device was disconnected, or its stream failed and was started again; the detail says which.
+        /// The device was disconnected, or its stream failed and was started again; the detail says
+        /// which.
         Disconnected = 2,
         /// The encoder could not keep up; whole frames were dropped before it.
         EncoderOverload = 3,
@@ -521,7 +523,8 @@ pub mod health {
     #[derive(Clone, Copy, PartialEq, Eq, Hash, ::prost::Message)]
     pub struct FrameSync {
         /// Time of an IMU sample by its clock map, less the time at which the camera's driver would have
-        /// stamped a frame taken with it, ns: subtract it from IMU times to have them on the camera's stamps.
+        /// stamped a frame taken with it, ns: subtract it from IMU times to have them on the camera's
+        /// stamps.
         #[prost(sint64, tag = "1")]
         pub offset_ns: i64,
         /// One standard deviation of the offset, ns.
