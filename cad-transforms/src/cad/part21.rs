@@ -1,6 +1,6 @@
 //! The exchange structure of ISO 10303-21, which STEP files are written in.
 //!
-//! Contract: [`Exchange::index`] finds every instance `#N = …;` of the data section and refuses a
+//! Contract: `Exchange::index` finds every instance `#N = …;` of the data section and refuses a
 //! file that is cut off or numbers two instances alike. An instance is parsed on demand: an
 //! assembly is a few hundred entities among a million of surfaces, and those are never looked into.
 //!

@@ -29,7 +29,7 @@ pub fn run(sources: &[PathBuf], root: &Path, console: &mut Console<'_>) -> Resul
     run_as(sources, root, false, console)
 }
 
-/// As [`run`]; with `json` each session gives one line of JSON, see [`ImportLine`].
+/// As [`run`]; with `json` each session gives one line of JSON.
 ///
 /// # Errors
 /// The library cannot be used at all.

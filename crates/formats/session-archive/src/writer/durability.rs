@@ -6,7 +6,7 @@
 use crate::time::HostTime;
 
 /// Up to where everything is on disk: the messages, or the gap records in their place
-/// ([`Incident::lost`]).
+/// (`Incident::lost`).
 ///
 /// ```
 /// use session_archive::record::Event;

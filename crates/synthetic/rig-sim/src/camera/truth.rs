@@ -1,8 +1,8 @@
 //! Ground truth of an image: depth, class, instance and optical flow.
 //!
 //! Contract: there is no blur, no noise and no exposure; each row is at its own instant, the middle
-//! of its exposure. [`TruthCamera::render`] gives the first surface along the ray of each pixel
-//! center. Panes count as surfaces. [`TruthCamera::flow`] gives the position of that point in the
+//! of its exposure. `TruthCamera::render` gives the first surface along the ray of each pixel
+//! center. Panes count as surfaces. `TruthCamera::flow` gives the position of that point in the
 //! image of another time, through lens, shutter and all motion. The surface of a pixel is the
 //! rasterizer's, exact to 0.1 px at edges; everything computed on that surface is f64.
 
