@@ -63,14 +63,6 @@ impl Preset {
 
     /// The best preset for luma pixels per second of all cameras together; the cheapest if none has
     /// the head room.
-    ///
-    /// ```
-    /// use video::encoder::Preset;
-    ///
-    /// // Three stereo cameras of 1344x376 at 15 Hz.
-    /// assert_eq!(Preset::for_load(3.0 * 1344.0 * 376.0 * 15.0), Preset::Ultrafast);
-    /// assert!(Preset::for_load(640.0 * 240.0 * 10.0) > Preset::Ultrafast);
-    /// ```
     pub(crate) fn for_load(pixels_per_s: f64) -> Preset {
         let cores = |cost: &Cost| cost.ms_per_megapixel * 1e-3 * pixels_per_s * 1e-6;
         let fits = COSTS.iter().find(|cost| cores(cost) <= SHARE);
