@@ -278,7 +278,7 @@ fn page_requests_the_token() {
     );
     assert_eq!(browser.value(MISFITS), json!([]));
     let enter = |browser: &mut Browser, token: &str| {
-        // Submitted by a script: the status moves the dialog while it is open, and a tap could miss.
+        // By a script: the status moves the dialog while it is open, and a tap could miss.
         browser.value(&format!(
             "document.getElementById('token').value = {token:?}; \
              document.getElementById('login-form').requestSubmit()"
