@@ -433,14 +433,14 @@ fn cloud_section(
             "From above.".to_owned(),
         ),
     ];
-    for (sight, name, caption) in views {
-        let Some(sight) = sight else { continue };
-        let pixels = point_raster::draw(&shown, views::POINT_SIZE_M, &dots, &sight);
+    for (viewpoint, name, caption) in views {
+        let Some(viewpoint) = viewpoint else { continue };
+        let pixels = point_raster::draw(&shown, views::POINT_SIZE_M, &dots, &viewpoint);
         let caption = format!(
             "{caption} What is higher than {} m above the rig is left out.",
             views::MAX_HEIGHT_M
         );
-        let file = png(sight.size, &pixels)?;
+        let file = png(viewpoint.size, &pixels)?;
         page = page.image(&Image::png(&file, &format!("the cloud {name}"), &caption));
     }
     Ok(page)

@@ -4,9 +4,11 @@
 //! bit first; a set bit is white. The orientation of the markers on each kind of board is
 //! documented with its geometry ([`Target`](crate::Target)).
 
-mod tables;
+mod aruco;
+mod tag36h11;
 
-use tables::{ARUCO_4X4, ARUCO_5X5, ARUCO_6X6, TAG36H11};
+use aruco::{ARUCO_4X4, ARUCO_5X5, ARUCO_6X6};
+use tag36h11::TAG36H11;
 
 /// A set of square markers with binary codes.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]

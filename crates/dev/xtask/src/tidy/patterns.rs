@@ -2,7 +2,7 @@
 //! them.
 //!
 //! One pattern a line, `#` begins a comment. A pattern is one or more words. In parentheses
-//! directly behind a word stand endings that may follow it: `sight(s)` is `sight` and `sights`.
+//! directly behind a word stand endings that may follow it: `image(s)` is `image` and `images`.
 //! Case does not matter, only whole words count, and a phrase may cross the end of a line but
 //! nothing else than blanks.
 

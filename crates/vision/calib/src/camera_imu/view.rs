@@ -344,8 +344,8 @@ impl View<'_> {
         let middle = sum / count;
         let left_from_target = pose.rotation.transpose();
         let middle_in_left = left_from_target * (middle - pose.position);
-        let sight = middle_in_left.try_normalize(1e-9)?;
-        let half_turn = sight * sight.transpose() * 2.0 - Matrix3::identity();
+        let axis = middle_in_left.try_normalize(1e-9)?;
+        let half_turn = axis * axis.transpose() * 2.0 - Matrix3::identity();
         let about_normal = Matrix3::from_diagonal(&Vector3::new(-1.0, -1.0, 1.0));
         let rotation = (half_turn * left_from_target * about_normal).transpose();
         Some(Pose {
