@@ -1,7 +1,7 @@
 //! The codes of the AprilTag family 36h11, in the order of their numbers.
 //!
-//! Source: Olson (2011) and Wang and Olson (2016), as the AprilTag library and Kalibr list them. The
-//! table is a fact of the format: another number is another marker.
+//! Source: Olson (2011) and Wang and Olson (2016), as the AprilTag library and Kalibr list them.
+//! The table is a fact of the format: another number is another marker.
 
 /// AprilTag family 36h11.
 pub(super) const TAG36H11: [u64; 587] = [
