@@ -65,6 +65,7 @@ pub struct DepthIndex {
     /// One view per camera at most.
     pub views: Vec<DepthView>,
     /// Sorted by view and time.
+    #[serde(alias = "pictures")]
     pub images: Vec<DepthKey>,
 }
 
