@@ -20,9 +20,9 @@ use crate::entry::{Entry, ImuField, InFolder, SetResult, Signs};
 use crate::error::CalibError;
 use crate::files::Files;
 use crate::format::Format;
-use crate::text::{written, written_all};
+use crate::output::{FormatFiles, WriteError, lens, required_pose};
+use crate::text::{number_text, number_texts};
 use crate::tree::{At, json};
-use crate::written::{WriteError, Written, lens, placed};
 
 /// The format.
 pub(crate) const ENTRY: Entry = Entry {
@@ -248,7 +248,7 @@ fn rigid(at: &At<'_>) -> Result<RigidTransform, CalibError> {
         .map_err(|error| at.wrong_because(&format!("a pose where {error}"), "a rigid transform"))
 }
 
-fn write(set: &CameraSet) -> Result<Written, WriteError> {
+fn write(set: &CameraSet) -> Result<FormatFiles, WriteError> {
     let imu_from_first = set
         .imu
         .map_or(RigidTransform::identity(), |imu| imu.imu_from_first);
@@ -256,7 +256,7 @@ fn write(set: &CameraSet) -> Result<Written, WriteError> {
     for camera in &set.cameras {
         let m = &camera.model;
         let distortion = lens(&camera.name, &m.distortion, Format::Basalt, MODELS)?;
-        let imu_from_camera = imu_from_first * placed(camera, Format::Basalt)?.inverse();
+        let imu_from_camera = imu_from_first * required_pose(camera, Format::Basalt)?.inverse();
         let ([w, x, y, z], [px, py, pz]) = (
             imu_from_camera.rotation_wxyz(),
             imu_from_camera.translation_m(),
@@ -288,7 +288,7 @@ fn write(set: &CameraSet) -> Result<Written, WriteError> {
     }
     let imu = set.imu.as_ref();
     let noise = imu.and_then(|i| i.noise);
-    let list = |numbers: &[f64]| format!("[{}]", written_all(numbers, ", "));
+    let list = |numbers: &[f64]| format!("[{}]", number_texts(numbers, ", "));
     let axes = |of: fn(&ImuNoise) -> f64| list(&[noise.as_ref().map_or(0.0, of); 3]);
     let biases = |bias: Option<[f64; 3]>, length: usize| {
         let mut all = bias.unwrap_or_default().to_vec();
@@ -327,7 +327,7 @@ fn write(set: &CameraSet) -> Result<Written, WriteError> {
         ("calib_gyro_bias", biases(imu.and_then(|i| i.gyro_bias), 12)),
         (
             "imu_update_rate",
-            written(imu.and_then(|i| i.rate_hz).unwrap_or(0.0)),
+            number_text(imu.and_then(|i| i.rate_hz).unwrap_or(0.0)),
         ),
         ("accel_noise_std", axes(|n| n.accel_noise_density)),
         ("gyro_noise_std", axes(|n| n.gyro_noise_density)),
@@ -343,7 +343,7 @@ fn write(set: &CameraSet) -> Result<Written, WriteError> {
         .map(|(key, value)| format!("    \"{key}\": {value}"))
         .collect();
     let text = format!("{{\n  \"value0\": {{\n{}\n  }}\n}}\n", fields.join(",\n"));
-    let mut all = Written::file("calibration.json", text);
+    let mut all = FormatFiles::file("calibration.json", text);
     all.notes = notes;
     Ok(all)
 }
@@ -352,7 +352,7 @@ fn object(names: &[&str], numbers: &[f64]) -> String {
     let fields: Vec<String> = names
         .iter()
         .zip(numbers)
-        .map(|(name, number)| format!("\"{name}\": {}", written(*number)))
+        .map(|(name, number)| format!("\"{name}\": {}", number_text(*number)))
         .collect();
     format!("{{{}}}", fields.join(", "))
 }

@@ -13,11 +13,12 @@
 //! ```
 //!
 //! ```toml
-//! kind = "aprilgrid"   # or "chessboard", "charuco"
-//! columns = 6          # tags; of a chessboard inner corners, of a ChArUco board squares
+//! kind = "charuco"
+//! columns = 8
 //! rows = 6
-//! tag_m = 0.088        # of the others: square_m, and of a ChArUco board marker_m
-//! spacing = 0.3        # gap over tag size
+//! square_m = 0.03
+//! marker_m = 0.022
+//! dictionary = "DICT_4X4_50"
 //! ```
 
 use std::path::Path;

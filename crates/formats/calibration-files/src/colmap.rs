@@ -17,8 +17,8 @@ use crate::entry::{Entry, InFolder, SetResult, Signs};
 use crate::error::CalibError;
 use crate::files::Files;
 use crate::format::Format;
-use crate::text::written_all;
-use crate::written::{WriteError, Written, lens};
+use crate::output::{FormatFiles, WriteError, lens};
+use crate::text::number_texts;
 
 /// The text form.
 pub(crate) const TEXT: Entry = Entry {
@@ -382,7 +382,7 @@ fn places_in_rig(
     Ok(BTreeMap::new())
 }
 
-fn write(set: &CameraSet, form: Form) -> Result<Written, WriteError> {
+fn write(set: &CameraSet, form: Form) -> Result<FormatFiles, WriteError> {
     let format = match form {
         Form::Text => Format::Colmap,
         Form::Binary => Format::ColmapBin,
@@ -426,7 +426,7 @@ fn write(set: &CameraSet, form: Form) -> Result<Written, WriteError> {
                     .to_owned();
             text.push_str(&format!("# Number of cameras: {}\n", rows.len()));
             for (id, (name, width, height, parameters)) in (1..).zip(&rows) {
-                let parameters = written_all(parameters, " ");
+                let parameters = number_texts(parameters, " ");
                 text.push_str(&format!("{id} {name} {width} {height} {parameters}\n"));
             }
             files.push(("cameras.txt".to_owned(), text.into_bytes()));
@@ -450,7 +450,7 @@ fn write(set: &CameraSet, form: Form) -> Result<Written, WriteError> {
     if set.cameras.len() > 1 {
         files.push(("rigs.txt".to_owned(), rigs(set).into_bytes()));
     }
-    Ok(Written {
+    Ok(FormatFiles {
         files,
         notes: Vec::new(),
     })
@@ -466,8 +466,8 @@ fn rigs(set: &CameraSet) -> String {
         match &camera.camera_from_first {
             Some(t) => text.push_str(&format!(
                 " CAMERA {id} 1 {} {}",
-                written_all(&t.rotation_wxyz(), " "),
-                written_all(&t.translation_m(), " ")
+                number_texts(&t.rotation_wxyz(), " "),
+                number_texts(&t.translation_m(), " ")
             )),
             None => text.push_str(&format!(" CAMERA {id} 0")),
         }

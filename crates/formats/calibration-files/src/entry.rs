@@ -7,8 +7,8 @@ use camera_models::{CameraSet, LensModel, Note, StereoCalibration};
 use crate::error::CalibError;
 use crate::files::Files;
 use crate::format::Format;
+use crate::output::{FormatFiles, WriteError};
 use crate::tree::At;
-use crate::written::{WriteError, Written};
 
 /// The cameras of a file, and what has to be shown to the user.
 pub(crate) type SetResult = Result<(CameraSet, Vec<Note>), CalibError>;
@@ -33,7 +33,7 @@ pub(crate) struct Entry {
     /// the set.
     pub(crate) read_pair: Option<ReadPair>,
     /// The files for a set.
-    pub(crate) write: fn(&CameraSet) -> Result<Written, WriteError>,
+    pub(crate) write: fn(&CameraSet) -> Result<FormatFiles, WriteError>,
 }
 
 /// Reads a stereo camera of images of a size, pixels.

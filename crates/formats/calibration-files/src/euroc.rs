@@ -16,9 +16,9 @@ use crate::entry::{Entry, ImuField, InFolder, PairResult, SetResult, Signs};
 use crate::error::CalibError;
 use crate::files::Files;
 use crate::format::Format;
-use crate::text::{written, written_all};
+use crate::output::{FormatFiles, WriteError, lens, required_pose};
+use crate::text::{number_text, number_texts};
 use crate::tree::{At, yaml};
-use crate::written::{WriteError, Written, lens, placed};
 
 /// The format.
 pub(crate) const ENTRY: Entry = Entry {
@@ -230,7 +230,7 @@ fn body_from_sensor(yaml: &At<'_>) -> Result<RigidTransform, CalibError> {
 }
 
 /// The body is the IMU, or without one the first camera.
-fn write(set: &CameraSet) -> Result<Written, WriteError> {
+fn write(set: &CameraSet) -> Result<FormatFiles, WriteError> {
     let body_from_first = set
         .imu
         .map_or(RigidTransform::identity(), |imu| imu.imu_from_first);
@@ -238,7 +238,7 @@ fn write(set: &CameraSet) -> Result<Written, WriteError> {
     for (number, camera) in set.cameras.iter().enumerate() {
         let m = &camera.model;
         let distortion = lens(&camera.name, &m.distortion, Format::Euroc, MODELS)?;
-        let body_from_camera = body_from_first * placed(camera, Format::Euroc)?.inverse();
+        let body_from_camera = body_from_first * required_pose(camera, Format::Euroc)?.inverse();
         let (model, coefficients) = match distortion {
             Distortion::None => ("none", Vec::new()),
             Distortion::KannalaBrandt4 { .. } => ("equidistant", distortion.coefficients()),
@@ -251,8 +251,8 @@ fn write(set: &CameraSet) -> Result<Written, WriteError> {
             placement(&body_from_camera),
             m.width,
             m.height,
-            written_all(&[m.fx, m.fy, m.cx, m.cy], ", "),
-            written_all(&coefficients, ", ")
+            number_texts(&[m.fx, m.fy, m.cx, m.cy], ", "),
+            number_texts(&coefficients, ", ")
         );
         files.push((format!("cam{number}/sensor.yaml"), text.into_bytes()));
     }
@@ -268,16 +268,16 @@ fn write(set: &CameraSet) -> Result<Written, WriteError> {
         let mut text = format!(
             "%YAML:1.0\nsensor_type: imu\n{}rate_hz: {}\n",
             placement(&RigidTransform::identity()),
-            written(rate_hz)
+            number_text(rate_hz)
         );
         match &imu.noise {
             Some(noise) => text.push_str(&format!(
                 "gyroscope_noise_density: {} # rad/s/sqrt(Hz)\ngyroscope_random_walk: {} # rad/s^2/sqrt(Hz)\n\
                  accelerometer_noise_density: {} # m/s^2/sqrt(Hz)\naccelerometer_random_walk: {} # m/s^3/sqrt(Hz)\n",
-                written(noise.gyro_noise_density),
-                written(noise.gyro_random_walk),
-                written(noise.accel_noise_density),
-                written(noise.accel_random_walk)
+                number_text(noise.gyro_noise_density),
+                number_text(noise.gyro_random_walk),
+                number_text(noise.accel_noise_density),
+                number_text(noise.accel_random_walk)
             )),
             None => notes.push(Note("the noise of the IMU is not known".to_owned())),
         }
@@ -290,7 +290,7 @@ fn write(set: &CameraSet) -> Result<Written, WriteError> {
             expected: "a stereo camera or an IMU".to_owned(),
         });
     }
-    Ok(Written { files, notes })
+    Ok(FormatFiles { files, notes })
 }
 
 fn placement(body_from_sensor: &RigidTransform) -> String {
@@ -298,7 +298,7 @@ fn placement(body_from_sensor: &RigidTransform) -> String {
         body_from_sensor.rotation_rows(),
         body_from_sensor.translation_m(),
     );
-    let row = |i: usize| written_all(&[r[3 * i], r[3 * i + 1], r[3 * i + 2], t[i]], ", ");
+    let row = |i: usize| number_texts(&[r[3 * i], r[3 * i + 1], r[3 * i + 2], t[i]], ", ");
     format!(
         "T_BS:\n  cols: 4\n  rows: 4\n  data: [{},\n         {},\n         {},\n         0.0, 0.0, 0.0, 1.0]\n",
         row(0),

@@ -1,10 +1,7 @@
 //! Names of the formats of calibration files.
 
-use serde::{Deserialize, Serialize};
-
 /// Formats of calibration files that are read and written.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
-#[serde(rename_all = "snake_case")]
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Format {
     /// Stereolabs factory file `SNnnnn.conf`.
     ZedConf,

@@ -22,9 +22,9 @@ use crate::entry::{Entry, ImuField, InFolder, SetResult, Signs};
 use crate::error::CalibError;
 use crate::files::{Disk, Files};
 use crate::format::Format;
-use crate::text::{Source, written, written_all};
+use crate::output::{FormatFiles, WriteError, lens, required_pose};
+use crate::text::{Source, number_text, number_texts};
 use crate::tree::{At, yaml};
-use crate::written::{WriteError, Written, lens, placed};
 
 /// The format.
 pub(crate) const ENTRY: Entry = Entry {
@@ -310,11 +310,11 @@ pub fn imu_text(imu: &ImuFile) -> String {
          gyroscope_noise_density: {} # rad/s/sqrt(Hz)\n\
          gyroscope_random_walk: {} # rad/s^2/sqrt(Hz)\n\
          rostopic: /imu0\nupdate_rate: {} # Hz\n",
-        written(n.accel_noise_density),
-        written(n.accel_random_walk),
-        written(n.gyro_noise_density),
-        written(n.gyro_random_walk),
-        written(imu.rate_hz)
+        number_text(n.accel_noise_density),
+        number_text(n.accel_random_walk),
+        number_text(n.gyro_noise_density),
+        number_text(n.gyro_random_walk),
+        number_text(imu.rate_hz)
     )
 }
 
@@ -417,13 +417,13 @@ fn rigid(at: &At<'_>) -> Result<RigidTransform, CalibError> {
         .map_err(|error| at.wrong_because(&format!("a matrix where {error}"), "a rigid transform"))
 }
 
-fn write(set: &CameraSet) -> Result<Written, WriteError> {
+fn write(set: &CameraSet) -> Result<FormatFiles, WriteError> {
     let mut text = String::new();
     let mut before: Option<RigidTransform> = None;
     for (number, camera) in set.cameras.iter().enumerate() {
         let m = &camera.model;
         let distortion = lens(&camera.name, &m.distortion, Format::Kalibr, MODELS)?;
-        let here = placed(camera, Format::Kalibr)?;
+        let here = required_pose(camera, Format::Kalibr)?;
         let coefficients = distortion.coefficients();
         let (model, own, lens, coefficients) = match distortion {
             Distortion::DoubleSphere { .. } => ("ds", &coefficients[..], "none", &[][..]),
@@ -445,8 +445,8 @@ fn write(set: &CameraSet) -> Result<Written, WriteError> {
              /cam{number}/image_raw\n",
             camera.name.replace(['\n', '\r'], " "),
             others.join(", "),
-            written_all(&intrinsics, ", "),
-            written_all(coefficients, ", "),
+            number_texts(&intrinsics, ", "),
+            number_texts(coefficients, ", "),
             m.width,
             m.height
         ));
@@ -457,15 +457,15 @@ fn write(set: &CameraSet) -> Result<Written, WriteError> {
             let camera_from_imu = here * imu.imu_from_first.inverse();
             text.push_str(&matrix("T_cam_imu", &camera_from_imu));
             if let Some(shift) = imu.time_offset_s {
-                text.push_str(&format!("  timeshift_cam_imu: {}\n", written(shift)));
+                text.push_str(&format!("  timeshift_cam_imu: {}\n", number_text(shift)));
             }
         }
         before = Some(here);
     }
     let Some(imu) = &set.imu else {
-        return Ok(Written::file("camchain.yaml", text));
+        return Ok(FormatFiles::file("camchain.yaml", text));
     };
-    let mut all = Written::file("camchain-imucam.yaml", text);
+    let mut all = FormatFiles::file("camchain-imucam.yaml", text);
     match (imu.noise, imu.rate_hz) {
         (Some(noise), Some(rate_hz)) => {
             let text = imu_text(&ImuFile { noise, rate_hz });
@@ -483,7 +483,7 @@ fn matrix(key: &str, b_from_a: &RigidTransform) -> String {
     let rows: String = (0..3)
         .map(|i| {
             let row = [r[3 * i], r[3 * i + 1], r[3 * i + 2], t[i]];
-            format!("  - [{}]\n", written_all(&row, ", "))
+            format!("  - [{}]\n", number_texts(&row, ", "))
         })
         .collect();
     format!("  {key}:\n{rows}  - [0.0, 0.0, 0.0, 1.0]\n")

@@ -17,8 +17,8 @@ use crate::entry::{Entry, InFolder, PairResult, SetResult, Signs, is_number_like
 use crate::error::CalibError;
 use crate::files::Files;
 use crate::format::Format;
-use crate::text::{Source, written_all};
-use crate::written::{WriteError, Written, stereo};
+use crate::output::{FormatFiles, WriteError, stereo};
+use crate::text::{Source, number_texts};
 
 /// The format.
 pub(crate) const ENTRY: Entry = Entry {
@@ -178,7 +178,7 @@ impl Projection {
     }
 }
 
-fn write(set: &CameraSet) -> Result<Written, WriteError> {
+fn write(set: &CameraSet) -> Result<FormatFiles, WriteError> {
     let stereo = &stereo(set, Format::Kitti)?;
     let undistorted = [&stereo.left, &stereo.right]
         .iter()
@@ -196,11 +196,11 @@ fn write(set: &CameraSet) -> Result<Written, WriteError> {
             [0.0, m.fy, m.cy, m.fy * y + m.cy * z],
             [0.0, 0.0, 1.0, z],
         ];
-        format!("{label}: {}\n", written_all(p.as_flattened(), " "))
+        format!("{label}: {}\n", number_texts(p.as_flattened(), " "))
     };
     let text = row("P0", &stereo.left, [0.0; 3])
         + &row("P1", &stereo.right, stereo.right_from_left.translation_m());
-    Ok(Written::file("calib.txt", text))
+    Ok(FormatFiles::file("calib.txt", text))
 }
 
 #[cfg(test)]

@@ -28,6 +28,7 @@ mod kitti;
 mod middlebury;
 mod nerfstudio;
 mod opencv;
+mod output;
 mod pair;
 mod read;
 mod registry;
@@ -36,13 +37,12 @@ mod rosys;
 mod text;
 mod tree;
 mod write;
-mod written;
 
 pub use error::CalibError;
 pub use format::Format;
+pub use output::WriteError;
 pub use read::{detect_format, read_cameras, read_stereo};
 pub use write::{contents, write_cameras};
-pub use written::WriteError;
 
 #[cfg(test)]
 mod test_data;

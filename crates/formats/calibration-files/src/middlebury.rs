@@ -13,8 +13,8 @@ use crate::entry::{Entry, InFolder, SetResult, Signs};
 use crate::error::CalibError;
 use crate::files::Files;
 use crate::format::Format;
-use crate::text::{millimetres, written};
-use crate::written::{WriteError, Written, stereo};
+use crate::output::{FormatFiles, WriteError, stereo};
+use crate::text::{millimetres, number_text};
 
 /// The format.
 pub(crate) const ENTRY: Entry = Entry {
@@ -124,7 +124,7 @@ fn read(files: &dyn Files, path: &Path, _: Option<[u32; 2]>) -> SetResult {
     ))
 }
 
-fn write(set: &CameraSet) -> Result<Written, WriteError> {
+fn write(set: &CameraSet) -> Result<FormatFiles, WriteError> {
     let stereo = &stereo(set, Format::Middlebury)?;
     let (left, right) = (&stereo.left, &stereo.right);
     if !stereo.is_rectified()
@@ -138,7 +138,7 @@ fn write(set: &CameraSet) -> Result<Written, WriteError> {
         });
     }
     let matrix = |m: &CameraModel| {
-        let [f, cx, cy] = [m.fx, m.cx, m.cy].map(written);
+        let [f, cx, cy] = [m.fx, m.cx, m.cy].map(number_text);
         format!("[{f} 0 {cx}; 0 {f} {cy}; 0 0 1]")
     };
     let [x, ..] = stereo.right_from_left.translation_m();
@@ -146,10 +146,10 @@ fn write(set: &CameraSet) -> Result<Written, WriteError> {
         "cam0={}\ncam1={}\ndoffs={}\nbaseline={}\nwidth={}\nheight={}\n",
         matrix(left),
         matrix(right),
-        written(right.cx - left.cx),
+        number_text(right.cx - left.cx),
         millimetres(-x),
         left.width,
         left.height
     );
-    Ok(Written::file("calib.txt", text))
+    Ok(FormatFiles::file("calib.txt", text))
 }

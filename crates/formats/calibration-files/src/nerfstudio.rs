@@ -22,9 +22,9 @@ use crate::error::CalibError;
 use crate::files::Files;
 use crate::format::Format;
 use crate::opencv::{fisheye_of, radial_tangential_of};
-use crate::text::{written, written_all};
+use crate::output::{FormatFiles, WriteError, lens, required_pose};
+use crate::text::{number_text, number_texts};
 use crate::tree::{At, json};
-use crate::written::{WriteError, Written, lens, placed};
 
 /// The format.
 pub(crate) const ENTRY: Entry = Entry {
@@ -222,14 +222,18 @@ fn camera(frame: &At<'_>, root: &At<'_>, notes: &mut Vec<Note>) -> Result<Camera
     Ok(model)
 }
 
-fn write(set: &CameraSet) -> Result<Written, WriteError> {
+fn write(set: &CameraSet) -> Result<FormatFiles, WriteError> {
     let text = match &set.cameras[..] {
         [camera] => format!("{{\n{},\n  \"frames\": []\n}}\n", fields(camera, "  ")?),
         [left, right] => {
             // The world is the left camera.
             let frames = [
                 ("left", left, RigidTransform::identity()),
-                ("right", right, placed(right, Format::Nerfstudio)?.inverse()),
+                (
+                    "right",
+                    right,
+                    required_pose(right, Format::Nerfstudio)?.inverse(),
+                ),
             ];
             let frames = frames
                 .iter()
@@ -251,7 +255,7 @@ fn write(set: &CameraSet) -> Result<Written, WriteError> {
             });
         }
     };
-    Ok(Written::file("transforms.json", text))
+    Ok(FormatFiles::file("transforms.json", text))
 }
 
 fn fields(camera: &NamedCamera, indent: &str) -> Result<String, WriteError> {
@@ -279,7 +283,7 @@ fn fields(camera: &NamedCamera, indent: &str) -> Result<String, WriteError> {
         .copied()
         .zip(coefficients);
     for (key, number) in numbers.into_iter().chain(coefficients) {
-        lines.push(format!("\"{key}\": {}", written(number)));
+        lines.push(format!("\"{key}\": {}", number_text(number)));
     }
     let lines: Vec<String> = lines.iter().map(|line| format!("{indent}{line}")).collect();
     Ok(lines.join(",\n"))
@@ -294,7 +298,7 @@ fn opengl(world_from_camera: &RigidTransform) -> String {
         .map(|i| {
             let row: [f64; 4] = [r[3 * i], r[3 * i + 1], r[3 * i + 2], t[i]];
             let row: Vec<f64> = row.iter().zip(FLIPPED).map(|(a, b)| a * b).collect();
-            format!("[{}]", written_all(&row, ", "))
+            format!("[{}]", number_texts(&row, ", "))
         })
         .collect();
     format!("[{}, [0.0, 0.0, 0.0, 1.0]]", rows.join(", "))

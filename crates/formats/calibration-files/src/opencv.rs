@@ -19,9 +19,9 @@ use crate::entry::{Entry, InFolder, SetResult, Signs};
 use crate::error::CalibError;
 use crate::files::Files;
 use crate::format::Format;
-use crate::text::written_all;
+use crate::output::{FormatFiles, WriteError, lens};
+use crate::text::number_texts;
 use crate::tree::{At, yaml};
-use crate::written::{WriteError, Written, lens};
 
 /// The format.
 pub(crate) const ENTRY: Entry = Entry {
@@ -346,7 +346,7 @@ fn placement(root: &At<'_>) -> Result<Option<RigidTransform>, CalibError> {
     Ok(Some(transform))
 }
 
-fn write(set: &CameraSet) -> Result<Written, WriteError> {
+fn write(set: &CameraSet) -> Result<FormatFiles, WriteError> {
     let refused = |found: String, expected: &str| WriteError::Refused {
         format: Format::OpenCv.name(),
         found,
@@ -401,14 +401,14 @@ fn write(set: &CameraSet) -> Result<Written, WriteError> {
         text.push_str(&matrix("R", 3, &right_from_left.rotation_rows()));
         text.push_str(&matrix("T", 3, &right_from_left.translation_m()));
     }
-    Ok(Written::file("calibration.yml", text))
+    Ok(FormatFiles::file("calibration.yml", text))
 }
 
 fn matrix(name: &str, rows: usize, numbers: &[f64]) -> String {
     let columns = numbers.len() / rows;
     let data: Vec<String> = numbers
         .chunks(columns.max(1))
-        .map(|row| written_all(row, ", "))
+        .map(|row| number_texts(row, ", "))
         .collect();
     format!(
         "{name}: !!opencv-matrix\n   rows: {rows}\n   cols: {columns}\n   dt: d\n   data: [ {} ]\n",

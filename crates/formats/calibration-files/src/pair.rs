@@ -14,8 +14,8 @@ use crate::entry::{Entry, InFolder, PairResult, SetResult, Signs, is_number_like
 use crate::error::CalibError;
 use crate::files::Files;
 use crate::format::Format;
-use crate::text::{written, written_all};
-use crate::written::{WriteError, Written, stereo};
+use crate::output::{FormatFiles, WriteError, stereo};
+use crate::text::{number_text, number_texts};
 
 /// The format.
 pub(crate) const ENTRY: Entry = Entry {
@@ -97,7 +97,7 @@ fn read(files: &dyn Files, path: &Path, size: Option<[u32; 2]>) -> SetResult {
     Ok((CameraSet::of_stereo(&stereo), notes))
 }
 
-fn write(set: &CameraSet) -> Result<Written, WriteError> {
+fn write(set: &CameraSet) -> Result<FormatFiles, WriteError> {
     let stereo = &stereo(set, Format::Pair)?;
     if !stereo.is_rectified() || stereo.left != stereo.right {
         return Err(WriteError::Refused {
@@ -107,8 +107,11 @@ fn write(set: &CameraSet) -> Result<Written, WriteError> {
         });
     }
     let [x, ..] = stereo.right_from_left.translation_m();
-    let k = written_all(&stereo.left.k_matrix(), " ");
-    Ok(Written::file("K.txt", format!("{k}\n{}\n", written(-x))))
+    let k = number_texts(&stereo.left.k_matrix(), " ");
+    Ok(FormatFiles::file(
+        "K.txt",
+        format!("{k}\n{}\n", number_text(-x)),
+    ))
 }
 
 #[cfg(test)]

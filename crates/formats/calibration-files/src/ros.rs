@@ -21,9 +21,9 @@ use crate::error::CalibError;
 use crate::files::Files;
 use crate::format::Format;
 use crate::opencv::{camera_matrix, data, fisheye_of, radial_tangential_of};
-use crate::text::written_all;
+use crate::output::{FormatFiles, WriteError, lens, stereo};
+use crate::text::number_texts;
 use crate::tree::{At, yaml};
-use crate::written::{WriteError, Written, lens, stereo};
 
 /// The format.
 pub(crate) const ENTRY: Entry = Entry {
@@ -226,7 +226,7 @@ fn file(files: &dyn Files, path: &Path, notes: &mut Vec<Note>) -> Result<File, C
     })
 }
 
-fn write(set: &CameraSet) -> Result<Written, WriteError> {
+fn write(set: &CameraSet) -> Result<FormatFiles, WriteError> {
     let identity = RigidTransform::identity();
     if let [camera] = &set.cameras[..] {
         let m = &camera.model;
@@ -234,7 +234,7 @@ fn write(set: &CameraSet) -> Result<Written, WriteError> {
             m.fx, 0.0, m.cx, 0.0, 0.0, m.fy, m.cy, 0.0, 0.0, 0.0, 1.0, 0.0,
         ];
         let text = text(camera, &camera.name, &identity, p)?;
-        return Ok(Written::file("camera.yaml", text));
+        return Ok(FormatFiles::file("camera.yaml", text));
     }
     let files = |cameras: [&NamedCamera; 2],
                  rotations: [RigidTransform; 2],
@@ -243,7 +243,7 @@ fn write(set: &CameraSet) -> Result<Written, WriteError> {
             let text = text(cameras[i], name, &rotations[i], projections[i])?;
             Ok((format!("{name}.yaml"), text.into_bytes()))
         };
-        Ok(Written {
+        Ok(FormatFiles {
             files: vec![file(0, "left")?, file(1, "right")?],
             notes: Vec::new(),
         })
@@ -320,7 +320,7 @@ fn text(
         format!(
             "{key}:\n  rows: {rows}\n  cols: {}\n  data: [{}]\n",
             numbers.len() / rows,
-            written_all(numbers, ", ")
+            number_texts(numbers, ", ")
         )
     };
     Ok(format!(

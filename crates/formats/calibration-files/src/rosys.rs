@@ -15,9 +15,9 @@ use crate::error::CalibError;
 use crate::files::Files;
 use crate::format::Format;
 use crate::opencv::{camera_matrix, fisheye_of, radial_tangential_of};
-use crate::text::{written, written_all};
+use crate::output::{FormatFiles, WriteError, lens};
+use crate::text::{number_text, number_texts};
 use crate::tree::{At, json};
-use crate::written::{WriteError, Written, lens};
 
 /// The format.
 pub(crate) const ENTRY: Entry = Entry {
@@ -136,7 +136,7 @@ fn place(at: &At<'_>) -> Result<(String, RigidTransform), CalibError> {
     Ok((frame, transform))
 }
 
-fn write(set: &CameraSet) -> Result<Written, WriteError> {
+fn write(set: &CameraSet) -> Result<FormatFiles, WriteError> {
     let mut cameras = Vec::new();
     for camera in &set.cameras {
         let m = &camera.model;
@@ -152,14 +152,14 @@ fn write(set: &CameraSet) -> Result<Written, WriteError> {
         let rows = |numbers: [f64; 9]| {
             let rows: Vec<String> = numbers
                 .chunks(3)
-                .map(|row| format!("[{}]", written_all(row, ", ")))
+                .map(|row| format!("[{}]", number_texts(row, ", ")))
                 .collect();
             format!("[{}]", rows.join(", "))
         };
         let extrinsics = match &camera.camera_from_first {
             Some(camera_from_first) => {
                 let first_from_camera = camera_from_first.inverse();
-                let [x, y, z] = first_from_camera.translation_m().map(written);
+                let [x, y, z] = first_from_camera.translation_m().map(number_text);
                 format!(
                     ",\n        \"extrinsics\": {{\"_frame_id\": \"first_camera\", \"x\": {x}, \"y\": {y}, \"z\": {z}, \
                      \"rotation\": {{\"R\": {}}}}}",
@@ -174,11 +174,11 @@ fn write(set: &CameraSet) -> Result<Written, WriteError> {
              \"{model}\", \"matrix\": {}, \"distortion\": [{}], \"size\": {{\"width\": {}, \"height\": {}}}}}\
              {extrinsics}\n      }}\n    }}",
             rows(m.k_matrix()),
-            written_all(&d, ", "),
+            number_texts(&d, ", "),
             m.width,
             m.height
         ));
     }
     let text = format!("{{\n  \"cameras\": {{\n{}\n  }}\n}}\n", cameras.join(",\n"));
-    Ok(Written::file("cameras.json", text))
+    Ok(FormatFiles::file("cameras.json", text))
 }

@@ -88,7 +88,7 @@ impl Source {
 
 /// A number as text: the shortest that reads back to the same bits, always with a point and with a
 /// signed exponent of two digits. Without these YAML 1.1 readers (PyYAML) take `1e-5` for a word.
-pub(crate) fn written(number: f64) -> String {
+pub(crate) fn number_text(number: f64) -> String {
     let text = format!("{number:?}");
     let Some((mantissa, exponent)) = text.split_once('e') else {
         return text;
@@ -102,8 +102,8 @@ pub(crate) fn written(number: f64) -> String {
 }
 
 /// Numbers with a separator between them.
-pub(crate) fn written_all(numbers: &[f64], separator: &str) -> String {
-    let words: Vec<String> = numbers.iter().map(|n| written(*n)).collect();
+pub(crate) fn number_texts(numbers: &[f64], separator: &str) -> String {
+    let words: Vec<String> = numbers.iter().map(|n| number_text(*n)).collect();
     words.join(separator)
 }
 
@@ -113,7 +113,7 @@ pub(crate) fn millimetres(metres: f64) -> String {
     let mm = metres * 1000.0;
     let near = [mm, mm.next_up(), mm.next_down()];
     let exact = near.into_iter().find(|mm| mm / 1000.0 == metres);
-    written(exact.unwrap_or(mm))
+    number_text(exact.unwrap_or(mm))
 }
 
 #[cfg(test)]
@@ -132,15 +132,15 @@ mod tests {
 
     #[test]
     fn written_numbers_read_back() {
-        assert_eq!(written(0.0), "0.0");
-        assert_eq!(written(-458.654), "-458.654");
-        assert_eq!(written(1e-5), "1.0e-05");
-        assert_eq!(written(-1.76187114e-05), "-1.76187114e-05");
-        assert_eq!(written(1e300), "1.0e+300");
+        assert_eq!(number_text(0.0), "0.0");
+        assert_eq!(number_text(-458.654), "-458.654");
+        assert_eq!(number_text(1e-5), "1.0e-05");
+        assert_eq!(number_text(-1.76187114e-05), "-1.76187114e-05");
+        assert_eq!(number_text(1e300), "1.0e+300");
         for bits in (0..2000_u64).map(|i| i.wrapping_mul(0x9e37_79b9_7f4a_7c15)) {
             let number = f64::from_bits(bits);
             if number.is_finite() {
-                assert_eq!(written(number).parse::<f64>().unwrap().to_bits(), bits);
+                assert_eq!(number_text(number).parse::<f64>().unwrap().to_bits(), bits);
             }
         }
     }

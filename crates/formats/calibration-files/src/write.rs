@@ -14,8 +14,8 @@ use camera_models::{CameraSet, Note, SetImu};
 
 use crate::entry::ImuField;
 use crate::format::Format;
+use crate::output::{FormatFiles, WriteError};
 use crate::registry;
-use crate::written::{WriteError, Written};
 
 /// Writes a set. `out` is a file if its name has an extension and the format has one file,
 /// otherwise a new folder. Returns the files and notes on what could not be represented.
@@ -51,7 +51,7 @@ pub fn write_cameras(
     format: Format,
     out: &Path,
 ) -> Result<(Vec<PathBuf>, Vec<Note>), WriteError> {
-    let Written { files, mut notes } = (registry::entry(format).write)(set)?;
+    let FormatFiles { files, mut notes } = (registry::entry(format).write)(set)?;
     if let Some(imu) = &set.imu {
         notes.extend(left_out(imu, format));
     }

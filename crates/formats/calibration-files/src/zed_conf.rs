@@ -28,8 +28,8 @@ use crate::entry::{Entry, InFolder, PairResult, SetResult, Signs};
 use crate::error::CalibError;
 use crate::files::Files;
 use crate::format::Format;
-use crate::text::{Source, millimetres, written};
-use crate::written::{WriteError, Written, lens, stereo};
+use crate::output::{FormatFiles, WriteError, lens, stereo};
+use crate::text::{Source, millimetres, number_text};
 use ini::{Ini, Section};
 
 mod ini;
@@ -181,7 +181,7 @@ fn resolutions(
 }
 
 /// A factory file with the sections of one resolution, spelt as the maker's newer files are.
-fn write(set: &CameraSet) -> Result<Written, WriteError> {
+fn write(set: &CameraSet) -> Result<FormatFiles, WriteError> {
     let stereo = &stereo(set, Format::ZedConf)?;
     let refused = |found: String, expected: &str| WriteError::Refused {
         format: Format::ZedConf.name(),
@@ -229,7 +229,7 @@ fn write(set: &CameraSet) -> Result<Written, WriteError> {
         text.push_str(&format!("[{}_CAM_{tag}]\n", eye.to_ascii_uppercase()));
         let (keys, values) = (["fx", "fy", "cx", "cy"], camera.parameters());
         for (key, value) in keys.iter().zip(&values).chain(names.iter().zip(&numbers)) {
-            text.push_str(&format!("{key}={}\n", written(*value)));
+            text.push_str(&format!("{key}={}\n", number_text(*value)));
         }
         text.push('\n');
     }
@@ -243,11 +243,11 @@ fn write(set: &CameraSet) -> Result<Written, WriteError> {
         millimetres(-x),
         millimetres(y),
         millimetres(z),
-        written(ry),
-        written(rx),
-        written(rz)
+        number_text(ry),
+        number_text(rx),
+        number_text(rz)
     ));
-    Ok(Written::file("SN0.conf", text))
+    Ok(FormatFiles::file("SN0.conf", text))
 }
 
 /// Source section of the intrinsics, and their conversion to the image size.

@@ -25,8 +25,8 @@ fn pixel_conventions_differ_by_half_a_pixel() {
     assert_eq!(axis, [0.5 * (640.0 - 1.0), 0.5 * (480.0 - 1.0)]);
     assert_eq!(m.distortion, Distortion::Radial2 { k1: -0.1, k2: 0.0 });
     assert!(notes[0].0.contains("no rigs.txt"), "{notes:?}");
-    let written = write(&set, Form::Text).unwrap();
-    let text = String::from_utf8(written.files[0].1.clone()).unwrap();
+    let output = write(&set, Form::Text).unwrap();
+    let text = String::from_utf8(output.files[0].1.clone()).unwrap();
     assert!(
         text.contains("1 RADIAL 640 480 500.0 320.0 240.0 -0.1 0.0\n"),
         "{text}"
@@ -81,8 +81,8 @@ fn a_rig_places_its_cameras() {
 fn text_and_binary_hold_the_same() {
     let folder = Folder::new();
     let (set, _) = read(&folder.file("cameras.txt", TEXT)).unwrap();
-    let written = write(&set, Form::Binary).unwrap();
-    let bytes = &written.files[0].1;
+    let output = write(&set, Form::Binary).unwrap();
+    let bytes = &output.files[0].1;
     assert_eq!(bytes[..12], [3, 0, 0, 0, 0, 0, 0, 0, 1, 0, 0, 0]);
     let path = folder.path().join("cameras.bin");
     std::fs::write(&path, bytes).unwrap();

@@ -66,13 +66,13 @@ pub enum WriteError {
 }
 
 /// Files of a set in some format.
-pub(crate) struct Written {
+pub(crate) struct FormatFiles {
     /// Names and contents. A name may have a folder in it.
     pub(crate) files: Vec<(String, Vec<u8>)>,
     pub(crate) notes: Vec<Note>,
 }
 
-impl Written {
+impl FormatFiles {
     pub(crate) fn file(name: &str, text: String) -> Self {
         Self {
             files: vec![(name.to_owned(), text.into_bytes())],
@@ -134,7 +134,7 @@ fn nearest(model: LensModel, held: &[LensModel]) -> LensModel {
 }
 
 /// The pose of a camera, or an error for formats that require it.
-pub(crate) fn placed(
+pub(crate) fn required_pose(
     camera: &NamedCamera,
     format: Format,
 ) -> Result<cad_transforms::RigidTransform, WriteError> {
