@@ -28,8 +28,8 @@ mod file_record;
 mod growing_copy;
 mod hash;
 mod journal;
+mod publication;
 pub(crate) mod publish;
-mod published;
 mod recheck;
 mod record;
 mod result;
@@ -50,7 +50,7 @@ use session_archive::verify::{Report, verify};
 
 pub use self::error::ImportError;
 pub use self::file_record::FileRecord;
-pub(crate) use self::published::publish_folder;
+pub(crate) use self::publication::publish_folder;
 pub use self::record::ImportRecord;
 pub use self::result::ImportResult;
 pub(crate) use self::space::check_space;
@@ -62,7 +62,7 @@ use self::error::failed;
 use self::existing::{CopyQuality, ExistingCopy};
 use self::growing_copy::{CopyProgress, GrowingCopy};
 use self::journal::Journal;
-use self::published::{list, publish as rename, sync_published};
+use self::publication::{list, publish_incoming, sync_published};
 use self::source::{SourceFile, list_files};
 use crate::condition::Condition;
 use crate::folders::sync_tree;
@@ -148,7 +148,7 @@ pub fn import(
         }
         None => None,
     };
-    rename(library, &key, hook)?;
+    publish_incoming(library, &key, hook)?;
     remove_remains(&incoming)?;
     hook(&Step::List).map_err(failed("listing", &incoming))?;
     list(library, &key, replaced.as_deref())?;

@@ -24,7 +24,7 @@ use session_archive::verify::{Report, verify};
 
 use super::error::{ImportError, failed};
 use super::hash::hash_file;
-use super::published::sync_published;
+use super::publication::sync_published;
 use super::record::ImportRecord;
 use super::result::ImportResult;
 use super::source::SourceFile;

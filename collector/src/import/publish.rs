@@ -19,7 +19,7 @@ use super::error::{ImportError, failed};
 use super::existing::{CopyQuality, set_aside_copy};
 use super::file_record::FileRecord;
 use super::hash::hash_file;
-use super::published::{list, publish as rename, sync_published};
+use super::publication::{list, publish_incoming, sync_published};
 use super::record::ImportRecord;
 use super::result::ImportResult;
 use super::source::{SourceFile, list_files, remove_unknown_files};
@@ -134,7 +134,7 @@ pub(crate) fn publish(
         }
         imported.replaced = Some(is_set_aside_copy?);
     }
-    rename(library, &key, &no_hook)?;
+    publish_incoming(library, &key, &no_hook)?;
     remove_remains(&library.incoming(&key))?;
     list(library, &key, imported.replaced.as_deref())?;
     Ok(imported)

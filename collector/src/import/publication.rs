@@ -29,11 +29,15 @@ pub(crate) fn list(
 pub(crate) fn publish_folder(library: &Library, key: &str) -> Result<(), ImportError> {
     let incoming = library.incoming(key);
     sync_tree(&incoming).map_err(failed("syncing", &incoming))?;
-    publish(library, key, &no_hook)
+    publish_incoming(library, key, &no_hook)
 }
 
 /// Renames a finished folder from `.incoming/` to `sessions/`, and syncs the rename.
-pub(super) fn publish(library: &Library, key: &str, hook: Hook<'_>) -> Result<(), ImportError> {
+pub(super) fn publish_incoming(
+    library: &Library,
+    key: &str,
+    hook: Hook<'_>,
+) -> Result<(), ImportError> {
     let (from, to) = (library.incoming(key), library.folder(key));
     hook(&Step::Publish).map_err(failed("publishing", &to))?;
     rename_new(&from, &to).map_err(failed("publishing", &to))?;
