@@ -23,15 +23,13 @@ pub(crate) enum Layer {
 }
 
 /// Packages that are at the top level.
-const TOP_LEVEL: [(&str, Layer); 9] = [
+const TOP_LEVEL: [(&str, Layer); 8] = [
     ("affordance", Layer::Program),
     ("cad-transforms", Layer::Support),
     ("calib", Layer::Program),
     ("capture-daemon", Layer::Program),
     ("collector", Layer::Program),
     ("reconstruction", Layer::Program),
-    // The command line of the simulator, once it is apart from its library in crates/synthetic.
-    ("rig-sim", Layer::Program),
     ("simulation", Layer::Program),
     ("tests", Layer::Dev),
 ];

@@ -107,9 +107,17 @@ fn section_of(header: &str) -> Section {
     if header.starts_with('[') || header.starts_with("workspace") {
         return Section::Other;
     }
+    // A target is a triple or a condition, which may have dots inside quotes.
+    let header = match header.strip_prefix("target.") {
+        Some(rest) => ["dependencies", "build-dependencies"]
+            .iter()
+            .filter_map(|kind| rest.rfind(&format!(".{kind}")))
+            .min()
+            .map_or(header, |at| &rest[at + 1..]),
+        None => header,
+    };
     for kind in ["dependencies", "build-dependencies"] {
-        let own = header == kind || header.ends_with(&format!("'.{kind}"));
-        if own || header.ends_with(&format!("\".{kind}")) {
+        if header == kind {
             return Section::Dependencies;
         }
         if let Some(name) = header.strip_prefix(&format!("{kind}.")) {
@@ -178,6 +186,15 @@ made = "1"
 [target.'cfg(unix)'.dependencies]
 libc = "0.2"
 
+[target.x86_64-unknown-linux-gnu.dependencies]
+nix = "0.30"
+
+[target.'cfg(target_os = "linux")'.dependencies.odometry]
+path = "../odometry"
+
+[target.'cfg(unix)'.dev-dependencies]
+proptest = "1"
+
 [dev-dependencies]
 tempfile = "3"
 
@@ -204,6 +221,8 @@ name = "program"
                 ("optics", 23),
                 ("made", 27),
                 ("libc", 30),
+                ("nix", 33),
+                ("odometry", 35),
             ]
         );
     }

@@ -78,6 +78,9 @@ pub(crate) fn public_items(path: &str, code: &[Token<'_>]) -> Vec<Place> {
             let text = format!("pub {}", words.join(" "));
             found.push(Place::new(path, token.line, text));
         }
+        if token.is_word("macro_export") {
+            found.push(Place::new(path, token.line, "macro_rules".to_owned()));
+        }
     }
     found
 }
