@@ -104,7 +104,7 @@ fn check(encoder: &'static str, codec: &str) {
         images_are_the_same(
             &interpreter,
             folder.path(),
-            &seen["pictures"][&video],
+            &seen["images"][&video],
             &ours,
             name,
         );

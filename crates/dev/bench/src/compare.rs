@@ -142,18 +142,28 @@ impl Renames {
             if line.is_empty() || line.starts_with('#') {
                 continue;
             }
-            if let Some((old, new)) = line.split_once(" => ") {
-                map.insert(old.trim().to_owned(), new.trim().to_owned());
-                continue;
-            }
             let mut words = line.split_whitespace();
-            let (Some(old), Some(new), None) = (words.next(), words.next(), words.next()) else {
+            let pair = line
+                .split_once(" => ")
+                .map(|(old, new)| (old.trim(), new.trim()));
+            let pair = pair.or_else(|| match (words.next(), words.next(), words.next()) {
+                (Some(old), Some(new), None) => Some((old, new)),
+                _ => None,
+            });
+            let Some((old, new)) = pair else {
                 bail!(
                     "rename map, line {}: found {line:?}, expected an old name and a new one",
                     index + 1
                 );
             };
-            map.insert(old.to_owned(), new.to_owned());
+            if let Some(other) = map.insert(old.to_owned(), new.to_owned())
+                && other != new
+            {
+                bail!(
+                    "rename map, line {}: {old:?} becomes {new:?}, and {other:?} in an earlier line",
+                    index + 1
+                );
+            }
         }
         Ok(Self(map))
     }
@@ -373,11 +383,13 @@ mod tests {
     }
 
     #[test]
-    fn a_line_of_the_rename_map_without_two_names_is_an_error() {
+    fn a_line_of_the_rename_map_without_two_names_or_with_another_new_name_is_an_error() {
         let error = Renames::parse("a b\nc\n").err().unwrap().to_string();
         assert!(
             error.contains("line 2") && error.contains("\"c\""),
             "{error}"
         );
+        let error = Renames::parse("a b\na b\na c\n").err().unwrap().to_string();
+        assert!(error.contains("line 3"), "{error}");
     }
 }

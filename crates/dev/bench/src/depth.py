@@ -1,7 +1,7 @@
 """OpenCV's stereo matchers, kept between pairs: a line of JSON in, a line of JSON out, until the input ends.
 
 A pair: {"left": FILE, "right": FILE, "size": [columns, rows], "range": N, "threads": N, "out": FOLDER or null,
-"configs": [{"mode": ..., "block": N, "unique": N, "speckle": N, "smooth": bool}]}. Pictures are bytes without a header. The answer has
+"configs": [{"mode": ..., "block": N, "unique": N, "speckle": N, "smooth": bool}]}. Images are bytes without a header. The answer has
 the time of each matcher in ms; with "out" its disparities are written there as K.raw, 16-bit, in sixteenths of a pixel,
 negative where there is none."""
 

@@ -22,7 +22,8 @@ use anyhow::{Context, Result, bail, ensure};
 use cad_transforms::rig::Rig;
 use capture_daemon::config::Config;
 use capture_daemon::run::{self, StopFlag};
-use capture_daemon::sources::simulated::{Simulated, Walks};
+use capture_daemon::sources::simulated::Simulated;
+use capture_daemon::sources::walks::Walks;
 use capture_daemon::sources::{Sample, Source as _};
 use charts::{Axis, Chart, Series};
 use rig_sim::camera::Quality;
@@ -30,6 +31,7 @@ use rig_sim::scene::{Kind, Lighting};
 use rig_sim::simulation::Settings;
 use serde_json::{Value, json};
 use session_archive::reader::{Entry, SessionReader};
+use session_archive::record::paws::gap::Cause;
 use session_archive::record::{Frame, Gap, Record as _};
 use session_archive::storage::DiskStorage;
 use session_archive::time::HostTime;
@@ -76,8 +78,11 @@ impl RecordingResult {
 
     /// Missing frames that were not left out on purpose.
     fn lost(&self) -> u64 {
-        let spared = |cause: &&String| cause.contains("SPARED");
-        let causes = self.missing.iter().filter(|(cause, _)| !spared(cause));
+        let on_purpose = Cause::LoadShed.as_str_name();
+        let causes = self
+            .missing
+            .iter()
+            .filter(|(cause, _)| *cause != on_purpose);
         causes.map(|(_, count)| count).sum()
     }
 

@@ -12,7 +12,7 @@ Nothing of ours is used: `mcap` reads the segments with all its checksum validat
                by the statistics), chunks
     topics     per topic: schema, of, log_times, publish_times, sequences, messages (protobuf's
                JSON; of a video message its length, SHA-256 and CRC-32 in place of the data)
-    pictures   with --decode, per video topic and picture: width, height, mean and SHA-256 of luma
+    images   with --decode, per video topic and image: width, height, mean and SHA-256 of luma
 
 State that a later segment repeats is listed once. A session that cannot be read ends with a
 message and exit code 1.
@@ -100,18 +100,18 @@ def read_segment(path, topics, video):
 
 
 def decode(form, units):
-    """Size, mean and SHA-256 of the luma plane of every picture, in presentation order."""
+    """Size, mean and SHA-256 of the luma plane of every image, in presentation order."""
     import av
     import numpy
 
     codec = av.CodecContext.create({"h264": "h264", "h265": "hevc"}[form], "r")
-    pictures = []
+    images = []
     for packet in [av.Packet(unit) for unit in units] + [None]:
         for frame in codec.decode(packet):
             plane = frame.planes[0]
             luma = numpy.frombuffer(plane, numpy.uint8)
             luma = luma.reshape(-1, plane.line_size)[: frame.height, : frame.width]
-            pictures.append(
+            images.append(
                 {
                     "width": frame.width,
                     "height": frame.height,
@@ -119,7 +119,7 @@ def decode(form, units):
                     "luma_sha256": hashlib.sha256(luma.tobytes()).hexdigest(),
                 }
             )
-    return pictures
+    return images
 
 
 def main():
@@ -134,7 +134,7 @@ def main():
     files = [read_segment(path, topics, video) for path in paths]
     result = {"segments": len(files), "files": files, "topics": topics}
     if arguments.decode:
-        result["pictures"] = {t: decode(form, units) for t, (form, units) in video.items()}
+        result["images"] = {t: decode(form, units) for t, (form, units) in video.items()}
     json.dump(result, sys.stdout)
 
 

@@ -127,7 +127,7 @@ impl Recording {
         }
         for camera in 0..self.simulation.cameras().len() {
             let name = &self.simulation.cameras()[camera].name;
-            let sights = self
+            let observations = self
                 .simulation
                 .target_observations(camera)
                 .with_faults(self.faults.of(name));
@@ -135,7 +135,7 @@ impl Recording {
                 for side in 0..2 {
                     let mut by_board: Vec<Vec<DetectedCorner>> =
                         vec![Vec::new(); input.targets.len()];
-                    for corner in sights.observed(side, number, sigma_px) {
+                    for corner in observations.observed(side, number, sigma_px) {
                         by_board[corner.board].push(DetectedCorner {
                             id: corner.id,
                             pixel: corner.pixel,

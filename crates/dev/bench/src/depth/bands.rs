@@ -86,11 +86,11 @@ fn compare(frames: &[Frame], preset: Preset) -> Result<Sums> {
         sums.full_s += took.wall_s;
         let plane = ground(frame);
         let ground = Some((&frame.geometry, &plane));
-        let (result, took) = timed(|| banded.run(&left, &right, ground).map(|(_, spared)| spared));
-        let spared = result?;
+        let (result, took) = timed(|| banded.run(&left, &right, ground).map(|(_, stats)| stats));
+        let stats = result?;
         sums.band_s += took.wall_s;
-        sums.share += spared.searched_ratio;
-        sums.again += spared.reruns;
+        sums.share += stats.searched_ratio;
+        sums.again += stats.reruns;
         let maps = [matcher.map(), banded.matcher().map()];
         for i in 0..frame.truth.len() {
             if !frame.visible[i] || frame.truth[i].is_nan() {

@@ -23,7 +23,7 @@ pub(crate) trait Method {
     fn stamp(&mut self, sample: &Sample) -> Option<Stamp>;
 
     /// At the end: whether times of samples that arrived then are now flagged as unreliable.
-    fn doubtful(&self, _arrival: i64) -> bool {
+    fn is_unreliable(&self, _arrival: i64) -> bool {
         false
     }
 
@@ -81,7 +81,7 @@ impl Method for Ours {
         })
     }
 
-    fn doubtful(&self, arrival: i64) -> bool {
+    fn is_unreliable(&self, arrival: i64) -> bool {
         self.mapper.is_unreliable(HostTime(arrival))
     }
 

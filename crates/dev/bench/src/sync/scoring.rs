@@ -113,7 +113,7 @@ pub(crate) fn run(method: &mut dyn Method, samples: &[Sample]) -> Score {
         let unsure = stamp.flagged || stamp.sigma.is_some_and(|s| s > USELESS_NS);
         let scored = sample.taken >= scored_from;
         score.silent_at_first += usize::from(wrong && !unsure);
-        let flagged = unsure || method.doubtful(sample.arrival);
+        let flagged = unsure || method.is_unreliable(sample.arrival);
         if scored {
             score.samples += 1;
             score.flagged += usize::from(flagged);

@@ -76,22 +76,26 @@ fn write(to: &mut impl Write, keyframe: &Keyframe) -> std::io::Result<()> {
     ] {
         to.write_all(&(count as u32).to_le_bytes())?;
     }
-    for after_s in &keyframe.exposure_offset_s {
-        to.write_all(&after_s.to_le_bytes())?;
+    for offset_s in &keyframe.exposure_offset_s {
+        to.write_all(&offset_s.to_le_bytes())?;
     }
-    for seen in &keyframe.observations {
-        to.write_all(&seen.id.to_le_bytes())?;
-        to.write_all(&[seen.camera, u8::from(seen.right.is_some())])?;
-        for number in seen.left.into_iter().chain(seen.right.unwrap_or_default()) {
+    for observation in &keyframe.observations {
+        to.write_all(&observation.id.to_le_bytes())?;
+        to.write_all(&[observation.camera, u8::from(observation.right.is_some())])?;
+        for number in observation
+            .left
+            .into_iter()
+            .chain(observation.right.unwrap_or_default())
+        {
             to.write_all(&number.to_le_bytes())?;
         }
     }
-    for mark in &keyframe.keypoints {
-        to.write_all(&[mark.camera])?;
-        for number in [mark.left[0], mark.left[1], mark.rho] {
+    for keypoint in &keyframe.keypoints {
+        to.write_all(&[keypoint.camera])?;
+        for number in [keypoint.left[0], keypoint.left[1], keypoint.rho] {
             to.write_all(&number.to_le_bytes())?;
         }
-        for word in mark.descriptor {
+        for word in keypoint.descriptor {
             to.write_all(&word.to_le_bytes())?;
         }
     }
@@ -116,7 +120,7 @@ fn read(from: &mut impl Read) -> std::io::Result<Keyframe> {
         accel_bias: vector(13),
         gyro_rate: vector(16),
     };
-    let [is_felt] = bytes(from)?;
+    let [imu_valid] = bytes(from)?;
     let mut counts = [0; 3];
     for count in &mut counts {
         *count = u32::from_le_bytes(bytes(from)?);
@@ -160,7 +164,7 @@ fn read(from: &mut impl Read) -> std::io::Result<Keyframe> {
     Ok(Keyframe {
         number,
         state,
-        imu_valid: is_felt == 1,
+        imu_valid: imu_valid == 1,
         exposure_offset_s,
         observations,
         keypoints,

@@ -33,7 +33,7 @@ fn misses(left: &Left, cause: Cause, expected: std::ops::Range<u64>) -> Result<u
 }
 
 /// Number of actions that the watchdog has reported.
-fn told(left: &Left, what: &str) -> Result<usize> {
+fn reports(left: &Left, what: &str) -> Result<usize> {
     let events = left.session()?.events.iter();
     let told = events.filter(|(kind, source, text)| {
         *kind == Kind::Warning && source == IMU && text.contains(what)
@@ -47,7 +47,7 @@ pub(super) const SILENT: Case = case(
     |bench| {
         let left = happen(bench, "IMU='--silent 6:3'")?;
         let missing = misses(&left, Cause::Device, 2400..2410)?;
-        let tries = told(&left, "because it was silent")?;
+        let tries = reports(&left, "because it was silent")?;
         ensure!(tries > 0, "the watchdog did nothing");
         left.report(
             bench,
@@ -65,7 +65,7 @@ pub(super) const STOPPED: Case = case(
     |bench| {
         let left = happen(bench, "IMU='--stopped 6'")?;
         let missing = misses(&left, Cause::Device, 390..450)?;
-        let restarts = told(&left, "stopped and started")?;
+        let restarts = reports(&left, "stopped and started")?;
         ensure!(restarts == 1, "{restarts} restarts by the watchdog");
         left.report(
             bench,
@@ -83,7 +83,7 @@ pub(super) const DEAF: Case = case(
     |bench| {
         let left = happen(bench, "IMU='--stopped 6 --ignore-starts 2'")?;
         let missing = misses(&left, Cause::Device, 800..4000)?;
-        let tries = told(&left, "because it was silent")?;
+        let tries = reports(&left, "because it was silent")?;
         ensure!(tries > 1, "{tries} attempts of the watchdog");
         left.report(
             bench,
@@ -99,7 +99,7 @@ pub(super) const LATE_PINGS: Case = case(
     "the IMU wants a ping each 0.7 s, so its keep-alive is lost again and again",
     |bench| {
         let left = happen(bench, "IMU='--keep-alive 0.7'")?;
-        let restarts = told(&left, "stopped and started")?;
+        let restarts = reports(&left, "stopped and started")?;
         let most = 450 * restarts as u64;
         let missing = misses(&left, Cause::Device, 400..most)?;
         ensure!(restarts > 5, "{restarts} restarts by the watchdog");
