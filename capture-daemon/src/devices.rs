@@ -7,7 +7,7 @@
 use std::fmt;
 use std::path::Path;
 
-use operator::found::{self, Use};
+use operator::inventory::Use;
 use serde::Serialize;
 use v4l2::node::Node;
 use v4l2::{Camera, node};
@@ -98,7 +98,7 @@ pub fn inventory() -> Inventory {
         Ok(found) => inventory.imus = found.iter().map(imu).collect(),
         Err(error) => inventory.problems.push(with_causes(&error)),
     }
-    inventory.operator = found::all()
+    inventory.operator = operator::inventory::all()
         .into_iter()
         .map(|found| FoundOperator {
             kind: match found.as_what {

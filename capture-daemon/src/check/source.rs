@@ -22,14 +22,14 @@ use crate::sources::walks::Walks;
 use crate::sources::{Live, Source, SourceInfo};
 
 /// What is known of a source that can be opened.
-struct Opened {
+struct SourceSummary {
     info: SourceInfo,
     /// A calibration comes with it.
     is_calibrated: bool,
     notes: Vec<String>,
 }
 
-impl Opened {
+impl SourceSummary {
     fn of(source: &dyn Source) -> Self {
         Self {
             info: source.info().clone(),
@@ -61,7 +61,7 @@ pub(super) fn source(
     walks: &mut Walks,
     report: &mut Report,
 ) -> Option<SourceInfo> {
-    let Opened {
+    let SourceSummary {
         info,
         is_calibrated,
         mut notes,
@@ -85,7 +85,7 @@ pub(super) fn source(
         None if matches!(camera.source, SourceConfig::Synthetic(_)) => report
             .warning("a synthetic camera has no lenses: what it records cannot be reconstructed"),
         None => report.warning(format!(
-            "its lenses are not known: {}",
+            "its intrinsics are not known: {}",
             command_line::remedy::before_recording(&camera.name)
         )),
     }
@@ -107,7 +107,7 @@ fn open(
     rig: Option<&Rig>,
     walks: &mut Walks,
     report: &mut Report,
-) -> Option<Opened> {
+) -> Option<SourceSummary> {
     let start = HostTime(0);
     let opened = match &camera.source {
         SourceConfig::Replay(r) => {
@@ -119,7 +119,7 @@ fn open(
                 replay => {
                     let replay = usable(replay, report)?;
                     heads(replay.is_head(), report);
-                    Opened::of(&replay).with_notes(replay.notes())
+                    SourceSummary::of(&replay).with_notes(replay.notes())
                 }
             }
         }
@@ -131,17 +131,17 @@ fn open(
             bag => {
                 let bag = usable(bag, report)?;
                 heads(bag.is_head(), report);
-                Opened::of(&bag).with_notes(bag.notes())
+                SourceSummary::of(&bag).with_notes(bag.notes())
             }
         },
         SourceConfig::Video(v) => {
-            Opened::of(&usable(VideoReplay::open(&camera.name, v, start), report)?)
+            SourceSummary::of(&usable(VideoReplay::open(&camera.name, v, start), report)?)
         }
         #[cfg(feature = "simulator")]
         SourceConfig::Simulated(s) => {
             let faults = s.faults.as_deref();
             let simulated = Simulated::open(&camera.name, &s.walk, faults, rig, walks, start);
-            Opened::of(&usable(simulated, report)?)
+            SourceSummary::of(&usable(simulated, report)?)
         }
         SourceConfig::Synthetic(s) => {
             let synthetic = Synthetic::new(
@@ -153,18 +153,18 @@ fn open(
                 s.seed,
                 start,
             );
-            Opened::of(&usable(synthetic, report)?)
+            SourceSummary::of(&usable(synthetic, report)?)
         }
         SourceConfig::V4l2(config) => {
             for (level, message) in device::inspect(config) {
                 report.add(level, message);
             }
-            Opened::of_live(&Device::new(config))
+            SourceSummary::of_live(&Device::new(config))
         }
         SourceConfig::Gstreamer(config) => {
             let camera = Gstreamer::new(config);
             usable(camera.check(), report)?;
-            Opened::of_live(&camera)
+            SourceSummary::of_live(&camera)
         }
     };
     Some(opened)

@@ -200,7 +200,7 @@ fn all_findings_are_reported_in_one_run() {
         &found,
         "camera plain",
         Level::Warning,
-        "its lenses are not known: record a board (BOARDS), then `paws calib cameras BOARDS --target board.toml \
+        "its intrinsics are not known: record a board (BOARDS), then `paws calib cameras BOARDS --target board.toml \
          --out calibration`, then calibration = \"calibration/plain.yaml\" in its [[camera]]",
     );
     expect(

@@ -191,11 +191,18 @@ fn camera(section: &mut Section<'_>, folder: &Path, position: usize) -> Option<C
 }
 
 fn source(mut section: Section<'_>, folder: &Path, position: usize) -> Option<SourceConfig> {
-    const KINDS: &str = "\"zed\" (a ZED Mini over USB), \"v4l2\" (a V4L2 camera), \"gstreamer\" (elements), \
-         \"sim\" (a simulated walk), \"replay\" (a recorded data set), \"bag\" (of ROS 2), \"video\" (a file or two) or \
-         \"synthetic\" (a generated image sequence)";
-    section.must_have("kind", KINDS);
-    let kind = section.text("kind", KINDS, |_| true)?;
+    let expected = format!(
+        "\"zed\" (a ZED Mini over USB), \"v4l2\" (a V4L2 camera), \"gstreamer\" (elements), \
+         {}\"replay\" (a recorded data set), \"bag\" (of ROS 2), \"video\" (a file or two) or \
+         \"synthetic\" (a generated image sequence)",
+        if cfg!(feature = "simulator") {
+            "\"sim\" (a simulated walk), "
+        } else {
+            ""
+        }
+    );
+    section.must_have("kind", &expected);
+    let kind = section.text("kind", &expected, |_| true)?;
     let source = match kind.as_str() {
         "replay" => {
             section.must_have("path", "the folder of a data set");
@@ -240,6 +247,7 @@ fn source(mut section: Section<'_>, folder: &Path, position: usize) -> Option<So
                     "zed",
                     "v4l2",
                     "gstreamer",
+                    #[cfg(feature = "simulator")]
                     "sim",
                     "replay",
                     "bag",
@@ -249,7 +257,7 @@ fn source(mut section: Section<'_>, folder: &Path, position: usize) -> Option<So
             );
             section.refuse(
                 "kind",
-                format_args!("is {unknown:?}, expected {KINDS}; {hint}"),
+                format_args!("is {unknown:?}, expected {expected}; {hint}"),
             );
             return None;
         }

@@ -22,7 +22,7 @@ use video::{Picture, PictureError};
 
 use crate::digest::Digest;
 
-pub use super::walks::Walks;
+use super::walks::Walks;
 use super::{
     CameraInfo, DevicePart, Disconnected, DroppedFrame, ImuInfo, ImuValues, RawFrame, RawImu,
     Sample, Source, SourceError, SourceInfo,

@@ -8,7 +8,7 @@
 //!
 //! [`thermal`], [`battery`], [`disk`] and [`clock`] report the state, [`ladder`] turns the first
 //! three into measures, [`realtime`] asks the kernel for what a recorder needs.
-//! `cargo run -p machine --example look_at_machine` prints all of it.
+//! `cargo run -p machine --example machine_check` prints all of it.
 //!
 //! Times are integer nanoseconds on `CLOCK_MONOTONIC`. **Nothing here has run on a Jetson**: its
 //! sensors are known from the vendor's guide and from what its users have published, and are

@@ -69,7 +69,7 @@ fn main() -> Result<(), Box<dyn Error>> {
         }
     }
     if std::env::args().len() == 1 {
-        for device in operator::found::all() {
+        for device in operator::inventory::all() {
             let problem = device.problem.map_or(String::new(), |p| format!(": {p}"));
             println!(
                 "{:?} {} {}{problem}",

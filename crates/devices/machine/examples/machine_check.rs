@@ -1,9 +1,9 @@
 //! Prints the state of this machine.
 //!
 //! ```sh
-//! cargo run -p machine --example look_at_machine              # once, as text
-//! cargo run -p machine --example look_at_machine -- --json    # once, as JSON
-//! cargo run -p machine --example look_at_machine -- --watch 60   # clocks, and each step, for 60 s
+//! cargo run -p machine --example machine_check              # once, as text
+//! cargo run -p machine --example machine_check -- --json    # once, as JSON
+//! cargo run -p machine --example machine_check -- --watch 60   # clocks, and each step, for 60 s
 //! ```
 
 use std::path::Path;
