@@ -9,7 +9,7 @@
 //! loss.
 
 use crate::band::Band;
-use crate::band::plan::{Margin, Plan, Plane, Probe};
+use crate::band::plan::{Plan, Plane, Probe};
 use crate::config::Config;
 use crate::error::DepthError;
 use crate::map::{DisparityMap, Geometry};
@@ -61,6 +61,7 @@ pub struct BandStats {
 
 /// Height of the blocks in which pixels at the ends of the band are counted, rows.
 const BLOCK_ROWS: usize = 8;
+
 impl BandedMatcher {
     /// For images of `width` columns with the rows of `full`, which is the full search range.
     ///
@@ -108,7 +109,7 @@ impl BandedMatcher {
         if let Some((geometry, plane)) = ground {
             plan.add_plane(geometry, left.width(), plane);
         }
-        let band = plan.finish(&Margin::WALK)?;
+        let band = plan.finish(&self.matcher.config().band.margin)?;
         self.run_from(band, left, right)
     }
 

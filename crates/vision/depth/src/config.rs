@@ -4,6 +4,7 @@ use estimator_config::config;
 use serde::{Deserialize, Serialize};
 
 use crate::aggregation::{Paths, Penalties};
+use crate::band::plan::Margin;
 use crate::census::Census;
 use crate::error::DepthError;
 use crate::half_resolution::Downsample;
@@ -25,7 +26,7 @@ config! {
         /// Minimum standard deviation of the noise for an image to count as noisy, gray levels.
         /// Lower smooths clear images, higher matches noise.
         pub min_noise: f64 = 1.4,
-        /// Aggregation paths. Time is proportional to their number.
+        /// Aggregation paths. Eight take 1.6 times as long as three.
         pub paths: Paths = Paths::Eight,
         /// Maximum disparity difference between the left and the right image, px. Compare OpenCV
         /// SGBM `disp12MaxDiff`. Higher fills occlusions with wrong values.
@@ -54,9 +55,11 @@ config! {
         pub level: Option<Level> = None,
     }
 
-    /// When a band around the predicted disparity was too narrow, and is widened. Source:
-    /// `cargo xtask bench depth`, searched share against lost matches.
+    /// The band around the predicted disparity: its margin, and when it was too narrow and is
+    /// widened. `cargo xtask bench depth` measures the searched share against lost matches.
     pub struct BandConfig {
+        /// Safety margin around the predicted disparities.
+        pub margin: Margin = Margin::default(),
         /// Minimum fraction of the pixels of a block of 8 rows at an end of the band for it to
         /// count as clipped. Lower searches more, higher loses near objects that come into view.
         pub min_clipped_ratio: f64 = 0.02,

@@ -10,6 +10,7 @@ use crate::config::{Config, Preset};
 use crate::error::DepthError;
 use crate::map::{DisparityMap, Geometry};
 use crate::matcher::Matcher;
+use estimator_config::config;
 use imaging::ImageView;
 
 /// A plane: all points `p` with `normal . p = distance_m`, in the left optical frame (x right, y
@@ -22,24 +23,17 @@ pub struct Plane {
     pub distance_m: f64,
 }
 
-/// Safety margin of a band around the planned disparities.
-#[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Margin {
-    /// Margin at either end, px.
-    pub px: i32,
-    /// Additional margin as a fraction of the disparity.
-    pub ratio: f64,
-    /// Number of rows above and below whose disparities a row must also contain.
-    pub rows: usize,
-}
-
-impl Margin {
-    /// For walking speed at 15 frames per second.
-    pub const WALK: Self = Self {
-        px: 3,
-        ratio: 0.1,
-        rows: 8,
-    };
+config! {
+    /// Safety margin of a band around the planned disparities. The default is for walking speed at
+    /// 15 frames per second. Less needs additional runs, more searches more.
+    pub struct Margin {
+        /// Margin at either end, px.
+        pub px: i32 = 3,
+        /// Additional margin as a fraction of the disparity.
+        pub ratio: f64 = 0.1,
+        /// Number of rows above and below whose disparities a row must also contain.
+        pub rows: usize = 8,
+    }
 }
 
 /// Block height, rows: bands change only at multiples of it, because every change costs time.
@@ -55,8 +49,8 @@ const BLOCK_ROWS: usize = 8;
 /// for row in 0..16 {
 ///     plan.add(row, [20, 24]);
 /// }
-/// let band = plan.finish(&Margin { px: 2, ratio: 0.0, rows: 0 })?;
-/// assert!(band.row(0)[0] <= 18 && band.row(0)[1] >= 26);
+/// let band = plan.finish(&Margin::default())?;
+/// assert!(band.row(0)[0] <= 17 && band.row(0)[1] >= 27);
 /// assert!(band.row(0)[1] < 63);
 /// // No prior knowledge of the lower rows: the full range.
 /// assert_eq!(band.row(31), [0, 63]);
@@ -120,7 +114,9 @@ impl Plan {
     /// let geometry = Geometry { focal_px: 50.0, center: [31.5, 23.5], baseline_m: 0.5, offset_px: 0.0 };
     /// let mut plan = Plan::new(&Band::full(0, 64, 48)?);
     /// plan.add_plane(&geometry, 64, &floor);
-    /// let band = plan.finish(&Margin { px: 1, ratio: 0.0, rows: 0 })?;
+    /// let mut margin = Margin::default();
+    /// margin.rows = 0;
+    /// let band = plan.finish(&margin)?;
     /// // The lowest row shows it at 3 m, a disparity of 8.4 px; above the horizon nothing is known.
     /// assert!(band.row(47)[0] <= 8 && band.row(47)[1] >= 8 && band.row(47)[1] < 20);
     /// assert_eq!(band.row(0), [0, 63]);
@@ -205,7 +201,8 @@ impl Probe {
         let scale = SCALE as i32;
         let first = full.first().div_euclid(scale);
         let last = (full.first() + full.count() as i32).div_euclid(scale) + 1;
-        // Small objects matter here and holes do not, so that disparity jumps are cheap.
+        // With any preset: at a sixteenth of the pixels the cost is small. Small objects matter here
+        // and holes do not, so that disparity jumps are cheap.
         let mut config = Config {
             min_speckle_px: 4,
             ..Config::preset(Preset::Balanced)

@@ -96,7 +96,7 @@ fn probe_finds_a_new_near_object() {
     let images = [0, 1].map(|eye| ImageView::packed(width, height, &eyes[eye]).unwrap());
     let mut plan = Plan::new(&full);
     probe.search(&images[0], &images[1], &mut plan).unwrap();
-    let band = plan.finish(&Margin::WALK).unwrap();
+    let band = plan.finish(&Margin::default()).unwrap();
     let holds = |y: usize, d: i32| band.row(y)[0] <= d && d <= band.row(y)[1];
     assert!((0..height).all(|y| holds(y, 6)), "{band:?}");
     assert!((34..58).all(|y| holds(y, 48)), "{band:?}");
