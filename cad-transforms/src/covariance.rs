@@ -17,7 +17,7 @@
 //! transform between the frames (Barfoot, State Estimation for Robotics, 2nd ed., section 8.1.4,
 //! there with the same order).
 
-use nalgebra::{Matrix3, Matrix6, SymmetricEigen, Vector3};
+use nalgebra::{Matrix6, SymmetricEigen};
 use serde::{Deserialize, Serialize};
 
 use crate::transform::RigidTransform;
@@ -239,16 +239,12 @@ impl From<Covariance> for [[f64; 6]; 6] {
 /// Takes a small motion `[v, w]` in frame `a` to the same motion in frame `b`.
 fn adjoint(b_from_a: &RigidTransform) -> Matrix6<f64> {
     let rotation = *b_from_a.rotation().to_rotation_matrix().matrix();
-    let lever = cross(b_from_a.translation()) * rotation;
+    let lever = b_from_a.translation().cross_matrix() * rotation;
     let mut adjoint = Matrix6::zeros();
     adjoint.fixed_view_mut::<3, 3>(0, 0).copy_from(&rotation);
     adjoint.fixed_view_mut::<3, 3>(3, 3).copy_from(&rotation);
     adjoint.fixed_view_mut::<3, 3>(0, 3).copy_from(&lever);
     adjoint
-}
-
-fn cross(v: &Vector3<f64>) -> Matrix3<f64> {
-    Matrix3::new(0.0, -v.z, v.y, v.z, 0.0, -v.x, -v.y, v.x, 0.0)
 }
 
 fn symmetric(matrix: Matrix6<f64>) -> Matrix6<f64> {

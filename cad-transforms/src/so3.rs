@@ -53,11 +53,6 @@ pub fn from_yaw_pitch_roll(yaw: f64, pitch: f64, roll: f64) -> UnitQuaternion<f6
     exp(Vector3::z() * yaw) * exp(Vector3::y() * pitch) * exp(Vector3::x() * roll)
 }
 
-/// Matrix of the cross product `v ×`.
-pub fn cross(v: &Vector3<f64>) -> Matrix3<f64> {
-    v.cross_matrix()
-}
-
 /// Right Jacobian: `exp(v + d) = exp(v) exp(J d)` for small `d`.
 pub fn right_jacobian(v: &Vector3<f64>) -> Matrix3<f64> {
     let square = v.norm_squared();
@@ -70,7 +65,7 @@ pub fn right_jacobian(v: &Vector3<f64>) -> Matrix3<f64> {
             (angle - libm::sin(angle)) / (square * angle),
         )
     };
-    let k = cross(v);
+    let k = v.cross_matrix();
     Matrix3::identity() - k * a + k * k * b
 }
 
@@ -83,7 +78,7 @@ pub fn right_jacobian_inverse(v: &Vector3<f64>) -> Matrix3<f64> {
         let angle = square.sqrt();
         1.0 / square - 1.0 / (2.0 * angle * libm::tan(0.5 * angle))
     };
-    let k = cross(v);
+    let k = v.cross_matrix();
     Matrix3::identity() + k * 0.5 + k * k * b
 }
 

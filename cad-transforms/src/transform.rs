@@ -11,6 +11,8 @@ use std::ops::Mul;
 use nalgebra::{Matrix3, Quaternion, Rotation3, UnitQuaternion, Vector3};
 use serde::{Deserialize, Serialize};
 
+use crate::so3;
+
 /// Maximum deviation of a quaternion's norm from 1. Six printed digits per component are within it.
 pub const UNIT_TOLERANCE: f64 = 2e-6;
 
@@ -145,7 +147,7 @@ impl RigidTransform {
         if !axis_angle.norm().is_finite() {
             return Err(TransformError::NotFinite);
         }
-        Self::new(UnitQuaternion::from_scaled_axis(axis_angle), translation_m)
+        Self::new(so3::exp(axis_angle), translation_m)
     }
 
     /// From the nine entries of a rotation matrix, rows first, and a translation in metres.
@@ -253,7 +255,7 @@ impl RigidTransform {
 
     /// Rotation vector (axis times angle), radians, length in `0..=π`.
     pub fn rotation_vector(&self) -> [f64; 3] {
-        self.rotation.scaled_axis().into()
+        so3::log(&self.rotation).into()
     }
 
     /// Rotation angle in radians, in `0..=π`.

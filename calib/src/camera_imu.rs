@@ -22,7 +22,7 @@ use anyhow::{Context, Result, anyhow, ensure};
 use boards::Target as Board;
 use cad_transforms::{Frame, FramePart, Rig, RigidTransform};
 use calib::camera_imu::simulate::ZED_NOISE;
-use calib::camera_imu::{Cameras, ImuSample, Priors, Recording, estimate};
+use calib::camera_imu::{Cameras, Config, ImuSample, Priors, Recording, estimate};
 use calibration_files::kalibr::read_imu;
 use calibration_files::{Format, contents};
 use camera_models::{CameraModel, CameraSet, ImuNoise, NamedCamera, Provenance, SetImu};
@@ -126,7 +126,7 @@ pub(crate) fn run(
         names().any(selected),
         "looking for the camera {:?}: the session has {}: {}",
         options.camera.as_deref().unwrap_or("any"),
-        listed(manifest),
+        camera_names(manifest),
         session.folder.display()
     );
     let index = read_or_build(&reader, console)?;
@@ -171,8 +171,8 @@ pub(crate) fn run(
         console.line(format!("no rig file was written: {reason}"))?;
     }
     if samples.damaged > 0 {
-        let rig_poses = text::count(samples.damaged, "damaged place");
-        console.line(format!("{rig_poses} of the session left out"))?;
+        let damaged = text::count(samples.damaged, "damaged place");
+        console.line(format!("{damaged} of the session left out"))?;
         outcome = outcome.max(Outcome::Loss);
     }
     if all.iter().any(|m| m.accepted().is_none()) {
@@ -182,7 +182,7 @@ pub(crate) fn run(
 }
 
 /// Names of the session's cameras, for messages.
-fn listed(manifest: &Manifest) -> String {
+fn camera_names(manifest: &Manifest) -> String {
     let names = manifest.cameras.iter().map(|c| c.name.as_str());
     names.collect::<Vec<_>>().join(", ")
 }
@@ -195,7 +195,7 @@ fn check_line_us(options: &Options, manifest: &Manifest, session: &SessionFolder
                 .is_none_or(|name| manifest.cameras.iter().any(|c| c.name == name)),
             "--line-us of the camera {:?}: the session has {}: {}",
             name.as_deref().unwrap_or_default(),
-            listed(manifest),
+            camera_names(manifest),
             session.folder.display()
         );
     }
@@ -239,7 +239,9 @@ impl Calibration<'_> {
                 return Ok((result, 0));
             }
         };
-        let right = lenses.get(1).map(|(model, results)| (model, results));
+        let right = lenses
+            .get(1)
+            .map(|(model, right_from_left)| (model, right_from_left));
         let cameras = Cameras::new(&lenses[0].0, right).with_rolling_shutter(result.line_s);
         result.rate_hz = imu.rate_hz;
         result.lenses = lenses;
@@ -269,7 +271,8 @@ impl Calibration<'_> {
             imu_from_left: nominal,
             ..Priors::default()
         };
-        result.found = estimate(&recording, &priors).map_err(anyhow::Error::from);
+        result.found =
+            estimate(&recording, &priors, &Config::default()).map_err(anyhow::Error::from);
         Ok((result, observed.missing))
     }
 
@@ -324,12 +327,7 @@ fn line_s(options: &Options, camera: &str) -> f64 {
 
 /// Samples in order of time; those whose time does not increase are left out.
 fn inertial(imu: &ImuRecording) -> Vec<ImuSample> {
-    let samples = increasing_in_time(&imu.samples).map(|sample| ImuSample {
-        time_ns: sample.time_ns,
-        gyro: sample.gyro_rad_s,
-        accel: sample.accel_m_s2,
-    });
-    samples.collect()
+    (increasing_in_time(&imu.samples).map(ImuSample::from)).collect()
 }
 
 /// The estimated IMU extrinsics, as in rig files.

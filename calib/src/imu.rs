@@ -12,7 +12,7 @@ mod result;
 mod table;
 
 use anyhow::{Result, ensure};
-use calib::imu_noise::{Series, Severity, measure};
+use calib::imu_noise::{BridgingConfig, Config, Series, Severity, measure};
 use clap::Args;
 use console_output::{Console, Outcome, text};
 use session_access::{SessionFolder, open};
@@ -78,10 +78,11 @@ pub(crate) fn run(
     {
         // Progress counts bytes of values.
         let size = |imu: &ImuRecording| 48 * imu.samples.len() as u64;
+        let config = Config::default();
         let progress = console.progress("measuring", read.imus.iter().map(size).sum());
         for recording in read.imus {
             let bytes = size(&recording);
-            let found = measure(&series(&recording));
+            let found = measure(&series(&recording, &config.bridging), &config);
             progress.add(bytes);
             all.push(ImuResult { recording, found });
         }
@@ -111,8 +112,8 @@ pub(crate) fn run(
     results.write(&files, console)?;
     let refused = all.iter().any(|imu| imu.found.is_rejected());
     if read.damaged > 0 {
-        let rig_poses = text::count(read.damaged, "damaged place");
-        console.line(format!("{rig_poses} of the session left out"))?;
+        let damaged = text::count(read.damaged, "damaged place");
+        console.line(format!("{damaged} of the session left out"))?;
     }
     Ok(match (refused, read.damaged) {
         (true, _) => Outcome::Failed,
@@ -123,7 +124,7 @@ pub(crate) fn run(
 
 /// Input of the estimator. Times are of the sensor's clock if that is monotonic, else of the
 /// host's.
-fn series(imu: &ImuRecording) -> Series {
+fn series(imu: &ImuRecording, config: &BridgingConfig) -> Series {
     let samples = &imu.samples;
     let runs = imu.continuous_runs();
     let forward = runs.iter().all(|run| {
@@ -161,7 +162,7 @@ fn series(imu: &ImuRecording) -> Series {
         runs,
         ..Series::default()
     }
-    .bridged()
+    .bridged(config)
 }
 
 /// Prints the table and the remarks of one IMU.

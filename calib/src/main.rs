@@ -161,7 +161,8 @@ fn find(text: &str) -> Result<SessionFolder> {
 mod tests {
     use super::*;
 
-    /// `paws calib` finds the session among the arguments by that (`collector/src/external.rs`).
+    /// `paws calib` finds the session among the arguments by that (flags of `CALIB` in
+    /// `collector/src/forwarding.rs`).
     #[test]
     fn all_options_but_these_take_a_value() {
         let flags = ["force", "help", "keep-model", "quiet", "verbose"];

@@ -19,6 +19,11 @@ use session_archive::reader::SessionReader;
 use session_archive::verify::rig_file;
 use video::Picture;
 
+/// Configuration of the target detection in all verbs; documents have it as `detection_config`.
+pub(crate) fn detection_config() -> target::Config {
+    target::Config::default()
+}
+
 /// Target detections of a session.
 pub(crate) struct DetectedTargets {
     /// Time of each frame set, ns.
@@ -93,12 +98,13 @@ pub(crate) fn detect(
         let bytes = frames.frames.iter().map(|f| u64::from(f.bytes)).sum();
         let progress = console.progress(&format!("detecting targets: {}", camera.name), bytes);
         let found: Mutex<Vec<TargetDetection>> = Mutex::new(Vec::new());
+        let config = detection_config();
         let visit = |frame: &FrameEntry, frame_image: &Picture| {
             let Some(&instant) = instants.get(&frame.number) else {
                 return Ok(());
             };
             for (side, view) in halves(frame_image).into_iter().enumerate() {
-                let detections = target::detect_all(&view, boards, &target::Config::default());
+                let detections = target::detect_all(&view, boards, &config);
                 let mut own: Vec<TargetDetection> = detections
                     .into_iter()
                     .enumerate()

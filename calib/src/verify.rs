@@ -18,7 +18,7 @@ use anyhow::{Context, Result, ensure};
 use cad_transforms::output::{Existing, write};
 use cad_transforms::{Frame, FramePart};
 use calib::verify::{
-    Burst, Camera, FeatureTracker, Gyro, StereoFrame, Tolerances, choose_bursts, verify,
+    Burst, Camera, Config, FeatureTracker, Gyro, StereoFrame, Tolerances, choose_bursts, verify,
 };
 use camera_models::{ImuCalibration, Provenance, StereoCalibration};
 use clap::Args;
@@ -165,7 +165,7 @@ fn check(
     let rig = NominalRig::read(reader)?;
     let index = read_or_build(reader, console)?;
     let mut checked = SessionVerification {
-        verification: verify(&[], &Tolerances::default()),
+        verification: verify(&[], &Tolerances::default(), &Config::default()),
         revision: rig
             .rig
             .as_ref()
@@ -192,7 +192,8 @@ fn check(
     if known.is_empty() {
         return Ok(checked);
     }
-    let bursts = read_bursts(reader, &index, &known, options, console)?;
+    let config = Config::default();
+    let bursts = read_bursts(reader, &index, &known, &config, options, console)?;
     checked.bursts = bursts.iter().map(Vec::len).max().unwrap_or(0);
     let cameras: Vec<Camera<'_>> = (known.iter().zip(&bursts))
         .map(|(known, bursts)| Camera {
@@ -205,7 +206,7 @@ fn check(
             gyro: known.gyro.as_ref(),
         })
         .collect();
-    checked.verification = verify(&cameras, &Tolerances::default());
+    checked.verification = verify(&cameras, &Tolerances::default(), &config);
     Ok(checked)
 }
 
@@ -259,6 +260,7 @@ fn read_bursts(
     reader: &SessionReader,
     index: &Index,
     known: &[KnownCamera<'_>],
+    config: &Config,
     options: &Options,
     console: &Console<'_>,
 ) -> Result<Vec<Vec<Burst>>> {
@@ -270,14 +272,20 @@ fn read_bursts(
     let lasts = known.iter().filter_map(|k| Some(frames(k).last()?.time_ns));
     let span = [firsts.max().unwrap_or(0), lasts.min().unwrap_or(0)];
     let refs: Vec<&Gyro> = known.iter().filter_map(|k| k.gyro.as_ref()).collect();
-    let times = choose_bursts(&refs, span, options.bursts, BURST_DURATION_NS);
+    let times = choose_bursts(
+        &refs,
+        span,
+        options.bursts,
+        BURST_DURATION_NS,
+        &config.bursts,
+    );
     let progress = console.progress("looking", (times.len() * known.len()) as u64);
     let failure = Mutex::new(None);
     let bursts = thread::scope(|scope| {
         let (times, access, progress, failure) = (&times, &access, &progress, &failure);
         let one = move |known: &KnownCamera<'_>| -> Vec<Burst> {
             let frames = &index.cameras[known.index];
-            let mut follower = FeatureTracker::new(&known.nominal, known.gyro.as_ref());
+            let mut follower = FeatureTracker::new(&known.nominal, known.gyro.as_ref(), config);
             let mut bursts = Vec::new();
             for burst in times {
                 if let Err(e) = track_burst(known.camera, frames, access, *burst, &mut follower) {

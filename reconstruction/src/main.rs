@@ -160,8 +160,8 @@ mod tests {
         }
     }
 
-    /// `paws reconstruct` finds the hand-off among the words by that (`FLAGS` in
-    /// `collector/src/external.rs`).
+    /// `paws reconstruct` finds the hand-off among the words by that (flags of
+    /// `RECONSTRUCT` in `collector/src/forwarding.rs`).
     #[test]
     fn all_options_but_these_take_a_value() {
         let flags = ["force", "help", "json", "quiet", "verbose"];

@@ -2,12 +2,12 @@
 
 use anyhow::Result;
 use calib::camera_imu::CameraImu;
-use calib::target;
 use serde_json::{Value as Json, json};
 use session_archive::manifest::Manifest;
 
 use super::result::CameraResult;
 use crate::software::SOFTWARE;
+use crate::target_detections::detection_config;
 
 /// Version of the document; incremented when a key changes its meaning.
 const VERSION: u32 = 1;
@@ -21,7 +21,7 @@ pub(super) fn json(manifest: &Manifest, all: &[CameraResult]) -> Result<Vec<u8>>
         "started_civil": manifest.started_civil.to_string(),
         "units": "SI; quaternions w x y z; covariance of rotation (in the left optical frame), translation, time offset; \
                   t_imu = t_camera + time_offset_s in the middle of the recording",
-        "detection_config": target::Config::default(),
+        "detection_config": detection_config(),
         "cameras": all.iter().map(one).collect::<Vec<Json>>(),
     });
     let mut bytes = serde_json::to_vec_pretty(&document)?;

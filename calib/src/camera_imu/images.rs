@@ -6,7 +6,7 @@ use std::sync::{Mutex, PoisonError};
 use anyhow::{Context, Result};
 use boards::Target as Board;
 use calib::camera_imu::{Corner, TargetObservation};
-use calib::target::{Config, DetectedCorner, ImageView, detect_all};
+use calib::target::{DetectedCorner, ImageView, detect_all};
 use camera_models::Eye;
 use console_output::Progress;
 use session_access::decode::visit_images;
@@ -14,6 +14,8 @@ use session_archive::index::{Access, CameraIndex, FrameEntry};
 use session_archive::manifest::Camera;
 use video::Picture as DecodedImage;
 use video::picture::{i420_to_grey, split};
+
+use crate::target_detections::detection_config;
 
 /// Corners of one board, the one with most detections.
 pub(super) struct BoardObservations {
@@ -40,6 +42,7 @@ pub(super) fn find(
 ) -> Result<BoardObservations> {
     // By time: two images of one time would conflict.
     let all: Mutex<BTreeMap<i64, Found>> = Mutex::new(BTreeMap::new());
+    let config = detection_config();
     let detect = |frame: &FrameEntry, image: &DecodedImage| -> Result<()> {
         if !frame.number.is_multiple_of(every) || frame.time_unreliable {
             return Ok(());
@@ -51,7 +54,7 @@ pub(super) fn find(
             let (width, height) = (gray.width as usize, gray.height as usize);
             let view = ImageView::new(width, height, width, &gray.data)
                 .context("an image's size does not match its bytes")?;
-            let detected = detect_all(&view, boards, &Config::default());
+            let detected = detect_all(&view, boards, &config);
             for (board, detection) in detected.into_iter().enumerate() {
                 found[board][eye] = detection.corners;
             }
@@ -70,7 +73,7 @@ pub(super) fn find(
         .rev()
         .max_by_key(|&board| counts(board))
         .filter(|&board| counts(board) > 0);
-    let rig_poses: BTreeMap<u32, [f64; 2]> = board
+    let corner_positions: BTreeMap<u32, [f64; 2]> = board
         .map(|board| boards[board].corners())
         .unwrap_or_default()
         .into_iter()
@@ -83,7 +86,7 @@ pub(super) fn find(
             let mut corners = Vec::new();
             for (eye, detected) in [Eye::Left, Eye::Right].into_iter().zip(eyes) {
                 corners.extend(detected.iter().filter_map(|detected| {
-                    let [x, y] = *rig_poses.get(&detected.id)?;
+                    let [x, y] = *corner_positions.get(&detected.id)?;
                     Some(Corner {
                         x_in_target: [x, y, 0.0],
                         pixel: detected.pixel,

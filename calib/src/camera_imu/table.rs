@@ -1,6 +1,7 @@
 //! Nominal and estimated values in rows.
 
 use anyhow::Result;
+use cad_transforms::so3;
 use calib::camera_imu::{CameraImu, Verdict};
 use console_output::Console;
 
@@ -56,7 +57,7 @@ pub(super) fn rows(result: &CameraResult, found: &CameraImu) -> Vec<Row> {
         "rotation about",
         ("deg", degrees),
         nominal.map(|_| [0.0; 3]),
-        turn.scaled_axis().into(),
+        so3::log(&turn).into(),
         s.rotation_rad,
     )
     .collect();

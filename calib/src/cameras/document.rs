@@ -3,12 +3,12 @@
 use anyhow::Result;
 use cad_transforms::{Frame, Rig, RigidTransform};
 use calib::cameras::{Calibration, Severity};
-use calib::target;
 use nalgebra::Matrix6;
 use serde_json::{Value as Json, json};
 use session_archive::manifest::Manifest;
 
 use crate::software::SOFTWARE;
+use crate::target_detections::detection_config;
 
 /// Version of the document; incremented when a key changes its meaning.
 const VERSION: u32 = 1;
@@ -168,7 +168,7 @@ pub(super) fn json(manifest: &Manifest, found: &Calibration, rig: Option<&Rig>) 
         "started_civil": manifest.started_civil.to_string(),
         "units": "pixels, m, rad; sigma is one standard deviation; covariances are of [translation, rotation] in the axes of the parent",
         "config": found.config,
-        "detection_config": target::Config::default(),
+        "detection_config": detection_config(),
         "eyes": eyes.collect::<Vec<Json>>(),
         "extrinsics": relative_poses.collect::<Vec<Json>>(),
         "origin_camera": rig.and_then(Rig::origin_camera),

@@ -29,8 +29,9 @@ pub(super) fn html(
     };
     page = page.text(&format!(
         "Against {against}. {} bursts of images, and all samples of the gyroscopes. A parameter is inconsistent if it deviates \
-         by more than two sigmas of its tolerance plus {} sigmas of the measurement.",
+         by more than {} sigmas of its tolerance plus {} sigmas of the measurement.",
         checked.bursts,
+        checked.verification.config.decision.tolerance_sigma,
         checked.verification.config.decision.detection_sigma
     ));
     for finding in findings.iter().filter(|f| f.verdict != Verdict::Pass) {

@@ -166,7 +166,11 @@ pub(crate) fn run(arguments: &Arguments) -> Result<ExitCode> {
         is_json: arguments.json,
         folder: bundle.path(),
     };
-    keep_frames(&input, &bundle.path());
+    let decodes_again =
+        place(&arguments.to).is_none_or(|to| stages::NAMES[..=to].contains(&"depth"));
+    if decodes_again {
+        keep_frames(&input, &bundle.path());
+    }
     let outcomes = pipeline.run(&sources, &bundle, &selection, &observer, &machine::METER);
     observer.bar.finish_and_clear();
     let outcomes =
@@ -200,13 +204,22 @@ pub(crate) fn run(arguments: &Arguments) -> Result<ExitCode> {
 /// Frames above it are decoded again.
 const MAX_KEPT_BYTES: u64 = 2 << 30;
 
+/// Free bytes of the disk for each byte of kept frames: the outputs of the stages need space too.
+const FREE_PER_KEPT: u64 = 4;
+
 /// Lets stages keep decoded frames for later ones, in a file without a name in the bundle's folder:
 /// it ends with the process. Where the file system has no such files, they are decoded again.
 fn keep_frames(input: &Input, folder: &Path) {
     let flags = OFlags::TMPFILE | OFlags::RDWR | OFlags::CLOEXEC;
-    match rustix::fs::open(folder, flags, Mode::RUSR | Mode::WUSR) {
-        Ok(file) => (input.session()).keep_frames_in(file.into(), MAX_KEPT_BYTES),
-        Err(error) => log::debug!("frames are not kept: {error}: {}", folder.display()),
+    let kept = rustix::fs::open(folder, flags, Mode::RUSR | Mode::WUSR).and_then(|file| {
+        let disk = rustix::fs::fstatvfs(&file)?;
+        let free = disk.f_bavail.saturating_mul(disk.f_frsize);
+        let max_bytes = MAX_KEPT_BYTES.min(free / FREE_PER_KEPT);
+        input.session().keep_frames_in(file.into(), max_bytes);
+        Ok(())
+    });
+    if let Err(error) = kept {
+        log::debug!("frames are not kept: {error}: {}", folder.display());
     }
 }
 

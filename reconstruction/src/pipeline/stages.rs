@@ -18,7 +18,6 @@ mod bundle_adjustment;
 mod cloud;
 mod depth;
 pub mod frame_set_reader;
-mod imu_sample;
 mod keyframe_candidates;
 mod keyframe_spacing;
 pub mod networks;

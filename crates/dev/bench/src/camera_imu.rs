@@ -10,7 +10,7 @@ use std::fs;
 
 use anyhow::{Context, Result};
 use calib::camera_imu::simulate::{Scene, simulate};
-use calib::camera_imu::{FormulationResult, Formulations, Priors, estimate};
+use calib::camera_imu::{Config, FormulationResult, Formulations, Priors, estimate};
 use nalgebra::{Rotation3, Vector3};
 use serde_json::{Value, json};
 
@@ -150,7 +150,7 @@ fn minute(seconds: f64) -> Result<Value> {
         ..Scene::lively(seconds)
     };
     let recording = simulate(&scene, 1).recording;
-    let (found, took) = timed(|| estimate(&recording, &Priors::default()));
+    let (found, took) = timed(|| estimate(&recording, &Priors::default(), &Config::default()));
     let found = found?;
     let shift: Vector3<f64> = found.imu_from_left.translation() - scene.imu_from_left.translation();
     Ok(json!({

@@ -20,7 +20,8 @@ use std::sync::Arc;
 use anyhow::{Context as _, Result, ensure};
 use cad_transforms::RigidTransform;
 use imaging::ImageView;
-use odometry::input::{FrameSet, ImuSample, View};
+use odometry::ImuSample;
+use odometry::input::{FrameSet, View};
 use odometry::rig::Rig;
 
 mod cache;

@@ -12,8 +12,8 @@ use cad_transforms::frame::{Frame, FramePart};
 use cad_transforms::rig::Rig;
 use cad_transforms::transform::RigidTransform;
 use calib::verify::{
-    Burst, Camera, CameraEstimate, FeatureTracker, Gyro, StereoFrame, Tolerances, Verification,
-    choose_bursts, compare, judge,
+    Burst, BurstConfig, Camera, CameraEstimate, Config, FeatureTracker, Gyro, StereoFrame,
+    Tolerances, Verification, choose_bursts, compare, judge,
 };
 use camera_models::StereoCalibration;
 use imaging::ImageView;
@@ -130,7 +130,13 @@ impl Walk {
         let refs: Vec<&Gyro> = gyros.iter().collect();
         let (count, length_s) = plan.bursts;
         let span = [0, (plan.seconds * 1e9) as i64];
-        let times = choose_bursts(&refs, span, count, (length_s * 1e9) as i64);
+        let times = choose_bursts(
+            &refs,
+            span,
+            count,
+            (length_s * 1e9) as i64,
+            &BurstConfig::default(),
+        );
         let track_bursts =
             |k: usize| track_bursts(&simulation, k, &cameras[k].calibration, &gyros[k], &times);
         let bursts: Vec<Vec<Burst>> = thread::scope(|scope| {
@@ -167,7 +173,10 @@ impl Walk {
     /// Estimates of the cameras without nominal errors.
     pub fn compare(&self) -> Vec<CameraEstimate> {
         self.with(&NominalError::None, |cameras| {
-            cameras.iter().map(compare).collect()
+            cameras
+                .iter()
+                .map(|camera| compare(camera, &Config::default()))
+                .collect()
         })
     }
 
@@ -180,9 +189,9 @@ impl Walk {
             | NominalError::ImageTime(k, _)
             | NominalError::ImuTime(k, _) = *error
             {
-                found[k] = compare(&cameras[k]);
+                found[k] = compare(&cameras[k], &Config::default());
             }
-            judge(cameras, found, &Tolerances::default())
+            judge(cameras, found, &Tolerances::default(), &Config::default())
         })
     }
 
@@ -255,7 +264,7 @@ fn track_bursts(
 ) -> Vec<Burst> {
     let settings = simulation.settings();
     let count = settings.frame_count();
-    let mut follower = FeatureTracker::new(calibration, Some(gyro));
+    let mut follower = FeatureTracker::new(calibration, Some(gyro), &Config::default());
     let mut renderer = simulation.frames(camera);
     let mut burst = |[from, to]: &[i64; 2]| {
         let first = (0..count).find(|n| settings.frame_ns(*n) >= *from);

@@ -39,6 +39,16 @@ pub struct ImuSample {
     pub time_unreliable: bool,
 }
 
+impl From<&ImuSample> for camera_models::ImuSample {
+    fn from(sample: &ImuSample) -> Self {
+        Self {
+            time_ns: sample.time_ns,
+            gyro: sample.gyro_rad_s,
+            accel: sample.accel_m_s2,
+        }
+    }
+}
+
 /// A batch whose lists have lengths that do not fit: the whole batch is lost.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, thiserror::Error)]
 #[error("{found} {what} for {samples} samples")]

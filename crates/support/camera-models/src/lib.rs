@@ -1,4 +1,4 @@
-//! Lens and camera models as data and functions.
+//! Models of cameras and IMUs as data and functions.
 //!
 //! [`CameraModel`] is one lens with its image size, [`StereoCalibration`] a stereo camera with its
 //! IMU, [`CameraSet`] any number of cameras, all in the conventions of this project (metres,
@@ -14,6 +14,7 @@ pub mod rectify;
 
 mod camera;
 mod convert;
+mod imu;
 mod lens;
 mod note;
 mod set;
@@ -22,8 +23,9 @@ mod stereo;
 pub use camera::{CameraModel, Distortion, Rational};
 pub use camera_info::CameraInfo;
 pub use convert::{Conversion, ConvertError, LensModel, convert, convert_within, exactly};
+pub use imu::{ImuCalibration, ImuNoise, ImuSample};
 pub use lens::{ByParameters, Lens, Projected};
 pub use note::Note;
 pub use plausibility::InvalidCalibration;
 pub use set::{CameraSet, NamedCamera, SetImu};
-pub use stereo::{Eye, ImuCalibration, ImuNoise, Provenance, StereoCalibration};
+pub use stereo::{Eye, Provenance, StereoCalibration};

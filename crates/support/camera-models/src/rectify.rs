@@ -11,7 +11,7 @@
 //! implementation. [`Remap`] applies a map to 8-bit images. Rectified pixels without a source are
 //! NaN in a map and get a fill value in an image.
 
-use cad_transforms::RigidTransform;
+use cad_transforms::{RigidTransform, so3};
 use nalgebra::{UnitQuaternion, Vector3};
 
 use crate::camera::{CameraModel, Distortion};
@@ -356,7 +356,7 @@ pub fn rotations(
     stereo: &StereoCalibration,
 ) -> Result<(RigidTransform, RigidTransform), RectifyError> {
     let full = stereo.right_from_left.rotation();
-    let half = UnitQuaternion::from_scaled_axis(0.5 * full.scaled_axis());
+    let half = so3::exp(0.5 * so3::log(&full));
     // Position of the right camera in the left one, in the frame half-way between the two.
     let beside = -(half.inverse() * stereo.right_from_left.translation());
     let angle = beside.angle(&Vector3::x());

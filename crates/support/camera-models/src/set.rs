@@ -8,9 +8,10 @@
 use cad_transforms::RigidTransform;
 
 use crate::camera::CameraModel;
+use crate::imu::{ImuCalibration, ImuNoise};
 use crate::note::Note;
 use crate::plausibility::{InvalidCalibration, MAX_USUAL_BASELINE_M, swapped, too_far, wide};
-use crate::stereo::{ImuCalibration, ImuNoise, Provenance, StereoCalibration};
+use crate::stereo::{Provenance, StereoCalibration};
 
 /// The cameras of a file.
 #[derive(Clone, Debug, PartialEq)]

@@ -10,6 +10,7 @@ use cad_transforms::RigidTransform;
 use serde::{Deserialize, Serialize};
 
 use crate::camera::{CameraModel, Distortion};
+use crate::imu::ImuCalibration;
 use crate::plausibility::{InvalidCalibration, MAX_BASELINE_M, swapped};
 
 /// Calibration of a stereo camera at one resolution.
@@ -35,32 +36,6 @@ pub enum Eye {
     Left,
     /// The right camera.
     Right,
-}
-
-/// Extrinsics and noise of an IMU.
-#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
-#[serde(deny_unknown_fields)]
-pub struct ImuCalibration {
-    /// Takes points in the left optical frame to the IMU's frame, metres.
-    pub imu_from_left: RigidTransform,
-    /// Nominal rate, Hz.
-    pub rate_hz: f64,
-    /// Noise model, if the file contains one.
-    pub noise: Option<ImuNoise>,
-}
-
-/// Continuous-time IMU noise model, as EuRoC and Kalibr write it.
-#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
-#[serde(deny_unknown_fields)]
-pub struct ImuNoise {
-    /// Gyroscope white noise, rad/s/√Hz.
-    pub gyro_noise_density: f64,
-    /// Gyroscope bias random walk, rad/s²/√Hz.
-    pub gyro_random_walk: f64,
-    /// Accelerometer white noise, m/s²/√Hz.
-    pub accel_noise_density: f64,
-    /// Accelerometer bias random walk, m/s³/√Hz.
-    pub accel_random_walk: f64,
 }
 
 /// Files from which a calibration was read.

@@ -12,10 +12,10 @@
 
 use estimator_config::config;
 
-use crate::pyramid::{Level, Pyramid};
+use crate::pyramid::{Level, Patch, Pyramid, half_extent};
 
 config! {
-    /// KLT tracking of a patch of 8 x 8 px.
+    /// KLT tracking of patches.
     pub struct KltConfig {
         /// Maximum number of iterations per level. Fewer lose fast motion; more cost time, mainly
         /// for patches that are lost anyway.
@@ -38,67 +38,30 @@ config! {
     }
 }
 
-/// Side of a patch, px. Its center is between pixels.
-const PATCH_SIDE: usize = 8;
-const PATCH_AREA: usize = PATCH_SIDE * PATCH_SIDE;
-const HALF_PATCH: f32 = 3.5;
-
-type Patch = [f32; PATCH_AREA];
-
 /// Template patch with gradients and inverse Hessian.
-struct Template {
-    values: Patch,
-    gx: Patch,
-    gy: Patch,
+struct Template<const SIDE: usize> {
+    values: Patch<SIDE>,
+    gx: Patch<SIDE>,
+    gy: Patch<SIDE>,
     /// Inverse of the second moments of the gradients (xx, xy, yy).
     inverse: [f32; 3],
     /// Norm of the values.
     norm: f32,
 }
 
-/// Samples the patch around a position with bilinear interpolation; returns false if it exceeds the
-/// level.
-#[inline(always)]
-fn sample_patch(level: &Level, x: f32, y: f32, out: &mut Patch) -> bool {
-    let (left, top) = (x - HALF_PATCH, y - HALF_PATCH);
-    // NaN is outside.
-    let inside = left >= 0.0
-        && top >= 0.0
-        && left + (PATCH_SIDE as f32) < level.width as f32
-        && top + (PATCH_SIDE as f32) < level.height as f32;
-    if !inside {
-        return false;
-    }
-    let (fx, fy) = (left - left.floor(), top - top.floor());
-    let at = top as usize * level.width + left as usize;
-    let (w00, w10) = ((1.0 - fx) * (1.0 - fy), fx * (1.0 - fy));
-    let (w01, w11) = ((1.0 - fx) * fy, fx * fy);
-    for (k, out) in out.chunks_exact_mut(PATCH_SIDE).enumerate() {
-        let upper = &level.data[at + k * level.width..][..PATCH_SIDE + 1];
-        let lower = &level.data[at + (k + 1) * level.width..][..PATCH_SIDE + 1];
-        for i in 0..PATCH_SIDE {
-            out[i] = w00 * f32::from(upper[i])
-                + w10 * f32::from(upper[i + 1])
-                + w01 * f32::from(lower[i])
-                + w11 * f32::from(lower[i + 1]);
-        }
-    }
-    true
-}
-
 /// Subtracts the mean and returns the norm.
 #[inline(always)]
-fn center(values: &mut Patch) -> f32 {
-    let mut sums = [0.0; PATCH_SIDE];
-    for row in values.chunks_exact(PATCH_SIDE) {
-        for i in 0..PATCH_SIDE {
+fn center<const SIDE: usize>(values: &mut Patch<SIDE>) -> f32 {
+    let mut sums = [0.0; SIDE];
+    for row in &*values {
+        for i in 0..SIDE {
             sums[i] += row[i];
         }
     }
-    let mean = sums.iter().sum::<f32>() / PATCH_AREA as f32;
-    let mut squares = [0.0; PATCH_SIDE];
-    for row in values.chunks_exact_mut(PATCH_SIDE) {
-        for i in 0..PATCH_SIDE {
+    let mean = sums.iter().sum::<f32>() / (SIDE * SIDE) as f32;
+    let mut squares = [0.0; SIDE];
+    for row in values {
+        for i in 0..SIDE {
             row[i] -= mean;
             squares[i] += row[i] * row[i];
         }
@@ -106,43 +69,45 @@ fn center(values: &mut Patch) -> f32 {
     squares.iter().sum::<f32>().sqrt()
 }
 
-impl Template {
+impl<const SIDE: usize> Template<SIDE> {
     #[inline(always)]
     fn new(config: &KltConfig, level: &Level, x: f32, y: f32) -> Option<Self> {
+        let zero = [[0.0; SIDE]; SIDE];
         let mut new = Self {
-            values: [0.0; PATCH_AREA],
-            gx: [0.0; PATCH_AREA],
-            gy: [0.0; PATCH_AREA],
+            values: zero,
+            gx: zero,
+            gy: zero,
             inverse: [0.0; 3],
             norm: 0.0,
         };
-        let mut other = [0.0; PATCH_AREA];
-        if !sample_patch(level, x + 1.0, y, &mut new.gx)
-            || !sample_patch(level, x - 1.0, y, &mut other)
+        let mut other = zero;
+        if !level.sample_patch(x + 1.0, y, &mut new.gx)
+            || !level.sample_patch(x - 1.0, y, &mut other)
         {
             return None;
         }
-        for i in 0..PATCH_AREA {
-            new.gx[i] = 0.5 * (new.gx[i] - other[i]);
+        for k in 0..SIDE {
+            for i in 0..SIDE {
+                new.gx[k][i] = 0.5 * (new.gx[k][i] - other[k][i]);
+            }
         }
-        if !sample_patch(level, x, y + 1.0, &mut new.gy)
-            || !sample_patch(level, x, y - 1.0, &mut other)
+        if !level.sample_patch(x, y + 1.0, &mut new.gy)
+            || !level.sample_patch(x, y - 1.0, &mut other)
         {
             return None;
         }
-        let mut moments = [[0.0; PATCH_SIDE]; 3];
-        for k in 0..PATCH_SIDE {
-            for i in 0..PATCH_SIDE {
-                let at = k * PATCH_SIDE + i;
-                new.gy[at] = 0.5 * (new.gy[at] - other[at]);
-                let (gx, gy) = (new.gx[at], new.gy[at]);
+        let mut moments = [[0.0; SIDE]; 3];
+        for k in 0..SIDE {
+            for i in 0..SIDE {
+                new.gy[k][i] = 0.5 * (new.gy[k][i] - other[k][i]);
+                let (gx, gy) = (new.gx[k][i], new.gy[k][i]);
                 moments[0][i] += gx * gx;
                 moments[1][i] += gx * gy;
                 moments[2][i] += gy * gy;
             }
         }
         let [a, b, c] = moments.map(|m| m.iter().sum::<f32>());
-        sample_patch(level, x, y, &mut new.values);
+        level.sample_patch(x, y, &mut new.values);
         new.norm = center(&mut new.values);
         let determinant = a * c - b * b;
         let is_edge = determinant <= config.min_determinant_ratio as f32 * (a + c) * (a + c);
@@ -162,9 +127,9 @@ impl Template {
         mut x: f32,
         mut y: f32,
     ) -> Option<([f32; 2], f32)> {
-        let mut patch = [0.0; PATCH_AREA];
+        let mut patch = [[0.0; SIDE]; SIDE];
         for iteration in 0.. {
-            if !sample_patch(level, x, y, &mut patch) {
+            if !level.sample_patch(x, y, &mut patch) {
                 return None;
             }
             let norm = center(&mut patch);
@@ -172,14 +137,13 @@ impl Template {
                 return None;
             }
             let gain = self.norm / norm;
-            let mut sums = [[0.0; PATCH_SIDE]; 3];
-            for k in 0..PATCH_SIDE {
-                for i in 0..PATCH_SIDE {
-                    let at = k * PATCH_SIDE + i;
-                    let error = patch[at] * gain - self.values[at];
-                    sums[0][i] += self.gx[at] * error;
-                    sums[1][i] += self.gy[at] * error;
-                    sums[2][i] += patch[at] * self.values[at];
+            let mut sums = [[0.0; SIDE]; 3];
+            for k in 0..SIDE {
+                for i in 0..SIDE {
+                    let error = patch[k][i] * gain - self.values[k][i];
+                    sums[0][i] += self.gx[k][i] * error;
+                    sums[1][i] += self.gy[k][i] * error;
+                    sums[2][i] += patch[k][i] * self.values[k][i];
                 }
             }
             let [ex, ey, product] = sums.map(|s| s.iter().sum::<f32>());
@@ -191,7 +155,7 @@ impl Template {
                 return Some(([x, y], ncc));
             }
             // A step longer than half a patch means that there is no match.
-            let scale_back = (HALF_PATCH / length).min(1.0);
+            let scale_back = (half_extent(SIDE) / length).min(1.0);
             x -= dx * scale_back;
             y -= dy * scale_back;
         }
@@ -199,9 +163,9 @@ impl Template {
     }
 }
 
-/// Tracks the position `at` of `from` into `to`, starting at `guess` on the level `coarsest`. All
-/// positions are in pixels of the finest level.
-pub fn track(
+/// Tracks the position `at` of `from` into `to`, starting at `guess` on the level `coarsest`, by
+/// patches of `SIDE` x `SIDE` px. All positions are in pixels of the finest level.
+pub fn track<const SIDE: usize>(
     config: &KltConfig,
     from: &Pyramid,
     to: &Pyramid,
@@ -212,14 +176,14 @@ pub fn track(
     #[cfg(target_arch = "x86_64")]
     if is_x86_feature_detected!("avx2") && is_x86_feature_detected!("fma") {
         // SAFETY: the processor supports the target features of the function, as checked above.
-        return unsafe { track_avx2(config, from, to, at, guess, coarsest) };
+        return unsafe { track_avx2::<SIDE>(config, from, to, at, guess, coarsest) };
     }
-    track_portable(config, from, to, at, guess, coarsest)
+    track_portable::<SIDE>(config, from, to, at, guess, coarsest)
 }
 
 #[cfg(target_arch = "x86_64")]
 #[target_feature(enable = "avx2,fma")]
-fn track_avx2(
+fn track_avx2<const SIDE: usize>(
     config: &KltConfig,
     from: &Pyramid,
     to: &Pyramid,
@@ -227,11 +191,11 @@ fn track_avx2(
     guess: [f32; 2],
     coarsest: usize,
 ) -> Option<[f32; 2]> {
-    track_portable(config, from, to, at, guess, coarsest)
+    track_portable::<SIDE>(config, from, to, at, guess, coarsest)
 }
 
 #[inline(always)]
-fn track_portable(
+fn track_portable<const SIDE: usize>(
     config: &KltConfig,
     from: &Pyramid,
     to: &Pyramid,
@@ -239,7 +203,7 @@ fn track_portable(
     guess: [f32; 2],
     coarsest: usize,
 ) -> Option<[f32; 2]> {
-    let (found, ncc) = track_forward(config, from, to, at, guess, coarsest)?;
+    let (found, ncc) = track_forward::<SIDE>(config, from, to, at, guess, coarsest)?;
     if ncc < config.min_ncc as f32 {
         return None;
     }
@@ -249,13 +213,13 @@ fn track_portable(
         at[0] + (guess[0] - found[0]).clamp(-1.0, 1.0),
         at[1] + (guess[1] - found[1]).clamp(-1.0, 1.0),
     ];
-    let (back, _) = track_forward(config, to, from, found, back, 0)?;
+    let (back, _) = track_forward::<SIDE>(config, to, from, found, back, 0)?;
     let error = (back[0] - at[0]).hypot(back[1] - at[1]);
     (error < config.max_forward_backward_px as f32).then_some(found)
 }
 
 #[inline(always)]
-fn track_forward(
+fn track_forward<const SIDE: usize>(
     config: &KltConfig,
     from: &Pyramid,
     to: &Pyramid,
@@ -268,10 +232,11 @@ fn track_forward(
         let scale = (1_u32 << level) as f32;
         let [x, y] = at.map(|v| v / scale);
         // On a coarse level the patch may exceed the border.
-        let aligned = Template::new(config, &from.levels[level], x, y).and_then(|template| {
-            let (u, v) = (x + offset[0] / scale, y + offset[1] / scale);
-            template.align(config, &to.levels[level], u, v)
-        });
+        let aligned =
+            Template::<SIDE>::new(config, &from.levels[level], x, y).and_then(|template| {
+                let (u, v) = (x + offset[0] / scale, y + offset[1] / scale);
+                template.align(config, &to.levels[level], u, v)
+            });
         match aligned {
             Some((position, ncc)) if level == 0 => return Some((position, ncc)),
             Some(([u, v], _)) => offset = [(u - x) * scale, (v - y) * scale],
@@ -283,22 +248,23 @@ fn track_forward(
 }
 
 /// Patch around a position of a level, normalized to mean 0 and norm 1, for NCC.
-pub fn normalized_patch(
+pub fn normalized_patch<const SIDE: usize>(
     config: &KltConfig,
     level: &Level,
     x: f32,
     y: f32,
-) -> Option<[f32; PATCH_AREA]> {
-    let mut patch = [0.0; PATCH_AREA];
-    if !sample_patch(level, x, y, &mut patch) {
+) -> Option<Patch<SIDE>> {
+    let mut patch = [[0.0; SIDE]; SIDE];
+    if !level.sample_patch(x, y, &mut patch) {
         return None;
     }
     let norm = center(&mut patch);
-    (norm >= config.min_contrast as f32).then(|| patch.map(|v| v / norm))
+    (norm >= config.min_contrast as f32).then(|| patch.map(|row| row.map(|v| v / norm)))
 }
 
 #[cfg(test)]
 mod tests {
+    use crate::pyramid::PyramidConfig;
     use crate::view::ImageView;
 
     use super::*;
@@ -344,7 +310,7 @@ mod tests {
         for (dx, dy, gain) in [(0.3, -0.2, 1.0), (3.4, 2.7, 1.2), (-5.6, 4.1, 0.8)] {
             let to = image(dx, dy, gain);
             for at in [[60.0, 70.0], [101.3, 80.8], [140.5, 60.2]] {
-                let found = track(&Default::default(), &from, &to, at, at, 3).expect("found");
+                let found = track::<8>(&Default::default(), &from, &to, at, at, 3).expect("found");
                 let error = [found[0] - at[0] - dx as f32, found[1] - at[1] - dy as f32];
                 // Rounding to gray levels leaves errors of some hundredths.
                 assert!(
@@ -359,54 +325,17 @@ mod tests {
     fn blank_or_outside_patches_are_not_tracked() {
         let from = image(0.0, 0.0, 1.0);
         let blank = vec![90; 200 * 160];
-        let blank = Pyramid::new(
-            &Default::default(),
-            &ImageView::new(200, 160, 200, &blank).expect("an image"),
-        );
-        assert!(
-            track(
-                &Default::default(),
-                &from,
-                &blank,
-                [60.0, 70.0],
-                [60.0, 70.0],
-                3
-            )
-            .is_none()
-        );
-        assert!(
-            track(
-                &Default::default(),
-                &from,
-                &blank,
-                [60.0, 70.0],
-                [60.0, 70.0],
-                3
-            )
-            .is_none()
-        );
+        let blank = ImageView::new(200, 160, 200, &blank).expect("an image");
+        let blank = Pyramid::new(&PyramidConfig::default(), &blank);
+        let lost = |from: &Pyramid, to: &Pyramid, at, guess| {
+            track::<8>(&KltConfig::default(), from, to, at, guess, 3).is_none()
+        };
+        let middle = [60.0, 70.0];
+        assert!(lost(&from, &blank, middle, middle));
+        assert!(lost(&blank, &from, middle, middle));
         // Beyond the border, or NaN.
-        assert!(
-            track(
-                &Default::default(),
-                &from,
-                &from,
-                [1.0, 70.0],
-                [1.0, 70.0],
-                3
-            )
-            .is_none()
-        );
-        assert!(
-            track(
-                &Default::default(),
-                &from,
-                &from,
-                [f32::NAN, 70.0],
-                [60.0, 70.0],
-                3
-            )
-            .is_none()
-        );
+        assert!(lost(&from, &from, [1.0, 70.0], [1.0, 70.0]));
+        assert!(lost(&from, &from, middle, [f32::NAN, 70.0]));
+        assert!(lost(&from, &from, [f32::NAN, 70.0], middle));
     }
 }

@@ -23,7 +23,7 @@
 //! };
 //! let (from, to) = (pyramid(&from).unwrap(), pyramid(&to).unwrap());
 //! let at = [45.0, 50.0];
-//! let [x, y] = klt::track(&KltConfig::default(), &from, &to, at, at, 1).unwrap();
+//! let [x, y] = klt::track::<8>(&KltConfig::default(), &from, &to, at, at, 1).unwrap();
 //! assert!((x - 47.0).abs() < 0.05 && (y - 51.0).abs() < 0.05);
 //! ```
 
@@ -32,5 +32,5 @@ mod pyramid;
 mod view;
 
 pub use klt::KltConfig;
-pub use pyramid::{Level, Pyramid, PyramidConfig};
+pub use pyramid::{Level, Patch, Pyramid, PyramidConfig};
 pub use view::{ImageSizeError, ImageView};

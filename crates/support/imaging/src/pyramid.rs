@@ -61,6 +61,47 @@ impl Pyramid {
     }
 }
 
+/// A square of gray values, row by row.
+pub type Patch<const SIDE: usize> = [[f32; SIDE]; SIDE];
+
+/// From the center of a patch to its outermost pixels, px; with an even side the center is between
+/// pixels.
+pub(crate) const fn half_extent(side: usize) -> f32 {
+    0.5 * (side - 1) as f32
+}
+
+impl Level {
+    /// Samples the patch around a position with bilinear interpolation; returns false if it exceeds
+    /// the level.
+    #[inline(always)]
+    pub fn sample_patch<const SIDE: usize>(&self, x: f32, y: f32, patch: &mut Patch<SIDE>) -> bool {
+        let (left, top) = (x - half_extent(SIDE), y - half_extent(SIDE));
+        // NaN is outside.
+        let inside = left >= 0.0
+            && top >= 0.0
+            && left + (SIDE as f32) < self.width as f32
+            && top + (SIDE as f32) < self.height as f32;
+        if !inside {
+            return false;
+        }
+        let (fx, fy) = (left - left.floor(), top - top.floor());
+        let at = top as usize * self.width + left as usize;
+        let (w00, w10) = ((1.0 - fx) * (1.0 - fy), fx * (1.0 - fy));
+        let (w01, w11) = ((1.0 - fx) * fy, fx * fy);
+        for (k, row) in patch.iter_mut().enumerate() {
+            let upper = &self.data[at + k * self.width..][..SIDE + 1];
+            let lower = &self.data[at + (k + 1) * self.width..][..SIDE + 1];
+            for (i, value) in row.iter_mut().enumerate() {
+                *value = w00 * f32::from(upper[i])
+                    + w10 * f32::from(upper[i + 1])
+                    + w01 * f32::from(lower[i])
+                    + w11 * f32::from(lower[i + 1]);
+            }
+        }
+        true
+    }
+}
+
 fn downsample(level: &Level) -> Level {
     #[cfg(target_arch = "x86_64")]
     if is_x86_feature_detected!("avx2") {

@@ -111,4 +111,61 @@ impl<'a> ImageView<'a> {
     pub fn row(&self, y: usize) -> &'a [u8] {
         &self.pixels[y * self.stride..][..self.width]
     }
+
+    /// Gray value between pixel centers, bilinear; `None` outside.
+    pub fn sample(&self, [x, y]: [f64; 2]) -> Option<f64> {
+        let (x, y) = (x as f32, y as f32);
+        if !(x >= 0.0 && y >= 0.0) {
+            return None;
+        }
+        let (i, j) = (x as usize, y as usize);
+        if i + 1 >= self.width || j + 1 >= self.height {
+            return None;
+        }
+        let at = j * self.stride + i;
+        let below = at + self.stride;
+        let p = |i: usize| f32::from(self.pixels[i]);
+        let (u, v) = (x - i as f32, y - j as f32);
+        let top = p(at) + u * (p(at + 1) - p(at));
+        let bottom = p(below) + u * (p(below + 1) - p(below));
+        Some(f64::from(top + v * (bottom - top)))
+    }
+
+    /// The image at half the size: means of 2 x 2 pixels, rounded. Pixel (x, y) of the result is at
+    /// (2 x + 0.5, 2 y + 0.5) of this image.
+    pub fn halved(&self) -> Vec<u8> {
+        let mut half = Vec::with_capacity(self.width / 2 * (self.height / 2));
+        for y in 0..self.height / 2 {
+            let (a, b) = (self.row(2 * y), self.row(2 * y + 1));
+            half.extend(a.chunks_exact(2).zip(b.chunks_exact(2)).map(|(a, b)| {
+                let sum = u16::from(a[0]) + u16::from(a[1]) + u16::from(b[0]) + u16::from(b[1]);
+                ((sum + 2) / 4) as u8
+            }));
+        }
+        half
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_view_has_all_its_rows() {
+        let pixels = [0; 10];
+        assert!(ImageView::new(4, 2, 6, &pixels).is_some());
+        assert!(ImageView::new(5, 2, 6, &pixels).is_none());
+        assert!(ImageView::new(7, 1, 6, &pixels).is_none());
+        assert!(ImageView::new(0, 0, 0, &[]).is_none());
+    }
+
+    #[test]
+    fn values_between_pixels_are_bilinear() {
+        let image = ImageView::new(2, 2, 3, &[10, 20, 0, 30, 60]).unwrap();
+        assert_eq!(image.sample([0.5, 0.0]), Some(15.0));
+        assert_eq!(image.sample([0.5, 0.5]), Some(30.0));
+        assert_eq!(image.sample([1.0, 0.0]), None);
+        assert_eq!(image.sample([f64::NAN, 0.0]), None);
+        assert_eq!(image.halved(), [30]);
+    }
 }

@@ -36,6 +36,7 @@ mod tests;
 mod track;
 mod view;
 
+pub use camera_models::ImuSample;
 pub use config::{
     Config, GateConfig, InitializationConfig, NoiseConfig, ObservabilityConfig, SampleConfig,
     SolverConfig, ViewConfig,
@@ -44,5 +45,5 @@ pub use estimate::estimate;
 pub use estimate::reference::{FormulationResult, Formulations};
 pub use gates::{Gate, UnobservableDirection, Verdict};
 pub use noise::{Noise, NoiseEstimates};
-pub use recording::{Cameras, Corner, GRAVITY, ImuSample, Priors, Recording, TargetObservation};
+pub use recording::{Cameras, Corner, GRAVITY, Priors, Recording, TargetObservation};
 pub use result::{CameraImu, CameraImuError, Residual, Sigmas};

@@ -28,8 +28,7 @@ pub use series::{AXES, Finding, Series, Severity};
 ///
 /// # Panics
 /// If the vectors of the series differ in length or a run extends beyond them.
-pub fn measure(series: &Series) -> Measurement {
-    let config = Config::default();
+pub fn measure(series: &Series, config: &Config) -> Measurement {
     let mut screened = screen::screen(series, &config.screening);
     let mut findings = std::mem::take(&mut screened.findings);
     findings.extend(series.bridged.iter().cloned());
@@ -39,7 +38,7 @@ pub fn measure(series: &Series) -> Measurement {
         [at(run.start), at(run.end - 1)]
     };
     let mut measurement = Measurement {
-        config,
+        config: *config,
         rate_hz: 1.0 / screened.period_s,
         used_s: screened.still.iter().map(seconds).collect(),
         axes: Vec::new(),

@@ -4,7 +4,7 @@
 //! planar target that is far away or small has two poses; the one with the smaller residual is
 //! returned, with the ratio of the residuals, because near 1 the choice is ambiguous.
 
-use cad_transforms::RigidTransform;
+use cad_transforms::{RigidTransform, so3};
 use camera_models::{CameraModel, Lens};
 use estimator_config::config;
 use nalgebra::{Matrix3, SMatrix, SVector, UnitQuaternion, Vector3};
@@ -160,7 +160,7 @@ fn mirrored(eye_from_target: &RigidTransform, points: &[Point]) -> Option<RigidT
     let axis = sight.cross(&normal);
     let angle = axis.norm().atan2(sight.dot(&normal));
     let axis = axis.try_normalize(1e-9)?;
-    let turn = UnitQuaternion::from_scaled_axis(axis * (-2.0 * angle));
+    let turn = so3::exp(axis * (-2.0 * angle));
     let rotation = UnitQuaternion::new_normalize((turn * eye_from_target.rotation()).into_inner());
     let t = at - rotation * Vector3::from(middle);
     let q = rotation.into_inner();

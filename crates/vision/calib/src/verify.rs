@@ -28,7 +28,6 @@ mod epipolar_search;
 mod findings;
 mod gyro;
 mod gyro_pairs;
-mod klt;
 mod motion;
 mod pyramid;
 mod robust;
@@ -42,8 +41,8 @@ pub use camera::{Camera, Tolerances};
 pub use camera_estimate::CameraEstimate;
 pub use camera_imu::CameraImu;
 pub use config::{
-    BurstConfig, CameraImuConfig, Config, CornerConfig, DecisionConfig, GyroPairConfig, KltConfig,
-    MotionConfig, PyramidConfig, ReadoutConfig, SearchConfig, StereoConfig, TrackingConfig,
+    BurstConfig, CameraImuConfig, Config, CornerConfig, DecisionConfig, GyroPairConfig,
+    MotionConfig, ReadoutConfig, SearchConfig, StereoConfig, TrackingConfig,
 };
 pub use findings::{Finding, Parameter, Status};
 pub use gyro::Gyro;
@@ -75,20 +74,22 @@ pub struct Verification {
 
 /// Compares the nominal calibration of a rig with its observations: [`compare`] for each camera,
 /// then [`judge`].
-pub fn verify(cameras: &[Camera<'_>], tolerances: &Tolerances) -> Verification {
-    let found = cameras.iter().map(compare).collect();
-    judge(cameras, found, tolerances)
+pub fn verify(cameras: &[Camera<'_>], tolerances: &Tolerances, config: &Config) -> Verification {
+    let found = cameras
+        .iter()
+        .map(|camera| compare(camera, config))
+        .collect();
+    judge(cameras, found, tolerances, config)
 }
 
 /// Compares one camera's eyes, and the camera with its own gyroscope. The pose of the camera on the
 /// rig is not used.
-pub fn compare(camera: &Camera<'_>) -> CameraEstimate {
-    let config = Config::default();
+pub fn compare(camera: &Camera<'_>, config: &Config) -> CameraEstimate {
     let eyes = stereo::estimate(camera.nominal, camera.bursts, &config.stereo);
     let imu = eyes
         .as_ref()
         .zip(camera.gyro)
-        .and_then(|(eyes, gyro)| camera_imu::estimate(camera, eyes, gyro, &config));
+        .and_then(|(eyes, gyro)| camera_imu::estimate(camera, eyes, gyro, config));
     CameraEstimate {
         name: camera.name.to_owned(),
         eyes,
@@ -102,8 +103,8 @@ pub fn judge(
     cameras: &[Camera<'_>],
     found: Vec<CameraEstimate>,
     tolerances: &Tolerances,
+    config: &Config,
 ) -> Verification {
-    let config = Config::default();
     let mut pairs = Vec::new();
     for (b, second) in cameras.iter().enumerate() {
         for (a, first) in cameras[..b].iter().enumerate() {
@@ -113,7 +114,7 @@ pub fn judge(
             };
             let gyros = || {
                 let b_from_a = rig_from_imu(second)?.inverse() * rig_from_imu(first)?;
-                gyro_pairs::estimate(b_from_a.rotation(), first.gyro?, second.gyro?, &config)
+                gyro_pairs::estimate(b_from_a.rotation(), first.gyro?, second.gyro?, config)
             };
             pairs.extend(gyros().map(|gyros| (a, b, gyros)));
         }
@@ -125,7 +126,7 @@ pub fn judge(
         gyros,
     });
     Verification {
-        config,
+        config: *config,
         pairs: pairs.collect(),
         cameras: found,
         findings,

@@ -16,9 +16,10 @@ use crate::backend::covariance::{in_rig_frame, tilt_uncertainty, transport};
 use crate::config::Config;
 use crate::estimator::reinitialization::ResetUncertainty;
 use crate::inertial::propagation::{ImuPropagator, constant_velocity};
-use crate::input::{FrameSet, ImuSample};
+use crate::input::FrameSet;
 use crate::keyframe::Keyframe;
 use crate::rig::Rig;
+use camera_models::ImuSample;
 use imaging::Pyramid;
 
 use crate::backend::newest_pose::refine_newest;
@@ -137,6 +138,48 @@ impl Odometry {
     }
 
     /// Adds a sample of the IMU with this index in the rig.
+    ///
+    /// Half a second at rest shows which direction is up:
+    ///
+    /// ```
+    /// use camera_models::ImuNoise;
+    /// use odometry::rig::Imu;
+    /// use odometry::{Config, FrameSet, ImuSample, Odometry, Preset, Rig};
+    /// # use cad_transforms::RigidTransform;
+    /// # use camera_models::{CameraModel, Distortion};
+    /// # use odometry::rig::StereoCamera;
+    /// # let lens = CameraModel::new((160, 120), [100.0, 100.0, 79.5, 59.5], Distortion::None);
+    /// # let camera = StereoCamera {
+    /// #     name: "front".to_owned(),
+    /// #     left: lens,
+    /// #     right: lens,
+    /// #     rig_from_left: RigidTransform::identity(),
+    /// #     covariance: None,
+    /// #     right_from_left: RigidTransform::from_translation_m([-0.08, 0.0, 0.0])?,
+    /// #     line_s: 0.0,
+    /// # };
+    /// # let noise = ImuNoise {
+    /// #     gyro_noise_density: 1e-4,
+    /// #     accel_noise_density: 2e-3,
+    /// #     gyro_random_walk: 1e-5,
+    /// #     accel_random_walk: 1e-4,
+    /// # };
+    /// # let rig_from_imu = RigidTransform::identity();
+    /// # let imu = Imu { name: "front/imu".to_owned(), rig_from_imu, noise, rate_hz: 100.0, range: [f64::INFINITY; 2] };
+    ///
+    /// let rig = Rig { cameras: vec![camera], imus: vec![imu] };
+    /// let mut odometry = Odometry::new(&rig, Config::preset(Preset::Fast));
+    /// for k in 0..60 {
+    ///     // The y axis points down, so the specific force at rest is along -y. No sensor gives the same value for long.
+    ///     let noise = 1e-4 * (k % 7) as f64;
+    ///     let (gyro, accel) = ([0.0, 0.0, noise], [0.0, noise - 9.80665, 0.0]);
+    ///     odometry.add_imu(0, &ImuSample { time_ns: k * 10_000_000, gyro, accel });
+    /// }
+    /// let estimate = odometry.add_frames(&FrameSet { time_ns: 590_000_000, views: vec![None] });
+    /// let up_in_world = estimate.world_from_rig.rotate([0.0, -1.0, 0.0]);
+    /// assert!(up_in_world[2] > 0.999, "{up_in_world:?}");
+    /// # Ok::<(), Box<dyn std::error::Error>>(())
+    /// ```
     pub fn add_imu(&mut self, imu: usize, sample: &ImuSample) {
         if let Some(own) = self.imu.as_mut().filter(|own| own.index == imu) {
             own.samples.push(sample, own.range);

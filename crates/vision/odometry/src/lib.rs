@@ -111,9 +111,10 @@ mod inertial;
 #[cfg(test)]
 mod test_rig;
 
+pub use camera_models::ImuSample;
 pub use config::{Config, Preset};
 pub use estimator::{CameraShift, Estimate, Odometry, Status};
-pub use input::{FrameSet, ImuSample, View};
+pub use input::{FrameSet, View};
 pub use keyframe::Keyframe;
 pub use mapping::{Mapping, Refined};
 pub use rig::Rig;

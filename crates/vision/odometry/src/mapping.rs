@@ -9,7 +9,7 @@
 
 use std::collections::BTreeMap;
 
-use cad_transforms::RigidTransform;
+use cad_transforms::{RigidTransform, so3};
 use camera_models::Eye as Side;
 use nalgebra::{Matrix6, UnitQuaternion};
 
@@ -22,9 +22,9 @@ use crate::backend::window::{Frame, Landmark, MotionFactor, Prior, Window};
 use crate::config::Config;
 use crate::estimator::initialization::initial_sigmas;
 use crate::inertial::propagation::{ImuPropagator, constant_velocity};
-use crate::input::ImuSample;
 use crate::keyframe::Keyframe;
 use crate::rig::Rig;
+use camera_models::ImuSample;
 
 mod bundle_adjustment;
 mod connectivity;
@@ -95,7 +95,7 @@ pub struct RefinedExtrinsics {
 ///
 /// ```
 /// use odometry::{Config, FrameSet, Mapping, Odometry, Preset, Rig, View};
-/// # use cad_transforms::RigidTransform;
+/// # use cad_transforms::{RigidTransform, so3};
 /// # use imaging::ImageView;
 /// # use camera_models::{CameraModel, Distortion};
 /// # use odometry::rig::StereoCamera;
@@ -410,7 +410,7 @@ fn widen(observations: &mut [(u64, BearingObservation)], keyframes: &[u64]) {
 /// pose is fixed relative to the nearest one. Keyframes without a frame set are ignored.
 ///
 /// ```
-/// use cad_transforms::RigidTransform;
+/// use cad_transforms::{RigidTransform, so3};
 /// use odometry::mapping::interpolate_poses;
 ///
 /// let at = |time_ns, x| RigidTransform::from_translation_m([x, 0.0, 0.0]).map(|pose| (time_ns, pose));
@@ -459,7 +459,7 @@ pub fn interpolate_poses(
 
 fn interpolate(a: &RigidTransform, b: &RigidTransform, share: f64) -> RigidTransform {
     let initial_error = a.inverse() * *b;
-    let rotation = initial_error.rotation().scaled_axis() * share;
+    let rotation = so3::log(initial_error.rotation()) * share;
     let shift = initial_error.translation() * share;
     let part = RigidTransform::from_rotation_vector(rotation.into(), shift.into());
     part.map_or(*a, |part| *a * part)

@@ -18,7 +18,7 @@ use serde_json::{Value, json};
 use session_input::imu::sort_by_time;
 
 use super::preset::Preset;
-use super::{imu_sample, odometry as before, rig};
+use super::{odometry as before, rig};
 use crate::input::{HANDOFF, Input};
 use crate::pipeline::{Stage, StageError, Work};
 
@@ -33,7 +33,7 @@ impl Stage<Input> for BundleAdjustmentStage {
     }
 
     fn version(&self) -> u32 {
-        5
+        6
     }
 
     fn inputs(&self) -> &'static [&'static str] {
@@ -64,7 +64,7 @@ impl Stage<Input> for BundleAdjustmentStage {
         }
         // As in the odometry: batches may overlap where a clock map was replaced.
         sort_by_time(&mut samples);
-        let samples: Vec<ImuSample> = samples.into_iter().map(|s| imu_sample::of(&s)).collect();
+        let samples: Vec<ImuSample> = samples.into_iter().map(|s| ImuSample::from(&s)).collect();
         let mut given = 0;
         for keyframe in keyframes {
             // Up to one sample later, so that the motion is known up to the keyframe.

@@ -5,12 +5,12 @@
 //! reported with the set.
 
 use imaging::ImageView;
-use odometry::input::{FrameSet, ImuSample, View};
+use odometry::ImuSample;
+use odometry::input::{FrameSet, View};
 use scene_bundle::outputs::rig::RigModel;
 use session_input::{Image, LumaFrameSets, ReadError, StereoFrame};
 
 use crate::input::Input;
-use crate::pipeline::stages::imu_sample;
 
 /// A frame set of the rig with its images. See the module.
 #[derive(Clone, Debug)]
@@ -107,7 +107,7 @@ impl Iterator for FrameSetReader {
         let imus = self
             .imus
             .iter()
-            .map(|k| set.imu[*k].iter().map(imu_sample::of).collect());
+            .map(|k| set.imu[*k].iter().map(ImuSample::from).collect());
         Some(RigFrameSet {
             number: set.number,
             time_ns: set.time.ns(),

@@ -10,7 +10,7 @@ config! {
     pub(super) struct KeyframeSpacing {
         /// Translation of the rig, m: one step of a person. Half of it doubles time and size.
         pub translation_m: f64 = 0.5,
-        /// Rotation of the rig, degrees: a third of the field of view.
+        /// Rotation of the rig, degrees: a third of the vertical field of view of 60 degrees.
         pub rotation_deg: f64 = 20.0,
     }
 }

@@ -25,8 +25,7 @@ pub(super) struct OdometryStage {
     pub(super) preset: Preset,
 }
 
-/// Configuration of odometry and mapping for a preset of the pipeline; the whole of it goes into
-/// the provenance.
+/// Configuration of odometry and mapping for a preset of the pipeline.
 pub(super) fn config(preset: Preset) -> Config {
     Config::preset(match preset {
         Preset::Fast => ::odometry::Preset::Fast,
@@ -41,7 +40,7 @@ impl Stage<Input> for OdometryStage {
     }
 
     fn version(&self) -> u32 {
-        6
+        7
     }
 
     fn inputs(&self) -> &'static [&'static str] {
@@ -53,7 +52,19 @@ impl Stage<Input> for OdometryStage {
     }
 
     fn settings(&self) -> Value {
-        json!(config(self.preset))
+        let Config {
+            frontend,
+            inertial,
+            backend,
+            estimator,
+            .. // `mapping` does not change causal poses.
+        } = config(self.preset);
+        json!({
+            "frontend": frontend,
+            "inertial": inertial,
+            "backend": backend,
+            "estimator": estimator,
+        })
     }
 
     fn run(&self, work: &Work<'_, Input>) -> Result<(), StageError> {

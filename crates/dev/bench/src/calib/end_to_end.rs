@@ -7,8 +7,8 @@ use cad_transforms::frame::{Frame, FramePart};
 use cad_transforms::{Rig, RigidTransform};
 use calib::camera_imu::simulate::ZED_NOISE;
 use calib::camera_imu::{
-    CameraImu, Cameras, Corner, ImuSample, Priors, Recording as MotionRecording, TargetObservation,
-    Verdict, estimate,
+    CameraImu, Cameras, Config, Corner, ImuSample, Priors, Recording as MotionRecording,
+    TargetObservation, Verdict, estimate,
 };
 use calib::cameras::{Calibration, Severity, calibrate};
 use camera_models::Eye;
@@ -73,7 +73,7 @@ pub(super) fn sessions(count: u64) -> Result<Value> {
         }
         let simulation = &recording.simulation;
         let truth = Rig::parse(&simulation.true_rig_toml(&recording.rig))?;
-        for (camera, late_ms_told) in TIME_OFFSET_MS.iter().enumerate() {
+        for (camera, nominal_time_offset_ms) in TIME_OFFSET_MS.iter().enumerate() {
             let (result, priors) =
                 imu_calibration(simulation, &recording.rig, &truth, camera, &found)?;
             failed += usize::from(result.verdict() == Verdict::Fail);
@@ -89,7 +89,7 @@ pub(super) fn sessions(count: u64) -> Result<Value> {
                 1e3 * shift.norm(),
                 (0..3).map(|k| shift[k] / sigmas.translation_m[k]),
             );
-            let late = result.time_offset_s + 1e-3 * late_ms_told;
+            let late = result.time_offset_s + 1e-3 * nominal_time_offset_ms;
             late_ms.add(1e3 * late.abs(), [late / sigmas.time_offset_s]);
         }
     }
@@ -144,8 +144,8 @@ fn imu_calibration(
         imu_from_left: Some(rig.transform(&imu, &left)?),
         ..Priors::default()
     };
-    let result =
-        estimate(&recording, &priors).with_context(|| format!("the IMU of {}", of.name))?;
+    let result = estimate(&recording, &priors, &Config::default())
+        .with_context(|| format!("the IMU of {}", of.name))?;
     Ok((result, truth.transform(&imu, &left)?))
 }
 

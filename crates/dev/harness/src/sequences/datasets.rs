@@ -6,7 +6,7 @@ use std::path::{Path, PathBuf};
 
 use anyhow::{Context as _, Result, ensure};
 use cad_transforms::RigidTransform;
-use odometry::input::ImuSample;
+use odometry::ImuSample;
 use odometry::rig::{Imu, Rig, StereoCamera};
 
 use super::{ImageSource, PlannedSet, Reader, Sequence, Truth};

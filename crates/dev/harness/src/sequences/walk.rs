@@ -13,7 +13,7 @@ use std::thread;
 use anyhow::{Context as _, Result, ensure};
 use cad_transforms::RigidTransform;
 use cad_transforms::frame::{Frame, FramePart};
-use odometry::input::ImuSample;
+use odometry::ImuSample;
 use odometry::rig::{Imu, Rig, StereoCamera};
 use rig_sim::calibration_error::CalibrationError;
 use rig_sim::camera::sensor::Exposure;

@@ -8,7 +8,7 @@
 use std::collections::BTreeMap;
 use std::fs::File;
 use std::os::unix::fs::FileExt;
-use std::sync::{Mutex, MutexGuard, PoisonError};
+use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 
 use video::{Picture, PixelFormat};
 
@@ -20,7 +20,7 @@ pub(crate) struct KeptFrames {
 
 #[derive(Debug)]
 struct Store {
-    file: File,
+    file: Arc<File>,
     max_bytes: u64,
     bytes: u64,
     /// By camera and position in its index.
@@ -39,7 +39,7 @@ impl KeptFrames {
     /// Keeps frames in a file from now on; those kept before are dropped.
     pub(crate) fn start(&self, file: File, max_bytes: u64) {
         *self.lock() = Some(Store {
-            file,
+            file: Arc::new(file),
             max_bytes,
             bytes: 0,
             entries: BTreeMap::new(),
@@ -48,38 +48,46 @@ impl KeptFrames {
 
     /// Keeps a frame, if there is a file with room for it.
     pub(crate) fn keep(&self, camera: usize, position: usize, image: &Picture) {
+        if image.format != PixelFormat::I420 {
+            return;
+        }
+        let (length, crc32) = (image.data.len() as u64, crc32fast::hash(&image.data));
         let mut store = self.lock();
         let Some(open) = &mut *store else { return };
-        let length = image.data.len() as u64;
-        let is_full = length > open.max_bytes - open.bytes;
         let key = (camera, position);
-        if is_full || image.format != PixelFormat::I420 || open.entries.contains_key(&key) {
+        if length > open.max_bytes - open.bytes || open.entries.contains_key(&key) {
             return;
         }
         let entry = Entry {
             offset: open.bytes,
             width: image.width,
             height: image.height,
-            crc32: crc32fast::hash(&image.data),
+            crc32,
         };
         match open.file.write_all_at(&image.data, entry.offset) {
             Ok(()) => {
                 open.bytes += length;
                 open.entries.insert(key, entry);
             }
-            // Closing the file frees the disk for what must be written.
-            Err(_) => *store = None,
+            Err(error) => {
+                log::warn!("keeping decoded frames: {error}; later stages decode them again");
+                // Closing the file frees the disk for what must be written.
+                *store = None;
+            }
         }
     }
 
     /// A kept frame; `None` if it is not kept or cannot be read.
     pub(crate) fn read(&self, camera: usize, position: usize) -> Option<Picture> {
-        let store = self.lock();
-        let open = store.as_ref()?;
-        let entry = open.entries.get(&(camera, position))?;
+        let (file, entry) = {
+            let store = self.lock();
+            let open = store.as_ref()?;
+            let entry = *open.entries.get(&(camera, position))?;
+            (Arc::clone(&open.file), entry)
+        };
         let length = PixelFormat::I420.bytes(entry.width, entry.height).ok()?;
         let mut data = vec![0; length];
-        open.file.read_exact_at(&mut data, entry.offset).ok()?;
+        file.read_exact_at(&mut data, entry.offset).ok()?;
         if crc32fast::hash(&data) != entry.crc32 {
             return None;
         }

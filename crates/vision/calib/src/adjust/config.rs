@@ -32,6 +32,9 @@ config! {
         /// Minimum fraction of points that can be projected at the initial values. Lower starts
         /// from poses that are wrong.
         pub min_projected_ratio: f64 = 0.6,
+        /// Residual of a point that cannot be projected, in standard deviations. Lower lets a step
+        /// improve the cost by turning points out of view.
+        pub unprojected_sigma: f64 = 30.0,
     }
 
     /// Configuration of [`locate`](super::locate).

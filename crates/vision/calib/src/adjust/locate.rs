@@ -36,6 +36,7 @@ pub fn locate(
         let loss = Loss {
             scale: scale(points, &residuals(&lens, points, &pose)),
             knee: config.huber_sigma,
+            unprojected_sigma: config.unprojected_sigma,
         };
         pose = descend(&lens, points, pose, &loss, config);
     }

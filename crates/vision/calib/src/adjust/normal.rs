@@ -5,12 +5,9 @@ use std::num::NonZero;
 use camera_models::{CameraModel, Lens};
 use nalgebra::{DMatrix, DVector, Matrix2x3, Matrix6, MatrixXx6, SMatrix, Vector3, Vector6};
 
-use super::pose::{Pose, cross, step_between};
+use super::pose::{Pose, step_between};
 use super::problem::{PosePrior, Prior, Problem, View};
 
-/// Residual, in sigmas, of a point that cannot be projected, so that steps that lose points are
-/// rejected.
-const UNPROJECTED_SIGMAS: f64 = 30.0;
 /// Number of work chunks, independent of the number of threads, so that sums are reproducible.
 const CHUNKS: usize = 16;
 
@@ -31,6 +28,9 @@ pub(super) struct Loss {
     pub(super) scale: f64,
     /// Huber threshold, in sigmas.
     pub(super) knee: f64,
+    /// Residual of a point that cannot be projected, in sigmas, so that steps that lose points are
+    /// rejected.
+    pub(super) unprojected_sigma: f64,
 }
 
 /// Contribution of one instant.
@@ -97,6 +97,12 @@ impl Layout {
 }
 
 impl Loss {
+    /// Half the loss of a point that cannot be projected.
+    pub(super) fn unprojected(&self) -> f64 {
+        let sigma = self.unprojected_sigma;
+        self.of(sigma * sigma * self.scale * self.scale).0
+    }
+
     /// Half the loss and the weight for a squared residual in sigmas.
     pub(super) fn of(&self, square: f64) -> (f64, f64) {
         let s = square / (self.scale * self.scale);
@@ -203,15 +209,15 @@ impl Chain {
         let mut path = vec![SMatrix::zeros(); self.path.len()];
         for (i, (pose, arm)) in self.path.iter().zip(&arms).enumerate().rev() {
             let by_parent: SMatrix<f64, 2, 3> = by_point * pose.rotation.transpose();
-            path[i] = beside(&-by_parent, &(by_parent * cross(arm)));
+            path[i] = beside(&-by_parent, &(by_parent * arm.cross_matrix()));
             by_point = by_parent;
         }
-        let instant = beside(&by_point, &(-by_point * cross(&rotated_to_rig)));
+        let instant = beside(&by_point, &(-by_point * rotated_to_rig.cross_matrix()));
         let target = match &rotated {
             None => SMatrix::zeros(),
             Some(rotated) => {
                 let by_world: SMatrix<f64, 2, 3> = by_point * self.rig_from_world.rotation;
-                beside(&by_world, &(-by_world * cross(rotated)))
+                beside(&by_world, &(-by_world * rotated.cross_matrix()))
             }
         };
         Some(Row {
@@ -246,9 +252,7 @@ fn rows(
     let mut cost = 0.0;
     for (n, point) in view.points.iter().enumerate() {
         let Some(row) = chain.row(point.x_in_target, point.pixel) else {
-            cost += loss
-                .of(UNPROJECTED_SIGMAS * UNPROJECTED_SIGMAS * loss.scale * loss.scale)
-                .0;
+            cost += loss.unprojected();
             continue;
         };
         let [dx, dy] = row.residual;
@@ -422,10 +426,7 @@ pub(super) fn cost(problem: &Problem, loss: &Loss) -> f64 {
         let points = view.points.iter();
         points
             .map(|point| match chain.pixel(point.x_in_target) {
-                None => {
-                    loss.of(UNPROJECTED_SIGMAS * UNPROJECTED_SIGMAS * loss.scale * loss.scale)
-                        .0
-                }
+                None => loss.unprojected(),
                 Some([x, y]) => {
                     let (dx, dy) = (x - point.pixel[0], y - point.pixel[1]);
                     loss.of((dx * dx + dy * dy) / (point.sigma_px * point.sigma_px))

@@ -1,6 +1,6 @@
 //! Poses as matrices, for speed, and their updates.
 
-use cad_transforms::RigidTransform;
+use cad_transforms::{RigidTransform, so3};
 use nalgebra::{Matrix3, UnitQuaternion, Vector3, Vector6};
 
 /// `b_from_a`.
@@ -25,7 +25,7 @@ impl Pose {
 
 /// The pose changed by `[v, ω]`.
 pub(crate) fn moved(b_from_a: &RigidTransform, step: &Vector6<f64>) -> RigidTransform {
-    let turn = UnitQuaternion::from_scaled_axis(Vector3::new(step[3], step[4], step[5]));
+    let turn = so3::exp(Vector3::new(step[3], step[4], step[5]));
     let rotation = turn * b_from_a.rotation();
     let t = b_from_a.translation() + Vector3::new(step[0], step[1], step[2]);
     let q = UnitQuaternion::new_normalize(rotation.into_inner()).into_inner();
@@ -34,12 +34,7 @@ pub(crate) fn moved(b_from_a: &RigidTransform, step: &Vector6<f64>) -> RigidTran
 
 /// The `[v, ω]` that takes `from` to `to`.
 pub(crate) fn step_between(from: &RigidTransform, to: &RigidTransform) -> Vector6<f64> {
-    let turn = (to.rotation() * from.rotation().inverse()).scaled_axis();
+    let turn = so3::log(&(to.rotation() * from.rotation().inverse()));
     let shift = to.translation() - from.translation();
     Vector6::new(shift.x, shift.y, shift.z, turn.x, turn.y, turn.z)
-}
-
-/// `[x]×`.
-pub(super) fn cross(x: &Vector3<f64>) -> Matrix3<f64> {
-    x.cross_matrix()
 }

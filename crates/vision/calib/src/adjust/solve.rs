@@ -56,6 +56,7 @@ pub fn solve(problem: &Problem, config: &Config) -> Result<Solution, AdjustError
     let mut loss = Loss {
         scale: 1.0,
         knee: config.huber_sigma,
+        unprojected_sigma: config.unprojected_sigma,
     };
     let start = residuals(&problem);
     let all = problem.points();
@@ -112,6 +113,7 @@ pub(crate) fn reduced_equations(
     let loss = Loss {
         scale,
         knee: config.huber_sigma,
+        unprojected_sigma: config.unprojected_sigma,
     };
     let instant_blocks = build(problem, &Layout::new(problem), &loss, 0.0)
         .instant_blocks

@@ -314,7 +314,7 @@ proptest! {
     fn gradient_agrees_with_differences_of_the_cost(seed in 0u64..1000) {
         let problem = disturbed(&stereo(2, 0.3, seed), seed);
         let layout = super::normal::Layout::new(&problem);
-        let loss = super::normal::Loss { scale: 1.0, knee: 1e9 };
+        let loss = super::normal::Loss { scale: 1.0, knee: 1e9, unprojected_sigma: 30.0 };
         // With the poses fixed: the part of the gradient removed by the elimination is added back.
         let normal = super::normal::build(&problem, &layout, &loss, 0.0);
         let mut gradient = normal.gradient.clone();

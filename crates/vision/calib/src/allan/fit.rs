@@ -130,8 +130,8 @@ impl Fit {
 
 /// Fits the noise model to a curve. `None` with fewer than eight points or if one of them is not
 /// above zero: a sensor with constant values has no measurable noise.
-pub fn fit(curve: &Curve) -> Option<Fit> {
-    Fitter::new(curve, &FitConfig::default()).fit(curve)
+pub fn fit(curve: &Curve, config: &FitConfig) -> Option<Fit> {
+    Fitter::new(curve, config).fit(curve)
 }
 
 /// Fits curves with the same factors and runs, such as the axes of one sensor.

@@ -337,7 +337,7 @@ fn coarse_counts_are_quantization_and_filtered_averages_are_skipped() {
         .map(|x| (x * period / step).round() * step)
         .collect();
     let coarse: Vec<f64> = angle.windows(2).map(|w| (w[1] - w[0]) / period).collect();
-    let found = fit(&whole(&coarse, period)).unwrap();
+    let found = fit(&whole(&coarse, period), &FitConfig::default()).unwrap();
     let q = found.value(Coefficient::Quantisation).known().unwrap();
     assert!((q / (step / 12_f64.sqrt()) - 1.0).abs() < 0.1, "{q}");
 
@@ -347,7 +347,7 @@ fn coarse_counts_are_quantization_and_filtered_averages_are_skipped() {
         .windows(4)
         .map(|w| w.iter().sum::<f64>() / 4.0)
         .collect();
-    let found = fit(&whole(&smooth, period)).unwrap();
+    let found = fit(&whole(&smooth, period), &FitConfig::default()).unwrap();
     let n = found.value(Coefficient::White);
     let Value::Known { value, sigma, .. } = n else {
         panic!("{n:?}");
@@ -362,8 +362,14 @@ fn coarse_counts_are_quantization_and_filtered_averages_are_skipped() {
 
 #[test]
 fn constant_signal_has_no_fit() {
-    assert_eq!(fit(&whole(&vec![0.1; 5000], 0.01)), None);
-    assert_eq!(fit(&whole(&[1.0, 2.0, 3.0], 0.01)), None);
+    assert_eq!(
+        fit(&whole(&vec![0.1; 5000], 0.01), &FitConfig::default()),
+        None
+    );
+    assert_eq!(
+        fit(&whole(&[1.0, 2.0, 3.0], 0.01), &FitConfig::default()),
+        None
+    );
 }
 
 /// Curves and noise of an Alphasense's IMU over 36 hours (GrandTour), against the file made from
@@ -431,7 +437,7 @@ fn curves_of_a_real_imu() {
                 runs: vec![samples],
                 points: taken,
             };
-            let fit = fit(&curve).unwrap();
+            let fit = fit(&curve, &FitConfig::default()).unwrap();
             println!(
                 "{sensor} axis {axis}: lines N {:.4e} K {:.4e}; fit N {:?} B {:?} K {:?}, misfit {}",
                 lines[0],

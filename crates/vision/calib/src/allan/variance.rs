@@ -51,7 +51,7 @@ pub struct Curve {
 /// the period.
 ///
 /// ```
-/// use calib::allan::{Coefficient, curve, fit};
+/// use calib::allan::{Coefficient, FitConfig, curve, fit};
 ///
 /// # let mut state = 7_u64;
 /// # let mut uniform = || {
@@ -63,7 +63,7 @@ pub struct Curve {
 /// // The sum of twelve uniform numbers has a variance of 1.
 /// let rate: Vec<f64> = (0..6000).map(|_| 0.01 * (0..12).map(|_| uniform()).sum::<f64>()).collect();
 /// let curve = curve(&rate, &[0..rate.len()], 0.01);
-/// let fit = fit(&curve).ok_or("no noise")?;
+/// let fit = fit(&curve, &FitConfig::default()).ok_or("no noise")?;
 /// let density = fit.value(Coefficient::White).known().ok_or("not determined")?;
 /// assert!((density / 1e-3 - 1.0).abs() < 0.1, "{density} rad/s/sqrt(Hz)");
 /// // A minute does not determine a random walk: there is a limit and no value.

@@ -23,9 +23,13 @@ use super::view::{CameraMotion, Fit, Pose, View};
 /// # Errors
 /// Reasons for a missing result: [`CameraImuError`]. A questionable result is not an error but has
 /// a failed [gate](CameraImu::gates) or an [unobservable direction](CameraImu::unobservable).
-pub fn estimate(recording: &Recording, priors: &Priors) -> Result<CameraImu, CameraImuError> {
+pub fn estimate(
+    recording: &Recording,
+    priors: &Priors,
+    config: &Config,
+) -> Result<CameraImu, CameraImuError> {
     check(recording)?;
-    let mut posed_views = PosedViews::of(recording, Config::default())?;
+    let mut posed_views = PosedViews::of(recording, *config)?;
     if recording.cameras.line_s == 0.0 {
         return Ok(posed_views.work(recording, priors).run()?.0);
     }

@@ -14,7 +14,6 @@ use nalgebra::{Matrix3, SMatrix, Vector3};
 use super::config::ObservabilityConfig;
 use super::initialization::RotationEstimate;
 use super::recording::{GRAVITY, Priors};
-use super::so3;
 use super::track::Track;
 use super::view::Pose;
 
@@ -77,15 +76,15 @@ pub(super) fn fixed_directions(
         let spin = (after[0] - before[0]) / (2.0 * window_s);
         let (force, pull) = (now[1], (after[1] - before[1]) / (2.0 * window_s));
         let mut rates = SMatrix::<f64, 3, PARAMETERS>::zeros();
-        let by_turn = so3::cross(&rate) * imu_from_left;
+        let by_turn = rate.cross_matrix() * imu_from_left;
         rates.fixed_columns_mut::<3>(0).copy_from(&by_turn);
         rates.set_column(6, &spin);
         rates.fixed_columns_mut::<3>(13).fill_with_identity();
         let mut forces = SMatrix::<f64, 3, PARAMETERS>::zeros();
-        let by_turn = so3::cross(&force) * imu_from_left;
+        let by_turn = force.cross_matrix() * imu_from_left;
         forces.fixed_columns_mut::<3>(0).copy_from(&by_turn);
-        let whirl = so3::cross(&rate);
-        let by_arm = so3::cross(&spin) + whirl * whirl;
+        let whirl = rate.cross_matrix();
+        let by_arm = spin.cross_matrix() + whirl * whirl;
         forces.fixed_columns_mut::<3>(3).copy_from(&by_arm);
         forces.set_column(6, &pull);
         let down = imu_from_left * pose.rotation.transpose();

@@ -107,19 +107,19 @@ pub(super) fn preintegrate(
         let jacobian = so3::right_jacobian(&angle);
         let half = Matrix3::identity() * (0.5 * h);
         let bend = h * h / 12.0;
-        let angle_by = (half - so3::cross(&next_rate) * bend) * rate_changes
-            + (half + so3::cross(&rate) * bend) * next_rate_changes;
+        let angle_by = (half - next_rate.cross_matrix() * bend) * rate_changes
+            + (half + rate.cross_matrix() * bend) * next_rate_changes;
         let next_turn = turn * step;
         let back = step.transpose();
         let next_turn_by = back * turn_by + jacobian * angle_by;
         let next_rotated = next_turn * next_force;
-        let lean: Matrix3<f64> = next_turn * so3::cross(&next_force);
+        let lean: Matrix3<f64> = next_turn * next_force.cross_matrix();
         let next_rotated_by = next_turn * force_by(&next_force) - lean * next_turn_by;
 
         // Noise as constant within a step.
         let mut carry = SMatrix::<f64, 9, 9>::identity();
         carry.fixed_view_mut::<3, 3>(0, 0).copy_from(&back);
-        let tilt: Matrix3<f64> = turn * so3::cross(&force);
+        let tilt: Matrix3<f64> = turn * force.cross_matrix();
         let bent: Matrix3<f64> = lean * back;
         let by_turn = -(tilt + bent) * (0.5 * h);
         carry.fixed_view_mut::<3, 3>(3, 0).copy_from(&by_turn);

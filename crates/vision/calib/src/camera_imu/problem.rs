@@ -376,7 +376,7 @@ impl Problem<'_> {
         own.fixed_view_mut::<3, 3>(0, 0)
             .copy_from(&(bent * shared.rotation.transpose()));
         own.fixed_view_mut::<3, 3>(3, 0)
-            .copy_from(&-(state.rotation * so3::cross(&shared.translation)));
+            .copy_from(&-(state.rotation * shared.translation.cross_matrix()));
         own.fixed_view_mut::<3, 3>(3, 3).fill_with_identity();
         let mut by_shared = SMatrix::<f64, VIEW, SHARED>::zeros();
         by_shared
@@ -452,8 +452,8 @@ impl Problem<'_> {
             own.fixed_view_mut::<3, 3>(row, column).copy_from(&block);
         };
         put(0, 0, -bent * rotated.transpose());
-        put(3, 0, so3::cross(&gained));
-        put(6, 0, so3::cross(&shifted));
+        put(3, 0, gained.cross_matrix());
+        put(6, 0, shifted.cross_matrix());
         put(3, VELOCITY, -back);
         put(6, VELOCITY, -back * t);
         put(6, 3, -back);

@@ -1,7 +1,7 @@
 //! Input of the estimation.
 
 use cad_transforms::RigidTransform;
-use camera_models::{CameraModel, Eye, ImuNoise, Lens};
+use camera_models::{CameraModel, Eye, ImuNoise, ImuSample, Lens};
 use nalgebra::{Matrix3, Vector3};
 
 /// Assumed magnitude of gravity, m/s² (standard gravity; on earth between 9.764 and 9.834).
@@ -27,17 +27,6 @@ pub struct TargetObservation {
     pub time_ns: i64,
     /// Empty if no board was detected.
     pub corners: Vec<Corner>,
-}
-
-/// One sample of an IMU.
-#[derive(Clone, Copy, Debug, PartialEq)]
-pub struct ImuSample {
-    /// Timestamp, ns of the IMU's clock.
-    pub time_ns: i64,
-    /// Angular rate, rad/s.
-    pub gyro: [f64; 3],
-    /// Specific force, m/s²: `R (a - g)`, so that a sensor at rest measures 9.8 upwards.
-    pub accel: [f64; 3],
 }
 
 /// The lens of a camera, or two that are rigidly connected.

@@ -9,8 +9,9 @@ use cad_transforms::RigidTransform;
 use camera_models::{CameraModel, Distortion, Eye, ImuNoise};
 use nalgebra::{Matrix3, Vector3};
 
-use super::recording::{self, Cameras, Corner, ImuSample, Recording, TargetObservation};
+use super::recording::{self, Cameras, Corner, Recording, TargetObservation};
 use super::so3;
+use camera_models::ImuSample;
 
 /// Standard gravity, m/s².
 const GRAVITY: f64 = recording::GRAVITY;

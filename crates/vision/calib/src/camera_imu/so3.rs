@@ -3,7 +3,7 @@
 use cad_transforms::so3;
 use nalgebra::{Matrix3, Rotation3, UnitQuaternion, Vector3};
 
-pub(super) use cad_transforms::so3::{cross, right_jacobian, right_jacobian_inverse};
+pub(super) use cad_transforms::so3::{right_jacobian, right_jacobian_inverse};
 
 /// The rotation by `|v|` rad about `v`.
 pub(super) fn exp(v: &Vector3<f64>) -> Matrix3<f64> {

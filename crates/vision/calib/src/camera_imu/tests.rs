@@ -50,7 +50,8 @@ fn many(count: u64, scene: impl Fn(u64) -> Scene + Sync) -> Vec<(Errors, CameraI
     let one = |seed: u64| {
         let scene = scene(seed);
         let truth = simulate(&scene, seed);
-        let found = estimate(&truth.recording, &Priors::default()).expect("a good recording");
+        let found = estimate(&truth.recording, &Priors::default(), &Config::default())
+            .expect("a good recording");
         (errors(&scene, &truth, &found), found)
     };
     thread::scope(|scope| {
@@ -146,7 +147,7 @@ fn short() -> (Scene, Priors) {
 fn found(scene: &Scene, priors: &Priors, change: impl Fn(&mut Recording)) -> (Errors, CameraImu) {
     let mut truth = simulate(scene, 7);
     change(&mut truth.recording);
-    let found = estimate(&truth.recording, priors).expect("a result");
+    let found = estimate(&truth.recording, priors, &Config::default()).expect("a result");
     (errors(scene, &truth, &found), found)
 }
 
@@ -391,7 +392,7 @@ fn impossible_input_is_an_error() {
     let fails = |change: &dyn Fn(&mut Recording)| {
         let mut recording = simulate(&good, 7).recording;
         change(&mut recording);
-        estimate(&recording, &Priors::default()).expect_err("no result")
+        estimate(&recording, &Priors::default(), &Config::default()).expect_err("no result")
     };
     use CameraImuError as E;
     let error = fails(&|r| {

@@ -6,7 +6,7 @@
 use nalgebra::{Matrix3, Vector3};
 
 use super::config::SampleConfig;
-use super::recording::ImuSample;
+use camera_models::ImuSample;
 
 /// A measurement, s, rad/s and m/s².
 #[derive(Clone, Copy, Debug)]

@@ -121,7 +121,7 @@ impl View<'_> {
         let mut by_view = SMatrix::<f64, 3, VIEW>::zeros();
         by_view
             .fixed_columns_mut::<3>(0)
-            .copy_from(&so3::cross(&x_in_left));
+            .copy_from(&x_in_left.cross_matrix());
         by_view.fixed_columns_mut::<3>(3).copy_from(&-back);
         by_view.set_column(6, &(back * x_in_target));
         let projected = match c.eye {

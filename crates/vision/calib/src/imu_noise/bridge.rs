@@ -11,8 +11,8 @@ impl Series {
     /// The series with its small gaps filled, and a finding about it; unchanged if there are none
     /// or too many.
     #[must_use]
-    pub fn bridged(self) -> Self {
-        let Some(fills) = self.fills(&BridgingConfig::default()) else {
+    pub fn bridged(self, config: &BridgingConfig) -> Self {
+        let Some(fills) = self.fills(config) else {
             return self;
         };
         let missing: usize = fills.iter().map(|fill| fill.1).sum();

@@ -59,7 +59,8 @@ config! {
         pub max_outliers: usize = 3,
         /// Minimum number of repetitions of a frozen value, whatever its probability.
         pub min_frozen_samples: usize = 20,
-        /// Odds against a run of repetitions by chance, per sample, above which it is frozen.
+        /// Odds against such a run of repetitions by chance anywhere in the recording of an axis,
+        /// above which it is frozen. Lower excludes coarse but valid values.
         pub frozen_odds: f64 = 1e6,
         /// Fraction of values at one end of the range above which the axis is saturated.
         pub max_clipped_ratio: f64 = 1e-3,

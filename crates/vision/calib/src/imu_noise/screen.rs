@@ -102,7 +102,7 @@ impl Screen<'_> {
     fn rate(&mut self) {
         let (rate, nominal) = (1.0 / self.period_s, self.series.nominal_rate_hz);
         if (rate / nominal - 1.0).abs() > self.config.max_rate_deviation {
-            let text = format!("samples come at {rate:.2} Hz, and {nominal:.2} Hz were promised");
+            let text = format!("sample rate {rate:.2} Hz, nominal {nominal:.2} Hz");
             self.finding(Severity::Note, "rate", text);
         }
         let (mut steps, mut off, mut worst) = (0_u64, 0_u64, 0.0_f64);
@@ -117,9 +117,10 @@ impl Screen<'_> {
         let share = off as f64 / steps.max(1) as f64;
         if share > self.config.max_jitter_ratio {
             let text = format!(
-                "{:.1} % of the samples come more than a fifth of a period early or late, the worst by {:.1} \
+                "{:.1} % of the samples come more than {} periods early or late, the worst by {:.1} \
                  periods: averages over a fixed number of samples are not over a fixed time",
                 100.0 * share,
+                self.config.jitter_periods,
                 worst
             );
             self.finding(Severity::Warn, "jitter", text);
@@ -197,7 +198,7 @@ impl Screen<'_> {
         if let Some(first) = frozen.first() {
             let samples: usize = frozen.iter().map(|s| s.to - s.from).sum();
             let text = format!(
-                "{name} stands at one value {}{}, {:.1} s in all; left out",
+                "{name} is frozen {}{}, {:.1} s in all; left out",
                 self.between(*first),
                 match frozen.len() {
                     1 => String::new(),

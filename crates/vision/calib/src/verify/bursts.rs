@@ -14,8 +14,8 @@ pub fn choose_bursts(
     span_ns: [i64; 2],
     count: usize,
     length_ns: i64,
+    config: &BurstConfig,
 ) -> Vec<[i64; 2]> {
-    let config = BurstConfig::default();
     let [start, end] = span_ns;
     let fit = ((end - start) / length_ns.max(1)).max(0);
     let count = (count as i64).min(fit);
@@ -25,7 +25,7 @@ pub fn choose_bursts(
         let middle = first + (last - first) / 2;
         let places = (0..=(last - first) / config.step_ns).map(|i| first + i * config.step_ns);
         let best = places
-            .map(|at| (rate_variance(gyros, at, at + length_ns, &config), at))
+            .map(|at| (rate_variance(gyros, at, at + length_ns, config), at))
             .filter(|(variance, _)| *variance > 0.0)
             .max_by(|a, b| a.0.total_cmp(&b.0).then(b.1.cmp(&a.1)));
         let from = best.map_or(middle, |(_, at)| at);

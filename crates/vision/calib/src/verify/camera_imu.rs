@@ -6,6 +6,7 @@
 //! scale of each axis. Rotation about a single axis leaves `w` about that axis open; a constant
 //! rate leaves the time offset open; both appear as large variances.
 
+use cad_transforms::so3;
 use camera_models::Lens;
 use nalgebra::{Matrix3, SMatrix, SVector, UnitQuaternion, Vector3};
 
@@ -146,7 +147,7 @@ pub(super) fn estimate(
         last = Some((rotations, found));
     }
     let (rotations, (covariance, segments)) = last?;
-    let rotation = (camera.nominal.inverse() * state.imu_from_left).scaled_axis();
+    let rotation = so3::log(&(camera.nominal.inverse() * state.imu_from_left));
     let (late, turn) = (
         config.readout.time_error_ratio * unknown_s,
         config.readout.rotation_error_rad_per_s * unknown_s,
@@ -282,7 +283,7 @@ impl Camera<'_> {
         let mut last = None;
         for _ in 0..config.rounds {
             let mut towards = SVector::<f64, 10>::zeros();
-            let w = (self.nominal.inverse() * state.imu_from_left).scaled_axis();
+            let w = so3::log(&(self.nominal.inverse() * state.imu_from_left));
             towards.fixed_rows_mut::<3>(0).copy_from(&-w);
             towards.fixed_rows_mut::<3>(3).copy_from(&-state.bias);
             towards[6] = -state.time_offset_s;
@@ -318,10 +319,10 @@ impl Camera<'_> {
                 return None;
             }
             let step = sum.step()?;
-            let turn = UnitQuaternion::from_scaled_axis(step.fixed_rows::<3>(0).into_owned());
+            let turn = so3::exp(step.fixed_rows::<3>(0).into_owned());
             state.imu_from_left *= turn;
             state.bias += step.fixed_rows::<3>(3);
-            is_offset_observable = changes * config.min_signal_ratio > by_noise;
+            is_offset_observable = changes * config.max_noise_ratio > by_noise;
             state.time_offset_s = if is_offset_observable {
                 state.time_offset_s + step[6]
             } else {
@@ -350,7 +351,7 @@ impl Camera<'_> {
             let [from, to] = segment.times_ns;
             let seconds = (to - from) * 1e-9;
             let expected = predicted(nominal_state, &gyro, segment.times_ns)?;
-            let rate = |turn: &UnitQuaternion<f64>| (-turn.scaled_axis() / seconds).into();
+            let rate = |turn: &UnitQuaternion<f64>| (-so3::log(turn) / seconds).into();
             let middle = (0.5 * (from + to) - first) * 1e-9;
             Some((middle, rate(&segment.rotation.rotation), rate(&expected)))
         };
@@ -380,10 +381,10 @@ fn residual(
     let turn = gyro.to_from(to, from)?;
     let left_from_imu = state.imu_from_left.inverse();
     let expected = left_from_imu * turn * state.imu_from_left;
-    let error = (segment.rotation.rotation * expected.inverse()).scaled_axis();
+    let error = so3::log(&(segment.rotation.rotation * expected.inverse()));
     let left_from_imu = left_from_imu.to_rotation_matrix();
     let left_from_imu = left_from_imu.matrix();
-    let half = UnitQuaternion::from_scaled_axis(turn.scaled_axis() * 0.5);
+    let half = so3::exp(so3::log(&turn) * 0.5);
     let half = half.to_rotation_matrix();
     let seconds = (to - from) * 1e-9;
     let mut by = SMatrix::<f64, 3, 10>::zeros();

@@ -6,6 +6,7 @@
 //! [`Tolerances`](super::Tolerances). Tukey's loss has its usual constant of 95 % efficiency.
 
 use estimator_config::config;
+use imaging::{KltConfig, PyramidConfig};
 
 config! {
     /// Configuration of the verification.
@@ -62,6 +63,9 @@ config! {
         /// Coarsest pyramid level of temporal tracking. Lower loses fast rotations without a
         /// gyroscope.
         pub max_level: usize = 3,
+        /// Maximum width of the finest level, px: larger images are halved, which costs little
+        /// accuracy and saves much time.
+        pub max_width_px: usize = 1000,
         /// Image pyramid.
         pub pyramid: PyramidConfig = PyramidConfig::default(),
         /// Corner detection.
@@ -70,17 +74,6 @@ config! {
         pub klt: KltConfig = KltConfig::default(),
         /// Search along the epipolar line.
         pub search: SearchConfig = SearchConfig::default(),
-    }
-
-    /// Image pyramid.
-    pub struct PyramidConfig {
-        /// Maximum width of the first level, px: larger images are halved, which costs little
-        /// accuracy and saves much time.
-        pub max_width_px: usize = 1000,
-        /// Maximum number of levels. Each level doubles the motion that tracking can follow.
-        pub max_levels: usize = 4,
-        /// Minimum side of the coarsest level, px.
-        pub min_side_px: usize = 40,
     }
 
     /// Corner detection (Shi and Tomasi).
@@ -95,24 +88,6 @@ config! {
         pub min_response: f32 = 12.0,
         /// The same relative to the strong corners of the image.
         pub min_response_ratio: f32 = 0.01,
-    }
-
-    /// KLT tracking of a patch of 11 x 11 px.
-    pub struct KltConfig {
-        /// Maximum number of iterations per level. Fewer lose fast motion.
-        pub max_iterations: usize = 12,
-        /// Length of a step at which the alignment has converged, px. It bounds the bias of a
-        /// track.
-        pub convergence_px: f32 = 0.01,
-        /// Maximum distance between the start and the position tracked back to it, px of the first
-        /// level. Higher lets slips along edges through.
-        pub max_forward_backward_px: f32 = 0.4,
-        /// Minimum normalized cross-correlation (NCC) of the two patches, -1 to 1. Lower follows
-        /// occlusions, higher loses features that change scale.
-        pub min_ncc: f32 = 0.8,
-        /// Minimum determinant of the gradient moments, as a fraction of their squared trace. Lower
-        /// accepts edges, on which the position is not determined.
-        pub min_determinant_ratio: f32 = 1e-4,
     }
 
     /// Search of the right image for a patch of 9 x 9 px.
@@ -200,9 +175,9 @@ config! {
         pub offset_sigma_s: f64 = 0.03,
         /// Prior sigma of the scale of each axis.
         pub scale_sigma: f64 = 0.01,
-        /// Minimum fraction of the gyroscope's rate change during segments that is not noise, for
-        /// the time offset to be observable. Lower takes noise for motion.
-        pub min_signal_ratio: f64 = 0.5,
+        /// Maximum fraction of the gyroscope's rate change during segments that is noise, for the
+        /// time offset to be observable. Higher takes noise for motion.
+        pub max_noise_ratio: f64 = 0.5,
         /// Prior sigma of the inverse-distance offset, before and between segments: yaw of an eye
         /// over the baseline, rad.
         pub yaw_sigma_rad: f64 = 2e-3,

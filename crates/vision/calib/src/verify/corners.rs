@@ -4,7 +4,7 @@
 //! cell of a grid, so that they cover the image.
 
 use super::config::CornerConfig;
-use super::pyramid::Level;
+use imaging::Level;
 
 /// Radius of the window of second moments.
 const WINDOW_RADIUS: usize = 3;
@@ -58,8 +58,9 @@ fn moments(level: &Level) -> Vec<[f32; 3]> {
         let at = |y: usize| &level.data[y * width..(y + 1) * width];
         let (above, row, below) = (at(y - 1), at(y), at(y + 1));
         for x in 1..width - 1 {
-            let gx = 0.5 * (row[x + 1] - row[x - 1]);
-            let gy = 0.5 * (below[x] - above[x]);
+            let half = |a: u8, b: u8| 0.5 * (f32::from(a) - f32::from(b));
+            let gx = half(row[x + 1], row[x - 1]);
+            let gy = half(below[x], above[x]);
             products[x] = [gx * gx, gx * gy, gy * gy];
         }
         slide(&products, &mut rows[y * width..(y + 1) * width]);

@@ -5,7 +5,7 @@
 //! nearly the same correlation is dropped, since repeated texture is ambiguous.
 
 use super::config::SearchConfig;
-use super::pyramid::Level;
+use imaging::{Level, Patch};
 
 /// Radius of a patch.
 const RADIUS: usize = 4;
@@ -27,13 +27,14 @@ pub(super) fn search(
     area: &Area,
     config: &SearchConfig,
 ) -> Option<[f32; 2]> {
-    let mut template = [0.0; AREA];
-    if !left.patch(at[0], at[1], RADIUS, &mut template) {
+    let mut template: Patch<SIDE> = [[0.0; SIDE]; SIDE];
+    if !left.sample_patch(at[0], at[1], &mut template) {
         return None;
     }
-    let mean = template.iter().sum::<f32>() / AREA as f32;
-    template.iter_mut().for_each(|v| *v -= mean);
-    let norm = template.iter().map(|v| v * v).sum::<f32>().sqrt();
+    let values = template.as_flattened_mut();
+    let mean = values.iter().sum::<f32>() / AREA as f32;
+    values.iter_mut().for_each(|v| *v -= mean);
+    let norm = values.iter().map(|v| v * v).sum::<f32>().sqrt();
     if norm < 1.0 {
         return None;
     }
@@ -69,11 +70,12 @@ pub(super) fn search(
 
 /// Product of the template with the patch around a pixel, over the norm of the patch without its
 /// mean.
-fn correlation(level: &Level, x: usize, y: usize, template: &[f32; AREA]) -> f32 {
+fn correlation(level: &Level, x: usize, y: usize, template: &Patch<SIDE>) -> f32 {
     let (mut sum, mut square, mut product) = (0.0, 0.0, 0.0);
-    for (k, row) in template.chunks_exact(SIDE).enumerate() {
+    for (k, row) in template.iter().enumerate() {
         let from = (y - RADIUS + k) * level.width + x - RADIUS;
         for (a, b) in row.iter().zip(&level.data[from..from + SIDE]) {
+            let b = f32::from(*b);
             sum += b;
             square += b * b;
             product += a * b;

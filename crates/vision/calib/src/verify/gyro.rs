@@ -3,6 +3,7 @@
 //! Contract: the rate is interpolated linearly between samples. Beyond the ends and across gaps
 //! longer than the maximum gap the result is `None`.
 
+use cad_transforms::so3;
 use nalgebra::{UnitQuaternion, Vector3};
 
 use super::robust::median;
@@ -96,9 +97,7 @@ impl Gyro {
                 let dt = (self.times_ns[i] - self.times_ns[i - 1]) as f64 * 1e-9;
                 let angle =
                     (0.5 * (self.rates[i] + self.rates[i - 1]).component_mul(&scale) - bias) * dt;
-                attitude = UnitQuaternion::new_normalize(
-                    (attitude * UnitQuaternion::from_scaled_axis(angle)).into_inner(),
-                );
+                attitude = UnitQuaternion::new_normalize((attitude * so3::exp(angle)).into_inner());
                 sum += angle;
             }
             attitudes.push(attitude);
@@ -153,7 +152,7 @@ impl Integrated<'_> {
     pub(super) fn to_from(&self, to_ns: f64, from_ns: f64) -> Option<UnitQuaternion<f64>> {
         let attitude = |time_ns: f64| {
             let (i, rest_s) = self.before(time_ns)?;
-            let rest = UnitQuaternion::from_scaled_axis(self.rotation_after(i, rest_s));
+            let rest = so3::exp(self.rotation_after(i, rest_s));
             Some(self.start_from_imu[i] * rest)
         };
         self.is_continuous(from_ns, to_ns)

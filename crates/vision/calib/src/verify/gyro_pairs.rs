@@ -8,6 +8,7 @@
 //! determined than it is. A signal that only one of the two measured is noise, so that a direction
 //! counts as observable if both measured rotations that determine it ([`ObservableDirections`]).
 
+use cad_transforms::so3;
 use nalgebra::{Matrix3, SMatrix, SVector, UnitQuaternion, Vector3};
 
 use serde::Serialize;
@@ -101,7 +102,7 @@ pub(super) fn estimate(
     let mut spread = config.initial_spread_rad_s * seconds;
     let mut last = None;
     for _ in 0..config.rounds {
-        let turn = UnitQuaternion::from_scaled_axis(now.fixed_rows::<3>(0).into_owned());
+        let turn = so3::exp(now.fixed_rows::<3>(0).into_owned());
         let shape = Matrix3::new(
             1.0 + now[3],
             now[6],

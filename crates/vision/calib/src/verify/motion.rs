@@ -9,6 +9,7 @@
 //! uncertainty of the distance makes an observation less certain along its epipolar line only. The
 //! translation is initialized by RANSAC over samples of two features; outliers are rejected.
 
+use cad_transforms::so3;
 use nalgebra::{Matrix2, Matrix2x3, Matrix3, SMatrix, SVector, UnitQuaternion, Vector2, Vector3};
 
 use super::config::MotionConfig;
@@ -182,7 +183,7 @@ pub(super) fn solve(
             last = Some((information, scale, agree));
             break;
         }
-        turn = UnitQuaternion::from_scaled_axis(step.fixed_rows::<3>(0).into_owned()) * turn;
+        turn = so3::exp(step.fixed_rows::<3>(0).into_owned()) * turn;
         shift += step.fixed_rows::<3>(3);
         offset += step[6];
         faster += step.fixed_rows::<3>(7);

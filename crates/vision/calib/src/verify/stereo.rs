@@ -8,6 +8,7 @@
 //! moves rows in the corners exactly as a yaw does, so that the accuracy of yaw is limited by that
 //! of the lens ([`StereoConfig::decentring_sigma`]).
 
+use cad_transforms::so3;
 use camera_models::{Lens, StereoCalibration};
 use nalgebra::{Matrix1, Matrix3, Matrix3x2, RowVector2, SVector, UnitQuaternion, Vector3};
 
@@ -121,8 +122,8 @@ pub(super) fn estimate(
     config: &StereoConfig,
 ) -> Option<StereoAlignment> {
     let mut pair = StereoPair::new(nominal);
-    let [nominal_rotation, nominal_origin] = [pair.turn.scaled_axis(), pair.origin];
-    let nominal_rotation = UnitQuaternion::from_scaled_axis(nominal_rotation);
+    let [nominal_rotation, nominal_origin] = [so3::log(&pair.turn), pair.origin];
+    let nominal_rotation = so3::exp(nominal_rotation);
     let mut matches: Vec<(usize, Vector3<f64>, [f64; 2])> = Vec::new();
     for (group, burst) in bursts.iter().enumerate() {
         for feature in burst.segments.iter().flat_map(|m| &m.features) {
@@ -155,7 +156,7 @@ pub(super) fn estimate(
     let mut now = SVector::<f64, 5>::zeros();
     let mut last = None;
     for _ in 0..config.rounds {
-        let turn = UnitQuaternion::from_scaled_axis(now.fixed_rows::<3>(0).into_owned());
+        let turn = so3::exp(now.fixed_rows::<3>(0).into_owned());
         let centre = now.fixed_rows::<2>(3).into_owned();
         pair.turn = turn * nominal_rotation;
         pair.origin = turn * (nominal_origin + across * centre);

@@ -223,7 +223,7 @@ fn camera(made: &Made) -> Camera<'_> {
 
 fn verified(made: &[Made]) -> Verification {
     let cameras: Vec<Camera<'_>> = made.iter().map(camera).collect();
-    verify(&cameras, &Tolerances::default())
+    verify(&cameras, &Tolerances::default(), &Config::default())
 }
 
 fn off(found: &Verification) -> Vec<&Finding> {
@@ -405,7 +405,11 @@ fn without_images_or_samples_everything_is_undetermined() {
         assert_eq!(finding.status, Status::Undetermined, "{finding:#?}");
         assert!(finding.text.contains("not determined"), "{}", finding.text);
     }
-    assert!(verify(&[], &Tolerances::default()).findings.is_empty());
+    assert!(
+        verify(&[], &Tolerances::default(), &Config::default())
+            .findings
+            .is_empty()
+    );
 }
 
 /// Aperiodic texture from sums of waves.
@@ -439,7 +443,7 @@ fn corners_are_tracked_and_matched_in_images() {
         ..nominal
     };
     let (width, height) = (672, 376);
-    let mut follower = FeatureTracker::new(&nominal, None);
+    let mut follower = FeatureTracker::new(&nominal, None, &Config::default());
     // The right image: a distance of 2 m, and 3.3 rows of vertical offset, as if the eye were
     // rotated.
     let disparity = 0.06 * 300.0 / 2.0;
@@ -486,7 +490,7 @@ fn corners_are_tracked_and_matched_in_images() {
 #[test]
 fn blank_images_give_no_corners() {
     let blank = vec![90; 672 * 376];
-    let mut follower = FeatureTracker::new(&stereo(), None);
+    let mut follower = FeatureTracker::new(&stereo(), None, &Config::default());
     let eye = ImageView::new(672, 376, 672, &blank).unwrap();
     for n in 0..6 {
         follower.push(&StereoFrame {
@@ -518,15 +522,21 @@ fn bursts_are_spread_and_placed_at_rotations() {
     };
     let gyro = Gyro::new((0..8000).map(|n| (n * 2_500_000, rate(n))));
     let second = 1_000_000_000;
-    let bursts = choose_bursts(&[&gyro], [0, 20 * second], 2, second);
+    let bursts = choose_bursts(
+        &[&gyro],
+        [0, 20 * second],
+        2,
+        second,
+        &BurstConfig::default(),
+    );
     assert_eq!(bursts.len(), 2);
     assert!((bursts[0][0] - 3 * second).abs() < second / 2, "{bursts:?}");
     assert!(
         (bursts[1][0] - 13 * second).abs() < second / 2,
         "{bursts:?}"
     );
-    let alone = choose_bursts(&[], [0, 20 * second], 4, second);
+    let alone = choose_bursts(&[], [0, 20 * second], 4, second, &BurstConfig::default());
     assert_eq!(alone[0], [2 * second, 3 * second]);
-    assert!(choose_bursts(&[], [0, second / 2], 4, second).is_empty());
-    assert!(choose_bursts(&[], [second, 0], 4, second).is_empty());
+    assert!(choose_bursts(&[], [0, second / 2], 4, second, &BurstConfig::default()).is_empty());
+    assert!(choose_bursts(&[], [second, 0], 4, second, &BurstConfig::default()).is_empty());
 }

@@ -6,7 +6,7 @@
 //! predicts positions. A feature that cannot be found reliably is dropped.
 
 use camera_models::{Lens, StereoCalibration};
-use imaging::ImageView;
+use imaging::{ImageView, klt};
 use nalgebra::{UnitQuaternion, Vector3};
 use serde::{Deserialize, Serialize};
 
@@ -14,8 +14,10 @@ use super::config::{Config, TrackingConfig};
 use super::corners::corners;
 use super::epipolar_search::{self, Area};
 use super::gyro::{Gyro, Integrated};
-use super::klt::track;
-use super::pyramid::Pyramid;
+use super::pyramid::ScaledPyramid;
+
+/// Side of tracked patches, px.
+const PATCH_SIDE: usize = 11;
 
 /// One stereo frame.
 #[derive(Clone, Copy, Debug)]
@@ -70,7 +72,7 @@ pub struct FeatureTracker<'a> {
 
 /// The previous frame and the features being tracked.
 struct PreviousFrame {
-    left: Pyramid,
+    left: ScaledPyramid,
     time_ns: i64,
     /// Oldest first.
     sets: Vec<Set>,
@@ -103,8 +105,7 @@ struct TrackedFeature {
 
 impl<'a> FeatureTracker<'a> {
     /// Tracker for a camera with this calibration; `gyro` is the camera's own.
-    pub fn new(calibration: &StereoCalibration, gyro: Option<&'a Gyro>) -> Self {
-        let config = Config::default();
+    pub fn new(calibration: &StereoCalibration, gyro: Option<&'a Gyro>, config: &Config) -> Self {
         let right_from_left = &calibration.right_from_left;
         let imu = calibration.imu.as_ref().zip(gyro);
         let gyro = imu.map(|(imu, gyro)| {
@@ -130,8 +131,8 @@ impl<'a> FeatureTracker<'a> {
 
     /// Adds the next frame of the burst.
     pub fn push(&mut self, frame: &StereoFrame<'_>) {
-        let left = Pyramid::new(&frame.left, &self.config.pyramid);
-        let (time_ns, scale) = (frame.time_ns, left.scale());
+        let left = ScaledPyramid::new(&frame.left, &self.config);
+        let (time_ns, scale) = (frame.time_ns, left.scale);
         let mut sets = Vec::new();
         if let Some(before) = self.previous.take() {
             let rotation = self.rotation(time_ns, before.time_ns);
@@ -163,7 +164,7 @@ impl<'a> FeatureTracker<'a> {
     /// Ends the burst.
     pub fn end(&mut self) -> Burst {
         if let Some(before) = self.previous.take() {
-            let scale = before.left.scale();
+            let scale = before.left.scale;
             for set in before.sets {
                 self.finish(set, before.time_ns, scale);
             }
@@ -175,20 +176,20 @@ impl<'a> FeatureTracker<'a> {
     fn track(
         &self,
         tracked: &mut TrackedFeature,
-        before: &Pyramid,
-        left: &Pyramid,
+        before: &ScaledPyramid,
+        left: &ScaledPyramid,
         rotation: &UnitQuaternion<f64>,
     ) {
         let Some(at) = tracked.now else { return };
-        let predicted = self.predict(at, rotation, left.scale());
+        let predicted = self.predict(at, rotation, left.scale);
         let guess = [predicted[0] + tracked.off[0], predicted[1] + tracked.off[1]];
-        tracked.now = track(
-            before,
-            left,
+        tracked.now = klt::track::<PATCH_SIDE>(
+            &self.config.klt,
+            &before.pyramid,
+            &left.pyramid,
             at,
             guess,
             self.config.max_level,
-            &self.config.klt,
         );
         if let Some(now) = tracked.now {
             tracked.off = [now[0] - predicted[0], now[1] - predicted[1]];
@@ -213,11 +214,11 @@ impl<'a> FeatureTracker<'a> {
     }
 
     /// Detects features and matches them in the right image.
-    fn start(&self, left: &Pyramid, frame: &StereoFrame<'_>) -> Set {
-        let right = Pyramid::new(&frame.right, &self.config.pyramid);
-        let scale = left.scale();
+    fn start(&self, left: &ScaledPyramid, frame: &StereoFrame<'_>) -> Set {
+        let right = ScaledPyramid::new(&frame.right, &self.config);
+        let scale = left.scale;
         let found = corners(
-            &left.levels[0],
+            &left.pyramid.levels[0],
             self.config.max_corners,
             &self.config.corners,
         );
@@ -242,8 +243,8 @@ impl<'a> FeatureTracker<'a> {
 
     fn match_stereo(
         &self,
-        left: &Pyramid,
-        right: &Pyramid,
+        left: &ScaledPyramid,
+        right: &ScaledPyramid,
         at: [f32; 2],
         pixel: [f64; 2],
     ) -> Option<[f32; 2]> {
@@ -262,8 +263,8 @@ impl<'a> FeatureTracker<'a> {
             let tilt = 0.5 * side * most;
             (model.fx * most, model.fy * most + 0.5 * tilt)
         };
-        let level = self.config.search_level.min(left.levels.len() - 1);
-        let per_level = left.scale() * f64::from(1_u32 << level);
+        let level = self.config.search_level.min(left.pyramid.levels.len() - 1);
+        let per_level = left.scale * f64::from(1_u32 << level);
         let area = Area {
             x: [
                 (far[0].min(near[0]) - reach_x) / per_level,
@@ -276,15 +277,16 @@ impl<'a> FeatureTracker<'a> {
         };
         let coarse = at.map(|v| v / (1_u32 << level) as f32);
         let found = epipolar_search::search(
-            &left.levels[level],
-            &right.levels[level],
+            &left.pyramid.levels[level],
+            &right.pyramid.levels[level],
             coarse,
             &area,
             &self.config.search,
         )?;
         // The patch is at subpixel positions in the left image as well.
         let guess = found.map(|v| v * (1_u32 << level) as f32);
-        track(left, right, at, guess, level, &self.config.klt)
+        let (left, right) = (&left.pyramid, &right.pyramid);
+        klt::track::<PATCH_SIDE>(&self.config.klt, left, right, at, guess, level)
     }
 
     /// Rotation between two frames by the gyroscope, identity if unknown.

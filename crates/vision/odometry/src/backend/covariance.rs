@@ -5,7 +5,6 @@ use nalgebra::{Matrix6, Matrix6x2};
 
 use crate::backend::state::State;
 use crate::config::CovarianceConfig;
-use cad_transforms::so3::cross;
 
 /// Adds errors that the covariance of the solver does not model: observations of one feature are
 /// correlated over frames, and calibrations have constant errors. Sigmas are multiplied by
@@ -39,7 +38,7 @@ pub(crate) fn tilt_uncertainty(
     let back = world_from_rig.rotation().inverse().to_rotation_matrix();
     let mut jacobian = Matrix6x2::zeros();
     jacobian.fixed_view_mut::<3, 2>(0, 0).copy_from(
-        &(-back.matrix() * cross(world_from_rig.translation())).fixed_view::<3, 2>(0, 0),
+        &(-back.matrix() * world_from_rig.translation().cross_matrix()).fixed_view::<3, 2>(0, 0),
     );
     jacobian
         .fixed_view_mut::<3, 2>(3, 0)
@@ -67,7 +66,7 @@ pub(crate) fn in_rig_frame(
     let mut adjoint = Matrix6::zeros();
     adjoint.fixed_view_mut::<3, 3>(0, 0).copy_from(&rotation);
     adjoint.fixed_view_mut::<3, 3>(3, 3).copy_from(&rotation);
-    let lever_arm = cross(rig_from_body.translation());
+    let lever_arm = rig_from_body.translation().cross_matrix();
     adjoint
         .fixed_view_mut::<3, 3>(0, 3)
         .copy_from(&(lever_arm * rotation));
@@ -83,7 +82,7 @@ pub(crate) fn transport(from: &State, to: &State, covariance: &Matrix6<f64>) -> 
     let lever_arm = from.rotation.inverse() * (to.position - from.position);
     jacobian
         .fixed_view_mut::<3, 3>(0, 3)
-        .copy_from(&(-rotation * cross(&lever_arm)));
+        .copy_from(&(-rotation * lever_arm.cross_matrix()));
     let relative = to.rotation.inverse() * from.rotation;
     jacobian
         .fixed_view_mut::<3, 3>(3, 3)
@@ -126,7 +125,7 @@ mod tests {
         let relative = pose.inverse() * tilt.unwrap() * pose;
         let lowered = relative.translation().z;
         let share = covariance[(2, 3)] / covariance[(3, 3)];
-        let rolled = relative.rotation().scaled_axis().x;
+        let rolled = cad_transforms::so3::log(relative.rotation()).x;
         assert!(
             (lowered / rolled - share).abs() < 0.05 * share.abs(),
             "{lowered} {rolled} {share}"

@@ -102,8 +102,8 @@ pub(crate) fn jacobians_by_extrinsics(
         by
     };
     [
-        of(now_from_then * rho, -now_from_then * so3::cross(ray)),
-        of(Matrix3::identity() * -rho, so3::cross(x)),
+        of(now_from_then * rho, -now_from_then * ray.cross_matrix()),
+        of(Matrix3::identity() * -rho, x.cross_matrix()),
     ]
 }
 

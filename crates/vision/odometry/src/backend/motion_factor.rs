@@ -89,7 +89,7 @@ pub(crate) fn with_uncertain_start(
     by_earlier.fixed_columns_mut::<ROTATION>(POSITION).fill(0.0);
     by_earlier.fixed_columns_mut::<3>(ROTATION).fill(0.0);
     let t = motion.preintegrated.seconds;
-    let down = so3::cross(&(from.rotation.inverse() * gravity(motion)));
+    let down = (from.rotation.inverse() * gravity(motion)).cross_matrix();
     by_earlier
         .fixed_view_mut::<3, 3>(3, ROTATION)
         .copy_from(&(-down * t));
@@ -169,14 +169,14 @@ fn derivatives(
     set(0, GYRO_BIAS, -inverse * rotation_error_matrix * by(0, 0));
     // Velocity.
     let velocity_change = back * (to.velocity - from.velocity - gravity * t);
-    set(3, ROTATION, so3::cross(&velocity_change));
+    set(3, ROTATION, velocity_change.cross_matrix());
     set(3, VELOCITY, -back);
     set(3, STATE_DIM + VELOCITY, back);
     set(3, GYRO_BIAS, -by(3, 0));
     set(3, ACCEL_BIAS, -by(3, 3));
     // Displacement.
     let displacement = to.position - from.position - from.velocity * t - gravity * (0.5 * t * t);
-    set(6, ROTATION, so3::cross(&(back * displacement)));
+    set(6, ROTATION, (back * displacement).cross_matrix());
     set(6, POSITION, -back);
     set(6, STATE_DIM + POSITION, back);
     set(6, VELOCITY, -back * t);
@@ -219,7 +219,13 @@ mod tests {
         };
         let zero = Vector3::zeros();
         let motion = MotionFactor {
-            preintegrated: Preintegrated::new(&readings, &zero, &zero, &noise, &Default::default()),
+            preintegrated: Preintegrated::new(
+                &readings,
+                &zero,
+                &zero,
+                &noise,
+                &crate::config::InertialConfig::default().scale_error,
+            ),
             has_gravity: true,
             bias_walk: [0.1, 0.2],
         };

@@ -7,7 +7,6 @@ use crate::backend::observation::{BearingObservation, CameraPose};
 use crate::backend::solver::{ByPose, residuals};
 use crate::backend::state::{POSE_DIM, STATE_DIM, State};
 use crate::backend::window::Window;
-use cad_transforms::so3;
 
 /// Optimizes the newest state with everything else fixed, and returns its information matrix. The
 /// loss is Tukey's with a scale that decreases with the iterations. `start_covariance` is the
@@ -73,7 +72,7 @@ pub(crate) fn refine_newest(
             let x_in_left = rotation.transpose() * (in_target - arm * *rho);
             let left_from_world = rotation.transpose() * camera_pose.rotation.transpose();
             let by_rotation =
-                rotation.transpose() * so3::cross(&in_target) * camera_pose.then_from_state;
+                rotation.transpose() * in_target.cross_matrix() * camera_pose.then_from_state;
             let rays = residuals(
                 camera,
                 observation,

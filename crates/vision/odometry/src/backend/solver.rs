@@ -16,7 +16,6 @@ use crate::backend::observation::{
 use crate::backend::state::{Error, POSE_DIM, STATE_DIM};
 use crate::backend::window::{Landmark, Window};
 use crate::config::BackendConfig;
-use cad_transforms::so3;
 
 /// Number of landmarks per piece.
 const LANDMARKS_PER_PIECE: usize = 48;
@@ -256,11 +255,11 @@ fn add(window: &Window, landmark: &Landmark, sums: &mut impl NormalEquations) ->
         let to_left = &transferred.left_from_world;
         let by_position = to_left * landmark.rho;
         let host_rotation = -(to_left * host_pose.rotation)
-            * so3::cross(&transferred.in_host)
+            * transferred.in_host.cross_matrix()
             * host_pose.then_from_state;
         let left_from_body = camera.body_from_left.0.transpose();
         let target_rotation =
-            left_from_body * so3::cross(&transferred.in_target) * camera_pose.then_from_state;
+            left_from_body * transferred.in_target.cross_matrix() * camera_pose.then_from_state;
         let mut by_target = PoseVector::zeros();
         let mut h_target = PoseMatrix::zeros();
         let mut h_host = PoseMatrix::zeros();

@@ -43,8 +43,9 @@ config! {
         /// The same from a pose of constant velocity, which can have a large error.
         pub tukey_sigma_without_imu: [f64; 10] =
             [240.0, 160.0, 100.0, 60.0, 36.0, 24.0, 16.0, 10.0, 7.0, 5.0],
-        /// Final scale, in standard deviations. Tukey's efficiency of 95 % for normal noise is at
-        /// 4.7 (Huber, Robust Statistics, 1981).
+        /// Final scale, in standard deviations. Lower discards accurate observations (for normal
+        /// noise, Tukey's loss has an efficiency of 95 % at 4.7), higher lets outliers pull the
+        /// pose.
         pub tukey_sigma_final: f64 = 4.0,
         /// Maximum number of iterations at the final scale.
         pub max_iterations: usize = 4,
@@ -73,7 +74,8 @@ config! {
     }
 
     /// Priors of camera extrinsics, translation in m and rotation in rad. Source:
-    /// `cargo xtask bench odometry`, error over the error of a camera's nominal rotation.
+    /// docs/decisions/0010-odometry.md; `cargo xtask bench odometry --only mounts` charts the error
+    /// over the error of a camera's nominal rotation.
     pub struct ExtrinsicsConfig {
         /// Sigmas where the calibration gives none. The translation is considered known: a walk
         /// determines it less accurately than a ruler (errors of 5 to 20 mm with a prior of 5 mm),

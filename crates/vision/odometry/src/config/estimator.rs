@@ -60,8 +60,7 @@ config! {
     /// Selection of keyframes.
     pub struct KeyframeConfig {
         /// Median parallax of features since the last keyframe, rotation removed, as a fraction of
-        /// the image width. Lower costs time, higher loses accuracy; see the chart over settings in
-        /// docs/reference/odometry.md.
+        /// the image width. Lower costs time, higher loses accuracy.
         pub min_parallax: f64 = 12.0 / 672.0,
         /// Maximum time between keyframes, s: IMU samples are preintegrated again from the last
         /// one.
@@ -73,8 +72,8 @@ config! {
         pub min_tracked_ratio_early: f64 = 0.35,
         /// That short time, s: five frames at 30 Hz.
         pub early_s: f64 = 0.17,
-        /// Translation, m, and rotation, rad, below which two keyframes are at rest, and the later
-        /// one leaves the window first.
+        /// Translation, m, and rotation, rad, between the two newest keyframes below which the rig
+        /// is at rest: the earlier of the two leaves the window instead of the oldest keyframe.
         pub rest_motion: [f64; 2] = [0.01, 0.01],
         /// Interval of keyframes at rest that are kept for bundle adjustment, ns: they observe the
         /// same as earlier ones.
@@ -95,7 +94,7 @@ config! {
     }
 
     /// Detection of a camera that moves on its plate. Source: `cargo xtask bench odometry_faults`,
-    /// fault `shifted_camera`: shifts below 0.2 degrees are not detected.
+    /// fault `shifted_camera`: 0.2 degrees are not detected, 0.5 degrees are.
     pub struct CameraShiftConfig {
         /// Minimum number of observations of the tested camera, and of all others together.
         pub min_observations: usize = 12,

@@ -7,8 +7,8 @@ config! {
     /// Features of one camera: number, spacing, matching.
     pub struct FrontendConfig {
         /// Maximum number of features tracked per camera. Compare OpenVINS `num_pts`. The chart
-        /// over settings in docs/reference/odometry.md is flat from 60 on; time is proportional to
-        /// it.
+        /// over settings in docs/reference/odometry.md is flat from 60 on; eight times as many
+        /// take about twice the time.
         pub max_features: usize = 110,
         /// Number of grid cells per requested feature, since some cells have no texture. At 1 there
         /// are too few features on weak texture; high values put features side by side.
@@ -84,8 +84,8 @@ config! {
 
     /// Keypoints for loop closure.
     pub struct KeypointConfig {
-        /// Maximum number per keyframe and camera. Memory and the time of the search are
-        /// proportional to it.
+        /// Maximum number per keyframe and camera. Memory is proportional to it, and the time of
+        /// the search to its square.
         pub max_keypoints: usize = 160,
         /// Side of the grid cells with one keypoint each, px.
         pub cell_px: usize = 20,

@@ -20,6 +20,7 @@ use imaging::{Level, Pyramid};
 /// Side of the warped patch, px, and its center.
 const WARP_SIDE_PX: usize = 48;
 const WARP_CENTER_PX: f64 = 24.0;
+
 /// A feature that should be visible in the other camera.
 struct Candidate {
     id: u64,

@@ -70,7 +70,7 @@ impl Odometry {
         self.reference.clear();
         for (k, tracker) in self.trackers.iter_mut().enumerate() {
             let camera = &self.cameras[k];
-            tracker.detect_new(camera, config.frontend.max_features, &mut self.next_track);
+            tracker.detect_new(camera, &mut self.next_track);
             for track in &tracker.tracks {
                 self.reference.push((k, track.id, track.left.ray));
                 if let (None, Some(rho)) = (window.landmarks.get(&track.id), track.rho) {

@@ -17,6 +17,9 @@ use crate::keyframe::Keypoint;
 use imaging::Pyramid;
 use imaging::klt::{self, normalized_patch};
 
+/// Side of tracked patches, px: a row is one vector register.
+const PATCH_SIDE: usize = 8;
+
 /// A tracked feature.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct Track {
@@ -93,13 +96,13 @@ impl Tracker {
     ) {
         let before = std::mem::replace(&mut self.left, left);
         self.right = right;
-        let (left, right) = (&self.left, &self.right);
+        let left = &self.left;
         let width = left.levels.first().map_or(0, |level| level.width);
         let mask = self.mask();
         let config = &self.config;
         let tracked = self.tracks.par_iter().with_min_len(8).map(|track| {
             let expected = expect(track);
-            let at = klt::track(
+            let at = klt::track::<PATCH_SIDE>(
                 &config.klt,
                 &before,
                 left,
@@ -120,7 +123,7 @@ impl Tracker {
                 rho: None,
                 ..*track
             };
-            match_stereo(config, &mut track, camera, (left, right), expected.rho);
+            self.match_stereo(camera, &mut track, expected.rho);
             Some(track)
         });
         let tracked: Vec<Option<Track>> = tracked.collect();
@@ -140,8 +143,9 @@ impl Tracker {
         self.tracks = distinct;
     }
 
-    /// Detects new features until there are `max_count`; their ids are counted from `next`.
-    pub(crate) fn detect_new(&mut self, camera: &Camera, max_count: usize, next: &mut u64) {
+    /// Detects new features until there are enough; their ids are counted from `next`.
+    pub(crate) fn detect_new(&mut self, camera: &Camera, next: &mut u64) {
+        let max_count = self.config.max_features;
         let Some(level) = self.left.levels.first() else {
             return;
         };
@@ -178,14 +182,87 @@ impl Tracker {
             right: None,
             rho: None,
         };
-        match_stereo(
-            &self.config,
-            &mut track,
-            camera,
-            (&self.left, &self.right),
-            rho,
-        );
+        self.match_stereo(camera, &mut track, rho);
         Some(track)
+    }
+
+    /// Matches a feature in the right image; `expected` may predict its inverse range.
+    fn match_stereo(&self, camera: &Camera, track: &mut Track, expected: Option<f64>) {
+        let FrontendConfig { klt, stereo, .. } = &self.config;
+        let from = |guess: [f32; 2], coarsest: usize| {
+            let found =
+                klt::track::<PATCH_SIDE>(klt, &self.left, &self.right, track.at, guess, coarsest)?;
+            let bearing = camera.bearing(Side::Right, found)?;
+            let (rho, epipolar_error) = camera.triangulate(&track.left, &bearing);
+            // A distant point may have a slightly negative inverse range.
+            let fits = epipolar_error < stereo.max_epipolar_error_px
+                && rho < 1.0 / stereo.min_distance_m
+                && rho > stereo.min_inverse_range_per_m;
+            fits.then_some((found, bearing, rho))
+        };
+        let tried = expected
+            .and_then(|rho| project_right(camera, &track.left.ray, rho))
+            .and_then(|guess| from(guess, stereo.max_level));
+        let found = tried.or_else(|| {
+            let guess = self.search_epipolar(camera, track)?;
+            from(guess, stereo.search_level)
+        });
+        if let Some((at, bearing, rho)) = found {
+            track.right_at = Some(at);
+            track.right = Some(bearing);
+            track.rho = Some(rho.max(crate::backend::solver::MIN_INVERSE_RANGE_PER_M));
+        }
+    }
+
+    /// Best match along the epipolar line on a coarse level.
+    fn search_epipolar(&self, camera: &Camera, track: &Track) -> Option<[f32; 2]> {
+        let (klt, config) = (&self.config.klt, &self.config.stereo);
+        let (ray, at) = (&track.left.ray, track.at);
+        let level = config.search_level.min(self.left.levels.len() - 1);
+        let scale = (1_u32 << level) as f32;
+        let template = normalized_patch::<PATCH_SIDE>(
+            klt,
+            &self.left.levels[level],
+            at[0] / scale,
+            at[1] / scale,
+        )?;
+        let far = project_right(camera, ray, 0.0)?;
+        let near = project_right(camera, ray, 1.0 / config.min_distance_m)?;
+        let length = (near[0] - far[0]).hypot(near[1] - far[1]) / scale;
+        // One step beyond either end, so that a maximum at an end is recognized.
+        let steps = length.ceil() as i32;
+        let mut scores = Vec::with_capacity(steps as usize + 3);
+        for k in -1..=steps + 1 {
+            let rho = f64::from(k) / f64::from(steps.max(1)) / config.min_distance_m;
+            let score = project_right(camera, ray, rho).and_then(|[x, y]| {
+                let there = normalized_patch::<PATCH_SIDE>(
+                    klt,
+                    &self.right.levels[level],
+                    x / scale,
+                    y / scale,
+                )?;
+                let products = template.as_flattened().iter().zip(there.as_flattened());
+                Some(products.map(|(a, b)| a * b).sum::<f32>())
+            });
+            scores.push((score.unwrap_or(-1.0), rho));
+        }
+        let (best, top) = scores
+            .iter()
+            .enumerate()
+            .max_by(|a, b| a.1.0.total_cmp(&b.1.0))?;
+        if top.0 < config.min_ncc as f32 {
+            return None;
+        }
+        let other = scores
+            .iter()
+            .enumerate()
+            .filter(|(k, _)| k.abs_diff(best) > 2)
+            .map(|(_, s)| s.0)
+            .fold(-1.0, f32::max);
+        if top.0 < other + config.min_ncc_margin as f32 {
+            return None;
+        }
+        project_right(camera, ray, top.1)
     }
 
     /// Pyramid of the left image.
@@ -206,7 +283,7 @@ impl Tracker {
         id: u64,
         expected: Expected,
     ) -> Option<Track> {
-        let at = klt::track(
+        let at = klt::track::<PATCH_SIDE>(
             &self.config.klt,
             patch,
             &self.left,
@@ -295,82 +372,6 @@ fn project_right(camera: &Camera, ray: &Vector3<f64>, rho: f64) -> Option<[f32; 
         .right
         .project(x.into())
         .map(|pixel| pixel.map(|v| v as f32))
-}
-
-fn match_stereo(
-    config: &FrontendConfig,
-    track: &mut Track,
-    camera: &Camera,
-    (left, right): (&Pyramid, &Pyramid),
-    expected: Option<f64>,
-) {
-    let stereo = &config.stereo;
-    let from = |guess: [f32; 2], coarsest: usize| {
-        let found = klt::track(&config.klt, left, right, track.at, guess, coarsest)?;
-        let bearing = camera.bearing(Side::Right, found)?;
-        let (rho, epipolar_error) = camera.triangulate(&track.left, &bearing);
-        // A distant point may have a slightly negative inverse range.
-        let fits = epipolar_error < stereo.max_epipolar_error_px
-            && rho < 1.0 / stereo.min_distance_m
-            && rho > stereo.min_inverse_range_per_m;
-        fits.then_some((found, bearing, rho))
-    };
-    let tried = expected
-        .and_then(|rho| project_right(camera, &track.left.ray, rho))
-        .and_then(|guess| from(guess, stereo.max_level));
-    let found = tried.or_else(|| {
-        let guess = search_epipolar(config, camera, (&track.left.ray, track.at), (left, right))?;
-        from(guess, stereo.search_level)
-    });
-    if let Some((at, bearing, rho)) = found {
-        track.right_at = Some(at);
-        track.right = Some(bearing);
-        track.rho = Some(rho.max(crate::backend::solver::MIN_INVERSE_RANGE_PER_M));
-    }
-}
-
-/// Best match along the epipolar line on a coarse level.
-fn search_epipolar(
-    config: &FrontendConfig,
-    camera: &Camera,
-    (ray, at): (&Vector3<f64>, [f32; 2]),
-    (left, right): (&Pyramid, &Pyramid),
-) -> Option<[f32; 2]> {
-    let (klt, config) = (&config.klt, &config.stereo);
-    let level = config.search_level.min(left.levels.len() - 1);
-    let scale = (1_u32 << level) as f32;
-    let template = normalized_patch(klt, &left.levels[level], at[0] / scale, at[1] / scale)?;
-    let far = project_right(camera, ray, 0.0)?;
-    let near = project_right(camera, ray, 1.0 / config.min_distance_m)?;
-    let length = (near[0] - far[0]).hypot(near[1] - far[1]) / scale;
-    // One step beyond either end, so that a maximum at an end is recognized.
-    let steps = length.ceil() as i32;
-    let mut scores = Vec::with_capacity(steps as usize + 3);
-    for k in -1..=steps + 1 {
-        let rho = f64::from(k) / f64::from(steps.max(1)) / config.min_distance_m;
-        let score = project_right(camera, ray, rho).and_then(|[x, y]| {
-            let there = normalized_patch(klt, &right.levels[level], x / scale, y / scale)?;
-            Some(template.iter().zip(&there).map(|(a, b)| a * b).sum::<f32>())
-        });
-        scores.push((score.unwrap_or(-1.0), rho));
-    }
-    let (best, top) = scores
-        .iter()
-        .enumerate()
-        .max_by(|a, b| a.1.0.total_cmp(&b.1.0))?;
-    if top.0 < config.min_ncc as f32 {
-        return None;
-    }
-    let other = scores
-        .iter()
-        .enumerate()
-        .filter(|(k, _)| k.abs_diff(best) > 2)
-        .map(|(_, s)| s.0)
-        .fold(-1.0, f32::max);
-    if top.0 < other + config.min_ncc_margin as f32 {
-        return None;
-    }
-    project_right(camera, ray, top.1)
 }
 
 /// Pixel and inverse range of a point after the motion `now_from_then` of the left camera.

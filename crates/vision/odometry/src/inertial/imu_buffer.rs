@@ -12,8 +12,8 @@ use camera_models::ImuNoise;
 use nalgebra::{Matrix3, SMatrix, UnitQuaternion, Vector3};
 
 use crate::config::InertialConfig;
-use crate::input::ImuSample;
 use cad_transforms::so3;
+use camera_models::ImuSample;
 
 /// IMU sample with its time, ns: angular rate in rad/s, specific force in m/s².
 #[derive(Clone, Copy, Debug)]
@@ -259,8 +259,8 @@ impl Preintegrated {
 
             let next_rotation_by_bias = back * rotation_by_bias - jacobian * h;
             let mut force_by = SMatrix::<f64, 3, 6>::zeros();
-            let by_gyro = -(r0 * so3::cross(&f0) * rotation_by_bias
-                + r1 * so3::cross(&f1) * next_rotation_by_bias);
+            let by_gyro = -(r0 * f0.cross_matrix() * rotation_by_bias
+                + r1 * f1.cross_matrix() * next_rotation_by_bias);
             force_by
                 .fixed_columns_mut::<3>(0)
                 .copy_from(&(by_gyro * 0.5));
@@ -274,7 +274,7 @@ impl Preintegrated {
             // Noise, constant within a step; rows rotation, velocity, displacement.
             let mut transfer = SMatrix::<f64, 9, 9>::identity();
             transfer.fixed_view_mut::<3, 3>(0, 0).copy_from(&back);
-            let lean = -(r0 * so3::cross(&f0) + r1 * so3::cross(&f1) * back) * 0.5;
+            let lean = -(r0 * f0.cross_matrix() + r1 * f1.cross_matrix() * back) * 0.5;
             transfer.fixed_view_mut::<3, 3>(3, 0).copy_from(&(lean * h));
             transfer
                 .fixed_view_mut::<3, 3>(6, 0)
@@ -389,7 +389,7 @@ mod tests {
     fn constant_samples_of_a_moving_axis_are_saturated() {
         let range = [10.0, 80.0];
         let clip = |limit: f64| {
-            let mut samples = ImuBuffer::new(&Default::default(), 400.0);
+            let mut samples = ImuBuffer::new(&InertialConfig::default(), 400.0);
             let mut saturated = Vec::new();
             for k in 0..400_i64 {
                 let t = k as f64 / 400.0;
@@ -416,7 +416,7 @@ mod tests {
     #[test]
     fn gravity_beyond_the_range_is_saturated() {
         let saturated = |limit: f64| {
-            let mut samples = ImuBuffer::new(&Default::default(), 100.0);
+            let mut samples = ImuBuffer::new(&InertialConfig::default(), 100.0);
             for k in 0..200_i64 {
                 // Gravity with noise, with a tilted axis.
                 let noise = 0.02 * ((k * k % 17) as f64 / 8.0 - 1.0);
@@ -443,7 +443,13 @@ mod tests {
             Vector3::new(0.01, -0.02, 0.03),
             Vector3::new(0.1, 0.2, -0.1),
         );
-        let here = Preintegrated::new(&readings, &bg, &ba, &NOISE, &Default::default());
+        let here = Preintegrated::new(
+            &readings,
+            &bg,
+            &ba,
+            &NOISE,
+            &InertialConfig::default().scale_error,
+        );
         for k in 0..6 {
             let h = 1e-5;
             let mut d = SMatrix::<f64, 6, 1>::zeros();
@@ -457,7 +463,7 @@ mod tests {
                 &(bg + dg),
                 &(ba + da),
                 &NOISE,
-                &Default::default(),
+                &InertialConfig::default().scale_error,
             );
             let by = nine(&here, &there) / h;
             // The mean of the rotated force at both ends approximates a 2 : 1 weighting in the
@@ -478,7 +484,7 @@ mod tests {
             &zero,
             &zero,
             &NOISE,
-            &Default::default(),
+            &InertialConfig::default().scale_error,
         );
         for (rate_hz, limit) in [(200.0, 2e-4), (800.0, 2e-5)] {
             let coarse = Preintegrated::new(
@@ -486,7 +492,7 @@ mod tests {
                 &zero,
                 &zero,
                 &NOISE,
-                &Default::default(),
+                &InertialConfig::default().scale_error,
             );
             let systematic_error = nine(&fine, &coarse).amax();
             assert!(systematic_error < limit, "{rate_hz}: {systematic_error}");
@@ -495,7 +501,7 @@ mod tests {
 
     #[test]
     fn sample_that_is_not_finite_is_dropped() {
-        let mut samples = ImuBuffer::new(&Default::default(), 100.0);
+        let mut samples = ImuBuffer::new(&InertialConfig::default(), 100.0);
         for k in 0..20 {
             let mut sample = ImuSample {
                 time_ns: k * 10_000_000,
@@ -520,7 +526,7 @@ mod tests {
 
     #[test]
     fn gap_and_end_of_samples_are_reported() {
-        let mut samples = ImuBuffer::new(&Default::default(), 100.0);
+        let mut samples = ImuBuffer::new(&InertialConfig::default(), 100.0);
         for k in (0..50).chain(80..100) {
             let sample = ImuSample {
                 time_ns: k * 10_000_000,

@@ -27,6 +27,7 @@ use crate::config::MappingConfig;
 /// bounds their memory.
 const LANDMARKS_PER_PIECE: usize = 1024;
 const PIECES_PER_BATCH: usize = 16;
+
 /// Progress of mapping.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum Progress {

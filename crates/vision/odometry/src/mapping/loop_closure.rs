@@ -97,7 +97,7 @@ impl Closure {
         by_a.fixed_view_mut::<3, 3>(0, 0).copy_from(&-back);
         by_b.fixed_view_mut::<3, 3>(0, 0).copy_from(&back);
         by_a.fixed_view_mut::<3, 3>(0, 3)
-            .copy_from(&so3::cross(&translation));
+            .copy_from(&translation.cross_matrix());
         by_a.fixed_view_mut::<3, 3>(3, 3)
             .copy_from(&(-inverse * relative.transpose()));
         by_b.fixed_view_mut::<3, 3>(3, 3).copy_from(&inverse);
@@ -292,11 +292,11 @@ fn close(
                 (
                     rotated + translation * m.rho,
                     Matrix3::identity() * m.rho,
-                    -r * so3::cross(&m.x),
+                    -r * m.x.cross_matrix(),
                 )
             } else {
                 let back = r.transpose() * (m.x - translation * m.rho);
-                (back, -r.transpose() * m.rho, so3::cross(&back))
+                (back, -r.transpose() * m.rho, back.cross_matrix())
             };
             let x = m.body_from_left.transpose() * (in_body - m.arm * m.rho);
             let Some((residual, by)) = m.bearing.residual(&x) else {

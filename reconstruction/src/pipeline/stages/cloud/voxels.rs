@@ -53,6 +53,11 @@ impl Sums {
     }
 }
 
+/// Center of a cell, m.
+fn middle(edge_m: f64, cell: [i32; 3]) -> [f64; 3] {
+    cell.map(|c| (f64::from(c) + 0.5) * edge_m)
+}
+
 impl Voxels {
     /// An empty grid with this edge of a voxel, m.
     pub(super) fn new(edge_m: f64) -> Self {
@@ -62,16 +67,12 @@ impl Voxels {
         }
     }
 
-    fn middle(&self, cell: [i32; 3]) -> [f64; 3] {
-        cell.map(|c| (f64::from(c) + 0.5) * self.edge_m)
-    }
-
     /// Adds the points of one view.
     pub(super) fn add(&mut self, points: &[Point]) {
         let mut of_look: HashMap<[i32; 3], (u32, Sums)> = HashMap::new();
         for point in points {
             let cell = point.x_in_world.map(|c| (c / self.edge_m).floor() as i32);
-            let middle = self.middle(cell);
+            let middle = middle(self.edge_m, cell);
             let offset = [0, 1, 2].map(|k| (point.x_in_world[k] - middle[k]) as f32);
             let (count, sums) = of_look.entry(cell).or_default();
             *count += 1;
@@ -90,11 +91,12 @@ impl Voxels {
 
     /// One point for each voxel, in the order of their positions.
     pub(super) fn into_points(self) -> Vec<CloudPoint> {
-        let mut cells: Vec<([i32; 3], Sums)> = self.cells.iter().map(|(k, v)| (*k, *v)).collect();
+        let Self { edge_m, cells } = self;
+        let mut cells: Vec<([i32; 3], Sums)> = cells.into_iter().collect();
         cells.sort_unstable_by_key(|(cell, _)| *cell);
         let point = |(cell, sums): &([i32; 3], Sums)| {
             let (offset, color) = sums.means();
-            let middle = self.middle(*cell);
+            let middle = middle(edge_m, *cell);
             CloudPoint {
                 x_in_world: [0, 1, 2].map(|k| (middle[k] + f64::from(offset[k])) as f32),
                 color: color.map(|c| c.round() as u8),

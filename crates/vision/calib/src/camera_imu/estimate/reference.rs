@@ -7,11 +7,12 @@ use super::super::config::Config;
 use super::super::observability;
 use super::super::problem::spline::{Motion, Whole};
 use super::super::problem::{Factors, Problem, Shared};
-use super::super::recording::{ImuSample, Priors, Recording};
+use super::super::recording::{Priors, Recording};
 use super::super::result::CameraImuError;
 use super::super::so3;
 use super::super::track::Raw;
 use super::{PosedViews, estimate};
+use camera_models::ImuSample;
 
 /// A recording prepared for both formulations, with nominal noise and the same initial values, 9
 /// mrad, 7 mm and 0.5 ms from the result of [`estimate`]. For recordings without a rolling shutter.
@@ -44,7 +45,7 @@ impl<'a> Formulations<'a> {
     /// Those of [`estimate`].
     pub fn new(recording: &'a Recording) -> Result<Self, CameraImuError> {
         let priors = Priors::default();
-        let found = estimate(recording, &priors)?;
+        let found = estimate(recording, &priors, &Config::default())?;
         let rotation = found.imu_from_left.rotation().to_rotation_matrix();
         let shared = Shared {
             rotation: rotation.matrix() * so3::exp(&Vector3::new(5e-3, -5e-3, 5e-3)),
