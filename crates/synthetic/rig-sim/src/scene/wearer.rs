@@ -27,6 +27,7 @@ const SHANK_M: f64 = 0.42;
 const THIGH_M: f64 = 0.43;
 /// Maximum extension of a leg as a fraction of its length.
 const MAX_LEG_EXTENSION: f64 = 0.998;
+
 /// A rigid part of the wearer.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Part {
