@@ -125,7 +125,7 @@ mod tests {
     }
 
     #[test]
-    fn the_picture_on_the_ground() {
+    fn the_image_on_the_ground() {
         // 2 m up, looking straight down, the image's right along y.
         let world_from_camera = RigidTransform::from_rotation_rows(
             [0., 1., 0., 1., 0., 0., 0., 0., -1.],

@@ -17,7 +17,7 @@ use session_access::decode::visit_images;
 use session_archive::index::{Access, FrameEntry, Index};
 use session_archive::reader::SessionReader;
 use session_archive::verify::rig_file;
-use video::Picture;
+use video::RawImage;
 
 /// Configuration of the target detection in all verbs; documents have it as `detection_config`.
 pub(crate) fn detection_config() -> target::Config {
@@ -99,7 +99,7 @@ pub(crate) fn detect(
         let progress = console.progress(&format!("detecting targets: {}", camera.name), bytes);
         let found: Mutex<Vec<TargetDetection>> = Mutex::new(Vec::new());
         let config = detection_config();
-        let visit = |frame: &FrameEntry, frame_image: &Picture| {
+        let visit = |frame: &FrameEntry, frame_image: &RawImage| {
             let Some(&instant) = instants.get(&frame.number) else {
                 return Ok(());
             };
@@ -137,7 +137,7 @@ pub(crate) fn detect(
 }
 
 /// The luma of the left and right half of a side-by-side stereo frame.
-pub(crate) fn halves(frame_image: &Picture) -> Vec<ImageView<'_>> {
+pub(crate) fn halves(frame_image: &RawImage) -> Vec<ImageView<'_>> {
     let (width, height) = (frame_image.width as usize, frame_image.height as usize);
     let luma = &frame_image.data[..width * height];
     let half = width / 2;

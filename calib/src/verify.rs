@@ -32,7 +32,7 @@ use session_archive::manifest;
 use session_archive::reader::SessionReader;
 use session_health::{Limits, overall, write_measurements};
 use session_input::imu::recording;
-use video::Picture;
+use video::RawImage;
 
 use self::result::SessionVerification;
 use crate::nominal_rig::NominalRig;
@@ -335,7 +335,7 @@ fn track_burst(
 }
 
 /// The luma of the left and right half of a side-by-side stereo frame.
-fn eyes(image: &Picture) -> Option<[ImageView<'_>; 2]> {
+fn eyes(image: &RawImage) -> Option<[ImageView<'_>; 2]> {
     let (width, height) = (image.width as usize, image.height as usize);
     let luma = image.data.get(..width * height)?;
     let half = width / 2;

@@ -22,7 +22,7 @@ use session_archive::record::Frame;
 use session_archive::record::paws::gap::Cause;
 use session_archive::time::HostTime;
 use video::encoder::Input;
-use video::{EncodeError, EncoderSettings, Picture};
+use video::{EncodeError, EncoderSettings, RawImage};
 
 mod delivery;
 mod restarts;
@@ -51,7 +51,7 @@ const NOT_RUNNING: &str = "no encoder is running";
 /// A frame that waits for room in the encoder.
 struct Waiting {
     frame: Frame,
-    image: Picture,
+    image: RawImage,
 }
 
 /// Reductions of the encoder's effort or output under load.
@@ -170,7 +170,7 @@ impl CameraEncoder {
     /// Takes a frame; never blocks. A frame that cannot be encoded is reported as dropped.
     pub fn push<'a>(&mut self, frame: Frame, image: impl Into<Input<'a>>, now: HostTime) {
         let image = match image.into() {
-            Input::Picture(image) => image,
+            Input::RawImage(image) => image,
             native => {
                 if let Err((frame, images)) = self.submit(frame, native, now, false) {
                     self.refused = true;
@@ -384,7 +384,7 @@ impl CameraEncoder {
                     self.key_frame_requested = false;
                 }
             }
-            Err(EncodeError::Full { pictures: images }) => {
+            Err(EncodeError::Full { images }) => {
                 if let Some((_, frame)) = shared.lock().frames.pop_back() {
                     return Err((frame, images));
                 }

@@ -10,7 +10,7 @@ use std::sync::{Mutex, PoisonError};
 use bytes::Bytes;
 use session_archive::time::{HostTime, NS_PER_S};
 use video::preview::{Preview, PreviewSettings};
-use video::{NativeFormat, Picture};
+use video::{NativeFormat, RawImage};
 
 use crate::sources::PreviewPixels;
 
@@ -35,7 +35,7 @@ pub struct Previews {
 #[derive(Clone, Debug)]
 pub enum Newest {
     /// As it was recorded.
-    Image(Picture),
+    Image(RawImage),
     /// A preview as a JPEG file.
     Jpeg(Bytes),
 }
@@ -168,10 +168,10 @@ fn small(format: &NativeFormat) -> PreviewSettings {
 mod tests {
     use super::*;
 
-    fn image(level: u8) -> Picture {
+    fn image(level: u8) -> RawImage {
         let format = video::PixelFormat::I420;
         let data = vec![level; format.bytes(4, 2).expect("size")].into();
-        Picture {
+        RawImage {
             width: 4,
             height: 2,
             format,

@@ -17,7 +17,7 @@ use camera_models::StereoCalibration;
 use session_archive::record::paws::gap::Cause;
 use session_archive::time::{HostTime, TickLength};
 use video::encoder::Input;
-use video::{NativeFrame, Picture};
+use video::{NativeFrame, RawImage};
 
 pub mod bag;
 pub mod datasets;
@@ -32,9 +32,9 @@ pub mod synthetic;
 pub mod video_file;
 pub mod walks;
 
-/// One stereo frame from a source: as a [`Picture`], or in its camera's own buffer.
+/// One stereo frame from a source: as a [`RawImage`], or in its camera's own buffer.
 #[derive(Clone, Debug)]
-pub struct RawFrame<P = Picture> {
+pub struct RawFrame<P = RawImage> {
     /// The device's own sequence number.
     pub number: u64,
     /// Device clock at the stamped instant.
@@ -47,7 +47,7 @@ pub struct RawFrame<P = Picture> {
     pub exposure_ns: Option<u32>,
     /// Delay of the right eye's image, ns, if the eyes were captured separately.
     pub eyes_apart_ns: Option<i64>,
-    /// Left and right side by side; a [`Picture`] is I420 (gray ones with neutral chroma).
+    /// Left and right side by side; a [`RawImage`] is I420 (gray ones with neutral chroma).
     pub image: P,
 }
 
@@ -67,12 +67,12 @@ pub trait Pixels {
 #[derive(Clone, Copy, Debug)]
 pub enum PreviewPixels<'a> {
     /// In memory.
-    Image(&'a Picture),
+    Image(&'a RawImage),
     /// In a camera's own buffer.
     Native(&'a NativeFrame),
 }
 
-impl Pixels for Picture {
+impl Pixels for RawImage {
     fn input(&self) -> Input<'_> {
         self.into()
     }

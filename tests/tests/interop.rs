@@ -159,9 +159,9 @@ fn images_are_the_same(
 ) {
     let mut planes = Vec::new();
     let mut size = (0, 0);
-    ours.decode(camera, |_, picture| {
-        size = (picture.width, picture.height);
-        planes.extend_from_slice(picture.luma()?);
+    ours.decode(camera, |_, image| {
+        size = (image.width, image.height);
+        planes.extend_from_slice(image.luma()?);
         Ok(())
     })
     .expect("decoding");

@@ -83,8 +83,8 @@ fn queued_frames_are_encoded_after_the_stop_of_an_overload() {
     // IMU samples are never shed.
     assert!(contents.gaps_of("left_shoulder/imu").is_empty());
     assert!(stored > 0 && samples > 0, "{stored}, {samples}");
-    let checked = contents.decode("left_shoulder", |frame, picture| {
-        assert_eq!(read_counter(picture), Some(frame.number));
+    let checked = contents.decode("left_shoulder", |frame, image| {
+        assert_eq!(read_counter(image), Some(frame.number));
         Ok(())
     });
     checked.expect("decoding");

@@ -250,8 +250,8 @@ fn images_have_quality(recorded: &Contents, input: &Input, camera: &str, truth: 
     let mut luma = BTreeMap::new();
     if truth.colour {
         // The reader gives RGB, the decoder gives luma.
-        let decoded = recorded.decode(camera, |frame, picture| {
-            let (left, right) = video::picture::split(picture)?;
+        let decoded = recorded.decode(camera, |frame, image| {
+            let (left, right) = video::raw_image::split(image)?;
             luma.insert(
                 frame.number,
                 [left.luma()?.to_vec(), right.luma()?.to_vec()],
@@ -270,15 +270,12 @@ fn images_have_quality(recorded: &Contents, input: &Input, camera: &str, truth: 
             (frame.record.number, frame.record.time)
         );
         assert_eq!(view.sigma_ns, frame.record.sigma_ns);
-        for (eye, (picture, file)) in [&view.left, &view.right].into_iter().zip(files).enumerate() {
+        for (eye, (image, file)) in [&view.left, &view.right].into_iter().zip(files).enumerate() {
             let source = sources
                 .entry(file.clone())
                 .or_insert_with(|| Png::read(file));
-            assert_eq!(
-                (picture.width, picture.height),
-                (source.width, source.height)
-            );
-            let db = psnr(&picture.data, &source.data);
+            assert_eq!((image.width, image.height), (source.width, source.height));
+            let db = psnr(&image.data, &source.data);
             if truth.colour {
                 lowest_rgb = lowest_rgb.min(db);
                 let db = psnr(&luma[&view.number][eye], &source.luma());

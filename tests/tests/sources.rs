@@ -207,9 +207,9 @@ fn to_the_cloud(
     let frames = &contents.frames[CAMERA];
     assert_eq!(frames.len(), footage.frames.len());
     let mut lowest_db = f64::INFINITY;
-    let decoded = contents.decode(CAMERA, |frame, picture| {
-        let truth = footage.picture(frame.number as usize)?;
-        lowest_db = lowest_db.min(video::picture::psnr(&truth, picture));
+    let decoded = contents.decode(CAMERA, |frame, image| {
+        let truth = footage.image(frame.number as usize)?;
+        lowest_db = lowest_db.min(video::raw_image::psnr(&truth, image));
         Ok(())
     });
     decoded.expect("decoding");
@@ -369,8 +369,8 @@ fn all_image_encodings_of_a_bag_give_the_same_walk() {
         assert_eq!(contents.frames[CAMERA].len(), 6, "{images:?}");
         assert_eq!(contents.manifest.cameras[0].colour, colour);
         assert!(contents.imu.is_empty());
-        let decoded = contents.decode(CAMERA, |frame, picture| {
-            let db = video::picture::psnr(&short.picture(frame.number as usize)?, picture);
+        let decoded = contents.decode(CAMERA, |frame, image| {
+            let db = video::raw_image::psnr(&short.image(frame.number as usize)?, image);
             assert!(db >= 40.0, "{images:?} {}: {db} dB", frame.number);
             Ok(())
         });
@@ -379,16 +379,16 @@ fn all_image_encodings_of_a_bag_give_the_same_walk() {
 }
 
 /// All images of the walk with their times from 0.
-fn images(eye: Option<usize>) -> Vec<(i64, video::Picture)> {
+fn images(eye: Option<usize>) -> Vec<(i64, video::RawImage)> {
     let footage = walk();
     let first = footage.frames[0].time_ns;
-    let picture = |n: usize| match eye {
-        None => footage.picture(n).expect("an image"),
+    let image = |n: usize| match eye {
+        None => footage.image(n).expect("an image"),
         Some(eye) => footage.one_eye(n, eye).expect("an image"),
     };
     let frames = footage.frames.iter().enumerate();
     frames
-        .map(|(n, frame)| (frame.time_ns - first, picture(n)))
+        .map(|(n, frame)| (frame.time_ns - first, image(n)))
         .collect()
 }
 
@@ -421,8 +421,8 @@ fn motion_jpeg_video_is_reconstructed() {
 fn matroska_video_has_times_in_whole_milliseconds() {
     let folder = desk();
     let frames = 6;
-    let pictures = images(None).into_iter().take(frames);
-    film::write(Film::Mkv, 15, pictures, &folder.path().join("walk.mkv")).expect("a film");
+    let images = images(None).into_iter().take(frames);
+    film::write(Film::Mkv, 15, images, &folder.path().join("walk.mkv")).expect("a film");
     let finished = record_source_ok(folder.path(), "kind = \"video\"\npath = \"walk.mkv\"");
     assert_eq!((finished.stored, finished.missing), (frames as u64, 0));
     let contents = Contents::read(&finished.session).expect("contents");
@@ -458,8 +458,8 @@ fn two_video_files_without_pairs_end_with_an_error() {
     let frames = 12;
     for (eye, name) in ["left.mp4", "right.mp4"].into_iter().enumerate() {
         let path = folder.path().join(name);
-        let pictures = images(Some(eye)).into_iter().take(frames);
-        film::write(Film::Mp4, 15, pictures, &path).expect("a film");
+        let images = images(Some(eye)).into_iter().take(frames);
+        film::write(Film::Mp4, 15, images, &path).expect("a film");
     }
     // The right camera starts 30 ms later, which is more than two fifths of a period: nothing is
     // paired.

@@ -110,12 +110,12 @@ fn every_fault_is_accounted_for() {
     // Every image shows its number, except the frozen ones, which are marked.
     for name in rig.names() {
         let mut seen = 0;
-        let checked = contents.decode(name, |frame, picture| {
+        let checked = contents.decode(name, |frame, image| {
             let frozen = *name == "feet" && (100..180).contains(&frame.number);
             assert_eq!(frame.frozen, frozen, "{name} {}", frame.number);
             let expected = if frozen { 99 } else { frame.number };
             assert_eq!(
-                read_counter(picture),
+                read_counter(image),
                 Some(expected),
                 "{name} {}",
                 frame.number

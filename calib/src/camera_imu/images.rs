@@ -12,8 +12,8 @@ use console_output::Progress;
 use session_access::decode::visit_images;
 use session_archive::index::{Access, CameraIndex, FrameEntry};
 use session_archive::manifest::Camera;
-use video::Picture as DecodedImage;
-use video::picture::{i420_to_grey, split};
+use video::RawImage as DecodedImage;
+use video::raw_image::{i420_to_grey, split};
 
 use crate::target_detections::detection_config;
 

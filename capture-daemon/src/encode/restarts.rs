@@ -47,7 +47,7 @@ impl CameraEncoder {
         let (sink, of_output) = (self.sink.clone(), shared.clone());
         let on_output = Box::new(move |event| deliver(event, &of_output, &sink));
         let encoder = match image {
-            Input::Picture(_) => Encoder::start(&settings, on_output)?,
+            Input::RawImage(_) => Encoder::start(&settings, on_output)?,
             Input::Native(frame) => Encoder::start_native(&settings, frame.format(), on_output)?,
         };
         self.running = Some(Running {

@@ -6,7 +6,7 @@ use super::restarts::RETRY_NS;
 use super::*;
 use video::capture::{Capture, CaptureEvent, CaptureSettings, Content, Delivery};
 use video::encoder::Preset;
-use video::{NativeFrame, Picture, PixelFormat};
+use video::{NativeFrame, PixelFormat, RawImage};
 
 const MS: i64 = 1_000_000;
 /// Room for forty small frames.
@@ -27,12 +27,12 @@ fn settings() -> EncoderSettings {
     }
 }
 
-fn image(n: u64, width: u32, height: u32) -> Picture {
+fn image(n: u64, width: u32, height: u32) -> RawImage {
     let size = PixelFormat::I420.bytes(width, height).expect("even");
     let data = (0..size)
         .map(|i| (i as u64 * 7 + n * 13) as u8)
         .collect::<Vec<_>>();
-    Picture::new(width, height, PixelFormat::I420, data).expect("image")
+    RawImage::new(width, height, PixelFormat::I420, data).expect("image")
 }
 
 /// Frames of a camera in its own buffers.

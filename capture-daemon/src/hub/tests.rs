@@ -8,7 +8,7 @@ use super::stream_clock::MAX_TRANSIT_NS;
 use super::*;
 use crate::sources::{DevicePart, FrameArrival, ImuInfo, ImuValues, RawFrame, RawImu, Stamped};
 use crate::sync::clock::ClockConfig;
-use video::{EncoderSettings, Picture, PixelFormat};
+use video::{EncoderSettings, PixelFormat, RawImage};
 
 const MS: i64 = 1_000_000;
 const START: HostTime = HostTime(1_000_000 * MS);
@@ -95,7 +95,7 @@ impl Bench {
             host_time: at,
             exposure_ns: None,
             eyes_apart_ns: None,
-            image: Picture::new(64, 32, PixelFormat::I420, data).expect("image"),
+            image: RawImage::new(64, 32, PixelFormat::I420, data).expect("image"),
         };
         self.hub.sample(0, Sample::Frame(frame), at);
     }
@@ -355,7 +355,7 @@ fn tick_far_in_the_past_is_timed_by_its_arrival() {
             host_time: at,
             exposure_ns: None,
             eyes_apart_ns: None,
-            image: Picture::new(64, 32, PixelFormat::I420, vec![i as u8; 64 * 48]).expect("image"),
+            image: RawImage::new(64, 32, PixelFormat::I420, vec![i as u8; 64 * 48]).expect("image"),
         };
         bench.hub.sample(0, Sample::Frame(raw), at);
     }

@@ -76,7 +76,7 @@ impl Gstreamer {
             right_chain: config.right_chain.clone(),
             // Two eyes are joined in memory; one stream remains in its camera's buffers.
             delivery: match config.right_chain {
-                Some(_) => Delivery::Pictures,
+                Some(_) => Delivery::Images,
                 None => Delivery::Native,
             },
             start_delay: Duration::from_nanos(config.start_after_ns.unsigned_abs()),
@@ -208,7 +208,7 @@ fn sample(frame: CapturedFrame) -> Sample {
         }
     }
     match frame.content.clone() {
-        Content::Picture(image) => Sample::Frame(raw(&frame, image)),
+        Content::RawImage(image) => Sample::Frame(raw(&frame, image)),
         Content::Native(native) => Sample::Native(raw(&frame, native)),
     }
 }

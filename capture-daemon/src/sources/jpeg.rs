@@ -1,6 +1,6 @@
 //! JPEG images to I420: those of cameras that deliver Motion-JPEG, and those in bags.
 //!
-//! Contract: values are those of the file, full range BT.601 as in every [`Picture`]; chroma is the
+//! Contract: values are those of the file, full range BT.601 as in every [`RawImage`]; chroma is the
 //! mean of each 2x2 block; a gray file has neutral chroma. I420 has even sizes only: an odd last
 //! column or row is repeated once. *Damage*: a truncated or malformed file is an error, never half
 //! an image. *Size*: the size in the header is compared with [`MAX_PIXELS`] before anything is
@@ -9,7 +9,7 @@
 
 use std::io::Cursor;
 
-use video::{Picture, PictureError, PixelFormat};
+use video::{PixelFormat, RawImage, RawImageError};
 use zune_jpeg::JpegDecoder;
 use zune_jpeg::zune_core::colorspace::ColorSpace;
 use zune_jpeg::zune_core::options::DecoderOptions;
@@ -32,7 +32,7 @@ pub(super) enum JpegError {
     },
     /// The decoded size is invalid.
     #[error(transparent)]
-    Image(#[from] PictureError),
+    Image(#[from] RawImageError),
 }
 
 /// A decoded image and its size in the file.
@@ -43,7 +43,7 @@ pub(super) struct Decoded {
     /// Whether the file has chroma.
     pub(super) colour: bool,
     /// As I420, with even sizes.
-    pub(super) image: Picture,
+    pub(super) image: RawImage,
 }
 
 /// Decodes one image. Bytes behind its end are ignored, because cameras pad their buffers.
@@ -82,7 +82,7 @@ pub(super) fn decode(bytes: &[u8]) -> Result<Decoded, JpegError> {
     let expected = width as usize * height as usize * samples;
     if pixels.len() != expected {
         let found = pixels.len();
-        return Err(PictureError::WrongLength { found, expected }.into());
+        return Err(RawImageError::WrongLength { found, expected }.into());
     }
     let image = i420(width as usize, height as usize, samples, &pixels)?;
     Ok(Decoded {
@@ -98,7 +98,7 @@ fn i420(
     height: usize,
     samples: usize,
     pixels: &[u8],
-) -> Result<Picture, PictureError> {
+) -> Result<RawImage, RawImageError> {
     let (even_width, even_height) = (width.next_multiple_of(2), height.next_multiple_of(2));
     let length = PixelFormat::I420.bytes(even_width as u32, even_height as u32)?;
     let mut data = vec![128; length];
@@ -131,7 +131,7 @@ fn i420(
             }
         }
     }
-    Picture::new(
+    RawImage::new(
         even_width as u32,
         even_height as u32,
         PixelFormat::I420,
@@ -209,7 +209,7 @@ mod tests {
     }
 
     /// Luma and chroma in the middle of each block, within the loss of encoding at quality 95.
-    fn looks_like(image: &Picture, width: usize, height: usize, colour: bool) {
+    fn looks_like(image: &RawImage, width: usize, height: usize, colour: bool) {
         let truth = ycbcr(width, height);
         let (luma, chroma) = image.data.split_at(width * height);
         let (cb, cr) = chroma.split_at(chroma.len() / 2);

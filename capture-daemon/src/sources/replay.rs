@@ -18,7 +18,7 @@ use std::path::{Path, PathBuf};
 
 use camera_models::StereoCalibration;
 use session_archive::time::{HostTime, TickLength};
-use video::{Picture, PictureError};
+use video::{RawImage, RawImageError};
 
 use crate::digest::Digest;
 use crate::error_chain::with_causes;
@@ -61,7 +61,7 @@ pub enum ReplayError {
         /// The image.
         path: PathBuf,
         /// The conversion error.
-        source: PictureError,
+        source: RawImageError,
     },
     /// The timestamps cannot be times on one clock: correct them.
     #[error("replaying a data set: its stamps run from {first_ns} ns to {last_ns} ns, expected less than a century: {}", path.display())]
@@ -99,7 +99,7 @@ pub struct Replay {
     /// Whether frames are decoded, or only counted.
     pixels_needed: bool,
     /// Decoded images by position in the data set; empty if they are not kept.
-    cache: Vec<Option<Picture>>,
+    cache: Vec<Option<RawImage>>,
 }
 
 impl Replay {
@@ -268,7 +268,7 @@ impl Replay {
         }))
     }
 
-    fn image(&mut self, position: usize) -> Result<Picture, ReplayError> {
+    fn image(&mut self, position: usize) -> Result<RawImage, ReplayError> {
         if let Some(Some(image)) = self.cache.get(position) {
             return Ok(image.clone());
         }

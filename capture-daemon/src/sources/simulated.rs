@@ -17,8 +17,8 @@ use rig_sim::rig::PixelFormat;
 use rig_sim::simulation::{Settings, Simulation, SimulationError};
 use session_archive::record::paws::gap::Cause;
 use session_archive::time::HostTime;
-use video::picture::{nv12_to_i420, yuyv_to_i420};
-use video::{Picture, PictureError};
+use video::raw_image::{nv12_to_i420, yuyv_to_i420};
+use video::{RawImage, RawImageError};
 
 use crate::digest::Digest;
 
@@ -177,7 +177,7 @@ impl Simulated {
         }
     }
 
-    fn frame(&self, frame: &DeviceFrame) -> Result<RawFrame, PictureError> {
+    fn frame(&self, frame: &DeviceFrame) -> Result<RawFrame, RawImageError> {
         Ok(RawFrame {
             number: frame.number,
             device_ticks: frame.ticks,
@@ -205,7 +205,7 @@ impl Simulated {
 }
 
 /// The image as encoders take it, from the device's bytes.
-fn i420(frame: &DeviceFrame) -> Result<Picture, PictureError> {
+fn i420(frame: &DeviceFrame) -> Result<RawImage, RawImageError> {
     let pixels = frame.image.pixels(frame.format);
     let (width, height) = (frame.image.width as u32, frame.image.height as u32);
     match frame.format {

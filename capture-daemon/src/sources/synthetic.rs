@@ -19,7 +19,7 @@ use std::ops::Range;
 
 use counter_random as random;
 use session_archive::time::{HostTime, NS_PER_S, TickLength};
-use video::{Picture, PictureError, PixelFormat};
+use video::{PixelFormat, RawImage, RawImageError};
 
 use crate::digest::Digest;
 
@@ -222,15 +222,15 @@ impl Synthetic {
     ///
     /// # Errors
     /// None in practice: the size was checked.
-    fn image(&self, number: u64) -> Result<Picture, PictureError> {
+    fn image(&self, number: u64) -> Result<RawImage, RawImageError> {
         let (x, y) = self.motion.shift_px(time_at(number, self.rate_hz));
         let mut data = self.wall.draw(x, y);
         let (width, height) = (self.info.camera.width, self.info.camera.height);
         counter::draw(&mut data, width, height, number);
-        Picture::new(width, height, PixelFormat::I420, data)
+        RawImage::new(width, height, PixelFormat::I420, data)
     }
 
-    fn frame(&self, slot: Slot) -> Result<RawFrame, PictureError> {
+    fn frame(&self, slot: Slot) -> Result<RawFrame, RawImageError> {
         let shown = match &self.faults.frozen {
             Some(frozen) if frozen.contains(&slot.number) => frozen.start.saturating_sub(1),
             _ => slot.number,

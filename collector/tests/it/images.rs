@@ -3,7 +3,7 @@
 use std::sync::{Arc, Mutex};
 use std::time::Duration;
 
-use video::{AccessUnit, Encoder, EncoderEvent, EncoderSettings, Picture, PixelFormat};
+use video::{AccessUnit, Encoder, EncoderEvent, EncoderSettings, PixelFormat, RawImage};
 
 use crate::support::Session;
 
@@ -12,7 +12,7 @@ const TEST_TIMEOUT: Duration = Duration::from_secs(120);
 
 /// Image of camera `camera` in its `n`-th frame: in the left half brightness rises to the right, in
 /// the right half to the bottom, and both move.
-pub(crate) fn image(camera: usize, n: usize, width: u32, height: u32) -> Picture {
+pub(crate) fn image(camera: usize, n: usize, width: u32, height: u32) -> RawImage {
     let half = width / 2;
     let mut data = Vec::new();
     for y in 0..height {
@@ -22,7 +22,7 @@ pub(crate) fn image(camera: usize, n: usize, width: u32, height: u32) -> Picture
         }
     }
     data.resize(data.len() * 3 / 2, 128);
-    Picture::new(width, height, PixelFormat::I420, data).unwrap()
+    RawImage::new(width, height, PixelFormat::I420, data).unwrap()
 }
 
 impl Session {

@@ -58,7 +58,7 @@ fn line(row: &CameraDepth) -> String {
     format!(
         "{:16} {:>8} {:>8.3} {one:>7} {two:>7} {three:>7} {:>7.3} {:>8} {:>9}",
         row.camera,
-        row.pictures,
+        row.images,
         row.density,
         row.mean_error_px,
         format!("{:.1} %", 100.0 * row.within_2_sigma),

@@ -71,7 +71,7 @@ pub struct CameraDepth {
     /// Its name.
     pub camera: String,
     /// Keyframes compared.
-    pub pictures: usize,
+    pub images: usize,
     /// Pixels visible in both images whose true depth is known.
     pub pixels: u64,
     /// Ratio of those that have depth.
@@ -89,7 +89,7 @@ pub struct CameraDepth {
 /// Sums over images.
 #[derive(Clone, Copy, Debug, Default)]
 struct Sums {
-    pictures: usize,
+    images: usize,
     scores: Scores,
     /// Pixels without true depth, and those of them with an estimated one.
     sky: [u64; 2],
@@ -123,13 +123,13 @@ pub fn evaluate(
         let walk = GroundTruthDepth::open(truth, &view.camera)?;
         let mut sums = Sums::default();
         for key in index.images.iter().filter(|key| key.view == number) {
-            let picture = outputs::depth::read(&reader, &index, key)?;
-            eyes.compare(&picture, view, &walk, key, &mut sums)?;
+            let image = outputs::depth::read(&reader, &index, key)?;
+            eyes.compare(&image, view, &walk, key, &mut sums)?;
             done += 1;
             progress(done, index.images.len() as u64);
         }
         rows.push(sums.row(&view.camera));
-        all.pictures += sums.pictures;
+        all.images += sums.images;
         all.scores.add(&sums.scores);
         all.sky = [0, 1].map(|k| all.sky[k] + sums.sky[k]);
     }
@@ -142,7 +142,7 @@ impl Sums {
         let scores = &self.scores;
         CameraDepth {
             camera: camera.to_owned(),
-            pictures: self.pictures,
+            images: self.images,
             pixels: scores.pixels,
             density: scores.density(),
             bad: [1, 2, 3].map(|k| scores.bad_ratio(k)),
@@ -270,7 +270,7 @@ impl RectifiedPair {
 
     fn compare(
         &self,
-        picture: &DepthImage,
+        image: &DepthImage,
         view: &DepthView,
         walk: &GroundTruthDepth,
         key: &DepthKey,
@@ -289,7 +289,7 @@ impl RectifiedPair {
             })
             .collect();
         let (mut disparity, mut sigma) = (Vec::new(), Vec::new());
-        for (depth, sigma_of) in picture.depth.iter().zip(&picture.sigma) {
+        for (depth, sigma_of) in image.depth.iter().zip(&image.sigma) {
             let depth_m = f32::from(*depth) * outputs::depth::DEPTH_UNIT_M as f32;
             let sigma_m = f32::from(*sigma_of) * outputs::depth::SIGMA_UNIT_M as f32;
             let found = if *depth == 0 {
@@ -302,7 +302,7 @@ impl RectifiedPair {
         }
         let sky = left
             .iter()
-            .zip(&picture.depth)
+            .zip(&image.depth)
             .filter(|(truth, _)| **truth == 0.0);
         for (_, depth) in sky {
             sums.sky[0] += 1;
@@ -310,7 +310,7 @@ impl RectifiedPair {
         }
         let map = DisparityMap {
             width,
-            height: picture.height as usize,
+            height: image.height as usize,
             disparity,
             sigma,
         };
@@ -319,7 +319,7 @@ impl RectifiedPair {
             visible: &visible,
         };
         sums.scores.add(&Scores::of(&map, truth)?);
-        sums.pictures += 1;
+        sums.images += 1;
         Ok(())
     }
 }

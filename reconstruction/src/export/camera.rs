@@ -94,18 +94,18 @@ impl CameraExport<'_> {
     }
 
     fn write_view(&self, view: &View) -> Result<(), ExportError> {
-        for (eye, picture) in [("left", &view.left), ("right", &view.right)] {
+        for (eye, image) in [("left", &view.left), ("right", &view.right)] {
             let path = self.folder.join(format!("{eye}/{:06}.png", view.number));
-            write_png(&path, picture).map_err(writing(&path))?;
+            write_png(&path, image).map_err(writing(&path))?;
         }
         Ok(())
     }
 }
 
-fn write_png(path: &Path, picture: &Image) -> io::Result<()> {
+fn write_png(path: &Path, image: &Image) -> io::Result<()> {
     let file = BufWriter::new(File::create_new(path)?);
-    let mut encoder = png::Encoder::new(file, picture.width, picture.height);
-    encoder.set_color(match picture.color {
+    let mut encoder = png::Encoder::new(file, image.width, image.height);
+    encoder.set_color(match image.color {
         Color::Grey => png::ColorType::Grayscale,
         Color::Rgb => png::ColorType::Rgb,
     });
@@ -113,7 +113,7 @@ fn write_png(path: &Path, picture: &Image) -> io::Result<()> {
     // Half the time of the default, with ten percent more bytes.
     encoder.set_compression(png::Compression::Fast);
     let mut writer = encoder.write_header()?;
-    writer.write_image_data(&picture.data)?;
+    writer.write_image_data(&image.data)?;
     writer.finish()?;
     Ok(())
 }

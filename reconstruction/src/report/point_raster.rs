@@ -228,25 +228,25 @@ mod tests {
         let near = point([2.0, 0.0, 0.0], [200, 0, 0]);
         let far = point([4.0, 0.0, 0.0], [0, 200, 0]);
         for points in [[near, far], [far, near]] {
-            let picture = draw(&points, 0.3, &[], &ahead());
-            assert_eq!(pixel(&picture, 20, 15), [200, 0, 0, 255]);
-            assert_eq!(pixel(&picture, 2, 2), TRANSPARENT);
+            let image = draw(&points, 0.3, &[], &ahead());
+            assert_eq!(pixel(&image, 20, 15), [200, 0, 0, 255]);
+            assert_eq!(pixel(&image, 2, 2), TRANSPARENT);
         }
     }
 
     #[test]
     fn points_are_projected_to_the_right_pixels() {
         // Left and up.
-        let picture = draw(&[point([4.0, 1.0, 0.5], [0, 0, 200])], 0.3, &[], &ahead());
-        assert_eq!(pixel(&picture, 10, 10), [0, 0, 200, 255]);
+        let image = draw(&[point([4.0, 1.0, 0.5], [0, 0, 200])], 0.3, &[], &ahead());
+        assert_eq!(pixel(&image, 10, 10), [0, 0, 200, 255]);
         // Behind the camera.
-        let picture = draw(&[point([-4.0, 0.0, 0.0], [0; 3])], 0.3, &[], &ahead());
-        assert!(picture.chunks(4).all(|c| c == TRANSPARENT));
+        let image = draw(&[point([-4.0, 0.0, 0.0], [0; 3])], 0.3, &[], &ahead());
+        assert!(image.chunks(4).all(|c| c == TRANSPARENT));
         let map = Viewpoint {
             scale: Scale::Map(10.0),
             ..ahead()
         };
-        let picture = draw(&[], 0.3, &[([7.0, -1.0, 0.0], [9; 3])], &map);
-        assert_eq!(pixel(&picture, 30, 15)[..3], [9; 3]);
+        let image = draw(&[], 0.3, &[([7.0, -1.0, 0.0], [9; 3])], &map);
+        assert_eq!(pixel(&image, 30, 15)[..3], [9; 3]);
     }
 }

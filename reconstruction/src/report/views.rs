@@ -177,14 +177,14 @@ mod tests {
         assert_eq!(shown.len(), points.len() / 2);
         for viewpoint in [above(&shown, &rig_path), oblique(&shown, &rig_path)] {
             let viewpoint = viewpoint.expect("a viewpoint");
-            let picture = draw(&shown, 0.12, &[], &viewpoint);
-            let empty = picture.chunks(4).filter(|c| *c == TRANSPARENT).count();
-            let share = empty as f64 / (picture.len() / 4) as f64;
+            let image = draw(&shown, 0.12, &[], &viewpoint);
+            let empty = image.chunks(4).filter(|c| *c == TRANSPARENT).count();
+            let share = empty as f64 / (image.len() / 4) as f64;
             assert!(share < 0.75, "{share} is empty: {viewpoint:?}");
             // The middle of the image is covered.
             let middle = viewpoint.size[1] / 2 * viewpoint.size[0] + viewpoint.size[0] / 2;
             assert_ne!(
-                picture[4 * middle..4 * middle + 4],
+                image[4 * middle..4 * middle + 4],
                 TRANSPARENT,
                 "{viewpoint:?}"
             );

@@ -101,19 +101,19 @@ fn frames_writes_the_whole_session() {
         }
         for view in input.session().frames(camera).expect("frames") {
             let view = view.expect("view");
-            for (eye, picture) in [("left", &view.left), ("right", &view.right)] {
+            for (eye, image) in [("left", &view.left), ("right", &view.right)] {
                 let path = out.join(format!("{camera}/{eye}/{:06}.png", view.number));
                 let file = BufReader::new(File::open(path).expect("png"));
                 let mut reader = png::Decoder::new(file).read_info().expect("png");
                 let mut pixels = vec![0; reader.output_buffer_size().expect("size")];
                 let info = reader.next_frame(&mut pixels).expect("png");
-                let color = match picture.color {
+                let color = match image.color {
                     Color::Grey => png::ColorType::Grayscale,
                     Color::Rgb => png::ColorType::Rgb,
                 };
-                assert_eq!((info.width, info.height), (picture.width, picture.height));
+                assert_eq!((info.width, info.height), (image.width, image.height));
                 assert_eq!(info.color_type, color);
-                assert!(pixels == picture.data[..], "{camera} {eye} {}", view.number);
+                assert!(pixels == image.data[..], "{camera} {eye} {}", view.number);
             }
         }
     }

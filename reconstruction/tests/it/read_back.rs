@@ -4,7 +4,7 @@
 use reconstruction::input::Input;
 use session_archive::time::HostTime;
 use session_input::{Color, FrameSet, Image, ImuSample, ReadError, View};
-use video::picture::{i420_to_rgb, psnr};
+use video::raw_image::{i420_to_rgb, psnr};
 
 use session_archive::handoff::Verdict;
 use session_archive::layout;
@@ -24,22 +24,22 @@ fn decibel(a: &[u8], b: &[u8]) -> f64 {
     assert_eq!(a.len(), b.len());
     let grey = |bytes: &[u8]| {
         let width = bytes.len() as u32;
-        video::Picture::new(width, 1, video::PixelFormat::Grey8, bytes.to_vec()).expect("image")
+        video::RawImage::new(width, 1, video::PixelFormat::Grey8, bytes.to_vec()).expect("image")
     };
     psnr(&grey(a), &grey(b))
 }
 
 /// Left and right half of the source's pixels, by a reference implementation.
 fn halves(source: &Source, color: Color) -> [Vec<u8>; 2] {
-    let picture = &source.picture;
+    let image = &source.image;
     let pixels = match color {
-        Color::Grey => picture.luma().expect("luma").to_vec(),
-        Color::Rgb => i420_to_rgb(picture).expect("rgb"),
+        Color::Grey => image.luma().expect("luma").to_vec(),
+        Color::Rgb => i420_to_rgb(image).expect("rgb"),
     };
-    let (width, channels) = (picture.width as usize, color.channels());
+    let (width, channels) = (image.width as usize, color.channels());
     [0, width / 2].map(|from| {
         let mut half = Vec::new();
-        for y in 0..picture.height as usize {
+        for y in 0..image.height as usize {
             let row = (y * width + from) * channels;
             half.extend_from_slice(&pixels[row..row + width / 2 * channels]);
         }
@@ -64,7 +64,7 @@ fn check_view(view: &View, source: &Source, color: Color) {
         let Image { width, height, .. } = *found;
         assert_eq!(
             (2 * width, height),
-            (source.picture.width, source.picture.height)
+            (source.image.width, source.image.height)
         );
         assert_eq!(found.color, color);
         let quality = decibel(&found.data, &expected);

@@ -24,7 +24,7 @@ use session_archive::record::{
 use session_archive::storage::{DiskStorage, Storage, replace};
 use session_archive::time::{CivilTime, HostTime, TickLength};
 use session_archive::writer::{SessionSpec, SessionWriter};
-use video::{AccessUnit, Encoder, EncoderEvent, EncoderSettings, Picture, PixelFormat};
+use video::{AccessUnit, Encoder, EncoderEvent, EncoderSettings, PixelFormat, RawImage};
 
 pub(crate) const START: HostTime = HostTime(86_400_000_000_007);
 const MS: i64 = 1_000_000;
@@ -39,7 +39,7 @@ pub(crate) struct Source {
     pub(crate) sigma_ns: u64,
     pub(crate) time_unreliable: bool,
     /// Left and right side by side, I420.
-    pub(crate) picture: Picture,
+    pub(crate) image: RawImage,
 }
 
 /// What was recorded, to compare with.
@@ -159,7 +159,7 @@ fn spec() -> SessionSpec {
 }
 
 /// Waves that move, steeper in one eye than in the other.
-fn picture(width: u32, height: u32, number: u64, color: bool) -> Picture {
+fn image(width: u32, height: u32, number: u64, color: bool) -> RawImage {
     let phase = number as f64 * 0.13;
     let wave = |x: u32, y: u32, seed: f64| {
         let eye = if x < width / 2 { 1.0 } else { 1.7 };
@@ -184,7 +184,7 @@ fn picture(width: u32, height: u32, number: u64, color: bool) -> Picture {
             data.extend((0..width / 2).map(chroma));
         }
     }
-    Picture::new(width, height, PixelFormat::I420, data).expect("complete image")
+    RawImage::new(width, height, PixelFormat::I420, data).expect("complete image")
 }
 
 fn sources(camera: &Camera, count: u64, first_ns: i64, skip: &[u64]) -> Vec<Source> {
@@ -197,7 +197,7 @@ fn sources(camera: &Camera, count: u64, first_ns: i64, skip: &[u64]) -> Vec<Sour
             sigma_ns: 20_001 + n,
             // As while a clock has not settled.
             time_unreliable: n < 3,
-            picture: picture(camera.width, camera.height, n, camera.colour != "grey"),
+            image: image(camera.width, camera.height, n, camera.colour != "grey"),
         })
         .collect()
 }
@@ -237,7 +237,7 @@ fn encode(camera: &Camera, sources: &[Source]) -> Vec<AccessUnit> {
         let key = own != epoch;
         epoch = own;
         encoder
-            .push(source.time.ns(), &source.picture, key)
+            .push(source.time.ns(), &source.image, key)
             .expect("push");
     }
     encoder.finish(Duration::from_secs(60)).expect("finish");

@@ -446,8 +446,8 @@ fn draws(browser: &mut Browser) {
 
 /// Number of colors of a screenshot within an area of the page, with two pixels for each of the
 /// page's.
-fn colors(picture: &[u8], place: &Value) -> usize {
-    let decoder = png::Decoder::new(Cursor::new(picture));
+fn colors(image: &[u8], place: &Value) -> usize {
+    let decoder = png::Decoder::new(Cursor::new(image));
     let mut reader = decoder.read_info().expect("png");
     let mut pixels = vec![0; reader.output_buffer_size().expect("size")];
     let info = reader.next_frame(&mut pixels).expect("png");

@@ -7,7 +7,7 @@ use bytes::Bytes;
 use session_archive::record::Frame;
 use session_archive::time::TickLength;
 use video::encoder::Preset;
-use video::{EncoderSettings, Picture, PixelFormat};
+use video::{EncoderSettings, PixelFormat, RawImage};
 
 use super::hub_thread::{run_hub, to_recorder};
 use super::recorder_thread::{REQUEST_LIMIT, STOP_REQUEST_LIMIT};
@@ -121,7 +121,7 @@ fn hub_loop_keeps_running_while_the_last_frames_are_encoded() {
             (state >> 56) as u8
         };
         let data: Vec<u8> = (0..bytes).map(|_| next()).collect();
-        Picture::new(width, height, PixelFormat::I420, data).expect("an image")
+        RawImage::new(width, height, PixelFormat::I420, data).expect("an image")
     };
     let images = [noise(1), noise(2)];
     // Many more than fit into an encoder.

@@ -2,8 +2,8 @@
 
 use std::path::Path;
 
-use video::Picture;
-use video::picture::{side_by_side, yuyv_to_i420};
+use video::RawImage;
+use video::raw_image::{side_by_side, yuyv_to_i420};
 
 use super::messages::{self, Kind};
 use crate::error_chain::with_causes;
@@ -19,7 +19,7 @@ pub(super) struct BagImage {
     /// Whether it has chroma.
     pub(super) colour: bool,
     /// With even sizes: an odd last column or row is repeated once.
-    pub(super) image: Picture,
+    pub(super) image: RawImage,
 }
 
 /// Names of encodings with their layout: the bytes of a pixel, and where red, green and blue are in
@@ -175,7 +175,7 @@ fn of_samples(decoded: DecodedPng) -> Result<BagImage, String> {
 
 #[cfg(test)]
 mod tests {
-    use video::picture::rgb_to_i420;
+    use video::raw_image::rgb_to_i420;
 
     use super::*;
 

@@ -10,8 +10,8 @@ use session_archive::time::HostTime;
 use v4l2::hotplug::Watch;
 use v4l2::node::{self, FindError, Wanted};
 use v4l2::{Camera, CameraError, Fourcc, FrameInfo, Interval, Mode, Next, Stream};
-use video::picture::{grey_to_i420, nv12_to_i420, yuyv_to_i420};
-use video::{Picture, PictureError, PixelFormat};
+use video::raw_image::{grey_to_i420, nv12_to_i420, yuyv_to_i420};
+use video::{PixelFormat, RawImage, RawImageError};
 
 use super::zed_camera::{self, FindZedError};
 use super::{FrameSyncTracker, POLL_TIMEOUT, lock, report_disconnect, wait};
@@ -374,7 +374,7 @@ pub fn sample_from_buffer(
 #[derive(Debug, thiserror::Error)]
 enum BufferError {
     #[error(transparent)]
-    Image(#[from] PictureError),
+    Image(#[from] RawImageError),
     #[error(transparent)]
     Jpeg(#[from] JpegError),
     #[error("the JPEG image is {}x{}, expected {}x{} as the camera was set to", found.0, found.1, expected.0, expected.1)]
@@ -384,13 +384,13 @@ enum BufferError {
     },
 }
 
-fn image(config: &V4l2Config, bytes: &[u8]) -> Result<Picture, BufferError> {
+fn image(config: &V4l2Config, bytes: &[u8]) -> Result<RawImage, BufferError> {
     let (width, height) = (config.width, config.height);
     Ok(match config.format {
         PixelLayout::Yuyv => yuyv_to_i420(width, height, bytes)?,
         PixelLayout::Nv12 => nv12_to_i420(width, height, bytes)?,
         PixelLayout::Grey => {
-            let grey = Picture::new(width, height, PixelFormat::Grey8, bytes.to_vec())?;
+            let grey = RawImage::new(width, height, PixelFormat::Grey8, bytes.to_vec())?;
             grey_to_i420(&grey)?
         }
         PixelLayout::Mjpeg => {

@@ -16,9 +16,9 @@ use std::sync::{Mutex, MutexGuard, PoisonError};
 
 use session_archive::record::paws::gap::Cause;
 use session_archive::time::HostTime;
-use video::Picture;
+use video::RawImage;
 use video::capture::Eye;
-use video::picture::side_by_side;
+use video::raw_image::side_by_side;
 
 use super::camera;
 use crate::config::V4l2Config;
@@ -31,7 +31,7 @@ use crate::sources::{
 const REPORT_INTERVAL_NS: i64 = 60_000_000_000;
 
 /// A frame of one eye; without its pixels if they were not needed.
-type EyeFrame = RawFrame<Option<Picture>>;
+type EyeFrame = RawFrame<Option<RawImage>>;
 
 /// Delivers pairs until the sink requests the end.
 ///

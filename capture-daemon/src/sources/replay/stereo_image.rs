@@ -4,7 +4,9 @@
 //! [`rgb_to_i420`]). I420 has even sizes only: an odd last column or row of an eye's image is
 //! repeated once. All images of a data set have the same size.
 
-use video::picture::{Picture, PictureError, PixelFormat, grey_to_i420, rgb_to_i420, side_by_side};
+use video::raw_image::{
+    PixelFormat, RawImage, RawImageError, grey_to_i420, rgb_to_i420, side_by_side,
+};
 
 use super::ReplayError;
 use crate::sources::datasets::{DecodedPng, Samples, StereoFrameRef, load_png, probe_png};
@@ -57,7 +59,7 @@ pub(super) fn probe(frames: &[StereoFrameRef]) -> Result<(EyeSize, Samples), Rep
 }
 
 /// Loads both images of a frame.
-pub(super) fn load(frame: &StereoFrameRef, eye: EyeSize) -> Result<Picture, ReplayError> {
+pub(super) fn load(frame: &StereoFrameRef, eye: EyeSize) -> Result<RawImage, ReplayError> {
     let convert = |path: &std::path::Path| {
         let png = load_png(path)?;
         if (png.width, png.height) != (eye.width, eye.height) {
@@ -81,11 +83,11 @@ pub(super) fn load(frame: &StereoFrameRef, eye: EyeSize) -> Result<Picture, Repl
 }
 
 /// An image of any size as I420.
-pub(in crate::sources) fn i420(png: DecodedPng) -> Result<Picture, PictureError> {
+pub(in crate::sources) fn i420(png: DecodedPng) -> Result<RawImage, RawImageError> {
     let png = pad(png);
     match png.samples {
         Samples::Rgb8 => rgb_to_i420(png.width, png.height, &png.data),
-        Samples::Grey8 => grey_to_i420(&Picture::new(
+        Samples::Grey8 => grey_to_i420(&RawImage::new(
             png.width,
             png.height,
             PixelFormat::Grey8,

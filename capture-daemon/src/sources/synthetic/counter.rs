@@ -5,7 +5,7 @@
 //! [`COUNTER_MODULUS`], the lower 4 a check. A cell is at least 4 x 4 pixels; columns beyond 16
 //! cells are not changed.
 
-use video::Picture;
+use video::RawImage;
 
 /// Modulus of the numbers in the image: 51 days at 60 Hz.
 pub const COUNTER_MODULUS: u64 = 1 << 28;
@@ -17,12 +17,12 @@ const WHITE: u8 = 235;
 
 /// The number in the left half of a stereo frame. `None` if there is no bar, or it cannot be read
 /// unambiguously.
-pub fn read_counter(image: &Picture) -> Option<u64> {
+pub fn read_counter(image: &RawImage) -> Option<u64> {
     read(image, image.width / 2)
 }
 
 /// The number in the image of one eye.
-pub fn read_eye_counter(image: &Picture) -> Option<u64> {
+pub fn read_eye_counter(image: &RawImage) -> Option<u64> {
     read(image, image.width)
 }
 
@@ -63,7 +63,7 @@ pub(super) fn draw(data: &mut [u8], width: u32, height: u32, number: u64) {
     }
 }
 
-fn read(image: &Picture, eye_width: u32) -> Option<u64> {
+fn read(image: &RawImage, eye_width: u32) -> Option<u64> {
     let (cell_width, cell_height) = cell(eye_width, image.height)?;
     let luma = image.luma().ok()?;
     let mut word = 0;
@@ -103,7 +103,7 @@ mod tests {
     }
 
     fn read_bytes(width: u32, height: u32, data: Vec<u8>) -> Option<u64> {
-        read_counter(&Picture::new(width, height, PixelFormat::I420, data).unwrap())
+        read_counter(&RawImage::new(width, height, PixelFormat::I420, data).unwrap())
     }
 
     #[test]

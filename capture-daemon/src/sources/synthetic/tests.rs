@@ -124,7 +124,7 @@ fn every_frame_shows_its_number() {
             let image = &frame.image;
             assert_eq!((image.width, image.height), (width, height));
             assert_eq!(read_counter(image), Some(frame.number), "{width}x{height}");
-            let (left, right) = video::picture::split(image).unwrap();
+            let (left, right) = video::raw_image::split(image).unwrap();
             assert_eq!(read_eye_counter(&left), Some(frame.number));
             assert_eq!(read_eye_counter(&right), Some(frame.number));
         }

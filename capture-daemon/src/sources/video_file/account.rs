@@ -5,8 +5,8 @@ use std::collections::VecDeque;
 use session_archive::record::paws::gap::Cause;
 use session_archive::time::HostTime;
 use video::capture::Eye;
-use video::picture::side_by_side;
-use video::{Picture, PictureError};
+use video::raw_image::side_by_side;
+use video::{RawImage, RawImageError};
 
 use super::images::Image;
 use crate::sources::pairing::{ImagePairer, Paired, TimedImage, alone};
@@ -14,7 +14,7 @@ use crate::sources::{DevicePart, DroppedFrame, Notice, RawFrame, Sample};
 
 /// Samples to be delivered, in the order of the left file's numbers.
 pub(super) struct Account {
-    pub(super) pairs: ImagePairer<(u64, Picture)>,
+    pub(super) pairs: ImagePairer<(u64, RawImage)>,
     pub(super) start: HostTime,
     /// Time of the first frame, ns.
     pub(super) first_ns: i64,
@@ -126,7 +126,7 @@ impl Account {
         paired.into_iter().for_each(|one| self.paired(one));
     }
 
-    pub(super) fn paired(&mut self, paired: Paired<(u64, Picture)>) {
+    pub(super) fn paired(&mut self, paired: Paired<(u64, RawImage)>) {
         match paired {
             Paired::Both(left, right) => {
                 let apart_ns = right.time_ns - left.time_ns;
@@ -149,7 +149,7 @@ impl Account {
         number: u64,
         time_ns: i64,
         eyes_apart_ns: Option<i64>,
-        image: Result<Picture, PictureError>,
+        image: Result<RawImage, RawImageError>,
     ) {
         self.newest_ns = time_ns;
         match image {

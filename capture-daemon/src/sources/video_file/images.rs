@@ -2,7 +2,7 @@
 
 use std::path::Path;
 
-use video::Picture;
+use video::RawImage;
 use video::file::{FileError, FileFrame, VideoFile};
 
 use super::error::VideoError;
@@ -33,7 +33,7 @@ pub(super) enum Step {
 pub(super) struct Image {
     pub(super) number: u64,
     pub(super) time_ns: i64,
-    pub(super) image: Picture,
+    pub(super) image: RawImage,
 }
 
 impl EyeFile {
@@ -99,7 +99,7 @@ impl Times {
         Step::Image(Image {
             number,
             time_ns,
-            image: frame.picture,
+            image: frame.image,
         })
     }
 }

@@ -1,7 +1,7 @@
 use std::path::PathBuf;
 
 use video::file::FileFrame;
-use video::{Picture, PixelFormat};
+use video::{PixelFormat, RawImage};
 
 use super::images::{Image, Times};
 use super::*;
@@ -16,7 +16,7 @@ fn image(number: u64, time_ns: i64) -> Image {
 
 fn image_of(number: u64, time_ns: i64, height: u32) -> Image {
     let data = vec![number as u8; 3 * height as usize];
-    let image = Picture::new(2, height, PixelFormat::I420, data);
+    let image = RawImage::new(2, height, PixelFormat::I420, data);
     Image {
         number,
         time_ns,
@@ -144,7 +144,7 @@ fn image_without_usable_time_keeps_its_number_and_reports_the_reason() {
     let frame = |time_ns, damaged| FileFrame {
         time_ns,
         damaged,
-        picture: image(0, 0).image,
+        image: image(0, 0).image,
     };
     let mut times = Times::new(7);
     let mut classify = |time_ns, damaged| match times.classify(frame(time_ns, damaged)) {

@@ -18,8 +18,8 @@ use session_archive::index::{Access, CameraIndex, FrameEntry, Index};
 use session_archive::manifest::{Camera, Imu};
 use session_archive::reader::SessionReader;
 use session_input::imu::complete_samples;
-use video::Picture;
-use video::picture::{i420_to_grey, i420_to_rgb, split};
+use video::RawImage;
+use video::raw_image::{i420_to_grey, i420_to_rgb, split};
 
 use super::common::{damage, file_name};
 use super::yaml;
@@ -115,7 +115,7 @@ impl Export<'_> {
         let decoded = {
             let progress = console.progress(&camera.name, bytes);
             let color = camera.colour != "grey";
-            let save = |frame: &FrameEntry, image: &Picture| save(&folder, frame, image, color);
+            let save = |frame: &FrameEntry, image: &RawImage| save(&folder, frame, image, color);
             visit_images(camera, frames, self.access, threads, &progress, &save)?
         };
         for (cam, _) in EYES {
@@ -204,7 +204,7 @@ fn image_name(frame: &FrameEntry) -> String {
 }
 
 /// Writes both halves of a side-by-side image as PNG.
-fn save(folder: &Path, frame: &FrameEntry, image: &Picture, color: bool) -> Result<()> {
+fn save(folder: &Path, frame: &FrameEntry, image: &RawImage, color: bool) -> Result<()> {
     let (left, right) = split(image)?;
     for ((cam, _), half) in EYES.into_iter().zip([left, right]) {
         let path = folder.join(cam).join("data").join(image_name(frame));

@@ -244,7 +244,7 @@ fn wrong_points(walk: &Walk, found: &[CameraEstimate], number: usize) -> Vec<Poi
             )
         });
         let late = |ms: f64| sign * ms * 1e-3;
-        let pictures = TIME_OFFSETS_MS.map(|ms| {
+        let images = TIME_OFFSETS_MS.map(|ms| {
             (
                 Parameter::ImageTime,
                 ms,
@@ -253,7 +253,7 @@ fn wrong_points(walk: &Walk, found: &[CameraEstimate], number: usize) -> Vec<Poi
         });
         let clocks =
             TIME_OFFSETS_MS.map(|ms| (Parameter::Clock, ms, NominalError::Clock(k, late(ms))));
-        let all = turns.into_iter().chain(eyes).chain(pictures).chain(clocks);
+        let all = turns.into_iter().chain(eyes).chain(images).chain(clocks);
         points.extend(all.map(|(what, size, wrong)| Point {
             walk: number,
             what,

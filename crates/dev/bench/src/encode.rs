@@ -34,14 +34,14 @@ use material::Clip;
 struct Plan {
     targets_db: &'static [f64],
     /// Maximum number of frames of each clip.
-    pictures: usize,
+    images: usize,
     repetitions: usize,
     daemon: daemon::Plan,
 }
 
 const FULL: Plan = Plan {
     targets_db: &[36.0, 39.0, 42.0, 45.0, 48.0],
-    pictures: 30,
+    images: 30,
     repetitions: 3,
     daemon: daemon::Plan {
         short_s: 3,
@@ -52,7 +52,7 @@ const FULL: Plan = Plan {
 
 const QUICK: Plan = Plan {
     targets_db: &[36.0, 42.0, 48.0],
-    pictures: 10,
+    images: 10,
     repetitions: 1,
     daemon: daemon::Plan {
         short_s: 3,
@@ -80,7 +80,7 @@ pub(crate) fn run(args: &[String]) -> Result<()> {
         }
     }
     let stamp = stamp::stamp("encode", args)?;
-    let clips = material::clips(plan.pictures)?;
+    let clips = material::clips(plan.images)?;
     let (points, refused) = measure_encoders(&clips, &plan)?;
     let share = daemon::measure(&plan.daemon)?;
 
@@ -106,7 +106,7 @@ fn measure_encoders(clips: &[Clip], plan: &Plan) -> Result<(Vec<Point>, Vec<Valu
     let (mut points, mut refused) = (Vec::new(), Vec::new());
     println!("{}", Point::HEADING);
     for element in video::encoder::known_elements() {
-        let size = &clips[0].pictures[0];
+        let size = &clips[0].images[0];
         if let Err(reason) = video::discover::trial(element, size.width, size.height) {
             println!("{element:12} {reason}");
             refused.push(json!({ "element": element, "reason": reason.to_string() }));

@@ -35,7 +35,7 @@ use session_archive::record::paws::gap::Cause;
 use session_archive::record::{Frame, Gap, Record as _};
 use session_archive::storage::DiskStorage;
 use session_archive::time::HostTime;
-use video::Picture;
+use video::RawImage;
 
 use crate::arguments::Arguments;
 use crate::meter::{self, children_cpu_s};
@@ -278,17 +278,16 @@ fn prepare(folder: &Path) -> Result<PathBuf> {
 }
 
 /// Writes the luma of both images as PNG files.
-fn write_eyes(folder: &Path, number: usize, picture: &Picture) -> Result<()> {
-    let (width, height) = (picture.width as usize, picture.height as usize);
+fn write_eyes(folder: &Path, number: usize, image: &RawImage) -> Result<()> {
+    let (width, height) = (image.width as usize, image.height as usize);
     for (eye, first) in [("left", 0), ("right", width / 2)] {
-        let rows = picture.data.chunks(width).take(height);
+        let rows = image.data.chunks(width).take(height);
         let luma: Vec<u8> = rows
             .flat_map(|row| row[first..first + width / 2].iter().copied())
             .collect();
         let path = folder.join(eye).join(format!("{number:06}.png"));
         let file = File::create(&path).with_context(|| format!("making {}", path.display()))?;
-        let mut encoder =
-            png::Encoder::new(BufWriter::new(file), picture.width / 2, picture.height);
+        let mut encoder = png::Encoder::new(BufWriter::new(file), image.width / 2, image.height);
         encoder.set_color(png::ColorType::Grayscale);
         encoder.set_depth(png::BitDepth::Eight);
         encoder

@@ -30,7 +30,7 @@ use session_archive::handoff::Verdict;
 use session_archive::storage::DiskStorage;
 use session_archive::time::NS_PER_S;
 use session_archive::writer::SessionWriter;
-use video::{AccessUnit, Encoder, EncoderEvent, EncoderSettings, Picture, PixelFormat};
+use video::{AccessUnit, Encoder, EncoderEvent, EncoderSettings, PixelFormat, RawImage};
 
 use crate::load::{self, Arrival};
 use crate::meter::{self, Timing, children_cpu_s, median, timed};
@@ -155,8 +155,8 @@ pub(crate) fn run(args: &[String]) -> Result<()> {
         runs.push(("validate, from disk", &from_disk));
     }
     runs.push(("validate, from memory", &from_memory));
-    let picture = chart(&stamp::line(&result["stamp"]), &runs, bytes, cold);
-    write(&out.join("import.svg"), &picture)?;
+    let image = chart(&stamp::line(&result["stamp"]), &runs, bytes, cold);
+    write(&out.join("import.svg"), &image)?;
     println!(
         "import {:.2} GB/s, {:.0} % of cp and sync ({:.2} GB/s; target {:.0} %)",
         speed(&imports) / 1e9,
@@ -311,14 +311,14 @@ fn with_decode(folder: &Path, seconds: i64) -> Result<Value> {
     }))
 }
 
-/// A generated session. Without `pictures` the access units are noise of plausible sizes.
+/// A generated session. Without `images` the access units are noise of plausible sizes.
 fn write_session(
     folder: &Path,
     seconds: i64,
-    pictures: Option<(u32, u32, Vec<AccessUnit>)>,
+    images: Option<(u32, u32, Vec<AccessUnit>)>,
 ) -> Result<()> {
     let mut spec = load::spec(CHUNK_NS);
-    if let Some((width, height, _)) = pictures {
+    if let Some((width, height, _)) = images {
         for camera in &mut spec.cameras {
             (camera.width, camera.height) = (width, height);
         }
@@ -328,7 +328,7 @@ fn write_session(
     // 8 Mbit/s at 30 Hz, a key frame being six times a usual one.
     let (usual, key) = (load::units(22_000, 28_000), load::units(135_000, 165_000));
     for arrival in load::arrivals(seconds as f64, CHUNK_NS) {
-        match (&arrival, &pictures) {
+        match (&arrival, &images) {
             (&Arrival::Frame(camera, number, time, _), Some((.., units))) => {
                 let unit = &units[number as usize];
                 let frame = load::frame(number, time);
@@ -379,11 +379,11 @@ fn encode(width: u32, height: u32, frames: usize) -> Result<Vec<AccessUnit>> {
             })
             .collect();
         data.resize(data.len() * 3 / 2, 128);
-        let picture = Picture::new(width, height, PixelFormat::I420, data)?;
+        let image = RawImage::new(width, height, PixelFormat::I420, data)?;
         let t = n as i64 * PERIOD;
         let key = t / (NS_PER_S / 2) != epoch;
         epoch = t / (NS_PER_S / 2);
-        encoder.push(t, &picture, key)?;
+        encoder.push(t, &image, key)?;
     }
     encoder.finish(Duration::from_secs(120))?;
     let events = events.lock().map(|mut e| std::mem::take(&mut *e));

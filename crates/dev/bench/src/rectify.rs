@@ -45,7 +45,7 @@ fn one(file: &Path, (width, height): (u32, u32), runs: usize) -> Result<Value> {
     let (pair, _) = calibration_files::read_stereo(file, width, height)
         .with_context(|| format!("reading {}", file.display()))?;
     let rectification = Rectification::new(&pair, View::Filled)?;
-    let old = picture(width as usize, height as usize);
+    let old = image(width as usize, height as usize);
     let map = rectification.map(Eye::Left);
     let remap = Remap::new(&map, width, height);
     let mut new = vec![0; old.len()];
@@ -76,7 +76,7 @@ fn one(file: &Path, (width, height): (u32, u32), runs: usize) -> Result<Value> {
 }
 
 /// An image with edges and slopes.
-fn picture(width: usize, height: usize) -> Vec<u8> {
+fn image(width: usize, height: usize) -> Vec<u8> {
     (0..width * height)
         .map(|i| {
             let (x, y) = (i % width, i / width);

@@ -167,12 +167,12 @@ fn place(plan: &Plan, kind: Kind, rig: &Rig) -> Result<Place> {
         max_samples,
         noise: false,
     };
-    let (reference, expected) = pictures(simulation, silent(plan.looks, plan.looks), plan);
+    let (reference, expected) = images(simulation, silent(plan.looks, plan.looks), plan);
     simulation = reference;
     let mut points: Vec<Point> = Vec::new();
     for (name, quality) in QUALITIES {
         let (samples, most) = (quality.samples, quality.max_samples);
-        let (silent, found) = pictures(simulation, silent(samples, most), plan);
+        let (silent, found) = images(simulation, silent(samples, most), plan);
         let loud = Arc::new(silent.with_quality(quality));
         let sets = (plan.sets / u64::from(most)).max(2);
         let took = stream(&loud, sets);
@@ -194,17 +194,17 @@ fn place(plan: &Plan, kind: Kind, rig: &Rig) -> Result<Place> {
 }
 
 /// Luma of both images of all cameras at a few instants of the walk.
-fn pictures(simulation: Simulation, quality: Quality, plan: &Plan) -> (Simulation, Vec<Vec<u8>>) {
+fn images(simulation: Simulation, quality: Quality, plan: &Plan) -> (Simulation, Vec<Vec<u8>>) {
     let simulation = Arc::new(simulation.with_quality(quality));
     let mut found = Vec::new();
     for camera in 0..simulation.cameras().len() {
-        let mut pictures = simulation.frames(camera);
+        let mut images = simulation.frames(camera);
         for k in 0..plan.instants {
             let part = (f64::from(k) + 0.7) / f64::from(plan.instants);
             let time_ns = (part * 1e9 * simulation.settings().seconds) as i64;
             // At the same exposure, whatever the quality.
-            pictures.settle(time_ns);
-            let frame = pictures.expose(u64::from(k), time_ns);
+            images.settle(time_ns);
+            let frame = images.expose(u64::from(k), time_ns);
             found.push(frame.i420[..frame.width * frame.height].to_vec());
         }
     }
@@ -225,11 +225,8 @@ fn stream(simulation: &Arc<Simulation>, sets: u64) -> Timing {
             if job >= sets as usize * count {
                 return;
             }
-            let pictures = &cameras[job % count];
-            let frame = pictures
-                .lock()
-                .unwrap_or_else(PoisonError::into_inner)
-                .next();
+            let images = &cameras[job % count];
+            let frame = images.lock().unwrap_or_else(PoisonError::into_inner).next();
             std::hint::black_box(frame);
         }
     };

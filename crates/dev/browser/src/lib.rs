@@ -283,8 +283,8 @@ impl Browser {
     /// Screenshot of the viewport as a PNG file; of the whole page if `whole`.
     pub fn screenshot(&mut self, whole: bool) -> Vec<u8> {
         let params = json!({"format": "png", "captureBeyondViewport": whole});
-        let picture = self.call("Page.captureScreenshot", params);
-        base64(picture["data"].as_str().unwrap())
+        let image = self.call("Page.captureScreenshot", params);
+        base64(image["data"].as_str().unwrap())
     }
 }
 

@@ -14,7 +14,7 @@ use session_archive::record::{
 };
 use session_archive::storage::DiskStorage;
 use session_archive::time::{HostTime, TickLength};
-use video::{AccessUnit, Codec, Decoder, Picture};
+use video::{AccessUnit, Codec, Decoder, RawImage};
 
 /// A frame as stored.
 #[derive(Clone, Debug)]
@@ -264,14 +264,14 @@ impl Contents {
         ))
     }
 
-    /// Decodes all frames of a camera, one group of pictures at a time.
+    /// Decodes all frames of a camera, one group of images at a time.
     ///
     /// # Errors
     /// An image cannot be decoded, or `each` fails.
     pub fn decode(
         &self,
         camera: &str,
-        mut each: impl FnMut(&Frame, &Picture) -> Result<()>,
+        mut each: impl FnMut(&Frame, &RawImage) -> Result<()>,
     ) -> Result<()> {
         let listed = self.manifest.camera(camera).context("no such camera")?;
         let codec = Codec::from_foxglove_format(&listed.codec).context("an unknown codec")?;
@@ -296,11 +296,11 @@ impl Contents {
                 })
                 .collect();
             let number = first.record.number;
-            let pictures = decoder
+            let images = decoder
                 .decode(&units)
                 .with_context(|| format!("decoding {camera} from frame {number} on"))?;
-            for (frame, (_, picture)) in group.iter().zip(&pictures) {
-                each(&frame.record, picture)?;
+            for (frame, (_, image)) in group.iter().zip(&images) {
+                each(&frame.record, image)?;
             }
         }
         Ok(())

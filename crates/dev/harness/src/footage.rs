@@ -14,8 +14,8 @@ use camera_models::CameraSet;
 use rig_sim::camera::Quality;
 use rig_sim::scene::{Kind, Lighting};
 use rig_sim::simulation::{Settings, Simulation, StereoFrame};
-use video::picture::i420_to_rgb;
-use video::{Picture, PixelFormat};
+use video::raw_image::i420_to_rgb;
+use video::{PixelFormat, RawImage};
 
 pub mod bag;
 pub mod film;
@@ -95,10 +95,10 @@ impl Footage {
     ///
     /// # Errors
     /// The frame is not a valid image.
-    pub fn picture(&self, frame: usize) -> Result<Picture> {
+    pub fn image(&self, frame: usize) -> Result<RawImage> {
         let of = &self.frames[frame];
         let (width, height) = (of.width as u32, of.height as u32);
-        Ok(Picture::new(
+        Ok(RawImage::new(
             width,
             height,
             PixelFormat::I420,
@@ -111,7 +111,7 @@ impl Footage {
     /// # Errors
     /// The frame is not a valid image.
     pub fn rgb(&self, frame: usize, eye: usize) -> Result<Vec<u8>> {
-        let both = self.picture(frame)?;
+        let both = self.image(frame)?;
         let rgb = i420_to_rgb(&both)?;
         let row = 3 * both.width as usize;
         let rows = rgb.chunks_exact(row).map(|row| row.split_at(row.len() / 2));
@@ -123,8 +123,8 @@ impl Footage {
     ///
     /// # Errors
     /// The frame is not a valid image.
-    pub fn one_eye(&self, frame: usize, eye: usize) -> Result<Picture> {
-        let (left, right) = video::picture::split(&self.picture(frame)?)?;
+    pub fn one_eye(&self, frame: usize, eye: usize) -> Result<RawImage> {
+        let (left, right) = video::raw_image::split(&self.image(frame)?)?;
         Ok([left, right][eye].clone())
     }
 

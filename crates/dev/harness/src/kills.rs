@@ -384,9 +384,9 @@ fn check_reaches(contents: &Contents, camera: &str, until: HostTime) -> Result<(
 /// Checks that every image shows its number; returns the number of images.
 fn images_are_correct(contents: &Contents, camera: &str) -> Result<u64> {
     let mut count = 0;
-    contents.decode(camera, |frame, picture| {
+    contents.decode(camera, |frame, image| {
         count += 1;
-        let shown = read_counter(picture);
+        let shown = read_counter(image);
         ensure!(
             shown == Some(frame.number),
             "{camera}: frame {} shows {shown:?}",

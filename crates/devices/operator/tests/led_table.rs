@@ -16,7 +16,7 @@ fn check(file: &str, made: &str) {
 }
 
 #[test]
-fn the_picture_is_up_to_date() {
+fn the_image_is_up_to_date() {
     check("images/led-table.svg", &table::svg());
 }
 

@@ -15,7 +15,7 @@ fn main() {
         // A gradient with texture: neither flat nor noise.
         let pixel = |i: usize| ((i / 7) ^ (i / 4001)) as u8 / 2 + (i % 31) as u8;
         let data: Vec<u8> = (0..bytes).map(pixel).collect();
-        let picture = Planes {
+        let image = Planes {
             width,
             height,
             data: &data,
@@ -25,7 +25,7 @@ fn main() {
             let mut size = 0;
             for _ in 0..50 {
                 let start = Instant::now();
-                size = jpeg(picture, eyes, 320).map_or(0, |j| j.len());
+                size = jpeg(image, eyes, 320).map_or(0, |j| j.len());
                 times.push(start.elapsed());
             }
             times.sort();

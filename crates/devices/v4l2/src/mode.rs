@@ -190,7 +190,7 @@ pub struct Format {
 
 impl Format {
     /// Bytes of a whole frame; none where frames differ (compressed) or the format is unknown.
-    pub fn picture_bytes(&self) -> Option<usize> {
+    pub fn image_bytes(&self) -> Option<usize> {
         let (all, first) = self.fourcc.planes()?;
         let line = match u128::from(self.bytes_per_line) {
             0 => u128::from(self.width) * u128::from(first) / 8,

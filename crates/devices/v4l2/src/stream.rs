@@ -153,7 +153,7 @@ impl Stream {
         let Some(map) = self.maps.get(told.index as usize) else {
             return Err(self.broken(Errno::BADMSG));
         };
-        let info = FrameInfo::of(&told, map.len(), self.format.picture_bytes());
+        let info = FrameInfo::of(&told, map.len(), self.format.image_bytes());
         Ok(Next::Frame(Buffer {
             index: told.index,
             info,

@@ -109,7 +109,7 @@ fn modes_of_an_input_that_scales() {
     for (width, height) in [(2560, 720), (1344, 376)] {
         assert!(yuyv.offers(&mode(width, height, 30)));
         let format = camera.set_mode(&mode(width, height, 30)).unwrap();
-        assert_eq!(format.picture_bytes(), Some((width * height * 2) as usize));
+        assert_eq!(format.image_bytes(), Some((width * height * 2) as usize));
         assert!(format.interval.unwrap().is_about(Interval::of_rate(30)));
     }
 }

@@ -7,7 +7,7 @@ use console_output::Progress;
 use session_archive::index::{Access, CameraIndex, FrameEntry};
 use session_archive::manifest::Camera;
 use session_input::visit::{self, DecodedCamera};
-use video::Picture;
+use video::RawImage;
 
 /// Callback for each correctly decoded image; called from several threads, in no order.
 pub type Visit<'a> = visit::Visit<'a, anyhow::Error>;
@@ -38,7 +38,7 @@ pub fn visit_run(
     index: &CameraIndex,
     access: &Access,
     run: Range<usize>,
-    visit: &mut dyn FnMut(&FrameEntry, &Picture),
+    visit: &mut dyn FnMut(&FrameEntry, &RawImage),
 ) -> Result<()> {
     visit::visit_run(camera, index, access, run, visit)
         .with_context(|| format!("decoding {}", camera.name))

@@ -4,7 +4,7 @@ use anyhow::{Context, Result};
 use console_output::Progress;
 use session_archive::index::{Access, FrameEntry, Index};
 use session_archive::reader::SessionReader;
-use video::Picture;
+use video::RawImage;
 
 use crate::decode::visit_images;
 
@@ -25,7 +25,7 @@ pub fn decode_all(
     let cameras = &reader.manifest().cameras;
     let mut all = Vec::new();
     for (camera, frames) in cameras.iter().zip(&index.cameras) {
-        let ignore = |_: &FrameEntry, _: &Picture| Ok(());
+        let ignore = |_: &FrameEntry, _: &RawImage| Ok(());
         let decoded = visit_images(camera, frames, &access, threads, progress, &ignore)?;
         all.push(decoded);
     }

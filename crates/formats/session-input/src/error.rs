@@ -4,7 +4,7 @@ use std::io;
 use std::sync::Arc;
 
 use session_archive::index::IndexError;
-use video::{DecodeError, PictureError};
+use video::{DecodeError, RawImageError};
 
 use crate::imu::LengthMismatch;
 
@@ -91,7 +91,7 @@ pub enum FrameFault {
     },
     /// The decoded image cannot be split in two.
     #[error("cutting it into left and right")]
-    Image(#[source] PictureError),
+    Image(#[source] RawImageError),
     /// The decoding thread ended before this frame: a defect of this program.
     #[error("its decoding thread ended early")]
     Ended,

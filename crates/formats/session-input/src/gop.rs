@@ -5,7 +5,7 @@
 use std::sync::Arc;
 
 use session_archive::index::{Access, FrameEntry, IndexError};
-use video::{AccessUnit, DecodeError, Decoder, Picture};
+use video::{AccessUnit, DecodeError, Decoder, RawImage};
 
 use crate::error::FrameFault;
 
@@ -54,12 +54,12 @@ pub(crate) fn decode(
     decoder: &mut Decoder,
     access: &Access,
     run: &[FrameEntry],
-) -> Vec<Result<Picture, FrameFault>> {
+) -> Vec<Result<RawImage, FrameFault>> {
     let Units { units, unread } = read_units(access, run);
     let unread = unread.map(|error| FrameFault::Bytes(Arc::new(error)));
     let (decoded, fault) = match decoder.decode(&units) {
         Ok(images) => (images, FrameFault::NoImage),
-        Err(DecodeError::Incomplete { pictures, .. }) => (pictures, FrameFault::NoImage),
+        Err(DecodeError::Incomplete { images, .. }) => (images, FrameFault::NoImage),
         Err(error) => (Vec::new(), FrameFault::Decoder(error)),
     };
     let mut decoded = decoded.into_iter().peekable();

@@ -8,8 +8,8 @@ use std::borrow::Cow;
 use std::fmt;
 
 use bytes::Bytes;
-use video::PictureError;
-use video::picture::i420_to_rgb;
+use video::RawImageError;
+use video::raw_image::i420_to_rgb;
 
 /// Pixel format.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -53,12 +53,12 @@ impl fmt::Debug for Image {
 impl Image {
     /// Left and right image of a stereo frame (I420, side by side).
     pub(crate) fn halves(
-        both: &video::Picture,
+        both: &video::RawImage,
         color: Color,
-    ) -> Result<(Self, Self), PictureError> {
+    ) -> Result<(Self, Self), RawImageError> {
         if !both.width.is_multiple_of(2) {
             let (width, height) = (both.width, both.height);
-            return Err(PictureError::OddSize { width, height });
+            return Err(RawImageError::OddSize { width, height });
         }
         let pixels = match color {
             Color::Grey => Cow::Borrowed(both.luma()?),
@@ -73,13 +73,13 @@ impl Image {
             left.extend_from_slice(first);
             right.extend_from_slice(second);
         }
-        let picture = |data: Vec<u8>| Self {
+        let image = |data: Vec<u8>| Self {
             width: both.width / 2,
             height: both.height,
             color,
             data: data.into(),
         };
-        Ok((picture(left), picture(right)))
+        Ok((image(left), image(right)))
     }
 }
 
@@ -89,14 +89,14 @@ mod tests {
     use video::PixelFormat;
 
     /// 4 x 2, luma 0..8, left half blue, right half red.
-    fn both() -> video::Picture {
+    fn both() -> video::RawImage {
         let data = [
             &[10, 20, 30, 40, 50, 60, 70, 80][..],
             &[200, 60],
             &[60, 200],
         ]
         .concat();
-        video::Picture::new(4, 2, PixelFormat::I420, data).expect("4 x 2")
+        video::RawImage::new(4, 2, PixelFormat::I420, data).expect("4 x 2")
     }
 
     #[test]

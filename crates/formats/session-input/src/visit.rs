@@ -10,7 +10,7 @@ use std::thread;
 
 use session_archive::index::{Access, CameraIndex, FrameEntry};
 use session_archive::manifest::Camera;
-use video::{Codec, DecodeError, Decoder, Picture};
+use video::{Codec, DecodeError, Decoder, RawImage};
 
 use crate::gop::{self, Units};
 
@@ -40,7 +40,7 @@ pub enum VisitError {
 
 /// Callback for each correctly decoded image: its index entry, and both eyes side by side. Called
 /// from several threads, in no order.
-pub type Visit<'a, E> = &'a (dyn Fn(&FrameEntry, &Picture) -> Result<(), E> + Sync);
+pub type Visit<'a, E> = &'a (dyn Fn(&FrameEntry, &RawImage) -> Result<(), E> + Sync);
 
 /// Decodes all images of a camera and calls `visit` for each; `progress` is called with the bytes
 /// of each GOP.
@@ -121,7 +121,7 @@ pub fn visit_run(
     index: &CameraIndex,
     access: &Access,
     run: Range<usize>,
-    visit: &mut dyn FnMut(&FrameEntry, &Picture),
+    visit: &mut dyn FnMut(&FrameEntry, &RawImage),
 ) -> Result<(), VisitError> {
     let mut decoder = Decoder::new(codec(camera)?);
     let mut at = run.start;
@@ -134,10 +134,7 @@ pub fn visit_run(
                 unread: Some(_), ..
             } => Vec::new(),
             Units { units, .. } => match decoder.decode(&units) {
-                Ok(images)
-                | Err(DecodeError::Incomplete {
-                    pictures: images, ..
-                }) => images,
+                Ok(images) | Err(DecodeError::Incomplete { images, .. }) => images,
                 Err(e @ (DecodeError::NoDecoder { .. } | DecodeError::Init(_))) => {
                     return Err(VisitError::Decoder(e));
                 }
@@ -205,10 +202,7 @@ impl Run<'_> {
             Err(e @ (DecodeError::NoDecoder { .. } | DecodeError::Init(_))) => {
                 return Err(VisitError::Decoder(e).into());
             }
-            Err(DecodeError::Incomplete {
-                pictures: images,
-                missing,
-            }) => {
+            Err(DecodeError::Incomplete { images, missing }) => {
                 let name = self.name(missing.first().copied().unwrap_or(0));
                 (images, Some(format!("{name} gave no image")))
             }

@@ -29,7 +29,7 @@ fn main() -> std::io::Result<()> {
         .text("Synthetic numbers that show what the charts look like, in the order of a health report.")
         .table(&checks())
         .finding(Verdict::Warn, "left_shoulder lost 41 frames in 3 gaps; the longest took 1.2 s.");
-    for (name, section, svg) in pictures() {
+    for (name, section, svg) in images() {
         fs::write(folder.join(format!("{name}.svg")), &svg)?;
         page = page.section(section).figure(
             &svg,
@@ -65,7 +65,7 @@ fn checks() -> Table {
         ])
 }
 
-fn pictures() -> Vec<(&'static str, &'static str, String)> {
+fn images() -> Vec<(&'static str, &'static str, String)> {
     let mut noise = Noise(7);
     let hour = 3600 * 30;
     let times: Vec<f64> = (0..hour).map(|i| i as f64 / 30.0).collect();

@@ -38,7 +38,7 @@ fn main() {
     let settings = CaptureSettings {
         delivery: match encoder.first() {
             Some(_) => Delivery::Native,
-            None => Delivery::Pictures,
+            None => Delivery::Images,
         },
         ..CaptureSettings::new(chain, width, height, rate)
     };

@@ -12,8 +12,8 @@ use std::time::Duration;
 
 use video::discover::trial;
 use video::encoder::Preset;
-use video::picture::{psnr, psnr_all};
-use video::{AccessUnit, Decoder, Encoder, EncoderEvent, EncoderSettings, Picture};
+use video::raw_image::{psnr, psnr_all};
+use video::{AccessUnit, Decoder, Encoder, EncoderEvent, EncoderSettings, RawImage};
 
 fn main() {
     let targets: Vec<f64> = std::env::args()
@@ -49,7 +49,7 @@ fn main() {
     }
 }
 
-fn measure(element: &str, preset: Preset, name: &str, clip: &[Picture], target: f64) {
+fn measure(element: &str, preset: Preset, name: &str, clip: &[RawImage], target: f64) {
     let settings = EncoderSettings {
         element: element.into(),
         width: clip[0].width,
@@ -72,9 +72,9 @@ fn measure(element: &str, preset: Preset, name: &str, clip: &[Picture], target: 
     )
     .unwrap();
     let quantiser = encoder.quantiser();
-    for (number, picture) in clip.iter().enumerate() {
+    for (number, image) in clip.iter().enumerate() {
         encoder
-            .push(number as i64 * 33_333_333, picture, false)
+            .push(number as i64 * 33_333_333, image, false)
             .unwrap();
     }
     let codec = encoder.codec();

@@ -27,18 +27,18 @@
 //! let start = std::time::Instant::now();
 //! let clock = Arc::new(move || start.elapsed().as_nanos() as i64);
 //! let mut capture = Capture::start(&settings, clock)?;
-//! let mut pictures = 0;
+//! let mut images = 0;
 //! loop {
 //!     match capture.next(Duration::from_secs(10)) {
 //!         Some(CaptureEvent::Frame(frame)) => {
-//!             assert!(matches!(frame.content, Content::Picture(picture) if picture.width == 64));
-//!             pictures += 1;
+//!             assert!(matches!(frame.content, Content::RawImage(image) if image.width == 64));
+//!             images += 1;
 //!         }
 //!         Some(CaptureEvent::Ended) => break,
 //!         other => panic!("{other:?}"),
 //!     }
 //! }
-//! assert_eq!(pictures, 3);
+//! assert_eq!(images, 3);
 //! # Ok(())
 //! # }
 //! ```
@@ -52,7 +52,7 @@ use thiserror::Error;
 use crate::encoder::MAX_NATIVE_IN_FLIGHT;
 use crate::native::{NVMM, NativeFrame};
 use crate::pipeline::{self, InitError};
-use crate::{Picture, PictureError, PixelFormat, layout};
+use crate::{PixelFormat, RawImage, RawImageError, layout};
 use feed::{Feed, Wanted};
 use intake::{Arrived, Intake, Item, Port};
 use number::Numbering;
@@ -85,7 +85,7 @@ pub type HostClock = Arc<dyn Fn() -> i64 + Send + Sync>;
 pub enum Delivery {
     /// As I420 frames, whatever the chain's layout (I420, NV12, YUY2, UYVY or GRAY8). The chain
     /// has to end in system memory.
-    Pictures,
+    Images,
     /// In the camera's own buffers, for an encoder that takes them as they are.
     Native,
 }
@@ -125,7 +125,7 @@ impl CaptureSettings {
             width,
             height,
             rate_hz,
-            delivery: Delivery::Pictures,
+            delivery: Delivery::Images,
             policy: None,
             start_delay: Duration::ZERO,
             eye_delay: STAGGER,
@@ -205,7 +205,7 @@ pub enum CaptureError {
     Settings(String),
     /// No frame can have this size.
     #[error(transparent)]
-    Size(#[from] PictureError),
+    Size(#[from] RawImageError),
     /// Change the chain, or install what it needs.
     #[error("{reason}: {chain}")]
     Chain {
@@ -232,7 +232,7 @@ pub struct Reference {
 #[derive(Debug, Clone)]
 pub enum Content {
     /// As I420.
-    Picture(Picture),
+    RawImage(RawImage),
     /// As the camera gave them.
     Native(NativeFrame),
 }
@@ -343,7 +343,7 @@ fn build(settings: &CaptureSettings, clock: HostClock) -> Result<Built, CaptureE
     settings.check()?;
     pipeline::init()?;
     let limit = match settings.delivery {
-        Delivery::Pictures => QUEUE,
+        Delivery::Images => QUEUE,
         Delivery::Native => NATIVE_QUEUE,
     };
     let intake = Arc::new(Intake::new(clock, limit, settings.rate_hz));
@@ -461,8 +461,8 @@ impl Capture {
         let content = if self.native {
             Content::Native(arrival.frame)
         } else {
-            let picture = arrival.frame.to_picture();
-            Content::Picture(picture.map_err(|error| error.to_string())?)
+            let image = arrival.frame.to_image();
+            Content::RawImage(image.map_err(|error| error.to_string())?)
         };
         Ok(CapturedFrame {
             number,
@@ -487,7 +487,7 @@ impl Drop for Capture {
 /// Left and right as one frame.
 fn both(left: Arrived, right: Arrived) -> Result<CapturedFrame, String> {
     let (one, other) = (&left.arrival.frame, &right.arrival.frame);
-    let picture = layout::to_side_by_side(
+    let image = layout::to_side_by_side(
         (one.buffer(), one.format().info()),
         (other.buffer(), other.format().info()),
     )?;
@@ -499,7 +499,7 @@ fn both(left: Arrived, right: Arrived) -> Result<CapturedFrame, String> {
         repeated: left.repeated || right.repeated,
         eyes_apart_ns: Some(right.arrival.clock_time_ns - left.arrival.clock_time_ns),
         references: left.arrival.references,
-        content: Content::Picture(picture),
+        content: Content::RawImage(image),
     })
 }
 

@@ -28,7 +28,7 @@ use thiserror::Error;
 
 use crate::pipeline::{self, InitError, News, Running, lock, wait_while};
 use crate::references::{Continuity, Step};
-use crate::{AccessUnit, Codec, Picture, annexb, layout};
+use crate::{AccessUnit, Codec, RawImage, annexb, layout};
 
 /// How long a decoder may give nothing before [`Decoder::decode`] gives up.
 pub const STALL: Duration = Duration::from_secs(10);
@@ -79,10 +79,10 @@ pub enum DecodeError {
     },
     /// Part of the stream cannot be decoded. The rest is good.
     #[error("{} of {} frames did not come out, the first at {} ns", .missing.len(),
-        .missing.len() + .pictures.len(), .missing.first().copied().unwrap_or_default())]
+        .missing.len() + .images.len(), .missing.first().copied().unwrap_or_default())]
     Incomplete {
         /// What came out, in order.
-        pictures: Vec<(i64, Picture)>,
+        images: Vec<(i64, RawImage)>,
         /// The times of what did not, in order, ns.
         missing: Vec<i64>,
     },
@@ -121,7 +121,7 @@ struct Shared {
 
 #[derive(Debug, Default)]
 struct State {
-    pictures: Vec<(i64, Picture)>,
+    images: Vec<(i64, RawImage)>,
     ended: bool,
     failure: Option<String>,
 }
@@ -158,7 +158,7 @@ impl Decoder {
     ///
     /// # Errors
     /// See [`DecodeError`]. After any error the next call starts afresh.
-    pub fn decode(&mut self, units: &[AccessUnit]) -> Result<Vec<(i64, Picture)>, DecodeError> {
+    pub fn decode(&mut self, units: &[AccessUnit]) -> Result<Vec<(i64, RawImage)>, DecodeError> {
         let Some(first) = units.first() else {
             return Ok(Vec::new());
         };
@@ -192,9 +192,9 @@ impl Decoder {
                 }
             };
             match session.run(&sound) {
-                Ok(pictures) if self.proven.is_some() || !pictures.is_empty() => {
+                Ok(images) if self.proven.is_some() || !images.is_empty() => {
                     self.proven = Some(element);
-                    return complete(units, pictures);
+                    return complete(units, images);
                 }
                 Ok(_) => last = Some(complete(units, Vec::new())),
                 Err(error) => last = Some(Err(error)),
@@ -214,24 +214,20 @@ impl Decoder {
 /// The frames, if there is one for every access unit.
 fn complete(
     units: &[AccessUnit],
-    pictures: Vec<(i64, Picture)>,
-) -> Result<Vec<(i64, Picture)>, DecodeError> {
-    let came = |time| {
-        pictures
-            .binary_search_by_key(&time, |picture| picture.0)
-            .is_ok()
-    };
+    images: Vec<(i64, RawImage)>,
+) -> Result<Vec<(i64, RawImage)>, DecodeError> {
+    let came = |time| images.binary_search_by_key(&time, |image| image.0).is_ok();
     let missing: Vec<i64> = units
         .iter()
         .map(|unit| unit.pts_ns)
         .filter(|&time| !came(time))
         .collect();
-    match (missing.is_empty(), pictures.len() == units.len()) {
-        (true, true) => Ok(pictures),
+    match (missing.is_empty(), images.len() == units.len()) {
+        (true, true) => Ok(images),
         (true, false) => Err(DecodeError::Failed(
             "it gave more frames than there are".into(),
         )),
-        (false, _) => Err(DecodeError::Incomplete { pictures, missing }),
+        (false, _) => Err(DecodeError::Incomplete { images, missing }),
     }
 }
 
@@ -310,7 +306,7 @@ impl Session {
     }
 
     /// Sends everything through and collects what comes out, in order of time.
-    fn run(&self, units: &[&AccessUnit]) -> Result<Vec<(i64, Picture)>, DecodeError> {
+    fn run(&self, units: &[&AccessUnit]) -> Result<Vec<(i64, RawImage)>, DecodeError> {
         for unit in units {
             let mut buffer = gst::Buffer::from_slice(unit.data.clone());
             if let Some(buffer) = buffer.get_mut() {
@@ -326,9 +322,9 @@ impl Session {
         let _ = self.source.end_of_stream();
         let mut state = lock(&self.shared.state);
         while state.failure.is_none() && !state.ended {
-            let before = state.pictures.len();
+            let before = state.images.len();
             let (after, stalled) = wait_while(&self.shared.changed, state, STALL, |state| {
-                state.failure.is_none() && !state.ended && state.pictures.len() == before
+                state.failure.is_none() && !state.ended && state.images.len() == before
             });
             state = after;
             if stalled {
@@ -338,19 +334,19 @@ impl Session {
         if let Some(reason) = &state.failure {
             return Err(DecodeError::Failed(format!("{}: {reason}", self.element)));
         }
-        let mut pictures = std::mem::take(&mut state.pictures);
-        pictures.sort_by_key(|picture| picture.0);
-        pictures.dedup_by_key(|picture| picture.0);
-        Ok(pictures)
+        let mut images = std::mem::take(&mut state.images);
+        images.sort_by_key(|image| image.0);
+        images.dedup_by_key(|image| image.0);
+        Ok(images)
     }
 }
 
 impl Shared {
     fn deliver(&self, sample: &gst::Sample) {
-        let picture = picture(sample);
+        let image = image(sample);
         let mut state = lock(&self.state);
-        match picture {
-            Ok(Some(picture)) => state.pictures.push(picture),
+        match image {
+            Ok(Some(image)) => state.images.push(image),
             Ok(None) => {}
             Err(reason) => {
                 state.failure.get_or_insert(reason);
@@ -362,7 +358,7 @@ impl Shared {
 }
 
 /// A sample as frame and time; `None` if the decoder itself calls it damaged.
-fn picture(sample: &gst::Sample) -> Result<Option<(i64, Picture)>, String> {
+fn image(sample: &gst::Sample) -> Result<Option<(i64, RawImage)>, String> {
     let buffer = sample.buffer().ok_or("decoded frame without data")?;
     if buffer.flags().contains(gst::BufferFlags::CORRUPTED) {
         return Ok(None);

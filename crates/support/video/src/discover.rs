@@ -20,7 +20,7 @@ use thiserror::Error;
 
 use crate::encoder::{self, EncodeError, Encoder, EncoderEvent, EncoderSettings, Preset, kinds};
 use crate::pipeline::{self, InitError, lock};
-use crate::{AccessUnit, Codec, Picture, PictureError, PixelFormat};
+use crate::{AccessUnit, Codec, PixelFormat, RawImage, RawImageError};
 
 /// The longest that one trial may take.
 pub const TRIAL_LIMIT: Duration = Duration::from_secs(20);
@@ -38,7 +38,7 @@ pub struct Trial {
     pub codec: Codec,
     /// Frames per second, one encoder with nothing beside it, on frames that are hard to
     /// compress. A rough figure: it comes from a few frames.
-    pub pictures_per_s: f64,
+    pub images_per_s: f64,
 }
 
 /// Why an encoder cannot be used here.
@@ -49,7 +49,7 @@ pub enum TrialError {
     Init(#[from] InitError),
     /// No encoder can do this size.
     #[error(transparent)]
-    Size(#[from] PictureError),
+    Size(#[from] RawImageError),
     /// The plugin is missing, or finds no device.
     #[error("not on this machine")]
     Missing,
@@ -215,7 +215,7 @@ fn run(
     height: u32,
     threads: u32,
 ) -> Result<Trial, TrialError> {
-    let pictures: Vec<Picture> = (0..PICTURES)
+    let images: Vec<RawImage> = (0..PICTURES)
         .map(|number| moving(width, height, number))
         .collect::<Result<_, _>>()?;
     // Odd, uneven and far from zero, as CLOCK_MONOTONIC is.
@@ -248,9 +248,9 @@ fn run(
         reason = "the speed of this machine is the question"
     )]
     let begin = Instant::now();
-    for (number, (picture, &time)) in pictures.iter().zip(&times).enumerate() {
+    for (number, (image, &time)) in images.iter().zip(&times).enumerate() {
         encoder
-            .push(time, picture, number == FORCED)
+            .push(time, image, number == FORCED)
             .map_err(TrialError::Encode)?;
     }
     encoder.finish(TRIAL_LIMIT).map_err(TrialError::Encode)?;
@@ -259,7 +259,7 @@ fn run(
     Ok(Trial {
         element: element.to_owned(),
         codec,
-        pictures_per_s: PICTURES as f64 / elapsed.max(1e-6),
+        images_per_s: PICTURES as f64 / elapsed.max(1e-6),
     })
 }
 
@@ -285,7 +285,7 @@ fn check(units: &[AccessUnit], times: &[i64]) -> Result<(), TrialError> {
 }
 
 /// Blocky texture that moves two pixels per frame.
-fn moving(width: u32, height: u32, number: usize) -> Result<Picture, PictureError> {
+fn moving(width: u32, height: u32, number: usize) -> Result<RawImage, RawImageError> {
     let mut data = vec![128; PixelFormat::I420.bytes(width, height)?];
     for (y, row) in data
         .chunks_mut(width as usize)
@@ -299,5 +299,5 @@ fn moving(width: u32, height: u32, number: usize) -> Result<Picture, PictureErro
             *luma = (64 + (cell >> 7) % 96 + fine % 32) as u8;
         }
     }
-    Picture::new(width, height, PixelFormat::I420, Bytes::from(data))
+    RawImage::new(width, height, PixelFormat::I420, Bytes::from(data))
 }

@@ -28,7 +28,7 @@ use gstreamer_video as gst_video;
 use thiserror::Error;
 
 use crate::pipeline::{self, InitError, News, Running, lock, wait_while};
-use crate::{Codec, NativeFormat, PictureError, PixelFormat};
+use crate::{Codec, NativeFormat, PixelFormat, RawImageError};
 use delivery::{Inside, Shared};
 use kinds::{Force, Kind};
 
@@ -128,7 +128,7 @@ pub enum EncodeError {
     },
     /// The frame itself is malformed.
     #[error(transparent)]
-    Picture(#[from] PictureError),
+    RawImage(#[from] RawImageError),
     /// The frame does not fit the settings.
     #[error("frame is {found_width}x{found_height}, expected {width}x{height}")]
     WrongSize {
@@ -169,18 +169,18 @@ pub enum EncodeError {
         previous: Option<i64>,
     },
     /// Try again later, or drop the frame.
-    #[error("encoder is full: {pictures} frames are inside")]
+    #[error("encoder is full: {images} frames are inside")]
     Full {
         /// Frames inside.
-        pictures: usize,
+        images: usize,
     },
     /// Start a new encoder.
-    #[error("encoder gave nothing for {} s with {pictures} frames inside", .after.as_secs_f64())]
+    #[error("encoder gave nothing for {} s with {images} frames inside", .after.as_secs_f64())]
     Stalled {
         /// How long was waited.
         after: Duration,
         /// Frames inside.
-        pictures: usize,
+        images: usize,
     },
     /// Start a new encoder.
     #[error("encoder failed: {0}")]
@@ -225,7 +225,7 @@ pub struct Encoder {
 #[derive(Debug)]
 enum Expected {
     /// I420 frames, columns and rows.
-    Pictures(u32, u32),
+    Images(u32, u32),
     Native(NativeFormat),
 }
 
@@ -236,7 +236,7 @@ impl Encoder {
     /// well.)
     ///
     /// # Errors
-    /// [`EncodeError::Settings`], [`EncodeError::Picture`] for an impossible size,
+    /// [`EncodeError::Settings`], [`EncodeError::RawImage`] for an impossible size,
     /// [`EncodeError::Start`], [`EncodeError::Init`].
     pub fn start(settings: &EncoderSettings, on_output: OnOutput) -> Result<Encoder, EncodeError> {
         Encoder::start_for(settings, None, on_output)
@@ -306,7 +306,7 @@ impl Encoder {
                 format.bytes(),
             ),
             None => (
-                Expected::Pictures(width, height),
+                Expected::Images(width, height),
                 MAX_IN_FLIGHT,
                 PixelFormat::I420.bytes(width, height)?,
             ),
@@ -367,7 +367,7 @@ impl Encoder {
     /// its own time is does not matter, as long as it rises.
     ///
     /// # Errors
-    /// All but `Full`. A refused frame (`Picture`, `WrongSize`, `WrongInput`, `Time`,
+    /// All but `Full`. A refused frame (`RawImage`, `WrongSize`, `WrongInput`, `Time`,
     /// `Discontinuity`) leaves the encoder as it was; after `Stalled` or `Failed` start a new one.
     pub fn push<'a>(
         &mut self,
@@ -385,10 +385,10 @@ impl Encoder {
             });
             state = after;
             if stalled {
-                let pictures = state.in_flight.len();
+                let images = state.in_flight.len();
                 return Err(EncodeError::Stalled {
                     after: STALL,
-                    pictures,
+                    images,
                 });
             }
         }
@@ -411,7 +411,7 @@ impl Encoder {
         let state = lock(&self.shared.state);
         if state.failure.is_none() && state.in_flight.len() >= self.max_in_flight {
             return Err(EncodeError::Full {
-                pictures: state.in_flight.len(),
+                images: state.in_flight.len(),
             });
         }
         drop(state);
@@ -437,15 +437,15 @@ impl Encoder {
         let (state, late) = wait_while(&self.shared.changed, state, timeout, |state| {
             state.failure.is_none() && !state.ended
         });
-        let pictures = state.in_flight.len();
+        let images = state.in_flight.len();
         match state.failure.clone() {
             Some(reason) => Err(EncodeError::Failed(reason)),
             None if late => Err(EncodeError::Stalled {
                 after: timeout,
-                pictures,
+                images,
             }),
-            None if pictures > 0 => Err(EncodeError::Failed(format!(
-                "it ended without access units for its last {pictures} frames"
+            None if images > 0 => Err(EncodeError::Failed(format!(
+                "it ended without access units for its last {images} frames"
             ))),
             None => Ok(()),
         }

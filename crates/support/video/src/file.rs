@@ -30,7 +30,7 @@ use thiserror::Error;
 
 use crate::decoder::STALL;
 use crate::pipeline::{self, InitError, News, Running, lock};
-use crate::{Picture, layout};
+use crate::{RawImage, layout};
 
 /// Decoded images that wait to be taken.
 const AHEAD: u32 = 2;
@@ -38,7 +38,7 @@ const AHEAD: u32 = 2;
 const MAX_PIXELS: u64 = 1 << 26;
 /// How often a failure is looked for while an image is waited for.
 const SLICE_MS: u64 = 50;
-/// Full range BT.601, as GStreamer writes it: what a [`Picture`] holds.
+/// Full range BT.601, as GStreamer writes it: what a [`RawImage`] holds.
 const COLOURS: &str = "1:4:0:0";
 
 /// Why a video file cannot be read.
@@ -93,7 +93,7 @@ pub struct FileFrame {
     /// The decoder says that it is damaged.
     pub damaged: bool,
     /// I420.
-    pub picture: Picture,
+    pub image: RawImage,
 }
 
 /// An open file.
@@ -150,8 +150,8 @@ impl VideoFile {
             .and_then(|second| second.time_ns?.checked_sub(first.time_ns?));
         let measured_hz = step_ns.filter(|ns| *ns > 0).map(|ns| 1e9 / ns as f64);
         file.info = FileInfo {
-            width: first.picture.width,
-            height: first.picture.height,
+            width: first.image.width,
+            height: first.image.height,
             rate_hz: told_hz.or(measured_hz),
             colour: file.has_chroma(),
         };
@@ -287,7 +287,7 @@ fn frame(sample: &gst::Sample) -> Result<(FileFrame, Option<f64>), String> {
     let frame = FileFrame {
         time_ns: time.and_then(|time| i64::try_from(time.nseconds()).ok()),
         damaged: buffer.flags().contains(gst::BufferFlags::CORRUPTED),
-        picture: layout::to_picture(buffer, &info)?,
+        image: layout::to_image(buffer, &info)?,
     };
     Ok((frame, (rate_hz > 0.0).then_some(rate_hz)))
 }

@@ -7,10 +7,10 @@ use gstreamer as gst;
 use gstreamer_video as gst_video;
 use gstreamer_video::prelude::*;
 
-use crate::picture::rows::{self, Layout as Source, Strided, Window};
-use crate::{Picture, PixelFormat};
+use crate::raw_image::rows::{self, Layout as Source, Strided, Window};
+use crate::{PixelFormat, RawImage};
 
-/// GStreamer's names of the layouts that can be made into a [`Picture`].
+/// GStreamer's names of the layouts that can be made into a [`RawImage`].
 pub(crate) const READABLE: [&str; 5] = ["I420", "NV12", "YUY2", "UYVY", "GRAY8"];
 
 /// Where a plane begins, the distance between its rows, and how much of a row is image.
@@ -21,12 +21,12 @@ struct Rows {
 }
 
 /// An I420 image as a buffer of raw video with GStreamer's default strides.
-pub(crate) fn to_buffer(picture: &Picture) -> Result<gst::Buffer, String> {
-    let (width, height) = (picture.width, picture.height);
+pub(crate) fn to_buffer(image: &RawImage) -> Result<gst::Buffer, String> {
+    let (width, height) = (image.width, image.height);
     let info = gst_video::VideoInfo::builder(gst_video::VideoFormat::I420, width, height)
         .build()
         .map_err(|error| error.to_string())?;
-    let planes = picture.planes().map_err(|error| error.to_string())?;
+    let planes = image.planes().map_err(|error| error.to_string())?;
     let rows: Vec<Rows> = planes
         .iter()
         .zip(info.offset().iter().zip(info.stride()))
@@ -36,8 +36,8 @@ pub(crate) fn to_buffer(picture: &Picture) -> Result<gst::Buffer, String> {
             width: plane.width,
         })
         .collect();
-    if info.size() == picture.data.len() && rows.iter().all(|rows| rows.stride == rows.width) {
-        return Ok(gst::Buffer::from_slice(picture.data.clone()));
+    if info.size() == image.data.len() && rows.iter().all(|rows| rows.stride == rows.width) {
+        return Ok(gst::Buffer::from_slice(image.data.clone()));
     }
     // Written once, in order: only what lies between the rows is filled.
     let mut padded = Vec::with_capacity(info.size());
@@ -54,29 +54,29 @@ pub(crate) fn to_buffer(picture: &Picture) -> Result<gst::Buffer, String> {
 }
 
 /// A decoded sample as an I420 image. NV12 and grey, which some decoders give, are converted.
-pub(crate) fn from_sample(sample: &gst::Sample) -> Result<Picture, String> {
+pub(crate) fn from_sample(sample: &gst::Sample) -> Result<RawImage, String> {
     let caps = sample.caps().ok_or("decoded image without caps")?;
     let info = gst_video::VideoInfo::from_caps(caps).map_err(|error| error.to_string())?;
     let buffer = sample.buffer().ok_or("decoded image without data")?;
-    to_picture(buffer, &info)
+    to_image(buffer, &info)
 }
 
 /// A buffer of raw video in system memory as an I420 image, with one copy.
-pub(crate) fn to_picture(
+pub(crate) fn to_image(
     buffer: &gst::BufferRef,
     info: &gst_video::VideoInfo,
-) -> Result<Picture, String> {
+) -> Result<RawImage, String> {
     let (width, height) = (info.width(), info.height());
     let mut data = blank(width, height)?;
     copy_into(buffer, info, Window::whole(&mut data, width, height))?;
-    Picture::new(width, height, PixelFormat::I420, data).map_err(|error| error.to_string())
+    RawImage::new(width, height, PixelFormat::I420, data).map_err(|error| error.to_string())
 }
 
 /// Two buffers of the same size beside each other as one I420 image, with one copy of each.
 pub(crate) fn to_side_by_side(
     left: (&gst::BufferRef, &gst_video::VideoInfo),
     right: (&gst::BufferRef, &gst_video::VideoInfo),
-) -> Result<Picture, String> {
+) -> Result<RawImage, String> {
     let size = |info: &gst_video::VideoInfo| (info.width(), info.height());
     if size(left.1) != size(right.1) {
         let (left, right) = (size(left.1), size(right.1));
@@ -98,7 +98,7 @@ pub(crate) fn to_side_by_side(
         };
         copy_into(buffer, info, window)?;
     }
-    Picture::new(width, height, PixelFormat::I420, data).map_err(|error| error.to_string())
+    RawImage::new(width, height, PixelFormat::I420, data).map_err(|error| error.to_string())
 }
 
 fn blank(width: u32, height: u32) -> Result<Vec<u8>, String> {

@@ -3,7 +3,7 @@
 //! A leaf: it knows frames, times in integer nanoseconds and compressed bytes, and nothing of
 //! sessions, devices or configuration files.
 //!
-//! - [`picture`]: uncompressed frames, colour layouts, PSNR.
+//! - [`image`]: uncompressed frames, colour layouts, PSNR.
 //! - [`annexb`]: looking at compressed bytes without decoding them.
 //! - [`references`]: whether a compressed frame's references are there, without decoding.
 //! - [`capture`]: cameras that come through GStreamer, with times on the clock of the host.
@@ -19,7 +19,7 @@
 //! ```
 //! use std::sync::{Arc, Mutex};
 //! use std::time::Duration;
-//! use video::{Decoder, Encoder, EncoderEvent, EncoderSettings, Picture, PixelFormat};
+//! use video::{Decoder, Encoder, EncoderEvent, EncoderSettings, RawImage, PixelFormat};
 //!
 //! # fn main() -> Result<(), Box<dyn std::error::Error>> {
 //! let settings = EncoderSettings {
@@ -41,18 +41,18 @@
 //!         EncoderEvent::Failed(reason) => eprintln!("{reason}"),
 //!     }),
 //! )?;
-//! let grey = Picture::new(64, 32, PixelFormat::I420, vec![128; 64 * 32 * 3 / 2])?;
+//! let grey = RawImage::new(64, 32, PixelFormat::I420, vec![128; 64 * 32 * 3 / 2])?;
 //! for number in 0..10 {
-//!     // Every fifth picture begins a group that can be decoded alone.
+//!     // Every fifth image begins a group that can be decoded alone.
 //!     encoder.push(1_000_000_007 + number * 33_333_333, &grey, number % 5 == 0)?;
 //! }
 //! let codec = encoder.codec();
 //! encoder.finish(Duration::from_secs(10))?;
 //!
 //! let units = units.lock().unwrap();
-//! let pictures = Decoder::new(codec).decode(&units[5..])?;
-//! assert_eq!(pictures.len(), 5);
-//! assert_eq!(pictures[0].0, 1_000_000_007 + 5 * 33_333_333);
+//! let images = Decoder::new(codec).decode(&units[5..])?;
+//! assert_eq!(images.len(), 5);
+//! assert_eq!(images[0].0, 1_000_000_007 + 5 * 33_333_333);
 //! # Ok(())
 //! # }
 //! ```
@@ -69,9 +69,9 @@ pub mod file;
 mod layout;
 pub mod mp4;
 pub mod native;
-pub mod picture;
 mod pipeline;
 pub mod preview;
+pub mod raw_image;
 pub mod references;
 pub mod still;
 
@@ -80,5 +80,5 @@ pub use codec::Codec;
 pub use decoder::{DecodeError, Decoder};
 pub use encoder::{AccessUnit, EncodeError, Encoder, EncoderEvent, EncoderSettings, Input};
 pub use native::{NativeError, NativeFormat, NativeFrame};
-pub use picture::{Picture, PictureError, PixelFormat};
 pub use pipeline::{InitError, init, version};
+pub use raw_image::{PixelFormat, RawImage, RawImageError};

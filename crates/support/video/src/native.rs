@@ -1,10 +1,10 @@
 //! Frames that stay where GStreamer put them: a camera's own buffer on its way to an encoder.
 //!
-//! Contract: cloning shares the buffer; nothing here copies pixels but [`NativeFrame::to_picture`].
+//! Contract: cloning shares the buffer; nothing here copies pixels but [`NativeFrame::to_image`].
 //! The buffer goes back to its camera when the last clone is dropped, and cameras have few of them
 //! (nvarguscamerasrc: eight), so hold few frames, and briefly. *In device
 //! memory* (NVMM on a Jetson) pixels cannot be read: [`NativeFrame::digest`] returns `None`, and
-//! [`NativeFrame::to_picture`] fails. The paths through NVMM have never been run on hardware by
+//! [`NativeFrame::to_image`] fails. The paths through NVMM have never been run on hardware by
 //! this project.
 
 use std::fmt;
@@ -15,7 +15,7 @@ use gstreamer_video as gst_video;
 use gstreamer_video::prelude::*;
 use thiserror::Error;
 
-use crate::{Picture, layout};
+use crate::{RawImage, layout};
 
 /// Device memory of a Jetson, as GStreamer's caps call it.
 pub(crate) const NVMM: &str = "memory:NVMM";
@@ -165,11 +165,11 @@ impl NativeFrame {
     ///
     /// # Errors
     /// See [`NativeError`].
-    pub fn to_picture(&self) -> Result<Picture, NativeError> {
+    pub fn to_image(&self) -> Result<RawImage, NativeError> {
         if let Some(memory) = self.format.device_memory() {
             return Err(NativeError::DeviceMemory(memory));
         }
-        layout::to_picture(&self.buffer, &self.format.info).map_err(NativeError::Unreadable)
+        layout::to_image(&self.buffer, &self.format.info).map_err(NativeError::Unreadable)
     }
 
     pub(crate) fn buffer(&self) -> &gst::Buffer {

@@ -19,7 +19,7 @@ use thiserror::Error;
 
 use crate::native::NVMM;
 use crate::pipeline::{self, InitError, News, Running, lock};
-use crate::{NativeFormat, NativeFrame, PictureError, PixelFormat};
+use crate::{NativeFormat, NativeFrame, PixelFormat, RawImageError};
 
 /// How small, how often, how good.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -45,7 +45,7 @@ pub enum PreviewError {
     Settings(String),
     /// No frame can have this size.
     #[error(transparent)]
-    Size(#[from] PictureError),
+    Size(#[from] RawImageError),
     /// This machine cannot make one of these frames.
     #[error("starting a preview: {0}")]
     Start(String),

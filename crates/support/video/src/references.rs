@@ -13,8 +13,8 @@
 //! a frame.
 //!
 //! Sources: ITU-T H.264 (08/2021) clauses 7.3.2.1, 7.3.3, 7.4.3 (frame_num); ITU-T H.265
-//! (08/2021) clauses 7.3.2.2, 7.3.2.3, 7.3.6, 7.3.7, 7.4.8 (reference picture sets), 8.3.1
-//! (picture order count).
+//! (08/2021) clauses 7.3.2.2, 7.3.2.3, 7.3.6, 7.3.7, 7.4.8 (reference image sets), 8.3.1
+//! (image order count).
 
 use crate::{Codec, annexb};
 

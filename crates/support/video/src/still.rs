@@ -14,7 +14,7 @@ use std::ops::Range;
 use bytes::Bytes;
 use thiserror::Error;
 
-use crate::{AccessUnit, Codec, DecodeError, Decoder, Picture};
+use crate::{AccessUnit, Codec, DecodeError, Decoder, RawImage};
 
 mod look;
 mod small;
@@ -137,9 +137,9 @@ pub fn stills(
     for position in chosen {
         let key = frames[position].key.min(position);
         match decode(&mut decoder, key..position + 1, read)? {
-            Some(picture) => {
+            Some(image) => {
                 found.looked_at += 1;
-                keep(&mut seen, Seen::of(position, &picture), middle);
+                keep(&mut seen, Seen::of(position, &image), middle);
             }
             None => found.undecodable += 1,
         }
@@ -154,14 +154,14 @@ pub fn stills(
         ];
         let roles: Vec<Role> = roles.into_iter().flatten().collect();
         let Some(last) = roles.last() else { continue };
-        let (eye, look, picture) = one.eye(*last == Role::LeastSharp);
+        let (eye, look, image) = one.eye(*last == Role::LeastSharp);
         let frame = frames[one.position];
         found.stills.push(Still {
             number: frame.number,
             time_ns: frame.time_ns,
             eye,
             look,
-            jpeg: small::jpeg(picture, settings.width, settings.quality)?,
+            jpeg: small::jpeg(image, settings.width, settings.quality)?,
             roles,
         });
     }
@@ -191,7 +191,7 @@ fn decode(
     decoder: &mut Decoder,
     run: Range<usize>,
     read: &mut dyn FnMut(usize) -> Option<Bytes>,
-) -> Result<Option<Picture>, StillError> {
+) -> Result<Option<RawImage>, StillError> {
     let units = run.enumerate().map(|(k, position)| {
         Some(AccessUnit {
             pts_ns: k as i64 * FRAME_NS,
@@ -203,26 +203,26 @@ fn decode(
         return Ok(None);
     };
     let last_ns = (units.len() as i64 - 1) * FRAME_NS;
-    let pictures = match decoder.decode(&units) {
-        Ok(pictures) | Err(DecodeError::Incomplete { pictures, .. }) => pictures,
+    let images = match decoder.decode(&units) {
+        Ok(images) | Err(DecodeError::Incomplete { images, .. }) => images,
         Err(error @ (DecodeError::NoDecoder { .. } | DecodeError::Init(_))) => {
             return Err(error.into());
         }
         Err(_) => Vec::new(),
     };
-    let last = pictures.into_iter().last();
+    let last = images.into_iter().last();
     Ok(last.filter(|(at, _)| *at == last_ns).map(|(_, p)| p))
 }
 
 /// A decoded frame and what its eyes look like.
 struct Seen {
     position: usize,
-    eyes: Vec<(&'static str, Look, Picture)>,
+    eyes: Vec<(&'static str, Look, RawImage)>,
 }
 
 impl Seen {
-    fn of(position: usize, both: &Picture) -> Self {
-        let eyes = match crate::picture::split(both) {
+    fn of(position: usize, both: &RawImage) -> Self {
+        let eyes = match crate::raw_image::split(both) {
             Ok((left, right)) => vec![("left", left), ("right", right)],
             Err(_) => vec![("both", both.clone())],
         };
@@ -236,15 +236,15 @@ impl Seen {
     }
 
     /// The left eye, or the less sharp one.
-    fn eye(&self, is_worst: bool) -> (&'static str, Look, &Picture) {
-        let sharpness = |eye: &&(&'static str, Look, Picture)| eye.1.sharpness;
+    fn eye(&self, is_worst: bool) -> (&'static str, Look, &RawImage) {
+        let sharpness = |eye: &&(&'static str, Look, RawImage)| eye.1.sharpness;
         let worst = self.eyes.iter();
         let worst = worst.min_by(|a, b| sharpness(a).total_cmp(&sharpness(b)));
-        let (name, look, picture) = match is_worst {
+        let (name, look, image) = match is_worst {
             true => worst.unwrap_or(&self.eyes[0]),
             false => &self.eyes[0],
         };
-        (name, *look, picture)
+        (name, *look, image)
     }
 
     fn sharpness(&self) -> f64 {

@@ -5,8 +5,8 @@ use std::sync::mpsc::{Receiver, RecvTimeoutError, sync_channel};
 use std::time::Duration;
 
 use video::encoder::MAX_IN_FLIGHT;
-use video::{AccessUnit, Codec, EncodeError, Encoder, EncoderEvent, EncoderSettings, Picture};
-use video::{PictureError, mp4};
+use video::{AccessUnit, Codec, EncodeError, Encoder, EncoderEvent, EncoderSettings, RawImage};
+use video::{RawImageError, mp4};
 
 /// A software encoder of GStreamer's common plugins, so that bytes are the same on all machines.
 pub(crate) const ELEMENT: &str = "x264enc";
@@ -26,7 +26,7 @@ pub enum FilmError {
     Encoder(String),
     /// Unsupported image size.
     #[error("encoding images")]
-    Picture(#[from] PictureError),
+    RawImage(#[from] RawImageError),
     /// The file could not be written.
     #[error("writing a film to {}", path.display())]
     Write {
@@ -71,7 +71,7 @@ impl Film {
     pub(crate) fn encode(
         &mut self,
         time_ns: i64,
-        image: &Picture,
+        image: &RawImage,
         key: bool,
     ) -> Result<AccessUnit, FilmError> {
         self.encoder.push(time_ns, image, key)?;

@@ -98,17 +98,17 @@ impl Stage<Input> for DepthStage {
             for (frame, keyframe) in frames.zip(chosen.values()) {
                 match frame {
                     Ok(frame) => {
-                        let picture =
+                        let image =
                             pair.depth(&frame.left.data, &frame.right.data, &self.networks)?;
-                        share += picture.depth.iter().filter(|d| **d > 0).count() as f64
-                            / picture.depth.len().max(1) as f64;
+                        share += image.depth.iter().filter(|d| **d > 0).count() as f64
+                            / image.depth.len().max(1) as f64;
                         let key = DepthKey {
                             view,
                             time_ns: keyframe.time_ns,
                             frame: keyframe.frame,
                             set: keyframe.set,
                         };
-                        writer.write(key, &picture)?;
+                        writer.write(key, &image)?;
                         keyframes.push(*keyframe);
                     }
                     Err(loss) => work.record_loss_from(&loss),

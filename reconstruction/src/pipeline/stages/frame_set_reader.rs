@@ -58,9 +58,9 @@ fn borrowed(view: &session_input::View) -> View<'_> {
     }
 }
 
-fn luma_view(picture: &Image) -> ImageView<'_> {
-    let (width, height) = (picture.width as usize, picture.height as usize);
-    ImageView::new(width, height, width, &picture.data).expect("a decoded luma image is complete")
+fn luma_view(image: &Image) -> ImageView<'_> {
+    let (width, height) = (image.width as usize, image.height as usize);
+    ImageView::new(width, height, width, &image.data).expect("a decoded luma image is complete")
 }
 
 /// All frame sets of a hand-off, in order of time.

@@ -93,16 +93,16 @@ impl Networks {
     }
 
     /// Movable pixels of an image, rows first, if there is a segmentation network.
-    pub(super) fn movable(&self, picture: &Image) -> Result<Option<Vec<bool>>, StageError> {
+    pub(super) fn movable(&self, image: &Image) -> Result<Option<Vec<bool>>, StageError> {
         let Some(network) = self.segmentation.as_deref() else {
             return Ok(None);
         };
-        let (width, height) = (picture.width as usize, picture.height as usize);
-        let picture = match picture.color {
-            Color::Grey => learned::ImageView::gray(width, height, &picture.data)?,
-            Color::Rgb => learned::ImageView::rgb(width, height, &picture.data)?,
+        let (width, height) = (image.width as usize, image.height as usize);
+        let image = match image.color {
+            Color::Grey => learned::ImageView::gray(width, height, &image.data)?,
+            Color::Rgb => learned::ImageView::rgb(width, height, &image.data)?,
         };
-        Ok(Some(lock(network).run(&picture)?.movable))
+        Ok(Some(lock(network).run(&image)?.movable))
     }
 }
 
@@ -144,7 +144,7 @@ impl Networks {
     }
 
     /// None.
-    pub(super) fn movable(&self, _picture: &Image) -> Result<Option<Vec<bool>>, StageError> {
+    pub(super) fn movable(&self, _image: &Image) -> Result<Option<Vec<bool>>, StageError> {
         Ok(None)
     }
 }
@@ -218,11 +218,11 @@ mod tests {
             return;
         };
         let folder = tempfile::tempdir().expect("a folder");
-        let picture: [i64; 4] = [1, 1, -1, -1];
+        let image: [i64; 4] = [1, 1, -1, -1];
         let stereo = Graph::default()
-            .input("left", F32, &picture)
-            .input("right", F32, &picture)
-            .output("out", F32, &picture)
+            .input("left", F32, &image)
+            .input("right", F32, &image)
+            .output("out", F32, &image)
             .node("Sub", &["left", "right"], "out", &[])
             .write(folder.path(), "stereo.onnx");
         std::fs::write(
@@ -232,7 +232,7 @@ mod tests {
         .expect("settings");
         // Class 1 is where the image is brighter than 0.
         let segmentation = Graph::default()
-            .input("image", F32, &picture)
+            .input("image", F32, &image)
             .output("out", F32, &[1, 2, -1, -1])
             .node("Sub", &["image", "image"], "zero", &[])
             .node(

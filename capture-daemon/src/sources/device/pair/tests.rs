@@ -1,7 +1,7 @@
 //! Two fake cameras.
 
 use session_archive::time::NS_PER_S;
-use video::{Picture, PixelFormat};
+use video::{PixelFormat, RawImage};
 
 use super::*;
 
@@ -36,7 +36,7 @@ fn frame(eye: Eye, number: u64, time_ns: i64) -> Sample {
         Eye::Left => number as u8,
         Eye::Right => 100 + number as u8,
     };
-    let image = Picture::new(4, 2, PixelFormat::I420, vec![grey; 12]).expect("an image");
+    let image = RawImage::new(4, 2, PixelFormat::I420, vec![grey; 12]).expect("an image");
     Sample::Frame(RawFrame {
         number,
         device_ticks: time_ns,

@@ -84,9 +84,9 @@ fn one_camera(
     let settings = simulation.settings();
     let (width, height) = (settings.width as usize, settings.height as usize);
     let mut found = Vec::new();
-    let mut pictures = simulation.frames(camera);
+    let mut images = simulation.frames(camera);
     for instant in (0..settings.frame_count()).step_by(every) {
-        let frame = pictures.expose(instant, settings.frame_ns(instant));
+        let frame = images.expose(instant, settings.frame_ns(instant));
         let instant = instant as usize;
         for side in 0..2 {
             let luma = &frame.i420[side * width..frame.width * height];

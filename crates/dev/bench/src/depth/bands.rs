@@ -80,7 +80,7 @@ fn compare(frames: &[Frame], preset: Preset) -> Result<Sums> {
     let mut matcher = Matcher::new(settings, first.width, first.height)?;
     let mut banded = BandedMatcher::new(settings, first.width, band.clone())?;
     for frame in frames {
-        let [left, right] = frame.pictures();
+        let [left, right] = frame.images();
         let (result, took) = timed(|| matcher.run(&left, &right, &band).map(drop));
         result?;
         sums.full_s += took.wall_s;

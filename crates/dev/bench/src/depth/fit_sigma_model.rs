@@ -38,7 +38,7 @@ pub(super) fn fit() -> Result<String> {
 }
 
 fn samples_of(preset: Preset, frame: &Frame, number: usize) -> Result<Vec<Sample>> {
-    let [left, right] = frame.pictures();
+    let [left, right] = frame.images();
     // Results of smaller images use the same model.
     let mut config = Config::preset(preset);
     config.downsample = None;
@@ -115,7 +115,7 @@ pub(super) fn check(places: &[Place], frames: &[Found]) -> Result<Vec<Group>> {
 
 /// Scores of a preset on a frame.
 pub(super) fn score(preset: Preset, frame: &Frame) -> Result<Scores> {
-    let [left, right] = frame.pictures();
+    let [left, right] = frame.images();
     let mut matcher = Matcher::new(Config::preset(preset), frame.width, frame.height)?;
     let map = matcher.run(&left, &right, &Band::full(0, frame.range, frame.height)?)?;
     Ok(Scores::of(map, frame.truth())?)

@@ -65,7 +65,7 @@ impl Frame {
     }
 
     /// The left and the right image.
-    pub(crate) fn pictures(&self) -> [depth::ImageView<'_>; 2] {
+    pub(crate) fn images(&self) -> [depth::ImageView<'_>; 2] {
         [0, 1].map(|eye| {
             depth::ImageView::packed(self.width, self.height, &self.eyes[eye])
                 .expect("eyes are of the size of the frame")
@@ -158,7 +158,7 @@ impl Walk {
             rectification.rectified_from_left,
             rectification.rectified_from_right,
         ];
-        let mut pictures = self.simulation.frames(camera);
+        let mut images = self.simulation.frames(camera);
         let mut truths = self.simulation.ground_truth(camera);
         let mut frames = Vec::new();
         let mut last = None;
@@ -166,10 +166,10 @@ impl Walk {
             let time_ns = self.simulation.settings().frame_ns(number);
             // Consecutive images continue the exposure control; after a gap it settles again.
             if last.is_none_or(|last| last + 1 != number) {
-                pictures.settle(time_ns);
+                images.settle(time_ns);
             }
             last = Some(number);
-            let shot = pictures.expose(number, time_ns);
+            let shot = images.expose(number, time_ns);
             let eyes = [0, 1].map(|eye| remaps[eye].apply(&shot.gray(eye), 0));
             let disparity = [0, 1].map(|eye| {
                 let seen = truths.render(eye, time_ns);

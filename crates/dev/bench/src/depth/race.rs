@@ -97,7 +97,7 @@ impl Race {
             for ((_, scores), map) in theirs.iter_mut().zip(&maps) {
                 scores.add(&Scores::of(map, frame.truth())?);
             }
-            let [left, right] = frame.pictures();
+            let [left, right] = frame.images();
             let band = Band::full(0, frame.range, frame.height)?;
             let mut matchers = Vec::new();
             for ((_, settings), (_, scores, answers)) in ours.iter().zip(&mut own) {
@@ -301,7 +301,7 @@ pub(super) fn rate(quick: bool) -> Result<Value> {
                 frame.width == RATE_SIZE[0] as usize,
                 "an image of another size"
             );
-            let [left, right] = frame.pictures();
+            let [left, right] = frame.images();
             let band = Band::full(0, RATE_RANGE, frame.height)?;
             let mut matcher = Matcher::new(Config::preset(preset), frame.width, frame.height)?;
             matcher.run(&left, &right, &band)?;

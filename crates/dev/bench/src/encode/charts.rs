@@ -17,13 +17,13 @@ pub(super) fn draw(
 ) -> Vec<(String, String)> {
     let mut charts = Vec::new();
     for clip in clips {
-        let picture = &clip.pictures[0];
+        let image = &clip.images[0];
         let subtitle = format!(
             "{}: {}, {}x{} at {} Hz; labels: quality target, dB",
             clip.name,
             clip.shows,
-            picture.width,
-            picture.height,
+            image.width,
+            image.height,
             (clip.rate_hz * 100.0).round() / 100.0
         );
         let chart = |title: &str, x: Axis, of: &dyn Fn(&Point) -> f64| {

@@ -6,7 +6,7 @@ use std::time::Duration;
 
 use anyhow::{Context, Result, ensure};
 use serde_json::{Value, json};
-use video::picture::psnr;
+use video::raw_image::psnr;
 use video::{AccessUnit, Decoder, Encoder, EncoderEvent, EncoderSettings};
 
 use super::material::Clip;
@@ -98,18 +98,18 @@ pub(super) fn measure(
     let codec = video::encoder::element_codec(element).context("an encoder without a codec")?;
     let decoded = Decoder::with_threads(codec, 0).decode(&units)?;
     ensure!(
-        decoded.len() == clip.pictures.len(),
+        decoded.len() == clip.images.len(),
         "{} of {} frames were decoded",
         decoded.len(),
-        clip.pictures.len()
+        clip.images.len()
     );
     let each: Vec<f64> = clip
-        .pictures
+        .images
         .iter()
         .zip(&decoded)
         .map(|(before, (_, after))| psnr(before, after))
         .collect();
-    let count = clip.pictures.len() as f64;
+    let count = clip.images.len() as f64;
     let bytes: usize = units.iter().map(|unit| unit.data.len()).sum();
     Ok(Point {
         element,
@@ -131,7 +131,7 @@ fn encode(
     quality_db: f64,
     passes: usize,
 ) -> Result<(u32, Vec<AccessUnit>)> {
-    let first = &clip.pictures[0];
+    let first = &clip.images[0];
     let settings = EncoderSettings {
         element: element.to_owned(),
         width: first.width,
@@ -155,11 +155,11 @@ fn encode(
     let quantiser = encoder.quantiser();
     let period_ns = (1e9 / clip.rate_hz) as i64;
     let mut half_second = -1;
-    let pictures = (0..passes).flat_map(|_| &clip.pictures);
-    for (picture, time_ns) in pictures.zip((0..).map(|n| n * period_ns)) {
+    let images = (0..passes).flat_map(|_| &clip.images);
+    for (image, time_ns) in images.zip((0..).map(|n| n * period_ns)) {
         let key = time_ns / 500_000_000 > half_second;
         half_second = time_ns / 500_000_000;
-        encoder.push(time_ns, picture, key)?;
+        encoder.push(time_ns, image, key)?;
     }
     encoder.finish(ENCODER_TIMEOUT)?;
     let mut output = output.lock().unwrap_or_else(PoisonError::into_inner);

@@ -22,7 +22,7 @@ use serde_json::{Value, json};
 use session_archive::index::Index;
 use session_archive::reader::SessionReader;
 use session_archive::storage::DiskStorage;
-use video::{Encoder, EncoderSettings, Picture};
+use video::{Encoder, EncoderSettings, RawImage};
 
 use super::curve::round;
 use super::material;
@@ -123,7 +123,7 @@ pub(super) fn measure(plan: &Plan) -> Result<Option<Share>> {
         return Ok(None);
     }
     let folder = memory_folder()?;
-    let bare = Bare::new(folder.path(), &clip.pictures)?;
+    let bare = Bare::new(folder.path(), &clip.images)?;
     let disk = meter::on_disk(None)?;
     let disk = tempfile::tempdir_in(&disk).context("making a folder for sessions")?;
     let daemon = Daemon::new(disk.path(), &kitti)?;
@@ -219,15 +219,15 @@ struct Daemon {
 }
 
 impl Daemon {
-    fn new(folder: &Path, pictures: &Path) -> Result<Self> {
-        let pictures = fs::canonicalize(pictures).context("finding the KITTI pairs")?;
+    fn new(folder: &Path, images: &Path) -> Result<Self> {
+        let images = fs::canonicalize(images).context("finding the KITTI pairs")?;
         let mut text =
             format!("[encoder]\nelement = {ELEMENT:?}\nquality_db = {QUALITY_DB:?}\nthreads = 1\n");
         for name in CAMERAS {
             text += &format!(
                 "[[camera]]\nname = {name:?}\n[camera.source]\nkind = \"replay\"\npath = {:?}\n\
                  rate_hz = {RATE_HZ}\nrepeat = true\nimu = false\n",
-                pictures.display().to_string()
+                images.display().to_string()
             );
         }
         let config = folder.join("pawsd.toml");
@@ -285,13 +285,13 @@ struct Bare {
 }
 
 impl Bare {
-    fn new(folder: &Path, pictures: &[Picture]) -> Result<Self> {
-        for (number, picture) in pictures.iter().enumerate() {
+    fn new(folder: &Path, images: &[RawImage]) -> Result<Self> {
+        for (number, image) in images.iter().enumerate() {
             let path = folder.join(format!("{number:06}.i420"));
-            fs::write(&path, padded(picture)?)
+            fs::write(&path, padded(image)?)
                 .with_context(|| format!("writing {}", path.display()))?;
         }
-        let (width, height) = (pictures[0].width, pictures[0].height);
+        let (width, height) = (images[0].width, images[0].height);
         let settings = EncoderSettings {
             element: ELEMENT.to_owned(),
             width,
@@ -316,7 +316,7 @@ impl Bare {
                  quantizer={quantiser} ip-factor=1.0 key-int-max={KEY_INTERVAL} bframes=0 \
                  threads=1 sliced-threads=false aud=false option-string=scenecut=0:open-gop=0"
             ),
-            last: pictures.len() - 1,
+            last: images.len() - 1,
         })
     }
 
@@ -381,10 +381,10 @@ impl Bare {
 
 /// The planes with rows padded to a multiple of four bytes, as GStreamer expects raw video in a
 /// file.
-fn padded(picture: &Picture) -> Result<Vec<u8>> {
-    picture.check()?;
-    let (width, height) = (picture.width as usize, picture.height as usize);
-    let mut planes = &picture.data[..];
+fn padded(image: &RawImage) -> Result<Vec<u8>> {
+    image.check()?;
+    let (width, height) = (image.width as usize, image.height as usize);
+    let mut planes = &image.data[..];
     let mut out = Vec::new();
     for (width, height) in [
         (width, height),

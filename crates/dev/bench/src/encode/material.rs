@@ -8,7 +8,7 @@ use capture_daemon::sources::synthetic::Synthetic;
 use capture_daemon::sources::{Sample, Source};
 use serde_json::{Value, json};
 use session_archive::time::HostTime;
-use video::Picture;
+use video::RawImage;
 
 /// Stereo frames as the daemon gets them: side by side, I420.
 pub(super) struct Clip {
@@ -17,7 +17,7 @@ pub(super) struct Clip {
     /// Description of the content.
     pub(super) shows: &'static str,
     pub(super) rate_hz: f64,
-    pub(super) pictures: Vec<Picture>,
+    pub(super) images: Vec<RawImage>,
 }
 
 impl Clip {
@@ -25,10 +25,10 @@ impl Clip {
         json!({
             "name": self.name,
             "shows": self.shows,
-            "width": self.pictures[0].width,
-            "height": self.pictures[0].height,
+            "width": self.images[0].width,
+            "height": self.images[0].height,
             "rate_hz": self.rate_hz,
-            "frames": self.pictures.len(),
+            "frames": self.images.len(),
         })
     }
 }
@@ -97,22 +97,22 @@ fn clip(
     count: usize,
 ) -> Result<Clip> {
     let rate_hz = source.info().camera.rate_hz;
-    let mut pictures = Vec::new();
-    while pictures.len() < count {
+    let mut images = Vec::new();
+    while images.len() < count {
         match source
             .next_sample()
             .with_context(|| format!("reading {name}"))?
         {
-            Some(Sample::Frame(frame)) => pictures.push(frame.image),
+            Some(Sample::Frame(frame)) => images.push(frame.image),
             Some(_) => {}
             None => break,
         }
     }
-    anyhow::ensure!(!pictures.is_empty(), "{name} has no images");
+    anyhow::ensure!(!images.is_empty(), "{name} has no images");
     Ok(Clip {
         name,
         shows,
         rate_hz,
-        pictures,
+        images,
     })
 }

@@ -97,18 +97,18 @@ pub(crate) fn run(args: &[String]) -> Result<()> {
         views: Vec::new(),
         imu: Vec::new(),
     };
-    let mut pictures = vec![none; per_minute];
+    let mut images = vec![none; per_minute];
     let (mut each, mut marks) = (Vec::new(), Vec::new());
     for minute in 1..=minutes {
-        pipe.fill(&mut pictures)?;
-        let done = hour.track(minute, &pictures)?;
+        pipe.fill(&mut images)?;
+        let done = hour.track(minute, &images)?;
         println!(
             "minute {minute:2}: {:.2} s, {:.2} s CPU, {:.1} MB, {} keyframes",
             done.wall_s, done.cpu_s, done.memory_mb, done.keyframes
         );
         each.push(done);
     }
-    drop(pictures);
+    drop(images);
     // Only now, so that memory effects of the adjustment do not affect later minutes.
     for minutes in CHECKPOINT_MINUTES.into_iter().filter(|m| *m <= each.len()) {
         let keyframes = each[..minutes].iter().map(|m| m.keyframes).sum();

@@ -6,7 +6,7 @@ use anyhow::{Context as _, Result, anyhow, bail, ensure};
 use gstreamer as gst;
 use gstreamer::prelude::*;
 use gstreamer_app as gst_app;
-use video::Picture;
+use video::RawImage;
 
 /// Encoding and container of a film.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -36,7 +36,7 @@ impl Film {
 pub fn write(
     film: Film,
     rate_hz: i32,
-    pictures: impl IntoIterator<Item = (i64, Picture)>,
+    images: impl IntoIterator<Item = (i64, RawImage)>,
     path: &Path,
 ) -> Result<()> {
     video::init()?;
@@ -58,21 +58,21 @@ pub fn write(
     let mut caps = None;
     let mut last = 0;
     pipeline.set_state(gst::State::Playing)?;
-    for (time_ns, picture) in pictures {
+    for (time_ns, image) in images {
         // Otherwise GStreamer pads rows.
-        ensure!(picture.width.is_multiple_of(8), "{} columns", picture.width);
+        ensure!(image.width.is_multiple_of(8), "{} columns", image.width);
         if caps.is_none() {
             let made = gst::Caps::builder("video/x-raw")
                 .field("format", "I420")
-                .field("width", i32::try_from(picture.width)?)
-                .field("height", i32::try_from(picture.height)?)
+                .field("width", i32::try_from(image.width)?)
+                .field("height", i32::try_from(image.height)?)
                 .field("framerate", gst::Fraction::new(rate_hz, 1))
                 .field("colorimetry", "1:4:0:0")
                 .build();
             source.set_caps(Some(&made));
             caps = Some(made);
         }
-        let mut buffer = gst::Buffer::from_slice(picture.data.clone());
+        let mut buffer = gst::Buffer::from_slice(image.data.clone());
         let of = buffer.get_mut().context("a buffer of our own")?;
         of.set_pts(gst::ClockTime::from_nseconds(u64::try_from(time_ns)?));
         of.set_duration(gst::ClockTime::from_nseconds(

@@ -49,7 +49,7 @@ fn rates_that_are_the_same() {
 }
 
 #[test]
-fn bytes_of_a_picture() {
+fn bytes_of_a_image() {
     let format = |fourcc: &str, bytes_per_line, size_image| Format {
         fourcc: fourcc.parse().unwrap(),
         width: 2560,
@@ -59,28 +59,25 @@ fn bytes_of_a_picture() {
         interval: None,
     };
     assert_eq!(
-        format("YUYV", 5120, 3_686_400).picture_bytes(),
+        format("YUYV", 5120, 3_686_400).image_bytes(),
         Some(3_686_400)
     );
     // Lines with padding, and a buffer with room behind the frame.
     assert_eq!(
-        format("YUYV", 5376, 4_000_000).picture_bytes(),
+        format("YUYV", 5376, 4_000_000).image_bytes(),
         Some(3_870_720)
     );
+    assert_eq!(format("YUYV", 0, 4_000_000).image_bytes(), Some(3_686_400));
     assert_eq!(
-        format("YUYV", 0, 4_000_000).picture_bytes(),
-        Some(3_686_400)
-    );
-    assert_eq!(
-        format("NV12", 2560, 4_000_000).picture_bytes(),
+        format("NV12", 2560, 4_000_000).image_bytes(),
         Some(2_764_800)
     );
     assert_eq!(
-        format("YUYV", u32::MAX, 4_000_000).picture_bytes(),
+        format("YUYV", u32::MAX, 4_000_000).image_bytes(),
         Some(4_000_000)
     );
-    assert_eq!(format("MJPG", 0, 4_000_000).picture_bytes(), None);
-    assert_eq!(format("ABCD", 0, 4_000_000).picture_bytes(), None);
+    assert_eq!(format("MJPG", 0, 4_000_000).image_bytes(), None);
+    assert_eq!(format("ABCD", 0, 4_000_000).image_bytes(), None);
 }
 
 #[test]
@@ -154,7 +151,7 @@ proptest! {
             fourcc, width: numbers[4], height: numbers[5], bytes_per_line: numbers[6],
             size_image: numbers[7], interval: Some(interval),
         };
-        prop_assert!(format.picture_bytes().is_none_or(|b| b <= numbers[7] as usize));
+        prop_assert!(format.image_bytes().is_none_or(|b| b <= numbers[7] as usize));
         let _ = format!("{format} {interval}");
         let mode = Mode { fourcc, width: numbers[4], height: numbers[5], interval };
         for sizes in [Sizes::Stepwise { width, height }, Sizes::Discrete { width: numbers[4], height: numbers[5] }] {

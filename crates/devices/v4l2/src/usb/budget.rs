@@ -42,15 +42,15 @@ impl Demand {
         Some(Self {
             camera: camera.to_owned(),
             mode: format.to_string(),
-            needs: bytes_per_second(format.picture_bytes()? as u64, format.interval?)?,
+            needs: bytes_per_second(format.image_bytes()? as u64, format.interval?)?,
             device: device.clone(),
         })
     }
 }
 
 /// Bytes/s of frames of this many bytes, rounded up; `None` for an undefined interval.
-pub fn bytes_per_second(picture_bytes: u64, interval: Interval) -> Option<u64> {
-    let bytes = u128::from(picture_bytes) * u128::from(interval.denominator);
+pub fn bytes_per_second(image_bytes: u64, interval: Interval) -> Option<u64> {
+    let bytes = u128::from(image_bytes) * u128::from(interval.denominator);
     if interval.numerator == 0 || interval.denominator == 0 {
         return None;
     }

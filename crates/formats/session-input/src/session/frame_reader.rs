@@ -8,7 +8,7 @@ use std::ops::Range;
 use std::sync::Arc;
 
 use session_archive::time::HostTime;
-use video::{Decoder, Picture};
+use video::{Decoder, RawImage};
 
 use super::content::Content;
 use crate::error::{FrameFault, ReadError};
@@ -41,7 +41,7 @@ pub struct StereoFrame {
     pub(crate) camera: usize,
     /// Its position in the camera's index.
     pub(crate) position: usize,
-    pub(crate) image: Picture,
+    pub(crate) image: RawImage,
 }
 
 /// Decodes frames of one camera in any order; fast in the order of their numbers.
@@ -60,7 +60,7 @@ struct Gop {
     /// Positions in the camera's index.
     positions: Range<usize>,
     /// One for each position.
-    images: Vec<Result<Picture, FrameFault>>,
+    images: Vec<Result<RawImage, FrameFault>>,
 }
 
 impl FrameReader {
@@ -127,7 +127,7 @@ impl FrameReader {
     }
 
     /// A stereo frame of the size in the manifest: kept, or else decoded.
-    fn image(&mut self, position: usize) -> Result<Picture, FrameFault> {
+    fn image(&mut self, position: usize) -> Result<RawImage, FrameFault> {
         if let Some(image) = self.content.kept_frames.read(self.camera, position) {
             return Ok(image);
         }
@@ -144,7 +144,7 @@ impl FrameReader {
         Ok(image)
     }
 
-    fn decoded(&mut self, position: usize) -> Result<Picture, FrameFault> {
+    fn decoded(&mut self, position: usize) -> Result<RawImage, FrameFault> {
         let known = self
             .gop
             .take()

@@ -10,7 +10,7 @@ use std::fs::File;
 use std::os::unix::fs::FileExt;
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 
-use video::{Picture, PixelFormat};
+use video::{PixelFormat, RawImage};
 
 /// See the module. The default keeps nothing.
 #[derive(Debug, Default)]
@@ -47,7 +47,7 @@ impl KeptFrames {
     }
 
     /// Keeps a frame, if there is a file with room for it.
-    pub(crate) fn keep(&self, camera: usize, position: usize, image: &Picture) {
+    pub(crate) fn keep(&self, camera: usize, position: usize, image: &RawImage) {
         if image.format != PixelFormat::I420 {
             return;
         }
@@ -78,7 +78,7 @@ impl KeptFrames {
     }
 
     /// A kept frame; `None` if it is not kept or cannot be read.
-    pub(crate) fn read(&self, camera: usize, position: usize) -> Option<Picture> {
+    pub(crate) fn read(&self, camera: usize, position: usize) -> Option<RawImage> {
         let (file, entry) = {
             let store = self.lock();
             let open = store.as_ref()?;
@@ -91,7 +91,7 @@ impl KeptFrames {
         if crc32fast::hash(&data) != entry.crc32 {
             return None;
         }
-        Picture::new(entry.width, entry.height, PixelFormat::I420, data).ok()
+        RawImage::new(entry.width, entry.height, PixelFormat::I420, data).ok()
     }
 
     fn lock(&self) -> MutexGuard<'_, Option<Store>> {
@@ -104,8 +104,8 @@ impl KeptFrames {
 mod tests {
     use super::*;
 
-    fn image(value: u8) -> Picture {
-        Picture::new(4, 2, PixelFormat::I420, vec![value; 12]).expect("4 x 2")
+    fn image(value: u8) -> RawImage {
+        RawImage::new(4, 2, PixelFormat::I420, vec![value; 12]).expect("4 x 2")
     }
 
     #[test]

@@ -84,7 +84,7 @@ fn repeated_times_are_marked_and_missing_ones_end_it() {
     .filter_map(|event| match event {
         CaptureEvent::Frame(frame) => match &frame.content {
             Content::Native(native) => Some(native.stamp_ns() - frame.clock_time_ns),
-            Content::Picture(_) => None,
+            Content::RawImage(_) => None,
         },
         _ => None,
     })

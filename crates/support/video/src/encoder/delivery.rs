@@ -208,7 +208,7 @@ mod tests {
     const DELTA: &[u8] = &[0, 0, 0, 1, 0x41, 0x9a];
 
     #[test]
-    fn the_picture_s_own_time_comes_out() {
+    fn the_image_s_own_time_comes_out() {
         let (shared, events) = shared(&[1_000_000_007, 2_000_000_009]);
         // A driver that counts microseconds.
         shared.deliver(&sample(1_000_000_000, DELTA)).unwrap();
@@ -248,7 +248,7 @@ mod tests {
 
     /// With an element that happens to have an action signal: the real one needs a Jetson.
     #[test]
-    fn a_forcing_signal_waits_for_earlier_pictures() {
+    fn a_forcing_signal_waits_for_earlier_images() {
         let (shared, _events) = shared(&[5, 9]);
         let element = pipeline::make("splitmuxsink").unwrap();
         assert!(pipeline::has_action(&element, "split-now"));

@@ -3,20 +3,20 @@
 use gstreamer as gst;
 
 use super::{EncodeError, Expected};
-use crate::{NativeFrame, Picture, PictureError, PixelFormat, layout};
+use crate::{NativeFrame, PixelFormat, RawImage, RawImageError, layout};
 
 /// One frame for [`super::Encoder::push`].
 #[derive(Debug, Clone, Copy)]
 pub enum Input<'a> {
     /// An I420 frame, for an encoder started with [`super::Encoder::start`].
-    Picture(&'a Picture),
+    RawImage(&'a RawImage),
     /// A camera's buffer, for an encoder started with [`super::Encoder::start_native`].
     Native(&'a NativeFrame),
 }
 
-impl<'a> From<&'a Picture> for Input<'a> {
-    fn from(picture: &'a Picture) -> Self {
-        Input::Picture(picture)
+impl<'a> From<&'a RawImage> for Input<'a> {
+    fn from(image: &'a RawImage) -> Self {
+        Input::RawImage(image)
     }
 }
 
@@ -30,29 +30,29 @@ impl Input<'_> {
     /// Whether this is what the encoder was started for.
     pub(super) fn check(self, expected: &Expected) -> Result<(), EncodeError> {
         match (self, expected) {
-            (Input::Picture(picture), &Expected::Pictures(width, height)) => {
-                if (picture.width, picture.height) != (width, height) {
+            (Input::RawImage(image), &Expected::Images(width, height)) => {
+                if (image.width, image.height) != (width, height) {
                     return Err(EncodeError::WrongSize {
-                        found_width: picture.width,
-                        found_height: picture.height,
+                        found_width: image.width,
+                        found_height: image.height,
                         width,
                         height,
                     });
                 }
-                if picture.format != PixelFormat::I420 {
-                    let (found, expected) = (picture.format, PixelFormat::I420);
-                    return Err(PictureError::WrongFormat { found, expected }.into());
+                if image.format != PixelFormat::I420 {
+                    let (found, expected) = (image.format, PixelFormat::I420);
+                    return Err(RawImageError::WrongFormat { found, expected }.into());
                 }
-                Ok(picture.check()?)
+                Ok(image.check()?)
             }
             (Input::Native(frame), Expected::Native(format)) if frame.format() == format => Ok(()),
             (found, expected) => Err(EncodeError::WrongInput {
                 found: match found {
-                    Input::Picture(picture) => format!("{picture:?}"),
+                    Input::RawImage(image) => format!("{image:?}"),
                     Input::Native(frame) => format!("a native frame of {}", frame.format()),
                 },
                 expected: match expected {
-                    Expected::Pictures(width, height) => format!("{width}x{height} frames"),
+                    Expected::Images(width, height) => format!("{width}x{height} frames"),
                     Expected::Native(format) => format!("native frames of {format}"),
                 },
             }),
@@ -64,15 +64,15 @@ impl Input<'_> {
     /// a shared buffer another time.
     pub(super) fn stamp_ns(self, pts_ns: i64) -> i64 {
         match self {
-            Input::Picture(_) => pts_ns,
+            Input::RawImage(_) => pts_ns,
             Input::Native(frame) => frame.stamp_ns(),
         }
     }
 
     pub(super) fn to_buffer(self, pts_ns: i64) -> Result<gst::Buffer, String> {
         match self {
-            Input::Picture(picture) => {
-                let mut buffer = layout::to_buffer(picture)?;
+            Input::RawImage(image) => {
+                let mut buffer = layout::to_buffer(image)?;
                 if let Some(buffer) = buffer.get_mut() {
                     buffer.set_pts(gst::ClockTime::from_nseconds(pts_ns as u64));
                 }

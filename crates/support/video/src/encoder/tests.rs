@@ -160,8 +160,8 @@ fn native_and_copied_frames_decode_to_the_same() {
     let (native, _) = encode(&settings("x264enc"), &frames);
     let mut decoder = crate::Decoder::new(Codec::H264);
     for ((_, decoded), frame) in decoder.decode(&native).unwrap().iter().zip(&frames) {
-        let original = frame.to_picture().unwrap();
-        let psnr = crate::picture::psnr(&original, decoded);
+        let original = frame.to_image().unwrap();
+        let psnr = crate::raw_image::psnr(&original, decoded);
         assert!(psnr > 40.0, "{psnr} dB");
     }
 }
@@ -169,7 +169,7 @@ fn native_and_copied_frames_decode_to_the_same() {
 #[test]
 fn frames_that_do_not_fit_are_refused() {
     let frames = frames("NV12", 3);
-    let picture = frames[0].to_picture().unwrap();
+    let image = frames[0].to_image().unwrap();
     let ignore = || Box::new(|_: EncoderEvent| ());
     let wide = EncoderSettings {
         width: 640,
@@ -182,7 +182,7 @@ fn frames_that_do_not_fit_are_refused() {
     let mut encoder =
         Encoder::start_native(&settings("x264enc"), frames[0].format(), ignore()).unwrap();
     assert!(matches!(
-        encoder.push(1, &picture, false),
+        encoder.push(1, &image, false),
         Err(EncodeError::WrongInput { .. })
     ));
     encoder.push(2, &frames[1], false).unwrap();
@@ -193,12 +193,12 @@ fn frames_that_do_not_fit_are_refused() {
     ));
     encoder.push(3, &frames[2], false).unwrap();
     encoder.finish(LONG).unwrap();
-    let mut pictures = Encoder::start(&settings("x264enc"), ignore()).unwrap();
+    let mut images = Encoder::start(&settings("x264enc"), ignore()).unwrap();
     assert!(matches!(
-        pictures.push(1, &frames[0], false),
+        images.push(1, &frames[0], false),
         Err(EncodeError::WrongInput { .. })
     ));
-    pictures.push(1, &picture, false).unwrap();
+    images.push(1, &image, false).unwrap();
 }
 
 #[test]

@@ -40,7 +40,7 @@ fn device_memory_is_not_looked_at() {
     assert_eq!(frame.bytes(), 64 * 24);
     assert_eq!(frame.digest(), None);
     assert_eq!(
-        frame.to_picture(),
+        frame.to_image(),
         Err(NativeError::DeviceMemory(NVMM.into()))
     );
 }
@@ -49,19 +49,16 @@ fn device_memory_is_not_looked_at() {
 fn a_buffer_that_is_not_what_its_caps_say_is_an_error() {
     let frame = frame(NV12, 64 * 23, |_| 0);
     assert_eq!(frame.digest(), None);
-    assert!(matches!(
-        frame.to_picture(),
-        Err(NativeError::Unreadable(_))
-    ));
+    assert!(matches!(frame.to_image(), Err(NativeError::Unreadable(_))));
     let compressed: gst::Caps = "image/jpeg".parse().unwrap();
     assert!(NativeFormat::new(&compressed).is_err());
 }
 
 #[test]
-fn every_layout_becomes_the_same_picture() {
+fn every_layout_becomes_the_same_image() {
     // Rows of 12 pixels: GStreamer pads them.
     pipeline::init().unwrap();
-    let planes = |format: &str| -> Picture {
+    let planes = |format: &str| -> RawImage {
         let caps: gst::Caps = format!("video/x-raw,format={format},width=12,height=6")
             .parse()
             .unwrap();
@@ -98,7 +95,7 @@ fn every_layout_becomes_the_same_picture() {
             }
         }
         let frame = NativeFrame::new(buffer, format).unwrap();
-        frame.to_picture().unwrap()
+        frame.to_image().unwrap()
     };
     let expected = planes("I420");
     assert_eq!(expected.data[..3], [0, 1, 2]);

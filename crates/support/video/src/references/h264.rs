@@ -8,7 +8,7 @@ pub(super) struct Reader {
     /// By `seq_parameter_set_id`, 32 of them at most.
     sequences: Vec<(u32, Sequence)>,
     /// `seq_parameter_set_id` by `pic_parameter_set_id`, 256 of them at most.
-    pictures: Vec<(u32, u32)>,
+    images: Vec<(u32, u32)>,
     /// `PrevRefFrameNum`.
     previous: Option<u32>,
 }
@@ -34,8 +34,8 @@ impl Reader {
                 8 => {
                     let mut bits = Bits::new(nal.bytes, 1);
                     if let (Some(id), Some(of)) = (bits.at_most(255), bits.at_most(31)) {
-                        self.pictures.retain(|known| known.0 != id);
-                        self.pictures.push((id, of));
+                        self.images.retain(|known| known.0 != id);
+                        self.images.push((id, of));
                     }
                 }
                 1..=5 => return self.slice(nal.bytes),
@@ -50,8 +50,8 @@ impl Reader {
         let mut bits = Bits::new(nal, 1);
         let _first_macroblock = bits.unsigned()?;
         let _kind = bits.at_most(9)?;
-        let picture = bits.at_most(255)?;
-        let of = self.pictures.iter().find(|known| known.0 == picture)?.1;
+        let image = bits.at_most(255)?;
+        let of = self.images.iter().find(|known| known.0 == image)?.1;
         let sequence = self.sequences.iter().find(|known| known.0 == of)?.1;
         if sequence.separate_planes {
             bits.skip(2)?;

@@ -110,7 +110,7 @@ fn h264_numbers_must_not_jump() {
     assert_eq!(stream.next(&[0, 0, 1, 0x41]), Step::Unknown);
 }
 
-/// H.265 with 4 bits of picture order count. The SPS has two sets: the frame before, and
+/// H.265 with 4 bits of image order count. The SPS has two sets: the frame before, and
 /// (written as a difference to that) the two before.
 fn h265(kind: u8, order: u32, set: u32) -> Vec<u8> {
     let mut unit = Vec::new();

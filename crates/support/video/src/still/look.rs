@@ -1,6 +1,6 @@
 //! What can be measured of one image alone.
 
-use crate::Picture;
+use crate::RawImage;
 
 /// At and beyond these an 8-bit sample says only that it is dark, or bright.
 const CLIPPED: [u8; 2] = [2, 253];
@@ -20,8 +20,8 @@ pub struct Look {
 
 impl Look {
     /// Measures luma. A malformed image gives zeros.
-    pub fn of(picture: &Picture) -> Self {
-        let (Ok(luma), width) = (picture.luma(), picture.width as usize) else {
+    pub fn of(image: &RawImage) -> Self {
+        let (Ok(luma), width) = (image.luma(), image.width as usize) else {
             return Self::default();
         };
         let (mut sum, mut clipped, mut steps, mut pairs) = (0_u64, 0_u64, 0_u64, 0_u64);

@@ -3,23 +3,23 @@
 use jpeg_encoder::{ColorType, Encoder};
 
 use super::StillError;
-use crate::picture::i420_to_rgb;
-use crate::{Picture, PixelFormat};
+use crate::raw_image::i420_to_rgb;
+use crate::{PixelFormat, RawImage};
 
 /// A JPEG at most `width` pixels wide. Rows and columns that fill no whole square are left out.
-pub(super) fn jpeg(picture: &Picture, width: u32, quality: u8) -> Result<Vec<u8>, StillError> {
+pub(super) fn jpeg(image: &RawImage, width: u32, quality: u8) -> Result<Vec<u8>, StillError> {
     let failed = |e: &dyn std::fmt::Display| StillError::Image(e.to_string());
-    let (pixels, channels, colour) = match picture.format {
+    let (pixels, channels, colour) = match image.format {
         PixelFormat::I420 => {
-            let rgb = i420_to_rgb(picture).map_err(|e| failed(&e))?;
+            let rgb = i420_to_rgb(image).map_err(|e| failed(&e))?;
             (rgb, 3, ColorType::Rgb)
         }
         _ => {
-            let luma = picture.luma().map_err(|e| failed(&e))?;
+            let luma = image.luma().map_err(|e| failed(&e))?;
             (luma.to_vec(), 1, ColorType::Luma)
         }
     };
-    let (columns, rows) = (picture.width as usize, picture.height as usize);
+    let (columns, rows) = (image.width as usize, image.height as usize);
     let side = columns
         .div_ceil(width.max(1) as usize)
         .min(columns)

@@ -7,7 +7,7 @@ use crate::{Encoder, EncoderEvent, EncoderSettings, PixelFormat};
 const SIZE: (u32, u32) = (256, 64);
 
 /// A frame of squares in both eyes; `plain` leaves the eyes it names grey.
-fn frame(n: usize, plain: [bool; 2]) -> Picture {
+fn frame(n: usize, plain: [bool; 2]) -> RawImage {
     let (width, height) = SIZE;
     let mut data = Vec::new();
     for (y, x) in (0..height).flat_map(|y| (0..width).map(move |x| (y, x))) {
@@ -20,10 +20,10 @@ fn frame(n: usize, plain: [bool; 2]) -> Picture {
         });
     }
     data.resize(data.len() * 3 / 2, 128);
-    Picture::new(width, height, PixelFormat::I420, data).unwrap()
+    RawImage::new(width, height, PixelFormat::I420, data).unwrap()
 }
 
-fn encoded(frames: &[Picture], keys_every: usize) -> Vec<AccessUnit> {
+fn encoded(frames: &[RawImage], keys_every: usize) -> Vec<AccessUnit> {
     let settings = EncoderSettings {
         element: "x264enc".into(),
         width: SIZE.0,
@@ -69,7 +69,7 @@ fn said(stills: &Stills) -> Vec<(Vec<&'static str>, u64, &'static str)> {
 #[test]
 fn the_worst_is_the_eye_that_shows_least() {
     // The right eye shows nothing for a while.
-    let frames: Vec<Picture> = (0..48)
+    let frames: Vec<RawImage> = (0..48)
         .map(|n| frame(n, [false, (32..36).contains(&n)]))
         .collect();
     let units = encoded(&frames, 4);
@@ -111,7 +111,7 @@ fn the_worst_is_the_eye_that_shows_least() {
 
 #[test]
 fn what_cannot_be_decoded_is_passed_over() {
-    let frames: Vec<Picture> = (0..12).map(|n| frame(n, [false; 2])).collect();
+    let frames: Vec<RawImage> = (0..12).map(|n| frame(n, [false; 2])).collect();
     let units = encoded(&frames, 4);
     let mut read = |k: usize| (k != 0).then(|| units[k].data.clone());
     let settings = Settings::default();
@@ -144,7 +144,7 @@ fn a_long_recording_costs_no_more() {
 fn looks_are_numbers_for_what_one_sees() {
     let grey = |value: [u8; 2]| {
         let data: Vec<u8> = (0..64).map(|k| value[k % 2]).collect();
-        Look::of(&Picture::new(8, 8, PixelFormat::Grey8, data).unwrap())
+        Look::of(&RawImage::new(8, 8, PixelFormat::Grey8, data).unwrap())
     };
     assert_eq!(grey([90, 90]).sharpness, 0.0);
     assert_eq!(grey([90, 90]).brightness, 90.0);

@@ -8,7 +8,7 @@ use video::capture::{
     Capture, CaptureError, CaptureEvent, CaptureSettings, CapturedFrame, Cause, Content, Counts,
     Delivery, Eye, HostClock, Lost, QUEUE,
 };
-use video::{AccessUnit, Encoder, EncoderEvent, EncoderSettings, Picture};
+use video::{AccessUnit, Encoder, EncoderEvent, EncoderSettings, RawImage};
 
 const LIVE: &str = "videotestsrc is-live=true";
 
@@ -71,9 +71,9 @@ fn frames(events: &[CaptureEvent]) -> Vec<&CapturedFrame> {
     frames.collect()
 }
 
-fn picture(frame: &CapturedFrame) -> &Picture {
+fn image(frame: &CapturedFrame) -> &RawImage {
     match &frame.content {
-        Content::Picture(picture) => picture,
+        Content::RawImage(image) => image,
         Content::Native(frame) => panic!("{frame:?}"),
     }
 }
@@ -147,16 +147,16 @@ fn frames_that_are_lost_in_front_are_holes_in_the_numbers() {
 }
 
 #[test]
-fn colours_and_layouts_arrive_as_pictures() {
-    let mut pictures = Vec::new();
+fn colours_and_layouts_arrive_as_images() {
+    let mut images = Vec::new();
     for format in ["I420", "NV12", "YUY2", "UYVY"] {
         // A width that GStreamer pads.
         let chain = format!("{LIVE} num-buffers=1 pattern=smpte ! video/x-raw,format={format}");
         let settings = CaptureSettings::new(&chain, 60, 32, 30.0);
         let (events, ..) = all(Capture::start(&settings, clock()).unwrap());
-        pictures.push(picture(frames(&events)[0]).clone());
+        images.push(image(frames(&events)[0]).clone());
     }
-    let (expected, others) = pictures.split_first().unwrap();
+    let (expected, others) = images.split_first().unwrap();
     for found in others {
         // Chroma of 4:2:2 may be rounded otherwise at edges.
         assert_eq!(found.luma().unwrap(), expected.luma().unwrap());
@@ -337,11 +337,11 @@ fn eyes(count: i32, left: &str, right: &str) -> CaptureSettings {
 fn two_eyes_become_one_frame() {
     let (events, counts) = until(Capture::start(&eyes(-1, "", ""), clock()).unwrap(), 50);
     let frames = frames(&events);
-    let both = picture(frames[0]);
+    let both = image(frames[0]);
     assert_eq!((both.width, both.height), (64, 32));
-    let (left, right) = video::picture::split(both).unwrap();
-    let solid = |picture: &Picture, plane: std::ops::Range<usize>| {
-        let plane = &picture.data[plane];
+    let (left, right) = video::raw_image::split(both).unwrap();
+    let solid = |image: &RawImage, plane: std::ops::Range<usize>| {
+        let plane = &image.data[plane];
         assert!(plane.iter().all(|&value| value == plane[0]));
         plane[0]
     };

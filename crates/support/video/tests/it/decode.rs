@@ -7,18 +7,18 @@ use crate::{elements, encode, odd_times, settings};
 use gstreamer::glib;
 use video::annexb::{self, Nal};
 use video::references::{Continuity, Step};
-use video::{AccessUnit, Codec, DecodeError, Decoder, Picture};
+use video::{AccessUnit, Codec, DecodeError, Decoder, RawImage};
 
 /// A stream of three groups of five frames.
 fn groups(element: &str) -> (Codec, Vec<Vec<AccessUnit>>) {
-    let pictures = texture(160, 64, 15);
+    let images = texture(160, 64, 15);
     let times = odd_times(15);
     let input = times
         .iter()
-        .zip(&pictures)
+        .zip(&images)
         .enumerate()
-        .map(|(number, (&time, picture))| (time, picture, number % 5 == 0));
-    let units = encode(&settings(element, &pictures[0]), input);
+        .map(|(number, (&time, image))| (time, image, number % 5 == 0));
+    let units = encode(&settings(element, &images[0]), input);
     let groups: Vec<_> = units
         .chunk_by(|_, next| !next.key)
         .map(<[_]>::to_vec)
@@ -28,7 +28,7 @@ fn groups(element: &str) -> (Codec, Vec<Vec<AccessUnit>>) {
 }
 
 #[test]
-fn groups_decode_in_any_order_to_the_same_pictures() {
+fn groups_decode_in_any_order_to_the_same_images() {
     for element in elements() {
         let (codec, groups) = groups(element);
         let whole = Decoder::new(codec).decode(&groups.concat()).unwrap();
@@ -36,9 +36,9 @@ fn groups_decode_in_any_order_to_the_same_pictures() {
         for threads in [1, 0] {
             let mut decoder = Decoder::with_threads(codec, threads);
             for &number in &[2, 0, 1, 1, 2, 0] {
-                let pictures = decoder.decode(&groups[number]).unwrap();
+                let images = decoder.decode(&groups[number]).unwrap();
                 assert!(
-                    pictures == whole[5 * number..5 * number + 5],
+                    images == whole[5 * number..5 * number + 5],
                     "{element}, group {number}"
                 );
             }
@@ -74,7 +74,7 @@ fn runs_that_cannot_be_decoded_are_refused() {
 }
 
 #[test]
-fn missing_pictures_are_named() {
+fn missing_images_are_named() {
     for element in elements() {
         let (codec, groups) = groups(element);
         let mut decoder = Decoder::new(codec);
@@ -83,12 +83,12 @@ fn missing_pictures_are_named() {
         // A start code and nothing that a decoder could use.
         damaged[3].data = vec![0, 0, 0, 1, 0x3f, 0x55, 0x55].into();
         match decoder.decode(&damaged) {
-            Err(DecodeError::Incomplete { pictures, missing }) => {
+            Err(DecodeError::Incomplete { images, missing }) => {
                 assert!(
                     missing.contains(&damaged[3].pts_ns),
                     "{element}: {missing:?}"
                 );
-                assert!(pictures.len() + missing.len() == 5 && pictures[..3] == whole[..3]);
+                assert!(images.len() + missing.len() == 5 && images[..3] == whole[..3]);
             }
             Err(DecodeError::Failed(reason)) => eprintln!("{element}: {reason}"),
             other => panic!("{element}: {other:?}"),
@@ -121,8 +121,8 @@ fn rubbish_is_an_error_and_no_hang() {
                 unit.data = bytes.into();
             }
             // Anything but a panic, a hang, or more frames than access units.
-            if let Ok(pictures) = decoder.decode(&units) {
-                assert_eq!(pictures.len(), 5);
+            if let Ok(images) = decoder.decode(&units) {
+                assert_eq!(images.len(), 5);
             }
         }
         assert_eq!(decoder.decode(&groups[0]).unwrap().len(), 5, "{element}");
@@ -189,7 +189,7 @@ fn opens(nal: &Nal<'_>) -> bool {
 }
 
 #[test]
-fn published_streams_decode_to_the_published_pictures() {
+fn published_streams_decode_to_the_published_images() {
     let Some(folder) = test_data::shared("09_containers_video/h264_openh264") else {
         return;
     };
@@ -205,19 +205,19 @@ fn published_streams_decode_to_the_published_pictures() {
                 .all(|unit| stream.next(&unit.data) != Step::Broken),
             "{name}"
         );
-        let pictures = decoder
+        let images = decoder
             .decode(&units)
             .unwrap_or_else(|error| panic!("{name}: {error}"));
         let mut sum = glib::Checksum::new(glib::ChecksumType::Sha1).unwrap();
-        for (_, picture) in &pictures {
-            let Picture { data, .. } = picture;
+        for (_, image) in &images {
+            let RawImage { data, .. } = image;
             sum.update(data);
         }
         assert_eq!(
             sum.string().unwrap(),
             expected,
             "{name}, {} frames",
-            pictures.len()
+            images.len()
         );
     }
     // The same stream without its first IDR frame: there is nowhere to begin.

@@ -7,10 +7,10 @@ use std::time::Duration;
 use crate::material::{recordings, texture};
 use crate::{PATIENCE, elements, encode, odd_times, settings};
 use video::encoder::MAX_IN_FLIGHT;
-use video::picture::psnr;
+use video::raw_image::psnr;
 use video::{
-    AccessUnit, Codec, Decoder, EncodeError, Encoder, EncoderEvent, EncoderSettings, Picture,
-    PixelFormat, annexb,
+    AccessUnit, Codec, Decoder, EncodeError, Encoder, EncoderEvent, EncoderSettings, PixelFormat,
+    RawImage, annexb,
 };
 
 /// An encoder whose events arrive in a channel; a full channel holds the encoder up.
@@ -34,16 +34,16 @@ fn keys(units: &[AccessUnit]) -> Vec<usize> {
 
 #[test]
 fn times_and_key_frames_are_exact() {
-    let pictures = texture(320, 96, 40);
-    let times = odd_times(pictures.len());
+    let images = texture(320, 96, 40);
+    let times = odd_times(images.len());
     let forced = [7, 8, 23, 39];
     for element in elements() {
         let input = times
             .iter()
-            .zip(&pictures)
+            .zip(&images)
             .enumerate()
-            .map(|(number, (&time, picture))| (time, picture, forced.contains(&number)));
-        let units = encode(&settings(element, &pictures[0]), input);
+            .map(|(number, (&time, image))| (time, image, forced.contains(&number)));
+        let units = encode(&settings(element, &images[0]), input);
         let codec = video::encoder::element_codec(element).unwrap();
         assert_eq!(
             units.iter().map(|unit| unit.pts_ns).collect::<Vec<_>>(),
@@ -63,13 +63,13 @@ fn times_and_key_frames_are_exact() {
         let mut decoder = Decoder::new(codec);
         for group in units.chunk_by(|_, next| !next.key) {
             let decoded = decoder.decode(group).unwrap();
-            for ((time, picture), unit) in decoded.iter().zip(group) {
+            for ((time, image), unit) in decoded.iter().zip(group) {
                 assert_eq!(*time, unit.pts_ns);
-                let source = &pictures[times.iter().position(|other| other == time).unwrap()];
+                let source = &images[times.iter().position(|other| other == time).unwrap()];
                 assert!(
-                    psnr(picture, source) >= 39.0,
+                    psnr(image, source) >= 39.0,
                     "{element}: {}",
-                    psnr(picture, source)
+                    psnr(image, source)
                 );
             }
         }
@@ -78,41 +78,36 @@ fn times_and_key_frames_are_exact() {
 
 #[test]
 fn key_frames_come_at_the_latest_after_the_interval() {
-    let pictures = texture(160, 64, 25);
+    let images = texture(160, 64, 25);
     for element in elements() {
         let settings = EncoderSettings {
             max_key_interval_frames: 10,
             preset: video::encoder::Preset::default(),
-            ..settings(element, &pictures[0])
+            ..settings(element, &images[0])
         };
-        let input = pictures
+        let input = images
             .iter()
             .zip(0..)
-            .map(|(picture, number)| (number * 1000, picture, false));
+            .map(|(image, number)| (number * 1000, image, false));
         assert_eq!(keys(&encode(&settings, input)), [0, 10, 20], "{element}");
     }
 }
 
 #[test]
 fn a_cut_to_another_scene_is_no_key_frame() {
-    let mut pictures = texture(320, 192, 24);
+    let mut images = texture(320, 192, 24);
     // The same backwards and in negative: nothing to predict from.
-    for picture in &mut pictures[12..] {
-        let other: Vec<u8> = picture
-            .data
-            .iter()
-            .rev()
-            .map(|&value| 255 - value)
-            .collect();
-        picture.data = other.into();
+    for image in &mut images[12..] {
+        let other: Vec<u8> = image.data.iter().rev().map(|&value| 255 - value).collect();
+        image.data = other.into();
     }
     for element in elements() {
-        let input = pictures
+        let input = images
             .iter()
             .zip(0..)
-            .map(|(picture, number)| (number * 33_333_333, picture, false));
+            .map(|(image, number)| (number * 33_333_333, image, false));
         assert_eq!(
-            keys(&encode(&settings(element, &pictures[0]), input)),
+            keys(&encode(&settings(element, &images[0]), input)),
             [0],
             "{element}"
         );
@@ -120,17 +115,17 @@ fn a_cut_to_another_scene_is_no_key_frame() {
 }
 
 #[test]
-fn an_access_unit_does_not_wait_for_the_next_picture() {
-    let pictures = texture(160, 64, 5);
+fn an_access_unit_does_not_wait_for_the_next_image() {
+    let images = texture(160, 64, 5);
     for element in elements() {
         for threads in [1, 2] {
             let settings = EncoderSettings {
                 threads,
-                ..settings(element, &pictures[0])
+                ..settings(element, &images[0])
             };
             let (mut encoder, events) = start(&settings, 100);
-            for (picture, time) in pictures.iter().zip(0..) {
-                encoder.push(time * 1_000_000, picture, false).unwrap();
+            for (image, time) in images.iter().zip(0..) {
+                encoder.push(time * 1_000_000, image, false).unwrap();
                 let event = events.recv_timeout(PATIENCE);
                 assert!(
                     matches!(&event, Ok(EncoderEvent::AccessUnit(unit)) if unit.pts_ns == time * 1_000_000),
@@ -142,21 +137,21 @@ fn an_access_unit_does_not_wait_for_the_next_picture() {
 }
 
 #[test]
-fn same_pictures_same_bytes() {
-    let pictures = texture(320, 192, 12);
+fn same_images_same_bytes() {
+    let images = texture(320, 192, 12);
     for element in elements() {
         for threads in [1, 2] {
             let settings = EncoderSettings {
                 threads,
-                ..settings(element, &pictures[0])
+                ..settings(element, &images[0])
             };
             let run = || {
                 encode(
                     &settings,
-                    pictures
+                    images
                         .iter()
                         .zip(0..)
-                        .map(|(picture, n)| (n * 33_333_333, picture, n == 6)),
+                        .map(|(image, n)| (n * 33_333_333, image, n == 6)),
                 )
             };
             assert!(run() == run(), "{element} with {threads} threads");
@@ -168,14 +163,12 @@ fn same_pictures_same_bytes() {
 /// of 50.
 #[test]
 fn encoders_side_by_side_do_not_disturb_each_other() {
-    let pictures = texture(160, 64, 4);
+    let images = texture(160, 64, 4);
     for element in elements() {
         let run = || {
             let times = (0..).map(|number| number * 33_333_333);
-            let input = times
-                .zip(&pictures)
-                .map(|(time, picture)| (time, picture, false));
-            encode(&settings(element, &pictures[0]), input)
+            let input = times.zip(&images).map(|(time, image)| (time, image, false));
+            encode(&settings(element, &images[0]), input)
         };
         let alone = run();
         std::thread::scope(|scope| {
@@ -194,16 +187,16 @@ fn default_quality_is_at_least_40_db() {
     ];
     clips.extend(recordings(4));
     for element in elements() {
-        for (name, pictures) in &clips {
-            let input = pictures
+        for (name, images) in &clips {
+            let input = images
                 .iter()
                 .zip(0..)
-                .map(|(picture, n)| (n * 33_333_333, picture, false));
-            let units = encode(&settings(element, &pictures[0]), input);
+                .map(|(image, n)| (n * 33_333_333, image, false));
+            let units = encode(&settings(element, &images[0]), input);
             let codec = video::encoder::element_codec(element).unwrap();
             let decoded = Decoder::new(codec).decode(&units).unwrap();
-            for (source, (_, picture)) in pictures.iter().zip(&decoded) {
-                let quality = psnr(source, picture);
+            for (source, (_, image)) in images.iter().zip(&decoded) {
+                let quality = psnr(source, image);
                 assert!(quality >= 40.0, "{element} on {name}: {quality} dB");
             }
         }
@@ -212,17 +205,17 @@ fn default_quality_is_at_least_40_db() {
 
 #[test]
 fn a_better_quality_costs_more_bytes() {
-    let pictures = texture(320, 96, 3);
+    let images = texture(320, 96, 3);
     for element in elements() {
         let bytes = |quality_db| -> usize {
             let settings = EncoderSettings {
                 quality_db,
-                ..settings(element, &pictures[0])
+                ..settings(element, &images[0])
             };
-            let input = pictures
+            let input = images
                 .iter()
                 .zip(0..)
-                .map(|(picture, n)| (n * 1000, picture, false));
+                .map(|(image, n)| (n * 1000, image, false));
             encode(&settings, input)
                 .iter()
                 .map(|unit| unit.data.len())
@@ -239,9 +232,9 @@ fn a_better_quality_costs_more_bytes() {
 #[test]
 fn streams_say_that_they_are_full_range() {
     use gstreamer::prelude::*;
-    let picture = &texture(160, 64, 1)[0];
+    let image = &texture(160, 64, 1)[0];
     for (element, codec) in [("x264enc", Codec::H264), ("x265enc", Codec::H265)] {
-        let unit = encode(&settings(element, picture), [(0, picture, false)]).remove(0);
+        let unit = encode(&settings(element, image), [(0, image, false)]).remove(0);
         let (media, parser) = match codec {
             Codec::H264 => ("video/x-h264", "h264parse"),
             Codec::H265 => ("video/x-h265", "h265parse"),
@@ -285,8 +278,8 @@ fn streams_say_that_they_are_full_range() {
 
 #[test]
 fn what_cannot_be_encoded_is_refused() {
-    let picture = &texture(64, 32, 1)[0];
-    let good = settings("x264enc", picture);
+    let image = &texture(64, 32, 1)[0];
+    let good = settings("x264enc", image);
     let refused = |settings: EncoderSettings| {
         Encoder::start(&settings, Box::new(|_| {})).expect_err(&format!("{settings:?}"))
     };
@@ -342,26 +335,26 @@ fn what_cannot_be_encoded_is_refused() {
 }
 
 #[test]
-fn a_refused_picture_leaves_the_encoder_as_it_was() {
-    let pictures = texture(64, 32, 2);
-    let (mut encoder, events) = start(&settings("x264enc", &pictures[0]), 100);
+fn a_refused_image_leaves_the_encoder_as_it_was() {
+    let images = texture(64, 32, 2);
+    let (mut encoder, events) = start(&settings("x264enc", &images[0]), 100);
     let wider = texture(66, 32, 1).remove(0);
-    let grey = video::picture::i420_to_grey(&pictures[0]).unwrap();
-    let short = Picture {
-        data: pictures[0].data.slice(1..),
-        ..pictures[0].clone()
+    let grey = video::raw_image::i420_to_grey(&images[0]).unwrap();
+    let short = RawImage {
+        data: images[0].data.slice(1..),
+        ..images[0].clone()
     };
     assert!(matches!(
-        encoder.push(-1, &pictures[0], false),
+        encoder.push(-1, &images[0], false),
         Err(EncodeError::Time { .. })
     ));
-    encoder.push(5, &pictures[0], false).unwrap();
+    encoder.push(5, &images[0], false).unwrap();
     assert!(matches!(
-        encoder.push(5, &pictures[1], false),
+        encoder.push(5, &images[1], false),
         Err(EncodeError::Time { .. })
     ));
     assert!(matches!(
-        encoder.try_push(4, &pictures[1], true),
+        encoder.try_push(4, &images[1], true),
         Err(EncodeError::Time { .. })
     ));
     assert!(matches!(
@@ -370,13 +363,13 @@ fn a_refused_picture_leaves_the_encoder_as_it_was() {
     ));
     assert!(matches!(
         encoder.push(6, &grey, true),
-        Err(EncodeError::Picture(_))
+        Err(EncodeError::RawImage(_))
     ));
     assert!(matches!(
         encoder.push(6, &short, true),
-        Err(EncodeError::Picture(_))
+        Err(EncodeError::RawImage(_))
     ));
-    encoder.push(6, &pictures[1], false).unwrap();
+    encoder.push(6, &images[1], false).unwrap();
     encoder.finish(PATIENCE).unwrap();
     let units: Vec<_> = events.iter().collect();
     assert!(
@@ -387,13 +380,13 @@ fn a_refused_picture_leaves_the_encoder_as_it_was() {
 
 #[test]
 fn the_queue_is_bounded_and_says_when_it_is_full() {
-    let pictures = texture(64, 32, 1);
+    let images = texture(64, 32, 1);
     let bytes = PixelFormat::I420.bytes(64, 32).unwrap();
     // The first event fills the channel, the second holds the encoder up.
-    let (mut encoder, events) = start(&settings("x264enc", &pictures[0]), 1);
+    let (mut encoder, events) = start(&settings("x264enc", &images[0]), 1);
     let mut taken = 0;
     let error = loop {
-        match encoder.try_push(taken, &pictures[0], false) {
+        match encoder.try_push(taken, &images[0], false) {
             Ok(()) => taken += 1,
             Err(error) => break error,
         }
@@ -403,14 +396,14 @@ fn the_queue_is_bounded_and_says_when_it_is_full() {
     assert_eq!(
         error,
         EncodeError::Full {
-            pictures: MAX_IN_FLIGHT
+            images: MAX_IN_FLIGHT
         }
     );
     assert_eq!(encoder.queued_bytes(), MAX_IN_FLIGHT * bytes);
     // Taking the events lets it go on, and a waiting push with it.
     let reader = std::thread::spawn(move || events.iter().count());
     for time in taken..taken + 20 {
-        encoder.push(time, &pictures[0], false).unwrap();
+        encoder.push(time, &images[0], false).unwrap();
     }
     encoder.finish(PATIENCE).unwrap();
     assert_eq!(reader.join().unwrap(), taken as usize + 20);
@@ -418,10 +411,10 @@ fn the_queue_is_bounded_and_says_when_it_is_full() {
 
 #[test]
 fn finish_gives_up_in_time_and_a_stuck_encoder_does_not_hang_its_owner() {
-    let pictures = texture(64, 32, 1);
-    let (mut encoder, events) = start(&settings("x264enc", &pictures[0]), 0);
+    let images = texture(64, 32, 1);
+    let (mut encoder, events) = start(&settings("x264enc", &images[0]), 0);
     for time in 0..3 {
-        encoder.push(time, &pictures[0], false).unwrap();
+        encoder.push(time, &images[0], false).unwrap();
     }
     // Nobody takes the first event, so the encoder stands still for good.
     let error = encoder.finish(Duration::from_millis(20)).unwrap_err();
@@ -429,7 +422,7 @@ fn finish_gives_up_in_time_and_a_stuck_encoder_does_not_hang_its_owner() {
         error,
         EncodeError::Stalled {
             after: Duration::from_millis(20),
-            pictures: 3
+            images: 3
         }
     );
     drop(events);
@@ -437,14 +430,14 @@ fn finish_gives_up_in_time_and_a_stuck_encoder_does_not_hang_its_owner() {
 
 #[test]
 fn dropping_an_encoder_stops_its_output() {
-    let pictures = texture(64, 32, 1);
+    let images = texture(64, 32, 1);
     let count = Arc::new(Mutex::new(0));
     let counting = count.clone();
     let on_output = move |_| *counting.lock().unwrap() += 1;
     let mut encoder =
-        Encoder::start(&settings("x264enc", &pictures[0]), Box::new(on_output)).unwrap();
+        Encoder::start(&settings("x264enc", &images[0]), Box::new(on_output)).unwrap();
     for time in 0..50 {
-        encoder.push(time, &pictures[0], false).unwrap();
+        encoder.push(time, &images[0], false).unwrap();
     }
     drop(encoder);
     // The callback is dropped with the encoder, so nothing is counted any more.
@@ -455,18 +448,18 @@ fn dropping_an_encoder_stops_its_output() {
 #[test]
 fn a_failing_encoder_says_so_once_and_takes_nothing_more() {
     // Flatter than x265 can do; it notices at the first frame.
-    let picture = Picture::new(8192, 16, PixelFormat::I420, vec![128; 8192 * 24]).unwrap();
-    let (mut encoder, events) = start(&settings("x265enc", &picture), 100);
+    let image = RawImage::new(8192, 16, PixelFormat::I420, vec![128; 8192 * 24]).unwrap();
+    let (mut encoder, events) = start(&settings("x265enc", &image), 100);
     let mut time = 0;
     let error = loop {
         time += 1;
-        if let Err(error) = encoder.push(time, &picture, time == 3) {
+        if let Err(error) = encoder.push(time, &image, time == 3) {
             break error;
         }
     };
     assert!(matches!(error, EncodeError::Failed(_)), "{error}");
     assert!(matches!(
-        encoder.push(time + 1, &picture, false),
+        encoder.push(time + 1, &image, false),
         Err(EncodeError::Failed(_))
     ));
     assert!(matches!(

@@ -11,7 +11,7 @@ mod references;
 use std::sync::{Arc, Mutex};
 use std::time::Duration;
 
-use video::{AccessUnit, Encoder, EncoderEvent, EncoderSettings, Picture};
+use video::{AccessUnit, Encoder, EncoderEvent, EncoderSettings, RawImage};
 
 /// Long enough for the slowest machine; reached only when something hangs.
 const PATIENCE: Duration = Duration::from_secs(600);
@@ -30,11 +30,11 @@ fn elements() -> Vec<&'static str> {
         .collect()
 }
 
-fn settings(element: &str, picture: &Picture) -> EncoderSettings {
+fn settings(element: &str, image: &RawImage) -> EncoderSettings {
     EncoderSettings {
         element: element.into(),
-        width: picture.width,
-        height: picture.height,
+        width: image.width,
+        height: image.height,
         rate_hz: 30.0,
         quality_db: 42.0,
         threads: 1,
@@ -46,7 +46,7 @@ fn settings(element: &str, picture: &Picture) -> EncoderSettings {
 /// Encodes (time, frame, whether a key frame is forced) and gives all access units.
 fn encode<'a>(
     settings: &EncoderSettings,
-    pictures: impl IntoIterator<Item = (i64, &'a Picture, bool)>,
+    images: impl IntoIterator<Item = (i64, &'a RawImage, bool)>,
 ) -> Vec<AccessUnit> {
     let units: Arc<Mutex<Vec<AccessUnit>>> = Arc::default();
     let collecting = units.clone();
@@ -55,8 +55,8 @@ fn encode<'a>(
         EncoderEvent::Failed(reason) => panic!("{reason}"),
     };
     let mut encoder = Encoder::start(settings, Box::new(on_output)).unwrap();
-    for (time, picture, key) in pictures {
-        encoder.push(time, picture, key).unwrap();
+    for (time, image, key) in images {
+        encoder.push(time, image, key).unwrap();
     }
     encoder.finish(PATIENCE).unwrap();
     std::mem::take(&mut units.lock().unwrap())

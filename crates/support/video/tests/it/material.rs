@@ -5,8 +5,8 @@ use std::fs::{self, File};
 use std::io::BufReader;
 use std::path::{Path, PathBuf};
 
-use video::picture::{grey_to_i420, rgb_to_i420, side_by_side};
-use video::{Picture, PixelFormat};
+use video::raw_image::{grey_to_i420, rgb_to_i420, side_by_side};
+use video::{PixelFormat, RawImage};
 
 /// A smooth pseudo-random field in -1..1 with cells of one unit.
 fn field(x: f64, y: f64, seed: u32) -> f64 {
@@ -30,7 +30,7 @@ fn field(x: f64, y: f64, seed: u32) -> f64 {
 /// `count` images of a 1/f texture (equal variance in every octave, standard deviation about 40
 /// grey levels) that moves by 1.7 and 0.6 pixels per image, with sensor noise of standard
 /// deviation 1.6 on top. Chroma likewise, without the noise.
-pub(crate) fn texture(width: u32, height: u32, count: usize) -> Vec<Picture> {
+pub(crate) fn texture(width: u32, height: u32, count: usize) -> Vec<RawImage> {
     let octaves = 8;
     let sample = |x: f64, y: f64, seed: u32| {
         let sum: f64 = (0..octaves)
@@ -74,13 +74,13 @@ pub(crate) fn texture(width: u32, height: u32, count: usize) -> Vec<Picture> {
                     }
                 }
             }
-            Picture::new(width, height, PixelFormat::I420, data).unwrap()
+            RawImage::new(width, height, PixelFormat::I420, data).unwrap()
         })
         .collect()
 }
 
 /// One PNG file as I420.
-fn png(path: &Path) -> Picture {
+fn png(path: &Path) -> RawImage {
     let file = BufReader::new(File::open(path).unwrap());
     let mut reader = png::Decoder::new(file).read_info().unwrap();
     let mut data = vec![0; reader.output_buffer_size().unwrap()];
@@ -88,7 +88,7 @@ fn png(path: &Path) -> Picture {
     data.truncate(info.buffer_size());
     match info.color_type {
         png::ColorType::Grayscale => {
-            grey_to_i420(&Picture::new(info.width, info.height, PixelFormat::Grey8, data).unwrap())
+            grey_to_i420(&RawImage::new(info.width, info.height, PixelFormat::Grey8, data).unwrap())
         }
         png::ColorType::Rgb => rgb_to_i420(info.width, info.height, &data),
         other => panic!("{other:?}: {}", path.display()),
@@ -107,11 +107,11 @@ fn folder(path: &Path) -> Vec<PathBuf> {
 }
 
 /// Real stereo recordings, side by side: a name and the images of each. Empty without the data.
-pub(crate) fn recordings(count: usize) -> Vec<(&'static str, Vec<Picture>)> {
+pub(crate) fn recordings(count: usize) -> Vec<(&'static str, Vec<RawImage>)> {
     let Some(root) = test_data::shared("") else {
         return Vec::new();
     };
-    let pairs = |left: &str, right: &str| -> Vec<Picture> {
+    let pairs = |left: &str, right: &str| -> Vec<RawImage> {
         let (left, right) = (folder(&root.join(left)), folder(&root.join(right)));
         left.iter()
             .zip(&right)

@@ -26,14 +26,14 @@ impl Drop for Folder {
 }
 
 fn units(element: &str, times: &[i64]) -> (Codec, Vec<AccessUnit>) {
-    let pictures = texture(160, 64, times.len());
+    let images = texture(160, 64, times.len());
     let input = times
         .iter()
-        .zip(&pictures)
+        .zip(&images)
         .enumerate()
-        .map(|(n, (&time, picture))| (time, picture, n % 8 == 0));
+        .map(|(n, (&time, image))| (time, image, n % 8 == 0));
     let codec = video::encoder::element_codec(element).unwrap();
-    (codec, encode(&settings(element, &pictures[0]), input))
+    (codec, encode(&settings(element, &images[0]), input))
 }
 
 /// Access units of a file, Annex B, with the times in the file.
@@ -77,7 +77,7 @@ fn read(path: &Path, codec: Codec) -> Vec<(i64, Vec<u8>)> {
 }
 
 #[test]
-fn times_and_pictures_come_back() {
+fn times_and_images_come_back() {
     let folder = Folder::new("mp4");
     let step = 1_000_000_000 / i64::from(TIMESCALE);
     for element in elements() {
@@ -117,11 +117,11 @@ fn times_and_pictures_come_back() {
                 data: data.into(),
             })
             .collect();
-        let pictures = |units: &[AccessUnit]| -> Vec<_> {
+        let images = |units: &[AccessUnit]| -> Vec<_> {
             let decoded = video::Decoder::new(codec).decode(units).unwrap();
-            decoded.into_iter().map(|(_, picture)| picture).collect()
+            decoded.into_iter().map(|(_, image)| image).collect()
         };
-        assert!(pictures(&again) == pictures(&units), "{element}");
+        assert!(images(&again) == images(&units), "{element}");
         assert!(!folder.0.join(format!("{element}.mp4.part")).exists());
     }
 }

@@ -7,14 +7,14 @@ use video::{AccessUnit, DecodeError, Decoder};
 
 #[test]
 fn every_single_loss_is_noticed() {
-    let pictures = texture(160, 64, 40);
+    let images = texture(160, 64, 40);
     for element in elements() {
         let codec = video::encoder::element_codec(element).unwrap();
-        let input = pictures
+        let input = images
             .iter()
             .zip(0..)
-            .map(|(picture, n)| (n * 33_333_333, picture, n == 20));
-        let units = encode(&settings(element, &pictures[0]), input);
+            .map(|(image, n)| (n * 33_333_333, image, n == 20));
+        let units = encode(&settings(element, &images[0]), input);
         let steps = |units: &[AccessUnit]| -> Vec<Step> {
             let mut stream = Continuity::new(codec);
             units.iter().map(|unit| stream.next(&unit.data)).collect()
@@ -44,22 +44,22 @@ fn every_single_loss_is_noticed() {
 }
 
 #[test]
-fn what_refers_to_a_lost_picture_is_not_decoded() {
-    let pictures = texture(160, 64, 12);
+fn what_refers_to_a_lost_image_is_not_decoded() {
+    let images = texture(160, 64, 12);
     for element in elements() {
         let codec = video::encoder::element_codec(element).unwrap();
-        let input = pictures
+        let input = images
             .iter()
             .zip(0..)
-            .map(|(picture, n)| (n * 33_333_333, picture, n == 8));
-        let mut units = encode(&settings(element, &pictures[0]), input);
+            .map(|(image, n)| (n * 33_333_333, image, n == 8));
+        let mut units = encode(&settings(element, &images[0]), input);
         let mut decoder = Decoder::new(codec);
         let whole = decoder.decode(&units).unwrap();
         units.remove(3);
         match decoder.decode(&units) {
-            Err(DecodeError::Incomplete { pictures, missing }) => {
+            Err(DecodeError::Incomplete { images, missing }) => {
                 assert_eq!(missing, [4, 5, 6, 7].map(|n| n * 33_333_333), "{element}");
-                assert!(pictures == [&whole[..3], &whole[8..]].concat(), "{element}");
+                assert!(images == [&whole[..3], &whole[8..]].concat(), "{element}");
             }
             other => panic!("{element}: {other:?}"),
         }

@@ -8,8 +8,8 @@ use std::thread;
 
 use raster::{Canvas, Color};
 use video::mp4::write_mp4;
-use video::picture::rgb_to_i420;
-use video::{AccessUnit, Picture, PictureError};
+use video::raw_image::rgb_to_i420;
+use video::{AccessUnit, RawImage, RawImageError};
 
 use super::{GAP, LABEL, PAPER, SHADE, left_to_right, map};
 use crate::film::{Film, FilmError};
@@ -89,7 +89,7 @@ pub fn film(
 }
 
 /// I420 image for the encoder; an odd last row or column is cropped.
-fn i420(canvas: &Canvas) -> Result<Picture, PictureError> {
+fn i420(canvas: &Canvas) -> Result<RawImage, RawImageError> {
     let (width, height) = (canvas.width & !1, canvas.height & !1);
     let rows = canvas.pixels.chunks_exact(canvas.width).take(height);
     let rgb: Vec<u8> = rows

@@ -25,7 +25,7 @@ use session_archive::record::{
 use session_archive::storage::DiskStorage;
 use session_archive::time::{CivilTime, HostTime, NS_PER_S, TickLength};
 use session_archive::writer::{DEFAULT_CHUNK_NS, SessionSpec, SessionWriter, WriteError};
-use video::{AccessUnit, Picture, PixelFormat};
+use video::{AccessUnit, PixelFormat, RawImage};
 
 use super::special;
 use crate::device::clock::DeviceClock;
@@ -178,7 +178,7 @@ fn encode(
 ) -> Result<AccessUnit, FilmError> {
     let shown = &frame.image;
     let (width, height) = (shown.width as u32, shown.height as u32);
-    let image = Picture::new(width, height, PixelFormat::I420, shown.i420.clone())?;
+    let image = RawImage::new(width, height, PixelFormat::I420, shown.i420.clone())?;
     film.encode(time, &image, key)
 }
 

@@ -135,7 +135,7 @@ fn meaning(layer: &str) -> String {
             names.join(", ")
         }
         "instance" => "a number per thing, 0 sky".to_owned(),
-        _ => "64 times the movement to the next picture in px plus 32768, right and down; \
+        _ => "64 times the movement to the next image in px plus 32768, right and down; \
               third channel 0 unknown, 1 shown there, 2 hidden there or outside"
             .to_owned(),
     }

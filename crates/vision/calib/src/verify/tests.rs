@@ -324,7 +324,7 @@ fn rotated_imu_is_distinguished_from_a_rotated_camera() {
 #[test]
 fn image_imu_and_clock_time_offsets_are_distinguished() {
     let late_ns = 3_000_000;
-    let pictures = |made: &mut Made| {
+    let images = |made: &mut Made| {
         for of in made.bursts.iter_mut().flat_map(|b| &mut b.segments) {
             of.from_ns += late_ns;
             of.to_ns += late_ns;
@@ -337,7 +337,7 @@ fn image_imu_and_clock_time_offsets_are_distinguished() {
         assert!(one.text.contains("late"), "{}", one.text);
     };
     let mut made = make(Gait::Walk, 0.0, 5);
-    pictures(&mut made[2]);
+    images(&mut made[2]);
     check(&made, Parameter::ImageTime);
     made[2].gyro = made[2].gyro.shifted_by_ns(late_ns);
     check(&made, Parameter::Clock);
@@ -423,7 +423,7 @@ fn texture(x: f64, y: f64) -> f64 {
         + 15.0 * wave(0.23, -0.05, 0.2)
 }
 
-fn picture(width: usize, height: usize, of: impl Fn(f64, f64) -> f64) -> Vec<u8> {
+fn image(width: usize, height: usize, of: impl Fn(f64, f64) -> f64) -> Vec<u8> {
     let pixel = |i: usize| of((i % width) as f64, (i / width) as f64).round() as u8;
     (0..width * height).map(pixel).collect()
 }
@@ -449,8 +449,8 @@ fn corners_are_tracked_and_matched_in_images() {
     let disparity = 0.06 * 300.0 / 2.0;
     for n in 0..6 {
         let (dx, dy) = (4.3 * f64::from(n), -2.6 * f64::from(n));
-        let left = picture(width, height, |x, y| texture(x - dx, y - dy));
-        let right = picture(width, height, |x, y| {
+        let left = image(width, height, |x, y| texture(x - dx, y - dy));
+        let right = image(width, height, |x, y| {
             20.0 + 0.8 * texture(x + disparity - dx, y - 3.3 - dy)
         });
         follower.push(&StereoFrame {

@@ -94,10 +94,10 @@ impl StereoPair {
     /// Disparity of the rectified images.
     fn disparity(&mut self, networks: &Networks) -> Result<Cow<'_, DisparityMap>, StageError> {
         let model = self.rectification.camera;
-        let picture =
+        let image =
             |pixels| depth::ImageView::packed(model.width as usize, model.height as usize, pixels);
         let [left, right] = &self.rectified;
-        let (left, right) = (picture(left)?, picture(right)?);
+        let (left, right) = (image(left)?, image(right)?);
         if let Some(map) = networks.disparity(left, right)? {
             return Ok(Cow::Owned(map));
         }

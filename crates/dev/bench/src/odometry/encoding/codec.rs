@@ -8,8 +8,8 @@ use std::time::Duration;
 use anyhow::{Context, Result, ensure};
 use harness::sequences::OwnedFrameSet;
 use serde::Serialize;
-use video::picture::psnr;
-use video::{AccessUnit, Decoder, Encoder, EncoderEvent, EncoderSettings, Picture};
+use video::raw_image::psnr;
+use video::{AccessUnit, Decoder, Encoder, EncoderEvent, EncoderSettings, RawImage};
 
 use super::material::{Material, view};
 use crate::meter::{children_cpu_s, timed};
@@ -70,7 +70,7 @@ pub(super) fn pass(
             None => by_daemon(material, path, encoding)?,
             Some(preset) => by_launch(material, path, encoding, preset)?,
         };
-        let (found, expected) = (camera.pictures.len(), material.times.len());
+        let (found, expected) = (camera.images.len(), material.times.len());
         ensure!(
             found == expected,
             "{found} frames were decoded, expected {expected}"
@@ -78,8 +78,8 @@ pub(super) fn pass(
         bytes += camera.bytes;
         cpu_s += camera.cpu_s;
         quantiser = camera.quantiser;
-        let before = material.pictures(path)?;
-        for ((set, after), before) in sets.iter_mut().zip(camera.pictures).zip(before) {
+        let before = material.images(path)?;
+        for ((set, after), before) in sets.iter_mut().zip(camera.images).zip(before) {
             psnr_sum += psnr(&before?, &after);
             set.views.push(Some(view(&after, set.time_ns)));
         }
@@ -97,7 +97,7 @@ pub(super) fn pass(
 
 /// One camera.
 struct Camera {
-    pictures: Vec<Picture>,
+    images: Vec<RawImage>,
     bytes: usize,
     cpu_s: f64,
     quantiser: u32,
@@ -126,12 +126,12 @@ fn by_daemon(material: &Material, path: &Path, encoding: &Encoding) -> Result<Ca
             EncoderEvent::Failed(reason) => output.1 = Some(reason),
         }
     };
-    let pictures: Vec<Picture> = material.pictures(path)?.collect::<Result<_>>()?;
+    let images: Vec<RawImage> = material.images(path)?.collect::<Result<_>>()?;
     let mut encoder = Encoder::start(&settings(material, encoding), Box::new(on_output))?;
     let (quantiser, codec) = (encoder.quantiser(), encoder.codec());
     let (encoded, took) = timed(|| -> Result<()> {
-        for (k, (time_ns, picture)) in material.times.iter().zip(&pictures).enumerate() {
-            encoder.push(*time_ns, picture, k.is_multiple_of(KEY_INTERVAL))?;
+        for (k, (time_ns, image)) in material.times.iter().zip(&images).enumerate() {
+            encoder.push(*time_ns, image, k.is_multiple_of(KEY_INTERVAL))?;
         }
         Ok(encoder.finish(ENCODER_TIMEOUT)?)
     });
@@ -141,7 +141,7 @@ fn by_daemon(material: &Material, path: &Path, encoding: &Encoding) -> Result<Ca
     ensure!(failure.is_none(), "the encoder failed: {failure:?}");
     let decoded = Decoder::with_threads(codec, 0).decode(&units)?;
     Ok(Camera {
-        pictures: decoded.into_iter().map(|(_, picture)| picture).collect(),
+        images: decoded.into_iter().map(|(_, image)| image).collect(),
         bytes: units.iter().map(|unit| unit.data.len()).sum(),
         cpu_s: took.cpu_s,
         quantiser,
@@ -182,7 +182,7 @@ fn by_launch(
     );
     launch(&decode)?;
     Ok(Camera {
-        pictures: material.pictures(&raw)?.collect::<Result<_>>()?,
+        images: material.images(&raw)?.collect::<Result<_>>()?,
         bytes: std::fs::metadata(&video)?.len() as usize,
         cpu_s,
         quantiser,

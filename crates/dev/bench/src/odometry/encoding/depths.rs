@@ -77,7 +77,7 @@ impl Depths {
             };
             let settings = Config::preset(Preset::Balanced);
             let mut matcher = Matcher::new(settings, frame.width, frame.height)?;
-            let [left, right] = frame.pictures();
+            let [left, right] = frame.images();
             let band = Band::full(0, frame.range, frame.height)?;
             scores.add(&Scores::of(
                 matcher.run(&left, &right, &band)?,

@@ -11,7 +11,7 @@ use harness::sequences::{self, OwnedFrameSet, OwnedView, Sequence, named};
 use rig_sim::device::{Delivery, Device};
 use rig_sim::faults::Faults;
 use rig_sim::simulation::Simulation;
-use video::{Picture, PixelFormat};
+use video::{PixelFormat, RawImage};
 
 /// Images of all cameras of a walk: left and right side by side, I420, one file for each camera.
 pub(super) struct Material {
@@ -63,7 +63,7 @@ impl Material {
             rate_hz: settings.rate_hz,
             times: sequence.times().collect(),
         };
-        let expected = (material.times.len() * material.picture_bytes()) as u64;
+        let expected = (material.times.len() * material.image_bytes()) as u64;
         for path in &material.files {
             let found = std::fs::metadata(path)?.len();
             ensure!(
@@ -75,7 +75,7 @@ impl Material {
         Ok((material, sequence))
     }
 
-    fn picture_bytes(&self) -> usize {
+    fn image_bytes(&self) -> usize {
         self.width as usize * self.height as usize * 3 / 2
     }
 
@@ -83,19 +83,19 @@ impl Material {
     ///
     /// # Errors
     /// The file cannot be opened; each image has an error of its own.
-    pub(super) fn pictures(
+    pub(super) fn images(
         &self,
         path: &Path,
-    ) -> Result<impl Iterator<Item = Result<Picture>> + use<>> {
+    ) -> Result<impl Iterator<Item = Result<RawImage>> + use<>> {
         let file = File::open(path).with_context(|| format!("opening {}", path.display()))?;
         let mut file = BufReader::with_capacity(1 << 20, file);
-        let (width, height, bytes) = (self.width, self.height, self.picture_bytes());
+        let (width, height, bytes) = (self.width, self.height, self.image_bytes());
         let path = path.to_owned();
         let read = move || {
             let mut pixels = vec![0; bytes];
             let read = file.read_exact(&mut pixels);
             read.with_context(|| format!("reading {}", path.display()))?;
-            Ok(Picture::new(width, height, PixelFormat::I420, pixels)?)
+            Ok(RawImage::new(width, height, PixelFormat::I420, pixels)?)
         };
         Ok(std::iter::repeat_with(read).take(self.times.len()))
     }
@@ -107,8 +107,8 @@ impl Material {
     pub(super) fn sets(&self) -> Result<Vec<OwnedFrameSet>> {
         let mut sets = self.empty();
         for path in &self.files {
-            for (set, picture) in sets.iter_mut().zip(self.pictures(path)?) {
-                set.views.push(Some(view(&picture?, set.time_ns)));
+            for (set, image) in sets.iter_mut().zip(self.images(path)?) {
+                set.views.push(Some(view(&image?, set.time_ns)));
             }
         }
         Ok(sets)
@@ -126,11 +126,11 @@ impl Material {
 }
 
 /// The luma of an image.
-pub(super) fn view(picture: &Picture, time_ns: i64) -> OwnedView {
-    let (width, height) = (picture.width as usize, picture.height as usize);
+pub(super) fn view(image: &RawImage, time_ns: i64) -> OwnedView {
+    let (width, height) = (image.width as usize, image.height as usize);
     let half = width / 2;
     let eye = |from: usize| -> Vec<u8> {
-        let rows = picture.data[..width * height].chunks_exact(width);
+        let rows = image.data[..width * height].chunks_exact(width);
         rows.flat_map(|row| &row[from..from + half])
             .copied()
             .collect()

@@ -63,7 +63,7 @@ fn demand_of_the_modes_of_a_zed_mini() {
 }
 
 #[test]
-fn no_one_knows_what_compressed_pictures_need() {
+fn no_one_knows_what_compressed_images_need() {
     let format = Format {
         fourcc: "MJPG".parse().unwrap(),
         ..yuyv(1920, 1080, 30)

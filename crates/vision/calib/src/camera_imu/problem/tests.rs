@@ -169,8 +169,8 @@ fn jacobians_of_all_factors_agree_with_differences() {
         offset: SVector::repeat(0.2),
         rank: 7,
     };
-    let picture = |s: &[State], shared: &Shared| problem.view_factor(&rooted, &s[0], shared);
-    check("view", &picture(at.0, at.1), picture, at);
+    let image = |s: &[State], shared: &Shared| problem.view_factor(&rooted, &s[0], shared);
+    check("view", &image(at.0, at.1), image, at);
     let inertial = |s: &[State], shared: &Shared| {
         let mut raw = Vec::new();
         problem.inertial_plain(0, s, shared, &mut raw).unwrap().0

@@ -5,7 +5,7 @@
 //! chroma of 4:2:2 is the mean of two rows, halves rounded up. A source that is shorter than its
 //! size says is an error, and nothing is written then.
 
-use super::{PictureError, PixelFormat};
+use super::{PixelFormat, RawImageError};
 
 /// One plane: bytes, and the distance from a row to the next.
 #[derive(Debug, Clone, Copy)]
@@ -20,11 +20,11 @@ impl<'a> Strided<'a> {
         self,
         bytes: usize,
         count: usize,
-    ) -> Result<impl Iterator<Item = &'a [u8]>, PictureError> {
+    ) -> Result<impl Iterator<Item = &'a [u8]>, RawImageError> {
         // A row cannot begin inside the one before it.
         let expected = count.saturating_sub(1) * self.stride.max(bytes) + bytes;
         if self.stride < bytes || self.data.len() < expected {
-            return Err(PictureError::WrongLength {
+            return Err(RawImageError::WrongLength {
                 found: self.data.len(),
                 expected,
             });
@@ -73,7 +73,7 @@ impl<'a> Window<'a> {
 }
 
 /// Writes `source`, which is as large as the window.
-pub(crate) fn write(source: Layout<'_>, window: Window<'_>) -> Result<(), PictureError> {
+pub(crate) fn write(source: Layout<'_>, window: Window<'_>) -> Result<(), RawImageError> {
     let Window {
         data,
         width,
@@ -83,12 +83,12 @@ pub(crate) fn write(source: Layout<'_>, window: Window<'_>) -> Result<(), Pictur
     } = window;
     PixelFormat::I420.bytes(columns, height)?;
     if !x.is_multiple_of(2) || x.checked_add(columns).is_none_or(|end| end > width) {
-        return Err(PictureError::OddSize { width: x, height });
+        return Err(RawImageError::OddSize { width: x, height });
     }
     let expected = PixelFormat::I420.bytes(width, height)?;
     if data.len() != expected {
         let found = data.len();
-        return Err(PictureError::WrongLength { found, expected });
+        return Err(RawImageError::WrongLength { found, expected });
     }
     let [width, height, x, columns] = [width, height, x, columns].map(|n| n as usize);
     let (luma, chroma) = data.split_at_mut(width * height);

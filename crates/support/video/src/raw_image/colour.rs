@@ -13,7 +13,7 @@
 //! as in JPEG.
 
 use super::rows::{self, Layout, Strided, Window};
-use super::{Picture, PictureError, PixelFormat};
+use super::{PixelFormat, RawImage, RawImageError};
 
 /// Fractional bits of the coefficients.
 const BITS: i32 = 16;
@@ -22,8 +22,8 @@ const HALF: i32 = 1 << (BITS - 1);
 /// An RGB image (three bytes per pixel, rows packed) as I420.
 ///
 /// # Errors
-/// What [`PixelFormat::bytes`] gives for I420, and [`PictureError::WrongLength`].
-pub fn rgb_to_i420(width: u32, height: u32, rgb: &[u8]) -> Result<Picture, PictureError> {
+/// What [`PixelFormat::bytes`] gives for I420, and [`RawImageError::WrongLength`].
+pub fn rgb_to_i420(width: u32, height: u32, rgb: &[u8]) -> Result<RawImage, RawImageError> {
     let mut data = blank(width, height)?;
     expect_length(rgb, 3 * (data.len() / 3 * 2))?;
     let width_ = width as usize;
@@ -57,17 +57,17 @@ pub fn rgb_to_i420(width: u32, height: u32, rgb: &[u8]) -> Result<Picture, Pictu
             *cr = ((32768 * r - 27439 * g - 5329 * b + offset) >> (BITS + 2)).min(255) as u8;
         }
     }
-    Picture::new(width, height, PixelFormat::I420, data)
+    RawImage::new(width, height, PixelFormat::I420, data)
 }
 
 /// An I420 image as RGB, three bytes per pixel, `3 * width * height` long.
 ///
 /// # Errors
-/// [`PictureError::WrongFormat`] unless the image is I420, and what [`Picture::check`] gives.
-pub fn i420_to_rgb(picture: &Picture) -> Result<Vec<u8>, PictureError> {
-    picture.expect(PixelFormat::I420)?;
-    let width = picture.width as usize;
-    let planes = picture.planes()?;
+/// [`RawImageError::WrongFormat`] unless the image is I420, and what [`RawImage::check`] gives.
+pub fn i420_to_rgb(image: &RawImage) -> Result<Vec<u8>, RawImageError> {
+    image.expect(PixelFormat::I420)?;
+    let width = image.width as usize;
+    let planes = image.planes()?;
     let (luma, cb, cr) = (planes[0].data, planes[1].data, planes[2].data);
     let mut rgb = vec![0; luma.len() * 3];
     for (row, (luma, rgb)) in luma
@@ -100,8 +100,8 @@ pub fn i420_to_rgb(picture: &Picture) -> Result<Vec<u8>, PictureError> {
 /// An NV12 image (luma plane, then interleaved Cb Cr, rows packed) as I420. Loses nothing.
 ///
 /// # Errors
-/// What [`PixelFormat::bytes`] gives for I420, and [`PictureError::WrongLength`].
-pub fn nv12_to_i420(width: u32, height: u32, nv12: &[u8]) -> Result<Picture, PictureError> {
+/// What [`PixelFormat::bytes`] gives for I420, and [`RawImageError::WrongLength`].
+pub fn nv12_to_i420(width: u32, height: u32, nv12: &[u8]) -> Result<RawImage, RawImageError> {
     let mut data = blank(width, height)?;
     expect_length(nv12, data.len())?;
     let stride = width as usize;
@@ -111,15 +111,15 @@ pub fn nv12_to_i420(width: u32, height: u32, nv12: &[u8]) -> Result<Picture, Pic
         Layout::Nv12(planes),
         Window::whole(&mut data, width, height),
     )?;
-    Picture::new(width, height, PixelFormat::I420, data)
+    RawImage::new(width, height, PixelFormat::I420, data)
 }
 
 /// A YUYV image (4:2:2, bytes Y Cb Y Cr, rows packed) as I420: luma as it is, chroma the mean of
 /// two rows, halves rounded up.
 ///
 /// # Errors
-/// What [`PixelFormat::bytes`] gives for I420, and [`PictureError::WrongLength`].
-pub fn yuyv_to_i420(width: u32, height: u32, yuyv: &[u8]) -> Result<Picture, PictureError> {
+/// What [`PixelFormat::bytes`] gives for I420, and [`RawImageError::WrongLength`].
+pub fn yuyv_to_i420(width: u32, height: u32, yuyv: &[u8]) -> Result<RawImage, RawImageError> {
     let mut data = blank(width, height)?;
     expect_length(yuyv, data.len() / 3 * 4)?;
     let plane = Strided {
@@ -127,11 +127,11 @@ pub fn yuyv_to_i420(width: u32, height: u32, yuyv: &[u8]) -> Result<Picture, Pic
         stride: 2 * width as usize,
     };
     rows::write(Layout::Yuyv(plane), Window::whole(&mut data, width, height))?;
-    Picture::new(width, height, PixelFormat::I420, data)
+    RawImage::new(width, height, PixelFormat::I420, data)
 }
 
 /// Room for an I420 image.
-fn blank(width: u32, height: u32) -> Result<Vec<u8>, PictureError> {
+fn blank(width: u32, height: u32) -> Result<Vec<u8>, RawImageError> {
     Ok(vec![0; PixelFormat::I420.bytes(width, height)?])
 }
 
@@ -142,9 +142,9 @@ fn planes_mut(data: &mut [u8]) -> (&mut [u8], &mut [u8], &mut [u8]) {
     (luma, cb, cr)
 }
 
-fn expect_length(bytes: &[u8], expected: usize) -> Result<(), PictureError> {
+fn expect_length(bytes: &[u8], expected: usize) -> Result<(), RawImageError> {
     if bytes.len() != expected {
-        return Err(PictureError::WrongLength {
+        return Err(RawImageError::WrongLength {
             found: bytes.len(),
             expected,
         });

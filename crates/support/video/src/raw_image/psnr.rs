@@ -1,11 +1,11 @@
 //! Peak signal-to-noise ratio, the measure that the encoder's quality is set in.
 
-use super::Picture;
+use super::RawImage;
 
 /// PSNR of the luma planes in dB, peak 255: `10 log10(255² / mean squared difference)`. Formats may
 /// differ. Infinite for equal luma; NaN, which passes no threshold, if the images cannot be
 /// compared (sizes differ, or one is malformed).
-pub fn psnr(a: &Picture, b: &Picture) -> f64 {
+pub fn psnr(a: &RawImage, b: &RawImage) -> f64 {
     match (a.luma(), b.luma()) {
         (Ok(left), Ok(right)) if (a.width, a.height) == (b.width, b.height) => decibel(left, right),
         _ => f64::NAN,
@@ -13,7 +13,7 @@ pub fn psnr(a: &Picture, b: &Picture) -> f64 {
 }
 
 /// As [`psnr`], over the samples of all planes together. NaN also if the formats differ.
-pub fn psnr_all(a: &Picture, b: &Picture) -> f64 {
+pub fn psnr_all(a: &RawImage, b: &RawImage) -> f64 {
     let same = (a.width, a.height, a.format) == (b.width, b.height, b.format);
     if same && a.check().is_ok() && b.check().is_ok() {
         decibel(&a.data, &b.data)

@@ -2,7 +2,7 @@
 //! an encoder.
 //!
 //! Contract: planes are tightly packed (no row padding), top row first, 8 bits per sample. Every
-//! function checks what it is given and answers with a [`PictureError`]; none panics, and none
+//! function checks what it is given and answers with a [`RawImageError`]; none panics, and none
 //! changes its input. Values are full range (0..=255) and mean what they mean in a JPEG file
 //! (JFIF 1.02: full-range BT.601); nothing here rescales them.
 
@@ -18,7 +18,7 @@ pub(crate) mod rows;
 pub use colour::{i420_to_rgb, nv12_to_i420, rgb_to_i420, yuyv_to_i420};
 pub use psnr::{psnr, psnr_all};
 
-/// How the bytes of a [`Picture`] are to be read.
+/// How the bytes of a [`RawImage`] are to be read.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash)]
 pub enum PixelFormat {
     /// One byte per pixel: luma.
@@ -32,19 +32,19 @@ impl PixelFormat {
     /// Bytes of a `width` x `height` image.
     ///
     /// # Errors
-    /// [`PictureError::Empty`], [`PictureError::OddSize`] (I420 only), [`PictureError::TooLarge`].
-    pub fn bytes(self, width: u32, height: u32) -> Result<usize, PictureError> {
+    /// [`RawImageError::Empty`], [`RawImageError::OddSize`] (I420 only), [`RawImageError::TooLarge`].
+    pub fn bytes(self, width: u32, height: u32) -> Result<usize, RawImageError> {
         if width == 0 || height == 0 {
-            return Err(PictureError::Empty { width, height });
+            return Err(RawImageError::Empty { width, height });
         }
         let luma = (width as usize)
             .checked_mul(height as usize)
             .filter(|&pixels| pixels <= isize::MAX as usize / 4)
-            .ok_or(PictureError::TooLarge { width, height })?;
+            .ok_or(RawImageError::TooLarge { width, height })?;
         match self {
             PixelFormat::Grey8 => Ok(luma),
             PixelFormat::I420 if !width.is_multiple_of(2) || !height.is_multiple_of(2) => {
-                Err(PictureError::OddSize { width, height })
+                Err(RawImageError::OddSize { width, height })
             }
             PixelFormat::I420 => Ok(luma + luma / 2),
         }
@@ -53,7 +53,7 @@ impl PixelFormat {
 
 /// One uncompressed image. Cloning is cheap: the bytes are shared.
 #[derive(Clone, PartialEq, Eq)]
-pub struct Picture {
+pub struct RawImage {
     /// Columns.
     pub width: u32,
     /// Rows.
@@ -64,7 +64,7 @@ pub struct Picture {
     pub data: Bytes,
 }
 
-impl fmt::Debug for Picture {
+impl fmt::Debug for RawImage {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         write!(f, "Image({}x{} {:?})", self.width, self.height, self.format)
     }
@@ -73,7 +73,7 @@ impl fmt::Debug for Picture {
 /// Why an image could not be used. The caller passed something that cannot work; trying again
 /// with the same image will not help.
 #[derive(Debug, Clone, PartialEq, Eq, Error)]
-pub enum PictureError {
+pub enum RawImageError {
     /// Pad or crop the image: 4:2:0 chroma needs an even size.
     #[error("{width}x{height} cannot be I420: both width and height must be even")]
     OddSize {
@@ -131,35 +131,35 @@ pub(crate) struct Plane<'a> {
     pub(crate) data: &'a [u8],
 }
 
-impl Picture {
+impl RawImage {
     /// An image whose length has been checked.
     ///
     /// # Errors
-    /// What [`PixelFormat::bytes`] gives, and [`PictureError::WrongLength`].
+    /// What [`PixelFormat::bytes`] gives, and [`RawImageError::WrongLength`].
     pub fn new(
         width: u32,
         height: u32,
         format: PixelFormat,
         data: impl Into<Bytes>,
-    ) -> Result<Picture, PictureError> {
-        let picture = Picture {
+    ) -> Result<RawImage, RawImageError> {
+        let image = RawImage {
             width,
             height,
             format,
             data: data.into(),
         };
-        picture.check()?;
-        Ok(picture)
+        image.check()?;
+        Ok(image)
     }
 
     /// Whether size, format and length of the data belong together.
     ///
     /// # Errors
-    /// As [`Picture::new`].
-    pub fn check(&self) -> Result<(), PictureError> {
+    /// As [`RawImage::new`].
+    pub fn check(&self) -> Result<(), RawImageError> {
         let expected = self.format.bytes(self.width, self.height)?;
         if self.data.len() != expected {
-            return Err(PictureError::WrongLength {
+            return Err(RawImageError::WrongLength {
                 found: self.data.len(),
                 expected,
             });
@@ -170,14 +170,14 @@ impl Picture {
     /// The luma plane, `width * height` bytes.
     ///
     /// # Errors
-    /// As [`Picture::new`].
-    pub fn luma(&self) -> Result<&[u8], PictureError> {
+    /// As [`RawImage::new`].
+    pub fn luma(&self) -> Result<&[u8], RawImageError> {
         self.check()?;
         Ok(&self.data[..self.width as usize * self.height as usize])
     }
 
     /// All planes in order: one for grey, three for I420.
-    pub(crate) fn planes(&self) -> Result<Vec<Plane<'_>>, PictureError> {
+    pub(crate) fn planes(&self) -> Result<Vec<Plane<'_>>, RawImageError> {
         let luma = self.luma()?;
         let width = self.width as usize;
         let mut planes = vec![Plane { width, data: luma }];
@@ -191,9 +191,9 @@ impl Picture {
         Ok(planes)
     }
 
-    fn expect(&self, expected: PixelFormat) -> Result<(), PictureError> {
+    fn expect(&self, expected: PixelFormat) -> Result<(), RawImageError> {
         if self.format != expected {
-            return Err(PictureError::WrongFormat {
+            return Err(RawImageError::WrongFormat {
                 found: self.format,
                 expected,
             });
@@ -205,11 +205,11 @@ impl Picture {
 /// Puts two images of the same size and format beside each other, left one left.
 ///
 /// # Errors
-/// [`PictureError::Unequal`], and what [`Picture::check`] gives.
-pub fn side_by_side(left: &Picture, right: &Picture) -> Result<Picture, PictureError> {
-    let shape = |picture: &Picture| (picture.width, picture.height, picture.format);
+/// [`RawImageError::Unequal`], and what [`RawImage::check`] gives.
+pub fn side_by_side(left: &RawImage, right: &RawImage) -> Result<RawImage, RawImageError> {
+    let shape = |image: &RawImage| (image.width, image.height, image.format);
     if shape(left) != shape(right) {
-        return Err(PictureError::Unequal {
+        return Err(RawImageError::Unequal {
             left: shape(left),
             right: shape(right),
         });
@@ -217,7 +217,7 @@ pub fn side_by_side(left: &Picture, right: &Picture) -> Result<Picture, PictureE
     let (width, height) = (left.width, left.height);
     let doubled = width
         .checked_mul(2)
-        .ok_or(PictureError::TooLarge { width, height })?;
+        .ok_or(RawImageError::TooLarge { width, height })?;
     let mut data = Vec::with_capacity(left.format.bytes(doubled, height)?);
     for (left, right) in left.planes()?.iter().zip(right.planes()?) {
         let rows = left
@@ -229,18 +229,18 @@ pub fn side_by_side(left: &Picture, right: &Picture) -> Result<Picture, PictureE
             data.extend_from_slice(right);
         }
     }
-    Picture::new(doubled, height, left.format, data)
+    RawImage::new(doubled, height, left.format, data)
 }
 
 /// Cuts a side-by-side image into its left and right half.
 ///
 /// # Errors
-/// [`PictureError::OddSize`] if the halves would not be whole, or not whole in chroma (an I420
-/// width must be a multiple of four); and what [`Picture::check`] gives.
-pub fn split(both: &Picture) -> Result<(Picture, Picture), PictureError> {
+/// [`RawImageError::OddSize`] if the halves would not be whole, or not whole in chroma (an I420
+/// width must be a multiple of four); and what [`RawImage::check`] gives.
+pub fn split(both: &RawImage) -> Result<(RawImage, RawImage), RawImageError> {
     let (width, height, format) = (both.width / 2, both.height, both.format);
     if !both.width.is_multiple_of(2) {
-        return Err(PictureError::OddSize {
+        return Err(RawImageError::OddSize {
             width: both.width,
             height,
         });
@@ -255,37 +255,37 @@ pub fn split(both: &Picture) -> Result<(Picture, Picture), PictureError> {
         }
     }
     Ok((
-        Picture::new(width, height, format, left)?,
-        Picture::new(width, height, format, right)?,
+        RawImage::new(width, height, format, left)?,
+        RawImage::new(width, height, format, right)?,
     ))
 }
 
 /// Adds neutral chroma (128) to a grey image.
 ///
 /// # Errors
-/// [`PictureError::WrongFormat`] unless the image is grey, [`PictureError::OddSize`], and what
-/// [`Picture::check`] gives.
-pub fn grey_to_i420(grey: &Picture) -> Result<Picture, PictureError> {
+/// [`RawImageError::WrongFormat`] unless the image is grey, [`RawImageError::OddSize`], and what
+/// [`RawImage::check`] gives.
+pub fn grey_to_i420(grey: &RawImage) -> Result<RawImage, RawImageError> {
     grey.expect(PixelFormat::Grey8)?;
     let length = PixelFormat::I420.bytes(grey.width, grey.height)?;
     let mut data = Vec::with_capacity(length);
     data.extend_from_slice(&grey.data);
     data.resize(length, 128);
-    Picture::new(grey.width, grey.height, PixelFormat::I420, data)
+    RawImage::new(grey.width, grey.height, PixelFormat::I420, data)
 }
 
 /// The luma plane of an I420 image as a grey image. Shares the bytes, copies nothing.
 ///
 /// # Errors
-/// [`PictureError::WrongFormat`] unless the image is I420, and what [`Picture::check`] gives.
-pub fn i420_to_grey(picture: &Picture) -> Result<Picture, PictureError> {
-    picture.expect(PixelFormat::I420)?;
-    let luma = picture.width as usize * picture.height as usize;
-    Picture::new(
-        picture.width,
-        picture.height,
+/// [`RawImageError::WrongFormat`] unless the image is I420, and what [`RawImage::check`] gives.
+pub fn i420_to_grey(image: &RawImage) -> Result<RawImage, RawImageError> {
+    image.expect(PixelFormat::I420)?;
+    let luma = image.width as usize * image.height as usize;
+    RawImage::new(
+        image.width,
+        image.height,
         PixelFormat::Grey8,
-        picture.data.slice(..luma),
+        image.data.slice(..luma),
     )
 }
 

@@ -16,17 +16,17 @@ fn noise(length: usize, seed: u64) -> Vec<u8> {
         .collect()
 }
 
-fn i420(width: u32, height: u32, seed: u64) -> Picture {
+fn i420(width: u32, height: u32, seed: u64) -> RawImage {
     let length = PixelFormat::I420.bytes(width, height).unwrap();
-    Picture::new(width, height, PixelFormat::I420, noise(length, seed)).unwrap()
+    RawImage::new(width, height, PixelFormat::I420, noise(length, seed)).unwrap()
 }
 
 /// One sample, the slow way: plane 0 is luma.
-fn at(picture: &Picture, plane: usize, x: usize, y: usize) -> u8 {
-    let (width, height) = (picture.width as usize, picture.height as usize);
+fn at(image: &RawImage, plane: usize, x: usize, y: usize) -> u8 {
+    let (width, height) = (image.width as usize, image.height as usize);
     match plane {
-        0 => picture.data[y * width + x],
-        _ => picture.data[width * height * (3 + plane) / 4 + y * (width / 2) + x],
+        0 => image.data[y * width + x],
+        _ => image.data[width * height * (3 + plane) / 4 + y * (width / 2) + x],
     }
 }
 
@@ -48,8 +48,8 @@ fn halves_come_back() {
         }
         assert_eq!(split(&both).unwrap(), (left, right));
     }
-    let left = Picture::new(3, 5, PixelFormat::Grey8, noise(15, 3)).unwrap();
-    let right = Picture::new(3, 5, PixelFormat::Grey8, noise(15, 4)).unwrap();
+    let left = RawImage::new(3, 5, PixelFormat::Grey8, noise(15, 3)).unwrap();
+    let right = RawImage::new(3, 5, PixelFormat::Grey8, noise(15, 4)).unwrap();
     assert_eq!(
         split(&side_by_side(&left, &right).unwrap()).unwrap(),
         (left, right)
@@ -58,12 +58,12 @@ fn halves_come_back() {
 
 #[test]
 fn grey_goes_there_and_back() {
-    let grey = Picture::new(6, 4, PixelFormat::Grey8, noise(24, 5)).unwrap();
-    let picture = grey_to_i420(&grey).unwrap();
-    assert!(picture.data[24..].iter().all(|&chroma| chroma == 128));
-    assert_eq!(i420_to_grey(&picture).unwrap(), grey);
+    let grey = RawImage::new(6, 4, PixelFormat::Grey8, noise(24, 5)).unwrap();
+    let image = grey_to_i420(&grey).unwrap();
+    assert!(image.data[24..].iter().all(|&chroma| chroma == 128));
+    assert_eq!(i420_to_grey(&image).unwrap(), grey);
     assert!(
-        i420_to_rgb(&picture)
+        i420_to_rgb(&image)
             .unwrap()
             .chunks(3)
             .zip(&grey.data)
@@ -74,9 +74,9 @@ fn grey_goes_there_and_back() {
 #[test]
 fn sizes_that_cannot_be_are_refused() {
     for (width, height) in [(3, 2), (2, 3), (5, 5)] {
-        let refusal = Err(PictureError::OddSize { width, height });
+        let refusal = Err(RawImageError::OddSize { width, height });
         assert_eq!(PixelFormat::I420.bytes(width, height), refusal);
-        let grey = Picture::new(
+        let grey = RawImage::new(
             width,
             height,
             PixelFormat::Grey8,
@@ -89,26 +89,26 @@ fn sizes_that_cannot_be_are_refused() {
     }
     assert!(matches!(
         split(&i420(6, 2, 1)),
-        Err(PictureError::OddSize {
+        Err(RawImageError::OddSize {
             width: 3,
             height: 2
         })
     ));
     assert!(matches!(
         PixelFormat::Grey8.bytes(0, 7),
-        Err(PictureError::Empty { .. })
+        Err(RawImageError::Empty { .. })
     ));
     assert!(matches!(
         PixelFormat::Grey8.bytes(u32::MAX, u32::MAX),
-        Err(PictureError::TooLarge { .. })
+        Err(RawImageError::TooLarge { .. })
     ));
-    let short = Picture {
+    let short = RawImage {
         width: 4,
         height: 4,
         format: PixelFormat::I420,
         data: Bytes::new(),
     };
-    let wrong = PictureError::WrongLength {
+    let wrong = RawImageError::WrongLength {
         found: 0,
         expected: 24,
     };
@@ -118,11 +118,11 @@ fn sizes_that_cannot_be_are_refused() {
     assert_eq!(side_by_side(&short, &short), Err(wrong));
     assert!(matches!(
         side_by_side(&i420(4, 4, 1), &i420(4, 2, 1)),
-        Err(PictureError::Unequal { .. })
+        Err(RawImageError::Unequal { .. })
     ));
     assert!(matches!(
         grey_to_i420(&i420(4, 4, 1)),
-        Err(PictureError::WrongFormat { .. })
+        Err(RawImageError::WrongFormat { .. })
     ));
 }
 
@@ -139,7 +139,7 @@ fn rgb_follows_the_formula() {
             }
         }
     }
-    let picture = rgb_to_i420(width as u32, height as u32, &rgb).unwrap();
+    let image = rgb_to_i420(width as u32, height as u32, &rgb).unwrap();
     let pixel = |x: usize, y: usize| -> [f64; 3] {
         std::array::from_fn(|channel| f64::from(rgb[3 * (y * width + x) + channel]))
     };
@@ -150,7 +150,7 @@ fn rgb_follows_the_formula() {
         for x in 0..width {
             let [r, g, b] = pixel(x, y);
             assert!(close(
-                at(&picture, 0, x, y),
+                at(&image, 0, x, y),
                 0.299 * r + 0.587 * g + 0.114 * b
             ));
         }
@@ -165,21 +165,21 @@ fn rgb_follows_the_formula() {
             }
             let [r, g, b] = mean;
             assert!(close(
-                at(&picture, 1, x, y),
+                at(&image, 1, x, y),
                 -0.168736 * r - 0.331264 * g + 0.5 * b + 128.0
             ));
             assert!(close(
-                at(&picture, 2, x, y),
+                at(&image, 2, x, y),
                 0.5 * r - 0.418688 * g - 0.081312 * b + 128.0
             ));
         }
     }
-    let back = i420_to_rgb(&picture).unwrap();
+    let back = i420_to_rgb(&image).unwrap();
     for y in 0..height {
         for x in 0..width {
-            let luma = f64::from(at(&picture, 0, x, y));
-            let cb = f64::from(at(&picture, 1, x / 2, y / 2)) - 128.0;
-            let cr = f64::from(at(&picture, 2, x / 2, y / 2)) - 128.0;
+            let luma = f64::from(at(&image, 0, x, y));
+            let cb = f64::from(at(&image, 1, x / 2, y / 2)) - 128.0;
+            let cr = f64::from(at(&image, 2, x / 2, y / 2)) - 128.0;
             let exact = [
                 luma + 1.402 * cr,
                 luma - 0.344136 * cb - 0.714136 * cr,
@@ -216,35 +216,32 @@ fn flat_colours_survive_rgb() {
 fn camera_layouts_are_taken_apart() {
     let (width, height) = (22usize, 8usize);
     let nv12 = noise(width * height * 3 / 2, 8);
-    let picture = nv12_to_i420(width as u32, height as u32, &nv12).unwrap();
+    let image = nv12_to_i420(width as u32, height as u32, &nv12).unwrap();
     for y in 0..height {
         for x in 0..width {
-            assert_eq!(at(&picture, 0, x, y), nv12[y * width + x]);
+            assert_eq!(at(&image, 0, x, y), nv12[y * width + x]);
             let chroma = width * height + y / 2 * width + x / 2 * 2;
-            assert_eq!(at(&picture, 1, x / 2, y / 2), nv12[chroma]);
-            assert_eq!(at(&picture, 2, x / 2, y / 2), nv12[chroma + 1]);
+            assert_eq!(at(&image, 1, x / 2, y / 2), nv12[chroma]);
+            assert_eq!(at(&image, 2, x / 2, y / 2), nv12[chroma + 1]);
         }
     }
     let yuyv = noise(width * height * 2, 9);
-    let picture = yuyv_to_i420(width as u32, height as u32, &yuyv).unwrap();
+    let image = yuyv_to_i420(width as u32, height as u32, &yuyv).unwrap();
     for y in 0..height {
         for x in 0..width {
-            assert_eq!(at(&picture, 0, x, y), yuyv[2 * (y * width + x)]);
+            assert_eq!(at(&image, 0, x, y), yuyv[2 * (y * width + x)]);
             let chroma = |row: usize, which: usize| {
                 f64::from(yuyv[2 * row * width + x / 2 * 4 + 1 + 2 * which])
             };
             for which in 0..2 {
                 let mean = (chroma(y / 2 * 2, which) + chroma(y / 2 * 2 + 1, which)) / 2.0;
-                assert_eq!(
-                    f64::from(at(&picture, 1 + which, x / 2, y / 2)),
-                    mean.round()
-                );
+                assert_eq!(f64::from(at(&image, 1 + which, x / 2, y / 2)), mean.round());
             }
         }
     }
     assert!(matches!(
         yuyv_to_i420(22, 8, &yuyv[1..]),
-        Err(PictureError::WrongLength {
+        Err(RawImageError::WrongLength {
             found: 351,
             expected: 352
         })
